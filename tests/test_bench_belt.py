@@ -33,7 +33,7 @@ def fitted(theta_s, torque, drift=0.0, rate=RATE):
 @given(st.floats(100, 2000), st.sampled_from([-1, 1]))
 def test_recovers_the_stiffness_of_the_belt_in_both_directions(K_s, sign):
     theta_s, torque = belt_cycle(K_s)
-    assert fitted(sign * theta_s, sign * torque).loading.whole["K_s"] == pytest.approx(K_s, rel=1e-8)
+    assert fitted(sign * theta_s, sign * torque).whole["K_s"] == pytest.approx(K_s, rel=1e-8)
 
 
 def test_belt_refuses_a_joint_that_hardly_moved_and_a_record_that_ends_loaded():
@@ -50,7 +50,7 @@ def test_a_belt_is_fitted_as_by_a_regression_of_its_usable_rows():
     theta_s, torque = belt_cycle()
     torque = torque + filtered_noise(np.random.default_rng(3), n=len(theta_s))
     torque[700:760] += 40.0
-    loading = fit_branches(belt_record(theta_s, torque, unusable=range(690, 770))).loading
+    loading = fit_branches(belt_record(theta_s, torque, unusable=range(690, 770)))
     rows = loading.record.rows("loading")
     assert (rows.min(), rows.max(), len(rows)) == (416, 1699, 1699 - 416 + 1 - 80)
     columns = {"K_s": theta_s, "offset": np.ones(len(theta_s)), "B_j": np.gradient(theta_s) * RATE}
@@ -68,10 +68,11 @@ def test_belt_intervals_hold_what_drift_makes_of_the_slope():
     torque = torque + filtered_noise(np.random.default_rng(19), n=len(theta_s))
     alone, known = fitted(theta_s, torque), fitted(theta_s, torque, drift)
     drifted = fitted(theta_s, torque + drift * np.arange(len(theta_s)) / RATE)
-    for of in (lambda belt: belt.loading.whole, lambda belt: belt.unloading):
-        added = of(known).se("K_s") ** 2 - of(alone).se("K_s") ** 2
-        assert np.sqrt(added) == pytest.approx(abs(of(drifted)["K_s"] - of(alone)["K_s"]), rel=1e-6)
-    assert known.quadratic.interval_method == "units + drift"
+    for name in ("loading", "unloading"):
+        without, with_drift = alone.fits[name], known.fits[name]
+        change = abs(drifted.fits[name]["K_s"] - without["K_s"])
+        assert np.sqrt(with_drift.se("K_s") ** 2 - without.se("K_s") ** 2) == pytest.approx(change, rel=1e-6)
+    assert known.fits["quadratic"].interval_method == "units + drift"
 
 
 def test_a_belt_tells_what_a_straight_line_leaves_out():
@@ -103,7 +104,7 @@ def test_a_single_trial_covers_the_stiffness_of_its_belt_beside_the_damping_of_t
     theta_s = LOW_PASS(theta, rate)
     for _ in range(150):
         torque = LOW_PASS(685.6 * theta + 0.45 * omega + 0.3 + 0.05 * rng.standard_normal(len(time)), rate)
-        loading = fitted(theta_s, torque, rate=rate).loading.whole
+        loading = fitted(theta_s, torque, rate=rate).whole
         low, high = loading.interval("K_s")
         covered += low <= 685.6 <= high
         errors.append((loading["K_s"] - 685.6) / loading.se("K_s"))

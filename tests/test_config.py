@@ -96,7 +96,7 @@ def test_truth_values_are_kept_where_they_are_allowed(tmp_path):
     [
         ("gait", {}, "config.yaml: field 'gait' is now called 'overground'; rename it"),
         ("validation", {}, "config.yaml: field 'validation' is now called 'study'; rename it"),
-        ("dynamometer", {"compare_estimators": True}, r"dynamometer: `compare_estimators` is gone with the estimators"),
+        ("dynamometer", {"compare_estimators": True}, "'dynamometer.compare_estimators' is gone: so are the estim"),
         ("dynamometer", {"cycles": [10, 20]}, "cycles has 2 numbers for 5 frequencies"),
         (
             "dynamometer",

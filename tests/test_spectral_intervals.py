@@ -13,10 +13,6 @@ from osl_analysis.signals import LowPass
 from osl_analysis.spectral.periods import Realisation
 from osl_analysis.spectral.response import (
     DETECTION,
-    EXCITED,
-    FAST,
-    NOISE,
-    POWER,
     REALISATIONS,
     RationalDrivetrain,
     RecordSpectrum,
@@ -69,7 +65,7 @@ def of_scatter(fits):
     [
         (1, LINES, 0.0, DETECTION),
         (2, LINES, 0.05, DETECTION),
-        (1, np.arange(2, 14), 0.0, EXCITED),
+        (1, np.arange(2, 14), 0.0, "excited lines"),
         (4, LINES, 0.05, REALISATIONS),
     ],
 )
@@ -173,7 +169,7 @@ def test_one_realisation_tells_the_distortion_by_its_detection_lines():
     levels = periodic_response([realisation(seed, soft) for seed in range(12)]).band
     assert np.sqrt(np.mean(np.square(several))) == pytest.approx(levels["detection"], rel=1e-2)
     response = periodic_response([realisation(3, soft)])
-    assert response.method == FAST
+    assert response.method == "fast"
     assert np.isnan(response.band["distortion"])
     assert response.total_sd.mean() * 0.01 == pytest.approx(response.band["odd"], rel=0.4)
 
@@ -221,7 +217,7 @@ def test_a_fit_that_passes_is_weighted_by_noise_and_one_that_fails_by_power():
         fit_structure(SecondOrder(), lines_of_periods([realisation(1, torque_of, 4, 0.02)], LINE_LOW_PASS), (200, 4))
         for torque_of in (second_order, lambda theta, X: second_order(theta, X) + 1e5 * theta**3)
     )
-    assert (right.weights, wrong.weights) == (NOISE, POWER)
+    assert (right.weights, wrong.weights) == ("noise", "power")
     assert right.misfit < 0.2 < 2 < wrong.misfit
     for value, name in ((200, "K"), (4, "B"), (0.05, "I")):
         assert abs(right.fit[name] - value) < 4 * right.fit.se(name) < 0.01 * value

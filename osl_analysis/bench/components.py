@@ -5,7 +5,7 @@ diagnostics are those of every record (gram.py, analysis.py).
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import polars as pl
@@ -58,35 +58,7 @@ def part_summary(part: str, table: pl.DataFrame) -> pl.DataFrame:
     return pl.concat(found, how="vertical_relaxed")
 
 
-BELT: Model = {"K_s": "theta", "offset": "one"}
-DAMPED: Model = {**BELT, "B_j": "omega"}
-QUADRATIC: Model = {"K_s": "theta", "K_s2": "square", "offset": "one"}
-"""On a raised cosine damping and curvature look alike, so that the quadratic belt has no damping."""
-
-
-@dataclass(frozen=True)
-class BeltTrial:
-    """Fits to one load-unload cycle. The angle of the record is the belt's deflection."""
-
-    loading: Analysis  # straight line with the joint's damping: `K_s`, `offset`, `B_j` where the velocity varies
-    unloading: GroupFit  # the same while unloading
-    quadratic: GroupFit  # torque on theta_s and theta_s |theta_s| while loading: `K_s`, `K_s2` [N*m/rad^2], `offset`
-
-    @property
-    def record(self) -> Record:
-        return self.loading.record
-
-    def widened_by(self, softer: "BeltTrial") -> "BeltTrial":
-        """The fits with the error of the bench's stiffness in their intervals, as type B."""
-        loading = widened(self.loading.whole, softer.loading.whole.estimates - self.loading.whole.estimates)
-        return BeltTrial(
-            replace(self.loading, fits={self.loading.label: loading}),
-            widened(self.unloading, softer.unloading.estimates - self.unloading.estimates),
-            widened(self.quadratic, softer.quadratic.estimates - self.quadratic.estimates),
-        )
-
-
-def belt_trial(trial: Trial, p: DrivetrainParameters | None, settings: BeltAnalysis) -> BeltTrial:
+def belt_trial(trial: Trial, p: DrivetrainParameters | None, settings: BeltAnalysis) -> Analysis:
     """Filter and fit one canonical trial. Without parameters (None) the ratio n_T is not known: the shaft must rest.
 
     Raises InputError, IdentifiabilityError: as `branches_of` and `fit_groups`, the belt is stiffer than the bench, or a
@@ -96,18 +68,18 @@ def belt_trial(trial: Trial, p: DrivetrainParameters | None, settings: BeltAnaly
     other, bench = signals.other(), settings.bench_stiffness
     try:
         belt = belt_of(signals, p, settings)
-        if bench is not None:
-            belt = belt.widened_by(belt_of(signals, p, settings, bench.compliance_error))
-        if other is None:
-            return belt
-        return replace(belt, loading=replace(belt.loading, others=belt_of(other, p, settings).loading.fits))
+        if bench is not None:  # the error of its stiffness is in the intervals, as type B
+            softer = belt_of(signals, p, settings, bench.compliance_error).fits
+            fits = {name: widened(fit, softer[name].estimates - fit.estimates) for name, fit in belt.fits.items()}
+            belt = replace(belt, fits=fits)
+        return belt if other is None else replace(belt, others=belt_of(other, p, settings).fits)
     except (InputError, IdentifiabilityError) as error:
         raise type(error)(f"trial {trial.name}: {error}") from error
 
 
 def belt_of(
     signals: UniformSignals, p: DrivetrainParameters | None, settings: BeltAnalysis, more_compliance: float = 0.0
-) -> BeltTrial:
+) -> Analysis:
     """The fits to uniform signals; the bench is softer than its settings by `more_compliance` [rad/(N*m)]."""
     low_pass, rate, bench = settings.low_pass, signals.rate_hz, settings.bench_stiffness
     check_changes("torque", signals["torque"])
@@ -120,12 +92,14 @@ def belt_of(
     raw = deflection, signals["torque"], motion, torque
     record = Record(signals.trial, signals.time, *raw, low_pass, signals.usable, groups, uniform=signals, bench=bench)
     belt = fit_branches(record, settings.load_cell_drift / 60)
-    check_stiffer(signals.trial, "K_s", belt.loading.whole["K_s"], bench)
+    check_stiffer(signals.trial, "K_s", belt.whole["K_s"], bench)
     return belt
 
 
-def fit_branches(record: Record, drift: float = 0.0) -> BeltTrial:
-    """Fit one load-unload cycle, whose groups are those of `branches_of`.
+def fit_branches(record: Record, drift: float = 0.0) -> Analysis:
+    """Fit one load-unload cycle, whose groups are those of `branches_of` and whose angle is the belt's deflection.
+    `loading` stands for the trial: a straight line with the joint's damping, `K_s`, `offset`, and `B_j` where the
+    velocity varies. `unloading` is the same; `quadratic` has theta_s |theta_s| while loading, `K_s2` [N*m/rad^2].
 
     The load cell's drift has a standard deviation of `drift` [N*m/s]. A straight line cannot tell it from stiffness, so
     that no scatter shows it: it is added to the intervals as a component of type B (JCGM 100:2008, 4.3).
@@ -135,21 +109,21 @@ def fit_branches(record: Record, drift: float = 0.0) -> BeltTrial:
     columns = {"theta": x, "omega": motion.omega, "one": np.ones_like(x), "square": x * np.abs(x)}
     columns["late"] = record.time - record.time.mean()
     s = gram_sums(record, columns, ["theta", "omega", "one", "square"])
-
-    def fitted(model: Model, label: Label) -> GroupFit:
-        taken = taken_by(s, model, "late", label)
-        found = widened(fit_groups(s, model, label), drift * np.array([taken[name] for name in model]))
-        return replace(found, interval_method=f"{found.interval_method} + drift") if drift else found
-
+    # On a raised cosine damping and curvature look alike, so that the quadratic belt has no damping.
+    quadratic: Model = {"K_s": "theta", "K_s2": "square", "offset": "one"}
+    models: dict[str, tuple[Model, Label]] = {"quadratic": (quadratic, "loading")}
     # Left in the slope, B_j omega shifts K_s by 0.12 N*m/rad on a raised cosine, because loading begins at a velocity
     # and ends at rest. A constant velocity makes a constant torque, which the offset contains.
-    models = {}
-    for label in record.groups.labels:
-        velocity = motion.omega[record.rows(label)]
+    for way in ("loading", "unloading"):
+        velocity = motion.omega[record.rows(way)]
         constant = float(np.std(velocity)) <= 0.05 * abs(float(np.mean(velocity)))
-        models[label] = BELT if constant else DAMPED
-    loading = Analysis(record, s, models["loading"], {"loading": fitted(models["loading"], "loading")}, {}, "loading")
-    return BeltTrial(loading, fitted(models["unloading"], "unloading"), fitted(QUADRATIC, "loading"))
+        models[way] = {"K_s": "theta", "offset": "one"} | ({} if constant else {"B_j": "omega"}), way
+    fits: dict[Label, GroupFit] = {}
+    for name, (model, label) in models.items():
+        taken = taken_by(s, model, "late", label)
+        found = widened(fit_groups(s, model, label), drift * np.array([taken[one] for one in model]))
+        fits[name] = replace(found, interval_method=f"{found.interval_method} + drift") if drift else found
+    return Analysis(record, s, models["loading"][0], fits, {}, "loading")
 
 
 def branches_of(theta_s: Array, rate_hz: float, usable: NDArray[np.bool_], cutoff_hz: float) -> Groups:
@@ -211,22 +185,22 @@ def check_locked(theta: Array, theta_m: Array) -> None:
         )
 
 
-def belt_table(belt: BeltTrial) -> pl.DataFrame:
+def belt_table(belt: Analysis) -> pl.DataFrame:
     """The trial's row of `belt.csv`: loading and unloading slope, loop area [J], quadratic belt, what a line lacks.
     `energy_lost` is the loop's area divided by the energy K_s theta_s^2/2 at the peak. `stiffening` is the share by
     which the slope of the quadratic belt grows from rest to the peak."""
-    loading, quadratic, record = belt.loading.whole, belt.quadratic, belt.record
-    peak = float(np.max(np.abs(belt.loading.sums.columns["theta"])))
-    area = float(np.trapezoid(record.filtered_torque, record.motion.theta))
+    loading, unloading, quadratic = (belt.fits[name] for name in ("loading", "unloading", "quadratic"))
+    peak = float(np.max(np.abs(belt.sums.columns["theta"])))
+    area = float(np.trapezoid(belt.record.filtered_torque, belt.record.motion.theta))
     damped = "B_j" in loading.names
     row: Row = {
-        "trial": record.name,
+        "trial": belt.record.name,
         **estimates_row(loading, "K_s", "offset"),
         **covariance_row(loading, "K_s", "offset"),
         **(estimates_row(loading, "B_j") if damped else dict.fromkeys(("B_j", "B_j_se", "B_j_low", "B_j_high"))),
-        **belt.loading.judged("loading"),
-        "unloading": belt.unloading["K_s"],
-        "unloading_se": belt.unloading.se("K_s"),
+        **belt.judged("loading"),
+        "unloading": unloading["K_s"],
+        "unloading_se": unloading.se("K_s"),
         "hysteresis_area": area,
         "quadratic_K_s": quadratic["K_s"],
         "quadratic_K_s2": quadratic["K_s2"],
@@ -234,25 +208,25 @@ def belt_table(belt: BeltTrial) -> pl.DataFrame:
         "quadratic_VAF": quadratic.vaf,
         "energy_lost": area / (loading["K_s"] * peak**2 / 2),
         "stiffening": 2 * quadratic["K_s2"] * peak / quadratic["K_s"],
-        **belt.loading.time_base_row("loading", ["K_s"]),
+        **belt.time_base_row("loading", ["K_s"]),
     }
     return pl.DataFrame([row])
 
 
-def belt_curve(belt: BeltTrial) -> pl.DataFrame:
+def belt_curve(belt: Analysis) -> pl.DataFrame:
     """Deflection [deg] and torque [N*m] relative to rest, by branch, for Fig. 3: fifty points per second."""
     record = belt.record
     step = slice(None, None, max(round(record.rate_hz / 50.0), 1))
     theta_s, torque = record.motion.theta[step], record.filtered_torque[step]
     deflection = np.rad2deg(theta_s - theta_s[0])
     branch = np.where(np.arange(len(theta_s)) <= np.argmax(np.abs(deflection)), "loading", "unloading")
-    columns = {"branch": branch, "theta_s_deg": deflection, "torque": torque - torque[0]}
-    return pl.DataFrame(columns).select(pl.lit(record.name).alias("trial"), pl.all())
+    shown = {"trial": record.name, "branch": branch, "theta_s_deg": deflection, "torque": torque - torque[0]}
+    return pl.DataFrame(shown)
 
 
-def belt_series(belt: BeltTrial) -> Series:
+def belt_series(belt: Analysis) -> Series:
     """Torque against deflection beside the straight line, which is fitted while loading."""
-    return replace(belt.loading.series(), motion=belt.loading.sums.columns["theta"])
+    return replace(belt.series(), motion=belt.sums.columns["theta"])
 
 
 def belt_figure_points(curves: pl.DataFrame, table: pl.DataFrame, summary: pl.DataFrame) -> pl.DataFrame:

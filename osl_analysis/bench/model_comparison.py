@@ -11,14 +11,14 @@ import polars as pl
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from osl_analysis.bench.components import PLACE, BeltTrial, loaded_rows
+from osl_analysis.bench.components import PLACE, loaded_rows
 from osl_analysis.bench.record import Record
 from osl_analysis.errors import InputError
 from osl_analysis.model.compensator import Gains
 from osl_analysis.model.drivetrain_response import Friction, belt_response
 from osl_analysis.model.parameters import DrivetrainParameters
 from osl_analysis.signals import Motion
-from osl_analysis.stats.regression import regressors
+from osl_analysis.stats.regression import linear_fit
 from osl_analysis.stats.repeats import Candidate, loss_behind_best, mean_over_trials, rank_words, score_models
 from osl_analysis.trial import Array
 
@@ -89,7 +89,7 @@ def left_of(fold: Fold, fitted: Sequence[Fold], terms: tuple[str, ...]) -> Array
         return np.full_like(fold.torque, np.nan)
     y = np.concatenate([f.torque for f in fitted])
     columns = {name: np.concatenate([f.columns[name] for f in fitted]) for name in terms}
-    estimates = regressors(columns, y.shape).solved(y)
+    estimates = linear_fit(y, columns).estimates
     return np.asarray(fold.torque - np.array([fold.columns[name] for name in terms]).T @ estimates)
 
 
@@ -193,10 +193,9 @@ def fitted_drivetrain(trial: DrivetrainTrial, model: str, terms: str) -> Candida
     return Candidate(model, terms, len(GIVEN), residual, np.concatenate(held_out))
 
 
-def belt_scores(trials: Iterable[BeltTrial]) -> pl.DataFrame:
+def belt_scores(trials: Iterable[Record]) -> pl.DataFrame:
     """Rows of `model_comparison.csv`: the belt models on each trial, predicted by fits to all the others."""
-    records = [belt.record for belt in trials]
-    folds = {record.name: belt_fold(record.motion.theta, record.filtered_torque) for record in records}
+    folds = {trial.name: belt_fold(trial.motion.theta, trial.filtered_torque) for trial in trials}
     return scores_by_trial("belt", folds, BELT_MODELS)
 
 

@@ -15,10 +15,9 @@ from osl_analysis.errors import InputError
 from osl_analysis.measured import SMALLEST_SIGNAL, check_finite, check_measured
 from osl_analysis.protocol.stepped_sine import whole_rows
 from osl_analysis.stats.covariance import (
-    CYCLES,
     FEWEST_CYCLES,
-    NO_REPEATS,
     between_cycles,
+    hac,
     products_between,
     welch_satterthwaite,
 )
@@ -211,11 +210,11 @@ def fit_sinusoid(signal: Array, sines: Sines) -> Phasor:
     estimates = inverse @ (sines.fitted.T @ signal[inside])
     residual = signal - X @ estimates
     if len(sines.cycles[0]) < FEWEST_CYCLES:
-        covariance, freedom, method = NO_REPEATS.covariance(sines.fitted, inverse, residual[inside])
+        covariance, freedom, method, _ = hac(sines.fitted, inverse, residual[inside])
     else:
         scores = products_between(X, residual[:, None], *sines.cycles)[..., 0] @ inverse
         covariance, freedom = between_cycles(scores, np.zeros(len(scores), dtype=np.intp))
-        method = CYCLES
+        method = "cycles"
     harmonics = estimates[1::2] - 1j * estimates[2::2]  # a cos(wt) + b sin(wt) = Re((a - j b) exp(j w t))
     if abs(harmonics[0]) <= 1e-12 * np.abs(signal).max():  # the fit's rounding error
         raise InputError(

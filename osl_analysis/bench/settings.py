@@ -1,6 +1,6 @@
 """Choices of the analysis on the benches, each with its unit, as `config.yaml` has them."""
 
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import Field, field_validator, model_validator
@@ -9,7 +9,7 @@ from osl_analysis.protocol.stepped_sine import SteppedSineProtocol
 from osl_analysis.signals import LowPass
 from osl_analysis.signals.grid import GapLimits
 from osl_analysis.trial import Array
-from osl_analysis.yaml_settings import Degrees, Positive, Settings
+from osl_analysis.yaml_settings import Degrees, NotNegative, Positive, Settings
 
 STIFFNESS_UNITS = {"N*m/rad": 1.0, "Nm/rad": 1.0, "N*m/deg": 180 / np.pi, "Nm/deg": 180 / np.pi}
 """Units of a stiffness of the bench, and their factors to N*m/rad."""
@@ -23,19 +23,15 @@ class TimeBase(Settings):
     """Fastest motion [Hz] of the bench; gaps up to a tenth of its period are bridged and count as data."""
     longest_gap_s: Positive = 0.5
     """Longest gap [s]; between the two a gap is bridged and its rows are not fitted, beyond it a trial is refused."""
-    largest_drift_ppm: Positive = 2.0
-    """Drift [ppm] between the clocks of angle and torque from which a trial is refused."""
+    largest_drift_ppm: Positive = 2.0  # drift [ppm] between the clocks of angle and torque beyond which it is refused
 
 
 class FilterSettings(Settings):
     """The time base and the one zero-phase Butterworth filter of all signals of a trial."""
 
-    cutoff_hz: Positive
-    """Cut-off [Hz] of one run of the filter."""
-    order: Annotated[int, Field(ge=1, le=10)]
-    """Order of one run of the filter."""
-    time_base: TimeBase = TimeBase()
-    """The uniform grid on which the signals are filtered."""
+    cutoff_hz: Positive  # cut-off [Hz] of one run of the filter
+    order: Annotated[int, Field(ge=1, le=10)]  # of one run
+    time_base: TimeBase = TimeBase()  # the uniform grid on which the signals are filtered
 
     @property
     def low_pass(self) -> LowPass:
@@ -50,10 +46,8 @@ class FilterSettings(Settings):
 class BenchStiffness(Settings):
     """Torsional stiffness of what yields between the bench's encoder and the joint: frame, mount and coupling."""
 
-    value: str
-    """Stiffness with its unit, as `12500 N*m/rad` or `218 N*m/deg`."""
-    standard_error: str | None = None
-    """Its standard error with its unit; null: not known, and not in the intervals."""
+    value: str  # stiffness with its unit, as `12500 N*m/rad` or `218 N*m/deg`
+    standard_error: str | None = None  # with its unit; null: not known, and not in the intervals
 
     @field_validator("value", "standard_error")
     @classmethod
@@ -96,18 +90,15 @@ def in_newton_metres_per_rad(text: str) -> float:
 class BenchAnalysis(FilterSettings):
     """What the fits of all trials on the dynamometer share."""
 
-    bench_stiffness: BenchStiffness | None = None
-    """Stiffness of the bench; null: it does not yield."""
-    largest_angle: Positive = 1.2
-    """Angle [rad] by which a joint turns at most, to each side of its middle."""
-    load_cell_range: Positive | None = None
-    """Largest torque [N*m] that the load cell measures; None: not stated."""
+    bench_stiffness: BenchStiffness | None = None  # null: the bench does not yield
+    largest_angle: Positive = 1.2  # angle [rad] by which a joint turns at most, to each side of its middle
+    load_cell_range: Positive | None = None  # largest torque [N*m] that the load cell measures; null: not stated
 
 
 class BeltAnalysis(BenchAnalysis):
     """Choices for a belt trial."""
 
-    load_cell_drift: Annotated[float, Field(ge=0)] = 0.0
+    load_cell_drift: NotNegative = 0.0
     """Standard deviation of the load cell's drift [N*m/min], which the interval of a belt trial includes; 0: none."""
 
 
@@ -127,16 +118,12 @@ class SteppedSineAnalysis(BenchAnalysis):
     """Number of cycles at the start of each segment that are not fitted."""
 
     @model_validator(mode="after")
-    def _every_frequency_has_cycles(self) -> Self:
+    def _some_cycles_are_settled(self) -> Self:
         if isinstance(self.cycles, tuple) and len(self.cycles) != len(self.frequencies_hz):
             raise ValueError(
                 f"cycles has {len(self.cycles)} numbers for {len(self.frequencies_hz)} frequencies; give one number "
                 "for all, or one for each"
             )
-        return self
-
-    @model_validator(mode="after")
-    def _some_cycles_are_settled(self) -> Self:
         fewest = min(self.protocol.cycles_at)
         if self.settle_cycles >= fewest:
             raise ValueError(
@@ -173,21 +160,14 @@ class ImpedanceAnalysis(SteppedSineAnalysis):
 class DynamometerAnalysis(ImpedanceAnalysis, BeltAnalysis):
     """Choices for all trials of the dynamometer."""
 
-    @model_validator(mode="before")
-    @classmethod
-    def _one_estimator(cls, values: Any) -> Any:
-        if isinstance(values, dict) and "compare_estimators" in values:
-            raise ValueError("`compare_estimators` is gone with the estimators that it compared; remove the line")
-        return values
+    REMOVED: ClassVar = {"compare_estimators": "so are the estimators that it compared; remove the line"}
 
 
 class ActuatorAnalysis(BenchAnalysis):
     """Filter and treatment of friction on the actuator's bench."""
 
-    sign_width: Positive
-    """Velocity [rad/s] over which the sign of the velocity is smoothed: tanh(omega_m/sign_width)."""
-    slowest: Annotated[float, Field(ge=0)]
-    """Velocity [rad/s] below which samples are not fitted."""
+    sign_width: Positive  # velocity [rad/s] over which its sign is smoothed: tanh(omega_m/sign_width)
+    slowest: NotNegative  # velocity [rad/s] below which samples are not fitted
 
 
 class ModelComparison(Settings):
@@ -200,10 +180,8 @@ class ModelComparison(Settings):
 class DesiredCurve(Settings):
     """A torque-angle curve that a device was designed for, as points of a broken line."""
 
-    angle_deg: Annotated[tuple[float, ...], Field(min_length=2)]
-    """Angles [deg] of the points, rising."""
-    torque: Annotated[tuple[float, ...], Field(min_length=2)]
-    """Torques [N*m] at these angles; they resist the motion."""
+    angle_deg: Annotated[tuple[float, ...], Field(min_length=2)]  # angles [deg] of the points, rising
+    torque: Annotated[tuple[float, ...], Field(min_length=2)]  # torques [N*m] there; they resist the motion
 
     @model_validator(mode="after")
     def _is_a_function(self) -> Self:
@@ -224,14 +202,11 @@ class TorqueAngleAnalysis(BenchAnalysis):
     zero: Literal["end", "start", "none"]
     """Where the torque's zero is: its mean over `rest_s` at the end or at the start of the recording, where the joint
     rests; none: the torque is as recorded."""
-    rest_s: Positive
-    """Duration [s] of this rest."""
-    angle_step_deg: Positive
-    """Step [deg] of the angles at which the curves stand."""
+    rest_s: Positive  # duration [s] of this rest
+    angle_step_deg: Positive  # step [deg] of the angles at which the curves stand
     window_share: Annotated[float, Field(gt=0, le=0.25)]
     """Angle to each side of a point, as a share of the range of motion, over which its torque and slope are fitted."""
-    smallest_motion_deg: Positive
-    """Range of motion [deg] below which a trial is refused."""
+    smallest_motion_deg: Positive  # range of motion [deg] below which a trial is refused
     settle_cycles: Annotated[int, Field(ge=0, le=1000)] | None
     """Number of first cycles that are not analysed: a device with hysteresis begins another way than it goes on. None:
     the first one, where its torque does not come back and that of later ones does."""

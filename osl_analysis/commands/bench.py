@@ -51,7 +51,7 @@ def fit_belt_trial(trial: Trial, parameters: FileOrNone, settings: BeltAnalysis)
     belt = components.belt_trial(trial, p, settings)
     return FitTables(
         components.belt_series(belt),
-        lambda: {"timebase": belt.loading.time_base(["K_s"])},
+        lambda: {"timebase": belt.time_base(["K_s"])},
         belt=plausible(components.belt_table(belt), rails, p, "K_s"),
         belt_curves=components.belt_curve(belt),
     )
@@ -147,7 +147,7 @@ def average_over_amplitudes(table: Path, output: Path) -> None:
 def compare_belt_models(trials: Sequence[Path], parameters: FileOrNone, settings: BeltAnalysis, output: Path) -> None:
     """Rival models of the belt on each trial, predicted by fits to all the others."""
     p = known_parameters(parameters)
-    belts = [components.belt_trial(read_trial(path), p, settings) for path in trials]
+    belts = [components.belt_trial(read_trial(path), p, settings).record for path in trials]
     write_table(model_comparison.belt_scores(belts), output)
 
 

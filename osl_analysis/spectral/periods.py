@@ -25,19 +25,15 @@ PERIODS_AGREE = 1e-3  # largest difference between the periods of realisations t
 NEIGHBOURS = 8  # lines to each side of a line that count as its neighbourhood
 
 
-@dataclass(frozen=True)
-class Repetition:
-    """A motion that repeats itself after a lag."""
-
-    period: float  # lag [s], not a whole number of samples
-    mismatch: float
-    """RMS of the difference between the motion and itself a lag later, as a share of its RMS; median over time."""
-    stretches: tuple[tuple[float, float], ...]
-    """First and last time [s] from the first sample of each stretch of two periods or more."""
+Stretches = list[tuple[float, float]]
+"""First and last time [s] from the first sample of each stretch in which a motion repeats itself."""
 
 
-def find_repetition(theta: Array, rate_hz: float, usable: NDArray[np.bool_] | None = None) -> Repetition | None:
-    """The shortest lag after which an angle (n,) [rad], sampled at `rate_hz`, repeats itself; None if it does not.
+def find_repetition(
+    theta: Array, rate_hz: float, usable: NDArray[np.bool_] | None = None
+) -> tuple[float, Stretches] | None:
+    """The shortest lag [s] after which an angle (n,) [rad], sampled at `rate_hz`, repeats itself, not a whole number of
+    samples, and its stretches of two periods or more; None if it does not.
 
     The autocorrelation gives the lags that may be the period. At each of them the motion is compared with itself in
     short windows. A record may hold several motions with the same period, each with a transient, and rests between
@@ -52,17 +48,17 @@ def find_repetition(theta: Array, rate_hz: float, usable: NDArray[np.bool_] | No
     rows = len(theta) // step * step
     mean = theta[:rows].reshape(-1, step).mean(axis=1)
     place = np.arange(len(mean)) - (len(mean) - 1) / 2
-    slope = float(place @ mean) / max(float(place @ place), 1.0)
-    x = mean - mean.mean() - slope * place
+    x = mean - mean.mean() - float(place @ mean) / max(float(place @ place), 1.0) * place
     every = np.ones(rows, dtype=bool) if usable is None else usable[:rows]
     good = np.asarray(every.reshape(-1, step).all(axis=1))
     spline = make_interp_spline(np.arange(len(x)), x, k=3)
     tried = [one for lag in likely_lags(x) if (one := repetition(x, spline, good, lag, rate_hz / step)) is not None]
     if not tried:
         return None
-    best = min(one.mismatch for one in tried)
+    best = min(mismatch for _, mismatch, _ in tried)
     # of lags with mismatches within a factor of two the shortest one is the period, and not a multiple of it
-    return min((one for one in tried if one.mismatch <= 2 * best + FLOOR), key=lambda one: one.period)
+    period, _, stretches = min(one for one in tried if one[1] <= 2 * best + FLOOR)
+    return period, stretches
 
 
 def likely_lags(x: Array) -> Array:
@@ -91,9 +87,13 @@ def likely_lags(x: Array) -> Array:
     return np.array([*at[highest], *([float(last)] if at_end else [])])
 
 
-def repetition(x: Array, spline: Any, good: NDArray[np.bool_], lag: float, rate_hz: float) -> Repetition | None:
+def repetition(
+    x: Array, spline: Any, good: NDArray[np.bool_], lag: float, rate_hz: float
+) -> tuple[float, float, Stretches] | None:
     """Where an angle x (n,) with a spline through it repeats itself after a lag [samples]; None if it does not in most
-    of its time. Steps of Gauss and Newton in these stretches correct the lag. Rows that are not `good` do not count."""
+    of its time. Steps of Gauss and Newton in these stretches correct the lag. Rows that are not `good` do not count.
+    The lag [s], and the RMS of the difference between the angle and itself a lag later, as a share of its RMS, median
+    over time, stand before the stretches."""
     power = uniform_filter1d(x**2, max(round(lag), 1), mode="nearest")
     moving = np.asarray(power > 0.2**2 * np.max(power))  # elsewhere the joint rests
     scale = float(np.sqrt(np.mean(x[moving] ** 2))) if moving.any() else 0.0
@@ -121,9 +121,7 @@ def repetition(x: Array, spline: Any, good: NDArray[np.bool_], lag: float, rate_
     covered = sum(run.stop - run.start + lag for run in settled) / max(int(moving.sum()), 1)
     if middle > 0.1 * scale or covered < 0.5:
         return None
-    return Repetition(
-        lag / rate_hz, middle / scale, tuple((run.start / rate_hz, (run.stop + lag) / rate_hz) for run in settled)
-    )
+    return lag / rate_hz, middle / scale, [(run.start / rate_hz, (run.stop + lag) / rate_hz) for run in settled]
 
 
 @dataclass(frozen=True)
@@ -149,9 +147,10 @@ class Realisation:
         """Frequencies [Hz] of the lines, shape (lines,)."""
         return np.arange(self.theta.shape[1]) / self.period
 
-    def mean_lines(self) -> tuple[Spectrum, Spectrum]:
-        """Means over the periods of the lines of angle and torque, (lines,) each."""
-        return self.theta.mean(axis=0), self.torque.mean(axis=0)
+    @property
+    def mean_lines(self) -> Spectrum:
+        """Means over the periods of the lines of angle and torque, (2, lines)."""
+        return np.array([self.theta.mean(axis=0), self.torque.mean(axis=0)])
 
 
 @dataclass(frozen=True)
@@ -176,14 +175,14 @@ def periodic_motion(
     found = find_repetition(theta, rate_hz, usable)
     if found is None:
         return None
-    period, error = found.period, np.inf
+    (period, stretches), error = found, np.inf
     for _ in range(3):
-        made = realisations_of(found, period, (theta,), rate_hz, highest_hz)
+        made = realisations_of(stretches, period, (theta,), rate_hz, highest_hz)
         if not made:
             return None
         change, error = phase_drift(made)
         period *= 1 + change
-    made = realisations_of(found, period, (theta, torque), rate_hz, highest_hz)
+    made = realisations_of(stretches, period, (theta, torque), rate_hz, highest_hz)
     for one in made:
         mean = one.theta.mean(axis=0)
         apart = np.sum(np.abs((one.theta - mean)[:, 1:]) ** 2) / (one.periods - 1)
@@ -194,7 +193,7 @@ def periodic_motion(
 
 
 def realisations_of(
-    found: Repetition, period: float, signals: Sequence[Array], rate_hz: float, highest_hz: float
+    stretches: Stretches, period: float, signals: Sequence[Array], rate_hz: float, highest_hz: float
 ) -> list[Realisation]:
     """The realisations in the stretches that were found, each from its last whole period backwards. A transient is at
     the beginning of a stretch; what is over is therefore left out there. The signals are the angle (n,) and the torque,
@@ -202,7 +201,7 @@ def realisations_of(
     samples, last = period * rate_hz, len(signals[0])
     count = int(np.floor(min(highest_hz, rate_hz / 3) * period + 1e-9)) + 1
     made = []
-    for start, stop in found.stretches:
+    for start, stop in stretches:
         end = min(stop * rate_hz, last)
         blurred = 3 * rate_hz / COARSE_HZ  # samples by which the ends of a stretch are uncertain
         periods = int((end - max(start * rate_hz, 0.0) + blurred) / samples)

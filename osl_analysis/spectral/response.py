@@ -23,8 +23,10 @@ drivetrain (K_s, n_T, J_m, B_m, B_j, J_j) is that of the parameter file. With al
 free, six parameters follow any response in a decade of frequency, and their misfit says nothing on the drivetrain.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,20 +46,17 @@ from osl_analysis.spectral.periods import (
     scatter,
     smoothed_lines,
 )
-from osl_analysis.stats.covariance import ResidualCorrelation
+from osl_analysis.stats.covariance import Covariance
 from osl_analysis.stats.regression import LinearFit, linear_fit
 from osl_analysis.stats.rounding import noise_before_rounding
 from osl_analysis.trial import Array
-
-ROBUST, FAST, LOCAL = "robust", "fast", "local polynomial"
-"""Methods: several realisations, one, motion that does not repeat itself."""
 
 
 @dataclass(frozen=True)
 class FrequencyResponse:
     """Impedance over frequency, shape (m,) each; NaN where the motion does not show it."""
 
-    method: str  # one of `ROBUST`, `FAST`, `LOCAL`
+    method: Literal["robust", "fast", "local polynomial"]  # several realisations, one, no motion that repeats itself
     frequency_hz: Array  # frequency [Hz]
     impedance: Spectrum  # Z = torque/theta [N*m/rad]
     angle: Array  # amplitude of the angle at this frequency [rad], RMS over realisations
@@ -95,7 +94,7 @@ def equation_error(realisations: Sequence[Realisation]) -> EquationError:
     """
     single = distinct(realisations)
     lines = lines_of(single)
-    theta, torque = (np.array(each) for each in zip(*(r.mean_lines() for r in single), strict=True))
+    theta, torque = np.array([r.mean_lines for r in single]).swapaxes(0, 1)
     size = np.abs(theta)
     turn = np.divide(theta.conj(), size, out=np.ones_like(theta), where=size > 0)
     at, k = np.flatnonzero(lines.excited), np.arange(theta.shape[1])
@@ -149,7 +148,7 @@ def periodic_response(realisations: Sequence[Realisation]) -> FrequencyResponse:
     band |= {"noise": float(np.sqrt(np.mean(of_mean[1 : at[-1] + 1]))), "odd": level(odd), "even": level(even)}
     band |= {"detection": level(lines.detection), "distortion": level(lines.excited) if count > 1 else np.nan}
     return FrequencyResponse(
-        ROBUST if count > 1 else FAST,
+        "robust" if count > 1 else "fast",
         found.frequency_hz[at],
         found.impedance[at],
         mean_angle,
@@ -245,7 +244,8 @@ def local_response(spectrum: RecordSpectrum) -> FrequencyResponse:
         raise InputError("the joint moves at no frequency up to the filter's cut-off; move it further, or for longer")
     sd = np.sqrt(variance[at])
     levels = {"noise": sd} | dict.fromkeys(("odd", "even", "total"), np.full(len(at), np.nan))
-    return FrequencyResponse(LOCAL, spectrum.frequency_hz[at], Z[at], nearby(spectrum.theta)[at], sd, sd, levels, {})
+    frequency, angle = spectrum.frequency_hz[at], nearby(spectrum.theta)[at]
+    return FrequencyResponse("local polynomial", frequency, Z[at], angle, sd, sd, levels, {})
 
 
 class SecondOrder:
@@ -255,8 +255,7 @@ class SecondOrder:
     parameters: tuple[str, ...] = ("K", "B", "I")
 
     def start(self, K: float, B: float) -> Array:
-        """Any point will do: the structure is linear."""
-        return np.array([K, B, 0.0])
+        return np.array([K, B, 0.0])  # any point will do: the structure is linear
 
     def impedance(self, x: Array, s: Spectrum) -> Spectrum:
         return np.asarray(x[0] + x[1] * s + x[2] * s**2)
@@ -298,53 +297,46 @@ class RationalDrivetrain:
 Structure = SecondOrder | RationalDrivetrain
 """An impedance Z(s) with p real parameters: where to begin, its value, and its derivatives (p, ...) by these."""
 ENOUGH_REALISATIONS = 4  # number of realisations from which on the interval comes from their spread
-REALISATIONS, DETECTION, EXCITED = "realisations", "detection lines", "excited lines"
-"""Sources of the interval: spread of realisations, lines without excitation, what the fit leaves at excited lines."""
-POWER, NOISE = "power", "noise"
-"""Weights of a fit: power behind the low-pass filter, or the inverse variance of the noise."""
+REALISATIONS, DETECTION = "realisations", "detection lines"
+"""Sources of the interval: spread of realisations, lines without excitation."""
 
 
-@dataclass(frozen=True)
-class LineScatter(ResidualCorrelation):
-    """Covariance of a fit to lines: rows are real parts, then imaginary parts, realisation by realisation. Errors of
-    two lines are not correlated."""
+def line_covariance(
+    X: Array,
+    inverse: Array,
+    residual: Array,
+    shape: tuple[int, int],
+    level: Array | None = None,
+    shares: Array | None = None,
+    freedom: float = np.nan,
+) -> Covariance:
+    """Covariance of a fit to the lines of `shape[0]` realisations; the first arguments and the result as of `hac`.
 
-    shape: tuple[int, int]  # number of realisations and of lines
-    level: (
-        Array | None
-    )  # E|error|^2 that the weighted rows have at the lines, (realisations, lines); None: what is left
-    shares: Array | None = None  # weights (lines, detection lines) with which the level at an excited line was averaged
-    freedom: float = np.nan  # degrees of freedom of a level that is the noise's
-
-    def window(self, residual: Array) -> int:
-        return 1
-
-    def covariance(self, X: Array, inverse: Array, residual: Array) -> tuple[Array, Array, str]:
-        """Covariance (p, p) of the estimates, its degrees of freedom (p,) and its source."""
-        influence, count = X @ inverse, self.shape[0]
-        p, by_line = influence.shape[1], influence.reshape(count, 2, -1, influence.shape[1])
-        if np.isfinite(self.freedom) and self.level is not None:
-            return self.of_level(by_line, self.level), np.full(p, self.freedom), NOISE
-        if count >= ENOUGH_REALISATIONS:
-            sums = (influence * residual[:, None]).reshape(count, -1, p).sum(axis=1)
-            spread = (sums - sums.mean(axis=0)) * np.sqrt(count / (count - 1))
-            return spread.T @ spread, np.full(p, count - 1.0), REALISATIONS
-        tiny = np.finfo(float).tiny
-        if self.level is None or self.shares is None:
-            leverage = np.einsum("np,np->n", influence, influence @ np.linalg.pinv(influence.T @ influence))
-            squares = (residual**2 / np.maximum(1 - leverage, 0.1)).reshape(count, 2, -1)
-            each = np.einsum("rcmp,rcm->rcmp", by_line**2, squares)
-            freedom = each.sum(axis=(0, 1, 2)) ** 2 / np.maximum((each**2).sum(axis=(0, 1, 2)), tiny)
-            lost = p * freedom / max(len(residual), 1)
-            freedom = np.maximum(np.where(freedom > 0, freedom - lost, np.inf), 1.0)
-            return np.einsum("rcmp,rcmq,rcm->pq", by_line, by_line, squares), freedom, EXCITED
-        each = np.einsum("rcmp,rm,md->rdp", by_line**2, self.level, self.shares)
-        freedom = 2 * each.sum(axis=(0, 1)) ** 2 / np.maximum((each**2).sum(axis=(0, 1)), tiny)
-        return self.of_level(by_line, self.level), np.where(freedom > 0, freedom, np.inf), DETECTION
-
-    @staticmethod
-    def of_level(by_line: Array, level: Array) -> Array:
-        return np.asarray(0.5 * np.einsum("rcmp,rcmq,rm->pq", by_line, by_line, level))
+    Rows are real parts, then imaginary parts, realisation by realisation. Errors of two lines are not correlated.
+    `level` is E|error|^2 of the weighted rows at the lines (realisations, lines): of noise with `freedom` degrees of
+    freedom, or averaged from detection lines with the weights `shares` (lines, detection lines). Else the spread of
+    realisations counts, or what is left at excited lines.
+    """
+    influence, count = X @ inverse, shape[0]
+    p = influence.shape[1]
+    by_line, tiny = influence.reshape(count, 2, -1, p), np.finfo(float).tiny
+    known = None if level is None else np.asarray(0.5 * np.einsum("rcmp,rcmq,rm->pq", by_line, by_line, level))
+    if known is not None and np.isfinite(freedom):
+        return known, np.full(p, freedom), "noise", 1
+    if count >= ENOUGH_REALISATIONS:
+        sums = (influence * residual[:, None]).reshape(count, -1, p).sum(axis=1)
+        spread = (sums - sums.mean(axis=0)) * np.sqrt(count / (count - 1))
+        return spread.T @ spread, np.full(p, count - 1.0), REALISATIONS, 1
+    if level is not None and known is not None and shares is not None:
+        each = np.einsum("rcmp,rm,md->rdp", by_line**2, level, shares)
+        own = 2 * each.sum(axis=(0, 1)) ** 2 / np.maximum((each**2).sum(axis=(0, 1)), tiny)
+        return known, np.where(own > 0, own, np.inf), DETECTION, 1
+    leverage = np.einsum("np,np->n", influence, influence @ np.linalg.pinv(influence.T @ influence))
+    squares = (residual**2 / np.maximum(1 - leverage, 0.1)).reshape(count, 2, -1)
+    each = np.einsum("rcmp,rcm->rcmp", by_line**2, squares)
+    own = each.sum(axis=(0, 1, 2)) ** 2 / np.maximum((each**2).sum(axis=(0, 1, 2)), tiny)
+    own = np.maximum(np.where(own > 0, own - p * own / max(len(residual), 1), np.inf), 1.0)
+    return np.einsum("rcmp,rcmq,rcm->pq", by_line, by_line, squares), own, "excited lines", 1
 
 
 def repeated_rounding(one: Realisation, impedance: Spectrum) -> Array:
@@ -377,7 +369,7 @@ class FittedLines:
     noise: Array  # E|noise|^2 of the equation error [(N*m)^2]
     noise_freedom: Array  # degrees of freedom of each `noise`: the mean of its inverse is too large by 2 in as many
     pooled_freedom: float  # degrees of freedom of all of them together; neighbours share theirs
-    level: Array | None = None  # as in `LineScatter`, of the rows weighted by power
+    level: Array | None = None  # as in `line_covariance`, of the rows weighted by power
     shares: Array | None = None
     shared: float = 0.0
     """Share of the equation error from which its noise is estimated; 0 where that comes from the scatter of periods."""
@@ -402,7 +394,7 @@ def lines_of_periods(realisations: Sequence[Realisation], low_pass: LowPass) -> 
     of_one = np.average(found.noise * periods, axis=0, weights=found.freedom)[1:]
     rounding = np.array([repeated_rounding(one, found.impedance[at]) for one in single])
     noise = window @ of_one / window.sum(axis=1) / periods + rounding
-    theta, torque = (np.array(each)[:, at] for each in zip(*(r.mean_lines() for r in single), strict=True))
+    theta, torque = np.array([r.mean_lines[:, at] for r in single]).swapaxes(0, 1)
     return FittedLines(
         np.asarray(np.broadcast_to(2j * np.pi * found.frequency_hz[at], theta.shape)),
         theta,
@@ -441,7 +433,7 @@ class FittedStructure:
 
     structure: Structure
     fit: LinearFit  # its parameters; further columns are transients
-    weights: str  # `POWER` or `NOISE`
+    weights: Literal["power", "noise"]  # power behind the low-pass filter, or the inverse variance of the noise
     vaf: float  # share of the lines' power behind the filter that the fit by power accounts for [percent]
     misfit: float  # RMS of what the fit by power leaves beyond the noise, as a share of the torque [percent]
     ratio: float
@@ -460,8 +452,8 @@ def fit_by_power(structure: Structure, lines: FittedLines, first: tuple[float, f
             f"{lines.theta.size} excited line cannot determine {' and '.join(structure.parameters)}; excite two "
             "frequencies or more, better ten"
         )
-    of_lines = LineScatter(lines.theta.shape, lines.level, lines.shares)
-    return gauss_newton(structure, lines, lines.power, structure.start(*first), of_lines)
+    scatter_of = partial(line_covariance, shape=lines.theta.shape, level=lines.level, shares=lines.shares)
+    return gauss_newton(structure, lines, lines.power, structure.start(*first), scatter_of)
 
 
 def fit_structure(structure: Structure, lines: FittedLines, first: tuple[float, float]) -> FittedStructure:
@@ -472,20 +464,21 @@ def fit_structure(structure: Structure, lines: FittedLines, first: tuple[float, 
     torque = float(np.sum(np.abs(lines.power * lines.torque) ** 2))
     misfit, vaf = 100 * float(np.sqrt(max(left - noise, 0.0) / torque)), 100 * (1 - left / torque)
     if not (lines.noise > 0).all():
-        return FittedStructure(structure, by_power, POWER, vaf, misfit, np.nan, np.nan)
-    known = LineScatter(lines.noise.shape, np.ones(lines.noise.shape), freedom=lines.pooled_freedom)
-    first_guess = by_power.estimates[: len(structure.parameters)]
+        return FittedStructure(structure, by_power, "power", vaf, misfit, np.nan, np.nan)
+    shape, first_guess = lines.noise.shape, by_power.estimates[: len(structure.parameters)]
+    known = partial(line_covariance, shape=shape, level=np.ones(shape), freedom=lines.pooled_freedom)
     by_noise = gauss_newton(structure, lines, 1 / np.sqrt(lines.noise), first_guess, known)
     unbiased = np.tile(1 - 2 / lines.noise_freedom, (1, 2)).ravel()
     freedom = by_noise.samples - len(by_noise.names)
     ratio = (2 * float(np.sum(unbiased * by_noise.residual**2)) / freedom - lines.shared) / (1 - lines.shared)
     p = float(fdtrc(freedom * (1 - lines.shared), lines.pooled_freedom, max(ratio, 0.0)))
-    fit, weights = (by_power, POWER) if p < 0.05 else (by_noise, NOISE)
-    return FittedStructure(structure, fit, weights, vaf, misfit, ratio, p)
+    if p < 0.05:
+        return FittedStructure(structure, by_power, "power", vaf, misfit, ratio, p)
+    return FittedStructure(structure, by_noise, "noise", vaf, misfit, ratio, p)
 
 
 def gauss_newton(
-    structure: Structure, lines: FittedLines, weight: Array, start: Array, of_lines: ResidualCorrelation
+    structure: Structure, lines: FittedLines, weight: Array, start: Array, covariance_of: Callable[..., Covariance]
 ) -> LinearFit:
     """Least squares on the weighted lines, from `start` (p,): linear fits to the structure's derivatives."""
 
@@ -500,7 +493,7 @@ def gauss_newton(
         slopes = structure.derivatives(x, lines.s)
         columns = {name: rows_of(slope * lines.theta) for name, slope in zip(structure.parameters, slopes, strict=True)}
         offset = structure.impedance(x, lines.s) - np.tensordot(x, slopes, axes=1)
-        fit = linear_fit(rows_of(lines.torque - offset * lines.theta), columns | fixed, of_lines)
+        fit = linear_fit(rows_of(lines.torque - offset * lines.theta), columns | fixed, covariance_of)
         step = fit.estimates[: len(x)] - x
         x = x + step
         if np.all(np.abs(step) <= 1e-9 * np.maximum(np.abs(x), np.finfo(float).tiny)):

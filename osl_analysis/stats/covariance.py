@@ -5,7 +5,6 @@ autocorrelation of the residuals, with what that falls short where few samples d
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -33,43 +32,30 @@ def products_between(X: Array, Y: Array, first: Array, stop: Array) -> Array:
     return np.asarray(whole + parts[1::2] - parts[::2])
 
 
-CYCLES = "cycles"  # name of the spread between cycles in the tables
 FEWEST_CYCLES = 5  # smallest number of cycles at one frequency whose spread gives an interval
 
 
-@dataclass(frozen=True)
-class ResidualCorrelation:
-    """How the residuals of a fit are correlated, which decides on the covariance of the estimates: here by their own
-    autocorrelation (HAC)."""
-
-    def window(self, residual: Array) -> int:
-        """Number of samples over which a residual (n,) may be correlated."""
-        return correlation_samples(residual)
-
-    def covariance(self, X: Array, inverse: Array, residual: Array) -> tuple[Array, Array, str]:
-        """Covariance of the estimates, its degrees of freedom, and where it comes from, as the tables name it. X (n, p)
-        times `inverse` (p, p) is by how much each estimate changes with each sample of y; `residual` (n,) is what is
-        left."""
-        return *moving_sums(X @ inverse * residual[:, None], self.window(residual)), "HAC"
+Covariance = tuple[Array, Array, str, int]
+"""Covariance (p, p) of estimates, its degrees of freedom (p,), where it comes from, as the tables name it, and the
+number of samples over which the residual may be correlated."""
 
 
-NO_REPEATS = ResidualCorrelation()
+def hac(X: Array, inverse: Array, residual: Array) -> Covariance:
+    """The covariance by the autocorrelation of the residual (n,). X (n, p) times `inverse` (p, p) is by how much each
+    estimate changes with each sample of y.
 
-
-def correlation_samples(residual: Array) -> int:
-    """Andrews' plug-in bandwidth for the Bartlett kernel from an AR(1) fit, at most an eighth of the samples.
-
-    Low-pass filtered noise is not an AR(1) at the sampling rate: 30 ms of it are taken for 2.5 s.
+    The window is Andrews' plug-in bandwidth for the Bartlett kernel from an AR(1) fit, at most an eighth of the
+    samples. Low-pass filtered noise is not an AR(1) at the sampling rate: 30 ms of it are taken for 2.5 s.
 
     Raises InputError: A value is not finite or cannot be measured.
     """
     check_measured("the residual", residual)
-    n = len(residual)
-    power = float(residual[:-1] @ residual[:-1])
+    n, power = len(residual), float(residual[:-1] @ residual[:-1])
     rho = float(residual[1:] @ residual[:-1]) / power if power > 0 else 0.0
     rho = min(max(rho, 0.0), 0.9999)
     alpha = 4 * rho**2 / (1 - rho**2) ** 2
-    return int(np.clip(np.ceil(1.1447 * (alpha * n) ** (1 / 3)), 1, max(n // 8, 1)))
+    window = int(np.clip(np.ceil(1.1447 * (alpha * n) ** (1 / 3)), 1, max(n // 8, 1)))
+    return *moving_sums(X @ inverse * residual[:, None], window), "HAC", window
 
 
 def moving_sums(scores: Array, window: int) -> tuple[Array, Array]:

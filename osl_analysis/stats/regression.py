@@ -1,15 +1,14 @@
 """The one linear regression under every fit: rank check, covariance for correlated residuals, diagnostics."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 import scipy
 
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.measured import check_all_measured, check_finite, check_measured, rounding_of
-from osl_analysis.stats.covariance import NO_REPEATS, ResidualCorrelation
+from osl_analysis.stats.covariance import Covariance, hac
 from osl_analysis.trial import Array
 
 CONDITION_LIMIT = 1e3
@@ -62,11 +61,13 @@ class LinearFit:
         return self[name] - half, self[name] + half
 
 
-def linear_fit(y: Array, columns: Mapping[str, Array], residuals: ResidualCorrelation = NO_REPEATS) -> LinearFit:
+def linear_fit(
+    y: Array, columns: Mapping[str, Array], covariance_of: Callable[[Array, Array, Array], Covariance] = hac
+) -> LinearFit:
     """Least squares of y (n,) on named columns (n,) each, with standard errors for correlated residuals.
 
     Consecutive samples of a filtered signal are not independent. The covariance is Newey and West's (Econometrica 55,
-    1987) with the bandwidth of Andrews (Econometrica 59, 1991), or what `residuals` say.
+    1987) with the bandwidth of Andrews (Econometrica 59, 1991), or another one, with the arguments of `hac`.
 
     An exact fit has covariance 0, or that of rounding; degrees of freedom are infinite where a variance is 0.
 
@@ -74,80 +75,42 @@ def linear_fit(y: Array, columns: Mapping[str, Array], residuals: ResidualCorrel
     columns. Raises IdentifiabilityError: The scaled condition number exceeds `CONDITION_LIMIT`; the message names the
     two columns that look alike.
     """
-    return regressors(columns, np.shape(y)).fit(y, residuals)
-
-
-@dataclass(frozen=True)
-class Regressors:
-    """Columns (n, p) of a fit, decomposed: several y are fitted to them for little more than one."""
-
-    names: tuple[str, ...]  # names of the columns
-    X: Array  # the columns, shape (n, p)
-    scale: Array  # length of each column of X (p,)
-    U: Array  # left singular vectors (n, p) of the scaled X
-    singular: Array  # singular values (p,), the largest first
-    Vt: Array  # right singular vectors (p, p), a row each
-
-    @cached_property
-    def condition(self) -> float:
-        """Scaled condition number, beside an offset that of the columns about their means: where the angle has its zero
-        does not matter."""
-        condition = float(self.singular[0] / max(self.singular[-1], np.finfo(float).tiny))
-        inverse = self.beside_offset if condition < ROUNDED else np.empty((0, 0))
-        return scaled_condition(inverse) if len(inverse) > 1 else condition
-
-    @cached_property
-    def inverse(self) -> Array:
-        """Inverse (p, p) of the normal equations."""
-        return (self.Vt.T / self.singular**2) @ self.Vt / np.outer(self.scale, self.scale)
-
-    @cached_property
-    def beside_offset(self) -> Array:
-        """The part of the inverse that is of columns that vary: beside a constant one that of their products about
-        their means, which do not depend on the zeros of the signals."""
-        varies = [k for k, column in enumerate(self.X.T) if column[0] != column[-1] or np.ptp(column)]
-        return self.inverse[np.ix_(varies, varies)]
-
-    def solved(self, y: Array) -> Array:
-        """Estimates alone, by least squares of y (n,) or several (n, q): (p,) or (p, q)."""
-        check_measured("column 'y'", y)
-        return np.asarray(((y.T @ self.U) / self.singular @ self.Vt / self.scale).T)
-
-    def fit(self, y: Array, residuals: ResidualCorrelation = NO_REPEATS) -> LinearFit:
-        """Least squares of y (n,) on the columns; `residuals` and what is raised as in `linear_fit`."""
-        estimates = self.solved(y)
-        residual = y - self.X @ estimates
-        covariance, degrees_of_freedom, method = residuals.covariance(self.X, self.inverse, residual)
-        return LinearFit(
-            self.names,
-            estimates,
-            covariance,
-            variance_accounted_for(y, residual),
-            1 - float(residual @ residual) / max(float(y @ y), np.finfo(float).tiny),
-            self.condition,
-            residuals.window(residual),
-            len(y),
-            method,
-            degrees_of_freedom,
-            residual,
-            largest_correlation(self.beside_offset),
-        )
-
-
-def regressors(columns: Mapping[str, Array], shape: tuple[int, ...]) -> Regressors:
-    """The named columns, for fits to y of some shape (n,); raises as `linear_fit`."""
     for name, column in columns.items():
-        if np.shape(column) != shape:
-            raise InputError(f"column '{name}' has shape {np.shape(column)}, expected {shape} like y")
-    rows, names = np.array([np.asarray(c, dtype=float) for c in columns.values()]), tuple(columns)
-    check_all_measured([f"column '{name}'" for name in names], rows)
-    if shape[0] <= len(names):
-        raise InputError(f"{shape[0]} samples cannot determine {len(names)} parameters; use a longer window")
-    scale = check_not_zero(names, np.linalg.norm(rows, axis=1))
-    found = Regressors(names, rows.T, scale, *np.linalg.svd(rows.T / scale, full_matrices=False))
-    if found.condition > CONDITION_LIMIT:
-        refuse_unidentifiable(names, found.Vt[-1], found.condition)
-    return found
+        if np.shape(column) != np.shape(y):
+            raise InputError(f"column '{name}' has shape {np.shape(column)}, expected {np.shape(y)} like y")
+    X, names = np.array([np.asarray(c, dtype=float) for c in columns.values()]).T, tuple(columns)
+    check_all_measured([f"column '{name}'" for name in names], X.T)
+    if len(y) <= len(names):
+        raise InputError(f"{len(y)} samples cannot determine {len(names)} parameters; use a longer window")
+    scale = check_not_zero(names, np.linalg.norm(X, axis=0))
+    U, singular, Vt = np.linalg.svd(X / scale, full_matrices=False)
+    condition, about_means = float(singular[0] / max(singular[-1], np.finfo(float).tiny)), np.empty((0, 0))
+    if condition < ROUNDED:
+        inverse = (Vt.T / singular**2) @ Vt / np.outer(scale, scale)
+        # beside an offset that of the columns about their means: where the angle has its zero does not matter
+        varying = [k for k, column in enumerate(X.T) if column[0] != column[-1] or np.ptp(column)]
+        about_means = inverse[np.ix_(varying, varying)]
+        condition = scaled_condition(about_means) if len(varying) > 1 else condition
+    if condition > CONDITION_LIMIT:
+        refuse_unidentifiable(names, Vt[-1], condition)
+    check_measured("column 'y'", y)
+    estimates = (y @ U) / singular @ Vt / scale
+    residual = y - X @ estimates
+    covariance, degrees_of_freedom, method, window = covariance_of(X, inverse, residual)
+    return LinearFit(
+        names,
+        estimates,
+        covariance,
+        variance_accounted_for(y, residual),
+        1 - float(residual @ residual) / max(float(y @ y), np.finfo(float).tiny),
+        condition,
+        window,
+        len(y),
+        method,
+        degrees_of_freedom,
+        residual,
+        largest_correlation(about_means),
+    )
 
 
 def check_not_zero(names: Sequence[str], lengths: Array) -> Array:

@@ -271,7 +271,8 @@ def fit_groups(
         raise InputError(f"{n:.0f} samples cannot determine {len(names)} parameters; record for longer")
     left = max(float(square - 2 * estimates @ b + estimates @ A @ estimates), 0.0)
     level = float(total[one, p] - total[one, :p] @ estimates) / n
-    stratum = np.unique(s.groups.stratum[groups], return_inverse=True)[1]
+    stratum = s.groups.stratum[groups]
+    stratum = (np.cumsum(np.bincount(stratum) > 0) - 1)[stratum]  # numbered without gaps
     scores = (raw_g - A_g @ estimates) @ inverse
     repeats = s.groups.repeat and int(np.bincount(stratum).min()) > 1
     if repeats:

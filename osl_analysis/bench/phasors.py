@@ -170,7 +170,7 @@ def sines_at(time: Array, frequency_hz: float, cycles: tuple[Array, Array] | Non
     """
     check_finite("time", time)
     highest = 5
-    step = float(np.median(np.diff(time))) if len(time) > 1 else np.inf
+    step = float(time[-1] - time[0]) / (len(time) - 1) if len(time) > 1 else np.inf
     if len(time) * step < 0.99 / frequency_hz:
         raise InputError(
             f"the signal has less than one cycle at {frequency_hz:g} Hz; record more cycles, or lower `settle_cycles` "
@@ -180,13 +180,13 @@ def sines_at(time: Array, frequency_hz: float, cycles: tuple[Array, Array] | Non
         raise InputError(
             f"a step of {step * 1e3:.2f} ms is too long for harmonic {highest} of {frequency_hz:g} Hz; sample faster"
         )
-    X = np.ones((1 + 2 * highest, len(time))).T
-    turn = 2 * np.pi * frequency_hz * time
-    once = np.cos(turn) + 1j * np.sin(turn)
-    turned = once
-    for k in range(highest):
-        X[:, 2 * k + 1], X[:, 2 * k + 2] = turned.real, turned.imag
-        turned = turned * once
+    rows, turn = np.ones((1 + 2 * highest, len(time))), 2 * np.pi * frequency_hz * time
+    rows[1], rows[2] = np.cos(turn), np.sin(turn)
+    twice = 2 * rows[1]
+    rows[3], rows[4] = twice * rows[1] - 1, twice * rows[2]
+    for k in range(5, len(rows), 2):  # cos(k x) = 2 cos(x) cos((k - 1) x) - cos((k - 2) x), and so the sine
+        rows[k : k + 2] = twice * rows[k - 2 : k] - rows[k - 4 : k - 2]
+    X = rows.T
     inside = np.full(len(time), cycles is None)
     if cycles is None:
         edges = np.arange(round(len(time) * step * frequency_hz) + 1) / (step * frequency_hz)

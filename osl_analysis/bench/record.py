@@ -156,7 +156,8 @@ class Record:
         two and four cut-offs, of what the filter takes off the rows that are fitted. Where the motion itself reaches
         there, that of the angle is its level at the highest frequencies."""
         taken = np.array([self.part(self.theta - self.motion.theta), self.part(self.torque - self.filtered_torque)])
-        f, power = welch(taken, self.rate_hz, nperseg=min(round(self.rate_hz), self.samples), detrend=False)
+        length = min(round(self.rate_hz), self.samples)
+        f, power = welch(taken, self.rate_hz, nperseg=length, noverlap=0, detrend=False)
         highest = min(4 * self.low_pass.cutoff_hz, 0.45 * self.rate_hz)
         beyond = (f > min(2 * self.low_pass.cutoff_hz, 0.8 * highest)) & (f < highest)
         of_theta, of_torque = np.median(power[:, beyond], axis=1) if beyond.any() else (0.0, 0.0)

@@ -12,7 +12,7 @@ from c3d_builder import REAL_DATA
 from mat_builder import compressed, matrix, opaque, part, write_mat, write_mat73, write_parts
 
 from osl_analysis.errors import InputError
-from osl_analysis.formats.mat import find, open_mat, parsed, vector
+from osl_analysis.formats.mat import checked_address, open_mat
 
 RISING = np.arange(12.0)
 CONTENT = {
@@ -44,8 +44,7 @@ def written73(path: Path) -> Path:
 
 
 def at(path: Path, text: str) -> np.ndarray:
-    file, address = open_mat(path), parsed(text)
-    return vector(address, find(file.read({address.variable}), file.names, address))
+    return open_mat(path).signals([text])[text][1]
 
 
 def refusal(path: Path, text: str) -> str:
@@ -72,7 +71,7 @@ def test_an_address_in_matlabs_notation_leads_to_the_numbers(write, address, exp
 @pytest.mark.parametrize(
     ("address", "message"),
     {
-        "Tset.slow": "the file has no Tset; it has",
+        "Tset.slow": "no variable 'Tset'; it has",
         "Test.slow.torqe": "and has no torqe; it has note, torque, (1), (note=left); did you mean 'torque'?",
         "Test.slow": "is a 1x1 struct, not numbers; name one of its fields (note, torque)",
         "Test.slow.note": "is a 1x4 char, not real numbers; save it as numbers: `str2double(x)`",
@@ -104,7 +103,7 @@ def test_elements_are_counted_column_by_column_as_in_matlab(tmp_path):
 @pytest.mark.parametrize("text", ["", "2x", "a.", "a..b", ".a", "a(0)", "a(:,0)", "a b", "a{x}", "a(1", "(2).a"])
 def test_what_is_no_address_is_refused(text):
     with pytest.raises(InputError, match="no address in a MATLAB file"):
-        parsed(text)
+        checked_address(text, inside=False)
 
 
 def test_what_matlab_alone_can_read_is_named_with_the_command_that_saves_it(tmp_path):

@@ -22,7 +22,7 @@ from test_ingest_mutilated import mutilated
 
 from osl_analysis.errors import InputError
 from osl_analysis.formats.mcap import CHUNK_HEAD, MAGIC, RECORD, read_mcap
-from osl_analysis.formats.messages import survey_channels
+from osl_analysis.formats.messages import read_channels
 from osl_analysis.ingest.raw_files import FORMATS
 from osl_analysis.ingest.recording import Recording
 from osl_analysis.ingest.source import Source
@@ -139,7 +139,7 @@ def test_a_wrong_message_index_changes_nothing_and_is_remarked(tmp_path: Path, w
     assert len(samples) == MESSAGES
     assert damage["complete"]
     assert "the index of the chunk" in damage["remarks"][0]
-    (survey,) = survey_channels(read_mcap(tmp_path / "damaged.mcap"))
+    (survey,) = read_channels(read_mcap(tmp_path / "damaged.mcap"))
     assert (np.diff(survey.log_time) == MILLISECOND).all()
 
 

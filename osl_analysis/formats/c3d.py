@@ -8,7 +8,7 @@ import math
 import struct
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -96,10 +96,7 @@ def reals(content: bytes, processor: str) -> NDArray[np.float32]:
 
 
 BLOCK = 512
-MOST_FRAMES = 0xFFFF
 CONTINUATIONS = ("", *map(str, range(2, 10)))  # a parameter holds 255 values; more follow in NAME2, NAME3, ...
-# without which points or analog samples would be read wrongly
-ESSENTIAL = {"POINT": ("USED", "LABELS"), "ANALOG": ("USED", "LABELS", "SCALE", "OFFSET", "GEN_SCALE")}
 Counts = Literal["refuse", "header", "parameters"]  # which hold where header and parameters contradict each other
 
 
@@ -128,12 +125,8 @@ class C3DHeader:
     remark: str = ""  # oddity of the parameter section; empty if there is none
 
     @property
-    def integers(self) -> bool:
-        return self.scale > 0
-
-    @property
     def frame_bytes(self) -> int:
-        return (2 if self.integers else 4) * (4 * self.points + self.channels * self.samples_per_frame)
+        return (2 if self.scale > 0 else 4) * (4 * self.points + self.channels * self.samples_per_frame)
 
     def table(self, name: str) -> Array:
         """A numeric parameter in its own dimensions; empty where the file has none."""
@@ -154,8 +147,8 @@ def is_c3d(begin: bytes) -> bool:
     return begin[1:2] == b"P" and b"\0" in begin
 
 
-def parse_file(data: bytes, counts: Counts = "refuse") -> C3DHeader:
-    """What a file declares, checked against its size; raises as `read_c3d`."""
+def parse_header(data: bytes) -> C3DHeader:
+    """Header block and parameter section; rate and long frame counts are taken from parameters where they exist."""
     if len(data) < 2 * BLOCK or data[1:2] != b"P":
         raise InputError(f"not a C3D file (it begins with {data[:4]!r}); check the path and the source's format")
     start = (data[0] - 1) * BLOCK
@@ -163,61 +156,41 @@ def parse_file(data: bytes, counts: Counts = "refuse") -> C3DHeader:
     if processor is None:
         known = ", ".join(ENDIAN)
         raise InputError(f"written for a processor of an unknown type; {known} are read: export the trial again")
+    words = np.frombuffer(data[:24], f"{ENDIAN[processor]}u2").astype(int)
+    points, channels, first, last, per_frame, data_block = (int(words[place]) for place in (1, 2, 3, 4, 9, 8))
+    scale, rate = (float(reals(data[begin : begin + 4], processor)[0]) for begin in (12, 20))
+    per_frame, data_start = max(per_frame, 1), (data_block - 1) * BLOCK
+    section_end = data_start if data_start > start else start + max(data[start + 2], 1) * BLOCK
     try:
-        header = parse_header(data, start, processor)
-        if header.scale == 0 or not math.isfinite(header.scale):
-            raise InputError(f"the scale of the points is {header.scale}")
-        if header.data_start < BLOCK:
-            raise InputError(f"the data begin at byte {header.data_start}, within the header")
-        for group, count in (("POINT", header.points), ("ANALOG", header.channels)):
-            lost = [name for name in ESSENTIAL[group] if count and f"{group}:{name}" not in header.parameters]
-            if header.remark and lost:
-                raise InputError(f"{header.remark}, before {group}:{lost[0]}")
+        parameters, remark = parse_parameters(data, start + 4, min(section_end, len(data)), processor)
+        counts = (points, first, last - first + 1, rate, per_frame, channels // per_frame)
+        header = C3DHeader(processor, *counts, data_start, scale, parameters, remark)
+        stated, long = header.numbers("POINT:RATE"), header.numbers("POINT:LONG_FRAMES")
+        header = replace(header, rate=float(stated[0])) if stated.size and stated[0] > 0 else header
+        if last == 0xFFFF:  # the largest number of the header
+            # Vicon and Qualisys write first and last frame as two 16-bit words, low word first, others LONG_FRAMES
+            ends = [header.numbers(f"TRIAL:ACTUAL_{end}_FIELD") % 65536 for end in ("START", "END")]
+            count = int(long[0]) if long.size and np.isfinite(long[0]) else 0
+            if ends[0].size == ends[1].size == 2:
+                count = int((ends[1] - ends[0]) @ [1, 65536]) + 1
+            header = replace(header, frames=count or header.frames)
+        if scale == 0 or not math.isfinite(scale):
+            raise InputError(f"the scale of the points is {scale}")
+        if data_start < BLOCK:
+            raise InputError(f"the data begin at byte {data_start}, within the header")
+        essential = {"POINT:USED": points, "POINT:LABELS": points}  # without which samples would be read wrongly
+        names = ("USED", "LABELS", "SCALE", "OFFSET", "GEN_SCALE")
+        essential |= {f"ANALOG:{name}": header.channels for name in names}
+        lost = [name for name, count in essential.items() if count and name not in parameters]
+        if remark and lost:
+            raise InputError(f"{remark}, before {lost[0]}")
     except (struct.error, ValueError, IndexError) as error:
         raise InputError(f"damaged C3D file: {error}; export the trial again") from error
-    header = with_counts(header, len(data), counts)
-    frame = header.frame_bytes
-    if header.frames < 1 or frame == 0 or not 0 < header.rate < math.inf:
-        raise InputError(
-            f"declares {header.frames} frames of {frame} bytes at {header.rate} Hz: nothing to read; export "
-            "the trial again"
-        )
-    there = max(len(data) - header.data_start, 0) // frame
-    if there < header.frames:
-        raise InputError(f"truncated: it declares {header.frames} frames and holds {there}; copy or export it again")
-    if header.first_frame + header.frames > MOST_FRAMES and there > header.frames + BLOCK // frame:
-        raise InputError(
-            f"holds {there} frames, more than the {MOST_FRAMES} that a C3D header can count; export it in parts"
-        )
     return header
 
 
-def parse_header(data: bytes, start: int, processor: str) -> C3DHeader:
-    """Header block and parameter section; rate and long frame counts are taken from parameters where they exist."""
-    words = np.frombuffer(data[:24], f"{ENDIAN[processor]}u2").astype(int)
-    data_start = (int(words[8]) - 1) * BLOCK
-    section_end = data_start if data_start > start else start + max(data[start + 2], 1) * BLOCK
-    parameters, remark = parse_parameters(data, start + 4, min(section_end, len(data)), processor)
-    scale, rate = (float(reals(data[begin : begin + 4], processor)[0]) for begin in (12, 20))
-    points, channels, first, last, per_frame = (int(words[place]) for place in (1, 2, 3, 4, 9))
-    per_frame = max(per_frame, 1)
-    counts = (points, first, last - first + 1, rate, per_frame, channels // per_frame)
-    header = C3DHeader(processor, *counts, data_start, scale, parameters, remark)
-    stated = header.numbers("POINT:RATE")
-    header = replace(header, rate=float(stated[0])) if stated.size and stated[0] > 0 else header
-    if last < MOST_FRAMES:
-        return header
-    # Vicon and Qualisys write the first and last frame as two 16-bit words, low word first, others POINT:LONG_FRAMES
-    start_field, end_field = (header.numbers(f"TRIAL:ACTUAL_{end}_FIELD") % 65536 for end in ("START", "END"))
-    long = header.numbers("POINT:LONG_FRAMES")
-    count = int(long[0]) if long.size and np.isfinite(long[0]) else 0
-    if start_field.size == end_field.size == 2:
-        count = int((end_field - start_field) @ [1, 65536]) + 1
-    return replace(header, frames=count or header.frames)
-
-
 def with_counts(header: C3DHeader, size: int, counts: Counts) -> C3DHeader:
-    """The header with the counts of points and channels that hold; raises as `parse_file`."""
+    """The header with the counts of points and channels that hold in a file of a size [bytes]."""
     stated, other = {"POINT": header.points, "ANALOG": header.channels}, dict[str, int]()
     for group, count in stated.items():
         used = header.numbers(f"{group}:USED")
@@ -232,14 +205,13 @@ def with_counts(header: C3DHeader, size: int, counts: Counts) -> C3DHeader:
     left = {name: size - one.data_start - one.frames * one.frame_bytes for name, one in choices.items()}
     fitting = [name for name in choices if 0 <= left[name] < 2 * BLOCK]
     group = next(group for group in stated if stated[group] != other[group])
-    contradiction = f"the header counts {stated[group]}, {group}:USED is {other[group]}"
-    says = f"the file's size fits {' and '.join(fitting) or 'neither'}"
+    said = f"the header counts {stated[group]}, {group}:USED is {other[group]}; the file's size fits "
+    said += " and ".join(fitting) or "neither"
     if counts == "refuse":
-        raise CountsError(
-            f"{contradiction}; {says}: write `counts: header` or `counts: parameters` in the source file", (*fitting,)
-        )
+        remedy = "write `counts: header` or `counts: parameters` in the source file"
+        raise CountsError(f"{said}: {remedy}", (*fitting,))
     if fitting and counts not in fitting:
-        raise InputError(f"{contradiction}; {says}: write `counts: {fitting[0]}` in the source file")
+        raise InputError(f"{said}: write `counts: {fitting[0]}` in the source file")
     return choices[counts]
 
 
@@ -277,38 +249,41 @@ class C3DRecording:
 def read_c3d(path: Path, counts: Counts = "refuse") -> C3DRecording:
     """Decode a C3D file; CountsError if header and parameters contradict each other and `counts` does not say which
     hold, InputError if it is no C3D, damaged or truncated.
+
+    Analog values are (raw - OFFSET) * SCALE * GEN_SCALE, raw without these parameters; NaN where SCALE holds values for
+    some channels only, and everywhere where GEN_SCALE is 0.
     """
     data = path.read_bytes()
-    header = parse_file(data, counts)
-    content = data[header.data_start : header.data_start + header.frames * header.frame_bytes]
-    integer = ">i2" if header.processor == "MIPS" else "<i2"
-    numbers = np.frombuffer(content, integer) if header.integers else reals(content, header.processor)
+    header = with_counts(parse_header(data), len(data), counts)
+    frames, frame = header.frames, header.frame_bytes
+    if frames < 1 or frame == 0 or not 0 < header.rate < math.inf:
+        raise InputError(
+            f"declares {frames} frames of {frame} bytes at {header.rate} Hz: nothing to read; export the trial again"
+        )
+    there = max(len(data) - header.data_start, 0) // frame
+    if there < frames:
+        raise InputError(f"truncated: it declares {frames} frames and holds {there}; copy or export it again")
+    if header.first_frame + frames > 0xFFFF and there > frames + BLOCK // frame:
+        raise InputError(
+            f"holds {there} frames, more than the {0xFFFF} that a C3D header can count; export it in parts"
+        )
+    content, integers = data[header.data_start : header.data_start + frames * frame], header.scale > 0
+    raw = np.frombuffer(content, f"{ENDIAN[header.processor]}i2") if integers else reals(content, header.processor)
     # a row per frame: x, y, z, residual per point, then analog samples
-    points, analogs = np.split(numbers.reshape(header.frames, -1), [4 * header.points], axis=1)
-    points = points.reshape(header.frames, header.points, 4)
+    points, samples = np.split(raw.reshape(frames, -1), [4 * header.points], axis=1)
+    points = points.reshape(frames, header.points, 4)
+    analogs = samples.reshape(frames * header.samples_per_frame, header.channels).astype(np.float64)
+    offset, scale, general = (header.numbers(f"ANALOG:{name}") for name in ("OFFSET", "SCALE", "GEN_SCALE"))
     with np.errstate(invalid="ignore", over="ignore"):  # a sample that is not finite is refused where it is used
-        values = points[:, :, :3].astype(np.float64) * (header.scale if header.integers else 1.0)
+        values = points[:, :, :3].astype(np.float64) * (header.scale if integers else 1.0)
         # not seen: a negative residual, exactly the origin, or a value that is not finite
         unseen = (points[:, :, 3] < 0) | (values == 0).all(axis=2) | ~np.isfinite(values).all(axis=2)
         values[unseen] = np.nan
-        rows = header.frames * header.samples_per_frame
-        return C3DRecording(header, values, physical(analogs.reshape(rows, header.channels), header))
-
-
-def physical(analogs: NDArray[Any], header: C3DHeader) -> Array:
-    """Analog values (samples, channels): (raw - OFFSET) * SCALE * GEN_SCALE; without these parameters the raw values.
-
-    NaN where SCALE holds values for some channels only, and everywhere where GEN_SCALE is 0.
-    """
-    raw = analogs.astype(np.float64)
-    offset, scale, general = (header.numbers(f"ANALOG:{name}") for name in ("OFFSET", "SCALE", "GEN_SCALE"))
-    unsigned = "UNSIGNED" in [text.upper() for text in header.texts("ANALOG:FORMAT")]
-    if unsigned:
-        offset = offset % 65536
-        raw = raw % 65536 if header.integers else raw
-    count = min(header.channels, offset.size)
-    raw[:, :count] -= offset[:count]
-    count = min(header.channels, scale.size)
-    raw[:, :count] *= scale[:count]
-    raw[:, count:] *= np.nan if count else 1.0
-    return raw * ((general[0] or np.nan) if general.size else 1.0)
+        if "UNSIGNED" in [text.upper() for text in header.texts("ANALOG:FORMAT")]:
+            offset, analogs = offset % 65536, analogs % 65536 if integers else analogs
+        known, scaled = min(header.channels, offset.size), min(header.channels, scale.size)
+        analogs[:, :known] -= offset[:known]
+        analogs[:, :scaled] *= scale[:scaled]
+        analogs[:, scaled:] *= np.nan if scaled else 1.0
+        analogs *= (general[0] or np.nan) if general.size else 1.0
+    return C3DRecording(header, values, analogs)

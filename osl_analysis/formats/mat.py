@@ -16,7 +16,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import reduce
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -91,9 +91,7 @@ class MatFile:
     path: Path
     data: bytes  # its bytes, for version 5; the header alone for version 7.3
     version: str
-    classes: Mapping[
-        str, str
-    ]  # of the variables, in the order of the file, where only MATLAB can read them; else empty
+    classes: Mapping[str, str]  # of its variables, in order, where only MATLAB can read them; else empty
 
     @property
     def header(self) -> str:
@@ -117,6 +115,35 @@ class MatFile:
             stream: Any = io.BytesIO(self.data)
             raw = loadmat(stream, variable_names=others, spmatrix=False)
             return objects | {name: value5(raw[name]) for name in others if name in raw}
+
+    def signals(self, texts: Sequence[str], part: str = "") -> dict[str, tuple[str, Array]]:
+        """The numbers (n,) at addresses, each with its whole address; those without `/` before them are within `part`.
+
+        InputError if there is nothing, or something else than a row or a column of real numbers.
+        """
+        found, above = dict[str, tuple[str, Array]](), steps_in(part) if part else ()
+        within = {text: bool(above) and not text.startswith("/") for text in texts}
+        ways = {text: (*above, *steps_in(text, inside=True)) if within[text] else steps_in(text) for text in texts}
+        variables = self.read({way[0] for way in ways.values()})
+        for text, way in ways.items():
+            if way[0] not in self.names and not part:
+                raise InputError(
+                    f"no variable '{way[0]}'; it has {listing(self.names, 12)}{nearest(way[0], self.names)}; if one of "
+                    "these holds it, name this one as `log_part`, in the sample sheet where it differs from trial to "
+                    "trial"
+                )
+            address = address_with(part.strip(), text.strip()) if within[text] else text.strip()
+            value, place = Value("struct", elements=[variables]), ""
+            for step in way:
+                below = parts_of(value)
+                if step not in below:
+                    known = [*below] if place else self.names
+                    has = f"it has {listing(known, 12)}{nearest(step, known)}" if known else value.remedy()
+                    what = f"{place} is a {value.described()} and" if place else "the file"
+                    raise InputError(f"{address}: {what} has no {step}; {has}")
+                value, place = below[step], address_with(place, step)
+            found[text] = address, vector(address, value)
+        return found
 
 
 def open_mat(path: Path) -> MatFile:
@@ -255,29 +282,15 @@ def holds_references(item: Any) -> bool:
 STEP = re.compile(r"\.?[A-Za-z]\w*|\{N\}|\((?:N|:,N|N,:|[A-Za-z]\w*=[^()]*)\)".replace("N", r"[1-9]\d{0,8}"))
 
 
-class Address(NamedTuple):
-    """An address and its steps: names, `(2)`, `{1}`, `(:,3)`, `(1,:)`, `(name=slow)`."""
-
-    text: str  # as it was written
-    steps: tuple[str, ...]
-
-    @property
-    def variable(self) -> str:
-        return self.steps[0]
-
-    def below(self, part: "Address | None") -> "Address":
-        """The same address within a part of the file; that itself if it begins with `/`, or without a part."""
-        if part is None or self.text.startswith("/"):
-            return self
-        return Address(address_with(part.text, self.text), (*part.steps, *self.steps))
-
-
 def address_with(place: str, step: str) -> str:
     return f"{place}.{step}" if place and step[0] not in "({" else place + step
 
 
-def parsed(text: str, inside: bool = False) -> Address:
-    """An address; `inside`: it is one within a part, which may also begin with a choice of a column, as `(:,2)`."""
+def steps_in(text: str, inside: bool = False) -> tuple[str, ...]:
+    """The steps of an address: names, `(2)`, `{1}`, `(:,3)`, `(1,:)`, `(name=slow)`; refused if it is none.
+
+    One `inside` a part may also begin with a choice of a column, as `(:,2)`.
+    """
     plain = re.sub(r"\s*([(){}.,:=])\s*", r"\1", text.strip()).removeprefix("/")
     steps = tuple(step.removeprefix(".") for step in STEP.findall(plain))
     is_whole = steps and reduce(address_with, steps, "") == plain
@@ -286,36 +299,13 @@ def parsed(text: str, inside: bool = False) -> Address:
             f"'{text}' is no address in a MATLAB file; write it as in MATLAB, such as `Test.run(2).torque`, "
             "`Test.data(:,3)`, `runs{2}.torque`, or `runs(name=slow).torque`"
         )
-    return Address(text.strip(), steps)
+    return steps
 
 
 def checked_address(text: str, inside: bool = True) -> str:
     """The text of an address as it is; refused if it is none."""
-    parsed(text, inside)
+    steps_in(text, inside)
     return text
-
-
-def no_variable(file: MatFile, address: Address) -> InputError:
-    """The refusal of an address whose variable the file does not have."""
-    return InputError(
-        f"no variable '{address.variable}'; it has {listing(file.names, 12)}"
-        f"{nearest(address.variable, file.names)}; if one of these holds it, name this one as `log_part`, "
-        "in the sample sheet where it differs from trial to trial"
-    )
-
-
-def find(variables: Mapping[str, Value], names: Sequence[str], address: Address) -> Value:
-    """What stands at an address. `names` are those of all variables of the file, for messages."""
-    value, place = Value("struct", elements=[variables]), ""
-    for step in address.steps:
-        below = parts_of(value)
-        if step not in below:
-            known = [*below] if place else names
-            has = f"it has {listing(known, 12)}{nearest(step, known)}" if known else value.remedy()
-            what = f"{place} is a {value.described()} and" if place else "the file"
-            raise InputError(f"{address.text}: {what} has no {step}; {has}")
-        value, place = below[step], address_with(place, step)
-    return value
 
 
 def parts_of(value: Value) -> dict[str, Value]:
@@ -339,25 +329,19 @@ def parts_of(value: Value) -> dict[str, Value]:
     return parts
 
 
-def vector(address: Address, value: Value) -> Array:
+def vector(address: str, value: Value) -> Array:
     """The real numbers (n,) of a signal; refused if it is empty or something else."""
-    is_a = f"{address.text} is a {value.described()}, not"
+    numbers, is_a = value.numbers, f"{address} is a {value.described()}"
     if value.kind == "struct":
-        raise InputError(f"{is_a} numbers; name one of its fields ({listing(value.fields, 8)})")
+        raise InputError(f"{is_a}, not numbers; name one of its fields ({listing(value.fields, 8)})")
     if value.kind == "cell":
-        raise InputError(f"{is_a} numbers; name one of its cells, as `{{1}}`")
-    numbers = value.numbers
+        raise InputError(f"{is_a}, not numbers; name one of its cells, as `{{1}}`")
     if numbers is None:
-        raise InputError(f"{is_a} real numbers; {value.remedy()}")
+        raise InputError(f"{is_a}, not real numbers; {value.remedy()}")
     if not value.size:
-        raise InputError(
-            f"{address.text} is empty ({value.described()}); name another variable, or record the trial again"
-        )
+        raise InputError(f"{address} is empty ({value.described()}); name another variable, or record the trial again")
     if numbers.ndim > 2:
-        raise InputError(f"{address.text} is a {value.described()}; save each of its matrices as a variable of its own")
+        raise InputError(f"{is_a}; save each of its matrices as a variable of its own")
     if max(numbers.shape) != numbers.size:
-        raise InputError(
-            f"{address.text} is a {value.described()}; choose one column, as {address.text}(:,1), or one row, as "
-            f"{address.text}(1,:)"
-        )
+        raise InputError(f"{is_a}; choose one column, as {address}(:,1), or one row, as {address}(1,:)")
     return numbers.ravel()

@@ -3,12 +3,13 @@
 A container gives its messages in blocks, and counts what it lost. Here their fields become columns, by topic.
 """
 
-from collections import Counter, defaultdict
+from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from mcap.records import Channel, Schema
@@ -233,48 +234,44 @@ def blocks_of_parts(whole: MessageFile, parts: Sequence[MessageFile], counts: Co
 
 
 @dataclass
-class ChannelReader:
-    """The reader of one channel, and what it has read so far."""
+class ChannelLog:
+    """The messages of one channel: when they were logged, the first one, and the fields that were wanted."""
 
     channel: Channel
-    schema: Schema | None
-    reader: Reader
-    blocks: list[tuple[Indices, NDArray[np.uint32]]] = field(default_factory=list)  # log times [ns], sequence numbers
-    first: bytes = b""  # the first message, to list its fields
-    columns: Columns = field(init=False)  # the wanted fields, once all messages were read, in the order of recording
-    log_time: Indices = field(init=False)  # when these messages were logged [ns]
+    schema: Schema | None  # of its messages; None for JSON
+    reader: Reader | None = None  # of the wanted fields, if there are such
+    first: bytes | None = None  # the first message
+    stamps: list[Indices] = field(default_factory=list)  # log times of the messages of each block [ns]
+    sequence: list[NDArray[np.uint32]] = field(default_factory=list)  # their sequence numbers
 
-    def add(self, mine: MessageBlock) -> None:
-        self.first = self.first if self.blocks else mine.first()
-        try:
-            self.reader.read(mine.buffer, mine.starts, mine.lengths)
-        except NoNumberError as error:
-            raise self.wrong_field(str(error)) from error
-        self.blocks.append((mine.log_time, mine.sequence))
+    @property
+    def log_time(self) -> Indices:
+        """Log times of the messages [ns], in the order of the file."""
+        return np.concatenate([np.empty(0, np.int64), *self.stamps])
 
-    def settle(self, damage: Damage) -> None:
-        """Make the columns, count what does not fit, and remark on what is missing, once all messages were read."""
-        log_time, sequence = (np.concatenate(one) for one in zip(*self.blocks, strict=True))
-        rank, numbers = np.arange(sequence.size), sequence.astype(np.int64)
-        backwards, by_number = int((np.diff(numbers) < 0).sum()), np.argsort(numbers, kind="stable")
-        steps = np.diff(numbers[by_number])
+    def columns(self, damage: Damage) -> Columns:
+        """The wanted fields in the order of recording; counts what does not fit, and remarks on what is missing."""
+        assert self.reader is not None  # it was made with the fields
+        numbers = np.concatenate(self.sequence).astype(np.int64)
+        rank, by_number = np.arange(numbers.size), np.argsort(numbers, kind="stable")
+        steps, backwards = np.diff(numbers[by_number]), int((np.diff(numbers) < 0).sum())
         if backwards and (steps > 0).all():
             # a tool may have sorted the file by log time since, and the clock was set back while recording: the numbers
             # tell the order if they go back often (a publisher that was restarted goes back, a few times) or explain it
-            explained = (np.diff(log_time) < 0).any() and (np.diff(log_time[by_number]) >= 0).all()
+            explained = (np.diff(self.log_time) < 0).any() and (np.diff(self.log_time[by_number]) >= 0).all()
             if backwards > 10 or explained:
-                rank[by_number] = np.arange(sequence.size)
+                rank[by_number] = np.arange(numbers.size)
         found, topic = self.reader.columns(rank), f"topic '{self.channel.topic}'"
-        self.columns, self.log_time = found, log_time[found.rows]
         if found.misfits:
             damage.misfits[self.channel.id] += found.misfits
-            damage.remarks.append(f"{found.misfits} of {sequence.size} messages of {topic} are lost: {found.misfit}")
+            damage.remarks.append(f"{found.misfits} of {numbers.size} messages of {topic} are lost: {found.misfit}")
         if (steps > 0).all() and (steps > 1).any() and np.median(steps) == 1:  # they count messages
             missing = int((steps - 1).sum())  # the recorder dropped them, or a chunk was removed
             damage.remarks.append(
-                f"the sequence numbers of {topic} say that {missing} messages beside its {sequence.size} are not in "
+                f"the sequence numbers of {topic} say that {missing} messages beside its {numbers.size} are not in "
                 "the file"
             )
+        return found
 
     def wrong_field(self, what: str) -> WrongFieldError:
         """The error for a field that is no number in any message; it names those that are."""
@@ -285,19 +282,41 @@ class ChannelReader:
 
     def names_of_fields(self) -> str:
         """The fields of the first message."""
-        try:
-            fields = describe_message(self.channel, self.schema, self.first)
-        except (ValueError, RecursionError):
-            fields = []
         words: list[str] = []
-        for one in [one for one in fields if one.length != 0]:
-            is_named = one.length is None or not one.elements[0].isdigit()
-            words += one.addresses() if is_named else [f"{one.path}[0..{(one.length or 0) - 1}]"]
+        with suppress(ValueError, RecursionError):
+            for one in describe_message(self.channel, self.schema, self.first):
+                is_named = one.length is None or not one.elements[0].isdigit()
+                as_whole = [f"{one.path}[0..{one.length - 1}]"] if one.length else []
+                words += one.addresses() if is_named else as_whole
         return listing(words)
 
 
-@dataclass(frozen=True)
-class Decoded:
+def read_channels(file: MessageFile, wanted: Mapping[str, Sequence[str]] | None = None) -> list[ChannelLog]:
+    """The channels of the wanted topics that have messages, with the wanted fields; or else all, without fields."""
+    logs: dict[int, ChannelLog] = {}
+    for block in file.blocks:
+        for number in block.counts:
+            channel = file.channels[number]
+            if wanted is not None and channel.topic not in wanted:
+                continue
+            if number not in logs:
+                schema = file.schemas.get(channel.schema_id)
+                reader = reader_of(channel, schema, [*dict.fromkeys(wanted[channel.topic])]) if wanted else None
+                logs[number] = ChannelLog(channel, schema, reader)
+            one, mine = logs[number], block.only(block.channel == number)
+            one.first = mine.first() if one.first is None else one.first
+            one.stamps.append(mine.log_time)
+            one.sequence.append(mine.sequence)
+            try:
+                if one.reader:
+                    one.reader.read(mine.buffer, mine.starts, mine.lengths)
+            except NoNumberError as error:
+                raise one.wrong_field(str(error)) from error
+    empty = {n: ChannelLog(one, file.schemas.get(one.schema_id)) for n, one in file.channels.items()}
+    return [*logs.values()] if wanted is not None else [one for _, one in sorted((empty | logs).items())]
+
+
+class Decoded(NamedTuple):
     """The messages of one topic, channel by channel in the order of recording; every array has shape (n,)."""
 
     log_time: Indices  # when each message was logged [ns]
@@ -310,80 +329,43 @@ def decode_topics(
     file: MessageFile, wanted: Mapping[str, Sequence[str]], optional: Collection[str] = ()
 ) -> dict[str, Decoded]:
     """The wanted fields of each topic, from all channels; InputError if one that is not `optional` is not there."""
-    by_topic: dict[str, dict[int, ChannelReader]] = {topic: {} for topic in wanted}
-    for block in file.blocks:
-        for number in block.counts:
-            channel = file.channels[number]
-            if channel.topic in wanted:
-                readers = by_topic[channel.topic]
-                if number not in readers:
-                    schema = file.schemas.get(channel.schema_id)
-                    asked = [*dict.fromkeys(wanted[channel.topic])]
-                    readers[number] = ChannelReader(channel, schema, reader_of(channel, schema, asked))
-                readers[number].add(block.only(block.channel == number))
-    for readers in by_topic.values():
-        for one in readers.values():
-            one.settle(file.damage)
-    needed = {topic: [path for path in paths if path not in optional] for topic, paths in wanted.items()}
-    return {topic: decoded_topic(file, topic, [*by_topic[topic].values()], needed[topic]) for topic in wanted}
-
-
-def decoded_topic(file: MessageFile, topic: str, readers: Sequence[ChannelReader], needed: Sequence[str]) -> Decoded:
-    if not file.channels_of(topic):
-        topics = sorted({channel.topic for channel in file.channels.values()})
-        raise InputError(
-            f"no topic '{topic}' (the file has {listing(topics)}); correct `topic` in the source file, or exclude the "
-            "trial if its log is not the right one"
-        )
-    if not readers:
-        raise InputError(f"topic '{topic}' has no messages; check that its sensor was running")
-    used = [one for one in readers if one.columns.rows.size]
-    if not used:
-        for one in readers:
-            if one.columns.misfits == one.reader.no_numbers > 0:
-                raise one.wrong_field(one.reader.misfit)
-        raise InputError(f"topic '{topic}': {readers[0].reader.misfit}; record the log again, or exclude the trial")
-    values = {}
-    for path in used[0].columns.values:
-        values[path] = np.ma.concatenate([one.columns.values[path] for one in used])  # type: ignore[no-untyped-call]
-    for path in [path for path in needed if np.ma.getmaskarray(values[path]).all()]:
-        raise InputError(
-            f"topic '{topic}' has no field '{path}' (it has {readers[0].names_of_fields()}); correct `field` in the "
-            "source file, or exclude the trial if its log is not the right one"
-        )
-    channel = np.repeat(np.array([one.channel.id for one in used], np.uint16), [one.log_time.size for one in used])
-    how = [
-        {
-            "channel": one.channel.id,
-            "encoding": one.channel.message_encoding,
-            "messages": one.reader.count,
-            "one_by_one": len(one.reader.found),
-            "misfits": one.columns.misfits,
-        }
-        for one in readers
-    ]
-    return Decoded(np.concatenate([one.log_time for one in used]), channel, values, how)
-
-
-@dataclass
-class ChannelSurvey:
-    """One channel of a file: when its messages were logged, and its first message."""
-
-    channel: Channel
-    schema: Schema | None  # schema of its messages; None for JSON
-    first: bytes | None  # its first message
-    log_time: Indices  # log times of its messages [ns], in the order of the file
-
-
-def survey_channels(file: MessageFile) -> list[ChannelSurvey]:
-    first: dict[int, bytes] = {}
-    stamps: dict[int, list[Indices]] = defaultdict(lambda: [np.empty(0, np.int64)])
-    for block in file.blocks:
-        for number in block.counts:
-            mine = block.only(block.channel == number)
-            stamps[number].append(mine.log_time)
-            first.setdefault(number, mine.first())
-    return [
-        ChannelSurvey(one, file.schemas.get(one.schema_id), first.get(number), np.concatenate(stamps[number]))
-        for number, one in sorted(file.channels.items())
-    ]
+    logs = [(one, one.columns(file.damage)) for one in read_channels(file, wanted)]
+    topics = sorted({channel.topic for channel in file.channels.values()})
+    found = {}
+    for topic, paths in wanted.items():
+        own = [(one, columns) for one, columns in logs if one.channel.topic == topic]
+        if topic not in topics:
+            raise InputError(
+                f"no topic '{topic}' (the file has {listing(topics)}); correct `topic` in the source file, or exclude "
+                "the trial if its log is not the right one"
+            )
+        if not own:
+            raise InputError(f"topic '{topic}' has no messages; check that its sensor was running")
+        used = [(one, columns) for one, columns in own if columns.rows.size]
+        if not used:
+            for one, columns in own:
+                if one.reader and columns.misfits == one.reader.no_numbers:
+                    raise one.wrong_field(columns.misfit)
+            raise InputError(f"topic '{topic}': {own[0][1].misfit}; record the log again, or exclude the trial")
+        values = {}
+        for path in paths:
+            values[path] = np.ma.concatenate([columns.values[path] for _, columns in used])  # type: ignore[no-untyped-call]
+            if path not in optional and np.ma.getmaskarray(values[path]).all():
+                raise InputError(
+                    f"topic '{topic}' has no field '{path}' (it has {own[0][0].names_of_fields()}); correct `field` in "
+                    "the source file, or exclude the trial if its log is not the right one"
+                )
+        log_time = np.concatenate([one.log_time[columns.rows] for one, columns in used])
+        channel = [np.full(columns.rows.size, one.channel.id, np.uint16) for one, columns in used]
+        how = [
+            {
+                "channel": one.channel.id,
+                "encoding": one.channel.message_encoding,
+                "messages": one.log_time.size,
+                "one_by_one": len(one.reader.found) if one.reader else 0,
+                "misfits": columns.misfits,
+            }
+            for one, columns in own
+        ]
+        found[topic] = Decoded(log_time, np.concatenate(channel), values, how)
+    return found

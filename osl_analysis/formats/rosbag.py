@@ -106,8 +106,8 @@ def split_parts(folder: Path) -> list[Path]:
     numbered = {int(part[2]): path for path, part in found if part}
     # a date in the name is when the file was begun: each has its own
     names = {re.sub(r"\d{4}(-\d\d){5}", "DATE", part[1]) for _, part in found if part}
-    missing = [f"{min(names)}_{n}.bag" for n in range(min(numbered, default=0), max(numbered, default=0))]
-    missing = [name for n, name in enumerate(missing, min(numbered, default=0)) if n not in numbered]
+    between = range(min(numbered, default=0), max(numbered, default=0))
+    missing = [f"{min(names)}_{number}.bag" for number in between if number not in numbered]
     if len(numbered) < len(found) or len(names) != 1 or missing:
         lacking = f" ({listing(missing)} cannot be found)" * bool(missing)
         raise InputError(
@@ -192,16 +192,19 @@ def siblings(path: Path) -> tuple[Description | None, str]:
 
 def read_rosbag2(path: Path) -> MessageFile:
     """Open a database, or the folder of a recording in sqlite3 or MCAP; InputError if a part cannot be opened."""
-    if not path.is_dir():
-        return read_database(path)
-    described = read_description(path)
+    described, remark = (read_description(path), "") if path.is_dir() else siblings(path)
+    if described is None or remark:
+        bag = read_database(path, described.distribution if described else "")
+        nothing = f"no {DESCRIPTION} beside it: how many messages were recorded is not known"
+        bag.damage.remarks.append(remark or nothing)
+        return bag
     parts: list[MessageFile] = []
     for file in described.parts:
         begin = beginning(file)
         if begin.startswith(MCAP):
             parts.append(read_mcap(file))
         elif begin == SQLITE:
-            parts.append(read_database(file, described))
+            parts.append(read_database(file, described.distribution))
             parts[-1].damage.finished = True  # its description is that of the whole
         else:
             raise InputError(
@@ -235,8 +238,8 @@ def opened(path: Path) -> Iterator[sqlite3.Connection]:
         raise InputError(f"{path}: the database is damaged or cut off ({said}); {RECOVER}") from error
 
 
-def read_database(path: Path, described: Description | None = None) -> MessageFile:
-    """Open a bag in a database of sqlite3 (.db3), with the description of its recording, or else the one beside it."""
+def read_database(path: Path, distribution: str) -> MessageFile:
+    """Open a bag in a database of sqlite3 (.db3) that a distribution of ROS recorded; empty where that is not known."""
     if (begin := beginning(path)) != SQLITE:
         raise InputError(f"{path}: not a bag in sqlite3 (it begins with {begin[:8]!r}); check the source's format")
     for ending, what in (("-wal", "a write-ahead log"), ("-journal", "a journal")):
@@ -246,7 +249,6 @@ def read_database(path: Path, described: Description | None = None) -> MessageFi
                 f"{path}: {what} is beside it ({beside.name}): the recorder did not finish, and messages are in there; "
                 "copy both elsewhere, and run `sqlite3 COPY 'PRAGMA wal_checkpoint(TRUNCATE)'` there"
             )
-    description, remark = siblings(path) if described is None else (described, "")
     bag, own = MessageFile(path, path.stat().st_size), dict[str, tuple[str, str]]()
     channel_of: dict[int, int] = {}  # channel by number of a topic in the database
     with opened(path) as connection:
@@ -256,19 +258,12 @@ def read_database(path: Path, described: Description | None = None) -> MessageFi
         for topic in connection.execute("SELECT id, name, type, serialization_format FROM topics ORDER BY id"):
             number, name, kind, encoding = int(topic[0]), *map(str, topic[1:])
             channel = channel_of.setdefault(number, len(channel_of))
-            definition, reason = definition_of(kind, own, description.distribution if description else "")
-            if not reason:
-                bag.declare(Schema(channel + 1, definition, "ros2msg", kind))
-            metadata, schema = ({NOT_DEFINED: reason}, 0) if reason else ({}, channel + 1)
+            metadata, schema = {}, channel + 1
+            try:
+                bag.declare(Schema(schema, definition_of(kind, own, distribution), "ros2msg", kind))
+            except InputError as error:
+                metadata, schema = {NOT_DEFINED: str(error)}, 0
             bag.declare(Channel(id=channel, topic=name, message_encoding=encoding, metadata=metadata, schema_id=schema))
-    if remark:
-        bag.damage.remarks.append(remark)
-    elif description is None:
-        bag.damage.remarks.append("no metadata.yaml beside it: how many messages were recorded is not known")
-    elif described is None:
-        bag.damage.finished = True
-        bag.damage.declared = Counter({one.id: description.counts[one.topic] for one in bag.channels.values()})
-        bag.damage.declared_messages = description.counts.total()
 
     def blocks() -> Iterator[MessageBlock]:
         strangers = 0
@@ -303,8 +298,8 @@ def read_database(path: Path, described: Description | None = None) -> MessageFi
     return bag
 
 
-def definition_of(kind: str, own: Mapping[str, tuple[str, str]], distribution: str) -> tuple[bytes, str]:
-    """The definition of messages of type `kind` (`package/msg/Name`), or why there is none and what to do.
+def definition_of(kind: str, own: Mapping[str, tuple[str, str]], distribution: str) -> bytes:
+    """The definition of messages of type `kind` (`package/msg/Name`); InputError if there is none.
 
     own: encoding and text by type, as bags have them since ROS 2 Iron. `rosbags` has those of the standard types.
     """
@@ -313,26 +308,26 @@ def definition_of(kind: str, own: Mapping[str, tuple[str, str]], distribution: s
     )
     encoding, text = own.get(kind, ("", ""))
     if encoding == "ros2msg" and text.strip():
-        return text.encode(), ""
+        return text.encode()
     if encoding == "ros2idl" and text.strip():
-        return b"", f"type '{kind}' is defined in IDL, which is not read; {convert}"
+        raise InputError(f"type '{kind}' is defined in IDL, which is not read; {convert}")
     lacking = f"the bag has no definition of type '{kind}'"
     try:
         library = optional_module("rosbags.typesys", "ros", "a bag without definitions of its messages")
     except InputError as error:
-        return b"", f"{lacking}: {error}"
+        raise InputError(f"{lacking}: {error}") from error
     found = {}
     for name in (one.name for one in library.Stores if one.name.startswith("ROS2_")):
         store = library.get_typestore(library.Stores[name])
         if kind in store.types:
-            found[name] = str(store.generate_msgdef(kind, ros_version=2)[0])
-    own_distribution = f"ROS2_{distribution.upper()}"
+            found[name] = str(store.generate_msgdef(kind, ros_version=2)[0]).encode()
     if not found:
-        return b"", f"{lacking}, which is no standard one; {convert}"
-    types = {repr(message_type(Schema(0, one.encode(), "", kind), ros1=False)) for one in found.values()}
-    if own_distribution not in found and len(types) > 1:
-        return b"", f"{lacking}, which differs between the distributions of ROS 2; {convert}"
-    return found.get(own_distribution, next(iter(found.values()))).encode(), ""
+        raise InputError(f"{lacking}, which is no standard one; {convert}")
+    recorded = found.get(f"ROS2_{distribution.upper()}")
+    types = {repr(message_type(Schema(0, one, "", kind), ros1=False)) for one in found.values()}
+    if recorded is None and len(types) > 1:
+        raise InputError(f"{lacking}, which differs between the distributions of ROS 2; {convert}")
+    return recorded or next(iter(found.values()))
 
 
 def folder_format(folder: Path) -> str:

@@ -23,7 +23,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.formats import csv_table
 from osl_analysis.formats.gait_text import read_opensim
 from osl_analysis.formats.json_lines import JsonLines, addresses_of, decode_lines, read_json_lines
-from osl_analysis.formats.mat import find, no_variable, open_mat, parsed, vector
+from osl_analysis.formats.mat import open_mat
 from osl_analysis.formats.message_fields import Columns, Indices
 from osl_analysis.formats.messages import Decoded, MessageFile, RefusedFileError, WrongFieldError, decode_topics
 from osl_analysis.formats.rosbag import siblings
@@ -350,16 +350,9 @@ def nanoseconds(table: Table, parts: Sequence[str], what: str, remedy: str) -> N
 
 
 def mat_tables(path: Path, source: Source) -> Tables:
-    file, vectors = open_mat(path), dict[str, NDArray[Any]]()
-    part = parsed(source.log_part) if source.log_part else None
-    addresses = {
-        text: parsed(text, inside=part is not None and not text.startswith("/")).below(part) for text in wanted(source)
-    }
-    variables = file.read({address.variable for address in addresses.values()})
-    for text, address in addresses.items():
-        if address.variable not in file.names and not source.log_part:
-            raise no_variable(file, address)
-        vectors[text] = vector(address, find(variables, file.names, address))
+    file = open_mat(path)
+    signals = file.signals(wanted(source), source.log_part)
+    vectors = {text: values for text, (_, values) in signals.items()}
     reference = source.time.name or next(iter(vectors))
     for text, values in vectors.items():
         if values.size != vectors[reference].size:
@@ -368,7 +361,7 @@ def mat_tables(path: Path, source: Source) -> Tables:
                 "one recording, or cut them to one length in MATLAB"
             )
     facts = {"version": file.version, "header": file.header, "log_part": source.log_part}
-    found = {text: {"variable": address.text} for text, address in addresses.items()}
+    found = {text: {"variable": address} for text, (address, _) in signals.items()}
     return [(0.0, Table(vectors[reference].size, vectors, facts=facts, found=found, noun="sample"))]
 
 

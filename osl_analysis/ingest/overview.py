@@ -22,7 +22,7 @@ from osl_analysis.formats.gait_text import read_opensim, read_sections, read_trc
 from osl_analysis.formats.json_lines import MOST_ELEMENTS, addresses_of, decode_lines, read_json_lines
 from osl_analysis.formats.mat import Value, open_mat
 from osl_analysis.formats.message_fields import FieldDescription, describe_message, last_name
-from osl_analysis.formats.messages import ChannelSurvey, MessageFile, survey_channels
+from osl_analysis.formats.messages import ChannelLog, MessageFile, read_channels
 from osl_analysis.formats.tdms import read_tdms
 from osl_analysis.ingest import logs
 from osl_analysis.ingest.captures import analog_rates, plate_count, plate_loads, plate_parameter, vertical_axis
@@ -446,7 +446,7 @@ ROS_UNITS = {
 def inspect_messages(name: str, opened: Callable[[Path], MessageFile], path: Path) -> Overview:
     """Topics with schema, encoding, rate and gaps by log time, every field of each, and what is damaged."""
     file = opened(path)
-    surveys, remarks = survey_channels(file), list(file.damage.all_remarks())
+    surveys, remarks = read_channels(file), list(file.damage.all_remarks())
     for survey in surveys:
         table = pl.DataFrame({"stamp": survey.log_time, "message": np.arange(survey.log_time.size)})
         try:  # what ingest will say of a channel's log times, if they go back
@@ -473,7 +473,7 @@ def inspect_messages(name: str, opened: Callable[[Path], MessageFile], path: Pat
     return Overview(name, facts, channels, remarks, {"clock": "master", "time": {"source": source}})
 
 
-def topic_channels(survey: ChannelSurvey, fields: Sequence[FieldDescription]) -> Iterator[RecordedChannel]:
+def topic_channels(survey: ChannelLog, fields: Sequence[FieldDescription]) -> Iterator[RecordedChannel]:
     """A topic's numbers, one by one as a source file names them; the topic alone where there are none."""
     topic, kind, units, most = survey.channel.topic, survey.channel.message_encoding, dict[str, str](), 500
     if survey.schema:

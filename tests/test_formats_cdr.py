@@ -185,7 +185,7 @@ def test_a_message_or_a_schema_that_cannot_be_read_is_refused_by_name(schema: st
 def test_a_message_with_more_than_its_schema_describes_is_refused_and_padding_is_not() -> None:
     kind = kind_of("float64 a")
     for padding in (b"\xff", b"\xff" * 3, bytes(4), bytes(7)):  # to four bytes with any content, to eight with zeros
-        assert shape_of(kind, ONE + padding).leaves["a"].offset == 4
+        assert shape_of(kind, ONE + padding).leaves["a"][0] == 4
     for more in (b"\0\0\0\1", struct.pack("<d", 2.0), bytes(8)):
         with pytest.raises(InputError, match=f"a message of {12 + len(more)} bytes has {len(more)} more than its"):
             shape_of(kind, ONE + more)

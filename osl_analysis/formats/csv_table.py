@@ -5,6 +5,7 @@ import math
 import re
 from collections import Counter
 from collections.abc import Collection, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -177,28 +178,23 @@ def places_of(name: str, names: Sequence[str]) -> list[int]:
 
 def read_csv_table(path: Path, layout: CsvLayout) -> CsvTable:
     """The rows of a log in CSV; InputError if it has no header, or rows that the layout does not allow."""
-    # lines that are all alike below the first ones are split by polars, in an eighth of the time and of the memory
     lines = read_lines(path)
-    head, below = lines[:200], [text for _, text in lines[200:]]
-    try:
-        table = table_of(head, layout) if below else None
-    except InputError:  # the whole file tells what is wrong
-        table = None
-    if table is None or table.notes or table.delimiter == " ":
-        return table_of(lines, layout)
-    sign, between = table.delimiter, len(table.names) - 1
-    for text in below:
-        odd = '"' in text or (layout.comment and layout.comment in text)
-        if odd or text.count(sign) != between or len(text) <= between:
-            return table_of(lines, layout)
-    body = "\n".join(below).encode()
-    rest = pl.read_csv(body, has_header=False, separator=sign, quote_char=None, infer_schema=False)
-    rest = rest.with_columns(pl.all().fill_null("").str.strip_chars())
-    rest.columns = table.body.columns
-    if rest.select(pl.all_horizontal(pl.all() == "").any()).item():
-        return table_of(lines, layout)
-    numbered = np.concatenate([table.lines, [line for line, _ in lines[200:]]])
-    return replace(table, lines=numbered, body=pl.concat([table.body, rest]))
+    below = [text for _, text in lines[200:]]
+    # lines that are all alike below the first ones are split by polars, in an eighth of the time and of the memory
+    with suppress(InputError):  # the whole file tells what is wrong
+        table = table_of(lines[:200] if below else [], layout)
+        sign, between = table.delimiter, len(table.names) - 1
+        odd = ['"', *[layout.comment] * bool(layout.comment)]
+        alike = (text.count(sign) == between < len(text) and not any(one in text for one in odd) for text in below)
+        if not table.notes and sign != " " and all(alike):
+            body = "\n".join(below).encode()
+            rest = pl.read_csv(body, has_header=False, separator=sign, quote_char=None, infer_schema=False)
+            rest = rest.with_columns(pl.all().fill_null("").str.strip_chars())
+            rest.columns = table.body.columns
+            if not rest.select(pl.all_horizontal(pl.all() == "").any()).item():
+                numbered = np.concatenate([table.lines, [line for line, _ in lines[200:]]])
+                return replace(table, lines=numbered, body=pl.concat([table.body, rest]))
+    return table_of(lines, layout)
 
 
 def table_of(lines: TextLines, layout: CsvLayout) -> CsvTable:

@@ -42,14 +42,8 @@ class DamagedChunkError(Exception):
     """The chunk cannot be read, or does not hold what was written. The message completes the sentence "it ..."."""
 
 
-class Walk(NamedTuple):
-    """The records that follow each other in a buffer."""
-
-    block: MessageBlock
-    places: Indices  # where the records of the messages begin [bytes]
-    others: list[tuple[int, bytes]]  # opcode and content of the schemas and channels among them
-    end: int  # end of the walk [bytes]: the end of the buffer, or the first bytes that are not a record
-    unknown: int  # records of opcodes that the format does not define, which were skipped
+# the messages of a stretch of a file, and opcode and content of the schemas and channels among them
+Stretch = tuple[MessageBlock, list[tuple[int, bytes]]]
 
 
 class ChunkHead(NamedTuple):
@@ -70,7 +64,7 @@ class Section:
     end: int
     is_chunk: bool = False
     head: ChunkHead | None = None  # what a chunk declares of itself
-    walk: Walk | None = None  # the messages outside of chunks
+    loose: Stretch | None = None  # the messages outside of chunks
     places: list[Indices] = field(default_factory=list)  # of messages, by each of its message indexes
     indexed: Counter[int] = field(default_factory=Counter)  # messages of each channel that these list
 
@@ -83,7 +77,7 @@ class McapFile(MessageFile):
     sections: list[Section] = field(default_factory=list)  # the parts of the data section, in order
     data_end: int = 0  # where the data section ends; 0 until that is known
     is_data_right: bool | None = None  # by the checksum of the data section; None if there is none
-    described: list[tuple[int, bytes]] = field(default_factory=list)  # as `Walk.others`, in the summary
+    described: list[tuple[int, bytes]] = field(default_factory=list)  # schemas and channels in the summary
     chunked: bool = False
     indexed_chunks: int = 0  # how many chunks the index of chunks in the summary has; a file may have none
     summary_begin: int = 0  # where the summary begins: after the record that ends the data
@@ -96,7 +90,7 @@ class McapFile(MessageFile):
         while position < len(self.data) and not damage.finished:
             position = self.scan_record(position)
         self.data_end = self.data_end or len(self.data)
-        lost = [one for one in self.sections if one.head is None and one.walk is None]
+        lost = [one for one in self.sections if one.head is None and one.loose is None]
         if not damage.finished and lost and lost[-1].end == len(self.data):
             self.sections.remove(lost.pop())  # the record in which the file was cut off: nobody knows what it held
         damage.gaps = self.summary_damaged or self.missing != 0 or bool(lost)
@@ -129,13 +123,13 @@ class McapFile(MessageFile):
         if end <= len(data) and not self.data_end and is_disguised_chunk(data, start, end):
             opcode = Opcode.CHUNK
         if opcode in LOOSE:
-            walk = walk_records(data, position)
-            if walk.end > position:
+            stretch, _, reached, _ = walk_records(data, position)
+            if reached > position:
                 if self.data_end:
-                    self.described += walk.others
+                    self.described += stretch[1]
                 else:
-                    self.sections.append(Section(position, walk.end, walk=walk))
-                return walk.end
+                    self.sections.append(Section(position, reached, loose=stretch))
+                return reached
         if end > len(data) or not self.is_sound(opcode, start, end):
             return self.take_lost(position)
         if opcode == Opcode.CHUNK:
@@ -240,31 +234,31 @@ class McapFile(MessageFile):
         damage = self.damage
         if damage.finished and not self.summary_damaged:  # a wrong schema would be wrong values
             self.take_declarations(self.described)
-        any_lost = any(one.head is None and one.walk is None for one in self.sections)
+        any_lost = any(one.head is None and one.loose is None for one in self.sections)
         for section in self.sections:
-            walk, remark, lost = section.walk, "", section.indexed if section.places else None
+            stretch, remark, lost = section.loose, "", section.indexed if section.places else None
             if section.head is not None:
                 try:
-                    walk = self.walk_of(section, section.head)
+                    stretch = self.stretch_of(section, section.head)
                 except DamagedChunkError as error:
                     if (second := self.data.find(MAGIC + b"\1", section.start, section.end)) > 0:
                         raise two_logs(second) from error  # the chunk was cut off and reaches into another log
                     remark = f"the chunk at byte {section.start} is damaged: it {error}"
-            elif walk is None:
+            elif stretch is None:
                 what = "a damaged chunk" if section.is_chunk else "not a readable record"
                 remark = f"{section.end - section.start} bytes from byte {section.start} on are {what}"
             is_covered = self.is_data_right or bool(section.head and section.head.crc)
-            if walk is not None and self.is_data_right is False and not is_covered and not any_lost:
+            if stretch and self.is_data_right is False and not is_covered and not any_lost:
                 remark = "the checksum of the data section does not match, and no other covers byte"
-                remark, lost = f"{remark} {section.start} on", lost or walk.block.counts
-            if walk is None or remark:
+                remark, lost = f"{remark} {section.start} on", lost or stretch[0].counts
+            if stretch is None or remark:
                 damage.lose(remark, section.end - section.start, lost, int(section.is_chunk))
                 continue
-            block = walk.block
+            block, declarations = stretch
             damage.chunks += section.is_chunk
             damage.read.update(block.counts)
             damage.verified += block.starts.size if is_covered else 0
-            self.take_declarations(walk.others)
+            self.take_declarations(declarations)
             if not block.counts.keys() <= self.channels.keys():  # the content of other messages is unknown
                 known = np.isin(block.channel, list(self.channels))
                 strangers = block.channel[~known]
@@ -276,23 +270,23 @@ class McapFile(MessageFile):
         is_missed = (damage.declared_chunks or 0) > damage.chunks + damage.chunks_lost
         damage.uncounted |= damage.declared_messages is None and is_missed
 
-    def walk_of(self, section: Section, head: ChunkHead) -> Walk:
+    def stretch_of(self, section: Section, head: ChunkHead) -> Stretch:
         """The records of a chunk; raises DamagedChunkError."""
         offsets = np.sort(np.concatenate([np.empty(0, np.int64), *section.places]), kind="stable")
         content = unpacked(self.data[head.begin : head.end], head)
         if head.crc and zlib.crc32(content) != head.crc:
             raise DamagedChunkError("does not match its checksum")
-        walk = walk_records(content, 0, offsets)
-        if walk.end != len(content):
-            raise DamagedChunkError(f"holds no record at byte {walk.end} of its {len(content)} bytes")
+        stretch, places, reached, unknown = walk_records(content, 0, offsets)
+        if reached != len(content):
+            raise DamagedChunkError(f"holds no record at byte {reached} of its {len(content)} bytes")
         cut_off = section is self.sections[-1] and not self.damage.finished  # so is its index
-        if section.places and not np.array_equal(offsets, walk.places) and not cut_off:
+        if section.places and not np.array_equal(offsets, places) and not cut_off:
             self.damage.remarks.append(f"the index of the chunk at byte {section.start} is wrong; the chunk was walked")
-        lost = section.indexed - walk.block.counts if not head.crc and walk.unknown else Counter()
+        lost = section.indexed - stretch[0].counts if not head.crc and unknown else Counter()
         if lost:  # without a checksum a flipped opcode passes for a private one
             text = f"{lost.total()} messages of the chunk at byte {section.start} are records of unknown opcodes"
             self.damage.lose(text, 0, lost, 0)
-        return walk
+        return stretch
 
     def take_declarations(self, records: Sequence[tuple[int, bytes]]) -> None:
         """Take in schemas and channels; the library raises many kinds of errors on damaged bytes."""
@@ -340,10 +334,11 @@ def is_header(content: bytes) -> bool:
     return place == len(content)
 
 
-def walk_records(buffer: bytes, begin: int, listed: Indices | None = None) -> Walk:
+def walk_records(buffer: bytes, begin: int, listed: Indices | None = None) -> tuple[Stretch, Indices, int, int]:
     """Walk from record to record to what is no record; in a chunk past opcodes that the format does not define.
 
-    In a chunk, `listed` is where messages may be, in order: the walk leaps over those that follow each other.
+    In a chunk, `listed` is where messages may be, in order: the walk leaps over those that follow each other. Gives
+    also where the messages' records begin [bytes], the end of the walk, and how many unknown records were skipped.
     """
     leap, others, unknown, position, end = 0, list[tuple[int, bytes]](), 0, begin, len(buffer)
     head = np.dtype(f"V{MESSAGE.itemsize}")  # bytes are taken fastest
@@ -378,7 +373,7 @@ def walk_records(buffer: bytes, begin: int, listed: Indices | None = None) -> Wa
     channel, sequence = heads["channel"].astype(np.uint16), heads["sequence"].astype(np.uint32)
     starts = places + MESSAGE.itemsize
     block = MessageBlock(buffer, channel, sequence, logged, starts, lengths - MESSAGE_HEAD)
-    return Walk(block, places, others, position, unknown)
+    return (block, others), places, position, unknown
 
 
 def chunk_head(data: bytes, start: int, end: int) -> ChunkHead | None:

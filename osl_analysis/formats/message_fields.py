@@ -13,6 +13,7 @@ import re
 import struct
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cache
 from typing import Any, NamedTuple
@@ -24,9 +25,8 @@ from numpy.typing import NDArray
 from osl_analysis.errors import InputError
 
 Indices = NDArray[np.int64]
-Values = Mapping[
-    str, NDArray[Any]
-]  # numbers (n,) by path, in the type of the message, masked where one lacks the field
+# numbers (n,) by path, in the type of the message, masked where a message lacks the field
+Values = Mapping[str, NDArray[Any]]
 
 
 class NoNumberError(ValueError):
@@ -36,23 +36,23 @@ class NoNumberError(ValueError):
 PATH_PART = re.compile(
     r"(?P<name>[^.\[\]]+)|\[(?P<quoted>\"(?:[^\"\\]|\\.)*\")\]|\[(?P<index>\d+)\]|\[(?P<names>\w+)=(?P<one>[^\]]+)\]|\."
 )
+Step = str | int | tuple[str, str]  # a name, an index, or an array of names with the wanted one
 
 
 @cache
-def steps_of(path: str) -> tuple[tuple[str | int | tuple[str, str], str], ...]:
-    """The steps to a field (a name, an index, or an array of names with the wanted one), each with the way to it."""
-    steps: list[tuple[str | int | tuple[str, str], str]] = []
+def steps_of(path: str) -> tuple[tuple[Step, str], ...]:
+    """The steps to a field, each with the way to it."""
+    steps = list[tuple[Step, str]]()
     for part in PATH_PART.finditer(path):
-        key: str | int | tuple[str, str] | None = part["name"]
-        if part["names"] is not None:
+        key: Step | None = part["name"]
+        if part["names"]:
             key = part["names"], part["one"]
-        elif part["index"] is not None:
+        elif part["index"]:
             key = int(part["index"])
-        elif part["quoted"] is not None:
-            try:
+        elif part["quoted"]:
+            key = part["quoted"][1:-1]
+            with suppress(ValueError):  # an escape that JSON does not know stays as it was written
                 key = str(json.loads(part["quoted"]))
-            except ValueError:  # an escape that JSON does not know stays as it was written
-                key = part["quoted"][1:-1]
         if key is not None:
             steps.append((key, path[: part.start()].rstrip(".")))
     return tuple(steps)
@@ -199,12 +199,14 @@ class Reader:
         for place, column in enumerate(zip(*(numbers for _, numbers in self.found), strict=True)):
             if len({one.__class__ is bool for one in column if one is not None}) > 1:
                 mixed.append(place)
-        lost = [(row, place) for row, numbers in self.found for place in mixed if numbers[place].__class__ is bool]
-        sound = [one for one in self.found if one[0] not in {row for row, _ in lost}] if lost else self.found
-        if lost and not self.misfit:
-            (row, place), by_row = lost[0], dict(self.found)
-            value = str(by_row[row][place]).lower()
-            self.misfit = f"field '{self.paths[place]}' is {value}, not a number as elsewhere, in {self.place(row)}"
+        sound = []
+        for row, numbers in self.found:
+            wrong = [place for place in mixed if numbers[place].__class__ is bool]
+            if not wrong:
+                sound.append((row, numbers))
+            elif not self.misfit:
+                what = f"field '{self.paths[wrong[0]]}' is {str(numbers[wrong[0]]).lower()}"
+                self.misfit = f"{what}, not a number as elsewhere, in {self.place(row)}"
         if sound:
             columns = map(masked_numbers, zip(*(numbers for _, numbers in sound), strict=True))
             parts = [(np.array([row for row, _ in sound]), dict(zip(self.paths, columns, strict=True)))]
@@ -219,46 +221,32 @@ class Reader:
 
 def masked_numbers(column: Sequence[float | bool | None]) -> NDArray[Any]:
     """Numbers, masked where there is none; whole ones in the type that holds them exactly, if one does."""
-    known = [0 if one is None else one for one in column]
+    known, mask = [0 if one is None else one for one in column], [one is None for one in column]
     kinds = {one.__class__ for one in column if one is not None}
-    kind: Any = np.float64 if kinds - {bool} else bool
-    if kinds == {int}:
-        sound = (
-            one for one in (np.int64, np.uint64) if np.iinfo(one).min <= min(known) <= max(known) <= np.iinfo(one).max
-        )
-        kind = next(sound, np.float64)
-    return np.ma.array(np.array(known, kind), mask=[one is None for one in column])
+    for kind in (np.int64, np.uint64) if kinds == {int} else ():
+        with suppress(OverflowError):
+            return np.ma.array(np.array(known, kind), mask=mask)
+    return np.ma.array(np.array(known, np.float64 if kinds - {bool} else bool), mask=mask)
 
 
 NOT_DEFINED = "not defined"  # key in a channel's metadata: why the channel has no schema, and what to do
 
 
-def check_encoding(channel: Channel, schema: Schema | None) -> None:
+def kind_of(channel: Channel, schema: Schema | None) -> "MessageType | Callable[[bytes], Any]":
+    """The type of a channel's messages of ROS, or what makes objects of others; InputError if they cannot be read."""
     encoding = (channel.message_encoding, schema.encoding if schema else "no schema")
     if NOT_DEFINED in channel.metadata:
         raise InputError(f"topic '{channel.topic}': {channel.metadata[NOT_DEFINED]}")
-    known = (("cdr", "ros2msg"), ("ros1", "ros1msg"), ("protobuf", "protobuf"))
-    if encoding not in known and channel.message_encoding != "json":
+    if encoding[0] == "json":
+        return json_object
+    if schema is None or encoding not in (("cdr", "ros2msg"), ("ros1", "ros1msg"), ("protobuf", "protobuf")):
         raise InputError(
             f"topic '{channel.topic}' is encoded as {encoding[0]} ({encoding[1]}); read are cdr (ros2msg), ros1 "
             "(ros1msg), protobuf (protobuf) and json: convert the log"
         )
-
-
-def kind_of(channel: Channel, schema: Schema | None) -> "MessageType | Callable[[bytes], Any]":
-    """The type of a channel's messages of ROS, or what makes objects of others; InputError if the schema is damaged."""
-    if channel.message_encoding == "json" or schema is None:
-        return json_object
-    if channel.message_encoding == "protobuf":
-        return protobuf_decoder(schema)
-    return message_type(schema, ros1=channel.message_encoding == "ros1")
-
-
-def reader_of(channel: Channel, schema: Schema | None, paths: Sequence[str]) -> Reader:
-    """A reader of the fields at `paths`; InputError if the channel's encoding or schema cannot be read."""
-    check_encoding(channel, schema)
     try:
-        return Reader(paths, kind_of(channel, schema))
+        is_ros = encoding[0] != "protobuf"
+        return message_type(schema, ros1=encoding[0] == "ros1") if is_ros else protobuf_decoder(schema)
     except InputError as error:
         raise InputError(
             f"topic '{channel.topic}': {str(error).replace('; ', ', ')}; record again with the definitions that its "
@@ -267,8 +255,7 @@ def reader_of(channel: Channel, schema: Schema | None, paths: Sequence[str]) -> 
 
 
 def describe_message(channel: Channel, schema: Schema | None, payload: bytes | None) -> list[FieldDescription]:
-    """The fields of a channel's message; without a message, the fields of its schema. ValueError as `reader_of`."""
-    check_encoding(channel, schema)
+    """The fields of a channel's message, or without one of its schema; ValueError if they cannot be told."""
     kind = kind_of(channel, schema)
     if not isinstance(kind, MessageType):
         no_schema = payload is None and kind is json_object
@@ -276,10 +263,10 @@ def describe_message(channel: Channel, schema: Schema | None, payload: bytes | N
     shape = shape_of(kind, payload)
     texts: dict[str, list[str]] = defaultdict(list)
     for path, (_, text) in shape.texts.items():
-        texts[path.rpartition("[")[0]].append(text)
+        texts[path.rpartition("[")[0]].append(as_text(text))
     return [
-        FieldDescription(path, np.dtype(leaf.dtype).name, leaf.length, labels_of(path, leaf.length, texts) or ["0"])
-        for path, leaf in shape.leaves.items()
+        FieldDescription(path, np.dtype(spelled).name, length, labels_of(path, length, texts) or ["0"])
+        for path, (_, spelled, length) in shape.leaves.items()
         if not re.search(r"\[(?!0\])\d+\]", path)  # of an array of messages the first one tells
     ]
 
@@ -317,7 +304,7 @@ def message_type(schema: Schema, *, ros1: bool) -> MessageType:
     known = (*PRIMITIVES, "string", "wstring")
     stamp: list[MessageField] = [("sec", "int32", None), ("nanosec", "uint32", None)]
     definitions = {"builtin_interfaces/Time": stamp, "builtin_interfaces/Duration": stamp}
-    for name, seconds in (("ros1/Time", "uint32"), ("ros1/Duration", "int32")) if ros1 else ():
+    for name, seconds in (("ros1/Time", "uint32"), ("ros1/Duration", "int32")):
         definitions[name] = [("secs", seconds, None), ("nsecs", seconds, None)]
     text = schema.data.decode(errors="replace")
     for number, part in enumerate(re.split(r"^={3,}\s*$", text, flags=re.MULTILINE)):
@@ -348,63 +335,60 @@ def message_type(schema: Schema, *, ros1: bool) -> MessageType:
     return MessageType(short_name(schema.name), definitions, ros1)
 
 
-class Leaf(NamedTuple):
-    """A number, or an array of numbers, in the messages of one shape."""
-
-    offset: int  # first byte in the message
-    dtype: str  # type of the number in numpy's spelling, with its byte order; `?` for a bool
-    length: int | None = None  # length of the array; None for a single number
+# first byte in the message, type of the number in numpy's spelling (`?` for a bool), and length of an array, or None
+Leaf = tuple[int, str, int | None]
 
 
 @dataclass
 class Shape:
     """Where the numbers of a message are, and how to read those of its likes."""
 
-    payload: bytes  # the message
-    leaves: dict[str, Leaf] = field(default_factory=dict)  # its numbers by path
-    texts: dict[str, tuple[slice, str]] = field(default_factory=dict)  # strings in arrays: extent and text, by path
-    guards: list[slice] = field(default_factory=list)  # extents of the bytes that another message must share
+    leaves: dict[str, Leaf] = field(default_factory=dict)  # its numbers, and arrays of numbers, by path
+    texts: dict[str, tuple[int, bytes]] = field(default_factory=dict)  # place and bytes of strings in arrays, by path
+    guards: list[tuple[int, bytes]] = field(default_factory=list)  # places and bytes that another message must share
     wanted: dict[str, Leaf] = field(default_factory=dict)  # the numbers to read, by path
 
     def leaf_at(self, path: str) -> Leaf | None:
         """The single number at `path`; None where the message lacks the field or its array is too short."""
         leaf = self.leaves.get(path)
-        if leaf is not None and leaf.length is not None:
-            raise NoNumberError(f"field '{path}' is an array of {leaf.length}, not one number")
+        if leaf is not None and leaf[2] is not None:
+            raise NoNumberError(f"field '{path}' is an array of {leaf[2]}, not one number")
         if leaf is not None or not steps_of(path):
             return leaf
         key, way = steps_of(path)[-1]
         if isinstance(key, tuple):
             names = f"{way.rpartition('.')[0]}.{key[0]}[".removeprefix(".")
             for text in [one for one in self.texts if one.startswith(names)]:
-                self.guards.append(self.texts[text][0])  # in another message this element may have another name
-                if self.texts[text][1] == key[1]:
+                self.guards.append(self.texts[text])  # in another message this element may have another name
+                if as_text(self.texts[text][1]) == key[1]:
                     return self.leaf_at(f"{way}[{text.removeprefix(names)}")
-        array = self.leaves.get(way)
-        if not isinstance(key, int) or array is None or array.length is None or key >= array.length:
+        start, kind, length = self.leaves.get(way, (0, "u1", None))
+        if not isinstance(key, int) or key >= (length or 0):
             return None
-        return Leaf(array.offset + key * np.dtype(array.dtype).itemsize, array.dtype)
+        return start + key * np.dtype(kind).itemsize, kind, None
 
     def fits(self, buffer: bytes, starts: Indices) -> NDArray[np.bool_]:
         """Which messages of this length, that begin at `starts` [bytes], have this shape, (messages,)."""
         same = np.ones(starts.size, bool)
-        for guard in self.guards:
-            length = guard.stop - guard.start
-            kind = np.dtype({2: "u2", 4: "u4"}.get(length, f"S{length}"))
-            if length:
-                same &= numbers_at(buffer, starts + guard.start, kind) == np.frombuffer(
-                    self.payload, kind, 1, guard.start
-                )
+        for place, shared in self.guards:
+            kind = np.dtype({2: "u2", 4: "u4"}.get(len(shared), f"S{len(shared)}"))
+            if shared:
+                same &= numbers_at(buffer, starts + place, kind) == np.frombuffer(shared, kind)
         return same
 
     def read(self, buffer: bytes, starts: Indices) -> Values:
         """The wanted numbers of messages of this shape."""
         values = {}
-        for path, leaf in self.wanted.items():
-            kind = np.dtype(leaf.dtype.replace("?", "u1"))
-            native = numbers_at(buffer, starts + leaf.offset, kind).astype(kind.newbyteorder("="))
-            values[path] = native != 0 if "?" in leaf.dtype else native
+        for path, (place, spelled, _) in self.wanted.items():
+            kind = np.dtype(spelled.replace("?", "u1"))
+            native = numbers_at(buffer, starts + place, kind).astype(kind.newbyteorder("="))
+            values[path] = native != 0 if "?" in spelled else native
         return values
+
+
+def as_text(string: bytes) -> str:
+    """A string of a message, without the zeros at its end."""
+    return string.rstrip(b"\0").decode(errors="replace")
 
 
 def shape_of(kind: MessageType, payload: bytes | None, paths: Sequence[str] = ()) -> Shape:
@@ -416,7 +400,7 @@ def shape_of(kind: MessageType, payload: bytes | None, paths: Sequence[str] = ()
     data = bytes((0, not kind.ros1)) + bytes(1 << 16) if payload is None else payload
     if not kind.ros1 and (len(data) < 4 or data[0] != 0 or data[1] > 1):
         raise InputError(f"encapsulation {data[:4].hex()} is not plain CDR; record with the default encoding")
-    order, position, shape = "<" if kind.ros1 or data[1] else ">", begin, Shape(data, guards=[slice(0, begin // 2)])
+    order, position, shape = "<" if kind.ros1 or data[1] else ">", begin, Shape(guards=[(0, data[: begin // 2])])
     too_short = InputError(f"a message of {len(data)} bytes is too short for its schema; the schema is not its own")
 
     def align(size: int) -> None:
@@ -427,11 +411,12 @@ def shape_of(kind: MessageType, payload: bytes | None, paths: Sequence[str] = ()
         """Read the length of a string or a sequence; its bytes become guards."""
         nonlocal position
         align(4)
-        if position + 4 > len(data):
+        told = data[position : position + 4]
+        if len(told) < 4:
             raise too_short
+        shape.guards.append((position, told))
         position += 4
-        shape.guards.append(slice(position - 4, position))
-        return int(struct.unpack_from(f"{order}I", data, position - 4)[0])
+        return int(struct.unpack(f"{order}I", told)[0])
 
     def walk(name: str, prefix: str) -> None:
         nonlocal position
@@ -445,9 +430,8 @@ def shape_of(kind: MessageType, payload: bytes | None, paths: Sequence[str] = ()
             if array is not None and count * size > len(data) - position:
                 raise too_short  # a damaged length would make a loop without end
             if number:
-                if count:
-                    align(size)
-                shape.leaves[path] = Leaf(position, order + number, None if array is None else count)
+                align(size if count else 1)
+                shape.leaves[path] = position, order + number, None if array is None else count
                 position += count * size
                 continue
             for own in [path] if array is None else [f"{path}[{index}]" for index in range(count)]:
@@ -456,8 +440,7 @@ def shape_of(kind: MessageType, payload: bytes | None, paths: Sequence[str] = ()
                     continue
                 size = length()
                 if array is not None:
-                    text = data[position : position + size].rstrip(b"\0").decode(errors="replace")
-                    shape.texts[own] = slice(position, position + size), text
+                    shape.texts[own] = position, data[position : position + size]
                 position += size
 
     walk(kind.name, "")
@@ -477,7 +460,7 @@ def shape_of(kind: MessageType, payload: bytes | None, paths: Sequence[str] = ()
             "own: record the log again with the definitions that its publisher was built with"
         )
     if len(left) > 3:  # to eight bytes, of zeros
-        shape.guards.append(slice(position, len(data)))
+        shape.guards.append((position, left))
     shape.wanted = {path: leaf for path in paths if (leaf := shape.leaf_at(path))}
     return shape
 

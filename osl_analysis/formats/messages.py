@@ -23,7 +23,7 @@ from osl_analysis.formats.message_fields import (
     Reader,
     Values,
     describe_message,
-    reader_of,
+    kind_of,
 )
 
 
@@ -301,7 +301,7 @@ def read_channels(file: MessageFile, wanted: Mapping[str, Sequence[str]] | None 
                 continue
             if number not in logs:
                 schema = file.schemas.get(channel.schema_id)
-                reader = reader_of(channel, schema, [*dict.fromkeys(wanted[channel.topic])]) if wanted else None
+                reader = Reader([*dict.fromkeys(wanted[channel.topic])], kind_of(channel, schema)) if wanted else None
                 logs[number] = ChannelLog(channel, schema, reader)
             one, mine = logs[number], block.only(block.channel == number)
             one.first = mine.first() if one.first is None else one.first

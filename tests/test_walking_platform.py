@@ -228,7 +228,7 @@ def tracks_of(count: int, seed: int, slower: float = 0.0) -> tuple[list[Platform
     for k, onset in enumerate(onsets):
         moved = 0.04 * np.outer(step(time, onset, 0.1 * (1 + slower * (k % 2)))[0], [0.6, 0, 0.8, 0, 0, 0])
         seen = moved + random.normal(0, 1e-4, moved.shape)
-        tracks.append(PlatformTrack(f"w{k}", time, PLATFORM, seen, low_pass(seen, RATE), low_pass, 1e-4))
+        tracks.append(PlatformTrack(f"w{k}", time, PLATFORM, seen, low_pass, 1e-4))
     return tracks, onsets
 
 

@@ -20,9 +20,8 @@ from osl_analysis.judge.doubts import DOUBTFUL, EXCLUDED, doubtful_row, marked
 from osl_analysis.judge.table import Doubt
 from osl_analysis.refusal import check_not_refused
 from osl_analysis.table import MEASURED, Places, read_table, with_places, write_table
-from osl_analysis.trial import NAME_KEY, PROVENANCE_KEY, Array, Trial, read_trial, write_trial
+from osl_analysis.trial import NAME_KEY, PROVENANCE_KEY, Array, Trial, metadata_of, read_trial, write_trial
 from osl_analysis.walking import bodies, tables
-from osl_analysis.walking import settings as choices
 from osl_analysis.walking.bodies import StaticCalibration
 from osl_analysis.walking.crossing import Crossing, RefusedCrossing, analyse_crossing, body_mass
 from osl_analysis.walking.gait import PHASES, UnperturbedGait, unperturbed_gait
@@ -31,6 +30,17 @@ from osl_analysis.walking.overground import overground_rows
 from osl_analysis.walking.plate import NO_CORRECTION, NOT_REMOVED, PlateModel, identify_plate_model, plate_table
 from osl_analysis.walking.platform import ALONE, PlatformModel, identify_platform, platform_table
 from osl_analysis.walking.response import group_headline
+from osl_analysis.walking.settings import (
+    CalibrationSettings,
+    CrossingSettings,
+    EnsembleSettings,
+    OvergroundAnalysis,
+    PlateModelSettings,
+    PlatformMotionSettings,
+    ResponseSettings,
+    SelectionSettings,
+    UnperturbedSettings,
+)
 
 CROSSING_SIGNALS = ("theta", "torque", "platform")
 LOADS = ("load", "pressure_left")  # vertical force [N] on the foot, centre of pressure [m] to the left of the ankle
@@ -39,8 +49,15 @@ PLATE_ERRORS = pl.col(f"^{PLATE_ERROR}.*$")
 EVENTS = ("stance", "onset", "bridged", "quality", "turn", "body_mass")  # in the provenance of a crossing's file
 # The step that writes each model
 WRITTEN_BY = {StaticCalibration: "calibrate", PlateModel: "identify-plate", PlatformModel: "measure-platform"}
+TOO_FEW = "perturbations can be used, expected 2 or more for a scatter; see the reasons in"
+NO_GAIT = (
+    "no mean unperturbed gait under the same conditions: fewer unperturbed crossings than fewest_unperturbed are used; "
+    "record more, or leave the condition empty in the sheet where unperturbed crossings serve every value"
+)
 Built = TypeVar("Built")
+Paths = Sequence[Path]
 Statics = Mapping[str, str]  # The static trial of each trial, which names the file of its calibration
+Conditions = Mapping[str, Mapping[str, Any]]  # Cells of the sheet of each crossing
 
 
 def write_model(model: Any, path: Path) -> None:
@@ -60,10 +77,9 @@ def read_model(path: Path, kind: type[Built]) -> Built:
         content = json.loads(path.read_text(encoding="utf-8"))
     except (json.JSONDecodeError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: not JSON ({error}); delete it and {step}") from error
-    needed = (one.name for one in fields(kind) if one.default is MISSING)  # type: ignore[arg-type]
-    absent = [name for name in needed if not isinstance(content, dict) or name not in content]
-    if absent:
-        raise InputError(f"{path}: no field '{absent[0]}'; delete it and {step}")
+    for one in fields(kind):  # type: ignore[arg-type]
+        if one.default is MISSING and (not isinstance(content, dict) or one.name not in content):
+            raise InputError(f"{path}: no field '{one.name}'; delete it and {step}")
     model: Built = built(kind, content)
     return model
 
@@ -96,12 +112,10 @@ def write_crossing(crossing: Crossing, path: Path) -> None:
 
 def write_refusal(refused: RefusedCrossing, path: Path) -> None:
     """Write a crossing's file without rows, with the reason in its provenance, so that other crossings are analysed."""
-    reason = {"refused": refused.reason, "perturbed": refused.perturbed}
-    metadata = {NAME_KEY: refused.name, PROVENANCE_KEY: json.dumps(reason)}
+    reason = json.dumps({"refused": refused.reason, "perturbed": refused.perturbed})
+    empty = pl.DataFrame(schema=dict.fromkeys(("time", "phase", *CROSSING_SIGNALS), pl.Float64))
     with atomic_path(path) as temporary:
-        pl.DataFrame(schema=dict.fromkeys(("time", "phase", *CROSSING_SIGNALS), pl.Float64)).write_parquet(
-            temporary, metadata=metadata
-        )
+        empty.write_parquet(temporary, metadata={NAME_KEY: refused.name, PROVENANCE_KEY: reason})
 
 
 def read_crossing(path: Path) -> Crossing:
@@ -114,14 +128,9 @@ def read_crossing(path: Path) -> Crossing:
 
 def read_crossing_file(path: Path) -> Crossing | RefusedCrossing:
     """Read what `write_crossing` or `write_refusal` wrote."""
-    if path.is_file():
-        try:
-            metadata = pl.read_parquet_metadata(path)
-        except (pl.exceptions.PolarsError, OSError):
-            metadata = {}
-        facts = json.loads(metadata.get(PROVENANCE_KEY, "{}"))
-        if "refused" in facts:
-            return RefusedCrossing(metadata[NAME_KEY], facts["perturbed"], facts["refused"])
+    name, facts = metadata_of(path)
+    if "refused" in facts:
+        return RefusedCrossing(name, facts["perturbed"], facts["refused"])
     trial, types = read_trial(path), get_type_hints(Crossing)
     if "stance" not in trial.provenance:
         raise InputError(f"{path}: a trial without events; run the step 'analyse' and use its crossing")
@@ -160,9 +169,7 @@ def read_unperturbed_gaits(path: Path) -> dict[str, UnperturbedGait]:
     return gaits
 
 
-def calibrate(
-    trial: Path, motion: Sequence[Path], settings: choices.CalibrationSettings, output: Path, comparison: Path
-) -> None:
+def calibrate(trial: Path, motion: Paths, settings: CalibrationSettings, output: Path, comparison: Path) -> None:
     """Marker clusters, ankle centre and axis of the static trial, to a JSON file. The functional hinge of the trials
     `motion` is compared with the anatomical axis in the table `comparison`, and replaces it if the settings say so."""
     standing, markers = read_trial(trial), settings.markers
@@ -187,9 +194,7 @@ def calibrate(
     write_model(static, output)
 
 
-def calibrated_trials(
-    trials: Sequence[Path], calibrations: Sequence[Path], statics: Statics
-) -> list[tuple[Trial, StaticCalibration]]:
+def calibrated_trials(trials: Paths, calibrations: Paths, statics: Statics) -> list[tuple[Trial, StaticCalibration]]:
     """The trials that have a calibration, each with its own."""
     read = {path.stem: read_model(path, StaticCalibration) for path in calibrations}
     own = {trial: read[static] for trial, static in statics.items() if static in read}
@@ -197,12 +202,7 @@ def calibrated_trials(
 
 
 def identify_plate(
-    trials: Sequence[Path],
-    calibrations: Sequence[Path],
-    statics: Statics,
-    settings: choices.PlateModelSettings,
-    output: Path,
-    comparison: Path,
+    trials: Paths, calibrations: Paths, statics: Statics, settings: PlateModelSettings, output: Path, comparison: Path
 ) -> None:
     """The plate's inertia and lag from trials of the unloaded plate, to a JSON file. The table `comparison` shows the
     unloaded plate's wrench before and after both are removed. A warning says so where the settings remove nothing."""
@@ -218,10 +218,10 @@ def identify_plate(
 
 
 def measure_platform(
-    trials: Sequence[Path],
-    calibrations: Sequence[Path],
+    trials: Paths,
+    calibrations: Paths,
     statics: Statics,
-    settings: choices.PlatformMotionSettings,
+    settings: PlatformMotionSettings,
     output: Path,
     comparison: Path,
     places: Places | None = None,
@@ -238,7 +238,7 @@ def analyse(
     calibration: Path,
     plate: Path,
     perturbed: bool,
-    settings: choices.CrossingSettings,
+    settings: CrossingSettings,
     output: Path,
     direction: str | None = None,
     body_mass_kg: float | None = None,
@@ -265,19 +265,12 @@ def analyse(
         write_crossing(crossing, output)
 
 
-TOO_FEW = "perturbations can be used, expected 2 or more for a scatter; see the reasons in"
-NO_GAIT = (
-    "no mean unperturbed gait under the same conditions: fewer unperturbed crossings than fewest_unperturbed are used; "
-    "record more, or leave the condition empty in the sheet where unperturbed crossings serve every value"
-)
-
-
 def group_result(
     fact: dict[str, Any],
     own: pl.DataFrame,
     files: Mapping[str, Path],
     gait: UnperturbedGait | None,
-    settings: choices.EnsembleSettings,
+    settings: EnsembleSettings,
 ) -> tuple[list[dict[str, Any]], dict[str, Any], pl.DataFrame | None]:
     """Rows of `walking_summary.csv` of a group, its row of `walking_groups.csv`, which begins as `fact`, and its
     responses. Without a result: rows with the reason, None, and a warning. `own` are its rows of `walking.csv`."""
@@ -302,10 +295,10 @@ def group_result(
 
 
 def select_crossings(
-    crossings: Sequence[Path],
-    settings: choices.SelectionSettings,
+    crossings: Paths,
+    settings: SelectionSettings,
     output: Path,
-    sheet: Mapping[str, Mapping[str, Any]] | None = None,
+    sheet: Conditions | None = None,
     places: Places | None = None,
 ) -> None:
     """One row per crossing, in the order of the files: quality, group and, if it is excluded, the reason; joint and
@@ -333,9 +326,7 @@ def select_crossings(
     write_table(on_the_walkway(table, places), output)
 
 
-def average_unperturbed(
-    crossings: Sequence[Path], selection: Path, settings: choices.UnperturbedSettings, output: Path
-) -> None:
+def average_unperturbed(crossings: Paths, selection: Path, settings: UnperturbedSettings, output: Path) -> None:
     """The unperturbed crossings that the table `selection` does not exclude, on a common grid of stance phase, by gait,
     to a Parquet file. A gait with too few of them is left out with a warning."""
     unperturbed = [crossing for crossing in selected_crossings(crossings, selection) if crossing.onset is None]
@@ -368,7 +359,7 @@ def average_unperturbed(
 
 
 def fit_perturbation(
-    crossing: Path, selection: Path, unperturbed: Path, settings: choices.ResponseSettings, output: Path
+    crossing: Path, selection: Path, unperturbed: Path, settings: ResponseSettings, output: Path
 ) -> None:
     """The row of `walking.csv` of one perturbed crossing: Eq. 15, or the reason why it is excluded or has no fit."""
     gaits, columns = read_unperturbed_gaits(unperturbed), ("reason", "gait", "group", "direction")
@@ -390,15 +381,15 @@ def fit_perturbation(
 def summarise_perturbations(
     *,
     table: Path,
-    crossings: Sequence[Path],
+    crossings: Paths,
     selection: Path,
     unperturbed: Path,
-    settings: choices.EnsembleSettings,
+    settings: EnsembleSettings,
     output: Path,
     responses: Path,
     excluded: Path,
     groups: Path,
-    sheet: Mapping[str, Mapping[str, Any]] | None = None,
+    sheet: Conditions | None = None,
     limits: Doubt | None = None,
     places: Places | None = None,
 ) -> None:
@@ -437,21 +428,21 @@ def summarise_perturbations(
     write_table(on_the_walkway(pl.concat(curves), sides, "group"), responses)
 
 
-def selected_crossings(crossings: Sequence[Path], selection: Path) -> list[Crossing]:
+def selected_crossings(crossings: Paths, selection: Path) -> list[Crossing]:
     """The crossings that the table `selection` does not exclude."""
     excluded = read_table(selection, ["trial", "reason"]).drop_nulls("reason")["trial"].to_list()
     return [read_crossing(path) for path in crossings if path.stem not in excluded]
 
 
 def compare_ankle_moment(
-    trial: Trial, settings: choices.OvergroundAnalysis, condition: Mapping[str, float | None] | None = None
+    trial: Trial, settings: OvergroundAnalysis, condition: Mapping[str, float | None] | None = None
 ) -> Mapping[str, pl.DataFrame]:
     """Our ankle moment and the laboratory's, per stance and plate; `condition` may state the sheet's `body_mass_kg`."""
     return {"ankle_moment": pl.DataFrame(overground_rows(trial, settings, (condition or {}).get("body_mass_kg")))}
 
 
 def tabulate_over_stance(
-    summary: Path, groups: Path, output: Path, stance_share: float, trajectory: Sequence[Path] = (), data: str = ""
+    summary: Path, groups: Path, output: Path, stance_share: float, trajectory: Paths = (), data: str = ""
 ) -> None:
     """K, B and I of every group at the phase of stance that its fit reads, with interval and commanded value, from the
     file of a `trajectory` over the gait cycle, if there is one; stance is the first `stance_share` of it."""
@@ -462,9 +453,7 @@ def tabulate_over_stance(
     write_table(table, output)
 
 
-def commanded_over_stance(
-    trajectory: Sequence[Path], data: str, stance_share: float
-) -> Iterator[tuple[Array, Array, Array]]:
+def commanded_over_stance(trajectory: Paths, data: str, stance_share: float) -> Iterator[tuple[Array, Array, Array]]:
     """Phases of stance (n,), K_d [N*m/rad] and B_d [N*m*s/rad] of each trajectory that the leg was commanded; `data`
     are `simulated` or `measured`: a synthetic trajectory is made for the simulated leg, no measured one was commanded
     it."""

@@ -14,9 +14,7 @@ from osl_analysis.figures import names, style
 from osl_analysis.figures.names import UNIT_SIGN, as_text, count_of, doubtful_said, drawn_name, rounded_number
 
 ESTIMATES = ("K", "B", "I")
-SUMMARY_NEEDED = ("group", "quantity", "estimator", "n", "mean", "sd", "low", "high", "n_doubtful", "commanded")
-FIT_COLUMNS = ("trial", "group", *ESTIMATES, "doubtful")
-"""Columns that Fig. 9 needs of `walking_summary.csv`, and of `walking.csv`."""
+PER_PERTURBATION, BY_ENSEMBLE = "mean of perturbations", "ensemble"  # estimators of mean and scatter, of interval
 FIG9_COLUMNS = (
     "group", "quantity", "trial", "estimate", "n", "mean", "sd", "n_doubtful", "ensemble", "ensemble_low",
     "ensemble_high", "commanded", "doubtful",
@@ -26,11 +24,6 @@ AXIS_LABELS = {
     "B": r"Damping $\hat{B}$ (N·m·s/rad)",
     "I": r"Inertia $\hat{I}$ (kg·m$^2$)",
 }
-PER_PERTURBATION, BY_ENSEMBLE = "mean of perturbations", "ensemble"  # estimators of mean and scatter, of interval
-LEGEND = ("One perturbation", "Mean ± SD", "Fit of mean response, 95 %", "Commanded")
-FROM_MIDDLE, MEAN_AT, ENSEMBLE_AT, GROUP_WIDTH = 0.32, 0.55, 0.85, 1.8
-"""Distances on the axis: of single estimates from their middle, of the mean and of the ensemble's estimate from there,
-and from group to group."""
 
 
 def fig9_points(
@@ -39,34 +32,27 @@ def fig9_points(
     """For each group and each of K, B and I a row with mean and SD over the perturbations and the ensemble's estimate
     with its 95 % interval, then a row per perturbation with its `estimate`. What is commanded comes from the sheet,
     from `commanded_K` [N*m/rad] for K in a campaign of one group, or from the trajectory at the phase that the fit
-    reads (`over_stance`). Raises InputError: a quantity of a group is not in the summary, or nothing has a result."""
-    summary = walking_summary.select(SUMMARY_NEEDED).filter(pl.col("mean").is_not_null())
-    fits = walking.select(FIT_COLUMNS).drop_nulls("group").filter(pl.all_horizontal(pl.col(ESTIMATES).is_finite()))
-    rows = {(r["group"], r["estimator"], r["quantity"]): r for r in summary.iter_rows(named=True)}
+    reads (`over_stance`). Raises InputError: nothing has a result."""
+    rows = {(r["group"], r["estimator"], r["quantity"]): r for r in walking_summary.iter_rows(named=True)}
+    rows = {key: row for key, row in rows.items() if row["mean"] is not None}
+    fits = walking.drop_nulls("group").filter(pl.all_horizontal(pl.col(ESTIMATES).is_finite()))
     groups = list(dict.fromkeys([*(group for group, _, _ in rows), *fits["group"]]))
     if not groups:
         raise InputError("no perturbation has a fit, which Fig. 9 draws; see the reasons in walking_excluded.csv")
     trajectory = {(r["group"], r["quantity"]): r["commanded"] for r in over_stance.iter_rows(named=True)}
     found: list[dict[str, Any]] = []
     for group, quantity in product(groups, ESTIMATES):
-        of_group = fits.filter(group=group)
-        row: dict[str, Any] = {"group": group, "quantity": quantity, "n": len(of_group)}
+        single = fits.filter(group=group).select("group", "trial", "doubtful", pl.col(quantity).alias("estimate"))
+        row: dict[str, Any] = {"group": group, "quantity": quantity, "n": len(single)}
         stated = None
-        if any(name == group for name, _, _ in rows):
-            for estimator in (PER_PERTURBATION, BY_ENSEMBLE):
-                if (group, estimator, quantity) not in rows:
-                    raise InputError(
-                        f"the walking summary has no '{quantity}' by the estimator '{estimator}', which Fig. 9 draws; "
-                        "fit the crossings again"
-                    )
-            mean, ensemble = (rows[group, estimator, quantity] for estimator in (PER_PERTURBATION, BY_ENSEMBLE))
+        if mean := rows.get((group, PER_PERTURBATION, quantity)):
+            ensemble = rows[group, BY_ENSEMBLE, quantity]
             row |= {name: mean[name] for name in ("n", "mean", "sd", "n_doubtful")} | {"ensemble": ensemble["mean"]}
             row |= {f"ensemble_{end}": ensemble[end] for end in ("low", "high")}
             stated = ensemble["commanded"]
         configured = commanded_K if quantity == "K" and len(groups) == 1 else None
         known = (stated, configured, trajectory.get((group, quantity)))
         found.append(row | {"commanded": next((value for value in known if value is not None), None)})
-        single = of_group.select("group", "trial", "doubtful", pl.col(quantity).alias("estimate"))
         found += [{"quantity": quantity, **one} for one in single.iter_rows(named=True)]
     text, counts = ("group", "quantity", "trial", "doubtful"), ("n", "n_doubtful")
     types = dict.fromkeys(FIG9_COLUMNS, pl.Float64) | dict.fromkeys(text, pl.String) | dict.fromkeys(counts, pl.Int64)
@@ -82,23 +68,38 @@ def draw_fig9(table: pl.DataFrame) -> Figure:
     single = len(groups) == 1
     page = (style.SINGLE_COLUMN, 2.6, 1, 3) if single else (style.DOUBLE_COLUMN, 4.8, 3, 1)
     figure, axes = style.panels(*page)
-    span = (len(groups) - 1) * GROUP_WIDTH + 1.6
+    # On the axis, from the middle of a group: the reach of its points, its mean, its ensemble, and the next group
+    reach, mean_at, ensemble_at, apart = 0.32, 0.55, 0.85, 1.8
+    span = (len(groups) - 1) * apart + 1.6
     width = (style.SINGLE_COLUMN / 3 if single else style.DOUBLE_COLUMN) - 0.45  # beside what is written [in]
+    black: dict[str, Any] = {"color": style.BLACK, "linewidth": 0.8}
+    purple: dict[str, Any] = {"color": style.PURPLE, "linewidth": 1.2, "capsize": 2.5}
+    point = style.Look(style.GREY, "o", 2.6, "One perturbation")
     for ax, quantity in zip(axes, ESTIMATES, strict=True):
         rows = table.filter(pl.col("quantity") == quantity)
         of_groups = rows.filter(pl.col("trial").is_null())
         for place, row in enumerate(of_groups.iter_rows(named=True)):
-            at, fits = place * GROUP_WIDTH, rows.filter(group=row["group"]).drop_nulls("trial")
+            at, fits = place * apart, rows.filter(group=row["group"]).drop_nulls("trial")
             # Points that would overlap stand side by side: they spread over 1.2 in of a panel, and each takes 3.4 pt
             spread = max(float(np.ptp(rows["estimate"].drop_nulls().to_numpy())), 1e-9)
-            heights = (fits["estimate"] / spread * 1.2).to_numpy()
-            x = at + style.swarm_offsets(heights, 3.4 / 72, width / span, FROM_MIDDLE)
-            style.draw_fits(ax, fits, x, fits["estimate"], style.Look(style.GREY, "o", 2.6, LEGEND[0]), linewidths=0.6)
-            draw_group(ax, at, row)
+            x = at + style.swarm_offsets((fits["estimate"] / spread * 1.2).to_numpy(), 3.4 / 72, width / span, reach)
+            style.draw_fits(ax, fits, x, fits["estimate"], point, linewidths=0.6)
+            if row["commanded"] is not None:
+                ends = [at - reach - 0.1, at + ensemble_at + 0.15]
+                ax.plot(ends, [row["commanded"]] * 2, **black, linestyle=style.DASHED, zorder=0, label="Commanded")
+            if row["mean"] is None:
+                continue
+            sd = None if row["sd"] is None else [row["sd"]]
+            marked: dict[str, Any] = {"fmt": "s", "markersize": 3, "capsize": 2.5, "label": "Mean ± SD"}
+            ax.errorbar([at + mean_at], [row["mean"]], yerr=sd, **black, **marked)
+            low, high = row["ensemble_low"], row["ensemble_high"]  # percentiles, not about the estimate
+            ax.errorbar([at + ensemble_at], [(low + high) / 2], yerr=[(high - low) / 2], fmt="none", **purple)
+            look: dict[str, Any] = {"markersize": 3.2, "label": "Fit of mean response, 95 %"}
+            ax.plot([at + ensemble_at], [row["ensemble"]], "D", color=style.PURPLE, **look)
         if quantity == "I" or ax.dataLim.y0 < 0:
             ax.axhline(0, color=style.BLACK, linewidth=0.5, zorder=0)
         ax.set_xlim(-0.5, span - 0.5)
-        ax.set_xticks([] if single else [n * GROUP_WIDTH + MEAN_AT / 2 for n in range(len(groups))])
+        ax.set_xticks([] if single else [n * apart + mean_at / 2 for n in range(len(groups))])
         if not single:
             letters = max(int(17 * width / len(groups)), 6)
             told = [f"{drawn_name(group, 60)} ({n})" for group, n in of_groups.select("group", "n").iter_rows()]
@@ -106,28 +107,12 @@ def draw_fig9(table: pl.DataFrame) -> Figure:
             ax.set_xticklabels(["\n".join(textwrap.wrap(name, letters, break_long_words=False)) for name in told])
         ax.set_ylabel(AXIS_LABELS[quantity])
     found = style.legend_entries(axes[:1])
-    labels = {name: found[name] for name in LEGEND if name in found}
+    order = ("One perturbation", "Mean ± SD", "Fit of mean response, 95 %", "Commanded")
+    labels = {name: found[name] for name in order if name in found}
     if style.has_doubtful(table):
         labels[str(style.OPEN_MARKER.get_label())] = style.OPEN_MARKER
     figure.legend(list(labels.values()), list(labels), loc="outside upper center", ncols=2 if single else 5)
     return figure
-
-
-def draw_group(ax: Axes, at: float, row: dict[str, Any]) -> None:
-    """Mean and SD of one group, the fit to its mean response with its interval (percentiles), and the command."""
-    if row["commanded"] is not None:
-        ends = [at - FROM_MIDDLE - 0.1, at + ENSEMBLE_AT + 0.15]
-        look: dict[str, Any] = {"color": style.BLACK, "linestyle": style.DASHED, "linewidth": 0.8, "zorder": 0}
-        ax.plot(ends, [row["commanded"]] * 2, **look, label=LEGEND[3])
-    if row["mean"] is None:
-        return
-    sd = None if row["sd"] is None else [row["sd"]]
-    look = {"fmt": "s", "color": style.BLACK, "markersize": 3, "linewidth": 0.8, "capsize": 2.5}
-    ax.errorbar([at + MEAN_AT], [row["mean"]], yerr=sd, label=LEGEND[1], **look)
-    low, high, place = row["ensemble_low"], row["ensemble_high"], [at + ENSEMBLE_AT]
-    look = {"fmt": "none", "color": style.PURPLE, "linewidth": 1.2, "capsize": 2.5}
-    ax.errorbar(place, [(low + high) / 2], yerr=[(high - low) / 2], **look)
-    ax.plot(place, [row["ensemble"]], "D", color=style.PURPLE, markersize=3.2, label=LEGEND[2])
 
 
 def fig9_caption(table: pl.DataFrame) -> str:
@@ -162,10 +147,6 @@ def fig9_caption(table: pl.DataFrame) -> str:
 
 GAIT = {"unperturbed": (style.PURPLE, "-", "Unperturbed"), "perturbed": (style.ORANGE, (0, (5, 1.5)), "Perturbed")}
 RESPONSES = {"response angle": "deg", "response torque": "N·m"}
-INTERVALS: dict[str, dict[str, Any]] = {
-    "baseline": {"facecolor": "none", "edgecolor": "#C4C4C4", "hatch": "////", "label": "Baseline"},
-    "window": {"color": style.PALE_ORANGE, "alpha": 0.5, "label": "Fitted window"},
-}
 
 
 @style.paper_style()
@@ -176,6 +157,10 @@ def draw_walking_page(table: pl.DataFrame) -> Figure:
     parts = figure.subfigures(len(groups), 1, squeeze=False)[:, 0]
     panels = {"angle": "Ankle angle, dorsiflexion up (deg)", "torque": "Ankle torque (N·m)"}
     panels |= {"response angle": "Isolated angle (deg)", "response torque": "Isolated torque (N·m)"}
+    intervals: dict[str, dict[str, Any]] = {
+        "baseline": {"facecolor": "none", "edgecolor": "#C4C4C4", "hatch": "////", "label": "Baseline"},
+        "window": {"color": style.PALE_ORANGE, "alpha": 0.5, "label": "Fitted window"},
+    }
     for part, rows in zip(parts, groups, strict=True):
         if len(groups) > 1:
             part.suptitle(drawn_name(rows["group"][0], 60), fontsize=8)
@@ -183,7 +168,7 @@ def draw_walking_page(table: pl.DataFrame) -> Figure:
         for ax, letter, (panel, label) in zip(axes.ravel(), "abcd", panels.items(), strict=True):
             ax.set_title(f"({letter})", loc="left")
             ax.set_ylabel(label)
-            for name, look in INTERVALS.items():
+            for name, look in intervals.items():
                 ends = curve(rows, panel.replace("torque", "angle"), name)["x"]
                 if len(ends):
                     ax.axvspan(float(ends[0]), float(ends[1]), linewidth=0, zorder=0, **look)
@@ -208,18 +193,15 @@ def curve(table: pl.DataFrame, panel: str, name: str) -> pl.DataFrame:
 
 def draw_isolated(ax: Axes, table: pl.DataFrame, panel: str) -> None:
     """Every perturbation thin, their mean, and the fit."""
-    every = curve(table, panel, "each")
+    every, mean, fit = (curve(table, panel, name) for name in ("each", "mean", "fit"))
     trials = every.partition_by("trial", maintain_order=True)
     doubtful = [one for one in trials if style.has_doubtful(one)]
-    thin, dotted = {"alpha": 0.45, "linewidth": 0.5}, {"linewidth": 0.7, "linestyle": style.DOTTED}
-    for drawn, colour, label, look in (
-        (trials, style.GREY, "Each perturbation", thin),
-        (doubtful, style.BLACK, f"Doubtful fit ($n$ = {len(doubtful)})", dotted),
-    ):
+    thin: dict[str, Any] = {"alpha": 0.45, "linewidth": 0.5, "color": style.GREY, "label": "Each perturbation"}
+    dotted: dict[str, Any] = {"linewidth": 0.7, "linestyle": style.DOTTED, "color": style.BLACK}
+    for drawn, look in ((trials, thin), (doubtful, dotted | {"label": f"Doubtful fit ($n$ = {len(doubtful)})"})):
         for place, one in enumerate(drawn):
-            (line,) = ax.plot(one["x"], one["mean"], color=colour, label=None if place else label, **look)
+            (line,) = ax.plot(one["x"], one["mean"], **look | ({"label": None} if place else {}))
             line.set_url(style.place_in_report(one["trial"][0]))
-    mean, fit = curve(table, panel, "mean"), curve(table, panel, "fit")
     ax.plot(mean["x"], mean["mean"], color=style.BLACK, linewidth=1.4, label="Mean")
     if not fit.is_empty():
         label = r"Fit of $K\theta + B\dot\theta + I\ddot\theta$"
@@ -251,9 +233,8 @@ def walking_page_caption(table: pl.DataFrame) -> str:
         usual, turned = (int(curve(rows, "angle", gait)["n"][0]) for gait in GAIT)
         told = []
         for panel, unit in RESPONSES.items():
-            nearest = rows.sort(pl.col("x").abs(), maintain_order=True).unique(
-                ["panel", "curve", "trial"], keep="first"
-            )
+            ordered = rows.sort(pl.col("x").abs(), maintain_order=True)
+            nearest = ordered.unique(["panel", "curve", "trial"], keep="first")
             mean, each = (curve(nearest, panel, name)["mean"] for name in ("mean", "each"))
             sd = float(each.std()) if len(each) > 1 else 0.0  # type: ignore[arg-type]
             digits = names.decimals_of(sd or 0.1 * float(mean[0]))
@@ -269,7 +250,6 @@ def walking_page_caption(table: pl.DataFrame) -> str:
     return " ".join([*said, doubtful_said(fits, "dotted")])
 
 
-SERIES_LOOKS = ((style.PURPLE, "o"), (style.ORANGE, "D"), ("#3F8FBF", "s"), ("#6B3A0A", "^"))  # colours and markers
 COMMANDED_SERIES = "commanded"  # series of the curve that the controller commands; all other series are estimates
 
 
@@ -301,6 +281,7 @@ def draw_over_stance(table: pl.DataFrame) -> Figure:
     95 % interval as a vertical one. The commanded impedance is dashed, and a short line at each group."""
     figure, axes = style.panels(style.DOUBLE_COLUMN, 2.6, columns=3)
     series = [name for name in table["series"].unique(maintain_order=True) if name != COMMANDED_SERIES]
+    looks = ((style.PURPLE, "o"), (style.ORANGE, "D"), ("#3F8FBF", "s"), ("#6B3A0A", "^"))  # colours and markers
     interval, window = 1.2, 0.6  # widths of lines [pt]
     for ax, quantity in zip(axes, ESTIMATES, strict=True):
         rows = table.filter(pl.col("quantity") == quantity)
@@ -309,7 +290,7 @@ def draw_over_stance(table: pl.DataFrame) -> Figure:
             line = ax.plot(100 * given["phase"], given["commanded"], color=style.BLACK, label="Commanded")[0]
             line.set_linestyle(style.DASHED)
         for number, name in enumerate(series):
-            one, (colour, marker) = rows.filter(series=name).sort("phase"), SERIES_LOOKS[number % len(SERIES_LOOKS)]
+            one, (colour, marker) = rows.filter(series=name).sort("phase"), looks[number % len(looks)]
             label = "Fit of mean response" if len(series) == 1 else drawn_name(name)
             x, ends = 100 * one["phase"].to_numpy(), one.select("onset_phase", "end_phase").to_numpy().T
             ax.plot(x, one["commanded"].to_numpy(), "_", color=style.BLACK, markersize=9, mew=1.2, zorder=1.5)

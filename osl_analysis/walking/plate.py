@@ -455,7 +455,7 @@ def whole_motions(track: platform.PlatformTrack) -> slice:
         since = track.time[end] - track.time[end].mean()
         slopes = since @ track.measured[end] / (since @ since)
         moves[end] |= float(np.abs(slopes).max() * np.sqrt(since @ since)) > platform.STILL * track.noise
-    still = runs(platform.gate(track.time, moves, track.spread) == 0)
+    still = runs(track.gate(moves) == 0)
     rests = [run for run in still if run.stop - run.start >= platform.FEWEST_FRAMES] or [slice(0, 0)]
     return slice(rests[0].start if moves[0] else 0, rests[-1].stop if moves[-1] else n)
 

@@ -11,6 +11,7 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -23,17 +24,17 @@ from osl_analysis.walking import bodies
 from osl_analysis.walking.bodies import BodyMotion, Mask, Poses, StaticCalibration
 from osl_analysis.walking.settings import PlatformMotionSettings, PlatformSettings
 
-COORDINATES = 6
-STILL = 7.0  # A platform moves where its speed is above this multiple of its noise: 1 in 10^7 frames of a resting one
+ALL_DIRECTIONS = np.eye(6)
 FEWEST_FRAMES = 10  # Fewest frames from which a position at rest is read
+STILL = 7.0  # A platform moves where its speed is above this multiple of its noise: 1 in 10^7 frames of a resting one
 
 
 def rotation_from_rest(platform: Poses) -> Array:
     """Angle (n,) [rad] by which the platform is turned from its pose in the static trial, about the axis of the largest
     rotation, which counts as positive; NaN where not seen. It is signed, so that marker noise has zero mean."""
-    seen = np.flatnonzero(platform.seen())
-    angle = np.full(len(platform.position), np.nan)
-    if len(seen):
+    seen = platform.seen()
+    angle = np.full(len(seen), np.nan)
+    if seen.any():
         vectors = scipy.spatial.transform.Rotation.from_matrix(platform.rotation[seen]).as_rotvec()
         largest = vectors[np.argmax(np.linalg.norm(vectors, axis=1))]
         angle[seen] = vectors @ largest / max(float(np.linalg.norm(largest)), np.finfo(float).tiny)
@@ -45,10 +46,7 @@ def screw_scale(reference: Array) -> Array:
     positions (m, 3) [m]: noise of s [m] in each marker's coordinate is s in each of the six, to first order."""
     local = reference - reference.mean(axis=0)
     size, axes = np.linalg.eigh(np.sum(local**2) * np.eye(3) - local.T @ local)
-    scale = np.zeros((COORDINATES, COORDINATES))
-    scale[:3, :3] = (axes * np.sqrt(size)) @ axes.T
-    scale[3:, 3:] = np.sqrt(len(reference)) * np.eye(3)
-    return scale
+    return scipy.linalg.block_diag((axes * np.sqrt(size)) @ axes.T, np.sqrt(len(reference)) * np.eye(3))
 
 
 def left_jacobian(turn: Array) -> Array:
@@ -69,22 +67,12 @@ def noise_gain(low_pass: LowPass, rate: float, derivative: int = 0) -> float:
     return float(np.trapezoid((2 * np.pi * f) ** (2 * derivative) * low_pass.gain(f) ** 2, f) * 2 / rate)
 
 
-def gate(time: Array, moves: Mask, spread: float) -> Array:
-    """Weights (n,) of inertial forces: 1 where the platform moves and up to twice `spread` [s] beside it, 0 one
-    `spread` later, half a cosine between: a slow ramp accelerates most while its speed is below that of noise. Weights
-    that fall after one `spread` make a plate's mass 0.1 % too large at 5 deg, its moment 1 % too small at 2.5."""
-    if not moves.any():
-        return np.zeros(len(time))
-    nearest = scipy.ndimage.distance_transform_edt(~moves) / sampling_rate(time)
-    return np.asarray(0.5 + 0.5 * np.cos(np.pi * np.clip(nearest / spread - 2, 0, 1)))
-
-
 def directions(coordinates: Sequence[Array], noise: float, low_pass: LowPass, rate: float) -> Array:
     """Orthonormal directions (r, 6) of filtered motions (n, 6) [m] from rest: one, and all whose mean square is above
     the largest that noise, of `noise` [m] in one frame before the low-pass, would show (Marchenko and Pastur)."""
     stacked, gain = np.concatenate(list(coordinates)), noise_gain(low_pass, rate)
     _, size, axes = np.linalg.svd(stacked, full_matrices=False)
-    largest = noise**2 * gain * (1 + np.sqrt(COORDINATES / max(len(stacked) * gain, 1.0))) ** 2
+    largest = noise**2 * gain * (1 + np.sqrt(6 / max(len(stacked) * gain, 1.0))) ** 2
     return np.asarray(axes[: max(int(np.sum(size**2 / len(stacked) > 1.3 * largest)), 1)])
 
 
@@ -96,8 +84,7 @@ class PlatformTrack:
     time: Array
     reference: Array  # positions (m, 3) [m] of the cluster's markers in the static trial
     measured: Array  # coordinates (n, 6) [m], each frame with its noise
-    filtered: Array  # the same through the low-pass of the crossings
-    low_pass: LowPass
+    low_pass: LowPass  # of the crossings
     noise: float  # standard deviation [m] of the noise in one frame of `measured`
 
     @property
@@ -109,27 +96,41 @@ class PlatformTrack:
         """Time [s] by which the low-pass widens a motion: 25 ms at 20 Hz."""
         return 0.025 * 20.0 / self.low_pass.cutoff_hz
 
-    def speed(self, axes: Array) -> Array:
-        """Speed (n,) [m/s] of the filtered coordinates along directions (r, 6)."""
-        return np.asarray(np.linalg.norm(np.gradient(self.filtered @ axes.T, self.time, axis=0), axis=1))
+    @cached_property
+    def filtered(self) -> Array:
+        return self.low_pass(self.measured, self.rate)
+
+    @cached_property
+    def velocity(self) -> Array:
+        """Of the filtered coordinates (n, 6) [m/s]."""
+        return np.asarray(np.gradient(self.filtered, self.time, axis=0))
 
     def moves(self, axes: Array) -> Mask:
         """Frames (n,) in which the platform's speed along some of the directions (r, 6) stands out of the noise. The
         ends of a recording do not count: a low-pass passes more noise there."""
         inside = (self.time > self.time[0] + self.spread) & (self.time < self.time[-1] - self.spread)
         noise = self.noise * np.sqrt(noise_gain(self.low_pass, self.rate, 1))
-        return np.asarray(inside & (self.speed(axes) > STILL * noise))
+        return np.asarray(inside & (np.linalg.norm(self.velocity @ axes.T, axis=1) > STILL * noise))
 
     @cached_property
     def moving(self) -> Mask:
         """Frames (n,) in which the platform moves along any direction."""
-        return self.moves(np.eye(COORDINATES))
+        return self.moves(ALL_DIRECTIONS)
+
+    def gate(self, moves: Mask) -> Array:
+        """Weights (n,) of inertial forces: 1 where the platform moves and up to twice `spread` beside it, 0 one
+        `spread` later, half a cosine between: a slow ramp accelerates most while its speed is below that of noise.
+        Weights that fall after one make a plate's mass 0.1 % too large at 5 deg, its moment 1 % too small at 2.5."""
+        if not moves.any():
+            return np.zeros(len(moves))
+        nearest = scipy.ndimage.distance_transform_edt(~moves) / self.rate
+        return np.asarray(0.5 + 0.5 * np.cos(np.pi * np.clip(nearest / self.spread - 2, 0, 1)))
 
     @cached_property
     def rest(self) -> Array:
         """Coordinates (6,) [m] at rest: their mean while the platform rests, until it moves fastest."""
-        resting = gate(self.time, self.moving, self.spread) == 0
-        before = resting & (self.time < self.time[int(np.argmax(self.speed(np.eye(COORDINATES))))])
+        fastest = self.time[int(np.argmax(np.linalg.norm(self.velocity, axis=1)))]
+        before = (self.gate(self.moving) == 0) & (self.time < fastest)
         if before.sum() < FEWEST_FRAMES:
             before = self.time <= self.time[0] + self.spread
         return np.asarray(self.measured[before].mean(axis=0))
@@ -137,7 +138,7 @@ class PlatformTrack:
     def own_motion(self, axes: Array, centre: Array, rows: slice = slice(None)) -> tuple[BodyMotion, Array]:
         """In `rows`, measured motion along directions (r, 6) of the point at `centre` (3,) [m], weights 0 at rest."""
         motion = self.motion_of(self.rest + (self.measured - self.rest) @ axes.T @ axes, centre, rows)
-        return motion, gate(self.time, self.moves(axes), self.spread)[rows]
+        return motion, self.gate(self.moves(axes))[rows]
 
     def motion_of(self, coordinates: Array, centre: Array, rows: slice) -> BodyMotion:
         """Motion in `rows` of the point that rests at `centre` (3,) [m] for other coordinates (n, 6) [m], not filtered.
@@ -176,8 +177,9 @@ def platform_track(name: str, time: Array, poses: Poses, reference: Array, low_p
         found[gap] = first + share[:, None] * (last - first)
     second = np.diff(found[~poses.bridged], n=2, axis=0)
     noise = 1.4826 * float(np.median(np.abs(second))) / np.sqrt(6.0) if second.size else 0.0
-    # 2e-7 m is the resolution of single precision at a metre
-    return PlatformTrack(name, time, reference, found, low_pass(found, rate), low_pass, float(max(noise, 2e-7)))
+    return PlatformTrack(
+        name, time, reference, found, low_pass, float(max(noise, 2e-7))
+    )  # [m]: single precision at 1 m
 
 
 def track_about(
@@ -185,9 +187,9 @@ def track_about(
 ) -> PlatformTrack:
     """The platform's track in the run of seen frames about an instant [s], from its poses at times (n,) [s]."""
     labels = settings.markers.platform
-    reference = calibration.positions(labels, trial)
     for run in runs(poses.seen()):
         if time[run.start] <= instant <= time[run.stop - 1]:
+            reference = calibration.positions(labels, trial)
             return platform_track(trial, time[run], poses[run], reference, settings.low_pass)
     raise InputError(f"the platform markers {', '.join(labels)} are hidden at {instant:.3f} s")
 
@@ -195,49 +197,34 @@ def track_about(
 def shared_directions(tracks: Sequence[PlatformTrack]) -> list[Array]:
     """Directions (r, 6) of the motion in each trial: those of all together, where these are no more than each has
     alone. A platform that turns in one trial and shifts in another has others in each."""
-    low_pass, rate = tracks[0].low_pass, tracks[0].rate
-    moved = [(t.filtered - t.rest)[gate(t.time, t.moving, t.spread) > 0] for t in tracks]
-    noise, none = float(np.sqrt(np.mean([t.noise**2 for t in tracks]))), np.zeros((0, COORDINATES))
-    pairs = zip(moved, tracks, strict=True)
-    alone = [directions([one], t.noise, low_pass, rate) if len(one) else none for one, t in pairs]
-    known = [one for one in moved if len(one)]
-    together = directions(known, noise, low_pass, rate) if known else none
-    return [together if len(own) == len(together) else own for own in alone]
+
+    def of(some: Sequence[PlatformTrack]) -> Array:
+        moved = [(t.filtered - t.rest)[t.gate(t.moving) > 0] for t in some]
+        noise = float(np.sqrt(np.mean([t.noise**2 for t in some])))
+        found = [one for one in moved if len(one)]
+        return directions(found, noise, some[0].low_pass, some[0].rate) if found else np.zeros((0, 6))
+
+    together = of(tracks)
+    return [together if len(own) == len(together) else own for own in (of([track]) for track in tracks)]
 
 
 def find_onset(time: Array, rotation: Array, threshold: float) -> float | None:
-    """Time [s] at which a platform starts to rotate; None if it never rotates by `threshold` [rad]. `rotation` (n,)
-    [rad] is positive in the direction of the perturbation, and not low-passed, which would spread the start. The first
-    part is fitted as c (t - onset)^p: a straight line through a smooth start is too late by a fifth of the ramp."""
-    seen = np.isfinite(rotation)
-    time, rotation = time[seen], rotation[seen]
+    """Time [s] at which a platform starts to rotate, by `start_of_rise`; None if it never rotates by `threshold` [rad].
+    `rotation` (n,) [rad] is positive in the direction of the perturbation, NaN where not seen, and not low-passed,
+    which would spread the start."""
+    time, rotation = time[np.isfinite(rotation)], rotation[np.isfinite(rotation)]
     above = np.flatnonzero(rotation > threshold)
     if not len(above):
         return None
-    first, rest = int(above[0]), 0.1  # [s] before the first motion in which the platform rests
-    resting = (time >= time[first] - 2 * rest) & (time < time[first] - rest)
-    if not resting.any():
+    first, rest = float(time[above[0]]), 0.1  # [s] before the first motion in which the platform rests
+    resting = rotation[(time >= first - 2 * rest) & (time < first - rest)]
+    if not len(resting):
         raise InputError(
-            f"the platform turns at {time[first]:.3f} s, within {2 * rest:g} s of the recording's start; start to "
-            "record earlier, or exclude the trial"
+            f"the platform turns at {first:.3f} s, within {2 * rest:g} s of the recording's start; start to record "
+            "earlier, or exclude the trial"
         )
-    turned, noise = rotation - float(np.mean(rotation[resting])), float(np.std(rotation[resting]))
-    # Up to 25 times the noise: a smaller part of the rotation follows a power of time more closely, a larger one is
-    # less affected by noise. Four frames at least determine the power.
-    height = float(np.max(turned))
-    level = height * np.clip(25 * noise / height, 0.03, 0.25)
-    visible = max(0.2 * level, 3 * noise)
-    end, start = (int(np.flatnonzero(turned[:first] < limit)[-1]) + 1 for limit in (level, visible))
-    end = min(max(end, start + 3), first)
-    rows = slice(int(np.searchsorted(time, time[end] - 2 * rest)), end + 1)
-    step = 0.0002  # [s], resolution of the onset
-    starts = np.arange(-rest, -step, step)
-    since, misfits = np.clip(time[rows] - time[end] - starts[:, None], 0.0, None), []
-    for p in np.arange(1.0, 4.01, 0.25):  # 1 is a straight ramp
-        shape = since**p
-        size = shape @ turned[rows] / np.sum(shape**2, axis=1)
-        misfits.append(np.sum((turned[rows] - size[:, None] * shape) ** 2, axis=1))
-    return float(time[end] + starts[np.argmin(misfits) % len(starts)])
+    turned, rows = rotation - resting.mean(), time >= first - 2 * rest
+    return start_of_rise(time[rows], turned[rows, None], max(float(resting.std()), 1e-6 * float(turned.max())))[0]
 
 
 LEAD_S = 0.15  # Time [s] before the middle of the rise at which the shape begins
@@ -252,13 +239,13 @@ class Alignment:
 
     name: str
     start: float  # when the motion starts [s]
-    start_se: float  # by this crossing's marker noise [s]; what all share is in `PlatformTemplate`
     amplitude: float  # size of the motion, 1 on average, negative in the other direction
-    duration: float  # time scale of the motion, 1 on average, and for all where it does not scatter
-    duration_se: float
     offset: Array  # coordinates (r,) [m] at rest
-    misfit: float  # mean square of the filtered difference between motion and shape, over that of noise
-    follows: bool  # whether the misfit is noise's
+    duration: float = 1.0  # time scale of the motion, 1 on average, and for all where it does not scatter
+    start_se: float = 0.0  # by this crossing's marker noise [s]; what all share is in `PlatformTemplate`
+    duration_se: float = 0.0
+    misfit: float = 0.0  # mean square of the filtered difference between motion and shape, over that of noise
+    follows: bool = True  # whether the misfit is noise's
 
 
 Pairs = Sequence[tuple[PlatformTrack, Alignment]]  # Motions with their alignments
@@ -275,7 +262,7 @@ class PlatformTemplate:
     crossings: int  # number of crossings whose mean the shape is
     scaled: bool  # whether the duration of the motion differs between crossings
     start_se: float = 0.0  # standard error [s] of the shape's start, which shifts that of every crossing alike
-    start_shape: float = 0.0  # [s], as `shape` of `start_of_rise`
+    start_shape: float = 0.0  # largest change [s] of the start by another step that fits as well
 
     @cached_property
     def spline(self) -> "scipy.interpolate.BSpline":
@@ -285,14 +272,10 @@ class PlatformTemplate:
         """Which times [s] from the start are on the grid."""
         return np.asarray((time >= self.time[0]) & (time <= self.time[-1]))
 
-    def at(self, time: Array, derivative: int = 0) -> Array:
-        """Coordinates (n, r) [m], or their derivative, at times [s] from the start; constant beyond the grid."""
-        values = self.spline(np.clip(time, self.time[0], self.time[-1]), derivative)
-        return np.asarray(values if derivative == 0 else values * self.covers(time)[:, None])
-
-    def curve(self, time: Array, alignment: Alignment) -> Array:
-        """Coordinates (n, r) [m] from rest, at times [s], of a crossing that follows the shape."""
-        return alignment.amplitude * self.at((time - alignment.start) / alignment.duration)
+    def curve(self, time: Array, a: Alignment) -> Array:
+        """Coordinates (n, r) [m] from rest, at times [s], of a crossing that follows the shape; constant beyond it."""
+        since = np.clip((time - a.start) / a.duration, self.time[0], self.time[-1])
+        return np.asarray(a.amplitude * self.spline(since))
 
 
 def mean_shape(
@@ -329,7 +312,7 @@ def shape_fit(track: PlatformTrack, guess: Alignment, template: PlatformTemplate
     for _ in range(ROUNDS):
         since = (track.time - a.start) / a.duration
         near = template.covers(since)
-        shape, slope = template.at(since[near]), template.at(since[near], 1)
+        shape, slope = template.spline(since[near]), template.spline(since[near], 1)
         amplitude = a.amplitude if abs(a.amplitude) > 0.1 else 1.0
         columns = [shape, -slope * amplitude / a.duration, -slope * since[near, None] * amplitude / a.duration]
         moving = np.stack([c.T.ravel() for c in columns[: 3 if scaled else 2]], axis=1)
@@ -342,26 +325,24 @@ def shape_fit(track: PlatformTrack, guess: Alignment, template: PlatformTemplate
             duration=float(np.clip(a.duration + (change[2] if scaled else 0.0), 0.5, 2.0)),
             offset=change[-r:],
         )
-    covariance = template.noise**2 * np.linalg.inv(design.T @ design)
-    difference = measured - a.offset - template.curve(track.time, a)
+    errors = template.noise * np.sqrt(np.diag(np.linalg.inv(design.T @ design)))
     since = (track.time - a.start) / a.duration
     near = template.covers(since)
     inside = near & (since <= template.time[-1] - 2 * track.spread)
-    difference[~near] = 0.0
+    difference = np.where(near[:, None], measured - a.offset - template.curve(track.time, a), 0.0)
     filtered, gain = track.low_pass(difference, track.rate)[inside], noise_gain(track.low_pass, track.rate)
     before = filtered[since[inside] < template.time[0] + LEAD_S / 2]
     level = max(template.noise**2 * gain, float(np.mean(before**2)) if before.size else 0.0)
     misfit = float(np.mean(filtered**2)) / level
     follows = bool(misfit < 1 + 4 * np.sqrt(2 / max(filtered.size * gain, 1.0)))
-    start_se = float(np.sqrt(covariance[1, 1]))
-    duration_se = float(np.sqrt(covariance[2, 2])) if scaled else 0.0
-    return replace(a, start_se=start_se, duration_se=duration_se, misfit=misfit, follows=follows)
+    duration_se = float(errors[2]) if scaled else 0.0
+    return replace(a, start_se=float(errors[1]), duration_se=duration_se, misfit=misfit, follows=follows)
 
 
 def start_of_rise(time: Array, coordinates: Array, noise: float) -> tuple[float, float, float]:
     """The start [s] of a mean motion (n, r) [m] from rest, along its largest displacement: of the smooth step that fits
     0.7 of the rise (the half tells the start a third less well, the end may overshoot). `noise` [m] is that of each
-    sample, as if independent. Then the start's standard error [s] from noise; the largest change `shape` [s] of it by
+    sample, as if independent. Then the start's standard error [s] from noise, and the largest change [s] of it by
     another smooth step that fits as well, else 0.
 
     Steps are I(x; p, p): a straight ramp for p = 1, a cubic for 2, minimum jerk for 3, of seventh degree for 4. It is
@@ -371,27 +352,25 @@ def start_of_rise(time: Array, coordinates: Array, noise: float) -> tuple[float,
     largest = int(np.argmax(size))
     turned = coordinates @ coordinates[largest] / size[largest]
     height = float(turned[turned > 0.95 * turned[largest]].mean())
-    half = int(np.argmax(turned >= height / 2))
-    level = int(np.flatnonzero(turned[:half] < height / 10)[-1])
-    quick = 2 * float(time[half] - time[level]) / 0.6
+    half, end = int(np.argmax(turned >= height / 2)), int(np.argmax(turned >= 0.7 * height)) + 1
+    level = int(np.flatnonzero(np.r_[True, turned[1:half] < height / 10])[-1])
+    quick = 2 * float(time[half] - time[level]) / 0.6 or 0.05
     guess = np.array([time[half] - quick / 2, quick, 0.0])
-    end = int(np.argmax(turned >= 0.7 * height)) + 1
 
-    def fitted(p: int) -> "scipy.optimize.OptimizeResult":
-        """The step of some start, duration and level; residuals over noise: `cost` is half of chi-square."""
+    def difference(step: Array, p: int) -> Array:
+        """Residuals over noise of a step of some start, duration and level: `cost` is half of chi-square."""
+        x = np.clip((time[:end] - step[0]) / step[1], 0, 1)
+        return np.asarray((scipy.special.betainc(p, p, x) + step[2] - turned[:end] / height) / (noise / height))
 
-        def difference(step: Array) -> Array:
-            x = np.clip((time[:end] - step[0]) / step[1], 0, 1)
-            return np.asarray((scipy.special.betainc(p, p, x) + step[2] - turned[:end] / height) / (noise / height))
-
-        return scipy.optimize.least_squares(difference, guess, x_scale=[0.01, 0.05, 0.01], diff_step=[1e-4, 1e-4, 1e-4])
-
-    found = {p: fitted(p) for p in (3, 1, 2, 4)}
+    steps: dict[str, Any] = {"x_scale": [0.01, 0.05, 0.01], "diff_step": [1e-4, 1e-4, 1e-4]}
+    found: dict[int, Any] = {
+        p: scipy.optimize.least_squares(difference, guess, args=(p,), **steps) for p in (3, 1, 2, 4)
+    }
     best = min(found, key=lambda p: found[p].cost)
     fit = found[best if 2 * (found[3].cost - found[best].cost) > 30 else 3]
     alike = [one.x[0] for one in found.values() if 2 * (one.cost - found[best].cost) < 9]  # of noise 1 in 400 is beyond
     shape = max((abs(float(start - fit.x[0])) for start in alike), default=0.0)
-    return float(fit.x[0]), float(np.sqrt(np.linalg.inv(fit.jac.T @ fit.jac)[0, 0])), shape
+    return float(fit.x[0]), float(np.sqrt(np.linalg.pinv(fit.jac.T @ fit.jac)[0, 0])), shape
 
 
 def platform_template(tracks: Sequence[PlatformTrack], window: float) -> tuple[PlatformTemplate, list[Alignment]]:
@@ -411,9 +390,6 @@ def platform_template(tracks: Sequence[PlatformTrack], window: float) -> tuple[P
     noise = float(np.sqrt(np.mean([track.noise**2 for track in tracks])))
     axes = directions(moved, noise, tracks[0].low_pass, tracks[0].rate)
 
-    def paired(alignments: Sequence[Alignment]) -> list[tuple[PlatformTrack, Alignment]]:
-        return list(zip(tracks, alignments, strict=True))
-
     def alternated(pairs: Pairs, scaled: bool) -> tuple[PlatformTemplate, list[Alignment]]:
         """Shape and alignments in turn, until both stand."""
         for _ in range(ROUNDS):
@@ -421,33 +397,37 @@ def platform_template(tracks: Sequence[PlatformTrack], window: float) -> tuple[P
             pairs = [(track, shape_fit(track, a, template, scaled)) for track, a in pairs]
         return template, [a for _, a in pairs]
 
+    def aligned(alignments: Sequence[Alignment], template: PlatformTemplate, scaled: bool) -> list[Alignment]:
+        return [shape_fit(track, a, template, scaled) for track, a in zip(tracks, alignments, strict=True)]
+
     guesses = []
     for track, middle in zip(tracks, middles, strict=True):  # with the sign of the largest displacement
         along = (track.filtered - track.rest) @ axes.T
         amplitude = float(along[np.argmax(np.abs(along[:, 0])), 0])
-        guesses.append(Alignment(track.name, middle, 0.0, amplitude, 1.0, 0.0, track.rest @ axes.T, 0.0, True))
-    template, alignments = alternated(paired(guesses), False)
-    free = [shape_fit(track, a, template, True) for track, a in paired(alignments)]
+        guesses.append(Alignment(track.name, middle, amplitude, track.rest @ axes.T))
+    template, alignments = alternated(list(zip(tracks, guesses, strict=True)), False)
+    free = aligned(alignments, template, True)
     scatter = np.array([(a.duration - 1) / a.duration_se for a in free])
     if np.sum((scatter - scatter.mean()) ** 2) > scipy.special.chdtri(len(tracks) - 1, CHANCE):
-        template, alignments = alternated(paired(free), True)
+        template, alignments = alternated(list(zip(tracks, free, strict=True)), True)
     for _ in range(len(tracks)):
         following = [a.follows for a in alignments]
         if all(following) or sum(following) < 2:
             break
-        template, _ = alternated([(track, a) for track, a in paired(alignments) if a.follows], template.scaled)
-        alignments = [shape_fit(track, a, template, template.scaled) for track, a in paired(alignments)]
+        pairs = [(track, a) for track, a in zip(tracks, alignments, strict=True) if a.follows]
+        template, _ = alternated(pairs, template.scaled)
+        alignments = aligned(alignments, template, template.scaled)
         if [a.follows for a in alignments] == following:
             break
     if sum(a.follows for a in alignments) < 2:
         raise InputError("the platform moves in another way in each crossing, so that each keeps its own motion")
     # The noise in each sample, as if it were independent of the others
     of_shape = float(template.noise / np.sqrt(template.crossings * tracks[0].rate * GRID_S))
-    zero, zero_se, start_shape = start_of_rise(template.time, template.shape, of_shape)
-    # A start that is another point of the shape has another error, where durations are uncertain
-    template = replace(template, time=template.time - zero, start_se=zero_se, start_shape=start_shape)
-    shifted = [(track, replace(a, start=a.start + zero * a.duration)) for track, a in paired(alignments)]
-    return template, [shape_fit(track, a, template, template.scaled) for track, a in shifted]
+    zero, start_se, start_shape = start_of_rise(template.time, template.shape, of_shape)
+    template = replace(template, time=template.time - zero, start_se=start_se, start_shape=start_shape)
+    # Fitted again: where durations are uncertain, a start that is another point of the shape has another error
+    begun = [replace(a, start=a.start + zero * a.duration) for a in alignments]
+    return template, aligned(begun, template, template.scaled)
 
 
 def jackknife_rows(plate: Sequence[Array], platform: Sequence[Array]) -> Array:
@@ -584,27 +564,24 @@ def inertial_motion(
     along = (1 - later) * (follows.offset + curve) @ template.axes + later * (track.measured @ across)
     motion = track.motion_of(track.rest - track.rest @ across + along, centre, rows)
     noise = track.noise / float(np.sqrt(template.crossings))  # of a mean
-    mean = replace(track, filtered=track.low_pass(curve, track.rate), noise=noise)
+    mean = replace(track, measured=curve, noise=noise)
     moves = np.where(since < end, mean.moves(np.eye(curve.shape[1])), track.moving)
-    return motion.weighted(gate(track.time, moves, track.spread)[rows])
+    return motion.weighted(track.gate(moves)[rows])
 
 
 def platform_table(model: PlatformModel) -> pl.DataFrame:
     """`platform.csv`: one row per perturbed crossing whose platform was seen; none without a shape."""
-    late, rows = model.latency, []
-    for a, shape in ((a, model.template) for a in model.alignments.values()):
-        assert shape is not None  # without one nothing is aligned
-        starts = (model.onset(a.name, a.start), a.start, float(np.hypot(a.start_se, shape.start_se)), shape.start_se)
-        follows = (shape.start_shape, a.amplitude, a.duration, a.misfit, int(a.follows), len(shape.axes))
-        trigger = (
-            model.triggers.get(a.name),
-            *((late["mean"], late["sd"], int(late["used"])) if late else (None, None, 0)),
-        )
-        rows.append((a.name, *starts, *follows, *trigger))
     numbers = (
         "onset_s", "template_onset_s", "template_onset_se_s", "shared_onset_se_s", "onset_shape_s", "amplitude",
         "duration", "misfit", "follows", "directions", "trigger_s", "latency_s", "latency_sd_s", "trigger_used",
     )  # fmt: skip
+    rows, late = [], model.latency
+    latency = (late["mean"], late["sd"], int(late["used"])) if late else (None, None, 0)
+    for a, shape in ((a, model.template) for a in model.alignments.values() if model.template):
+        start = (model.onset(a.name, a.start), a.start)
+        errors = (float(np.hypot(a.start_se, shape.start_se)), shape.start_se, shape.start_shape)
+        follows = (a.amplitude, a.duration, a.misfit, int(a.follows), len(shape.axes))
+        rows.append((a.name, *start, *errors, *follows, model.triggers.get(a.name), *latency))
     counts = dict.fromkeys(("follows", "directions", "trigger_used"), pl.Int64)
     schema = {"trial": pl.String, **dict.fromkeys(numbers, pl.Float64), **counts}
     return pl.DataFrame(rows, schema=schema, orient="row")

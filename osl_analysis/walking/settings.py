@@ -19,8 +19,8 @@ class GroupSettings(Settings):
     """Which crossings have a result of their own."""
 
     group_by: tuple[GroupKey, ...] = ()
-    """Conditions by which results are always split. A campaign that differs in another condition is split by it too,
-    unless `pool` names it. Opposite directions are joined by half their difference, unless they are named here."""
+    """Conditions by which results are always split, as by any other in which crossings differ and that `pool` does not
+    name. Opposite directions are joined by half their difference, unless they are named here."""
     pool: tuple[PoolKey, ...] = ()  # Conditions in which crossings of one result may differ
     timing_scatter: Positive = 0.05  # Largest SD of the onset's phase, as a share of stance, of one timing
 
@@ -58,9 +58,7 @@ class OutlierRule(Settings):
     limit: Positive  # Largest distance from the median, in scatters
     stance_s: Positive  # Smallest scatter [s] of the duration of stance
     placement_m: Positive  # Smallest scatter [m] of the foot's place on the plate
-    angle_deg: (
-        Positive  # The same [deg] of the angle's RMS deviation from the median gait until the earliest baseline ends
-    )
+    angle_deg: Positive  # The same [deg] of the angle's RMS deviation from the median gait, to the earliest guard
     torque_nm: Positive  # The same [N*m] of the torque's, over the same time
     load_share: Positive  # Smallest scatter of the vertical force's RMS deviation, as a share of the usual load
     pressure_m: Positive  # The same [m] of the centre of pressure's, to the left of the ankle
@@ -71,9 +69,7 @@ class MarkerSettings(Settings):
 
     markers: Markers  # Names of the markers
     longest_gap_s: NotNegative  # Longest gap [s] of hidden markers that is interpolated
-    largest_residual_mm: (
-        Positive  # Largest RMS distance [mm] of markers from their rigid body; beyond, a frame is hidden
-    )
+    largest_residual_mm: Positive  # Largest RMS distance [mm] of markers from their rigid body; else they are hidden
 
 
 class WalkingFilter(Settings):
@@ -112,14 +108,10 @@ class CalibrationSettings(MarkerSettings):
 
 
 class PlateModelSettings(PlatformSettings):
-    """How the plate's own inertia and lag are identified."""
+    """How the plate's own inertia and lag are identified, or `none`: the plate is light or compensates them itself."""
 
     plate_inertia: Literal["identified", "none"] = "identified"
-    """Source of the plate's own inertia: `identified`, the plate trials; or `none`, nothing is corrected, neither
-    inertia nor lag, because the plate is light or compensates its inertia itself."""
-    plate_cutoff_hz: Positive
-    """Cut-off [Hz] of the low-pass with which the inertia of the unloaded plate is identified. Marker noise in the
-    acceleration biases the inertia: a mass of 12 kg is estimated as 10.8 kg at 20 Hz and 12.0 kg at 8 Hz."""
+    plate_cutoff_hz: Positive  # Cut-off [Hz] with which it is identified: 12 kg are 10.8 kg at 20 Hz, 12.0 kg at 8 Hz
     correct_plate_lag: bool  # Whether the plate's lag is estimated and corrected
 
     @property
@@ -137,9 +129,7 @@ class CrossingSettings(PlatformMotionSettings):
     load_on_n: Positive  # Vertical force [N] above which a stance begins
     load_off_n: Positive  # Vertical force [N] below which a stance ends
     shortest_stance_s: Positive  # Shortest stance [s]; shorter contacts are ignored
-    largest_shift_mm: Positive = 10.0
-    """Largest shift [mm] of a platform that does not turn. A platform that shifts further is refused: a translation is
-    not analysed, and is no unperturbed crossing. A platform yields by a few mm under a person."""
+    largest_shift_mm: Positive = 10.0  # of a platform that does not turn: it yields by a few mm; further is refused
     unloaded_s: Positive | None  # Length [s] before the step from which the plate's zero is read; null: none is removed
     foot: FootSettings | None = None  # Null: the foot's weight and inertia stay in the torque, so that I includes them
 
@@ -162,19 +152,17 @@ class ResponseSettings(WalkingFilter, TimingSettings):
     """How a response is isolated and fitted."""
 
     perturbed_stance: StanceSource
-    """Duration of stance that converts the time of a perturbed crossing to phase (docs/walking.md). `matched`: the
-    one at which its ankle angle before the onset is most like that of the mean unperturbed gait; right whether the
-    perturbation changes the stance or whole crossings are slower. `own`: its own; wrong if the perturbation changes it.
-    `unperturbed`: the mean of the unperturbed crossings; wrong if whole crossings are slower. Where `own` or
-    `unperturbed` is wrong, the headline is doubtful."""
+    """Duration of stance that converts the time of a perturbed crossing to phase (docs/walking.md): `matched`, the one
+    at which its ankle angle before the onset is most like that of the mean unperturbed gait; its `own`, wrong if the
+    perturbation changes it; or the mean of the `unperturbed` ones, wrong if whole crossings are slower."""
 
 
 class EnsembleSettings(ResponseSettings):
     """How the ensemble of all responses is fitted."""
 
     baseline: Literal["mean", "predicted"] = "mean"
-    """What a perturbed crossing would have done, for the headline: the `mean` unperturbed gait, or what is `predicted`
-    from its own behaviour before the onset (docs/walking.md). The other one stands beside it in the table."""
+    """What a perturbed crossing would have done, for the headline: the `mean` unperturbed gait, or what its own
+    behaviour before the onset tells (docs/walking.md). The other one stands beside it in the table."""
     bootstrap_samples: Annotated[int, Field(ge=100, le=100_000)]  # Number of bootstrap samples of the ensemble
 
 

@@ -26,7 +26,7 @@ from osl_analysis.figures import drawing_of
 from osl_analysis.files import config_here, shipped
 from osl_analysis.ingest.raw_files import FORMATS, read_source
 from osl_analysis.judge.doubts import IS_DOUBTFUL, marked, with_doubts_of
-from osl_analysis.judge.recording import examine, quality_table, validate_rules
+from osl_analysis.judge.recording import examine, judged_table, measured_table, validate_rules
 from osl_analysis.judge.table import Commanded, DoubtfulFits, QualityRules
 from osl_analysis.model.parameters import joint_of
 from osl_analysis.table import read_table as read_table_file
@@ -255,7 +255,7 @@ def check(trial: Trial | File, experiment: str = "impedance", config: File | Non
     validate_rules(rules)
     bench = read_section(path, "dynamometer", DynamometerAnalysis)
     commanded = Commanded(**{name: getattr(bench, name) for name in PROTOCOL})
-    return quality_table(read.name, examine(read, experiment, commanded), rules, ())
+    return judged_table(measured_table(read.name, examine(read, experiment, commanded)), rules, {})
 
 
 def simulate_trial(folder: File, trial: str, settings: File = "config/simulation/default.yaml") -> tuple[Path, str]:

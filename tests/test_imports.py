@@ -21,7 +21,7 @@ HOUSE = {
     "simulator": {"config", "model"},
     "judge": {"config", "model", "protocol", "signals", "stats"},
     "bench": {"judge", "model", "protocol", "signals", "spectral", "stats"},
-    "figures": {"judge"},
+    "figures": {"dictionary", "judge"},
     "jobs": {"judge"},
     "campaign": {"bench", "config", "formats", "judge", "model", "walking"},
     "design": {"bench", "model", "signals", "spectral", "stats"},

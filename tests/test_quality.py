@@ -15,7 +15,7 @@ from osl_analysis.campaign.configuration import campaign_config, read_section
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.raw_files import FORMATS
-from osl_analysis.judge.recording import CHECKS, examine, quality_table, validate_rules
+from osl_analysis.judge.recording import CHECKS, examine, judged_table, measured_table, validate_rules
 from osl_analysis.judge.table import CheckResult, Commanded, QualityRules
 from osl_analysis.signals import longest_at_extreme, longest_run
 from osl_analysis.trial import Trial
@@ -82,6 +82,11 @@ def with_piece(values, first, last, new=None):
 
 def results(samples, experiment="impedance", **provenance):
     return examine(Trial("t", samples, provenance), experiment, COMMANDED)
+
+
+def judged(found, *accepted):
+    """The verdicts of the shipped rules."""
+    return judged_table(measured_table("t", found), RULES, {"t": accepted})
 
 
 def failed(found):
@@ -286,10 +291,10 @@ def test_a_time_per_frequency_may_be_commanded_in_place_of_cycles():
 
 def test_a_failure_flags_or_excludes_by_its_rule_and_the_sheet_accepts_it_by_name():
     found = {"gap": CheckResult(0.2, "theta"), "unzeroed_plate": CheckResult(700.0, "plate1 -700 N")}
-    table = quality_table("w", found | {"rate": CheckResult(None)}, RULES, ())
+    table = judged(found | {"rate": CheckResult(None)})
     assert table["verdict"].to_list() == ["flag", "exclude", "pass"]
-    assert table.row(1) == ("w", "unzeroed_plate", 700.0, "N", 20.0, "exclude", "plate1 -700 N")
-    accepted = quality_table("w", found, RULES, ("unzeroed_plate",))
+    assert table.row(1) == ("t", "unzeroed_plate", 700.0, "N", 20.0, "exclude", "plate1 -700 N")
+    accepted = judged(found, "unzeroed_plate")
     assert accepted["verdict"].to_list() == ["flag", "pass"]
     assert accepted["remark"][1] == "accepted in the sheet; plate1 -700 N"
 
@@ -302,7 +307,7 @@ def test_a_trial_of_few_rows_or_empty_columns_is_judged_without_an_error(rows, e
     found = results(samples, experiment)
     assert all(f.value is None or np.isfinite(f.value) for f in found.values())
     for one in (found, results(samples.with_columns(theta=nothing, torque=nothing), experiment)):
-        assert quality_table("t", one, RULES, ())["check"].to_list() == list(CHECKS)
+        assert judged(one)["check"].to_list() == list(CHECKS)
 
 
 def test_a_value_at_its_threshold_passes_and_no_number_fails():

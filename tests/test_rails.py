@@ -10,7 +10,6 @@ from osl_analysis.errors import InputError
 from osl_analysis.ingest.source import Conversion
 from osl_analysis.judge.recording import (
     is_command,
-    longest_at_stated,
     longest_clipped_angle,
     samples_at_rail,
     stated_range,
@@ -69,9 +68,9 @@ def test_a_stated_range_is_that_of_the_sensor_whatever_its_sign_and_offset():
 
 def test_samples_at_a_stated_end_count():
     torque = np.concatenate([np.linspace(-50, 59, 400), np.full(7, 59.97), np.linspace(58, 0, 100)])
-    assert longest_at_stated(torque, (-60.0, 60.0)) == 7
     origin = {"columns": {"torque": {"range": [-60.0, 60.0]}}}
     made = Trial("made", pl.DataFrame({"time": np.arange(507.0), "torque": torque}), origin)
+    assert samples_at_rail(made, "torque") == 7
     assert stated_range(made, "torque") == (-60, 60)
     assert stated_range(made, "theta") is None
 

@@ -70,9 +70,8 @@ def test_a_trial_refused_in_one_list_is_missing_from_every_list_and_the_job_goes
     good = [result(tmp_path / f"{folder}/b_2.csv") for folder in ("trials", "fits", "quality")]
     bad = [result(tmp_path / "trials/b_1.csv"), record(tmp_path / "fits/b_1.csv", LOST)]
     inputs = {"trials": [bad[0], good[0]], "fitted": [bad[1], good[1]], "quality": [good[2]]}
-    usable = without_refused(inputs)
-    assert usable.inputs == {"trials": [good[0]], "fitted": [good[1]], "quality": [good[2]]}
-    assert (usable.refused, usable.missing) == ((LOST,), ())
+    used = {"trials": [good[0]], "fitted": [good[1]], "quality": [good[2]]}
+    assert without_refused(inputs) == (used, (LOST,), ())
 
 
 def test_verdicts_and_other_results_of_a_trial_are_not_passed_on_and_records_are_no_verdicts(tmp_path: Path) -> None:

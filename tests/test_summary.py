@@ -230,7 +230,7 @@ def test_files_are_written_from_the_tables_that_exist_and_read_back(tmp_path):
     write_summary(about=MADE, table_paths=paths, **files)
     summary = read_summary(tmp_path / "summary.json")
     no_checks = pl.DataFrame(schema=["check", "verdict"])
-    said = [json.loads(json.dumps(one.content())) for one in findings(no_checks, all_tables())]
+    said = json.loads(json.dumps(findings(no_checks, all_tables())))
     complete = {"trials": {}, "missing_results": {}, "findings": said}
     assert said[0]["line"] in format_results_table(summary)
     assert summary == written(headline_numbers(all_tables())) | complete

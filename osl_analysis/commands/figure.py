@@ -75,7 +75,7 @@ def draw_figure(
 def draw_table(
     name: str, table: pl.DataFrame, outputs: Sequence[Path], missing: Sequence[str] = (), footer: str = ""
 ) -> None:
-    """The same for numbers in memory; `name` is one of `FIGURES` or `OTHER_DRAWINGS`. `missing` trials are named in
+    """The same for numbers in memory; `name` is that of a drawing. `missing` trials are named in
     the `footer`, which the files have in their metadata too.
     """
     for path in outputs:

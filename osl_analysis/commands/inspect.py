@@ -35,7 +35,7 @@ from osl_analysis.ingest.overview import Overview
 from osl_analysis.ingest.raw_files import FORMATS, NOT_READ, SUFFIXES, check_file, read_source, recognise
 from osl_analysis.ingest.source import open_places
 from osl_analysis.judge.doubts import not_checked_line
-from osl_analysis.judge.recording import CHECKS, examine, quality_table, validate_rules
+from osl_analysis.judge.recording import CHECKS, examine, judged_table, measured_table, validate_rules
 from osl_analysis.judge.table import Commanded, QualityRules
 from osl_analysis.model.parameters import joint_of
 from osl_analysis.trial import Trial
@@ -506,7 +506,8 @@ def row_of_recording(
 def quality_text(trial: Trial, experiment: str, config: Config, accepted: Collection[str]) -> str:
     """The checks that a trial does not pass, and that are not accepted; `quality ok` if there are none."""
     commanded = Commanded(**{name: getattr(config.dynamometer, name) for name in PROTOCOL})
-    table = quality_table(trial.name, examine(trial, experiment, commanded), config.quality, accepted)
+    measured = measured_table(trial.name, examine(trial, experiment, commanded))
+    table = judged_table(measured, config.quality, {trial.name: accepted})
     failed = table.filter(pl.col("verdict").is_in(["flag", "exclude"]))
     if failed.is_empty():
         return "quality ok"

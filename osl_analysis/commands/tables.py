@@ -189,7 +189,7 @@ def write_summary(
     of_excluded = ("trial", "check", "value", "unit", "threshold", "remark")
     used = used_and_missing(trials or {}, read_table(excluded, of_excluded)) if excluded else {}
     judged = read_table(verdicts) if verdicts else pl.DataFrame(schema=["check", "verdict"])
-    said = {"findings": [one.content() for one in findings(judged, tables)]}
+    said = {"findings": findings(judged, tables)}
     lost = {one.file: one.reason.removeprefix(f"{one.file}: ") for one in refused if not one.trial}
     missing = {"trials": used, "missing_results": lost}
     with atomic_path(summary_json) as json_path, atomic_path(numbers_tex) as tex_path:

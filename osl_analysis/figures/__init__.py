@@ -4,45 +4,44 @@ A new figure is a `style.Drawing` in a module here, an object of its name in cap
 its test. Captions are said by the words of `names.py`.
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-from ruamel.yaml import YAML
-
+from osl_analysis.dictionary import described_tables
 from osl_analysis.errors import InputError
+from osl_analysis.yaml_settings import read_mapping
 
 
-@dataclass(frozen=True)
-class CampaignFigure:
+class CampaignFigure(NamedTuple):
     """A figure of a campaign, drawn if the campaign has what it needs; the fields are explained in `figures.yaml`."""
 
-    name: str  # name of its files
     table: str
     module: str
-    option: str | None
-    beside: list[str]
-    own_rule: bool
+    option: str | None = None
+    beside: Sequence[str] = ()
+    own_rule: bool = False
 
 
 FIGURES = {
-    (name := place.removeprefix("figures/")): CampaignFigure(
-        name,
-        one["from"],
-        one.get("module", name),
-        one.get("option"),
-        one.get("beside", []),
-        one.get("own_rule", False),
+    place.removeprefix("figures/"): CampaignFigure(
+        **{field: one[field] for field in CampaignFigure._fields if field in one}
     )
-    for place, one in YAML(typ="safe", pure=True).load(Path(__file__).with_name("figures.yaml")).items()
+    for place, one in read_mapping(Path(__file__).with_name("figures.yaml")).items()
 }
-OTHER_DRAWINGS = ("torque", "gain_grid", "study", "not_drawn")  # drawings in `others.py` that are none of a campaign
+
+
+def columns_of(figure: str) -> list[str]:
+    """The columns of a figure's plotted numbers, as figures.yaml describes them."""
+    (table,) = (one for one in described_tables() if one.place == f"figures/{figure}")
+    return [name for name in table.columns if name != "data"]
 
 
 def drawing_of(name: str) -> Any:
     """The `style.Drawing` of a figure, imported only when it is needed: importing matplotlib takes half a second."""
-    if name not in FIGURES and name not in OTHER_DRAWINGS:
-        raise InputError(f"no figure '{name}'; there are {', '.join((*FIGURES, *OTHER_DRAWINGS))}")
-    module = FIGURES[name].module if name in FIGURES else "others"
-    return getattr(import_module(f"osl_analysis.figures.{module}"), name.upper())
+    known = {figure: one.module for figure, one in FIGURES.items()}
+    known |= dict.fromkeys(("torque", "gain_grid", "study", "not_drawn"), "others")  # none of a campaign
+    if name not in known:
+        raise InputError(f"no figure '{name}'; there are {', '.join(known)}")
+    return getattr(import_module(f"osl_analysis.figures.{known[name]}"), name.upper())

@@ -8,22 +8,18 @@ import polars as pl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
-from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
-from osl_analysis.figures import names, style
+from osl_analysis.figures import columns_of, names, style
+from osl_analysis.trial import Array
 
-FIG7_COLUMNS = (
-    "joint", "side", "curve", "controller", "look", "trial", "K_d", "B_d", "frequency_hz", "magnitude",
-    "magnitude_low", "magnitude_high", "magnitude_amplitudes_low", "magnitude_amplitudes_high", "phase_deg",
-    "phase_low", "phase_high", "phase_amplitudes_low", "phase_amplitudes_high", "doubtful",
-)  # fmt: skip
 OLD_NAMES = {
     "magnitude_amplitudes_low": "magnitude_min", "magnitude_amplitudes_high": "magnitude_max",
     "phase_low": "phase_low_deg", "phase_high": "phase_high_deg",
     "phase_amplitudes_low": "phase_min_deg", "phase_amplitudes_high": "phase_max_deg",
 }  # fmt: skip
 """What columns are called in `frequency_response.csv`."""
+FIG7_COLUMNS = [name for name in columns_of("fig7") if name != "chosen"]
 OBSERVED, DESIRED, LINEAR_MODEL = "observed", "desired", "linear model"  # kinds of `curve`
 
 
@@ -38,10 +34,10 @@ def fig7_points(response: pl.DataFrame, curves: Sequence[pl.DataFrame]) -> pl.Da
     if "look" not in response.columns:
         response = response.with_columns(names.look_numbers(response["controller"]))
     numbers = response.select("controller", "look").unique()
-    observed = names.completed(response, ("joint", "side")).with_columns(curve=pl.lit(OBSERVED))
-    observed = observed.rename({old: new for new, old in OLD_NAMES.items()})
+    observed = response.with_columns(curve=pl.lit(OBSERVED)).rename({old: new for new, old in OLD_NAMES.items()})
     looked = (curve.join(numbers, on="controller", how="left", maintain_order="left") for curve in curves)
-    return pl.concat([observed.select(FIG7_COLUMNS), *looked], how="diagonal_relaxed").select(FIG7_COLUMNS)
+    every = [names.completed(observed, FIG7_COLUMNS, True), *looked]
+    return pl.concat(every, how="diagonal_relaxed").select(FIG7_COLUMNS)
 
 
 def response_curve(
@@ -55,15 +51,12 @@ def response_curve(
 
 def fig7_caption(table: pl.DataFrame) -> str:
     observed = table.filter(pl.col("curve") == OBSERVED)
-    stated = [
-        f"${name}$ = {observed[name][0]:g} {unit}"
-        for name, unit in (("K_d", names.UNIT_SIGN["K"]), ("B_d", names.UNIT_SIGN["B"]))
-        if observed[name][0] is not None
-    ]
+    desired = [(s, observed[f"{s}_d"][0]) for s in "KB"]
+    stated = ", ".join(f"${s}_d$ = {value:g} {names.UNIT_SIGN[s]}" for s, value in desired if value is not None)
     chosen = observed["chosen"][0] if "chosen" in observed.columns else None
     why = f" ({names.as_text(chosen)})" if chosen is not None else ""
     said = [
-        f"Frequency response of the joint, angle over torque: {', '.join(stated) or 'no impedance is stated'}{why}. "
+        f"Frequency response of the joint, angle over torque: {stated or 'no impedance is stated'}{why}. "
         "Above its magnitude, below its phase. Markers are measured phasors, averaged over amplitudes."
     ]
     if observed["magnitude_amplitudes_low"].count():
@@ -91,11 +84,10 @@ def draw_fig7(table: pl.DataFrame) -> Figure:
     """(a) magnitude, (b) phase over the logarithm of frequency; several joints or sides stand side by side. A marker is
     open where the phasor of one amplitude at least is doubtful."""
     parts, looks = names.placed_rows(table), names.looks_in(table.filter(pl.col("curve") != DESIRED))
-    titles = [name for name, _ in parts]
-    width = style.SINGLE_COLUMN if len(parts) == 1 else style.DOUBLE_COLUMN
-    figure, axes = style.panels(width, 3.7, rows=2, columns=len(parts), names=titles + [""] * len(parts))
-    for number, (_, part) in enumerate(parts):
-        magnitude, phase = axes[number], axes[number + len(parts)]
+    titles, across = [name for name, _ in parts], len(parts)
+    width = style.SINGLE_COLUMN if across == 1 else style.DOUBLE_COLUMN
+    figure, axes = style.panels(width, 3.7, rows=2, columns=across, names=titles + [""] * across)
+    for magnitude, phase, (_, part) in zip(axes[:across], axes[across:], parts, strict=True):
         kinds = {kind: part.filter(pl.col("curve") == kind) for kind in (OBSERVED, DESIRED, LINEAR_MODEL)}
         for ax, column, bounds in ((magnitude, "magnitude", "magnitude"), (phase, "phase_deg", "phase")):
             for controller, look in looks.items():
@@ -109,21 +101,20 @@ def draw_fig7(table: pl.DataFrame) -> Figure:
             curve = kinds[DESIRED]
             if len(curve):
                 ax.plot(curve["frequency_hz"], curve[column], zorder=1, color=style.BLACK, label="Desired")
+            style.label_frequency_axis(ax, part["frequency_hz"], most=8 if across == 1 else 5)
         magnitude.set_yscale("log")
         style.label_log_axis(magnitude.yaxis, magnitude.get_ylim(), most=6, scale=1e3)
         style.label_phase_axis(phase)
-        for ax in (magnitude, phase):
-            style.label_frequency_axis(ax, part["frequency_hz"], most=8 if len(parts) == 1 else 5)
         magnitude.tick_params(labelbottom=False)
         phase.set_xlabel("Frequency (Hz)")
     axes[0].set_ylabel("Magnitude\n" r"(10$^{-3}$ rad/(N·m))")
-    axes[len(parts)].set_ylabel("Phase (deg)")
+    axes[across].set_ylabel("Phase (deg)")
     entries = style.legend_entries(axes)
     bar = {"marker": "|", "color": style.BLACK, "markersize": 8}
     if table["magnitude_amplitudes_low"].count() or table["phase_amplitudes_low"].count():
         entries["Range over amplitudes"] = style.key("", **bar, mew=style.THIN)
     # of the intervals, if the longest is longer than the markers
-    for ax, bounds in zip(axes, ["magnitude"] * len(parts) + ["phase"] * len(parts), strict=True):
+    for ax, bounds in zip(axes, ["magnitude"] * across + ["phase"] * across, strict=True):
         ends = table.select(f"{bounds}_low", f"{bounds}_high").drop_nulls()
         if ends.is_empty():
             continue
@@ -132,18 +123,11 @@ def draw_fig7(table: pl.DataFrame) -> Figure:
         longest = float(np.max(np.abs(high - low))) * 72 / figure.dpi
         if longest > min(look.size for look in style.LOOKS.values()):
             entries["95 % interval"] = style.key("", **bar, mew=style.THICK)
-    if style.has_doubtful(table):
-        entries[str(style.OPEN_MARKER.get_label())] = style.OPEN_MARKER
-    style.legend_above(figure, entries, 2 if len(parts) == 1 else 4, columnspacing=1.5)
+    style.legend_above(figure, entries | style.open_entry(table), 2 if across == 1 else 4, columnspacing=1.5)
     figure.align_ylabels()
     return figure
 
 
-RESPONSE_COLUMNS = (
-    "trials", "joint", "side", "controller", "K_d", "B_d", "method", "realisations", "frequency_hz", "magnitude",
-    "phase_deg", "magnitude_eq15", "phase_deg_eq15", "magnitude_eq9", "phase_deg_eq9", "noise_level", "odd_level",
-    "even_level", "total_level", "noise_sd", "total_sd", "doubtful",
-)  # fmt: skip
 MOST_CONDITIONS, MOST_ACROSS = 12, 3
 """Conditions that one page shows at most (the table has all), and those side by side; one more if they are so many."""
 SIZE = 2.2  # size [pt] of the markers
@@ -151,33 +135,18 @@ LEVEL_LOOKS = {
     "odd_level": (style.ORANGE, "^", "Odd distortion"),
     "even_level": (style.PURPLE, "s", "Even distortion"),
     "noise_level": (style.GREY, "x", "Noise"),
-}
-"""Colour, marker and name of each level."""
+}  # colour, marker and name of each level
 STRUCTURE_LOOKS = {
     "eq15": (style.MAGENTA, "-", r"Eq. 15: $K + sB + s^2I$", "the second-order system of Eq. 15"),
     "eq9": (style.BLACK, (0, (4, 1.5)), "Eq. 9: drivetrain", "the drivetrain of Eq. 9"),
-}
-"""Colour, line style, and names in the legend and in the caption."""
+}  # colour, line style, and names in the legend and in the caption
 
 
 def condition_points(single: pl.DataFrame, pooled: pl.DataFrame) -> pl.DataFrame:
     """The rows of every condition: those of `response_pooled.csv`, then of each trial that is in none of them."""
     in_pool = {name for pool in pooled["trials"].unique() for name in str(pool).split(", ")}
     alone = single.filter(~pl.col("trial").is_in(in_pool)).with_columns(trials=pl.col("trial"))
-    return names.completed(pl.concat([pooled, alone], how="diagonal_relaxed"), RESPONSE_COLUMNS).select(
-        RESPONSE_COLUMNS
-    )
-
-
-def condition_words(row: Mapping[str, Any], longest: int = 28) -> list[str]:
-    """Joint, controller, desired impedance, trials by the first one's name, and realisations of a condition."""
-    words = [names.place_name(row["joint"], row["side"]), names.drawn_name(row["controller"] or "")]
-    words.append(", ".join(f"${name}$ = {row[name]:g}" for name in ("K_d", "B_d") if row[name] is not None))
-    trials = str(row["trials"]).split(", ")
-    words.append(names.drawn_name(trials[0], longest) + (f" and {len(trials) - 1} more" if len(trials) > 1 else ""))
-    if row["method"] != "local polynomial":
-        words.append(names.count_of(int(row["realisations"]), "realisation"))
-    return [*filter(None, words)]
+    return names.completed(pl.concat([pooled, alone], how="diagonal_relaxed"), columns_of("response"), True)
 
 
 def response_caption(table: pl.DataFrame) -> str:
@@ -202,14 +171,11 @@ def response_caption(table: pl.DataFrame) -> str:
     return " ".join([*said, names.doubtful_said(fits, "drawn with open markers", fit="condition")])
 
 
-def missed(rows: pl.DataFrame, short: str) -> NDArray[np.float64]:
+def missed(rows: pl.DataFrame, short: str) -> Array:
     """Distance [N*m/rad] (n,) of a structure from the measured impedance, NaN where it is not known."""
-    Z, of_structure = (
-        rows[f"magnitude{ending}"].cast(pl.Float64).to_numpy()
-        * np.exp(1j * np.deg2rad(rows[f"phase_deg{ending}"].cast(pl.Float64).to_numpy()))
-        for ending in ("", f"_{short}")
-    )
-    return np.asarray(np.abs(Z - of_structure))
+    columns = (f"{part}{ending}" for ending in ("", f"_{short}") for part in ("magnitude", "phase_deg"))
+    size, phase, of_structure, its_phase = rows.select(pl.col(*columns).cast(pl.Float64)).to_numpy().T
+    return np.asarray(abs(size * np.exp(1j * np.deg2rad(phase)) - of_structure * np.exp(1j * np.deg2rad(its_phase))))
 
 
 @style.paper_style()
@@ -248,29 +214,39 @@ def draw_response(table: pl.DataFrame) -> Figure:
     return figure
 
 
+def condition_words(row: Mapping[str, Any], longest: int) -> list[str]:
+    """Joint, controller, desired impedance, trials by the first one's name, and realisations of a condition."""
+    words = [names.place_name(row["joint"], row["side"]), names.drawn_name(row["controller"] or "")]
+    words.append(", ".join(f"${name}$ = {row[name]:g}" for name in ("K_d", "B_d") if row[name] is not None))
+    trials = str(row["trials"]).split(", ")
+    words.append(names.drawn_name(trials[0], longest) + (f" and {len(trials) - 1} more" if len(trials) > 1 else ""))
+    if row["method"] != "local polynomial":
+        words.append(names.count_of(int(row["realisations"]), "realisation"))
+    return [*filter(None, words)]
+
+
 def draw_condition(parts: Sequence[Axes], rows: pl.DataFrame) -> dict[str, Any]:
     """Three panels of one condition; the entries of the legend."""
-    f, beside, doubtful = rows["frequency_hz"].to_numpy(), parts[2], style.has_doubtful(rows)
+    rows = rows.with_columns(pl.col(*LEVEL_LOOKS, "total_sd", "noise_sd").cast(pl.Float64))
+    f, beside = rows["frequency_hz"].to_numpy(), parts[2]
     # 95 % intervals of one direction in the complex plane, of noise and distortion, or of noise where it is not known
-    sd = pl.coalesce(pl.col("total_sd").cast(pl.Float64), pl.col("noise_sd").cast(pl.Float64)).fill_null(0.0)
-    half = 1.96 * sd / np.sqrt(2)
+    half = 1.96 * pl.coalesce("total_sd", "noise_sd").fill_null(0.0) / np.sqrt(2)
     entries: dict[str, Any] = {"Measured Z": style.key("", marker="o", color=style.BLACK, markersize=SIZE)}
-    if doubtful:
-        entries[str(style.OPEN_MARKER.get_label())] = style.OPEN_MARKER
+    entries |= style.open_entry(rows)
     halves = {"magnitude": half, "phase_deg": half / pl.col("magnitude") * (180 / np.pi)}
     for ax, (name, reach) in zip(parts, halves.items(), strict=False):
         low, high = rows.select(low=pl.col(name) - reach, high=pl.col(name) + reach)
         ax.vlines(f, low, high, color=style.BLACK, linewidth=0.6)
-        fill = style.WHITE if doubtful else style.BLACK
+        fill = style.WHITE if style.has_doubtful(rows) else style.BLACK
         ax.plot(f, rows[name], "o", color=style.BLACK, markersize=SIZE, mew=0.5, mfc=fill)
-        for short, (colour, dash, label, _) in STRUCTURE_LOOKS.items():
-            curve = rows[f"{name}_{short}"].cast(pl.Float64)
-            if curve.count():
+        ax.tick_params(labelbottom=False)
+        ax.yaxis.set_major_locator(MaxNLocator(nbins=4))
+    for short, (colour, dash, label, _) in STRUCTURE_LOOKS.items():
+        curves: tuple[Any, ...] = (rows[f"magnitude_{short}"], rows[f"phase_deg_{short}"], missed(rows, short))
+        for ax, curve in zip(parts, curves, strict=True):
+            if rows[f"magnitude_{short}"].count():
                 (entries[label],) = ax.plot(f, curve, color=colour, linestyle=dash, linewidth=0.9)
-    for short, (colour, dash, _, _) in STRUCTURE_LOOKS.items():
-        if rows[f"magnitude_{short}"].count():
-            beside.plot(f, missed(rows, short), color=colour, linestyle=dash, linewidth=0.9)
-    levels = {name: rows[name].cast(pl.Float64).to_numpy() for name in LEVEL_LOOKS}
+    levels = {name: rows[name].to_numpy() for name in LEVEL_LOOKS}
     noise = levels["noise_level"]
     seen = {name: level > (0 if level is noise else np.maximum(noise, 0)) for name, level in levels.items()}
     for name, (colour, marker, label) in LEVEL_LOOKS.items():
@@ -281,32 +257,22 @@ def draw_condition(parts: Sequence[Axes], rows: pl.DataFrame) -> dict[str, Any]:
     beside.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     beside.yaxis.set_minor_formatter(NullFormatter())
     if not seen["odd_level"].any() and not seen["even_level"].any():
-        in_noise = (
-            "Distortion is in the noise" if rows["method"][0] == "local polynomial" else "No line shows distortion"
-        )
-        known = np.isfinite([levels["odd_level"], levels["even_level"]]).any()
-        beside.set_title("Distortion below noise" if known else in_noise, loc="left")
+        alone = rows["method"][0] == "local polynomial"
+        why = "Distortion is in the noise" if alone else "No line shows distortion"
+        known = rows["odd_level"].count() or rows["even_level"].count()
+        beside.set_title("Distortion below noise" if known else why, loc="left")
     beside.set_xlabel("Frequency (Hz)")
     for ax in parts:
         ax.set_xlim(0, 1.04 * float(np.max(f)))
         ax.xaxis.set_major_locator(MaxNLocator(nbins=6, integer=True))
-        if ax is not beside:
-            ax.tick_params(labelbottom=False)
-            ax.yaxis.set_major_locator(MaxNLocator(nbins=4))
     return entries
 
 
 FIG7 = style.Drawing(
-    FIG7_COLUMNS,
-    draw_fig7,
-    fig7_caption,
-    fig7_points,
+    FIG7_COLUMNS, draw_fig7, fig7_caption, fig7_points,
     needs=[OLD_NAMES.get(name, name) for name in FIG7_COLUMNS if name not in ("joint", "side", "curve", "look")],
-)
+)  # fmt: skip
 RESPONSE = style.Drawing(
-    RESPONSE_COLUMNS,
-    draw_response,
-    response_caption,
-    condition_points,
+    columns_of("response"), draw_response, response_caption, condition_points,
     nothing="every impedance trial follows the stepped sine; its frequency response is in phasors.csv and Fig. 7",
-)
+)  # fmt: skip

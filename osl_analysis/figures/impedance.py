@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from osl_analysis.errors import InputError
-from osl_analysis.figures import names, style
+from osl_analysis.figures import columns_of, names, style
 from osl_analysis.trial import Array
 
 
@@ -19,19 +19,16 @@ def fig4_caption(table: pl.DataFrame) -> str:
     said = [
         f"{names.as_text(names.place_name(joint, side))}, trial {names.as_text(trial)}{why}: the last "
         f"{np.ptp(table['time'].to_numpy()):.3g} s of one amplitude, at most "
-        f"{np.max(np.abs(table['theta_deg'].to_numpy())):.2g} deg.",
-        "(a) Measured angle. (b) Torque: grey as measured, dashed by the second-order system that fits best (Eq. 15). "
-        "(c) Measured minus modelled torque.",
+        f"{np.max(np.abs(table['theta_deg'].to_numpy())):.2g} deg. (a) Measured angle. (b) Torque: grey as measured, "
+        "dashed by the second-order system that fits best (Eq. 15). (c) Measured minus modelled torque."
     ]
     if len(fitted) < len(table):
         said.append("Grey ground: samples that the fit leaves out, such as the first cycles at a frequency.")
     if len(fitted):
-        left = (fitted["torque"] - fitted["torque_model"]).to_numpy()
-        vaf = 100 * (1 - float(np.var(left)) / float(np.var(fitted["torque"].to_numpy())))
-        rms = float(np.sqrt(np.mean(left**2)))
+        torque, model = fitted.select("torque", "torque_model").to_numpy().T
+        vaf, rms = 100 * (1 - np.var(torque - model) / np.var(torque)), np.sqrt(np.mean((torque - model) ** 2))
         said.append(f"Of the fitted samples shown, the RMS residual is {rms:.2g} N·m and the VAF {vaf:.2f} %.")
-    said.append(names.doubtful_said(table.select("trial", "doubtful").head(1), "said in the legend"))
-    return " ".join(said)
+    return " ".join([*said, names.doubtful_said(table.select("trial", "doubtful").head(1), "said in the legend")])
 
 
 @style.paper_style()
@@ -39,40 +36,33 @@ def draw_fig4(table: pl.DataFrame) -> Figure:
     """(a) Angle; (b) torque, the fit dashed magenta, which the draft calls blue in its caption; (c) residual."""
     joint, side, trial = table.select("joint", "side", "trial").row(0)
     place = f"{names.place_name(joint, side)}, trial {names.drawn_name(trial, 60)}"
-    figure, (angle, torque, residual) = style.panels(style.DOUBLE_COLUMN, 3.9, rows=3, names=[place, "", ""])
+    figure, axes = style.panels(style.DOUBLE_COLUMN, 3.9, rows=3, names=[place, "", ""])
+    angle, torque, residual = axes
     step, drawn = pl.col("time").diff(), ("theta_deg", "torque", "torque_model")
     rows = table.with_row_index("row")  # with one of NaN before each step that is longer than two ordinary ones
     breaks = rows.filter(step > 2 * step.median()).with_columns(pl.lit(np.nan).alias(name) for name in drawn)
     lines = pl.concat([breaks, rows]).sort("row", maintain_order=True)
-    time = lines["time"]
+    time, label = lines["time"], "Best-fit second-order system" + " (doubtful)" * style.has_doubtful(table)
     angle.plot(time, lines["theta_deg"], color=style.BLACK, linewidth=0.9)
     torque.plot(time, lines["torque"], color="#B4B4B4", linewidth=2.2, label="Measured")
-    label = "Best-fit second-order system" + " (doubtful)" * style.has_doubtful(table)
     torque.plot(time, lines["torque_model"], color=style.MAGENTA, linestyle=(0, (2.5, 1.5)), linewidth=1.0, label=label)
     residual.axhline(0, color=style.BLACK, linewidth=0.4)
     residual.plot(time, lines["torque"] - lines["torque_model"], color=style.BLACK, linewidth=0.7)
     residual.set_xlabel("Time (s)")
-    runs = table.with_columns(run=pl.col("torque_model").is_null().rle_id()).filter(pl.col("torque_model").is_null())
-    spans = runs.group_by("run", maintain_order=True).agg(first=pl.col("time").first(), last=pl.col("time").last())
-    for ax, name in ((angle, "Angle (deg)"), (torque, "Torque (N·m)"), (residual, "Residual (N·m)")):
+    out = pl.col("torque_model").is_null()
+    unfitted = table.with_columns(run=out.rle_id()).filter(out).partition_by("run", maintain_order=True)
+    for ax, name in zip(axes, ("Angle (deg)", "Torque (N·m)", "Residual (N·m)"), strict=True):
         ax.set_ylabel(name)
         if ax is not residual:
             ax.sharex(residual)
             ax.tick_params(labelbottom=False)
-        for number, (_, first, last) in enumerate(spans.iter_rows()):
-            label = "" if number else "Not fitted"
-            ax.axvspan(first, last, color="#E8E8E8", linewidth=0, zorder=0, label=label)
+        for number, run in enumerate(unfitted):
+            label, ends = "" if number else "Not fitted", (run["time"][0], run["time"][-1])
+            ax.axvspan(*ends, color="#E8E8E8", linewidth=0, zorder=0, label=label)
         ax.margins(x=0.005)
     torque.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=3)
     figure.align_ylabels()
     return figure
-
-
-FIG5_COLUMNS = (
-    "trial", "joint", "side", "controller", "look", "K_d", "B_d", "K", "K_low", "K_high", "B", "B_low", "B_high",
-    "K_amplitudes_low", "K_amplitudes_high", "B_amplitudes_low", "B_amplitudes_high", "K_predicted", "B_predicted",
-    "doubtful",
-)  # fmt: skip
 
 
 def fig5_points(impedance: pl.DataFrame) -> pl.DataFrame:
@@ -84,8 +74,7 @@ def fig5_points(impedance: pl.DataFrame) -> pl.DataFrame:
             "the impedance table has no fit over all amplitudes (a row with empty amplitude_deg), "
             "which Fig. 5 draws; fit the trials again"
         )
-    table = table.with_columns(names.look_numbers(table["controller"]))
-    return names.completed(table, FIG5_COLUMNS).select(FIG5_COLUMNS)
+    return names.completed(table.with_columns(names.look_numbers(table["controller"])), columns_of("fig5"), True)
 
 
 @style.paper_style()
@@ -110,13 +99,14 @@ def draw_fig5(table: pl.DataFrame) -> Figure:
         letter_conditions(damping, rows)
         stiffness.set_ylabel(r"Stiffness $\hat{K}$ (N·m/rad)")
         damping.set_ylabel(r"Damping $\hat{B}$ (N·m·s/rad)")
-    handles = [style.key(o.label, marker=o.marker, color=o.colour, markersize=o.size) for o in looks.values()]
-    handles += [style.OPEN_MARKER] * style.has_doubtful(table)
-    if table["K_d"].count() or table["B_d"].count():
-        handles.append(style.key("Desired", color=style.BLACK, linewidth=0.8))
-    if table["K_predicted"].count() or table["B_predicted"].count():
-        handles.append(style.key("Linear model", marker="_", color=style.GREY, markersize=7, mew=0.7))
-    entries = {str(handle.get_label()): handle for handle in handles}
+    entries = {o.label: style.key(o.label, marker=o.marker, color=o.colour, markersize=o.size) for o in looks.values()}
+    entries |= style.open_entry(table)
+    for label, column, line in (
+        ("Desired", "{}_d", {"color": style.BLACK, "linewidth": 0.8}),
+        ("Linear model", "{}_predicted", {"marker": "_", "color": style.GREY, "markersize": 7, "mew": 0.7}),
+    ):
+        if any(table[column.format(symbol)].count() for symbol in "KB"):
+            entries[label] = style.key(label, **line)
     style.legend_above(figure, entries, 6, 0.9 * style.DOUBLE_COLUMN, columnspacing=1.4)
     figure.align_ylabels()
     return figure
@@ -125,9 +115,8 @@ def draw_fig5(table: pl.DataFrame) -> Figure:
 def draw_quantity(ax: Axes, rows: pl.DataFrame, symbol: str, looks: dict[str | None, style.Look]) -> None:
     """Estimates of one quantity at their places `x`, lines at the desired values, and between values of K_d."""
     for wanted in rows.drop_nulls(f"{symbol}_d").partition_by("K_d", "B_d", maintain_order=True):
-        ax.hlines(
-            wanted[f"{symbol}_d"][0], wanted["x"][0] - 0.6, wanted["x"][-1] + 0.6, color=style.BLACK, linewidth=0.8
-        )
+        ends = wanted["x"][0] - 0.6, wanted["x"][-1] + 0.6
+        ax.hlines(wanted[f"{symbol}_d"][0], *ends, color=style.BLACK, linewidth=0.8)
     last = float(rows["x"][-1])
     # at this share of their usual size, and not below 0.3, the markers of neighbours do not touch
     share = float(np.clip(72 * ax.figure.figure.get_figwidth() / (last + 8) / 4.5, 0.3, 1.0))
@@ -148,14 +137,14 @@ def letter_conditions(ax: Axes, rows: pl.DataFrame) -> None:
     for minor, keys in ((False, ["K_d", "B_d"]), (True, ["K_d"])):
         places = rows.group_by(keys, maintain_order=True).agg(pl.col("x").mean())
         name, equals = ("$K_d$ ", "= ") if minor else ("", "")
-        shown, end = [], -np.inf
+        shown, end = {}, -np.inf
         for place, value in places.select("x", keys[-1]).iter_rows():
             word = name + ("not stated" if value is None else f"{equals}{value:g}")
             half = style.width_of(word) / inches / 2
             if place - half > end:
-                shown.append((place, word))
+                shown[place] = word
                 end = place + half + 0.06 / inches
-        ax.set_xticks([place for place, _ in shown], [word for _, word in shown], minor=minor)
+        ax.set_xticks(list(shown), list(shown.values()), minor=minor)
     ax.xaxis.remove_overlapping_locs = False
     ax.tick_params(axis="x", which="both", length=0)
     ax.tick_params(axis="x", which="minor", pad=13)
@@ -193,26 +182,21 @@ def errors_said(fits: pl.DataFrame) -> str:
     """Mean and SD over trials of estimate minus desired value, and their range; else those of the estimates."""
     said = []
     for symbol in "KB":
-        errors = (fits[symbol] - fits[f"{symbol}_d"]).drop_nulls()
+        errors = (fits[symbol] - fits[f"{symbol}_d"]).drop_nulls().to_numpy()
         name = rf"$\hat{{{symbol}}} - {symbol}_d$"
-        if errors.is_empty():
-            errors, name = fits[symbol].drop_nulls(), rf"$\hat{{{symbol}}}$"
-        if errors.is_empty():
+        if not len(errors):
+            errors, name = fits[symbol].drop_nulls().to_numpy(), rf"$\hat{{{symbol}}}$"
+        if not len(errors):
             continue
-        sd = None if len(errors) == 1 else float(errors.std())  # type: ignore[arg-type]
-        mean, low, high = (float(value) for value in (errors.mean(), errors.min(), errors.max()))  # type: ignore[arg-type]
-        digits = names.decimals_of(sd or 0.0, mean)
-        reach = (
-            f", {names.rounded_number(low, digits)} to {names.rounded_number(high, digits)}" if sd is not None else ""
-        )
+        mean, sd = float(np.mean(errors)), float(np.std(errors, ddof=1)) if len(errors) > 1 else None
+        ends = (names.rounded_number(x, names.decimals_of(sd or 0.0, mean)) for x in (errors.min(), errors.max()))
+        reach = "" if sd is None else f", {' to '.join(ends)}"
         some = f" of {names.count_of(len(errors), 'fit')}" if len(errors) < len(fits) else ""
         said.append(f"{name}{some} is {names.with_sd(mean, sd, names.UNIT_SIGN[symbol])}{reach}")
     return ", ".join(said) + (" (mean ± SD, range)" if len(fits) > 1 else "")
 
 
-FIG6_NEEDS = ("trial", "controller", "K_d", "B_d", "amplitude_deg", "VAF")
-FIG6_COLUMNS = (*FIG6_NEEDS, *names.JOINT_SIDE, "look", "x", "x_centre", "median_VAF", "doubtful")
-MARGIN_LEFT, MARGIN_RIGHT, MARGIN_BOTTOM, PANEL_HEIGHT = 0.66, 0.06, 0.26, 2.08
+LEFT, RIGHT, HEIGHT = 0.66, 0.06, 2.08
 """Margins and height [in] of the panel of Fig. 6: fixed, because the swarm's positions depend on its size."""
 MOST_BESIDE = 2  # swarms up to which the median stands beside each, in a single column; of more it stands below each
 LARGEST_VAF = 99.9999  # larger ones [percent] are drawn here
@@ -235,58 +219,54 @@ def vaf_said(vaf: float) -> str:
     return f"{names.rounded_number(vaf, min(max(names.decimals_of(100 - vaf), 2), 6))} %"
 
 
+def swarms_of(table: pl.DataFrame) -> tuple[list[pl.DataFrame], float]:
+    """The rows of each controller of each joint and side, and the width [in] of the panel that shows them."""
+    parts = table.partition_by(names.JOINT_SIDE, maintain_order=True)
+    found = (names.of_controller(part, controller) for part in parts for controller in names.looks_in(part))
+    swarms = [rows for rows in found if len(rows)]
+    page = style.SINGLE_COLUMN if len(swarms) <= MOST_BESIDE else style.DOUBLE_COLUMN
+    return swarms, page - LEFT - RIGHT
+
+
 def fig6_points(impedance: pl.DataFrame) -> pl.DataFrame:
     """One row per trial and amplitude, with its place `x` in the swarm of its controller, joint and side, 0 to 1 across
     the panel. A trial that no stepped sine moved has one row, a fit without a VAF (a constant torque) none."""
     single = (pl.col("amplitude_deg").is_not_null() | (pl.len().over("trial") == 1)) & pl.col("VAF").is_finite()
-    known = (*FIG6_NEEDS, *names.JOINT_SIDE, "doubtful")
-    table = names.completed(impedance.filter(single), known).select(known)
+    table = impedance.filter(single)
     if table.is_empty():
         raise InputError(
             "the impedance table has no VAF of a single amplitude, which Fig. 6 draws; fit the trials again"
         )
-    table = table.with_columns(names.look_numbers(table["controller"]))
+    table = names.completed(table.with_columns(names.look_numbers(table["controller"])), columns_of("fig6"), True)
     low, high = vaf_limits(table["VAF"])
-    groups = swarms_of(table)
-    width, pitch = panel_width(len(groups)), 1 / len(groups)
-    swarms = []
+    groups, width = swarms_of(table)
+    pitch, swarms = 1 / len(groups), []
     for place, rows in enumerate(groups):
         drawn = rows["VAF"].clip(upper_bound=LARGEST_VAF).to_numpy()
-        heights = (vaf_scale(drawn) - low) / (high - low) * PANEL_HEIGHT
+        heights = (vaf_scale(drawn) - low) / (high - low) * HEIGHT
         offsets = style.swarm_offsets(heights, 4.9 / 72, width, 0.4 * pitch)  # the marker and a small gap
         centre = pitch * (0.92 * place + 0.46 if len(groups) <= MOST_BESIDE else place + 0.5)
         swarms.append(rows.with_columns(x=centre + offsets, x_centre=pl.lit(centre), median_VAF=pl.col("VAF").median()))
     return pl.concat(swarms)
 
 
-def swarms_of(table: pl.DataFrame) -> list[pl.DataFrame]:
-    parts = table.partition_by(names.JOINT_SIDE, maintain_order=True)
-    found = (names.of_controller(part, controller) for part in parts for controller in names.looks_in(part))
-    return [rows for rows in found if len(rows)]
-
-
-def panel_width(swarms: int) -> float:
-    return (style.SINGLE_COLUMN if swarms <= MOST_BESIDE else style.DOUBLE_COLUMN) - MARGIN_LEFT - MARGIN_RIGHT
-
-
 @style.paper_style()
 def draw_fig6(table: pl.DataFrame) -> Figure:
     """A swarm per controller of each joint and side, over an axis that is logarithmic in the unexplained variance."""
-    swarms, looks = swarms_of(table), names.looks_in(table)
+    (swarms, panel), looks = swarms_of(table), names.looks_in(table)
     several, beside = len(table.select(names.JOINT_SIDE).unique()) > 1, len(swarms) <= MOST_BESIDE
     # what stands below a swarm, in lines of the width that each has
-    panel = panel_width(len(swarms))
     letters, written = max(int(17 * panel / len(swarms)), 6), []
     for rows in swarms:
-        place = names.place_name(rows["joint"][0], rows["side"][0]) if several or not beside else ""
+        place = names.place_name(*rows.select(names.JOINT_SIDE).row(0)) if several or not beside else ""
         median = "" if beside else f"median {vaf_said(rows['median_VAF'][0])}"
         named = (looks[rows["controller"][0]].label.strip(), place, fits_and_trials(rows), median)
         written.append("\n".join(part for line in named if line for part in textwrap.wrap(line, letters)))
     below = 0.17 * max(lines.count("\n") for lines in written)
-    width, height = panel + MARGIN_LEFT + MARGIN_RIGHT, 2.4 + below
+    width, height = panel + LEFT + RIGHT, 2.4 + below
     figure = Figure(figsize=(width, height))
-    ax = figure.add_axes((MARGIN_LEFT / width, (MARGIN_BOTTOM + below) / height, panel / width, PANEL_HEIGHT / height))
-    ax.set_yscale("function", functions=(vaf_scale, vaf_of_height))
+    ax = figure.add_axes((LEFT / width, (0.26 + below) / height, panel / width, HEIGHT / height))
+    ax.set_yscale("function", functions=(vaf_scale, lambda y: 100 - 10.0 ** -np.asarray(y)))
     for rows in swarms:
         look, drawn = looks[rows["controller"][0]], rows["VAF"].clip(upper_bound=LARGEST_VAF)
         style.draw_fits(ax, rows, rows["x"], drawn, look, linewidths=0.8)
@@ -295,10 +275,10 @@ def draw_fig6(table: pl.DataFrame) -> Figure:
         if beside:
             words = f"median\n{vaf_said(rows['median_VAF'][0])}"
             ax.annotate(words, (centre + half + 0.02 / len(swarms), median), va="center")
-    if style.has_doubtful(table):
-        ax.legend(handles=[style.OPEN_MARKER], loc="lower left")
+    if entries := style.open_entry(table):
+        ax.legend(handles=entries.values(), loc="lower left")
     low, high = vaf_limits(table["VAF"])
-    ax.set_ylim(*vaf_of_height(np.array([low, high])))
+    ax.set_ylim(100 - 10.0**-low, 100 - 10.0**-high)
     # round VAFs; of more than twelve, those at which the unexplained share is a power of ten
     every = (
         -900, -400, -100, 0, 50, 80, 90, 95, 98, 99, 99.5, 99.8, 99.9, 99.95, 99.98, 99.99, 99.995, 99.998, 99.999,
@@ -316,10 +296,6 @@ def draw_fig6(table: pl.DataFrame) -> Figure:
     return figure
 
 
-def vaf_of_height(height: Array) -> Array:
-    return np.asarray(100 - 10.0 ** -np.asarray(height))
-
-
 def fits_and_trials(rows: pl.DataFrame) -> str:
     trials = names.count_of(rows["trial"].n_unique(), "trial")
     return trials if len(rows) == rows["trial"].n_unique() else f"{names.count_of(len(rows), 'fit')} of {trials}"
@@ -332,7 +308,7 @@ def fig6_caption(table: pl.DataFrame) -> str:
         "are medians; the place across a swarm has no meaning."
     ]
     several = len(table.select(names.JOINT_SIDE).unique()) > 1
-    for rows in swarms_of(table):
+    for rows in swarms_of(table)[0]:
         place = rows.select(names.JOINT_SIDE).row(0) if several else ()
         name = names.capital_text(*place, rows["controller"][0] or names.NO_CONTROLLER.label.lower())
         low, median, high = (vaf_said(np.quantile(rows["VAF"], share)) for share in (0, 0.5, 1))
@@ -342,16 +318,9 @@ def fig6_caption(table: pl.DataFrame) -> str:
     return " ".join([*said, names.doubtful_said(table, "drawn open")])
 
 
-FIG4 = style.Drawing(
-    ("joint", "side", "trial", "chosen", "time", "theta_deg", "torque", "torque_model", "doubtful"),
-    draw_fig4,
-    fig4_caption,
-)
+OF_FITS = ("trial", "controller", "K_d", "B_d", "amplitude_deg")
+FIG4 = style.Drawing(columns_of("fig4"), draw_fig4, fig4_caption)
 FIG5 = style.Drawing(
-    FIG5_COLUMNS,
-    draw_fig5,
-    fig5_caption,
-    fig5_points,
-    needs=("trial", "controller", "K_d", "B_d", "amplitude_deg", "K", "K_low", "K_high", "B", "B_low", "B_high"),
+    columns_of("fig5"), draw_fig5, fig5_caption, fig5_points, (*OF_FITS, "K", "K_low", "K_high", "B", "B_low", "B_high")
 )
-FIG6 = style.Drawing(FIG6_COLUMNS, draw_fig6, fig6_caption, fig6_points, needs=FIG6_NEEDS)
+FIG6 = style.Drawing(columns_of("fig6"), draw_fig6, fig6_caption, fig6_points, (*OF_FITS, "VAF"))

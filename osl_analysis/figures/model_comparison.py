@@ -8,10 +8,9 @@ import polars as pl
 from matplotlib.figure import Figure
 
 from osl_analysis.errors import InputError
-from osl_analysis.figures import names, style
+from osl_analysis.figures import columns_of, names, style
 from osl_analysis.trial import Array
 
-HELD_OUT_COLUMNS = ("experiment", "controller", "trial", "model", "VAF_held_out")
 RIVALS = {
     "belt": ("Belt", {"M1": "linear", "M2": "quadratic", "M3": "linear,\nhysteresis", "M4": "quadratic,\nhysteresis"}),
     "transmission": ("Transmission", {"M1": "$B_j$, $J_j$", "M2": "$B_j$, $J_j$,\nCoulomb"}),
@@ -25,8 +24,7 @@ CONDITION = (*names.JOINT_SIDE, "controller")
 
 
 def scores_points(scores: pl.DataFrame) -> pl.DataFrame:
-    table = names.completed(scores, names.JOINT_SIDE).select(*names.JOINT_SIDE, *HELD_OUT_COLUMNS)
-    table = table.filter(pl.col("VAF_held_out").is_finite())
+    table = names.completed(scores, columns_of("model_comparison"), True).filter(pl.col("VAF_held_out").is_finite())
     if table.is_empty():
         raise InputError(
             "no model was held against data that it was not fitted to; add a second belt or transmission trial, or a "
@@ -45,8 +43,8 @@ def models_caption(table: pl.DataFrame) -> str:
         where = "" if experiment in drawn_experiments(table) else " (no panel: two models alone)"
         rows = table.filter(pl.col("experiment") == experiment)
         for trials in rows.partition_by(CONDITION, maintain_order=True):
-            called, means = (name.replace("\n", " ") for name in models.values()), shares_left(trials, models)[2]
-            told = "; ".join(f"{name} {share:.2g} %" for name, share in zip(called, means, strict=True) if share > 0)
+            shares = zip(models.values(), shares_left(trials, models)[2], strict=True)
+            told = "; ".join(f"{name} {share:.2g} %" for name, share in shares if share > 0).replace("\n", " ")
             named = names.capital_text(title, *trials.select(CONDITION).row(0))
             said.append(f"{named}{where}, mean of {names.count_of(trials['trial'].n_unique(), 'trial')}: {told}.")
     return " ".join(said)
@@ -61,8 +59,7 @@ def drawn_experiments(table: pl.DataFrame) -> list[str]:
 @style.paper_style()
 def draw_models(table: pl.DataFrame) -> Figure:
     """A panel per experiment with three models or more, the draft's model on the left."""
-    several = len(table.select(names.JOINT_SIDE).unique()) > 1
-    present = drawn_experiments(table)
+    several, present = len(table.select(names.JOINT_SIDE).unique()) > 1, drawn_experiments(table)
     shares = [len(RIVALS[experiment][1]) for experiment in present]
     width = style.SINGLE_COLUMN if len(present) == 1 else style.DOUBLE_COLUMN
     figure, axes = style.panels(width, 2.8, columns=len(present), shares=shares)
@@ -73,10 +70,10 @@ def draw_models(table: pl.DataFrame) -> Figure:
         places = rows.select(names.JOINT_SIDE).unique(maintain_order=True).rows()
         for k, trials in enumerate(conditions):
             shift = min(0.36, 0.72 / len(conditions)) * (k - (len(conditions) - 1) / 2)
-            look = style.LOOKS.get(trials["controller"][0], style.Look(style.GREY, "o", 2.6, "Repeat"))
+            *place, controller = trials.select(CONDITION).row(0)
+            look = style.LOOKS.get(controller, style.Look(style.GREY, "o", 2.6, "Repeat"))
             if several:
-                place = trials.select(names.JOINT_SIDE).row(0)
-                marker = names.MARKERS[places.index(place) % len(names.MARKERS)]
+                marker = names.MARKERS[places.index(tuple(place)) % len(names.MARKERS)]
                 look = replace(look, label=f"{look.label}, {names.place_name(*place)}", marker=marker)
             x = np.arange(len(models)) + shift
             tested, left, mean = shares_left(trials, models)
@@ -109,5 +106,6 @@ def shares_left(rows: pl.DataFrame, models: dict[str, str]) -> tuple[list[str], 
 
 
 MODEL_COMPARISON = style.Drawing(
-    (*names.JOINT_SIDE, *HELD_OUT_COLUMNS), draw_models, models_caption, scores_points, needs=HELD_OUT_COLUMNS
-)
+    columns_of("model_comparison"), draw_models, models_caption, scores_points,
+    needs=("experiment", "controller", "trial", "model", "VAF_held_out"),
+)  # fmt: skip

@@ -18,12 +18,12 @@ from osl_analysis.figures.style import GREY, LOOKS, PAPER, Dash, Look, paper_sty
 from osl_analysis.judge.doubts import IS_DOUBTFUL, reasons_in
 
 COLOURS = ("#3F8FBF", "#6B3A0A", "#2F5555", "#B98860", "#2B46F0")
-"""Colours of controllers other than those of the draft: with these two and black 20 or more apart (CIE 1976) for
-readers without long- or medium-wavelength cones."""
 MARKERS = ("s", "^", "v", "P", "X", "p", "h")
 DASHES: tuple[Dash, ...] = (
     (0, (2, 1.2)), (0, (9, 2)), (0, (3, 1, 1, 1, 1, 1)), (0, (6, 1, 2, 1)), (0, (12, 1.5, 1.5, 1.5)),
 )  # fmt: skip
+"""Of controllers other than those of the draft: with these two and black, colours are 20 or more apart (CIE 1976) for
+readers without long- or medium-wavelength cones."""
 NO_CONTROLLER = Look("#757575", ">", 3.6, "No controller", (0, (1, 0.8)))
 JOINT_SIDE = ("joint", "side")
 
@@ -42,8 +42,7 @@ def with_glyphs(text: str) -> str:
 
 
 def drawn_name(name: str, longest: int = 28) -> str:
-    """A name as matplotlib draws it, shortened in its middle: text between dollars is no mathematics, a leading
-    underscore hides no label."""
+    """A name as matplotlib draws it, shortened in its middle: no mathematics, and no label that `_` hides."""
     short = name if len(name) <= longest else f"{name[: longest - longest // 3 - 1]}…{name[-(longest // 3) :]}"
     escaped = with_glyphs(short).replace("$", r"\$")
     return f" {escaped}" if escaped.startswith("_") else escaped
@@ -64,14 +63,15 @@ def figure_title(figure: str) -> str:
 def placed_rows(table: pl.DataFrame) -> list[tuple[str, pl.DataFrame]]:
     """The rows of each joint and side, with its name; results of different ones never share a panel."""
     parts = table.partition_by(JOINT_SIDE, maintain_order=True)
-    return [(place_name(part["joint"][0], part["side"][0]), part) for part in parts]
+    return [(place_name(*part.select(JOINT_SIDE).row(0)), part) for part in parts]
 
 
-def completed(table: pl.DataFrame, columns: Iterable[str]) -> pl.DataFrame:
-    """The table with these columns; null where it lacks them."""
-    words = ("trial", "trials", *JOINT_SIDE, "controller", "method", "doubtful")
+def completed(table: pl.DataFrame, columns: Iterable[str], only: bool = False) -> pl.DataFrame:
+    """The table with these columns, or `only` these; null where it lacks them."""
+    words, columns = ("trial", "trials", *JOINT_SIDE, "controller", "method", "doubtful"), list(columns)
     absent = (name for name in columns if name not in table.columns)
-    return table.with_columns(pl.lit(None, pl.String if name in words else pl.Float64).alias(name) for name in absent)
+    nulls = (pl.lit(None, pl.String if name in words else pl.Float64).alias(name) for name in absent)
+    return table.with_columns(nulls).select(columns if only else pl.all())
 
 
 def look_numbers(controllers: pl.Series) -> pl.Series:
@@ -85,15 +85,15 @@ def looks_in(table: pl.DataFrame) -> dict[str | None, Look]:
     numbers = dict(table.select("controller", "look").unique().iter_rows())
     looks: dict[str | None, Look] = {name: look for name, look in LOOKS.items() if name in numbers}
     for name in sorted(name for name in numbers if name is not None and name not in LOOKS):
-        number = numbers[name] or 0
-        colour, marker = COLOURS[number % len(COLOURS)], MARKERS[number % len(MARKERS)]
-        looks[name] = Look(colour, marker, NO_CONTROLLER.size, drawn_name(name), DASHES[number % len(DASHES)])
+        k = numbers[name] or 0
+        colour, marker = COLOURS[k % len(COLOURS)], MARKERS[k % len(MARKERS)]
+        looks[name] = Look(colour, marker, NO_CONTROLLER.size, drawn_name(name), DASHES[k % len(DASHES)])
     if None in numbers:
         looks[None] = NO_CONTROLLER
     labels = [look.label for look in looks.values()]
-    for number, (controller, look) in enumerate(looks.items()):
-        if look.label in labels[:number]:
-            looks[controller] = replace(look, label=f"{look.label} ({number + 1})")
+    for k, (controller, look) in enumerate(looks.items()):
+        if look.label in labels[:k]:
+            looks[controller] = replace(look, label=f"{look.label} ({k + 1})")
     return looks
 
 
@@ -101,13 +101,11 @@ def of_controller(table: pl.DataFrame, controller: str | None) -> pl.DataFrame:
     return table.filter(pl.col("controller").eq_missing(pl.lit(controller)))
 
 
-UNIT_SIGN = {"K": "N·m/rad", "B": "N·m·s/rad", "I": "kg·m²"}
-"""Units of stiffness, damping and inertia as they are printed."""
+UNIT_SIGN = {"K": "N·m/rad", "B": "N·m·s/rad", "I": "kg·m²"}  # as they are printed
 
 
 def as_text(name: str) -> str:
-    """A name from a file, of which Markdown shows every sign: no HTML, link, mathematics, emphasis or line break.
-    Some of its dialects join repeated hyphens and dots."""
+    """A name from a file, of which Markdown shows every sign. Some dialects join repeated hyphens and dots."""
     special = r"[\\`*_{}\[\]<>#|~$&!^@\"']|:(?=//)|(?<=-)-|(?<=\.)\.|(?<=www)\."
     plain = " ".join(re.sub(r"[\x00-\x1f\x7f\u2028\u2029]", " ", name).split())
     return re.sub(special, lambda sign: f"\\{sign[0]}", plain)
@@ -164,15 +162,15 @@ def doubtful_said(table: pl.DataFrame, look: str, fit: str = "fit") -> str:
     found = table.filter(IS_DOUBTFUL)
     if found.is_empty():
         return f"No {fit} is doubtful."
-    causes = dict.fromkeys(one.cause for cell in found["doubtful"] for one in reasons_in(cell))
+    causes = dict.fromkeys(cause for cell in found["doubtful"] for cause, *_ in reasons_in(cell))
     drawn = f"{len(found)} of {count_of(len(table), fit)} ({listed_text(found['trial'])})"
     return f"Doubtful, {look}: {drawn}, for {as_text(', '.join(causes))}."
 
 
 @paper_style()
 def write_footer(figure: Figure, text: str) -> Bbox:
-    """A small line below a drawn figure; the part of the plane [in] to be saved, which is as much taller. The figure
-    itself keeps its size and its layout: the line stands below its lower edge."""
+    """A small line below a drawn figure, whose size and layout stay; the part of the plane [in] to be saved, which is
+    as much taller."""
     (width, height), size, line, edge = figure.get_size_inches(), 5.5, 0.1, 0.02  # [in]; size of the letters [pt]
     lines = textwrap.wrap(text, int(width * 28))  # letters per inch
     look: dict[str, Any] = {"fontsize": size, "color": GREY, "ha": "center", "va": "top", "linespacing": 1.1}

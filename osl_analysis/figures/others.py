@@ -8,16 +8,15 @@ import polars as pl
 from matplotlib.figure import Figure
 from matplotlib.ticker import MultipleLocator, PercentFormatter
 
-from osl_analysis.figures import names, style
+from osl_analysis.figures import columns_of, names, style
 
-FIG8_COLUMNS = ("phase", "trajectory", "K_d", "B_d", "K_1_joint", "B_1_joint")
 NO_GAINS = "There are no gains, because the configuration names no parameter file."
 
 
 def fig8_points(gains: pl.DataFrame, stance_share: float = 0.62) -> pl.DataFrame:
     """Desired impedance, and gains times the square of the belt's ratio, over `phase` of the gait cycle in stance, its
     first `stance_share`. In swing the walking controller renders no impedance (Section IV)."""
-    return gains.select(FIG8_COLUMNS).filter(pl.col("phase") <= stance_share + 1e-9)
+    return gains.select(columns_of("fig8")).filter(pl.col("phase") <= stance_share + 1e-9)
 
 
 @style.paper_style()
@@ -31,8 +30,8 @@ def draw_fig8(table: pl.DataFrame) -> Figure:
         ax.plot(table["phase"], table[f"{symbol}_d"], color=style.BLACK, label=f"Desired ${symbol}_d$")
         gains = table[f"{symbol}_1_joint"]
         if gains.count():
-            look: dict[str, Any] = {"color": style.ORANGE, "linestyle": (0, (5, 1.5)), "linewidth": 1.3}
-            ax.plot(table["phase"], gains, **look, label=f"Gain ${symbol}_1\\,n_T^2$")
+            label, dash = f"Gain ${symbol}_1\\,n_T^2$", (0, (5, 1.5))
+            ax.plot(table["phase"], gains, color=style.ORANGE, linestyle=dash, linewidth=1.3, label=label)
         ax.update_datalim([(table["phase"][0], 0)])
         ax.margins(x=0)
         ax.legend(loc="best")
@@ -50,19 +49,20 @@ def fig8_caption(table: pl.DataFrame) -> str:
         None: "The trajectory's file does not say of what kind it is.",
         "synthetic": "The trajectory is synthetic: neither measured nor that of a published walking controller.",
     }.get(kind, f"Kind of the trajectory: {names.as_text(kind or '')}.")
-    reach = []
-    for values in (table[column].drop_nulls().to_numpy() for column in ("K_d", "B_d", "K_1_joint", "B_1_joint")):
-        reach.append(f"{values.min():.3g} to {values.max():.3g}".replace("-", "−") if len(values) else "")
-    K_d, B_d, K_1, B_1 = reach
+    reach = {}
+    for name in ("K_d", "B_d", "K_1_joint", "B_1_joint"):
+        if len(values := table[name].drop_nulls().to_numpy()):
+            reach[name] = f"{values.min():.3g} to {values.max():.3g}".replace("-", "−")
     said = (
         f"Desired stiffness $K_d$ (a) and damping $B_d$ (b) of the joint over stance, the first {end:.0f} % of the "
-        f"gait cycle. {whose} Desired: {K_d} N·m/rad and {B_d} N·m·s/rad. An impedance is defined in stance only."
+        f"gait cycle. {whose} Desired: {reach['K_d']} N·m/rad and {reach['B_d']} N·m·s/rad. An impedance is defined in "
+        "stance only."
     )
-    if not K_1 and not B_1:
+    if len(reach) == 2:
         return f"{said} {NO_GAINS}"
     return (
-        f"{said} Dashed: the gains at the actuator's output that render it, times $n_T^2$; $K_1 n_T^2$ is {K_1} "
-        f"N·m/rad, $B_1 n_T^2$ is {B_1} N·m·s/rad."
+        f"{said} Dashed: the gains at the actuator's output that render it, times $n_T^2$; $K_1 n_T^2$ is "
+        f"{reach['K_1_joint']} N·m/rad, $B_1 n_T^2$ is {reach['B_1_joint']} N·m·s/rad."
     )
 
 
@@ -87,13 +87,8 @@ def draw_gain_grid(table: pl.DataFrame) -> Figure:
     dashes, markers, shades = ("-", "--", ":", "-."), ("o", "s", "^", "D", "v"), (style.BLACK, style.GREY, "#A8A8A8")
     figure, (ax,) = style.panels(style.SINGLE_COLUMN, 2.7)
     for i, (B_d, rows) in enumerate(table.group_by("B_d", maintain_order=True)):
-        look: dict[str, Any] = {
-            "marker": markers[i % 5],
-            "markersize": 2.8,
-            "color": shades[i // 4 % 3],
-            "linewidth": 0.8,
-        }
-        ax.plot(rows["K_d"], rows["B_1_joint"], dashes[i % 4], label=f"{B_d[0]:g}", **look)
+        look: dict[str, Any] = {"marker": markers[i % 5], "color": shades[i // 4 % 3], "label": f"{B_d[0]:g}"}
+        ax.plot(rows["K_d"], rows["B_1_joint"], dashes[i % 4], markersize=2.8, linewidth=0.8, **look)
     ax.set_xlabel("Desired stiffness $K_d$ (N·m/rad)")
     ax.set_ylabel("Gain $B_1 n_T^2$ (N·m·s/rad)")
     figure.legend(title="Desired damping $B_d$ (N·m·s/rad)", loc="outside upper center", ncols=5, columnspacing=1.2)
@@ -108,9 +103,8 @@ def draw_reasons(table: pl.DataFrame) -> Figure:
         cause = f"trial {trial}: {reason}" if trial else f"{file}: {reason}"
         lines += textwrap.wrap(cause, int(style.DOUBLE_COLUMN * 17))  # letters per inch
     figure = Figure(figsize=(style.DOUBLE_COLUMN, 0.6 + 0.16 * len(lines)))
-    figure.text(
-        0.02, 0.95, f"{names.figure_title(table['figure'][0])} is not drawn", color=style.BLACK, fontsize=11, va="top"
-    )
+    title = f"{names.figure_title(table['figure'][0])} is not drawn"
+    figure.text(0.02, 0.95, title, color=style.BLACK, fontsize=11, va="top")
     below = 1 - 0.4 / figure.get_figheight()
     figure.text(0.02, below, names.with_glyphs("\n".join(lines)), color=style.GREY, va="top", parse_math=False)
     return figure
@@ -140,9 +134,7 @@ def draw_study(table: pl.DataFrame) -> Figure:
     for key in table.select("experiment", "estimator", "interval_method").unique(maintain_order=True).iter_rows():
         keys += [key] if keys and keys[-1][0] == key[0] else [key[:1], key]
     figure, axes = style.panels(style.DOUBLE_COLUMN, 0.9 + 0.155 * len(keys), columns=3)
-    looks = {
-        name: (colour, marker, below) for colour, marker, below, _, quantities in STUDY_LOOKS for name in quantities
-    }
+    looks = {name: (colour, marker, y) for colour, marker, y, _, quantities in STUDY_LOOKS for name in quantities}
     table = table.with_columns(
         pl.col("coverage") * 100, pl.col("coverage_mc") * 100, quantity=pl.col("quantity").str.split(",").list.first()
     )
@@ -160,10 +152,8 @@ def draw_study(table: pl.DataFrame) -> Figure:
             ax.plot(value, place, marker, color=colour, markersize=2.6, mew=0.6, clip_on=False)
         for place in (place for place, key in enumerate(keys) if len(key) == 1 and place):
             ax.axhline(place - 0.5, color=style.GREY, linewidth=0.4)
-        ax.set_xlim(*limits)
-        ax.set_ylim(len(keys) - 0.5, -0.5)
+        ax.set(xlim=limits, ylim=(len(keys) - 0.5, -0.5), xlabel=label)
         ax.tick_params(axis="y", length=0)
-        ax.set_xlabel(label)
         ax.set_yticks(range(len(keys)), [])
     long = {"unperturbed crossings": "gait", "unperturbed crossings + plate trials": "gait + plate"}
     labels = [k[0].replace(" us", " µs") if len(k) == 1 else f"{k[1]}, {long.get(k[2], k[2])}" for k in keys]
@@ -180,7 +170,7 @@ def draw_study(table: pl.DataFrame) -> Figure:
     return figure
 
 
-FIG8 = style.Drawing(FIG8_COLUMNS, draw_fig8, fig8_caption, fig8_points, FIG8_COLUMNS)
+FIG8 = style.Drawing(columns_of("fig8"), draw_fig8, fig8_caption, fig8_points, columns_of("fig8"))
 TORQUE = style.Drawing(("time", "torque", "torque_model"), draw_torque)
 GAIN_GRID = style.Drawing(("K_d", "B_d", "B_1_joint"), draw_gain_grid)
 STUDY = style.Drawing(

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
-from osl_analysis.figures import names, style
+from osl_analysis.figures import columns_of, names, style
 from osl_analysis.judge.doubts import IS_DOUBTFUL
 
 MOST_LOOPS = 12  # trials of a panel of Fig. 3 that have their names at the ends of their loops
@@ -27,18 +27,17 @@ def fig3_caption(table: pl.DataFrame) -> str:
         "mean slope while loading, dashed. Below, what each trial's torque differs by from the mean slope, solid while "
         "loading and dashed while unloading: the width of a loop is its hysteresis."
     ]
-    if max(part["trial"].n_unique() for _, part in names.placed_rows(table)) <= MOST_LOOPS + 1:
+    parts = names.placed_rows(table)
+    if max(part["trial"].n_unique() for _, part in parts) <= MOST_LOOPS + 1:
         said.append("The names of the trials stand at the ends of their loops.")
-    for name, part in names.placed_rows(table):
+    for name, part in parts:
         for row in part.filter(pl.col("trial") == MEAN_SLOPE).head(1).iter_rows(named=True):
             K_s, loop = (
-                names.with_interval(row[name], row[f"{name}_low"], row[f"{name}_high"], unit)
-                for name, unit in (("K_s", "N·m/rad"), ("hysteresis_area", "J"))
+                names.with_interval(row[column], row[f"{column}_low"], row[f"{column}_high"], unit)
+                for column, unit in (("K_s", "N·m/rad"), ("hysteresis_area", "J"))
             )
-            number = names.count_of(part["trial"].n_unique() - 1, "trial")
-            said.append(
-                f"{names.as_text(name)} ({number}): the mean stiffness $K_s$ is {K_s}, and a loop loses {loop}."
-            )
+            where = f"{names.as_text(name)} ({names.count_of(part['trial'].n_unique() - 1, 'trial')})"
+            said.append(f"{where}: the mean stiffness $K_s$ is {K_s}, and a loop loses {loop}.")
     return " ".join([*said, names.doubtful_said(fits, "drawn dotted")])
 
 
@@ -54,17 +53,18 @@ def draw_fig3(table: pl.DataFrame) -> Figure:
     for number, (name, part) in enumerate(parts):
         above = 2 * across * (number // across) + number % across
         belts, loops = axes[above], axes[above + across]
-        draw_belts(belts, part)
-        named.append((loops, draw_loops(loops, part)))
+        trials = part.filter(pl.col("trial") != MEAN_SLOPE).partition_by("trial", maintain_order=True)
+        draw_belts(belts, trials, part.filter(pl.col("trial") == MEAN_SLOPE))
+        named.append((loops, draw_loops(loops, trials, part["hysteresis_area"].drop_nulls())))
         belts.set_title(f"{belts.get_title(loc='left')} {name}", loc="left")
         loops.sharex(belts)
     for ax in axes:
         if not ax.has_data():
             ax.remove()
-    trials = table.filter(pl.col("trial") != MEAN_SLOPE)
-    entries = [style.key(f"Trials ($n$ = {trials['trial'].n_unique()})", color=GREY_TRIAL["color"])]
-    if style.has_doubtful(trials):
-        doubtful = trials.filter(IS_DOUBTFUL)["trial"].n_unique()
+    fits = table.filter(pl.col("trial") != MEAN_SLOPE)
+    entries = [style.key(f"Trials ($n$ = {fits['trial'].n_unique()})", color=GREY_TRIAL["color"])]
+    if style.has_doubtful(fits):
+        doubtful = fits.filter(IS_DOUBTFUL)["trial"].n_unique()
         entries.append(style.key(f"Doubtful fit ($n$ = {doubtful})", **DOUBTFUL_TRIAL))
     entries.append(style.key("Mean slope while loading", **MEAN_LINE))
     for branch, dash in BRANCHES.items():
@@ -72,18 +72,13 @@ def draw_fig3(table: pl.DataFrame) -> Figure:
     figure.legend(handles=entries, loc="outside upper center", ncols=2 if len(figure.axes) == 2 else len(entries))
     for loops, ends in named:
         if len(ends) <= MOST_LOOPS:
-            style.name_ends(loops, [(name, names.drawn_name(name, 12), colour, end) for name, colour, end in ends])
+            style.name_ends(loops, ends)
     return figure
 
 
-def draw_belts(ax: Axes, table: pl.DataFrame) -> None:
-    mean = table.filter(pl.col("trial") == MEAN_SLOPE)
-    trials = table.filter(pl.col("trial") != MEAN_SLOPE).partition_by("trial", maintain_order=True)
-    for drawn, look in (
-        (trials, GREY_TRIAL),
-        (filter(style.has_doubtful, trials), DOUBTFUL_TRIAL),
-        ([mean], MEAN_LINE),
-    ):
+def draw_belts(ax: Axes, trials: list[pl.DataFrame], mean: pl.DataFrame) -> None:
+    doubtful = [trial for trial in trials if style.has_doubtful(trial)]
+    for drawn, look in ((trials, GREY_TRIAL), (doubtful, DOUBTFUL_TRIAL), ([mean], MEAN_LINE)):
         for rows in drawn:
             ax.plot(rows["theta_s_deg"], rows["torque"], **look)
     ax.tick_params(labelbottom=False)
@@ -94,42 +89,36 @@ def draw_belts(ax: Axes, table: pl.DataFrame) -> None:
         ax.text(0.99, 0.04, text, transform=ax.transAxes, ha="right", va="bottom", linespacing=1.4)
 
 
-def draw_loops(ax: Axes, table: pl.DataFrame) -> list[tuple[str, str, tuple[float, float]]]:
-    """Each trial's name, colour and the far end (deflection [deg], deviation [N*m]) of its loop. Trials with ends
-    beside each other differ in colour, whose lightness is 0, 57 and 30 of 100."""
+def draw_loops(ax: Axes, trials: list[pl.DataFrame], areas: pl.Series) -> list[style.End]:
+    """The far end of each trial's loop. Trials with ends beside each other differ in colour, whose lightness is 0, 57
+    and 30 of 100."""
     ax.axhline(0, **MEAN_LINE)
-    ends = [
-        (trial.select("theta_s_deg", "deviation").row(int(trial["theta_s_deg"].abs().arg_max() or 0)), trial)
-        for trial in table.filter(pl.col("trial") != MEAN_SLOPE).partition_by("trial", maintain_order=True)
-    ]
     named, colours = [], (style.BLACK, "#3F8FBF", "#6B3A0A")
-    for number, (end, trial) in enumerate(sorted(ends, key=lambda one: one[0][1])):
-        colour, doubtful = colours[number % len(colours)], style.has_doubtful(trial)
+    far = [trial.row(int(trial["theta_s_deg"].abs().arg_max() or 0), named=True) for trial in trials]
+    for number, k in enumerate(sorted(range(len(far)), key=lambda k: far[k]["deviation"])):
+        colour, doubtful = colours[number % len(colours)], style.has_doubtful(trials[k])
         for branch, dash in BRANCHES.items():
-            rows = trial.filter(pl.col("branch") == branch)
+            rows = trials[k].filter(pl.col("branch") == branch)
             line = style.DOTTED if doubtful else dash
             ax.plot(rows["theta_s_deg"], rows["deviation"], color=colour, linestyle=line, linewidth=0.5)
-        named.append((trial["trial"][0], colour, end))
-    for area in table["hysteresis_area"].drop_nulls().head(1):
+        name, end = far[k]["trial"], (far[k]["theta_s_deg"], far[k]["deviation"])
+        named.append((name, names.drawn_name(name, 12), colour, end))
+    for area in areas.head(1):
         ax.text(0.02, 0.04, f"Mean loop area {area:.3g} J", transform=ax.transAxes, va="bottom")
     ax.set_xlabel(r"Transmission deflection $\theta_s$ (deg)")
     ax.set_ylabel("Torque minus\nmean slope (N·m)")
     return named
 
 
-CURVE_COLUMNS = (
-    "trial", "branch", "angle_deg", "torque", "stiffness", "stiffness_low", "stiffness_high", "desired_torque",
-    "desired",
-)  # fmt: skip
-"""Columns of `torque_angle_curves.csv` that are drawn."""
+CURVE_COLUMNS = [name for name in columns_of("torque_angle") if name not in (*names.JOINT_SIDE, "doubtful")]
 LOADING_WIDTH, UNLOADING_WIDTH = 1.1, 0.6
 MOST_CURVES = 16  # largest number of trials of a panel that are named
 
 
 def torque_angle_points(curves: pl.DataFrame, table: pl.DataFrame) -> pl.DataFrame:
-    facts = names.completed(table, names.JOINT_SIDE).select("trial", *names.JOINT_SIDE, "doubtful")
+    facts = names.completed(table, ("trial", *names.JOINT_SIDE, "doubtful"), True)
     joined = curves.select(CURVE_COLUMNS).join(facts, on="trial", how="left", maintain_order="left")
-    return joined.select(*names.JOINT_SIDE, *CURVE_COLUMNS, "doubtful")
+    return joined.select(columns_of("torque_angle"))
 
 
 def torque_angle_caption(table: pl.DataFrame) -> str:
@@ -143,9 +132,10 @@ def torque_angle_caption(table: pl.DataFrame) -> str:
     for trial in table.partition_by("trial", maintain_order=True)[:MOST_CURVES]:
         loading = trial.filter(pl.col("branch") == "loading")
         torque = loading.drop_nulls("torque").sort("angle_deg")["torque"]
-        (low, high), slopes = (torque[0], torque[-1]), loading["stiffness"].drop_nulls().to_numpy()
+        slopes = loading["stiffness"].drop_nulls().to_numpy()
         steepest = f", steepest {np.max(slopes):.4g} {names.UNIT_SIGN['K']}" if len(slopes) else ""
-        said.append(f"{names.as_text(trial['trial'][0])}: {low:.3g} to {high:.3g} N·m{steepest}.".replace("-", "−"))
+        reach = f"{torque[0]:.3g} to {torque[-1]:.3g} N·m{steepest}"
+        said.append(f"{names.as_text(trial['trial'][0])}: {reach}.".replace("-", "−"))
     fits = table.unique("trial", maintain_order=True)
     return " ".join([*said, names.doubtful_said(fits, "drawn dotted", fit="trial")])
 
@@ -167,24 +157,17 @@ def draw_torque_angle(table: pl.DataFrame) -> Figure:
         column = ("torque", "stiffness")[number % 2]
         loading = parts[number // 2][1].filter(pl.col("branch") == "loading").drop_nulls(column).sort("angle_deg")
         last = loading.unique("trial", keep="last", maintain_order=True).select("trial", "angle_deg", column)
+        drawn = {name: names.drawn_name(name.replace("_", " "), 18) for name in last["trial"]}
         if len(last) <= MOST_CURVES:
-            style.name_ends(
-                ax,
-                [
-                    (name, names.drawn_name(name.replace("_", " "), 18), colours[name], (x, y))
-                    for name, x, y in last.iter_rows()
-                ],
-            )
+            style.name_ends(ax, [(name, drawn[name], colours[name], (x, y)) for name, x, y in last.iter_rows()])
     return figure
 
 
 def draw_curves(left: Axes, right: Axes, table: pl.DataFrame, colours: dict[str, str]) -> None:
     """Torque of both branches of every trial, and desired torque, on the left; stiffness while loading on the right."""
     for trial in table.partition_by("trial", maintain_order=True):
-        look: dict[str, Any] = {
-            "color": colours[trial["trial"][0]],
-            "linestyle": style.DOTTED if style.has_doubtful(trial) else "-",
-        }
+        look: dict[str, Any] = {"linestyle": style.DOTTED if style.has_doubtful(trial) else "-"}
+        look["color"] = colours[trial["trial"][0]]
         for branch, width in (("loading", LOADING_WIDTH), ("unloading", UNLOADING_WIDTH)):
             rows = trial.filter(pl.col("branch") == branch)
             left.plot(rows["angle_deg"], rows["torque"], linewidth=width, **look)
@@ -197,12 +180,11 @@ def draw_curves(left: Axes, right: Axes, table: pl.DataFrame, colours: dict[str,
         line = curve.drop_nulls("desired_torque").unique("angle_deg").sort("angle_deg")
         look = {"color": colours[curve["trial"][0]], "linestyle": style.DASHED, "linewidth": LOADING_WIDTH}
         left.plot(line["angle_deg"], line["desired_torque"], **look)
-    for ax in (left, right):
+    for ax, label in ((left, "Resisting torque (N·m)"), (right, "Stiffness while loading (N·m/rad)")):
         ax.axhline(0, color=style.BLACK, linewidth=0.4)
         ax.axvline(0, color=style.BLACK, linewidth=0.4)
         ax.set_xlabel("Joint angle (deg)")
-    left.set_ylabel("Resisting torque (N·m)")
-    right.set_ylabel("Stiffness while loading (N·m/rad)")
+        ax.set_ylabel(label)
 
 
 def curve_colours(table: pl.DataFrame) -> dict[str, str]:
@@ -211,27 +193,13 @@ def curve_colours(table: pl.DataFrame) -> dict[str, str]:
     desired_of = dict(table.select("trial", "desired").unique(maintain_order=True).iter_rows())
     others = [trial for trial, desired in desired_of.items() if desired is None]
     shades = mpl.colormaps["viridis"](np.linspace(0, 0.6, max(len(others), 1)))
-    found = {trial: to_hex(shade) for trial, shade in zip(others, shades, strict=False)}
-    of_desired = (style.MAGENTA, style.ORANGE, style.PURPLE, "#6B3A0A")
     wanted = list(dict.fromkeys(filter(None, desired_of.values())))
-    for trial, desired in desired_of.items():
-        if desired is not None:
-            found[trial] = of_desired[wanted.index(desired) % len(of_desired)]
-    return found
+    of_desired = (style.MAGENTA, style.ORANGE, style.PURPLE, "#6B3A0A")
+    found = {trial: of_desired[wanted.index(desired) % 4] for trial, desired in desired_of.items() if desired}
+    return found | {trial: to_hex(shade) for trial, shade in zip(others, shades, strict=False)}
 
 
-FIG3 = style.Drawing(
-    (
-        *("joint", "side", "trial", "branch", "theta_s_deg", "torque", "deviation", "K_s", "K_s_low", "K_s_high"),
-        *("hysteresis_area", "hysteresis_area_low", "hysteresis_area_high", "doubtful"),
-    ),
-    draw_fig3,
-    fig3_caption,
-)
+FIG3 = style.Drawing(columns_of("fig3"), draw_fig3, fig3_caption)
 TORQUE_ANGLE = style.Drawing(
-    (*names.JOINT_SIDE, *CURVE_COLUMNS, "doubtful"),
-    draw_torque_angle,
-    torque_angle_caption,
-    torque_angle_points,
-    CURVE_COLUMNS,
+    columns_of("torque_angle"), draw_torque_angle, torque_angle_caption, torque_angle_points, CURVE_COLUMNS
 )

@@ -31,16 +31,10 @@ BLACK, WHITE, GREY, MAGENTA = "#000000", "#FFFFFF", "#6E6E6E", "#C2127F"
 ORANGE, PALE_ORANGE, PURPLE = "#E66100", "#F5C09A", "#5D3A9B"
 """Orange and purple differ for every common kind of colour vision, and in greyscale by lightness (58 and 32 of 100)."""
 
-OPEN_MARKER = Line2D(
-    [], [], linestyle="", marker="o", color=GREY, mfc=WHITE, markersize=3.8, mew=0.8, label="Open: doubtful"
-)
-"""For the legend of markers that are open where the fit is doubtful."""
 THIN, THICK = 0.7, 1.8  # widths [pt] of bars over amplitudes, and of intervals
 DOTTED, DASHED = (0, (1, 1.5)), (0, (3, 2))  # line styles of doubtful fits, and of means and what is desired
 
 PAPER = mpl.rc_params_from_file(Path(__file__).with_suffix(".mplstyle"), use_default_template=False)
-
-
 Dash = Literal["-", ""] | tuple[float, tuple[float, ...]]  # A line style as matplotlib takes it
 
 
@@ -83,12 +77,7 @@ def paper_style() -> Iterator[None]:
 
 
 def panels(
-    width: float,
-    height: float,
-    rows: int = 1,
-    columns: int = 1,
-    shares: Sequence[float] | None = None,
-    names: Sequence[str] = (),
+    width: float, height: float, rows: int = 1, columns: int = 1, shares: Any = None, names: Sequence[str] = ()
 ) -> tuple[Figure, list[Axes]]:
     """A figure of the given size [in] and its panels, row by row, lettered (a), (b) ... if there are several. `shares`
     are the relative widths of the columns; the panels of a row then share their vertical axis. `names` stand behind the
@@ -130,8 +119,7 @@ def legend_entries(axes: Iterable[Axes]) -> dict[str, Any]:
 
 def legend_above(figure: Figure, entries: Mapping[str, Any], most: int, width: float = np.inf, **looks: Any) -> None:
     """The legend above all panels, in `most` columns or fewer, no wider than the page or `width` [in]."""
-    # the handle of an entry with its spaces takes 0.45 in
-    widths = np.array([width_of(label) + 0.45 for label in entries])
+    widths = np.array([width_of(label) + 0.45 for label in entries])  # 0.45 in: the handle with its spaces
     for columns in range(min(most, len(entries)), 0, -1):
         rows, longer = divmod(len(entries), columns)
         ends = np.cumsum([rows + (k < longer) for k in range(columns)])
@@ -142,6 +130,12 @@ def legend_above(figure: Figure, entries: Mapping[str, Any], most: int, width: f
 
 def has_doubtful(table: pl.DataFrame) -> bool:
     return not table.filter(IS_DOUBTFUL).is_empty()
+
+
+def open_entry(table: pl.DataFrame) -> dict[str, Line2D]:
+    """For the legend, where a fit of the table is doubtful and its marker open."""
+    marker = key("Open: doubtful", marker="o", color=GREY, mfc=WHITE, markersize=3.8, mew=0.8)
+    return {str(marker.get_label()): marker} if has_doubtful(table) else {}
 
 
 def draw_fits(
@@ -177,18 +171,17 @@ def log_ticks(low: float, high: float, most: int) -> list[float]:
     that give five, else of those that give most. In a span in which none give three, they are evenly spaced."""
     within_decade = ((1,), (1, 2, 5), (1, 2, 3, 5), (1, 2, 3, 4, 5, 6, 8), (1, 1.5, 2, 2.5, 3, 4, 5, 6, 7, 8, 9))
     decades = 10.0 ** np.arange(np.floor(np.log10(low)) - 1, np.ceil(np.log10(high)) + 1)
-    found = []
-    for steps in within_decade:
-        ticks = np.outer(decades, steps).ravel()
-        found.append([float(tick) for tick in ticks if low * (1 - 1e-9) <= tick <= high * (1 + 1e-9)])
-    fitting = [ticks for ticks in found if 3 <= len(ticks) <= most]
-    if fitting:
+
+    def inside(ticks: Iterable[float], slack: float = 0.0) -> list[float]:
+        return [float(tick) for tick in ticks if low * (1 - slack) <= tick <= high * (1 + slack)]
+
+    found = [inside(np.outer(decades, steps).ravel(), 1e-9) for steps in within_decade]
+    if fitting := [ticks for ticks in found if 3 <= len(ticks) <= most]:
         return next((ticks for ticks in fitting if len(ticks) >= 5), max(fitting, key=len))
-    wide = [float(decade) for decade in decades if low <= decade <= high]
-    if len(wide) > most:
+    if len(wide := inside(decades)) > most:
         return wide[:: -(-len(wide) // most)]
     even = MaxNLocator(nbins=max(most - 1, 2), steps=[1, 2, 2.5, 5, 10]).tick_values(low, high)
-    return [float(tick) for tick in even if low <= tick <= high] or [low]
+    return inside(even) or [low]
 
 
 def label_log_axis(axis: Axis, limits: tuple[float, float], most: int, scale: float = 1.0) -> None:
@@ -219,9 +212,8 @@ def label_phase_axis(ax: Axes) -> None:
 
 
 def moved_apart(places: Sequence[float], gap: float, limits: tuple[float, float] = (-np.inf, np.inf)) -> Array:
-    """The places (n,), moved as little as possible (least squares) so that none is closer than `gap` to another. Their
-    order stays: it is a monotone regression of `place - rank * gap`, by pooling neighbours that violate it. They lie
-    within the limits if there is room for them."""
+    """The places (n,), moved as little as possible (least squares) so that none is closer than `gap` to another, and
+    within the limits if there is room: in their order, by monotone regression of `place - rank * gap`."""
     values = np.asarray(places, dtype=float)
     order, steps = np.argsort(values, kind="stable"), gap * np.arange(len(values))
     level = isotonic_regression(values[order] - steps).x if len(values) else values
@@ -230,10 +222,12 @@ def moved_apart(places: Sequence[float], gap: float, limits: tuple[float, float]
     return moved
 
 
-def name_ends(ax: Axes, ends: Sequence[tuple[str, str, str, tuple[float, float]]]) -> None:
-    """Names of trials beside the right edge of a panel, each with a hair line to the end of its curve: the trial, to
-    which the name leads, the name as it is drawn, its colour, and the end (x, y). Names that would overlap are moved
-    apart. The limits of the panel are kept."""
+End = tuple[str, str, str, tuple[float, float]]  # of a curve: trial, its name as it is drawn, colour, and place (x, y)
+
+
+def name_ends(ax: Axes, ends: Sequence[End]) -> None:
+    """Names of trials, which lead to these, beside the right edge of a panel, moved apart where they would overlap,
+    each with a hair line to the end of its curve."""
     figure = ax.figure.figure
     figure.draw_without_rendering()
     (left, right), (low, high) = ax.get_xlim(), ax.get_ylim()
@@ -249,8 +243,8 @@ def name_ends(ax: Axes, ends: Sequence[tuple[str, str, str, tuple[float, float]]
 
 def swarm_offsets(heights: Array, width: float, inches: float, reach: float) -> Array:
     """Sideways offsets (n,), none beyond `reach`, at which points of diameter `width` [in] at these heights (n,) [in]
-    do not overlap; `inches` are the length of a unit of the axis. From the lowest point up, each takes the free place
-    that is nearest to the middle; of two equally near ones the right and the left one in turn."""
+    do not overlap; `inches` are the length of a unit of the axis. From the lowest up, each takes the free place nearest
+    to the middle, of two equally near ones the right and the left one in turn."""
     offsets = np.zeros(len(heights))
     order = np.argsort(heights, kind="stable")
     for rank, point in enumerate(order):

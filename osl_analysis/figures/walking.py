@@ -109,8 +109,7 @@ def draw_fig9(table: pl.DataFrame) -> Figure:
     found = style.legend_entries(axes[:1])
     order = ("One perturbation", "Mean ± SD", "Fit of mean response, 95 %", "Commanded")
     labels = {name: found[name] for name in order if name in found}
-    if style.has_doubtful(table):
-        labels[str(style.OPEN_MARKER.get_label())] = style.OPEN_MARKER
+    labels |= style.open_entry(table)
     figure.legend(list(labels.values()), list(labels), loc="outside upper center", ncols=2 if single else 5)
     return figure
 

@@ -112,15 +112,15 @@ def call(job: Job) -> Sequence[Refusal]:
             said = json.loads(job["path"].read_text(encoding="utf-8")) | {"excluded": list(reasons)}
             with atomic_path(job["path"]) as temporary:
                 temporary.write_text(json.dumps(said, indent=1) + "\n", encoding="utf-8")
-    usable = without_refused(job["input"], job["needs"])
+    usable, refused, missing = without_refused(job["input"], job["needs"])
     told: dict[str, Any] = {}
     if "refused" in inspect.signature(function).parameters:
-        told = {"refused": usable.refused}
-    elif usable.missing:
-        return usable.missing
+        told = {"refused": refused}
+    elif missing:
+        return missing
     convert = validate_call(config=ConfigDict(arbitrary_types_allowed=True))
     with tables_of(job["data"]), archives(), limited_memory(files_read(job)):
-        inputs = without_excluded(usable.inputs, reasons)
+        inputs = without_excluded(usable, reasons)
         if (tables := job["output"].get("tables")) is None:
             convert(function)(**inputs, **job["output"], **job["settings"], **told)
             return ()

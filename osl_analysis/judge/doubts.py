@@ -9,7 +9,6 @@ pass for one. What a known cause explains, as a low VAF under friction, is no do
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from typing import NamedTuple
 
 import numpy as np
 import polars as pl
@@ -62,9 +61,33 @@ def beyond(row: AnyRow, limits: Doubt) -> Found:
     return found
 
 
+def known_factor(ratio: float) -> str:
+    """The factor between two units that may make a number `ratio` times too large, in words; empty if none is near."""
+    factors: Mapping[str, float] = TABLE["factors"]
+    size = max(abs(ratio), 1 / abs(ratio)) if ratio else math.inf
+    name = min(factors, key=lambda known: abs(math.log(size / factors[known])))
+    return f"{factors[name]:.3g} is the factor {name}" if abs(size / factors[name] - 1) < 0.08 else ""
+
+
+def turns_far(row: AnyRow) -> bool:
+    """Whether a lag turns the highest frequency by more than `LARGEST_TURN`."""
+    lag, highest = (cell_number(row, name) or 0.0 for name in ("lag_s", "band_high_hz"))
+    return 2 * math.pi * highest * abs(lag) > LARGEST_TURN
+
+
 def number_said(name: str, value: float, row: AnyRow) -> str:
-    """What the number of a column says of this fit."""
-    factor = known_factor(value)
+    """What the number of a column says of this fit; of a lag, how late a signal is, or would have to be, and what that
+    makes of B and I."""
+    late, factor = "", known_factor(value)
+    lag, of_damping, of_inertia = (cell_number(row, name) for name in ("lag_s", "lag_share", "lag_inertia_share"))
+    if lag is not None and of_damping is not None:
+        makes = f"{100 * of_damping:.1f} % of B" + ("" if of_inertia is None else f" and {100 * of_inertia:.0f} % of I")
+        signal, size = "the angle" if lag < 0 else "the torque", f"{1e6 * abs(lag):.0f} us"
+        if lag and abs(lag / 5e-3 - round(lag / 5e-3)) < 1e-6:  # the end of a range of delays that were tried
+            size += " or more"
+        late = f"{signal} is late by {size}, which make {makes}"
+        if turns_far(row):
+            late = f"a delay of {signal} by {size} would explain it, and make {makes}"
     frame = " (state `bench_stiffness` in the configuration if the bench's frame yields)"
     return EVIDENCE[name].shows.format(
         percent=f"{100 * abs(value):.3g} %",
@@ -74,47 +97,17 @@ def number_said(name: str, value: float, row: AnyRow) -> str:
         damping="B_j" if "B_j_viscous" in row else "B",
         factor=factor and f", {factor}",
         frame=frame if 0.5 < value < 1 else "",  # a frame that yields lowers K, and hardly to a half
-        late=late(row),
+        late=late,
     )
 
 
-def known_factor(ratio: float) -> str:
-    """The factor between two units that may make a number `ratio` times too large, in words; empty if none is near."""
-    factors: Mapping[str, float] = TABLE["factors"]
-    size = max(abs(ratio), 1 / abs(ratio)) if ratio else math.inf
-    name = min(factors, key=lambda known: abs(math.log(size / factors[known])))
-    return f"{factors[name]:.3g} is the factor {name}" if abs(size / factors[name] - 1) < 0.08 else ""
-
-
-def late(row: AnyRow) -> str:
-    """How late a signal is, or would have to be, and what that makes of B and I."""
-    lag, of_damping, of_inertia = (cell_number(row, name) for name in ("lag_s", "lag_share", "lag_inertia_share"))
-    if lag is None or of_damping is None:
-        return ""
-    makes = f"{100 * of_damping:.1f} % of B" + ("" if of_inertia is None else f" and {100 * of_inertia:.0f} % of I")
-    signal, size = "the angle" if lag < 0 else "the torque", f"{1e6 * abs(lag):.0f} us"
-    at_end = lag and abs(lag / 5e-3 - round(lag / 5e-3)) < 1e-6  # the end of a range of delays that were tried
-    size += " or more" * bool(at_end)
-    if turns_far(row):
-        return f"a delay of {signal} by {size} would explain it, and make {makes}"
-    return f"{signal} is late by {size}, which make {makes}"
-
-
-def turns_far(row: AnyRow) -> bool:
-    """Whether a lag turns the highest frequency by more than `LARGEST_TURN`."""
-    lag, highest = (cell_number(row, name) or 0.0 for name in ("lag_s", "band_high_hz"))
-    return 2 * math.pi * highest * abs(lag) > LARGEST_TURN
-
-
-def cause_in(name: str, value: float, row: AnyRow) -> Cause | None:
-    """The cause of a number beyond its limit; None for a column of which nothing but its name is known.
+def cause_in(name: str, value: float, row: AnyRow) -> Cause:
+    """The cause of a number beyond its limit.
 
     A torque that comes late may be a delay or low-pass, a spring in series, or both where K does not tell; or a
     drivetrain where the lag is large. A spring of stiffness k in series lowers K by K/k, a delay does not change it.
     K_ratio says which of the two agrees with the gains; without it, or with friction, neither is named alone.
     """
-    if name not in EVIDENCE:
-        return None
     if name == "K_change" and (value > 0 or (cell_number(row, "stiffening") or 0.0) < 0):
         return CAUSES["spring that is not linear"]
     if EVIDENCE[name].shows != "{late}":
@@ -135,7 +128,7 @@ def explaining(row: AnyRow, found: Found) -> Cause | None:
     """The cause in a row that makes its fit worse, if there is one; harmonics alone are friction's."""
     names = sorted((name for name in found if name in EVIDENCE), key=lambda name: EVIDENCE[name].misfit)
     causes = (cause_in(name, found[name][0], row) for name in names)
-    return next((cause for cause in causes if cause is not None and cause.explains), None)
+    return next((cause for cause in causes if cause.explains), None)
 
 
 def doubts(row: AnyRow, found: Found, of_trial: Cause | None, single: bool) -> Iterator[str]:
@@ -143,19 +136,19 @@ def doubts(row: AnyRow, found: Found, of_trial: Cause | None, single: bool) -> I
     itself has no cause, `single`: there are rows of single amplitudes. An unknown column speaks for itself."""
     misfit_by = explaining(row, found) or of_trial
     by_cause: dict[Cause, list[str]] = {}
-    for name, (value, _) in found.items():
-        if cause := cause_in(name, value, row):
-            by_cause.setdefault(misfit_by if misfit_by and EVIDENCE[name].misfit else cause, []).append(name)
+    for name in filter(EVIDENCE.__contains__, found):
+        cause = cause_in(name, found[name][0], row)
+        by_cause.setdefault(misfit_by if misfit_by and EVIDENCE[name].misfit else cause, []).append(name)
     for cause, names in by_cause.items():
-        details = dict.fromkeys(number_said(name, found[name][0], row) for name in names)
+        details = [number_said(name, found[name][0], row) for name in names]
         if "yielding" in cause.name:
-            details[f"a spring of {cell_number(row, 'frame_stiffness'):.3g} N*m/rad in series would explain it"] = None
+            details.append(f"a spring of {cell_number(row, 'frame_stiffness'):.3g} N*m/rad in series would explain it")
         B, f_C = ("B_j", "T_C") if "B_j_viscous" in row else ("B", "f_C")
         viscous, friction = cell_number(row, f"{B}_viscous"), cell_number(row, f_C)
         if cause.name == "friction" and viscous is not None and friction is not None:
             words = f"without it {B} is {viscous:.3g} N*m*s/rad ({B}_viscous), and the friction is {friction:.2g} N*m"
-            details[f"{words} ({f_C})"] = None
-        said = ": ".join(filter(None, [cause.says, ", ".join(filter(None, details))]))
+            details.append(f"{words} ({f_C})")
+        said = ": ".join(filter(None, [cause.says, ", ".join(dict.fromkeys(filter(None, details)))]))
         remedy = cause.remedy if single else cause.otherwise or cause.remedy
         how = ", ".join(found[name][1] for name in names)
         yield f"{cause.name}: {said}. {remedy[0].upper()}{remedy[1:]} [{how}]"
@@ -187,17 +180,17 @@ def marked(table: pl.DataFrame, limits: Doubt, name: str) -> pl.DataFrame:
                 del found[column]  # at one amplitude friction passes for it
         of_trial[trial] = of_trial.get(trial) or explaining(row, found)
     said = ["; ".join(doubts(row, found, of_trial[trial], trial in single)) for trial, row, found in rows]
-    judged = table.with_columns(pl.Series(DOUBTFUL, said, dtype=pl.String))
+    judged = table.with_columns(pl.when(fitted).then(pl.Series(said, dtype=pl.String)).alias(DOUBTFUL))
     if "not_checked" in table.columns:
         judged = judged.with_columns(pl.Series("not_checked", [with_size(row) for _, row, _ in rows], dtype=pl.String))
-    return judged.with_columns(pl.when(fitted).then(DOUBTFUL).alias(DOUBTFUL))
+    return judged
 
 
 def with_doubts_of(table: pl.DataFrame, fits: pl.DataFrame, limits: Doubt, name: str) -> pl.DataFrame:
     """The marked table with the reasons of another table, `name`, on the same trial and amplitude, or over all of them:
     a clipped or late torque concerns everything that comes from the same samples."""
     judged = marked(fits, limits, name)
-    of_fit = {(row["trial"], row["amplitude_deg"]): row[DOUBTFUL] for row in judged.iter_rows(named=True)}
+    of_fit = {(trial, deg): cell for trial, deg, cell in judged.select("trial", "amplitude_deg", DOUBTFUL).iter_rows()}
     shared = []
     for row in table.iter_rows(named=True):
         other = of_fit.get((row["trial"], row.get("amplitude_deg")))
@@ -209,11 +202,12 @@ def with_doubts_of(table: pl.DataFrame, fits: pl.DataFrame, limits: Doubt, name:
 # What could not be checked: "what: why" for each, with its size in units of the result.
 
 LATENESS, SIZED = "whether the torque is late", ", each ms of delay would take"
-OF_INERTIA = (
-    "whether {} is an inertia: it is certainly negative, as no mass is, because a drivetrain behind its gains, or a "
-    "torque that is late, takes more off it than the joint has, use the other estimates"
-)
 EFFECTS: Mapping[str, str] = TABLE["effects"]  # what an effect of `bench.effects` is, for the column `explained_by`
+
+
+def size_of_lateness(of_B: str, B: str, of_I: str, I: str) -> str:
+    taken = f"{SIZED} {of_B} N*m*s/rad off B = {B} and {of_I} kg*m^2 off I = {I}"
+    return f"{taken}, check it with a known spring on the same bench"
 
 
 def with_size(row: AnyRow) -> str | None:
@@ -221,10 +215,14 @@ def with_size(row: AnyRow) -> str | None:
     items = str(row.get("not_checked") or "").split("; ")
     K, B, I = (cell_number(row, name) for name in "KBI")
     if K is not None and B is not None and I is not None:
-        taken = f"{1e-3 * K:.2g} N*m*s/rad off B = {B:.3g} and {1e-3 * B:.2g} kg*m^2 off I = {I:.2g}"
-        size = f"{SIZED} {taken}, check it with a known spring on the same bench"
+        size = size_of_lateness(f"{1e-3 * K:.2g}", f"{B:.3g}", f"{1e-3 * B:.2g}", f"{I:.2g}")
         items = [f"{item}{size}" if LATENESS in item else item for item in items]
-    items += [OF_INERTIA.format(name) for name in ("I", "J_j") if (cell_number(row, f"{name}_high") or 0.0) < 0]
+    items += [
+        f"whether {name} is an inertia: it is certainly negative, as no mass is, because a drivetrain behind its "
+        "gains, or a torque that is late, takes more off it than the joint has, use the other estimates"
+        for name in ("I", "J_j")
+        if (cell_number(row, f"{name}_high") or 0.0) < 0
+    ]
     return "; ".join(filter(None, items)) or None
 
 
@@ -245,23 +243,15 @@ def not_checked_line(table: pl.DataFrame) -> str:
     return said and f"NOT CHECKED: {said}"
 
 
-class Reason(NamedTuple):
-    """One doubt of a cell, as it is written there."""
-
-    cause: str  # its name; the column, where that is all that is known
-    text: str
-    inherited: bool  # from another table of the same trial
-
-
-def reasons_in(cell: str | None) -> list[Reason]:
-    """The doubts of a cell of the column `DOUBTFUL`; one of a mean of phasors begins with that which it is about."""
-    found = []
+def reasons_in(cell: str | None) -> Iterator[tuple[str, str, bool]]:
+    """The doubts of a cell of the column `DOUBTFUL`: the name of the cause, or the column where that is all that is
+    known; the text; and whether it is from another table of the same trial. One of a mean of phasors begins with that
+    which it is about."""
+    of_table = re.compile(r"\w+\.csv: ")
     for text in (cell or "").split("; ") if cell else ():
-        of_table = re.compile(r"\w+\.csv: ")
         own = of_table.sub("", re.sub(r"at \S+ deg: ", "", text, count=1), count=1)
         name = own.partition(": ")[0]
-        found.append(Reason(name if name in CAUSES else own.partition(" ")[0], text, bool(of_table.search(text))))
-    return found
+        yield name if name in CAUSES else own.partition(" ")[0], text, bool(of_table.search(text))
 
 
 def causes_by_trial(table: pl.DataFrame, of: pl.DataFrame | None = None) -> dict[object, dict[str, str]]:
@@ -270,12 +260,17 @@ def causes_by_trial(table: pl.DataFrame, of: pl.DataFrame | None = None) -> dict
     known = {} if of is None else causes_by_trial(of)
     key = next((name for name in ("trial", "group") if name in table.columns), None)
     found: dict[object, dict[str, str]] = {}
-    for number_of_row, row in enumerate(table.iter_rows(named=True)):
+    for number, row in enumerate(table.iter_rows(named=True)):
         if row[DOUBTFUL] is not None:
-            trial = number_of_row if key is None else row[key]
-            causes = {one.cause: one.text for one in reasons_in(row[DOUBTFUL]) if one.cause not in known.get(trial, {})}
+            trial = number if key is None else row[key]
+            causes = {cause: text for cause, text, _ in reasons_in(row[DOUBTFUL]) if cause not in known.get(trial, {})}
             found[trial] = causes | found.get(trial, {})
     return found
+
+
+def doubtful_count(table: pl.DataFrame) -> tuple[int, int]:
+    """Numbers of doubtful fits and of all fits of a table with the column `DOUBTFUL`."""
+    return len(table.filter(IS_DOUBTFUL)), table[DOUBTFUL].count()
 
 
 def counted(table: pl.DataFrame) -> pl.DataFrame:
@@ -292,18 +287,12 @@ def doubtful_row(table: pl.DataFrame) -> dict[str, int]:
     return {"n_doubtful": doubtful_count(table)[0]} if DOUBTFUL in table.columns else {}
 
 
-def doubtful_count(table: pl.DataFrame) -> tuple[int, int]:
-    """Numbers of doubtful fits and of all fits of a table with the column `DOUBTFUL`."""
-    return len(table.filter(IS_DOUBTFUL)), table[DOUBTFUL].count()
-
-
 def summary_of_trials(table: pl.DataFrame, quantities: Sequence[str]) -> pl.DataFrame:
     """A row per quantity (a column of `table`): `summary_row` over the trials that count (`counted`), with `n_doubtful`
     and `n_left_out`, how many fits are doubtful, and how many of these are not in the mean."""
     used = counted(table)
     numbers = {**doubtful_row(table), "n_left_out": len(table) - len(used)}
-    rows = pl.DataFrame([{"quantity": name, **summary_row(used[name])} for name in quantities])
-    return rows.with_columns(**{name: pl.lit(value) for name, value in numbers.items()})
+    return pl.DataFrame([{"quantity": name, **summary_row(used[name]), **numbers} for name in quantities])
 
 
 # What estimates cannot be, and what a motion cannot show. What is only unlikely is a column with a limit, as above.
@@ -320,9 +309,9 @@ def check_changes(column: str, values: Array) -> None:
 
 
 def check_resists(trial: str, symbol: str, value: float, high: float | None = None) -> None:
-    """Refuse a negative estimate of what can only resist motion: belt stiffness, joint damping, a rendered stiffness. A
-    torque that is read with the wrong sign changes the sign of every estimate, and the fit is as good as before. Where
-    `high`, the upper end of the interval, is positive, it may be the estimate of a joint without stiffness."""
+    """Refuse a negative estimate of what can only resist motion. A torque of the wrong sign changes the sign of every
+    estimate, and the fit is as good as before. Where `high`, the upper end of the interval, is positive, it may be the
+    estimate of a joint without stiffness."""
     if value < 0 and (high is None or high < 0):
         raise InputError(
             f"trial {trial}: {symbol} = {value:.4g} is negative, so the torque drives the motion instead of resisting "
@@ -332,8 +321,8 @@ def check_resists(trial: str, symbol: str, value: float, high: float | None = No
 
 def plausible(table: pl.DataFrame, rails: pl.Expr, p: DrivetrainParameters | None, *names: str) -> pl.DataFrame:
     """Rows of belt, transmission or actuator with `saturated_samples`, each named estimate's ratio to the parameter
-    file's, null without one or where that is 0, and `not_checked`, which says so. Raises InputError: the first of the
-    estimates is negative: torque, angle or current has the wrong sign."""
+    file's, null without one or where that is 0, and `not_checked`. Raises InputError: the first estimate is negative:
+    torque, angle or current has the wrong sign."""
     last = table.row(-1, named=True)
     if names[0] != "k_tau_n_m":
         check_resists(last["trial"], names[0], last[names[0]])
@@ -351,10 +340,9 @@ def plausible(table: pl.DataFrame, rails: pl.Expr, p: DrivetrainParameters | Non
 def plausible_impedance(
     table: pl.DataFrame, rails: pl.Expr, p: DrivetrainParameters | None, predicted: float | None = None
 ) -> pl.DataFrame:
-    """The rows of Eq. 15 with `saturated_samples`, `K_over_K_s` and `K_ratio`, K over what the gains should give.
-    `K_ratio` is that of the largest amplitude in every row: friction changes K least there. `predicted` is the K
-    [N*m/rad] of linear theory; None where the gains are not known. Without a parameter file K_s is not known. Raises
-    InputError: K is negative, its interval too, or larger than that of the belt through which the motor acts."""
+    """The rows of Eq. 15 with `saturated_samples`, `K_over_K_s` and `K_ratio`: K over `predicted`, by linear theory
+    [N*m/rad], if the gains are known, of the largest amplitude in every row, since friction changes K least there.
+    Raises InputError: K is negative, its interval too, or larger than that of the belt through which the motor acts."""
     last = table.row(-1, named=True)
     check_resists(last["trial"], "K", K := last["K"], last["K_high"])
     if p is not None and K > 1.1 * p.K_s:  # a motor in series with the belt; a tenth allows for the belt at hand
@@ -382,9 +370,9 @@ def check_told(
 ) -> None:
     """Refuse a motion whose band [Hz] cannot tell K from I; the message begins with `what` and names the band that is
     missing (IdentifiabilityError). It is judged by what an error of 0.1 % of the torque's RMS does, which calibrations
-    and models leave, if it has the shape of the part of a column that the others do not explain: a slow motion has
-    little of it. `motion` is angle [rad], velocity and acceleration, filtered and without means, (3, n), `torque_rms`
-    [N*m] that of the filtered torque, `stiffness` K with its standard error."""
+    and models leave, in the shape of the part of a column that the others do not explain: a slow motion has little of
+    it. `motion`: angle [rad], velocity and acceleration, filtered, without means, (3, n), `torque_rms` [N*m] filtered,
+    `stiffness` K with its standard error."""
     theta, omega, alpha = motion
 
     def own_part(column: Array, *others: Array) -> float:

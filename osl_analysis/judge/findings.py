@@ -14,7 +14,16 @@ import polars as pl
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import InputError, listing
 from osl_analysis.files import atomic_path
-from osl_analysis.judge.doubts import CAUSES, DOUBTFUL, LATENESS, SIZED, causes_by_trial, not_checked_of, of_whole_trial
+from osl_analysis.judge.doubts import (
+    CAUSES,
+    DOUBTFUL,
+    LATENESS,
+    SIZED,
+    causes_by_trial,
+    not_checked_of,
+    of_whole_trial,
+    size_of_lateness,
+)
 from osl_analysis.judge.recording import CHECKS, judged_table
 from osl_analysis.judge.table import Cause, QualityRules
 from osl_analysis.refusal import Refusal, distinct_causes, is_refused, read_refusals
@@ -26,20 +35,15 @@ JUDGES = ("quality", "fitted")
 MOST_NAMED = 3  # trials that a line names
 
 
-@dataclass(frozen=True)
-class Usable:
-    """The inputs of a job without refusal records."""
-
-    inputs: Mapping[str, Any]  # what is left, by name
-    refused: tuple[Refusal, ...]  # the causes of everything that was removed
-    missing: tuple[Refusal, ...]  # the causes without which the job cannot run; empty if it can
+Causes = tuple[Refusal, ...]
 
 
-def without_refused(inputs: Mapping[str, Any], unnamed: Sequence[str] = ()) -> Usable:
-    """The named inputs of a job without refusal records. A trial with a record in one list, or among those in `quality`
-    or the results in `fitted`, is removed from every list. The job cannot run if a record stands for a single input or
-    for one of the `unnamed` files, if the input `trial` is such a trial, or if nothing is left of a list; beside an
-    input `trial`, lists may become empty. Lists by name are handed over as they are."""
+def without_refused(inputs: Mapping[str, Any], unnamed: Sequence[str] = ()) -> tuple[dict[str, Any], Causes, Causes]:
+    """The named inputs of a job without refusal records, the causes of everything that was removed, and those without
+    which it cannot run. A trial with a record in one list, or among those in `quality` or the results in `fitted`, is
+    removed from every list. The job cannot run if a record stands for a single input or for one of the `unnamed` files,
+    if the input `trial` is such a trial, or if nothing is left of a list; beside an input `trial`, lists may become
+    empty. Lists by name are handed over as they are."""
     lists = {name: files for name, files in inputs.items() if isinstance(files, list)}
     named = {name: files for name, files in inputs.items() if isinstance(files, Mapping)}
     groups = {name: files for name, files in named.items() if not any(isinstance(f, list) for f in files.values())}
@@ -54,7 +58,7 @@ def without_refused(inputs: Mapping[str, Any], unnamed: Sequence[str] = ()) -> U
     missing += gone.get(Path(str(inputs.get("trial"))).stem, ())
     causes = [cause for found in gone.values() for cause in found]
     causes += [cause for files in groups.values() for file in files.values() for cause in read_refusals(file)]
-    return Usable({**inputs, **kept}, distinct_causes([*causes, *missing]), distinct_causes(missing))
+    return {**inputs, **kept}, distinct_causes([*causes, *missing]), distinct_causes(missing)
 
 
 @dataclass(frozen=True)
@@ -117,35 +121,29 @@ def without_excluded(inputs: Mapping[str, Any], reasons: Mapping[str, str]) -> d
     return {name: kept.get(name, value) for name, value in inputs.items() if name not in JUDGES}
 
 
-@dataclass(frozen=True)
-class Finding:
-    """One cause, or one thing that could not be checked, and the trials that it concerns."""
-
-    verdict: Literal["doubtful", "flagged", "not checked"]
-    of: str  # what was judged: `impedance trials`
-    cause: str
-    says: str
-    remedy: str
-    trials: tuple[str, ...]
-    judged: tuple[str, ...]  # all trials that were judged
-
-    def line(self) -> str:
-        others = [trial for trial in self.judged if trial not in self.trials]
-        few = len(others) <= MOST_NAMED < len(self.trials)
-        names = others if few else self.trials
-        more = ", ..." if len(names) > MOST_NAMED else ""
-        named = f" [{'all but ' if few else ''}{', '.join(names[:MOST_NAMED])}{more}]" if others else ""
-        remedy = f". {self.remedy[0].upper()}{self.remedy[1:]}" if self.remedy else ""
-        counts = f"{len(self.trials)} of {len(self.judged)} {self.of}"
-        return f"{self.verdict}, {counts}: {self.cause}: {self.says}{remedy}{named}"
-
-    def content(self) -> dict[str, Any]:
-        """It for `summary.json`."""
-        said = {name: getattr(self, name) for name in ("verdict", "of", "cause", "says", "remedy")}
-        return {**said, "n": len(self.judged), "trials": list(self.trials), "line": self.line()}
+def finding(
+    verdict: Literal["doubtful", "flagged", "not checked"],
+    of: str,
+    cause: str,
+    says: str,
+    remedy: str,
+    trials: Sequence[str],
+    judged: Sequence[str],
+) -> dict[str, Any]:
+    """One cause, or one thing that could not be checked, as `summary.json` has it: what was judged, as `impedance
+    trials`, the trials that it concerns and the number of all that were `judged`, and a `line` that says it."""
+    others = [trial for trial in judged if trial not in trials]
+    few = len(others) <= MOST_NAMED < len(trials)
+    names = others if few else trials
+    more = ", ..." if len(names) > MOST_NAMED else ""
+    named = f" [{'all but ' if few else ''}{', '.join(names[:MOST_NAMED])}{more}]" if others else ""
+    what_to_do = f". {remedy[0].upper()}{remedy[1:]}" if remedy else ""
+    line = f"{verdict}, {len(trials)} of {len(judged)} {of}: {cause}: {says}{what_to_do}{named}"
+    said = {"verdict": verdict, "of": of, "cause": cause, "says": says, "remedy": remedy}
+    return {**said, "n": len(judged), "trials": list(trials), "line": line}
 
 
-def findings(verdicts: pl.DataFrame, tables: Mapping[str, pl.DataFrame]) -> list[Finding]:
+def findings(verdicts: pl.DataFrame, tables: Mapping[str, pl.DataFrame]) -> list[dict[str, Any]]:
     """What `quality.csv` and the result tables, by name, say of a campaign: doubts, then checks of recordings that
     trials do not pass though they are used, then what could not be checked; of each what most trials have first."""
     flags = []
@@ -153,16 +151,17 @@ def findings(verdicts: pl.DataFrame, tables: Mapping[str, pl.DataFrame]) -> list
         own = verdicts.filter(pl.col("check") == name)
         failed = own.filter(pl.col("verdict") == "flag")
         if len(failed):
-            row = failed.row(0, named=True)
-            example = f"{check.cause.says}, as {row['value']:.4g} {row['unit']} in {row['trial']}"
+            row, cause = failed.row(0, named=True), check.cause
+            example = f"{cause.says}, as {row['value']:.4g} {row['unit']} in {row['trial']}"
             example += f" ({row['remark']})" if row["remark"] else ""
-            trials = tuple(failed["trial"]), tuple(own["trial"])
-            flags.append(Finding("flagged", "trials", check.cause.name, example, check.cause.remedy, *trials))
+            flags.append(
+                finding("flagged", "trials", cause.name, example, cause.remedy, [*failed["trial"]], [*own["trial"]])
+            )
     parts = (doubts_in(tables), flags, unchecked_in(tables))
-    return [one for part in parts for one in sorted(part, key=lambda one: -len(one.trials))]
+    return [one for part in parts for one in sorted(part, key=lambda one: -len(one["trials"]))]
 
 
-def doubts_in(tables: Mapping[str, pl.DataFrame]) -> Iterator[Finding]:
+def doubts_in(tables: Mapping[str, pl.DataFrame]) -> Iterator[dict[str, Any]]:
     """The causes of doubt by experiment; those of its other tables, and of tables of groups, are their own."""
     for name, facts in EXPERIMENTS.items():
         fitted = {table.name: table.doubts_of for table in facts.tables if table.judged}
@@ -180,10 +179,10 @@ def doubts_in(tables: Mapping[str, pl.DataFrame]) -> Iterator[Finding]:
                 known = CAUSES.get(cause) or Cause(cause, next(iter(trials.values())), "")
                 single = not known.otherwise or any(known.remedy[1:] in text for text in trials.values())
                 remedy = known.remedy if single else known.otherwise
-                yield Finding("doubtful", judged, cause, known.says, remedy, tuple(trials), tuple(map(str, causes)))
+                yield finding("doubtful", judged, cause, known.says, remedy, [*trials], [*map(str, causes)])
 
 
-def unchecked_in(tables: Mapping[str, pl.DataFrame]) -> Iterator[Finding]:
+def unchecked_in(tables: Mapping[str, pl.DataFrame]) -> Iterator[dict[str, Any]]:
     """What could not be checked, by experiment; a torque that comes late with what that would do, over all trials, by
     the fits to all of each."""
     for name, table in tables.items():
@@ -197,21 +196,19 @@ def unchecked_in(tables: Mapping[str, pl.DataFrame]) -> Iterator[Finding]:
             why = next(iter(reasons.values()))
             whole = [row for row in table.to_dicts() if of_whole_trial(row) and row["trial"] in reasons]
             if LATENESS in what and whole and {"K", "B", "I"} <= set(table.columns):
-                of_B, B, of_I, I = (
-                    " to ".join(dict.fromkeys(f"{scale * x:.2g}" for x in (min(values), max(values))))
-                    for scale, symbol in ((1e-3, "K"), (1, "B"), (1e-3, "B"), (1, "I"))
-                    for values in [[row[symbol] for row in whole]]
-                )
-                why = f"{why.partition(SIZED)[0]}{SIZED} {of_B} N*m*s/rad off B = {B} and {of_I} kg*m^2 off I = {I}"
-                why += ", check it with a known spring on the same bench"
-            judged = tuple(table["trial"].unique(maintain_order=True))
-            yield Finding("not checked", f"{name.replace('_', ' ')} trials", what, why, "", tuple(reasons), judged)
+                numbers = []
+                for scale, symbol in ((1e-3, "K"), (1, "B"), (1e-3, "B"), (1, "I")):
+                    values = [scale * row[symbol] for row in whole]
+                    numbers.append(" to ".join(dict.fromkeys(f"{x:.2g}" for x in (min(values), max(values)))))
+                why = why.partition(SIZED)[0] + size_of_lateness(*numbers)
+            judged = [*table["trial"].unique(maintain_order=True)]
+            yield finding("not checked", f"{name.replace('_', ' ')} trials", what, why, "", [*reasons], judged)
 
 
 def findings_report(verdicts: pl.DataFrame, tables: Iterable[Path]) -> str:
     """The findings of a campaign for the end of a run, a line each; tables may be refusal records or not be there."""
     written = {path.stem: read_table(path) for path in tables if path.is_file() and not is_refused(path)}
-    return "\n".join(one.line() for one in findings(verdicts, written))
+    return "\n".join(one["line"] for one in findings(verdicts, written))
 
 
 def exclusion_report(verdicts: pl.DataFrame, by_sheet: Mapping[str, str]) -> str:

@@ -3,6 +3,7 @@ at the end of their range, that stand, wrap or do not read zero, force plates; a
 """
 
 import math
+from collections import defaultdict
 from collections.abc import Collection, Iterator, Mapping
 from typing import Any
 
@@ -58,13 +59,12 @@ def stretches(time: Array, values: Array, seconds: float) -> Array:
 
 def sampling_steps(trial: Trial) -> dict[str, Array]:
     """Sampling steps [s], (n - 1,) each. Channels that were sampled at the same times stand under the first."""
-    time, steps, seen = trial.samples["time"].to_numpy(), {}, set()
+    time, steps = trial.samples["time"].to_numpy(), dict[bytes, tuple[str, Array]]()
     for column in trial.samples.columns:
         present = trial.samples[column].is_not_null().to_numpy()
-        if column != "time" and present.sum() > 2 and (pattern := present.tobytes()) not in seen:
-            seen.add(pattern)
-            steps[column] = np.diff(time[present])
-    return steps
+        if column != "time" and present.sum() > 2:
+            steps.setdefault(present.tobytes(), (column, np.diff(time[present])))
+    return dict(steps.values())
 
 
 def measure_rate(examined: Examined) -> CheckResult:
@@ -75,9 +75,8 @@ def measure_rate(examined: Examined) -> CheckResult:
 
 
 def measure_jitter(examined: Examined) -> CheckResult:
-    """Largest slow wander [%] of a recorder's stamps about their line, in steps, where nothing decides what it is. 0
-    where the stamps lie on their line, or where signals or the source file decide (docs/time_base.md): scatter of any
-    size then costs nothing. The remark has each recorder's scatter and the decision."""
+    """Largest slow wander [%] of a recorder's stamps about their line, in steps; 0 where signals or the source file
+    decide what it is (docs/time_base.md): scatter of any size then costs nothing."""
     wander, remarks = {}, []
     columns = [column for column in examined.experiment.needed_columns if column in examined.trial.columns]
     try:
@@ -90,7 +89,7 @@ def measure_jitter(examined: Examined) -> CheckResult:
         if part.matters:
             remarks.append(f"{name}: {100 * part.clock.sd / step:.3g} % of scatter, {part.why}")
     found = worst(wander, "no signals of a bench")
-    return found if found.value is None else CheckResult(found.value, "; ".join(remarks))
+    return CheckResult(found.value, "; ".join(remarks)) if wander else found
 
 
 def measure_gap(examined: Examined) -> CheckResult:
@@ -143,8 +142,7 @@ def measure_truncation(examined: Examined) -> CheckResult:
 
 
 def measure_protocol(examined: Examined) -> CheckResult:
-    """Number of segments, of one amplitude and frequency, that are missing, have other numbers of cycles than
-    commanded, or were not commanded. Another motion in place of the stepped sine is said and does not count."""
+    """Number of `differences`. Another motion in place of the stepped sine is said and does not count."""
     if not examined.experiment.stepped_sine or "theta" not in examined.trial.columns:
         return not_applicable("no stepped sine")
     commanded = examined.commanded.protocol
@@ -174,11 +172,11 @@ def measure_protocol(examined: Examined) -> CheckResult:
 def differences(found: list[Run], commanded: SteppedSineProtocol) -> list[str]:
     """A remark on every commanded pair of amplitude and frequency that is missing or has other numbers of cycles, and
     on every run that was not commanded. A protocol may have a pair more than once."""
-    followed = [(commanded.amplitude_near(run.amplitude), commanded.frequency_near(run.frequency_hz)) for run in found]
-    cycles: dict[tuple[float, float], float] = {}
+    cycles = defaultdict[tuple[float, float], float](float)
     for amplitude in commanded.amplitudes:
         for frequency, count in zip(commanded.frequencies_hz, commanded.cycles_at, strict=True):
-            cycles[amplitude, frequency] = cycles.get((amplitude, frequency), 0.0) + count
+            cycles[amplitude, frequency] += count
+    followed = [(commanded.amplitude_near(run.amplitude), commanded.frequency_near(run.frequency_hz)) for run in found]
     remarks = []
     for (amplitude, frequency), wanted in cycles.items():
         own = [run for run, pair in zip(found, followed, strict=True) if pair == (amplitude, frequency)]
@@ -225,25 +223,19 @@ def samples_at_rail(trial: Trial, column: str, torque: str | None = None) -> int
         seen = 0 if torque is None else longest_clipped_angle(time, values, recorded(trial, torque))
     else:
         seen = 0 if column == "current" and is_command(values) else longest_at_extreme(values)
-    return max(longest_at_stated(values, stated_range(trial, column)), seen)
-
-
-def longest_at_stated(values: Array, ends: tuple[float, float] | None) -> int:
-    """Longest run [samples] of a channel (n,) within a thousandth of a stated end of its range, or beyond it."""
-    if ends is None or not values.size:
-        return 0
-    near = 1e-3 * (ends[1] - ends[0])
-    at_ends = (longest_run(there) for there in (values <= ends[0] + near, values >= ends[1] - near))
-    return max(int(run.stop - run.start) for run in at_ends)
+    if ends := stated_range(trial, column):
+        near = 1e-3 * (ends[1] - ends[0])
+        for there in map(longest_run, (values <= ends[0] + near, values >= ends[1] - near)):
+            seen = max(seen, there.stop - there.start)
+    return seen
 
 
 def is_command(values: Array) -> bool:
     """Whether a channel (n,) goes from level to level without noise: beside the longest run, three in ten samples
     repeat their predecessor."""
     repeated = np.diff(values) == 0
-    elsewhere = repeated.copy()
-    elsewhere[longest_run(repeated)] = False
-    return bool(elsewhere.sum() > 0.3 * elsewhere.size)
+    longest = longest_run(repeated)
+    return bool(repeated.sum() - (longest.stop - longest.start) > 0.3 * repeated.size)
 
 
 def longest_clipped_angle(time: Array, theta: Array, torque: tuple[Array, Array]) -> int:
@@ -291,21 +283,23 @@ def noisy_channels(trial: Trial) -> dict[str, tuple[Array, Array]]:
 
 
 def measure_saturation(examined: Examined) -> CheckResult:
-    """Longest run [samples] of a channel at the lowest or highest value of its sensor, stated or seen; of a plate, of
-    its raw channels."""
+    """Longest run of `samples_at_rail`; of a plate, of its raw channels."""
     trial, driven = examined.trial, examined.experiment.motion  # what nobody drives may stand by friction
     names = [*noisy_channels(trial), *(c for c in trial.samples.columns if c == driven or stated_range(trial, c))]
     lengths = {name: samples_at_rail(trial, name, examined.experiment.torque) for name in names}
-    return worst(
-        lengths | {name: facts["clipped_samples"] for name, facts in raw_channels(trial).items()},
-        "no torque, current or plate",
-    )
+    lengths |= {name: facts["clipped_samples"] for name, facts in raw_channels(trial).items()}
+    return worst(lengths, "no torque, current or plate")
+
+
+def saturated(trial: Trial, torque: str = "torque", *others: str) -> pl.Expr:
+    """The column `saturated_samples`: how long torque, or one of the other columns, stood at an end of its sensor."""
+    longest = max(samples_at_rail(trial, column, torque) for column in (torque, *others))
+    return pl.lit(longest, pl.Int64).alias("saturated_samples")
 
 
 # Noisy channels, of torque, current and plates, and angles that stand.
 
 AT_REST = 0.02  # share of the angle's range by which a joint at rest may creep
-SMOOTHED = 0.05  # s, over which a reference is averaged; a sine of 5 Hz keeps nine tenths of its amplitude
 
 
 def measure_stuck(examined: Examined) -> CheckResult:
@@ -316,13 +310,11 @@ def measure_stuck(examined: Examined) -> CheckResult:
     moving = examined.experiment.motion or ("theta" if examined.experiment.tables else "")
     angle = recorded(trial, moving if moving in columns else "theta")
     times, channels = {}, noisy_channels(trial)
-    silent = {name for name, (_, x) in channels.items() if not x.any()}
-    used = {name.partition("_")[0] for name in channels.keys() - silent}
+    used = {name.partition("_")[0] for name, (_, x) in channels.items() if x.any()}
     for name, (time, x) in channels.items():
         if name.startswith("plate"):  # one that is 0 throughout is dead if another of its plate is not
-            times[name] = held(time, np.where(x == 0, np.nan, x))
-            if name in silent and name.partition("_")[0] in used:
-                times[name] = float(np.ptp(time))
+            dead = not x.any() and name.partition("_")[0] in used
+            times[name] = float(np.ptp(time)) if dead else held(time, np.where(x == 0, np.nan, x))
         elif name == "current":
             times[name] = 0.0 if is_command(x) else held(time, x)
         elif angle[0].size < 2 or not np.ptp(x):
@@ -334,9 +326,10 @@ def measure_stuck(examined: Examined) -> CheckResult:
     reference = recorded(trial, next((c for c in ("theta_command", "torque") if c in columns), None))
     time, theta = recorded(trial, "theta")
     if time.size and reference[0].size:
-        when, level = (stretches(reference[0], x, SMOOTHED).mean(axis=1) for x in reference)
+        smoothed = 0.05  # s, over which a reference is averaged; a sine of 5 Hz keeps nine tenths of its amplitude
+        when, level = (stretches(reference[0], x, smoothed).mean(axis=1) for x in reference)
         if when.size:  # while it changes by a fifth of its range, the joint should have moved
-            apart = SMOOTHED / 2 + median_step(time)  # at the start of a motion the torque jumps before the angle
+            apart = smoothed / 2 + median_step(time)  # at the start of a motion the torque jumps before the angle
             times["theta"] = held(time, theta, (when, level), 0.2 * float(np.ptp(level)), apart)
     if moving in columns and angle[1].size and not np.ptp(angle[1]):
         times[moving] = float(np.ptp(angle[0]))
@@ -376,9 +369,8 @@ def measure_unzeroed_load_cell(examined: Examined) -> CheckResult:
 
 
 def measure_unzeroed_plate(examined: Examined) -> CheckResult:
-    """Largest size of the level [N] of a bare plate, the mean of its quiet fifth of a second that is nearest to zero. A
-    negative level is always an error, a positive one where it is below what a resting plate may scatter, or every plate
-    is bare at some time."""
+    """Largest level [N] of a bare plate, the mean of its quiet fifth of a second that is nearest to zero. A positive
+    one may be a load, unless it is small, or every plate is bare at some time."""
     at_rest = 20.0  # N, largest standard deviation of a plate at rest
     counted, loaded, remarks = [], [], []
     for column in examined.trial.samples.columns:
@@ -391,17 +383,15 @@ def measure_unzeroed_plate(examined: Examined) -> CheckResult:
             loaded.append(f"{plate} is never at rest, or loaded throughout")
             continue
         counted.append(abs(level))
-        wrong_sign = examined.experiment.walker and level <= -200  # N: somebody's weight, where a plate was zeroed
-        remarks.append(f"{plate} {level:.1f} N" + PERSON * wrong_sign)
+        remarks.append(f"{plate} {level:.1f} N")
+        if examined.experiment.walker and level <= -200:  # N: somebody's weight, where a plate was zeroed
+            remarks[-1] += (
+                ", a person's weight with the wrong sign: correct the plate's `sign` or corners, or `axes` in the "
+                "source file, unless it was zeroed while somebody stood on it"
+            )
     if not counted:
         return not_applicable("the plates are never at rest, or loaded throughout" if loaded else "no plate")
     return CheckResult(max(counted), ", ".join(remarks + loaded))
-
-
-PERSON = (
-    ", a person's weight with the wrong sign: correct the plate's `sign` or corners, or `axes` in the source file, "
-    "unless it was zeroed while somebody stood on it"
-)
 
 
 def measure_encoder_wrap(examined: Examined) -> CheckResult:
@@ -426,8 +416,7 @@ def measure_marker_gap(examined: Examined) -> CheckResult:
             if not seen.size and time.size:
                 longest = float(np.ptp(time))
             gaps[column.removeprefix("marker_").removesuffix("_x")] = longest if longest > 0.5 * usual else 0.0
-    result = worst(gaps, "no markers")
-    with_gaps = sum(gap > 0 for gap in gaps.values())
+    result, with_gaps = worst(gaps, "no markers"), sum(gap > 0 for gap in gaps.values())
     return CheckResult(result.value, f"{result.remark}; {with_gaps} of {len(gaps)} markers") if with_gaps else result
 
 
@@ -449,6 +438,12 @@ def pressed_plates(trial: Trial) -> Iterator[tuple[int, Array, Array]]:
                 yield number, corners, np.asarray(point @ axes[:, :2])
 
 
+def travel(points: Array) -> float:
+    """Way [m] of points (k, 2) from their 5th to their 95th percentile."""
+    low, high = np.percentile(points, [5, 95], axis=0)
+    return float(np.hypot(*(high - low)))
+
+
 def measure_pressure_centre(examined: Examined) -> CheckResult:
     """Largest distance [m] by which a centre of pressure lies outside its plate under load, in 95 % of the samples: the
     first and last ones of a stance are inexact. The remark says why."""
@@ -459,13 +454,10 @@ def measure_pressure_centre(examined: Examined) -> CheckResult:
         distance, thousandth = (float(np.percentile(beside(p, corners), 95)) for p in (points, points / 1000))
         distances.append(distance)
         if distance > 0:
-            too_large = thousandth == 0 and travel(points / 1000) > 0.02  # m, which a rolling foot covers at least
-            why = (
-                "its moments look a thousand times too large; state `plate_units` in the source file, as {force: N, "
-                "moment: N*mm}"
-                if too_large
-                else "a moment channel is dead, clipped or of the other sign, or the corners are wrong"
-            )
+            why = "a moment channel is dead, clipped or of the other sign, or the corners are wrong"
+            if thousandth == 0 and travel(points / 1000) > 0.02:  # m, which a rolling foot covers at least
+                why = "its moments look a thousand times too large; state `plate_units` in the source file, as "
+                why += "{force: N, moment: N*mm}"
             remarks.append(f"plate{number}: the centre of pressure is {distance:.3g} m outside: {why}")
     return CheckResult(max(distances), "; ".join(remarks)) if distances else not_applicable("no plate is stood on")
 
@@ -481,20 +473,13 @@ def measure_pressure_travel(examined: Examined) -> CheckResult:
     return CheckResult(way, f"plate{number}: if it stands still, the moments are dead or a thousand times too small")
 
 
-def travel(points: Array) -> float:
-    """Way [m] of points (k, 2) from their 5th to their 95th percentile."""
-    low, high = np.percentile(points, [5, 95], axis=0)
-    return float(np.hypot(*(high - low)))
-
-
 # What a recording of a bench cannot be is refused, before a fit.
 
 
 def check_recording(trial: Trial, limits: Any, torque: str = "torque", angle: str | None = "theta") -> None:
     """Refuse an angle beyond `largest_angle` [rad] of the settings `limits`, a torque beyond `load_cell_range` [N*m] or
     one that never changes while the joint turns, and samples so close that the unit of time must be wrong."""
-    who = f"trial {trial.name}:"
-    time = trial.arrays()[0]
+    who, time = f"trial {trial.name}:", trial.arrays()[0]
     # stamps of a late host come in clusters, most of them microseconds apart, of which the mean step knows nothing
     step = float(np.ptp(time)) / (len(time) - 1) if len(time) > 1 else 0.0
     if 0 < step < 1e-5:  # no recorder of a joint is faster than 100 kHz
@@ -525,12 +510,6 @@ def check_recording(trial: Trial, limits: Any, torque: str = "torque", angle: st
         )
 
 
-def saturated(trial: Trial, torque: str = "torque", *others: str) -> pl.Expr:
-    """The column `saturated_samples`: how long torque, or one of the other columns, stood at an end of its sensor."""
-    longest = max(samples_at_rail(trial, column, torque) for column in (torque, *others))
-    return pl.lit(longest, pl.Int64).alias("saturated_samples")
-
-
 CHECKS = {
     name: Judgement(
         name, Cause(row["cause"], row["says"], row["remedy"]), measure=measure, unit=row["unit"],
@@ -549,32 +528,31 @@ CHECKS = {
 config/config.yaml, and its test."""
 
 
+def unknown_check(name: str) -> str:
+    """What is wrong with the name of a check; the new name where it is an old one."""
+    if name == "unfinished":
+        return "the check 'unfinished' is now called 'truncated'; rename it"
+    return f"'{name}' is no quality check; the checks are {', '.join(CHECKS)}"
+
+
 def validate_rules(rules: QualityRules) -> None:
     """Raises InputError: a check has no rule, a rule no check, or a threshold is no size in the unit of its check."""
-    for name in rules.by_check:
+    for name in (*rules.by_check, *CHECKS):
         if name not in CHECKS:
             raise InputError(f"configuration, quality: {unknown_check(name)}")
-    for name, check in CHECKS.items():
         if name not in rules.by_check:
             raise InputError(f"configuration, quality: no rule for the check '{name}'; add it as in config/config.yaml")
-        threshold = rules.by_check[name].threshold
+        threshold, known = rules.by_check[name].threshold, CHECKS[name].unit
         size, _, unit = threshold.partition(" ")
         try:
-            fits = unit.strip() == check.unit and 0 <= float(size) < math.inf
+            fits = unit.strip() == known and 0 <= float(size) < math.inf
         except ValueError:
             fits = False
         if not fits:
             raise InputError(
                 f"configuration, quality.{name}: threshold '{threshold}' must be a number from 0 and its unit, "
-                f"as in '1 {check.unit}'"
+                f"as in '1 {known}'"
             )
-
-
-def unknown_check(name: str) -> str:
-    """What is wrong with the name of a check; the new name where it is an old one."""
-    if name in QualityRules.RENAMED:
-        return f"the check '{name}' is now called '{QualityRules.RENAMED[name]}'; rename it"
-    return f"'{name}' is no quality check; the checks are {', '.join(CHECKS)}"
 
 
 def examine(trial: Trial, experiment: str, commanded: Commanded) -> dict[str, CheckResult]:
@@ -585,29 +563,20 @@ def examine(trial: Trial, experiment: str, commanded: Commanded) -> dict[str, Ch
 
 def measured_table(trial: str, results: Mapping[str, CheckResult]) -> pl.DataFrame:
     """What `examine` measured, a row per check: trial, check, value, unit, remark."""
-    rows = [
-        {"trial": trial, "check": name, "value": result.value, "unit": CHECKS[name].unit, "remark": result.remark}
-        for name, result in results.items()
-    ]
-    return pl.DataFrame(rows, schema_overrides={"value": pl.Float64})
+    rows = [(trial, name, result.value, CHECKS[name].unit, result.remark) for name, result in results.items()]
+    columns = dict.fromkeys(("trial", "check", "value", "unit", "remark"), pl.String) | {"value": pl.Float64}
+    return pl.DataFrame(rows, columns, orient="row")
 
 
 def judged_table(measured: pl.DataFrame, rules: QualityRules, accept: Mapping[str, Collection[str]]) -> pl.DataFrame:
     """`measured_table` of trials with thresholds and verdicts; `accept`: checks that the sheet accepts, by trial."""
     judged = []
-    for row in measured.iter_rows(named=True):
-        name, rule = row["check"], rules.by_check[row["check"]]
-        failed, accepted = CHECKS[name].failed(row["value"], rule.limit), name in accept.get(row["trial"], ())
+    for trial, name, value, unit, remark in measured.iter_rows():
+        rule = rules.by_check[name]
+        failed, accepted = CHECKS[name].failed(value, rule.limit), name in accept.get(trial, ())
         verdict = rule.on_failure if failed and not accepted else "pass"
-        remark = "; ".join(filter(None, ["accepted in the sheet" if failed and accepted else "", row["remark"]]))
-        judged.append({**row, "threshold": rule.limit, "verdict": verdict, "remark": remark})
-    types = dict.fromkeys(("value", "threshold"), pl.Float64)
+        said = "; ".join(filter(None, ["accepted in the sheet" if failed and accepted else "", remark]))
+        judged.append((trial, name, value, unit, rule.limit, verdict, said))
     order = ("trial", "check", "value", "unit", "threshold", "verdict", "remark")
-    return pl.DataFrame(judged, schema={name: types.get(name, pl.String()) for name in order})
-
-
-def quality_table(
-    trial: str, results: Mapping[str, CheckResult], rules: QualityRules, accept: Collection[str]
-) -> pl.DataFrame:
-    """`judged_table` of the results of one trial."""
-    return judged_table(measured_table(trial, results), rules, {trial: accept})
+    columns = dict.fromkeys(order, pl.String) | dict.fromkeys(("value", "threshold"), pl.Float64)
+    return pl.DataFrame(judged, columns, orient="row")

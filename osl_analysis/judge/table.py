@@ -3,10 +3,10 @@
 Measuring needs the samples and no limit, judging needs a few numbers and no samples: a changed limit judges again.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar, Literal, Self
+from typing import Any, Literal, Self
 
 import numpy as np
 from pydantic import ConfigDict, Field, model_validator
@@ -109,7 +109,6 @@ class QualityRules(Settings):
     """A rule per check, under the check's name; `recording.validate_rules` compares them with the checks."""
 
     model_config = ConfigDict(extra="allow")
-    RENAMED: ClassVar[Mapping[str, str]] = {"unfinished": "truncated"}
     __pydantic_extra__: dict[str, Rule] = Field(init=False)
 
     @property

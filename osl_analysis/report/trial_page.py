@@ -198,13 +198,13 @@ def doubts_of(tables: Mapping[str, pl.DataFrame], described: Mapping[str, Descri
         at = ", ".join(f"{row[column]:g} {unit}" for column, unit in parts.items() if row.get(column) is not None)
         place = at or ("all amplitudes" if "amplitude_deg" in row else "whole trial")
         of = "other" if number else "part" if row.get("amplitude_deg") is not None else "all"
-        for doubt in reasons_in(row.get("doubtful")):
-            if not (number and doubt.inherited):
-                columns = re.findall(r"(\w+) (?:\S+ is (?:above|below) |is not a number)", doubt.text)
+        for _, text, inherited in reasons_in(row.get("doubtful")):
+            if not (number and inherited):
+                columns = re.findall(r"(\w+) (?:\S+ is (?:above|below) |is not a number)", text)
                 meanings = {one: unit_and_meaning(one, described.get(name))["meaning"] for one in columns}
                 said = "; ".join(f"{one} is {meaning}" for one, meaning in meanings.items() if meaning)
                 where = f"{name}.csv, {place}" if number else place
-                found.append({"where": where, "of": of, "text": doubt.text, "meaning": said})
+                found.append({"where": where, "of": of, "text": text, "meaning": said})
     return found
 
 
@@ -282,9 +282,9 @@ def trial_row(trial: ReportedTrial, differing: Collection[str]) -> dict[str, Any
     by_cause: dict[str, tuple[str, list[str]]] = {}  # the text of the last row, which is of all of the trial, and where
     for row in trial.doubtful.to_dicts():
         part = "all amplitudes" if row.get("amplitude_deg") is None else f"{row['amplitude_deg']:g} deg"
-        for doubt in reasons_in(row["doubtful"]):
-            places = by_cause.get(doubt.cause, ("", []))[1]
-            by_cause[doubt.cause] = (doubt.text, [*places, part if "amplitude_deg" in row else "whole trial"])
+        for cause, text, _ in reasons_in(row["doubtful"]):
+            places = by_cause.get(cause, ("", []))[1]
+            by_cause[cause] = (text, [*places, part if "amplitude_deg" in row else "whole trial"])
     doubts = [f"{', '.join(places)}: {text}" for text, places in by_cause.values()] or trial.flags
     return {
         "name": trial.name,

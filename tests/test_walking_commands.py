@@ -31,8 +31,6 @@ from osl_analysis.walking.response import fit_response, isolate_response
 from osl_analysis.walking.settings import WalkingAnalysis
 
 FOOT = {"mass_kg": 1.0, "centre_of_mass_m": [0.045, 0.0, -0.045], "inertia_kg_m2": 0.085**2}
-FILES = {"calibration": "calibration.json", "plate": "plate.json", "gait": "unperturbed.parquet"}
-FILES["selection"] = "walking_crossings.csv"
 
 
 @dataclass(frozen=True)
@@ -43,37 +41,56 @@ class Session:
     perturbed: list[str]
     unperturbed: list[str]
 
+    def file(self, name: str) -> Path:
+        return self.folder / name
+
     def trial(self, name: str) -> Path:
         return self.folder / "trials" / f"{name}.parquet"
 
-    def crossing(self, name: str) -> Path:
-        return self.folder / "crossings" / f"{name}.parquet"
+    def crossings(self, *names: str) -> list[Path]:
+        return [self.folder / "crossings" / f"{name}.parquet" for name in names or (*self.perturbed, *self.unperturbed)]
+
+    def read(self, *names: str) -> list[Crossing]:
+        return [jobs.read_crossing(path) for path in self.crossings(*names)]
 
     def truth(self, name: str) -> dict[str, Any]:
-        return dict(json.loads((self.folder / "truth" / f"{name}.json").read_text()))
+        return dict(json.loads(self.file(f"truth/{name}.json").read_text()))
 
-    def __getattr__(self, name: str) -> Path:
-        """The files of the session."""
-        return self.folder / FILES[name]
+    def analyse(self, trial: Path, perturbed: bool, output: Path, *direction: str, **choices: Any) -> None:
+        """One crossing; without what crossings share if there is no such file."""
+        shared = self.file("platform.json")
+        files = trial, self.file("calibration.json"), self.file("plate.json"), perturbed, settings(**choices), output
+        jobs.analyse(*files, *direction, platform=shared if shared.exists() else None)
 
     def analysed(self, **choices: Any) -> "Session":
         """Run every step."""
-        chosen = settings(**choices)
-        motion = [self.trial(n) for n in self.unperturbed[:3]]
-        jobs.calibrate(self.trial("static_1"), motion, chosen, self.calibration, self.folder / "hinge.csv")
-        unloaded = [self.trial(f"plate_0{k}") for k in (1, 2, 3)]
-        of = {path.stem: self.calibration.stem for path in unloaded}
-        jobs.identify_plate(unloaded, [self.calibration], of, chosen, self.plate, self.folder / "plate.csv")
-        for name in (*self.perturbed, *self.unperturbed):
-            walked = name in self.perturbed
-            jobs.analyse(self.trial(name), self.calibration, self.plate, walked, chosen, self.crossing(name))
-        jobs.select_crossings([self.crossing(n) for n in (*self.perturbed, *self.unperturbed)], chosen, self.selection)
-        jobs.average_unperturbed([self.crossing(n) for n in self.unperturbed], self.selection, chosen, self.gait)
-        rows = [self.folder / "fits" / f"{n}.csv" for n in self.perturbed]
-        for name, row in zip(self.perturbed, rows, strict=True):
-            jobs.fit_perturbation(self.crossing(name), self.selection, self.gait, chosen, row)
-        gather(rows, self.folder / "walking.csv")
-        summarise(self, [self.crossing(n) for n in self.perturbed], chosen, self.folder)
+        chosen, calibration = settings(**choices), self.file("calibration.json")
+        motion, unloaded = self.unperturbed[:3], [f"plate_0{k}" for k in (1, 2, 3)]
+        jobs.calibrate(self.trial("static_1"), list(map(self.trial, motion)), chosen, calibration, self.file("h.csv"))
+        for job, names, made in (
+            (jobs.identify_plate, unloaded, "plate"),
+            (jobs.measure_platform, self.perturbed if len(self.perturbed) > 2 else [], "platform"),
+        ):
+            trials, static = list(map(self.trial, names)), dict.fromkeys(names, calibration.stem)
+            if names:
+                job(trials, [calibration], static, chosen, self.file(f"{made}.json"), self.file(f"{made}.csv"))
+        for name, path in zip((*self.perturbed, *self.unperturbed), self.crossings(), strict=True):
+            self.analyse(self.trial(name), name in self.perturbed, path, **choices)
+        jobs.select_crossings(self.crossings(), chosen, self.file("selection.csv"))
+        return self.summarised(chosen)
+
+    def summarised(self, chosen: WalkingAnalysis, limits: Doubt | None = None) -> "Session":
+        """The steps from the selected crossings to the summary."""
+        selection, gait, table = (self.file(name) for name in ("selection.csv", "gait.parquet", "walking.csv"))
+        jobs.average_unperturbed(self.crossings(*self.unperturbed), selection, chosen, gait)
+        rows = [self.file(f"fits/{name}.csv") for name in self.perturbed]
+        for path, row in zip(self.crossings(*self.perturbed), rows, strict=True):
+            jobs.fit_perturbation(path, selection, gait, chosen, row)
+        gather(rows, table, limits)
+        written = {name: self.file(f"{name}.csv") for name in ("responses", "excluded", "groups")}
+        paths = written | {"table": table, "selection": selection, "unperturbed": gait}
+        crossings = self.crossings(*self.perturbed)
+        jobs.summarise_perturbations(crossings=crossings, settings=chosen, output=self.file("summary.csv"), **paths)
         return self
 
     def rendered(self, quantity: str) -> float:
@@ -81,29 +98,24 @@ class Session:
         return float(np.mean([self.truth(name)[f"{quantity}_rendered"] for name in self.perturbed]))
 
     def estimate(self, quantity: str, estimator: str = "mean of perturbations") -> dict[str, Any]:
-        table = read_table(self.folder / "summary.csv")
-        rows = table.filter((pl.col("quantity") == quantity) & (pl.col("estimator") == estimator))
+        rows = read_table(self.file("summary.csv")).filter(quantity=quantity, estimator=estimator)
         return dict(rows.row(0, named=True))
 
 
-def summarise(session: Session, crossings: list[Path], chosen: WalkingAnalysis, folder: Path) -> None:
-    """The summary job on `walking.csv` of a folder, with that folder's selection and unperturbed gait."""
-    sources = {"table": folder / "walking.csv", "selection": folder / session.selection.name}
-    written = {name: folder / f"{name}.csv" for name in ("responses", "excluded", "groups")}
-    paths = sources | written | {"unperturbed": folder / session.gait.name, "output": folder / "summary.csv"}
-    jobs.summarise_perturbations(crossings=crossings, settings=chosen, **paths)
+def recorded(setup: Setup, folder: Path, **row: Any) -> None:
+    """Simulate a trial, write C3D, ingest."""
+    setup.record(folder, row)
+    files = {"mocap": f"vicon/{row['trial']}.c3d", "mocap_source": "vicon"}
+    ingest_trial(row | files, folder, ROOT / "config/sources", folder / "trials" / f"{row['trial']}.parquet")
 
 
 def record_session(setup: Setup, folder: Path, perturbed: int, unperturbed: int) -> Session:
-    """Simulate, write C3D, ingest."""
     names = [f"walking_{k:02d}" for k in range(1, perturbed + unperturbed + 1)]
-    rows: list[dict[str, object]] = [{"trial": "static_1", "experiment": "static"}]
-    rows += [{"trial": f"plate_0{k}", "experiment": "plate"} for k in (1, 2, 3)]
-    rows += [{"trial": n, "experiment": "walking", "perturbed": k < perturbed} for k, n in enumerate(names)]
-    for row in rows:
-        setup.record(folder, row)
-        files = {"mocap": f"vicon/{row['trial']}.c3d", "mocap_source": "vicon"}
-        ingest_trial(row | files, folder, ROOT / "config/sources", folder / "trials" / f"{row['trial']}.parquet")
+    recorded(setup, folder, trial="static_1", experiment="static")
+    for k in (1, 2, 3):
+        recorded(setup, folder, trial=f"plate_0{k}", experiment="plate")
+    for k, name in enumerate(names):
+        recorded(setup, folder, trial=name, experiment="walking", perturbed=k < perturbed)
     return Session(folder, names[:perturbed], names[perturbed:])
 
 
@@ -127,16 +139,14 @@ def test_without_imperfections_the_rendered_stiffness_comes_out_to_half_a_percen
 
 
 def test_a_turn_of_the_toes_down_is_measured_with_its_sign_and_not_taken_for_one_up(ideal, tmp_path: Path) -> None:
-    row = {"trial": "walking_77", "experiment": "walking", "perturbed": True, "direction": "down"}
-    load_setup().ideal().record(tmp_path, row)
-    files = {"mocap": "vicon/walking_77.c3d", "mocap_source": "vicon"}
-    ingest_trial(row | files, tmp_path, ROOT / "config/sources", tmp_path / "w.parquet")
-    common = tmp_path / "w.parquet", ideal.calibration, ideal.plate, True, settings()
-    jobs.analyse(*common, tmp_path / "down.parquet", "down")
+    row = {"experiment": "walking", "perturbed": True, "direction": "down"}
+    recorded(load_setup().ideal(), tmp_path, trial="walking_77", **row)
+    trial = tmp_path / "trials/walking_77.parquet"
+    ideal.analyse(trial, True, tmp_path / "down.parquet", "down")
     assert np.rad2deg(jobs.read_crossing(tmp_path / "down.parquet").turn) == pytest.approx(-5, abs=0.1)
     with refused(tmp_path / "up.parquet", r"walking_77: the platform turned by -5\.\d deg .* expected 'down'"):
-        jobs.analyse(*common, tmp_path / "up.parquet", "up")
-    assert {jobs.read_crossing(ideal.crossing(name)).sign for name in ideal.perturbed} == {1}
+        ideal.analyse(trial, True, tmp_path / "up.parquet", "up")
+    assert {crossing.sign for crossing in ideal.read(*ideal.perturbed)} == {1}
 
 
 def test_with_all_imperfections_the_rendered_stiffness_comes_out_to_five_percent(real: Session) -> None:
@@ -152,42 +162,37 @@ def test_with_all_imperfections_the_rendered_stiffness_comes_out_to_five_percent
     assert 1 < K["se"] < 10
     assert (K["cov_K"], K["cov_B"]) == pytest.approx((K["se"] ** 2, B["cov_K"]))
     assert abs(K["cov_B"]) < K["se"] * B["se"]
-    late = [(jobs.read_crossing(real.crossing(n)).onset or 0.0) - real.truth(n)["onset_s"] for n in real.perturbed]
-    assert abs(np.mean(late)) < 0.004
-    assert np.max(np.abs(late)) < 0.015
-    table = read_table(real.selection)
+    late = [(c.onset or 0.0) - real.truth(c.name)["onset_s"] for c in real.read(*real.perturbed)]
+    assert np.max(np.abs(late)) < 5e-4
+    table = read_table(real.file("selection.csv"))
     assert table["trial"].to_list() == [*real.perturbed, *real.unperturbed]
     assert table["onset_s"].is_null().to_list() == [False] * 12 + [True] * 12
     assert set(table["status"]) == {"used"}
     for segment in ("foot", "shank", "platform"):  # 0.15 mm of noise, over three axes less six freedoms of twelve
         np.testing.assert_allclose(table[f"{segment}_residual_mm"], 0.15 * np.sqrt(3 / 2), rtol=0.1)
     assert (table["plate_zero_N"].abs() < 8).all()  # 2 N of offset drawn per trial
-    single = read_table(real.folder / "walking.csv").row(0, named=True)
+    single = read_table(real.file("walking.csv")).row(0, named=True)
     assert single["interval_method"] == "unperturbed crossings + plate trials"
     assert abs(single["cov_K_B"]) < single["K_se"] * single["B_se"]
 
 
 def test_the_plate_and_its_lag_are_the_simulated_ones(real: Session) -> None:
-    model = jobs.read_model(real.plate, PlateModel)
-    simulated = real.truth("plate_01")["gait_laboratory"]
+    model, simulated = jobs.read_model(real.file("plate.json"), PlateModel), real.truth("plate_01")["gait_laboratory"]
     mass, com = simulated["effects"]["plate_inertia"]["size"], np.array(simulated["plate"]["centre_of_mass_m"])
     assert model.lag == pytest.approx(1e-3 * simulated["effects"]["plate_lag"]["size"], abs=1e-4)
-    assert model.parameters[0] == pytest.approx(mass, rel=0.02)
-    np.testing.assert_allclose(model.parameters[1:4], mass * com, atol=0.02)
-    assert model.rms_after[4] < 0.1 * model.rms_before[4]
-    table = read_table(real.folder / "plate.csv", ["rms_before", "rms_after", "left_percent", "lag_s", "lag_se_s"])
+    np.testing.assert_allclose(model.parameters[:4], [mass, *(mass * com)], rtol=0.02, atol=0.02)
+    table = read_table(real.file("plate.csv"), ["rms_before", "rms_after", "left_percent", "lag_s", "lag_se_s"])
     assert (table.filter(pl.col("component").is_in(["F_x", "F_z", "M_y"]))["left_percent"] < 10).all()
-    assert table["lag_s"][0] == pytest.approx(5e-4, abs=1e-4)
+    assert table["lag_s"][0] == model.lag
     assert 0 < table["lag_se_s"][0] < 1e-4
 
 
 def test_without_imperfections_angle_and_torque_are_the_true_ones_through_one_filter(ideal: Session) -> None:
     """The leg is of third order, so that K, B and I depend on the filter: the exact curves pass it too. What is left
     is the file's single precision, and a low-pass of products that is not the product of low-passes."""
-    crossings = [jobs.read_crossing(ideal.crossing(n)) for n in (*ideal.perturbed, *ideal.unperturbed)]
-    exact, fits = [], []
+    crossings, exact, fits = ideal.read(), [], []
     for one in crossings:
-        truth = pl.read_parquet(ideal.folder / "truth" / f"{one.name}.parquet").gather_every(5)
+        truth = pl.read_parquet(ideal.file(f"truth/{one.name}.parquet")).gather_every(5)
         rows = np.searchsorted(truth["time"].to_numpy(), one.time - 1e-6)
         theta, torque = (settings().low_pass(truth[c].to_numpy(), 300.0)[rows] for c in ("theta", "torque"))
         exact.append(replace(one, theta=theta, torque=torque))
@@ -196,11 +201,9 @@ def test_without_imperfections_angle_and_torque_are_the_true_ones_through_one_fi
         np.testing.assert_allclose(one.torque[inside], torque[inside], atol=0.2)
     for some in (crossings, exact):
         gait = unperturbed_gait([c for c in some if c.onset is None], 3)
-        of = [fit_response(isolate_response(c, gait, settings())) for c in some if c.onset]
-        fits.append(np.array([f.estimates for f in of]))
-    np.testing.assert_allclose(fits[0][:, 0], fits[1][:, 0], rtol=2e-4)
-    np.testing.assert_allclose(fits[0][:, 1], fits[1][:, 1], rtol=1e-3)
-    np.testing.assert_allclose(fits[0][:, 2], fits[1][:, 2], atol=1e-4)
+        fits.append([fit_response(isolate_response(c, gait, settings())).estimates for c in some if c.onset])
+    for found, true, tolerance in zip(np.array(fits[0]).T, np.array(fits[1]).T, (0.06, 0.005, 1e-4), strict=True):
+        np.testing.assert_allclose(found, true, atol=tolerance)
 
 
 def test_the_functional_hinge_takes_the_place_of_wrong_malleoli(real: Session, tmp_path: Path) -> None:
@@ -211,9 +214,8 @@ def test_the_functional_hinge_takes_the_place_of_wrong_malleoli(real: Session, t
     jobs.calibrate(tmp_path / "static.parquet", motion, settings(hinge="anatomical"), *outputs)
     assert read_table(outputs[1])["angle_deg"][0] == pytest.approx(13.4, abs=0.5)
     assert read_table(outputs[1])["trial"].to_list() == ["static_1"]
-    assert jobs.read_model(outputs[0], StaticCalibration).ankle_axis[0] == pytest.approx(
-        np.sin(np.deg2rad(13.4)), abs=0.01
-    )
+    axis = jobs.read_model(outputs[0], StaticCalibration).ankle_axis
+    assert axis[0] == pytest.approx(np.sin(np.deg2rad(13.4)), abs=0.01)
     jobs.calibrate(tmp_path / "static.parquet", motion, settings(hinge="functional"), *outputs)
     np.testing.assert_allclose(jobs.read_model(outputs[0], StaticCalibration).ankle_axis, [0, 1, 0], atol=5e-3)
     jobs.calibrate(real.trial("static_1"), [], settings(), *outputs)  # without a motion the anatomical axis stays
@@ -224,10 +226,10 @@ def test_the_functional_hinge_takes_the_place_of_wrong_malleoli(real: Session, t
 
 def test_what_cannot_be_used_is_named_and_listed_and_the_rest_goes_on(real: Session, tmp_path: Path) -> None:
     """A hidden cluster, a platform that did not move, a plate at its limit, a foot put down elsewhere."""
-    chosen, crossings = settings(foot=FOOT), {}
-    for name in (*real.perturbed, *real.unperturbed):
-        crossings[name] = tmp_path / f"{name}.parquet"
-        crossings[name].write_bytes(real.crossing(name).read_bytes())
+    copied = Session(tmp_path, real.perturbed, real.unperturbed)
+    (tmp_path / "crossings").mkdir()
+    for source, target in zip(real.crossings(), copied.crossings(), strict=True):
+        target.write_bytes(source.read_bytes())
     blind, still, elsewhere = real.perturbed[:3]
     cut, flat = real.unperturbed[:2]
     trials = {name: read_trial(real.trial(name)) for name in (blind, still, cut, flat)}
@@ -239,33 +241,29 @@ def test_what_cannot_be_used_is_named_and_listed_and_the_rest_goes_on(real: Sess
     for name, trial in bad.items():
         write_trial(trial, path := tmp_path / "trial.parquet")
         with pytest.warns(UserWarning, match=f"excluded: trial {name}"):
-            jobs.analyse(path, real.calibration, real.plate, name != cut, chosen, crossings[name])
-    outlier = jobs.read_crossing(crossings[elsewhere])
+            real.analyse(path, name != cut, copied.crossings(name)[0], foot=FOOT)
+    (outlier,) = copied.read(elsewhere)
     moved = replace(outlier, quality=outlier.quality | {"foot_forward_m": 0.2})
-    jobs.write_crossing(moved, crossings[elsewhere])
-    selection, gait = tmp_path / real.selection.name, tmp_path / real.gait.name
-    jobs.select_crossings(list(crossings.values()), chosen, selection)
-    jobs.average_unperturbed([crossings[n] for n in real.unperturbed], selection, chosen, gait)
-    rows = [tmp_path / f"{n}.csv" for n in real.perturbed]
-    for name, row in zip(real.perturbed, rows, strict=True):
-        jobs.fit_perturbation(crossings[name], selection, gait, chosen, row)
-    table, page = tmp_path / "walking.csv", tmp_path / "page.csv"
-    gather(rows, table, Doubt(above={"offset_share": 0.06}))
-    perturbed = [crossings[n] for n in real.perturbed]
-    summarise(real, perturbed, chosen, tmp_path)
+    jobs.write_crossing(moved, copied.crossings(elsewhere)[0])
+    chosen = settings(foot=FOOT)
+    jobs.select_crossings(copied.crossings(), chosen, tmp_path / "selection.csv")
+    copied.summarised(chosen, Doubt(above={"offset_share": 0.06}))
     listed = dict(read_table(tmp_path / "excluded.csv").select("trial", "reason").iter_rows())
     reasons = {blind: "foot markers cannot be followed", still: "does not turn but the sheet says perturbed"}
     reasons |= {elsewhere: "foot forward 0.2 m lies", cut: "Fz stays at 600 N"}
     assert list(listed) == list(reasons)
     assert all(reason in listed[name] for name, reason in reasons.items())
-    summary, fits = read_table(tmp_path / "summary.csv"), read_table(table)
+    summary, fits = read_table(tmp_path / "summary.csv"), read_table(tmp_path / "walking.csv")
     assert set(summary["n"]) == {9}
     assert summary["mean"][0] == pytest.approx(real.rendered("K"), rel=0.05)
-    sources = {"selection": selection, "unperturbed": gait, "responses": tmp_path / "responses.csv", "table": table}
-    plot_walking_page(crossings=perturbed, settings=chosen, output=page, **sources)
-    counts = read_table(page).filter(pl.col("panel") == "angle").group_by("curve").agg(pl.col("n").first())
+    files = {"selection": "selection.csv", "unperturbed": "gait.parquet", "responses": "responses.csv"}
+    sources = {name: tmp_path / file for name, file in (files | {"table": "walking.csv"}).items()}
+    perturbed = copied.crossings(*real.perturbed)
+    plot_walking_page(crossings=perturbed, settings=chosen, output=tmp_path / "page.csv", **sources)
+    page = read_table(tmp_path / "page.csv")
+    counts = page.filter(pl.col("panel") == "angle").group_by("curve").agg(pl.col("n").first())
     assert dict(counts.drop_nulls().iter_rows()) == {"perturbed": 9, "unperturbed": 11}
-    each = read_table(page).filter(pl.col("curve") == "each")
+    each = page.filter(pl.col("curve") == "each")
     assert each["trial"].n_unique() == 9
     doubtful = set(fits.filter(pl.col("offset_share").abs() > 0.06)["trial"])
     assert 0 < len(doubtful) < 9
@@ -291,17 +289,17 @@ def test_a_cluster_hidden_for_long_is_refused_and_for_short_is_bridged(ideal: Se
 
     def analysed(name: str, markers: tuple[str, ...], start: float, end: float) -> Crossing:
         write_trial(hidden(read_trial(ideal.trial(name)), markers, start, end), path)
-        jobs.analyse(path, ideal.calibration, ideal.plate, name in ideal.perturbed, settings(), output)
+        ideal.analyse(path, name in ideal.perturbed, output)
         return jobs.read_crossing(output)
 
     flat, turned, shank, foot = ideal.unperturbed[0], ideal.perturbed[0], ("SHANK1", "SHANK4"), ("FOOT1", "FOOT2")
-    whole, bridged = jobs.read_crossing(ideal.crossing(flat)), analysed(flat, shank, 1.2, 1.23)
+    (whole,), bridged = ideal.read(flat), analysed(flat, shank, 1.2, 1.23)
     assert 0 < bridged.bridged < 0.1
     np.testing.assert_allclose(bridged.theta, whole.theta, atol=np.deg2rad(0.1))
     output.unlink()
     with refused(output, rf"trial {flat}: the shank markers cannot be followed at 1\.2\d+ s"):
         analysed(flat, shank, 1.2, 1.4)
-    onset = jobs.read_crossing(ideal.crossing(turned)).onset or 0.0
+    onset = ideal.read(turned)[0].onset or 0.0
     with refused(output, rf"trial {turned}: the foot markers are hidden for \d+ ms from 1\.\d+ s, while the pert"):
         analysed(turned, foot, onset + 0.03, onset + 0.06)
     for start, duration in ((0.03, 0.007), (-0.15, 0.03)):
@@ -309,13 +307,14 @@ def test_a_cluster_hidden_for_long_is_refused_and_for_short_is_bridged(ideal: Se
 
 
 def test_a_crossing_knows_what_each_trial_of_the_plate_does_to_its_torque(real: Session, tmp_path: Path) -> None:
-    name, plate = real.perturbed[0], jobs.read_model(real.plate, PlateModel)
-    crossing = jobs.read_crossing(real.crossing(name))
+    plate, found = jobs.read_model(real.file("plate.json"), PlateModel), []
+    for k, model in enumerate((plate, plate.leave_one_out[1])):
+        jobs.write_model(model, tmp_path / "plate.json")
+        files = real.trial(real.perturbed[0]), real.file("calibration.json"), tmp_path / "plate.json"
+        jobs.analyse(*files, True, settings(foot=FOOT), tmp_path / f"{k}.parquet")
+        found.append(jobs.read_crossing(tmp_path / f"{k}.parquet"))
+    crossing, without = found
     assert len(crossing.plate_errors) == len(plate.leave_one_out) > 1
-    jobs.write_model(plate.leave_one_out[1], tmp_path / "plate.json")
-    chosen = settings(foot=FOOT)
-    jobs.analyse(real.trial(name), real.calibration, tmp_path / "plate.json", True, chosen, tmp_path / "c.parquet")
-    without = jobs.read_crossing(tmp_path / "c.parquet")
     np.testing.assert_allclose(crossing.plate_errors[1], without.torque - crossing.torque, atol=1e-9)
     assert np.abs(crossing.plate_errors[1]).max() > 1e-3
     assert without.plate_errors.shape == (0, len(without.time))
@@ -334,20 +333,22 @@ def test_what_contradicts_sheet_markers_or_calibration_is_refused_by_name(
     ideal: Session, tmp_path: Path, which: str, claimed: bool, lost: str | None, reason: str
 ) -> None:
     name, path, output = getattr(ideal, which)[0], tmp_path / "t.parquet", tmp_path / "c.parquet"
-    source, content = read_trial(ideal.trial(name)), json.loads(ideal.calibration.read_text())
+    source, content = read_trial(ideal.trial(name)), json.loads(ideal.file("calibration.json").read_text())
     content["markers"].pop(lost, None)
     write_trial(replace(source, samples=source.samples.drop(lost or [], strict=False)), path)
     (tmp_path / "calibration.json").write_text(json.dumps(content))
     with refused(output, f"trial {name}: {reason}"):
-        jobs.analyse(path, tmp_path / "calibration.json", ideal.plate, claimed, settings(), output)
+        jobs.analyse(path, tmp_path / "calibration.json", ideal.file("plate.json"), claimed, settings(), output)
 
 
 def test_missing_and_damaged_files_between_the_steps_name_the_step(ideal: Session, tmp_path: Path) -> None:
-    broken, perturbed = tmp_path / "plate.json", ideal.crossing(ideal.perturbed[0])
-    (tmp_path / "walking.csv").write_bytes((ideal.folder / "fits" / f"{ideal.perturbed[0]}.csv").read_bytes())
-    (tmp_path / ideal.selection.name).write_bytes(ideal.selection.read_bytes())
+    (perturbed,) = ideal.crossings(ideal.perturbed[0])
+    single = Session(tmp_path, ideal.perturbed[:1], ideal.unperturbed)
+    (tmp_path / "selection.csv").write_bytes(ideal.file("selection.csv").read_bytes())
+    (tmp_path / "crossings").symlink_to(ideal.file("crossings"))
     with pytest.raises(InputError, match="1 of 1 perturbations can be used, expected 2 or more"):
-        summarise(ideal, [perturbed], settings(), tmp_path)
+        single.summarised(settings())
+    broken = tmp_path / "plate.json"
     with pytest.raises(InputError, match=r"plate\.json: no such file; run the step 'identify-plate'"):
         jobs.read_model(broken, PlateModel)
     for content, problem in (("{", "not JSON"), ("{}", "no field 'parameters'")):
@@ -357,9 +358,10 @@ def test_missing_and_damaged_files_between_the_steps_name_the_step(ideal: Sessio
     with pytest.raises(InputError, match="a trial without events"):
         jobs.read_crossing(ideal.trial(ideal.unperturbed[0]))
     # a window so short that it has fewer samples than parameters: listed, and other results go on
-    jobs.fit_perturbation(perturbed, ideal.selection, ideal.gait, settings(window_s=0.009), tmp_path / "fit.csv")
+    selection, gait = ideal.file("selection.csv"), ideal.file("gait.parquet")
+    jobs.fit_perturbation(perturbed, selection, gait, settings(window_s=0.009), tmp_path / "fit.csv")
     (row,) = read_table(tmp_path / "fit.csv").to_dicts()
     assert [row[quantity] for quantity in ("K", "B", "I", "VAF")] == [None] * 4
     assert "samples cannot determine 3 parameters" in row["excluded"]
     with pytest.raises(InputError, match=r"n\.parquet: no such file; run the step 'average-unperturbed'"):
-        jobs.fit_perturbation(perturbed, ideal.selection, tmp_path / "n.parquet", settings(), tmp_path / "f.csv")
+        jobs.fit_perturbation(perturbed, selection, tmp_path / "n.parquet", settings(), tmp_path / "f.csv")

@@ -19,7 +19,6 @@ from osl_analysis.commands.study import batch_rows, study_inputs
 from osl_analysis.design.precision import (
     KBI,
     Distortion,
-    Joint,
     PeriodicMultisine,
     Sensors,
     SteppedSine,
@@ -37,7 +36,7 @@ from osl_analysis.trial import Array
 
 STUDIED = ("second order", "second order, 250 Hz", "second order, 14 bits", "linear drivetrain", "drivetrain")
 RATE_HZ = 1000.0
-JOINT = Joint(300.0, 5.0, 0.02)
+JOINT = np.array([300.0, 5.0, 0.02])
 PLAN = PeriodicMultisine(8.0, (0.5, 6.0), float(np.deg2rad(2)), 4, 4)
 SENSORS = Sensors(RATE_HZ, 0.05)
 EARLIER = 16
@@ -52,7 +51,7 @@ def inputs_of(config: Config) -> StudyInputs:
 
 def studied(experiment: str, inputs: StudyInputs, trials: int) -> Iterator[str]:
     """Rows of a table: an experiment of the study."""
-    study, effects, bench = inputs.study, inputs.simulation.effects, inputs.dynamometer
+    study, effects, bench = inputs.study, inputs.simulation.effects, inputs.analysis["dynamometer"]
     found = pl.DataFrame(batch_rows(experiment, range(trials), inputs), infer_schema_length=None)
     found = found.filter(pl.col("estimator") == "filtered")
     cycles = (float(study.cycles),) * len(bench.frequencies_hz)
@@ -65,7 +64,7 @@ def studied(experiment: str, inputs: StudyInputs, trials: int) -> Iterator[str]:
         drift=effects.load_cell_drift.value / 60,
     )
     plan = SteppedSine(amplitudes, bench.frequencies_hz, cycles, bench.settle_cycles)
-    predicted = precision(plan, JOINT, sensors, bench.low_pass).column("se")
+    predicted = precision(plan, JOINT, sensors, bench.low_pass).columns["se"]
     for name, expected in zip(KBI, predicted, strict=True):
         row = found.filter(pl.col("quantity") == name)
         yield line(experiment, name, float(expected), (row["value"] - row["truth"]).to_numpy())
@@ -83,7 +82,7 @@ def multisine_trials(torque_of: Torque, trials: int, first: int) -> Array:
     for trial in range(trials):
         numbers = range(first + trial * PLAN.realisations, first + (trial + 1) * PLAN.realisations)
         lines = lines_of_periods([realisation(number, torque_of, rng) for number in numbers], low_pass)
-        fit = fit_by_power(SecondOrder(), lines, (JOINT.K, JOINT.B))
+        fit = fit_by_power(SecondOrder(), lines, (300.0, 5.0))
         found.append([fit[name] for name in KBI])
     return np.array(found)
 
@@ -102,7 +101,7 @@ def realisation(number: int, torque_of: Torque, rng: np.random.Generator) -> Rea
 
 def exact(m: JointMotion) -> Array:
     """Eq. 15."""
-    return np.asarray(JOINT.K * m.theta + JOINT.B * m.omega + JOINT.I * m.alpha)
+    return np.asarray(JOINT @ [m.theta, m.omega, m.alpha])
 
 
 def rubbing(friction: float) -> Torque:
@@ -117,7 +116,7 @@ def seen_before(torque_of: Torque, low_pass: LowPass) -> dict[str, Distortion]:
     response = periodic_response(earlier)
     spacing, band = float(np.min(np.diff(response.frequency_hz))), response.frequency_hz[[0, -1]]
     density = (response.frequency_hz, 0.5 * (response.levels["odd"] * response.angle) ** 2 / spacing)
-    fit = fit_by_power(SecondOrder(), lines_of_periods(earlier, low_pass), (JOINT.K, JOINT.B))
+    fit = fit_by_power(SecondOrder(), lines_of_periods(earlier, low_pass), (300.0, 5.0))
     variance = EARLIER * np.array([fit.se(name) for name in KBI]) ** 2
     return {
         "no distortion stated": Distortion(),
@@ -131,7 +130,7 @@ def multisines(inputs: StudyInputs, trials: int) -> Iterator[str]:
     low_pass = LowPass(15.0, 4)
     for friction in (0.0, 0.02, 0.5):
         found = multisine_trials(rubbing(friction), trials, 1)
-        predicted = precision(PLAN, JOINT, SENSORS, low_pass, Distortion(coulomb=friction)).column("se")
+        predicted = precision(PLAN, JOINT, SENSORS, low_pass, Distortion(coulomb=friction)).columns["se"]
         for k, name in enumerate(KBI):
             yield line(f"exact joint, friction {friction:g} N·m stated", name, predicted[k], found[:, k])
     gains = compensated_gains(inputs.study.K_d, inputs.study.B_d, inputs.p)
@@ -144,7 +143,7 @@ def multisines(inputs: StudyInputs, trials: int) -> Iterator[str]:
 
     found = multisine_trials(drivetrain, trials, 1)
     for words, stated in seen_before(drivetrain, low_pass).items():
-        predicted = precision(PLAN, JOINT, SENSORS, low_pass, stated).column("se")
+        predicted = precision(PLAN, JOINT, SENSORS, low_pass, stated).columns["se"]
         for k, name in enumerate(KBI):
             yield line(f"drivetrain, {words}", name, predicted[k], found[:, k])
 

@@ -512,7 +512,7 @@ def design(config_path: Path, output: Path | None, as_json: bool, **chosen: Any)
     the rounding of the encoder, and the distortion of a joint that is not linear.
     """
     from osl_analysis.campaign.configuration import read_config
-    from osl_analysis.commands.design import design_json, design_request, design_text, designed, write_command
+    from osl_analysis.commands.design import design_json, design_text, designed, write_command
 
     kind, given = chosen["excitation"], options_given()
     unused = sorted(given & set().union(*OPTIONS.values()) - OPTIONS[kind])
@@ -525,10 +525,8 @@ def design(config_path: Path, output: Path | None, as_json: bool, **chosen: Any)
         raise click.UsageError("--trial is that of an earlier table: give --earlier too")
     if chosen["band"] is not None and len(chosen["band"]) != 2:
         raise click.UsageError("--band has the lowest and the highest frequency, as 0.5,6")
-    config = read_config(config_path)
-    request = design_request(chosen, config)
-    made = designed(request, config)
+    made = designed(chosen, read_config(config_path))
     if output is not None:
-        write_command(made.recommended[0] if made.recommended else request.plan, request.sensors.rate_hz, output)
+        write_command(made.recommended[0] if made.recommended else made.plan, made.sensors.rate_hz, output)
         say(f"wrote {output}", err=True)
     say(design_json(made) if as_json else design_text(made))

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
+from typing import Any
 
 import polars as pl
 
@@ -123,6 +124,9 @@ def read_table(path: Path, required: Sequence[str] = (), of: str = "") -> pl.Dat
     return table
 
 
-def finite_or_null(row: Mapping[str, object]) -> dict[str, object]:
-    """A row of a table for JSON. Infinity and NaN become null, because JSON does not have them."""
-    return {key: None if isinstance(value, float) and not math.isfinite(value) else value for key, value in row.items()}
+def finite_or_null(row: Mapping[str, Any]) -> dict[str, Any]:
+    """A row of a table, or what is nested in it, for JSON: infinity and NaN, which JSON does not have, become null."""
+    finite = {
+        key: None if isinstance(value, float) and not math.isfinite(value) else value for key, value in row.items()
+    }
+    return {key: finite_or_null(value) if isinstance(value, Mapping) else value for key, value in finite.items()}

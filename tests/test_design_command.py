@@ -1,6 +1,7 @@
 """`osl-analysis design`: what it prints and writes, and what it refuses in one line."""
 
 import json
+import re
 
 import numpy as np
 import polars as pl
@@ -150,6 +151,7 @@ def test_the_spread_of_an_earlier_multisine_s_realisations_is_that_of_the_next(t
         (("--stiffness", "0"), "--stiffness is 0; give a number above 0"),
         (("--inertia", "-0.1"), "--inertia is -0.1; give a number of 0 or more"),
         (("--frequencies", "1,inf"), "finite"),
+        (("--frequencies", "2"), "told apart by 2 Hz alone, where K - I w^2 is one number; excite down to 1 Hz"),
         (("--frequencies", "1,20"), "20 Hz is above the filter's cut-off of 15 Hz"),
         (("--excitation", "multisine", "--period", "1e9"), "0.1<=x<=600"),
         (("--excitation", "multisine", "--rate", "1e6", "--write", "/tmp/x.csv"), "are more than 1e+07"),
@@ -162,8 +164,29 @@ def test_a_mistake_is_one_line(arguments, message):
     assert "Traceback" not in result.output
 
 
-def test_ranges_of_the_bench_are_said():
-    assert any("largest_angle = 1.2" in said for said in as_json("--amplitudes", "80")["warnings"])
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("--friction", "0.1"), ""),
+        (("--excitation", "multisine", "--friction", "0.1"), ""),
+        (("--excitation", "multisine"), "no distortion is stated"),
+        (("--excitation", "multisine", "--realisations", "1"), "1 realisation of a distortion"),
+        (("--excitation", "noise", "--friction", "0.1"), "does not tell noise from distortion"),
+        (("--encoder-bits", "12"), "rounding of the encoder makes"),
+        (("--encoder-bits", "12", "--amplitudes", "0.5"), "steps of the encoder"),
+        (("--encoder-step", "0"), "no step of the encoder is stated"),
+        (
+            ("--excitation", "noise", "--band", "0.01,6", "--duration", "1", "--drift", "500"),
+            "the load cell's drift makes",
+        ),
+        (("--frequencies", "1,3,5,8,10"), "near the filter's cut-off"),
+        (("--frequencies", "3,3.5"), "hardly tells K from I .*above 3.5 Hz, up to 7 Hz"),
+        (("--amplitudes", "80"), r"largest_angle = 1\.2 rad: the recording would be refused"),
+    ],
+)
+def test_warnings_name_what_no_length_cures(arguments, said):
+    warnings = "; ".join(as_json(*arguments)["warnings"])
+    assert re.search(said, warnings) if said else warnings == ""
 
 
 def test_a_band_is_refused_as_the_analysis_refuses_it():
@@ -176,13 +199,6 @@ def test_a_band_is_refused_as_the_analysis_refuses_it():
     assert call("--band", "0.5,2.5", "--excitation", "noise").exit_code == 0
 
 
-def test_what_no_record_reaches_is_said():
-    said = as_json("--encoder-bits", "10", "--stiffness-within", "0.01%")
-    assert said["recommended"] is None
-    assert "encoder rounding" in said["warnings"][-1]
-    assert "what is asked for is beyond the longest record that is searched" in said["warnings"][-1]
-
-
 def test_what_only_a_longer_record_reaches_is_not_called_out_of_reach():
     """White noise averages out: the interval shrinks by the root of the time, down to the longest that is searched."""
     asked = ("--excitation", "noise", "--encoder-step", "0", "--drift", "0")
@@ -190,7 +206,8 @@ def test_what_only_a_longer_record_reaches_is_not_called_out_of_reach():
     share = 100 * one["half_width"] / one["expected"]
     said = call(*asked, "--stiffness-within", share / 2).stdout
     assert f"the longest record that is searched, 2 h, which gives K ± {share:.2g} % (variance by torque noise" in said
-    assert "no length" not in said
-    assert as_json(*asked, "--stiffness-within", 1.01 * share)["recommended"]["record_s"] == pytest.approx(
-        7200, rel=0.03
-    )
+    best = as_json(*asked, "--stiffness-within", 1.01 * share)["recommended"]
+    assert best["record_s"] == pytest.approx(7200, rel=0.03)
+    never = as_json("--encoder-bits", "10", "--stiffness-within", "0.01%")
+    assert never["recommended"] is None
+    assert re.search("beyond the longest record that is searched.*encoder rounding", never["warnings"][-1])

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -17,12 +18,12 @@ from osl_analysis.design.precision import (
     TRANSIENTS,
     Continuous,
     Distortion,
-    Joint,
     PeriodicMultisine,
     Plan,
     Precision,
     Sensors,
     SteppedSine,
+    eq15,
     long_enough,
     planned_fit,
     precision,
@@ -32,116 +33,153 @@ from osl_analysis.judge.doubts import check_told
 from osl_analysis.signals import LowPass
 from osl_analysis.spectral.response import DETECTION, ENOUGH_REALISATIONS, REALISATIONS
 from osl_analysis.table import finite_or_null, read_table, write_table
+from osl_analysis.trial import Array
+
+TINY = float(np.finfo(float).tiny)
 
 
 @dataclass(frozen=True)
-class DesignRequest:
-    """A plan and what its intervals depend on."""
+class Design:
+    """A plan, what its intervals depend on, and the intervals."""
 
     plan: Plan
-    joint: Joint
+    joint: Array  # K, B and I that are expected, (3,)
     sensors: Sensors
     low_pass: LowPass
     distortion: Distortion
     lag_s: float  # lag [s] of the torque whose effect is stated
     within: Mapping[str, float]  # half widths that are asked for, as shares of K, B, I
 
-    def judged(self, plan: Plan) -> Precision:
-        """The intervals that a plan gives; raises as `precision`."""
-        return precision(plan, self.joint, self.sensors, self.low_pass, self.distortion)
-
-    @property
-    def peak_torque(self) -> float:
-        """Largest torque [N*m]: of one sine at a time; of many the same multiple of the RMS as the angle."""
-        sines = self.plan.sines
-        torque = np.abs(self.joint.impedance(sines.w)) * sines.size
-        if sines.alone.all():
-            return float(torque.max()) + self.distortion.coulomb
-        crest = self.plan.peak[0] / float(np.sqrt(np.sum(sines.size**2) / 2))
-        return crest * float(np.sqrt(np.sum(torque**2) / 2)) + self.distortion.coulomb
-
-
-@dataclass(frozen=True)
-class Design:
-    request: DesignRequest
     found: Precision
+    peak_torque: float  # largest torque [N*m]
+    lag: Mapping[str, float]  # what the lag adds to K, B, I
     recommended: tuple[Plan, Precision] | None
     """The shortest plan that reaches what is asked for; None where nothing is asked, or it is out of reach."""
-    lag: Mapping[str, float]  # what the lag adds to K, B, I
     warnings: tuple[str, ...]
 
 
-def designed(request: DesignRequest, config: Config) -> Design:
-    """The intervals of a plan, how long to record, and what stands in the way. A rate that is too low for the filter,
-    frequencies that the filter takes out, and a band that the analysis will refuse are refused."""
-    rate, cutoff, sines = request.sensors.rate_hz, request.low_pass.cutoff_hz, request.plan.sines
-    if not cutoff < rate / 2:
+def designed(chosen: Mapping[str, Any], config: Config) -> Design:
+    """The intervals of a plan from the options by name, how long to record, and what stands in the way. A rate that is
+    too low for the filter, frequencies that the filter takes out, and a band that the analysis will refuse are
+    refused."""
+    for name, value in chosen.items():
+        numbers = value if isinstance(value, list) else [value]
+        if any(isinstance(one, float) and not np.isfinite(one) for one in numbers):
+            raise InputError(f"--{name.replace('_', '-')} is {value}; give a finite number")
+    bench, study = config.dynamometer, config.study
+    expected = {"stiffness": study.K_d, "damping": study.B_d, "inertia": study.I}
+    expected |= {name: chosen[name] for name in expected if chosen[name] is not None}
+    for name, value in expected.items():
+        if value < 0 or (name == "stiffness" and value == 0):
+            least = "above 0" if name == "stiffness" else "of 0 or more"
+            raise InputError(f"--{name} is {value:g}; give a number {least}: the fit refuses any other")
+    joint = np.array(list(expected.values()), dtype=float)
+    within = {name: chosen[f"{option}_within"] for name, option in zip(KBI, expected, strict=True)}
+    within = {name: share for name, share in within.items() if share is not None}
+    distortion = Distortion() if chosen["earlier"] is None else earlier_distortion(chosen["earlier"], chosen["trial"])
+    if chosen["friction"] is not None and distortion != Distortion():  # it counts once
+        raise InputError("--friction and --earlier state the same distortion twice; give one of them")
+    coulomb = distortion.coulomb if chosen["friction"] is None else chosen["friction"]
+    distortion = replace(distortion, coulomb=coulomb, level=chosen["distortion"] or 0.0)
+    plan = plan_of(chosen, config, bool(within))
+    step, drift = chosen["encoder_step"], chosen["drift"]
+    sensors = Sensors(
+        rate_hz=chosen["rate"],
+        torque_noise=chosen["torque_noise"],
+        noise_band_hz=chosen["noise_band"],
+        torque_step=chosen["torque_step"],
+        encoder_step=2 * np.pi / 2 ** chosen["encoder_bits"] if step is None else float(np.deg2rad(step)),
+        angle_noise=float(np.deg2rad(chosen["angle_noise"])),
+        drift=(bench.load_cell_drift if drift is None else drift) / 60,
+    )
+    low_pass, sines = bench.low_pass, plan.sines
+    cutoff, low, high = low_pass.cutoff_hz, float(sines.frequency_hz.min()), float(sines.frequency_hz.max())
+    if not cutoff < sensors.rate_hz / 2:
         raise InputError(
-            f"--rate {rate:g} Hz is too low for the filter's cut-off of {cutoff:g} Hz; sample faster than twice the "
-            "cut-off"
+            f"--rate {sensors.rate_hz:g} Hz is too low for the filter's cut-off of {cutoff:g} Hz; sample faster than "
+            "twice the cut-off"
         )
-    highest = float(sines.frequency_hz.max())
-    if highest > cutoff:
+    if high > cutoff:
         raise InputError(
-            f"{highest:.4g} Hz is above the filter's cut-off of {cutoff:g} Hz; raise dynamometer.cutoff_hz or excite "
+            f"{high:.4g} Hz is above the filter's cut-off of {cutoff:g} Hz; raise dynamometer.cutoff_hz or excite "
             "lower frequencies"
         )
-    found = request.judged(request.plan)
-    fit, Z = found.fit, request.joint.impedance(sines.w)
-    if not isinstance(request.plan, SteppedSine):  # which the analysis does not judge so
+
+    def judged(plan: Plan) -> Precision:
+        return precision(plan, joint, sensors, low_pass, distortion)
+
+    found, Z, alone = judged(plan), joint @ eq15(sines.w), sines.spacing_hz is None
+    torque = np.abs(Z) * sines.size
+    if not isinstance(plan, SteppedSine):  # which the analysis does not judge so
         # the analysis judges samples of the filtered motion; the two rows of each sine have the same products
         n = len(sines.w)
-        fitted_s = float(np.sum(sines.duration_s) if sines.alone.all() else np.max(sines.duration_s))
-        share = np.sqrt(n * fit.weight * sines.duration_s / fitted_s)
-        motion = np.concatenate([fit.columns.real, fit.columns.imag], axis=1) * np.tile(share, 2)
-        torque = float(np.sqrt(np.sum(np.abs(Z * sines.size * share) ** 2) / (2 * n)))
-        band = float(sines.frequency_hz.min()), highest
+        fitted_s = float(np.sum(sines.duration_s) if alone else np.max(sines.duration_s))
+        share = np.sqrt(n * found.fit.weight * sines.duration_s / fitted_s)
+        columns = found.fit.columns
         check_told(
             "the analysis would refuse this protocol",
-            band,
-            motion,
-            torque,
-            (request.joint.K, found.rows["K"]["se"]),
-            config.dynamometer.largest_inertia_error,
+            (low, high),
+            np.concatenate([columns.real, columns.imag], axis=1) * np.tile(share, 2),
+            float(np.sqrt(np.sum((torque * share) ** 2) / (2 * n))),
+            (float(joint[0]), float(found.columns["se"][0])),
+            bench.largest_inertia_error,
         )
-    lag = fit.fitted(Z * np.exp(-1j * sines.w * request.lag_s)) - fit.fitted(Z)
-    said, recommended = list(warnings(request, found, config)), None
-    if request.within:
-        best, longest = long_enough(request.plan, lambda plan: request.judged(plan).reaches(request.within))
+    # of one sine at a time the largest; of many the same multiple of the RMS as the angle
+    crest = plan.peak[0] / float(np.sqrt(np.sum(sines.size**2) / 2))
+    peak_torque = float(torque.max() if alone else crest * np.sqrt(np.sum(torque**2) / 2)) + distortion.coulomb
+    lag_s, recommended = 1e-3 * chosen["lag"], None
+    lag = found.fit.fitted(Z * np.exp(-1j * sines.w * lag_s)) - found.fit.fitted(Z)
+    said = list(warnings(plan, found, sensors, low_pass, distortion))
+    if plan.peak[0] > bench.largest_angle:
+        said.append(
+            f"the largest angle of {plan.peak[0]:.3g} rad is above dynamometer.largest_angle = "
+            f"{bench.largest_angle:g} rad: the recording would be refused"
+        )
+    if bench.load_cell_range is not None and peak_torque > bench.load_cell_range:
+        said.append(
+            f"the torque of about {peak_torque:.3g} N·m is above dynamometer.load_cell_range = "
+            f"{bench.load_cell_range:g} N·m: the recording would be refused"
+        )
+    if within:
+        best, longest = long_enough(plan, lambda plan: judged(plan).reaches(within))
         if best is not None:
-            recommended = best, request.judged(best)
+            recommended = best, judged(best)
         else:
-            rows = request.judged(longest).rows
-            reached = []
-            for name in (name for name in KBI if name in request.within):
-                row, tiny = rows[name], np.finfo(float).tiny
-                cause, part = max(row["variance"].items(), key=lambda one: one[1])
-                percent = 100 * row["half_width"] / max(abs(row["expected"]), tiny)
-                share_of = 100 * part / max(sum(row["variance"].values()), tiny)
+            reached, most = [], judged(longest)
+            for k, name in ((k, name) for k, name in enumerate(KBI) if name in within):
+                cause = max(most.variance, key=lambda one: most.variance[one][k])
+                percent = 100 * most.columns["half_width"][k] / max(abs(joint[k]), TINY)
+                share_of = 100 * most.variance[cause][k] / max(most.columns["se"][k] ** 2, TINY)
                 reached.append(f"{name} ± {percent:.2g} % (variance by {cause} {share_of:.0f} %)")
             said.append(
                 f"what is asked for is beyond the longest record that is searched, {longest.record_s / 3600:.2g} h, "
                 f"which gives {', '.join(reached)}; move further, widen the band, or ask for less"
             )
-    return Design(request, found, recommended, dict(zip(KBI, lag.tolist(), strict=True)), tuple(said))
+    added = dict(zip(KBI, lag.tolist(), strict=True))
+    inputs = plan, joint, sensors, low_pass, distortion, lag_s, within
+    return Design(*inputs, found, peak_torque, added, recommended, tuple(said))
 
 
-def warnings(request: DesignRequest, found: Precision, config: Config) -> Iterator[str]:
-    """What a user must know of a plan: its band, encoder and load cell, the distortion, the limits of the bench."""
-    plan, sensors, low_pass, bench = request.plan, request.sensors, request.low_pass, config.dynamometer
-    I, correlation, f = request.joint.I, found.fit.correlation, plan.sines.frequency_hz
+def warnings(
+    plan: Plan, found: Precision, sensors: Sensors, low_pass: LowPass, distortion: Distortion
+) -> Iterator[str]:
+    """What a user must know of a plan: its band, encoder and load cell, and the distortion."""
+    I, correlation, f = found.columns["expected"][2], found.fit.correlation, found.fit.sines.frequency_hz
     low, high = float(f.min()), float(f.max())
-    wide = I != 0 and found.rows["I"]["half_width"] > 0.5 * abs(I)
+    wide = I != 0 and found.columns["half_width"][2] > 0.5 * abs(I)
     if correlation > 0.9 or wide:  # from there on the intervals of K and I are 2.3 times as wide as alone
         tried = {}  # an octave below or above
         for words, band in {
             f"below {low:.3g} Hz, down to {low / 2:.3g} Hz": (low / 2, high),
             f"above {high:.3g} Hz, up to {2 * high:.3g} Hz": (low, 2 * high),
         }.items():
-            try:
-                tried[words] = planned_fit(plan.banded(*band), low_pass).correlation
-            except IdentifiabilityError:
-                continue
+            if isinstance(plan, SteppedSine):
+                hertz = tuple(sorted({*plan.frequencies_hz, *band}))
+                wider: Plan = replace(plan, frequencies_hz=hertz, cycles=(max(plan.cycles),) * len(hertz))
+            else:
+                wider = replace(plan, band_hz=band)
+            with suppress(IdentifiabilityError):
+                tried[words] = planned_fit(wider, low_pass).correlation
         best = min(tried, key=lambda words: tried[words], default="")
         missing = f"the band {best} (correlation {tried[best]:.2f})" if best else "a band of several octaves"
         yield (
@@ -158,10 +196,8 @@ def warnings(request: DesignRequest, found: Precision, config: Config) -> Iterat
         yield "no step of the encoder is stated: the interval is without its rounding"
     elif smallest < 10 * sensors.encoder_step:
         yield f"the smallest amplitude has {smallest / sensors.encoder_step:.2g} steps of the encoder; take 10 or more"
-    shares = [
-        {c: v / (sum(r["variance"].values()) or 1) for c, v in r["variance"].items()} for r in found.rows.values()
-    ]
-    largest = {cause: max(share[cause] for share in shares) for cause in shares[0]}
+    total = np.maximum(found.columns["se"] ** 2, TINY)
+    largest = {cause: np.max(of / total) for cause, of in found.variance.items()}
     if (share := largest["encoder rounding"]) > 0.25:
         noise = isinstance(plan, Continuous) and not plan.chirp
         stays = "" if noise else "; it repeats, so that longer records do not average it out"
@@ -171,7 +207,7 @@ def warnings(request: DesignRequest, found: Precision, config: Config) -> Iterat
         )
     if (share := largest["load cell drift"]) > 0.25:
         yield f"the load cell's drift makes {100 * share:.0f} % of the variance; let it warm up, or record for longer"
-    stated = request.distortion != Distortion()
+    stated = distortion != Distortion()
     if not stated:
         yield (
             "no distortion is stated: these are the intervals of a joint that is exactly Eq. 15; with friction the "
@@ -186,17 +222,6 @@ def warnings(request: DesignRequest, found: Precision, config: Config) -> Iterat
         )
     if isinstance(plan, Continuous) and stated:
         yield "a motion that does not repeat itself does not tell noise from distortion; a multisine does"
-    angle, torque = plan.peak[0], request.peak_torque
-    if angle > bench.largest_angle:
-        yield (
-            f"the largest angle of {angle:.3g} rad is above dynamometer.largest_angle = {bench.largest_angle:g} rad: "
-            "the recording would be refused"
-        )
-    if bench.load_cell_range is not None and torque > bench.load_cell_range:
-        yield (
-            f"the torque of about {torque:.3g} N·m is above dynamometer.load_cell_range = "
-            f"{bench.load_cell_range:g} N·m: the recording would be refused"
-        )
 
 
 def write_command(plan: Plan, rate_hz: float, output: Path) -> None:
@@ -214,46 +239,6 @@ def write_command(plan: Plan, rate_hz: float, output: Path) -> None:
     parts = [part for r in range(plan.realisations) for part in (plan.motion(r).angle(time) * envelope, pause)]
     angle = np.concatenate([pause, *parts])
     write_table(pl.DataFrame({"time": np.arange(len(angle)) / rate_hz, "theta_command": angle}), output)
-
-
-def design_request(chosen: Mapping[str, Any], config: Config) -> DesignRequest:
-    """The plan and all that its intervals depend on, in SI units, from the options by name."""
-    for name, value in chosen.items():
-        numbers = value if isinstance(value, list) else [value]
-        if any(isinstance(one, float) and not np.isfinite(one) for one in numbers):
-            raise InputError(f"--{name.replace('_', '-')} is {value}; give a finite number")
-    bench, study = config.dynamometer, config.study
-    expected = {"stiffness": study.K_d, "damping": study.B_d, "inertia": study.I}
-    joint = [expected[name] if chosen[name] is None else chosen[name] for name in expected]
-    for name, value in zip(expected, joint, strict=True):
-        if value < 0 or (name == "stiffness" and value == 0):
-            least = "above 0" if name == "stiffness" else "of 0 or more"
-            raise InputError(f"--{name} is {value:g}; give a number {least}: the fit refuses any other")
-    within = {name: chosen[f"{option}_within"] for name, option in zip(KBI, expected, strict=True)}
-    within = {name: share for name, share in within.items() if share is not None}
-    step = chosen["encoder_step"]
-    drift = bench.load_cell_drift if chosen["drift"] is None else chosen["drift"]
-    earlier = Distortion() if chosen["earlier"] is None else earlier_distortion(chosen["earlier"], chosen["trial"])
-    if chosen["friction"] is not None and earlier != Distortion():  # it counts once
-        raise InputError("--friction and --earlier state the same distortion twice; give one of them")
-    coulomb = earlier.coulomb if chosen["friction"] is None else chosen["friction"]
-    return DesignRequest(
-        plan=plan_of(chosen, config, bool(within)),
-        joint=Joint(*joint),
-        sensors=Sensors(
-            rate_hz=chosen["rate"],
-            torque_noise=chosen["torque_noise"],
-            noise_band_hz=chosen["noise_band"],
-            torque_step=chosen["torque_step"],
-            encoder_step=2 * np.pi / 2 ** chosen["encoder_bits"] if step is None else float(np.deg2rad(step)),
-            angle_noise=float(np.deg2rad(chosen["angle_noise"])),
-            drift=drift / 60,
-        ),
-        low_pass=bench.low_pass,
-        distortion=replace(earlier, coulomb=coulomb, level=chosen["distortion"] or 0.0),
-        lag_s=1e-3 * chosen["lag"],
-        within=within,
-    )
 
 
 def plan_of(chosen: Mapping[str, Any], config: Config, longer: bool) -> Plan:
@@ -333,32 +318,31 @@ def earlier_distortion(path: Path, trial: str | None) -> Distortion:
 
 def design_text(made: Design) -> str:
     """All of it in lines."""
-    request, plan, joint = made.request, made.request.plan, made.request.joint
+    plan, sensors, low_pass = made.plan, made.sensors, made.low_pass
     angle, velocity, acceleration = plan.peak
-    sensors, low_pass = request.sensors, request.low_pass
     band = f"up to {sensors.noise_band_hz:g} Hz" if sensors.noise_band_hz else "white"
     step = f"encoder step {np.rad2deg(sensors.encoder_step):.3g} deg" if sensors.encoder_step else "encoder not rounded"
     lag = ", ".join(
-        f"{name} {value:+.2g}" + (f" ({100 * value / getattr(joint, name):+.1f} %)" if getattr(joint, name) else "")
-        for name, value in made.lag.items()
+        f"{name} {value:+.2g}" + (f" ({100 * value / expected:+.1f} %)" if expected else "")
+        for (name, value), expected in zip(made.lag.items(), made.joint, strict=True)
     )
     lines = [
         plan.words,
         f"  record {seconds(plan.record_s)}; largest angle {np.rad2deg(angle):.3g} deg, velocity {velocity:.3g} rad/s, "
-        f"acceleration {acceleration:.3g} rad/s², torque about {request.peak_torque:.3g} N·m",
+        f"acceleration {acceleration:.3g} rad/s², torque about {made.peak_torque:.3g} N·m",
         f"  torque noise {sensors.torque_noise:.3g} N·m SD ({band}) at {sensors.rate_hz:g} Hz, {step}, load cell drift "
         f"{60 * sensors.drift:.3g} N·m/min; filter {low_pass.cutoff_hz:g} Hz, order {low_pass.order}",
         "",
         *interval_lines(made.found),
         "",
-        f"not in the interval: torque later than the angle by {1e3 * request.lag_s:g} ms adds {lag}",
+        f"not in the interval: torque later than the angle by {1e3 * made.lag_s:g} ms adds {lag}",
     ]
-    if added := request.distortion.added_damping(plan):
+    if added := made.distortion.added_damping(plan):
         values = ", ".join(f"{value:.3g} ({name})" for name, value in added.items())
-        friction = request.distortion.coulomb
+        friction = made.distortion.coulomb
         lines.append(f"not in the interval: Coulomb friction of {friction:g} N·m adds to B {values} N·m·s/rad")
-    if request.within:
-        asked = ", ".join(f"{name} ± {100 * share:g} %" for name, share in request.within.items())
+    if made.within:
+        asked = ", ".join(f"{name} ± {100 * share:g} %" for name, share in made.within.items())
         lines += ["", f"for {asked}:"]
         if made.recommended is None:
             lines.append("  beyond the longest record that is searched")
@@ -377,17 +361,13 @@ def seconds(value: float) -> str:
 def interval_lines(found: Precision) -> Iterator[str]:
     """A line per parameter, with what the variance is made of, and a line on the interval."""
     yield f"{'':4}{'expected':>10}{'95 % interval ±':>18}{'in %':>10}{'by noise alone ±':>18}   variance by"
-    units = ("N·m/rad", "N·m·s/rad", "kg·m²")
-    for (name, row), unit in zip(found.rows.items(), units, strict=True):
-        value, total = row["expected"], row["se"] ** 2
-        percent = f"{100 * row['half_width'] / abs(value):.3g}" if value else "-"
-        shares = {cause: 100 * part / total for cause, part in row["variance"].items() if total > 0}
+    for k, (name, unit) in enumerate(zip(KBI, ("N·m/rad", "N·m·s/rad", "kg·m²"), strict=True)):
+        value, half_width, of_noise, se, _ = (column[k] for column in found.columns.values())
+        percent = f"{100 * half_width / abs(value):.3g}" if value else "-"
+        shares = {cause: 100 * of[k] / max(se**2, TINY) for cause, of in found.variance.items()}
         made_of = ", ".join(f"{cause} {share:.0f} %" for cause, share in shares.items() if share >= 0.5)
-        yield (
-            f"{name:4}{value:>10.4g}{row['half_width']:>18.3g}{percent:>10}{row['half_width_of_noise']:>18.3g}"
-            f"   {made_of} [{unit}]"
-        )
-    freedom = ", ".join("∞" if np.isinf(d) else f"{d:.0f}" for d in found.column("degrees_of_freedom"))
+        yield f"{name:4}{value:>10.4g}{half_width:>18.3g}{percent:>10}{of_noise:>18.3g}   {made_of} [{unit}]"
+    freedom = ", ".join("∞" if np.isinf(d) else f"{d:.0f}" for d in found.columns["degrees_of_freedom"])
     table = "impedance.csv" if found.method in (BY_UNITS, BY_REPEATS) else "response_models.csv"
     yield (
         f"interval from {found.method}, as {table} will name it, {freedom} degrees of freedom; correlation of K and I "
@@ -397,28 +377,27 @@ def interval_lines(found: Precision) -> Iterator[str]:
 
 def design_json(made: Design) -> str:
     """All of it as JSON, in SI units; null for numbers that are infinite or undefined."""
-    request = made.request
 
     def content(plan: Plan, found: Precision) -> dict[str, Any]:
+        def of(columns: Mapping[str, Array], k: int) -> dict[str, Any]:
+            return {name: float(values[k]) for name, values in columns.items()}
+
         return {
             "protocol": plan.words,
             "record_s": plan.record_s,
             "peak_angle": plan.peak[0],
-            "estimates": dict(found.rows),
+            "estimates": {n: of(found.columns, k) | {"variance": of(found.variance, k)} for k, n in enumerate(KBI)},
             "interval_method": found.method,
             "correlation_K_I": found.fit.correlation,
             "condition_number": found.fit.condition_number,
         }
 
-    def nested(part: Mapping[str, Any]) -> dict[str, Any]:
-        return finite_or_null({name: nested(one) if isinstance(one, dict) else one for name, one in part.items()})
-
-    whole = content(request.plan, made.found) | {
-        "friction_damping": request.distortion.added_damping(request.plan),
-        "lag_s": request.lag_s,
-        "lag_errors": dict(made.lag),
-        "asked_within": dict(request.within),
+    whole = content(made.plan, made.found) | {
+        "friction_damping": made.distortion.added_damping(made.plan),
+        "lag_s": made.lag_s,
+        "lag_errors": made.lag,
+        "asked_within": made.within,
         "recommended": None if made.recommended is None else content(*made.recommended),
-        "warnings": list(made.warnings),
+        "warnings": made.warnings,
     }
-    return json.dumps(nested(whole), indent=2, ensure_ascii=False)
+    return json.dumps(finite_or_null(whole), indent=2, ensure_ascii=False)

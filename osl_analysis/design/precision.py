@@ -1,11 +1,8 @@
 """Protocols that are planned, and the 95 % intervals that they will give for K, B and I, by the Fisher information of
 the columns that the fits use. docs/design_of_experiments.md has the formulas and their sources.
 
-A plan says of which `sines` its motion consists and for how long each is fitted, its `record_s` (length [s], without
-rests), its `peak` (largest angle [rad], velocity [rad/s], acceleration [rad/s^2]) and its `words`. `spacing_hz` is the
-distance [Hz] of the multiples on which the sines of a random motion lie (None of other motions), `independent` the
-number of independent values of a distortion at one sine. `lengths` are the smallest and the largest number of cycles,
-realisations or seconds that are tried, `of_length` is the same plan with another one, `banded` with another band [Hz].
+A plan says of which `sines` its motion consists, its `record_s` (length [s], without rests), its `peak` (largest angle
+[rad], velocity [rad/s], acceleration [rad/s^2]) and its `words`. K, B and I of the joint are an array (3,).
 
 A sine of the torque that is fitted for a time T beside white noise of the one-sided density S [(N*m)^2/Hz] has an
 amplitude with the variance S/T in phase with the angle, and S/T a quarter of a turn off: (2, n) for n sines. An error e
@@ -17,8 +14,7 @@ then has the autocorrelation T^2 (2/pi) (arcsin r - r), r being that of the velo
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from functools import cached_property, lru_cache
-from typing import Any, ClassVar
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,28 +36,28 @@ Impedances = NDArray[np.complex128]
 LAST_CYCLES = 1  # cycles at the end of a segment that are not fitted: the filter smears the next frequency into them
 TRANSIENTS = 1  # periods before those of a realisation, in which the joint settles
 MOST_DRAWN = 20  # number of realisations whose largest angle is looked for
-TRIED_PERIODS = (2, 3, 4, 6, 8, 12)  # periods of a realisation that are tried
 
 
 @dataclass(frozen=True)
 class Sines:
     """The sines of a motion, shape (n,) each."""
 
-    frequency_hz: Array  # frequency [Hz]
+    frequency_hz: Array
     size: Array  # amplitude [rad]
     duration_s: Array  # time [s] in which this sine is fitted
     cycle_s: Array  # time [s] after which the whole motion repeats itself; `duration_s` where it does not
-    velocity: Array  # RMS velocity [rad/s] of the whole motion while this sine is there
-    cycles: Array  # number of repetitions that are fitted
+    spacing_hz: float | None = None  # of the multiples on which they lie together; None: each is the whole motion
+    independent: float = 1.0  # number of independent values of a distortion at one of them
 
     @property
     def w(self) -> Array:
         return np.asarray(2 * np.pi * self.frequency_hz)
 
     @property
-    def alone(self) -> NDArray[np.bool_]:
-        """Whether a sine is the whole motion while it is there."""
-        return np.asarray(np.isclose(self.velocity, self.size * self.w / np.sqrt(2)), dtype=np.bool_)
+    def velocity(self) -> Array:
+        """RMS velocity [rad/s] of the whole motion while a sine is there."""
+        each = self.size * self.w / np.sqrt(2)
+        return each if self.spacing_hz is None else np.full(len(each), np.sqrt(np.sum(each**2)))
 
 
 @dataclass(frozen=True)
@@ -72,19 +68,13 @@ class SteppedSine:
     frequencies_hz: tuple[float, ...]
     cycles: tuple[float, ...]  # at each frequency
     settle_cycles: int  # cycles at the start of each that are not fitted
-    spacing_hz: ClassVar[None] = None
-    independent: ClassVar[float] = 1.0
-
-    @property
-    def fitted(self) -> Array:
-        """Number of cycles at each frequency that are fitted, as `protocol.stepped_sine.settled_cycles` leaves them."""
-        return np.asarray(np.maximum(np.floor(np.asarray(self.cycles)) - self.settle_cycles - LAST_CYCLES, 1))
 
     @property
     def sines(self) -> Sines:
+        """As many cycles are fitted as `protocol.stepped_sine.settled_cycles` leaves."""
+        fitted = np.maximum(np.floor(self.cycles) - self.settle_cycles - LAST_CYCLES, 1)
         a, f = (x.ravel() for x in np.meshgrid(self.amplitudes, self.frequencies_hz, indexing="ij"))
-        fitted = np.tile(self.fitted, len(self.amplitudes))
-        return Sines(f, a, fitted / f, 1 / f, np.sqrt(2) * np.pi * f * a, fitted)
+        return Sines(f, a, np.tile(fitted, len(self.amplitudes)) / f, 1 / f)
 
     @property
     def record_s(self) -> float:
@@ -97,22 +87,11 @@ class SteppedSine:
 
     @property
     def words(self) -> str:
-        degrees = ", ".join(f"{np.rad2deg(a):.4g}" for a in self.amplitudes)
-        hertz = ", ".join(f"{f:.4g}" for f in self.frequencies_hz)
-        each = ", ".join(f"{n:.4g}" for n in dict.fromkeys(self.cycles))
-        fitted = ", ".join(f"{n:.4g}" for n in dict.fromkeys(self.fitted.tolist()))
-        return f"stepped sine: {degrees} deg at {hertz} Hz, {each} cycles at each ({fitted} fitted)"
-
-    @property
-    def lengths(self) -> tuple[int, int]:
-        return self.settle_cycles + LAST_CYCLES + FEWEST_CYCLES, 2000
-
-    def of_length(self, n: int) -> "SteppedSine":
-        return replace(self, cycles=(float(n),) * len(self.frequencies_hz))
-
-    def banded(self, low: float, high: float) -> "SteppedSine":
-        f = tuple(sorted({low, *self.frequencies_hz, high}))
-        return replace(self, frequencies_hz=f, cycles=(float(np.max(self.cycles)),) * len(f))
+        sines = self.sines
+        numbers = (np.rad2deg(self.amplitudes), self.frequencies_hz, self.cycles, sines.duration_s / sines.cycle_s)
+        degrees, hertz = (", ".join(f"{one:.4g}" for one in each) for each in numbers[:2])
+        cycles, fitted = (", ".join(dict.fromkeys(f"{one:.4g}" for one in each)) for each in numbers[2:])
+        return f"stepped sine: {degrees} deg at {hertz} Hz, {cycles} cycles at each ({fitted} fitted)"
 
 
 @dataclass(frozen=True)
@@ -125,11 +104,6 @@ class PeriodicMultisine:
     periods: int  # of each realisation that are fitted
     realisations: int  # which differ in their phases
     seed: int = 1
-    lengths: ClassVar = (ENOUGH_REALISATIONS, 200)  # fewer do not show the distortion as it is
-
-    @cached_property
-    def first(self) -> Multisine:
-        return self.motion(0)
 
     def motion(self, realisation: int) -> Multisine:
         """One realisation; raises as `odd_multisine`."""
@@ -137,18 +111,10 @@ class PeriodicMultisine:
 
     @property
     def sines(self) -> Sines:
-        motion, count = self.first, self.realisations * self.periods
-        f, each = motion.frequency_hz, np.ones(len(motion.lines))
-        velocity = float(np.sqrt(np.sum((2 * np.pi * f * motion.size) ** 2) / 2))
-        return Sines(f, motion.size, count * self.period_s * each, self.period_s * each, velocity * each, count * each)
-
-    @property
-    def spacing_hz(self) -> float:
-        return 1 / self.period_s
-
-    @property
-    def independent(self) -> float:
-        return self.realisations
+        motion = self.motion(0)
+        period = np.full(len(motion.lines), self.period_s)
+        duration = self.realisations * self.periods * period
+        return Sines(motion.frequency_hz, motion.size, duration, period, 1 / self.period_s, self.realisations)
 
     @property
     def record_s(self) -> float:
@@ -156,9 +122,9 @@ class PeriodicMultisine:
 
     @property
     def peak(self) -> tuple[float, float, float]:
-        n = 16 * int(self.first.lines[-1])
-        time = self.period_s * np.arange(n) / n
         motions = [self.motion(r) for r in range(min(self.realisations, MOST_DRAWN))]
+        n = 16 * int(motions[0].lines[-1])
+        time = self.period_s * np.arange(n) / n
         angle, velocity, acceleration = (
             max(float(np.max(np.abs(m.angle(time, derivative)))) for m in motions) for derivative in range(3)
         )
@@ -166,19 +132,14 @@ class PeriodicMultisine:
 
     @property
     def words(self) -> str:
-        low, high = self.first.frequency_hz[[0, -1]]
+        motion = self.motion(0)
+        low, high = motion.frequency_hz[[0, -1]]
         return (
-            f"odd random-phase multisine: {len(self.first.lines)} lines from {low:.4g} to {high:.4g} Hz and "
-            f"{len(self.first.detection)} detection lines, {np.rad2deg(self.rms):.4g} deg rms, "
+            f"odd random-phase multisine: {len(motion.lines)} lines from {low:.4g} to {high:.4g} Hz and "
+            f"{len(motion.detection)} detection lines, {np.rad2deg(self.rms):.4g} deg rms, "
             f"crest factor {self.peak[0] / self.rms:.3g}, period {self.period_s:.4g} s, {self.periods} periods after "
             f"{TRANSIENTS} of transient, {self.realisations} realisation{'s' if self.realisations > 1 else ''}"
         )
-
-    def of_length(self, n: int) -> "PeriodicMultisine":
-        return replace(self, realisations=n)
-
-    def banded(self, low: float, high: float) -> "PeriodicMultisine":
-        return replace(self, band_hz=(low, high))
 
 
 @dataclass(frozen=True)
@@ -189,7 +150,6 @@ class Continuous:
     rms: float  # root mean square of the angle [rad]
     record_s: float
     chirp: bool  # whether it is a chirp, which has one frequency at a time; else it is noise
-    lengths: ClassVar = (10, 7200)
 
     def __post_init__(self) -> None:
         low, high = self.band_hz
@@ -202,27 +162,16 @@ class Continuous:
     @property
     def sines(self) -> Sines:
         """200 sines that share its power: of a chirp one after the other, of noise all at a time."""
-        n, (low, high) = 200, self.band_hz
-        f, one = low + (high - low) * (np.arange(n) + 0.5) / n, np.ones(n)
-        T, w = self.record_s * one, 2 * np.pi * f
+        n, (low, high), T = 200, self.band_hz, self.record_s
+        f, one, spacing = low + (high - low) * (np.arange(n) + 0.5) / n, np.ones(n), (high - low) / n
         if self.chirp:
-            return Sines(f, np.sqrt(2) * self.rms * one, T / n, T / n, self.rms * w, one)
-        return Sines(f, self.rms * np.sqrt(2 / n) * one, T, T, self.rms * np.sqrt(np.mean(w**2)) * one, one)
-
-    @property
-    def spacing_hz(self) -> float | None:
-        f = self.sines.frequency_hz
-        return None if self.chirp else float(f[1] - f[0])
-
-    @property
-    def independent(self) -> float:
-        """Lengths of 1/spacing."""
-        return self.record_s * self.spacing_hz if self.spacing_hz else 1.0
+            return Sines(f, np.sqrt(2) * self.rms * one, T / n * one, T / n * one)
+        return Sines(f, self.rms * np.sqrt(2 / n) * one, T * one, T * one, spacing, T * spacing)
 
     @property
     def peak(self) -> tuple[float, float, float]:
         """Of noise four times the RMS, which one sample in 16 000 exceeds."""
-        w = 2 * np.pi * np.asarray(self.sines.frequency_hz)
+        w = 2 * np.pi * self.sines.frequency_hz
         if self.chirp:
             largest = np.sqrt(2) * self.rms * w[-1] ** np.arange(3)
         else:
@@ -234,12 +183,6 @@ class Continuous:
         name, (low, high) = "linear chirp" if self.chirp else "band-limited noise", self.band_hz
         return f"{name}: {low:.4g} to {high:.4g} Hz, {np.rad2deg(self.rms):.4g} deg rms, {self.record_s:.4g} s"
 
-    def of_length(self, n: int) -> "Continuous":
-        return replace(self, record_s=float(n))
-
-    def banded(self, low: float, high: float) -> "Continuous":
-        return replace(self, band_hz=(low, high))
-
 
 Plan = SteppedSine | PeriodicMultisine | Continuous
 
@@ -248,40 +191,46 @@ def long_enough(plan: Plan, enough: Callable[[Plan], bool]) -> tuple[Plan | None
     """The shortest plan of the same kind that is `enough`, where every longer one is (None if no length that is tried
     is), and the longest that is tried. Of a multisine, periods and realisations are chosen together."""
     found: list[Plan] = []
-    tried = [replace(plan, periods=n) for n in TRIED_PERIODS] if isinstance(plan, PeriodicMultisine) else [plan]
+    tried, shortest, longest = [plan], 10, 7200  # s
+    if isinstance(plan, SteppedSine):
+        shortest, longest = plan.settle_cycles + LAST_CYCLES + FEWEST_CYCLES, 2000
+    elif isinstance(plan, PeriodicMultisine):  # fewer realisations do not show the distortion as it is
+        tried = [replace(plan, periods=n) for n in (2, 3, 4, 6, 8, 12)]
+        shortest, longest = ENOUGH_REALISATIONS, 200
     for one in tried:
-        low, high = one.lengths[0] - 1, one.lengths[1]
-        if not enough(one.of_length(high)):
+        low, high = shortest - 1, longest
+        if not enough(of_length(one, high)):
             continue
         while high - low > 1:
             middle = int(np.clip(round(np.sqrt(max(low, 1) * high)), low + 1, high - 1))
-            low, high = (low, middle) if enough(one.of_length(middle)) else (middle, high)
-        found.append(one.of_length(high))
-    return min(found, key=lambda one: one.record_s, default=None), tried[-1].of_length(plan.lengths[1])
+            low, high = (low, middle) if enough(of_length(one, middle)) else (middle, high)
+        found.append(of_length(one, high))
+    return min(found, key=lambda one: one.record_s, default=None), of_length(tried[-1], longest)
 
 
-@dataclass(frozen=True)
-class Joint:
-    """The impedance that is expected: K [N*m/rad], B [N*m*s/rad], I [kg*m^2]."""
+def of_length(plan: Plan, n: int) -> Plan:
+    """The same plan with so many cycles, realisations or seconds."""
+    if isinstance(plan, SteppedSine):
+        return replace(plan, cycles=(float(n),) * len(plan.frequencies_hz))
+    return replace(plan, realisations=n) if isinstance(plan, PeriodicMultisine) else replace(plan, record_s=float(n))
 
-    K: float
-    B: float
-    I: float
 
-    def impedance(self, w: Array) -> Impedances:
-        """Z [N*m/rad] at angular frequencies (n,) [rad/s] (Eq. 15)."""
-        return np.asarray(self.K - self.I * w**2 + 1j * w * self.B, dtype=np.complex128)
+def eq15(w: Array) -> Impedances:
+    """The columns of the fits (`IMPEDANCE`) for an angle of 1 rad at angular frequencies (n,) [rad/s], (3, n). Over
+    whole cycles a sine is a complex row: its size in phase with the angle, and i times that in phase with the velocity;
+    offset and drift are orthogonal to it. The impedance [N*m/rad] of a joint (K, B, I) is the joint @ these."""
+    of_angle = {"theta": np.ones(len(w)), "omega": 1j * w, "alpha": -(w**2)}
+    return np.array([of_angle[IMPEDANCE[name]] for name in KBI])
 
 
 @dataclass(frozen=True)
 class PlannedFit:
-    """Least squares on filtered signals, which weigh the sines. Over whole cycles a sine is a complex row: its size in
-    phase with the angle, and i times that in phase with the velocity; offset and drift are orthogonal to it. The
-    products of the columns, each times its duration and 1/S, are Fisher's information for white noise of density S."""
+    """Least squares on filtered signals, which weigh the sines. The products of the columns, each times its duration
+    and 1/S, are Fisher's information for white noise of density S."""
 
     sines: Sines
     weight: Array  # squared gain of the zero-phase filter at each sine, (n,)
-    columns: Impedances  # the columns of the fits (`IMPEDANCE`) in these rows, (3, n)
+    columns: Impedances  # in the rows of the sines, (3, n)
     change: Impedances  # by how much an amplitude of 1 N*m of the torque changes K, B and I, (3, n)
     correlation: float  # of K and I
     condition_number: float  # of the columns, each scaled to unit length
@@ -298,9 +247,7 @@ class PlannedFit:
 def planned_fit(plan: Plan, low_pass: LowPass) -> PlannedFit:
     """The fit of a plan. Raises IdentifiabilityError where its motion cannot tell K from I."""
     sines = plan.sines
-    w, weight = sines.w, low_pass.gain(sines.frequency_hz) ** 2
-    of_angle = {"theta": np.ones(len(w)), "omega": 1j * w, "alpha": -(w**2)}
-    X = sines.size * np.array([of_angle[IMPEDANCE[name]] for name in KBI])
+    weight, X = low_pass.gain(sines.frequency_hz) ** 2, sines.size * eq15(sines.w)
     each = weight * sines.duration_s / 2
     normal = ((X.conj() * each) @ X.T).real
     scale = np.sqrt(np.diag(normal))
@@ -319,17 +266,16 @@ def planned_fit(plan: Plan, low_pass: LowPass) -> PlannedFit:
 
 @dataclass(frozen=True)
 class Sensors:
-    """Errors of load cell and encoder."""
+    """Errors of load cell and encoder, as standard deviations where no step is said. Noise of the angle is independent
+    from sample to sample and is there before the rounding."""
 
     rate_hz: float  # sampling rate [Hz]
-    torque_noise: float  # standard deviation of the torque's noise [N*m]
-    noise_band_hz: float | None = None
-    """Bandwidth [Hz] of this noise; None: half the rate, as noise that is independent from sample to sample has it."""
+    torque_noise: float  # [N*m]
+    noise_band_hz: float | None = None  # bandwidth [Hz] of this noise; None: half the rate, as of independent samples
     torque_step: float = 0.0  # step of the load cell's converter [N*m]
     encoder_step: float = 0.0  # step of the encoder [rad]
-    angle_noise: float = 0.0
-    """Standard deviation of the angle's noise before it is rounded [rad], independent from sample to sample."""
-    drift: float = 0.0  # standard deviation of the load cell's drift [N*m/s]
+    angle_noise: float = 0.0  # [rad]
+    drift: float = 0.0  # of the load cell [N*m/s]
 
     def variances(self, sines: Sines, Z: Impedances, record_s: float) -> dict[str, Array]:
         """Variances (2, n) [(N*m)^2] of the torque's amplitudes by cause, for impedances Z (n,) [N*m/rad] at the sines
@@ -343,48 +289,45 @@ class Sensors:
             """What errors of the angle's amplitudes are worth as errors of the torque's, as variances (2, n)."""
             return np.asarray(Z.real**2 * angle + Z.imag**2 * angle[::-1])
 
-        both, nyquist = np.ones((2, 1)), self.rate_hz / 2
+        both, nyquist, drift = np.ones((2, 1)), self.rate_hz / 2, 0.0
         density = self.torque_noise**2 / (self.noise_band_hz or nyquist) + self.torque_step**2 / 12 / nyquist
-        drift = 0.0
         if self.drift and density:
             drift = 1 / (1 / self.drift**2 + record_s**3 / (6 * density))
         return {
             "torque noise": both * density / sines.duration_s,
             "angle noise": through(both * self.angle_noise**2 / nyquist / sines.duration_s),
-            "encoder rounding": through(self.rounding(sines)),
+            "encoder rounding": through(self.rounding(sines)[0]),
             "load cell drift": both * 2 * drift / sines.w**2,
         }
 
-    def rounding(self, sines: Sines) -> Array:
+    def rounding(self, sines: Sines) -> tuple[Array, Array]:
         """Variance (2, n) [rad^2] of the angle's amplitudes by rounding to steps q, independent from sine to sine, over
-        all zeros of the encoder.
+        all zeros of the encoder; and that of the share (n,) by which it changes all amplitudes of one size alike.
 
         Each of N samples at different places of the motion has an error of variance q^2/12, and the amplitude 2/N of
-        it. Later cycles repeat these errors if motion and samples have one clock, which is assumed. Where there are
-        many samples per step, one sample at each step is by chance on one side or the other, with the same variance, a
-        third of it in phase: the steps of a sine are even in its angle. The errors between steps are alike
-        (`precision`). Of a random motion their density at low frequencies is zeta(3) q^3/(pi^2 (2 pi)^(1/2) v), v being
-        the RMS velocity (Woodward's theorem), and they repeat in every period. What does not repeat is noise.
+        it. Later cycles repeat these errors if motion and samples have one clock, which is assumed; noise s before the
+        rounding leaves exp(-(2 pi s/q)^2) of them (Widrow and Kollar, Quantization Noise, 2008, ch. 5), and what does
+        not repeat is noise. Where there are many samples per step, one sample at each step is by chance on one side or
+        the other, with the same variance, a third of it in phase: the steps of a sine are even in its angle. The errors
+        between steps are alike: the rounding of a sin is a sum of sines of 2 pi k theta/q, whose fundamental
+        2 q/(pi k) J_1(2 pi k a/q) is in phase with it (Bennett, 1948). Of a random motion their density at low
+        frequencies is zeta(3) q^3/(pi^2 (2 pi)^(1/2) v), v being the RMS velocity (Woodward's theorem), and they repeat
+        in every period.
         """
-        q = self.encoder_step
+        q, v, alone = self.encoder_step, sines.velocity, sines.spacing_hz is None
         if not q:
-            return np.zeros((2, len(sines.w)))
+            return np.zeros((2, len(v))), np.zeros(len(v))
+        repeating = np.exp(-((2 * np.pi * self.angle_noise / q) ** 2))
         # places of the motion until the samples meet the same ones again; a denominator above 10 000 is no pattern
         places = [Fraction(float(c) * self.rate_hz).limit_denominator(10_000).numerator for c in sines.cycle_s]
         white, pattern_s = q**2 / 6 / self.rate_hz, np.minimum(np.array(places) / self.rate_hz, sines.duration_s)
         # the mean of the velocity's size over its RMS is 0.90 of a sine, 0.80 of a random motion
-        steps = 0.9 * sines.velocity / (q * self.rate_hz)
-        random = zeta(3) * q**3 / (np.pi**2 * np.sqrt(2 * np.pi) * sines.velocity) / sines.cycle_s
-        others = np.where(sines.alone, 0.0, self.repeating * random) + (1 - self.repeating) * white / sines.duration_s
-        thirds = np.where(sines.alone, np.array([[2 / 3], [4 / 3]]), 1)
-        return np.asarray(self.repeating * white / pattern_s * np.minimum(1, thirds * steps) + others)
-
-    @property
-    def repeating(self) -> float:
-        """Share of the variance of rounding that every cycle repeats: noise s before the rounding to steps q leaves
-        exp(-(2 pi s/q)^2) of it (Widrow and Kollar, Quantization Noise, 2008, ch. 5)."""
-        step = self.encoder_step
-        return float(np.exp(-((2 * np.pi * self.angle_noise / step) ** 2))) if step else 0.0
+        steps = 0.9 * v / (q * self.rate_hz) * (np.array([[2 / 3], [4 / 3]]) if alone else np.ones((2, 1)))
+        found = repeating * white / pattern_s * np.minimum(1, steps) + (1 - repeating) * white / sines.duration_s
+        if alone:
+            return found, repeating * zeta(3) / np.pi**4 * (q / sines.size) ** 3
+        between_steps = zeta(3) * q**3 / (np.pi**2 * np.sqrt(2 * np.pi) * v) / sines.cycle_s
+        return found + repeating * between_steps, np.zeros(len(v))
 
 
 @dataclass(frozen=True)
@@ -408,22 +351,23 @@ class Distortion:
         four realisations on the analysis sees this scatter, which is drawn. Of an earlier spread a torque that stays
         when the motion grows counts for less; bands whose ends differ by up to a fifth count as one.
         """
-        of_spread, f = np.zeros(3), fit.sines.frequency_hz
+        found, sines, periodic = np.zeros(3), fit.sines, isinstance(plan, PeriodicMultisine)
         if self.spread:
             variance, (low, high), rms = self.spread
-            if not isinstance(plan, PeriodicMultisine) or not np.allclose([f.min(), f.max()], (low, high), rtol=0.2):
+            ends = sines.frequency_hz.min(), sines.frequency_hz.max()
+            if not isinstance(plan, PeriodicMultisine) or not np.allclose(ends, (low, high), rtol=0.2):
                 raise InputError(
                     "the spread of realisations of an earlier trial says nothing on another motion than a multisine "
                     f"from {low:.3g} to {high:.3g} Hz; give its response.csv, or --friction"
                 )
-            of_spread = variance * (rms / plan.rms) ** 2 / plan.realisations
-        few = isinstance(plan, PeriodicMultisine) and plan.realisations < ENOUGH_REALISATIONS
-        if few or plan.spacing_hz is None or not self.coulomb:
-            return np.asarray(of_spread + fit.share(self.at_sines(plan, fit, Z)).sum(axis=1))
-        columns = (tuple(c.tolist()) for c in (f, fit.sines.size, fit.weight))
-        scatter = scatter_of_friction(*columns, plan.spacing_hz, isinstance(plan, PeriodicMultisine))
-        levels = fit.share(replace(self, coulomb=0.0).at_sines(plan, fit, Z)).sum(axis=1)
-        return np.asarray(of_spread + self.coulomb**2 * scatter / plan.independent + levels)
+            found = variance * (rms / plan.rms) ** 2 / plan.realisations
+        at_sines, few = self, periodic and sines.independent < ENOUGH_REALISATIONS
+        if self.coulomb and sines.spacing_hz and not few:
+            columns = (tuple(c.tolist()) for c in (sines.frequency_hz, sines.size, fit.weight))
+            scatter = scatter_of_friction(*columns, sines.spacing_hz, periodic)
+            found = found + self.coulomb**2 * scatter / sines.independent
+            at_sines = replace(self, coulomb=0.0)
+        return np.asarray(found + fit.share(at_sines.at_sines(plan, fit, Z)).sum(axis=1))
 
     def at_sines(self, plan: Plan, fit: PlannedFit, Z: Impedances) -> Array:
         """Variance (2, n) [(N*m)^2] of the amplitudes of the torque's sines by what the fit of Eq. 15 cannot follow. In
@@ -439,29 +383,29 @@ class Distortion:
                 "--distortion"
             )
         power = 0.5 * (self.level * np.abs(Z) * sines.size) ** 2
-        if plan.spacing_hz is None:
+        if sines.spacing_hz is None:
             left = 4 / np.pi * self.coulomb * np.ones(len(sines.w))
             left -= fit.fitted(np.asarray(1j * left / sines.size, dtype=np.complex128))[1] * sines.size * sines.w
             return np.array([power, power + left**2])
         # the mean square of what sign(w) leaves beside its equivalent damping, with 64 or more samples in a period of
         # the highest line: arcsin r has cusps
-        line = np.rint(sines.frequency_hz / plan.spacing_hz).astype(np.intp)
+        line = np.rint(sines.frequency_hz / sines.spacing_hz).astype(np.intp)
         n = 1 << int(np.ceil(np.log2(64 * line[-1])))
         lines = np.zeros(n // 2 + 1)
         lines[line] = (sines.size * sines.w) ** 2
         r = np.clip(np.fft.irfft(lines / lines.sum() * n / 2, n), -1, 1)
         power += self.coulomb**2 * 2 / n * np.fft.rfft(2 / np.pi * (np.arcsin(r) - r)).real[line]
         if self.earlier:  # of an odd multisine a sine has the distortion of two lines
-            width = (2 if isinstance(plan, PeriodicMultisine) else 1) * plan.spacing_hz
+            width = (2 if isinstance(plan, PeriodicMultisine) else 1) * sines.spacing_hz
             power += np.interp(sines.frequency_hz, *self.earlier) * width
-        return np.array([power, power]) / plan.independent
+        return np.array([power, power]) / sines.independent
 
     def added_damping(self, plan: Plan) -> dict[str, float]:
         """B [N*m*s/rad] that friction adds: at each amplitude of a stepped sine, over the whole of another motion."""
+        sines = plan.sines
         if not self.coulomb:
             return {}
-        sines = plan.sines
-        if plan.spacing_hz is not None:
+        if sines.spacing_hz is not None:
             return {"in all": self.coulomb * float(np.sqrt(2 / np.pi) / sines.velocity[0])}
         parts = {"in all": np.ones(len(sines.size), dtype=np.bool_)}
         if isinstance(plan, SteppedSine):
@@ -505,26 +449,23 @@ class Precision:
     """What a plan will give."""
 
     fit: PlannedFit
-    rows: Mapping[str, Mapping[str, Any]]
-    """Of K, B and I by name, in SI units: `expected`, `half_width` of the 95 % interval, `half_width_of_noise` without
-    distortion, `se`, its `degrees_of_freedom`, and the `variance` by its cause."""
+    columns: Mapping[str, Array]
+    """Of K, B and I (3,) in SI units: `expected`, `half_width` of the 95 % interval, `half_width_of_noise` without
+    distortion, `se` and its `degrees_of_freedom`."""
+    variance: Mapping[str, Array]  # of K, B and I (3,) by its cause
     method: str  # source of the interval that the analysis will give, as its column `interval_method` names it
-
-    def column(self, name: str) -> Array:
-        """One of these of K, B and I, (3,)."""
-        return np.array([row[name] for row in self.rows.values()])
 
     def reaches(self, within: Mapping[str, float]) -> bool:
         """Whether the half widths are within these shares of K, B, I, as far as there are any."""
-        half = {name: (row["half_width"], abs(row["expected"])) for name, row in self.rows.items()}
-        return all(half[name][0] <= share * half[name][1] for name, share in within.items())
+        share = self.columns["half_width"] / np.maximum(np.abs(self.columns["expected"]), np.finfo(float).tiny)
+        return all(share[KBI.index(name)] <= most for name, most in within.items())
 
 
 def precision(
-    plan: Plan, joint: Joint, sensors: Sensors, low_pass: LowPass, distortion: Distortion | None = None
+    plan: Plan, joint: Array, sensors: Sensors, low_pass: LowPass, distortion: Distortion | None = None
 ) -> Precision:
-    """The intervals that a plan will give, by the means of the fit (`interval_method`). Raises as `planned_fit`;
-    InputError as `Distortion.variances`.
+    """The intervals that a plan will give for a joint (K, B, I), by the means of the fit (`interval_method`). Raises as
+    `planned_fit`; InputError as `Distortion.variances`.
 
     Units are those of `bench.gram`, a frequency at an amplitude or a stretch. The noise has the freedom of cycles,
     or of the stretches; the distortion, which is in the units' scatter, that of one less than there are; rounding and
@@ -532,16 +473,13 @@ def precision(
     spread of realisations, or by the level at detection lines, each of which serves the excited lines around it.
     """
     fit, stated = planned_fit(plan, low_pass), distortion or Distortion()
-    sines = fit.sines
-    Z, size = joint.impedance(sines.w), sines.size
+    sines, Z = fit.sines, joint @ eq15(fit.sines.w)
     errors = sensors.variances(sines, Z, plan.record_s)
     causes = {name: fit.share(error).sum(axis=1) for name, error in errors.items()}
-    # rounding a single sine is a sum of sines of 2 pi k theta/q, whose fundamental 2 q/(pi k) J_1(2 pi k a/q) is in
-    # phase with theta = a sin (Bennett, 1948): amplitudes change by the same share at every frequency
-    gain = sensors.repeating * zeta(3) / np.pi**4 * np.where(sines.alone, sensors.encoder_step / size, 0.0) ** 3
-    for a in np.unique(np.round(size[gain > 0], 9)):
-        alike = np.isclose(size, a)
-        causes["encoder rounding"] += gain[alike].mean() * fit.fitted(np.where(alike, Z, 0)) ** 2
+    alike = sensors.rounding(sines)[1]
+    for a in np.unique(np.round(sines.size[alike > 0], 9)):
+        here = np.isclose(sines.size, a)
+        causes["encoder rounding"] += alike[here].mean() * fit.fitted(np.where(here, Z, 0)) ** 2
     known = causes["encoder rounding"] + causes["load cell drift"]
     seen, scatter = causes["torque noise"] + causes["angle noise"], stated.variances(plan, fit, Z)
     noise, total = seen + known, seen + known + scatter
@@ -550,13 +488,14 @@ def precision(
             method, freedom = REALISATIONS, np.full(3, plan.realisations - 1.0)
         else:
             share = fit.share(np.sum([*errors.values(), stated.at_sines(plan, fit, Z)], axis=0))
-            near = np.argmin(np.abs(plan.first.lines[:, None] - plan.first.detection[None, :]), axis=1)
+            motion = plan.motion(0)
+            near = np.argmin(np.abs(motion.lines[:, None] - motion.detection[None, :]), axis=1)
             together = [np.bincount(near, own) for own in share]
             method = DETECTION
             freedom = np.array([2 * plan.realisations * u.sum() ** 2 / np.sum(u**2) for u in together])
         of_noise = freedom
     else:
-        cycles = sines.cycles
+        cycles = np.rint(sines.duration_s / sines.cycle_s)
         groups = plan.record_s / STRETCH_S if isinstance(plan, Continuous) else float(cycles.sum())
         units = float(len(cycles)) if isinstance(plan, SteppedSine) and len(cycles) >= FEWEST_UNITS else groups
         method = BY_REPEATS if isinstance(plan, SteppedSine) and len(cycles) < FEWEST_UNITS else BY_UNITS
@@ -569,15 +508,11 @@ def precision(
         of_noise = welch_satterthwaite([seen, known], [of_seen, infinite])
         freedom = welch_satterthwaite([seen, known, scatter], [of_seen, infinite, np.full(3, max(units - 1, 1.0))])
         of_noise, freedom = (np.where(each < 1e5, each, np.inf) for each in (of_noise, freedom))
-    causes["distortion"] = scatter
     columns = {
-        "expected": np.array([joint.K, joint.B, joint.I]),
+        "expected": joint,
         "half_width": stdtrit(freedom, 0.975) * np.sqrt(total),
         "half_width_of_noise": stdtrit(of_noise, 0.975) * np.sqrt(noise),
         "se": np.sqrt(total),
         "degrees_of_freedom": freedom,
     }
-    rows: dict[str, dict[str, Any]] = {n: {c: float(v[k]) for c, v in columns.items()} for k, n in enumerate(KBI)}
-    for k, row in enumerate(rows.values()):
-        row["variance"] = {cause: float(values[k]) for cause, values in causes.items()}
-    return Precision(fit, rows, method)
+    return Precision(fit, columns, causes | {"distortion": scatter}, method)

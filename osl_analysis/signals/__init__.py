@@ -156,20 +156,19 @@ def run_at_extreme(values: Array) -> slice:
     of the plateau rises by less than 3 steps."""
     if not values.size or not np.isfinite(values).all():
         return slice(0, 0)
-    low, high = float(values.min()), float(values.max())
-    span, middle = high - low, float(np.median(values))
-    extremes = [e for e in (low, high) if abs(e) > 0.05 * span and abs(e - middle) > 0.25 * span]
-    found = [longest_run(values == e) for e in extremes]
+    low, high, middle = float(values.min()), float(values.max()), float(np.median(values))
     steps = np.abs(np.diff(values))
-    step = float(steps[steps > 0].min(initial=np.inf))
-    cut = []
-    for run in found:
-        level, length = values[run.start], run.stop - run.start
+    step, longest = float(steps[steps > 0].min(initial=np.inf)), slice(0, 0)
+    for end in (low, high):
+        if abs(end) <= 0.05 * (high - low) or abs(end - middle) <= 0.25 * (high - low):
+            continue
+        run = longest_run(values == end)
         sides = values[max(run.start - 5, 0) : run.start], values[run.stop : run.stop + 5]
-        slope = min((float(np.abs(side - level).max()) / side.size for side in sides if side.size), default=0.0)
-        if length == 1 or slope * length / 4 > 3 * step:
-            cut.append(run)
-    return max(cut, key=lambda run: run.stop - run.start, default=slice(0, 0))
+        slope = min((float(np.abs(side - end).max()) / side.size for side in sides if side.size), default=0.0)
+        length = run.stop - run.start
+        if length > longest.stop - longest.start and (length == 1 or slope * length / 4 > 3 * step):
+            longest = run
+    return longest
 
 
 def longest_at_extreme(values: Array) -> int:

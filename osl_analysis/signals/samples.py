@@ -8,7 +8,7 @@ decide: a loop that waits for absolute targets is late, never early, and its sta
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 from itertools import pairwise
 from math import comb
 
@@ -27,18 +27,21 @@ class DeviceClock:
 
     stamps: Array  # (n,) [s]
     count: SampleCount  # (n,) place of every sample in the device's count
-    start: float  # the line's value [s] at count 0
-    step: float  # its slope [s]
 
-    @classmethod
-    def through(cls, stamps: Array, count: SampleCount) -> "DeviceClock":
-        step = line_through(count, stamps)[0]
-        return cls(stamps, count, float(np.mean(stamps) - step * np.mean(count)), step)
+    @cached_property
+    def step(self) -> float:
+        """Slope [s] of the line."""
+        return line_through(self.count, self.stamps)[0]
 
     @cached_property
     def residual(self) -> Array:
         """Stamp minus line (n,) [s]."""
         return np.asarray(self.stamps - self.step * self.count - self.start)
+
+    @property
+    def start(self) -> float:
+        """The line's value [s] at count 0."""
+        return float(np.mean(self.stamps) - self.step * np.mean(self.count))
 
     @cached_property
     def sd(self) -> float:
@@ -72,33 +75,25 @@ class DeviceClock:
         """When the samples were taken, (n,) [s], if the device samples evenly. The least-squares line through all but
         the few samples that lie far off. Where the residual of these is still one-sided, the line along its lower edge:
         a host's stamp is late by what the message waited, and the promptest messages waited least."""
-        residual, (middle, spread) = self.residual, self.usual
+        x, residual, (middle, spread) = self.count, self.residual, self.usual
         near = np.abs(residual - middle) <= 5 * spread + 1e-6 * self.step
-        count, usual = self.count[near], residual[near]
-        if self.skew(usual) > 0.5:
-            start, step = lower_edge(self.count.astype(float), residual)
-        else:
-            step = line_through(count, usual)[0]
-            start = float(np.mean(usual) - step * np.mean(count))
-        times = (self.step + step) * self.count
+        step = line_through(x[near], residual[near])[0]
+        start = float(np.mean(residual[near]) - step * np.mean(x[near]))
+        if self.skew(residual[near]) > 0.5:
+            # The highest line below all points, their hull at its middle: one point is held on each side of the mean
+            # count; the lowest point below the line through them replaces the one on its side, until none lies below.
+            left, right, middle = 0, len(x) - 1, float(np.mean(x))
+            for _ in range(len(x)):
+                step = float((residual[right] - residual[left]) / (x[right] - x[left]))
+                above = residual - residual[left] - step * (x - x[left])
+                lowest = int(np.argmin(above))
+                if above[lowest] >= 0 or lowest in (left, right):
+                    break
+                left, right = (lowest, right) if x[lowest] <= middle else (left, lowest)
+            start = float(residual[left] - step * x[left])
+        times = (self.step + step) * x
         times += self.start + start
         return np.asarray(times, dtype=np.float64)
-
-
-def lower_edge(x: Array, y: Array) -> tuple[float, float]:
-    """Value at 0 and slope of the highest line below all points (x, y), (n,) each, x rising: their hull at its middle.
-    One point is held on each side of the mean of x; the lowest point below the line through them replaces the one on
-    its side, until none lies below."""
-    middle = float(np.mean(x))
-    left, right = 0, len(x) - 1
-    for _ in range(len(x)):
-        slope = (y[right] - y[left]) / (x[right] - x[left])
-        above = y - y[left] - slope * (x - x[left])
-        lowest = int(np.argmin(above))
-        if above[lowest] >= 0 or lowest in (left, right):
-            break
-        left, right = (lowest, right) if x[lowest] <= middle else (left, lowest)
-    return float(y[left] - slope * x[left]), float(slope)
 
 
 @dataclass(frozen=True)
@@ -142,7 +137,7 @@ def evidence_of(values: Array, clock: DeviceClock) -> StampEvidence:
     edges = np.unique(np.minimum(shares, len(push) - 1))
     g = float(push @ seen) / total
     noise = float(np.sum((seen - g * push) ** 2)) / comb(12, 6) / max(len(seen), 1)
-    slope_noise = float(np.sum(savgol_weights(window, 1)[window // 2] ** 2))  # per variance of white noise
+    slope_noise = float(np.sum(scipy.signal.savgol_coeffs(window, 3, 1) ** 2))  # per variance of white noise
     drowned = noise * slope_noise > 0.2 * float(slope @ slope) / len(x)
     if len(edges) < 5 or drowned or float(np.var(jitter)) < NO_MATTER**2:
         return StampEvidence(0.0, np.inf)
@@ -155,22 +150,10 @@ def savitzky_golay(values: Array, count: SampleCount, window: int, order: int) -
     """Value (order 0) or slope per step (order 1), (n,), of a cubic through each `window` of evenly counted samples
     (Savitzky-Golay), missing ones bridged linearly. A gap is shortened to two windows, so that a clock that jumps by
     years costs no memory. Half a window at each end is on the cubic of the last window."""
-    place: SampleCount = np.arange(len(values))
-    if count[-1] - count[0] != len(values) - 1:
-        place = np.concatenate([[0], np.cumsum(np.minimum(np.diff(count), 2 * window))])
-        values = np.interp(np.arange(place[-1] + 1), place, values)
+    place = np.concatenate([[0], np.cumsum(np.minimum(np.diff(count), 2 * window))])
+    values = np.interp(np.arange(place[-1] + 1), place, values)
     window = min(window, (len(values) - 1) // 2 * 2 + 1)
-    weights, half = savgol_weights(window, order), window // 2
-    found = np.empty_like(values)
-    found[half:-half] = np.correlate(values, weights[half], "valid")
-    found[:half], found[-half:] = weights[:half] @ values[:window], weights[-half:] @ values[-window:]
-    return found[place]
-
-
-@lru_cache
-def savgol_weights(window: int, order: int) -> Array:
-    """Weights (window, window) of a window's samples in the value (order 0), or slope per step, at each of them."""
-    return np.asarray(scipy.signal.savgol_filter(np.eye(window), window, 3, deriv=order, axis=0))
+    return np.asarray(scipy.signal.savgol_filter(values, window, 3, deriv=order)[place])
 
 
 @dataclass(frozen=True)
@@ -237,7 +220,7 @@ def take(streams: Sequence[Stream]) -> list[Taken]:
     for stream in streams:
         fresh = stream.without_repeats()
         groups = []
-        for one in decide(fresh, DeviceClock.through(fresh.stamps, places_of_samples(fresh))):
+        for one in decide(fresh, DeviceClock(fresh.stamps, places_of_samples(fresh))):
             kinds = {n: (fresh.delays.get(n, 0.0), np.isnan(fresh.signals[n]).tobytes()) for n in one.signals}
             for kind in dict.fromkeys(kinds.values()):
                 alike = tuple(name for name in one.signals if kinds[name] == kind)

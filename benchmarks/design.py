@@ -113,9 +113,10 @@ def seen_before(torque_of: Torque, low_pass: LowPass) -> dict[str, Distortion]:
     """What another trial, of `EARLIER` realisations, showed of the distortion, in words."""
     rng = np.random.default_rng(7)
     earlier = [realisation(100_000 + r, torque_of, rng) for r in range(EARLIER)]
-    response = periodic_response(earlier)
-    spacing, band = float(np.min(np.diff(response.frequency_hz))), response.frequency_hz[[0, -1]]
-    density = (response.frequency_hz, 0.5 * (response.levels["odd"] * response.angle) ** 2 / spacing)
+    response, _ = periodic_response(earlier)
+    frequency, angle = response["frequency_hz"], np.deg2rad(response["angle_deg"])
+    spacing, band = float(np.min(np.diff(frequency))), frequency[[0, -1]]
+    density = (frequency, 0.5 * (response["odd_level"] * angle) ** 2 / spacing)
     fit = fit_by_power(SecondOrder(), lines_of_periods(earlier, low_pass), (300.0, 5.0))
     variance = EARLIER * np.array([fit.se(name) for name in KBI]) ** 2
     return {

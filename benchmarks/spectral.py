@@ -89,16 +89,16 @@ def coverage(name: str, make: Callable[[int], Signals], seeds: int, truth: Seque
 
 def false_alarms(name: str, lines_of: Callable[[int], object], seeds: int) -> None:
     """A row: how often a second-order joint fails the test of Eq. 15."""
-    p = [fit_structure(SecondOrder(), lines_of(seed), (K, B)).p for seed in range(seeds)]  # type: ignore[arg-type]
+    p = [fit_structure(SecondOrder(), lines_of(seed), (K, B))[1]["misfit_p"] for seed in range(seeds)]  # type: ignore[arg-type]
     print(f"| {name} | {100 * np.mean(np.array(p) < 0.05):.1f} |")
 
 
 def levels(seeds: int) -> None:
     """Rows: the odd level in decibel about that of all seeds together, from so many realisations."""
     every = [r for s in range(8) for r in found(with_friction(500 + s, 8, 2)).realisations]
-    of_all = periodic_response(every).band
+    of_all = periodic_response(every)[1]
     for count in (1, 4, 8):
-        made = [periodic_response(found(with_friction(seed, count, 2)).realisations).band for seed in range(seeds)]
+        made = [periodic_response(found(with_friction(seed, count, 2)).realisations)[1] for seed in range(seeds)]
         odd = 20 * np.log10([one["odd"] / of_all["odd"] for one in made])
         print(f"| {count} | {odd.mean():+.1f} ± {odd.std():.1f} |")
     beside = 20 * np.log10(of_all["detection"] / of_all["distortion"])

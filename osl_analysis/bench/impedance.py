@@ -352,7 +352,7 @@ def harmonic_row(rendered: Rendered, label: Label) -> Row:
         fit = rendered.analysis.fits[label]
         shares = list(harmonic_shares(rendered.phasors, label, (fit["K"], fit["B"], fit["I"])))
     elif found is not None:
-        band = periodic_response(found.realisations).band
+        _, band = periodic_response(found.realisations)
         shares = [float(band[x] / band["torque"]) if np.isfinite(band[x]) else None for x in ("even", "odd")]
     return dict(zip(("even_harmonics", "odd_harmonics"), shares, strict=True))
 

@@ -12,9 +12,8 @@ from osl_analysis.model.parameters import DrivetrainParameters
 from osl_analysis.signals import LowPass
 from osl_analysis.spectral.periods import LINES, Realisation, distinct, lines_frame
 from osl_analysis.spectral.response import (
+    Columns,
     FittedLines,
-    FittedStructure,
-    FrequencyResponse,
     RationalDrivetrain,
     SecondOrder,
     Structure,
@@ -73,8 +72,8 @@ def response_tables(record: Record, p: DrivetrainParameters | None) -> dict[str,
     except OslAnalysisError as error:
         reason = {"trial": record.name, "model": SecondOrder.name, "excluded": str(error)}
         return nothing | {"response_models": pl.DataFrame([reason], schema=MODELS)}
-    lines = lines_of_record(spectrum, record.low_pass)
-    return nothing | frames_of(record.name, response, lines, p, {"realisations": 1})
+    facts: Row = {"method": "local polynomial", "realisations": 1}
+    return nothing | frames_of(record.name, response, lines_of_record(spectrum, record.low_pass), p, facts)
 
 
 def periodic_tables(
@@ -85,58 +84,46 @@ def periodic_tables(
     period_error_ppm: float | None = None,
 ) -> dict[str, pl.DataFrame]:
     """The tables of the realisations of a periodic motion, in one trial or in several; raises as `lines_of`."""
-    response = periodic_response(realisations)
+    response, band = periodic_response(realisations)
+    count = len(distinct(realisations))
     facts: Row = {
-        "realisations": len(distinct(realisations)),
+        "method": "robust" if count > 1 else "fast",
+        "realisations": count,
         "periods": sum(r.periods for r in realisations),
         "period_s": realisations[0].period,
         "period_error_ppm": period_error_ppm,
-        **{f"{name}_level": response.band[name] for name in BAND},
+        **{f"{name}_level": level for name, level in band.items()},
     }
     frames = frames_of(trial, response, lines_of_periods(realisations, low_pass), p, facts)
     return {**frames, "response_lines": lines_frame(trial, realisations)}
 
 
 def frames_of(
-    trial: str, response: FrequencyResponse, lines: FittedLines, p: DrivetrainParameters | None, facts: Row
+    trial: str, response: Columns, lines: FittedLines, p: DrivetrainParameters | None, facts: Row
 ) -> dict[str, pl.DataFrame]:
     """A row per frequency, with the curves of the structures fitted to the lines; and a row per structure: parameters,
     misfit beyond the noise, its test, and the `facts`."""
-    Z, frequency = response.impedance, response.frequency_hz
-    columns: dict[str, object] = {
-        "trial": trial,
-        "method": response.method,
-        "realisations": facts["realisations"],
-        "frequency_hz": frequency,
-        "angle_deg": np.rad2deg(response.angle),
-        "Z_re": Z.real,
-        "Z_im": Z.imag,
-        "magnitude": np.abs(Z),
-        "phase_deg": np.rad2deg(np.angle(Z)),
-        "noise_sd": response.noise_sd,
-        "total_sd": response.total_sd,
-        **{f"{name}_level": level for name, level in response.levels.items()},
-        **dict.fromkeys(name for name in RESPONSE if "_eq" in name),
-    }
-    band = float(frequency[0]), float(frequency[-1])
-    shared: Row = {"trial": trial, "method": response.method, "lines": len(frequency), **facts}
-    shared |= {"lowest_hz": band[0], "highest_hz": band[1]}
+    frequency = response["frequency_hz"]
+    columns: dict[str, object] = {**dict.fromkeys(RESPONSE), "trial": trial, **response}
+    columns |= {name: facts[name] for name in ("method", "realisations")}
+    shared: Row = {"trial": trial, "lines": len(frequency), **facts}
+    shared |= {"lowest_hz": float(frequency[0]), "highest_hz": float(frequency[-1])}
     rows, first = list[Row](), (0.0, 0.0)
     structures: list[Structure] = [SecondOrder()] if p is None else [SecondOrder(), RationalDrivetrain(p)]
     for structure in structures:
         row: Row = {**shared, "model": structure.name}
         try:
-            one: FittedStructure = fit_structure(structure, lines, first)
+            fit, found = fit_structure(structure, lines, first)
         except OslAnalysisError as error:
             rows.append(row | {"excluded": str(error)})
             continue
         if isinstance(structure, SecondOrder):
-            first = (one.fit["K"], one.fit["B"])
-        curve, short = one.impedance(frequency), CURVES[structure.name]
+            first = (fit["K"], fit["B"])
+        s = np.asarray(2j * np.pi * frequency, dtype=np.complex128)
+        curve, short = structure.impedance(fit.estimates[: len(structure.parameters)], s), CURVES[structure.name]
         columns |= {f"magnitude_{short}": np.abs(curve), f"phase_deg_{short}": np.rad2deg(np.angle(curve))}
-        row |= {"weights": one.weights, "interval_method": one.fit.interval_method}
-        row |= {"parameters": len(structure.parameters), **estimates_row(one.fit, *structure.parameters)}
-        rows.append(row | {"VAF": one.vaf, "misfit": one.misfit, "misfit_ratio": one.ratio, "misfit_p": one.p})
+        row |= {"interval_method": fit.interval_method, "parameters": len(structure.parameters)}
+        rows.append({**row, **estimates_row(fit, *structure.parameters), **found})
     return {
         "response": pl.DataFrame(columns, schema=RESPONSE).fill_nan(None),
         "response_models": pl.DataFrame(rows, schema=MODELS).fill_nan(None),

@@ -26,7 +26,6 @@ free, six parameters follow any response in a decade of frequency, and their mis
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,26 +50,24 @@ from osl_analysis.stats.regression import LinearFit, linear_fit
 from osl_analysis.stats.rounding import noise_before_rounding
 from osl_analysis.trial import Array
 
+Columns = dict[str, Array]
+"""Impedance over frequency by columns of `response.csv`, (m,) each; NaN where the motion does not show it."""
 
-@dataclass(frozen=True)
-class FrequencyResponse:
-    """Impedance over frequency, shape (m,) each; NaN where the motion does not show it."""
 
-    method: Literal["robust", "fast", "local polynomial"]  # several realisations, one, no motion that repeats itself
-    frequency_hz: Array  # frequency [Hz]
-    impedance: Spectrum  # Z = torque/theta [N*m/rad]
-    angle: Array  # amplitude of the angle at this frequency [rad], RMS over realisations
-    noise_sd: Array  # standard deviation of Z by noise [N*m/rad]
-    total_sd: Array  # standard deviation of Z by noise and distortion [N*m/rad]
-    levels: Mapping[str, Array]
-    """What is added to Z that is measured in one realisation, as a standard deviation of the complex number
+def response_columns(
+    frequency_hz: Array, Z: Spectrum, angle: Array, noise_sd: Array, total_sd: Array, levels: Mapping[str, Array]
+) -> Columns:
+    """Columns of Z = torque/theta [N*m/rad]; amplitude of the angle [rad], RMS over realisations; standard deviation of
+    Z by noise, and by noise and distortion.
+
+    `levels` are what is added to Z that is measured in one realisation, as a standard deviation of the complex number
     (E|.|^2)^1/2 [N*m/rad], averaged over neighbouring lines: `noise` in the mean over the periods; `odd` and `even`
     distortion without it, from lines that are not excited; `total`, noise and distortion, from the scatter of
-    realisations."""
-    band: Mapping[str, float]
-    """The same over the excited band, as the RMS amplitude of the torque per line [N*m]: the `torque` itself; `noise`;
-    `odd` and `even` distortion at all lines that show it; distortion that excited lines have, at the lines without
-    excitation (`detection`) and from the scatter of realisations (`distortion`). Empty without periods."""
+    realisations.
+    """
+    shown = {"frequency_hz": frequency_hz, "angle_deg": np.rad2deg(angle), "Z_re": Z.real, "Z_im": Z.imag}
+    shown |= {"magnitude": np.abs(Z), "phase_deg": np.rad2deg(np.angle(Z)), "noise_sd": noise_sd, "total_sd": total_sd}
+    return shown | {f"{name}_level": level for name, level in levels.items()}
 
 
 @dataclass(frozen=True)
@@ -106,8 +103,11 @@ def equation_error(realisations: Sequence[Realisation]) -> EquationError:
     return EquationError(lines, single[0].frequency_hz, everywhere, size.sum(axis=0), error, noise, freedom)
 
 
-def periodic_response(realisations: Sequence[Realisation]) -> FrequencyResponse:
-    """The best linear approximation of one or several realisations, at the excited lines, and the levels in its band.
+def periodic_response(realisations: Sequence[Realisation]) -> tuple[Columns, dict[str, float]]:
+    """The best linear approximation of one or several realisations, at the excited lines, and the levels in its band,
+    as the RMS amplitude of the torque per line [N*m]: the `torque` itself; `noise`; `odd` and `even` distortion at all
+    lines that show it; distortion that excited lines have, at the lines without excitation (`detection`) and from the
+    scatter of realisations (`distortion`).
 
     With one realisation the total is the level at detection lines, interpolated; without these it is not known. Of
     several realisations of an odd motion the excited lines show the odd distortion too. Of another motion every line
@@ -147,32 +147,26 @@ def periodic_response(realisations: Sequence[Realisation]) -> FrequencyResponse:
     band = {"torque": float(np.sqrt(np.mean(np.abs(torque) ** 2)))}
     band |= {"noise": float(np.sqrt(np.mean(of_mean[1 : at[-1] + 1]))), "odd": level(odd), "even": level(even)}
     band |= {"detection": level(lines.detection), "distortion": level(lines.excited) if count > 1 else np.nan}
-    return FrequencyResponse(
-        "robust" if count > 1 else "fast",
+    return response_columns(
         found.frequency_hz[at],
         found.impedance[at],
         mean_angle,
         np.sqrt(noise / count) / mean_angle,
         np.sqrt(total / count) / mean_angle,
         {name: np.sqrt(each) / mean_angle for name, each in squares.items()},
-        band,
-    )
+    ), band
 
 
 HALF_WIDTH = 8  # lines to each side of a line that are fitted together with it
 LOCAL_FREEDOM = 2 * HALF_WIDTH + 1 - 2 * 3  # complex degrees of freedom of the noise at a line, of two parabolas
 
 
-@dataclass(frozen=True)
-class RecordSpectrum:
-    """Lines of a whole stretch of a record, shape (lines,); line k is the sine Re(X_k exp(2j pi f_k t)), k >= 1."""
-
-    frequency_hz: Array  # frequency [Hz]
-    theta: Spectrum  # lines of the angle [rad]
-    torque: Spectrum  # lines of the torque [N*m]
+RecordLines = tuple[Array, Spectrum, Spectrum]
+"""Frequencies [Hz], lines of the angle [rad] and of the torque [N*m] of a whole stretch of a record, (lines,) each;
+line k is the sine Re(X_k exp(2j pi f_k t)), k >= 1."""
 
 
-def record_spectrum(theta: Array, torque: Array, rate_hz: float, highest_hz: float) -> RecordSpectrum:
+def record_spectrum(theta: Array, torque: Array, rate_hz: float, highest_hz: float) -> RecordLines:
     """Lines 1, 2 ... of angle [rad] and torque [N*m], shape (n,) each, over the whole stretch, up to `highest_hz`. No
     window is applied. What the ends of the record and a drift of the torque add (`end_columns`) is fitted together with
     a second-order joint and subtracted from the torque. What is left of it is smooth over frequency."""
@@ -193,7 +187,7 @@ def record_spectrum(theta: Array, torque: Array, rate_hz: float, highest_hz: flo
     scale = np.linalg.norm(columns, axis=1)[:, None]
     stacked = np.hstack([(columns / scale).real, (columns / scale).imag]).T
     found = np.linalg.lstsq(stacked, np.concatenate([force.real, force.imag]), rcond=None)[0]
-    return RecordSpectrum(frequency, angle, np.asarray(force - found[3:] @ (ends / scale[3:])))
+    return frequency, angle, np.asarray(force - found[3:] @ (ends / scale[3:]))
 
 
 def end_columns(s: Spectrum) -> Spectrum:
@@ -202,15 +196,16 @@ def end_columns(s: Spectrum) -> Spectrum:
     return np.array([*(s**power for power in range(5)), 1 / s])
 
 
-def local_fit(spectrum: RecordSpectrum) -> tuple[Spectrum, Array, Array]:
+def local_fit(spectrum: RecordLines) -> tuple[Spectrum, Array, Array]:
     """The local polynomial method at every line of a record (lines,): Z [N*m/rad] and E|error|^2 of it, NaN where the
     joint does not move, and E|noise|^2 of a line of the torque [(N*m)^2]. Near the first and last line the windows are
     one-sided."""
-    at = np.arange(len(spectrum.theta))
+    _, angle, force = spectrum
+    at = np.arange(len(angle))
     first = np.clip(at - HALF_WIDTH, 0, len(at) - (2 * HALF_WIDTH + 1))
     rows = first[:, None] + np.arange(2 * HALF_WIDTH + 1)
     powers = ((rows - at[:, None]) / HALF_WIDTH)[..., None] ** np.arange(3)
-    theta, torque = spectrum.theta[rows], spectrum.torque[rows]
+    theta, torque = angle[rows], force[rows]
     columns = np.concatenate([powers * theta[..., None], powers.astype(np.complex128)], axis=2)
     scale = np.maximum(np.linalg.norm(columns, axis=1), np.finfo(float).tiny)
     U, singular, Vh = np.linalg.svd(columns / scale[:, None, :], full_matrices=False)
@@ -221,7 +216,7 @@ def local_fit(spectrum: RecordSpectrum) -> tuple[Spectrum, Array, Array]:
     Z = np.einsum("mp,mp->m", inverse[:, 0], projected) / scale[:, 0]
     variance = noise * np.sum(np.abs(inverse[:, 0]) ** 2, axis=1) / scale[:, 0] ** 2
     condition = singular[:, 0] / np.maximum(singular[:, -1], np.finfo(float).tiny)
-    size = nearby(spectrum.theta)
+    size = nearby(angle)
     known = (size > 0.01 * size.max()) & (condition < 1e8)
     known &= variance < 0.1**2 * np.abs(Z) ** 2  # a tenth of it is not known
     return np.where(known, Z, np.nan), np.where(known, variance, np.nan), noise
@@ -232,7 +227,7 @@ def nearby(theta: Spectrum) -> Array:
     return np.sqrt(np.convolve(np.abs(theta) ** 2, np.ones(5), "same") / 5)
 
 
-def local_response(spectrum: RecordSpectrum) -> FrequencyResponse:
+def local_response(spectrum: RecordLines) -> Columns:
     """The impedance of a record at every `HALF_WIDTH`-th line that moves, with its noise.
 
     Distortion of a motion that does not repeat itself is noise: `total_sd` equals `noise_sd`, levels are not known.
@@ -244,8 +239,7 @@ def local_response(spectrum: RecordSpectrum) -> FrequencyResponse:
         raise InputError("the joint moves at no frequency up to the filter's cut-off; move it further, or for longer")
     sd = np.sqrt(variance[at])
     levels = {"noise": sd} | dict.fromkeys(("odd", "even", "total"), np.full(len(at), np.nan))
-    frequency, angle = spectrum.frequency_hz[at], nearby(spectrum.theta)[at]
-    return FrequencyResponse("local polynomial", frequency, Z[at], angle, sd, sd, levels, {})
+    return response_columns(spectrum[0][at], Z[at], nearby(spectrum[1])[at], sd, sd, levels)
 
 
 class SecondOrder:
@@ -408,41 +402,24 @@ def lines_of_periods(realisations: Sequence[Realisation], low_pass: LowPass) -> 
     )
 
 
-def lines_of_record(spectrum: RecordSpectrum, low_pass: LowPass) -> FittedLines:
+def lines_of_record(spectrum: RecordLines, low_pass: LowPass) -> FittedLines:
     """All lines of a record that does not repeat itself, with its noise from the local polynomial method. What the ends
     of the record and a drift of the torque add is fitted too."""
-    s = np.asarray(2j * np.pi * spectrum.frequency_hz, dtype=np.complex128)[None, :]
+    frequency, theta, torque = spectrum
+    s = np.asarray(2j * np.pi * frequency, dtype=np.complex128)[None, :]
     local = local_fit(spectrum)[2]
     noise, shared = smoothed_lines(local, np.ones(len(local)))[None, :], LOCAL_FREEDOM / (2 * HALF_WIDTH + 1)
     return FittedLines(
         s,
-        spectrum.theta[None, :],
-        spectrum.torque[None, :],
-        power=low_pass.gain(spectrum.frequency_hz)[None, :],
+        theta[None, :],
+        torque[None, :],
+        power=low_pass.gain(frequency)[None, :],
         noise=noise,
         noise_freedom=np.full(noise.shape, np.inf),  # a line that is large makes its own noise large: no bias
         pooled_freedom=2 * noise.size * shared,
         shared=shared,
         transient=end_columns(s[0])[:, None, :],
     )
-
-
-@dataclass(frozen=True)
-class FittedStructure:
-    """A structure with its parameters, and what it leaves."""
-
-    structure: Structure
-    fit: LinearFit  # its parameters; further columns are transients
-    weights: Literal["power", "noise"]  # power behind the low-pass filter, or the inverse variance of the noise
-    vaf: float  # share of the lines' power behind the filter that the fit by power accounts for [percent]
-    misfit: float  # RMS of what the fit by power leaves beyond the noise, as a share of the torque [percent]
-    ratio: float
-    """What the fit by noise leaves over the noise: 1 on average if the structure is right; NaN without noise."""
-    p: float  # probability that noise alone leaves as much; NaN without noise
-
-    def impedance(self, frequency_hz: Array) -> Spectrum:
-        s = np.asarray(2j * np.pi * frequency_hz, dtype=np.complex128)
-        return self.structure.impedance(self.fit.estimates[: len(self.structure.parameters)], s)
 
 
 def fit_by_power(structure: Structure, lines: FittedLines, first: tuple[float, float]) -> LinearFit:
@@ -456,15 +433,25 @@ def fit_by_power(structure: Structure, lines: FittedLines, first: tuple[float, f
     return gauss_newton(structure, lines, lines.power, structure.start(*first), scatter_of)
 
 
-def fit_structure(structure: Structure, lines: FittedLines, first: tuple[float, float]) -> FittedStructure:
-    """A structure fitted to lines; `first` are K [N*m/rad] and B [N*m*s/rad] of a fit of Eq. 15, to start from."""
+def fit_structure(
+    structure: Structure, lines: FittedLines, first: tuple[float, float]
+) -> tuple[LinearFit, dict[str, float | str]]:
+    """A structure fitted to lines; `first` are K [N*m/rad] and B [N*m*s/rad] of a fit of Eq. 15, to start from.
+
+    Beside the fit, whose columns behind the parameters are transients: its `weights`, `power` behind the low-pass
+    filter or inverse variance of the `noise`; `VAF`, the share of the lines' power behind the filter that the fit by
+    power accounts for [percent]; `misfit`, the RMS of what it leaves beyond the noise, as a share of the torque
+    [percent]; `misfit_ratio`, what the fit by noise leaves over the noise, 1 on average if the structure is right; and
+    `misfit_p`, the probability that noise alone leaves as much. The last two are NaN without noise.
+    """
     by_power = fit_by_power(structure, lines, first)
     left = float(by_power.residual @ by_power.residual)
     noise = float(np.sum(lines.power**2 * lines.noise))
     torque = float(np.sum(np.abs(lines.power * lines.torque) ** 2))
     misfit, vaf = 100 * float(np.sqrt(max(left - noise, 0.0) / torque)), 100 * (1 - left / torque)
+    facts: dict[str, float | str] = {"weights": "power", "VAF": vaf, "misfit": misfit}
     if not (lines.noise > 0).all():
-        return FittedStructure(structure, by_power, "power", vaf, misfit, np.nan, np.nan)
+        return by_power, facts | {"misfit_ratio": np.nan, "misfit_p": np.nan}
     shape, first_guess = lines.noise.shape, by_power.estimates[: len(structure.parameters)]
     known = partial(line_covariance, shape=shape, level=np.ones(shape), freedom=lines.pooled_freedom)
     by_noise = gauss_newton(structure, lines, 1 / np.sqrt(lines.noise), first_guess, known)
@@ -472,9 +459,8 @@ def fit_structure(structure: Structure, lines: FittedLines, first: tuple[float, 
     freedom = by_noise.samples - len(by_noise.names)
     ratio = (2 * float(np.sum(unbiased * by_noise.residual**2)) / freedom - lines.shared) / (1 - lines.shared)
     p = float(fdtrc(freedom * (1 - lines.shared), lines.pooled_freedom, max(ratio, 0.0)))
-    if p < 0.05:
-        return FittedStructure(structure, by_power, "power", vaf, misfit, ratio, p)
-    return FittedStructure(structure, by_noise, "noise", vaf, misfit, ratio, p)
+    facts |= {"misfit_ratio": ratio, "misfit_p": p}
+    return (by_power, facts) if p < 0.05 else (by_noise, facts | {"weights": "noise"})
 
 
 def gauss_newton(

@@ -243,12 +243,13 @@ def fit(trial: Path, model: str, config_path: Path, as_json: bool, plot: Path | 
     from osl_analysis.commands import bench as command
     from osl_analysis.trial import read_trial
 
-    device, desired = of_trial.pop("parameters") or command.campaign_parameters(config_path), None
+    parameters, desired = of_trial.pop("parameters"), None
     if {"K_d", "B_d", "controller"} & options_given():
         desired = DesiredImpedance(**of_trial)
         if model != "impedance":
             said = "--stiffness, --damping and --controller are those of an impedance trial: give --model impedance"
             raise click.UsageError(said)
+    device = parameters or command.campaign_parameters(config_path)
     device = None if device == Path("none") else device
     fitted = command.fit_trial(model, read_trial(trial), device, *command.fit_settings(model, config_path), desired)
     if model == "impedance" and desired is None:

@@ -1,33 +1,39 @@
-"""A refused recording or a failed job leaves a record, and every other result is made."""
+"""Refused, excluded and failed trials do not stop a run: they leave records, and every other result is made."""
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import polars as pl
 import pytest
 from conftest import ROOT
 
+from osl_analysis.campaign.configuration import read_section
 from osl_analysis.commands import study, trials
+from osl_analysis.commands.tables import judge, list_excluded
 from osl_analysis.commands.walking import read_model
 from osl_analysis.errors import InputError, WriteError
 from osl_analysis.files import temporary_path
 from osl_analysis.jobs.job import died, perform, reason_and_remedy, refusal
-from osl_analysis.jobs.job_log import JobLog, read_log, read_logs, run_report, write_log
+from osl_analysis.jobs.job_log import JobLog, read_log, run_report, write_log
 from osl_analysis.jobs.request import write_request
 from osl_analysis.jobs.run import job_server, run_job
 from osl_analysis.judge.findings import (
     Judge,
     exclusion_report,
+    exclusions,
     findings_report,
     left_behind_report,
     without_excluded,
     without_refused,
 )
-from osl_analysis.judge.table import QualityRules
+from osl_analysis.judge.recording import examine, measured_table
+from osl_analysis.judge.table import Commanded, QualityRules
 from osl_analysis.refusal import Refusal, is_refused, read_refusals, refusal_report, refused_trials, write_refusals
 from osl_analysis.table import read_table, write_table
-from osl_analysis.trial import read_trial
+from osl_analysis.trial import Trial, read_trial
 from osl_analysis.walking.bodies import StaticCalibration
 
 LOST = Refusal("b_1", "raw/b_1.mcap", "ingest.ingest_trial", "refused", "raw/b_1.mcap: no such file", "copy it there")
@@ -44,121 +50,105 @@ if "serve(" in sys.orig_argv[-1]:
 """
 
 
-def record(path: Path, *causes: Refusal) -> str:
+def record(path, *causes):
     write_refusals(causes, path)
     return str(path)
 
 
-def result(path: Path) -> str:
+def result(path):
     write_table(pl.DataFrame({"trial": [path.stem], "K_s": [685.6]}), path)
     return str(path)
 
 
-def test_a_record_reads_back_whatever_the_reason_holds(tmp_path: Path) -> None:
+def test_a_record_reads_back_whatever_the_reason_holds(tmp_path):
     odd = Refusal("b,1", 'a "file"', "j", "refused", "columns 'a', \"b\": 1,2; # no", "")
     assert read_refusals(record(tmp_path / "x.parquet", odd, LOST)) == (odd, LOST)
     assert refused_trials([LOST, replace(LOST, reason="later"), KILLED]) == {"b_1": LOST, "b_2": KILLED}
 
 
 @pytest.mark.parametrize("read", [read_trial, read_table, lambda path: read_model(path, StaticCalibration)])
-def test_who_reads_a_record_for_a_result_is_told_the_reason(tmp_path: Path, read) -> None:
+def test_who_reads_a_record_for_a_result_is_told_the_reason(tmp_path, read):
     with pytest.raises(InputError, match=r"no result: trial b_1: raw/b_1\.mcap: no such file; copy it there"):
         read(Path(record(tmp_path / "b_1.csv", LOST)))
 
 
-def test_a_trial_refused_in_one_list_is_missing_from_every_list_and_the_job_goes_on(tmp_path: Path) -> None:
+def test_a_trial_refused_in_one_list_is_missing_from_every_list_and_the_job_goes_on(tmp_path):
     good = [result(tmp_path / f"{folder}/b_2.csv") for folder in ("trials", "fits", "quality")]
     bad = [result(tmp_path / "trials/b_1.csv"), record(tmp_path / "fits/b_1.csv", LOST)]
     inputs = {"trials": [bad[0], good[0]], "fitted": [bad[1], good[1]], "quality": [good[2]]}
     used = {"trials": [good[0]], "fitted": [good[1]], "quality": [good[2]]}
     assert without_refused(inputs) == (used, (LOST,), ())
+    assert without_excluded({"table": good[1], "fitted": [good[1]], "quality": []}, {}) == {"table": good[1]}
+    assert exclusion_report(Judge(QualityRules(), {}).verdicts([Path(bad[1])]), {}) == ""  # a record is no verdict
 
 
-def test_verdicts_and_other_results_of_a_trial_are_not_passed_on_and_records_are_no_verdicts(tmp_path: Path) -> None:
-    bad, good = record(tmp_path / "quality/b_1.csv", LOST), result(tmp_path / "fits/b_2.csv")
-    assert without_excluded({"table": good, "fitted": [good], "quality": []}, {}) == {"table": good}
-    judge = Judge(QualityRules(), {})
-    assert exclusion_report(judge.verdicts([Path(bad)]), {}) == ""
-
-
-def job(tmp_path: Path, command: str, inputs: dict, output: dict | None = None, **settings) -> dict:
+def job(tmp_path, command, inputs, output=None, **settings):
     output = output or {"output": str(tmp_path / "tables/belt.csv")}
     said = {"command": command, "input": inputs, "output": output, "settings": settings, "files": [*output.values()]}
     return said | {"needs": [], "data": "", "judge": "", "log": str(tmp_path / "logs/belt.log")}
 
 
-def ended(job: dict) -> tuple[str, tuple[Refusal, ...]]:
+def ended(job):
     perform(job)
     return read_log(Path(job["log"])).outcome, read_refusals(job["files"][-1])
 
 
-def test_a_job_that_refuses_its_input_leaves_reason_and_remedy_in_place_of_an_old_result(tmp_path: Path) -> None:
+def test_a_job_that_refuses_its_input_leaves_reason_and_remedy_in_place_of_an_old_result(tmp_path):
     result(tmp_path / "tables/belt.csv")
     inputs = {"trial": str(tmp_path / "trials/b_1.parquet")}
     outcome, (cause,) = ended(job(tmp_path, "walking.compare_ankle_moment", inputs, settings={}, tables={}))
-    assert outcome == "failed"
-    assert (cause.trial, cause.file, cause.outcome) == ("b_1", inputs["trial"], "failed")
+    assert (outcome, cause.trial, cause.file, cause.outcome) == ("failed", "b_1", inputs["trial"], "failed")
     assert "logs/belt.log" in cause.remedy
     outcome, (cause,) = ended(job(tmp_path, "tables.gather", {"rows": [str(tmp_path / "b_1.csv")]}))
-    assert (outcome, cause.outcome) == ("refused", "refused")
-    assert cause.reason == f"{tmp_path}/b_1.csv: no such table"
+    assert (outcome, cause.outcome, cause.reason) == ("refused", "refused", f"{tmp_path}/b_1.csv: no such table")
     assert cause.remedy == "run the step that writes it, or check the path"
 
 
-def test_a_job_that_lacks_an_input_passes_its_causes_on_and_is_no_cause_itself(tmp_path: Path) -> None:
+def test_a_job_that_lacks_an_input_passes_its_causes_on_and_is_no_cause_itself(tmp_path):
     inputs = {"table": record(tmp_path / "belt.csv", LOST, KILLED)}
     assert ended(job(tmp_path, "bench.summarise", inputs)) == ("skipped", (LOST, KILLED))
 
 
 @pytest.mark.parametrize("refuses", ["ingest", "quality"])
-def test_a_trial_stands_without_a_verdict_and_no_verdict_without_its_trial(
-    tmp_path: Path, monkeypatch, refuses
-) -> None:
+def test_a_trial_stands_without_a_verdict_and_no_verdict_without_its_trial(tmp_path, monkeypatch, refuses):
     """Ingest and quality control are one job: each refuses for itself."""
     trial, quality = tmp_path / "trials/b_1.parquet", tmp_path / "quality/b_1.csv"
 
-    def ingest(row, raw_folder, sources_folder, output, needed_columns) -> Path:
-        return Path(result(output)) if refuses == "quality" else refuse()
-
-    def refuse(*_) -> Path:
+    def refuse(*_):
         raise InputError("raw/b_1.mcap: too short; record it again")
 
-    monkeypatch.setattr(trials, "ingest_trial", ingest)
+    stored = refuse if refuses == "ingest" else lambda row, raw, sources, output, columns: Path(result(output))
+    monkeypatch.setattr(trials, "ingest_trial", stored)
     monkeypatch.setattr(trials, "examine", refuse)
     settings = {"row": {"trial": "b_1", "experiment": "belt", "log": "b_1.mcap"}, "needed_columns": []}
     settings |= {"raw_folder": "raw", "sources_folder": "."}
     settings |= {"commanded": {"amplitudes_deg": [], "frequencies_hz": [], "cycles": 1}}
     outputs = {"trial": str(trial), "quality": str(quality)}
     outcome, (cause,) = ended(job(tmp_path, "trials.ingest_and_check", {}, outputs, **settings))
-    assert outcome == "refused"
-    assert [is_refused(trial), is_refused(quality)] == [refuses == "ingest", True]
+    assert [outcome, is_refused(trial), is_refused(quality)] == ["refused", refuses == "ingest", True]
     assert (cause.trial, cause.file, cause.remedy) == ("b_1", "raw/b_1.mcap", "record it again")
 
 
-def test_the_report_at_the_end_of_a_run_has_warnings_and_times_and_passes_over_what_is_no_log(tmp_path: Path) -> None:
+def test_the_report_at_the_end_of_a_run_has_warnings_and_times_and_passes_over_what_is_no_log(tmp_path):
     write_log(tmp_path / "x.log", JobLog("bench.fit", "done", 1.5, warnings=("Größe 5 %",)), {"input": {"trial": "b"}})
     for name, text in {"own": "no: log", "cut": "job: bench.f", "list": "[1", "no text": "\udcff"}.items():
         (tmp_path / f"{name}.log").write_text(text, errors="surrogateescape")
-    said = run_report(read_logs(tmp_path, 0.0))
+    said = run_report(tmp_path, 0.0)
     assert "warning: Größe 5 %\n" in said
     assert said.endswith("bench                1 jobs      1.5 s")
 
 
-def written(tmp_path: Path, **more) -> Path:
-    """The request of a fit of the trial b_7."""
+def written(tmp_path, **more):
+    """The request of a fit of the trial b_7, and how often it was tried."""
     path, made = tmp_path / "requests/b_7.json", [str(tmp_path / "fits/b_7.csv")]
     content = {"command": "bench.fit", "data": "", "log": str(tmp_path / "b_7.log"), "files": made, "needs": []}
     content |= {"input": {"trial": "results/trials/b_7.parquet"}, "output": {}, "settings": {}, "recorded": {}}
     write_request(path, content | {"judge": ""} | more)
-    return path
+    return path, json.loads(path.read_text())["tried"]
 
 
-def tried(request: Path) -> int:
-    return json.loads(request.read_text())["tried"]
-
-
-def test_a_killed_job_leaves_nothing_half(tmp_path: Path) -> None:
-    request, output = written(tmp_path), tmp_path / "fits/b_7.csv"
+def test_a_killed_job_leaves_nothing_half(tmp_path):
+    (request, _), output = written(tmp_path), tmp_path / "fits/b_7.csv"
     left = temporary_path(output, 12345)
     left.parent.mkdir()
     left.write_text("half a table")
@@ -167,12 +157,12 @@ def test_a_killed_job_leaves_nothing_half(tmp_path: Path) -> None:
     assert [(cause.trial, cause.outcome) for cause in read_refusals(output)] == [("b_7", "died")]
 
 
-def test_a_job_that_is_killed_is_named_and_so_is_one_whose_server_was_killed(tmp_path: Path, monkeypatch) -> None:
+def test_a_job_that_is_killed_is_named_and_so_is_one_whose_server_was_killed(tmp_path, monkeypatch):
     """Snakemake goes on."""
     (tmp_path / "site").mkdir()
     (tmp_path / "site/sitecustomize.py").write_text(KILLED_AT_ITS_TRIAL)
     monkeypatch.setenv("PYTHONPATH", f"{tmp_path / 'site'}:{ROOT}")
-    request = written(tmp_path)
+    request, _ = written(tmp_path)
     monkeypatch.chdir(tmp_path)
     job_server.cache_clear()
     for _ in range(2):
@@ -186,20 +176,19 @@ def test_a_job_that_is_killed_is_named_and_so_is_one_whose_server_was_killed(tmp
     job_server.cache_clear()
 
 
-def test_failed_killed_and_deleted_results_are_tried_again_and_refused_ones_stay(tmp_path: Path) -> None:
-    request, output = written(tmp_path), tmp_path / "fits/b_7.csv"
-    assert tried(written(tmp_path)) == 0  # it never ran
+def test_failed_killed_and_deleted_results_are_tried_again_and_refused_ones_stay(tmp_path):
+    assert written(tmp_path)[1] == written(tmp_path)[1] == 0  # it never ran
     (tmp_path / "b_7.log").write_text("job: bench.fit\noutcome: done\n")
-    assert tried(written(tmp_path)) == 1  # its result was deleted
-    for number, (outcome, again) in enumerate([("died", 1), ("failed", 1), ("refused", 0)]):
-        record(output, replace(KILLED, outcome=outcome))
-        before = tried(request)
-        assert (tried(written(tmp_path)) - before, tried(written(tmp_path)) - before) == (again, again), number
-    written(tmp_path, settings={"cutoff_hz": 20})
-    assert tried(request) == before
+    tried = written(tmp_path)[1]
+    assert tried == 1  # its result was deleted
+    for outcome, again in (("died", 1), ("failed", 1), ("refused", 0)):
+        record(tmp_path / "fits/b_7.csv", replace(KILLED, outcome=outcome))
+        tried += again
+        assert written(tmp_path)[1] == written(tmp_path)[1] == tried, outcome
+    assert written(tmp_path, settings={"cutoff_hz": 20})[1] == tried
 
 
-def test_a_remedy_says_what_to_do_and_nothing_of_the_reason_is_lost() -> None:
+def test_a_remedy_says_what_to_do_and_nothing_of_the_reason_is_lost():
     for reason, remedy in (
         ("x.csv: no such file", "correct the sheet, or copy it there"),
         ("no field 'a[name=b]'; it has position[name=left], position[name=right]", ""),
@@ -208,19 +197,22 @@ def test_a_remedy_says_what_to_do_and_nothing_of_the_reason_is_lost() -> None:
         assert reason_and_remedy("; ".join(filter(None, [reason, remedy]))) == (reason, remedy)
 
 
-def test_what_to_do_is_told_by_the_outcome_where_the_message_does_not():
-    def told(outcome, trial="a.parquet", traceback=""):
-        asked = {"command": "m.f", "input": {"trial": trial}, "settings": {}, "files": ["x.csv"], "log": "job.log"}
-        return refusal(asked, JobLog("m.f", outcome, error="no sense", traceback=traceback)).remedy
+@pytest.mark.parametrize(
+    ("outcome", "trial", "traceback", "remedy"),
+    [
+        ("refused", "a.parquet", "", "correct or replace the file"),
+        ("refused", "", "", "correct or exclude the trials behind it"),
+        ("failed", "a.parquet", "", "make the file or its folder accessible"),
+        ("failed", "a.parquet", "T", "a fault of this program: report it with the traceback in job.log"),
+        ("died", "a.parquet", "", "run again"),
+    ],
+)
+def test_what_to_do_is_told_by_the_outcome_where_the_message_does_not(outcome, trial, traceback, remedy):
+    asked = {"command": "m.f", "input": {"trial": trial}, "settings": {}, "files": ["x.csv"], "log": "job.log"}
+    assert refusal(asked, JobLog("m.f", outcome, error="no sense", traceback=traceback)).remedy.startswith(remedy)
 
-    assert told("refused").startswith("correct or replace the file")
-    assert told("refused", trial="").startswith("correct or exclude the trials behind it")
-    assert told("failed").startswith("make the file or its folder accessible")
-    assert told("failed", traceback="T").startswith("a fault of this program: report it with the traceback in job.log")
-    assert told("died").startswith("run again")
 
-
-def test_the_list_has_a_line_per_cause_with_trial_file_reason_and_remedy(tmp_path: Path) -> None:
+def test_the_list_has_a_line_per_cause_with_trial_file_reason_and_remedy(tmp_path):
     table = Refusal("", "tables/walking.csv", "j", "refused", "tables/walking.csv: 1 perturbation", "record more")
     files = [record(tmp_path / f"{i}.csv", *causes) for i, causes in enumerate([(table,), (KILLED, LOST), (LOST,)])]
     recordings = {name: [f"raw/{name}.mcap", f"raw/{name}.c3d"] for name in ("b_1", "b_2", "b_3")}
@@ -237,7 +229,7 @@ def test_the_list_has_a_line_per_cause_with_trial_file_reason_and_remedy(tmp_pat
     assert refusal_report([], recordings, accept=False) == ""
 
 
-def test_the_list_says_what_else_has_no_result(tmp_path: Path) -> None:
+def test_the_list_says_what_else_has_no_result(tmp_path):
     stand = Refusal("stand", "raw/stand.c3d", "crossing.calibrate", "refused", "raw/stand.c3d: no foot", "label it")
     names = ["fits/calibration/stand.json", "crossings/w_1.parquet", "fits/walking/w_2.csv", "tables/walking.csv"]
     names += ["figures/fig9.csv", "figures/fig9.pdf", "fits/unperturbed.parquet"]
@@ -245,33 +237,28 @@ def test_the_list_says_what_else_has_no_result(tmp_path: Path) -> None:
     recordings = {name: [f"raw/{name}.c3d"] for name in ("stand", "w_1", "w_2", "belt_1")}
     told = refusal_report(records, recordings, accept=False).splitlines()
     assert told[1] == "NOT ANALYSED: 1 of 4 trials, and for want of them 2 more; results are of the others."
-    assert told[3] == "  therefore without a result: w_1, w_2"
-    assert told[4] == "  therefore not made: walking.csv, figure fig9"
+    assert told[3:5] == ["  therefore without a result: w_1, w_2", "  therefore not made: walking.csv, figure fig9"]
     plate = replace(stand, trial="", file="fits/plate.json")
-    records = [record(Path(file), plate) for file in records[1:3]]
-    told = refusal_report(records, recordings, accept=False).splitlines()
+    told = refusal_report([record(Path(file), plate) for file in records[1:3]], recordings, accept=False).splitlines()
     assert told[1] == "NOT ANALYSED: some results, and for want of them 2 of 4 trials; results are of the others."
 
 
-def test_what_a_renaming_leaves_among_the_results_is_named_at_the_end_of_a_run() -> None:
+def test_what_a_renaming_leaves_among_the_results_is_named_at_the_end_of_a_run():
     stored = [Path(f"results/trials/{trial}.parquet") for trial in ("b_1", "old_2", "b_3", "old_1")]
-    assert left_behind_report(stored, ["b_1", "b_2", "b_3"]).startswith(
-        "not in the sample sheet, and in no table or figure: old_1, old_2; files of theirs"
-    )
+    said = "not in the sample sheet, and in no table or figure: old_1, old_2; files of theirs"
+    assert left_behind_report(stored, ["b_1", "b_2", "b_3"]).startswith(said)
     assert left_behind_report(stored[::2], ["b_1", "b_2", "b_3"]) == ""
 
 
-def test_a_trial_that_is_used_without_its_end_is_named_at_the_end_of_a_run() -> None:
+def test_a_trial_that_is_used_without_its_end_is_named_at_the_end_of_a_run():
     said = {"check": "truncated", "value": 1.0, "unit": "logs", "remark": ""}
     rows = [{"trial": f"b_{n}", "verdict": verdict, **said} for n, verdict in enumerate(("flag", "pass", "exclude"))]
     (told,) = findings_report(pl.DataFrame(rows), []).splitlines()
-    assert told.startswith("flagged, 1 of 3 trials: log without its end: ")
-    assert "`truncated` under `accept`" in told
-    assert told.endswith("[b_0]")
+    assert re.fullmatch(r"flagged, 1 of 3 trials: log without its end: .*`truncated` under `accept`.*\[b_0\]", told)
     assert findings_report(pl.DataFrame(rows[1:]), []) == ""
 
 
-def test_a_study_is_not_made_of_the_batches_that_succeeded(tmp_path: Path) -> None:
+def test_a_study_is_not_made_of_the_batches_that_succeeded(tmp_path):
     with pytest.raises(InputError, match="1 batches failed; there is no study without them"):
         study.summarise_study([Path(result(tmp_path / "1.csv"))], tmp_path / "study.csv", [KILLED])
 
@@ -282,6 +269,67 @@ def test_a_full_disk_is_no_fault_of_the_input_and_is_tried_again_with_the_advice
 
     monkeypatch.setattr("osl_analysis.jobs.job.call", full)
     outcome, (cause,) = ended(job(tmp_path, "tables.gather", {}))
-    assert (outcome, cause.outcome) == ("failed", "failed")
+    assert (outcome, cause.outcome, cause.remedy) == ("failed", "failed", "make room, or choose another place")
     assert cause.reason == "a.csv: cannot be written (No space left on device)"
-    assert cause.remedy == "make room, or choose another place"
+
+
+RULES = read_section(ROOT / "config/config.yaml", "quality", QualityRules)
+ACCEPT = {"plate_3": ["unzeroed_plate"]}
+JUDGE = Judge(RULES, ACCEPT)
+
+
+@pytest.fixture
+def checked(tmp_path):
+    """What was measured on three plate trials: a slow one, which flags it, two with a plate that was not zeroed."""
+    paths = []
+    for name, offset, rate in (("plate_1", 1.0, 50), ("plate_2", -80.0, 1000), ("plate_3", -90.0, 1000)):
+        force = offset + np.random.default_rng(1).standard_normal(1000)
+        trial = Trial(name, pl.DataFrame({"time": np.arange(1000) / rate, "plate1_force_z": force}))
+        paths.append(tmp_path / f"quality/{name}.csv")
+        write_table(measured_table(name, examine(trial, "plate", Commanded((), (), 1))), paths[-1])
+    return paths
+
+
+def test_an_excluded_trial_is_left_out_and_an_accepted_one_is_not(checked):
+    files = [f"fits/{name}.parquet" for name in ("plate_1", "plate_2", "plate_3")]
+    reasons = exclusions(JUDGE.verdicts(checked))
+    left = without_excluded({"trials": files, "table": "tables/plate_2.csv", "quality": [*map(str, checked)]}, reasons)
+    assert left == {"trials": [files[0], files[2]], "table": "tables/plate_2.csv"}
+    alone = {"trial": "trials/plate_1.parquet", "motion": ["trials/plate_2.parquet"], "quality": checked}
+    assert without_excluded(alone, reasons) == {"trial": alone["trial"], "motion": []}
+    assert exclusion_report(JUDGE.verdicts(checked[:1]), {}) == ""
+    wider = RULES.model_dump(mode="json") | {"unzeroed_plate": {"threshold": "85 N", "on_failure": "exclude"}}
+    for rules, named in ((RULES, ["plate_2", "plate_3"]), (QualityRules.model_validate(wider), ["plate_3"])):
+        assert [*exclusions(Judge(rules, {}).verdicts(checked))] == named
+
+
+def test_who_was_left_out_or_not_judged_is_listed_and_told_with_value_threshold_and_remedy(checked):
+    folder = checked[0].parent
+    lost = Refusal("plate_9", "p.c3d", "ingest.ingest_trial", "refused", "p.c3d: truncated", "export it again")
+    verdicts, excluded = folder / "quality.csv", folder / "excluded.csv"
+    for judged, names in (([], ["plate_9", "b_2"]), (checked, ["plate_9", "plate_2", "b_2"])):
+        judge(judged, RULES, ACCEPT, verdicts, [lost])
+        list_excluded(verdicts, {"b_2": "stumbled"}, excluded, [lost])
+        listed = read_table(excluded, ["trial", "check", "value", "unit", "threshold", "remark"])
+        assert listed["trial"].to_list() == names
+        assert listed["remark"][0] == "p.c3d: truncated; export it again"
+    judged = (
+        read_table(verdicts).filter(pl.col("verdict") != "pass").select("trial", "check", "value", "verdict").rows()
+    )
+    assert [row[::3] for row in judged] == [("plate_1", "flag"), ("plate_2", "exclude"), ("plate_9", "refused")]
+    assert [row[1:3] for row in judged[1:]] == [("unzeroed_plate", pytest.approx(80, abs=0.5)), ("refused", None)]
+    assert listed["check"].to_list() == ["refused", "unzeroed_plate", "sample sheet"]
+    said = exclusion_report(JUDGE.verdicts([*checked, folder / "missing.csv"]), {"b_2": "stumbled"})
+    assert "excluded by the sample sheet: b_2 (stumbled)" in said
+    assert re.search(r"plate_2 \(unzeroed_plate (80\.0|79\.9)\S* N, threshold 20\.0: plate1 -(80\.0|79\.9) N\)", said)
+    assert "`accept`" in said
+
+
+@pytest.mark.parametrize(
+    ("name", "files"),
+    [("rows", ["fits/plate_2.csv"]), ("trial", "trials/plate_2.parquet"), ("trial", "trials/plate_2.csv")],
+)
+def test_where_nothing_is_left_the_reason_is_one_line_with_a_remedy(checked, name, files):
+    beside = {"motion": ["trials/plate_1.parquet"]} if files == "trials/plate_2.csv" else {}
+    with pytest.raises(InputError, match=r"^[^\n]*excludes every trial .*: plate_2 \(unzeroed_plate .*; record again"):
+        without_excluded({name: files, "quality": checked} | beside, exclusions(JUDGE.verdicts(checked)))

@@ -35,8 +35,8 @@ from osl_analysis.walking.settings import TimingSettings
 from osl_analysis.walking.tables import trajectory_points, walking_page_points
 
 METADATA = {".pdf": ("Subject", "CreationDate"), ".svg": ("Description", "Date"), ".png": ("Description", "Date")}
-"""Formats that can be written, each with the entries of its metadata that say what the data are, and the time. That is
-left out: equal numbers give equal files."""
+"""Formats, each with the entries of its metadata that say what the data are, and the time, which is left out: equal
+numbers give equal files."""
 
 
 def plot_numbers(
@@ -52,7 +52,7 @@ def plot_numbers(
 def draw_figure(
     name: str, table_csv: Path, outputs: Sequence[Path], refused: Sequence[Refusal] = (), footer: str = ""
 ) -> None:
-    """Draw the numbers of `table_csv` as figure `name` (one of `FIGURES`) into PDF, SVG or PNG files, by suffix.
+    """Draw the numbers of `table_csv` as figure `name` into PDF, SVG or PNG files, by suffix.
 
     `refused` are the causes of what the figure lacks. It names these trials; if there are no numbers, it says why. The
     `footer` says what the data are; the first digits of the SHA-256 of `table_csv` are added to it.
@@ -67,17 +67,14 @@ def draw_figure(
             draw_table(name, table, outputs, list(dict.fromkeys(one.trial for one in refused if one.trial)), footer)
             return
         causes = [("", str(table_csv), figure.nothing)]
-    rows = [(name, *cause) for cause in causes]
-    reasons = pl.DataFrame(rows, schema=("figure", "trial", "file", "reason"), orient="row")
+    reasons = pl.DataFrame(causes, schema=("trial", "file", "reason"), orient="row").with_columns(figure=pl.lit(name))
     draw_table("not_drawn", reasons, outputs, footer=footer)
 
 
 def draw_table(
     name: str, table: pl.DataFrame, outputs: Sequence[Path], missing: Sequence[str] = (), footer: str = ""
 ) -> None:
-    """The same for numbers in memory; `name` is that of a drawing. `missing` trials are named in
-    the `footer`, which the files have in their metadata too.
-    """
+    """The same for numbers in memory. `missing` trials are named in the footer, which the metadata have too."""
     for path in outputs:
         if path.suffix not in METADATA:
             raise InputError(f"{path}: figures are written as {', '.join(METADATA)}; choose one of these suffixes")
@@ -86,8 +83,7 @@ def draw_table(
     figure = drawing_of(name).draw(table)
     if missing:  # the caption names more of them, the table `excluded.csv` all
         more = f" and {len(missing) - 4} more" if len(missing) > 4 else ""
-        lacks = f"Without {len(missing)} refused: {', '.join(missing[:4])}{more}"
-        footer = f"{footer}. {lacks}" if footer else lacks
+        footer += f"{'. ' if footer else ''}Without {len(missing)} refused: {', '.join(missing[:4])}{more}"
     page_box = names.write_footer(figure, footer) if footer else None
     style.lay_out(figure)
     for path in outputs:
@@ -108,14 +104,13 @@ def write_captions(
     `tables` are the plotted numbers by the name of the figure, `shown` the results of single trials that it shows; of
     these, the refused ones are named. `footer` says once, above all sections, what the data are.
     """
-    sections = []
+    doubts = "Why a fit is doubtful stands in the column `doubtful` of the figure's CSV file."
+    said = [f"# Captions\n\n{names.as_text(footer)}. {doubts}\n"]
     for name, table in tables.items():
         refused = (cause.trial for file in shown.get(name, ()) for cause in read_refusals(file) if cause.trial)
-        sections.append(f"## {names.figure_title(name)}\n\n{caption_of(name, table, list(dict.fromkeys(refused)))}\n")
+        said.append(f"## {names.figure_title(name)}\n\n{caption_of(name, table, list(dict.fromkeys(refused)))}\n")
     with atomic_path(output) as path:
-        doubts = "Why a fit is doubtful stands in the column `doubtful` of the figure's CSV file."
-        said = f"# Captions\n\n{names.as_text(footer)}. {doubts}\n"
-        path.write_text("\n".join([said, *sections]), encoding="utf-8")
+        path.write_text("\n".join(said), encoding="utf-8")
 
 
 def caption_of(name: str, table_csv: Path, missing: Sequence[str] = ()) -> str:
@@ -126,9 +121,8 @@ def caption_of(name: str, table_csv: Path, missing: Sequence[str] = ()) -> str:
     table = read_table(table_csv, required=figure.columns)
     if table.is_empty():
         return f"This figure is not drawn. {names.as_text(figure.nothing[:1].upper() + figure.nothing[1:])}."
-    said: str = figure.caption(table)
-    lacks = f"Without {names.count_of(len(missing), 'trial')} whose recordings or fits were refused: "
-    return f"{said} {lacks}{names.listed_text(missing)}." if missing else said
+    lacks = f" Without {names.count_of(len(missing), 'trial')} whose recordings or fits were refused: "
+    return f"{figure.caption(table)}{f'{lacks}{names.listed_text(missing)}.' if missing else ''}"
 
 
 def fig3(curves: Sequence[Path], table: Path, summary: Path, output: Path) -> None:
@@ -158,7 +152,7 @@ def fig4(
     shown = amplitude.is_null() if label is None else (amplitude - label).abs() < 1e-6
     series = analysed(record, plain_sums(record, IMPEDANCE), IMPEDANCE).last_seconds(label, choice.duration_s)
     doubtful = marked(read_table(fit), limits, "impedance").filter(shown)["doubtful"][0]
-    said = {"trial": choice.trial, "joint": choice.joint, "side": choice.side, "chosen": choice.chosen or None}
+    said = {name: getattr(choice, name) or None for name in ("trial", "joint", "side", "chosen")}
     constant = (pl.lit(value, pl.String).alias(name) for name, value in (said | {"doubtful": doubtful}).items())
     write_table(series.with_columns(constant), output)
 
@@ -175,7 +169,7 @@ def fig7(
     responses = completed(read_table(table, required=FIG7.needs), PLACE)
     responses = responses.with_columns(look_numbers(responses["controller"]))
     pairs = responses.group_by("K_d", "B_d", maintain_order=True).agg(pl.col("trial").n_unique())
-    most = [(row["K_d"], row["B_d"]) for row in pairs.sort("trial", descending=True, maintain_order=True).to_dicts()]
+    most = pairs.sort("trial", descending=True, maintain_order=True).select("K_d", "B_d").rows()
     K_d, B_d = (choice.K_d, choice.B_d) if choice else (*most, (None, None))[0]
     shown = responses.filter(pl.col("K_d").eq_missing(pl.lit(K_d)), pl.col("B_d").eq_missing(pl.lit(B_d)))
     chosen = None if choice else "the desired impedance with the most trials"
@@ -216,12 +210,11 @@ def plot_walking_page(
     doubtful = read_table(table, ["trial", DOUBTFUL]).select("trial", DOUBTFUL)
     isolated = isolated.join(doubtful, on="trial", how="left", maintain_order="left")
     chosen, gaits = selected_crossings(crossings, selection), read_unperturbed_gaits(unperturbed)
-    places = {row["trial"]: row for row in read_table(selection, ["trial", "gait"]).iter_rows(named=True)}
+    gait_of = dict(read_table(selection, ["trial", "gait"]).select("trial", "gait").iter_rows())
     frames = []
-    for of_group in isolated.partition_by("group", maintain_order=True):
-        names, group = set(of_group["trial"]), of_group["group"][0]
-        perturbed = [c for c in chosen if c.name in names]
-        gait = gaits[places[perturbed[0].name]["gait"]]
+    for (group,), of_group in isolated.partition_by("group", maintain_order=True, as_dict=True).items():
+        perturbed = [crossing for crossing in chosen if crossing.name in set(of_group["trial"])]
+        gait = gaits[gait_of[perturbed[0].name]]
         both = {"unperturbed": gait, "perturbed": unperturbed_gait(perturbed, 2)}
         points = walking_page_points(perturbed, both, of_group.drop("group"), settings)
         frames.append(points.with_columns(group=pl.lit(group)))

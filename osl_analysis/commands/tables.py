@@ -47,8 +47,7 @@ def gather(
     """One table from the tables of single trials, in the order given; with `limits`, doubtful fits are marked.
 
     `rows` are their files, or the archives with a table of the same name as `output`. `fits` are the trials' fits of
-    the table whose doubts the rows share, if any, with the limits of that table. `places` has joint and side of each
-    trial, which become columns.
+    the table whose doubts the rows share, if any, with the limits of that table. `places` has joint and side of each.
     """
     if not rows:
         raise InputError(f"{output}: no trials fill this table; add some to the sample sheet")
@@ -94,24 +93,21 @@ def pool_responses(
     """
     p, of_joint = known_parameters(parameters), joint_of(parameters) if parameters else None
     by_condition: dict[tuple[Any, ...], dict[str, list[Realisation]]] = {}
-    for path in lines:
-        table = read_table(path, of="response_lines")
+    for table in (read_table(path, of="response_lines") for path in lines):
         if not table.is_empty():
             trial = str(table["trial"][0])
-            key = tuple(conditions[trial].get(column) for column in CONDITION_TYPES)
+            key = tuple((column, conditions[trial].get(column)) for column in CONDITION_TYPES)
             by_condition.setdefault(key, {})[trial] = realisations_from(table)
     made = {"response": [pl.DataFrame(schema=pooled_schema(RESPONSE))]}
     made["response_models"] = [pl.DataFrame(schema=pooled_schema(MODELS))]
     for key, trials in by_condition.items():
-        place = [
-            pl.lit(cell, dtype).alias(name) for cell, (name, dtype) in zip(key, CONDITION_TYPES.items(), strict=True)
-        ]
+        stated = [pl.lit(cell, CONDITION_TYPES[name]).alias(name) for name, cell in key]
         for group in pooled(trials):
             every = [one for realisations in group.values() for one in realisations]
-            device = p if key[0] == of_joint else None
+            device = p if dict(key)["joint"] == of_joint else None
             frames = periodic_tables(", ".join(group), every, settings.low_pass, device)
             for name, pools in made.items():
-                pools.append(frames[name].rename({"trial": "trials"}).select(*place, pl.all()))
+                pools.append(frames[name].rename({"trial": "trials"}).select(*stated, pl.all()))
     write_table(pl.concat(made["response"]), response_pooled)
     write_table(pl.concat(made["response_models"]), response_models_pooled)
 
@@ -130,20 +126,17 @@ def judge(
     places: Places | None = None,
 ) -> None:
     """The verdict on every trial from what was measured, with a row for each that could not be measured, and why."""
-    table = Judge(rules, accept).verdicts(rows)
-    table = pl.concat([table, refused_rows(refused, verdict="refused")], how="diagonal_relaxed")
+    lost = refused_rows(refused).with_columns(verdict=pl.lit("refused"))
+    table = pl.concat([Judge(rules, accept).verdicts(rows), lost], how="diagonal_relaxed")
     write_table(with_places(table, places or {}), output)
 
 
-def refused_rows(refused: Sequence[Refusal], **cells: str) -> pl.DataFrame:
-    """A row per refused trial, with its outcome as check and its reason and remedy as remark; `cells` are added."""
-    rows = [
-        {"trial": one.trial, "check": one.outcome, "remark": f"{one.reason}; {one.remedy}", **cells}
-        for one in refused_trials(refused).values()
-    ]
-    text, empty = pl.String(), pl.Null()
-    schema = {"trial": text, "check": text, "value": empty, "unit": empty, "threshold": empty}
-    return pl.DataFrame(rows, schema=schema | dict.fromkeys(cells, text) | {"remark": text})
+def refused_rows(refused: Sequence[Refusal]) -> pl.DataFrame:
+    """A row per refused trial, with its outcome as check and its reason and remedy as remark."""
+    rows = [(one.trial, one.outcome, f"{one.reason}; {one.remedy}") for one in refused_trials(refused).values()]
+    told = pl.DataFrame(rows, schema=dict.fromkeys(("trial", "check", "remark"), pl.String), orient="row")
+    without = [pl.lit(None).alias(name) for name in ("value", "unit", "threshold")]
+    return told.select("trial", "check", *without, "remark")
 
 
 def list_excluded(
@@ -153,17 +146,14 @@ def list_excluded(
     refused: Sequence[Refusal] = (),
     places: Places | None = None,
 ) -> None:
-    """List every trial that is not used, with the reason: the failed checks that exclude it, why it was refused, or
+    """List every trial that is not used, with the reason: why it was refused, the failed checks that exclude it, or
     what the sheet says.
     """
-    failed = read_table(verdicts).filter(pl.col("verdict") == "exclude").drop("verdict")
-    rows = [{"trial": trial, "check": "sample sheet", "remark": reason} for trial, reason in by_sheet.items()]
-    stated = pl.DataFrame(rows, schema=dict.fromkeys(("trial", "check", "remark"), pl.String))
+    failed = read_table(verdicts).filter(pl.col("verdict") == "exclude").drop("verdict", "joint", "side", strict=False)
+    rows = [(trial, "sample sheet", reason) for trial, reason in by_sheet.items()]
+    stated = pl.DataFrame(rows, schema=dict.fromkeys(("trial", "check", "remark"), pl.String), orient="row")
     table = pl.concat([refused_rows(refused), failed, stated], how="diagonal_relaxed")
-    write_table(with_places(table.drop("joint", "side", strict=False), places or {}), output)
-
-
-MAKE_AGAIN = "delete it and run `snakemake reproduce-all`"
+    write_table(with_places(table, places or {}), output)
 
 
 def write_summary(
@@ -187,11 +177,12 @@ def write_summary(
     tables = {name: read_table(path) for name, path in table_paths.items() if name in READ}
     headlines = headline_numbers(tables, example or DRAFT_EXAMPLE)
     of_excluded = ("trial", "check", "value", "unit", "threshold", "remark")
-    used = used_and_missing(trials or {}, read_table(excluded, of_excluded)) if excluded else {}
     judged = read_table(verdicts) if verdicts else pl.DataFrame(schema=["check", "verdict"])
+    missing = {
+        "trials": used_and_missing(trials or {}, read_table(excluded, of_excluded)) if excluded else {},
+        "missing_results": {one.file: one.reason.removeprefix(f"{one.file}: ") for one in refused if not one.trial},
+    }
     said = {"findings": findings(judged, tables)}
-    lost = {one.file: one.reason.removeprefix(f"{one.file}: ") for one in refused if not one.trial}
-    missing = {"trials": used, "missing_results": lost}
     with atomic_path(summary_json) as json_path, atomic_path(numbers_tex) as tex_path:
         json_path.write_text(to_json(about, headlines, missing | said), encoding="utf-8")
         tex_path.write_text(to_tex(about, headlines, missing_lines(missing, reasons=False)), encoding="utf-8")
@@ -201,15 +192,15 @@ def write_table_metadata(about: About, tables: Sequence[str], output: Path) -> N
     """Say in one file what all tables are made of, as CSV on the Web (W3C, 2015) does: a table itself has only its
     column `data`, because a comment above the header stops other readers.
     """
-    has_figures = any(table.startswith("figures/") for table in tables)
-    content = {
+    content: dict[str, Any] = {
         "@context": ["http://www.w3.org/ns/csvw", {"@language": "en"}],
         "dc:title": f"Tables of campaign {about.campaign}",
         "dc:description": about.sentence(),
         **{f"osl:{name}": value for name, value in asdict(about).items()},
-        **({"rdfs:seeAlso": {"@id": "figures/captions.md"}} if has_figures else {}),
-        "tables": [{"url": table} for table in tables],
     }
+    if any(table.startswith("figures/") for table in tables):
+        content["rdfs:seeAlso"] = {"@id": "figures/captions.md"}
+    content["tables"] = [{"url": table} for table in tables]
     with atomic_path(output) as path:
         path.write_text(json.dumps(content, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
 
@@ -223,8 +214,7 @@ def read_summary(summary_json: Path) -> dict[str, Any]:
     if not summary_json.is_file():
         there = summary_json / "summary.json"
         run = "run `osl-analysis run` (in a clone `snakemake reproduce-all`) first, or name the folder of your results"
-        remedy = f"write `--summary {there}`" if there.is_file() else run
-        raise InputError(f"{summary_json}: no such summary; {remedy}")
+        raise InputError(f"{summary_json}: no such summary; {f'write `--summary {there}`' if there.is_file() else run}")
     try:
         content: dict[str, Any] = json.loads(summary_json.read_text(encoding="utf-8"))
         for name, number in content["numbers"].items():
@@ -233,10 +223,10 @@ def read_summary(summary_json: Path) -> dict[str, Any]:
                 raise ValueError(f"numbers.{name}.value: {value!r} is not allowed")
             for field in (one for one in OF_NUMBER if one not in number):
                 raise ValueError(f"field 'numbers.{name}.{field}' is missing")
-    except KeyError as error:
-        raise InputError(f"{summary_json}: not a summary (no field {error}); {MAKE_AGAIN}") from error
-    except (ValueError, RecursionError, TypeError, AttributeError) as error:
-        raise InputError(f"{summary_json}: not a summary ({error}); {MAKE_AGAIN}") from error
+    except (ValueError, RecursionError, TypeError, AttributeError, KeyError) as error:
+        said = f"no field {error}" if isinstance(error, KeyError) else error
+        again = "delete it and run `snakemake reproduce-all`"
+        raise InputError(f"{summary_json}: not a summary ({said}); {again}") from error
     return content
 
 
@@ -245,21 +235,18 @@ def format_results_table(summary: Mapping[str, Any], markdown: bool = True) -> s
     of them, and which trials and results are missing. The table is Markdown, or in aligned columns.
     """
     lines = [*(one["line"] for one in summary.get("findings", ())), *missing_lines(summary, reasons=True)]
-    missing = "".join(f"\n{line}\n" for line in lines)
     said = About(**{field.name: summary.get(field.name, "") for field in fields(About)}).sentence()
     table = (to_markdown if markdown else to_columns)(summary["numbers"])
-    return f"{said}\n\n{table}{missing}"
+    return "\n".join([f"{said}\n\n{table}", *(f"{line}\n" for line in lines)])
 
 
 def later_failures(summary_json: Path) -> str:
     """Whether jobs of a later run than that of a summary were refused, failed or killed; a line, empty if none were."""
     made, ended = summary_json.stat().st_mtime, []
-    show = ("figure.", "report.")  # jobs that show numbers and make none: they run after the summary's own
     for path in sorted((summary_json.parent / "logs").rglob("*.log")):
         log = read_log(path) if path.stat().st_mtime > made else None
-        if log and log.outcome != "done" and not log.job.startswith(show):
-            ended.append(f"{path.stem}: {log.error}")
-    said = (
-        f"OLDER THAN A FAILED RUN: after these numbers were written, {len(ended)} jobs were refused or failed, first "
-    )
-    return f"{said}{ended[0]}; correct it and run again" if ended else ""
+        # jobs that show numbers and make none run after the summary's own
+        if log and log.outcome != "done" and not log.job.startswith(("figure.", "report.")):
+            ended.append(f"{path.stem}: {log.error}; correct it and run again")
+    first = f"after these numbers were written, {len(ended)} jobs were refused or failed, first"
+    return f"OLDER THAN A FAILED RUN: {first} {ended[0]}" if ended else ""

@@ -5,7 +5,6 @@ import inspect
 import json
 import re
 import signal
-import sys
 import time
 import traceback
 import warnings
@@ -18,7 +17,7 @@ from pydantic import ConfigDict, validate_call
 
 from osl_analysis.errors import OslAnalysisError, PartialResultError, WriteError, printable, unexpected
 from osl_analysis.files import atomic_path, temporary_path
-from osl_analysis.jobs.job_log import JobLog, Outcome, write_log
+from osl_analysis.jobs.job_log import JobLog, write_log
 from osl_analysis.jobs.request import read_request
 from osl_analysis.judge.findings import Judge, exclusions, without_excluded, without_refused
 from osl_analysis.memory import limited_memory
@@ -48,27 +47,12 @@ TO_DO = frozenset({
 """Verbs with which a remedy begins."""
 
 
-def run(request: Path) -> int:
-    """Run the job of a request; its exit code. Where there is no result, there are records: Snakemake goes on.
-
-    The code is 1 where neither a result nor a record can be written, as on a full disk.
-    """
-    job = read_request(request)
-    log = Path(job["log"])
-    log.unlink(missing_ok=True)
-    try:
-        perform(job)
-    except (OslAnalysisError, OSError) as error:
-        print(f"error: {log.stem}: {error}", file=sys.stderr)
-        return 1
-    return 0
-
-
 def perform(job: Job) -> None:
     """Call the command, and write log and, where there is no result, records: also after an error.
 
     An error of the input refuses; any other is a failure, so that the job is tried again.
     """
+    Path(job["log"]).unlink(missing_ok=True)
     start, unmade = time.perf_counter(), job["files"]
     causes: Sequence[Refusal] = ()
     ended = JobLog(job["command"], "done")
@@ -83,8 +67,8 @@ def perform(job: Job) -> None:
             if isinstance(fault, PartialResultError):
                 cause, unmade = fault.__cause__ or fault, [str(path) for path in fault.missing]
             if isinstance(cause, OslAnalysisError):
-                outcome: Outcome = "failed" if isinstance(cause, WriteError) else "refused"
-                ended = replace(ended, outcome=outcome, error=str(cause))
+                is_ours = not isinstance(cause, WriteError)
+                ended = replace(ended, outcome="refused" if is_ours else "failed", error=str(cause))
             elif isinstance(cause, OSError):
                 said = printable(f"{cause.filename or 'a file'}: {cause.strerror or cause}")
                 ended = replace(ended, outcome="failed", error=said)
@@ -118,14 +102,13 @@ def call(job: Job) -> Sequence[Refusal]:
         told = {"refused": refused}
     elif missing:
         return missing
-    convert = validate_call(config=ConfigDict(arbitrary_types_allowed=True))
+    converting = validate_call(config=ConfigDict(arbitrary_types_allowed=True))(function)
     with tables_of(job["data"]), archives(), limited_memory(files_read(job)):
         inputs = without_excluded(usable, reasons)
         if (tables := job["output"].get("tables")) is None:
-            convert(function)(**inputs, **job["output"], **job["settings"], **told)
+            converting(**inputs, **job["output"], **job["settings"], **told)
             return ()
-        inputs["trial"] = read_trial(Path(inputs["trial"]))
-        fitted = convert(function)(**inputs, **job["settings"])
+        fitted = converting(**inputs | {"trial": read_trial(Path(inputs["trial"]))}, **job["settings"])
         for table, file in tables.items():
             write_table(fitted[table], Path(file))
     return ()

@@ -12,7 +12,6 @@ import yaml
 
 from osl_analysis.files import atomic_path
 
-Outcome = Literal["done", "refused", "failed", "died", "skipped"]
 REQUEST = ("input", "output", "settings")  # The last entries of a log: the request.
 
 
@@ -25,7 +24,7 @@ class JobLog:
     """
 
     job: str  # the command, `module.function`
-    outcome: Outcome
+    outcome: Literal["done", "refused", "failed", "died", "skipped"]
     seconds: float = 0.0  # wall time [s]
     error: str = ""  # one line that says what was wrong
     warnings: Sequence[str] = ()  # one line each
@@ -51,19 +50,16 @@ def read_log(path: Path) -> JobLog | None:
         return None
 
 
-def read_logs(folder: Path, since: float) -> list[JobLog]:
-    """Outcomes of the jobs whose logs below a folder were written after `since` [s, as `time.time`]."""
-    paths = [path for path in sorted(folder.rglob("*.log")) if path.stat().st_mtime >= since]
-    return [log for log in map(read_log, paths) if log is not None]
-
-
 def plain(value: Any) -> Any:
     """A value of mappings, lists, numbers, truth values and text alone; a path becomes text, a number of numpy ours."""
     return json.loads(json.dumps(value, default=lambda one: one.item() if hasattr(one, "item") else str(one)))
 
 
-def run_report(logs: Sequence[JobLog]) -> str:
-    """Each warning of a run once, with the number of jobs that gave it, and the wall time of the jobs by stage."""
+def run_report(folder: Path, since: float) -> str:
+    """Of the jobs whose logs below a folder were written after `since` [s, as `time.time`]: each warning once, with the
+    number of jobs that gave it, and the wall time by stage."""
+    paths = [path for path in sorted(folder.rglob("*.log")) if path.stat().st_mtime >= since]
+    logs = [log for log in map(read_log, paths) if log is not None]
     most = 10  # warnings
     counts = Counter(warning for log in logs for warning in log.warnings)
     lines = [f"warning: {text}" + (f" ({count} jobs)" if count > 1 else "") for text, count in counts.items()]
@@ -73,5 +69,4 @@ def run_report(logs: Sequence[JobLog]) -> str:
         spent[log.job.partition(".")[0]].append(log.seconds)
     rows = sorted(spent.items(), key=lambda stage: -sum(stage[1]))
     times = [f"{stage:<16}{len(seconds):>6} jobs{sum(seconds):>9.1f} s" for stage, seconds in rows]
-    title = ["where the time went (summed over cores):"] if times else []
-    return "\n".join([*lines[:most], *more, *title, *times])
+    return "\n".join([*lines[:most], *more, *["where the time went (summed over cores):"] * bool(times), *times])

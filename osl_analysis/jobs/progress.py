@@ -8,7 +8,6 @@ import shutil
 import sys
 import threading
 import time
-from dataclasses import dataclass
 from logging import INFO, WARNING, LogRecord
 from pathlib import Path
 
@@ -32,27 +31,6 @@ NOT_TOLD = re.compile(
     r"Elapsed time|host: |Finished job|SNAKEMAKE|\s*$"
 )
 """What lines of Snakemake begin with that tell a user nothing."""
-CLEARED = "\r\x1b[K"
-
-
-@dataclass
-class Stage:
-    """Jobs of one kind."""
-
-    total: int = 0
-    done: int = 0
-    started: float | None = None  # when its first job began [s]
-
-    def text(self, name: str) -> str:
-        """Count, rate and time left."""
-        spent = 0.0 if self.started is None else time.monotonic() - self.started
-        counted = f"{name} {self.done}/{self.total}"
-        if self.done == self.total:
-            return f"{counted} in {spent:.0f} s"
-        if not self.done or spent <= 0:
-            return counted
-        rate = self.done / spent
-        return f"{counted}, {rate:.3g}/s, {(self.total - self.done) / rate:.0f} s left"
 
 
 def stage_of(rule: str) -> str:
@@ -69,7 +47,8 @@ class LogHandler(LogHandlerBase):
 
     def __post_init__(self) -> None:
         self.is_quiet = not (self.common_settings.verbose or self.common_settings.dryrun)
-        self.stages: dict[str, Stage] = {}
+        self.total, self.done = dict[str, int](), dict[str, int]()  # jobs by stage
+        self.started: dict[str, float] = {}  # when the first job of a stage began [s]
         self.jobs: dict[int, tuple[str, list[str]]] = {}  # stage and logs of the jobs that run, by their numbers
         self.last = 0.0  # when something was written last [s]
 
@@ -91,14 +70,15 @@ class LogHandler(LogHandlerBase):
             if event == LogEvent.RUN_INFO:
                 for rule, count in known["stats"].items():  # the targets have no stage
                     if not re.fullmatch(r"total|(\w+_)?(reproduce-all|study|validate)", rule):
-                        self.stages.setdefault(stage_of(rule), Stage()).total += count
+                        name = stage_of(rule)
+                        self.total[name] = self.total.get(name, 0) + count
+                        self.done.setdefault(name, 0)
             elif event == LogEvent.JOB_INFO:
                 name = stage_of(known["rule_name"])
                 self.jobs[known["jobid"]] = (name, list(known["log"] or ()))
-                if name in self.stages and self.stages[name].started is None:
-                    self.stages[name].started = time.monotonic()
+                self.started.setdefault(name, time.monotonic())
             elif event == LogEvent.JOB_FINISHED:
-                self.finish(known["job_id"])
+                self.finish(*self.jobs.pop(known["job_id"], ("", [])))
             elif record.levelno >= WARNING or (event is None and record.levelno >= INFO):
                 text = self.format(record)
                 if not NOT_TOLD.match(text):
@@ -106,30 +86,39 @@ class LogHandler(LogHandlerBase):
         except Exception:
             self.handleError(record)
 
-    def finish(self, job: int) -> None:
+    def finish(self, name: str, logs: list[str]) -> None:
         """A job has ended: say at once what it refused, and where its stage stands. A terminal has what runs on its
         last line; elsewhere there is a line now and then, and one for a whole stage.
         """
-        name, logs = self.jobs.pop(job, ("", []))
-        if name not in self.stages:
+        if name not in self.total:
             return
-        stage = self.stages[name]
-        stage.done += 1
+        self.done[name] += 1
         for log in logs:
             ended = read_log(Path(log))
             if ended is not None and ended.outcome in ("refused", "failed", "died"):
                 self.line(f"{ended.outcome}: {Path(log).stem}: {printable(ended.error)}")
         spent, is_terminal = time.monotonic() - self.last, sys.stderr.isatty()
-        if stage.done == stage.total or (not is_terminal and spent > 10):
-            self.line(stage.text(name))
+        if self.done[name] == self.total[name] or (not is_terminal and spent > 10):
+            self.line(self.standing(name))
         elif is_terminal and spent > 0.1:
             running = {one for one, _ in self.jobs.values()} | {name}
-            text = " | ".join(self.stages[one].text(one) for one in STAGES if one in running and one in self.stages)
+            text = " | ".join(self.standing(one) for one in STAGES if one in running and one in self.total)
             self.line(text[: shutil.get_terminal_size().columns - 1], end="")
+
+    def standing(self, name: str) -> str:
+        """Count, rate and time left of a stage."""
+        done, total = self.done[name], self.total[name]
+        spent = time.monotonic() - self.started[name]
+        if done == total:
+            return f"{name} {done}/{total} in {spent:.0f} s"
+        if not done or spent <= 0:
+            return f"{name} {done}/{total}"
+        return f"{name} {done}/{total}, {done / spent:.3g}/s, {(total - done) * spent / done:.0f} s left"
 
     def line(self, text: str, end: str = "\n") -> None:
         """A line in place of the last one of a terminal; it stays where it has an end."""
-        print(f"{CLEARED if sys.stderr.isatty() else ''}{text}", file=sys.stderr, end=end, flush=True)
+        cleared = "\r\x1b[K" if sys.stderr.isatty() else ""
+        print(f"{cleared}{text}", file=sys.stderr, end=end, flush=True)
         self.last = time.monotonic()
 
 

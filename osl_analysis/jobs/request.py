@@ -66,16 +66,15 @@ def write_request(path: Path, content: Mapping[str, Any]) -> None:
 
 def same_recordings(recorded: Iterable[str], trial: Path) -> bool:
     """Whether recordings of other dates are those that a trial was made of, by the SHA-256 in its provenance."""
-    import polars as pl
-
-    from osl_analysis.trial import PROVENANCE_KEY
+    from osl_analysis.errors import InputError
+    from osl_analysis.trial import read_provenance
 
     try:
-        provenance = json.loads(pl.read_parquet_metadata(trial)[PROVENANCE_KEY])
-        parts = [part for one in provenance["files"].values() for part in one.get("parts", [one])]
-        return [digest(Path(file)) for file in recorded] == [part["sha256"] for part in parts]
-    except (pl.exceptions.PolarsError, OSError, KeyError, ValueError, TypeError):
+        made_of = read_provenance(trial)["files"].values()
+    except (InputError, KeyError):
         return False  # as of a refusal record, which has none
+    parts = [part for one in made_of for part in one.get("parts", [one])]
+    return [digest(Path(file)) for file in recorded] == [part["sha256"] for part in parts]
 
 
 digest_of = cache(digest)  # many jobs use the same file
@@ -114,15 +113,14 @@ class Requests:
 
         `command` is "module.function" under `osl_analysis.commands`; its code counts, and that of the `modules` under
         `osl_analysis` that it imports by name. It is called with
-        * the inputs by name: those of `input`, and those of `read`, which were made when `input` was. Snakemake's
-          planning takes time with every file that it is told of;
+        * the inputs by name: those of `input`, those of `read`, which were made when `input` was (planning takes time
+          with every file that Snakemake is told of), and the small `files`, which no job writes;
         * the outputs of the rule by their names; without a name, one is `output` and several are `outputs`. Or with
           `output`, where the command finds the names of its files itself;
         * the `settings`.
-        Each takes the type that the function's signature gives. What the job finds there that is refused or excluded is
-        left out (`jobs.job.call`). Of the files in `needs` it must have every one, the files in `after` are not looked
-        at. The small `files` are inputs by name that no job writes; of these and of those in `made_of` the content
-        counts, of `recordings` state and content.
+        What is refused or excluded there is left out (`jobs.job.call`). Of the files in `needs` it must have every one,
+        those in `after` are not looked at. Of `files` and `made_of` the content counts, of `recordings` state and
+        content.
         """
         known = dict(wildcards.items())
         made = [str(pattern).format(**known) for pattern in rule.output]
@@ -179,23 +177,17 @@ def code(command: str, *modules: str) -> str:
     imports = [(node.module, alias.name) for node in top if isinstance(node, ast.ImportFrom) for alias in node.names]
     names = [f"{source}{end}" for source, name in imports if name in used for end in ("", f".{name}")]
     names += [f"osl_analysis.{name}" for name in modules]
-    files = {path}.union(*(sources(name) for name in names if name.startswith("osl_analysis.")))
-    return hashlib.sha256(b"".join(map(content_of, sorted(files)))).hexdigest()[:16]
+    files, new = set[Path](), [module_file(name) for name in names if name.startswith("osl_analysis.")]
+    while new:
+        file = new.pop()
+        if file is not None and file not in files:
+            files |= {file, *file.parent.glob(f"{file.stem}.*")}  # also the data that stand beside a module
+            new += [module_file(name) for name in imported_names(file)]
+    return hashlib.sha256(b"".join(map(content_of, sorted(files | {path})))).hexdigest()[:16]
 
 
 content_of = cache(Path.read_bytes)  # as it was when it was asked for first
 parsed = cache(lambda path: ast.parse(content_of(path)).body)
-
-
-def sources(module: str) -> set[Path]:
-    """Files of a module and of all modules of the package that it imports, with the data that stand beside one."""
-    files, waiting = set[Path](), [module_file(module)]
-    while waiting:
-        path = waiting.pop()
-        if path is not None and path not in files:
-            files |= {path, *path.parent.glob(f"{path.stem}.*")}
-            waiting += [module_file(name) for name in imported_names(path)]
-    return files
 
 
 @cache

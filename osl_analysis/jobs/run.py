@@ -144,16 +144,21 @@ def prepare(folder: str, request: str) -> None:
 
 
 def do(folder: str, request: str, output: Sequence[int]) -> NoReturn:
-    """Do the job of a request in this process, which has these files for what it says, and end it."""
+    """Do the job of a request in this process, which has these files for what it says, and end it. The exit code is 1
+    where neither a result nor a record can be written, as on a full disk."""
     code = 1
     try:
         gc.enable()
         for wanted, file in enumerate(output, start=1):
             os.dup2(file, wanted)
         os.chdir(folder)
-        from osl_analysis.jobs.job import run
+        from osl_analysis.jobs.job import perform
+        from osl_analysis.jobs.request import read_request
 
-        code = run(Path(request))
+        perform(read_request(Path(request)))
+        code = 0
+    except (OslAnalysisError, OSError) as error:
+        print(f"error: {Path(request).parent.name}: {error}", file=sys.stderr)
     except BaseException:
         traceback.print_exc()
     finally:
@@ -191,14 +196,14 @@ def at_end_of_run(
             text = expected(workflow.dag.needrun_jobs(exclude_finished=False))
             print(text, file=sys.stderr, end="\n" * bool(text), flush=True)
             return
-        from osl_analysis.jobs.job_log import read_logs, run_report
+        from osl_analysis.jobs.job_log import run_report
         from osl_analysis.refusal import MOST_TOLD, is_refused
 
         files = [str(file) for job in workflow.dag.jobs for file in job.output]
         records = [file for file in files if is_refused(file)]
         lost = [file for file in files if not Path(file).exists()]  # as of a job that was killed with Snakemake
         not_made = f"not made: {listing(lost, MOST_TOLD)}; run again, what is finished stays" if lost else ""
-        texts = [run_report(read_logs(logs, STARTED)), not_made, said(records)]
+        texts = [run_report(logs, STARTED), not_made, said(records)]
         if pressed.is_set():
             texts = ["interrupted: what had begun was brought to its end; run again to go on from here"]
         print("\n".join(filter(None, texts)), file=sys.stderr, flush=True)

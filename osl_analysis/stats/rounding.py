@@ -1,5 +1,7 @@
 """Rounding of an encoder or converter: its step, and the noise before it."""
 
+from functools import lru_cache
+
 import numpy as np
 import polars as pl
 
@@ -32,16 +34,22 @@ def distinct_values(values: Array, most: int) -> Array | None:
     return None if len(distinct) > most else distinct.sort().to_numpy()
 
 
+@lru_cache
+def scatter_of_noise() -> tuple[Array, Array]:
+    """Noise before a rounding, in steps, and the scatter [steps^2] that it leaves (Widrow and Kollar, Quantization
+    Noise, 2008, ch. 5)."""
+    s, k = np.linspace(0, 1, 501), np.arange(1, 101)[:, None]
+    return s, s**2 + np.sum((1 - np.exp(-((2 * np.pi * k * s) ** 2))) / (2 * (np.pi * k) ** 2), axis=0)
+
+
 def noise_before_rounding(scatter: float) -> float:
     """Standard deviation [steps] of the noise before the rounding from the scatter [steps^2] of what it leaves.
 
     Noise of standard deviation s makes the error of a rounded signal s^2 + 1/12 large on average over all places within
-    a step. Of this, sum exp(-(2 pi k s)^2)/(2 pi^2 k^2) over k repeats; the rest is the scatter (Widrow and Kollar,
-    Quantization Noise, 2008, ch. 5).
+    a step. Of this, sum exp(-(2 pi k s)^2)/(2 pi^2 k^2) over k repeats; the rest is the scatter.
 
     Raises InputError: A scatter is not finite or cannot be measured.
     """
     check_finite("the scatter", scatter)
-    s, k = np.linspace(0, 1, 501), np.arange(1, 101)[:, None]
-    left = s**2 + np.sum((1 - np.exp(-((2 * np.pi * k * s) ** 2))) / (2 * (np.pi * k) ** 2), axis=0)
+    s, left = scatter_of_noise()
     return float(np.sqrt(scatter) if scatter > left[-1] else np.interp(scatter, left, s))

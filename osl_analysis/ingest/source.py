@@ -3,7 +3,7 @@
 the model from it, so that a key of another format is refused by name."""
 
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from functools import partial
 from pathlib import Path
 from types import GenericAlias
@@ -63,16 +63,13 @@ class Conversion(Settings):
 
     SENSOR: ClassVar[set[str]] = {"delay", "low_pass", "resolution", "bits", "range"}
 
-    delay: str | None = None
-    """Age of a sample at its stamp, such as `2 ms`. It is subtracted from the channel's stamps."""
-    low_pass: SensorFilter | None = None
-    """The sensor's own low-pass: analyses put all other signals of the trial through the same filter."""
+    delay: str | None = None  # Age of a sample at its stamp, as `2 ms`; it is subtracted from the channel's stamps.
+    low_pass: SensorFilter | None = None  # The sensor's own low-pass, through which analyses put all other signals.
     resolution: str | None = None  # Smallest step of the recorded values with its unit, as `0.02 deg`.
     bits: int | None = Field(default=None, ge=4, le=32)  # Bits of an encoder per revolution, in place of `resolution`.
     range: str | tuple[str, str] | None = None
     """Range of the sensor, before `sign` and `offset`: `60 N*m` for +-60 N*m, or both ends, as `[0 deg, 300 deg]`."""
-    unit: Unit | None = None
-    """Unit of the numbers, as laboratories spell it. Without it, the unit that the file states is used."""
+    unit: Unit | None = None  # Unit of the numbers, as laboratories spell it. Without it, the one that the file states.
     sign: Literal[1, -1] = 1  # -1 if the recorder has the opposite direction as positive.
     scale: NoSlip = 1.0  # Units per count: 1 / 16384 with the unit rev for an encoder of 14 bits.
     offset: NoSlip = 0.0  # Offset that is added to the raw numbers before the scale, in the raw unit.
@@ -98,18 +95,18 @@ class Conversion(Settings):
         """Where a canonical column comes from, how it was converted, and what is stated of its sensor in SI units. For
         the trial's provenance. `range` is what the column can reach, after `sign` and `offset`."""
         unit, si_unit = unit_of_file if self.unit is None else self.unit, unit_of(column)
-        factor, stated = si_factor(unit, si_unit), dict[str, Any]()
+        found = {**self.model_dump(exclude=self.SENSOR), "unit": unit, "factor": si_factor(unit, si_unit)}
+        found["si_unit"] = si_unit
         if self.delay is not None:
-            stated["delay"] = quantity(self.delay, "s")
+            found["delay"] = quantity(self.delay, "s")
         if self.low_pass is not None:
-            stated["low_pass"] = {"cutoff_hz": quantity(self.low_pass.cutoff, "Hz"), "order": self.low_pass.order}
+            found["low_pass"] = {"cutoff_hz": quantity(self.low_pass.cutoff, "Hz"), "order": self.low_pass.order}
         if self.resolution is not None or self.bits is not None:
-            stated["resolution"] = self.step(si_unit)
+            found["resolution"] = self.step(si_unit)
         if self.range is not None:
-            ends = (self.sign * (end + self.scale * factor * self.offset) for end in self.ends(si_unit))
-            stated["range"] = sorted(ends)
-        address = self.model_dump(exclude=self.SENSOR)
-        return {**address, "unit": unit, "factor": factor, "si_unit": si_unit, **stated}
+            offset = self.scale * found["factor"] * self.offset
+            found["range"] = sorted(self.sign * (end + offset) for end in self.ends(si_unit))
+        return found
 
     def ends(self, si_unit: str) -> tuple[float, float]:
         """Both ends of the stated range [si_unit]; raises InputError if there is nothing between them."""
@@ -127,12 +124,9 @@ class Conversion(Settings):
         """Smallest step of the recorded values [si_unit]; raises InputError if that cannot be."""
         if self.resolution is not None and self.bits is not None:
             raise InputError("state `resolution` or `bits`, not both")
-        if self.resolution is not None:
-            step = quantity(self.resolution, si_unit)
-        elif si_unit == "rad":
-            step = 2 * np.pi / 2 ** (self.bits or 0)
-        else:
+        if self.resolution is None and si_unit != "rad":
             raise InputError("`bits` are those of an encoder per revolution; state `resolution` with its unit instead")
+        step = 2 * np.pi / 2 ** (self.bits or 0) if self.resolution is None else quantity(self.resolution, si_unit)
         if step <= 0:
             raise InputError(f"a resolution of {self.resolution} is not positive; write a positive one, or remove it")
         return step
@@ -164,15 +158,13 @@ class Channel(Conversion, Addressed):
     column: ColumnName
     """Name in the header, with or without its unit (`torque` finds `torque [Nm]`); a pattern in which `*` stands for
     any text, which must fit one column (`"*.output_position"`); or the column's number, counted from 1."""
-    channel: str
-    """Label of the channel; in TDMS group and name, as `Measured Data/Torque`, or the name where one group has it."""
+    channel: str  # Its label; in TDMS group and name, as `Measured Data/Torque`, or the name where one group has it.
     variable: AddressText
     """Its address in MATLAB's notation: `torque`, `Test.run(2).torque`, `data(:,3)`, `runs{2}.torque`. It is within
     `log_part`, unless it begins with `/`."""
     device: str  # Name of the device's output, such as `EMG2000 - Voltage`.
     component: str  # Name of the column under it.
-    counter: ColumnName | None = None
-    """Where the device counts its samples, named as the signal is. It tells which samples are missing."""
+    counter: ColumnName | None = None  # Where the device counts its samples, which tells the missing ones.
 
 
 class Time(Addressed):
@@ -190,10 +182,8 @@ class Time(Addressed):
     """How the stamps are taken (docs/time_base.md). `exact`: each sample was taken at its stamp. `even`: the device
     samples evenly, and only the stamps scatter. `auto`: stamps and signals decide."""
     column: ColumnName | None = None  # Name of the column that holds time.
-    field: str | None = None
-    """Path of the number that holds time, or of a stamp: an object of seconds and nanoseconds, without `unit`."""
-    channel: str | None = None
-    """The channel that holds time. LabVIEW's time stamps need no unit. Without it: the channels' own timing."""
+    field: str | None = None  # Path of the number that is time, or of a stamp of seconds and nanoseconds (no `unit`).
+    channel: str | None = None  # That of time; LabVIEW's stamps need no unit. Without it: the channels' own timing.
     variable: AddressText | None = None  # Address of the variable that holds time, as in `channels`.
 
 
@@ -217,10 +207,8 @@ class Plate(Settings):
     force: str  # Beginning of the names of the force's columns [N]: `R_ground_force_v`.
     point: str  # Beginning of the names of the columns of the point of application [m]: `R_ground_force_p`.
     moment: str  # Beginning of the names of the columns of the moment about this point [N*m]: `R_ground_torque_`.
-    corners: tuple[Corner, Corner, Corner, Corner]
-    """Corners of the surface in the file's axes [m], in an export of Nexus [mm]."""
-    moment_about: Corner | None = None
-    """Point about which the file's moment is taken [mm]; without it the centre of the corners."""
+    corners: tuple[Corner, Corner, Corner, Corner]  # Of the surface in the file's axes [m], in an export of Nexus [mm].
+    moment_about: Corner | None = None  # About which the file takes the moment [mm]; without it the corners' centre.
     sign: Literal[1, -1] = 1  # -1 if the file has the force on the plate instead of the force on the foot.
 
 
@@ -244,8 +232,7 @@ class ModelOutput(Conversion):
 
     label: str  # Label of the output in the file.
     component: Literal["x", "y", "z"]  # Component of the output.
-    unit: Unit
-    """Unit that the software computes in, which the file may misstate: moments of Plug-in Gait are always N*mm/kg."""
+    unit: Unit  # In which the software computes; the file may misstate it: moments of Plug-in Gait are N*mm/kg.
 
 
 def all_none_or_list(value: Any) -> Any:
@@ -253,9 +240,6 @@ def all_none_or_list(value: Any) -> Any:
     if value not in ("all", "none") and not isinstance(value, list | tuple):
         raise ValueError("write all, none or a list")
     return () if value == "none" else value
-
-
-Choice = BeforeValidator(all_none_or_list)
 
 
 class SourceFile(Settings):
@@ -301,20 +285,13 @@ class SourceFile(Settings):
                 raise misplaced(f"'{column}' is not a canonical column; {advice}", column) from None
             if column == "time":
                 raise misplaced("time is not a channel; state its source under `time`", column)
-            step = channel.step
-            checks: Mapping[str, Callable[[str], object]] = {
-                "unit": partial(si_factor, channel.unit or ""),
-                "resolution": step,
-                "bits": step,
-                "range": channel.ends,
-            }
-            for key, check in checks.items():
-                value = getattr(channel, key)
+            unit, step = partial(si_factor, channel.unit or ""), channel.step
+            for key, check in (("unit", unit), ("resolution", step), ("bits", step), ("range", channel.ends)):
                 try:
-                    if value is not None:
+                    if getattr(channel, key) is not None:
                         check(canonical)
                 except ValueError as error:
-                    raise misplaced(f"{value!r} is not allowed: {error}", column, key) from None
+                    raise misplaced(f"{getattr(channel, key)!r} is not allowed: {error}", column, key) from None
         return channels
 
     @model_validator(mode="after")
@@ -345,21 +322,17 @@ class Source(SourceFile):
     (OpenSim): its times are those of the capture in TRC, which was exported with it."""
     channels: dict[str, Channel]  # The recorded channel of each canonical column.
     time: Time  # Where the time of a row or message comes from.
-    most_missing: SampleShare = 0.01
-    """Largest share of a channel's numbers that may be NaN or missing, and of the rows that may be skipped."""
-    largest_loss: SampleShare = 0.01
-    """Largest share of a topic's messages that may be lost; a log that has lost more is refused."""
+    most_missing: SampleShare = 0.01  # Largest share of a channel's numbers, and of the rows, that may be missing.
+    largest_loss: SampleShare = 0.01  # Largest share of a topic's messages that may be lost, or the log is refused.
     log_part: Annotated[str, AfterValidator(lambda text: checked_address(text, inside=False) if text else text)] = ""
     """Address of the struct or cell that holds the trial, where there are several; the sample sheet's replaces it."""
     delimiter: Literal["auto", ",", ";", "tab", "space", "|"] = "auto"
     """Sign between cells; `auto` takes the first of tab, `;`, `|` and `,` that all lines have."""
     decimal: Literal[".", ","] = "."  # Decimal sign.
     comment: str = "#"  # Sign at the beginning of comment lines; empty if there are none.
-    header: Literal["row", "comment", "none"] = "row"
-    """Place of the columns' names: the first row, the last comment line, or none."""
+    header: Literal["row", "comment", "none"] = "row"  # Place of the names: first row, last comment line, or none.
     units_row: bool = False  # Whether a row of units follows the header.
-    missing: tuple[str, ...] = ("", "nan", "NaN")
-    """Cells that become NaN: what the logger writes where a reading failed."""
+    missing: tuple[str, ...] = ("", "nan", "NaN")  # Cells that become NaN: what a logger writes if a reading failed.
     extra_cells: Literal["refuse", "first", "last"] = "refuse"
     """Cells without a name: what every row has more than the header. `first` or `last`, as they stand there, leaves
     them out (R writes the rows' names first). A log whose rows fit its header is read as it is."""
@@ -367,21 +340,17 @@ class Source(SourceFile):
     """Rows whose length differs from the header's. `refuse`: the file is refused. `skip`: they are skipped and counted.
     `dropped_variable`, for a logger that omits a variable after it failed: from there on, the columns that were missing
     in the last complete row are NaN; a row that this does not explain is refused."""
-    markers: Annotated[Literal["all"] | tuple[str, ...], Choice] = "all"
+    markers: Annotated[Literal["all"] | tuple[str, ...], BeforeValidator(all_none_or_list)] = "all"
     """The markers to read: all (every labelled point except model outputs), none or a list of labels."""
-    axes: Axes = ("x", "y", "z")
-    """The file's axes that point forward, to the left and up: `[z, x, y]` or `[x, -z, y]` where y is up."""
+    axes: Axes = ("x", "y", "z")  # The file's that point forward, left and up: `[x, -z, y]` where y is up.
     shared: SharedAngle | None = None  # What aligns the clock of a log that says `clock: shared`.
     analogs: dict[str, Channel] = Field(default={})  # The recorded channel of each canonical column.
     outputs: dict[str, ModelOutput] = Field(default={})  # The model output of each canonical column.
     counts: Literal["refuse", "header", "parameters"] = "refuse"
     """Counts of points and channels that hold where header and parameters contradict: header, parameters, or refuse."""
-    point_unit: LengthUnit | None = None
-    """Unit of length, where the one that the file states (POINT:UNITS, Units) is absent or wrong."""
-    plates: Any = Field(default={})
-    """Force plates by number, counted from 1; in C3D those to read: all, none or a list counted from 1."""
-    plate_units: PlateUnits | None = None
-    """Units of the plates' channels, where the file's ANALOG:UNITS are absent or wrong."""
+    point_unit: LengthUnit | None = None  # Unit of length, where the file's own is absent or wrong.
+    plates: Any = Field(default={})  # Force plates by number, from 1; in C3D those to read: all, none or a list.
+    plate_units: PlateUnits | None = None  # Units of the plates' channels, where the file's are absent or wrong.
     plate_zero: Literal["none", "file"] | tuple[PositiveInt, PositiveInt] = "none"
     """Baseline to subtract from the plates' channels: none, file (the frames of FORCE_PLATFORM:ZERO) or two frames,
     counted from 1, between which the plates were unloaded."""
@@ -440,36 +409,25 @@ OPTIONAL = (None, None)  # marks `time` and `channels` as keys that a source fil
 NO_UNITS = {"channel.unit": (Unit, ...)}  # of formats that state no units
 OF_ROWS, OF_TABLE = "unit rate repeated stamps", "clock channels most_missing time"
 OF_DEVICES = "markers axes shared analogs outputs"
-OF_MESSAGES = (
-    f"{OF_TABLE} largest_loss",
-    "field topic counter unit",
-    "source field stamps",
-    "",
-    {**NO_UNITS, "time.field": (str, "header.stamp")},
-)
+EXPORTED_PLATE = "device corners moment_about sign"
+OF_MESSAGES = f"{OF_TABLE} largest_loss", "field topic counter unit", "source field stamps", ""
+STAMPED = {**NO_UNITS, "time.field": (str, "header.stamp")}
 KEYS: Mapping[str, tuple[Any, ...]] = {
-    "mcap": OF_MESSAGES,
-    "rosbag1": OF_MESSAGES,
-    "rosbag2": OF_MESSAGES,
+    "mcap": (*OF_MESSAGES, STAMPED),
+    "rosbag1": (*OF_MESSAGES, STAMPED),
+    "rosbag2": (*OF_MESSAGES, STAMPED),
     "csv": (
         f"{OF_TABLE} delimiter decimal comment header units_row missing extra_cells ragged",
-        "column counter",
-        f"column {OF_ROWS}",
+        *("column counter", f"column {OF_ROWS}"),
     ),
     "json_lines": (OF_TABLE, "field counter unit", f"field {OF_ROWS}", "", NO_UNITS),
     "mat": (
-        f"{OF_TABLE} log_part",
-        "variable counter unit",
-        f"variable {OF_ROWS}",
-        "",
+        *(f"{OF_TABLE} log_part", "variable counter unit", f"variable {OF_ROWS}", ""),
         {**NO_UNITS, "channel.counter": (AddressText | None, None)},
     ),
     "tdms": (OF_TABLE, "channel counter", f"channel {OF_ROWS}", "", {"time": OPTIONAL}, True),
     "opensim": (
-        f"{OF_TABLE} plates axes",
-        "column counter unit",
-        f"column {OF_ROWS}",
-        "force point moment corners sign",
+        *(f"{OF_TABLE} plates axes", "column counter unit", f"column {OF_ROWS}", "force point moment corners sign"),
         {
             **NO_UNITS,
             "clock": (Literal["master", "sync", "shared", "common"], "master"),
@@ -481,18 +439,10 @@ KEYS: Mapping[str, tuple[Any, ...]] = {
         },
     ),
     "c3d": (
-        f"{OF_DEVICES} counts point_unit plates plate_units plate_zero",
-        "channel",
-        "",
-        "",
-        {"plates": (Annotated[Literal["all"] | tuple[int, ...], Choice], "all")},
+        *(f"{OF_DEVICES} counts point_unit plates plate_units plate_zero", "channel", "", ""),
+        {"plates": (Annotated[Literal["all"] | tuple[int, ...], BeforeValidator(all_none_or_list)], "all")},
     ),
-    "nexus_csv": (
-        f"{OF_DEVICES} delimiter decimal plates",
-        "device component",
-        "",
-        "device corners moment_about sign",
-    ),
+    "nexus_csv": (f"{OF_DEVICES} delimiter decimal plates", "device component", "", EXPORTED_PLATE),
     "trc": ("markers axes shared point_unit",),
 }
 SOURCES = {name: model_of(name, *keys) for name, keys in KEYS.items()}

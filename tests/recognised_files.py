@@ -18,10 +18,10 @@ def read_recognised(path: Path, **described: Any) -> Recording:
     return known.read(path, known.source.model_validate({"format": name, **described}))
 
 
-def refusal_by(read: Callable[..., object], path: Path, *given: object) -> str:
+def refusal_by(read: Callable[..., object], path: Path, *given: object, **stated: object) -> str:
     """What is said to a file that is refused: one line that begins with the file, of a length that can be read."""
     with pytest.raises(InputError) as caught:
-        read(path, *given)
+        read(path, *given, **stated)
     message = str(caught.value)
     assert message.startswith(str(path))
     assert message.isprintable()

@@ -9,6 +9,7 @@ import pytest
 import yaml
 from c3d_builder import REAL_DATA, write_c3d
 from recognised_files import refusal_by
+from scipy.spatial.transform import Rotation
 
 from osl_analysis.commands.inspect import inspect_file
 from osl_analysis.errors import InputError
@@ -16,11 +17,16 @@ from osl_analysis.formats.c3d import read_c3d
 from osl_analysis.ingest.captures import plate_loads, wrench
 from osl_analysis.ingest.draft import draft_source
 from osl_analysis.ingest.raw_files import FORMATS, read_source
+from osl_analysis.ingest.recording import Recording
 from osl_analysis.ingest.source import Source
 
 
 def source(**fields: object) -> Source:
     return FORMATS["c3d"].source.model_validate({"format": "c3d", **fields})
+
+
+def read(path: Path, **fields: object) -> Recording:
+    return FORMATS["c3d"].read(path, source(**fields))
 
 
 def points(frames: int = 6, count: int = 3) -> np.ndarray:
@@ -34,59 +40,52 @@ def analogs(samples: int = 24, channels: int = 2) -> np.ndarray:
     return np.arange(samples * channels, dtype=float).reshape(samples, channels) - 7.0
 
 
-def refused(path: Path, c3d_source: Source | None = None) -> str:
-    return refusal_by(FORMATS["c3d"].read, path, c3d_source or source())
+def refused(path: Path, **fields: object) -> str:
+    return refusal_by(read, path, **fields)
 
 
 def test_points_analogs_and_time_are_those_of_the_file(tmp_path: Path) -> None:
     path = write_c3d(tmp_path / "a.c3d", points(), analogs(), rate=100.0)
-    recording = FORMATS["c3d"].read(path, source(analogs={"sync": {"channel": "A2"}}))
-    markers = recording.samples.select("time", pl.col("^marker_.*$")).drop_nulls()
+    samples = read(path, analogs={"sync": {"channel": "A2"}}).samples
+    markers = samples.select("time", pl.col("^marker_.*$")).drop_nulls()
     np.testing.assert_allclose(markers["time"], np.arange(6) / 100, rtol=1e-15)
-    for i in range(3):
-        for axis, name in enumerate("xyz"):
-            np.testing.assert_allclose(markers[f"marker_M{i + 1}_{name}"], points()[:, i, axis] / 1000, rtol=1e-15)
-    np.testing.assert_allclose(recording.samples["time"], np.arange(24) / 400, rtol=1e-15)
-    np.testing.assert_array_equal(recording.samples["sync"], analogs()[:, 1])
-    alone = FORMATS["c3d"].read(path, source()).samples
+    found = markers.drop("time").to_numpy().reshape(6, 3, 3)
+    np.testing.assert_allclose(found, points()[:, :, :3] / 1000, rtol=1e-15)
+    np.testing.assert_allclose(samples["time"], np.arange(24) / 400, rtol=1e-15)
+    np.testing.assert_array_equal(samples["sync"], analogs()[:, 1])
+    alone = read(path).samples
     assert (len(alone), alone.null_count().sum_horizontal()[0]) == (6, 0)  # a row per frame
 
 
 def test_a_point_with_negative_residual_or_at_the_exact_origin_was_not_seen(tmp_path: Path) -> None:
     raw = points()
-    raw[1, 0, 3] = -1.0
-    raw[2, 0, :3] = 0.0
-    raw[3, 0, 2] = 0.0
-    samples = FORMATS["c3d"].read(write_c3d(tmp_path / "a.c3d", raw), source()).samples
-    assert samples["marker_M1_x"].is_nan().to_list() == [False, True, True, False, False, False]
-    assert samples["marker_M1_z"].is_nan().to_list() == [False, True, True, False, False, False]
+    raw[1, 0, 3], raw[2, 0, :3], raw[3, 0, 2] = -1.0, 0.0, 0.0
+    samples = read(write_c3d(tmp_path / "a.c3d", raw)).samples
+    for axis in "xz":
+        assert samples[f"marker_M1_{axis}"].is_nan().to_list() == [False, True, True, False, False, False]
     assert not samples["marker_M2_x"].is_nan().any()
 
 
-@pytest.mark.parametrize(("unit", "problem"), [("mmm", "unit 'mmm' is unknown"), ("", "the unit is empty")])
-def test_an_unknown_unit_of_length_is_refused_unless_the_source_states_it(
-    tmp_path: Path, unit: str, problem: str
-) -> None:
-    path = write_c3d(tmp_path / "a.c3d", points(), POINT__UNITS=[unit])
-    assert problem in refused(path)
-    samples = FORMATS["c3d"].read(path, source(point_unit="cm")).samples
-    np.testing.assert_allclose(samples["marker_M1_x"], points()[:, 0, 0] / 100)
+def test_an_unknown_unit_of_length_is_refused_unless_the_source_states_it(tmp_path: Path) -> None:
+    for unit, problem in (("mmm", "unit 'mmm' is unknown"), ("", "the unit is empty")):
+        path = write_c3d(tmp_path / "a.c3d", points(), POINT__UNITS=[unit])
+        assert problem in refused(path)
+        samples = read(path, point_unit="cm").samples
+        np.testing.assert_allclose(samples["marker_M1_x"], points()[:, 0, 0] / 100)
 
 
-@pytest.mark.parametrize(
-    ("stated", "told"),
-    [
+def test_a_name_that_the_file_lacks_has_twice_or_a_unit_that_cannot_be_is_refused(tmp_path: Path) -> None:
+    path = write_c3d(tmp_path / "a.c3d", points(), analogs(), ANALOG__UNITS=["N", "N"])
+    for stated, told in (
         ({"markers": ["M1", "TOE"]}, "no marker 'TOE'; the file has M1, M2, M3"),
         ({"analogs": {"sync": {"channel": "Sync"}}}, "no analog channel 'Sync'; the file has A1, A2"),
         ({"analogs": {"sync": {"channel": "a1"}}}, "; did you mean 'A1'?"),
         ({"analogs": {"sync": {"channel": "A1"}}}, "sync: unit 'N' measures [N]"),
-    ],
-)
-def test_a_name_that_the_file_lacks_or_a_unit_that_cannot_be_is_refused(
-    tmp_path: Path, stated: dict[str, object], told: str
-) -> None:
-    path = write_c3d(tmp_path / "a.c3d", points(), analogs(), ANALOG__UNITS=["N", "N"])
-    assert told in refused(path, source(**stated))
+    ):
+        assert told in refused(path, **stated)
+    path = write_c3d(tmp_path / "a.c3d", points(), POINT__LABELS=["TOE", "HEEL", "TOE"])
+    assert "marker 'TOE' occurs 2 times" in refused(path)
+    assert len(read(path, markers=["HEEL"]).samples) == 6
 
 
 @pytest.mark.parametrize("integers", [True, False])
@@ -107,25 +106,19 @@ def test_model_outputs_take_unit_and_sign_from_the_source_file(tmp_path: Path) -
     groups = {"POINT__TYPE_GROUPS": ["MOMENTS", "MOMENT"], "POINT__MOMENTS": ["LAnkleMoment"]}
     path = write_c3d(tmp_path / "a.c3d", points(), **labels, **groups)
     output = {"label": "LAnkleMoment", "component": "y", "unit": "N*mm/kg", "sign": -1}
-    recording = FORMATS["c3d"].read(path, source(outputs={"reference_ankle_moment_left": output}))
+    recording = read(path, outputs={"reference_ankle_moment_left": output})
     moment = recording.samples["reference_ankle_moment_left"]
     np.testing.assert_allclose(moment, -points()[:, 1, 1] / 1000, rtol=1e-15)
     markers = {name for name in recording.samples.columns if name.startswith("marker")}
     assert markers == {"marker_LTOE_x", "marker_LTOE_y", "marker_LTOE_z"}
 
 
-def test_a_label_that_stands_twice_is_refused_where_it_is_asked_for(tmp_path: Path) -> None:
-    path = write_c3d(tmp_path / "a.c3d", points(), POINT__LABELS=["TOE", "HEEL", "TOE"])
-    assert "marker 'TOE' occurs 2 times" in refused(path)
-    assert len(FORMATS["c3d"].read(path, source(markers=["HEEL"])).samples) == 6
-
-
 def test_an_analog_channels_unit_is_the_sources_or_else_the_files(tmp_path: Path) -> None:
     path = write_c3d(tmp_path / "a.c3d", points(), analogs(), ANALOG__UNITS=["mV", "volt?"])
-    of_file = FORMATS["c3d"].read(path, source(analogs={"sync": {"channel": "A1"}})).samples["sync"]
+    of_file = read(path, analogs={"sync": {"channel": "A1"}}).samples["sync"]
     np.testing.assert_allclose(of_file, analogs()[:, 0] / 1000, rtol=1e-15)
-    assert "unit 'volt?' is unknown" in refused(path, source(analogs={"sync": {"channel": "A2"}}))
-    stated = FORMATS["c3d"].read(path, source(analogs={"sync": {"channel": "A2", "unit": "V", "sign": -1}})).samples
+    assert "unit 'volt?' is unknown" in refused(path, analogs={"sync": {"channel": "A2"}})
+    stated = read(path, analogs={"sync": {"channel": "A2", "unit": "V", "sign": -1}}).samples
     np.testing.assert_allclose(stated["sync"], -analogs()[:, 1], rtol=1e-15)
 
 
@@ -146,19 +139,19 @@ def test_every_processors_numbers_are_read(tmp_path: Path, processor: int, integ
 @pytest.mark.parametrize("name", ["POINT__USED", "ANALOG__USED"])
 def test_counts_that_contradict_the_header_are_refused_and_the_advice_reads_the_file(tmp_path: Path, name: str) -> None:
     path = write_c3d(tmp_path / "a.c3d", points(200), analogs(800), **{name: np.array([9])})
-    message = refused(path)
-    assert f"{name.replace('__', ':')} is 9; the file's size fits header: write `counts: header`" in message
+    advice = "the file's size fits header: write `counts: header`"
+    assert f"{name.replace('__', ':')} is 9; {advice}" in refused(path)
+    assert advice in refused(path, counts="parameters")
     recording = read_c3d(path, "header")
     np.testing.assert_array_equal(recording.points, points(200)[:, :, :3])
     np.testing.assert_array_equal(recording.analogs, analogs(800))
-    assert len(FORMATS["c3d"].read(path, source(counts="header")).samples) == 200
-    assert "the file's size fits header: write `counts: header`" in refused(path, source(counts="parameters"))
+    assert len(read(path, counts="header").samples) == 200
     content = bytearray(write_c3d(path, points(200)).read_bytes())
     content[2] = 2  # of three points
     path.write_bytes(content)
     assert "the header counts 2, POINT:USED is 3; the file's size fits parameters" in refused(path)
     np.testing.assert_array_equal(read_c3d(path, "parameters").points, points(200)[:, :, :3])
-    assert "the file's size fits parameters: write `counts: parameters`" in refused(path, source(counts="header"))
+    assert "the file's size fits parameters: write `counts: parameters`" in refused(path, counts="header")
 
 
 def test_inspect_lists_a_file_of_contradictory_counts_and_its_draft_asks_for_them(tmp_path: Path) -> None:
@@ -172,20 +165,14 @@ def test_inspect_lists_a_file_of_contradictory_counts_and_its_draft_asks_for_the
     assert len(FORMATS["c3d"].read(path, read_source(tmp_path / "a.yaml")).samples) == 200
 
 
-def section_of(path: Path) -> tuple[bytearray, int, int]:
-    """Content of a file whose last parameter is `LAST:WORD`; where its record ends, and where the data begin."""
-    content, start = bytearray(path.read_bytes()), read_c3d(path).header.data_start
-    return content, content.index(b"XXXX", 512) + 5, start
-
-
 LAST = {"LAST__WORD": ["XXXX"]}
 
 
 @pytest.mark.parametrize("processor", [84, 85, 86])
 def test_a_parameter_section_may_end_without_its_mark(tmp_path: Path, processor: int) -> None:
     path = write_c3d(tmp_path / "a.c3d", points(), analogs(), processor=processor, **LAST)
-    whole = read_c3d(path)
-    content, end, start = section_of(path)
+    whole, content = read_c3d(path), bytearray(path.read_bytes())
+    end, start = content.index(b"XXXX", 512) + 5, whole.header.data_start
     content[end:start] = b"\xff" * (start - end)
     path.write_bytes(content)
     found = read_c3d(path)
@@ -193,8 +180,7 @@ def test_a_parameter_section_may_end_without_its_mark(tmp_path: Path, processor:
     np.testing.assert_array_equal(found.analogs, whole.analogs)
     assert found.header.texts("LAST:WORD") == ["XXXX"]
     remark = "its parameter section has no end mark and ends after WORD"
-    assert found.header.remark == remark
-    assert FORMATS["c3d"].read(path, source()).warnings == [f"a.c3d: {remark}"]
+    assert read(path).warnings == [f"a.c3d: {remark}"]
     assert remark in inspect_file(path).remarks
 
 
@@ -248,16 +234,16 @@ def test_plates_that_cannot_be_are_refused(
     tmp_path: Path, parameters: dict[str, list[float]], stated: dict[str, object], told: str
 ) -> None:
     path = plate_file(tmp_path, **{name: np.array(values) for name, values in parameters.items()})
-    assert told in refused(path, source(**stated))
+    assert told in refused(path, **stated)
 
 
 def test_a_laboratory_with_y_up_is_turned_to_z_up(tmp_path: Path) -> None:
     path = write_c3d(tmp_path / "a.c3d", points(), POINT__Y_SCREEN=["+Y"])
-    recording = FORMATS["c3d"].read(path, source(axes=["z", "x", "y"]))
+    recording = read(path, axes=["z", "x", "y"])
     for column, axis in zip(("x", "y", "z"), (2, 0, 1), strict=True):
         np.testing.assert_allclose(recording.samples[f"marker_M2_{column}"], points()[:, 1, axis] / 1000, rtol=1e-12)
     assert recording.warnings == []
-    assert "its vertical axis seems to be +Y; state `axes`" in FORMATS["c3d"].read(path, source()).warnings[0]
+    assert "its vertical axis seems to be +Y; state `axes`" in read(path).warnings[0]
 
 
 def test_a_mirrored_laboratory_is_refused() -> None:
@@ -285,10 +271,7 @@ def plate_file(folder: Path, **parameters: object) -> Path:
 @pytest.mark.parametrize("zero", ["file", [2, 3]])
 def test_the_baseline_that_is_asked_for_is_subtracted(tmp_path: Path, zero: object) -> None:
     path = plate_file(tmp_path, FORCE_PLATFORM__ZERO=np.array([2, 3]))
-    as_is, zeroed = (
-        FORMATS["c3d"].read(path, source()).samples,
-        FORMATS["c3d"].read(path, source(plate_zero=zero)).samples,
-    )
+    as_is, zeroed = read(path).samples, read(path, plate_zero=zero).samples
     for column in ("plate1_force_z", "plate1_moment_x"):
         baseline = as_is[column][4:12].mean()  # frames 2 and 3 of 4 samples each
         np.testing.assert_allclose(zeroed[column], as_is[column] - baseline, atol=1e-9)
@@ -302,12 +285,12 @@ def test_a_truncated_file_is_refused_with_both_counts(tmp_path: Path, missing: i
     there = 200 - -(-missing // (12 * 16))
     assert f"truncated: it declares 200 frames and holds {there}" in refused(path)
     path.write_bytes(path.read_bytes() + bytes(missing))
-    assert len(FORMATS["c3d"].read(path, source()).samples) == 200
+    assert len(read(path).samples) == 200
 
 
 def test_an_analog_rate_slightly_off_is_reported_and_the_frames_hold(tmp_path: Path) -> None:
     path = write_c3d(tmp_path / "a.c3d", points(), analogs(), ANALOG__RATE=np.array([401.0]))
-    recording = FORMATS["c3d"].read(path, source(analogs={"sync": {"channel": "A1"}}))
+    recording = read(path, analogs={"sync": {"channel": "A1"}})
     assert recording.samples["time"][-1] == pytest.approx(23 / 400)
     assert recording.warnings == [
         "a.c3d: ANALOG:RATE is 401.0 Hz, the frames hold samples at 400.0 Hz; the latter is used"
@@ -320,49 +303,27 @@ PLATES = sorted(set(zip(ROWS["file"], ROWS["plate"], strict=True)))
 RANDOM = np.random.default_rng(3)
 FORCE = RANDOM.normal(0, 300, (20, 3))
 MOMENT = RANDOM.normal(0, 40, (20, 3))
-HALF_LENGTH, HALF_WIDTH = 0.3, 0.2
 
 
-def rotation(angles: np.ndarray) -> np.ndarray:
-    """Any rotation, from three angles about x, y and z."""
-    (a, b, c), (s, t, u) = np.cos(angles), np.sin(angles)
-    about_x = np.array([[1, 0, 0], [0, a, -s], [0, s, a]])
-    about_y = np.array([[b, 0, t], [0, 1, 0], [-t, 0, b]])
-    about_z = np.array([[c, -u, 0], [u, c, 0], [0, 0, 1]])
-    return about_z @ about_y @ about_x
-
-
-def placed_corners(axes: np.ndarray, centre: np.ndarray) -> np.ndarray:
-    """Corners in the quadrants (+, +), (-, +), (-, -), (+, -) of the plate's axes, in the laboratory."""
-    signs = np.array([[1, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0]])
-    return centre + (signs * [HALF_LENGTH, HALF_WIDTH, 0]) @ axes.T
-
-
-AXES = rotation(np.array([np.pi - 0.1, 0.2, 0.7]))  # z down, tilted and turned
+AXES = Rotation.from_euler("ZYX", [0.7, 0.2, np.pi - 0.1]).as_matrix()  # z down, tilted and turned
 CENTRE = np.array([1.0, -2.0, 0.3])
-CORNERS = placed_corners(AXES, CENTRE)
+CORNERS = CENTRE + np.array([[0.3, 0.2, 0], [-0.3, 0.2, 0], [-0.3, -0.2, 0], [0.3, -0.2, 0]]) @ AXES.T
 IN_PLATE = FORCE @ AXES, MOMENT @ AXES
 SURFACE = np.array([0.004, -0.007, -0.045])  # from the plate's origin to the centre of its surface, plate axes
-
-
-def about_origin(force: np.ndarray, moment: np.ndarray, surface: np.ndarray) -> np.ndarray:
-    """Moment about the plate's origin of a wrench given about the surface's centre: M + r x F."""
-    return moment + np.cross(surface, force)
-
-
-def assert_wrench(kind: int, origin: np.ndarray, *channels: np.ndarray) -> None:
-    force, moment = wrench(kind, CORNERS, origin, *channels)
-    np.testing.assert_allclose(force, FORCE, rtol=1e-9, atol=1e-9)
-    np.testing.assert_allclose(moment, MOMENT, rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.parametrize("stored", [1, -1])
 def test_type_2_and_type_4_with_its_calibration_give_the_wrench_back_whichever_way_origin_points(stored: int) -> None:
     force, moment = IN_PLATE
-    channels = np.hstack([force, about_origin(force, moment, SURFACE)])
-    assert_wrench(2, stored * SURFACE, channels)
+    channels = np.hstack([force, moment + np.cross(SURFACE, force)])  # moments about the plate's origin: M + r x F
     calibration = RANDOM.normal(size=(6, 6)) + 5 * np.eye(6)
-    assert_wrench(4, SURFACE, np.linalg.solve(calibration, channels.T).T, calibration)
+    raw = np.linalg.solve(calibration, channels.T).T
+    for found in (
+        wrench(2, CORNERS, stored * SURFACE, channels),
+        wrench(4, CORNERS, stored * SURFACE, raw, calibration),
+    ):
+        np.testing.assert_allclose(found[0], FORCE, rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(found[1], MOMENT, rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.parametrize("depth_sign", [1, -1])
@@ -392,14 +353,13 @@ def test_type_1_gives_force_pressure_point_and_free_moment_back() -> None:
 @pytest.mark.parametrize(("file", "plate"), PLATES, ids=lambda value: str(value).split(".")[0])
 def test_real_plates_give_the_reference_wrench(file: str, plate: int) -> None:
     recording = read_c3d(REAL_DATA / "c3d" / file)
-    columns, _, _ = plate_loads(recording, FORMATS["c3d"].source(format="c3d", plates=(plate + 1,)))[0]
+    columns, _, _ = plate_loads(recording, source(plates=[plate + 1]))[0]
     force, moment = (np.column_stack([*columns.values()][at : at + 3]) for at in (0, 3))
     for row in ROWS.filter((pl.col("file") == file) & (pl.col("plate") == plate)).iter_rows(named=True):
         sample = row["analog_sample"]
-        expected_force = [row["Fx"], row["Fy"], row["Fz"]]
-        expected_moment = np.array([row["M_centre_x"], row["M_centre_y"], row["M_centre_z"]]) / 1000  # N*mm
-        np.testing.assert_allclose(force[sample], expected_force, rtol=1e-5)
-        np.testing.assert_allclose(moment[sample], expected_moment, rtol=1e-5)
+        np.testing.assert_allclose(force[sample], [row["Fx"], row["Fy"], row["Fz"]], rtol=1e-5)
+        expected = np.array([row[f"M_centre_{axis}"] for axis in "xyz"]) / 1000  # N*mm
+        np.testing.assert_allclose(moment[sample], expected, rtol=1e-5)
 
 
 def level_plate(path: Path, last: tuple[float, ...] = (1, 2, 3, 4000, 5000, 6000), **parameters: object) -> Path:
@@ -411,7 +371,7 @@ def level_plate(path: Path, last: tuple[float, ...] = (1, 2, 3, 4000, 5000, 6000
 
 
 def wrench_of(path: Path, row: int = 3, **fields: object) -> list[float]:
-    samples = FORMATS["c3d"].read(path, FORMATS["c3d"].source(format="c3d", **fields)).samples
+    samples = read(path, **fields).samples
     return [samples[f"plate1_{q}_{axis}"][row] for q in ("force", "moment") for axis in "xyz"]
 
 
@@ -423,8 +383,7 @@ def test_columns_and_geometry_of_a_plate_are_in_si_units_and_laboratory_axes(tmp
         "x-zy": [[0.6, 0, 0], [0, 0, 0], [0, 0, 0.4], [0.6, 0, 0.4]],
     }
     for axes, corners in expected.items():
-        source = FORMATS["c3d"].source(format="c3d", axes=tuple(re.findall("-?[xyz]", axes)))
-        (plate,) = FORMATS["c3d"].read(path, source).facts["plates"]
+        (plate,) = read(path, axes=re.findall("-?[xyz]", axes)).facts["plates"]
         assert (plate["plate"], plate["type"]) == (1, 2)
         np.testing.assert_allclose(plate["corners"], corners, atol=1e-12)
 

@@ -119,8 +119,6 @@ GOOD_ANGLE, GOOD_TORQUE = ("Angle", ANGLE, DEG), ("Torque", TORQUE, timing())
         ([GOOD_ANGLE, ("Torqe", TORQUE, timing())], "did you mean 'Torqe'?"),
         ([("Angle", ANGLE, timing(unit_string="furlongs")), GOOD_TORQUE], "measures [m]"),
         ([("Angle", ANGLE, timing()), GOOD_TORQUE], "'Bench/Angle': the unit is empty"),
-        ([("Angle", np.where(ANGLE > 9, np.nan, ANGLE), DEG), GOOD_TORQUE], "NaN in 5 of 100 rows"),
-        ([("Angle", np.where(ANGLE > 9, np.inf, ANGLE), DEG), GOOD_TORQUE], "inf in sample 96 of 100"),
     ],
 )
 def test_a_channel_that_cannot_be_a_signal_is_refused(tmp_path: Path, channels: Any, reason: str) -> None:
@@ -148,13 +146,8 @@ def test_a_file_that_is_cut_off_is_read_up_to_there_with_a_warning_or_refused(tm
     assert "holds no channels, or is cut off before them" in refused(path)
     path.write_bytes(whole[:28] + b"\xff" * 40 + whole[68:])
     assert "damaged or of a kind that is not read" in refused(path)
-
-
-def test_a_header_that_declares_more_than_the_file_holds_is_refused_at_once(tmp_path: Path) -> None:
-    path = bench(tmp_path / "a.tdms")
-    content = path.read_bytes()
-    count = np.uint64(ROWS).tobytes()
-    path.write_bytes(content.replace(count, np.uint64(1 << 40).tobytes()))
+    declared = bench(path).read_bytes().replace(np.uint64(ROWS).tobytes(), np.uint64(1 << 40).tobytes())
+    path.write_bytes(declared)
     assert "the length of a segment contradicts that of its channels" in refused(path)
 
 
@@ -165,16 +158,12 @@ def test_a_missing_library_is_named_with_its_remedy(tmp_path: Path, monkeypatch:
         read(path)
 
 
-def test_the_draft_has_units_and_the_clock_where_channels_have_no_timing(tmp_path: Path) -> None:
+def test_the_draft_has_units_and_no_clock_where_channels_have_timing(tmp_path: Path) -> None:
     overview = inspect_file(bench(tmp_path / "a.tdms"))
     assert "Bench/Angle [Degrees]  100 samples at 1000 Hz; from -10 to 10; float64" in overview_text(overview)
     draft = yaml.safe_load(draft_source(overview, "a.tdms"))
     assert "time" not in draft
     assert draft["channels"]["NAME_1"] == {"channel": "Bench/Angle", "unit": "Degrees"}
-    untimed = write(tmp_path / "b.tdms", [("Time", np.arange(ROWS) * 1.0, {}), ("torque_Nm", TORQUE, {})])
-    draft = yaml.safe_load(draft_source(inspect_file(untimed), "b.tdms"))
-    assert draft["time"] == {"channel": "Bench/Time", "unit": "UNKNOWN"}
-    assert list(draft["channels"].values()) == [{"channel": "Bench/torque_Nm", "unit": "Nm"}]
 
 
 @pytest.mark.skipif(not REAL_DATA.is_dir(), reason="no recordings made by others here")

@@ -183,9 +183,7 @@ CHANGES_OF_A_FILE = [appended, rewritten, Path.unlink]
 
 @pytest.mark.parametrize("change", CHANGES_OF_A_FILE, ids=lambda change: change.__name__)
 @pytest.mark.parametrize("role", ["log", "mocap"])
-def test_a_file_that_changes_while_it_is_read_is_refused(
-    laboratory: Path, monkeypatch: pytest.MonkeyPatch, change: Callable[[Path], None], role: str
-) -> None:
+def test_a_file_that_changes_while_it_is_read_is_refused(laboratory, monkeypatch, change, role):
     kind = {"log": "mcap", "mocap": "c3d"}[role]
     read = FORMATS[kind].reader
 
@@ -329,9 +327,7 @@ def test_every_unit_of_a_column_has_a_largest_value() -> None:
         (1.7e308, 0.0, "rev", r"theta is inf rad at 0\.020 s"),  # overflows in the conversion
     ],
 )
-def test_values_that_nothing_can_reach_are_refused_by_file_column_value_and_remedy(
-    tmp_path: Path, angle: float, torque: float, unit: str, told: str
-) -> None:
+def test_values_that_nothing_can_reach_are_refused_by_file_column_value_and_remedy(tmp_path, angle, torque, unit, told):
     with pytest.raises(InputError, match=rf"log\.csv: {told}.*; correct its unit or scale in the source file, or"):
         log_of(tmp_path, angle, torque, unit)
     assert not (tmp_path / "a.parquet").exists()

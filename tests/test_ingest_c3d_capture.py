@@ -197,9 +197,7 @@ def test_a_parameter_section_may_end_without_its_mark(tmp_path: Path, processor:
         ("WORD", (20000).to_bytes(2, "little"), "the parameter section is damaged after 'WORD'"),
     ],
 )
-def test_an_absurd_header_or_a_pointer_past_a_record_is_refused(
-    tmp_path: Path, place: int | str, value: bytes, problem: str
-) -> None:
+def test_an_absurd_header_or_a_pointer_past_a_record_is_refused(tmp_path, place, value, problem):
     """A parameter's pointer stands behind its name."""
     path = write_c3d(tmp_path / "a.c3d", points(), analogs(), **LAST, LAST__MORE=["YYYY"])
     content = bytearray(path.read_bytes())
@@ -230,9 +228,7 @@ def test_an_absurd_header_or_a_pointer_past_a_record_is_refused(
         ({"FORCE_PLATFORM__CHANNEL": np.arange(3, 9)[:, None]}, {}, "leave this plate out: `plates: none`"),
     ],
 )
-def test_plates_that_cannot_be_are_refused(
-    tmp_path: Path, parameters: dict[str, list[float]], stated: dict[str, object], told: str
-) -> None:
+def test_plates_that_cannot_be_are_refused(tmp_path, parameters, stated, told):
     path = plate_file(tmp_path, **{name: np.array(values) for name, values in parameters.items()})
     assert told in refused(path, **stated)
 

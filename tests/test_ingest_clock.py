@@ -154,8 +154,6 @@ ONCE = np.exp(-(((WITHIN - 10) / 1) ** 2)) * MOVEMENT(WITHIN)
         (MOVEMENT(WITHIN + 0.02 * np.sin(WITHIN / 2)), MOVEMENT(WITHIN), "the lags of the shared signal scatter by"),
     ],
 )
-def test_signals_that_do_not_show_the_same_movement_throughout_are_refused(
-    strange: np.ndarray, seen: np.ndarray, message: str
-) -> None:
+def test_signals_that_do_not_show_the_same_movement_throughout_are_refused(strange, seen, message):
     with pytest.raises(InputError, match=message):
         correlate_clocks((np.arange(strange.size) / CAMERA_RATE, strange), (WITHIN, seen))

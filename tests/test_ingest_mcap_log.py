@@ -48,9 +48,7 @@ def test_time_is_the_header_stamp_from_its_first_exact_to_the_nanosecond(tmp_pat
 
 @pytest.mark.parametrize("time", ["header", "log"])
 @pytest.mark.parametrize("order", [np.random.default_rng(0).permutation(50), np.roll(np.arange(50), 20)])
-def test_messages_in_any_file_order_come_in_the_order_of_their_sequence_numbers(
-    tmp_path: Path, order: np.ndarray, time: str
-) -> None:
+def test_messages_in_any_file_order_come_in_the_order_of_their_sequence_numbers(tmp_path, order, time):
     log = [stamped(START + 100 * i * MILLISECOND, angle=float(i), torque=0.0, sync=False) for i in range(50)]
     path = write_log(tmp_path / "log.mcap", [log[i] for i in order], chunk_size=300, sequences=order.tolist())
     recording = FORMATS["mcap"].read(path, source(time))
@@ -62,9 +60,7 @@ def test_messages_in_any_file_order_come_in_the_order_of_their_sequence_numbers(
 @pytest.mark.parametrize("time", ["header", "log"])
 @pytest.mark.parametrize("numbered", [False, True])
 @pytest.mark.parametrize("is_sorted", [False, True])
-def test_a_clock_that_is_set_back_while_recording_is_refused(
-    tmp_path: Path, by: float, time: str, numbered: bool, is_sorted: bool
-) -> None:
+def test_a_clock_that_is_set_back_while_recording_is_refused(tmp_path, by, time, numbered, is_sorted):
     if is_sorted and not (numbered and by < 1):
         pytest.skip("sorted since, without numbers: nothing tells; by an hour: a gap of an hour, which a fit refuses")
     back = [START + i * 10 * MILLISECOND - (round(by * 1e9) if i >= 100 else 0) for i in range(200)]
@@ -89,9 +85,7 @@ def test_sequence_numbers_that_are_missing_are_remarked(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("time", ["header", "log"])
 @pytest.mark.parametrize("numbers", [[*range(100, 130), *range(20)], [i // 2 + i % 2 * 9 for i in range(50)]])
-def test_sequence_numbers_of_a_restarted_publisher_or_of_two_move_no_message(
-    tmp_path: Path, numbers: list[int], time: str
-) -> None:
+def test_sequence_numbers_of_a_restarted_publisher_or_of_two_move_no_message(tmp_path, numbers, time):
     path = write_log(tmp_path / "log.mcap", samples(), sequences=numbers)
     recording = FORMATS["mcap"].read(path, source(time))
     np.testing.assert_allclose(recording.samples["theta"], np.arange(50) * DEGREE)

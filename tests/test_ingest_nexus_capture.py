@@ -115,9 +115,7 @@ def test_a_plates_moment_is_about_its_centre_wherever_the_file_takes_it(tmp_path
         (DEVICES + TRAJECTORIES.replace("mm", "parsnip") + MODEL, {}, "unit 'parsnip' is unknown"),
     ],
 )  # fmt: skip
-def test_what_does_not_fit_is_refused_with_the_reason(
-    tmp_path: Path, text: str, fields: dict[str, object], problem: str
-) -> None:
+def test_what_does_not_fit_is_refused_with_the_reason(tmp_path, text, fields, problem):
     path = tmp_path / "trial.csv"
     path.write_text(text)
     assert problem in refusal_by(FORMATS["nexus_csv"].read, path, source(**fields))

@@ -16,29 +16,14 @@ from osl_analysis.ingest.units import ALIASES, EXAMPLES, KNOWN_NAMES, Unit, base
 @pytest.mark.parametrize(
     ("unit", "expected", "factor"),
     [
-        ("deg", "rad", math.pi / 180),
-        ("mm", "m", 1e-3),
-        ("N·mm", "N*m", 1e-3),
-        ("N mm", "N*m", 1e-3),
-        ("Nmm", "N*m", 1e-3),
-        ("kN", "N", 1e3),
-        ("N*mm/kg", "N*m/kg", 1e-3),
-        ("N*m/deg", "N*m/rad", 180 / math.pi),
-        ("µs", "s", 1e-6),
-        ("μV", "V", 1e-6),
-        (" mA ", "A", 1e-3),
-        ("rpm", "rad/s", 2 * math.pi / 60),
-        ("Nm/kg", "N*m/kg", 1.0),
-        ("Degrees", "rad", math.pi / 180),
-        ("º", "rad", math.pi / 180),
-        ("mNm", "N*m", 1e-3),
-        ("Nms/deg", "N*m*s/rad", 180 / math.pi),
-        ("%", "1", 0.01),
-        ("rev", "rad", 2 * math.pi),
-        ("Amps", "A", 1.0),
-        ("Milliseconds", "s", 1e-3),
+        ("deg", "rad", math.pi / 180), ("Degrees", "rad", math.pi / 180), ("º", "rad", math.pi / 180),
+        ("rev", "rad", 2 * math.pi), ("rpm", "rad/s", 2 * math.pi / 60), ("%", "1", 0.01), ("mm", "m", 1e-3),
+        ("N·mm", "N*m", 1e-3), ("N mm", "N*m", 1e-3), ("Nmm", "N*m", 1e-3), ("mNm", "N*m", 1e-3), ("kN", "N", 1e3),
+        ("N*mm/kg", "N*m/kg", 1e-3), ("Nm/kg", "N*m/kg", 1.0), ("N*m/deg", "N*m/rad", 180 / math.pi),
+        ("Nms/deg", "N*m*s/rad", 180 / math.pi), ("µs", "s", 1e-6), ("Milliseconds", "s", 1e-3), ("μV", "V", 1e-6),
+        (" mA ", "A", 1e-3), ("Amps", "A", 1.0),
     ],
-)
+)  # fmt: skip
 def test_a_laboratorys_spelling_has_its_factor(unit: str, expected: str, factor: float) -> None:
     assert si_factor(unit, expected) == pytest.approx(factor, rel=1e-15)
 

@@ -20,7 +20,6 @@ from osl_analysis.ingest.draft import draft_source, likely_column
 from osl_analysis.ingest.overview import RecordedChannel, likely_clock
 from osl_analysis.ingest.raw_files import FORMATS, read_source
 from osl_analysis.ingest.source import open_places
-from osl_analysis.trial import COLUMNS
 
 NASTY = 'a\x1b[2J": {x\n# y\u202eb'
 LATIN = NASTY.replace("\u202e", "\x9b")
@@ -149,9 +148,7 @@ def test_a_capture_of_walking_drafts_the_walking_section_and_asks_for_what_names
         ([0, 0, 0], "UNKNOWN  # of 3 force plates in this file"),
     ],
 )
-def test_of_several_plates_the_draft_guesses_the_loaded_one_next_to_the_platform(
-    tmp_path: Path, forces: list[float], line: str
-) -> None:
+def test_of_several_plates_the_draft_guesses_the_loaded_one_next_to_the_platform(tmp_path, forces, line):
     """The platform's markers are at x = 1 m, the plates at x = 0, 1, 2 m with these forces [N]."""
     points, analogs = np.ones((4, 6, 4)) * [1000, 10, 10, 0], np.zeros((4, 18))
     analogs[2:, 2::6] = forces
@@ -226,37 +223,19 @@ def test_every_real_file_is_listed_or_refused_in_a_sentence(path: Path) -> None:
     assert isinstance(yaml.safe_load(draft_source(overview, path.name)), dict)
 
 
-def channel(name: str, unit: str = "") -> RecordedChannel:
-    return RecordedChannel("column", {"column": name}, unit)
-
-
 @pytest.mark.parametrize(
     ("name", "unit", "column"),
     [
-        ("angleJIM", "", "theta"),
-        ("JointPosition", "rad", "theta"),
-        ("position[name=ankle]", "rad", "theta"),
-        ("desired_angle", "deg", "theta_command"),
-        ("motor_position", "rad", "theta_m"),
-        ("actuator velocity", "rad/s", "omega_m"),
-        ("LoadCellTorque", "Nm", "torque"),
-        ("motor_torque", "N*m", "torque_m"),
-        ("I_q", "A", "current"),
-        ("sync_out", "V", "sync"),
-        ("Trig", "", "trigger"),
-        ("torque", "deg", ""),
-        ("angle", "V", ""),
-        ("commanded_torque", "N*m", ""),
-        ("R_ground_torque_y", "N*m", ""),
-        ("case_temperature", "", ""),
-        ("load", "Nm", "torque"),
-        ("ch3", "deg", "theta"),
-        ("roll", "deg", ""),
+        ("angleJIM", "", "theta"), ("JointPosition", "rad", "theta"), ("position[name=ankle]", "rad", "theta"),
+        ("desired_angle", "deg", "theta_command"), ("motor_position", "rad", "theta_m"), ("I_q", "A", "current"),
+        ("actuator velocity", "rad/s", "omega_m"), ("LoadCellTorque", "Nm", "torque"), ("Trig", "", "trigger"),
+        ("sync_out", "V", "sync"), ("motor_torque", "N*m", "torque_m"), ("torque", "deg", ""), ("angle", "V", ""),
+        ("commanded_torque", "N*m", ""), ("R_ground_torque_y", "N*m", ""), ("case_temperature", "", ""),
+        ("load", "Nm", "torque"), ("ch3", "deg", "theta"), ("roll", "deg", ""),
     ],
-)
+)  # fmt: skip
 def test_a_name_and_its_unit_tell_the_column(name: str, unit: str, column: str) -> None:
-    assert likely_column(channel(name, unit)) == column
-    assert column in ("", *COLUMNS)
+    assert likely_column(RecordedChannel("column", {"column": name}, unit)) == column
 
 
 TIME = np.arange(50) * 0.004

@@ -18,7 +18,7 @@ from mcap.reader import NonSeekingReader
 from mcap.writer import CompressionType
 from mcap_builder import stamped, write_log
 from mcap_bytes import cdr, channel, chunk, header, index, log, message, messages, record, schema, statistics
-from test_ingest_mutilated import mutilated
+from test_ingest_every_log import mutilated
 
 from osl_analysis.errors import InputError
 from osl_analysis.formats.mcap import CHUNK_HEAD, MAGIC, RECORD, read_mcap

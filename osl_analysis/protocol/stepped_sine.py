@@ -65,7 +65,7 @@ def upward_crossings(time: Array, theta: Array) -> Array:
     """Times [s] at which the angle rises through its centre, from below a dead band to above it, 2 % of the largest
     angle, so that rests and noise stay within. The centre is the median angle where the joint moves, and so changes
     measurably in 20 ms; it may rest elsewhere, and for longer."""
-    apart = max(round(0.02 / float(np.median(np.diff(time)))), 1)
+    apart = max(round(0.02 * (len(time) - 1) / float(time[-1] - time[0])), 1)
     change = np.abs(theta[apart:] - theta[:-apart])
     moving = change > 0.1 * np.quantile(change, 0.95) if change.size else change > 0
     x = theta - np.median(theta[apart:][moving] if moving.any() else theta)

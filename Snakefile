@@ -9,7 +9,6 @@ made again.
 import gc
 import os
 import sys
-from dataclasses import asdict
 from operator import attrgetter
 from pathlib import Path
 
@@ -21,7 +20,7 @@ if not {"-n", "--dry-run", "--dryrun"} & {*sys.argv}:
 
 from osl_analysis.commands.run import with_shipped_profile
 from osl_analysis.campaign.campaign import about, check_campaign, matching, open_campaign
-from osl_analysis.campaign.campaign import response_example, time_series_example
+from osl_analysis.campaign.campaign import response_example, sentence, time_series_example
 from osl_analysis.campaign.configuration import campaign_config, overriding
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL, judged_tables
 from osl_analysis.yaml_settings import read_mapping

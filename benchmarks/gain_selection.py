@@ -56,7 +56,7 @@ def main() -> None:
     rng = np.random.default_rng(1)
     K_d, B_d = rng.uniform(20, 600, MANY), rng.uniform(0.5, 20, MANY)
     optimal_damping(K_d[:10], B_d[:10], p, PAPER_WEIGHT)
-    ours, found = timed(lambda: optimal_damping(K_d, B_d, p, PAPER_WEIGHT).B_1)
+    ours, found = timed(lambda: optimal_damping(K_d, B_d, p, PAPER_WEIGHT)["B_1"])
     few = zip(K_d[:FEW], B_d[:FEW], strict=True)
     theirs, searched = timed(lambda: np.array([bounded_search(k, b, p) for k, b in few]))
     difference = np.max(np.abs((searched + p.B_m) / (found[:FEW] + p.B_m) - 1))

@@ -459,13 +459,13 @@ def select_gains(
     if trajectory is None and len(stated) < 2:
         raise click.UsageError("give --stiffness and --damping, or --trajectory")
     weight = Weight(asked["weight_hz"], asked["weight_order"])
-    request = command.Request(asked["stiffness"] or [], asked["damping"] or [], trajectory, weight)
-    table = command.requested_gains(request, parameters)
+    pairs = asked["stiffness"] or [], asked["damping"] or []
+    table = command.requested_gains(*pairs, trajectory, weight, parameters)
     if output is not None:
         command.write_gains(table, output)
     if plot is not None:
-        command.plot_gains(request, table, parameters, plot)
-    say(rows_json(table) if as_json else command.gains_text(request, table))
+        command.plot_gains(table, parameters, plot)
+    say(rows_json(table) if as_json else command.gains_text(table))
 
 
 @main.command(

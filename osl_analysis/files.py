@@ -27,10 +27,19 @@ def atomic_path(path: Path) -> Iterator[Path]:
         yield temporary
         temporary.replace(path)
     except Exception as error:
-        reason = disk_failure(error, temporary)
-        if reason is None:
-            raise
-        raise WriteError(f"{path}: cannot be written ({reason}); make room, or choose another place") from error
+        # libraries raise theirs after the system's; Polars has an error of its own, with the number in its text
+        cause: BaseException | None = error
+        while cause is not None:
+            reason, number = None, re.search(r"\(os error (\d+)\)", str(cause))
+            if isinstance(cause, OSError) and cause.filename in (None, str(temporary)):
+                reason = cause.strerror or " ".join(str(cause).split())
+            elif number:
+                reason = os.strerror(int(number[1]))
+            if reason is not None:
+                said = f"{path}: cannot be written ({reason}); make room, or choose another place"
+                raise WriteError(said) from error
+            cause = cause.__cause__ or cause.__context__
+        raise
     finally:
         with suppress(OSError):
             temporary.unlink(missing_ok=True)
@@ -67,20 +76,6 @@ def check_output(path: Path) -> None:
     except OSError as error:
         reason = f"no file can be made in {folder} ({error.strerror})"
         raise InputError(f"{path}: cannot be written, because {reason}; choose another place") from error
-
-
-def disk_failure(error: BaseException, written: Path) -> str | None:
-    """Why the system did not write to `written`, by the error that a library raised; None if the error is another.
-    Polars has an error of its own, in whose text the number stands; other libraries raise theirs after the system's."""
-    cause: BaseException | None = error
-    while cause is not None:
-        if isinstance(cause, OSError) and cause.filename in (None, str(written)):
-            return cause.strerror or " ".join(str(cause).split())
-        number = re.search(r"\(os error (\d+)\)", str(cause))
-        if number:
-            return os.strerror(int(number[1]))
-        cause = cause.__cause__ or cause.__context__
-    return None
 
 
 def temporary_path(path: Path, pid: int) -> Path:

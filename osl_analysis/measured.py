@@ -1,24 +1,19 @@
 """Which numbers can be a measurement: a fit refuses the others before they overflow, vanish or turn into NaN."""
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import ArrayLike
 
 from osl_analysis.errors import InputError
 from osl_analysis.trial import Array
 
-LARGEST_SIGNAL, SMALLEST_SIGNAL = 1e30, 1e-30
-"""Largest size of a value, and smallest size of the largest value of a signal that is not 0 throughout, in SI units. No
-signal of a laboratory comes near these, and within them a squared variance of a quotient of two signals, the largest
-power that any estimate needs, neither overflows nor vanishes."""
+SMALLEST_SIGNAL = 1e-30  # of the largest value of a signal that is not 0 throughout, in SI units
 LARGEST_VARIANCE = 1e150  # its square is finite
 EXACT_FIT_SHARE = 1e-24
 """Mean square of the rounding error of an exact fit, as a share of that of y. Whether an exact fit leaves 0 or 1e-16
 depends on the processor's kernels; nothing may depend on which."""
 
 
-def check_finite(name: str, values: ArrayLike, limit: float = LARGEST_SIGNAL, least: float = 0.0) -> None:
+def check_finite(name: str, values: ArrayLike, limit: float = 1e30, least: float = 0.0) -> None:
     """Refuse numbers, of any shape, of which one is not finite or beyond the limit, or all are below `least` without
     being 0 throughout. `name` is for the message."""
     array = np.asarray(values)
@@ -34,14 +29,10 @@ def check_finite(name: str, values: ArrayLike, limit: float = LARGEST_SIGNAL, le
 
 
 def check_measured(name: str, values: ArrayLike) -> None:
-    """Refuse a signal, of any shape, that no sensor can have given."""
-    check_finite(name, values, LARGEST_SIGNAL, SMALLEST_SIGNAL)
-
-
-def check_all_measured(names: Sequence[str], signals: Array) -> None:
-    """As `check_measured`, for signals (p, n) with a name each."""
-    for name, signal in zip(names, signals, strict=True):
-        check_measured(name, signal)
+    """Refuse a signal, of any shape, that no sensor can have given. In SI units no signal of a laboratory comes near
+    1e30 or 1e-30, and within them a squared variance of a quotient of two signals, the largest power that any estimate
+    needs, neither overflows nor vanishes."""
+    check_finite(name, values, least=SMALLEST_SIGNAL)
 
 
 def rounding_of(y: Array) -> float:

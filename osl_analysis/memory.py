@@ -9,7 +9,6 @@ from pathlib import Path
 from osl_analysis.errors import InputError, MemoryLimitError
 
 VARIABLE = "OSL_MEMORY_MB"  # memory that one job, or one call of the command line, may have [MB]
-MB = 1_000_000
 
 
 @contextmanager
@@ -23,9 +22,15 @@ def limited_memory(files: Sequence[Path | str]) -> Iterator[None]:
         return
     import resource
 
+    allowed = 0.8 * machine_memory()
+    if text := os.environ.get(VARIABLE, ""):
+        allowed = 0.0
+        with suppress(ValueError):
+            allowed = 1e6 * float(text)
+        if not 0 < allowed < sys.maxsize:
+            raise InputError(f"{VARIABLE}={text}: write a number of megabytes above 0, or unset it")
     soft, hard = resource.getrlimit(resource.RLIMIT_DATA)
-    limits = [one for one in (soft, hard) if one != resource.RLIM_INFINITY]
-    limit = min(int(MB * stated_megabytes()) or int(0.8 * machine_memory()), *limits, sys.maxsize)
+    limit = min(int(allowed), *(one for one in (soft, hard) if one != resource.RLIM_INFINITY), sys.maxsize)
     resource.setrlimit(resource.RLIMIT_DATA, (limit, hard))
     try:
         yield
@@ -33,21 +38,11 @@ def limited_memory(files: Sequence[Path | str]) -> Iterator[None]:
         resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))  # the message needs some, too
         named = ", ".join(map(str, files[:3])) + " ..." * (len(files) > 3) + ": " * bool(files)
         raise MemoryLimitError(
-            f"{named}not enough memory, a job may have {limit / MB:.0f} MB here; cut the recording, or ask for fewer "
+            f"{named}not enough memory, a job may have {limit / 1e6:.0f} MB here; cut the recording, or ask for fewer "
             f"samples, or allow more by {VARIABLE} or on a larger machine"
         ) from error
     finally:
         resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))
-
-
-def stated_megabytes() -> float:
-    """What the environment allows [MB]; 0 where it says nothing."""
-    if not (text := os.environ.get(VARIABLE, "")):
-        return 0
-    with suppress(ValueError):
-        if 0 < float(text) < sys.maxsize / MB:
-            return float(text)
-    raise InputError(f"{VARIABLE}={text}: write a number of megabytes above 0, or unset it")
 
 
 def machine_memory() -> int:

@@ -16,7 +16,7 @@ from osl_analysis.bench.phasors import frequency_response_table
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.campaign.configuration import read_section
 from osl_analysis.commands.bench import Fit, campaign_parameters, fit_settings, fit_tables, fit_trial
-from osl_analysis.commands.gains import Request, requested_gains
+from osl_analysis.commands.gains import requested_gains
 from osl_analysis.commands.tables import read_summary as read_summary_file
 from osl_analysis.commands.trials import checked_trial
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
@@ -305,7 +305,7 @@ def gains(
         if not pairs[-1] or not np.isfinite(pairs[-1]).all():
             raise InputError(f"{name}: {values!r} is not a finite number, or several of them; correct it")
     weight = read_section(Path(config or config_here()), "gain_weight", WeightSettings).weight
-    return requested_gains(Request(pairs[0], pairs[1], None, weight), device)
+    return requested_gains(pairs[0], pairs[1], None, weight, device)
 
 
 def read_summary(folder: File = "results") -> pl.DataFrame:

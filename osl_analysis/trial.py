@@ -167,11 +167,6 @@ def write_trial(trial: Trial, path: Path) -> None:
         trial.samples.write_parquet(temporary, compression="lz4", metadata=metadata)
 
 
-def read_provenance(path: Path) -> dict[str, Any]:
-    """The provenance of a trial without its samples; raises as `read_trial`."""
-    return metadata_of(path)[1]
-
-
 def read_trial(path: Path) -> Trial:
     """Read what `write_trial` wrote; what is missing, is not Parquet, or was not written by ingest is refused."""
     name, provenance = metadata_of(path)
@@ -180,7 +175,7 @@ def read_trial(path: Path) -> Trial:
 
 
 def metadata_of(path: Path) -> tuple[str, dict[str, Any]]:
-    """Name and provenance of what `write_trial` wrote."""
+    """Name and provenance of a trial without its samples; raises as `read_trial`."""
     check_not_refused(path)
     if not path.is_file():
         raise InputError(f"{path}: no such trial; ingest it first (osl-analysis ingest)")

@@ -37,9 +37,9 @@ def plot_numbers(wildcards):
             inputs["summary"] = tabled("belt_summary")
             parts["read"] = {"curves": rows("belt_curves"), "quality": verdicts_on("belt_curves")}
         case "fig4":
-            trial = TIME_SERIES.trial
+            trial = TIME_SERIES["trial"]
             inputs = {"trial": trial_file(trial), "quality": checked([trial]), "fit": rows("impedance", [trial])[0]}
-            settings = {"settings": CONFIG.dynamometer.part("ImpedanceAnalysis"), "choice": asdict(TIME_SERIES)}
+            settings = {"settings": CONFIG.dynamometer.part("ImpedanceAnalysis"), "choice": TIME_SERIES}
             settings |= {"limits": limits_of("impedance"), "windows": CAMPAIGN.row(trial)["windows"]}
         case "fig7":
             parts["files"] = {"parameters": CONFIG.parameters or []}
@@ -60,7 +60,7 @@ def plot_numbers(wildcards):
 
 @step("figure.draw_figure", [f"figures/{{figure}}.{suffix}" for suffix in SUFFIXES])
 def draw_figure(wildcards):
-    name, settings = wildcards.figure, {"name": wildcards.figure, "footer": ABOUT.of_figure()}
+    name, settings = wildcards.figure, {"name": wildcards.figure, "footer": sentence(ABOUT, below_figure=True)}
     modules, table_csv = ("figures.names", f"figures.{FIGURES[name].module}"), RESULTS / f"figures/{name}.csv"
     inputs = {"input": {"table_csv": table_csv}, "read": {"fitted": shown_rows(name)}}
     return {"modules": modules, **inputs, "settings": settings}
@@ -74,7 +74,7 @@ def captions(_):
         "input": {"fitted": list(tables.values())},
         "read": {"shown": {name: shown_rows(name) for name in tables}},
     }
-    return {"modules": modules, **inputs, "settings": {"tables": tables, "footer": ABOUT.sentence()}}
+    return {"modules": modules, **inputs, "settings": {"tables": tables, "footer": sentence(ABOUT)}}
 
 
 @step("report.write_report", "report.html", name="report")
@@ -85,7 +85,7 @@ def report_page(_):
     ends |= {"captions": RESULTS / "figures/captions.md"} if drawn else {}
     shown = {"tables": tables, "figures": drawn, "series": rows("series"), "crossings": crossings(WALKED)}
     shown["trials"] = [trial_file(trial) for trial in CAMPAIGN.trials()]
-    settings = {"about": asdict(ABOUT), "largest_mb": CONFIG.report.largest_mb}
+    settings = {"about": ABOUT, "largest_mb": CONFIG.report.largest_mb}
     return {
         "made_of": sorted(TEMPLATES.iterdir()),
         "input": {"tables": tables, "figures": drawn, **ends},

@@ -31,7 +31,7 @@ def study_batch(wildcards):
 
 STUDY_JOBS = [f"{FILE_OF[one.experiment]}_{one.first}_{one.number}" for one in study_batches(STUDIED)]
 TABLE_OF_STUDY, BATCHES = RESULTS / "study/study.csv", [RESULTS / f"study/batches/{name}.csv" for name in STUDY_JOBS]
-FOOTER = f"Simulated data: Monte Carlo study with seed {STUDY.seed}, osl-analysis {ABOUT.version}"
+FOOTER = f"Simulated data: Monte Carlo study with seed {STUDY.seed}, osl-analysis {ABOUT['version']}"
 DRAWING = {"modules": ("figures.names", "figures.others"), "settings": {"name": "study", "footer": FOOTER}}
 DRAWING["input"] = {"table_csv": TABLE_OF_STUDY}
 single("study.summarise_study", TABLE_OF_STUDY, "study/table", {"input": {"batches": BATCHES}}, "study_table")

@@ -131,14 +131,14 @@ def excluded_trials(_):
 @step("tables.write_summary", {"summary_json": "summary.json", "numbers_tex": "numbers.tex"})
 def headline_numbers(_):
     """Those of the desired impedance of Fig. 4 are among them."""
-    row = CAMPAIGN.row(TIME_SERIES.trial) if TIME_SERIES else {}
-    example = {"K_d": row["K_d"], "B_d": row["B_d"], "chosen": TIME_SERIES.chosen} if row else None
+    row = CAMPAIGN.row(TIME_SERIES["trial"]) if TIME_SERIES else {}
+    example = {"K_d": row["K_d"], "B_d": row["B_d"], "chosen": TIME_SERIES["chosen"]} if row else None
     trials = {name: CAMPAIGN.trials(name) for name in EXPERIMENTS if CAMPAIGN.trials(name)}
     return {
         "input": {"excluded": tabled("excluded"), "verdicts": tabled("quality")},
         "after": result_tables(),
         "read": {"table_paths": by_stem(result_tables())},
-        "settings": {"about": asdict(ABOUT), "example": example, "trials": trials},
+        "settings": {"about": ABOUT, "example": example, "trials": trials},
     }
 
 
@@ -146,4 +146,4 @@ def headline_numbers(_):
 def describe_tables(_):
     published = [*result_tables(), tabled("quality"), tabled("excluded"), *drawn_files()]
     tables = [str(path.relative_to(RESULTS)) for path in published if path.suffix == ".csv"]
-    return {"settings": {"about": asdict(ABOUT), "tables": tables}}
+    return {"settings": {"about": ABOUT, "tables": tables}}

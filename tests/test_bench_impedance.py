@@ -25,7 +25,6 @@ from osl_analysis.bench.model_comparison import thinned_amplitudes
 from osl_analysis.bench.phasors import frequency_response_table, phasor_table, phasors_of_record
 from osl_analysis.bench.record import record_of_trial
 from osl_analysis.bench.settings import BenchStiffness, DynamometerAnalysis
-from osl_analysis.campaign.campaign import ImpedanceExample
 from osl_analysis.campaign.configuration import read_section
 from osl_analysis.commands import figure as plotted_numbers
 from osl_analysis.commands.bench import average_over_amplitudes, estimates_text
@@ -73,7 +72,8 @@ def settings_of(protocol):
 
 def fig4_of(path, table, settings, amplitude, seconds=1, limits=None):
     """The plotted numbers of Fig. 4 of one amplitude [deg] of the trial at a path, beside the table of its fits."""
-    folder, choice = path.parent, ImpedanceExample("made", "ankle", None, amplitude, seconds, "")
+    folder, names = path.parent, {"trial": "made", "joint": "ankle", "side": None, "chosen": ""}
+    choice = {**names, "amplitude_deg": amplitude, "duration_s": seconds}
     write_table(table, folder / "fit.csv")
     plotted_numbers.fig4(path, folder / "fit.csv", settings, choice, limits or Doubt(), folder / "fig4.csv")
     return read_table(folder / "fig4.csv")

@@ -7,7 +7,7 @@ import polars as pl
 import pytest
 from test_figures import plotted
 
-from osl_analysis.campaign.campaign import About
+from osl_analysis.campaign.campaign import ABOUT_MEANING
 from osl_analysis.commands.figure import caption_of, write_captions
 from osl_analysis.commands.tables import write_table_metadata
 from osl_analysis.figures import FIGURES
@@ -72,7 +72,7 @@ def test_each_figure_has_a_section_a_missing_one_its_reason_and_the_kind_of_data
 
 def test_the_metadata_of_the_tables_lead_to_the_captions_where_there_are_figures(tmp_path):
     for tables in (["tables/belt.csv", "figures/fig3.csv"], ["tables/belt.csv"]):
-        write_table_metadata(About("made", "simulated", "0", "1", "2026"), tables, tmp_path / "m.json")
+        write_table_metadata(dict.fromkeys(ABOUT_MEANING, "made"), tables, tmp_path / "m.json")
         content = json.loads((tmp_path / "m.json").read_text(encoding="utf-8"))
         assert (content.get("rdfs:seeAlso") == {"@id": "figures/captions.md"}) == (len(tables) == 2)
         assert [table["url"] for table in content["tables"]] == tables

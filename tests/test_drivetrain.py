@@ -21,7 +21,7 @@ from osl_analysis.model.drivetrain import (
     joint_admittance,
     motor_friction,
 )
-from osl_analysis.model.drivetrain_response import Friction, belt_response
+from osl_analysis.model.drivetrain_response import belt_response
 from osl_analysis.model.parameters import read_parameters
 from osl_analysis.simulator.drivetrain import (
     IDEAL,
@@ -32,7 +32,7 @@ from osl_analysis.simulator.drivetrain import (
 
 FREQUENCIES = np.array([0.0, 0.3, 1.0, 5.0, 40.0])
 RATE = 1000.0
-NONE, TRUE = Friction(0.0, 0.05), Friction(1.0, 0.05)
+NONE, TRUE = (0.0, 0.05), (1.0, 0.05)  # friction and sign_width
 P = read_parameters(ROOT / "config/parameters/default.yaml")
 CONTINUOUS = IDEAL | {"substeps": 100, "control_updates": 100}
 
@@ -88,7 +88,7 @@ def test_without_friction_a_sine_is_answered_by_equation_9(parameters, frequency
     """Belt torque is the joint's without B_j and J_j: 1/Y - B_j s. Straight lines lose 4e-4 of a sine at 10 Hz."""
     gains = uncompensated_gains(300, 5, parameters)
     t, theta = sine(frequency_hz)
-    torque = belt_response(theta, RATE, gains, parameters, NONE)
+    torque = belt_response(theta, RATE, gains, parameters, *NONE)
     settled = t > t[-1] / 2
     w = 2 * np.pi * frequency_hz
     phasor = 2j * np.mean((torque * np.exp(-1j * w * t))[settled]) / 0.05
@@ -98,7 +98,7 @@ def test_without_friction_a_sine_is_answered_by_equation_9(parameters, frequency
 
 def test_it_starts_at_rest_in_equilibrium(parameters):
     gains = uncompensated_gains(300, 5, parameters)
-    torque = belt_response(np.full(500, 0.1), RATE, gains, parameters, TRUE)
+    torque = belt_response(np.full(500, 0.1), RATE, gains, parameters, *TRUE)
     series = 1 / (1 / parameters.K_s + 1 / (gains.K_1 * parameters.n_T**2))
     assert torque == pytest.approx(np.full(500, 0.1 * series), rel=1e-9)
 
@@ -107,7 +107,7 @@ def test_friction_holds_up_to_its_limit_and_no_further(parameters):
     """A joint that creeps away: the motor stays until the belt pulls with f_C n_T, then follows."""
     gains, still = Gains(40.0, 1.0, cancels_friction=False), replace(parameters, f_G=0.0)
     theta = np.linspace(0, 0.05, 20_000)
-    torque = belt_response(theta, RATE, gains, still, TRUE)
+    torque = belt_response(theta, RATE, gains, still, *TRUE)
     locked = parameters.K_s * theta
     broke_away = int(np.argmax(torque < locked - 1e-9))
     assert locked[broke_away] == pytest.approx(parameters.f_C * parameters.n_T, rel=0.01)
@@ -128,7 +128,7 @@ def test_two_integrators_that_share_nothing_agree(parameters, controller, K_s2):
     own = {"cancels_friction": gains.cancels_friction, "sign_width": 0.05, "control_updates": 20}
     effects = IDEAL | {"friction": True} | own
     expected = simulate_drivetrain(RATE, theta, omega, commands, effects, p)["belt_torque"]
-    found = belt_response(theta, RATE, gains, p, TRUE)
+    found = belt_response(theta, RATE, gains, p, *TRUE)
     assert np.std(found - expected) < 0.01 * np.std(expected)
 
 

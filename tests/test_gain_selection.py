@@ -65,8 +65,8 @@ def device(device_name):
 
 def squared(K_d, B_d, x, p, weight, J_j=0.0):
     """The squared norm of the product's own recursion and its slope; K_d, B_d and x are arrays of one shape."""
-    a, b = admittance_error(np.asarray(K_d, float), np.asarray(B_d, float), p, weight, J_j)
-    return squared_norm(np.asarray(x), *a, *b)
+    polynomials = admittance_error(np.asarray(K_d, float), np.asarray(B_d, float), p, weight, J_j)
+    return squared_norm(np.asarray(x), *polynomials)
 
 
 def norm(K_d, B_d, B_1, p, weight=PAPER_WEIGHT, J_j=0.0):
@@ -98,11 +98,11 @@ def test_norm_is_the_integral_over_frequency(parameters, K_d, B_d, weight):
 def test_no_gain_of_a_dense_search_does_better(device, weight):
     pairs = np.array([(K_d, B_d) for K_d in (1.0, 50.0, 300.0, 0.99 * device.K_s) for B_d in (0.0, 0.4, 5.0, 20.0)])
     found = optimal_damping(*pairs.T, device, weight)
-    finite = ~found.unbounded
+    finite = ~found["unbounded"]
     assert finite.any()
     K_d, B_d, x = (grid.ravel() for grid in np.broadcast_arrays(*pairs.T[:, :, None], np.geomspace(1e-7, 1e6, 800)))
     tried = squared(K_d, B_d, x, device, weight)[0].reshape(len(pairs), -1)
-    assert (found.error[finite] <= np.sqrt(tried.min(axis=1))[finite] * (1 + 1e-9)).all()
+    assert (found["error"][finite] <= np.sqrt(tried.min(axis=1))[finite] * (1 + 1e-9)).all()
 
 
 def test_the_minima_are_those_that_were_proved_in_rational_arithmetic(device_name, device):
@@ -111,21 +111,21 @@ def test_the_minima_are_those_that_were_proved_in_rational_arithmetic(device_nam
     for K_d, B_d, weight, with_inertia, minima in PROVED[device_name]:
         J_j = p.J_j if with_inertia else 0.0
         found = optimal_damping([K_d], [B_d], p, weight, J_j)
-        assert found.minima[0] == len(minima)
+        assert found["minima"][0] == len(minima)
         if minima:
             best = min(minima, key=lambda B_1: norm(K_d, B_d, B_1, p, weight, J_j))
-            assert found.B_1[0] + p.B_m == pytest.approx(best + p.B_m, rel=1e-8)
+            assert found["B_1"][0] + p.B_m == pytest.approx(best + p.B_m, rel=1e-8)
 
 
 def test_too_little_damping_asked_for_ends_at_the_edge_of_stability(parameters):
     found = optimal_damping([600.0], [0.0], parameters, PAPER_WEIGHT)
-    assert found.at_lower_bound[0]
-    assert found.B_1[0] + parameters.B_m > 0
-    assert found.minima[0] == 0
+    assert found["at_lower_bound"][0]
+    assert found["B_1"][0] + parameters.B_m > 0
+    assert found["minima"][0] == 0
 
 
 def test_a_locked_motor_is_refused_by_name(parameters):
-    assert optimal_damping([600.0], [0.0], parameters, Weight(50, 3)).unbounded[0]
+    assert optimal_damping([600.0], [0.0], parameters, Weight(50, 3))["unbounded"][0]
     with pytest.raises(UnreachableImpedanceError, match=r"no finite B_1 minimises .* the motor is locked"):
         compensated_gains(600.0, 0.0, parameters, Weight(50, 3))
 

@@ -11,7 +11,7 @@ import pytest
 from test_figures import gains, impedance, response_table, texts
 
 from osl_analysis.bench.components import belt_figure_points, check_locked, part_summary
-from osl_analysis.campaign.campaign import about, open_campaign, response_example, time_series_example
+from osl_analysis.campaign.campaign import about, open_campaign, response_example, sentence, time_series_example
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.commands import figure as plotted_numbers
 from osl_analysis.commands import tables
@@ -162,11 +162,11 @@ def test_a_parameter_file_is_used_for_its_own_joint_only(tmp_path):
 
 def test_examples_are_those_of_the_configuration_or_chosen_and_said(tmp_path):
     """Where the default's example is not in the campaign one is chosen; another one that is not there is refused."""
-    assert time_series_example(campaign(tmp_path, TWO_JOINTS)).chosen == ""
+    assert time_series_example(campaign(tmp_path, TWO_JOINTS))["chosen"] == ""
     knee = "k,impedance,pd,,,knee,k.csv,bench_csv\n"
     found = time_series_example(campaign(tmp_path, knee))
-    assert (found.trial, found.amplitude_deg) == ("k", None)
-    assert "not in this campaign" in found.chosen
+    assert (found["trial"], found["amplitude_deg"]) == ("k", None)
+    assert "not in this campaign" in found["chosen"]
     assert response_example(campaign(tmp_path, knee)) is None
     wrong = "{time_series: {K_d: 250, B_d: 5, controller: compensated}, frequency_response: {K_d: 1, B_d: 1}}"
     with pytest.raises(InputError, match="no compensated trial with K_d = 250, B_d = 5; choose another one under"):
@@ -184,14 +184,14 @@ def test_the_hash_is_of_the_settings_and_the_files_that_they_name_and_not_of_whe
         return about(campaign(tmp_path, TWO_JOINTS, **(real | settings)), [])
 
     first = made()
-    assert (first.data, first.recorded) == ("measured", "date not known")
+    assert (first["data"], first["recorded"]) == ("measured", "date not known")
     assert made(results=tmp_path / "else", failed_trials="accept") == first
-    assert made(gain_weight="{cutoff_hz: 2}").configuration != first.configuration
+    assert made(gain_weight="{cutoff_hz: 2}")["configuration"] != first["configuration"]
     parameters.write_text(parameters.read_text() + "# another file\n")
-    assert made().configuration != first.configuration
+    assert made()["configuration"] != first["configuration"]
     (tmp_path / "truth").mkdir()
-    assert made().data == "simulated"
-    assert made(data="measured", recorded="2026-03-14").sentence().startswith("Measured data: campaign default, osl-")
+    assert made()["data"] == "simulated"
+    assert sentence(made(data="measured", recorded="2026-03-14")).startswith("Measured data: campaign default, osl-")
 
 
 def test_a_table_says_what_its_data_are_in_its_last_column_and_stays_plain_csv(tmp_path):

@@ -24,7 +24,7 @@ from osl_analysis.campaign.configuration import FrequencyResponseFigure, read_co
 from osl_analysis.commands import bench
 from osl_analysis.commands.bench import average_over_amplitudes
 from osl_analysis.commands.figure import fig7
-from osl_analysis.commands.gains import Request, requested_gains
+from osl_analysis.commands.gains import requested_gains
 from osl_analysis.commands.tables import gather, judge
 from osl_analysis.commands.trials import ingest_trial
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
@@ -194,11 +194,11 @@ def test_a_recording_is_read_as_ingest_reads_it(tmp_path):
 
 
 def test_gains_are_those_of_the_command_with_weight_and_device_of_the_configuration(tmp_path, monkeypatch):
-    expected = requested_gains(Request([200.0, 300.0], [2.5, 5.0], None), DEVICE)
+    expected = requested_gains([200.0, 300.0], [2.5, 5.0], None, Weight(1.0, 3), DEVICE)
     assert_frame_equal(osl.gains([200, 300], (2.5, 5)), expected, check_exact=True)
     assert_frame_equal(osl.gains(300, 5.0), osl.gains([200, 300], [5]).tail(1), check_exact=True)
     (tmp_path / "config.yaml").write_text("gain_weight: {cutoff_hz: 5}\nparameters: null\n")
-    expected = requested_gains(Request([300.0], [5.0], None, Weight(5.0, 3)), DEVICE)
+    expected = requested_gains([300.0], [5.0], None, Weight(5.0, 3), DEVICE)
     assert_frame_equal(osl.gains(300, 5, DEVICE, tmp_path / "config.yaml"), expected, check_exact=True)
     monkeypatch.chdir(tmp_path)  # whose configuration counts
     with pytest.raises(osl.InputError, match="gains need a parameter file"):

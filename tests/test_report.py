@@ -20,7 +20,7 @@ from test_bench_belt import belt_cycle
 from osl_analysis.bench.analysis import Series
 from osl_analysis.bench.components import belt_series, belt_table, fit_branches, transmission_of, transmission_table
 from osl_analysis.bench.impedance import impedance_table, rendered_impedance
-from osl_analysis.campaign.campaign import About
+from osl_analysis.campaign.campaign import ABOUT_MEANING, sentence
 from osl_analysis.commands.report import lacks_result
 from osl_analysis.dictionary import described_tables
 from osl_analysis.report.page import (
@@ -81,7 +81,7 @@ def test_thinning_for_a_small_page_keeps_the_ends_of_ranges_and_enough_rows():
     assert len(every_kth(table, 1000)) == 200
 
 
-ABOUT = About(HOSTILE, "simulated", "1.2", "abc", "made with seed 1")
+ABOUT = dict(zip(ABOUT_MEANING, (HOSTILE, "simulated", "1.2", "abc", "made with seed 1"), strict=True))
 
 
 def fitted_rows(doubtful=""):
@@ -102,6 +102,7 @@ def trial(name="t", doubtful="", **facts):
 def page_of(trials, largest_mb=40.0, tables=None):
     content = {
         "about": ABOUT,
+        "made_of": sentence(ABOUT),
         **trials_content(trials),
         "headlines": [],
         "findings": [{"verdict": "doubtful", "line": f"doubtful, 1 of 2 trials: {HOSTILE}"}],

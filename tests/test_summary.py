@@ -7,7 +7,7 @@ import re
 import polars as pl
 import pytest
 
-from osl_analysis.campaign.campaign import ABOUT_MACROS, About
+from osl_analysis.campaign.campaign import ABOUT_MACROS
 from osl_analysis.commands.tables import (
     format_results_table,
     later_failures,
@@ -37,7 +37,13 @@ from osl_analysis.report.headlines import (
 )
 from osl_analysis.table import write_table
 
-MADE = About("made", "simulated", "1.2.3", "0a1b2c3d", "made with seed 1")
+MADE = {
+    "campaign": "made",
+    "data": "simulated",
+    "version": "1.2.3",
+    "configuration": "0a1b2c3d",
+    "recorded": "made with seed 1",
+}
 
 
 def summary_rows(**means):

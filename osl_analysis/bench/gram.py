@@ -20,7 +20,7 @@ from scipy.special import stdtrit
 
 from osl_analysis.bench.record import Groups, Label, Record
 from osl_analysis.errors import IdentifiabilityError, InputError
-from osl_analysis.measured import check_all_measured, rounding_of
+from osl_analysis.measured import check_measured, rounding_of
 from osl_analysis.signals import seven_point_motion
 from osl_analysis.stats.covariance import between_cycles, products_between, welch_satterthwaite
 from osl_analysis.stats.regression import (
@@ -193,7 +193,8 @@ def gram_sums(record: Record, columns: Mapping[str, Array], rich: Sequence[str],
     """
     Y = [record.filtered_torque, record.torque]
     Z = np.array([*columns.values(), *Y])
-    check_all_measured([*(f"column '{name}'" for name in columns), "column 'y'", "the torque"], Z)
+    for name, row in zip([*(f"column '{name}'" for name in columns), "column 'y'", "the torque"], Z, strict=True):
+        check_measured(name, row)
     groups = record.groups
     gram = products_between(Z.T, Z.T, groups.first, groups.stop)
     seconds = float(groups.stop.max() - groups.first.min()) / record.rate_hz

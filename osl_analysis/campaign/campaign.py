@@ -220,20 +220,10 @@ def check_walking(campaign: Campaign) -> None:
         split_keys(campaign.conditions(), walking)
 
 
-@dataclass(frozen=True)
-class ImpedanceExample:
-    """The trial of Fig. 4."""
-
-    trial: str  # its name
-    joint: str
-    side: str | None
-    amplitude_deg: float | None  # amplitude that is drawn [deg]; None: the largest
-    duration_s: float  # length of the part that is drawn [s]
-    chosen: str  # why this trial, where the configuration does not name it; empty where it does
-
-
-def time_series_example(campaign: Campaign) -> ImpedanceExample | None:
-    """The trial that Fig. 4 shows; None for a campaign without impedance trials."""
+def time_series_example(campaign: Campaign) -> dict[str, Any] | None:
+    """The trial that Fig. 4 shows: its name, joint and side, the amplitude [deg] that is drawn (None: the largest), how
+    much of it [s], and in `chosen` why this trial, if the configuration does not name it. None without impedance
+    trials."""
     stated, trials = campaign.config.figures.time_series, campaign.trials("impedance")
     if not trials:
         return None
@@ -244,10 +234,8 @@ def time_series_example(campaign: Campaign) -> ImpedanceExample | None:
             name, amplitude_deg, chosen = found[0], stated.amplitude_deg, ""
         else:
             chosen += "; the example of the configuration is not in this campaign"
-    place = campaign.places[name]
-    return ImpedanceExample(
-        name, place["joint"], place["side"], amplitude_deg, stated.duration_s if stated else 10.0, chosen
-    )
+    shown = {"amplitude_deg": amplitude_deg, "duration_s": stated.duration_s if stated else 10.0, "chosen": chosen}
+    return {"trial": name, **campaign.places[name], **shown}
 
 
 def response_example(campaign: Campaign) -> FrequencyResponseFigure | None:
@@ -281,32 +269,23 @@ ABOUT_MEANING = {
     "configuration": "first digits of the SHA-256 of the configuration and of the files that it names",
     "recorded": "date of the data, or what is known in its place",
 }
-"""What the fields of `About` are."""
-ABOUT_MACROS = {name: name.capitalize() for name in ABOUT_MEANING}  # Their LaTeX macros, without prefix.
+"""What results are made of."""
+ABOUT_MACROS = {name: name.capitalize() for name in ABOUT_MEANING}  # The LaTeX macros, without prefix.
 
 
-@dataclass(frozen=True)
-class About:
-    """What results are made of, as `ABOUT_MEANING` says."""
-
-    campaign: str
-    data: str
-    version: str
-    configuration: str
-    recorded: str
-
-    def of_figure(self) -> str:
-        """The line below a figure but for its numbers: a configuration that it does not use does not draw it anew."""
-        return f"{self.data.capitalize()} data: campaign {self.campaign}, osl-analysis {self.version}, {self.recorded}"
-
-    def sentence(self) -> str:
-        made_by = f"osl-analysis {self.version}, configuration {self.configuration}"
-        return f"{self.data.capitalize()} data: campaign {self.campaign}, {made_by}, {self.recorded}"
+def sentence(about: Mapping[str, str], below_figure: bool = False) -> str:
+    """What results are made of. Below a figure its numbers are left out: a configuration that it does not use does not
+    draw it anew."""
+    of = {name: about.get(name, "") for name in ABOUT_MEANING}
+    configuration = "" if below_figure else f", configuration {of['configuration']}"
+    made_by = f"osl-analysis {of['version']}{configuration}"
+    return f"{of['data'].capitalize()} data: campaign {of['campaign']}, {made_by}, {of['recorded']}"
 
 
-def about(campaign: Campaign, simulation: list[Path]) -> About:
-    """What the results of a campaign are made of; `simulation` are the files of its simulation's settings. The data
-    have the date of the configuration, else the seed of the simulation, else the dates of the recordings (UTC)."""
+def about(campaign: Campaign, simulation: list[Path]) -> dict[str, str]:
+    """What the results of a campaign are made of, by `ABOUT_MEANING`. `simulation` are the files of its simulation's
+    settings. The data have the date of the configuration, else the seed of the simulation, else the dates of the
+    recordings (UTC)."""
     config = campaign.config
     files = {path for path in (config.parameters, config.impedance_trajectory, *simulation) if path is not None}
     # these say where files are, how a run ends, or what stands beside the hash: others give the same results
@@ -322,4 +301,5 @@ def about(campaign: Campaign, simulation: list[Path]) -> About:
         days = sorted({datetime.fromtimestamp(path.stat().st_mtime, UTC).date().isoformat() for path in logs})
         when = f"files of {' to '.join(dict.fromkeys([days[0], days[-1]]))}" if days else "date not known"
     configuration = hashlib.sha256(text.encode()).hexdigest()[:8]
-    return About(config.campaign, campaign.data, version("osl-analysis"), configuration, when)
+    values = config.campaign, campaign.data, version("osl-analysis"), configuration, when
+    return dict(zip(ABOUT_MEANING, values, strict=True))

@@ -14,7 +14,6 @@ from osl_analysis.bench.effects import IMPEDANCE, plain_sums
 from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.bench.record import record_of_trial
 from osl_analysis.bench.settings import ImpedanceAnalysis
-from osl_analysis.campaign.campaign import ImpedanceExample
 from osl_analysis.campaign.configuration import FrequencyResponseFigure
 from osl_analysis.commands.walking import commanded_over_stance, read_unperturbed_gaits, selected_crossings
 from osl_analysis.errors import InputError
@@ -136,23 +135,24 @@ def fig4(
     trial: Path,
     fit: Path,
     settings: ImpedanceAnalysis,
-    choice: ImpedanceExample,
+    choice: Mapping[str, Any],
     limits: Doubt,
     output: Path,
     windows: str | None = None,
 ) -> None:
     """The numbers of Fig. 4: the last seconds of one amplitude, measured and by the best second-order fit.
 
-    `fit` is the trial's own table of fits. By `limits` it says whether the fit of this amplitude is doubtful. A motion
-    that is no stepped sine has no amplitude: its last seconds are shown. `windows` as in `bench.fit_impedance_trial`.
+    `choice` is that of `time_series_example`, `fit` the trial's own table of fits. By `limits` it says whether the fit
+    of this amplitude is doubtful. A motion that is no stepped sine has no amplitude: its last seconds are shown.
+    `windows` as in `bench.fit_impedance_trial`.
     """
     record = record_of_trial(read_trial(trial), settings, windows)
-    label = record.label_near(choice.amplitude_deg)
+    label = record.label_near(choice["amplitude_deg"])
     amplitude = pl.col("amplitude_deg")
     shown = amplitude.is_null() if label is None else (amplitude - label).abs() < 1e-6
-    series = analysed(record, plain_sums(record, IMPEDANCE), IMPEDANCE).last_seconds(label, choice.duration_s)
+    series = analysed(record, plain_sums(record, IMPEDANCE), IMPEDANCE).last_seconds(label, choice["duration_s"])
     doubtful = marked(read_table(fit), limits, "impedance").filter(shown)["doubtful"][0]
-    said = {name: getattr(choice, name) or None for name in ("trial", "joint", "side", "chosen")}
+    said = {name: choice[name] or None for name in ("trial", "joint", "side", "chosen")}
     constant = (pl.lit(value, pl.String).alias(name) for name, value in (said | {"doubtful": doubtful}).items())
     write_table(series.with_columns(constant), output)
 

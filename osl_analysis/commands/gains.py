@@ -1,7 +1,6 @@
 """Gain selection for one pair, a grid or a trajectory of desired impedances, and the behaviour that theory predicts."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +15,6 @@ from osl_analysis.errors import InputError, UnreachableImpedanceError
 from osl_analysis.figures import drawing_of
 from osl_analysis.files import atomic_path
 from osl_analysis.model.compensator import (
-    PAPER_WEIGHT,
     Gains,
     check_request,
     predicted_impedance,
@@ -37,51 +35,34 @@ def gain_table(
     """A row per pair K_d [N*m/rad], B_d [N*m*s/rad], arrays of shape (pairs,); `describe-tables` has the columns.
 
     They are the gains at the actuator's output and at the joint (times n_T^2), the norm of Eq. 14, the flags of
-    `OptimalDamping`, the fit of Eq. 15 that linear theory predicts at `frequencies_hz`, and the stability, passivity
+    `optimal_damping`, the fit of Eq. 15 that linear theory predicts at `frequencies_hz`, and the stability, passivity
     and fidelity of the impedance (`rendering`); these are null where no finite B_1 is best.
     """
     check_request(K_d, B_d, p)
     K_d, B_d = (np.asarray(v, dtype=float) for v in (K_d, B_d))
     K_1, optimum = stiffness_gain(K_d, p), optimal_damping(K_d, B_d, p, weight)
-    table = pl.DataFrame({"K_d": K_d, "B_d": B_d, "K_1": K_1, "B_1": optimum.B_1})
-    finite = ~optimum.unbounded
-    gains = [Gains(k, b, True) for k, b in zip(K_1[finite], optimum.B_1[finite], strict=True)]
+    B_1, finite = optimum["B_1"], np.isfinite(optimum["B_1"])
+    at_joint = {"K_1_joint": K_1 * p.n_T**2, "B_1_joint": B_1 * p.n_T**2}
+    table = pl.DataFrame({"K_d": K_d, "B_d": B_d, "K_1": K_1, "B_1": B_1} | at_joint | optimum)
+    gains = [Gains(k, b, True) for k, b in zip(K_1[finite], B_1[finite], strict=True)]
     fits = [predicted_impedance(one, p, frequencies_hz) for one in gains]
     columns: dict[str, Any] = {f"{name}_predicted": [fit[k] for fit in fits] for k, name in enumerate("KBI")}
-    rendered = rendering(K_1[finite], optimum.B_1[finite], K_d[finite], B_d[finite], p)
+    rendered = rendering(K_1[finite], B_1[finite], K_d[finite], B_d[finite], p)
     columns |= {"decay_rate": rendered["decay_rate"], "delay_margin": rendered["delay_margin"]}
     columns |= {"passive": [True] * len(fits), **{n: rendered[n] for n in ("positive_real", "faithful_to_hz")}}
     behaviour = pl.DataFrame(columns).with_columns(row=pl.Series(np.flatnonzero(finite), dtype=pl.UInt32))
-    table = table.with_columns(
-        (pl.col("K_1", "B_1") * p.n_T**2).name.suffix("_joint"),
-        error=pl.Series(optimum.error),
-        minima=pl.Series(optimum.minima),
-        at_lower_bound=pl.Series(optimum.at_lower_bound),
-        unbounded=pl.Series(optimum.unbounded),
-    )
     return table.with_row_index("row").join(behaviour, on="row", how="left", maintain_order="left").drop("row")
 
 
-@dataclass(frozen=True)
-class Request:
-    """The desired impedances: every combination of stiffness and damping, or a trajectory; and W of Eq. 14."""
-
-    stiffness: Sequence[float]  # K_d [N*m/rad]
-    damping: Sequence[float]  # B_d [N*m*s/rad]
-    trajectory: Path | None  # file with K_d and B_d over the gait cycle; None: the combinations
-    weight: Weight = PAPER_WEIGHT
-
-    @property
-    def single(self) -> bool:
-        return self.trajectory is None and len(self.stiffness) == len(self.damping) == 1
-
-
-def requested_gains(request: Request, parameters: Path) -> pl.DataFrame:
+def requested_gains(
+    stiffness: Sequence[float], damping: Sequence[float], trajectory: Path | None, weight: Weight, parameters: Path
+) -> pl.DataFrame:
+    """The gains for every row of a trajectory file, or for every combination of K_d [N*m/rad] and B_d [N*m*s/rad]."""
     p = read_parameters(parameters)
-    if request.trajectory is not None:
-        return trajectory_table(request.trajectory, p, request.weight)
-    K_d, B_d = (v.ravel() for v in np.meshgrid(request.stiffness, request.damping, indexing="ij"))
-    return gain_table(K_d, B_d, p, request.weight, TESTED_HZ)
+    if trajectory is not None:
+        return trajectory_table(trajectory, p, weight)
+    K_d, B_d = (v.ravel() for v in np.meshgrid(stiffness, damping, indexing="ij"))
+    return gain_table(K_d, B_d, p, weight, TESTED_HZ)
 
 
 def trajectory_table(trajectory: Path, p: DrivetrainParameters | None, weight: Weight) -> pl.DataFrame:
@@ -115,9 +96,9 @@ def write_gains(table: pl.DataFrame, output: Path) -> None:
         raise InputError(f"{output}: gains are written as .csv or .json; choose one of these suffixes")
 
 
-def gains_text(request: Request, table: pl.DataFrame) -> str:
+def gains_text(table: pl.DataFrame) -> str:
     """The table as text: one pair in words, several pairs in columns."""
-    if not request.single:
+    if len(table) > 1:
         printed = ("phase", "K_d", "B_d", "K_1", "B_1", "error", "K_predicted", "B_predicted", "faithful_to_hz")
         columns = [c for c in printed if c in table.columns]
         rows = [columns, *([f"{v:.5g}" for v in row] for row in table.select(columns).rows())]
@@ -144,10 +125,10 @@ def gains_text(request: Request, table: pl.DataFrame) -> str:
     return "\n".join(lines)
 
 
-def plot_gains(request: Request, table: pl.DataFrame, parameters: Path, output: Path) -> None:
+def plot_gains(table: pl.DataFrame, parameters: Path, output: Path) -> None:
     """Draw the response of one pair over 0.1 to 10 Hz (as Fig. 7), the gains of a grid, or those of a trajectory (as
     Fig. 8)."""
-    if request.single:
+    if len(table) == 1:
         from osl_analysis.figures.frequency import DESIRED, FIG7, LINEAR_MODEL, response_curve  # matplotlib: 0.5 s
         from osl_analysis.figures.names import completed
 
@@ -158,7 +139,7 @@ def plot_gains(request: Request, table: pl.DataFrame, parameters: Path, output: 
         )
         frames = [response_curve(curve, name, f, Y(2j * np.pi * f), (None, None)) for curve, name, Y in curves]
         draw_table("fig7", completed(pl.concat(frames), FIG7.columns), [output])
-    elif request.trajectory is not None:
+    elif "phase" in table.columns:
         draw_table("fig8", drawing_of("fig8").points(table), [output])
     else:
         draw_table("gain_grid", table, [output])

@@ -6,7 +6,7 @@ from typing import Any
 
 import polars as pl
 
-from osl_analysis.campaign.campaign import About
+from osl_analysis.campaign.campaign import sentence
 from osl_analysis.commands.tables import read_summary
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.dictionary import described_tables
@@ -19,12 +19,12 @@ from osl_analysis.report.headlines import COUNT
 from osl_analysis.report.page import captions_by_title, inline_png, inline_svg, written_page
 from osl_analysis.report.trial_page import ReportedTrial, left_out_trials, trial_content, without_result
 from osl_analysis.table import read_table
-from osl_analysis.trial import read_provenance, read_trial, unit_of
+from osl_analysis.trial import metadata_of, read_trial, unit_of
 
 
 def write_report(
     *,
-    about: About,
+    about: Mapping[str, str],
     sheet: Mapping[str, Mapping[str, Any]],
     largest_mb: float,
     trials: Mapping[str, Path],
@@ -62,7 +62,7 @@ def write_report(
         own = {table: rows for table, rows in own.items() if len(rows)}
         if why is None and lacks_result(row["experiment"], own, files):
             why = without_result(list(left_out))
-        origin = read_provenance(files["trial"]) if "trial" in files else {}
+        origin = metadata_of(files["trial"])[1] if "trial" in files else {}
         missing, reasons = why or (False, [])
         picture = pictures(row["experiment"], own, files)
         reported.append(ReportedTrial(name, row, own, judged.get((name,)), origin, reasons, missing, picture))
@@ -80,6 +80,7 @@ def write_report(
         shown.append({"name": name, "title": title, "caption": said.get(title, ""), "drawing": drawn})
     content = {
         "about": about,
+        "made_of": sentence(about),
         **trial_page.trials_content(reported),
         "headlines": [
             trial_page.headline_row(number)

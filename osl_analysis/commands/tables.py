@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import asdict, fields
 from math import isfinite
 from pathlib import Path
 from typing import Any
@@ -11,7 +10,7 @@ import polars as pl
 
 from osl_analysis.bench.response_tables import MODELS, RESPONSE, periodic_tables
 from osl_analysis.bench.settings import FilterSettings
-from osl_analysis.campaign.campaign import About
+from osl_analysis.campaign.campaign import sentence
 from osl_analysis.errors import InputError
 from osl_analysis.files import atomic_path
 from osl_analysis.jobs.job_log import read_log
@@ -158,7 +157,7 @@ def list_excluded(
 
 def write_summary(
     *,
-    about: About,
+    about: Mapping[str, str],
     table_paths: Mapping[str, Path],
     summary_json: Path,
     numbers_tex: Path,
@@ -188,15 +187,15 @@ def write_summary(
         tex_path.write_text(to_tex(about, headlines, missing_lines(missing, reasons=False)), encoding="utf-8")
 
 
-def write_table_metadata(about: About, tables: Sequence[str], output: Path) -> None:
+def write_table_metadata(about: Mapping[str, str], tables: Sequence[str], output: Path) -> None:
     """Say in one file what all tables are made of, as CSV on the Web (W3C, 2015) does: a table itself has only its
     column `data`, because a comment above the header stops other readers.
     """
     content: dict[str, Any] = {
         "@context": ["http://www.w3.org/ns/csvw", {"@language": "en"}],
-        "dc:title": f"Tables of campaign {about.campaign}",
-        "dc:description": about.sentence(),
-        **{f"osl:{name}": value for name, value in asdict(about).items()},
+        "dc:title": f"Tables of campaign {about['campaign']}",
+        "dc:description": sentence(about),
+        **{f"osl:{name}": value for name, value in about.items()},
     }
     if any(table.startswith("figures/") for table in tables):
         content["rdfs:seeAlso"] = {"@id": "figures/captions.md"}
@@ -235,9 +234,8 @@ def format_results_table(summary: Mapping[str, Any], markdown: bool = True) -> s
     of them, and which trials and results are missing. The table is Markdown, or in aligned columns.
     """
     lines = [*(one["line"] for one in summary.get("findings", ())), *missing_lines(summary, reasons=True)]
-    said = About(**{field.name: summary.get(field.name, "") for field in fields(About)}).sentence()
     table = (to_markdown if markdown else to_columns)(summary["numbers"])
-    return "\n".join([f"{said}\n\n{table}", *(f"{line}\n" for line in lines)])
+    return "\n".join([f"{sentence(summary)}\n\n{table}", *(f"{line}\n" for line in lines)])
 
 
 def later_failures(summary_json: Path) -> str:

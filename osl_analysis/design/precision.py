@@ -39,7 +39,7 @@ MOST_DRAWN = 20  # number of realisations whose largest angle is looked for
 
 
 @dataclass(frozen=True)
-class Sines:
+class PlannedSines:
     """The sines of a motion, shape (n,) each."""
 
     frequency_hz: Array
@@ -70,11 +70,11 @@ class SteppedSine:
     settle_cycles: int  # cycles at the start of each that are not fitted
 
     @property
-    def sines(self) -> Sines:
+    def sines(self) -> PlannedSines:
         """As many cycles are fitted as `protocol.stepped_sine.settled_cycles` leaves."""
         fitted = np.maximum(np.floor(self.cycles) - self.settle_cycles - LAST_CYCLES, 1)
         a, f = (x.ravel() for x in np.meshgrid(self.amplitudes, self.frequencies_hz, indexing="ij"))
-        return Sines(f, a, np.tile(fitted, len(self.amplitudes)) / f, 1 / f)
+        return PlannedSines(f, a, np.tile(fitted, len(self.amplitudes)) / f, 1 / f)
 
     @property
     def record_s(self) -> float:
@@ -110,11 +110,11 @@ class PeriodicMultisine:
         return odd_multisine(self.period_s, self.band_hz, self.rms, self.seed, realisation)
 
     @property
-    def sines(self) -> Sines:
+    def sines(self) -> PlannedSines:
         motion = self.motion(0)
         period = np.full(len(motion.lines), self.period_s)
         duration = self.realisations * self.periods * period
-        return Sines(motion.frequency_hz, motion.size, duration, period, 1 / self.period_s, self.realisations)
+        return PlannedSines(motion.frequency_hz, motion.size, duration, period, 1 / self.period_s, self.realisations)
 
     @property
     def record_s(self) -> float:
@@ -160,13 +160,13 @@ class Continuous:
             )
 
     @property
-    def sines(self) -> Sines:
+    def sines(self) -> PlannedSines:
         """200 sines that share its power: of a chirp one after the other, of noise all at a time."""
         n, (low, high), T = 200, self.band_hz, self.record_s
         f, one, spacing = low + (high - low) * (np.arange(n) + 0.5) / n, np.ones(n), (high - low) / n
         if self.chirp:
-            return Sines(f, np.sqrt(2) * self.rms * one, T / n * one, T / n * one)
-        return Sines(f, self.rms * np.sqrt(2 / n) * one, T * one, T * one, spacing, T * spacing)
+            return PlannedSines(f, np.sqrt(2) * self.rms * one, T / n * one, T / n * one)
+        return PlannedSines(f, self.rms * np.sqrt(2 / n) * one, T * one, T * one, spacing, T * spacing)
 
     @property
     def peak(self) -> tuple[float, float, float]:
@@ -228,7 +228,7 @@ class PlannedFit:
     """Least squares on filtered signals, which weigh the sines. The products of the columns, each times its duration
     and 1/S, are Fisher's information for white noise of density S."""
 
-    sines: Sines
+    sines: PlannedSines
     weight: Array  # squared gain of the zero-phase filter at each sine, (n,)
     columns: Impedances  # in the rows of the sines, (3, n)
     change: Impedances  # by how much an amplitude of 1 N*m of the torque changes K, B and I, (3, n)
@@ -277,7 +277,7 @@ class Sensors:
     angle_noise: float = 0.0  # [rad]
     drift: float = 0.0  # of the load cell [N*m/s]
 
-    def variances(self, sines: Sines, Z: Impedances, record_s: float) -> dict[str, Array]:
+    def variances(self, sines: PlannedSines, Z: Impedances, record_s: float) -> dict[str, Array]:
         """Variances (2, n) [(N*m)^2] of the torque's amplitudes by cause, for impedances Z (n,) [N*m/rad] at the sines
         and a record of `record_s` [s].
 
@@ -300,7 +300,7 @@ class Sensors:
             "load cell drift": both * 2 * drift / sines.w**2,
         }
 
-    def rounding(self, sines: Sines) -> tuple[Array, Array]:
+    def rounding(self, sines: PlannedSines) -> tuple[Array, Array]:
         """Variance (2, n) [rad^2] of the angle's amplitudes by rounding to steps q, independent from sine to sine, over
         all zeros of the encoder; and that of the share (n,) by which it changes all amplitudes of one size alike.
 

@@ -80,12 +80,12 @@ def compensated_gains(K_d: float, B_d: float, p: DrivetrainParameters, weight: W
     """
     check_request(K_d, B_d, p)
     damping = optimal_damping([K_d], [B_d], p, weight)
-    if damping.unbounded[0]:
+    if damping["unbounded"][0]:
         raise UnreachableImpedanceError(
             f"no finite B_1 minimises Eq. 14 for K_d = {K_d:g} N*m/rad, B_d = {B_d:g} N*m*s/rad: with the cut-off of W "
             f"at {weight.cutoff_hz:g} Hz the error decreases until the motor is locked; lower the cut-off of W"
         )
-    return Gains(float(stiffness_gain(K_d, p)), float(damping.B_1[0]), cancels_friction=True)
+    return Gains(float(stiffness_gain(K_d, p)), float(damping["B_1"][0]), cancels_friction=True)
 
 
 def uncompensated_gains(K_d: float, B_d: float, p: DrivetrainParameters) -> Gains:

@@ -6,7 +6,6 @@ limited to the largest friction.
 """
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import expm
@@ -18,23 +17,13 @@ from osl_analysis.model.parameters import DrivetrainParameters
 from osl_analysis.trial import Array
 
 
-@dataclass(frozen=True)
-class Friction:
-    """The actuator's true friction, and the controller's smoothing of the velocity's sign."""
-
-    scale: float  # Ratio of the true friction to the friction in the parameter file
-    sign_width: float  # Velocity [rad/s] over which the controller smooths the sign
-
-
-LoopConstants = tuple[float, float, float, float, float, float, bool, float, float, float]
-"""K_1, B_1, k_tau n_m, f_C, f_G, the scale of friction, whether it is cancelled, sign_width, n_T, K_s2 in SI units."""
-
-
-def belt_response(theta: Array, rate_hz: float, gains: Gains, p: DrivetrainParameters, friction: Friction) -> Array:
-    """Torque [N*m] in the belt, shape (n,), for a joint angle theta [rad] at uniform samples, starting at rest. The
-    actuator starts in equilibrium with the first angle. Friction has the true sign of the velocity and can hold the
-    actuator at rest. If the gains cancel friction, the current includes the feedforward of Eq. 5, with its smoothed
-    sign."""
+def belt_response(
+    theta: Array, rate_hz: float, gains: Gains, p: DrivetrainParameters, friction: float, sign_width: float
+) -> Array:
+    """Torque [N*m] in the belt, shape (n,), for a joint angle theta [rad] at uniform samples. The actuator starts at
+    rest, in equilibrium with the first angle. Its friction, `friction` times that of the parameters, has the true sign
+    of the velocity and can hold it at rest. If the gains cancel friction, the current includes the feedforward of
+    Eq. 5, whose sign is smoothed over velocities of `sign_width` [rad/s]."""
     # N(s) theta_m = K_s/n_T theta + e over one sample, e a torque [N*m] constant in between: the next state (theta_m,
     # omega_m) is transition (2, 4) @ (theta_m, omega_m, theta, next theta) + push (2,) e
     step, continuous = 1 / rate_hz, np.zeros((5, 5))
@@ -45,8 +34,8 @@ def belt_response(theta: Array, rate_hz: float, gains: Gains, p: DrivetrainParam
     slope = exact[:, 3] / step
     transition = np.column_stack([exact[:, :2], exact[:, 2] - slope, slope])
     loop = (
-        gains.K_1, gains.B_1, p.k_tau * p.n_m, p.f_C, p.f_G, friction.scale, gains.cancels_friction,
-        friction.sign_width, p.n_T, p.K_s2,
+        gains.K_1, gains.B_1, p.k_tau * p.n_m, p.f_C, p.f_G, friction, gains.cancels_friction, sign_width,
+        p.n_T, p.K_s2,
     )  # fmt: skip
     start = p.K_s / p.n_T * theta[0] / (gains.K_1 + p.K_s / p.n_T**2)
     theta = np.ascontiguousarray(theta, dtype=float)
@@ -56,7 +45,9 @@ def belt_response(theta: Array, rate_hz: float, gains: Gains, p: DrivetrainParam
 
 
 @compiled
-def actuator_path(theta: Array, path: Array, start: float, transition: Array, push: Array, loop: LoopConstants) -> None:
+def actuator_path(
+    theta: Array, path: Array, start: float, transition: Array, push: Array, loop: tuple[float, ...]
+) -> None:
     """Fill `path`, (n,), with the angle theta_m [rad] of the actuator that starts at rest at `start` [rad], for theta
     (n,). Eq. 5 is written out for numbers; `motor_current` has it for arrays."""
     (a, b, c, d), (e, f, g, h) = transition

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from osl_analysis.errors import UnreachableImpedanceError
 from osl_analysis.model.parameters import DrivetrainParameters
@@ -23,9 +23,6 @@ from osl_analysis.trial import Array
 HIGHEST_ORDER_OF_W = 10
 SLOWEST_HZ, FASTEST_HZ = 1e-3, 1e4
 """Lowest and highest accepted cut-off of W [Hz]. Both lie far outside the frequencies at which a leg moves."""
-
-Affine = tuple[Sequence[Array], Sequence[Array]]
-"""Coefficients c = c0 + x c1 of a polynomial in s, highest power first; those of all pairs in one array each."""
 
 
 @dataclass(frozen=True)
@@ -50,40 +47,32 @@ class Weight:
             )
 
 
-@dataclass(frozen=True)
-class OptimalDamping:
-    """The best damping gain of each pair, shape (pairs,) each."""
-
-    B_1: Array  # Damping gain [N*m*s/rad] at the global minimum of Eq. 14
-    error: Array  # The norm of Eq. 14 there [rad/(N*m)/s^1/2]
-    minima: NDArray[np.int64]  # Number of stable local minima
-    at_lower_bound: NDArray[np.bool_]
-    """The error falls towards B_m + B_1 = 0: the joint alone damps more than was asked for. `B_1` is then the last
-    stable value of the search."""
-    unbounded: NDArray[np.bool_]
-    """The error decreases for every increase of B_1: a locked motor would be best. `B_1` is then infinite."""
-
-
 def optimal_damping(
     K_d: ArrayLike, B_d: ArrayLike, p: DrivetrainParameters, weight: Weight, J_j: float = 0.0
-) -> OptimalDamping:
-    """Minimise ||W (Y - Y_d)||_2 over B_1 with B_m + B_1 > 0 (Eq. 14), for K_d, B_d of shape (pairs,). The paper
-    neglects the joint's inertia; `J_j` [kg*m^2] includes it. The requests are not checked; `compensator.check_request`
-    refuses impossible ones.
+) -> dict[str, Array]:
+    """Minimise ||W (Y - Y_d)||_2 over B_1 with B_m + B_1 > 0 (Eq. 14), for K_d, B_d of shape (pairs,): of each pair,
 
-    The search for x = B_m + B_1 spans 1e-9 to 1e9 times (K_1 J_m)^1/2, the scale of the actuator's damping, in points a
-    factor of 1.8 apart. The closest two minima that were found are a factor of 4 apart.
+    B_1: damping gain [N*m*s/rad] at the global minimum.
+    error: the norm there [rad/(N*m)/s^1/2].
+    minima: number of stable local minima.
+    at_lower_bound: the error falls towards B_m + B_1 = 0, so that the joint alone damps more than was asked for. `B_1`
+        is then the last stable value of the search.
+    unbounded: the error falls for every increase of B_1: a locked motor would be best. `B_1` is then infinite.
+
+    The paper neglects the joint's inertia; `J_j` [kg*m^2] includes it. `compensator.check_request` refuses impossible
+    requests. The search for x = B_m + B_1 spans 1e-9 to 1e9 times (K_1 J_m)^1/2, the scale of the actuator's damping,
+    in points a factor of 1.8 apart. The closest two minima that were found are a factor of 4 apart.
     """
     from scipy.optimize.elementwise import find_root  # 0.2 s, for the few that select gains
 
     K_d, B_d = np.broadcast_arrays(*(np.asarray(v, dtype=float) for v in (K_d, B_d)))
-    a, b = admittance_error(K_d, B_d, p, weight, J_j)
+    polynomials = admittance_error(K_d, B_d, p, weight, J_j)
     scale, points = np.sqrt(K_d * p.K_s / (p.n_T**2 * (p.K_s - K_d)) * p.J_m), 73
     x = scale[:, None] * np.geomspace(1e-9, 1e9, points)
-    J, slope = squared_norm(x, *([c[:, None] for c in each] for each in (*a, *b)))
+    J, slope = squared_norm(x, *([c[:, None] for c in each] for each in polynomials))
     falls = (slope[:, :-1] < 0) & (slope[:, 1:] >= 0)
     pair, k = np.nonzero(falls)
-    own = [[c[pair] for c in each] for each in (*a, *b)]
+    own = [[c[pair] for c in each] for each in polynomials]
     sizes = np.cumsum([len(each) for each in own])[:-1]
 
     def slope_at(at: Array, *coefficients: Array) -> Array:
@@ -97,16 +86,22 @@ def optimal_damping(
     candidates[:, -2:], norms[:, -2:] = x[:, [0, -1]], J[:, [0, -1]]
     best = np.argmin(norms, axis=1)  # of the minima, and the two ends of the search
     lowest, unbounded = (np.arange(len(x)), best), best == points
-    B_1 = np.where(unbounded, np.inf, candidates[lowest] - p.B_m)
-    return OptimalDamping(B_1, np.sqrt(norms[lowest]), falls.sum(axis=1), best == points - 1, unbounded)
+    return {
+        "B_1": np.where(unbounded, np.inf, candidates[lowest] - p.B_m),
+        "error": np.sqrt(norms[lowest]),
+        "minima": falls.sum(axis=1),
+        "at_lower_bound": best == points - 1,
+        "unbounded": unbounded,
+    }
 
 
 def admittance_error(
     K_d: Array, B_d: Array, p: DrivetrainParameters, weight: Weight, J_j: float = 0.0
-) -> tuple[Affine, Affine]:
-    """The polynomials a and b of every pair K_d [N*m/rad], B_d [N*m*s/rad], shape (pairs,), s in rad/s. N Q - D is
-    computed as N (Q - P) + c, so that no nearly equal numbers are subtracted. Its constant term is 0 by Eq. 12 and is
-    set to exactly 0. With B_d = 0 the leading coefficient of a is 0; the same formulas hold."""
+) -> list[list[Array]]:
+    """The coefficients a0, a1, b0, b1 of the polynomials a = a0 + x a1 and b = b0 + x b1 in s [rad/s], highest power
+    first, of every pair K_d [N*m/rad], B_d [N*m*s/rad], shape (pairs,). N Q - D is computed as N (Q - P) + c, so that
+    no nearly equal numbers are subtracted. Its constant term is 0 by Eq. 12 and is set to exactly 0. With B_d = 0 the
+    leading coefficient of a is 0; the same formulas hold."""
     K_1 = K_d * p.K_s / (p.n_T**2 * (p.K_s - K_d))
     gain, W = scipy.signal.butter(weight.order, 2 * np.pi * weight.cutoff_hz, analog=True)
     zero, one = np.zeros_like(K_d), np.ones_like(K_d)
@@ -121,12 +116,9 @@ def admittance_error(
     a1 = polynomial_product(polynomial_product(N1, P), fixed)
     b1 = polynomial_product(N1, difference)
 
-    def of_length(n: int, c: list[Array], factor: float = 1.0) -> list[Array]:
-        """The polynomial times a factor, with zeros as its missing higher powers."""
-        return [zero] * (n - len(c)) + [factor * each for each in c]
-
-    n = len(a0) - 1
-    return (a0, of_length(n + 1, a1)), (of_length(n, b0, gain[-1]), of_length(n, b1, gain[-1]))
+    numerator = [[gain[-1] * one for one in b] for b in (b0, b1)]
+    lengths = (len(a0), len(a0), len(a0) - 1, len(a0) - 1)  # with zeros as missing higher powers
+    return [[zero] * (n - len(c)) + c for n, c in zip(lengths, (a0, a1, *numerator), strict=True)]
 
 
 def polynomial_product(u: Sequence[Array], v: Sequence[Array]) -> list[Array]:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from osl_analysis.campaign.campaign import ABOUT_MACROS, ABOUT_MEANING, About
+from osl_analysis.campaign.campaign import ABOUT_MACROS, ABOUT_MEANING, sentence
 from osl_analysis.config.experiments import EXPERIMENTS, judged_tables
 from osl_analysis.errors import InputError
 from osl_analysis.judge.doubts import DOUBTFUL, causes_by_trial, counted, doubtful_count
@@ -375,7 +375,7 @@ SPECIAL = {sign: f"\\{sign}" for sign in "#$%&_{}"} | {
 """Letters with a meaning of their own in LaTeX, and what sets them."""
 
 
-def to_json(about: About, headlines: Sequence[Headline], missing: Mapping[str, Any] | None = None) -> str:
+def to_json(about: Mapping[str, str], headlines: Sequence[Headline], missing: Mapping[str, Any] | None = None) -> str:
     """What the numbers are made of, which trials and results are `missing`, and an object per number in full precision.
     Null where there is no interval or the draft has no value; only numbers with a range over single amplitudes have
     it."""
@@ -384,17 +384,17 @@ def to_json(about: About, headlines: Sequence[Headline], missing: Mapping[str, A
         h.name: {key: getattr(h, key) for key in (*kept, *(AMPLITUDES if h.amplitudes_low is not None else ()))}
         for h in headlines
     }
-    content = {**asdict(about), **(missing or {}), "numbers": numbers}
+    content = {**about, **(missing or {}), "numbers": numbers}
     return json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
-def to_tex(about: About, headlines: Sequence[Headline], remarks: Sequence[str] = ()) -> str:
+def to_tex(about: Mapping[str, str], headlines: Sequence[Headline], remarks: Sequence[str] = ()) -> str:
     r"""Macros such as `\oslBeltStiffness`, with `Low` and `High` where there is an interval, rounded, without unit;
     `\oslData`, `\oslCampaign` ... say what the numbers are made of. Each line ends in a comment, so that reading the
     file puts no space into the text. `remarks` are comments too."""
-    lines = [f"% {about.sentence()}", "% Headline numbers by osl-analysis; \\input this file and use the macros."]
+    lines = [f"% {sentence(about)}", "% Headline numbers by osl-analysis; \\input this file and use the macros."]
     lines += [f"% {remark}" for remark in remarks]
-    for name, value in asdict(about).items():
+    for name, value in about.items():
         text = "".join(SPECIAL.get(sign, sign) for sign in value)
         lines.append(f"\\newcommand{{\\osl{ABOUT_MACROS[name]}}}{{{text}}}% {ABOUT_MEANING[name]}")
     for h in headlines:

@@ -46,7 +46,7 @@ def compensated_damping(
     stiffness, damping = desired.at(desired.K_d, grid), desired.at(desired.B_d, grid)
     # at() is periodic, so the grid's last point is its first
     check_request(stiffness, damping, p)
-    B_1 = optimal_damping(stiffness[:-1], damping[:-1], p, weight).B_1
+    B_1 = optimal_damping(stiffness[:-1], damping[:-1], p, weight)["B_1"]
     return grid, np.array([*B_1, B_1[0]])
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import scipy
 
 from osl_analysis.errors import IdentifiabilityError, InputError
-from osl_analysis.measured import check_all_measured, check_finite, check_measured, rounding_of
+from osl_analysis.measured import check_finite, check_measured, rounding_of
 from osl_analysis.stats.covariance import Covariance, hac
 from osl_analysis.trial import Array
 
@@ -79,7 +79,8 @@ def linear_fit(
         if np.shape(column) != np.shape(y):
             raise InputError(f"column '{name}' has shape {np.shape(column)}, expected {np.shape(y)} like y")
     X, names = np.array([np.asarray(c, dtype=float) for c in columns.values()]).T, tuple(columns)
-    check_all_measured([f"column '{name}'" for name in names], X.T)
+    for name, column in zip(names, X.T, strict=True):
+        check_measured(f"column '{name}'", column)
     if len(y) <= len(names):
         raise InputError(f"{len(y)} samples cannot determine {len(names)} parameters; use a longer window")
     scale = check_not_zero(names, np.linalg.norm(X, axis=0))

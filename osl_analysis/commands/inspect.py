@@ -188,7 +188,6 @@ class Draft:
     """What the recordings of a folder were taken for, and what the user has to decide."""
 
     sources: dict[str, str] = field(default_factory=dict)  # texts of the source files, by name
-    files: dict[str, list[Path]] = field(default_factory=dict)  # the recordings that each describes
     open: list[tuple[Path, str]] = field(default_factory=list)  # file and question, as which of two clocks counts
     refused: list[str] = field(default_factory=list)  # files that are no recordings, or cannot be read, with the reason
     trials: list[tuple[dict[str, str], list[str]]] = field(default_factory=list)  # cells and questions of each
@@ -243,19 +242,8 @@ def write_campaign(folder: Path, name: str, raw_data: Path, sources: Mapping[str
     if draft is None:
         shutil.copy(shipped("config/new_campaign/simulation.yaml"), folder / "simulation.yaml")
         return
-    columns = [
-        "trial",
-        "experiment",
-        "controller",
-        "K_d",
-        "B_d",
-        "perturbed",
-        "log",
-        "log_source",
-        "mocap",
-        "mocap_source",
-        "exclude",
-    ]
+    named = ("trial", "experiment", "controller", "K_d", "B_d", "perturbed")
+    columns = [*named, "log", "log_source", "mocap", "mocap_source", "exclude"]
     with (folder / "trials.csv").open("w", encoding="utf-8", newline="") as file:
         writer = csv.DictWriter(file, columns, restval="", lineterminator="\n")
         writer.writeheader()
@@ -284,7 +272,6 @@ def draft_campaign(folder: Path) -> Draft:
         source = layouts.setdefault(layout, name if number == 1 else f"{name}_{number}")
         if source not in overviews or len(overview.channels) > len(overviews[source][0].channels):
             overviews[source] = (overview, path.name)
-        draft.files.setdefault(source, []).append(file)
         draft.open += [(file, text) for text in overview.open]
         recordings.append((file, source, is_capture))
     if not recordings:
@@ -324,8 +311,9 @@ def drafted_text(draft: Draft) -> str:
     """What the recordings were taken for: files by source, channels named by a guess, and what is not read."""
     lines, most = [], 30
     for name, text in draft.sources.items():
-        files = draft.files[name]
-        named = ", ".join(map(str, files[:4])) + ", ..." * (len(files) > 4)
+        roles = [(cells, role) for cells, _ in draft.trials for role in ("log", "mocap")]
+        files = [cells[role] for cells, role in roles if cells.get(f"{role}_source") == name]
+        named = ", ".join(files[:4]) + ", ..." * (len(files) > 4)
         lines.append(f"sources/{name}.yaml: {len(files)} recordings, {named}")
         lines += [f"    {line}" for line in drafts.guessed_lines(text)]
     lines.append("trials.csv, from the names of the files:")

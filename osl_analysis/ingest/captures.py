@@ -305,8 +305,7 @@ def plate_load(recording: C3DRecording, source: Source, number: int) -> PlateRec
 
 
 def channels_in_si(recording: C3DRecording, source: Source, number: int, kind: int, numbers: list[int]) -> Array:
-    """The samples (samples, channels) of a plate's channels, counted from 0, in SI units; for type 4 as they are, for
-    the calibration."""
+    """The samples (samples, channels) of a plate's channels, counted from 0, in SI units; for type 4 as they are."""
     values = recording.analogs[:, numbers]
     if not np.isfinite(values).all():
         row, column = np.argwhere(~np.isfinite(values))[0]

@@ -184,8 +184,7 @@ def correlate_clocks(slave: Course, master: Course) -> ClockFit:
 
 
 def whole_lag(ours: Array, theirs: Array) -> int:
-    """Samples by which `theirs` (m,) is behind `ours` (n,), from the highest absolute correlation coefficient over the
-    overlap, where this is long enough."""
+    """Samples by which `theirs` (m,) is behind `ours` (n,): highest absolute correlation over a long enough overlap."""
     from scipy.signal import fftconvolve  # half a second, which other trials need not wait for
 
     flipped, one, other = ours[::-1], np.ones(ours.size), np.ones(theirs.size)
@@ -218,9 +217,8 @@ def whole_lag(ours: Array, theirs: Array) -> int:
 
 
 def section_lags(ours: Array, theirs: Array, lag: int) -> tuple[Array, Array]:
-    """Middles of the sections of `ours`, and where they are in `theirs` [samples], (sections,) each. A section that is
-    quiet, or fits best at an end of its range, is not used. A parabola through three samples gives the peak between
-    samples."""
+    """Middles of the sections of `ours`, and where they are in `theirs` [samples], (sections,) each, by a parabola
+    through three samples. A section that is quiet, or fits best at an end of its range, is not used."""
     begin, end = max(0, -lag), min(ours.size, theirs.size - lag)
     length = (end - begin) // SECTIONS
     reach = int(np.ceil(LARGEST_DRIFT * ours.size)) + 8

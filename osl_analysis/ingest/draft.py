@@ -70,9 +70,8 @@ def words_of(name: str) -> str:
 
 
 def draft_source(overview: Overview, name: str, named: bool = False) -> str:
-    """A source file for the file `name`, in which the user still has to name the channels. named: a channel that is the
-    only one like a canonical column, and whose unit is known, has this column's name. Those that are like none are
-    comments."""
+    """A source file for the file `name`, in which the user still has to name the channels. named: those that are the
+    only one like a canonical column, and whose unit is known, have its name, and those like none are comments."""
     lines = [
         f"format: {overview.format}",
         f"description: {json.dumps(f'Drafted from {name}; complete it.')}",

@@ -151,9 +151,8 @@ def canonical_columns(
 
 
 def canonical_column(what: str, column: str, table: Table, time: Array, source: Source) -> pl.Series:
-    """A channel of a table with times (rows,) [s] in SI units: NaN where a reading failed, null where it has no value.
-    Refused are truth values that are no level, infinity, and a share of failed readings above `most_missing`. `what` is
-    the channel, for messages."""
+    """A channel of a table, called `what` in messages, in SI units: NaN where a reading failed, null where it has no
+    value. Refused are truth values that are no level, infinity, and more failed readings than `most_missing`."""
     channel = source.channels[column]
     raw, lacking = table.columns[channel.name], np.ma.getmaskarray(table.columns[channel.name])
     if raw.dtype == bool and unit_of(column) != LEVEL_UNIT:
@@ -459,8 +458,7 @@ def read_message_log(opened: Callable[[Path], MessageFile], path: Path, source: 
 
 
 def median_rate(stamps: Array | Indices, second: float = 1.0) -> float | None:
-    """Median sampling rate [Hz] of stamps (n,), of which `second` are a second; None for a single row, or if most rows
-    repeat a stamp."""
+    """Median rate [Hz] of stamps (n,), of which `second` are a second; None if there is one or most are repeated."""
     step = float(np.median(np.diff(stamps))) if stamps.size > 1 else 0.0
     return second / step if step > 0 else None
 
@@ -604,8 +602,7 @@ def check_not_set(topic: str, table: pl.DataFrame, advice: str) -> int:
 
 
 def joined_on_stamp(tables: Sequence[pl.DataFrame]) -> pl.DataFrame:
-    """One table with a row per stamp of any of the tables, which are sorted by it. Where stamps are rounded and equal,
-    the tables have rows of their own."""
+    """One table with a row per stamp of any, in their order; where equal stamps are rounded ones, all rows."""
     if any((np.diff(table["stamp"].to_numpy()) == 0).any() for table in tables):
         return pl.concat(tables, how="diagonal").sort("stamp", maintain_order=True)
     return reduce(lambda one, other: one.join(other, on="stamp", how="full", coalesce=True), tables).sort("stamp")

@@ -1,5 +1,4 @@
-"""What a file holds, as inspect lists it: channels with ranges, rates and gaps, what is damaged or odd, and what names
-tell of clocks and units for a draft."""
+"""What a file holds: channels with ranges, rates and gaps, what is odd, and what names tell of clocks and units."""
 
 import json
 import math
@@ -63,8 +62,7 @@ class Overview:
 
 
 def likely_unit(name: str) -> str:
-    """The unit that the end of a column's name tells, as `deg` in `ankle_deg`; empty if it tells none. `_m` is none:
-    `theta_m` is the motor's angle."""
+    """The unit that the end of a column's name tells, as in `ankle_deg`; empty if none. `theta_m` is the motor's."""
     plain = ("deg", "rad", "rev", "rpm", "Nm", "N", "A", "mA", "V", "mV", "s", "ms", "us", "ns", "Hz", "mm")
     spelled = {"deg_s": "deg/s", "deg_per_s": "deg/s", "rad_s": "rad/s", "rad_per_s": "rad/s", "sec": "s"}
     endings = [end for end in (*plain, *spelled) if name.endswith(f"_{end}")]
@@ -122,8 +120,7 @@ def clock_among(
 
 
 def span_of(values: Array) -> float:
-    """Last minus first of the readings (n,) of a clock, in its unit; 0 if they do not run: a tenth of the steps go
-    back."""
+    """Last minus first of the readings (n,) of a clock, in its unit; 0 if a tenth of the steps go back."""
     known = values[np.isfinite(values)]
     runs = known.size > 1 and float(np.mean(np.diff(known) >= 0)) > 0.9
     return max(float(known[-1] - known[0]), 0.0) if runs else 0.0
@@ -217,10 +214,8 @@ def inspect_csv(path: Path) -> Overview:
     content = [(line, text) for line, text in lines if not text.lstrip().startswith("#")]
     delimiter = csv_table.delimiter_of(content, "auto")
     titles, units, body, has_header = guessed_csv(csv_table.split_rows(content, delimiter))
-    cells = [
-        pl.Series([row[place] if place < len(row) else "" for _, row in body], dtype=pl.String)
-        for place in range(len(titles))
-    ]
+    rows = ([*row, *[""] * len(titles)][: len(titles)] for _, row in body)
+    cells = [pl.Series(column, dtype=pl.String) for column in zip(*rows, strict=True)]
     values = [one.str.replace(",", ".", literal=True).cast(pl.Float64, strict=False) for one in cells]
     readings = {title: one.drop_nulls().to_numpy() for title, one in zip(titles, values, strict=True)}
     clock, left_open = clock_among("columns", readings, str)
@@ -279,31 +274,15 @@ def inspect_json(path: Path) -> Overview:
     remarks = list(dict.fromkeys(note for one in decoded.values() for note in logs.notes_on(lines, one)))
     remarks += [f"{name} has {size} elements; only the first {MOST_ELEMENTS} are listed" for name, size in long.items()]
     remarks += guesses({name: one.likely_unit for name, one in channels.items() if likely_unit(last_name(name))})
-    time = time_setting("field", channels[clock] if clock else None)
+    time, drafted = time_setting("field", channels[clock] if clock else None), [*channels.values()]
     if stamp and not any(is_clock(last_name(name)) for name in timing):
-        time = {"field": stamp}
-        try:
-            of_parts = decode_lines(lines, parts)
-            table = logs.lines_table(lines, of_parts, np.ones(of_parts.rows.size, dtype=bool))
-            column = logs.nanoseconds(table, parts, "field", f"name another time, or {logs.RATE}")
-            there = np.ma.getdata(column)[~np.ma.getmaskarray(column)]
-            seconds = (there - there[:1].sum()) / logs.SECOND
-            notes = ["a stamp of seconds and nanoseconds", gaps_text(seconds)]
-            notes += [f"in {seconds.size} of {column.size} lines"] * bool(seconds.size < column.size)
-            note, rate = ", ".join(filter(None, notes)), rate_of(seconds)
-            whole = RecordedChannel("field", {"field": stamp}, "", seconds.size, rate, note, "int64")
-            channels = {stamp: whole, **{name: one for name, one in channels.items() if name not in parts}}
-        except InputError as error:
-            remarks.append(str(error))
-    facts = {"rows": str(len(lines.texts))}
-    return Overview(
-        "json_lines", facts, [*channels.values()], remarks, {"clock": "master", "time": time}, open=left_open
-    )
+        time, drafted = {"field": stamp}, [channels[name] for name in timing]
+    settings, facts = {"clock": "master", "time": time}, {"rows": str(len(lines.texts))}
+    return Overview("json_lines", facts, [*channels.values()], remarks, settings, drafted, left_open)
 
 
 def variables_in(part: str, name: str, value: Value) -> Iterator[tuple[str, str, str, Value]]:
-    """What is no struct and no cell in a variable: the address of what it is in, its own name or the choice of a cell,
-    its address, and its value."""
+    """What is no struct and no cell in a variable: the address of what it is in, its name, its address, its value."""
     address = f"{part}{'.' * (bool(part) and not name.startswith('{'))}{name}"
     if value.kind == "struct" and value.elements:
         for number, fields in enumerate(value.elements, start=1):
@@ -392,12 +371,10 @@ def inspect_tdms(path: Path) -> Overview:
         address, is_time = {"channel": one.address}, one.address == clock
         found = listed(address, one.name, values, is_time, unit, np.dtype(one.kind).name)
         channels[one.address] = replace(found, count=one.count, rate=1 / one.step if one.step else None)
-    settings = {"clock": "master"} | (
-        {} if timed else {"time": time_setting("channel", channels[clock] if clock else None)}
-    )
+    time = {} if timed else {"time": time_setting("channel", channels[clock] if clock else None)}
     facts = {"channels": str(len(file.channels)), "own timing": "yes" if timed else "no", **file.properties}
     drafted = [channels[one.address] for one in file.channels if one.count and one.holds_numbers]
-    return Overview("tdms", facts, [*channels.values()], remarks, settings, drafted, left_open)
+    return Overview("tdms", facts, [*channels.values()], remarks, {"clock": "master"} | time, drafted, left_open)
 
 
 def inspect_opensim(path: Path) -> Overview:

@@ -426,26 +426,37 @@ def recording_line(path: Path, folder: Path, bench: WatchedBench) -> str:
     return f"{stamp} {name}: {said}"
 
 
-def examined(path: Path, folder: Path, bench: WatchedBench) -> list[str]:
+def examined(path: Path, folder: Path, bench: WatchedBench) -> Iterator[str]:
     with TemporaryDirectory() as place:
         row, sources, said = row_of_recording(path, folder, bench, Path(place))
         trial = checked_trial(row, path.parent, sources)
     accepted = str(row.get("accept") or "").split()
     said = [*said, quality_text(trial, str(row["experiment"]), bench.config, accepted)]
     if EXPERIMENTS[str(row["experiment"])].place != "bench":
-        return said
+        yield from said
+        return
     fitted = fit_of_row(trial, row, device_of_row(row, bench.config), bench.config_path)
-    far = off_desired(fitted.table, row)
-    said = [*filter(None, (estimates_line(fitted.table), far and f"LOOK AT IT: {far}")), *said]
-    said += [unchecked] if (unchecked := not_checked_line(fitted.table)) else []
-    if fitted.series.is_empty():
-        return said
-    picture = bench.output / f"{row['trial']}.png"
-    try:
-        draw_table("torque", fitted.series, [picture])
-    except OslAnalysisError as error:
-        return [*said, f"no picture: {error}"]
-    return [*said, str(picture)]
+    estimates = fitted.table.to_dicts()[-1]  # those of the fit to all data
+    values = []
+    for name in (n for n in estimated(estimates) if n not in ("offset", "drift")):
+        high = estimates.get(f"{name}_high")
+        half = "" if high is None else f" ± {high - estimates[name]:.2g}"
+        values.append(f"{name} {estimates[name]:.4g}{half} {UNIT_OF.get(name, '')}".rstrip())
+    yield ", ".join(values)
+    if "VAF" in estimates:
+        yield f"VAF {estimates['VAF']:.2f} %"
+    if estimates.get("doubtful"):
+        yield f"DOUBTFUL: {estimates['doubtful']}"
+    if far := off_desired(fitted.table, row):
+        yield f"LOOK AT IT: {far}"
+    yield from [*said, *filter(None, [not_checked_line(fitted.table)])]
+    if not fitted.series.is_empty():
+        picture = bench.output / f"{row['trial']}.png"
+        try:
+            draw_table("torque", fitted.series, [picture])
+            yield str(picture)
+        except OslAnalysisError as error:
+            yield f"no picture: {error}"
 
 
 def device_of_row(row: Mapping[str, Any], config: Config) -> Path | None:
@@ -504,16 +515,3 @@ def quality_text(trial: Trial, experiment: str, config: Config, accepted: Collec
         cause, found = CHECKS[row["check"]].cause, row["remark"].replace("; ", ", ")
         named.append(f"{row['verdict']} {row['check']}: {cause.name}, {', '.join(filter(None, [found, cause.remedy]))}")
     return f"QUALITY {listing(named, 4)}"
-
-
-def estimates_line(estimates: pl.DataFrame) -> str:
-    """The estimates of the fit to all data, with 95 % intervals, and its doubts."""
-    row = estimates.to_dicts()[-1]
-    values = []
-    for name in (n for n in estimated(row) if n not in ("offset", "drift")):
-        high = row.get(f"{name}_high")
-        half = "" if high is None else f" ± {high - row[name]:.2g}"
-        values.append(f"{name} {row[name]:.4g}{half} {UNIT_OF.get(name, '')}".rstrip())
-    quality = [f"VAF {row['VAF']:.2f} %"] if "VAF" in row else []
-    doubts = f"; DOUBTFUL: {row['doubtful']}" if row.get("doubtful") else ""
-    return f"{'; '.join([', '.join(values), *quality])}{doubts}"

@@ -26,17 +26,15 @@ class ClockFit:
     residual: float = 0.0  # RMS of the residuals [s]
     edges: int = 0  # pairs of edges that were used; by correlation, sections of the recording
     excluded_edges: int = 0  # Edges of the slave, during the time that both recorded, that match no edge of the master.
-    method: str = "edges"
-    """What was matched: `edges` of a pulse train, or by `correlation` a signal that both recorded; nothing where both
-    files have `common` times."""
+    method: str = "edges"  # what was matched: edges, by `correlation` a signal; nothing where files have `common` times
 
     def to_master(self, time: Array) -> Array:
         """Times [s] of the slave on the master's clock [s]."""
         return self.offset + (1.0 + self.drift) * time
 
 
+# of a pulse train: times [s], (n,), whether the level rises, (n,), and the sampling interval of the recorder [s]
 Edges = tuple[Array, NDArray[np.bool_], float]
-"""Of a pulse train: times [s], (n,), whether the level rises, (n,), and the sampling interval of the recorder [s]."""
 
 
 def find_edges(time: Array, level: Array) -> Edges:

@@ -110,7 +110,7 @@ def likely_clock(readings: Mapping[str, NDArray[Any]], what: str = "columns") ->
     return None, [f"{count}, and they contradict each other: {named}; name the one by which the signals were sampled"]
 
 
-def clock_among(
+def clock_of(
     what: str, readings: Mapping[str, NDArray[Any]], own: Callable[[str], str]
 ) -> tuple[str | None, list[str]]:
     """The likely clock of a table's columns by address, the shortest first, and what the user has to decide; `own` is
@@ -144,13 +144,7 @@ def gaps_text(time: Array) -> str:
 
 
 def listed(
-    address: Mapping[str, str],
-    own: str,
-    values: NDArray[Any],
-    is_time: bool,
-    unit: str = "",
-    of_type: str = "",
-    also: str = "",
+    at: Mapping[str, str], own: str, values: NDArray[Any], is_time: bool, unit: str = "", kind: str = "", also: str = ""
 ) -> RecordedChannel:
     """A column by those of its readings that are numbers, (n,): its range, or as a clock its rate and gaps. `own` is
     its name without its place, `unit` what the file states, `also` a remark for the user."""
@@ -167,8 +161,7 @@ def listed(
         units = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
         guess = next((unit for unit, in_s in units.items() if 50.0 <= rate * in_s <= 5000.0), "")
     lost = f", {numbers.size - known.size} x NaN or infinity" * (known.size < numbers.size)
-    (kind,) = address
-    return RecordedChannel(kind, address, unit, int(known.size), None, f"{note}{lost}{also}", of_type, guess)
+    return RecordedChannel(next(iter(at)), at, unit, int(known.size), None, f"{note}{lost}{also}", kind, guess)
 
 
 def time_setting(key: str, clock: RecordedChannel | None) -> dict[str, str]:
@@ -218,7 +211,7 @@ def inspect_csv(path: Path) -> Overview:
     cells = [pl.Series(column, dtype=pl.String) for column in zip(*rows, strict=True)]
     values = [one.str.replace(",", ".", literal=True).cast(pl.Float64, strict=False) for one in cells]
     readings = {title: one.drop_nulls().to_numpy() for title, one in zip(titles, values, strict=True)}
-    clock, left_open = clock_among("columns", readings, str)
+    clock, left_open = clock_of("columns", readings, str)
     channels = []
     for place, title in enumerate(titles):
         name, unit = csv_table.name_and_unit(title)
@@ -264,13 +257,13 @@ def inspect_json(path: Path) -> Overview:
     stamp, parts = next(iter(logs.stamps_among(names).items()), ("", ("", "")))
     numbers = {name: np.ma.compressed(one.values[name]) for name, one in decoded.items()}
     timing = {name: one for name, one in numbers.items() if name not in parts}
-    clock, left_open = clock_among("fields", timing, last_name)
+    clock, left_open = clock_of("fields", timing, last_name)
     channels = {}
     for name, one in numbers.items():
         total = decoded[name].rows.size
         also = f", in {one.size} of {total} lines" * (one.size < total)
         own, of_type = last_name(name), one.dtype.name
-        channels[name] = listed({"field": name}, own, one, name == clock, of_type=of_type, also=also)
+        channels[name] = listed({"field": name}, own, one, name == clock, kind=of_type, also=also)
     remarks = list(dict.fromkeys(note for one in decoded.values() for note in logs.notes_on(lines, one)))
     remarks += [f"{name} has {size} elements; only the first {MOST_ELEMENTS} are listed" for name, size in long.items()]
     remarks += guesses({name: one.likely_unit for name, one in channels.items() if likely_unit(last_name(name))})
@@ -347,7 +340,7 @@ def seems_clock(name: str, value: Value) -> bool:
 
 def variable_channel(address: str, name: str, value: Value) -> RecordedChannel:
     readings = np.empty(0) if value.numbers is None else value.numbers.ravel()
-    found = listed({"variable": address}, name, readings, seems_clock(name, value), of_type=value.described())
+    found = listed({"variable": address}, name, readings, seems_clock(name, value), kind=value.described())
     return replace(found, count=value.size, note=found.note if readings.size else f"'{value.text}'" * bool(value.text))
 
 
@@ -362,7 +355,7 @@ def inspect_tdms(path: Path) -> Overview:
             remarks.append(str(error))
     stamps = [one.address for one in file.channels if one.holds_times and one.count]
     timed, names = any(one.step is not None for one in file.channels), {one.address: one.name for one in file.channels}
-    clock, left_open = (None, []) if timed else clock_among("channels", numbers, names.__getitem__)
+    clock, left_open = (None, []) if timed else clock_of("channels", numbers, names.__getitem__)
     if not timed and not left_open:
         clock = clock or next(iter(stamps), None)
     channels = {}
@@ -374,7 +367,7 @@ def inspect_tdms(path: Path) -> Overview:
     time = {} if timed else {"time": time_setting("channel", channels[clock] if clock else None)}
     facts = {"channels": str(len(file.channels)), "own timing": "yes" if timed else "no", **file.properties}
     drafted = [channels[one.address] for one in file.channels if one.count and one.holds_numbers]
-    return Overview("tdms", facts, [*channels.values()], remarks, {"clock": "master"} | time, drafted, left_open)
+    return Overview("tdms", facts, [*channels.values()], remarks, {"clock": "master", **time}, drafted, left_open)
 
 
 def inspect_opensim(path: Path) -> Overview:
@@ -386,7 +379,7 @@ def inspect_opensim(path: Path) -> Overview:
             numbers[name] = table.column(name)
         except InputError as error:
             remarks.append(str(error))
-    clock, left_open = clock_among("columns", numbers, lambda name: name.rpartition(".")[2])
+    clock, left_open = clock_of("columns", numbers, lambda name: name.rpartition(".")[2])
     endings = {"force.*_v[xyz]": "N", "force.*_p[xyz]": "m", "(torque|moment).*_[xyz]|_moment": "N*m", "_t[xyz]": "m"}
     channels = {}
     for name, values in numbers.items():

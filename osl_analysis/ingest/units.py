@@ -105,9 +105,7 @@ def is_unit(text: str) -> bool:
 
 
 def dimension(canonical: str) -> str:
-    found = base_units(canonical)
-    assert found is not None  # the canonical units are ours
-    return found[1]
+    return (base_units(canonical) or (1.0, ""))[1]
 
 
 KNOWN_NAMES = (

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 import pytest
-import yaml
 from click.testing import CliRunner
 from conftest import ROOT
 
@@ -17,8 +16,6 @@ from osl_analysis.bench.settings import ActuatorAnalysis
 from osl_analysis.campaign.configuration import read_section
 from osl_analysis.cli import main
 from osl_analysis.commands.bench import fit_actuator_trial, fit_settings, fit_trial
-from osl_analysis.commands.simulate import simulate_trial
-from osl_analysis.commands.trials import ingest_trial
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.model.parameters import read_parameters
 from osl_analysis.simulator.bench import simulate_bench_trial
@@ -57,28 +54,25 @@ def fit_file(path):
     return fit_trial("actuator", read_trial(path), DEVICE, *fit_settings("actuator", ROOT / "config/config.yaml")).table
 
 
-def by_hand(theta_m, omega, alpha, current, **changes):
+def by_hand(omega, alpha, current):
     """Eqs. 1-2 retyped, for a motion (n,) and I_q [A]."""
-    p = TRUE | changes
-    friction = np.sign(omega) * (p["f_C"] + p["f_G"] * np.abs(current))
-    return p["k_tau_n_m"] * current - friction - p["B_m"] * omega - p["J_m"] * alpha
+    friction = np.sign(omega) * (TRUE["f_C"] + TRUE["f_G"] * np.abs(current))
+    return TRUE["k_tau_n_m"] * current - friction - TRUE["B_m"] * omega - TRUE["J_m"] * alpha
 
 
-def schedule(current_hz=(0.17, 0.73), velocity_offset=0.0, phase=0.0):
+def schedule(velocity_offset=0.0):
     """Time, angle, velocity, acceleration, current of sums of sines over 20 s; derivatives by hand."""
     t = np.arange(round(20 * RATE)) / RATE
-    w = 2 * np.pi * np.array([[0.3], [1.1]])
-    a = np.array([[8.0], [5.0]])
+    w, a = 2 * np.pi * np.array([[0.3], [1.1]]), np.array([[8.0], [5.0]])
     theta = (-a / w * np.cos(w * t)).sum(axis=0) + velocity_offset * t
     omega, alpha = (a * np.sin(w * t)).sum(axis=0) + velocity_offset, (a * w * np.cos(w * t)).sum(axis=0)
-    current = sum(s * np.sin(2 * np.pi * f * t + phase) for s, f in zip((4, 3), current_hz, strict=True))
-    return t, theta, omega, alpha, current
+    return t, theta, omega, alpha, 4 * np.sin(2 * np.pi * 0.17 * t) + 3 * np.sin(2 * np.pi * 0.73 * t)
 
 
 def test_what_is_simulated_obeys_equations_1_and_2():
     log, truth = simulate_bench_trial({"trial": "actuator_1", "experiment": "actuator"}, settings(effects=False), P)
     motion, _ = actuator_command(settings().actuator, RATE)
-    expected = by_hand(motion.theta, motion.omega, motion.alpha, log["motor_current"])
+    expected = by_hand(motion.omega, motion.alpha, log["motor_current"])
     assert log["output_torque"] == pytest.approx(expected, abs=1e-12)
     assert log["actuator_angle"] == pytest.approx(motion.theta, abs=0)
     assert truth["parameters"]["f_G"] == P.f_G
@@ -87,7 +81,7 @@ def test_what_is_simulated_obeys_equations_1_and_2():
 def test_a_log_without_noise_gives_the_parameters_back():
     """The filter smears friction's jumps on both sides alike; the smooth sign is left, which costs B_m most."""
     t, theta, omega, alpha, current = schedule()
-    torque = by_hand(theta, omega, alpha, current) + 0.7 + 0.01 * (t - np.mean(t))
+    torque = by_hand(omega, alpha, current) + 0.7 + 0.01 * (t - np.mean(t))
     fit = fit_log(t, theta, current, torque)
     assert [fit[name] for name in NAMES] == pytest.approx([TRUE[name] for name in NAMES], rel=0.02)
     assert fit["k_tau_n_m"] == pytest.approx(TRUE["k_tau_n_m"], rel=5e-4)
@@ -110,23 +104,19 @@ def test_a_simulated_bench_gives_them_back_within_their_errors():
     assert max(fits[0].se(name) / TRUE[name] for name in ("k_tau_n_m", "f_C", "f_G", "J_m")) < 0.02
 
 
-def test_refuses_a_current_that_always_has_the_direction_of_the_motion():
-    t, theta, omega, alpha, _ = schedule()
-    current = 0.6 * omega
-    torque = by_hand(theta, omega, alpha, current)
-    with pytest.raises(IdentifiabilityError, match="cannot be told apart"):
-        fit_log(t, theta, current, torque)
-    current = np.sign(omega) * (3 + np.sin(2 * np.pi * 0.73 * t))
-    torque = by_hand(theta, omega, alpha, current)
-    with pytest.raises(IdentifiabilityError, match="k_tau_n_m and f_G"):
-        fit_log(t, theta, current, torque)
-
-
-def test_refuses_a_motion_that_never_turns_round_because_friction_looks_like_an_offset():
-    t, theta, omega, alpha, current = schedule(velocity_offset=30.0)
-    torque = by_hand(theta, omega, alpha, current)
-    with pytest.raises(IdentifiabilityError, match="f_C and offset"):
-        fit_log(t, theta, current, torque)
+@pytest.mark.parametrize(
+    ("offset", "current_of", "message"),
+    [
+        (0.0, lambda omega, current: 0.6 * omega, "cannot be told apart"),  # always in the direction of the motion
+        (0.0, lambda omega, current: np.sign(omega) * (4 + np.tanh(current)), "k_tau_n_m and f_G"),
+        (30.0, lambda omega, current: current, "f_C and offset"),  # a motion that never turns round
+    ],
+)
+def test_refuses_a_schedule_that_does_not_tell_two_parameters_apart(offset, current_of, message):
+    t, theta, omega, alpha, current = schedule(velocity_offset=offset)
+    current = current_of(omega, current)
+    with pytest.raises(IdentifiabilityError, match=message):
+        fit_log(t, theta, current, by_hand(omega, alpha, current))
 
 
 def test_refuses_an_actuator_that_hardly_moves():
@@ -135,27 +125,9 @@ def test_refuses_an_actuator_that_hardly_moves():
         fit_log(t, theta / 57, current, current)
 
 
-@pytest.fixture
-def campaign(tmp_path, monkeypatch):
-    """Settings of a campaign with two actuator trials of 10 s and nothing else."""
-    monkeypatch.chdir(ROOT)
-    content = yaml.safe_load((ROOT / "tests/tiny_simulation.yaml").read_text())
-    content["experiments"] = {"belt": 0, "transmission": 0, "actuator": 2, "K_d": [], "B_d": [], "controllers": []}
-    content["actuator"] = yaml.safe_load(DEFAULT.read_text())["actuator"] | {"duration_s": 10}
-    path = tmp_path / "settings.yaml"
-    path.write_text(yaml.safe_dump(content))
-    return path
-
-
-DOC = (ROOT / "docs/own_data.md").read_text().partition("## Your own actuator bench")[2]
-DEVICE = ROOT / "config/parameters/default.yaml"
-VELOCITY_LINE = "  omega_m:"
-ANGLE_LINE = "  # theta_m:"
-
-
-def bench_csv(path, log, motion):
+def bench_csv(path, documentation, log, motion):
     """The log as a bench of its own writes it, under the names of the documentation, before the 9:1 gear."""
-    header = re.search(r"```\n(.*)\n```", DOC)[1]
+    header = re.search(r"```\n(.*)\n```", documentation)[1]
     moved = np.rad2deg(log["actuator_angle"]) * 9
     if motion == "theta_m":
         header = header.replace("motor velocity [rpm]", "motor angle [deg]")
@@ -166,39 +138,32 @@ def bench_csv(path, log, motion):
 
 
 @pytest.mark.parametrize("motion", ["omega_m", "theta_m"])
-def test_a_bench_of_ones_own_gives_the_parameters_of_the_mcap_log_by_the_documented_commands(
-    tmp_path, campaign, monkeypatch, motion
-):
+def test_a_bench_of_ones_own_gives_the_parameters_of_its_log_by_the_documented_commands(tmp_path, monkeypatch, motion):
     """Velocity in rpm or angle in deg, as text: 0.1 % of the five, which is a tenth of their standard errors."""
-    simulate_trial(campaign, tmp_path, "actuator_1")
-    row = {"trial": "a", "experiment": "actuator", "log": "actuator/actuator_1.mcap", "log_source": "actuator"}
-    ingest_trial(row, tmp_path, ROOT / "config/sources", tmp_path / "a.parquet")
-    expected = fit_file(tmp_path / "a.parquet")
-    log, _ = simulate_bench_trial(
-        {"trial": "actuator_1", "experiment": "actuator"}, read_yaml(campaign, SimulationSettings), P
-    )
-
-    shutil.copytree(ROOT / "config", tmp_path / "laboratory/config")
-    monkeypatch.chdir(tmp_path / "laboratory")
+    log, _ = simulate_bench_trial({"trial": "actuator_1", "experiment": "actuator"}, settings(10.0), P)
+    expected = fitted(log)
+    documentation = (ROOT / "docs/own_data.md").read_text().partition("## Your own actuator bench")[2]
+    shutil.copytree(ROOT / "config", tmp_path / "config")
+    monkeypatch.chdir(tmp_path)
     source = Path("config/sources/actuator_bench_csv.yaml")
     if motion == "theta_m":
-        lines = [line for line in source.read_text().splitlines() if not line.startswith(VELOCITY_LINE)]
-        source.write_text("\n".join(lines).replace(ANGLE_LINE, "  theta_m:"))
-    bench_csv(Path("bench.csv"), log, motion)
-    for command in re.findall(r"^osl-analysis (.*)$", DOC, re.MULTILINE):
+        lines = [line for line in source.read_text().splitlines() if not line.startswith("  omega_m:")]
+        source.write_text("\n".join(lines).replace("  # theta_m:", "  theta_m:"))
+    bench_csv(Path("bench.csv"), documentation, log, motion)
+    for command in re.findall(r"^osl-analysis (.*)$", documentation, re.MULTILINE):
         said = CliRunner().invoke(main, command.split())
         assert said.exit_code == 0, said.output
     assert re.search(r"J_m +0\.009\d+ ± \S+ +kg·m²", said.output)
     found = fit_file(Path("bench.parquet"))
-    assert (found["motion"][0], expected["motion"][0]) == (motion, "theta_m")
-    assert found.select(NAMES).row(0) == pytest.approx(expected.select(NAMES).row(0), rel=1e-3)
-    assert found["J_m_se"][0] == pytest.approx(expected["J_m_se"][0], rel=0.02)
+    assert found["motion"][0] == motion
+    assert found.select(NAMES).row(0) == pytest.approx([expected[name] for name in NAMES], rel=1e-3)
+    assert found["J_m_se"][0] == pytest.approx(expected.se("J_m"), rel=0.02)
 
 
 def test_of_angle_and_velocity_the_angle_is_used_and_a_bench_without_either_is_refused(tmp_path):
     analysis = read_section(ROOT / "config/config.yaml", "actuator", ActuatorAnalysis)
     t, theta, omega, alpha, current = schedule()
-    samples = {"time": t, "current": current, "torque_m": by_hand(theta, omega, alpha, current)}
+    samples = {"time": t, "current": current, "torque_m": by_hand(omega, alpha, current)}
     write_trial(Trial("a", pl.DataFrame({**samples, "theta_m": theta, "omega_m": 7 * omega})), tmp_path / "a.parquet")
     both = fit_file(tmp_path / "a.parquet")
     assert (both["motion"][0], both["J_m"][0]) == ("theta_m", pytest.approx(TRUE["J_m"], rel=0.02))
@@ -209,9 +174,8 @@ def test_of_angle_and_velocity_the_angle_is_used_and_a_bench_without_either_is_r
         fit_actuator_trial(read_trial(tmp_path / "a.parquet"), DEVICE, analysis.model_copy(update={"slowest": 99}))
 
 
-def test_actuator_trials_without_a_schedule_are_refused(campaign):
-    content = yaml.safe_load(campaign.read_text())
-    del content["actuator"]
-    campaign.write_text(yaml.safe_dump(content))
-    with pytest.raises(InputError, match="2 actuator trials are planned but 'actuator' has no schedule"):
-        read_yaml(campaign, SimulationSettings)
+def test_actuator_trials_without_a_schedule_are_refused():
+    content = settings().model_dump()
+    content["experiments"]["actuator"] = 2
+    with pytest.raises(ValueError, match="2 actuator trials are planned but 'actuator' has no schedule"):
+        SimulationSettings.model_validate(content | {"actuator": None})

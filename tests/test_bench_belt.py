@@ -36,14 +36,18 @@ def test_recovers_the_stiffness_of_the_belt_in_both_directions(K_s, sign):
     assert fitted(sign * theta_s, sign * torque).whole["K_s"] == pytest.approx(K_s, rel=1e-8)
 
 
-def test_belt_refuses_a_joint_that_hardly_moved_and_a_record_that_ends_loaded():
+@pytest.mark.parametrize(
+    ("size", "rows", "unusable", "message"),
+    [
+        (0.01, 3400, (), r"deflects by 0\.050 deg"),
+        (1.0, 2000, (), "ends while the belt is still loaded"),
+        (1.0, 3400, range(1690, 3400), "no row while unloading is free of gaps"),
+    ],
+)
+def test_refuses_a_belt_that_hardly_moved_ends_loaded_or_has_gaps_all_along(size, rows, unusable, message):
     theta_s, torque = belt_cycle()
-    with pytest.raises(InputError, match=r"deflects by 0\.050 deg"):
-        fitted(theta_s / 100, torque)
-    with pytest.raises(InputError, match="ends while the belt is still loaded"):
-        fitted(theta_s[:2000], torque[:2000])
-    with pytest.raises(InputError, match="no row while unloading is free of gaps"):
-        belt_record(theta_s, torque, unusable=range(1690, 3400))
+    with pytest.raises(InputError, match=message):
+        belt_record(size * theta_s[:rows], torque[:rows], unusable=unusable)
 
 
 def test_a_belt_is_fitted_as_by_a_regression_of_its_usable_rows():
@@ -117,15 +121,10 @@ def test_the_figure_of_belts_has_what_torque_differs_by_from_the_mean_slope_and_
     deflection = np.array([0.0, -1.0, -2.0, -1.0])
     torque = 4 * deflection + [0.5, 0.5, 0.5, 0.0]
     curves = pl.DataFrame({"trial": "b", "branch": "loading", "theta_s_deg": deflection, "torque": torque})
-    place = {"joint": "ankle", "side": None}
-    table = pl.DataFrame({"trial": ["b"], **place, "doubtful": [""]}, schema_overrides={"side": pl.String})
-    means = {
-        "quantity": ["K_s", "hysteresis_area"],
-        "mean": [720 / np.pi, 0.5],
-        "low": [200.0, 0.4],
-        "high": [260.0, 0.7],
-    }
-    summary = pl.DataFrame({**means, **place}, schema_overrides={"side": pl.String})
+    place = {"joint": ["ankle"], "side": pl.Series([None], dtype=pl.String)}
+    table = pl.DataFrame({"trial": ["b"], "doubtful": [""], **place})
+    means = {"mean": [720 / np.pi, 0.5], "low": [200.0, 0.4], "high": [260.0, 0.7]}
+    summary = pl.DataFrame({"quantity": ["K_s", "hysteresis_area"], **means}).join(pl.DataFrame(place), how="cross")
     points = belt_figure_points(curves, table, summary)
     np.testing.assert_allclose(points["deviation"].drop_nulls(), [0.5, 0.5, 0.5, 0.0], atol=1e-12)
     mean = points.filter(pl.col("trial") == "mean slope")

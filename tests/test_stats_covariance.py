@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 import statsmodels.api as sm
 
-from osl_analysis.signals import LowPass
 from osl_analysis.stats.covariance import (
     between_cycles,
     moving_sums,
@@ -15,7 +14,6 @@ from osl_analysis.stats.covariance import (
 )
 from osl_analysis.stats.regression import linear_fit
 
-RATE = 1000.0
 CYCLE, COUNT = 50, 24
 
 
@@ -30,11 +28,10 @@ def repeated(rng, noise=0.3):
     return 3 * columns["a"] + friction + noise * rng.standard_normal(n), columns, cycles
 
 
-def with_spread(y, columns, cycles, filtered_off=0.0):
-    """The fit with the covariance of the spread of cycles, of the residual before a filter."""
+def with_spread(y, columns, first, stop, stratum):
+    """The fit with the covariance of the spread of cycles."""
     fit, X = linear_fit(y, columns), np.column_stack(list(columns.values()))
-    first, stop, stratum = cycles
-    scores = products_between(X, (fit.residual + filtered_off)[:, None], first, stop)[..., 0] @ np.linalg.inv(X.T @ X)
+    scores = products_between(X, fit.residual[:, None], first, stop)[..., 0] @ np.linalg.inv(X.T @ X)
     covariance, freedom = between_cycles(scores, stratum)
     return replace(fit, covariance=covariance, degrees_of_freedom=freedom)
 
@@ -45,7 +42,7 @@ def test_the_spread_of_cycles_covers_where_friction_fools_hac():
     truth = linear_fit(repeated(rng, noise=0.0)[0], repeated(rng)[1])["b"]
     for _ in range(600):
         y, columns, cycles = repeated(rng)
-        fit = with_spread(y, columns, cycles)
+        fit = with_spread(y, columns, *cycles)
         low, high = fit.interval("b")
         covered += low <= truth <= high
     assert 0.93 < covered / 600 < 0.97
@@ -63,7 +60,7 @@ def test_cycles_that_are_no_whole_rows_have_the_sums_that_their_integrals_have()
 def test_one_stratum_is_statsmodels_cluster_covariance():
     y, columns, cycles = repeated(np.random.default_rng(5))
     groups = np.repeat(np.arange(COUNT), CYCLE)
-    fit = with_spread(y, columns, (*cycles[:2], np.zeros(COUNT, dtype=np.intp)))
+    fit = with_spread(y, columns, *cycles[:2], np.zeros(COUNT, dtype=np.intp))
     other = sm.OLS(y, np.column_stack(list(columns.values()))).fit(
         cov_type="cluster", cov_kwds={"groups": groups, "use_correction": False}
     )
@@ -96,26 +93,3 @@ def test_degrees_of_freedom_of_a_sum_are_those_of_welch_and_satterthwaite():
     np.testing.assert_array_equal(welch_satterthwaite([[2.0, 0.0]], [5]), [5, np.inf])
     assert welch_satterthwaite([1e-40, 1.0], [5, np.inf]) == np.inf  # a scatter that is rounding of a sum
     assert welch_satterthwaite([1e-4, 1.0], [5, np.inf]) == pytest.approx(5e8, rel=1e-3)
-
-
-def test_cycles_that_a_filter_correlates_have_the_spread_of_the_noise_before_it():
-    """2000 seeded records of five cycles of 5 Hz: the filter smears noise over the edges, where a cosine is largest.
-    The standard error is 6 % too small from the filtered residual; Monte Carlo errors are 1 %."""
-    low_pass, rng, f = LowPass(15), np.random.default_rng(9), 5.0
-    t = np.arange(2000) / RATE
-    inside = slice(500, 1500)
-    columns = {"cosine": np.cos(2 * np.pi * f * t)[inside], "offset": np.ones(1000)}
-    edges = 200.0 * np.arange(6)
-    cycles = edges[:-1], edges[1:], np.zeros(5, dtype=np.intp)
-    variances, errors = {"before": [], "behind": []}, []
-    for _ in range(2000):
-        noise = rng.standard_normal(len(t))
-        filtered = low_pass(noise, RATE)
-        taken = {"behind": 0.0, "before": (noise - filtered)[inside]}
-        for name, off in taken.items():
-            fit = with_spread(filtered[inside], columns, cycles, off)
-            variances[name].append(fit.se("cosine") ** 2)
-        errors.append(fit["cosine"])
-    ratio = {name: np.sqrt(np.mean(each)) / np.std(errors) for name, each in variances.items()}
-    assert ratio["before"] == pytest.approx(1, abs=0.05)
-    assert ratio["behind"] < 0.96

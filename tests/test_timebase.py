@@ -1,6 +1,5 @@
 """One time base: the stamps of real recorders, the truth written by hand, and the joint's K, B, I at the end of it."""
 
-import json
 from collections.abc import Callable
 from contextlib import suppress
 from itertools import product
@@ -153,14 +152,6 @@ def test_a_python_loop_with_absolute_targets_is_late_and_never_early_and_yet_its
     assert said["g"] == pytest.approx(1.0, abs=4 * said["g_se"])
     assert said["merged"] > 5
     assert_recovers_the_joint(grid)
-
-
-def test_a_channel_of_mere_noise_does_not_pass_for_an_even_one_beside_true_motion():
-    random = np.random.default_rng(12)
-    stamps = np.cumsum(0.008 + 0.004 * random.random(12_000))
-    recorded = Stream("loop", stamps, joint(stamps, stamps).signals | {"rest": noisy(0 * stamps, random)})
-    (part,) = take([recorded])
-    assert (part.signals, part.even, part.firm, part.evidence["rest"].se) == (("theta", "rest"), False, True, np.inf)
 
 
 def test_channels_firmly_true_and_firmly_even_are_taken_apart():
@@ -327,19 +318,6 @@ def test_drift_is_refused_beyond_what_damping_and_inertia_bear_if_it_is_certain(
     ClockDrift(-5.0, 4.0).check(2.0)
     with pytest.raises(InputError, match=r"drift apart by -2\.10 \+- 0\.10 ppm, more than 2: .*synchronise"):
         ClockDrift(-2.1, 0.1).check(2.0)
-
-
-def test_the_report_is_plain_json_with_every_number_that_the_table_states():
-    t, random = clock(1000.0), np.random.default_rng(70)
-    kept = (t < 20) | (t >= 20.1)
-    stamps = t + 2e-5 * random.standard_normal(len(t))
-    grid = one_time_base([joint(stamps, stamps), cell(t[kept], t[kept], random)])
-    assert 1e-5 < grid.farthest_s < 5.1e-4  # of the rows outside the gap, which is 100 ms long
-    angle, torque = json.loads(json.dumps(grid.streams, allow_nan=False))
-    assert angle["why"].startswith("true: theta g = ")
-    assert angle["residual_sd_s"] == pytest.approx(2e-5, rel=0.05)
-    assert (torque["missing"], torque["marked"], torque["why"]) == (100, 1, "even: the stamps lie on their line")
-    assert torque["interpolation"] == "cubic spline on the device's even clock"
 
 
 def test_a_counter_that_counts_by_twos_leaves_the_step_between_samples():

@@ -11,7 +11,7 @@ from click.testing import CliRunner
 from conftest import ROOT
 
 from osl_analysis.bench.components import ACTUATOR_PARAMETERS as NAMES
-from osl_analysis.bench.components import actuator_alone
+from osl_analysis.bench.components import actuator_trial
 from osl_analysis.bench.settings import ActuatorAnalysis
 from osl_analysis.campaign.configuration import read_section
 from osl_analysis.cli import main
@@ -40,9 +40,9 @@ def settings(duration_s=20.0, effects=True):
     return found.model_copy(update={"actuator": shorter, "effects": kept, "recorder": RecorderSettings()})
 
 
-def fit_log(time, theta_m, current, torque_m, **changes):
-    signals = {"theta_m": theta_m, "current": current, "torque_m": torque_m}
-    return actuator_alone("made", time, signals, ANALYSIS.model_copy(update=changes)).whole
+def fit_log(time, theta_m, current, torque_m):
+    samples = pl.DataFrame({"time": time, "theta_m": theta_m, "current": current, "torque_m": torque_m})
+    return actuator_trial(Trial("made", samples), ANALYSIS).whole
 
 
 def fitted(log):

@@ -18,7 +18,7 @@ from test_bench_any_excitation import moving_record
 from test_bench_belt import belt_cycle
 
 from osl_analysis.bench.analysis import Series
-from osl_analysis.bench.components import belt_series, belt_table, fit_branches, transmission_of, transmission_table
+from osl_analysis.bench.components import belt_table, fit_branches, transmission_of, transmission_table
 from osl_analysis.bench.impedance import impedance_table, rendered_impedance
 from osl_analysis.campaign.campaign import ABOUT_MEANING, sentence
 from osl_analysis.commands.report import lacks_result
@@ -287,7 +287,7 @@ def test_the_model_of_a_series_is_that_of_the_fit_in_the_samples_that_the_fit_us
     for series, table in (
         (sines.analysis.series(), impedance_table(sines)),
         (losses.series(), transmission_table(losses)),
-        (belt_series(belt), belt_table(belt)),
+        (belt.series(), belt_table(belt)),
         (motion.analysis.series(), impedance_table(motion)),
     ):
         assert vaf(series) == pytest.approx(table["VAF"][-1], abs=1e-6)

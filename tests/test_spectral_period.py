@@ -195,4 +195,4 @@ def test_trials_of_one_condition_are_pooled_where_their_motions_differ_in_phases
     write_table(response_tables(periodic("M1", 1, 2), None)["response"], tmp_path / "response.csv")
     plot_numbers("response", tmp_path / "response.csv", tmp_path / "plotted.csv", second=pooled)
     (row,) = read_table(tmp_path / "plotted.csv").unique("trials").to_dicts()
-    assert condition_words(row) == ["Knee, left", "M1 and 1 more", "4 realisations"]
+    assert condition_words(row, 28) == ["Knee, left", "M1 and 1 more", "4 realisations"]

@@ -4,14 +4,13 @@ A part is the columns of its equation and the groups of rows in which it holds; 
 diagnostics are those of every record (gram.py, analysis.py).
 """
 
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from osl_analysis.bench.analysis import Analysis, Series, analysed, check_stiffer, friction_rows, widened
+from osl_analysis.bench.analysis import Analysis, analysed, check_stiffer, friction_rows, widened
 from osl_analysis.bench.effects import (
     TRANSMISSION,
     Model,
@@ -224,11 +223,6 @@ def belt_curve(belt: Analysis) -> pl.DataFrame:
     return pl.DataFrame(shown)
 
 
-def belt_series(belt: Analysis) -> Series:
-    """Torque against deflection beside the straight line, which is fitted while loading."""
-    return replace(belt.series(), motion=belt.sums.columns["theta"])
-
-
 def belt_figure_points(curves: pl.DataFrame, table: pl.DataFrame, summary: pl.DataFrame) -> pl.DataFrame:
     """The numbers of Fig. 3, for each joint and side: the curves with the `deviation` of torque [N*m] from the mean
     slope and the reason why a fit is doubtful; this slope as two points, from 0 to the largest deflection, with the
@@ -236,21 +230,16 @@ def belt_figure_points(curves: pl.DataFrame, table: pl.DataFrame, summary: pl.Da
     """
     found = []
     marked_curves = curves.join(table.select("trial", *PLACE, "doubtful"), "trial", how="left", maintain_order="left")
+    bounds = {"": "mean", "_low": "low", "_high": "high"}
     for one in marked_curves.partition_by(PLACE, maintain_order=True):
-        place = one.select(PLACE).row(0, named=True)
-        same = [pl.col(name).eq_missing(pl.lit(value, pl.String)) for name, value in place.items()]
-        numbers = dict[str, float]()
-        for quantity in ("K_s", "hysteresis_area"):
-            mean, low, high = summary.filter(pl.col("quantity") == quantity, *same).select("mean", "low", "high").row(0)
-            numbers |= {quantity: mean, f"{quantity}_low": low, f"{quantity}_high": high}
-        slope = numbers["K_s"] * np.pi / 180
-        deflection = one["theta_s_deg"]
-        ends = [0.0, deflection[int(np.argmax(deflection.abs().to_numpy()))]]
-        texts = {"trial": "mean slope", "branch": "loading", **place}
-        line = pl.DataFrame({"theta_s_deg": ends}).with_columns(
-            torque=slope * pl.col("theta_s_deg"),
-            **{name: pl.lit(value, pl.String) for name, value in texts.items()},
-            **{name: pl.lit(value, pl.Float64) for name, value in numbers.items()},
+        place = one.select(PLACE).head(1)
+        means = {row["quantity"]: row for row in summary.join(place, PLACE, nulls_equal=True).to_dicts()}
+        numbers = {f"{x}{end}": means[x][of] for x in ("K_s", "hysteresis_area") for end, of in bounds.items()}
+        slope, deflection = numbers["K_s"] * np.pi / 180, one["theta_s_deg"]
+        ends = np.array([0.0, deflection[int(np.argmax(deflection.abs().to_numpy()))]])
+        line = pl.DataFrame({"trial": "mean slope", "branch": "loading", "theta_s_deg": ends, "torque": slope * ends})
+        line = line.join(
+            place.with_columns(**{name: pl.lit(x, pl.Float64) for name, x in numbers.items()}), how="cross"
         )
         found += [one.with_columns(deviation=pl.col("torque") - slope * pl.col("theta_s_deg")), line]
     return pl.concat(found, how="diagonal")
@@ -295,47 +284,34 @@ FEWEST_MOVING_S = 1.0  # shortest duration [s] of the samples that are fitted
 
 
 def actuator_trial(trial: Trial, settings: ActuatorAnalysis) -> Analysis:
-    """Filter and fit one canonical trial. Its motion is theta_m, or omega_m of a bench that logs no angle.
+    """Filter one canonical trial, and fit Eqs. 1-2. Its motion is theta_m [rad] of the actuator's output, or omega_m
+    [rad/s] of a bench that logs no angle; its torque is torque_m [N*m], and its current I_q [A].
 
-    Raises InputError, IdentifiabilityError: as `actuator_alone`, or a signal is missing; the message names the trial.
+    Raises InputError: a signal is missing, or the actuator hardly moves. Raises IdentifiabilityError: the schedule
+    cannot tell two parameters apart; the message names the trial and them.
     """
-    motion = next((name for name in ("theta_m", "omega_m") if name in trial.samples.columns), "theta_m")
-    uniform = uniform_signals(trial, (motion, "current", "torque_m"), settings.gap_limits)
-
-    def of(signals: UniformSignals) -> Analysis:
-        found = actuator_alone(trial.name, signals.time, signals.signals, settings, signals.usable)
-        return replace(found, record=replace(found.record, uniform=signals))
-
+    moved = next((name for name in ("theta_m", "omega_m") if name in trial.samples.columns), "theta_m")
+    uniform = uniform_signals(trial, (moved, "current", "torque_m"), settings.gap_limits)
     try:
-        found, other = of(uniform), uniform.other()
-        return found if other is None else replace(found, others=of(other).fits)
+        found, other = actuator_of(uniform, settings), uniform.other()
+        return found if other is None else replace(found, others=actuator_of(other, settings).fits)
     except (InputError, IdentifiabilityError) as error:
         raise type(error)(f"trial {trial.name}: {error}") from error
 
 
-def actuator_alone(
-    name: str,
-    time: Array,
-    signals: Mapping[str, Array],
-    settings: ActuatorAnalysis,
-    usable: NDArray[np.bool_] | None = None,
-) -> Analysis:
-    """Eqs. 1-2 fitted to uniform signals (n,): `theta_m` [rad] or `omega_m` [rad/s] and `torque_m` [N*m] of the
-    actuator's output, and its `current` [A].
+def actuator_of(signals: UniformSignals, settings: ActuatorAnalysis) -> Analysis:
+    """The fit to uniform signals.
 
     The sign of the velocity is tanh(omega_m/sign_width). It is taken before the filter, so that friction's jumps are
     smeared in the column as they are in the torque, which biases nothing. f_G can be told from k_tau n_m only if the
     current both drives and brakes: as long as it has the direction of the motion, sign(omega_m) |I_q| equals I_q. The
     drift is that of the torque transducer. Left in the residual it would multiply the standard error of f_G by four.
-
-    Raises InputError: the actuator hardly moves. Raises IdentifiabilityError: the schedule cannot tell two parameters
-    apart; the message names them.
     """
     check_changes("torque_m", signals["torque_m"])
-    of_velocity = moved_by(signals) == "omega_m"
-    low_pass, rate, raw = settings.low_pass, (len(time) - 1) / float(time[-1] - time[0]), signals[moved_by(signals)]
+    moved, usable, time = moved_by(signals), signals.usable, signals.time
+    low_pass, rate, raw = settings.low_pass, signals.rate_hz, signals[moved]
     smooth = differentiate(time, low_pass(raw, rate))
-    omega, alpha = (smooth.theta, smooth.omega) if of_velocity else (smooth.omega, smooth.alpha)
+    omega, alpha = (smooth.theta, smooth.omega) if moved == "omega_m" else (smooth.omega, smooth.alpha)
     direction, current = np.tanh(omega / settings.sign_width), signals["current"]
     columns = {
         "k_tau_n_m": low_pass(current, rate),
@@ -346,7 +322,6 @@ def actuator_alone(
         "one": np.ones_like(time),
         "drift": time - np.mean(time),
     }
-    usable = np.ones(len(time), dtype=np.bool_) if usable is None else usable
     # away from both ends, where the filter had to extrapolate, and faster than the settings' slowest velocity, because
     # friction may have any value up to its limit below
     moving, edge = (np.abs(omega) > settings.slowest) & usable, int(np.ceil(3 * rate / settings.cutoff_hz))
@@ -358,21 +333,15 @@ def actuator_alone(
         )
     motion, torque = Motion(smooth.theta, omega, alpha), low_pass(signals["torque_m"], rate)
     groups = stretches_of(runs(moving), rate)
-    record = Record(name, time, raw, signals["torque_m"], motion, torque, low_pass, usable, groups)
+    record = Record(
+        signals.trial, time, raw, signals["torque_m"], motion, torque, low_pass, usable, groups, uniform=signals
+    )
     return analysed(record, gram_sums(record, columns, list(columns)), ACTUATOR_ALONE)
 
 
-def moved_by(signals: Mapping[str, Array]) -> str:
+def moved_by(signals: UniformSignals) -> str:
     """The column that the actuator's motion is from."""
-    return "theta_m" if "theta_m" in signals else "omega_m"
-
-
-def actuator_series(actuator: Analysis) -> Series:
-    """Measured torque and that of Eqs. 1-2."""
-    record = actuator.record
-    assert record.uniform is not None
-    of_velocity = moved_by(record.uniform.signals) == "omega_m"
-    return replace(actuator.series(), motion=record.theta, is_velocity=of_velocity)
+    return "theta_m" if "theta_m" in signals.signals else "omega_m"
 
 
 def actuator_table(actuator: Analysis) -> pl.DataFrame:
@@ -381,7 +350,7 @@ def actuator_table(actuator: Analysis) -> pl.DataFrame:
     assert record.uniform is not None
     row = {
         "trial": record.name,
-        "motion": moved_by(record.uniform.signals),
+        "motion": moved_by(record.uniform),
         **estimates_row(fit, *ACTUATOR_PARAMETERS, "offset", "drift"),
         **covariance_row(fit, *ACTUATOR_PARAMETERS),
         **actuator.judged(),

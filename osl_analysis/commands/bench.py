@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from html import escape
 from importlib import import_module
 from pathlib import Path
@@ -50,7 +50,7 @@ def fit_belt_trial(trial: Trial, parameters: FileOrNone, settings: BeltAnalysis)
     rails = saturated(trial, "torque", "theta")
     belt = components.belt_trial(trial, p, settings)
     return FitTables(
-        components.belt_series(belt),
+        replace(belt.series(), motion=belt.sums.columns["theta"]),  # against the deflection
         lambda: {"timebase": belt.time_base(["K_s"])},
         belt=plausible(components.belt_table(belt), rails, p, "K_s"),
         belt_curves=components.belt_curve(belt),
@@ -104,7 +104,8 @@ def fit_actuator_trial(trial: Trial, parameters: FileOrNone, settings: ActuatorA
     rails = saturated(trial, "torque_m", "current")
     actuator = components.actuator_trial(trial, settings)
     table = plausible(components.actuator_table(actuator), rails, p, "k_tau_n_m", "f_C", "f_G", "B_m", "J_m")
-    series = components.actuator_series(actuator)
+    is_velocity = table["motion"][0] == "omega_m"
+    series = replace(actuator.series(), motion=actuator.record.theta, is_velocity=is_velocity)
     return FitTables(series, lambda: {"timebase": actuator.time_base(components.ACTUATOR_PARAMETERS)}, actuator=table)
 
 

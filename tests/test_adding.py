@@ -11,11 +11,9 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 import pytest
-import yaml
 from conftest import ROOT
 
-NEW_FILES = {
-    "osl_analysis/bench/holding.py": '''"""A joint that holds still under load: the mean torque."""
+FIT = '''"""A joint that holds still under load: the mean torque."""
 
 import polars as pl
 
@@ -28,8 +26,7 @@ def holding_table(trial: Trial, settings: FilterSettings) -> pl.DataFrame:
     time, _, torque = trial.signals("theta", "torque")
     filtered = settings.low_pass(torque, 1 / (time[1] - time[0]))
     return pl.DataFrame([{"trial": trial.name, "mean_torque": float(filtered.mean())}])
-''',
-}
+'''
 ADDITIONS = {
     "osl_analysis/config/experiments.py": (
         '    "static": Experiment(',
@@ -74,30 +71,23 @@ IMPORTS = """from osl_analysis.bench.holding import holding_table
 from osl_analysis.bench.settings import FilterSettings
 """
 TORQUES = {"holding_1": 2.0, "holding_2": 6.0}
+OURS = "{campaign: holding, raw_data: ., sheet: trials.csv, simulation: null, impedance_trajectory: null}"
 
 
 @pytest.fixture(scope="module")
 def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A copy of the project with the toy experiment, and a campaign of two of its trials, as CSV logs."""
+    """A copy of the project with the toy experiment, and a campaign of two of its trials, as CSV logs of 2 s."""
     folder = tmp_path_factory.mktemp("project")
     shutil.copy(ROOT / "Snakefile", folder)
     for part in ("osl_analysis", "snakemake_logger_plugin_osl", "rules", "profiles", "config"):
         shutil.copytree(ROOT / part, folder / part)  # with the compiled bytecode, which the same dates keep valid
-    for name, text in NEW_FILES.items():
-        (folder / name).parent.mkdir(exist_ok=True)
-        (folder / name).write_text(text)
+    (folder / "osl_analysis/bench/holding.py").write_text(FIT)
     for name, (place, text) in ADDITIONS.items():
         before = (folder / name).read_text()
         assert before.count(place) == 1
         (folder / name).write_text(before.replace(place, text + place))
     jobs = folder / "osl_analysis/commands/bench.py"
     jobs.write_text(jobs.read_text().replace("from pathlib import Path\n", f"from pathlib import Path\n{IMPORTS}", 1))
-    write_campaign(folder)
-    return folder
-
-
-def write_campaign(folder: Path) -> None:
-    """Two logs of 2 s at 500 Hz, the sample sheet and the configuration."""
     time, noise = np.arange(1000) / 500, np.random.default_rng(1).standard_normal((2, 1000))
     rows = ["trial,experiment,log,log_source"]
     for name, torque in TORQUES.items():
@@ -106,16 +96,16 @@ def write_campaign(folder: Path) -> None:
         pl.DataFrame(columns).write_csv(folder / f"{name}.csv")
         rows.append(f"{name},holding,{name}.csv,bench_csv")
     (folder / "trials.csv").write_text("\n".join(rows) + "\n")
-    ours = {"campaign": "holding", "raw_data": ".", "sheet": "trials.csv", "simulation": None}
-    (folder / "config.yaml").write_text(yaml.safe_dump(ours | {"impedance_trajectory": None}))
+    (folder / "config.yaml").write_text(OURS)
+    return folder
 
 
-def python(project: Path, *arguments: str) -> tuple[str, str]:
+def python(project: Path, *arguments: str) -> str:
     """What a Python of the copy says."""
     environment, command = os.environ | {"PYTHONPATH": str(project)}, [sys.executable, *arguments]
     done = subprocess.run(command, cwd=project, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
-    return done.stdout, done.stderr
+    return done.stdout + done.stderr if "-m" in arguments else done.stdout
 
 
 DOORS = """
@@ -139,7 +129,7 @@ def test_sheet_rules_tables_quality_control_and_every_door_know_it(project: Path
     """The doors: the command line, as text and JSON, the first look of `init`, `watch` and the notebook."""
     made = ("results/tables/holding_summary.csv", "results/tables/quality.csv")
     said = python(project, "-m", "snakemake", *made, "--configfile", "config.yaml", "--verbose")
-    done = dict(re.findall(r"^(\w+) +(\d+)$", "".join(said), re.MULTILINE))
+    done = dict(re.findall(r"^(\w+) +(\d+)$", said, re.MULTILINE))
     assert (done["ingest"], done["fit_holding_trial"]) == ("2", "2")
     table = pl.read_csv(project / "results/tables/holding.csv")
     assert table["mean_torque"].to_list() == pytest.approx(list(TORQUES.values()), abs=0.01)
@@ -150,7 +140,7 @@ def test_sheet_rules_tables_quality_control_and_every_door_know_it(project: Path
     assert checks["value"].null_count() == 0
     assert set(checks["trial"]) == set(TORQUES)
     row = pl.read_csv(project / "results/tables/holding.csv").row(-1, named=True)
-    first, text, as_json, *others = json.loads(python(project, "-c", DOORS)[0])
+    first, text, as_json, *others = json.loads(python(project, "-c", DOORS))
     assert re.search(rf"holding_1: ok\n.*\n +mean_torque +{table['mean_torque'][0]:.5g}", first), first
     assert json.loads(as_json)[0]["mean_torque"] == row["mean_torque"]
     for said in (text, *others):

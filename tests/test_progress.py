@@ -59,15 +59,11 @@ def test_a_terminal_has_what_runs_on_its_last_line(clock, capsys, monkeypatch):
     assert capsys.readouterr().err.endswith("\r\x1b[Kread and check recordings 1/4, 0.5/s, 6 s left | fit 0/2")
 
 
-@pytest.mark.parametrize("prefix", ["", "osl_"])
-@pytest.mark.parametrize(
-    ("rule", "stage"),
-    [("simulate_belt", "simulate"), ("ingest", "read and check recordings"), ("fit_belt_trial", "fit"),
-     ("plot_numbers_fig4", "figures"), ("summarise_walking", "fit"),
-     *((rule, "tables and page") for rule in ("table", "headline_numbers", "report", "judge", "excluded_trials"))],
-)  # fmt: skip
-def test_a_rule_has_its_stage_in_a_module_too(prefix, rule, stage):
-    assert stage_of(prefix + rule) == stage
+def test_a_rule_has_its_stage_in_a_module_too():
+    stages = {"simulate_belt": "simulate", "ingest": "read and check recordings", "plot_numbers_fig4": "figures"}
+    stages |= dict.fromkeys(("fit_belt_trial", "summarise_walking"), "fit")
+    stages |= dict.fromkeys(("table", "headline_numbers", "report", "judge", "excluded_trials"), "tables and page")
+    assert {rule: stage_of(rule) for rule in stages} == {rule: stage_of(f"osl_{rule}") for rule in stages} == stages
 
 
 def test_what_a_user_must_know_is_said_at_once_and_the_lines_of_snakemake_are_left_out(clock, tmp_path, capsys):
@@ -80,20 +76,15 @@ def test_what_a_user_must_know_is_said_at_once_and_the_lines_of_snakemake_are_le
     tell(lines, LogEvent.JOB_FINISHED, job_id=3)
     tell(lines, text="Unlocked working directory.")
     tell(lines, LogEvent.ERROR, "Error: Directory cannot be locked.", logging.ERROR)
+    for settings in ({"verbose": True}, {"dryrun": True}):  # these have the lines of Snakemake
+        tell(handler(**settings), text="Unlocked working directory.")
+        assert not handler(**settings).writes_to_stream
     assert capsys.readouterr().err.splitlines() == [
         r"refused: belt_01: belt_01.mcap: no such file; copy it\x1b[31m",
         "read and check recordings 1/1 in 0 s",
         "Unlocked working directory.",
         "Error: Directory cannot be locked.",
     ]
-
-
-@pytest.mark.parametrize("settings", [{"verbose": True}, {"dryrun": True}])
-def test_a_dry_run_and_a_verbose_one_have_the_lines_of_snakemake(settings, capsys):
-    lines = handler(**settings)
-    tell(lines, text="Unlocked working directory.")
-    assert not lines.writes_to_stream
-    assert capsys.readouterr().err == ""
 
 
 def test_timers_of_the_scheduler_do_not_add_up_and_none_outlives_the_last_job():

@@ -21,31 +21,26 @@ def site():
     return found
 
 
-@pytest.mark.parametrize(
-    ("fault", "said"),
-    [
-        ("<a href='none.html'>b</a>", "none.html leads nowhere"),
-        ("<a href='second.html#none'>b</a>", "second.html#none leads to no heading"),
-        ("<a href='second.html#t%6Fp'>b</a>", None),
-        ("<script src='https://cdn.example/x.js'></script>", "loads https://cdn.example/x.js from a network"),
-        ("<link href='//fonts.example/x.css'>", "loads //fonts.example/x.css from a network"),
-        ("<a href='https://example.org'>b</a>", None),
-        ("<img src='none.png'>", "none.png leads nowhere"),
-        ("<math><merror>x</merror></math>", "1 equations cannot be drawn"),
-    ],
-)
-def test_the_check_of_the_built_site_finds_a_planted_fault(site, tmp_path, fault, said):
-    (tmp_path / "index.html").write_text(PAGE.format(title="first", link="second.html#top", more=fault))
+FAULTS = {
+    "<a href='none.html'>b</a>": ["index.html: none.html leads nowhere"],
+    "<a href='second.html#none'>b</a>": ["index.html: second.html#none leads to no heading"],
+    "<a href='second.html#t%6Fp'>b</a>": [],
+    "<script src='https://cdn.example/x.js'></script>": ["index.html: loads https://cdn.example/x.js from a network"],
+    "<link href='//fonts.example/x.css'>": ["index.html: loads //fonts.example/x.css from a network"],
+    "<a href='https://example.org'>b</a>": [],
+    "<img src='none.png'>": ["index.html: none.png leads nowhere"],
+    "<math><merror>x</merror></math>": ["index.html: 1 equations cannot be drawn"],
+}
+
+
+def test_the_check_of_the_built_site_finds_each_planted_fault(site, tmp_path):
     (tmp_path / "second.html").write_text(PAGE.format(title="second", link="index.html", more=""))
-    found = list(site["check"].faults(tmp_path))
-    assert found == [] if said is None else len(found) == 1 and found[0] == f"index.html: {said}"
-
-
-def test_a_page_without_a_link_to_it_and_a_font_of_a_network_are_found(site, tmp_path):
+    for fault, said in FAULTS.items():
+        (tmp_path / "index.html").write_text(PAGE.format(title="first", link="second.html#top", more=fault))
+        assert list(site["check"].faults(tmp_path)) == said, fault
     (tmp_path / "index.html").write_text(PAGE.format(title="first", link="#top", more=""))
-    (tmp_path / "lonely.html").write_text(PAGE.format(title="second", link="lonely.html", more=""))
     (tmp_path / "site.css").write_text("@font-face { src: url('https://fonts.example/x.woff'); }")
-    said = ["lonely.html: no link leads to this page", "site.css: loads something from a network"]
+    said = ["second.html: no link leads to this page", "site.css: loads something from a network"]
     assert list(site["check"].faults(tmp_path)) == said
 
 

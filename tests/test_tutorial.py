@@ -38,14 +38,10 @@ def lines_of(text):
     return [re.sub(r" in \d+ s$", " in N s", line.rstrip()) for line in text]
 
 
-@pytest.fixture(scope="module")
-def followed(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("a place with blanks")
-    return folder, list(said_by_page(in_this_process, folder))
-
-
-def test_the_commands_of_the_tutorial_print_what_it_shows(followed):
-    _, said = followed
+def test_the_commands_of_the_tutorial_print_what_it_shows_and_end_with_its_figure_without_a_flag(tmp_path):
+    folder = tmp_path / "a place with blanks"
+    folder.mkdir()
+    said = list(said_by_page(in_this_process, folder))
     assert [command.split()[1] for command, _, _ in said] == ["record.py", "init", "ingest", "fit", "run", "results"]
     for command, shown, printed in said:
         shown, printed = lines_of(shown), lines_of(printed)
@@ -53,10 +49,6 @@ def test_the_commands_of_the_tutorial_print_what_it_shows(followed):
             assert [line for line in shown if line not in (*printed, LEFT_OUT)] == [], command
         else:
             assert shown == printed, command
-
-
-def test_the_tutorial_ends_with_its_figure_without_a_flag_and_with_the_schema_that_its_files_name(followed):
-    folder, _ = followed
     assert (folder / FIGURE).stat().st_size > 10_000
     assert (DOCS / "tutorial.png").exists()
     assert "flag" not in (folder / "my_campaign/results/tables/quality.csv").read_text()

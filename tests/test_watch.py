@@ -12,7 +12,6 @@ from any_motion import TRUE, made_trial, noise
 from conftest import ROOT
 from test_new_campaign import DAMPING, INERTIA, STIFFNESS, write_joint
 
-from osl_analysis.commands import inspect as inspect_command
 from osl_analysis.commands import inspect as module
 from osl_analysis.commands.inspect import (
     QUIET_S,
@@ -100,19 +99,17 @@ def test_what_was_not_examined_before_a_restart_is_examined_then_and_no_more(tmp
     assert read_notes(bench.output / "examined.json") == {}
 
 
-def test_a_fault_in_one_recording_does_not_end_the_watch(tmp_path, bench, monkeypatch):
-    write_joint(tmp_path / "in/k120_b2.csv")
-    monkeypatch.setattr(module, "fit_of_row", lambda *_: 1 / 0)
-    said = recording_line(tmp_path / "in/k120_b2.csv", tmp_path / "in", bench)
-    assert "FAILED: unexpected ZeroDivisionError" in said
-
-
-def test_a_picture_that_cannot_be_written_does_not_take_the_numbers_away(tmp_path, bench):
-    write_joint(tmp_path / "in/k120_b2.csv")
+def test_a_fault_in_one_recording_does_not_end_the_watch_and_no_picture_takes_the_numbers_away(
+    tmp_path, bench, monkeypatch
+):
+    path = tmp_path / "in/k120_b2.csv"
+    write_joint(path)
     bench.output.write_text("a file in place of the folder")
-    said = recording_line(tmp_path / "in/k120_b2.csv", tmp_path / "in", bench)
+    said = recording_line(path, tmp_path / "in", bench)
     assert re.search(r"\bK 1[12]\d", said)
     assert "no picture: " in said
+    monkeypatch.setattr(module, "fit_of_row", lambda *_: 1 / 0)
+    assert "FAILED: unexpected ZeroDivisionError" in recording_line(path, tmp_path / "in", bench)
 
 
 def test_a_stiffness_far_from_the_desired_one_is_pointed_at(tmp_path, bench):
@@ -170,7 +167,7 @@ def test_a_trial_of_the_sheet_is_fitted_in_its_windows_and_against_its_curve(mon
     assert [found[name] for name in TRUE] == pytest.approx(list(TRUE.values()), rel=0.01)
     assert (found["controller"], found["K_d"]) == ("mine", 250.0)
     assert "the configuration names no parameter file" in found["not_checked"]
-    monkeypatch.setattr(inspect_command, "fit_trial", lambda *given: given[-2]["desired"])
+    monkeypatch.setattr(module, "fit_trial", lambda *given: given[-2]["desired"])
     assert fit_of_row(trial, {"experiment": "torque_angle", "desired": "foot"}, None, default_config()) == "foot"
 
 

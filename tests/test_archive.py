@@ -35,12 +35,16 @@ def test_tables_come_back_as_they_were_written_and_any_zip_reader_finds_them(tmp
         assert archive.read("phasors.csv") == (tmp_path / "phasors.csv").read_bytes()
 
 
+def fail_after_writing(*paths):
+    for archive in paths:
+        write_table(TABLES["series"], archive / "series.csv")
+    write_table(None, paths[0] / "series.csv")
+
+
 def test_after_an_error_nothing_is_written_and_an_older_archive_stays(tmp_path):
     before = written(tmp_path / "t_1.zip").read_bytes()
     with pytest.raises(AttributeError), archives():
-        for name in ("t_1", "t_2"):
-            write_table(TABLES["series"], tmp_path / f"{name}.zip/series.csv")
-        write_table(None, tmp_path / "t_3.zip/series.csv")
+        fail_after_writing(tmp_path / "t_1.zip", tmp_path / "t_2.zip")
     assert [path.name for path in tmp_path.iterdir()] == ["t_1.zip"]
     assert (tmp_path / "t_1.zip").read_bytes() == before
 

@@ -60,7 +60,8 @@ def write_report(
         names = [*(table.name for table in EXPERIMENTS[row["experiment"]].tables), "walking_responses"]
         own = {table: written[table].filter(pl.col("trial") == name) for table in names if table in written}
         own = {table: rows for table, rows in own.items() if len(rows)}
-        if why is None and lacks_result(row["experiment"], own, files):
+        is_lacking = not own if EXPERIMENTS[row["experiment"]].fit else "crossing" not in files
+        if why is None and is_lacking and (EXPERIMENTS[row["experiment"]].fit or row["experiment"] == "walking"):
             why = without_result(list(left_out))
         origin = metadata_of(files["trial"])[1] if "trial" in files else {}
         missing, reasons = why or (False, [])

@@ -172,9 +172,7 @@ def simulate(folder: Path, settings: Path, trial: str | None, config_path: Path 
 @file_option("--mocap", help="File of the motion-capture system (C3D, or a CSV export of Nexus).")
 @option("--mocap-source", help="Name of the file in the sources folder that describes it.")
 @file_option(
-    "--sources",
-    default=shipped("config/sources"),
-    help="Folder of source files: channel, unit and sign per signal.",
+    "--sources", default=shipped("config/sources"), help="Folder of source files: channel, unit and sign per signal."
 )
 @file_option("--output", required=True, help="Parquet file to write, in SI units.")
 def ingest(sources: Path, output: Path, **given: Any) -> None:
@@ -227,8 +225,7 @@ def inspect(file: Path, draft_path: Path | None) -> None:
     help="Controller of the trial, any name. The gains of compensated and uncompensated are known (Eqs. 13 and 14).",
 )
 @file_option(
-    "--parameters",
-    help="Parameter file of the device; `none`: it has none. Default: that of the configuration.",
+    "--parameters", help="Parameter file of the device; `none`: it has none. Default: that of the configuration."
 )
 @CONFIG
 @AS_JSON
@@ -470,7 +467,7 @@ def select_gains(
 
 @main.command(
     epilog="Example: osl-analysis design --excitation multisine --friction 0.3 --stiffness-within 1% "
-    "--damping-within 3% --write multisine.csv",
+    "--damping-within 3% --write multisine.csv"
 )
 @option("--excitation", type=click.Choice(list(OPTIONS)), default="stepped-sine")
 @option("--frequencies", type=numbers, help="Of a stepped sine [Hz]; default: the configuration's.")

@@ -25,7 +25,7 @@ class Refusal:
     trial: str  # empty for a result over several trials
     file: str  # the file that is to blame
     job: str  # the command that refused it, `module.function`
-    outcome: str  # as in `JobLog`: `refused`, `failed` or `died`
+    outcome: str  # as in a job's log: `refused`, `failed` or `died`
     reason: str  # what was wrong, on one line
     remedy: str  # what the user can do, on one line
 

@@ -33,20 +33,6 @@ def call(*arguments: object, folder: Path = ROOT, exit_code: int = 0) -> str:
     return done.stdout + done.stderr
 
 
-def build(folder: Path) -> list[Path]:
-    """Wheel and sdist, built into a folder."""
-    call(BIN / "python", "-m", "build", "--no-isolation", "--outdir", folder)
-    return sorted(folder.iterdir())
-
-
-def environment(folder: Path) -> Path:
-    """A new environment with what the lock says; its Python."""
-    call(BIN / "uv", "venv", "--quiet", "--python", sys.executable, folder)
-    python = folder / "bin/python"
-    call(*INSTALL, python, "--require-hashes", "--requirements", ROOT / "requirements.lock")
-    return python
-
-
 def installed(python: Path, package: Path) -> set[Path]:
     """The modules of a package that is installed in an environment, in place of the one that was there."""
     call(*INSTALL, python, "--no-build-isolation", "--reinstall", package)
@@ -79,13 +65,16 @@ def check_campaigns(commands: Path, folder: Path) -> None:
 def main() -> None:
     """Build twice, compare, install the wheel and then the sdist in its place, and use both."""
     with TemporaryDirectory() as place:
-        folder = Path(place)
-        first, second = build(folder / "first"), build(folder / "second")
-        digests = [[hashlib.sha256(file.read_bytes()).hexdigest() for file in files] for files in (first, second)]
+        folder, digests = Path(place), []
+        for built in (folder / "first", folder / "second"):
+            call(BIN / "python", "-m", "build", "--no-isolation", "--outdir", built)
+            wheel, sdist = sorted(built.iterdir(), key=lambda file: file.suffix != ".whl")
+            digests.append([hashlib.sha256(file.read_bytes()).hexdigest() for file in (wheel, sdist)])
         assert digests[0] == digests[1], f"two builds differ: {digests}"
-        wheel, sdist = sorted(first, key=lambda file: file.suffix != ".whl")
         (folder / "Ein Ordner").mkdir()
-        python = environment(folder / "an environment")
+        call(BIN / "uv", "venv", "--quiet", "--python", sys.executable, folder / "an environment")
+        python = folder / "an environment/bin/python"
+        call(*INSTALL, python, "--require-hashes", "--requirements", ROOT / "requirements.lock")
         files = installed(python, wheel)
         check_campaigns(python.parent, folder / "Ein Ordner")
         assert files == installed(python, sdist)

@@ -2,15 +2,13 @@
 
 import logging
 import sys
-import threading
 from types import SimpleNamespace
 
 import pytest
-from snakemake.scheduling.job_scheduler import JobScheduler
 from snakemake_interface_logger_plugins.common import LogEvent
 
 from osl_analysis.jobs import progress
-from osl_analysis.jobs.job_log import JobLog, write_log
+from osl_analysis.jobs.job_log import write_log
 from osl_analysis.jobs.progress import LogHandler, stage_of
 
 
@@ -68,7 +66,8 @@ def test_a_rule_has_its_stage_in_a_module_too():
 
 def test_what_a_user_must_know_is_said_at_once_and_the_lines_of_snakemake_are_left_out(clock, tmp_path, capsys):
     log, lines = tmp_path / "belt_01.log", handler()
-    write_log(log, JobLog("ingest.ingest_trial", "refused", error="belt_01.mcap: no such file; copy it\x1b[31m"), {})
+    ended = {"job": "ingest.ingest_trial", "outcome": "refused", "error": "belt_01.mcap: no such file; copy it\x1b[31m"}
+    write_log(log, ended, {})
     tell(lines, LogEvent.RUN_INFO, stats={"ingest": 1, "total": 1})
     tell(lines, text="Building DAG of jobs...")
     tell(lines, text="Execute 1 jobs...")
@@ -85,15 +84,3 @@ def test_what_a_user_must_know_is_said_at_once_and_the_lines_of_snakemake_are_le
         "Unlocked working directory.",
         "Error: Directory cannot be locked.",
     ]
-
-
-def test_timers_of_the_scheduler_do_not_add_up_and_none_outlives_the_last_job():
-    timers = [threading.Timer(60, JobScheduler._noop) for _ in range(3)]
-    other, left = threading.Timer(60, print), []
-    for timer in (*timers, other):
-        timer.start()
-    for event, counted in [(LogEvent.JOB_STARTED, {}), (LogEvent.PROGRESS, {"done": 4, "total": 4})]:
-        tell(handler(), event, **counted)
-        left.append([timer.finished.is_set() for timer in (*timers, other)])
-    other.cancel()
-    assert left == [[True, True, False, False], [True, True, True, False]]

@@ -17,7 +17,7 @@ from osl_analysis.commands.walking import read_model
 from osl_analysis.errors import InputError, WriteError
 from osl_analysis.files import temporary_path
 from osl_analysis.jobs.job import died, perform, reason_and_remedy, refusal
-from osl_analysis.jobs.job_log import JobLog, read_log, run_report, write_log
+from osl_analysis.jobs.job_log import read_log, run_report, write_log
 from osl_analysis.jobs.request import write_request
 from osl_analysis.jobs.run import job_server, run_job
 from osl_analysis.judge.findings import (
@@ -90,7 +90,7 @@ def job(tmp_path, command, inputs, output=None, **settings):
 
 def ended(job):
     perform(job)
-    return read_log(Path(job["log"])).outcome, read_refusals(job["files"][-1])
+    return read_log(Path(job["log"]))["outcome"], read_refusals(job["files"][-1])
 
 
 def test_a_job_that_refuses_its_input_leaves_reason_and_remedy_in_place_of_an_old_result(tmp_path):
@@ -130,7 +130,8 @@ def test_a_trial_stands_without_a_verdict_and_no_verdict_without_its_trial(tmp_p
 
 
 def test_the_report_at_the_end_of_a_run_has_warnings_and_times_and_passes_over_what_is_no_log(tmp_path):
-    write_log(tmp_path / "x.log", JobLog("bench.fit", "done", 1.5, warnings=("Größe 5 %",)), {"input": {"trial": "b"}})
+    ended = {"job": "bench.fit", "outcome": "done", "seconds": 1.5, "warnings": ["Größe 5 %"]}
+    write_log(tmp_path / "x.log", ended, {"input": {"trial": "b"}})
     for name, text in {"own": "no: log", "cut": "job: bench.f", "list": "[1", "no text": "\udcff"}.items():
         (tmp_path / f"{name}.log").write_text(text, errors="surrogateescape")
     said = run_report(tmp_path, 0.0)
@@ -209,7 +210,8 @@ def test_a_remedy_says_what_to_do_and_nothing_of_the_reason_is_lost():
 )
 def test_what_to_do_is_told_by_the_outcome_where_the_message_does_not(outcome, trial, traceback, remedy):
     asked = {"command": "m.f", "input": {"trial": trial}, "settings": {}, "files": ["x.csv"], "log": "job.log"}
-    assert refusal(asked, JobLog("m.f", outcome, error="no sense", traceback=traceback)).remedy.startswith(remedy)
+    ended = {"job": "m.f", "outcome": outcome, "error": "no sense", "traceback": traceback}
+    assert refusal(asked, ended).remedy.startswith(remedy)
 
 
 def test_the_list_has_a_line_per_cause_with_trial_file_reason_and_remedy(tmp_path):

@@ -16,7 +16,7 @@ from osl_analysis.commands.tables import (
     write_summary,
 )
 from osl_analysis.errors import InputError
-from osl_analysis.jobs.job_log import JobLog, write_log
+from osl_analysis.jobs.job_log import write_log
 from osl_analysis.judge.findings import findings
 from osl_analysis.refusal import Refusal
 from osl_analysis.report.headlines import (
@@ -312,8 +312,8 @@ def test_numbers_that_a_failed_run_left_behind_are_said_to_be_old(tmp_path):
     summary = tmp_path / "summary.json"
     summary.write_text("{}")
 
-    def ended(log, later, *facts, **more):
-        write_log(tmp_path / "logs" / log, JobLog(*facts, **more), {})
+    def ended(log, later, job, outcome, error=""):
+        write_log(tmp_path / "logs" / log, {"job": job, "outcome": outcome, "error": error}, {})
         os.utime(tmp_path / "logs" / log, (summary.stat().st_mtime + later,) * 2)
 
     ended("ingest/before.log", -1, "ingest.ingest_trial", "refused", error="bad")

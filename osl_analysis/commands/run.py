@@ -16,8 +16,7 @@ from osl_analysis.errors import InputError, OslAnalysisError
 from osl_analysis.files import CAMPAIGN, check_working_folder, root, shipped
 from osl_analysis.yaml_settings import read_mapping
 
-STATES_ITS_OWN = ("--configfile", "--configfiles")  # options of Snakemake that name a configuration
-PROFILE_OPTION = "--workflow-profile"  # names a folder with options: one here, or a shipped one as `profiles/slurm`
+CONFIGURED_BY = ("--configfile", "--configfiles")  # options of Snakemake that name a configuration
 
 
 def snakemake_arguments(arguments: Sequence[str]) -> list[str]:
@@ -25,7 +24,7 @@ def snakemake_arguments(arguments: Sequence[str]) -> list[str]:
     Snakemake that take lists also take what stands behind them. Raises InputError where there is no campaign, the
     folder cannot be written to, or a configuration or profile is missing.
     """
-    said = any(argument.split("=")[0] in STATES_ITS_OWN for argument in arguments)
+    said = any(argument.split("=")[0] in CONFIGURED_BY for argument in arguments)
     is_clone = Path("Snakefile").is_file() and Path("config/config.yaml").is_file()
     if not (said or CAMPAIGN.is_file() or is_clone):
         raise InputError(
@@ -37,28 +36,28 @@ def snakemake_arguments(arguments: Sequence[str]) -> list[str]:
     takes_files = False
     for argument in [*arguments, *own]:  # Snakemake's own words for a configuration that cannot be read are a traceback
         option, _, value = argument.partition("=")
-        takes_files = option in STATES_ITS_OWN if argument.startswith("-") else takes_files
+        takes_files = option in CONFIGURED_BY if argument.startswith("-") else takes_files
         if file := takes_files and (value if argument.startswith("-") else argument):
             read_mapping(Path(file))
     return [*with_shipped_profile(arguments), "--snakefile", str(shipped("Snakefile")), *own]
 
 
 def with_shipped_profile(arguments: Sequence[str]) -> Iterator[str]:
-    """The arguments, with the folder of a shipped profile where it is named and none here has its name. A name that
-    neither has is refused: Snakemake would go on without a profile.
+    """The arguments, with the folder of a shipped profile where it is named, as `profiles/slurm`, and none here has its
+    name. A name that neither has is refused: Snakemake would go on without a profile.
     """
+    option = "--workflow-profile"
     for before, argument in pairwise(("", *arguments)):
-        own = f"{PROFILE_OPTION}=" if argument.startswith(f"{PROFILE_OPTION}=") else ""
+        own = f"{option}=" if argument.startswith(f"{option}=") else ""
         named = argument.removeprefix(own)
-        if not own and before != PROFILE_OPTION:
-            yield argument
-        elif named == "none" or shipped(named).is_dir():
-            yield f"{own}{shipped(named)}"
-        else:
-            known = sorted(f"profiles/{one.name}" for one in shipped("profiles").iterdir())
-            near = difflib.get_close_matches(named, known, 1, 0.5)
-            meant = f"did you mean {near[0]}?" if near else f"correct it: there are {', '.join(known)}"
-            raise InputError(f"{PROFILE_OPTION} {named}: no such folder; {meant}")
+        if own or before == option:
+            if named != "none" and not shipped(named).is_dir():
+                known = sorted(f"profiles/{one.name}" for one in shipped("profiles").iterdir())
+                near = difflib.get_close_matches(named, known, 1, 0.5)
+                meant = f"did you mean {near[0]}?" if near else f"correct it: there are {', '.join(known)}"
+                raise InputError(f"{option} {named}: no such folder; {meant}")
+            argument = f"{own}{shipped(named)}"
+        yield argument
 
 
 def looked_at(folder: Path) -> Iterator[tuple[str, str, str]]:
@@ -71,22 +70,19 @@ def looked_at(folder: Path) -> Iterator[tuple[str, str, str]]:
     yield "Python", platform.python_version(), "install Python 3.11 or newer" if too_old else ""
     yield "osl-analysis", f"{version('osl-analysis')}, workflow in {root()}", again
     for needed in map(Requirement, requires("osl-analysis") or ()):
-        of_formats = (
-            one for one in ("mat73", "ros", "tdms") if needed.marker and needed.marker.evaluate({"extra": one})
-        )
-        extra = next(of_formats, "")
-        if needed.marker and not needed.marker.evaluate() and not extra:
+        marker = needed.marker
+        is_optional = marker is not None and any(marker.evaluate({"extra": one}) for one in ("mat73", "ros", "tdms"))
+        if marker and not marker.evaluate() and not is_optional:
             continue
         try:
             found = version(needed.name)
         except PackageNotFoundError:
-            optional = ", only for its files" if extra else ""
-            yield needed.name, f"not installed{optional}", "" if extra else f"pip install '{needed}'"
+            optional = ", only for its files" if is_optional else ""
+            yield needed.name, f"not installed{optional}", "" if is_optional else f"pip install '{needed}'"
             continue
-        if not needed.specifier.contains(found, prereleases=True):
-            yield needed.name, found, f"pip install '{needed.name}{needed.specifier}'"
-        elif needed.name in ("snakemake", "numpy"):
-            yield needed.name, found, ""
+        fits = needed.specifier.contains(found, prereleases=True)
+        if not fits or needed.name in ("snakemake", "numpy"):
+            yield needed.name, found, "" if fits else f"pip install '{needed.name}{needed.specifier}'"
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     yield "cores", f"{cores}", ""
     free = shutil.disk_usage(folder).free / 1e9  # the default campaign takes 0.4 GB, recordings not counted

@@ -244,7 +244,7 @@ def later_failures(summary_json: Path) -> str:
     for path in sorted((summary_json.parent / "logs").rglob("*.log")):
         log = read_log(path) if path.stat().st_mtime > made else None
         # jobs that show numbers and make none run after the summary's own
-        if log and log.outcome != "done" and not log.job.startswith(("figure.", "report.")):
-            ended.append(f"{path.stem}: {log.error}; correct it and run again")
+        if log and log["outcome"] != "done" and not log["job"].startswith(("figure.", "report.")):
+            ended.append(f"{path.stem}: {log['error']}; correct it and run again")
     first = f"after these numbers were written, {len(ended)} jobs were refused or failed, first"
     return f"OLDER THAN A FAILED RUN: {first} {ended[0]}" if ended else ""

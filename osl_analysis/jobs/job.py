@@ -9,7 +9,6 @@ import time
 import traceback
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +16,7 @@ from pydantic import ConfigDict, validate_call
 
 from osl_analysis.errors import OslAnalysisError, PartialResultError, WriteError, printable, unexpected
 from osl_analysis.files import atomic_path, temporary_path
-from osl_analysis.jobs.job_log import JobLog, write_log
+from osl_analysis.jobs.job_log import write_log
 from osl_analysis.jobs.request import read_request
 from osl_analysis.judge.findings import Judge, exclusions, without_excluded, without_refused
 from osl_analysis.memory import limited_memory
@@ -55,28 +54,27 @@ def perform(job: Job) -> None:
     Path(job["log"]).unlink(missing_ok=True)
     start, unmade = time.perf_counter(), job["files"]
     causes: Sequence[Refusal] = ()
-    ended = JobLog(job["command"], "done")
+    ended = {"job": job["command"], "outcome": "done"}
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("default")
         try:
             if causes := call(job):
                 said = "; ".join(f"{cause.trial or cause.file}: {cause.reason}" for cause in causes)
-                ended = replace(ended, outcome="skipped", error=said)
+                ended |= {"outcome": "skipped", "error": said}
         except Exception as fault:
             cause: BaseException = fault
             if isinstance(fault, PartialResultError):
                 cause, unmade = fault.__cause__ or fault, [str(path) for path in fault.missing]
             if isinstance(cause, OslAnalysisError):
-                is_ours = not isinstance(cause, WriteError)
-                ended = replace(ended, outcome="refused" if is_ours else "failed", error=str(cause))
+                ended |= {"outcome": "failed" if isinstance(cause, WriteError) else "refused", "error": str(cause)}
             elif isinstance(cause, OSError):
                 said = printable(f"{cause.filename or 'a file'}: {cause.strerror or cause}")
-                ended = replace(ended, outcome="failed", error=said)
+                ended |= {"outcome": "failed", "error": said}
             else:
                 trace = "".join(traceback.format_exception(cause))
-                ended = replace(ended, outcome="failed", error=unexpected(cause), traceback=trace)
-    warned = tuple(dict.fromkeys(printable(str(warning.message)) for warning in caught))
-    end(job, replace(ended, seconds=time.perf_counter() - start, warnings=warned), unmade, causes)
+                ended |= {"outcome": "failed", "error": unexpected(cause), "traceback": trace}
+    warned = list(dict.fromkeys(printable(str(warning.message)) for warning in caught))
+    end(job, {**ended, "seconds": round(time.perf_counter() - start, 3), "warnings": warned}, unmade, causes)
 
 
 def call(job: Job) -> Sequence[Refusal]:
@@ -114,26 +112,26 @@ def call(job: Job) -> Sequence[Refusal]:
     return ()
 
 
-def end(job: Job, ended: JobLog, unmade: Sequence[str], causes: Sequence[Refusal] = ()) -> None:
+def end(job: Job, ended: Mapping[str, Any], unmade: Sequence[str], causes: Sequence[Refusal] = ()) -> None:
     """Write the log of a job, and unless it is done a record for each of its files that is `unmade`.
 
     `causes` are those of a job that lacks an input; otherwise the job itself is the cause.
     """
-    if ended.outcome != "done":
+    if ended["outcome"] != "done":
         for path in unmade:
             write_refusals(causes or [refusal(job, ended)], Path(path))
     write_log(Path(job["log"]), ended, job)
 
 
-def refusal(job: Job, ended: JobLog) -> Refusal:
+def refusal(job: Job, ended: Mapping[str, Any]) -> Refusal:
     """The record of a job that refused its input, failed or died."""
     inputs, settings = job["input"], job["settings"]
     trial = settings.get("trial") or (settings.get("row") or {}).get("trial")
     trial = str(trial or Path(str(inputs.get("trial") or inputs.get("crossing") or "")).stem)
-    outcome, reason, remedy = ended.outcome, ended.error, ""
-    if outcome == "refused" or (outcome == "failed" and not ended.traceback):
-        reason, remedy = reason_and_remedy(ended.error)
-    kind = {"refused": "" if trial else ", of several", "failed": "" if ended.traceback else ", of the system"}
+    outcome, reason, remedy, is_fault = ended["outcome"], ended["error"], "", bool(ended.get("traceback"))
+    if outcome == "refused" or (outcome == "failed" and not is_fault):
+        reason, remedy = reason_and_remedy(reason)
+    kind = {"refused": "" if trial else ", of several", "failed": "" if is_fault else ", of the system"}
     remedy = remedy or WHAT_TO_DO[outcome + kind.get(outcome, "")].format(log=job["log"])
     files = [*files_read(job), *job["files"]]  # the first is to blame, unless the reason names another one
     file = next((file for file in files if file in reason), files[0] if files else "")
@@ -168,4 +166,5 @@ def died(request: Path, pid: int, number: int) -> None:
         temporary_path(path, pid).unlink(missing_ok=True)
     known = {int(one): one.name for one in signal.Signals}
     by = f"signal {number}, {known[number]}" if number in known else "from outside"
-    end(job, JobLog(job["command"], "died", error=f"the process of this job was killed ({by})"), job["files"])
+    error = f"the process of this job was killed ({by})"
+    end(job, {"job": job["command"], "outcome": "died", "error": error}, job["files"])

@@ -6,7 +6,6 @@ It is a logger of Snakemake (`snakemake_logger_plugin_osl`), whose own lines, fi
 import re
 import shutil
 import sys
-import threading
 import time
 from logging import INFO, WARNING, LogRecord
 from pathlib import Path
@@ -60,10 +59,6 @@ class LogHandler(LogHandlerBase):
     def emit(self, record: LogRecord) -> None:
         """Take one record. A line that cannot be written must not end the thread that takes them."""
         event, known = getattr(record, "event", None), record.__dict__
-        if event == LogEvent.JOB_STARTED:
-            forget_timers(1)
-        elif event == LogEvent.PROGRESS and known["done"] == known["total"]:
-            forget_timers(0)
         if not self.is_quiet:
             return
         try:
@@ -95,8 +90,8 @@ class LogHandler(LogHandlerBase):
         self.done[name] += 1
         for log in logs:
             ended = read_log(Path(log))
-            if ended is not None and ended.outcome in ("refused", "failed", "died"):
-                self.line(f"{ended.outcome}: {Path(log).stem}: {printable(ended.error)}")
+            if ended is not None and ended["outcome"] in ("refused", "failed", "died"):
+                self.line(f"{ended['outcome']}: {Path(log).stem}: {printable(ended['error'])}")
         spent, is_terminal = time.monotonic() - self.last, sys.stderr.isatty()
         if self.done[name] == self.total[name] or (not is_terminal and spent > 10):
             self.line(self.standing(name))
@@ -120,15 +115,3 @@ class LogHandler(LogHandlerBase):
         cleared = "\r\x1b[K" if sys.stderr.isatty() else ""
         print(f"{cleared}{text}", file=sys.stderr, end=end, flush=True)
         self.last = time.monotonic()
-
-
-def forget_timers(kept: int) -> None:
-    """End the timers of Snakemake's scheduler but for the newest ones.
-
-    For its limit on how many jobs may start in a second, each choice of jobs ends with a timer that makes it choose
-    again, which ends with a timer: after n jobs it looks at all ready jobs n times per second, for nothing.
-    """
-    timers = [one for one in threading.enumerate() if isinstance(one, threading.Timer)]
-    timers = [one for one in timers if one.function.__module__ == "snakemake.scheduling.job_scheduler"]
-    for one in timers[: len(timers) - kept]:
-        one.cancel()

@@ -88,7 +88,7 @@ class Requests:
     def __init__(self, results: Path, data: str, judge: Judge, workflow: Any) -> None:
         self.folder, self.logs, self.data = results / "requests", results / "logs", data
         self.is_excluded = cache(lambda measured: bool(exclusions(judge.verdicts([Path(measured)]))))
-        self.is_written = workflow.is_main_process
+        self.workflow, self.is_written = workflow, workflow.is_main_process
         if self.is_written:
             judge.write(self.folder / "judge.json")
 
@@ -122,6 +122,9 @@ class Requests:
         those in `after` are not looked at. Of `files` and `made_of` the content counts, of `recordings` state and
         content.
         """
+        if self.workflow.scheduling_settings and self.workflow.local_exec:
+            # For its limit of jobs per second the scheduler looks, after n jobs, at all ready ones n times per second.
+            self.workflow.scheduling_settings.max_jobs_per_timespan = None
         known = dict(wildcards.items())
         made = [str(pattern).format(**known) for pattern in rule.output]
         named = {name: str(pattern).format(**known) for name, pattern in rule.output.items()}

@@ -29,18 +29,15 @@ from osl_analysis.files import PACKAGE
 STARTED = time.time()  # Start of this run [s]. Its report covers the logs that were written after this time.
 ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "POLARS_MAX_THREADS", "NUMBA_NUM_THREADS")
 """Snakemake counts one core per job."""
-OF_MOST_JOBS = (
+PRELOADED = (
     "osl_analysis.jobs.job",
     *("scipy.signal", "scipy.interpolate", "scipy.ndimage", "scipy.linalg", "scipy.fft"),  # ours name them at their use
-    *(f"osl_analysis.commands.{name}" for name in ("trials", "bench", "tables")),
+    *(f"osl_analysis.commands.{name}" for name in ("trials", "bench", "tables", "walking", "figure", "simulate")),
+    *(f"osl_analysis.simulator.{name}" for name in ("bench", "crossing", "preloaded")),
+    *("osl_analysis.figures.names", "fontTools.subset"),
+    *(f"matplotlib.backends.backend_{name}" for name in ("pdf", "svg", "agg")),
 )
-"""Imported at once, while Snakemake plans."""
-USED_WITH = {
-    "simulate": [f"osl_analysis.simulator.{name}" for name in ("bench", "crossing", "preloaded")],
-    "figure": ["osl_analysis.figures.names", "fontTools.subset"]
-    + [f"matplotlib.backends.backend_{name}" for name in ("pdf", "svg", "agg")],
-}
-"""By module of a command: what its functions import when they are called."""
+"""Imported while Snakemake plans: the jobs share it."""
 
 
 @cache
@@ -95,17 +92,16 @@ def serve(number: int) -> NoReturn:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # nobody waits for those that wait
     gc.disable()
-    for module in OF_MOST_JOBS:
+    for module in PRELOADED:
         with suppress(ImportError):  # a job that needs it will say so
             importlib.import_module(module)
+    gc.freeze()  # jobs share this process's memory: no garbage collection of theirs looks (and writes) there
     while True:
         head, files, _, _ = socket.recv_fds(control, 1, 3)
         if not head:
             os._exit(0)
         with socket.socket(fileno=files[0]) as link, link.makefile("rb") as said:
             folder, request = said.read().decode().split("\0")
-            prepare(folder, request)
-            gc.freeze()  # jobs share this process's memory: no garbage collection of theirs looks (and writes) there
             if not fork():
                 signal.signal(signal.SIGCHLD, signal.SIG_DFL)
                 if pid := fork():
@@ -126,21 +122,6 @@ def fork() -> int:
         if os.getppid() != parent:
             os._exit(1)
     return pid
-
-
-def prepare(folder: str, request: str) -> None:
-    """Import and parse what a job uses, which takes up to a second: the jobs that are forked later share it."""
-    from osl_analysis.jobs.request import read_request
-    from osl_analysis.yaml_settings import read_mapping
-
-    with suppress(Exception):  # the job will say so
-        job = read_request(Path(folder, request))
-        command = job["command"].partition(".")[0]
-        for name in (f"osl_analysis.commands.{command}", *USED_WITH.get(command, ())):
-            importlib.import_module(name)
-        for file in job["made_of"]:
-            if file.endswith(".yaml"):
-                read_mapping(Path(folder, file))
 
 
 def do(folder: str, request: str, output: Sequence[int]) -> NoReturn:

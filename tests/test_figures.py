@@ -1,25 +1,37 @@
 """Figures show the numbers of their tables: checked on the lines, markers and bars that they draw."""
 
+import json
 import os
+import re
 import subprocess
 import sys
 from dataclasses import replace
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 import polars as pl
 import pytest
+from conftest import ROOT
 from matplotlib.figure import Figure
 
-from osl_analysis.commands.figure import draw_figure, draw_table, plot_numbers
+from osl_analysis.campaign.campaign import ABOUT_MEANING
+from osl_analysis.commands.figure import caption_of, draw_figure, draw_table, plot_numbers, write_captions
+from osl_analysis.commands.tables import write_table_metadata
 from osl_analysis.errors import InputError
 from osl_analysis.figures import FIGURES, drawing_of, others
 from osl_analysis.figures.frequency import DESIRED, LINEAR_MODEL, OBSERVED, response_curve
 from osl_analysis.figures.impedance import LARGEST_VAF
-from osl_analysis.figures.names import write_footer
+from osl_analysis.figures.names import (
+    as_text,
+    doubtful_said,
+    listed_text,
+    rounded_number,
+    with_interval,
+    with_sd,
+    write_footer,
+)
 from osl_analysis.figures.quasi_static import MEAN_SLOPE
 from osl_analysis.figures.style import LOOKS, MAGENTA, SINGLE_COLUMN, paper_style
-from osl_analysis.figures.walking import BY_ENSEMBLE, PER_PERTURBATION
 from osl_analysis.refusal import Refusal, write_refusals
 from osl_analysis.table import read_table, write_table
 
@@ -27,191 +39,55 @@ fig3, fig4, fig5, fig6, fig7, fig8, fig9 = (drawing_of(f"fig{number}") for numbe
 impedance_over_stance, model_comparison, response, torque_angle, walking_page = map(
     drawing_of, ("impedance_over_stance", "model_comparison", "response", "torque_angle", "walking_page")
 )
-K_S = 685.6
-PLACE = {"joint": pl.lit("ankle"), "side": pl.lit(None, pl.String)}
+BELTS = [f"belt_{number:02d}" for number in range(1, 11)]
 
 
-def belt_table():
-    deflection, frames = np.linspace(0, 5, 20), []
-    for i in range(1, 11):
-        torque = i + 12 * deflection
-        rows = {"trial": f"belt_{i:02d}", "branch": "loading", "theta_s_deg": deflection, "torque": torque}
-        frames.append(pl.DataFrame(rows))
-    mean = {"trial": MEAN_SLOPE, "branch": "loading", "theta_s_deg": [0.0, 5.0], "torque": [0.0, 59.8]}
-    mean |= {"K_s": K_S, "K_s_low": 682.9, "K_s_high": 688.3}
-    mean |= {"hysteresis_area": 0.0451, "hysteresis_area_low": 0.0449, "hysteresis_area_high": 0.0453}
-    table = pl.concat([*frames, pl.DataFrame(mean)], how="diagonal")
-    deviation = pl.col("torque") - 11.96 * pl.col("theta_s_deg")
-    return table.with_columns(deviation=deviation, doubtful=pl.lit(""), **PLACE)
+def stored(name):
+    """A small made-up table: of results, or of a figure's plotted numbers."""
+    return read_table(ROOT / f"tests/figure_tables/{name}.csv")
 
 
 def time_series():
     time = np.arange(0, 10, 0.01)
-    theta, torque = 6 * np.sin(8 * time), 30 * np.sin(8 * time)
-    columns = {"time": time, "theta_deg": theta, "torque": torque, "torque_model": 0.99 * torque}
-    table = pl.DataFrame(columns | {"doubtful": "", "trial": "k300"})
-    return table.with_columns(chosen=pl.lit(None, pl.String), **PLACE)
-
-
-def impedance():
-    rng, rows = np.random.default_rng(1), []
-    for controller, share in (("compensated", lambda K: 1.0), ("uncompensated", lambda K: K_S / (K + K_S))):
-        for K_d in (100.0, 200.0, 300.0, 400.0):
-            for B_d in (0.0, 2.5, 5.0, 7.5):
-                for amplitude in (2.0, 4.0, 6.0, None):
-                    rows.append({
-                        "trial": f"impedance_K{K_d:.0f}_B{B_d:.1f}_{controller}", "controller": controller, "K_d": K_d,
-                        "B_d": B_d, "amplitude_deg": amplitude, "K": K_d * share(K_d) * rng.normal(1, 0.01),
-                        "B": B_d * share(K_d) ** 2 + 0.4,
-                        "VAF": 100 - 10 ** rng.normal(-0.3 if controller == "compensated" else 0.5, 0.3),
-                        "K_predicted": K_d * share(K_d), "B_predicted": B_d + 0.3,
-                    })  # fmt: skip
-    table = pl.DataFrame(rows, infer_schema_length=None)
-    bounds = {
-        f"{s}_{end}": pl.col(s) + half for s, h in (("K", 0.98), ("B", 0.1)) for end, half in (("low", -h), ("high", h))
-    }
-    return table.with_columns(**bounds)
+    torque = 30 * np.sin(8 * time)
+    table = pl.DataFrame({"time": time, "theta_deg": torque / 5, "torque": torque, "torque_model": 0.99 * torque})
+    none = pl.lit(None, pl.String)
+    return table.with_columns(doubtful=pl.lit(""), trial=pl.lit("k300"), chosen=none, joint=pl.lit("ankle"), side=none)
 
 
 def response_table():
-    frequency = [1.0, 2.0, 3.0, 4.0, 5.0]
-    rows = {"magnitude": [5e-3, 4.8e-3, 4.4e-3, 4.0e-3, 3.5e-3], "phase_deg": [-13.0, -25.0, -35.0, -43.0, -50.0]}
-    rows |= {"frequency_hz": frequency, "K_d": 200.0, "B_d": 7.5, "doubtful": ""}
-    names = ("compensated", "uncompensated")
-    response = pl.concat(pl.DataFrame(rows | {"trial": f"{name} trial", "controller": name}) for name in names)
-    magnitude, phase = pl.col("magnitude"), pl.col("phase_deg")
-    response = response.with_columns(
-        magnitude_low=magnitude - 2e-4, magnitude_high=magnitude + 2e-4, magnitude_min=magnitude - 4e-4,
-        magnitude_max=magnitude + 3e-4, phase_low_deg=phase - 1, phase_high_deg=phase + 1, phase_min_deg=phase - 3,
-        phase_max_deg=phase + 2,
-    )  # fmt: skip
-    curves = [(DESIRED, None), (LINEAR_MODEL, "compensated"), (LINEAR_MODEL, "uncompensated")]
-    flat, Y = np.array(frequency), 4e-3 * np.exp(-1j * np.deg2rad(30)) * np.ones(5)
-    return fig7.points(response, [response_curve(curve, name, flat, Y, (None, None)) for curve, name in curves])
-
-
-def gains():
-    phase = np.linspace(0, 0.6, 31)
-    K_d = 100 + 240 * np.sin(np.pi * phase / 0.6)
-    joint = {"K_1_joint": 2 * K_d, "B_1_joint": 3 + phase}
-    return pl.DataFrame({"phase": phase, "trajectory": "synthetic", "K_d": K_d, "B_d": 2 + phase, **joint})
-
-
-def walking_summary():
-    """The ensemble reads a tenth more than the mean, give or take a hundredth below and two above."""
-    mean, sd = np.array([338.0, 4.3, 0.012, 97.0]), [20.0, 0.7, 0.02, 1.0]
-    fits = {"estimator": PER_PERTURBATION, "mean": mean, "sd": sd, "low": 0.9 * mean, "high": 1.1 * mean}
-    ensemble = {"estimator": BY_ENSEMBLE, "mean": 1.1 * mean, "sd": None, "low": 1.09 * mean, "high": 1.12 * mean}
-    shared = {"group": "all", "quantity": ["K", "B", "I", "VAF"], "n": 31, "n_doubtful": 0, "commanded": None}
-    return pl.concat([pl.DataFrame(shared | rows) for rows in (fits, ensemble)], how="vertical_relaxed")
-
-
-def walking_page_table():
-    """Gait of parabolas, two perturbations and their mean; the fit is 1 N*m below it."""
-    stance, after = np.linspace(0, 100, 26), np.linspace(-100, 97, 20)
-    frames = []
-    for panel in ("angle", "torque"):
-        for name, end, n in (("unperturbed", 100, 7), ("perturbed", 120, 5)):
-            rows = {"x": stance, "mean": stance * (end - stance) / 100, "panel": panel, "curve": name, "sd": 2.0}
-            frames.append(pl.DataFrame(rows | {"n": n}))
-    for curve, phases, times in (("window", [40.0, 54.0], [0.0, 100.0]), ("baseline", [26.0, 34.0], [-100.0, -40.0])):
-        for panel, x in (("angle", phases), ("response angle", times)):
-            frames.append(pl.DataFrame({"panel": panel, "curve": curve, "x": x}))
-    for panel in ("response angle", "response torque"):
-        for trial, name, size in (("w1", "each", 0.9), ("w2", "each", 1.1), ("ensemble", "mean", 1.0)):
-            values = size * np.clip(after, 0, 60)
-            frames.append(pl.DataFrame({"x": after, "mean": values, "trial": trial, "curve": name, "panel": panel}))
-    fit = {"panel": "response torque", "curve": "fit", "trial": "ensemble"}
-    frames.append(pl.DataFrame({"x": after[10:], "mean": np.clip(after[10:], 0, 60) - 1} | fit))
-    return pl.concat(frames, how="diagonal").with_columns(doubtful=pl.lit(None, pl.String), group=pl.lit("all"))
+    curves, f, Y = [(DESIRED, None), *((LINEAR_MODEL, name) for name in LOOKS)], np.arange(1.0, 6.0), 3.5e-3 - 2e-3j
+    return fig7.points(stored("frequency_response"), [response_curve(*one, f, np.full(5, Y), PLACE) for one in curves])
 
 
 def torque_angle_table():
-    angle, frames = np.arange(-5.0, 6.0), []
-    for number in range(11):
-        desired = {"desired_torque": 3 * angle, "desired": "design"} if number == 10 else {}
-        for branch, shift in (("loading", 1.0), ("unloading", -1.0)):
-            columns = {"angle_deg": angle, "torque": (number + 1) * angle + shift, "stiffness": number + 57.0}
-            columns |= {"stiffness_low": number + 55.0, "stiffness_high": number + 59.0}
-            frames.append(
-                pl.DataFrame({"trial": f"both_cams_{5 * number:02d}mm", "branch": branch} | columns | desired)
-            )
-    curves = pl.concat(frames, how="diagonal")
-    doubtful = ["closure_torque 0.1 is above 0.05" if number == 3 else "" for number in range(11)]
-    names = curves["trial"].unique(maintain_order=True)
-    return torque_angle.points(curves, pl.DataFrame({"trial": names, "doubtful": doubtful}))
-
-
-def impedance_over_stance_table():
-    """Three timings of one series, and a commanded trajectory that is 10 above them."""
-    phase, rows = [0.25, 0.45, 0.65], []
-    for quantity, size in (("K", 300.0), ("B", 4.0), ("I", 0.02)):
-        rows += [
-            {"series": "all", "quantity": quantity, "phase": x, "onset_phase": x - 0.1, "end_phase": x + 0.04,
-             "estimate": size * x, "low": 0.9 * size * x, "high": 1.1 * size * x,
-             "commanded": 10 + size * x if quantity == "K" else None}
-            for x in phase
-        ]  # fmt: skip
-    command = {"series": "commanded", "quantity": "K"}
-    rows += [command | {"phase": x, "commanded": 10 + 300 * x} for x in (0.0, 0.5, 1.0)]
-    return pl.DataFrame(rows, infer_schema_length=None)
-
-
-def model_scores():
-    """Held-out VAF of two belts, a transmission without, and two controllers: 99 % and what further models leave."""
-    left = {"belt": (1, 1, 0.01, 0.01), "impedance": (1, 2, 0.1, 0.05), "transmission": (0.1, 0.1)}
-    trials = [("belt", None, "belt_1"), ("belt", None, "belt_2"), ("transmission", None, "transmission_1")]
-    trials += [("impedance", c, f"{c}_{k}") for c in ("compensated", "uncompensated") for k in (1, 2)]
-    rows = []
-    for experiment, controller, trial in trials:
-        for i, share in enumerate(left[experiment], start=1):
-            vaf = 100 - share * (10 if trial.endswith("2") else 1)
-            rows.append((experiment, controller, trial, f"M{i}", "", vaf))
-    names = ["experiment", "controller", "trial", "model", "terms", "VAF_held_out"]
-    return pl.DataFrame(rows, schema=names, orient="row", infer_schema_length=None)
-
-
-def frequency_response_of_lines():
-    """Two trials: lines of a drivetrain with distortion, and one without levels that misses Eq. 9."""
-    f = np.arange(0.625, 6, 0.25)
-    Z = 300 + 30j * f + 1.2 * f**2 * (1 + 0.02j)
-    levels = {"noise_level": 0.06 + 0 * f, "odd_level": 2 + 0.1 * f, "even_level": 0.01 + 0 * f, "total_level": 2.2}
-    periodic = {
-        "trial": "M1", "joint": "knee", "side": "left", "controller": "adaptive", "K_d": 300.0, "B_d": 5.0,
-        "method": "robust", "realisations": 4, "frequency_hz": f, "magnitude": np.abs(Z),
-        "phase_deg": np.rad2deg(np.angle(Z)), "magnitude_eq15": np.abs(Z) * 0.98,
-        "phase_deg_eq15": np.rad2deg(np.angle(Z)) + 1, "magnitude_eq9": np.abs(Z) * 1.005,
-        "phase_deg_eq9": np.rad2deg(np.angle(Z)), "noise_sd": 0.03 + 0 * f, "total_sd": 1.0, "doubtful": "", **levels,
-    }  # fmt: skip
-    absent = dict.fromkeys(("K_d", "B_d", "odd_level", "even_level", "total_level", "magnitude_eq9", "phase_deg_eq9"))
-    chirp = {**periodic, **absent, "trial": "C1", "method": "local polynomial", "realisations": 1, "doubtful": "VAF 80"}
-    return pl.concat([pl.DataFrame(periodic), pl.DataFrame(chirp)], how="diagonal_relaxed")
+    table = stored("torque_angle")
+    return torque_angle.points(table.drop("joint", "side", "doubtful"), table.unique("trial", maintain_order=True))
 
 
 def response_tables():
-    single = frequency_response_of_lines()
+    """Two trials: lines of a drivetrain with distortion, and one without levels that misses Eq. 9; no pools."""
+    single = stored("response")
     return single, single.clear().rename({"trial": "trials"})
 
 
-TABLES = {"impedance": impedance, "gains": gains, "model_comparison": model_scores}
+PLACE = (None, None)
+CAMS = [f"both_cams_{5 * number:02d}mm" for number in range(11)]
 PLOTTED = {
-    "fig3": belt_table,
     "fig4": time_series,
-    "fig5": lambda: fig5.points(impedance()),
-    "fig6": lambda: fig6.points(impedance()),
+    "fig5": lambda: fig5.points(stored("impedance")),
+    "fig6": lambda: fig6.points(stored("impedance")),
     "fig7": response_table,
-    "fig8": lambda: fig8.points(gains()),
+    "fig8": lambda: fig8.points(stored("gains")),
     "fig9": lambda: fig9_points(340.0),
     "response": lambda: response.points(*response_tables()),
-    "walking_page": walking_page_table,
-    "impedance_over_stance": impedance_over_stance_table,
     "torque_angle": torque_angle_table,
-    "model_comparison": lambda: model_comparison.points(model_scores()),
+    "model_comparison": lambda: model_comparison.points(stored("model_comparison")),
 }
 
 
 def plotted(name):
-    return PLOTTED[name]()
+    return PLOTTED[name]() if name in PLOTTED else stored(name)
 
 
 CAPTIONS = {
@@ -242,12 +118,6 @@ def test_a_caption_says_in_numbers_of_the_table_what_is_drawn(name):
     said = drawing_of(name).caption(table)
     assert [part for part in CAPTIONS[name] if part not in said] == []
     assert "Commanded" not in said
-
-
-def test_trials_of_a_pool_are_drawn_once():
-    single = frequency_response_of_lines()
-    pooled = single.filter(trial="M1").rename({"trial": "trials"}).with_columns(trials=pl.lit("M1, M2"))
-    assert response.points(single, pooled)["trials"].unique(maintain_order=True).to_list() == ["M1, M2", "C1"]
 
 
 def conditions_of(number):
@@ -284,48 +154,47 @@ def links_to(trials):
     return [f"../report.html#trial={trial}" for trial in trials]
 
 
-@pytest.mark.parametrize(("number", "grid"), [(1, (1, 1)), (3, (1, 3)), (9, (3, 3)), (10, (3, 4)), (12, (3, 4))])
-def test_as_many_conditions_as_are_shown_fit_a_page_of_a_journal(number, grid):
-    figure = response.draw(conditions_of(number))
-    assert figure.axes[0].get_gridspec().get_geometry() == (3 * grid[0], grid[1])
-    width, height = figure.get_size_inches()
-    assert width == (SINGLE_COLUMN if number == 1 else 7.16)
-    assert height < 9.5, "the text block of an IEEE page is 9.6 in high"
+def same(drawn, table, *columns):
+    """Data (2, n) are those of two columns."""
+    data = drawn.get_data() if hasattr(drawn, "get_data") else drawn
+    np.testing.assert_array_equal(np.array(data, dtype=float), table.select(columns).to_numpy().T)
+
+
+def test_trials_of_a_pool_are_drawn_once():
+    single, _ = response_tables()
+    pooled = single.filter(trial="M1").rename({"trial": "trials"}).with_columns(trials=pl.lit("M1, M2"))
+    assert response.points(single, pooled)["trials"].unique(maintain_order=True).to_list() == ["M1, M2", "C1"]
 
 
 def test_conditions_stand_side_by_side_each_in_its_place(monkeypatch):
     monkeypatch.setattr("osl_analysis.figures.frequency.MOST_CONDITIONS", 4)
     table = conditions_of(5)
     figure = response.draw(table)
+    assert response.draw(conditions_of(3)).axes[0].get_gridspec().get_geometry() == (3, 3)
     places = {(s.rowspan.start, s.colspan.start): ax for ax in figure.axes if (s := ax.get_subplotspec())}
     assert len(figure.axes) == 3 * 4
-    for k, name in enumerate(table["trials"].unique(maintain_order=True).to_list()[:4]):
-        rows = table.filter(trials=name)
-        for step, quantity in enumerate(("magnitude", "phase_deg")):
-            ax = places[3 * (k // 3) + step, k % 3]
-            (drawn,) = [a for a in ax.lines if a.get_marker() == "o"]
-            np.testing.assert_array_equal(drawn.get_data(), [rows["frequency_hz"], rows[quantity]])
-            assert (drawn.get_markerfacecolor() == "#FFFFFF") == (rows["doubtful"][0] != "")
-            assert (name in ax.get_title(loc="left")) == (step == 0)
+    for k, step in product(range(4), range(2)):
+        rows, ax = table.filter(trials=f"t{k}"), places[3 * (k // 3) + step, k % 3]
+        (drawn,) = [a for a in ax.lines if a.get_marker() == "o"]
+        same(drawn, rows, "frequency_hz", ("magnitude", "phase_deg")[step])
+        assert (drawn.get_markerfacecolor() == "#FFFFFF") == (rows["doubtful"][0] != "")
+        assert (f"t{k}" in ax.get_title(loc="left")) == (step == 0)
     assert "Further 1 condition in response.csv" in texts(figure)
-    assert "Further" not in texts(response.draw(conditions_of(1)))
+    monkeypatch.undo()
+    page = response.draw(conditions_of(12))
+    assert page.get_figheight() < 9.5, "the text block of an IEEE page is 9.6 in high"
+    assert "Further" not in texts(page)
 
 
 def test_a_condition_shows_intervals_levels_above_the_noise_and_how_far_its_structures_are():
     table = conditions_of(1)
     magnitude, phase, beside = response.draw(table).axes
     row = table.row(0, named=True)
-    half = 1.96 * row["total_sd"] / np.sqrt(2)
-    np.testing.assert_allclose(bars(magnitude)[0], row["magnitude"] + np.array([-half, half]))
-    np.testing.assert_allclose(
-        bars(phase)[0], row["phase_deg"] + np.array([-1, 1]) * np.rad2deg(half / row["magnitude"])
-    )
-    apart = [
-        abs(
-            row["magnitude"] - row[f"magnitude_{m}"] * np.exp(1j * np.deg2rad(row[f"phase_deg_{m}"] - row["phase_deg"]))
-        )
-        for m in ("eq15", "eq9")
-    ]
+    half, ends = 1.96 * row["total_sd"] / np.sqrt(2), np.array([-1, 1])
+    np.testing.assert_allclose(bars(magnitude)[0], row["magnitude"] + half * ends)
+    np.testing.assert_allclose(bars(phase)[0], row["phase_deg"] + ends * np.rad2deg(half / row["magnitude"]))
+    turned = {m: np.deg2rad(row[f"phase_deg_{m}"] - row["phase_deg"]) for m in ("eq15", "eq9")}
+    apart = [abs(row["magnitude"] - row[f"magnitude_{m}"] * np.exp(1j * angle)) for m, angle in turned.items()]
     assert [a.get_ydata()[0] for a in beside.lines] == pytest.approx([*apart, row["odd_level"], row["noise_level"]])
 
 
@@ -340,36 +209,32 @@ def test_a_condition_without_distortion_says_why():
 
 
 def test_fig3_draws_every_trial_grey_and_the_mean_slope_dashed_magenta_with_its_interval():
-    figure = fig3.draw(belt_table())
+    figure = fig3.draw(stored("fig3"))
     *trials, mean = figure.axes[0].lines
-    assert len(trials) == 10
-    for number, trial in enumerate(trials, start=1):
-        rows = belt_table().filter(pl.col("trial") == f"belt_{number:02d}")
-        np.testing.assert_array_equal(trial.get_data(), [rows["theta_s_deg"], rows["torque"]])
-    np.testing.assert_array_equal(mean.get_data(), [[0, 5], [0, 59.8]])
+    for name, trial in zip(BELTS, trials, strict=True):
+        same(trial, stored("fig3").filter(trial=name), "theta_s_deg", "torque")
+    same(mean, stored("fig3").filter(trial=MEAN_SLOPE), "theta_s_deg", "torque")
     assert (mean.get_color(), mean.is_dashed()) == (MAGENTA, True)
     assert "685.6" in texts(figure)
     assert "682.9 to 688.3 N·m/rad" in texts(figure)
-    single = texts(fig3.draw(belt_table().with_columns(K_s_low=None, K_s_high=None)))
+    single = texts(fig3.draw(stored("fig3").with_columns(K_s_low=None, K_s_high=None)))
     assert ("685.6" in single, "interval" in single) == (True, False)
 
 
 def test_fig3_tells_trials_apart_below_by_branch_with_their_names_and_the_area_of_their_loops():
-    there = belt_table().filter(pl.col("trial") != MEAN_SLOPE)
+    there = stored("fig3").filter(pl.col("trial") != MEAN_SLOPE)
     back = there.with_columns(branch=pl.lit("unloading"), deviation=pl.col("deviation") - 0.5)
-    table = pl.concat([there, back, belt_table().filter(pl.col("trial") == MEAN_SLOPE)])
+    table = pl.concat([there, back, stored("fig3").filter(trial=MEAN_SLOPE)])
     loops = fig3.draw(table).axes[1]
     _, *branches = [a for a in loops.lines if len(a.get_xdata())]
-    assert len(branches) == 20
-    for number, (solid, dashed) in enumerate(zip(branches[::2], branches[1::2], strict=True), start=1):
-        rows = there.filter(pl.col("trial") == f"belt_{number:02d}")  # in the order of their ends
-        np.testing.assert_array_equal(solid.get_data(), [rows["theta_s_deg"], rows["deviation"]])
-        np.testing.assert_allclose(dashed.get_ydata(), rows["deviation"].to_numpy() - 0.5)
+    for name, solid, dashed in zip(BELTS, branches[::2], branches[1::2], strict=True):  # in the order of their ends
+        same(solid, there.filter(trial=name), "theta_s_deg", "deviation")
+        same(dashed, back.filter(trial=name), "theta_s_deg", "deviation")
         assert (solid.is_dashed(), dashed.is_dashed()) == (False, True)
     assert all(one.get_color() != other.get_color() for one, other in pairwise(branches[::2]))
-    named, names = [a for a in loops.texts if "belt" in a.get_text()], [f"belt_{number:02d}" for number in range(1, 11)]
-    assert [a.get_text() for a in named] == names
-    assert [a.get_url() for a in named] == links_to(names)
+    named = [a for a in loops.texts if "belt" in a.get_text()]
+    assert [a.get_text() for a in named] == BELTS
+    assert [a.get_url() for a in named] == links_to(BELTS)
     assert [a.xy[1] for a in named] == pytest.approx([line.get_ydata()[-1] for line in branches[::2]])
     assert "Mean loop area 0.0451 J" in texts(loops.figure)
     renamed = pl.when(pl.col("trial") == MEAN_SLOPE).then("trial").otherwise(pl.col("trial") + "b")
@@ -381,30 +246,26 @@ def test_fig4_draws_angle_torque_fit_and_residual_and_shades_what_the_fit_leaves
     left_out = pl.col("time").is_between(2, 3) | (pl.col("time") > 9)
     table = time_series().with_columns(torque_model=pl.when(~left_out).then("torque_model"))
     angle, torque, residual = fig4.draw(table).axes
-    expected = table["torque_model"].cast(pl.Float64).fill_null(np.nan)
-    np.testing.assert_array_equal(angle.lines[0].get_data(), [table["time"], table["theta_deg"]])
-    np.testing.assert_array_equal(line(torque, "Measured"), [table["time"], table["torque"]])
-    np.testing.assert_array_equal(line(torque, "Best-fit second-order system"), [table["time"], expected])
-    np.testing.assert_allclose(residual.lines[1].get_ydata(), table["torque"] - expected, atol=1e-12)
+    same(angle.lines[0], table, "time", "theta_deg")
+    same(line(torque, "Measured"), table, "time", "torque")
+    same(line(torque, "Best-fit second-order system"), table, "time", "torque_model")
+    same(residual.lines[1], table.select("time", pl.col("torque") - pl.col("torque_model")), "time", "torque")
     for ax in (angle, torque, residual):
         spans = [(patch.get_x(), patch.get_x() + patch.get_width()) for patch in ax.patches]
         np.testing.assert_allclose(spans, [(2, 3), (9.01, 9.99)], atol=1e-9)
     assert "trial k300" in angle.get_title(loc="left")
-    assert "Not fitted" in texts(torque.figure)
-    assert "Not fitted" not in texts(fig4.draw(time_series()))
-    assert {"VAF 99.99 %", "leaves out"} <= {
-        part for part in ("VAF 99.99 %", "leaves out") if part in fig4.caption(table)
-    }
+    assert ["Not fitted" in texts(f) for f in (torque.figure, fig4.draw(time_series()))] == [True, False]
+    assert [part in fig4.caption(table) for part in ("VAF 99.99 %", "leaves out")] == [True, True]
 
 
 @pytest.mark.parametrize(("panel", "symbol"), [(0, "K"), (1, "B")])
 def test_fig5_gives_each_desired_impedance_a_place_and_draws_every_trial_there_beside_its_desired_value(panel, symbol):
-    table, places = fig5.points(impedance()), []
+    table, places = fig5.points(stored("impedance")), []
     ax = fig5.draw(table).axes[panel]
     lines = [s for c in ax.collections if hasattr(c, "get_segments") for s in c.get_segments() if s[0][1] == s[1][1]]
     assert len(lines) == 16
     for controller, look in LOOKS.items():
-        rows = table.filter(pl.col("controller") == controller).sort("K_d", "B_d")
+        rows = table.filter(controller=controller).sort("K_d", "B_d")
         points, _, links = scattered(ax, look.label)
         np.testing.assert_array_equal(points[:, 1], rows[symbol])
         assert links == links_to(rows["trial"])
@@ -416,69 +277,57 @@ def test_fig5_gives_each_desired_impedance_a_place_and_draws_every_trial_there_b
 
 def test_fig5_draws_the_range_over_amplitudes_and_its_caption_says_which_bar_is_what():
     ends = {f"{q}_amplitudes_{end}": pl.col(q) + step for q in "KB" for end, step in (("low", -7.0), ("high", 5.0))}
-    table = fig5.points(impedance().with_columns(**ends))
+    table = fig5.points(stored("impedance").with_columns(**ends))
     drawn = {tuple(ends) for ends in bars(fig5.draw(table).axes[1])}
-    assert set(table.select("B_amplitudes_low", "B_amplitudes_high").rows()) < drawn
-    assert set(table.select("B_low", "B_high").rows()) < drawn
+    for kind in ("B_amplitudes", "B"):
+        assert set(table.select(f"{kind}_low", f"{kind}_high").rows()) < drawn
     assert "Thin bars are the range of the fits to single amplitudes" in fig5.caption(table)
     assert "at most ±0.98 N·m/rad and ±0.1 N·m·s/rad" in fig5.caption(table)
-    without = fig5.points(impedance().with_columns(K_low=pl.lit(None, pl.Float64), K_high=pl.lit(None, pl.Float64)))
+    without = fig5.points(
+        stored("impedance").with_columns(K_low=pl.lit(None, pl.Float64), K_high=pl.lit(None, pl.Float64))
+    )
     assert "bars" not in fig5.caption(without)
-    assert "Linear model" in texts(fig5.draw(table))
-    assert "Linear model" not in texts(fig5.draw(fig5.points(impedance().drop("K_predicted", "B_predicted"))))
+    unpredicted = fig5.points(stored("impedance").drop("K_predicted", "B_predicted"))
+    assert ["Linear model" in texts(fig5.draw(one)) for one in (table, unpredicted)] == [True, False]
 
 
 @pytest.mark.parametrize(
     ("name", "table", "message"),
     [
-        ("fig5", lambda: impedance().drop_nulls("amplitude_deg"), "no fit over all amplitudes"),
-        ("fig6", lambda: impedance().with_columns(VAF=float("nan")), "no VAF of a single amplitude"),
+        ("fig5", stored("impedance").drop_nulls("amplitude_deg"), "no fit over all amplitudes"),
+        ("fig6", stored("impedance").with_columns(VAF=float("nan")), "no VAF of a single amplitude"),
         (
             "model_comparison",
-            lambda: model_scores().with_columns(VAF_held_out=float("nan")),
+            stored("model_comparison").with_columns(VAF_held_out=float("nan")),
             "no model was held against",
         ),
     ],
 )
 def test_a_table_without_what_a_figure_shows_is_refused(name, table, message):
     with pytest.raises(InputError, match=message):
-        drawing_of(name).points(table())
-
-
-def test_fig5_fills_the_marker_of_a_sound_fit_and_says_that_open_ones_are_doubtful():
-    def filled(table):
-        figure = fig5.draw(fig5.points(table))
-        faces = [scattered(ax, look.label)[1] for ax in figure.axes for look in LOOKS.values()]
-        return [len(face) - int((face == 1).all(axis=1).sum()) for face in faces], "doubtful" in texts(figure)
-
-    reason = pl.when((pl.col("K_d") == 100) & (pl.col("B_d") == 0)).then(pl.lit("VAF 80 is below 90"))
-    doubtful = impedance().with_columns(doubtful=reason)
-    assert filled(doubtful) == ([15, 15, 15, 15], True)
-    assert "2 of 32 fits (impedance\\_K100\\_B0.0\\_comp" in fig5.caption(fig5.points(doubtful))
-    assert filled(impedance()) == ([16, 16, 16, 16], False)
+        drawing_of(name).points(table)
 
 
 def test_fig5_caption_has_the_errors_of_each_controller_with_mean_sd_and_range():
-    table = fig5.points(impedance().with_columns(K=pl.col("K_d") + 2 * (pl.col("B_d") > 0)))
+    table = fig5.points(stored("impedance").with_columns(K=pl.col("K_d") + 2 * (pl.col("B_d") > 0)))
     assert r"Compensated ($n$ = 16): $\hat{K} - K_d$ is 1.50 ± 0.89 N·m/rad, 0.00 to 2.00" in fig5.caption(table)
     some = table.with_columns(K=pl.when(pl.col("B_d") > 0).then("K"))
     assert r"$\hat{K} - K_d$ of 12 fits is" in fig5.caption(some)
 
 
 def test_fig6_has_a_point_for_each_trial_and_amplitude_that_touches_no_other_and_marks_the_median():
-    table = fig6.points(impedance().reverse())
+    table = fig6.points(stored("impedance").reverse())
     ax = fig6.draw(table).axes[0]
     for controller, look in LOOKS.items():
-        rows = table.filter(pl.col("controller") == controller)
+        rows = table.filter(controller=controller)
         assert len(rows) == 48
         points, _, links = scattered(ax, look.label)
-        np.testing.assert_array_equal(points.T, [rows["x"], rows["VAF"]])
+        same(points.T, rows, "x", "VAF")
         assert links == links_to(rows["trial"])
         printed = ax.transData.transform(points) / ax.figure.dpi * 72
         distance = np.hypot(*(printed[:, None, :] - printed[None, :, :]).transpose(2, 0, 1))
-        assert distance[np.triu_indices(48, 1)].min() == pytest.approx(4.9, rel=1e-3), (
-            "the largest marker and a small gap"
-        )
+        nearest = distance[np.triu_indices(48, 1)].min()
+        assert nearest == pytest.approx(4.9, rel=1e-3), "the largest marker and a small gap"
     low, high = ax.get_ylim()
     assert table["VAF"].is_between(low, high).all()
     medians = sorted(c.get_segments()[0][0][1] for c in ax.collections if hasattr(c, "get_segments"))
@@ -489,7 +338,7 @@ def test_fig6_has_a_point_for_each_trial_and_amplitude_that_touches_no_other_and
 
 def test_fig6_draws_a_perfect_fit_at_the_end_of_its_axis_says_so_and_leaves_out_one_without_a_vaf():
     vaf = pl.Series([float("nan"), 99.99999999, 99.0, 97.0])
-    table = fig6.points(impedance().filter(pl.col("amplitude_deg") == 2).head(4).with_columns(VAF=vaf))
+    table = fig6.points(stored("impedance").filter(amplitude_deg=2).head(4).with_columns(VAF=vaf))
     ax = fig6.draw(table).axes[0]
     np.testing.assert_allclose(scattered(ax, "Compensated")[0][:, 1], [LARGEST_VAF, 99, 97], rtol=1e-12)
     low, high = ax.get_ylim()
@@ -499,41 +348,41 @@ def test_fig6_draws_a_perfect_fit_at_the_end_of_its_axis_says_so_and_leaves_out_
     assert "Larger VAFs than 99.9999 % are drawn there" in said
 
 
-def test_figs3_4_6_7_9_and_the_walking_page_say_which_fits_are_doubtful_and_how_many_only_where_some_are():
-    of = {"belt_02", "belt_07", "w2"}
-    reason = pl.when(pl.col("trial").is_in(list(of))).then(pl.lit("VAF 80 is below 90"))
-    belts = fig3.draw(belt_table().with_columns(doubtful=reason))
+def test_figures_say_which_fits_are_doubtful_and_how_many_only_where_some_are():
+    reason = pl.when(pl.col("trial").is_in(["belt_02", "belt_07", "w2"])).then(pl.lit("VAF 80 is below 90"))
+    belts = fig3.draw(stored("fig3").with_columns(doubtful=reason))
     for ax in belts.axes:
         dotted = [a for a in ax.lines if a.is_dashed() and a.get_color() != MAGENTA and len(a.get_xdata())]
         assert [a.get_ydata()[0] for a in dotted] == [2, 7]
     assert "Doubtful fit ($n$ = 2)" in texts(belts)
-    page = walking_page.draw(walking_page_table().with_columns(doubtful=reason))
+    page = walking_page.draw(stored("walking_page").with_columns(doubtful=reason))
     (dotted,) = [a for a in page.axes[2].lines if a.is_dashed()]
     assert dotted.get_ydata().max() == pytest.approx(1.1 * 60)
     assert "Doubtful fit ($n$ = 1)" in texts(page)
-    for name in ("fig4", "fig6", "fig7", "fig9"):
-        table, said = plotted(name), "system (doubtful)" if name == "fig4" else "Open: doubtful"
+    first = fig5.points(stored("impedance")).with_columns(
+        doubtful=pl.when(K_d=100, B_d=0).then(pl.lit("VAF 80 is below 90"))
+    )
+    axes = fig5.draw(first).axes
+    faces = [scattered(ax, look.label)[1] for ax in axes for look in LOOKS.values()]
+    assert [int((face == 1).all(axis=1).sum()) for face in faces] == [1, 1, 1, 1], "open ones"
+    assert "2 of 32 fits (impedance\\_K100\\_B0.0\\_comp" in fig5.caption(first)
+    for name in ("fig3", "fig4", "fig5", "fig6", "fig7", "fig9", "walking_page"):
+        table, said = plotted(name), {"fig4": "system (doubtful)"}.get(name, "oubtful")
         assert said in texts(drawing_of(name).draw(table.with_columns(doubtful=pl.lit("x"))))
         assert "oubtful" not in texts(drawing_of(name).draw(table.with_columns(doubtful=pl.lit(""))))
-    for module, table in ((fig3, belt_table), (walking_page, walking_page_table)):
-        assert "oubtful" not in texts(module.draw(table()))
 
 
 def test_fig7_draws_observed_points_with_intervals_and_links_to_their_trials_and_the_curves():
     table = response_table()
     magnitude, phase = fig7.draw(table).axes
     for ax, column in ((magnitude, "magnitude"), (phase, "phase_deg")):
-        desired = table.filter(pl.col("curve") == DESIRED)
-        np.testing.assert_array_equal(line(ax, "Desired"), [desired["frequency_hz"], desired[column]])
-        for name in ("compensated", "uncompensated"):
-            rows, look = table.filter(pl.col("controller") == name), LOOKS[name]
-            observed, curve = (rows.filter(pl.col("curve") == kind) for kind in (OBSERVED, LINEAR_MODEL))
+        same(line(ax, "Desired"), table.filter(curve=DESIRED), "frequency_hz", column)
+        for name, look in LOOKS.items():
+            rows = table.filter(controller=name)
             points, _, links = scattered(ax, look.label)
-            np.testing.assert_array_equal(points.T, [observed["frequency_hz"], observed[column]])
+            same(points.T, rows.filter(curve=OBSERVED), "frequency_hz", column)
             assert links == links_to([f"{name}%20trial"] * 5)
-            np.testing.assert_array_equal(
-                line(ax, f"{look.label}, linear model"), [curve["frequency_hz"], curve[column]]
-            )
+            same(line(ax, f"{look.label}, linear model"), rows.filter(curve=LINEAR_MODEL), "frequency_hz", column)
     assert magnitude.get_yscale() == magnitude.get_xscale() == phase.get_xscale() == "log"
     assert [tick.get_text() for tick in phase.get_xticklabels()] == ["1", "2", "3", "4", "5"]
     assert [tick.get_text() for tick in magnitude.get_yticklabels()] == ["3.5", "4", "4.5", "5"], "in thousandths"
@@ -546,16 +395,16 @@ def test_fig7_draws_observed_points_with_intervals_and_links_to_their_trials_and
 
 
 def test_fig8_draws_desired_impedance_and_gains_at_the_joint_over_the_gait():
-    table = gains()
+    table = stored("gains")
     swing = table.tail(1).with_columns(phase=pl.lit(0.63), K_d=pl.lit(1e6))
     assert fig8.points(pl.concat([table, swing])).equals(fig8.points(table))
     assert fig8.points(table, 0.3)["phase"].max() == pytest.approx(0.3)
     assert "first 60 % of the gait cycle" in fig8.caption(table)
     assert "100 to 340 N·m/rad and 2 to 2.6 N·m·s/rad" in fig8.caption(table)
     panels = fig8.draw(fig8.points(table)).axes
-    for ax, desired, gain in zip(panels, ("K_d", "B_d"), ("K_1_joint", "B_1_joint"), strict=True):
-        np.testing.assert_array_equal(ax.lines[0].get_data(), [table["phase"], table[desired]])
-        np.testing.assert_array_equal(ax.lines[1].get_data(), [table["phase"], table[gain]])
+    for ax, symbol in zip(panels, "KB", strict=True):
+        same(ax.lines[0], table, "phase", f"{symbol}_d")
+        same(ax.lines[1], table, "phase", f"{symbol}_1_joint")
     assert panels[1].xaxis.get_major_formatter()(0.4) == "40"
 
 
@@ -573,8 +422,12 @@ def over_stance(commanded_B=None):
 
 
 def fig9_points(commanded_K=None, summary=None, commanded_B=None):
-    table = walking_summary() if summary is None else summary
+    table = stored("walking_summary") if summary is None else summary
     return fig9.points(table, walking_fits(), over_stance(commanded_B), commanded_K)
+
+
+def commanded_in(ax):
+    return [float(a.get_ydata()[0]) for a in ax.lines if a.get_label() == "Commanded"]
 
 
 def test_fig9_has_every_estimate_the_mean_with_one_sd_the_ensemble_with_its_interval_and_the_commanded_values():
@@ -585,14 +438,11 @@ def test_fig9_has_every_estimate_the_mean_with_one_sd_the_ensemble_with_its_inte
         np.testing.assert_allclose(points[:, 1], walking_fits()[quantity])
         assert [k for k, face in enumerate(faces) if (face == 1).all()] == [1]
         assert links == links_to(f"walk_{k}" for k in range(1, 32))
-        scatter, interval = bars(ax)
-        np.testing.assert_allclose(scatter, [mean - sd, mean + sd])
-        np.testing.assert_allclose(interval, [1.09 * mean, 1.12 * mean])
+        np.testing.assert_allclose(bars(ax), [[mean - sd, mean + sd], [1.09 * mean, 1.12 * mean]])
         drawn = {a.get_marker(): a.get_ydata()[0] for a in ax.lines if a.get_marker() in "sD"}
         assert drawn == {"s": mean, "D": pytest.approx(1.1 * mean)}
         assert not ax.patches
-    commanded = [[a.get_ydata()[0] for a in ax.lines if a.get_label() == "Commanded"] for ax in figure.axes]
-    assert commanded == [[340.0], [4.5], []]
+    assert [commanded_in(ax) for ax in figure.axes] == [[340.0], [4.5], []]
     said = fig9.caption(table)
     assert "31 perturbations. Squares" in said
     assert r"$\hat{K}$ is 338 ± 20 N·m/rad, of the mean response 371.8 N·m/rad (95 % interval 368.4 to 378.6)" in said
@@ -608,13 +458,13 @@ def test_fig9_has_every_estimate_the_mean_with_one_sd_the_ensemble_with_its_inte
     ("sheet", "configured", "drawn"), [(300.0, 340.0, 300.0), (None, 340.0, 340.0), (None, None, 345.0)]
 )
 def test_fig9_takes_what_was_commanded_from_the_sheet_or_the_configuration_or_the_trajectory(sheet, configured, drawn):
-    summary = walking_summary().with_columns(commanded=pl.lit(sheet, pl.Float64))
+    summary = stored("walking_summary").with_columns(commanded=pl.lit(sheet, pl.Float64))
     assert fig9_points(configured, summary).filter(quantity="K")["commanded"][0] == drawn
 
 
 def test_fig9_leaves_out_crossings_without_a_fit_or_a_group_and_shows_one_perturbation_without_a_mean():
     K, group = pl.Series([300.0, None, float("nan"), 310.0]), pl.Series(["all", "all", "all", None])
-    without = walking_summary().with_columns(mean=pl.lit(None, pl.Float64))
+    without = stored("walking_summary").with_columns(mean=pl.lit(None, pl.Float64))
     table = fig9.points(without, walking_fits(4).with_columns(K=K, group=group), over_stance().head(0))
     assert table["trial"].drop_nulls().unique().to_list() == ["walk_1"]
     figure = fig9.draw(table)
@@ -629,7 +479,7 @@ def test_fig9_leaves_out_crossings_without_a_fit_or_a_group_and_shows_one_pertur
 def test_fig9_shows_every_group_with_a_result_and_each_group_s_command():
     """K of the second group is twice that of the first, the third has no result; the configuration's command is of one
     group."""
-    one = walking_summary().with_columns(group=pl.lit("K_d 200"), commanded=pl.lit(200.0))
+    one = stored("walking_summary").with_columns(group=pl.lit("K_d 200"), commanded=pl.lit(200.0))
     two = one.with_columns(pl.col("mean", "low", "high") * 2, group=pl.lit("K_d 400"), commanded=pl.lit(400.0))
     none = one.with_columns(mean=None, low=None, high=None, group=pl.lit("K_d 600"))
     summary = pl.concat([one, two, none], how="diagonal_relaxed")
@@ -638,7 +488,7 @@ def test_fig9_shows_every_group_with_a_result_and_each_group_s_command():
     panel, _, lowest = fig9.draw(table).axes
     assert [a.get_ydata()[0] for a in panel.lines if a.get_marker() == "s"] == [338.0, 676.0]
     assert [label.get_text() for label in lowest.get_xticklabels()] == ["$K_d$ 200 (31)", "$K_d$ 400 (31)"]
-    assert [float(a.get_ydata()[0]) for a in panel.lines if a.get_label() == "Commanded"] == [200.0, 400.0]
+    assert commanded_in(panel) == [200.0, 400.0]
     said = fig9.caption(table)
     assert "62 perturbations in 2 groups" in said
     assert r"K\_d 400: $\hat{K}$ is 676 ± 20" in said
@@ -649,11 +499,10 @@ def test_fig9_shows_every_group_with_a_result_and_each_group_s_command():
 
 
 def test_impedance_over_stance_shows_estimates_at_their_phases_with_intervals_windows_and_the_command():
-    panel = impedance_over_stance.draw(impedance_over_stance_table()).axes[0]
+    panel = impedance_over_stance.draw(stored("impedance_over_stance")).axes[0]
     (dots,) = [a for a in panel.lines if a.get_marker() == "o"]
     np.testing.assert_allclose(dots.get_xydata(), [[25, 75], [45, 135], [65, 195]])
-    (commanded,) = [a for a in panel.lines if a.get_label() == "Commanded"]
-    np.testing.assert_allclose(commanded.get_xydata(), [[0, 10], [50, 160], [100, 310]])
+    np.testing.assert_allclose(line(panel, "Commanded").T, [[0, 10], [50, 160], [100, 310]])
     np.testing.assert_allclose(bars(panel, 1), [[15, 29], [35, 49], [55, 69]])
     np.testing.assert_allclose(bars(panel), [[67.5, 82.5], [121.5, 148.5], [175.5, 214.5]])
 
@@ -661,38 +510,33 @@ def test_impedance_over_stance_shows_estimates_at_their_phases_with_intervals_wi
 def test_torque_against_angle_shows_both_branches_of_every_trial_its_desired_curve_and_its_slope():
     table = torque_angle_table()
     figure = torque_angle.draw(table)
-    legend = {text.get_text() for text in figure.legends[0].get_texts()}
     loops, slopes = figure.axes
-    names = table["trial"].unique(maintain_order=True)
-    colours = {name: loops.lines[2 * number].get_color() for number, name in enumerate(names)}
+    colours = {name: loops.lines[2 * number].get_color() for number, name in enumerate(CAMS)}
     assert len(set(colours.values())) == 11
-    rows = table.filter((pl.col("trial") == "both_cams_50mm") & (pl.col("branch") == "unloading"))
+    rows = table.filter(trial="both_cams_50mm", branch="unloading")
     loading, unloading, desired = loops.lines[20], loops.lines[21], loops.lines[22]
-    np.testing.assert_array_equal(unloading.get_data(), [rows["angle_deg"], rows["torque"]])
+    same(unloading, rows, "angle_deg", "torque")
     assert loading.get_linewidth() > unloading.get_linewidth()
-    np.testing.assert_array_equal(desired.get_data(), [rows["angle_deg"], rows["desired_torque"]])
+    same(desired, rows, "angle_deg", "desired_torque")
     assert (desired.get_color(), desired.is_dashed()) == (loading.get_color(), True)
     assert [line.is_dashed() for line in slopes.lines[:11]] == [number == 3 for number in range(11)]
     np.testing.assert_array_equal(slopes.lines[5].get_data()[1], 62.0)
     assert len(slopes.collections) == 11
-    assert {"Loading", "Unloading", "Desired", "Doubtful trial"} == legend
     for ax in (loops, slopes):
         names = {text.get_text(): text for text in ax.texts}
-        assert set(names) == {f"both cams {5 * number:02d}mm" for number in range(11)}
+        assert set(names) == {name.replace("_", " ") for name in CAMS}
         assert names["both cams 15mm"].get_color() == colours["both_cams_15mm"]
     assert names["both cams 15mm"].xy == (5.0, 60.0)
-    sound = table.with_columns(doubtful=pl.lit(""), desired_torque=pl.lit(None, pl.Float64))
-    assert [text.get_text() for text in torque_angle.draw(sound).legends[0].get_texts()] == ["Loading", "Unloading"]
+    sound = torque_angle.draw(table.with_columns(doubtful=pl.lit(""), desired_torque=pl.lit(None, pl.Float64)))
+    legends = [[text.get_text() for text in one.legends[0].get_texts()] for one in (figure, sound)]
+    assert legends == [["Loading", "Unloading", "Desired", "Doubtful trial"], ["Loading", "Unloading"]]
 
 
 def test_the_study_marks_values_beyond_a_panel_by_arrows_and_covers_no_more_than_all():
     shared = {"experiment": "second order", "estimator": "filtered", "interval_method": "cycles", "bias_mc": 0.1}
     shared |= {"rmse_over_bound": 1.0, "rmse_over_bound_mc": 0.1, "coverage_mc": 0.01}
-    table = pl.DataFrame([
-        {**shared, "quantity": "K", "bias": 0.1, "coverage": 0.99},
-        {**shared, "quantity": "B", "bias": 12.0, "coverage": 0.5},
-    ])  # fmt: skip
-    bias, _, coverage = others.draw_study(table).axes
+    values = {"quantity": ["K", "B"], "bias": [0.1, 12.0], "coverage": [0.99, 0.5]}
+    bias, _, coverage = others.draw_study(pl.DataFrame(values | shared)).axes
     shown = {(line.get_marker(), float(line.get_xdata()[0])) for line in bias.lines if len(line.get_xdata()) == 1}
     assert shown == {("o", 0.1), (">", 1.2)}
     assert {line.get_marker() for line in coverage.lines} >= {"o", "<"}
@@ -700,33 +544,28 @@ def test_the_study_marks_values_beyond_a_panel_by_arrows_and_covers_no_more_than
 
 
 def test_the_walking_page_shows_both_gaits_every_response_their_mean_and_its_fit():
-    table = walking_page_table()
+    table = stored("walking_page")
     angle, torque, isolated_angle, isolated_torque = walking_page.draw(table).axes
 
     def intervals_in(ax):
         return {str(patch.get_label()): (patch.get_x(), patch.get_x() + patch.get_width()) for patch in ax.patches}
 
     for ax in (angle, torque):
-        (unperturbed,) = [a for a in ax.lines if a.get_label().startswith("Unperturbed")]
-        assert unperturbed.get_label() == "Unperturbed ($n$ = 7)"
-        x = unperturbed.get_xdata()
-        np.testing.assert_allclose(unperturbed.get_ydata(), x * (100 - x) / 100)
+        x, mean = line(ax, "Unperturbed ($n$ = 7)")
+        np.testing.assert_allclose(mean, x * (100 - x) / 100)
         band = ax.collections[0].get_paths()[0].get_extents()
-        assert band.y1 == pytest.approx(unperturbed.get_ydata().max() + 2, abs=0.1)
+        assert band.y1 == pytest.approx(mean.max() + 2, abs=0.1)
         assert intervals_in(ax) == {"Baseline": (26, 34), "Fitted window": (40, 54)}
     for ax, fits in ((isolated_angle, 0), (isolated_torque, 1)):
         assert intervals_in(ax) == {"Baseline": (-100, -40), "Fitted window": (0, 100)}
         thin = [a for a in ax.lines if a.get_alpha()]
         assert [a.get_url() for a in thin] == links_to(["w1", "w2"])
-        (mean,) = [a for a in ax.lines if a.get_label() == "Mean"]
-        np.testing.assert_allclose(mean.get_ydata(), np.mean([a.get_ydata() for a in thin], axis=0))
+        np.testing.assert_allclose(line(ax, "Mean")[1], np.mean([a.get_ydata() for a in thin], axis=0))
         dashed = [a for a in ax.lines if a.is_dashed()]
         assert len(dashed) == fits
     np.testing.assert_allclose(dashed[0].get_ydata(), np.clip(dashed[0].get_xdata(), 0, 60) - 1)
-    fast, slow = (
-        table.with_columns(group=pl.lit(name), mean=k * pl.col("mean")) for k, name in ((1, "fast"), (2, "slow"))
-    )
-    axes = walking_page.draw(pl.concat([fast, slow])).axes
+    both = [table.with_columns(group=pl.lit(name), mean=k * pl.col("mean")) for k, name in ((1, "fast"), (2, "slow"))]
+    axes = walking_page.draw(pl.concat(both)).axes
     assert len(axes) == 8, "four panels per group"
     np.testing.assert_allclose(line(axes[6], "Mean")[1], 2 * line(axes[2], "Mean")[1])
 
@@ -735,7 +574,7 @@ def test_the_walking_page_s_caption_says_where_responses_are_zero_and_what_they_
     response_rows = pl.col("panel").str.starts_with("response") & pl.col("curve").is_in(["each", "mean"])
     onset = response_rows & (pl.col("x").abs() < 6)
     shift = pl.col("trial").replace_strict({"w1": -1.0, "w2": -2.0}, default=-1.5)
-    said = walking_page.caption(walking_page_table().with_columns(mean=pl.when(onset).then(shift).otherwise("mean")))
+    said = walking_page.caption(stored("walking_page").with_columns(mean=pl.when(onset).then(shift).otherwise("mean")))
     assert "hatched baseline, −100 to −40 ms from the onset, and not at the onset" in said
     assert "at the onset the mean response is −1.50 deg (SD 0.71) and −1.50 N·m (SD 0.71)" in said
     assert "7 unperturbed crossings and 5 perturbed" in said
@@ -760,9 +599,20 @@ def test_rival_models_are_drawn_by_trial_on_one_logarithmic_axis_with_their_geom
 
 def test_models_that_were_not_held_against_other_data_are_not_drawn():
     vaf = pl.when(pl.col("experiment") == "belt").then(float("nan")).otherwise("VAF_held_out")
-    alone = model_scores().with_columns(VAF_held_out=vaf)
-    (ax,) = model_comparison.draw(model_comparison.points(alone)).axes
+    (ax,) = model_comparison.draw(
+        model_comparison.points(stored("model_comparison").with_columns(VAF_held_out=vaf))
+    ).axes
     assert ax.get_title(loc="left") == "Rendered impedance"
+
+
+def drawn_twice(name, table_csv, outputs, refused=()):
+    """The files of a figure, which are the same when it is drawn again."""
+    found = []
+    for _ in range(2):
+        draw_figure(name, table_csv, outputs, refused)
+        found.append([path.read_bytes() for path in outputs])
+    assert found[0] == found[1]
+    return found[0]
 
 
 @pytest.mark.parametrize("name", FIGURES)
@@ -772,12 +622,8 @@ def test_every_figure_fits_the_page_reads_at_8_points_and_comes_out_the_same_twi
     kept = replace(found, draw=lambda table: drawn.append(found.draw(table)) or drawn[-1])
     monkeypatch.setattr("osl_analysis.commands.figure.drawing_of", lambda _: kept)
     write_table(plotted(name), tmp_path / "t.csv")
-    outputs = [tmp_path / f"{name}{suffix}" for suffix in (".pdf", ".svg")]
-    draw_figure(name, tmp_path / "t.csv", outputs)
-    first = [path.read_bytes() for path in outputs]
-    draw_figure(name, tmp_path / "t.csv", outputs)
-    assert [path.read_bytes() for path in outputs] == first
-    assert b"/Type3" not in first[0]
+    pdf, _ = drawn_twice(name, tmp_path / "t.csv", [tmp_path / f"{name}{suffix}" for suffix in (".pdf", ".svg")])
+    assert b"/Type3" not in pdf
     figure: Figure = drawn[0]
     assert figure.get_figwidth() in (SINGLE_COLUMN, 7.16)
     assert {t.get_fontsize() for t in figure.findobj(lambda a: hasattr(a, "get_fontsize")) if t.get_text()} == {8.0}
@@ -802,9 +648,9 @@ def test_a_figure_is_the_same_in_another_process_whatever_the_users_matplotlib_s
 
 @pytest.mark.parametrize("name", FIGURES)
 def test_a_table_without_a_column_is_refused_by_file_and_column_and_nothing_is_drawn(name, tmp_path):
-    module = drawing_of(name)
-    write_table(plotted(name).drop(module.columns[-1]), tmp_path / "t.csv")
-    with pytest.raises(InputError, match=rf"t\.csv: no column '{module.columns[-1]}'"):
+    last = drawing_of(name).columns[-1]
+    write_table(plotted(name).drop(last), tmp_path / "t.csv")
+    with pytest.raises(InputError, match=rf"t\.csv: no column '{last}'"):
         draw_figure(name, tmp_path / "t.csv", [tmp_path / "f.pdf"])
     assert [path.name for path in tmp_path.iterdir()] == ["t.csv"]
 
@@ -812,11 +658,7 @@ def test_a_table_without_a_column_is_refused_by_file_and_column_and_nothing_is_d
 def test_a_figure_without_numbers_says_so_with_trial_and_reason_and_equal_files_each_time(tmp_path):
     lost = Refusal("i_1", "raw/i_1.mcap", "ingest", "refused", "raw/i_1.mcap: $no$ such_file^", "copy it")
     write_refusals([lost], tmp_path / "fig4.csv")
-    outputs = [tmp_path / f"fig4.{suffix}" for suffix in ("pdf", "svg", "png")]
-    draw_figure("fig4", tmp_path / "fig4.csv", outputs, [lost])
-    first = [path.read_bytes() for path in outputs]
-    draw_figure("fig4", tmp_path / "fig4.csv", outputs, [lost])
-    assert [path.read_bytes() for path in outputs] == first
+    drawn_twice("fig4", tmp_path / "fig4.csv", [tmp_path / f"fig4.{s}" for s in ("pdf", "svg", "png")], [lost])
     said = others.draw_reasons(pl.DataFrame([{"figure": "fig4", "trial": "i_1", "file": "", "reason": lost.reason}]))
     title, reason = (text.get_text() for text in said.texts)
     assert (title, reason) == ("Fig. 4 is not drawn", "trial i_1: raw/i_1.mcap: $no$ such_file^")
@@ -845,11 +687,89 @@ def test_unknown_figures_and_formats_are_refused(tmp_path):
 
 @pytest.mark.parametrize("name", [n for n, figure in FIGURES.items() if not figure.own_rule and not figure.beside])
 def test_plotted_numbers_are_written_from_the_result_table_that_the_list_names(name, tmp_path):
-    write_table(TABLES[FIGURES[name].table](), tmp_path / "table.csv")
+    module, table = drawing_of(name), stored(FIGURES[name].table)
+    write_table(table, tmp_path / "table.csv")
     plot_numbers(name, tmp_path / "table.csv", tmp_path / f"{name}.csv", 340.0 if FIGURES[name].option else None)
-    module = drawing_of(name)
     written = read_table(tmp_path / f"{name}.csv", required=module.columns)
     assert written.equals(plotted(name).cast(dict(written.schema)))
-    write_table(TABLES[FIGURES[name].table]().drop(module.needs[-1]), tmp_path / "table.csv")
+    write_table(table.drop(module.needs[-1]), tmp_path / "table.csv")
     with pytest.raises(InputError, match=rf"table\.csv: no column '{module.needs[-1]}'"):
         plot_numbers(name, tmp_path / "table.csv", tmp_path / f"{name}.csv")
+
+
+# Captions say in words what the figures show: in numbers of their tables, with names as text.
+
+
+@pytest.mark.parametrize(
+    ("name", "markdown"),
+    [
+        ("impedance_K100_B2.5", r"impedance\_K100\_B2.5"),
+        ("<img src=x onerror=alert(1)>", r"\<img src=x onerror=alert(1)\>"),
+        ("[l](http://x)", r"\[l\](http\://x)"),
+        ("www.x.org", r"www\.x.org"),
+        ("$K_d$ &lt; a--b `c` *d*", r"\$K\_d\$ \&lt; a-\-b \`c\` \*d\*"),
+        ("two\nlines\u2028and\tmore", "two lines and more"),
+        ("back\\slash", r"back\\slash"),
+    ],
+)
+def test_a_name_in_markdown_is_text_sign_by_sign(name, markdown):
+    assert as_text(name) == markdown
+
+
+def test_numbers_have_the_digits_that_their_intervals_leave():
+    assert with_interval(299.123, 298.21, 300.04, "N·m/rad") == "299.12 N·m/rad (95 % interval 298.21 to 300.04)"
+    assert with_interval(-0.0012, -0.02, 0.0176, "kg·m²") == "−0.001 kg·m² (95 % interval −0.020 to 0.018)"
+    assert with_interval(3.0, None, None, "N·m/rad") == "3 N·m/rad"
+    assert with_sd(338.4, 20.2, "N·m/rad") == "338 ± 20 N·m/rad"
+    assert rounded_number(-0.001, 2) == "0.00"
+
+
+def test_doubtful_trials_are_counted_and_named_and_of_many_the_first():
+    table = pl.DataFrame({"trial": [f"t_{k}" for k in range(12)], "doubtful": ["VAF 80"] * 10 + ["", None]})
+    said = doubtful_said(table, "drawn open")
+    assert said.startswith(r"Doubtful, drawn open: 10 of 12 fits (t\_0, t\_1,")
+    assert said.endswith(r"t\_5 and 4 more), for VAF.")
+    assert doubtful_said(table.tail(1), "drawn open") == "No fit is doubtful."
+    assert listed_text(["a", "b", "a"]) == "a, b"
+
+
+def test_each_figure_has_a_section_a_missing_one_its_reason_and_the_kind_of_data_stands_there_once(tmp_path):
+    lost = Refusal("<b>i_1", "raw/i_1.mcap", "ingest", "refused", "raw/i_1.mcap: no such file", "copy it")
+    tables = {name: tmp_path / f"{name}.csv" for name in ("fig4", "fig5", "fig7", "walking_page")}
+    write_refusals([lost], tables["fig4"])
+    write_table(plotted("fig7").clear(), tables["fig7"])
+    for name in ("fig5", "walking_page"):
+        write_table(plotted(name), tables[name])
+    write_refusals([lost], tmp_path / "row.csv")
+    shown = {"fig5": [tmp_path / "row.csv"], "walking_page": [tables["fig5"]]}
+    write_captions(tables=tables, shown=shown, footer="Simulated data: campaign a_b", output=tmp_path / "c.md")
+    page = (tmp_path / "c.md").read_text(encoding="utf-8")
+    assert page.count(r"Simulated data: campaign a\_b.") == page.count("Simulated") == 1
+    sections = {part.split("\n")[0]: part for part in page.split("\n## ")[1:]}
+    assert list(sections) == ["Fig. 4", "Fig. 5", "Fig. 7", "Walking page"]
+    assert r"not drawn. \<b\>i\_1: raw/i\_1.mcap: no such file." in sections["Fig. 4"]
+    assert "not drawn. No trial of the campaign has the numbers" in sections["Fig. 7"]
+    assert sections["Fig. 5"].endswith("Without 1 trial whose recordings or fits were refused: \\<b\\>i\\_1.\n")
+    assert "Without" not in sections["Walking page"]
+
+
+def test_the_metadata_of_the_tables_lead_to_the_captions_where_there_are_figures(tmp_path):
+    for tables in (["tables/belt.csv", "figures/fig3.csv"], ["tables/belt.csv"]):
+        write_table_metadata(dict.fromkeys(ABOUT_MEANING, "made"), tables, tmp_path / "m.json")
+        content = json.loads((tmp_path / "m.json").read_text(encoding="utf-8"))
+        assert (content.get("rdfs:seeAlso") == {"@id": "figures/captions.md"}) == (len(tables) == 2)
+        assert [table["url"] for table in content["tables"]] == tables
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_a_caption_is_one_paragraph_in_which_no_name_of_a_file_is_markup(name, tmp_path):
+    table = plotted(name)
+    hostile = pl.lit("<img src=x onerror=alert(1)> *")
+    columns = [column for column in ("joint", "controller", "group", "trajectory") if column in table.columns]
+    trials = pl.when(pl.col("trial").is_in([MEAN_SLOPE, "ensemble"])).then("trial").otherwise(hostile + pl.col("trial"))
+    if "trial" in table.columns:
+        table = table.with_columns(trial=trials)
+    table = table.with_columns(pl.when(pl.col(c).is_not_null()).then(hostile + pl.col(c)).alias(c) for c in columns)
+    write_table(table, tmp_path / "t.csv")
+    said = caption_of(name, tmp_path / "t.csv")
+    assert re.findall(r"(?<!\\)[<>*]|\n|[^.]$", said) == [], said

@@ -49,12 +49,11 @@ def results(tmp_path_factory):
         recording(share, seed).write_csv(folder / f"{trial}.csv")
         rows.append(f'{trial},impedance,"{controller}",{K_d},{B_d},{joint},{side},{trial}.csv,bench_csv')
     (folder / "trials.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
-    protocol = {"amplitudes_deg": [2, 4], "frequencies_hz": [1, 2, 3], "cycles": 8}
+    protocol = {"amplitudes_deg": [2, 4], "frequencies_hz": [1, 2, 3], "cycles": 8, "time_base": {"highest_hz": 3}}
     ours = {
-        "campaign": "knee", "raw_data": str(folder), "sheet": str(folder / "trials.csv"),
-        "results": str(folder / "out"), "simulation": None, "parameters": None, "data": "simulated",
-        "recorded": "2026-03-14",
-        "dynamometer": protocol | {"time_base": {"highest_hz": 3}},
+        "campaign": "knee", "raw_data": str(folder), "sheet": str(folder / "trials.csv"), "simulation": None,
+        "results": str(folder / "out"), "parameters": None, "data": "simulated", "recorded": "2026-03-14",
+        "dynamometer": protocol,
     }  # fmt: skip
     (folder / "ours.yaml").write_text(yaml.safe_dump(ours))
     options = {"configfile": folder / "ours.yaml", "snakefile": ROOT / "Snakefile", "directory": ROOT}
@@ -63,34 +62,30 @@ def results(tmp_path_factory):
     return folder / "out"
 
 
-def test_every_trial_is_analysed_and_nothing_is_predicted(results):
+def test_every_trial_is_analysed_nothing_is_predicted_and_figures_say_what_is_simulated(results):
     """K and B are those of the exact joint, times the share of each."""
     table = pl.read_csv(results / "tables/impedance.csv").filter(pl.col("amplitude_deg").is_null())
-    shares = {trial: share for trial, *_, share in SHEET}
-    for row in table.iter_rows(named=True):
-        share = shares[row["trial"]]
-        assert (row["K"], row["B"]) == pytest.approx((share * K, share * B), rel=0.01), row["trial"]
+    found = dict(table.select("trial", pl.struct("K", "B", "controller")).iter_rows())
+    for trial, *_, share in SHEET:
+        assert (found[trial]["K"], found[trial]["B"]) == pytest.approx((share * K, share * B), rel=0.01), trial
+    assert found["k_hostile"]["controller"] == HOSTILE
     assert table["K_predicted"].null_count() == table["K_over_K_s"].null_count() == len(SHEET)
     assert table["not_checked"].str.contains("parameter file").all()
-    assert dict(table.select("trial", "controller").iter_rows())["k_hostile"] == HOSTILE
     places = {("knee", "left"), ("knee", "right"), ("exoskeleton hip", None)}
     assert set(table.select("joint", "side").iter_rows()) == places
-
-
-def test_all_figures_are_drawn_and_say_what_is_simulated(results):
-    drawn = {path.stem for path in (results / "figures").glob("*.svg")}
-    assert {"fig4", "fig5", "fig6", "fig7"} <= drawn
-    for path in (results / "figures").glob("*.svg"):
-        assert "Simulated data: campaign knee, osl-analysis" in path.read_text(encoding="utf-8")
+    drawn = {path.stem: path.read_text(encoding="utf-8") for path in (results / "figures").glob("*.svg")}
+    assert {"fig4", "fig5", "fig6", "fig7"} <= set(drawn)
+    assert all("Simulated data: campaign knee, osl-analysis" in text for text in drawn.values())
     assert pl.read_csv(results / "figures/fig4.csv")["chosen"][0].startswith("the first impedance trial of the sheet")
 
 
 def test_headline_numbers_and_their_macros_are_told_apart(results):
     summary = json.loads((results / "summary.json").read_text(encoding="utf-8"))
+    numbers = summary["numbers"]
     assert (summary["data"], summary["recorded"]) == ("simulated", "recorded 2026-03-14")
-    assert summary["numbers"]["K_example_pd (knee, left)"]["value"] == pytest.approx(1.2 * K, rel=0.01)
-    assert "K_error_no_controller (knee, right)" not in summary["numbers"]
-    assert summary["numbers"]["B_error_no_controller (knee, right)"]["value"] == pytest.approx(0.2 * B, rel=0.05)
+    assert numbers["K_example_pd (knee, left)"]["value"] == pytest.approx(1.2 * K, rel=0.01)
+    assert "K_error_no_controller (knee, right)" not in numbers
+    assert numbers["B_error_no_controller (knee, right)"]["value"] == pytest.approx(0.2 * B, rel=0.05)
     tex = (results / "numbers.tex").read_text(encoding="utf-8")
     names = re.findall(r"newcommand\{\\(\w+)\}", tex)
     assert len(names) == len(set(names)) > 20

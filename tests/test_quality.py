@@ -7,18 +7,34 @@ import numpy as np
 import polars as pl
 import pytest
 import yaml
+from bench_synthetic import second_order
+from bench_synthetic import stepped_sine as sines
 from c3d_builder import REAL_DATA
 from conftest import ROOT
 
 from osl_analysis.campaign.campaign import check_campaign, open_campaign
 from osl_analysis.campaign.configuration import campaign_config, read_section
+from osl_analysis.commands.trials import ingest_trial
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.raw_files import FORMATS
-from osl_analysis.judge.recording import CHECKS, examine, judged_table, measured_table, validate_rules
+from osl_analysis.ingest.source import Conversion
+from osl_analysis.judge.recording import (
+    CHECKS,
+    examine,
+    held,
+    is_command,
+    judged_table,
+    longest_clipped_angle,
+    measured_table,
+    samples_at_rail,
+    stated_range,
+    validate_rules,
+)
 from osl_analysis.judge.table import CheckResult, Commanded, QualityRules
 from osl_analysis.signals import longest_at_extreme, longest_run
 from osl_analysis.trial import Trial
+from osl_analysis.yaml_settings import validated
 
 CONFIG = ROOT / "config/config.yaml"
 COMMANDED = Commanded((2.0, 4.0), (2.0, 5.0), 6)
@@ -148,9 +164,8 @@ STOOD_ON = 800 + np.random.default_rng(1).standard_normal(2000)
 )  # fmt: skip
 def test_a_fault_is_measured_where_it_is_and_fails_its_own_check_alone(check, samples, experiment, value, remark):
     found = results(samples, experiment)
-    assert found[check].value == pytest.approx(
-        value, abs={"unzeroed_plate": 0.5, "unzeroed_load_cell": 0.05}.get(check, 1e-9)
-    )
+    slack = {"unzeroed_plate": 0.5, "unzeroed_load_cell": 0.05}.get(check, 1e-9)
+    assert found[check].value == pytest.approx(value, abs=slack)
     assert remark is None or found[check].remark == remark
     limit = RULES.by_check[check].limit
     fails = value is not None and (value < limit if CHECKS[check].fails == "below" else value > limit)
@@ -181,9 +196,7 @@ def test_jitter_is_the_wander_of_stamps_about_which_nothing_decides():
 def test_an_extreme_at_zero_or_where_the_channel_mostly_is_is_no_rail():
     time = np.arange(2000) / RATE
     load = 800 * np.clip(np.minimum(time - 0.7, 1.4 - time) / 0.02, 0, 1) * (1 + 0.01 * np.sin(300 * time))
-    assert (
-        failed(results(laboratory(plate1_force_z=load), "walking")) == set()
-    )  # 0 without load, neither railed nor stuck
+    assert failed(results(laboratory(plate1_force_z=load), "walking")) == set(), "0 without load is no fault"
     loaded = np.where(np.arange(1000) < 800, 700 + np.sin(np.arange(1000)), 0.0)
     assert longest_at_extreme(loaded) < 5  # on a plate that is mostly stood on, zero is an extreme
     coarse = np.where(np.arange(1000) < 800, -80.0, 700 + np.sin(np.arange(1000)))
@@ -312,8 +325,8 @@ def test_a_trial_of_few_rows_or_empty_columns_is_judged_without_an_error(rows, e
 
 def test_a_value_at_its_threshold_passes_and_no_number_fails():
     cases = (
-        ("rate", 99.0, True),
-        ("rate", 100.0, False),
+        ("rate", 99, True),
+        ("rate", 100, False),
         ("gap", 0.05, False),
         ("gap", 0.051, True),
         ("gap", np.nan, True),
@@ -347,3 +360,74 @@ def test_the_sheet_may_accept_only_checks_that_there_are(tmp_path):
     config = campaign_config(yaml.safe_load(CONFIG.read_text()) | changes, [CONFIG])
     with pytest.raises(InputError, match="trial 'b', accept: 'gaps' is no quality check; the checks are rate, jitter"):
         check_campaign(open_campaign(config, None))
+
+
+# Sensors at the end of their range: stated in the source file, or seen in the recording.
+
+
+@pytest.mark.parametrize("bits", [12, 14, 18])
+def test_a_rounded_sine_is_not_clipped_and_one_that_sticks_at_an_end_is(bits):
+    record, step = sines(second_order, 0.05), 2 * np.pi / 2**bits
+    for end in (np.inf, 0.09, 0.07):
+        theta = np.rint(np.minimum(record.theta, end) / step) * step
+        clipped = longest_clipped_angle(record.time, theta, (record.time, record.torque))
+        flat = 0 if end > 1 else 2 * np.arccos(end / 0.1) / (2 * np.pi) * 500  # of the slowest sine, 1 Hz
+        assert clipped == pytest.approx(flat, rel=0.02, abs=2 if flat else 0)
+
+
+def test_a_channel_is_held_while_its_reference_changes_but_for_the_ends_of_the_repetition():
+    """`apart` is taken off at either end: a reference that changes there alone tells nothing."""
+    time = np.arange(100) / 100
+    values = np.where((time >= 0.2) & (time < 0.8), 1.0, time + 2)
+    for first, last, seconds in ((0.2, 0.28, 0.0), (0.72, 0.8, 0.0), (0.2, 0.4, 0.59), (0.6, 0.8, 0.59)):
+        reference = (time, np.where((time >= first) & (time < last), np.sin(1000 * time), 0.0))
+        assert held(time, values, reference, 0.1, 0.1) == pytest.approx(seconds), (first, last)
+
+
+def test_a_commanded_current_at_its_level_is_no_rail_and_a_measured_one_that_is_clipped_is():
+    time = np.arange(2000) / 500.0
+    levels = np.repeat([3.0, -2.0, 3.0, 1.0], 500)
+    measured = np.minimum(4 * np.sin(7 * time) + 0.02 * np.random.default_rng(1).standard_normal(2000), 3.0)
+    commanded, clipped = (Trial("a", pl.DataFrame({"time": time, "current": x})) for x in (levels, measured))
+    assert is_command(levels)
+    assert samples_at_rail(commanded, "current") == 0
+    assert samples_at_rail(clipped, "current") > 50
+
+
+def stating(text, **conversion):
+    source = validated({"unit": "N*m", "range": text, **conversion}, Conversion, "source.yaml")
+    return source.origin("torque")["range"]
+
+
+def test_a_stated_range_is_that_of_the_sensor_whatever_its_sign_and_offset():
+    assert stating("60 N*m") == [-60, 60]
+    assert stating(["-20 N*m", "100 N*m"]) == [-20, 100]
+    assert stating(["-20 N*m", "100 N*m"], sign=-1) == [-100, 20]
+    assert stating("600 N*cm", unit="N*cm", offset=-50) == pytest.approx([-6.5, 5.5])
+    assert stating("10 lbf*ft") == pytest.approx([-13.558, 13.558], rel=1e-4)
+    for wrong in ("60 A", "-60 N*m", ["5 N*m", "1 N*m"], "60"):
+        with pytest.raises(ValueError, match=r"lower end first|measures|the unit is empty"):
+            stating(wrong)
+
+
+def test_samples_at_a_stated_end_count():
+    torque = np.concatenate([np.linspace(-50, 59, 400), np.full(7, 59.97), np.linspace(58, 0, 100)])
+    origin = {"columns": {"torque": {"range": [-60.0, 60.0]}}}
+    made = Trial("made", pl.DataFrame({"time": np.arange(507.0), "torque": torque}), origin)
+    assert samples_at_rail(made, "torque") == 7
+    assert [stated_range(made, name) for name in ("torque", "theta")] == [(-60, 60), None]
+
+
+def test_a_log_with_values_beyond_the_stated_range_is_not_ingested(tmp_path):
+    rows = "".join(f"{k / 100},{21 * np.sin(k / 10):.4f}\n" for k in range(400))
+    (tmp_path / "log.csv").write_text("t,force\n" + rows)
+    torque = "{{column: force, unit: N*m, range: {} N*m}}"
+    stated = f"format: csv\ntime: {{{{column: t, unit: s}}}}\nchannels:\n  torque: {torque}\n"
+    row = {"trial": "a", "experiment": "ingest_only", "log": "log.csv", "log_source": "cell"}
+    (tmp_path / "cell.yaml").write_text(stated.format(1))
+    beyond = r"trial a: torque goes from -21 to 21 N\*m, beyond the `range` of its sensor, -1 to 1"
+    with pytest.raises(InputError, match=beyond):
+        ingest_trial(row, tmp_path, tmp_path, tmp_path / "a.parquet")
+    assert not (tmp_path / "a.parquet").exists()
+    (tmp_path / "cell.yaml").write_text(stated.format(21))
+    ingest_trial(row, tmp_path, tmp_path, tmp_path / "a.parquet")

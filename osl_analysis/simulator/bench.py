@@ -108,10 +108,10 @@ def commanded_motion(row: Mapping[str, Any], settings: SimulationSettings) -> Jo
         return there_and_back(settings.belt, rate)
     if row["experiment"] == "torque_angle" and settings.foot is not None:
         return slow_cycles(settings.foot.cycles, rate)
-    excitation = settings.excitation_of(trial) if row["experiment"] == "impedance" else None
-    if excitation is None:
-        return sine_command(settings.protocol, rate)
-    return excitation_motion(excitation, trial, settings.seed, rate)
+    for excitation in settings.excitations if row["experiment"] == "impedance" else ():
+        if any(trial.endswith(f"_{end}") for end in excitation.trial_endings):
+            return excitation_motion(excitation, trial, settings.seed, rate)
+    return sine_command(settings.protocol, rate)
 
 
 def drivetrain_effects(settings: SimulationSettings, gains: Gains | None = None) -> dict[str, float]:

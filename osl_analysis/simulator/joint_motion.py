@@ -88,7 +88,7 @@ def ramped(elapsed: Array, duration: float, ramp_s: float, size: float = 1.0) ->
 
 def there_and_back(belt: BeltMotion, rate_hz: float) -> JointMotion:
     """The belt experiment's command: a raised cosine of one period, between two rests."""
-    time = np.arange(round(belt.total_s * rate_hz)) / rate_hz
+    time = np.arange(round(2 * (belt.ramp_s + belt.rest_s) * rate_hz)) / rate_hz
     w, height = np.pi / belt.ramp_s, 0.5 * np.deg2rad(belt.amplitude_deg)
     phase = w * np.clip(time - belt.rest_s, 0.0, 2 * belt.ramp_s)
     moves = (phase > 0) & (phase < 2 * np.pi)

@@ -11,7 +11,7 @@ from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.config.shared_choices import ImpedanceTrajectory, read_impedance_trajectory
 from osl_analysis.config.sheet import JOINT, SHEET_COLUMNS, SheetRows
 from osl_analysis.errors import InputError
-from osl_analysis.simulator.settings import RampDirection, SimulationSettings, Subject, stream
+from osl_analysis.simulator.settings import SimulationSettings, Subject, stream
 
 
 @dataclass(frozen=True)
@@ -19,7 +19,7 @@ class Condition:
     """What a trial of the gait laboratory is by plan. None: as the settings of the gait laboratory have it."""
 
     perturbed: bool = False
-    direction: RampDirection = "up"
+    direction: str = "up"
     K_d: float | None = None  # Largest desired stiffness [N*m/rad]
     B_d: float | None = None  # Largest desired damping [N*m*s/rad]
     stance_phase: float | None = None  # Mean phase of stance at which the ramp is commanded

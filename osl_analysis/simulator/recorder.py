@@ -14,7 +14,7 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import butter, cont2discrete, lfilter, lfilter_zi
 
 from osl_analysis.files import atomic_path
-from osl_analysis.simulator.settings import NodeSettings, Scatter, SimulationSettings, stream
+from osl_analysis.simulator.settings import NodeSettings, Scatter, SensorSettings, SimulationSettings, stream
 from osl_analysis.trial import Array
 
 TORQUES = ("load_cell_torque", "output_torque")
@@ -131,7 +131,8 @@ class Bench:
 
     def reading(self, channel: str, true: TrueSignal, sampled: Array, even: bool) -> Array:
         """What the sensor of a channel reads at the sampled instants: dynamics, errors, noise, range and steps."""
-        effects, sensor, n = self.settings.effects, self.settings.recorder.sensor(channel), len(sampled)
+        effects, sensors, n = self.settings.effects, self.settings.recorder.sensors, len(sampled)
+        sensor = next((one for name, one in sensors.items() if name == channel), SensorSettings())
         rate, late = self.settings.dynamometer.rate_hz, sensor.delay.value
         if sensor.low_pass.enabled:
             # causal and at rest at the first value, in eight steps per sample, its input being straight between them

@@ -6,14 +6,26 @@ size and the unit of the size. All effects of recorders and sensors are off unle
 
 import math
 import zlib
+from collections.abc import Callable
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
 from osl_analysis.config.shared_choices import WEIGHT_OF_PAPER, WeightSettings
 from osl_analysis.yaml_settings import Degrees, NotNegative, Positive, Settings, ShippedPath
+
+
+def refused(reason: Callable[[Any], Any]) -> Any:
+    """A check of settings, which are refused where `reason` says one of them."""
+
+    def check(settings: Any) -> Any:
+        if found := reason(settings):
+            raise ValueError(found)
+        return settings
+
+    return model_validator(mode="after")(check)
 
 
 class Effect(Settings):
@@ -62,37 +74,36 @@ class LowPassEffect(Effect):
     order: Annotated[int, Field(ge=1, le=4)] = 1
 
 
-def off(unit: str, size: float = 0.0) -> Any:
-    """An effect that is switched off, of any kind."""
-    return Field(default={"enabled": False, "size": size, "unit": unit}, validate_default=True)
+def effect(*units: str, off: float | None = None, **rules: bool) -> Any:
+    """An effect in one of these units, whose size has to be `whole`, `above_0` or `below_1`. Where it is not given it
+    is switched off, with the size `off`; it has to be given if that is None."""
+    default = ... if off is None else {"enabled": False, "size": off, "unit": units[0]}
+    return Field(default, validate_default=True, json_schema_extra={"units": list(units), **rules})
 
 
-def sized(*units: str, whole: bool = False, above_0: bool = False, below_1: bool = False) -> AfterValidator:
-    """A check that an effect's size is given in one of these units, and of what kind it is. Only `enabled: false`
-    switches an effect off whose size is above 0."""
+class Switches(Settings):
+    """Settings with effects. Only `enabled: false` switches an effect off whose size has to be above 0."""
 
-    def check(effect: Effect) -> Effect:
-        if effect.unit not in units:
-            raise ValueError(f"its unit must be {' or '.join(repr(unit) for unit in units)}, not '{effect.unit}'")
-        if whole and effect.size != int(effect.size):
-            raise ValueError(f"its size is {effect.size:g}; give a whole number")
-        if above_0 and effect.size == 0:
+    @field_validator("*")
+    @classmethod
+    def _has_its_unit(cls, value: Any, info: ValidationInfo) -> Any:
+        rules: Any = cls.model_fields[info.field_name or ""].json_schema_extra
+        if not isinstance(value, Effect):
+            return value
+        if value.unit not in rules["units"]:
+            raise ValueError(f"its unit must be {' or '.join(map(repr, rules['units']))}, not '{value.unit}'")
+        if "whole" in rules and value.size != int(value.size):
+            raise ValueError(f"its size is {value.size:g}; give a whole number")
+        if "above_0" in rules and value.size == 0:
             raise ValueError("its size must be positive; set enabled: false to switch it off")
-        if below_1 and effect.size >= 1:
+        if "below_1" in rules and value.size >= 1:
             raise ValueError("its size is a share and must be less than 1")
-        return effect
+        return value
 
-    return AfterValidator(check)
-
-
-Seconds = Annotated[Effect, sized("s")]
-Torque = Annotated[Effect, sized("N*m")]
-Ratio = Annotated[Effect, sized("1")]
-ShareEffect = Annotated[Effect, sized("1", below_1=True)]
-Hertz = Annotated[Effect, sized("Hz", above_0=True)]
-AngleStep = Annotated[Effect, sized("rad", "bit")]  # of an encoder
-RampDirection = Literal["up", "down"]
-StatedColumn = Literal["K_d", "B_d", "direction", "subject", "session", "side", "group", "body_mass_kg"]
+    def without(self, *names: str) -> Self:
+        """These effects with the named ones off, or with all off if none is named."""
+        names = names or tuple(type(self).model_fields)
+        return self.model_copy(update={n: getattr(self, n).model_copy(update={"enabled": False}) for n in names})
 
 
 class Subject(Settings):
@@ -108,71 +119,62 @@ class Conditions(Settings):
     successive crossings, n being the number of combinations, each combination of direction, K_d, B_d and stance_phase
     occurs once, in a random order. Subjects and sessions follow each other in equal blocks."""
 
-    directions: Annotated[tuple[RampDirection, ...], Field(min_length=1)] = ("up",)  # up: toes up, dorsiflexion
+    directions: Annotated[tuple[Literal["up", "down"], ...], Field(min_length=1)] = ("up",)  # up: toes up, dorsiflexion
     K_d: tuple[Positive, ...] = ()  # largest desired stiffness [N*m/rad]; the whole trajectory is scaled
     B_d: tuple[NotNegative, ...] = ()  # largest desired damping [N*m*s/rad]; the whole trajectory is scaled
     stance_phases: tuple[Annotated[float, Field(ge=0, lt=1)], ...] = ()  # mean phase at which the ramp is commanded
     subjects: tuple[Subject, ...] = ()
     sessions: Annotated[int, Field(ge=1)] = 1  # of each person, with markers attached anew (`marker_placement`)
     side: Literal["left", "right"] = "right"  # that the sheet states; the simulated leg is the right one
-    stated: tuple[StatedColumn, ...] = ()  # columns of the sheet that state the condition of a crossing
+    stated: tuple[
+        Literal["K_d", "B_d", "direction", "subject", "session", "side", "group", "body_mass_kg"], ...
+    ] = ()  # columns of the sheet that state the condition of a crossing
 
 
-class SwitchedEffects(Settings):
-    """Effects by name, each with its switch."""
-
-    def without(self, *names: str) -> Self:
-        """These effects with the named ones off, or with all off if none is named."""
-        names = names or tuple(type(self).model_fields)
-        return self.model_copy(update={n: getattr(self, n).model_copy(update={"enabled": False}) for n in names})
-
-
-class Effects(SwitchedEffects):
+class Effects(Switches):
     """Every imperfection of bench, drivetrain and controller. Noise is white at the rate of the log, sizes are SDs."""
 
-    friction: Ratio  # true friction over the parameter file's, which the controller cancels; off: none at all
-    control_delay: Annotated[Effect, sized("update", whole=True)]
+    friction: Effect = effect("1")  # true over the parameter file's, which the controller cancels; off: none at all
+    control_delay: Effect = effect("update", whole=True)
     """From a measurement to its current [updates of the controller]. 0: held for one update; off: continuous."""
-    velocity_filter: Hertz  # low-pass over the differentiated encoder; off: the controller gets the true velocity
-    actuator_encoder: AngleStep  # resolution, at the actuator's output
-    joint_encoder: AngleStep  # resolution
-    load_cell_noise: Torque
-    load_cell_offset: Torque  # constant over a trial
-    load_cell_drift: Annotated[Effect, sized("N*m/min")]  # constant over a trial
-    load_cell_quantisation: Torque  # resolution
-    current_noise: Annotated[Effect, sized("A")]
-    current_quantisation: Annotated[Effect, sized("A")]  # resolution
-    belt_hysteresis: Torque  # largest torque by which loading and unloading differ from the elastic belt
-    belt_scatter: Ratio  # of K_s from trial to trial in the belt experiment
-    dynamometer_bandwidth: Hertz  # natural frequency of the position loop; off: the command is followed exactly
-    mount_stiffness: Annotated[Effect, sized("N*m/rad", above_0=True)] = off("N*m/rad", 1)  # of the bench's frame
-    load_cell_hum: Annotated[Hum, sized("N*m")] = off("N*m")  # of the mains
-    load_cell_flicker: Torque = off("N*m")  # 1/f noise within each decade of frequency
-    encoder_zero: Annotated[Effect, sized("step")] = off("step")  # largest distance of the joint's, drawn per trial
+    velocity_filter: Effect = effect("Hz", above_0=True)
+    """Low-pass over the differentiated encoder; off: the controller gets the true velocity."""
+    actuator_encoder: Effect = effect("rad", "bit")  # resolution, at the actuator's output
+    joint_encoder: Effect = effect("rad", "bit")  # resolution
+    load_cell_noise: Effect = effect("N*m")
+    load_cell_offset: Effect = effect("N*m")  # constant over a trial
+    load_cell_drift: Effect = effect("N*m/min")  # constant over a trial
+    load_cell_quantisation: Effect = effect("N*m")  # resolution
+    current_noise: Effect = effect("A")
+    current_quantisation: Effect = effect("A")  # resolution
+    belt_hysteresis: Effect = effect("N*m")  # largest torque by which loading and unloading differ from the belt's
+    belt_scatter: Effect = effect("1")  # of K_s from trial to trial in the belt experiment
+    dynamometer_bandwidth: Effect = effect("Hz", above_0=True)
+    """Natural frequency of the position loop; off: the command is followed exactly."""
+    mount_stiffness: Effect = effect("N*m/rad", off=1, above_0=True)  # of the bench's frame
+    load_cell_hum: Hum = effect("N*m", off=0)  # of the mains
+    load_cell_flicker: Effect = effect("N*m", off=0)  # 1/f noise within each decade of frequency
+    encoder_zero: Effect = effect("step", off=0)  # largest distance of the joint's, drawn per trial
 
 
-class SecondOrderJoint(Settings):
+class SecondOrderJoint(Switches):
     """A joint with the torque of Eq. 15, in place of the drivetrain, and deviations from Eq. 15. Backlash is between
     bench and joint. Inside the gap the joint moves freely. The contact at an end is plastic."""
 
     K: Positive
     B: NotNegative
     I: NotNegative
-    stiffening: Annotated[Effect, sized("1/rad^2")] = off("1/rad^2")  # the spring has K theta (1 + size theta^2)
-    coulomb: Torque = off("N*m")  # Coulomb friction of the joint
-    backlash: Annotated[Effect, sized("rad")] = off("rad")  # width of the gap, from end to end
+    stiffening: Effect = effect("1/rad^2", off=0)  # the spring has K theta (1 + size theta^2)
+    coulomb: Effect = effect("N*m", off=0)  # Coulomb friction of the joint
+    backlash: Effect = effect("rad", off=0)  # width of the gap, from end to end
 
-    @model_validator(mode="after")
-    def _gap_is_computed_for_a_linear_joint(self) -> Self:
-        if self.backlash.value and not self.I:
-            raise ValueError("backlash needs an inertia I above 0")
-        return self
+    _moves_freely = refused(lambda s: s.backlash.value and not s.I and "backlash needs an inertia I above 0")
 
 
 CyclesOfSine = Annotated[int, Field(ge=1, le=10_000)]
 
 
-class SteppedSineSchedule(Settings):
+class SteppedSineSchedule(Switches):
     """`lead_s` of rest, then a block per amplitude: each frequency in the given order, then `rest_s` of rest. The
     fields from `rest_between_s` on describe other protocols and imperfections of the motion."""
 
@@ -185,36 +187,29 @@ class SteppedSineSchedule(Settings):
     rest_between_s: NotNegative = 0.0  # after each frequency
     ramp_s: NotNegative = 0.0  # in which each frequency grows from 0, and falls to 0, in addition to its cycles
     start: Literal["sine", "cosine"] = "sine"  # at the angle 0, or with a jump of the command to the amplitude
-    second_harmonic: ShareEffect = off("1")  # of the motion, as a share of the first
-    third_harmonic: ShareEffect = off("1")
-    decay: Annotated[Effect, sized("1/s")] = off("1/s")  # of the amplitude from the start of each frequency
-    clock_error: Annotated[SignedEffect, sized("ppm")] = off("ppm")  # a positive one raises frequencies
+    second_harmonic: Effect = effect("1", off=0, below_1=True)  # of the motion, as a share of the first
+    third_harmonic: Effect = effect("1", off=0, below_1=True)
+    decay: Effect = effect("1/s", off=0)  # of the amplitude from the start of each frequency
+    clock_error: SignedEffect = effect("ppm", off=0)  # a positive one raises frequencies
 
-    @model_validator(mode="after")
-    def _duration_is_stated_once(self) -> Self:
-        if (self.cycles is None) == (self.seconds is None):
-            raise ValueError("state either cycles or seconds at each frequency")
-        if isinstance(self.cycles, tuple) and len(self.cycles) != len(self.frequencies_hz):
-            raise ValueError(
-                f"{len(self.cycles)} numbers of cycles for {len(self.frequencies_hz)} frequencies; give one for each"
-            )
-        return self
+    _stated_once = refused(
+        lambda s: (s.cycles is None) == (s.seconds is None) and "state either cycles or seconds at each frequency"
+    )
+    _of_each = refused(
+        lambda s: (
+            isinstance(s.cycles, tuple)
+            and len(s.cycles) != (n := len(s.frequencies_hz))
+            and f"{len(s.cycles)} numbers of cycles for {n} frequencies; give one for each"
+        )
+    )
 
     @property
-    def durations(self) -> tuple[float, ...]:
+    def durations(self) -> list[float]:
         """Time [s] at full amplitude of each frequency, by the clock that generates the motion."""
         if self.seconds is not None:
-            return (self.seconds,) * len(self.frequencies_hz)
-        assert self.cycles is not None  # as was checked
-        cycles = self.cycles if isinstance(self.cycles, tuple) else (self.cycles,) * len(self.frequencies_hz)
-        return tuple(n / f for n, f in zip(cycles, self.frequencies_hz, strict=True))
-
-    @property
-    def total_s(self) -> float:
-        """Duration [s] of a trial."""
-        beside = self.rest_between_s + 2 * self.ramp_s
-        block = sum(self.durations) + beside * len(self.frequencies_hz) + self.rest_s
-        return self.lead_s + block * len(self.amplitudes_deg)
+            return [self.seconds] * len(self.frequencies_hz)
+        cycles = self.cycles if isinstance(self.cycles, tuple) else [self.cycles or 0] * len(self.frequencies_hz)
+        return [n / f for n, f in zip(cycles, self.frequencies_hz, strict=True)]
 
 
 class BeltMotion(Settings):
@@ -223,11 +218,6 @@ class BeltMotion(Settings):
     amplitude_deg: Degrees
     ramp_s: Positive  # of the turn, and of the return
     rest_s: NotNegative
-
-    @property
-    def total_s(self) -> float:
-        """Duration [s] of a trial."""
-        return 2 * (self.ramp_s + self.rest_s)
 
 
 class Tone(Settings):
@@ -246,59 +236,58 @@ class ActuatorBench(Settings):
     velocity: Annotated[tuple[Tone, ...], Field(min_length=1)]  # of the output [rad/s]
     current: Annotated[tuple[Tone, ...], Field(min_length=1)]  # q-axis [A]
 
-    @model_validator(mode="after")
-    def _fits(self) -> Self:
-        if self.duration_s < 4 * self.fade_s:
-            raise ValueError("duration_s must be at least four times fade_s")
-        return self
+    _fits = refused(lambda s: s.duration_s < 4 * s.fade_s and "duration_s must be at least four times fade_s")
+
+
+class NodeSettings(Switches):
+    """How one node samples its channels, and what stamps it writes."""
+
+    rate: Effect = effect("Hz", off=1, above_0=True)  # off: dynamometer.rate_hz
+    phase: Effect = effect("s", off=0)  # how much later than the other node it takes each sample; the stamps say so
+    jitter: Scatter = effect("s", off=0)  # true: samples are taken off the even instants, and stamped so
+    latency: Scatter = effect("s", off=0)  # false: samples are even, and the host stamps each so much later
+    clock_offset: SignedEffect = effect("s", off=0)  # what the node's clock shows when the bench's shows 0
+    clock_drift: SignedEffect = effect("ppm", off=0)  # how much faster than the bench's it runs
+    decimals: Effect = effect("decimal", off=0, whole=True)  # of stamps in s
+    dropped: Effect = effect("1", off=0, below_1=True)
+    """Share of the samples that are missing, at drawn places; at least one gap."""
+    burst: Effect = effect("sample", off=1, whole=True, above_0=True)  # in a row; off: one
+    lost_every: RegularGaps = effect("sample", off=100, whole=True, above_0=True)  # of `burst` each
+    duplicated: Effect = effect("1", off=0, below_1=True)
+    """Share of the samples that are written twice, with the same stamp."""
+
+    _is_never_early = refused(
+        lambda s: (
+            s.latency.enabled
+            and s.latency.distribution == "normal"
+            and "latency is never negative; choose distribution: half_normal or exponential"
+        )
+    )
+
+
+class SensorSettings(Switches):
+    """What one sensor makes of its true signal, in the order in which it happens."""
+
+    low_pass: LowPassEffect = effect("Hz", off=1, above_0=True)
+    delay: Effect = effect("s", off=0)  # how old a value is at the instant at which it is sampled
+    clipping: Effect = effect("N*m", "rad", "A", off=1, above_0=True)  # largest value in size
+    adc: Effect = effect("bit", off=0, whole=True)  # from minus to plus `clipping`
+    failed: Effect = effect("1", off=0, below_1=True)
+    """Share of the readings that fail, at drawn places: the log has NaN there."""
+    gain: SignedEffect = effect("1", off=1)  # of the recorder by mistake: a wrong unit or sign
+
+    _converter_has_a_range = refused(
+        lambda s: (
+            s.adc.enabled
+            and not s.clipping.enabled
+            and "adc needs the range of the converter; enable clipping and give it"
+        )
+    )
 
 
 BenchChannel = Literal[
     "joint_angle", "actuator_angle", "commanded_angle", "motor_current", "load_cell_torque", "output_torque"
 ]
-
-
-class NodeSettings(Settings):
-    """How one node samples its channels, and what stamps it writes."""
-
-    rate: Hertz = off("Hz", 1.0)  # off: dynamometer.rate_hz
-    phase: Seconds = off("s")  # how much later than the other node it takes each sample; the stamps say so
-    jitter: Annotated[Scatter, sized("s")] = off("s")  # true: samples are taken off the even instants, and stamped so
-    latency: Annotated[Scatter, sized("s")] = off(
-        "s"
-    )  # false: samples are even, and the host stamps each so much later
-    clock_offset: Annotated[SignedEffect, sized("s")] = off("s")  # what the node's clock shows when the bench's shows 0
-    clock_drift: Annotated[SignedEffect, sized("ppm")] = off("ppm")  # how much faster than the bench's it runs
-    decimals: Annotated[Effect, sized("decimal", whole=True)] = off("decimal")  # of stamps in s
-    dropped: ShareEffect = off("1")  # share of the samples that are missing, at drawn places; at least one gap
-    burst: Annotated[Effect, sized("sample", whole=True, above_0=True)] = off("sample", 1)  # in a row; off: one
-    lost_every: Annotated[RegularGaps, sized("sample", whole=True, above_0=True)] = off(
-        "sample", 100
-    )  # of `burst` each
-    duplicated: ShareEffect = off("1")  # share of the samples that are written twice, with the same stamp
-
-    @model_validator(mode="after")
-    def _is_never_early(self) -> Self:
-        if self.latency.enabled and self.latency.distribution == "normal":
-            raise ValueError("latency is never negative; choose distribution: half_normal or exponential")
-        return self
-
-
-class SensorSettings(Settings):
-    """What one sensor makes of its true signal, in the order in which it happens."""
-
-    low_pass: Annotated[LowPassEffect, sized("Hz", above_0=True)] = off("Hz", 1)
-    delay: Seconds = off("s")  # how old a value is at the instant at which it is sampled
-    clipping: Annotated[Effect, sized("N*m", "rad", "A", above_0=True)] = off("N*m", 1)  # largest value in size
-    adc: Annotated[Effect, sized("bit", whole=True)] = off("bit")  # from minus to plus `clipping`
-    failed: ShareEffect = off("1")  # share of the readings that fail, at drawn places: the log has NaN there
-    gain: Annotated[SignedEffect, sized("1")] = off("1", 1)  # of the recorder by mistake: a wrong unit or sign
-
-    @model_validator(mode="after")
-    def _converter_has_a_range(self) -> Self:
-        if self.adc.enabled and not self.clipping.enabled:
-            raise ValueError("adc needs the range of the converter; enable clipping and give it")
-        return self
 
 
 class RecorderSettings(Settings):
@@ -307,10 +296,6 @@ class RecorderSettings(Settings):
     node: NodeSettings = NodeSettings()
     torque_node: NodeSettings | None = None
     sensors: dict[BenchChannel, SensorSettings] = Field(default_factory=dict)
-
-    def sensor(self, channel: str) -> SensorSettings:
-        """What the sensor of a channel does."""
-        return next((sensor for name, sensor in self.sensors.items() if name == channel), SensorSettings())
 
 
 class Excitation(Settings):
@@ -335,13 +320,12 @@ class Excitation(Settings):
     fade_s: Positive = 1.0  # in which the motion grows, and goes back to rest, in addition to its duration
     rest_s: NotNegative = 1.5  # before and after each motion
 
-    @model_validator(mode="after")
-    def _band_rises(self) -> Self:
-        if self.band_hz[0] >= self.band_hz[1]:
-            raise ValueError(
-                f"band_hz goes from {self.band_hz[0]:g} to {self.band_hz[1]:g} Hz; write the lower one first"
-            )
-        return self
+    _band_rises = refused(
+        lambda s: (
+            s.band_hz[0] >= s.band_hz[1]
+            and f"band_hz goes from {s.band_hz[0]:g} to {s.band_hz[1]:g} Hz; write the lower one first"
+        )
+    )
 
     @property
     def full_s(self) -> float:
@@ -349,18 +333,12 @@ class Excitation(Settings):
         return self.period_s * self.periods if self.kind == "multisine" else self.duration_s
 
     @property
-    def total_s(self) -> float:
-        """Duration [s] of a trial."""
-        return self.rest_s + self.realisations * (self.full_s + 2 * self.fade_s + self.rest_s)
-
-    @property
     def trial_endings(self) -> list[str]:
-        """Endings of the names of its trials."""
         return [f"{self.name}_{number + 1}" for number in range(self.trials)]
 
 
 class SlippingSpring(Settings):
-    """A spring in series with dry friction. CyclesOfSine of amplitude A lose 4 limit (A - limit/stiffness)."""
+    """A spring in series with dry friction. Cycles of amplitude A lose 4 limit (A - limit/stiffness)."""
 
     stiffness: Positive  # [N*m/rad], until it slips
     limit: Positive  # torque [N*m] at which it slips
@@ -374,12 +352,6 @@ class SlowCycles(Settings):
     speed_deg_s: Annotated[tuple[Positive, ...], Field(min_length=1)]  # of each cycle
     turn_s: Positive  # in which the motion turns at the end of a ramp
     rest_s: Positive  # before and after
-
-    @property
-    def total_s(self) -> float:
-        """Duration [s] of a trial."""
-        way = 2 * (self.highest_deg - self.lowest_deg)
-        return 2 * self.rest_s + sum(way / speed for speed in self.speed_deg_s)
 
 
 class PassiveFoot(Settings):
@@ -455,11 +427,7 @@ class DrivetrainSettings(Settings):
     sign_width: Positive  # velocity [rad/s] of the actuator over which the controller smooths its sign
     hysteresis_width: Positive  # deflection [rad] over which the belt's hysteresis changes sign after a reversal
 
-    @model_validator(mode="after")
-    def _even(self) -> Self:
-        if self.substeps % self.control_updates:
-            raise ValueError("control_updates must divide substeps")
-        return self
+    _even = refused(lambda s: s.substeps % s.control_updates and "control_updates must divide substeps")
 
 
 class SimulationSettings(Settings):
@@ -483,23 +451,19 @@ class SimulationSettings(Settings):
     walking: ShippedPath | None = None  # settings file of the gait laboratory
     gain_weight: WeightSettings = WEIGHT_OF_PAPER  # W of Eq. 14, with which the leg's gains are selected
 
-    def excitation_of(self, trial: str) -> Excitation | None:
-        """The excitation of an impedance trial, by its name; None: the stepped sine."""
-        found = (one for one in self.excitations if any(trial.endswith(f"_{end}") for end in one.trial_endings))
-        return next(found, None)
-
     @model_validator(mode="after")
     def _what_is_planned_is_described(self) -> Self:
         names, wanted = [one.name for one in self.excitations], self.experiments
         if len(set(names)) < len(names):
             raise ValueError(f"excitations have the names {', '.join(names)}; give each a name of its own")
-        if wanted.actuator and self.actuator is None:
-            raise ValueError(f"{wanted.actuator} actuator trials are planned but 'actuator' has no schedule")
-        if wanted.torque_angle and self.foot is None:
-            raise ValueError(f"{wanted.torque_angle} torque-angle trials are planned but there is no 'foot'")
-        crossings = wanted.static + wanted.plate + wanted.walking
-        if crossings and self.walking is None:
-            raise ValueError(f"{crossings} gait-laboratory trials are planned but 'walking' names no settings file")
+        for planned, kind, description, lacks in (
+            (wanted.actuator, "actuator", self.actuator, "'actuator' has no schedule"),
+            (wanted.torque_angle, "torque-angle", self.foot, "there is no 'foot'"),
+            (wanted.static + wanted.plate + wanted.walking, "gait-laboratory", self.walking,
+             "'walking' names no settings file"),
+        ):  # fmt: skip
+            if planned and description is None:
+                raise ValueError(f"{planned} {kind} trials are planned but {lacks}")
         return self
 
     @model_validator(mode="after")
@@ -519,12 +483,19 @@ class SimulationSettings(Settings):
                 f"effects.dynamometer_bandwidth of {bandwidth.value:g} Hz does not show in a log of {rate:g} Hz; "
                 f"choose less than {rate / 2:g} Hz, or enabled: false for a bench that follows exactly"
             )
-        lasting = {"protocol": self.protocol.total_s, "belt": self.belt.total_s}
-        lasting |= {"actuator": self.actuator.duration_s} if self.actuator else {}
-        lasting |= {"foot.cycles": self.foot.cycles.total_s} if self.foot else {}
-        lasting |= {f"excitations.{one.name}": one.total_s for one in self.excitations}
-        for name, duration in lasting.items():
-            check_length(name, duration, rate)
+        sine, beside = self.protocol, self.protocol.rest_between_s + 2 * self.protocol.ramp_s
+        block = sum(sine.durations) + beside * len(sine.frequencies_hz) + sine.rest_s
+        check_length("protocol", sine.lead_s + block * len(sine.amplitudes_deg), rate)
+        check_length("belt", 2 * (self.belt.ramp_s + self.belt.rest_s), rate)
+        if self.actuator:
+            check_length("actuator", self.actuator.duration_s, rate)
+        if self.foot:
+            cycles = self.foot.cycles
+            way = 2 * (cycles.highest_deg - cycles.lowest_deg)
+            check_length("foot.cycles", 2 * cycles.rest_s + sum(way / speed for speed in cycles.speed_deg_s), rate)
+        for one in self.excitations:
+            whole = one.full_s + 2 * one.fade_s + one.rest_s
+            check_length(f"excitations.{one.name}", one.rest_s + one.realisations * whole, rate)
         velocity, delay = self.effects.velocity_filter, self.effects.control_delay
         updates = rate * (self.drivetrain.control_updates if delay.enabled else self.drivetrain.substeps)
         if velocity.value >= updates / 2:

@@ -5,21 +5,12 @@ campaign's simulation settings.
 """
 
 import math
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from osl_analysis.config.shared_choices import WEIGHT_OF_PAPER, WeightSettings
-from osl_analysis.simulator.settings import (
-    Count,
-    Effect,
-    Seconds,
-    SwitchedEffects,
-    Torque,
-    check_length,
-    off,
-    sized,
-)
+from osl_analysis.simulator.settings import Count, Effect, Switches, check_length, effect, refused
 from osl_analysis.yaml_settings import Degrees, NotNegative, Positive, Settings, ShippedPath
 
 
@@ -57,61 +48,51 @@ class StepChange(Settings):
     overhang_mm: Annotated[float, Field(ge=0, lt=90)] = 0.0  # of the foot's 90 mm, carried by the floor beside
 
 
-Percentage = Annotated[Effect, sized("%")]
-Millimetres = Annotated[Effect, sized("mm")]
-Milliseconds = Annotated[Effect, sized("ms")]
-Angle = Annotated[Effect, sized("deg")]
-Newtons = Annotated[Effect, sized("N")]
-
-
-class WalkingEffects(SwitchedEffects):
+class WalkingEffects(Switches):
     """Every imperfection of gait and gait laboratory. The size of a scatter, an offset or a noise is its standard
     deviation. The actuator's encoder and current have the imperfections of the campaign. Rails of channels that are off
     are none."""
 
-    heel_strike_scatter: Seconds  # of the time of heel strike on the platform
-    stance_scatter: Percentage  # of the duration of stance on the platform
-    angle_scale: Percentage  # of a factor of the ankle's angle
-    angle_wander: Angle  # smooth deviation of the ankle's angle, below 4 Hz
-    force_scale: Percentage  # of a factor of each component of the ground reaction
-    placement_forward: Millimetres  # of the foot's place on the platform
-    placement_sideways: Millimetres
-    foot_yaw: Angle  # of the foot's direction on the platform; the ankle's axis turns with it
-    shank_yield: Percentage  # share of the platform's rotation by which the shank rotates within 0.2 s
-    foot_slip: Millimetres  # by which the foot slides back during the perturbation
-    amplitude_scatter: Percentage = off("%")  # of a factor of the ankle's angle, its torque and the ground reaction
-    load_scatter: Percentage = off("%")  # of a factor of ground reaction and ankle's torque, at the same angle
-    timing_wander: Percentage = off("%")  # of the phase in the middle of stance; heel strike and toe-off stay
-    torque_wander: Torque = off("N*m")
+    heel_strike_scatter: Effect = effect("s")  # of the time of heel strike on the platform
+    stance_scatter: Effect = effect("%")  # of the duration of stance on the platform
+    angle_scale: Effect = effect("%")  # of a factor of the ankle's angle
+    angle_wander: Effect = effect("deg")  # smooth deviation of the ankle's angle, below 4 Hz
+    force_scale: Effect = effect("%")  # of a factor of each component of the ground reaction
+    placement_forward: Effect = effect("mm")  # of the foot's place on the platform
+    placement_sideways: Effect = effect("mm")
+    foot_yaw: Effect = effect("deg")  # of the foot's direction on the platform; the ankle's axis turns with it
+    shank_yield: Effect = effect("%")  # share of the platform's rotation by which the shank rotates within 0.2 s
+    foot_slip: Effect = effect("mm")  # by which the foot slides back during the perturbation
+    amplitude_scatter: Effect = effect("%", off=0)  # of the factor `amplitude` of a change
+    load_scatter: Effect = effect("%", off=0)  # of a factor of ground reaction and ankle's torque, at the same angle
+    timing_wander: Effect = effect("%", off=0)  # of the phase in the middle of stance; heel strike and toe-off stay
+    torque_wander: Effect = effect("N*m", off=0)
     """Smooth deviation of the ankle's torque, below 4 Hz. The leg's equilibrium follows it."""
-    trigger_scatter: Milliseconds = off("ms")  # of the time from the command, which the trigger shows, to the ramp
-    rise_scatter: Percentage = off("%")  # of the duration of the platform's ramp, over crossings and plate trials
-    servo_shiver: Angle = off("deg")
+    trigger_scatter: Effect = effect("ms", off=0)  # of the time from the command, which the trigger shows, to the ramp
+    rise_scatter: Effect = effect("%", off=0)  # of the duration of the platform's ramp, over crossings and plate trials
+    servo_shiver: Effect = effect("deg", off=0)
     """Vibration of the platform's angle at 8 to 20 Hz, while it moves and 0.1 s longer, another one in each trial."""
-    platform_heave: Millimetres = off("mm")  # height in the middle of the ramp, as of a hexapod
-    foot_inertia: Annotated[Effect, sized("kg")]  # of foot and shoe below the ankle
-    plate_inertia: Annotated[
-        Effect, sized("kg")
-    ]  # of the plate above its sensors; off: the reading is the ground reaction
-    marker_noise: Millimetres  # white, each axis
-    marker_gaps: Annotated[Effect, sized("1/trial")]  # mean number of gaps in which a marker is hidden
-    force_noise: Newtons  # white, each axis
-    moment_noise: Torque
-    force_offset: Newtons  # constant over a trial
-    moment_offset: Torque
-    plate_lag: Milliseconds  # of the plate's channels behind markers, trigger and sync
-    moment_clip: Annotated[Effect, sized("N*m", above_0=True)] = off("N*m", 60.0)  # rails of a plate of type 1 or 2
-    force_clip: Annotated[Effect, sized("N", above_0=True)] = off("N", 500.0)
-    sensor_clip: Annotated[Effect, sized("N", above_0=True)] = off("N", 250.0)  # rails of type 3
-    marker_placement: Millimetres = off("mm")
+    platform_heave: Effect = effect("mm", off=0)  # height in the middle of the ramp, as of a hexapod
+    foot_inertia: Effect = effect("kg")  # of foot and shoe below the ankle
+    plate_inertia: Effect = effect("kg")  # of the plate above its sensors; off: the reading is the ground reaction
+    marker_noise: Effect = effect("mm")  # white, each axis
+    marker_gaps: Effect = effect("1/trial")  # mean number of gaps in which a marker is hidden
+    force_noise: Effect = effect("N")  # white, each axis
+    moment_noise: Effect = effect("N*m")
+    force_offset: Effect = effect("N")  # constant over a trial
+    moment_offset: Effect = effect("N*m")
+    plate_lag: Effect = effect("ms")  # of the plate's channels behind markers, trigger and sync
+    moment_clip: Effect = effect("N*m", off=60.0, above_0=True)  # rails of a plate of type 1 or 2
+    force_clip: Effect = effect("N", off=500.0, above_0=True)
+    sensor_clip: Effect = effect("N", off=250.0, above_0=True)  # rails of type 3
+    marker_placement: Effect = effect("mm", off=0)
     """Scatter of the place of each marker on foot and shank from session to session, each axis."""
-    leg_clock_offset: Seconds  # mean offset of the leg's clock from that of the recording
-    leg_clock_drift: Annotated[Effect, sized("ppm")]  # scatter of the rate of the leg's clock
-    leg_joint_encoder: Annotated[Effect, sized("bit")]
+    leg_clock_offset: Effect = effect("s")  # mean offset of the leg's clock from that of the recording
+    leg_clock_drift: Effect = effect("ppm")  # scatter of the rate of the leg's clock
+    leg_joint_encoder: Effect = effect("bit")
 
 
 Rate = Annotated[int, Field(ge=1, le=1_000_000)]
-PositiveVector = tuple[Positive, Positive, Positive]
 
 
 class Rates(Settings):
@@ -123,13 +104,12 @@ class Rates(Settings):
     leg_hz: Rate  # of the leg's log
     controller_hz: Rate  # of the leg's controller
 
-    @model_validator(mode="after")
-    def _c3d_can_hold_them(self) -> Self:
-        if self.analogs_hz % self.points_hz:
-            raise ValueError(
-                f"analogs_hz must be a multiple of points_hz ({self.points_hz}), not {self.analogs_hz}: C3D needs that"
-            )
-        return self
+    _c3d_can_hold_them = refused(
+        lambda s: (
+            s.analogs_hz % s.points_hz
+            and f"analogs_hz must be a multiple of points_hz ({s.points_hz}), not {s.analogs_hz}: C3D needs that"
+        )
+    )
 
     @property
     def motion_hz(self) -> int:
@@ -146,13 +126,12 @@ class Gait(Settings):
     stance_s: Positive  # duration of stance on the platform
     stride_m: Positive
 
-    @model_validator(mode="after")
-    def _step_is_recorded(self) -> Self:
-        if self.recording_s <= self.heel_strike_s + self.stance_s:
-            raise ValueError(
-                f"recording_s must be longer than heel_strike_s + stance_s = {self.heel_strike_s + self.stance_s:g} s"
-            )
-        return self
+    _step_is_recorded = refused(
+        lambda s: (
+            s.recording_s <= (end := s.heel_strike_s + s.stance_s)
+            and f"recording_s must be longer than heel_strike_s + stance_s = {end:g} s"
+        )
+    )
 
 
 class Perturbation(Settings):
@@ -176,7 +155,7 @@ class Body(Settings):
     """The inertia of a body. Its mass is the size of an effect (`foot_inertia` or `plate_inertia`)."""
 
     centre_of_mass_m: tuple[float, float, float]  # in the body's axes
-    gyration_m: PositiveVector  # principal radii about the centre of mass
+    gyration_m: tuple[Positive, Positive, Positive]  # principal radii about the centre of mass
 
 
 class MovingPlate(Body):
@@ -206,7 +185,4 @@ class WalkingSettings(Settings):
     capture: CaptureSettings = CaptureSettings()
     gain_weight: WeightSettings = WEIGHT_OF_PAPER  # that of the simulated campaign replaces it
 
-    @model_validator(mode="after")
-    def _ends(self) -> Self:
-        check_length("gait.recording_s", self.gait.recording_s, self.rates.motion_hz)
-        return self
+    _ends = refused(lambda s: check_length("gait.recording_s", s.gait.recording_s, s.rates.motion_hz))

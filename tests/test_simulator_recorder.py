@@ -17,34 +17,44 @@ from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.yaml_settings import read_yaml
 
 TRIAL = "impedance_K300_B5.0_compensated"
-JOINT = {"K": 300, "B": 5, "I": 0.02}
-EXACT = {"recorder": {}, "joint": JOINT}
-"""A joint that is exactly Eq. 15, and everything else off."""
+JOINT = {"K": 300, "B": 5, "I": 0.02}  # exactly Eq. 15
+TORQUE, ANGLE = "load_cell_torque", "joint_angle"
 
 
-def effect(size, unit, **more):
+def on(size, unit, **more):
     return {"enabled": True, "size": size, "unit": unit, **more}
 
 
-def written(tmp_path, changes, trial=TRIAL, rate=1000):
-    """The log of a trial with no imperfection but `changes`, as columns by name, and its truth."""
-    content = yaml.safe_load((ROOT / "tests/tiny_simulation.yaml").read_text())
-    for entry in content["effects"].values():
-        entry["enabled"] = False
-    content["effects"]["dynamometer_bandwidth"]["enabled"] = True
-    content["dynamometer"]["rate_hz"] = rate
-    for section, values in (EXACT | changes).items():
-        content[section] = content[section] | values if section in ("effects", "protocol", "experiments") else values
-    content["parameters"] = str(ROOT / content["parameters"])
-    (tmp_path / "settings.yaml").write_text(yaml.safe_dump(content))
-    simulate_trial(tmp_path / "settings.yaml", tmp_path, trial)
-    path = next(tmp_path.rglob(f"{trial}.mcap"))
-    with path.open("rb") as file:
-        messages = list(make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages())
-    topics = {channel.topic for _, channel, _, _ in messages}
-    log = {topic: columns_of([m for _, c, _, m in messages if c.topic == topic]) for topic in topics}
-    truth = json.loads((tmp_path / "truth" / f"{trial}.json").read_text())
-    return (log.popitem()[1] if len(log) == 1 else log), truth
+def node(**changes):
+    return {"recorder": {"node": changes}}
+
+
+def torque_sensor(**changes):
+    return {"recorder": {"sensors": {TORQUE: changes}}}
+
+
+@pytest.fixture
+def log_of(tmp_path):
+    """The log of a trial with no imperfection but some, as columns by name."""
+
+    def log_of(changes, rate=1000):
+        content = yaml.safe_load((ROOT / "tests/tiny_simulation.yaml").read_text())
+        for entry in content["effects"].values():
+            entry["enabled"] = False
+        content["effects"]["dynamometer_bandwidth"]["enabled"] = True
+        content["dynamometer"]["rate_hz"] = rate
+        for section, values in ({"recorder": {}, "joint": JOINT} | changes).items():
+            content[section] = content[section] | values if section in ("effects", "protocol") else values
+        content["parameters"] = str(ROOT / content["parameters"])
+        (tmp_path / "settings.yaml").write_text(yaml.safe_dump(content))
+        simulate_trial(tmp_path / "settings.yaml", tmp_path, TRIAL)
+        with next(tmp_path.rglob("*.mcap")).open("rb") as file:
+            messages = list(make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages())
+        topics = {channel.topic for _, channel, _, _ in messages}
+        log = {topic: columns_of([m for _, c, _, m in messages if c.topic == topic]) for topic in topics}
+        return log.popitem()[1] if len(log) == 1 else log
+
+    return log_of
 
 
 def columns_of(messages):
@@ -59,20 +69,17 @@ def columns_of(messages):
     return {"time": time} | {name: np.array([getattr(m, name) for m in messages]) for name in names}
 
 
-@pytest.fixture(scope="module")
-def clean(tmp_path_factory):
-    return written(tmp_path_factory.mktemp("clean"), {})[0]
+@pytest.fixture
+def truth(tmp_path):
+    return lambda: json.loads((tmp_path / "truth" / f"{TRIAL}.json").read_text())
 
 
-def node(**changes):
-    return {"recorder": {"node": changes}}
+@pytest.fixture
+def clean(log_of):
+    return log_of({})
 
 
-def torque_sensor(**changes):
-    return {"recorder": {"sensors": {"load_cell_torque": changes}}}
-
-
-def at(log, clean, name="joint_angle"):
+def at(log, clean, name=ANGLE):
     """The clean log's channel, to 1e-9 of a sine by a cubic spline, at the other log's stamps."""
     return CubicSpline(clean["time"], clean[name])(log["time"])
 
@@ -83,22 +90,20 @@ def settled(log):
     return (elapsed > 1.0) & (elapsed < elapsed[-1] - 1.2)
 
 
-def test_an_exact_joint_answers_by_eq_15(tmp_path):
-    log, truth = written(tmp_path, {})
+def test_an_exact_joint_answers_by_eq_15(clean, truth):
     for f, rows in ((2, slice(1000, 2000)), (5, slice(2200, 2600))):
-        kernel = np.exp(-2j * np.pi * f * log["time"][rows])
-        w, ratio = 2 * np.pi * f, -(log["load_cell_torque"][rows] @ kernel) / (log["joint_angle"][rows] @ kernel)
+        kernel = np.exp(-2j * np.pi * f * clean["time"][rows])
+        w, ratio = 2 * np.pi * f, -(clean[TORQUE][rows] @ kernel) / (clean[ANGLE][rows] @ kernel)
         assert ratio == pytest.approx(300 - 0.02 * w**2 + 5j * w, rel=1e-4)  # the servo's transient is left
-    assert truth["joint"]["K"] == 300
+    assert truth()["joint"]["K"] == 300
 
 
-def test_true_jitter_scatters_the_instants_and_leaves_the_samples_true(tmp_path, clean):
-    log, _ = written(tmp_path, node(jitter=effect(20e-6, "s", distribution="normal")))
+def test_true_jitter_scatters_the_instants_and_leaves_the_samples_true(log_of, clean):
+    log = log_of(node(jitter=on(20e-6, "s", distribution="normal")))
     count = np.arange(len(log["time"]))
     residual = log["time"] - np.polynomial.Polynomial.fit(count, log["time"], 1)(count)
     assert np.std(residual) == pytest.approx(20e-6, rel=4 / np.sqrt(2 * len(residual)))
-    # single precision of the log: 6e-8 of 0.07 rad
-    assert log["joint_angle"] == pytest.approx(at(log, clean), abs=1e-8)
+    assert log[ANGLE] == pytest.approx(at(log, clean), abs=1e-8)  # single precision of the log: 6e-8 of 0.07 rad
 
 
 def test_no_sample_is_taken_before_or_after_the_simulated_motion():
@@ -113,207 +118,175 @@ def test_no_sample_is_taken_before_or_after_the_simulated_motion():
 
 
 @pytest.mark.parametrize(("distribution", "mean"), [("exponential", 2e-4), ("half_normal", 2e-4 * np.sqrt(2 / np.pi))])
-def test_host_latency_scatters_the_stamps_and_leaves_the_device_even(tmp_path, clean, distribution, mean):
-    log, _ = written(tmp_path, node(latency=effect(2e-4, "s", distribution=distribution)))
-    np.testing.assert_array_equal(log["joint_angle"], clean["joint_angle"])
+def test_host_latency_scatters_the_stamps_and_leaves_the_device_even(log_of, clean, distribution, mean):
+    log = log_of(node(latency=on(2e-4, "s", distribution=distribution)))
+    np.testing.assert_array_equal(log[ANGLE], clean[ANGLE])
     late = log["time"] - clean["time"]
     assert late.min() >= -1e-9
-    # a message waits for the one before it, in one of 150 of exponential latencies
-    assert late.mean() == pytest.approx(mean, rel=0.1)
+    assert late.mean() == pytest.approx(mean, rel=0.1)  # of 150 exponential latencies one waits for that before it
     assert np.all(np.diff(log["time"]) > 0)
 
 
 @pytest.mark.parametrize("decimals", [3, 4])
-def test_stamps_are_printed_with_so_many_decimals(tmp_path, decimals):
-    clean, _ = written(tmp_path, {}, rate=300)
-    log, _ = written(tmp_path, node(decimals=effect(decimals, "decimal")), rate=300)
+def test_stamps_are_printed_with_so_many_decimals(log_of, decimals):
+    clean, log = log_of({}, rate=300), log_of(node(decimals=on(decimals, "decimal")), rate=300)
     assert log["time"] * 10**decimals == pytest.approx(np.rint(log["time"] * 10**decimals), abs=1e-4)
     assert np.abs(log["time"] - clean["time"]).max() <= 0.5001 * 10**-decimals
-    np.testing.assert_array_equal(log["joint_angle"], clean["joint_angle"])
+    np.testing.assert_array_equal(log[ANGLE], clean[ANGLE])
 
 
-def test_two_nodes_write_standard_messages_with_stamps_and_rates_of_their_own(tmp_path, clean):
-    later = {"phase": effect(3e-4, "s"), "rate": effect(333, "Hz")}
-    log, _ = written(tmp_path, {"recorder": {"torque_node": later}})
+def test_two_nodes_write_standard_messages_with_stamps_rates_and_clocks_of_their_own(log_of, clean, truth):
+    log = log_of({"recorder": {"torque_node": {"phase": on(3e-4, "s"), "rate": on(333, "Hz")}}})
     joint, wrench = log["/joint_states"], log["/wrench"]
     np.testing.assert_allclose(joint["time"], clean["time"], rtol=0, atol=1e-9)
     assert wrench["time"][0] - joint["time"][0] == pytest.approx(3e-4, abs=1e-9)
     assert np.diff(wrench["time"]).mean() == pytest.approx(1 / 333, rel=1e-6)
     rows = settled(wrench)
-    assert wrench["torque"][rows] == pytest.approx(at(wrench, clean, "load_cell_torque")[rows], abs=1e-4)
+    assert wrench["torque"][rows] == pytest.approx(at(wrench, clean, TORQUE)[rows], abs=1e-4)
     assert not np.any(joint["effort"])
+    log = log_of({"recorder": {"torque_node": {"clock_offset": on(0.25, "s"), "clock_drift": on(-50, "ppm")}}})
+    own, bench = log["/wrench"]["time"] - truth()["drawn"]["clock_start_s"], log["/joint_states"]["time"]
+    assert own == pytest.approx(0.25 + (1 - 50e-6) * (bench - bench[0]), abs=2e-9)
 
 
-def test_a_nodes_clock_has_an_offset_and_a_drift(tmp_path):
-    clock = {"clock_offset": effect(0.25, "s"), "clock_drift": effect(-50, "ppm")}
-    log, truth = written(tmp_path, {"recorder": {"torque_node": clock}})
-    own, bench = log["/wrench"]["time"] - truth["drawn"]["clock_start_s"], log["/joint_states"]["time"]
-    elapsed = bench - bench[0]
-    assert own == pytest.approx(0.25 + (1 - 50e-6) * elapsed, abs=2e-9)
+def test_samples_are_dropped_singly_or_in_bursts_or_at_regular_intervals_and_written_twice(log_of, clean):
+    def missing(**changes):
+        return np.rint(np.diff(log_of(node(**changes))["time"]) * 1000).astype(int) - 1
 
-
-def test_samples_are_dropped_singly_or_in_bursts_and_written_twice(tmp_path, clean):
     n = len(clean["time"])
-    single, _ = written(tmp_path, node(dropped=effect(1e-3, "1")))
-    assert n - len(single["time"]) == round(1e-3 * n)
-    burst, _ = written(tmp_path, node(dropped=effect(0.02, "1"), burst=effect(20, "sample")))
-    gaps = np.rint(np.diff(burst["time"]) * 1000).astype(int) - 1
-    assert set(gaps) == {0, 20}
-    assert gaps.sum() == 20 * round(0.02 * n / 20)
-    twice, _ = written(tmp_path, node(duplicated=effect(0.01, "1")))
+    assert missing(dropped=on(1e-3, "1")).sum() == round(1e-3 * n)
+    gaps = missing(dropped=on(0.02, "1"), burst=on(20, "sample"))
+    assert (set(gaps), gaps.sum()) == ({0, 20}, 20 * round(0.02 * n / 20))
+    gaps = missing(lost_every=on(100, "sample", scatter=3), burst=on(5, "sample"))
+    between = np.diff(np.flatnonzero(gaps)) + 5
+    assert (set(gaps), between.min(), between.max()) == ({0, 5}, 97, 103)
+    twice = log_of(node(duplicated=on(0.01, "1")))
     again = np.diff(twice["time"]) == 0
     assert again.sum() == len(twice["time"]) - n == pytest.approx(0.01 * n, abs=4 * np.sqrt(0.01 * n))
-    assert np.all(np.diff(twice["joint_angle"])[again] == 0)
+    assert np.all(np.diff(twice[ANGLE])[again] == 0)
 
 
-def test_encoders_and_converters_have_bits(tmp_path):
-    sensors = {"load_cell_torque": {"clipping": effect(50, "N*m"), "adc": effect(10, "bit")}}
-    log, _ = written(tmp_path, {"effects": {"joint_encoder": effect(14, "bit")}, "recorder": {"sensors": sensors}})
-    for values, step in ((log["joint_angle"], 2 * np.pi / 2**14), (log["load_cell_torque"], 100 / 2**10)):
+def test_encoders_and_converters_have_bits_and_an_encoders_zero_stands_between_its_steps(log_of, clean, truth):
+    adc, encoder = torque_sensor(clipping=on(50, "N*m"), adc=on(10, "bit")), {"joint_encoder": on(14, "bit")}
+    log, count = log_of({"effects": encoder} | adc), 2 * np.pi / 2**14
+    for values, step in ((log[ANGLE], count), (log[TORQUE], 100 / 2**10)):
         assert values / step == pytest.approx(np.rint(values / step), abs=2e-4)  # single precision
         assert np.diff(np.unique(np.rint(values / step))).min() == 1
-
-
-def test_the_encoders_zero_stands_anywhere_between_its_steps(tmp_path, clean):
-    zero = {"effects": {"joint_encoder": effect(14, "bit"), "encoder_zero": effect(0.5, "step")}}
-    log, truth = written(tmp_path, zero)
-    step = 2 * np.pi / 2**14
-    assert 0 < abs(truth["drawn"]["encoder_zero"]) < step / 2
-    expected = np.rint((clean["joint_angle"] + truth["drawn"]["encoder_zero"]) / step) * step
-    assert np.mean(np.abs(log["joint_angle"] - expected) < 1e-7) > 0.999
-
-
-def test_a_delayed_channel_shows_what_was(tmp_path, clean):
-    log, _ = written(tmp_path, torque_sensor(delay=effect(2e-3, "s")))
-    assert log["load_cell_torque"][2:] == pytest.approx(clean["load_cell_torque"][:-2], abs=1e-5)
-    np.testing.assert_array_equal(log["joint_angle"], clean["joint_angle"])
+    moved = log_of({"effects": encoder | {"encoder_zero": on(0.5, "step")}})
+    zero = truth()["drawn"]["encoder_zero"]
+    assert 0 < abs(zero) < count / 2
+    assert np.mean(np.abs(moved[ANGLE] - np.rint((clean[ANGLE] + zero) / count) * count) < 1e-7) > 0.999
 
 
 @pytest.mark.parametrize("order", [1, 2])
-def test_a_sensors_low_pass_weakens_and_delays_a_sine_as_butterworths_does(tmp_path, order):
-    protocol = {"frequencies_hz": [5], "cycles": 10}
-    clean, _ = written(tmp_path, {"protocol": protocol})
-    slow = torque_sensor(low_pass=effect(30, "Hz", order=order))
-    log, _ = written(tmp_path, {"protocol": protocol} | slow)
-    rows = slice(1500, 2300)  # four cycles
-    kernel = np.exp(-2j * np.pi * 5 * np.arange(800) / 1000)
-    ratio = (log["load_cell_torque"][rows] @ kernel) / (clean["load_cell_torque"][rows] @ kernel)
+def test_a_sensors_low_pass_weakens_and_delays_a_sine_as_butterworths_does(log_of, order):
+    protocol = {"protocol": {"frequencies_hz": [5], "cycles": 10}}
+    clean, log = log_of(protocol), log_of(protocol | torque_sensor(low_pass=on(30, "Hz", order=order)))
+    kernel, rows = np.exp(-2j * np.pi * 5 * np.arange(800) / 1000), slice(1500, 2300)  # four cycles
     s = 5j / 30
     expected = 1 / (1 + s) if order == 1 else 1 / (1 + np.sqrt(2) * s + s**2)
-    assert ratio == pytest.approx(expected, abs=1e-5)
+    assert (log[TORQUE][rows] @ kernel) / (clean[TORQUE][rows] @ kernel) == pytest.approx(expected, abs=1e-5)
 
 
-def test_a_load_cell_clips_and_a_recorder_takes_a_wrong_unit(tmp_path, clean):
-    clipped, _ = written(tmp_path, torque_sensor(clipping=effect(15, "N*m")))
-    assert clipped["load_cell_torque"] == pytest.approx(np.clip(clean["load_cell_torque"], -15, 15), abs=1e-5)
-    wrong, _ = written(tmp_path, torque_sensor(gain=effect(-4.45, "1")))
-    assert wrong["load_cell_torque"] == pytest.approx(-4.45 * clean["load_cell_torque"], rel=1e-6, abs=1e-5)
+@pytest.mark.parametrize(
+    ("changes", "channel", "expected", "within"),
+    [
+        (torque_sensor(delay=on(2e-3, "s")), TORQUE, lambda log: np.roll(log[TORQUE], 2), 1e-5),  # at rest at both ends
+        (torque_sensor(clipping=on(15, "N*m")), TORQUE, lambda log: np.clip(log[TORQUE], -15, 15), 1e-5),
+        (torque_sensor(gain=on(-4.45, "1")), TORQUE, lambda log: -4.45 * log[TORQUE], 2e-5),
+        ({"effects": {"mount_stiffness": on(3e3, "N*m/rad")}}, ANGLE, lambda log: log[ANGLE] - log[TORQUE] / 3e3, 1e-7),
+        ({"joint": JOINT | {"stiffening": on(18.2, "1/rad^2")}}, TORQUE,
+         lambda log: log[TORQUE] - 300 * 18.2 * log[ANGLE] ** 3, 1e-4),
+    ],
+)  # fmt: skip
+def test_a_sensor_a_frame_and_a_joint_change_one_channel_as_they_say(log_of, clean, changes, channel, expected, within):
+    log, other = log_of(changes), ({TORQUE, ANGLE} - {channel}).pop()
+    assert log[channel] == pytest.approx(expected(clean), abs=within)
+    np.testing.assert_array_equal(log[other], clean[other])
 
 
-def test_the_frame_yields_to_the_torque(tmp_path, clean):
-    log, _ = written(tmp_path, {"effects": {"mount_stiffness": effect(3000, "N*m/rad")}})
-    extra = log["joint_angle"] - clean["joint_angle"]
-    assert extra == pytest.approx(-clean["load_cell_torque"] / 3000, abs=1e-7)
+def test_coulomb_friction_turns_with_the_velocity_and_failed_readings_are_nan(log_of, clean):
+    log, omega = log_of({"joint": JOINT | {"coulomb": on(3, "N*m")}}), np.gradient(clean[ANGLE], 1e-3)
+    moving = settled(clean) & (np.abs(omega) > 0.02)
+    assert (clean[TORQUE] - log[TORQUE])[moving] == pytest.approx(3 * np.sign(omega[moving]), abs=1e-4)
+    log = log_of(torque_sensor(failed=on(0.01, "1")))
+    assert np.isnan(log[TORQUE]).mean() == pytest.approx(0.01, rel=0.5)
+    assert not np.isnan(log[ANGLE]).any()
 
 
-def test_a_spring_stiffens_and_coulomb_friction_turns_with_the_velocity(tmp_path, clean):
-    theta = clean["joint_angle"]
-    stiff, _ = written(tmp_path, {"joint": JOINT | {"stiffening": effect(18.2, "1/rad^2")}})
-    extra = clean["load_cell_torque"] - stiff["load_cell_torque"]
-    assert extra == pytest.approx(300 * 18.2 * theta**3, abs=1e-4)
-    rubbing, _ = written(tmp_path, {"joint": JOINT | {"coulomb": effect(3, "N*m")}})
-    omega, rows = np.gradient(theta, 1e-3), settled(clean)
-    moving = rows & (np.abs(omega) > 0.02)
-    extra = clean["load_cell_torque"] - rubbing["load_cell_torque"]
-    assert extra[moving] == pytest.approx(3 * np.sign(omega[moving]), abs=1e-4)
-
-
-def test_backlash_takes_the_gap_from_the_angle_at_which_the_joint_pushes_back(tmp_path):
+def test_backlash_takes_the_gap_from_the_angle_at_which_the_joint_pushes_back(log_of):
     """In slow motion the joint has followed: the torque is that of the angle less half the gap, or nothing."""
     gap = float(np.deg2rad(1.0))
-    slow = {"protocol": {"frequencies_hz": [0.5], "cycles": 2}, "joint": JOINT | {"backlash": effect(gap, "rad")}}
-    log, _ = written(tmp_path, slow)
-    theta, torque = log["joint_angle"], -log["load_cell_torque"]
-    omega = np.gradient(theta, 1e-3)
-    pushing = torque != 0
-    away = (np.abs(theta) > 1.5 * gap) & settled(log)
+    slow = {"protocol": {"frequencies_hz": [0.5], "cycles": 2}, "joint": JOINT | {"backlash": on(gap, "rad")}}
+    log = log_of(slow)
+    theta, torque = log[ANGLE], -log[TORQUE]
+    pushing, away = torque != 0, (np.abs(theta) > 1.5 * gap) & settled(log)
     assert np.all(pushing[away])
-    expected = 300 * (theta - np.sign(theta) * gap / 2) + 5 * omega
+    expected = 300 * (theta - np.sign(theta) * gap / 2) + 5 * np.gradient(theta, 1e-3)
     assert torque[away] == pytest.approx(expected[away], abs=0.02 * (2 * np.pi * 0.5) ** 2 * 0.08)
     free = settled(log) & ~pushing
     assert np.abs(theta[free]).max() < 0.75 * gap
     assert free.sum() > 100, "it passes the gap freely"
 
 
-def test_hum_and_1_over_f_noise_have_their_spectra(tmp_path, clean):
-    hum, _ = written(tmp_path, {"effects": {"load_cell_hum": effect(0.3, "N*m", frequency_hz=50)}})
-    extra = hum["load_cell_torque"] - clean["load_cell_torque"]
-    whole = len(extra) // 20 * 20
-    line = 2 * np.abs(extra[:whole] @ np.exp(-2j * np.pi * 50 * np.arange(whole) / 1000)) / whole
+def test_hum_and_1_over_f_noise_have_their_spectra(log_of, clean):
+    extra = log_of({"effects": {"load_cell_hum": on(0.3, "N*m", frequency_hz=50)}})[TORQUE] - clean[TORQUE]
+    whole = extra[: len(extra) // 20 * 20]
+    line = 2 * np.abs(whole @ np.exp(-2j * np.pi * 50 * np.arange(len(whole)) / 1000)) / len(whole)
     assert line == pytest.approx(0.3, rel=1e-4)
-    assert np.std(extra[:whole]) == pytest.approx(0.3 / np.sqrt(2), rel=1e-3)
-    pink, _ = written(tmp_path, {"effects": {"load_cell_flicker": effect(0.1, "N*m")}})
-    extra = pink["load_cell_torque"] - clean["load_cell_torque"]
-    power = 2 * np.abs(np.fft.rfft(extra)) ** 2 / len(extra) ** 2
-    f = np.fft.rfftfreq(len(extra), 1e-3)
+    assert np.std(whole) == pytest.approx(0.3 / np.sqrt(2), rel=1e-3)
+    extra = log_of({"effects": {"load_cell_flicker": on(0.1, "N*m")}})[TORQUE] - clean[TORQUE]
+    power, f = 2 * np.abs(np.fft.rfft(extra)) ** 2 / len(extra) ** 2, np.fft.rfftfreq(len(extra), 1e-3)
     for low in (5.0, 40.0):
         decade = power[(f >= low) & (f < 10 * low)]
         assert np.sqrt(decade.sum()) == pytest.approx(0.1, rel=0.25)  # fewer than 50 lines carry half of it
 
 
-def test_the_motion_has_harmonics_and_decays(tmp_path):
+def test_the_motion_has_harmonics_and_decays(log_of):
     still = {"effects": {"dynamometer_bandwidth": {"enabled": False, "size": 30, "unit": "Hz"}}}
     sine = {"frequencies_hz": [2], "cycles": 10, "amplitudes_deg": [4], "lead_s": 0, "rest_s": 0}
-    harmonics = {"second_harmonic": effect(0.02, "1"), "third_harmonic": effect(0.05, "1")}
-    log, _ = written(tmp_path, still | {"protocol": sine | harmonics})
-    t = np.arange(5000) / 1000
-    sizes = [2 * np.abs(log["joint_angle"] @ np.exp(-4j * np.pi * k * t)) / 5000 for k in (1, 2, 3)]
+    harmonics, t = {"second_harmonic": on(0.02, "1"), "third_harmonic": on(0.05, "1")}, np.arange(5000) / 1000
+    log = log_of(still | {"protocol": sine | harmonics})
+    sizes = [2 * np.abs(log[ANGLE] @ np.exp(-4j * np.pi * k * t)) / 5000 for k in (1, 2, 3)]
     assert np.array(sizes) == pytest.approx(np.deg2rad(4) * np.array([1, 0.02, 0.05]), abs=1e-7)
-    log, _ = written(tmp_path, still | {"protocol": sine | {"decay": effect(0.1, "1/s")}})
-    expected = np.deg2rad(4) * np.exp(-0.1 * t) * np.sin(4 * np.pi * t)
-    assert log["joint_angle"] == pytest.approx(expected, abs=1e-8)
+    log = log_of(still | {"protocol": sine | {"decay": on(0.1, "1/s")}})
+    assert log[ANGLE] == pytest.approx(np.deg2rad(4) * np.exp(-0.1 * t) * np.sin(4 * np.pi * t), abs=1e-8)
+
+
+CYCLES = {"lowest_deg": -10, "highest_deg": 10, "speed_deg_s": [4], "turn_s": 0.2, "rest_s": 1}
+SLIPS = {"K": 100, "slipping": [{"stiffness": 500, "limit": 90}], "cycles": CYCLES}
 
 
 @pytest.mark.parametrize(
     ("section", "value", "match"),
     [
-        ("recorder", {"node": {"jitter": effect(20, "us")}}, "unit must be 's'"),
-        ("recorder", {"node": {"latency": effect(1e-4, "s", distribution="normal")}}, "latency is never negative"),
-        ("recorder", {"node": {"dropped": effect(1.5, "1")}}, "less than 1"),
-        ("recorder", {"sensors": {"load_cell_torque": {"adc": effect(12, "bit")}}}, "enable clipping"),
+        ("recorder", {"node": {"jitter": on(20, "us")}}, "unit must be 's'"),
+        ("recorder", {"node": {"latency": on(1e-4, "s", distribution="normal")}}, "latency is never negative"),
+        ("recorder", {"node": {"dropped": on(1.5, "1")}}, "less than 1"),
+        ("recorder", {"node": {"rate": on(0, "Hz")}}, "must be positive; set enabled: false"),
+        ("recorder", {"sensors": {TORQUE: {"adc": on(12, "bit")}}}, "enable clipping"),
         ("recorder", {"sensors": {"torque": {}}}, "joint_angle"),
-        ("joint", JOINT | {"I": 0, "backlash": effect(1e-3, "rad")}, "inertia"),
+        ("joint", JOINT | {"I": 0, "backlash": on(1e-3, "rad")}, "inertia"),
+        ("protocol", {"seconds": 2.0}, "either cycles or seconds"),
+        ("protocol", {"cycles": [1, 2, 3]}, "3 numbers of cycles for 2 frequencies"),
+        ("excitations", [{"name": "x", "kind": "noise", "rms_deg": 1, "band_hz": [6, 2]}], "from 6 to 2 Hz; write"),
+        ("foot", SLIPS, "does not reach its limit of 90 N"),
+        ("experiments", {"torque_angle": 3}, "3 torque-angle trials are planned but there is no 'foot'"),
     ],
 )
-def test_a_wrong_imperfection_is_refused_with_its_place(tmp_path, section, value, match):
+def test_a_wrong_imperfection_or_motion_is_refused(tmp_path, section, value, match):
     content = yaml.safe_load((ROOT / "tests/tiny_simulation.yaml").read_text())
-    content[section] = value
+    known = content.get(section)
+    content[section] = known | value if isinstance(known, dict) and section != "recorder" else value
     (tmp_path / "settings.yaml").write_text(yaml.safe_dump(content))
-    with pytest.raises(InputError, match=f"{section}.*{match}"):
+    with pytest.raises(InputError, match=match):
         read_yaml(tmp_path / "settings.yaml", SimulationSettings)
-
-
-def test_samples_are_lost_at_nearly_regular_intervals(tmp_path):
-    every = {"enabled": True, "size": 100, "unit": "sample", "scatter": 3}
-    log, _ = written(tmp_path, node(lost_every=every, burst=effect(5, "sample")))
-    step = np.round(np.diff(log["time"]) * 1000).astype(int)
-    assert set(step) == {1, 6}
-    between = np.diff(np.flatnonzero(step == 6)) + 5
-    assert (between.min(), between.max()) == (97, 103)
-
-
-def test_failed_readings_are_nan_in_the_log(tmp_path):
-    log, _ = written(tmp_path, torque_sensor(failed=effect(0.01, "1")))
-    failed = np.isnan(log["load_cell_torque"])
-    assert failed.mean() == pytest.approx(0.01, rel=0.5)
-    assert not np.isnan(log["joint_angle"]).any()
 
 
 def test_without_a_compiler_nothing_is_simulated_and_one_line_says_what_to_install(monkeypatch, tmp_path):
     monkeypatch.chdir(ROOT)
     monkeypatch.setattr("osl_analysis.compiled.numba", None)
-    with pytest.raises(
-        InputError, match=r"needs numba, which is not installed; pip install 'osl-analysis\[simulator\]'"
-    ):
+    said = r"needs numba, which is not installed; pip install 'osl-analysis\[simulator\]'"
+    with pytest.raises(InputError, match=said):
         simulate_trial(ROOT / "tests/tiny_simulation.yaml", tmp_path, "belt_01")
     assert list(tmp_path.iterdir()) == []

@@ -47,7 +47,8 @@ class Setup:
 
     def crossing(self, perturbed: bool, trial: str = "walking_01") -> SimulatedCrossing:
         step = draw_step(GaitTrial(trial, self.settings.seed, self.walking))
-        return simulate_crossing(step, perturbed, True, drivetrain_effects(self.settings), self.p)
+        effects = drivetrain_effects(self.settings) | {"cancels_friction": True}
+        return simulate_crossing(step, perturbed, effects, self.p)
 
     def record(self, folder: Path, row: dict[str, object]) -> Any:
         simulate_walking_trial(row, self.settings, self.walking, self.p, folder)

@@ -38,9 +38,8 @@ def planned_sheet(settings_path: Path, sheet: Path) -> SheetRows | None:
     instead, so that trials can be excluded or added by hand."""
     check_folder(sheet.parent)
     settings = read_yaml(settings_path, SimulationSettings)
-    if sheet.is_file() and sheet.stat().st_mtime >= settings_path.stat().st_mtime:
-        return None
-    return plan_trials(settings)
+    kept = sheet.is_file() and sheet.stat().st_mtime >= settings_path.stat().st_mtime
+    return None if kept else plan_trials(settings)
 
 
 def write_sheet(settings_path: Path, sheet: Path) -> None:
@@ -50,10 +49,9 @@ def write_sheet(settings_path: Path, sheet: Path) -> None:
     check_folder(sheet.parent)
     plan = plan_trials(read_yaml(settings_path, SimulationSettings))
     (sheet.parent / TRUTH).mkdir(parents=True, exist_ok=True)
+    table = pd.DataFrame.from_dict(plan, orient="index", columns=list(SHEET_COLUMNS))
     with atomic_path(sheet) as path:
-        pd.DataFrame.from_dict(plan, orient="index", columns=list(SHEET_COLUMNS)).to_csv(
-            path, index=False, lineterminator="\n"
-        )
+        table.to_csv(path, index=False, lineterminator="\n")
 
 
 def settings_files(settings_path: Path, followed: SharedChoices = NOTHING) -> list[Path]:
@@ -97,7 +95,7 @@ def simulate_trial(settings_path: Path, campaign_folder: Path, trial: str, follo
     settings = read_simulation(settings_path, followed)
     row = row_of_trial(settings, settings_path, trial)
     check_written([row], campaign_folder, settings_files(settings_path, followed))
-    record_trial(row, settings, laboratory_of(settings, followed), campaign_folder)
+    record_trial(row, settings, followed, campaign_folder)
 
 
 def simulate_campaign(settings_path: Path, campaign_folder: Path, followed: SharedChoices = NOTHING) -> None:
@@ -107,7 +105,7 @@ def simulate_campaign(settings_path: Path, campaign_folder: Path, followed: Shar
     check_written([{"log": "trials.csv"}, *rows], campaign_folder, settings_files(settings_path, followed))
     write_sheet(settings_path, campaign_folder / "trials.csv")
     for row in rows:
-        record_trial(row, settings, laboratory_of(settings, followed), campaign_folder)
+        record_trial(row, settings, followed, campaign_folder)
 
 
 def check_written(rows: Sequence[Mapping[str, Any]], folder: Path, used: Sequence[Path]) -> None:
@@ -122,36 +120,31 @@ def check_written(rows: Sequence[Mapping[str, Any]], folder: Path, used: Sequenc
 
 
 def row_of_trial(settings: SimulationSettings, settings_path: Path, trial: str) -> Mapping[str, Any]:
-    """The plan's row of one trial."""
     rows = plan_trials(settings)
-    if trial not in rows:
-        names = list(rows)
-        raise InputError(
-            f"{settings_path}: plans no trial '{trial}'; it has {len(rows)}, from '{names[0]}' to '{names[-1]}': see "
-            "trials.csv"
-        )
-    return rows[trial]
+    if trial in rows:
+        return rows[trial]
+    planned = f"it has {len(rows)}, from '{next(iter(rows))}' to '{next(reversed(rows))}': see trials.csv"
+    raise InputError(f"{settings_path}: plans no trial '{trial}'; {planned}")
 
 
 def record_trial(
-    row: Mapping[str, Any], settings: SimulationSettings, laboratory: WalkingSettings | None, campaign_folder: Path
+    row: Mapping[str, Any], settings: SimulationSettings, followed: SharedChoices, campaign_folder: Path
 ) -> None:
-    """Simulate the trial of one row and let its recorders write, the truth first, so that every log has a truth.
-    Without a gait laboratory it is one of a bench."""
+    """Simulate the trial of one row and let its recorders write, the truth first, so that every log has a truth."""
     from osl_analysis.compiled import require_compiler  # planning, which imports this module, needs no numba
 
     require_compiler()
     p = read_parameters(settings.parameters)
     if row["experiment"] == "actuator" or EXPERIMENTS[row["experiment"]].log == "dynamometer":
-        from osl_analysis.simulator.bench import simulate_bench_trial, write_bench_log
-        from osl_analysis.simulator.recorder import write_truth
+        from osl_analysis.simulator import bench, recorder
 
-        log, truth = simulate_bench_trial(row, settings, p)
-        write_truth(campaign_folder, row["trial"], truth)
-        write_bench_log(campaign_folder / row["log"], log, settings.recorder.torque_node is not None)
-    elif laboratory is None:
+        log, truth = bench.simulate_bench_trial(row, settings, p)
+        recorder.write_truth(campaign_folder, row["trial"], truth)
+        bench.write_bench_log(campaign_folder / row["log"], log, settings.recorder.torque_node is not None)
+        return
+    from osl_analysis.simulator.crossing import simulate_walking_trial
+
+    laboratory = laboratory_of(settings, followed)
+    if laboratory is None:
         raise InputError(f"trial '{row['trial']}': the settings name no 'walking' file; add it")
-    else:
-        from osl_analysis.simulator.crossing import simulate_walking_trial
-
-        simulate_walking_trial(row, settings, laboratory, p, campaign_folder)
+    simulate_walking_trial(row, settings, laboratory, p, campaign_folder)

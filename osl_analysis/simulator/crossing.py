@@ -15,23 +15,15 @@ import numpy as np
 from osl_analysis.model.compensator import check_request, stiffness_gain
 from osl_analysis.model.gain_selection import Weight, optimal_damping
 from osl_analysis.model.parameters import DrivetrainParameters
+from osl_analysis.simulator import rigid_body, vicon
 from osl_analysis.simulator import step as gait
-from osl_analysis.simulator import vicon
 from osl_analysis.simulator.bench import drivetrain_effects
 from osl_analysis.simulator.drivetrain import simulate_drivetrain
 from osl_analysis.simulator.joint_motion import JointMotion
 from osl_analysis.simulator.mcap_writer import SAMPLES, samples, write_topics
 from osl_analysis.simulator.plan import Condition, condition_of
 from osl_analysis.simulator.recorder import rounded_to, write_truth
-from osl_analysis.simulator.rigid_body import (
-    GRAVITY,
-    Pose,
-    TrueWrench,
-    interpolated_at,
-    rotation_about,
-    support,
-    time_derivative,
-)
+from osl_analysis.simulator.rigid_body import GRAVITY, Pose, TrueWrench, interpolated_at, rotation_about
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.simulator.walking_settings import WalkingSettings
 from osl_analysis.trial import AXES, Array
@@ -43,11 +35,10 @@ def compensated_damping(
 ) -> tuple[Array, Array]:
     """A grid of phases, and B_1 [N*m*s/rad] (Eq. 14) at these. A grid is enough because B_1 is a smooth curve."""
     desired, grid = Condition(K_d=K_d, B_d=B_d).desired(path), np.linspace(0.0, 1.0, 51)
-    stiffness, damping = desired.at(desired.K_d, grid), desired.at(desired.B_d, grid)
-    # at() is periodic, so the grid's last point is its first
+    stiffness, damping = desired.at(desired.K_d, grid[:-1]), desired.at(desired.B_d, grid[:-1])
     check_request(stiffness, damping, p)
-    B_1 = optimal_damping(stiffness[:-1], damping[:-1], p, weight)["B_1"]
-    return grid, np.array([*B_1, B_1[0]])
+    B_1 = optimal_damping(stiffness, damping, p, weight)["B_1"]
+    return grid, np.array([*B_1, B_1[0]])  # at() is periodic
 
 
 def walking_commands(step: gait.Step, compensates: bool, p: DrivetrainParameters) -> Array:
@@ -63,8 +54,9 @@ def walking_commands(step: gait.Step, compensates: bool, p: DrivetrainParameters
         K_1, B_1 = stiffness_gain(K_d, p), np.interp(np.mod(c, 1.0), *damping)
     else:
         K_1, B_1 = K_d / p.n_T**2, B_d / p.n_T**2
-    # internal plantarflexion moment: 0.5 N*m/kg at midstance, 1.4 at push-off, 0 in swing
-    bumps = gait.periodic_bumps(c, gait.ANKLE_MOMENT)
+    # internal plantarflexion moment [N*m/kg]: 0.5 at midstance, 1.4 at push-off, 0 in swing
+    sizes = ((0.45, 0.28, 6.0), (0.35, 0.37, 14.0), (1.35, 0.475, 11.0), (-0.15, 0.05, 30.0))
+    bumps = gait.periodic_bumps(c, sizes)
     mass = asked.body_mass(walking.gait.body_mass_kg)
     usual = mass * (bumps * gait.stance_window(np.mod(c, 1.0) / gait.STANCE_FRACTION))
     wander = walking.effects.torque_wander.value * trial.wandering("torque_wander")
@@ -73,7 +65,7 @@ def walking_commands(step: gait.Step, compensates: bool, p: DrivetrainParameters
         theta_eq = desired.at(desired.theta_eq, c) - (moment - usual) / K_d
     else:
         angle = factor * gait.nominal_ankle_angle(c)
-        theta_eq = angle - (moment - B_d * time_derivative(angle, walking.rates.controller_hz)) / K_d
+        theta_eq = angle - (moment - B_d * rigid_body.time_derivative(angle, walking.rates.controller_hz)) / K_d
     return np.array([K_1, B_1, theta_eq * p.n_T])
 
 
@@ -89,7 +81,7 @@ class SimulatedCrossing:
     shank: Pose
     platform: gait.PlatformMotion
     commands: Array
-    drivetrain: Mapping[str, Array]
+    drivetrain: Mapping[str, Array]  # as `simulate_drivetrain` gives it
     drivetrain_torque: Array  # resisting torque [N*m] of the drivetrain, shape (n,)
     torque: Array
     """Resisting torque [N*m] of the joint, shape (n,): from 8 % to 92 % of stance that of the drivetrain, and in swing
@@ -98,16 +90,16 @@ class SimulatedCrossing:
 
 
 def simulate_crossing(
-    step: gait.Step, perturbed: bool, compensates: bool, effects: Mapping[str, float], p: DrivetrainParameters
+    step: gait.Step, perturbed: bool, effects: Mapping[str, float], p: DrivetrainParameters
 ) -> SimulatedCrossing:
-    """The crossing of one step, with or without the perturbation."""
+    """The crossing of one step, with or without the perturbation. A controller that cancels friction compensates."""
     step = step if perturbed else replace(step, hurry=0.0)  # which the perturbation alone brings
     rates, time = step.trial.walking.rates, step.trial.time
     motion, foot, shank, platform = move(step, perturbed)
-    commands, stride = walking_commands(step, compensates, p), rates.motion_hz // rates.controller_hz
+    commands = walking_commands(step, bool(effects["cancels_friction"]), p)
+    stride = rates.motion_hz // rates.controller_hz
     theta, omega, (K_1, _, theta_eq) = motion.theta[::stride], motion.omega[::stride], commands[:, 0]
     rest = (K_1 * theta_eq + p.K_s * theta[0] / p.n_T) / (K_1 + p.K_s / p.n_T**2)
-    effects = {**effects, "cancels_friction": compensates}
     drivetrain = simulate_drivetrain(rates.controller_hz, theta, omega, commands, effects, p, rest)
     belt = interpolated_at(drivetrain["belt_torque"], rates.controller_hz, time)
     answer = belt + p.B_j * motion.omega + p.J_j * motion.alpha
@@ -139,9 +131,9 @@ def move(step: gait.Step, perturbed: bool) -> tuple[JointMotion, Pose, Pose, gai
     yaw = rotation_about(2, np.full_like(time, trial.normal("foot_yaw", np.pi / 180)))
     path = gait.nominal_ankle(walking) + step.placement + path @ yaw[0].T
     foot = gait.displaced(carried, moved, walking).after(Pose(yaw @ rotation_about(1, -gait.foot_pitch(c)), path))
-    omega = time_derivative(theta, rate)
+    omega = rigid_body.time_derivative(theta, rate)
     shank = Pose(foot.rotation @ rotation_about(1, theta), foot.origin)
-    return JointMotion(theta, omega, time_derivative(omega, rate)), foot, shank, platform
+    return JointMotion(theta, omega, rigid_body.time_derivative(omega, rate)), foot, shank, platform
 
 
 def react(step: gait.Step, foot: Pose, answer: Array) -> tuple[Array, TrueWrench]:
@@ -153,7 +145,7 @@ def react(step: gait.Step, foot: Pose, answer: Array) -> tuple[Array, TrueWrench
     forward, axis, upward = np.moveaxis(foot.rotation, 2, 0)
     mass, effects = trial.condition.body_mass(walking.gait.body_mass_kg), walking.effects
     own = effects.foot_inertia.value, body.centre_of_mass_m, body.gyration_m
-    needed = support(foot, walking.rates.motion_hz, *own).moment_about(foot.origin)
+    needed = rigid_body.support(foot, walking.rates.motion_hz, *own).moment_about(foot.origin)
     about_axis, phase = np.einsum("ni,ni->n", needed, axis), step.stance_phase(trial.time)
     contact = gait.stance_window(phase)
     given = contact * (about_axis - answer)
@@ -166,9 +158,8 @@ def react(step: gait.Step, foot: Pose, answer: Array) -> tuple[Array, TrueWrench
 
 
 def impedance_of_leg(perturbed: SimulatedCrossing, unperturbed: SimulatedCrossing) -> dict[str, float]:
-    """K [N*m/rad], B [N*m*s/rad] and I [kg*m^2] of the drivetrain's response to the perturbation. Least squares of
-    d_torque = K d_theta + B d_omega + I d_alpha without intercept, over the 100 ms after the onset. Both crossings are
-    identical before the onset, so that the differences are exactly zero there."""
+    """K [N*m/rad], B [N*m*s/rad] and I [kg*m^2] of the drivetrain's response to the perturbation over the 100 ms after
+    the onset, by least squares without intercept: before the onset both crossings are identical."""
     onset = perturbed.platform.onset
     if onset is None:
         return {}
@@ -183,20 +174,17 @@ def impedance_of_leg(perturbed: SimulatedCrossing, unperturbed: SimulatedCrossin
 def crossing_truth(
     crossing: SimulatedCrossing, unperturbed: SimulatedCrossing
 ) -> tuple[dict[str, object], dict[str, Array]]:
-    """The random quantities of a crossing and exact curves in SI units,
-    shape (n,) each, laboratory axes. force and moment: ground reaction on the foot, the moment about the centre of the
-    plate's surface where the platform has carried it (`plate_centre`); axis: the ankle's, through `ankle`; foot_moment:
-    what the foot's weight and inertia demand about it, so that torque = foot_moment - axis . (moment + (plate_centre -
-    ankle) x force)."""
+    """The random quantities of a crossing, and exact curves, (n,) each, in SI units and laboratory axes. force and
+    moment: ground reaction on the foot, the moment about the centre of the plate's surface where the platform has
+    carried it (`plate_centre`); axis: the ankle's, through `ankle`; foot_moment: what the foot's weight and inertia
+    demand about it, so that torque = foot_moment - axis . (moment + (plate_centre - ankle) x force)."""
     step, motion, platform, trial = crossing.step, crossing.motion, crossing.platform, crossing.step.trial
     condition, phase, axis = trial.condition, step.cycle_phase(crossing.time), crossing.foot.rotation[:, :, 1]
     desired, centre = condition.desired(trial.walking.impedance), platform.pose.point(trial.walking.plate.centre_m)
     curves = {
         "time": crossing.time,
         "phase": phase,
-        "theta": motion.theta,
-        "omega": motion.omega,
-        "alpha": motion.alpha,
+        **vars(motion),
         "torque": crossing.torque,
         "theta_unperturbed": unperturbed.motion.theta,
         "torque_unperturbed": unperturbed.torque,
@@ -224,7 +212,6 @@ def crossing_truth(
 
 
 def components(name: str, vectors: Array) -> dict[str, Array]:
-    """Columns name_x, name_y, name_z of vectors, shape (n, 3)."""
     return {f"{name}_{axis}": vectors[:, i] for i, axis in enumerate(AXES)}
 
 
@@ -261,19 +248,16 @@ def simulate_walking_trial(
     p: DrivetrainParameters,
     folder: Path,
 ) -> None:
-    """Simulate one row of the sample sheet, of experiment walking, plate or static, into a campaign's raw folder.
-
-    Writes the truth first, so that every log has a truth. Then writes `vicon/<trial>.c3d` and, for a walking trial,
-    `leg/<trial>.mcap`. The controller compensates unless that of the row is 'uncompensated'.
-    """
+    """Simulate one row of the sample sheet, of experiment walking, plate or static, into a campaign's raw folder: first
+    the truth, so that every log has one, then `vicon/<trial>.c3d` and, of a walking trial, `leg/<trial>.mcap`."""
     trial = gait.GaitTrial(str(row["trial"]), settings.seed, walking, condition_of(row, settings))
     facts: dict[str, object] = {"trial": trial.name, "seed": settings.seed}
     if row["experiment"] == "walking":
-        step, compensates = gait.draw_step(trial), str(row.get("controller")) != "uncompensated"
-        effects = drivetrain_effects(settings)
-        unperturbed = walked = simulate_crossing(step, False, compensates, effects, p)
+        step, effects = gait.draw_step(trial), drivetrain_effects(settings)
+        effects["cancels_friction"] = row.get("controller") != "uncompensated"  # the controller compensates
+        unperturbed = walked = simulate_crossing(step, False, effects, p)
         if row.get("perturbed"):
-            walked = simulate_crossing(step, True, compensates, effects, p)
+            walked = simulate_crossing(step, True, effects, p)
         offset = float(walking.effects.leg_clock_offset.value * trial.random("leg_clock_offset").uniform(0.5, 1.5))
         drift = float(1e-6 * walking.effects.leg_clock_drift.value * trial.random("leg_clock_drift").standard_normal())
         found, curves = crossing_truth(walked, unperturbed)
@@ -304,19 +288,16 @@ def simulate_walking_trial(
 
 
 def write_crossing_capture(folder: Path, walked: SimulatedCrossing) -> None:
-    """Write the capture of a crossing.
-
-    The load on the plate is about the ankle of the foot that walks, its pressure even over the width of the foot. The
-    floor carries what is beside the plate; the middle of the rest is half of that further to the left. The other foot's
-    load is a Gaussian curve about mid-stance, 0.15 m behind the nominal ankle and 0.18 m to the left.
-    """
+    """Write the capture of a crossing. The load on the plate is about the ankle of the foot that walks, its pressure
+    even over the width of the foot. The floor carries what is beside the plate; the middle of the rest is half of that
+    further to the left. The other foot's load is a Gaussian curve about mid-stance."""
     step, trial, plate, reaction = walked.step, walked.step.trial, walked.step.trial.walking.plate, walked.reaction
     mass = trial.condition.body_mass(trial.walking.gait.body_mass_kg)
     phase, beside = step.stance_phase(walked.time), 1e-3 * step.change.overhang_mm
     on_plate, ankle = 1.0 - beside / gait.FOOT_WIDTH, reaction.point + np.array([0.0, 0.5 * beside, 0.0])
     curve = np.exp(-(((phase - 0.5) / 0.12) ** 2)) * ((phase > 0) & (phase < 1))
     other = curve[:, None] * (-0.01 * step.change.second_foot_percent * mass * GRAVITY)
-    place = np.add(plate.centre_m, [*plate.nominal_ankle_m, 0.0]) + np.array([-0.15, 0.18, 0.0])
+    place = np.add(plate.centre_m, [*plate.nominal_ankle_m, 0.0]) + np.array([-0.15, 0.18, 0.0])  # [m]
     lever = walked.platform.pose.point(place) - ankle
     load = TrueWrench(on_plate * reaction.force + other, on_plate * reaction.moment + np.cross(lever, other), ankle)
     markers = vicon.leg_markers(walked.foot, walked.shank, trial)

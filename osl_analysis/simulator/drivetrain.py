@@ -92,7 +92,6 @@ def belt_tension(theta_s: float, z: float, c: Any) -> float:
 
 @fused
 def encoder_reading(angle: float, resolution: float) -> float:
-    """Angle [rad] to the nearest encoder count; resolution 0 is an ideal encoder."""
     return float(np.rint(angle / resolution) * resolution) if resolution > 0.0 else angle
 
 

@@ -34,11 +34,9 @@ class Condition:
 
     @property
     def sign(self) -> float:
-        """1 if the platform turns the toes up, -1 if down."""
         return 1.0 if self.direction == "up" else -1.0
 
     def body_mass(self, nominal: float) -> float:
-        """Body mass [kg] of the person, or the nominal one."""
         return (self.subject and self.subject.body_mass_kg) or nominal
 
     def desired(self, path: Path) -> ImpedanceTrajectory:
@@ -77,12 +75,18 @@ def plan_trials(settings: SimulationSettings) -> SheetRows:
     """One row per trial, in the columns of `sheet.py`: those on the benches, and those in the gait laboratory, with
     what the sheet states of their condition. The same settings give the same plan. Whether a crossing is perturbed
     depends on the seed and its name, not on the number of crossings."""
-    wanted, found = settings.experiments, dict[str, dict[str, Any]]()
-
-    def add(experiment: str, trial: str, **more: object) -> None:
-        """A row with the files that the simulator records; the source file is another one where two nodes record."""
+    wanted, found, planned = settings.experiments, dict[str, dict[str, Any]](), list[tuple[str, str, dict[str, Any]]]()
+    for experiment, digits in (("belt", 2), ("transmission", 1), ("actuator", 1), ("torque_angle", 1)):
+        planned += [(experiment, f"{experiment}_{i + 1:0{digits}d}", {}) for i in range(getattr(wanted, experiment))]
+    for controller, K_d, B_d in itertools.product(wanted.controllers, wanted.K_d, wanted.B_d):
+        name = f"impedance_K{K_d:g}_B{B_d:.1f}_{controller}"
+        moved = [f"{name}_{end}" for excitation in settings.excitations for end in excitation.trial_endings] or [name]
+        planned += [("impedance", t, {"controller": controller, "K_d": K_d, "B_d": B_d}) for t in moved]
+    for experiment, digits in (("static", 1), ("plate", 2), ("walking", 2)):
+        planned += [(experiment, f"{experiment}_{i + 1:0{digits}d}", {}) for i in range(getattr(wanted, experiment))]
+    for experiment, trial, more in planned:
         facts = EXPERIMENTS[experiment]
-        files = facts.simulated_files(trial)
+        files = facts.simulated_files(trial)  # crossings also have the leg's log
         sources = {f"{role}_source": getattr(facts, role) for role in files}
         if settings.recorder.torque_node is not None and facts.place == "bench":
             sources["log_source"] = f"{facts.log}_nodes"
@@ -91,24 +95,11 @@ def plan_trials(settings: SimulationSettings) -> SheetRows:
                 f"the plan has two trials '{trial}': K_d and B_d of experiments are too close for names of their own; "
                 "remove one of them"
             )
+        if experiment == "walking":
+            more["perturbed"] = bool(stream(settings.seed, trial, "perturbed").random() < wanted.perturbed_share)
         row = {"trial": trial, "experiment": experiment, "joint": JOINT, **files, **sources, **more}
         stated = {} if facts.place == "bench" else stated_columns(row, settings)
         found[trial] = dict.fromkeys(SHEET_COLUMNS) | row | stated
-
-    for experiment, digits in (("belt", 2), ("transmission", 1), ("actuator", 1), ("torque_angle", 1)):
-        for i in range(getattr(wanted, experiment)):
-            add(experiment, f"{experiment}_{i + 1:0{digits}d}")
-    for controller, K_d, B_d in itertools.product(wanted.controllers, wanted.K_d, wanted.B_d):
-        name = f"impedance_K{K_d:g}_B{B_d:.1f}_{controller}"
-        moved = [f"{name}_{end}" for excitation in settings.excitations for end in excitation.trial_endings] or [name]
-        for trial in moved:
-            add("impedance", trial, controller=controller, K_d=K_d, B_d=B_d)
-    for experiment, digits in (("static", 1), ("plate", 2), ("walking", 2)):  # crossings also have the leg's log
-        for i in range(getattr(wanted, experiment)):
-            trial, more = f"{experiment}_{i + 1:0{digits}d}", dict[str, object]()
-            if experiment == "walking":
-                more["perturbed"] = bool(stream(settings.seed, trial, "perturbed").random() < wanted.perturbed_share)
-            add(experiment, trial, **more)
     return found
 
 

@@ -17,19 +17,14 @@ from osl_analysis.files import atomic_path
 from osl_analysis.simulator.settings import NodeSettings, Scatter, SensorSettings, SimulationSettings, stream
 from osl_analysis.trial import Array
 
-TORQUES = ("load_cell_torque", "output_torque")
-NOISES = {"motor_current": "current_noise", **dict.fromkeys(TORQUES, "load_cell_noise")}
-"""Effect with the white noise of a channel."""
-RESOLUTIONS = {
-    "joint_angle": "joint_encoder",
-    "commanded_angle": "joint_encoder",
-    "actuator_angle": "actuator_encoder",
-    "motor_current": "current_quantisation",
-    **dict.fromkeys(TORQUES, "load_cell_quantisation"),
+SENSORS = {
+    "joint_angle": ("", "joint_encoder"),
+    "commanded_angle": ("", "joint_encoder"),
+    "actuator_angle": ("", "actuator_encoder"),
+    "motor_current": ("current_noise", "current_quantisation"),
+    **dict.fromkeys(("load_cell_torque", "output_torque"), ("load_cell_noise", "load_cell_quantisation")),
 }
-"""Effect with the resolution of a channel."""
-
-
+"""Effects with the white noise and with the resolution of each channel."""
 TrueSignal = Array | Callable[[Array], Array]
 """A true signal, (n,) at the even instants of the simulation; or one that jumps, as friction does, by its values at any
 instants [s]: a curve through its samples is not what it is in between."""
@@ -50,14 +45,13 @@ def recording_of(
         zero = effects.encoder_zero.value * effects.joint_encoder.value
         drawn["encoder_zero"] = float(zero * stream(seed, trial, "encoder_zero").uniform(-1, 1))
     bench = Bench(trial, settings, drawn, next(len(one) for one in signals.values() if not callable(one)))
-    torque = {name: signals[name] for name in signals if name in TORQUES and recorder.torque_node is not None}
-    others = {name: signals[name] for name in signals if name not in torque}
-    log = bench.recording("node", recorder.node, others)
-    log["torque_time"] = log["time"]
-    if recorder.torque_node is not None:
-        late = bench.recording("torque_node", recorder.torque_node, torque)
-        log |= {"torque_time": late.pop("time"), **late}
-    return log, drawn
+    if recorder.torque_node is None:
+        log = bench.recording("node", recorder.node, signals)
+        return log | {"torque_time": log["time"]}, drawn
+    torque = {name: true for name, true in signals.items() if name.endswith("torque")}
+    others = {name: true for name, true in signals.items() if name not in torque}
+    late = bench.recording("torque_node", recorder.torque_node, torque)
+    return bench.recording("node", recorder.node, others) | {"torque_time": late.pop("time"), **late}, drawn
 
 
 @dataclass(frozen=True)
@@ -85,8 +79,7 @@ class Bench:
         """When a node takes its samples [s], whether these are the instants of the simulation, and what its clock says
         of them [s]."""
         simulated_hz = self.settings.dynamometer.rate_hz
-        duration = self.samples / simulated_hz
-        rate = node.rate.value or simulated_hz
+        duration, rate = self.samples / simulated_hz, node.rate.value or simulated_hz
         instants, scatters = np.arange(round(duration * rate)) / rate, node.phase.enabled or node.jitter.enabled
         if scatters:
             scattered = instants + node.phase.value + self.scatter(f"{name}.jitter", node.jitter, len(instants))
@@ -133,7 +126,7 @@ class Bench:
         """What the sensor of a channel reads at the sampled instants: dynamics, errors, noise, range and steps."""
         effects, sensors, n = self.settings.effects, self.settings.recorder.sensors, len(sampled)
         sensor = next((one for name, one in sensors.items() if name == channel), SensorSettings())
-        rate, late = self.settings.dynamometer.rate_hz, sensor.delay.value
+        rate, (noise, resolution) = self.settings.dynamometer.rate_hz, SENSORS[channel]
         if sensor.low_pass.enabled:
             # causal and at rest at the first value, in eight steps per sample, its input being straight between them
             signal = true(np.arange(self.samples) / rate) if callable(true) else true
@@ -143,25 +136,24 @@ class Bench:
             above = np.ravel(numerator)
             slow, _ = lfilter(above, below, finer, zi=lfilter_zi(above, below) * finer[0])
             true = np.asarray(slow[::8])
-        instants = np.maximum(sampled - late, 0.0) if late else sampled
+        instants = np.maximum(sampled - sensor.delay.value, 0.0) if sensor.delay.value else sampled
         if callable(true):
             reading = true(instants)
-        elif even and not late:
+        elif even and not sensor.delay.value:
             reading = true
         else:
             reading = np.asarray(CubicSpline(np.arange(len(true)) / rate, true)(instants))
-        if channel in TORQUES:
+        if channel.endswith("torque"):
             reading = reading + self.torque_errors(sampled)
-        if channel in NOISES:
-            noise = self.random(NOISES[channel]).standard_normal(n)
-            reading = reading + getattr(effects, NOISES[channel]).value * noise
+        if noise:
+            reading = reading + getattr(effects, noise).value * self.random(noise).standard_normal(n)
         if channel == "joint_angle" and effects.encoder_zero.enabled:
             reading = reading + self.drawn["encoder_zero"]
         if sensor.clipping.enabled:
             reading = np.clip(reading, -sensor.clipping.size, sensor.clipping.size)
         if sensor.adc.enabled:
             reading = rounded_to(reading, 2 * sensor.clipping.size / 2**sensor.adc.size)
-        reading = rounded_to(reading, getattr(effects, RESOLUTIONS[channel]).value)
+        reading = rounded_to(reading, getattr(effects, resolution).value)
         reading = reading * sensor.gain.size if sensor.gain.enabled else reading
         if sensor.failed.enabled:
             reading = np.where(self.random(f"{channel}.failed").random(n) < sensor.failed.size, np.nan, reading)

@@ -19,14 +19,10 @@ from osl_analysis.simulator.walking_settings import StepChange, WalkingSettings
 from osl_analysis.trial import Array
 
 STANCE_FRACTION = 0.62
-FLAT_FROM, FLAT_TO = 0.12, 0.60
 ANKLE_HEIGHT = 0.08
 HEEL = np.array([-0.06, 0.0, -ANKLE_HEIGHT])
 BALL = np.array([0.13, 0.0, -ANKLE_HEIGHT])
 FOOT_WIDTH = 0.09  # Width [m] of the foot, whose middle is below the ankle
-# (size, cycle phase of the peak, sharpness) of periodic bumps; sizes in degrees and N*m/kg
-ANKLE_ANGLE = ((-7.0, 0.06, 20.0), (12.0, 0.40, 3.5), (-18.0, 0.63, 11.0))
-ANKLE_MOMENT = ((0.45, 0.28, 6.0), (0.35, 0.37, 14.0), (1.35, 0.475, 11.0), (-0.15, 0.05, 30.0))
 
 
 def smooth_step(x: Array) -> Array:
@@ -48,7 +44,7 @@ def periodic_bumps(c: Array, bumps: tuple[tuple[float, float, float], ...]) -> A
 
 def nominal_ankle_angle(c: Array) -> Array:
     """Ankle angle [rad], dorsiflexion positive, against cycle phase."""
-    return np.radians(periodic_bumps(c, ANKLE_ANGLE))
+    return np.radians(periodic_bumps(c, ((-7.0, 0.06, 20.0), (12.0, 0.40, 3.5), (-18.0, 0.63, 11.0))))
 
 
 def stance_window(p: Array) -> Array:
@@ -72,8 +68,8 @@ def ground_reaction(p: Array) -> Array:
 def foot_pitch(c: Array) -> Array:
     """Pitch [rad] of the foot against the floor, toes up positive; exactly 0 from 12 % to 60 % of stance."""
     c, at_strike, at_toe_off = np.mod(c, 1.0), np.radians(18.0), np.radians(-58.0)
-    heel_rocker = at_strike * (1.0 - smooth_step(c / (FLAT_FROM * STANCE_FRACTION)))
-    heel_off = at_toe_off * smooth_step((c - FLAT_TO * STANCE_FRACTION) / 0.29)
+    heel_rocker = at_strike * (1.0 - smooth_step(c / (0.12 * STANCE_FRACTION)))
+    heel_off = at_toe_off * smooth_step((c - 0.60 * STANCE_FRACTION) / 0.29)
     return np.asarray(heel_rocker + heel_off + (at_strike - at_toe_off) * smooth_step((c - 0.67) / 0.33))
 
 
@@ -82,15 +78,11 @@ def ankle_path(c: Array, stride: float) -> Array:
     stance the foot rolls over its heel, lies flat, and rolls over its ball. Both pivots give the same path while the
     foot is flat. In swing the path changes smoothly from one to the other, 0.04 m above the floor."""
     pitch, inside = foot_pitch(c), np.mod(c, 1.0)
-    cos, sin = np.cos(pitch), np.sin(pitch)
-
-    def rolled_over(pivot: Array) -> Array:
-        """Path about a pivot that stays where it is when flat; seen from the ankle it turns by -pitch about y."""
-        x, z = pivot[0], pivot[2]
-        return np.stack([x - (cos * x - sin * z), np.zeros_like(pitch), z - (sin * x + cos * z)], axis=-1)
-
+    cos, sin, flat = np.cos(pitch), np.sin(pitch), np.zeros_like(pitch)
+    # about a pivot that stays where it is when flat; seen from the ankle it turns by -pitch about y
+    rolled = [np.stack([x - (cos * x - sin * z), flat, z - (sin * x + cos * z)], -1) for x, _, z in (HEEL, BALL)]
     on_ball = smooth_step((inside - 0.15) / 0.20) - smooth_step((inside - 0.72) / 0.22)
-    path = (1.0 - on_ball)[:, None] * rolled_over(HEEL) + on_ball[:, None] * rolled_over(BALL)
+    path = (1.0 - on_ball)[:, None] * rolled[0] + on_ball[:, None] * rolled[1]
     swung = np.clip((inside - STANCE_FRACTION) / (1.0 - STANCE_FRACTION), 0.0, 1.0)
     path[:, 0] += stride * (np.floor(c) + smooth_step(swung))
     path[:, 2] += 0.04 * 256.0 * (swung * (1.0 - swung)) ** 4

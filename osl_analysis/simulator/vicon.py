@@ -61,12 +61,9 @@ def write_c3d(path: Path, points: Array, analogs: Array, groups: Mapping[str, Ma
     seen = np.isfinite(points).all(axis=2).T
     homogeneous = np.ones((4, *seen.shape))
     homogeneous[:3] = np.where(seen, points.transpose(2, 1, 0) * MM, 0.0)
-    file["data"]["points"] = homogeneous
-    file["data"]["meta_points"] = {
-        "residuals": np.where(seen, 0.0, -1.0)[None],
-        "camera_masks": np.zeros((7, *seen.shape), dtype=bool),
-    }
-    file["data"]["analogs"] = analogs.T[None]
+    masks = np.zeros((7, *seen.shape), dtype=bool)
+    file["data"]["points"], file["data"]["analogs"] = homogeneous, analogs.T[None]
+    file["data"]["meta_points"] = {"residuals": np.where(seen, 0.0, -1.0)[None], "camera_masks": masks}
     parameters = file["parameters"]
     for group, values in groups.items():
         if values:
@@ -209,9 +206,10 @@ def write_capture(
     quadrants = np.array([[1, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0]], dtype=float) @ PLATE_AXES.T
     corners = np.array(plate.centre_m) + quadrants * (0.5 * np.array([*plate.size_m, 0.0]))  # in C3D's order
     units = [capture.moment_label or unit if unit == "Nmm" else unit for unit in PLATE_CHANNELS[kind].values()]
-    names, screen = [*PLATE_CHANNELS[kind], "Sync", "Trigger"], {"X_SCREEN": ["+X"], "Y_SCREEN": ["+Y"]}
-    if capture.up_axis == "z":
-        screen["Y_SCREEN"] = ["+Z"]
+    points, names = seen_markers(trial, exact), [*PLATE_CHANNELS[kind], "Sync", "Trigger"]
+    if capture.up_axis == "y":  # and z points to the right
+        points, corners = (np.stack([p[..., 0], p[..., 2], -p[..., 1]], axis=-1) for p in (points, corners))
+    screen = {"X_SCREEN": ["+X"], "Y_SCREEN": [f"+{capture.up_axis.upper()}"]}
     person = trial.condition.person if body_mass is not None else None
     groups: dict[str, dict[str, Any]] = {
         "POINT": {
@@ -234,7 +232,7 @@ def write_capture(
             "USED": np.array([1]),
             "TYPE": np.array([kind]),
             "ZERO": np.array([1, 0]),
-            "CORNERS": in_file_axes(corners, capture.up_axis).T[:, :, None] * MM,
+            "CORNERS": corners.T[:, :, None] * MM,
             "ORIGIN": origin[:, None] * MM,
             "CHANNEL": np.arange(1, channels.shape[1] + 1)[:, None],
             "CAL_MATRIX": np.zeros(0) if calibration is None else calibration[:, :, None],
@@ -244,14 +242,7 @@ def write_capture(
         "SUBJECTS": {} if person is None else {"NAMES": [person]},
         "MANUFACTURER": {"COMPANY": ["osl-analysis"], "SOFTWARE": ["simulator"]},
     }
-    points = in_file_axes(seen_markers(trial, exact), capture.up_axis)
     write_c3d(folder / "vicon" / f"{trial.name}.c3d", points, analogs, groups)
-
-
-def in_file_axes(places: Array, up_axis: str) -> Array:
-    """Laboratory coordinates, shape (..., 3), in the axes of the file. With y up, z points to the right."""
-    x, y, z = np.moveaxis(places, -1, 0)
-    return places if up_axis == "z" else np.stack([x, z, -y], axis=-1)
 
 
 def seen_markers(trial: GaitTrial, exact: Array) -> Array:

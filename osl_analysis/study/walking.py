@@ -74,7 +74,8 @@ class StudyLaboratory:
         """One crossing. Its name determines its random quantities, which are the same with and without the
         perturbation."""
         step = draw_step(GaitTrial(name, self.settings.seed, self.gait))
-        return simulate_crossing(step, perturbed, True, drivetrain_effects(self.settings), self.p)
+        effects = drivetrain_effects(self.settings) | {"cancels_friction": True}
+        return simulate_crossing(step, perturbed, effects, self.p)
 
     def seen(self, name: str, walked: SimulatedCrossing, noisy: bool) -> Crossing:
         """Filtered angle and torque of a crossing at the markers' rate. Noise of markers and forces acts on a lever of

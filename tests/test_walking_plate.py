@@ -7,63 +7,30 @@ from typing import Any
 import numpy as np
 import polars as pl
 import pytest
+import walking_synthetic as synthetic
 from scipy.spatial.transform import Rotation
 from test_quality_plates import TIME as T
 from test_quality_plates import load, trial_of, type_2, type_3
-from walking_platform import Ramp, Rig, walked
-from walking_synthetic import (
-    CORNERS,
-    PLATE_RATE,
-    PLATFORM,
-    RATE,
-    about_y,
-    bump,
-    changed,
-    hidden,
-    labelled,
-    recording,
-    settings,
-    static_trial,
-)
+from walking_synthetic import PLATE_RATE, RATE, G, Ramp, Rig, bump, changed, hidden, settings, static_trial, walked_over
 
 from osl_analysis.errors import InputError
 from osl_analysis.plate_surface import furthest_outside, plate_axes
 from osl_analysis.trial import Array, Trial
+from osl_analysis.walking import plate
 from osl_analysis.walking.bodies import BodyMotion, static_calibration
-from osl_analysis.walking.crossing import check_side, check_vertical
-from osl_analysis.walking.plate import (
-    INERTIAL,
-    PLANAR,
-    PlateModel,
-    Stance,
-    check_plate,
-    check_range,
-    check_type_on_platform,
-    identify_plate_inertia,
-    identify_plate_model,
-    inertial_columns,
-    load_on_foot,
-    plate_table,
-    recorded_corners,
-    stacked_columns,
-    without_mean,
-    wrench_reader,
-    zeroed_wrench,
-)
+from osl_analysis.walking.crossing import analyse_crossing, check_side, check_vertical
+from osl_analysis.walking.plate import INERTIAL, PlateModel, Stance, check_plate, identify_plate_inertia
 
-G = 9.80665
 PIVOT = np.array([-0.06, 0.0, 0.08])
 MASS, COM, I_COM = 12.0, np.array([0.01, -0.02, -0.03]), np.diag([0.25, 0.36, 0.60])
 ABOUT_CENTRE = I_COM + MASS * ((COM @ COM) * np.eye(3) - np.outer(COM, COM))
-TRUE = np.array(
-    [MASS, *(MASS * COM), *np.diag(ABOUT_CENTRE), ABOUT_CENTRE[0, 1], ABOUT_CENTRE[0, 2], ABOUT_CENTRE[1, 2]]
-)
+TRUE = np.array([MASS, *(MASS * COM), *np.diag(ABOUT_CENTRE), *ABOUT_CENTRE[[0, 0, 1], [1, 2, 2]]])
 
 
 def matrix(about: int, angle: Array) -> Array:
     """Rotations (n, 3, 3) about a laboratory axis."""
     order = np.roll([0, 1, 2], about - 1)
-    return about_y(angle)[:, order][:, :, order]
+    return synthetic.about_y(angle)[:, order][:, :, order]
 
 
 def plate_motion(about: int, height: float, scale: float) -> tuple[BodyMotion, Array]:
@@ -94,9 +61,8 @@ def plate_motion(about: int, height: float, scale: float) -> tuple[BodyMotion, A
 
 
 def test_recovers_all_ten_parameters_where_all_axes_turn_although_each_recording_has_its_own_zero() -> None:
-    pair = [plate_motion(about, 0.15, 0.04) for about in range(3)]
-    shifted = [(m, w + k * np.repeat([1.0, -0.3], 3)) for k, (m, w) in enumerate(pair)]
-    inertia = identify_plate_inertia(shifted)
+    pairs = [plate_motion(about, 0.15, 0.04) for about in range(3)]
+    inertia = identify_plate_inertia([(m, w + k * np.repeat([1.0, -0.3], 3)) for k, (m, w) in enumerate(pairs)])
     np.testing.assert_allclose(inertia.parameters, TRUE, rtol=1e-7, atol=1e-9)
     assert inertia.rms_before[1] > 1
     assert inertia.rms_after.max() < 1e-8
@@ -109,43 +75,46 @@ def test_what_recordings_do_not_show_stays_as_it_is_known() -> None:
         inertia = identify_plate_inertia(pair, names=names, known=TRUE)
         np.testing.assert_allclose(inertia.parameters, TRUE, rtol=1e-6, atol=1e-8)
         assert set(inertia.identified) == identified
-    exact, shown = identify_plate_inertia(pair, names=()), [INERTIAL.index(name) for name in identified]
-    np.testing.assert_allclose(exact.parameters[shown], TRUE[shown], rtol=1e-7, atol=1e-9)
-    assert exact.parameters[[4, 6, 8]].tolist() == [0, 0, 0]  # I_xx, I_zz and I_xz, which nobody knows
+    exact = identify_plate_inertia(pair, names=())
+    nobody_knows = [INERTIAL.index(name) for name in ("I_xx", "I_zz", "I_xz")]
+    np.testing.assert_allclose(exact.parameters[:4], TRUE[:4], rtol=1e-7, atol=1e-9)
+    assert exact.parameters[nobody_knows].tolist() == [0, 0, 0]
 
 
-def test_parameters_that_noise_would_decide_are_left_out_and_the_planar_ones_are_right() -> None:
-    """Squares of noise in the columns, larger for an axis that hardly turns than those of its motion."""
+def squares_of(columns: Array) -> Array:
+    stacked = plate.stacked_columns(columns, INERTIAL)
+    return np.asarray(stacked.T @ stacked)
+
+
+def test_parameters_that_noise_would_decide_are_left_out_and_noise_that_is_known_makes_no_plate_lighter() -> None:
+    """Squares of noise in the columns, larger for an axis that hardly turns than those of its motion. Then noise of a
+    fifth in the acceleration: without a correction the mass is a seventh too small."""
     pairs = [plate_motion(1, 0.09, 0.03), plate_motion(0, 0.004, 0.04)]
-    columns = np.concatenate([stacked_columns(without_mean(inertial_columns(motion)), INERTIAL) for motion, _ in pairs])
+    columns = np.concatenate([plate.without_mean(plate.inertial_columns(motion)) for motion, _ in pairs])
     assert set(identify_plate_inertia(pairs).identified) == set(INERTIAL) - {"I_zz"}
     noise = np.zeros((10, 10))
-    noise[4, 4] = 0.9 * columns[:, 4] @ columns[:, 4]
-    assert identify_plate_inertia(pairs, noise=noise).identified == PLANAR
-
-
-def test_noise_of_the_motion_that_is_known_does_not_make_the_plate_lighter() -> None:
-    """Noise of a fifth in the acceleration: without a correction the mass is a seventh too small."""
-    random, size = np.random.default_rng(3), 0.2
-    quiet = [plate_motion(about, 0.15, 0.04) for about in range(3)]
-    drawn = [random.normal(0, size * m.acceleration.std(), (RATE, 3)) for m, _ in quiet]
+    noise[4, 4] = 0.9 * squares_of(columns)[4, 4]
+    assert identify_plate_inertia(pairs, noise=noise).identified == plate.PLANAR
+    random, quiet = np.random.default_rng(3), [plate_motion(about, 0.15, 0.04) for about in range(3)]
+    drawn = [random.normal(0, 0.2 * m.acceleration.std(), (RATE, 3)) for m, _ in quiet]
     noisy = [(replace(m, acceleration=m.acceleration + n), w) for (m, w), n in zip(quiet, drawn, strict=True)]
-    both = [np.concatenate([without_mean(inertial_columns(m)) for m, _ in pairs]) for pairs in (quiet, noisy)]
-    alone = stacked_columns(both[1] - both[0], INERTIAL)
-    biased, found = (identify_plate_inertia(noisy, noise=noise).parameters for noise in (None, alone.T @ alone))
+    both = [
+        np.concatenate([plate.without_mean(plate.inertial_columns(m)) for m, _ in pairs]) for pairs in (quiet, noisy)
+    ]
+    biased, found = (
+        identify_plate_inertia(noisy, noise=squares).parameters for squares in (None, squares_of(both[1] - both[0]))
+    )
     assert biased[0] < 0.9 * MASS
     np.testing.assert_allclose(found[:4], TRUE[:4], rtol=0.02)
 
 
 def test_standard_errors_cover_white_noise() -> None:
-    random = np.random.default_rng(5)
+    """400 scores of unit variance: their RMS lies within 0.85-1.2 even with the few that Newey and West misjudge."""
+    random, scores = np.random.default_rng(5), []
     pair = [plate_motion(about, 0.15, 0.04) for about in range(3)]
-    scores = []
     for _ in range(40):
-        drawn = [random.normal(0, [0.5] * 3 + [0.05] * 3, (RATE, 6)) for _ in pair]
-        inertia = identify_plate_inertia([(m, w + d) for (m, w), d in zip(pair, drawn, strict=True)])
+        inertia = identify_plate_inertia([(m, w + random.normal(0, [0.5] * 3 + [0.05] * 3, w.shape)) for m, w in pair])
         scores.append((inertia.parameters - TRUE) / inertia.standard_errors)
-    # 400 scores of unit variance: their RMS lies within 0.85-1.2 even with the few that Newey and West misjudge
     assert 0.8 < np.sqrt(np.mean(np.square(scores))) < 1.3
 
 
@@ -154,7 +123,7 @@ def test_a_wrench_is_brought_to_the_markers_frames() -> None:
     fast, slow = np.arange(4500) / PLATE_RATE, np.arange(900) / RATE
     for frequency, late, seen in ((15, 0.0, 1.0), (8, 0.0021, 1.0), (290, 0.0, 0.0)):
         tone = np.sin(2 * np.pi * frequency * (fast - late))[:, None] * [1.0, 2.0, 3.0]
-        sampled = wrench_reader(fast, np.hstack([tone, tone]), slow)(late)
+        sampled = plate.wrench_reader(fast, np.hstack([tone, tone]), slow)(late)
         expected = seen * np.sin(2 * np.pi * frequency * slow)[:, None] * [1.0, 2.0, 3.0]
         np.testing.assert_allclose(sampled[60:-60, :3], expected[60:-60], atol=1e-4 if seen else 3e-3)
         np.testing.assert_allclose(sampled[:, 3:], sampled[:, :3])
@@ -165,26 +134,15 @@ RIG, RAMP = Rig(mass=MASS, marker=1.5e-4, moment=0.05), Ramp(angle=5, onset=1.0,
 
 def unloaded(name: str, load: float = 0.0, angle: float = 5.0, **changes: float) -> Trial:
     """A recording of a plate that turns and returns, with noise on all; `changes` of its rig."""
-    trial = walked(name, replace(RAMP, angle=angle), replace(RIG, **changes), 7, loaded=False)
+    trial = walked_over(name, replace(RAMP, angle=angle), replace(RIG, **changes), 7, loaded=False)
     return changed(trial, pl.col("plate1_force_z") + load)
 
 
-CALIBRATION = static_calibration(static_trial(np.array([0.0, 0.0, 0.09])), settings())
+CALIBRATION = static_calibration(static_trial(), settings())
 
 
 def model_of(*trials: Trial, **choices: Any) -> PlateModel:
-    return identify_plate_model([(trial, CALIBRATION) for trial in trials], settings(**choices))
-
-
-def test_recovers_lag_and_inertia_of_a_noisy_recorded_plate() -> None:
-    model = model_of(*(unloaded(f"plate_{k}", lag=0.0015) for k in range(2)))
-    assert model.lag == pytest.approx(0.0015, abs=1e-4)
-    by_name = dict(zip(INERTIAL, model.parameters, strict=True))
-    own = RIG.gyration[1] ** 2 + RIG.com[0] ** 2 + RIG.com[2] ** 2
-    assert by_name["m"] == pytest.approx(MASS, rel=0.02)
-    assert by_name["I_yy"] == pytest.approx(MASS * own, rel=0.02)
-    assert by_name["mc_z"] == pytest.approx(MASS * RIG.com[2], abs=0.02)
-    assert model.rms_after[4] < 0.05 * model.rms_before[4]
+    return plate.identify_plate_model([(trial, CALIBRATION) for trial in trials], settings(**choices))
 
 
 def test_the_models_without_a_trial_know_nothing_of_it() -> None:
@@ -210,7 +168,7 @@ def test_the_models_without_a_trial_know_nothing_of_it() -> None:
 def test_a_lag_that_is_not_found_or_not_asked_for_is_not_corrected(mass: float, asked: bool, reason: str) -> None:
     model = model_of(unloaded("plate_1", lag=0.002, mass=mass), correct_plate_lag=asked)
     assert (model.lag, model.lag_se, model.lags, model.lag_reason) == (None, None, (), reason)
-    assert plate_table(model)["lag_s"].null_count() == 6
+    assert plate.plate_table(model)["lag_s"].null_count() == 6
 
 
 @pytest.mark.parametrize(
@@ -280,34 +238,47 @@ def stepped(offset: float, limit: float = np.inf, noise: float = 0.4) -> Array:
 
 def standing_on(wrench: Array, first: int = 0) -> Trial:
     """A recording of this wrench from a row on."""
-    markers = labelled("PLAT", np.tile(PLATFORM, (len(wrench[first:]) // 5, 1, 1)))
-    return recording("c", markers, wrench[first:, :3], wrench[first:, 3:])
+    markers = synthetic.labelled("PLAT", np.tile(synthetic.PLATFORM, (len(wrench[first:]) // 5, 1, 1)))
+    return synthetic.recording("c", markers, wrench[first:, :3], wrench[first:, 3:])
 
 
 @pytest.mark.parametrize("offset", [0.0, 12.0, -60.0])
 def test_the_zero_is_read_before_the_foot_comes_not_after_the_platform_tilted(offset: float) -> None:
     """0.2 s of noise of 0.4 N: the mean's standard deviation is 0.02 N."""
-    read, removed = zeroed_wrench(standing_on(stepped(offset)), TIME[::5], settings())
+    read, removed = plate.zeroed_wrench(standing_on(stepped(offset)), TIME[::5], settings())
     assert removed == pytest.approx(offset, abs=0.1)
     np.testing.assert_allclose(read(0.0)[20:180].mean(axis=0), 0, atol=0.15)
     with pytest.raises(InputError, match="unloaded plate reads -713 N, expected less than 100 N"):
-        zeroed_wrench(standing_on(stepped(-713.0)), TIME[::5], settings())
+        plate.zeroed_wrench(standing_on(stepped(-713.0)), TIME[::5], settings())
     with pytest.raises(InputError, match=r"loaded within 0\.2 s of the recording's start"):
-        zeroed_wrench(standing_on(stepped(0.0), 2000), TIME[:-2000:5], settings())
+        plate.zeroed_wrench(standing_on(stepped(0.0), 2000), TIME[:-2000:5], settings())
+
+
+def test_a_plate_that_was_not_zeroed_changes_neither_stance_nor_torque() -> None:
+    """60 N and 7.5 N*m off: more than what begins a stance."""
+    trial, names = walked_over("walk_1", Ramp(), replace(RIG, marker=1e-5), 1), ("force_z", "moment_y", "force_x")
+    off = [pl.col(f"plate1_{name}") + size for name, size in zip(names, (60, -7.5, -60), strict=True)]
+    both = [
+        analyse_crossing(one, CALIBRATION, plate.NO_CORRECTION, True, settings())
+        for one in (trial, changed(trial, *off))
+    ]
+    assert both[1].quality["plate_zero_N"] - both[0].quality["plate_zero_N"] == pytest.approx(60, abs=1e-6)
+    assert both[1].stance.heel_strike == pytest.approx(both[0].stance.heel_strike, abs=1e-6)
+    np.testing.assert_allclose(both[1].torque, both[0].torque, atol=1e-6)
 
 
 def test_a_plate_at_its_limit_is_refused_also_where_it_stands_askew_and_one_that_peaks_is_not() -> None:
     """Turned by 20 degrees: Fx of the plate is a mixture in the laboratory, and neither of its parts is flat."""
-    axes, turn = plate_axes(np.array(CORNERS)), Rotation.from_euler("z", 20, degrees=True).as_matrix()
+    axes, turn = plate_axes(np.array(synthetic.CORNERS)), Rotation.from_euler("z", 20, degrees=True).as_matrix()
     own = stepped(0.0)[:, :3] @ np.diag([4.0, 1.0, 1.0])
     own[:, 0] = np.minimum(own[:, 0], 250.0)
     unloaded = stepped(0.0, noise=0.0)[:1400, :3]  # may well read one value
     for force in (stepped(0.0)[:, :3], own @ turn.T, unloaded):
-        check_range(TIME, force, axes, 30)
+        plate.check_range(TIME, force, axes, 30)
     with pytest.raises(InputError, match=r"Fz stays at 600 N for \d+ ms .* reached its limit"):
-        check_range(TIME, stepped(0.0, limit=600)[:, :3], axes, 30)
+        plate.check_range(TIME, stepped(0.0, limit=600)[:, :3], axes, 30)
     with pytest.raises(InputError, match="stays at 250 N"):
-        check_range(TIME, own @ turn.T, plate_axes(np.array(CORNERS) @ turn.T), 30)
+        plate.check_range(TIME, own @ turn.T, plate_axes(np.array(synthetic.CORNERS) @ turn.T), 30)
 
 
 STANCE = Stance(0.2, 0.8)
@@ -335,8 +306,8 @@ def test_a_plate_that_fails_in_a_stance_is_refused_and_elsewhere_does_not_matter
     pressure = np.column_stack([np.zeros((T.size, 2)), -700 + 0 * T, 0.01 * np.sin(T), 0 * T, 0 * T])
     first = trial_of(tmp_path / "e.c3d", 1, pressure, plate_units={"force": "N", "moment": "N*m", "length": "m"})
     with pytest.raises(InputError, match=r"of type 1 .* export it as type 2, 3 or 4"):
-        check_type_on_platform(first, 1)
-    check_type_on_platform(low, 1)
+        plate.check_type_on_platform(first, 1)
+    plate.check_type_on_platform(low, 1)
 
 
 SURFACE = np.array([[0.3, 0.2, 0], [-0.3, 0.2, 0], [-0.3, -0.2, 0], [0.3, -0.2, 0]]) + np.array([1.0, 2.0, 0.1])
@@ -349,7 +320,8 @@ def test_the_pressure_beside_the_ankle_is_where_the_force_acts_and_a_marker_may_
     force, point = np.array([[30.0, -20.0, 700.0]]), np.array([0.93, 2.1, 0.1])
     moment = np.cross(point - centre, force) + np.array([0, 0, 4.0])  # and a free moment
     pressed, light = (
-        load_on_foot(part * np.hstack([force, moment]), centre, ankle, np.array([[-1.0, 0, 0]])) for part in (1, 0.1)
+        plate.load_on_foot(part * np.hstack([force, moment]), centre, ankle, np.array([[-1.0, 0, 0]]))
+        for part in (1, 0.1)
     )
     assert pressed[:, 0] == pytest.approx([700, 1.05 - 0.93])
     assert light[1] == [0.0]  # 70 N have no centre of pressure
@@ -375,9 +347,11 @@ def test_a_load_that_does_not_act_upwards_and_a_plate_on_edge_are_refused_with_t
 
     for axes, named in (([0, 2, 1], r"across the y axis.*`axes: \[x, -z, y\]`"), ([2, 1, 0], "across the x")):
         with pytest.raises(InputError, match=named):
-            recorded_corners(with_corners(SURFACE[:, axes]), 1)
+            plate.recorded_corners(with_corners(SURFACE[:, axes]), 1)
     for corners in (SURFACE, SURFACE[::-1]):  # in either order, the normal points up
-        np.testing.assert_allclose(plate_axes(recorded_corners(with_corners(corners), 1))[:, 2], [0, 0, 1], atol=1e-12)
+        np.testing.assert_allclose(
+            plate_axes(plate.recorded_corners(with_corners(corners), 1))[:, 2], [0, 0, 1], atol=1e-12
+        )
 
 
 @pytest.mark.parametrize("turn", [0.0, 2.0, np.pi])

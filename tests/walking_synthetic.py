@@ -1,38 +1,32 @@
-"""Walking by formula: a foot, a shank and a moving plate whose every curve is written by hand."""
+"""A walk over a force plate by formula: rigid bodies in numpy, which share no code with analysis or simulator.
+
+The platform turns about a mediolateral axis below its surface by a minimum-jerk ramp, and may heave, shiver or be
+slower. The foot rides on it flat, so that the ankle turns by the platform's angle and the lean of the shank. The ankle
+answers with K, B and I to it, on top of a load that does not vary from crossing to crossing.
+"""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import polars as pl
+import yaml
+from conftest import ROOT
 from scipy.special import erf
 
 from osl_analysis.trial import Array, Trial, marker_columns, plate_columns
 from osl_analysis.walking.bodies import Poses
 from osl_analysis.walking.settings import WalkingAnalysis
 
-RATE, PLATE_RATE = 300, 1500
+RATE, PLATE_RATE, G = 300, 1500, 9.80665
 FOOT = np.array([[-0.08, 0.01, 0.05], [0.16, 0.02, 0.03], [0.10, -0.05, 0.03], [0.06, 0.01, 0.12]])
 SHANK = np.array([[0.05, -0.02, 0.18], [0.01, -0.07, 0.27], [-0.03, 0.05, 0.33], [0.06, 0.02, 0.41]])
 PLATFORM = np.array([[0.28, 0.23, 0.0], [-0.28, 0.23, 0.0], [-0.28, -0.23, 0.06], [0.28, -0.23, 0.0]])
 CORNERS = [[0.25, 0.25, 0.0], [0.25, -0.25, 0.0], [-0.25, -0.25, 0.0], [-0.25, 0.25, 0.0]]
-CLUSTERS = {"FOOT": FOOT, "SHANK": SHANK, "PLAT": PLATFORM}
-
-SETTINGS: dict[str, Any] = {
-    "cutoff_hz": 20, "order": 4, "plate_cutoff_hz": 8, "side": "right", "plate": 1,
-    "markers": {
-        "foot": [f"FOOT{i}" for i in range(1, 5)], "shank": [f"SHANK{i}" for i in range(1, 5)],
-        "platform": [f"PLAT{i}" for i in range(1, 5)], "ankle_medial": "ANKLE_MED", "ankle_lateral": "ANKLE_LAT",
-    },
-    "window_s": 0.1, "baseline_s": 0.06, "guard_s": 0.04, "load_on_n": 40, "load_off_n": 20,
-    "unloaded_s": 0.2, "largest_zero_n": 100, "hinge": "anatomical",
-    "outliers": {"limit": 5, "stance_s": 0.01, "placement_m": 0.005, "angle_deg": 0.5,
-                 "torque_nm": 2, "load_share": 0.03, "pressure_m": 0.005},
-    "load_of_weight": [0.7, 1.25], "largest_outside_m": 0.02,
-    "shortest_stance_s": 0.3, "perturbation_deg": 1, "longest_gap_s": 0.05, "longest_fitted_gap_s": 0.01,
-    "largest_residual_mm": 5,
-    "fewest_unperturbed": 3, "perturbed_stance": "own", "correct_plate_lag": True, "bootstrap_samples": 200,
+ANKLE, LEFT = np.array([-0.06, 0.0, 0.09]), np.array([0.0, 1.0, 0.0])
+SETTINGS: dict[str, Any] = yaml.safe_load((ROOT / "config/config.yaml").read_text())["walking"] | {
+    "load_on_n": 40, "load_off_n": 20, "longest_gap_s": 0.05, "perturbed_stance": "own", "bootstrap_samples": 200,
 }  # fmt: skip
 
 
@@ -46,22 +40,17 @@ def about_y(angle: Array) -> Array:
     return np.moveaxis(np.array([[c, o, s], [o, i, o], [-s, o, c]]), 2, 0)
 
 
-def pose(rotation: Array, position: Array, origin: Array | None = None) -> Poses:
+def pose(rotation: Array, position: Array) -> Poses:
     n = len(rotation)
-    return Poses(rotation, position, np.zeros(3) if origin is None else origin, np.zeros(n), np.zeros(n, dtype=bool))
-
-
-def moved(points: Array, rotation: Array, pivot: Array) -> Array:
-    """Points (m, 3) turned about a pivot (3,): (n, m, 3)."""
-    return np.einsum("nij,mj->nmi", rotation, points - pivot) + pivot
+    return Poses(rotation, position, np.zeros(3), np.zeros(n), np.zeros(n, dtype=bool))
 
 
 def recording(name: str, tracks: dict[str, Array], force: Array, moment: Array) -> Trial:
     """A trial: marker tracks (n, 3) at 300 Hz, wrench (5 n, 3) at 1500 Hz in the plate's axes about its centre."""
     n = len(force)
     frame = {"time": np.arange(n) / PLATE_RATE}
-    frame |= dict(zip(plate_columns(1, "force"), force.T, strict=True))
-    frame |= dict(zip(plate_columns(1, "moment"), moment.T, strict=True))
+    for quantity, values in (("force", force), ("moment", moment)):
+        frame |= dict(zip(plate_columns(1, quantity), values.T, strict=True))
     fast = pl.DataFrame(frame).with_row_index("row")
     slow = {c: v for label, track in tracks.items() for c, v in zip(marker_columns(label), track.T, strict=True)}
     markers = pl.DataFrame(slow).with_columns(row=pl.arange(0, n, n // len(next(iter(slow.values()))), dtype=pl.UInt32))
@@ -83,19 +72,19 @@ def hidden(trial: Trial, markers: Sequence[str], start: float, end: float) -> Tr
     """The trial with markers hidden between two times [s]."""
     gone = pl.col("time").is_between(start, end)
     columns = [column for marker in markers for column in marker_columns(marker)]
-    unseen = (pl.when(gone & pl.col(c).is_not_null()).then(float("nan")).otherwise(pl.col(c)) for c in columns)
-    return changed(trial, *(seen.alias(column) for seen, column in zip(unseen, columns, strict=True)))
+    return changed(
+        trial, *(pl.when(gone & pl.col(c).is_not_null()).then(float("nan")).otherwise(c).alias(c) for c in columns)
+    )
 
 
-def static_trial(ankle: Array) -> Trial:
+def static_trial(ankle: Array = ANKLE) -> Trial:
     """One second of standing; the malleoli 4 cm either side of the ankle (3,), the medial one to the left."""
-    n = RATE
     tracks: dict[str, Array] = {}
-    for prefix, points in CLUSTERS.items():
-        tracks |= labelled(prefix, np.tile(points, (n, 1, 1)))
-    side = np.array([0.0, 0.04, 0.0])
-    tracks |= {"ANKLE_MED": np.tile(ankle + side, (n, 1)), "ANKLE_LAT": np.tile(ankle - side, (n, 1))}
-    return recording("static", tracks, np.zeros((5 * n, 3)), np.zeros((5 * n, 3)))
+    for prefix, points in {"FOOT": FOOT, "SHANK": SHANK, "PLAT": PLATFORM}.items():
+        tracks |= labelled(prefix, np.tile(points, (RATE, 1, 1)))
+    for label, side in (("ANKLE_MED", LEFT), ("ANKLE_LAT", -LEFT)):
+        tracks[label] = np.tile(ankle + 0.04 * side, (RATE, 1))
+    return recording("static", tracks, np.zeros((5 * RATE, 3)), np.zeros((5 * RATE, 3)))
 
 
 def bump(time: Array, centre: float, width: float) -> tuple[Array, Array, Array]:
@@ -103,3 +92,113 @@ def bump(time: Array, centre: float, width: float) -> tuple[Array, Array, Array]
     u = (time - centre) / width
     first = np.exp(-(u**2)) / (width * np.sqrt(np.pi))
     return 0.5 * (1 + erf(u)), first, -2 * u / width * first
+
+
+@dataclass(frozen=True)
+class Ramp:
+    """One ramp of the platform: angle [deg, toes up], duration and onset [s], heave [m], shiver [deg]."""
+
+    angle: float = 2.5
+    rise: float = 0.1
+    onset: float = 1.19
+    heave: float = 0.0
+    shiver: float = 0.0
+    returns: float = 2.1
+
+
+@dataclass(frozen=True)
+class Rig:
+    """Plate of 25 kg, its centre of mass from the surface's centre, gyration and axis [m]; noise [m, N, N*m]."""
+
+    mass: float = 25.0
+    com: tuple[float, float, float] = (0.01, -0.015, -0.045)
+    gyration: tuple[float, float, float] = (0.15, 0.17, 0.22)
+    pivot: tuple[float, float, float] = (0.0, 0.0, -0.12)
+    marker: float = 3e-4
+    force: float = 0.4
+    moment: float = 0.08
+    lag: float = 0.0
+
+
+def step(t: Array, start: float, duration: float) -> Array:
+    """A minimum-jerk step from 0 to 1, with its two derivatives (3, n) in time."""
+    x = (t - start) / duration
+    y, inside = np.clip(x, 0, 1), (x > 0) & (x < 1)
+    first, second = 30 * y**2 * (1 - y) ** 2 * inside, 60 * y * (1 - y) * (1 - 2 * y) * inside
+    return np.array([y**3 * (10 - 15 * y + 6 * y**2), first / duration, second / duration**2])
+
+
+def angle_and_heave(t: Array, ramp: Ramp | None) -> tuple[Array, Array]:
+    """Angle [rad, toes up] and heave [m] with two derivatives, (3, n) each."""
+    if ramp is None:
+        return np.zeros((3, len(t))), np.zeros((3, len(t)))
+    angle = np.deg2rad(ramp.angle) * (step(t, ramp.onset, ramp.rise) - step(t, ramp.returns, 0.3))
+    heave = ramp.heave * (step(t, ramp.onset, 0.06) - step(t, ramp.onset + 0.08, 0.06))
+    if ramp.shiver:
+        fine = np.arange(t[0], t[-1], 1e-5)
+        since = fine - ramp.onset
+        wave = step(fine, ramp.onset, 0.03)[0] * np.exp(-np.clip(since, 0, None) / 0.08)
+        wave *= np.deg2rad(ramp.shiver) * np.sin(2 * np.pi * 9.0 * since)
+        speed = np.gradient(wave, 1e-5)
+        angle = angle + np.array([np.interp(t, fine, x) for x in (wave, speed, np.gradient(speed, 1e-5))])
+    return angle, heave
+
+
+def plate_wrench(t: Array, ramp: Ramp | None, rig: Rig) -> Array:
+    """What the plate's own mass shows (n, 6) [N, N*m], in its axes and about its centre, zeroed at rest."""
+    (phi, w, z), (_, _, lift) = angle_and_heave(t, ramp)
+    R, com, tare = about_y(-phi), np.array(rig.com), np.array([0, 0, rig.mass * G])
+    arm = np.einsum("nij,j->ni", R, com - rig.pivot)
+    W, Z = -w[:, None] * LEFT, -z[:, None] * LEFT
+    a = np.cross(Z, arm) + np.cross(W, np.cross(W, arm)) + lift[:, None] * [0, 0, 1]
+    in_plate = R.transpose(0, 2, 1)
+    force = np.einsum("nij,nj->ni", in_plate, rig.mass * (a + np.array([0, 0, G])))
+    spin = -rig.mass * rig.gyration[1] ** 2 * z[:, None] * LEFT
+    moment = np.einsum("nij,nj->ni", in_plate, spin) + np.cross(com, force)
+    return np.hstack([force - tare, moment - np.cross(com, tare)])
+
+
+def stance_load(t: Array) -> Array:
+    """Share of the load (n,), about 1 in stance from 0.9 to 1.62 s, with the two humps of gait."""
+    held = step(t, 0.9, 0.15)[0] - step(t, 1.62 - 0.15, 0.15)[0]
+    return np.asarray(held * (1 - 0.15 * np.cos(4 * np.pi * np.clip((t - 0.9) / 0.72, 0, 1))))
+
+
+def ankle_answer(t: Array, ramp: Ramp | None) -> Array:
+    """The ankle's torque (n,) [N*m]: load of stance, and the answer to the ramp."""
+    phi, w, z = angle_and_heave(t, ramp)[0]
+    return 40.0 * stance_load(t) + 340.0 * phi + 3.0 * w + 0.02 * z
+
+
+def carried(points: Array, t: Array, ramp: Ramp | None, rig: Rig) -> Array:
+    """Points (m, 3) that ride on the platform: (n, m, 3)."""
+    (phi, _, _), (lift, _, _) = angle_and_heave(t, ramp)
+    ridden = np.einsum("nij,mj->nmi", about_y(-phi), points - rig.pivot) + rig.pivot
+    ridden[:, :, 2] += lift[:, None]
+    return np.asarray(ridden)
+
+
+def walked_over(name: str, ramp: Ramp | None, rig: Rig, seed: int, loaded: bool = True) -> Trial:
+    """A crossing, or a trial of the unloaded platform, with noise from the seed."""
+    random = np.random.default_rng(seed)
+    fast = np.arange(3 * PLATE_RATE) / PLATE_RATE
+    slow, late = fast[::5], fast - rig.lag
+    wrench = plate_wrench(late, ramp, rig)
+    tracks = labelled("PLAT", carried(PLATFORM, slow, ramp, rig))
+    if loaded:  # a force through the ankle, and its torque
+        in_plate = about_y(-angle_and_heave(late, ramp)[0][0]).transpose(0, 2, 1)
+        force = np.einsum("nij,nj->ni", in_plate, stance_load(late)[:, None] * [0, 0, 800.0])
+        wrench += np.hstack([force, np.cross(ANKLE, force) - ankle_answer(late, ramp)[:, None] * LEFT])
+        ankle, lean = carried(ANKLE[None], slow, ramp, rig), -0.1 + 0.35 * step(slow, 0.9, 0.72)[0]
+        for prefix, points, angle in (("FOOT", FOOT, -angle_and_heave(slow, ramp)[0][0]), ("SHANK", SHANK, lean)):
+            tracks |= labelled(prefix, np.einsum("nij,mj->nmi", about_y(angle), points - ANKLE) + ankle)
+    wrench += random.normal(0, [rig.force] * 3 + [rig.moment] * 3, wrench.shape)
+    tracks = {label: track + random.normal(0, rig.marker, track.shape) for label, track in tracks.items()}
+    return recording(name, tracks, wrench[:, :3], wrench[:, 3:])
+
+
+def plate_trials(rig: Rig, ramp: Ramp, seed: int, count: int = 4) -> list[Trial]:
+    """Trials of the unloaded platform: the same ramp, at other times."""
+    starts = 1.0 + np.random.default_rng(seed + 77).uniform(0, 0.05, count)
+    ramps = [replace(ramp, onset=float(start), returns=1.9) for start in starts]
+    return [walked_over(f"plate_{k}", each, rig, 1000 * seed + 900 + k, loaded=False) for k, each in enumerate(ramps)]

@@ -19,11 +19,11 @@ def write_c3d(
 ) -> Path:
     """Write raw points (frames, points, 4: x, y, z, residual) and raw analogs (samples, channels) as they are.
 
-    Parameters are named `GROUP__NAME`: lists of text, whole numbers or floats, in C3D's dimensions.
+    Parameters are named `GROUP__NAME`: lists of text, bytes, whole numbers or floats, in C3D's dimensions.
     """
     analogs = np.zeros((len(points), 0)) if analogs is None else analogs
     ratio = len(analogs) // len(points)
-    known = {
+    known: dict[str, object] = {
         "POINT__USED": np.array([points.shape[1]]),
         "POINT__FRAMES": np.array([len(points)]),
         "POINT__SCALE": np.array([0.1 if integers else -0.1]),
@@ -39,21 +39,13 @@ def write_c3d(
         "ANALOG__UNITS": ["V"] * analogs.shape[1],
         "FORCE_PLATFORM__USED": np.array([0]),
     }
-    section = parameter_section({**known, **parameters}, processor)
-    data_start = 2 + len(section) // 512
+    known["POINT__DATA_START"] = np.array([0])
+    data_start = 2 + len(parameter_section({**known, **parameters}, processor)) // 512
     known["POINT__DATA_START"] = np.array([data_start])
     section = parameter_section({**known, **parameters}, processor)
-    scale = np.array([0.1 if integers else -0.1])
     counts = np.array([points.shape[1], analogs.shape[1] * ratio, 1, min(len(points), 65535), 0])
-    header = b"".join(
-        [
-            bytes([2, 0x50]),
-            integers_of(counts, processor),
-            reals_of(scale, processor),
-            integers_of(np.array([data_start, ratio]), processor),
-            reals_of(np.array([rate]), processor),
-        ]
-    )
+    header = bytes([2, 0x50]) + integers_of(counts, processor) + reals_of(known["POINT__SCALE"], processor)
+    header += integers_of(np.array([data_start, ratio]), processor) + reals_of(np.array([rate]), processor)
     frames = np.hstack([points.reshape(len(points), -1), analogs.reshape(len(points), -1)])
     data = integers_of(frames, processor) if integers else reals_of(frames, processor)
     content = header.ljust(512, b"\0") + section + data
@@ -95,6 +87,8 @@ def content(value: object, processor: int) -> bytes:
         length = max([len(text) for text in value], default=1) or 1
         joined = b"".join(text.encode("latin-1").ljust(length) for text in value)
         return struct.pack("bBBB", -1, 2, length, len(value)) + joined
+    if isinstance(value, bytes):
+        return struct.pack("bBB", 1, 1, len(value)) + value
     array = np.asarray(value)
     whole = array.dtype.kind == "i"
     flat = array.ravel(order="F")

@@ -11,8 +11,7 @@ from osl_analysis.simulator.rigid_body import Pose
 from osl_analysis.simulator.vicon import FOOT, PLATFORM, SHANK
 from osl_analysis.trial import Array
 
-PLATE_CENTRE = np.array([0.30, 0.25, 0.0])
-"""Centre [m] of the shipped plate at rest."""
+PLATE_CENTRE = np.array([0.30, 0.25, 0.0])  # [m] of the shipped plate at rest
 
 
 @dataclass(frozen=True)
@@ -26,8 +25,7 @@ class DecodedCrossing:
     pressure: Array
     foot: Pose
     platform: Pose
-    analogs: Array
-    """All analog channels, as the file has them, shape (channels, samples)."""
+    analogs: Array  # all channels, as the file has them, (channels, samples)
 
     @property
     def platform_angle(self) -> Array:
@@ -45,10 +43,11 @@ def decoded_crossing(path: Path) -> DecodedCrossing:
     """Angle and torque of a capture whose sensors are perfect, from its clusters' poses and its type 2 plate."""
     file = ezc3d.c3d(str(path))
     labels, points = file["parameters"]["POINT"]["LABELS"]["value"], file["data"]["points"][:3].T / 1e3
-    bodies = {"FOOT": FOOT, "SHANK": SHANK, "PLAT": PLATFORM}
-    seen = {k: points[:, [i for i, name in enumerate(labels) if name.startswith(k)]] for k in bodies}
-    foot, shank = (pose_from(seen[k], np.array(list(bodies[k].values()))) for k in ("FOOT", "SHANK"))
-    platform = pose_from(seen["PLAT"], np.array(list(PLATFORM.values())) + PLATE_CENTRE)
+    poses = []
+    for name, body, centre in (("FOOT", FOOT, 0.0), ("SHANK", SHANK, 0.0), ("PLAT", PLATFORM, PLATE_CENTRE)):
+        own = [place for place, label in enumerate(labels) if label.startswith(name)]
+        poses.append(pose_from(points[:, own], np.array(list(body.values())) + centre))
+    foot, shank, platform = poses
     force, moment, centre = decoded_wrench(file, platform)
     axis, between = foot.rotation[:, :, 1], foot.rotation.transpose(0, 2, 1) @ shank.rotation
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -82,8 +81,7 @@ def decoded_wrench(file: Any, platform: Pose | None = None) -> tuple[Array, Arra
     moment = moment - np.cross(-origin, force)
     force, moment, centre = force @ axes, moment @ axes, np.tile(corners.mean(axis=0), (len(force), 1))
     if platform is not None:
-        force = np.einsum("nij,nj->ni", platform.rotation, force)
-        moment = np.einsum("nij,nj->ni", platform.rotation, moment)
+        force, moment = (np.einsum("nij,nj->ni", platform.rotation, one) for one in (force, moment))
         centre = platform.point(centre[0])
     return force, moment, centre
 

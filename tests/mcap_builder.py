@@ -4,12 +4,8 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from mcap.writer import CompressionType, Writer
 from mcap_ros2._dynamic import serialize_dynamic
-
-from osl_analysis.formats.mcap import read_mcap
-from osl_analysis.formats.messages import decode_topics
 
 HEADER = """\
 ================================================================================
@@ -43,18 +39,6 @@ def write_payloads(path: Path, payloads: Iterable[bytes], encoding: str, *schema
     return path
 
 
-def assert_decoded(path: Path, topic: str, expected: list[dict[str, float]]) -> list[int]:
-    """Every number of every message of a topic is read exactly, and no other; gives the log times [ns]."""
-    paths = sorted({name for values in expected for name in values})
-    found = decode_topics(read_mcap(path), {topic: paths})[topic]
-    for name in paths:
-        assert np.ma.getmaskarray(found.values[name]).tolist() == [name not in values for values in expected]
-        for row, values in enumerate(expected):
-            if name in values:
-                np.testing.assert_array_equal(found.values[name][row], values[name], err_msg=f"{topic} {name}")
-    return [int(one) for one in found.log_time]
-
-
 def write_log(
     path: Path,
     messages: Iterable[tuple[int, dict[str, Any]]],
@@ -63,7 +47,7 @@ def write_log(
     topic: str = "/lab",
     **options: Any,
 ) -> Path:
-    """One topic; messages are (log time [ns], fields), in file order; `sequences` are numbers other than 0, 1 ..."""
+    """One topic; messages are (log time [ns], fields), in file order."""
     return write_topics(path, {topic: (name, schema, list(messages))}, **options)
 
 
@@ -73,7 +57,10 @@ def write_topics(
     sequences: list[int] | None = None,
     **options: Any,
 ) -> Path:
-    """Several topics, one after the other; a topic whose name ends in `#2` is a second channel of the same topic."""
+    """Several topics, one after the other; one whose name ends in `#2` is a second channel of the same topic.
+
+    `sequences` are numbers of the messages other than 0, 1, ...
+    """
     with path.open("wb") as file:
         writer = Writer(file, **{"compression": CompressionType.ZSTD, **options})
         writer.start(profile="ros2")

@@ -9,13 +9,12 @@ import pytest
 import test_ingest_mcap_log as mcap
 import test_ingest_nexus_capture as nexus
 import test_ingest_opensim as opensim
-from bag_builder import write_bag1, write_bag2
 from c3d_builder import write_c3d
-from mat_builder import write_mat, write_mat73
 from mcap_builder import write_log
 from nptdms import ChannelObject, TdmsWriter
 from recognised_files import refusal_by
-from test_formats_rosbags import CHANNELS
+from test_formats_mat import write_mat, write_mat73
+from test_formats_rosbags import CHANNELS, write_bag1, write_bag2
 
 from osl_analysis.commands.inspect import inspect_file
 from osl_analysis.errors import InputError

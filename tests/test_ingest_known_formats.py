@@ -1,20 +1,29 @@
-"""Known formats: one table leads to everything; a mistake in a source file is refused by field, with the remedy."""
+"""Known formats: one table leads to everything; a mistake in a source file is refused by field, with the remedy.
 
+Files of formats that are not read are told by what they hold: one line with what it is and what to do.
+"""
+
+import gzip
+import io
 import json
+import zipfile
 from pathlib import Path
 
 import numpy as np
 import polars as pl
 import pytest
 import yaml
+from c3d_builder import write_c3d
+from recognised_files import refusal_by
 
 from osl_analysis.campaign.configuration import read_section
 from osl_analysis.commands.inspect import inspect_file, row_of
 from osl_analysis.commands.trials import ingest_trial
 from osl_analysis.errors import InputError
+from osl_analysis.formats.mcap import MAGIC
 from osl_analysis.ingest.draft import draft_source
 from osl_analysis.ingest.overview import Overview, RecordedChannel
-from osl_analysis.ingest.raw_files import FORMATS, KnownFormat, read_source, recognise
+from osl_analysis.ingest.raw_files import FORMATS, KnownFormat, read_source, recognise, trial_from_files
 from osl_analysis.ingest.recording import Recording
 from osl_analysis.ingest.source import Source, model_of
 from osl_analysis.judge.table import QualityRules
@@ -27,7 +36,6 @@ LOG = {
     "time": {"source": "header"},
     "channels": {"theta": {"topic": "/lab", "field": "angle", "unit": "deg"}},
 }
-CAPTURE = {"format": "c3d"}
 
 
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
@@ -41,35 +49,26 @@ def channel(column: str, **fields: object) -> dict[str, object]:
 
 
 OUTPUT = {"label": "LAnkleMoment", "component": "x", "unit": "N*mm"}
+MISTAKES: list[tuple[dict[str, object], str]] = [
+    (channel("torque", unit="deg"), "source.yaml: line 5: channels.torque.unit: 'deg' is not allowed: unit 'deg' m"),
+    (channel("time", unit="s"), "time is not a channel"),
+    (channel("theta", unit="deg", sign=0), "sign"),
+    ({"format": "xlsx"}, "format: 'xlsx' is not allowed"),
+    ({**LOG, "channels": {}}, "channels: name at least one"),
+    ({"format": "c3d", "plates": "first"}, "plates: 'first' is not allowed: write all, none or a list"),
+    ({"format": "c3d", "plate_units": {"force": "N", "moment": "mm"}}, "unit 'mm' measures [m]"),
+    ({"format": "c3d", "outputs": {"reference_ankle_moment_left": OUTPUT}}, "unit 'N*mm' measures [N*m]"),
+]
 
 
-@pytest.mark.parametrize(
-    ("content", "told"),
-    [
-        (
-            channel("torque", unit="deg"),
-            "source.yaml: line 5: channels.torque.unit: 'deg' is not allowed: unit 'deg' m",
-        ),
-        (channel("time", unit="s"), "time is not a channel"),
-        (channel("theta", unit="deg", sign=0), "sign"),
-        ({"format": "xlsx"}, "format: 'xlsx' is not allowed"),
-        ({**LOG, "channels": {}}, "channels: name at least one"),
-        ({**CAPTURE, "plates": "first"}, "plates: 'first' is not allowed: write all, none or a list"),
-        ({**CAPTURE, "plate_units": {"force": "N", "moment": "mm"}}, "unit 'mm' measures [m]"),
-        ({**CAPTURE, "outputs": {"reference_ankle_moment_left": OUTPUT}}, "unit 'N*mm' measures [N*m]"),
-    ],
-)
+@pytest.mark.parametrize(("content", "told"), MISTAKES)
 def test_a_mistake_in_a_source_file_is_refused_by_its_field(
     tmp_path: Path, content: dict[str, object], told: str
 ) -> None:
     path = tmp_path / "source.yaml"
     path.write_text(yaml.safe_dump(content))
-    with pytest.raises(InputError) as caught:
-        read_source(path)
-    message = str(caught.value)
-    assert message.startswith(str(path))
-    assert "\n" not in message
-    assert told in message
+    said = refusal_by(read_source, path)
+    assert told in said
 
 
 def read_toy(path: Path, source: Source) -> Recording:
@@ -111,3 +110,87 @@ def test_a_file_is_recognised_by_its_content_and_where_that_says_nothing_by_its_
     recognised = {path.name: recognise(path) for path in tmp_path.iterdir()}
     by_name = {"a.c3d": "c3d", "a.mcap": "mcap", "a.csv": "csv", "a.log": "csv"}
     assert recognised == {**by_name, "b.csv": "mcap", "c.csv": "nexus_csv"}
+
+
+BENCH = "t,angle\n0,1\n0.01,2\n0.02,3\n"
+
+
+def archive(name: str, content: bytes = b"x") -> bytes:
+    """A ZIP archive with one entry."""
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w") as file:
+        file.writestr(name, content)
+    return stream.getvalue()
+
+
+OTHER_FILES = {
+    "Qualisys": b"NO_OF_FRAMES\t100\nNO_OF_CAMERAS\t8\nMARKER_NAMES\tA\tB\n1\t2\t3\n",
+    "Motive": b"Format Version,1.23,Take Name,walk\n,,Marker\nFrame,Time,X\n0,0.0,1\n",
+    "LabVIEW measurement": b"LabVIEW Measurement\t\nWriter_Version\t2\n",
+    "JSON": json.dumps([{"t": 0.0}], indent=2).encode(),
+    "document of JSON": b"[0.0, 1.0]\n[0.1, 2.0]\n",
+    "a document of JSON": b"{'t': 0.0, 'angle': 1.0}\n",
+    "Excel workbook": archive("[Content_Types].xml"),
+    "an Excel workbook": b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1" + bytes(500),
+    "ZIP": archive("log.csv", b"t,angle\n"),
+    "HDF5": b"\x89HDF\r\n\x1a\n" + bytes(100),
+    "compressed": gzip.compress(BENCH.encode()),
+    "zero bytes": bytes(2000),
+}
+
+
+@pytest.mark.parametrize("what", OTHER_FILES)
+def test_a_file_of_another_format_is_named_whatever_it_is_called(tmp_path: Path, what: str) -> None:
+    for name in ("log.csv", "log.dat", "log.c3d"):
+        (tmp_path / name).write_bytes(OTHER_FILES[what])
+        with pytest.raises(InputError, match=rf"{name}: .*{what}.*, which is not read; \w+") as caught:
+            recognise(tmp_path / name)
+        assert str(caught.value).isprintable()
+
+
+def test_a_table_is_not_taken_for_another_format(tmp_path: Path) -> None:
+    python = "<__main__.Joint object at 0x7fe6>.output_position,time\n1,0\n"
+    others = (
+        "[s],[deg]\n0,1\n",
+        "CDF,MZ\n1,2\n",
+        "# endheader follows\nt,angle\n0,1\n",
+        "0       ,1\n",
+        "format;t\n1;2\n",
+    )
+    for text in (BENCH, python, *others):
+        (tmp_path / "a.txt").write_text(text)
+        assert recognise(tmp_path / "a.txt") == "csv"
+
+
+SOURCE = "format: csv\ntime: {column: t, unit: s}\nchannels:\n  theta: {column: angle, unit: deg}\n"
+
+
+def ingested(folder: Path, name: str, content: bytes, source: str = SOURCE) -> object:
+    """A trial from one file, by a source file."""
+    (folder / name).write_bytes(content)
+    (folder / "source.yaml").write_text(source)
+    return trial_from_files({"trial": "a", "log": name, "log_source": "source"}, folder, folder)
+
+
+def test_a_source_file_of_another_format_is_refused_with_the_format_of_the_file(tmp_path: Path) -> None:
+    capture = write_c3d(tmp_path / "b.csv", np.ones((4, 2, 4)), np.ones((8, 1))).read_bytes()
+    for content, said in (
+        (MAGIC + bytes(100), "is mcap, its source file says csv; write `format: mcap`"),
+        (capture, "is c3d, its source file says csv"),
+        (b"\x01\x00\x02", r"is no text .* its source file says csv; name the recording itself"),
+    ):
+        with pytest.raises(InputError, match=said):
+            ingested(tmp_path, "a.csv", content)
+    assert ingested(tmp_path, "d.c3d", BENCH.encode())
+
+
+def test_zeros_after_a_loss_of_power_are_named_by_line_and_the_advice_works(tmp_path: Path) -> None:
+    content = BENCH.encode() + bytes(300)
+    with pytest.raises(InputError, match=r"line 5 holds zero bytes, .* delete the file from there on"):
+        ingested(tmp_path, "a.csv", content)
+    assert ingested(tmp_path, "a.csv", b"\n".join(content.split(b"\n")[:4]))
+
+
+def test_a_full_stop_is_no_decimal_sign_beside_a_decimal_comma(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"line 3, column 'angle': '1.234' is not a number; write `decimal: "):
+        ingested(tmp_path, "a.csv", b"t;angle\n0;1,5\n0,01;1.234\n", SOURCE.replace("csv\n", 'csv\ndecimal: ","\n'))

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from c3d_builder import REAL_DATA
-from mat_builder import write_mat, write_mat73
 from recognised_files import refusal_by
+from test_formats_mat import write_mat, write_mat73
 
 from osl_analysis.commands.inspect import inspect_file, overview_text
 from osl_analysis.errors import InputError

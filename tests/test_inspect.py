@@ -9,8 +9,8 @@ import pytest
 import yaml
 from c3d_builder import REAL_DATA, write_c3d
 from click.testing import CliRunner
-from mat_builder import write_mat
 from mcap_builder import HEADER, stamped, write_log, write_payloads
+from test_formats_mat import write_mat
 from test_ingest_every_log import WRITERS
 
 from osl_analysis.cli import main

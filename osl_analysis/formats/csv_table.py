@@ -22,7 +22,7 @@ CONTROL = re.compile(rb"[\x00-\x08\x0e-\x1a]")  # bytes that no text has
 UTF_16_MARKS = (b"\xff\xfe", b"\xfe\xff")
 TextLines = list[tuple[int, str]]  # number in the file, counted from 1, and text
 Rows = list[tuple[int, list[str]]]
-Omitting = tuple[int, list[str | None]]
+Omitting = list[tuple[int, list[str | None]]]  # rows, with None for omitted columns
 
 
 def read_lines(path: Path) -> TextLines:
@@ -69,12 +69,12 @@ def split_rows(lines: TextLines, delimiter: str) -> Rows:
     reader = csv.reader((text for _, text in lines), delimiter=delimiter, skipinitialspace=True)
     rows: Rows = []
     try:
-        for count, cells in enumerate(reader, start=1):
-            if reader.line_num != count:
-                raise InputError(f"line {lines[count - 1][0]}: a quote is not closed; remove it")
+        for (line, _), cells in zip(lines, reader, strict=False):  # a quote that is not closed takes in several lines
+            if lines[reader.line_num - 1][0] != line:
+                raise InputError(f"line {line}: a quote is not closed; remove it")
             stripped = [cell.strip() for cell in cells]
             if any(stripped):
-                rows.append((lines[count - 1][0], stripped))
+                rows.append((line, stripped))
     except csv.Error as error:
         raise InputError(f"line {lines[reader.line_num - 1][0]}: {error}; repair it") from error
     return rows
@@ -148,19 +148,16 @@ class CsvTable:
 
     def column(self, name: str) -> int:
         """Place of a column by its name, with or without its unit, by a pattern with `*`, or by its number from 1."""
-        places = places_of(name, self.names)
-        if len(places) == 1:
-            return places[0]
-        where = f"column '{name[:80]}'"
-        if places:
+        places, where = places_of(name, self.names), f"column '{name[:80]}'"
+        if len(places) > 1:
             which = listing([f"{place + 1} ('{self.names[place]}')" for place in places])
             advice = "write a pattern or a name that only one has, or its number"
             raise InputError(f"{where} occurs {len(places)} times, as columns {which}; {advice}")
-        if len(self.names) > 1:
+        if not places:
             advice = nearest(name, self.names) or "; correct the name in the source file"
-        else:
-            advice = "; state `delimiter` if these are several columns"
-        raise InputError(f"{where} is missing; the file has {listing(self.names)}{advice}")
+            advice = advice if len(self.names) > 1 else "; state `delimiter` if these are several columns"
+            raise InputError(f"{where} is missing; the file has {listing(self.names)}{advice}")
+        return places[0]
 
 
 def places_of(name: str, names: Sequence[str]) -> list[int]:
@@ -199,11 +196,12 @@ def read_csv_table(path: Path, layout: CsvLayout) -> CsvTable:
 
 def table_of(lines: TextLines, layout: CsvLayout) -> CsvTable:
     sign = layout.comment
-    marked = [bool(sign) and text.lstrip().startswith(sign) for _, text in lines]
-    comments = [
-        (n, text.strip()[len(sign) :].strip()) for (n, text), is_one in zip(lines, marked, strict=True) if is_one
-    ]
-    content = [line for line, is_one in zip(lines, marked, strict=True) if not is_one]
+    comments, content = TextLines(), TextLines()
+    for line, text in lines:
+        if sign and text.lstrip().startswith(sign):
+            comments.append((line, text.strip()[len(sign) :].strip()))
+        else:
+            content.append((line, text))
     delimiter = delimiter_of(content, layout.delimiter)
     rows = split_rows(content, delimiter)
     names = header_of(rows, comments, delimiter, layout)
@@ -252,10 +250,9 @@ def check_header_place(header: tuple[int, list[str]], rows: Rows) -> None:
     """Refuse a table below other text: most rows have more cells than the first, and the first of them no number."""
     names = unpadded(header[1], 0)
     (width, count), *_ = Counter(len(cells) for _, cells in rows).most_common(1) or [(0, 0)]
-    wide = next(((line, cells) for line, cells in rows if len(cells) == width), None)
-    if wide is None or count <= len(rows) / 2 or width <= len(names) or width < 2:
+    if count <= len(rows) / 2 or width <= len(names) or width < 2:
         return
-    line, cells = wide
+    line, cells = next((line, cells) for line, cells in rows if len(cells) == width)
     sign = next((sign for sign in ";|\t," if len(names) == 1 and len(names[0].split(sign)) == width), "")
     if sign:
         raise InputError(
@@ -271,11 +268,10 @@ def check_header_place(header: tuple[int, list[str]], rows: Rows) -> None:
 
 def without_extra_cells(rows: Rows, width: int, layout: CsvLayout) -> tuple[Rows, list[str]]:
     """Rows without the cells that every row has more than the header, if there are such, and what was left out."""
-    extra = {len(cells) - width for _, cells in rows}
-    count = extra.pop()
-    if extra or count < 1:
-        return rows, []
     line, cells = rows[0]
+    count = len(cells) - width
+    if count < 1 or any(len(one) != len(cells) for _, one in rows):
+        return rows, []
     if layout.extra_cells == "refuse":
         raise InputError(
             f"every row has {count} more cells than the header has names: line {line} begins with "
@@ -294,16 +290,14 @@ def share_above(count: int, total: int) -> float:
 
 def unpadded(cells: list[str], width: int) -> list[str]:
     """Cells without the empty ones beyond `width`, with which some writers pad lines."""
-    end = len(cells)
-    while end > width and not cells[end - 1]:
-        end -= 1
-    return cells[:end]
+    last = max((place for place, cell in enumerate(cells, start=1) if cell), default=0)
+    return cells[: max(last, width)]
 
 
-def fitting_rows(rows: Rows, width: int, layout: CsvLayout) -> tuple[list[Omitting], list[str]]:
+def fitting_rows(rows: Rows, width: int, layout: CsvLayout) -> tuple[Omitting, list[str]]:
     """The rows that fit, with None for omitted columns, and what was repaired."""
     if layout.ragged == "dropped_variable":
-        return dropped_variables(rows, width, layout)
+        return dropped_variables(rows, width, layout.missing)
     odd = [(line, len(cells)) for line, cells in rows if len(cells) != width]
     if odd and (layout.ragged == "refuse" or len(odd) > layout.most_missing * len(rows)):
         share = share_above(len(odd), len(rows))
@@ -316,17 +310,17 @@ def fitting_rows(rows: Rows, width: int, layout: CsvLayout) -> tuple[list[Omitti
     return [(line, list(cells)) for line, cells in rows if len(cells) == width], [note] * bool(odd)
 
 
-def dropped_variables(rows: Rows, width: int, layout: CsvLayout) -> tuple[list[Omitting], list[str]]:
+def dropped_variables(rows: Rows, width: int, missing: Collection[str]) -> tuple[Omitting, list[str]]:
     """The rows of a logger that omits failed variables, with None from there on: those missing in the row before.
 
     The logger of `opensourceleg` writes the header with the first thousand rows: variables that failed before have no
     name there, and their cells, those missing in the last row that has them, are left out.
     """
-    notes, columns, filled = list[str](), list(range(width)), list[Omitting]()
+    notes, columns, filled = list[str](), list(range(width)), Omitting()
     first = next((place for place, (_, cells) in enumerate(rows) if len(cells) == width), 0)
     lengths = {len(cells) for _, cells in rows[:first]}
-    unnamed = [place for place, cell in enumerate(rows[first - 1][1]) if cell in layout.missing] if first else []
-    if len(lengths) == 1 and len(unnamed) == lengths.pop() - width > 0:
+    unnamed = [place for place, cell in enumerate(rows[first - 1][1]) if cell in missing] if first else []
+    if unnamed and lengths == {width + len(unnamed)}:
         named = [(n, [cell for k, cell in enumerate(cells) if k not in unnamed]) for n, cells in rows[:first]]
         which = ", ".join(str(place + 1) for place in unnamed)
         notes.append(f"up to line {rows[first - 1][0]}, cells {which} of every row have no name and were left out")
@@ -334,7 +328,7 @@ def dropped_variables(rows: Rows, width: int, layout: CsvLayout) -> tuple[list[O
     for place, (line, cells) in enumerate(rows):
         if len(cells) != len(columns):
             before = rows[place - 1][1] if place else []
-            failed = [column for column, cell in zip(columns, before, strict=False) if cell in layout.missing]
+            failed = [column for column, cell in zip(columns, before, strict=False) if cell in missing]
             if len(cells) > len(columns) or len(columns) - len(cells) != len(failed):
                 raise InputError(
                     f"line {line} has {len(cells)} cells where {len(columns)} were, and {len(failed)} were "

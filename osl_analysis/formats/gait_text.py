@@ -32,9 +32,9 @@ def column_of(rows: Rows, place: int, missing: tuple[str, ...], what: str, remed
     try:
         return numbers(cells, missing, decimal)
     except UnreadableCellError as error:
-        line, text = rows[error.place][0], cells[error.place]
-        remedy = "export it as scalars" if text.count(",") > 1 else remedy
-        raise InputError(f"line {line}, {what}: '{text[:40]}' is not a number; {remedy}") from error
+        text = cells[error.place]
+        what = f"line {rows[error.place][0]}, {what}: '{text[:40]}' is not a number"
+        raise InputError(f"{what}; {'export it as scalars' if text.count(',') > 1 else remedy}") from error
 
 
 @dataclass(frozen=True)
@@ -54,26 +54,22 @@ class NexusSection:
         wanted = [i for i, c in enumerate(self.components) if c.casefold() == component.casefold()]
         exact = [i for i in wanted if self.names[i] == name]
         found = exact or [i for i in wanted if without_subject(self.names[i]) == name]
-        if len(found) != 1:
-            have = sorted({f"{n} {c}" for n, c in zip(self.names, self.components, strict=True) if n})
-            count = f"occurs {len(found)} times" if found else "is missing"
-            raise InputError(
-                f"'{name}' {component} {count} under {self.title}; there are {listing(have)}; correct the name in the "
-                "source file"
-            )
-        return self.values(found[0]), self.units[found[0]]
+        if len(found) == 1:
+            return self.values(found[0]), self.units[found[0]]
+        have = sorted({f"{n} {c}" for n, c in zip(self.names, self.components, strict=True) if n})
+        count = f"occurs {len(found)} times" if found else "is missing"
+        said = f"'{name}' {component} {count} under {self.title}; there are {listing(have)}"
+        raise InputError(f"{said}; correct the name in the source file")
 
     def values(self, place: int) -> Array:
-        what = f"{self.names[place]} {self.components[place]}"
-        return column_of(self.rows, place, ("",), what, "repair it, or state `decimal`", self.decimal)
+        title = f"{self.names[place]} {self.components[place]}"
+        return column_of(self.rows, place, ("",), title, "repair it, or state `decimal`", self.decimal)
 
     def counts(self) -> tuple[int, int]:
         """First frame, and samples per frame."""
         frame, sub = (self.values(place) for place in (0, 1))
         per_frame = float(np.nanmax(sub, initial=0.0)) + 1
-        goes_on = (frame - frame[0]) * per_frame + sub == np.arange(frame.size)
-        if not goes_on.all():
-            place = int(np.argmin(goes_on))
+        for place in np.flatnonzero((frame - frame[0]) * per_frame + sub != np.arange(frame.size)).tolist():
             raise InputError(
                 f"line {self.rows[place][0]}: frame {frame[place]:g}, sub frame {sub[place]:g} does not follow the "
                 "line before; export the trial again with all its frames"
@@ -105,14 +101,12 @@ def read_sections(path: Path, delimiter: str = "auto", decimal: str = ".") -> di
         raise InputError("no section of a Nexus export (Devices, Trajectories, ...); check the source's format")
     found: dict[str, NexusSection] = {}
     for start, end in zip(starts, [*starts[1:], len(rows)], strict=True):
-        (line, titles), (_, rates), (_, names), (_, components) = rows[start : start + 4]
-        title, rate = titles[0], rates[0]
+        (line, (title, *_)), (_, rates), (_, names), (_, components) = rows[start : start + 4]
         samples, width = rows[start + 5 : end], max(i + 1 for i, cell in enumerate(components) if cell)
-        if not is_number_cell(rate := rate.replace(",", ".")):
+        if not is_number_cell(rate := rates[0].replace(",", ".")):
             raise InputError(f"line {line + 1}: '{rate[:40]}' is not a rate; export the trial again")
-        hertz = float(rate)
-        if not samples or not hertz > 0:
-            raise InputError(f"section {title[:40]} at {hertz:g} Hz has no samples; export without it")
+        if not samples or not (hertz := float(rate)) > 0:
+            raise InputError(f"section {title[:40]} at {float(rate):g} Hz has no samples; export without it")
         if title in found:
             raise InputError(f"line {line}: section {title} stands twice; export one of each")
         full = [""]  # the name of every column: the one above it, or else the nearest to the left
@@ -177,17 +171,14 @@ def read_trc(path: Path) -> TrcFile:
     if rate <= 0:
         raise InputError(f"line {place}: DataRate is {text[:40]!r} and no rate in Hz; {export}")
     count_up = np.arange(frames)
-    wrong = (frame != frame[0] + count_up) | (frame[0] != np.rint(frame[0]))
-    if wrong.any():
-        row = int(np.argmax(wrong))
+    for row in np.flatnonzero((frame != frame[0] + count_up) | (frame[0] != np.rint(frame[0]))).tolist():
         raise InputError(
             f"line {rows[row][0]}: frame {frame[row]:g} does not follow the line before; export all frames"
         )
     decimals = max(len(row[1].partition(".")[2]) for _, row in rows[:100])
     rounding = 0.6 * 10.0**-decimals  # half of the last decimal, and a little for sums in single precision
     wrong = np.abs(time - time[0] - count_up / rate) > 2 * rounding + (1e-3 + 1e-4 * count_up) / rate
-    if wrong.any():
-        row = int(np.argmax(wrong))
+    for row in np.flatnonzero(wrong).tolist():
         raise InputError(
             f"line {rows[row][0]}: time {time[row]:g} s does not fit DataRate {rate:g} Hz from {time[0]:g} s on; "
             "correct DataRate or the times"
@@ -197,9 +188,6 @@ def read_trc(path: Path) -> TrcFile:
     empty = f"{len(labels) - markers} names after the {markers} markers have no positions, such as {labels[-1][:40]}"
     notes = (empty,) * (len(labels) > markers)  # Cortex names its virtual markers and leaves them out
     return TrcFile(labels[:markers], positions, rate, said.get("units", ""), int(frame[0]), float(time[0]), notes)
-
-
-FAILED = ("nan", "NaN", "NAN", "-nan", "nan(ind)", "-nan(ind)")  # how the C++ of OpenSim writes a value that is none
 
 
 @dataclass(frozen=True)
@@ -217,12 +205,12 @@ class OpenSimTable:
 
     def column(self, name: str) -> Array:
         """The numbers (rows,) of a column, NaN where the value is none."""
-        places = [place for place, one in enumerate(self.names) if one == name]
-        if len(places) != 1:
-            count = f"occurs {len(places)} times" if places else "is missing"
-            advice = ("" if places else nearest(name, self.names)) or "; correct the name in the source file"
-            raise InputError(f"column '{name[:80]}' {count}; the file has {listing(self.names)}{advice}")
-        return column_of(self.rows, places[0], FAILED, f"column '{name}'", "repair the line")
+        if (count := self.names.count(name)) != 1:
+            said = f"occurs {count} times" if count else "is missing"
+            advice = ("" if count else nearest(name, self.names)) or "; correct the name in the source file"
+            raise InputError(f"column '{name[:80]}' {said}; the file has {listing(self.names)}{advice}")
+        failed = ("nan", "NaN", "NAN", "-nan", "nan(ind)", "-nan(ind)")  # as OpenSim's C++ writes a value that is none
+        return column_of(self.rows, self.names.index(name), failed, f"column '{name}'", "repair the line")
 
 
 def is_opensim(begin: bytes) -> bool:
@@ -248,14 +236,11 @@ def read_opensim(path: Path) -> OpenSimTable:
         stated = next((key for key in keys if key in header), None)
         if stated is not None and header[stated] != str(found):
             cut = ": the end is missing" if header[stated].isdigit() and int(header[stated]) > found else ""
-            raise InputError(
-                f"{stated} in its header is {header[stated][:20]}, the file holds {found} {what}{cut}; export it "
-                "again, or correct the header"
-            )
-    for line, cells in rows:
-        if len(cells) != len(names):
-            cut = ": the file is cut off" if line == rows[-1][0] and len(cells) < len(names) else ""
-            raise InputError(
-                f"line {line} has {len(cells)} cells under {len(names)} names{cut}; export it again, or repair it"
-            )
+            said = f"{stated} in its header is {header[stated][:20]}, the file holds {found} {what}{cut}"
+            raise InputError(f"{said}; export it again, or correct the header")
+    for line, cells in (row for row in rows if len(row[1]) != len(names)):
+        cut = ": the file is cut off" if line == rows[-1][0] and len(cells) < len(names) else ""
+        raise InputError(
+            f"line {line} has {len(cells)} cells under {len(names)} names{cut}; export it again, or repair it"
+        )
     return OpenSimTable(header, names, rows)

@@ -10,7 +10,6 @@ import math
 import re
 import struct
 import zlib
-from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -187,10 +186,10 @@ def variable_classes(data: bytes) -> dict[str, str]:
         parts, place = list[str](), 0  # flags, and then size and name, or name, system and class
         for _ in range(4 if is_object else 3):
             kind, size = struct.unpack_from(f"{order}II", content, place)
-            is_short = kind >> 16  # up to four bytes stand in the tag itself
-            begin, length = (place + 4, kind >> 16) if is_short else (place + 8, size)
+            short = kind >> 16  # bytes that stand in the tag itself, at most four
+            begin, length = (place + 4, short) if short else (place + 8, size)
             parts.append(content[begin : begin + length].decode("latin-1"))
-            place += 8 if is_short else 8 + size + -size % 8
+            place += 8 if short else 8 + size + -size % 8
         name = parts[1] if is_object else parts[2]
         if name and name in found:
             raise InputError(f"variable '{name}' stands twice in the file; {DAMAGED}")
@@ -260,16 +259,12 @@ def value73(item: Any) -> Value:
 
 def struct73(group: Any) -> Value:
     """A group as a struct; members that are all datasets of references without a class make it an array."""
-    shapes = {
-        tuple(item.shape) if holds_references(item) and "MATLAB_class" not in item.attrs else None
-        for item in group.values()
-    }
-    if len(shapes) != 1 or None in shapes:
+    members = [item for item in group.values() if holds_references(item) and "MATLAB_class" not in item.attrs]
+    if not members or len(members) < len(group) or len({item.shape for item in members}) > 1:
         return Value("struct", elements=[{name: value73(item) for name, item in group.items()}])
-    (shape,) = shapes
-    columns = [[value73(group.file[one]) for one in np.ravel(item[()])] for item in group.values()]
+    columns = [[value73(group.file[one]) for one in np.ravel(item[()])] for item in members]
     elements = [dict(zip(group, row, strict=True)) for row in zip(*columns, strict=True)]
-    return Value("struct", tuple(reversed(shape or ())), elements=elements)
+    return Value("struct", tuple(reversed(members[0].shape)), elements=elements)
 
 
 def holds_references(item: Any) -> bool:
@@ -323,9 +318,8 @@ def parts_of(value: Value) -> dict[str, Value]:
         for one in (fields[name] for fields in value.elements):
             number = f"{one.numbers.item():g}" if one.numbers is not None and one.size == 1 else ""
             labels.append(one.text.strip() if one.kind == "char" else number)
-        counts = Counter(labels)
         named = zip(labels, elements, strict=True)
-        parts |= {f"({name}={label})": one for label, one in named if label and counts[label] == 1}
+        parts |= {f"({name}={label})": one for label, one in named if label and labels.count(label) == 1}
     return parts
 
 

@@ -133,9 +133,10 @@ class Damage:
         chunks = max(self.chunks_lost, (self.declared_chunks or 0) - self.chunks) if self.finished else None
         contradicted = self.declared is not None and +self.declared != +self.read
         contradicted |= self.declared_messages not in (None, self.messages)
-        by_topic = {}
-        for topic, own in topics.items():
-            by_topic[topic] = {"messages": total_of(self.read, own), "messages_lost": self.messages_lost(own)}
+        by_topic = {
+            topic: {"messages": total_of(self.read, own), "messages_lost": self.messages_lost(own)}
+            for topic, own in topics.items()
+        }
         return {
             "complete": lost == 0 and chunks == 0 and not self.gaps and not contradicted,
             "crc": self.crc(),
@@ -191,16 +192,13 @@ class MessageFile:
 
 
 def joined_parts(path: Path, parts: Sequence[MessageFile], counts: Counter[str]) -> MessageFile:
-    """The files of one recording, one after the other; `counts` are the messages of each topic in all of them."""
-    whole = MessageFile(path, sum(part.size for part in parts))
-    whole.blocks = blocks_of_parts(whole, parts, counts)
-    return whole
+    """The files of one recording, one after the other; `counts` are the messages of each topic in all of them.
 
-
-def blocks_of_parts(whole: MessageFile, parts: Sequence[MessageFile], counts: Counter[str]) -> Iterator[MessageBlock]:
-    """The messages of all parts. A channel has one number in all of them, and their damage is that of the whole."""
-    numbers, total = dict[tuple[object, ...], int](), whole.damage
-    total.finished = True
+    A channel has one number in all of them, and their damage is that of the whole.
+    """
+    whole, numbers = MessageFile(path, sum(part.size for part in parts)), dict[tuple[object, ...], int]()
+    total = whole.damage
+    total.finished = all(part.damage.finished for part in parts)
 
     def number_of(part: MessageFile, own: int) -> int:
         channel = part.channels[own]
@@ -212,25 +210,25 @@ def blocks_of_parts(whole: MessageFile, parts: Sequence[MessageFile], counts: Co
         whole.channels[number] = replace(channel, id=number, schema_id=number + 1 if schema else 0)
         return number
 
-    for part in parts:
-        own = part.damage
-        for block in part.blocks:
-            renumbered = np.zeros(1 << 16, np.uint16)
-            for channel in block.counts:
-                renumbered[channel] = number_of(part, channel)
-            yield replace(block, channel=renumbered[block.channel])
-        known = {channel: number_of(part, channel) for channel in sorted(part.channels)}
-        for sums, own_counts in ((total.read, own.read), (total.indexed_lost, own.indexed_lost)):
-            sums.update({known[channel]: n for channel, n in own_counts.items() if channel in known})
-        total.finished &= own.finished
-        total.gaps |= own.gaps
-        total.uncounted |= own.uncounted
-        for name in ("verified", "chunks", "chunks_lost", "bytes", "bytes_lost"):
-            setattr(total, name, getattr(total, name) + getattr(own, name))
-        total.remarks += [f"{part.path.name}: {remark}" for remark in own.remarks]
-    total.declared_messages = counts.total()
-    if len({channel.topic for channel in whole.channels.values()}) == len(whole.channels):
-        total.declared = Counter({one.id: counts[one.topic] for one in whole.channels.values()})
+    def blocks() -> Iterator[MessageBlock]:
+        for part in parts:
+            for block in part.blocks:
+                renumbered = np.zeros(1 << 16, np.uint16)
+                for channel in block.counts:
+                    renumbered[channel] = number_of(part, channel)
+                yield replace(block, channel=renumbered[block.channel])
+            own, known = part.damage, {channel: number_of(part, channel) for channel in sorted(part.channels)}
+            for sums, own_counts in ((total.read, own.read), (total.indexed_lost, own.indexed_lost)):
+                sums.update({known[channel]: n for channel, n in own_counts.items() if channel in known})
+            for name in ("gaps", "uncounted", "verified", "chunks", "chunks_lost", "bytes", "bytes_lost"):
+                setattr(total, name, getattr(total, name) + getattr(own, name))
+            total.remarks += [f"{part.path.name}: {remark}" for remark in own.remarks]
+        total.declared_messages = counts.total()
+        if len({channel.topic for channel in whole.channels.values()}) == len(whole.channels):
+            total.declared = Counter({one.id: counts[one.topic] for one in whole.channels.values()})
+
+    whole.blocks = blocks()
+    return whole
 
 
 @dataclass

@@ -42,8 +42,7 @@ class TdmsChannel:
 
     @property
     def holds_times(self) -> bool:
-        """Whether its values are LabVIEW's time stamps."""
-        return self.kind.kind == "M"
+        return self.kind.kind == "M"  # LabVIEW's time stamps
 
 
 @dataclass(frozen=True)
@@ -59,14 +58,14 @@ class TdmsFile:
         """A channel by group and name, or by its name alone where one group only has it."""
         exact = [one for one in self.channels if one.address == address]
         found = exact or [one for one in self.channels if one.name == address]
-        if len(found) == 1:
-            return found[0]
-        names = [one.address for one in self.channels]
-        if found:
+        if len(found) > 1:
             raise InputError(f"channel '{address[:80]}' is in {len(found)} groups; name it as group/channel")
-        near = nearest(address, [*names, *(one.name for one in self.channels)])
-        advice = near or "; correct the name in the source file"
-        raise InputError(f"no channel '{address[:80]}'; the file has {listing(names)}{advice}")
+        if not found:
+            names = [one.address for one in self.channels]
+            near = nearest(address, [*names, *(one.name for one in self.channels)])
+            advice = near or "; correct the name in the source file"
+            raise InputError(f"no channel '{address[:80]}'; the file has {listing(names)}{advice}")
+        return found[0]
 
     def values(self, wanted: Sequence[TdmsChannel]) -> dict[str, NDArray[Any]]:
         """The numbers of some channels, scaled as the file says, by address; time stamps as seconds since the first."""
@@ -78,10 +77,9 @@ class TdmsFile:
                 raise InputError(f"channel '{one.address}' holds {what} and no numbers; take another one")
         with library() as (tdms, _), tdms.open(BytesIO(self.data), raw_timestamps=True) as file:
             found: dict[str, Any] = {one.address: file[one.group][one.name].read_data() for one in wanted}
-            for address, values in found.items():
-                if hasattr(values, "as_datetime64"):  # LabVIEW's time stamps
-                    stamps = values.as_datetime64("ns")
-                    found[address] = (stamps - stamps[0]) / np.timedelta64(1, "ns") * 1e-9
+            for one in (one for one in wanted if one.holds_times):
+                stamps = found[one.address].as_datetime64("ns")
+                found[one.address] = (stamps - stamps[0]) / np.timedelta64(1, "ns") * 1e-9
         return {address: np.asarray(values) for address, values in found.items()}
 
 
@@ -123,14 +121,13 @@ def read_tdms(path: Path) -> TdmsFile:
     with library() as (tdms, said), tdms.read_metadata(BytesIO(data)) as file:
         channels = []
         for one in (one for group in file.groups() for one in group.channels()):
-            about, step = one.properties, one.properties.get("wf_increment")
-            since = about.get("wf_start_time")
+            about, step, since = one.properties, *map(one.properties.get, ("wf_increment", "wf_start_time"))
             begin = int(since.astype("datetime64[us]").astype(np.int64)) if isinstance(since, np.datetime64) else 0
             unit = str(about.get("unit_string") or about.get("NI_UnitDescription") or "")
             timed = isinstance(step, float | int) and np.isfinite(step) and step > 0
             kind, offset = np.dtype("V" if one.dtype is None else one.dtype), float(about.get("wf_start_offset", 0.0))
-            own = (one.group_name, one.name, len(one), kind, unit, float(step) if timed else None, begin, offset)
-            channels.append(TdmsChannel(*own))
+            timing = (float(step) if timed else None, begin, offset)
+            channels.append(TdmsChannel(one.group_name, one.name, len(one), kind, unit, *timing))
         status = file.file_status
         about = {str(key): str(value)[:200] for key, value in list(file.properties.items())[:20]}
     odd = [text for text in said if "not a multiple" in text]
@@ -142,9 +139,7 @@ def read_tdms(path: Path) -> TdmsFile:
     while end + 28 <= len(data) and data[end : end + 4] == b"TDSm":
         is_big_endian = data[end + 4] & (1 << 6)
         end += 28 + int(struct.unpack_from(">Q" if is_big_endian else "<Q", data, end + 12)[0])
-    notes: tuple[str, ...] = ()
-    if status.incomplete_final_segment or end != len(data):
-        lost = [one.expected_length - one.read_length for one in (status.channel_statuses or {}).values()]
-        count = f"{max(lost)} values of each channel are missing" if any(lost) else "how much is missing is not known"
-        notes = (f"the last segment is not complete: the recorder did not finish, or the end is lost; {count}",)
-    return TdmsFile(data, channels, about, notes)
+    lost = [one.expected_length - one.read_length for one in (status.channel_statuses or {}).values()]
+    count = f"{max(lost)} values of each channel are missing" if any(lost) else "how much is missing is not known"
+    note = f"the last segment is not complete: the recorder did not finish, or the end is lost; {count}"
+    return TdmsFile(data, channels, about, (note,) * (status.incomplete_final_segment or end != len(data)))

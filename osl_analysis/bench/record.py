@@ -423,7 +423,7 @@ def motion_parts(
     if not signals.usable.all() or any(stream["bridged"] for stream in signals.streams):
         highest = min(band[1], settings.cutoff_hz)
         limits = GapLimits(highest, settings.cutoff_hz, settings.time_base.longest_gap_s)
-        signals = on_one_grid(signals.taken, limits, signals.trial, signals.low_passes, signals.devices)
+        signals = on_one_grid(signals.taken, limits, signals.trial)
         pieces = fitted_pieces(signals, low_pass, stated)
         theta = joint_angle(signals["theta"], signals["torque"], compliance)
     rows = np.zeros(len(signals.time), dtype=bool)

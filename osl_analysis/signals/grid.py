@@ -3,7 +3,7 @@ and the report of what was done. Filter, differentiate and fit only what stands 
 longer ones marked so that fits leave their rows out, long ones refused."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
 from osl_analysis.signals.samples import Taken, take
-from osl_analysis.signals.stream import FEWEST_STAMPS, LONG_STEP, Stream
+from osl_analysis.signals.stream import FEWEST_STAMPS, LONG_STEP, SensorLowPass, Stream
 from osl_analysis.trial import Array, Trial, counter_column
 
 BRIDGE_MORE = (  # what the user may do where gaps leave nothing to fit
@@ -42,23 +42,6 @@ class GapLimits:
 
 
 @dataclass(frozen=True)
-class SensorLowPass:
-    """Analogue Butterworth low-pass of a sensor or its amplifier: causal, run once, with its phase."""
-
-    cutoff_hz: float
-    order: int
-
-    def __call__(self, values: Array, rate_hz: float) -> Array:
-        """Samples (n,), taken at `rate_hz`, after the filter. The filter starts at rest at the first sample. The
-        bilinear transform without prewarping: at frequency f it is the analogue filter at f (1 + (pi f/rate)^2/3), 8e-5
-        too high for 5 Hz at 1 kHz. The cut-off may lie above half the rate."""
-        unwarped = rate_hz / np.pi * np.arctan(np.pi * self.cutoff_hz / rate_hz)
-        sections = scipy.signal.butter(self.order, unwarped, fs=rate_hz, output="sos")
-        filtered, _ = scipy.signal.sosfilt(sections, values, zi=scipy.signal.sosfilt_zi(sections) * values[0])
-        return np.asarray(filtered)
-
-
-@dataclass(frozen=True)
 class UniformSignals:
     """Signals of all streams of a trial at uniform times."""
 
@@ -75,17 +58,16 @@ class UniformSignals:
     taken: tuple[Taken, ...]
     limits: GapLimits
     trial: str = ""
-    low_passes: Mapping[str, SensorLowPass] = field(default_factory=dict)
-    """By column its sensor's own, where the source file states one."""
-    devices: Mapping[str, str] = field(default_factory=dict)
-    """By column the one that stands for all columns with the same stamps."""
 
     def __getitem__(self, column: str) -> Array:
         return self.signals[column]
 
+    def of(self, column: str) -> Taken:
+        return next(one for one in self.taken if column in one.signals)
+
     def as_recorded(self, column: str) -> Array:
         """The values (k,) of a column as its recorder has them, without those that are missing."""
-        taken = next(one for one in self.taken if column in one.signals)
+        taken = self.of(column)
         return taken.stream.signals[column][taken.present]
 
     def other(self) -> "UniformSignals | None":
@@ -95,20 +77,14 @@ class UniformSignals:
         if not any(turned):
             return None
         taken = [one.other() if turn else one for one, turn in zip(self.taken, turned, strict=True)]
-        return on_one_grid(taken, self.limits, self.trial, self.low_passes, self.devices)
+        return on_one_grid(taken, self.limits, self.trial)
 
-    def one_device(self, *columns: str) -> bool:
-        """Whether these columns share their stamps."""
-        return len({self.devices[column] for column in columns}) == 1
+    def one_device(self, first: str, second: str) -> bool:
+        """Whether two columns share their stamps."""
+        return self.of(first).stream.stamps is self.of(second).stream.stamps
 
 
-def on_one_grid(
-    taken: Sequence[Taken],
-    limits: GapLimits,
-    trial: str = "",
-    low_passes: Mapping[str, SensorLowPass] | None = None,
-    devices: Mapping[str, str] | None = None,
-) -> UniformSignals:
+def on_one_grid(taken: Sequence[Taken], limits: GapLimits, trial: str = "") -> UniformSignals:
     """All signals of a trial on one uniform grid at the fastest stream's rate, over what all streams cover. True
     stamps: cubic spline through the samples at their stamps. Even device: the same at the times of its own clock; where
     these are the grid, the samples themselves. Nothing is extrapolated. Raises InputError: The streams do not overlap;
@@ -136,7 +112,8 @@ def on_one_grid(
             f"{time[-1]:.4f} s lies within {limits.margin_s:.2f} s of a gap longer than "
             f"{limits.bridged_s * 1e3:g} ms; {BRIDGE_MORE}"
         )
-    signals, farthest, low_passes = dict[str, Array](), 0.0, low_passes or {}
+    signals, farthest = dict[str, Array](), 0.0
+    low_passes = {name: one for part in taken for name, one in part.stream.low_passes.items()}
     for times, values, _ in (part.samples for part in taken):
         # how many samples are up to each row: as `np.searchsorted`, in a tenth of the time
         place = np.clip(np.ceil((times - first) / step - ON_GRID), 0, rows).astype(np.intp)
@@ -149,9 +126,8 @@ def on_one_grid(
             for low_pass in dict.fromkeys(low_passes.values()):
                 if low_pass != low_passes.get(column):
                     signals[column] = low_pass(signals[column], rate)
-    streams = [stream_row(part, *found, time, limits, low_passes) for part, found in zip(taken, gaps, strict=True)]
-    of_trial = (trial, low_passes, devices or {})
-    return UniformSignals(time, rate, signals, usable, farthest, streams, tuple(taken), limits, *of_trial)
+    streams = [stream_row(part, *found, time, limits) for part, found in zip(taken, gaps, strict=True)]
+    return UniformSignals(time, rate, signals, usable, farthest, streams, tuple(taken), limits, trial)
 
 
 def gaps_of(part: Taken, first: float, last: float, limits: GapLimits) -> tuple[Array, Array]:
@@ -172,18 +148,14 @@ def gaps_of(part: Taken, first: float, last: float, limits: GapLimits) -> tuple[
     return ends[length <= limits.bridged_s], ends[length > limits.bridged_s]
 
 
-def stream_row(
-    part: Taken, bridged: Array, marked: Array, time: Array, limits: GapLimits, low_passes: Mapping[str, SensorLowPass]
-) -> dict[str, Any]:
+def stream_row(part: Taken, bridged: Array, marked: Array, time: Array, limits: GapLimits) -> dict[str, Any]:
     """What was found and done in one stream, beside a grid of times (m,) [s]; g is that of the signal that knows it
     best."""
     clock, rate = part.clock, 1 / part.clock.step
     ratio = rate / ((len(time) - 1) / float(time[-1] - time[0])) - 1
     known = [said for said in part.evidence.values() if np.isfinite(said.se)]
     best = min(known, key=lambda said: said.se, default=None)
-    filters = [
-        f"{name}: {one.cutoff_hz:g} Hz, order {one.order}" for name, one in low_passes.items() if name in part.signals
-    ]
+    stated = [(name, one) for name, one in part.stream.low_passes.items() if name in part.signals]
     return {
         "signals": ", ".join(part.signals),
         "rate_hz": rate,
@@ -207,7 +179,7 @@ def stream_row(
         "stamps": "even" if part.even else "exact",
         "g": None if best is None else best.g,
         "g_se": None if best is None else best.se,
-        "low_pass": "; ".join(filters) or None,
+        "low_pass": "; ".join(f"{name}: {one.cutoff_hz:g} Hz, order {one.order}" for name, one in stated) or None,
     }
 
 
@@ -245,35 +217,38 @@ def uniform_signals(
     `computed` are columns without a sensor, such as a command. They are named where they have the stamps of one of the
     others, and say nothing about these. Raises InputError: A column is missing, or its stamps cannot be brought on a
     grid; the message names the trial."""
-    also = [column for column in computed if column in trial.columns]
-    devices = {c: device for c, device in devices_of(trial, [*columns, *also]).items() if device in columns}
+    devices = devices_of(trial, columns, computed)
     try:
-        taken = take(streams(trial, devices, frozenset(also)))
-        stated = {column: one for column in devices if (one := origin(trial, column).get("low_pass"))}
-        low_passes = {column: SensorLowPass(**one) for column, one in stated.items()}
-        return on_one_grid(taken, limits, trial.name, low_passes, devices)
+        return on_one_grid(take(streams(trial, devices, frozenset(computed))), limits, trial.name)
     except InputError as error:
         raise InputError(f"trial {trial.name}: {error}") from error
 
 
-def devices_of(trial: Trial, columns: Sequence[str]) -> dict[str, str]:
-    """For each column the first one with samples in the same rows, which share their stamps."""
-    first: dict[bytes, str] = {}
-    return {column: first.setdefault(trial.present(column).tobytes(), column) for column in columns}
+def devices_of(trial: Trial, columns: Sequence[str], computed: Sequence[str] = ()) -> list[list[str]]:
+    """The columns of each device: those with samples in the same rows, which share their stamps. A `computed` one is
+    named beside others only."""
+    found: dict[bytes, list[str]] = {}
+    for column in columns:
+        found.setdefault(trial.present(column).tobytes(), []).append(column)
+    for column in computed:
+        if column in trial.columns and (rows := trial.present(column).tobytes()) in found:
+            found[rows].append(column)
+    return list(found.values())
 
 
-def streams(trial: Trial, devices: Mapping[str, str], silent: frozenset[str] = frozenset()) -> list[Stream]:
-    """The streams of a trial, one for all columns of one of the `devices` (`devices_of`)."""
+def streams(trial: Trial, devices: Sequence[Sequence[str]], silent: frozenset[str] = frozenset()) -> list[Stream]:
+    """The streams of a trial, one for the columns of each device (`devices_of`)."""
     found = []
-    for first in dict.fromkeys(devices.values()):
-        names = [column for column, device in devices.items() if device == first]
+    for names in devices:
         stamps, *values = trial.arrays(*names)
-        choice = trial.provenance.get(origin(trial, first).get("file", ""), {}).get("time", {}).get("stamps", "auto")
+        of = {name: origin(trial, name) for name in names}
+        choice = trial.provenance.get(of[names[0]].get("file", ""), {}).get("time", {}).get("stamps", "auto")
         counted = next((c for c in map(counter_column, names) if c in trial.columns), None)
         counter = None if counted is None else np.asarray(trial.arrays(counted)[1], dtype=np.int64)
-        delays = {name: origin(trial, name).get("delay") or 0.0 for name in names}
+        delays = {name: facts.get("delay") or 0.0 for name, facts in of.items()}
+        low_passes = {name: SensorLowPass(**low) for name, facts in of.items() if (low := facts.get("low_pass"))}
         signals = dict(zip(names, values, strict=True))
-        found.append(Stream(", ".join(names), stamps, signals, choice, counter, silent, delays))
+        found.append(Stream(", ".join(names), stamps, signals, choice, counter, silent, delays, low_passes))
     return found
 
 

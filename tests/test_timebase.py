@@ -12,7 +12,7 @@ from scipy.signal import butter, sosfiltfilt
 
 from osl_analysis.errors import InputError
 from osl_analysis.signals.grid import GapLimits, UniformSignals, on_one_grid
-from osl_analysis.signals.samples import ClockDrift, take
+from osl_analysis.signals.samples import drift_row, take
 from osl_analysis.signals.stream import Stream, count_from_stamps
 
 
@@ -313,11 +313,11 @@ def test_no_stamps_lead_to_anything_but_a_grid_or_a_refusal(seed):
 
 def test_drift_is_refused_beyond_what_damping_and_inertia_bear_if_it_is_certain():
     """From a Student quantile on that is as rare as four exact standard errors: t.isf(3.167e-5, 5) = 12.28."""
-    assert [ClockDrift(d, 1.0, 5.0).certain_ppm for d in (12.5, 12.0)] == [12.5, 0.0]
-    ClockDrift(1.9, 0.01).check(2.0)
-    ClockDrift(-5.0, 4.0).check(2.0)
+    assert [drift_row(d, 1.0, 5.0, 20.0)["certain_clock_drift_ppm"] for d in (12.5, 12.0)] == [12.5, 0.0]
+    drift_row(1.9, 0.01, np.inf, 2.0)
+    drift_row(-5.0, 4.0, np.inf, 2.0)
     with pytest.raises(InputError, match=r"drift apart by -2\.10 \+- 0\.10 ppm, more than 2: .*synchronise"):
-        ClockDrift(-2.1, 0.1).check(2.0)
+        drift_row(-2.1, 0.1, np.inf, 2.0)
 
 
 def test_a_counter_that_counts_by_twos_leaves_the_step_between_samples():

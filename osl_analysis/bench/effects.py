@@ -32,7 +32,7 @@ from osl_analysis.bench.record import Label, Record
 from osl_analysis.errors import IdentifiabilityError, InputError, OslAnalysisError
 from osl_analysis.judge.doubts import LARGEST_TURN
 from osl_analysis.signals import seven_point_motion
-from osl_analysis.signals.samples import ClockDrift, drift_row
+from osl_analysis.signals.samples import NO_DRIFT, drift_row
 from osl_analysis.stats.covariance import welch_satterthwaite
 from osl_analysis.stats.fit_row import Row
 from osl_analysis.stats.regression import CONDITION_LIMIT
@@ -496,7 +496,7 @@ def clocks_row(record: Record, s: Sums, model: Model, found: Causes) -> Row:
     Raises InputError: the drift is certain and larger than the settings allow; the message names the trial.
     """
     if not record.two_clocks:
-        return drift_row(None)
+        return NO_DRIFT
     slope = {NEXT[c]: -1e-6 * found.fit[name] for name, c in model.items() if c in NEXT}
     try:
         if s.groups.repeat:
@@ -511,14 +511,13 @@ def clocks_row(record: Record, s: Sums, model: Model, found: Causes) -> Row:
                     seen = fit
                     break
         if seen is None:
-            return drift_row(None)
-        drift = ClockDrift(seen["ppm"], seen.se("ppm"), seen.freedom("ppm"))
-        drift.check(record.settings.time_base.largest_drift_ppm if record.settings else np.inf)
+            return NO_DRIFT
+        largest = record.settings.time_base.largest_drift_ppm if record.settings else np.inf
+        return {**drift_row(seen["ppm"], seen.se("ppm"), seen.freedom("ppm"), largest)}
     except IdentifiabilityError:
-        return drift_row(None)
+        return NO_DRIFT
     except InputError as error:
         raise InputError(f"trial {record.name}: {error}") from error
-    return drift_row(drift)
 
 
 def yielding_in(series: Mapping[str, float]) -> float | None:

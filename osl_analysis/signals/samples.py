@@ -294,33 +294,20 @@ def check_countable(taken: Taken, fastest_hz: float) -> None:
         )
 
 
-@dataclass(frozen=True)
-class ClockDrift:
-    """How much faster the torque's clock runs than the angle's [ppm], and its standard error [ppm]."""
-
-    ppm: float
-    se: float
-    freedom: float = np.inf  # degrees of freedom of the standard error
-
-    @property
-    def certain_ppm(self) -> float:
-        """The drift [ppm] if it is larger than chance makes it, else 0: 4 standard errors that are known exactly, and
-        of estimated ones as many as are as rare (Student)."""
-        rare = float(scipy.special.ndtr(-4.0))
-        enough = 4.0 if np.isinf(self.freedom) else float(-scipy.special.stdtrit(self.freedom, rare))
-        return self.ppm if abs(self.ppm) > enough * self.se else 0.0
-
-    def check(self, largest_ppm: float) -> None:
-        """Refuse a drift beyond what B and I bear."""
-        if abs(self.certain_ppm) > largest_ppm:
-            raise InputError(
-                f"the clocks of angle and torque drift apart by {self.ppm:.2f} +- {self.se:.2f} ppm, "
-                f"more than {largest_ppm:g}: B and I would be wrong; "
-                "synchronise the clocks, or record both channels with one device"
-            )
+NO_DRIFT = dict.fromkeys(("clock_drift_ppm", "clock_drift_se_ppm", "certain_clock_drift_ppm"))
 
 
-def drift_row(drift: ClockDrift | None) -> dict[str, float | str | None]:
-    """The drift [ppm], its standard error, and the drift if it is certain, as columns of a table; null without one."""
-    values = (None, None, None) if drift is None else (drift.ppm, drift.se, drift.certain_ppm)
-    return dict(zip(("clock_drift_ppm", "clock_drift_se_ppm", "certain_clock_drift_ppm"), values, strict=True))
+def drift_row(ppm: float, se: float, freedom: float, largest_ppm: float) -> dict[str, float]:
+    """How much faster the torque's clock runs than the angle's [ppm], its standard error of some degrees of freedom,
+    and the drift if it is larger than chance makes it, else 0: 4 standard errors that are known exactly, and of
+    estimated ones as many as are as rare (Student). Raises InputError: a drift beyond what B and I bear."""
+    rare = float(scipy.special.ndtr(-4.0))
+    enough = 4.0 if np.isinf(freedom) else float(-scipy.special.stdtrit(freedom, rare))
+    certain = ppm if abs(ppm) > enough * se else 0.0
+    if abs(certain) > largest_ppm:
+        raise InputError(
+            f"the clocks of angle and torque drift apart by {ppm:.2f} +- {se:.2f} ppm, "
+            f"more than {largest_ppm:g}: B and I would be wrong; "
+            "synchronise the clocks, or record both channels with one device"
+        )
+    return dict(zip(NO_DRIFT, (ppm, se, certain), strict=True))

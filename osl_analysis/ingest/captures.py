@@ -1,9 +1,8 @@
 """Captures of a motion-capture laboratory, in C3D, TRC or the CSV export of Nexus, as canonical columns.
 
 Force plates of types 1 to 4 become force and moment on the foot (C3D manual, Kistler), about the centre of the plate's
-surface, without a centre of pressure, so that they are valid for an unloaded plate. FORCE_PLATFORM:ZERO, the frames of
-a baseline, is applied only if the source file asks for it: most files name their first ten frames there, whether the
-plates were empty or not.
+surface, without a centre of pressure, so that they are valid for an unloaded plate. The baseline FORCE_PLATFORM:ZERO is
+applied only where the source file asks: most files name their first ten frames, whether the plates were empty or not.
 """
 
 from collections import Counter
@@ -40,13 +39,10 @@ def plate_record(
     """Columns of one plate in our axes, (samples,) each, where they come from, and what the provenance says of it.
     plate: its number and type of the C3D manual (2 where forces and moments were exported), and the corners of its
     surface, (4, 3) [m]. wrench: force [N] on the foot and moment [N*m] about the centre of the corners, (samples, 3)
-    each; both and the corners are in the axes of the file. channels: names of the raw ones that together give the
-    force, their samples, (samples, channels) in the file's units, and their rate [Hz].
-
-    After the rotation a clipped or dead sensor cannot be seen, so what each raw channel shows is told here:
-    `clipped_samples` is the length of the longest run at an extreme, `clipped_at` its value in the unit of the file;
-    `stands_samples` is the length of the longest run of one value while the plate's force changes. `..._from_s` and
-    `..._to_s` are the times of a run's first and last sample."""
+    each; all in the axes of the file. channels: names of the raw ones that together give the force, their samples,
+    (samples, channels) in the file's units, and their rate [Hz]. As after the rotation a clipped or dead sensor cannot
+    be seen, what each raw channel shows is told: `clipped_...` of the longest run at an extreme, `clipped_at` its value
+    in the unit of the file, `stands_...` of the longest run of one value while the plate's force changes."""
     columns, origins, facts = dict[str, Array](), Origins(), []
     for quantity, values in zip(("force", "moment"), wrench, strict=True):
         for axis, column in enumerate(plate_columns(plate["plate"], quantity)):

@@ -1,5 +1,5 @@
 """Drafts of source files, of the section `walking`, and of a sample sheet, from files and their names. Texts from
-files are quoted, as JSON strings, which are valid YAML. Nothing is taken as told that is not."""
+files are quoted as JSON, which is valid YAML. Nothing is taken as told that is not."""
 
 import json
 import re

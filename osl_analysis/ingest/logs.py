@@ -1,9 +1,8 @@
 """Logs as canonical columns: tables of rows, in CSV, JSON lines, MATLAB, TDMS and tables of OpenSim, and messages by
 topic, in MCAP or a bag of ROS, in the order of their stamps. Nothing is interpolated or held.
 
-Messages of equal stamp become one sample; a field that one lacks is taken from another, and where they contradict each
-other the first one counts. A clock that was set back or stands still is refused; stamps that repeat because they are
-rounded to a sampling step or more are kept as they are. The counts are reported.
+Messages of equal stamp become one sample, of which the first that has a field tells it. A clock that was set back or
+stands still is refused; stamps that repeat because they are rounded to a sampling step or more are kept.
 """
 
 import json
@@ -43,8 +42,7 @@ Tables = Sequence[tuple[float, Table]]  # each with the time [s] by which it beg
 
 def read_table_log(tables_of: Callable[[Path, Source], Tables], path: Path, source: Source) -> Recording:
     """The columns that the source file maps, in SI units; time [s] counts from the first row. Rows of another timing,
-    as TDMS may have, are null in the columns of the others. Raises InputError: the recording is not what the source
-    file says, or holds no numbers where it should."""
+    as TDMS may have, are null in the columns of the others. Raises InputError where it is not what that file says."""
     tables = tables_of(path, source)
     starts, recordings = [start for start, _ in tables], [table_recording(one, source, path.name) for _, one in tables]
     if len(tables) == 1:
@@ -418,9 +416,8 @@ def opensim_tables(path: Path, source: Source) -> Tables:
 
 def read_message_log(opened: Callable[[Path], MessageFile], path: Path, source: Source) -> Recording:
     """The columns that the source file maps, in SI units; time [s] counts from the first stamp. Topics with different
-    stamps have rows of their own, null in the columns of the other topics. The losses of the file are in the facts
-    under `damage` (`formats/messages.py`). Refused is what cannot be decoded, a loss above `source.largest_loss`, a
-    value that is infinite, and stamps that contradict each other or go back."""
+    stamps have rows of their own, null in the columns of the others. The losses of the file are in the facts under
+    `damage`. Refused is what cannot be decoded, a loss above `largest_loss`, and stamps that contradict each other."""
     file = opened(path)
     if source.format == "mcap" and (remark := siblings(path)[1]):
         file.damage.remarks.append(remark)

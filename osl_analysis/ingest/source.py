@@ -334,10 +334,10 @@ class Source(SourceFile):
     units_row: bool = False  # Whether a row of units follows the header.
     missing: tuple[str, ...] = ("", "nan", "NaN")  # Cells that become NaN: what a logger writes if a reading failed.
     extra_cells: Literal["refuse", "first", "last"] = "refuse"
-    """Cells without a name: what every row has more than the header. `first` or `last`, as they stand there, leaves
+    """Cells without a name, of which every row has more than the header; `first` or `last`, as they stand there, leaves
     them out (R writes the rows' names first). A log whose rows fit its header is read as it is."""
     ragged: Literal["refuse", "skip", "dropped_variable"] = "refuse"
-    """Rows whose length differs from the header's. `refuse`: the file is refused. `skip`: they are skipped and counted.
+    """Rows whose length differs from the header's: the file is refused, or `skip` skips and counts them.
     `dropped_variable`, for a logger that omits a variable after it failed: from there on, the columns that were missing
     in the last complete row are NaN; a row that this does not explain is refused."""
     markers: Annotated[Literal["all"] | tuple[str, ...], BeforeValidator(all_none_or_list)] = "all"
@@ -352,8 +352,7 @@ class Source(SourceFile):
     plates: Any = Field(default={})  # Force plates by number, from 1; in C3D those to read: all, none or a list.
     plate_units: PlateUnits | None = None  # Units of the plates' channels, where the file's are absent or wrong.
     plate_zero: Literal["none", "file"] | tuple[PositiveInt, PositiveInt] = "none"
-    """Baseline to subtract from the plates' channels: none, file (the frames of FORCE_PLATFORM:ZERO) or two frames,
-    counted from 1, between which the plates were unloaded."""
+    """Baseline of the plates: none, file (FORCE_PLATFORM:ZERO) or two frames, from 1 on, between which nothing is on them."""
 
 
 def model_of(
@@ -366,11 +365,9 @@ def model_of(
     time_in_file: bool = False,
 ) -> type[Source]:
     """The model of source files of one format, which have these keys of `Source`, besides `format` and `description`.
-
-    of_channel: keys of an entry under `channels` or `analogs`, besides those of `Conversion`; the first names the
-    channel. of_time, of_plate: those of `time` and of each plate. kinds: type and default of a key where they are not
-    those of the catalogue, that of `time.unit` under this name; named `time` or `channels` are keys that the source
-    file may leave out. time_in_file: whether the format itself tells when a sample was taken."""
+    of_channel: keys of an entry under `channels` or `analogs`; the first names the channel. of_time, of_plate: those of
+    `time` and of a plate. kinds: type and default of a key where they are not those of the catalogue, as of `time.unit`
+    under this name. time_in_file: whether the format itself tells when a sample was taken."""
     kinds = kinds or {}
     below: dict[str, Any] = {}
 

@@ -9,17 +9,17 @@ import pytest
 import test_ingest_mcap_log as mcap
 import test_ingest_nexus_capture as nexus
 import test_ingest_opensim as opensim
-from c3d_builder import write_c3d
+from c3d_builder import REAL_DATA, write_c3d
 from mcap_builder import write_log
 from nptdms import ChannelObject, TdmsWriter
 from recognised_files import refusal_by
 from test_formats_mat import write_mat, write_mat73
 from test_formats_rosbags import CHANNELS, write_bag1, write_bag2
 
-from osl_analysis.commands.inspect import inspect_file
+from osl_analysis.commands.inspect import inspect_file, overview_text
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.draft import draft_source
-from osl_analysis.ingest.raw_files import FORMATS, read_source
+from osl_analysis.ingest.raw_files import FORMATS, read_source, trial_from_files
 
 TIME = np.arange(40) / 500
 ANGLE, TORQUE = np.sin(40 * TIME), 30 * np.sin(40 * TIME)
@@ -61,12 +61,12 @@ WRITERS = {
 EVERY = pytest.mark.parametrize("what", WRITERS)
 
 
-def described(what, **counted):
-    """The usual source file of a log in a format."""
+def described(what, counter=None, **fields):
+    """The source file of a log in a format, with other fields than the usual."""
     name, key, _ = WRITERS[what]
-    theta, torque = {key: "angle", "unit": "deg", **counted}, {key: "torque", "unit": "Nmm", "sign": -1}
+    theta, torque = {key: "angle", "unit": "deg", "counter": counter}, {key: "torque", "unit": "Nmm", "sign": -1}
     content = {"format": name, "time": {key: "t", "unit": "ms"}, "channels": {"theta": theta, "torque": torque}}
-    return FORMATS[name].source.model_validate(content)
+    return FORMATS[name].source.model_validate({**content, **fields})
 
 
 @EVERY
@@ -114,6 +114,77 @@ def test_a_draft_becomes_a_source_file_by_naming_two_signals_and_a_unit(tmp_path
     samples = FORMATS[WRITERS[what][0]].read(path, read_source(tmp_path / "s.yaml")).samples
     for column, expected in (("time", TIME), ("theta", ANGLE), ("torque", TORQUE)):
         np.testing.assert_allclose(samples[column], expected, atol=1e-12)
+
+
+def refused_mat(path, **fields):
+    return refusal_by(FORMATS["mat"].read, path, described("mat", **fields))
+
+
+def test_a_wrong_field_of_a_source_file_of_matlab_is_refused():
+    for fields, message in (
+        ({"channels": {"theta": {"variable": "a b", "unit": "deg"}}}, "no address in a MATLAB file"),
+        ({"channels": {"theta": {"variable": "a"}}}, "unit"),
+        ({"time": {"rate": 100, "unit": "s"}}, "is that of the variable of time"),
+        ({"log_part": "(2)"}, "no address"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            described("mat", **fields)
+    with pytest.raises(InputError, match="log_part 'x' in the sheet: a log in csv holds one trial; clear the cell"):
+        described("csv").of_part("x")
+
+
+MATLAB = pytest.mark.parametrize("write", [write_mat, write_mat73])
+
+
+@MATLAB
+def test_a_part_of_a_matlab_file_is_a_trial_of_its_own(write, tmp_path):
+    path = write(tmp_path / "a.mat", Slow=LOG, Fast={**LOG, "torque": -2e3 * TORQUE}, clock=1e3 * TIME)
+    for part, factor in (("Slow", 1), ("Fast", 2)):
+        recording = FORMATS["mat"].read(path, described("mat").of_part(part))
+        np.testing.assert_allclose(recording.samples["torque"], factor * TORQUE, atol=1e-12)
+    shared = described("mat", time={"variable": "/clock", "unit": "ms"}).of_part("Fast")
+    assert FORMATS["mat"].read(path, shared).columns["torque"]["variable"] == "Fast.torque"
+    assert "no variable 't'; it has" in (said := refused_mat(path))
+    assert "if one of these holds it, name this one as `log_part`" in said
+
+
+def test_a_matrix_is_a_part_whose_columns_are_signals(tmp_path):
+    path = write_mat(tmp_path / "a.mat", D={"run1": np.column_stack([TIME, ANGLE])})
+    columns = {"theta": {"variable": "(:,2)", "unit": "rad"}}
+    source = described("mat", time={"variable": "(:,1)", "unit": "s"}, channels=columns).of_part("D.run1")
+    np.testing.assert_allclose(FORMATS["mat"].read(path, source).samples["theta"], ANGLE)
+
+
+@MATLAB
+def test_what_cannot_be_a_log_is_refused_by_its_variable(write, tmp_path):
+    for torque, message in (
+        (TORQUE[1:], "torque has 39 numbers and t has 40; name variables of one recording"),
+        ("broken", "torque is a 1x6 char, not real numbers"),
+        (TORQUE + 1j, "torque is a "),
+    ):
+        assert message in refused_mat(write(tmp_path / "a.mat", **{**LOG, "torque": torque}))
+
+
+@MATLAB
+def test_the_draft_of_several_trials_is_of_one_and_fits_the_other(write, tmp_path):
+    named = {"time_ms": 1e3 * TIME, "ankle_deg": np.rad2deg(ANGLE)}
+    path = write(tmp_path / "a.mat", Slow=named, Fast=named, note="left foot")
+    overview = inspect_file(path)
+    assert "variable       Slow.ankle_deg  40 samples; from" in overview_text(overview)
+    assert "2 parts hold the same variables: name one per trial in the column `log_part`" in overview_text(overview)
+    (tmp_path / "mine.yaml").write_text(draft_source(overview, path.name).replace("NAME_1", "theta"))
+    read = FORMATS["mat"].read(path, read_source(tmp_path / "mine.yaml").of_part("Fast"))
+    np.testing.assert_allclose(read.samples["theta"], ANGLE)
+    np.testing.assert_allclose(read.samples["time"], TIME, atol=1e-12)
+
+
+@pytest.mark.skipif(not REAL_DATA.is_dir(), reason="no real data here")
+def test_a_real_test_of_a_foot_is_read_by_its_part():
+    row = {"trial": "x45", "log": "mat/DESR_Characterization_Data.mat", "log_source": "desr", "log_part": "DESR_N.x45"}
+    trial = trial_from_files(row, REAL_DATA, Path(__file__).parents[1] / "config/sources")
+    time, theta, torque = trial.signals("theta", "torque")
+    assert (time.size, round((time.size - 1) / time[-1], 2)) == (12000, 833.33)
+    assert (np.rad2deg(theta.max()).round(2), torque.max().round(1)) == (11.35, 115.5)
 
 
 def nexus_export(path):

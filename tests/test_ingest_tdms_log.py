@@ -15,7 +15,6 @@ from recognised_files import read_recognised, refusal_of
 from osl_analysis.commands.inspect import inspect_file, overview_text
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.draft import draft_source
-from osl_analysis.ingest.raw_files import trial_from_files
 
 ROWS = 100
 START = np.datetime64("2024-05-01T12:00:00")
@@ -56,14 +55,12 @@ refused = partial(refusal_of, **SOURCE)
 
 @pytest.mark.parametrize("segments", [1, 7])
 def test_channels_with_timing_give_canonical_columns(tmp_path: Path, segments: int) -> None:
-    bench(tmp_path / "a.tdms", segments)
-    (tmp_path / "labview.yaml").write_text(yaml.safe_dump(SOURCE))
-    trial = trial_from_files({"trial": "a", "log": "a.tdms", "log_source": "labview"}, tmp_path, tmp_path)
-    np.testing.assert_allclose(trial.samples["time"], np.arange(ROWS) * 1e-3, atol=1e-12)
-    np.testing.assert_allclose(trial.samples["theta"], np.radians(ANGLE), rtol=1e-12)
+    recording = read(bench(tmp_path / "a.tdms", segments))
     newton_metres = 4.4482216152605 * 0.0254  # lbf and in by definition
-    np.testing.assert_allclose(trial.samples["torque"], -np.float32(TORQUE).astype(float) * newton_metres, rtol=1e-12)
-    assert trial.provenance["columns"]["theta"]["unit"] == "Degrees"
+    torque = -np.float32(TORQUE).astype(float) * newton_metres
+    for column, expected in (("time", np.arange(ROWS) * 1e-3), ("theta", np.radians(ANGLE)), ("torque", torque)):
+        np.testing.assert_allclose(recording.samples[column], expected, rtol=1e-12, atol=1e-12)
+    assert recording.columns["theta"]["unit"] == "Degrees"
 
 
 def test_an_index_beside_the_file_is_not_looked_at(tmp_path: Path) -> None:
@@ -110,20 +107,17 @@ DEG = timing(unit_string="deg")
 GOOD_ANGLE, GOOD_TORQUE = ("Angle", ANGLE, DEG), ("Torque", TORQUE, timing())
 
 
-@pytest.mark.parametrize(
-    ("channels", "reason"),
-    [
+def test_a_channel_that_cannot_be_a_signal_is_refused(tmp_path: Path) -> None:
+    for channels, reason in (
         ([GOOD_ANGLE, ("Torque", np.empty(0), timing())], "'Bench/Torque' is empty"),
         ([("Angle", ANGLE, {}), ("Torque", TORQUE[:50], {})], "'Bench/Torque' has 50 values and 'Bench/Angle' has 100"),
         ([GOOD_ANGLE, ("Torque", ["a"] * ROWS, timing())], "'Bench/Torque' holds text and no numbers"),
         ([GOOD_ANGLE, ("Torqe", TORQUE, timing())], "did you mean 'Torqe'?"),
         ([("Angle", ANGLE, timing(unit_string="furlongs")), GOOD_TORQUE], "measures [m]"),
         ([("Angle", ANGLE, timing()), GOOD_TORQUE], "'Bench/Angle': the unit is empty"),
-    ],
-)
-def test_a_channel_that_cannot_be_a_signal_is_refused(tmp_path: Path, channels: Any, reason: str) -> None:
-    time = {"time": {"rate": 100}} if "has 50" in reason else {}
-    assert reason in refused(write(tmp_path / "a.tdms", channels), **time)
+    ):
+        time = {"time": {"rate": 100}} if "has 50" in reason else {}
+        assert reason in refused(write(tmp_path / "a.tdms", channels), **time)
 
 
 def test_a_file_that_is_cut_off_is_read_up_to_there_with_a_warning_or_refused(tmp_path: Path) -> None:
@@ -142,13 +136,14 @@ def test_a_file_that_is_cut_off_is_read_up_to_there_with_a_warning_or_refused(tm
     recording = read(path)
     assert len(recording.samples) == ROWS - 25
     assert any("how much is missing is not known" in text for text in recording.warnings)
-    path.write_bytes(whole[:40])
-    assert "holds no channels, or is cut off before them" in refused(path)
-    path.write_bytes(whole[:28] + b"\xff" * 40 + whole[68:])
-    assert "damaged or of a kind that is not read" in refused(path)
     declared = bench(path).read_bytes().replace(np.uint64(ROWS).tobytes(), np.uint64(1 << 40).tobytes())
-    path.write_bytes(declared)
-    assert "the length of a segment contradicts that of its channels" in refused(path)
+    for content, reason in (
+        (whole[:40], "holds no channels, or is cut off before them"),
+        (whole[:28] + b"\xff" * 40 + whole[68:], "damaged or of a kind that is not read"),
+        (declared, "the length of a segment contradicts that of its channels"),
+    ):
+        path.write_bytes(content)
+        assert reason in refused(path)
 
 
 def test_a_missing_library_is_named_with_its_remedy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

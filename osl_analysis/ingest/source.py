@@ -352,7 +352,7 @@ class Source(SourceFile):
     plates: Any = Field(default={})  # Force plates by number, from 1; in C3D those to read: all, none or a list.
     plate_units: PlateUnits | None = None  # Units of the plates' channels, where the file's are absent or wrong.
     plate_zero: Literal["none", "file"] | tuple[PositiveInt, PositiveInt] = "none"
-    """Baseline of the plates: none, file (FORCE_PLATFORM:ZERO) or two frames, from 1 on, between which nothing is on them."""
+    """Baseline of the plates: none, file (FORCE_PLATFORM:ZERO) or two frames, from 1, between which they are empty."""
 
 
 def model_of(

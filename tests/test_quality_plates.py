@@ -82,6 +82,8 @@ def test_a_sound_plate_passes_and_a_clipped_raw_channel_is_named_with_its_time(t
     facts = trial.provenance["plates"][0]["channels"][channel]
     assert abs(facts["clipped_at"]) == limit
     assert 0.2 < facts["clipped_from_s"] < facts["clipped_to_s"] < 0.8
+    lasts = facts["clipped_to_s"] - facts["clipped_from_s"]
+    assert lasts == pytest.approx((facts["clipped_samples"] - 1) / RATE, rel=1e-6)
 
 
 @pytest.mark.parametrize("value", [0.0, 37.5])

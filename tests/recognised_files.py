@@ -9,7 +9,7 @@ import pytest
 
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.raw_files import FORMATS, recognise
-from osl_analysis.ingest.recording import Recording
+from osl_analysis.ingest.source import Recording
 
 
 def read_recognised(path: Path, **described: Any) -> Recording:

@@ -27,8 +27,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.formats.mcap import CHUNK_HEAD, MAGIC, RECORD, read_mcap
 from osl_analysis.formats.messages import read_channels
 from osl_analysis.ingest.raw_files import FORMATS
-from osl_analysis.ingest.recording import Recording
-from osl_analysis.ingest.source import Source
+from osl_analysis.ingest.source import Recording, Source
 
 
 def record(opcode: int, content: bytes) -> bytes:

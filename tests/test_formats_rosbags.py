@@ -26,7 +26,7 @@ from osl_analysis.commands.inspect import inspect_file
 from osl_analysis.errors import InputError
 from osl_analysis.formats.message_fields import message_type, shape_of
 from osl_analysis.ingest.raw_files import trial_from_files
-from osl_analysis.ingest.recording import Recording
+from osl_analysis.ingest.source import Recording
 
 SAMPLE = "std_msgs/Header header\nfloat32 angle\nstring state\nfloat64[] torque\nbool sync\n"
 KIND = "lab_msgs/msg/Sample"

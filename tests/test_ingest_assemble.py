@@ -20,7 +20,7 @@ from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.clock import ClockFit
 from osl_analysis.ingest.raw_files import FORMATS, merged
-from osl_analysis.ingest.recording import LARGEST_MEASURED, Recording
+from osl_analysis.ingest.source import LARGEST_MEASURED, Recording
 from osl_analysis.trial import COLUMNS, FAMILIES, Trial, read_trial, write_trial
 
 SOURCES = Path(__file__).parents[1] / "config" / "sources"

@@ -17,8 +17,7 @@ from osl_analysis.formats.c3d import read_c3d
 from osl_analysis.ingest.captures import plate_loads, wrench
 from osl_analysis.ingest.draft import draft_source
 from osl_analysis.ingest.raw_files import FORMATS, read_source
-from osl_analysis.ingest.recording import Recording
-from osl_analysis.ingest.source import Source
+from osl_analysis.ingest.source import Recording, Source
 
 
 def source(**fields: object) -> Source:

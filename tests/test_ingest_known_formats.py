@@ -24,8 +24,7 @@ from osl_analysis.formats.mcap import MAGIC
 from osl_analysis.ingest.draft import draft_source
 from osl_analysis.ingest.overview import Overview, RecordedChannel
 from osl_analysis.ingest.raw_files import FORMATS, KnownFormat, read_source, recognise, trial_from_files
-from osl_analysis.ingest.recording import Recording
-from osl_analysis.ingest.source import Source, model_of
+from osl_analysis.ingest.source import Recording, Source, model_of
 from osl_analysis.judge.table import QualityRules
 from osl_analysis.trial import read_trial
 

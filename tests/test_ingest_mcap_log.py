@@ -13,8 +13,7 @@ from recognised_files import refusal_by
 
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.raw_files import FORMATS
-from osl_analysis.ingest.recording import Recording
-from osl_analysis.ingest.source import Source
+from osl_analysis.ingest.source import Recording, Source
 
 REAL_DATA = Path(__file__).parents[2] / "shared" / "real_data"
 DEGREE = math.pi / 180

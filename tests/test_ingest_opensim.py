@@ -16,7 +16,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.ingest.clock import aligned_clock
 from osl_analysis.ingest.draft import draft_source
 from osl_analysis.ingest.raw_files import trial_from_files
-from osl_analysis.ingest.recording import Recording
+from osl_analysis.ingest.source import Recording
 from osl_analysis.trial import Array
 
 FRAMES = 40

@@ -18,8 +18,7 @@ from osl_analysis.errors import InputError, listing, nearest, printable
 from osl_analysis.formats.c3d import C3DHeader, C3DRecording, read_c3d
 from osl_analysis.formats.gait_text import NexusSection, read_sections, read_trc, without_subject
 from osl_analysis.formats.table import Table
-from osl_analysis.ingest.recording import Recording, check_values
-from osl_analysis.ingest.source import Plate, Source
+from osl_analysis.ingest.source import Plate, Recording, Source, check_values
 from osl_analysis.ingest.units import si_factor
 from osl_analysis.plate_surface import own_axes
 from osl_analysis.signals import run_at_extreme, runs

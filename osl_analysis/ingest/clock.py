@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
-from osl_analysis.ingest.recording import Recording
-from osl_analysis.ingest.source import SharedAngle
+from osl_analysis.ingest.source import Recording, SharedAngle
 from osl_analysis.trial import Array, marker_columns
 
 MINIMUM_EDGES = 6

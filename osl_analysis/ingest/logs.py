@@ -29,8 +29,7 @@ from osl_analysis.formats.rosbag import siblings
 from osl_analysis.formats.table import Loss, Table
 from osl_analysis.formats.tdms import read_tdms
 from osl_analysis.ingest.captures import exported_columns, exported_plates
-from osl_analysis.ingest.recording import Recording, check_values
-from osl_analysis.ingest.source import Channel, Source
+from osl_analysis.ingest.source import Channel, Recording, Source, check_values
 from osl_analysis.ingest.units import is_unit, si_factor
 from osl_analysis.signals import runs
 from osl_analysis.trial import Array, check_time, counter_column, unit_of

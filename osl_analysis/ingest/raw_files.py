@@ -26,8 +26,7 @@ from osl_analysis.formats.tdms import is_tdms
 from osl_analysis.ingest import logs, overview
 from osl_analysis.ingest.captures import read_c3d_capture, read_nexus_capture, read_trc_capture
 from osl_analysis.ingest.clock import ClockFit, aligned_clock
-from osl_analysis.ingest.recording import Recording, check_sizes
-from osl_analysis.ingest.source import SOURCES, UNKNOWN, SharedAngle, Source, open_places
+from osl_analysis.ingest.source import SOURCES, UNKNOWN, Recording, SharedAngle, Source, check_sizes, open_places
 from osl_analysis.trial import COLUMNS, Trial
 from osl_analysis.yaml_settings import Settings, dotted, field_line, read_mapping, read_yaml
 

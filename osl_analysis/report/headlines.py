@@ -6,7 +6,7 @@ import json
 import math
 import re
 import unicodedata
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import count
 from pathlib import Path
@@ -28,21 +28,19 @@ DRAFT_JOINT = "ankle"  # the joint whose numbers the draft prints
 
 
 @dataclass(frozen=True)
-class Label:
+class Headline:
+    """A number with its label; in `LABELS` the label alone."""
+
     name: str  # its key in the summary
     unit: str
     draft: float | None  # the value that the paper's draft prints; None if it prints none
     macro: str  # its LaTeX macro without the prefix, letters only
     meaning: str
-
-
-@dataclass(frozen=True)
-class Headline(Label):
-    value: float  # in `unit`
-    low: float | None
-    high: float | None
-    interval: str | None  # kind of the interval; None if there is none
-    n: int  # number of trials or fits that the number is computed from
+    value: float = math.nan  # in `unit`
+    low: float | None = None
+    high: float | None = None
+    interval: str | None = None  # kind of the interval; None if there is none
+    n: int = 0  # number of trials or fits that the number is computed from
     n_doubtful: int = 0  # number of doubtful trials or fits among those that could be in the number
     n_left_out: int = 0  # number of these that are not in it
     doubt: str | None = None  # why the number itself is doubtful; None if it is not, or not judged
@@ -65,46 +63,18 @@ class Example:
 
 
 DRAFT_EXAMPLE = Example()
-
 LABELS = {
-    table: {quantity: Label(**label) for quantity, label in labels.items()}
+    table: {quantity: Headline(**label) for quantity, label in labels.items()}
     for table, labels in read_mapping(Path(__file__).with_suffix(".yaml")).items()
 }
-"""Labels of the numbers whose names do not depend on the campaign, by table and quantity."""
-SYMMETRY = {
-    quantity: Label(
-        f"walking_{quantity}_up_minus_down", label.unit, None, f"{label.macro}UpMinusDown",
-        f"{label.meaning.split()[1]} of the ankle while walking, turns up minus turns down",
-    )
-    for quantity, label in LABELS["walking_summary"].items()
-}  # fmt: skip
+"""The labels by table and quantity, in the order of the summary."""
+READ = {*LABELS, *judged_tables()}  # the tables that the summary reads
 
 
-def with_controller(label: Label, controller: str | None) -> Label:
-    known = controller or "no controller"
+def with_controller(label: Headline, controller: str | None, example: Example = DRAFT_EXAMPLE) -> Headline:
+    known, meaning = controller or "no controller", label.meaning.format(example=example.meaning())
     name, macro = f"{label.name}_{known.replace(' ', '_')}", letters(known)[:32] + label.macro
-    return replace(label, name=name, macro=macro, meaning=f"{label.meaning}, {known}")
-
-
-def impedance_labels(controller: str | None, example: Example = DRAFT_EXAMPLE) -> dict[str, Label]:
-    rows = (
-        ("VAF_median", "%", "VAFMedian", "median VAF of trials and amplitudes"),
-        ("VAF_mean", "%", "VAFMean", "mean VAF of trials and amplitudes"),
-        ("K_error", "%", "StiffnessError", "mean |K/K_d - 1| of trials"),
-        ("B_error", "N*m*s/rad", "DampingError", "mean |B - B_d| of trials"),
-        ("K_example", "N*m/rad", "ExampleStiffness", f"K {example.meaning()}"),
-        ("B_example", "N*m*s/rad", "ExampleDamping", f"B {example.meaning()}"),
-    )
-    return {name: with_controller(Label(name, unit, None, *more), controller) for name, unit, *more in rows}
-
-
-def of_place(number: Headline, joint: str | None, side: str | None, several: bool) -> Headline:
-    """The number of one joint and side, told apart where there are `several`; the draft's is an ankle."""
-    where = ", ".join(filter(None, [joint or DRAFT_JOINT, side]))
-    draft = number.draft if (joint or DRAFT_JOINT) == DRAFT_JOINT else None
-    if several:
-        return replace(of_group(number, where), draft=draft)
-    return replace(number, draft=draft, meaning=number.meaning + f", {where}" * (where != DRAFT_JOINT))
+    return replace(label, name=name, macro=macro, meaning=f"{meaning}, {known}")
 
 
 def of_group(number: Headline, group: str) -> Headline:
@@ -135,30 +105,21 @@ DOUBTS_OF = {table.name: table.doubts_of for facts in EXPERIMENTS.values() for t
 """Per table, the table of the same trials whose doubts its rows share."""
 
 
-def doubtful_label(table: str) -> Label:
+def doubtful_label(table: str) -> Headline:
     of, counted_are = DOUBTS_OF.get(table), "groups" if table == "walking_groups" else "trials"
     why = f"for another cause than in {of}.csv" if of else "whose column says why"
     meaning = f"doubtful {counted_are} in {table}.csv, {why}"
-    return Label(f"doubtful_{table}", counted_are, None, f"Doubtful{letters(table)}", meaning)
+    return Headline(f"doubtful_{table}", counted_are, None, f"Doubtful{letters(table)}", meaning)
 
 
-def all_labels() -> list[Label]:
+def all_labels() -> list[Headline]:
     """Every number that the summary of the draft's campaign can have, and those of a trial of torque against angle."""
-    fixed, gains = (
-        {table: list(labels.values()) for table, labels in LABELS.items()},
-        LABELS["model_comparison_summary"],
-    )
-    return [
-        *(label for name in ("belt_summary", "transmission_summary", "transmission") for label in fixed[name]),
-        *fixed["actuator_summary"],
-        *(label for controller in CONTROLLERS for label in impedance_labels(controller).values()),
-        *(gains[key] for key in ("belt M4", "transmission M2")),
-        *(with_controller(gains["impedance M3"], controller) for controller in CONTROLLERS),
-        *(label for name in ("torque_angle", "walking_summary") for label in fixed[name]),
-        *SYMMETRY.values(),
-        *fixed["walking"],
-        *map(doubtful_label, judged_tables()),
-    ]
+    found = []
+    for table, labels in LABELS.items():
+        for quantity, label in labels.items():
+            each = table == "impedance" or quantity.startswith("impedance")
+            found += [with_controller(label, controller) for controller in CONTROLLERS] if each else [label]
+    return [*found, *map(doubtful_label, judged_tables())]
 
 
 STUDENT = "95 % of the mean (Student)"
@@ -171,15 +132,15 @@ RANGE = "lowest to highest"
 COUNT = "count"
 
 
-def headline(label: Label, value: float, n: int, low: float | None, high: float | None, kind: str) -> Headline:
+def headline(label: Headline, value: float, n: int, low: float | None, high: float | None, kind: str) -> Headline:
     """A number, without an interval where a bound is missing (a single trial has no scatter)."""
-    if low is None or high is None or not np.isfinite([low, high]).all():
-        return Headline(**asdict(label), value=value, low=None, high=None, interval=None, n=n)
-    return Headline(**asdict(label), value=value, low=low, high=high, interval=kind, n=n)
+    number = replace(label, value=value, n=n)
+    known = low is not None and high is not None and np.isfinite([low, high]).all()
+    return replace(number, low=low, high=high, interval=kind) if known else number
 
 
 def over_fits(
-    label: Label,
+    label: Headline,
     values: pl.Series,
     middle: Callable[[Array], np.floating] = np.mean,
     candidates: pl.DataFrame | None = None,
@@ -199,7 +160,7 @@ def over_fits(
     return [replace(number, n_doubtful=doubtful_count(candidates)[0], n_left_out=left_out)]
 
 
-def summary_means(table: pl.DataFrame, labels: Mapping[str, Label], interval: str = STUDENT) -> list[Headline]:
+def summary_means(table: pl.DataFrame, labels: Mapping[str, Headline], interval: str = STUDENT) -> list[Headline]:
     """The labelled quantities that a summary table lists, with their intervals."""
     rows = {row["quantity"]: row for row in table.iter_rows(named=True)}
     numbers = []
@@ -218,12 +179,14 @@ def summary_means(table: pl.DataFrame, labels: Mapping[str, Label], interval: st
 
 
 def impedance_headlines(impedance: pl.DataFrame, example: Example) -> Iterator[Headline]:
-    """The numbers of the rendered impedance with each controller, those of the draft first; None: without one."""
+    """The numbers of the rendered impedance with each controller, those of the draft first; None: without one. K and B
+    of the trial that Fig. 4 shows are their means over its repeats, if there are several."""
     found = set(impedance["controller"])
     others = sorted(name for name in found if name is not None and name not in CONTROLLERS)
     for controller in [*(name for name in CONTROLLERS if name in found), *others, *([None] if None in found else [])]:
         fits = impedance.filter(pl.col("controller").eq_missing(pl.lit(controller, pl.String)))
-        labels, trials = impedance_labels(controller, example), fits.filter(pl.col("amplitude_deg").is_null())
+        labels = {key: with_controller(label, controller, example) for key, label in LABELS["impedance"].items()}
+        trials = fits.filter(pl.col("amplitude_deg").is_null())
         alone = pl.len().over("trial") == 1 if "trial" in fits.columns else pl.lit(False)
         single = fits.filter(pl.col("amplitude_deg").is_not_null() | alone)
         used = counted(trials)
@@ -231,38 +194,18 @@ def impedance_headlines(impedance: pl.DataFrame, example: Example) -> Iterator[H
         yield from over_fits(labels["VAF_mean"], single["VAF"], np.mean, single)
         yield from over_fits(labels["K_error"], 100 * (used["K"] / used["K_d"] - 1).abs(), np.mean, trials, used)
         yield from over_fits(labels["B_error"], (used["B"] - used["B_d"]).abs(), np.mean, trials, used)
+        asked = {"K_d": example.K_d, "B_d": example.B_d}
+        shown = trials.filter(pl.col(name).eq_missing(pl.lit(value, pl.Float64)) for name, value in asked.items())
         for symbol in "KB":
-            yield from example_headlines(symbol, labels[f"{symbol}_example"], trials, example)
-
-
-def example_headlines(symbol: str, label: Label, trials: pl.DataFrame, example: Example) -> list[Headline]:
-    """K or B of the trial that Fig. 4 shows; the mean over its repeats, if there are several."""
-    asked = {"K_d": example.K_d, "B_d": example.B_d}
-    rows = trials.filter(pl.col(name).eq_missing(pl.lit(value, pl.Float64)) for name, value in asked.items())
-    if len(rows) != 1:
-        used = counted(rows)
-        return over_fits(label, used[symbol], np.mean, rows, used)
-    row = rows.row(0, named=True)
-    kind = FEW if row["interval_method"] == "repeats" else FIT
-    number = headline(label, row[symbol], 1, row[f"{symbol}_low"], row[f"{symbol}_high"], kind)
-    ends = {f"amplitudes_{end}": row[f"{symbol}_amplitudes_{end}"] for end in ("low", "high")}
-    return [replace(number, n_doubtful=doubtful_count(rows)[0], **ends)]
-
-
-def torque_angle_headlines(table: pl.DataFrame) -> Iterator[Headline]:
-    for row in table.iter_rows(named=True):
-        for quantity, label in LABELS["torque_angle"].items():
-            ends = row[f"{quantity}_low"], row[f"{quantity}_high"]
-            number = headline(label, row[quantity], int(row["cycles"]), *ends, OF_CYCLES)
-            yield replace(of_group(number, row["trial"]), doubt=row[DOUBTFUL] or None)
-
-
-def model_gain_headlines(table: pl.DataFrame) -> Iterator[Headline]:
-    for row in table.drop_nulls("VAF_gain").iter_rows(named=True):
-        if label := LABELS["model_comparison_summary"].get(f"{row['experiment']} {row['model']}"):
-            named = with_controller(label, row["controller"]) if row["experiment"] == "impedance" else label
-            ends = row["VAF_gain_low"], row["VAF_gain_high"]
-            yield headline(named, row["VAF_gain"], int(row["trials"]), *ends, PAIRED)
+            label = labels[f"{symbol}_example"]
+            if len(shown) != 1:
+                yield from over_fits(label, counted(shown)[symbol], np.mean, shown, counted(shown))
+                continue
+            row = shown.row(0, named=True)
+            kind = FEW if row["interval_method"] == "repeats" else FIT
+            number = headline(label, row[symbol], 1, row[f"{symbol}_low"], row[f"{symbol}_high"], kind)
+            ends = {f"amplitudes_{end}": row[f"{symbol}_amplitudes_{end}"] for end in ("low", "high")}
+            yield replace(number, n_doubtful=doubtful_count(shown)[0], **ends)
 
 
 HEADLINE_ESTIMATOR = "ensemble"
@@ -270,56 +213,61 @@ HEADLINE_ESTIMATOR = "ensemble"
 the mean over perturbations does not."""
 
 
-def walking_headlines(table: pl.DataFrame) -> Iterator[Headline]:
-    for rows in table.filter(pl.col("mean").is_not_null()).partition_by("group", maintain_order=True):
-        for estimator, labels in ((HEADLINE_ESTIMATOR, LABELS["walking_summary"]), ("up minus down", SYMMETRY)):
-            for number in summary_means(rows.filter(pl.col("estimator") == estimator), labels, BOOTSTRAP):
-                yield of_group(number, rows["group"][0])
-
-
-OfTable = Callable[[pl.DataFrame, Example], Iterable[Headline]]
-BENCH: dict[str, OfTable] = {
-    "belt_summary": lambda table, _: summary_means(table, LABELS["belt_summary"]),
-    "transmission_summary": lambda table, _: summary_means(table, LABELS["transmission_summary"]),
-    "transmission": lambda table, _: [
-        number
-        for whole in [table.filter(pl.col("amplitude_deg").is_null())]
-        for number in over_fits(LABELS["transmission"]["VAF"], whole["VAF"], np.mean, whole)
-    ],
-    "actuator_summary": lambda table, _: summary_means(table, LABELS["actuator_summary"]),
-    "impedance": impedance_headlines,
-    "torque_angle": lambda table, _: torque_angle_headlines(table),
-    "model_comparison_summary": lambda table, _: model_gain_headlines(table),
-}
-"""The tables of the bench with headline numbers, and what computes these, in the order of the summary."""
-WALKWAY: dict[str, OfTable] = {
-    "walking_summary": lambda table, _: walking_headlines(table),
-    "walking": lambda table, _: over_fits(LABELS["walking"]["VAF"], table["VAF"]),
-}
-"""Those of the walkway, which follow."""
-READ = {*BENCH, *WALKWAY, *judged_tables()}  # the tables that the summary reads
+def numbers_of(name: str, table: pl.DataFrame, example: Example) -> Iterator[Headline]:
+    """The headline numbers of the table `name`, of one joint and side on the bench."""
+    labels = LABELS[name]
+    if name == "impedance":
+        yield from impedance_headlines(table, example)
+    elif name == "torque_angle":
+        for row in table.iter_rows(named=True):
+            for quantity, label in labels.items():
+                ends = row[f"{quantity}_low"], row[f"{quantity}_high"]
+                number = headline(label, row[quantity], int(row["cycles"]), *ends, OF_CYCLES)
+                yield replace(of_group(number, row["trial"]), doubt=row[DOUBTFUL] or None)
+    elif name == "model_comparison_summary":
+        for row in table.drop_nulls("VAF_gain").iter_rows(named=True):
+            if gain := labels.get(f"{row['experiment']} {row['model']}"):
+                named = with_controller(gain, row["controller"]) if row["experiment"] == "impedance" else gain
+                ends = row["VAF_gain_low"], row["VAF_gain_high"]
+                yield headline(named, row["VAF_gain"], int(row["trials"]), *ends, PAIRED)
+    elif name == "walking_summary":
+        for rows in table.filter(pl.col("mean").is_not_null()).partition_by("group", maintain_order=True):
+            for estimator, its in ((HEADLINE_ESTIMATOR, labels), ("up minus down", LABELS["walking_symmetry"])):
+                for number in summary_means(rows.filter(pl.col("estimator") == estimator), its, BOOTSTRAP):
+                    yield of_group(number, rows["group"][0])
+    elif name == "transmission":
+        whole = table.filter(pl.col("amplitude_deg").is_null())
+        yield from over_fits(labels["VAF"], whole["VAF"], np.mean, whole)
+    elif name == "walking":
+        yield from over_fits(labels["VAF"], table["VAF"])
+    else:
+        yield from summary_means(table, labels)
 
 
 def headline_numbers(tables: Mapping[str, pl.DataFrame], example: Example = DRAFT_EXAMPLE) -> list[Headline]:
     """Headline numbers of the experiments that the campaign has; `tables` by name, `example` of Fig. 4. The bench's are
-    of one joint and side each. Raises InputError: a summary table has no finite mean for a quantity that it lists."""
+    of one joint and side each, told apart where there are several; the draft's are of an ankle. Raises InputError: a
+    summary table has no finite mean for a quantity that it lists."""
     numbers: list[Headline] = []
-    for name, of_table in (BENCH | WALKWAY).items():
-        if (table := tables.get(name)) is None:
-            continue
+    for name, table in ((name, tables[name]) for name in LABELS if name in tables):
         places = ("joint", "side")
-        if name in WALKWAY or not set(places) <= set(table.columns):
-            numbers += of_table(table, example)
+        if name.startswith("walking") or not set(places) <= set(table.columns):
+            numbers += numbers_of(name, table, example)
             continue
         parts = table.partition_by(places, maintain_order=True)
         for part in parts:
             joint, side = part.select(places).row(0)
-            numbers += (of_place(number, joint, side, len(parts) > 1) for number in of_table(part, example))
+            where = ", ".join(filter(None, [joint or DRAFT_JOINT, side]))
+            for number in numbers_of(name, part, example):
+                said = number.meaning + f", {where}" * (where != DRAFT_JOINT)
+                named = of_group(number, where) if len(parts) > 1 else replace(number, meaning=said)
+                draft = number.draft if (joint or DRAFT_JOINT) == DRAFT_JOINT else None
+                numbers.append(replace(named, draft=draft))
     for name in (name for name in tables if name in judged_tables()):
         # trials with a cause of their own, where the rows share the doubts of another table
         causes = causes_by_trial(tables[name], tables.get(DOUBTS_OF.get(name, "")))
-        of, doubtful = asdict(doubtful_label(name)), sum(map(bool, causes.values()))
-        numbers.append(Headline(**of, value=doubtful, low=None, high=None, interval=COUNT, n=len(causes)))
+        doubtful = sum(map(bool, causes.values()))
+        numbers.append(replace(doubtful_label(name), value=doubtful, interval=COUNT, n=len(causes)))
     return with_own_names(numbers)
 
 
@@ -426,9 +374,8 @@ def tex_number(number: float, digits: int) -> str:
 
 def to_markdown(numbers: Mapping[str, Mapping[str, Any]]) -> str:
     """Table of the numbers of a summary, in the form that `to_json` writes, as Markdown."""
-    lines = [f"| {' | '.join(COLUMN_HEADS)} |", f"| {' | '.join('---' for _ in COLUMN_HEADS)} |"]
-    lines += ["| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |" for cells in rows_of(numbers)]
-    return "\n".join(lines) + "\n"
+    rows = [COLUMN_HEADS, ["---"] * len(COLUMN_HEADS), *rows_of(numbers)]
+    return "".join("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |\n" for cells in rows)
 
 
 def to_columns(numbers: Mapping[str, Mapping[str, Any]]) -> str:
@@ -443,16 +390,22 @@ def rows_of(numbers: Mapping[str, Mapping[str, Any]]) -> Iterator[tuple[str, ...
     for number in numbers.values():
         if number["interval"] == COUNT and not number["value"]:
             continue
-        digits = decimals(number["value"], *rounded_by(number))
-        value = f"{fixed(number['value'], digits)} {number['unit']}"
-        interval, draft = "", "" if number["draft"] is None else f"{number['draft']:g}"
-        if number["low"] is not None:
-            finer = told_apart(number["low"], number["high"], digits)
-            interval = f"{fixed(number['low'], finer)} to {fixed(number['high'], finer)}, {number['interval']}"
-        if number.get("amplitudes_low") is not None:
-            lowest, highest = (fixed(number[key], digits) for key in AMPLITUDES)
-            interval += f"; single amplitudes {lowest} to {highest}"
-        yield number["meaning"], value, interval, trials_text(number), draft
+        value, interval, single = numbers_said(number)
+        interval += f", {number['interval']}" * bool(interval) + f"; single amplitudes {single}" * bool(single)
+        draft = "" if number["draft"] is None else f"{number['draft']:g}"
+        yield number["meaning"], f"{value} {number['unit']}", interval, trials_text(number), draft
+
+
+def numbers_said(number: Mapping[str, Any]) -> tuple[str, str, str]:
+    """A number, its interval and the range over single amplitudes; these are empty where there is none."""
+    digits = decimals(number["value"], *rounded_by(number))
+    parts = []
+    for low, high, places in (
+        (number["low"], number["high"], told_apart(number["low"], number["high"], digits)),
+        (number.get("amplitudes_low"), number.get("amplitudes_high"), digits),
+    ):
+        parts.append("" if low is None or high is None else f"{fixed(low, places)} to {fixed(high, places)}")
+    return fixed(number["value"], digits), parts[0], parts[1]
 
 
 def trials_text(number: Mapping[str, Any]) -> str:

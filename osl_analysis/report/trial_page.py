@@ -14,7 +14,7 @@ from osl_analysis.dictionary import DescribedTable
 from osl_analysis.judge.doubts import IS_DOUBTFUL, not_checked_of, reasons_in
 from osl_analysis.judge.findings import exclusion_said
 from osl_analysis.judge.recording import CHECKS
-from osl_analysis.report.headlines import AMPLITUDES, decimals, fixed, rounded_by, told_apart, trials_text
+from osl_analysis.report.headlines import decimals, fixed, numbers_said, trials_text
 from osl_analysis.report.panels import Pictures
 
 NO_VALUE = "–"
@@ -298,17 +298,13 @@ def trial_row(trial: ReportedTrial, differing: Collection[str]) -> dict[str, Any
 
 def headline_row(number: Mapping[str, Any]) -> dict[str, str]:
     """A headline number of a summary (`summary.json`) beside that which the paper's draft prints."""
-    digits, interval = decimals(number["value"], *rounded_by(number)), NO_VALUE
-    if number["low"] is not None:
-        finer = told_apart(number["low"], number["high"], digits)
-        interval = f"{fixed(number['low'], finer)} to {fixed(number['high'], finer)} ({number['interval']})"
-    elif number.get("amplitudes_low") is not None:
-        interval = " to ".join(fixed(number[key], digits) for key in AMPLITUDES) + " (single amplitudes)"
+    value, interval, single = numbers_said(number)
+    shown = f"{interval} ({number['interval']})" if interval else f"{single} (single amplitudes)" * bool(single)
     return {
         "meaning": number["meaning"],
-        "value": fixed(number["value"], digits),
+        "value": value,
         "unit": printed(number["unit"]),
-        "interval": interval,
+        "interval": shown or NO_VALUE,
         "n": trials_text(number),
         "draft": NO_VALUE if number["draft"] is None else f"{number['draft']:g}",
     }

@@ -245,8 +245,7 @@ def analyse(
     platform: Path | None = None,
 ) -> None:
     """Angle and torque of one crossing, with its events, to a Parquet file, or there, with a warning, why there are
-    none. `perturbed`, `direction` and `body_mass_kg` are the sheet's. Without `platform` it has its own motion and
-    onset."""
+    none. `perturbed`, `direction` and `body_mass_kg` are the sheet's; `platform` is what crossings share."""
     static, model, walked = read_model(calibration, StaticCalibration), read_model(plate, PlateModel), read_trial(trial)
     shared = ALONE if platform is None else read_model(platform, PlatformModel)
     try:
@@ -301,9 +300,8 @@ def select_crossings(
     sheet: Conditions | None = None,
     places: Places | None = None,
 ) -> None:
-    """One row per crossing, in the order of the files: quality, group and, if it is excluded, the reason; joint and
-    side from `places`. A warning names the conditions of the `sheet` that split results although nobody asked for
-    it."""
+    """One row per crossing, in the order of the files: quality, group and, if it is excluded, the reason. A warning
+    names the conditions of the `sheet` that split results although nobody asked for it."""
     read = [read_crossing_file(path) for path in crossings]
     refused = [c for c in read if isinstance(c, RefusedCrossing)]
     rows = selection_rows([c for c in read if isinstance(c, Crossing)], refused, settings, sheet)
@@ -393,10 +391,9 @@ def summarise_perturbations(
     limits: Doubt | None = None,
     places: Places | None = None,
 ) -> None:
-    """Per group the mean over perturbations and the ensemble fit to `output`, its conditions to `groups`, every
-    response in its window to `responses`, and the crossings that are not used, with the reason, to `excluded`. `table`
-    is `walking.csv`, `crossings` are the perturbed ones. A group without a result has rows with the reason. A group
-    beyond one of the `limits` is doubtful, and so is its ensemble. `places` has joint and side of each crossing."""
+    """Per group the mean over perturbations and the ensemble fit to `output`, its conditions to `groups`, responses in
+    their window to `responses`, and the crossings that are not used, with the reason, to `excluded`. `table` is
+    `walking.csv`, `crossings` are the perturbed ones. A group beyond one of the `limits` is doubtful."""
     fits, chosen = read_table(table, ["trial"]), read_table(selection, ["trial", "reason", "gait", "group"])
     # the crossings without a fit, in the order of the selection, with the reason
     left = chosen.join(fits.select("trial", EXCLUDED), on="trial", how="left", maintain_order="left")
@@ -454,9 +451,8 @@ def tabulate_over_stance(
 
 
 def commanded_over_stance(trajectory: Paths, data: str, stance_share: float) -> Iterator[tuple[Array, Array, Array]]:
-    """Phases of stance (n,), K_d [N*m/rad] and B_d [N*m*s/rad] of each trajectory that the leg was commanded; `data`
-    are `simulated` or `measured`: a synthetic trajectory is made for the simulated leg, no measured one was commanded
-    it."""
+    """Phases of stance (n,), K_d [N*m/rad] and B_d [N*m*s/rad] of each trajectory that the leg was commanded: no
+    measured leg (`data`) was commanded a synthetic one."""
     phases = np.linspace(0, 1, 101)
     for path in trajectory:
         desired = read_impedance_trajectory(path)

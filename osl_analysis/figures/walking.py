@@ -29,10 +29,9 @@ AXIS_LABELS = {
 def fig9_points(
     walking_summary: pl.DataFrame, walking: pl.DataFrame, over_stance: pl.DataFrame, commanded_K: float | None = None
 ) -> pl.DataFrame:
-    """For each group and each of K, B and I a row with mean and SD over the perturbations and the ensemble's estimate
-    with its 95 % interval, then a row per perturbation with its `estimate`. What is commanded comes from the sheet,
-    from `commanded_K` [N*m/rad] for K in a campaign of one group, or from the trajectory at the phase that the fit
-    reads (`over_stance`). Raises InputError: nothing has a result."""
+    """For each group and quantity a row with mean and SD over the perturbations, the ensemble's estimate and interval,
+    then a row per perturbation. What is commanded comes from the sheet, else from `commanded_K` [N*m/rad] in a campaign
+    of one group, else from the trajectory (`over_stance`). Raises InputError: nothing has a result."""
     rows = {(r["group"], r["estimator"], r["quantity"]): r for r in walking_summary.iter_rows(named=True)}
     rows = {key: row for key, row in rows.items() if row["mean"] is not None}
     fits = walking.drop_nulls("group").filter(pl.all_horizontal(pl.col(ESTIMATES).is_finite()))
@@ -61,9 +60,8 @@ def fig9_points(
 
 @style.paper_style()
 def draw_fig9(table: pl.DataFrame) -> Figure:
-    """(a) K, (b) B, (c) I: a point per perturbation, open where its fit is doubtful, beside them their mean with one SD
-    on either side and the fit to the mean response with its 95 % interval, commanded values dashed. Several groups
-    stand side by side, in panels one above the other, with the number of perturbations in brackets."""
+    """(a) K, (b) B, (c) I: a point per perturbation, open where doubtful, beside them their mean with one SD on either
+    side and the fit to the mean response with its interval. Several groups stand in panels one above the other."""
     groups = table["group"].unique(maintain_order=True).to_list()
     single = len(groups) == 1
     page = (style.SINGLE_COLUMN, 2.6, 1, 3) if single else (style.DOUBLE_COLUMN, 4.8, 3, 1)

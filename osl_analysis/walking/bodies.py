@@ -9,7 +9,7 @@ import scipy
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
-from osl_analysis.signals import LowPass, differentiate
+from osl_analysis.signals import differentiate
 from osl_analysis.trial import Array, Trial, marker_columns
 from osl_analysis.walking.settings import CalibrationSettings, MarkerSettings
 
@@ -43,11 +43,6 @@ class Poses:
     def seen(self) -> Mask:
         """Frames (n,) that have a pose."""
         return np.asarray(np.isfinite(self.position).all(axis=1))
-
-    def low_passed(self, reference: Array, low_pass: LowPass, rate: float) -> "Poses":
-        """Poses, none NaN, from low-passed positions of the markers: their filter is linear, and the wrench's too."""
-        filtered = cluster_poses(reference, low_pass(self.points(reference), rate))
-        return replace(filtered, residual=self.residual, bridged=self.bridged)
 
 
 def marker_tracks(trial: Trial, names: Sequence[str]) -> tuple[Array, Array]:
@@ -88,9 +83,8 @@ def segment_poses(
 
 
 def cluster_poses(reference: Array, observed: Array, largest_residual: float = np.inf) -> Poses:
-    """Least-squares pose (Kabsch, Acta Cryst. A32, 1976) of markers (n, m, 3) [m] against their reference positions (m,
-    3) [m]; NaN where fewer than three that span a plane were seen, or the residual exceeds `largest_residual` [m], as
-    with swapped markers."""
+    """Least-squares pose (Kabsch, Acta Cryst. A32, 1976) of markers (n, m, 3) [m] against their reference (m, 3) [m];
+    NaN where fewer than three that span a plane were seen, or the residual is larger, as with swapped markers."""
     n, origin = len(observed), reference.mean(axis=0)
     rotation, position, residual = np.full((n, 3, 3), np.nan), np.full((n, 3), np.nan), np.full(n, np.nan)
     patterns, member = np.unique(np.isfinite(observed).all(axis=2), axis=0, return_inverse=True)
@@ -120,9 +114,8 @@ def spans_a_plane(points: Array) -> bool:
 
 
 def bridge_gaps(time: Array, poses: Poses, longest: float) -> Poses:
-    """Interpolate gaps of up to `longest` [s] between frames that were seen, and flag them: by the cubic of least
-    squares through the frames of 15 ms, four at least, on either side. A spline through all frames has the slope of two
-    noisy ones, and leaves a motion of stance by 1 to 10 deg over gaps of 60 to 190 ms; this cubic by 0.1 to 3 deg."""
+    """Interpolate gaps of up to `longest` [s] by the cubic of least squares through the frames of 15 ms, four at least,
+    on either side. It leaves a motion of stance by 0.1 to 3 deg over 60 to 190 ms, a spline by 1 to 10 deg."""
     steps, seen = np.diff(time), np.flatnonzero(poses.seen())
     if not (steps > 0).all():
         row = int(np.argmin(steps > 0))
@@ -231,9 +224,8 @@ def ankle_angle(foot: Poses, shank: Poses, axis: Array) -> Array:
 
 
 def moment_of_foot(foot: BodyMotion, ankle: Array, axis: Array, mass: float, inertia: float) -> Array:
-    """Torque (n,) [N*m] of weight and inertia of what moves with the foot: axis . ((c - a) x m (acceleration - g)) +
-    I alpha . axis, with its centre of mass c, the point of `foot`, the ankle a, and I [kg*m^2] about the axis
-    through c."""
+    """Torque (n,) [N*m] of weight and inertia of what moves with the foot, axis . ((c - a) x m (acceleration - g)) +
+    I alpha . axis, with its centre of mass c, the point of `foot`, and I [kg*m^2] about the axis through c."""
     lever = np.cross(foot.point - ankle, mass * (foot.acceleration - FREE_FALL))
     return np.asarray(np.sum(axis * (lever + inertia * foot.alpha), axis=1))
 
@@ -241,10 +233,9 @@ def moment_of_foot(foot: BodyMotion, ankle: Array, axis: Array, mass: float, ine
 def functional_hinge(
     recordings: Sequence[Sequence[Poses]], calibration: StaticCalibration
 ) -> tuple[Array, Array, dict[str, float]]:
-    """The hinge from poses, which may be NaN, of foot and shank while the joint moved: unit axis (3,) to the left, a
-    point (3,) [m] of it, and its columns of `hinge.csv`. The axis is the principal direction of the relative rotation
-    vectors, the centre the point with the same path in both segments (Ehrig et al., J. Biomech. 40, 2007); the
-    anatomical one in directions in which the motion does not determine it."""
+    """The hinge from poses, which may be NaN, of foot and shank while the joint moved: unit axis (3,) to the left, the
+    principal direction of their relative rotation; a point (3,) [m] of it, with the same path in both (Ehrig et al., J.
+    Biomech. 40, 2007), the anatomical one where the motion does not determine it; and its columns of `hinge.csv`."""
     if not recordings:
         raise InputError("no trial in which foot and shank move; add walking trials, or set hinge to anatomical")
     both = [(f[f.seen() & s.seen()], s[f.seen() & s.seen()]) for f, s in recordings]

@@ -124,9 +124,21 @@ def crossing_from_trial(
     plate.check_plate(trial, settings.plate, stance, force[:, 2])
     onset = onset_of(trial, frames, recorded, stance, perturbed, settings, shared)
 
-    rows = rows_of_stance(frames, recorded, stance)
-    time, follows = frames[rows], shared.followed(trial.name)
-    poses = {s: recorded[s][rows].low_passed(reference[s], low_pass, rate) for s in SEGMENTS}
+    inside = (frames >= stance.heel_strike) & (frames <= stance.toe_off)
+    for segment, pose in recorded.items():
+        if len(lost := np.flatnonzero(inside & ~pose.seen())):
+            raise InputError(
+                f"the {segment} markers cannot be followed at {frames[lost[0]]:.3f} s, in {len(lost)} frames of "
+                "stance; fill the gap in Nexus, raise longest_gap_s, or exclude the trial"
+            )
+    # Every cluster is seen in stance and up to 0.1 s before and after it, for the low-pass
+    seen = np.all([pose.seen() for pose in recorded.values()], axis=0)
+    near = seen & (frames >= stance.heel_strike - 0.1) & (frames <= stance.toe_off + 0.1)
+    rows = next(run for run in runs(near) if run.start <= np.argmax(inside) < run.stop)
+    time, inside, follows = frames[rows], inside[rows], shared.followed(trial.name)
+    poses = {
+        s: bodies.cluster_poses(reference[s], low_pass(recorded[s][rows].points(reference[s]), rate)) for s in SEGMENTS
+    }
     foot, shank = poses["foot"], poses["shank"]
     theta = bodies.ankle_angle(foot, shank, calibration.ankle_axis)
     ankle = (foot.point(calibration.ankle_centre) + shank.point(calibration.ankle_centre)) / 2
@@ -163,13 +175,12 @@ def crossing_from_trial(
     phase = stance.phase(time)
     check_side(phase, shank.position - ankle, axis, torque if onset is None else None)
     window = None if onset is None else (onset, onset + settings.window_s)
-    inside = (time >= stance.heel_strike) & (time <= stance.toe_off)
     flat = foot[(phase >= 0.15) & (phase <= 0.35)]  # before the perturbation
     placed = flat.point(calibration.ankle_centre).mean(axis=0) - corners.mean(axis=0)
     outside = furthest_outside(flat.points(reference["foot"]).reshape(-1, 3), corners)
     quality = {"foot_forward_m": float(placed[0]), "foot_left_m": float(placed[1]), "foot_outside_m": outside}
-    for segment, pose in poses.items():
-        left = pose.residual[inside & np.isfinite(pose.residual)]
+    for segment, pose in recorded.items():
+        left = pose.residual[rows][inside & np.isfinite(pose.residual[rows])]
         quality[f"{segment}_residual_mm"] = 1e3 * float(np.sqrt(np.mean(left**2))) if len(left) else float("nan")
     return Crossing(
         name=trial.name,
@@ -179,7 +190,7 @@ def crossing_from_trial(
         platform=platform.rotation_from_rest(recorded["platform"])[rows],
         stance=stance,
         onset=onset,
-        bridged=float(np.mean(np.any([pose.bridged for pose in poses.values()], axis=0)[inside])),
+        bridged=float(np.mean(np.any([pose.bridged[rows] for pose in recorded.values()], axis=0)[inside])),
         quality={**quality, "plate_zero_N": zero, **encoder_check(trial, time, theta, low_pass)},
         plate_errors=errors,
         load=plate.load_on_foot(reaction(unloaded, moving), centre, ankle, axis),
@@ -245,23 +256,6 @@ def onset_of(
     return onset
 
 
-def rows_of_stance(time: Array, poses: Mapping[str, Poses], stance: Stance) -> slice:
-    """Frames of the stance and up to 0.1 s before and after it, for the low-pass. Every cluster is seen in all."""
-    inside = (time >= stance.heel_strike) & (time <= stance.toe_off)
-    for name, pose in poses.items():
-        hidden = np.flatnonzero(inside & ~pose.seen())
-        if len(hidden):
-            raise InputError(
-                f"the {name} markers cannot be followed at {time[hidden[0]]:.3f} s, in {len(hidden)} frames of stance; "
-                "fill the gap in Nexus, raise longest_gap_s, or exclude the trial"
-            )
-    seen = np.all([pose.seen() for pose in poses.values()], axis=0)
-    around = next(run for run in runs(seen) if run.start <= np.argmax(inside) < run.stop)
-    first = np.searchsorted(time, stance.heel_strike - 0.1)
-    last = np.searchsorted(time, stance.toe_off + 0.1, side="right")
-    return slice(max(around.start, int(first)), min(around.stop, int(last)))
-
-
 def check_vertical(force: Array) -> None:
     """Refuse a load (n, 3) [N] that does not act along +z."""
     size = np.linalg.norm(force, axis=1)
@@ -280,9 +274,8 @@ def check_vertical(force: Array) -> None:
 
 
 def check_side(phase: Array, shank_from_ankle: Array, axis: Array, torque: Array | None) -> None:
-    """Refuse an ankle's axis (n, 3) that does not point to the left: seen along it, the shank, `shank_from_ankle` (n,
-    3) [m], leans backwards from a tenth to nine tenths of stance, or a torque (n,) [N*m] that no platform disturbs
-    pulls the toes up in late stance, where every foot pushes."""
+    """Refuse an ankle's axis (n, 3) that does not point to the left: the shank, `shank_from_ankle` (n, 3) [m], leans
+    backwards in stance, or a torque (n,) [N*m] that no platform disturbs pulls the toes up where every foot pushes."""
     remedy = (
         "correct `side`, exchange ankle_medial and ankle_lateral, or correct the labels of the static trial's markers"
     )
@@ -311,9 +304,8 @@ def platform_turn(time: Array, turned: Poses, axis: Array, window: tuple[float, 
 
 
 def encoder_check(trial: Trial, time: Array, theta: Array, low_pass: LowPass) -> dict[str, float | None]:
-    """The angle (n,) [rad] at `time` [s] and that of the leg's joint encoder, a column of the trial, through one
-    low-pass: least squares of theta_encoder(t + delay) = theta(t) + offset, the delay positive if the encoder's clock
-    is late, and the RMS of what remains; empty if fewer than 30 samples overlap."""
+    """The joint encoder's angle, a column of the trial, with that of the markers (n,) [rad], through one low-pass:
+    theta_encoder(t + delay) = theta(t) + offset, and the RMS of what remains; empty if 30 samples do not overlap."""
     fewest, longest = 30, 0.05  # [s] of delay between the clocks; beyond it they are not aligned
     if "theta" not in trial.columns or trial.samples["theta"].count() < fewest:
         return {}

@@ -90,9 +90,8 @@ SMALLEST, LARGEST = 0.75, 1.33  # Bounds of a scale
 
 
 def matched_scales(phase: Array, curves: Array, mean: Array) -> Array:
-    """The scales r (8, m) at which curves (m, k) at phases p (k,), as functions of r p, are most like a multiple of the
-    mean curve (n,), which is at uniform phases 0 to 1, plus a polynomial of order 1 to 8. By Gauss and Newton, from 1
-    on; NaN if the search ends at a bound or not at all, or if the mean is itself a polynomial."""
+    """The scales r (8, m) at which curves (m, k) at phases p (k,) are most like a multiple of the mean curve (n,) at r
+    p, plus a polynomial of order 1 to 8; NaN if the search by Gauss and Newton from 1 on does not end within bounds."""
     spline = scipy.interpolate.make_interp_spline(np.linspace(0.0, 1.0, len(mean)), mean, k=3)
     slope = spline.derivative()
     orders = np.arange(1, 9)

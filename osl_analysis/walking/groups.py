@@ -148,9 +148,8 @@ def compared(name: str, unit: str, measured: Array, smallest: float, kinds: NDAr
 
 
 def crossing_features(crossings: Sequence[Crossing], timing: SelectionSettings, rule: OutlierRule) -> list[Feature]:
-    """Features by which crossings are compared; what differs before the onset does not count later. Nor does a crossing
-    beyond the limit, until no further one is: four bad ones of twelve widen the scatter so that none stands out. Load
-    and pressure are compared where every crossing has a load, as shares of the median one in single support."""
+    """Features by which crossings are compared; what differs before the onset, or is beyond the limit, does not count
+    later: four bad ones of twelve widen the scatter so that none stands out. Loads are shares of the median one."""
     ends = [c.stance.phase(np.array(c.onset - timing.guard_s)) for c in crossings if c.onset is not None]
     before = PHASES[min(ends, default=1.0) >= PHASES]
     middle = PHASES[(PHASES >= SINGLE_SUPPORT[0]) & (PHASES <= SINGLE_SUPPORT[1])]
@@ -193,9 +192,8 @@ def crossing_features(crossings: Sequence[Crossing], timing: SelectionSettings, 
 
 
 def places(crossings: Sequence[Crossing], sheet: Sheet, settings: GroupSettings) -> dict[str, dict[str, object]]:
-    """Columns of `walking_crossings.csv` of every row of the sheet, by name: the mean gaits that it belongs to, one for
-    a perturbed crossing; and, of the `crossings` that are used and perturbed, the group whose result it enters, the
-    direction in which the platform turned, and the onset as a share of the gait's mean stance."""
+    """Columns of `walking_crossings.csv` of every row of the sheet, by name: the mean gaits that it belongs to, and of
+    the used and perturbed `crossings` the group, the direction of the turn, and the onset as a share of mean stance."""
     keys = split_keys(sheet, settings)
     every = [{key: cells[key] for key in keys} for cells in sheet.values() if cells[IS_PERTURBED]]
     gaits: dict[str, Cells] = {label(cells): cells for cells in every}

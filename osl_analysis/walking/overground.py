@@ -1,8 +1,7 @@
 """Overground gait from another laboratory: the ankle moment from the plate, compared with the laboratory's own.
 
-Plug-in Gait gives the ankle's centre (TIO) and a second point (TIL) to its left on the tibia's mediolateral axis. Both
-are stored like markers. Plug-in Gait's moment is the quasi-static moment about that axis, plus the effects of the
-foot's weight and inertia.
+Plug-in Gait stores the ankle's centre (TIO) and a point to its left on the tibia's mediolateral axis (TIL) as markers.
+Its moment is the quasi-static moment about that axis, plus the effects of the foot's weight and inertia.
 """
 
 from collections.abc import Iterator

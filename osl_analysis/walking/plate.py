@@ -27,7 +27,7 @@ from osl_analysis.signals import LowPass, longest_run, runs, sampling_rate
 from osl_analysis.stats.regression import linear_fit
 from osl_analysis.trial import AXES, Array, Trial, plate_columns
 from osl_analysis.walking import bodies, platform
-from osl_analysis.walking.bodies import BodyMotion, Poses, StaticCalibration, cross_matrix
+from osl_analysis.walking.bodies import BodyMotion, StaticCalibration, cross_matrix
 from osl_analysis.walking.settings import CrossingSettings, PlateModelSettings
 
 
@@ -86,8 +86,7 @@ def zeroed_wrench(
     trial: Trial, frames: Array, settings: CrossingSettings
 ) -> tuple[Callable[[float], Array], float | None]:
     """The `wrench_reader` of the plate minus its zero, and the zero's vertical force [N]; None if none is removed. It
-    is read before the largest force, where force varies least: gait is never as constant, and a later plate may be
-    tilted."""
+    is read before the largest force, where force varies least: a later plate may be tilted."""
     (time, wrench), removed = recorded_wrench(trial, settings.plate), None
     if settings.unloaded_s is not None:
         length, vertical = round(settings.unloaded_s * sampling_rate(time)), wrench[:, 2]
@@ -196,9 +195,8 @@ def check_type_on_platform(trial: Trial, plate: int) -> None:
 
 
 def ankle_torque(reaction: Array, plate_centre: Array, ankle: Array, axis: Array) -> Array:
-    """Internal plantarflexion moment tau (n,) [N*m] = -(M + (c - a) x F) . axis, about the plate's centre c (n, 3) or
-    (3,) [m] in laboratory axes, with the reaction (n, 6) on the foot, the ankle a (n, 3) [m], the axis (n, 3) to the
-    left."""
+    """Internal plantarflexion moment tau (n,) [N*m] = -(M + (c - a) x F) . axis, about the plate's centre c [m], with
+    the reaction (n, 6) on the foot in laboratory axes, the ankle a (n, 3) [m], the axis (n, 3) to the left."""
     about_ankle = reaction[:, 3:] + np.cross(plate_centre - ankle, reaction[:, :3])
     return np.asarray(-np.sum(about_ankle * axis, axis=1))
 
@@ -208,8 +206,7 @@ SINGLE_SUPPORT = (0.2, 0.8)  # Phases of stance in which one foot carries the bo
 
 def load_on_foot(reaction: Array, centre: Array, ankle: Array, axis: Array) -> Array:
     """Vertical force (n,) [N] on the foot, and the centre of pressure (n,) [m] to the left of the ankle along its axis,
-    0 while the force is below 100 N; from the reaction (n, 6) about the plate's centre (n, 3) [m], the ankle (n, 3) [m]
-    and its axis (n, 3)."""
+    0 below 100 N; from the reaction (n, 6) about the plate's centre, the ankle [m] and its axis, (n, 3) each."""
     vertical, up = reaction[:, 2], np.array([0.0, 0.0, 1.0])
     pressed = vertical > 100.0  # [N]
     pressure = centre + np.cross(up, reaction[:, 3:]) / np.where(pressed, vertical, 1.0)[:, None]
@@ -286,13 +283,11 @@ def identify_plate_inertia(
 ) -> PlateModel:
     """Parameters from unloaded recordings: motion of the plate's centre, and wrench (n, 6), each with its own zero.
 
-    `smooth` is the low-pass that the wrench passed and the motion did not. It is applied to the columns, which are
-    products of motions: with filtered motions, a filter of 8 Hz would make the plate's lag 0.05 ms too small. `names`
-    may be identified, all if None or empty (as an exact fit, without errors, names); the others are as in `known`
-    (10,), 0 if None. Inertias about axes that are not excited are 0. If the rest cannot be told apart, or some are seen
-    with more noise than motion, only the planar ones are identified. `noise` (10, 10) are the columns' squares N by
-    marker noise alone, which makes every estimate too small: with their squares G, by (G - N)^-1 G (Fuller, Measurement
-    Error Models, 1987, 1.4)."""
+    `smooth` is the low-pass that the wrench passed. It is applied to the columns, which are products of motions: with
+    filtered motions, 8 Hz would make the lag 0.05 ms too small. `names` may be identified, all if None or empty (as an
+    exact fit names); the others are as in `known` (10,), 0 if None. If the rest cannot be told apart, or is seen with
+    more noise than motion, only the planar ones are identified. `noise` (10, 10) are the squares N of the columns by
+    marker noise alone: estimates are corrected by (G - N)^-1 G (Fuller, Measurement Error Models, 1987, 1.4)."""
     columns = np.concatenate([without_mean(smooth(inertial_columns(motion))) for motion, _ in recordings])
     wrench = np.concatenate([without_mean(w) for _, w in recordings])
     wanted = tuple(n for n in excited_parameters([motion for motion, _ in recordings]) if not names or n in names)
@@ -344,9 +339,8 @@ def column_rms(values: Array) -> Array:
 
 
 def plate_lag(motion: BodyMotion, wrench_at: Callable[[float], Array], smooth: Callable[[Array], Array]) -> float:
-    """Lag [s] of the plate behind the markers in one unloaded recording that minimises the misfit of
-    `identify_plate_inertia`; NaN if it is too light, below 0.1 N*m of forces with their lever. `wrench_at` returns the
-    wrench a lag [s] later, filtered with `smooth`, the motion not."""
+    """Lag [s] of the plate behind the markers in one unloaded recording with the least misfit; NaN if it is too light,
+    below 0.1 N*m. `wrench_at` returns the wrench a lag [s] later, filtered with `smooth`, the motion not."""
     largest, step = 0.012, 0.002  # [s]; a parabola between the steps is exact to 1 % below 20 Hz
     lags = np.arange(-largest, largest + step / 2, step)
     readings = [wrench_at(float(lag)) for lag in lags]
@@ -424,18 +418,28 @@ def unloaded_recording(trial: Trial, calibration: StaticCalibration, settings: P
             f"row, expected {few} or more; fill the gaps in Nexus, or record the trial again"
             + (f"; {hint}" if (hint := bodies.exchanged_labels(trial, calibration, settings, ("platform",))) else "")
         )
-    reference = calibration.positions(names, trial.name)
-    track = platform.platform_track(trial.name, frames[rows], poses[rows], reference, settings.low_pass)
+    rotation = platform.rotation_from_rest(poses)
+    largest_turn = float(np.rad2deg(np.max(rotation[rows])))
+    track = platform.platform_track(trial.name, frames[rows], poses[rows], calibration, settings)
     whole = whole_motions(track)
     cut, rests = whole.stop - whole.start < rows.stop - rows.start, whole.stop - whole.start >= few
     if cut and rests:
         rows = slice(rows.start + whole.start, rows.start + whole.stop)
-        track = platform.platform_track(trial.name, frames[rows], poses[rows], reference, settings.low_pass)
-    unusable = ""
-    turned = np.ptp(platform.rotation_from_rest(poses[rows]))
+        track = platform.platform_track(trial.name, frames[rows], poses[rows], calibration, settings)
+    gaps = [gap for gap in runs(poses.bridged) if bodies.gap_duration(frames, gap) > settings.longest_fitted_gap_s]
+    unusable, turned = "", np.ptp(platform.rotation_from_rest(poses[rows]))
     if cut and (not rests or turned < np.deg2rad(settings.perturbation_deg)):
         unusable = "the recording begins or ends while the platform moves; record from rest to rest"
-    elif turned_while_hidden(trial.name, frames, poses, settings):
+    elif largest_turn < settings.perturbation_deg and poses.seen().all():
+        raise InputError(
+            f"trial {trial.name}: the platform turns by {largest_turn:.2f} deg only, expected "
+            f"{settings.perturbation_deg:g} deg or more; record a perturbation of the unloaded plate"
+        )
+    elif largest_turn < settings.perturbation_deg or any(
+        # At rest noise gives 0.03 deg; 11 interpolated frames at 300 Hz change the lag by 2 ms
+        abs(float(rotation[gap.stop] - rotation[gap.start - 1])) > np.deg2rad(0.2)
+        for gap in gaps
+    ):
         unusable = "the platform turned while its markers were hidden; fill the gap in Nexus, or record it again"
     read = wrench_reader(time, wrench, frames)
 
@@ -455,25 +459,9 @@ def whole_motions(track: platform.PlatformTrack) -> slice:
         since = track.time[end] - track.time[end].mean()
         slopes = since @ track.measured[end] / (since @ since)
         moves[end] |= float(np.abs(slopes).max() * np.sqrt(since @ since)) > platform.STILL * track.noise
-    still = runs(track.gate(moves) == 0)
-    rests = [run for run in still if run.stop - run.start >= platform.FEWEST_FRAMES] or [slice(0, 0)]
+    rests = [run for run in runs(track.gate(moves) == 0) if run.stop - run.start >= platform.FEWEST_FRAMES]
+    rests = rests or [slice(0, 0)]
     return slice(rests[0].start if moves[0] else 0, rests[-1].stop if moves[-1] else n)
-
-
-def turned_while_hidden(name: str, time: Array, poses: Poses, settings: PlateModelSettings) -> bool:
-    """Whether the platform turned while its markers were hidden, by 0.2 deg or more (at rest noise gives 0.03): 11
-    interpolated frames at 300 Hz change the lag by 2 ms. Refused if they were always seen and it did not turn."""
-    turned = float(np.rad2deg(np.max(platform.rotation_from_rest(poses[longest_run(poses.seen())]))))
-    if turned >= settings.perturbation_deg:
-        rotation, longest = platform.rotation_from_rest(poses), settings.longest_fitted_gap_s
-        gaps = [gap for gap in runs(poses.bridged) if bodies.gap_duration(time, gap) > longest]
-        return any(abs(float(rotation[gap.stop] - rotation[gap.start - 1])) > np.deg2rad(0.2) for gap in gaps)
-    if poses.seen().all():
-        raise InputError(
-            f"trial {name}: the platform turns by {turned:.2f} deg only, expected {settings.perturbation_deg:g} deg or "
-            "more; record a perturbation of the unloaded plate"
-        )
-    return True
 
 
 def identify_plate_model(pairs: Sequence[tuple[Trial, StaticCalibration]], settings: PlateModelSettings) -> PlateModel:

@@ -119,8 +119,7 @@ class PlatformTrack:
 
     def gate(self, moves: Mask) -> Array:
         """Weights (n,) of inertial forces: 1 where the platform moves and up to twice `spread` beside it, 0 one
-        `spread` later, half a cosine between: a slow ramp accelerates most while its speed is below that of noise.
-        Weights that fall after one make a plate's mass 0.1 % too large at 5 deg, its moment 1 % too small at 2.5."""
+        `spread` later: a slow ramp accelerates most while noise hides its speed. Once makes a mass 0.1 % wrong."""
         if not moves.any():
             return np.zeros(len(moves))
         nearest = scipy.ndimage.distance_transform_edt(~moves) / self.rate
@@ -141,9 +140,8 @@ class PlatformTrack:
         return motion, self.gate(self.moves(axes))[rows]
 
     def motion_of(self, coordinates: Array, centre: Array, rows: slice) -> BodyMotion:
-        """Motion in `rows` of the point that rests at `centre` (3,) [m] for other coordinates (n, 6) [m], not filtered.
-        The markers of that pose pass the low-pass, as the wrench does; its coordinates do not. The derivatives of its
-        spline depend on each further frame beside `rows` by a factor 0.43 less, by nothing at 60."""
+        """Motion in `rows` of the point that rests at `centre` (3,) [m] for other coordinates (n, 6) [m], not filtered:
+        the markers of that pose pass the low-pass, as the wrench does. Its spline forgets frames 60 beside `rows`."""
         first, last, _ = rows.indices(len(self.time))
         start, stop = max(first - 60, 0), min(last + 60, len(self.time))
         screw: Array = np.linalg.solve(screw_scale(self.reference), coordinates.T).T.astype(float)
@@ -156,13 +154,14 @@ class PlatformTrack:
         return bodies.body_motion(self.time[start:stop], poses, centre)[first - start : last - start]
 
 
-def platform_track(name: str, time: Array, poses: Poses, reference: Array, low_pass: LowPass) -> PlatformTrack:
-    """The track of a platform's poses (n,), none NaN, whose markers were at the reference (m, 3) [m] at rest.
-
-    Over gaps of 15 ms and more, in which a turn is never hidden, it is a straight line between the means of the four
-    frames beside: a cubic over 50 ms carries their noise to several times its size, a motion that never was. The median
-    of second differences, the noise, is blind to the few frames in which the platform accelerates."""
-    turn, rate = scipy.spatial.transform.Rotation.from_matrix(poses.rotation).as_rotvec(), sampling_rate(time)
+def platform_track(
+    trial: str, time: Array, poses: Poses, calibration: StaticCalibration, settings: PlatformSettings
+) -> PlatformTrack:
+    """The track of a platform's poses (n,), none NaN. Over gaps of 15 ms and more, in which a turn is never hidden, it
+    is a straight line: a cubic carries the noise beside them to several times its size, a motion that never was. The
+    noise is the median of second differences."""
+    reference, rate = calibration.positions(settings.markers.platform, trial), sampling_rate(time)
+    turn = scipy.spatial.transform.Rotation.from_matrix(poses.rotation).as_rotvec()
     away = (poses.position - reference.mean(axis=0))[:, :, None]
     shift = np.linalg.solve(left_jacobian(turn), away)[:, :, 0]
     measured = np.hstack([turn, shift]) @ screw_scale(reference).T
@@ -177,21 +176,18 @@ def platform_track(name: str, time: Array, poses: Poses, reference: Array, low_p
         found[gap] = first + share[:, None] * (last - first)
     second = np.diff(found[~poses.bridged], n=2, axis=0)
     noise = 1.4826 * float(np.median(np.abs(second))) / np.sqrt(6.0) if second.size else 0.0
-    return PlatformTrack(
-        name, time, reference, found, low_pass, float(max(noise, 2e-7))
-    )  # [m]: single precision at 1 m
+    noise = float(max(noise, 2e-7))  # [m]: single precision at 1 m
+    return PlatformTrack(trial, time, reference, found, settings.low_pass, noise)
 
 
 def track_about(
     trial: str, time: Array, poses: Poses, calibration: StaticCalibration, settings: PlatformSettings, instant: float
 ) -> PlatformTrack:
     """The platform's track in the run of seen frames about an instant [s], from its poses at times (n,) [s]."""
-    labels = settings.markers.platform
     for run in runs(poses.seen()):
         if time[run.start] <= instant <= time[run.stop - 1]:
-            reference = calibration.positions(labels, trial)
-            return platform_track(trial, time[run], poses[run], reference, settings.low_pass)
-    raise InputError(f"the platform markers {', '.join(labels)} are hidden at {instant:.3f} s")
+            return platform_track(trial, time[run], poses[run], calibration, settings)
+    raise InputError(f"the platform markers {', '.join(settings.markers.platform)} are hidden at {instant:.3f} s")
 
 
 def shared_directions(tracks: Sequence[PlatformTrack]) -> list[Array]:
@@ -209,9 +205,8 @@ def shared_directions(tracks: Sequence[PlatformTrack]) -> list[Array]:
 
 
 def find_onset(time: Array, rotation: Array, threshold: float) -> float | None:
-    """Time [s] at which a platform starts to rotate, by `start_of_rise`; None if it never rotates by `threshold` [rad].
-    `rotation` (n,) [rad] is positive in the direction of the perturbation, NaN where not seen, and not low-passed,
-    which would spread the start."""
+    """Time [s] at which a platform starts to rotate; None if it never rotates by `threshold` [rad]. `rotation` (n,)
+    [rad], positive towards the perturbation, NaN where not seen, is not low-passed, which would spread the start."""
     time, rotation = time[np.isfinite(rotation)], rotation[np.isfinite(rotation)]
     above = np.flatnonzero(rotation > threshold)
     if not len(above):
@@ -341,9 +336,8 @@ def shape_fit(track: PlatformTrack, guess: Alignment, template: PlatformTemplate
 
 def start_of_rise(time: Array, coordinates: Array, noise: float) -> tuple[float, float, float]:
     """The start [s] of a mean motion (n, r) [m] from rest, along its largest displacement: of the smooth step that fits
-    0.7 of the rise (the half tells the start a third less well, the end may overshoot). `noise` [m] is that of each
-    sample, as if independent. Then the start's standard error [s] from noise, and the largest change [s] of it by
-    another smooth step that fits as well, else 0.
+    0.7 of the rise, as the end may overshoot. Then its standard error [s] from the `noise` [m] of each sample, and its
+    largest change [s] by another step that fits as well, else 0.
 
     Steps are I(x; p, p): a straight ramp for p = 1, a cubic for 2, minimum jerk for 3, of seventh degree for 4. It is
     minimum jerk, unless another lowers chi-square by more than 30: the starts of two steps that fit alike differ by 6
@@ -467,9 +461,8 @@ class PlatformModel:
     alignments: dict[str, Alignment]  # how each perturbed crossing follows it, by trial
     triggers: dict[str, float]  # time [s] of the trigger's edge, by trial, where it is recorded
     latency: dict[str, float] | None
-    """Of the platform's motion behind its trigger: `mean` and `sd` [s] over crossings; `used`, whether it is constant,
-    so that the trigger tells the onset: it scatters as errors and sampling do; `finer`, whether an edge, which is known
-    to one sample, is more certain than the start by the shape. None with fewer than three triggers, or no shape."""
+    """Behind its trigger: `mean` and `sd` [s] over crossings; `used`, whether it scatters as errors and sampling do, so
+    that the trigger tells the onset; `finer`, whether better than the shape. None with fewer than three, or no shape"""
     leave_out: tuple[PlatformTemplate, ...] = ()  # the shape without each of up to ten groups of crossings
 
     def onset(self, trial: str, own: float) -> float:
@@ -492,9 +485,8 @@ ALONE = PlatformModel(None, "each crossing is analysed alone", {}, {}, None)  # 
 def identify_platform(
     pairs: Sequence[tuple[Trial, StaticCalibration]], settings: PlatformMotionSettings
 ) -> PlatformModel:
-    """The shape that the platform's motions share in perturbed crossings, each with its calibration; without one, each
-    keeps its own motion. A crossing whose platform is hidden, or does not turn by `perturbation_deg`, has no part; its
-    analysis says so."""
+    """The shape that the platform's motions share in perturbed crossings, each with its calibration. A crossing whose
+    platform is hidden, or does not turn by `perturbation_deg`, has no part; its analysis says so."""
     tracks, labels, limit = [], settings.markers.platform, settings.largest_residual_mm
     # The coordinates of a motion are those of its cluster: of the place of each platform marker among the others
     clusters = [static.positions(labels, "static") for _, static in pairs]

@@ -73,9 +73,8 @@ class PerturbationResponse:
 def isolate_response(
     crossing: Crossing, gait: UnperturbedGait, timing: TimingSettings, perturbed_stance: StanceSource = "own"
 ) -> PerturbationResponse:
-    """The crossing's response to its perturbation. Phase is the time since heel strike over a duration of stance, as of
-    `aligned_gait`. The baseline ends before the onset, because the filter spreads the response to earlier times: a
-    response zeroed at the onset itself gives K = 321 N*m/rad for a true 340."""
+    """The crossing's response to its perturbation, at a phase as of `aligned_gait`. The baseline ends before the onset,
+    because the filter spreads the response: zeroed at the onset it gives K = 321 N*m/rad for a true 340."""
     if crossing.onset is None:
         raise InputError(
             f"trial {crossing.name}: no onset, expected a perturbed crossing; mark it as unperturbed in the sheet"
@@ -116,11 +115,10 @@ def isolate_response(
 
 
 def fit_response(response: PerturbationResponse) -> LinearFit:
-    """Fit Eq. 15 without an offset in the window. The zero is the mean over the baseline: an offset would absorb what
-    is not of second order (on the exact response of the simulated drivetrain, K = 321 N*m/rad instead of 334). The
-    covariance comes from gait (the perturbed crossing deviates as each unperturbed one does, the mean of n with 1/n of
-    their variance) and from the plate trials, if there are several; the residual, a few correlated samples, shows
-    neither."""
+    """Fit Eq. 15 without an offset in the window: an offset would absorb what is not of second order (on the exact
+    response of the simulated drivetrain, K = 321 N*m/rad instead of 334). The covariance comes from gait (the perturbed
+    crossing deviates as each unperturbed one does, the mean of n with 1/n of their variance) and from the plate trials,
+    if there are several; the residual, a few correlated samples, shows neither."""
     try:
         fit = fit_without_offset(response.fitted_motion, response.fitted_torque)
     except OslAnalysisError as error:
@@ -183,8 +181,7 @@ def offset_comparison(motion: Motion, torque: Array, K: float) -> dict[str, floa
 
 def response_lag(response: PerturbationResponse) -> tuple[float, float] | None:
     """Lag [s] at which the residual of Eq. 15 is smallest, positive if the torque is late, with its standard error;
-    None from 10 ms on. It changes the damping by -K times the lag, and else shows only in the residual. A response that
-    is not of second order shifts it too: compare sessions with it, and do not correct the torque."""
+    None from 10 ms on. A response that is not of second order shifts it too: do not correct the torque by it."""
     motion, stamps = response.fitted_motion, response.time[response.window]
     later, step = make_interp_spline(response.time, response.torque, k=5), 0.001  # [s]
     lags = np.arange(-0.01, 0.01 + step / 2, step)  # within the margin of 8 frames
@@ -258,8 +255,7 @@ def resampling_weights(random: np.random.Generator, samples: int, n: int) -> Arr
 
 class Ensemble:
     """The n responses of a group to c unperturbed crossings, k samples, stacked: theta and torque (n, c, k), behaviour
-    (n, 4, c), directions (n,), and the influence (n, m, k) of each of m plate trials on the torque. Refused where they
-    cannot be averaged."""
+    (n, 4, c), directions (n,), and the influence (n, m, k) of each of m plate trials on the torque."""
 
     def __init__(self, responses: Sequence[PerturbationResponse]) -> None:
         if len(responses) < 2:
@@ -320,9 +316,8 @@ class Ensemble:
 
     def resampled(self, samples: int, predictors: Predictors = (), sign: int = 0) -> Bootstrap:
         """The ensemble refitted with perturbations, within their direction, unperturbed crossings and plate trials (to
-        first order) resampled with replacement: the errors of mean gait and plate are common to all responses and do
-        not show in the scatter between perturbations. With a `sign` the mean of that direction alone, from the same
-        draws."""
+        first order) resampled: errors of mean gait and plate are common to all responses and do not show in their
+        scatter. With a `sign` the mean of that direction alone, from the same draws."""
         random, signs = np.random.default_rng(20), self.signs  # the same data give the same interval
         perturbed = np.empty((samples, len(signs)))
         for each in np.unique(signs)[::-1]:

@@ -18,11 +18,8 @@ def impedance_columns(motion: Motion) -> dict[str, Array]:
 
 
 def fit_impedance(motion: Motion, torque: Array) -> LinearFit:
-    """Fit Eq. 15 to a motion and resisting torque [N*m] of shape (n,): K [N*m/rad], B [N*m*s/rad], I [kg*m^2] and
-    offset [N*m].
-
-    Angle and torque must have passed the same filter. If only the angle is filtered at 15 Hz, B is estimated as 3.43
-    instead of 3.
+    """Fit Eq. 15 to a motion and resisting torque [N*m] of shape (n,): K [N*m/rad], B [N*m*s/rad], I [kg*m^2], offset
+    [N*m]. Both must have passed the same filter: if only the angle is filtered at 15 Hz, B is 3.43 instead of 3.
 
     Raises InputError, IdentifiabilityError: As `linear_fit`; from a single sine K and I cannot be told apart.
     """

@@ -52,9 +52,8 @@ Facts = dict[str, float | None]
 def group_rows(
     selection: pl.DataFrame, sheet: Sheet | None, gaits: Mapping[str, UnperturbedGait], window: float
 ) -> list[dict[str, Any]]:
-    """Rows of `walking_groups.csv` before any fit: stated conditions that a group shares, numbers, and phases of onset
-    and end of the `window` [s]; in the order of the conditions, numbers as numbers, then by direction where groups have
-    one each, then by phase. A gait none of whose perturbed crossings is used is a group without crossings."""
+    """Rows of `walking_groups.csv` before any fit, in the order of the conditions that a group shares, numbers as
+    numbers, then of direction and phase. A gait none of whose perturbed crossings is used is a group without any."""
     perturbed, found = selection.filter(pl.col("perturbed")), list[tuple[tuple[object, ...], dict[str, Any]]]()
     stated = {trial: (sheet or {}).get(trial, {}) for trial in perturbed["trial"]}
     grouped = perturbed.drop_nulls("group").partition_by("group", maintain_order=True)
@@ -251,9 +250,8 @@ def response_table(group: str, headline: GroupHeadline) -> pl.DataFrame:
 def walking_page_points(
     perturbed: Sequence[Crossing], gaits: Mapping[str, UnperturbedGait], responses: pl.DataFrame, timing: TimingSettings
 ) -> pl.DataFrame:
-    """Points of the walking page: gaits by curve over stance [%], angle in deg, torque in N*m, mean and SD; responses
-    over time [ms], of `walking_responses.csv` with the column `doubtful`, and their mean with its fit; window and
-    baseline of the `perturbed`, as mean phases of stance [%] and as times from the onset [ms]."""
+    """Points of the walking page: gaits over stance [%], mean and SD; responses over time [ms], with the column
+    `doubtful`, and their mean with its fit; window and baseline as mean phases [%] and times from the onset [ms]."""
     step = 4  # a hundred points of stance are enough for a curve
     frames, x = [], 100 * PHASES[::step]
     for name, gait in gaits.items():
@@ -281,9 +279,8 @@ def walking_page_points(
 
 
 def impedance_over_stance(summary: pl.DataFrame, groups: pl.DataFrame) -> pl.DataFrame:
-    """Rows of `impedance_over_stance.csv`: K, B and I of every group with a result, by quantity and phase of stance.
-    `summary` is `walking_summary.csv`, `groups` is `walking_groups.csv`. `phase` is the one that the fit reads
-    (`fitted_time`). A series has the groups that differ in their timing only. `commanded` is what the sheet states."""
+    """Rows of `impedance_over_stance.csv` from `walking_summary.csv` and `walking_groups.csv`: K, B, I of every group
+    at the phase that its fit reads. A series has the groups that differ in their timing only."""
     wanted = pl.col("quantity").is_in(["K", "B", "I"]) & pl.col("mean").is_not_null()
     ensemble = summary.filter((pl.col("estimator") == ENSEMBLE) & wanted)
     rows = ensemble.join(groups.select(FACTS), on="group", how="left", maintain_order="left")

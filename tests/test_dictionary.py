@@ -42,17 +42,13 @@ def test_the_columns_that_a_figure_draws_are_described(name):
     assert set(drawing_of(name).columns) <= set(described(f"figures/{name}"))
 
 
-def test_the_study_s_table_is_described():
+def test_the_tables_of_the_study_and_of_overground_trials_are_described():
     batches = described("study/batches/*")
     assert {"value", "se", "low", "high"} < set(batches)
     numbers = {name: [1.0, 2.0, 4.0] for name in batches} | {"truth": [1.0, 1.0, 1.0]}
     estimates = pl.DataFrame(numbers | {name: ["x"] * 3 for name, column in batches.items() if column.unit == "text"})
     assert set(described("study/study")) - {"data"} == set(performance_table(estimates).columns)
-
-
-def test_the_table_of_overground_trials_is_described():
-    settings = OvergroundAnalysis(load_on_n=50, body_mass_kg=70)
-    (row,) = overground_rows(gait_trial(), settings)
+    (row,) = overground_rows(gait_trial(), OvergroundAnalysis(load_on_n=50, body_mass_kg=70))
     assert set(described("tables/ankle_moment")) - {"joint", "data"} == set(row)
 
 

@@ -100,6 +100,10 @@ def test_joint_controller_and_desired_impedance_are_free(tmp_path):
     assert [row["controller"] for row in table.values()] == ["PD $x_1$ 50 %", None, None]
     assert [row["side"] for row in table.values()] == ["left", None, "right"]
     assert [(row["K_d"], row["B_d"]) for row in table.values()] == [(300, None), (None, 2), (None, None)]
+    row = "w1,walking,w1.c3d,vicon,true,left,down,slow walk\nw2,walking,w2.c3d,vicon,false,,,\n"
+    table = read_sheet(sheet(tmp_path, CONDITIONED + row))  # conditions are words, or empty
+    assert [table["w1"][name] for name in ("group", "side", "direction")] == ["slow walk", "left", "down"]
+    assert {table["w2"][name] for name in ("group", "session", "direction")} == {None}
 
 
 def test_blanks_around_a_cell_say_nothing(tmp_path):
@@ -126,34 +130,19 @@ def test_number_signs_accents_and_names_such_as_na_are_text_with_or_without_a_by
     assert {row["controller"] for row in table.values()} == {None}
 
 
-def test_the_conditions_of_a_crossing_are_words_and_may_be_empty(tmp_path):
-    header = "trial,experiment,perturbed,mocap,mocap_source,group,subject,speed,side,direction\n"
-    rows = "w1,walking,true,w1.c3d,vicon,slow walk,S01,0.8 m/s,left,down\nw2,walking,false,w2.c3d,vicon,,S01,,,\n"
-    table = read_sheet(sheet(tmp_path, header + rows))
-    stated = ["slow walk", "S01", "0.8 m/s", "left", "down"]
-    assert [table["w1"][name] for name in ("group", "subject", "speed", "side", "direction")] == stated
-    assert {table["w2"][name] for name in ("group", "session", "direction")} == {None}
-
-
-def campaign(experiments):
-    """A campaign of these trials, each with its experiment."""
-    rows = {trial: {"experiment": experiment} for trial, experiment in experiments.items()}
-    return Campaign(SimpleNamespace(sheet="trials.csv"), rows, {})
-
-
 @pytest.mark.parametrize(
     "experiments",
     [
-        {"belt_01": "belt", "belt_02": "belt", "actuator_1": "actuator", "b": "impedance"},
-        {"t_1": "belt", "t_10": "impedance", "t_2": "impedance", "t_11": "belt", "t_100": "belt"},
+        {"t_1": "belt", "t_10": "impedance", "t_2": "impedance", "t_11": "belt", "t_100": "actuator"},
         {"a.b": "belt", "acb": "impedance", "a.b.c": "impedance"},
     ],
 )
 def test_the_pattern_of_an_experiment_matches_its_trials_and_no_other(experiments):
-    found = campaign(experiments)
+    rows = {trial: {"experiment": experiment} for trial, experiment in experiments.items()}
+    found = Campaign(SimpleNamespace(sheet="trials.csv"), rows, {})
     for experiment in {*experiments.values(), "transmission"}:
         pattern = re.compile(found.pattern(experiment))
         matched = {trial for trial in experiments if pattern.fullmatch(trial)}
         assert matched == {trial for trial, own in experiments.items() if own == experiment}
-    with pytest.raises(InputError, match=r"trials\.csv: no trial 'belt_02'; it has belt_01, k300"):
-        campaign({"belt_01": "belt", "k300": "impedance"}).row("belt_02")
+    with pytest.raises(InputError, match=rf"trials\.csv: no trial 'belt'; it has {', '.join([*rows][:5])}, \.\.\."):
+        found.row("belt")

@@ -30,16 +30,12 @@ def test_names_of_digits_are_text_decimals_may_come_late_and_an_empty_column_hol
     assert [p.name for p in (tmp_path / "a" / "b").iterdir()] == ["t.csv"]
 
 
-def fail_halfway(path):
-    path.write_text("half of the new")
-    raise ZeroDivisionError
-
-
 def test_a_failure_while_writing_leaves_the_old_file_and_nothing_else(tmp_path):
     path = tmp_path / "t.csv"
     path.write_text("old")
-    with pytest.raises(ZeroDivisionError), atomic_path(path) as temporary:
-        fail_halfway(temporary)
+    with pytest.raises(ZeroDivisionError), atomic_path(path) as temporary:  # noqa: PT012
+        temporary.write_text("half of the new")
+        raise ZeroDivisionError
     assert path.read_text() == "old"
     assert list(tmp_path.iterdir()) == [path]
 

@@ -47,6 +47,11 @@ def test_two_sines_have_the_errors_that_one_computes_by_hand():
         found.columns["half_width"], student.ppf(0.975, found.columns["degrees_of_freedom"]) * found.columns["se"]
     )
     np.testing.assert_allclose(found.columns["half_width_of_noise"], found.columns["half_width"])  # nothing is stated
+    # Welch and Satterthwaite: of B both frequencies weigh a^2 w^2 T; each has 9 of 10 cycles' freedom
+    found = precision(replace(plan, amplitudes=(a, a), cycles=(11.0, 11.0)), JOINT, Sensors(rate, sigma), OPEN)
+    share = np.array([10 * 1.0, 5 * 4.0]) / 2
+    freedom = 9 * (2 * share.sum()) ** 2 / (2 * np.sum(share**2))
+    assert found.columns["degrees_of_freedom"][1] == pytest.approx(freedom)
 
 
 def test_a_narrow_filter_costs_what_weighted_least_squares_cost():
@@ -125,6 +130,11 @@ def test_rounding_of_a_multisine_has_the_predicted_power_whatever_the_samples_pe
 
 def test_rounding_changes_k_at_all_frequencies_alike_and_cycles_repeat_it():
     """100 zeros at each of eight amplitudes, by numpy: 8 % in the ratio, twice; one second stands for all."""
+    sensors, w = Sensors(1e5, 0.0, encoder_step=1e-2), DRAFT.sines.w  # many samples per step: a third is in phase
+    of_angle = sensors.rounding(DRAFT.sines)[0]
+    np.testing.assert_allclose(of_angle[1], 2 * of_angle[0])
+    of_torque = sensors.variances(DRAFT.sines, 5j * w, 100.0)["encoder rounding"]  # a damper turns it by a quarter
+    np.testing.assert_allclose(of_torque, (5 * w) ** 2 * of_angle[::-1])
     rate, q, rng, ratios = 1000.0, np.deg2rad(0.5), np.random.default_rng(4), []
     w, time = 2 * np.pi * np.repeat([1.0, 2.0], 1000), np.tile(np.arange(1000) / rate, 2)
     root = np.sqrt(np.repeat([5.0, 2.5], 1000))  # five cycles of each, all like the first
@@ -138,15 +148,6 @@ def test_rounding_changes_k_at_all_frequencies_alike_and_cycles_repeat_it():
             predicted = precision(plan, np.array([300.0, 0.0, 0.02]), Sensors(rate, 0.0, encoder_step=q), OPEN)
             ratios.append((found[0].std() / predicted.columns["se"][0]) ** 2)
     assert np.sqrt(np.mean(ratios)) == pytest.approx(1, rel=0.16)
-
-
-def test_a_third_of_the_rounding_of_a_sine_is_in_phase_and_a_damper_turns_it_by_a_quarter():
-    """Many samples per step; i w B maps what is in phase with the angle to the velocity, and back."""
-    sensors, w = Sensors(1e5, 0.0, encoder_step=1e-2), DRAFT.sines.w
-    of_angle = sensors.rounding(DRAFT.sines)[0]
-    np.testing.assert_allclose(of_angle[1], 2 * of_angle[0])
-    of_torque = sensors.variances(DRAFT.sines, 5j * w, 100.0)["encoder rounding"]
-    np.testing.assert_allclose(of_torque, (5 * w) ** 2 * of_angle[::-1])
 
 
 def test_noise_of_half_a_step_cures_rounding():
@@ -202,14 +203,6 @@ def test_friction_shifts_the_damping_of_a_stepped_sine_and_leaves_a_misfit_that_
     assert list(added) == ["2 deg", "4 deg", "6 deg"]
     w, a = 2 * np.pi * np.array(DRAFT.frequencies_hz), DRAFT.amplitudes[1]
     assert added["4 deg"] == pytest.approx(4 * 0.3 / np.pi * np.sum(1 / w * w) / np.sum(a * w), rel=1e-9)
-
-
-def test_the_degrees_of_freedom_of_cycles_are_those_of_welch_and_satterthwaite():
-    """B of two amplitudes that are one: both frequencies weigh a^2 w^2 T; each has 9 of 10 cycles' freedom."""
-    plan = SteppedSine((0.05, 0.05), (1.0, 2.0), (11.0, 11.0), 0)
-    found = precision(plan, JOINT, Sensors(1000.0, 0.05), OPEN)
-    share = np.array([10 * 1.0, 5 * 4.0]) / 2  # variance by each: a^2 w^2 T
-    assert found.columns["degrees_of_freedom"][1] == pytest.approx(9 * (2 * share.sum()) ** 2 / (2 * np.sum(share**2)))
 
 
 def test_a_record_that_is_long_enough_is_the_shortest_one():

@@ -112,16 +112,11 @@ def test_the_minima_are_those_that_were_proved_in_rational_arithmetic(device_nam
         J_j = p.J_j if with_inertia else 0.0
         found = optimal_damping([K_d], [B_d], p, weight, J_j)
         assert found["minima"][0] == len(minima)
+        assert found["at_lower_bound"][0] == (not minima)
+        assert found["B_1"][0] + p.B_m > 0
         if minima:
             best = min(minima, key=lambda B_1: norm(K_d, B_d, B_1, p, weight, J_j))
             assert found["B_1"][0] + p.B_m == pytest.approx(best + p.B_m, rel=1e-8)
-
-
-def test_too_little_damping_asked_for_ends_at_the_edge_of_stability(parameters):
-    found = optimal_damping([600.0], [0.0], parameters, PAPER_WEIGHT)
-    assert found["at_lower_bound"][0]
-    assert found["B_1"][0] + parameters.B_m > 0
-    assert found["minima"][0] == 0
 
 
 def test_a_locked_motor_is_refused_by_name(parameters):
@@ -149,12 +144,11 @@ def test_every_request_within_the_limits_has_an_answer(parameters, K_d, B_d):
 
 
 @pytest.mark.parametrize(
-    ("cutoff", "order"),
-    [(1, 0), (1, 2.5), (1, 11), (0, 3), (-1, 3), (1e-300, 3), (1e300, 3), (np.inf, 3), (np.nan, 3)],
+    "weight", [(1, 0), (1, 2.5), (1, 11), (0, 3), (-1, 3), (1e-300, 3), (1e300, 3), (np.inf, 3), (np.nan, 3)]
 )
-def test_a_weight_that_weighs_nothing_is_refused(cutoff, order):
+def test_a_weight_that_weighs_nothing_is_refused(weight):
     with pytest.raises(UnreachableImpedanceError, match="W "):
-        Weight(cutoff, order)
+        Weight(*weight)
 
 
 def stiffness_at(f, gains, p, J_j=0.0):
@@ -218,7 +212,6 @@ def test_stiffness_gain_in_series_with_the_belt_gives_the_desired_stiffness(para
         (300, -1, r"B_d = -1 .* ask for 0 or more"),
         (300, float("inf"), "B_d = inf"),
         (300, 1e300, r"B_d = 1e\+300 N\*m\*s/rad is outside the accepted range; ask for 1e-09 to 1e\+06 N"),
-        (300, 2e6, r"B_d = 2e\+06 .* outside the accepted range"),
         (300, 1e-300, "B_d = 1e-300 .* outside the accepted range"),
         (1e-300, 5, "K_d = 1e-300 N.* outside the accepted range"),
     ],
@@ -228,13 +221,9 @@ def test_an_impossible_request_is_refused_with_the_reason(parameters, K_d, B_d, 
         compensated_gains(K_d, B_d, parameters)
 
 
-def test_uncompensated_gains_are_reflected_through_the_belt(parameters):
-    gains = uncompensated_gains(300, 5, parameters)
-    n2 = parameters.n_T**2
+def test_uncompensated_gains_are_reflected_through_the_belt_and_refuse_what_is_no_number(parameters):
+    gains, n2 = uncompensated_gains(300, 5, parameters), parameters.n_T**2
     assert (gains.K_1 * n2, gains.B_1 * n2, gains.cancels_friction) == pytest.approx((300, 5, False))
-
-
-@pytest.mark.parametrize(("K_d", "B_d"), [(float("nan"), 5), (300, float("inf")), (-1, 5)])
-def test_uncompensated_gains_refuse_what_is_no_number(parameters, K_d, B_d):
-    with pytest.raises(UnreachableImpedanceError, match="cannot be asked for"):
-        uncompensated_gains(K_d, B_d, parameters)
+    for pair in ((float("nan"), 5), (300, float("inf")), (-1, 5)):
+        with pytest.raises(UnreachableImpedanceError, match="cannot be asked for"):
+            uncompensated_gains(*pair, parameters)

@@ -150,76 +150,61 @@ def test_an_empty_campaign_names_what_is_to_be_done(tmp_path, monkeypatch):
     assert call("init", tmp_path / "mine", "--recorder", "opensourceleg").exit_code == 0
     assert read_source(tmp_path / "mine/sources/opensourceleg.yaml").format == "csv"
     monkeypatch.chdir(tmp_path / "mine")
-    (said,) = [found for what, found, _ in looked_at(Path()) if what == "campaign"]
-    assert "no trials; add one row per trial" in said
+    assert [
+        "no trials; add one row per trial" in found for what, found, _ in looked_at(Path()) if what == "campaign"
+    ] == [True]
 
 
-def test_snakemake_is_given_the_campaign_of_the_folder(tmp_path, monkeypatch):
+def test_snakemake_is_given_the_campaign_of_the_folder_or_a_broken_one_is_refused_in_one_line(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(InputError, match="no campaign here"):
         snakemake_arguments([])
     (tmp_path / "config.yaml").write_text("campaign: mine\n")
     snakefile = str(ROOT / "Snakefile")
     assert snakemake_arguments(["-n"]) == ["-n", "--snakefile", snakefile, "--configfile", "config.yaml"]
-    (tmp_path / "other.yaml").write_text("campaign: other\n")
-    assert snakemake_arguments(["--configfile", "other.yaml"])[-1] == snakefile
+    (tmp_path / "a.yaml").write_text("campaign: other\n")
+    assert snakemake_arguments(["--configfile", "a.yaml"])[-1] == snakefile
     for arguments in (["--workflow-profile", "profiles/slurm"], ["--workflow-profile=profiles/slurm"]):
         assert Path(snakemake_arguments(arguments)[len(arguments) - 1].removeprefix("--workflow-profile=")).is_dir()
     (tmp_path / "profiles/slurm").mkdir(parents=True)
     assert snakemake_arguments(["--workflow-profile", "profiles/slurm"])[1] == "profiles/slurm"
-
-
-@pytest.mark.parametrize("stated", [["--configfile", "a.yaml", "b.yaml", "-n"], ["-n", "--configfile=b.yaml"], []])
-def test_a_configuration_that_snakemake_would_answer_with_a_traceback_is_refused_in_one_line(
-    tmp_path, monkeypatch, stated
-):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "a.yaml").write_text("campaign: mine\n")
-    if stated:
-        assert "error: b.yaml: no such file" in call("run", *stated).output
-    broken = tmp_path / ("b.yaml" if stated else "config.yaml")
-    broken.write_text("campaign: x\n  more: [1\n")
-    said = call("run", *stated)
-    assert (said.exit_code, said.output.count("\n")) == (1, 1)
-    assert f"error: {broken.name}: not YAML: mapping values are not allowed here in line 2" in said.output
+    stated = ["--configfile", "a.yaml", "b.yaml", "-n"], ["-n", "--configfile=b.yaml"]
+    for arguments in stated:
+        assert "error: b.yaml: no such file" in call("run", *arguments).output
+    for name, arguments in (("b.yaml", stated[0]), ("b.yaml", stated[1]), ("config.yaml", [])):
+        (tmp_path / name).write_text("campaign: x\n  more: [1\n")
+        said = call("run", *arguments)
+        assert (said.exit_code, said.output.count("\n")) == (1, 1)
+        assert f"error: {name}: not YAML: mapping values are not allowed here in line 2" in said.output
 
 
 def test_a_file_of_the_campaign_goes_before_the_shipped_one(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert shipped("config/parameters/default.yaml") == ROOT / "config/parameters/default.yaml"
-    (tmp_path / "config/parameters").mkdir(parents=True)
-    (tmp_path / "config/parameters/default.yaml").write_text("name: mine\n")
-    assert shipped("config/parameters/default.yaml") == Path("config/parameters/default.yaml")
-    assert shipped("config/none.yaml") == Path("config/none.yaml")
+    name = "config/parameters/default.yaml"
+    assert shipped(name) == ROOT / name
+    (tmp_path / name).parent.mkdir(parents=True)
+    (tmp_path / name).write_text("name: mine\n")
+    assert [shipped(one) for one in (name, "config/none.yaml")] == [Path(name), Path("config/none.yaml")]
 
 
-@pytest.fixture(scope="module")
-def validators():
+def test_every_shipped_file_is_valid_by_its_schema_which_refuses_an_unknown_field_and_explains_the_known_ones():
     made = schemas()
+    validators = {name: Draft202012Validator(schema) for name, schema in made.items()}
     for schema in made.values():
         Draft202012Validator.check_schema(schema)
-    return {name: Draft202012Validator(schema) for name, schema in made.items()}
-
-
-@pytest.mark.parametrize("pattern", KINDS)
-def test_every_shipped_file_is_valid_by_its_schema(validators, pattern):
-    files = sorted(ROOT.glob(pattern))
-    assert files
-    for file in files:
-        text = file.read_text()
-        if file.parent.name == "new_campaign" and KINDS[pattern] == "config":
-            text = text.format(name="mine", raw_data="rec")
-        content = json.loads(json.dumps(yaml.safe_load(text), default=str))
-        assert [error.message for error in validators[KINDS[pattern]].iter_errors(content)] == [], file
-
-
-def test_a_schema_refuses_an_unknown_field_and_explains_the_known_ones(validators):
-    config, source = validators["config"], validators["source"]
-    assert not config.is_valid({"dynamometer": {"cutof_hz": 15}})
-    assert not config.is_valid({"dynamometer": {"cutoff_hz": -1}})
-    assert not source.is_valid({"format": "csv", "clock": "master", "chanels": {}})
-    fields = schemas()["config"]["$defs"]["Config"]["properties"]
-    assert "sample sheet" in fields["sheet"]["description"]
+    for pattern, kind in KINDS.items():
+        files = sorted(ROOT.glob(pattern))
+        assert files, pattern
+        for file in files:
+            text = file.read_text()
+            if file.parent.name == "new_campaign" and kind == "config":
+                text = text.format(name="mine", raw_data="rec")
+            content = json.loads(json.dumps(yaml.safe_load(text), default=str))
+            assert [error.message for error in validators[kind].iter_errors(content)] == [], file
+    assert not validators["config"].is_valid({"dynamometer": {"cutof_hz": 15}})
+    assert not validators["config"].is_valid({"dynamometer": {"cutoff_hz": -1}})
+    assert not validators["source"].is_valid({"format": "csv", "clock": "master", "chanels": {}})
+    assert "sample sheet" in made["config"]["$defs"]["Config"]["properties"]["sheet"]["description"]
 
 
 @pytest.mark.parametrize("name", FORMATS)

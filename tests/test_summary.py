@@ -61,18 +61,16 @@ def impedance():
     """Compensated K off by +1 % and -3 %, B by 0.5 and 0.1; VAF of single amplitudes 90, 98, 99."""
     columns = ("controller", "K_d", "B_d", "amplitude_deg", "K", "K_low", "K_high", "B", "B_low", "B_high", "VAF")
     rows = [
-        ("compensated", 300.0, 5.0, 2.0, 1.0, 0.0, 2.0, 1.0, 0.0, 2.0, 90.0),
-        ("compensated", 300.0, 5.0, 4.0, 1.0, 0.0, 2.0, 1.0, 0.0, 2.0, 98.0),
-        ("compensated", 300.0, 5.0, 6.0, 1.0, 0.0, 2.0, 1.0, 0.0, 2.0, 99.0),
+        ("compensated", 300.0, 5.0, a, 1.0, 0.0, 2.0, 1.0, 0.0, 2.0, v) for a, v in ((2, 90.0), (4, 98.0), (6, 99.0))
+    ]
+    rows += [
         ("compensated", 300.0, 5.0, None, 303.0, 299.0, 307.5, 5.5, 5.4, 5.7, 10.0),
         ("compensated", 100.0, 0.0, None, 97.0, 95.0, 99.0, 0.1, 0.0, 0.2, 10.0),
         ("uncompensated", 300.0, 5.0, None, 210.0, 208.0, 212.0, 3.6, 3.5, 3.7, 10.0),
     ]
-    table = pl.DataFrame(rows, schema=columns, orient="row")
-    whole = pl.col("amplitude_deg").is_null()
-    ends = {f"{q}_amplitudes_{end}": pl.when(whole).then(pl.col(q) + step) for q in "KB"
-            for end, step in (("low", -2.04), ("high", 1.06))}  # fmt: skip
-    table = table.with_columns(interval_method=pl.lit("units"))
+    table = pl.DataFrame(rows, schema=columns, orient="row").with_columns(interval_method=pl.lit("units"))
+    whole, steps = pl.col("amplitude_deg").is_null(), {"low": -2.04, "high": 1.06}
+    ends = {f"{q}_amplitudes_{end}": pl.when(whole).then(pl.col(q) + step) for q in "KB" for end, step in steps.items()}
     return table.with_columns(**ends, doubtful=pl.Series(["", "VAF 90 is below 95", "", "", "", "x"]))
 
 

@@ -49,9 +49,7 @@ class Campaign:
 
     def conditions(self) -> dict[str, dict[str, Any]]:
         """Conditions of every walking trial in the sheet, by trial and column; None where empty."""
-        return {
-            trial: {name: self.row(trial)[name] for name in (*STATED, IS_PERTURBED)} for trial in self.trials("walking")
-        }
+        return {one: {name: self.row(one)[name] for name in (*STATED, IS_PERTURBED)} for one in self.trials("walking")}
 
     def static(self, trial: str) -> str:
         """The static trial that calibrates a crossing or plate trial."""
@@ -73,12 +71,9 @@ class Campaign:
     @cached_property
     def statics(self) -> dict[str, list[str]]:
         """The crossings that each static trial in use calibrates, by static trial, in the order of the sheet."""
-        found: dict[str, list[str]] = {}
-        for trial in self.trials("walking"):
-            found.setdefault(self.static(trial), []).append(trial)
-        for trial in self.plate_trials():
-            found.setdefault(self.static(trial), [])
-        return {static: found[static] for static in self.trials("static") if static in found}
+        found = {trial: self.static(trial) for trial in self.trials("walking")}
+        used = {*found.values(), *map(self.static, self.plate_trials())}
+        return {one: [trial for trial in found if found[trial] == one] for one in self.trials("static") if one in used}
 
     def calibration_settings(self, static: str) -> dict[str, Any]:
         """Settings for the calibration by a static trial: those of the configuration, with the side of the sheet. That
@@ -102,12 +97,12 @@ class Campaign:
     @cached_property
     def places(self) -> dict[str, dict[str, Any]]:
         """Joint and side of every trial in the sheet, by trial. A side on the walkway is the one that is analysed."""
-        calibrated = (*self.trials("walking"), *self.plate_trials()) if self.trials("walking") else ()
-        static_by_trial = {trial: self.static(trial) for trial in calibrated}
-        sides = {name: self.calibration_settings(name)["side"] for name in set(static_by_trial.values())}
-        sides |= {trial: sides[static] for trial, static in static_by_trial.items()}
+        walking, sides = self.trials("walking"), dict[str, str]()
+        for static, crossings in (self.statics if walking else {}).items():
+            sides |= dict.fromkeys((static, *crossings), self.calibration_settings(static)["side"])
+        sides |= {trial: sides[self.static(trial)] for trial in (self.plate_trials() if walking else ())}
         return {
-            trial: {"joint": row["joint"], "side": sides.get(trial) or row["side"]} for trial, row in self.rows.items()
+            name: {"joint": row["joint"], "side": sides.get(name) or row["side"]} for name, row in self.rows.items()
         }
 
     def by_place(self, experiment: str) -> list[list[str]]:
@@ -131,8 +126,8 @@ class Campaign:
     def predicted(self) -> list[str]:
         """The impedance trials whose gains are known: by a parameter file, a controller of the draft, K_d and B_d."""
         rows = {trial: self.row(trial) for trial in self.trials("impedance") if self.device(trial)}
-        stated = {trial: row for trial, row in rows.items() if None not in (row["K_d"], row["B_d"])}
-        return [trial for trial, row in stated.items() if row["controller"] in CONTROLLERS]
+        known = {trial for trial, row in rows.items() if row["controller"] in CONTROLLERS}
+        return [trial for trial, row in rows.items() if trial in known and None not in (row["K_d"], row["B_d"])]
 
     def rows_of(self, experiment: str, table: ResultTable) -> list[str]:
         """Names of the trials of an experiment that have rows in one of its tables."""
@@ -148,13 +143,12 @@ class Campaign:
         return str(self.row(trial)["accept"] or "").split()
 
     def logs(self, trial: str) -> list[Path]:
-        row = self.row(trial)
-        named = [self.config.raw_data / row[column] for column in ("log", "mocap") if row[column]]
-        return [file for path in named for file in recorded_files(path)]
+        named = [self.row(trial)[column] for column in ("log", "mocap")]
+        return [file for one in named if one for file in recorded_files(self.config.raw_data / one)]
 
     def sources(self, trial: str) -> list[Path]:
-        row = self.row(trial)
-        return [self.config.sources / f"{row[c]}.yaml" for c in ("log_source", "mocap_source") if row[c]]
+        named = [self.row(trial)[column] for column in ("log_source", "mocap_source")]
+        return [self.config.sources / f"{one}.yaml" for one in named if one]
 
 
 def open_campaign(config: Config, planned: SheetRows | None) -> Campaign:
@@ -198,22 +192,21 @@ def check_files(config: Config) -> None:
 
 def check_walking(campaign: Campaign) -> None:
     """Refuse walking trials without the static, plate and other trials that their analysis needs."""
-    walking, plates = campaign.config.walking, len(campaign.trials("plate"))
-    add = "add them, or exclude the walking trials"
-    for what, there, least, remedy in (
-        ("trial of experiment 'static'", len(campaign.trials("static")), 1, add),
-        ("unperturbed crossings", len(campaign.crossings(perturbed=False)), walking.fewest_unperturbed, add),
-        ("perturbed crossings", len(campaign.crossings(perturbed=True)), 2, add),
-        (
-            "trial of experiment 'plate' (unloaded platform, moved)",
-            plates if walking.plate_inertia == "identified" else 1,
-            1,
+    walking, add = campaign.config.walking, "add them, or exclude the walking trials"
+    needed = [
+        (campaign.trials("static"), "trial of experiment 'static'", 1, add),
+        (campaign.crossings(perturbed=False), "unperturbed crossings", walking.fewest_unperturbed, add),
+        (campaign.crossings(perturbed=True), "perturbed crossings", 2, add),
+    ]
+    if walking.plate_inertia == "identified":
+        state = (
             "add them, to remove the plate's own inertia, or state `plate_inertia: none` under `walking` if the plate "
-            "is light or compensates its inertia itself",
-        ),
-    ):
-        if there < least:
-            raise InputError(f"{campaign.config.sheet}: {there} {what}, walking needs {least} or more; {remedy}")
+        )
+        state += "is light or compensates its inertia itself"
+        needed.append((campaign.trials("plate"), "trial of experiment 'plate' (unloaded platform, moved)", 1, state))
+    for there, what, least, remedy in needed:
+        if len(there) < least:
+            raise InputError(f"{campaign.config.sheet}: {len(there)} {what}, walking needs {least} or more; {remedy}")
     for static in campaign.statics:
         campaign.calibration_settings(static)
     with campaign.named():

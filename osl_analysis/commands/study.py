@@ -50,10 +50,7 @@ def study_inputs(
         assert isinstance(found, FitTables)
         return found
 
-    analysis = {
-        "dynamometer": dynamometer,
-        "actuator": actuator_analysis,
-    }
+    analysis = {"dynamometer": dynamometer, "actuator": actuator_analysis}
     return StudyInputs(study, simulation, gait, read_parameters(parameters), analysis, walking, sources, fit)
 
 
@@ -77,8 +74,9 @@ def run_batch(
 
 
 def batch_rows(experiment: str, numbers: range, inputs: StudyInputs) -> list[StudyRow]:
+    """The rows of trials (or campaigns of walking) with these numbers."""
     if experiment in WALKING_EXPERIMENTS:
-        rows = list(walking_rows(inputs, numbers, recorded=WALKING_EXPERIMENTS[experiment][0] == "recorded"))
+        rows = list(walking_rows(inputs, numbers, recorded=experiment == "walking recorded"))
     else:
         rows = study_rows(studied(experiment, inputs), [f"{experiment}_{number:05d}" for number in numbers])
     return [{"experiment": experiment, **row} for row in rows]

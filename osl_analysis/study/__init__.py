@@ -28,17 +28,9 @@ RECORDINGS: Mapping[str, tuple[Mapping[str, Any], float, int | None]] = {
 """Recordings of the joint that is exactly Eq. 15, each an experiment of its own: the recorder's nodes, as in a
 simulation's settings; the bench's rate [Hz]; and the bits of the joint's encoder, None for those of the campaign."""
 BENCH_EXPERIMENTS = (
-    "second order",
-    *(f"second order, {name}" for name in RECORDINGS),
-    "linear drivetrain",
-    "drivetrain",
-    "frequency response",
-    "transmission",
-    "repeated transmission",
-    "belt",
-    "repeated belt",
-    "actuator",
-)
+    "second order", *(f"second order, {name}" for name in RECORDINGS), "linear drivetrain", "drivetrain",
+    "frequency response", "transmission", "repeated transmission", "belt", "repeated belt", "actuator",
+)  # fmt: skip
 """Experiments on a bench, which `study/bench.py` prepares."""
 REPEATED = {"repeated transmission": 20, "repeated belt": 20}
 """Experiments on a bench whose estimate is a mean over the trials of a campaign, and how many means one job takes."""
@@ -47,16 +39,11 @@ WALKING_EXPERIMENTS = {"walking": ("campaigns", 10), "walking recorded": ("recor
 configuration with the number of campaigns, and how many of them one job takes."""
 MOST_JOBS = 90  # Largest number of jobs that simulate. The table, the page and the figure come to them
 SECONDS = {
-    "frequency response": 3.0,
-    "repeated transmission": 7.0,
-    "belt": 0.04,
-    "repeated belt": 0.35,
-    "actuator": 0.4,
-    "walking": 0.7,
-    "walking recorded": 6.0,
-}
+    "frequency response": 3.0, "repeated transmission": 7.0, "belt": 0.04, "repeated belt": 0.35, "actuator": 0.4,
+    "walking": 0.7, "walking recorded": 6.0,
+}  # fmt: skip
 """Time of one core per trial, or per campaign of repeated and walking trials, with the settings of
-config/config.yaml [s], as a job's log states for its number of them."""
+config/config.yaml [s], as a job's log states. Those that are not here are stepped sines, of 1.4 s."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +56,7 @@ class Batch:
 
     @property
     def seconds(self) -> float:
-        """The time of one core that is expected [s]. Those that `SECONDS` lacks are stepped sines."""
+        """The time of one core that is expected [s]."""
         return self.number * SECONDS.get(self.experiment, 1.4)
 
 

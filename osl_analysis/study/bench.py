@@ -28,14 +28,10 @@ from osl_analysis.walking.settings import WalkingAnalysis
 StudyRow = dict[str, Any]  # one row of the study's table of estimates
 STUDIED_QUANTITIES = ("K", "B", "I")
 CANONICAL = {
-    "joint_angle": ("theta", 1),
-    "actuator_angle": ("theta_m", 1),
-    "commanded_angle": ("theta_command", 1),
-    "motor_current": ("current", 1),
-    "load_cell_torque": ("torque", -1),
-    "output_torque": ("torque_m", 1),
-}
-"""Canonical column of each channel, and its sign."""
+    "joint_angle": "theta", "actuator_angle": "theta_m", "commanded_angle": "theta_command", "motor_current": "current",
+    "load_cell_torque": "torque", "output_torque": "torque_m",
+}  # fmt: skip
+"""Canonical column of each channel. The load cell's torque has the other sign."""
 Estimates = Iterator[tuple[str, str, Mapping[str, Sequence[float]]]]
 """Of one trial: estimator, kind of interval, and by quantity value, standard error and 95 % interval, in its unit."""
 
@@ -57,24 +53,21 @@ class StudyInputs:
 
 def recorded_trial(name: str, log: Mapping[str, Array]) -> Trial:
     """The trial of a log, with one or two recordings that have stamps [s] of their own, as ingest would give it."""
-    time, late = log["time"], log["torque_time"]
-    signals = {channel: values for channel, values in log.items() if channel in CANONICAL}
-    columns = {CANONICAL[channel][0]: CANONICAL[channel][1] * values for channel, values in signals.items()}
-    samples = pl.DataFrame({"time": time - time[0], **{k: v for k, v in columns.items() if "torque" not in k}})
-    torque = {k: v for k, v in columns.items() if "torque" in k}
-    if np.array_equal(time, late):
-        return Trial(name, samples.with_columns(**{column: pl.Series(values) for column, values in torque.items()}))
-    other = pl.DataFrame({"time": late - time[0], **torque})
+    time, later = log["time"], log["torque_time"]
+    columns = {CANONICAL[n]: -values if "load_cell" in n else values for n, values in log.items() if n in CANONICAL}
+    torque = {column: columns.pop(column) for column in ("torque", "torque_m") if column in columns}
+    samples = pl.DataFrame({"time": time - time[0], **columns})
+    if np.array_equal(time, later):
+        return Trial(name, samples.with_columns(pl.DataFrame(torque)))
+    other = pl.DataFrame(torque).with_columns(time=pl.Series(later - time[0]))
     return Trial(name, samples.join(other, on="time", how="full", coalesce=True).sort("time"))
 
 
 def regression_bound(columns: Mapping[str, Array], noise: float, drift: Array | None = None) -> dict[str, float]:
-    """Smallest standard error of any unbiased estimate of y = X b + e, for exactly known columns, shape (n,) each.
-
-    The error e is Gaussian, white with standard deviation `noise`, plus a random multiple of `drift` (n,), the standard
-    deviation of a drift in time: cov(b) >= (X' V^-1 X)^-1 with V = noise^2 1 + drift drift' (Cramer and Rao), whose
-    inverse is Sherman and Morrison's. A filter that passes the columns does not change the bound.
-    """
+    """Smallest standard error of any unbiased estimate of y = X b + e, for exactly known columns (n,), where e
+    is Gaussian: white of standard deviation `noise`, plus a random multiple of `drift` (n,). cov(b) >= (X' V^-1 X)^-1
+    with V = noise^2 1 + drift drift' (Cramer and Rao), whose inverse is Sherman and Morrison's. A filter that passes
+    the columns does not change the bound."""
     X = np.column_stack(list(columns.values()))
     drift = np.zeros(len(X)) if drift is None else drift
     seen = X.T @ drift
@@ -91,9 +84,8 @@ class StudyBench:
     experiment: str  # of a campaign, whose fit it has
     signals: Mapping[str, TrueSignal]  # by channel, (n,) each
     columns: Mapping[str, Array]  # true columns (n,) of the regression, an offset among them
-    names: tuple[str, ...]  # quantities that are estimated
-    exact: Mapping[str, float]  # parameters that made the torque, where the joint has such parameters
-    theory: Mapping[str, float]  # prediction of linear theory
+    theory: Mapping[str, float]  # of the quantities that are estimated, what linear theory predicts
+    exact: bool  # whether these are the parameters that made the torque
     response: bool = False
     """Whether Y = theta/torque at each frequency is estimated. Its quantities have the frequency in their names:
     `magnitude, 2 Hz` [rad/(N*m)] and `phase, 2 Hz` [deg]."""
@@ -142,7 +134,7 @@ class StudyBench:
         singles = [f"{trial}_{i}" for i in range(self.repeats)]
         tables = [(self.own(single) if self.own else self).fitted(single) for single in singles]
         each = [next(iter(self.estimated(table))) for table in tables]
-        means = {name: over_repeats([found[name][0] for *_, found in each]) for name in self.names}
+        means = {name: over_repeats([found[name][0] for *_, found in each]) for name in self.theory}
         yield each[0][0], "Student", {name: (m.mean, m.se, m.low, m.high) for name, m in means.items()}
 
     def estimated(self, found: FitTables) -> Estimates:
@@ -150,7 +142,7 @@ class StudyBench:
         ends = ("", "_se", "_low", "_high")
         if not self.response:
             row = found[self.experiment].row(-1, named=True)
-            yield "filtered", row["interval_method"], {n: [row[f"{n}{end}"] for end in ends] for n in self.names}
+            yield "filtered", row["interval_method"], {n: [row[f"{n}{end}"] for end in ends] for n in self.theory}
             return
         for row in found["phasors"].iter_rows(named=True):
             hertz, units = f"{row['frequency_hz']:g} Hz", {"magnitude": "", "phase": "_deg"}
@@ -177,17 +169,13 @@ class StudyBench:
         columns = {name: column[rows] for name, column in self.columns.items()}
         drift = np.asarray(effects.load_cell_drift.value / 60 * rows / rate)
         single = regression_bound(columns, white, drift)
-        return {n: float(np.hypot(single[n], self.scatter.get(n, 0.0)) / np.sqrt(self.repeats)) for n in self.names}
+        return {n: float(np.hypot(single[n], self.scatter.get(n, 0.0)) / np.sqrt(self.repeats)) for n in self.theory}
 
 
 def prepared(
-    inputs: StudyInputs,
-    experiment: str,
-    exact: Mapping[str, float],
-    theory: Mapping[str, float],
-    gains: Gains | None = None,
+    inputs: StudyInputs, experiment: str, theory: Mapping[str, float], gains: Gains | None = None
 ) -> StudyBench:
-    """A bench whose trials are of an experiment of a campaign."""
+    """A bench whose trials are of an experiment of a campaign; without gains its theory is exact."""
     motion, signals = true_signals({"trial": "study", "experiment": experiment}, inputs.simulation, inputs.p, gains)
     one = np.ones_like(motion.theta)
     if experiment == "belt":
@@ -203,7 +191,7 @@ def prepared(
         columns |= {"B_m": -motion.omega, "J_m": -motion.alpha, "offset": one, "drift": late}
     if experiment != "actuator":
         signals.pop("motor_current")
-    return StudyBench(inputs, experiment, signals, columns, tuple(theory), exact, theory)
+    return StudyBench(inputs, experiment, signals, columns, theory, gains is None)
 
 
 def studied(experiment: str, inputs: StudyInputs) -> StudyBench:
@@ -236,12 +224,12 @@ def studied(experiment: str, inputs: StudyInputs) -> StudyBench:
     sections = {**inputs.analysis, "dynamometer": analysis.model_copy(update=short)}
     inputs = replace(inputs, simulation=simulation, analysis=sections)
     if kind == "second order":
-        return prepared(inputs, "impedance", exact, exact)
+        return prepared(inputs, "impedance", exact)
     if kind in ("linear drivetrain", "drivetrain", "frequency response"):
         gains = compensated_gains(study.K_d, study.B_d, p)
         predicted = predicted_impedance(gains, p, analysis.frequencies_hz)
-        found = prepared(inputs, "impedance", {}, dict(zip(STUDIED_QUANTITIES, predicted, strict=True)), gains)
-        return replace(found, response=True, theory={}) if kind == "frequency response" else found
+        found = prepared(inputs, "impedance", dict(zip(STUDIED_QUANTITIES, predicted, strict=True)), gains)
+        return replace(found, response=True) if kind == "frequency response" else found
     if kind == "actuator":
         if simulation.actuator is None:
             raise InputError(
@@ -251,14 +239,14 @@ def studied(experiment: str, inputs: StudyInputs) -> StudyBench:
         friction = simulation.effects.friction.value
         p = replace(p, f_C=friction * p.f_C, f_G=friction * p.f_G)
         exact = {"k_tau_n_m": p.k_tau * p.n_m, "f_C": p.f_C, "f_G": p.f_G, "B_m": p.B_m, "J_m": p.J_m}
-        return prepared(replace(inputs, p=p), "actuator", exact, exact)
+        return prepared(replace(inputs, p=p), "actuator", exact)
     if kind.endswith("transmission"):
         exact, repeats = {"B_j": p.B_j, "J_j": p.J_j}, simulation.experiments.transmission
-        found = prepared(inputs, "transmission", exact, exact)
+        found = prepared(inputs, "transmission", exact)
         return replace(found, repeats=repeats) if kind.startswith("repeated") else found
 
     def belt(stiffness: float) -> StudyBench:
-        return prepared(replace(inputs, p=replace(p, K_s=stiffness)), "belt", {"K_s": stiffness}, {"K_s": stiffness})
+        return prepared(replace(inputs, p=replace(p, K_s=stiffness)), "belt", {"K_s": stiffness})
 
     if not kind.startswith("repeated"):
         return belt(p.K_s)
@@ -282,10 +270,11 @@ def study_rows(bench: StudyBench, trials: Sequence[str]) -> list[StudyRow]:
     for trial in trials:
         for name, method, estimates in bench.estimates(trial):
             for quantity, (value, se, low, high) in estimates.items():
-                model_truth = ideal[name][quantity][0]
-                error = model_truth - bench.theory[quantity] if quantity in bench.theory else None
+                model_truth, theory = ideal[name][quantity][0], bench.theory.get(quantity)
+                error = None if theory is None else model_truth - theory
+                truth = theory if bench.exact else model_truth
                 row: StudyRow = {"trial": trial, "estimator": name, "interval_method": method, "quantity": quantity}
                 row |= {"value": value, "se": se, "low": low, "high": high}
-                row |= {"truth": bench.exact.get(quantity, model_truth), "model_truth": model_truth}
+                row |= {"truth": truth, "model_truth": model_truth}
                 rows.append(row | {"bound": bounds[quantity], "model_error": error})
     return rows

@@ -27,18 +27,15 @@ from osl_analysis.stats.regression import LinearFit
 from osl_analysis.stats.repeats import over_repeats
 from osl_analysis.study.bench import STUDIED_QUANTITIES, StudyInputs, StudyRow
 from osl_analysis.trial import Trial
-from osl_analysis.walking.bodies import StaticCalibration, static_calibration
+from osl_analysis.walking.bodies import static_calibration
 from osl_analysis.walking.crossing import Crossing, analyse_crossing
 from osl_analysis.walking.gait import unperturbed_gait
-from osl_analysis.walking.plate import PlateModel, Stance, identify_plate_model
-from osl_analysis.walking.platform import ALONE, PlatformModel, identify_platform
+from osl_analysis.walking.plate import Stance, identify_plate_model
+from osl_analysis.walking.platform import identify_platform
 from osl_analysis.walking.response import Ensemble, common_errors, fit_response, fit_without_offset, isolate_response
 from osl_analysis.walking.settings import FootSettings, WalkingAnalysis
 
 Made = TypeVar("Made")
-PerturbedCrossing = tuple[Crossing, LinearFit, Mapping[str, float]]
-"""A perturbed crossing as it is analysed, through the sensors; the same estimator's fit to the perturbation alone,
-through ideal sensors; and the impedance that the leg rendered, by name."""
 
 
 @dataclass(frozen=True)
@@ -49,14 +46,17 @@ class StudyLaboratory:
     gait: WalkingSettings
     p: DrivetrainParameters
     analysis: WalkingAnalysis
+    recorded: Callable[[str, SimulatedCrossing], Crossing] | None = None
+    """How a crossing that was recorded by markers and plate is analysed; None: angle and torque themselves are seen."""
 
     def unperturbed(self, name: str) -> Crossing:
         """An unperturbed crossing through the sensors."""
         return self.seen(name, self.walk(name, False), noisy=True)
 
-    def perturbed(self, name: str) -> PerturbedCrossing:
-        """A perturbed crossing through the sensors, and its truth. The same crossing is also simulated without the
-        perturbation. The difference is the effect of the perturbation."""
+    def perturbed(self, name: str) -> tuple[Crossing, LinearFit, Mapping[str, float]]:
+        """A perturbed crossing through the sensors; the same estimator's fit to the perturbation alone, through ideal
+        sensors; and the impedance that the leg rendered, by name. The same crossing is also simulated without the
+        perturbation, whose effect is the difference."""
         unperturbed, walked = self.walk(name, False), self.walk(name, True)
         alone = unperturbed_gait([self.seen(name, unperturbed, noisy=False)], 1)
         walked_ideally, analysis = self.seen(name, walked, noisy=False), self.analysis
@@ -64,11 +64,6 @@ class StudyLaboratory:
         ideal = isolate_response(walked_ideally, alone, analysis, "unperturbed")
         exact = fit_without_offset(ideal.fitted_motion, ideal.fitted_torque)
         return self.seen(name, walked, noisy=True), exact, impedance_of_leg(walked, unperturbed)
-
-    def sharing(self, names: Sequence[str]) -> "StudyLaboratory":
-        """The laboratory that knows what the platform's motions share in the perturbed crossings of these names. Ideal
-        sensors tell each onset, so that it is this one."""
-        return self
 
     def walk(self, name: str, perturbed: bool) -> SimulatedCrossing:
         """One crossing. Its name determines its random quantities, which are the same with and without the
@@ -80,6 +75,8 @@ class StudyLaboratory:
     def seen(self, name: str, walked: SimulatedCrossing, noisy: bool) -> Crossing:
         """Filtered angle and torque of a crossing at the markers' rate. Noise of markers and forces acts on a lever of
         0.1 m: from the middle of a cluster to its markers, and from the plate to the ankle."""
+        if noisy and self.recorded is not None:
+            return self.recorded(name, walked)
         every, rate = self.gait.rates.motion_hz // self.gait.rates.points_hz, float(self.gait.rates.points_hz)
         effects, lever_m, found = self.gait.effects, 0.1, []
         for effect, size, signal in (
@@ -94,62 +91,43 @@ class StudyLaboratory:
         return Crossing(name, *seen, stance, platform.onset, 0.0, none)
 
 
-@dataclass(frozen=True)
-class RecordedLaboratory(StudyLaboratory):
-    """A laboratory whose noisy crossings are recorded by markers and plate, written as C3D, ingested and analysed."""
-
-    folder: Path
-    sources: Path
-    calibration: StaticCalibration
-    plate: PlateModel
-    platform: PlatformModel = ALONE
-
-    def sharing(self, names: Sequence[str]) -> "RecordedLaboratory":
-        """As `StudyLaboratory.sharing`, from the recordings of these crossings. One that cannot be read has no part."""
-        trials = []
-        for name in names:
-            with suppress(OslAnalysisError):
-                trials.append(self.recorded(name, self.walk(name, True)))
-        return replace(self, platform=identify_platform([(trial, self.calibration) for trial in trials], self.analysis))
-
-    def recorded(self, name: str, walked: SimulatedCrossing) -> Trial:
-        """The ingested trial of a crossing, which is written as C3D first unless it already is."""
-        path = self.folder / "vicon" / f"{name}.c3d"
-        if not path.exists():
-            write_crossing_capture(self.folder, walked)
-        return ingested(name, self.folder, self.sources)
-
-    def seen(self, name: str, walked: SimulatedCrossing, noisy: bool) -> Crossing:
-        """As `StudyLaboratory.seen`. A noisy crossing comes from files."""
-        if not noisy:
-            return super().seen(name, walked, noisy)
-        trial, perturbed = self.recorded(name, walked), walked.platform.onset is not None
-        return analyse_crossing(trial, self.calibration, self.plate, perturbed, self.analysis, self.platform)
-
-
-def calibrated(laboratory: StudyLaboratory, folder: Path, sources: Path) -> RecordedLaboratory:
-    """A laboratory that records in `folder`, after its static trial and six trials of the unloaded plate. The foot's
-    inertial parameters are known. Otherwise its inertia would be part of the ankle's."""
-    settings, gait, p = laboratory.settings, laboratory.gait, laboratory.p
-    mass, foot = gait.effects.foot_inertia.value, None  # without a mass there is nothing to weigh
-    if mass:
+def recording(laboratory: StudyLaboratory, folder: Path, sources: Path, perturbed: Sequence[str]) -> StudyLaboratory:
+    """A laboratory whose noisy crossings are recorded by markers and plate, written as C3D in `folder`, ingested and
+    analysed, after its static trial and six trials of the unloaded plate. The foot's inertial parameters are known:
+    otherwise its inertia would be part of the ankle's. What the platform's motions share is known from the `perturbed`
+    crossings; one that cannot be read has no part."""
+    gait, mass, foot = laboratory.gait, laboratory.gait.effects.foot_inertia.value, None
+    if mass:  # without a mass there is nothing to weigh
         inertia = mass * gait.foot.gyration_m[1] ** 2
         foot = FootSettings(mass_kg=mass, centre_of_mass_m=gait.foot.centre_of_mass_m, inertia_kg_m2=inertia)
     analysis = laboratory.analysis.model_copy(update={"foot": foot})
+
+    def ingested(name: str) -> Trial:
+        row = {"trial": name, "mocap": f"vicon/{name}.c3d", "mocap_source": "vicon"}
+        return trial_from_files(row, folder, sources)
+
+    def recorded(name: str, walked: SimulatedCrossing) -> Trial:
+        if not (folder / "vicon" / f"{name}.c3d").exists():
+            write_crossing_capture(folder, walked)
+        return ingested(name)
+
     rows = [{"trial": "static_1", "experiment": "static"}]
     rows += [{"trial": f"plate_{i}", "experiment": "plate"} for i in range(6)]
     for row in rows:
-        simulate_walking_trial(row, settings, gait, p, folder)
-    standing, *unloaded = (ingested(row["trial"], folder, sources) for row in rows)
-    calibration = static_calibration(standing, analysis)
+        simulate_walking_trial(row, laboratory.settings, gait, laboratory.p, folder)
+    standing, *unloaded = (ingested(row["trial"]) for row in rows)
+    calibration, moved = static_calibration(standing, analysis), []
     plate = identify_plate_model([(trial, calibration) for trial in unloaded], analysis)
-    return RecordedLaboratory(settings, gait, p, analysis, folder, sources, calibration, plate)
+    for name in perturbed:
+        with suppress(OslAnalysisError):
+            moved.append((recorded(name, laboratory.walk(name, True)), calibration))
+    platform = identify_platform(moved, analysis)
 
+    def analysed(name: str, walked: SimulatedCrossing) -> Crossing:
+        trial, is_perturbed = recorded(name, walked), walked.platform.onset is not None
+        return analyse_crossing(trial, calibration, plate, is_perturbed, analysis, platform)
 
-def ingested(name: str, folder: Path, sources: Path) -> Trial:
-    """The trial of the capture `vicon/<name>.c3d` in a folder."""
-    row = {"trial": name, "mocap": f"vicon/{name}.c3d", "mocap_source": "vicon"}
-    return trial_from_files(row, folder, sources)
+    return replace(laboratory, analysis=analysis, recorded=analysed)
 
 
 def walking_rows(inputs: StudyInputs, numbers: Iterable[int], recorded: bool) -> Iterator[StudyRow]:
@@ -160,23 +138,22 @@ def walking_rows(inputs: StudyInputs, numbers: Iterable[int], recorded: bool) ->
             "config/simulation/default.yaml"
         )
     laboratory = StudyLaboratory(inputs.simulation, inputs.gait, inputs.p, inputs.walking)
-    crossings = inputs.study.crossings
     for number in numbers:
+        names = [f"study_{number:05d}_{i}" for i in range(2 * inputs.study.crossings)]
         if not recorded:
-            yield from campaign_rows(number, crossings, laboratory)
+            yield from campaign_rows(number, names, laboratory)
             continue
         own = inputs.simulation.model_copy(update={"seed": inputs.simulation.seed + 1 + number})
         with TemporaryDirectory() as folder:
-            session = calibrated(replace(laboratory, settings=own), Path(folder), inputs.sources)
-            yield from campaign_rows(number, crossings, session)
+            session = recording(replace(laboratory, settings=own), Path(folder), inputs.sources, names[1::2])
+            yield from campaign_rows(number, names, session)
 
 
-def campaign_rows(number: int, crossings: int, laboratory: StudyLaboratory) -> list[StudyRow]:
-    """Estimates of a campaign with as many perturbed as unperturbed `crossings`: of the first perturbation, the mean of
-    all, and the ensemble. The truth is the estimate of the same estimator for the same perturbations without gait, with
-    ideal sensors. `model_error` is the truth minus the impedance that the leg rendered."""
-    names = [f"study_{number:05d}_{i}" for i in range(2 * crossings)]
-    analysis, laboratory = laboratory.analysis, laboratory.sharing(names[1::2])
+def campaign_rows(number: int, names: Sequence[str], laboratory: StudyLaboratory) -> list[StudyRow]:
+    """Estimates of a campaign of crossings, every second one of which is perturbed: of the first perturbation, the mean
+    of all, and the ensemble. The truth is the estimate of the same estimator for the same perturbations without gait,
+    with ideal sensors. `model_error` is the truth minus the impedance that the leg rendered."""
+    analysis = laboratory.analysis
     gait = unperturbed_gait(usable(laboratory.unperturbed, names[::2]), analysis.fewest_unperturbed)
     perturbed = usable(laboratory.perturbed, names[1::2])
     responses = [isolate_response(one, gait, analysis, analysis.perturbed_stance) for one, *_ in perturbed]
@@ -190,12 +167,12 @@ def campaign_rows(number: int, crossings: int, laboratory: StudyLaboratory) -> l
         rendered = np.array([leg[f"{quantity}_rendered"] for *_, leg in perturbed])
         estimates = [fit[quantity] for fit in fits]
         single, mean = fits[0], over_repeats(estimates, common[quantity])
-        of_all = ensemble[quantity], resampled.se(quantity), *resampled.interval(quantity)
         made: list[tuple[str, str, int, Sequence[float]]] = [
             ("single perturbation", single.interval_method, 1,
              (single[quantity], single.se(quantity), *single.interval(quantity))),
             ("mean of perturbations", "Student", len(fits), (mean.mean, mean.se, mean.low, mean.high)),
-            ("ensemble", "bootstrap", len(fits), of_all),
+            ("ensemble", "bootstrap", len(fits),
+             (ensemble[quantity], resampled.se(quantity), *resampled.interval(quantity))),
         ]  # fmt: skip
         for estimator, method, first, numbers in made:
             truth = float(np.mean(truths[:first]))

@@ -204,13 +204,39 @@ def table_of(lines: TextLines, layout: CsvLayout) -> CsvTable:
             content.append((line, text))
     delimiter = delimiter_of(content, layout.delimiter)
     rows = split_rows(content, delimiter)
-    names = header_of(rows, comments, delimiter, layout)
+    said, notes = [text for _, text in comments], list[str]()
+    if layout.header != "comment" and not rows:
+        raise InputError("holds no rows; record it again, or exclude the trial")
+    if layout.header == "comment":
+        named = split_rows(comments[-1:], delimiter)
+        if not named:
+            raise InputError(f"no line begins with '{sign}'; write `header: row` or `header: none`")
+        names = named[0][1]
+    elif layout.header == "none":
+        names = [str(i + 1) for i in range(len(rows[0][1]))]
+    else:
+        (line, first), *rows = rows
+        if all(is_number_cell(cell.replace(",", ".")) for cell in first if cell):
+            raise InputError(
+                f"line {line} holds numbers, not the columns' names; write `header: none` and the columns' numbers"
+            )
+        names = unpadded(first, 0)
+        check_header_place((line, first), rows)
     units = [name_and_unit(name)[1] for name in names]
-    if layout.header == "row":
-        header, *rows = rows
-        check_header_place(header, rows)
     rows = [(line, unpadded(cells, len(names))) for line, cells in rows]
-    rows, notes = without_extra_cells(rows, len(names), layout) if rows else (rows, [])
+    lengths = {len(cells) for _, cells in rows}
+    extra = lengths.pop() - len(names) if len(lengths) == 1 else 0  # cells that every row has more than the header
+    if extra > 0 and layout.extra_cells == "refuse":
+        line, cells = rows[0]
+        raise InputError(
+            f"every row has {extra} more cells than the header has names: line {line} begins with "
+            f"'{cells[0][:40]}' and ends with '{cells[-1][:40]}'; write `extra_cells: first` or `extra_cells: last` in "
+            "the source file to leave out those without a name"
+        )
+    if extra > 0:
+        begin = extra if layout.extra_cells == "first" else 0
+        rows = [(line, cells[begin : begin + len(names)]) for line, cells in rows]
+        notes.append(f"the {layout.extra_cells} {extra} cells of every row have no name and were left out")
     if layout.units_row and rows:
         units, rows = ([*map(without_brackets, rows[0][1]), *units[len(rows[0][1]) :]], rows[1:])
     if not rows:
@@ -223,27 +249,8 @@ def table_of(lines: TextLines, layout: CsvLayout) -> CsvTable:
     if not fitting:
         raise InputError(f"none of its rows fits the header's {len(names)} names; state `delimiter` or `header`")
     cells = [pl.Series(str(k), [row[k] for _, row in fitting], dtype=pl.String) for k in range(len(names))]
-    numbered, said = np.array([line for line, _ in fitting]), [text for _, text in comments]
+    numbered = np.array([line for line, _ in fitting])
     return CsvTable(names, units, numbered, pl.DataFrame(cells), said, [*notes, *repairs], delimiter, not cut)
-
-
-def header_of(rows: Rows, comments: TextLines, delimiter: str, layout: CsvLayout) -> list[str]:
-    """Names of the columns; their numbers, counted from 1, where the file has no header."""
-    if layout.header == "comment":
-        named = split_rows(comments[-1:], delimiter)
-        if not named:
-            raise InputError(f"no line begins with '{layout.comment}'; write `header: row` or `header: none`")
-        return named[0][1]
-    if not rows:
-        raise InputError("holds no rows; record it again, or exclude the trial")
-    line, first = rows[0]
-    if layout.header == "none":
-        return [str(i + 1) for i in range(len(first))]
-    if all(is_number_cell(cell.replace(",", ".")) for cell in first if cell):
-        raise InputError(
-            f"line {line} holds numbers, not the columns' names; write `header: none` and the columns' numbers"
-        )
-    return unpadded(first, 0)
 
 
 def check_header_place(header: tuple[int, list[str]], rows: Rows) -> None:
@@ -264,23 +271,6 @@ def check_header_place(header: tuple[int, list[str]], rows: Rows) -> None:
             f"line {header[0]} has {len(names)} cells and most rows have {width}: the names of the columns "
             f"seem to stand in line {line}; delete the lines above it, or begin each with `#`"
         )
-
-
-def without_extra_cells(rows: Rows, width: int, layout: CsvLayout) -> tuple[Rows, list[str]]:
-    """Rows without the cells that every row has more than the header, if there are such, and what was left out."""
-    line, cells = rows[0]
-    count = len(cells) - width
-    if count < 1 or any(len(one) != len(cells) for _, one in rows):
-        return rows, []
-    if layout.extra_cells == "refuse":
-        raise InputError(
-            f"every row has {count} more cells than the header has names: line {line} begins with "
-            f"'{cells[0][:40]}' and ends with '{cells[-1][:40]}'; write `extra_cells: first` or `extra_cells: last` in "
-            "the source file to leave out those without a name"
-        )
-    first = layout.extra_cells == "first"
-    kept = [(line, cells[count:] if first else cells[:width]) for line, cells in rows]
-    return kept, [f"the {layout.extra_cells} {count} cells of every row have no name and were left out"]
 
 
 def share_above(count: int, total: int) -> float:

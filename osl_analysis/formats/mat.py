@@ -238,8 +238,15 @@ def value73(item: Any) -> Value:
     kind = kind.decode("latin-1") if isinstance(kind, bytes) else str(kind)
     if "MATLAB_object_decode" in item.attrs:  # of what only MATLAB can read, such as tables
         return Value(kind or "object")
-    if not hasattr(item, "dtype"):
-        return Value("sparse") if "MATLAB_sparse" in item.attrs else struct73(item)
+    if not hasattr(item, "dtype"):  # a group: a struct, or an array of them if all members are bare references
+        members = [one for one in item.values() if holds_references(one) and "MATLAB_class" not in one.attrs]
+        if "MATLAB_sparse" in item.attrs:
+            return Value("sparse")
+        if not members or len(members) < len(item) or len({one.shape for one in members}) > 1:
+            return Value("struct", elements=[{name: value73(one) for name, one in item.items()}])
+        columns = [[value73(item.file[one]) for one in np.ravel(member[()])] for member in members]
+        elements = [dict(zip(item, row, strict=True)) for row in zip(*columns, strict=True)]
+        return Value("struct", tuple(reversed(members[0].shape)), elements=elements)
     shape = tuple(reversed(item.shape)) or (1, 1)
     if "MATLAB_empty" in item.attrs:
         empty = tuple(int(size) for size in np.ravel(item[()])) if item.size <= 32 else (0, 0)
@@ -255,16 +262,6 @@ def value73(item: Any) -> Value:
         return Value(kind or "object", shape)
     is_known = re.fullmatch("double|single|logical|u?int(8|16|32|64)", kind)
     return Value(kind if is_known else "double", shape, np.asarray(np.atleast_2d(item[()]).T, dtype=np.float64))
-
-
-def struct73(group: Any) -> Value:
-    """A group as a struct; members that are all datasets of references without a class make it an array."""
-    members = [item for item in group.values() if holds_references(item) and "MATLAB_class" not in item.attrs]
-    if not members or len(members) < len(group) or len({item.shape for item in members}) > 1:
-        return Value("struct", elements=[{name: value73(item) for name, item in group.items()}])
-    columns = [[value73(group.file[one]) for one in np.ravel(item[()])] for item in members]
-    elements = [dict(zip(group, row, strict=True)) for row in zip(*columns, strict=True)]
-    return Value("struct", tuple(reversed(members[0].shape)), elements=elements)
 
 
 def holds_references(item: Any) -> bool:

@@ -273,7 +273,19 @@ class McapFile(MessageFile):
     def stretch_of(self, section: Section, head: ChunkHead) -> Stretch:
         """The records of a chunk; raises DamagedChunkError."""
         offsets = np.sort(np.concatenate([np.empty(0, np.int64), *section.places]), kind="stable")
-        content = unpacked(self.data[head.begin : head.end], head)
+        content = self.data[head.begin : head.end]
+        try:
+            if head.name == b"zstd":
+                content = zstandard.ZstdDecompressor().decompress(content, head.size) if head.size else b""
+            elif head.name == b"lz4":
+                content = lz4.frame.LZ4FrameDecompressor().decompress(content)
+            elif head.name != b"":
+                name = head.name[:20].decode("latin1")
+                raise DamagedChunkError(f"says it is compressed with {name!a}; zstd and lz4 are read")
+        except (zstandard.ZstdError, OSError, RuntimeError, EOFError, ValueError, MemoryError, OverflowError) as error:
+            raise DamagedChunkError(f"cannot be decompressed ({' '.join(str(error).split())})") from error
+        if len(content) != head.size:
+            raise DamagedChunkError(f"holds {len(content)} of {head.size} bytes")
         if head.crc and zlib.crc32(content) != head.crc:
             raise DamagedChunkError("does not match its checksum")
         stretch, places, reached, unknown = walk_records(content, 0, offsets)
@@ -394,21 +406,3 @@ def is_disguised_chunk(data: bytes, start: int, end: int) -> bool:
     if head is None or head.end != end:
         return False
     return head.name in (b"zstd", b"lz4") or (head.name == b"" and head.size == end - head.begin > 0)
-
-
-def unpacked(packed: bytes, head: ChunkHead) -> bytes:
-    """The content of a chunk, which must be of the declared size; raises DamagedChunkError."""
-    content = packed
-    try:
-        if head.name == b"zstd":
-            content = zstandard.ZstdDecompressor().decompress(packed, head.size) if head.size else b""
-        elif head.name == b"lz4":
-            content = lz4.frame.LZ4FrameDecompressor().decompress(packed)
-        elif head.name != b"":
-            name = head.name[:20].decode("latin1")
-            raise DamagedChunkError(f"says it is compressed with {name!a}; zstd and lz4 are read")
-    except (zstandard.ZstdError, OSError, RuntimeError, EOFError, ValueError, MemoryError, OverflowError) as error:
-        raise DamagedChunkError(f"cannot be decompressed ({' '.join(str(error).split())})") from error
-    if len(content) != head.size:
-        raise DamagedChunkError(f"holds {len(content)} of {head.size} bytes")
-    return content

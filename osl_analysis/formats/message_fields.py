@@ -263,7 +263,7 @@ def describe_message(channel: Channel, schema: Schema | None, payload: bytes | N
     shape = shape_of(kind, payload)
     texts: dict[str, list[str]] = defaultdict(list)
     for path, (_, text) in shape.texts.items():
-        texts[path.rpartition("[")[0]].append(as_text(text))
+        texts[path.rpartition("[")[0]].append(text.rstrip(b"\0").decode(errors="replace"))
     return [
         FieldDescription(path, np.dtype(spelled).name, length, labels_of(path, length, texts) or ["0"])
         for path, (_, spelled, length) in shape.leaves.items()
@@ -360,7 +360,7 @@ class Shape:
             names = f"{way.rpartition('.')[0]}.{key[0]}[".removeprefix(".")
             for text in [one for one in self.texts if one.startswith(names)]:
                 self.guards.append(self.texts[text])  # in another message this element may have another name
-                if as_text(self.texts[text][1]) == key[1]:
+                if self.texts[text][1].rstrip(b"\0").decode(errors="replace") == key[1]:
                     return self.leaf_at(f"{way}[{text.removeprefix(names)}")
         start, kind, length = self.leaves.get(way, (0, "u1", None))
         if not isinstance(key, int) or key >= (length or 0):
@@ -384,11 +384,6 @@ class Shape:
             native = numbers_at(buffer, starts + place, kind).astype(kind.newbyteorder("="))
             values[path] = native != 0 if "?" in spelled else native
         return values
-
-
-def as_text(string: bytes) -> str:
-    """A string of a message, without the zeros at its end."""
-    return string.rstrip(b"\0").decode(errors="replace")
 
 
 def shape_of(kind: MessageType, payload: bytes | None, paths: Sequence[str] = ()) -> Shape:

@@ -11,14 +11,6 @@ from osl_analysis.trial import Array
 
 
 @dataclass(frozen=True)
-class Loss:
-    """What a file says of values that are not there."""
-
-    notes: Sequence[str] = ()  # what is missing or was repaired or left out, a sentence each
-    report: Mapping[str, Any] = field(default_factory=dict)  # the same for the provenance's `damage`
-
-
-@dataclass(frozen=True)
 class Table:
     """A recording, or a part of one, that has one time."""
 
@@ -27,7 +19,8 @@ class Table:
     columns: Mapping[str, NDArray[Any]]
     units: Mapping[str, str] = field(default_factory=dict)  # units that the file states, by address
     time: Array | None = None  # time [s] of each row, (rows,), where the format itself tells it
-    loss: Loss = Loss()
+    notes: Sequence[str] = ()  # what is missing or was repaired or left out, a sentence each
+    report: Mapping[str, Any] = field(default_factory=dict)  # the same for the provenance's `damage`
     facts: Mapping[str, Any] = field(default_factory=dict)  # what else the provenance says of the file
     found: Mapping[str, Mapping[str, str]] = field(default_factory=dict)  # what it says of a column, as its full name
     lines: NDArray[np.int64] | None = None  # line of each row in a file of text, counted from 1

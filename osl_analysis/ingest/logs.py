@@ -26,7 +26,7 @@ from osl_analysis.formats.mat import open_mat
 from osl_analysis.formats.message_fields import Columns, Indices
 from osl_analysis.formats.messages import Decoded, MessageFile, RefusedFileError, WrongFieldError, decode_topics
 from osl_analysis.formats.rosbag import siblings
-from osl_analysis.formats.table import Loss, Table
+from osl_analysis.formats.table import Table
 from osl_analysis.formats.tdms import read_tdms
 from osl_analysis.ingest.captures import exported_columns, exported_plates
 from osl_analysis.ingest.source import Channel, Recording, Source, check_values
@@ -110,9 +110,9 @@ def table_recording(table: Table, source: Source, file: str) -> Recording:
         "repeated_stamps": repeated,
         "missing": missing,
         **table.facts,
-        **({"damage": dict(table.loss.report)} if table.loss.report else {}),
+        **({"damage": dict(table.report)} if table.report else {}),
     }
-    warnings = [f"{file}: {text}" for text in (*table.loss.notes, *said)]
+    warnings = [f"{file}: {text}" for text in (*table.notes, *said)]
     return Recording(samples.filter(pl.Series(kept)), origins, facts, warnings)
 
 
@@ -223,7 +223,8 @@ def csv_tables(path: Path, source: Source) -> Tables:
         len(text.lines),
         {name: values[place] for name, place in places.items()},
         {name: text.units[place] for name, place in places.items()},
-        loss=Loss(text.notes, {} if text.complete else {"complete": False}),
+        notes=text.notes,
+        report={} if text.complete else {"complete": False},
         facts={"comments": text.comments[:100]},
         found=found,
         lines=text.lines,
@@ -300,7 +301,7 @@ def json_tables(path: Path, source: Source) -> Tables:
     if parts:
         stamps = nanoseconds(table, parts, "field", f"name another time, or {RATE}")
         table = replace(table, columns={**table.columns, str(field): stamps}, units={str(field): "ns"})
-    return [(0.0, replace(table, loss=Loss(notes, report)))]
+    return [(0.0, replace(table, notes=notes, report=report))]
 
 
 def lines_table(lines: JsonLines, decoded: Columns, kept: NDArray[np.bool_]) -> Table:
@@ -392,7 +393,7 @@ def tdms_tables(path: Path, source: Source) -> Tables:
         columns = {name: values[channel.address] for name, channel in channels.items()}
         units = {name: "s" if channel.holds_times else channel.unit for name, channel in channels.items()}
         own = None if step is None else np.asarray(np.arange(length) * step, dtype=np.float64)
-        table = Table(one.count, columns, units, own, Loss(file.notes, report))
+        table = Table(one.count, columns, units, own, file.notes, report)
         tables.append((offset + (begin - first) * 1e-6, table))
     return tables
 

@@ -22,10 +22,8 @@ Parameters = dict[str, "Array | list[str]"]
 
 
 def parse_parameters(data: bytes, position: int, end: int, processor: str) -> tuple[Parameters, str]:
-    """The parameters by `GROUP:NAME`, and a remark where the section, which ends before `end`, has no end mark.
-
-    Some writers leave that mark out, and some the description of a parameter. Groups may follow their parameters.
-    """
+    """The parameters by `GROUP:NAME`, and a remark where the section, which ends before `end`, has no end mark. Some
+    writers leave that mark out, and some the description of a parameter. Groups may follow their parameters."""
     groups, found, name, step = dict[int, str](), list[tuple[int, str, Array | list[str]]](), "", 0
     while data[position] != 0:
         length, group = struct.unpack_from("bb", data, position)
@@ -248,11 +246,9 @@ class C3DRecording:
 
 def read_c3d(path: Path, counts: Counts = "refuse") -> C3DRecording:
     """Decode a C3D file; CountsError if header and parameters contradict each other and `counts` does not say which
-    hold, InputError if it is no C3D, damaged or truncated.
-
-    Analog values are (raw - OFFSET) * SCALE * GEN_SCALE, raw without these parameters; NaN where SCALE holds values for
-    some channels only, and everywhere where GEN_SCALE is 0.
-    """
+    hold, InputError if it is no C3D, damaged or truncated. Analog values are (raw - OFFSET) * SCALE * GEN_SCALE, raw
+    without these parameters; NaN where SCALE holds values for some channels only, and everywhere where GEN_SCALE is
+    0."""
     data = path.read_bytes()
     header = with_counts(parse_header(data), len(data), counts)
     frames, frame = header.frames, header.frame_bytes

@@ -22,7 +22,6 @@ CONTROL = re.compile(rb"[\x00-\x08\x0e-\x1a]")  # bytes that no text has
 UTF_16_MARKS = (b"\xff\xfe", b"\xfe\xff")
 TextLines = list[tuple[int, str]]  # number in the file, counted from 1, and text
 Rows = list[tuple[int, list[str]]]
-Omitting = list[tuple[int, list[str | None]]]  # rows, with None for omitted columns
 
 
 def read_lines(path: Path) -> TextLines:
@@ -248,9 +247,9 @@ def table_of(lines: TextLines, layout: CsvLayout) -> CsvTable:
     fitting, repairs = fitting_rows(rows, len(names), layout)
     if not fitting:
         raise InputError(f"none of its rows fits the header's {len(names)} names; state `delimiter` or `header`")
-    cells = [pl.Series(str(k), [row[k] for _, row in fitting], dtype=pl.String) for k in range(len(names))]
+    body = [pl.Series(str(k), [row[k] for _, row in fitting], dtype=pl.String) for k in range(len(names))]
     numbered = np.array([line for line, _ in fitting])
-    return CsvTable(names, units, numbered, pl.DataFrame(cells), said, [*notes, *repairs], delimiter, not cut)
+    return CsvTable(names, units, numbered, pl.DataFrame(body), said, [*notes, *repairs], delimiter, not cut)
 
 
 def check_header_place(header: tuple[int, list[str]], rows: Rows) -> None:
@@ -284,7 +283,7 @@ def unpadded(cells: list[str], width: int) -> list[str]:
     return cells[: max(last, width)]
 
 
-def fitting_rows(rows: Rows, width: int, layout: CsvLayout) -> tuple[Omitting, list[str]]:
+def fitting_rows(rows: Rows, width: int, layout: CsvLayout) -> tuple[list[tuple[int, list[str | None]]], list[str]]:
     """The rows that fit, with None for omitted columns, and what was repaired."""
     if layout.ragged == "dropped_variable":
         return dropped_variables(rows, width, layout.missing)
@@ -300,13 +299,13 @@ def fitting_rows(rows: Rows, width: int, layout: CsvLayout) -> tuple[Omitting, l
     return [(line, list(cells)) for line, cells in rows if len(cells) == width], [note] * bool(odd)
 
 
-def dropped_variables(rows: Rows, width: int, missing: Collection[str]) -> tuple[Omitting, list[str]]:
-    """The rows of a logger that omits failed variables, with None from there on: those missing in the row before.
-
-    The logger of `opensourceleg` writes the header with the first thousand rows: variables that failed before have no
-    name there, and their cells, those missing in the last row that has them, are left out.
-    """
-    notes, columns, filled = list[str](), list(range(width)), Omitting()
+def dropped_variables(
+    rows: Rows, width: int, missing: Collection[str]
+) -> tuple[list[tuple[int, list[str | None]]], list[str]]:
+    """The rows of a logger that omits failed variables, with None from there on: those missing in the row before. The
+    logger of `opensourceleg` writes the header with the first thousand rows: variables that failed before have no name
+    there, and their cells, those missing in the last row that has them, are left out."""
+    notes, columns, filled = list[str](), list(range(width)), list[tuple[int, list[str | None]]]()
     first = next((place for place, (_, cells) in enumerate(rows) if len(cells) == width), 0)
     lengths = {len(cells) for _, cells in rows[:first]}
     unnamed = [place for place, cell in enumerate(rows[first - 1][1]) if cell in missing] if first else []

@@ -117,9 +117,7 @@ class MatFile:
 
     def signals(self, texts: Sequence[str], part: str = "") -> dict[str, tuple[str, Array]]:
         """The numbers (n,) at addresses, each with its whole address; those without `/` before them are within `part`.
-
-        InputError if there is nothing, or something else than a row or a column of real numbers.
-        """
+        InputError if there is nothing, or something else than a row or a column of real numbers."""
         found, above = dict[str, tuple[str, Array]](), steps_in(part) if part else ()
         within = {text: bool(above) and not text.startswith("/") for text in texts}
         ways = {text: (*above, *steps_in(text, inside=True)) if within[text] else steps_in(text) for text in texts}
@@ -162,10 +160,8 @@ def open_mat(path: Path) -> MatFile:
 
 
 def variable_classes(data: bytes) -> dict[str, str]:
-    """The variables of a file of version 5, in its order: name -> class of an object, as `table`; else empty.
-
-    scipy calls every object None, and is silent about a file that ends between two variables.
-    """
+    """The variables of a file of version 5, in its order: name -> class of an object, as `table`; else empty. scipy
+    calls every object None, and is silent about a file that ends between two variables."""
     order = {b"IM": "<", b"MI": ">"}.get(data[126:128])
     matrix, compressed, opaque = 14, 15, 17  # types of parts, and the class of objects that only MATLAB can read
     found, at = dict[str, str](), 128
@@ -279,10 +275,8 @@ def address_with(place: str, step: str) -> str:
 
 
 def steps_in(text: str, inside: bool = False) -> tuple[str, ...]:
-    """The steps of an address: names, `(2)`, `{1}`, `(:,3)`, `(1,:)`, `(name=slow)`; refused if it is none.
-
-    One `inside` a part may also begin with a choice of a column, as `(:,2)`.
-    """
+    """The steps of an address: names, `(2)`, `{1}`, `(:,3)`, `(1,:)`, `(name=slow)`; refused if it is none. One
+    `inside` a part may also begin with a choice of a column, as `(:,2)`."""
     plain = re.sub(r"\s*([(){}.,:=])\s*", r"\1", text.strip()).removeprefix("/")
     steps = tuple(step.removeprefix(".") for step in STEP.findall(plain))
     is_whole = steps and reduce(address_with, steps, "") == plain

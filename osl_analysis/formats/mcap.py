@@ -162,10 +162,8 @@ class McapFile(MessageFile):
         return int(end)
 
     def take_footer(self, start: int, end: int) -> None:
-        """Check that nothing follows, and the summary by its checksum and by the place where the footer says it is.
-
-        If it stands elsewhere, bytes are missing before it, or were inserted; it still tells what the recorder wrote.
-        """
+        """Check that nothing follows, and the summary by its checksum and by the place where the footer says it is. If
+        it stands elsewhere, bytes are missing before it, or were inserted; it still tells what the recorder wrote."""
         data, after = self.data, end + len(MAGIC)
         self.damage.finished = data[end:after] == MAGIC
         if self.damage.finished and len(data) > after:
@@ -185,10 +183,8 @@ class McapFile(MessageFile):
         self.indexed_chunks *= not self.summary_damaged
 
     def take_lost(self, position: int) -> int:
-        """Note that nothing can be read at `position`; returns the place of the next sound record or of the end.
-
-        In a file with chunks, messages found outside of them belong to a damaged chunk, and nothing checks them.
-        """
+        """Note that nothing can be read at `position`; returns the place of the next sound record or of the end. In a
+        file with chunks, messages found outside of them belong to a damaged chunk, and nothing checks them."""
         data = self.data
         resume = self.resume_at(position + 1, loose=False)
         self.chunked |= data[position] == Opcode.CHUNK
@@ -347,11 +343,9 @@ def is_header(content: bytes) -> bool:
 
 
 def walk_records(buffer: bytes, begin: int, listed: Indices | None = None) -> tuple[Stretch, Indices, int, int]:
-    """Walk from record to record to what is no record; in a chunk past opcodes that the format does not define.
-
-    In a chunk, `listed` is where messages may be, in order: the walk leaps over those that follow each other. Gives
-    also where the messages' records begin [bytes], the end of the walk, and how many unknown records were skipped.
-    """
+    """Walk from record to record to what is no record; in a chunk past opcodes that the format does not define. In a
+    chunk, `listed` is where messages may be, in order: the walk leaps over those that follow each other. Gives also
+    where the messages' records begin [bytes], the end of the walk, and how many unknown records were skipped."""
     leap, others, unknown, position, end = 0, list[tuple[int, bytes]](), 0, begin, len(buffer)
     head = np.dtype(f"V{MESSAGE.itemsize}")  # bytes are taken fastest
     if listed is not None and listed.size and listed[0] >= 0 and listed[-1] <= end - MESSAGE.itemsize:

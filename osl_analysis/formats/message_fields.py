@@ -89,11 +89,9 @@ def labels_of(path: str, length: int | None, texts: Mapping[str, Sequence[str]])
 def fields_in(
     value: Any, most: int, cut: dict[str, int], path: str = "", kind: str = "", texts: Mapping[str, Any] | None = None
 ) -> Iterator[FieldDescription]:
-    """The numbers of an object, or of a value in it, of the type `kind` if its schema names one.
-
-    `most` elements of an array without labels are described; `cut` takes the lengths of longer ones. `texts` are the
-    arrays of text beside the value.
-    """
+    """The numbers of an object, or of a value in it, of the type `kind` if its schema names one. `most` elements of an
+    array without labels are described; `cut` takes the lengths of longer ones. `texts` are the arrays of text beside
+    the value."""
     types = dict.fromkeys(value, "") if isinstance(value, dict) else {}
     if hasattr(value, "DESCRIPTOR"):
         # types of numbers by `FieldDescriptor.cpp_type`; the last one is an enumeration, and others are no numbers
@@ -191,10 +189,8 @@ class Reader:
                 self.misfit = self.misfit or str(error)
 
     def columns(self, rank: Indices | None = None) -> Columns:
-        """What was read, in the order of `rank`, which all messages have, (count,); without it as it was read.
-
-        A message with a truth value where others have a number is a misfit: joined, `True` would become 1.
-        """
+        """What was read, in the order of `rank`, which all messages have, (count,); without it as it was read. A
+        message with a truth value where others have a number is a misfit: joined, `True` would become 1."""
         mixed, parts = list[int](), self.parts
         for place, column in enumerate(zip(*(numbers for _, numbers in self.found), strict=True)):
             if len({one.__class__ is bool for one in column if one is not None}) > 1:
@@ -388,9 +384,7 @@ class Shape:
 
 def shape_of(kind: MessageType, payload: bytes | None, paths: Sequence[str] = ()) -> Shape:
     """The shape of one message, to read the fields at `paths`, as far as it has them; without a message that of zeros.
-
-    InputError if the message is not what its type says, NoNumberError if a field is no single number.
-    """
+    InputError if the message is not what its type says, NoNumberError if a field is no single number."""
     begin = 0 if kind.ros1 else 4
     data = bytes((0, not kind.ros1)) + bytes(1 << 16) if payload is None else payload
     if not kind.ros1 and (len(data) < 4 or data[0] != 0 or data[1] > 1):

@@ -59,9 +59,6 @@ class MessageBlock:
         channel, sequence, log_time = self.channel[mine], self.sequence[mine], self.log_time[mine]
         return MessageBlock(self.buffer, channel, sequence, log_time, self.starts[mine], self.lengths[mine])
 
-    def first(self) -> bytes:
-        return self.buffer[int(self.starts[0]) : int(self.starts[0] + self.lengths[0])]
-
 
 @dataclass
 class Damage:
@@ -107,11 +104,9 @@ class Damage:
         return total_of(self.indexed_lost + self.misfits, channels) if told else None
 
     def share_lost(self, channels: Collection[int] | None = None) -> float:
-        """Lost share of the messages of some channels, of all if none are named.
-
-        Where the file does not tell how many, that of all messages or of the bytes stands for it, if it is larger. What
-        may be missing at the end of a file that was not closed counts for nothing: no byte of it is there.
-        """
+        """Lost share of the messages of some channels, of all if none are named. Where the file does not tell how many,
+        that of all messages or of the bytes stands for it, if it is larger. What may be missing at the end of a file
+        that was not closed counts for nothing: no byte of it is there."""
         lost = self.messages_lost(channels)
         certain = total_of(self.indexed_lost + self.misfits, channels) if lost is None else lost
         sound = self.read - self.misfits
@@ -192,10 +187,8 @@ class MessageFile:
 
 
 def joined_parts(path: Path, parts: Sequence[MessageFile], counts: Counter[str]) -> MessageFile:
-    """The files of one recording, one after the other; `counts` are the messages of each topic in all of them.
-
-    A channel has one number in all of them, and their damage is that of the whole.
-    """
+    """The files of one recording, one after the other; `counts` are the messages of each topic in all of them. A
+    channel has one number in all of them, and their damage is that of the whole."""
     whole, numbers = MessageFile(path, sum(part.size for part in parts)), dict[tuple[object, ...], int]()
     total = whole.damage
     total.finished = all(part.damage.finished for part in parts)
@@ -302,7 +295,8 @@ def read_channels(file: MessageFile, wanted: Mapping[str, Sequence[str]] | None 
                 reader = Reader([*dict.fromkeys(wanted[channel.topic])], kind_of(channel, schema)) if wanted else None
                 logs[number] = ChannelLog(channel, schema, reader)
             one, mine = logs[number], block.only(block.channel == number)
-            one.first = mine.first() if one.first is None else one.first
+            if one.first is None:
+                one.first = mine.buffer[int(mine.starts[0]) : int(mine.starts[0] + mine.lengths[0])]
             one.stamps.append(mine.log_time)
             one.sequence.append(mine.sequence)
             try:

@@ -12,12 +12,12 @@ import numpy as np
 import polars as pl
 import pytest
 from conftest import ROOT
+from walking_crossings import Tables, run_jobs
 from walking_setup import Setup, load_setup
 from walking_synthetic import changed, hidden, settings
 
 from osl_analysis.commands import walking as jobs
 from osl_analysis.commands.figure import plot_walking_page
-from osl_analysis.commands.tables import gather
 from osl_analysis.commands.trials import ingest_trial
 from osl_analysis.errors import InputError
 from osl_analysis.judge.table import Doubt
@@ -76,30 +76,19 @@ class Session:
                 job(trials, [calibration], static, chosen, self.file(f"{made}.json"), self.file(f"{made}.csv"))
         for name, path in zip((*self.perturbed, *self.unperturbed), self.crossings(), strict=True):
             self.analyse(self.trial(name), name in self.perturbed, path, **choices)
-        jobs.select_crossings(self.crossings(), chosen, self.file("selection.csv"))
-        return self.summarised(chosen)
-
-    def summarised(self, chosen: WalkingAnalysis, limits: Doubt | None = None) -> "Session":
-        """The steps from the selected crossings to the summary."""
-        selection, gait, table = (self.file(name) for name in ("selection.csv", "gait.parquet", "walking.csv"))
-        jobs.average_unperturbed(self.crossings(*self.unperturbed), selection, chosen, gait)
-        rows = [self.file(f"fits/{name}.csv") for name in self.perturbed]
-        for path, row in zip(self.crossings(*self.perturbed), rows, strict=True):
-            jobs.fit_perturbation(path, selection, gait, chosen, row)
-        gather(rows, table, limits)
-        written = {name: self.file(f"{name}.csv") for name in ("responses", "excluded", "groups")}
-        paths = written | {"table": table, "selection": selection, "unperturbed": gait}
-        crossings = self.crossings(*self.perturbed)
-        jobs.summarise_perturbations(crossings=crossings, settings=chosen, output=self.file("summary.csv"), **paths)
+        self.summarised(chosen)
         return self
+
+    def summarised(self, chosen: WalkingAnalysis, limits: Doubt | None = None) -> Tables:
+        """The jobs from the crossings to the summary."""
+        return run_jobs(self.folder, self.perturbed, self.unperturbed, chosen, limits=limits)
 
     def rendered(self, quantity: str) -> float:
         """Mean of what the simulated drivetrain rendered."""
         return float(np.mean([self.truth(name)[f"{quantity}_rendered"] for name in self.perturbed]))
 
     def estimate(self, quantity: str, estimator: str = "mean of perturbations") -> dict[str, Any]:
-        rows = read_table(self.file("summary.csv")).filter(quantity=quantity, estimator=estimator)
-        return dict(rows.row(0, named=True))
+        return Tables(self.folder).estimate("all", quantity, estimator)
 
 
 def recorded(setup: Setup, folder: Path, **row: Any) -> None:
@@ -246,14 +235,13 @@ def test_what_cannot_be_used_is_named_and_listed_and_the_rest_goes_on(real: Sess
     moved = replace(outlier, quality=outlier.quality | {"foot_forward_m": 0.2})
     jobs.write_crossing(moved, copied.crossings(elsewhere)[0])
     chosen = settings(foot=FOOT)
-    jobs.select_crossings(copied.crossings(), chosen, tmp_path / "selection.csv")
-    copied.summarised(chosen, Doubt(above={"offset_share": 0.06}))
-    listed = dict(read_table(tmp_path / "excluded.csv").select("trial", "reason").iter_rows())
+    tables = copied.summarised(chosen, Doubt(above={"offset_share": 0.06}))
+    listed = dict(tables["excluded"].select("trial", "reason").iter_rows())
     reasons = {blind: "foot markers cannot be followed", still: "does not turn but the sheet says perturbed"}
     reasons |= {elsewhere: "foot forward 0.2 m lies", cut: "Fz stays at 600 N"}
     assert list(listed) == list(reasons)
     assert all(reason in listed[name] for name, reason in reasons.items())
-    summary, fits = read_table(tmp_path / "summary.csv"), read_table(tmp_path / "walking.csv")
+    summary, fits = tables["summary"], tables["walking"]
     assert set(summary["n"]) == {9}
     assert summary["mean"][0] == pytest.approx(real.rendered("K"), rel=0.05)
     files = {"selection": "selection.csv", "unperturbed": "gait.parquet", "responses": "responses.csv"}
@@ -344,7 +332,6 @@ def test_what_contradicts_sheet_markers_or_calibration_is_refused_by_name(
 def test_missing_and_damaged_files_between_the_steps_name_the_step(ideal: Session, tmp_path: Path) -> None:
     (perturbed,) = ideal.crossings(ideal.perturbed[0])
     single = Session(tmp_path, ideal.perturbed[:1], ideal.unperturbed)
-    (tmp_path / "selection.csv").write_bytes(ideal.file("selection.csv").read_bytes())
     (tmp_path / "crossings").symlink_to(ideal.file("crossings"))
     with pytest.raises(InputError, match="1 of 1 perturbations can be used, expected 2 or more"):
         single.summarised(settings())

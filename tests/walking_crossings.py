@@ -1,7 +1,7 @@
 """Crossings by formula, with a turn up or down, for tests of groups: their files, and every job on them."""
 
 import zlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -10,17 +10,13 @@ import numpy as np
 import polars as pl
 from walking_synthetic import RATE, bump, settings
 
+from osl_analysis.commands import walking as jobs
 from osl_analysis.commands.tables import gather
-from osl_analysis.commands.walking import (
-    average_unperturbed,
-    fit_perturbation,
-    select_crossings,
-    summarise_perturbations,
-    write_crossing,
-)
+from osl_analysis.judge.table import Doubt
 from osl_analysis.table import read_table
 from osl_analysis.walking.crossing import Crossing
 from osl_analysis.walking.plate import Stance
+from osl_analysis.walking.settings import WalkingAnalysis
 
 LEAD, RISE, TURN = 0.045, 0.018, 0.087
 """The turn is an error function, at rest to 0.02 % at the onset, `LEAD` [s] before its middle; its size is 5 deg."""
@@ -90,35 +86,43 @@ class Tables:
 
     def estimate(self, group: str, quantity: str = "K", estimator: str = "ensemble") -> dict[str, Any]:
         """One row of the summary."""
-        rows = self["summary"].filter(
-            (pl.col("group") == group) & (pl.col("quantity") == quantity) & (pl.col("estimator") == estimator)
-        )
+        rows = self["summary"].filter(group=group, quantity=quantity, estimator=estimator)
         return dict(rows.row(0, named=True))
+
+
+def run_jobs(
+    folder: Path,
+    perturbed: Sequence[str],
+    unperturbed: Sequence[str],
+    chosen: WalkingAnalysis,
+    sheet: Mapping[str, Mapping[str, object]] | None = None,
+    limits: Doubt | None = None,
+) -> Tables:
+    """Every job from the crossings in a folder to the summary. `sheet` has their conditions, in its order."""
+    files = {name: folder / f"crossings/{name}.parquet" for name in (*perturbed, *unperturbed)}
+    selection, gait, table = (folder / name for name in ("selection.csv", "gait.parquet", "walking.csv"))
+    jobs.select_crossings([files[name] for name in sheet or files], chosen, selection, sheet)
+    jobs.average_unperturbed([files[name] for name in unperturbed], selection, chosen, gait)
+    rows, turned = [folder / f"fits/{name}.csv" for name in perturbed], [files[name] for name in perturbed]
+    for file, row in zip(turned, rows, strict=True):
+        jobs.fit_perturbation(file, selection, gait, chosen, row)
+    gather(rows, table, limits)
+    paths = {name: folder / f"{name}.csv" for name in ("responses", "excluded", "groups")}
+    paths |= {"table": table, "output": folder / "summary.csv", "selection": selection, "unperturbed": gait}
+    jobs.summarise_perturbations(crossings=turned, settings=chosen, sheet=sheet, **paths)
+    return Tables(folder)
 
 
 def campaign(
     folder: Path, walks: Mapping[str, Walk], cells: Mapping[str, Mapping[str, object]] | None = None, **choices: Any
 ) -> Tables:
     """Write crossings and run every job on them. `cells` are conditions in the sheet, by trial."""
-    chosen = settings(**choices)
-    files = {name: folder / f"crossings/{name}.parquet" for name in walks}
     (folder / "crossings").mkdir(parents=True)
     for name, walk in walks.items():
-        write_crossing(walked(name, walk), files[name])
+        jobs.write_crossing(walked(name, walk), folder / f"crossings/{name}.parquet")
     sheet = {name: {"perturbed": w.phase is not None, **(cells or {}).get(name, {})} for name, w in walks.items()}
-    selection, gait = folder / "selection.csv", folder / "gait.parquet"
-    select_crossings(list(files.values()), chosen, selection, sheet)
-    average_unperturbed([files[n] for n, w in walks.items() if w.phase is None], selection, chosen, gait)
-    perturbed = [n for n, w in walks.items() if w.phase is not None]
-    rows = [folder / f"fits/{name}.csv" for name in perturbed]
-    for name, row in zip(perturbed, rows, strict=True):
-        fit_perturbation(files[name], selection, gait, chosen, row)
-    gather(rows, folder / "walking.csv")
-    outputs = {name: folder / f"{name}.csv" for name in ("responses", "excluded", "groups")}
-    paths = outputs | {"table": folder / "walking.csv", "output": folder / "summary.csv", "selection": selection}
-    turned = [files[n] for n in perturbed]
-    summarise_perturbations(crossings=turned, unperturbed=gait, settings=chosen, sheet=sheet, **paths)
-    return Tables(folder)
+    kinds = ([name for name, row in sheet.items() if row["perturbed"] == turned] for turned in (True, False))
+    return run_jobs(folder, *kinds, settings(**choices), sheet)
 
 
 def several(prefix: str, count: int, walk: Walk, **changes: Any) -> dict[str, Walk]:

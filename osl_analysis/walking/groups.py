@@ -13,7 +13,7 @@ from osl_analysis.walking.bodies import FREE_FALL, Mask
 from osl_analysis.walking.crossing import QUALITY, Crossing, RefusedCrossing
 from osl_analysis.walking.gait import PHASES, signal_at, stance_times
 from osl_analysis.walking.plate import SINGLE_SUPPORT
-from osl_analysis.walking.settings import GroupSettings, OutlierRule, SelectionSettings
+from osl_analysis.walking.settings import OutlierRule, SelectionSettings
 
 # Columns of the sheet that can split results. Each value has a mean unperturbed gait of its own.
 STATED = ("group", "subject", "session", "side", "speed", "K_d", "B_d")
@@ -24,7 +24,7 @@ Cells = Mapping[str, object]  # Cells of one row of the sheet, by column: `STATE
 Sheet = Mapping[str, Cells]  # Cells of crossings, by trial
 
 
-def split_keys(sheet: Sheet, settings: GroupSettings) -> list[str]:
+def split_keys(sheet: Sheet, settings: SelectionSettings) -> list[str]:
     """Columns of the sheet by which a campaign is split, in the order of `STATED`: those of `group_by`, and any other
     in which crossings differ and that `pool` does not name. Refused if empty in a crossing, or everywhere."""
     keys = []
@@ -191,7 +191,7 @@ def crossing_features(crossings: Sequence[Crossing], timing: SelectionSettings, 
     return features
 
 
-def places(crossings: Sequence[Crossing], sheet: Sheet, settings: GroupSettings) -> dict[str, dict[str, object]]:
+def places(crossings: Sequence[Crossing], sheet: Sheet, settings: SelectionSettings) -> dict[str, dict[str, object]]:
     """Columns of `walking_crossings.csv` of every row of the sheet, by name: the mean gaits that it belongs to, and of
     the used and perturbed `crossings` the group, the direction of the turn, and the onset as a share of mean stance."""
     keys = split_keys(sheet, settings)

@@ -15,23 +15,6 @@ PoolKey = Literal["group", "subject", "session", "side", "speed", "K_d", "B_d", 
 GroupKey = PoolKey | Literal["direction"]
 
 
-class GroupSettings(Settings):
-    """Which crossings have a result of their own."""
-
-    group_by: tuple[GroupKey, ...] = ()
-    """Conditions by which results are always split, as by any other in which crossings differ and that `pool` does not
-    name. Opposite directions are joined by half their difference, unless they are named here."""
-    pool: tuple[PoolKey, ...] = ()  # Conditions in which crossings of one result may differ
-    timing_scatter: Positive = 0.05  # Largest SD of the onset's phase, as a share of stance, of one timing
-
-    @model_validator(mode="after")
-    def _split_or_pooled(self) -> Self:
-        both = sorted(set(self.group_by) & set(self.pool))
-        if both:
-            raise ValueError(f"'{both[0]}' stands in group_by and in pool; remove it from one of them")
-        return self
-
-
 class Markers(Settings):
     """Names of the markers: three or more per rigid cluster, and the malleoli, which the static trial shows."""
 
@@ -134,12 +117,24 @@ class CrossingSettings(PlatformMotionSettings):
     foot: FootSettings | None = None  # Null: the foot's weight and inertia stay in the torque, so that I includes them
 
 
-class SelectionSettings(TimingSettings, GroupSettings):
-    """Which crossings are excluded, and to which group each belongs."""
+class SelectionSettings(TimingSettings):
+    """Which crossings are excluded, and to which group, with a result of its own, each belongs."""
 
     outliers: OutlierRule | None  # Rule by which crossings are compared and excluded; null: they are not compared
     load_of_weight: tuple[Positive, Positive]  # Bounds of the mean load in single support, as a share of the weight
     largest_outside_m: NotNegative  # Largest distance [m] of a foot marker from the plate while the foot is flat
+    group_by: tuple[GroupKey, ...] = ()
+    """Conditions by which results are always split, as by any other in which crossings differ and that `pool` does not
+    name. Opposite directions are joined by half their difference, unless they are named here."""
+    pool: tuple[PoolKey, ...] = ()  # Conditions in which crossings of one result may differ
+    timing_scatter: Positive = 0.05  # Largest SD of the onset's phase, as a share of stance, of one timing
+
+    @model_validator(mode="after")
+    def _split_or_pooled(self) -> Self:
+        both = sorted(set(self.group_by) & set(self.pool))
+        if both:
+            raise ValueError(f"'{both[0]}' stands in group_by and in pool; remove it from one of them")
+        return self
 
 
 class UnperturbedSettings(Settings):

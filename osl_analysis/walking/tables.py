@@ -14,33 +14,15 @@ import polars as pl
 
 from osl_analysis.measured import rms
 from osl_analysis.signals import Motion
-from osl_analysis.stats.fit_row import (
-    covariance_row,
-    diagnostics_row,
-    estimates_row,
-    lag_damping_row,
-    thinned_rows,
-    whiteness_row,
-)
+from osl_analysis.stats import fit_row
 from osl_analysis.stats.regression import LinearFit
 from osl_analysis.stats.repeats import over_repeats
 from osl_analysis.trial import Array
+from osl_analysis.walking import response as isolation
 from osl_analysis.walking.crossing import DOWN, Crossing
 from osl_analysis.walking.gait import PHASES, UnperturbedGait
 from osl_analysis.walking.groups import ALL, STATED, Sheet, cells_said
-from osl_analysis.walking.response import (
-    Bootstrap,
-    EnsembleResponse,
-    GroupHeadline,
-    PerturbationResponse,
-    fit_response,
-    gait_torque,
-    isolate_response,
-    motion_columns,
-    offset_comparison,
-    response_lag,
-    signs_of,
-)
+from osl_analysis.walking.response import Bootstrap, EnsembleResponse, GroupHeadline, PerturbationResponse
 from osl_analysis.walking.settings import ResponseSettings, TimingSettings
 
 GROUP_QUANTITIES, ENSEMBLE = ("K", "B", "I", "VAF"), "ensemble"
@@ -98,17 +80,17 @@ def fitted_time(headline: GroupHeadline) -> float:
     """Time [s] after the onset at which the fit reads a stiffness that changes linearly within the window: K is a sum
     of torques with weights w, w . theta = 1, so that it is K(t) at t = sum of w theta t, later than the middle."""
     response, motion = headline.responses[0], headline.ensemble.motion[headline.responses[0].window]
-    return float(np.linalg.pinv(motion_columns(motion))[0] @ (motion.theta * response.time[response.window]))
+    return float(np.linalg.pinv(isolation.motion_columns(motion))[0] @ (motion.theta * response.time[response.window]))
 
 
 def perturbation_row(crossing: Crossing, gait: UnperturbedGait, settings: ResponseSettings) -> dict[str, object]:
     """One row of `walking.csv`: the fit of Eq. 15 to the isolated response of one crossing. `lag_out_of_reach` is 1 if
     the best lag is at or beyond the limit of the search, for example if the torque is two frames late, else 0."""
-    response = isolate_response(crossing, gait, settings, settings.perturbed_stance)
-    fit, delay = fit_response(response), response_lag(response)
+    response = isolation.isolate_response(crossing, gait, settings, settings.perturbed_stance)
+    fit, delay = isolation.fit_response(response), isolation.response_lag(response)
     onset, (lag, lag_se) = crossing.onset or 0.0, delay or (None, None)
     rate_hz = 1 / (response.time[1] - response.time[0])
-    white = whiteness_row(fit.residual[thinned_rows(len(fit.residual), rate_hz, settings.low_pass)])
+    white = fit_row.whiteness_row(fit.residual[fit_row.thinned_rows(len(fit.residual), rate_hz, settings.low_pass)])
     return {
         "trial": crossing.name,
         "onset_s": onset,
@@ -116,12 +98,12 @@ def perturbation_row(crossing: Crossing, gait: UnperturbedGait, settings: Respon
         "stance_s": crossing.stance.duration,
         "phase_stance_s": response.stance,
         "bridged": crossing.bridged,
-        **estimates_row(fit, "K", "B", "I"),
-        **covariance_row(fit, "K", "B", "I"),
+        **fit_row.estimates_row(fit, "K", "B", "I"),
+        **fit_row.covariance_row(fit, "K", "B", "I"),
         **single_facts(response, fit),
-        **lag_damping_row(lag, lag_se, fit["K"]),
+        **fit_row.lag_damping_row(lag, lag_se, fit["K"]),
         "lag_out_of_reach": float(delay is None),
-        **diagnostics_row(fit, rate_hz, white),
+        **fit_row.diagnostics_row(fit, rate_hz, white),
     }
 
 
@@ -129,9 +111,9 @@ def single_facts(response: PerturbationResponse, fit: LinearFit) -> Facts:
     """Columns of `walking.csv`: residual and offset of one fit, over those that ordinary gait causes, change of stance.
     Null where the residual is a small share of the torque, the offset hardly changes K, or no stance is expected."""
     motion, torque = response.fitted_motion, response.fitted_torque
-    left = gait_torque(response, fit)[:, response.window]
-    free = offset_comparison(motion, torque, fit["K"])
-    columns = np.column_stack([motion_columns(motion), np.ones_like(motion.theta)])
+    left = isolation.gait_torque(response, fit)[:, response.window]
+    free = isolation.offset_comparison(motion, torque, fit["K"])
+    columns = np.column_stack([isolation.motion_columns(motion), np.ones_like(motion.theta)])
     scatter = float(np.std(np.linalg.lstsq(columns, left.T, rcond=None)[0][-1], ddof=1))
     counts = abs(free["offset_share"] or 0.0) > 0.15 and scatter > 0  # by less an offset hardly changes K
     return free | {
@@ -146,9 +128,9 @@ def group_facts(headline: GroupHeadline) -> Facts:
     ensemble, responses = headline.ensemble, headline.responses
     rows, fit = responses[0].window, ensemble.fit
     motion, torque = ensemble.motion[rows], ensemble.torque[rows]
-    left = np.mean([gait_torque(r, fit)[:, rows] for r in responses], axis=0)
+    left = np.mean([isolation.gait_torque(r, fit)[:, rows] for r in responses], axis=0)
     intervals = {name: headline.resampled.interval(name) for name in "KBI"}
-    singles, signs = [fit_response(r) for r in responses], signs_of(responses)
+    singles, signs = [isolation.fit_response(r) for r in responses], isolation.signs_of(responses)
     distances = [0.0]  # of ensemble and mean of perturbations, over the sum of the halves of both intervals
     for name, (low, high) in intervals.items():
         mean = over_repeats([one[name] for one in singles], headline.common.get(name, ()), signs)
@@ -172,7 +154,7 @@ def group_facts(headline: GroupHeadline) -> Facts:
         "coherence": rms(angles.mean(axis=0)) / rms(angles),  # 1 for equal responses, 0 if they cancel
         "VAF": fit.vaf,
         "residual_over_gait": residual_over_gait(motion, torque, left),
-        "offset_share": offset_comparison(motion, torque, fit["K"])["offset_share"],
+        "offset_share": isolation.offset_comparison(motion, torque, fit["K"])["offset_share"],
         "outside_interval": float(sum(not low <= fit[name] <= high for name, (low, high) in intervals.items())),
         "estimator_difference": max(distances),
         "heterogeneity": heterogeneity,
@@ -189,7 +171,7 @@ def group_facts(headline: GroupHeadline) -> Facts:
 def residual_over_gait(motion: Motion, torque: Array, left: Array) -> float | None:
     """RMS residual of Eq. 15 over that of ordinary gait (crossings, k). Null below 3 % of the torque, or if gait leaves
     0."""
-    columns = motion_columns(motion)
+    columns = isolation.motion_columns(motion)
     own, gait = (rms(y - (columns @ np.linalg.lstsq(columns, y.T, rcond=None)[0]).T) for y in (torque[None], left))
     return own / gait if own > 0.03 * rms(torque) and gait > 0 else None
 
@@ -197,7 +179,7 @@ def residual_over_gait(motion: Motion, torque: Array, left: Array) -> float | No
 def headline_rows(headline: GroupHeadline, fits: pl.DataFrame, doubtful: Mapping[str, int]) -> list[dict[str, object]]:
     """Rows of `walking_summary.csv` of one group, from its rows of `walking.csv`, `fits`, and their number of doubtful
     ones: mean per perturbation (of both directions' means), with the errors that are common; ensembles; directions."""
-    common, signs = headline.common, signs_of(headline.responses)
+    common, signs = headline.common, isolation.signs_of(headline.responses)
     rows: list[dict[str, object]] = []
     for name in GROUP_QUANTITIES:
         method = "Student + shared errors" if name in common else "Student"
@@ -235,11 +217,11 @@ def ensemble_rows(
 def response_table(group: str, headline: GroupHeadline) -> pl.DataFrame:
     """Isolated responses of a group: trial (or 'ensemble'), time [s], angle [deg], torque [N*m], fit in the window."""
     window, time, frames = headline.responses[0].window, headline.responses[0].time, []
-    fitted = [(r.name, r.motion, r.torque, fit_response(r)) for r in headline.responses]
+    fitted = [(r.name, r.motion, r.torque, isolation.fit_response(r)) for r in headline.responses]
     mean = headline.ensemble
     for name, motion, torque, fit in [*fitted, (ENSEMBLE, mean.motion, mean.torque, mean.fit)]:
         model = np.full(len(time), np.nan)
-        model[window] = motion_columns(motion)[window] @ fit.estimates
+        model[window] = isolation.motion_columns(motion)[window] @ fit.estimates
         columns = {"trial": pl.Series([name] * len(time)), "time": time}
         columns |= {"theta_deg": np.rad2deg(motion.theta), "torque": torque, "torque_model": model}
         frames.append(pl.DataFrame(columns)[: window.stop])

@@ -1,7 +1,6 @@
 """What ingest says to a folder of recordings, as a table that no stranger's text can break."""
 
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,49 +16,39 @@ from osl_analysis.judge.table import QualityRules
 RULES = read_section(ROOT / "config/config.yaml", "quality", QualityRules)
 
 
-@pytest.fixture
-def folder(tmp_path: Path) -> Path:
-    """A capture, a log, an invalid one of each, a table, and a file that is not a recording."""
-    positions = np.concatenate([np.linspace(1, 2, 300).reshape(100, 1, 3), np.zeros((100, 1, 1))], axis=2)
-    positions[40:65] = 0.0
-    write_c3d(tmp_path / "walk.c3d", positions, rate=100.0, POINT__LABELS=["a|<b>"])
-    (tmp_path / "broken.C3D").write_bytes(b"no C3D file")
-    log = [stamped(k * 1_000_000 + (k > 5) * 7_000_000, angle=0.0, torque=1.0, sync=False) for k in range(10)]
-    write_log(tmp_path / "bench.mcap", log)
-    (tmp_path / "broken.mcap").write_bytes(b"no MCAP file")
-    (tmp_path / "table.csv").write_text("a,b\n1,2\n")
-    (tmp_path / "lab.tdms").write_bytes(b"TDSm\0\0")
-    (tmp_path / "lab.xlsx").write_bytes(b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1" + bytes(500))
-    (tmp_path / "notes.md").write_text("nothing to read")
-    return tmp_path
-
-
-def rows(folder: Path) -> dict[str, list[str]]:
+def rows(folder):
     """The table's cells by file."""
     lines = samples_table(folder, RULES).splitlines()[2:]
     cells = [[cell.strip() for cell in re.split(r"(?<!\\)\|", line)[1:-1]] for line in lines]
     return {file: rest for file, *rest in cells}
 
 
-def test_what_is_read_is_told_with_rates_counts_and_gaps(folder: Path) -> None:
-    found = rows(folder)
+def test_what_is_read_is_told_with_rates_and_gaps_and_what_is_refused_with_the_reason_and_without_the_folder(tmp_path):
+    """A capture, a log, an invalid one of each, a table, and files that are not read."""
+    positions = np.concatenate([np.linspace(1, 2, 300).reshape(100, 1, 3), np.zeros((100, 1, 1))], axis=2)
+    positions[40:65] = 0.0
+    write_c3d(tmp_path / "walk.c3d", positions, rate=100.0, POINT__LABELS=["a|<b>"])
+    log = [stamped(k * 1_000_000 + (k > 5) * 7_000_000, angle=0.0, torque=1.0, sync=False) for k in range(10)]
+    write_log(tmp_path / "bench.mcap", log)
+    for name, content in (
+        ("broken.C3D", b"no C3D file"), ("broken.mcap", b"no MCAP file"), ("table.csv", b"a,b\n1,2\n"),
+        ("lab.tdms", b"TDSm\0\0"), ("lab.xlsx", b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1" + bytes(500)), ("a.md", b"nothing"),
+    ):  # fmt: skip
+        (tmp_path / name).write_bytes(content)
+    found = rows(tmp_path)
     assert found["bench.mcap"][0] == "mcap"
-    assert found["bench.mcap"][1] == ("/lab: 10 messages at 1000 Hz, numbers in each: 3; 1 gaps, the longest 0.008 s")
+    assert found["bench.mcap"][1] == "/lab: 10 messages at 1000 Hz, numbers in each: 3; 1 gaps, the longest 0.008 s"
     assert found["walk.c3d"][1] == "frames: 100, from 1 on, at 100 Hz<br>1 x marker at 100 Hz; 25.0% missing"
     assert "ok<br>marker\\_gap: 0.25 s, threshold 0.2 (a\\|&lt;b&gt;" in found["walk.c3d"][2]
     assert found["table.csv"] == ["csv", "rows: 1<br>2 x column", ""]
-
-
-def test_what_is_refused_is_told_with_the_reason_and_without_the_folder(folder: Path) -> None:
-    found = rows(folder)
     assert found["broken.C3D"][2].startswith("refused: not a C3D file")
     assert found["broken.mcap"][2].startswith("refused: not an MCAP file")
     assert found["lab.tdms"][2].startswith("refused: the TDMS file ")
     assert found["lab.xlsx"][2] == "refused: an Excel workbook, which is not read; save its sheet as 'CSV UTF-8'"
-    assert str(folder) not in samples_table(folder, RULES)
+    assert str(tmp_path) not in samples_table(tmp_path, RULES)
 
 
-def test_a_capture_whose_plates_are_refused_is_tried_without_them_and_refused_once(tmp_path: Path) -> None:
+def test_a_capture_whose_plates_are_refused_is_tried_without_them_and_refused_once(tmp_path):
     points = np.ones((200, 2, 4)) * [1, 2, 3, 0]
     plates = {"FORCE_PLATFORM__USED": np.array([1]), "FORCE_PLATFORM__TYPE": np.array([9])}
     write_c3d(tmp_path / "plate.c3d", points, **plates)
@@ -72,14 +61,13 @@ def test_a_capture_whose_plates_are_refused_is_tried_without_them_and_refused_on
     ]
 
 
-def test_a_folder_without_recordings_is_refused(tmp_path: Path) -> None:
+def test_a_folder_without_recordings_is_refused(tmp_path):
     with pytest.raises(InputError, match=r"no recordings below it \(\..*\.mcap, \.bag, \.db3, .*\.csv\)"):
         samples_table(tmp_path, RULES)
 
 
-def test_the_page_in_the_documentation_names_every_real_sample() -> None:
-    if not REAL_DATA.is_dir():
-        pytest.skip("no real data")
+@pytest.mark.skipif(not REAL_DATA.is_dir(), reason="no real data")
+def test_the_page_in_the_documentation_names_every_real_sample():
     page = (ROOT / "docs/real_samples.md").read_text()
     samples = [p for p in REAL_DATA.rglob("*") if p.suffix.lower() in SUFFIXES]
     assert len(samples) >= 30

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy.signal import butter, freqs, lsim, lti
 from scipy.special import ndtri
-from test_spectral_period import LOW_PASS
 
 from osl_analysis.errors import InputError
 from osl_analysis.signals import LowPass
@@ -26,37 +25,48 @@ from osl_analysis.spectral.response import (
     record_spectrum,
 )
 
-PERIOD, LINE_RATE, LINE_LOW_PASS = 4.0, 256.0, LowPass(15)
+PERIOD, RATE, LOW_PASS, COUNT = 4.0, 256.0, LowPass(15), 60
+SAMPLES = round(PERIOD * RATE)
 LINES = np.setdiff1d(np.arange(1, 40, 2), [3, 11, 19, 25, 33])
-LINE_S = 2j * np.pi * LINES / PERIOD
-SAMPLES = round(PERIOD * LINE_RATE)
-COUNT = 60
 S = 2j * np.pi * np.arange(COUNT) / PERIOD
 Z = 200 + 4 * S + 0.05 * S**2
+WHITE = 2 / np.sqrt(SAMPLES)  # of a line, by white noise of 1 N*m
 
 
-def lines(seed, noise, periods=4, excited=LINES, impedance=Z, distortion=0.0, mean=0.0, offset=0.0):
-    """A realisation with lines of random phases, torque noise at all lines, and distortion that repeats at odd ones."""
+def made(seed, noise=0.0, periods=4, excited=LINES, impedance=Z, distortion=0.0, extra=None):
+    """A realisation with lines of random phases, torque noise at all lines, distortion that repeats at odd ones, and a
+    torque that is a function `extra` of the angle."""
     rng = np.random.default_rng(seed)
     X = np.zeros(COUNT, dtype=complex)
     X[excited] = 0.01 * np.exp(2j * np.pi * rng.uniform(size=len(excited)))
-    X[0] = mean
     random = rng.standard_normal((2, periods, COUNT)) * noise / np.sqrt(2)
     repeated = rng.standard_normal((2, COUNT)) * distortion / np.sqrt(2) * (np.arange(COUNT) % 2)
     torque = impedance * X + random[0] + 1j * random[1] + repeated[0] + 1j * repeated[1]
-    torque[:, 0] = impedance[0].real * mean + offset + random[0, :, 0]
-    return Realisation(PERIOD, 250.0, np.tile(X, (periods, 1)), torque, 0.0)
+    if extra is not None:
+        torque += spectrum(extra(in_time(X)))
+    torque[:, 0] = torque[:, 0].real
+    return Realisation(PERIOD, RATE, np.tile(X, (periods, 1)), torque, 0.0)
 
 
-def fit_periodic(made, low_pass=LOW_PASS):
-    return fit_by_power(SecondOrder(), lines_of_periods(made, low_pass), (200, 4))
+def in_time(X):
+    return np.fft.irfft(X * SAMPLES / 2, SAMPLES)
 
 
-def of_scatter(fits):
-    """Standard errors over the scatter of the estimates, mean of K, B and I."""
-    scatter = np.std([f.estimates[:3] for f in fits], axis=0)
-    se = np.sqrt(np.mean([np.diag(f.covariance)[:3] for f in fits], axis=0))
-    return float(np.mean(se / scatter))
+def spectrum(x):
+    return np.fft.rfft(x)[..., :COUNT] * 2 / SAMPLES
+
+
+def soft(theta):
+    return 1e5 * theta**3
+
+
+def fit_periodic(realisations, low_pass=LOW_PASS):
+    return fit_by_power(SecondOrder(), lines_of_periods(realisations, low_pass), (200, 4))
+
+
+def fitted(one):
+    """Eq. 15 fitted to a realisation, and what the fit says of itself."""
+    return fit_structure(SecondOrder(), lines_of_periods([one], LOW_PASS), (200, 4))
 
 
 @pytest.mark.parametrize(
@@ -70,35 +80,35 @@ def of_scatter(fits):
 )
 def test_standard_errors_are_the_scatter_of_many_fits(count, excited, distortion, method):
     fits = [
-        fit_periodic([lines(5 * seed + k, 0.02, 3, excited, distortion=distortion) for k in range(count)])
+        fit_periodic([made(5 * seed + k, 0.02, 3, excited, distortion=distortion) for k in range(count)])
         for seed in range(160)
     ]
     assert {f.interval_method for f in fits} == {method}
-    assert of_scatter(fits) == pytest.approx(1, abs=0.11)  # 160 fits of three estimates: 0.04
+    se = np.sqrt(np.mean([np.diag(f.covariance)[:3] for f in fits], axis=0))
+    of_scatter = np.mean(se / np.std([f.estimates[:3] for f in fits], axis=0))
+    assert of_scatter == pytest.approx(1, abs=0.11)  # 160 fits of three estimates: 0.04
     if method == REALISATIONS:
         assert fits[0].degrees_of_freedom[:3] == pytest.approx(count - 1)
 
 
 def test_lines_weigh_as_their_power_behind_the_filter_and_realisations_as_their_periods():
     third = Z + 2e-3 * S**3  # no second-order system: weights count
-    made = [lines(1, 0.0, 3, LINES[:9], third), lines(2, 0.0, 6, LINES[4:], third)]
-    low_pass = LowPass(5.0, 3)
+    realisations = [made(1, 0.0, 3, LINES[:9], third), made(2, 0.0, 6, LINES[4:], third)]
     _, response = freqs(*butter(3, 5.0, analog=True), worN=np.arange(COUNT) / PERIOD)
     rows, y = [], []
-    for one, periods in zip(made, (3, 6), strict=True):
+    for one, periods in zip(realisations, (3, 6), strict=True):
         for k in np.union1d(LINES[:9], LINES[4:]):
             weight = np.sqrt(periods) * abs(response[k]) ** 2
             rows.append(weight * one.theta[0, k] * np.array([1, S[k], S[k] ** 2]))
             y.append(weight * one.torque[0, k])
     X, y = np.array(rows), np.array(y)
     by_hand = np.linalg.lstsq(np.vstack([X.real, X.imag]), np.concatenate([y.real, y.imag]), rcond=None)[0]
-    assert fit_periodic(made, low_pass).estimates[:3] == pytest.approx(by_hand, rel=1e-9)
+    assert fit_periodic(realisations, LowPass(5.0, 3)).estimates[:3] == pytest.approx(by_hand, rel=1e-9)
 
 
 def test_noise_is_taken_off_the_levels():
     # noise in the mean of four periods as large as the distortion
-    made = [lines(seed, 0.1, distortion=0.05) for seed in range(48)]
-    response, levels = periodic_response(made)
+    response, levels = periodic_response([made(seed, 0.1, distortion=0.05) for seed in range(48)])
     assert levels["noise"] == pytest.approx(0.05, rel=0.06)
     for name in ("odd", "detection", "distortion"):
         assert levels[name] == pytest.approx(0.05, rel=0.2)
@@ -119,75 +129,41 @@ def test_the_test_of_a_record_that_does_not_repeat_itself_has_the_spread_that_it
     assert np.std(scores) == pytest.approx(1, abs=0.35)
 
 
-def realisation(seed: int, torque_of, periods: int = 4, noise: float = 0.0, size: float = 0.01) -> Realisation:
-    """Lines of a multisine of equal amplitudes `size` and random phases, and of a torque that is a function of it."""
-    rng = np.random.default_rng(seed)
-    X = np.zeros(SAMPLES // 2 + 1, dtype=complex)
-    X[LINES] = size * np.exp(2j * np.pi * rng.uniform(size=len(LINES)))
-    theta = np.tile(np.fft.irfft(X * SAMPLES / 2), (periods, 1))
-    torque = torque_of(theta, X) + noise * rng.standard_normal(theta.shape)
-    spectra = [np.fft.rfft(x, axis=1)[:, :60] * 2 / SAMPLES for x in (theta, torque)]
-    return Realisation(PERIOD, LINE_RATE, *spectra, 0.0)
-
-
-def second_order(theta, X):
-    """Torque of K = 200, B = 4, I = 0.05."""
-    s = 2j * np.pi * np.arange(len(X)) / PERIOD
-    return np.tile(np.fft.irfft((200 + 4 * s + 0.05 * s**2) * X * SAMPLES / 2), (len(theta), 1))
-
-
-def soft(theta, X):
-    """A cubic spring beside it."""
-    return second_order(theta, X) + 1e5 * theta**3
-
-
-def fitted(made):
-    """Eq. 15 fitted to a realisation, and what the fit says of itself."""
-    return fit_structure(SecondOrder(), lines_of_periods([made], LINE_LOW_PASS), (200, 4))
-
-
 def test_levels_of_a_cube_are_odd_and_those_of_a_square_are_even():
     for power, seen, absent in ((3, "odd", "even"), (2, "even", "odd")):
-        _, levels = periodic_response(
-            [realisation(seed, lambda theta, X, n=power: second_order(theta, X) + 1e4 * theta**n) for seed in range(8)]
-        )
+        _, levels = periodic_response([made(k, extra=lambda theta, n=power: 1e4 * theta**n) for k in range(8)])
         assert levels[absent] < 1e-6 * levels[seen]
     assert levels["distortion"] < 1e-6 * levels["even"]  # even distortion does not reach odd lines
 
 
 def test_noise_of_the_response_is_what_white_noise_of_the_torque_makes_of_it():
     # a line of white noise has E|X|^2 = 4 sigma^2/n, the mean of P periods of R realisations 1/(P R) of it
-    response, band = periodic_response([realisation(seed, second_order, 5, 0.2) for seed in range(3)])
-    line = 2 * 0.2 / np.sqrt(SAMPLES)
+    line = 0.2 * WHITE
+    response, band = periodic_response([made(seed, line, 5) for seed in range(3)])
     assert band["noise"] == pytest.approx(line / np.sqrt(5), rel=0.06)
     assert response["noise_sd"] == pytest.approx(line / np.sqrt(15) / 0.01, rel=0.25)
-    error = response["Z_re"] + 1j * response["Z_im"] - (200 + 4 * LINE_S + 0.05 * LINE_S**2)
+    error = response["Z_re"] + 1j * response["Z_im"] - Z[LINES]
     assert np.sqrt(np.mean(np.abs(error) ** 2)) == pytest.approx(line / np.sqrt(15) / 0.01, rel=0.4)
 
 
 def test_one_realisation_tells_the_distortion_by_its_detection_lines():
-    several = [periodic_response([realisation(seed, soft)])[1]["odd"] for seed in range(12)]
-    _, levels = periodic_response([realisation(seed, soft) for seed in range(12)])
+    several = [periodic_response([made(seed, extra=soft)])[1]["odd"] for seed in range(12)]
+    _, levels = periodic_response([made(seed, extra=soft) for seed in range(12)])
     assert np.sqrt(np.mean(np.square(several))) == pytest.approx(levels["detection"], rel=1e-2)
-    response, band = periodic_response([realisation(3, soft)])
+    response, band = periodic_response([made(3, extra=soft)])
     assert np.isnan(band["distortion"])
     assert response["total_sd"].mean() * 0.01 == pytest.approx(band["odd"], rel=0.4)
 
 
 def test_the_test_of_the_misfit_has_its_level_and_sees_a_third_order():
-    def third_order(theta, X):
-        s = 2j * np.pi * np.arange(len(X)) / PERIOD
-        return second_order(theta, X) + np.fft.irfft(1e-3 * s**3 * X * SAMPLES / 2)
-
-    def probabilities(torque_of, periods):
-        made = (realisation(s, torque_of, periods, 0.1) for s in range(60))
-        return np.array([fitted(one)[1]["misfit_p"] for one in made])
+    def probabilities(impedance, periods):
+        return np.array([fitted(made(k, 0.1 * WHITE, periods, impedance=impedance))[1]["misfit_p"] for k in range(60)])
 
     for periods in (2, 4):
-        p = probabilities(second_order, periods)
+        p = probabilities(Z, periods)
         assert np.mean(p < 0.05) < 0.15  # binomial: 3 of 60 expected, 9 once in 300
         assert np.mean(p < 0.5) == pytest.approx(0.5, abs=0.2)
-    assert np.mean(probabilities(third_order, 4) < 0.05) > 0.95
+    assert np.mean(probabilities(Z + 1e-3 * S**3, 4) < 0.05) > 0.95
 
 
 @pytest.mark.parametrize("noise_steps", [0.0, 1.0])
@@ -195,19 +171,15 @@ def test_rounding_counts_where_every_period_repeats_it_and_nowhere_twice(noise_s
     # noise of a step makes the rounding differ from period to period: it is in the scatter then
     step, ratios = 4e-4, []
     for seed in range(40):
-        made, rng = realisation(seed, second_order, 4, 0.0), np.random.default_rng(seed)
-        theta = np.fft.irfft(np.pad(made.theta, ((0, 0), (0, SAMPLES // 2 - 59))) * SAMPLES / 2, axis=1)
-        read = np.round((theta / step + noise_steps * rng.standard_normal(theta.shape)) + rng.uniform()) * step
-        torque = np.fft.irfft(np.pad(made.torque, ((0, 0), (0, SAMPLES // 2 - 59))) * SAMPLES / 2, axis=1)
-        torque += 0.01 * rng.standard_normal(theta.shape)
-        spectra = [np.fft.rfft(x, axis=1)[:, :60] * 2 / SAMPLES for x in (read, torque)]
-        coarse = replace(made, theta=spectra[0], torque=spectra[1], steps=(step, None))
-        ratios.append(fitted(coarse)[1]["misfit_ratio"])
+        one, rng = made(seed, 0.01 * WHITE), np.random.default_rng(1000 + seed)
+        noise = noise_steps * rng.standard_normal((4, SAMPLES))
+        read = np.round(in_time(one.theta[0]) / step + noise + rng.uniform()) * step
+        ratios.append(fitted(replace(one, theta=spectrum(read), steps=(step, None)))[1]["misfit_ratio"])
     assert np.mean(ratios) == pytest.approx(1, abs=0.2)
 
 
 def test_a_fit_that_passes_is_weighted_by_noise_and_one_that_fails_by_power():
-    (fit, right), (_, wrong) = (fitted(realisation(1, torque_of, 4, 0.02)) for torque_of in (second_order, soft))
+    (fit, right), (_, wrong) = (fitted(made(1, 0.02 * WHITE, extra=extra)) for extra in (None, soft))
     assert (right["weights"], wrong["weights"]) == ("noise", "power")
     assert right["misfit"] < 0.2 < 2 < wrong["misfit"]
     for value, name in ((200, "K"), (4, "B"), (0.05, "I")):
@@ -216,14 +188,9 @@ def test_a_fit_that_passes_is_weighted_by_noise_and_one_that_fails_by_power():
 
 def test_the_gains_that_made_the_torque_are_recovered_from_eq_9(parameters):
     p, K_1, B_1 = parameters, 24.0, 0.6
-    n, d = [p.J_m, p.B_m + B_1, K_1 + p.K_s / p.n_T**2], [p.J_j, p.B_j, p.K_s]
-
-    def torque_of(theta, X):
-        s = 2j * np.pi * np.arange(len(X)) / PERIOD
-        Z = np.polyval(d, s) - (p.K_s / p.n_T) ** 2 / np.polyval(n, s)
-        return np.fft.irfft(Z * X * SAMPLES / 2)
-
-    lines = lines_of_periods([realisation(2, torque_of, 4, 1e-3)], LINE_LOW_PASS)
+    actuator = np.polyval([p.J_m, p.B_m + B_1, K_1 + p.K_s / p.n_T**2], S)
+    eq_9 = np.polyval([p.J_j, p.B_j, p.K_s], S) - (p.K_s / p.n_T) ** 2 / actuator
+    lines = lines_of_periods([made(2, 1e-3 * WHITE, impedance=eq_9)], LOW_PASS)
     fit, found = fit_structure(RationalDrivetrain(p), lines, (280.0, 5.0))
     assert fit["K_1"] == pytest.approx(K_1, rel=1e-3)
     assert fit["B_1"] == pytest.approx(B_1, rel=2e-3)
@@ -234,29 +201,22 @@ def test_the_gains_that_made_the_torque_are_recovered_from_eq_9(parameters):
         fit_structure(RationalDrivetrain(p), lines, (p.K_s, 5.0))
 
 
-def moving(seed: int, noise: float):
-    """Angle and torque of 30 s of noise below 8 Hz, the angle by a second library's simulation of a damped system.
-
-    It takes the torque for linear between its samples, four to one of the record: at 8 Hz that is 2e-4 of it.
-    """
-    rng, finer = np.random.default_rng(seed), 4
-    t = np.arange(round(32 * LINE_RATE) * finer) / (LINE_RATE * finer)
-    drive = 0.3 * np.convolve(rng.standard_normal(len(t)), np.hanning(200), "same")
-    _, theta, _ = lsim(lti([1.0], [0.05, 4.0, 200.0]), drive, t, interp=True)  # angle = torque/(I s^2 + B s + K)
-    keep = slice(round(LINE_RATE) * finer, round(31 * LINE_RATE) * finer, finer)
-    torque = drive[keep]
-    return theta[keep], torque + noise * rng.standard_normal(len(torque))
-
-
 def test_the_local_polynomial_method_finds_the_response_of_a_simulated_system_within_its_noise():
-    squares, noise = [], []
+    """30 s of noise below 8 Hz, by a second library's simulation of a damped system. It takes the torque for linear
+    between its samples, four to one of the record: at 8 Hz that is 2e-4 of it."""
+    squares, noise, finer = [], [], 4
+    keep = slice(round(RATE) * finer, round(31 * RATE) * finer, finer)
     for seed in (1, 2, 3, 4):
-        spectrum = record_spectrum(*moving(seed, 0.02), LINE_RATE, 15.0)
-        response = local_response(spectrum)
+        rng, t = np.random.default_rng(seed), np.arange(round(32 * RATE) * finer) / (RATE * finer)
+        drive = 0.3 * np.convolve(rng.standard_normal(len(t)), np.hanning(200), "same")
+        _, theta, _ = lsim(lti([1.0], [0.05, 4.0, 200.0]), drive, t, interp=True)  # torque/(I s^2 + B s + K)
+        torque = drive[keep] + 0.02 * rng.standard_normal(len(drive[keep]))
+        record = record_spectrum(theta[keep], torque, RATE, 15.0)
+        response = local_response(record)
         s = 2j * np.pi * response["frequency_hz"]
         error = response["Z_re"] + 1j * response["Z_im"] - (200 + 4 * s + 0.05 * s**2)
         squares.extend(np.abs(error) ** 2 / response["noise_sd"] ** 2)
-        noise.append(local_fit(spectrum)[2])
+        noise.append(local_fit(record)[2])
     assert len(squares) > 120
     assert np.mean(squares) == pytest.approx(1, abs=0.3)  # 0.1 by theory
-    assert np.mean(noise) == pytest.approx(4 * 0.02**2 / (30 * LINE_RATE), rel=0.06)
+    assert np.mean(noise) == pytest.approx(4 * 0.02**2 / (30 * RATE), rel=0.06)

@@ -96,7 +96,7 @@ def realisation(number: int, torque_of: Torque, rng: np.random.Generator) -> Rea
     torque = torque_of(moved) + SENSORS.torque_noise * rng.standard_normal(n)
     lines = int(3 * PLAN.period_s * PLAN.band_hz[1])
     theta, tau = (period_spectra(y, float(samples), float(samples), PLAN.periods, lines) for y in (moved.theta, torque))
-    return Realisation(PLAN.period_s, RATE_HZ, theta, tau, 0.0)
+    return Realisation(PLAN.period_s, RATE_HZ, np.array([theta, tau]), 0.0)
 
 
 def exact(m: JointMotion) -> Array:

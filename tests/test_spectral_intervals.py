@@ -45,7 +45,7 @@ def made(seed, noise=0.0, periods=4, excited=LINES, impedance=Z, distortion=0.0,
     if extra is not None:
         torque += spectrum(extra(in_time(X)))
     torque[:, 0] = torque[:, 0].real
-    return Realisation(PERIOD, RATE, np.tile(X, (periods, 1)), torque, 0.0)
+    return Realisation(PERIOD, RATE, np.array([np.tile(X, (periods, 1)), torque]), 0.0)
 
 
 def in_time(X):
@@ -99,8 +99,8 @@ def test_lines_weigh_as_their_power_behind_the_filter_and_realisations_as_their_
     for one, periods in zip(realisations, (3, 6), strict=True):
         for k in np.union1d(LINES[:9], LINES[4:]):
             weight = np.sqrt(periods) * abs(response[k]) ** 2
-            rows.append(weight * one.theta[0, k] * np.array([1, S[k], S[k] ** 2]))
-            y.append(weight * one.torque[0, k])
+            rows.append(weight * one.spectra[0, 0, k] * np.array([1, S[k], S[k] ** 2]))
+            y.append(weight * one.spectra[1, 0, k])
     X, y = np.array(rows), np.array(y)
     by_hand = np.linalg.lstsq(np.vstack([X.real, X.imag]), np.concatenate([y.real, y.imag]), rcond=None)[0]
     assert fit_periodic(realisations, LowPass(5.0, 3)).estimates[:3] == pytest.approx(by_hand, rel=1e-9)
@@ -173,8 +173,12 @@ def test_rounding_counts_where_every_period_repeats_it_and_nowhere_twice(noise_s
     for seed in range(40):
         one, rng = made(seed, 0.01 * WHITE), np.random.default_rng(1000 + seed)
         noise = noise_steps * rng.standard_normal((4, SAMPLES))
-        read = np.round(in_time(one.theta[0]) / step + noise + rng.uniform()) * step
-        ratios.append(fitted(replace(one, theta=spectrum(read), steps=(step, None)))[1]["misfit_ratio"])
+        read = np.round(in_time(one.spectra[0, 0]) / step + noise + rng.uniform()) * step
+        ratios.append(
+            fitted(replace(one, spectra=np.array([spectrum(read), one.spectra[1]]), steps=(step, None)))[1][
+                "misfit_ratio"
+            ]
+        )
     assert np.mean(ratios) == pytest.approx(1, abs=0.2)
 
 

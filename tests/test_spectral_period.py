@@ -61,7 +61,7 @@ def test_a_record_of_several_motions_with_one_period_has_as_many_realisations_an
     assert 2 < starts[0] < 1 + PERIOD + 0.1
     joined = distinct(found.realisations)
     assert [r.periods for r in joined] == [8, 4]
-    theta = joined[0].theta[:, LINES]
+    theta = joined[0].spectra[0][:, LINES]
     assert np.abs(theta - theta.mean(0)).max() < 1e-3 * np.abs(theta).min()
 
 

@@ -60,10 +60,8 @@ def response_tables(record: Record, p: DrivetrainParameters | None) -> dict[str,
         found = record.periodic
         if found is not None:
             band = slice(int(np.floor(record.low_pass.cutoff_hz * found.period + 1e-9)) + 1)
-            realisations = [
-                replace(one, theta=one.theta[:, band], torque=one.torque[:, band], steps=record.steps)
-                for one in found.realisations
-            ]
+            steps = record.steps
+            realisations = [replace(one, spectra=one.spectra[..., band], steps=steps) for one in found.realisations]
             return periodic_tables(record.name, realisations, record.low_pass, p, found.period_error_ppm)
         longest = max(record.pieces, key=lambda piece: piece.stop - piece.start)
         signals = record.theta[longest], record.torque[longest]

@@ -132,25 +132,24 @@ class Realisation:
 
     period: float  # period [s]
     rate_hz: float  # sampling rate [Hz]
-    theta: Spectrum  # lines of the angle [rad], shape (periods, lines)
-    torque: Spectrum  # lines of the resisting torque [N*m], shape (periods, lines)
+    spectra: Spectrum  # lines of the angle [rad] and of the resisting torque [N*m], shape (2, periods, lines)
     start: float  # when the first period begins [s], from the first sample of the record
     steps: tuple[float | None, float | None] = (None, None)
     """Steps to which angle [rad] and torque [N*m] were rounded; None where they are not known."""
 
     @property
     def periods(self) -> int:
-        return len(self.theta)
+        return int(self.spectra.shape[1])
 
     @property
     def frequency_hz(self) -> Array:
         """Frequencies [Hz] of the lines, shape (lines,)."""
-        return np.arange(self.theta.shape[1]) / self.period
+        return np.arange(self.spectra.shape[2]) / self.period
 
     @property
     def mean_lines(self) -> Spectrum:
         """Means over the periods of the lines of angle and torque, (2, lines)."""
-        return np.array([self.theta.mean(axis=0), self.torque.mean(axis=0)])
+        return np.asarray(self.spectra.mean(axis=1))
 
 
 @dataclass(frozen=True)
@@ -184,8 +183,8 @@ def periodic_motion(
         period *= 1 + change
     made = realisations_of(stretches, period, (theta, torque), rate_hz, highest_hz)
     for one in made:
-        mean = one.theta.mean(axis=0)
-        apart = np.sum(np.abs((one.theta - mean)[:, 1:]) ** 2) / (one.periods - 1)
+        mean = one.mean_lines[0]
+        apart = np.sum(scatter(one.spectra[0])[1:])
         # a bench repeats the lines of a motion within 1 % of their size, a hand that tries to within 5 to 10
         if apart > 0.02**2 * np.sum(np.abs(mean[1:]) ** 2):
             return None
@@ -197,7 +196,7 @@ def realisations_of(
 ) -> list[Realisation]:
     """The realisations in the stretches that were found, each from its last whole period backwards. A transient is at
     the beginning of a stretch; what is over is therefore left out there. The signals are the angle (n,) and the torque,
-    or the angle alone, whose lines then stand in both places."""
+    or the angle alone."""
     samples, last = period * rate_hz, len(signals[0])
     count = int(np.floor(min(highest_hz, rate_hz / 3) * period + 1e-9)) + 1
     made = []
@@ -209,8 +208,8 @@ def realisations_of(
         if first + periods * samples > last + 1:
             periods -= 1
         if periods >= 2:  # one has no scatter
-            spectra = [period_spectra(signal, first, samples, periods, count) for signal in signals]
-            made.append(Realisation(period, rate_hz, spectra[0], spectra[-1], first / rate_hz))
+            spectra = np.array([period_spectra(signal, first, samples, periods, count) for signal in signals])
+            made.append(Realisation(period, rate_hz, spectra, first / rate_hz))
     return made
 
 
@@ -236,11 +235,11 @@ def phase_drift(made: Sequence[Realisation]) -> tuple[float, float]:
     the true period is longer by a share d, line k of period p is late by 2 pi k p d."""
     steps, phases, weights = list[Array](), list[Array](), list[Array]()
     for one in made:
-        mean = one.theta.mean(axis=0)
+        mean = one.mean_lines[0]
         k = 1 + np.flatnonzero(np.abs(mean[1:]) > 0.1 * np.abs(mean[1:]).max())
         number = np.arange(one.periods) - (one.periods - 1) / 2
         steps.append((2 * np.pi * number[:, None] * k).ravel().astype(float))
-        phases.append(-np.angle(one.theta[:, k] / mean[k]).ravel())
+        phases.append(-np.angle(one.spectra[0][:, k] / mean[k]).ravel())
         weights.append(np.broadcast_to(np.abs(mean[k]) ** 2, (one.periods, len(k))).ravel())
     x, y, w = (np.concatenate(each) for each in (steps, phases, weights))
     size = float(np.sum(w * x**2))
@@ -256,9 +255,8 @@ def distinct(made: Sequence[Realisation]) -> list[Realisation]:
         for place, other in enumerate(merged):
             shift = shift_between(other, one)
             if shift is not None:
-                turn = np.exp(2j * np.pi * np.arange(one.theta.shape[1]) * shift)
-                theta, torque = np.vstack([other.theta, one.theta * turn]), np.vstack([other.torque, one.torque * turn])
-                merged[place] = replace(other, theta=theta, torque=torque)
+                turned = one.spectra * np.exp(2j * np.pi * np.arange(one.spectra.shape[2]) * shift)
+                merged[place] = replace(other, spectra=np.concatenate([other.spectra, turned], axis=1))
                 break
         else:
             merged.append(one)
@@ -267,14 +265,14 @@ def distinct(made: Sequence[Realisation]) -> list[Realisation]:
 
 def with_common_lines(made: Sequence[Realisation]) -> list[Realisation]:
     """The realisations with the lines that all have: the period decides whether the last one is below the cut-off."""
-    lines = min((one.theta.shape[1] for one in made), default=0)
-    return [replace(one, theta=one.theta[:, :lines], torque=one.torque[:, :lines]) for one in made]
+    lines = min((one.spectra.shape[2] for one in made), default=0)
+    return [replace(one, spectra=one.spectra[..., :lines]) for one in made]
 
 
 def shift_between(first: Realisation, second: Realisation) -> float | None:
     """Share of a period by which the second must be turned on to be the first; None if it is another motion: at the
     best shift the correlation of the mean periods is below 0.99."""
-    one, two = (r.theta.mean(axis=0)[1:] for r in (first, second))
+    one, two = (r.mean_lines[0, 1:] for r in (first, second))
     if abs(first.period - second.period) > PERIODS_AGREE * first.period:
         return None
     cross = one * two.conj()
@@ -323,8 +321,8 @@ def lines_of(realisations: Sequence[Realisation]) -> LineKinds:
             f"realisations with periods from {periods.min():.6g} to {periods.max():.6g} s cannot be fitted together; "
             "analyse them as trials of their own"
         )
-    size = np.sqrt(np.mean([np.abs(r.theta.mean(axis=0)) ** 2 for r in realisations], axis=0))
-    error = np.sqrt(np.mean([scatter(r.theta) / r.periods for r in realisations], axis=0) / len(realisations))
+    size = np.sqrt(np.mean([np.abs(r.mean_lines[0]) ** 2 for r in realisations], axis=0))
+    error = np.sqrt(np.mean([scatter(r.spectra[0]) / r.periods for r in realisations], axis=0) / len(realisations))
     size[0] = 0.0
     largest = maximum_filter1d(size, 2 * NEIGHBOURS + 1)
     excited = (size > 0.05 * largest) & (size > 0.005 * size.max()) & (size > 5.0 * error)
@@ -361,9 +359,9 @@ def lines_frame(trial: str, realisations: Sequence[Realisation]) -> pl.DataFrame
     """A row per realisation, period and line."""
     frames = []
     for number, one in enumerate(realisations):
-        period, line = (index.ravel() for index in np.indices(one.theta.shape))
+        period, line = (index.ravel() for index in np.indices(one.spectra.shape[1:]))
         of_motion = (one.period, one.rate_hz, one.start, *one.steps)
-        spectra = (part for lines in (one.theta.ravel(), one.torque.ravel()) for part in (lines.real, lines.imag))
+        spectra = (part.ravel() for lines in one.spectra for part in (lines.real, lines.imag))
         columns: dict[str, object] = dict(zip(LINES, (trial, number, period, line, *of_motion, *spectra), strict=True))
         frames.append(pl.DataFrame(columns, schema=LINES))
     return pl.concat(frames)
@@ -373,14 +371,11 @@ def realisations_from(lines: pl.DataFrame) -> list[Realisation]:
     """The realisations of one trial that `lines_frame` wrote."""
     made = []
     for rows in lines.partition_by("realisation", maintain_order=True):
-        shape = (rows["period"].n_unique(), rows["line"].n_unique())
-        theta, torque = (
-            (rows[f"{name}_re"].to_numpy() + 1j * rows[f"{name}_im"].to_numpy()).reshape(shape)
-            for name in ("theta", "torque")
-        )
+        parts = rows.select("theta_re", "theta_im", "torque_re", "torque_im").to_numpy().T
+        spectra = (parts[::2] + 1j * parts[1::2]).reshape(2, rows["period"].n_unique(), -1)
         facts = rows.row(0, named=True)
         steps = facts["theta_step"], facts["torque_step"]
-        made.append(Realisation(facts["period_s"], facts["rate_hz"], theta, torque, facts["start_s"], steps))
+        made.append(Realisation(facts["period_s"], facts["rate_hz"], spectra, facts["start_s"], steps))
     return made
 
 
@@ -389,7 +384,7 @@ def pooled(trials: Mapping[str, Sequence[Realisation]]) -> list[dict[str, list[R
     two or more each. A trial whose own realisations differ is with those that are like its first one."""
 
     def alike(first: Realisation, second: Realisation) -> bool:
-        one, two = (np.abs(r.theta.mean(axis=0)[1:]) for r in with_common_lines([first, second]))
+        one, two = (np.abs(r.mean_lines[0, 1:]) for r in with_common_lines([first, second]))
         same_period = abs(first.period - second.period) <= PERIODS_AGREE * first.period
         # friction weighs more in a smaller motion
         return same_period and bool(np.linalg.norm(one - two) <= 0.1 * np.linalg.norm(one))

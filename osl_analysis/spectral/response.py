@@ -55,10 +55,10 @@ Columns = dict[str, Array]
 
 
 def response_columns(
-    frequency_hz: Array, Z: Spectrum, angle: Array, noise_sd: Array, total_sd: Array, levels: Mapping[str, Array]
+    frequency_hz: Array, Z: Spectrum, angle: Array, total_sd: Array, levels: Mapping[str, Array], count: int = 1
 ) -> Columns:
-    """Columns of Z = torque/theta [N*m/rad]; amplitude of the angle [rad], RMS over realisations; standard deviation of
-    Z by noise, and by noise and distortion.
+    """Columns of Z = torque/theta [N*m/rad] of `count` realisations; amplitude of the angle [rad], RMS over these;
+    standard deviation of Z by noise and distortion.
 
     `levels` are what is added to Z that is measured in one realisation, as a standard deviation of the complex number
     (E|.|^2)^1/2 [N*m/rad], averaged over neighbouring lines: `noise` in the mean over the periods; `odd` and `even`
@@ -66,7 +66,8 @@ def response_columns(
     realisations.
     """
     shown = {"frequency_hz": frequency_hz, "angle_deg": np.rad2deg(angle), "Z_re": Z.real, "Z_im": Z.imag}
-    shown |= {"magnitude": np.abs(Z), "phase_deg": np.rad2deg(np.angle(Z)), "noise_sd": noise_sd, "total_sd": total_sd}
+    shown |= {"magnitude": np.abs(Z), "phase_deg": np.rad2deg(np.angle(Z))}
+    shown |= {"noise_sd": levels["noise"] / np.sqrt(count), "total_sd": total_sd}
     return shown | {f"{name}_level": level for name, level in levels.items()}
 
 
@@ -97,7 +98,7 @@ def equation_error(realisations: Sequence[Realisation]) -> EquationError:
     at, k = np.flatnonzero(lines.excited), np.arange(theta.shape[1])
     Z = (torque * turn).sum(axis=0)[at] / size.sum(axis=0)[at]
     everywhere = np.interp(k, at, Z.real) + 1j * np.interp(k, at, Z.imag)
-    noise = np.array([scatter(r.torque - everywhere * r.theta) / r.periods for r in single])
+    noise = np.array([scatter(r.spectra[1] - everywhere * r.spectra[0]) / r.periods for r in single])
     freedom = np.array([2.0 * (r.periods - 1) for r in single])
     error = torque - everywhere * theta
     return EquationError(lines, single[0].frequency_hz, everywhere, size.sum(axis=0), error, noise, freedom)
@@ -121,40 +122,34 @@ def periodic_response(realisations: Sequence[Realisation]) -> tuple[Columns, dic
     noise = smoothed_lines(of_mean, (np.arange(len(found.angle)) > 0).astype(float))[at]
     square = np.mean(np.abs(found.error) ** 2, axis=0)  # at excited lines, where Z was fitted, with one degree less
     square = np.asarray(np.where(lines.excited, square * count / max(count - 1, 1), square))
+    several = lines.excited & (count > 1)
     odd, even = (lines.odd, lines.even) if lines.only_odd else (lines.odd | lines.even, np.zeros_like(lines.even))
-    if count > 1:
-        odd = odd | lines.excited
 
-    def without_noise(kind: NDArray[np.bool_]) -> Array:
-        """E|distortion|^2 near each excited line, from lines of one kind (lines,), the noise in them taken off."""
+    def distortion(kind: NDArray[np.bool_]) -> tuple[Array, float]:
+        """E|distortion|^2 near each excited line, from lines of one kind (lines,), the noise in them taken off, and its
+        RMS over these lines."""
         if not kind.any():
-            return np.full(len(at), np.nan)
-        shown = np.flatnonzero(kind)
-        above = smoothed_lines(square - of_mean, kind.astype(float))[shown]
-        return np.asarray(np.interp(at, shown, np.maximum(above, 0.0)))
+            return np.full(len(at), np.nan), np.nan
+        shown, above = np.flatnonzero(kind), square - of_mean
+        near = np.interp(at, shown, np.maximum(smoothed_lines(above, kind.astype(float))[shown], 0.0))
+        return np.asarray(near), float(np.sqrt(np.maximum(np.mean(above[kind]), 0.0)))
 
-    def level(kind: NDArray[np.bool_]) -> float:
-        """RMS of the distortion over the lines of a kind."""
-        above = float(np.mean(square[kind] - of_mean[kind])) if kind.any() else np.nan
-        return float(np.sqrt(np.maximum(above, 0.0)))
-
-    squares = {"noise": noise, "odd": without_noise(odd), "even": without_noise(even)}
-    unknown, total = np.full(len(at), np.nan), smoothed_lines(square, lines.excited.astype(float))[at]
-    if count == 1:
-        total = noise + squares["odd"] if lines.detection.any() else unknown
-    squares["total"] = total if count > 1 else unknown
+    (of_odd, odd_level), (of_even, even_level) = distortion(odd | several), distortion(even)
+    total = smoothed_lines(square, lines.excited.astype(float))[at] if count > 1 else noise + of_odd
+    seen = total if count > 1 else np.full(len(at), np.nan)
+    squares = {"noise": noise, "odd": of_odd, "even": of_even, "total": seen}
     torque = (found.impedance * found.angle / count)[lines.excited]
-    band = {"torque": float(np.sqrt(np.mean(np.abs(torque) ** 2)))}
-    band |= {"noise": float(np.sqrt(np.mean(of_mean[1 : at[-1] + 1]))), "odd": level(odd), "even": level(even)}
-    band |= {"detection": level(lines.detection), "distortion": level(lines.excited) if count > 1 else np.nan}
-    return response_columns(
-        found.frequency_hz[at],
-        found.impedance[at],
-        mean_angle,
-        np.sqrt(noise / count) / mean_angle,
-        np.sqrt(total / count) / mean_angle,
-        {name: np.sqrt(each) / mean_angle for name, each in squares.items()},
-    ), band
+    band = {
+        "torque": float(np.sqrt(np.mean(np.abs(torque) ** 2))),
+        "noise": float(np.sqrt(np.mean(of_mean[1 : at[-1] + 1]))),
+        "odd": odd_level,
+        "even": even_level,
+        "detection": distortion(lines.detection)[1],
+        "distortion": distortion(several)[1],
+    }
+    levels = {name: np.sqrt(each) / mean_angle for name, each in squares.items()}
+    total_sd = np.sqrt(total / count) / mean_angle
+    return response_columns(found.frequency_hz[at], found.impedance[at], mean_angle, total_sd, levels, count), band
 
 
 HALF_WIDTH = 8  # lines to each side of a line that are fitted together with it
@@ -239,7 +234,7 @@ def local_response(spectrum: RecordLines) -> Columns:
         raise InputError("the joint moves at no frequency up to the filter's cut-off; move it further, or for longer")
     sd = np.sqrt(variance[at])
     levels = {"noise": sd} | dict.fromkeys(("odd", "even", "total"), np.full(len(at), np.nan))
-    return response_columns(spectrum[0][at], Z[at], nearby(spectrum[1])[at], sd, sd, levels)
+    return response_columns(spectrum[0][at], Z[at], nearby(spectrum[1])[at], sd, levels)
 
 
 class SecondOrder:
@@ -342,7 +337,7 @@ def repeated_rounding(one: Realisation, impedance: Spectrum) -> Array:
     sample, as it is where a motion crosses a step or more between two samples; N of them give a line 4/N of it.
     """
     samples, k, found = one.period * one.rate_hz, np.arange(1, 101), list[float]()
-    for spectra, step in zip((one.theta, one.torque), one.steps, strict=True):
+    for spectra, step in zip(one.spectra, one.steps, strict=True):
         if step is None:
             found.append(0.0)
             continue

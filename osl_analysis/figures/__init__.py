@@ -22,6 +22,7 @@ class CampaignFigure(NamedTuple):
     option: str | None = None
     beside: Sequence[str] = ()
     own_rule: bool = False
+    caption: str = ""
 
 
 FIGURES = {

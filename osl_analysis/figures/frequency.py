@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
 
 from osl_analysis.errors import InputError
-from osl_analysis.figures import columns_of, names, style
+from osl_analysis.figures import FIGURES, columns_of, names, style
 from osl_analysis.trial import Array
 
 OLD_NAMES = {
@@ -153,11 +153,7 @@ def response_caption(table: pl.DataFrame) -> str:
     conditions = table.partition_by("trials", maintain_order=True)
     said = [
         f"Impedance Z, torque over angle, over frequency, of {names.count_of(len(conditions), 'condition')}, $K_d$ in "
-        f"{names.UNIT_SIGN['K']} and $B_d$ in {names.UNIT_SIGN['B']}. Each has three panels: magnitude, phase, and "
-        "below how far the structures fitted to it (lines) are from what is measured, beside noise and distortion of "
-        "one realisation (markers; distortion below the noise is not drawn). Bars are 95 % intervals: of noise and "
-        "distortion where several realisations show both, otherwise of noise. Where the motion does not repeat itself, "
-        "by the local polynomial method, distortion is part of the noise."
+        f"{names.UNIT_SIGN['K']} and $B_d$ in {names.UNIT_SIGN['B']}. {FIGURES['response'].caption}"
     ]
     if len(conditions) > MOST_CONDITIONS:
         said.append(f"The first {MOST_CONDITIONS} conditions are shown; response.csv has all of them.")

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from osl_analysis.errors import InputError
-from osl_analysis.figures import columns_of, names, style
+from osl_analysis.figures import FIGURES, columns_of, names, style
 from osl_analysis.trial import Array
 
 
@@ -152,11 +152,7 @@ def letter_conditions(ax: Axes, rows: pl.DataFrame) -> None:
 
 
 def fig5_caption(table: pl.DataFrame) -> str:
-    said = [
-        r"Estimated stiffness $\hat{K}$ (a) and damping $\hat{B}$ (b) of the joint for every desired impedance $K_d$, "
-        "$B_d$. A marker is the fit of Eq. 15 to all amplitudes of one trial, a black line the desired value. Places "
-        "on the axis are no scale."
-    ]
+    said = [FIGURES["fig5"].caption]
     if table["K_predicted"].count() or table["B_predicted"].count():
         said.append("A short line in the colour of a marker is what linear theory predicts for its gains.")
     if table["K_amplitudes_low"].count() or table["B_amplitudes_low"].count():
@@ -302,11 +298,7 @@ def fits_and_trials(rows: pl.DataFrame) -> str:
 
 
 def fig6_caption(table: pl.DataFrame) -> str:
-    said = [
-        "Variance accounted for (VAF) by the best second-order system, Eq. 15: a marker per trial and amplitude. The "
-        "axis is logarithmic in 100 − VAF, the share of the variance that the system leaves unexplained. Black bars "
-        "are medians; the place across a swarm has no meaning."
-    ]
+    said = [FIGURES["fig6"].caption]
     several = len(table.select(names.JOINT_SIDE).unique()) > 1
     for rows in swarms_of(table)[0]:
         place = rows.select(names.JOINT_SIDE).row(0) if several else ()

@@ -8,7 +8,7 @@ import polars as pl
 from matplotlib.figure import Figure
 
 from osl_analysis.errors import InputError
-from osl_analysis.figures import columns_of, names, style
+from osl_analysis.figures import FIGURES, columns_of, names, style
 from osl_analysis.trial import Array
 
 RIVALS = {
@@ -34,11 +34,7 @@ def scores_points(scores: pl.DataFrame) -> pl.DataFrame:
 
 
 def models_caption(table: pl.DataFrame) -> str:
-    said = [
-        "Rival models, held against data that they were not fitted to: a repeat by the others, or an amplitude by the "
-        "others. The axis is the share of the variance of torque that a model leaves, on a logarithmic scale: lower is "
-        "better. Each line with its open markers is a trial, each black bar the geometric mean of the trials."
-    ]
+    said = [FIGURES["model_comparison"].caption]
     for experiment, (title, models) in RIVALS.items():
         where = "" if experiment in drawn_experiments(table) else " (no panel: two models alone)"
         rows = table.filter(pl.col("experiment") == experiment)

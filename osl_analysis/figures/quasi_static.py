@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
-from osl_analysis.figures import columns_of, names, style
+from osl_analysis.figures import FIGURES, columns_of, names, style
 from osl_analysis.judge.doubts import IS_DOUBTFUL
 
 MOST_LOOPS = 12  # trials of a panel of Fig. 3 that have their names at the ends of their loops
@@ -22,11 +22,7 @@ MEAN_LINE: dict[str, Any] = {"color": style.MAGENTA, "linestyle": style.DASHED, 
 
 def fig3_caption(table: pl.DataFrame) -> str:
     fits = table.filter(pl.col("trial") != MEAN_SLOPE).unique("trial", maintain_order=True)
-    said = [
-        "Torque against deflection of the transmission, with the actuator locked. Above, the trials in grey and the "
-        "mean slope while loading, dashed. Below, what each trial's torque differs by from the mean slope, solid while "
-        "loading and dashed while unloading: the width of a loop is its hysteresis."
-    ]
+    said = [FIGURES["fig3"].caption]
     parts = names.placed_rows(table)
     if max(part["trial"].n_unique() for _, part in parts) <= MOST_LOOPS + 1:
         said.append("The names of the trials stand at the ends of their loops.")

@@ -54,7 +54,7 @@ def stretches(time: Array, values: Array, seconds: float) -> Array:
     return values[: values.size // length * length].reshape(-1, length)
 
 
-# Sampling, clocks and damage.
+# Sampling, clocks and damage. What each check measures stands in table.yaml; a docstring has what a reader cannot see.
 
 
 def sampling_steps(trial: Trial) -> dict[str, Array]:
@@ -68,7 +68,6 @@ def sampling_steps(trial: Trial) -> dict[str, Array]:
 
 
 def measure_rate(examined: Examined) -> CheckResult:
-    """Lowest median sampling rate [Hz]; the remark has the rate of every recorder."""
     rates = {column: 1 / float(np.median(step)) for column, step in sampling_steps(examined.trial).items()}
     said = ", ".join(f"{column} {rate:.6g} Hz" for column, rate in rates.items())
     return CheckResult(min(rates.values()), said) if rates else not_applicable("no channel has three samples")
@@ -93,7 +92,6 @@ def measure_jitter(examined: Examined) -> CheckResult:
 
 
 def measure_gap(examined: Examined) -> CheckResult:
-    """Longest time [s] without a sample, beyond the median step; 0 where no sample is missing."""
     gaps = {}
     for column, step in sampling_steps(examined.trial).items():
         usual = float(np.median(step))
@@ -102,7 +100,6 @@ def measure_gap(examined: Examined) -> CheckResult:
 
 
 def measure_clock(examined: Examined) -> CheckResult:
-    """RMS residual [s] of the fit of the log's clock; the remark has its drift and its matched edges."""
     clock = examined.trial.provenance.get("clock")
     if not clock:
         return not_applicable("one clock")
@@ -118,7 +115,6 @@ def damage_of(trial: Trial) -> dict[str, Any]:
 
 
 def measure_damage(examined: Examined) -> CheckResult:
-    """Share of the log [%] that was lost to damage; the remark has ingest's report."""
     damage = damage_of(examined.trial)
     if not damage:
         return not_applicable("no damage report")
@@ -131,7 +127,6 @@ def measure_damage(examined: Examined) -> CheckResult:
 
 
 def measure_truncation(examined: Examined) -> CheckResult:
-    """1 if the end of the log is missing, as after a crash, which the share that was lost does not count; else 0."""
     damage = damage_of(examined.trial)
     if not damage or damage.get("complete", True):
         return CheckResult(0.0) if damage else not_applicable("no damage report")
@@ -283,7 +278,6 @@ def noisy_channels(trial: Trial) -> dict[str, tuple[Array, Array]]:
 
 
 def measure_saturation(examined: Examined) -> CheckResult:
-    """Longest run of `samples_at_rail`; of a plate, of its raw channels."""
     trial, driven = examined.trial, examined.experiment.motion  # what nobody drives may stand by friction
     names = [*noisy_channels(trial), *(c for c in trial.samples.columns if c == driven or stated_range(trial, c))]
     lengths = {name: samples_at_rail(trial, name, examined.experiment.torque) for name in names}
@@ -356,7 +350,6 @@ def held(
 
 
 def measure_unzeroed_load_cell(examined: Examined) -> CheckResult:
-    """Size of the mean torque [N*m] before the dynamometer first moves the joint."""
     (moving, angle), (time, torque) = (recorded(examined.trial, name) for name in ("theta", "torque"))
     if examined.experiment.motion != "theta" or not {"theta", "torque"} <= set(examined.trial.columns):
         return not_applicable("no torque on a dynamometer")
@@ -463,7 +456,6 @@ def measure_pressure_centre(examined: Examined) -> CheckResult:
 
 
 def measure_pressure_travel(examined: Examined) -> CheckResult:
-    """Shortest way [m] that the centre of pressure covers under a loaded plate, from its 5th to its 95th percentile."""
     if not (examined.experiment.walker and examined.experiment.tables):
         return not_applicable("nobody walks over a plate")
     ways = [(travel(points), number) for number, _, points in pressed_plates(examined.trial)]

@@ -39,6 +39,7 @@ def written_page(content: Mapping[str, Any], trials: Trials, largest_mb: float) 
     report_js, style = ((TEMPLATES / f"report.{kind}").read_text(encoding="utf-8") for kind in ("js", "css"))
     hashes = (hashlib.sha256(script.encode()).digest() for script in (bokeh_js, report_js))
     scripts = " ".join(f"'sha256-{b64encode(digest).decode()}'" for digest in hashes)
+    longest = max((len(table) for _, tables in trials.values() for table in tables.values()), default=0)
 
     def page(packed: Mapping[str, str], every: int) -> str:
         return around.render(
@@ -54,12 +55,13 @@ def written_page(content: Mapping[str, Any], trials: Trials, largest_mb: float) 
             packed={name: Markup(text) for name, text in packed.items()},
         )
 
-    largest = largest_mb * MEGABYTE - len(page({}, 1).encode())
-    longest = max((len(table) for _, tables in trials.values() for table in tables.values()), default=0)
-    every, packed = 1, {name: packed_trial(*trial, 1) for name, trial in trials.items()}
-    while (size := sum(map(len, packed.values()))) > largest and every < longest / FEWEST_PACKED:
-        every = max(math.ceil(every * min(size / max(largest, 1), 4)), every + 1)
+    largest, every = largest_mb * MEGABYTE - len(page({}, 1).encode()), 1
+    while True:
         packed = {name: packed_trial(*trial, every) for name, trial in trials.items()}
+        size = sum(map(len, packed.values()))
+        if size <= largest or every >= longest / FEWEST_PACKED:
+            break
+        every = max(math.ceil(every * min(size / max(largest, 1), 4)), every + 1)
     if size > largest:
         warnings.warn(
             f"the report is {(size - largest) / MEGABYTE:.1f} MB larger than `report: largest_mb` asks for, with as "
@@ -156,10 +158,8 @@ def inline_svg(text: str, name: str, label: str) -> Markup:
             title.text = unquote(trial)
             element.insert(0, title)
     width, height = (float(root.attrib.pop(key, "0").removesuffix("pt")) for key in ("width", "height"))
-    root.set("viewBox", root.get("viewBox") or f"0 0 {width:g} {height:g}")
-    root.set("style", f"width: min(100vw - 4rem, {1.9 * width:.0f}px)")
-    root.set("role", "img")
-    root.set("aria-label", label)
+    box, size = f"0 0 {width:g} {height:g}", f"width: min(100vw - 4rem, {1.9 * width:.0f}px)"
+    root.attrib.update({"viewBox": root.get("viewBox", box), "style": size, "role": "img", "aria-label": label})
     return Markup(ElementTree.tostring(root, encoding="unicode"))
 
 

@@ -10,7 +10,7 @@ import polars as pl
 
 Content = dict[str, Any]  # as `templates/report.js` reads it
 LINE_LOOKS = ("measured", "model", "second", "third")  # looks of several lines of one panel
-ANGLE_AXIS, TORQUE_AXIS = "Angle (deg)", "Torque (N·m)"
+TORQUE_AXIS = "Torque (N·m)"
 
 
 class Pictures(NamedTuple):
@@ -41,10 +41,10 @@ def over_time(title: str, label: str, *lines: Content) -> Content:
 
 def over_frequency(what: str, magnitude: str, lines: Sequence[Iterable[Content]]) -> list[Content]:
     """Two panels: the magnitude of a response, with the name of its axis, and its phase."""
-    title, axis = f"{what}: ", "Frequency (Hz)"
+    both = (("magnitude", magnitude, True), ("phase", "Phase (deg)", False))
     return [
-        panel(f"{title}magnitude", axis, magnitude, *lines[0], linked="frequency", log_x=True, log_y=True),
-        panel(f"{title}phase", axis, "Phase (deg)", *lines[1], linked="frequency", log_x=True),
+        panel(f"{what}: {name}", "Frequency (Hz)", label, *drawn, linked="frequency", log_x=True, log_y=log)
+        for (name, label, log), drawn in zip(both, lines, strict=True)
     ]
 
 
@@ -55,10 +55,8 @@ def bench_pictures(series: pl.DataFrame, motion: str, whole_loop: bool = False) 
     label, of = f"{motion} ({unit})", partial(line, "series")
     both = of("time", "torque", "measured"), of("time", "torque_model", "model", "model")
     left = of("time", "residual_low", "measured minus model", "residual", kind="range", high="residual_high")
-    loop = (
-        of(x, "torque", "measured", where="" if whole_loop else "torque_model"),
-        of(x, "torque_model", "model", "model"),
-    )
+    measured = of(x, "torque", "measured", where="" if whole_loop else "torque_model")
+    loop = measured, of(x, "torque_model", "model", "model")
     panels = [
         over_time("Torque", TORQUE_AXIS, *both),
         over_time("Residual, range of all samples that are fitted", TORQUE_AXIS, left),
@@ -67,7 +65,7 @@ def bench_pictures(series: pl.DataFrame, motion: str, whole_loop: bool = False) 
     ]
     seconds = float(series["time"][-1] - series["time"][0]) if len(series) > 1 else 0.0
     rate = (len(series) - 1) / seconds if seconds else 0.0
-    drawn = f"{rate:.0f} samples a second are drawn" if rate > 10 else f"{rate:.2g} samples a second are drawn"
+    drawn = f"{rate:{'.0f' if rate > 10 else '.2g'}} samples a second are drawn"
     where = f"the model{'' if whole_loop else ', the loop'} and the residual are drawn where the fit uses the samples"
     return Pictures(panels, {"series": series}, f"{drawn}; {where}")
 
@@ -98,21 +96,19 @@ def second_order_admittance(frequency_hz: pl.Series, fit: Mapping[str, Any]) -> 
 def response_pictures(response: pl.DataFrame) -> Pictures:
     """Magnitude and phase of the impedance over frequency, without a model, and the fit of Eq. 15."""
     of = partial(line, "response", "frequency_hz")
-    drawn = [
-        (of(y, "without a model", kind="points"), of(f"{y}_eq15", "Eq. 15", "model"))
-        for y in ("magnitude", "phase_deg")
-    ]
+    measured, model = partial(of, name="without a model", kind="points"), partial(of, name="Eq. 15", look="model")
+    drawn = [(measured(y), model(f"{y}_eq15")) for y in ("magnitude", "phase_deg")]
     return Pictures(over_frequency("Impedance", "|Z| (N·m/rad)", drawn), {"response": response.sort("frequency_hz")})
 
 
 def crossing_pictures(crossing: pl.DataFrame) -> Pictures:
     """Torque, angle and platform of one analysed crossing, and torque against angle."""
-    of = partial(line, "crossing")
+    of, angle_axis = partial(line, "crossing"), "Angle (deg)"
     panels = [
         over_time("Ankle torque", TORQUE_AXIS, of("time", "torque", "measured")),
-        over_time("Ankle angle", ANGLE_AXIS, of("time", "theta_deg", "measured")),
-        over_time("Platform", ANGLE_AXIS, of("time", "platform_deg", "measured")),
-        panel("Torque against angle", ANGLE_AXIS, TORQUE_AXIS, of("theta_deg", "torque", "measured"), square=True),
+        over_time("Ankle angle", angle_axis, of("time", "theta_deg", "measured")),
+        over_time("Platform", angle_axis, of("time", "platform_deg", "measured")),
+        panel("Torque against angle", angle_axis, TORQUE_AXIS, of("theta_deg", "torque", "measured"), square=True),
     ]
     degrees = [pl.col(name).degrees().alias(f"{name}_deg") for name in ("theta", "platform")]
     return Pictures(panels, {"crossing": crossing.with_columns(pl.col("time") - pl.col("time").first(), *degrees)})
@@ -126,7 +122,7 @@ def isolated_pictures(response: pl.DataFrame) -> Pictures:
     panels = [
         panel("Isolated torque", label, TORQUE_AXIS, *both, linked="onset"),
         panel("Residual", label, TORQUE_AXIS, left, linked="onset"),
-        panel("Isolated angle", label, ANGLE_AXIS, angle, linked="onset"),
+        panel("Isolated angle", label, "Angle (deg)", angle, linked="onset"),
     ]
     residual = pl.col("torque") - pl.col("torque_model")
     return Pictures(panels, {"isolated": response.with_columns(time_ms=1e3 * pl.col("time"), residual=residual)})

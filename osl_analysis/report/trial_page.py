@@ -19,7 +19,6 @@ from osl_analysis.report.panels import Pictures
 
 NO_VALUE = "–"
 VERDICTS = ("used", "flagged", "doubtful", "excluded", "refused")
-Texts = list[list[str]]  # rows of a table
 LeftOut = tuple[bool, list[str]]
 """Whether a trial is missing because a job refused it or failed, not because it was excluded; and why."""
 
@@ -69,9 +68,9 @@ class ReportedTrial:
         return next(iter(self.tables.values()), pl.DataFrame())
 
     @property
-    def doubtful(self) -> pl.DataFrame:
+    def doubtful(self) -> list[dict[str, Any]]:
         """Those of these rows that are doubtful."""
-        return self.main.filter(IS_DOUBTFUL) if "doubtful" in self.main.columns else self.main.clear()
+        return self.main.filter(IS_DOUBTFUL).to_dicts() if "doubtful" in self.main.columns else []
 
     @property
     def flags(self) -> list[str]:
@@ -85,13 +84,11 @@ class ReportedTrial:
         """One of `VERDICTS`."""
         if self.left_out:
             return "refused" if self.refused else "excluded"
-        return "doubtful" if len(self.doubtful) else "flagged" if self.flags else "used"
+        return "doubtful" if self.doubtful else "flagged" if self.flags else "used"
 
     def condition(self, columns: Collection[str] | None = None) -> str:
         """Its conditions in one line, or those of them in these columns of the sheet."""
-        others = (
-            "trial", "experiment", "log", "log_source", "mocap", "mocap_source", "log_part", "exclude", "accept",
-        )  # fmt: skip
+        others = ["trial", "experiment", "log", "log_source", "mocap", "mocap_source", "log_part", "exclude", "accept"]
         words = {True: "perturbed", False: "unperturbed"}
         return ", ".join(
             words[bool(value)] if name == "perturbed" else f"{name} {cell_text(value)}"
@@ -108,7 +105,7 @@ def trial_content(
     name = next(iter(tables), "")
     last = tables[name].row(-1, named=True) if tables else {}  # the fit to all of it
     experiment = trial.row["experiment"]
-    quality: Texts = []
+    quality: list[list[str]] = []
     for row in trial.quality.iter_rows(named=True) if trial.quality is not None else ():
         value, threshold = (
             f"{cell_text(row[key])} {'' if row[key] is None else printed(row['unit'] or '')}".strip()
@@ -116,7 +113,7 @@ def trial_content(
         )
         meaning, remark = checks.get(row["check"], ""), row["remark"] or ""
         quality.append([row["check"], meaning, value, threshold, row["verdict"], remark])
-    time_base: Texts = []  # what the time base did to each group of signals: column, its values, its meaning
+    time_base: list[list[str]] = []  # what the time base did to each group of signals: column, its values, its meaning
     for column in trial.tables.get("timebase", pl.DataFrame()):
         if column.name == "signals" or (column.name not in ("trial", "joint", "side", "data") and column.count()):
             said = unit_and_meaning(column.name, described.get("timebase"))["meaning"]
@@ -234,7 +231,7 @@ def provenance_content(provenance: Mapping[str, Any]) -> dict[str, Any]:
     return {"files": files, "signals": list(signals.values()), "facts": facts(others)}
 
 
-def facts(content: Mapping[str, Any], place: str = "") -> Texts:
+def facts(content: Mapping[str, Any], place: str = "") -> list[list[str]]:
     """Every other fact with its place: clocks, stamps, rates, damage, versions, warnings."""
 
     def said(value: Any) -> str:
@@ -242,7 +239,7 @@ def facts(content: Mapping[str, Any], place: str = "") -> Texts:
             return ", ".join(f"{name} {said(part)}" for name, part in value.items())
         return "; ".join(map(said, value)) if isinstance(value, list) else cell_text(value)
 
-    found: Texts = []
+    found: list[list[str]] = []
     for name, value in content.items():
         if isinstance(value, Mapping):
             found += facts(value, f"{place}{name} ")
@@ -280,7 +277,7 @@ def trial_row(trial: ReportedTrial, differing: Collection[str]) -> dict[str, Any
         text, interval = value_and_interval(estimates, column) if known else (NO_VALUE, "")
         numbers.append({"column": column, "sort": repr(value) if known else "", "text": text, "interval": interval})
     by_cause: dict[str, tuple[str, list[str]]] = {}  # the text of the last row, which is of all of the trial, and where
-    for row in trial.doubtful.to_dicts():
+    for row in trial.doubtful:
         part = "all amplitudes" if row.get("amplitude_deg") is None else f"{row['amplitude_deg']:g} deg"
         for cause, text, _ in reasons_in(row["doubtful"]):
             places = by_cause.get(cause, ("", []))[1]

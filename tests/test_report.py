@@ -23,14 +23,7 @@ from osl_analysis.bench.impedance import impedance_table, rendered_impedance
 from osl_analysis.campaign.campaign import ABOUT_MEANING, sentence
 from osl_analysis.commands.report import lacks_result
 from osl_analysis.dictionary import described_tables
-from osl_analysis.report.page import (
-    caption_html,
-    captions_by_title,
-    every_kth,
-    inline_svg,
-    packed_table,
-    written_page,
-)
+from osl_analysis.report.page import caption_html, captions_by_title, every_kth, inline_svg, packed_table, written_page
 from osl_analysis.report.panels import crossing_pictures, isolated_pictures, second_order_admittance
 from osl_analysis.report.trial_page import (
     ReportedTrial,

@@ -150,8 +150,10 @@ def savitzky_golay(values: Array, count: SampleCount, window: int, order: int) -
     """Value (order 0) or slope per step (order 1), (n,), of a cubic through each `window` of evenly counted samples
     (Savitzky-Golay), missing ones bridged linearly. A gap is shortened to two windows, so that a clock that jumps by
     years costs no memory. Half a window at each end is on the cubic of the last window."""
-    place = np.concatenate([[0], np.cumsum(np.minimum(np.diff(count), 2 * window))])
-    values = np.interp(np.arange(place[-1] + 1), place, values)
+    place: SampleCount | slice = slice(None)
+    if count[-1] - count[0] != len(values) - 1:
+        place = np.concatenate([[0], np.cumsum(np.minimum(np.diff(count), 2 * window))])
+        values = np.interp(np.arange(place[-1] + 1), place, values)
     window = min(window, (len(values) - 1) // 2 * 2 + 1)
     return np.asarray(scipy.signal.savgol_filter(values, window, 3, deriv=order)[place])
 

@@ -28,7 +28,7 @@ def products_between(X: Array, Y: Array, first: Array, stop: Array) -> Array:
     inside = np.clip(at, 0, len(Y) - 1)
     x = np.where(share < 1e-9, 0.0, share)
     weights = np.array([x * (x - 1) * (x - 2), x * (x + 1) * (5 - 2 * x), x * (x + 1) * (x - 1)]) / 6 * (at == inside)
-    parts = np.einsum("km,kmp,kmq->mpq", weights, X[inside], Y[inside])
+    parts = (weights[:, :, None] * X[inside]).transpose(1, 2, 0) @ Y[inside].transpose(1, 0, 2)
     return np.asarray(whole + parts[1::2] - parts[::2])
 
 

@@ -92,6 +92,7 @@ def test_the_leg_and_motion_capture_share_one_clock_afterwards(laboratory: Path)
     time, theta = trial.signals("theta")
     speed = np.radians(10 * 2 * np.pi * 0.7)
     np.testing.assert_allclose(theta, np.radians(angle(time)), atol=speed * 0.5e-3)  # half a millisecond
+    assert 0 <= time[0] < time[-1] <= DURATION  # rows beyond motion capture's are not used
     clock = trial.provenance["clock"]
     assert clock["residual"] < 1e-3
     assert clock["edges"] >= 25

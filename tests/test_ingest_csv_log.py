@@ -313,6 +313,9 @@ def test_a_draft_knows_clocks_and_units_by_their_names_and_says_that_it_guessed(
     assert re.findall(r"# (\w+)\?", drafted) == ["theta", "torque", "current"]
     guessed = "units guessed from the names, to be checked: ankle_deg [deg], load_Nm [Nm], motor_mA [mA]"
     assert overview.remarks == [guessed]
+    assert "\n  theta: " in draft_source(overview, "a.csv", named=True)
+    (tmp_path / "a.csv").write_text(BENCH.replace("load_Nm", "joint_deg"))  # two that may be the angle
+    assert "\n  theta: " not in draft_source(inspect_file(tmp_path / "a.csv"), "a.csv", named=True)
 
 
 CLOCK_UNITS = {"t_s": "s", "time_ms": "ms", "loop_time_us": "us", "pi_time": "UNKNOWN", "Time [s]": "s", "t_ns": "ns"}

@@ -268,11 +268,11 @@ def test_clocks_agree_within_half_a_percent_in_any_unit_of_seconds(factor, taken
 def test_only_a_file_with_several_trials_is_said_to_hold_them(tmp_path):
     one = {"time": TIME, **SIGNALS}
     write_mat(tmp_path / "single.mat", **one)
-    write_mat(tmp_path / "several.mat", run1=one, run2=one)
+    write_mat(tmp_path / "several.mat", run1=one, run2=one).rename(tmp_path / "several.MAT")
     new_campaign(tmp_path / "mine", recordings=tmp_path)
     lines = left_to_decide(tmp_path / "mine", draft_campaign(tmp_path))
     said = [line for line in lines if "log_part" in line]
     assert said == [
         "2 parts hold the same variables: name one per trial in the column `log_part` of the sheet: run1, run2 "
-        "(several.mat)"
+        "(several.MAT)"
     ]

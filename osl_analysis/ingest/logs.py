@@ -184,11 +184,8 @@ def time_of(table: Table, source: Source) -> tuple[Array, float]:
         own = np.arange(table.rows) / stated.rate if stated.rate is not None else table.time
         assert own is not None  # the model of the source file asks for a rate or a name where the file has no time
         return own - own[0], float(own[0])
-    what, raw, other = (
-        stated.title,
-        np.ma.getdata(table.columns[stated.name]),
-        f"take another {stated.ADDRESS}, or {RATE}",
-    )
+    what, raw = stated.title, np.ma.getdata(table.columns[stated.name])
+    other = f"take another {stated.ADDRESS}, or {RATE}"
     lacking = np.isnan(raw.astype(np.float64)) | np.ma.getmaskarray(table.columns[stated.name])
     if raw.dtype == bool or lacking.any():
         where = "but truth values" if raw.dtype == bool else f"in {table.place(int(np.argmax(lacking)))}"
@@ -297,17 +294,13 @@ def json_tables(path: Path, source: Source) -> Tables:
         left_out, first = int((~kept).sum()), lines.numbers[decoded.rows[int(np.argmin(kept))]]
         notes.append(f"{left_out} of {kept.size} lines have none of the fields and were left out, first line {first}")
     report = {"messages_lost": count, "share_lost": count / total} if count else {}
-    table = lines_table(lines, decoded, kept if field else np.ones_like(kept))
+    rows = np.flatnonzero(kept) if field else np.arange(kept.size)
+    columns = {name: values[rows] for name, values in decoded.values.items()}  # masked where a line lacks the field
+    table = Table(rows.size, columns, notes=notes, report=report, lines=lines.numbers[decoded.rows[rows]])
     if parts:
         stamps = nanoseconds(table, parts, "field", f"name another time, or {RATE}")
-        table = replace(table, columns={**table.columns, str(field): stamps}, units={str(field): "ns"})
-    return [(0.0, replace(table, notes=notes, report=report))]
-
-
-def lines_table(lines: JsonLines, decoded: Columns, kept: NDArray[np.bool_]) -> Table:
-    """The fields that were decoded of those lines that are kept, masked where a line lacks one."""
-    columns = {name: values[kept] for name, values in decoded.values.items()}
-    return Table(int(kept.sum()), columns, lines=lines.numbers[decoded.rows[kept]])
+        table = replace(table, columns={**columns, str(field): stamps}, units={str(field): "ns"})
+    return [(0.0, table)]
 
 
 def notes_on(lines: JsonLines, decoded: Columns) -> list[str]:

@@ -67,10 +67,10 @@ def write_request(path: Path, content: Mapping[str, Any]) -> None:
 def same_recordings(recorded: Iterable[str], trial: Path) -> bool:
     """Whether recordings of other dates are those that a trial was made of, by the SHA-256 in its provenance."""
     from osl_analysis.errors import InputError
-    from osl_analysis.trial import read_provenance
+    from osl_analysis.trial import metadata_of
 
     try:
-        made_of = read_provenance(trial)["files"].values()
+        made_of = metadata_of(trial)[1]["files"].values()
     except (InputError, KeyError):
         return False  # as of a refusal record, which has none
     parts = [part for one in made_of for part in one.get("parts", [one])]

@@ -71,7 +71,7 @@ def rows_behind(table: str) -> list[Path]:
 
 
 for kind, section in (("belt", "Belt"), ("transmission", "SteppedSine"), ("impedance", "Impedance")):
-    names = "|".join(AMPLITUDES if kind == "impedance" else [name for name in REPEATS if name.startswith(kind)])
+    names = "(?!(belt|transmission)_trials).*" if kind == "impedance" else f"{kind}_trials(_[0-9]+)?"
     of_kind = {"log": f"model_comparison/{{{kind}}}", "name": f"compare_{kind}_models", kind: names}
 
     @step(f"bench.compare_{kind}_models", f"fits/model_comparison/{{{kind}}}.csv", **of_kind)

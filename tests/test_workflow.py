@@ -328,6 +328,17 @@ def test_a_changed_gain_weight_simulates_the_controlled_leg_anew_and_nothing_els
     assert not set(planned) & (others | {"fit_belt_trial", "fit_transmission_trial", "fit_actuator_trial"})
 
 
+@pytest.mark.parametrize("kept", ["belt", "impedance"])
+def test_a_campaign_of_one_experiment_is_planned_with_its_comparison_of_models_alone(workspace, kept):
+    """A wildcard of trials that there are none of matches nothing."""
+    sheet = pl.read_csv(workspace.folder / "raw_data/small/trials.csv", infer_schema=False)
+    sheet.filter(pl.col("experiment") == kept).write_csv(workspace.folder / f"{kept}.csv")
+    workspace.configure({"simulation": None, "sheet": f"{kept}.csv", "results": f"of_{kept}", "figures": {}})
+    planned = workspace.planned()
+    workspace.configure({})
+    assert {name for name in planned if name.startswith("compare_")} == {f"compare_{kept}_models"}
+
+
 NOT_RUN = {
     r"config/small\.yaml: line \d+ of small\.yaml: unknown field 'dynamometer\.cut_off'; the known": {
         "dynamometer": DYNAMOMETER | {"cut_off": 20}

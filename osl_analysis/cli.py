@@ -406,7 +406,6 @@ def completion(shell: str) -> None:
 
 
 def print_first_look(folder: Path) -> None:
-    """Print what the first bench trials of a campaign give, or why nothing can be said."""
     from osl_analysis.commands.inspect import first_look
 
     try:

@@ -1,7 +1,5 @@
-"""The functions of `import osl_analysis as osl`, for notebooks and scripts that need no workflow.
-
-They call what the jobs of a campaign call: their numbers are those of its tables.
-"""
+"""The functions of `import osl_analysis as osl`, for notebooks and scripts that need no workflow. They call what the
+jobs of a campaign call: their numbers are those of its tables."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -133,9 +131,8 @@ def fit_actuator(trial: Trial | File, config: File | None = None, parameters: Fi
 def fit_torque_angle(trial: Trial | File, curve: str | None = None, config: File | None = None) -> Fit:
     """Torque over angle of a passive foot or a spring in slow cycles: K [N*m/rad], energies [J], hysteresis.
 
-    The trial has `theta` [rad] and `torque` [N*m]; the row is that of `torque_angle.csv`, and `curves` has the rows of
-    `torque_angle_curves.csv`. `curve` names the curve of the configuration that the device was designed for. The rest
-    as in `fit_impedance`.
+    The trial has `theta` [rad] and `torque` [N*m]; the row is that of `torque_angle.csv`, `curves` are the rows of
+    `torque_angle_curves.csv`. `curve` names that of the configuration that the device was designed for.
     """
     return fit_trial(*asked("torque_angle", trial, config, None), {"desired": curve})
 
@@ -174,10 +171,8 @@ def frequency_response(
     parameters: File | None = OF_CONFIG,
 ) -> Response:
     """The frequency response of an impedance trial, with 95 % intervals of noise; arguments and errors as in
-    `fit_impedance`.
-
-    With `desired` the numbers to be plotted have the desired response (Eq. 11), and with the gains of a controller of
-    the draft that of the drivetrain without friction (Eq. 9) too.
+    `fit_impedance`. With `desired` the numbers to be plotted have the desired response (Eq. 11), and with the gains of
+    a controller of the draft that of the drivetrain without friction (Eq. 9) too.
     """
     from osl_analysis.commands.figure import beside_theory
     from osl_analysis.commands.tables import pooled_schema
@@ -207,9 +202,8 @@ def read_trial(path: File) -> Trial:
 
 
 def read_recording(path: File, source: File, part: str | None = None, name: str | None = None) -> Trial:
-    """A trial from the raw log, or the capture, of one recorder, converted to SI units by its source file.
-
-    A trial of two recorders (walking) needs a campaign, or `osl-analysis ingest`.
+    """A trial from the raw log, or the capture, of one recorder, converted to SI units by its source file. A trial of
+    two recorders (walking) needs a campaign, or `osl-analysis ingest`.
 
     Parameters
     ----------
@@ -240,12 +234,11 @@ def read_recording(path: File, source: File, part: str | None = None, name: str 
 
 
 def check(trial: Trial | File, experiment: str = "impedance", config: File | None = None) -> pl.DataFrame:
-    """The quality of a trial: a row per check, as in `quality.csv`.
+    """The quality of a trial: a row per check, as in `quality.csv`: `check`, `value` in its `unit`, `threshold`,
+    `verdict` (pass, flag, or exclude) and `remark`.
 
-    `check`, `value` in its `unit`, `threshold`, `verdict` (pass, flag, or exclude) and `remark`. What `experiment`
-    needs is checked as well. `config` is a configuration file, whose section `quality` has the thresholds.
-
-    Raises InputError: as `read_trial`; there is no such experiment; or the configuration is not valid.
+    What `experiment` needs is checked as well. `config` is a configuration file, whose section `quality` has the
+    thresholds. Raises InputError: as `read_trial`; no such experiment; or the configuration is not valid.
     """
     if experiment not in EXPERIMENTS:
         known = ", ".join(EXPERIMENTS)
@@ -263,10 +256,8 @@ def simulate_trial(folder: File, trial: str, settings: File = "config/simulation
 
     `trial` is a name of the plan, such as "impedance_K300_B5.0_compensated", and `settings` a file of the simulator:
     experiments, protocol [Hz, deg], imperfections with their units, seed. `read_recording(*simulate_trial(...))` is the
-    trial. What is true of it is in `truth/TRIAL.json`.
-
-    Raises InputError: the settings plan no such trial, it is not of a bench, or the folder has recordings that the
-    simulator did not make.
+    trial. What is true of it is in `truth/TRIAL.json`. Raises InputError: the settings plan no such trial, it is not of
+    a bench, or the folder has recordings that the simulator did not make.
     """
     from osl_analysis.commands import simulate  # half a second, which only this needs
 
@@ -288,10 +279,9 @@ def gains(
 
     As `osl-analysis gains`: `K_1` and `B_1` at the actuator's output (Eqs. 13 and 14), `K_1_joint` and `B_1_joint` at
     the joint, and what theory predicts for them: `K_predicted`, `faithful_to_hz`, `delay_margin` and more
-    (`describe-tables`). `parameters` and `config` as in `fit_impedance`; the configuration has W of Eq. 14.
-
-    Raises InputError: there is no parameter file, or a file is not valid. Raises UnreachableImpedanceError: no
-    gains render one of the pairs, as K_d from K_s up.
+    (`describe-tables`). `parameters` and `config` as in `fit_impedance`; the configuration has W of Eq. 14. Raises
+    InputError: no parameter file, or a file is not valid. UnreachableImpedanceError: no gains render one of the pairs,
+    as K_d from K_s up.
     """
     device = device_of(parameters, config)
     if device is None:

@@ -77,11 +77,8 @@ def fit_impedance_trial(
     settings: ImpedanceAnalysis,
     windows: str | None = None,
 ) -> Mapping[str, pl.DataFrame]:
-    """The rows of Eq. 15, and the series of the fit to all amplitudes.
-
-    `condition` is what the leg was asked to render, as far as it is known, and `weight` W of Eq. 14. `windows` [s] are
-    those of the sheet, which are fitted where the motion is no stepped sine.
-    """
+    """The rows of Eq. 15. `condition` is what the leg was asked to render, as far as it is known, `weight` W of Eq. 14;
+    `windows` [s] are those of the sheet, which are fitted where the motion is no stepped sine."""
     p = known_parameters(parameters)
     asked = None if condition is None else AskedImpedance(condition, weight, settings.frequencies_hz)
     check_recording(trial, settings)
@@ -170,11 +167,9 @@ def compare_impedance_models(
     output: Path,
     windows: str | None = None,
 ) -> None:
-    """Eq. 15 and the drivetrain of Eq. 9 on one trial, each amplitude predicted from the others.
-
-    A motion that is no stepped sine has consecutive parts in place of amplitudes. `condition`, `weight` and `windows`
-    as in `fit_impedance_trial`; the drivetrain smooths the sign of the velocity over `sign_width` [rad/s].
-    """
+    """Eq. 15 and the drivetrain of Eq. 9 on one trial, each amplitude predicted from the others; a motion that is no
+    stepped sine has consecutive parts in their place. Arguments as in `fit_impedance_trial`; the drivetrain smooths the
+    sign of the velocity over `sign_width` [rad/s]."""
     p, record = read_parameters(parameters), record_of_trial(read_trial(trial), settings, windows)
     gains = condition.gains(p, weight)
     if gains is None:
@@ -184,10 +179,9 @@ def compare_impedance_models(
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Fit:
-    """A fitted trial.
-
-    Every column of its table is an attribute, with the value of the fit to all data: `fit.K`, `fit.K_se`, `fit.VAF`;
-    `fit.K_interval` is (low, high), the 95 % interval. `osl-analysis describe-tables` has meaning and unit of each.
+    """A fitted trial. Every column of its table is an attribute, with the value of the fit to all data: `fit.K`,
+    `fit.K_se`, `fit.VAF`; `fit.K_interval` is (low, high), the 95 % interval. Meaning and unit of each are told by
+    `osl-analysis describe-tables`.
 
     experiment: it names the table that the fit has rows of in a campaign
     table: those rows: one per amplitude, if there are several, and last the fit to all data
@@ -292,16 +286,10 @@ def fit_tables(
 
 
 def fit_trial(
-    experiment: str,
-    trial: Trial,
-    parameters: Path | None,
-    settings: Mapping[str, Any],
-    limits: DoubtfulFits,
-    condition: Any = None,
-    windows: str | None = None,
+    experiment: str, trial: Trial, device: Path | None, settings: Mapping[str, Any], limits: DoubtfulFits, *stated: Any
 ) -> Fit:
     """Fit a trial and judge it; `fit_settings` gives `settings` and `limits`, the rest and errors as `fit_tables`."""
-    found = fit_tables(experiment, trial, parameters, settings, condition, windows)
+    found = fit_tables(experiment, trial, device, settings, *stated)
     own = EXPERIMENTS[experiment].tables[0].name
     curves = next((frame for name, frame in found.items() if name.endswith("_curves")), None)
     no_torque = pl.DataFrame(schema=dict.fromkeys(("time", "torque", "torque_model"), pl.Float64))
@@ -310,10 +298,9 @@ def fit_trial(
 
 UNIT_OF = {
     "K": "N·m/rad", "B": "N·m·s/rad", "B_viscous": "N·m·s/rad", "I": "kg·m²", "K_s": "N·m/rad", "B_j": "N·m·s/rad",
-    "B_j_viscous": "N·m·s/rad", "J_j": "kg·m²",
-    "T_C": "N·m", "k_tau_n_m": "N·m/A", "f_C": "N·m", "f_G": "N·m/A", "B_m": "N·m·s/rad", "J_m": "kg·m²",
-    "offset": "N·m", "drift": "N·m/s", "K_secant": "N·m/rad", "K_unloading": "N·m/rad", "energy_stored": "J",
-    "energy_returned": "J", "energy_lost": "J",
+    "B_j_viscous": "N·m·s/rad", "J_j": "kg·m²", "T_C": "N·m", "k_tau_n_m": "N·m/A", "f_C": "N·m", "f_G": "N·m/A",
+    "B_m": "N·m·s/rad", "J_m": "kg·m²", "offset": "N·m", "drift": "N·m/s", "K_secant": "N·m/rad",
+    "K_unloading": "N·m/rad", "energy_stored": "J", "energy_returned": "J", "energy_lost": "J",
 }  # fmt: skip
 
 

@@ -51,11 +51,9 @@ def plot_numbers(
 def draw_figure(
     name: str, table_csv: Path, outputs: Sequence[Path], refused: Sequence[Refusal] = (), footer: str = ""
 ) -> None:
-    """Draw the numbers of `table_csv` as figure `name` into PDF, SVG or PNG files, by suffix.
-
-    `refused` are the causes of what the figure lacks. It names these trials; if there are no numbers, it says why. The
-    `footer` says what the data are; the first digits of the SHA-256 of `table_csv` are added to it.
-    """
+    """Draw the numbers of `table_csv` as figure `name` into PDF, SVG or PNG files, by suffix. It names the trials of
+    the causes `refused`; if there are no numbers, it says why. The `footer` says what the data are; the first digits of
+    the SHA-256 of `table_csv` are added to it."""
     if footer:
         footer += f", numbers {str(digest(table_csv))[:8]}"
     causes = [(cause.trial, cause.file, cause.reason) for cause in read_refusals(table_csv)]
@@ -98,11 +96,8 @@ def draw_table(
 def write_captions(
     *, tables: Mapping[str, Path], shown: Mapping[str, Sequence[Path]], footer: str, output: Path
 ) -> None:
-    """Write a section per figure: its title, and its caption or why it is not drawn.
-
-    `tables` are the plotted numbers by the name of the figure, `shown` the results of single trials that it shows; of
-    these, the refused ones are named. `footer` says once, above all sections, what the data are.
-    """
+    """Write a section per figure: its title, and its caption or why it is not drawn. `tables` are the plotted numbers
+    by the name of the figure, `shown` the results of single trials that it shows; the refused ones are named."""
     doubts = "Why a fit is doubtful stands in the column `doubtful` of the figure's CSV file."
     said = [f"# Captions\n\n{names.as_text(footer)}. {doubts}\n"]
     for name, table in tables.items():

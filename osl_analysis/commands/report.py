@@ -39,13 +39,11 @@ def write_report(
     captions: Path | None = None,
     refused: Sequence[Refusal] = (),
 ) -> None:
-    """Write the page `report.html`.
+    """Write the page `report.html`, of at most `largest_mb` [MB] where thinning out its signals allows it.
 
-    `sheet` has the row of every trial, also of those that the sheet excludes; `trials`, `series` and `crossings` the
-    files of each that has them, `tables` the result tables and `figures` the SVG files by name. `captions` are those of
-    the figures, `verdicts` is `quality.csv`, `excluded` the trials that are not used, `summary` is `summary.json`.
-    `refused` are the causes of all that is missing. The page has at most `largest_mb` [MB] where thinning out its
-    signals allows it.
+    `sheet` has the row of every trial, also of those that it excludes; `trials`, `series` and `crossings` the files of
+    each that has them, `tables` the result tables and `figures` the SVG files by name. `verdicts` is `quality.csv`,
+    `excluded` the trials that are not used, `summary` `summary.json`, `refused` the causes of all that is missing.
     """
     written = {name: read_table(path) for name, path in tables.items()}
     said_of = {one.trial: f"{one.reason}; {one.remedy}" for one in refused if one.trial}
@@ -92,9 +90,8 @@ def write_report(
         "figures": shown,
         "not_made": [one for one in refused if not one.trial],
     }
-    page = written_page(content, pages, largest_mb)
     with atomic_path(output) as temporary:
-        temporary.write_text(page, encoding="utf-8")
+        temporary.write_text(written_page(content, pages, largest_mb), encoding="utf-8")
 
 
 def lacks_result(experiment: str, tables: Mapping[str, pl.DataFrame], files: Mapping[str, Path]) -> bool:

@@ -22,8 +22,7 @@ CONFIGURED_BY = ("--configfile", "--configfiles")  # options of Snakemake that n
 def snakemake_arguments(arguments: Sequence[str]) -> list[str]:
     """The arguments of Snakemake for the campaign in the working folder: those of the user first, because options of
     Snakemake that take lists also take what stands behind them. Raises InputError where there is no campaign, the
-    folder cannot be written to, or a configuration or profile is missing.
-    """
+    folder cannot be written to, or a configuration or profile is missing."""
     said = any(argument.split("=")[0] in CONFIGURED_BY for argument in arguments)
     is_clone = Path("Snakefile").is_file() and Path("config/config.yaml").is_file()
     if not (said or CAMPAIGN.is_file() or is_clone):
@@ -44,8 +43,7 @@ def snakemake_arguments(arguments: Sequence[str]) -> list[str]:
 
 def with_shipped_profile(arguments: Sequence[str]) -> Iterator[str]:
     """The arguments, with the folder of a shipped profile where it is named, as `profiles/slurm`, and none here has its
-    name. A name that neither has is refused: Snakemake would go on without a profile.
-    """
+    name. A name that neither has is refused: Snakemake would go on without a profile."""
     option = "--workflow-profile"
     for before, argument in pairwise(("", *arguments)):
         own = f"{option}=" if argument.startswith(f"{option}=") else ""
@@ -62,8 +60,7 @@ def with_shipped_profile(arguments: Sequence[str]) -> Iterator[str]:
 
 def looked_at(folder: Path) -> Iterator[tuple[str, str, str]]:
     """What this machine has and lacks, and whether the campaign in a folder can be read: a line each of what was looked
-    at, what was found, and what to do; empty: nothing.
-    """
+    at, what was found, and what to do, if anything."""
     too_old = sys.version_info[:2] < (3, 11)
     there = all(shipped(name).is_file() for name in ("Snakefile", "config/config.yaml"))
     again = "" if there else "install osl-analysis again: the files of its workflow are missing"

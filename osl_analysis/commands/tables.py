@@ -60,10 +60,8 @@ def gather(
 
 
 def list_fits(fits: Sequence[Path], output: Path, refused: Sequence[Refusal] = ()) -> None:
-    """Write which trials of an experiment were fitted, and why the others were not, as JSON.
-
-    `fits` has one file of the results of each trial. Whatever uses the results of all of them is made again with it.
-    """
+    """Write which trials of an experiment were fitted, and why the others were not, as JSON. `fits` has one file of
+    each. Whatever uses the results of all of them is made again with it."""
     reasons = {trial: cause.reason for trial, cause in refused_trials(refused).items()}
     with atomic_path(output) as temporary:
         said = {"fitted": [path.stem for path in fits], "refused": reasons}
@@ -85,11 +83,9 @@ def pool_responses(
     response_models_pooled: Path,
     parameters: FileOrNone = None,
 ) -> None:
-    """Write the response of all realisations of each condition, and the structures fitted to it.
-
-    `lines` are the files of the periods' lines of single trials; `conditions` are the rows of the sheet by trial.
-    Conditions with a single trial have no rows, nor have trials whose motions differ in more than phases.
-    """
+    """Write the response of all realisations of each condition, and the structures fitted to it. `lines` are the files
+    of the periods' lines of single trials; `conditions` are the rows of the sheet by trial. Conditions with a single
+    trial have no rows, nor have trials whose motions differ in more than phases."""
     p, of_joint = known_parameters(parameters), joint_of(parameters) if parameters else None
     by_condition: dict[tuple[Any, ...], dict[str, list[Realisation]]] = {}
     for table in (read_table(path, of="response_lines") for path in lines):
@@ -145,9 +141,7 @@ def list_excluded(
     refused: Sequence[Refusal] = (),
     places: Places | None = None,
 ) -> None:
-    """List every trial that is not used, with the reason: why it was refused, the failed checks that exclude it, or
-    what the sheet says.
-    """
+    """List every trial that is not used: why it was refused, the checks that exclude it, or what the sheet says."""
     failed = read_table(verdicts).filter(pl.col("verdict") == "exclude").drop("verdict", "joint", "side", strict=False)
     rows = [(trial, "sample sheet", reason) for trial, reason in by_sheet.items()]
     stated = pl.DataFrame(rows, schema=dict.fromkeys(("trial", "check", "remark"), pl.String), orient="row")
@@ -169,9 +163,8 @@ def write_summary(
 ) -> None:
     """Write headline numbers of a campaign from the tables that it has, by their names.
 
-    `about` says what they are made of, `example` which desired impedance Fig. 4 shows, `trials` has those of each
-    experiment, `excluded` is the table of those that are not used, `verdicts` is `quality.csv`, `refused` are the
-    causes of missing tables.
+    `example` says which desired impedance Fig. 4 shows, `trials` has those of each experiment, `excluded` is the table
+    of those that are not used, `verdicts` is `quality.csv`, `refused` are the causes of missing tables.
     """
     tables = {name: read_table(path) for name, path in table_paths.items() if name in READ}
     headlines = headline_numbers(tables, example or DRAFT_EXAMPLE)
@@ -189,8 +182,7 @@ def write_summary(
 
 def write_table_metadata(about: Mapping[str, str], tables: Sequence[str], output: Path) -> None:
     """Say in one file what all tables are made of, as CSV on the Web (W3C, 2015) does: a table itself has only its
-    column `data`, because a comment above the header stops other readers.
-    """
+    column `data`, because a comment above the header stops other readers."""
     content: dict[str, Any] = {
         "@context": ["http://www.w3.org/ns/csvw", {"@language": "en"}],
         "dc:title": f"Tables of campaign {about['campaign']}",
@@ -230,9 +222,8 @@ def read_summary(summary_json: Path) -> dict[str, Any]:
 
 
 def format_results_table(summary: Mapping[str, Any], markdown: bool = True) -> str:
-    """What a summary is made of, a table of its numbers (quantity, value, interval, n, the draft's value), what to know
-    of them, and which trials and results are missing. The table is Markdown, or in aligned columns.
-    """
+    """What a summary is made of, its numbers as Markdown or in aligned columns, what to know of them, and which trials
+    and results are missing."""
     lines = [*(one["line"] for one in summary.get("findings", ())), *missing_lines(summary, reasons=True)]
     table = (to_markdown if markdown else to_columns)(summary["numbers"])
     return "\n".join([f"{sentence(summary)}\n\n{table}", *(f"{line}\n" for line in lines)])

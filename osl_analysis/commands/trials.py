@@ -45,8 +45,7 @@ def ingest_and_check(
     quality: Path,
 ) -> None:
     """Write the trial of one row of the sheet to `trial`, and what every check measures on it to `quality`, a row each,
-    without limits and verdicts. Raises PartialResultError where the trial is written and nothing measured.
-    """
+    without limits and verdicts. Raises PartialResultError where the trial is written and nothing measured."""
     record = ingest_trial(row, raw_folder, sources_folder, trial, needed_columns)
     try:
         write_table(measured_table(record.name, examine(record, str(row["experiment"]), commanded)), quality)

@@ -47,10 +47,8 @@ TO_DO = frozenset({
 
 
 def perform(job: Job) -> None:
-    """Call the command, and write log and, where there is no result, records: also after an error.
-
-    An error of the input refuses; any other is a failure, so that the job is tried again.
-    """
+    """Call the command, and write log and, where there is no result, records: also after an error. One of the input
+    refuses; any other is a failure, so that the job is tried again."""
     Path(job["log"]).unlink(missing_ok=True)
     start, unmade = time.perf_counter(), job["files"]
     causes: Sequence[Refusal] = ()
@@ -81,8 +79,7 @@ def call(job: Job) -> Sequence[Refusal]:
     """Call the command with the named values of its rule, each converted to the type that the command declares.
 
     What was refused is told to a command that has an argument `refused`; another one that needs it cannot run: its
-    causes are returned. A fit (`Fit.job` in `experiments.py`) takes the trial itself and gives its tables, which are
-    written here.
+    causes are returned. A fit takes the trial itself and gives its tables, which are written here.
     """
     module, _, name = job["command"].partition(".")
     function = getattr(importlib.import_module(f"osl_analysis.commands.{module}"), name)
@@ -113,10 +110,8 @@ def call(job: Job) -> Sequence[Refusal]:
 
 
 def end(job: Job, ended: Mapping[str, Any], unmade: Sequence[str], causes: Sequence[Refusal] = ()) -> None:
-    """Write the log of a job, and unless it is done a record for each of its files that is `unmade`.
-
-    `causes` are those of a job that lacks an input; otherwise the job itself is the cause.
-    """
+    """Write the log of a job, and unless it is done a record for each of its files that is `unmade`. `causes` are those
+    of a job that lacks an input; otherwise the job itself is the cause."""
     if ended["outcome"] != "done":
         for path in unmade:
             write_refusals(causes or [refusal(job, ended)], Path(path))
@@ -139,10 +134,8 @@ def refusal(job: Job, ended: Mapping[str, Any]) -> Refusal:
 
 
 def reason_and_remedy(message: str) -> tuple[str, str]:
-    """What a message says is wrong, and what to do; the latter is empty where it cannot be told from the former.
-
-    It begins at the first semicolon outside brackets after which a verb of `TO_DO` stands, also after "if ...,".
-    """
+    """What a message says is wrong, and what to do, which begins at the first semicolon outside brackets after which a
+    verb of `TO_DO` stands, also after "if ...,"; empty where there is none."""
     for found in re.finditer("; ", message):
         reason, rest = message[: found.start()], message[found.end() :]
         outside = all(reason.count(left) == reason.count(right) for left, right in ("()", "[]"))

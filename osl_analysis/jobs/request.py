@@ -2,8 +2,7 @@
 
 A request is written while Snakemake plans, and only if its content differs. So a changed setting, sheet, program or
 recording is a changed input of the jobs that use it, and of no others. Snakemake compares inputs by content where it
-has notes of its own (`.snakemake`), else by date. It does not see a change in an imported module: each request has the
-fingerprint of its job's code.
+has notes of its own (`.snakemake`), else by date.
 """
 
 import ast
@@ -36,10 +35,8 @@ def read_request(path: Path) -> dict[str, Any]:
 
 
 def write_request(path: Path, content: Mapping[str, Any]) -> None:
-    """Write a request if it differs from the one in its place.
-
-    A failed or killed job is tried again, and so is one whose results were deleted: its request counts how often.
-    """
+    """Write a request if it differs from the one in its place. A failed or killed job is tried again, and so is one
+    whose results were deleted: its request counts how often."""
     now = plain(content)
     try:
         old = path.read_text(encoding="utf-8")
@@ -82,8 +79,7 @@ digest_of = cache(digest)  # many jobs use the same file
 
 class Requests:
     """The requests of a workflow, among its results; `judge` decides which trials are used. In the process of a single
-    job, as on a cluster, they stay as they are.
-    """
+    job, as on a cluster, they stay as they are."""
 
     def __init__(self, results: Path, data: str, judge: Judge, workflow: Any) -> None:
         self.folder, self.logs, self.data = results / "requests", results / "logs", data
@@ -161,11 +157,8 @@ class Requests:
 
 @cache
 def code(command: str, *modules: str) -> str:
-    """Fingerprint of a command, `module.function` under `osl_analysis.commands`, and of the modules that it uses.
-
-    It covers the module's file and the imports that this function uses, because a module has jobs of several
-    experiments; and `modules` under `osl_analysis` that it imports by name, with all that they import.
-    """
+    """Fingerprint of a command, `module.function` under `osl_analysis.commands`: of the module's file and what this
+    function imports, because a module has jobs of several experiments, and of `modules` that it imports by name."""
     module, _, function = command.partition(".")
     path = PACKAGE / f"commands/{module}.py"
     top = parsed(path)
@@ -196,9 +189,7 @@ parsed = cache(lambda path: ast.parse(content_of(path)).body)
 @cache
 def imported_names(path: Path) -> tuple[str, ...]:
     """Dotted names of the package that a source file imports, at any place in it, and some words of comments there.
-
-    They are found by their text: parsing every module takes 0.8 s, and Snakemake does it anew in each run.
-    """
+    They are found by their text: parsing every module takes 0.8 s, and Snakemake does it anew in each run."""
     names = []
     for module, imported, alone in IMPORT.findall(content_of(path).decode()):
         names += [alone or module, *(f"{module}.{name}" for name in re.findall(r"\w+", imported))]

@@ -42,10 +42,8 @@ PRELOADED = (
 
 @cache
 def job_server() -> tuple[socket.socket, subprocess.Popen[bytes]]:
-    """Start the server of this run, and the socket that jobs are sent to, whose end is that of the server.
-
-    It has a session of its own: Ctrl-C in a terminal is for Snakemake, which lets begun jobs end.
-    """
+    """Start the server of this run, and the socket that jobs are sent to, whose end is that of the server. It has a
+    session of its own: Ctrl-C in a terminal is for Snakemake, which lets begun jobs end."""
     ours, theirs = socket.socketpair()
     code = f"import sys; sys.path.insert(0, {str(PACKAGE.parent)!r}); from osl_analysis.jobs.run import serve"
     server = subprocess.Popen(
@@ -60,10 +58,8 @@ def job_server() -> tuple[socket.socket, subprocess.Popen[bytes]]:
 
 
 def run_job(request: str) -> None:
-    """Have the job of a request done. A killed one leaves records, as one does that refuses its input.
-
-    Raises where there is neither a result nor a record, as on a full disk; the job itself has said why.
-    """
+    """Have the job of a request done. A killed one leaves records, as one does that refuses its input. Raises where
+    there is neither a result nor a record, as on a full disk; the job itself has said why."""
     said = b""
     ours, theirs = socket.socketpair()
     with ours, suppress(OSError):
@@ -84,10 +80,8 @@ def run_job(request: str) -> None:
 
 
 def serve(number: int) -> NoReturn:
-    """Take jobs at the socket with this number until its other end is closed.
-
-    Each is a process below one that waits for it and says which it was and how it ended, which is forked from this one.
-    """
+    """Take jobs at the socket with this number until its other end is closed. Each is a process below one that is
+    forked from this one, waits for it, and says which it was and how it ended."""
     control = socket.socket(fileno=number)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # nobody waits for those that wait
@@ -155,11 +149,10 @@ def at_end_of_run(
     expected: Callable[[Iterable[Any]], str],
     accept: bool,
 ) -> None:
-    """Let a run of Snakemake end with our report, and with exit code 1 if something that was asked for is refused.
-
-    `said` writes the report, from the names of the refusal records among the files that the run was to bring up to
-    date. `accept`: refusals do not count. A dry run ends with what `expected` says of the jobs that it would run.
-    Snakemake's `onsuccess` and `onerror` are not called where nothing is left to do, as in the run after a refusal.
+    """Let a run of Snakemake end with our report, and with exit code 1 if something that was asked for is refused,
+    unless refusals are to `accept`. `said` writes the report, from the refusal records among the files that the run was
+    to bring up to date; a dry run ends with what is `expected` of the jobs that it would run. Snakemake's `onsuccess`
+    and `onerror` are not called where nothing is left to do, as in the run after a refusal.
     """
     pressed, before = threading.Event(), signal.getsignal(signal.SIGINT)
 
@@ -174,8 +167,8 @@ def at_end_of_run(
         if workflow.scheduler is None or not workflow.is_main_process:  # an unknown target, another run's lock
             return
         if workflow.dryrun:
-            text = expected(workflow.dag.needrun_jobs(exclude_finished=False))
-            print(text, file=sys.stderr, end="\n" * bool(text), flush=True)
+            if text := expected(workflow.dag.needrun_jobs(exclude_finished=False)):
+                print(text, file=sys.stderr, flush=True)
             return
         from osl_analysis.jobs.job_log import run_report
         from osl_analysis.refusal import MOST_TOLD, is_refused

@@ -13,7 +13,7 @@ import scipy.linalg
 
 NUMERICAL = (
     "test_bench_[abdeimnprst]*", "test_degenerate", "test_drivetrain", "test_gain_selection", "test_kernels",
-    "test_second_order", "test_signals", "test_spectral*", "test_stats_re*",
+    "test_signals", "test_spectral*", "test_stats_re*",
     "test_walking_bodies", "test_walking_response",
     "test_walking_plate*", "test_walking_response",
 )  # fmt: skip

@@ -1,26 +1,37 @@
-"""The regression under every fit: exact recovery, intervals that cover, and columns that cannot be told apart."""
+"""The regression under every fit, covariance of correlated residuals, means over trials, and rival models."""
+
+from dataclasses import replace
 
 import numpy as np
+import polars as pl
 import pytest
 import statsmodels.api as sm
+from conftest import multisine
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import curve_fit
+from scipy.special import stdtrit
+from scipy.stats import t as student
+from scipy.stats import ttest_ind
 from statsmodels.stats.diagnostic import acorr_ljungbox
 
-from osl_analysis.bench.phasors import (
-    complex_mean,
-    complex_quotient,
-    fit_sinusoid,
-    polar_row,
-    sines_at,
-)
+from osl_analysis.bench.phasors import complex_mean, complex_quotient, fit_sinusoid, polar_row, sines_at
 from osl_analysis.errors import IdentifiabilityError, InputError
+from osl_analysis.judge.doubts import summary_of_trials
 from osl_analysis.signals import LowPass
-from osl_analysis.stats.fit_row import thinned_rows, whiteness_row
+from osl_analysis.stats.covariance import between_cycles, moving_sums, products_between, welch_satterthwaite
+from osl_analysis.stats.fit_row import lag_damping_row, thinned_rows, whiteness_row
 from osl_analysis.stats.regression import linear_fit, variance_accounted_for
+from osl_analysis.stats.repeats import (
+    Candidate,
+    effective_samples,
+    mean_over_trials,
+    over_repeats,
+    rank_words,
+    score_models,
+)
+from osl_analysis.walking.second_order import fit_impedance, impedance_torque
 
-RNG_SEED = 20
 T = np.linspace(0, 10, 2000, endpoint=False)
 COLUMNS = {"a": np.sin(T), "b": np.cos(3 * T), "offset": np.ones_like(T)}
 
@@ -44,6 +55,20 @@ def test_recovers_the_coefficients_that_made_the_data(a, b, offset):
     assert fit.estimates == pytest.approx([a, b, offset], rel=1e-8, abs=1e-10)
 
 
+@given(st.floats(1, 500), st.floats(-2, 10), st.floats(-0.2, 0.5), st.floats(-10, 10))
+def test_recovers_the_impedance_that_made_the_torque(K, B, I, offset):
+    motion = multisine(0.7, 2.3, 5.9)
+    fit = fit_impedance(motion, impedance_torque(K, B, I, motion) + offset)
+    assert tuple(fit.estimates) == pytest.approx((K, B, I, offset), rel=1e-8, abs=1e-9)
+
+
+def test_a_lag_costs_damping_and_counts_where_it_is_certain():
+    assert lag_damping_row(2e-3, 0.9e-3, 300.0)["certain_lag_damping"] == pytest.approx(-0.6)
+    row = lag_damping_row(2e-3, 1.1e-3, 300.0)
+    assert (row["lag_damping"], row["certain_lag_damping"]) == (pytest.approx(-0.6), 0.0)
+    assert set(lag_damping_row(None, None, 300.0).values()) == {None}
+
+
 def test_vaf_and_r_squared_read_what_they_should_when_the_fit_is_not_perfect():
     residual = np.cos(40 * np.pi * T)
     y = 2 * np.cos(20 * np.pi * T) + residual + 10
@@ -54,7 +79,7 @@ def test_vaf_and_r_squared_read_what_they_should_when_the_fit_is_not_perfect():
 
 
 def test_covariance_is_statsmodels_hac_at_the_same_bandwidth():
-    rng = np.random.default_rng(RNG_SEED)
+    rng = np.random.default_rng(20)
     y = COLUMNS["a"] + correlated_noise(rng, len(T), 0.9)
     fit = linear_fit(y, COLUMNS)
     other = sm.OLS(y, np.column_stack(list(COLUMNS.values()))).fit(
@@ -194,3 +219,185 @@ def test_amplitudes_that_differ_from_cycle_to_cycle_leave_the_phase_certain():
     assert phasor.covariance[0, 1] > 0
     assert phasor.magnitude_se == pytest.approx(0.1 / np.sqrt(40), rel=0.3)
     assert phasor.phase_se < 0.02 * phasor.magnitude_se
+
+
+CYCLE, COUNT = 50, 24
+
+
+def repeated(rng, noise=0.3):
+    """A friction-like residual that every cycle repeats, different in the two strata, and white noise."""
+    n = CYCLE * COUNT
+    t = np.arange(n) / CYCLE
+    columns = {"a": np.sin(2 * np.pi * t), "b": np.cos(2 * np.pi * t), "offset": np.ones(n)}
+    friction = np.sign(columns["b"]) * np.where(t < COUNT / 2, 1.0, 2.0)
+    edges = np.arange(COUNT + 1.0) * CYCLE
+    cycles = edges[:-1], edges[1:], np.repeat([0, 1], COUNT // 2)
+    return 3 * columns["a"] + friction + noise * rng.standard_normal(n), columns, cycles
+
+
+def with_spread(y, columns, first, stop, stratum):
+    """The fit with the covariance of the spread of cycles."""
+    fit, X = linear_fit(y, columns), np.column_stack(list(columns.values()))
+    scores = products_between(X, fit.residual[:, None], first, stop)[..., 0] @ np.linalg.inv(X.T @ X)
+    covariance, freedom = between_cycles(scores, stratum)
+    return replace(fit, covariance=covariance, degrees_of_freedom=freedom)
+
+
+def test_the_spread_of_cycles_covers_where_friction_fools_hac():
+    """95 % of 600 seeded records; HAC takes the friction for noise and is several times too wide."""
+    rng, covered = np.random.default_rng(4), 0
+    truth = linear_fit(repeated(rng, noise=0.0)[0], repeated(rng)[1])["b"]
+    for _ in range(600):
+        y, columns, cycles = repeated(rng)
+        fit = with_spread(y, columns, *cycles)
+        low, high = fit.interval("b")
+        covered += low <= truth <= high
+    assert 0.93 < covered / 600 < 0.97
+    assert linear_fit(y, columns).se("b") > 3 * fit.se("b")
+
+
+def test_cycles_that_are_no_whole_rows_have_the_sums_that_their_integrals_have():
+    period, edges = 250 / 3, 250 / 3 * np.arange(1, 9)
+    turn = 2 * np.pi * np.arange(800) / period
+    X = np.column_stack([np.cos(turn), np.sin(turn), np.ones(800)])
+    found = products_between(X, X, edges[:-1], edges[1:])
+    assert found == pytest.approx(np.broadcast_to(np.diag([0.5, 0.5, 1.0]) * period, found.shape), abs=2e-3)
+
+
+def test_one_stratum_is_statsmodels_cluster_covariance():
+    y, columns, cycles = repeated(np.random.default_rng(5))
+    groups = np.repeat(np.arange(COUNT), CYCLE)
+    fit = with_spread(y, columns, *cycles[:2], np.zeros(COUNT, dtype=np.intp))
+    other = sm.OLS(y, np.column_stack(list(columns.values()))).fit(
+        cov_type="cluster", cov_kwds={"groups": groups, "use_correction": False}
+    )
+    assert fit.covariance == pytest.approx(other.cov_params() * COUNT / (COUNT - 1), rel=1e-8, abs=1e-15)
+
+
+def test_equal_strata_are_worth_the_sum_of_their_degrees_of_freedom_and_one_noisy_stratum_its_own():
+    rng = np.random.default_rng(6)
+    sums = rng.standard_normal((4000, 1))
+    stratum = np.repeat(np.arange(2), 2000)
+    _, freedom = between_cycles(sums, stratum)
+    assert freedom[0] == pytest.approx(3998, rel=0.01)
+    sums[:2000] *= 1e-6
+    _, freedom = between_cycles(sums, stratum)
+    assert freedom[0] == pytest.approx(1999, rel=0.01)
+
+
+def test_hac_is_worth_as_many_degrees_of_freedom_as_its_variance_says():
+    """The scatter of the variance estimate of white scores: 2/freedom of its square."""
+    rng, n, window = np.random.default_rng(7), 600, 60
+    variances = [moving_sums(rng.standard_normal((n, 1)), window)[0][0, 0] for _ in range(3000)]
+    _, freedom = moving_sums(rng.standard_normal((n, 1)), window)
+    assert 2 * np.mean(variances) ** 2 / np.var(variances) == pytest.approx(freedom[0] + 1, rel=0.12)
+
+
+def test_degrees_of_freedom_of_a_sum_are_those_of_welch_and_satterthwaite():
+    assert welch_satterthwaite([1.0, 1.0], [5, 5]) == pytest.approx(10)
+    assert welch_satterthwaite([1.0, 2.0], [5, 10]) == pytest.approx(9 / (1 / 5 + 4 / 10))
+    np.testing.assert_allclose(welch_satterthwaite([[1.0, 0.0], [0.0, 3.0]], [5, 90]), [5, 90])
+    np.testing.assert_array_equal(welch_satterthwaite([[2.0, 0.0]], [5]), [5, np.inf])
+    assert welch_satterthwaite([1e-40, 1.0], [5, np.inf]) == np.inf  # a scatter that is rounding of a sum
+    assert welch_satterthwaite([1e-4, 1.0], [5, np.inf]) == pytest.approx(5e8, rel=1e-3)
+
+
+def test_what_repeats_have_in_common_widens_the_interval_of_their_mean():
+    values = [1.0, 2.0, 4.0, 3.0]
+    own = np.var(values, ddof=1) / 4
+    summary = over_repeats(values, [(own, 3)])
+    assert summary.se == pytest.approx(np.sqrt(2 * own))
+    assert summary.high - summary.mean == pytest.approx(stdtrit(6, 0.975) * np.sqrt(2 * own))
+    assert over_repeats(values).high - 2.5 == pytest.approx(stdtrit(3, 0.975) * np.sqrt(own))
+
+
+def test_a_mean_over_trials_says_where_its_interval_is_from_and_one_without_numbers_is_null():
+    table = pl.DataFrame({"a": [None, None], "b": [2.0, None], "c": [1.0, 3.0]}, schema_overrides={"a": pl.Float64})
+    rows = summary_of_trials(table, ("a", "b", "c")).to_dicts()
+    found = [(r["n"], r["mean"], r["sd"] is None, r["interval_method"]) for r in rows]
+    assert found == [(0, None, True, None), (1, 2.0, True, None), (2, 2.0, False, "Student")]
+    assert summary_of_trials(table.clear(), ("a",))["mean"].to_list() == [None]
+
+
+def test_kinds_of_trials_count_as_one_mean_each_and_their_difference_is_no_scatter():
+    """The mean of two means has the error sqrt(s1^2/n1 + s2^2/n2)/2; Welch's degrees of freedom, by SciPy's test."""
+    first, second = [1.0, 2.0, 3.0, 6.0], [101.0, 103.0, 107.0]
+    summary = over_repeats([*first, *second], kinds=[1] * 4 + [-1] * 3)
+    assert summary.mean == pytest.approx((3.0 + 311 / 3) / 2)
+    assert summary.se == pytest.approx(np.sqrt(np.var(first, ddof=1) / 4 + np.var(second, ddof=1) / 3) / 2)
+    interval = ttest_ind(first, second, equal_var=False).confidence_interval()
+    assert summary.high - summary.low == pytest.approx((interval.high - interval.low) / 2)
+    assert summary.sd == pytest.approx(np.sqrt((3 * np.var(first, ddof=1) + 2 * np.var(second, ddof=1)) / 5))
+
+
+def test_effective_samples_are_those_of_theory():
+    """White noise has n; AR(1) has n (1 - r^2)/(1 + r^2) (Bayley and Hammersley): within 10 % for 20 000 samples."""
+    rng = np.random.default_rng(4)
+    white = rng.standard_normal(20_000)
+    assert effective_samples(white) == pytest.approx(20_000, rel=0.1)
+    r, correlated = 0.9, np.zeros(20_000)
+    for i in range(1, 20_000):
+        correlated[i] = r * correlated[i - 1] + white[i]
+    assert effective_samples(correlated) == pytest.approx(20_000 * (1 - r**2) / (1 + r**2), rel=0.1)
+    band = LOW_PASS(white, 1000.0)
+    assert effective_samples(band) == pytest.approx(20_000 * 2 * 15 / 1000, rel=0.15)
+    thinned = effective_samples(band[::11])
+    assert thinned == pytest.approx(effective_samples(band), rel=0.15), "thinning a filtered signal loses nothing"
+    assert effective_samples(np.zeros(50)) == effective_samples(np.full(50, 0.3)) == 50, "an exact fit"
+
+
+@pytest.mark.parametrize("size", [0.0, 1e-15])
+def test_of_models_that_fit_exactly_the_one_with_fewest_parameters_ranks_first(size):
+    """Whether rounding leaves zeros or 1e-15 N*m depends on the processor; the ranks must not."""
+    rng = np.random.default_rng(8)
+    torque, nothing = rng.standard_normal(500), size * rng.standard_normal(500)
+    scores = score_models(torque, [Candidate("", "", p, nothing, nothing) for p in (3, 2)])
+    assert scores["rank"].to_list() == [2, 1]
+    assert scores["BIC"].is_finite().all()
+
+
+def test_bic_charges_a_parameter_the_logarithm_of_the_effective_samples():
+    rng = np.random.default_rng(5)
+    torque, left = rng.standard_normal(500), 0.1 * rng.standard_normal(500)
+    few, many = (Candidate("", "", p, left, left) for p in (2, 5))
+    scores = score_models(torque, [few, many])
+    m, (bic_of_few, bic_of_many) = scores["effective_samples"][0], scores["BIC"]
+    assert bic_of_many - bic_of_few == pytest.approx(3 * np.log(m))
+    assert bic_of_few == pytest.approx(m * np.log(np.mean(left**2)) + 2 * np.log(m))
+    assert scores["rank"].to_list() == [1, 2]
+
+
+def test_paired_differences_tell_models_apart_that_their_own_scatter_hides():
+    """Trials differ by 100, the models by 1 +- 0.1 in every trial."""
+    rng = np.random.default_rng(1)
+    trial = rng.normal(0, 100, 10)
+    loss = np.column_stack([trial, trial - 1 + rng.normal(0, 0.1, 10), trial + 3])
+    assert rank_words(loss) == ["worse", "preferred", "worse"]
+    assert mean_over_trials(loss[:, 0]).low < mean_over_trials(loss[:, 1]).mean < mean_over_trials(loss[:, 0]).high
+
+
+def test_of_models_that_tie_the_first_is_preferred_although_another_has_the_smaller_mean():
+    loss = np.array([[1.0, 0.9, 5.0], [1.0, 1.2, 5.0], [1.0, 0.8, 5.0]])
+    assert rank_words(loss) == ["preferred", "tied", "worse"]
+
+
+def test_a_single_trial_tells_nothing_apart_and_has_no_interval():
+    assert rank_words(np.array([[1.0, 0.0]])) == ["preferred", "tied"]
+    assert rank_words(np.zeros((0, 2))) == [None, None]
+    alone = mean_over_trials(np.array([4.0]))
+    assert (alone.n, alone.mean) == (1, 4.0)
+    assert np.isnan([alone.sd, alone.low, alone.high]).all()
+
+
+def test_intervals_are_students_and_wider_where_trials_share_their_fits():
+    """Own trials: s / sqrt(n), n - 1 degrees of freedom. Shared: s^2 (1/n + 1/(n - 1)) after Nadeau and Bengio. Both
+    terms are of one scatter, which is worth n - 1 degrees of freedom and not the sum of two independent ones."""
+    values = np.array([1.0, 2.0, 4.0, 7.0])
+    own, shared = mean_over_trials(values), mean_over_trials(values, shared=True)
+    assert own.high - own.mean == pytest.approx(student.ppf(0.975, 3) * np.std(values, ddof=1) / 2)
+    assert shared.se**2 == pytest.approx(np.var(values, ddof=1) * (1 / 4 + 1 / 3))
+    assert (shared.high - shared.mean) / shared.se == pytest.approx(student.ppf(0.975, 3))
+    assert shared.mean == own.mean == over_repeats(values).mean == 3.5
+    assert over_repeats(values).high == own.high
+    with pytest.raises(InputError, match="repeat the experiment"):
+        over_repeats([1.0])

@@ -135,18 +135,16 @@ def drivetrain_effects(settings: SimulationSettings, gains: Gains | None = None)
 def actuator_signals(
     motion: JointMotion, settings: SimulationSettings, p: DrivetrainParameters
 ) -> dict[str, TrueSignal]:
-    """The true signals by channel of an actuator with these parameters on its own bench, which moves it. Its torque
-    transducer has the imperfections of the load cell. The torque is that of the actuator on the bench, the paper's
-    tau_m."""
+    """The true signals by channel of an actuator on its own bench, which moves it. The torque is that of the actuator
+    on the bench, the paper's tau_m; its transducer has the imperfections of the load cell."""
     assert settings.actuator is not None  # as SimulationSettings checked
     rate = settings.dynamometer.rate_hz
     current = actuator_command(settings.actuator, rate)[1]
     exact = CubicSpline(np.arange(len(current)) / rate, np.column_stack([current, motion.omega, motion.alpha]))
 
     def torque(instants: Array) -> Array:
-        """True torque [N*m] at any instants [s]. Friction jumps where the velocity is zero, and not at the next sample.
-        A curve through the samples has every jump half a step after a sample. A torque transducer that samples later
-        than the encoder would read all of them late, which looks like inertia."""
+        """True torque [N*m] at any instants [s]. Friction jumps where the velocity is zero. A curve through the samples
+        has each jump half a step after a sample, which looks like inertia to a transducer that samples later."""
         amperes, omega, alpha = exact(instants).T
         return actuator_torque(amperes, omega, alpha, p)
 

@@ -42,9 +42,8 @@ def compensated_damping(
 
 
 def walking_commands(step: gait.Step, compensates: bool, p: DrivetrainParameters) -> Array:
-    """Commands to the actuator in a step, as `simulate_drivetrain` takes them, at the rate of the leg's controller.
-    Unless the file of the desired impedance has an equilibrium angle, it is chosen so that K_d and B_d give the step's
-    ankle moment at the step's nominal angle."""
+    """Commands in a step, as `simulate_drivetrain` takes them, at the rate of the controller. Where the file of the
+    desired impedance has no equilibrium angle, K_d and B_d give the nominal ankle moment at the nominal angle."""
     trial, walking, asked, factor = step.trial, step.trial.walking, step.trial.condition, step.change.amplitude
     stride = walking.rates.motion_hz // walking.rates.controller_hz
     c, desired = step.cycle_phase(trial.time[::stride]), asked.desired(walking.impedance)
@@ -108,9 +107,8 @@ def simulate_crossing(
 
 
 def move(step: gait.Step, perturbed: bool) -> tuple[JointMotion, Pose, Pose, gait.PlatformMotion]:
-    """Prescribed motion of ankle, foot, shank and platform: the nominal step, its random deviations, and the platform
-    under the foot. The foot rotates with the platform. The shank rotates by the share `shank_yield` only, so that the
-    ankle angle changes by the rest. In swing the foot returns from the platform's angle."""
+    """Prescribed motion of ankle, foot, shank and platform. The foot rotates with the platform, and the shank by the
+    share `shank_yield` only, so that the ankle angle changes by the rest. In swing the foot returns."""
     trial, walking, time, release_s = step.trial, step.trial.walking, step.trial.time, 0.3
     ramp, effects, rate, c = walking.perturbation, walking.effects, walking.rates.motion_hz, step.cycle_phase(time)
     if perturbed:  # held until after toe-off
@@ -138,9 +136,8 @@ def move(step: gait.Step, perturbed: bool) -> tuple[JointMotion, Pose, Pose, gai
 
 def react(step: gait.Step, foot: Pose, answer: Array) -> tuple[Array, TrueWrench]:
     """The joint's torque [N*m], shape (n,), and the ground reaction at the ankle. About the ankle's axis u the foot
-    needs the moment N = u . (dH/dt + r x m (a - g)). The shank applies +tau (toes down), and the ground applies the
-    rest, N - tau. The part of the ground decreases with its force at the beginning and end of stance. Across the axis
-    the ground's moments are small, and the hinge carries the rest."""
+    needs the moment N = u . (dH/dt + r x m (a - g)). The shank applies +tau (toes down), the ground the rest, N - tau,
+    less at both ends of stance. Across the axis the ground's moments are small, and the hinge carries the rest."""
     trial, walking, body = step.trial, step.trial.walking, step.trial.walking.foot
     forward, axis, upward = np.moveaxis(foot.rotation, 2, 0)
     mass, effects = trial.condition.body_mass(walking.gait.body_mass_kg), walking.effects
@@ -288,9 +285,8 @@ def simulate_walking_trial(
 
 
 def write_crossing_capture(folder: Path, walked: SimulatedCrossing) -> None:
-    """Write the capture of a crossing. The load on the plate is about the ankle of the foot that walks, its pressure
-    even over the width of the foot. The floor carries what is beside the plate; the middle of the rest is half of that
-    further to the left. The other foot's load is a Gaussian curve about mid-stance."""
+    """Write the capture of a crossing. The foot's pressure is even over its width, and the floor carries what is beside
+    the plate. The other foot's load is a Gaussian curve about mid-stance."""
     step, trial, plate, reaction = walked.step, walked.step.trial, walked.step.trial.walking.plate, walked.reaction
     mass = trial.condition.body_mass(trial.walking.gait.body_mass_kg)
     phase, beside = step.stance_phase(walked.time), 1e-3 * step.change.overhang_mm

@@ -5,8 +5,7 @@ Stoermer-Verlet scheme (half drift, kick, half drift): J_m domega_m/dt = k_tau n
 where tau_s is the belt's torque at theta_s = theta - theta_m/n_T. Friction enters the kick implicitly with the true
 sign of the velocity. The actuator therefore sticks exactly, for any step.
 
-In its place a trial may have a joint of Eq. 15, or a passive foot. Compiled functions that call one another share this
-file, because numba's disk cache does not notice changes in other files.
+In its place a trial may have a joint of Eq. 15, or a passive foot.
 """
 
 import math
@@ -96,14 +95,6 @@ def encoder_reading(angle: float, resolution: float) -> float:
 
 
 @fused
-def feedforward_current(u: float, s: float, c: Any) -> float:
-    """Current [A] for an actuator torque u [N*m], as `model.compensator.motor_current` (Eq. 5) has it for arrays; s is
-    the smoothed sign of the velocity, or 0 for a controller that ignores friction."""
-    r = u + s * c.f_C
-    return float(r / (c.k_tau * c.n_m - (s if r >= 0.0 else -s) * c.f_G))
-
-
-@fused
 def between(fraction: float, i: int, theta: Array, omega: Array, sample: float) -> float:
     """Angle [rad] at a fraction of the way from sample i to i + 1, by cubic Hermite interpolation."""
     a, b, rise = omega[i] * sample, omega[i + 1] * sample, theta[i + 1] - theta[i]
@@ -134,7 +125,8 @@ def integrate(theta: Array, omega: Array, gains: Array, theta_m: float, rate_hz:
                 velocity += smoothing * ((seen - last) * updates_per_second - velocity)
                 velocity = velocity if smoothing else omega_m
                 sign = math.tanh(velocity / c.sign_width) if c.cancels_friction and c.friction else 0.0
-                pending[slot] = feedforward_current(K_1 * (theta_eq - seen) - B_1 * velocity, sign, c)  # Eq. 7
+                asked = K_1 * (theta_eq - seen) - B_1 * velocity + sign * c.f_C  # Eqs. 7 and 5
+                pending[slot] = asked / (c.k_tau * c.n_m - (sign if asked >= 0.0 else -sign) * c.f_G)
                 slot = 0 if slot == c.control_delay else slot + 1
                 current = pending[slot]
                 if k == 0:
@@ -177,8 +169,7 @@ def torque_through_gap(
     motion: Array, joint: tuple[float, float, float], gap: float, sample: float, substeps: int
 ) -> Array:
     """Torque [N*m] at the samples, (n,), of a bench that turns a joint (K, B, I) through a gap [rad]; `motion` (3, n).
-    At an end of the gap the bench can push the joint but not pull it. Inside the gap the joint moves freely. The
-    contact at an end is plastic. Its impulse is spread over one sample."""
+    At an end of the gap the bench pushes but cannot pull. The impulse of the contact is spread over one sample."""
     theta, omega, alpha = motion
     K, B, I = joint
     step, half = sample / substeps, 0.5 * gap

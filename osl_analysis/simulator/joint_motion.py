@@ -40,9 +40,8 @@ def sine(w: Array | float, phase: Array, size: float = 1.0) -> JointMotion:
 
 def sine_command(protocol: SteppedSineSchedule, rate_hz: float) -> JointMotion:
     """The commanded stepped sine from rest, sampled at `rate_hz` [Hz], each frequency with its ramps and harmonics. The
-    phase is continuous where the frequency changes, and a multiple of 2 pi where the amplitude changes. The angle
-    therefore has no jumps, unless a frequency starts as a cosine or does not end with a whole cycle. The velocity jumps
-    at these changes. If the command is followed exactly, the acceleration does not include these jumps."""
+    velocity jumps where the frequency changes, and so does the angle where a frequency starts as a cosine or does not
+    end with a whole cycle; the acceleration does not include these jumps."""
     faster = 1 + 1e-6 * protocol.clock_error.value
     between = [(protocol.rest_between_s, 0.0)] if protocol.rest_between_s else []
     sines = zip(protocol.durations, protocol.frequencies_hz, strict=True)
@@ -92,16 +91,14 @@ def there_and_back(belt: BeltMotion, rate_hz: float) -> JointMotion:
     w, height = np.pi / belt.ramp_s, 0.5 * np.deg2rad(belt.amplitude_deg)
     phase = w * np.clip(time - belt.rest_s, 0.0, 2 * belt.ramp_s)
     moves = (phase > 0) & (phase < 2 * np.pi)
-    return JointMotion(
-        height * (1 - np.cos(phase)), height * w * np.sin(phase), height * w**2 * np.where(moves, np.cos(phase), 0.0)
-    )
+    alpha = height * w**2 * np.where(moves, np.cos(phase), 0.0)
+    return JointMotion(height * (1 - np.cos(phase)), height * w * np.sin(phase), alpha)
 
 
 def position_loop(command: JointMotion, rate_hz: float, bandwidth_hz: float, damping_ratio: float) -> JointMotion:
     """Response of a second-order position loop to a command, from rest at the command's first angle. Between two
-    samples the solution is exact for the cubic through the command's angles and velocities. A command that is linear
-    between samples would cause corners in the acceleration, which are aliased by the rate of the log and bias J_j.
-    Angle and derivatives come from one state, so that each is the true derivative of the one before."""
+    samples the solution is exact for the cubic through the command's angles and velocities: straight lines would cause
+    corners in the acceleration, which are aliased by the rate of the log and bias J_j."""
     w, step = 2 * np.pi * bandwidth_hz, 1 / rate_hz
     augmented = np.diag(np.ones(5), 1)
     augmented[1, :3] = -(w**2), -2 * damping_ratio * w, w**2

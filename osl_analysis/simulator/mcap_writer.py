@@ -80,9 +80,8 @@ class LogTopic(NamedTuple):
 
 
 def records_of(frame_id: str, time: Array, members: Members) -> NDArray[np.void]:
-    """Records of messages at time stamps [s], (n,), whose `data` in CDR is a header and then their own members; the
-    number of the channel is 0. Each member is aligned to its own size, counted from after the encapsulation; text is
-    not aligned. Padding is zero."""
+    """Records of messages at time stamps [s], (n,), of channel 0, whose `data` in CDR is a header and then their own
+    members, each aligned to its own size from after the encapsulation; text is not aligned. Padding is zero."""
     stamps, frame = np.rint(np.asarray(time) * 1e9).astype(np.int64), frame_id.encode() + b"\0"
     seconds, nanoseconds = np.divmod(stamps, 10**9)
     whole: Members = {

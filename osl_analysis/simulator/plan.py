@@ -72,9 +72,8 @@ def condition_of(row: Mapping[str, Any], settings: SimulationSettings) -> Condit
 
 
 def plan_trials(settings: SimulationSettings) -> SheetRows:
-    """One row per trial, in the columns of `sheet.py`: those on the benches, and those in the gait laboratory, with
-    what the sheet states of their condition. The same settings give the same plan. Whether a crossing is perturbed
-    depends on the seed and its name, not on the number of crossings."""
+    """One row per trial, in the columns of `sheet.py`. The same settings give the same plan. Whether a crossing is
+    perturbed depends on the seed and its name, not on the number of crossings."""
     wanted, found, planned = settings.experiments, dict[str, dict[str, Any]](), list[tuple[str, str, dict[str, Any]]]()
     for experiment, digits in (("belt", 2), ("transmission", 1), ("actuator", 1), ("torque_angle", 1)):
         planned += [(experiment, f"{experiment}_{i + 1:0{digits}d}", {}) for i in range(getattr(wanted, experiment))]
@@ -98,19 +97,16 @@ def plan_trials(settings: SimulationSettings) -> SheetRows:
         if experiment == "walking":
             more["perturbed"] = bool(stream(settings.seed, trial, "perturbed").random() < wanted.perturbed_share)
         row = {"trial": trial, "experiment": experiment, "joint": JOINT, **files, **sources, **more}
-        stated = {} if facts.place == "bench" else stated_columns(row, settings)
+        stated = dict[str, object]()  # of the condition, as far as `stated` of the conditions asks for it
+        if facts.place != "bench":
+            condition, lists = condition_of(row, settings), wanted.conditions
+            stated |= {"subject": condition.person, "session": str(condition.session), "side": lists.side}
+            stated["body_mass_kg"] = condition.subject.body_mass_kg if condition.subject else None
+            if experiment == "walking":
+                parts = [condition.direction] + [f"K{value:g}" for value in [condition.K_d] if value]
+                parts += [f"{phase:.0%}".removesuffix("%") for phase in [condition.stance_phase] if phase]
+                stated |= {"K_d": condition.K_d, "B_d": condition.B_d, "group": "_".join(parts)}
+                stated["direction"] = condition.direction if more["perturbed"] else None
+            stated = {name: stated[name] for name in lists.stated if name in stated}
         found[trial] = dict.fromkeys(SHEET_COLUMNS) | row | stated
     return found
-
-
-def stated_columns(row: Mapping[str, Any], settings: SimulationSettings) -> dict[str, object]:
-    """The columns of the sample sheet that state the condition of a row, as far as `stated` has them."""
-    lists, condition = settings.experiments.conditions, condition_of(row, settings)
-    facts: dict[str, object] = {"subject": condition.person, "session": str(condition.session), "side": lists.side}
-    facts["body_mass_kg"] = condition.subject.body_mass_kg if condition.subject else None
-    if row["experiment"] == "walking":
-        timing = condition.stance_phase
-        parts = [condition.direction, *(f"K{v:g}" for v in [condition.K_d] if v), *(f"{t:.0%}" for t in [timing] if t)]
-        facts |= {"K_d": condition.K_d, "B_d": condition.B_d, "group": "_".join(parts).replace("%", "")}
-        facts |= {"direction": condition.direction if row.get("perturbed") else None}
-    return {name: facts[name] for name in lists.stated if name in facts}

@@ -1,6 +1,5 @@
 """What recorders do to true signals: when each channel is sampled, what its sensor makes of it, what stamps it gets;
-with everything off the even instants of the simulation. The truth goes to the folder `truth`, which ingest never reads.
-"""
+with everything off the even instants of the simulation."""
 
 import json
 from collections.abc import Callable, Mapping
@@ -34,9 +33,8 @@ def recording_of(
     trial: str, signals: Mapping[str, TrueSignal], settings: SimulationSettings
 ) -> tuple[dict[str, Array], dict[str, float]]:
     """What the nodes of a bench write of true signals by channel, (n,) each, with its stamps [s]: `time`, and
-    `torque_time` of the torque, (m,), which equals it if one node records all signals. And the errors that were drawn
-    for this trial: clock start [s], load-cell offset [N*m] and drift [N*m/min]; if enabled, the joint encoder's zero
-    [rad]."""
+    `torque_time` of the torque, which equals it if one node records all. And the errors that were drawn for this trial:
+    clock start [s], load-cell offset [N*m] and drift [N*m/min], and the joint encoder's zero [rad] if enabled."""
     effects, seed, recorder = settings.effects, settings.seed, settings.recorder
     drawn = {"clock_start_s": float(stream(seed, trial, "clock_start").integers(20, 2000))}
     for name, effect in (("load_cell_offset", effects.load_cell_offset), ("load_cell_drift", effects.load_cell_drift)):
@@ -185,8 +183,7 @@ def rounded_to(signal: Array, step: float) -> Array:
 def write_truth(
     folder: Path, trial: str, truth: Mapping[str, object], curves: Mapping[str, Array] | None = None
 ) -> None:
-    """Write the truth of a trial to `truth/<trial>.json` in the campaign's raw folder, and its exact curves to
-    `truth/<trial>.parquet`."""
+    """Write a trial's truth and its exact curves to the folder `truth`, which ingest never reads."""
     if curves is not None:
         with atomic_path(folder / "truth" / f"{trial}.parquet") as path:
             pl.DataFrame(curves).write_parquet(path)

@@ -43,8 +43,8 @@ class TrueWrench:
 
 def support(pose: Pose, rate_hz: float, mass: float, centre_of_mass: Point, gyration: Point) -> TrueWrench:
     """The wrench that must act on a body, besides its weight, for its motion: force m (a - g) and moment dH/dt =
-    I alpha + omega x I omega about the centre of mass, which is the wrench's point; shape (n, 3) each. The centre of
-    mass [m] and the principal radii of gyration [m] about it are in the body's own axes."""
+    I alpha + omega x I omega about the centre of mass. This [m] and the principal radii of gyration [m] about it are in
+    the body's own axes."""
     centre = pose.point(centre_of_mass)
     acceleration = time_derivative(time_derivative(centre, rate_hz), rate_hz)
     inertia = (pose.rotation * (mass * np.array(gyration) ** 2)) @ pose.rotation.transpose(0, 2, 1)
@@ -55,9 +55,8 @@ def support(pose: Pose, rate_hz: float, mass: float, centre_of_mass: Point, gyra
 
 
 def time_derivative(values: Array, rate_hz: float) -> Array:
-    """Time derivative along the first axis by fourth-order central differences. Use it for smooth simulated curves,
-    never for data. On curves that change over tens of milliseconds the error at 3 kHz is below 1e-6 of the derivative.
-    The two samples at either end are of second order only."""
+    """Time derivative along the first axis by fourth-order central differences, of smooth simulated curves, never of
+    data: over tens of milliseconds the error at 3 kHz is below 1e-6. The two samples at either end are worse."""
     slope = np.gradient(values, axis=0, edge_order=2)
     inner, outer = values[3:-1] - values[1:-3], values[4:] - values[:-4]
     slope[2:-2] = (8.0 * inner - outer) / 12.0

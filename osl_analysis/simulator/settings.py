@@ -135,10 +135,8 @@ class Effects(Switches):
     """Every imperfection of bench, drivetrain and controller. Noise is white at the rate of the log, sizes are SDs."""
 
     friction: Effect = effect("1")  # true over the parameter file's, which the controller cancels; off: none at all
-    control_delay: Effect = effect("update", whole=True)
-    """From a measurement to its current [updates of the controller]. 0: held for one update; off: continuous."""
-    velocity_filter: Effect = effect("Hz", above_0=True)
-    """Low-pass over the differentiated encoder; off: the controller gets the true velocity."""
+    control_delay: Effect = effect("update", whole=True)  # to the current; 0: held for one update; off: continuous
+    velocity_filter: Effect = effect("Hz", above_0=True)  # over the differentiated encoder; off: the true velocity
     actuator_encoder: Effect = effect("rad", "bit")  # resolution, at the actuator's output
     joint_encoder: Effect = effect("rad", "bit")  # resolution
     load_cell_noise: Effect = effect("N*m")
@@ -149,8 +147,7 @@ class Effects(Switches):
     current_quantisation: Effect = effect("A")  # resolution
     belt_hysteresis: Effect = effect("N*m")  # largest torque by which loading and unloading differ from the belt's
     belt_scatter: Effect = effect("1")  # of K_s from trial to trial in the belt experiment
-    dynamometer_bandwidth: Effect = effect("Hz", above_0=True)
-    """Natural frequency of the position loop; off: the command is followed exactly."""
+    dynamometer_bandwidth: Effect = effect("Hz", above_0=True)  # of the position loop; off: it follows exactly
     mount_stiffness: Effect = effect("N*m/rad", off=1, above_0=True)  # of the bench's frame
     load_cell_hum: Hum = effect("N*m", off=0)  # of the mains
     load_cell_flicker: Effect = effect("N*m", off=0)  # 1/f noise within each decade of frequency
@@ -249,12 +246,10 @@ class NodeSettings(Switches):
     clock_offset: SignedEffect = effect("s", off=0)  # what the node's clock shows when the bench's shows 0
     clock_drift: SignedEffect = effect("ppm", off=0)  # how much faster than the bench's it runs
     decimals: Effect = effect("decimal", off=0, whole=True)  # of stamps in s
-    dropped: Effect = effect("1", off=0, below_1=True)
-    """Share of the samples that are missing, at drawn places; at least one gap."""
+    dropped: Effect = effect("1", off=0, below_1=True)  # share of samples that are missing, at drawn places
     burst: Effect = effect("sample", off=1, whole=True, above_0=True)  # in a row; off: one
     lost_every: RegularGaps = effect("sample", off=100, whole=True, above_0=True)  # of `burst` each
-    duplicated: Effect = effect("1", off=0, below_1=True)
-    """Share of the samples that are written twice, with the same stamp."""
+    duplicated: Effect = effect("1", off=0, below_1=True)  # share that is written twice
 
     _is_never_early = refused(
         lambda s: (
@@ -272,8 +267,7 @@ class SensorSettings(Switches):
     delay: Effect = effect("s", off=0)  # how old a value is at the instant at which it is sampled
     clipping: Effect = effect("N*m", "rad", "A", off=1, above_0=True)  # largest value in size
     adc: Effect = effect("bit", off=0, whole=True)  # from minus to plus `clipping`
-    failed: Effect = effect("1", off=0, below_1=True)
-    """Share of the readings that fail, at drawn places: the log has NaN there."""
+    failed: Effect = effect("1", off=0, below_1=True)  # share of readings that are NaN
     gain: SignedEffect = effect("1", off=1)  # of the recorder by mistake: a wrong unit or sign
 
     _converter_has_a_range = refused(
@@ -299,12 +293,9 @@ class RecorderSettings(Settings):
 
 
 class Excitation(Settings):
-    """One motion of the joint, and how many trials of each impedance have it. Each trial has random numbers of its own.
-
-    multisine: odd lines of a period with random phases, one in four left out; chirp: a linear sweep; noise: Gaussian,
-    flat within the band; prbs: a random binary sequence; ramps: constant velocities between random angles; hand: slow
-    noise that wanders in size.
-    """
+    """One motion of the joint, and how many trials of each impedance have it. A multisine has odd lines of a period
+    with random phases, one in four left out; a chirp sweeps linearly; noise is Gaussian; a prbs is binary; ramps have
+    constant velocities between random angles; a hand is slow noise that wanders in size."""
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9]{0,30}$")]  # a part of the names of its trials
     kind: Literal["multisine", "chirp", "noise", "prbs", "ramps", "hand"]
@@ -513,7 +504,6 @@ class SimulationSettings(Settings):
 
 
 def stream(seed: int, trial: str, effect: str) -> np.random.Generator:
-    """Random generator of one effect in one trial. It depends on the seed and these two names, and on nothing else. A
-    trial that is simulated alone therefore equals the same trial in a campaign. Switching one effect off leaves the
-    random numbers of the others as they were."""
+    """Random generator of one effect in one trial, which depends on nothing else: a trial that is simulated alone
+    equals the campaign's, and switching one effect off leaves the random numbers of the others."""
     return np.random.default_rng([seed, zlib.crc32(trial.encode()), zlib.crc32(effect.encode())])

@@ -74,9 +74,8 @@ def foot_pitch(c: Array) -> Array:
 
 
 def ankle_path(c: Array, stride: float) -> Array:
-    """Ankle centre [m], shape (n, 3), relative to its place with the foot flat in cycle 0. `stride` [m] is along x. In
-    stance the foot rolls over its heel, lies flat, and rolls over its ball. Both pivots give the same path while the
-    foot is flat. In swing the path changes smoothly from one to the other, 0.04 m above the floor."""
+    """Ankle centre [m], shape (n, 3), relative to its place with the foot flat in cycle 0; `stride` [m] is along x. In
+    stance the foot rolls over its heel, lies flat, where both pivots give one path, and rolls over its ball."""
     pitch, inside = foot_pitch(c), np.mod(c, 1.0)
     cos, sin, flat = np.cos(pitch), np.sin(pitch), np.zeros_like(pitch)
     # about a pivot that stays where it is when flat; seen from the ankle it turns by -pitch about y
@@ -234,8 +233,7 @@ def ramped_platform(
     trial: GaitTrial, command: float, onset: float, back: float, size: float = 1.0, slowness: float = 1.0
 ) -> PlatformMotion:
     """The commanded ramp, `size` times as far and `slowness` times as long, held until the platform returns at `back`
-    [s]. A platform that shifts the ankle backward dorsiflexes it, as one that turns the toes up. The heave is largest
-    in the middle of the way. The servo shivers from the onset until 0.1 s after the ramp."""
+    [s]. One that shifts the ankle backward dorsiflexes it. The servo shivers until 0.1 s after the ramp."""
     time, effects, ramp, sign = trial.time, trial.walking.effects, trial.walking.perturbation, trial.condition.sign
     rise = slowness * (1 + trial.normal("rise_scatter", 0.01)) * ramp.rise_s
     held, angle = pulse(time, onset, rise, back, ramp.return_s), np.zeros_like(time)
@@ -251,9 +249,8 @@ def ramped_platform(
 
 
 def unloaded_platform(trial: GaitTrial) -> PlatformMotion:
-    """The perturbation of an unloaded platform: the ramp, with small random variations, and its return. Every
-    `full_motion_every`-th trial (by the number at the end of its name) then also shifts along all three axes and tilts
-    slowly about the walking direction. A regression can then estimate all inertial parameters of the plate."""
+    """The perturbation of an unloaded platform, with small random variations. Every `full_motion_every`-th trial, by
+    its number, then also shifts along all axes and tilts, so that all inertial parameters can be estimated."""
     ramp, time, command, size, slowness = trial.walking.perturbation, trial.time, 0.5, 1.0, 1.0
     onset = command + ramp.latency_s + trial.normal("trigger_scatter", 1e-3)
     if not ramp.same_unloaded:

@@ -53,10 +53,9 @@ PLATE_CHANNELS = {
 
 
 def write_c3d(path: Path, points: Array, analogs: Array, groups: Mapping[str, Mapping[str, Any]]) -> None:
-    """Write markers [m], shape (frames, labels, 3), NaN where hidden, and analogs, shape (samples, channels), with
-    groups of parameters; the file, whose name must end in .c3d, appears whole or not at all. A hidden marker is stored
-    as Nexus does it: coordinates 0 and residual -1. That of a seen one is 0, because readers disagree about the byte
-    that holds a positive residual."""
+    """Write markers [m], (frames, labels, 3), NaN where hidden, and analogs, (samples, channels), with groups of
+    parameters; the file appears whole or not at all. A hidden marker is stored as Nexus does it: coordinates 0 and
+    residual -1. That of a seen one is 0, because readers disagree about the byte of a positive residual."""
     file: Any = ezc3d.c3d()
     seen = np.isfinite(points).all(axis=2).T
     homogeneous = np.ones((4, *seen.shape))
@@ -103,33 +102,12 @@ def on_body(body: Pose, places: Mapping[str, Point]) -> dict[str, Array]:
     return {label: body.point(place) for label, place in places.items()}
 
 
-def sensor_reading(reaction: TrueWrench, platform: Pose, walking: WalkingSettings) -> tuple[Array, Array]:
-    """Force [N] and moment about the sensor origin [N*m] that the plate reads, shape (n, 3) each, in its moving axes.
-
-    Signs are as Vicon Nexus stores them: a standing person reads Fz < 0 along z down. The sensors carry the foot and
-    the plate's own mass above them: force F + m (a - g), moment M + dH/dt + r x m (a - g). The zero was set at
-    rest, in the sensors' axes, so that the plate's weight appears only when it tilts.
-    """
-    plate, mass, turned = walking.plate, walking.effects.plate_inertia.value, platform.rotation @ PLATE_AXES
-    sensor = np.array(plate.centre_m) + np.array([*plate.sensor_offset_m, -plate.sensor_depth_m])
-    centre = np.add(plate.centre_m, plate.centre_of_mass_m)
-    own = support(platform, walking.rates.motion_hz, mass, centre, plate.gyration_m)
-    origin, resting = platform.point(sensor), -mass * GRAVITY
-    force = np.einsum("nji,nj->ni", turned, reaction.force + own.force)
-    moment = np.einsum("nji,nj->ni", turned, reaction.moment_about(origin) + own.moment_about(origin))
-    zero_moment = np.cross(centre - sensor, resting)
-    return force - resting @ PLATE_AXES, moment - zero_moment @ PLATE_AXES
-
-
 def plate_channels(force: Array, moment: Array, walking: WalkingSettings) -> tuple[Array, Array, Array | None]:
     """The channels of the plate's type from force [N] and moment [N*m] about the sensor origin, shape (n, 3) each;
-    ORIGIN [m]; and the calibration matrix of type 4, whose channels are voltages with crosstalk.
-
-    Type 1 computes its centre of pressure (0 below 20 N) as a plate that knows no motion. Type 3 has sensors in the
-    corners (+a, +b), (-a, +b), (-a, -b), (+a, -b); statics leave how the horizontal pairs share Mz, and a torsion of
-    the vertical forces: half each, and none. ORIGIN of types 2 and 4 has the sign of Vicon Nexus, z > 0 for a sensor
-    below the surface; that of the C3D manual is the opposite, and readers reverse it by the sign of z.
-    """
+    ORIGIN [m]; and the calibration matrix of type 4, whose channels are voltages with crosstalk. Type 1 computes its
+    centre of pressure (0 below 20 N). Type 3 has sensors in the corners (+a, +b), (-a, +b), (-a, -b), (+a, -b); of what
+    statics leave open, the horizontal pairs share Mz evenly, and the vertical forces have no torsion. ORIGIN of types 2
+    and 4 has the sign of Vicon Nexus, z > 0 below the surface; that of the C3D manual is the opposite."""
     plate, capture = walking.plate, walking.capture
     origin = np.asarray(PLATE_AXES.T @ np.array([*plate.sensor_offset_m, -plate.sensor_depth_m]))
     if capture.plate_type == 1:
@@ -158,11 +136,21 @@ def plate_channels(force: Array, moment: Array, walking: WalkingSettings) -> tup
 
 def plate_analogs(trial: GaitTrial, time: Array, platform: Pose, load: TrueWrench) -> tuple[Array, Array, Array | None]:
     """The plate's channels at times [s], (n, channels), inside the rails of its amplifiers, with lag, offset and noise,
-    and the dead channels; its ORIGIN and its calibration, as `plate_channels` gives them."""
-    walking, kind = trial.walking, trial.walking.capture.plate_type
-    effects, rate, disturbed = walking.effects, walking.rates.motion_hz, []
-    true = sensor_reading(load, platform, walking)
-    for quantity, values in zip(("force", "moment"), true, strict=True):
+    and the dead channels; its ORIGIN and its calibration, as `plate_channels` gives them.
+
+    Signs are as Vicon Nexus stores them: a standing person reads Fz < 0 along z down. The sensors carry the foot and
+    the plate's own mass above them: force F + m (a - g), moment M + dH/dt + r x m (a - g). The zero was set at rest.
+    """
+    walking, plate, kind = trial.walking, trial.walking.plate, trial.walking.capture.plate_type
+    effects, rate, turned = walking.effects, walking.rates.motion_hz, platform.rotation @ PLATE_AXES
+    sensor = np.array(plate.centre_m) + np.array([*plate.sensor_offset_m, -plate.sensor_depth_m])
+    mass, centre = effects.plate_inertia.value, np.add(plate.centre_m, plate.centre_of_mass_m)
+    own, origin = support(platform, rate, mass, centre, plate.gyration_m), platform.point(sensor)
+    force, resting = np.einsum("nji,nj->ni", turned, load.force + own.force), -mass * GRAVITY
+    moment = np.einsum("nji,nj->ni", turned, load.moment_about(origin) + own.moment_about(origin))
+    zeroed = force - resting @ PLATE_AXES, moment - np.cross(centre - sensor, resting) @ PLATE_AXES
+    disturbed = []
+    for quantity, values in zip(("force", "moment"), zeroed, strict=True):
         noise = trial.random(f"{quantity}_noise").standard_normal((len(time), 3))
         offset = trial.random(f"{quantity}_offset").standard_normal(3)
         late = interpolated_at(values, rate, time - 1e-3 * effects.plate_lag.value)
@@ -187,8 +175,8 @@ def write_capture(
     body_mass: float | None = None,
 ) -> None:
     """Write the capture `vicon/<trial>.c3d`: the exact paths of the leg's markers [m] and those of the platform, with
-    noise and gaps; the plate under its load, synchronisation, and the trigger, which is high for 20 ms. The file may
-    state the body mass [kg] and the name of the person, of whom there is none without a mass."""
+    noise and gaps; the plate under its load, synchronisation, and the trigger, high for 20 ms. Without a body mass [kg]
+    there is no person."""
     walking, plate, capture = trial.walking, trial.walking.plate, trial.walking.capture
     rates, kind = walking.rates, capture.plate_type
     on_platform = {label: np.add(plate.centre_m, place) for label, place in PLATFORM.items()}

@@ -298,7 +298,7 @@ def write_mixed(path, n, frame_id="f"):
     t = np.arange(n)
     columns = {"flag": t % 2 == 0, "wide": np.sqrt(t), "level": t % 7, "narrow": np.sin(t)}
     fields = "bool flag\nfloat64 wide\nuint8 level\nfloat32 narrow # unit\n"
-    write_topics(path, [samples("/t", "p/msg/M", frame_id, fields, 3.0 + t, columns)])
+    write_topics(path, [samples("/t", frame_id, fields, 3.0 + t, columns)])
     return columns
 
 

@@ -153,11 +153,11 @@ def actuator_signals(
 
 def write_bench_log(path: Path, log: Mapping[str, Array], two_nodes: bool) -> None:
     """Write a log: one topic with all channels, or the standard messages of two nodes, the second of the torque."""
-    topic, torque, cell = "/dynamometer", "load_cell_torque", "load_cell"
+    topic, frame, torque, cell = "/dynamometer", "dynamometer", "load_cell_torque", "load_cell"
     if torque not in log:
-        topic, torque, cell = "/actuator", "output_torque", "transducer"
+        topic, frame, torque, cell = "/actuator", "actuator_bench", "output_torque", "transducer"
     if not two_nodes:
-        write_topics(path, [samples(topic, *SAMPLES[topic], log["time"], log)])
+        write_topics(path, [samples(topic, frame, SAMPLES[topic], log["time"], log)])
         return
     joints = {"joint": "joint_angle", "actuator": "actuator_angle", "command": "commanded_angle"}
     position = {joint: log[angle] for joint, angle in joints.items() if angle in log}

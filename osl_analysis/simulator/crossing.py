@@ -120,7 +120,7 @@ def move(step: gait.Step, perturbed: bool) -> tuple[JointMotion, Pose, Pose, gai
     wander = np.radians(effects.angle_wander.value) * trial.wandering("angle_wander")
     factor = step.change.amplitude * (1 + trial.normal("angle_scale", 0.01))
     theta = factor * gait.nominal_ankle_angle(c) + wander + carried - moved[:, 0] / ramp.leg_length_m
-    path = gait.ankle_path(c, walking.gait.stride_m)
+    path, pitch = gait.foot_path(c, walking.gait.stride_m)
     if platform.onset is not None:
         given = 0.01 * effects.shank_yield.value * trial.condition.sign * np.radians(ramp.angle_deg)
         theta = theta - given * gait.pulse(time, platform.onset, 0.2, step.toe_off, release_s)
@@ -128,7 +128,7 @@ def move(step: gait.Step, perturbed: bool) -> tuple[JointMotion, Pose, Pose, gai
         path[:, 0] -= slip * gait.pulse(time, platform.onset, 0.1, step.toe_off, release_s)
     yaw = rotation_about(2, np.full_like(time, trial.normal("foot_yaw", np.pi / 180)))
     path = gait.nominal_ankle(walking) + step.placement + path @ yaw[0].T
-    foot = gait.displaced(carried, moved, walking).after(Pose(yaw @ rotation_about(1, -gait.foot_pitch(c)), path))
+    foot = gait.displaced(carried, moved, walking).after(Pose(yaw @ rotation_about(1, -pitch), path))
     omega = rigid_body.time_derivative(theta, rate)
     shank = Pose(foot.rotation @ rotation_about(1, theta), foot.origin)
     return JointMotion(theta, omega, rigid_body.time_derivative(omega, rate)), foot, shank, platform
@@ -235,7 +235,7 @@ def write_leg_log(
         "damping_gain": crossing.commands[1, held],
         "sync": vicon.sync_level(trial, time),
     }
-    write_topics(folder / "leg" / f"{trial.name}.mcap", [samples("/leg", *SAMPLES["/leg"], leg_time, columns)])
+    write_topics(folder / "leg" / f"{trial.name}.mcap", [samples("/leg", "leg", SAMPLES["/leg"], leg_time, columns)])
 
 
 def simulate_walking_trial(

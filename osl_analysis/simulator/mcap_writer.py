@@ -30,30 +30,19 @@ int32 sec
 uint32 nanosec
 """
 SAMPLES = {
-    "/dynamometer": (
-        "osl_interfaces/msg/DynamometerSample",
-        "dynamometer",
-        """\
+    "/dynamometer": """\
 float32 joint_angle       # rad, joint encoder of the dynamometer
 float32 load_cell_torque  # N*m, exerted by the joint on the dynamometer
 float32 actuator_angle    # rad, at the actuator's output
 float32 motor_current     # A, q-axis
 float32 commanded_angle   # rad, in counts of the joint encoder
 """,
-    ),
-    "/actuator": (
-        "osl_interfaces/msg/ActuatorSample",
-        "actuator_bench",
-        """\
+    "/actuator": """\
 float32 actuator_angle  # rad, at the actuator's output
 float32 motor_current   # A, q-axis
 float32 output_torque   # N*m, exerted by the actuator's output on the bench
 """,
-    ),
-    "/leg": (
-        "osl_interfaces/msg/LegSample",
-        "leg",
-        """\
+    "/leg": """\
 float32 joint_angle     # rad
 float32 actuator_angle  # rad, at the actuator's output
 float32 motor_current   # A, q-axis
@@ -61,9 +50,8 @@ float32 stiffness_gain  # N*m/rad, K_1 at the actuator's output
 float32 damping_gain    # N*m*s/rad, B_1 at the actuator's output
 bool sync               # level of the synchronisation line
 """,
-    ),
 }
-"""Type, frame and fields of the messages of each topic of our own types."""
+"""Fields of the messages of each topic of our own types."""
 CDR_TYPES = {"bool": "u1", "uint8": "u1", "int32": "<i4", "uint32": "<u4", "float32": "<f4", "float64": "<f8"}
 LATENCY_NS = 150_000  # Time [ns] from a sample's stamp to its arrival at the recorder
 Members = dict[str, tuple[str, Any]]
@@ -107,14 +95,13 @@ def records_of(frame_id: str, time: Array, members: Members) -> NDArray[np.void]
     return records
 
 
-def samples(
-    topic: str, schema_name: str, frame_id: str, fields: str, time: Array, columns: Mapping[str, ArrayLike]
-) -> LogTopic:
+def samples(topic: str, frame_id: str, fields: str, time: Array, columns: Mapping[str, ArrayLike]) -> LogTopic:
     """Messages of scalar fields, one for each time stamp [s], from 0 to 2^31 s in whole nanoseconds. `fields` declares
     one in each line, to whose type its column (n,) is cast."""
     types = {words[1]: CDR_TYPES[words[0]] for words in map(str.split, fields.splitlines())}
     members: Members = {f"field.{name}": (kind, np.asarray(columns[name])) for name, kind in types.items()}
-    return LogTopic(topic, schema_name, f"{SAMPLE_HEADER}\n{fields}{DEPENDENCIES}", records_of(frame_id, time, members))
+    schema_name, text = f"osl_interfaces/msg/{topic[1:].title()}Sample", f"{SAMPLE_HEADER}\n{fields}{DEPENDENCIES}"
+    return LogTopic(topic, schema_name, text, records_of(frame_id, time, members))
 
 
 def joint_states(

@@ -56,8 +56,7 @@ def condition_of(row: Mapping[str, Any], settings: SimulationSettings) -> Condit
     found = re.search(r"\d+$", trial)
     number = int(found.group()) - 1 if found else 0
     block, place = divmod(number, len(combinations))
-    stem = trial.rstrip("0123456789")
-    order = stream(settings.seed, f"{stem}{block}", "condition").permutation(len(combinations))
+    order = stream(settings.seed, f"{trial.rstrip('0123456789')}{block}", "condition").permutation(len(combinations))
     drawn = dict(zip(("direction", "K_d", "B_d", "stance_phase"), combinations[order[place]], strict=True))
     stated = {name: row[name] for name in ("direction", "K_d", "B_d") if row.get(name) is not None}
     trials, people = max(getattr(settings.experiments, row["experiment"]), 1), lists.subjects or (None,)

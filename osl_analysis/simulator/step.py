@@ -56,7 +56,6 @@ def ground_reaction(p: Array) -> Array:
     """Ground reaction on a right foot in multiples of body weight, laboratory axes, shape (n, 3)."""
 
     def hump(peak: float, width: float) -> Array:
-        """A Gaussian bump of stance phase."""
         return np.exp(-(((p - peak) / width) ** 2))
 
     forward = -0.16 * hump(0.18, 0.10) + 0.18 * hump(0.85, 0.09)
@@ -65,18 +64,14 @@ def ground_reaction(p: Array) -> Array:
     return np.asarray(np.stack([forward, inward, upward], axis=-1) * stance_window(p)[:, None])
 
 
-def foot_pitch(c: Array) -> Array:
-    """Pitch [rad] of the foot against the floor, toes up positive; exactly 0 from 12 % to 60 % of stance."""
-    c, at_strike, at_toe_off = np.mod(c, 1.0), np.radians(18.0), np.radians(-58.0)
-    heel_rocker = at_strike * (1.0 - smooth_step(c / (0.12 * STANCE_FRACTION)))
-    heel_off = at_toe_off * smooth_step((c - 0.60 * STANCE_FRACTION) / 0.29)
-    return np.asarray(heel_rocker + heel_off + (at_strike - at_toe_off) * smooth_step((c - 0.67) / 0.33))
-
-
-def ankle_path(c: Array, stride: float) -> Array:
-    """Ankle centre [m], shape (n, 3), relative to its place with the foot flat in cycle 0; `stride` [m] is along x. In
-    stance the foot rolls over its heel, lies flat, where both pivots give one path, and rolls over its ball."""
-    pitch, inside = foot_pitch(c), np.mod(c, 1.0)
+def foot_path(c: Array, stride: float) -> tuple[Array, Array]:
+    """Ankle centre [m], shape (n, 3), relative to its place with the foot flat in cycle 0, where `stride` [m] is along
+    x; and the foot's pitch [rad] against the floor, toes up positive. In stance the foot rolls over its heel, lies flat
+    from 12 % to 60 %, where both pivots give one path, and rolls over its ball."""
+    inside, at_strike, at_toe_off = np.mod(c, 1.0), np.radians(18.0), np.radians(-58.0)
+    heel_rocker = at_strike * (1.0 - smooth_step(inside / (0.12 * STANCE_FRACTION)))
+    heel_off = at_toe_off * smooth_step((inside - 0.60 * STANCE_FRACTION) / 0.29)
+    pitch = heel_rocker + heel_off + (at_strike - at_toe_off) * smooth_step((inside - 0.67) / 0.33)
     cos, sin, flat = np.cos(pitch), np.sin(pitch), np.zeros_like(pitch)
     # about a pivot that stays where it is when flat; seen from the ankle it turns by -pitch about y
     rolled = [np.stack([x - (cos * x - sin * z), flat, z - (sin * x + cos * z)], -1) for x, _, z in (HEEL, BALL)]
@@ -85,7 +80,7 @@ def ankle_path(c: Array, stride: float) -> Array:
     swung = np.clip((inside - STANCE_FRACTION) / (1.0 - STANCE_FRACTION), 0.0, 1.0)
     path[:, 0] += stride * (np.floor(c) + smooth_step(swung))
     path[:, 2] += 0.04 * 256.0 * (swung * (1.0 - swung)) ** 4
-    return np.asarray(path)
+    return path, pitch
 
 
 @dataclass(frozen=True)

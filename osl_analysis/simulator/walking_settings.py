@@ -1,8 +1,5 @@
 """The gait laboratory of a simulated campaign as a validated file, such as `config/simulation/walking.yaml`: choices.
-
-The parameters of the leg's drivetrain are in the parameter file. The imperfections of its controller are in the
-campaign's simulation settings.
-"""
+The imperfections of the leg's controller are in the campaign's simulation settings."""
 
 import math
 from typing import Annotated, Literal
@@ -17,9 +14,7 @@ from osl_analysis.yaml_settings import Degrees, NotNegative, Positive, Settings,
 class CaptureSettings(Settings):
     """The C3D file. The defaults are what Vicon Nexus writes."""
 
-    plate_type: Literal[1, 2, 3, 4] = 2
-    """1 (force, centre of pressure, free moment), 2 (force and moment), 3 (eight sensors of Kistler) or 4 (six voltages
-    with a calibration matrix)."""
+    plate_type: Literal[1, 2, 3, 4] = 2  # with a centre of pressure; force and moment; eight of Kistler; six voltages
     sensor_span_m: tuple[Positive, Positive] = (0.21, 0.26)  # of type 3 from the centre, along the plate's x and y
     dead_channels: dict[str, float] = Field(default_factory=dict)  # what they show, by label, such as `Mx1`
     moment_label: str | None = None  # unit that the file states for the plate's moments; null: the true one, Nmm
@@ -66,8 +61,7 @@ class WalkingEffects(Switches):
     amplitude_scatter: Effect = effect("%", off=0)  # of the factor `amplitude` of a change
     load_scatter: Effect = effect("%", off=0)  # of a factor of ground reaction and ankle's torque, at the same angle
     timing_wander: Effect = effect("%", off=0)  # of the phase in the middle of stance; heel strike and toe-off stay
-    torque_wander: Effect = effect("N*m", off=0)
-    """Smooth deviation of the ankle's torque, below 4 Hz. The leg's equilibrium follows it."""
+    torque_wander: Effect = effect("N*m", off=0)  # of the ankle, below 4 Hz; the leg's equilibrium follows it
     trigger_scatter: Effect = effect("ms", off=0)  # of the time from the command, which the trigger shows, to the ramp
     rise_scatter: Effect = effect("%", off=0)  # of the duration of the platform's ramp, over crossings and plate trials
     servo_shiver: Effect = effect("deg", off=0)
@@ -85,8 +79,7 @@ class WalkingEffects(Switches):
     moment_clip: Effect = effect("N*m", off=60.0, above_0=True)  # rails of a plate of type 1 or 2
     force_clip: Effect = effect("N", off=500.0, above_0=True)
     sensor_clip: Effect = effect("N", off=250.0, above_0=True)  # rails of type 3
-    marker_placement: Effect = effect("mm", off=0)
-    """Scatter of the place of each marker on foot and shank from session to session, each axis."""
+    marker_placement: Effect = effect("mm", off=0)  # of each marker on foot and shank from session to session
     leg_clock_offset: Effect = effect("s")  # mean offset of the leg's clock from that of the recording
     leg_clock_drift: Effect = effect("ppm")  # scatter of the rate of the leg's clock
     leg_joint_encoder: Effect = effect("bit")
@@ -166,9 +159,7 @@ class MovingPlate(Body):
     sensor_depth_m: Positive  # of the sensor origin below the surface
     sensor_offset_m: tuple[float, float]  # sensor origin from the surface's centre, along laboratory x and y
     nominal_ankle_m: tuple[float, float]  # point of the surface above which participants put the ankle
-    full_motion_every: Count
-    """Interval, in plate trials, at which the platform also shifts and tilts about another axis, so that all its
-    inertial parameters can be identified. 0: never."""
+    full_motion_every: Count  # plate trial also shifts and tilts, to identify all inertial parameters; 0: none
 
 
 class WalkingSettings(Settings):

@@ -15,8 +15,8 @@ from osl_analysis.errors import InputError, WriteError
 @contextmanager
 def atomic_path(path: Path) -> Iterator[Path]:
     """Yield a path beside `path`, with the same suffix, that becomes `path` when the block succeeds, closed. When the
-    block raises, what it wrote is deleted and an older `path` stays as it was. Raises as `check_target`, and WriteError
-    where its folder cannot be made, or the disk is full or fails."""
+    block raises, what it wrote is deleted and an older `path` stays. Raises as `check_target`, and WriteError where its
+    folder cannot be made, or the disk is full or fails."""
     check_target(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -57,10 +57,9 @@ def check_target(path: Path) -> None:
         str(path).encode()
     except UnicodeEncodeError as error:  # the libraries that write tables take text alone
         raise InputError(f"{path}: its name is not UTF-8; choose another name") from error
-    try:
+    kind = stat.S_IFREG
+    with suppress(OSError):  # it does not exist, or making it will say why not
         kind = stat.S_IFMT(path.stat().st_mode)
-    except OSError:
-        return  # it does not exist, or making it will say why not
     if kind != stat.S_IFREG:
         special = {stat.S_IFDIR: "a folder", stat.S_IFIFO: "a named pipe", stat.S_IFSOCK: "a socket"}
         raise InputError(f"{path}: is {special.get(kind, 'a device')}; name a file")

@@ -22,7 +22,16 @@ def limited_memory(files: Sequence[Path | str]) -> Iterator[None]:
         return
     import resource
 
-    allowed = 0.8 * machine_memory()
+    found = [os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")]  # of the machine; a container may have less
+    with suppress(OSError, ValueError):
+        for line in Path("/proc/self/cgroup").read_text(encoding="utf-8").splitlines():
+            _, controllers, place = line.split(":", 2)
+            group = "memory" if controllers == "memory" else ""  # version 1 has a tree for each controller
+            name = "memory.limit_in_bytes" if group else "memory.max"
+            own = Path("/sys/fs/cgroup", group, place.lstrip("/"))
+            texts = [(one / name).read_text(encoding="ascii") for one in (own, *own.parents) if (one / name).is_file()]
+            found += [int(text) for text in texts if text.strip().isdigit()]
+    allowed = 0.8 * min(found)
     if text := os.environ.get(VARIABLE, ""):
         allowed = 0.0
         with suppress(ValueError):
@@ -43,17 +52,3 @@ def limited_memory(files: Sequence[Path | str]) -> Iterator[None]:
         ) from error
     finally:
         resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))
-
-
-def machine_memory() -> int:
-    """The memory of this machine [bytes]; less where a container or a batch system allows this process less."""
-    found = [os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")]
-    with suppress(OSError, ValueError):
-        for line in Path("/proc/self/cgroup").read_text(encoding="utf-8").splitlines():
-            _, controllers, place = line.split(":", 2)
-            group = "memory" if controllers == "memory" else ""  # version 1 has a tree for each controller
-            name = "memory.limit_in_bytes" if group else "memory.max"
-            own = Path("/sys/fs/cgroup", group, place.lstrip("/"))
-            texts = [(one / name).read_text(encoding="ascii") for one in (own, *own.parents) if (one / name).is_file()]
-            found += [int(text) for text in texts if text.strip().isdigit()]
-    return min(found)

@@ -65,18 +65,14 @@ def check_not_refused(path: Path) -> None:
 def distinct_causes(refusals: Iterable[Refusal]) -> tuple[Refusal, ...]:
     """Every cause once, in the order given: jobs that refuse the same trial for the same reason count once."""
     found: dict[tuple[str, str], Refusal] = {}
-    for refusal in refusals:
-        found.setdefault((refusal.trial, refusal.reason), refusal)
+    for one in refusals:
+        found.setdefault((one.trial, one.reason), one)
     return tuple(found.values())
 
 
 def refused_trials(refusals: Sequence[Refusal]) -> dict[str, Refusal]:
     """The first cause of each trial, by trial."""
-    found: dict[str, Refusal] = {}
-    for refusal in refusals:
-        if refusal.trial:
-            found.setdefault(refusal.trial, refusal)
-    return found
+    return {one.trial: one for one in reversed(refusals) if one.trial}
 
 
 def refusal_report(records: Collection[Path | str], recordings: Mapping[str, Sequence[str]], accept: bool) -> str:
@@ -95,21 +91,21 @@ def refusal_report(records: Collection[Path | str], recordings: Mapping[str, Seq
     first = f"{len(missing)} of {len(recordings)} trials" if missing else "some results"
     if trials:
         first += f", and for want of them {len(trials)} " + ("more" if missing else f"of {len(recordings)} trials")
-    lines = [f"NOT ANALYSED: {first}{'; results are of the others' if missing or trials else ''}."]
+    lines = ["", f"NOT ANALYSED: {first}{'; results are of the others' if missing or trials else ''}."]
     for cause in sorted(causes, key=lambda cause: (not cause.trial, cause.trial)):
-        raw = recordings.get(cause.trial, ())  # what the user can correct is the trial's recording, if there is one
+        # what the user can correct is the trial's recording, if there is one
+        raw, reason = recordings.get(cause.trial, ()), cause.reason
         known = cause.file if cause.file in raw or not raw else raw[0]
-        file = next((name for name in raw if name in cause.reason), known)
-        reason = cause.reason
+        file = next((name for name in raw if name in reason), known)
         for begin in (f"{file}: ", f"trial {cause.trial}: ", f"{cause.trial}: "):
             reason = reason.removeprefix(begin)
         who = f"trial {cause.trial}, file {file}" if cause.trial else f"result {file}"
         lines.append(f"  {who}: {reason}; remedy: {cause.remedy}")
     lines += [f"  therefore without a result: {listing(trials, MOST_TOLD)}"] if trials else []
     lines += [f"  therefore not made: {listing(sorted(named) + sorted(drawn), MOST_TOLD)}"] if named or drawn else []
-    ways_out = (
-        "Correct these and run again. To go on without a trial, give a reason under `exclude` in the sample sheet; "
+    if accept:
+        return "\n".join([*lines, "accepted: `failed_trials: accept` in the configuration"])
+    return "\n".join(lines) + (
+        "\nCorrect these and run again. To go on without a trial, give a reason under `exclude` in the sample sheet; "
         "without all of these, write `failed_trials: accept` in the configuration."
     )
-    lines.append("accepted: `failed_trials: accept` in the configuration" if accept else ways_out)
-    return "\n".join(["", *lines])

@@ -34,12 +34,11 @@ def archives() -> Iterator[None]:
 
 
 TEXT_COLUMNS = (
-    "trial", "controller", "branch", "quantity", "estimator", "check", "unit", "verdict", "remark",
-    "reason", "excluded", "panel", "curve",
-    "interval_method", "doubtful", "experiment", "model", "terms", "by_VAF", "by_BIC", "motion",
-    "group", "gait", "direction", "subject", "session", "side", "speed", "pooled", "series", "group_stated",
-    "not_checked", "excitation", "weighting", "desired", "loading", "method", "weights", "trials",
-    "joint", "data", "chosen", "trajectory",
+    "trial", "controller", "branch", "quantity", "estimator", "check", "unit", "verdict", "remark", "reason",
+    "excluded", "panel", "curve", "interval_method", "doubtful", "experiment", "model", "terms", "by_VAF", "by_BIC",
+    "motion", "group", "gait", "direction", "subject", "session", "side", "speed", "pooled", "series", "group_stated",
+    "not_checked", "excitation", "weighting", "desired", "loading", "method", "weights", "trials", "joint", "data",
+    "chosen", "trajectory",
 )  # fmt: skip
 """Columns that are text even where every entry looks like a number (a trial named `01`)."""
 
@@ -90,9 +89,9 @@ def with_places(table: pl.DataFrame, places: Places, by: str = "trial") -> pl.Da
 
 def read_table(path: Path, required: Sequence[str] = (), of: str = "") -> pl.DataFrame:
     """Read a table. A column without any entry is read as Float64 null, `TEXT_COLUMNS` as text. Columns that are
-    `required` must be there and, unless they are among `TEXT_COLUMNS`, hold numbers. `of`: name of the table where
-    `path` is an archive of several; a path to one table has it already. Refused is what is missing, empty or no CSV
-    table, and a required column that is missing or not numeric."""
+    `required` must be there and, but for `TEXT_COLUMNS`, hold numbers. `of` is the table's name where `path` is an
+    archive of several. Refused is what is missing, empty or no CSV table, and a required column that is missing or not
+    numeric."""
     check_not_refused(path)
     if not path.is_file():
         raise InputError(f"{path}: no such table; run the step that writes it, or check the path")

@@ -51,9 +51,9 @@ def marker_columns(label: str) -> tuple[str, str, str]:
 
 
 def plate_columns(plate: int, quantity: str) -> tuple[str, str, str]:
-    """Columns of one force plate, counted from 1: ground reaction `force` [N] or `moment` [N*m]. Both act on the foot,
-    are expressed in the laboratory axes of the plate's resting pose, and the moment is about the centre of the plate's
-    surface (the mean of its four corners)."""
+    """Columns of one force plate, counted from 1: ground reaction `force` [N] or `moment` [N*m] on the foot, in the
+    laboratory axes of the plate's resting pose; the moment is about the centre of the surface (mean of the four
+    corners)."""
     name = f"plate{plate}_{quantity}"
     return f"{name}_x", f"{name}_y", f"{name}_z"
 
@@ -129,7 +129,7 @@ class Trial:
         return time, *values
 
     def check_columns(self, *columns: str) -> None:
-        """Refuse a column that the trial does not have; the message names those that are like it, or the first ones."""
+        """Refuse a column that the trial does not have, and name those that are like it, or the first ones."""
         for column in columns:
             if column not in self.columns:
                 near = get_close_matches(column, self.columns, n=6)

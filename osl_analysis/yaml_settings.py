@@ -109,7 +109,17 @@ def read_mapping(path: Path, by_snakemake: bool = False) -> dict[str, Any]:
     except RecursionError as error:
         raise InputError(f"{path}: its fields are nested too deeply; write them as in the shipped files") from error
     except (YAMLError, ValueError, AttributeError, KeyError, TypeError, OverflowError) as error:  # of a wrong tag
-        raise InputError(f"{path}: not YAML: {not_yaml(error)}") from error
+        text, remedy = (
+            " ".join(str(error).split()),
+            "compare with the shipped files, and put text with signs such as : # *",
+        )
+        if isinstance(error, MarkedYAMLError):
+            marks = ((error.context, error.context_mark), (error.problem, error.problem_mark))
+            at = [(what, f" in line {it.line + 1}, column {it.column + 1}" if it else "") for what, it in marks if what]
+            text = " ".join(what + place for what, place in at)
+        if "cannot start any token" in text or "tab character" in text:
+            remedy = "indent with blanks, not with tabs, and put text that begins with a sign such as % or @"
+        raise InputError(f"{path}: not YAML: {text}; {remedy} in quotes") from error
     if not isinstance(content, dict):
         raise InputError(f"{path}: has no fields; write `name: value` lines as in the shipped files")
     return content
@@ -145,20 +155,6 @@ def mappings(node: Node | None) -> list[MappingNode]:
             found[id(one)] = one
             waiting += [value for _, value in one.value] if isinstance(one, MappingNode) else one.value
     return [one for one in found.values() if isinstance(one, MappingNode)]
-
-
-def not_yaml(error: Exception) -> str:
-    """What is wrong with a text that is not YAML, on one line, with a remedy."""
-    text = " ".join(str(error).split())
-    if isinstance(error, MarkedYAMLError):
-        said = ((error.context, error.context_mark), (error.problem, error.problem_mark))
-        places = ((what, f" in line {at.line + 1}, column {at.column + 1}" if at else "") for what, at in said if what)
-        text = " ".join(what + place for what, place in places)
-    if "cannot start any token" in text or "tab character" in text:
-        remedy = "indent with blanks, not with tabs, and put text that begins with a sign such as % or @ in quotes"
-    else:
-        remedy = "compare with the shipped files, and put text with signs such as : # * in quotes"
-    return f"{text}; {remedy}"
 
 
 def field_line(path: Path, place: Place) -> int | None:

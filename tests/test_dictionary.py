@@ -1,13 +1,18 @@
-"""The data dictionary: every column has a unit and a meaning, and the page in docs/ is the one that the code makes."""
+"""Tables read back as they were written, and every column has a unit and a meaning in the data dictionary."""
 
 import polars as pl
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from polars.testing import assert_frame_equal
 from test_walking_overground import gait_trial
 
 from osl_analysis.dictionary import described_columns, described_tables
+from osl_analysis.errors import InputError
 from osl_analysis.figures import FIGURES, drawing_of
+from osl_analysis.files import atomic_path
 from osl_analysis.study.performance import performance_table
-from osl_analysis.table import TEXT_COLUMNS
+from osl_analysis.table import TEXT_COLUMNS, read_table, write_table
 from osl_analysis.walking.overground import overground_rows
 from osl_analysis.walking.settings import OvergroundAnalysis
 
@@ -58,3 +63,50 @@ def test_columns_that_are_read_as_text_are_described_as_text_and_tables_of_trial
     assert [t.place for t in described_tables() if t.describes("fits/walking/walking_01.csv")] == ["tables/walking"]
     assert not any(t.describes("fits/unknown/walking_01.csv") for t in described_tables())
     assert pl.Series([t.place for t in described_tables()]).is_unique().all()
+
+
+@given(st.lists(st.one_of(st.none(), st.floats(allow_infinity=False)), min_size=1, max_size=8))
+def test_every_number_null_and_nan_reads_back_to_the_last_bit(tmp_path_factory, numbers):
+    path = tmp_path_factory.mktemp("tables") / "t.csv"
+    table = pl.DataFrame(
+        {"n": list(range(len(numbers))), "value": numbers}, schema={"n": pl.Int64, "value": pl.Float64}
+    )
+    write_table(table, path)
+    assert_frame_equal(read_table(path), table, check_exact=True)
+
+
+def test_names_of_digits_are_text_decimals_may_come_late_and_an_empty_column_holds_numbers(tmp_path):
+    table = pl.DataFrame({"trial": ["01"] * 5000, "amplitude_deg": [None] * 5000, "K": ["1"] * 4999 + ["1.5"]})
+    write_table(table, tmp_path / "a" / "b" / "t.csv")
+    read = read_table(tmp_path / "a" / "b" / "t.csv")
+    assert read.row(-1) == ("01", None, 1.5)
+    assert read["amplitude_deg"].dtype == pl.Float64
+    assert [p.name for p in (tmp_path / "a" / "b").iterdir()] == ["t.csv"]
+
+
+def test_a_failure_while_writing_leaves_the_old_file_and_nothing_else(tmp_path):
+    path = tmp_path / "t.csv"
+    path.write_text("old")
+    with pytest.raises(ZeroDivisionError), atomic_path(path) as temporary:  # noqa: PT012
+        temporary.write_text("half of the new")
+        raise ZeroDivisionError
+    assert path.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (None, r"t\.csv: no such table"),
+        ("", r"t\.csv: not a CSV table"),
+        ("K,B\n1,2,3\n", r"t\.csv: not a CSV table"),
+        ("B\n1\n", r"t\.csv: no column 'K'; it has B"),
+        ("K\n1\nERROR\n", r"t\.csv: column 'K' holds 'ERROR', expected numbers"),
+    ],
+)
+def test_a_bad_table_is_refused_by_file_and_column_in_one_line(tmp_path, content, message):
+    if content is not None:
+        (tmp_path / "t.csv").write_text(content)
+    with pytest.raises(InputError, match=message) as caught:
+        read_table(tmp_path / "t.csv", required=["K"])
+    assert "\n" not in str(caught.value)

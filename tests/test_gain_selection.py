@@ -25,42 +25,24 @@ from osl_analysis.model.parameters import read_parameters
 
 PAIRS = [(300, 5), (100, 0), (400, 7.5), (20, 2.5), (31.4159265358979, 5.0), (340, 1e-7)]
 WEIGHTS = [PAPER_WEIGHT, Weight(0.1, 5), Weight(50, 1), Weight(7, 3), Weight(1, 1)]
-PROVED = {
-    "default": [
-        (300, 5, PAPER_WEIGHT, False, [0.664686846657257]),
-        (31.4159265358979, 5.0, PAPER_WEIGHT, True, [0.2336021263447045]),
-        (250, 1e-7, Weight(7, 3), False, [0.7027444066679175]),
-        (1, 0, Weight(50, 1), False, [16.83962680009294]),
-        (0.99 * 685.6, 20, Weight(0.1, 5), True, [4699.7192679253]),
-        (641, 7.4, Weight(1, 1), True, [2.5755454822996087, 11.0603951499571]),
-        (600, 0, PAPER_WEIGHT, False, []),
-    ],
-    "table1-as-printed": [
-        (31.4159265358979, 5.0, PAPER_WEIGHT, True, [0.09799421436099018]),
-        (250, 1e-7, Weight(7, 3), False, [0.9006560221805429]),
-        (641, 7.4, Weight(1, 1), True, [4.624167266398583]),
-        (600, 0, PAPER_WEIGHT, False, [0.00979501325701109]),
-    ],
-    "osl-v2-published": [
-        (300, 5, PAPER_WEIGHT, False, [0.433152825671552]),
-        (1, 0, Weight(50, 1), False, [14.147894383008166]),
-        (867.24, 20, Weight(0.1, 5), True, [5403.355154281666]),
-        (600, 0, PAPER_WEIGHT, False, [-0.04323734210346929]),
-    ],
-}
-"""All minima B_1 by Sturm's theorem in rational arithmetic (release 0.2.0): K_d, B_d, W, whether J_j counts."""
+PROVED = [
+    (300, 5, PAPER_WEIGHT, False, [0.664686846657257]),
+    (31.4159265358979, 5.0, PAPER_WEIGHT, True, [0.2336021263447045]),
+    (250, 1e-7, Weight(7, 3), False, [0.7027444066679175]),
+    (1, 0, Weight(50, 1), False, [16.83962680009294]),
+    (0.99 * 685.6, 20, Weight(0.1, 5), True, [4699.7192679253]),
+    (641, 7.4, Weight(1, 1), True, [2.5755454822996087, 11.0603951499571]),
+    (600, 0, PAPER_WEIGHT, False, []),
+]
+"""All minima B_1 of the default device by Sturm's theorem in rational arithmetic (release 0.2.0): K_d, B_d, W, whether
+J_j counts."""
 
 
-@pytest.fixture(scope="module", params=PROVED)
-def device_name(request):
-    return request.param
-
-
-@pytest.fixture(scope="module")
-def device(device_name):
+@pytest.fixture(params=["default", "table1-as-printed", "osl-v2-published"])
+def device(request):
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message=".*83/11")  # as printed
-        return read_parameters(ROOT / f"config/parameters/{device_name}.yaml")
+        return read_parameters(ROOT / f"config/parameters/{request.param}.yaml")
 
 
 def squared(K_d, B_d, x, p, weight, J_j=0.0):
@@ -105,10 +87,10 @@ def test_no_gain_of_a_dense_search_does_better(device, weight):
     assert (found["error"][finite] <= np.sqrt(tried.min(axis=1))[finite] * (1 + 1e-9)).all()
 
 
-def test_the_minima_are_those_that_were_proved_in_rational_arithmetic(device_name, device):
+def test_the_minima_are_those_that_were_proved_in_rational_arithmetic(parameters):
     """The lowest of two; none where the error falls towards no damping at all."""
-    p = device
-    for K_d, B_d, weight, with_inertia, minima in PROVED[device_name]:
+    p = parameters
+    for K_d, B_d, weight, with_inertia, minima in PROVED:
         J_j = p.J_j if with_inertia else 0.0
         found = optimal_damping([K_d], [B_d], p, weight, J_j)
         assert found["minima"][0] == len(minima)

@@ -30,7 +30,7 @@ from osl_analysis.yaml_settings import read_mapping
 class Campaign:
     """The trials of a configuration."""
 
-    config: Config  # the configuration
+    config: Config
     rows: SheetRows  # of the sample sheet that are not excluded
     unused: SheetRows  # that are excluded, with the reasons in the column `exclude`
 
@@ -76,8 +76,8 @@ class Campaign:
         return {one: [trial for trial in found if found[trial] == one] for one in self.trials("static") if one in used}
 
     def calibration_settings(self, static: str) -> dict[str, Any]:
-        """Settings for the calibration by a static trial: those of the configuration, with the side of the sheet. That
-        of plate trials alone has no ankle that moves: its axis stays the anatomical one."""
+        """Settings for the calibration by a static trial: those of the configuration, with the side of the sheet. Plate
+        trials alone have no ankle that moves: its axis stays the anatomical one."""
         served = {trial: self.row(trial) for trial in self.statics.get(static, [])}
         with self.named():
             side = side_of(static, self.row(static), served, self.config.walking.side)
@@ -166,9 +166,9 @@ def check_campaign(campaign: Campaign) -> None:
     check_files(campaign.config)
     validate_rules(campaign.config.quality)
     for trial in campaign.rows:
-        unknown = [name for name in campaign.accepted(trial) if name not in CHECKS]
-        if unknown:
-            raise InputError(f"{campaign.config.sheet}: trial '{trial}', accept: {unknown_check(unknown[0])}")
+        for name in campaign.accepted(trial):
+            if name not in CHECKS:
+                raise InputError(f"{campaign.config.sheet}: trial '{trial}', accept: {unknown_check(name)}")
     if campaign.trials("walking"):
         check_walking(campaign)
 
@@ -180,13 +180,10 @@ def check_files(config: Config) -> None:
             raise InputError(f"{folder}: is a file; name a folder under `results` in the configuration")
     if config.results == Path():
         raise InputError("configuration: results is empty, or this very folder; name a folder, as `results: results`")
-    null = ", or write null for none"
-    for field, path, none in (
-        ("parameters", config.parameters, null),
-        ("impedance_trajectory", config.impedance_trajectory, null),
-        ("study.simulation", config.study.simulation, ""),
-    ):
+    named = {"parameters": config.parameters, "impedance_trajectory": config.impedance_trajectory}
+    for field, path in (named | {"study.simulation": config.study.simulation}).items():
         if path is not None and not path.is_file():
+            none = ", or write null for none" if field in named else ""
             raise InputError(f"{path}: no such file; correct {field} in the configuration{none}")
 
 
@@ -241,7 +238,7 @@ def response_example(campaign: Campaign) -> FrequencyResponseFigure | None:
 
 def matching(campaign: Campaign, asked: dict[str, Any], figure: str = "") -> list[str]:
     """The impedance trials whose cells are these; None matches an empty cell. An example of a `figure` that is not in
-    the campaign is refused, but for that of the default configuration, which every configuration overrides."""
+    the campaign is refused, but for that of the default configuration."""
     trials = campaign.trials("impedance")
     found = [name for name in trials if all(campaign.row(name)[cell] == value for cell, value in asked.items())]
     default = read_mapping(default_config())["figures"].get(figure) or {}

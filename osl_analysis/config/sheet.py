@@ -20,6 +20,7 @@ SHEET_COLUMNS = (
     "trial", "experiment", "controller", "K_d", "B_d", "perturbed", "log", "log_source", "mocap", "mocap_source",
     "log_part", "desired", "windows", "exclude", "accept", "joint", *CONDITIONS, "body_mass_kg", "static",
 )  # fmt: skip
+NUMBERS = ("K_d", "B_d", "body_mass_kg")
 SheetRows = dict[str, dict[str, Any]]  # The rows of a sheet by trial, with all columns; None where a cell is empty.
 OUTER_BLANKS = re.compile(r"^[\s\u200b-\u200f\u2060\ufeff]+|[\s\u200b-\u200f\u2060\ufeff]+$")  # some of them unseen
 
@@ -56,7 +57,16 @@ def read_sheet(path: Path) -> SheetRows:
     if not lines:
         raise InputError(f"{path}: not a CSV table, it is empty; write a header and a row per trial")
     first, columns = lines[0]
-    check_header(columns, path, first)
+    if twice := next((column for column in columns if columns.count(column) > 1), ""):
+        raise InputError(f"{path}: line {first}: column '{twice}' stands twice; remove one")
+    unknown, absent = sorted(set(columns) - set(SHEET_COLUMNS)), sorted({"trial", "experiment"} - set(columns))
+    if unknown or absent:
+        if len(columns) == 1 and (sign := next((sign for sign in ";\t|" if sign in columns[0]), "")):
+            said = f"its cells are separated by '{sign}'; save the sheet with commas, as 'CSV UTF-8'"
+            raise InputError(f"{path}: {said}")
+        what = f"unknown column '{unknown[0]}'" if unknown else f"no column '{absent[0]}'"
+        like = nearest(unknown[0], set(SHEET_COLUMNS) - set(columns)) if unknown else ""
+        raise InputError(f"{path}: {what}; the columns are {', '.join(SHEET_COLUMNS)}{like}")
     rows: SheetRows = {}
     seen: dict[tuple[str, str], Any] = {("joint", JOINT): JOINT, **{("controller", name): name for name in CONTROLLERS}}
     for number, cells in lines[1:]:
@@ -81,7 +91,10 @@ def read_sheet(path: Path) -> SheetRows:
                     f"{where}: {column} '{name}' differs from '{before}' by capitals or accents alone, and would be "
                     f"another one; write '{before}' in both"
                 )
-        rows[row["trial"]] = typed(row)
+        numbers = {name: float(row[name]) for name in NUMBERS if row[name]}
+        perturbed = row["perturbed"].lower() == "true" if row["perturbed"] else None
+        told = {column: cell or None for column, cell in row.items()} | {"joint": row["joint"] or JOINT}
+        rows[row["trial"]] = told | numbers | {"perturbed": perturbed}
     if not rows:
         raise InputError(f"{path}: no trials; add one row per trial")
     return rows
@@ -113,28 +126,6 @@ def numbered_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
         raise InputError(f"{path}: line {number}: not CSV ({error}); check the quotes") from error
 
 
-def check_header(columns: list[str], path: Path, line: int) -> None:
-    """Refuse a header with a column twice, with an unknown one, or without one that every sheet needs."""
-    if twice := next((column for column in columns if columns.count(column) > 1), ""):
-        raise InputError(f"{path}: line {line}: column '{twice}' stands twice; remove one")
-    unknown, absent = sorted(set(columns) - set(SHEET_COLUMNS)), sorted({"trial", "experiment"} - set(columns))
-    if not (unknown or absent):
-        return
-    if len(columns) == 1 and (sign := next((sign for sign in ";\t|" if sign in columns[0]), "")):
-        raise InputError(f"{path}: its cells are separated by '{sign}'; save the sheet with commas, as 'CSV UTF-8'")
-    what = f"unknown column '{unknown[0]}'" if unknown else f"no column '{absent[0]}'"
-    like = nearest(unknown[0], set(SHEET_COLUMNS) - set(columns)) if unknown else ""
-    raise InputError(f"{path}: {what}; the columns are {', '.join(SHEET_COLUMNS)}{like}")
-
-
-def typed(cells: Mapping[str, str]) -> dict[str, Any]:
-    """A valid row with numbers and truth values."""
-    row: dict[str, Any] = {column: cell or None for column, cell in cells.items()}
-    numbers = {name: float(row[name]) for name in ("K_d", "B_d", "body_mass_kg") if row[name]}
-    perturbed = row["perturbed"] and row["perturbed"].lower() == "true"
-    return row | numbers | {"perturbed": perturbed, "joint": row["joint"] or JOINT}
-
-
 def problems_in(row: Mapping[str, str]) -> Iterator[str]:
     """What is wrong with one row of a sheet, with the remedy."""
     for column, cell in row.items():
@@ -152,7 +143,7 @@ def problems_in(row: Mapping[str, str]) -> Iterator[str]:
     for column in ("joint", "controller"):
         if (length := len(row[column])) > 100:
             yield f"{column} '{row[column][:20]}...' has {length} characters; up to 100 are allowed"
-    for column in ("K_d", "B_d", "body_mass_kg"):
+    for column in NUMBERS:
         is_decimal = re.fullmatch(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", row[column])
         if row[column] and not (is_decimal and math.isfinite(float(row[column]))):
             yield f"{column} '{row[column]}' is not a number; give it in SI units, without the unit"

@@ -6,10 +6,7 @@ A plan says of which `sines` its motion consists, its `record_s` (length [s], wi
 
 A sine of the torque that is fitted for a time T beside white noise of the one-sided density S [(N*m)^2/Hz] has an
 amplitude with the variance S/T in phase with the angle, and S/T a quarter of a turn off: (2, n) for n sines. An error e
-of the angle acts as an error -Z e of the torque. Coulomb friction T sign(w) answers a sine of amplitude a by 4 T/pi in
-phase with the velocity, and a Gaussian velocity of RMS v by the damping T (2/pi)^(1/2)/v (Bussgang, 1952). What is left
-then has the autocorrelation T^2 (2/pi) (arcsin r - r), r being that of the velocity (Van Vleck and Middleton, 1966).
-"""
+of the angle acts as an error -Z e of the torque."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -216,17 +213,16 @@ def of_length(plan: Plan, n: int) -> Plan:
 
 
 def eq15(w: Array) -> Impedances:
-    """The columns of the fits (`IMPEDANCE`) for an angle of 1 rad at angular frequencies (n,) [rad/s], (3, n). Over
-    whole cycles a sine is a complex row: its size in phase with the angle, and i times that in phase with the velocity;
-    offset and drift are orthogonal to it. The impedance [N*m/rad] of a joint (K, B, I) is the joint @ these."""
+    """The columns of the fits (`IMPEDANCE`) for an angle of 1 rad at angular frequencies (n,) [rad/s], (3, n): the real
+    part in phase with the angle, the imaginary one with the velocity. The impedance [N*m/rad] of a joint (K, B, I) is
+    the joint @ these."""
     of_angle = {"theta": np.ones(len(w)), "omega": 1j * w, "alpha": -(w**2)}
     return np.array([of_angle[IMPEDANCE[name]] for name in KBI])
 
 
 @dataclass(frozen=True)
 class PlannedFit:
-    """Least squares on filtered signals, which weigh the sines. The products of the columns, each times its duration
-    and 1/S, are Fisher's information for white noise of density S."""
+    """Least squares on filtered signals, which weigh the sines. Offset and drift are orthogonal to whole cycles."""
 
     sines: PlannedSines
     weight: Array  # squared gain of the zero-phase filter at each sine, (n,)
@@ -266,8 +262,7 @@ def planned_fit(plan: Plan, low_pass: LowPass) -> PlannedFit:
 
 @dataclass(frozen=True)
 class Sensors:
-    """Errors of load cell and encoder, as standard deviations where no step is said. Noise of the angle is independent
-    from sample to sample and is there before the rounding."""
+    """Errors of load cell and encoder, as standard deviations where no step is said."""
 
     rate_hz: float  # sampling rate [Hz]
     torque_noise: float  # [N*m]
@@ -279,11 +274,7 @@ class Sensors:
 
     def variances(self, sines: PlannedSines, Z: Impedances, record_s: float) -> dict[str, Array]:
         """Variances (2, n) [(N*m)^2] of the torque's amplitudes by cause, for impedances Z (n,) [N*m/rad] at the sines
-        and a record of `record_s` [s].
-
-        The rounding of the load cell is noise of variance step^2/12. The analysis takes off the slope that it finds,
-        whose own error by noise is 6 S/T^3. A slope s changes the amplitude of a sine over whole cycles by 2 s/w.
-        """
+        and a record of `record_s` [s]."""
 
         def through(angle: Array) -> Array:
             """What errors of the angle's amplitudes are worth as errors of the torque's, as variances (2, n)."""
@@ -291,7 +282,7 @@ class Sensors:
 
         both, nyquist, drift = np.ones((2, 1)), self.rate_hz / 2, 0.0
         density = self.torque_noise**2 / (self.noise_band_hz or nyquist) + self.torque_step**2 / 12 / nyquist
-        if self.drift and density:
+        if self.drift and density:  # the analysis takes off the slope that it finds, with an error of 6 S/T^3
             drift = 1 / (1 / self.drift**2 + record_s**3 / (6 * density))
         return {
             "torque noise": both * density / sines.duration_s,
@@ -306,14 +297,12 @@ class Sensors:
 
         Each of N samples at different places of the motion has an error of variance q^2/12, and the amplitude 2/N of
         it. Later cycles repeat these errors if motion and samples have one clock, which is assumed; noise s before the
-        rounding leaves exp(-(2 pi s/q)^2) of them (Widrow and Kollar, Quantization Noise, 2008, ch. 5), and what does
-        not repeat is noise. Where there are many samples per step, one sample at each step is by chance on one side or
-        the other, with the same variance, a third of it in phase: the steps of a sine are even in its angle. The errors
-        between steps are alike: the rounding of a sin is a sum of sines of 2 pi k theta/q, whose fundamental
-        2 q/(pi k) J_1(2 pi k a/q) is in phase with it (Bennett, 1948). Of a random motion their density at low
-        frequencies is zeta(3) q^3/(pi^2 (2 pi)^(1/2) v), v being the RMS velocity (Woodward's theorem), and they repeat
-        in every period.
-        """
+        rounding leaves exp(-(2 pi s/q)^2) of them (Widrow and Kollar, Quantization Noise, 2008, ch. 5). Where there are
+        many samples per step, one sample at each step is by chance on one side or the other, a third of this in phase:
+        the steps of a sine are even in its angle. The errors between steps are alike: of a sin they are sines of 2 pi k
+        theta/q, whose fundamental 2 q/(pi k) J_1(2 pi k a/q) is in phase with it (Bennett, 1948); of a random motion
+        with the RMS velocity v their density at low frequencies is zeta(3) q^3/(pi^2 (2 pi)^(1/2) v) (Woodward's
+        theorem)."""
         q, v, alone = self.encoder_step, sines.velocity, sines.spacing_hz is None
         if not q:
             return np.zeros((2, len(v))), np.zeros(len(v))
@@ -347,10 +336,9 @@ class Distortion:
         """Variances (3,) of K, B and I by the distortion; `Z` (n,) is the impedance [N*m/rad] at the sines.
 
         A level counts as independent from line to line, as in the analysis of detection lines. By friction estimates
-        scatter less (0.65 of it for K, 0.4 for B and I), because at given amplitudes the velocity has a given RMS. From
+        scatter less (0.65 of it for K, 0.4 for B and I), because at given amplitudes the velocity has a given RMS: from
         four realisations on the analysis sees this scatter, which is drawn. Of an earlier spread a torque that stays
-        when the motion grows counts for less; bands whose ends differ by up to a fifth count as one.
-        """
+        when the motion grows counts for less; bands whose ends differ by up to a fifth count as one."""
         found, sines, periodic = np.zeros(3), fit.sines, isinstance(plan, PeriodicMultisine)
         if self.spread:
             variance, (low, high), rms = self.spread
@@ -370,8 +358,11 @@ class Distortion:
         return np.asarray(found + fit.share(at_sines.at_sines(plan, fit, Z)).sum(axis=1))
 
     def at_sines(self, plan: Plan, fit: PlannedFit, Z: Impedances) -> Array:
-        """Variance (2, n) [(N*m)^2] of the amplitudes of the torque's sines by what the fit of Eq. 15 cannot follow. In
-        single sines it is no scatter: it differs from frequency to frequency, and every repetition has it."""
+        """Variance (2, n) [(N*m)^2] of the amplitudes of the torque's sines by what the fit of Eq. 15 cannot follow.
+        Friction T sign(w) answers a sine of amplitude a by 4 T/pi in phase with the velocity: no scatter, it differs
+        from frequency to frequency, and every repetition has it. In a random motion what its damping (`added_damping`)
+        leaves has the autocorrelation T^2 (2/pi) (arcsin r - r), r being that of the velocity (Van Vleck and Middleton,
+        1966)."""
         sines = fit.sines
         if isinstance(plan, Continuous) and plan.chirp and (self.level or self.earlier):
             raise InputError(
@@ -401,7 +392,8 @@ class Distortion:
         return np.array([power, power]) / sines.independent
 
     def added_damping(self, plan: Plan) -> dict[str, float]:
-        """B [N*m*s/rad] that friction adds: at each amplitude of a stepped sine, over the whole of another motion."""
+        """B [N*m*s/rad] that friction adds: at each amplitude of a stepped sine, over the whole of another motion; T
+        (2/pi)^(1/2)/v for a random one with the RMS velocity v (Bussgang, 1952)."""
         sines = plan.sines
         if not self.coulomb:
             return {}
@@ -424,8 +416,8 @@ def scatter_of_friction(
     periodic: bool,
 ) -> Array:
     """Variances (3,) of K, B and I by Coulomb friction of 1 N*m over 400 sets of random phases (their scatter has a
-    standard error of 3.5 %), of sines with these frequencies, amplitudes [rad] and squared filter gains. Where they are
-    not `periodic` but noise, amplitudes are random too."""
+    standard error of 3.5 %), and of random amplitudes where sines of these amplitudes [rad] and squared filter gains
+    are noise, not `periodic`."""
     number, rng, w = 400, np.random.default_rng(1), 2 * np.pi * np.asarray(frequency_hz)
     line = np.rint(np.asarray(frequency_hz) / spacing_hz).astype(np.intp)
     n = 1 << int(np.ceil(np.log2(64 * line[-1])))
@@ -467,11 +459,10 @@ def precision(
     """The intervals that a plan will give for a joint (K, B, I), by the means of the fit (`interval_method`). Raises as
     `planned_fit`; InputError as `Distortion.variances`.
 
-    Units are those of `bench.gram`, a frequency at an amplitude or a stretch. The noise has the freedom of cycles,
-    or of the stretches; the distortion, which is in the units' scatter, that of one less than there are; rounding and
-    drift count as known. Of a multisine the interval is that of the fits to its spectra (`response_models.csv`): by the
-    spread of realisations, or by the level at detection lines, each of which serves the excited lines around it.
-    """
+    Units are those of `bench.gram`, a frequency at an amplitude or a stretch. The noise has the freedom of cycles, or
+    of the stretches; the distortion, which is in the units' scatter, that of one less than there are; rounding and
+    drift count as known. Of a multisine the interval is that of `response_models.csv`: by the spread of realisations,
+    or by the level at detection lines, each of which serves the excited lines around it."""
     fit, stated = planned_fit(plan, low_pass), distortion or Distortion()
     sines, Z = fit.sines, joint @ eq15(fit.sines.w)
     errors = sensors.variances(sines, Z, plan.record_s)

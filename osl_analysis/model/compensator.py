@@ -33,19 +33,15 @@ class Gains:
 
 def motor_current(u: ArrayLike, direction: ArrayLike, p: DrivetrainParameters) -> Array:
     """Current I_q [A] that makes the actuator's torque u [N*m]: Eq. 5, which has I_q on both sides, solved for I_q.
-    `direction` is the smoothed sign of the *measured* actuator velocity, between -1 and 1. With r = u +
-    s f_C: I_q = r/(k_tau n_m - s f_G) if r >= 0, else r/(k_tau n_m + s f_G)."""
+    `direction` s is the smoothed sign of the *measured* actuator velocity, between -1 and 1."""
     s = np.asarray(direction)
     r = np.asarray(u) + s * p.f_C
     return np.asarray(r / (p.k_tau * p.n_m - np.where(r >= 0, s, -s) * p.f_G))
 
 
 def check_request(K_d: ArrayLike, B_d: ArrayLike, p: DrivetrainParameters) -> None:
-    """Refuse a desired stiffness [N*m/rad] or damping [N*m*s/rad], any shape, that no gains can render.
-
-    Raises UnreachableImpedanceError: A K_d is not between 0 and K_s: the belt is in series, so no positive K_1 renders
-    it. Or a B_d is negative or not finite, or a value other than B_d = 0 lies outside 1e-9 to 1e6.
-    """
+    """Refuse a desired stiffness [N*m/rad] or damping [N*m*s/rad], any shape, that no gains can render
+    (UnreachableImpedanceError): the belt is in series, so K_d is between 0 and K_s."""
     least, most = 1e-9, 1e6
     K_d, B_d = (np.ravel(np.asarray(values, dtype=float)) for values in (K_d, B_d))
     for value in K_d[~((K_d > 0) & (K_d < p.K_s))]:
@@ -74,10 +70,8 @@ def stiffness_gain(K_d: ArrayLike, p: DrivetrainParameters) -> Array:
 
 
 def compensated_gains(K_d: float, B_d: float, p: DrivetrainParameters, weight: Weight = PAPER_WEIGHT) -> Gains:
-    """Gains that render stiffness K_d [N*m/rad] and damping B_d [N*m*s/rad] best (Eqs. 13-14).
-
-    Raises UnreachableImpedanceError: as `check_request`, or no finite B_1 minimises the error of Eq. 14.
-    """
+    """Gains that render stiffness K_d [N*m/rad] and damping B_d [N*m*s/rad] best (Eqs. 13-14). Raises
+    UnreachableImpedanceError as `check_request`, or where no finite B_1 minimises the error of Eq. 14."""
     check_request(K_d, B_d, p)
     damping = optimal_damping([K_d], [B_d], p, weight)
     if damping["unbounded"][0]:
@@ -162,9 +156,8 @@ def magnitude_squared(polynomial: Array) -> Array:
 def predicted_impedance(
     gains: Gains, p: DrivetrainParameters, frequencies_hz: Sequence[float]
 ) -> tuple[float, float, float]:
-    """K [N*m/rad], B [N*m*s/rad], I [kg*m^2] that least squares estimates from a stepped sine on the linear drivetrain.
-    A stepped sine has equally many cycles at each frequency f, so it spends 1/f of its samples there. The residual of
-    1/Y against K + j w B - w^2 I is weighted accordingly. Friction is not included."""
+    """K [N*m/rad], B [N*m*s/rad], I [kg*m^2] that least squares estimates from a stepped sine on the linear drivetrain,
+    without friction: with equally many cycles at each frequency f it spends 1/f of its samples there."""
     w = 2 * np.pi * np.asarray(frequencies_hz, dtype=float)
     Z = 1 / joint_admittance(gains.K_1, gains.B_1, p, p.J_j)(1j * w)
     weight = 1 / np.sqrt(w)

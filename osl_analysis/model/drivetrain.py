@@ -1,7 +1,5 @@
-"""The drivetrain: actuator (Eqs. 1-2), belt transmission (Eqs. 3-4), joint admittance (Eqs. 8-11).
-
-Signs are the paper's.
-"""
+"""The drivetrain: actuator (Eqs. 1-2), belt transmission (Eqs. 3-4), joint admittance (Eqs. 8-11), in the paper's
+signs."""
 
 from dataclasses import dataclass
 
@@ -30,8 +28,8 @@ class RationalFunction:
 
 
 def motor_friction(direction: ArrayLike, current: ArrayLike, p: DrivetrainParameters) -> Array:
-    """Coulomb and gear friction f [N*m] at the actuator's output (Eq. 2). `direction` is the sign of omega_m, or a
-    smooth substitute between -1 and 1. `current` is I_q [A]."""
+    """Coulomb and gear friction f [N*m] at the actuator's output (Eq. 2) for a current I_q [A]. `direction` is the sign
+    of omega_m, or a smooth substitute between -1 and 1."""
     return np.asarray(np.asarray(direction) * (p.f_C + p.f_G * np.abs(current)))
 
 

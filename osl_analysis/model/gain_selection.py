@@ -28,10 +28,7 @@ SLOWEST_HZ, FASTEST_HZ = 1e-3, 1e4
 @dataclass(frozen=True)
 class Weight:
     """W of Eq. 14: a Butterworth low-pass of the given cut-off [Hz] and order (the paper's: 1 Hz = 2 pi rad/s, 3).
-
-    Raises UnreachableImpedanceError: The order is not a whole number from 1 to 10, or the cut-off not from 0.001 to
-    10000 Hz.
-    """
+    Raises UnreachableImpedanceError outside of 0.001 to 10000 Hz, or of orders 1 to 10."""
 
     cutoff_hz: float
     order: int
@@ -100,8 +97,7 @@ def admittance_error(
 ) -> list[list[Array]]:
     """The coefficients a0, a1, b0, b1 of the polynomials a = a0 + x a1 and b = b0 + x b1 in s [rad/s], highest power
     first, of every pair K_d [N*m/rad], B_d [N*m*s/rad], shape (pairs,). N Q - D is computed as N (Q - P) + c, so that
-    no nearly equal numbers are subtracted. Its constant term is 0 by Eq. 12 and is set to exactly 0. With B_d = 0 the
-    leading coefficient of a is 0; the same formulas hold."""
+    no nearly equal numbers are subtracted; by Eq. 12 its constant term is exactly 0."""
     K_1 = K_d * p.K_s / (p.n_T**2 * (p.K_s - K_d))
     gain, W = scipy.signal.butter(weight.order, 2 * np.pi * weight.cutoff_hz, analog=True)
     zero, one = np.zeros_like(K_d), np.ones_like(K_d)
@@ -135,7 +131,7 @@ def squared_norm(
 ) -> tuple[Array, Array]:
     """||b/a||^2 [(rad/(N*m))^2/s] at x [N*m*s/rad], and its derivative in x; coefficients broadcast with x. Each row of
     the recursion loses its first coefficient, and every second one of those that stay is reduced. A row's part of the
-    sum is beta^2/(2 alpha); it is 0 where beta is 0, even if alpha is 0 too (B_d = 0)."""
+    sum, beta^2/(2 alpha), is 0 where beta is 0, even if alpha is 0 too (B_d = 0)."""
     a, da = [c + x * d for c, d in zip(a0, a1, strict=True)], list(a1)
     b, db = [c + x * d for c, d in zip(b0, b1, strict=True)], list(b1)
     n, total, slope = len(b), np.zeros_like(x), np.zeros_like(x)

@@ -53,13 +53,10 @@ class Multisine:
 def odd_multisine(
     period_s: float, band_hz: tuple[float, float], rms: float, seed: int, realisation: int = 0
 ) -> Multisine:
-    """An odd multisine with a flat spectrum of the angle, random phases and one odd line in `GROUP` left out.
-
-    Realisations of one seed have the same lines and other phases. `band_hz` [Hz] is the lowest and the highest
-    frequency, `rms` [rad] the root mean square of the angle.
-
-    Raises InputError: Period or size is not positive, or too few odd lines lie within the band.
-    """
+    """An odd multisine with a flat spectrum of the angle, random phases and one odd line in `GROUP` left out, for a
+    band of lowest and highest frequency [Hz] and a root mean square of the angle [rad]. Realisations of one seed have
+    the same lines and other phases. Raises InputError: Period or size is not positive, or too few odd lines lie within
+    the band."""
     lines, detection = odd_lines(period_s, band_hz, seed)
     if not 0 < rms < np.inf:
         raise InputError(f"a multisine of {rms:g} rad rms does not move the joint; give an angle above 0")
@@ -69,9 +66,8 @@ def odd_multisine(
 
 
 def odd_lines(period_s: float, band_hz: tuple[float, float], seed: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """The odd lines within a band [Hz] that are excited, and those that are left out; one drawn in each whole group.
-    The first and the last line of the band are excited, so that a line that is left out has a neighbour on either
-    side."""
+    """The odd lines within a band [Hz] that are excited, and those that are left out: one is drawn in each whole group,
+    but for the first and the last line of the band, so that each has a neighbour on either side."""
     low, high = band_hz
     if not (0 < period_s < np.inf and 0 < low < high < np.inf):
         raise InputError(f"no multisine has a period of {period_s:g} s and a band of {low:g} to {high:g} Hz")

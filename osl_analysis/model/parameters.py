@@ -106,10 +106,8 @@ def known_parameters(path: Path | None) -> DrivetrainParameters | None:
 
 
 def read_parameters(path: Path) -> DrivetrainParameters:
-    """Parameters of one device, from a file like `config/parameters/default.yaml`, whose warning is given.
-
-    Raises InputError where it is missing, or a quantity is unknown, is missing, has another unit or is out of range.
-    """
+    """Parameters of one device, from a file like `config/parameters/default.yaml`, whose warning is given. Raises
+    InputError where it is missing, or a quantity is unknown, is missing, has another unit or is out of range."""
     file = read_yaml(path, ParameterFile)
     if file.warning:
         warnings.warn(f"{path}: {' '.join(file.warning.split())}", stacklevel=2)

@@ -94,11 +94,9 @@ class StudyBench:
     own: Callable[[str], "StudyBench"] | None = None  # the bench of one trial by name; None: they differ in noise alone
 
     def trial(self, name: str, ideal: bool = False) -> Trial:
-        """One trial, through noisy or ideal sensors, as ingest would give it.
-
-        Every trial repeats the motion. So that the rounding of an encoder does not, recorders start anywhere between
-        two instants of it, and the encoder's zero lies anywhere between two steps.
-        """
+        """One trial, through noisy or ideal sensors, as ingest would give it. Every trial repeats the motion; so that
+        the rounding of an encoder does not, recorders start anywhere between two instants of it, and the encoder's zero
+        lies anywhere between two steps."""
         settings, signals = self.inputs.simulation, dict(self.signals)
         if ideal:  # the controller sees the actuator's encoder too, but its motion has been simulated before
             sensors = [
@@ -151,9 +149,9 @@ class StudyBench:
 
     def bounds(self) -> dict[str, float]:
         """Cramer-Rao bounds of the torque sensor's noise, with its rounding, and drift, for the true motion in the rows
-        that are fitted; with the scatter, over the root of the number of trials. That of a phasor in white noise is
-        2 sigma^2/N per quadrature: relative to the torque's amplitude the bound of the magnitude, and in radian that of
-        the phase (Rife and Boorstyn, IEEE Trans. Inf. Theory 20, 1974)."""
+        that are fitted; with the scatter, over the root of the number of trials. That of a phasor in white noise is 2
+        sigma^2/N per quadrature (Rife and Boorstyn, IEEE Trans. Inf. Theory 20, 1974): relative to the torque's
+        amplitude the bound of the magnitude, and in radian that of the phase."""
         effects, rate = self.inputs.simulation.effects, self.inputs.simulation.dynamometer.rate_hz
         white = float(np.hypot(effects.load_cell_noise.value, effects.load_cell_quantisation.value / np.sqrt(12)))
         fitted, bounds = self.ideal.measured.fitted, {}
@@ -196,13 +194,10 @@ def prepared(
 
 def studied(experiment: str, inputs: StudyInputs) -> StudyBench:
     """An experiment on a bench, ready to be repeated: with the study's short protocol, simulated and expected, and the
-    recorder, rate and encoder of its name.
-
-    `second order` is a joint that is exactly Eq. 15, `drivetrain` that of a compensated controller with every effect of
-    the simulation settings (`linear` without friction and hysteresis), and `frequency response` its angle and torque at
-    the first of the study's amplitudes: it has no exact value, and linear theory does not describe it. `repeated` is
-    the mean over the trials of a campaign, of which belts scatter in K_s.
-    """
+    recorder, rate and encoder of its name. `second order` is a joint that is exactly Eq. 15, `drivetrain` that of a
+    compensated controller with every effect of the simulation settings (`linear` without friction and hysteresis),
+    `frequency response` its angle and torque at the first of the study's amplitudes, `repeated` the mean over the
+    trials of a campaign, of which belts scatter in K_s."""
     kind, _, recording = experiment.partition(", ")
     study, p, analysis, simulation = inputs.study, inputs.p, inputs.analysis["dynamometer"], inputs.simulation
     amplitudes = study.amplitudes_deg[:1] if kind == "frequency response" else study.amplitudes_deg
@@ -262,9 +257,8 @@ def studied(experiment: str, inputs: StudyInputs) -> StudyBench:
 
 def study_rows(bench: StudyBench, trials: Sequence[str]) -> list[StudyRow]:
     """Value, truth, interval and bound for every trial, estimator and quantity. The truth is the parameter that made
-    the torque, where the joint has such a parameter. `model_truth` is the estimate of the same estimator in the same
-    trial with ideal sensors. Without such a parameter it is also the truth. `model_error` is `model_truth` minus the
-    prediction of linear theory."""
+    the torque, else `model_truth`, the estimate of the same estimator with ideal sensors; `model_error` is
+    `model_truth` minus the prediction of linear theory."""
     ideal = {name: estimates for name, _, estimates in bench.estimated(bench.ideal)}
     bounds, rows = bench.bounds(), []
     for trial in trials:

@@ -9,12 +9,9 @@ from osl_analysis.trial import Array
 
 def performance(error: Array, se: Array, covered: NDArray[np.bool_], bound: Array) -> dict[str, float]:
     """Performance of an estimator over n trials, from errors about the truth, stated standard errors, whether the 95 %
-    interval contains the truth, and the smallest possible standard errors, shape (n,) each.
-
-    bias: mean error over the standard deviation of the estimates. rmse: root mean square error, also over the bound.
-    se_over_sd: stated standard error (root mean square) over the standard deviation. coverage: share of the intervals
-    that contain the truth. Names in `_mc` are Monte Carlo standard errors.
-    """
+    interval contains the truth, and the smallest possible standard errors, shape (n,) each: the bias and the stated
+    standard error (root mean square) over the standard deviation of the estimates, the root mean square error, also
+    over the bound, and the share of intervals with the truth. Names in `_mc` are Monte Carlo standard errors."""
     n, sd = len(error), float(np.std(error, ddof=1))
     ratio = float(np.sqrt(np.mean((error / bound) ** 2)))
     kurtosis = float(np.mean(error**4) / np.mean(error**2) ** 2)
@@ -50,8 +47,8 @@ def performance_table(estimates: pl.DataFrame) -> pl.DataFrame:
 
 
 def study_page(table: pl.DataFrame) -> str:
-    """The table of `performance_table` in Markdown, a line for each experiment, estimator and interval with a number
-    for each quantity, and which coverages lie outside the aim by two Monte Carlo errors."""
+    """The table of `performance_table` in Markdown, a line for each experiment, estimator and interval, and which
+    coverages lie outside the aim by two Monte Carlo errors."""
     signs = {"k_tau_n_m": "k_τ n_m", "magnitude": "\\|Y\\|", "phase": "arg Y"}
     head = "| experiment | estimator, interval | quantities | n | bias / SD | RMSE / bound | SE / SD | coverage, % |"
     lines = [head, f"| {' | '.join(['---'] * 8)} |"]

@@ -5,7 +5,7 @@ import pytest
 from scipy.interpolate import make_interp_spline
 
 from osl_analysis.errors import InputError
-from osl_analysis.ingest.clock import Course, Edges, correlate_clocks, find_edges, fit_clock
+from osl_analysis.ingest.clock import Edges, correlate_clocks, find_edges, fit_clock
 
 OFFSET, DRIFT = -3.2, 50e-6
 SLAVE_RATE, MASTER_RATE = 500.0, 1500.0
@@ -112,14 +112,14 @@ KNOTS = np.arange(-120.0, 450.0, 0.15)
 MOVEMENT = make_interp_spline(KNOTS, np.random.default_rng(9).standard_normal(KNOTS.size))  # never repeats itself
 
 
-def encoder(offset: float, duration: float, drift: float = DRIFT) -> Course:
+def encoder(offset: float, duration: float, drift: float = DRIFT) -> tuple[np.ndarray, np.ndarray]:
     """A joint's encoder on a clock that is behind by the offset [s]: of the other sign, scale and zero, with noise."""
     time = np.arange(0, duration, 1 / SLAVE_RATE)
     noise = 0.02 * np.random.default_rng(0).standard_normal(time.size)
     return (time, 3.0 - 2 * MOVEMENT(offset + (1 + drift) * time) + noise)
 
 
-def markers(duration: float, seed: int = 1) -> Course:
+def markers(duration: float, seed: int = 1) -> tuple[np.ndarray, np.ndarray]:
     """The same movement as motion capture sees it."""
     time = np.arange(0, duration, 1 / CAMERA_RATE)
     return (time, MOVEMENT(time) + 0.01 * np.random.default_rng(seed).standard_normal(time.size))

@@ -143,13 +143,10 @@ ONE_SIGNAL = 0.5  # smallest correlation that counts as one signal
 QUIET_SHARE = 0.05  # of the variance of the recording: a section with less is not used
 
 
-Course = tuple[Array, Array]
-"""A signal: strictly increasing times of its recorder [s], (n,), and its values, (n,), in any unit."""
-
-
-def correlate_clocks(slave: Course, master: Course) -> ClockFit:
-    """Offset from the highest peak of the correlation, drift from the lags of twelve sections of the recording. In the
-    result `edges` counts the sections that were used, `excluded_edges` those that were quiet or did not fit."""
+def correlate_clocks(slave: tuple[Array, Array], master: tuple[Array, Array]) -> ClockFit:
+    """Offset from the highest peak of the correlation of a signal, given by its strictly increasing times [s] and its
+    values, (n,) each; drift from the lags of twelve sections of the recording. In the result `edges` counts the
+    sections that were used, `excluded_edges` those that were quiet or did not fit."""
     if min(slave[0].size, master[0].size) < 4 * SECTIONS:
         raise InputError(f"fewer than {4 * SECTIONS} samples of the shared signal; record longer")
     step, limit = sorted(float(np.median(np.diff(time))) for time, _ in (slave, master))

@@ -408,13 +408,14 @@ OPTIONAL = (None, None)  # marks `time` and `channels` as keys that a source fil
 NO_UNITS = {"channel.unit": (Unit, ...)}  # of formats that state no units
 OF_ROWS, OF_TABLE = "unit rate repeated stamps", "clock channels most_missing time"
 OF_DEVICES = "markers axes shared analogs outputs"
-EXPORTED_PLATE = "device corners moment_about sign"
-OF_MESSAGES = f"{OF_TABLE} largest_loss", "field topic counter unit", "source field stamps", ""
-STAMPED = {**NO_UNITS, "time.field": (str, "header.stamp")}
+OF_MESSAGES = (
+    *(f"{OF_TABLE} largest_loss", "field topic counter unit", "source field stamps", ""),
+    {**NO_UNITS, "time.field": (str, "header.stamp")},
+)
 KEYS: Mapping[str, tuple[Any, ...]] = {
-    "mcap": (*OF_MESSAGES, STAMPED),
-    "rosbag1": (*OF_MESSAGES, STAMPED),
-    "rosbag2": (*OF_MESSAGES, STAMPED),
+    "mcap": OF_MESSAGES,
+    "rosbag1": OF_MESSAGES,
+    "rosbag2": OF_MESSAGES,
     "csv": (
         f"{OF_TABLE} delimiter decimal comment header units_row missing extra_cells ragged",
         *("column counter", f"column {OF_ROWS}"),
@@ -441,7 +442,9 @@ KEYS: Mapping[str, tuple[Any, ...]] = {
         *(f"{OF_DEVICES} counts point_unit plates plate_units plate_zero", "channel", "", ""),
         {"plates": (Annotated[Literal["all"] | tuple[int, ...], BeforeValidator(all_none_or_list)], "all")},
     ),
-    "nexus_csv": (f"{OF_DEVICES} delimiter decimal plates", "device component", "", EXPORTED_PLATE),
+    "nexus_csv": (
+        *(f"{OF_DEVICES} delimiter decimal plates", "device component", "", "device corners moment_about sign"),
+    ),
     "trc": ("markers axes shared point_unit",),
 }
 SOURCES = {name: model_of(name, *keys) for name, keys in KEYS.items()}

@@ -35,7 +35,6 @@ ANY_CASE = re.compile(
     r"(milli)?met(er|re)s?|volts?|deg(ree)?s?|rad(ian)?s?|newtons?|amp(ere)?s?|(milli|micro|nano)?seconds?|revolutions?|rpm",
     re.IGNORECASE,
 )
-NAME = re.compile(r"[^\W\d_]\w{0,30}|°|%|1")
 
 
 def si_factor(unit: str, expected: str) -> float:
@@ -87,7 +86,7 @@ def normalised(unit: str) -> str:
 def base_units(spelling: str) -> tuple[float, str] | None:
     """Factor to base units, and their product as text; None if the text is not a unit."""
     parts = re.split(r"([*/])", spelling)
-    if len(parts) > 15 or not all(NAME.fullmatch(name) for name in parts[::2]):
+    if len(parts) > 15 or not all(re.fullmatch(r"[^\W\d_]\w{0,30}|°|%|1", name) for name in parts[::2]):
         return None
     spelled = [name.lower() if ANY_CASE.fullmatch(name) else name for name in parts]
     tidy = [ALIASES.get(name, name) for name in spelled]

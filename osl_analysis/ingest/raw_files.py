@@ -139,14 +139,16 @@ def recognise(path: Path) -> str:
     return found[0]
 
 
-def formats_of(path: Path) -> tuple[bytes, list[str]]:
-    """What a file begins with, and the formats that it has by that; none for text that only its name can tell."""
+def formats_of(path: Path, stated: str = "csv") -> tuple[bytes, list[str]]:
+    """What a file begins with, and the formats that it has by that, the stated one alone where it is that; none for
+    text that only its name can tell."""
     if path.is_dir():
         return b"", [folder_format(path)]
     with path.open("rb") as file:
         begin = file.read(FIRST_BYTES)
     refuse_others(path, begin)  # first: a PNG image begins like C3D
-    return begin, [name for name, known in FORMATS.items() if name != "csv" and known.begins(begin)]
+    asked = [stated] if stated != "csv" and FORMATS[stated].begins(begin) else FORMATS
+    return begin, [name for name in asked if name != "csv" and FORMATS[name].begins(begin)]
 
 
 def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: Path) -> Trial:
@@ -169,7 +171,7 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
         known = FORMATS[described.format]
         if not known.is_capture:
             described = described.of_part(said.get("log_part", ""))
-        begin, found = formats_of(path)
+        begin, found = formats_of(path, described.format)
         if (found and described.format not in found) or (described.format == "csv" and not is_text(begin)):
             what = f"is {found[0]}" if found else f"is no text (it begins with {begin[:8]!r})"
             remedy = f"write `format: {found[0]}` in a source file for it" if found else "name the recording itself"

@@ -282,15 +282,12 @@ def labels_deg(segments: Sequence[Segment]) -> list[float]:
     Segments share a label if they follow one commanded amplitude and no gap in size lies between them: two amplitudes
     are never one.
     """
-    found = [0.0] * len(segments)
-    for commanded in dict.fromkeys(segment.commanded for segment in segments):
-        alike = sorted((s.amplitude, k) for k, s in enumerate(segments) if s.commanded == commanded)
-        cuts = [k for k in range(1, len(alike)) if alike[k][0] > (1 + SAME_AMPLITUDE) * alike[k - 1][0]]
-        for a, b in pairwise([0, *cuts, len(alike)]):
-            label = float(f"{np.rad2deg(np.median([size for size, _ in alike[a:b]])):.3g}")
-            for _, k in alike[a:b]:
-                found[k] = label
-    return found
+    size, commanded = np.array([(one.amplitude, one.commanded or 0.0) for one in segments]).T
+    order = np.lexsort((size, commanded))
+    apart = (np.diff(commanded[order]) > 0) | (size[order][1:] > (1 + SAME_AMPLITUDE) * size[order][:-1])
+    number = np.empty_like(order)
+    number[order] = np.concatenate([[0], np.cumsum(apart)])
+    return [float(f"{np.rad2deg(np.median(size[number == own])):.3g}") for own in number]
 
 
 def find_segments(known: "Likeness") -> list[Segment]:
@@ -299,12 +296,10 @@ def find_segments(known: "Likeness") -> list[Segment]:
     Frequencies, their order, rests, ramps and numbers of cycles are as recorded. The protocol says which amplitudes
     are meant. A run of another amplitude is not used if all of the commanded ones were recorded.
     """
-    found, theta, protocol, rate = known.runs, known.theta, known.protocol, sampling_rate(known.recorded)
-    check_amplitudes(theta, found, protocol, float(known.recorded[0]))
-    followed_runs = [(run, a) for run in found if (a := protocol.amplitude_near(run.amplitude)) is not None]
-    frequencies = common_frequencies([run for run, _ in followed_runs], protocol)
+    theta, rate, meant = known.theta, sampling_rate(known.recorded), meant_runs(known)
+    frequencies = common_frequencies([run for run, _ in meant], known.protocol)
     groups: list[list[tuple[Run, Segment]]] = []  # of one amplitude, without a rest of 0.3 cycles or more
-    for (run, amplitude), frequency in zip(followed_runs, frequencies, strict=True):
+    for (run, amplitude), frequency in zip(meant, frequencies, strict=True):
         count = int(run.cycles + 0.25)  # whole ones, up to a quarter that its ends may lack
         length = count / frequency
         start = max((run.start + run.stop - length) / 2, 0.0)  # the whole cycles, in the middle of the run
@@ -333,25 +328,26 @@ def find_segments(known: "Likeness") -> list[Segment]:
     return aligned
 
 
-def check_amplitudes(theta: Array, found: Sequence[Run], protocol: SteppedSineProtocol, begin: float) -> None:
-    """Refuse an angle (n,) [rad] without a sine, and runs of another amplitude than a commanded one. `begin` is the
-    time [s] of the first row."""
-    commanded = ", ".join(f"{np.rad2deg(a):g}" for a in protocol.amplitudes)
-    if not found:
+def meant_runs(known: "Likeness") -> list[tuple[Run, float]]:
+    """The runs that follow a commanded amplitude [rad], with it. Refused is an angle without a sine, and a run of
+    another amplitude where not all of the commanded ones were recorded."""
+    followed_by = [(run, known.protocol.amplitude_near(run.amplitude)) for run in known.runs]
+    commanded = ", ".join(f"{np.rad2deg(a):g}" for a in known.protocol.amplitudes)
+    if not followed_by:
         raise InputError(
-            f"no sine was found: the joint angle moves by {np.rad2deg(np.ptp(theta)):.3g} deg in all, the protocol "
-            f"says sines of {commanded} deg; check the channel and the unit of theta in the source file, and that "
-            "the trial is a stepped sine"
+            f"no sine was found: the joint angle moves by {np.rad2deg(np.ptp(known.theta)):.3g} deg in all, the "
+            f"protocol says sines of {commanded} deg; check the channel and the unit of theta in the source file, and "
+            "that the trial is a stepped sine"
         )
-    others = [run for run in found if protocol.amplitude_near(run.amplitude) is None]
-    recorded = {protocol.amplitude_near(run.amplitude) for run in found}
-    if others and any(amplitude not in recorded for amplitude in protocol.amplitudes):
+    others = [run for run, amplitude in followed_by if amplitude is None]
+    if others and {amplitude for _, amplitude in followed_by} - {None} < set(known.protocol.amplitudes):
         run = others[0]
         raise InputError(
-            f"the sine of {run.frequency_hz:.4g} Hz at {run.start + begin:.1f} s has an amplitude of "
-            f"{np.rad2deg(run.amplitude):.2f} deg, the protocol says {commanded} deg; correct `amplitudes_deg` in the "
-            "configuration, or the angle's unit in the source file"
+            f"the sine of {run.frequency_hz:.4g} Hz at {run.start + float(known.recorded[0]):.1f} s has an amplitude "
+            f"of {np.rad2deg(run.amplitude):.2f} deg, the protocol says {commanded} deg; correct `amplitudes_deg` in "
+            "the configuration, or the angle's unit in the source file"
         )
+    return [(run, amplitude) for run, amplitude in followed_by if amplitude is not None]
 
 
 def common_frequencies(found: Sequence[Run], protocol: SteppedSineProtocol) -> list[float]:

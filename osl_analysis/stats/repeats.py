@@ -102,14 +102,12 @@ def score_models(y: Array, candidates: Sequence[Candidate]) -> pl.DataFrame:
     m = effective_samples(best) if min(power) > rounding else float(len(y))
     rows = []
     for c, s in zip(candidates, power, strict=True):
-        left = c.held_out_residual
-        rows.append({
-            "model": c.model, "terms": c.terms, "parameters": c.parameters,
-            "VAF": variance_accounted_for(y, c.residual),
-            "VAF_held_out": float("nan") if np.isnan(left).all() else variance_accounted_for(y, left),
-            "BIC": float(m * np.log(s) + c.parameters * np.log(m)), "effective_samples": m,
-        })  # fmt: skip
-    return pl.DataFrame(rows).with_columns(rank=pl.col("BIC").rank("min").cast(pl.Int64))
+        vaf, left = variance_accounted_for(y, c.residual), c.held_out_residual
+        held_out = float("nan") if np.isnan(left).all() else variance_accounted_for(y, left)
+        bic = float(m * np.log(s) + c.parameters * np.log(m))
+        rows.append((c.model, c.terms, c.parameters, vaf, held_out, bic, m))
+    names = ("model", "terms", "parameters", "VAF", "VAF_held_out", "BIC", "effective_samples")
+    return pl.DataFrame(rows, names, orient="row").with_columns(rank=pl.col("BIC").rank("min").cast(pl.Int64))
 
 
 def effective_samples(residual: Array) -> float:

@@ -146,21 +146,6 @@ def test_undecided_stamps_are_also_taken_the_other_way_and_the_change_is_stated(
     assert fitted(trial_of(motion(times())[0], torque(times())))["time_base_shift"] is None
 
 
-@pytest.mark.parametrize("ppm", [0.0, 50.0])
-def test_clocks_of_two_devices_that_drift_apart_are_measured_and_refused_beyond_two_ppm(ppm):
-    stamps = times()[:-1] + 0.3e-3
-    noise = np.random.default_rng(4).normal(0, 0.005, (2, len(times())))
-    two = trial_of(motion(times())[0], torque((stamps - 6) * (1 - 1e-6 * ppm) + 6) + noise[0, 1:], stamps)
-    if ppm:
-        with pytest.raises(InputError, match=r"trial made: the clocks of angle and torque drift apart by [45].* ppm"):
-            fitted(two)
-    else:
-        row = fitted(two)
-        assert row["clock_drift_se_ppm"] < 5
-        assert row["certain_clock_drift_ppm"] == 0
-    assert fitted(trial_of(motion(times())[0], torque(times())))["clock_drift_ppm"] is None
-
-
 @pytest.mark.parametrize("counted", [False, True])
 def test_a_counter_in_the_log_tells_which_samples_a_late_host_lost(counted):
     random, late = np.random.default_rng(8), times()[:-1] + 0.3e-3

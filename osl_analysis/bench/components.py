@@ -50,8 +50,6 @@ def part_summary(part: str, table: pl.DataFrame) -> pl.DataFrame:
     """The summary of the fits to all of a trial in `belt.csv`, `transmission.csv` or `actuator.csv`, of each joint and
     side on its own, one below the other, with columns that name them."""
     whole = table.filter(pl.col("amplitude_deg").is_null()) if "amplitude_deg" in table.columns else table
-    if not set(PLACE) <= set(whole.columns):
-        return summary_of_trials(whole, SUMMARISED[part])
     parts = whole.partition_by(PLACE, maintain_order=True)
     found = [own.select(PLACE).head(1).join(summary_of_trials(own, SUMMARISED[part]), how="cross") for own in parts]
     return pl.concat(found, how="vertical_relaxed")
@@ -234,13 +232,15 @@ def belt_figure_points(curves: pl.DataFrame, table: pl.DataFrame, summary: pl.Da
     for one in marked_curves.partition_by(PLACE, maintain_order=True):
         place = one.select(PLACE).head(1)
         means = {row["quantity"]: row for row in summary.join(place, PLACE, nulls_equal=True).to_dicts()}
-        numbers = {f"{x}{end}": means[x][of] for x in ("K_s", "hysteresis_area") for end, of in bounds.items()}
-        slope, deflection = numbers["K_s"] * np.pi / 180, one["theta_s_deg"]
+        numbers = {
+            f"{x}{end}": pl.lit(means[x][of], pl.Float64)
+            for x in ("K_s", "hysteresis_area")
+            for end, of in bounds.items()
+        }
+        slope, deflection = means["K_s"]["mean"] * np.pi / 180, one["theta_s_deg"]
         ends = np.array([0.0, deflection[int(np.argmax(deflection.abs().to_numpy()))]])
         line = pl.DataFrame({"trial": "mean slope", "branch": "loading", "theta_s_deg": ends, "torque": slope * ends})
-        line = line.join(
-            place.with_columns(**{name: pl.lit(x, pl.Float64) for name, x in numbers.items()}), how="cross"
-        )
+        line = line.join(place, how="cross").with_columns(**numbers)
         found += [one.with_columns(deviation=pl.col("torque") - slope * pl.col("theta_s_deg")), line]
     return pl.concat(found, how="diagonal")
 
@@ -331,11 +331,9 @@ def actuator_of(signals: UniformSignals, settings: ActuatorAnalysis) -> Analysis
             f"the actuator is faster than {settings.slowest:g} rad/s in {np.count_nonzero(moving)} of {len(time)} "
             "samples; drive it faster or longer, or check the unit of theta_m or omega_m in the source file"
         )
-    motion, torque = Motion(smooth.theta, omega, alpha), low_pass(signals["torque_m"], rate)
-    groups = stretches_of(runs(moving), rate)
-    record = Record(
-        signals.trial, time, raw, signals["torque_m"], motion, torque, low_pass, usable, groups, uniform=signals
-    )
+    measured, groups = signals["torque_m"], stretches_of(runs(moving), rate)
+    filtered = Motion(smooth.theta, omega, alpha), low_pass(measured, rate)
+    record = Record(signals.trial, time, raw, measured, *filtered, low_pass, usable, groups, uniform=signals)
     return analysed(record, gram_sums(record, columns, list(columns)), ACTUATOR_ALONE)
 
 

@@ -70,11 +70,9 @@ def draw_figure(wildcards):
 def captions(_):
     tables = {name: RESULTS / f"figures/{name}.csv" for name in drawn_names()}
     modules = ("figures.names", *sorted({f"figures.{FIGURES[name].module}" for name in tables}))
-    inputs = {
-        "input": {"fitted": list(tables.values())},
-        "read": {"shown": {name: shown_rows(name) for name in tables}},
-    }
-    return {"modules": modules, **inputs, "settings": {"tables": tables, "footer": sentence(ABOUT)}}
+    read, settings = {"shown": {name: shown_rows(name) for name in tables}}, {"footer": sentence(ABOUT)}
+    inputs = {"input": {"fitted": list(tables.values())}, "read": read}
+    return {"modules": modules, **inputs, "settings": {"tables": tables, **settings}}
 
 
 @step("report.write_report", "report.html", name="report")

@@ -120,10 +120,8 @@ single("gains.select_trajectory", tabled("gains"), "tables/gains", OF_GAINS, "ga
 def excluded_trials(_):
     """It waits for the results of single trials of every kind, and names those that have none."""
     ends = [tabled(table) for table in ("model_comparison", "hinge") if PER_TRIAL[table]]
-    after = {
-        "input": {"verdicts": tabled("quality")},
-        "after": [*fitted(*EXPERIMENTS), *ends, *[SELECTION] * bool(WALKED)],
-    }
+    waits = [*fitted(*EXPERIMENTS), *ends, *[SELECTION] * bool(WALKED)]
+    after = {"input": {"verdicts": tabled("quality")}, "after": waits}
     read = {"fitted": [*crossings(WALKED), *(path for table in PER_TRIAL for path in rows(table))]}
     return {**after, "read": read, "settings": {"by_sheet": dict(CAMPAIGN.excluded), "places": PLACES}}
 
@@ -134,12 +132,10 @@ def headline_numbers(_):
     row = CAMPAIGN.row(TIME_SERIES["trial"]) if TIME_SERIES else {}
     example = {"K_d": row["K_d"], "B_d": row["B_d"], "chosen": TIME_SERIES["chosen"]} if row else None
     trials = {name: CAMPAIGN.trials(name) for name in EXPERIMENTS if CAMPAIGN.trials(name)}
-    return {
-        "input": {"excluded": tabled("excluded"), "verdicts": tabled("quality")},
-        "after": result_tables(),
-        "read": {"table_paths": by_stem(result_tables())},
-        "settings": {"about": ABOUT, "example": example, "trials": trials},
-    }
+    settings = {"about": ABOUT, "example": example, "trials": trials}
+    inputs = {"input": {"excluded": tabled("excluded"), "verdicts": tabled("quality")}}
+    tables = {"after": result_tables(), "read": {"table_paths": by_stem(result_tables())}}
+    return {**inputs, **tables, "settings": settings}
 
 
 @step("tables.write_table_metadata", "csv-metadata.json", "csv_metadata")

@@ -40,11 +40,9 @@ def calibrate_markers(wildcards):
     """The first unperturbed crossings of a static trial show how foot and shank turn against each other."""
     static = wildcards.static
     motion = [trial for trial in CALIBRATED[static] if not CAMPAIGN.row(trial)["perturbed"]][:3]
-    return {
-        "input": {"trial": trial_file(static), "motion": [trial_file(trial) for trial in motion]},
-        "read": {"quality": checked([static, *motion])},
-        "settings": {"settings": CAMPAIGN.calibration_settings(static)},
-    }
+    inputs = {"trial": trial_file(static), "motion": [trial_file(trial) for trial in motion]}
+    settings = {"settings": CAMPAIGN.calibration_settings(static)}
+    return {"input": inputs, "read": {"quality": checked([static, *motion])}, "settings": settings}
 
 
 UNLOADED = of_crossings(CAMPAIGN.plate_trials(), settings=CONFIG.walking.part("PlateModelSettings"))

@@ -14,7 +14,6 @@ import signal
 import socket
 import subprocess
 import sys
-import threading
 import time
 import traceback
 from collections.abc import Callable, Iterable, Sequence
@@ -154,14 +153,6 @@ def at_end_of_run(
     to bring up to date; a dry run ends with what is `expected` of the jobs that it would run. Snakemake's `onsuccess`
     and `onerror` are not called where nothing is left to do, as in the run after a refusal.
     """
-    pressed, before = threading.Event(), signal.getsignal(signal.SIGINT)
-
-    def interrupt(number: int, frame: Any) -> Any:
-        pressed.set()
-        return before(number, frame) if callable(before) else None  # Snakemake goes on to handle it as it does
-
-    if callable(before) and threading.current_thread() is threading.main_thread():  # else it is ignored: it stays so
-        signal.signal(signal.SIGINT, interrupt)
 
     def end() -> None:
         if workflow.scheduler is None or not workflow.is_main_process:  # an unknown target, another run's lock
@@ -177,10 +168,9 @@ def at_end_of_run(
         records = [file for file in files if is_refused(file)]
         lost = [file for file in files if not Path(file).exists()]  # as of a job that was killed with Snakemake
         not_made = f"not made: {listing(lost, MOST_TOLD)}; run again, what is finished stays" if lost else ""
-        texts = [run_report(logs, STARTED), not_made, said(records)]
-        if pressed.is_set():
-            texts = ["interrupted: what had begun was brought to its end; run again to go on from here"]
-        print("\n".join(filter(None, texts)), file=sys.stderr, flush=True)
+        print(
+            "\n".join(filter(None, [run_report(logs, STARTED), not_made, said(records)])), file=sys.stderr, flush=True
+        )
         if records and not accept:
             sys.stdout.flush()
             os._exit(1)  # at the exit of Python there is no other way

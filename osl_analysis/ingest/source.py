@@ -19,7 +19,6 @@ from pydantic import (
     PositiveFloat,
     PositiveInt,
     PrivateAttr,
-    ValidationInfo,
     create_model,
     field_validator,
     model_validator,
@@ -76,14 +75,12 @@ class Conversion(Settings):
     scale: NoSlip = 1.0  # Units per count: 1 / 16384 with the unit rev for an encoder of 14 bits.
     offset: NoSlip = 0.0  # Offset that is added to the raw numbers before the scale, in the raw unit.
 
-    @field_validator("delay", "sign", "scale", mode="before")
+    @field_validator("delay", "scale")
     @classmethod
-    def _possible(cls, value: Any, info: ValidationInfo) -> Any:
-        if info.field_name == "delay" and isinstance(value, str):
+    def _possible(cls, value: Any) -> Any:
+        if isinstance(value, str):
             quantity(value, "s")
-        if info.field_name == "sign" and isinstance(value, bool):
-            raise ValueError("write 1 or -1")
-        if info.field_name == "scale" and value == 0 and not isinstance(value, bool):
+        if value == 0:
             raise ValueError("a scale of zero makes every number zero; write the size of one count")
         return value
 

@@ -3,14 +3,12 @@
 import json
 from pathlib import Path
 
-import numpy as np
 import pytest
 import yaml
 from click.testing import CliRunner
 from conftest import ROOT
 from jsonschema import Draft202012Validator
 
-from osl_analysis.campaign.configuration import read_config
 from osl_analysis.cli import main
 from osl_analysis.commands.inspect import draft_campaign
 from osl_analysis.commands.reference import definitions_of, schemas
@@ -21,7 +19,6 @@ from osl_analysis.ingest.draft import draft_trials
 from osl_analysis.ingest.raw_files import FORMATS, read_source
 from osl_analysis.ingest.source import open_places
 
-STIFFNESS, DAMPING, INERTIA = 120.0, 2.0, 0.02
 KINDS = {
     "config/config.yaml": "config",
     "config/campaigns/*/config.yaml": "config",
@@ -40,41 +37,6 @@ UNITS = ("unit", "point_unit")
 
 def call(*arguments):
     return CliRunner().invoke(main, [str(a) for a in arguments])
-
-
-def write_joint(path, sign=1.0):
-    """A log of an exact joint under a stepped sine, as a laboratory's own CSV: 1 and 3 Hz at 4 deg, 250 Hz."""
-    time = np.arange(0, 34, 0.004)
-    angle = np.zeros_like(time)
-    for start, frequency in ((2.0, 1.0), (24.0, 3.0)):
-        inside = (time >= start) & (time < start + 20 / frequency)
-        angle[inside] = np.radians(4) * np.sin(2 * np.pi * frequency * (time[inside] - start))
-    torque = STIFFNESS * angle + DAMPING * np.gradient(angle, time)
-    torque += INERTIA * np.gradient(np.gradient(angle, time), time)
-    noise = np.random.default_rng(3).normal(0, 0.05, time.size)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with path.open("w") as file:
-        file.write("time_s,ankle_angle_deg,loadcell_torque_Nm\n")
-        for row in zip(time, np.degrees(angle), sign * (torque + noise), strict=True):
-            file.write(",".join(f"{value:.6f}" for value in row) + "\n")
-
-
-def test_recordings_become_a_campaign_whose_first_trial_is_fitted(tmp_path):
-    folder = tmp_path / "Meßdaten mit Blank"
-    write_joint(folder / "rec/k120_b2.csv")
-    made = call("init", folder / "mine", "--from", folder / "rec")
-    assert made.exit_code == 0, made.output
-    source = read_source(folder / "mine/sources/csv.yaml")
-    assert {name: (one.column, one.unit) for name, one in source.channels.items()} == {
-        "theta": ("ankle_angle_deg", "deg"),
-        "torque": ("loadcell_torque_Nm", "Nm"),
-    }
-    sheet = (folder / "mine/trials.csv").read_text().splitlines()
-    assert sheet[1] == "k120_b2,impedance,,120,2,,k120_b2.csv,csv,,,"
-    config = read_config(folder / "mine/config.yaml")
-    assert (folder / "mine" / config.raw_data).resolve() == (folder / "rec").resolve()
-    line = next(line for line in made.output.splitlines() if line.strip().startswith("K "))
-    assert float(line.split()[1]) == pytest.approx(STIFFNESS, rel=0.01)
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,6 @@ from osl_analysis.commands import study as study_jobs
 from osl_analysis.commands.figure import draw_figure
 from osl_analysis.commands.study import run_batch, study_inputs, summarise_study
 from osl_analysis.errors import InputError
-from osl_analysis.figures import others
 from osl_analysis.simulator.settings import RecorderSettings
 from osl_analysis.simulator.walking_settings import WalkingSettings
 from osl_analysis.study import (
@@ -173,12 +172,6 @@ def test_batches_become_a_table_and_a_figure(tmp_path):
     assert table.filter(pl.col("experiment") == "walking")["n"].to_list() == [2] * 9
     draw_figure("study", tmp_path / "study.csv", [tmp_path / "study.png"])
     assert (tmp_path / "study.png").stat().st_size > 10_000
-    axes = others.draw_study(table).axes[0]
-    names = [text.get_text() for text in axes.get_yticklabels()]
-    assert names[:2] == ["belt", "filtered, units + drift"]
-    assert [name for name in names if name in set(table["experiment"])] == ["belt", "walking", "actuator"]
-    rules = [line.get_ydata()[0] for line in axes.lines if set(line.get_xdata()) == {0, 1}]
-    assert rules == [names.index(name) - 0.5 for name in ("walking", "actuator")]
 
 
 @pytest.mark.parametrize("experiment", WALKING_EXPERIMENTS)

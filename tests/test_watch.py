@@ -10,7 +10,6 @@ import polars as pl
 import pytest
 from any_motion import TRUE, made_trial, noise
 from conftest import ROOT
-from test_new_campaign import DAMPING, INERTIA, STIFFNESS, write_joint
 
 from osl_analysis.commands import inspect as module
 from osl_analysis.commands.inspect import (
@@ -28,6 +27,8 @@ from osl_analysis.commands.inspect import (
 )
 from osl_analysis.files import default_config
 
+STIFFNESS, DAMPING, INERTIA = 120.0, 2.0, 0.02
+
 
 @pytest.fixture(autouse=True)
 def in_root(monkeypatch):
@@ -37,6 +38,23 @@ def in_root(monkeypatch):
 @pytest.fixture
 def bench(tmp_path):
     return WatchedBench(default_config(), None, tmp_path / "pictures")
+
+
+def write_joint(path, sign=1.0):
+    """A log of an exact joint under a stepped sine, as a laboratory's own CSV: 1 and 3 Hz at 4 deg, 250 Hz."""
+    time = np.arange(0, 34, 0.004)
+    angle = np.zeros_like(time)
+    for start, frequency in ((2.0, 1.0), (24.0, 3.0)):
+        inside = (time >= start) & (time < start + 20 / frequency)
+        angle[inside] = np.radians(4) * np.sin(2 * np.pi * frequency * (time[inside] - start))
+    torque = STIFFNESS * angle + DAMPING * np.gradient(angle, time)
+    torque += INERTIA * np.gradient(np.gradient(angle, time), time)
+    noise = np.random.default_rng(3).normal(0, 0.05, time.size)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("w") as file:
+        file.write("time_s,ankle_angle_deg,loadcell_torque_Nm\n")
+        for row in zip(time, np.degrees(angle), sign * (torque + noise), strict=True):
+            file.write(",".join(f"{value:.6f}" for value in row) + "\n")
 
 
 def touch(path, text, second):

@@ -157,9 +157,10 @@ def read(folder: Path, content: bytes, largest_loss: float = 1.0) -> tuple[pl.Da
 @ANY_PACKING
 def test_wherever_a_file_is_cut_every_whole_chunk_is_recovered(tmp_path: Path, packing: CompressionType) -> None:
     content = written(tmp_path, packing)
-    for cut in range(chunks(content)[0][1], len(content), 37):
+    known = chunks(content)
+    for cut in range(known[0][1], len(content), 73):
         samples, damage = read(tmp_path, content[:cut], 0.0)
-        assert len(samples) == sum(size for _, end, size in chunks(content) if end <= cut)
+        assert len(samples) == sum(size for _, end, size in known if end <= cut)
         del damage["topics"]["/lab"]["messages"]
         assert damage == {  # one rule for every byte
             "complete": False,

@@ -432,7 +432,7 @@ def inspect_messages(name: str, opened: Callable[[Path], MessageFile], path: Pat
                 if fields or not reason:  # JSON has no schema to tell what a message does not
                     break
             except (ValueError, RecursionError) as error:
-                reason = reason or " ".join(str(error).split())
+                reason = reason or " ".join(str(error).split()).removeprefix(f"topic '{survey.channel.topic}': ")
         else:
             remarks.append(f"topic '{survey.channel.topic}': its fields cannot be listed: {reason}")
         channels += topic_channels(survey, fields)

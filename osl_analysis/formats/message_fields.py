@@ -36,15 +36,15 @@ class NoNumberError(ValueError):
 PATH_PART = re.compile(
     r"(?P<name>[^.\[\]]+)|\[(?P<quoted>\"(?:[^\"\\]|\\.)*\")\]|\[(?P<index>\d+)\]|\[(?P<names>\w+)=(?P<one>[^\]]+)\]|\."
 )
-Step = str | int | tuple[str, str]  # a name, an index, or an array of names with the wanted one
+PathKey = str | int | tuple[str, str]  # a name, an index, or an array of names with the wanted one
 
 
 @cache
-def steps_of(path: str) -> tuple[tuple[Step, str], ...]:
+def steps_of(path: str) -> tuple[tuple[PathKey, str], ...]:
     """The steps to a field, each with the way to it."""
-    steps = list[tuple[Step, str]]()
+    steps = list[tuple[PathKey, str]]()
     for part in PATH_PART.finditer(path):
-        key: Step | None = part["name"]
+        key: PathKey | None = part["name"]
         if part["names"]:
             key = part["names"], part["one"]
         elif part["index"]:

@@ -219,8 +219,11 @@ def test_a_motion_that_the_recording_cuts_has_no_part_in_the_plates_model() -> N
     assert model.parameters[0] == pytest.approx(MASS, rel=0.02)
     with pytest.warns(UserWarning, match="trial plate_2: excluded .*: the recording begins or ends while the platform"):
         assert len(model_of(whole, late).lags) == 1
-    with pytest.raises(InputError, match="trial plate_2, as others: the recording begins or ends while the platform"):
-        model_of(late)
+    slow = walked_over("plate_2", replace(RAMP, rise=1.2, returns=2.5), RIG, 7, loaded=False)
+    never_still = replace(slow, samples=slow.samples.filter(pl.col("time").is_between(1.2, 2.0)))
+    for cut in (late, never_still):
+        with pytest.raises(InputError, match="plate_2, as others: the recording begins or ends while the platform"):
+            model_of(cut)
 
 
 TIME = np.arange(3 * PLATE_RATE) / PLATE_RATE

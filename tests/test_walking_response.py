@@ -273,6 +273,12 @@ def test_sound_crossings_are_far_from_every_limit_and_faults_are_beyond() -> Non
     }
     assert {name: found[name] > limit for name, limit in least.items()} == dict.fromkeys(least, True)
     assert {name: abs(found[name]) < limit for name, limit in most.items()} == dict.fromkeys(most, True)
+    headline = group_headline(perturbed(), USUAL, SETTINGS)  # the difference, over the sum of the halves of intervals
+    fits = pl.DataFrame([{q: fit_response(r)[q] for q in "KBI"} | {"VAF": 0.0} for r in headline.responses])
+    rows = headline_rows(headline, fits, {})
+    pairs = [(rows[k], rows[k + 4]) for k in range(3)]
+    apart = [2 * abs(m["mean"] - e["mean"]) / sum(r["high"] - r["low"] for r in (m, e)) for m, e in pairs]
+    assert found["estimator_difference"] == pytest.approx(max(apart))
     # turns of both directions that nobody told apart cancel; three stiffnesses; a torque that was clipped
     half = [replace(c, theta=2 * crossing("g").theta[: c.time.size] - c.theta) for c in perturbed()[::2]]
     assert facts([*half, *perturbed()[1::2]])["coherence"] < 0.3

@@ -9,7 +9,15 @@ from osl_analysis.campaign.configuration import read_section
 from osl_analysis.commands.tables import gather
 from osl_analysis.errors import InputError
 from osl_analysis.jobs.job import reason_and_remedy
-from osl_analysis.judge.doubts import CAUSES, counted, doubtful_count, marked, not_checked_line, summary_of_trials
+from osl_analysis.judge.doubts import (
+    CAUSES,
+    counted,
+    doubtful_count,
+    known_factor,
+    marked,
+    not_checked_line,
+    summary_of_trials,
+)
 from osl_analysis.judge.findings import findings, findings_report
 from osl_analysis.judge.recording import CHECKS
 from osl_analysis.judge.table import Doubt, DoubtfulFits
@@ -74,12 +82,15 @@ def test_what_was_not_checked_has_a_row_each_and_a_certainly_negative_inertia_ha
     assert not_checked_line(marked(pl.DataFrame([row | {"I_high": 1.0, "not_checked": None}]), Doubt(), "x")) == ""
 
 
-@pytest.mark.parametrize(("lag", "said"), [(-0.01, "by 10000 us or more would"), (0.0101, "by 10100 us would")])
-def test_a_lag_at_the_end_of_those_that_were_tried_is_said_as_a_bound(lag, said):
-    row = {"lag_s": lag, "lag_share": 0.5, "lag_inertia_share": None, "band_high_hz": 5.0}
-    assert f"a delay of the {'angle' if lag < 0 else 'torque'} {said} explain it" in doubts(
-        row, {"lag_share": 0.05}, {}
-    )
+def test_a_lag_at_the_end_of_those_that_were_tried_is_said_as_a_bound():
+    for lag, signal, said in ((-0.01, "angle", "10000 us or more"), (0.0101, "torque", "10100 us")):
+        row = {"lag_s": lag, "lag_share": 0.5, "lag_inertia_share": None, "band_high_hz": 5.0}
+        assert f"a delay of the {signal} by {said} would explain it" in doubts(row, {"lag_share": 0.05}, {})
+
+
+def test_a_factor_between_units_is_named_within_eight_percent():
+    assert known_factor(1.07 * 4.4482) == known_factor(1 / 4.4482) == "4.45 is the factor between lbf and N"
+    assert known_factor(1.09 * 4.4482) == known_factor(0.0) == ""
 
 
 def test_no_text_of_the_table_has_the_sign_that_separates_doubts_and_remedies_tell_what_to_do():
@@ -96,14 +107,11 @@ def test_any_numeric_column_of_any_table_can_have_a_limit_and_null_takes_it_out(
     assert marked(table, Doubt(below={"speed": None}), "belt")["doubtful"].to_list() == ["", ""]
 
 
-@pytest.mark.parametrize("column", ["VFA", "trial"])
-def test_a_limit_on_what_is_no_column_of_numbers_is_one_line_that_names_it(column):
-    message = rf"doubtful\.belt: the table has no column '{column}' of numbers; put the limit on one of VAF"
-    with pytest.raises(InputError, match=message):
-        marked(fits(VAF=[80.0, 99.0]), Doubt(below={column: 1}), "belt")
-
-
-def test_a_table_without_limits_of_its_own_is_refused_by_name(tmp_path):
+def test_a_limit_on_what_is_no_column_of_numbers_or_no_table_is_one_line_that_names_it(tmp_path):
+    for column in ("VFA", "trial"):
+        message = rf"doubtful\.belt: the table has no column '{column}' of numbers; put the limit on one of VAF"
+        with pytest.raises(InputError, match=message):
+            marked(fits(VAF=[80.0, 99.0]), Doubt(below={column: 1}), "belt")
     (tmp_path / "c.yaml").write_text(yaml.safe_dump({"doubtful": {"belts": {"below": {"VAF": 1}}}}))
     with pytest.raises(InputError, match=r"unknown table 'belts'; limits may stand on belt, transmission"):
         read_section(tmp_path / "c.yaml", "doubtful", DoubtfulFits)

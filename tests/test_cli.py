@@ -180,6 +180,8 @@ UNFIT = {
     "give --model impedance": ("fit", "x.parquet", "--controller", "uncompensated", "--model", "belt"),
     "neither a number": of_gains("stiff", 5),
     "write first:last:step, upwards": of_gains("400:100:50", 5),
+    "'100:400' is not a range": of_gains("100:400", 5),
+    "'100:400:0' is not a range": of_gains("100:400:0", 5),
     "more than 300 numbers": of_gains("1:600:0.0001", 5),
     "go together": ("ingest", "--log", "x.mcap", "--output", "x.parquet"),
     "both.csv would be overwritten": (*GAINS, "--output", "both.csv", "--plot", "both.csv"),

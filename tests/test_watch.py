@@ -140,23 +140,20 @@ def test_a_stiffness_far_from_the_desired_one_is_pointed_at(tmp_path, bench):
     assert re.search("first trial of experiment impedance, .*: LOOK AT IT\n  K is 0.4 times the K_d = 300", look)
 
 
-def test_a_recording_of_an_unknown_recorder_gives_its_joint_and_what_was_guessed(tmp_path, bench):
+def test_a_recording_of_an_unknown_recorder_gives_its_joint_and_what_was_guessed_or_why_not_in_a_line(tmp_path, bench):
     write_joint(tmp_path / "in/k120_b2.csv")
-    said = recording_line(tmp_path / "in/k120_b2.csv", tmp_path / "in", bench)
-    found = {name: float(value) for name, value in re.findall(r"\b([KBI]) (\S+) ±", said)}
-    assert found == pytest.approx({"K": STIFFNESS, "B": DAMPING, "I": INERTIA}, rel=0.02)
-    assert 'channels are guessed: theta: {column: "ankle_angle_deg"' in said
-    assert (tmp_path / "pictures/k120_b2.png").stat().st_size > 10_000
-    assert sorted(path.name for path in tmp_path.rglob("*") if path.is_file()) == ["k120_b2.csv", "k120_b2.png"]
-
-
-def test_a_wrong_sign_and_a_damaged_file_are_one_line_each(tmp_path, bench):
     write_joint(tmp_path / "in/rec7.csv", sign=-1.0)
     (tmp_path / "in/x.csv").write_text("junk\n")
-    said = [recording_line(path, tmp_path / "in", bench) for path in sorted((tmp_path / "in").iterdir())]
-    assert re.search(r"rec7.csv: REFUSED: .*turn the `sign` of the torque", said[0])
-    assert re.search(r"x.csv: REFUSED: no rows", said[1])
-    assert [line.count("\n") for line in said] == [0, 0]
+    paths = sorted((tmp_path / "in").iterdir())
+    sound, turned, junk = (recording_line(path, tmp_path / "in", bench) for path in paths)
+    found = {name: float(value) for name, value in re.findall(r"\b([KBI]) (\S+) ±", sound)}
+    assert found == pytest.approx({"K": STIFFNESS, "B": DAMPING, "I": INERTIA}, rel=0.02)
+    assert 'channels are guessed: theta: {column: "ankle_angle_deg"' in sound
+    assert (tmp_path / "pictures/k120_b2.png").stat().st_size > 10_000
+    assert re.search(r"rec7.csv: REFUSED: .*turn the `sign` of the torque", turned)
+    assert re.search(r"x.csv: REFUSED: no rows", junk)
+    assert "\n" not in sound + turned + junk
+    assert {*paths, tmp_path / "pictures/k120_b2.png"} == {path for path in tmp_path.rglob("*") if path.is_file()}
 
 
 def test_the_stated_source_file_decides(tmp_path):

@@ -24,7 +24,7 @@ from osl_analysis.simulator.rigid_body import Pose, rotation_about, support
 from osl_analysis.simulator.settings import Conditions, Subject
 from osl_analysis.simulator.step import GaitTrial, draw_step, drawn_change, unloaded_platform
 from osl_analysis.simulator.vicon import leg_markers, seen_markers, write_c3d
-from osl_analysis.simulator.walking_settings import Rates, StepChange, WalkingSettings
+from osl_analysis.simulator.walking_settings import CaptureSettings, Rates, StepChange, WalkingSettings
 from osl_analysis.yaml_settings import read_yaml
 
 REAL = ROOT.parent / "shared/real_data/c3d/btk_PiG_Motion3_FF.c3d"
@@ -88,9 +88,9 @@ def decoded(setup, folder, perturbed=False, trial="walking_01"):
     return decoded_crossing(folder / f"vicon/{trial}.c3d")
 
 
-def captured(setup, folder, row=UNPERTURBED):
-    """Parameters, analogs and points of a recording."""
-    setup.record(folder, row)
+def captured(setup, folder, row=UNPERTURBED, **capture):
+    """Parameters, analogs and points of a recording whose file is as `capture` says."""
+    altered(setup, capture=CaptureSettings.model_validate(capture)).record(folder, row)
     file = ezc3d.c3d(str(folder / f"vicon/{row['trial']}.c3d"))
     return file["parameters"], file["data"]["analogs"][0], file["data"]["points"][:3]
 
@@ -99,10 +99,87 @@ def truth_of(folder):
     return json.loads((folder / "truth/walking_01.json").read_text())
 
 
-def test_the_file_states_the_person(setup, tmp_path):
+def wrench_of(parameters, c):
+    """Fx, Fy, Fz [N] and moments [N*m] about the surface's centre, plate axes, by the formulas of the C3D manual."""
+    plate = parameters["FORCE_PLATFORM"]
+    kind, origin = plate["TYPE"]["value"][0], plate["ORIGIN"]["value"][:, 0] / 1e3
+    if kind == 1:
+        x, y, zero = c[3] / 1e3, c[4] / 1e3, 0 * c[3]
+        m_x, m_y, m_z = np.cross([x, y, zero], c[:3], axis=0)
+        return np.array([*c[:3], m_x, m_y, m_z + c[5] / 1e3])
+    if kind == 3:
+        a, b, depth = origin
+        force = np.array([c[0] + c[1], c[2] + c[3], c[4:8].sum(axis=0)])
+        moment = [b * (c[4] + c[5] - c[6] - c[7]), a * (-c[4] + c[5] + c[6] - c[7])]
+        moment.append(b * (c[1] - c[0]) + a * (c[2] - c[3]))
+        centre = np.array([0.0, 0.0, depth])
+    else:
+        c = plate["CAL_MATRIX"]["value"][:, :, 0] @ c[:6] if kind == 4 else c
+        force, moment, centre = c[:3], c[3:6] / 1e3, -origin
+    return np.array([*force, *(np.array(moment) - np.cross(centre, force.T).T)])
+
+
+@pytest.mark.parametrize("kind", [1, 3, 4])
+def test_every_type_of_plate_carries_the_wrench_of_type_2(setup, tmp_path, kind):
+    expected = wrench_of(*captured(setup, tmp_path, PERTURBED)[:2])
+    parameters, analogs, _ = captured(setup, tmp_path, PERTURBED, plate_type=kind)
+    loaded, labels = expected[2] < -50, parameters["ANALOG"]["LABELS"]["value"]
+    np.testing.assert_allclose(wrench_of(parameters, analogs)[:, loaded], expected[:, loaded], atol=2e-3)
+    assert (len(labels), labels[-2:]) == (10 if kind == 3 else 8, ["Sync", "Trigger"])
+    assert parameters["FORCE_PLATFORM"]["CHANNEL"]["value"].size == len(labels) - 2
+
+
+@pytest.mark.parametrize(
+    ("effect", "size", "kind", "rows"),
+    [("moment_clip", 50, 2, slice(3, 6)), ("force_clip", 500, 2, slice(0, 3)), ("sensor_clip", 150, 3, slice(0, 8))],
+)
+def test_raw_channels_stop_at_their_rails(setup, tmp_path, effect, size, kind, rows):
+    """Exactly the samples beyond the rails change, and no other channel does."""
+    free = captured(setup, tmp_path, plate_type=kind)[1]
+    seen = captured(imperfect(setup, **{effect: size}), tmp_path, plate_type=kind)[1]
+    rail = size * (1e3 if effect == "moment_clip" else 1)
+    assert (np.abs(free[rows]) > 1.2 * rail).any()
+    free[rows] = np.clip(free[rows], -rail, rail)
+    np.testing.assert_allclose(seen, free, rtol=1e-6)
+
+
+TURN = np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]])
+SWAPPED = {"swapped_labels": [("FOOT1", "FOOT2")]}
+
+
+@pytest.mark.parametrize(
+    ("capture", "changed"),
+    [
+        ({"moment_label": "Nm"}, {"units": lambda units: [*units[:3], "Nm", "Nm", "Nm", *units[6:]]}),
+        ({"dead_channels": {"Mx1": -12.0}}, {"analogs": lambda a: np.vstack([a[:3], 0 * a[:1] - 12, a[4:]])}),
+        (SWAPPED, {"labels": lambda labels: [labels[1], labels[0], *labels[2:]]}),
+        (SWAPPED | {"swapped_in": ["static_1"]}, {}),
+        ({"states_axes": False}, {"screen": lambda _: None}),
+        # x stays forward, y is up, z is to the right: (x, y, z) -> (x, z, -y)
+        ({"up_axis": "y"}, {"screen": lambda _: ["+Y"], **dict.fromkeys(("points", "corners"), TURN.dot)}),
+    ],
+)
+def test_a_capture_differs_as_its_switch_says_and_in_nothing_else(setup, tmp_path, capture, changed):
+    plain, seen = ({}, {})
+    for facts, own in ((plain, {}), (seen, capture)):
+        groups, facts["analogs"], points = captured(setup, tmp_path, **own)
+        facts["labels"], facts["units"] = groups["POINT"]["LABELS"]["value"], groups["ANALOG"]["UNITS"]["value"]
+        facts["screen"] = groups["POINT"].get("Y_SCREEN", {"value": None})["value"]
+        facts["corners"], facts["points"] = groups["FORCE_PLATFORM"]["CORNERS"]["value"][:, :, 0], points[:, 0]
+    for name, value in plain.items():
+        expected = changed[name](value) if name in changed else value
+        if isinstance(value, np.ndarray):
+            np.testing.assert_allclose(seen[name], expected, atol=1e-3)
+        else:
+            assert seen[name] == expected
+
+
+def test_the_file_states_the_body_mass_and_the_person(setup, tmp_path):
     people = with_conditions(setup, subjects=[Subject(name="Anna", body_mass_kg=61.5)])
-    assert captured(people, tmp_path, STATIC)[0]["SUBJECTS"]["NAMES"]["value"] == ["Anna"]
-    assert "SUBJECTS" not in captured(setup, tmp_path, STATIC)[0]
+    groups = captured(people, tmp_path, STATIC, states_body_mass=True)[0]
+    assert groups["PROCESSING"]["BODYMASS"]["value"][0] == pytest.approx(61.5)
+    assert groups["SUBJECTS"]["NAMES"]["value"] == ["Anna"]
+    assert not {"PROCESSING", "SUBJECTS"} & set(captured(setup, tmp_path, STATIC)[0])
 
 
 def test_the_second_session_has_other_marker_places_in_its_static_trial_and_crossings(setup):
@@ -115,6 +192,28 @@ def test_the_second_session_has_other_marker_places_in_its_static_trial_and_cros
         spans.append(1e3 * np.linalg.norm(feet[:, None] - feet, axis=2)[np.triu_indices(4, 1)])
     np.testing.assert_allclose(spans[0], spans[1], atol=1e-3)
     assert 2 < np.sqrt(np.mean((spans[2] - spans[0]) ** 2)) < 15
+
+
+def test_a_second_foot_adds_its_force_where_it_stands(setup, usual, tmp_path):
+    """20 % of 80 kg at mid-stance, 0.15 m behind and 0.18 m to the left of the nominal ankle (0.24, 0.25)."""
+    seen, middle = decoded(stepping(setup, second_foot_percent=20), tmp_path), np.abs(usual.time - 1.26).argmin()
+    added = seen.force - usual.force
+    assert added[middle, 2] == pytest.approx(0.2 * 80 * G, rel=1e-3)
+    assert added[:, 2].argmax() == pytest.approx(middle, abs=1)
+    moved = seen.pressure[middle] * seen.force[middle, 2] - usual.pressure[middle] * usual.force[middle, 2]
+    np.testing.assert_allclose((moved / added[middle, 2])[:2], [0.09, 0.43], atol=1e-3)
+    assert seen.torque[middle] - usual.torque[middle] == pytest.approx(-0.15 * 0.2 * 80 * G, rel=0.02)
+
+
+def test_a_foot_partly_beside_the_plate_leaves_a_part_of_its_load_to_the_floor(setup, usual, tmp_path):
+    """30 of 90 mm: two thirds of force and torque; their middle is 30 mm from the edge of the plate, y = 0."""
+    seen, middle = decoded(stepping(setup, overhang_mm=30), tmp_path), np.abs(usual.time - 1.26).argmin()
+    loaded = usual.force[:, 2] > 200
+    np.testing.assert_allclose(seen.force[loaded], usual.force[loaded] * 2 / 3, rtol=1e-5)
+    np.testing.assert_allclose(seen.torque[loaded], usual.torque[loaded] * 2 / 3, atol=1e-2)
+    np.testing.assert_allclose(seen.theta, usual.theta, atol=1e-6)
+    assert seen.foot.origin[middle, 1] == pytest.approx(0.015, abs=1e-5)
+    assert seen.pressure[middle, 1] == pytest.approx(0.030, abs=5e-3)
 
 
 @pytest.mark.parametrize("K_d", [200, 480])
@@ -404,7 +503,6 @@ def test_a_given_equilibrium_is_used(shipped, tmp_path):
     [
         ("recording_s: 3.0", "recording_s: 1.5", r"gait.*recording_s must be longer than heel_strike_s \+ stance_s"),
         ("analogs_hz: 1500", "analogs_hz: 1000", r"analogs_hz must be a multiple of points_hz \(300\)"),
-        ("changes: []", "capture: {plate_type: 3}", "field 'capture' is gone: a simulated capture is always as Vicon"),
         ("recording_s: 3.0", "recording_s: 5000", r"gait\.recording_s: 5000 s at 3000 Hz are 1\.5e\+07 samples; short"),
     ],
 )

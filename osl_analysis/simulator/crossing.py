@@ -281,10 +281,20 @@ def simulate_walking_trial(
     mass = trial.condition.body_mass(walking.gait.body_mass_kg)
     weight = TrueWrench(np.tile(-0.5 * mass * GRAVITY, (len(trial.time), 1)), nothing, leg.origin)
     markers = vicon.leg_markers(leg, leg, trial) | vicon.on_body(leg, vicon.ANKLE_AXIS)
-    vicon.write_capture(folder, trial, markers, platform, weight)
+    vicon.write_capture(folder, trial, markers, platform, weight, mass)
 
 
 def write_crossing_capture(folder: Path, walked: SimulatedCrossing) -> None:
-    """Write what Vicon records of a crossing."""
-    markers = vicon.leg_markers(walked.foot, walked.shank, walked.step.trial)
-    vicon.write_capture(folder, walked.step.trial, markers, walked.platform, walked.reaction)
+    """Write the capture of a crossing. The foot's pressure is even over its width, and the floor carries what is beside
+    the plate. The other foot's load is a Gaussian curve about mid-stance."""
+    step, trial, plate, reaction = walked.step, walked.step.trial, walked.step.trial.walking.plate, walked.reaction
+    mass = trial.condition.body_mass(trial.walking.gait.body_mass_kg)
+    phase, beside = step.stance_phase(walked.time), 1e-3 * step.change.overhang_mm
+    on_plate, ankle = 1.0 - beside / gait.FOOT_WIDTH, reaction.point + np.array([0.0, 0.5 * beside, 0.0])
+    curve = np.exp(-(((phase - 0.5) / 0.12) ** 2)) * ((phase > 0) & (phase < 1))
+    other = curve[:, None] * (-0.01 * step.change.second_foot_percent * mass * GRAVITY)
+    place = np.add(plate.centre_m, [*plate.nominal_ankle_m, 0.0]) + np.array([-0.15, 0.18, 0.0])  # [m]
+    lever = walked.platform.pose.point(place) - ankle
+    load = TrueWrench(on_plate * reaction.force + other, on_plate * reaction.moment + np.cross(lever, other), ankle)
+    markers = vicon.leg_markers(walked.foot, walked.shank, trial)
+    vicon.write_capture(folder, trial, markers, walked.platform, load, mass)

@@ -22,6 +22,7 @@ STANCE_FRACTION = 0.62
 ANKLE_HEIGHT = 0.08
 HEEL = np.array([-0.06, 0.0, -ANKLE_HEIGHT])
 BALL = np.array([0.13, 0.0, -ANKLE_HEIGHT])
+FOOT_WIDTH = 0.09  # Width [m] of the foot, whose middle is below the ankle
 
 
 def smooth_step(x: Array) -> Array:
@@ -121,7 +122,7 @@ def drawn_change(trial: GaitTrial) -> StepChange:
         if concerned and trial.random(f"change{i}").random() < one.share:
             found.append(one)
     fields = {name: math.prod(getattr(c, name) for c in found) for name in ("load", "amplitude")}
-    for name in ("slower_percent", "after_window_percent"):
+    for name in ("slower_percent", "after_window_percent", "second_foot_percent", "overhang_mm"):
         fields[name] = sum(getattr(c, name) for c in found)
     return StepChange(of=(trial.name,), **fields)
 
@@ -184,7 +185,11 @@ def draw_step(trial: GaitTrial) -> Step:
             "after the window; choose a smaller change, or an earlier perturbation"
         )
     scattered = {n: getattr(change, n) * (1 + normal(f"{n}_scatter", 0.01)) for n in ("load", "amplitude")}
-    placement = np.array([normal("placement_forward", 1e-3), normal("placement_sideways", 1e-3), 0.0])
+    sideways = normal("placement_sideways", 1e-3)
+    if change.overhang_mm:  # the outer side is so far beyond the plate's right edge
+        outer = -0.5 * walking.plate.size_m[1] - 1e-3 * change.overhang_mm
+        sideways = outer + 0.5 * FOOT_WIDTH - walking.plate.nominal_ankle_m[1]
+    placement = np.array([normal("placement_forward", 1e-3), sideways, 0.0])
     change = change.model_copy(update=scattered)
     return Step(trial, change, heel_strike, stance, onset, command, placement, hurry)
 

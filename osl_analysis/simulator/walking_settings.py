@@ -2,13 +2,28 @@
 The imperfections of the leg's controller are in the campaign's simulation settings."""
 
 import math
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Literal
 
 from pydantic import Field
 
 from osl_analysis.config.shared_choices import WEIGHT_OF_PAPER, WeightSettings
 from osl_analysis.simulator.settings import Count, Effect, Switches, check_length, effect, refused
 from osl_analysis.yaml_settings import Degrees, NotNegative, Positive, Settings, ShippedPath
+
+
+class CaptureSettings(Settings):
+    """The C3D file. The defaults are what Vicon Nexus writes."""
+
+    plate_type: Literal[1, 2, 3, 4] = 2  # with a centre of pressure; force and moment; eight of Kistler; six voltages
+    sensor_span_m: tuple[Positive, Positive] = (0.21, 0.26)  # of type 3 from the centre, along the plate's x and y
+    dead_channels: dict[str, float] = Field(default_factory=dict)  # what they show, by label, such as `Mx1`
+    moment_label: str | None = None  # unit that the file states for the plate's moments; null: the true one, Nmm
+    swapped_labels: tuple[tuple[str, str], ...] = ()  # pairs of markers
+    swapped_in: tuple[str, ...] | None = None  # trials whose labels are exchanged; null: all
+    up_axis: Literal["z", "y"] = "z"  # with `y`, z points to the right
+    states_axes: bool = True  # POINT:X_SCREEN and Y_SCREEN
+    states_body_mass: bool = False  # PROCESSING:BODYMASS
+
 
 Percent = Annotated[float, Field(gt=-50, lt=100)]
 Share = Annotated[float, Field(ge=0, le=1)]
@@ -24,11 +39,14 @@ class StepChange(Settings):
     amplitude: Positive = 1.0  # factor of the ankle's angle, its torque and the ground reaction
     slower_percent: Percent = 0.0  # extension of the whole gait cycle
     after_window_percent: Percent = 0.0  # extension of stance 100 ms after the onset, if perturbed
+    second_foot_percent: NotNegative = 0.0  # largest load [% of body weight] of the other foot, at mid-stance
+    overhang_mm: Annotated[float, Field(ge=0, lt=90)] = 0.0  # of the foot's 90 mm, carried by the floor beside
 
 
 class WalkingEffects(Switches):
     """Every imperfection of gait and gait laboratory. The size of a scatter, an offset or a noise is its standard
-    deviation. The actuator's encoder and current have the imperfections of the campaign."""
+    deviation. The actuator's encoder and current have the imperfections of the campaign. Rails of channels that are off
+    are none."""
 
     heel_strike_scatter: Effect = effect("s")  # of the time of heel strike on the platform
     stance_scatter: Effect = effect("%")  # of the duration of stance on the platform
@@ -58,6 +76,9 @@ class WalkingEffects(Switches):
     force_offset: Effect = effect("N")  # constant over a trial
     moment_offset: Effect = effect("N*m")
     plate_lag: Effect = effect("ms")  # of the plate's channels behind markers, trigger and sync
+    moment_clip: Effect = effect("N*m", off=60.0, above_0=True)  # rails of a plate of type 1 or 2
+    force_clip: Effect = effect("N", off=500.0, above_0=True)
+    sensor_clip: Effect = effect("N", off=250.0, above_0=True)  # rails of type 3
     marker_placement: Effect = effect("mm", off=0)  # of each marker on foot and shank from session to session
     leg_clock_offset: Effect = effect("s")  # mean offset of the leg's clock from that of the recording
     leg_clock_drift: Effect = effect("ppm")  # scatter of the rate of the leg's clock
@@ -144,8 +165,6 @@ class MovingPlate(Body):
 class WalkingSettings(Settings):
     """A simulated gait laboratory."""
 
-    REMOVED: ClassVar = {"capture": "a simulated capture is always as Vicon Nexus writes it; remove the field"}
-
     impedance: ShippedPath  # file of the desired impedance over the gait cycle
     rates: Rates
     gait: Gait
@@ -154,6 +173,7 @@ class WalkingSettings(Settings):
     plate: MovingPlate
     effects: WalkingEffects
     changes: tuple[StepChange, ...] = ()  # what makes some crossings differ from the others
+    capture: CaptureSettings = CaptureSettings()
     gain_weight: WeightSettings = WEIGHT_OF_PAPER  # that of the simulated campaign replaces it
 
     _ends = refused(lambda s: check_length("gait.recording_s", s.gait.recording_s, s.rates.motion_hz))

@@ -77,3 +77,12 @@ def test_one_trial_stored_in_five_ways_is_one_trial_and_markers_move_like_a_body
 def test_a_byte_of_a_parameter_has_no_sign(tmp_path: Path) -> None:
     path = write_c3d(tmp_path / "a.c3d", np.ones((4, 2, 4)), FORCE_PLATFORM__KIND=bytes([1, 200, 255]))
     assert read_c3d(path).header.numbers("FORCE_PLATFORM:KIND").tolist() == [1, 200, 255]
+
+
+def test_frames_beyond_those_that_the_header_can_count_are_all_read(tmp_path: Path) -> None:
+    ends = {
+        "TRIAL__ACTUAL_START_FIELD": np.array([1, 0]),
+        "TRIAL__ACTUAL_END_FIELD": np.array([4, 1]),
+    }  # words, low first
+    path = write_c3d(tmp_path / "a.c3d", np.ones((65540, 1, 4)), **ends)
+    assert read_c3d(path).points.shape == (65540, 1, 3)

@@ -190,6 +190,13 @@ def test_zeros_after_a_loss_of_power_are_named_by_line_and_the_advice_works(tmp_
     assert ingested(tmp_path, "a.csv", b"\n".join(content.split(b"\n")[:4]))
 
 
+def test_a_row_that_lacks_a_cell_is_refused_however_far_below(tmp_path: Path) -> None:
+    rows = [f"{place / 100},{place}" for place in range(400)]
+    rows[350] = "3.5"
+    with pytest.raises(InputError, match="line 352 has 1 cells under 2 names, and 1 of 400 rows do not fit"):
+        ingested(tmp_path, "a.csv", "\n".join(["t,angle", *rows]).encode())
+
+
 def test_a_full_stop_is_no_decimal_sign_beside_a_decimal_comma(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"line 3, column 'angle': '1.234' is not a number; write `decimal: "):
         ingested(tmp_path, "a.csv", b"t;angle\n0;1,5\n0,01;1.234\n", SOURCE.replace("csv\n", 'csv\ndecimal: ","\n'))

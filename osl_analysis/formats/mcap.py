@@ -209,11 +209,8 @@ class McapFile(MessageFile):
 
     def is_sound(self, opcode: int, start: int, end: int) -> bool:
         """Whether the content of a record fits its opcode; where nothing tells, another record must follow."""
-        data, least = (
-            self.data,
-            {int(Opcode.DATA_END): 4, int(Opcode.FOOTER): 20, int(Opcode.STATISTICS): STATISTICS.size},
-        )
-        if opcode == 0 or end - start < least.get(opcode, 0):
+        data, least = self.data, {Opcode.DATA_END: 4, Opcode.FOOTER: 20, Opcode.STATISTICS: STATISTICS.size}
+        if opcode == 0 or any(opcode == kind and end - start < size for kind, size in least.items()):
             return False
         if opcode == Opcode.CHUNK:
             return chunk_head(data, start, end) is not None
@@ -245,8 +242,8 @@ class McapFile(MessageFile):
                 remark = f"{section.end - section.start} bytes from byte {section.start} on are {what}"
             is_covered = self.is_data_right or bool(section.head and section.head.crc)
             if stretch and self.is_data_right is False and not is_covered and not any_lost:
-                remark = "the checksum of the data section does not match, and no other covers byte"
-                remark, lost = f"{remark} {section.start} on", lost or stretch[0].counts
+                what = "the checksum of the data section does not match, and no other covers byte"
+                remark, lost = f"{what} {section.start} on", lost or stretch[0].counts
             if stretch is None or remark:
                 damage.lose(remark, section.end - section.start, lost, int(section.is_chunk))
                 continue

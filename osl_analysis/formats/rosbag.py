@@ -34,9 +34,8 @@ def read_bag1(path: Path) -> MessageFile:
     """Read the index of a ROS 1 bag, and then every intact chunk. InputError if it has none or cannot be read."""
     data = path.read_bytes()
     if not data.startswith(BAG1):
-        remedy = (
-            "convert it with `rosbag fix`" if data.startswith(ANY_BAG1) else "check the path and the source's format"
-        )
+        is_older, remedy = data.startswith(ANY_BAG1), "check the path and the source's format"
+        remedy = "convert it with `rosbag fix`" if is_older else remedy
         raise InputError(f"{path}: not a ROS 1 bag of version 2.0 (it begins with {data[:12]!r}); {remedy}")
     if (second := data.find(BAG1, 1)) > 0:
         raise InputError(f"{path}: two bags were joined: a second one begins at byte {second}; give each a file")

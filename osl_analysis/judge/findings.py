@@ -35,10 +35,10 @@ JUDGES = ("quality", "fitted")
 MOST_NAMED = 3  # trials that a line names
 
 
-Causes = tuple[Refusal, ...]
+Lacking = tuple[Refusal, ...]  # causes of what is not there
 
 
-def without_refused(inputs: Mapping[str, Any], unnamed: Sequence[str] = ()) -> tuple[dict[str, Any], Causes, Causes]:
+def without_refused(inputs: Mapping[str, Any], unnamed: Sequence[str] = ()) -> tuple[dict[str, Any], Lacking, Lacking]:
     """The named inputs of a job without refusal records, the causes of everything that was removed, and those without
     which it cannot run. A trial with a record in one list, or among those in `quality` or the results in `fitted`, is
     removed from every list. The job cannot run if a record stands for a single input or for one of the `unnamed` files,

@@ -15,9 +15,8 @@ from scipy.linalg import solve_continuous_lyapunov
 from scipy.optimize import minimize_scalar
 from scipy.signal import butter, tf2ss
 
-from osl_analysis.model.compensator import PAPER_WEIGHT, stiffness_gain
+from osl_analysis.model.compensator import PAPER_WEIGHT, optimal_damping, stiffness_gain
 from osl_analysis.model.drivetrain import joint_admittance
-from osl_analysis.model.gain_selection import optimal_damping
 from osl_analysis.model.parameters import DrivetrainParameters, read_parameters
 from osl_analysis.trial import Array
 

@@ -447,7 +447,7 @@ def select_gains(
     """
     from osl_analysis.commands import gains as command
     from osl_analysis.commands.bench import rows_json
-    from osl_analysis.model.gain_selection import Weight
+    from osl_analysis.model.compensator import Weight
 
     stated = {"stiffness", "damping"} & options_given()
     if trajectory is not None and stated:

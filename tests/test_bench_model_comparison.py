@@ -31,8 +31,7 @@ from osl_analysis.commands.bench import (
 )
 from osl_analysis.commands.simulate import row_of_trial
 from osl_analysis.errors import InputError
-from osl_analysis.model.compensator import select_gains
-from osl_analysis.model.gain_selection import Weight
+from osl_analysis.model.compensator import Weight, select_gains
 from osl_analysis.model.parameters import read_parameters
 from osl_analysis.signals import LowPass, Motion, filtered_motion
 from osl_analysis.simulator.bench import simulate_bench_trial

@@ -16,8 +16,7 @@ from osl_analysis.commands.simulate import laboratory_of, read_simulation, setti
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.config.shared_choices import FOLLOWED, SharedChoices
 from osl_analysis.errors import InputError
-from osl_analysis.model.compensator import select_gains
-from osl_analysis.model.gain_selection import Weight
+from osl_analysis.model.compensator import Weight, select_gains
 from osl_analysis.model.parameters import read_parameters
 from osl_analysis.simulator.crossing import compensated_damping
 from osl_analysis.yaml_settings import Settings, read_mapping, read_yaml

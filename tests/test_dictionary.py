@@ -7,11 +7,11 @@ from hypothesis import strategies as st
 from polars.testing import assert_frame_equal
 from test_walking_overground import gait_trial
 
+from osl_analysis.commands.study import performance_table
 from osl_analysis.dictionary import described_columns, described_tables
 from osl_analysis.errors import InputError
 from osl_analysis.figures import FIGURES, drawing_of
 from osl_analysis.files import atomic_path
-from osl_analysis.study.performance import performance_table
 from osl_analysis.table import TEXT_COLUMNS, read_table, write_table
 from osl_analysis.walking.overground import overground_rows
 from osl_analysis.walking.settings import OvergroundAnalysis

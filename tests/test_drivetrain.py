@@ -16,9 +16,13 @@ from osl_analysis.errors import UnreachableImpedanceError
 from osl_analysis.model.compensator import (
     PAPER_WEIGHT,
     Gains,
+    Weight,
+    admittance_error,
     compensated_gains,
     motor_current,
+    optimal_damping,
     rendering,
+    squared_norm,
     stiffness_gain,
     uncompensated_gains,
 )
@@ -30,7 +34,6 @@ from osl_analysis.model.drivetrain import (
     motor_friction,
 )
 from osl_analysis.model.drivetrain_response import belt_response
-from osl_analysis.model.gain_selection import Weight, admittance_error, optimal_damping, squared_norm
 from osl_analysis.model.parameters import read_parameters
 from osl_analysis.simulator.drivetrain import IDEAL, belt_path, constants, simulate_drivetrain
 

@@ -30,7 +30,7 @@ from osl_analysis.commands.trials import ingest_trial
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
 from osl_analysis.judge.recording import examine, measured_table
 from osl_analysis.judge.table import Commanded
-from osl_analysis.model.gain_selection import Weight
+from osl_analysis.model.compensator import Weight
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import write_trial
 

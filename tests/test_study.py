@@ -12,7 +12,7 @@ from osl_analysis.bench.settings import ActuatorAnalysis, DynamometerAnalysis
 from osl_analysis.campaign.configuration import StudySettings
 from osl_analysis.commands import study as study_jobs
 from osl_analysis.commands.figure import draw_figure
-from osl_analysis.commands.study import run_batch, study_inputs, summarise_study
+from osl_analysis.commands.study import performance, run_batch, study_inputs, study_page, summarise_study
 from osl_analysis.errors import InputError
 from osl_analysis.simulator.settings import RecorderSettings
 from osl_analysis.simulator.walking_settings import WalkingSettings
@@ -27,7 +27,6 @@ from osl_analysis.study import (
 )
 from osl_analysis.study import walking as study_of_walking
 from osl_analysis.study.bench import regression_bound, studied, study_rows
-from osl_analysis.study.performance import performance, study_page
 from osl_analysis.table import read_table
 from osl_analysis.walking.settings import WalkingAnalysis
 from osl_analysis.yaml_settings import read_yaml

@@ -44,7 +44,7 @@ FUNCTIONS = {
     "The controller": (
         "model.compensator.select_gains", "model.compensator.compensated_gains",
         "model.compensator.uncompensated_gains", "model.compensator.stiffness_gain",
-        "model.compensator.motor_current", "model.compensator.Gains", "model.gain_selection.optimal_damping",
+        "model.compensator.motor_current", "model.compensator.Gains", "model.compensator.optimal_damping",
     ),
 }  # fmt: skip
 """What the page of functions has below the public names of the package, by heading."""

@@ -39,9 +39,8 @@ from osl_analysis.judge.doubts import (
     plausible_impedance,
 )
 from osl_analysis.measured import usual_size
-from osl_analysis.model.compensator import CONTROLLERS, Gains, predicted_impedance, select_gains
+from osl_analysis.model.compensator import CONTROLLERS, Gains, Weight, predicted_impedance, select_gains
 from osl_analysis.model.drivetrain import joint_admittance
-from osl_analysis.model.gain_selection import Weight
 from osl_analysis.model.parameters import DrivetrainParameters
 from osl_analysis.protocol.stepped_sine import moving_bins
 from osl_analysis.spectral.periods import distinct

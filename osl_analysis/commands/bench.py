@@ -36,7 +36,7 @@ from osl_analysis.files import default_config, shipped
 from osl_analysis.judge.doubts import marked, not_checked_of, plausible
 from osl_analysis.judge.recording import check_recording, saturated
 from osl_analysis.judge.table import DoubtfulFits
-from osl_analysis.model.gain_selection import Weight
+from osl_analysis.model.compensator import Weight
 from osl_analysis.model.parameters import FileOrNone, known_parameters, read_parameters
 from osl_analysis.table import finite_or_null, read_table, write_table
 from osl_analysis.trial import Trial, read_trial

@@ -23,8 +23,8 @@ from osl_analysis.figures.names import completed, look_numbers
 from osl_analysis.files import atomic_path, digest
 from osl_analysis.judge.doubts import DOUBTFUL, marked
 from osl_analysis.judge.table import Doubt
+from osl_analysis.model.compensator import Weight
 from osl_analysis.model.drivetrain import desired_admittance, joint_admittance
-from osl_analysis.model.gain_selection import Weight
 from osl_analysis.model.parameters import FileOrNone, joint_of, read_parameters
 from osl_analysis.refusal import Refusal, read_refusals
 from osl_analysis.table import read_table, write_table

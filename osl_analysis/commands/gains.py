@@ -16,13 +16,14 @@ from osl_analysis.figures import drawing_of
 from osl_analysis.files import atomic_path
 from osl_analysis.model.compensator import (
     Gains,
+    Weight,
     check_request,
+    optimal_damping,
     predicted_impedance,
     rendering,
     stiffness_gain,
 )
 from osl_analysis.model.drivetrain import desired_admittance, joint_admittance
-from osl_analysis.model.gain_selection import Weight, optimal_damping
 from osl_analysis.model.parameters import DrivetrainParameters, FileOrNone, known_parameters, read_parameters
 from osl_analysis.table import write_table
 

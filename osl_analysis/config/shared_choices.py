@@ -11,7 +11,7 @@ from pydantic import Field
 
 from osl_analysis.config.sheet import numbered_rows
 from osl_analysis.errors import InputError
-from osl_analysis.model.gain_selection import FASTEST_HZ, HIGHEST_ORDER_OF_W, SLOWEST_HZ, Weight
+from osl_analysis.model.compensator import FASTEST_HZ, HIGHEST_ORDER_OF_W, SLOWEST_HZ, Weight
 from osl_analysis.trial import Array
 from osl_analysis.yaml_settings import Positive, Settings
 

@@ -12,8 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from osl_analysis.model.compensator import check_request, stiffness_gain
-from osl_analysis.model.gain_selection import Weight, optimal_damping
+from osl_analysis.model.compensator import Weight, check_request, optimal_damping, stiffness_gain
 from osl_analysis.model.parameters import DrivetrainParameters
 from osl_analysis.simulator import rigid_body, vicon
 from osl_analysis.simulator import step as gait

@@ -103,6 +103,9 @@ def test_longer_records_do_not_average_friction_out_but_realisations_do():
     np.testing.assert_allclose(periods.variance["torque noise"], one.variance["torque noise"] / 4)
     for name in ("distortion", "torque noise"):
         np.testing.assert_allclose(realisations.variance[name], one.variance[name] / 4)
+    # fewer than four have the level at detection lines, of which the scatter of K, B and I is 0.65, 0.4 and 0.4
+    level = precision(replace(MULTISINE, realisations=1), JOINT, sensors, OPEN, stated).variance["distortion"]
+    np.testing.assert_allclose(np.sqrt(4 * one.variance["distortion"] / level), [0.65, 0.4, 0.4], rtol=0.15)
 
 
 def test_one_realisation_has_the_interval_of_its_detection_lines():
@@ -285,6 +288,8 @@ def test_text_and_json_say_the_same_intervals():
         assert one["half_width"] > 10 * one["half_width_of_noise"]
     assert f"adds to B {said['friction_damping']['in all']:.3g}" in text
     assert "load cell drift 0.05 N·m/min" in text
+    certain = as_json("--torque-noise", "0", "--encoder-step", "0")["estimates"]["K"]
+    assert certain["degrees_of_freedom"] is None  # infinite, which JSON does not have
 
 
 def test_the_torque_to_expect_is_that_of_the_largest_sine_or_of_all_together():
@@ -327,6 +332,7 @@ def test_an_earlier_trial_states_the_distortion(tmp_path):
     earlier = ("--earlier", tmp_path / "impedance.csv")
     assert as_json(*earlier, "--trial", "a")["friction_damping"] == as_json("--friction", "0.3")["friction_damping"]
     assert "2 trials; choose one with --trial, such as a" in call(*earlier).stderr
+    assert "state the same distortion twice" in call(*earlier, "--trial", "a", "--friction", "1").stderr
     pl.DataFrame(rows).head(0).write_csv(tmp_path / "empty.csv")
     assert "0 trials; choose one with --trial" in call("--earlier", tmp_path / "empty.csv").stderr
     f = np.arange(5, 48, 2) / 8

@@ -129,10 +129,10 @@ def test_all_recorded_cycles_are_found_whatever_their_number_in_the_configuratio
 
 def test_amplitudes_that_differ_are_never_one_label_and_labels_are_measured():
     """Of a commanded amplitude a bench loses some at high frequencies; a run of another size is another label."""
-    sizes = np.deg2rad([2.0, 1.98, 1.9, 2.45, 4.02])
-    commanded = np.deg2rad([2.0, 2.0, 2.0, 2.0, 4.0])
+    sizes = np.deg2rad([2.0, 1.98, 1.9, 2.45, 2.5, 4.02])
+    commanded = np.deg2rad([2.0, 2.0, 2.0, 2.0, 2.6, 4.0])
     segments = [Segment(a, 1.0, 0, 100, 4, c) for a, c in zip(sizes, commanded, strict=True)]
-    assert labels_deg(segments) == [1.98, 1.98, 1.98, 2.45, 4.02]
+    assert labels_deg(segments) == [1.98, 1.98, 1.98, 2.45, 2.5, 4.02]
 
 
 def test_settled_cycles_leave_out_the_first_and_the_last_and_keep_one():

@@ -206,20 +206,37 @@ def shared_directions(tracks: Sequence[PlatformTrack]) -> list[Array]:
 
 def find_onset(time: Array, rotation: Array, threshold: float) -> float | None:
     """Time [s] at which a platform starts to rotate; None if it never rotates by `threshold` [rad]. `rotation` (n,)
-    [rad], positive towards the perturbation, NaN where not seen, is not low-passed, which would spread the start."""
-    time, rotation = time[np.isfinite(rotation)], rotation[np.isfinite(rotation)]
+    [rad] is positive in the direction of the perturbation, and not low-passed, which would spread the start. The first
+    part is fitted as c (t - onset)^p: a straight line through a smooth start is too late by a fifth of the ramp."""
+    seen = np.isfinite(rotation)
+    time, rotation = time[seen], rotation[seen]
     above = np.flatnonzero(rotation > threshold)
     if not len(above):
         return None
-    first, rest = float(time[above[0]]), 0.1  # [s] before the first motion in which the platform rests
-    resting = rotation[(time >= first - 2 * rest) & (time < first - rest)]
-    if not len(resting):
+    first, rest = int(above[0]), 0.1  # [s] before the first motion in which the platform rests
+    resting = (time >= time[first] - 2 * rest) & (time < time[first] - rest)
+    if not resting.any():
         raise InputError(
-            f"the platform turns at {first:.3f} s, within {2 * rest:g} s of the recording's start; start to record "
-            "earlier, or exclude the trial"
+            f"the platform turns at {time[first]:.3f} s, within {2 * rest:g} s of the recording's start; start to "
+            "record earlier, or exclude the trial"
         )
-    turned, rows = rotation - resting.mean(), time >= first - 2 * rest
-    return start_of_rise(time[rows], turned[rows, None], max(float(resting.std()), 1e-6 * float(turned.max())))[0]
+    turned, noise = rotation - float(np.mean(rotation[resting])), float(np.std(rotation[resting]))
+    # Up to 25 times the noise: a smaller part of the rotation follows a power of time more closely, a larger one is
+    # less affected by noise. Four frames at least determine the power.
+    height = float(np.max(turned))
+    level = height * np.clip(25 * noise / height, 0.03, 0.25)
+    visible = max(0.2 * level, 3 * noise)
+    end, start = (int(np.flatnonzero(turned[:first] < limit)[-1]) + 1 for limit in (level, visible))
+    end = min(max(end, start + 3), first)
+    rows = slice(int(np.searchsorted(time, time[end] - 2 * rest)), end + 1)
+    step = 0.0002  # [s], resolution of the onset
+    starts = np.arange(-rest, -step, step)
+    since, misfits = np.clip(time[rows] - time[end] - starts[:, None], 0.0, None), []
+    for p in np.arange(1.0, 4.01, 0.25):  # 1 is a straight ramp
+        shape = since**p
+        size = shape @ turned[rows] / np.sum(shape**2, axis=1)
+        misfits.append(np.sum((turned[rows] - size[:, None] * shape) ** 2, axis=1))
+    return float(time[end] + starts[np.argmin(misfits) % len(starts)])
 
 
 LEAD_S = 0.15  # Time [s] before the middle of the rise at which the shape begins

@@ -172,6 +172,7 @@ MISTAKES = {
     "written as .csv or .json": (*GAINS, "--output", "x.txt"),
     r"no\.parquet: no such trial": ("fit", "no.parquet"),
     "not a Parquet file": ("fit", "README.md"),
+    "did you mean profiles/slurm": ("run", "--workflow-profile", "profiles/slrm"),
     r"no\.mcap: no such file": ("ingest", "--log", "no.mcap", "--log-source", "leg", "--output", "no.parquet"),
 }
 UNFIT = {

@@ -300,6 +300,7 @@ def test_an_excluded_trial_is_left_out_and_an_accepted_one_is_not(checked):
     alone = {"trial": "trials/plate_1.parquet", "motion": ["trials/plate_2.parquet"], "quality": checked}
     assert without_excluded(alone, reasons) == {"trial": alone["trial"], "motion": []}
     assert exclusion_report(JUDGE.verdicts(checked[:1]), {}) == ""
+    assert not {"threshold", "verdict"} & set(read_table(checked[0]).columns)  # what is measured knows no limits
     wider = RULES.model_dump(mode="json") | {"unzeroed_plate": {"threshold": "85 N", "on_failure": "exclude"}}
     for rules, named in ((RULES, ["plate_2", "plate_3"]), (QualityRules.model_validate(wider), ["plate_3"])):
         assert [*exclusions(Judge(rules, {}).verdicts(checked))] == named

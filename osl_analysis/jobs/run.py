@@ -31,11 +31,8 @@ ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "POL
 PRELOADED = (
     "osl_analysis.jobs.job",
     *("scipy.signal", "scipy.interpolate", "scipy.ndimage", "scipy.linalg", "scipy.fft"),  # ours name them at their use
-    *(
-        f"osl_analysis.commands.{name}"
-        for name in ("trials", "bench", "tables", "walking", "gains", "figure", "report")
-    ),
-    *(f"osl_analysis.commands.{name}" for name in ("simulate", "study")),
+    *(f"osl_analysis.commands.{name}" for name in ("trials", "bench", "tables", "walking", "gains")),
+    *(f"osl_analysis.commands.{name}" for name in ("figure", "report", "simulate", "study")),
     *(f"osl_analysis.simulator.{name}" for name in ("bench", "crossing", "preloaded")),
     *("osl_analysis.figures.names", "fontTools.subset"),
     *(f"matplotlib.backends.backend_{name}" for name in ("pdf", "svg", "agg")),

@@ -216,19 +216,13 @@ def test_a_foot_partly_beside_the_plate_leaves_a_part_of_its_load_to_the_floor(s
     assert seen.pressure[middle, 1] == pytest.approx(0.030, abs=5e-3)
 
 
-@pytest.mark.parametrize("K_d", [200, 480])
-def test_a_crossing_has_the_gain_of_the_stiffness_that_was_commanded(setup, tmp_path, K_d):
-    """K_1 = K_d K_s / (K_s - K_d) / n_T^2: actuator and belt in series."""
-    with_conditions(setup, K_d=[K_d], B_d=[5]).record(tmp_path, PERTURBED)
-    gain = K_d * 685.6 / (685.6 - K_d) / (83 / 18) ** 2
+@pytest.mark.parametrize(("K_d", "phase"), [(200, 0.2), (480, 0.6)])
+def test_a_crossing_has_the_commanded_stiffness_and_is_perturbed_at_the_planned_phase(setup, tmp_path, K_d, phase):
+    """K_1 = K_d K_s / (K_s - K_d) / n_T^2: actuator and belt in series. The phase scatters between -0.01 and 0.01 about
+    the planned one; stance lasts 0.72 s from 0.9 s on."""
+    seen = decoded(with_conditions(setup, K_d=[K_d], B_d=[5], stance_phases=[phase]), tmp_path, True)
+    fired, gain = np.flatnonzero(seen.analogs[7] > 2.5)[0] / 1500, K_d * 685.6 / (685.6 - K_d) / (83 / 18) ** 2
     assert leg_log(tmp_path)["stiffness_gain"].max() == pytest.approx(gain, rel=1e-6)
-
-
-@pytest.mark.parametrize("phase", [0.2, 0.6])
-def test_the_trigger_fires_at_the_phase_of_stance_that_was_planned(setup, tmp_path, phase):
-    """The phase scatters between -0.01 and 0.01 about the planned one; stance lasts 0.72 s from 0.9 s on."""
-    seen = decoded(with_conditions(setup, stance_phases=[phase]), tmp_path, True)
-    fired = np.flatnonzero(seen.analogs[7] > 2.5)[0] / 1500
     assert (fired - 0.9) / 0.72 == pytest.approx(phase, abs=0.011)
     assert seen.time[np.abs(seen.platform_angle) > 1e-4][0] > fired + 0.004
 
@@ -268,6 +262,8 @@ def test_persons_and_sessions_follow_each_other_in_equal_blocks(setup, tmp_path)
     assert [c.session for c in found] == 2 * (6 * [1] + 6 * [2])
     assert [[rows[k][name] for name in columns] for k in (0, -1)] == [["A", "1", 60, "right"], ["B", "2", 90, "right"]]
     light, heavy = (decoded(mixed, tmp_path, False, trial) for trial in ("walking_01", "walking_24"))
+    stated = [captured(lab, tmp_path, STATIC)[0].get("SUBJECTS") for lab in (mixed, setup)]
+    assert (stated[0]["NAMES"]["value"], stated[1]) == (["A"], None)
     assert light.force[:, 2].max() / heavy.force[:, 2].max() == pytest.approx(60 / 90, rel=1e-3)
     assert np.ptp(light.stance) / np.ptp(heavy.stance) == pytest.approx(0.6 / 0.8, abs=0.01)  # one frame of 0.6 s
 

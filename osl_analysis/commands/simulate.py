@@ -24,9 +24,8 @@ def check_folder(folder: Path) -> None:
     if (folder / TRUTH).is_dir():
         return
     held = (p for p in folder.rglob("*") if p.suffix.lower() in (".mcap", ".c3d") or p.name == "trials.csv")
-    for path in held:
-        if (folder / TRUTH).is_dir():  # another job has made it meanwhile: it does so before its first log
-            return
+    path = next(held, None)
+    if path is not None and not (folder / TRUTH).is_dir():  # another job makes it before its first log
         raise InputError(
             f"{path}: the simulator did not make it (there is no folder '{TRUTH}' in {folder}); for real recordings "
             "write `simulation: null` in the configuration, for a simulation choose an empty folder"

@@ -109,7 +109,7 @@ def commanded_motion(row: Mapping[str, Any], settings: SimulationSettings) -> Jo
     if row["experiment"] == "torque_angle" and settings.foot is not None:
         return slow_cycles(settings.foot.cycles, rate)
     for excitation in settings.excitations if row["experiment"] == "impedance" else ():
-        if any(trial.endswith(f"_{end}") for end in excitation.trial_endings):
+        if any(trial.endswith(f"_{excitation.name}_{k + 1}") for k in range(excitation.trials)):
             return excitation_motion(excitation, trial, settings.seed, rate)
     return sine_command(settings.protocol, rate)
 

@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -55,8 +56,7 @@ def walking_commands(step: gait.Step, compensates: bool, p: DrivetrainParameters
     # internal plantarflexion moment [N*m/kg]: 0.5 at midstance, 1.4 at push-off, 0 in swing
     sizes = ((0.45, 0.28, 6.0), (0.35, 0.37, 14.0), (1.35, 0.475, 11.0), (-0.15, 0.05, 30.0))
     bumps = gait.periodic_bumps(c, sizes)
-    mass = asked.body_mass(walking.gait.body_mass_kg)
-    usual = mass * (bumps * gait.stance_window(np.mod(c, 1.0) / gait.STANCE_FRACTION))
+    usual = trial.body_mass * (bumps * gait.stance_window(np.mod(c, 1.0) / gait.STANCE_FRACTION))
     wander = walking.effects.torque_wander.value * trial.wandering("torque_wander")
     moment = step.change.load * factor * usual + wander[::stride]
     if desired.theta_eq is not None:
@@ -139,7 +139,7 @@ def react(step: gait.Step, foot: Pose, answer: Array) -> tuple[Array, TrueWrench
     less at both ends of stance. Across the axis the ground's moments are small, and the hinge carries the rest."""
     trial, walking, body = step.trial, step.trial.walking, step.trial.walking.foot
     forward, axis, upward = np.moveaxis(foot.rotation, 2, 0)
-    mass, effects = trial.condition.body_mass(walking.gait.body_mass_kg), walking.effects
+    mass, effects = trial.body_mass, walking.effects
     own = effects.foot_inertia.value, body.centre_of_mass_m, body.gyration_m
     needed = rigid_body.support(foot, walking.rates.motion_hz, *own).moment_about(foot.origin)
     about_axis, phase = np.einsum("ni,ni->n", needed, axis), step.stance_phase(trial.time)
@@ -238,18 +238,14 @@ def write_leg_log(
 
 
 def simulate_walking_trial(
-    row: Mapping[str, object],
-    settings: SimulationSettings,
-    walking: WalkingSettings,
-    p: DrivetrainParameters,
-    folder: Path,
+    row: Mapping[str, Any], campaign: SimulationSettings, walking: WalkingSettings, p: DrivetrainParameters, raw: Path
 ) -> None:
-    """Simulate one row of the sample sheet, of experiment walking, plate or static, into a campaign's raw folder: first
+    """Simulate one row of the sample sheet, of walking, plate or static, into a campaign's folder `raw`: first
     the truth, so that every log has one, then `vicon/<trial>.c3d` and, of a walking trial, `leg/<trial>.mcap`."""
-    trial = gait.GaitTrial(str(row["trial"]), settings.seed, walking, condition_of(row, settings))
-    facts: dict[str, object] = {"trial": trial.name, "seed": settings.seed}
+    trial = gait.GaitTrial(str(row["trial"]), campaign.seed, walking, condition_of(row, campaign))
+    facts: dict[str, object] = {"trial": trial.name, "seed": campaign.seed}
     if row["experiment"] == "walking":
-        step, effects = gait.draw_step(trial), drivetrain_effects(settings)
+        step, effects = gait.draw_step(trial), drivetrain_effects(campaign)
         effects["cancels_friction"] = row.get("controller") != "uncompensated"  # the controller compensates
         unperturbed = walked = simulate_crossing(step, False, effects, p)
         if row.get("perturbed"):
@@ -265,35 +261,33 @@ def simulate_walking_trial(
         curves = {"time": trial.time, "platform_angle": platform.angle} | components("plate_centre", centre)
         facts |= {"command_s": platform.command, "onset_s": platform.onset}
     every = walking.rates.motion_hz // walking.rates.analogs_hz
-    facts |= {"effects": settings.effects.model_dump(), "gait_laboratory": walking.model_dump(mode="json")}
-    write_truth(folder, trial.name, facts, {name: curve[::every] for name, curve in curves.items()})
+    facts |= {"effects": campaign.effects.model_dump(), "gait_laboratory": walking.model_dump(mode="json")}
+    write_truth(raw, trial.name, facts, {name: curve[::every] for name, curve in curves.items()})
     if row["experiment"] == "walking":
-        write_leg_log(folder, walked, (offset, drift), settings)
-        write_crossing_capture(folder, walked)
+        write_leg_log(raw, walked, (offset, drift), campaign)
+        write_crossing_capture(raw, walked)
         return
     nothing = np.zeros((len(trial.time), 3))
     if row["experiment"] == "plate":
-        vicon.write_capture(folder, trial, {}, platform, TrueWrench(nothing, nothing, nothing))
+        vicon.write_capture(raw, trial, {}, platform, TrueWrench(nothing, nothing, nothing))
         return
     # quiet standing: foot flat, shank upright, half the body weight vertically above the ankle
     leg = Pose(platform.pose.rotation, np.tile(gait.nominal_ankle(walking), (len(trial.time), 1)))
-    mass = trial.condition.body_mass(walking.gait.body_mass_kg)
-    weight = TrueWrench(np.tile(-0.5 * mass * GRAVITY, (len(trial.time), 1)), nothing, leg.origin)
+    weight = TrueWrench(np.tile(-0.5 * trial.body_mass * GRAVITY, (len(trial.time), 1)), nothing, leg.origin)
     markers = vicon.leg_markers(leg, leg, trial) | vicon.on_body(leg, vicon.ANKLE_AXIS)
-    vicon.write_capture(folder, trial, markers, platform, weight, mass)
+    vicon.write_capture(raw, trial, markers, platform, weight)
 
 
 def write_crossing_capture(folder: Path, walked: SimulatedCrossing) -> None:
     """Write the capture of a crossing. The foot's pressure is even over its width, and the floor carries what is beside
     the plate. The other foot's load is a Gaussian curve about mid-stance."""
     step, trial, plate, reaction = walked.step, walked.step.trial, walked.step.trial.walking.plate, walked.reaction
-    mass = trial.condition.body_mass(trial.walking.gait.body_mass_kg)
     phase, beside = step.stance_phase(walked.time), 1e-3 * step.change.overhang_mm
     on_plate, ankle = 1.0 - beside / gait.FOOT_WIDTH, reaction.point + np.array([0.0, 0.5 * beside, 0.0])
     curve = np.exp(-(((phase - 0.5) / 0.12) ** 2)) * ((phase > 0) & (phase < 1))
-    other = curve[:, None] * (-0.01 * step.change.second_foot_percent * mass * GRAVITY)
+    other = curve[:, None] * (-0.01 * step.change.second_foot_percent * trial.body_mass * GRAVITY)
     place = np.add(plate.centre_m, [*plate.nominal_ankle_m, 0.0]) + np.array([-0.15, 0.18, 0.0])  # [m]
     lever = walked.platform.pose.point(place) - ankle
     load = TrueWrench(on_plate * reaction.force + other, on_plate * reaction.moment + np.cross(lever, other), ankle)
     markers = vicon.leg_markers(walked.foot, walked.shank, trial)
-    vicon.write_capture(folder, trial, markers, walked.platform, load, mass)
+    vicon.write_capture(folder, trial, markers, walked.platform, load)

@@ -20,7 +20,6 @@ from osl_analysis.trial import Array
 
 Record = mcap_records.McapRecord
 RULE = "=" * 80 + "\n"
-SAMPLE_HEADER = "std_msgs/Header header"
 DEPENDENCIES = f"""\
 {RULE}MSG: std_msgs/Header
 builtin_interfaces/Time stamp
@@ -54,8 +53,6 @@ bool sync               # level of the synchronisation line
 """Fields of the messages of each topic of our own types."""
 CDR_TYPES = {"bool": "u1", "uint8": "u1", "int32": "<i4", "uint32": "<u4", "float32": "<f4", "float64": "<f8"}
 LATENCY_NS = 150_000  # Time [ns] from a sample's stamp to its arrival at the recorder
-Members = dict[str, tuple[str, Any]]
-"""Members of a message in order: numpy type, and a value for all messages or a column (n,) of values."""
 
 
 class LogTopic(NamedTuple):
@@ -67,12 +64,15 @@ class LogTopic(NamedTuple):
     records: NDArray[np.void]
 
 
-def records_of(frame_id: str, time: Array, members: Members) -> NDArray[np.void]:
-    """Records of messages at time stamps [s], (n,), of channel 0, whose `data` in CDR is a header and then their own
-    members, each aligned to its own size from after the encapsulation; text is not aligned. Padding is zero."""
+def log_topic(
+    name: str, schema_name: str, fields: str, frame_id: str, time: Array, members: Mapping[str, tuple[str, Any]]
+) -> LogTopic:
+    """A topic with messages at time stamps [s], (n,), whose definition has `fields` after a header. Members are in
+    order: numpy type, and a value for all messages or a column (n,). In CDR each is aligned to its own size, counted
+    from after the encapsulation; text is not aligned. Padding is zero."""
     stamps, frame = np.rint(np.asarray(time) * 1e9).astype(np.int64), frame_id.encode() + b"\0"
     seconds, nanoseconds = np.divmod(stamps, 10**9)
-    whole: Members = {
+    whole: dict[str, tuple[str, Any]] = {
         "encapsulation": ("V4", b"\x00\x01\x00\x00"),  # little endian
         "sec": ("<i4", seconds),
         "nanosec": ("<u4", nanoseconds),
@@ -92,23 +92,22 @@ def records_of(frame_id: str, time: Array, members: Members) -> NDArray[np.void]
     records["sequence"], records["log"], records["publish"] = np.arange(stamps.size), stamps + LATENCY_NS, stamps
     for member, (_, value) in whole.items():
         records["data"][member] = value
-    return records
+    return LogTopic(name, schema_name, f"std_msgs/Header header\n{fields}{DEPENDENCIES}", records)
 
 
 def samples(topic: str, frame_id: str, fields: str, time: Array, columns: Mapping[str, ArrayLike]) -> LogTopic:
     """Messages of scalar fields, one for each time stamp [s], from 0 to 2^31 s in whole nanoseconds. `fields` declares
     one in each line, to whose type its column (n,) is cast."""
     types = {words[1]: CDR_TYPES[words[0]] for words in map(str.split, fields.splitlines())}
-    members: Members = {f"field.{name}": (kind, np.asarray(columns[name])) for name, kind in types.items()}
-    schema_name, text = f"osl_interfaces/msg/{topic[1:].title()}Sample", f"{SAMPLE_HEADER}\n{fields}{DEPENDENCIES}"
-    return LogTopic(topic, schema_name, text, records_of(frame_id, time, members))
+    members = {f"field.{name}": (kind, np.asarray(columns[name])) for name, kind in types.items()}
+    return log_topic(topic, f"osl_interfaces/msg/{topic[1:].title()}Sample", fields, frame_id, time, members)
 
 
 def joint_states(
     topic: str, frame_id: str, time: Array, position: Mapping[str, Array], effort: Mapping[str, Array]
 ) -> LogTopic:
     """JointState messages: positions [rad] by joint, (n,) each, and the effort of some joints; other efforts are 0."""
-    members: Members = {"names": ("<u4", len(position))}
+    members: dict[str, tuple[str, Any]] = {"names": ("<u4", len(position))}
     for joint in position:
         name = joint.encode() + b"\0"
         members |= {f"name_length.{joint}": ("<u4", len(name)), f"name.{joint}": (f"S{len(name)}", name)}
@@ -117,20 +116,18 @@ def joint_states(
     members |= {"velocities": ("<u4", 0), "efforts": ("<u4", len(position))}
     members |= {f"effort.{joint}": ("<f8", effort.get(joint, 0.0)) for joint in position}
     fields = "string[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort\n"
-    text = f"{SAMPLE_HEADER}\n{fields}{DEPENDENCIES}"
-    return LogTopic(topic, "sensor_msgs/msg/JointState", text, records_of(frame_id, time, members))
+    return log_topic(topic, "sensor_msgs/msg/JointState", fields, frame_id, time, members)
 
 
 def wrenches(topic: str, frame_id: str, time: Array, torque: Array) -> LogTopic:
     """WrenchStamped messages with a torque [N*m] about z, (n,). All other components are 0."""
-    members: Members = {f"{vector}.{axis}": ("<f8", 0.0) for vector in ("force", "torque") for axis in "xyz"}
-    members["torque.z"] = ("<f8", torque)
-    text = (
-        f"{SAMPLE_HEADER}\ngeometry_msgs/Wrench wrench\n{RULE}MSG: geometry_msgs/Wrench\n"
-        f"geometry_msgs/Vector3 force\ngeometry_msgs/Vector3 torque\n{RULE}MSG: geometry_msgs/Vector3\n"
-        f"float64 x\nfloat64 y\nfloat64 z\n{DEPENDENCIES}"
+    zeros = {f"{vector}.{axis}": ("<f8", 0.0) for vector in ("force", "torque") for axis in "xyz"}
+    fields = (
+        f"geometry_msgs/Wrench wrench\n{RULE}MSG: geometry_msgs/Wrench\ngeometry_msgs/Vector3 force\n"
+        f"geometry_msgs/Vector3 torque\n{RULE}MSG: geometry_msgs/Vector3\nfloat64 x\nfloat64 y\nfloat64 z\n"
     )
-    return LogTopic(topic, "geometry_msgs/msg/WrenchStamped", text, records_of(frame_id, time, members))
+    members = {**zeros, "torque.z": ("<f8", torque)}
+    return log_topic(topic, "geometry_msgs/msg/WrenchStamped", fields, frame_id, time, members)
 
 
 def write_topics(path: Path, topics: Sequence[LogTopic]) -> None:

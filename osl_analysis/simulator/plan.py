@@ -36,9 +36,6 @@ class Condition:
     def sign(self) -> float:
         return 1.0 if self.direction == "up" else -1.0
 
-    def body_mass(self, nominal: float) -> float:
-        return (self.subject and self.subject.body_mass_kg) or nominal
-
     def desired(self, path: Path) -> ImpedanceTrajectory:
         """The desired impedance of a file, scaled to this condition's."""
         found = read_impedance_trajectory(path)
@@ -78,7 +75,7 @@ def plan_trials(settings: SimulationSettings) -> SheetRows:
         planned += [(experiment, f"{experiment}_{i + 1:0{digits}d}", {}) for i in range(getattr(wanted, experiment))]
     for controller, K_d, B_d in itertools.product(wanted.controllers, wanted.K_d, wanted.B_d):
         name = f"impedance_K{K_d:g}_B{B_d:.1f}_{controller}"
-        moved = [f"{name}_{end}" for excitation in settings.excitations for end in excitation.trial_endings] or [name]
+        moved = [f"{name}_{one.name}_{k + 1}" for one in settings.excitations for k in range(one.trials)] or [name]
         planned += [("impedance", t, {"controller": controller, "K_d": K_d, "B_d": B_d}) for t in moved]
     for experiment, digits in (("static", 1), ("plate", 2), ("walking", 2)):
         planned += [(experiment, f"{experiment}_{i + 1:0{digits}d}", {}) for i in range(getattr(wanted, experiment))]

@@ -17,12 +17,12 @@ from osl_analysis.config.shared_choices import WEIGHT_OF_PAPER, WeightSettings
 from osl_analysis.yaml_settings import Degrees, NotNegative, Positive, Settings, ShippedPath
 
 
-def refused(reason: Callable[[Any], Any]) -> Any:
-    """A check of settings, which are refused where `reason` says one of them."""
+def refused(wrong: Callable[[Any], Any], reason: str) -> Any:
+    """A check of settings, which are refused for a reason, whose `{s.field}` are theirs, where they are wrong."""
 
     def check(settings: Any) -> Any:
-        if found := reason(settings):
-            raise ValueError(found)
+        if wrong(settings):
+            raise ValueError(reason.format(s=settings))
         return settings
 
     return model_validator(mode="after")(check)
@@ -165,7 +165,7 @@ class SecondOrderJoint(Switches):
     coulomb: Effect = effect("N*m", off=0)  # Coulomb friction of the joint
     backlash: Effect = effect("rad", off=0)  # width of the gap, from end to end
 
-    _moves_freely = refused(lambda s: s.backlash.value and not s.I and "backlash needs an inertia I above 0")
+    _moves_freely = refused(lambda s: s.backlash.value and not s.I, "backlash needs an inertia I above 0")
 
 
 CyclesOfSine = Annotated[int, Field(ge=1, le=10_000)]
@@ -189,16 +189,13 @@ class SteppedSineSchedule(Switches):
     decay: Effect = effect("1/s", off=0)  # of the amplitude from the start of each frequency
     clock_error: SignedEffect = effect("ppm", off=0)  # a positive one raises frequencies
 
-    _stated_once = refused(
-        lambda s: (s.cycles is None) == (s.seconds is None) and "state either cycles or seconds at each frequency"
-    )
-    _of_each = refused(
-        lambda s: (
-            isinstance(s.cycles, tuple)
-            and len(s.cycles) != (n := len(s.frequencies_hz))
-            and f"{len(s.cycles)} numbers of cycles for {n} frequencies; give one for each"
-        )
-    )
+    @model_validator(mode="after")
+    def _duration_is_stated_once(self) -> Self:
+        if (self.cycles is None) == (self.seconds is None):
+            raise ValueError("state either cycles or seconds at each frequency")
+        if isinstance(self.cycles, tuple) and len(self.cycles) != (n := len(self.frequencies_hz)):
+            raise ValueError(f"{len(self.cycles)} numbers of cycles for {n} frequencies; give one for each")
+        return self
 
     @property
     def durations(self) -> list[float]:
@@ -233,7 +230,7 @@ class ActuatorBench(Settings):
     velocity: Annotated[tuple[Tone, ...], Field(min_length=1)]  # of the output [rad/s]
     current: Annotated[tuple[Tone, ...], Field(min_length=1)]  # q-axis [A]
 
-    _fits = refused(lambda s: s.duration_s < 4 * s.fade_s and "duration_s must be at least four times fade_s")
+    _fits = refused(lambda s: s.duration_s < 4 * s.fade_s, "duration_s must be at least four times fade_s")
 
 
 class NodeSettings(Switches):
@@ -252,11 +249,8 @@ class NodeSettings(Switches):
     duplicated: Effect = effect("1", off=0, below_1=True)  # share that is written twice
 
     _is_never_early = refused(
-        lambda s: (
-            s.latency.enabled
-            and s.latency.distribution == "normal"
-            and "latency is never negative; choose distribution: half_normal or exponential"
-        )
+        lambda s: s.latency.enabled and s.latency.distribution == "normal",
+        "latency is never negative; choose distribution: half_normal or exponential",
     )
 
 
@@ -271,11 +265,8 @@ class SensorSettings(Switches):
     gain: SignedEffect = effect("1", off=1)  # of the recorder by mistake: a wrong unit or sign
 
     _converter_has_a_range = refused(
-        lambda s: (
-            s.adc.enabled
-            and not s.clipping.enabled
-            and "adc needs the range of the converter; enable clipping and give it"
-        )
+        lambda s: s.adc.enabled and not s.clipping.enabled,
+        "adc needs the range of the converter; enable clipping and give it",
     )
 
 
@@ -312,20 +303,14 @@ class Excitation(Settings):
     rest_s: NotNegative = 1.5  # before and after each motion
 
     _band_rises = refused(
-        lambda s: (
-            s.band_hz[0] >= s.band_hz[1]
-            and f"band_hz goes from {s.band_hz[0]:g} to {s.band_hz[1]:g} Hz; write the lower one first"
-        )
+        lambda s: s.band_hz[0] >= s.band_hz[1],
+        "band_hz goes from {s.band_hz[0]:g} to {s.band_hz[1]:g} Hz; write the lower one first",
     )
 
     @property
     def full_s(self) -> float:
         """Duration [s] of one realisation at full size."""
         return self.period_s * self.periods if self.kind == "multisine" else self.duration_s
-
-    @property
-    def trial_endings(self) -> list[str]:
-        return [f"{self.name}_{number + 1}" for number in range(self.trials)]
 
 
 class SlippingSpring(Settings):
@@ -418,7 +403,7 @@ class DrivetrainSettings(Settings):
     sign_width: Positive  # velocity [rad/s] of the actuator over which the controller smooths its sign
     hysteresis_width: Positive  # deflection [rad] over which the belt's hysteresis changes sign after a reversal
 
-    _even = refused(lambda s: s.substeps % s.control_updates and "control_updates must divide substeps")
+    _even = refused(lambda s: s.substeps % s.control_updates, "control_updates must divide substeps")
 
 
 class SimulationSettings(Settings):

@@ -99,6 +99,10 @@ class GaitTrial:
         frames = round(self.walking.gait.recording_s * rates.points_hz)
         return np.arange(frames * (rates.motion_hz // rates.points_hz)) / rates.motion_hz
 
+    @property
+    def body_mass(self) -> float:
+        return (self.condition.subject and self.condition.subject.body_mass_kg) or self.walking.gait.body_mass_kg
+
     def random(self, effect: str) -> np.random.Generator:
         return stream(self.seed, self.name, effect)
 

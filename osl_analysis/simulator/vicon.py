@@ -167,16 +167,11 @@ def plate_analogs(trial: GaitTrial, time: Array, platform: Pose, load: TrueWrenc
 
 
 def write_capture(
-    folder: Path,
-    trial: GaitTrial,
-    leg: Mapping[str, Array],
-    platform: PlatformMotion,
-    load: TrueWrench,
-    body_mass: float | None = None,
+    folder: Path, trial: GaitTrial, leg: Mapping[str, Array], platform: PlatformMotion, load: TrueWrench
 ) -> None:
     """Write the capture `vicon/<trial>.c3d`: the exact paths of the leg's markers [m] and those of the platform, with
-    noise and gaps; the plate under its load, synchronisation, and the trigger, high for 20 ms. Without a body mass [kg]
-    there is no person."""
+    noise and gaps; the plate under its load, synchronisation, and the trigger, high for 20 ms. Without markers on
+    a leg there is no person."""
     walking, plate, capture = trial.walking, trial.walking.plate, trial.walking.capture
     rates, kind = walking.rates, capture.plate_type
     on_platform = {label: np.add(plate.centre_m, place) for label, place in PLATFORM.items()}
@@ -198,7 +193,7 @@ def write_capture(
     if capture.up_axis == "y":  # and z points to the right
         points, corners = (np.stack([p[..., 0], p[..., 2], -p[..., 1]], axis=-1) for p in (points, corners))
     screen = {"X_SCREEN": ["+X"], "Y_SCREEN": [f"+{capture.up_axis.upper()}"]}
-    person = trial.condition.person if body_mass is not None else None
+    person, mass = trial.condition.person if leg else None, np.array([trial.body_mass])
     groups: dict[str, dict[str, Any]] = {
         "POINT": {
             "LABELS": labels,
@@ -226,7 +221,7 @@ def write_capture(
             "CAL_MATRIX": np.zeros(0) if calibration is None else calibration[:, :, None],
         },
         "TRIAL": {"CAMERA_RATE": np.array([float(rates.points_hz)])},
-        "PROCESSING": {"BODYMASS": np.array([body_mass])} if capture.states_body_mass and body_mass else {},
+        "PROCESSING": {"BODYMASS": mass} if capture.states_body_mass and leg else {},
         "SUBJECTS": {} if person is None else {"NAMES": [person]},
         "MANUFACTURER": {"COMPANY": ["osl-analysis"], "SOFTWARE": ["simulator"]},
     }

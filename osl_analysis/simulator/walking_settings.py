@@ -2,9 +2,9 @@
 The imperfections of the leg's controller are in the campaign's simulation settings."""
 
 import math
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from osl_analysis.config.shared_choices import WEIGHT_OF_PAPER, WeightSettings
 from osl_analysis.simulator.settings import Count, Effect, Switches, check_length, effect, refused
@@ -98,10 +98,8 @@ class Rates(Settings):
     controller_hz: Rate  # of the leg's controller
 
     _c3d_can_hold_them = refused(
-        lambda s: (
-            s.analogs_hz % s.points_hz
-            and f"analogs_hz must be a multiple of points_hz ({s.points_hz}), not {s.analogs_hz}: C3D needs that"
-        )
+        lambda s: s.analogs_hz % s.points_hz,
+        "analogs_hz must be a multiple of points_hz ({s.points_hz}), not {s.analogs_hz}: C3D needs that",
     )
 
     @property
@@ -119,12 +117,11 @@ class Gait(Settings):
     stance_s: Positive  # duration of stance on the platform
     stride_m: Positive
 
-    _step_is_recorded = refused(
-        lambda s: (
-            s.recording_s <= (end := s.heel_strike_s + s.stance_s)
-            and f"recording_s must be longer than heel_strike_s + stance_s = {end:g} s"
-        )
-    )
+    @model_validator(mode="after")
+    def _step_is_recorded(self) -> Self:
+        if self.recording_s <= (end := self.heel_strike_s + self.stance_s):
+            raise ValueError(f"recording_s must be longer than heel_strike_s + stance_s = {end:g} s")
+        return self
 
 
 class Perturbation(Settings):
@@ -176,4 +173,7 @@ class WalkingSettings(Settings):
     capture: CaptureSettings = CaptureSettings()
     gain_weight: WeightSettings = WEIGHT_OF_PAPER  # that of the simulated campaign replaces it
 
-    _ends = refused(lambda s: check_length("gait.recording_s", s.gait.recording_s, s.rates.motion_hz))
+    @model_validator(mode="after")
+    def _ends(self) -> Self:
+        check_length("gait.recording_s", self.gait.recording_s, self.rates.motion_hz)
+        return self

@@ -177,7 +177,10 @@ def code(command: str, *modules: str) -> str:
     while new:
         file = new.pop()
         if file is not None and file not in files:
-            files |= {file, *file.parent.glob(f"{file.stem}.*")}  # also the data that stand beside a module
+            data = (
+                "*.yaml" if file.stem == "__init__" else f"{file.stem}.*"
+            )  # that stand beside a module, or in a package
+            files |= {file, *file.parent.glob(data)}
             new += [module_file(name) for name in imported_names(file)]
     return hashlib.sha256(b"".join(map(content_of, sorted(files | {path})))).hexdigest()[:16]
 

@@ -21,7 +21,7 @@ from osl_analysis.campaign.configuration import overriding
 from osl_analysis.commands.reference import tables_page
 from osl_analysis.dictionary import described_tables
 from osl_analysis.figures import FIGURES
-from osl_analysis.jobs import request
+from osl_analysis.jobs import request as jobs_request
 from osl_analysis.jobs.request import imported_names
 from osl_analysis.refusal import is_refused
 from osl_analysis.report.headlines import all_labels
@@ -490,9 +490,9 @@ def test_the_log_of_a_job_says_what_was_done_with_what_and_how_long_it_took(work
 
 @pytest.mark.parametrize("name", ["figures.yaml", "table.yaml", "style.mplstyle"])
 def test_a_fingerprint_covers_the_data_beside_its_modules_and_in_their_packages(monkeypatch, name):
-    before, read = request.code.__wrapped__("figure.write_captions"), request.content_of
-    monkeypatch.setattr(request, "content_of", lambda path: read(path) + b" " * (path.name == name))
-    assert request.code.__wrapped__("figure.write_captions") != before
+    before, read = jobs_request.code.__wrapped__("figure.write_captions"), jobs_request.content_of
+    monkeypatch.setattr(jobs_request, "content_of", lambda path: read(path) + b" " * (path.name == name))
+    assert jobs_request.code.__wrapped__("figure.write_captions") != before
 
 
 def test_a_fingerprint_follows_every_form_of_import(tmp_path):

@@ -223,6 +223,8 @@ def test_a_crossing_has_the_commanded_stiffness_and_is_perturbed_at_the_planned_
     seen = decoded(with_conditions(setup, K_d=[K_d], B_d=[5], stance_phases=[phase]), tmp_path, True)
     fired, gain = np.flatnonzero(seen.analogs[7] > 2.5)[0] / 1500, K_d * 685.6 / (685.6 - K_d) / (83 / 18) ** 2
     assert leg_log(tmp_path)["stiffness_gain"].max() == pytest.approx(gain, rel=1e-6)
+    with_conditions(setup, K_d=[K_d]).record(tmp_path, PERTURBED | {"controller": "uncompensated"})
+    assert leg_log(tmp_path)["stiffness_gain"].max() == pytest.approx(K_d / (83 / 18) ** 2, rel=1e-6)
     assert (fired - 0.9) / 0.72 == pytest.approx(phase, abs=0.011)
     assert seen.time[np.abs(seen.platform_angle) > 1e-4][0] > fired + 0.004
 
@@ -462,9 +464,10 @@ def test_a_trial_depends_on_the_seed_and_its_name_only(shipped, tmp_path):
         assert first == again != seeded, name
 
 
-def test_the_late_plate_lags_by_half_a_millisecond(shipped, tmp_path):
+def test_the_late_plate_lags_by_half_a_millisecond_and_was_zeroed_at_rest(shipped, tmp_path):
     labs = (shipped.lacking(*SENSORS[2:], *lag) for lag in ((), ("plate_lag",)))
     late, prompt = (lab.record(tmp_path, PERTURBED)["analogs"][0, 2] for lab in labs)
+    assert np.abs(prompt[:600]).max() < 1e-3, "the plate, of 12 kg, was zeroed at rest"
     slope = np.gradient(prompt, 1 / 1500)
     assert slope @ (prompt - late) / (slope @ slope) == pytest.approx(0.5e-3, rel=0.01)
 

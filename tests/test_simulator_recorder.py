@@ -1,6 +1,7 @@
 """Each imperfection of recorders, sensors, joint and motion has the stated size in the written log, by numpy alone."""
 
 import json
+from functools import partial
 
 import numpy as np
 import pytest
@@ -36,28 +37,23 @@ def torque_sensor(**changes):
     return {"recorder": {"sensors": {TORQUE: changes}}}
 
 
-@pytest.fixture
-def log_of(tmp_path):
+def written(folder, changes, rate=1000):
     """The log of a trial with no imperfection but some, as columns by name."""
-
-    def log_of(changes, rate=1000):
-        content = yaml.safe_load((ROOT / "tests/tiny_simulation.yaml").read_text())
-        for entry in content["effects"].values():
-            entry["enabled"] = False
-        content["effects"]["dynamometer_bandwidth"]["enabled"] = True
-        content["dynamometer"]["rate_hz"] = rate
-        for section, values in ({"recorder": {}, "joint": JOINT} | changes).items():
-            content[section] = content[section] | values if section in ("effects", "protocol") else values
-        content["parameters"] = str(ROOT / content["parameters"])
-        (tmp_path / "settings.yaml").write_text(yaml.safe_dump(content))
-        simulate_trial(tmp_path / "settings.yaml", tmp_path, TRIAL)
-        with next(tmp_path.rglob("*.mcap")).open("rb") as file:
-            messages = list(make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages())
-        topics = {channel.topic for _, channel, _, _ in messages}
-        log = {topic: columns_of([m for _, c, _, m in messages if c.topic == topic]) for topic in topics}
-        return log.popitem()[1] if len(log) == 1 else log
-
-    return log_of
+    content = yaml.safe_load((ROOT / "tests/tiny_simulation.yaml").read_text())
+    for entry in content["effects"].values():
+        entry["enabled"] = False
+    content["effects"]["dynamometer_bandwidth"]["enabled"] = True
+    content["dynamometer"]["rate_hz"] = rate
+    for section, values in ({"recorder": {}, "joint": JOINT} | changes).items():
+        content[section] = content[section] | values if section in ("effects", "protocol") else values
+    content["parameters"] = str(ROOT / content["parameters"])
+    (folder / "settings.yaml").write_text(yaml.safe_dump(content))
+    simulate_trial(folder / "settings.yaml", folder, TRIAL)
+    with next(folder.rglob("*.mcap")).open("rb") as file:
+        messages = list(make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages())
+    topics = {channel.topic for _, channel, _, _ in messages}
+    log = {topic: columns_of([m for _, c, _, m in messages if c.topic == topic]) for topic in topics}
+    return log.popitem()[1] if len(log) == 1 else log
 
 
 def columns_of(messages):
@@ -78,8 +74,13 @@ def truth(tmp_path):
 
 
 @pytest.fixture
-def clean(log_of):
-    return log_of({})
+def log_of(tmp_path):
+    return partial(written, tmp_path)
+
+
+@pytest.fixture(scope="module")
+def clean(tmp_path_factory):
+    return written(tmp_path_factory.mktemp("clean"), {})
 
 
 def at(log, clean, name=ANGLE):
@@ -93,7 +94,8 @@ def settled(log):
     return (elapsed > 1.0) & (elapsed < elapsed[-1] - 1.2)
 
 
-def test_an_exact_joint_answers_by_eq_15(clean, truth):
+def test_an_exact_joint_answers_by_eq_15(log_of, truth):
+    clean = log_of({})
     for f, rows in ((2, slice(1000, 2000)), (5, slice(2200, 2600))):
         kernel = np.exp(-2j * np.pi * f * clean["time"][rows])
         w, ratio = 2 * np.pi * f, -(clean[TORQUE][rows] @ kernel) / (clean[ANGLE][rows] @ kernel)

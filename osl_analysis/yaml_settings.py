@@ -75,10 +75,10 @@ def counted_truth(value: Any, made: Any) -> Place | None:
     return None
 
 
-Model = TypeVar("Model", bound=Settings)
+AnySettings = TypeVar("AnySettings", bound=Settings)
 
 
-def read_yaml(path: Path, model: type[Model]) -> Model:
+def read_yaml(path: Path, model: type[AnySettings]) -> AnySettings:
     """Read a YAML file into a model. Raises InputError as `read_mapping`, and where a field is unknown, absent or of a
     wrong value."""
     return validated(read_mapping(path), model, path)
@@ -189,8 +189,8 @@ def dotted(place: Place) -> str:
 
 
 def validated(
-    content: Any, model: type[Model], path: Path, files: Sequence[Path] | None = None, above: Place = ()
-) -> Model:
+    content: Any, model: type[AnySettings], path: Path, files: Sequence[Path] | None = None, above: Place = ()
+) -> AnySettings:
     """The content of a configuration file as a model; for messages `path`, `files` with lines, and keys `above` it."""
     try:
         return model.model_validate(content)

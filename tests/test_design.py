@@ -12,7 +12,7 @@ from click.testing import CliRunner
 from conftest import ROOT
 from scipy.stats import t as student
 
-from osl_analysis.bench.response_tables import RESPONSE
+from osl_analysis.bench.response_tables import RESPONSE_COLUMNS
 from osl_analysis.cli import main
 from osl_analysis.design.precision import (
     Continuous,
@@ -338,7 +338,7 @@ def test_an_earlier_trial_states_the_distortion(tmp_path):
     f = np.arange(5, 48, 2) / 8
     levels = pl.DataFrame({"trial": "m", "frequency_hz": f, "angle_deg": np.rad2deg(0.01), "odd_level": 2.0})
     levels.write_csv(tmp_path / "response.csv")
-    assert set(levels.columns) < set(RESPONSE)
+    assert set(levels.columns) < set(RESPONSE_COLUMNS)
     said = as_json("--excitation", "multisine", "--earlier", tmp_path / "response.csv", "--realisations", "1")
     # 0.02 N*m at each line, half of its square in each quadrature, which is 0.01 of Z = |torque|/0.0119 rad
     share = as_json("--excitation", "multisine", "--realisations", "1", "--distortion", "1%")

@@ -15,7 +15,7 @@ from scipy.interpolate import CubicSpline
 
 from osl_analysis.commands.simulate import simulate_trial
 from osl_analysis.errors import InputError
-from osl_analysis.simulator.mcap_writer import LATENCY_NS, joint_states, samples, wrenches, write_topics
+from osl_analysis.simulator.mcap_writer import LATENCY_NS, joint_states, sample_topic, wrenches, write_topics
 from osl_analysis.simulator.recorder import Bench
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.yaml_settings import read_yaml
@@ -300,7 +300,7 @@ def write_mixed(path, n, frame_id="f"):
     t = np.arange(n)
     columns = {"flag": t % 2 == 0, "wide": np.sqrt(t), "level": t % 7, "narrow": np.sin(t)}
     fields = "bool flag\nfloat64 wide\nuint8 level\nfloat32 narrow # unit\n"
-    write_topics(path, [samples("/t", frame_id, fields, 3.0 + t, columns)])
+    write_topics(path, [sample_topic("/t", frame_id, fields, 3.0 + t, columns)])
     return columns
 
 

@@ -8,7 +8,7 @@ import pytest
 from conftest import ROOT
 
 from osl_analysis.bench.record import record_of, stretches_of
-from osl_analysis.bench.response_tables import MODELS, RESPONSE, response_tables
+from osl_analysis.bench.response_tables import MODELS, RESPONSE_COLUMNS, response_tables
 from osl_analysis.bench.settings import FilterSettings
 from osl_analysis.commands.figure import plot_numbers
 from osl_analysis.commands.tables import pool_responses
@@ -122,7 +122,7 @@ def periodic(name, *seeds, size=1.0):
 
 def test_the_tables_of_a_periodic_trial_have_a_row_per_line_and_the_parameters_that_made_the_torque(parameters):
     tables = response_tables(periodic("M", 1, 2), parameters)
-    for name, schema in (("response", RESPONSE), ("response_models", MODELS), ("response_lines", COLUMNS)):
+    for name, schema in (("response", RESPONSE_COLUMNS), ("response_models", MODELS), ("response_lines", COLUMNS)):
         assert dict(tables[name].schema) == schema
     s = 2j * np.pi * tables["response"]["frequency_hz"].to_numpy()
     Z = K + B * s + I * s**2

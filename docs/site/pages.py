@@ -28,7 +28,7 @@ FUNCTIONS = {
         "signals.Motion", "signals.filtered_motion", "signals.differentiate",
     ),
     "Fits": (
-        "walking.second_order.fit_impedance", "walking.second_order.impedance_torque",
+        "walking.second_order.fit_second_order", "walking.second_order.impedance_torque",
         "stats.regression.linear_fit", "stats.regression.LinearFit",
     ),
     "Frequency response": (

@@ -12,9 +12,9 @@ from osl_analysis.model.parameters import DrivetrainParameters
 from osl_analysis.signals import LowPass
 from osl_analysis.spectral.periods import LINES, Realisation, distinct, lines_frame
 from osl_analysis.spectral.response import (
-    Columns,
     FittedLines,
     RationalDrivetrain,
+    ResponseColumns,
     SecondOrder,
     Structure,
     fit_structure,
@@ -28,7 +28,7 @@ from osl_analysis.stats.fit_row import Row, estimates_row
 
 LEVELS = ("noise", "odd", "even", "total")
 CURVES = {SecondOrder.name: "eq15", RationalDrivetrain.name: "eq9"}
-RESPONSE: dict[str, type[pl.DataType]] = {
+RESPONSE_COLUMNS: dict[str, type[pl.DataType]] = {
     "trial": pl.String, "method": pl.String, "realisations": pl.Int64,
     **dict.fromkeys(("frequency_hz", "angle_deg", "Z_re", "Z_im", "magnitude", "phase_deg"), pl.Float64),
     **dict.fromkeys(("noise_sd", "total_sd", *(f"{name}_level" for name in LEVELS)), pl.Float64),
@@ -45,7 +45,7 @@ MODELS: dict[str, type[pl.DataType]] = {
     "excluded": pl.String,
 }  # fmt: skip
 """Columns of `response_models.csv`."""
-NO_RESPONSE = {"response": RESPONSE, "response_models": MODELS, "response_lines": LINES}
+NO_RESPONSE = {"response": RESPONSE_COLUMNS, "response_models": MODELS, "response_lines": LINES}
 
 
 def response_tables(record: Record, p: DrivetrainParameters | None) -> dict[str, pl.DataFrame]:
@@ -97,12 +97,12 @@ def periodic_tables(
 
 
 def frames_of(
-    trial: str, response: Columns, lines: FittedLines, p: DrivetrainParameters | None, facts: Row
+    trial: str, response: ResponseColumns, lines: FittedLines, p: DrivetrainParameters | None, facts: Row
 ) -> dict[str, pl.DataFrame]:
     """A row per frequency, with the curves of the structures fitted to the lines; and a row per structure: parameters,
     misfit beyond the noise, its test, and the `facts`."""
     frequency = response["frequency_hz"]
-    columns: dict[str, object] = {**dict.fromkeys(RESPONSE), "trial": trial, **response}
+    columns: dict[str, object] = {**dict.fromkeys(RESPONSE_COLUMNS), "trial": trial, **response}
     columns |= {name: facts[name] for name in ("method", "realisations")}
     shared: Row = {"trial": trial, "lines": len(frequency), **facts}
     shared |= {"lowest_hz": float(frequency[0]), "highest_hz": float(frequency[-1])}
@@ -123,6 +123,6 @@ def frames_of(
         row |= {"interval_method": fit.interval_method, "parameters": len(structure.parameters)}
         rows.append({**row, **estimates_row(fit, *structure.parameters), **found})
     return {
-        "response": pl.DataFrame(columns, schema=RESPONSE).fill_nan(None),
+        "response": pl.DataFrame(columns, schema=RESPONSE_COLUMNS).fill_nan(None),
         "response_models": pl.DataFrame(rows, schema=MODELS).fill_nan(None),
     }

@@ -13,7 +13,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.files import default_config
 from osl_analysis.judge.table import DoubtfulFits, QualityRules
 from osl_analysis.walking.settings import OvergroundAnalysis, WalkingAnalysis
-from osl_analysis.yaml_settings import Degrees, Model, Positive, Settings, ShippedPath, read_mapping, validated
+from osl_analysis.yaml_settings import AnySettings, Degrees, Positive, Settings, ShippedPath, read_mapping, validated
 
 Some = Annotated[int, Field(ge=0, le=1_000_000)]  # trials, campaigns or crossings; more is a slip of the keyboard
 
@@ -135,7 +135,7 @@ def overriding(base: Any, override: Any) -> Any:
     return base | {name: overriding(base.get(name), value) for name, value in override.items()}
 
 
-def read_section(path: Path, section: str, model: type[Model]) -> Model:
+def read_section(path: Path, section: str, model: type[AnySettings]) -> AnySettings:
     """One section of a campaign's configuration, whose file overrides fields of the default configuration."""
     content = overriding(read_mapping(default_config()), read_mapping(path, by_snakemake=True))
     unknown = [name for name in content if name not in Config.model_fields]

@@ -8,7 +8,7 @@ from typing import Any
 
 import polars as pl
 
-from osl_analysis.bench.response_tables import MODELS, RESPONSE, periodic_tables
+from osl_analysis.bench.response_tables import MODELS, RESPONSE_COLUMNS, periodic_tables
 from osl_analysis.bench.settings import FilterSettings
 from osl_analysis.campaign.campaign import sentence
 from osl_analysis.errors import InputError
@@ -93,7 +93,7 @@ def pool_responses(
             trial = str(table["trial"][0])
             key = tuple((column, conditions[trial].get(column)) for column in CONDITION_TYPES)
             by_condition.setdefault(key, {})[trial] = realisations_from(table)
-    made = {"response": [pl.DataFrame(schema=pooled_schema(RESPONSE))]}
+    made = {"response": [pl.DataFrame(schema=pooled_schema(RESPONSE_COLUMNS))]}
     made["response_models"] = [pl.DataFrame(schema=pooled_schema(MODELS))]
     for key, trials in by_condition.items():
         stated = [pl.lit(cell, CONDITION_TYPES[name]).alias(name) for name, cell in key]
@@ -107,7 +107,7 @@ def pool_responses(
     write_table(pl.concat(made["response_models"]), response_models_pooled)
 
 
-def pooled_schema(schema: Mapping[str, type[pl.DataType]] = RESPONSE) -> dict[str, type[pl.DataType]]:
+def pooled_schema(schema: Mapping[str, type[pl.DataType]] = RESPONSE_COLUMNS) -> dict[str, type[pl.DataType]]:
     """The columns of a pooled table: the condition, and `trials` in place of `trial`."""
     return {**CONDITION_TYPES, **{"trials" if name == "trial" else name: dtype for name, dtype in schema.items()}}
 

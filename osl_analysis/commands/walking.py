@@ -57,7 +57,7 @@ NO_GAIT = (
 Built = TypeVar("Built")
 Paths = Sequence[Path]
 Statics = Mapping[str, str]  # The static trial of each trial, which names the file of its calibration
-Conditions = Mapping[str, Mapping[str, Any]]  # Cells of the sheet of each crossing
+SheetCells = Mapping[str, Mapping[str, Any]]  # Cells of the sheet of each crossing
 
 
 def write_model(model: Any, path: Path) -> None:
@@ -297,7 +297,7 @@ def select_crossings(
     crossings: Paths,
     settings: SelectionSettings,
     output: Path,
-    sheet: Conditions | None = None,
+    sheet: SheetCells | None = None,
     places: Places | None = None,
 ) -> None:
     """One row per crossing, in the order of the files: quality, group and, if it is excluded, the reason. A warning
@@ -387,7 +387,7 @@ def summarise_perturbations(
     responses: Path,
     excluded: Path,
     groups: Path,
-    sheet: Conditions | None = None,
+    sheet: SheetCells | None = None,
     limits: Doubt | None = None,
     places: Places | None = None,
 ) -> None:

@@ -97,7 +97,7 @@ class UnreadableCellError(Exception):
     place: int  # in the column
 
 
-def numbers(cells: Sequence[str | None] | pl.Series, missing: Collection[str], decimal: str) -> Array:
+def cell_numbers(cells: Sequence[str | None] | pl.Series, missing: Collection[str], decimal: str) -> Array:
     """Values (n,): NaN where a cell is None or one of the words in `missing`. Raises UnreadableCellError."""
     text = pl.Series(cells, dtype=pl.String)
     absent = (text.is_null() | text.is_in(list(missing))).to_numpy()

@@ -14,11 +14,11 @@ from osl_analysis.errors import InputError, listing, nearest
 from osl_analysis.formats.csv_table import (
     Rows,
     UnreadableCellError,
+    cell_numbers,
     decoded_text,
     delimiter_of,
     is_number_cell,
     is_text,
-    numbers,
     read_lines,
     split_rows,
     unpadded,
@@ -30,7 +30,7 @@ def column_of(rows: Rows, place: int, missing: tuple[str, ...], what: str, remed
     """One column of rows, (rows,), NaN where a cell is one of the words in `missing` or the row is too short."""
     cells = [cells[place] if place < len(cells) else "" for _, cells in rows]
     try:
-        return numbers(cells, missing, decimal)
+        return cell_numbers(cells, missing, decimal)
     except UnreadableCellError as error:
         text = cells[error.place]
         what = f"line {rows[error.place][0]}, {what}: '{text[:40]}' is not a number"

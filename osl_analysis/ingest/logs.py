@@ -241,7 +241,7 @@ def cells_of(text: csv_table.CsvTable, place: int, source: Source, level: bool, 
     if level:
         cells = [TRUTHS.get(cell.casefold(), cell) if cell is not None else None for cell in cells]
     try:
-        return csv_table.numbers(cells, source.missing, source.decimal)
+        return csv_table.cell_numbers(cells, source.missing, source.decimal)
     except csv_table.UnreadableCellError as error:
         cell = str(cells[error.place])
         raise InputError(

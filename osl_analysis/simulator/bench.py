@@ -27,7 +27,7 @@ from osl_analysis.simulator.joint_motion import (
     slow_cycles,
     there_and_back,
 )
-from osl_analysis.simulator.mcap_writer import SAMPLES, joint_states, samples, wrenches, write_topics
+from osl_analysis.simulator.mcap_writer import SAMPLES, joint_states, sample_topic, wrenches, write_topics
 from osl_analysis.simulator.recorder import TrueSignal, recording_of
 from osl_analysis.simulator.settings import SimulationSettings, stream
 from osl_analysis.trial import Array
@@ -157,7 +157,7 @@ def write_bench_log(path: Path, log: Mapping[str, Array], two_nodes: bool) -> No
     if torque not in log:
         topic, frame, torque, cell = "/actuator", "actuator_bench", "output_torque", "transducer"
     if not two_nodes:
-        write_topics(path, [samples(topic, frame, SAMPLES[topic], log["time"], log)])
+        write_topics(path, [sample_topic(topic, frame, SAMPLES[topic], log["time"], log)])
         return
     joints = {"joint": "joint_angle", "actuator": "actuator_angle", "command": "commanded_angle"}
     position = {joint: log[angle] for joint, angle in joints.items() if angle in log}

@@ -20,7 +20,7 @@ from osl_analysis.simulator import step as gait
 from osl_analysis.simulator.bench import drivetrain_effects
 from osl_analysis.simulator.drivetrain import simulate_drivetrain
 from osl_analysis.simulator.joint_motion import JointMotion
-from osl_analysis.simulator.mcap_writer import SAMPLES, samples, write_topics
+from osl_analysis.simulator.mcap_writer import SAMPLES, sample_topic, write_topics
 from osl_analysis.simulator.plan import Condition, condition_of
 from osl_analysis.simulator.recorder import rounded_to, write_truth
 from osl_analysis.simulator.rigid_body import GRAVITY, Pose, TrueWrench, interpolated_at, rotation_about
@@ -234,7 +234,9 @@ def write_leg_log(
         "damping_gain": crossing.commands[1, held],
         "sync": vicon.sync_level(trial, time),
     }
-    write_topics(folder / "leg" / f"{trial.name}.mcap", [samples("/leg", "leg", SAMPLES["/leg"], leg_time, columns)])
+    write_topics(
+        folder / "leg" / f"{trial.name}.mcap", [sample_topic("/leg", "leg", SAMPLES["/leg"], leg_time, columns)]
+    )
 
 
 def simulate_walking_trial(

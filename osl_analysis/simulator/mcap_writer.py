@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from osl_analysis.files import atomic_path
 from osl_analysis.trial import Array
 
-Record = mcap_records.McapRecord
+McapRecord = mcap_records.McapRecord
 RULE = "=" * 80 + "\n"
 DEPENDENCIES = f"""\
 {RULE}MSG: std_msgs/Header
@@ -95,7 +95,7 @@ def log_topic(
     return LogTopic(name, schema_name, f"std_msgs/Header header\n{fields}{DEPENDENCIES}", records)
 
 
-def samples(topic: str, frame_id: str, fields: str, time: Array, columns: Mapping[str, ArrayLike]) -> LogTopic:
+def sample_topic(topic: str, frame_id: str, fields: str, time: Array, columns: Mapping[str, ArrayLike]) -> LogTopic:
     """Messages of scalar fields, one for each time stamp [s], from 0 to 2^31 s in whole nanoseconds. `fields` declares
     one in each line, to whose type its column (n,) is cast."""
     types = {words[1]: CDR_TYPES[words[0]] for words in map(str.split, fields.splitlines())}
@@ -133,7 +133,8 @@ def wrenches(topic: str, frame_id: str, time: Array, torque: Array) -> LogTopic:
 def write_topics(path: Path, topics: Sequence[LogTopic]) -> None:
     """Write the messages of all topics, in the order of their stamps, after a metadata record; last the summary, its
     offsets, and the footer with the CRC of both. The file appears whole or not at all."""
-    names, schemas, channels, parts = ", ".join(t.name for t in topics), list[Record](), list[Record](), list[bytes]()
+    names, schemas, channels = ", ".join(t.name for t in topics), list[McapRecord](), list[McapRecord]()
+    parts = list[bytes]()
     for number, topic in enumerate(topics, 1):
         schemas.append(mcap_records.Schema(number, topic.schema_text.encode(), "ros2msg", topic.schema_name))
         channels.append(mcap_records.Channel(number, topic.name, "cdr", {}, number))
@@ -169,7 +170,7 @@ def write_topics(path: Path, topics: Sequence[LogTopic]) -> None:
             metadata_count=1,
             schema_count=len(topics),
         )
-        groups: dict[Opcode, Sequence[Record]] = {
+        groups: dict[Opcode, Sequence[McapRecord]] = {
             Opcode.SCHEMA: schemas,
             Opcode.CHANNEL: channels,
             Opcode.STATISTICS: [statistics],
@@ -177,7 +178,7 @@ def write_topics(path: Path, topics: Sequence[LogTopic]) -> None:
             Opcode.ATTACHMENT_INDEX: [],
             Opcode.METADATA_INDEX: [mcap_records.MetadataIndex(len(head), len(described), "recording")],
         }
-        start, summary, offsets = file.tell(), b"", list[Record]()
+        start, summary, offsets = file.tell(), b"", list[McapRecord]()
         for opcode, records in groups.items():
             group = encoded(records)
             offsets.append(mcap_records.SummaryOffset(opcode, start + len(summary), len(group)))
@@ -213,7 +214,7 @@ def write_chunk(
     )
 
 
-def encoded(records: Iterable[Record]) -> bytes:
+def encoded(records: Iterable[McapRecord]) -> bytes:
     builder = RecordBuilder()
     for record in records:
         record.write(builder)

@@ -50,13 +50,13 @@ from osl_analysis.stats.regression import LinearFit, linear_fit
 from osl_analysis.stats.rounding import noise_before_rounding
 from osl_analysis.trial import Array
 
-Columns = dict[str, Array]
+ResponseColumns = dict[str, Array]
 """Impedance over frequency by columns of `response.csv`, (m,) each; NaN where the motion does not show it."""
 
 
 def response_columns(
     frequency_hz: Array, Z: Spectrum, angle: Array, total_sd: Array, levels: Mapping[str, Array], count: int = 1
-) -> Columns:
+) -> ResponseColumns:
     """Columns of Z = torque/theta [N*m/rad] of `count` realisations; amplitude of the angle [rad], RMS over these;
     standard deviation of Z by noise and distortion.
 
@@ -104,7 +104,7 @@ def equation_error(realisations: Sequence[Realisation]) -> EquationError:
     return EquationError(lines, single[0].frequency_hz, everywhere, size.sum(axis=0), error, noise, freedom)
 
 
-def periodic_response(realisations: Sequence[Realisation]) -> tuple[Columns, dict[str, float]]:
+def periodic_response(realisations: Sequence[Realisation]) -> tuple[ResponseColumns, dict[str, float]]:
     """The best linear approximation of one or several realisations, at the excited lines, and the levels in its band,
     as the RMS amplitude of the torque per line [N*m]: the `torque` itself; `noise`; `odd` and `even` distortion at all
     lines that show it; distortion that excited lines have, at the lines without excitation (`detection`) and from the
@@ -222,7 +222,7 @@ def nearby(theta: Spectrum) -> Array:
     return np.sqrt(np.convolve(np.abs(theta) ** 2, np.ones(5), "same") / 5)
 
 
-def local_response(spectrum: RecordLines) -> Columns:
+def local_response(spectrum: RecordLines) -> ResponseColumns:
     """The impedance of a record at every `HALF_WIDTH`-th line that moves, with its noise.
 
     Distortion of a motion that does not repeat itself is noise: `total_sd` equals `noise_sd`, levels are not known.

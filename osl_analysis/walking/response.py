@@ -26,7 +26,7 @@ from osl_analysis.stats.repeats import CommonError
 from osl_analysis.trial import Array
 from osl_analysis.walking.crossing import DOWN, UP, Crossing
 from osl_analysis.walking.gait import BEFORE_ONSET_S, UnperturbedGait, aligned_gait, at_phases, signal_at
-from osl_analysis.walking.second_order import fit_impedance, impedance_torque
+from osl_analysis.walking.second_order import fit_second_order, impedance_torque
 from osl_analysis.walking.settings import EnsembleSettings, StanceSource, TimingSettings
 
 MARGIN = 8  # Additional samples at both ends of a response. A spline's derivatives are less accurate at its ends.
@@ -173,7 +173,7 @@ def offset_comparison(motion: Motion, torque: Array, K: float) -> dict[str, floa
     """A fit to a motion and torque (n,) with an offset [N*m], null if impossible: a large `offset_share`, the relative
     decrease of K [N*m/rad] with it, shows that the response is not of second order."""
     try:
-        free = fit_impedance(motion, torque)
+        free = fit_second_order(motion, torque)
     except IdentifiabilityError:
         return dict.fromkeys(("offset", "K_with_offset", "offset_share"))
     return {"offset": free["offset"], "K_with_offset": free["K"], "offset_share": 1 - free["K"] / K if K else None}

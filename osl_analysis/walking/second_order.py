@@ -17,7 +17,7 @@ def impedance_columns(motion: Motion) -> dict[str, Array]:
     return {"K": motion.theta, "B": motion.omega, "I": motion.alpha, "offset": np.ones_like(motion.theta)}
 
 
-def fit_impedance(motion: Motion, torque: Array) -> LinearFit:
+def fit_second_order(motion: Motion, torque: Array) -> LinearFit:
     """Fit Eq. 15 to a motion and resisting torque [N*m] of shape (n,): K [N*m/rad], B [N*m*s/rad], I [kg*m^2], offset
     [N*m]. Both must have passed the same filter: if only the angle is filtered at 15 Hz, B is 3.43 instead of 3.
 

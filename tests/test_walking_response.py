@@ -350,8 +350,8 @@ STEEP, SOFT = RISE_OF, RISE_OF**4 * (35 - 84 * RISE_OF + 70 * RISE_OF**2 - 20 * 
     [
         pytest.param(STEEP, 0.0, 3e-4, id="a straight ramp"),
         pytest.param(STEEP, 0.015, 1e-3, id="a straight ramp with noise"),
-        pytest.param(step(TIME, 1.2, 0.075)[0], 0.04, 1e-3, id="0.2 mm at 0.28 m from the axis"),
-        pytest.param(SOFT, 0.0, 3e-4, id="a soft start"),
+        pytest.param(step(TIME, 1.2, 0.075)[0], 0.04, 0.075 / 8, id="0.2 mm at 0.28 m from the axis"),
+        pytest.param(SOFT, 0.0, 0.075 / 30, id="a soft start"),
         pytest.param(SOFT, 0.04, 0.075 / 8, id="that looks like minimum jerk with noise"),
     ],
 )

@@ -9,6 +9,7 @@ from bench_synthetic import second_order, stepped_sine
 
 from osl_analysis.bench.analysis import analysed
 from osl_analysis.bench.effects import IMPEDANCE, plain_sums, sums_of, with_effects
+from osl_analysis.bench.gram import combined, jackknife
 from osl_analysis.bench.record import record_of_trial, sine_record, stretches_of
 from osl_analysis.bench.settings import BenchStiffness, DynamometerAnalysis
 from osl_analysis.protocol.stepped_sine import SteppedSineProtocol
@@ -165,3 +166,28 @@ def test_levels_of_which_some_are_no_whole_steps_apart_show_no_step():
     irregular = 29 + np.cumsum(np.random.default_rng(1).uniform(1.6, 1.9, 20))
     assert visible_step(np.repeat(np.arange(50.0), 10)) == 1
     assert visible_step(np.repeat(np.append(np.arange(30.0), irregular), 10)) is None
+
+
+def test_the_jackknife_is_that_of_fits_without_a_unit_and_its_freedom_that_of_the_units():
+    """(m - 1)/m times the squares about the mean of the m fits, each without a unit (Efron and Stein, 1981)."""
+    rng, unit = np.random.default_rng(3), np.repeat(np.arange(5), [1, 2, 1, 3, 1])
+    X, y = rng.standard_normal((8, 20, 2)), rng.standard_normal((8, 20))
+    A_g, b_g = np.einsum("gni,gnj->gij", X, X), np.einsum("gni,gn->gi", X, y)
+    left_out = [np.linalg.lstsq(X[unit != k].reshape(-1, 2), y[unit != k].ravel(), rcond=None)[0] for k in range(5)]
+    apart = np.array(left_out) - np.mean(left_out, axis=0)
+    covariance = jackknife(A_g, b_g, A_g.sum(axis=0), b_g.sum(axis=0), unit)
+    np.testing.assert_allclose(covariance, 4 / 5 * apart.T @ apart, rtol=1e-9)
+    found, freedom = combined(np.zeros((2, 2)), np.full(2, np.inf), covariance, 5)
+    np.testing.assert_allclose(found, covariance)
+    np.testing.assert_allclose(freedom, 4)
+    scatter = np.diag(np.diag(covariance)) / 4  # noise that is a quarter of it: the excess alone has four
+    _, freedom = combined(scatter, np.full(2, 100.0), covariance, 5)
+    np.testing.assert_allclose(freedom, 1 / (0.25**2 / 100 + 0.75**2 / 4))
+
+
+def test_effects_are_asked_of_rows_that_a_filter_of_a_high_cut_off_needs():
+    """The columns of effects pass the filter again; 250 Hz would be too few for one of 130 Hz."""
+    wide = SETTINGS.model_copy(update={"cutoff_hz": 130.0})
+    s = sums_of(sine_record(trial(1, 1000.0), wide), IMPEDANCE)
+    assert s.rate_hz == pytest.approx(1000.0)
+    assert sums_of(sine_record(trial(1, 1000.0), SETTINGS), IMPEDANCE).rate_hz == pytest.approx(250.0, rel=1e-3)

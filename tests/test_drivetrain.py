@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 
 from osl_analysis.commands.gains import gain_table
-from osl_analysis.errors import UnreachableImpedanceError
+from osl_analysis.errors import InputError, UnreachableImpedanceError
 from osl_analysis.model.compensator import (
     PAPER_WEIGHT,
     Gains,
@@ -22,6 +22,7 @@ from osl_analysis.model.compensator import (
     motor_current,
     optimal_damping,
     rendering,
+    select_gains,
     squared_norm,
     stiffness_gain,
     uncompensated_gains,
@@ -401,3 +402,8 @@ def test_uncompensated_gains_are_reflected_through_the_belt_and_refuse_what_is_n
     for pair in ((float("nan"), 5), (300, float("inf")), (-1, 5)):
         with pytest.raises(UnreachableImpedanceError, match="cannot be asked for"):
             uncompensated_gains(*pair, parameters)
+
+
+def test_a_controller_that_the_draft_does_not_state_has_no_gains():
+    with pytest.raises(InputError, match=r"'compensatd' are not known.*compensated"):
+        select_gains("compensatd", 300.0, 5.0, P)

@@ -21,7 +21,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from osl_analysis.errors import UnreachableImpedanceError
+from osl_analysis.errors import InputError, UnreachableImpedanceError, nearest
 from osl_analysis.model.drivetrain import joint_admittance
 from osl_analysis.model.parameters import DrivetrainParameters
 from osl_analysis.trial import Array
@@ -125,7 +125,13 @@ def uncompensated_gains(K_d: float, B_d: float, p: DrivetrainParameters) -> Gain
 def select_gains(
     controller: str, K_d: float, B_d: float, p: DrivetrainParameters, weight: Weight = PAPER_WEIGHT
 ) -> Gains:
-    """The gains of a `compensated` or an `uncompensated` trial. Raises as `compensated_gains`."""
+    """The gains of a `compensated` or an `uncompensated` trial. Raises as `compensated_gains`, and InputError for any
+    other controller."""
+    if controller not in CONTROLLERS:
+        raise InputError(
+            f"the gains of controller '{controller}' are not known{nearest(controller, CONTROLLERS)}; "
+            f"write one of {', '.join(CONTROLLERS)}"
+        )
     if controller == "uncompensated":
         return uncompensated_gains(K_d, B_d, p)
     return compensated_gains(K_d, B_d, p, weight)

@@ -50,7 +50,7 @@ def over_frequency(what: str, magnitude: str, lines: Sequence[Iterable[Content]]
 
 def bench_pictures(series: pl.DataFrame, motion: str, whole_loop: bool = False) -> Pictures:
     """Torque, residual and motion over time, and torque against angle, of a fitted trial on the bench. `series` as
-    `bench.series.Series.table` writes it, `motion` what moves. The loop is of the fitted samples, or whole."""
+    `bench.analysis.Series.table` writes it, `motion` what moves. The loop is of the fitted samples, or whole."""
     x, unit = ("omega", "rad/s") if "omega" in series.columns else ("theta_deg", "deg")
     label, of = f"{motion} ({unit})", partial(line, "series")
     both = of("time", "torque", "measured"), of("time", "torque_model", "model", "model")

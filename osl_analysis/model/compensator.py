@@ -142,12 +142,12 @@ def optimal_damping(
 ) -> dict[str, Array]:
     """Minimise ||W (Y - Y_d)||_2 over B_1 with B_m + B_1 > 0 (Eq. 14), for K_d, B_d of shape (pairs,): of each pair,
 
-    B_1: damping gain [N*m*s/rad] at the global minimum.
-    error: the norm there [rad/(N*m)/s^1/2].
-    minima: number of stable local minima.
-    at_lower_bound: the error falls towards B_m + B_1 = 0, so that the joint alone damps more than was asked for. `B_1`
-        is then the last stable value of the search.
-    unbounded: the error falls for every increase of B_1: a locked motor would be best. `B_1` is then infinite.
+    * `B_1`: damping gain [N*m*s/rad] at the global minimum;
+    * `error`: the norm there [rad/(N*m)/s^1/2];
+    * `minima`: number of stable local minima;
+    * `at_lower_bound`: the error falls towards B_m + B_1 = 0, so that the joint alone damps more than was asked for;
+      `B_1` is then the last stable value of the search;
+    * `unbounded`: the error falls for every increase of B_1: a locked motor would be best; `B_1` is then infinite.
 
     The paper neglects the joint's inertia; `J_j` [kg*m^2] includes it. `compensator.check_request` refuses impossible
     requests. The search for x = B_m + B_1 spans 1e-9 to 1e9 times (K_1 J_m)^1/2, the scale of the actuator's damping,

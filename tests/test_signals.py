@@ -17,6 +17,16 @@ def test_zero_phase_filter_has_the_squared_butterworth_gain_and_no_phase(f):
     assert out[8000:12000] == pytest.approx(gain * np.cos(2 * np.pi * f * t[8000:12000]), abs=1e-6)
 
 
+@pytest.mark.parametrize("order", [2, 4])
+def test_gain_and_noise_bandwidth_of_a_filter_are_those_that_its_impulse_shows(order):
+    """What the analysis knows of the filter, whatever its design: 4 kHz are far above the cut-off of 15 Hz."""
+    n, rate, low_pass = 2**15, 4000.0, LowPass(15.0, order)
+    seen = np.abs(np.fft.rfft(low_pass(np.where(np.arange(n) == n // 2, 1.0, 0.0), rate)))
+    f = np.fft.rfftfreq(n, 1 / rate)
+    assert low_pass.gain(f[f < 60]) == pytest.approx(seen[f < 60], abs=2e-3)
+    assert low_pass.noise_bandwidth_hz == pytest.approx(np.trapezoid(seen**2, f), rel=2e-3)
+
+
 @pytest.mark.parametrize("rate", [100.0, 500.0, 890.0, 900.0, 1000.0, 4000.0])
 def test_derivatives_of_a_filtered_angle_are_those_of_its_sine_at_any_rate(rate):
     """5 Hz behind a filter of 15 Hz: the spline below 890 Hz loses (w/rate)^4/720, 1.4e-5 at 100 Hz; above, nothing."""

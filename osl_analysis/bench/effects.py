@@ -131,7 +131,8 @@ def noise_of_angle(record: Record) -> tuple[float, float, float]:
 
 def sums_of(record: Record, model: Model, expected: Admittance | None = None) -> Sums:
     """The sums of a record with all effects, at 250 Hz, eight cut-offs or more: the signals have nothing faster."""
-    few = record.thinned(max(int(record.rate_hz / max(250.0, 8 * record.low_pass.cutoff_hz)), 1))
+    at_least = max(250.0, 8 * record.low_pass.cutoff_hz)
+    few = record.thinned(max(int(record.rate_hz / at_least + 1e-6), 1))  # a rate is known to rounding
     columns, centre = basis(few, expected)
     rich = [*model.values(), "jerk", "snap", "u_theta", "sign", "load_sign", *STOPS, "cubic"]
     return gram_sums(few, columns, rich, centre)

@@ -114,7 +114,7 @@ class Sums:
         """The torque before it came late, by each of the delays [s] and low-passes of first order (100 to 12 Hz) that
         are tried: about these the series in the lag is short. A delay is a shift by whole rows, a low-pass is undone by
         the derivative. The record is continued by its mirror image."""
-        n, q, spacing = self.torques.shape[1], self.torque, max(int(SPACING * self.rate_hz), 1)
+        n, q, spacing = self.torques.shape[1], self.torque, max(int(SPACING * self.rate_hz + 1e-6), 1)
         shifts = np.arange(-int(16e-3 * self.rate_hz) // spacing, int(20e-3 * self.rate_hz) // spacing + 1) * spacing
         own_raw = not np.array_equal(*self.torques)  # where rows are left out, the raw torque is the filtered one
         Y = []

@@ -191,3 +191,15 @@ def test_effects_are_asked_of_rows_that_a_filter_of_a_high_cut_off_needs():
     s = sums_of(sine_record(trial(1, 1000.0), wide), IMPEDANCE)
     assert s.rate_hz == pytest.approx(1000.0)
     assert sums_of(sine_record(trial(1, 1000.0), SETTINGS), IMPEDANCE).rate_hz == pytest.approx(250.0, rel=1e-3)
+
+
+def test_a_fit_to_one_amplitude_is_least_squares_with_time_about_the_middle_of_its_rows():
+    """Against numpy on the rows themselves."""
+    record = stepped_sine(lambda m: second_order(m) + np.linspace(0, 3, len(m.theta)) ** 2, 0.03)
+    for label in record.groups.labels:
+        fit, rows = with_effects(plain_sums(record, IMPEDANCE), IMPEDANCE, (), label), record.rows(label)
+        motion, time = record.motion[rows], record.time[rows]
+        theta = motion.theta - record.part(record.motion.theta).mean()
+        X = np.column_stack([theta, motion.omega, motion.alpha, np.ones(len(rows)), time - time.mean()])
+        expected = np.linalg.lstsq(X, record.filtered_torque[rows], rcond=None)[0]
+        np.testing.assert_allclose(fit.estimates, expected, rtol=2e-3, atol=2e-4)

@@ -11,7 +11,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from osl_analysis.bench.effects import FALSE_ALARM, Model, plain_sums, with_effects
-from osl_analysis.bench.gram import GroupFit, Sums, held_out_vaf
+from osl_analysis.bench.gram import GroupFit, Sums, estimates_of, held_out_vaf
 from osl_analysis.bench.record import Label, Record
 from osl_analysis.bench.settings import BenchStiffness
 from osl_analysis.errors import IdentifiabilityError, InputError
@@ -153,27 +153,28 @@ def friction_rows(s: Sums, model: Model, fits: Mapping[Label, LinearFit]) -> dic
     damping = next(name for name, column in model.items() if column == "omega")
     own = (f"{damping}_viscous", "f_C" if damping == "B" else "T_C")
     names = [f"{name}{end}" for name in own for end in ("", "_se", "_low", "_high")]
-    rows, whole_has = dict[Label, Row](), False
+    rows, whole_has, own_columns = dict[Label, Row](), False, s.index([*model.values(), "sign"])
     for label, fit in sorted(fits.items(), key=lambda item: item[0] is not None):  # first that of all of the trial
         rows[label] = dict.fromkeys(("coulomb_torque", "coulomb_damping", "coulomb_share", *names))
         try:
-            alone, beside = with_effects(s, model, ("T_C",), label), with_friction(s, model, label)
+            beside, alone = with_friction(s, model, label), estimates_of(s.over(label), own_columns, s.torque)
         except IdentifiabilityError:
             continue
-        told = viscous_and_friction(fit, alone, beside, damping, "T_C")
-        made = fit[damping] - told[damping]
-        rows[label] |= {"coulomb_torque": told["T_C"], "coulomb_damping": made, "coulomb_share": 0.0}
-        if label is None:
-            whole_has = beside["T_C"] > 0 and beside.certain("T_C", FALSE_ALARM)
+        without, torque = float(alone[list(model).index(damping)]), beside["T_C"]
+        made = (fit[damping] - without) / float(alone[-1]) * torque  # of the damping, by this friction
+        rows[label] |= {"coulomb_torque": torque, "coulomb_damping": made, "coulomb_share": 0.0}
+        certain = torque > 0 and beside.certain("T_C", FALSE_ALARM)
+        whole_has = certain if label is None else whole_has
         if whole_has:
             # friction that a controller takes off is not Coulomb's: the smaller of two answers is held against a trial
-            rows[label]["coulomb_share"] = max(min(made, fit[damping] - alone[damping]), 0.0) / fit[damping]
-        if told["T_C"] <= 0 or not told.certain("T_C", FALSE_ALARM):
+            rows[label]["coulomb_share"] = max(min(made, fit[damping] - without), 0.0) / fit[damping]
+        if not certain:
             continue
+        told = viscous_and_friction(fit, with_effects(s, model, ("T_C",), label), beside, damping, "T_C")
         # No recording shows over which velocity friction turns its sign. What a tenth of that of T_C makes of both
         # numbers is the half-width of a rectangular distribution (JCGM 100:2008, 4.3.7).
-        alone, beside = with_effects(s, model, ("T_C_sharp",), label), with_friction(s, model, label, "T_C_sharp")
-        sharp = viscous_and_friction(fit, alone, beside, damping, "T_C_sharp")
+        sharper = with_effects(s, model, ("T_C_sharp",), label), with_friction(s, model, label, "T_C_sharp")
+        sharp = viscous_and_friction(fit, *sharper, damping, "T_C_sharp")
         told = widened(told, (sharp.estimates - told.estimates) / np.sqrt(3))
         values = [v for name in told.names for v in (told[name], told.se(name), *told.interval(name))]
         rows[label] |= dict(zip(names, values, strict=True))

@@ -61,7 +61,7 @@ def noise_of(theta: Array) -> float:
     return usual_size(np.diff(theta, 2)) / (0.6745 * np.sqrt(6)) if len(theta) > 2 else 0.0
 
 
-def upward_crossings(time: Array, theta: Array) -> Array:
+def upward_crossings(time: Array, theta: Array, noise: float) -> Array:
     """Times [s] at which the angle rises through its centre, from below a dead band to above it, 2 % of the largest
     angle, so that rests and noise stay within. The centre is the median angle where the joint moves, and so changes
     measurably in 20 ms; it may rest elsewhere, and for longer."""
@@ -69,7 +69,7 @@ def upward_crossings(time: Array, theta: Array) -> Array:
     change = np.abs(theta[apart:] - theta[:-apart])
     moving = change > 0.1 * np.quantile(change, 0.95) if change.size else change > 0
     x = theta - np.median(theta[apart:][moving] if moving.any() else theta)
-    dead = max(0.02 * max(float(x.max()), -float(x.min())), 5 * noise_of(theta))
+    dead = max(0.02 * max(float(x.max()), -float(x.min())), 5 * noise)
     high, low = run_edges(x > dead), run_edges(x < -dead)
     last_low = np.append(low[:, 1], 0)[np.searchsorted(low[:, 1], high[:, 0], side="right") - 1]  # 0: never yet
     came_up = high[last_low > np.append(0, high[:-1, 1]), 0]
@@ -392,8 +392,12 @@ class Likeness:
         return np.asarray(self.recorded - self.recorded[0])
 
     @cached_property
+    def noise(self) -> float:
+        return noise_of(self.theta)
+
+    @cached_property
     def moving(self) -> NDArray[np.bool_]:
-        return moving_bins(self.time, self.theta)
+        return moving_bins(self.time, self.theta, self.noise)
 
     @property
     def moves(self) -> bool:
@@ -402,7 +406,7 @@ class Likeness:
     @cached_property
     def crossings(self) -> Array:
         """Times [s] at which the angle rises through its centre."""
-        return upward_crossings(self.time, self.theta)
+        return upward_crossings(self.time, self.theta, self.noise)
 
     @cached_property
     def runs(self) -> list[Run]:
@@ -482,11 +486,11 @@ class Likeness:
         return "unclear" if damaged else "other"
 
 
-def moving_bins(time: Array, theta: Array) -> NDArray[np.bool_]:
+def moving_bins(time: Array, theta: Array, noise: float | None = None) -> NDArray[np.bool_]:
     """Rows (n,) of a joint angle theta [rad] at times [s] in which the joint moves, in bins of `BIN_S`. A bin in which
     a sensor at rest only rounds or makes noise does not count."""
     bins = np.floor((time - time[0]) / BIN_S)
     first = np.flatnonzero(np.concatenate([[True], bins[1:] != bins[:-1]]))
     turn = np.maximum.reduceat(theta, first) - np.minimum.reduceat(theta, first)
-    moves = turn > max(MOVING_SHARE * float(np.ptp(theta)), 12 * noise_of(theta))
+    moves = turn > max(MOVING_SHARE * float(np.ptp(theta)), 12 * (noise_of(theta) if noise is None else noise))
     return np.asarray(np.repeat(moves, np.diff(np.append(first, len(theta)))))

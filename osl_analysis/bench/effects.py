@@ -234,7 +234,8 @@ def near_lag(s: Sums, base: Model, known: str | None, start: float, keep: Keep =
     """Gauss and Newton's steps from a lag of the torque [s], of which `late` has been taken off the sums already; the
     last one is a fit."""
     lag, total = start - s.late, s.over(keep)
-    columns, of_known = s.combined([{c: 1.0} for c in base.values()]), s.combined([{known or "": 1.0}])[:, 0]
+    columns = s.combinations([{column: 1.0} for column in base.values()])
+    of_known = s.combinations([{known: 1.0} if known else {}])[:, 0]
 
     def solved_at(*slope: Array) -> tuple[Array, Array]:
         late = s.late_by(lag)
@@ -461,7 +462,7 @@ def changes_of_repeats(s: Sums, model: Model, effects: Mapping[str, Mapping[str,
     if members.max() < 3:
         return None
     base, q, one = with_effects(s, model), s.torque, s.names.index("one")
-    at, C = s.index(list(model.values())), s.combined(list(effects.values()))
+    at, C = s.index(list(model.values())), s.combinations(list(effects.values()))
     mean = s.gram[:, one] / s.gram[:, one, one][:, None]
     gram = s.gram - mean[:, :, None] * s.gram[:, one][:, None]  # a slow disturbance is an offset of a group
     products = C.T @ gram[:, :q, :q] @ C
@@ -506,7 +507,7 @@ def clocks_row(record: Record, s: Sums, model: Model, found: Causes) -> Row:
             seen, drifting = None, {f"late_{name}": weight for name, weight in slope.items()}
             for effects in ([e for e in found.chosen if e not in (*FAULTS, "linear")], physics_of(s, model)):
                 base = with_columns(model, effects)
-                turn = s.turned(s.combined([*({column: 1.0} for column in base.values()), drifting]))
+                turn = s.turned(s.combinations([*({column: 1.0} for column in base.values()), drifting]))
                 fit = fit_groups(s, {**base, "ppm": "one"}, None, turn, EFFECTS_LIMIT)
                 if leaves_noise(record, fit):
                     seen = fit

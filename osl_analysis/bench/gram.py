@@ -97,7 +97,7 @@ class Sums:
         """The columns late by lags (...) [s], as combinations of all (..., q, q)."""
         return np.asarray(np.tensordot(np.asarray(lag)[..., None] ** np.arange(5.0), self.late_series, 1))
 
-    def combined(self, parts: Sequence[Mapping[str, float]]) -> Array:
+    def combinations(self, parts: Sequence[Mapping[str, float]]) -> Array:
         """Combinations of the columns (q, k), each by the weights of its columns."""
         return np.array([[part.get(name, 0.0) for part in parts] for name in self.names])
 
@@ -262,12 +262,9 @@ def fit_groups(
     n = float(total[one, one])
     # noise is independent from row to row before the filter; but where nothing repeats, what the filter takes off the
     # signal itself would count as noise
-    A_g, b_g, raw_g = own[:, :p, :p], own[:, :p, p], own[:, :p, p + s.groups.repeat]
+    A_g, b_g, raw_g = own[:, :p, :p], own[:, :p, p], own[:, :p, p + 1 if s.groups.repeat else p]
     A, b, square = total[:p, :p], total[:p, p], float(total[p, p])
-    estimates, inverse = solved(A, b)
-    varies = [k for k, column in enumerate(columns) if column != "one"]
-    about_means = inverse[np.ix_(varies, varies)]
-    condition = checked_condition(names, A, about_means, limit)
+    estimates, inverse, about_means, condition = identified(model, A, b, limit)
     if n <= len(names):
         raise InputError(f"{n:.0f} samples cannot determine {len(names)} parameters; record for longer")
     left = max(float(square - 2 * estimates @ b + estimates @ A @ estimates), 0.0)
@@ -322,17 +319,21 @@ def fit_groups(
     )
 
 
-def checked_condition(names: tuple[str, ...], A: Array, about_means: Array, limit: float) -> float:
-    """Scaled condition number of normal equations A (p, p), beside an offset that of the columns about their means, of
-    which the inverse is given. Raises IdentifiabilityError: it is above the limit, or a column is 0."""
-    scale = np.sqrt(check_not_zero(names, np.diag(A)))
+def identified(model: Mapping[str, str], A: Array, b: Array, limit: float) -> tuple[Array, Array, Array, float]:
+    """Estimates (p,) of a model and the inverse (p, p) of its normal equations; the part of it that is about the means
+    of the columns, beside an offset; and their scaled condition number. Raises IdentifiabilityError: it is above the
+    limit, or a column is 0."""
+    estimates, inverse = solved(A, b)
+    varies = [k for k, column in enumerate(model.values()) if column != "one"]
+    about_means = inverse[np.ix_(varies, varies)]
+    scale = np.sqrt(check_not_zero(tuple(model), np.diag(A)))
     values, vectors = np.linalg.eigh(A / np.outer(scale, scale))
     condition = float(np.sqrt(values[-1] / max(values[0], 1e-30 * values[-1])))
     if len(about_means) > 1 and condition < ROUNDED:
         condition = scaled_condition(about_means)
     if condition > limit:
-        refuse_unidentifiable(names, vectors[:, 0], condition)
-    return condition
+        refuse_unidentifiable(tuple(model), vectors[:, 0], condition)
+    return estimates, inverse, about_means, condition
 
 
 def accounted_for(left: float, varied: float, square: float) -> float:
@@ -428,15 +429,12 @@ def held_out_vaf(s: Sums, model: Mapping[str, str], label: Label = None) -> floa
         part = 3 * place // len(place)  # consecutive thirds
         pairs = [(part != k, [part == k]) for k in np.unique(part)] if len(place) > 1 else []
     found = []
-    varies = [k for k, column in enumerate(model.values()) if column != "one"]
     for fitted, held in pairs:
         total = s.over(fitted)
-        A, b = total[np.ix_(at, at)], total[at, q]
         if total[one, one] <= len(model):
             return None
-        x, inverse = solved(A, b)
         try:
-            checked_condition(tuple(model), A, inverse[np.ix_(varies, varies)], CONDITION_LIMIT)
+            x, *_ = identified(model, total[np.ix_(at, at)], total[at, q], CONDITION_LIMIT)
         except IdentifiabilityError:
             return None
         for own in map(s.over, held):

@@ -115,7 +115,7 @@ class OneLineErrors(click.Group):
             click.echo("interrupted", err=True)
             sys.exit(130)
         except click.UsageError as error:
-            raise click.UsageError(printable(error.message), error.ctx) from error
+            raise click.UsageError(printable(error.format_message()), error.ctx) from error
         except OslAnalysisError as error:
             click.echo(f"error: {error}", err=True)
         except OSError as error:

@@ -387,3 +387,9 @@ def test_a_configuration_that_cannot_be_read_is_one_short_line(tmp_path, message
 def test_without_a_folder_for_the_cache_functions_are_compiled_in_each_process(monkeypatch):
     monkeypatch.setattr(numba.config, "CACHE_DIR", "/proc/nowhere")
     assert compiled(lambda x: 2 * x)(2.0) == 4
+
+
+def test_an_option_that_is_missing_is_named():
+    ran = CliRunner().invoke(main, ["ingest", "--log", "x.csv"])
+    assert ran.exit_code == 2
+    assert "Missing option '--output'" in ran.output

@@ -23,12 +23,7 @@ import pandas as pd
 from scipy.optimize import curve_fit
 from scipy.signal import butter, filtfilt
 
-from osl_analysis.bench.impedance import (
-    QUANTITIES,
-    AskedImpedance,
-    DesiredImpedance,
-    judged_impedance,
-)
+from osl_analysis.bench.impedance import QUANTITIES, DesiredImpedance, judged_impedance
 from osl_analysis.bench.phasors import phasor_table
 from osl_analysis.bench.record import record_of_trial
 from osl_analysis.bench.settings import DynamometerAnalysis
@@ -110,8 +105,7 @@ def job(path: Path, s: DynamometerAnalysis, p: DrivetrainParameters) -> None:
     read = read_trial(path)
     check_recording(read, s)
     rails = saturated(read, "torque", "theta")
-    asked = AskedImpedance(CONDITION, PAPER_WEIGHT, s.frequencies_hz)
-    rendered, table = judged_impedance(record_of_trial(read, s), rails, p, asked)
+    rendered, table = judged_impedance(record_of_trial(read, s), rails, p, CONDITION, PAPER_WEIGHT)
     tables = [table, phasor_table(NAME, rendered.phasors), rendered.analysis.time_base(QUANTITIES)]
     tables.append(rendered.analysis.series().table())
     for table in tables:

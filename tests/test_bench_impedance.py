@@ -20,7 +20,7 @@ from osl_analysis.bench.effects import (
     plain_sums,
     sums_of,
 )
-from osl_analysis.bench.impedance import AskedImpedance, DesiredImpedance, judged_impedance, lag_row
+from osl_analysis.bench.impedance import DesiredImpedance, judged_impedance, lag_row, left_unchecked
 from osl_analysis.bench.model_comparison import thinned_amplitudes
 from osl_analysis.bench.phasors import frequency_response_table, phasor_table, phasors_of_record
 from osl_analysis.bench.record import record_of_trial
@@ -28,7 +28,6 @@ from osl_analysis.bench.settings import BenchStiffness, DynamometerAnalysis
 from osl_analysis.campaign.configuration import read_section
 from osl_analysis.commands import figure as plotted_numbers
 from osl_analysis.commands.bench import average_over_amplitudes, estimates_text
-from osl_analysis.config.shared_choices import WEIGHT_OF_PAPER
 from osl_analysis.figures.impedance import draw_fig4
 from osl_analysis.judge.doubts import marked
 from osl_analysis.judge.table import Doubt, DoubtfulFits
@@ -179,7 +178,7 @@ P = read_parameters(ROOT / "config/parameters/default.yaml")
 GAINS = select_gains("compensated", 300.0, 5.0, P, PAPER_WEIGHT)
 LIMITS = read_section(ROOT / "config/config.yaml", "doubtful", DoubtfulFits).of("impedance")
 UNSATURATED = pl.lit(0).alias("saturated_samples")
-UNKNOWN = AskedImpedance(DesiredImpedance("ours", None, None), WEIGHT_OF_PAPER.weight, (1.0, 3.0, 5.0))
+UNKNOWN = DesiredImpedance("ours", None, None)
 FIVE = SteppedSineProtocol((0.05, 0.1), (1.0, 2.0, 3.0, 4.0, 5.0), 9)
 
 
@@ -276,12 +275,12 @@ def test_a_lag_that_is_not_certain_but_may_change_the_inertia_by_a_tenth_is_said
 
 
 def test_whether_the_torque_is_late_is_said_in_the_rows_that_cannot_tell_and_in_no_other():
-    table = pl.DataFrame({"lag_s": [5e-4, 5e-4, None], "lag_inertia_share": [0.13, None, None]})
+    told = {"lag_inertia_share": 0.13, "K_drift": 0.0, "clock_drift_ppm": None}
     for p in (None, P):
-        reasons = table.select(UNKNOWN.left_unchecked(p))["not_checked"].to_list()
-        assert ["late" in reason for reason in reasons] == [False, True, True]
+        reasons = [left_unchecked(told | {"lag_inertia_share": share}, p, UNKNOWN, False) for share in (0.13, None)]
+        assert ["late" in reason for reason in reasons] == [False, True]
         assert all("whether K is what the gains should give" in reason for reason in reasons)
-    known = AskedImpedance(DesiredImpedance("compensated", 300.0, 5.0), WEIGHT_OF_PAPER.weight, (1.0, 3.0, 5.0))
-    reasons = table.select(known.left_unchecked(P))["not_checked"].to_list()
-    assert reasons[0] is None
-    assert "whether the torque is late: a delay that matters would look like noise" in reasons[1]
+    known = DesiredImpedance("compensated", 300.0, 5.0)
+    assert left_unchecked(told, P, known, False) is None
+    late = left_unchecked(told | {"lag_inertia_share": None}, P, known, False)
+    assert late.startswith("whether the torque is late: a delay that matters would look like noise")

@@ -8,6 +8,7 @@ the recording compete, and a fault is found only beside all of the physics.
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,19 +16,8 @@ from numpy.typing import NDArray
 from scipy.special import chdtrc, chdtri, stdtrit
 from scipy.stats import spearmanr
 
-from osl_analysis.bench.gram import (
-    EFFECTS_LIMIT,
-    FEWEST_GROUPS,
-    NEXT,
-    SPACING,
-    GroupFit,
-    Sums,
-    combined,
-    estimates_of,
-    fit_groups,
-    gram_sums,
-    solved,
-)
+from osl_analysis.bench import gram
+from osl_analysis.bench.gram import GroupFit, Sums
 from osl_analysis.bench.record import Label, Record
 from osl_analysis.errors import IdentifiabilityError, InputError, OslAnalysisError
 from osl_analysis.judge.doubts import LARGEST_TURN
@@ -54,43 +44,52 @@ FAULTS = ("lag_s", "K_change")  # what a recording may have
 COLUMN = {"T_C": "sign", "T_C_sharp": "sharp_sign", "T_G": "load_sign", "K_change": "u_theta"}
 """Columns of effects that are not named alike."""
 FALSE_ALARM = 1e-3  # probability of a false alarm for one effect
-HIDDEN = 0.1  # share of I, or of B, by an effect that was not found, from which it is not known whether there is one
 POSSIBLE = 2.0  # standard errors by which an effect may be larger than it is found
-LITTLE = {"K": 0.0, "B": 2.0, "I": 5e-3}
-"""Sizes of K, B [N*m*s/rad] and I [kg*m^2] below which their shares say little; added in quadrature to what a share is
-taken of."""
 CANNOT_TELL = (IdentifiabilityError, InputError, np.linalg.LinAlgError)  # a motion does not tell effects apart
 
 
-def basis(record: Record, expected: Admittance | None = None) -> tuple[dict[str, Array], float]:
-    """Columns (n,) by name of which the models and all effects are combinations, and the angle [rad] that `theta` is
-    about. `expected` is the admittance of the linear model, where the gains are known."""
-    motion, time, low_pass = record.motion, record.time, record.low_pass
-    used = record.part(motion.theta)
-    centre, size = float(used.mean()), float(used.std())
-    theta, omega, alpha = motion.theta - centre, motion.omega, motion.alpha
-    higher = seven_point_motion(time, alpha, record.rate_hz)
-    late = time - time.mean()
-    duration = np.concatenate([time[[p.start, p.stop - 1]] for p in record.pieces])
+def plain_sums(record: Record, model: Model) -> Sums:
+    """The sums of a record without effects."""
+    columns, centre = columns_of(record)
+    return gram.gram_sums(record, columns, list(model.values()), centre)
+
+
+def columns_of(record: Record) -> tuple[dict[str, Array], float]:
+    """The columns (n,) of the models by name, and the angle [rad] that `theta` is about."""
+    motion, centre = record.motion, float(record.part(record.motion.theta).mean())
+    columns = {"theta": motion.theta - centre, "omega": motion.omega, "alpha": motion.alpha}
+    columns |= {"one": np.ones_like(motion.theta), "late": record.time - record.time.mean()}
+    return columns, centre
+
+
+def sums_of(record: Record, model: Model, expected: Admittance | None = None) -> Sums:
+    """The sums of a record with all effects, at 250 Hz, eight cut-offs or more: the signals have nothing faster.
+    `expected` is the admittance of the linear model, where the gains are known."""
+    at_least = max(250.0, 8 * record.low_pass.cutoff_hz)
+    few = record.thinned(max(int(record.rate_hz / at_least + 1e-6), 1))  # a rate is known to rounding
+    columns, centre = columns_of(few)
+    theta, omega, alpha, one, late = columns.values()
+    size = float(few.part(few.motion.theta).std())
+    higher = seven_point_motion(few.time, alpha, few.rate_hz)
+    duration = np.concatenate([few.time[[p.start, p.stop - 1]] for p in few.pieces])
     u = late / max(float(np.ptp(duration)), np.finfo(float).tiny)
     sign = np.tanh(omega / 0.01)  # rad/s: ten times the velocity noise of 14 bits
     shaped = {"sign": sign, "sharp_sign": np.tanh(omega / 0.001), "load_sign": np.abs(theta) * sign, "cubic": theta**3}
     shaped |= {name: spring_that_slips(theta, share * size) for name, share in STOPS.items()}
     # play opens where the torque of Eq. 15 is 0, without its offset
-    parts = (theta, omega, alpha)
-    X = np.array([*(record.part(x) for x in parts), np.ones(record.samples)])
-    K, B, I, _ = np.linalg.lstsq(X @ X.T, X @ record.part(record.filtered_torque), rcond=1e-12)[0]
+    X = np.array([few.part(x) for x in (theta, omega, alpha, one)])
+    K, B, I, _ = np.linalg.lstsq(X @ X.T, X @ few.part(few.filtered_torque), rcond=1e-12)[0]
     shaped["gap"] = -np.sign(K * theta + B * omega + I * alpha)
-    smooth = low_pass(np.array(list(shaped.values())).T, record.rate_hz).T
-    columns = {"theta": theta, "omega": omega, "alpha": alpha, "one": np.ones_like(theta), "late": late}
+    smooth = few.low_pass(np.array(list(shaped.values())).T, few.rate_hz).T
     columns |= {"jerk": higher.omega, "snap": higher.alpha, "u_theta": u * theta}
     if record.two_clocks and not record.groups.repeat:
         columns |= {f"late_{name}": late * columns[name] for name in ("omega", "alpha", "jerk")}
     columns |= dict(zip(shaped, smooth, strict=True))
     if expected is not None:
-        linear = linear_torque(record, expected)
-        columns |= {"linear": linear, "linear_rate": np.gradient(linear, 1 / record.rate_hz)}
-    return columns, centre
+        linear = linear_torque(few, expected)
+        columns |= {"linear": linear, "linear_rate": np.gradient(linear, 1 / few.rate_hz)}
+    rich = [*model.values(), "jerk", "snap", "u_theta", "sign", "load_sign", *STOPS, "cubic"]
+    return gram.gram_sums(few, columns, rich, centre)
 
 
 def spring_that_slips(x: Array, width: float) -> Array:
@@ -129,35 +128,12 @@ def noise_of_angle(record: Record) -> tuple[float, float, float]:
     return still, moving, turning
 
 
-def sums_of(record: Record, model: Model, expected: Admittance | None = None) -> Sums:
-    """The sums of a record with all effects, at 250 Hz, eight cut-offs or more: the signals have nothing faster."""
-    at_least = max(250.0, 8 * record.low_pass.cutoff_hz)
-    few = record.thinned(max(int(record.rate_hz / at_least + 1e-6), 1))  # a rate is known to rounding
-    columns, centre = basis(few, expected)
-    rich = [*model.values(), "jerk", "snap", "u_theta", "sign", "load_sign", *STOPS, "cubic"]
-    return gram_sums(few, columns, rich, centre)
-
-
-def plain_sums(record: Record, model: Model) -> Sums:
-    """The sums of a record without effects."""
-    motion = record.motion
-    centre = float(record.part(motion.theta).mean())
-    columns = {"theta": motion.theta - centre, "omega": motion.omega, "alpha": motion.alpha}
-    columns |= {"one": np.ones_like(motion.theta), "late": record.time - record.time.mean()}
-    return gram_sums(record, columns, list(model.values()), centre)
-
-
-def with_effects(
-    s: Sums, model: Model, effects: Sequence[str] = (), keep: Keep = None, known: str | None = None
-) -> GroupFit:
-    """Fit of a model with effects beside it, over some groups.
-
-    A late torque is m - d m' + d^2/2 m'': its columns hang on the estimates and on d, which is found by Gauss and
-    Newton's steps. A `known` column is a part of this torque whose size is 1. Raises as `fit_groups`.
-    """
+def with_effects(s: Sums, model: Model, effects: Sequence[str] = (), keep: Keep = None) -> GroupFit:
+    """Fit of a model with effects beside it, over some groups. Raises as `fit_groups`."""
     if "lag_s" in effects:
-        return told_lag(s, model, effects, keep, known)[0]
-    return fit_groups(s, with_columns(model, effects), keep, limit=EFFECTS_LIMIT if effects else CONDITION_LIMIT)
+        return told_lag(s, model, effects, keep)[0]
+    limit = gram.EFFECTS_LIMIT if effects else CONDITION_LIMIT
+    return gram.fit_groups(s, with_columns(model, effects), keep, limit=limit)
 
 
 def with_columns(model: Model, effects: Sequence[str]) -> Model:
@@ -168,7 +144,8 @@ def with_columns(model: Model, effects: Sequence[str]) -> Model:
 def told_lag(
     s: Sums, model: Model, effects: Sequence[str], keep: Keep = None, known: str | None = None
 ) -> tuple[GroupFit, Sums]:
-    """The fit with the lag that leaves least, and the sums that are about it; raises as `fit_groups`.
+    """The fit with the lag that leaves least, and the sums that are about it; raises as `fit_groups`. A `known` column
+    is a part of the late torque whose size is 1.
 
     A lag that is certain has an image, of the other sign or even at 0, which leaves nearly as little: what is left is
     asked over all lags. Of equals the one of a joint counts whose K, B and I are not negative, of which there is one at
@@ -185,10 +162,8 @@ def told_lag(
     lowest = [k for k in range(1, len(over) - 1) if over[k] <= over[k - 1] and over[k] < over[k + 1]]
     for k in (*lowest, over.size + int(np.argmin(left[delays:]))):
         one = s.restored.by(k // lags.shape[1])
-        try:
+        with suppress(*CANNOT_TELL):
             tried.append((near_lag(one, base, known, float(lags.ravel()[k]), keep), one))
-        except CANNOT_TELL:
-            continue
     tried.sort(key=lambda both: both[0].left)
     if not tried:
         return near, s
@@ -231,8 +206,8 @@ def least_left(total: Array) -> Array:
 
 
 def near_lag(s: Sums, base: Model, known: str | None, start: float, keep: Keep = None) -> GroupFit:
-    """Gauss and Newton's steps from a lag of the torque [s], of which `late` has been taken off the sums already; the
-    last one is a fit."""
+    """A late torque is m - d m' + d^2/2 m'': its columns hang on the estimates and on d, which is found by Gauss and
+    Newton's steps from `start` [s], of which `late` has been taken off the sums already; the last one is a fit."""
     lag, total = start - s.late, s.over(keep)
     columns = s.combinations([{column: 1.0} for column in base.values()])
     of_known = s.combinations([{known: 1.0} if known else {}])[:, 0]
@@ -241,22 +216,22 @@ def near_lag(s: Sums, base: Model, known: str | None, start: float, keep: Keep =
         late = s.late_by(lag)
         turn = s.turned(late @ np.column_stack([columns, *slope]), late @ of_known)
         own = turn.T @ total @ turn
-        return solved(own[:-2, :-2], own[:-2, -2])[0], turn
+        return gram.solved(own[:-2, :-2], own[:-2, -2])[0], turn
 
     estimates = solved_at()[0]
     for _ in range(8):
         slope = s.late_series[1] @ (columns @ estimates[: len(base)] + of_known)
         estimates, turn = solved_at(slope)
-        before, lag = lag, float(np.clip(lag + estimates[-1], -SPACING, SPACING))
+        before, lag = lag, float(np.clip(lag + estimates[-1], -gram.SPACING, gram.SPACING))
         if abs(lag - before) < 1e-8:  # s
             break
-    fit = fit_groups(s, {**base, "lag_s": "jerk"}, keep, turn, EFFECTS_LIMIT)
+    fit = gram.fit_groups(s, {**base, "lag_s": "jerk"}, keep, turn, gram.EFFECTS_LIMIT)
     return replace(fit, estimates=np.append(fit.estimates[:-1], s.late + lag), left=fit.left / s.noise_gain)
 
 
 def taken_by(s: Sums, model: Model, column: str, label: Label = None) -> dict[str, float]:
     """What the estimates of a model take of a column of size 1 that it lacks."""
-    estimates = estimates_of(s.over(label), s.index(list(model.values())), s.names.index(column))
+    estimates = gram.estimates_of(s.over(label), s.index(list(model.values())), s.names.index(column))
     return dict(zip(model, estimates.tolist(), strict=True))
 
 
@@ -326,12 +301,11 @@ def tried_fit(
     s: Sums, model: Model, effects: Sequence[str], keep: Keep = None, lag: float | None = None
 ) -> GroupFit | None:
     """As `with_effects`, with a lag near a given one [s]; None where the motion does not tell the effects apart."""
-    try:
+    with suppress(*CANNOT_TELL):
         if lag is None:
             return with_effects(s, model, effects, keep)
         return near_lag(s, with_columns(model, effects), None, lag, keep)
-    except CANNOT_TELL:
-        return None
+    return None
 
 
 def competing(s: Sums, model: Model, fault: str, found: Causes) -> tuple[str, ...]:
@@ -384,14 +358,19 @@ def lag_of(record: Record, s: Sums, model: Model, found: Causes) -> Fault | None
         small = bool(2 * np.pi * record.band_hz[1] * size < LARGEST_TURN)
         return fit.certain("lag_s", FALSE_ALARM) and (small or size > 15.0 * se)
 
+    def told(effects: Sequence[str], known: str | None = None) -> tuple[GroupFit, Sums] | None:
+        with suppress(*CANNOT_TELL):
+            return told_lag(s, model, effects, known=known)
+        return None
+
     others = competing(s, model, "lag_s", found)
     if "linear" in s.names:  # of the linear model with its gains, and of none that is free, a lag is told sharply
-        exact = tried_fit_of_lag(s, model, (*(e for e in others if e != "linear"), "lag_s"), "linear")
+        exact = told((*(e for e in others if e != "linear"), "lag_s"), "linear")
         if exact and leaves_noise(record, exact[0]):
             size, se = exact[0]["lag_s"], exact[0].se("lag_s")
             return Fault(size, se, certain(exact[0]), abs(size) + POSSIBLE * se)
-    tried = tried_fit_of_lag(s, model, (*others, "lag_s"))
-    if not tried:
+    tried = told((*others, "lag_s"))
+    if tried is None:
         return None
     fit, about = tried
     size, se = fit["lag_s"], fit.se("lag_s")
@@ -406,16 +385,6 @@ def lag_of(record: Record, s: Sums, model: Model, found: Causes) -> Fault | None
         explained = fit.left - least > float(chdtri(free, FALSE_ALARM)) * fit.left / fit.samples * about.independent
         sure = leaves_noise(record, fit, 2.0) and not explained
     return Fault(size, se, sure and is_alike(about, model, "lag_s", found, size), abs(size) + POSSIBLE * se)
-
-
-def tried_fit_of_lag(
-    s: Sums, model: Model, effects: Sequence[str], known: str | None = None
-) -> tuple[GroupFit, Sums] | None:
-    """As `told_lag`; None where the motion does not tell the effects apart."""
-    try:
-        return told_lag(s, model, effects, known=known)
-    except CANNOT_TELL:
-        return None
 
 
 def stiffness_change(s: Sums, model: Model, found: Causes) -> Fault | None:
@@ -434,7 +403,7 @@ def stiffness_change(s: Sums, model: Model, found: Causes) -> Fault | None:
     tried: list[Fault] = []
     if s.groups.repeat and (within := changes_of_repeats(s, model, {"K_within": {"theta": 1.0}})):
         tried.append(beyond_noise(within, "K_within", True, s.seconds))
-    enough = len(s.groups.first) >= FEWEST_GROUPS
+    enough = len(s.groups.first) >= gram.FEWEST_GROUPS
     full = tried_fit(s, model, (*competing(s, model, "K_change", found), "K_change")) if enough else None
     if full is not None:
         sure = "K_change" in found.chosen and full.certain("K_change", FALSE_ALARM)
@@ -464,9 +433,9 @@ def changes_of_repeats(s: Sums, model: Model, effects: Mapping[str, Mapping[str,
     base, q, one = with_effects(s, model), s.torque, s.names.index("one")
     at, C = s.index(list(model.values())), s.combinations(list(effects.values()))
     mean = s.gram[:, one] / s.gram[:, one, one][:, None]
-    gram = s.gram - mean[:, :, None] * s.gram[:, one][:, None]  # a slow disturbance is an offset of a group
-    products = C.T @ gram[:, :q, :q] @ C
-    scores = (gram[:, :q, q + 1] - gram[:, :q][:, :, at] @ base.estimates) @ C
+    about_mean = s.gram - mean[:, :, None] * s.gram[:, one][:, None]  # a slow disturbance is an offset of a group
+    products = C.T @ about_mean[:, :q, :q] @ C
+    scores = (about_mean[:, :q, q + 1] - about_mean[:, :q][:, :, at] @ base.estimates) @ C
 
     def added(values: Array) -> Array:
         total = np.zeros((len(members), *values.shape[1:]))
@@ -476,7 +445,7 @@ def changes_of_repeats(s: Sums, model: Model, effects: Mapping[str, Mapping[str,
     scores = scores - (added(scores).T / members).T[kind]
     v = middle - (added(middle) / members)[kind]
     weighted = products * (v**2)[:, None, None]
-    estimates, inverse = solved(weighted.sum(axis=0), v @ scores)
+    estimates, inverse = gram.solved(weighted.sum(axis=0), v @ scores)
     rest = v[:, None] * (scores - np.einsum("mpq,q,m->mp", products, estimates, v)) @ inverse
     taken = np.einsum("spq,qp->s", added(weighted), inverse)  # by the mean of a stratum 1, by the slopes their share
     free = members - 1 - taken
@@ -484,7 +453,7 @@ def changes_of_repeats(s: Sums, model: Model, effects: Mapping[str, Mapping[str,
     noise, sums = rest.T @ rest, added(rest)
     freedom = welch_satterthwaite(added(rest**2), np.maximum(free, 0.5))
     misfit = sums.T @ sums * len(members) / max(len(members) - 1, 1)
-    covariance, degrees = combined(noise, freedom, misfit, len(members))
+    covariance, degrees = gram.combined(noise, freedom, misfit, len(members))
     return replace(base, names=tuple(effects), estimates=estimates, covariance=covariance, degrees_of_freedom=degrees)
 
 
@@ -499,7 +468,7 @@ def clocks_row(record: Record, s: Sums, model: Model, found: Causes) -> Row:
     """
     if not record.two_clocks:
         return NO_DRIFT
-    slope = {NEXT[c]: -1e-6 * found.fit[name] for name, c in model.items() if c in NEXT}
+    slope = {gram.NEXT[c]: -1e-6 * found.fit[name] for name, c in model.items() if c in gram.NEXT}
     try:
         if s.groups.repeat:
             seen = changes_of_repeats(s, model, {"K_within": {"theta": 1.0}, "ppm": slope})
@@ -508,7 +477,7 @@ def clocks_row(record: Record, s: Sums, model: Model, found: Causes) -> Row:
             for effects in ([e for e in found.chosen if e not in (*FAULTS, "linear")], physics_of(s, model)):
                 base = with_columns(model, effects)
                 turn = s.turned(s.combinations([*({column: 1.0} for column in base.values()), drifting]))
-                fit = fit_groups(s, {**base, "ppm": "one"}, None, turn, EFFECTS_LIMIT)
+                fit = gram.fit_groups(s, {**base, "ppm": "one"}, None, turn, gram.EFFECTS_LIMIT)
                 if leaves_noise(record, fit):
                     seen = fit
                     break

@@ -242,15 +242,13 @@ def fit_groups(
 
     Raises IdentifiabilityError: a column is 0 throughout, or the scaled condition number is above the `limit`.
     """
-    names, q, p, columns = tuple(model), s.torque, len(model), list(model.values())
+    names, p, columns = tuple(model), len(model), list(model.values())
     groups = np.flatnonzero(keep if isinstance(keep, np.ndarray) else s.groups.of(keep))
-    used = np.array([*s.index(columns), q, q + 1])
     if turn is None:
-        own, turn = s.gram[:, used[:, None], used][groups], np.eye(p + 2)
-    else:
-        used = np.flatnonzero(turn.any(axis=1))
-        turn = turn[used]
-        own = turn.T @ (s.gram[:, used[:, None], used][groups] @ turn)
+        turn = s.turned(s.combinations([{column: 1.0} for column in columns]))
+    used = np.flatnonzero(turn.any(axis=1))
+    turn = turn[used]
+    own = turn.T @ (s.gram[:, used[:, None], used][groups] @ turn)
     one = columns.index("one")
     if "late" in columns:  # time about the middle of what is fitted: a drift and an offset are then told apart
         late, total = columns.index("late"), own[:, one].sum(axis=0)
@@ -372,30 +370,6 @@ def combined(
     covariance = both / np.outer(size, size) * np.outer(error, error)
     degrees = welch_satterthwaite([random, excess], [freedom, of_units])
     return covariance, np.maximum(degrees, 1.0)
-
-
-def paired_errors(
-    s: Sums, fits: Mapping[Label, GroupFit], model: Mapping[str, str], small: Label, large: Label
-) -> Array | None:
-    """Half-widths (p,) of the 95 % intervals of the differences of the estimates of two amplitudes, whose frequencies
-    are the same: each is left out of both, so that what the model misses at both alike is no error of the difference.
-    None where the frequencies differ or are too few."""
-    strata = [(one.label, round(one.frequency_hz, 1), k) for k, one in enumerate(s.groups.strata)]
-    of = [{hz: k for label, hz, k in strata if label == x} for x in (small, large)]
-    if of[0].keys() != of[1].keys() or len(of[0]) < FEWEST_UNITS:
-        return None
-    repeats = [fits[label].repeat for label in (small, large)]
-    if repeats[0] is None or repeats[1] is None:
-        return None
-    found, at = [], s.index(list(model.values()))
-    for hz in of[0]:
-        rest = [s.groups.of(x) & (s.groups.stratum != k[hz]) for x, k in zip((small, large), of, strict=True)]
-        less, more = (estimates_of(s.over(keep), at, s.torque) for keep in rest)
-        found.append(more - less)
-    m, apart = len(found), np.array(found) - np.mean(found, axis=0)
-    infinite = np.full(len(model), np.inf)
-    covariance, freedom = combined(repeats[0] + repeats[1], infinite, apart.T @ apart * (m - 1) / m, m)
-    return np.asarray(stdtrit(freedom, 0.975) * np.sqrt(np.diag(covariance)))
 
 
 def noise_of_scores(scores: Array, columns: int) -> tuple[Array, Array]:

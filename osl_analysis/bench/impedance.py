@@ -2,42 +2,22 @@
 should give, and what judges the estimates.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import polars as pl
+from scipy.special import stdtrit
 
+from osl_analysis.bench import effects
 from osl_analysis.bench.analysis import Analysis, analysed, check_stiffer, friction_rows
-from osl_analysis.bench.effects import (
-    HIDDEN,
-    IMPEDANCE,
-    LITTLE,
-    Admittance,
-    Causes,
-    Fault,
-    causes,
-    clocks_row,
-    frame_stiffness,
-    lag_of,
-    noise_of_angle,
-    plain_sums,
-    stiffness_change,
-    sums_of,
-    taken_by,
-)
-from osl_analysis.bench.gram import GroupFit, Sums, paired_errors
+from osl_analysis.bench.effects import IMPEDANCE, Causes, Fault
+from osl_analysis.bench.gram import FEWEST_UNITS, GroupFit, Sums, combined, estimates_of
 from osl_analysis.bench.phasors import SegmentPhasors, harmonic_shares, phasors_of_record
 from osl_analysis.bench.record import SHORTEST_S, Label, Record
 from osl_analysis.errors import IdentifiabilityError, InputError, nearest
-from osl_analysis.judge.doubts import (
-    EFFECTS,
-    LATENESS,
-    check_told,
-    counted,
-    doubtful_row,
-    plausible_impedance,
-)
+from osl_analysis.judge.doubts import EFFECTS, LATENESS, check_told, counted, doubtful_row, plausible_impedance
 from osl_analysis.measured import usual_size
 from osl_analysis.model.compensator import CONTROLLERS, Gains, Weight, predicted_impedance, select_gains
 from osl_analysis.model.drivetrain import joint_admittance
@@ -51,6 +31,10 @@ from osl_analysis.stats.rounding import distinct_values
 from osl_analysis.trial import Array
 
 QUANTITIES = ("K", "B", "I")  # parameters of Eq. 15
+HIDDEN = 0.1  # share of I, or of B, by an effect that was not found, from which it is not known whether there is one
+LITTLE = {"K": 0.0, "B": 2.0, "I": 5e-3}
+"""Sizes of K, B [N*m*s/rad] and I [kg*m^2] below which their shares say little; added in quadrature to what a share is
+taken of."""
 
 
 @dataclass(frozen=True)
@@ -92,7 +76,7 @@ class Rendered:
 
     analysis: Analysis
     phasors: Sequence[SegmentPhasors]  # none where no sines moved the joint
-    effects: Sums  # with the columns of all effects
+    sums: Sums  # with the columns of all effects
     found: Causes
 
     @property
@@ -100,35 +84,38 @@ class Rendered:
         return self.analysis.record
 
 
-FEWEST_STEPS = 20.0
-"""Steps of the encoder that an angle turns by at least; below, its rounding is no noise but a part of the motion."""
-SLOW = 200.0  # steps of the encoder from which a motion is not small but slow, if noise makes its acceleration
-
-
-def rendered_impedance(record: Record, expected: Admittance | None = None) -> Rendered:
+def rendered_impedance(record: Record, expected: effects.Admittance | None = None) -> Rendered:
     """Eq. 15 of a record. `expected` is the admittance of the linear model, where the gains are known.
 
     Raises InputError: the joint hardly moves, or its acceleration jumps. Raises IdentifiabilityError: the motion cannot
     tell K from I; the message names the band that is missing.
     """
-    any_motion = not record.is_stepped_sine
-    steps = steps_turned(record) if any_motion else np.inf
-    if steps < FEWEST_STEPS:
-        raise InputError(
-            f"trial {record.name}: the joint hardly moves: theta turns by {steps:.0f} steps of its encoder, "
-            f"{FEWEST_STEPS:g} are needed; move it by more, and check the unit of theta in the source file"
-        )
-    sums, words = plain_sums(record, IMPEDANCE), "K, B and I cannot be told from so little"
-    if any_motion:
-        check_moves(record, sums, steps)
-        if moving_seconds(record) < SHORTEST_S:
-            raise IdentifiabilityError(f"trial {record.name}: {moves_little(record, words)}")
+    sums, of, (low, high) = effects.plain_sums(record, IMPEDANCE), record.groups, record.band_hz
+    moving_s = np.inf
+    if not record.is_stepped_sine:
+        check_moves(record, sums)
+        moving_s = np.count_nonzero(moving_bins(record.time, record.theta)[record.rows()]) / record.rate_hz
     try:
+        if moving_s < SHORTEST_S:
+            raise IdentifiabilityError("K, B and I cannot be told from so little")
         analysis = analysed(record, sums, IMPEDANCE)
     except IdentifiabilityError as error:
-        words = moves_little(record, str(error)) if any_motion else missing_band(record)
+        if record.is_stepped_sine:  # what its poorest amplitude has, and which band is missing
+            found = {x: sorted({one.frequency_hz for one in of.strata if one.label == x}) for x in of.labels}
+            amplitude, hz = min(found.items(), key=lambda item: (len(item[1]), item[1][-1] / item[1][0]))
+            words = (
+                f"K and I cannot be told apart: the sines of {amplitude:g} deg are of "
+                f"{', '.join(f'{f:g}' for f in hz)} Hz alone, and at one frequency K - I w^2 is one number; the band "
+                f"below {hz[0] / 2:.2g} Hz or from {2 * hz[-1]:.2g} Hz is missing, excite it as well"
+            )
+        else:
+            words = (
+                f"the joint moves for {moving_s:.2g} of the {record.seconds:.3g} s that are fitted, at {low:.2g} to "
+                f"{high:.2g} Hz: {str(error).partition(';')[0]}; keep it moving by 0.5 to 6 Hz, or take the stiffness "
+                "alone by experiment 'torque_angle'"
+            )
         raise IdentifiabilityError(f"trial {record.name}: {words}") from error
-    if any_motion:
+    if not record.is_stepped_sine:
         fit, X = analysis.whole, motion_in(record)
         check_alias(record, fit)
         torque, limit = record.part(record.filtered_torque), getattr(record.settings, "largest_inertia_error", None)
@@ -136,57 +123,31 @@ def rendered_impedance(record: Record, expected: Admittance | None = None) -> Re
         check_told(f"trial {record.name}", record.band_hz, *told, limit)
     for fit in analysis.fits.values():
         check_stiffer(record.name, "K", fit["K"], record.bench)
-    effects = sums_of(record, IMPEDANCE, expected)
-    return Rendered(analysis, phasors_of_record(record), effects, causes(record, effects, IMPEDANCE))
+    s = effects.sums_of(record, IMPEDANCE, expected)
+    return Rendered(analysis, phasors_of_record(record), s, effects.causes(record, s, IMPEDANCE))
 
 
-def steps_turned(record: Record) -> float:
-    """Steps of the encoder by which the fitted angle turns, at most as many as there are different values. Without end
-    where no step is seen, and more values than a slow motion has."""
-    measured, step = record.part(record.bench_angle), record.steps[0]
-    values = distinct_values(measured, most=int(SLOW))
+def check_moves(record: Record, sums: Sums) -> None:
+    """Refuse a record that hardly moves: the rounding of an angle of a few steps of the encoder is no noise but a part
+    of the motion. Or one that moves slowly: noise of the encoder makes its acceleration, by a tenth or more of the
+    power of the part of it that is not proportional to angle and velocity."""
+    measured, step, fewest, slow, most = record.part(record.bench_angle), record.steps[0], 20.0, 200, 0.1
+    values = distinct_values(measured, most=slow)  # None where there are more, as a slow motion has
     levels = np.inf if values is None else len(values)
-    return float(levels if step is None else min(np.ptp(measured) / step, levels))
-
-
-def moving_seconds(record: Record) -> float:
-    """For how long the joint moves within the rows that are fitted."""
-    return float(np.count_nonzero(moving_bins(record.time, record.theta)[record.rows()]) / record.rate_hz)
-
-
-def moves_little(record: Record, why: str) -> str:
-    """For how long and at which frequencies a record moves, where Eq. 15 cannot be fitted to it."""
-    low, high = record.band_hz
-    return (
-        f"the joint moves for {moving_seconds(record):.2g} of the {record.seconds:.3g} s that are fitted, at {low:.2g} "
-        f"to {high:.2g} Hz: {why.partition(';')[0]}; keep it moving by 0.5 to 6 Hz, or take the stiffness alone by "
-        "experiment 'torque_angle'"
-    )
-
-
-def missing_band(record: Record) -> str:
-    """What a stepped sine that cannot tell K from I has at its poorest amplitude, and which band is missing."""
-    of = record.groups
-    found = {x: sorted({one.frequency_hz for one in of.strata if one.label == x}) for x in of.labels}
-    amplitude, hz = min(found.items(), key=lambda item: (len(item[1]), item[1][-1] / item[1][0]))
-    return (
-        f"K and I cannot be told apart: the sines of {amplitude:g} deg are of {', '.join(f'{f:g}' for f in hz)} Hz "
-        "alone, and at one frequency K - I w^2 is one number; the band below "
-        f"{hz[0] / 2:.2g} Hz or from {2 * hz[-1]:.2g} Hz is missing, excite it as well"
-    )
-
-
-def check_moves(record: Record, sums: Sums, steps: float) -> None:
-    """Refuse a record that hardly moves, or slowly: noise of the encoder makes its acceleration, by a tenth or more of
-    the power of the part of it that is not proportional to angle and velocity."""
-    A, most = sums.total, 0.1
-    own, at, one = sums.names.index("alpha"), sums.index(("theta", "omega", "one")), sums.names.index("one")
+    steps = float(levels if step is None else min(np.ptp(measured) / step, levels))
+    if steps < fewest:
+        raise InputError(
+            f"trial {record.name}: the joint hardly moves: theta turns by {steps:.0f} steps of its encoder, "
+            f"{fewest:g} are needed; move it by more, and check the unit of theta in the source file"
+        )
+    A, own, one = sums.total, sums.names.index("alpha"), sums.names.index("one")
+    at = sums.index(("theta", "omega", "one"))
     left = A[own, own] - A[own, at] @ np.linalg.lstsq(A[np.ix_(at, at)], A[at, own], rcond=1e-14)[0]
-    share = noise_of_angle(record)[2] / max(float(left / A[one, one]), np.finfo(float).tiny)
+    share = effects.noise_of_angle(record)[2] / max(float(left / A[one, one]), np.finfo(float).tiny)
     if share <= most:
         return
     how, remedy = "hardly moves", "move it by more, or faster, and check the unit of theta in the source file"
-    if steps >= SLOW:
+    if steps >= slow:  # no small motion
         how = "moves too slowly"
         remedy = "move it faster, by 0.5 to 6 Hz, or take the stiffness alone by experiment 'torque_angle'"
     raise InputError(
@@ -257,13 +218,30 @@ def check_alias(record: Record, fit: GroupFit) -> None:
 
 def impedance_table(rendered: Rendered) -> pl.DataFrame:
     """The trial's rows of `impedance.csv`: Eq. 15 fitted to each amplitude [deg] and to all of them (amplitude null);
-    of a motion that is no stepped sine one row. A row's lowest and highest estimates of single amplitudes
-    (`<name>_amplitudes_low` and `_high`) are in the one over all amplitudes, if there are two or more."""
-    analysis, record, s, found = rendered.analysis, rendered.record, rendered.effects, rendered.found
-    lag, change = lag_of(record, s, IMPEDANCE, found), stiffness_change(s, IMPEDANCE, found)
-    facts, clocks = recorded_facts(rendered), clocks_row(record, s, IMPEDANCE, found)
-    facts["explained_by"] = explained_by(found, lag, change)
-    frame = frame_stiffness(s, IMPEDANCE, found) if lag and lag.found else None
+    of a motion that is no stepped sine one row. What moved the joint is the same in every row: estimates of a device
+    that is no second-order system depend on band and weights."""
+    analysis, record, s, found = rendered.analysis, rendered.record, rendered.sums, rendered.found
+    lag, change = effects.lag_of(record, s, IMPEDANCE, found), effects.stiffness_change(s, IMPEDANCE, found)
+    clocks = effects.clocks_row(record, s, IMPEDANCE, found)
+    frame = effects.frame_stiffness(s, IMPEDANCE, found) if lag and lag.found else None
+    # what explains the misfit, the best explanation first, as far as it is no fault that was not found
+    faults = {"lag_s": lag, "K_change": change}
+    sure = {e: found.fit[e] for e in found.chosen if e not in faults or ((fault := faults[e]) and fault.found)}
+    sure |= {"lag_s": lag.size} if lag and lag.found else {}
+    kinds = {"cycles": "stepped sine", "periods": "periodic", "stretches": "other"}
+    (low, high), periodic = record.band_hz, record.periodic
+    facts: Row = {
+        "excitation": kinds[record.groups.kind] if periodic is None else "periodic",
+        "band_low_hz": low,
+        "band_high_hz": high,
+        "weighting": "power of the filtered motion",  # as in every least-squares fit of filtered signals
+        "torque_at_peaks": None if record.is_stepped_sine else torque_at_peaks(rendered),
+        "fitted_s": record.seconds,
+        "period_s": None if periodic is None else periodic.period,
+        "periods": None if periodic is None else float(sum(one.periods for one in periodic.realisations)),
+        "realisations": None if periodic is None else float(len(distinct(periodic.realisations))),
+        "explained_by": ", ".join(EFFECTS[effect].format(f"{size:.3g}") for effect, size in sure.items()) or None,
+    }
     friction, rows = friction_rows(s, IMPEDANCE, analysis.fits), list[Row]()
     for label, fit in analysis.fits.items():
         rows.append(
@@ -281,50 +259,15 @@ def impedance_table(rendered: Rendered) -> pl.DataFrame:
                 **facts,
             }
         )
-    rows = over_amplitudes(rows, half_widths_of_change(analysis))
+    over = over_amplitudes(analysis)
+    rows = [{**row, **dict.fromkeys(over)} for row in rows[:-1]] + [{**rows[-1], **over}]
     table = pl.DataFrame(rows, infer_schema_length=None, schema_overrides={"explained_by": pl.String})
-    table = table.with_columns(pl.col(pl.Null).cast(pl.Float64))
-    amplitude = pl.col("amplitude_deg")
-    single = {name: pl.col(name).filter(amplitude.is_not_null()) for name in QUANTITIES}
-    bounds = {
-        f"{name}_amplitudes_{end}": bound
-        for name, x in single.items()
-        for end, bound in (("low", x.min()), ("high", x.max()))
-    }
-    several = amplitude.is_null() & (amplitude.count() > 1)
-    return table.with_columns(**{name: pl.when(several).then(bound) for name, bound in bounds.items()})
+    return table.with_columns(pl.col(pl.Null).cast(pl.Float64))
 
 
 def share_of_inertia(fit: GroupFit) -> float:
     """I [kg*m^2] of which a share is taken."""
     return float(np.hypot(fit["I"], LITTLE["I"]))
-
-
-def recorded_facts(rendered: Rendered) -> Row:
-    """What moved the joint, which is the same in every row: estimates of a device that is no second-order system depend
-    on band and weights. Frequencies weigh as in every least-squares fit of filtered signals."""
-    record, found = rendered.record, rendered.record.periodic
-    kinds = {"cycles": "stepped sine", "periods": "periodic", "stretches": "other"}
-    low, high = record.band_hz
-    return {
-        "excitation": kinds[record.groups.kind] if found is None else "periodic",
-        "band_low_hz": low,
-        "band_high_hz": high,
-        "weighting": "power of the filtered motion",
-        "torque_at_peaks": None if record.is_stepped_sine else torque_at_peaks(rendered),
-        "fitted_s": record.seconds,
-        "period_s": None if found is None else found.period,
-        "periods": None if found is None else float(sum(one.periods for one in found.realisations)),
-        "realisations": None if found is None else float(len(distinct(found.realisations))),
-    }
-
-
-def explained_by(found: Causes, lag: Fault | None, change: Fault | None) -> str | None:
-    """What explains the misfit of Eq. 15, the best explanation first, as far as it is no fault that was not found."""
-    faults = {"lag_s": lag, "K_change": change}
-    sure = {e: found.fit[e] for e in found.chosen if e not in faults or ((fault := faults[e]) and fault.found)}
-    sure |= {"lag_s": lag.size} if lag and lag.found else {}
-    return ", ".join(EFFECTS[effect].format(f"{size:.3g}") for effect, size in sure.items()) or None
 
 
 def lag_row(lag: Fault | None, fit: GroupFit, frame: float | None) -> Row:
@@ -363,12 +306,12 @@ def spring_row(rendered: Rendered, label: Label) -> Row:
     a gap, and `backlash_share` the share of K that it takes off. They stand in the row over all amplitudes.
     """
     row: Row = dict.fromkeys(("stiffening", "backlash_deg", "backlash_share"), None if label is not None else 0.0)
-    s, found, K = rendered.effects, rendered.found, rendered.analysis.whole["K"]
+    s, found, K = rendered.sums, rendered.found, rendered.analysis.whole["K"]
     if label is None and found.certain("cubic"):
         theta = rendered.record.part(rendered.record.motion.theta) - s.centre
         row["stiffening"] = found.fit["cubic"] * float(np.abs(theta).max()) ** 2 / K
     if label is None and found.certain("gap") and found.fit["gap"] > 0:
-        taken = -taken_by(s, IMPEDANCE, "gap")["K"] * found.fit["gap"]
+        taken = -effects.taken_by(s, IMPEDANCE, "gap")["K"] * found.fit["gap"]
         row |= {"backlash_deg": float(np.rad2deg(2 * found.fit["gap"] / K)), "backlash_share": max(taken / K, 0.0)}
     return row
 
@@ -378,7 +321,7 @@ def change_row(change: Fault | None, s: Sums, fit: GroupFit, label: Label) -> Ro
     of I that it makes. Null where noise, or what Eq. 15 misses, hides a change that would spoil I."""
     if change is None:
         return {"K_drift": None, "drift_inertia_share": None}
-    taken = abs(taken_by(s, IMPEDANCE, "u_theta", label)["I"]) / share_of_inertia(fit)
+    taken = abs(effects.taken_by(s, IMPEDANCE, "u_theta", label)["I"]) / share_of_inertia(fit)
     if change.found:
         made = taken * (abs(change.size) + change.possible)
         return {"K_drift": change.size / fit["K"], "drift_inertia_share": made}
@@ -393,7 +336,7 @@ def angle_noise_bias(record: Record, s: Sums, fit: GroupFit, label: Label = None
     -(X'X/n)^-1 S times the estimates (Fuller, Measurement Error Models, 1987, ch. 2). The noise of angle and
     acceleration is correlated, so that a stiff joint has too large an I, and a light one too small.
     """
-    still, moving, turning = noise_of_angle(record)
+    still, moving, turning = effects.noise_of_angle(record)
     S = np.array([[still, 0, -moving], [0, moving, 0], [-moving, 0, turning]])
     A = s.over(label)
     at, one = s.index(["theta", "omega", "alpha"]), s.names.index("one")
@@ -423,103 +366,104 @@ def torque_at_peaks(rendered: Rendered) -> float | None:
     return min(found, default=None)
 
 
-def over_amplitudes(rows: Sequence[Row], halves: Sequence[float]) -> list[Row]:
-    """The rows of single amplitudes and, last, of all of them, with `K_change` and `B_change` in the last one: by how
-    much K and B change from the smallest to the largest amplitude, as a share of that to all of them.
+def over_amplitudes(analysis: Analysis) -> Row:
+    """What the row over all amplitudes says of the single ones, null for fewer than two: `K_change` and `B_change`, by
+    how much K and B change from the smallest to the largest one, as a share; the lowest and the highest estimates.
 
     A spring that stiffens, or play, changes K with the amplitude; friction changes both. A change is lowered in size by
     the half-width of its 95 % interval, to 0 at most: noise is no change. What it is divided by is not less than
-    `LITTLE`. `halves` are those of K and B; of fewer than two amplitudes none.
+    `LITTLE`. Where both amplitudes have the same frequencies, each is left out of both, so that what the model misses
+    at both alike is no error of the difference; else their intervals are independent.
     """
-    found: list[Row] = [{**row, "K_change": None, "B_change": None} for row in rows]
-
-    def number(row: Row, name: str) -> float:
-        value = row[name]
-        assert isinstance(value, float | int)
-        return float(value)
-
-    single = sorted(rows[:-1], key=lambda row: number(row, "amplitude_deg"))
-    for name, half in zip("KB", halves, strict=False):
-        difference = number(single[-1], name) - number(single[0], name)
-        certain = float(np.sign(difference)) * max(abs(difference) - half, 0.0)
-        found[-1][f"{name}_change"] = certain / float(np.hypot(number(rows[-1], name), LITTLE[name]))
-    return found
-
-
-def half_widths_of_change(analysis: Analysis) -> list[float]:
-    """Half-widths of the 95 % intervals of the change of K and B from the smallest to the largest amplitude; empty for
-    one amplitude. Where the frequencies of the two differ, their intervals are independent."""
+    ends = [(name, end) for name in QUANTITIES for end in ("low", "high")]
+    row: Row = dict.fromkeys(("K_change", "B_change", *(f"{name}_amplitudes_{end}" for name, end in ends)))
     labels = sorted(label for label in analysis.fits if isinstance(label, float))
     if len(labels) < 2:
-        return []
-    paired = paired_errors(analysis.sums, analysis.fits, analysis.model, labels[0], labels[-1])
-    if paired is not None:
-        return [float(paired[list(analysis.model).index(name)]) for name in "KB"]
-    fits = [analysis.fits[label] for label in (labels[0], labels[-1])]
-    return [float(np.linalg.norm([fit.interval(name)[1] - fit[name] for fit in fits])) for name in "KB"]
-
-
-OF_BELT = "K against the belt's K_s"
-
-
-@dataclass(frozen=True)
-class AskedImpedance:
-    """What the leg was asked to render, and all that linear theory needs to say what it should have rendered."""
-
-    desired: DesiredImpedance  # controller and desired impedance
-    weight: Weight  # W of Eq. 14 with which the gains were selected.
-    frequencies_hz: Sequence[float]  # frequencies [Hz] of the protocol
-
-    def left_unchecked(self, p: DrivetrainParameters | None) -> pl.Expr:
-        """The column `not_checked` of a table with lags: what a trial is not checked for, each with its reason, null if
-        it is checked for all. Whether the torque is late stands only in rows without a share."""
-        no_file = "" if p else "the configuration names no parameter file"
-        of_gains = ("whether K is what the gains should give", "whether the bench's frame yields")
-        reasons = {OF_BELT: no_file, **dict.fromkeys(of_gains, no_file or self.desired.unknown_gains())}
-        late = {LATENESS: "a delay that matters would look like noise or friction in this recording"}
-        known, unknown = (
-            pl.lit("; ".join(f"{what}: {why}" for what, why in said.items() if why) or None, pl.String)
-            for said in (reasons, reasons | late)
-        )
-        return pl.when(pl.col("lag_inertia_share").is_null()).then(unknown).otherwise(known).alias("not_checked")
+        return row
+    of, s, model = [analysis.fits[label] for label in labels], analysis.sums, list(analysis.model)
+    for name, end in ends:
+        row[f"{name}_amplitudes_{end}"] = (min if end == "low" else max)(fit[name] for fit in of)
+    small, large = of[0], of[-1]
+    halves = {name: float(np.hypot(*(fit.interval(name)[1] - fit[name] for fit in (small, large)))) for name in "KB"}
+    hz = [
+        {round(one.frequency_hz, 1): k for k, one in enumerate(s.groups.strata) if one.label == label}
+        for label in (labels[0], labels[-1])
+    ]
+    if (
+        hz[0].keys() == hz[1].keys()
+        and len(hz[0]) >= FEWEST_UNITS
+        and not (small.repeat is None or large.repeat is None)
+    ):
+        at, differences = s.index(list(analysis.model.values())), []
+        for f in hz[0]:
+            less, more = (
+                estimates_of(s.over(s.groups.of(label) & (s.groups.stratum != own[f])), at, s.torque)
+                for label, own in zip((labels[0], labels[-1]), hz, strict=True)
+            )
+            differences.append(more - less)
+        m, apart = len(differences), np.array(differences) - np.mean(differences, axis=0)
+        noise, never = small.repeat + large.repeat, np.full(len(model), np.inf)
+        covariance, freedom = combined(noise, never, apart.T @ apart * (m - 1) / m, m)
+        paired = stdtrit(freedom, 0.975) * np.sqrt(np.diag(covariance))
+        halves = {name: float(paired[model.index(name)]) for name in "KB"}
+    for name, half in halves.items():
+        difference = large[name] - small[name]
+        certain = float(np.sign(difference)) * max(abs(difference) - half, 0.0)
+        row[f"{name}_change"] = certain / float(np.hypot(analysis.whole[name], LITTLE[name]))
+    return row
 
 
 def judged_impedance(
-    record: Record, rails: pl.Expr, p: DrivetrainParameters | None, asked: AskedImpedance | None
+    record: Record,
+    rails: pl.Expr,
+    p: DrivetrainParameters | None,
+    desired: DesiredImpedance | None,
+    weight: Weight | None = None,
 ) -> tuple[Rendered, pl.DataFrame]:
-    """Eq. 15 of a record, and its rows with all that judges them; what the gains should give only where these are
-    known.
-
-    Without parameter file (`p`), controller of the draft, K_d and B_d they are not. The column `not_checked` says so,
-    and where the motion does not show a change of K over time, or a drift between the clocks of two devices.
+    """Eq. 15 of a record, and its rows with all that judges them. What the gains, selected with the `weight` W of
+    Eq. 14, should give is known only with a parameter file (`p`), a controller of the draft, K_d and B_d. The column
+    `not_checked` says what a row is not checked for.
 
     Raises InputError, UnreachableImpedanceError: As `plausible_impedance`, and as `DesiredImpedance.gains`.
     """
-    gains = None if asked is None else asked.desired.gains(p, asked.weight)
+    gains = None if desired is None or weight is None else desired.gains(p, weight)
     expected, predicted = None, None
-    if asked is not None and p is not None and gains is not None:
+    if p is not None and gains is not None:
         expected = joint_admittance(gains.K_1, gains.B_1, p, p.J_j)
-        band = asked.frequencies_hz if record.is_stepped_sine else np.linspace(*record.band_hz, 12).tolist()
+        assert record.settings is not None  # a trial that was read from a file
+        commanded = record.settings.frequencies_hz
+        band = commanded if record.is_stepped_sine else np.linspace(*record.band_hz, 12).tolist()
         predicted = predicted_impedance(gains, p, band)
     rendered = rendered_impedance(record, expected)
     table = plausible_impedance(impedance_table(rendered), rails, p, predicted[0] if predicted else None)
-    if asked is None:
-        no_file = None if p else f"{OF_BELT}: no parameter file is named"
-        table = table.with_columns(not_checked=pl.lit(no_file, pl.String))
-    else:
+    if desired is not None:
         values = zip(QUANTITIES, predicted or (None, None, None), strict=True)
         should_be = {f"{name}_predicted": pl.lit(value, pl.Float64) for name, value in values}
-        table = table.with_columns(**asked.desired.columns(), **should_be).with_columns(asked.left_unchecked(p))
-    unseen = {"K_drift": "whether K changes while it is recorded: noise, or what Eq. 15 misses, may hide it"}
-    if record.two_clocks:
-        unseen["clock_drift_ppm"] = (
-            "whether the clocks of angle and torque drift apart: what the fit leaves does not show it"
+        table = table.with_columns(**desired.columns(), **should_be)
+    said = [left_unchecked(row, p, desired, record.two_clocks) for row in table.iter_rows(named=True)]
+    return rendered, table.with_columns(not_checked=pl.Series(said, dtype=pl.String))
+
+
+def left_unchecked(
+    row: Mapping[str, Any], p: DrivetrainParameters | None, desired: DesiredImpedance | None, two_clocks: bool
+) -> str | None:
+    """What a row of the table is not checked for, each with its reason; None if it is checked for all."""
+    if desired is None:
+        reasons = {"K against the belt's K_s": "" if p else "no parameter file is named"}
+    else:
+        no_file = "" if p else "the configuration names no parameter file"
+        unknown = no_file or desired.unknown_gains()
+        reasons = {"K against the belt's K_s": no_file}
+        reasons |= dict.fromkeys(
+            ("whether K is what the gains should give", "whether the bench's frame yields"), unknown
         )
-    for column, words in unseen.items():
-        both = pl.concat_str("not_checked", pl.lit(words), separator="; ", ignore_nulls=True)
-        said = pl.when(pl.col(column).is_null()).then(both).otherwise("not_checked")
-        table = table.with_columns(not_checked=said)
-    return rendered, table
+        if row["lag_inertia_share"] is None:
+            reasons[LATENESS] = "a delay that matters would look like noise or friction in this recording"
+    if row["K_drift"] is None:
+        reasons["whether K changes while it is recorded"] = "noise, or what Eq. 15 misses, may hide it"
+    if two_clocks and row["clock_drift_ppm"] is None:
+        reasons["whether the clocks of angle and torque drift apart"] = "what the fit leaves does not show it"
+    return "; ".join(f"{what}: {why}" for what, why in reasons.items() if why) or None
 
 
 def repeated_trials_table(impedance: pl.DataFrame) -> pl.DataFrame:

@@ -302,6 +302,10 @@ def stretches_of(pieces: Sequence[slice], rate_hz: float, seconds: float = STRET
     return Groups("stretches", first, stop, np.zeros(len(first), dtype=np.intp), (whole,))
 
 
+Parts = tuple[Groups, tuple[float, float], PeriodicMotion | None, UniformSignals]
+"""Groups, band [Hz] and periods of a motion, and the signals that they are of."""
+
+
 def sine_record(trial: Trial, settings: SteppedSineAnalysis) -> Record:
     """The record of a trial that follows a stepped sine; raises as `record_of_trial`."""
     return record_of_trial(trial, settings, excitation="stepped_sine")
@@ -329,82 +333,55 @@ def record_of_trial(
     if excitation is None:
         excitation = settings.excitation if isinstance(settings, ImpedanceAnalysis) else "stepped_sine"
     known = Likeness(signals.time, signals["theta"], settings.protocol)
-    if excitation == "any" or (excitation == "auto" and (windows or known.kind == "other")):
-        assert isinstance(settings, ImpedanceAnalysis)
-        return replace(any_motion(signals, settings, windows or settings.windows), steps=(steps[0], steps[1]))
+    auto, is_other = excitation == "auto", excitation == "any"
+    is_other |= auto and (bool(windows) or known.kind == "other")
+
+    def parts_of(one: UniformSignals) -> Parts:
+        if is_other:
+            assert isinstance(settings, ImpedanceAnalysis)
+            return motion_parts(one, settings, windows or settings.windows)
+        likeness = known if one is signals else Likeness(one.time, one["theta"], settings.protocol)
+        groups = cycles_of(find_segments(likeness), settings.settle_cycles, one.usable)
+        hz = [stratum.frequency_hz for stratum in groups.strata]
+        return groups, (min(hz), max(hz)), None, one
+
     meant = (
         f"{100 * known.sines:.0f} % of the moving time are sines of one frequency: if another motion was meant, "
         "state `excitation: any` under `dynamometer` in the configuration, or its windows in the sheet"
     )
     try:
-        found = from_stepped_sine(signals, settings, known)
-    except InputError as error:
-        words = str(error)
-        if excitation == "auto" and not known.moves:
-            words = at_rest(signals["theta"])
-        elif excitation == "auto" and known.kind == "unclear":
+        groups, band, periodic, regular = parts_of(signals)
+        made = conditioned(regular, settings, groups, band)
+        if (again := regular.other()) is not None:
+            groups, band, _, again = parts_of(again)
+            made = replace(made, other=conditioned(again, settings, groups, band))
+    except (InputError, IdentifiabilityError) as error:
+        words, degrees = str(error), np.rad2deg(np.ptp(signals["theta"]))
+        if auto and not is_other and known.kind == "unclear" and known.moves:
             words = f"{words}; {meant}"
-        raise InputError(f"trial {trial.name}: {words}") from error
-    if excitation == "auto" and known.moves and known.kind == "unclear" and known.sines < HARDLY:
+        elif auto and not is_other and not known.moves and degrees > 1.0:  # beyond the noise of any encoder
+            words = (
+                f"the joint moves too slowly: theta changes by {degrees:.3g} deg in all, but by no more than "
+                f"{100 * MOVING_SHARE:g} % of it, or its noise, within {BIN_S:g} s; move it by 0.5 to 6 Hz, or take "
+                "the stiffness alone by experiment 'torque_angle'"
+            )
+        elif auto and not is_other and not known.moves:
+            words = (
+                f"the joint does not move: theta turns by {degrees:.3g} deg in all; check the channel and the unit of "
+                "theta in the source file, and that this is the recording of the trial"
+            )
+        raise type(error)(f"trial {trial.name}: {words}") from error
+    if auto and not is_other and known.moves and known.kind == "unclear" and known.sines < HARDLY:
         raise InputError(
             f"trial {trial.name}: theta has the commanded frequencies, but is no stepped sine; look for spikes, hum "
             f"and a mount that turns; {meant}, or `excitation: stepped_sine` to fit what there is"
         )
-    return replace(found, steps=(steps[0], steps[1]))
+    return replace(made, periodic=periodic, steps=(steps[0], steps[1]))
 
 
-def at_rest(theta: Array) -> str:
-    """Why an angle (n,) [rad] that turns by no more than its noise is refused: beyond 1 deg, the noise of any encoder,
-    it moved, if slowly."""
-    degrees = np.rad2deg(np.ptp(theta))
-    if degrees > 1.0:
-        return (
-            f"the joint moves too slowly: theta changes by {degrees:.3g} deg in all, but by no more than "
-            f"{100 * MOVING_SHARE:g} % of it, or its noise, within {BIN_S:g} s; move it by 0.5 to 6 Hz, or take the "
-            "stiffness alone by experiment 'torque_angle'"
-        )
-    return (
-        f"the joint does not move: theta turns by {degrees:.3g} deg in all; check the channel and the unit of theta in "
-        "the source file, and that this is the recording of the trial"
-    )
-
-
-def from_stepped_sine(signals: UniformSignals, settings: SteppedSineAnalysis, known: Likeness) -> Record:
-    """The record of a stepped sine; raises InputError without the trial's name."""
-
-    def groups_of(one: UniformSignals, likeness: Likeness) -> Groups:
-        return cycles_of(find_segments(likeness), settings.settle_cycles, one.usable)
-
-    groups, again = groups_of(signals, known), signals.other()
-    hz = [one.frequency_hz for one in groups.strata]
-    made = conditioned(signals, settings, groups, (min(hz), max(hz)))
-    if again is None:
-        return made
-    other = groups_of(again, Likeness(again.time, again["theta"], settings.protocol))
-    return replace(made, other=conditioned(again, settings, other, made.band_hz))
-
-
-def any_motion(signals: UniformSignals, settings: ImpedanceAnalysis, windows: str | None) -> Record:
-    """The record of any other motion; raises InputError and IdentifiabilityError with the trial's name.
-
-    The time base bridges gaps up to a tenth of a period of the fastest motion, which is found first.
-    """
-    try:
-        groups, band, periodic, regular = motion_parts(signals, settings, windows)
-        made = replace(conditioned(regular, settings, groups, band), periodic=periodic)
-        again = regular.other()
-        if again is None:
-            return made
-        groups, band, _, again = motion_parts(again, settings, windows)
-        return replace(made, other=conditioned(again, settings, groups, band))
-    except (InputError, IdentifiabilityError) as error:
-        raise type(error)(f"trial {signals.trial}: {error}") from error
-
-
-def motion_parts(
-    signals: UniformSignals, settings: ImpedanceAnalysis, windows: str | None
-) -> tuple[Groups, tuple[float, float], PeriodicMotion | None, UniformSignals]:
-    """Groups, band and periods of a motion that is no stepped sine, and the signals with gaps that it bears."""
+def motion_parts(signals: UniformSignals, settings: ImpedanceAnalysis, windows: str | None) -> Parts:
+    """Groups and band of a motion that is no stepped sine, and its periods. The time base bridges gaps up to a tenth of
+    a period of the fastest motion, which is found first: the signals with gaps that the motion bears."""
     low_pass, rate = settings.low_pass, signals.rate_hz
     compliance = settings.bench_stiffness.compliance if settings.bench_stiffness else 0.0
     time = signals.time - signals.time[0]
@@ -481,20 +458,18 @@ def drift_rate(time: Array, motion: Motion, torque: Array, groups: Groups) -> fl
         return 0.0
     late = time - time.mean()
     if groups.kind == "cycles":
-        signals = np.column_stack([torque, motion.theta, late])
+        signals = np.column_stack([late, motion.theta, torque])
         sums = products_between(signals, np.ones((len(signals), 1)), groups.first, groups.stop)[..., 0]
-        samples = groups.stop - groups.first
-        level, turned, when = (sums / samples[:, None]).T
-        weight = np.sqrt(samples)
-        columns = [when, turned]
+        weight = np.sqrt(groups.stop - groups.first)[:, None]
         label = np.array([groups.labels.index(groups.strata[k].label) for k in groups.stratum])
-        own = [np.where(label == k, 1.0, 0.0) for k in np.flatnonzero(members >= FEWEST_CYCLES)]
-        there = np.isin(label, np.flatnonzero(members >= FEWEST_CYCLES))
-        X, y = np.column_stack([*columns, *own])[there] * weight[there, None], level[there] * weight[there]
+        enough = np.flatnonzero(members >= FEWEST_CYCLES)
+        own = np.where(label[:, None] == enough, weight, 0.0)
+        X, y = np.column_stack([sums[:, :2] / weight, own]), sums[:, 2] / weight[:, 0]
+        X, y = X[own.any(axis=1)], y[own.any(axis=1)]
     else:
+        X = np.column_stack([late, motion.theta, motion.omega, motion.alpha, np.ones_like(late)])
         rows = np.concatenate([np.r_[piece] for piece in groups.pieces()])
-        X = np.column_stack([late, motion.theta, motion.omega, motion.alpha, np.ones_like(late)])[rows]
-        y = torque[rows]
+        X, y = X[rows], torque[rows]
     scale = np.linalg.norm(X, axis=0)
     scale[scale == 0] = 1.0
     return float(np.linalg.lstsq(X / scale, y, rcond=1e-9)[0][0] / scale[0])

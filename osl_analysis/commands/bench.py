@@ -12,13 +12,7 @@ import polars as pl
 
 from osl_analysis.bench import components, model_comparison, torque_angle
 from osl_analysis.bench.analysis import FitTables
-from osl_analysis.bench.impedance import (
-    QUANTITIES,
-    AskedImpedance,
-    DesiredImpedance,
-    judged_impedance,
-    repeated_trials_table,
-)
+from osl_analysis.bench.impedance import QUANTITIES, DesiredImpedance, judged_impedance, repeated_trials_table
 from osl_analysis.bench.phasors import frequency_response_table, phasor_table
 from osl_analysis.bench.record import record_of_trial, sine_record
 from osl_analysis.bench.response_tables import response_tables
@@ -80,10 +74,9 @@ def fit_impedance_trial(
     """The rows of Eq. 15. `condition` is what the leg was asked to render, as far as it is known, `weight` W of Eq. 14;
     `windows` [s] are those of the sheet, which are fitted where the motion is no stepped sine."""
     p = known_parameters(parameters)
-    asked = None if condition is None else AskedImpedance(condition, weight, settings.frequencies_hz)
     check_recording(trial, settings)
     rails = saturated(trial, "torque", "theta")
-    rendered, table = judged_impedance(record_of_trial(trial, settings, windows), rails, p, asked)
+    rendered, table = judged_impedance(record_of_trial(trial, settings, windows), rails, p, condition, weight)
     stated = condition.columns() if condition else {}
 
     def further() -> dict[str, pl.DataFrame]:

@@ -31,8 +31,7 @@ from osl_analysis.refusal import is_refused, refusal_report
 from osl_analysis.jobs.request import Requests
 from osl_analysis.judge.findings import Judge, exclusion_report, findings_report, left_behind_report
 from osl_analysis.report import TEMPLATES
-from osl_analysis.study import BENCH_EXPERIMENTS, REPEATED as STUDY_OF_REPEATS, WALKING_EXPERIMENTS
-from osl_analysis.study import Batch, planned, study_batches
+from osl_analysis.study import BENCH_EXPERIMENTS, REPEATED as STUDY_OF_REPEATS, WALKING_EXPERIMENTS, study_batches
 
 try:
     check_working_folder()
@@ -146,4 +145,4 @@ def end_of_run(records) -> str:
 OF_TRIALS = ("simulate_", "ingest", "fit_", "analyse_crossing", "study_batch")
 workflow.localrules(*(rule.name for rule in workflow.rules if not rule.name.startswith(OF_TRIALS)))
 ACCEPT = CONFIG.failed_trials == "accept"
-at_end_of_run(workflow, RESULTS / "logs", end_of_run, expected_time, ACCEPT)
+at_end_of_run(workflow, RESULTS / "logs", end_of_run, ACCEPT)

@@ -11,13 +11,6 @@ BATCH = "{experiment}_{first}_{number}"
 OF_BATCH = {"experiment": "|".join(STUDIED_BY_FILE), "first": "[0-9]+", "number": "[0-9]+"}
 
 
-def expected_time(planned_jobs) -> str:
-    """What a dry run says of the jobs of the study."""
-    studied = (job.wildcards for job in planned_jobs if job.rule.name.endswith("study_batch"))
-    found = sorted((one.experiment, int(one.first), int(one.number)) for one in studied)
-    return planned({f"{file}_{k}_{n}": Batch(STUDIED_BY_FILE[file], k, n).seconds for file, k, n in found})
-
-
 @step("study.run_batch", f"study/batches/{BATCH}.csv", f"study/{BATCH}", **OF_BATCH)
 def study_batch(wildcards):
     from osl_analysis.commands.simulate import settings_files  # it loads the simulator
@@ -29,7 +22,7 @@ def study_batch(wildcards):
     return {"modules": ("commands.study",), "made_of": settings_files(STUDY.simulation), "settings": settings}
 
 
-STUDY_JOBS = [f"{FILE_OF[one.experiment]}_{one.first}_{one.number}" for one in study_batches(STUDIED)]
+STUDY_JOBS = [f"{FILE_OF[name]}_{first}_{number}" for name, first, number in study_batches(STUDIED)]
 TABLE_OF_STUDY, BATCHES = RESULTS / "study/study.csv", [RESULTS / f"study/batches/{name}.csv" for name in STUDY_JOBS]
 FOOTER = f"Simulated data: Monte Carlo study with seed {STUDY.seed}, osl-analysis {ABOUT['version']}"
 DRAWING = {"modules": ("figures.names", "figures.others"), "settings": {"name": "study", "footer": FOOTER}}

@@ -14,15 +14,8 @@ from osl_analysis.config.shared_choices import read_impedance_trajectory
 from osl_analysis.errors import InputError, UnreachableImpedanceError
 from osl_analysis.figures import drawing_of
 from osl_analysis.files import atomic_path
-from osl_analysis.model.compensator import (
-    Gains,
-    Weight,
-    check_request,
-    optimal_damping,
-    predicted_impedance,
-    rendering,
-    stiffness_gain,
-)
+from osl_analysis.model import compensator
+from osl_analysis.model.compensator import Weight
 from osl_analysis.model.drivetrain import desired_admittance, joint_admittance
 from osl_analysis.model.parameters import DrivetrainParameters, FileOrNone, known_parameters, read_parameters
 from osl_analysis.table import write_table
@@ -39,16 +32,16 @@ def gain_table(
     `optimal_damping`, the fit of Eq. 15 that linear theory predicts at `frequencies_hz`, and the stability, passivity
     and fidelity of the impedance (`rendering`); these are null where no finite B_1 is best.
     """
-    check_request(K_d, B_d, p)
+    compensator.check_request(K_d, B_d, p)
     K_d, B_d = (np.asarray(v, dtype=float) for v in (K_d, B_d))
-    K_1, optimum = stiffness_gain(K_d, p), optimal_damping(K_d, B_d, p, weight)
+    K_1, optimum = compensator.stiffness_gain(K_d, p), compensator.optimal_damping(K_d, B_d, p, weight)
     B_1, finite = optimum["B_1"], np.isfinite(optimum["B_1"])
     at_joint = {"K_1_joint": K_1 * p.n_T**2, "B_1_joint": B_1 * p.n_T**2}
     table = pl.DataFrame({"K_d": K_d, "B_d": B_d, "K_1": K_1, "B_1": B_1} | at_joint | optimum)
-    gains = [Gains(k, b, True) for k, b in zip(K_1[finite], B_1[finite], strict=True)]
-    fits = [predicted_impedance(one, p, frequencies_hz) for one in gains]
+    gains = [compensator.Gains(k, b, True) for k, b in zip(K_1[finite], B_1[finite], strict=True)]
+    fits = [compensator.predicted_impedance(one, p, frequencies_hz) for one in gains]
     columns: dict[str, Any] = {f"{name}_predicted": [fit[k] for fit in fits] for k, name in enumerate("KBI")}
-    rendered = rendering(K_1[finite], B_1[finite], K_d[finite], B_d[finite], p)
+    rendered = compensator.rendering(K_1[finite], B_1[finite], K_d[finite], B_d[finite], p)
     columns |= {"decay_rate": rendered["decay_rate"], "delay_margin": rendered["delay_margin"]}
     columns |= {"passive": [True] * len(fits), **{n: rendered[n] for n in ("positive_real", "faithful_to_hz")}}
     behaviour = pl.DataFrame(columns).with_columns(row=pl.Series(np.flatnonzero(finite), dtype=pl.UInt32))

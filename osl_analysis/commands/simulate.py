@@ -1,6 +1,6 @@
 """Simulate a campaign, or one trial of it, into a raw-data folder."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -8,7 +8,7 @@ from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.config.shared_choices import SharedChoices
 from osl_analysis.config.sheet import SHEET_COLUMNS, SheetRows
 from osl_analysis.errors import InputError
-from osl_analysis.files import atomic_path, check_output, check_target
+from osl_analysis.files import atomic_path, check_output
 from osl_analysis.model.parameters import read_parameters
 from osl_analysis.simulator.plan import plan_trials
 from osl_analysis.simulator.settings import SimulationSettings
@@ -46,6 +46,7 @@ def write_sheet(settings_path: Path, sheet: Path) -> None:
     import pandas as pd  # 0.3 s, and most runs find their sheet on disk
 
     check_folder(sheet.parent)
+    check_output(sheet)
     plan = plan_trials(read_yaml(settings_path, SimulationSettings))
     (sheet.parent / TRUTH).mkdir(parents=True, exist_ok=True)
     table = pd.DataFrame.from_dict(plan, orient="index", columns=list(SHEET_COLUMNS))
@@ -92,30 +93,15 @@ def simulate_trial(settings_path: Path, campaign_folder: Path, trial: str, follo
     configuration decides (`followed`) replaces what the settings have."""
     check_folder(campaign_folder)
     settings = read_simulation(settings_path, followed)
-    row = row_of_trial(settings, settings_path, trial)
-    check_written([row], campaign_folder, settings_files(settings_path, followed))
-    record_trial(row, settings, followed, campaign_folder)
+    record_trial(row_of_trial(settings, settings_path, trial), settings, followed, campaign_folder)
 
 
 def simulate_campaign(settings_path: Path, campaign_folder: Path, followed: SharedChoices = NOTHING) -> None:
     """Write the sample sheet and simulate all of its trials, one after the other."""
     settings = read_simulation(settings_path, followed)
-    rows = list(plan_trials(settings).values())
-    check_written([{"log": "trials.csv"}, *rows], campaign_folder, settings_files(settings_path, followed))
     write_sheet(settings_path, campaign_folder / "trials.csv")
-    for row in rows:
+    for row in plan_trials(settings).values():
         record_trial(row, settings, followed, campaign_folder)
-
-
-def check_written(rows: Sequence[Mapping[str, Any]], folder: Path, used: Sequence[Path]) -> None:
-    """Refuse a simulation that would write to a file that it uses, or where no file can be, before it begins."""
-    files = [folder / row[role] for row in rows for role in ("log", "mocap") if isinstance(row.get(role), str)]
-    files += [folder / TRUTH / f"{row['trial']}.json" for row in rows if "trial" in row]
-    check_output(files[0])
-    for path in files:
-        check_target(path)
-        if path.is_file() and any(other.is_file() and path.samefile(other) for other in used):
-            raise InputError(f"{path} would be overwritten while it is used; simulate into another folder")
 
 
 def row_of_trial(settings: SimulationSettings, settings_path: Path, trial: str) -> Mapping[str, Any]:

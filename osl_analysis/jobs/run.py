@@ -16,7 +16,7 @@ import subprocess
 import sys
 import time
 import traceback
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
@@ -142,26 +142,16 @@ def do(folder: str, request: str, output: Sequence[int]) -> NoReturn:
         os._exit(code)
 
 
-def at_end_of_run(
-    workflow: Any,
-    logs: Path,
-    said: Callable[[Sequence[str]], str],
-    expected: Callable[[Iterable[Any]], str],
-    accept: bool,
-) -> None:
+def at_end_of_run(workflow: Any, logs: Path, said: Callable[[Sequence[str]], str], accept: bool) -> None:
     """Let a run of Snakemake end with our report, and with exit code 1 if something that was asked for is refused,
     unless refusals are to `accept`. `said` writes the report, from the refusal records among the files that the run was
-    to bring up to date; a dry run ends with what is `expected` of the jobs that it would run. Snakemake's `onsuccess`
-    and `onerror` are not called where nothing is left to do, as in the run after a refusal.
+    to bring up to date. Snakemake's `onsuccess` and `onerror` are not called where nothing is left to do, as in the run
+    after a refusal.
     """
 
     def end() -> None:
-        if workflow.scheduler is None or not workflow.is_main_process:  # an unknown target, another run's lock
-            return
-        if workflow.dryrun:
-            if text := expected(workflow.dag.needrun_jobs(exclude_finished=False)):
-                print(text, file=sys.stderr, flush=True)
-            return
+        if workflow.dryrun or workflow.scheduler is None or not workflow.is_main_process:
+            return  # without a scheduler the target is unknown, or another run has the lock
         from osl_analysis.jobs.job_log import run_report
         from osl_analysis.refusal import MOST_TOLD, is_refused
 

@@ -11,22 +11,8 @@ from scipy.interpolate import CubicSpline
 from osl_analysis.model.compensator import Gains, select_gains
 from osl_analysis.model.drivetrain import actuator_torque
 from osl_analysis.model.parameters import DrivetrainParameters
-from osl_analysis.simulator.drivetrain import (
-    belt_path,
-    constants,
-    passive_torque,
-    second_order_torque,
-    simulate_drivetrain,
-)
-from osl_analysis.simulator.joint_motion import (
-    JointMotion,
-    actuator_command,
-    excitation_motion,
-    position_loop,
-    sine_command,
-    slow_cycles,
-    there_and_back,
-)
+from osl_analysis.simulator import drivetrain, joint_motion
+from osl_analysis.simulator.joint_motion import JointMotion
 from osl_analysis.simulator.mcap_writer import SAMPLES, joint_states, sample_topic, wrenches, write_topics
 from osl_analysis.simulator.recorder import TrueSignal, recording_of
 from osl_analysis.simulator.settings import SimulationSettings, stream
@@ -70,23 +56,24 @@ def true_signals(
     experiment, bench, bandwidth = row["experiment"], settings.dynamometer, settings.effects.dynamometer_bandwidth
     rate, command = bench.rate_hz, commanded_motion(row, settings)
     follows = bandwidth.enabled  # either bench
-    motion = position_loop(command, rate, bandwidth.size, bench.damping_ratio) if follows else command
+    motion = joint_motion.position_loop(command, rate, bandwidth.size, bench.damping_ratio) if follows else command
     if experiment == "actuator":
         return motion, actuator_signals(motion, settings, p)
     losses, still = p.B_j * motion.omega + p.J_j * motion.alpha, np.zeros_like(motion.theta)
     theta_m, current = still, still
     if experiment == "belt":  # the actuator is locked at theta_m = 0: all of the joint's angle deflects the belt
-        torque = belt_path(np.ascontiguousarray(motion.theta), constants(drivetrain_effects(settings), p)) + losses
+        belt = drivetrain.constants(drivetrain_effects(settings), p)
+        torque = drivetrain.belt_path(np.ascontiguousarray(motion.theta), belt) + losses
     elif experiment == "transmission":  # the motor is detached: the belt stays slack, and the idle actuator reads 0
         torque = losses
     elif experiment == "torque_angle" and settings.foot is not None:
-        torque = passive_torque(settings.foot, motion)
+        torque = drivetrain.passive_torque(settings.foot, motion)
     elif gains is None:
         assert settings.joint is not None  # else there are gains
-        torque = second_order_torque(settings.joint, motion, rate)
+        torque = drivetrain.second_order_torque(settings.joint, motion, rate)
     else:  # the controller renders its impedance about theta_eq = 0, from rest at theta_m = 0
         commands, effects = np.array([[gains.K_1], [gains.B_1], [0.0]]), drivetrain_effects(settings, gains)
-        leg = simulate_drivetrain(rate, motion.theta, motion.omega, commands, effects, p)
+        leg = drivetrain.simulate_drivetrain(rate, motion.theta, motion.omega, commands, effects, p)
         theta_m, current, torque = leg["theta_m"], leg["current"], leg["belt_torque"] + losses
     mount = settings.effects.mount_stiffness
     return motion, {
@@ -103,20 +90,20 @@ def commanded_motion(row: Mapping[str, Any], settings: SimulationSettings) -> Jo
     trial, rate = str(row["trial"]), settings.dynamometer.rate_hz
     if row["experiment"] == "actuator":
         assert settings.actuator is not None  # as SimulationSettings checked
-        return actuator_command(settings.actuator, rate)[0]
+        return joint_motion.actuator_command(settings.actuator, rate)[0]
     if row["experiment"] == "belt":
-        return there_and_back(settings.belt, rate)
+        return joint_motion.there_and_back(settings.belt, rate)
     if row["experiment"] == "torque_angle" and settings.foot is not None:
-        return slow_cycles(settings.foot.cycles, rate)
+        return joint_motion.slow_cycles(settings.foot.cycles, rate)
     for excitation in settings.excitations if row["experiment"] == "impedance" else ():
         if any(trial.endswith(f"_{excitation.name}_{k + 1}") for k in range(excitation.trials)):
-            return excitation_motion(excitation, trial, settings.seed, rate)
-    return sine_command(settings.protocol, rate)
+            return joint_motion.excitation_motion(excitation, trial, settings.seed, rate)
+    return joint_motion.sine_command(settings.protocol, rate)
 
 
 def drivetrain_effects(settings: SimulationSettings, gains: Gains | None = None) -> dict[str, float]:
     """The effects of the settings, as the drivetrain's simulation takes them, with the controller of these gains."""
-    effects, drivetrain = settings.effects, settings.drivetrain
+    effects, integrated = settings.effects, settings.drivetrain
     return {
         "friction": effects.friction.enabled,
         "friction_scale": effects.friction.size,
@@ -124,11 +111,11 @@ def drivetrain_effects(settings: SimulationSettings, gains: Gains | None = None)
         "control_delay": int(effects.control_delay.value),
         "encoder_resolution": effects.actuator_encoder.value,
         "velocity_cutoff_hz": effects.velocity_filter.value,
-        "sign_width": drivetrain.sign_width,
+        "sign_width": integrated.sign_width,
         "hysteresis_torque": effects.belt_hysteresis.value,
-        "hysteresis_width": drivetrain.hysteresis_width,
-        "substeps": drivetrain.substeps,
-        "control_updates": drivetrain.control_updates if effects.control_delay.enabled else drivetrain.substeps,
+        "hysteresis_width": integrated.hysteresis_width,
+        "substeps": integrated.substeps,
+        "control_updates": integrated.control_updates if effects.control_delay.enabled else integrated.substeps,
     }
 
 
@@ -139,7 +126,7 @@ def actuator_signals(
     on the bench, the paper's tau_m; its transducer has the imperfections of the load cell."""
     assert settings.actuator is not None  # as SimulationSettings checked
     rate = settings.dynamometer.rate_hz
-    current = actuator_command(settings.actuator, rate)[1]
+    current = joint_motion.actuator_command(settings.actuator, rate)[1]
     exact = CubicSpline(np.arange(len(current)) / rate, np.column_stack([current, motion.omega, motion.alpha]))
 
     def torque(instants: Array) -> Array:

@@ -7,7 +7,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from osl_analysis.config.shared_choices import WEIGHT_OF_PAPER, WeightSettings
-from osl_analysis.simulator.settings import Count, Effect, Switches, check_length, effect, refused
+from osl_analysis.simulator.settings import Count, Effect, Switches, effect, refused
 from osl_analysis.yaml_settings import Degrees, NotNegative, Positive, Settings, ShippedPath
 
 
@@ -172,8 +172,3 @@ class WalkingSettings(Settings):
     changes: tuple[StepChange, ...] = ()  # what makes some crossings differ from the others
     capture: CaptureSettings = CaptureSettings()
     gain_weight: WeightSettings = WEIGHT_OF_PAPER  # that of the simulated campaign replaces it
-
-    @model_validator(mode="after")
-    def _ends(self) -> Self:
-        check_length("gait.recording_s", self.gait.recording_s, self.rates.motion_hz)
-        return self

@@ -3,7 +3,6 @@ experiments it has, and how many trials each of its jobs takes. Rules read it: i
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 
@@ -37,48 +36,14 @@ REPEATED = {"repeated transmission": 20, "repeated belt": 20}
 WALKING_EXPERIMENTS = {"walking": ("campaigns", 10), "walking recorded": ("recorded", 5)}
 """Walking, from angle and torque on, and through markers, plate, C3D files and ingest: the field of `study` in the
 configuration with the number of campaigns, and how many of them one job takes."""
-MOST_JOBS = 90  # Largest number of jobs that simulate. The table, the page and the figure come to them
-SECONDS = {
-    "frequency response": 3.0, "repeated transmission": 7.0, "belt": 0.04, "repeated belt": 0.35, "actuator": 0.4,
-    "walking": 0.7, "walking recorded": 6.0,
-}  # fmt: skip
-"""Time of one core per trial, or per campaign of repeated and walking trials, with the settings of
-config/config.yaml [s], as a job's log states. Those that are not here are stepped sines, of 1.4 s."""
 
 
-@dataclass(frozen=True)
-class Batch:
-    """What one job takes: trials (or campaigns) number `first` to `first + number - 1` of an experiment."""
-
-    experiment: str
-    first: int
-    number: int
-
-    @property
-    def seconds(self) -> float:
-        """The time of one core that is expected [s]."""
-        return self.number * SECONDS.get(self.experiment, 1.4)
-
-
-def study_batches(numbers: Mapping[str, tuple[int, int]]) -> list[Batch]:
-    """The jobs of a study with so many trials of each experiment, and so many of them at least in one job. At most
-    `MOST_JOBS` (or one for each experiment, if these are more) take about as long each."""
-    expected = sum(Batch(name, 0, number).seconds for name, (number, _) in numbers.items())
-    longest = expected / max(MOST_JOBS - len(numbers), 1)
-    found: list[Batch] = []
+def study_batches(numbers: Mapping[str, tuple[int, int]]) -> list[tuple[str, int, int]]:
+    """The jobs of a study with so many trials (or campaigns) of each experiment, and so many of them at least in one
+    job: the experiment, the number of the first trial, and how many there are. Each experiment has at most four jobs,
+    so that a study has fewer than a hundred."""
+    found = []
     for name, (number, least) in numbers.items():
-        size = max(least, math.ceil(longest / Batch(name, 0, 1).seconds))
-        found += [Batch(name, first, min(size, number - first)) for first in range(0, number, size)]
+        size = max(least, math.ceil(number / 4))
+        found += [(name, first, min(size, number - first)) for first in range(0, number, size)]
     return found
-
-
-def planned(expected: Mapping[str, float]) -> str:
-    """What a dry run says of the jobs that it would run, from the expected time of each by its name [s]. Empty without
-    any."""
-    if not expected:
-        return ""
-    hours = sum(expected.values()) / 3600
-    lines = [f"expected time of one core for {len(expected)} jobs of the study, {hours:.1f} h in all:"]
-    for name, seconds in expected.items():
-        lines.append(f"  {name}: " + (f"{seconds / 60:.0f} min" if seconds >= 90 else f"{seconds:.0f} s"))
-    return "\n".join(lines)

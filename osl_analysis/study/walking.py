@@ -12,14 +12,8 @@ import numpy as np
 from osl_analysis.errors import InputError, OslAnalysisError
 from osl_analysis.ingest.raw_files import trial_from_files
 from osl_analysis.model.parameters import DrivetrainParameters
+from osl_analysis.simulator import crossing as simulated
 from osl_analysis.simulator.bench import drivetrain_effects
-from osl_analysis.simulator.crossing import (
-    SimulatedCrossing,
-    impedance_of_leg,
-    simulate_crossing,
-    simulate_walking_trial,
-    write_crossing_capture,
-)
 from osl_analysis.simulator.settings import SimulationSettings, stream
 from osl_analysis.simulator.step import GaitTrial, draw_step
 from osl_analysis.simulator.walking_settings import WalkingSettings
@@ -46,7 +40,7 @@ class StudyLaboratory:
     gait: WalkingSettings
     p: DrivetrainParameters
     analysis: WalkingAnalysis
-    recorded: Callable[[str, SimulatedCrossing], Crossing] | None = None
+    recorded: Callable[[str, simulated.SimulatedCrossing], Crossing] | None = None
     """How a crossing that was recorded by markers and plate is analysed; None: angle and torque themselves are seen."""
 
     def unperturbed(self, name: str) -> Crossing:
@@ -63,16 +57,16 @@ class StudyLaboratory:
         # the same crossing's stance without the perturbation, whatever the perturbation does to it
         ideal = isolate_response(walked_ideally, alone, analysis, "unperturbed")
         exact = fit_without_offset(ideal.fitted_motion, ideal.fitted_torque)
-        return self.seen(name, walked, noisy=True), exact, impedance_of_leg(walked, unperturbed)
+        return self.seen(name, walked, noisy=True), exact, simulated.impedance_of_leg(walked, unperturbed)
 
-    def walk(self, name: str, perturbed: bool) -> SimulatedCrossing:
+    def walk(self, name: str, perturbed: bool) -> simulated.SimulatedCrossing:
         """One crossing. Its name determines its random quantities, which are the same with and without the
         perturbation."""
         step = draw_step(GaitTrial(name, self.settings.seed, self.gait))
         effects = drivetrain_effects(self.settings) | {"cancels_friction": True}
-        return simulate_crossing(step, perturbed, effects, self.p)
+        return simulated.simulate_crossing(step, perturbed, effects, self.p)
 
-    def seen(self, name: str, walked: SimulatedCrossing, noisy: bool) -> Crossing:
+    def seen(self, name: str, walked: simulated.SimulatedCrossing, noisy: bool) -> Crossing:
         """Filtered angle and torque of a crossing at the markers' rate. Noise of markers and forces acts on a lever of
         0.1 m: from the middle of a cluster to its markers, and from the plate to the ankle."""
         if noisy and self.recorded is not None:
@@ -106,15 +100,15 @@ def recording(laboratory: StudyLaboratory, folder: Path, sources: Path, perturbe
         row = {"trial": name, "mocap": f"vicon/{name}.c3d", "mocap_source": "vicon"}
         return trial_from_files(row, folder, sources)
 
-    def recorded(name: str, walked: SimulatedCrossing) -> Trial:
+    def recorded(name: str, walked: simulated.SimulatedCrossing) -> Trial:
         if not (folder / "vicon" / f"{name}.c3d").exists():
-            write_crossing_capture(folder, walked)
+            simulated.write_crossing_capture(folder, walked)
         return ingested(name)
 
     rows = [{"trial": "static_1", "experiment": "static"}]
     rows += [{"trial": f"plate_{i}", "experiment": "plate"} for i in range(6)]
     for row in rows:
-        simulate_walking_trial(row, laboratory.settings, gait, laboratory.p, folder)
+        simulated.simulate_walking_trial(row, laboratory.settings, gait, laboratory.p, folder)
     standing, *unloaded = (ingested(row["trial"]) for row in rows)
     calibration, moved = static_calibration(standing, analysis), []
     plate = identify_plate_model([(trial, calibration) for trial in unloaded], analysis)
@@ -123,7 +117,7 @@ def recording(laboratory: StudyLaboratory, folder: Path, sources: Path, perturbe
             moved.append((recorded(name, laboratory.walk(name, True)), calibration))
     platform = identify_platform(moved, analysis)
 
-    def analysed(name: str, walked: SimulatedCrossing) -> Crossing:
+    def analysed(name: str, walked: simulated.SimulatedCrossing) -> Crossing:
         trial, is_perturbed = recorded(name, walked), walked.platform.onset is not None
         return analyse_crossing(trial, calibration, plate, is_perturbed, analysis, platform)
 

@@ -339,8 +339,7 @@ class Arrivals:
 
     def complete(self, now: float) -> list[tuple[Path, State]]:
         """Recordings that are new, or other than when they were examined, and rest: they have not changed for
-        `QUIET_S`, or twice as long as they paused before, and no process writes to them. The caller enters them in
-        `seen` once they are examined."""
+        `QUIET_S`, or twice as long as they paused before. The caller enters them in `seen` once they are examined."""
         found = []
         for path in recordings_in(self.folder):
             name = path.relative_to(self.folder).as_posix()
@@ -356,21 +355,9 @@ class Arrivals:
                 grew = before is not None or name in self.seen
                 pause, since = max(pause, now - since if grew else 0.0), now
             self.growing[name] = (state, since, pause)
-            if before == state and now - since >= min(max(QUIET_S, 2 * pause), 20.0) and not is_written(path):
+            if before == state and now - since >= min(max(QUIET_S, 2 * pause), 20.0):
                 found.append((path, state))
         return found
-
-
-def is_written(path: Path) -> bool:
-    """Whether a process of this machine has a file of a recording open for writing, as far as the system tells (Linux,
-    by the last digit of the file's flags)."""
-    files = {str(file.resolve()) for file in recorded_files(path)}
-    for link in Path("/proc").glob("[0-9]*/fd/*"):
-        with suppress(OSError):  # it is closed again, or belongs to somebody else
-            flags = link.parents[1] / "fdinfo" / link.name
-            if os.readlink(link) in files and re.search(r"^flags:\s*\d*[12]$", flags.read_text(), re.MULTILINE):
-                return True
-    return False
 
 
 def read_notes(path: Path) -> dict[str, State]:

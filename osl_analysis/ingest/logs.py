@@ -8,7 +8,7 @@ stands still is refused; stamps that repeat because they are rounded to a sampli
 import json
 import re
 from collections import defaultdict
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import fields, replace
 from functools import reduce
 from pathlib import Path
@@ -23,9 +23,10 @@ from osl_analysis.formats import csv_table
 from osl_analysis.formats.gait_text import read_opensim
 from osl_analysis.formats.json_lines import JsonLines, addresses_of, decode_lines, read_json_lines
 from osl_analysis.formats.mat import open_mat
+from osl_analysis.formats.mcap import read_mcap
 from osl_analysis.formats.message_fields import Columns, Indices
 from osl_analysis.formats.messages import Decoded, MessageFile, RefusedFileError, WrongFieldError, decode_topics
-from osl_analysis.formats.rosbag import siblings
+from osl_analysis.formats.rosbag import read_rosbag1, read_rosbag2, siblings
 from osl_analysis.formats.table import Table
 from osl_analysis.formats.tdms import read_tdms
 from osl_analysis.ingest.captures import exported_columns, exported_plates
@@ -36,60 +37,24 @@ from osl_analysis.trial import Array, check_time, counter_column, unit_of
 
 RATE = "state the rate: `time: {rate: 1000}`"
 SECOND = 1_000_000_000
-Tables = Sequence[tuple[float, Table]]  # each with the time [s] by which it begins after the first
 
 
-def read_table_log(tables_of: Callable[[Path, Source], Tables], path: Path, source: Source) -> Recording:
-    """The columns that the source file maps, in SI units; time [s] counts from the first row. Rows of another timing,
-    as TDMS may have, are null in the columns of the others. Raises InputError where it is not what that file says."""
-    tables = tables_of(path, source)
-    starts, recordings = [start for start, _ in tables], [table_recording(one, source, path.name) for _, one in tables]
-    if len(tables) == 1:
-        has_plates = source.format == "opensim" and source.plates
-        return exported_plates(tables[0][1], recordings[0], source) if has_plates else recordings[0]
-    ends = [start + float(one.samples["time"][-1]) for start, one in zip(starts, recordings, strict=True)]
-    if max(starts) > min(ends):
-        raise InputError(
-            f"its channels begin up to {max(starts):.3f} s apart and do not overlap; name channels of one task, or "
-            f"{RATE}"
-        )
-    stamps = []
-    for start, one in zip(starts, recordings, strict=True):
-        stamp = ((pl.col("time") + start) * SECOND).round().cast(pl.Int64).alias("stamp")
-        stamps.append(one.samples.select(stamp, pl.exclude("time")))
-    samples = joined_on_stamp(stamps)
-    time = ((samples["stamp"] - int(samples["stamp"][0])) / SECOND).alias("time")
-    facts = {
-        **recordings[0].facts,
-        "rates_hz": {", ".join(one.columns): one.facts["rates_hz"][path.name] for one in recordings},
-        "missing": {name: count for one in recordings for name, count in one.facts["missing"].items()},
-    }
-    warnings = list(dict.fromkeys(text for one in recordings for text in one.warnings))
-    origins = {name: origin for one in recordings for name, origin in one.columns.items()}
-    return Recording(samples.select(time, pl.exclude("stamp")), origins, facts, warnings)
-
-
-def wanted(source: Source) -> list[str]:
-    """The addresses of all columns that a source file names, each once: time, signals, counters."""
-    named = [name for one in source.channels.values() for name in (one.name, one.counter)]
-    return [*dict.fromkeys(name for name in [source.time.name, *named] if name)]
-
-
-def table_recording(table: Table, source: Source, file: str) -> Recording:
-    """The channels of the source file that a table has."""
-    channels = {column: one for column, one in source.channels.items() if one.name in table.columns}
+def read_table_log(path: Path, source: Source) -> Recording:
+    """The columns that the source file maps, in SI units; time [s] counts from the first row. Raises InputError where
+    the log is not what that file says."""
+    table = TABLES[source.format](path, source)
     time, start = time_of(table, source)
     first_by: dict[int, str] = {}
-    for column, channel in channels.items():  # two signals of different units, such as angle and torque, of one column
+    for column, channel in source.channels.items():  # two of different units, such as angle and torque, of one column
         other = first_by.setdefault(id(table.columns[channel.name]), column)
         if unit_of(other) != unit_of(column):
             place = source.place("channels", column, channel.ADDRESS)
             raise InputError(f"{channel.title} is {other} and {column} in the source file; correct {place}")
-    columns, said = canonical_columns(table, channels, time, source)
+    columns, said = canonical_columns(table, source.channels, time, source)
     samples = pl.DataFrame([pl.Series("time", time), *columns])
-    missing, origins = {column: int(samples[column].is_nan().sum()) for column in channels}, {}
+    missing, origins = {column: int(samples[column].is_nan().sum()) for column in source.channels}, {}
     said += [f"{name} is {table.failed} in {n} of {time.size} {table.noun}s" for name, n in missing.items() if n]
-    for column, channel in channels.items():
+    for column, channel in source.channels.items():
         unit = table.units.get(channel.name, "")
         origins[column] = {**channel.origin(column, unit), **table.found.get(channel.name, {})}
         if channel.unit and unit and channel.unit != unit:
@@ -106,14 +71,21 @@ def table_recording(table: Table, source: Source, file: str) -> Recording:
         said.append(f"{repeated} of {fresh.size} {table.noun}s repeat the stamp of the {table.noun} before and {did}")
     facts = {
         "time": {**source.time.model_dump(exclude_none=True), "start": start},
-        "rates_hz": {file: median_rate(time[kept])},
+        "rates_hz": {path.name: median_rate(time[kept])},
         "repeated_stamps": repeated,
         "missing": missing,
         **table.facts,
         **({"damage": dict(table.report)} if table.report else {}),
     }
-    warnings = [f"{file}: {text}" for text in (*table.notes, *said)]
-    return Recording(samples.filter(pl.Series(kept)), origins, facts, warnings)
+    warnings = [f"{path.name}: {text}" for text in (*table.notes, *said)]
+    recording = Recording(samples.filter(pl.Series(kept)), origins, facts, warnings)
+    return exported_plates(table, recording, source) if source.format == "opensim" and source.plates else recording
+
+
+def wanted(source: Source) -> list[str]:
+    """The addresses of all columns that a source file names, each once: time, signals, counters."""
+    named = [name for one in source.channels.values() for name in (one.name, one.counter)]
+    return [*dict.fromkeys(name for name in [source.time.name, *named] if name)]
 
 
 def canonical_columns(
@@ -205,7 +177,7 @@ LEVEL_UNIT = "V"  # of the columns that may be read from truth values: levels of
 TRUTHS = {"true": "1", "false": "0"}
 
 
-def csv_tables(path: Path, source: Source) -> Tables:
+def csv_log(path: Path, source: Source) -> Table:
     layout = csv_table.CsvLayout(**{one.name: getattr(source, one.name) for one in fields(csv_table.CsvLayout)})
     text = csv_table.read_csv_table(path, layout)
     places = {name: text.column(name) for name in wanted(source)}
@@ -216,7 +188,7 @@ def csv_tables(path: Path, source: Source) -> Tables:
     for name, place in places.items():
         if csv_table.name_and_unit(text.names[place])[0] != csv_table.name_and_unit(name)[0]:
             found[name] = {"found": text.names[place]}
-    table = Table(
+    return Table(
         len(text.lines),
         {name: values[place] for name, place in places.items()},
         {name: text.units[place] for name, place in places.items()},
@@ -227,7 +199,6 @@ def csv_tables(path: Path, source: Source) -> Tables:
         lines=text.lines,
         failed="missing",
     )
-    return [(0.0, table)]
 
 
 def cells_of(text: csv_table.CsvTable, place: int, source: Source, level: bool, is_time: bool) -> NDArray[Any]:
@@ -271,7 +242,7 @@ def remedy_for(text: str, name: str, source: Source, is_time: bool, first: bool)
     return f"correct the cell, or add {json.dumps(text[:40], ensure_ascii=False)} to `missing` in the source file"
 
 
-def json_tables(path: Path, source: Source) -> Tables:
+def json_log(path: Path, source: Source) -> Table:
     """A line that lacks a field has no sample of it. `null` is no value, `NaN` a reading that failed."""
     lines, field = read_json_lines(path), source.time.field
     parts = stamps_among(addresses_of(lines)[0]).get(field, ()) if field else ()
@@ -300,7 +271,7 @@ def json_tables(path: Path, source: Source) -> Tables:
     if parts:
         stamps = nanoseconds(table, parts, "field", f"name another time, or {RATE}")
         table = replace(table, columns={**columns, str(field): stamps}, units={str(field): "ns"})
-    return [(0.0, table)]
+    return table
 
 
 def notes_on(lines: JsonLines, decoded: Columns) -> list[str]:
@@ -339,7 +310,7 @@ def nanoseconds(table: Table, parts: Sequence[str], what: str, remedy: str) -> N
     return stamps
 
 
-def mat_tables(path: Path, source: Source) -> Tables:
+def mat_log(path: Path, source: Source) -> Table:
     file = open_mat(path)
     signals = file.signals(wanted(source), source.log_part)
     vectors = {text: values for text, (_, values) in signals.items()}
@@ -352,46 +323,44 @@ def mat_tables(path: Path, source: Source) -> Tables:
             )
     facts = {"version": file.version, "header": file.header, "log_part": source.log_part}
     found = {text: {"variable": address} for text, (address, _) in signals.items()}
-    return [(0.0, Table(vectors[reference].size, vectors, facts=facts, found=found, noun="sample"))]
+    return Table(vectors[reference].size, vectors, facts=facts, found=found, noun="sample")
 
 
-def tdms_tables(path: Path, source: Source) -> Tables:
-    """A table for each timing that channels have by their own properties; one where the source file tells the time."""
+def tdms_log(path: Path, source: Source) -> Table:
+    """Channels of one timing: that of a channel of time, of the rate, or of their own properties."""
     file = read_tdms(path)
-    timings: dict[tuple[int, float, float | None, int], list[Channel]] = defaultdict(list)
-    for mapped in source.channels.values():
-        channel = file.channel(mapped.name)
-        told = (channel.begin, channel.offset, channel.step, channel.count)
-        if source.time.name or source.time.rate is not None:
-            told = (0, 0.0, None, 0)
-        elif channel.step is None:
+    channels = {name: file.channel(name) for name in wanted(source)}
+    one, notes = next(iter(channels.values())), list(file.notes)
+    by_properties = not source.time.name and source.time.rate is None
+    for other in channels.values() if by_properties else ():
+        if other.step is None:
             raise InputError(
-                f"channel '{channel.address}' has no timing (`wf_increment` among its properties); name the "
+                f"channel '{other.address}' has no timing (`wf_increment` among its properties); name the "
                 f"channel of time, as `time: {{channel: GROUP/NAME, unit: s}}`, or {RATE}"
             )
-        timings[told].append(mapped)
-    first, tables = min(begin for begin, *_ in timings), list[tuple[float, Table]]()
-    report = {"complete": False, "messages_lost": None, "remarks": list(file.notes)} if file.notes else {}
-    for (begin, offset, step, length), of_timing in timings.items():
-        named = [source.time.name, *(name for mapped in of_timing for name in (mapped.name, mapped.counter))]
-        channels = {name: file.channel(name) for name in named if name}
-        one = file.channel(of_timing[0].name)
-        for other in channels.values():
-            if other.count != one.count:
-                raise InputError(
-                    f"channel '{other.address}' has {other.count} values and '{one.address}' has {one.count}; name "
-                    "channels of one recording, or export those of each length on their own"
-                )
-        values = file.values([*channels.values()])
-        columns = {name: values[channel.address] for name, channel in channels.items()}
-        units = {name: "s" if channel.holds_times else channel.unit for name, channel in channels.items()}
-        own = None if step is None else np.asarray(np.arange(length) * step, dtype=np.float64)
-        table = Table(one.count, columns, units, own, file.notes, report)
-        tables.append((offset + (begin - first) * 1e-6, table))
-    return tables
+        if (other.begin, other.offset, other.step) != (one.begin, one.offset, one.step):
+            raise InputError(
+                f"channels '{one.address}' and '{other.address}' differ in beginning or rate; name channels of one "
+                f"task, or {RATE}"
+            )
+    values = file.values([*channels.values()])
+    shortest, longest = (end(channels.values(), key=lambda channel: channel.count) for end in (min, max))
+    if shortest.count < longest.count:
+        if not (by_properties and file.notes):  # else the end of the recording is missing in some channels
+            raise InputError(
+                f"channel '{shortest.address}' has {shortest.count} values and '{longest.address}' has "
+                f"{longest.count}; name channels of one recording, or export those of each length on their own"
+            )
+        notes.append(f"the channels end at different values; the first {shortest.count} of each are read")
+    rows, kept = shortest.count, {address: one[: shortest.count] for address, one in values.items()}
+    columns = {name: kept[channel.address] for name, channel in channels.items()}
+    units = {name: "s" if channel.holds_times else channel.unit for name, channel in channels.items()}
+    own = np.arange(rows) * one.step if by_properties and one.step is not None else None
+    report = {"complete": False, "messages_lost": None, "remarks": notes} if notes else {}
+    return Table(rows, columns, units, own, notes, report)
 
 
-def opensim_tables(path: Path, source: Source) -> Tables:
+def opensim_log(path: Path, source: Source) -> Table:
     table = read_opensim(path)
     angles = {"rad": {"deg": "deg", "rad": "rad"}, "rad/s": {"deg": "deg/s", "rad": "rad/s"}}
     for column, channel in source.channels.items():  # a unit of an angle that is not the one of the header's inDegrees
@@ -404,14 +373,20 @@ def opensim_tables(path: Path, source: Source) -> Tables:
             )
     plates = [name for plate in source.plates.values() for name in exported_columns(plate)]
     columns = {name: table.column(name) for name in dict.fromkeys([*wanted(source), *plates])}
-    return [(0.0, Table(len(table.rows), columns, facts={"header": table.header, "clock": source.clock}))]
+    return Table(len(table.rows), columns, facts={"header": table.header, "clock": source.clock})
 
 
-def read_message_log(opened: Callable[[Path], MessageFile], path: Path, source: Source) -> Recording:
+TABLES = {"csv": csv_log, "json_lines": json_log, "mat": mat_log, "tdms": tdms_log, "opensim": opensim_log}
+
+
+OPENERS = {"mcap": read_mcap, "rosbag1": read_rosbag1, "rosbag2": read_rosbag2}
+
+
+def read_message_log(path: Path, source: Source) -> Recording:
     """The columns that the source file maps, in SI units; time [s] counts from the first stamp. Topics with different
     stamps have rows of their own, null in the columns of the others. The losses of the file are in the facts under
     `damage`. Refused is what cannot be decoded, a loss above `largest_loss`, and stamps that contradict each other."""
-    file = opened(path)
+    file = OPENERS[source.format](path)
     if source.format == "mcap" and (remark := siblings(path)[1]):
         file.damage.remarks.append(remark)
     by_topic: dict[str, dict[str, Channel]] = defaultdict(dict)

@@ -21,7 +21,7 @@ from osl_analysis.formats.gait_text import read_opensim, read_sections, read_trc
 from osl_analysis.formats.json_lines import MOST_ELEMENTS, addresses_of, decode_lines, read_json_lines
 from osl_analysis.formats.mat import Value, open_mat
 from osl_analysis.formats.message_fields import FieldDescription, describe_message, last_name
-from osl_analysis.formats.messages import ChannelLog, MessageFile, read_channels
+from osl_analysis.formats.messages import ChannelLog, read_channels
 from osl_analysis.formats.tdms import read_tdms
 from osl_analysis.ingest import logs
 from osl_analysis.ingest.captures import analog_rates, plate_count, plate_loads, plate_parameter, vertical_axis
@@ -171,77 +171,63 @@ def time_setting(key: str, clock: RecordedChannel | None) -> dict[str, str]:
     return {key: clock.address[key], "unit": clock.unit or clock.likely_unit or UNKNOWN}
 
 
-def guessed_csv(rows: csv_table.Rows) -> tuple[list[str], list[str], csv_table.Rows, bool]:
-    """Titles of the columns (their numbers, counted from 1, without a header), units in a row below (or none), rows,
-    and whether there is a header; refused is text that is no table: more than half of its rows hold no number."""
-    if not rows:
-        raise InputError("holds no rows; check that it is a recording")
+def inspect_csv(path: Path) -> Overview:
+    """Columns with unit, range and words, read by a guess at the layout: text of which more than half of the rows hold
+    no number is no table."""
 
     def seems_number(cell: str) -> bool:
         return csv_table.is_number_cell(cell.replace(",", "."))
 
+    lines = csv_table.read_lines(path)
+    content = [(line, text) for line, text in lines if not text.lstrip().startswith("#")]
+    delimiter = csv_table.delimiter_of(content, "auto")
+    rows = csv_table.split_rows(content, delimiter)
+    if not rows:
+        raise InputError("holds no rows; check that it is a recording")
     headed = not all(seems_number(cell) for cell in rows[0][1] if cell)
-    first = csv_table.unpadded(rows[0][1], 0)
-    titles = first if headed else [str(place + 1) for place in range(len(first))]
-    body = [(line, csv_table.unpadded(cells, len(titles))) for line, cells in (rows[1:] if headed else rows)]
-    if headed:
-        csv_table.check_header_place(rows[0], body)
-    below = body[0][1] if headed and body else []
+    below = rows[1][1] if headed and len(rows) > 1 else []
     known = [bool(cell) and is_unit(csv_table.without_brackets(cell)) and cell != "1" for cell in below]
     has_units = not any(map(seems_number, below)) and sum(known) > len(below) / 2
-    below, body = (below, body[1:]) if has_units else ([], body)
-    if not body:
-        raise InputError("no rows of data below the header; check that it is a recording")
+    body = rows[headed + has_units :]
+    if headed:
+        csv_table.check_header_place(rows[0], body)
     prose = [row for row in body if not any(map(seems_number, row[1]))]
     if len(prose) > len(body) / 2:
         raise InputError(
             f"no table of numbers: {len(prose)} of {len(body)} rows hold none, such as line {prose[0][0]}, "
             f"'{' '.join(prose[0][1])[:40]}'; name a recording, or write a header and a row per sample"
         )
-    return titles, below, body, headed
-
-
-def inspect_csv(path: Path) -> Overview:
-    lines = csv_table.read_lines(path)
-    comments = [text for _, text in lines if text.lstrip().startswith("#")]
-    content = [(line, text) for line, text in lines if not text.lstrip().startswith("#")]
-    delimiter = csv_table.delimiter_of(content, "auto")
-    titles, units, body, has_header = guessed_csv(csv_table.split_rows(content, delimiter))
-    rows = ([*row, *[""] * len(titles)][: len(titles)] for _, row in body)
-    cells = [pl.Series(column, dtype=pl.String) for column in zip(*rows, strict=True)]
+    layout = csv_table.CsvLayout(delimiter, header="row" if headed else "none", units_row=has_units, most_missing=1.0)
+    table = csv_table.table_of(lines, replace(layout, extra_cells="last", ragged="skip"))
+    titles, cells = table.names, table.body.get_columns()
     values = [one.str.replace(",", ".", literal=True).cast(pl.Float64, strict=False) for one in cells]
     readings = {title: one.drop_nulls().to_numpy() for title, one in zip(titles, values, strict=True)}
     clock, left_open = clock_of("columns", readings, str)
     channels = []
-    for place, title in enumerate(titles):
-        name, unit = csv_table.name_and_unit(title)
-        unit = unit or (csv_table.without_brackets(units[place]) if place < len(units) else "")
+    for title, unit, text, numbers in zip(titles, table.units, cells, values, strict=True):
         # of an object without a name Python prints its number, which changes from run to run; the pattern fits the next
         # recording too, where only this column of the file fits it
+        name = csv_table.name_and_unit(title)[0]
         pattern = re.sub(r"<[^<>]* object at 0x[0-9a-fA-F]+>", "*", name)
         lasting = pattern if pattern != name and len(csv_table.places_of(pattern, titles)) == 1 else name
-        words = Counter(cells[place].filter(values[place].is_null()).to_list()).most_common(5)
+        words = Counter(text.filter(numbers.is_null()).to_list()).most_common(5)
         also = "".join(f", {count} x '{word}'" for word, count in words)
-        numbers = values[place].drop_nulls().to_numpy()
-        channels.append(listed({"column": lasting}, title, numbers, title == clock, unit, also=also))
-    remarks = []
-    for length, count in Counter(len(row) for _, row in body).items():
-        if length != len(titles):
-            line = next(line for line, row in body if len(row) == length)
-            remarks.append(f"{count} rows have {length} cells under {len(titles)} names, the first in line {line}")
+        known_numbers = numbers.drop_nulls().to_numpy()
+        channels.append(listed({"column": lasting}, title, known_numbers, title == clock, unit, also=also))
+    unnamed = all(len(row) == len(body[0][1]) > len(titles) for _, row in body)
     settings = {
         "clock": "master",
         "delimiter": {sign: word for word, sign in csv_table.DELIMITERS.items()}.get(delimiter, delimiter),
-        **({} if has_header else {"header": "none"}),
-        **({"units_row": True} if units else {}),
+        **({} if headed else {"header": "none"}),
+        **({"units_row": True} if has_units else {}),
         **({"decimal": ","} if delimiter != "," and any("," in c for _, row in body[:5] for c in row) else {}),
-        **({"extra_cells": UNKNOWN} if all(len(row) == len(body[0][1]) > len(titles) for _, row in body) else {}),
+        **({"extra_cells": UNKNOWN} if unnamed else {}),
         "time": time_setting("column", None if clock is None else channels[titles.index(clock)]),
     }
-    facts = {"rows": str(len(body)), "delimiter": repr(delimiter), "header": "yes" if has_header else "none"}
-    facts |= {f"comment {i + 1}": text.strip() for i, text in enumerate(comments[:20])}
+    facts = {"rows": str(len(table.lines)), "delimiter": repr(delimiter), "header": "yes" if headed else "none"}
+    facts |= {f"comment {i + 1}": text for i, text in enumerate(table.comments[:20])}
     named = {one.address["column"]: one.likely_unit for one in channels}
-    remarks += guesses({name: unit for name, unit in named.items() if likely_unit(name)})
+    remarks = [*table.notes, *guesses({name: unit for name, unit in named.items() if likely_unit(name)})]
     return Overview("csv", facts, channels, remarks, settings, open=left_open)
 
 
@@ -413,16 +399,10 @@ ROS_UNITS = {
 """Units of standard messages of ROS (REP 103), by the beginning of the field. A joint that slides has other ones."""
 
 
-def inspect_messages(name: str, opened: Callable[[Path], MessageFile], path: Path) -> Overview:
+def inspect_messages(name: str, path: Path) -> Overview:
     """Topics with schema, encoding, rate and gaps by log time, every field of each, and what is damaged."""
-    file = opened(path)
+    file = logs.OPENERS[name](path)
     surveys, remarks = read_channels(file), list(file.damage.all_remarks())
-    for survey in surveys:
-        table = pl.DataFrame({"stamp": survey.log_time, "message": np.arange(survey.log_time.size)})
-        try:  # what ingest will say of a channel's log times, if they go back
-            logs.check_not_set(survey.channel.topic, table, "its log times cannot be used")
-        except InputError as error:
-            remarks.append(str(error))
     channels, source = list[RecordedChannel](), "log"
     for survey in surveys:
         fields, reason = list[FieldDescription](), ""

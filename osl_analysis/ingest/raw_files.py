@@ -18,14 +18,15 @@ from osl_analysis.formats.csv_table import is_text
 from osl_analysis.formats.gait_text import is_nexus, is_opensim, is_trc
 from osl_analysis.formats.json_lines import is_json_lines
 from osl_analysis.formats.mat import is_mat
-from osl_analysis.formats.mcap import MAGIC, read_mcap
-from osl_analysis.formats.messages import MessageFile
+from osl_analysis.formats.mcap import MAGIC
 from osl_analysis.formats.other_formats import FIRST_BYTES, refuse_others
-from osl_analysis.formats.rosbag import ANY_BAG1, SQLITE, files_in, folder_format, read_rosbag1, read_rosbag2
+from osl_analysis.formats.rosbag import ANY_BAG1, SQLITE, files_in, folder_format
 from osl_analysis.formats.tdms import is_tdms
-from osl_analysis.ingest import logs, overview
+from osl_analysis.ingest import overview
 from osl_analysis.ingest.captures import read_c3d_capture, read_nexus_capture, read_trc_capture
 from osl_analysis.ingest.clock import ClockFit, aligned_clock
+from osl_analysis.ingest.logs import read_message_log, read_table_log
+from osl_analysis.ingest.overview import Overview, inspect_messages
 from osl_analysis.ingest.source import SOURCES, UNKNOWN, Recording, Source, check_sizes, open_places
 from osl_analysis.trial import COLUMNS, Trial
 from osl_analysis.yaml_settings import Settings, dotted, field_line, read_mapping, read_yaml
@@ -42,6 +43,10 @@ def named(path: Path) -> Iterator[None]:
         raise InputError(f"{path}: {error}") from error
 
 
+Reader = Callable[[Path, Source], Recording]  # reads a file by its source file
+Lister = Callable[[Path], Overview]  # lists what a file holds, without a source file
+
+
 @dataclass(frozen=True)
 class KnownFormat:
     """One format of logs or captures."""
@@ -50,8 +55,8 @@ class KnownFormat:
     begins: Callable[[bytes], bool]  # whether a file that begins with these bytes is of this format
     suffixes: tuple[str, ...]
     """Endings of files of this format, for files that are not recognised by their first bytes."""
-    reader: Callable[[Path, Source], Recording]  # reads a file by its source file
-    lister: Callable[[Path], overview.Overview]  # lists what a file holds, without a source file
+    reader: Reader
+    lister: Lister
 
     @property
     def is_capture(self) -> bool:
@@ -63,35 +68,32 @@ class KnownFormat:
         with named(path):
             return self.reader(path, source)
 
-    def inspect(self, path: Path) -> overview.Overview:
+    def inspect(self, path: Path) -> Overview:
         """What a file holds. Raises InputError, which names the file."""
         with named(path):
             return self.lister(path)
 
 
-def of_messages(name: str, mark: bytes, suffix: str, opened: Callable[[Path], MessageFile]) -> KnownFormat:
-    """A format of messages by topic, whose files begin with a mark."""
-    reader, lister = partial(logs.read_message_log, opened), partial(overview.inspect_messages, name, opened)
-    return KnownFormat(SOURCES[name], lambda begin: begin.startswith(mark), (suffix,), reader, lister)
+def begins_with(mark: bytes) -> Callable[[bytes], bool]:
+    return lambda begin: begin.startswith(mark)
 
 
-of_rows = partial(partial, logs.read_table_log)  # a reader of rows, by what makes the tables of a file
+KNOWN: Sequence[tuple[str, Callable[[bytes], bool], tuple[str, ...], Reader, Lister]] = (
+    ("mcap", begins_with(MAGIC), (".mcap",), read_message_log, partial(inspect_messages, "mcap")),
+    ("rosbag1", begins_with(ANY_BAG1), (".bag",), read_message_log, partial(inspect_messages, "rosbag1")),
+    ("rosbag2", begins_with(SQLITE), (".db3",), read_message_log, partial(inspect_messages, "rosbag2")),
+    ("c3d", is_c3d, (".c3d",), read_c3d_capture, overview.inspect_c3d),
+    ("nexus_csv", is_nexus, (), read_nexus_capture, overview.inspect_nexus),
+    ("mat", is_mat, (".mat",), read_table_log, overview.inspect_mat),
+    ("tdms", is_tdms, (".tdms",), read_table_log, overview.inspect_tdms),
+    ("trc", is_trc, (".trc",), read_trc_capture, overview.inspect_trc),
+    ("opensim", is_opensim, (".mot", ".sto"), read_table_log, overview.inspect_opensim),
+    ("json_lines", is_json_lines, (".jsonl", ".ndjson"), read_table_log, overview.inspect_json),
+    ("csv", is_text, (".csv",), read_table_log, overview.inspect_csv),
+)
 FORMATS = {
-    "mcap": of_messages("mcap", MAGIC, ".mcap", read_mcap),
-    "rosbag1": of_messages("rosbag1", ANY_BAG1, ".bag", read_rosbag1),
-    "rosbag2": of_messages("rosbag2", SQLITE, ".db3", read_rosbag2),
-    "c3d": KnownFormat(SOURCES["c3d"], is_c3d, (".c3d",), read_c3d_capture, overview.inspect_c3d),
-    "nexus_csv": KnownFormat(SOURCES["nexus_csv"], is_nexus, (), read_nexus_capture, overview.inspect_nexus),
-    "mat": KnownFormat(SOURCES["mat"], is_mat, (".mat",), of_rows(logs.mat_tables), overview.inspect_mat),
-    "tdms": KnownFormat(SOURCES["tdms"], is_tdms, (".tdms",), of_rows(logs.tdms_tables), overview.inspect_tdms),
-    "trc": KnownFormat(SOURCES["trc"], is_trc, (".trc",), read_trc_capture, overview.inspect_trc),
-    "opensim": KnownFormat(
-        SOURCES["opensim"], is_opensim, (".mot", ".sto"), of_rows(logs.opensim_tables), overview.inspect_opensim
-    ),
-    "json_lines": KnownFormat(
-        SOURCES["json_lines"], is_json_lines, (".jsonl", ".ndjson"), of_rows(logs.json_tables), overview.inspect_json
-    ),
-    "csv": KnownFormat(SOURCES["csv"], is_text, (".csv",), of_rows(logs.csv_tables), overview.inspect_csv),
+    name: KnownFormat(SOURCES[name], begins, suffixes, reader, lister)
+    for name, begins, suffixes, reader, lister in KNOWN
 }
 SUFFIXES = tuple(suffix for known in FORMATS.values() for suffix in known.suffixes)  # of recordings that are read
 NOT_READ = (".h5", ".tsv", ".xlsx")  # of recordings that are not: `samples` lists them with the remedy

@@ -71,22 +71,14 @@ def test_an_index_beside_the_file_is_not_looked_at(tmp_path: Path) -> None:
     assert "the index of a TDMS file; name the .tdms file beside it" in refused(tmp_path / "c.tdms")
 
 
-def test_channels_of_other_rates_have_rows_of_their_own(tmp_path: Path) -> None:
-    channels = [("Angle", ANGLE, timing(unit_string="deg")), ("Torque", TORQUE[:20], timing(5e-3, 0.0025))]
-    path = write(tmp_path / "a.tdms", channels)
-    recording = read(path)
-    samples = recording.samples
-    np.testing.assert_allclose(samples.drop_nulls("theta")["time"], np.arange(ROWS) * 1e-3, atol=1e-12)
-    np.testing.assert_allclose(samples.drop_nulls("torque")["time"], 0.0025 + np.arange(20) * 5e-3, atol=1e-12)
-    assert len(samples) == 120
-    assert recording.facts["rates_hz"] == pytest.approx({"theta": 1000.0, "torque": 200.0})
+def test_channels_that_begin_at_other_times_or_have_other_rates_are_refused(tmp_path: Path) -> None:
     later = {**timing(), "wf_start_time": START + np.timedelta64(2500, "us")}
-    tasks = write(tmp_path / "c.tdms", [("Angle", ANGLE, timing(unit_string="deg")), ("Torque", TORQUE, later)])
-    started = read(tasks).samples.drop_nulls("torque")["time"][0]
-    assert started == pytest.approx(2.5e-3, abs=1e-9)
-    late = write(tmp_path / "b.tdms", [("Angle", ANGLE, timing()), ("Torque", TORQUE, timing(1e-3, 60.0))])
-    channels = {**SOURCE["channels"], "theta": {"channel": "Angle", "unit": "deg"}}  # type: ignore[dict-item]
-    assert "begin up to 60.000 s apart and do not overlap" in refused(late, channels=channels)
+    for torque, other in ((TORQUE[:20], timing(5e-3)), (TORQUE, timing(1e-3, 0.0025)), (TORQUE, later)):
+        path = write(tmp_path / "a.tdms", [("Angle", ANGLE, timing(unit_string="deg")), ("Torque", torque, other)])
+        said = refused(path)
+        assert (
+            "channels 'Bench/Angle' and 'Bench/Torque' differ in beginning or rate; name channels of one task" in said
+        )
 
 
 def test_without_timing_the_file_is_refused_until_the_source_file_tells_it(tmp_path: Path) -> None:
@@ -124,11 +116,10 @@ def test_a_file_that_is_cut_off_is_read_up_to_there_with_a_warning_or_refused(tm
     path = bench(tmp_path / "a.tdms", 4)
     whole = path.read_bytes()
     path.write_bytes(whole[:-100])
-    channels = {"theta": {"channel": "Angle"}}
-    recording = read(path, channels=channels)
-    assert len(recording.samples) == ROWS
-    recording = read(path, channels={"torque": SOURCE["channels"]["torque"]})  # type: ignore[index]
+    assert len(read(path, channels={"theta": {"channel": "Angle"}}).samples) == ROWS
+    recording = read(path)
     assert len(recording.samples) == ROWS - 25
+    assert any("end at different values; the first 75 of each are read" in text for text in recording.warnings)
     assert any("the last segment is not complete" in text for text in recording.warnings)
     assert recording.facts["damage"]["complete"] is False
     assert recording.facts["damage"]["messages_lost"] is None

@@ -82,22 +82,22 @@ def test_damage_of_an_mcap_file_is_listed_and_the_rest_too(tmp_path: Path) -> No
     assert overview.facts["checksums"] == "checked"
 
 
-BENCH = "# rig: B\ntime [ms],angle [deg],state\n0,1.5,ok\n10,2.5,ok\n20,3.5,ERROR\n90,4\n"
+BENCH = "# rig: B\ntime [ms],angle [deg],state\n0,1.5,ok\n10,2.5,ok\n20,3.5,ERROR\n90,4.5,ok\n100,4\n"
 
 
 def test_a_csv_file_lists_columns_units_gaps_words_and_odd_rows_and_its_draft_reads_it(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
     path.write_text(BENCH)
     text = overview_text(inspect_file(path))
-    assert "comment 1: # rig: B" in text
-    assert "column         angle [deg]  4 samples; from 1.5 to 4" in text
+    assert "comment 1: rig: B" in text
+    assert "column         angle [deg]  4 samples; from 1.5 to 4.5" in text
     assert "a clock, 0.1 per unit, 1 gaps, the longest 70.000 s" in text
-    assert "2 x 'ok'" in text
-    assert "! 1 rows have 2 cells under 3 names, the first in line 6" in text
+    assert "3 x 'ok'" in text
+    assert "! the last line, 7, is cut off and was skipped" in text
     content = draft_source(inspect_file(path), "a.csv").replace("NAME_1", "theta")
     (tmp_path / "a.yaml").write_text("\n".join(line for line in content.splitlines() if "NAME_2" not in line))
     source = read_source(tmp_path / "a.yaml")
-    np.testing.assert_allclose(FORMATS["csv"].read(path, source).samples["time"], [0, 0.01, 0.02])
+    np.testing.assert_allclose(FORMATS["csv"].read(path, source).samples["time"], [0, 0.01, 0.02, 0.09])
 
 
 MARKERS = ["S01:FOOT1", "FOOT2", "HEEL", "SHANK1", "SHANK2", "TIB_M", "PLAT1", "PLAT2", "ANKLE_MED", "ANK_L", "C7"]

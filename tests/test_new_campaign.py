@@ -11,12 +11,12 @@ from jsonschema import Draft202012Validator
 
 from osl_analysis.cli import main
 from osl_analysis.commands.inspect import draft_campaign
-from osl_analysis.commands.reference import definitions_of, schemas
+from osl_analysis.commands.reference import schemas
 from osl_analysis.commands.run import looked_at, snakemake_arguments
 from osl_analysis.errors import InputError
 from osl_analysis.files import shipped
 from osl_analysis.ingest.draft import draft_trials
-from osl_analysis.ingest.raw_files import FORMATS, read_source
+from osl_analysis.ingest.raw_files import read_source
 from osl_analysis.ingest.source import open_places
 
 KINDS = {
@@ -31,7 +31,6 @@ KINDS = {
     "config/simulation/[!w]*.yaml": "simulation",
 }
 """The schema of each shipped file."""
-UNITS = ("unit", "point_unit")
 """Fields of source files that hold a unit, beside those of plates."""
 
 
@@ -167,14 +166,3 @@ def test_every_shipped_file_is_valid_by_its_schema_which_refuses_an_unknown_fiel
     assert not validators["config"].is_valid({"dynamometer": {"cutoff_hz": -1}})
     assert not validators["source"].is_valid({"format": "csv", "clock": "master", "chanels": {}})
     assert "sample sheet" in made["config"]["$defs"]["Config"]["properties"]["sheet"]["description"]
-
-
-@pytest.mark.parametrize("name", FORMATS)
-def test_wherever_a_source_file_states_a_unit_an_editor_flags_a_wrong_one(name):
-    made = definitions_of({"": FORMATS[name].source})[1]
-    plates = list(made.get("PlateUnits", {"properties": {}})["properties"].values())
-    fields = plates + [one["properties"][key] for one in made.values() for key in one["properties"] if key in UNITS]
-    for field in fields:
-        texts = [one for one in field.get("anyOf", ()) if one.get("type") == "string"] or [field]
-        assert not Draft202012Validator({"anyOf": texts}).is_valid("degre")
-    assert fields

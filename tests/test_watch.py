@@ -13,7 +13,6 @@ from conftest import ROOT
 
 from osl_analysis.commands import inspect as module
 from osl_analysis.commands.inspect import (
-    QUIET_S,
     Arrivals,
     WatchedBench,
     device_of_row,
@@ -86,16 +85,6 @@ def test_a_file_that_grows_with_pauses_is_taken_for_complete_once_at_most(tmp_pa
     assert looks(arrivals, *range(100, 130)).count(["a.csv"]) == 1
     touch(log, "", 140)
     assert ["a.csv"] not in looks(arrivals, *range(200, 230))
-
-
-def test_a_file_that_a_process_still_writes_to_is_left_alone(tmp_path):
-    arrivals, log = Arrivals(tmp_path), tmp_path / "a.csv"
-    with log.open("w") as file:
-        file.write("begun")
-        file.flush()
-        assert looks(arrivals, 0, QUIET_S, 3 * QUIET_S) == [[], [], []]
-    with log.open():
-        assert looks(arrivals, 4 * QUIET_S) == [["a.csv"]]
 
 
 def test_what_was_not_examined_before_a_restart_is_examined_then_and_no_more(tmp_path, bench, monkeypatch):

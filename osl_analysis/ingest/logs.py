@@ -355,9 +355,9 @@ def tdms_log(path: Path, source: Source) -> Table:
     rows, kept = shortest.count, {address: one[: shortest.count] for address, one in values.items()}
     columns = {name: kept[channel.address] for name, channel in channels.items()}
     units = {name: "s" if channel.holds_times else channel.unit for name, channel in channels.items()}
-    own = np.arange(rows) * one.step if by_properties and one.step is not None else None
+    own = None if one.step is None else np.asarray(np.arange(rows) * one.step, dtype=np.float64)
     report = {"complete": False, "messages_lost": None, "remarks": notes} if notes else {}
-    return Table(rows, columns, units, own, notes, report)
+    return Table(rows, columns, units, own if by_properties else None, notes, report)
 
 
 def opensim_log(path: Path, source: Source) -> Table:

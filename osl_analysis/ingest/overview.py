@@ -198,7 +198,7 @@ def inspect_csv(path: Path) -> Overview:
             f"'{' '.join(prose[0][1])[:40]}'; name a recording, or write a header and a row per sample"
         )
     layout = csv_table.CsvLayout(delimiter, header="row" if headed else "none", units_row=has_units, most_missing=1.0)
-    table = csv_table.table_of(lines, replace(layout, extra_cells="last", ragged="skip"))
+    table = csv_table.table_of(lines, replace(layout, ragged="skip"))
     titles, cells = table.names, table.body.get_columns()
     values = [one.str.replace(",", ".", literal=True).cast(pl.Float64, strict=False) for one in cells]
     readings = {title: one.drop_nulls().to_numpy() for title, one in zip(titles, values, strict=True)}
@@ -214,14 +214,12 @@ def inspect_csv(path: Path) -> Overview:
         also = "".join(f", {count} x '{word}'" for word, count in words)
         known_numbers = numbers.drop_nulls().to_numpy()
         channels.append(listed({"column": lasting}, title, known_numbers, title == clock, unit, also=also))
-    unnamed = all(len(row) == len(body[0][1]) > len(titles) for _, row in body)
     settings = {
         "clock": "master",
         "delimiter": {sign: word for word, sign in csv_table.DELIMITERS.items()}.get(delimiter, delimiter),
         **({} if headed else {"header": "none"}),
         **({"units_row": True} if has_units else {}),
         **({"decimal": ","} if delimiter != "," and any("," in c for _, row in body[:5] for c in row) else {}),
-        **({"extra_cells": UNKNOWN} if unnamed else {}),
         "time": time_setting("column", None if clock is None else channels[titles.index(clock)]),
     }
     facts = {"rows": str(len(table.lines)), "delimiter": repr(delimiter), "header": "yes" if headed else "none"}

@@ -138,8 +138,7 @@ def refusal(path: Path, text: str) -> str:
 def test_an_address_in_matlabs_notation_leads_to_the_numbers_or_says_what_is_there(write, tmp_path):
     path, numbers = write(tmp_path / "a.mat"), {
         "Test.slow.torque": RISING, "Test.data(:,2)": RISING**2, "Test.data(4,:)": [3.0, 9.0], "Test.truth": RISING,
-        "row": RISING, "runs(2).torque": 2 * RISING, "runs( name = fast ).torque": 2 * RISING, "cells{1}": RISING,
-        "cells{2}.torque": -RISING,
+        "row": RISING, "runs( 2 ).torque": 2 * RISING, "cells{1}": RISING, "cells{2}.torque": -RISING,
     }  # fmt: skip
     for address, expected in numbers.items():
         np.testing.assert_array_equal(at(path, address), expected)
@@ -149,14 +148,13 @@ def test_an_address_in_matlabs_notation_leads_to_the_numbers_or_says_what_is_the
 
 NOWHERE = {
     "Tset.slow": "no variable 'Tset'; it has",
-    "Test.slow.torqe": "and has no torqe; it has note, torque, (1), (note=left); did you mean 'torque'?",
+    "Test.slow.torqe": "and has no torqe; it has note, torque, (1); did you mean 'torque'?",
     "Test.slow": "is a 1x1 struct, not numbers; name one of its fields (note, torque)",
     "Test.slow.note": "is a 1x4 char, not real numbers; save it as numbers: `str2double(x)`",
     "Test.data": "is a 12x2 double; choose one column, as Test.data(:,1), or one row",
     "Test.data(:,3)": "Test.data is a 12x2 double and has no (:,3); it has (:,1), (:,2), (1,:)",
-    "runs.torque": "runs is a 1x2 struct and has no torque; it has (1), (2), (name=slow), (name=fast)",
-    "runs(3).torque": "and has no (3); it has (1), (2), (name=slow)",
-    "runs(name=middle).torque": "and has no (name=middle); it has (1), (2), (name=slow), (name=fast)",
+    "runs.torque": "runs is a 1x2 struct and has no torque; it has (1), (2)",
+    "runs(3).torque": "and has no (3); it has (1), (2)",
     "cells": "name one of its cells, as `{1}`",
     "cells(1)": "cells is a 1x2 cell and has no (1); it has {1}, {2}",
     "row.torque": "row is a 1x12 double and has no torque; it has (:,1)",
@@ -167,15 +165,14 @@ def test_elements_are_counted_column_by_column_as_in_matlab(tmp_path):
     cell, array = np.empty((2, 2), dtype=object), np.zeros((2, 2), dtype=[("x", object)])
     for row, column in np.ndindex(2, 2):
         cell[row, column] = array["x"][row, column] = np.array([row, column, 0.5])
-    path = write_mat(tmp_path / "a.mat", cells=cell, structs=array, runs=struct_array([*RUNS, RUNS[0]]))
-    assert "has no (name=slow); it has (1), (2), (3), (name=fast)" in refusal(path, "runs(name=slow).torque")
+    path = write_mat(tmp_path / "a.mat", cells=cell, structs=array)
     for number, (row, column) in enumerate([(0, 0), (1, 0), (0, 1), (1, 1)], start=1):
         assert at(path, f"cells{{{number}}}").tolist() == [row, column, 0.5]
         assert at(path, f"structs({number}).x").tolist() == [row, column, 0.5]
 
 
 def test_what_is_no_address_is_refused():
-    for text in ("", "2x", "a.", "a..b", ".a", "a(0)", "a(:,0)", "a b", "a{x}", "a(1", "(2).a"):
+    for text in ("", "2x", "a.", "a..b", ".a", "a(0)", "a(:,0)", "a b", "a{x}", "a(b=c)", "a(1", "(2).a"):
         with pytest.raises(InputError, match="no address in a MATLAB file"):
             checked_address(text, inside=False)
 
@@ -220,9 +217,9 @@ def test_what_the_file_does_not_hold_is_refused_in_one_line(tmp_path):
     for content, message in (
         (matrix("x", 6, 1 << 30, 1, part(9, bytes(8))), "x cannot be read"),
         (matrix("x", 99, 1, 1, b""), "x cannot be read"),
-        (struct.pack("<II", 14, 1 << 30), "damaged or cut off at byte 128, where a variable is expected"),
-        (b"not a variable at all....", "where"),
-        (struct.pack("<II", 15, 16) + b"0123456789abcdef", "the compressed variable at byte 136 is damaged"),
+        (struct.pack("<II", 14, 1 << 30), "cannot be read (could not read bytes); copy the file again"),
+        (b"not a variable at all....", "cannot be read"),
+        (struct.pack("<II", 15, 16) + b"0123456789abcdef", "cannot be read (Error -3 while decompressing"),
         (matrix("x", 6, 0, 0, part(9, b"")) * 2, "variable 'x' stands twice"),
     ):
         assert message in refusal(write_parts(tmp_path / "a.mat", content), "x")

@@ -105,8 +105,7 @@ def test_the_source_files_unit_wins_over_the_files_and_says_so(tmp_path: Path) -
         (LOG.replace("90", ""), {}, "column 'angle': missing in 1 of 3 rows, first in line 3; at most 1.0% may be"),
         (LOG.replace("90,2", "90,2,7"), {}, "line 3 has 4 cells under 3 names, and 1 of 3 rows do not fit"),
         (LOG.replace("90,2", "90"), {}, "line 3 has 2 cells under 3 names"),
-        (LOG.replace("90,2", "90,2,0"), {"extra_cells": "last"}, "line 3 has 4 cells"),
-        (LOG.replace("t,angle,load", "t;angle;load"), {}, "line 1 separates the names by ';', the rows below"),
+        (LOG.replace("t,angle,load", "t;angle;load"), {}, "every row has 2 more cells than the header has names"),
         ("sep=;\n" + LOG.replace(",", ";"), {}, "seem to stand in line 2; delete the lines above it"),
         (LOG + LOG, {}, "line 5, column 't': 't' is not a number; the header stands here again"),
         (LOG, {"channels": TWICE}, "column 'angle' is theta and torque in the source file; correct"),
@@ -194,18 +193,11 @@ def test_the_log_is_read_as_the_refusal_says(tmp_path, text, stated, told, sampl
     assert_samples(ingested(tmp_path, text, **stated | advised(message)), **samples)
 
 
-def test_cells_without_a_name_are_left_out_as_the_source_file_says(tmp_path: Path) -> None:
+def test_cells_without_a_name_are_refused(tmp_path: Path) -> None:
     lines = TABLE.splitlines()
     last = "\n".join([lines[0], *(f"{line},0" for line in lines[1:])])
-    first = "\n".join([lines[0], *(f"{n},{line}" for n, line in enumerate(lines[1:], start=1))])
     message = refused(tmp_path, last)
     assert "every row has 1 more cells than the header has names: line 2 begins with '0' and ends with '0'" in message
-    assert "`extra_cells: first` or `extra_cells: last`" in message
-    trial = ingested(tmp_path, last, extra_cells="last")
-    assert_samples(trial)
-    assert trial.provenance["warnings"] == ["log.csv: the last 1 cells of every row have no name and were left out"]
-    assert_samples(ingested(tmp_path, first, extra_cells="first"))
-    assert_samples(ingested(tmp_path, TABLE, extra_cells="last"))  # another log of the same source file has none
 
 
 LOGGER = "time,<__main__.Joint object at 0x7fe6c0>.output_position,<__main__.Joint object at 0x7fe6c0>.current\n0,1,5\n"

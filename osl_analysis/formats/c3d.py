@@ -8,7 +8,6 @@ import math
 import struct
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,8 +21,8 @@ Parameters = dict[str, "Array | list[str]"]
 
 
 def parse_parameters(data: bytes, position: int, end: int, processor: str) -> tuple[Parameters, str]:
-    """The parameters by `GROUP:NAME`, and a remark where the section, which ends before `end`, has no end mark. Some
-    writers leave that mark out, and some the description of a parameter. Groups may follow their parameters."""
+    """The parameters by `GROUP:NAME`, and a remark where the section, which ends before `end`, has no end mark, as some
+    writers leave it out. Groups may follow their parameters."""
     groups, found, name, step = dict[int, str](), list[tuple[int, str, Array | list[str]]](), "", 0
     while data[position] != 0:
         length, group = struct.unpack_from("bb", data, position)
@@ -38,15 +37,13 @@ def parse_parameters(data: bytes, position: int, end: int, processor: str) -> tu
         else:
             value, value_end = parameter_value(data, name_end + 2, processor, name)
             found.append((group, name, value))
-        own_end = value_end + 1 + data[value_end] if value_end < len(data) else value_end  # with its description
+        own_end = value_end + 1 + (data[value_end] if value_end < len(data) else 0)  # with its description
         position = name_end + step
-        if step == 0 or (position == own_end and not is_record(data, position)):
+        if 0 < step and (position < value_end or (position >= end > own_end and is_record(data, own_end))):
+            raise InputError(f"the parameter section is damaged after {name!r}")
+        if step == 0 or position >= end or not is_record(data, position):
             break
-        if not value_end <= position < end:
-            if position < value_end or (own_end < end and is_record(data, own_end)):
-                raise InputError(f"the parameter section is damaged after {name!r}")
-            break
-    is_marked = not name or step == 0 or (position < end and data[position] == 0)
+    is_marked = step == 0 or (position < end and data[position] == 0)
     values = {f"{groups.get(group, group)}:{name}": value for group, name, value in found}
     return values, "" if is_marked else f"its parameter section has no end mark and ends after {name}"
 
@@ -95,15 +92,6 @@ def reals(content: bytes, processor: str) -> NDArray[np.float32]:
 
 BLOCK = 512
 CONTINUATIONS = ("", *map(str, range(2, 10)))  # a parameter holds 255 values; more follow in NAME2, NAME3, ...
-Counts = Literal["refuse", "header", "parameters"]  # which hold where header and parameters contradict each other
-
-
-class CountsError(InputError):
-    """Header and parameters count points or channels differently. `fitting`: which of them fit the file's size."""
-
-    def __init__(self, message: str, fitting: tuple[Counts, ...]) -> None:
-        super().__init__(message)
-        self.fitting = fitting
 
 
 @dataclass(frozen=True)
@@ -187,32 +175,6 @@ def parse_header(data: bytes) -> C3DHeader:
     return header
 
 
-def with_counts(header: C3DHeader, size: int, counts: Counts) -> C3DHeader:
-    """The header with the counts of points and channels that hold in a file of a size [bytes]."""
-    stated, other = {"POINT": header.points, "ANALOG": header.channels}, dict[str, int]()
-    for group, count in stated.items():
-        used = header.numbers(f"{group}:USED")
-        other[group] = int(used[0] % 65536) if used.size and math.isfinite(used[0]) else count
-    if other == stated:
-        return header
-    choices: dict[Counts, C3DHeader] = {
-        "header": header,
-        "parameters": replace(header, points=other["POINT"], channels=other["ANALOG"]),
-    }
-    # a file holds the frames that it declares, and at most two blocks more
-    left = {name: size - one.data_start - one.frames * one.frame_bytes for name, one in choices.items()}
-    fitting = [name for name in choices if 0 <= left[name] < 2 * BLOCK]
-    group = next(group for group in stated if stated[group] != other[group])
-    said = f"the header counts {stated[group]}, {group}:USED is {other[group]}; the file's size fits "
-    said += " and ".join(fitting) or "neither"
-    if counts == "refuse":
-        remedy = "write `counts: header` or `counts: parameters` in the source file"
-        raise CountsError(f"{said}: {remedy}", (*fitting,))
-    if fitting and counts not in fitting:
-        raise InputError(f"{said}: write `counts: {fitting[0]}` in the source file")
-    return choices[counts]
-
-
 @dataclass(frozen=True)
 class C3DRecording:
     """Content of a C3D file, in the file's units. Frame 0 and analog sample 0 are at 0 s."""
@@ -244,13 +206,19 @@ class C3DRecording:
         return (self.header.texts("POINT:UNITS") or [""])[0]
 
 
-def read_c3d(path: Path, counts: Counts = "refuse") -> C3DRecording:
-    """Decode a C3D file; CountsError if header and parameters contradict each other and `counts` does not say which
-    hold, InputError if it is no C3D, damaged or truncated. Analog values are (raw - OFFSET) * SCALE * GEN_SCALE, raw
-    without these parameters; NaN where SCALE holds values for some channels only, and everywhere where GEN_SCALE is
-    0."""
+def read_c3d(path: Path) -> C3DRecording:
+    """Decode a C3D file; InputError if it is no C3D, damaged or truncated, or contradicts itself. Analog values are
+    (raw - OFFSET) * SCALE * GEN_SCALE, raw without these parameters; NaN where SCALE holds values for some channels
+    only, and everywhere where GEN_SCALE is 0."""
     data = path.read_bytes()
-    header = with_counts(parse_header(data), len(data), counts)
+    header = parse_header(data)
+    for group, count in (("POINT", header.points), ("ANALOG", header.channels)):
+        used = header.numbers(f"{group}:USED")[:1] % 65536
+        if np.isfinite(used).all() and (used.astype(int) != count).any():
+            raise InputError(
+                f"the header counts {count}, {group}:USED is {used[0]:g}: samples would be taken for others; export "
+                "the trial again"
+            )
     frames, frame = header.frames, header.frame_bytes
     if frames < 1 or frame == 0 or not 0 < header.rate < math.inf:
         raise InputError(

@@ -128,7 +128,6 @@ class CsvLayout:
     units_row: bool = False
     missing: tuple[str, ...] = ("", "nan", "NaN")
     most_missing: float = 0.01
-    extra_cells: Literal["refuse", "first", "last"] = "refuse"
     ragged: Literal["refuse", "skip", "dropped_variable"] = "refuse"
 
 
@@ -224,18 +223,12 @@ def table_of(lines: TextLines, layout: CsvLayout) -> CsvTable:
     units = [name_and_unit(name)[1] for name in names]
     rows = [(line, unpadded(cells, len(names))) for line, cells in rows]
     lengths = {len(cells) for _, cells in rows}
-    extra = lengths.pop() - len(names) if len(lengths) == 1 else 0  # cells that every row has more than the header
-    if extra > 0 and layout.extra_cells == "refuse":
+    if len(lengths) == 1 and (extra := lengths.pop() - len(names)) > 0:
         line, cells = rows[0]
         raise InputError(
-            f"every row has {extra} more cells than the header has names: line {line} begins with "
-            f"'{cells[0][:40]}' and ends with '{cells[-1][:40]}'; write `extra_cells: first` or `extra_cells: last` in "
-            "the source file to leave out those without a name"
+            f"every row has {extra} more cells than the header has names: line {line} begins with '{cells[0][:40]}' "
+            f"and ends with '{cells[-1][:40]}'; write a name for each, and the same sign between names as between cells"
         )
-    if extra > 0:
-        begin = extra if layout.extra_cells == "first" else 0
-        rows = [(line, cells[begin : begin + len(names)]) for line, cells in rows]
-        notes.append(f"the {layout.extra_cells} {extra} cells of every row have no name and were left out")
     if layout.units_row and rows:
         units, rows = ([*map(without_brackets, rows[0][1]), *units[len(rows[0][1]) :]], rows[1:])
     if not rows:
@@ -259,11 +252,6 @@ def check_header_place(header: tuple[int, list[str]], rows: Rows) -> None:
     if count <= len(rows) / 2 or width <= len(names) or width < 2:
         return
     line, cells = next((line, cells) for line, cells in rows if len(cells) == width)
-    sign = next((sign for sign in ";|\t," if len(names) == 1 and len(names[0].split(sign)) == width), "")
-    if sign:
-        raise InputError(
-            f"line {header[0]} separates the names by '{sign}', the rows below it do not; write the same sign in all"
-        )
     far = rows[0][0] != line or width > len(names) + 1  # else maybe units below a header that lacks a name
     if far and not any(is_number_cell(cell.replace(",", ".")) for cell in cells):
         raise InputError(

@@ -1,6 +1,6 @@
 """MATLAB files of version 5 (by scipy) and 7.3 (HDF5, by h5py), and the addresses of numbers in them.
 
-An address is written as in MATLAB: `Test.Slow(2).data(:,3)`, `runs{2}.torque`, or by a field: `runs(name=slow).torque`.
+An address is written as in MATLAB: `Test.Slow(2).data(:,3)`, `runs{2}.torque`.
 MATLAB writes into HDF5 arrays transposed, text as 16-bit numbers, and the elements of cells and of struct arrays as
 references; the attribute `MATLAB_class` says what a dataset or group is.
 """
@@ -8,8 +8,6 @@ references; the attribute `MATLAB_class` says what a dataset or group is.
 import io
 import math
 import re
-import struct
-import zlib
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -88,32 +86,27 @@ class MatFile:
     """A MATLAB file whose variables are read when they are asked for."""
 
     path: Path
-    data: bytes  # its bytes, for version 5; the header alone for version 7.3
     version: str
-    classes: Mapping[str, str]  # of its variables, in order, where only MATLAB can read them; else empty
-
-    @property
-    def header(self) -> str:
-        return self.data[:116].split(b"\0")[0].decode("latin-1").strip()
+    header: str
+    variables: Mapping[str, Any]  # by name, in order; of version 5 the part of the file that holds it
 
     @property
     def names(self) -> list[str]:
-        return list(self.classes)
+        return list(self.variables)
 
     def read(self, wanted: Collection[str]) -> Mapping[str, Value]:
         """The wanted variables that it has; InputError if one is damaged."""
-        known = [name for name in self.names if name in wanted]
+        known, found = [name for name in self.names if name in wanted], dict[str, Value]()
         if self.version == "7.3":
             with in_one_sentence(), opened73(self.path) as file:
                 return {name: value73(file[name]) for name in known}
         from scipy.io import loadmat  # half a second, which other commands need not wait for
 
-        objects = {name: Value(self.classes[name]) for name in known if self.classes[name]}
-        others = [name for name in known if name not in objects]
-        with in_one_sentence(f"{listing(others, 4)} "):
-            stream: Any = io.BytesIO(self.data)
-            raw = loadmat(stream, variable_names=others, spmatrix=False)
-            return objects | {name: value5(raw[name]) for name in others if name in raw}
+        for name in known:
+            with in_one_sentence(f"{name} "):
+                raw: Any = loadmat(self.variables[name], spmatrix=False)
+                found[name] = value5(next(one for key, one in raw.items() if not key.startswith("__")))
+        return found
 
     def signals(self, texts: Sequence[str], part: str = "") -> dict[str, tuple[str, Array]]:
         """The numbers (n,) at addresses, each with its whole address; those without `/` before them are within `part`.
@@ -147,50 +140,26 @@ def open_mat(path: Path) -> MatFile:
     """The MATLAB file at a path; InputError if it is of another version, none, or damaged."""
     with path.open("rb") as file:
         begin = file.read(128)
-        is_new = begin.startswith(b"MATLAB 7.")
-        data = begin if is_new else begin + file.read()
     if not is_mat(begin):
         raise InputError(f"{path}: no MATLAB file of version 5 or 7.3; save it again in MATLAB with `-v7`")
+    header = begin[:116].split(b"\0")[0].decode("latin-1").strip()
     with in_one_sentence():
-        if not is_new:
-            return MatFile(path, data, "5", variable_classes(data))
-        with opened73(path) as file:
-            names = [name for name in file if name not in ("#refs#", "#subsystem#")]  # groups that are no variables
-            return MatFile(path, data, "7.3", dict.fromkeys(names, ""))
+        if begin.startswith(b"MATLAB 7."):
+            with opened73(path) as file:  # some of its groups are no variables
+                found = {name: None for name in file if name not in ("#refs#", "#subsystem#")}
+            return MatFile(path, "7.3", header, found)
+        from scipy.io.matlab import MatlabOpaque, loadmat, varmats_from_mat
 
-
-def variable_classes(data: bytes) -> dict[str, str]:
-    """The variables of a file of version 5, in its order: name -> class of an object, as `table`; else empty. scipy
-    calls every object None, and is silent about a file that ends between two variables."""
-    order = {b"IM": "<", b"MI": ">"}.get(data[126:128])
-    matrix, compressed, opaque = 14, 15, 17  # types of parts, and the class of objects that only MATLAB can read
-    found, at = dict[str, str](), 128
-    while at < len(data):
-        start = at + 8
-        whole = order is not None and start <= len(data)
-        kind, size = struct.unpack_from(f"{order}II", data, at) if whole else (0, 0)
-        if kind not in (matrix, compressed) or start + size > len(data):
-            raise InputError(f"damaged or cut off at byte {at}, where a variable is expected; {DAMAGED}")
-        at = start + size + (-size % 8 if kind == matrix else 0)
-        content = data[start : start + size]
-        if kind == compressed:
-            try:
-                content = zlib.decompressobj().decompress(content, 4096)[8:]  # enough for its name
-            except zlib.error as error:
-                raise InputError(f"the compressed variable at byte {start} is damaged ({error}); {DAMAGED}") from error
-        is_object = struct.unpack_from(f"{order}I", content, 8)[0] & 0xFF == opaque
-        parts, place = list[str](), 0  # flags, and then size and name, or name, system and class
-        for _ in range(4 if is_object else 3):
-            kind, size = struct.unpack_from(f"{order}II", content, place)
-            short = kind >> 16  # bytes that stand in the tag itself, at most four
-            begin, length = (place + 4, short) if short else (place + 8, size)
-            parts.append(content[begin : begin + length].decode("latin-1"))
-            place += 8 if short else 8 + size + -size % 8
-        name = parts[1] if is_object else parts[2]
-        if name and name in found:
-            raise InputError(f"variable '{name}' stands twice in the file; {DAMAGED}")
-        found[name] = (parts[3] or "object") if is_object else ""
-    return {name: kind for name, kind in found.items() if name}
+        variables, parts = dict[str, Any](), list[tuple[str, Any]](varmats_from_mat(io.BytesIO(path.read_bytes())))
+        for called, stream in parts:
+            name, raw = called, loadmat(stream)["None"] if called == "None" else None
+            if isinstance(raw, MatlabOpaque):  # of an object that only MATLAB can read, scipy tells no name
+                name = bytes(raw.flat[0]["s0"]).decode("latin-1")
+            if name in variables:
+                raise InputError(f"variable '{name}' stands twice in the file; {DAMAGED}")
+            if name:
+                variables[name] = stream
+        return MatFile(path, "5", header, variables)
 
 
 def value5(raw: Any) -> Value:
@@ -267,7 +236,7 @@ def holds_references(item: Any) -> bool:
     return isinstance(item, h5py.Dataset) and h5py.check_ref_dtype(item.dtype) is h5py.Reference
 
 
-STEP = re.compile(r"\.?[A-Za-z]\w*|\{N\}|\((?:N|:,N|N,:|[A-Za-z]\w*=[^()]*)\)".replace("N", r"[1-9]\d{0,8}"))
+STEP = re.compile(r"\.?[A-Za-z]\w*|\{N\}|\((?:N|:,N|N,:)\)".replace("N", r"[1-9]\d{0,8}"))
 
 
 def address_with(place: str, step: str) -> str:
@@ -275,7 +244,7 @@ def address_with(place: str, step: str) -> str:
 
 
 def steps_in(text: str, inside: bool = False) -> tuple[str, ...]:
-    """The steps of an address: names, `(2)`, `{1}`, `(:,3)`, `(1,:)`, `(name=slow)`; refused if it is none. One
+    """The steps of an address: names, `(2)`, `{1}`, `(:,3)`, `(1,:)`; refused if it is none. One
     `inside` a part may also begin with a choice of a column, as `(:,2)`."""
     plain = re.sub(r"\s*([(){}.,:=])\s*", r"\1", text.strip()).removeprefix("/")
     steps = tuple(step.removeprefix(".") for step in STEP.findall(plain))
@@ -283,7 +252,7 @@ def steps_in(text: str, inside: bool = False) -> tuple[str, ...]:
     if not is_whole or not (inside or steps[0][0] not in "({"):
         raise InputError(
             f"'{text}' is no address in a MATLAB file; write it as in MATLAB, such as `Test.run(2).torque`, "
-            "`Test.data(:,3)`, `runs{2}.torque`, or `runs(name=slow).torque`"
+            "`Test.data(:,3)` or `runs{2}.torque`"
         )
     return steps
 
@@ -295,22 +264,14 @@ def checked_address(text: str, inside: bool = True) -> str:
 
 
 def parts_of(value: Value) -> dict[str, Value]:
-    """What stands in a value, by the step that leads to it: `torque`, `(2)`, `(name=slow)`, `{1}`, `(:,3)`, `(1,:)`."""
+    """What stands in a value, by the step that leads to it: `torque`, `(2)`, `{1}`, `(:,3)`, `(1,:)`."""
     if value.numbers is not None and value.numbers.ndim == 2:
         lines = [(f"(:,{n})", one) for n, one in enumerate(value.numbers.T, 1)]
         lines += [(f"({n},:)", one) for n, one in enumerate(value.numbers, 1)]
         return {step: Value(value.kind, (one.size, 1), one.reshape(-1, 1)) for step, one in lines}
     parts = dict(value.elements[0]) if len(value.elements) == 1 else {}
     parts |= {f"{{{number}}}": one for number, one in enumerate(value.cells, 1)}
-    elements = [Value("struct", elements=[one]) for one in value.elements]
-    parts |= {f"({number})": one for number, one in enumerate(elements, 1)}
-    for name in value.fields:
-        labels = []
-        for one in (fields[name] for fields in value.elements):
-            number = f"{one.numbers.item():g}" if one.numbers is not None and one.size == 1 else ""
-            labels.append(one.text.strip() if one.kind == "char" else number)
-        named = zip(labels, elements, strict=True)
-        parts |= {f"({name}={label})": one for label, one in named if label and labels.count(label) == 1}
+    parts |= {f"({number})": Value("struct", elements=[one]) for number, one in enumerate(value.elements, 1)}
     return parts
 
 

@@ -21,7 +21,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Schema
 
 from osl_analysis.errors import InputError
-from osl_analysis.formats.message_fields import Indices, numbers_at
+from osl_analysis.formats.message_fields import numbers_at
 from osl_analysis.formats.messages import MessageBlock, MessageFile, RefusedFileError
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -65,8 +65,7 @@ class Section:
     is_chunk: bool = False
     head: ChunkHead | None = None  # what a chunk declares of itself
     loose: Stretch | None = None  # the messages outside of chunks
-    places: list[Indices] = field(default_factory=list)  # of messages, by each of its message indexes
-    indexed: Counter[int] = field(default_factory=Counter)  # messages of each channel that these list
+    indexed: Counter[int] = field(default_factory=Counter)  # messages of each channel that its message indexes list
 
 
 @dataclass
@@ -79,7 +78,6 @@ class McapFile(MessageFile):
     is_data_right: bool | None = None  # by the checksum of the data section; None if there is none
     described: list[tuple[int, bytes]] = field(default_factory=list)  # schemas and channels in the summary
     chunked: bool = False
-    indexed_chunks: int = 0  # how many chunks the index of chunks in the summary has; a file may have none
     summary_begin: int = 0  # where the summary begins: after the record that ends the data
     summary_damaged: bool = False
     missing: int = 0  # bytes by which the summary stands before the place at which it was written; negative if after
@@ -104,8 +102,6 @@ class McapFile(MessageFile):
             damage.remarks.append("the summary is damaged")
         if not damage.finished or self.summary_damaged:  # what they declare is not to be trusted
             damage.declared_messages, damage.declared, damage.declared_chunks = None, None, None
-        elif self.indexed_chunks:
-            damage.declared_chunks = max(damage.declared_chunks or 0, self.indexed_chunks)
         if self.is_data_right is False:
             damage.remarks.append("the checksum of the data section does not match")
         if self.missing < 0:
@@ -123,7 +119,7 @@ class McapFile(MessageFile):
         if end <= len(data) and not self.data_end and is_disguised_chunk(data, start, end):
             opcode = Opcode.CHUNK
         if opcode in LOOSE:
-            stretch, _, reached, _ = walk_records(data, position)
+            stretch, reached = walk_records(data, position)
             if reached > position:
                 if self.data_end:
                     self.described += stretch[1]
@@ -140,19 +136,14 @@ class McapFile(MessageFile):
         elif opcode == Opcode.MESSAGE_INDEX and not self.data_end:
             chunk = next((one for one in reversed(self.sections) if one.is_chunk), None)
             channel, size = struct.unpack_from("<HI", data, start)
-            if chunk is not None:  # each entry has log time and place
-                chunk.places.append(np.frombuffer(data, "<i8", size // 8, start + 6)[1::2])
-                chunk.indexed[channel] += size // 16
+            if chunk is not None:
+                chunk.indexed[channel] += size // 16  # each entry has log time and place
         elif opcode == Opcode.DATA_END and not self.data_end:
             self.data_end, self.summary_begin = position, end
             (expected,) = struct.unpack_from("<I", data, start)
             self.is_data_right = zlib.crc32(data[:position]) == expected if expected else None
-        elif opcode == Opcode.HEADER and position > len(MAGIC) and is_header(data[start:end]):
-            raise two_logs(position)  # appended without its magic
         elif opcode == Opcode.FOOTER:
             self.take_footer(start, end)
-        elif opcode == Opcode.CHUNK_INDEX:
-            self.indexed_chunks += 1
         elif opcode == Opcode.STATISTICS:
             self.damage.declared_messages, self.damage.declared_chunks, size = STATISTICS.unpack_from(data, start)
             entries = data[start + STATISTICS.size : min(start + STATISTICS.size + size, end)]
@@ -180,7 +171,6 @@ class McapFile(MessageFile):
         is_wrong = expected and zlib.crc32(data[self.summary_begin : start + 16]) != expected
         self.summary_damaged |= not self.summary_begin or bool(is_wrong)
         self.missing = declared - self.summary_begin if declared and not self.summary_damaged else 0
-        self.indexed_chunks *= not self.summary_damaged
 
     def take_lost(self, position: int) -> int:
         """Note that nothing can be read at `position`; returns the place of the next sound record or of the end. In a
@@ -229,10 +219,10 @@ class McapFile(MessageFile):
             self.take_declarations(self.described)
         any_lost = any(one.head is None and one.loose is None for one in self.sections)
         for section in self.sections:
-            stretch, remark, lost = section.loose, "", section.indexed if section.places else None
+            stretch, remark, lost = section.loose, "", section.indexed or None
             if section.head is not None:
                 try:
-                    stretch = self.stretch_of(section, section.head)
+                    stretch = self.stretch_of(section.head)
                 except DamagedChunkError as error:
                     if (second := self.data.find(MAGIC + b"\1", section.start, section.end)) > 0:
                         raise two_logs(second) from error  # the chunk was cut off and reaches into another log
@@ -249,6 +239,9 @@ class McapFile(MessageFile):
                 continue
             block, declarations = stretch
             damage.chunks += section.is_chunk
+            missed = section.indexed - block.counts
+            if missed and not is_covered:  # without a checksum a flipped opcode passes for a private one
+                damage.lose(f"{missed.total()} messages in the index of a chunk are not in it", 0, missed, 0)
             damage.read.update(block.counts)
             damage.verified += block.starts.size if is_covered else 0
             self.take_declarations(declarations)
@@ -263,9 +256,8 @@ class McapFile(MessageFile):
         is_missed = (damage.declared_chunks or 0) > damage.chunks + damage.chunks_lost
         damage.uncounted |= damage.declared_messages is None and is_missed
 
-    def stretch_of(self, section: Section, head: ChunkHead) -> Stretch:
+    def stretch_of(self, head: ChunkHead) -> Stretch:
         """The records of a chunk; raises DamagedChunkError."""
-        offsets = np.sort(np.concatenate([np.empty(0, np.int64), *section.places]), kind="stable")
         content = self.data[head.begin : head.end]
         try:
             if head.name == b"zstd":
@@ -281,16 +273,9 @@ class McapFile(MessageFile):
             raise DamagedChunkError(f"holds {len(content)} of {head.size} bytes")
         if head.crc and zlib.crc32(content) != head.crc:
             raise DamagedChunkError("does not match its checksum")
-        stretch, places, reached, unknown = walk_records(content, 0, offsets)
+        stretch, reached = walk_records(content, 0, is_chunk=True)
         if reached != len(content):
             raise DamagedChunkError(f"holds no record at byte {reached} of its {len(content)} bytes")
-        cut_off = section is self.sections[-1] and not self.damage.finished  # so is its index
-        if section.places and not np.array_equal(offsets, places) and not cut_off:
-            self.damage.remarks.append(f"the index of the chunk at byte {section.start} is wrong; the chunk was walked")
-        lost = section.indexed - stretch[0].counts if not head.crc and unknown else Counter()
-        if lost:  # without a checksum a flipped opcode passes for a private one
-            text = f"{lost.total()} messages of the chunk at byte {section.start} are records of unknown opcodes"
-            self.damage.lose(text, 0, lost, 0)
         return stretch
 
     def take_declarations(self, records: Sequence[tuple[int, bytes]]) -> None:
@@ -329,34 +314,11 @@ def two_logs(place: int) -> RefusedFileError:
     )
 
 
-def is_header(content: bytes) -> bool:
-    """Whether the content of a record is a header: its two texts leave nothing over. A flipped opcode is none."""
-    place = 0
-    for _ in range(2):
-        if place + 4 > len(content):
-            return False
-        place += 4 + int(struct.unpack_from("<I", content, place)[0])
-    return place == len(content)
-
-
-def walk_records(buffer: bytes, begin: int, listed: Indices | None = None) -> tuple[Stretch, Indices, int, int]:
-    """Walk from record to record to what is no record; in a chunk past opcodes that the format does not define. In a
-    chunk, `listed` is where messages may be, in order: the walk leaps over those that follow each other. Gives also
-    where the messages' records begin [bytes], the end of the walk, and how many unknown records were skipped."""
-    leap, others, unknown, position, end = 0, list[tuple[int, bytes]](), 0, begin, len(buffer)
-    head = np.dtype(f"V{MESSAGE.itemsize}")  # bytes are taken fastest
-    if listed is not None and listed.size and listed[0] >= 0 and listed[-1] <= end - MESSAGE.itemsize:
-        heads = numbers_at(buffer, listed, head).view(MESSAGE)
-        lengths = heads["length"].astype(np.int64)  # what is too large becomes negative
-        stops = listed + RECORD.size + lengths
-        are_messages = (heads["opcode"] == Opcode.MESSAGE).all() and lengths.min() >= MESSAGE_HEAD
-        if are_messages and (stops[:-1] == listed[1:]).all() and max(lengths.max(), stops.max()) <= end:
-            leap = int(stops[-1])
-    found, messages = list[Indices](), list[int]()
+def walk_records(buffer: bytes, begin: int, *, is_chunk: bool = False) -> tuple[Stretch, int]:
+    """Walk from record to record to what is no record; in a chunk past opcodes that the format does not define. Gives
+    also where the walk ended."""
+    others, messages, position, end = list[tuple[int, bytes]](), list[int](), begin, len(buffer)
     while position + RECORD.size <= end:
-        if leap and listed is not None and position == listed[0]:
-            found, messages, position = [np.array(messages, np.int64), listed], [], leap
-            continue
         opcode, length = RECORD.unpack_from(buffer, position)
         start = position + RECORD.size
         if start + length > end:
@@ -365,18 +327,16 @@ def walk_records(buffer: bytes, begin: int, listed: Indices | None = None) -> tu
             messages.append(position)
         elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL) and not is_disguised_chunk(buffer, start, start + length):
             others.append((opcode, buffer[start : start + length]))
-        elif listed is not None and opcode not in NUMBERED and opcode:
-            unknown += 1
-        else:
+        elif not is_chunk or opcode in NUMBERED or opcode == 0:
             break
         position = start + length
-    places = np.concatenate([*found, np.array(messages, np.int64)])
-    heads = numbers_at(buffer, places, head).view(MESSAGE)
+    places = np.array(messages, np.int64)
+    heads = numbers_at(buffer, places, np.dtype(f"V{MESSAGE.itemsize}")).view(MESSAGE)  # bytes are taken fastest
     lengths, logged = (heads[name].astype(np.int64) for name in ("length", "log_time"))
     channel, sequence = heads["channel"].astype(np.uint16), heads["sequence"].astype(np.uint32)
     starts = places + MESSAGE.itemsize
     block = MessageBlock(buffer, channel, sequence, logged, starts, lengths - MESSAGE_HEAD)
-    return (block, others), places, position, unknown
+    return (block, others), position
 
 
 def chunk_head(data: bytes, start: int, end: int) -> ChunkHead | None:

@@ -87,29 +87,12 @@ def labels_of(path: str, length: int | None, texts: Mapping[str, Sequence[str]])
 
 
 def fields_in(
-    value: Any, most: int, cut: dict[str, int], path: str = "", kind: str = "", texts: Mapping[str, Any] | None = None
+    value: Any, most: int, cut: dict[str, int], path: str = "", texts: Mapping[str, Any] | None = None
 ) -> Iterator[FieldDescription]:
-    """The numbers of an object, or of a value in it, of the type `kind` if its schema names one. `most` elements of an
-    array without labels are described; `cut` takes the lengths of longer ones. `texts` are the arrays of text beside
-    the value."""
-    types = dict.fromkeys(value, "") if isinstance(value, dict) else {}
-    if hasattr(value, "DESCRIPTOR"):
-        # types of numbers by `FieldDescriptor.cpp_type`; the last one is an enumeration, and others are no numbers
-        by_number = ("", "int32", "int64", "uint32", "uint64", "float64", "float32", "bool", "int32", "", "")
-        for one in value.DESCRIPTOR.fields:
-            if not (one.message_type and one.message_type.GetOptions().map_entry):  # maps are no fields
-                types[one.name] = by_number[one.cpp_type]
-    inner = {}
-    for name, of in types.items():
-        own = f"{path}.{name}".removeprefix(".")
-        if not re.fullmatch(r"[^.\[\]]+", name):
-            own = f"{path}[{json.dumps(name, ensure_ascii=False)}]"
-        inner[own] = member(value, name), of
-    beside = {own: list(one) for own, (one, _) in inner.items() if is_array(one) and all_are(str, one)}
-    for own, (one, of) in inner.items():
-        yield from fields_in(one, most, cut, own, of, beside)
+    """The numbers of an object, or of a value in it. `most` elements of an array without labels are described; `cut`
+    takes the lengths of longer ones. `texts` are the arrays of text beside the value."""
     if isinstance(value, int | float):
-        yield FieldDescription(path, kind or np.dtype(type(value)).name)
+        yield FieldDescription(path, np.dtype(type(value)).name)
     elif is_array(value):
         numbers = [one for one in value if one is not None]
         labels = labels_of(path, len(value), texts or {}) if all_are(int | float, numbers) else []
@@ -118,10 +101,20 @@ def fields_in(
         if all_are(int | float, numbers):
             kept = [name for name, one in zip(labels or map(str, range(most)), value, strict=False) if one is not None]
             if kept:
-                yield FieldDescription(path, kind or np.dtype(type(numbers[0])).name, len(value), kept)
+                yield FieldDescription(path, np.dtype(type(numbers[0])).name, len(value), kept)
         else:
             for index, one in enumerate(value[:most]):
                 yield from fields_in(one, most, cut, f"{path}[{index}]")
+    else:
+        own_names = [one.name for one in value.DESCRIPTOR.fields] if hasattr(value, "DESCRIPTOR") else []
+        inner = {}
+        for name in value if isinstance(value, dict) else own_names:
+            is_plain = re.fullmatch(r"[^.\[\]]+", name)
+            own = f"{path}.{name}".removeprefix(".") if is_plain else f"{path}[{json.dumps(name, ensure_ascii=False)}]"
+            inner[own] = member(value, name)
+        beside = {own: list(one) for own, one in inner.items() if is_array(one) and all_are(str, one)}
+        for own, one in inner.items():
+            yield from fields_in(one, most, cut, own, beside)
 
 
 @dataclass(frozen=True)
@@ -189,23 +182,12 @@ class Reader:
                 self.misfit = self.misfit or str(error)
 
     def columns(self, rank: Indices | None = None) -> Columns:
-        """What was read, in the order of `rank`, which all messages have, (count,); without it as it was read. A
-        message with a truth value where others have a number is a misfit: joined, `True` would become 1."""
-        mixed, parts = list[int](), self.parts
-        for place, column in enumerate(zip(*(numbers for _, numbers in self.found), strict=True)):
-            if len({one.__class__ is bool for one in column if one is not None}) > 1:
-                mixed.append(place)
-        sound = []
-        for row, numbers in self.found:
-            wrong = [place for place in mixed if numbers[place].__class__ is bool]
-            if not wrong:
-                sound.append((row, numbers))
-            elif not self.misfit:
-                what = f"field '{self.paths[wrong[0]]}' is {str(numbers[wrong[0]]).lower()}"
-                self.misfit = f"{what}, not a number as elsewhere, in {self.place(row)}"
-        if sound:
-            columns = map(masked_numbers, zip(*(numbers for _, numbers in sound), strict=True))
-            parts = [(np.array([row for row, _ in sound]), dict(zip(self.paths, columns, strict=True)))]
+        """What was read, in the order of `rank`, which all messages have, (count,); without it as it was read."""
+        parts = self.parts
+        if self.found:
+            found, numbers = zip(*self.found, strict=True)
+            columns = map(masked_numbers, self.paths, zip(*numbers, strict=True))
+            parts = [(np.array(found), dict(zip(self.paths, columns, strict=True)))]
         rows = np.concatenate([np.empty(0, np.int64), *(rows for rows, _ in parts)])
         order = np.argsort(rows if rank is None else rank[rows], kind="stable")
         values, none = {}, np.empty(0, bool)
@@ -215,10 +197,12 @@ class Reader:
         return Columns(rows[order], values, self.count - rows.size, self.misfit)
 
 
-def masked_numbers(column: Sequence[float | bool | None]) -> NDArray[Any]:
+def masked_numbers(path: str, column: Sequence[float | bool | None]) -> NDArray[Any]:
     """Numbers, masked where there is none; whole ones in the type that holds them exactly, if one does."""
     known, mask = [0 if one is None else one for one in column], [one is None for one in column]
     kinds = {one.__class__ for one in column if one is not None}
+    if bool in kinds and len(kinds) > 1:  # joined, `True` would become 1
+        raise InputError(f"field '{path}' is a truth value in some places and a number in others; name another one")
     for kind in (np.int64, np.uint64) if kinds == {int} else ():
         with suppress(OverflowError):
             return np.ma.array(np.array(known, kind), mask=mask)

@@ -3,13 +3,11 @@
 The library sorts messages by their times, which would hide a clock that was set back; its index tells their places.
 """
 
-import re
 import sqlite3
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping
 from contextlib import closing, contextmanager, suppress
 from pathlib import Path
-from typing import NamedTuple
 from urllib.parse import quote
 
 import numpy as np
@@ -22,7 +20,7 @@ from osl_analysis.formats import optional_module
 from osl_analysis.formats.mcap import MAGIC as MCAP
 from osl_analysis.formats.mcap import read_mcap
 from osl_analysis.formats.message_fields import NOT_DEFINED, message_type, numbers_at, short_name
-from osl_analysis.formats.messages import MessageBlock, MessageFile, RefusedFileError, joined_parts
+from osl_analysis.formats.messages import MessageBlock, MessageFile, joined_parts
 
 BAG1 = b"#ROSBAG V2.0\n"
 ANY_BAG1 = b"#ROSBAG V"
@@ -30,7 +28,7 @@ SQLITE = b"SQLite format 3\0"
 DESCRIPTION = "metadata.yaml"  # beside the parts of a ROS 2 bag: lists them, and how many messages each topic has
 
 
-def read_bag1(path: Path) -> MessageFile:
+def read_rosbag1(path: Path) -> MessageFile:
     """Read the index of a ROS 1 bag, and then every intact chunk. InputError if it has none or cannot be read."""
     data = path.read_bytes()
     if not data.startswith(BAG1):
@@ -94,56 +92,12 @@ def read_bag1(path: Path) -> MessageFile:
     return bag
 
 
-def bags_in(folder: Path) -> list[Path]:
-    return sorted(path for path in folder.iterdir() if path.name.endswith((".bag", ".bag.active")))
-
-
-def split_parts(folder: Path) -> list[Path]:
-    """The bags of one recording of ROS 1 in order; `rosbag record --max-splits` may have deleted earlier ones."""
-    # as `rosbag record --split` names its files; the one that it was writing when it was killed is still `active`
-    found = [(path, re.fullmatch(r"(.*)_(\d+)\.bag(\.active)?", path.name)) for path in bags_in(folder)]
-    numbered = {int(part[2]): path for path, part in found if part}
-    # a date in the name is when the file was begun: each has its own
-    names = {re.sub(r"\d{4}(-\d\d){5}", "DATE", part[1]) for _, part in found if part}
-    between = range(min(numbered, default=0), max(numbered, default=0))
-    missing = [f"{min(names)}_{number}.bag" for number in between if number not in numbered]
-    if len(numbered) < len(found) or len(names) != 1 or missing:
-        lacking = f" ({listing(missing)} cannot be found)" * bool(missing)
-        raise InputError(
-            f"{folder}: {listing([path.name for path, _ in found])} are not the files of one split recording of ROS 1, "
-            f"which are called NAME_0.bag, NAME_1.bag{lacking}; copy what is missing there, keep the files of one "
-            "recording in the folder, or name one bag as the trial's log"
-        )
-    return [numbered[one] for one in sorted(numbered)]
-
-
-def read_rosbag1(path: Path) -> MessageFile:
-    """Open a bag, or the folder of a recording in several bags; InputError if one cannot be opened or is missing."""
-    if not path.is_dir():
-        return read_bag1(path)
-    bags, counts = [read_bag1(file) for file in split_parts(path)], Counter[str]()
-    for bag in bags:
-        counts.update({bag.channels[k].topic: n for k, n in (bag.damage.declared or {}).items()})
-    log = joined_parts(path, bags, counts)
-    begin = bags[0].path.name
-    if not re.search(r"_0+\.bag", begin):
-        log.damage.remarks.append(f"the recording begins with '{begin}': its files before that are not here")
-    return log
-
-
 REINDEX = "write it again with `ros2 bag reindex`, or name one file of the recording as the trial's log"
 
 
-class Description(NamedTuple):
-    """What `metadata.yaml` says of a bag."""
-
-    parts: list[Path]  # its files, in the order of recording
-    counts: Counter[str]  # messages of each topic in all parts
-    distribution: str  # distribution of ROS that recorded it, such as `humble`; empty where it is not said
-
-
-def read_description(folder: Path, *, whole: bool = True) -> Description:
-    """The description in a folder; InputError if it is none, or not of a `whole` recording that can be read."""
+def read_description(folder: Path, *, whole: bool = True) -> tuple[list[Path], Counter[str]]:
+    """The files of the recording in a folder, in its order, and the messages of each topic in all of them, as its
+    description says; InputError if it has none, or one not of a `whole` recording that can be read."""
     path = folder / DESCRIPTION
     if not path.is_file():
         raise InputError(
@@ -159,7 +113,6 @@ def read_description(folder: Path, *, whole: bool = True) -> Description:
         for topic in said["topics_with_message_count"]:
             counts[str(topic["topic_metadata"]["name"])] += int(topic["message_count"])
         mode = str(said.get("compression_mode") or "").lower() if said.get("compression_format") else ""
-        distribution = str(said.get("ros_distro") or "")
     except (yaml.YAMLError, RecursionError, KeyError, TypeError, ValueError, AttributeError) as error:
         reason = " ".join(str(error).split())[:120]
         raise InputError(f"{path}: not the description of a ROS 2 bag ({reason}); {REINDEX}") from error
@@ -174,43 +127,41 @@ def read_description(folder: Path, *, whole: bool = True) -> Description:
             f"{folder}: {len(missing)} of the {len(names)} files that {DESCRIPTION} lists are missing "
             f"({listing(missing)}); copy them there, or name one file of the recording as the trial's log"
         )
-    return Description([folder / name for name in names], counts, distribution)
+    return [folder / name for name in names], counts
 
 
-def siblings(path: Path) -> tuple[Description | None, str]:
-    """The description beside one file of a bag, if it lists the file; and a remark for the user, or an empty text."""
-    try:
-        described = read_description(path.parent, whole=False)
-    except InputError:
-        return None, ""
-    if path not in described.parts:
-        return None, ""
-    count, folder = len(described.parts), path.parent.name
-    return described, f"one of the {count} files of a recording; name the folder '{folder}' to read all" * (count > 1)
+def siblings(path: Path) -> tuple[list[Path], Counter[str], str]:
+    """What the description beside one file of a bag says, if it lists the file; and a remark for the user, if any."""
+    with suppress(InputError):
+        files, counts = read_description(path.parent, whole=False)
+        if path in files:
+            remark = f"one of the {len(files)} files of a recording; name the folder '{path.parent.name}' to read all"
+            return files, counts, remark * (len(files) > 1)
+    return [], Counter(), ""
 
 
 def read_rosbag2(path: Path) -> MessageFile:
     """Open a database, or the folder of a recording in sqlite3 or MCAP; InputError if a part cannot be opened."""
-    described, remark = (read_description(path), "") if path.is_dir() else siblings(path)
-    if described is None or remark:
-        bag = read_database(path, described.distribution if described else "")
+    files, counts, remark = (*read_description(path), "") if path.is_dir() else siblings(path)
+    if not files or remark:
+        bag = read_database(path)
         nothing = f"no {DESCRIPTION} beside it: how many messages were recorded is not known"
         bag.damage.remarks.append(remark or nothing)
         return bag
     parts: list[MessageFile] = []
-    for file in described.parts:
+    for file in files:
         begin = beginning(file)
         if begin.startswith(MCAP):
             parts.append(read_mcap(file))
         elif begin == SQLITE:
-            parts.append(read_database(file, described.distribution))
+            parts.append(read_database(file))
             parts[-1].damage.finished = True  # its description is that of the whole
         else:
             raise InputError(
                 f"{file}: neither a database of sqlite3 nor MCAP (it begins with {begin[:8]!r}); copy it again, or "
                 "record again"
             )
-    return joined_parts(path, parts, described.counts)
+    return joined_parts(path, parts, counts)
 
 
 def beginning(path: Path) -> bytes:
@@ -237,8 +188,8 @@ def opened(path: Path) -> Iterator[sqlite3.Connection]:
         raise InputError(f"{path}: the database is damaged or cut off ({said}); {RECOVER}") from error
 
 
-def read_database(path: Path, distribution: str) -> MessageFile:
-    """Open a bag in a database of sqlite3 (.db3) that a distribution of ROS recorded; empty where that is not known."""
+def read_database(path: Path) -> MessageFile:
+    """Open a bag in a database of sqlite3 (.db3)."""
     if (begin := beginning(path)) != SQLITE:
         raise InputError(f"{path}: not a bag in sqlite3 (it begins with {begin[:8]!r}); check the source's format")
     for ending, what in (("-wal", "a write-ahead log"), ("-journal", "a journal")):
@@ -259,7 +210,7 @@ def read_database(path: Path, distribution: str) -> MessageFile:
             channel = channel_of.setdefault(number, len(channel_of))
             metadata, schema = {}, channel + 1
             try:
-                bag.declare(Schema(schema, definition_of(kind, own, distribution), "ros2msg", kind))
+                bag.declare(Schema(schema, definition_of(kind, own), "ros2msg", kind))
             except InputError as error:
                 metadata, schema = {NOT_DEFINED: str(error)}, 0
             bag.declare(Channel(id=channel, topic=name, message_encoding=encoding, metadata=metadata, schema_id=schema))
@@ -271,12 +222,7 @@ def read_database(path: Path, distribution: str) -> MessageFile:
             while rows := cursor.fetchmany(1 << 14):
                 known = list[tuple[int, int, bytes]]()  # channel, time [ns] and payload
                 for topic, time, data in rows:
-                    if not (isinstance(topic, int) and isinstance(time, int) and isinstance(data, bytes)):
-                        raise RefusedFileError(
-                            f"{path}: a row of the table 'messages' holds {type(data).__name__} at {time!r:.40} "
-                            f"and no message; {RECOVER}"
-                        )
-                    if topic not in channel_of:
+                    if topic not in channel_of or not (isinstance(time, int) and isinstance(data, bytes)):
                         strangers += 1
                         continue
                     if data[:4] == b"\x28\xb5\x2f\xfd":  # compressed on its own; one in CDR begins with a zero byte
@@ -291,13 +237,13 @@ def read_database(path: Path, distribution: str) -> MessageFile:
                 bag.damage.read.update(block.counts)
                 yield block
         if strangers:
-            bag.damage.lose(f"{strangers} messages belong to topics that are not in the bag", 0, None, 0)
+            bag.damage.lose(f"{strangers} messages hold no bytes, or belong to no topic of the bag", 0, None, 0)
 
     bag.blocks = blocks()
     return bag
 
 
-def definition_of(kind: str, own: Mapping[str, tuple[str, str]], distribution: str) -> bytes:
+def definition_of(kind: str, own: Mapping[str, tuple[str, str]]) -> bytes:
     """The definition of messages of type `kind` (`package/msg/Name`); InputError if there is none. own: encoding and
     text by type, as bags have them since ROS 2 Iron. `rosbags` has those of the standard types."""
     convert = (
@@ -313,30 +259,22 @@ def definition_of(kind: str, own: Mapping[str, tuple[str, str]], distribution: s
         library = optional_module("rosbags.typesys", "ros", "a bag without definitions of its messages")
     except InputError as error:
         raise InputError(f"{lacking}: {error}") from error
-    found = {}
-    for name in (one.name for one in library.Stores if one.name.startswith("ROS2_")):
-        store = library.get_typestore(library.Stores[name])
+    found = {}  # by what they mean: comments differ
+    for one in (one for one in library.Stores if one.name.startswith("ROS2_")):
+        store = library.get_typestore(one)
         if kind in store.types:
-            found[name] = str(store.generate_msgdef(kind, ros_version=2)[0]).encode()
+            text = str(store.generate_msgdef(kind, ros_version=2)[0])
+            found[repr(message_type(Schema(0, text.encode(), "", kind), ros1=False))] = text.encode()
     if not found:
         raise InputError(f"{lacking}, which is no standard one; {convert}")
-    recorded = found.get(f"ROS2_{distribution.upper()}")
-    types = {repr(message_type(Schema(0, one, "", kind), ros1=False)) for one in found.values()}
-    if recorded is None and len(types) > 1:
+    if len(found) > 1:
         raise InputError(f"{lacking}, which differs between the distributions of ROS 2; {convert}")
-    return recorded or next(iter(found.values()))
-
-
-def folder_format(folder: Path) -> str:
-    """Name of the format of the recording in a folder. What holds bags of ROS 1 and no description is of ROS 1."""
-    return "rosbag1" if not (folder / DESCRIPTION).is_file() and bags_in(folder) else "rosbag2"
+    return found.popitem()[1]
 
 
 def files_in(folder: Path, *, whole: bool = True) -> list[Path]:
     """The files of the recording in a folder: all that a trial is made of. Refused as in `read_description`."""
-    if folder_format(folder) == "rosbag1":
-        return split_parts(folder)
-    return [folder / DESCRIPTION, *read_description(folder, whole=whole).parts]
+    return [folder / DESCRIPTION, *read_description(folder, whole=whole)[0]]
 
 
 def recorded_files(path: Path) -> list[Path]:

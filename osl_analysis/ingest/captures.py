@@ -155,7 +155,7 @@ def place_of(label: str, labels: Sequence[str], what: str) -> int:
 
 def read_c3d_capture(path: Path, source: Source) -> Recording:
     """The columns that the source file asks for, in SI units; frame 0 and analog sample 0 are at 0 s."""
-    recording = read_c3d(path, source.counts)
+    recording = read_c3d(path)
     header, points, labels = recording.header, recording.points, recording.point_labels
     plates = plate_loads(recording, source)
     names = source.markers

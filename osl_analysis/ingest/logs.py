@@ -387,7 +387,7 @@ def read_message_log(path: Path, source: Source) -> Recording:
     stamps have rows of their own, null in the columns of the others. The losses of the file are in the facts under
     `damage`. Refused is what cannot be decoded, a loss above `largest_loss`, and stamps that contradict each other."""
     file = OPENERS[source.format](path)
-    if source.format == "mcap" and (remark := siblings(path)[1]):
+    if source.format == "mcap" and (remark := siblings(path)[-1]):
         file.damage.remarks.append(remark)
     by_topic: dict[str, dict[str, Channel]] = defaultdict(dict)
     for column, channel in source.channels.items():

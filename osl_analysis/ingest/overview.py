@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError, listing, printable
 from osl_analysis.formats import csv_table
-from osl_analysis.formats.c3d import C3DRecording, CountsError, read_c3d
+from osl_analysis.formats.c3d import C3DRecording, read_c3d
 from osl_analysis.formats.gait_text import read_opensim, read_sections, read_trc
 from osl_analysis.formats.json_lines import MOST_ELEMENTS, addresses_of, decode_lines, read_json_lines
 from osl_analysis.formats.mat import Value, open_mat
@@ -441,16 +441,8 @@ def topic_channels(survey: ChannelLog, fields: Sequence[FieldDescription]) -> It
 
 
 def inspect_c3d(path: Path) -> Overview:
-    """Markers with the share of frames in which they were seen, model outputs, analog channels and plates. Where header
-    and parameters contradict each other, the file is read by the counts that fit its size."""
-    settings, remarks = dict[str, object](), list[str]()
-    try:
-        recording = read_c3d(path)
-    except CountsError as error:
-        if not error.fitting:
-            raise
-        recording = read_c3d(path, error.fitting[0])
-        settings, remarks = {"counts": UNKNOWN}, [f"read here with the counts of the {error.fitting[0]}: {error}"]
+    """Markers with the share of frames in which they were seen, model outputs, analog channels and plates."""
+    recording = read_c3d(path)
     header, unit, labels = recording.header, recording.point_unit(), recording.analog_labels
     channels = []
     for label, positions in zip(recording.point_labels, recording.points.transpose(1, 0, 2), strict=False):
@@ -471,15 +463,14 @@ def inspect_c3d(path: Path) -> Overview:
         "vertical on screen": "".join(header.texts("POINT:Y_SCREEN")[:1]) or "not said",
         "software": " ".join(header.texts("MANUFACTURER:SOFTWARE")) or "not said",
     }
-    settings["plates"] = "all" if plates else "none"
-    remarks += [header.remark] * bool(header.remark)
+    remarks = [header.remark] * bool(header.remark)
     remarks += [*repeated("markers", recording.point_labels), *repeated("analog channels", labels)]
     if stated is not None:
         remarks.append(f"ANALOG:RATE is {stated:g} Hz, the frames hold samples at {actual:g} Hz")
     counts = ("points", header.points, recording.point_labels), ("analog channels", header.channels, labels)
     for what, count, named in counts:
         remarks += [f"{count - len(named)} of {count} {what} have no label"] * (len(named) < count)
-    return Overview("c3d", facts, channels, remarks, settings)
+    return Overview("c3d", facts, channels, remarks, {"plates": "all" if plates else "none"})
 
 
 def repeated(what: str, labels: Sequence[str]) -> list[str]:

@@ -20,7 +20,7 @@ from osl_analysis.formats.json_lines import is_json_lines
 from osl_analysis.formats.mat import is_mat
 from osl_analysis.formats.mcap import MAGIC
 from osl_analysis.formats.other_formats import FIRST_BYTES, refuse_others
-from osl_analysis.formats.rosbag import ANY_BAG1, SQLITE, files_in, folder_format
+from osl_analysis.formats.rosbag import ANY_BAG1, SQLITE, files_in
 from osl_analysis.formats.tdms import is_tdms
 from osl_analysis.ingest import overview
 from osl_analysis.ingest.captures import read_c3d_capture, read_nexus_capture, read_trc_capture
@@ -145,7 +145,7 @@ def formats_of(path: Path, stated: str = "csv") -> tuple[bytes, list[str]]:
     """What a file begins with, and the formats that it has by that, the stated one alone where it is that; none for
     text that only its name can tell."""
     if path.is_dir():
-        return b"", [folder_format(path)]
+        return b"", ["rosbag2"]
     with path.open("rb") as file:
         begin = file.read(FIRST_BYTES)
     refuse_others(path, begin)  # first: a PNG image begins like C3D

@@ -324,9 +324,6 @@ class Source(SourceFile):
     header: Literal["row", "comment", "none"] = "row"  # Place of the names: first row, last comment line, or none.
     units_row: bool = False  # Whether a row of units follows the header.
     missing: tuple[str, ...] = ("", "nan", "NaN")  # Cells that become NaN: what a logger writes if a reading failed.
-    extra_cells: Literal["refuse", "first", "last"] = "refuse"
-    """Cells without a name, of which every row has more than the header; `first` or `last`, as they stand there, leaves
-    them out (R writes the rows' names first). A log whose rows fit its header is read as it is."""
     ragged: Literal["refuse", "skip", "dropped_variable"] = "refuse"
     """Rows whose length differs from the header's: the file is refused, or `skip` skips and counts them.
     `dropped_variable`, for a logger that omits a variable after it failed: from there on, the columns that were missing
@@ -336,8 +333,6 @@ class Source(SourceFile):
     axes: Axes = ("x", "y", "z")  # The file's that point forward, left and up: `[x, -z, y]` where y is up.
     analogs: dict[str, Channel] = Field(default={})  # The recorded channel of each canonical column.
     outputs: dict[str, ModelOutput] = Field(default={})  # The model output of each canonical column.
-    counts: Literal["refuse", "header", "parameters"] = "refuse"
-    """Counts of points and channels that hold where header and parameters contradict: header, parameters, or refuse."""
     point_unit: LengthUnit | None = None  # Unit of length, where the file's own is absent or wrong.
     plates: Any = Field(default={})  # Force plates by number, from 1; in C3D those to read: all, none or a list.
     plate_units: PlateUnits | None = None  # Units of the plates' channels, where the file's are absent or wrong.
@@ -405,7 +400,7 @@ KEYS: Mapping[str, tuple[Any, ...]] = {
     "rosbag1": OF_MESSAGES,
     "rosbag2": OF_MESSAGES,
     "csv": (
-        f"{OF_TABLE} delimiter decimal comment header units_row missing extra_cells ragged",
+        f"{OF_TABLE} delimiter decimal comment header units_row missing ragged",
         *("column counter", f"column {OF_ROWS}"),
     ),
     "json_lines": (OF_TABLE, "field counter unit", f"field {OF_ROWS}", "", NO_UNITS),
@@ -427,7 +422,7 @@ KEYS: Mapping[str, tuple[Any, ...]] = {
         },
     ),
     "c3d": (
-        *(f"{OF_DEVICES} counts point_unit plates plate_units plate_zero", "channel", "", ""),
+        *(f"{OF_DEVICES} point_unit plates plate_units plate_zero", "channel", "", ""),
         {"plates": (Annotated[Literal["all"] | tuple[int, ...], BeforeValidator(all_none_or_list)], "all")},
     ),
     "nexus_csv": (
@@ -446,7 +441,7 @@ def open_places(content: Any, above: tuple[str, ...] = ()) -> Iterator[tuple[str
     """The places of a draft that are not edited yet: channels without a name, and what is UNKNOWN, which in other
     fields may be a name in the recording."""
     for key, value in content.items() if isinstance(content, dict) else ():
-        place, is_open = (*above, str(key)), value == UNKNOWN and key in ("unit", "extra_cells", "counts")
+        place, is_open = (*above, str(key)), value == UNKNOWN and key == "unit"
         if re.fullmatch(r"NAME_\d+", str(key)) or is_open or value == NAME_OF_TIME:
             yield place
         else:

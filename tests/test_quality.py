@@ -32,7 +32,7 @@ from osl_analysis.judge.recording import (
     validate_rules,
 )
 from osl_analysis.judge.table import CheckResult, Commanded, QualityRules
-from osl_analysis.signals import longest_at_extreme, longest_run
+from osl_analysis.signals import longest_run, run_at_extreme
 from osl_analysis.trial import Trial
 from osl_analysis.yaml_settings import validated
 
@@ -191,6 +191,11 @@ def test_jitter_is_the_wander_of_stamps_about_which_nothing_decides():
     found = results(resting.with_columns(time=pl.col("time") + pl.Series(wander)))["jitter"]
     assert found.value == pytest.approx(50 / np.sqrt(2), rel=0.1)
     assert "undecided, true" in found.remark
+
+
+def longest_at_extreme(values):
+    run = run_at_extreme(values)
+    return run.stop - run.start
 
 
 def test_an_extreme_at_zero_or_where_the_channel_mostly_is_is_no_rail():

@@ -10,17 +10,9 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from osl_analysis.bench import effects
 from osl_analysis.bench.analysis import Analysis, analysed, check_stiffer, friction_rows, widened
-from osl_analysis.bench.effects import (
-    TRANSMISSION,
-    Model,
-    causes,
-    clocks_row,
-    plain_sums,
-    sums_of,
-    taken_by,
-    with_effects,
-)
+from osl_analysis.bench.effects import TRANSMISSION, Model
 from osl_analysis.bench.gram import GroupFit, fit_groups, gram_sums
 from osl_analysis.bench.phasors import harmonic_shares, phasors_of_record
 from osl_analysis.bench.record import Groups, Label, Record, joint_angle, stretches_of
@@ -57,10 +49,8 @@ def part_summary(part: str, table: pl.DataFrame) -> pl.DataFrame:
 
 def belt_trial(trial: Trial, p: DrivetrainParameters | None, settings: BeltAnalysis) -> Analysis:
     """Filter and fit one canonical trial. Without parameters (None) the ratio n_T is not known: the shaft must rest.
-
-    Raises InputError, IdentifiabilityError: as `branches_of` and `fit_groups`, the belt is stiffer than the bench, or a
-    signal is missing or irregular; the message names the trial.
-    """
+    Raises InputError, IdentifiabilityError: as `branches_of` and `fit_groups`, or the belt is stiffer than the bench;
+    the message names the trial."""
     signals = uniform_signals(trial, ("theta", "theta_m", "torque"), settings.gap_limits)
     other, bench = signals.other(), settings.bench_stiffness
     try:
@@ -117,7 +107,7 @@ def fit_branches(record: Record, drift: float = 0.0) -> Analysis:
         models[way] = {"K_s": "theta", "offset": "one"} | ({} if constant else {"B_j": "omega"}), way
     fits: dict[Label, GroupFit] = {}
     for name, (model, label) in models.items():
-        taken = taken_by(s, model, "late", label)
+        taken = effects.taken_by(s, model, "late", label)
         found = widened(fit_groups(s, model, label), drift * np.array([taken[one] for one in model]))
         fits[name] = replace(found, interval_method=f"{found.interval_method} + drift") if drift else found
     return Analysis(record, s, models["loading"][0], fits, {}, "loading")
@@ -125,10 +115,8 @@ def fit_branches(record: Record, drift: float = 0.0) -> Analysis:
 
 def branches_of(theta_s: Array, rate_hz: float, usable: NDArray[np.bool_], cutoff_hz: float) -> Groups:
     """Stretches of loading and unloading of a deflection theta_s (n,) [rad] in usable rows; some sixteen for each
-    branch, from whose scatter its interval comes.
-
-    Raises InputError: as `loaded_rows`, or a branch has no usable row.
-    """
+    branch, from whose scatter its interval comes. Raises InputError: as `loaded_rows`, or a branch has no usable
+    row."""
     onset, peak, release = loaded_rows(theta_s - theta_s[0])
     found = []
     for label, rows in (("loading", slice(onset, peak + 1)), ("unloading", slice(peak, release))):
@@ -145,10 +133,8 @@ def branches_of(theta_s: Array, rate_hz: float, usable: NDArray[np.bool_], cutof
 
 def loaded_rows(deflection: Array) -> tuple[int, int, int]:
     """Rows of one load-unload cycle: the onset of loading, the peak, and the row after unloading. Loading begins at a
-    twentieth of the peak; below it the belt's hysteresis reverses.
-
-    Raises InputError: the belt hardly deflects, is not unloaded again, or is loaded more than once.
-    """
+    twentieth of the peak; below it the belt's hysteresis reverses. Raises InputError: the belt hardly deflects, is not
+    unloaded again, or is loaded more than once."""
     peak = int(np.argmax(np.abs(deflection)))
     if abs(deflection[peak]) < np.deg2rad(0.5):
         raise InputError(
@@ -222,10 +208,9 @@ def belt_curve(belt: Analysis) -> pl.DataFrame:
 
 
 def belt_figure_points(curves: pl.DataFrame, table: pl.DataFrame, summary: pl.DataFrame) -> pl.DataFrame:
-    """The numbers of Fig. 3, for each joint and side: the curves with the `deviation` of torque [N*m] from the mean
-    slope and the reason why a fit is doubtful; this slope as two points, from 0 to the largest deflection, with the
-    mean area of the loops [J]. `curves` are the trials' `belt_curve`s, `table` is `belt.csv`, `summary` its summary.
-    """
+    """The numbers of Fig. 3, for each joint and side: the curves (`belt_curve`) with the `deviation` of torque [N*m]
+    from the mean slope and the reason why a fit is doubtful; this slope as two points, from 0 to the largest
+    deflection, with the mean area of the loops [J]. `table` is `belt.csv`, `summary` its summary."""
     found = []
     marked_curves = curves.join(table.select("trial", *PLACE, "doubtful"), "trial", how="left", maintain_order="left")
     bounds = {"": "mean", "_low": "low", "_high": "high"}
@@ -247,7 +232,7 @@ def belt_figure_points(curves: pl.DataFrame, table: pl.DataFrame, summary: pl.Da
 
 def transmission_of(record: Record) -> Analysis:
     """Losses with the motor detached, Eq. 4 with theta_s = 0, fitted to a stepped sine; raises as `analysed`."""
-    return analysed(record, plain_sums(record, TRANSMISSION), TRANSMISSION)
+    return analysed(record, effects.plain_sums(record, TRANSMISSION), TRANSMISSION)
 
 
 def transmission_table(analysis: Analysis) -> pl.DataFrame:
@@ -255,12 +240,12 @@ def transmission_table(analysis: Analysis) -> pl.DataFrame:
 
     A lag of the torque is not among the diagnostics, because it cannot be told from an inertia of -B_j times the lag.
     """
-    record, s = analysis.record, sums_of(analysis.record, TRANSMISSION)
-    phasors, found = phasors_of_record(record), causes(record, s, TRANSMISSION)
-    clocks, rows = clocks_row(record, s, TRANSMISSION, found), list[Row]()
+    record, s = analysis.record, effects.sums_of(analysis.record, TRANSMISSION)
+    phasors, found = phasors_of_record(record), effects.causes(record, s, TRANSMISSION)
+    clocks, rows = effects.clocks_row(record, s, TRANSMISSION, found), list[Row]()
     certain = friction_rows(s, TRANSMISSION, analysis.fits)  # its T_C counts how sharply friction turns its sign
     for label, fit in analysis.fits.items():
-        friction = with_effects(s, TRANSMISSION, ("T_C",), label)
+        friction = effects.with_effects(s, TRANSMISSION, ("T_C",), label)
         even, odd = harmonic_shares(phasors, label, (0.0, fit["B_j"], fit["J_j"]))
         rows.append(
             {
@@ -285,11 +270,9 @@ FEWEST_MOVING_S = 1.0  # shortest duration [s] of the samples that are fitted
 
 def actuator_trial(trial: Trial, settings: ActuatorAnalysis) -> Analysis:
     """Filter one canonical trial, and fit Eqs. 1-2. Its motion is theta_m [rad] of the actuator's output, or omega_m
-    [rad/s] of a bench that logs no angle; its torque is torque_m [N*m], and its current I_q [A].
-
-    Raises InputError: a signal is missing, or the actuator hardly moves. Raises IdentifiabilityError: the schedule
-    cannot tell two parameters apart; the message names the trial and them.
-    """
+    [rad/s] of a bench that logs no angle; its torque is torque_m [N*m], and its current I_q [A]. Raises InputError: a
+    signal is missing, or the actuator hardly moves; IdentifiabilityError: the schedule cannot tell two parameters
+    apart. The message names the trial."""
     moved = next((name for name in ("theta_m", "omega_m") if name in trial.samples.columns), "theta_m")
     uniform = uniform_signals(trial, (moved, "current", "torque_m"), settings.gap_limits)
     try:
@@ -300,13 +283,10 @@ def actuator_trial(trial: Trial, settings: ActuatorAnalysis) -> Analysis:
 
 
 def actuator_of(signals: UniformSignals, settings: ActuatorAnalysis) -> Analysis:
-    """The fit to uniform signals.
-
-    The sign of the velocity is tanh(omega_m/sign_width). It is taken before the filter, so that friction's jumps are
-    smeared in the column as they are in the torque, which biases nothing. f_G can be told from k_tau n_m only if the
-    current both drives and brakes: as long as it has the direction of the motion, sign(omega_m) |I_q| equals I_q. The
-    drift is that of the torque transducer. Left in the residual it would multiply the standard error of f_G by four.
-    """
+    """The fit to uniform signals. The sign of the velocity is tanh(omega_m/sign_width), taken before the filter, so
+    that friction's jumps are smeared in the column as they are in the torque. f_G can be told from k_tau n_m only if
+    the current both drives and brakes: else sign(omega_m) |I_q| equals I_q. The drift is that of the torque transducer;
+    left in the residual it would multiply the standard error of f_G by four."""
     check_changes("torque_m", signals["torque_m"])
     moved, usable, time = moved_by(signals), signals.usable, signals.time
     low_pass, rate, raw = settings.low_pass, signals.rate_hz, signals[moved]

@@ -27,7 +27,6 @@ from osl_analysis.spectral.periods import distinct
 from osl_analysis.spectral.response import periodic_response
 from osl_analysis.stats.fit_row import Row, lag_damping_row
 from osl_analysis.stats.repeats import summary_row
-from osl_analysis.stats.rounding import distinct_values
 from osl_analysis.trial import Array
 
 QUANTITIES = ("K", "B", "I")  # parameters of Eq. 15
@@ -132,8 +131,8 @@ def check_moves(record: Record, sums: Sums) -> None:
     of the motion. Or one that moves slowly: noise of the encoder makes its acceleration, by a tenth or more of the
     power of the part of it that is not proportional to angle and velocity."""
     measured, step, fewest, slow, most = record.part(record.bench_angle), record.steps[0], 20.0, 200, 0.1
-    values = distinct_values(measured, most=slow)  # None where there are more, as a slow motion has
-    levels = np.inf if values is None else len(values)
+    values = len(np.unique(measured))
+    levels = values if values <= slow else np.inf  # there are more where the motion is slow
     steps = float(levels if step is None else min(np.ptp(measured) / step, levels))
     if steps < fewest:
         raise InputError(

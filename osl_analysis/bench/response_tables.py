@@ -28,13 +28,13 @@ from osl_analysis.stats.fit_row import Row, estimates_row
 
 LEVELS = ("noise", "odd", "even", "total")
 CURVES = {SecondOrder.name: "eq15", RationalDrivetrain.name: "eq9"}
+# columns of the two tables
 RESPONSE_COLUMNS: dict[str, type[pl.DataType]] = {
     "trial": pl.String, "method": pl.String, "realisations": pl.Int64,
     **dict.fromkeys(("frequency_hz", "angle_deg", "Z_re", "Z_im", "magnitude", "phase_deg"), pl.Float64),
     **dict.fromkeys(("noise_sd", "total_sd", *(f"{name}_level" for name in LEVELS)), pl.Float64),
     **dict.fromkeys(("magnitude_eq15", "phase_deg_eq15", "magnitude_eq9", "phase_deg_eq9"), pl.Float64),
 }  # fmt: skip
-"""Columns of `response.csv`."""
 ESTIMATED = tuple(f"{name}{end}" for name in ("K", "B", "I", "K_1", "B_1") for end in ("", "_se", "_low", "_high"))
 BAND = ("torque", "noise", "odd", "even", "detection", "distortion")
 MODELS: dict[str, type[pl.DataType]] = {
@@ -44,15 +44,14 @@ MODELS: dict[str, type[pl.DataType]] = {
     **dict.fromkeys(("VAF", "misfit", "misfit_ratio", "misfit_p", *(f"{name}_level" for name in BAND)), pl.Float64),
     "excluded": pl.String,
 }  # fmt: skip
-"""Columns of `response_models.csv`."""
 NO_RESPONSE = {"response": RESPONSE_COLUMNS, "response_models": MODELS, "response_lines": LINES}
 
 
 def response_tables(record: Record, p: DrivetrainParameters | None) -> dict[str, pl.DataFrame]:
     """Rows of `response.csv` and `response_models.csv` of one trial, and the lines of its periods; Eq. 9 where the
-    device has parameters. None of a stepped sine, whose response is in `phasors.csv`. The lines are of the signals
-    before the filter: of the periods of the motion, up to its cut-off, else of the longest stretch. A structure that
-    cannot be fitted has a row with the reason, and so has a trial without a frequency response."""
+    device has parameters. None of a stepped sine, whose response is in `phasors.csv`. The lines are of unfiltered
+    signals: of the periods up to the filter's cut-off, else of the longest stretch. What cannot be fitted has a row
+    with the reason."""
     nothing = {name: pl.DataFrame(schema=schema) for name, schema in NO_RESPONSE.items()}
     if record.is_stepped_sine:
         return nothing

@@ -11,6 +11,7 @@ from itertools import pairwise
 
 import numpy as np
 import polars as pl
+from scipy.interpolate import make_interp_spline
 from scipy.special import stdtrit
 
 from osl_analysis.bench.analysis import Series, check_stiffer, timebase_table
@@ -50,13 +51,10 @@ class TorqueAngleTrial:
         model = np.full(len(self.theta), np.nan)
         for cycles, curve in zip(self.branches, self.curves, strict=True):
             at, y = curve["angle_deg"].to_numpy(), curve["torque"].to_numpy()
+            line = make_interp_spline(at, y, k=1, check_finite=False)  # NaN where the curve does not reach
             for pieces in cycles:
                 rows = np.r_[*pieces]
-                x = np.rad2deg(self.theta[rows])
-                ends = np.array([min(x.min(), at[0] - 1), max(x.max(), at[-1] + 1)])
-                first = y[0] + (y[0] - y[1]) / (at[0] - at[1]) * (ends[0] - at[0])
-                last = y[-1] + (y[-1] - y[-2]) / (at[-1] - at[-2]) * (ends[1] - at[-1])
-                model[rows] = np.interp(x, np.array([ends[0], *at, ends[1]]), np.array([first, *y, last]))
+                model[rows] = line(np.rad2deg(self.theta[rows]))
         return Series(self.uniform.time, self.torque, model, self.theta, np.isfinite(model))
 
     def vaf(self) -> float:
@@ -70,10 +68,8 @@ class TorqueAngleTrial:
         return timebase_table(self.uniform, None, self.settings.bench_stiffness)
 
     def desired_torque(self, desired: str | None) -> Array:
-        """Torque (m,) [N*m] of a desired curve at the angles of the grid; NaN beyond its ends, and of None.
-
-        Raises InputError: The settings have no such curve.
-        """
+        """Torque (m,) [N*m] of a desired curve at the angles of the grid; NaN beyond its ends, and of None. Raises
+        InputError: The settings have no such curve."""
         angle, curves = self.curves[0]["angle_deg"].to_numpy(), self.settings.desired
         if desired is None:
             return np.full(len(angle), np.nan)
@@ -86,11 +82,9 @@ class TorqueAngleTrial:
 
 
 def torque_angle_trial(trial: Trial, settings: TorqueAngleAnalysis) -> TorqueAngleTrial:
-    """Filter one canonical trial, take torque's zero and the bench's yielding off, and find cycles and curves.
-
-    Raises InputError: The joint hardly moves, there is no whole cycle or no rest, cycles are too fast, torque does not
-    follow the angle or drives it, or the joint is stiffer than the bench; the message names the trial.
-    """
+    """Filter one canonical trial, take torque's zero and the bench's yielding off, and find cycles and curves. Raises
+    InputError: The joint hardly moves, there is no whole cycle or no rest, cycles are too fast, torque does not follow
+    the angle or drives it, or the joint is stiffer than the bench; the message names the trial."""
     signals = uniform_signals(trial, ("theta", "torque"), settings.gap_limits)
     bench = settings.bench_stiffness
     try:
@@ -117,9 +111,8 @@ def torque_angle_of(signals: UniformSignals, settings: TorqueAngleAnalysis, comp
     theta = joint_angle(bench_theta, torque, compliance)
     cycles, facts = find_cycles(theta, settings.settle_cycles or 0)
     if settings.settle_cycles is None:
-        # A device with hysteresis that starts from rest begins within its loop and ends on it: the first cycle counts
-        # only if its torque comes back. It may miss its begin by three times as much as later cycles, which drift makes
-        # alike, or by 0.5 % of the range of torque.
+        # A device with hysteresis that starts from rest begins within its loop: the first cycle counts only if its
+        # torque comes back to within three times as much as that of later cycles, or 0.5 % of the range of torque.
         first, *later = (abs(float(torque[cycle[-1]] - torque[cycle[0]])) for cycle in cycles)
         if later and first > max(3.0 * max(later), 0.005 * float(np.ptp(torque))):
             cycles, facts = cycles[1:], facts | {"settled_cycles": 1}
@@ -190,13 +183,11 @@ def find_cycles(theta: Array, settle: int = 0) -> tuple[list[Cycle], Row]:
     """The cycles of an angle theta (n,) [rad], filtered, without the first `settle` ones, and how many were left out:
     `settled_cycles`; `smaller_cycles`, of a smaller range; `partial_cycles`, further stretches that are no whole cycle.
 
-    A cycle begins where the recording begins, and ends where the angle comes back in the same direction; if the motion
-    starts at one of its ends, where the angle comes back to this end. `loading` is the way, `rising` or `falling`, to
-    the end that is farther from the start. A whole cycle has nine tenths of the range of motion.
-
-    Raises InputError: there is no whole cycle, or none behind the first ones.
+    A cycle ends where the angle comes back to its begin in the same direction; if the motion starts at one of its ends,
+    where it comes back to this end. `loading` is the way, `rising` or `falling`, to the end that is farther from the
+    start. A whole cycle has nine tenths of the range of motion. Raises InputError: there is none to analyse.
     """
-    low, high, start = float(theta.min()), float(theta.max()), float(theta[0])
+    low, high = float(theta.min()), float(theta.max())
     span = high - low
     swing = 0.1 * span  # by which the angle must come back for a turning point
     turns = turning_points(theta, swing)
@@ -209,7 +200,7 @@ def find_cycles(theta: Array, settle: int = 0) -> tuple[list[Cycle], Row]:
     found = [cycle for cycle in closed if np.ptp(theta[cycle[0] : cycle[-1] + 1]) >= 0.9 * span]
     if not found:
         start_deg, low_deg, high_deg, last_deg = (
-            f"{round(np.rad2deg(angle), 2) + 0.0:.2f}" for angle in (start, low, high, theta[-1])
+            f"{round(np.rad2deg(angle), 2) + 0.0:.2f}" for angle in (theta[0], low, high, theta[-1])
         )
         raise InputError(
             f"no whole cycle: the angle begins at {start_deg} deg, goes to {low_deg} and {high_deg} deg, "
@@ -282,9 +273,9 @@ def straight_line(theta: Array, torque: Array, pieces: Sequence[slice]) -> float
 
 def local_parabola(theta: Array, torque: Array, at: float, window: float, independent: int) -> Array:
     """What the samples (n,) of one branch within a window [rad] to each side of an angle say of it, by a parabola (6,):
-    torque [N*m] and slope [N*m/rad], their squared standard errors in noise of a density of 1 [(N*m)^2 per sample],
-    the density of what a cubic leaves, as an AR(1) at steps after which the filter leaves noise `independent`, and its
-    degrees of freedom. NaN where samples are too few, and a slope where they do not reach as far as the window."""
+    torque [N*m] and slope [N*m/rad], their squared standard errors in noise of density 1 [(N*m)^2 per sample], the
+    density of what a cubic leaves, as an AR(1) at steps after which noise is `independent`, and its degrees of freedom.
+    NaN where samples are too few, and a slope where they do not reach as far as the window."""
     near = np.abs(theta - at) <= window
     x = (theta[near] - at) / window
     cubic = np.vander(x, 4, increasing=True)
@@ -306,11 +297,10 @@ def branch_curve(
 ) -> pl.DataFrame:
     """One branch at angles (m,) [deg], from its angle [rad] and torque in each cycle; NaN where it does not reach.
 
-    Torque [N*m], and stiffness, its slope over angle [N*m/rad], are means over the cycles, with 95 % intervals;
-    `change` is the torque of the last cycle minus that of the first. With two cycles or more the intervals are those of
-    their scatter (Student), with one those of its noise: the median density of its points, since at a kink what the
-    cubic cannot describe would count. The median of few degrees of freedom is below their mean by the factor of Wilson
-    and Hilferty (1931).
+    Torque [N*m], and stiffness, its slope over angle [N*m/rad], are means over the cycles; `change` is the torque of
+    the last cycle minus that of the first. 95 % intervals are those of the cycles' scatter (Student), of one cycle
+    those of its noise: the median density of its points, since at a kink what the cubic cannot describe would count.
+    The median of few degrees of freedom is below their mean by the factor of Wilson and Hilferty (1931).
     """
     at = np.deg2rad(angle_deg)
     points = np.array([[local_parabola(*one, angle, window, independent) for angle in at] for one in cycles])
@@ -368,13 +358,10 @@ def cycle_table(trial: TorqueAngleTrial) -> pl.DataFrame:
 def torque_angle_table(trial: TorqueAngleTrial, desired: str | None = None) -> pl.DataFrame:
     """The trial's row of `torque_angle.csv`; `desired` is the name of the curve that it should follow.
 
-    Intervals are those of the mean over cycles (Student), with the error of the bench's stiffness where it is stated;
-    null with one cycle. `cycle_drift` is the change of torque at the same angles from the first cycle to the last,
-    `rate_change` that of the energy lost from the slowest cycle to the fastest, null where their speeds differ by less
-    than 30 %, `desired_rms` the distance [N*m] of the mean of both branches from the desired curve, and `bridged_share`
-    the share of the rows of the cycles in gaps of the recording, or near them.
-
-    Raises InputError: The settings have no such curve.
+    Intervals are those of the mean over cycles (Student), with the error of the bench's stiffness; null with one cycle.
+    `cycle_drift` is the change of torque at the same angles from the first cycle to the last, `rate_change` that of the
+    energy lost from the slowest cycle to the fastest, null where their speeds differ by less than 30 %, `desired_rms`
+    the distance [N*m] of the mean of both branches from the desired curve. Raises InputError: There is no such curve.
     """
     cycles, bench, theta, torque = cycle_table(trial), trial.settings.bench_stiffness, trial.theta, trial.torque
     of = {name: cycles[name].to_numpy() for name in cycles.columns if name != "trial"}
@@ -384,12 +371,11 @@ def torque_angle_table(trial: TorqueAngleTrial, desired: str | None = None) -> p
         softer = cycle_table(torque_angle_of(trial.uniform, trial.settings, bench.compliance + bench.compliance_error))
     means: Row = {}
     for name in ("K", "K_secant", "K_unloading", "energy_stored", "energy_returned", "energy_lost"):
+        means |= {name: float(of[name].mean()), **dict.fromkeys((f"{name}_se", f"{name}_low", f"{name}_high"))}
         if several:
             change = 0.0 if softer is None else float(softer[name].to_numpy().mean() - of[name].mean())
             found = over_repeats(of[name], [(change**2, np.inf)] if change else [])
-            means |= {name: found.mean, f"{name}_se": found.se, f"{name}_low": found.low, f"{name}_high": found.high}
-        else:
-            means |= {name: float(of[name][0]), **dict.fromkeys((f"{name}_se", f"{name}_low", f"{name}_high"))}
+            means |= {f"{name}_se": found.se, f"{name}_low": found.low, f"{name}_high": found.high}
     rate_change, speed, lost = None, of["speed_deg_s"], of["energy_lost"]
     if speed.max() >= 1.3 * speed.min():
         slope = np.polyfit(np.log(speed), lost, 1)[0]
@@ -439,12 +425,10 @@ def torque_angle_table(trial: TorqueAngleTrial, desired: str | None = None) -> p
 def zero_row(trial: TorqueAngleTrial, widest: float) -> Row:
     """The torque taken for zero, and what speaks against it; the loop is `widest` [N*m] at its widest.
 
-    The torque at rest may be what hysteresis leaves: then it lies on a branch of the loop (0.5 of its width there from
-    its middle) and not in its middle, where friction lets go at rest. Where the joint rests at an end of the motion the
-    loop does not tell; a zero that is small against it is no matter there. `rest_change` is the difference of the
-    torque between rest at the end and at the start, as a share of its range; null where the zero is not that of the
-    end, or the joint does not rest at both at one angle. A zero at the start, before the device was moved, is right
-    although hysteresis leaves a torque at the end.
+    The torque at rest may be what hysteresis leaves: then it lies on a branch of the loop and not in its middle, where
+    friction lets go at rest. Where the joint rests at an end of the motion the loop does not tell; a zero that is small
+    against it is no matter there. `rest_change` is the torque at rest at the end minus that at the start, as a share of
+    its range; null where the zero is not that of the end, or the joint does not rest at both at one angle.
     """
     torque, settings, angle = trial.torque, trial.settings, trial.curves[0]["angle_deg"].to_numpy()
     rest = float(np.rad2deg(trial.theta[0 if settings.zero == "start" else -1]))

@@ -16,7 +16,7 @@ from osl_analysis.judge.table import TABLE, Cause, CheckResult, Commanded, Exami
 from osl_analysis.measured import usual_size
 from osl_analysis.plate_surface import beside, plate_axes
 from osl_analysis.protocol.stepped_sine import Likeness, Run, SteppedSineProtocol
-from osl_analysis.signals import longest_at_extreme, longest_run, run_edges, runs
+from osl_analysis.signals import longest_run, run_at_extreme, run_edges, runs
 from osl_analysis.signals.grid import GapLimits, devices_of, streams, uniform_signals
 from osl_analysis.signals.samples import take
 from osl_analysis.trial import Array, Trial, plate_columns, unit_of
@@ -217,7 +217,8 @@ def samples_at_rail(trial: Trial, column: str, torque: str | None = None) -> int
     if column.startswith("theta"):
         seen = 0 if torque is None else longest_clipped_angle(time, values, recorded(trial, torque))
     else:
-        seen = 0 if column == "current" and is_command(values) else longest_at_extreme(values)
+        rail = run_at_extreme(values)
+        seen = 0 if column == "current" and is_command(values) else rail.stop - rail.start
     if ends := stated_range(trial, column):
         near = 1e-3 * (ends[1] - ends[0])
         for there in map(longest_run, (values <= ends[0] + near, values >= ends[1] - near)):

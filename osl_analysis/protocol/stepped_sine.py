@@ -63,8 +63,8 @@ def noise_of(theta: Array) -> float:
 
 def upward_crossings(time: Array, theta: Array, noise: float) -> Array:
     """Times [s] at which the angle rises through its centre, from below a dead band to above it, 2 % of the largest
-    angle, so that rests and noise stay within. The centre is the median angle where the joint moves, and so changes
-    measurably in 20 ms; it may rest elsewhere, and for longer."""
+    angle, so that rests and noise stay within. The centre is the median angle where it changes measurably in 20 ms: it
+    may rest elsewhere, and for longer."""
     apart = max(round(0.02 * (len(time) - 1) / float(time[-1] - time[0])), 1)
     change = np.abs(theta[apart:] - theta[:-apart])
     moving = change > 0.1 * np.quantile(change, 0.95) if change.size else change > 0
@@ -111,13 +111,9 @@ class Run:
 
 def find_runs(time: Array, theta: Array, crossings: Array, fewest: int) -> list[Run]:
     """The runs of `fewest` or more cycles of a joint angle theta [rad] at increasing times [s], shape (n,) each, which
-    rises through its centre at the `crossings` [s].
-
-    Consecutive cycles that are alike make a run. A sine is then fitted to it, which gives its frequency and amplitude.
-    Two runs are one where the same sine (frequency, amplitude and phase) goes on behind a cycle that was disturbed, two
-    cycles later at most. The run extends as far as the angle follows this sine; where two runs touch, each sample
-    belongs to the sine that is nearer. Rests, ramps and transients lie between the runs.
-    """
+    rises through its centre at the `crossings` [s]. Consecutive cycles that are alike make a run, whose sine is fitted.
+    Two runs are one where the same sine goes on behind a cycle that was disturbed, two cycles later at most. A run
+    extends as far as the angle follows its sine. Rests, ramps and transients lie between the runs."""
     whole: list[Run] = []
     for rows, rate in alike_cycles(time, theta, crossings):
         run = fit_run(time, theta, rows, rate)
@@ -170,10 +166,9 @@ def alike_cycles(time: Array, theta: Array, crossings: Array) -> list[tuple[slic
 
 def fit_run(time: Array, theta: Array, rows: slice, frequency: float) -> Run | None:
     """The sine of about some frequency [Hz] through some rows; None where they follow no sine, whose misfit is 0.3 of
-    its RMS at most. The phasor of the fitted sine may change linearly in time. The growth of its phase corrects the
-    frequency, so that few steps suffice; 64 samples of a cycle tell all."""
+    its RMS at most. The phasor may change linearly in time; the growth of its phase corrects the frequency."""
     duration = float(time[rows.stop - 1] - time[rows.start])
-    every = max(int((rows.stop - rows.start) / (duration * frequency) / 64), 1)
+    every = max(int((rows.stop - rows.start) / (duration * frequency) / 64), 1)  # 64 samples of a cycle tell all
     t, x = time[rows][::every], theta[rows][::every]
     if len(t) < 8:
         return None
@@ -251,15 +246,12 @@ def whole_rows(start: float, stop: float) -> slice:
 
 
 def settled_cycles(segment: Segment, settle_cycles: int, usable: NDArray[np.bool_]) -> Array:
-    """Rows at which the cycles of a segment that are fitted begin and end, (k, 2): without the first `settle_cycles`
-    and the last one; one is kept.
-
-    The first cycles still contain the transient. Into the last one the zero-phase filter smears the beginning of the
-    next frequency. Cycles with a row that is not `usable` (n,) are not used, nor are stretches between them with too
-    few cycles for an interval where there is a longer one. The first edge is a whole row. The others are not rounded: a
-    cycle with a fraction of a row too many has a mean, and products of sine and cosine, that no other cycle has. At
-    250 Hz and 3 Hz the stated error of B was 5.8 times too large.
-    """
+    """Rows at which the cycles of a segment that are fitted begin and end, (k, 2): without the first `settle_cycles`,
+    which contain the transient, and the last one, into which the zero-phase filter smears the next frequency; one is
+    kept. Cycles with a row that is not `usable` (n,) are not used, nor are stretches between them with too few cycles
+    for an interval where there is a longer one. The first edge is a whole row. The others are not rounded: a cycle with
+    a fraction of a row too many has a mean that no other one has (at 250 and 3 Hz the error of B was 5.8 times too
+    large)."""
     before = min(settle_cycles, segment.cycles - 1)
     after = min(1, segment.cycles - before - 1)
     period = (segment.stop - segment.start) / segment.cycles
@@ -277,11 +269,8 @@ def settled_cycles(segment: Segment, settle_cycles: int, usable: NDArray[np.bool
 
 
 def labels_deg(segments: Sequence[Segment]) -> list[float]:
-    """The measured amplitude [deg] by which each segment is named, to three digits: the median of all that share it.
-
-    Segments share a label if they follow one commanded amplitude and no gap in size lies between them: two amplitudes
-    are never one.
-    """
+    """The measured amplitude [deg] by which each segment is named, to three digits: the median of all that follow one
+    commanded amplitude without a gap in size between them."""
     size, commanded = np.array([(one.amplitude, one.commanded or 0.0) for one in segments]).T
     order = np.lexsort((size, commanded))
     apart = (np.diff(commanded[order]) > 0) | (size[order][1:] > (1 + SAME_AMPLITUDE) * size[order][:-1])
@@ -291,11 +280,8 @@ def labels_deg(segments: Sequence[Segment]) -> list[float]:
 
 
 def find_segments(known: "Likeness") -> list[Segment]:
-    """The segments of a joint angle at uniform times, in the order of time.
-
-    Frequencies, their order, rests, ramps and numbers of cycles are as recorded. The protocol says which amplitudes
-    are meant. A run of another amplitude is not used if all of the commanded ones were recorded.
-    """
+    """The segments of a joint angle at uniform times, in the order of time. Frequencies, rests, ramps and numbers of
+    cycles are as recorded. The protocol says which amplitudes are meant."""
     theta, rate, meant = known.theta, sampling_rate(known.recorded), meant_runs(known)
     frequencies = common_frequencies([run for run, _ in meant], known.protocol)
     groups: list[list[tuple[Run, Segment]]] = []  # of one amplitude, without a rest of 0.3 cycles or more
@@ -351,11 +337,8 @@ def meant_runs(known: "Likeness") -> list[tuple[Run, float]]:
 
 
 def common_frequencies(found: Sequence[Run], protocol: SteppedSineProtocol) -> list[float]:
-    """The frequency [Hz] of each run, the same for all runs that are alike to 0.1 %.
-
-    It is the commanded one where none of them slips against it by 0.2 % of a cycle, else the mean of those found: where
-    the clock of the bench is off, the recorded frequency counts.
-    """
+    """The frequency [Hz] of each run, the same for all runs that are alike to 0.1 %: the commanded one where none of
+    them slips against it by 0.2 % of a cycle, else their mean, as where the clock of the bench is off."""
     frequencies = []
     for run in found:
         alike = [other for other in found if abs(other.frequency_hz / run.frequency_hz - 1) < 1e-3]
@@ -380,8 +363,7 @@ HARDLY = 0.25  # share of the moving time in sines below which a motion is no st
 
 @dataclass(frozen=True)
 class Likeness:
-    """Likeness of a joint angle to a stepped sine. Each part of it is found when it is asked for, and most motions are
-    known for what they are by the first."""
+    """Likeness of a joint angle to a stepped sine."""
 
     recorded: Array  # uniform times (n,) [s]
     theta: Array  # joint angle (n,) [rad]
@@ -410,24 +392,22 @@ class Likeness:
 
     @cached_property
     def runs(self) -> list[Run]:
-        """What the joint did, as `find_runs` has it, of three cycles, below which it may be a transient, or as few as
-        were commanded."""
+        """Runs of three cycles, below which it may be a transient, or as few as were commanded."""
         return find_runs(self.time, self.theta, self.crossings, min(3, int(min(self.protocol.cycles_at, default=3))))
 
     @cached_property
     def sines(self) -> float:
-        """Share of the moving time in sines of three cycles or more, each of one frequency and amplitude: those that
-        were commanded, and pure ones, whose misfit is 0.08 of their RMS at most; that of a triangle is 0.12."""
-        found = []
+        """Share of the moving time in runs that were commanded, and in pure sines, whose misfit is 0.08 of their RMS at
+        most; that of a triangle is 0.12."""
+        inside = np.zeros_like(self.moving)
         for run in self.runs:
             commanded = self.protocol.frequency_near(run.frequency_hz) and self.protocol.amplitude_near(run.amplitude)
             if self.is_steady(run) and (commanded or run.misfit < 0.08 * run.amplitude / np.sqrt(2)):
-                found.append((run.start, run.stop))
-        return self.share_of(found)
+                inside[slice(*np.searchsorted(self.time, (run.start, run.stop)))] = True
+        return float(np.count_nonzero(inside & self.moving) / max(int(np.count_nonzero(self.moving)), 1))
 
     def is_steady(self, run: Run) -> bool:
-        """Whether both halves of a run have one frequency to 1 %, by two or more upward crossings of each; those of a
-        sweep differ by more."""
+        """Whether both halves of a run have one frequency to 1 %; those of a sweep differ by more."""
         margin = 0.1 / run.frequency_hz
         own = self.crossings[(self.crossings > run.start - margin) & (self.crossings < run.stop + margin)]
         middle = len(own) // 2
@@ -436,27 +416,9 @@ class Likeness:
         periods = (own[middle] - own[0]) / middle, (own[-1] - own[middle]) / (len(own) - 1 - middle)
         return bool(max(periods) / min(periods) - 1 < 0.01)
 
-    def commanded(self) -> float:
-        """Share of the moving time in single cycles of a commanded frequency and amplitude."""
-        found = []
-        for start, stop in pairwise(self.crossings.tolist()):
-            angle = self.theta[slice(*np.searchsorted(self.time, (start, stop)))]
-            half = float(np.ptp(angle)) / 2 if angle.size else 0.0
-            if half and self.protocol.amplitude_near(half) and self.protocol.frequency_near(1 / (stop - start)):
-                found.append((start, stop))
-        return self.share_of(found)
-
-    def share_of(self, parts: Sequence[tuple[float, float]]) -> float:
-        """Share of the moving time that lies in parts, from a time [s] to another one; 0 where nothing moves."""
-        inside = np.zeros_like(self.moving)
-        for first, last in np.searchsorted(self.time, np.reshape(parts, (-1, 2))).tolist():
-            inside[first:last] = True
-        return float(np.count_nonzero(inside & self.moving) / max(int(np.count_nonzero(self.moving)), 1))
-
     def one_line(self) -> float:
-        """Power at one commanded frequency at a time, as a share of all: the mean over pieces of 4 s of the largest
-        share. Power counts from below the slowest to above the fastest commanded frequency. 0 if fewer than 0.6 of the
-        commanded frequencies prevail in a piece, by a share of 0.6, as they do in turn in a stepped sine."""
+        """Power at one commanded frequency at a time, as a share of that in their band: the mean over pieces of 4 s of
+        the largest share. 0 if fewer than 0.6 of the commanded frequencies prevail in a piece, by a share of 0.6."""
         time, theta, commanded = self.time, self.theta, np.unique(self.protocol.frequencies_hz)
         rate = (len(time) - 1) / float(time[-1])
         n = round(4.0 * rate)
@@ -475,15 +437,12 @@ class Likeness:
 
     @property
     def kind(self) -> Literal["stepped sine", "unclear", "other"]:
-        """`stepped sine`; `unclear` where sines, commanded cycles or frequencies are in a part of it, or where nothing
-        moves; else `other`. Noise of 0.5 to 6 Hz has up to 0.4 of commanded cycles by chance. A stepped sine has 0.95
-        of one line beside spikes, hum and a wandering angle, a sweep 0.7 to 0.8, noise less."""
+        """`stepped sine`; `unclear` where sines or commanded frequencies are in a part of it, or where nothing moves;
+        else `other`. A stepped sine has 0.87 of one line and more beside spikes, hum and a wandering angle, a sweep
+        0.8."""
         if self.sines > 0.5:
             return "stepped sine"
-        if not self.moves:
-            return "unclear"
-        damaged = self.sines > HARDLY or self.commanded() > 0.6 or self.one_line() > 0.85
-        return "unclear" if damaged else "other"
+        return "unclear" if not self.moves or self.sines > HARDLY or self.one_line() > 0.85 else "other"
 
 
 def moving_bins(time: Array, theta: Array, noise: float | None = None) -> NDArray[np.bool_]:

@@ -85,10 +85,9 @@ class UniformSignals:
 
 
 def on_one_grid(taken: Sequence[Taken], limits: GapLimits, trial: str = "") -> UniformSignals:
-    """All signals of a trial on one uniform grid at the fastest stream's rate, over what all streams cover. True
-    stamps: cubic spline through the samples at their stamps. Even device: the same at the times of its own clock; where
-    these are the grid, the samples themselves. Nothing is extrapolated. Raises InputError: The streams do not overlap;
-    a gap is too long; no row is usable."""
+    """All signals of a trial on one uniform grid at the fastest stream's rate, over what all streams cover, by a cubic
+    spline through the samples at true stamps or at the times of an even device's own clock. Raises InputError: The
+    streams do not overlap; a gap is too long; no row is usable."""
     late = max(taken, key=lambda part: part.samples[0][0])
     early = min(taken, key=lambda part: part.samples[0][-1])
     first, last, step = float(late.samples[0][0]), float(early.samples[0][-1]), min(part.step for part in taken)
@@ -115,12 +114,10 @@ def on_one_grid(taken: Sequence[Taken], limits: GapLimits, trial: str = "") -> U
     signals, farthest = dict[str, Array](), 0.0
     low_passes = {name: one for part in taken for name, one in part.stream.low_passes.items()}
     for times, values, _ in (part.samples for part in taken):
-        # how many samples are up to each row: as `np.searchsorted`, in a tenth of the time
-        place = np.clip(np.ceil((times - first) / step - ON_GRID), 0, rows).astype(np.intp)
-        behind = np.clip(np.cumsum(np.bincount(place, minlength=rows)[:rows]), 1, len(times) - 1)
+        behind = np.clip(np.searchsorted(times, time + ON_GRID * step, "right"), 1, len(times) - 1)
         nearest = np.minimum(np.abs(time - times[behind - 1]), np.abs(times[behind] - time))
         farthest = max(farthest, float(nearest[usable].max()))
-        for column, signal in resampled(times, values, time, step, behind - 1).items():
+        for column, signal in resampled(times, values, time, step).items():
             signals[column] = signal
             # a signal that is not filtered as the others are would have another phase
             for low_pass in dict.fromkeys(low_passes.values()):
@@ -155,6 +152,9 @@ def stream_row(part: Taken, bridged: Array, marked: Array, time: Array, limits: 
     ratio = rate / ((len(time) - 1) / float(time[-1] - time[0])) - 1
     known = [said for said in part.evidence.values() if np.isfinite(said.se)]
     best = min(known, key=lambda said: said.se, default=None)
+    gap = float(np.max(bridged[:, 1] - bridged[:, 0], initial=0.0))
+    # largest error of a cubic through a sine, as a share of its amplitude, sampled at steps or across a single gap
+    error, bridge_error = ((2 * np.pi * limits.highest_hz * h) ** 4 / 384 for h in (part.step, gap))
     stated = [(name, one) for name, one in part.stream.low_passes.items() if name in part.signals]
     return {
         "signals": ", ".join(part.signals),
@@ -174,8 +174,8 @@ def stream_row(part: Taken, bridged: Array, marked: Array, time: Array, limits: 
         "marked": len(marked),
         "interpolation": "cubic spline on the device's even clock" if part.even else "cubic spline at true stamps",
         "delay_s": part.delay,
-        "error": cubic_error(limits.highest_hz, part.step),
-        "bridge_error": cubic_error(limits.highest_hz, float(np.max(bridged[:, 1] - bridged[:, 0], initial=0.0))),
+        "error": error,
+        "bridge_error": bridge_error,
         "stamps": "even" if part.even else "exact",
         "g": None if best is None else best.g,
         "g_se": None if best is None else best.se,
@@ -183,40 +183,27 @@ def stream_row(part: Taken, bridged: Array, marked: Array, time: Array, limits: 
     }
 
 
-def cubic_error(frequency_hz: float, step: float) -> float:
-    """Largest error of a cubic through a sine sampled at `step` [s], as a share of its amplitude: (2 pi f h)^4 / 384.
-    2.5e-5 of 5 Hz at 100 Hz. The same holds within a single gap of length `step`."""
-    return float((2 * np.pi * frequency_hz * step) ** 4 / 384)
-
-
 ON_GRID = 1e-6  # distance, in steps, at which a sample counts as lying on the grid
 
 
-def resampled(
-    times: Array, values: Mapping[str, Array], grid: Array, step: float, before: NDArray[np.intp]
-) -> dict[str, Array]:
-    """Values (m,) of each signal at the grid's times (m,) [s]: the samples where they lie on it, else a cubic spline,
-    from the sample `before` each row (m,). Nothing is extrapolated: a last row that rounding put behind the last sample
-    has its value."""
+def resampled(times: Array, values: Mapping[str, Array], grid: Array, step: float) -> dict[str, Array]:
+    """Values (m,) of each signal at the grid's times (m,) [s]: the samples where they lie on it, else a cubic spline.
+    Nothing is extrapolated: a last row that rounding put behind the last sample has its value."""
     row = int(np.searchsorted(times, grid[0] - ON_GRID * step))
     there = times[row : row + len(grid)]
     # from 1e6 rows on the rounding of a step, which is known to 1e-13 of itself, adds up
     if len(there) == len(grid) and np.max(np.abs(there - grid)) < ON_GRID * step * max(len(grid) / 1e6, 1.0):
         return {name: one[row : row + len(grid)] for name, one in values.items()}
-    after, found = np.clip(grid, times[0], times[-1]) - times[before], dict[str, Array]()
-    for name, one in values.items():
-        cubic, square, slope, level = scipy.interpolate.CubicSpline(times, one).c
-        found[name] = ((cubic[before] * after + square[before]) * after + slope[before]) * after + level[before]
-    return found
+    inside = np.clip(grid, times[0], times[-1])
+    return {name: scipy.interpolate.CubicSpline(times, one)(inside) for name, one in values.items()}
 
 
 def uniform_signals(
     trial: Trial, columns: Sequence[str], limits: GapLimits, computed: Sequence[str] = ()
 ) -> UniformSignals:
     """The columns of a trial on one uniform grid: stated delays taken out, sensors' low-pass filters made alike.
-    `computed` are columns without a sensor, such as a command. They are named where they have the stamps of one of the
-    others, and say nothing about these. Raises InputError: A column is missing, or its stamps cannot be brought on a
-    grid; the message names the trial."""
+    `computed` are columns without a sensor, such as a command, which say nothing about the stamps that they share.
+    Raises InputError: A column is missing, or its stamps cannot be brought on a grid; the message names the trial."""
     devices = devices_of(trial, columns, computed)
     try:
         return on_one_grid(take(streams(trial, devices, frozenset(computed))), limits, trial.name)
@@ -252,7 +239,6 @@ def streams(trial: Trial, devices: Sequence[Sequence[str]], silent: frozenset[st
     return found
 
 
-def origin(trial: Trial, column: str) -> Mapping[str, Any]:
+def origin(trial: Trial, column: str) -> dict[str, Any]:
     """What the provenance has on a column; nothing for a trial that was not ingested."""
-    found: Mapping[str, Any] = trial.provenance.get("columns", {}).get(column, {})
-    return found
+    return dict(trial.provenance.get("columns", {}).get(column, {}))

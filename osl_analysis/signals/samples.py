@@ -34,14 +34,14 @@ class DeviceClock:
         return line_through(self.count, self.stamps)[0]
 
     @cached_property
-    def residual(self) -> Array:
-        """Stamp minus line (n,) [s]."""
-        return np.asarray(self.stamps - self.step * self.count - self.start)
-
-    @property
     def start(self) -> float:
         """The line's value [s] at count 0."""
         return float(np.mean(self.stamps) - self.step * np.mean(self.count))
+
+    @cached_property
+    def residual(self) -> Array:
+        """Stamp minus line (n,) [s]."""
+        return np.asarray(self.stamps - self.step * self.count - self.start)
 
     @cached_property
     def sd(self) -> float:
@@ -50,8 +50,7 @@ class DeviceClock:
 
     @cached_property
     def usual(self) -> tuple[float, float]:
-        """Median [s] of the residual, and its spread [s] by the 5th and 95th percentile, in standard deviations of a
-        normal one. Unlike `sd` it does not see a handful of late samples."""
+        """Median [s] of the residual, and by quantiles its standard deviation [s] but for a handful of late ones."""
         low, middle, high = (float(at) for at in np.quantile(self.residual, (0.05, 0.5, 0.95)))
         return middle, (high - low) / 3.29
 
@@ -72,16 +71,16 @@ class DeviceClock:
         return float(apart @ (apart * apart)) / len(apart) / sd**3 if sd > 1e-6 * self.step else 0.0
 
     def times(self) -> Array:
-        """When the samples were taken, (n,) [s], if the device samples evenly. The least-squares line through all but
-        the few samples that lie far off. Where the residual of these is still one-sided, the line along its lower edge:
-        a host's stamp is late by what the message waited, and the promptest messages waited least."""
+        """When the samples were taken, (n,) [s], if the device samples evenly: the least-squares line through all but
+        the few samples that lie far off, or along their lower edge where they are still one-sided, since a host's stamp
+        is late by what the message waited."""
         x, residual, (middle, spread) = self.count, self.residual, self.usual
         near = np.abs(residual - middle) <= 5 * spread + 1e-6 * self.step
         step = line_through(x[near], residual[near])[0]
         start = float(np.mean(residual[near]) - step * np.mean(x[near]))
         if self.skew(residual[near]) > 0.5:
-            # The highest line below all points, their hull at its middle: one point is held on each side of the mean
-            # count; the lowest point below the line through them replaces the one on its side, until none lies below.
+            # the highest line below all points: one point is held on each side of the mean count; the lowest point
+            # below the line through them replaces the one on its side, until none lies below
             left, right, middle = 0, len(x) - 1, float(np.mean(x))
             for _ in range(len(x)):
                 step = float((residual[right] - residual[left]) / (x[right] - x[left]))
@@ -91,9 +90,7 @@ class DeviceClock:
                     break
                 left, right = (lowest, right) if x[lowest] <= middle else (left, lowest)
             start = float(residual[left] - step * x[left])
-        times = (self.step + step) * x
-        times += self.start + start
-        return np.asarray(times, dtype=np.float64)
+        return np.asarray((self.step + step) * x + (self.start + start), dtype=np.float64)
 
 
 @dataclass(frozen=True)
@@ -113,16 +110,15 @@ class StampEvidence:
         return self.g < 0.25 and self.se < 0.1
 
 
-NO_MATTER = 0.001  # residual, in steps, below which both answers are the same samples
+NO_MATTER = 0.001  # residual, in steps, below which both answers are the same samples: the device counts as even
 
 
 def evidence_of(values: Array, clock: DeviceClock) -> StampEvidence:
     """g and its standard error of one signal (n,), by the regression of D6 x on D6(x' delta) through the origin. The
     slope x' is that of a cubic over 40 ms. The slow part of delta is subtracted first: sixth differences remove it, but
-    not its product with the noise of x'. A difference needs seven consecutive samples; others are left out. The error,
-    from the scatter of 20 chunks of equal shares of D6(x' delta)^2, is infinite, so that the signal decides nothing,
-    where delta does not scatter, where a few samples carry everything, or where more than a fifth of the mean square of
-    x' is noise: noise in the regressor would pull g towards 0."""
+    not its product with the noise of x'. The error, from the scatter of 20 chunks of equal shares of D6(x' delta)^2, is
+    infinite where delta does not scatter, where a few samples carry everything, or where more than a fifth of the mean
+    square of x' is noise, which would pull g towards 0."""
     there = ~np.isnan(values)
     x, late, count = values[there], clock.residual[there] / clock.step, clock.count[there]
     window = max(2 * round(0.02 / clock.step) + 1, 7)
@@ -147,9 +143,8 @@ def evidence_of(values: Array, clock: DeviceClock) -> StampEvidence:
 
 
 def savitzky_golay(values: Array, count: SampleCount, window: int, order: int) -> Array:
-    """Value (order 0) or slope per step (order 1), (n,), of a cubic through each `window` of evenly counted samples
-    (Savitzky-Golay), missing ones bridged linearly. A gap is shortened to two windows, so that a clock that jumps by
-    years costs no memory. Half a window at each end is on the cubic of the last window."""
+    """Value (order 0) or slope per step (order 1), (n,), of a cubic through each `window` of evenly counted samples,
+    missing ones bridged linearly. A gap is shortened to two windows, lest a clock that jumps by years fill memory."""
     place: SampleCount | slice = slice(None)
     if count[-1] - count[0] != len(values) - 1:
         place = np.concatenate([[0], np.cumsum(np.minimum(np.diff(count), 2 * window))])
@@ -216,8 +211,7 @@ class Taken:
 
 def take(streams: Sequence[Stream]) -> list[Taken]:
     """The decision for every stream; a stream of two minds becomes two, as one for each delay and for each set of
-    missing values. Raises InputError: As `places_of_samples`; or one of several streams has a host's latency *and*
-    missing samples and no counter, so that nothing tells which of its samples is which."""
+    missing values. Raises InputError: As `places_of_samples` and `check_countable`."""
     taken: list[Taken] = []
     for stream in streams:
         fresh = stream.without_repeats()
@@ -229,11 +223,10 @@ def take(streams: Sequence[Stream]) -> list[Taken]:
                 repeated = len(stream.stamps) - len(fresh.stamps)
                 groups.append(replace(one, signals=alike, repeated=repeated, delay=kind[0]))
         for one in groups:
-            part = fresh
             if len(groups) > 1:  # a stream whose name says which signals it has
                 own = {name: fresh.signals[name] for name in one.signals}
-                part = replace(fresh, name=f"{fresh.name} [{', '.join(own)}]", signals=own)
-            taken.append(replace(one, stream=part))
+                one = replace(one, stream=replace(fresh, name=f"{fresh.name} [{', '.join(own)}]", signals=own))
+            taken.append(one)
     if len(streams) > 1 or len({part.even for part in taken}) > 1:
         fastest = max(1 / part.clock.step for part in taken)
         for one in taken:
@@ -243,9 +236,8 @@ def take(streams: Sequence[Stream]) -> list[Taken]:
 
 def decide(stream: Stream, clock: DeviceClock) -> list[Taken]:
     """One decision for all signals of a stream; two where one signal is firmly true and one firmly even, which was held
-    by its own device: all others then take the stamps. A stated choice stands. A residual that does not matter, below a
-    thousandth of a step, leaves the device even. Where no signal moves enough to tell, stamps that wander slowly are
-    kept, stamps that only scatter are not."""
+    by its own device: all others then take the stamps. A stated choice stands. Where no signal moves enough to tell,
+    stamps that wander slowly are kept, stamps that only scatter are not."""
     names = tuple(stream.signals)
     if stream.choice != "auto":
         return [Taken(stream, clock, names, stream.choice == "even", True, True, f"stated: {stream.choice}")]
@@ -271,8 +263,8 @@ def decide(stream: Stream, clock: DeviceClock) -> list[Taken]:
 
 
 def check_countable(taken: Taken, fastest_hz: float) -> None:
-    """Refuse an even device behind a host that is late and loses samples, where no counter says which. Waits of three
-    steps and more hide the rhythm of the stamps. The device is then refused if steps seem to be missing, or if it is
+    """Refuse one of several devices behind a host that is late and loses samples, where no counter says which. Where
+    waits of three steps and more hide the rhythm of the stamps, it is refused if steps seem to be missing, or if it is
     slower than the fastest one by a share that is too large for clocks and too small to be meant."""
     clock, stream = taken.clock, taken.stream
     # a tenth of a step: from there on a missing sample may be taken for a late one
@@ -301,15 +293,13 @@ NO_DRIFT = dict.fromkeys(("clock_drift_ppm", "clock_drift_se_ppm", "certain_cloc
 
 def drift_row(ppm: float, se: float, freedom: float, largest_ppm: float) -> dict[str, float]:
     """How much faster the torque's clock runs than the angle's [ppm], its standard error of some degrees of freedom,
-    and the drift if it is larger than chance makes it, else 0: 4 standard errors that are known exactly, and of
-    estimated ones as many as are as rare (Student). Raises InputError: a drift beyond what B and I bear."""
-    rare = float(scipy.special.ndtr(-4.0))
-    enough = 4.0 if np.isinf(freedom) else float(-scipy.special.stdtrit(freedom, rare))
+    and the drift if it is certain, else 0: beyond as many standard errors as are as rare (Student) as 4 that are known
+    exactly. Raises InputError: a drift beyond what B and I bear."""
+    enough = 4.0 if np.isinf(freedom) else float(-scipy.special.stdtrit(freedom, float(scipy.special.ndtr(-4.0))))
     certain = ppm if abs(ppm) > enough * se else 0.0
     if abs(certain) > largest_ppm:
         raise InputError(
-            f"the clocks of angle and torque drift apart by {ppm:.2f} +- {se:.2f} ppm, "
-            f"more than {largest_ppm:g}: B and I would be wrong; "
-            "synchronise the clocks, or record both channels with one device"
+            f"the clocks of angle and torque drift apart by {ppm:.2f} +- {se:.2f} ppm, more than {largest_ppm:g}: B "
+            "and I would be wrong; synchronise the clocks, or record both channels with one device"
         )
     return dict(zip(NO_DRIFT, (ppm, se, certain), strict=True))

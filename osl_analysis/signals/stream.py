@@ -28,9 +28,8 @@ class SensorLowPass:
     order: int
 
     def __call__(self, values: Array, rate_hz: float) -> Array:
-        """Samples (n,), taken at `rate_hz`, after the filter. The filter starts at rest at the first sample. The
-        bilinear transform without prewarping: at frequency f it is the analogue filter at f (1 + (pi f/rate)^2/3), 8e-5
-        too high for 5 Hz at 1 kHz. The cut-off may lie above half the rate."""
+        """Samples (n,), taken at `rate_hz`, after the filter, which starts at rest. The bilinear transform without
+        prewarping, since the cut-off may lie above half the rate: 8e-5 too high a frequency for 5 Hz at 1 kHz."""
         unwarped = rate_hz / np.pi * np.arctan(np.pi * self.cutoff_hz / rate_hz)
         sections = scipy.signal.butter(self.order, unwarped, fs=rate_hz, output="sos")
         filtered, _ = scipy.signal.sosfilt(sections, values, zi=scipy.signal.sosfilt_zi(sections) * values[0])
@@ -81,8 +80,7 @@ class Stream:
             )
 
     def without_repeats(self) -> "Stream":
-        """Without rows that equal their predecessor in stamp and every value, NaN in both too: they were written
-        twice."""
+        """Without rows that were written twice: equal to their predecessor in stamp and every value, NaN too."""
         new = np.ones(len(self.stamps), dtype=bool)
         new[1:] = self.stamps[1:] != self.stamps[:-1]
         for column in self.signals.values():
@@ -100,8 +98,7 @@ BESIDE = 100  # samples on either side of a long step whose levels are compared;
 
 def places_of_samples(stream: Stream) -> SampleCount:
     """Count of every sample, (n,), from 0, with what is missing left free; the device's counter where there is one.
-    Raises InputError: The counter does not rise, or the clock jumps where the counter says that no sample is
-    missing."""
+    Raises InputError: The counter does not rise, or the clock jumps while it runs on."""
     counter, stamps = stream.counter, stream.stamps
     if counter is None:
         return count_from_stamps(stamps)
@@ -177,9 +174,8 @@ def count_from_stamps(stamps: Array) -> SampleCount:
 
 
 def usual_step(stamps: Array) -> float:
-    """Step [s] of a device from its stamps (n,), late and missing samples apart. The promptest sample of each block is
-    hardly late; from block to block its level changes by the error of the step, and by whole steps where samples are
-    missing, which are left out."""
+    """Step [s] of a device from its stamps (n,). The promptest sample of each block is hardly late; from block to block
+    its level changes by the error of the step, and by whole steps where samples are missing, which are left out."""
     n = len(stamps)
     mean, median = float(stamps[-1] - stamps[0]) / (n - 1), float(np.median(np.diff(stamps)))
     step = min(mean, median) if median > 0.8 * mean else mean  # the shorter of the two: steps are found too long

@@ -24,7 +24,6 @@ FLOOR = 3e-4  # share of the motion's RMS below which a mismatch is none
 PERIODS_AGREE = 1e-3  # largest difference between the periods of realisations that are analysed together, as a share
 NEIGHBOURS = 8  # lines to each side of a line that count as its neighbourhood
 
-
 Stretches = list[tuple[float, float]]
 """First and last time [s] from the first sample of each stretch in which a motion repeats itself."""
 
@@ -32,14 +31,12 @@ Stretches = list[tuple[float, float]]
 def find_repetition(
     theta: Array, rate_hz: float, usable: NDArray[np.bool_] | None = None
 ) -> tuple[float, Stretches] | None:
-    """The shortest lag [s] after which an angle (n,) [rad], sampled at `rate_hz`, repeats itself, not a whole number of
-    samples, and its stretches of two periods or more; None if it does not.
+    """The shortest lag [s] after which an angle (n,) [rad], sampled at `rate_hz`, repeats itself, and its stretches of
+    two periods or more; None if it does not. `usable` (n,) are the rows that are not near a gap.
 
-    The autocorrelation gives the lags that may be the period. At each of them the motion is compared with itself in
-    short windows. A record may hold several motions with the same period, each with a transient, and rests between
-    them: their comparison fails only where one motion ends. `usable` (n,) are the rows that are not near a gap.
-
-    A stepped sine also repeats itself: look for its protocol first.
+    At the lags that the autocorrelation proposes the motion is compared with itself in short windows: where a record
+    holds several motions of one period, with transients and rests, the comparison fails only where one of them ends. A
+    stepped sine also repeats itself: look for its protocol first.
     """
     check_measured("the angle", theta)
     if not varies(theta):
@@ -62,11 +59,9 @@ def find_repetition(
 
 
 def likely_lags(x: Array) -> Array:
-    """Lags at peaks of the autocorrelation of x (n,) behind its first negative value, between samples by a parabola.
-
-    It is divided by the size of both overlapping parts, so that it does not fall with the lag. With realisations of two
-    periods each it is a half.
-    """
+    """Lags at peaks of the autocorrelation of x (n,) behind its first negative value, between samples by a parabola. It
+    is divided by the size of both overlapping parts, so that it does not fall with the lag; with realisations of two
+    periods each it is a half."""
     n, least = len(x), 0.3
     lags = np.arange(n // 2 + 1)
     products = np.fft.irfft(np.abs(np.fft.rfft(x, 2 * n)) ** 2, 2 * n)[lags]
@@ -90,10 +85,9 @@ def likely_lags(x: Array) -> Array:
 def repetition(
     x: Array, spline: Any, good: NDArray[np.bool_], lag: float, rate_hz: float
 ) -> tuple[float, float, Stretches] | None:
-    """Where an angle x (n,) with a spline through it repeats itself after a lag [samples]; None if it does not in most
-    of its time. Steps of Gauss and Newton in these stretches correct the lag. Rows that are not `good` do not count.
-    The lag [s], and the RMS of the difference between the angle and itself a lag later, as a share of its RMS, median
-    over time, stand before the stretches."""
+    """The corrected lag [s], the mismatch, and where an angle x (n,) with a spline through it repeats itself after a
+    lag [samples]; None if it does not in most of its time. The mismatch is the RMS of the difference, median over time,
+    as a share of the angle's. Rows that are not `good` do not count."""
     power = uniform_filter1d(x**2, max(round(lag), 1), mode="nearest")
     moving = np.asarray(power > 0.2**2 * np.max(power))  # elsewhere the joint rests
     scale = float(np.sqrt(np.mean(x[moving] ** 2))) if moving.any() else 0.0
@@ -126,9 +120,8 @@ def repetition(
 
 @dataclass(frozen=True)
 class Realisation:
-    """Whole periods of one periodic motion, which follow one another. Line k is the sine Re(X_k exp(2j pi k t/period))
-    of a signal; line 0 is its mean. The first sample of each period is its zero of time. No filter was applied: a ratio
-    of torque and angle needs none where both have the same."""
+    """Whole periods of one periodic motion, which follow one another, without a filter. Line k is the sine
+    Re(X_k exp(2j pi k t/period)) of a signal, t from the first sample of each period; line 0 is its mean."""
 
     period: float  # period [s]
     rate_hz: float  # sampling rate [Hz]
@@ -154,9 +147,7 @@ class Realisation:
 
 @dataclass(frozen=True)
 class PeriodicMotion:
-    """A periodic motion and its realisations."""
-
-    period: float  # period [s]
+    period: float  # [s]
     period_error_ppm: float  # standard error of the period, from the scatter of the lines' phases [1e-6 of the period]
     realisations: tuple[Realisation, ...]
 
@@ -164,12 +155,9 @@ class PeriodicMotion:
 def periodic_motion(
     theta: Array, torque: Array, rate_hz: float, highest_hz: float, usable: NDArray[np.bool_] | None = None
 ) -> PeriodicMotion | None:
-    """The realisations in a record of angle [rad] and torque [N*m], shape (n,) each; None if it does not repeat itself.
-
-    Lines go up to `highest_hz`. `usable` (n,) are the rows that are not near a gap. The signals are not filtered.
-
-    Raises InputError: A value cannot be measured.
-    """
+    """The realisations in a record of angle [rad] and torque [N*m], not filtered, shape (n,) each; None if it does not
+    repeat itself. Lines go up to `highest_hz`. `usable` (n,) are the rows that are not near a gap. Raises InputError: A
+    value cannot be measured."""
     check_measured("the torque", torque)
     found = find_repetition(theta, rate_hz, usable)
     if found is None:
@@ -194,9 +182,9 @@ def periodic_motion(
 def realisations_of(
     stretches: Stretches, period: float, signals: Sequence[Array], rate_hz: float, highest_hz: float
 ) -> list[Realisation]:
-    """The realisations in the stretches that were found, each from its last whole period backwards. A transient is at
-    the beginning of a stretch; what is over is therefore left out there. The signals are the angle (n,) and the torque,
-    or the angle alone."""
+    """The realisations in the stretches that were found, each from its last whole period backwards: what is over is
+    left out at the beginning, where a transient is. The signals are the angle (n,) and the torque, or the angle
+    alone."""
     samples, last = period * rate_hz, len(signals[0])
     count = int(np.floor(min(highest_hz, rate_hz / 3) * period + 1e-9)) + 1
     made = []
@@ -215,8 +203,7 @@ def realisations_of(
 
 def period_spectra(signal: Array, first: float, samples: float, periods: int, count: int) -> Spectrum:
     """The first lines of each period of `samples` samples from the place `first` of a signal (n,) on, (periods, count).
-    The drift that the means of the periods show is taken off. It is a ramp in every period, so that no scatter shows
-    it, and adds 1/k to line k."""
+    The drift that the means of the periods show is taken off: a ramp in every period, it adds 1/k to line k."""
     places = int(np.ceil(samples))
     share = np.arange(places) / places
     spline = make_interp_spline(np.arange(len(signal)), signal, k=5)  # errs by 3e-5 at a sixth of the rate
@@ -233,23 +220,22 @@ def period_spectra(signal: Array, first: float, samples: float, periods: int, co
 def phase_drift(made: Sequence[Realisation]) -> tuple[float, float]:
     """By which share the period is too short, from the phases of strong lines over the periods, with standard error. If
     the true period is longer by a share d, line k of period p is late by 2 pi k p d."""
-    steps, phases, weights = list[Array](), list[Array](), list[Array]()
+    found = []
     for one in made:
         mean = one.mean_lines[0]
         k = 1 + np.flatnonzero(np.abs(mean[1:]) > 0.1 * np.abs(mean[1:]).max())
         number = np.arange(one.periods) - (one.periods - 1) / 2
-        steps.append((2 * np.pi * number[:, None] * k).ravel().astype(float))
-        phases.append(-np.angle(one.spectra[0][:, k] / mean[k]).ravel())
-        weights.append(np.broadcast_to(np.abs(mean[k]) ** 2, (one.periods, len(k))).ravel())
-    x, y, w = (np.concatenate(each) for each in (steps, phases, weights))
+        late = -np.angle(one.spectra[0][:, k] / mean[k])
+        found.append([2 * np.pi * number[:, None] * k, late, np.broadcast_to(np.abs(mean[k]) ** 2, late.shape)])
+    x, y, w = np.concatenate([np.reshape(one, (3, -1)) for one in found], axis=1)
     size = float(np.sum(w * x**2))
     share = float(np.sum(w * x * y)) / size
     return share, float(np.sqrt(np.sum((w * x * (y - share * x)) ** 2))) / size
 
 
 def distinct(made: Sequence[Realisation]) -> list[Realisation]:
-    """The realisations of one period, those that are one motion recorded twice joined to one, in their order. A motion
-    that is repeated has the same distortion again; only other phases give another one."""
+    """The realisations of one period, with a motion that was recorded twice joined to one: it has the same distortion
+    again."""
     merged: list[Realisation] = []
     for one in with_common_lines(made):
         for place, other in enumerate(merged):
@@ -334,8 +320,8 @@ def lines_of(realisations: Sequence[Realisation]) -> LineKinds:
 
 
 def scatter(periods: Spectrum) -> Array:
-    """Variance E|x - mean|^2 of a single period of each line, from lines (periods, lines); it has 2 (periods - 1)
-    degrees of freedom."""
+    """Variance E|x - mean|^2 of each line in a single period, from lines (periods, lines), of 2 (periods - 1) degrees
+    of freedom."""
     return np.asarray(np.sum(np.abs(periods - periods.mean(axis=0)) ** 2, axis=0) / (len(periods) - 1))
 
 

@@ -10,17 +10,14 @@ The same phases repeat it, so that periods show the noise alone.
 
     T(k + r) = (Z_k + z_1 r + z_2 r^2) Theta(k + r) + t_0 + t_1 r + t_2 r^2 + noise,   |r| <= `HALF_WIDTH`
 
-What the least-squares fit leaves is the noise. For K, B and I fit the lines themselves: a fit to Z_k loses a factor of
-two, since neighbours share their lines.
+What the least-squares fit leaves is the noise. K, B and I come from the lines themselves: neighbouring Z_k share them.
 
 A structure (Eqs. 15 and 9) is fitted to the lines twice. Weighted by the noise, what it leaves is chi-squared if the
-structure is right: this is the test. Where it passes, this fit is the better one. Where it fails, the weights would
-decide what is estimated (they raised the spread of I from 0.8 to 9.4 %), and the fit weighted by power, that of
-filtered signals, is the result.
+structure is right: this is the test. Where it fails, the weights would decide what is estimated (they raised the spread
+of I from 0.8 to 9.4 %), and the fit weighted by power, that of filtered signals, is the result.
 
-Of Eq. 9 the control gains K_1 and B_1 are free, since a controller sets them and friction changes what they do; the
-drivetrain (K_s, n_T, J_m, B_m, B_j, J_j) is that of the parameter file. With all coefficients of the rational function
-free, six parameters follow any response in a decade of frequency, and their misfit says nothing on the drivetrain.
+Of Eq. 9 the control gains K_1 and B_1 are free; the drivetrain (K_s, n_T, J_m, B_m, B_j, J_j) is that of the parameter
+file. With all coefficients free, six parameters would follow any response in a decade of frequency.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -50,21 +47,16 @@ from osl_analysis.stats.regression import LinearFit, linear_fit
 from osl_analysis.stats.rounding import noise_before_rounding
 from osl_analysis.trial import Array
 
-ResponseColumns = dict[str, Array]
-"""Impedance over frequency by columns of `response.csv`, (m,) each; NaN where the motion does not show it."""
+ResponseColumns = dict[str, Array]  # of `response.csv`, (m,) each; NaN where the motion does not show it
 
 
 def response_columns(
     frequency_hz: Array, Z: Spectrum, angle: Array, total_sd: Array, levels: Mapping[str, Array], count: int = 1
 ) -> ResponseColumns:
     """Columns of Z = torque/theta [N*m/rad] of `count` realisations; amplitude of the angle [rad], RMS over these;
-    standard deviation of Z by noise and distortion.
-
-    `levels` are what is added to Z that is measured in one realisation, as a standard deviation of the complex number
-    (E|.|^2)^1/2 [N*m/rad], averaged over neighbouring lines: `noise` in the mean over the periods; `odd` and `even`
-    distortion without it, from lines that are not excited; `total`, noise and distortion, from the scatter of
-    realisations.
-    """
+    standard deviation of Z by noise and distortion. `levels` are what is added to Z that is measured in one realisation
+    as (E|.|^2)^1/2 [N*m/rad], averaged over neighbouring lines: `noise` in the mean over the periods; `odd` and `even`
+    distortion, from lines that are not excited; `total`, noise and distortion, from the scatter of realisations."""
     shown = {"frequency_hz": frequency_hz, "angle_deg": np.rad2deg(angle), "Z_re": Z.real, "Z_im": Z.imag}
     shown |= {"magnitude": np.abs(Z), "phase_deg": np.rad2deg(np.angle(Z))}
     shown |= {"noise_sd": levels["noise"] / np.sqrt(count), "total_sd": total_sd}
@@ -85,11 +77,8 @@ class EquationError:
 
 
 def equation_error(realisations: Sequence[Realisation]) -> EquationError:
-    """The best linear approximation at the excited lines, and what it leaves at all lines.
-
-    The phases of the angle are the reference: turned by them, the lines of realisations are averaged before they are
-    divided. The mean of quotients would be biased by noise of the angle.
-    """
+    """The best linear approximation at the excited lines, and what it leaves at all lines. Turned by the phases of the
+    angle, lines of realisations are averaged before they are divided: noise of the angle biases a mean of quotients."""
     single = distinct(realisations)
     lines = lines_of(single)
     theta, torque = np.array([r.mean_lines for r in single]).swapaxes(0, 1)
@@ -108,14 +97,9 @@ def periodic_response(realisations: Sequence[Realisation]) -> tuple[ResponseColu
     """The best linear approximation of one or several realisations, at the excited lines, and the levels in its band,
     as the RMS amplitude of the torque per line [N*m]: the `torque` itself; `noise`; `odd` and `even` distortion at all
     lines that show it; distortion that excited lines have, at the lines without excitation (`detection`) and from the
-    scatter of realisations (`distortion`).
-
-    With one realisation the total is the level at detection lines, interpolated; without these it is not known. Of
-    several realisations of an odd motion the excited lines show the odd distortion too. Of another motion every line
-    shows both, and counts as odd.
-
-    Raises InputError: As `lines_of`.
-    """
+    scatter of realisations (`distortion`). With one realisation the total is the level at detection lines,
+    interpolated. Of several of an odd motion the excited lines show the odd distortion too. Of another motion every
+    line shows both, and counts as odd. Raises InputError: As `lines_of`."""
     found = equation_error(realisations)
     lines, at, count = found.lines, np.flatnonzero(found.lines.excited), len(found.error)
     mean_angle, of_mean = found.angle[at] / count, found.noise.mean(axis=0)
@@ -154,17 +138,14 @@ def periodic_response(realisations: Sequence[Realisation]) -> tuple[ResponseColu
 
 HALF_WIDTH = 8  # lines to each side of a line that are fitted together with it
 LOCAL_FREEDOM = 2 * HALF_WIDTH + 1 - 2 * 3  # complex degrees of freedom of the noise at a line, of two parabolas
-
-
 RecordLines = tuple[Array, Spectrum, Spectrum]
-"""Frequencies [Hz], lines of the angle [rad] and of the torque [N*m] of a whole stretch of a record, (lines,) each;
-line k is the sine Re(X_k exp(2j pi f_k t)), k >= 1."""
+"""Frequencies [Hz], lines of the angle [rad] and of the torque [N*m] of a whole stretch of a record, (lines,) each."""
 
 
 def record_spectrum(theta: Array, torque: Array, rate_hz: float, highest_hz: float) -> RecordLines:
-    """Lines 1, 2 ... of angle [rad] and torque [N*m], shape (n,) each, over the whole stretch, up to `highest_hz`. No
-    window is applied. What the ends of the record and a drift of the torque add (`end_columns`) is fitted together with
-    a second-order joint and subtracted from the torque. What is left of it is smooth over frequency."""
+    """Lines 1, 2 ... of angle [rad] and torque [N*m], shape (n,) each, over the whole stretch, up to `highest_hz`,
+    without a window. What the ends of the record and a drift of the torque add (`end_columns`) is fitted together with
+    a second-order joint and subtracted from the torque; what is left of it is smooth over frequency."""
     n = len(theta)
     top = int(np.floor(min(highest_hz, rate_hz / 3) * n / rate_hz)) + 1
     for name, signal in (("the angle", theta), ("the torque", torque)):
@@ -212,8 +193,7 @@ def local_fit(spectrum: RecordLines) -> tuple[Spectrum, Array, Array]:
     variance = noise * np.sum(np.abs(inverse[:, 0]) ** 2, axis=1) / scale[:, 0] ** 2
     condition = singular[:, 0] / np.maximum(singular[:, -1], np.finfo(float).tiny)
     size = nearby(angle)
-    known = (size > 0.01 * size.max()) & (condition < 1e8)
-    known &= variance < 0.1**2 * np.abs(Z) ** 2  # a tenth of it is not known
+    known = (size > 0.01 * size.max()) & (condition < 1e8) & (variance < 0.1**2 * np.abs(Z) ** 2)
     return np.where(known, Z, np.nan), np.where(known, variance, np.nan), noise
 
 
@@ -223,10 +203,8 @@ def nearby(theta: Spectrum) -> Array:
 
 
 def local_response(spectrum: RecordLines) -> ResponseColumns:
-    """The impedance of a record at every `HALF_WIDTH`-th line that moves, with its noise.
-
-    Distortion of a motion that does not repeat itself is noise: `total_sd` equals `noise_sd`, levels are not known.
-    """
+    """The impedance of a record at every `HALF_WIDTH`-th line that moves, with its noise. Distortion of a motion that
+    does not repeat itself is noise: `total_sd` equals `noise_sd`, levels are not known."""
     Z, variance, noise = local_fit(spectrum)
     at = np.arange(HALF_WIDTH // 2, len(noise), HALF_WIDTH)
     at = at[np.isfinite(variance[at])]
@@ -299,13 +277,11 @@ def line_covariance(
     shares: Array | None = None,
     freedom: float = np.nan,
 ) -> Covariance:
-    """Covariance of a fit to the lines of `shape[0]` realisations; the first arguments and the result as of `hac`.
-
-    Rows are real parts, then imaginary parts, realisation by realisation. Errors of two lines are not correlated.
-    `level` is E|error|^2 of the weighted rows at the lines (realisations, lines): of noise with `freedom` degrees of
-    freedom, or averaged from detection lines with the weights `shares` (lines, detection lines). Else the spread of
-    realisations counts, or what is left at excited lines.
-    """
+    """Covariance of a fit to the lines of `shape[0]` realisations, whose errors are not correlated; the first arguments
+    and the result as of `hac`. Rows are real parts, then imaginary parts, realisation by realisation. `level` is
+    E|error|^2 of the weighted rows at the lines (realisations, lines): of noise with `freedom` degrees of freedom, or
+    averaged from detection lines with the weights `shares` (lines, detection lines). Else the spread of realisations
+    counts, or what is left at excited lines."""
     influence, count = X @ inverse, shape[0]
     p = influence.shape[1]
     by_line, tiny = influence.reshape(count, 2, -1, p), np.finfo(float).tiny
@@ -322,7 +298,7 @@ def line_covariance(
         return known, np.where(own > 0, own, np.inf), DETECTION, 1
     leverage = np.einsum("np,np->n", influence, influence @ np.linalg.pinv(influence.T @ influence))
     squares = (residual**2 / np.maximum(1 - leverage, 0.1)).reshape(count, 2, -1)
-    each = np.einsum("rcmp,rcm->rcmp", by_line**2, squares)
+    each = by_line**2 * squares[..., None]
     own = each.sum(axis=(0, 1, 2)) ** 2 / np.maximum((each**2).sum(axis=(0, 1, 2)), tiny)
     own = np.maximum(np.where(own > 0, own - p * own / max(len(residual), 1), np.inf), 1.0)
     return np.einsum("rcmp,rcmq,rcm->pq", by_line, by_line, squares), own, "excited lines", 1
@@ -330,12 +306,9 @@ def line_covariance(
 
 def repeated_rounding(one: Realisation, impedance: Spectrum) -> Array:
     """E|error|^2 [(N*m)^2] at lines (m,) of the mean over the periods, by what every period repeats of the rounding.
-    `impedance` (m,) [N*m/rad] takes the angle's error to the torque.
-
-    A sample's repeated error has the variance of the harmonics that the noise before the rounding leaves (Widrow and
-    Kollar, Quantization Noise, 2008, ch. 5): step^2/12 without noise. It is taken for independent from sample to
-    sample, as it is where a motion crosses a step or more between two samples; N of them give a line 4/N of it.
-    """
+    `impedance` (m,) [N*m/rad] takes the angle's error to the torque. A sample's repeated error has the variance of the
+    harmonics that the noise before the rounding leaves (Widrow and Kollar, Quantization Noise, 2008, ch. 5): step^2/12
+    without noise. Taken for independent from sample to sample, N of them give a line 4/N of it."""
     samples, k, found = one.period * one.rate_hz, np.arange(1, 101), list[float]()
     for spectra, step in zip(one.spectra, one.steps, strict=True):
         if step is None:
@@ -367,9 +340,9 @@ class FittedLines:
 
 
 def lines_of_periods(realisations: Sequence[Realisation], low_pass: LowPass) -> FittedLines:
-    """The excited lines of realisations. Their noise comes from the scatter of periods at all lines nearby, and from
-    rounding that every period repeats. Noise and distortion are averaged from lines without excitation, where there are
-    four or more of these, and interpolated between them."""
+    """The excited lines of realisations, with noise from the scatter of periods at all lines nearby, and from rounding
+    that every period repeats. The `level` of noise and distortion is interpolated between four or more lines without
+    excitation."""
     single, found = distinct(realisations), equation_error(realisations)
     at, seen = np.flatnonzero(found.lines.excited), np.flatnonzero(found.lines.detection)
     periods = np.array([[r.periods] for r in single], dtype=float)
@@ -431,14 +404,11 @@ def fit_by_power(structure: Structure, lines: FittedLines, first: tuple[float, f
 def fit_structure(
     structure: Structure, lines: FittedLines, first: tuple[float, float]
 ) -> tuple[LinearFit, dict[str, float | str]]:
-    """A structure fitted to lines; `first` are K [N*m/rad] and B [N*m*s/rad] of a fit of Eq. 15, to start from.
-
-    Beside the fit, whose columns behind the parameters are transients: its `weights`, `power` behind the low-pass
-    filter or inverse variance of the `noise`; `VAF`, the share of the lines' power behind the filter that the fit by
-    power accounts for [percent]; `misfit`, the RMS of what it leaves beyond the noise, as a share of the torque
-    [percent]; `misfit_ratio`, what the fit by noise leaves over the noise, 1 on average if the structure is right; and
-    `misfit_p`, the probability that noise alone leaves as much. The last two are NaN without noise.
-    """
+    """A structure fitted to lines; `first` are K [N*m/rad] and B [N*m*s/rad] of a fit of Eq. 15, to start from. Beside
+    the fit, whose columns behind the parameters are transients: its `weights`, `power` or `noise`; `VAF` of the lines'
+    power behind the filter by the fit by power [percent]; `misfit`, the RMS of what it leaves beyond the noise, as a
+    share of the torque [percent]; `misfit_ratio`, what the fit by noise leaves over the noise, 1 on average if the
+    structure is right, and the `misfit_p` of noise alone. The last two are NaN without noise."""
     by_power = fit_by_power(structure, lines, first)
     left = float(by_power.residual @ by_power.residual)
     noise = float(np.sum(lines.power**2 * lines.noise))

@@ -15,11 +15,8 @@ from osl_analysis.trial import Array
 
 def products_between(X: Array, Y: Array, first: Array, stop: Array) -> Array:
     """X'Y (m, p, q) of columns X (n, p) and Y (n, q) from each `first` (m,) to each `stop` (m,), which need not be
-    whole numbers; the rows follow one another in one recording.
-
-    A fraction of a row is read from the cubic through the four cumulative sums around it. A cycle whose period is not
-    a whole number of rows then has the sum that every other cycle has. Beyond the ends there is nothing to sum.
-    """
+    whole numbers. A fraction of a row is read from the cubic through the four cumulative sums around it, so that a
+    cycle of a fractional period has the sum that every other cycle has. Beyond the ends there is nothing to sum."""
     edges = np.stack([first, stop], axis=1).ravel()
     row = np.clip(np.floor(edges + 1e-9).astype(np.intp), 0, len(Y))
     whole = np.array([X[a:b].T @ Y[a:b] for a, b in row.reshape(-1, 2)])
@@ -33,8 +30,6 @@ def products_between(X: Array, Y: Array, first: Array, stop: Array) -> Array:
 
 
 FEWEST_CYCLES = 5  # smallest number of cycles at one frequency whose spread gives an interval
-
-
 Covariance = tuple[Array, Array, str, int]
 """Covariance (p, p) of estimates, its degrees of freedom (p,), where it comes from, as the tables name it, and the
 number of samples over which the residual may be correlated."""
@@ -45,10 +40,8 @@ def hac(X: Array, inverse: Array, residual: Array) -> Covariance:
     estimate changes with each sample of y.
 
     The window is Andrews' plug-in bandwidth for the Bartlett kernel from an AR(1) fit, at most an eighth of the
-    samples. Low-pass filtered noise is not an AR(1) at the sampling rate: 30 ms of it are taken for 2.5 s.
-
-    Raises InputError: A value is not finite or cannot be measured.
-    """
+    samples. Low-pass filtered noise is not an AR(1) at the sampling rate: 30 ms of it are taken for 2.5 s. Raises
+    InputError: A value is not finite or cannot be measured."""
     check_measured("the residual", residual)
     n, power = len(residual), float(residual[:-1] @ residual[:-1])
     rho = float(residual[1:] @ residual[:-1]) / power if power > 0 else 0.0
@@ -60,13 +53,10 @@ def hac(X: Array, inverse: Array, residual: Array) -> Covariance:
 
 def moving_sums(scores: Array, window: int) -> tuple[Array, Array]:
     """Long-run covariance (p, p) of the scores (n, p), and the degrees of freedom (p,) of its variances, after Newey
-    and West: Bartlett weights up to `window` - 1 lags.
-
-    The sum over all lags with the weights 1 - lag/window equals the sum of squares of moving sums over `window` samples
-    (zeros beyond the ends) divided by `window`. It is therefore positive semi-definite. It has 1.5 n/window degrees of
-    freedom (Priestley, Spectral Analysis and Time Series, 1981, table 6.2, at frequency zero). The fit uses up p of the
-    n samples.
-    """
+    and West: Bartlett weights 1 - lag/window. The sum over all lags equals the sum of squares of moving sums over
+    `window` samples (zeros beyond the ends) divided by `window`, and is therefore positive semi-definite. It has 1.5
+    n/window degrees of freedom (Priestley, Spectral Analysis and Time Series, 1981, table 6.2, at frequency zero). The
+    fit uses up p of the n samples."""
     n, p = scores.shape
     cumulative = np.concatenate([np.zeros((window, p)), np.cumsum(scores, axis=0)])
     cumulative = np.concatenate([cumulative, np.repeat(cumulative[-1:], window - 1, axis=0)])

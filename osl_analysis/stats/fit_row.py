@@ -16,22 +16,17 @@ Row = dict[str, float | str | None]  # one row of a result table, by column. Non
 
 def thinned_rows(samples: int, rate_hz: float, low_pass: LowPass) -> NDArray[np.intp]:
     """The rows of a residual at `rate_hz` that are kept for its whiteness: at twice the noise bandwidth of the filter
-    that its signals passed (1.8 times the cut-off for order 4). White noise that passed the filter is white again at
-    that rate, for any rate of the log. Thinned to twice the cut-off, it would still have an autocorrelation of 0.1 from
-    the filter, which the test detects in a thousand samples. The step is not rounded, so that the rate is exact."""
+    that its signals passed. White noise that passed the filter is white again at that rate; thinned to twice the
+    cut-off, it would still have an autocorrelation of 0.1, which the test detects in a thousand samples."""
     step = max(rate_hz / (2 * low_pass.noise_bandwidth_hz), 1.0)
     return np.asarray(np.rint(np.arange(0, samples - 0.5, step)), dtype=np.intp)
 
 
 def whiteness_row(thinned: Array) -> Row:
     """How much a residual (n,), thinned by `thinned_rows`, is correlated with its own past: its autocorrelation after
-    one sample, Ljung and Box's statistic divided by the number of lags (about 1 for white noise of any length), and the
-    probability that white noise gives one at least as large.
-
-    Ljung and Box (Biometrika 65, 1978): Q = n (n + 2) sum_k r_k^2 / (n - k) over 10 lags, or over a fifth of the
-    samples if that is fewer; chi-squared with as many degrees of freedom. All null for a residual of zeros, and of
-    fewer than 20 samples, whose autocorrelations are uncertain by 0.2 and more.
-    """
+    one sample, and Ljung and Box's statistic per lag with its p (Biometrika 65, 1978): n (n + 2) sum_k r_k^2 / (n - k)
+    over 10 lags, or a fifth of the samples if that is fewer, is chi-squared. All null for a residual of zeros, and of
+    fewer than 20 samples, whose autocorrelations are uncertain by 0.2 and more."""
     check_measured("the residual", thinned)
     n, power = len(thinned), float(thinned @ thinned)
     if n < 20 or power == 0:

@@ -64,12 +64,9 @@ class LinearFit:
 def linear_fit(
     y: Array, columns: Mapping[str, Array], covariance_of: Callable[[Array, Array, Array], Covariance] = hac
 ) -> LinearFit:
-    """Least squares of y (n,) on named columns (n,) each, with standard errors for correlated residuals.
-
-    Consecutive samples of a filtered signal are not independent. The covariance is Newey and West's (Econometrica 55,
-    1987) with the bandwidth of Andrews (Econometrica 59, 1991), or another one, with the arguments of `hac`.
-
-    An exact fit has covariance 0, or that of rounding; degrees of freedom are infinite where a variance is 0.
+    """Least squares of y (n,) on named columns (n,) each, with standard errors for correlated residuals: by Newey and
+    West (Econometrica 55, 1987) with the bandwidth of Andrews (Econometrica 59, 1991), or by another covariance with
+    the arguments of `hac`. Degrees of freedom are infinite where a variance is 0, as that of an exact fit may be.
 
     Raises InputError: Lengths differ, a value cannot be measured (`check_measured`), or there are not more samples than
     columns. Raises IdentifiabilityError: The scaled condition number exceeds `CONDITION_LIMIT`; the message names the
@@ -151,9 +148,8 @@ def largest_correlation(covariance: Array) -> float:
 
 
 def with_shared_error(fit: LinearFit, change: Array) -> LinearFit:
-    """The fit with an error in its covariance that all its data share. `change` (p,) is what one standard error of a
-    known quantity, such as a calibration, does to the estimates. It is taken to be known with infinitely many degrees
-    of freedom."""
+    """The fit with an error that all its data share: `change` (p,) is what one standard error of a known quantity, such
+    as a calibration, does to the estimates; its degrees of freedom are infinite."""
     random = np.diag(fit.covariance)
     covariance = fit.covariance + np.outer(change, change)
     share = np.divide(random, np.diag(covariance), out=np.ones_like(random), where=np.diag(covariance) > 0)
@@ -162,24 +158,14 @@ def with_shared_error(fit: LinearFit, change: Array) -> LinearFit:
 
 
 def variance_accounted_for(y: Array, residual: Array) -> float:
-    """VAF = 100 (1 - var(residual)/var(y)) [percent], of y and residual (n,).
-
-    A y that does not vary beyond rounding is accounted for by 100 % if the residual does not vary either, else by 0.
-    NaN without samples.
-
-    Raises InputError: A value is not finite or cannot be measured.
-    """
+    """VAF = 100 (1 - var(residual)/var(y)) [percent], of y and residual (n,); NaN without samples. A y that does not
+    vary beyond rounding is accounted for by 100 % if the residual does not vary either, else by 0. Raises InputError: A
+    value is not finite or cannot be measured."""
     check_measured("y", y)
     check_finite("the residual", residual)
     if not len(y):
         return float("nan")
-    left, varied, rounding = variance(residual), variance(y), rounding_of(y)
+    left, varied, rounding = float(np.var(residual)), float(np.var(y)), rounding_of(y)
     if varied > rounding:
         return 100 * (1 - left / varied)
     return 100.0 if left <= rounding else 0.0
-
-
-def variance(values: Array) -> float:
-    """Mean square of values (n,) about their mean, in the squared unit; `np.var` takes twice as long."""
-    apart = values - np.mean(values)
-    return float(apart @ apart) / len(values)

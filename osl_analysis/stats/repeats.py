@@ -33,13 +33,9 @@ estimate, and the degrees of freedom of this variance."""
 
 
 def over_repeats(values: ArrayLike, common: Sequence[CommonError] = (), kinds: ArrayLike | None = None) -> Repeats:
-    """Summary of one estimate per trial, shape (n,). Standard error and interval include the `common` errors.
-
-    Trials of different `kinds` (n,) count as one mean per kind: their mean is the result, so that what differs from
-    kind to kind is no scatter. `sd` is then the scatter within kinds.
-
-    Raises InputError: Fewer than two trials of a kind, or a value cannot be measured.
-    """
+    """Summary of one estimate per trial, shape (n,). Standard error and interval include the `common` errors. Trials of
+    different `kinds` (n,) count as one mean per kind, so that what differs from kind to kind is no scatter; `sd` is the
+    scatter within kinds. Raises InputError: Fewer than two trials of a kind, or a value cannot be measured."""
     values = np.asarray(values, dtype=float)
     check_measured("the estimate of a trial", values)
     labels = np.zeros(len(values)) if kinds is None else np.asarray(kinds)
@@ -84,14 +80,11 @@ def score_models(y: Array, candidates: Sequence[Candidate]) -> pl.DataFrame:
     [percent], BIC (lower is better), number of effective samples, and rank by BIC, from 1 on.
 
     BIC = m ln(mean squared residual) + p ln m (Schwarz, Ann. Stat. 6, 1978) with the number m of effective samples in
-    place of n. A filtered signal has far fewer independent samples than n; with n, BIC would accept any term that is
-    not exactly 0. All models of y share one m. It is computed from the smallest residual, which contains the least
-    model error. A residual below the rounding error counts as rounding error. Among models that fit exactly, the one
-    with the fewest parameters then ranks first, and all samples count as independent: what rounding leaves depends on
-    the processor.
-
-    Raises InputError: y or a residual has no samples, or a value that cannot be measured.
-    """
+    place of n, with which BIC would accept any term that is not exactly 0. All models share the m of the smallest
+    residual, which contains the least model error. A residual below the rounding error counts as rounding error, and
+    all samples of an exact fit as independent, since what rounding leaves depends on the processor: among exact models
+    the one with the fewest parameters ranks first. Raises InputError: y or a residual has no samples, or a value that
+    cannot be measured."""
     for name, values in (("y", y), *((f"the residual of {c.model}", c.residual) for c in candidates)):
         check_measured(name, values)
     if not len(y):
@@ -111,10 +104,10 @@ def score_models(y: Array, candidates: Sequence[Candidate]) -> pl.DataFrame:
 
 
 def effective_samples(residual: Array) -> float:
-    """Number of independent samples whose mean square has the same variance as that of this correlated residual (n,):
-    n / sum of rho_k^2 over all lags k (Bayley and Hammersley, J. R. Stat. Soc. Suppl. 8, 1946). The autocorrelation rho
-    is computed up to a tenth of the samples. Its squares are 1/n by chance alone; the numerator is corrected for them,
-    so that white noise gives n. A residual that does not vary (an exact fit) counts as n independent samples."""
+    """Number of independent samples whose mean square has the same variance as that of this correlated residual (n,): n
+    / sum of rho_k^2 over all lags k (Bayley and Hammersley, J. R. Stat. Soc. Suppl. 8, 1946). Lags go up to a tenth of
+    the samples; the numerator is corrected for squares of 1/n by chance, so that white noise gives n. A residual that
+    does not vary (an exact fit) counts as n independent samples."""
     check_measured("the residual", residual)
     if not varies(residual):
         return float(len(residual))
@@ -127,11 +120,9 @@ def effective_samples(residual: Array) -> float:
 
 def mean_over_trials(values: Array, shared: bool = False) -> Repeats:
     """Mean of one value per trial (n,) with Student's interval. One trial has no interval; without trials all is NaN.
-
     `shared`: each value was computed with a fit to all the other trials. Such values are correlated by 1/n: the
-    variance of their mean is s^2 (1/n + 1/(n - 1)), with the n - 1 degrees of freedom of their standard deviation s
-    (Nadeau and Bengio, Mach. Learn. 52, 2003).
-    """
+    variance of their mean is s^2 (1/n + 1/(n - 1)), with n - 1 degrees of freedom (Nadeau and Bengio, Mach. Learn. 52,
+    2003)."""
     n = len(values)
     if n < 2:
         return Repeats(n, float(values[0]) if n else np.nan, *[np.nan] * 4)
@@ -147,14 +138,10 @@ def loss_behind_best(loss: Array) -> Array:
 
 
 def rank_words(loss: Array, shared: bool = False) -> list[str | None]:
-    """`preferred`, `tied` or `worse` for each model, from losses (trials, models); the simplest model comes first.
-
-    Smaller losses are better. A model is tied with the best one if the interval of their paired difference contains
-    zero. The first of the tied models is preferred: a more complicated model must show that it is better. Without
-    trials every word is None.
-
-    Raises InputError: A loss is not finite.
-    """
+    """`preferred`, `tied` or `worse` for each model, from losses (trials, models), of which smaller ones are better;
+    the simplest model comes first. A model is tied with the best one if the interval of their paired difference
+    contains zero. The first of the tied models is preferred: a more complicated one must show that it is better.
+    Without trials every word is None."""
     check_finite("the loss", loss)
     if not len(loss):
         return [None] * loss.shape[1]

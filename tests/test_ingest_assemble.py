@@ -13,6 +13,7 @@ import pytest
 import yaml
 from c3d_builder import REAL_DATA, write_c3d
 from mcap_builder import SAMPLE, stamped, write_log
+from scipy.interpolate import make_interp_spline
 
 from osl_analysis.commands.trials import ingest_trial
 from osl_analysis.config.experiments import EXPERIMENTS
@@ -97,6 +98,35 @@ def test_the_leg_and_motion_capture_share_one_clock_afterwards(laboratory: Path)
     assert clock["edges"] >= 25
     assert clock["rows_before"] == pytest.approx(500, abs=1)  # the leg was on a second longer on either side
     assert clock["rows_after"] == pytest.approx(500, abs=2)
+
+
+def test_without_sync_edges_the_joints_angle_aligns_the_log_and_the_trial_says_so(tmp_path: Path) -> None:
+    knots = np.arange(-5.0, 40.0, 0.2)
+    course = make_interp_spline(knots, 0.3 * np.random.default_rng(4).standard_normal(knots.size))
+    leg_time, time = np.arange(0, 30, 1 / 500), np.arange(0, 25, 1 / 300)
+    log = [
+        stamped(round(t * 1e9), angle=a, torque=0.0, sync=False)
+        for t, a in zip(leg_time.tolist(), np.degrees(course(leg_time - 2.5)).tolist(), strict=True)
+    ]
+    write_log(tmp_path / "leg.mcap", log, SAMPLE.replace("float32 angle", "float64 angle"))
+    bent = np.pi / 2 + course(time)
+    toe = 200 * np.stack([np.sin(bent), 0 * bent, np.cos(bent)], axis=1)
+    points = np.stack([np.tile([0, 0, 400.0], (time.size, 1)), np.full((time.size, 3), 1e-6), toe], axis=1)
+    seen = np.concatenate([points, np.zeros((time.size, 3, 1))], axis=2)
+    write_c3d(tmp_path / "vicon.c3d", seen, rate=300.0)
+    shared = {"column": "theta", "markers": ["M1", "M2", "M3"]}
+    no_sync = {"theta": LEG["channels"]["theta"]}
+    (tmp_path / "leg.yaml").write_text(yaml.safe_dump(LEG | {"clock": "shared", "channels": no_sync}))
+    (tmp_path / "vicon.yaml").write_text(yaml.safe_dump({"format": "c3d", "shared": shared}))
+    trial = ingested(tmp_path)
+    found, theta = trial.signals("theta")
+    np.testing.assert_allclose(theta, course(found), atol=2e-3)
+    assert trial.provenance["clock"]["method"] == "correlation"
+    assert "aligned by cross-correlation of 'theta' and the angle at marker M2" in trial.provenance["warnings"][0]
+    write_c3d(tmp_path / "vicon.c3d", seen[::-1], rate=300.0)
+    (tmp_path / "out" / "walk_1.parquet").unlink()
+    (tmp_path / "out").rmdir()
+    assert "cross-correlation of 'theta' and the angle at marker M2 does not align them either" in refused(tmp_path)
 
 
 def test_rows_within_a_nanosecond_become_one() -> None:

@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
+from scipy.interpolate import make_interp_spline
 
 from osl_analysis.errors import InputError
-from osl_analysis.ingest.clock import Edges, find_edges, fit_clock
+from osl_analysis.ingest.clock import Edges, correlate_clocks, find_edges, fit_clock
 
 OFFSET, DRIFT = -3.2, 50e-6
 SLAVE_RATE, MASTER_RATE = 500.0, 1500.0
@@ -102,3 +103,42 @@ PERIODIC, SHORT, LONG = np.arange(0.5, 10, 0.25), irregular(3.0), irregular(30.0
 def test_pulses_that_tell_no_one_clock_are_refused(in_log: Edges, in_capture: Edges, message: str) -> None:
     with pytest.raises(InputError, match=message):
         fit_clock(in_log, in_capture)
+
+
+CAMERA_RATE = 300.0
+KNOTS = np.arange(-120.0, 450.0, 0.15)
+MOVEMENT = make_interp_spline(KNOTS, np.random.default_rng(9).standard_normal(KNOTS.size))  # never repeats itself
+
+
+@pytest.mark.parametrize("offset", [-100.0, 0.1234])
+def test_an_encoder_and_markers_give_offset_and_drift_to_a_tenth_of_a_sample(offset: float) -> None:
+    """The encoder's clock is behind by the offset [s]; its sign, scale and zero are others, and both have noise."""
+    rng, slave = np.random.default_rng(0), np.arange(0, 300.0 - min(offset, 0), 1 / SLAVE_RATE)
+    encoder = 3.0 - 2 * MOVEMENT(offset + (1 + DRIFT) * slave) + 0.02 * rng.standard_normal(slave.size)
+    master = np.arange(0, 300.0, 1 / CAMERA_RATE)
+    fit = correlate_clocks((slave, encoder), (master, MOVEMENT(master) + 0.01 * rng.standard_normal(master.size)))
+    time = np.array([10.0, 150.0, 290.0]) - offset
+    assert abs(fit.to_master(time) - (offset + (1 + DRIFT) * time)).max() < 0.1 / SLAVE_RATE
+    assert abs(fit.drift - DRIFT) < 4 * fit.drift_error < 4e-6
+    assert fit.residual < 0.1 / SLAVE_RATE
+    assert fit.method == "correlation"
+
+
+WITHIN = np.arange(0, 30, 1 / CAMERA_RATE)
+ONCE = np.exp(-(((WITHIN - 10) / 1) ** 2)) * MOVEMENT(WITHIN)
+
+
+@pytest.mark.parametrize(
+    ("strange", "seen", "message"),
+    [
+        (np.random.default_rng(3).standard_normal(9000), MOVEMENT(WITHIN), "correlates by 0.0. at best, 0.5 is needed"),
+        (np.zeros(9000), MOVEMENT(WITHIN), "is constant"),
+        (np.zeros(40), MOVEMENT(WITHIN), "fewer than 48 samples"),
+        (np.sin(2 * np.pi * WITHIN), np.sin(2 * np.pi * WITHIN + 1), r"fits in two places \(correlation 1.00 and 1.00"),
+        (ONCE, ONCE, r"moves in . of 12 sections of the recording, at least 6 are needed"),
+        (MOVEMENT(WITHIN + 0.02 * np.sin(WITHIN / 2)), MOVEMENT(WITHIN), "the lags of the shared signal scatter by"),
+    ],
+)
+def test_signals_that_do_not_show_the_same_movement_throughout_are_refused(strange, seen, message):
+    with pytest.raises(InputError, match=message):
+        correlate_clocks((np.arange(strange.size) / CAMERA_RATE, strange), (WITHIN, seen))

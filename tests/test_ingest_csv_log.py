@@ -266,7 +266,7 @@ def load(**stated: object) -> dict[str, object]:
         ({"time": {"column": "t", "unti": "s"}}, "; did you mean 'unit'?"),
         ({"time": "t"}, "time: 't' is not allowed: write its fields below it, as `name: value`; the known"),
         ({"clock": "sync"}, "needs the column sync"),
-        ({"clock": "mastr"}, "write 'master' or 'sync'; did you mean 'master'?"),
+        ({"clock": "mastr"}, "write 'master', 'sync' or 'shared'; did you mean 'master'?"),
         ({"missing": "NA"}, "missing: 'NA' is not allowed: write a list"),
         ({"format": "cvs"}, "; did you mean 'csv'?"),
         ({"chanels": {}}, "; did you mean 'channels'?"),

@@ -236,7 +236,7 @@ def test_common_times_need_a_capture_that_states_them() -> None:
     samples = pl.DataFrame({"time": [0.0, 0.01]})
     log = Recording(samples, {}, {"clock": "common", "time": {"start": 1.0}})
     with pytest.raises(InputError, match="the capture's file states no times, as only TRC does"):
-        aligned_clock(log, Recording(samples, {}, {}))
+        aligned_clock(log, Recording(samples, {}, {}), None)
 
 
 def test_plates_that_cannot_be_read_are_refused(tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 """One recorder's clock fitted to another's, t_master = offset + (1 + drift) * t_slave, by the edges of a pulse train
-that both recorded."""
+that both recorded, or where these cannot be used by the correlation of a joint's encoder with the angle between
+markers, whose scale, offset and sign may differ."""
 
 from dataclasses import dataclass, replace
 
@@ -7,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
-from osl_analysis.ingest.source import Recording
-from osl_analysis.trial import Array
+from osl_analysis.ingest.source import Recording, SharedAngle
+from osl_analysis.trial import Array, marker_columns
 
 MINIMUM_EDGES = 6
 LARGEST_DRIFT = 500e-6  # of two crystal clocks
@@ -22,9 +23,9 @@ class ClockFit:
     drift: float = 0.0  # relative difference of the clocks' rates [1]
     drift_error: float = 0.0  # standard error of the drift [1]
     residual: float = 0.0  # RMS of the residuals [s]
-    edges: int = 0  # pairs of edges that were used
+    edges: int = 0  # pairs of edges that were used; by correlation, sections of the recording
     excluded_edges: int = 0  # Edges of the slave, during the time that both recorded, that match no edge of the master.
-    method: str = "edges"  # what was matched: edges; nothing where the files have `common` times
+    method: str = "edges"  # what was matched: edges, by `correlation` a signal; nothing where files have `common` times
 
     def to_master(self, time: Array) -> Array:
         """Times [s] of the slave on the master's clock [s]."""
@@ -137,8 +138,104 @@ def robust_line(first: Array, second: Array, noise: float) -> tuple[ClockFit, ND
     return replace(line, residual=residual, edges=int(used.sum())), used
 
 
-def aligned_clock(log: Recording, mocap: Recording) -> ClockFit:
-    """The log's clock by the edges of both sync channels. A log that says `clock: common` has the capture's times."""
+SECTIONS = 12  # parts of the recording, whose lags give the drift
+ONE_SIGNAL = 0.5  # smallest correlation that counts as one signal
+QUIET_SHARE = 0.05  # of the variance of the recording: a section with less is not used
+
+
+def correlate_clocks(slave: tuple[Array, Array], master: tuple[Array, Array]) -> ClockFit:
+    """Offset from the highest peak of the correlation of a signal, given by its rising times [s] and its values, (n,)
+    each; drift from the lags of twelve sections of the recording. In the result `edges` counts the sections that were
+    used, `excluded_edges` those that were quiet or did not fit."""
+    if min(slave[0].size, master[0].size) < 4 * SECTIONS:
+        raise InputError(f"fewer than {4 * SECTIONS} samples of the shared signal; record longer")
+    step, limit = sorted(float(np.median(np.diff(time))) for time, _ in (slave, master))
+    even = []
+    for time, values in (slave, master):  # every `step` from the first sample on, without the mean
+        on_grid = np.interp(np.arange(time[0], time[-1] + 1e-6 * step, step), time, values)
+        even.append(on_grid - on_grid.mean())
+    ours, theirs = even
+    if not min(np.ptp(ours), np.ptp(theirs)) > 0:
+        raise InputError("the shared signal of one recorder is constant; check the channel and its sensor")
+    first, second = section_lags(ours, theirs, whole_lag(ours, theirs))
+    if first.size < MINIMUM_EDGES:
+        raise InputError(
+            f"the shared signal moves in {first.size} of {SECTIONS} sections of the recording, at least "
+            f"{MINIMUM_EDGES} are needed; move the joint throughout"
+        )
+    first, second, noise = slave[0][0] + step * first, master[0][0] + step * second, step
+    for _ in range(3):  # the residual of the fit before is the noise of the next
+        line, _ = robust_line(first, second, max(noise, 0.01 * step))
+        noise = line.residual
+    if noise > limit:
+        raise InputError(
+            f"the lags of the shared signal scatter by {1e3 * noise:.2f} ms, within {1e3 * limit:.2f} ms is needed; "
+            "check that both channels show the same thing"
+        )
+    return replace(line, excluded_edges=SECTIONS - line.edges, method="correlation")
+
+
+def whole_lag(ours: Array, theirs: Array) -> int:
+    """Samples by which `theirs` (m,) is behind `ours` (n,): highest absolute correlation over a long enough overlap."""
+    from scipy.signal import fftconvolve  # half a second, which other trials need not wait for
+
+    def over_overlap(x: Array, y: Array) -> Array:
+        """Sums over the overlap at every lag of y (m,) behind x (n,)."""
+        return np.asarray(fftconvolve(y, x[::-1]))
+
+    one, other = np.ones(ours.size), np.ones(theirs.size)
+    overlap = np.maximum(np.rint(over_overlap(one, other)), 1)
+    sum_ours, sum_theirs = over_overlap(ours, other), over_overlap(one, theirs)
+    covariance = over_overlap(ours, theirs) - sum_ours * sum_theirs / overlap
+    # over a quiet overlap the coefficient would be noise: its scatter counts as at least QUIET_SHARE of the whole
+    scatter_ours = np.maximum(over_overlap(ours**2, other) - sum_ours**2 / overlap, QUIET_SHARE * ours @ ours)
+    scatter_theirs = np.maximum(over_overlap(one, theirs**2) - sum_theirs**2 / overlap, QUIET_SHARE * theirs @ theirs)
+    enough = overlap >= 0.5 * min(ours.size, theirs.size)
+    score = (abs(covariance) / np.sqrt(scatter_ours * scatter_theirs))[enough]
+    best = int(np.argmax(score))
+    if not score[best] >= ONE_SIGNAL:
+        raise InputError(
+            f"the shared signal of both recorders correlates by {score[best]:.2f} at best, {ONE_SIGNAL} is needed; "
+            "check that both channels show the same thing"
+        )
+    low = np.flatnonzero(score < 0.5 * score[best])
+    before, after = low[low < best].max(initial=-1), low[low > best].min(initial=score.size)
+    rival = max(score[: before + 1].max(initial=0.0), score[after:].max(initial=0.0))
+    if rival > 0.8 * score[best]:
+        raise InputError(
+            f"the shared signal fits in two places (correlation {score[best]:.2f} and {rival:.2f}): it repeats "
+            "itself; add one movement that does not, such as a single stamp at the beginning"
+        )
+    return int(np.flatnonzero(enough)[best]) - (ours.size - 1)
+
+
+def section_lags(ours: Array, theirs: Array, lag: int) -> tuple[Array, Array]:
+    """Middles of the sections of `ours`, and where they are in `theirs` [samples], (sections,) each, by a parabola
+    through three samples. A section that is quiet, or fits best at an end of its range, is not used."""
+    begin, end = max(0, -lag), min(ours.size, theirs.size - lag)
+    length = (end - begin) // SECTIONS
+    reach = int(np.ceil(LARGEST_DRIFT * ours.size)) + 8
+    found = []
+    for start in range(begin, begin + length * SECTIONS, length):
+        part = ours[start : start + length]
+        low, high = start + lag - reach, start + lag + length + reach
+        if low < 0 or high > theirs.size or part.var() < QUIET_SHARE * ours.var():
+            continue
+        windows = np.lib.stride_tricks.sliding_window_view(theirs[low:high], part.size)
+        scatter = np.maximum(windows.std(axis=1), np.finfo(float).tiny)
+        score = abs(windows @ (part - part.mean())) / (scatter * part.std() * part.size)
+        best = int(np.argmax(score))
+        if best not in (0, score.size - 1) and score[best] >= ONE_SIGNAL:
+            left, middle, right = score[best - 1 : best + 2]
+            shift = best + 0.5 * (left - right) / (left - 2 * middle + right)
+            found.append((start + length / 2, low + shift + length / 2))
+    first, second = np.reshape(found, (-1, 2)).T
+    return first, second
+
+
+def aligned_clock(log: Recording, mocap: Recording, shared: SharedAngle | None) -> tuple[ClockFit, list[str]]:
+    """The clock fit by the sync edges; where they cannot be used, with a warning, by the correlation of the angle that
+    motion capture's source file names under `shared`. A log that says `clock: common` has the capture's times."""
     pair = (log, "log"), (mocap, "motion capture")
     if log.facts.get("clock") == "common":
         starts = [one.facts.get("time", {}).get("start") for one, _ in pair]
@@ -147,13 +244,35 @@ def aligned_clock(log: Recording, mocap: Recording) -> ClockFit:
                 "the log says `clock: common`, but the capture's file states no times, as only TRC does; write `clock: "
                 "sync` and map the column sync"
             )
-        return ClockFit(starts[0] - starts[1], method="common")
-    edges = list[Edges]()
-    for one, who in pair:
-        if "sync" not in one.samples.columns:
-            raise InputError(
-                f"no column 'sync' from {who}: the clocks cannot be aligned; map the channel in its source file"
-            )
-        rows = one.samples.select("time", "sync").drop_nulls()
-        edges.append(find_edges(rows["time"].to_numpy(), rows["sync"].to_numpy()))
-    return fit_clock(*edges)
+        return ClockFit(starts[0] - starts[1], method="common"), []
+    try:
+        end = "the clocks cannot be aligned; map the channel in its source file"
+        return fit_clock(*(find_edges(*values_of(one, "sync", f"{who}: {end}")) for one, who in pair)), []
+    except InputError as error:
+        if shared is None:
+            raise
+        refused = error
+    what = f"'{shared.column}' and the angle at marker {shared.markers[1]}"
+    try:
+        ours = values_of(log, shared.column, "log; map the channel in its source file")
+        names = [name for label in shared.markers for name in marker_columns(label)]
+        absent = [label for label in shared.markers if marker_columns(label)[0] not in mocap.samples.columns]
+        if absent:
+            told = "which `shared` names; correct the source file of motion capture"
+            raise InputError(f"no marker '{absent[0]}', {told}")
+        seen = mocap.samples.select("time", *names).fill_nan(None).drop_nulls()
+        first, vertex, last = seen.select(names).to_numpy().reshape(-1, 3, 3).transpose(1, 0, 2)
+        one, other = first - vertex, last - vertex
+        angle = np.arctan2(np.linalg.norm(np.cross(one, other), axis=1), (one * other).sum(axis=1))
+        fit = correlate_clocks(ours, (seen["time"].to_numpy(), angle))
+    except InputError as error:
+        raise InputError(f"{refused}; cross-correlation of {what} does not align them either: {error}") from error
+    return fit, [f"clocks aligned by cross-correlation of {what}, because of the sync edges: {refused}"]
+
+
+def values_of(recording: Recording, column: str, advice: str) -> tuple[Array, Array]:
+    """Times [s] and values of a column, where it has any; the `advice` of a refusal begins with whose it is."""
+    if column not in recording.samples.columns:
+        raise InputError(f"no column '{column}' from {advice}")
+    rows = recording.samples.select("time", column).drop_nulls()
+    return rows["time"].to_numpy(), rows[column].to_numpy()

@@ -27,7 +27,7 @@ from osl_analysis.ingest.captures import read_c3d_capture, read_nexus_capture, r
 from osl_analysis.ingest.clock import ClockFit, aligned_clock
 from osl_analysis.ingest.logs import read_message_log, read_table_log
 from osl_analysis.ingest.overview import Overview, inspect_messages
-from osl_analysis.ingest.source import SOURCES, UNKNOWN, Recording, Source, check_sizes, open_places
+from osl_analysis.ingest.source import SOURCES, UNKNOWN, Recording, SharedAngle, Source, check_sizes, open_places
 from osl_analysis.trial import COLUMNS, Trial
 from osl_analysis.yaml_settings import Settings, dotted, field_line, read_mapping, read_yaml
 
@@ -162,7 +162,7 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
     name, files = said.get("trial", ""), {role: said[role] for role in ("log", "mocap") if said.get(role)}
     if not files:
         raise InputError(f"trial {name}: the sheet names no file; fill in log or mocap, or exclude the trial")
-    recordings, identities = {}, {}
+    recordings, identities, shared = {}, {}, None
     for role, given in files.items():
         path, source = raw_folder / given, said.get(f"{role}_source", "")
         if not source:
@@ -183,7 +183,7 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
         if len(files) == 2 and not known.is_capture and described.clock == "master":
             raise InputError(
                 f"{sources_folder / f'{source}.yaml'}: clock: master, but the trial has motion capture too; write "
-                "clock: sync and map the column sync"
+                "clock: sync and map the column sync (or clock: shared, with `shared` in motion capture's source file)"
             )
         try:
             recordings[role] = known.read(path, described)
@@ -194,12 +194,13 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
                 if not part.is_file() or identified(part) != before:
                     what = "the file changed while it was read"
                     raise InputError(f"{part}: {what}; wait until it is recorded or copied, then run again")
+        shared = described.shared if known.is_capture else shared
         if path.is_dir():  # of a folder size and hash of all files together, and those of each
             together = hashlib.sha256("".join(one["sha256"] for one in every).encode()).hexdigest()
             every = [{"bytes": sum(one["bytes"] for one in every), "sha256": together, "parts": every}]
         identities[role] = {**every[0], "path": given, "source": source}
     try:
-        return assemble(name, recordings, identities)
+        return assemble(name, recordings, identities, shared)
     except InputError as error:
         raise InputError(f"trial {name} ({', '.join(files.values())}): {error}") from error
 
@@ -246,10 +247,15 @@ def identified(path: Path) -> dict[str, Any]:
         return {"path": path.name, "bytes": file.tell(), "sha256": digest}
 
 
-def assemble(name: str, recordings: Mapping[str, Recording], files: Mapping[str, Mapping[str, Any]]) -> Trial:
+def assemble(
+    name: str,
+    recordings: Mapping[str, Recording],
+    files: Mapping[str, Mapping[str, Any]],
+    shared: SharedAngle | None = None,
+) -> Trial:
     """A trial of the recordings `log`, `mocap` or both; with both, the log's clock is fitted to motion capture's.
-    `files` identifies the file of each recording. The log's rows before and after motion capture are counted and not
-    used. The column `sync` is motion capture's."""
+    `files` identifies the file of each recording, `shared` an angle that aligns the clocks without sync edges. The
+    log's rows before and after motion capture are counted and not used. The column `sync` is motion capture's."""
     facts = {role: dict(recordings[role].facts) for role in ("log", "mocap") if role in recordings}
     columns = {
         column: {"file": role, **origin} for role in facts for column, origin in recordings[role].columns.items()
@@ -270,10 +276,11 @@ def assemble(name: str, recordings: Mapping[str, Recording], files: Mapping[str,
     both = sorted((set(log.columns) & set(mocap.columns)) - {"sync"})
     if both:
         raise InputError(f"column '{both[0]}' is mapped in log and motion capture; remove it from one source file")
-    fit = aligned_clock(log, mocap)
+    fit, warnings = aligned_clock(log, mocap, shared)
     on_master, end = fit.to_master(log.samples["time"].to_numpy()), float(mocap.samples["time"][-1])
     clock = {**asdict(fit), "rows_before": int((on_master < 0.0).sum()), "rows_after": int((on_master > end).sum())}
-    return Trial(name, merged(log, mocap, fit), {**provenance, "clock": clock})
+    warnings = [*provenance["warnings"], *warnings]
+    return Trial(name, merged(log, mocap, fit), {**provenance, "warnings": warnings, "clock": clock})
 
 
 def merged(log: Recording, mocap: Recording, fit: ClockFit) -> pl.DataFrame:

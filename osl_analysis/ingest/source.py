@@ -219,6 +219,13 @@ class PlateUnits(Settings):
     length: LengthUnit | None = None  # Unit of the centre of pressure of a type 1 plate; null: the file's.
 
 
+class SharedAngle(Settings):
+    """An angle that log and motion capture both recorded, which aligns their clocks where no sync edges do."""
+
+    column: str  # Column of the log with the angle. Its scale, sign and offset do not matter.
+    markers: tuple[str, str, str]  # Three markers of motion capture. The angle is at the second marker.
+
+
 class ModelOutput(Conversion):
     """One component of a model output, such as a joint moment of Plug-in Gait, that is stored like a marker."""
 
@@ -308,9 +315,10 @@ class Source(SourceFile):
 
     format: str  # Format of the file.
     description: str = ""  # For readers; nothing is computed from it.
-    clock: Literal["master", "sync"] = "master"
+    clock: Literal["master", "sync", "shared"] = "master"
     """How the log's clock is aligned to motion capture's. `master`: not; the log is the only file. `sync`: by the edges
-    of the column `sync`. `common` (OpenSim): its times are those of the capture in TRC, which was exported with it."""
+    of the column `sync`. `shared`: by the signal that motion capture's source file names under `shared`. `common`
+    (OpenSim): its times are those of the capture in TRC, which was exported with it."""
     channels: dict[str, Channel]  # The recorded channel of each canonical column.
     time: Time  # Where the time of a row or message comes from.
     most_missing: SampleShare = 0.01  # Largest share of a channel's numbers, and of the rows, that may be missing.
@@ -331,6 +339,7 @@ class Source(SourceFile):
     markers: Annotated[Literal["all"] | tuple[str, ...], BeforeValidator(all_none_or_list)] = "all"
     """The markers to read: all (every labelled point except model outputs), none or a list of labels."""
     axes: Axes = ("x", "y", "z")  # The file's that point forward, left and up: `[x, -z, y]` where y is up.
+    shared: SharedAngle | None = None  # What aligns the clock of a log that says `clock: shared`.
     analogs: dict[str, Channel] = Field(default={})  # The recorded channel of each canonical column.
     outputs: dict[str, ModelOutput] = Field(default={})  # The model output of each canonical column.
     point_unit: LengthUnit | None = None  # Unit of length, where the file's own is absent or wrong.
@@ -390,7 +399,7 @@ def model_of(
 OPTIONAL = (None, None)  # marks `time` and `channels` as keys that a source file may leave out
 NO_UNITS = {"channel.unit": (Unit, ...)}  # of formats that state no units
 OF_ROWS, OF_TABLE = "unit rate repeated stamps", "clock channels most_missing time"
-OF_DEVICES = "markers axes analogs outputs"
+OF_DEVICES = "markers axes shared analogs outputs"
 OF_MESSAGES = (
     *(f"{OF_TABLE} largest_loss", "field topic counter unit", "source field stamps", ""),
     {**NO_UNITS, "time.field": (str, "header.stamp")},
@@ -413,7 +422,7 @@ KEYS: Mapping[str, tuple[Any, ...]] = {
         *(f"{OF_TABLE} plates axes", "column counter unit", f"column {OF_ROWS}", "force point moment corners sign"),
         {
             **NO_UNITS,
-            "clock": (Literal["master", "sync", "common"], "master"),
+            "clock": (Literal["master", "sync", "shared", "common"], "master"),
             "channels": OPTIONAL,
             "time": OPTIONAL,
             "time.column": (ColumnName | None, "time"),
@@ -428,7 +437,7 @@ KEYS: Mapping[str, tuple[Any, ...]] = {
     "nexus_csv": (
         *(f"{OF_DEVICES} delimiter decimal plates", "device component", "", "device corners moment_about sign"),
     ),
-    "trc": ("markers axes point_unit",),
+    "trc": ("markers axes shared point_unit",),
 }
 SOURCES = {name: model_of(name, *keys) for name, keys in KEYS.items()}
 

@@ -13,7 +13,6 @@ from osl_analysis.signals import LowPass, Motion
 from osl_analysis.trial import Array
 from osl_analysis.walking.crossing import Crossing
 from osl_analysis.walking.plate import Stance
-from osl_analysis.walking.second_order import impedance_torque
 
 RATE, STRIKE, STANCE, WEIGHT, ONSET = 300.0, 0.5, 0.70, 785.0, 0.40
 TRUTH = {"K": 340.0, "B": 3.0, "I": 0.02}
@@ -74,7 +73,8 @@ def crossing(key: tuple[int, ...], low_pass: LowPass, perturbed: bool, change: C
     theta, torque = foot + shank, force * lever + 0.08 * shear + waves(random, time, 2.5, 0.9) * on
     if perturbed:
         turn = ramp(time - onset)
-        theta, torque = theta + turn.theta, torque + impedance_torque(TRUTH["K"], TRUTH["B"], TRUTH["I"], turn)
+        answer = TRUTH["K"] * turn.theta + TRUTH["B"] * turn.omega + TRUTH["I"] * turn.alpha
+        theta, torque = theta + turn.theta, torque + answer
     theta = low_pass(theta + 1e-3 * random.standard_normal(len(time)), RATE)
     torque = low_pass(torque + 0.1 * random.standard_normal(len(time)), RATE)
     name, still = f"phase_{'_'.join(map(str, key))}", np.zeros((0, len(time)))

@@ -9,7 +9,6 @@ from osl_analysis.bench.impedance import impedance_table, rendered_impedance
 from osl_analysis.bench.record import Record, cycles_of, record_of
 from osl_analysis.protocol.stepped_sine import Likeness, SteppedSineProtocol, find_segments, unit_sines
 from osl_analysis.signals import LowPass, Motion, filtered_motion
-from osl_analysis.walking.second_order import impedance_torque
 
 RATE, LOW_PASS = 500.0, LowPass(15)
 PROTOCOL = SteppedSineProtocol((0.05, 0.1), (1.0, 3.0, 5.0), 9)
@@ -49,6 +48,11 @@ def belt_record(theta_s, torque, rate=RATE, unusable=()):
 def table_of(record):
     """Its rows of `impedance.csv`."""
     return impedance_table(rendered_impedance(record))
+
+
+def impedance_torque(K, B, I, motion: Motion):
+    """Eq. 15."""
+    return K * motion.theta + B * motion.omega + I * motion.alpha
 
 
 def second_order(motion: Motion):

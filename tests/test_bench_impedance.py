@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import polars as pl
 import pytest
-from bench_synthetic import PROTOCOL, RATE, record_of_sines, second_order, stepped_sine, table_of
+from bench_synthetic import PROTOCOL, RATE, impedance_torque, record_of_sines, second_order, stepped_sine, table_of
 from conftest import ROOT
 from scipy.ndimage import shift
 from scipy.signal import butter, sosfilt
@@ -38,7 +38,6 @@ from osl_analysis.protocol.stepped_sine import SteppedSineProtocol, unit_sines
 from osl_analysis.signals import LowPass, filtered_motion
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import Trial, read_trial, write_trial
-from osl_analysis.walking.second_order import impedance_torque
 
 
 def test_the_row_over_all_amplitudes_says_from_where_to_where_the_single_ones_read():

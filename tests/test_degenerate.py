@@ -33,8 +33,13 @@ from osl_analysis.walking.gait import unperturbed_gait
 from osl_analysis.walking.groups import selection_rows
 from osl_analysis.walking.plate import Stance, find_stances
 from osl_analysis.walking.platform import find_onset, trigger_edge
-from osl_analysis.walking.response import fit_response, group_headline, isolate_response, response_lag
-from osl_analysis.walking.second_order import fit_second_order
+from osl_analysis.walking.response import (
+    fit_response,
+    fit_without_offset,
+    group_headline,
+    isolate_response,
+    response_lag,
+)
 from osl_analysis.walking.tables import ensemble_rows, group_facts, single_facts
 
 STATED = {
@@ -120,7 +125,7 @@ FITS_OF_SIGNALS = {
         f"fit_sinusoid of {n} samples": lambda t, x, y, n=n: fit_sinusoid(y[:n], sines_at(t[:n], 2.0))
         for n in (N, 100, 50)
     },
-    "fit_impedance": lambda t, x, y: fit_second_order(Motion(x, np.roll(x, 3), np.roll(x, 11)), y),
+    "fit_impedance": lambda t, x, y: fit_without_offset(Motion(x, np.roll(x, 3), np.roll(x, 11)), y),
     "score_models": lambda t, x, y: repeats.score_models(
         y, [repeats.Candidate("M1", "a", 1, x, x), repeats.Candidate("M2", "b", 2, y, y)]
     ),

@@ -28,8 +28,8 @@ FUNCTIONS = {
         "signals.Motion", "signals.filtered_motion", "signals.differentiate",
     ),
     "Fits": (
-        "walking.second_order.fit_second_order", "walking.second_order.impedance_torque",
-        "stats.regression.linear_fit", "stats.regression.LinearFit",
+        "walking.response.impedance_columns", "walking.response.fit_without_offset", "stats.regression.linear_fit",
+        "stats.regression.LinearFit",
     ),
     "Frequency response": (
         "spectral.periods.find_repetition", "spectral.periods.periodic_motion",

@@ -3,8 +3,7 @@
 import json
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
-from dataclasses import MISSING, asdict, fields, is_dataclass, replace
+from dataclasses import asdict, is_dataclass, replace
 from pathlib import Path
 from types import UnionType
 from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
@@ -74,13 +73,9 @@ def read_model(path: Path, kind: type[Built]) -> Built:
     if not path.is_file():
         raise InputError(f"{path}: no such file; {step} first")
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (json.JSONDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: not JSON ({error}); delete it and {step}") from error
-    for one in fields(kind):  # type: ignore[arg-type]
-        if one.default is MISSING and (not isinstance(content, dict) or one.name not in content):
-            raise InputError(f"{path}: no field '{one.name}'; delete it and {step}")
-    model: Built = built(kind, content)
+        model: Built = built(kind, json.loads(path.read_text(encoding="utf-8")))
+    except (ValueError, TypeError, KeyError, AttributeError) as error:
+        raise InputError(f"{path}: not what this step writes ({error}); delete it and {step}") from error
     return model
 
 
@@ -153,45 +148,21 @@ def on_the_walkway(table: pl.DataFrame, places: Places | None, by: str = "trial"
 def read_unperturbed_gaits(path: Path) -> dict[str, UnperturbedGait]:
     """Read what `average_unperturbed` wrote: gaits with fewer crossings than the least are not among them."""
     check_not_refused(path)
-    step, gaits = "'average-unperturbed'", {}
     if not path.is_file():
-        raise InputError(f"{path}: no such file; run the step {step} first")
-    try:
-        for frame in pl.read_parquet(path).partition_by("gait", maintain_order=True):
-            names = frame["trial"].unique(maintain_order=True).to_list()
-            columns = (frame[c].to_numpy().reshape(len(names), -1) for c in ("theta", "torque", "stance_s"))
-            theta, torque, stance = columns
-            errors = frame.select(PLATE_ERRORS).to_numpy().T.reshape(-1, *theta.shape)
-            gaits[str(frame["gait"][0])] = UnperturbedGait(tuple(names), theta, torque, stance[:, 0], errors)
-    except (pl.exceptions.PolarsError, OSError) as error:
-        said = str(error).splitlines()[0]
-        raise InputError(f"{path}: not unperturbed gait ({said}); delete it and run the step {step}") from error
+        raise InputError(f"{path}: no such file; run the step 'average-unperturbed' first")
+    gaits = {}
+    for frame in pl.read_parquet(path).partition_by("gait", maintain_order=True):
+        names = frame["trial"].unique(maintain_order=True).to_list()
+        columns = (frame[c].to_numpy().reshape(len(names), -1) for c in ("theta", "torque", "stance_s"))
+        theta, torque, stance = columns
+        errors = frame.select(PLATE_ERRORS).to_numpy().T.reshape(-1, *theta.shape)
+        gaits[str(frame["gait"][0])] = UnperturbedGait(tuple(names), theta, torque, stance[:, 0], errors)
     return gaits
 
 
-def calibrate(trial: Path, motion: Paths, settings: CalibrationSettings, output: Path, comparison: Path) -> None:
-    """Marker clusters, ankle centre and axis of the static trial, to a JSON file. The functional hinge of the trials
-    `motion` is compared with the anatomical axis in the table `comparison`, and replaces it if the settings say so."""
-    standing, markers = read_trial(trial), settings.markers
-    static, recordings = bodies.static_calibration(standing, settings), []
-    for path in motion:
-        walked = read_trial(path)
-        with suppress(InputError):  # trials whose markers cannot be read are not used
-            clusters = (markers.foot, markers.shank)
-            recordings.append([bodies.segment_poses(walked, names, static, settings)[1] for names in clusters])
-    row: dict[str, object] = {"trial": standing.name, "axis": settings.hinge}
-    try:
-        axis, centre, found = bodies.functional_hinge(recordings, static)
-    except InputError as error:
-        if settings.hinge == "functional":
-            raise
-        row["reason"] = str(error)
-    else:
-        row |= found
-        if settings.hinge == "functional":
-            static = replace(static, ankle_axis=axis, ankle_centre=centre)
-    write_table(pl.DataFrame([row]), comparison)
-    write_model(static, output)
+def calibrate(trial: Path, settings: CalibrationSettings, output: Path) -> None:
+    """Marker clusters, ankle centre and axis of the static trial, to a JSON file."""
+    write_model(bodies.static_calibration(read_trial(trial), settings), output)
 
 
 def calibrated_trials(trials: Paths, calibrations: Paths, statics: Statics) -> list[tuple[Trial, StaticCalibration]]:
@@ -258,8 +229,9 @@ def analyse(
             )
         crossing = replace(crossing, body_mass=body_mass(walked, body_mass_kg))
     except OslAnalysisError as error:
-        warnings.warn(f"excluded: {error}", stacklevel=2)
-        write_refusal(RefusedCrossing(walked.name, perturbed, str(error)), output)
+        reason = str(error) if f"trial {walked.name}" in str(error) else f"trial {walked.name}: {error}"
+        warnings.warn(f"excluded: {reason}", stacklevel=2)
+        write_refusal(RefusedCrossing(walked.name, perturbed, reason), output)
     else:
         write_crossing(crossing, output)
 

@@ -86,24 +86,8 @@ def analyse_crossing(
     settings: CrossingSettings,
     shared: PlatformModel = ALONE,
 ) -> Crossing:
-    """Angle and torque of a crossing, through one low-pass at one rate; refused with the trial's name. `perturbed` is
-    the sheet's. `shared` is what the platform's motions share; without it a crossing has its own motion and onset."""
-    try:
-        return crossing_from_trial(trial, calibration, unloaded, perturbed, settings, shared)
-    except InputError as error:
-        text = "; ".join(filter(None, [str(error), bodies.exchanged_labels(trial, calibration, settings)]))
-        raise InputError(text if f"trial {trial.name}" in text else f"trial {trial.name}: {text}") from error
-
-
-def crossing_from_trial(
-    trial: Trial,
-    calibration: StaticCalibration,
-    unloaded: PlateModel,
-    perturbed: bool,
-    settings: CrossingSettings,
-    shared: PlatformModel,
-) -> Crossing:
-    """The crossing, refused without the trial's name."""
+    """Angle and torque of a crossing, through one low-pass at one rate. `perturbed` is the sheet's. `shared` is what
+    the platform's motions share; without it a crossing has its own motion and onset."""
     reference, recorded, low_pass = {}, {}, settings.low_pass
     for segment in SEGMENTS:
         labels = getattr(settings.markers, segment)
@@ -129,7 +113,7 @@ def crossing_from_trial(
         if len(lost := np.flatnonzero(inside & ~pose.seen())):
             raise InputError(
                 f"the {segment} markers cannot be followed at {frames[lost[0]]:.3f} s, in {len(lost)} frames of "
-                "stance; fill the gap in Nexus, raise longest_gap_s, or exclude the trial"
+                "stance; fill the gap or correct exchanged labels in Nexus, raise longest_gap_s, or exclude the trial"
             )
     # Every cluster is seen in stance and up to 0.1 s before and after it, for the low-pass
     seen = np.all([pose.seen() for pose in recorded.values()], axis=0)
@@ -265,12 +249,10 @@ def check_vertical(force: Array) -> None:
     axis = int(np.argmax(np.abs(mean)))
     if axis == 2 and mean[2] > 0:
         return
-    along = f"{'-' if mean[axis] < 0 else '+'}{AXES[axis]}"
-    remedy = {
-        "+y": "its vertical axis is y; state `axes: [x, -z, y]` in the source file",
-        "-z": "the force is of the other sign; correct `sign` or the plate's corners in the source file",
-    }.get(along, "state `axes` in the source file, so that z points up")
-    raise InputError(f"the load on the plate acts along {along} ({mean[axis]:.0f} N), expected +z: {remedy}")
+    raise InputError(
+        f"the load on the plate acts along {'-' if mean[axis] < 0 else '+'}{AXES[axis]} ({mean[axis]:.0f} N), expected "
+        "+z: correct `sign` or the plate's corners in the source file, or state `axes`, as [x, -z, y] where y points up"
+    )
 
 
 def check_side(phase: Array, shank_from_ankle: Array, axis: Array, torque: Array | None) -> None:

@@ -13,9 +13,7 @@ from osl_analysis.trial import Trial
 from osl_analysis.walking import plate as plates
 from osl_analysis.walking.bodies import marker_tracks
 from osl_analysis.walking.crossing import body_mass
-from osl_analysis.walking.settings import OvergroundAnalysis, Side
-
-LETTERS_OF_SIDES: dict[Side, str] = {"left": "L", "right": "R"}
+from osl_analysis.walking.settings import OvergroundAnalysis
 
 
 def overground_rows(
@@ -39,7 +37,7 @@ def overground_rows(
             f"trial {trial.name}: the recording states no body mass; state body_mass_kg in the sheet, or "
             "overground.body_mass_kg in the configuration"
         )
-    sides = [side for side in LETTERS_OF_SIDES if f"reference_ankle_moment_{side}" in trial.samples.columns]
+    sides = [side for side in ("left", "right") if f"reference_ankle_moment_{side}" in trial.samples.columns]
     if not sides or not numbers:
         absent = "force plate" if sides else "column 'reference_ankle_moment_left'"
         raise InputError(
@@ -54,9 +52,9 @@ def overground_rows(
     return rows
 
 
-def rows_on_plate(trial: Trial, side: Side, plate: int, mass: float, load: float) -> Iterator[dict[str, object]]:
+def rows_on_plate(trial: Trial, side: str, plate: int, mass: float, load: float) -> Iterator[dict[str, object]]:
     """The stances of one foot on one plate, while it carries more than `load` [N]; `slope` is that through zero."""
-    time, points = marker_tracks(trial, [f"{LETTERS_OF_SIDES[side]}TIO", f"{LETTERS_OF_SIDES[side]}TIL"])
+    time, points = marker_tracks(trial, [f"{side[0].upper()}TIO", f"{side[0].upper()}TIL"])
     ankle, axis = points[:, 0], points[:, 1] - points[:, 0]
     wrench = plates.wrench_reader(*plates.recorded_wrench(trial, plate), time)(0.0)
     corners = plates.recorded_corners(trial, plate)

@@ -368,9 +368,7 @@ class UnloadedRecording:
 
     track: platform.PlatformTrack  # the longest run of frames in which it was seen, without a motion that the run cuts
     centre: Array  # the plate's centre (3,) [m] at rest
-    wrench_at: Callable[
-        [float], Array
-    ]  # the wrench in the track's frames, read a lag [s] later, through both low-passes
+    wrench_at: Callable[[float], Array]  # in the track's frames, read a lag [s] later, through both low-passes
     plate_low_pass: LowPass  # the further low-pass of the identification, after that of the crossings
     unusable: str  # why the trial shows nothing of the plate, for a message; empty if it does
 
@@ -415,8 +413,7 @@ def unloaded_recording(trial: Trial, calibration: StaticCalibration, settings: P
     if rows.stop - rows.start < few:
         raise InputError(
             f"trial {trial.name}: markers {', '.join(names)} are seen together in {rows.stop - rows.start} frames in a "
-            f"row, expected {few} or more; fill the gaps in Nexus, or record the trial again"
-            + (f"; {hint}" if (hint := bodies.exchanged_labels(trial, calibration, settings, ("platform",))) else "")
+            f"row, expected {few} or more; fill the gaps or correct exchanged labels in Nexus, or record again"
         )
     rotation = platform.rotation_from_rest(poses)
     largest_turn = float(np.rad2deg(np.max(rotation[rows])))

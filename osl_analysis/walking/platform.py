@@ -24,7 +24,6 @@ from osl_analysis.walking import bodies
 from osl_analysis.walking.bodies import BodyMotion, Mask, Poses, StaticCalibration
 from osl_analysis.walking.settings import PlatformMotionSettings, PlatformSettings
 
-ALL_DIRECTIONS = np.eye(6)
 FEWEST_FRAMES = 10  # Fewest frames from which a position at rest is read
 STILL = 7.0  # A platform moves where its speed is above this multiple of its noise: 1 in 10^7 frames of a resting one
 
@@ -115,7 +114,7 @@ class PlatformTrack:
     @cached_property
     def moving(self) -> Mask:
         """Frames (n,) in which the platform moves along any direction."""
-        return self.moves(ALL_DIRECTIONS)
+        return self.moves(np.eye(6))
 
     def gate(self, moves: Mask) -> Array:
         """Weights (n,) of inertial forces: 1 where the platform moves and up to twice `spread` beside it, 0 one

@@ -293,15 +293,13 @@ def describe_tables(output: Path | None) -> None:
 
 @main.command(epilog="Example: osl-analysis results results/mine --markdown")
 @argument("folder", type=FILE, default=Path("results"))
-@file_option("--summary", help="Summary of a campaign, in place of that in FOLDER.")
 @option("--markdown", is_flag=True, help="A Markdown table in place of aligned columns.")
-def results(folder: Path, summary: Path | None, markdown: bool) -> None:
+def results(folder: Path, markdown: bool) -> None:
     """Print the headline numbers of the results in FOLDER, with units, intervals and the draft's values."""
     from osl_analysis.commands.tables import format_results_table, later_failures, read_summary
 
-    path = folder / "summary.json" if summary is None else summary
-    say(format_results_table(read_summary(path), markdown))
-    if failed := later_failures(path):
+    say(format_results_table(read_summary(folder / "summary.json"), markdown))
+    if failed := later_failures(folder / "summary.json"):
         say(failed, err=True)
 
 
@@ -394,15 +392,6 @@ def watch(folder: Path, source: Path | None, output: Path, config_path: Path) ->
     with suppress(KeyboardInterrupt):
         for line in watched_lines(folder, bench):
             say(line)
-
-
-@main.command(cls=click.Command, epilog="Example: osl-analysis completion bash >> ~/.bashrc")
-@argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
-def completion(shell: str) -> None:
-    """Print the lines with which a shell completes commands, options and files of osl-analysis."""
-    from click.shell_completion import shell_complete
-
-    shell_complete(main, {}, "osl-analysis", "_OSL_ANALYSIS_COMPLETE", f"{shell}_source")
 
 
 def print_first_look(folder: Path) -> None:

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
-from pathlib import Path
 
 
 def printable(text: str) -> str:
@@ -37,14 +36,6 @@ class OslAnalysisError(ValueError):
 
     def __init__(self, message: str) -> None:
         super().__init__(printable(message))
-
-
-class PartialResultError(Exception):
-    """A job could not make the files `missing`, because of the error that this is raised from; the others are whole."""
-
-    def __init__(self, missing: Sequence[Path]) -> None:
-        super().__init__(f"without {', '.join(map(str, missing))}")
-        self.missing = tuple(missing)
 
 
 class InputError(OslAnalysisError):

@@ -13,9 +13,9 @@ from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.bench.phasors import frequency_response_table
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.campaign.configuration import read_section
+from osl_analysis.commands import tables as tables_of_campaign
 from osl_analysis.commands.bench import Fit, campaign_parameters, fit_settings, fit_tables, fit_trial
 from osl_analysis.commands.gains import requested_gains
-from osl_analysis.commands.tables import read_summary as read_summary_file
 from osl_analysis.commands.trials import checked_trial
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
 from osl_analysis.config.shared_choices import WeightSettings
@@ -27,9 +27,9 @@ from osl_analysis.judge.doubts import IS_DOUBTFUL, marked, with_doubts_of
 from osl_analysis.judge.recording import examine, judged_table, measured_table, validate_rules
 from osl_analysis.judge.table import Commanded, DoubtfulFits, QualityRules
 from osl_analysis.model.parameters import joint_of
-from osl_analysis.table import read_table as read_table_file
+from osl_analysis.table import read_table as read_table
 from osl_analysis.trial import Trial
-from osl_analysis.trial import read_trial as read_trial_file
+from osl_analysis.trial import read_trial as read_trial
 
 if TYPE_CHECKING:
     from osl_analysis.figures.style import NotebookFigure
@@ -40,7 +40,7 @@ OF_CONFIG = "of the configuration"  # in place of a parameter file: the one that
 
 def as_trial(trial: Trial | File) -> Trial:
     if isinstance(trial, Path | str):
-        return read_trial_file(Path(trial))
+        return read_trial(trial)
     if not isinstance(trial, Trial):
         raise InputError(
             f"a trial is needed, not {type(trial).__name__}; give what `read_trial` or `read_recording` returned, a "
@@ -62,8 +62,8 @@ def asked(
     experiment: str, trial: Trial | File, config: File | None, parameters: File | None
 ) -> tuple[str, Trial, Path | None, dict[str, Any], DoubtfulFits]:
     """The arguments of `fit_trial`, from those of the functions below."""
-    settings, limits = fit_settings(experiment, Path(config or config_here()))
-    return experiment, as_trial(trial), device_of(parameters, config), settings, limits
+    device = device_of(parameters, config)
+    return experiment, as_trial(trial), device, *fit_settings(experiment, Path(config or config_here()))
 
 
 def known(desired: DesiredImpedance | None) -> DesiredImpedance:
@@ -81,19 +81,15 @@ def fit_impedance(
 ) -> Fit:
     """K [N*m/rad], B [N*m*s/rad] and I [kg*m^2] of Eq. 15, torque = K theta + B omega + I alpha + offset.
 
-    The rows are those of `impedance.csv`: one per amplitude of a stepped sine, and one over all of them; of any other
-    motion one row.
+    The rows are those of `impedance.csv`: one per amplitude of a stepped sine, and one over all of them.
 
-    Parameters
-    ----------
     trial: a trial with `theta` [rad] and the resisting `torque` [N*m], or its file.
     desired: what the leg was asked to render, `DesiredImpedance("compensated", K_d=300, B_d=5)`. With it the fit is
         judged by what the gains should give. Without it `not_checked` says what is not judged.
     windows: what of the trial is fitted [s], as in the column `windows` of a sample sheet; default: all that moves.
-    config: a configuration file, which may state what differs from the default only; default: `config.yaml` of a
-        campaign in the working folder, else the shipped one.
-    parameters: the parameter file of the device; default: the one that the configuration names; None: a device without
-        one, whose stiffness is not compared with a belt.
+    config: a configuration file, which states what differs from the default; default: `config.yaml` in the working
+        folder, else the shipped one.
+    parameters: the parameter file of the device; default: that of the configuration; None: a device without one.
 
     Raises InputError: the trial lacks a signal, does not move, or follows a damaged stepped sine; or a file is not
     valid. IdentifiabilityError: the motion cannot tell K, B and I apart. UnreachableImpedanceError: the device has no
@@ -141,18 +137,15 @@ def fit_torque_angle(trial: Trial | File, curve: str | None = None, config: File
 class Response:
     """The frequency response of one trial.
 
-    Attributes
-    ----------
-    trial: name of the trial
     table: a row per frequency. Of a stepped sine those of `frequency_response.csv`, the admittance Y, angle over torque
         [rad/(N*m)], averaged over amplitudes. Of any other motion those of `response.csv`, the impedance Z, torque over
         angle [N*m/rad], with noise and distortion.
     models: Eqs. 15 and 9 fitted to the response, the rows of `response_models.csv`; none of a stepped sine
-    plotted: the numbers that `plot_frequency_response` draws as the `figure` "fig7", or "response" of any other motion
+    plotted: the numbers that `plot_frequency_response` draws
     """
 
     trial: str
-    figure: str
+    figure: str  # fig7, or response of any other motion than a stepped sine
     table: pl.DataFrame
     models: pl.DataFrame
     plotted: pl.DataFrame
@@ -171,9 +164,8 @@ def frequency_response(
     parameters: File | None = OF_CONFIG,
 ) -> Response:
     """The frequency response of an impedance trial, with 95 % intervals of noise; arguments and errors as in
-    `fit_impedance`. With `desired` the numbers to be plotted have the desired response (Eq. 11), and with the gains of
-    a controller of the draft that of the drivetrain without friction (Eq. 9) too.
-    """
+    `fit_impedance`. With `desired` the desired response (Eq. 11), and with the gains of a controller of the draft that
+    of the drivetrain without friction (Eq. 9), are plotted too."""
     from osl_analysis.commands.figure import beside_theory
     from osl_analysis.commands.tables import pooled_schema
     from osl_analysis.figures.names import JOINT_SIDE, completed
@@ -192,28 +184,17 @@ def frequency_response(
     return Response(read.name, "fig7", table, found["response_models"], plotted)
 
 
-def read_trial(path: File) -> Trial:
-    """A trial from the Parquet file of `osl-analysis ingest` or of a campaign (`results/trials/NAME.parquet`).
-
-    `trial.samples` is a polars data frame in SI units with a row per time stamp, `trial.provenance` says where each
-    column comes from. Raises InputError: the file is missing, or is not Parquet that ingest wrote.
-    """
-    return as_trial(path)
-
-
 def read_recording(path: File, source: File, part: str | None = None, name: str | None = None) -> Trial:
     """A trial from the raw log, or the capture, of one recorder, converted to SI units by its source file. A trial of
     two recorders (walking) needs a campaign, or `osl-analysis ingest`.
 
-    Parameters
-    ----------
     path: the recording, or the folder of a split ROS 2 bag.
     source: the source file (YAML) with channel, unit and sign of each signal, or the name of a shipped one, such as
         "opensourceleg". `osl-analysis inspect FILE --draft mine.yaml` drafts one.
     part: the part of a log that holds several trials, such as a struct of a MATLAB file.
     name: name of the trial; default: that of the file.
 
-    Raises InputError: the recording or the source file is missing, or the recording is not what the source file says.
+    Raises InputError: a file is missing, or the recording is not what the source file says.
     """
     file, described = Path(path), Path(source)
     if not (described.suffix == ".yaml" and described.is_file()):
@@ -234,11 +215,10 @@ def read_recording(path: File, source: File, part: str | None = None, name: str 
 
 
 def check(trial: Trial | File, experiment: str = "impedance", config: File | None = None) -> pl.DataFrame:
-    """The quality of a trial: a row per check, as in `quality.csv`: `check`, `value` in its `unit`, `threshold`,
-    `verdict` (pass, flag, or exclude) and `remark`.
+    """The quality of a trial, and whether it has what `experiment` needs: a row per check, as in `quality.csv`.
 
-    What `experiment` needs is checked as well. `config` is a configuration file, whose section `quality` has the
-    thresholds. Raises InputError: as `read_trial`; no such experiment; or the configuration is not valid.
+    The section `quality` of `config` has the thresholds. Raises InputError: as `read_trial`; no such experiment; or the
+    configuration is not valid.
     """
     if experiment not in EXPERIMENTS:
         known = ", ".join(EXPERIMENTS)
@@ -252,12 +232,11 @@ def check(trial: Trial | File, experiment: str = "impedance", config: File | Non
 
 
 def simulate_trial(folder: File, trial: str, settings: File = "config/simulation/default.yaml") -> tuple[Path, str]:
-    """Simulate one bench trial of a simulated campaign into a folder: its log, and the name of the source file of it.
+    """Simulate one bench trial into a folder: its log, and the name of its source file.
 
-    `trial` is a name of the plan, such as "impedance_K300_B5.0_compensated", and `settings` a file of the simulator:
-    experiments, protocol [Hz, deg], imperfections with their units, seed. `read_recording(*simulate_trial(...))` is the
-    trial. What is true of it is in `truth/TRIAL.json`. Raises InputError: the settings plan no such trial, it is not of
-    a bench, or the folder has recordings that the simulator did not make.
+    `trial` is a name of the plan, such as "impedance_K300_B5.0_compensated", and `settings` a file of the simulator.
+    `read_recording(*simulate_trial(...))` is the trial. What is true of it is in `truth/TRIAL.json`. Raises InputError:
+    the settings plan no such trial, it is not of a bench, or the folder has recordings that the simulator did not make.
     """
     from osl_analysis.commands import simulate  # half a second, which only this needs
 
@@ -277,11 +256,9 @@ def gains(
 ) -> pl.DataFrame:
     """Control gains for desired stiffnesses K_d [N*m/rad] and dampings B_d [N*m*s/rad], a row per combination.
 
-    As `osl-analysis gains`: `K_1` and `B_1` at the actuator's output (Eqs. 13 and 14), `K_1_joint` and `B_1_joint` at
-    the joint, and what theory predicts for them: `K_predicted`, `faithful_to_hz`, `delay_margin` and more
-    (`describe-tables`). `parameters` and `config` as in `fit_impedance`; the configuration has W of Eq. 14. Raises
-    InputError: no parameter file, or a file is not valid. UnreachableImpedanceError: no gains render one of the pairs,
-    as K_d from K_s up.
+    As `osl-analysis gains`: `K_1` and `B_1` at the actuator's output (Eqs. 13 and 14), and what theory predicts for
+    them. `parameters` and `config` as in `fit_impedance`; the configuration has W of Eq. 14. Raises InputError: no
+    parameter file, or a file is not valid. UnreachableImpedanceError: no gains render one of the pairs.
     """
     device = device_of(parameters, config)
     if device is None:
@@ -299,20 +276,11 @@ def gains(
 
 
 def read_summary(folder: File = "results") -> pl.DataFrame:
-    """The headline numbers of a campaign from the folder of its results, walking among them: a row per number.
-
-    `quantity`, `value`, `unit`, the 95 % interval `low` to `high` and what else `summary.json` says of it. Walking
-    needs all crossings of a campaign, plate and static trials: there is no `fit_walking` of a single crossing. Raises
-    InputError where there is no summary, or it is damaged.
-    """
-    numbers = read_summary_file(Path(folder, "summary.json"))["numbers"]
+    """The headline numbers of a campaign from the folder of its results, walking among them: a row per number with
+    its `unit`, 95 % interval `low` to `high`, and what else `summary.json` says of it. Raises InputError where there is
+    no summary, or it is damaged."""
+    numbers = tables_of_campaign.read_summary(Path(folder, "summary.json"))["numbers"]
     return pl.DataFrame([{"quantity": name, **entry} for name, entry in numbers.items()], infer_schema_length=None)
-
-
-def read_table(path: File) -> pl.DataFrame:
-    """A result table of a campaign, such as `results/tables/impedance.csv`; `osl-analysis describe-tables` explains it.
-    Raises InputError where it is missing, is no CSV, or was refused."""
-    return read_table_file(Path(path))
 
 
 def drawn(name: str, table: pl.DataFrame) -> "NotebookFigure":

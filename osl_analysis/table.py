@@ -87,11 +87,14 @@ def with_places(table: pl.DataFrame, places: Places, by: str = "trial") -> pl.Da
     return table.select(*table.columns[:at], *places_of, *table.columns[at:])
 
 
-def read_table(path: Path, required: Sequence[str] = (), of: str = "") -> pl.DataFrame:
-    """Read a table. A column without any entry is read as Float64 null, `TEXT_COLUMNS` as text. Columns that are
-    `required` must be there and, but for `TEXT_COLUMNS`, hold numbers. `of` is the table's name where `path` is an
-    archive of several. Refused is what is missing, empty or no CSV table, and a required column that is missing or not
-    numeric."""
+def read_table(path: Path | str, required: Sequence[str] = (), of: str = "") -> pl.DataFrame:
+    """A result table of a campaign, such as `results/tables/impedance.csv`; `osl-analysis describe-tables` explains it.
+
+    A column without any entry is read as Float64 null, `TEXT_COLUMNS` as text. Columns that are `required` must be
+    there and, but for `TEXT_COLUMNS`, hold numbers. `of` is the table's name where `path` is an archive of several.
+    Raises InputError where it is missing, is no CSV, or was refused.
+    """
+    path = Path(path)
     check_not_refused(path)
     if not path.is_file():
         raise InputError(f"{path}: no such table; run the step that writes it, or check the path")

@@ -6,7 +6,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from difflib import get_close_matches
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -102,16 +101,7 @@ class Trial:
     def sampled(self, *columns: str) -> pl.DataFrame:
         """The rows in which every named column has a sample (NaN counts as one), with `time` [s] first."""
         self.check_columns(*columns)
-        if columns not in self._last:
-            if len(self._last) == 4:
-                self._last.pop(next(iter(self._last)))
-            self._last[columns] = self.samples.select("time", *columns).drop_nulls()
-        return self._last[columns]
-
-    @cached_property
-    def _last(self) -> dict[tuple[str, ...], pl.DataFrame]:
-        """What `sampled` gave last: checks and fit of a recording ask for the same few columns."""
-        return {}
+        return self.samples.select("time", *columns).drop_nulls()
 
     def arrays(self, *columns: str) -> list[Array]:
         """The columns of `sampled`, (n,) each."""
@@ -167,8 +157,13 @@ def write_trial(trial: Trial, path: Path) -> None:
         trial.samples.write_parquet(temporary, compression="lz4", metadata=metadata)
 
 
-def read_trial(path: Path) -> Trial:
-    """Read what `write_trial` wrote; what is missing, is not Parquet, or was not written by ingest is refused."""
+def read_trial(path: Path | str) -> Trial:
+    """A trial from the Parquet file of `osl-analysis ingest` or of a campaign (`results/trials/NAME.parquet`).
+
+    `trial.samples` is a polars data frame in SI units with a row per time stamp, `trial.provenance` says where each
+    column comes from. Raises InputError: the file is missing, or is not Parquet that ingest wrote.
+    """
+    path = Path(path)
     name, provenance = metadata_of(path)
     with told_as_parquet(path):
         return Trial(name, pl.read_parquet(path), provenance)

@@ -1,11 +1,10 @@
 """Validated YAML files (YAML 1.2): a wrong field becomes one line that names file, line, field, value and remedy."""
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
-from types import UnionType
-from typing import Annotated, Any, ClassVar, TypeVar, Union, get_args, get_origin
+from typing import Annotated, Any, ClassVar, TypeVar
 
 from pydantic import (
     AfterValidator,
@@ -13,13 +12,15 @@ from pydantic import (
     ConfigDict,
     Field,
     ValidationError,
-    ValidatorFunctionWrapHandler,
     field_validator,
+    model_validator,
 )
 from pydantic_core import PydanticCustomError
 from ruamel.yaml import YAML
+from ruamel.yaml.constructor import DuplicateKeyError
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
-from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
+from ruamel.yaml.nodes import MappingNode, Node, SequenceNode
+from ruamel.yaml.tokens import ScalarToken
 
 from osl_analysis.errors import InputError, nearest
 from osl_analysis.files import shipped
@@ -35,44 +36,41 @@ Place = tuple[int | str, ...]  # Keys and numbers of list entries that lead to a
 class Settings(BaseModel):
     """Base of every validated file. The settings are immutable, and an unknown field is an error.
 
-    RENAMED: old names of fields, with the new ones. An old name is refused, and the message names the new one.
     REMOVED: fields that are gone, with what to write or do now: the message is "field 'NAME' is gone: SENTENCE".
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-    RENAMED: ClassVar[Mapping[str, str]] = {}
     REMOVED: ClassVar[Mapping[str, str]] = {}
 
-    @field_validator("*", mode="wrap")
+    @model_validator(mode="before")
     @classmethod
-    def _truth_values_are_no_numbers(cls, value: Any, validate: ValidatorFunctionWrapHandler) -> Any:
-        made = validate(value)
-        place = counted_truth(value, made)
-        if place is not None:
-            reason = "write a number; YAML reads true, yes and on, false, no and off as truth values"
-            raise PydanticCustomError("truth_value", "{reason}", {"reason": reason, "place": place})
-        return made
+    def _has_known_fields_alone(cls, content: Any) -> Any:
+        known = ", ".join(cls.model_fields) or "those of the shipped files in config/"
+        if not isinstance(content, dict | BaseModel):
+            raise ValueError(f"write its fields below it, as `name: value`; the known ones are {known}")
+        allowed = cls.model_fields if cls.model_config.get("extra") == "forbid" else content
+        for name in (name for name in content if name not in allowed) if isinstance(content, dict) else ():
+            said = f"unknown field '{{field}}'; the known ones are {known}{nearest(str(name), cls.model_fields)}"
+            if name in cls.REMOVED:
+                said = f"field '{{field}}' is gone: {cls.REMOVED[name]}"
+            raise PydanticCustomError("unknown_field", "{reason}", {"reason": said, "place": (name,)})
+        return content
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _truth_values_are_words(cls, value: Any) -> Any:
+        """Pydantic makes 1 of true, of which the word `true` is no number."""
+        if isinstance(value, bool):
+            return str(value).lower()
+        if isinstance(value, dict):
+            return {key: cls._truth_values_are_words(inner) for key, inner in value.items()}
+        return [cls._truth_values_are_words(inner) for inner in value] if isinstance(value, list) else value
 
     def part(self, base: str) -> dict[str, Any]:
         """The fields of one of this model's base classes, as JSON, for a job that uses only these."""
         bases = (model for model in type(self).__mro__ if issubclass(model, Settings))
         (model,) = (model for model in bases if model.__name__ == base)
         return self.model_dump(mode="json", include=set(model.model_fields))
-
-
-def counted_truth(value: Any, made: Any) -> Place | None:
-    """The place of the first truth value of which validation made a number, as pydantic does; None without one."""
-    if isinstance(value, bool):
-        return None if isinstance(made, bool) else ()
-    pairs: Iterable[tuple[int | str, Any, Any]] = ()
-    if isinstance(value, dict) and isinstance(made, Mapping):
-        pairs = ((str(key), value[key], made[key]) for key in value if key in made)
-    elif isinstance(value, list | tuple) and isinstance(made, list | tuple):
-        pairs = ((k, *pair) for k, pair in enumerate(zip(value, made, strict=False)))
-    for key, inner, inner_made in pairs:
-        if (place := counted_truth(inner, inner_made)) is not None:
-            return (key, *place)
-    return None
 
 
 AnySettings = TypeVar("AnySettings", bound=Settings)
@@ -90,38 +88,35 @@ def read_mapping(path: Path, by_snakemake: bool = False) -> dict[str, Any]:
     if not path.is_file():
         raise InputError(f"{path}: no such file; check the path, which is relative to the working directory")
     try:
-        node, content = parsed_yaml(path.read_text(encoding="utf-8-sig"))
-        for mapping in mappings(node) if by_snakemake else ():
-            for key, value in mapping.value:
-                for one in value.value if isinstance(value, SequenceNode) else [value]:
-                    number = one.value if isinstance(one, ScalarNode) and not one.style else ""
-                    if counted := YAML_1_1.fullmatch(number):
-                        said = f"{key.value}: YAML counts {number} in {'sixties' if counted['sixties'] else 'eights'}"
-                        line = one.start_mark.line + 1
-                        raise InputError(f"line {line}: {said}; write a plain decimal number, or text in quotes")
+        text = path.read_text(encoding="utf-8-sig")
+        content = parsed_yaml(text)[1]
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}); check its permissions") from error
     except UnicodeDecodeError as error:
         line = error.object[: error.start].count(b"\n") + 1
         raise InputError(f"{path}: line {line} is not UTF-8; save the file as UTF-8") from error
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from error
+    except DuplicateKeyError as error:
+        line, key = error.problem_mark.line + 1, str(error.problem).split('"')[1]
+        raise InputError(f"{path}: line {line}: key '{key}' stands twice; remove one") from error
     except RecursionError as error:
         raise InputError(f"{path}: its fields are nested too deeply; write them as in the shipped files") from error
     except (YAMLError, ValueError, AttributeError, KeyError, TypeError, OverflowError) as error:  # of a wrong tag
-        text, remedy = (
-            " ".join(str(error).split()),
-            "compare with the shipped files, and put text with signs such as : # *",
-        )
+        said = " ".join(str(error).split())
+        remedy = "compare with the shipped files, and put text with signs such as : # *"
         if isinstance(error, MarkedYAMLError):
             marks = ((error.context, error.context_mark), (error.problem, error.problem_mark))
             at = [(what, f" in line {it.line + 1}, column {it.column + 1}" if it else "") for what, it in marks if what]
-            text = " ".join(what + place for what, place in at)
-        if "cannot start any token" in text or "tab character" in text:
+            said = " ".join(what + place for what, place in at)
+        if "cannot start any token" in said or "tab character" in said:
             remedy = "indent with blanks, not with tabs, and put text that begins with a sign such as % or @"
-        raise InputError(f"{path}: not YAML: {text}; {remedy} in quotes") from error
+        raise InputError(f"{path}: not YAML: {said}; {remedy} in quotes") from error
     if not isinstance(content, dict):
         raise InputError(f"{path}: has no fields; write `name: value` lines as in the shipped files")
+    for token in YAML(typ="safe", pure=True).scan(text) if by_snakemake else ():
+        if isinstance(token, ScalarToken) and token.plain and (counted := YAML_1_1.fullmatch(token.value)):
+            said = f"YAML counts {token.value} in {'sixties' if counted['sixties'] else 'eights'}"
+            line = token.start_mark.line + 1
+            raise InputError(f"{path}: line {line}: {said}; write a plain decimal number, or text in quotes")
     return content
 
 
@@ -131,30 +126,10 @@ YAML_1_1 = re.compile(r"(?P<sixties>[-+]?[0-9][0-9_]*(:[0-5]?[0-9])+(\.[0-9_]*)?
 
 @lru_cache(maxsize=64)
 def parsed_yaml(text: str) -> tuple[Node | None, Any]:
-    """The nodes of a YAML text, with their lines, and its content. A key that stands twice in a mapping is refused."""
+    """The nodes of a YAML text, with their lines, and its content."""
     yaml = YAML(typ="safe", pure=True, plug_ins=[])
     node = yaml.compose(text)
-    for mapping in mappings(node):
-        lines: dict[Any, int] = {}
-        for key, _ in mapping.value:
-            name, line = (key.tag, key.value) if isinstance(key, ScalarNode) else id(key), key.start_mark.line + 1
-            if name in lines:
-                said = f"line {line}: key '{key.value}' stands twice, first in line {lines[name]}; remove one"
-                raise InputError(said)
-            lines[name] = line
     return node, yaml.constructor.construct_document(node) if node is not None else None
-
-
-def mappings(node: Node | None) -> list[MappingNode]:
-    """The mappings in a node, each once, though aliases may name it again."""
-    found: dict[int, Node] = {}
-    waiting = [node]
-    while waiting:
-        one = waiting.pop()
-        if id(one) not in found and isinstance(one, MappingNode | SequenceNode):
-            found[id(one)] = one
-            waiting += [value for _, value in one.value] if isinstance(one, MappingNode) else one.value
-    return [one for one in found.values() if isinstance(one, MappingNode)]
 
 
 def field_line(path: Path, place: Place) -> int | None:
@@ -195,31 +170,24 @@ def validated(
     try:
         return model.model_validate(content)
     except ValidationError as error:
-        text, place = explain(error, model, content, above)
+        text, place = explain(error, content, above)
         line = located([Path(path)] if files is None else files, place) if place else ""
         raise InputError(f"{path}: {line}{text}") from error
 
 
-def explain(error: ValidationError, model: type[BaseModel], content: Any, above: Place) -> tuple[str, Place]:
+def explain(error: ValidationError, content: Any, above: Place) -> tuple[str, Place]:
     """The first problem of a validation error as one sentence with field, value and remedy, and the field's place.
-    `above` are the keys that lead to `content` in its file. A field that is renamed or gone comes before all other
-    problems, and a name like that of a field before the rest: both also cause that the right name is missing."""
+    `above` are the keys that lead to `content` in its file. An unknown field comes before all other problems."""
     # by place; where a field may have several kinds of values, pydantic finds a problem for each
     found: dict[Place, list[Mapping[str, Any]]] = {}
     for one in error.errors():
         found.setdefault(problem_place(one, content), []).append(one)
     deeper = {place[:n] for place in found for n in range(len(place))}
     problems = [(place, each) for place, each in found.items() if place not in deeper or not place]
-    for place, _ in problems:
-        inner, old = model_at(model, place[:-1]), str(place[-1]) if place else ""
-        if inner and issubclass(inner, Settings) and old in {**inner.REMOVED, **inner.RENAMED}:
-            field, new = f"field '{dotted((*above, *place))}'", inner.RENAMED.get(old)
-            is_now = f"{field} is now called '{dotted((*above, *place[:-1], new or ''))}'; rename it"
-            return is_now if new else f"{field} is gone: {inner.REMOVED[old]}", (*above, *place)
-    first, each = next((one for one in problems if misspelt(*one, model)), problems[0])
+    first, each = min(problems, key=lambda one: one[1][-1]["type"] != "unknown_field")
     others = len(problems) - 1
     more = f" (and {others} more problem{'s' if others > 1 else ''})" if others else ""
-    return described_problem(first, each, model, above) + more, (*above, *first)
+    return described_problem(dotted((*above, *first)) or "the file", each) + more, (*above, *first)
 
 
 def problem_place(problem: Mapping[str, Any], content: Any) -> Place:
@@ -241,30 +209,20 @@ def problem_place(problem: Mapping[str, Any], content: Any) -> Place:
     return (*place, *problem.get("ctx", {}).get("place", ()))
 
 
-def misspelt(place: Place, problems: Sequence[Mapping[str, Any]], model: type[BaseModel]) -> str:
-    """A question for the field that an unknown one was meant to be; empty if none is like it."""
-    inner = model_at(model, place[:-1]) if problems[-1]["type"] == "extra_forbidden" else None
-    return nearest(str(place[-1]), inner.model_fields) if inner else ""
-
-
-def described_problem(place: Place, problems: Sequence[Mapping[str, Any]], model: type[BaseModel], above: Place) -> str:
+def described_problem(field: str, problems: Sequence[Mapping[str, Any]]) -> str:
     """The problems of one field as a sentence."""
-    name, kind, value = dotted((*above, *place)) or "the file", problems[-1]["type"], problems[-1]["input"]
-    if kind == "extra_forbidden":
-        known = known_fields(model, place[:-1])
-        return f"unknown field '{name}'; the known ones are {known}{misspelt(place, problems, model)}"
+    kind, value = problems[-1]["type"], problems[-1]["input"]
+    if kind == "unknown_field":
+        return str(problems[-1]["msg"]).replace("{field}", field)
     if kind == "missing":
-        inner, written = model_at(model, place[:-1]), value if isinstance(value, dict) else {}
-        unknown = [str(key) for key in written if inner and str(key) not in inner.model_fields]
-        like = nearest(str(place[-1]), unknown).removeprefix("; did you mean ").removesuffix("?")
-        return f"field '{name}' is missing; {f'rename {like}, or ' if like else ''}add it"
-    reasons = dict.fromkeys(plain_reason(problem, place, model) for problem in problems)
+        return f"field '{field}' is missing; add it"
+    reasons = dict.fromkeys(map(plain_reason, problems))
     first, *others = sorted(reasons, key=lambda reason: ";" in reason)  # questions for a word at the end
     reason = ", or ".join([first, *(other.removeprefix("write ") for other in others)])
     if isinstance(value, dict | list | BaseModel):
-        return f"{name}: {reason}"
-    shown = {"True": "true", "False": "false", "None": "null"}.get(repr(value)) or repr(value)
-    return f"{name}: {shown if len(shown) <= 60 else f'{shown[:60]}...'} is not allowed: {reason}"
+        return f"{field}: {reason}"
+    shown = "null" if value is None else repr(value)
+    return f"{field}: {shown if len(shown) <= 60 else f'{shown[:60]}...'} is not allowed: {reason}"
 
 
 ADVICE = {
@@ -277,17 +235,15 @@ ADVICE = {
     **dict.fromkeys(("bool_parsing", "bool_type"), "true or false"),
     **dict.fromkeys(("tuple_type", "list_type"), "a list, as [first, second]"),
     "path_type": "a path",
+    "dict_type": "its fields below it, as `name: value`",
     "finite_number": "a finite number",
 }
 """What to write, by pydantic's name of the problem."""
 
 
-def plain_reason(problem: Mapping[str, Any], place: Place, model: type[BaseModel]) -> str:
+def plain_reason(problem: Mapping[str, Any]) -> str:
     """What a field should be, as an instruction."""
     kind, text = problem["type"], str(problem["msg"]).removeprefix("Value error, ").replace("Input should be", "write")
-    if kind in ("model_type", "model_attributes_type", "dict_type"):
-        fields = known_fields(model, place)
-        return f"write its fields below it, as `name: value`{f'; the known ones are {fields}' if fields else ''}"
     if kind == "literal_error":
         return text + nearest(str(problem["input"]), re.findall(r"'([^']+)'", text))
     if kind == "string_pattern_mismatch":
@@ -297,25 +253,3 @@ def plain_reason(problem: Mapping[str, Any], place: Place, model: type[BaseModel
     if kind == "too_short":
         return "name at least one"
     return f"write {ADVICE[kind]}" if kind in ADVICE else text
-
-
-def known_fields(model: type[BaseModel], place: Place) -> str:
-    inner = model_at(model, place)
-    return "those of the shipped files in config/" if inner is None else ", ".join(inner.model_fields)
-
-
-def model_at(model: type[BaseModel], place: Place) -> type[BaseModel] | None:
-    """The model of the mapping at `place`; None if it has no model, for example in a list."""
-
-    def is_model(annotation: Any) -> bool:
-        return isinstance(annotation, type) and issubclass(annotation, BaseModel)
-
-    here: Any = model
-    for name in place:
-        if is_model(here):
-            field = here.model_fields.get(str(name))
-            here = field.annotation if field else None
-        else:
-            here = get_args(here)[-1] if get_origin(here) in (dict, Mapping) else None
-        here = next(filter(is_model, get_args(here)), here) if get_origin(here) in (Union, UnionType) else here
-    return here if is_model(here) else None

@@ -19,7 +19,7 @@ def study_batch(wildcards):
     settings |= {"dynamometer": setting("dynamometer"), "actuator_analysis": setting("actuator")}
     settings |= {"walking": setting("walking"), "first": wildcards.first, "number": wildcards.number}
     settings |= {"experiment": STUDIED_BY_FILE[wildcards.experiment], "sources": CONFIG.sources}
-    return {"modules": ("commands.study",), "made_of": settings_files(STUDY.simulation), "settings": settings}
+    return {"made_of": settings_files(STUDY.simulation), "settings": settings}
 
 
 STUDY_JOBS = [f"{FILE_OF[name]}_{first}_{number}" for name, first, number in study_batches(STUDIED)]

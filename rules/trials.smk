@@ -26,8 +26,7 @@ if CONFIG.simulation:
         def simulate_trial(wildcards, experiment=experiment):
             settings = {"settings_path": CONFIG.simulation, "campaign_folder": RAW, "trial": wildcards.trial}
             settings["followed"] = CONFIG.shared(experiment).model_dump(mode="json")
-            modules = {"modules": ("commands.simulate",), "made_of": SIMULATION_FILES}
-            return {**modules, "settings": settings, "output": {}}
+            return {"made_of": SIMULATION_FILES, "settings": settings, "output": {}}
 
 
 @step("trials.ingest_and_check", {"trial": trial_file("{trial}"), "quality": checked(["{trial}"])[0]}, "ingest/{trial}")

@@ -29,7 +29,6 @@ Cycles = Annotated[int, Field(ge=1, le=100)]
 class Inner(Settings):
     """Of every kind of field with numbers, and others."""
 
-    RENAMED: ClassVar = {"old": "rate"}
     REMOVED: ClassVar = {"gone": "no recording needed it; delete the line"}
     rate: float = 1.0
     name: str = ""
@@ -37,7 +36,6 @@ class Inner(Settings):
     cycles: Cycles | tuple[Cycles, ...] = 1
     vector: tuple[float, float] = (0, 0)
     limits: dict[str, float | None] = Field(default_factory=dict)
-    enabled: bool = False
     either: bool | float = 0.0
     plates: Literal["all"] | tuple[int, ...] = "all"
 
@@ -50,85 +48,63 @@ class Outer(Settings):
     several: tuple[Inner, ...] = ()
 
 
-TRUTH = "write a number; YAML reads true, yes and on, false, no and off as truth values"
+NUMBER = "write a number, without a unit, with a full stop as decimal sign"
 
 
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("inner: {old: 1.0}", "line 2: field 'inner.old' is now called 'inner.rate'; rename it"),
         ("inner: {gone: true}", "line 2: field 'inner.gone' is gone: no recording needed it; delete the line"),
-        ("inner:\n  rate: true", f"line 3: inner.rate: true is not allowed: {TRUTH}"),
-        ("inner:\n  rate: off", "line 3: inner.rate: 'off' is not allowed: write a number, without a unit, with a full "
-         "stop as decimal sign"),
-        ("inner: {sign: true}", f"line 2: inner.sign: true is not allowed: {TRUTH}"),
-        ("inner: {cycles: true}", f"line 2: inner.cycles: true is not allowed: {TRUTH}"),
-        ("inner:\n  vector:\n  - 1\n  - false", f"line 5: inner.vector.1: {TRUTH}"),
-        ("inner:\n  limits:\n    K: 1\n    B: true", f"line 5: inner.limits.B: {TRUTH}"),
-        ("several:\n- rate: 1\n- rate: true", f"line 4: several.1.rate: true is not allowed: {TRUTH}"),
+        ("inner: {nam: a}", "line 2: unknown field 'inner.nam'; the known ones are rate, name, sign, cycles, vector, "
+         "limits, either, plates; did you mean 'name'?"),
+        ("inner:\n  rate: off", f"line 3: inner.rate: 'off' is not allowed: {NUMBER}"),
+        # pydantic makes numbers of truth values
+        ("inner:\n  rate: true", f"line 3: inner.rate: 'true' is not allowed: {NUMBER}"),
+        ("inner: {sign: true}", "line 2: inner.sign: 'true' is not allowed: write 1 or -1"),
+        ("inner:\n  vector:\n  - 1\n  - false", f"line 5: inner.vector.1: 'false' is not allowed: {NUMBER}"),
+        ("inner:\n  limits:\n    K: 1\n    B: true", f"line 5: inner.limits.B: 'true' is not allowed: {NUMBER}"),
+        ("several:\n- rate: 1\n- rate: true", f"line 4: several.1.rate: 'true' is not allowed: {NUMBER}"),
         ("inner: {cycles: 2.5}", "line 2: inner.cycles: 2.5 is not allowed: write a whole number, or a list, as ["),
         ("inner: {cycles: [1, 200]}", "line 2: inner.cycles.1: 200 is not allowed: write a number less than or equal "
          "to 100"),
         ("inner: {plates: [a]}", "line 2: inner.plates.0: 'a' is not allowed: write a whole number"),
         ("inner: 7", "line 2: inner: 7 is not allowed: write its fields below it, as `name: value`; the known ones are "
          "rate, "),
-        ("inner: {rate: a, name: 1, sign: 3}", "line 2: inner.rate: 'a' is not allowed: write a number, without a unit,"
-         " with a full stop as decimal sign (and 2 more problems)"),
+        ("inner: {rate: a, name: 1, sign: 3}", f"line 2: inner.rate: 'a' is not allowed: {NUMBER} (and 2 more prob"),
+        ("a: {b: 1}\nb:\n- {b: 2, b: 3}\n", "line 4: key 'b' stands twice; remove one"),
+        ("name: M\xfcnchen", "line 2 is not UTF-8; save the file as UTF-8"),
+        ("a: 2026-13-45", "not YAML: "),
     ],
 )  # fmt: skip
 def test_what_is_wrong_in_a_file_is_one_line_with_line_field_value_and_remedy_in_our_words(tmp_path, text, said):
-    (tmp_path / "a.yaml").write_text(f"first: 1\n{text}")
+    (tmp_path / "a.yaml").write_bytes(f"first: 1\n{text}".encode("latin-1"))
     with pytest.raises(InputError) as refusal:
         read_yaml(tmp_path / "a.yaml", Outer)
     assert "\n" not in str(refusal.value)
     assert str(refusal.value).removeprefix(f"{tmp_path}/a.yaml: ").startswith(said)
 
 
-def test_truth_values_are_kept_where_they_are_allowed_and_equal_keys_of_different_mappings_are_no_duplicates(tmp_path):
-    (tmp_path / "a.yaml").write_text("first: 1\ninner: {enabled: yes, either: true, limits: {K: null}}")
-    inner = read_yaml(tmp_path / "a.yaml", Outer).inner
-    assert (inner.enabled, inner.either, inner.limits) == (True, True, {"K": None})
-    (tmp_path / "a.yaml").write_text("a: {b: 1}\nc: {b: 2}\nd: [{b: 1}, {b: 2}]\n'1': x\n1: y\n")
-    assert read_mapping(tmp_path / "a.yaml")["d"] == [{"b": 1}, {"b": 2}]
+def test_truth_values_are_kept_where_they_are_allowed_and_keys_of_two_mappings_may_be_equal(tmp_path):
+    (tmp_path / "a.yaml").write_text("first: 1\ninner: {either: true, limits: {K: null}}\nseveral: [{either: false}]")
+    read = read_yaml(tmp_path / "a.yaml", Outer)
+    assert (read.inner.either, read.inner.limits, read.several[0].either) == (True, {"K": None}, False)
 
 
 @pytest.mark.parametrize(
-    ("section", "changed", "message"),
+    ("changed", "message"),
     [
-        ("gait", {}, "config.yaml: field 'gait' is now called 'overground'; rename it"),
-        ("validation", {}, "config.yaml: field 'validation' is now called 'study'; rename it"),
-        ("dynamometer", {"compare_estimators": True}, "compare_estimators. is gone: so are the est"),
-        ("dynamometer", {"cycles": [10, 20]}, "cycles has 2 numbers for 5 frequencies"),
-        ("dynamometer", {"cycles": [10, 20, 30, 2, 20]}, "settle_cycles = 2 leaves none of 2 cycles; lower it"),
-        ("dynamometer", {"seconds_per_frequency": 1.5}, r"settle_cycles = 2 leaves none of 1\.5 cycles"),
+        ({"compare_estimators": True}, "field 'dynamometer.compare_estimators' is gone: so are the est"),
+        ({"cycles": [10, 20]}, "cycles has 2 numbers for 5 frequencies"),
+        ({"cycles": [10, 20, 30, 2, 20]}, "settle_cycles = 2 leaves none of 2 cycles; lower it"),
+        ({"seconds_per_frequency": 1.5}, r"settle_cycles = 2 leaves none of 1\.5 cycles"),
     ],
 )
-def test_a_stepped_sine_has_cycles_enough_to_settle_and_no_section_or_key_that_is_gone(section, changed, message):
+def test_a_stepped_sine_has_cycles_enough_to_settle_and_no_key_that_is_gone(changed, message):
     with pytest.raises(InputError, match=message):
-        campaign_config(SHIPPED | {section: SHIPPED.get(section, {}) | changed}, [SHIPPED_FILE])
+        campaign_config(SHIPPED | {"dynamometer": SHIPPED["dynamometer"] | changed}, [SHIPPED_FILE])
     timed = {"dynamometer": SHIPPED["dynamometer"] | {"seconds_per_frequency": 10}}  # which replaces the cycles
     protocols = [campaign_config(SHIPPED | one, [SHIPPED_FILE]).dynamometer.protocol for one in ({}, timed)]
     assert [one.cycles_at for one in protocols] == [(20,) * 5, (10, 20, 30, 40, 50)]
-
-
-@pytest.mark.parametrize(
-    ("content", "message"),
-    [
-        (b"torque: {sign: 1}\nunit: N\ntorque: 2\n", "line 3: key 'torque' stands twice, first in line 1; remove one"),
-        (b"a:\n  b: 1\n  c: 2\n  b: 3\n", "line 4: key 'b' stands twice, first in line 2; remove one"),
-        (b"a: [1, {b: 1, b: 2}]\n", "line 1: key 'b' stands twice, first in line 1; remove one"),
-        ("a: 1\nname: M\xfcnchen\n".encode("latin-1"), "line 2 is not UTF-8; save the file as UTF-8"),
-        (b"a: 2026-13-45\n", "not YAML"),
-        (b"- 1\n", "has no fields"),
-    ],
-)
-def test_a_file_that_is_no_yaml_of_fields_that_stand_once_is_refused_in_one_line(tmp_path, content, message):
-    (tmp_path / "a.yaml").write_bytes(content)
-    with pytest.raises(InputError, match=f"a.yaml: {message}") as refusal:
-        read_mapping(tmp_path / "a.yaml")
-    assert "\n" not in str(refusal.value)
-    with pytest.raises(InputError, match=f"a.yaml: {message}"):  # Snakemake merges the files itself
-        campaign_config(SHIPPED, [SHIPPED_FILE, tmp_path / "a.yaml"])
 
 
 @pytest.mark.parametrize(
@@ -140,18 +116,16 @@ def test_results_that_are_a_file_or_nothing_are_one_line_before_any_job(tmp_path
     changes = {"sheet": tmp_path / "trials.csv", "simulation": None, "results": tmp_path / results if results else ""}
     with pytest.raises(InputError, match=message):
         check_files(campaign_config(SHIPPED | changes, [SHIPPED_FILE]))
-    assert (tmp_path / "taken").read_text() == "mine"
 
 
 @pytest.mark.parametrize(("number", "way"), [("1:30", "sixties"), ("1:30.5", "sixties"), ("010", "eights")])
 def test_a_number_that_yaml_1_1_counts_is_text_or_plain_and_refused_where_snakemake_reads_it(tmp_path, number, way):
     """Snakemake hands over 90 and 8. YAML 1.2 has a text and 10."""
     path = tmp_path / "a.yaml"
-    for text in (f"a:\n  rate:\n  - {number}\n", f"a:\n  b: [1, 2]\n  rate: {number}\n"):
-        path.write_text(text)
-        with pytest.raises(InputError, match=rf"a\.yaml: line 3: rate: YAML counts {number} in {way}; write a plain"):
-            read_mapping(path, by_snakemake=True)
-    assert read_mapping(path)["a"]["rate"] == (number if ":" in number else 10)
+    path.write_text(f"a:\n  b: [1, 2]\n  rate: [{number}]\n")
+    with pytest.raises(InputError, match=rf"a\.yaml: line 3: YAML counts {number} in {way}; write a plain"):
+        read_mapping(path, by_snakemake=True)
+    assert read_mapping(path)["a"]["rate"] == [number if ":" in number else 10]
     text = f"a: '{number}'\nb: [0, 0.5, 00.5, -0, 1.0e+3, 100]\nc: 2026-11-20 10:30:00\n"
     path.write_text(text)
     assert read_mapping(path, by_snakemake=True) == yaml.safe_load(text)
@@ -159,16 +133,9 @@ def test_a_number_that_yaml_1_1_counts_is_text_or_plain_and_refused_where_snakem
 
 def test_a_section_that_is_wrong_is_named_with_its_key_and_line_where_it_alone_is_read(tmp_path, in_root):
     path = tmp_path / "own.yaml"
-    for text, said in (
-        (
-            "campaign: own\ndynamometer:\n  cutoff_hz: .nan\n",
-            r"line 3 of own\.yaml: dynamometer\.cutoff_hz: nan is not ",
-        ),
-        ("dynamometer:\n  cutof_hz: 3\n", r"unknown field 'dynamometer\.cutof_hz'.*did you mean 'cutoff_hz'"),
-    ):
-        path.write_text(text)
-        with pytest.raises(InputError, match=said):
-            read_section(path, "dynamometer", DynamometerAnalysis)
+    path.write_text("campaign: own\ndynamometer:\n  cutoff_hz: .nan\n")
+    with pytest.raises(InputError, match=r"line 3 of own\.yaml: dynamometer\.cutoff_hz: nan is not "):
+        read_section(path, "dynamometer", DynamometerAnalysis)
 
 
 # Parameter files: what ships is valid, and a mistake is one line that names it.
@@ -203,15 +170,10 @@ def test_the_shipped_files_have_the_numbers_of_hardware_text_table_and_later_pub
     [
         ({"K_s": None}, "K_s .* is missing"),
         ({"K_s": {"unit": "N*mm/rad"}}, r"line \d+: parameters\.K_s\.unit: K_s has unit 'N\*mm/rad', expected 'N\*m/r"),
-        ({"K_s": {"value": -3}}, r"line \d+: parameter K_s = -3.* must be positive"),
-        ({"K_s": {"value": True}}, r"line \d+: parameters\.K_s\.value: true is not allowed: write a number"),
         ({"B_j": {"value": -0.1}}, "B_j = -0.1 .* zero or positive"),
         ({"J_m": {"value": 1e-300}}, r"J_m = 1e-300 kg\*m\^2 must be positive, 1e-09 to 1e\+09; correct"),
-        ({"B_j": {"value": 1e16}}, r"B_j = 1e\+16 .* zero or positive, 1e-09 to 1e\+09"),
         ({"n_T": {"value": "83/0"}}, "ratio such as 83/18"),
-        ({"k_tau": {"value": float("nan")}}, "k_tau"),
         ({"mass": {"value": 1.0}}, r"line \d+: parameters\.mass: unknown parameter mass.*; remove it"),
-        ({"K_s": {"value": "1e400"}}, "ratio such as 83/18|K_s"),
         ({"f_G": {"value": 2}}, "f_G = 2.0 N\\*m/A is not below k_tau n_m"),
     ],
 )
@@ -219,8 +181,6 @@ def test_a_wrong_quantity_is_named_with_its_file(tmp_path, changes, message):
     with pytest.raises(InputError, match=f"edited.yaml.*{message}") as caught:
         read_parameters(edited(tmp_path, **changes))
     assert "\n" not in str(caught.value)
-    with pytest.raises(InputError, match=r"nowhere\.yaml: no such file"):
-        read_parameters(Path("nowhere.yaml"))
 
 
 # The simulator follows the configuration in what both use: device, gains, protocol, desired impedance.

@@ -48,7 +48,6 @@ def test_a_valid_sheet_has_numbers_truth_values_and_gaps_also_for_columns_that_i
     ("line", "message"),
     [
         ("b1,blet,,,,,b.mcap,dynamometer,,,", "experiment 'blet' is none of .*; did you mean 'belt'"),
-        ("g,gait,,,,,,,g.c3d,vicon,", "experiment 'gait' is now called 'overground'; write 'overground'"),
         ("../b1,belt,,,,,b.mcap,dynamometer,,,", r"line 2: trial '\.\./b1' must be up to 100 letters"),
         ("k,impedance,compensated,-3,5,,k.mcap,dynamometer,,,", "K_d = -3, B_d = 5 is not the impedance of a joint"),
         ("b1,belt,,,,,,,,,", "names no file; fill in log or mocap"),

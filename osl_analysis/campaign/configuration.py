@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from datetime import date
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
@@ -83,8 +83,6 @@ class Config(Settings):
     """One campaign, as in `config/config.yaml`. Paths are relative to the folder in which the pipeline runs. A file
     that is not there may be a shipped one, such as `config/parameters/default.yaml`.
     """
-
-    RENAMED: ClassVar = {"gait": "overground", "validation": "study"}
 
     campaign: Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]+$")]  # Name of the campaign, as written in its summary.
     raw_data: Path  # Folder of the recordings.

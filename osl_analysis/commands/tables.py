@@ -203,9 +203,8 @@ def read_summary(summary_json: Path) -> dict[str, Any]:
     """The summary that `write_summary` wrote. Raises InputError where it is missing or is none."""
     check_not_refused(summary_json)
     if not summary_json.is_file():
-        there = summary_json / "summary.json"
         run = "run `osl-analysis run` (in a clone `snakemake reproduce-all`) first, or name the folder of your results"
-        raise InputError(f"{summary_json}: no such summary; {f'write `--summary {there}`' if there.is_file() else run}")
+        raise InputError(f"{summary_json}: no such summary; {run}")
     try:
         content: dict[str, Any] = json.loads(summary_json.read_text(encoding="utf-8"))
         for name, number in content["numbers"].items():

@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Any
 
 from osl_analysis.config.experiments import EXPERIMENTS
-from osl_analysis.errors import PartialResultError
 from osl_analysis.ingest.raw_files import check_columns, check_markers, trial_from_files
 from osl_analysis.judge.recording import check_ranges, examine, measured_table
 from osl_analysis.judge.table import Commanded
@@ -45,9 +44,6 @@ def ingest_and_check(
     quality: Path,
 ) -> None:
     """Write the trial of one row of the sheet to `trial`, and what every check measures on it to `quality`, a row each,
-    without limits and verdicts. Raises PartialResultError where the trial is written and nothing measured."""
+    without limits and verdicts."""
     record = ingest_trial(row, raw_folder, sources_folder, trial, needed_columns)
-    try:
-        write_table(measured_table(record.name, examine(record, str(row["experiment"]), commanded)), quality)
-    except Exception as error:
-        raise PartialResultError([quality]) from error
+    write_table(measured_table(record.name, examine(record, str(row["experiment"]), commanded)), quality)

@@ -147,8 +147,6 @@ EXPERIMENTS: dict[str, Experiment] = {
     "ingest_only": Experiment("any recording: ingested and checked, not analysed", place=None),
 }
 # fmt: on
-RENAMED = {"gait": "overground", "recording": "ingest_only"}
-"""New names of renamed experiments, by old name. The sheet refuses an old name and states the new one."""
 
 
 def judged_tables() -> tuple[str, ...]:

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from osl_analysis.config.experiments import EXPERIMENTS, RENAMED
+from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import InputError, nearest
 from osl_analysis.formats.other_formats import refuse_others
 from osl_analysis.model.compensator import CONTROLLERS
@@ -136,8 +136,6 @@ def problems_in(row: Mapping[str, str]) -> Iterator[str]:
     trial, experiment, walks = row["trial"], row["experiment"], row["perturbed"].lower()
     if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,99}", trial):
         yield f"trial '{trial}' must be up to 100 letters, digits, '_', '.' and '-': it becomes a file name"
-    if new := RENAMED.get(experiment):
-        yield f"experiment '{experiment}' is now called '{new}'; write '{new}'"
     if experiment not in EXPERIMENTS:
         yield f"experiment '{experiment}' is none of {', '.join(EXPERIMENTS)}{nearest(experiment, EXPERIMENTS)}"
     for column in ("joint", "controller"):

@@ -14,7 +14,7 @@ from typing import Any
 
 from pydantic import ConfigDict, validate_call
 
-from osl_analysis.errors import OslAnalysisError, PartialResultError, WriteError, printable, unexpected
+from osl_analysis.errors import OslAnalysisError, WriteError, printable, unexpected
 from osl_analysis.files import atomic_path, temporary_path
 from osl_analysis.jobs.job_log import write_log
 from osl_analysis.jobs.request import read_request
@@ -50,7 +50,7 @@ def perform(job: Job) -> None:
     """Call the command, and write log and, where there is no result, records: also after an error. One of the input
     refuses; any other is a failure, so that the job is tried again."""
     Path(job["log"]).unlink(missing_ok=True)
-    start, unmade = time.perf_counter(), job["files"]
+    start = time.perf_counter()
     causes: Sequence[Refusal] = ()
     ended = {"job": job["command"], "outcome": "done"}
     with warnings.catch_warnings(record=True) as caught:
@@ -59,20 +59,15 @@ def perform(job: Job) -> None:
             if causes := call(job):
                 said = "; ".join(f"{cause.trial or cause.file}: {cause.reason}" for cause in causes)
                 ended |= {"outcome": "skipped", "error": said}
+        except OslAnalysisError as fault:
+            ended |= {"outcome": "failed" if isinstance(fault, WriteError) else "refused", "error": str(fault)}
+        except OSError as fault:
+            said = printable(f"{fault.filename or 'a file'}: {fault.strerror or fault}")
+            ended |= {"outcome": "failed", "error": said}
         except Exception as fault:
-            cause: BaseException = fault
-            if isinstance(fault, PartialResultError):
-                cause, unmade = fault.__cause__ or fault, [str(path) for path in fault.missing]
-            if isinstance(cause, OslAnalysisError):
-                ended |= {"outcome": "failed" if isinstance(cause, WriteError) else "refused", "error": str(cause)}
-            elif isinstance(cause, OSError):
-                said = printable(f"{cause.filename or 'a file'}: {cause.strerror or cause}")
-                ended |= {"outcome": "failed", "error": said}
-            else:
-                trace = "".join(traceback.format_exception(cause))
-                ended |= {"outcome": "failed", "error": unexpected(cause), "traceback": trace}
+            ended |= {"outcome": "failed", "error": unexpected(fault), "traceback": traceback.format_exc()}
     warned = list(dict.fromkeys(printable(str(warning.message)) for warning in caught))
-    end(job, {**ended, "seconds": round(time.perf_counter() - start, 3), "warnings": warned}, unmade, causes)
+    end(job, {**ended, "seconds": round(time.perf_counter() - start, 3), "warnings": warned}, causes)
 
 
 def call(job: Job) -> Sequence[Refusal]:
@@ -109,11 +104,11 @@ def call(job: Job) -> Sequence[Refusal]:
     return ()
 
 
-def end(job: Job, ended: Mapping[str, Any], unmade: Sequence[str], causes: Sequence[Refusal] = ()) -> None:
-    """Write the log of a job, and unless it is done a record for each of its files that is `unmade`. `causes` are those
-    of a job that lacks an input; otherwise the job itself is the cause."""
+def end(job: Job, ended: Mapping[str, Any], causes: Sequence[Refusal] = ()) -> None:
+    """Write the log of a job, and unless it is done a record in place of each of its files. `causes` are those of a job
+    that lacks an input; otherwise the job itself is the cause."""
     if ended["outcome"] != "done":
-        for path in unmade:
+        for path in job["files"]:
             write_refusals(causes or [refusal(job, ended)], Path(path))
     write_log(Path(job["log"]), ended, job)
 
@@ -160,4 +155,4 @@ def died(request: Path, pid: int, number: int) -> None:
     known = {int(one): one.name for one in signal.Signals}
     by = f"signal {number}, {known[number]}" if number in known else "from outside"
     error = f"the process of this job was killed ({by})"
-    end(job, {"job": job["command"], "outcome": "died", "error": error}, job["files"])
+    end(job, {"job": job["command"], "outcome": "died", "error": error})

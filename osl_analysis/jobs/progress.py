@@ -4,9 +4,9 @@ It is a logger of Snakemake (`snakemake_logger_plugin_osl`), whose own lines, fi
 """
 
 import re
-import shutil
 import sys
 import time
+from collections import Counter
 from logging import INFO, WARNING, LogRecord
 from pathlib import Path
 
@@ -46,10 +46,10 @@ class LogHandler(LogHandlerBase):
 
     def __post_init__(self) -> None:
         self.is_quiet = not (self.common_settings.verbose or self.common_settings.dryrun)
-        self.total, self.done = dict[str, int](), dict[str, int]()  # jobs by stage
+        self.total, self.done = Counter[str](), Counter[str]()  # jobs by stage
         self.started: dict[str, float] = {}  # when the first job of a stage began [s]
         self.jobs: dict[int, tuple[str, list[str]]] = {}  # stage and logs of the jobs that run, by their numbers
-        self.last = 0.0  # when something was written last [s]
+        self.last = time.monotonic()  # when something was written last [s]
 
     @property
     def writes_to_stream(self) -> bool:
@@ -65,9 +65,7 @@ class LogHandler(LogHandlerBase):
             if event == LogEvent.RUN_INFO:
                 for rule, count in known["stats"].items():  # the targets have no stage
                     if not re.fullmatch(r"total|(\w+_)?(reproduce-all|study|validate)", rule):
-                        name = stage_of(rule)
-                        self.total[name] = self.total.get(name, 0) + count
-                        self.done.setdefault(name, 0)
+                        self.total[stage_of(rule)] += count
             elif event == LogEvent.JOB_INFO:
                 name = stage_of(known["rule_name"])
                 self.jobs[known["jobid"]] = (name, list(known["log"] or ()))
@@ -82,9 +80,7 @@ class LogHandler(LogHandlerBase):
             self.handleError(record)
 
     def finish(self, name: str, logs: list[str]) -> None:
-        """A job has ended: say at once what it refused, and where its stage stands. A terminal has what runs on its
-        last line; elsewhere there is a line now and then, and one for a whole stage.
-        """
+        """A job has ended: say at once what it refused, and now and then, and at its end, where its stage stands."""
         if name not in self.total:
             return
         self.done[name] += 1
@@ -92,26 +88,13 @@ class LogHandler(LogHandlerBase):
             ended = read_log(Path(log))
             if ended is not None and ended["outcome"] in ("refused", "failed", "died"):
                 self.line(f"{ended['outcome']}: {Path(log).stem}: {printable(ended['error'])}")
-        spent, is_terminal = time.monotonic() - self.last, sys.stderr.isatty()
-        if self.done[name] == self.total[name] or (not is_terminal and spent > 10):
-            self.line(self.standing(name))
-        elif is_terminal and spent > 0.1:
-            running = {one for one, _ in self.jobs.values()} | {name}
-            text = " | ".join(self.standing(one) for one in STAGES if one in running and one in self.total)
-            self.line(text[: shutil.get_terminal_size().columns - 1], end="")
-
-    def standing(self, name: str) -> str:
-        """Count, rate and time left of a stage."""
-        done, total = self.done[name], self.total[name]
-        spent = time.monotonic() - self.started[name]
+        done, total, now = self.done[name], self.total[name], time.monotonic()
+        spent = max(now - self.started[name], 1e-3)
         if done == total:
-            return f"{name} {done}/{total} in {spent:.0f} s"
-        if not done or spent <= 0:
-            return f"{name} {done}/{total}"
-        return f"{name} {done}/{total}, {done / spent:.3g}/s, {(total - done) * spent / done:.0f} s left"
+            self.line(f"{name} {done}/{total} in {spent:.0f} s")
+        elif now - self.last > 10:
+            self.line(f"{name} {done}/{total}, {done / spent:.3g}/s, {(total - done) * spent / done:.0f} s left")
 
-    def line(self, text: str, end: str = "\n") -> None:
-        """A line in place of the last one of a terminal; it stays where it has an end."""
-        cleared = "\r\x1b[K" if sys.stderr.isatty() else ""
-        print(f"{cleared}{text}", file=sys.stderr, end=end, flush=True)
+    def line(self, text: str) -> None:
+        print(text, file=sys.stderr, flush=True)
         self.last = time.monotonic()

@@ -5,7 +5,6 @@ recording is a changed input of the jobs that use it, and of no others. Snakemak
 has notes of its own (`.snakemake`), else by date.
 """
 
-import ast
 import hashlib
 import json
 import re
@@ -107,8 +106,7 @@ class Requests:
     ) -> dict[str, Any]:
         """The inputs of one job of a rule for Snakemake, by name; `request` is the file of its request.
 
-        `command` is "module.function" under `osl_analysis.commands`; its code counts, and that of the `modules` under
-        `osl_analysis` that it imports by name. It is called with
+        `command` and `modules` are those of `code`. It is called with
         * the inputs by name: those of `input`, those of `read`, which were made when `input` was (planning takes time
           with every file that Snakemake is told of), and the small `files`, which no job writes;
         * the outputs of the rule by their names; without a name, one is `output` and several are `outputs`. Or with
@@ -157,36 +155,20 @@ class Requests:
 
 @cache
 def code(command: str, *modules: str) -> str:
-    """Fingerprint of a command, `module.function` under `osl_analysis.commands`: of the module's file and what this
-    function imports, because a module has jobs of several experiments, and of `modules` that it imports by name."""
-    module, _, function = command.partition(".")
-    path = PACKAGE / f"commands/{module}.py"
-    top = parsed(path)
-    defined = {getattr(node, "name", ""): node for node in top}
-    if function not in defined:
-        raise ValueError(f"no function {function} in commands.{module}; correct the name of the job in the rules")
-    used, waiting = set[str](), {function}
-    while waiting:
-        used |= waiting
-        inside = [ast.walk(defined[name]) for name in waiting if name in defined]
-        waiting = {node.id for nodes in inside for node in nodes if isinstance(node, ast.Name)} - used
-    imports = [(node.module, alias.name) for node in top if isinstance(node, ast.ImportFrom) for alias in node.names]
-    names = [f"{source}{end}" for source, name in imports if name in used for end in ("", f".{name}")]
-    names += [f"osl_analysis.{name}" for name in modules]
-    files, new = set[Path](), [module_file(name) for name in names if name.startswith("osl_analysis.")]
+    """Fingerprint of a command, `module.function` under `osl_analysis.commands`: of the module's file, of all of ours
+    that it imports, and of `modules` under `osl_analysis` that it imports by name."""
+    files, names = set[Path](), (f"commands.{command.partition('.')[0]}", *modules)
+    new = [module_file(f"osl_analysis.{name}") for name in names]
     while new:
         file = new.pop()
         if file is not None and file not in files:
-            data = (
-                "*.yaml" if file.stem == "__init__" else f"{file.stem}.*"
-            )  # that stand beside a module, or in a package
+            data = "*.yaml" if file.stem == "__init__" else f"{file.stem}.*"  # in a package, or beside a module
             files |= {file, *file.parent.glob(data)}
-            new += [module_file(name) for name in imported_names(file)]
-    return hashlib.sha256(b"".join(map(content_of, sorted(files | {path})))).hexdigest()[:16]
+            new += map(module_file, imported_names(file))
+    return hashlib.sha256(b"".join(map(content_of, sorted(files)))).hexdigest()[:16]
 
 
 content_of = cache(Path.read_bytes)  # as it was when it was asked for first
-parsed = cache(lambda path: ast.parse(content_of(path)).body)
 
 
 @cache

@@ -276,7 +276,7 @@ def load(**stated: object) -> dict[str, object]:
         ({"channels": {"theta": {"colunm": "a", "unit": "rad"}}}, "; did you mean 'column'?"),
         ({"channels": {"theta": {"column": "a", "unit": "N"}}}, "unit 'N' measures [N]"),
         (load(scale=0), "scale of zero"),
-        (load(sign=True), "sign: true is not allowed: write a number; YAML reads true"),
+        (load(sign=True), "sign: 'true' is not allowed: write 1 or -1"),
         (load(delay="2"), "the unit is empty; write one of s, ms"),
         (load(delay="2 deg"), "unit 'deg' measures [rad], expected one of s, ms"),
         (load(delay="soon"), "'soon' is not a number with a unit; write it as in `2 s`"),

@@ -253,15 +253,6 @@ def test_a_truncated_file_is_refused_with_both_counts(tmp_path: Path) -> None:
             assert len(read(path).samples) == there
 
 
-def test_an_analog_rate_slightly_off_is_reported_and_the_frames_hold(tmp_path: Path) -> None:
-    path = write_c3d(tmp_path / "a.c3d", points(), analogs(), ANALOG__RATE=np.array([401.0]))
-    recording = read(path, analogs={"sync": {"channel": "A1"}})
-    assert recording.samples["time"][-1] == pytest.approx(23 / 400)
-    assert recording.warnings == [
-        "a.c3d: ANALOG:RATE is 401.0 Hz, the frames hold samples at 400.0 Hz; the latter is used"
-    ]
-
-
 REFERENCE = REAL_DATA / "reference" / "force_plate.csv"
 ROWS = pl.read_csv(REFERENCE) if REFERENCE.exists() else pl.DataFrame({"file": [], "plate": []})
 PLATES = sorted(set(zip(ROWS["file"], ROWS["plate"], strict=True)))

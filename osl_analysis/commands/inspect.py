@@ -4,10 +4,8 @@ Texts from files are untrusted: they are escaped when they are printed."""
 import csv
 import json
 import os
-import re
 import shutil
 import time
-from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import chdir, suppress
 from dataclasses import dataclass, field
@@ -32,11 +30,11 @@ from osl_analysis.formats.rosbag import DESCRIPTION as BAG_DESCRIPTION
 from osl_analysis.formats.rosbag import recorded_files
 from osl_analysis.ingest import draft as drafts
 from osl_analysis.ingest.overview import Overview
-from osl_analysis.ingest.raw_files import FORMATS, NOT_READ, SUFFIXES, check_file, read_source, recognise
+from osl_analysis.ingest.raw_files import FORMATS, SUFFIXES, check_file, read_source, recognise
 from osl_analysis.ingest.source import open_places
 from osl_analysis.judge.doubts import not_checked_line
-from osl_analysis.judge.recording import CHECKS, examine, judged_table, measured_table, validate_rules
-from osl_analysis.judge.table import Commanded, QualityRules
+from osl_analysis.judge.recording import CHECKS, examine, judged_table, measured_table
+from osl_analysis.judge.table import Commanded
 from osl_analysis.model.parameters import joint_of
 from osl_analysis.trial import Trial
 from osl_analysis.yaml_settings import dotted, read_mapping
@@ -114,73 +112,6 @@ def shortened(text: str) -> str:
     """Text of a file for the terminal: printable, and not longer than a line can hold."""
     safe, most = printable(text), 60  # characters
     return safe if len(safe) <= most else f"{safe[:most]}..."
-
-
-def samples_table(folder: Path, rules: QualityRules) -> str:
-    """Markdown: a row per recording below a folder, with what it holds and what ingest and the quality checks say."""
-    validate_rules(rules)
-    listed = (*NOT_READ, *SUFFIXES)
-    paths = sorted(path for path in folder.rglob("*") if path.suffix.lower() in listed)
-    if not paths:
-        raise InputError(f"{folder}: no recordings below it ({', '.join(listed)}); name another folder")
-    rows = ["| file | format | holds | ingest and quality |", "|---|---|---|---|"]
-    for path in paths:
-        cells = [cell.replace(f"{path}: ", "") for cell in (str(path.relative_to(folder)), *row_of(path, rules))]
-        rows.append(f"| {' | '.join('<br>'.join(escaped(line) for line in cell.splitlines()) for cell in cells)} |")
-    return "\n".join(rows)
-
-
-def row_of(path: Path, rules: QualityRules) -> tuple[str, str, str]:
-    """Format of a recording, what it holds, and what is said of it."""
-    try:
-        overview = inspect_file(path)
-    except InputError as error:
-        return "", "", f"refused: {error}"
-    judged = capture_says(path, overview.format, rules) if FORMATS[overview.format].is_capture else ()
-    said = "\n".join([*overview.remarks, *overview.open, *judged])
-    holds: dict[str, dict[str, None]] = {}  # the topics of a log, those of the same timing and size on one line
-    numbers = Counter(channel.address["topic"] for channel in overview.channels if "field" in channel.address)
-    for channel in overview.channels:
-        if "topic" in channel.address:
-            topic, rate = channel.address["topic"], f" at {channel.rate:.4g} Hz" if channel.rate else ""
-            size = f"{channel.count} messages{rate}, numbers in each: {numbers[topic]}"
-            holds.setdefault("; ".join(filter(None, [size, channel.note])), {})[topic] = None
-    if holds:
-        return overview.format, "\n".join(f"{', '.join(topics)}: {size}" for size, topics in holds.items()), said
-    # else how many channels it has of each kind and rate, and how much of them is missing
-    lines = [f"{name}: {overview.facts[name]}" for name in ("frames", "rows") if name in overview.facts]
-    for kind, hz in dict.fromkeys((channel.kind, channel.rate) for channel in overview.channels):
-        alike = [channel for channel in overview.channels if (channel.kind, channel.rate) == (kind, hz)]
-        missing = sum(channel.missing for channel in alike) / len(alike)
-        count = f"{len(alike)} x {kind}{f' at {hz:g} Hz' if hz else ''}"
-        notes = [f"{missing:.1%} missing"] * bool(missing) + [c.note for c in alike if kind == "plate"]
-        lines.append("; ".join([count, *notes]))
-    return overview.format, "\n".join(lines), said
-
-
-def capture_says(path: Path, name: str, rules: QualityRules) -> Iterator[str]:
-    """What ingest and the quality checks say to all of a capture; where it is refused, to all but its plates."""
-    plates = FORMATS[name].source.model_fields.get("plates")
-    for options in [{}, {"plates": "none"}] if plates and plates.default == "all" else [{}]:
-        try:
-            recording = FORMATS[name].read(path, FORMATS[name].source.model_validate({"format": name, **options}))
-        except InputError as error:
-            yield from [] if options else [f"refused: {error}"]
-            continue
-        yield from ["ok without plates" if options else "ok", *recording.warnings]
-        trial = Trial("sample", recording.samples, dict(recording.facts))
-        for check_name, finding in examine(trial, "ingest_only", Commanded((), (), 1)).items():
-            limit, check = rules.by_check[check_name].limit, CHECKS[check_name]
-            if finding.value is not None and check.failed(finding.value, limit):
-                yield f"{check_name}: {finding.value:.4g} {check.unit}, threshold {limit:g} ({finding.remark})"
-        return
-
-
-def escaped(text: str) -> str:
-    """Text of a stranger's file for a Markdown table: nothing in it can be markup, HTML or a line of its own."""
-    shown = "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text)
-    plain = shown.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
-    return re.sub(r"([\\`*_\[\]|#~$])", r"\\\1", plain)
 
 
 @dataclass

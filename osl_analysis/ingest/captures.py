@@ -15,7 +15,7 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.errors import InputError, listing, nearest, printable
-from osl_analysis.formats.c3d import C3DHeader, C3DRecording, read_c3d
+from osl_analysis.formats.c3d import C3DRecording, read_c3d
 from osl_analysis.formats.gait_text import NexusSection, read_sections, read_trc, without_subject
 from osl_analysis.formats.table import Table
 from osl_analysis.ingest.source import Plate, Recording, Source, check_values
@@ -181,22 +181,13 @@ def read_c3d_capture(path: Path, source: Source) -> Recording:
         "plate_zero_frames": baseline_frames(recording, source) if plates else None,
         "body_mass_kg": next(iter(header.numbers("PROCESSING:BODYMASS").tolist()), None),
     }
-    said, (stated, actual) = [printable(header.remark)] * bool(header.remark), analog_rates(header)
-    if stated is not None:
-        said.append(f"ANALOG:RATE is {stated} Hz, the frames hold samples at {actual} Hz; the latter is used")
+    said = [printable(header.remark)] * bool(header.remark)
     upward = "".join(header.texts("POINT:Y_SCREEN")[:1]).upper()
     if source.axes == ("x", "y", "z") and upward not in ("", "+Z", "-Z", "Z"):
         said.append(f"its vertical axis seems to be {printable(upward)}; state `axes` in the source file")
     warnings = [f"{printable(path.name)}: {text}" for text in said]
     timing = (header.frames, header.rate, header.samples_per_frame, header.first_frame)
     return captured(source, timing, markers, outputs, analogs, plates, facts, warnings)
-
-
-def analog_rates(header: C3DHeader) -> tuple[float | None, float]:
-    """ANALOG:RATE [Hz] where it contradicts the frames, and the rate [Hz] at which these hold samples."""
-    rate, actual = header.numbers("ANALOG:RATE"), header.rate * header.samples_per_frame
-    contradicts = header.channels and rate.size and abs(rate[0] - actual) > 1e-3 * actual
-    return (rate[0] if contradicts else None), actual
 
 
 MEASURED_BY_TYPE = {1: ("N",) * 3 + ("m",) * 2 + ("N*m",), 2: ("N",) * 3 + ("N*m",) * 3, 3: ("N",) * 8, 4: ("",) * 6}

@@ -8,8 +8,8 @@ stands still is refused; stamps that repeat because they are rounded to a sampli
 import json
 import re
 from collections import defaultdict
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import fields, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import fields
 from functools import reduce
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from osl_analysis.errors import InputError
 from osl_analysis.formats import csv_table
 from osl_analysis.formats.gait_text import read_opensim
-from osl_analysis.formats.json_lines import JsonLines, addresses_of, decode_lines, read_json_lines
+from osl_analysis.formats.json_lines import JsonLines, decode_lines, read_json_lines
 from osl_analysis.formats.mat import open_mat
 from osl_analysis.formats.mcap import read_mcap
 from osl_analysis.formats.message_fields import Columns, Indices
@@ -233,8 +233,6 @@ def remedy_for(text: str, name: str, source: Source, is_time: bool, first: bool)
         return 'write `decimal: "."` in the source file if the full stop is the decimal sign'
     if re.fullmatch(r"[+-]?\d+,\d+", text):
         return 'write `decimal: ","` in the source file if the comma is the decimal sign'
-    if first and source.header == "none":
-        return "write `header: row` in the source file if this line holds the columns' names"
     if first and is_unit(csv_table.without_brackets(text)):
         return "write `units_row: true` in the source file if this line holds units"
     if is_time:
@@ -245,14 +243,7 @@ def remedy_for(text: str, name: str, source: Source, is_time: bool, first: bool)
 def json_log(path: Path, source: Source) -> Table:
     """A line that lacks a field has no sample of it. `null` is no value, `NaN` a reading that failed."""
     lines, field = read_json_lines(path), source.time.field
-    parts = stamps_among(addresses_of(lines)[0]).get(field, ()) if field else ()
-    if parts and source.time.unit is not None:
-        raise InputError(
-            f"field '{field}' is a stamp of '{parts[0]}' and '{parts[1]}', whose units are known; remove "
-            f"{source.place('time', 'unit')}"
-        )
-    names = [*(name for name in wanted(source) if not (parts and name == field)), *parts]
-    decoded = decode_lines(lines, names)
+    decoded = decode_lines(lines, names := wanted(source))
     count, total, by_rate = decoded.misfits, len(lines.texts), source.time.rate is not None
     if count > (0 if by_rate else source.most_missing * total):  # with a rate, a line that is left out moves the rest
         advice = f", or write `most_missing: {csv_table.share_above(count, total):g}` in the source file"
@@ -267,47 +258,12 @@ def json_log(path: Path, source: Source) -> Table:
     report = {"messages_lost": count, "share_lost": count / total} if count else {}
     rows = np.flatnonzero(kept) if field else np.arange(kept.size)
     columns = {name: values[rows] for name, values in decoded.values.items()}  # masked where a line lacks the field
-    table = Table(rows.size, columns, notes=notes, report=report, lines=lines.numbers[decoded.rows[rows]])
-    if parts:
-        stamps = nanoseconds(table, parts, "field", f"name another time, or {RATE}")
-        table = replace(table, columns={**columns, str(field): stamps}, units={str(field): "ns"})
-    return table
+    return Table(rows.size, columns, notes=notes, report=report, lines=lines.numbers[decoded.rows[rows]])
 
 
 def notes_on(lines: JsonLines, decoded: Columns) -> list[str]:
     skipped = f"{decoded.misfits} of {len(lines.texts)} lines cannot be used and were skipped: {decoded.misfit}"
     return [*lines.notes, *[skipped] * bool(decoded.misfits)]
-
-
-def stamp_fields(field: str) -> list[tuple[str, str]]:
-    """Paths at which a stamp's seconds and nanoseconds may stand, as ROS 2, protobuf, Foxglove's JSON and ROS 1 do."""
-    names = (("sec", "nanosec"), ("seconds", "nanos"), ("sec", "nsec"), ("secs", "nsecs"))
-    return [(f"{field}.{seconds}", f"{field}.{nanoseconds}") for seconds, nanoseconds in names]
-
-
-def stamps_among(names: Collection[str]) -> Mapping[str, tuple[str, str]]:
-    """The stamps among several paths, by the path of the object, the shortest way first."""
-    above = dict.fromkeys(name.rpartition(".")[0] for name in names if "." in name)
-    found = {path: parts for path in above for parts in stamp_fields(path) if path and set(parts) <= set(names)}
-    return dict(sorted(found.items(), key=lambda one: one[0].count(".")))
-
-
-def nanoseconds(table: Table, parts: Sequence[str], what: str, remedy: str) -> NDArray[Any]:
-    """Stamps [ns], (rows,), from columns of seconds and nanoseconds; a row that lacks one of them has none."""
-    whole = []
-    for name, most in zip(parts, (2**63 // SECOND - 1, SECOND), strict=True):
-        values, lacking = np.ma.getdata(table.columns[name]), np.ma.getmaskarray(table.columns[name])
-        number = np.where(lacking, 0, values).astype(np.float64)
-        wrong = (np.abs(number) > most) | (number != np.rint(number)) | (~lacking & (values.dtype == bool))
-        if wrong.any():
-            row = int(np.argmax(wrong))
-            raise InputError(
-                f"{what} '{name}' is {values[row]} in {table.place(row)}, which is no whole number from 0 to {most}; "
-                f"{remedy}"
-            )
-        whole.append(np.ma.array(np.where(lacking, 0, values).astype(np.int64), mask=lacking))
-    stamps: NDArray[Any] = whole[0] * SECOND + whole[1]
-    return stamps
 
 
 def mat_log(path: Path, source: Source) -> Table:
@@ -464,6 +420,38 @@ def decode_wanted(
     raise InputError(f"{reason} ({remarks}); {remedy}" if semicolon else f"{failed} ({remarks})") from failed
 
 
+def stamp_fields(field: str) -> list[tuple[str, str]]:
+    """Paths at which a stamp's seconds and nanoseconds may stand, as ROS 2, protobuf, Foxglove's JSON and ROS 1 do."""
+    names = (("sec", "nanosec"), ("seconds", "nanos"), ("sec", "nsec"), ("secs", "nsecs"))
+    return [(f"{field}.{seconds}", f"{field}.{nanoseconds}") for seconds, nanoseconds in names]
+
+
+def header_stamps(topic: str, field: str, table: Table) -> NDArray[np.int64]:
+    """The stamps [ns] in the messages of a topic, (messages,), from their seconds and nanoseconds."""
+    named = [pair for pair in stamp_fields(field) if all(np.ma.count(table.columns[path]) for path in pair)]
+    if not named:
+        raise InputError(
+            f"topic '{topic}' has no field '{field}' with seconds and nanoseconds; correct time.field in the "
+            "source file, or write source: log"
+        )
+    whole = []
+    for name, most in zip(named[0], (2**63 // SECOND - 1, SECOND), strict=True):
+        lacking, values = np.ma.getmaskarray(table.columns[name]), np.ma.getdata(table.columns[name])
+        if lacking.any():
+            count = f"{int(lacking.sum())} of {table.rows} messages"
+            raise InputError(f"topic '{topic}': {count} have no '{field}'; write source: log")
+        number = values.astype(np.float64)
+        wrong = (np.abs(number) > most) | (number != np.rint(number)) | (values.dtype == bool)
+        if wrong.any():
+            row = int(np.argmax(wrong))
+            raise InputError(
+                f"topic '{topic}': field '{name}' is {values[row]} in {table.place(row)}, which is no whole number "
+                f"from 0 to {most}; write source: log"
+            )
+        whole.append(values.astype(np.int64))
+    return np.asarray(whole[0] * SECOND + whole[1])
+
+
 def read_topic(
     topic: str, channels: Mapping[str, Channel], decoded: Decoded, source: Source
 ) -> tuple[pl.DataFrame, dict[str, int], list[str]]:
@@ -473,20 +461,7 @@ def read_topic(
     table = Table(logged.size, decoded.values, noun="message")
     stamp: NDArray[Any] = logged
     if from_header:
-        field = str(source.time.field)
-        named = [pair for pair in stamp_fields(field) if all(np.ma.count(decoded.values[path]) for path in pair)]
-        if not named:
-            raise InputError(
-                f"topic '{topic}' has no field '{field}' with seconds and nanoseconds; correct time.field in the "
-                "source file, or write source: log"
-            )
-        stamp = nanoseconds(table, named[0], f"topic '{topic}': field", "write source: log")
-        lacking = int(np.ma.getmaskarray(stamp).sum())
-        if lacking:
-            raise InputError(
-                f"topic '{topic}': {lacking} of {logged.size} messages have no '{field}'; write source: log"
-            )
-        stamp = np.ma.getdata(stamp)
+        stamp = header_stamps(topic, str(source.time.field), table)
     elif (logged < 0).any():
         row = int(np.argmax(logged < 0))
         raise InputError(

@@ -24,7 +24,7 @@ from osl_analysis.formats.message_fields import FieldDescription, describe_messa
 from osl_analysis.formats.messages import ChannelLog, read_channels
 from osl_analysis.formats.tdms import read_tdms
 from osl_analysis.ingest import logs
-from osl_analysis.ingest.captures import analog_rates, plate_count, plate_loads, plate_parameter, vertical_axis
+from osl_analysis.ingest.captures import plate_count, plate_loads, plate_parameter, vertical_axis
 from osl_analysis.ingest.source import NAME_OF_TIME, SOURCES, UNKNOWN
 from osl_analysis.ingest.units import is_unit
 from osl_analysis.trial import Array, plate_columns
@@ -44,7 +44,6 @@ class RecordedChannel:
     likely_unit: str = ""  # unit that the channel's name ends with; a guess, for the user to check
     load: float | None = None  # range of the force on a plate [N], where it can be computed
     centre: tuple[float, ...] = ()  # mean position of a marker, or of a plate's corners, (3,); empty if unknown
-    missing: float = 0.0  # share of the frames or rows in which nothing was recorded, 0 to 1
 
 
 @dataclass(frozen=True)
@@ -155,9 +154,9 @@ def listed(
     if is_time:
         note, gaps = f"a clock, {rate:g} per unit" if rate else "a clock that stands still", gaps_text(known)
         note += f", {gaps}" * bool(gaps)
-    if rate and not unit and not guess and known.size >= 20 and not (np.diff(known) == 1).all():
+    if rate and not unit and not guess and known.size >= 20 and not np.isin(np.diff(known), (0, 1)).all():
         # Recorders of joints have rates from 50 to 5000 Hz, less than a factor of 1000 apart: a reading fits them in
-        # one unit only. Readings that rise by one may count rows.
+        # one unit only. Readings that rise by one may count rows, or be the whole seconds of stamps in two parts.
         units = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
         guess = next((unit for unit, in_s in units.items() if 50.0 <= rate * in_s <= 5000.0), "")
     lost = f", {numbers.size - known.size} x NaN or infinity" * (known.size < numbers.size)
@@ -235,27 +234,20 @@ def inspect_json(path: Path) -> Overview:
     names, long = addresses_of(lines)
     if not names:
         raise InputError("no line holds a number; name a recording")
-    decoded = dict.fromkeys(names, decode_lines(lines, names))
-    if decoded[names[0]].misfits and len(names) <= 100:  # a line has something else than a number in one of them
-        decoded = {name: decode_lines(lines, [name]) for name in names}
-    stamp, parts = next(iter(logs.stamps_among(names).items()), ("", ("", "")))
-    numbers = {name: np.ma.compressed(one.values[name]) for name, one in decoded.items()}
-    timing = {name: one for name, one in numbers.items() if name not in parts}
-    clock, left_open = clock_of("fields", timing, last_name)
+    decoded = decode_lines(lines, names)
+    numbers = {name: np.ma.compressed(values) for name, values in decoded.values.items()}
+    clock, left_open = clock_of("fields", numbers, last_name)
     channels = {}
     for name, one in numbers.items():
-        total = decoded[name].rows.size
-        also = f", in {one.size} of {total} lines" * (one.size < total)
+        also = f", in {one.size} of {decoded.rows.size} lines" * (one.size < decoded.rows.size)
         own, of_type = last_name(name), one.dtype.name
         channels[name] = listed({"field": name}, own, one, name == clock, kind=of_type, also=also)
-    remarks = list(dict.fromkeys(note for one in decoded.values() for note in logs.notes_on(lines, one)))
+    remarks = logs.notes_on(lines, decoded)
     remarks += [f"{name} has {size} elements; only the first {MOST_ELEMENTS} are listed" for name, size in long.items()]
     remarks += guesses({name: one.likely_unit for name, one in channels.items() if likely_unit(last_name(name))})
-    time, drafted = time_setting("field", channels[clock] if clock else None), [*channels.values()]
-    if stamp and not any(is_clock(last_name(name)) for name in timing):
-        time, drafted = {"field": stamp}, [channels[name] for name in timing]
-    settings, facts = {"clock": "master", "time": time}, {"rows": str(len(lines.texts))}
-    return Overview("json_lines", facts, [*channels.values()], remarks, settings, drafted, left_open)
+    settings = {"clock": "master", "time": time_setting("field", channels[clock] if clock else None)}
+    facts = {"rows": str(len(lines.texts))}
+    return Overview("json_lines", facts, [*channels.values()], remarks, settings, open=left_open)
 
 
 def variables_in(part: str, name: str, value: Value) -> Iterator[tuple[str, str, str, Value]]:
@@ -423,36 +415,34 @@ def inspect_messages(name: str, path: Path) -> Overview:
 
 def topic_channels(survey: ChannelLog, fields: Sequence[FieldDescription]) -> Iterator[RecordedChannel]:
     """A topic's numbers, one by one as a source file names them; the topic alone where there are none."""
-    topic, kind, units, most = survey.channel.topic, survey.channel.message_encoding, dict[str, str](), 500
+    topic, kind, units = survey.channel.topic, survey.channel.message_encoding, dict[str, str]()
     if survey.schema:
         kind, units = f"{survey.schema.name} ({kind})", ROS_UNITS.get(survey.schema.name.replace("/msg/", "/"), {})
     count, stamps = survey.log_time.size, (survey.log_time - survey.log_time[:1].sum()) / logs.SECOND
     rate, timing = rate_of(stamps), gaps_text(stamps) or "empty" * (not count)
     # every message of ROS has a header, and no signal is in it
     numbers = [(path, one) for one in fields if not one.path.startswith("header.") for path in one.addresses()]
-    for path, one in numbers[:most]:
+    for path, one in numbers:
         unit = next((unit for begin, unit in units.items() if path.startswith(begin)), "")
         of_type, at = one.type if one.length is None else f"{one.type}[{one.length}]", {"topic": topic, "field": path}
         timed = (0, None) if one.length == 0 else (count, rate)
         yield RecordedChannel(kind, at, "", *timed, timing, of_type, unit)
-    if len(numbers) > most or not numbers:
-        more = f"and {len(numbers) - most} more numbers" if numbers else ""
-        yield RecordedChannel(kind, {"topic": topic}, "", count, rate, timing, more)
+    if not numbers:
+        yield RecordedChannel(kind, {"topic": topic}, "", count, rate, timing)
 
 
 def inspect_c3d(path: Path) -> Overview:
     """Markers with the share of frames in which they were seen, model outputs, analog channels and plates."""
     recording = read_c3d(path)
     header, unit, labels = recording.header, recording.point_unit(), recording.analog_labels
-    channels = []
+    channels, rate = [], header.rate * header.samples_per_frame
     for label, positions in zip(recording.point_labels, recording.points.transpose(1, 0, 2), strict=False):
         of_kind = ("model output", "") if label in recording.model_outputs else ("marker", unit)
         channels.append(marker_channel(label, positions, header.rate, *of_kind))
-    stated, actual = analog_rates(header)
     for place, (label, values) in enumerate(zip(labels, recording.analogs.T, strict=False)):
         low, high, own = values.min(), values.max(), recording.analog_unit(place)
         note = f"from {low:.6g} to {high:.6g}" if low != high else f"always {low:.6g}"
-        channels.append(RecordedChannel("analog", {"channel": label}, own, values.size, actual, note))
+        channels.append(RecordedChannel("analog", {"channel": label}, own, values.size, rate, note))
     plates = plate_count(recording)
     channels += [plate_channel(recording, number) for number in range(1, plates + 1)]
     facts = {
@@ -464,19 +454,7 @@ def inspect_c3d(path: Path) -> Overview:
         "software": " ".join(header.texts("MANUFACTURER:SOFTWARE")) or "not said",
     }
     remarks = [header.remark] * bool(header.remark)
-    remarks += [*repeated("markers", recording.point_labels), *repeated("analog channels", labels)]
-    if stated is not None:
-        remarks.append(f"ANALOG:RATE is {stated:g} Hz, the frames hold samples at {actual:g} Hz")
-    counts = ("points", header.points, recording.point_labels), ("analog channels", header.channels, labels)
-    for what, count, named in counts:
-        remarks += [f"{count - len(named)} of {count} {what} have no label"] * (len(named) < count)
     return Overview("c3d", facts, channels, remarks, {"plates": "all" if plates else "none"})
-
-
-def repeated(what: str, labels: Sequence[str]) -> list[str]:
-    """A remark on labels that stand more than once."""
-    twice = [f"'{label}' {count} times" for label, count in Counter(labels).items() if count > 1]
-    return [f"{what} of the same label: {listing(twice)}"] * bool(twice)
 
 
 def marker_channel(label: str, positions: Array, rate: float, kind: str, unit: str) -> RecordedChannel:
@@ -485,7 +463,7 @@ def marker_channel(label: str, positions: Array, rate: float, kind: str, unit: s
     missing = 1.0 - float(seen.mean())
     note = f"missing in {missing:.1%} of the frames" if missing else ""
     centre = tuple(positions[seen].mean(axis=0).tolist()) if seen.any() else ()
-    return RecordedChannel(kind, {"label": label}, unit, int(seen.sum()), rate, note, missing=missing, centre=centre)
+    return RecordedChannel(kind, {"label": label}, unit, int(seen.sum()), rate, note, centre=centre)
 
 
 def plate_channel(recording: C3DRecording, number: int) -> RecordedChannel:
@@ -509,13 +487,9 @@ def plate_channel(recording: C3DRecording, number: int) -> RecordedChannel:
 
 def inspect_nexus(path: Path) -> Overview:
     """The sections' columns: one per trajectory, and per component of anything else."""
-    facts, remarks, channels = {}, [], []
+    facts, channels = {}, []
     for title, section in read_sections(path).items():
         facts[title] = f"{len(section.rows)} rows at {section.rate:g} Hz"
-        try:
-            section.counts()
-        except InputError as error:
-            remarks.append(f"{title}: {error}")
         kind = {"Trajectories": "marker", "Model Outputs": "model output"}.get(title, "device")
         for place, (name, component) in enumerate(zip(section.names, section.components, strict=True)):
             if not name or (kind == "marker" and component.casefold() != "x"):
@@ -524,8 +498,8 @@ def inspect_nexus(path: Path) -> Overview:
             lacking, unit = np.isnan(section.values(place)), section.units[place]
             missing, seen = float(lacking.mean()), int((~lacking).sum())
             note = f"missing in {missing:.1%} of the rows" if missing else ""
-            channels.append(RecordedChannel(kind, address, unit, seen, section.rate, note, missing=missing))
-    return Overview("nexus_csv", facts, channels, remarks)
+            channels.append(RecordedChannel(kind, address, unit, seen, section.rate, note))
+    return Overview("nexus_csv", facts, channels)
 
 
 def inspect_trc(path: Path) -> Overview:
@@ -540,5 +514,4 @@ def inspect_trc(path: Path) -> Overview:
     }
     markers = zip(file.labels, positions, strict=True)
     channels = [marker_channel(label, one, file.rate, "marker", file.unit) for label, one in markers]
-    remarks = [*file.notes, *repeated("markers", file.labels)]
-    return Overview("trc", facts, channels, remarks, {"axes": ["x", "-z", "y"]} if upward == "y" else {})
+    return Overview("trc", facts, channels, file.notes, {"axes": ["x", "-z", "y"]} if upward == "y" else {})

@@ -96,7 +96,6 @@ FORMATS = {
     for name, begins, suffixes, reader, lister in KNOWN
 }
 SUFFIXES = tuple(suffix for known in FORMATS.values() for suffix in known.suffixes)  # of recordings that are read
-NOT_READ = (".h5", ".tsv", ".xlsx")  # of recordings that are not: `samples` lists them with the remedy
 
 
 class NamedFormat(Settings):

@@ -18,7 +18,7 @@ from walking_crossings import Walk, walked
 from walking_synthetic import settings
 
 from osl_analysis.bench.impedance import DesiredImpedance
-from osl_analysis.bench.phasors import fit_sinusoid, sines_at
+from osl_analysis.bench.phasors import fit_sinusoids
 from osl_analysis.commands.bench import fit_settings, fit_trial
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import OslAnalysisError
@@ -122,7 +122,7 @@ FITS_OF_SIGNALS = {
     "linear_fit of one column": lambda t, x, y: linear_fit(y, {"a": x}),
     "with_shared_error": lambda t, x, y: regression.with_shared_error(linear_fit(y, {"a": x}), np.array([0.1])),
     **{
-        f"fit_sinusoid of {n} samples": lambda t, x, y, n=n: fit_sinusoid(y[:n], sines_at(t[:n], 2.0))
+        f"fit_sinusoid of {n} samples": lambda t, x, y, n=n: next(fit_sinusoids(t[:n], 2.0, y[:n]))
         for n in (N, 100, 50)
     },
     "fit_impedance": lambda t, x, y: fit_without_offset(Motion(x, np.roll(x, 3), np.roll(x, 11)), y),

@@ -15,7 +15,7 @@ from scipy.stats import t as student
 from scipy.stats import ttest_ind
 from statsmodels.stats.diagnostic import acorr_ljungbox
 
-from osl_analysis.bench.phasors import complex_mean, complex_quotient, fit_sinusoid, polar_row, sines_at
+from osl_analysis.bench.phasors import complex_mean, complex_quotient, fit_sinusoids, polar_row
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.judge.doubts import summary_of_trials
 from osl_analysis.signals import LowPass
@@ -162,7 +162,7 @@ def test_phasor_agrees_with_a_nonlinear_least_squares_fit():
     t = np.arange(0, 5, 1e-3)
     rng = np.random.default_rng(3)
     y = 0.4 * np.cos(2 * np.pi * 2 * t + 0.7) + 1.0 + rng.normal(0, 0.05, len(t))
-    phasor = fit_sinusoid(y, sines_at(t, 2.0))
+    (phasor,) = fit_sinusoids(t, 2.0, y)
 
     def sine(t, a, phase, offset):
         return a * np.cos(2 * np.pi * 2 * t + phase) + offset
@@ -176,10 +176,10 @@ def test_a_phasor_is_that_of_the_cycles_it_is_given_and_its_distortion_the_share
     t = np.arange(0, 6, 1e-3)
     y = np.cos(2 * np.pi * t + 0.3) + np.where((t > 2) & (t < 3), 5.0, 0.0)
     first = np.array([0.0, 1000, 3000, 4000, 5000])
-    phasor = fit_sinusoid(y, sines_at(t, 1.0, (first, first + 1000)))
+    (phasor,) = fit_sinusoids(t, 1.0, y, cycles=(first, first + 1000))
     assert (phasor.magnitude, phasor.phase, phasor.interval_method) == (pytest.approx(1), pytest.approx(0.3), "cycles")
     y = np.cos(2 * np.pi * t) + 0.03 * np.cos(6 * np.pi * t) + 0.04 * np.sin(10 * np.pi * t)
-    assert fit_sinusoid(y, sines_at(t, 1.0)).distortion == pytest.approx(0.05)
+    assert next(fit_sinusoids(t, 1.0, y)).distortion == pytest.approx(0.05)
 
 
 def test_intervals_of_a_response_and_of_its_mean_over_amplitudes_cover_with_few_cycles():
@@ -190,7 +190,7 @@ def test_intervals_of_a_response_and_of_its_mean_over_amplitudes_cover_with_few_
         for noise in (0.5, 2.0):
             theta = 0.05 * np.sin(w * t)
             torque = 0.05 * np.abs(1 / true) * np.sin(w * t - np.angle(true)) + rng.normal(0, noise, len(t))
-            pair.append(complex_quotient(fit_sinusoid(theta, sines_at(t, 1.0)), fit_sinusoid(torque, sines_at(t, 1.0))))
+            pair.append(complex_quotient(*fit_sinusoids(t, 1.0, theta, torque)))
         rows = [polar_row(found) for found in (pair[1], complex_mean(pair))]
         covered.append([
             (row["magnitude_low"] <= abs(true) <= row["magnitude_high"])
@@ -209,14 +209,15 @@ def test_intervals_of_a_response_and_of_its_mean_over_amplitudes_cover_with_few_
 def test_sinusoid_refuses_too_short_a_record_and_too_slow_a_sampling(rate, frequency, message):
     t = np.arange(0, 1, 1 / rate)
     with pytest.raises(InputError, match=message):
-        fit_sinusoid(np.sin(t), sines_at(t, frequency))
+        list(fit_sinusoids(t, frequency, np.sin(t)))
 
 
 def test_amplitudes_that_differ_from_cycle_to_cycle_leave_the_phase_certain():
     """A phasor at 40 degrees then scatters along itself: errors of its real and imaginary part have the same sign."""
     rng, t, phase = np.random.default_rng(9), np.arange(0, 40, 1e-2), np.deg2rad(40)
     size = 1 + 0.1 * np.repeat(rng.standard_normal(40), 100)
-    phasor = fit_sinusoid(size * np.cos(2 * np.pi * t + phase) + 1e-3 * rng.standard_normal(len(t)), sines_at(t, 1.0))
+    signal = size * np.cos(2 * np.pi * t + phase) + 1e-3 * rng.standard_normal(len(t))
+    (phasor,) = fit_sinusoids(t, 1.0, signal)
     assert phasor.covariance[0, 1] > 0
     assert phasor.magnitude_se == pytest.approx(0.1 / np.sqrt(40), rel=0.3)
     assert phasor.phase_se < 0.02 * phasor.magnitude_se

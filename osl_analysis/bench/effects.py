@@ -19,7 +19,7 @@ from scipy.stats import spearmanr
 from osl_analysis.bench import gram
 from osl_analysis.bench.gram import GroupFit, Sums
 from osl_analysis.bench.record import Label, Record
-from osl_analysis.errors import IdentifiabilityError, InputError, OslAnalysisError
+from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.judge.doubts import LARGEST_TURN
 from osl_analysis.signals import seven_point_motion
 from osl_analysis.signals.samples import NO_DRIFT, drift_row
@@ -95,8 +95,6 @@ def sums_of(record: Record, model: Model, expected: Admittance | None = None) ->
 def spring_that_slips(x: Array, width: float) -> Array:
     """Torque (n,) of a spring that slips at +-1 (Prandtl's stop operator), wound up by x to its end over a `width`:
     friction that winds something up before it slides. It starts slack."""
-    if not width > 0:
-        return np.zeros_like(x)
     rising = np.diff(x) >= 0
     turns = np.concatenate([[0], np.flatnonzero(rising[1:] != rising[:-1]) + 1, [len(x) - 1]])
     wound = [0.0]  # at the turns
@@ -141,11 +139,8 @@ def with_columns(model: Model, effects: Sequence[str]) -> Model:
     return dict(model) | {effect: COLUMN.get(effect, effect) for effect in effects if effect != "lag_s"}
 
 
-def told_lag(
-    s: Sums, model: Model, effects: Sequence[str], keep: Keep = None, known: str | None = None
-) -> tuple[GroupFit, Sums]:
-    """The fit with the lag that leaves least, and the sums that are about it; raises as `fit_groups`. A `known` column
-    is a part of the late torque whose size is 1.
+def told_lag(s: Sums, model: Model, effects: Sequence[str], keep: Keep = None) -> tuple[GroupFit, Sums]:
+    """The fit with the lag that leaves least, and the sums that are about it; raises as `fit_groups`.
 
     A lag that is certain has an image, of the other sign or even at 0, which leaves nearly as little: what is left is
     asked over all lags. Of equals the one of a joint counts whose K, B and I are not negative, of which there is one at
@@ -153,17 +148,17 @@ def told_lag(
     little the delay is told.
     """
     base = with_columns(model, effects)
-    near = near_lag(s, base, known, 0.0, keep)
+    near = near_lag(s, base, 0.0, keep)
     if not near.certain("lag_s", FALSE_ALARM) and possible_joint(near, model):
         return near, s
-    left, lags = left_over_lags(s, base, known, keep)
+    left, lags = left_over_lags(s, base, keep)
     delays, tried = int(np.count_nonzero(s.restored.noise_gain == 1)), []
     over = left[:delays].ravel()
     lowest = [k for k in range(1, len(over) - 1) if over[k] <= over[k - 1] and over[k] < over[k + 1]]
     for k in (*lowest, over.size + int(np.argmin(left[delays:]))):
         one = s.restored.by(k // lags.shape[1])
         with suppress(*CANNOT_TELL):
-            tried.append((near_lag(one, base, known, float(lags.ravel()[k]), keep), one))
+            tried.append((near_lag(one, base, float(lags.ravel()[k]), keep), one))
     tried.sort(key=lambda both: both[0].left)
     if not tried:
         return near, s
@@ -180,7 +175,7 @@ def possible_joint(fit: GroupFit, model: Model) -> bool:
     return all(fit[name] > 0 or not fit.certain(name, FALSE_ALARM) for name in names)
 
 
-def left_over_lags(s: Sums, base: Model, known: str | None, keep: Keep = None) -> tuple[Array, Array]:
+def left_over_lags(s: Sums, base: Model, keep: Keep = None) -> tuple[Array, Array]:
     """What a model leaves of a late torque over all lags: the sum of squares and the lag [s], each (w, 5) by the way in
     which the torque is restored and five lags about it."""
     ways, p = s.restored, len(base)
@@ -189,8 +184,6 @@ def left_over_lags(s: Sums, base: Model, known: str | None, keep: Keep = None) -
     late = s.late_by(about)
     turns = np.zeros((*about.shape, s.torque + 2, p + 1))
     turns[..., :-2, :p], turns[..., -2, p] = late[..., s.index(list(base.values()))], 1.0
-    if known is not None:
-        turns[..., :-2, p] = -late[..., s.names.index(known)]
     left = least_left(np.swapaxes(turns, -1, -2) @ ways.totals(keep)[:, None] @ turns)
     return left / ways.noise_gain[:, None], ways.late[:, None] + about
 
@@ -205,22 +198,21 @@ def least_left(total: Array) -> Array:
     return np.asarray(total[..., -1, -1] - taken.sum(axis=-1))
 
 
-def near_lag(s: Sums, base: Model, known: str | None, start: float, keep: Keep = None) -> GroupFit:
+def near_lag(s: Sums, base: Model, start: float, keep: Keep = None) -> GroupFit:
     """A late torque is m - d m' + d^2/2 m'': its columns hang on the estimates and on d, which is found by Gauss and
     Newton's steps from `start` [s], of which `late` has been taken off the sums already; the last one is a fit."""
     lag, total = start - s.late, s.over(keep)
     columns = s.combinations([{column: 1.0} for column in base.values()])
-    of_known = s.combinations([{known: 1.0} if known else {}])[:, 0]
 
     def solved_at(*slope: Array) -> tuple[Array, Array]:
         late = s.late_by(lag)
-        turn = s.turned(late @ np.column_stack([columns, *slope]), late @ of_known)
+        turn = s.turned(late @ np.column_stack([columns, *slope]))
         own = turn.T @ total @ turn
         return gram.solved(own[:-2, :-2], own[:-2, -2])[0], turn
 
     estimates = solved_at()[0]
     for _ in range(8):
-        slope = s.late_series[1] @ (columns @ estimates[: len(base)] + of_known)
+        slope = s.late_series[1] @ columns @ estimates[: len(base)]
         estimates, turn = solved_at(slope)
         before, lag = lag, float(np.clip(lag + estimates[-1], -gram.SPACING, gram.SPACING))
         if abs(lag - before) < 1e-8:  # s
@@ -269,7 +261,7 @@ def causes(record: Record, s: Sums, model: Model) -> Causes:
         left = dict(zip(rest, left_by([(*chosen, e) for e in rest]), strict=True))
         most = (1 - 1e-3) * left_by([chosen])[0]
         if wide and "lag_s" in left:
-            left["lag_s"] = min(left["lag_s"], float(left_over_lags(s, with_columns(model, chosen), None)[0].min()))
+            left["lag_s"] = min(left["lag_s"], float(left_over_lags(s, with_columns(model, chosen))[0].min()))
         likely = [e for e in sorted(left, key=left.__getitem__) if left[e] < most]
         tried = ((e, tried_fit(at, model, (*chosen, e), lag=lag)) for e in likely)
         effect, fit = next(((e, fit) for e, fit in tried if fit and fit.certain(e, FALSE_ALARM)), ("", None))
@@ -304,7 +296,7 @@ def tried_fit(
     with suppress(*CANNOT_TELL):
         if lag is None:
             return with_effects(s, model, effects, keep)
-        return near_lag(s, with_columns(model, effects), None, lag, keep)
+        return near_lag(s, with_columns(model, effects), lag, keep)
     return None
 
 
@@ -352,29 +344,14 @@ def lag_of(record: Record, s: Sums, model: Model, found: Causes) -> Fault | None
     leaves looks like a lag of 2 to 20 ms. Beyond `LARGEST_TURN` it may be one, and must be 15 standard errors large,
     from which a reader must know of it: 5 ms make 30 to 70, sound joints 3.
     """
-
-    def certain(fit: GroupFit) -> bool:
-        size, se = abs(fit["lag_s"]), fit.se("lag_s")
-        small = bool(2 * np.pi * record.band_hz[1] * size < LARGEST_TURN)
-        return fit.certain("lag_s", FALSE_ALARM) and (small or size > 15.0 * se)
-
-    def told(effects: Sequence[str], known: str | None = None) -> tuple[GroupFit, Sums] | None:
-        with suppress(*CANNOT_TELL):
-            return told_lag(s, model, effects, known=known)
-        return None
-
     others = competing(s, model, "lag_s", found)
-    if "linear" in s.names:  # of the linear model with its gains, and of none that is free, a lag is told sharply
-        exact = told((*(e for e in others if e != "linear"), "lag_s"), "linear")
-        if exact and leaves_noise(record, exact[0]):
-            size, se = exact[0]["lag_s"], exact[0].se("lag_s")
-            return Fault(size, se, certain(exact[0]), abs(size) + POSSIBLE * se)
-    tried = told((*others, "lag_s"))
-    if tried is None:
+    try:
+        fit, about = told_lag(s, model, (*others, "lag_s"))
+    except CANNOT_TELL:
         return None
-    fit, about = tried
     size, se = fit["lag_s"], fit.se("lag_s")
-    sure = ("lag_s" in found.chosen or not possible_joint(found.fit, model)) and certain(fit)
+    sure = fit.certain("lag_s", FALSE_ALARM) and ("lag_s" in found.chosen or not possible_joint(found.fit, model))
+    sure &= 2 * np.pi * record.band_hz[1] * abs(size) < LARGEST_TURN or abs(size) > 15.0 * se
     if sure and not leaves_noise(record, fit):
         # a low-pass of the torque's sensor may have taken off the part of the noise by which it is known: then little
         # more is left, of which the richest model explains nothing
@@ -496,8 +473,6 @@ def yielding_in(series: Mapping[str, float]) -> float | None:
     1/measured = 1/joint + 1/stiffness, to the third power of s, where the joint has none. None if there is none, or it
     would yield by more than half of the joint's angle."""
     K, B, I, J = (series[name] for name in "KBIJ")
-    if not abs(K) > np.finfo(float).tiny:
-        return None
     b, i, j = B / K, I / K, J / K
     first, second, third = -b, b**2 - i, 2 * b * i - b**3 - j
     left = np.roots([third, -2 * first * second, first**3])
@@ -508,8 +483,7 @@ def yielding_in(series: Mapping[str, float]) -> float | None:
 def frame_stiffness(s: Sums, model: Model, found: Causes) -> float | None:
     """Stiffness [N*m/rad] of a frame in series that explains a lag as well, beside the physics that was chosen."""
     physics = [e for e in found.chosen if e not in FAULTS]
-    try:
+    with suppress(*CANNOT_TELL):
         fit = with_effects(s, model, (*physics, "jerk"))
         return yielding_in({"K": fit["K"], "B": fit["B"], "I": fit["I"], "J": fit["jerk"]})
-    except OslAnalysisError:
-        return None
+    return None

@@ -16,6 +16,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import block_diag
 from scipy.special import stdtrit
 
 from osl_analysis.bench.record import Groups, Label, Record
@@ -101,13 +102,9 @@ class Sums:
         """Combinations of the columns (q, k), each by the weights of its columns."""
         return np.array([[part.get(name, 0.0) for part in parts] for name in self.names])
 
-    def turned(self, columns: Array, known: Array | float = 0.0) -> Array:
-        """The combinations (q + 2, p + 2) that columns (q, p) are, and both torques less a `known` part (q,)."""
-        q, p = columns.shape
-        found = np.zeros((q + 2, p + 2))
-        found[:q, :p], found[:q, p:] = columns, -np.reshape(known, (-1, 1))
-        found[q, p] = found[q + 1, p + 1] = 1.0
-        return found
+    def turned(self, columns: Array) -> Array:
+        """The combinations (q + 2, p + 2) that columns (q, p) are, and both torques as they are."""
+        return np.asarray(block_diag(columns, np.eye(2)))
 
     @cached_property
     def restored(self) -> "Restored":

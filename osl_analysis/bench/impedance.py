@@ -374,40 +374,36 @@ def over_amplitudes(analysis: Analysis) -> Row:
     `LITTLE`. Where both amplitudes have the same frequencies, each is left out of both, so that what the model misses
     at both alike is no error of the difference; else their intervals are independent.
     """
-    ends = [(name, end) for name in QUANTITIES for end in ("low", "high")]
-    row: Row = dict.fromkeys(("K_change", "B_change", *(f"{name}_amplitudes_{end}" for name, end in ends)))
+    bounds = [f"{name}_amplitudes_{end}" for name in QUANTITIES for end in ("low", "high")]
+    row: Row = dict.fromkeys(("K_change", "B_change", *bounds))
     labels = sorted(label for label in analysis.fits if isinstance(label, float))
     if len(labels) < 2:
         return row
-    of, s, model = [analysis.fits[label] for label in labels], analysis.sums, list(analysis.model)
-    for name, end in ends:
-        row[f"{name}_amplitudes_{end}"] = (min if end == "low" else max)(fit[name] for fit in of)
-    small, large = of[0], of[-1]
-    halves = {name: float(np.hypot(*(fit.interval(name)[1] - fit[name] for fit in (small, large)))) for name in "KB"}
-    hz = [
-        {round(one.frequency_hz, 1): k for k, one in enumerate(s.groups.strata) if one.label == label}
-        for label in (labels[0], labels[-1])
-    ]
-    if (
-        hz[0].keys() == hz[1].keys()
-        and len(hz[0]) >= FEWEST_UNITS
-        and not (small.repeat is None or large.repeat is None)
-    ):
-        at, differences = s.index(list(analysis.model.values())), []
-        for f in hz[0]:
+    s, model, ends_of = analysis.sums, analysis.model, (labels[0], labels[-1])
+    for name in QUANTITIES:
+        single = [analysis.fits[label][name] for label in labels]
+        row |= {f"{name}_amplitudes_low": min(single), f"{name}_amplitudes_high": max(single)}
+    small, large = (analysis.fits[label] for label in ends_of)
+    halves = np.linalg.norm([[fit.interval(name)[1] - fit[name] for name in model] for fit in (small, large)], axis=0)
+    strata = [(one.label, round(one.frequency_hz, 1), k) for k, one in enumerate(s.groups.strata)]
+    of_small, of_large = ({hz: k for label, hz, k in strata if label == end} for end in ends_of)
+    paired = of_small.keys() == of_large.keys() and len(of_small) >= FEWEST_UNITS
+    if paired and small.repeat is not None and large.repeat is not None:
+        at, differences = s.index(list(model.values())), list[Array]()
+        for hz in of_small:
+            rest = s.groups.stratum != of_small[hz], s.groups.stratum != of_large[hz]
             less, more = (
-                estimates_of(s.over(s.groups.of(label) & (s.groups.stratum != own[f])), at, s.torque)
-                for label, own in zip((labels[0], labels[-1]), hz, strict=True)
+                estimates_of(s.over(s.groups.of(label) & keep), at, s.torque)
+                for label, keep in zip(ends_of, rest, strict=True)
             )
             differences.append(more - less)
         m, apart = len(differences), np.array(differences) - np.mean(differences, axis=0)
         noise, never = small.repeat + large.repeat, np.full(len(model), np.inf)
         covariance, freedom = combined(noise, never, apart.T @ apart * (m - 1) / m, m)
-        paired = stdtrit(freedom, 0.975) * np.sqrt(np.diag(covariance))
-        halves = {name: float(paired[model.index(name)]) for name in "KB"}
-    for name, half in halves.items():
+        halves = stdtrit(freedom, 0.975) * np.sqrt(np.diag(covariance))
+    for name in "KB":
         difference = large[name] - small[name]
-        certain = float(np.sign(difference)) * max(abs(difference) - half, 0.0)
+        certain = float(np.sign(difference)) * max(abs(difference) - float(halves[list(model).index(name)]), 0.0)
         row[f"{name}_change"] = certain / float(np.hypot(analysis.whole[name], LITTLE[name]))
     return row
 

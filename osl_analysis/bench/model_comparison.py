@@ -17,7 +17,6 @@ from osl_analysis.errors import InputError
 from osl_analysis.model.compensator import Gains
 from osl_analysis.model.drivetrain_response import belt_response
 from osl_analysis.model.parameters import DrivetrainParameters
-from osl_analysis.signals import Motion
 from osl_analysis.stats.regression import linear_fit
 from osl_analysis.stats.repeats import Candidate, loss_behind_best, mean_over_trials, rank_words, score_models
 from osl_analysis.trial import Array
@@ -26,7 +25,6 @@ Terms = Mapping[str, tuple[str, ...]]  # names of the columns of each model, by 
 BELT_MODELS: Terms = {"M1": ("K_s",), "M2": ("K_s", "K_s2"), "M3": ("K_s", "T_h"), "M4": ("K_s", "K_s2", "T_h")}
 """T_h [N*m] is half the torque by which loading and unloading differ."""
 TRANSMISSION_MODELS: Terms = {"M1": ("B_j", "J_j"), "M2": ("B_j", "J_j", "T_C")}
-SECOND_ORDER: tuple[str, ...] = ("K", "B", "I")
 SCORE_COLUMNS = ("experiment", "controller", "trial", "model", "VAF_held_out", "BIC")
 """Columns of `model_comparison.csv` that its summary uses."""
 GIVEN = np.ones(3)
@@ -70,16 +68,6 @@ def belt_fold(theta_s: Array, torque: Array) -> Fold:
     return fold_of(torque[rows], {"K_s": x, "K_s2": x * np.abs(x), "T_h": side}, drifts=False)
 
 
-def transmission_fold(motion: Motion, direction: Array, torque: Array) -> Fold:
-    """One trial with the motor detached; `direction` is the smooth sign of omega, filtered as the torque was."""
-    return fold_of(torque, {"B_j": motion.omega, "J_j": motion.alpha, "T_C": direction})
-
-
-def impedance_fold(motion: Motion, torque: Array) -> Fold:
-    """One amplitude of a trial against the controller, for Eq. 15."""
-    return fold_of(torque, {"K": motion.theta, "B": motion.omega, "I": motion.alpha})
-
-
 def left_of(fold: Fold, fitted: Sequence[Fold], terms: tuple[str, ...]) -> Array:
     """What a fit of these columns to some folds leaves of another one's torque [N*m]; NaN where there is none to fit.
 
@@ -93,29 +81,15 @@ def left_of(fold: Fold, fitted: Sequence[Fold], terms: tuple[str, ...]) -> Array
     return np.asarray(fold.torque - np.array([fold.columns[name] for name in terms]).T @ estimates)
 
 
-def others(folds: Sequence[Fold], fold: Fold) -> list[Fold]:
-    return [other for other in folds if other is not fold]
-
-
-def scores_against_others(folds: Sequence[Fold], models: Terms) -> list[pl.DataFrame]:
-    """Each model on each trial: fitted to it for the BIC, and to all other trials for the VAF on data held out. With a
-    single trial the VAF on data held out is NaN."""
-    scores = []
-    for fold in folds:
-        rest = others(folds, fold)
-        rivals = [
-            Candidate(name, " + ".join(terms), len(terms), left_of(fold, [fold], terms), left_of(fold, rest, terms))
-            for name, terms in models.items()
-        ]
-        scores.append(score_models(fold.torque, rivals))
-    return scores
-
-
-def held_out_by_amplitude(folds: Sequence[Fold], model: str, terms: tuple[str, ...]) -> Candidate:
-    """A linear model of one trial whose folds are its amplitudes, each predicted by a fit to the others."""
-    residual = np.concatenate([left_of(fold, folds, terms) for fold in folds])
-    held_out = np.concatenate([left_of(fold, others(folds, fold), terms) for fold in folds])
-    return Candidate(model, " + ".join(terms), len(terms), residual, held_out)
+def linear_rivals(folds: Sequence[Fold], tested: Sequence[Fold], models: Terms) -> list[Candidate]:
+    """Each model on some of the folds: fitted to these for the BIC, and for the VAF on data held out each predicted by
+    a fit to all the others. With a single fold this VAF is NaN."""
+    rivals = []
+    for name, terms in models.items():
+        residual = np.concatenate([left_of(fold, tested, terms) for fold in tested])
+        rest = [left_of(fold, [other for other in folds if other is not fold], terms) for fold in tested]
+        rivals.append(Candidate(name, " + ".join(terms), len(terms), residual, np.concatenate(rest)))
+    return rivals
 
 
 @dataclass(frozen=True)
@@ -159,25 +133,16 @@ class DrivetrainTrial:
         return np.concatenate([self.residual(prediction, rows) for rows in self.amplitude_rows])
 
 
-def drivetrain_candidates(trial: DrivetrainTrial) -> list[Candidate]:
-    """Eq. 9, linear (M2), with the friction of the parameter file (M3), and with three numbers fitted (M4). Of M2 and
-    M3 nothing is fitted, so that all data are held out."""
+def drivetrain_rivals(trial: DrivetrainTrial) -> list[Candidate]:
+    """Eq. 9, linear (M2), with the friction of the parameter file (M3), and with three numbers fitted (M4): K_1, B_1
+    and the size of the friction. Of M2 and M3 nothing is fitted, so that all data are held out.
+
+    At least 1 % of the damping B_m + B_1 is left, and a tenth of K_1. M4 is fitted to all amplitudes, and to all but
+    one by one Gauss-Newton step from there, on the rows of the others. A second fit in full takes three times as long
+    and changes the VAF on data held out by a hundredth of a percent.
+    """
     linear = replace(trial, gains=replace(trial.gains, cancels_friction=False)).residuals(np.array([1.0, 1.0, 0.0]))
     given = trial.residuals(GIVEN)
-    return [
-        Candidate("M2", "Eq. 9", 0, linear, linear),
-        Candidate("M3", "Eq. 9 + friction", 0, given, given),
-        fitted_drivetrain(trial, "M4", "Eq. 9 + friction; K_1 and B_1 and friction fitted"),
-    ]
-
-
-def fitted_drivetrain(trial: DrivetrainTrial, model: str, terms: str) -> Candidate:
-    """K_1, B_1 and the size of the friction fitted to all amplitudes, and to all but one.
-
-    At least 1 % of the damping B_m + B_1 is left, and a tenth of K_1. The fit without an amplitude is one Gauss-Newton
-    step from the fit to all, on the rows of the others. A second fit in full takes three times as long and changes the
-    VAF on data held out by a hundredth of a percent.
-    """
     lowest = np.array([0.1, 1 - 0.99 * (trial.p.B_m + trial.gains.B_1) / trial.unit_damping, 0.0])
     # because friction stops and starts, the torque is rough at steps below a hundredth
     best = least_squares(
@@ -190,7 +155,12 @@ def fitted_drivetrain(trial: DrivetrainTrial, model: str, terms: str) -> Candida
         step, *_ = np.linalg.lstsq(jacobian[rest], -residual[rest], rcond=None)
         held_out.append(trial.residual(trial.predicted(np.maximum(x + step, lowest)), rows))
         start += len(rows)
-    return Candidate(model, terms, len(GIVEN), residual, np.concatenate(held_out))
+    fitted = "Eq. 9 + friction; K_1 and B_1 and friction fitted"
+    return [
+        Candidate("M2", "Eq. 9", 0, linear, linear),
+        Candidate("M3", "Eq. 9 + friction", 0, given, given),
+        Candidate("M4", fitted, len(GIVEN), residual, np.concatenate(held_out)),
+    ]
 
 
 def belt_scores(trials: Iterable[Record]) -> pl.DataFrame:
@@ -206,20 +176,26 @@ def transmission_scores(trials: Iterable[Record], sign_width: float) -> pl.DataF
     for trial in trials:
         direction = trial.low_pass(np.tanh(trial.motion.omega / sign_width), trial.rate_hz)
         rows = np.concatenate(thinned_amplitudes(trial))
-        folds[trial.name] = transmission_fold(trial.motion[rows], direction[rows], trial.filtered_torque[rows])
+        columns = {"B_j": trial.motion.omega[rows], "J_j": trial.motion.alpha[rows], "T_C": direction[rows]}
+        folds[trial.name] = fold_of(trial.filtered_torque[rows], columns)
     return scores_by_trial("transmission", folds, TRANSMISSION_MODELS)
 
 
-def impedance_scores(
-    record: Record, gains: Gains, p: DrivetrainParameters, sign_width: float, controller: str | None
-) -> pl.DataFrame:
+def scores_by_trial(experiment: str, folds: Mapping[str, Fold], models: Terms) -> pl.DataFrame:
+    """A row per trial and model, from the folds by trial."""
+    rivals = {name: linear_rivals(list(folds.values()), [fold], models) for name, fold in folds.items()}
+    return pl.concat([score_table(experiment, name, folds[name].torque, of) for name, of in rivals.items()])
+
+
+def impedance_scores(trial: DrivetrainTrial, controller: str | None) -> pl.DataFrame:
     """Rows of `model_comparison.csv` for one trial against the controller: Eq. 15 and the drivetrain of Eq. 9 with the
     gains that the leg was given. Each amplitude is predicted by fits to the others."""
-    trial = DrivetrainTrial(record, thinned_amplitudes(record), gains, p, sign_width)
-    folds = [impedance_fold(record.motion[rows], record.filtered_torque[rows]) for rows in trial.amplitude_rows]
-    rivals = [held_out_by_amplitude(folds, "M1", SECOND_ORDER), *drivetrain_candidates(trial)]
-    scores = score_models(np.concatenate([f.torque for f in folds]), rivals)
-    return score_table("impedance", record.name, scores, controller)
+    folds, motion = [], trial.record.motion
+    for rows in trial.amplitude_rows:
+        columns = {"K": motion.theta[rows], "B": motion.omega[rows], "I": motion.alpha[rows]}
+        folds.append(fold_of(trial.record.filtered_torque[rows], columns))
+    rivals = [*linear_rivals(folds, folds, {"M1": ("K", "B", "I")}), *drivetrain_rivals(trial)]
+    return score_table("impedance", trial.record.name, np.concatenate([f.torque for f in folds]), rivals, controller)
 
 
 def thinned_amplitudes(trial: Record) -> list[NDArray[np.intp]]:
@@ -233,16 +209,13 @@ def thinned_amplitudes(trial: Record) -> list[NDArray[np.intp]]:
     return [rows[trial.usable[rows]] for rows in thinned]
 
 
-def scores_by_trial(experiment: str, folds: Mapping[str, Fold], models: Terms) -> pl.DataFrame:
-    """A row per trial and model, from the folds by trial."""
-    scored = zip(folds, scores_against_others(list(folds.values()), models), strict=True)
-    return pl.concat([score_table(experiment, name, scores) for name, scores in scored])
-
-
-def score_table(experiment: str, trial: str, scores: pl.DataFrame, controller: str | None = None) -> pl.DataFrame:
-    """A row per model of one trial, from those of `score_models`."""
+def score_table(
+    experiment: str, trial: str, torque: Array, rivals: Sequence[Candidate], controller: str | None = None
+) -> pl.DataFrame:
+    """A row per model of one trial."""
     place = {"experiment": experiment, "trial": trial, "controller": controller}
-    return scores.select(*(pl.lit(value, pl.String).alias(name) for name, value in place.items()), pl.all())
+    named = [pl.lit(value, pl.String).alias(name) for name, value in place.items()]
+    return score_models(torque, rivals).select(*named, pl.all())
 
 
 def comparison_summary(scores: pl.DataFrame) -> pl.DataFrame:

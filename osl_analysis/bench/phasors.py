@@ -1,6 +1,6 @@
 """Phasors of angle and torque in each segment of a stepped sine (Fig. 7) with their covariance, and harmonics."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from math import isclose
 from typing import Any
@@ -14,13 +14,7 @@ from osl_analysis.bench.record import Label, Record
 from osl_analysis.errors import InputError
 from osl_analysis.measured import SMALLEST_SIGNAL, check_finite, check_measured
 from osl_analysis.protocol.stepped_sine import whole_rows
-from osl_analysis.stats.covariance import (
-    FEWEST_CYCLES,
-    between_cycles,
-    hac,
-    products_between,
-    welch_satterthwaite,
-)
+from osl_analysis.stats.covariance import FEWEST_CYCLES, between_cycles, hac, products_between, welch_satterthwaite
 from osl_analysis.stats.fit_row import Row
 from osl_analysis.trial import Array
 
@@ -148,30 +142,23 @@ class Phasor(ComplexEstimate):
         return float(np.linalg.norm(size[1:]) / size[0])
 
 
-@dataclass(frozen=True)
-class Sines:
-    """A constant and the sines of a frequency and its harmonics over some cycles, for fits to several signals."""
+def fit_sinusoids(
+    time: Array, frequency_hz: float, *signals: Array, cycles: tuple[Array, Array] | None = None
+) -> Iterator[Phasor]:
+    """Phasors of settled signals (n,) at times (n,) [s], which set the zero of the phase, each with an offset and
+    harmonics 2 to 5, which friction makes. `cycles` are the rows, which need not be whole, at which each begins and
+    ends, and which are fitted; None: all rows, divided into cycles from the first one on.
 
-    frequency_hz: float
-    X: Array  # columns: constant, then cosine and sine of each harmonic, shape (n, 11)
-    inside: NDArray[np.bool_]  # rows of the cycles, which are fitted (n,)
-    fitted: Array  # the columns in these rows (m, 11)
-    cycles: tuple[Array, Array]  # rows at which each cycle begins and ends (m,), which need not be whole
-    inverse: Array  # of the normal equations (11, 11)
+    The spread of cycles gives the covariance; of fewer than five it is that of the residual's autocorrelation. The
+    normal equations are well conditioned: over whole cycles the sines are at right angles.
 
-
-def sines_at(time: Array, frequency_hz: float, cycles: tuple[Array, Array] | None = None) -> Sines:
-    """The sines up to harmonic 5, which friction makes, at times (n,) [s], which set the zero of the phase.
-
-    `cycles` are the rows, which need not be whole, at which each begins and ends; None: all rows, divided into cycles
-    from the first one on.
-
-    Raises InputError: less than one cycle, or steps too long for the highest harmonic.
+    Raises InputError: less than one cycle, steps too long for the highest harmonic, a value that cannot be measured, or
+    there is no sine of this frequency.
     """
     check_finite("time", time)
-    highest = 5
-    step = float(time[-1] - time[0]) / (len(time) - 1) if len(time) > 1 else np.inf
-    if len(time) * step < 0.99 / frequency_hz:
+    highest, n = 5, len(time)
+    step = float(time[-1] - time[0]) / (n - 1) if n > 1 else np.inf
+    if n * step < 0.99 / frequency_hz:
         raise InputError(
             f"the signal has less than one cycle at {frequency_hz:g} Hz; record more cycles, or lower `settle_cycles` "
             "in the configuration"
@@ -180,50 +167,34 @@ def sines_at(time: Array, frequency_hz: float, cycles: tuple[Array, Array] | Non
         raise InputError(
             f"a step of {step * 1e3:.2f} ms is too long for harmonic {highest} of {frequency_hz:g} Hz; sample faster"
         )
-    rows, turn = np.ones((1 + 2 * highest, len(time))), 2 * np.pi * frequency_hz * time
-    rows[1], rows[2] = np.cos(turn), np.sin(turn)
-    twice = 2 * rows[1]
-    rows[3], rows[4] = twice * rows[1] - 1, twice * rows[2]
-    for k in range(5, len(rows), 2):  # cos(k x) = 2 cos(x) cos((k - 1) x) - cos((k - 2) x), and so the sine
-        rows[k : k + 2] = twice * rows[k - 2 : k] - rows[k - 4 : k - 2]
-    X = rows.T
-    inside = np.full(len(time), cycles is None)
+    turns = np.cumprod(np.tile(np.exp(2j * np.pi * frequency_hz * time), (highest, 1)), axis=0)
+    X = np.vstack([np.ones(n), *(part for turn in turns for part in (turn.real, turn.imag))]).T
+    inside = np.full(n, cycles is None)
     if cycles is None:
-        edges = np.arange(round(len(time) * step * frequency_hz) + 1) / (step * frequency_hz)
-        cycles = edges[:-1], np.minimum(edges[1:], len(time))
+        edges = np.arange(round(n * step * frequency_hz) + 1) / (step * frequency_hz)
+        cycles = edges[:-1], np.minimum(edges[1:], n)
     for first, stop in zip(*cycles, strict=True):
         inside[whole_rows(first, stop)] = True
     fitted = X if inside.all() else X[inside]
-    return Sines(frequency_hz, X, inside, fitted, cycles, np.linalg.inv(fitted.T @ fitted))
-
-
-def fit_sinusoid(signal: Array, sines: Sines) -> Phasor:
-    """Phasor of a settled signal (n,) with offset and harmonics 2 to 5, fitted to the rows of the cycles.
-
-    Their spread gives the covariance; of fewer than five cycles it is that of the residual's autocorrelation. The
-    normal equations are well conditioned: over whole cycles the sines are at right angles.
-
-    Raises InputError: a value cannot be measured, or there is no sine of this frequency.
-    """
-    check_measured("the signal", signal)
-    X, inverse, inside = sines.X, sines.inverse, sines.inside
-    estimates = inverse @ (sines.fitted.T @ signal[inside])
-    residual = signal - X @ estimates
-    if len(sines.cycles[0]) < FEWEST_CYCLES:
-        covariance, freedom, method, _ = hac(sines.fitted, inverse, residual[inside])
-    else:
-        scores = products_between(X, residual[:, None], *sines.cycles)[..., 0] @ inverse
-        covariance, freedom = between_cycles(scores, np.zeros(len(scores), dtype=np.intp))
-        method = "cycles"
-    harmonics = estimates[1::2] - 1j * estimates[2::2]  # a cos(wt) + b sin(wt) = Re((a - j b) exp(j w t))
-    if abs(harmonics[0]) <= 1e-12 * np.abs(signal).max():  # the fit's rounding error
-        raise InputError(
-            f"the signal has no sine of {sines.frequency_hz:g} Hz, it stays at {signal[0]:g}; check its channel in "
-            "the source file, or exclude the trial"
-        )
-    to_phasor = np.array([[1.0, -1.0], [-1.0, 1.0]])
-    own = to_phasor * covariance[1:3, 1:3], float(np.min(freedom[1:3]))
-    return Phasor(complex(harmonics[0]), *own, harmonics, method)
+    inverse, to_phasor = np.linalg.inv(fitted.T @ fitted), np.array([[1.0, -1.0], [-1.0, 1.0]])
+    for signal in signals:
+        check_measured("the signal", signal)
+        estimates = inverse @ (fitted.T @ signal[inside])
+        residual = signal - X @ estimates
+        if len(cycles[0]) < FEWEST_CYCLES:
+            covariance, freedom, method, _ = hac(fitted, inverse, residual[inside])
+        else:
+            scores = products_between(X, residual[:, None], *cycles)[..., 0] @ inverse
+            covariance, freedom = between_cycles(scores, np.zeros(len(scores), dtype=np.intp))
+            method = "cycles"
+        harmonics = estimates[1::2] - 1j * estimates[2::2]  # a cos(wt) + b sin(wt) = Re((a - j b) exp(j w t))
+        if abs(harmonics[0]) <= 1e-12 * np.abs(signal).max():  # the fit's rounding error
+            raise InputError(
+                f"the signal has no sine of {frequency_hz:g} Hz, it stays at {signal[0]:g}; check its channel in the "
+                "source file, or exclude the trial"
+            )
+        own = to_phasor * covariance[1:3, 1:3], float(np.min(freedom[1:3]))
+        yield Phasor(complex(harmonics[0]), *own, harmonics, method)
 
 
 @dataclass(frozen=True)
@@ -250,7 +221,7 @@ def phasors_of_record(record: Record) -> list[SegmentPhasors]:
     The last cycle is not used. If the angle lags the command by more at one frequency than at another, this cycle
     contains the beginning of the next frequency.
 
-    Raises InputError: as `sines_at` and `fit_sinusoid`; the message names the trial.
+    Raises InputError: as `fit_sinusoids`; the message names the trial.
     """
     if not record.is_stepped_sine:
         return []
@@ -262,9 +233,8 @@ def phasors_of_record(record: Record) -> list[SegmentPhasors]:
         rows = whole_rows(first.min(), stop.max())
         time, cycles, pair = record.time[rows], (first - rows.start, stop - rows.start), list[Phasor]()
         try:
-            sines = sines_at(time, one.frequency_hz, cycles)
-            for signal in (record.theta, record.torque):
-                pair.append(fit_sinusoid(signal[rows], sines))
+            for phasor in fit_sinusoids(time, one.frequency_hz, record.theta[rows], record.torque[rows], cycles=cycles):
+                pair.append(phasor)  # an error names the signal by how many there are
         except InputError as error:
             name = "torque" if pair else "theta"
             raise InputError(f"trial {record.name}, {name} from {time[0]:.1f} s: {error}") from error

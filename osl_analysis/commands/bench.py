@@ -167,7 +167,9 @@ def compare_impedance_models(
     gains = condition.gains(p, weight)
     if gains is None:
         raise InputError(f"trial {trial.stem}: {condition.unknown_gains()}; Eq. 9 needs the gains of the controller")
-    write_table(model_comparison.impedance_scores(record, gains, p, sign_width, condition.controller), output)
+    rows = model_comparison.thinned_amplitudes(record)
+    drivetrain = model_comparison.DrivetrainTrial(record, rows, gains, p, sign_width)
+    write_table(model_comparison.impedance_scores(drivetrain, condition.controller), output)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

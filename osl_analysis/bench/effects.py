@@ -307,17 +307,10 @@ def competing(s: Sums, model: Model, fault: str, found: Causes) -> tuple[str, ..
 
 
 def is_alike(s: Sums, model: Model, fault: str, found: Causes, lag: float | None = None) -> bool:
-    """Whether the parts of a recording, its labels or else thirds by speed, agree on the size of a fault; of a lag [s]
-    near that of all of it, whose sums `s` are about it."""
+    """Whether the labels of a recording agree on the size of a fault; of a lag [s] near that of all of it, whose sums
+    `s` are about it."""
     effects = (*competing(s, model, fault, found), fault)
-    labels = s.groups.labels
-    if len(labels) > 1:
-        parts = [s.groups.of(label) for label in labels]
-    else:
-        omega, one = s.index(["omega", "one"])
-        speed = s.gram[:, omega, omega] / s.gram[:, one, one]
-        third = np.digitize(speed, np.quantile(speed, [1 / 3, 2 / 3]))
-        parts = [third == k for k in range(3)]
+    parts = [s.groups.of(label) for label in s.groups.labels]
     fits = [tried_fit(s, model, effects, part, lag) for part in parts if part.sum() > len(model) + len(effects) + 1]
     known = [(fit[fault], fit.se(fault) ** 2) for fit in fits if fit is not None]
     if len(known) < 2:

@@ -11,17 +11,13 @@ from scipy.stats import t as student
 from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.bench.model_comparison import (
     BELT_MODELS,
-    SECOND_ORDER,
     TRANSMISSION_MODELS,
     DrivetrainTrial,
     belt_fold,
-    drivetrain_candidates,
-    held_out_by_amplitude,
-    impedance_fold,
-    scores_against_others,
-    transmission_fold,
+    fold_of,
+    linear_rivals,
 )
-from osl_analysis.bench.record import Record, stretches_of
+from osl_analysis.bench.record import sine_record
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.commands.bench import (
     compare_belt_models,
@@ -33,12 +29,12 @@ from osl_analysis.commands.simulate import row_of_trial
 from osl_analysis.errors import InputError
 from osl_analysis.model.compensator import Weight, select_gains
 from osl_analysis.model.parameters import read_parameters
-from osl_analysis.signals import LowPass, Motion, filtered_motion
+from osl_analysis.signals import LowPass, filtered_motion
 from osl_analysis.simulator.bench import simulate_bench_trial
 from osl_analysis.simulator.settings import SimulationSettings, SteppedSineSchedule
 from osl_analysis.stats.repeats import score_models
 from osl_analysis.table import write_table
-from osl_analysis.trial import Trial, write_trial
+from osl_analysis.trial import Trial, read_trial, write_trial
 from osl_analysis.yaml_settings import read_yaml
 
 TINY = ROOT / "tests/tiny_simulation.yaml"
@@ -46,7 +42,9 @@ DEFAULT_FILE = ROOT / "config/parameters/default.yaml"
 DEFAULT = read_parameters(DEFAULT_FILE)
 QUADRATIC = read_parameters(ROOT / "config/parameters/osl-v2-published.yaml")
 LOW_PASS = LowPass(15)
-BLOCK = 3 * (1 / 2 + 1 / 5)
+ANALYSIS = DynamometerAnalysis(
+    cutoff_hz=15, order=4, amplitudes_deg=(2, 4, 6), frequencies_hz=(2, 5), cycles=3, settle_cycles=0
+)
 
 
 def settings(*off, amplitudes_deg=(4,)):
@@ -77,7 +75,9 @@ BELTS = {
 }
 
 
-def by_model(scores):
+def scored(folds, k, models):
+    """Rows of the models on trial k, by model."""
+    scores = score_models(folds[k].torque, linear_rivals(folds, [folds[k]], models))
     return {row["model"]: row for row in scores.to_dicts()}
 
 
@@ -88,7 +88,7 @@ def test_the_belt_that_was_simulated_is_ranked_first(true):
     What damps the joint (B_j) differs between the branches too, so it is switched off where there is no hysteresis."""
     p, off = BELTS[true]
     folds = simulated_belts(p if "T_h" in BELT_MODELS[true] else replace(p, B_j=0.0), *off)
-    trials = [by_model(scores_against_others(folds, BELT_MODELS)[k]) for k in range(3)]
+    trials = [scored(folds, k, BELT_MODELS) for k in range(3)]
     total = {model: sum(scores[model]["BIC"] for scores in trials) for model in BELT_MODELS}
     assert min(total, key=total.__getitem__) == true
     for model, terms in BELT_MODELS.items():
@@ -99,124 +99,92 @@ def test_the_belt_that_was_simulated_is_ranked_first(true):
             assert worse > 0.002 if lacking else abs(worse) < 0.001
 
 
-def transmission_trials(T_C, trials=3):
+@pytest.mark.parametrize(("T_C", "best"), [(0.05, "M2"), (0.0, "M1")])
+def test_coulomb_friction_in_the_joint_is_preferred_where_it_is_and_not_where_it_is_not(T_C, best):
     """Motor detached, by hand: B_j 0.45, J_j 0.005, Coulomb friction, noise, an offset of each trial's own."""
-    rng, t = np.random.default_rng(11), np.arange(10_000) / 1000
-    folds = []
-    for i in range(trials):
-        motion = multisine(1.0, 3.0, 5.0, amplitude=0.05, rate=1000)
-        sign = np.tanh(motion.omega / 0.05)
-        torque = 0.45 * motion.omega + 0.005 * motion.alpha + T_C * sign + i + 0.01 * t * i
+    rng, t, folds = np.random.default_rng(11), np.arange(10_000) / 1000, []
+    motion, inner = multisine(1.0, 3.0, 5.0, amplitude=0.05, rate=1000), slice(300, -300)
+    for i in range(3):
+        torque = 0.45 * motion.omega + 0.005 * motion.alpha + T_C * np.tanh(motion.omega / 0.05) + i + 0.01 * t * i
         measured, filtered = filtered_motion(t, motion.theta, torque + rng.normal(0, 0.05, len(t)), LOW_PASS)
-        inner = slice(300, -300)
-        direction = LOW_PASS(np.tanh(measured.omega / 0.05), 1000.0)
-        folds.append(transmission_fold(measured[inner], direction[inner], filtered[inner]))
-    return folds
+        sign = LOW_PASS(np.tanh(measured.omega / 0.05), 1000.0)
+        columns = {"B_j": measured.omega, "J_j": measured.alpha, "T_C": sign}
+        folds.append(fold_of(filtered[inner], {name: column[inner] for name, column in columns.items()}))
+    for k in range(3):
+        scores = scored(folds, k, TRANSMISSION_MODELS)
+        assert scores[best]["rank"] == 1
+        gain = scores["M2"]["VAF_held_out"] - scores["M1"]["VAF_held_out"]
+        assert gain > 0.05 if T_C else gain < 0.001
 
 
-def test_coulomb_friction_in_the_joint_is_preferred_where_it_is_and_not_where_it_is_not():
-    for T_C, best in ((0.05, "M2"), (0.0, "M1")):
-        folds = transmission_trials(T_C)
-        for k in range(3):
-            scores = by_model(scores_against_others(folds, TRANSMISSION_MODELS)[k])
-            assert scores[best]["rank"] == 1
-            gain = scores["M2"]["VAF_held_out"] - scores["M1"]["VAF_held_out"]
-            assert gain > 0.05 if T_C else gain < 0.001
+def written(folder, name, found, as_name=None):
+    """The path of a simulated trial."""
+    log, path = simulated(name, found, DEFAULT), folder / f"{as_name or name}.parquet"
+    columns = {"time": log["time"], "theta": log["joint_angle"], "theta_m": log["actuator_angle"]}
+    write_trial(Trial(path.stem, pl.DataFrame({**columns, "torque": -log["load_cell_torque"]})), path)
+    return path
 
 
-def stepped_trial(controller, *off, p=DEFAULT, believed=None):
-    """A trial at 2, 4 and 6 deg, and Eq. 9 with what is believed of it; with the folds of Eq. 15."""
-    believed, found = believed or p, settings(*off, amplitudes_deg=(2, 4, 6))
-    log = simulated(f"impedance_K300_B5.0_{controller}", found, p)
-    motion, torque = filtered_motion(log["time"], log["joint_angle"], -log["load_cell_torque"], LOW_PASS)
-    starts = [500 + i * round(1000 * (BLOCK + 0.5)) for i in range(3)]
-    parts = [np.arange(start, start + round(1000 * BLOCK), 11) for start in starts]
-    gains = select_gains(controller, 300.0, 5.0, believed)
-    groups = stretches_of([slice(0, len(log["time"]))], 1000.0)
-    raw = log["joint_angle"], -log["load_cell_torque"]
-    record = Record("made", log["time"], *raw, motion, torque, LOW_PASS, np.ones(len(log["time"]), dtype=bool), groups)
-    trial = DrivetrainTrial(record, parts, gains, believed, 0.05)
-    return trial, [impedance_fold(motion[part], torque[part]) for part in parts]
+UNCOMPENSATED = "impedance_K300_B5.0_uncompensated"
 
 
-def scored(trial, folds):
-    rivals = [held_out_by_amplitude(folds, "M1", SECOND_ORDER), *drivetrain_candidates(trial)]
-    return by_model(score_models(np.concatenate([fold.torque for fold in folds]), rivals))
+def rivals_of_eq_15(folder, *off):
+    """The table of a trial at 2, 4 and 6 deg, without some effects of the simulator, by model."""
+    path = written(folder, UNCOMPENSATED, settings(*off, amplitudes_deg=(2, 4, 6)))
+    output, condition = folder / "impedance.csv", DesiredImpedance("uncompensated", 300.0, 5.0)
+    compare_impedance_models(path, DEFAULT_FILE, condition, Weight(1, 3), ANALYSIS, 0.05, output)
+    table = pl.read_csv(output)
+    assert table["experiment"].to_list() == ["impedance"] * 4
+    assert table["model"].to_list() == ["M1", "M2", "M3", "M4"]
+    return {row["model"]: row for row in table.to_dicts()}
 
 
-def test_the_drivetrain_with_its_friction_predicts_another_amplitude_and_eq_15_does_not():
-    scores = scored(*stepped_trial("uncompensated"))
+def test_the_drivetrain_with_its_friction_predicts_another_amplitude_and_eq_15_does_not(tmp_path):
+    scores = rivals_of_eq_15(tmp_path)
     order = sorted(scores, key=lambda model: -scores[model]["VAF_held_out"])
     assert set(order[:2]) == {"M3", "M4"}
     assert scores["M3"]["VAF_held_out"] > 99.8
     assert scores["M1"]["VAF_held_out"] < 99
     assert {scores["M3"]["rank"], scores["M4"]["rank"]} == {1, 2}
-    assert (scores["M1"]["parameters"], scores["M3"]["parameters"], scores["M4"]["parameters"]) == (3, 0, 3)
+    assert [scores[model]["parameters"] for model in ("M1", "M2", "M3", "M4")] == [3, 0, 0, 3]
 
 
-def test_without_friction_the_linear_drivetrain_wins_with_no_parameter_fitted():
-    scores = scored(*stepped_trial("uncompensated", "friction", "control_delay", "velocity_filter", "belt_hysteresis"))
+def test_without_friction_the_linear_drivetrain_wins_with_no_parameter_fitted(tmp_path):
+    scores = rivals_of_eq_15(tmp_path, "friction", "control_delay", "velocity_filter", "belt_hysteresis")
     assert scores["M2"]["rank"] == 1
     assert scores["M2"]["VAF_held_out"] > 99.99
     assert scores["M3"]["VAF_held_out"] < 99
 
 
-def test_a_loop_that_would_be_unstable_is_refused_by_name():
-    trial, _ = stepped_trial("uncompensated")
-    record = replace(trial.record, theta=trial.record.theta + 1e-3)
-    wild = replace(trial, gains=replace(trial.gains, B_1=-50.0), record=record)
+def test_a_loop_that_would_be_unstable_is_refused_by_name(tmp_path):
+    record = sine_record(read_trial(written(tmp_path, UNCOMPENSATED, settings(amplitudes_deg=(2, 4, 6)))), ANALYSIS)
+    wild = replace(select_gains("uncompensated", 300.0, 5.0, DEFAULT), B_1=-50.0)
     with pytest.raises(InputError, match="grows without bounds for K_1 = "):
-        wild.predicted(np.array([1.0, 1.0, 0.0]))
+        DrivetrainTrial(record, [], wild, DEFAULT, 0.05).predicted(np.array([1.0, 1.0, 0.0]))
 
 
 def test_vaf_on_data_held_out_is_that_of_the_other_trials_fit():
     """Trials of gain 1, 1 and 1.3: for the third the fit says 1, so 0.3 of 1.3 is left, VAF 100 (1 - (3/13)^2)."""
     x = np.sin(np.arange(600) / 7)
-    motion = Motion(x, x, np.cos(np.arange(600) / 7))
-    folds = [transmission_fold(motion, x**3, gain * x) for gain in (1.0, 1.0, 1.3)]
-    third = scores_against_others(folds, {"M1": ("B_j",)})[2].row(0, named=True)
+    folds = [fold_of(gain * x, {"B_j": x}) for gain in (1.0, 1.0, 1.3)]
+    third = scored(folds, 2, {"M1": ("B_j",)})["M1"]
     assert third["VAF_held_out"] == pytest.approx(100 * (1 - (3 / 13) ** 2), abs=1e-6)
     assert third["VAF"] == pytest.approx(100)
-    alone = scores_against_others(folds[:1], {"M1": ("B_j",)})[0].row(0, named=True)
+    alone = scored(folds[:1], 0, {"M1": ("B_j",)})["M1"]
     assert np.isnan(alone["VAF_held_out"])
     assert (alone["rank"], alone["VAF"]) == (1, pytest.approx(100))
 
 
-@pytest.fixture(scope="module")
-def analysis():
-    return DynamometerAnalysis(
-        cutoff_hz=15, order=4, amplitudes_deg=(2, 4, 6), frequencies_hz=(2, 5), cycles=3, settle_cycles=0
-    )
-
-
-def write_log(log, name, folder):
-    columns = {"time": log["time"], "theta": log["joint_angle"], "theta_m": log["actuator_angle"]}
-    samples = pl.DataFrame({**columns, "torque": -log["load_cell_torque"]})
-    write_trial(Trial(name, samples), folder / f"{name}.parquet")
-    return folder / f"{name}.parquet"
-
-
-def test_tables_name_experiment_trial_and_model(tmp_path, analysis):
+def test_tables_name_trial_and_model(tmp_path):
     found = settings(amplitudes_deg=(2, 4, 6))
-    belts = [write_log(simulated(f"belt_0{i}", found, DEFAULT), f"belt_0{i}", tmp_path) for i in (1, 2)]
-    compare_belt_models(belts, DEFAULT_FILE, analysis, tmp_path / "belt.csv")
+    belts = [written(tmp_path, f"belt_0{i}", found) for i in (1, 2)]
+    compare_belt_models(belts, DEFAULT_FILE, ANALYSIS, tmp_path / "belt.csv")
     table = pl.read_csv(tmp_path / "belt.csv")
     assert table["trial"].to_list() == ["belt_01"] * 4 + ["belt_02"] * 4
     assert table["model"].to_list() == list(BELT_MODELS) * 2
     assert table.filter(pl.col("rank") == 1)["terms"].to_list() == ["K_s + T_h"] * 2
-    name = "impedance_K300_B5.0_uncompensated"
-    path = write_log(simulated(name, found, DEFAULT), name, tmp_path)
-    condition = DesiredImpedance("uncompensated", 300.0, 5.0)
-    output = tmp_path / "impedance.csv"
-    compare_impedance_models(path, DEFAULT_FILE, condition, Weight(1, 3), analysis, 0.05, output)
-    table = pl.read_csv(tmp_path / "impedance.csv")
-    assert table["experiment"].to_list() == ["impedance"] * 4
-    assert table["model"].to_list() == ["M1", "M2", "M3", "M4"]
-    assert table["VAF_held_out"].arg_max() >= 2
-    transmissions = [
-        write_log(simulated("transmission_1", found, DEFAULT), f"transmission_{i}", tmp_path) for i in "12"
-    ]
-    compare_transmission_models(transmissions, analysis, 0.05, tmp_path / "transmission.csv")
+    transmissions = [written(tmp_path, "transmission_1", found, f"transmission_{i}") for i in "12"]
+    compare_transmission_models(transmissions, ANALYSIS, 0.05, tmp_path / "transmission.csv")
     table = pl.read_csv(tmp_path / "transmission.csv")
     assert table.filter(pl.col("rank") == 1)["terms"].to_list() == ["B_j + J_j"] * 2
     assert table["VAF_held_out"].min() > 99

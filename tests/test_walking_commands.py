@@ -23,6 +23,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.judge.table import Doubt
 from osl_analysis.table import read_table
 from osl_analysis.trial import read_trial, write_trial
+from osl_analysis.walking.bodies import StaticCalibration
 from osl_analysis.walking.crossing import Crossing, RefusedCrossing
 from osl_analysis.walking.gait import unperturbed_gait
 from osl_analysis.walking.plate import PlateModel
@@ -64,8 +65,8 @@ class Session:
     def analysed(self, **choices: Any) -> "Session":
         """Run every step."""
         chosen, calibration = settings(**choices), self.file("calibration.json")
-        unloaded = [f"plate_0{k}" for k in (1, 2, 3)]
-        jobs.calibrate(self.trial("static_1"), chosen, calibration)
+        motion, unloaded = self.unperturbed[:3], [f"plate_0{k}" for k in (1, 2, 3)]
+        jobs.calibrate(self.trial("static_1"), list(map(self.trial, motion)), chosen, calibration, self.file("h.csv"))
         for job, names, made in (
             (jobs.identify_plate, unloaded, "plate"),
             (jobs.measure_platform, self.perturbed if len(self.perturbed) > 2 else [], "platform"),
@@ -192,6 +193,24 @@ def test_without_imperfections_angle_and_torque_are_the_true_ones_through_one_fi
         fits.append([fit_response(isolate_response(c, gait, settings())).estimates for c in some if c.onset])
     for found, true, tolerance in zip(np.array(fits[0]).T, np.array(fits[1]).T, (0.06, 0.005, 1e-4), strict=True):
         np.testing.assert_allclose(found, true, atol=tolerance)
+
+
+def test_the_functional_hinge_takes_the_place_of_wrong_malleoli(real: Session, tmp_path: Path) -> None:
+    """A medial malleolus that stands 20 mm too far forward turns the anatomical axis by 13 degrees."""
+    static = changed(read_trial(real.trial("static_1")), pl.col("marker_ANKLE_MED_x") + 0.02)
+    write_trial(static, tmp_path / "static.parquet")
+    motion, outputs = [real.trial(n) for n in real.unperturbed[:2]], (tmp_path / "c.json", tmp_path / "h.csv")
+    jobs.calibrate(tmp_path / "static.parquet", motion, settings(hinge="anatomical"), *outputs)
+    assert read_table(outputs[1])["angle_deg"][0] == pytest.approx(13.4, abs=0.5)
+    assert read_table(outputs[1])["trial"].to_list() == ["static_1"]
+    axis = jobs.read_model(outputs[0], StaticCalibration).ankle_axis
+    assert axis[0] == pytest.approx(np.sin(np.deg2rad(13.4)), abs=0.01)
+    jobs.calibrate(tmp_path / "static.parquet", motion, settings(hinge="functional"), *outputs)
+    np.testing.assert_allclose(jobs.read_model(outputs[0], StaticCalibration).ankle_axis, [0, 1, 0], atol=5e-3)
+    jobs.calibrate(real.trial("static_1"), [], settings(), *outputs)  # without a motion the anatomical axis stays
+    assert "no trial in which foot and shank move" in read_table(outputs[1])["reason"][0]
+    with pytest.raises(InputError, match="set hinge to anatomical"):
+        jobs.calibrate(real.trial("static_1"), [], settings(hinge="functional"), *outputs)
 
 
 def test_what_cannot_be_used_is_named_and_listed_and_the_rest_goes_on(real: Session, tmp_path: Path) -> None:

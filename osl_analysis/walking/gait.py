@@ -11,6 +11,8 @@ are no help: the low-pass and the heel's impact act in time and not in phase, so
 a few per cent (docs/walking.md).
 """
 
+import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -43,12 +45,22 @@ def unperturbed_gait(
     """Crossings on the common grid of stance phase. `lost` has the reasons of those that are not used, by trial."""
     if len(crossings) < fewest:
         used = ", ".join(c.name for c in crossings)
-        why = "record more, or exclude fewer in the sheet"
-        if lost:
-            why = f"walking_crossings.csv has the reasons, as {next(iter(lost.values()))}"
+        if not lost:
+            raise InputError(
+                f"{len(crossings)} unperturbed crossings ({used or 'none'}), expected {fewest} or more; record more, "
+                "or exclude fewer in the sheet"
+            )
+        # The most frequent, in one trial's words. Reasons that differ in numbers and the trial's name are one.
+        said = {trial: why.removeprefix(f"trial {trial}: ") for trial, why in lost.items()}
+        kinds = {trial: re.sub(r"[-+]?\d+(\.\d+)?", "#", why) for trial, why in said.items()}
+        kind, count = Counter(kinds.values()).most_common(1)[0]
+        alike = [trial for trial, of in kinds.items() if of == kind]
+        named = f" ({', '.join(alike)})" if 1 < count <= 8 else ""
+        others = f" beside {len(lost) - count} for other reasons, which walking_crossings.csv lists"
         raise InputError(
-            f"{len(crossings)} of {len(crossings) + len(lost or ())} unperturbed crossings can be used "
-            f"({used or 'none'}), expected {fewest} or more; {why}"
+            f"{len(crossings)} of {len(crossings) + len(lost)} unperturbed crossings can be used"
+            f"{f' ({used})' if used else ''}, expected {fewest} or more; {count} times"
+            f"{named}{others if count < len(lost) else ''}, as in {alike[0]}: {said[alike[0]]}"
         )
     theta, torque, plate_errors = (
         np.stack([signal_at(c, getattr(c, signal), stance_times(c)) for c in crossings], axis=-2)

@@ -87,6 +87,7 @@ class CalibrationSettings(MarkerSettings):
     """How the ankle's centre and axis are calibrated."""
 
     side: Side  # Side of the subject that wears the prosthesis
+    hinge: Literal["anatomical", "functional"]  # Source of the axis: the malleoli, or the motion between foot and shank
 
 
 class PlateModelSettings(PlatformSettings):
@@ -154,6 +155,9 @@ class ResponseSettings(WalkingFilter, TimingSettings):
 class EnsembleSettings(ResponseSettings):
     """How the ensemble of all responses is fitted."""
 
+    baseline: Literal["mean", "predicted"] = "mean"
+    """What a perturbed crossing would have done, for the headline: the `mean` unperturbed gait, or what its own
+    behaviour before the onset tells (docs/walking.md). The other one stands beside it in the table."""
     bootstrap_samples: Annotated[int, Field(ge=100, le=100_000)]  # Number of bootstrap samples of the ensemble
 
 

@@ -162,6 +162,7 @@ def group_facts(headline: GroupHeadline) -> Facts:
         "I_high": intervals["I"][1],
         "stance_change": change,
         "uncorrected_stance_change": uncorrected,
+        "predicted_share": headline.share,
     }
 
 
@@ -184,6 +185,7 @@ def headline_rows(headline: GroupHeadline, fits: pl.DataFrame, doubtful: Mapping
         known = {"quantity": name, "estimator": "mean of perturbations", "interval_method": method}
         rows.append(known | mean | dict(doubtful))
     rows += ensemble_rows(headline.ensemble, headline.resampled)
+    rows += ensemble_rows(*headline.other)
     for quantity in "KBI":
         for estimator, (values, drawn, n) in headline.directions.items():
             row = {"quantity": quantity, "estimator": estimator, "n": n, "mean": values[quantity]}
@@ -197,11 +199,13 @@ def drawn_row(drawn: Bootstrap, quantity: str) -> dict[str, object]:
     return {"se": drawn.se(quantity), "low": low, "high": high, "interval_method": "bootstrap"}
 
 
-def ensemble_rows(ensemble: EnsembleResponse, resampled: Bootstrap) -> list[dict[str, object]]:
+def ensemble_rows(
+    ensemble: EnsembleResponse, resampled: Bootstrap, estimator: str = ENSEMBLE
+) -> list[dict[str, object]]:
     """Estimates from the mean response; `se`, 95 % interval and covariances with K, B, I from the bootstrap."""
     draws = resampled.draws
     return [
-        {"quantity": quantity, "estimator": ENSEMBLE, "n": ensemble.n, "mean": estimate, "sd": None}
+        {"quantity": quantity, "estimator": estimator, "n": ensemble.n, "mean": estimate, "sd": None}
         | drawn_row(resampled, quantity)
         | {f"cov_{other}": float(np.cov(draws[quantity], draws[other])[0, 1]) for other in "KBI"}
         for quantity, estimate in ensemble.estimates().items()

@@ -219,7 +219,7 @@ REFUSED: dict[str, tuple[Any, str]] = {
         "metadata.yaml: not the description of a ROS 2 bag",
     ),
     "missing part": (lambda bag: without_a_part(bag / "bag"), "1 of the 2 files that .* are missing .bag_1.db3.; copy"),
-    "packed": (lambda bag: write_bag2(bag / "x", compression="FILE"), "unpack them with `zstd -d`"),
+    "packed": (lambda bag: write_bag2(bag / "x", compression="FILE"), "unpack it with `zstd -d`"),
     "cut": (
         lambda bag: rewritten(bag / "bag.db3", (bag / "bag.db3").read_bytes()[:9000]),
         "the database is damaged or cut off .*sqlite3 BAG .recover",

@@ -11,7 +11,6 @@ from c3d_builder import REAL_DATA, write_c3d
 from recognised_files import refusal_by
 from scipy.spatial.transform import Rotation
 
-from osl_analysis.commands.inspect import inspect_file
 from osl_analysis.errors import InputError
 from osl_analysis.formats.c3d import read_c3d
 from osl_analysis.ingest.captures import plate_loads, wrench
@@ -139,28 +138,9 @@ def test_counts_that_contradict_the_header_are_refused(tmp_path: Path, name: str
     assert f"the header counts {count}, {name.replace('__', ':')} is 9" in refused(path)
 
 
-LAST = {"LAST__WORD": ["XXXX"]}
-
-
-@pytest.mark.parametrize("processor", [84, 85, 86])
-def test_a_parameter_section_may_end_without_its_mark(tmp_path: Path, processor: int) -> None:
-    path = write_c3d(tmp_path / "a.c3d", points(), analogs(), processor=processor, **LAST)
-    whole, content = read_c3d(path), bytearray(path.read_bytes())
-    end, start = content.index(b"XXXX", 512) + 5, whole.header.data_start
-    content[end:start] = b"\xff" * (start - end)
-    path.write_bytes(content)
-    found = read_c3d(path)
-    np.testing.assert_array_equal(found.points, whole.points)
-    np.testing.assert_array_equal(found.analogs, whole.analogs)
-    assert found.header.texts("LAST:WORD") == ["XXXX"]
-    remark = "its parameter section has no end mark and ends after WORD"
-    assert read(path).warnings == [f"a.c3d: {remark}"]
-    assert remark in inspect_file(path).remarks
-
-
 def test_an_absurd_header_or_a_pointer_past_a_record_is_refused(tmp_path: Path) -> None:
     """A parameter's pointer stands behind its name."""
-    path = write_c3d(tmp_path / "a.c3d", points(), analogs(), **LAST, LAST__MORE=["YYYY"])
+    path = write_c3d(tmp_path / "a.c3d", points(), analogs(), LAST__WORD=["XXXX"], LAST__MORE=["YYYY"])
     whole = path.read_bytes()
     for place, value, problem in (
         (16, b"\0\0", "the data begin at byte -512, within the header"),

@@ -110,7 +110,7 @@ def test_rows_of_trc_that_cannot_be_right_are_refused(tmp_path: Path) -> None:
     faults = {
         "frame 22 does not follow the line before": lines[26].replace("21\t", "22\t", 1),
         "'abc' is not a number": "\t".join([*cells[:4], "abc", *cells[5:]]),
-        "ends within a marker, after 6 cells": "\t".join(cells[:6]),
+        " has 4 coordinates, its header names ": "\t".join(cells[:6]),
         "time: '' is not a number": lines[26].replace("0.200", ""),
     }
     for reason, line in faults.items():

@@ -20,11 +20,10 @@ ENDIAN = {"Intel": "<", "DEC": "<", "MIPS": ">"}
 Parameters = dict[str, "Array | list[str]"]
 
 
-def parse_parameters(data: bytes, position: int, end: int, processor: str) -> tuple[Parameters, str]:
-    """The parameters by `GROUP:NAME`, and a remark where the section, which ends before `end`, has no end mark, as some
-    writers leave it out. Groups may follow their parameters."""
-    groups, found, name, step = dict[int, str](), list[tuple[int, str, Array | list[str]]](), "", 0
-    while data[position] != 0:
+def parse_parameters(data: bytes, position: int, end: int, processor: str) -> Parameters:
+    """The parameters by `GROUP:NAME`. Groups may follow their parameters."""
+    groups, found = dict[int, str](), list[tuple[int, str, Array | list[str]]]()
+    while position < end and data[position] != 0:
         length, group = struct.unpack_from("bb", data, position)
         name_end = position + 2 + abs(length)
         name = data[position + 2 : name_end].decode("latin-1").strip().upper()
@@ -37,24 +36,12 @@ def parse_parameters(data: bytes, position: int, end: int, processor: str) -> tu
         else:
             value, value_end = parameter_value(data, name_end + 2, processor, name)
             found.append((group, name, value))
-        own_end = value_end + 1 + (data[value_end] if value_end < len(data) else 0)  # with its description
         position = name_end + step
-        if 0 < step and (position < value_end or (position >= end > own_end and is_record(data, own_end))):
-            raise InputError(f"the parameter section is damaged after {name!r}")
-        if step == 0 or position >= end or not is_record(data, position):
+        if step == 0:
             break
-    is_marked = step == 0 or (position < end and data[position] == 0)
-    values = {f"{groups.get(group, group)}:{name}": value for group, name, value in found}
-    return values, "" if is_marked else f"its parameter section has no end mark and ends after {name}"
-
-
-def is_record(data: bytes, position: int) -> bool:
-    """Whether a record seems to begin at a place: a length, a group, and a name that can be read."""
-    if position + 2 >= len(data):
-        return False
-    length, group = struct.unpack_from("bb", data, position)
-    name = data[position + 2 : position + 2 + abs(length)]
-    return length != 0 and group != 0 and all(32 <= sign < 127 for sign in name)
+        if not value_end <= position <= end:
+            raise InputError(f"the parameter section is damaged after {name!r}")
+    return {f"{groups.get(group, group)}:{name}": value for group, name, value in found}
 
 
 def parameter_value(data: bytes, position: int, processor: str, name: str) -> tuple[Array | list[str], int]:
@@ -108,11 +95,6 @@ class C3DHeader:
     data_start: int  # where the data section begins [bytes]
     scale: float  # of positions stored as 16-bit integers; negative where they are reals
     parameters: Parameters  # by `GROUP:NAME`, numbers in the file's dimensions (first index fastest) or texts
-    remark: str = ""  # oddity of the parameter section; empty if there is none
-
-    @property
-    def frame_bytes(self) -> int:
-        return (2 if self.scale > 0 else 4) * (4 * self.points + self.channels * self.samples_per_frame)
 
     def table(self, name: str) -> Array:
         """A numeric parameter in its own dimensions; empty where the file has none."""
@@ -148,9 +130,9 @@ def parse_header(data: bytes) -> C3DHeader:
     per_frame, data_start = max(per_frame, 1), (data_block - 1) * BLOCK
     section_end = data_start if data_start > start else start + max(data[start + 2], 1) * BLOCK
     try:
-        parameters, remark = parse_parameters(data, start + 4, min(section_end, len(data)), processor)
+        parameters = parse_parameters(data, start + 4, min(section_end, len(data)), processor)
         counts = (points, first, last - first + 1, rate, per_frame, channels // per_frame)
-        header = C3DHeader(processor, *counts, data_start, scale, parameters, remark)
+        header = C3DHeader(processor, *counts, data_start, scale, parameters)
         stated, long = header.numbers("POINT:RATE"), header.numbers("POINT:LONG_FRAMES")
         header = replace(header, rate=float(stated[0])) if stated.size and stated[0] > 0 else header
         if last == 0xFFFF:  # the largest number of the header
@@ -164,12 +146,6 @@ def parse_header(data: bytes) -> C3DHeader:
             raise InputError(f"the scale of the points is {scale}")
         if data_start < BLOCK:
             raise InputError(f"the data begin at byte {data_start}, within the header")
-        essential = {"POINT:USED": points, "POINT:LABELS": points}  # without which samples would be read wrongly
-        names = ("USED", "LABELS", "SCALE", "OFFSET", "GEN_SCALE")
-        essential |= {f"ANALOG:{name}": header.channels for name in names}
-        lost = [name for name, count in essential.items() if count and name not in parameters]
-        if remark and lost:
-            raise InputError(f"{remark}, before {lost[0]}")
     except (struct.error, ValueError, IndexError) as error:
         raise InputError(f"damaged C3D file: {error}; export the trial again") from error
     return header
@@ -215,11 +191,9 @@ def read_c3d(path: Path) -> C3DRecording:
     for group, count in (("POINT", header.points), ("ANALOG", header.channels)):
         used = header.numbers(f"{group}:USED")[:1] % 65536
         if np.isfinite(used).all() and (used.astype(int) != count).any():
-            raise InputError(
-                f"the header counts {count}, {group}:USED is {used[0]:g}: samples would be taken for others; export "
-                "the trial again"
-            )
-    frames, frame = header.frames, header.frame_bytes
+            raise InputError(f"the header counts {count}, {group}:USED is {used[0]:g}; export the trial again")
+    frames, integers = header.frames, header.scale > 0
+    frame = (2 if integers else 4) * (4 * header.points + header.channels * header.samples_per_frame)  # [bytes]
     if frames < 1 or frame == 0 or not 0 < header.rate < math.inf:
         raise InputError(
             f"declares {frames} frames of {frame} bytes at {header.rate} Hz: nothing to read; export the trial again"
@@ -231,7 +205,7 @@ def read_c3d(path: Path) -> C3DRecording:
         raise InputError(
             f"holds {there} frames, more than the {0xFFFF} that a C3D header can count; export it in parts"
         )
-    content, integers = data[header.data_start : header.data_start + frames * frame], header.scale > 0
+    content = data[header.data_start : header.data_start + frames * frame]
     raw = np.frombuffer(content, f"{ENDIAN[header.processor]}i2") if integers else reals(content, header.processor)
     # a row per frame: x, y, z, residual per point, then analog samples
     points, samples = np.split(raw.reshape(frames, -1), [4 * header.points], axis=1)

@@ -144,18 +144,19 @@ class CsvTable:
     delimiter: str
     complete: bool  # whether its last line is whole
 
-    def column(self, name: str) -> int:
-        """Place of a column by its name, with or without its unit, by a pattern with `*`, or by its number from 1."""
-        places, where = places_of(name, self.names), f"column '{name[:80]}'"
-        if len(places) > 1:
-            which = listing([f"{place + 1} ('{self.names[place]}')" for place in places])
-            advice = "write a pattern or a name that only one has, or its number"
-            raise InputError(f"{where} occurs {len(places)} times, as columns {which}; {advice}")
-        if not places:
-            advice = nearest(name, self.names) or "; correct the name in the source file"
-            advice = advice if len(self.names) > 1 else "; state `delimiter` if these are several columns"
-            raise InputError(f"{where} is missing; the file has {listing(self.names)}{advice}")
-        return places[0]
+
+def place_of(name: str, names: Sequence[str]) -> int:
+    """Place of a column by its name, with or without its unit, by a pattern with `*`, or by its number from 1."""
+    places, where = places_of(name, names), f"column '{name[:80]}'"
+    if len(places) > 1:
+        which = listing([f"{place + 1} ('{names[place]}')" for place in places])
+        advice = "write a pattern or a name that only one has, or its number"
+        raise InputError(f"{where} occurs {len(places)} times, as columns {which}; {advice}")
+    if not places:
+        advice = nearest(name, names) or "; correct the name in the source file"
+        advice = advice if len(names) > 1 else "; state `delimiter` if these are several columns"
+        raise InputError(f"{where} is missing; the file has {listing(names)}{advice}")
+    return places[0]
 
 
 def places_of(name: str, names: Sequence[str]) -> list[int]:

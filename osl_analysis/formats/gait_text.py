@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from osl_analysis.errors import InputError, listing, nearest
+from osl_analysis.errors import InputError, listing
 from osl_analysis.formats.csv_table import (
     Rows,
     UnreadableCellError,
@@ -19,6 +19,7 @@ from osl_analysis.formats.csv_table import (
     delimiter_of,
     is_number_cell,
     is_text,
+    place_of,
     read_lines,
     split_rows,
     unpadded,
@@ -162,10 +163,8 @@ def read_trc(path: Path) -> TrcFile:
     ]
     for line, padded in rows:
         count = len(unpadded(padded, 0))
-        if count > len(names):
-            raise InputError(f"line {line} has {count - 2} coordinates, the header names {markers} markers; {export}")
-        if count < len(names) and (count - 2) % 3:
-            raise InputError(f"line {line} ends within a marker, after {count} cells; export it again")
+        if count > len(names) or (count - 2) % 3:
+            raise InputError(f"line {line} has {count - 2} coordinates, its header names {markers} markers; {export}")
     text = said.get("datarate", "")
     rate = float(text) if is_number_cell(text) else 0.0
     if rate <= 0:
@@ -205,12 +204,8 @@ class OpenSimTable:
 
     def column(self, name: str) -> Array:
         """The numbers (rows,) of a column, NaN where the value is none."""
-        if (count := self.names.count(name)) != 1:
-            said = f"occurs {count} times" if count else "is missing"
-            advice = ("" if count else nearest(name, self.names)) or "; correct the name in the source file"
-            raise InputError(f"column '{name[:80]}' {said}; the file has {listing(self.names)}{advice}")
         failed = ("nan", "NaN", "NAN", "-nan", "nan(ind)", "-nan(ind)")  # as OpenSim's C++ writes a value that is none
-        return column_of(self.rows, self.names.index(name), failed, f"column '{name}'", "repair the line")
+        return column_of(self.rows, place_of(name, self.names), failed, f"column '{name}'", "repair the line")
 
 
 def is_opensim(begin: bytes) -> bool:

@@ -27,12 +27,8 @@ REMEDIES = {
     "timetable": "save it as a struct: `s = table2struct(timetable2table(t), 'ToScalar', true)`, its times as seconds",
     "string": "save it as numbers, or as text with `char(s)`",
     "datetime": "save it as numbers: `seconds(t - t(1))`",
-    "duration": "save it as numbers: `seconds(t)`",
-    "categorical": "save it as numbers: `double(c)`",
-    "function_handle": "save the numbers that it gives",
     "sparse": "save it as `full(x)`",
     "char": "save it as numbers: `str2double(x)`",
-    "timeseries": "save its `Time` and `Data` as numbers",
 }
 """What to do in MATLAB about a class that is not read, or is no number."""
 

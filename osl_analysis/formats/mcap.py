@@ -163,11 +163,6 @@ class McapFile(MessageFile):
                 f"{after}`), and if they are another log, give that a file and a trial of its own (`tail -c`)"
             )
         declared, _, expected = struct.unpack_from("<QQI", data, start)
-        if not self.summary_begin and declared:  # the end of the data is damaged
-            place = declared
-            while place + RECORD.size < start:
-                place += RECORD.size + RECORD.unpack_from(data, place)[1]
-            self.summary_begin = declared if place + RECORD.size == start else 0
         is_wrong = expected and zlib.crc32(data[self.summary_begin : start + 16]) != expected
         self.summary_damaged |= not self.summary_begin or bool(is_wrong)
         self.missing = declared - self.summary_begin if declared and not self.summary_damaged else 0

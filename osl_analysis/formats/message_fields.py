@@ -281,7 +281,7 @@ def short_name(name: str) -> str:
 
 def message_type(schema: Schema, *, ros1: bool) -> MessageType:
     """The type that a schema in ros2msg or ros1msg defines; InputError if it cannot be read."""
-    known = (*PRIMITIVES, "string", "wstring")
+    known = (*PRIMITIVES, "string")  # a wstring has no portable encoding
     stamp: list[MessageField] = [("sec", "int32", None), ("nanosec", "uint32", None)]
     definitions = {"builtin_interfaces/Time": stamp, "builtin_interfaces/Duration": stamp}
     for name, seconds in (("ros1/Time", "uint32"), ("ros1/Duration", "int32")):
@@ -396,8 +396,6 @@ def shape_of(kind: MessageType, payload: bytes | None, paths: Sequence[str] = ()
         position += not kind.definitions[name] and not kind.ros1  # one without fields has a byte in CDR
         for own_name, own_type, array in kind.definitions[name]:
             path, number = f"{prefix}{own_name}", PRIMITIVES.get(own_type)
-            if own_type == "wstring":
-                raise InputError(f"field '{path}' is a wstring, which has no portable encoding; record it as string")
             size = np.dtype(number).itemsize if number else 4 if own_type == "string" else 1  # at least
             count = 1 if array is None else length() if array < 0 else array
             if array is not None and count * size > len(data) - position:
@@ -419,15 +417,11 @@ def shape_of(kind: MessageType, payload: bytes | None, paths: Sequence[str] = ()
     walk(kind.name, "")
     if payload is None:
         return shape
-    if kind.ros1 and position != len(data):
-        raise InputError(
-            f"a message of {len(data)} bytes has {position} by its definition, which is not its own; "
-            "record the bag again with the definitions that its publisher was built with"
-        )
     if position > len(data):
         raise too_short
     left = data[position:]
-    if len(left) > (7 if not left.strip(b"\0") else 3):  # DDS pads to four bytes of any content (RTPS 2.5, 9.4.1)
+    most = 0 if kind.ros1 else 3 if left.strip(b"\0") else 7  # DDS pads to four bytes of any content (RTPS 2.5, 9.4.1)
+    if len(left) > most:
         raise InputError(
             f"a message of {len(data)} bytes has {len(left)} more than its schema describes; the schema is not its "
             "own: record the log again with the definitions that its publisher was built with"

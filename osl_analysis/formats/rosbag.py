@@ -112,16 +112,10 @@ def read_description(folder: Path, *, whole: bool = True) -> tuple[list[Path], C
         counts = Counter[str]()
         for topic in said["topics_with_message_count"]:
             counts[str(topic["topic_metadata"]["name"])] += int(topic["message_count"])
-        mode = str(said.get("compression_mode") or "").lower() if said.get("compression_format") else ""
     except (yaml.YAMLError, RecursionError, KeyError, TypeError, ValueError, AttributeError) as error:
         reason = " ".join(str(error).split())[:120]
         raise InputError(f"{path}: not the description of a ROS 2 bag ({reason}); {REINDEX}") from error
     missing = [name for name in names if not (folder / name).is_file()]
-    if whole and (mode == "file" or any(name.endswith(".zstd") for name in names)):
-        raise InputError(
-            f"{folder}: its files are compressed as a whole ({listing(names)}); unpack them with `zstd -d`, then run "
-            "`ros2 bag reindex`"
-        )
     if whole and missing:
         raise InputError(
             f"{folder}: {len(missing)} of the {len(names)} files that {DESCRIPTION} lists are missing "
@@ -158,8 +152,8 @@ def read_rosbag2(path: Path) -> MessageFile:
             parts[-1].damage.finished = True  # its description is that of the whole
         else:
             raise InputError(
-                f"{file}: neither a database of sqlite3 nor MCAP (it begins with {begin[:8]!r}); copy it again, or "
-                "record again"
+                f"{file}: neither a database of sqlite3 nor MCAP (it begins with {begin[:8]!r}); if it is packed as a "
+                "whole, unpack it with `zstd -d`, then run `ros2 bag reindex`; else copy it again"
             )
     return joined_parts(path, parts, counts)
 

@@ -29,8 +29,7 @@ class TdmsChannel:
     kind: np.dtype[Any]  # type of its values
     unit: str  # its unit, as the file spells it
     step: float | None  # time between two values [s]; None where the properties do not tell
-    begin: int  # `wf_start_time`, since 1970 [us]: seconds in one float would be rounded to parts of a microsecond
-    offset: float  # time of the first value after `begin` [s]
+    begin: str  # when the first value was taken, as the file spells it
 
     @property
     def address(self) -> str:
@@ -121,12 +120,12 @@ def read_tdms(path: Path) -> TdmsFile:
     with library() as (tdms, said), tdms.read_metadata(BytesIO(data)) as file:
         channels = []
         for one in (one for group in file.groups() for one in group.channels()):
-            about, step, since = one.properties, *map(one.properties.get, ("wf_increment", "wf_start_time"))
-            begin = int(since.astype("datetime64[us]").astype(np.int64)) if isinstance(since, np.datetime64) else 0
+            about, step = one.properties, one.properties.get("wf_increment")
+            is_timed = isinstance(step, float | int) and np.isfinite(step) and step > 0
+            kind = np.dtype("V" if one.dtype is None else one.dtype)
             unit = str(about.get("unit_string") or about.get("NI_UnitDescription") or "")
-            timed = isinstance(step, float | int) and np.isfinite(step) and step > 0
-            kind, offset = np.dtype("V" if one.dtype is None else one.dtype), float(about.get("wf_start_offset", 0.0))
-            timing = (float(step) if timed else None, begin, offset)
+            begin = f"{about.get('wf_start_time')} {float(about.get('wf_start_offset', 0.0))}"
+            timing = (float(step) if is_timed else None, begin)
             channels.append(TdmsChannel(one.group_name, one.name, len(one), kind, unit, *timing))
         status = file.file_status
         about = {str(key): str(value)[:200] for key, value in list(file.properties.items())[:20]}

@@ -181,7 +181,7 @@ def read_c3d_capture(path: Path, source: Source) -> Recording:
         "plate_zero_frames": baseline_frames(recording, source) if plates else None,
         "body_mass_kg": next(iter(header.numbers("PROCESSING:BODYMASS").tolist()), None),
     }
-    said = [printable(header.remark)] * bool(header.remark)
+    said = list[str]()
     upward = "".join(header.texts("POINT:Y_SCREEN")[:1]).upper()
     if source.axes == ("x", "y", "z") and upward not in ("", "+Z", "-Z", "Z"):
         said.append(f"its vertical axis seems to be {printable(upward)}; state `axes` in the source file")

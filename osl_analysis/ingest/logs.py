@@ -180,7 +180,7 @@ TRUTHS = {"true": "1", "false": "0"}
 def csv_log(path: Path, source: Source) -> Table:
     layout = csv_table.CsvLayout(**{one.name: getattr(source, one.name) for one in fields(csv_table.CsvLayout)})
     text = csv_table.read_csv_table(path, layout)
-    places = {name: text.column(name) for name in wanted(source)}
+    places = {name: csv_table.place_of(name, text.names) for name in wanted(source)}
     levels = {places[one.name] for column, one in source.channels.items() if unit_of(column) == LEVEL_UNIT}
     clock = places.get(source.time.name)
     values = {place: cells_of(text, place, source, place in levels, place == clock) for place in {*places.values()}}
@@ -294,7 +294,7 @@ def tdms_log(path: Path, source: Source) -> Table:
                 f"channel '{other.address}' has no timing (`wf_increment` among its properties); name the "
                 f"channel of time, as `time: {{channel: GROUP/NAME, unit: s}}`, or {RATE}"
             )
-        if (other.begin, other.offset, other.step) != (one.begin, one.offset, one.step):
+        if (other.begin, other.step) != (one.begin, one.step):
             raise InputError(
                 f"channels '{one.address}' and '{other.address}' differ in beginning or rate; name channels of one "
                 f"task, or {RATE}"

@@ -453,8 +453,7 @@ def inspect_c3d(path: Path) -> Overview:
         "vertical on screen": "".join(header.texts("POINT:Y_SCREEN")[:1]) or "not said",
         "software": " ".join(header.texts("MANUFACTURER:SOFTWARE")) or "not said",
     }
-    remarks = [header.remark] * bool(header.remark)
-    return Overview("c3d", facts, channels, remarks, {"plates": "all" if plates else "none"})
+    return Overview("c3d", facts, channels, settings={"plates": "all" if plates else "none"})
 
 
 def marker_channel(label: str, positions: Array, rate: float, kind: str, unit: str) -> RecordedChannel:

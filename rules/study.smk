@@ -24,17 +24,13 @@ def study_batch(wildcards):
 
 STUDY_JOBS = [f"{FILE_OF[name]}_{first}_{number}" for name, first, number in study_batches(STUDIED)]
 TABLE_OF_STUDY, BATCHES = RESULTS / "study/study.csv", [RESULTS / f"study/batches/{name}.csv" for name in STUDY_JOBS]
-FOOTER = f"Simulated data: Monte Carlo study with seed {STUDY.seed}, osl-analysis {ABOUT['version']}"
-DRAWING = {"modules": ("figures.names", "figures.others"), "settings": {"name": "study", "footer": FOOTER}}
-DRAWING["input"] = {"table_csv": TABLE_OF_STUDY}
 single("study.summarise_study", TABLE_OF_STUDY, "study/table", {"input": {"batches": BATCHES}}, "study_table")
 single("study.write_page", "study/study.md", "study/page", {"input": {"table": TABLE_OF_STUDY}}, "study_page")
-single("figure.draw_figure", [f"study/study.{one}" for one in SUFFIXES], "study/figure", DRAWING, "study_figure")
 
 
 rule study:
     input:
-        [RESULTS / f"study/study.{suffix}" for suffix in ("csv", "md", *SUFFIXES)],
+        [RESULTS / f"study/study.{suffix}" for suffix in ("csv", "md")],
 
 
 rule validate:

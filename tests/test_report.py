@@ -1,4 +1,4 @@
-"""The report: signals survive packing, names stay text, sizes hold, and what the page says is what the tables say."""
+"""The report: signals survive packing, names stay text, and what the page says is what the tables say."""
 
 import base64
 import hashlib
@@ -6,7 +6,6 @@ import json
 import re
 import zlib
 from html.parser import HTMLParser
-from pathlib import Path
 
 import numpy as np
 import polars as pl
@@ -21,7 +20,6 @@ from osl_analysis.bench.analysis import Series
 from osl_analysis.bench.components import belt_table, fit_branches, transmission_of, transmission_table
 from osl_analysis.bench.impedance import impedance_table, rendered_impedance
 from osl_analysis.campaign.campaign import ABOUT_MEANING, sentence
-from osl_analysis.commands.report import lacks_result
 from osl_analysis.dictionary import described_tables
 from osl_analysis.report.page import caption_html, captions_by_title, every_kth, inline_svg, packed_table, written_page
 from osl_analysis.report.panels import crossing_pictures, isolated_pictures, second_order_admittance
@@ -32,7 +30,6 @@ from osl_analysis.report.trial_page import (
     provenance_content,
     trial_content,
     trials_content,
-    without_result,
 )
 
 HOSTILE = '<img src=x onerror="alert(1)"></script><b>&amp;'
@@ -64,16 +61,6 @@ def test_a_packed_signal_is_off_by_no_more_than_half_a_count_and_keeps_its_holes
     assert_allclose(found["flat"], 4.2, rtol=1e-12)
 
 
-def test_thinning_for_a_small_page_keeps_the_ends_of_ranges_and_enough_rows():
-    table = pl.DataFrame({"time": np.arange(4000.0), "residual_low": 0.0, "residual_high": 0.0})
-    table[1237, "residual_high"] = 5.0
-    table[2001, "residual_low"] = -5.0
-    thinned = every_kth(table, 10)
-    assert thinned["time"].to_list() == list(range(0, 4000, 10))
-    assert (thinned["residual_low"].min(), thinned["residual_high"].max()) == (-5.0, 5.0)
-    assert len(every_kth(table, 1000)) == 200
-
-
 ABOUT = dict(zip(ABOUT_MEANING, (HOSTILE, "simulated", "1.2", "abc", "made with seed 1"), strict=True))
 
 
@@ -102,7 +89,7 @@ def page_of(trials, largest_mb=40.0, tables=None):
         "figures": [],
         "not_made": [],
     }
-    packed = {one.name: (trial_content(one, {"impedance": IMPEDANCE}, {}), tables or {}) for one in trials}
+    packed = {one.name: (trial_content(one, {"impedance": IMPEDANCE}), tables or {}) for one in trials}
     return written_page(content, packed, largest_mb)
 
 
@@ -153,20 +140,18 @@ def test_a_packed_trial_reads_back_with_its_name(hostile_page):
     assert [f"{one['name']} {one['unit']}" for one in shown["columns"]] == ["amplitude_deg deg", "K N·m/rad", "VAF %"]
 
 
-def test_signals_are_thinned_out_until_the_page_is_small_enough_and_the_page_says_so():
-    rng = np.random.default_rng(2)
-    series = pl.DataFrame({"time": np.arange(60_000.0), "torque": rng.normal(size=60_000)})
-    trials = [trial(f"t{k}") for k in range(6)]
-    bare = len(page_of(trials, tables={"series": series[:1]}))  # most of it is Bokeh, of a size of its own per version
-    limit = 300_000 + bare
-    whole, small = (page_of(trials, mb, {"series": series}) for mb in (40.0, limit / 1e6))
-    with pytest.warns(UserWarning, match="MB larger than `report: largest_mb`"):
-        smallest = page_of(trials, 0.5, {"series": series})
-    assert len(whole) > bare + 500_000
-    assert len(small) < limit
-    assert len(smallest) < bare + 10_000
-    assert '"every": 300,' in smallest
-    assert "every" not in Page(whole).text.partition("Keys:")[0].rpartition("Drawn with")[2]
+def test_signals_are_thinned_out_for_a_small_page_which_says_so_and_keeps_the_ends_of_ranges():
+    table = pl.DataFrame({"time": np.arange(4000.0), "residual_low": 0.0, "residual_high": 0.0})
+    table[1237, "residual_high"] = 5.0
+    table[2001, "residual_low"] = -5.0
+    thinned = every_kth(table, 10)
+    assert thinned["time"].to_list() == list(range(0, 4000, 10))
+    assert (thinned["residual_low"].min(), thinned["residual_high"].max()) == (-5.0, 5.0)
+    noise = np.random.default_rng(2).normal(size=60_000)
+    tables = {"series": pl.DataFrame({"time": np.arange(60_000.0), "torque": noise})}
+    bare, whole = (len(page_of([trial()], tables=one)) for one in (None, tables))  # most of it is Bokeh
+    small = page_of([trial()], (bare + 50_000) / 1e6, tables)
+    assert bare + 10_000 < len(small) < bare + 50_000 < whole
     assert re.search(r"every \d+th sample", Page(small).text)
 
 
@@ -310,14 +295,6 @@ def test_a_trial_is_left_out_by_what_became_of_it():
     assert found.pop("late") == (False, ["gap 1 s, threshold 0.5: theta"])
     assert found == {"cut": (True, ["no footer"]), "new": (True, ["why"]), "walk": (False, ["no step"])}
     assert list(found) == ["cut", "new", "walk"]
-
-
-def test_a_trial_without_a_result_names_those_for_want_of_which():
-    assert without_result(["static_1"])[1] == ["it has no result, because static_1 was refused or excluded"]
-    assert without_result(list("abcde"))[1][0].endswith("because a, b, c and 2 more were refused or excluded")
-    assert lacks_result("walking", {}, {"trial": Path("a")})
-    assert not lacks_result("plate", {}, {})
-    assert lacks_result("belt", {}, {"trial": Path("a")})
 
 
 @pytest.mark.parametrize("most", [7, 10_000])

@@ -10,14 +10,14 @@ from osl_analysis.campaign.campaign import sentence
 from osl_analysis.commands.tables import read_summary
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.dictionary import described_tables
+from osl_analysis.errors import listing
 from osl_analysis.figures.names import figure_title
 from osl_analysis.files import atomic_path
-from osl_analysis.judge.recording import CHECKS
 from osl_analysis.refusal import Refusal, is_refused
 from osl_analysis.report import panels, trial_page
 from osl_analysis.report.headlines import COUNT
-from osl_analysis.report.page import captions_by_title, inline_png, inline_svg, written_page
-from osl_analysis.report.trial_page import ReportedTrial, left_out_trials, trial_content, without_result
+from osl_analysis.report.page import captions_by_title, inline_svg, written_page
+from osl_analysis.report.trial_page import ReportedTrial, left_out_trials, trial_content
 from osl_analysis.table import read_table
 from osl_analysis.trial import metadata_of, read_trial, unit_of
 
@@ -39,7 +39,7 @@ def write_report(
     captions: Path | None = None,
     refused: Sequence[Refusal] = (),
 ) -> None:
-    """Write the page `report.html`, of at most `largest_mb` [MB] where thinning out its signals allows it.
+    """Write the page `report.html`, of about `largest_mb` [MB] at most where thinning out its signals allows it.
 
     `sheet` has the row of every trial, also of those that it excludes; `trials`, `series` and `crossings` the files of
     each that has them, `tables` the result tables and `figures` the SVG files by name. `verdicts` is `quality.csv`,
@@ -47,7 +47,8 @@ def write_report(
     """
     written = {name: read_table(path) for name, path in tables.items()}
     said_of = {one.trial: f"{one.reason}; {one.remedy}" for one in refused if one.trial}
-    left_out = left_out_trials(read_table(excluded), written.get("walking_excluded"), said_of)
+    without = written.get("walking_excluded", pl.DataFrame(schema=["trial", "reason"]))
+    left_out = left_out_trials(read_table(excluded), without, said_of)
     described = {Path(table.place).name: table for table in described_tables() if table.place.startswith("tables/")}
     by_role = {"trial": trials, "series": series, "crossing": crossings}
     judged = read_table(verdicts).filter(pl.col("verdict") != "refused").partition_by("trial", as_dict=True)
@@ -55,27 +56,26 @@ def write_report(
     for name, row in sheet.items():
         files = {role: paths[name] for role, paths in by_role.items() if name in paths}
         why = left_out.get(name)
-        names = [*(table.name for table in EXPERIMENTS[row["experiment"]].tables), "walking_responses"]
+        facts = EXPERIMENTS[row["experiment"]]
+        names = [*(table.name for table in facts.tables), "walking_responses"]
         own = {table: written[table].filter(pl.col("trial") == name) for table in names if table in written}
         own = {table: rows for table, rows in own.items() if len(rows)}
-        is_lacking = not own if EXPERIMENTS[row["experiment"]].fit else "crossing" not in files
-        if why is None and is_lacking and (EXPERIMENTS[row["experiment"]].fit or row["experiment"] == "walking"):
-            why = without_result(list(left_out))
+        # every trial of such an experiment has a result
+        if why is None and (not own if facts.fit else row["experiment"] == "walking" and "crossing" not in files):
+            causes = listing(list(left_out), 3)
+            were = f", because {causes} {'was' if len(left_out) == 1 else 'were'} refused or excluded"
+            why = True, [f"it has no result{were if left_out else ''}"]
         origin = metadata_of(files["trial"])[1] if "trial" in files else {}
         missing, reasons = why or (False, [])
         picture = pictures(row["experiment"], own, files)
         reported.append(ReportedTrial(name, row, own, judged.get((name,)), origin, reasons, missing, picture))
-    checks = {name: check.meaning for name, check in CHECKS.items()}
-    pages = {one.name: (trial_content(one, described, checks), one.pictures.tables) for one in reported}
+    pages = {one.name: (trial_content(one, described), one.pictures.tables) for one in reported}
     found = {} if is_refused(summary) else read_summary(summary)
     said = captions_by_title(captions.read_text(encoding="utf-8")) if captions and not is_refused(captions) else {}
     shown = []
     for name, path in figures.items():
         title = figure_title(name)
-        if path.stat().st_size <= 1_500_000:  # its points open trials; a figure of a hundred belts has some 2 MB
-            drawn = inline_svg(path.read_text(encoding="utf-8"), name, title)
-        else:
-            drawn = inline_png(path.with_suffix(".png").read_bytes(), title)
+        drawn = inline_svg(path.read_text(encoding="utf-8"), name, title)
         shown.append({"name": name, "title": title, "caption": said.get(title, ""), "drawing": drawn})
     content = {
         "about": about,
@@ -92,13 +92,6 @@ def write_report(
     }
     with atomic_path(output) as temporary:
         temporary.write_text(written_page(content, pages, largest_mb), encoding="utf-8")
-
-
-def lacks_result(experiment: str, tables: Mapping[str, pl.DataFrame], files: Mapping[str, Path]) -> bool:
-    """Whether a trial has no result although its experiment gives each trial one."""
-    if EXPERIMENTS[experiment].fit:
-        return not tables
-    return experiment == "walking" and "crossing" not in files
 
 
 def pictures(experiment: str, tables: Mapping[str, pl.DataFrame], files: Mapping[str, Path]) -> panels.Pictures:

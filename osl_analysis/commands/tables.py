@@ -11,6 +11,7 @@ import polars as pl
 from osl_analysis.bench.response_tables import MODELS, RESPONSE_COLUMNS, periodic_tables
 from osl_analysis.bench.settings import FilterSettings
 from osl_analysis.campaign.campaign import sentence
+from osl_analysis.config.experiments import judged_tables
 from osl_analysis.errors import InputError
 from osl_analysis.files import atomic_path
 from osl_analysis.jobs.job_log import read_log
@@ -19,18 +20,7 @@ from osl_analysis.judge.findings import Judge, findings
 from osl_analysis.judge.table import Doubt, QualityRules
 from osl_analysis.model.parameters import FileOrNone, joint_of, known_parameters
 from osl_analysis.refusal import Refusal, check_not_refused, refused_trials
-from osl_analysis.report.headlines import (
-    DRAFT_EXAMPLE,
-    READ,
-    Example,
-    headline_numbers,
-    missing_lines,
-    to_columns,
-    to_json,
-    to_markdown,
-    to_tex,
-    used_and_missing,
-)
+from osl_analysis.report import headlines
 from osl_analysis.spectral.periods import Realisation, pooled, realisations_from
 from osl_analysis.table import Places, read_table, with_places, write_table
 
@@ -159,25 +149,26 @@ def write_summary(
     excluded: Path | None = None,
     verdicts: Path | None = None,
     refused: Sequence[Refusal] = (),
-    example: Example | None = None,
+    example: headlines.Example | None = None,
 ) -> None:
     """Write headline numbers of a campaign from the tables that it has, by their names.
 
     `example` says which desired impedance Fig. 4 shows, `trials` has those of each experiment, `excluded` is the table
     of those that are not used, `verdicts` is `quality.csv`, `refused` are the causes of missing tables.
     """
-    tables = {name: read_table(path) for name, path in table_paths.items() if name in READ}
-    headlines = headline_numbers(tables, example or DRAFT_EXAMPLE)
+    read = {*headlines.LABELS, *judged_tables()}
+    tables = {name: read_table(path) for name, path in table_paths.items() if name in read}
+    numbers = headlines.headline_numbers(tables, example)
     of_excluded = ("trial", "check", "value", "unit", "threshold", "remark")
     judged = read_table(verdicts) if verdicts else pl.DataFrame(schema=["check", "verdict"])
     missing = {
-        "trials": used_and_missing(trials or {}, read_table(excluded, of_excluded)) if excluded else {},
+        "trials": headlines.used_and_missing(trials or {}, read_table(excluded, of_excluded)) if excluded else {},
         "missing_results": {one.file: one.reason.removeprefix(f"{one.file}: ") for one in refused if not one.trial},
     }
-    said = {"findings": findings(judged, tables)}
+    said, lacks = {"findings": findings(judged, tables)}, headlines.missing_lines(missing, reasons=False)
     with atomic_path(summary_json) as json_path, atomic_path(numbers_tex) as tex_path:
-        json_path.write_text(to_json(about, headlines, missing | said), encoding="utf-8")
-        tex_path.write_text(to_tex(about, headlines, missing_lines(missing, reasons=False)), encoding="utf-8")
+        json_path.write_text(headlines.to_json(about, numbers, missing | said), encoding="utf-8")
+        tex_path.write_text(headlines.to_tex(about, numbers, lacks), encoding="utf-8")
 
 
 def write_table_metadata(about: Mapping[str, str], tables: Sequence[str], output: Path) -> None:
@@ -196,9 +187,6 @@ def write_table_metadata(about: Mapping[str, str], tables: Sequence[str], output
         path.write_text(json.dumps(content, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
 
 
-OF_NUMBER = ("value", "unit", "low", "high", "interval", "n", "n_doubtful", "n_left_out", "draft", "meaning")
-
-
 def read_summary(summary_json: Path) -> dict[str, Any]:
     """The summary that `write_summary` wrote. Raises InputError where it is missing or is none."""
     check_not_refused(summary_json)
@@ -211,8 +199,9 @@ def read_summary(summary_json: Path) -> dict[str, Any]:
             value = number.get("value", 0.0)
             if not isinstance(value, int | float) or not isfinite(value):
                 raise ValueError(f"numbers.{name}.value: {value!r} is not allowed")
-            for field in (one for one in OF_NUMBER if one not in number):
-                raise ValueError(f"field 'numbers.{name}.{field}' is missing")
+            needed = ["value", "unit", "low", "high", "interval", "n", "n_doubtful", "n_left_out", "draft", "meaning"]
+            if lacking := [field for field in needed if field not in number]:
+                raise ValueError(f"field 'numbers.{name}.{lacking[0]}' is missing")
     except (ValueError, RecursionError, TypeError, AttributeError, KeyError) as error:
         said = f"no field {error}" if isinstance(error, KeyError) else error
         again = "delete it and run `snakemake reproduce-all`"
@@ -223,8 +212,8 @@ def read_summary(summary_json: Path) -> dict[str, Any]:
 def format_results_table(summary: Mapping[str, Any], markdown: bool = True) -> str:
     """What a summary is made of, its numbers as Markdown or in aligned columns, what to know of them, and which trials
     and results are missing."""
-    lines = [*(one["line"] for one in summary.get("findings", ())), *missing_lines(summary, reasons=True)]
-    table = (to_markdown if markdown else to_columns)(summary["numbers"])
+    lines = [*(one["line"] for one in summary.get("findings", ())), *headlines.missing_lines(summary, reasons=True)]
+    table = headlines.to_table(summary["numbers"], markdown)
     return "\n".join([f"{sentence(summary)}\n\n{table}", *(f"{line}\n" for line in lines)])
 
 

@@ -110,19 +110,9 @@ def draw_fig7(table: pl.DataFrame) -> Figure:
     axes[0].set_ylabel("Magnitude\n" r"(10$^{-3}$ rad/(N·m))")
     axes[across].set_ylabel("Phase (deg)")
     entries = style.legend_entries(axes)
-    bar = {"marker": "|", "color": style.BLACK, "markersize": 8}
     if table["magnitude_amplitudes_low"].count() or table["phase_amplitudes_low"].count():
-        entries["Range over amplitudes"] = style.key("", **bar, mew=style.THIN)
-    # of the intervals, if the longest is longer than the markers
-    for ax, bounds in zip(axes, ["magnitude"] * across + ["phase"] * across, strict=True):
-        ends = table.select(f"{bounds}_low", f"{bounds}_high").drop_nulls()
-        if ends.is_empty():
-            continue
-        figure.draw_without_rendering()
-        low, high = (ax.transData.transform(np.column_stack([np.zeros(len(y)), y.to_numpy()]))[:, 1] for y in ends)
-        longest = float(np.max(np.abs(high - low))) * 72 / figure.dpi
-        if longest > min(look.size for look in style.LOOKS.values()):
-            entries["95 % interval"] = style.key("", **bar, mew=style.THICK)
+        bar = {"marker": "|", "color": style.BLACK, "markersize": 8, "mew": style.THIN}
+        entries["Range over amplitudes"] = style.key("", **bar)
     style.legend_above(figure, entries | style.open_entry(table), 2 if across == 1 else 4, columnspacing=1.5)
     figure.align_ylabels()
     return figure
@@ -204,9 +194,6 @@ def draw_response(table: pl.DataFrame) -> Figure:
         unused.remove()
     style.legend_above(figure, entries, 6, columnspacing=1.2)
     figure.align_ylabels()
-    if len(conditions) > MOST_CONDITIONS:
-        further = names.count_of(len(conditions) - MOST_CONDITIONS, "condition")
-        figure.supxlabel(f"Further {further} in response.csv", fontsize=8)
     return figure
 
 

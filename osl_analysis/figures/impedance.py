@@ -168,28 +168,24 @@ def fig5_caption(table: pl.DataFrame) -> str:
     for _, part in parts:
         place = part.select("joint", "side").row(0) if len(parts) > 1 else ()
         for controller, look in names.looks_in(part).items():
-            fits = names.of_controller(part, controller)
+            fits, errors_said = names.of_controller(part, controller), []
+            for symbol in "KB":  # of estimate minus desired value; where that is not stated, of the estimate
+                errors = (fits[symbol] - fits[f"{symbol}_d"]).drop_nulls().to_numpy()
+                name = rf"$\hat{{{symbol}}} - {symbol}_d$"
+                if not len(errors):
+                    errors, name = fits[symbol].drop_nulls().to_numpy(), rf"$\hat{{{symbol}}}$"
+                if not len(errors):
+                    continue
+                mean, sd = float(np.mean(errors)), float(np.std(errors, ddof=1)) if len(errors) > 1 else None
+                digits = names.decimals_of(sd or 0.0, mean)
+                least, most = (names.rounded_number(end, digits) for end in (errors.min(), errors.max()))
+                reach = "" if sd is None else f", {least} to {most}"
+                some = f" of {names.count_of(len(errors), 'fit')}" if len(errors) < len(fits) else ""
+                errors_said.append(f"{name}{some} is {names.with_sd(mean, sd, names.UNIT_SIGN[symbol])}{reach}")
             name = names.capital_text(*place, controller or look.label.lower())
-            said.append(f"{name} ($n$ = {len(fits)}): {errors_said(fits)}.")
+            several = " (mean ± SD, range)" if len(fits) > 1 else ""
+            said.append(f"{name} ($n$ = {len(fits)}): {', '.join(errors_said)}{several}.")
     return " ".join([*said, names.doubtful_said(table, "drawn open")])
-
-
-def errors_said(fits: pl.DataFrame) -> str:
-    """Mean and SD over trials of estimate minus desired value, and their range; else those of the estimates."""
-    said = []
-    for symbol in "KB":
-        errors = (fits[symbol] - fits[f"{symbol}_d"]).drop_nulls().to_numpy()
-        name = rf"$\hat{{{symbol}}} - {symbol}_d$"
-        if not len(errors):
-            errors, name = fits[symbol].drop_nulls().to_numpy(), rf"$\hat{{{symbol}}}$"
-        if not len(errors):
-            continue
-        mean, sd = float(np.mean(errors)), float(np.std(errors, ddof=1)) if len(errors) > 1 else None
-        ends = (names.rounded_number(x, names.decimals_of(sd or 0.0, mean)) for x in (errors.min(), errors.max()))
-        reach = "" if sd is None else f", {' to '.join(ends)}"
-        some = f" of {names.count_of(len(errors), 'fit')}" if len(errors) < len(fits) else ""
-        said.append(f"{name}{some} is {names.with_sd(mean, sd, names.UNIT_SIGN[symbol])}{reach}")
-    return ", ".join(said) + (" (mean ± SD, range)" if len(fits) > 1 else "")
 
 
 LEFT, RIGHT, HEIGHT = 0.66, 0.06, 2.08

@@ -1,9 +1,8 @@
-"""Drawings of no trials: a single fit, requested gains, Fig. 8, the study, and why a figure is missing."""
+"""Drawings of no trials: a single fit, requested gains, Fig. 8, and why a figure is missing."""
 
 import textwrap
 from typing import Any
 
-import numpy as np
 import polars as pl
 from matplotlib.figure import Figure
 from matplotlib.ticker import MultipleLocator, PercentFormatter
@@ -110,71 +109,7 @@ def draw_reasons(table: pl.DataFrame) -> Figure:
     return figure
 
 
-# What each quantity of the study is drawn with: colour, marker, distance of the marker below the line of its row, what
-# it stands for in the legend, and the names of the quantities.
-STUDY_LOOKS = (
-    (style.ORANGE, "o", -0.22, r"$K$, $K_s$, $|Y|$, $k_\tau n_m$", ("K", "K_s", "k_tau_n_m", "magnitude")),
-    (style.PURPLE, "D", 0.0, r"$B$, $B_j$, $B_m$, arg $Y$", ("B", "B_j", "B_m", "phase")),
-    (style.BLACK, "s", 0.22, "$I$, $J_j$, $J_m$", ("I", "J_j", "J_m")),
-    (style.GREY, "^", -0.11, "$f_C$", ("f_C",)),
-    (style.GREY, "v", 0.11, "$f_G$", ("f_G",)),
-)
-# Each panel: its label, the limits of its axis, the values that are aimed at, and that beyond which nothing can be.
-MEASURES = {
-    "bias": ("Bias (standard deviations)", (-1.2, 1.2), (-0.2, 0.2), np.inf),
-    "rmse_over_bound": ("RMSE / Cramér–Rao bound", (0.8, 1.6), (0.0, 1.15), np.inf),
-    "coverage": ("Coverage of 95 % intervals (%)", (80.0, 101.0), (93.0, 97.0), 100.0),
-}
-
-
-@style.paper_style()
-def draw_study(table: pl.DataFrame) -> Figure:
-    """A row per experiment, estimator and interval, a marker per quantity with two Monte Carlo errors."""
-    keys: list[tuple[str, ...]] = []  # the rows, and before the first of each experiment one with its name
-    for key in table.select("experiment", "estimator", "interval_method").unique(maintain_order=True).iter_rows():
-        keys += [key] if keys and keys[-1][0] == key[0] else [key[:1], key]
-    figure, axes = style.panels(style.DOUBLE_COLUMN, 0.9 + 0.155 * len(keys), columns=3)
-    looks = {name: (colour, marker, y) for colour, marker, y, _, quantities in STUDY_LOOKS for name in quantities}
-    table = table.with_columns(
-        pl.col("coverage") * 100, pl.col("coverage_mc") * 100, quantity=pl.col("quantity").str.split(",").list.first()
-    )
-    for ax, (column, (label, limits, aims, most)) in zip(axes, MEASURES.items(), strict=True):
-        ax.axvspan(max(aims[0], limits[0]), aims[1], color="#E8E8E8", linewidth=0)
-        for row in table.drop_nulls(column).iter_rows(named=True):
-            colour, marker, below = looks[row["quantity"]]
-            place = keys.index((row["experiment"], row["estimator"], row["interval_method"])) + below
-            value, half = float(np.clip(row[column], *limits)), 2 * row[f"{column}_mc"]
-            if value == row[column]:
-                ends = max(value - half, limits[0]), min(value + half, limits[1], most)
-                ax.hlines(place, *ends, color=colour, linewidth=0.6)
-            else:
-                marker = "<" if value > row[column] else ">"  # beyond the panel
-            ax.plot(value, place, marker, color=colour, markersize=2.6, mew=0.6, clip_on=False)
-        for place in (place for place, key in enumerate(keys) if len(key) == 1 and place):
-            ax.axhline(place - 0.5, color=style.GREY, linewidth=0.4)
-        ax.set(xlim=limits, ylim=(len(keys) - 0.5, -0.5), xlabel=label)
-        ax.tick_params(axis="y", length=0)
-        ax.set_yticks(range(len(keys)), [])
-    long = {"unperturbed crossings": "gait", "unperturbed crossings + plate trials": "gait + plate"}
-    labels = [k[0].replace(" us", " µs") if len(k) == 1 else f"{k[1]}, {long.get(k[2], k[2])}" for k in keys]
-    axes[0].set_yticklabels(labels)
-    for text, key in zip(axes[0].get_yticklabels(), keys, strict=True):
-        text.set_fontweight("bold" if len(key) == 1 else "normal")
-    handles = [
-        style.key(said, color=colour, marker=marker)
-        for colour, marker, _, said, quantities in STUDY_LOOKS
-        if table["quantity"].is_in(quantities).any()
-    ]
-    handles.append(style.key("Beyond the panel", color=style.GREY, marker=">", markersize=3))
-    figure.legend(handles=handles, loc="outside upper center", ncols=len(handles))
-    return figure
-
-
 FIG8 = style.Drawing(columns_of("fig8"), draw_fig8, fig8_caption, fig8_points, columns_of("fig8"))
 TORQUE = style.Drawing(("time", "torque", "torque_model"), draw_torque)
 GAIN_GRID = style.Drawing(("K_d", "B_d", "B_1_joint"), draw_gain_grid)
-STUDY = style.Drawing(
-    ("experiment", "estimator", "interval_method", "quantity", *(f"{m}{mc}" for m in MEASURES for mc in ("", "_mc"))),
-    draw_study,
-)
 NOT_DRAWN = style.Drawing(("figure", "trial", "file", "reason"), draw_reasons)

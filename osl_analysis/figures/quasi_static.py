@@ -50,7 +50,16 @@ def draw_fig3(table: pl.DataFrame) -> Figure:
         above = 2 * across * (number // across) + number % across
         belts, loops = axes[above], axes[above + across]
         trials = part.filter(pl.col("trial") != MEAN_SLOPE).partition_by("trial", maintain_order=True)
-        draw_belts(belts, trials, part.filter(pl.col("trial") == MEAN_SLOPE))
+        mean, dotted = part.filter(pl.col("trial") == MEAN_SLOPE), list(filter(style.has_doubtful, trials))
+        for drawn, look in ((trials, GREY_TRIAL), (dotted, DOUBTFUL_TRIAL), ([mean], MEAN_LINE)):
+            for one in drawn:
+                belts.plot(one["theta_s_deg"], one["torque"], **look)
+        belts.tick_params(labelbottom=False)
+        belts.set_ylabel("Joint torque (N·m)")
+        for K_s, low, high in mean.select("K_s", "K_s_low", "K_s_high").head(1).iter_rows():
+            text = rf"$\hat{{K}}_s = {K_s:.1f}$ N·m/rad"
+            text += "" if low is None or high is None else f"\n95 % interval {low:.1f} to {high:.1f} N·m/rad"
+            belts.text(0.99, 0.04, text, transform=belts.transAxes, ha="right", va="bottom", linespacing=1.4)
         named.append((loops, draw_loops(loops, trials, part["hysteresis_area"].drop_nulls())))
         belts.set_title(f"{belts.get_title(loc='left')} {name}", loc="left")
         loops.sharex(belts)
@@ -72,20 +81,9 @@ def draw_fig3(table: pl.DataFrame) -> Figure:
     return figure
 
 
-def draw_belts(ax: Axes, trials: list[pl.DataFrame], mean: pl.DataFrame) -> None:
-    doubtful = [trial for trial in trials if style.has_doubtful(trial)]
-    for drawn, look in ((trials, GREY_TRIAL), (doubtful, DOUBTFUL_TRIAL), ([mean], MEAN_LINE)):
-        for rows in drawn:
-            ax.plot(rows["theta_s_deg"], rows["torque"], **look)
-    ax.tick_params(labelbottom=False)
-    ax.set_ylabel("Joint torque (N·m)")
-    for K_s, low, high in mean.select("K_s", "K_s_low", "K_s_high").head(1).iter_rows():
-        text = rf"$\hat{{K}}_s = {K_s:.1f}$ N·m/rad"
-        text += "" if low is None or high is None else f"\n95 % interval {low:.1f} to {high:.1f} N·m/rad"
-        ax.text(0.99, 0.04, text, transform=ax.transAxes, ha="right", va="bottom", linespacing=1.4)
-
-
-def draw_loops(ax: Axes, trials: list[pl.DataFrame], areas: pl.Series) -> list[style.End]:
+def draw_loops(
+    ax: Axes, trials: list[pl.DataFrame], areas: pl.Series
+) -> list[tuple[str, str, str, tuple[float, float]]]:
     """The far end of each trial's loop. Trials with ends beside each other differ in colour, whose lightness is 0, 57
     and 30 of 100."""
     ax.axhline(0, **MEAN_LINE)
@@ -107,7 +105,7 @@ def draw_loops(ax: Axes, trials: list[pl.DataFrame], areas: pl.Series) -> list[s
 
 
 CURVE_COLUMNS = [name for name in columns_of("torque_angle") if name not in (*names.JOINT_SIDE, "doubtful")]
-LOADING_WIDTH, UNLOADING_WIDTH = 1.1, 0.6
+WIDTHS = {"loading": 1.1, "unloading": 0.6}  # of curves [pt]
 MOST_CURVES = 16  # largest number of trials of a panel that are named
 
 
@@ -139,14 +137,25 @@ def torque_angle_caption(table: pl.DataFrame) -> str:
 @style.paper_style()
 def draw_torque_angle(table: pl.DataFrame) -> Figure:
     """(a) Torque against angle, desired curves dashed; (b) stiffness while loading with its 95 % interval."""
-    parts, colours = names.placed_rows(table), curve_colours(table)
+    parts = names.placed_rows(table)
+    # trials with a desired curve share its colour, the others go through a colour map in order, but for its end that
+    # stands out from white by less than three to one
+    desired_of = dict(table.select("trial", "desired").unique(maintain_order=True).iter_rows())
+    others = [trial for trial, desired in desired_of.items() if desired is None]
+    shades = mpl.colormaps["viridis"](np.linspace(0, 0.6, max(len(others), 1)))
+    wanted, of_desired = (
+        list(dict.fromkeys(desired_of.values())),
+        (style.MAGENTA, style.ORANGE, style.PURPLE, "#6B3A0A"),
+    )
+    colours = {name: of_desired[wanted.index(desired) % 4] for name, desired in desired_of.items() if desired}
+    colours |= {name: to_hex(shade) for name, shade in zip(others, shades, strict=False)}
     titles = [name for name, _ in parts for _ in range(2)]
     figure, axes = style.panels(style.DOUBLE_COLUMN, 3.0 * len(parts) + 0.3, rows=len(parts), columns=2, names=titles)
     for number, (_, part) in enumerate(parts):
         draw_curves(axes[2 * number], axes[2 * number + 1], part, colours)
-    entries: list[tuple[str, float, Any]] = [("Loading", LOADING_WIDTH, "-"), ("Unloading", UNLOADING_WIDTH, "-")]
-    entries += [("Desired", LOADING_WIDTH, style.DASHED)] * (table["desired_torque"].count() > 0)
-    entries += [("Doubtful trial", LOADING_WIDTH, style.DOTTED)] * style.has_doubtful(table)
+    entries: list[tuple[str, float, Any]] = [(branch.capitalize(), width, "-") for branch, width in WIDTHS.items()]
+    entries += [("Desired", WIDTHS["loading"], style.DASHED)] * (table["desired_torque"].count() > 0)
+    entries += [("Doubtful trial", WIDTHS["loading"], style.DOTTED)] * style.has_doubtful(table)
     handles = [style.key(label, color=style.BLACK, linewidth=w, linestyle=dash) for label, w, dash in entries]
     figure.legend(handles=handles, loc="outside upper center", ncols=4)
     for number, ax in enumerate(axes):
@@ -164,35 +173,23 @@ def draw_curves(left: Axes, right: Axes, table: pl.DataFrame, colours: dict[str,
     for trial in table.partition_by("trial", maintain_order=True):
         look: dict[str, Any] = {"linestyle": style.DOTTED if style.has_doubtful(trial) else "-"}
         look["color"] = colours[trial["trial"][0]]
-        for branch, width in (("loading", LOADING_WIDTH), ("unloading", UNLOADING_WIDTH)):
+        for branch, width in WIDTHS.items():
             rows = trial.filter(pl.col("branch") == branch)
             left.plot(rows["angle_deg"], rows["torque"], linewidth=width, **look)
         rows = trial.filter(pl.col("branch") == "loading").drop_nulls("stiffness")
-        right.plot(rows["angle_deg"], rows["stiffness"], linewidth=LOADING_WIDTH, **look)
+        right.plot(rows["angle_deg"], rows["stiffness"], linewidth=WIDTHS["loading"], **look)
         band = rows.drop_nulls(["stiffness_low", "stiffness_high"])
         ends = band["stiffness_low"], band["stiffness_high"]
         right.fill_between(band["angle_deg"], *ends, color=look["color"], alpha=0.25, linewidth=0)
     for curve in table.drop_nulls("desired").partition_by("desired", maintain_order=True):
         line = curve.drop_nulls("desired_torque").unique("angle_deg").sort("angle_deg")
-        look = {"color": colours[curve["trial"][0]], "linestyle": style.DASHED, "linewidth": LOADING_WIDTH}
+        look = {"color": colours[curve["trial"][0]], "linestyle": style.DASHED, "linewidth": WIDTHS["loading"]}
         left.plot(line["angle_deg"], line["desired_torque"], **look)
     for ax, label in ((left, "Resisting torque (N·m)"), (right, "Stiffness while loading (N·m/rad)")):
         ax.axhline(0, color=style.BLACK, linewidth=0.4)
         ax.axvline(0, color=style.BLACK, linewidth=0.4)
         ax.set_xlabel("Joint angle (deg)")
         ax.set_ylabel(label)
-
-
-def curve_colours(table: pl.DataFrame) -> dict[str, str]:
-    """A colour per trial: those with a desired curve share its colour, the others go through a colour map in order, but
-    for its end that stands out from white by less than three to one."""
-    desired_of = dict(table.select("trial", "desired").unique(maintain_order=True).iter_rows())
-    others = [trial for trial, desired in desired_of.items() if desired is None]
-    shades = mpl.colormaps["viridis"](np.linspace(0, 0.6, max(len(others), 1)))
-    wanted = list(dict.fromkeys(filter(None, desired_of.values())))
-    of_desired = (style.MAGENTA, style.ORANGE, style.PURPLE, "#6B3A0A")
-    found = {trial: of_desired[wanted.index(desired) % 4] for trial, desired in desired_of.items() if desired}
-    return found | {trial: to_hex(shade) for trial, shade in zip(others, shades, strict=False)}
 
 
 FIG3 = style.Drawing(columns_of("fig3"), draw_fig3, fig3_caption)

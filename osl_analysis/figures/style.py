@@ -40,8 +40,6 @@ Dash = Literal["-", ""] | tuple[float, tuple[float, ...]]  # A line style as mat
 
 @dataclass(frozen=True)
 class Drawing:
-    """A figure: plotted numbers -> page, plotted numbers -> caption, and where they come from one table, `points`."""
-
     columns: Sequence[str]  # of the plotted numbers
     draw: Callable[[pl.DataFrame], Figure]
     caption: Callable[[pl.DataFrame], str] = lambda _: ""  # a paragraph of Markdown
@@ -211,28 +209,19 @@ def label_phase_axis(ax: Axes) -> None:
     ax.yaxis.set_major_locator(MultipleLocator(next((step for step in steps if step >= span / 5), 180)))
 
 
-def moved_apart(places: Sequence[float], gap: float, limits: tuple[float, float] = (-np.inf, np.inf)) -> Array:
-    """The places (n,), moved as little as possible (least squares) so that none is closer than `gap` to another, and
-    within the limits if there is room: in their order, by monotone regression of `place - rank * gap`."""
-    values = np.asarray(places, dtype=float)
-    order, steps = np.argsort(values, kind="stable"), gap * np.arange(len(values))
-    level = isotonic_regression(values[order] - steps).x if len(values) else values
-    moved = np.empty(len(values))
-    moved[order] = np.maximum(np.minimum(level + steps, limits[1] - steps[::-1]), limits[0] + steps)
-    return moved
-
-
-End = tuple[str, str, str, tuple[float, float]]  # of a curve: trial, its name as it is drawn, colour, and place (x, y)
-
-
-def name_ends(ax: Axes, ends: Sequence[End]) -> None:
-    """Names of trials, which lead to these, beside the right edge of a panel, moved apart where they would overlap,
-    each with a hair line to the end of its curve."""
+def name_ends(ax: Axes, ends: Sequence[tuple[str, str, str, tuple[float, float]]]) -> None:
+    """Names of trials, which lead to these, beside the right edge of a panel, each with a hair line to the end of its
+    curve. `ends` are trial, its name as it is drawn, colour, and place (x, y)."""
     figure = ax.figure.figure
     figure.draw_without_rendering()
     (left, right), (low, high) = ax.get_xlim(), ax.get_ylim()
     height = 1.1 * 8 / 72 * figure.dpi / ax.get_window_extent().height * (high - low)
-    places = moved_apart([end[1] for *_, end in ends], height, (low, high))
+    # moved as little as possible so that none overlaps another, and within the panel if there is room: in their order,
+    # by monotone regression of `place - rank * height`
+    ends = sorted(ends, key=lambda one: one[3][1])
+    steps = height * np.arange(len(ends))
+    places = isotonic_regression([y for *_, (_, y) in ends] - steps).x + steps
+    places = np.maximum(np.minimum(places, high - steps[::-1]), low + steps)
     for (trial, name, colour, end), place in zip(ends, places, strict=True):
         hair = {"arrowstyle": "-", "color": colour, "linewidth": 0.4, "shrinkA": 0, "shrinkB": 0, "relpos": (0, 0.5)}
         beside = (right + 0.03 * (right - left), float(place))

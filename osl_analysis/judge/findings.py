@@ -7,23 +7,14 @@ import json
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Any, Self
 
 import polars as pl
 
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import InputError, listing
 from osl_analysis.files import atomic_path
-from osl_analysis.judge.doubts import (
-    CAUSES,
-    DOUBTFUL,
-    LATENESS,
-    SIZED,
-    causes_by_trial,
-    not_checked_of,
-    of_whole_trial,
-    size_of_lateness,
-)
+from osl_analysis.judge import doubts
 from osl_analysis.judge.recording import CHECKS, judged_table
 from osl_analysis.judge.table import Cause, QualityRules
 from osl_analysis.refusal import Refusal, distinct_causes, is_refused, read_refusals
@@ -35,15 +26,13 @@ JUDGES = ("quality", "fitted")
 MOST_NAMED = 3  # trials that a line names
 
 
-Lacking = tuple[Refusal, ...]  # causes of what is not there
-
-
-def without_refused(inputs: Mapping[str, Any], unnamed: Sequence[str] = ()) -> tuple[dict[str, Any], Lacking, Lacking]:
-    """The named inputs of a job without refusal records, the causes of everything that was removed, and those without
-    which it cannot run. A trial with a record in one list, or among those in `quality` or the results in `fitted`, is
-    removed from every list. The job cannot run if a record stands for a single input or for one of the `unnamed` files,
-    if the input `trial` is such a trial, or if nothing is left of a list; beside an input `trial`, lists may become
-    empty. Lists by name are handed over as they are."""
+def without_refused(
+    inputs: Mapping[str, Any], unnamed: Sequence[str] = ()
+) -> tuple[dict[str, Any], tuple[Refusal, ...], tuple[Refusal, ...]]:
+    """The named inputs of a job without refusal records, the causes of all that was removed, and those without which it
+    cannot run. A trial with a record in one list is removed from every list. The job cannot run if a record stands for
+    a single input or for one of the `unnamed` files, if the input `trial` is such a trial, or if nothing is left of a
+    list; beside an input `trial`, lists may become empty. Lists by name are handed over as they are."""
     lists = {name: files for name, files in inputs.items() if isinstance(files, list)}
     named = {name: files for name, files in inputs.items() if isinstance(files, Mapping)}
     groups = {name: files for name, files in named.items() if not any(isinstance(f, list) for f in files.values())}
@@ -63,22 +52,19 @@ def without_refused(inputs: Mapping[str, Any], unnamed: Sequence[str] = ()) -> t
 
 @dataclass(frozen=True)
 class Judge:
-    """What decides which trials are used: the configured rules, and what the sheet accepts by trial. A job that
-    measures knows neither: a changed threshold measures nothing again. A job over several trials finds it in a file,
-    whose change alone runs no job again: its request names the trials that are excluded."""
+    """What decides which trials are used: the configured rules, and what the sheet accepts by trial. Jobs that measure
+    know neither, and a job over several trials reads it from a file, whose change alone runs no job again."""
 
     rules: QualityRules
     accept: Mapping[str, Collection[str]]
 
     def write(self, path: Path) -> None:
-        """Write it to a file for jobs."""
         accept = {trial: list(names) for trial, names in self.accept.items() if names}
         with atomic_path(path) as temporary:
             temporary.write_text(json.dumps({"rules": self.rules.model_dump(mode="json"), "accept": accept}))
 
     @classmethod
     def read(cls, path: Path) -> Self:
-        """That of a file."""
         said = json.loads(path.read_text(encoding="utf-8"))
         return cls(QualityRules.model_validate(said["rules"]), said["accept"])
 
@@ -122,13 +108,7 @@ def without_excluded(inputs: Mapping[str, Any], reasons: Mapping[str, str]) -> d
 
 
 def finding(
-    verdict: Literal["doubtful", "flagged", "not checked"],
-    of: str,
-    cause: str,
-    says: str,
-    remedy: str,
-    trials: Sequence[str],
-    judged: Sequence[str],
+    verdict: str, of: str, cause: str, says: str, remedy: str, trials: Sequence[str], judged: Sequence[str]
 ) -> dict[str, Any]:
     """One cause, or one thing that could not be checked, as `summary.json` has it: what was judged, as `impedance
     trials`, the trials that it concerns and the number of all that were `judged`, and a `line` that says it."""
@@ -149,14 +129,12 @@ def findings(verdicts: pl.DataFrame, tables: Mapping[str, pl.DataFrame]) -> list
     flags = []
     for name, check in CHECKS.items():
         own = verdicts.filter(pl.col("check") == name)
-        failed = own.filter(pl.col("verdict") == "flag")
-        if len(failed):
+        if len(failed := own.filter(pl.col("verdict") == "flag")):
             row, cause = failed.row(0, named=True), check.cause
             example = f"{cause.says}, as {row['value']:.4g} {row['unit']} in {row['trial']}"
             example += f" ({row['remark']})" if row["remark"] else ""
-            flags.append(
-                finding("flagged", "trials", cause.name, example, cause.remedy, [*failed["trial"]], [*own["trial"]])
-            )
+            trials = [*failed["trial"]], [*own["trial"]]
+            flags.append(finding("flagged", "trials", cause.name, example, cause.remedy, *trials))
     parts = (doubts_in(tables), flags, unchecked_in(tables))
     return [one for part in parts for one in sorted(part, key=lambda one: -len(one["trials"]))]
 
@@ -166,9 +144,9 @@ def doubts_in(tables: Mapping[str, pl.DataFrame]) -> Iterator[dict[str, Any]]:
     for name, facts in EXPERIMENTS.items():
         fitted = {table.name: table.doubts_of for table in facts.tables if table.judged}
         for table, of in (fitted | dict.fromkeys(facts.judged_further, "")).items():
-            if DOUBTFUL not in tables.get(table, pl.DataFrame()).columns:
+            if doubts.DOUBTFUL not in tables.get(table, pl.DataFrame()).columns:
                 continue
-            causes = causes_by_trial(tables[table], tables.get(of))
+            causes = doubts.causes_by_trial(tables[table], tables.get(of))
             by_cause: dict[str, dict[str, str]] = {}
             for trial, texts in causes.items():
                 for cause, text in texts.items():
@@ -176,31 +154,30 @@ def doubts_in(tables: Mapping[str, pl.DataFrame]) -> Iterator[dict[str, Any]]:
             judged = f"{name} trials" if table in fitted else table.replace("_", " ")
             judged += f", in {table}.csv alone" if of else ""
             for cause, trials in by_cause.items():
-                known = CAUSES.get(cause) or Cause(cause, next(iter(trials.values())), "")
+                known = doubts.CAUSES.get(cause) or Cause(cause, next(iter(trials.values())), "")
                 single = not known.otherwise or any(known.remedy[1:] in text for text in trials.values())
                 remedy = known.remedy if single else known.otherwise
                 yield finding("doubtful", judged, cause, known.says, remedy, [*trials], [*map(str, causes)])
 
 
 def unchecked_in(tables: Mapping[str, pl.DataFrame]) -> Iterator[dict[str, Any]]:
-    """What could not be checked, by experiment; a torque that comes late with what that would do, over all trials, by
-    the fits to all of each."""
+    """What could not be checked, by experiment; of a torque that may be late what that would do, over all trials."""
     for name, table in tables.items():
         if "not_checked" not in table.columns:
             continue
         found: dict[str, dict[str, str]] = {}
         for (trial,), rows in table.group_by("trial", maintain_order=True):
-            for what, why in not_checked_of(rows).items():
+            for what, why in doubts.not_checked_of(rows).items():
                 found.setdefault(what, {})[str(trial)] = why
         for what, reasons in found.items():
             why = next(iter(reasons.values()))
-            whole = [row for row in table.to_dicts() if of_whole_trial(row) and row["trial"] in reasons]
-            if LATENESS in what and whole and {"K", "B", "I"} <= set(table.columns):
+            whole = [row for row in table.to_dicts() if doubts.of_whole_trial(row) and row["trial"] in reasons]
+            if doubts.LATENESS in what and whole and {"K", "B", "I"} <= set(table.columns):
                 numbers = []
                 for scale, symbol in ((1e-3, "K"), (1, "B"), (1e-3, "B"), (1, "I")):
                     values = [scale * row[symbol] for row in whole]
                     numbers.append(" to ".join(dict.fromkeys(f"{x:.2g}" for x in (min(values), max(values)))))
-                why = why.partition(SIZED)[0] + size_of_lateness(*numbers)
+                why = why.partition(doubts.SIZED)[0] + doubts.size_of_lateness(*numbers)
             judged = [*table["trial"].unique(maintain_order=True)]
             yield finding("not checked", f"{name.replace('_', ' ')} trials", what, why, "", [*reasons], judged)
 
@@ -212,8 +189,7 @@ def findings_report(verdicts: pl.DataFrame, tables: Iterable[Path]) -> str:
 
 
 def exclusion_report(verdicts: pl.DataFrame, by_sheet: Mapping[str, str]) -> str:
-    """Excluded trials with reasons, by the sample sheet or the `verdicts`, for the end of a run; empty without any.
-    Trials that fail the same check are one line."""
+    """Excluded trials with reasons, for the end of a run; those that fail the same check are one line."""
     failed = verdicts.filter(pl.col("verdict") == "exclude").unique("trial", keep="first", maintain_order=True)
     reasons, lines = exclusions(verdicts), []
     for (check,), rows in failed.group_by("check", maintain_order=True):
@@ -229,9 +205,5 @@ def exclusion_report(verdicts: pl.DataFrame, by_sheet: Mapping[str, str]) -> str
 def left_behind_report(stored: Iterable[Path], trials: Collection[str]) -> str:
     """A line on trials whose files are `stored` though the sheet has them not, as after a renaming; empty without."""
     unknown = sorted({path.stem for path in stored} - set(trials))
-    if not unknown:
-        return ""
-    return (
-        f"not in the sample sheet, and in no table or figure: {listing(unknown, 12)}; files of theirs are left "
-        "below the results; delete them, or enter the trials again"
-    )
+    said = f"not in the sample sheet, and in no table or figure: {listing(unknown, 12)}; files of theirs are left below"
+    return f"{said} the results; delete them, or enter the trials again" if unknown else ""

@@ -15,7 +15,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.judge.table import TABLE, Cause, CheckResult, Commanded, Examined, Judgement, QualityRules
 from osl_analysis.measured import usual_size
 from osl_analysis.plate_surface import beside, plate_axes
-from osl_analysis.protocol.stepped_sine import Likeness, Run, SteppedSineProtocol
+from osl_analysis.protocol.stepped_sine import Likeness
 from osl_analysis.signals import longest_run, run_at_extreme, run_edges, runs
 from osl_analysis.signals.grid import GapLimits, devices_of, streams, uniform_signals
 from osl_analysis.signals.samples import take
@@ -109,27 +109,21 @@ def measure_clock(examined: Examined) -> CheckResult:
     return CheckResult(clock["residual"], f"drift {ppm:.1f} +- {error:.1f} ppm; {matched}; {outside} motion capture")
 
 
-def damage_of(trial: Trial) -> dict[str, Any]:
-    """Ingest's report on the damage to the log; empty without one."""
-    return dict(trial.provenance.get("damage") or trial.provenance.get("log", {}).get("damage") or {})
-
-
 def measure_damage(examined: Examined) -> CheckResult:
-    damage = damage_of(examined.trial)
-    if not damage:
+    if not (damage := examined.trial.provenance.get("damage")):
         return not_applicable("no damage report")
     said = [f"{damage[key]} {key.replace('_', ' ')}" for key in ("chunks_lost", "messages_lost") if damage.get(key)]
     said += [] if damage.get("complete", True) else ["the file is not complete"]
     said += [f"CRC {damage['crc']}"] if damage.get("crc") else []
-    remarks = damage.get("remarks") or []
-    said += [remarks] if isinstance(remarks, str) else map(str, remarks)
+    said += damage.get("remarks") or []
     return CheckResult(100 * float(damage.get("share_lost") or 0.0), "; ".join(said))
 
 
 def measure_truncation(examined: Examined) -> CheckResult:
-    damage = damage_of(examined.trial)
-    if not damage or damage.get("complete", True):
-        return CheckResult(0.0) if damage else not_applicable("no damage report")
+    if not (damage := examined.trial.provenance.get("damage")):
+        return not_applicable("no damage report")
+    if damage.get("complete", True):
+        return CheckResult(0.0)
     return CheckResult(1.0, "no end: see whether the trial lasts as long as it should")
 
 
@@ -137,7 +131,9 @@ def measure_truncation(examined: Examined) -> CheckResult:
 
 
 def measure_protocol(examined: Examined) -> CheckResult:
-    """Number of `differences`. Another motion in place of the stepped sine is said and does not count."""
+    """Number of commanded pairs of amplitude and frequency that are missing or have other numbers of cycles, and of
+    runs that were not commanded. A protocol may have a pair more than once. Another motion than the stepped sine is
+    said and does not count."""
     if not examined.experiment.stepped_sine or "theta" not in examined.trial.columns:
         return not_applicable("no stepped sine")
     commanded = examined.commanded.protocol
@@ -151,37 +147,24 @@ def measure_protocol(examined: Examined) -> CheckResult:
     alike = Likeness(angle.time, angle["theta"], commanded)
     if excitation == "auto" and alike.kind == "other":
         return CheckResult(0.0, "no stepped sine but another motion, which is fitted as such")
-    found = alike.runs
-    remarks, most = differences(found, commanded), 20
-    more = [f"and {len(remarks) - most} differences more"] * (len(remarks) > most)
-    pairs = len(commanded.amplitudes) * len(commanded.frequencies_hz)
-    words = [*remarks[:most], *more] or [f"{pairs} commanded pairs of amplitude and frequency found"]
-    off = [run.frequency_hz / f - 1 for run in found if (f := commanded.frequency_near(run.frequency_hz))]
-    median = float(np.median(off)) if off else 0.0
-    if abs(median) >= 1e-3:
-        side = "above" if median > 0 else "below"
-        words.append(f"frequencies are {100 * abs(median):.2g} % {side} the commanded ones")
-    return CheckResult(float(len(remarks)), "; ".join(words))
-
-
-def differences(found: list[Run], commanded: SteppedSineProtocol) -> list[str]:
-    """A remark on every commanded pair of amplitude and frequency that is missing or has other numbers of cycles, and
-    on every run that was not commanded. A protocol may have a pair more than once."""
     cycles = defaultdict[tuple[float, float], float](float)
     for amplitude in commanded.amplitudes:
         for frequency, count in zip(commanded.frequencies_hz, commanded.cycles_at, strict=True):
             cycles[amplitude, frequency] += count
-    followed = [(commanded.amplitude_near(run.amplitude), commanded.frequency_near(run.frequency_hz)) for run in found]
+    followed = [(commanded.amplitude_near(r.amplitude), commanded.frequency_near(r.frequency_hz)) for r in alike.runs]
     remarks = []
     for (amplitude, frequency), wanted in cycles.items():
-        own = [run for run, pair in zip(found, followed, strict=True) if pair == (amplitude, frequency)]
+        own = [run for run, pair in zip(alike.runs, followed, strict=True) if pair == (amplitude, frequency)]
         # the same within 5 %, or half a cycle of each run: a ramp has no sharp end
         if not own:
             remarks.append(f"missing {np.rad2deg(amplitude):g} deg at {frequency:g} Hz")
         elif abs(sum(run.cycles for run in own) - wanted) > max(0.05 * wanted, 0.5 * len(own)):
-            more = f" and {len(own) - 3} times more" if len(own) > 3 else ""
-            remarks.append(f"{' and '.join(map(str, own[:3]))}{more}, commanded are {wanted:g}")
-    return remarks + [f"besides {run}" for run, pair in zip(found, followed, strict=True) if None in pair]
+            remarks.append(f"{' and '.join(map(str, own[:3]))}, commanded are {wanted:g}")
+    remarks += [f"besides {run}" for run, pair in zip(alike.runs, followed, strict=True) if None in pair]
+    words = [*remarks[:20], *[f"and {len(remarks) - 20} differences more"] * (len(remarks) > 20)]
+    pairs = len(commanded.amplitudes) * len(commanded.frequencies_hz)
+    words = words or [f"{pairs} commanded pairs of amplitude and frequency found"]
+    return CheckResult(float(len(remarks)), "; ".join(words))
 
 
 # Sensors at the end of their range: load cells, currents and encoders that stand at a rail.
@@ -522,9 +505,6 @@ config/config.yaml, and its test."""
 
 
 def unknown_check(name: str) -> str:
-    """What is wrong with the name of a check; the new name where it is an old one."""
-    if name == "unfinished":
-        return "the check 'unfinished' is now called 'truncated'; rename it"
     return f"'{name}' is no quality check; the checks are {', '.join(CHECKS)}"
 
 

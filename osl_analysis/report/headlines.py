@@ -62,16 +62,14 @@ class Example:
         return f"{words} (that of {self.chosen})" if self.chosen else words
 
 
-DRAFT_EXAMPLE = Example()
 LABELS = {
     table: {quantity: Headline(**label) for quantity, label in labels.items()}
     for table, labels in read_mapping(Path(__file__).with_suffix(".yaml")).items()
 }
 """The labels by table and quantity, in the order of the summary."""
-READ = {*LABELS, *judged_tables()}  # the tables that the summary reads
 
 
-def with_controller(label: Headline, controller: str | None, example: Example = DRAFT_EXAMPLE) -> Headline:
+def with_controller(label: Headline, controller: str | None, example: Example) -> Headline:
     known, meaning = controller or "no controller", label.meaning.format(example=example.meaning())
     name, macro = f"{label.name}_{known.replace(' ', '_')}", letters(known)[:32] + label.macro
     return replace(label, name=name, macro=macro, meaning=f"{meaning}, {known}")
@@ -118,7 +116,7 @@ def all_labels() -> list[Headline]:
     for table, labels in LABELS.items():
         for quantity, label in labels.items():
             each = table == "impedance" or quantity.startswith("impedance")
-            found += [with_controller(label, controller) for controller in CONTROLLERS] if each else [label]
+            found += [with_controller(label, name, Example()) for name in CONTROLLERS] if each else [label]
     return [*found, *map(doubtful_label, judged_tables())]
 
 
@@ -227,7 +225,7 @@ def numbers_of(name: str, table: pl.DataFrame, example: Example) -> Iterator[Hea
     elif name == "model_comparison_summary":
         for row in table.drop_nulls("VAF_gain").iter_rows(named=True):
             if gain := labels.get(f"{row['experiment']} {row['model']}"):
-                named = with_controller(gain, row["controller"]) if row["experiment"] == "impedance" else gain
+                named = with_controller(gain, row["controller"], example) if row["experiment"] == "impedance" else gain
                 ends = row["VAF_gain_low"], row["VAF_gain_high"]
                 yield headline(named, row["VAF_gain"], int(row["trials"]), *ends, PAIRED)
     elif name == "walking_summary":
@@ -244,21 +242,22 @@ def numbers_of(name: str, table: pl.DataFrame, example: Example) -> Iterator[Hea
         yield from summary_means(table, labels)
 
 
-def headline_numbers(tables: Mapping[str, pl.DataFrame], example: Example = DRAFT_EXAMPLE) -> list[Headline]:
+def headline_numbers(tables: Mapping[str, pl.DataFrame], example: Example | None = None) -> list[Headline]:
     """Headline numbers of the experiments that the campaign has; `tables` by name, `example` of Fig. 4. The bench's are
-    of one joint and side each, told apart where there are several; the draft's are of an ankle. Raises InputError: a
+    of one joint and side each, told apart where there are several; the draft's are of an ankle. No two have the same
+    name or macro: the second `PD 1` and `PD-1` becomes `PDOneB`, as macros have letters alone. Raises InputError: a
     summary table has no finite mean for a quantity that it lists."""
     numbers: list[Headline] = []
     for name, table in ((name, tables[name]) for name in LABELS if name in tables):
         places = ("joint", "side")
         if name.startswith("walking") or not set(places) <= set(table.columns):
-            numbers += numbers_of(name, table, example)
+            numbers += numbers_of(name, table, example or Example())
             continue
         parts = table.partition_by(places, maintain_order=True)
         for part in parts:
             joint, side = part.select(places).row(0)
             where = ", ".join(filter(None, [joint or DRAFT_JOINT, side]))
-            for number in numbers_of(name, part, example):
+            for number in numbers_of(name, part, example or Example()):
                 said = number.meaning + f", {where}" * (where != DRAFT_JOINT)
                 named = of_group(number, where) if len(parts) > 1 else replace(number, meaning=said)
                 draft = number.draft if (joint or DRAFT_JOINT) == DRAFT_JOINT else None
@@ -268,15 +267,6 @@ def headline_numbers(tables: Mapping[str, pl.DataFrame], example: Example = DRAF
         causes = causes_by_trial(tables[name], tables.get(DOUBTS_OF.get(name, "")))
         doubtful = sum(map(bool, causes.values()))
         numbers.append(replace(doubtful_label(name), value=doubtful, interval=COUNT, n=len(causes)))
-    return with_own_names(numbers)
-
-
-ENDINGS = ("", "Low", "High", "AmplitudesLow", "AmplitudesHigh")  # endings of the macros of a number and its bounds
-
-
-def with_own_names(numbers: Sequence[Headline]) -> list[Headline]:
-    """The numbers with names and macros that no other one has, with its endings; the first one keeps its own. Different
-    names of a campaign may have the same letters: the second `PD 1` and `PD-1` becomes `PDOneB`."""
     names, macros, found = set[str](), set[str](ABOUT_MACROS.values()), []
     for number in numbers:
         name = next(free for k in count(1) if (free := number.name + (f" ({k})" if k > 1 else "")) not in names)
@@ -286,6 +276,9 @@ def with_own_names(numbers: Sequence[Headline]) -> list[Headline]:
         macros.update(own)
         found.append(replace(number, name=name, macro=own[0]))
     return found
+
+
+ENDINGS = ("", "Low", "High", "AmplitudesLow", "AmplitudesHigh")  # endings of the macros of a number and its bounds
 
 
 # The trials behind the numbers.
@@ -316,7 +309,6 @@ def missing_lines(content: Mapping[str, Any], reasons: bool) -> list[str]:
 # How they are written.
 
 AMPLITUDES = ("amplitudes_low", "amplitudes_high")
-COLUMN_HEADS = ("quantity", "value", "interval", "n", "draft")
 SPECIAL = {sign: f"\\{sign}" for sign in "#$%&_{}"} | {
     "\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"
 }  # fmt: skip
@@ -357,43 +349,37 @@ def to_tex(about: Mapping[str, str], headlines: Sequence[Headline], remarks: Seq
             (h.amplitudes_high, digits, "highest of the fits to single amplitudes"),
         )
         for suffix, (number, places, comment) in zip(ENDINGS, ends, strict=True):
-            if number is not None:
-                lines.append(f"\\newcommand{{\\osl{h.macro}{suffix}}}{{{tex_number(number, places)}}}% {comment}")
+            if number is None:
+                continue
+            # read the same in text and in mathematics: with a true minus, small ones with a power of ten
+            text = fixed(number, places)
+            if 0 < abs(float(text)) < 1e-4:
+                exponent = exponent_of(float(text))
+                mantissa = fixed(number / 10.0**exponent, max(places + exponent, 0))
+                text = rf"\ensuremath{{{mantissa}\times 10^{{{exponent}}}}}"
+            elif text.startswith("-"):
+                text = rf"\ensuremath{{{text}}}"
+            lines.append(f"\\newcommand{{\\osl{h.macro}{suffix}}}{{{text}}}% {comment}")
     return "\n".join(lines) + "\n"
 
 
-def tex_number(number: float, digits: int) -> str:
-    """A number that reads the same in text and in mathematics: with a true minus, small ones with a power of ten."""
-    text = fixed(number, digits)
-    if 0 < abs(float(text)) < 1e-4:
-        exponent = exponent_of(float(text))
-        mantissa = fixed(number / 10.0**exponent, max(digits + exponent, 0))
-        return rf"\ensuremath{{{mantissa}\times 10^{{{exponent}}}}}"
-    return rf"\ensuremath{{{text}}}" if text.startswith("-") else text
-
-
-def to_markdown(numbers: Mapping[str, Mapping[str, Any]]) -> str:
-    """Table of the numbers of a summary, in the form that `to_json` writes, as Markdown."""
-    rows = [COLUMN_HEADS, ["---"] * len(COLUMN_HEADS), *rows_of(numbers)]
-    return "".join("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |\n" for cells in rows)
-
-
-def to_columns(numbers: Mapping[str, Mapping[str, Any]]) -> str:
-    table = [COLUMN_HEADS, *rows_of(numbers)]
-    widths = [max(len(cells[place]) for cells in table) for place in range(len(COLUMN_HEADS))]
-    padded = ["  ".join(cell.ljust(width) for cell, width in zip(cells, widths, strict=True)) for cells in table]
-    return "\n".join(line.rstrip() for line in padded) + "\n"
-
-
-def rows_of(numbers: Mapping[str, Mapping[str, Any]]) -> Iterator[tuple[str, ...]]:
-    """The cells of each number: what it is, value, interval, trials, the draft's value. Counts of 0 are left out."""
+def to_table(numbers: Mapping[str, Mapping[str, Any]], markdown: bool) -> str:
+    """The numbers of a summary, in the form that `to_json` writes, as Markdown or in aligned columns: what each is,
+    value, interval, trials, the draft's value. Counts of 0 are left out."""
+    rows = [("quantity", "value", "interval", "n", "draft")]
     for number in numbers.values():
         if number["interval"] == COUNT and not number["value"]:
             continue
         value, interval, single = numbers_said(number)
         interval += f", {number['interval']}" * bool(interval) + f"; single amplitudes {single}" * bool(single)
         draft = "" if number["draft"] is None else f"{number['draft']:g}"
-        yield number["meaning"], f"{value} {number['unit']}", interval, trials_text(number), draft
+        rows.append((number["meaning"], f"{value} {number['unit']}", interval, trials_text(number), draft))
+    if markdown:
+        rows.insert(1, ("---",) * 5)
+        return "".join("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |\n" for cells in rows)
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    padded = ("  ".join(cell.ljust(width) for cell, width in zip(cells, widths, strict=True)) for cells in rows)
+    return "".join(f"{line.rstrip()}\n" for line in padded)
 
 
 def numbers_said(number: Mapping[str, Any]) -> tuple[str, str, str]:

@@ -4,7 +4,6 @@ import hashlib
 import json
 import math
 import re
-import warnings
 import zlib
 from base64 import b64encode
 from collections.abc import Mapping
@@ -22,16 +21,14 @@ from markupsafe import Markup
 
 from osl_analysis.report import TEMPLATES
 
-MEGABYTE = 1_000_000
-FEWEST_PACKED = 200  # rows from which on a table is packed; a shorter one is written as numbers
-Trials = Mapping[str, tuple[Mapping[str, Any], Mapping[str, pl.DataFrame]]]
-"""What the page says of each trial, and the tables that it draws, by name."""
 
-
-def written_page(content: Mapping[str, Any], trials: Trials, largest_mb: float) -> str:
-    """The HTML of the report, of the names that the template `report.html.j2` uses. Its signals are thinned out until
-    it is no larger than `largest_mb` [MB]; no table below `FEWEST_PACKED` rows: where that is still too much, a warning
-    says so."""
+def written_page(
+    content: Mapping[str, Any],
+    trials: Mapping[str, tuple[Mapping[str, Any], Mapping[str, pl.DataFrame]]],
+    largest_mb: float,
+) -> str:
+    """The HTML of the report, of the names that the template `report.html.j2` uses, and of what it says of each trial
+    with the tables that it draws, thinned out where the page would be larger than `largest_mb` [MB]."""
     around = Environment(
         loader=FileSystemLoader(TEMPLATES), autoescape=True, undefined=StrictUndefined, trim_blocks=True
     ).get_template("report.html.j2")
@@ -39,59 +36,40 @@ def written_page(content: Mapping[str, Any], trials: Trials, largest_mb: float) 
     report_js, style = ((TEMPLATES / f"report.{kind}").read_text(encoding="utf-8") for kind in ("js", "css"))
     hashes = (hashlib.sha256(script.encode()).digest() for script in (bokeh_js, report_js))
     scripts = " ".join(f"'sha256-{b64encode(digest).decode()}'" for digest in hashes)
-    longest = max((len(table) for _, tables in trials.values() for table in tables.values()), default=0)
 
-    def page(packed: Mapping[str, str], every: int) -> str:
-        return around.render(
-            **content,
-            every=every,
-            bokeh_version=bokeh.__version__,
-            # content security policy: nothing is loaded, and no script runs but these two, by their hashes
-            policy=f"default-src 'none'; script-src {scripts}; style-src 'unsafe-inline'; img-src data: blob:; "
-            "font-src data:; base-uri 'none'; form-action 'none'",
-            bokeh_js=Markup(bokeh_js),
-            report_js=Markup(report_js),
-            style=Markup(style),
-            packed={name: Markup(text) for name, text in packed.items()},
-        )
+    def packed(every: int) -> dict[str, Markup]:
+        found = {}
+        for name, (told, tables) in trials.items():
+            text = json.dumps(told, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+            drawn = {table: packed_table(every_kth(rows, every)) for table, rows in tables.items()}
+            both = json.dumps({"content": deflated(text.encode()), "tables": drawn}, allow_nan=False)
+            found[name] = Markup(both.replace("<", "\\u003c"))  # it cannot end the script element that holds it
+        return found
 
-    largest, every = largest_mb * MEGABYTE - len(page({}, 1).encode()), 1
-    while True:
-        packed = {name: packed_trial(*trial, every) for name, trial in trials.items()}
-        size = sum(map(len, packed.values()))
-        if size <= largest or every >= longest / FEWEST_PACKED:
-            break
-        every = max(math.ceil(every * min(size / max(largest, 1), 4)), every + 1)
-    if size > largest:
-        warnings.warn(
-            f"the report is {(size - largest) / MEGABYTE:.1f} MB larger than `report: largest_mb` asks for, with as "
-            "few samples as it can draw; set a larger one, or make a campaign of fewer trials",
-            stacklevel=2,
-        )
-    return page(packed, every)
-
-
-def packed_trial(content: Mapping[str, Any], tables: Mapping[str, pl.DataFrame], every: int) -> str:
-    """A trial as JSON that cannot end the script element that holds it; `every` thins out its long tables."""
-    thinned = {name: every_kth(table, every) for name, table in tables.items()}
-    text = json.dumps(content, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
-    kept = [round(len(tables[name]) / len(table)) for name, table in thinned.items() if len(table)]
-    packed = {
-        "content": deflated(text.encode()),
-        "every": max(kept, default=1),
-        "tables": {name: packed_table(table) for name, table in thinned.items()},
-    }
-    return json.dumps(packed, ensure_ascii=True, allow_nan=False).replace("<", "\\u003c")
+    whole = packed(1)
+    size, room = sum(map(len, whole.values())), max(1e6 * largest_mb - len(bokeh_js) - len(str(content)), 1.0)
+    every = math.ceil(1.3 * size / room) if size > room else 1  # noise deflates worse once it is thinned
+    return around.render(
+        **content,
+        every=every,
+        bokeh_version=bokeh.__version__,
+        # content security policy: nothing is loaded, and no script runs but these two, by their hashes
+        policy=f"default-src 'none'; script-src {scripts}; style-src 'unsafe-inline'; img-src data: blob:; "
+        "font-src data:; base-uri 'none'; form-action 'none'",
+        bokeh_js=Markup(bokeh_js),
+        report_js=Markup(report_js),
+        style=Markup(style),
+        packed=whole if every == 1 else packed(every),
+    )
 
 
 def every_kth(table: pl.DataFrame, k: int) -> pl.DataFrame:
-    """Every k-th row of a table, `FEWEST_PACKED` or more; of the ends of a range, `_low` and `_high`, the outermost."""
-    k = min(k, len(table) // FEWEST_PACKED)
-    if k <= 1:
+    """Every k-th row of a table, 200 or more; of the ends of a range, `_low` and `_high`, the outermost."""
+    if (k := min(k, len(table) // 200)) <= 1:
         return table
     low, high = (pl.col(f"^.*{end}$") for end in ("_low", "_high"))
-    others = pl.exclude("^.*_low$", "^.*_high$").first()
     groups = (pl.int_range(pl.len()) // k).alias("k_th")
+    others = pl.exclude("^.*_low$", "^.*_high$").first()
     return table.group_by(groups, maintain_order=True).agg(others, low.min(), high.max()).select(table.columns)
 
 
@@ -102,7 +80,7 @@ def packed_table(table: pl.DataFrame) -> dict[str, Any]:
     Rounding to counts costs at most 1/32 000 of a column's range: the largest count is 8191, since two more bits would
     make the page a quarter larger, and show nothing more. A value that is not finite has the count -32768, in a list
     null."""
-    if len(table) < FEWEST_PACKED:
+    if len(table) < 200:  # a short one is written as numbers
         numbers = table.with_columns(pl.selectors.numeric().cast(pl.Float64).replace([np.inf, -np.inf, np.nan], None))
         plain = numbers.with_columns(pl.selectors.float().round_sig_figs(7))
         return {"rows": len(table), "plain": plain.to_dict(as_series=False)}
@@ -163,11 +141,6 @@ def inline_svg(text: str, name: str, label: str) -> Markup:
     return Markup(ElementTree.tostring(root, encoding="unicode"))
 
 
-def inline_png(content: bytes, label: str) -> Markup:
-    picture = Markup('<img src="data:image/png;base64,{}" alt="{}" style="max-width: 100%">')
-    return picture.format(b64encode(content).decode("ascii"), label)
-
-
 def captions_by_title(text: str) -> dict[str, Markup]:
     """The captions of `captions.md` by the title of their figure."""
     sections = (section.partition("\n") for section in f"\n{text}".split("\n## ")[1:])
@@ -177,14 +150,15 @@ def captions_by_title(text: str) -> dict[str, Markup]:
 def caption_html(text: str) -> Markup:
     """A caption as HTML: signs that Markdown escapes are themselves, mathematics has its indices, all else is text."""
     parts = re.finditer(r"\\(?P<sign>[^A-Za-z0-9\s])|\$(?P<symbol>[^$]+)\$|(?P<text>[^\\$]+|[\\$])", text)
-    return Markup("".join(symbol_html(p["symbol"]) if p["symbol"] else escape(p["sign"] or p["text"]) for p in parts))
-
-
-def symbol_html(text: str) -> str:
-    """A symbol of the paper, such as `\\hat{K}` or `K_d`."""
-    letters = {"theta": "θ", "tau": "τ", "omega": "ω", "alpha": "α", "pm": "±", "cdot": "·", "dot": "", "mathrm": ""}
-    accented = re.sub(r"\\hat\{?(\w)\}?", "\\1\u0302", text)
-    shown = escape(re.sub(r"\\(\w+)", lambda word: letters.get(word[1], word[1]), accented))
-    for sign, element in (("_", "sub"), (r"\^", "sup")):
-        shown = re.sub(rf"{sign}(?:\{{([^}}]*)\}}|(\w))", rf"<{element}>\1\2</{element}>", shown)
-    return f"<i>{shown.replace('{', '').replace('}', '')}</i>"
+    letters, found = {"theta": "θ", "tau": "τ", "pm": "±"}, []
+    for part in parts:
+        if not part["symbol"]:
+            found.append(escape(part["sign"] or part["text"]))
+            continue
+        # a symbol of the paper, such as `\\hat{K}` or `K_d`
+        accented = re.sub(r"\\hat\{?(\w)\}?", "\\1\u0302", part["symbol"])
+        shown = escape(re.sub(r"\\(\w+)", lambda word: letters.get(word[1], word[1]), accented))
+        for sign, element in (("_", "sub"), (r"\^", "sup")):
+            shown = re.sub(rf"{sign}(?:\{{([^}}]*)\}}|(\w))", rf"<{element}>\1\2</{element}>", shown)
+        found.append(f"<i>{shown.replace('{', '').replace('}', '')}</i>")
+    return Markup("".join(found))

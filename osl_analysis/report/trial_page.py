@@ -19,34 +19,24 @@ from osl_analysis.report.panels import Pictures
 
 NO_VALUE = "–"
 VERDICTS = ("used", "flagged", "doubtful", "excluded", "refused")
-LeftOut = tuple[bool, list[str]]
-"""Whether a trial is missing because a job refused it or failed, not because it was excluded; and why."""
 
 
 def left_out_trials(
-    excluded: pl.DataFrame, crossings: pl.DataFrame | None, refused: Mapping[str, str]
-) -> dict[str, LeftOut]:
-    """The trials that are left out, by name; `refused` has the reason of each refused trial."""
-    found: dict[str, LeftOut] = {}
-
-    def say(trial: str, by_job: bool, reason: str) -> None:
-        reasons = found.setdefault(trial, (by_job, []))[1]
-        if reason not in reasons:
-            reasons.append(reason)
-
+    excluded: pl.DataFrame, crossings: pl.DataFrame, refused: Mapping[str, str]
+) -> dict[str, tuple[bool, list[str]]]:
+    """The trials that are left out, by name: whether because a job refused or failed, not because they are excluded,
+    and why. `refused` has the reason of each refused trial."""
+    said = []
     for row in excluded.iter_rows(named=True):
         by_job = row["check"] in ("refused", "failed", "died")  # outcomes of a job, which are no checks
-        say(row["trial"], by_job, row["remark"] if by_job else exclusion_said(row))
-    found.update({trial: (True, [reason]) for trial, reason in refused.items() if trial not in found})
-    for row in crossings.iter_rows(named=True) if crossings is not None else ():
-        say(row["trial"], False, row["reason"])
+        said.append((row["trial"], by_job, row["remark"] if by_job else exclusion_said(row)))
+    known = {trial for trial, *_ in said}
+    said += [(trial, True, reason) for trial, reason in refused.items() if trial not in known]
+    said += [(trial, False, why) for trial, why in crossings.select("trial", "reason").rows()]
+    found: dict[str, tuple[bool, list[str]]] = {}
+    for trial, by_job, reason in dict.fromkeys(said):
+        found.setdefault(trial, (by_job, []))[1].append(reason)
     return found
-
-
-def without_result(causes: list[str]) -> LeftOut:
-    named = ", ".join(causes[:3]) + (f" and {len(causes) - 3} more" if causes[3:] else "")
-    because = f", because {named} {'was' if len(causes) == 1 else 'were'} refused or excluded" if causes else ""
-    return True, [f"it has no result{because}"]
 
 
 @dataclass(frozen=True)
@@ -97,10 +87,8 @@ class ReportedTrial:
         )
 
 
-def trial_content(
-    trial: ReportedTrial, described: Mapping[str, DescribedTable], checks: Mapping[str, str]
-) -> dict[str, Any]:
-    """All text of a trial for the page; `checks` has the meaning of each check of quality control."""
+def trial_content(trial: ReportedTrial, described: Mapping[str, DescribedTable]) -> dict[str, Any]:
+    """All text of a trial for the page."""
     tables = {name: table for name, table in trial.tables.items() if len(table)}
     name = next(iter(tables), "")
     last = tables[name].row(-1, named=True) if tables else {}  # the fit to all of it
@@ -111,8 +99,8 @@ def trial_content(
             f"{cell_text(row[key])} {'' if row[key] is None else printed(row['unit'] or '')}".strip()
             for key in ("value", "threshold")
         )
-        meaning, remark = checks.get(row["check"], ""), row["remark"] or ""
-        quality.append([row["check"], meaning, value, threshold, row["verdict"], remark])
+        meaning = CHECKS[row["check"]].meaning
+        quality.append([row["check"], meaning, value, threshold, row["verdict"], row["remark"] or ""])
     time_base: list[list[str]] = []  # what the time base did to each group of signals: column, its values, its meaning
     for column in trial.tables.get("timebase", pl.DataFrame()):
         if column.name == "signals" or (column.name not in ("trial", "joint", "side", "data") and column.count()):

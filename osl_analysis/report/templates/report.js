@@ -300,11 +300,6 @@
     );
   }
 
-  function thinned(every) {
-    if (every === 1) return "";
-    return `. To keep this page small, of all this every ${every}th sample is drawn: fast motion may look slower than it is.`;
-  }
-
   async function showTrial(name) {
     const request = ++asked;
     view.dataset.name = name;
@@ -318,7 +313,7 @@
       view.replaceChildren(element("h1", {}, "No such trial"), element("p", {}, `This report has no trial "${name}".`), steps(name));
       return;
     }
-    const { content: text, tables, every } = JSON.parse(packed.textContent);
+    const { content: text, tables } = JSON.parse(packed.textContent);
     const content = JSON.parse(new TextDecoder().decode(await inflated(text)));
     const columns = {};
     for (const [key, value] of Object.entries(tables)) columns[key] = await unpacked(value);
@@ -334,7 +329,7 @@
       ...content.flags.map((flag) => element("p", {}, element("b", {}, "Flagged: "), flag)),
       estimates(content),
       ...content.not_checked.map((what) => element("p", { class: "note" }, `Not checked: ${what}`)),
-      content.panels.length ? section("Signals", element("p", { class: "note" }, content.remark, thinned(every)), plots) : null,
+      content.panels.length ? section("Signals", element("p", { class: "note" }, content.remark), plots) : null,
       quality(content),
       provenance(content),
     ].filter((child) => child !== null));

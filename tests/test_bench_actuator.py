@@ -11,17 +11,16 @@ from click.testing import CliRunner
 from conftest import ROOT
 
 from osl_analysis.bench.components import ACTUATOR_PARAMETERS as NAMES
-from osl_analysis.bench.components import actuator_trial
+from osl_analysis.bench.components import actuator_table, actuator_trial
 from osl_analysis.bench.settings import ActuatorAnalysis
-from osl_analysis.campaign.configuration import read_section
 from osl_analysis.cli import main
-from osl_analysis.commands.bench import fit_actuator_trial, fit_settings, fit_trial
+from osl_analysis.commands.bench import fit_settings, fit_trial
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.model.parameters import read_parameters
 from osl_analysis.simulator.bench import simulate_bench_trial
 from osl_analysis.simulator.joint_motion import actuator_command
 from osl_analysis.simulator.settings import RecorderSettings, SimulationSettings
-from osl_analysis.trial import Trial, read_trial, write_trial
+from osl_analysis.trial import Trial, read_trial
 from osl_analysis.yaml_settings import read_yaml
 
 DEFAULT = ROOT / "config/simulation/default.yaml"
@@ -45,13 +44,11 @@ def fit_log(time, theta_m, current, torque_m):
     return actuator_trial(Trial("made", samples), ANALYSIS).whole
 
 
-def fitted(log):
-    return fit_log(log["time"], log["actuator_angle"], log["motor_current"], log["output_torque"])
-
-
-def fit_file(path):
-    """The table of a trial's fit with the settings of the shipped configuration, by the one door to a fit."""
-    return fit_trial("actuator", read_trial(path), DEVICE, *fit_settings("actuator", ROOT / "config/config.yaml")).table
+def simulated(number=1, duration_s=20.0):
+    """The log of a simulated bench, and the fit to it."""
+    row = {"trial": f"actuator_{number}", "experiment": "actuator"}
+    log, _ = simulate_bench_trial(row, settings(duration_s), P)
+    return log, fit_log(log["time"], log["actuator_angle"], log["motor_current"], log["output_torque"])
 
 
 def by_hand(omega, alpha, current):
@@ -90,10 +87,7 @@ def test_a_log_without_noise_gives_the_parameters_back():
 
 def test_a_simulated_bench_gives_them_back_within_their_errors():
     """With every imperfection but the recorder's: of twelve trials none is beyond 5 standard errors, few beyond 2."""
-    fits = [
-        fitted(simulate_bench_trial({"trial": f"actuator_{i}", "experiment": "actuator"}, settings(), P)[0])
-        for i in range(12)
-    ]
+    fits = [simulated(number)[1] for number in range(12)]
     z = np.array([[(fit[name] - TRUE[name]) / fit.se(name) for name in NAMES] for fit in fits])
     assert np.abs(z).max() < 5
     assert all(fit.correlation_samples < 0.5 * RATE for fit in fits), "of noise behind a 15 Hz filter, not of seconds"
@@ -105,24 +99,19 @@ def test_a_simulated_bench_gives_them_back_within_their_errors():
 
 
 @pytest.mark.parametrize(
-    ("offset", "current_of", "message"),
+    ("offset", "size", "current_of", "message"),
     [
-        (0.0, lambda omega, current: 0.6 * omega, "cannot be told apart"),  # always in the direction of the motion
-        (0.0, lambda omega, current: np.sign(omega) * (4 + np.tanh(current)), "k_tau_n_m and f_G"),
-        (30.0, lambda omega, current: current, "f_C and offset"),  # a motion that never turns round
+        (0.0, 1, lambda omega, current: 0.6 * omega, "cannot be told apart"),  # always in the direction of the motion
+        (0.0, 1, lambda omega, current: np.sign(omega) * (4 + np.tanh(current)), "k_tau_n_m and f_G"),
+        (30.0, 1, lambda omega, current: current, "f_C and offset"),  # a motion that never turns round
+        (0.0, 1 / 57, lambda omega, current: current, r"faster than 0\.5 rad/s in 0 of 20000 samples; drive it faster"),
     ],
 )
-def test_refuses_a_schedule_that_does_not_tell_two_parameters_apart(offset, current_of, message):
+def test_refuses_a_schedule_that_does_not_tell_two_parameters_apart_or_hardly_moves(offset, size, current_of, message):
     t, theta, omega, alpha, current = schedule(velocity_offset=offset)
     current = current_of(omega, current)
-    with pytest.raises(IdentifiabilityError, match=message):
-        fit_log(t, theta, current, by_hand(omega, alpha, current))
-
-
-def test_refuses_an_actuator_that_hardly_moves():
-    t, theta, _, _, current = schedule()
-    with pytest.raises(InputError, match=r"faster than 0\.5 rad/s in 0 of 20000 samples; drive it faster"):
-        fit_log(t, theta / 57, current, current)
+    with pytest.raises((IdentifiabilityError, InputError), match=f"^trial made: .*{message}"):
+        fit_log(t, size * theta, current, by_hand(omega, alpha, current))
 
 
 def bench_csv(path, documentation, log, motion):
@@ -140,8 +129,7 @@ def bench_csv(path, documentation, log, motion):
 @pytest.mark.parametrize("motion", ["omega_m", "theta_m"])
 def test_a_bench_of_ones_own_gives_the_parameters_of_its_log_by_the_documented_commands(tmp_path, monkeypatch, motion):
     """Velocity in rpm or angle in deg, as text: 0.1 % of the five, which is a tenth of their standard errors."""
-    log, _ = simulate_bench_trial({"trial": "actuator_1", "experiment": "actuator"}, settings(10.0), P)
-    expected = fitted(log)
+    log, expected = simulated(duration_s=10.0)
     documentation = (ROOT / "docs/own_data.md").read_text().partition("## Your own actuator bench")[2]
     shutil.copytree(ROOT / "config", tmp_path / "config")
     monkeypatch.chdir(tmp_path)
@@ -154,24 +142,21 @@ def test_a_bench_of_ones_own_gives_the_parameters_of_its_log_by_the_documented_c
         said = CliRunner().invoke(main, command.split())
         assert said.exit_code == 0, said.output
     assert re.search(r"J_m +0\.009\d+ ± \S+ +kg·m²", said.output)
-    found = fit_file(Path("bench.parquet"))
+    trial, asked = read_trial(Path("bench.parquet")), fit_settings("actuator", ROOT / "config/config.yaml")
+    found = fit_trial("actuator", trial, DEVICE, *asked).table
     assert found["motion"][0] == motion
     assert found.select(NAMES).row(0) == pytest.approx([expected[name] for name in NAMES], rel=1e-3)
     assert found["J_m_se"][0] == pytest.approx(expected.se("J_m"), rel=0.02)
 
 
-def test_of_angle_and_velocity_the_angle_is_used_and_a_bench_without_either_is_refused(tmp_path):
-    analysis = read_section(ROOT / "config/config.yaml", "actuator", ActuatorAnalysis)
+def test_of_angle_and_velocity_the_angle_is_used_and_a_bench_without_either_is_refused():
     t, theta, omega, alpha, current = schedule()
-    samples = {"time": t, "current": current, "torque_m": by_hand(omega, alpha, current)}
-    write_trial(Trial("a", pl.DataFrame({**samples, "theta_m": theta, "omega_m": 7 * omega})), tmp_path / "a.parquet")
-    both = fit_file(tmp_path / "a.parquet")
-    assert (both["motion"][0], both["J_m"][0]) == ("theta_m", pytest.approx(TRUE["J_m"], rel=0.02))
-    write_trial(Trial("b", pl.DataFrame(samples)), tmp_path / "b.parquet")
+    samples = pl.DataFrame({"time": t, "current": current, "torque_m": by_hand(omega, alpha, current)})
+    both = samples.with_columns(theta_m=theta, omega_m=7 * omega)
+    row = actuator_table(actuator_trial(Trial("a", both), ANALYSIS)).row(0, named=True)
+    assert (row["motion"], row["J_m"]) == ("theta_m", pytest.approx(TRUE["J_m"], rel=0.02))
     with pytest.raises(InputError, match="trial b: no column 'theta_m'"):
-        fit_file(tmp_path / "b.parquet")
-    with pytest.raises(InputError, match=r"^trial a: the actuator is faster than 99 rad/s in 0 of"):
-        fit_actuator_trial(read_trial(tmp_path / "a.parquet"), DEVICE, analysis.model_copy(update={"slowest": 99}))
+        actuator_trial(Trial("b", samples), ANALYSIS)
 
 
 def test_actuator_trials_without_a_schedule_are_refused():

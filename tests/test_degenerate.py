@@ -108,9 +108,12 @@ def signals():
     return spoiled(time, x, 3 * x + 0.01 * np.random.default_rng(1).standard_normal(N))
 
 
-def all_of(fit):
+def asked(y, x):
     """A fit with everything that is computed from it."""
-    return fit, fit.se("a"), fit.interval("a"), fit.correlation("a", "offset")
+    fit = linear_fit(y, {"a": x, "offset": np.ones_like(x)})
+    one = linear_fit(y, {"a": x})
+    shared = regression.with_shared_error(one, np.array([0.1]))
+    return fit, fit.se("a"), fit.interval("a"), fit.correlation("a", "offset"), one, shared
 
 
 def made(time, column, values):
@@ -118,23 +121,17 @@ def made(time, column, values):
 
 
 FITS_OF_SIGNALS = {
-    "linear_fit": lambda t, x, y: all_of(linear_fit(y, {"a": x, "offset": np.ones_like(x)})),
-    "linear_fit of one column": lambda t, x, y: linear_fit(y, {"a": x}),
-    "with_shared_error": lambda t, x, y: regression.with_shared_error(linear_fit(y, {"a": x}), np.array([0.1])),
-    **{
-        f"fit_sinusoid of {n} samples": lambda t, x, y, n=n: next(fit_sinusoids(t[:n], 2.0, y[:n]))
-        for n in (N, 100, 50)
-    },
+    "linear_fit": lambda t, x, y: asked(y, x),
+    "fit_sinusoid": lambda t, x, y: next(fit_sinusoids(t, 2.0, y)),
+    "fit_sinusoid of one cycle": lambda t, x, y: next(fit_sinusoids(t[:50], 2.0, y[:50])),
     "fit_impedance": lambda t, x, y: fit_without_offset(Motion(x, np.roll(x, 3), np.roll(x, 11)), y),
     "score_models": lambda t, x, y: repeats.score_models(
         y, [repeats.Candidate("M1", "a", 1, x, x), repeats.Candidate("M2", "b", 2, y, y)]
     ),
     "mean_over_trials": lambda t, x, y: repeats.mean_over_trials(y, shared=True),
     "over_repeats": lambda t, x, y: repeats.over_repeats(y, [(0.0, np.inf)]),
-    "over_repeats of two kinds": lambda t, x, y: repeats.over_repeats(y, kinds=np.arange(len(y)) % 2),
     "summary_row": lambda t, x, y: repeats.summary_row(pl.Series(y)),
     "whiteness_row": lambda t, x, y: whiteness_row(y),
-    "LowPass": lambda t, x, y: LowPass(15)(y, RATE),
     "differentiate": lambda t, x, y: differentiate(t, y),
     "filtered_motion": lambda t, x, y: filtered_motion(t, x, y, LowPass(15)),
     "sampling_rate": lambda t, x, y: sampling_rate(t),
@@ -232,31 +229,25 @@ def crossings():
     """Spoiled signals of the perturbed or all crossings; equal, exact, few crossings; no stance."""
     gait, perturbed = walks()
     same = replace(gait[0], onset=perturbed[0].onset, turn=0.08)
-    cases = {}
-    for how in spoiled(gait[0].time, gait[0].theta, gait[0].torque):
-        if "160" not in how:
-            cases[f"all: {how}"] = lambda how=how: (spoil(gait, how), spoil(perturbed, how))
-            cases[f"perturbed: {how}"] = lambda how=how: (gait, spoil(perturbed, how))
-    exact = [walked("u0", Walk(noise=0.0))] * 4, [walked("u0", Walk(phase=0.4, noise=0.0))] * 3
-    return cases | {
+    cases = {
         "no response": ([gait[0]] * 4, [same] * 3),
         "equal crossings": ([gait[0]] * 4, [perturbed[0]] * 3),
-        "exact": exact,
+        "exact": ([walked("u0", Walk(noise=0.0))] * 4, [walked("u0", Walk(phase=0.4, noise=0.0))] * 3),
         "no gait": ([], perturbed),
-        "one unperturbed": (gait[:1], perturbed),
         "two unperturbed": (gait[:2], perturbed),
         "one perturbed": (gait, perturbed[:1]),
         "no stance": lambda: ([replace(c, stance=Stance(0.3, 0.3)) for c in gait], perturbed),
     }
+    for how in spoiled(gait[0].time, gait[0].theta, gait[0].torque):
+        if "160" not in how:
+            cases[f"all: {how}"] = lambda how=how: (spoil(gait, how), spoil(perturbed, how))
+            cases[f"perturbed: {how}"] = lambda how=how: (gait, spoil(perturbed, how))
+    return cases
 
 
-def response(gait, perturbed, stance="own"):
-    return isolate_response(perturbed[0], unperturbed_gait(gait, 2), CHOICES, stance)
-
-
-def single(gait, perturbed):
+def single(gait, perturbed, stance="own"):
     """One perturbation's fit, lag and doubts."""
-    isolated = response(gait, perturbed)
+    isolated = isolate_response(perturbed[0], unperturbed_gait(gait, 2), CHOICES, stance)
     fit = fit_response(isolated)
     return fit, response_lag(isolated), single_facts(isolated, fit)
 
@@ -269,8 +260,8 @@ def headline(gait, perturbed):
 
 FITS_OF_CROSSINGS = {
     "unperturbed_gait": lambda gait, perturbed: unperturbed_gait(gait, 3),
-    "isolate_response, matched": lambda gait, perturbed: response(gait, perturbed, "matched"),
     "fit_response": single,
+    "fit_response, matched": lambda gait, perturbed: single(gait, perturbed, "matched"),
     "group_headline": headline,
     "selection_rows": lambda gait, perturbed: selection_rows([*gait, *perturbed], [], CHOICES),
 }

@@ -48,7 +48,7 @@ def percent(value: str) -> float:
 
 
 FILE = click.Path(path_type=Path)
-WRITTEN_SUFFIXES = {"ingest": ".parquet", "describe-tables": ".md", "design": ".csv"}
+WRITTEN_SUFFIXES = {"ingest": ".parquet", "samples": ".md", "describe-tables": ".md", "design": ".csv"}
 """Suffix of what a command writes, where it writes one kind of file."""
 FOLDER = click.Path(path_type=Path, file_okay=False)
 POSITIVE, NOT_NEGATIVE = click.FloatRange(0, min_open=True), click.FloatRange(0)
@@ -261,6 +261,18 @@ def fit(trial: Path, model: str, config_path: Path, as_json: bool, plot: Path | 
             raise click.UsageError(f"a fit of {model} has no modelled torque to draw; leave out --plot")
         draw_table("torque", fitted.series, [plot])
     say(command.rows_json(fitted.table) if as_json else command.estimates_text(fitted.table))
+
+
+@main.command(epilog="Example: osl-analysis samples ../shared/real_data --output docs/real_samples.md")
+@argument("folder", type=FOLDER)
+@file_option("--output", help="Write a Markdown page to this file instead of printing the table.")
+def samples(folder: Path, output: Path | None) -> None:
+    """List the content of every recording below FOLDER, without a source file; a refused one with the reason."""
+    from osl_analysis.commands.inspect import samples_table
+
+    table, command = samples_table(folder), f"osl-analysis samples {folder} --output {output}"
+    page = f"# What recordings made by others hold\n\nMade by `{command}`.\n\n{table}\n"
+    print_or_write(table if output is None else page, output)
 
 
 @main.command("describe-tables", epilog="Example: osl-analysis describe-tables --output docs/tables.md")

@@ -188,6 +188,7 @@ UNFIT = {
     "both.csv would be overwritten": (*GAINS, "--output", "both.csv", "--plot", "both.csv"),
     "a.csv would be overwritten": (*GAINS, "--output", "a.csv", "--parameters", "a.csv"),
     "`ingest` writes .parquet files": ("ingest", "--log", "a.csv", "--log-source", "s", "--output", "s.yaml"),
+    "`samples` writes .md files": ("samples", "folder", "--output", "folder/log.mcap"),
     "`describe-tables` writes .md files": ("describe-tables", "--output", "config.yaml"),
 }
 
@@ -273,6 +274,7 @@ COMMANDS_THAT_WRITE = [
     (".csv", (*GAINS, "--plot")),
     (".parquet", ("ingest", "--log", "no.csv", "--log-source", "bench_csv", "--output")),
     (".csv", ("inspect", "no.csv", "--draft")),
+    (".md", ("samples", "nowhere", "--output")),
     (".md", ("describe-tables", "--output")),
     (".csv", ("fit", "no.parquet", "--plot")),
 ]

@@ -82,11 +82,39 @@ def test_the_unit_of_a_clock_is_guessed_from_its_rate_and_never_for_a_count(tmp_
         drafted = draft_source(inspect_file(path), "a")
         assert yaml.safe_load(drafted)["time"] == {"field": "time", "unit": unit}
         assert ("# time: its unit is guessed" in drafted) == (unit != "UNKNOWN")
-    stamps = [{"stamp": {"seconds": 7 + k // 50, "nanos": k % 50 * 20_000_000}, "q": 0.5} for k in range(100)]
-    path = write(tmp_path / "b", stamps)
-    assert yaml.safe_load(draft_source(inspect_file(path), "b"))["time"]["unit"] == "UNKNOWN"
-    channels = {"theta": {"field": "q", "unit": "rad"}}
-    assert "field 'stamp' is {" in refused(path, time={"field": "stamp", "unit": "s"}, channels=channels)
+
+
+def stamped_lines(seconds: str, nanoseconds: str) -> list[Any]:
+    """Lines behind a header, with stamps that count up by 20.000001 ms across whole seconds."""
+    ns = [1_700_000_000_990_000_000 + 20_000_001 * k for k in range(50)]
+    stamps = [{seconds: one // 10**9, nanoseconds: one % 10**9} for one in ns]
+    return [{"meta": {"rate": 50}}, *({"h": {"stamp": one}, "q": 0.5 * k} for k, one in enumerate(stamps))]
+
+
+BY_STAMP = {"time": {"field": "h.stamp"}, "channels": {"theta": {"field": "q", "unit": "rad"}}}
+
+
+@pytest.mark.parametrize("parts", [("sec", "nanosec"), ("secs", "nsecs"), ("seconds", "nanos")])
+def test_a_stamp_of_seconds_and_nanoseconds_is_time_and_exact(tmp_path: Path, parts: tuple[str, str]) -> None:
+    path = write(tmp_path / "a", stamped_lines(*parts))
+    recording = read(path, **BY_STAMP)
+    np.testing.assert_allclose(recording.samples["time"], 20.000001e-3 * np.arange(50), rtol=0, atol=1e-15)
+    assert "a: 1 of 51 lines have none of the fields and were left out, first line 1" in recording.warnings
+    assert "unit is known; remove `time.unit`" in refused(
+        path, **BY_STAMP | {"time": {"field": "h.stamp", "unit": "s"}}
+    )
+    assert len(read(path, **BY_STAMP | {"time": {"rate": 50}}).samples) == 51  # by a rate, a line is a time step
+    draft = yaml.safe_load(draft_source(inspect_file(path), "a"))
+    assert draft["time"] == {"field": "h.stamp"}
+    assert [one["field"] for one in draft["channels"].values()] == ["meta.rate", "q"]
+    for name, wrong, told in (
+        (parts[0], 1.5, f"field 'h.stamp.{parts[0]}' is 1.5 in line 8, which is no whole number"),
+        (parts[1], 2_000_000_000, f"field 'h.stamp.{parts[1]}' is 2000000000 in line 8, which is no whole number"),
+        (parts[1], None, "field 'h.stamp': no time in line 8"),
+    ):
+        lines = stamped_lines(*parts)
+        lines[7]["h"]["stamp"][name] = wrong
+        assert told in refused(write(tmp_path / "a", lines), **BY_STAMP)
 
 
 def test_a_last_line_that_breaks_off_is_left_out_with_a_warning(tmp_path: Path) -> None:

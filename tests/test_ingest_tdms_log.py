@@ -71,14 +71,17 @@ def test_an_index_beside_the_file_is_not_looked_at(tmp_path: Path) -> None:
     assert "the index of a TDMS file; name the .tdms file beside it" in refused(tmp_path / "c.tdms")
 
 
-def test_channels_that_begin_at_other_times_or_have_other_rates_are_refused(tmp_path: Path) -> None:
-    later = {**timing(), "wf_start_time": START + np.timedelta64(2500, "us")}
-    for torque, other in ((TORQUE[:20], timing(5e-3)), (TORQUE, timing(1e-3, 0.0025)), (TORQUE, later)):
-        path = write(tmp_path / "a.tdms", [("Angle", ANGLE, timing(unit_string="deg")), ("Torque", torque, other)])
-        said = refused(path)
-        assert (
-            "channels 'Bench/Angle' and 'Bench/Torque' differ in beginning or rate; name channels of one task" in said
-        )
+def test_channels_of_other_rates_have_rows_of_their_own(tmp_path: Path) -> None:
+    angle, later = ("Angle", ANGLE, timing(unit_string="deg")), {**timing(5e-3, 0.001)}
+    later["wf_start_time"] = START + np.timedelta64(1500, "us")
+    recording = read(write(tmp_path / "a.tdms", [angle, ("Torque", TORQUE[:20], later)]))
+    torque = recording.samples.drop_nulls("torque")
+    np.testing.assert_allclose(recording.samples.drop_nulls("theta")["time"], np.arange(ROWS) * 1e-3, atol=1e-12)
+    np.testing.assert_allclose(torque["time"], 0.0025 + np.arange(20) * 5e-3, atol=1e-12)
+    np.testing.assert_allclose(torque["torque"] / torque["torque"][1], TORQUE[:20] / TORQUE[1], atol=1e-12)
+    assert len(recording.samples) == 120
+    late = write(tmp_path / "b.tdms", [angle, ("Torque", TORQUE, timing(1e-3, 60.0))])
+    assert "its channels do not overlap in time" in refused(late)
 
 
 def test_without_timing_the_file_is_refused_until_the_source_file_tells_it(tmp_path: Path) -> None:
@@ -118,8 +121,7 @@ def test_a_file_that_is_cut_off_is_read_up_to_there_with_a_warning_or_refused(tm
     path.write_bytes(whole[:-100])
     assert len(read(path, channels={"theta": {"channel": "Angle"}}).samples) == ROWS
     recording = read(path)
-    assert len(recording.samples) == ROWS - 25
-    assert any("end at different values; the first 75 of each are read" in text for text in recording.warnings)
+    assert recording.samples.null_count().row(0, named=True) == {"time": 0, "theta": 0, "torque": 25}
     assert any("the last segment is not complete" in text for text in recording.warnings)
     assert recording.facts["damage"]["complete"] is False
     assert recording.facts["damage"]["messages_lost"] is None

@@ -14,7 +14,16 @@ from test_formats_mat import write_mat
 from test_ingest_every_log import WRITERS
 
 from osl_analysis.cli import main
-from osl_analysis.commands.inspect import draft_campaign, inspect_file, left_to_decide, new_campaign, overview_text
+from osl_analysis.commands.inspect import (
+    draft_campaign,
+    escaped,
+    inspect_file,
+    left_to_decide,
+    new_campaign,
+    overview_text,
+    recordings_in,
+    samples_table,
+)
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.draft import draft_source, likely_column
 from osl_analysis.ingest.overview import RecordedChannel, likely_clock
@@ -276,3 +285,22 @@ def test_only_a_file_with_several_trials_is_said_to_hold_them(tmp_path):
         "2 parts hold the same variables: name one per trial in the column `log_part` of the sheet: run1, run2 "
         "(several.MAT)"
     ]
+
+
+def test_a_folder_of_recordings_is_a_table_that_no_text_of_theirs_can_break(tmp_path: Path) -> None:
+    positions = np.ones((100, 1, 4)) * [1, 2, 3, 0]
+    write_c3d(tmp_path / "walk.c3d", positions, rate=100.0, POINT__LABELS=["a"])
+    (tmp_path / "a|<b>.csv").write_text("a,b\n1,2\n")
+    (tmp_path / "broken.mcap").write_bytes(b"no MCAP file")
+    rows = samples_table(tmp_path).splitlines()[2:]
+    assert rows[0] == r"| a\|&lt;b&gt;.csv | csv | 2 x column |  |"
+    assert rows[1].startswith("| broken.mcap |  |  | refused: not an MCAP file")
+    assert rows[2] == "| walk.c3d | c3d | 1 x marker at 100 Hz |  |"
+    with pytest.raises(InputError, match=r"no recordings below it \(\.mcap, "):
+        samples_table(tmp_path / "none")
+
+
+@pytest.mark.skipif(not REAL_DATA.is_dir(), reason="no real data")
+def test_the_page_in_the_documentation_names_every_real_sample() -> None:
+    page = (Path(__file__).parents[1] / "docs/real_samples.md").read_text()
+    assert [path.name for path in recordings_in(REAL_DATA) if escaped(path.name) not in page] == []

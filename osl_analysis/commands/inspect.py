@@ -4,8 +4,10 @@ Texts from files are untrusted: they are escaped when they are printed."""
 import csv
 import json
 import os
+import re
 import shutil
 import time
+from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import chdir, suppress
 from dataclasses import dataclass, field
@@ -112,6 +114,32 @@ def shortened(text: str) -> str:
     """Text of a file for the terminal: printable, and not longer than a line can hold."""
     safe, most = printable(text), 60  # characters
     return safe if len(safe) <= most else f"{safe[:most]}..."
+
+
+def samples_table(folder: Path) -> str:
+    """Markdown: a row per recording below a folder, with the number of its channels by kind and rate, and remarks."""
+    paths = list(recordings_in(folder))
+    if not paths:
+        raise InputError(f"{folder}: no recordings below it ({', '.join(SUFFIXES)}); name another folder")
+    rows = ["| file | format | holds | remarks |", "|---|---|---|---|"]
+    for path in paths:
+        try:
+            overview = inspect_file(path)
+            kinds = Counter((channel.address.get("topic", channel.kind), channel.rate) for channel in overview.channels)
+            holds = [f"{n} x {what}{f' at {rate:.4g} Hz' if rate else ''}" for (what, rate), n in kinds.items()]
+            cells = [overview.format, "\n".join(holds), "\n".join([*overview.remarks, *overview.open])]
+        except InputError as error:
+            cells = ["", "", f"refused: {error}".replace(f"{path}: ", "")]
+        lines = [[escaped(line) for line in cell.splitlines()] for cell in (str(path.relative_to(folder)), *cells)]
+        rows.append(f"| {' | '.join('<br>'.join(cell) for cell in lines)} |")
+    return "\n".join(rows)
+
+
+def escaped(text: str) -> str:
+    """Text of a stranger's file for a Markdown table: nothing in it can be markup, HTML or a line of its own."""
+    shown = "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text)
+    plain = shown.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
+    return re.sub(r"([\\`*_\[\]|#~$])", r"\\\1", plain)
 
 
 @dataclass

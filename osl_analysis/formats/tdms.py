@@ -29,7 +29,7 @@ class TdmsChannel:
     kind: np.dtype[Any]  # type of its values
     unit: str  # its unit, as the file spells it
     step: float | None  # time between two values [s]; None where the properties do not tell
-    begin: str  # when the first value was taken, as the file spells it
+    begin: int  # when the first value was taken, since 1970 [ns]
 
     @property
     def address(self) -> str:
@@ -124,7 +124,9 @@ def read_tdms(path: Path) -> TdmsFile:
             is_timed = isinstance(step, float | int) and np.isfinite(step) and step > 0
             kind = np.dtype("V" if one.dtype is None else one.dtype)
             unit = str(about.get("unit_string") or about.get("NI_UnitDescription") or "")
-            begin = f"{about.get('wf_start_time')} {float(about.get('wf_start_offset', 0.0))}"
+            since = about.get("wf_start_time")
+            begin = int(since.astype("datetime64[ns]").astype(np.int64)) if isinstance(since, np.datetime64) else 0
+            begin += round(float(about.get("wf_start_offset", 0.0)) * 1e9)
             timing = (float(step) if is_timed else None, begin)
             channels.append(TdmsChannel(one.group_name, one.name, len(one), kind, unit, *timing))
         status = file.file_status

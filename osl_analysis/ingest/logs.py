@@ -9,7 +9,7 @@ import json
 import re
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 from functools import reduce
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from osl_analysis.errors import InputError
 from osl_analysis.formats import csv_table
 from osl_analysis.formats.gait_text import read_opensim
-from osl_analysis.formats.json_lines import JsonLines, decode_lines, read_json_lines
+from osl_analysis.formats.json_lines import JsonLines, addresses_of, decode_lines, read_json_lines
 from osl_analysis.formats.mat import open_mat
 from osl_analysis.formats.mcap import read_mcap
 from osl_analysis.formats.message_fields import Columns, Indices
@@ -243,7 +243,13 @@ def remedy_for(text: str, name: str, source: Source, is_time: bool, first: bool)
 def json_log(path: Path, source: Source) -> Table:
     """A line that lacks a field has no sample of it. `null` is no value, `NaN` a reading that failed."""
     lines, field = read_json_lines(path), source.time.field
-    decoded = decode_lines(lines, names := wanted(source))
+    names, (found, _) = wanted(source), addresses_of(lines)
+    parts = next((pair for pair in stamp_fields(field) if {*pair} <= {*found}), ()) if field else ()
+    if parts:  # time is an object of seconds and nanoseconds
+        names = [*parts, *(name for name in names if name != field)]
+        if source.time.unit is not None:
+            raise InputError(f"field '{field}' is a stamp whose unit is known; remove {source.place('time', 'unit')}")
+    decoded = decode_lines(lines, names)
     count, total, by_rate = decoded.misfits, len(lines.texts), source.time.rate is not None
     if count > (0 if by_rate else source.most_missing * total):  # with a rate, a line that is left out moves the rest
         advice = f", or write `most_missing: {csv_table.share_above(count, total):g}` in the source file"
@@ -258,12 +264,39 @@ def json_log(path: Path, source: Source) -> Table:
     report = {"messages_lost": count, "share_lost": count / total} if count else {}
     rows = np.flatnonzero(kept) if field else np.arange(kept.size)
     columns = {name: values[rows] for name, values in decoded.values.items()}  # masked where a line lacks the field
-    return Table(rows.size, columns, notes=notes, report=report, lines=lines.numbers[decoded.rows[rows]])
+    table = Table(rows.size, columns, notes=notes, report=report, lines=lines.numbers[decoded.rows[rows]])
+    if not parts:
+        return table
+    stamps = whole_stamps(table, parts, f"name another time, or {RATE}")
+    return replace(table, columns={**columns, str(field): stamps}, units={str(field): "ns"})
 
 
 def notes_on(lines: JsonLines, decoded: Columns) -> list[str]:
     skipped = f"{decoded.misfits} of {len(lines.texts)} lines cannot be used and were skipped: {decoded.misfit}"
     return [*lines.notes, *[skipped] * bool(decoded.misfits)]
+
+
+def stamp_fields(field: str) -> list[tuple[str, str]]:
+    """Paths at which a stamp's seconds and nanoseconds may stand, as ROS 2, protobuf, Foxglove's JSON and ROS 1 do."""
+    names = (("sec", "nanosec"), ("seconds", "nanos"), ("sec", "nsec"), ("secs", "nsecs"))
+    return [(f"{field}.{seconds}", f"{field}.{nanoseconds}") for seconds, nanoseconds in names]
+
+
+def whole_stamps(table: Table, parts: Sequence[str], remedy: str) -> NDArray[Any]:
+    """Stamps [ns], (rows,), from columns of seconds and nanoseconds; masked where a row lacks one of them."""
+    whole = []
+    for name, most in zip(parts, (2**63 // SECOND - 1, SECOND), strict=True):
+        values = np.ma.filled(table.columns[name], 0)
+        number = values.astype(np.float64)
+        wrong = (np.abs(number) > most) | (number != np.rint(number)) | (values.dtype == bool)
+        if wrong.any():
+            row = int(np.argmax(wrong))
+            raise InputError(
+                f"field '{name}' is {values[row]} in {table.place(row)}, which is no whole number from 0 to {most}; "
+                f"{remedy}"
+            )
+        whole.append(np.ma.array(values.astype(np.int64), mask=np.ma.getmaskarray(table.columns[name])))
+    return np.ma.asarray(whole[0] * SECOND + whole[1])
 
 
 def mat_log(path: Path, source: Source) -> Table:
@@ -283,37 +316,45 @@ def mat_log(path: Path, source: Source) -> Table:
 
 
 def tdms_log(path: Path, source: Source) -> Table:
-    """Channels of one timing: that of a channel of time, of the rate, or of their own properties."""
+    """Channels by a channel of time, the rate, or the timing in their own properties: where these differ, a channel has
+    no value in the rows of another."""
     file = read_tdms(path)
     channels = {name: file.channel(name) for name in wanted(source)}
-    one, notes = next(iter(channels.values())), list(file.notes)
-    by_properties = not source.time.name and source.time.rate is None
-    for other in channels.values() if by_properties else ():
-        if other.step is None:
+    by_address = {channel.address: channel for channel in channels.values()}
+    values, one = file.values([*by_address.values()]), next(iter(by_address.values()))
+    rows: dict[str, NDArray[Any]] = {address: np.arange(each.size) for address, each in values.items()}
+    own, facts, by_properties = None, dict[str, Any](), not source.time.name and source.time.rate is None
+    for other in by_address.values():
+        if by_properties and other.step is None:
             raise InputError(
                 f"channel '{other.address}' has no timing (`wf_increment` among its properties); name the "
                 f"channel of time, as `time: {{channel: GROUP/NAME, unit: s}}`, or {RATE}"
             )
-        if (other.begin, other.step) != (one.begin, one.step):
+        if other.count != one.count and not by_properties:
             raise InputError(
-                f"channels '{one.address}' and '{other.address}' differ in beginning or rate; name channels of one "
-                f"task, or {RATE}"
+                f"channel '{other.address}' has {other.count} values and '{one.address}' has {one.count}; name "
+                "channels of one recording, or export those of each length on their own"
             )
-    values = file.values([*channels.values()])
-    shortest, longest = (end(channels.values(), key=lambda channel: channel.count) for end in (min, max))
-    if shortest.count < longest.count:
-        if not (by_properties and file.notes):  # else the end of the recording is missing in some channels
-            raise InputError(
-                f"channel '{shortest.address}' has {shortest.count} values and '{longest.address}' has "
-                f"{longest.count}; name channels of one recording, or export those of each length on their own"
-            )
-        notes.append(f"the channels end at different values; the first {shortest.count} of each are read")
-    rows, kept = shortest.count, {address: one[: shortest.count] for address, one in values.items()}
-    columns = {name: kept[channel.address] for name, channel in channels.items()}
+    if by_properties and one.step is not None:
+        own = np.asarray(np.arange(max(each.size for each in rows.values())) * one.step, dtype=np.float64)
+        if len({(other.begin, other.step) for other in by_address.values()}) > 1:
+            stamps = dict[str, NDArray[np.int64]]()
+            for address, other in by_address.items():
+                after = np.rint(rows[address] * float(other.step or 0.0) * SECOND).astype(np.int64)
+                stamps[address] = other.begin - one.begin + after
+            if max(each[0] for each in stamps.values()) > min(each[-1] for each in stamps.values()):
+                raise InputError(f"its channels do not overlap in time; name channels of one task, or {RATE}")
+            facts = {"rates_hz": {address: 1 / float(other.step or 1.0) for address, other in by_address.items()}}
+            union = np.unique(np.concatenate([*stamps.values()]))
+            own, rows = union / SECOND, {address: np.searchsorted(union, each) for address, each in stamps.items()}
+    placed = {}
+    for address, each in values.items():
+        placed[address] = np.ma.array(np.zeros(each.size if own is None else own.size, each.dtype), mask=True)
+        placed[address][rows[address]] = each
+    columns = {name: placed[channel.address] for name, channel in channels.items()}
     units = {name: "s" if channel.holds_times else channel.unit for name, channel in channels.items()}
-    own = None if one.step is None else np.asarray(np.arange(rows) * one.step, dtype=np.float64)
-    report = {"complete": False, "messages_lost": None, "remarks": notes} if notes else {}
-    return Table(rows, columns, units, own if by_properties else None, notes, report)
+    report = {"complete": False, "messages_lost": None, "remarks": list(file.notes)} if file.notes else {}
+    return Table(placed[one.address].size, columns, units, own, file.notes, report, facts)
 
 
 def opensim_log(path: Path, source: Source) -> Table:
@@ -420,38 +461,6 @@ def decode_wanted(
     raise InputError(f"{reason} ({remarks}); {remedy}" if semicolon else f"{failed} ({remarks})") from failed
 
 
-def stamp_fields(field: str) -> list[tuple[str, str]]:
-    """Paths at which a stamp's seconds and nanoseconds may stand, as ROS 2, protobuf, Foxglove's JSON and ROS 1 do."""
-    names = (("sec", "nanosec"), ("seconds", "nanos"), ("sec", "nsec"), ("secs", "nsecs"))
-    return [(f"{field}.{seconds}", f"{field}.{nanoseconds}") for seconds, nanoseconds in names]
-
-
-def header_stamps(topic: str, field: str, table: Table) -> NDArray[np.int64]:
-    """The stamps [ns] in the messages of a topic, (messages,), from their seconds and nanoseconds."""
-    named = [pair for pair in stamp_fields(field) if all(np.ma.count(table.columns[path]) for path in pair)]
-    if not named:
-        raise InputError(
-            f"topic '{topic}' has no field '{field}' with seconds and nanoseconds; correct time.field in the "
-            "source file, or write source: log"
-        )
-    whole = []
-    for name, most in zip(named[0], (2**63 // SECOND - 1, SECOND), strict=True):
-        lacking, values = np.ma.getmaskarray(table.columns[name]), np.ma.getdata(table.columns[name])
-        if lacking.any():
-            count = f"{int(lacking.sum())} of {table.rows} messages"
-            raise InputError(f"topic '{topic}': {count} have no '{field}'; write source: log")
-        number = values.astype(np.float64)
-        wrong = (np.abs(number) > most) | (number != np.rint(number)) | (values.dtype == bool)
-        if wrong.any():
-            row = int(np.argmax(wrong))
-            raise InputError(
-                f"topic '{topic}': field '{name}' is {values[row]} in {table.place(row)}, which is no whole number "
-                f"from 0 to {most}; write source: log"
-            )
-        whole.append(values.astype(np.int64))
-    return np.asarray(whole[0] * SECOND + whole[1])
-
-
 def read_topic(
     topic: str, channels: Mapping[str, Channel], decoded: Decoded, source: Source
 ) -> tuple[pl.DataFrame, dict[str, int], list[str]]:
@@ -461,7 +470,22 @@ def read_topic(
     table = Table(logged.size, decoded.values, noun="message")
     stamp: NDArray[Any] = logged
     if from_header:
-        stamp = header_stamps(topic, str(source.time.field), table)
+        field = str(source.time.field)
+        named = [pair for pair in stamp_fields(field) if all(np.ma.count(decoded.values[path]) for path in pair)]
+        if not named:
+            raise InputError(
+                f"topic '{topic}' has no field '{field}' with seconds and nanoseconds; correct time.field in the "
+                "source file, or write source: log"
+            )
+        try:
+            stamp = whole_stamps(table, named[0], "write source: log")
+        except InputError as error:
+            raise InputError(f"topic '{topic}': {error}") from error
+        if lacking := int(np.ma.getmaskarray(stamp).sum()):
+            raise InputError(
+                f"topic '{topic}': {lacking} of {logged.size} messages have no '{field}'; write source: log"
+            )
+        stamp = np.ma.getdata(stamp)
     elif (logged < 0).any():
         row = int(np.argmax(logged < 0))
         raise InputError(

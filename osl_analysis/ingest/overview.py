@@ -236,7 +236,11 @@ def inspect_json(path: Path) -> Overview:
         raise InputError("no line holds a number; name a recording")
     decoded = decode_lines(lines, names)
     numbers = {name: np.ma.compressed(values) for name, values in decoded.values.items()}
-    clock, left_open = clock_of("fields", numbers, last_name)
+    pairs = ((name.rpartition(".")[0], logs.stamp_fields(name.rpartition(".")[0])) for name in names if "." in name)
+    stamps = {stamp: pair for stamp, likely in pairs for pair in likely if {*pair} <= {*names}}
+    stamp = min(stamps, key=lambda name: name.count("."), default="")
+    drafted = [name for name in numbers if name not in stamps.get(stamp, ())]
+    clock, left_open = clock_of("fields", {name: numbers[name] for name in drafted}, last_name)
     channels = {}
     for name, one in numbers.items():
         also = f", in {one.size} of {decoded.rows.size} lines" * (one.size < decoded.rows.size)
@@ -245,9 +249,10 @@ def inspect_json(path: Path) -> Overview:
     remarks = logs.notes_on(lines, decoded)
     remarks += [f"{name} has {size} elements; only the first {MOST_ELEMENTS} are listed" for name, size in long.items()]
     remarks += guesses({name: one.likely_unit for name, one in channels.items() if likely_unit(last_name(name))})
-    settings = {"clock": "master", "time": time_setting("field", channels[clock] if clock else None)}
-    facts = {"rows": str(len(lines.texts))}
-    return Overview("json_lines", facts, [*channels.values()], remarks, settings, open=left_open)
+    time = time_setting("field", channels[clock] if clock else None)
+    settings = {"clock": "master", "time": {"field": stamp} if stamp and not clock and not left_open else time}
+    signals, facts = [channels[name] for name in drafted], {"rows": str(len(lines.texts))}
+    return Overview("json_lines", facts, [*channels.values()], remarks, settings, signals, left_open)
 
 
 def variables_in(part: str, name: str, value: Value) -> Iterator[tuple[str, str, str, Value]]:

@@ -13,8 +13,8 @@ PER_TRIAL = {
     table.name: [trial for name, one in TABLES if one.name == table.name for trial in CAMPAIGN.rows_of(name, one)]
     for _, table in TABLES
 }
-PER_TRIAL |= {"model_comparison": [*REPEATS, *AMPLITUDES], "quality": CAMPAIGN.trials(), "hinge": list(CALIBRATED)}
-"""Per table, the trials (or comparisons) that have rows in it. `hinge` has the static trials."""
+PER_TRIAL |= {"model_comparison": [*REPEATS, *AMPLITUDES], "quality": CAMPAIGN.trials()}
+"""Per table, the trials (or comparisons) that have rows in it."""
 DERIVED = {new: (table.name, job) for name, table in TABLES for new, job in table.derived.items()}
 DERIVED["model_comparison_summary"] = ("model_comparison", "bench.summarise_model_comparison")
 """Per table that is computed from one other table: that table, and the job."""
@@ -119,10 +119,11 @@ single("gains.select_trajectory", tabled("gains"), "tables/gains", OF_GAINS, "ga
 @step("tables.list_excluded", tabled("excluded"))
 def excluded_trials(_):
     """It waits for the results of single trials of every kind, and names those that have none."""
-    ends = [tabled(table) for table in ("model_comparison", "hinge") if PER_TRIAL[table]]
-    waits = [*fitted(*EXPERIMENTS), *ends, *[SELECTION] * bool(WALKED)]
+    waits = [*fitted(*EXPERIMENTS), *[tabled("model_comparison")] * bool(PER_TRIAL["model_comparison"])]
+    waits += [SELECTION] * bool(WALKED)
     after = {"input": {"verdicts": tabled("quality")}, "after": waits}
-    read = {"fitted": [*crossings(WALKED), *(path for table in PER_TRIAL for path in rows(table))]}
+    calibrations = map(calibration, CAMPAIGN.statics if WALKED else ())
+    read = {"fitted": [*crossings(WALKED), *calibrations, *(path for table in PER_TRIAL for path in rows(table))]}
     return {**after, "read": read, "settings": {"by_sheet": dict(CAMPAIGN.excluded), "places": PLACES}}
 
 

@@ -1,7 +1,5 @@
 """Ankle impedance of a walking person, from perturbed and unperturbed crossings (Fig. 9)."""
 
-CALIBRATED = CAMPAIGN.statics if CAMPAIGN.trials("walking") else {}
-"""The crossings that each static trial calibrates."""
 WALKED = {trial: PLACES[trial] for trial in CAMPAIGN.trials("walking")}
 """Joint and side of every crossing."""
 SELECTION = tabled("walking_crossings")
@@ -32,17 +30,11 @@ def of_crossings(trials, **settings) -> dict[str, dict[str, object]]:
     return {"input": inputs, "read": {"quality": checked(trials)}, "settings": {**settings, "statics": statics}}
 
 
-HINGE = {"output": calibration("{static}"), "comparison": "fits/hinge/{static}.csv"}
-
-
-@step("walking.calibrate", HINGE, "calibration/{static}", static=CAMPAIGN.pattern("static"))
+@step("walking.calibrate", calibration("{static}"), "calibration/{static}", static=CAMPAIGN.pattern("static"))
 def calibrate_markers(wildcards):
-    """The first unperturbed crossings of a static trial show how foot and shank turn against each other."""
     static = wildcards.static
-    motion = [trial for trial in CALIBRATED[static] if not CAMPAIGN.row(trial)["perturbed"]][:3]
-    inputs = {"trial": trial_file(static), "motion": [trial_file(trial) for trial in motion]}
-    settings = {"settings": CAMPAIGN.calibration_settings(static)}
-    return {"input": inputs, "read": {"quality": checked([static, *motion])}, "settings": settings}
+    inputs, settings = {"trial": trial_file(static)}, {"settings": CAMPAIGN.calibration_settings(static)}
+    return {"input": inputs, "read": {"quality": checked([static])}, "settings": settings}
 
 
 UNLOADED = of_crossings(CAMPAIGN.plate_trials(), settings=CONFIG.walking.part("PlateModelSettings"))

@@ -1,18 +1,16 @@
 """Marker clusters and the ankle: the pose that moved them is found, and signs and mechanics are a clinician's."""
 
-from dataclasses import replace
-
 import numpy as np
 import polars as pl
 import pytest
 from scipy.spatial.transform import Rotation
-from walking_synthetic import FOOT, LEFT, RATE, SETTINGS, SHANK, about_y, changed, hidden, pose, settings, static_trial
+from walking_synthetic import FOOT, LEFT, RATE, SETTINGS, about_y, changed, hidden, pose, settings, static_trial
 
 from osl_analysis.errors import InputError
 from osl_analysis.signals import LowPass
 from osl_analysis.trial import Array, Trial
 from osl_analysis.walking import bodies
-from osl_analysis.walking.bodies import Poses, StaticCalibration, ankle_angle, bridge_gaps, cluster_poses
+from osl_analysis.walking.bodies import ankle_angle, bridge_gaps, cluster_poses
 from osl_analysis.walking.crossing import encoder_check
 from osl_analysis.walking.plate import ankle_torque
 
@@ -135,6 +133,10 @@ def test_a_static_marker_that_is_never_seen_and_a_cluster_on_a_line_are_refused_
     flat = [pl.col(f"marker_FOOT{k}_{axis}") * 0 for k in range(1, 5) for axis in "yz"]
     with pytest.raises(InputError, match="foot markers FOOT1, FOOT2, FOOT3, FOOT4 lie on a line"):
         bodies.static_calibration(changed(static_trial(ANKLE), *flat), settings())
+    foot, shank = (SETTINGS["markers"][segment] for segment in ("foot", "shank"))
+    exchanged = SETTINGS["markers"] | {"foot": shank, "shank": foot}
+    with pytest.raises(InputError, match=r"the foot markers SHANK1, .* stand 24 cm above the shank markers FOOT1"):
+        bodies.static_calibration(static_trial(), settings(markers=exchanged))
 
 
 def test_a_hanging_foot_needs_its_weight_and_its_inertia() -> None:
@@ -191,58 +193,3 @@ def test_what_offset_and_delay_leave_is_the_noise_and_an_encoder_of_another_join
         compared(gait(time), own, gait(own - 0.2))
     for count in (200, 0):  # one that was off is none
         assert compared(gait(time), own[:count], gait(own[:count])) == {}
-
-
-AXIS = np.array([0.06, 0.99, -0.05]) / np.linalg.norm([0.06, 0.99, -0.05])
-CENTRE = np.array([0.012, -0.1, 0.095])
-ANATOMICAL = StaticCalibration({}, np.array([0.02, -0.1, 0.09]), np.array([0.0, 1.0, 0.0]))
-
-
-def hinged_motion(
-    across: float = 0.0, noise: float = 0.0, size: float = 0.3, upward: float = 0.0
-) -> tuple[Poses, Poses]:
-    """A shank that wanders through the room, a foot hinged to it about AXIS through CENTRE, which yields about the
-    axes forward and upward by the amplitudes `across` and `upward` [rad]."""
-    t, random = np.arange(400) / 100, np.random.default_rng(5)
-    shank = Rotation.from_rotvec(np.column_stack([0.1 * np.sin(t), 0.4 * np.sin(2 * t), 0.2 * t]))
-    joint = Rotation.from_rotvec(np.outer(-size * np.sin(5 * t), AXIS)) * Rotation.from_rotvec(
-        np.column_stack([across * np.sin(11 * t), 0 * t, upward * np.sin(8 * t)])
-    )
-    shift = np.column_stack([t, 0.02 * np.sin(t), 0.01 * np.cos(3 * t)])
-    at_shank = shank.as_matrix() @ (SHANK - CENTRE).T
-    at_foot = (shank * joint).as_matrix() @ (FOOT - CENTRE).T
-    return tuple(  # type: ignore[return-value]
-        cluster_poses(
-            reference,
-            np.moveaxis(moved, 2, 1) + (CENTRE + shift)[:, None] + noise * random.standard_normal((400, 4, 3)),
-        )
-        for reference, moved in ((FOOT, at_foot), (SHANK, at_shank))
-    )
-
-
-@pytest.mark.parametrize("points", [1, -1])
-def test_the_functional_hinge_is_the_one_that_the_foot_turned_about(points: int) -> None:
-    """It points as the anatomical axis does."""
-    anatomical = replace(ANATOMICAL, ankle_axis=points * ANATOMICAL.ankle_axis)
-    axis, centre, row = bodies.functional_hinge([hinged_motion()], anatomical)
-    np.testing.assert_allclose(axis, points * AXIS, atol=1e-9)
-    np.testing.assert_allclose(np.cross(centre - CENTRE, AXIS), 0, atol=1e-9)
-    assert (centre - ANATOMICAL.ankle_centre) @ AXIS == pytest.approx(0, abs=1e-9)
-    assert (row["off_axis_deg"], row["gap_mm"]) == pytest.approx((0, 0), abs=1e-6)
-    assert row["angle_deg"] == pytest.approx(np.rad2deg(np.arccos(AXIS[1])))
-    distance = np.linalg.norm(np.cross(CENTRE - ANATOMICAL.ankle_centre, AXIS))
-    assert row["distance_mm"] == pytest.approx(1e3 * distance)
-
-
-def test_the_functional_hinge_stands_noise_gaps_and_a_joint_that_yields() -> None:
-    foot, shank = hinged_motion(across=0.01, noise=2e-4)
-    foot.position[30:60], foot.rotation[30:60] = np.nan, np.nan
-    axis, centre, row = bodies.functional_hinge([(foot, shank)], ANATOMICAL)
-    assert np.rad2deg(np.arccos(axis @ AXIS)) < 0.3
-    assert np.linalg.norm(np.cross(centre - CENTRE, AXIS)) < 1e-3
-    assert row["off_axis_deg"] == pytest.approx(np.rad2deg(0.01) / np.sqrt(2), rel=0.2)
-    assert row["frames"] == 370
-    *_, both = bodies.functional_hinge([hinged_motion(across=0.04, upward=0.03)], ANATOMICAL)
-    assert both["off_axis_deg"] == pytest.approx(np.rad2deg(0.05) / np.sqrt(2), rel=0.05)  # of 0.04 and 0.03 rad
-    with pytest.raises(InputError, match=r"the ankle turned by 0\.\d deg RMS, expected 5 deg"):
-        bodies.functional_hinge([hinged_motion(size=0.01)], ANATOMICAL)

@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
@@ -23,7 +24,6 @@ from osl_analysis.errors import InputError
 from osl_analysis.judge.table import Doubt
 from osl_analysis.table import read_table
 from osl_analysis.trial import read_trial, write_trial
-from osl_analysis.walking.bodies import StaticCalibration
 from osl_analysis.walking.crossing import Crossing, RefusedCrossing
 from osl_analysis.walking.gait import unperturbed_gait
 from osl_analysis.walking.plate import PlateModel
@@ -65,8 +65,8 @@ class Session:
     def analysed(self, **choices: Any) -> "Session":
         """Run every step."""
         chosen, calibration = settings(**choices), self.file("calibration.json")
-        motion, unloaded = self.unperturbed[:3], [f"plate_0{k}" for k in (1, 2, 3)]
-        jobs.calibrate(self.trial("static_1"), list(map(self.trial, motion)), chosen, calibration, self.file("h.csv"))
+        unloaded = [f"plate_0{k}" for k in (1, 2, 3)]
+        jobs.calibrate(self.trial("static_1"), chosen, calibration)
         for job, names, made in (
             (jobs.identify_plate, unloaded, "plate"),
             (jobs.measure_platform, self.perturbed if len(self.perturbed) > 2 else [], "platform"),
@@ -140,8 +140,7 @@ def test_a_turn_of_the_toes_down_is_measured_with_its_sign_and_not_taken_for_one
 
 def test_with_all_imperfections_the_rendered_stiffness_comes_out_to_five_percent(real: Session) -> None:
     """12 + 12 crossings that scatter by 13 N*m/rad: the standard error is 1.6 %."""
-    for estimator, method in (("mean of perturbations", "Student + shared errors"), ("ensemble", "bootstrap")):
-        assert real.estimate("K", estimator)["interval_method"] == method
+    for estimator in ("mean of perturbations", "ensemble"):
         assert real.estimate("K", estimator)["mean"] == pytest.approx(real.rendered("K"), rel=0.05)
         assert real.estimate("B", estimator)["mean"] == pytest.approx(real.rendered("B"), rel=0.1)
         assert real.estimate("I", estimator)["mean"] == pytest.approx(real.rendered("I"), abs=0.01)
@@ -154,15 +153,10 @@ def test_with_all_imperfections_the_rendered_stiffness_comes_out_to_five_percent
     late = [(c.onset or 0.0) - real.truth(c.name)["onset_s"] for c in real.read(*real.perturbed)]
     assert np.max(np.abs(late)) < 5e-4
     table = read_table(real.file("selection.csv"))
-    assert table["trial"].to_list() == [*real.perturbed, *real.unperturbed]
-    assert table["onset_s"].is_null().to_list() == [False] * 12 + [True] * 12
     assert set(table["status"]) == {"used"}
     for segment in ("foot", "shank", "platform"):  # 0.15 mm of noise, over three axes less six freedoms of twelve
         np.testing.assert_allclose(table[f"{segment}_residual_mm"], 0.15 * np.sqrt(3 / 2), rtol=0.1)
     assert (table["plate_zero_N"].abs() < 8).all()  # 2 N of offset drawn per trial
-    single = read_table(real.file("walking.csv")).row(0, named=True)
-    assert single["interval_method"] == "unperturbed crossings + plate trials"
-    assert abs(single["cov_K_B"]) < single["K_se"] * single["B_se"]
 
 
 def test_the_plate_and_its_lag_are_the_simulated_ones(real: Session) -> None:
@@ -170,10 +164,9 @@ def test_the_plate_and_its_lag_are_the_simulated_ones(real: Session) -> None:
     mass, com = simulated["effects"]["plate_inertia"]["size"], np.array(simulated["plate"]["centre_of_mass_m"])
     assert model.lag == pytest.approx(1e-3 * simulated["effects"]["plate_lag"]["size"], abs=1e-4)
     np.testing.assert_allclose(model.parameters[:4], [mass, *(mass * com)], rtol=0.02, atol=0.02)
-    table = read_table(real.file("plate.csv"), ["rms_before", "rms_after", "left_percent", "lag_s", "lag_se_s"])
+    table = read_table(real.file("plate.csv"))
     assert (table.filter(pl.col("component").is_in(["F_x", "F_z", "M_y"]))["left_percent"] < 10).all()
-    assert table["lag_s"][0] == model.lag
-    assert 0 < table["lag_se_s"][0] < 1e-4
+    assert (table["lag_s"][0], 0 < table["lag_se_s"][0] < 1e-4) == (model.lag, True)
 
 
 def test_without_imperfections_angle_and_torque_are_the_true_ones_through_one_filter(ideal: Session) -> None:
@@ -195,30 +188,10 @@ def test_without_imperfections_angle_and_torque_are_the_true_ones_through_one_fi
         np.testing.assert_allclose(found, true, atol=tolerance)
 
 
-def test_the_functional_hinge_takes_the_place_of_wrong_malleoli(real: Session, tmp_path: Path) -> None:
-    """A medial malleolus that stands 20 mm too far forward turns the anatomical axis by 13 degrees."""
-    static = changed(read_trial(real.trial("static_1")), pl.col("marker_ANKLE_MED_x") + 0.02)
-    write_trial(static, tmp_path / "static.parquet")
-    motion, outputs = [real.trial(n) for n in real.unperturbed[:2]], (tmp_path / "c.json", tmp_path / "h.csv")
-    jobs.calibrate(tmp_path / "static.parquet", motion, settings(hinge="anatomical"), *outputs)
-    assert read_table(outputs[1])["angle_deg"][0] == pytest.approx(13.4, abs=0.5)
-    assert read_table(outputs[1])["trial"].to_list() == ["static_1"]
-    axis = jobs.read_model(outputs[0], StaticCalibration).ankle_axis
-    assert axis[0] == pytest.approx(np.sin(np.deg2rad(13.4)), abs=0.01)
-    jobs.calibrate(tmp_path / "static.parquet", motion, settings(hinge="functional"), *outputs)
-    np.testing.assert_allclose(jobs.read_model(outputs[0], StaticCalibration).ankle_axis, [0, 1, 0], atol=5e-3)
-    jobs.calibrate(real.trial("static_1"), [], settings(), *outputs)  # without a motion the anatomical axis stays
-    assert "no trial in which foot and shank move" in read_table(outputs[1])["reason"][0]
-    with pytest.raises(InputError, match="set hinge to anatomical"):
-        jobs.calibrate(real.trial("static_1"), [], settings(hinge="functional"), *outputs)
-
-
 def test_what_cannot_be_used_is_named_and_listed_and_the_rest_goes_on(real: Session, tmp_path: Path) -> None:
     """A hidden cluster, a platform that did not move, a plate at its limit, a foot put down elsewhere."""
     copied = Session(tmp_path, real.perturbed, real.unperturbed)
-    (tmp_path / "crossings").mkdir()
-    for source, target in zip(real.crossings(), copied.crossings(), strict=True):
-        target.write_bytes(source.read_bytes())
+    shutil.copytree(real.file("crossings"), tmp_path / "crossings")
     blind, still, elsewhere = real.perturbed[:3]
     cut, flat = real.unperturbed[:2]
     trials = {name: read_trial(real.trial(name)) for name in (blind, still, cut, flat)}
@@ -251,11 +224,9 @@ def test_what_cannot_be_used_is_named_and_listed_and_the_rest_goes_on(real: Sess
     page = read_table(tmp_path / "page.csv")
     counts = page.filter(pl.col("panel") == "angle").group_by("curve").agg(pl.col("n").first())
     assert dict(counts.drop_nulls().iter_rows()) == {"perturbed": 9, "unperturbed": 11}
-    each = page.filter(pl.col("curve") == "each")
-    assert each["trial"].n_unique() == 9
     doubtful = set(fits.filter(pl.col("offset_share").abs() > 0.06)["trial"])
     assert 0 < len(doubtful) < 9
-    assert set(each.filter(pl.col("doubtful") != "")["trial"]) == doubtful
+    assert set(page.filter(pl.col("curve") == "each", pl.col("doubtful") != "")["trial"]) == doubtful
     assert summary["n_doubtful"].drop_nulls().unique().to_list() == [len(doubtful)]
 
 
@@ -296,11 +267,11 @@ def test_a_cluster_hidden_for_long_is_refused_and_for_short_is_bridged(ideal: Se
 
 def test_a_crossing_knows_what_each_trial_of_the_plate_does_to_its_torque(real: Session, tmp_path: Path) -> None:
     plate, found = jobs.read_model(real.file("plate.json"), PlateModel), []
-    for k, model in enumerate((plate, plate.leave_one_out[1])):
+    for model in (plate, plate.leave_one_out[1]):
         jobs.write_model(model, tmp_path / "plate.json")
         files = real.trial(real.perturbed[0]), real.file("calibration.json"), tmp_path / "plate.json"
-        jobs.analyse(*files, True, settings(foot=FOOT), tmp_path / f"{k}.parquet")
-        found.append(jobs.read_crossing(tmp_path / f"{k}.parquet"))
+        jobs.analyse(*files, True, settings(foot=FOOT), tmp_path / "crossing.parquet")
+        found.append(jobs.read_crossing(tmp_path / "crossing.parquet"))
     crossing, without = found
     assert len(crossing.plate_errors) == len(plate.leave_one_out) > 1
     np.testing.assert_allclose(crossing.plate_errors[1], without.torque - crossing.torque, atol=1e-9)
@@ -331,10 +302,9 @@ def test_what_contradicts_sheet_markers_or_calibration_is_refused_by_name(
 
 def test_missing_and_damaged_files_between_the_steps_name_the_step(ideal: Session, tmp_path: Path) -> None:
     (perturbed,) = ideal.crossings(ideal.perturbed[0])
-    single = Session(tmp_path, ideal.perturbed[:1], ideal.unperturbed)
     (tmp_path / "crossings").symlink_to(ideal.file("crossings"))
     with pytest.raises(InputError, match="1 of 1 perturbations can be used, expected 2 or more"):
-        single.summarised(settings())
+        Session(tmp_path, ideal.perturbed[:1], ideal.unperturbed).summarised(settings())
     broken = tmp_path / "plate.json"
     with pytest.raises(InputError, match=r"plate\.json: no such file; run the step 'identify-plate'"):
         jobs.read_model(broken, PlateModel)
@@ -348,7 +318,6 @@ def test_missing_and_damaged_files_between_the_steps_name_the_step(ideal: Sessio
     selection, gait = ideal.file("selection.csv"), ideal.file("gait.parquet")
     jobs.fit_perturbation(perturbed, selection, gait, settings(window_s=0.009), tmp_path / "fit.csv")
     (row,) = read_table(tmp_path / "fit.csv").to_dicts()
-    assert [row[quantity] for quantity in ("K", "B", "I", "VAF")] == [None] * 4
-    assert "samples cannot determine 3 parameters" in row["excluded"]
+    assert (row["K"], "samples cannot determine 3 parameters" in row["excluded"]) == (None, True)
     with pytest.raises(InputError, match=r"n\.parquet: no such file; run the step 'average-unperturbed'"):
         jobs.fit_perturbation(perturbed, selection, tmp_path / "n.parquet", settings(), tmp_path / "f.csv")

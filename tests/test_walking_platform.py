@@ -31,10 +31,10 @@ from osl_analysis.commands.walking import average_unperturbed, identify_plate, r
 from osl_analysis.errors import InputError
 from osl_analysis.signals import LowPass
 from osl_analysis.table import read_table, write_table
-from osl_analysis.trial import Array, Trial, marker_columns
+from osl_analysis.trial import Array, Trial
 from osl_analysis.walking import plate as plates
 from osl_analysis.walking import platform
-from osl_analysis.walking.bodies import StaticCalibration, exchanged_labels, static_calibration
+from osl_analysis.walking.bodies import StaticCalibration, static_calibration
 from osl_analysis.walking.crossing import RefusedCrossing, analyse_crossing
 from osl_analysis.walking.groups import static_of
 from osl_analysis.walking.plate import NO_CORRECTION, PlateModel, identify_plate_model
@@ -293,9 +293,6 @@ def test_each_crossing_has_the_static_trial_of_its_subject_and_session(tmp_path:
     sheet = campaign(tmp_path, rows + " wA2,walking,true,A,2,, m,plate,,,,,sB")
     assert [sheet.static(trial) for trial in ("wA", "wB", "wA2", "m")] == ["sA", "sB", "sA2", "sB"]
     assert sheet.statics == {"sA": ["wA"], "sB": ["wB"], "sA2": ["wA2"]}
-    rows = "s1,static,,A,,, s2,static,,B,,, m,plate,,B,,, " + CROSSINGS.format("A,,,")
-    sheet = campaign(tmp_path, rows, hinge="functional")  # a static trial of plate trials alone needs no hinge
-    assert [sheet.calibration_settings(s)["hinge"] for s in ("s1", "s2")] == ["functional", "anatomical"]
 
 
 @pytest.mark.parametrize(
@@ -386,35 +383,6 @@ def test_without_a_correction_the_torque_of_a_light_plate_is_that_of_the_wrench_
 
 
 WALK = walked_over("walk_1", None, RIG, 1)
-
-
-def relabelled(trial: Trial, *pairs: tuple[str, str]) -> Trial:
-    """The trial with the labels of each pair exchanged."""
-    other = dict(pairs) | {b: a for a, b in pairs}
-    names = {c: n for a, b in other.items() for c, n in zip(marker_columns(a), marker_columns(b), strict=True)}
-    return replace(trial, samples=trial.samples.rename(names))
-
-
-def test_exchanged_labels_are_named() -> None:
-    foot_and_shank, both = [(f"FOOT{k}", f"SHANK{k}") for k in range(1, 5)], [("FOOT1", "FOOT3")]
-    static = static_calibration(relabelled(static_trial(), *both), settings())
-    for trial, standing, named in (
-        (relabelled(WALK, *both), CALIBRATION, "the labels FOOT1 and FOOT3"),
-        (relabelled(WALK, ("FOOT4", "SHANK1")), CALIBRATION, "the labels FOOT4 and SHANK1"),
-        (relabelled(WALK, *foot_and_shank), CALIBRATION, "the labels of foot and shank"),
-        (WALK, static, "the labels FOOT1 and FOOT3"),
-    ):
-        said = exchanged_labels(trial, standing, settings())
-        assert said.startswith(f"{named} look exchanged in 900 frames: markers lie")
-        assert said.endswith("correct the labels of this trial, or of its static trial")
-    unloaded = relabelled(walked_over("plate_1", Ramp(), RIG, 1, loaded=False), ("PLAT1", "PLAT3"))
-    with pytest.raises(InputError, match=r"seen together in 0 frames.*; the labels PLAT1 and PLAT3 look exchanged"):
-        identify_plate_model(calibrated([unloaded]), settings())
-    lost = changed(WALK, pl.col("marker_FOOT2_z") + 0.1)  # which no exchange explains
-    assert [exchanged_labels(trial, CALIBRATION, settings()) for trial in (WALK, lost)] == ["", ""]
-    # clusters exchanged everywhere are seen by their heights in the static trial
-    with pytest.raises(InputError, match=r"the foot markers FOOT1, .* stand 24 cm above the shank markers SHANK1"):
-        static_calibration(relabelled(static_trial(), *foot_and_shank), settings())
 
 
 def test_a_translation_is_no_crossing_but_a_platform_may_yield_or_turn_and_heave() -> None:

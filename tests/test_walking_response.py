@@ -151,9 +151,6 @@ def test_the_lag_of_a_second_order_response_comes_out_within_its_standard_error(
         assert delay[0] == pytest.approx(lag, abs=5e-4)
 
 
-FITS = pl.DataFrame({name: 6 * [1.0] for name in ("K", "B", "I", "VAF")})
-
-
 def deviating(seed: int, perturbed: bool = False, lasting: bool = True, sign: int = 1) -> Crossing:
     """A crossing with deviations of angle and torque from the mean that grow from heel strike on. Where they are not
     lasting, others take their place, with the same rate of growth, in the last 10 ms of the baseline."""
@@ -192,6 +189,9 @@ def test_lasting_deviations_are_predicted_for_one_direction_and_for_both(signs: 
     names, share = fitting.cross_validated(isolated, Ensemble(isolated).fitted().fit)
     assert share > 0.9
     assert share == pytest.approx(1 - left_out(isolated, names) / left_out(isolated, ()), rel=1e-9)
+    few, weights = np.eye(10)[0] / 2 + np.eye(10)[1] / 2, np.full(6, 1 / 6)  # two crossings predict nothing
+    joined = [Ensemble(isolated).joined(weights, few, chosen)[1] for chosen in ((), fitting.BEHAVIOUR)]
+    np.testing.assert_allclose(*joined, atol=1e-12)
     mean, predicted = (Ensemble(isolated).fitted(chosen).fit["K"] for chosen in ((), names))
     assert predicted == pytest.approx(K, rel=0.01)
     assert abs(mean / K - 1) > 2 * abs(predicted / K - 1)
@@ -205,23 +205,19 @@ def test_lasting_deviations_are_predicted_for_one_direction_and_for_both(signs: 
 
 def test_deviations_that_begin_anew_and_too_few_unperturbed_crossings_predict_nothing() -> None:
     isolated = isolated_all(lasting=False)
-    names, share = fitting.cross_validated(isolated, Ensemble(isolated).fitted().fit)
-    assert share < 0.35
-    if names:  # ten crossings can look alike by chance: then the interval has to hold the truth
-        low, high = Ensemble(isolated).resampled(300, names).interval("K")
-        assert low < K < high
+    assert fitting.cross_validated(isolated, Ensemble(isolated).fitted().fit)[1] < 0.35
     few = isolated_all(usual=6)
     assert fitting.cross_validated(few, Ensemble(few).fitted().fit) == ((), 0.0)
 
 
 def test_the_settings_choose_the_headline_and_the_table_has_both() -> None:
-    """The rows of the headline are equal to those of the baseline that the configuration names."""
     walked = [deviating(100 + k, True) for k in range(6)]
     usual = unperturbed_gait([deviating(seed) for seed in range(10)], 3)
     mean, told = (group_headline(walked, usual, settings(baseline=b, window_s=0.1)) for b in ("mean", "predicted"))
     assert mean.ensemble.fit["K"] == told.other[0].fit["K"] != told.ensemble.fit["K"] == mean.other[0].fit["K"]
+    fits = pl.DataFrame({name: 6 * [1.0] for name in ("K", "B", "I", "VAF")})
     for result, other in ((mean, "ensemble, predicted gait"), (told, "ensemble, mean gait")):
-        assert other in [row["estimator"] for row in headline_rows(result, FITS, {})]
+        assert other in [row["estimator"] for row in headline_rows(result, fits, {})]
 
 
 SETTINGS = settings(bootstrap_samples=200, window_s=0.1)
@@ -258,21 +254,11 @@ def facts(crossings: list[Crossing], **choices: object) -> Facts:
 
 def test_sound_crossings_are_far_from_every_limit_and_faults_are_beyond() -> None:
     found = facts(perturbed())
-    assert (found["residual_over_gait"], found["uncorrected_stance_change"], found["outside_interval"]) == (
-        None,
-        None,
-        0,
-    )
-    least = {"coherence": 0.95, "VAF": 99, "B_high": 2}
-    most = {
-        "offset_share": 0.1,
-        "estimator_difference": 0.5,
-        "heterogeneity": 3,
-        "K_se_share": 0.1,
-        "stance_change": 0.015,
-    }
-    assert {name: found[name] > limit for name, limit in least.items()} == dict.fromkeys(least, True)
-    assert {name: abs(found[name]) < limit for name, limit in most.items()} == dict.fromkeys(most, True)
+    assert (found["residual_over_gait"], found["uncorrected_stance_change"]) == (None, None)
+    limits = {"offset_share": 0.1, "estimator_difference": 0.5, "heterogeneity": 3, "K_se_share": 0.1}
+    limits |= {"stance_change": 0.015, "outside_interval": 1}
+    assert [name for name, limit in limits.items() if abs(found[name]) >= limit] == []
+    assert [name for name, limit in (("coherence", 0.95), ("VAF", 99), ("B_high", 2)) if found[name] <= limit] == []
     headline = group_headline(perturbed(), USUAL, SETTINGS)  # the difference, over the sum of the halves of intervals
     fits = pl.DataFrame([{q: fit_response(r)[q] for q in "KBI"} | {"VAF": 0.0} for r in headline.responses])
     rows = headline_rows(headline, fits, {})
@@ -283,8 +269,8 @@ def test_sound_crossings_are_far_from_every_limit_and_faults_are_beyond() -> Non
     half = [replace(c, theta=2 * crossing("g").theta[: c.time.size] - c.theta) for c in perturbed()[::2]]
     assert facts([*half, *perturbed()[1::2]])["coherence"] < 0.3
     assert facts(perturbed(9, (200.0, 340.0, 480.0)))["heterogeneity"] > 8
-    limits = [c.torque[np.argmin(np.abs(c.time - ONSET - 0.02))] + 3 for c in perturbed()]
-    clipped = [replace(c, torque=np.minimum(c.torque, top)) for c, top in zip(perturbed(), limits, strict=True)]
+    tops = [c.torque[np.argmin(np.abs(c.time - ONSET - 0.02))] + 3 for c in perturbed()]
+    clipped = [replace(c, torque=np.minimum(c.torque, top)) for c, top in zip(perturbed(), tops, strict=True)]
     assert facts(clipped)["residual_over_gait"] > 6
 
 

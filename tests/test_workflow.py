@@ -93,7 +93,7 @@ def test_every_figure_table_and_headline_number_is_there_and_nothing_is_left_to_
     assert summary["campaign"] == "small"
     assert {"K_s", "B_j", "k_tau_n_m", "walking_K"} <= set(summary["numbers"])
     assert "\\newcommand" in (results / "numbers.tex").read_text()
-    assert {"walking_excluded.csv", "hinge.csv", "plate.csv"} <= {path.name for path in (results / "tables").iterdir()}
+    assert {"walking_excluded.csv", "plate.csv"} <= {path.name for path in (results / "tables").iterdir()}
     for name, each in (("model_comparison", 2), ("model_comparison_summary", 1)):
         compared = dict(workspace.table(name).group_by("experiment").len().iter_rows())
         assert compared == {"belt": 4 * each, "transmission": 2 * each, "impedance": 8 * each}
@@ -117,7 +117,7 @@ def test_every_column_and_number_is_in_the_data_dictionary_and_the_dictionary_ha
     not_made = {place for place in described if "torque_angle" in place}
     assert described.keys() - written.keys() == {"tables/ankle_moment", "study/study", "study/batches/*"} | not_made
     left = {place: described[place] - columns for place, columns in written.items() if described[place] - columns}
-    assert left == {"tables/hinge": {"reason"}, "fits/*/*.zip/series": {"omega"}}
+    assert left == {"fits/*/*.zip/series": {"omega"}}
     numbers = json.loads((results / "summary.json").read_text())["numbers"]
     assert set(numbers) <= {label.name for label in all_labels()}
     of_summary = tables_page("").partition("| field | meaning |")[2].partition("The entries:")[0]
@@ -238,7 +238,7 @@ WHOLE = {"summary", "csv_metadata", "report", "figures/captions"}
 NOT_CHANGED = {"study", "markers", "time_series", "frequency_response", "on_failure"}
 NOT_CHANGED |= {"fewest_unperturbed", "plate_inertia"}
 """Settings of another target, and such as name markers, a trial, or what a test of its own changes."""
-OTHER_WORD = {"auto": "any", "end": "start", "right": "left", "anatomical": "functional", "matched": "own"}
+OTHER_WORD = {"auto": "any", "end": "start", "right": "left", "matched": "own"}
 OTHER_WORD["mean"] = "predicted"
 
 

@@ -76,13 +76,11 @@ class Campaign:
         return {one: [trial for trial in found if found[trial] == one] for one in self.trials("static") if one in used}
 
     def calibration_settings(self, static: str) -> dict[str, Any]:
-        """Settings for the calibration by a static trial: those of the configuration, with the side of the sheet. Plate
-        trials alone have no ankle that moves: its axis stays the anatomical one."""
+        """Settings for the calibration by a static trial: those of the configuration, with the side of the sheet."""
         served = {trial: self.row(trial) for trial in self.statics.get(static, [])}
         with self.named():
             side = side_of(static, self.row(static), served, self.config.walking.side)
-        settings = self.config.walking.part("CalibrationSettings") | {"side": side}
-        return settings if served else settings | {"hinge": "anatomical"}
+        return self.config.walking.part("CalibrationSettings") | {"side": side}
 
     def pattern(self, experiment: str) -> str:
         """A regular expression that matches the trials of an experiment, and no trial of another."""

@@ -3,7 +3,6 @@
 import json
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import asdict, is_dataclass, replace
 from pathlib import Path
 from types import UnionType
@@ -161,29 +160,9 @@ def read_unperturbed_gaits(path: Path) -> dict[str, UnperturbedGait]:
     return gaits
 
 
-def calibrate(trial: Path, motion: Paths, settings: CalibrationSettings, output: Path, comparison: Path) -> None:
-    """Marker clusters, ankle centre and axis of the static trial, to a JSON file. The functional hinge of the trials
-    `motion` is compared with the anatomical axis in the table `comparison`, and replaces it if the settings say so."""
-    standing, markers = read_trial(trial), settings.markers
-    static, recordings = bodies.static_calibration(standing, settings), []
-    for path in motion:
-        walked = read_trial(path)
-        with suppress(InputError):  # trials whose markers cannot be read are not used
-            clusters = (markers.foot, markers.shank)
-            recordings.append([bodies.segment_poses(walked, names, static, settings)[1] for names in clusters])
-    row: dict[str, object] = {"trial": standing.name, "axis": settings.hinge}
-    try:
-        axis, centre, found = bodies.functional_hinge(recordings, static)
-    except InputError as error:
-        if settings.hinge == "functional":
-            raise
-        row["reason"] = str(error)
-    else:
-        row |= found
-        if settings.hinge == "functional":
-            static = replace(static, ankle_axis=axis, ankle_centre=centre)
-    write_table(pl.DataFrame([row]), comparison)
-    write_model(static, output)
+def calibrate(trial: Path, settings: CalibrationSettings, output: Path) -> None:
+    """Marker clusters, ankle centre and axis of the static trial, to a JSON file."""
+    write_model(bodies.static_calibration(read_trial(trial), settings), output)
 
 
 def calibrated_trials(trials: Paths, calibrations: Paths, statics: Statics) -> list[tuple[Trial, StaticCalibration]]:
@@ -250,8 +229,7 @@ def analyse(
             )
         crossing = replace(crossing, body_mass=body_mass(walked, body_mass_kg))
     except OslAnalysisError as error:
-        reason = "; ".join(filter(None, [str(error), bodies.exchanged_labels(walked, static, settings)]))
-        reason = reason if f"trial {walked.name}" in reason else f"trial {walked.name}: {reason}"
+        reason = str(error) if f"trial {walked.name}" in str(error) else f"trial {walked.name}: {error}"
         warnings.warn(f"excluded: {reason}", stacklevel=2)
         write_refusal(RefusedCrossing(walked.name, perturbed, reason), output)
     else:

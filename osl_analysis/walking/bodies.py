@@ -1,8 +1,7 @@
-"""Rigid bodies from marker clusters, the ankle between foot and shank, its functional hinge, and exchanged labels."""
+"""Rigid bodies from marker clusters, and the ankle between foot and shank."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
 
 import numpy as np
 import scipy
@@ -228,87 +227,3 @@ def moment_of_foot(foot: BodyMotion, ankle: Array, axis: Array, mass: float, ine
     I alpha . axis, with its centre of mass c, the point of `foot`, and I [kg*m^2] about the axis through c."""
     lever = np.cross(foot.point - ankle, mass * (foot.acceleration - FREE_FALL))
     return np.asarray(np.sum(axis * (lever + inertia * foot.alpha), axis=1))
-
-
-def functional_hinge(
-    recordings: Sequence[Sequence[Poses]], calibration: StaticCalibration
-) -> tuple[Array, Array, dict[str, float]]:
-    """The hinge from poses, which may be NaN, of foot and shank while the joint moved: unit axis (3,) to the left, the
-    principal direction of their relative rotation; a point (3,) [m] of it, with the same path in both (Ehrig et al., J.
-    Biomech. 40, 2007), the anatomical one where the motion does not determine it; and its columns of `hinge.csv`."""
-    if not recordings:
-        raise InputError("no trial in which foot and shank move; add walking trials, or set hinge to anatomical")
-    both = [(f[f.seen() & s.seen()], s[f.seen() & s.seen()]) for f, s in recordings]
-    foot, shank = (np.concatenate([poses[k].rotation for poses in both]) for k in (0, 1))
-    if len(foot) < 3:
-        raise InputError(
-            f"foot and shank are seen together in {len(foot)} frames, expected 3 or more; "
-            "fill the gaps in Nexus, or set hinge to anatomical"
-        )
-    relative = scipy.spatial.transform.Rotation.from_matrix(np.einsum("nji,njk->nik", shank, foot))
-    vectors = (relative * relative.mean().inv()).as_rotvec()
-    _, size, directions = np.linalg.svd(vectors, full_matrices=False)
-    size = size / np.sqrt(len(vectors))
-    if size[0] < np.deg2rad(5):  # which determines an axis better than marker noise
-        raise InputError(
-            f"the ankle turned by {np.rad2deg(size[0]):.1f} deg RMS, expected 5 deg or more for a functional axis; "
-            "record a range-of-motion trial, or set hinge to anatomical"
-        )
-    axis = directions[0] * np.sign(directions[0] @ calibration.ankle_axis)
-    start, turned = calibration.ankle_centre, foot - shank
-    apart = np.concatenate([f.point(start) - s.point(start) for f, s in both])
-    shift = np.linalg.lstsq(turned.reshape(-1, 3), -apart.reshape(-1), rcond=0.05)[0]
-    centre, gap = start + shift, float(np.sqrt(np.mean(np.sum((apart + turned @ shift) ** 2, axis=1))))
-    angle = float(np.arccos(np.clip(axis @ calibration.ankle_axis, -1, 1)))
-    return (
-        axis,
-        centre,
-        {
-            **{f"functional_{name}": float(value) for name, value in zip("xyz", axis, strict=True)},
-            "angle_deg": float(np.rad2deg(angle)),  # to the anatomical axis
-            "distance_mm": 1e3 * float(np.linalg.norm(np.cross(start - centre, axis))),  # of the anatomical centre
-            "excursion_deg": float(np.rad2deg(size[0])),  # RMS rotation about the axis, and about the two across it
-            "off_axis_deg": float(np.rad2deg(np.hypot(size[1], size[2]))),
-            "gap_mm": 1e3 * gap,  # RMS distance of the centre that moves with the foot from that of the shank
-            "frames": len(foot),
-        },
-    )
-
-
-def exchanged_labels(
-    trial: Trial, calibration: StaticCalibration, settings: MarkerSettings, segments: Sequence[str] = SEGMENTS
-) -> str:
-    """Which labels are exchanged, two of any clusters or those of foot and shank, for a message; empty if clusters are
-    rigid as labelled, or no exchange brings the median residual of each below `largest_residual_mm`."""
-    names = {segment: getattr(settings.markers, segment) for segment in segments}
-    labels = [label for some in names.values() for label in some]
-    try:
-        tracks = dict(zip(labels, np.moveaxis(marker_tracks(trial, labels)[1], 1, 0), strict=True))
-        static = [calibration.positions(some, trial.name) for some in names.values()]
-    except InputError:
-        return ""
-
-    def residuals(moved: Mapping[str, Array], swapped: Mapping[str, str]) -> list[Array]:
-        """RMS distance (n,) [m] of each cluster's markers from their rigid body; 0 in frames with hidden markers."""
-        every = [np.stack([moved[swapped.get(label, label)] for label in some], axis=1) for some in names.values()]
-        return [np.nan_to_num(cluster_poses(*pair).residual) for pair in zip(static, every, strict=True)]
-
-    limit, labelled = settings.largest_residual_mm * 1e-3, np.max(residuals(tracks, {}), axis=0)
-    wrong = np.flatnonzero(labelled > limit)
-    if len(wrong) < 5:  # single frames are a matter of noise, not of labels
-        return ""
-    rows = wrong[np.linspace(0, len(wrong) - 1, min(40, len(wrong))).astype(int)]
-    exchanges = {f"the labels {a} and {b}": {a: b, b: a} for a, b in combinations(labels, 2)}
-    foot, shank = names.get("foot", ()), names.get("shank", ())
-    if foot and len(foot) == len(shank):
-        exchanges["the labels of foot and shank"] = dict(zip((*foot, *shank), (*shank, *foot), strict=True))
-    some = {label: track[rows] for label, track in tracks.items()}
-    misfits = {how: max(float(np.median(r)) for r in residuals(some, swapped)) for how, swapped in exchanges.items()}
-    best = min(misfits, key=lambda how: misfits[how])
-    if not misfits[best] <= limit:
-        return ""
-    before, after = 1e3 * float(np.median(labelled[rows])), 1e3 * misfits[best]
-    return (
-        f"{best} look exchanged in {len(wrong)} frames: markers lie {before:.0f} mm from their rigid bodies as "
-        f"labelled, {after:.1f} mm after the exchange; correct the labels of this trial, or of its static trial"
-    )

@@ -113,7 +113,7 @@ def analyse_crossing(
         if len(lost := np.flatnonzero(inside & ~pose.seen())):
             raise InputError(
                 f"the {segment} markers cannot be followed at {frames[lost[0]]:.3f} s, in {len(lost)} frames of "
-                "stance; fill the gap in Nexus, raise longest_gap_s, or exclude the trial"
+                "stance; fill the gap or correct exchanged labels in Nexus, raise longest_gap_s, or exclude the trial"
             )
     # Every cluster is seen in stance and up to 0.1 s before and after it, for the low-pass
     seen = np.all([pose.seen() for pose in recorded.values()], axis=0)

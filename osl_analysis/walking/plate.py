@@ -413,8 +413,7 @@ def unloaded_recording(trial: Trial, calibration: StaticCalibration, settings: P
     if rows.stop - rows.start < few:
         raise InputError(
             f"trial {trial.name}: markers {', '.join(names)} are seen together in {rows.stop - rows.start} frames in a "
-            f"row, expected {few} or more; fill the gaps in Nexus, or record the trial again"
-            + (f"; {hint}" if (hint := bodies.exchanged_labels(trial, calibration, settings, ("platform",))) else "")
+            f"row, expected {few} or more; fill the gaps or correct exchanged labels in Nexus, or record again"
         )
     rotation = platform.rotation_from_rest(poses)
     largest_turn = float(np.rad2deg(np.max(rotation[rows])))

@@ -87,7 +87,6 @@ class CalibrationSettings(MarkerSettings):
     """How the ankle's centre and axis are calibrated."""
 
     side: Side  # Side of the subject that wears the prosthesis
-    hinge: Literal["anatomical", "functional"]  # Source of the axis: the malleoli, or the motion between foot and shank
 
 
 class PlateModelSettings(PlatformSettings):

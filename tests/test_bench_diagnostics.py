@@ -22,21 +22,16 @@ FIVE = SteppedSineProtocol((0.05, 0.1), (1.0, 2.0, 3.0, 4.0, 5.0), 9)
 
 
 def rows(torque_of, noise=0.03, protocol=FIVE, seed=1):
-    record = stepped_sine(torque_of, noise, protocol, seed)
-    return marked(table_of(record), LIMITS_WITHOUT_PLAUSIBILITY, "impedance").to_dicts()
-
-
-LIMITS_WITHOUT_PLAUSIBILITY = LIMITS.model_copy(
-    update={
-        "above": {k: v for k, v in LIMITS.above.items() if k not in ("K_over_K_s", "K_ratio", "saturated_samples")},
-        "below": {k: v for k, v in LIMITS.below.items() if k not in ("K_over_K_s", "K_ratio")},
-    }
-)
+    """Rows of a joint, judged by what they tell without gains and belt."""
+    table = table_of(stepped_sine(torque_of, noise, protocol, seed))
+    own = {"above", "below"}
+    limits = {end: {k: v for k, v in getattr(LIMITS, end).items() if k in table.columns} for end in own}
+    return marked(table, LIMITS.model_copy(update=limits), "impedance").to_dicts()
 
 
 def test_a_sound_joint_is_not_doubtful_and_shows_no_cause():
-    *_, whole = rows(second_order)
-    assert [row["doubtful"] for row in rows(second_order)] == [""] * 3
+    *_, whole = both = rows(second_order)
+    assert [row["doubtful"] for row in both] == [""] * 3
     assert whole["K_change"] == pytest.approx(0, abs=1e-3)
     assert whole["K_drift"] == 0
     assert abs(whole["coulomb_torque"]) < 0.02
@@ -44,38 +39,25 @@ def test_a_sound_joint_is_not_doubtful_and_shows_no_cause():
     assert whole["backlash_share"] < 2e-3
 
 
-@pytest.mark.parametrize("fall", [0.01, -0.02])
-def test_a_stiffness_that_changes_while_it_is_recorded_is_named_and_has_its_size(fall):
-    """It makes I wrong by four times as much, forty standard errors, and nothing else of the fit shows it."""
+@pytest.mark.parametrize("cycles", [9, 12])
+@pytest.mark.parametrize(("fall", "noise"), [(0.01, 0.002), (-0.02, 0.002), (0.02, 0.05)])
+def test_a_stiffness_that_changes_while_it_is_recorded_is_named_and_has_its_size(fall, noise, cycles):
+    """It makes I wrong by four times as much, forty standard errors, and nothing else of the fit shows it. With more
+    noise it changes by less within a segment; from one frequency to the next it looks like inertia."""
+    protocol = SteppedSineProtocol((np.deg2rad(4.0),), (1.0, 2.0, 3.0, 4.0, 5.0), cycles)
 
     def torque(m):
         return second_order(m) - fall * 200 * np.linspace(0, 1, len(m.theta)) * m.theta
 
-    *_, whole = rows(torque, 0.002)
-    record = stepped_sine(torque, 0.002)
-    fitted = record.groups.stop.max() - record.groups.first.min()
-    assert whole["K_drift"] * whole["K"] == pytest.approx(-fall * 200 * fitted / len(record.time), rel=0.1)
-    assert "K_drift" in whole["doubtful"]
-    assert "warming up" in whole["doubtful"]
-
-
-@pytest.mark.parametrize("cycles", [8, 12])
-def test_a_stiffness_that_changes_is_named_after_few_cycles_by_what_it_makes_of_the_inertia(cycles):
-    """Within a segment it changes by less than the noise; from one frequency to the next it looks like inertia."""
-    protocol = SteppedSineProtocol((np.deg2rad(4.0),), (1.0, 2.0, 3.0, 4.0, 5.0), cycles)
-
-    def torque(m):
-        return second_order(m) - 0.02 * 200 * np.linspace(0, 1, len(m.theta)) * m.theta
-
-    record = stepped_sine(torque, 0.05, protocol)
+    record = stepped_sine(torque, noise, protocol)
     fitted = (record.groups.stop.max() - record.groups.first.min()) / len(record.time)
-    for noise, seed in ((0.05, 1), (0.05, 2)):
+    for seed in (1, 2):
         *_, whole = rows(torque, noise, protocol, seed)
-        assert whole["K_drift"] == pytest.approx(-0.02 * fitted, rel=0.4)
-        assert whole["drift_inertia_share"] == pytest.approx(
-            (whole["I"] - 0.05) / np.hypot(whole["I"], 0.005), rel=0.15
-        )
-        assert "makes this share of I" in whole["doubtful"]
+        assert whole["K_drift"] * whole["K"] == pytest.approx(-fall * 200 * fitted, rel=0.1 if noise < 0.05 else 0.4)
+        made = (whole["I"] - 0.05) / np.hypot(whole["I"], 0.005)
+        assert whole["drift_inertia_share"] == pytest.approx(abs(made), rel=0.15)
+        for words in ("K_drift", "warming up", "makes this share of I"):
+            assert words in whole["doubtful"]
         *_, sound = rows(second_order, noise, protocol, seed)
         assert sound["K_drift"] == sound["drift_inertia_share"] == 0
 

@@ -11,15 +11,7 @@ from scipy.ndimage import shift
 from scipy.signal import butter, sosfilt
 
 from osl_analysis.bench.analysis import analysed
-from osl_analysis.bench.effects import (
-    IMPEDANCE,
-    Fault,
-    causes,
-    lag_of,
-    linear_torque,
-    plain_sums,
-    sums_of,
-)
+from osl_analysis.bench.effects import IMPEDANCE, Fault, causes, lag_of, linear_torque, plain_sums, sums_of
 from osl_analysis.bench.impedance import DesiredImpedance, judged_impedance, lag_row, left_unchecked
 from osl_analysis.bench.model_comparison import thinned_amplitudes
 from osl_analysis.bench.phasors import frequency_response_table, phasor_table, phasors_of_record
@@ -37,7 +29,7 @@ from osl_analysis.model.parameters import read_parameters
 from osl_analysis.protocol.stepped_sine import SteppedSineProtocol, unit_sines
 from osl_analysis.signals import LowPass, filtered_motion
 from osl_analysis.table import read_table, write_table
-from osl_analysis.trial import Trial, read_trial, write_trial
+from osl_analysis.trial import Trial, write_trial
 
 
 def test_the_row_over_all_amplitudes_says_from_where_to_where_the_single_ones_read():
@@ -52,38 +44,6 @@ def test_the_row_over_all_amplitudes_says_from_where_to_where_the_single_ones_re
         assert small[f"{name}_amplitudes_low"] is None
     assert f"single amplitudes {small['K']:.5g} to {large['K']:.5g}" in estimates_text(table)
     assert estimates_text(table).count("single amplitudes") == 3
-
-
-def written(folder, time, theta, torque):
-    """A trial of these signals in a folder, and its path."""
-    path = folder / "made.parquet"
-    write_trial(Trial("made", pl.DataFrame({"time": time, "theta": theta, "torque": torque})), path)
-    return path
-
-
-def settings_of(protocol):
-    degrees = [round(float(np.rad2deg(a)), 9) for a in protocol.amplitudes]
-    return DynamometerAnalysis(
-        cutoff_hz=15, order=4, amplitudes_deg=degrees, frequencies_hz=protocol.frequencies_hz, cycles=9, settle_cycles=2
-    )
-
-
-def fig4_of(path, table, settings, amplitude, seconds=1, limits=None):
-    """The plotted numbers of Fig. 4 of one amplitude [deg] of the trial at a path, beside the table of its fits."""
-    folder, names = path.parent, {"trial": "made", "joint": "ankle", "side": None, "chosen": ""}
-    choice = {**names, "amplitude_deg": amplitude, "duration_s": seconds}
-    write_table(table, folder / "fit.csv")
-    plotted_numbers.fig4(path, folder / "fit.csv", settings, choice, limits or Doubt(), folder / "fig4.csv")
-    return read_table(folder / "fig4.csv")
-
-
-def test_fig4_says_whether_the_fit_of_the_amplitude_that_it_shows_is_doubtful(tmp_path):
-    record, settings = stepped_sine(second_order), settings_of(PROTOCOL)
-    path = written(tmp_path, record.time, record.theta, record.torque)
-    table = table_of(record).with_columns(VAF=pl.Series([99.0, 80.0, 80.0]))
-    for amplitude, reason in zip(settings.amplitudes_deg, ("", "[VAF 80 is below 90]"), strict=True):
-        shown = fig4_of(path, table, settings, amplitude, limits=Doubt(below={"VAF": 90}))
-        assert all(text.endswith(reason) and bool(text) == bool(reason) for text in shown["doubtful"])
 
 
 def test_the_model_of_fig4_is_the_fit_to_the_settled_cycles_and_has_no_torque_beyond_them():
@@ -120,13 +80,26 @@ def test_where_amplitudes_nest_inside_frequencies_fig4_and_the_comparison_use_on
     large = np.concatenate([rest, *(np.full(len(s) + len(rest), np.max(s) > 0.08) for s in sines)]).astype(bool)
     time, noise = np.arange(len(theta)) / RATE, 1e-3 * np.random.default_rng(1).standard_normal(len(theta))
     motion, _ = filtered_motion(time, theta, theta, LowPass(100))
-    path = written(tmp_path, time, theta, second_order(motion) * np.where(large, 1.0, 0.5) + noise)
-    settings = settings_of(PROTOCOL)
-    record = record_of_trial(read_trial(path), settings)
-    table = table_of(record)
+    torque = second_order(motion) * np.where(large, 1.0, 0.5) + noise
+    trial, path = (
+        Trial("made", pl.DataFrame({"time": time, "theta": theta, "torque": torque})),
+        tmp_path / "made.parquet",
+    )
+    write_trial(trial, path)
+    degrees = [round(float(np.rad2deg(a)), 9) for a in PROTOCOL.amplitudes]
+    settings = DynamometerAnalysis(
+        cutoff_hz=15, order=4, amplitudes_deg=degrees, frequencies_hz=(1, 3, 5), cycles=9, settle_cycles=2
+    )
+    record = record_of_trial(trial, settings)
+    table, limits = table_of(record), Doubt(below={"K": 150})
     assert table["K"].to_list()[:2] == pytest.approx([100, 200], rel=1e-3)
-    for amplitude in settings.amplitudes_deg:
-        shown = fig4_of(path, table, settings, amplitude, 10)
+    write_table(table, tmp_path / "fit.csv")
+    for amplitude, reason in zip(degrees, ("[K 100 is below 150]", ""), strict=True):
+        choice = {"trial": "made", "joint": "ankle", "side": None, "chosen": ""}
+        choice |= {"amplitude_deg": amplitude, "duration_s": 10}
+        plotted_numbers.fig4(path, tmp_path / "fit.csv", settings, choice, limits, tmp_path / "fig4.csv")
+        shown = read_table(tmp_path / "fig4.csv")
+        assert all(text.endswith(reason) and bool(text) == bool(reason) for text in shown["doubtful"])
         assert amplitude == pytest.approx(shown["theta_deg"].abs().max(), rel=0.02)
         assert 1 - (shown["torque"] - shown["torque_model"]).var() / shown["torque"].var() > 0.9995
         assert draw_fig4(shown).axes[1].lines[0].get_ydata().shape[0] > len(shown)  # broken between the frequencies
@@ -190,15 +163,6 @@ def late(torque, by):
     return shift(torque, by * RATE, mode="nearest")
 
 
-def test_a_late_torque_is_doubtful_without_a_parameter_file_with_its_lag_and_what_it_does_to_b_and_i():
-    *_, row = judged(lambda m: late(second_order(m), 2e-3)).to_dicts()
-    assert row["lag_s"] == pytest.approx(2e-3, abs=5e-5)
-    assert row["lag_share"] == pytest.approx((4 - row["B"]) / row["B"], rel=0.25)  # to first order
-    assert row["lag_inertia_share"] == pytest.approx((0.05 - row["I"]) / row["I"], rel=0.25)
-    for cause in ("lag_share", "lag_inertia_share", "the torque is late", "`delay`"):
-        assert cause in row["doubtful"]
-
-
 def test_a_torque_in_time_is_not_doubtful_and_its_lag_counts_as_checked():
     table = judged(second_order)
     assert table["certain_lag_damping"].to_list() == table["lag_inertia_share"].to_list() == [0.0] * 3
@@ -207,16 +171,20 @@ def test_a_torque_in_time_is_not_doubtful_and_its_lag_counts_as_checked():
     assert "late" not in table["not_checked"][-1]
 
 
-@pytest.mark.parametrize("lag", [5e-4, -5e-4])
-@pytest.mark.parametrize("friction", [0.0, 0.3])
-def test_a_lag_is_found_with_its_sign_beside_friction_and_said_for_what_it_makes_of_i(lag, friction):
+@pytest.mark.parametrize(("lag", "friction"), [(2e-3, 0.0), (5e-4, 0.0), (-5e-4, 0.0), (5e-4, 0.3), (-5e-4, 0.3)])
+def test_a_lag_is_doubtful_with_its_sign_beside_friction_and_said_for_what_it_makes_of_b_and_i(lag, friction):
+    """Without a parameter file. Shares are of first order."""
+
     def torque(m):
         return late(second_order(m) + friction * np.tanh(m.omega / 0.01), lag)
 
     *_, row = judged(torque).to_dicts()
     assert row["lag_s"] == pytest.approx(lag, abs=4 * row["lag_se_s"] + 5e-5)
-    assert row["lag_inertia_share"] == pytest.approx(4 * 5e-4 / 0.05, rel=0.35)
+    assert row["lag_inertia_share"] == pytest.approx(abs(4 * lag) / 0.05, rel=0.35)
+    assert friction or row["lag_share"] == pytest.approx(abs(4 - row["B"]) / row["B"], rel=0.25)
     assert (row["frame_stiffness"] is None) == (lag < 0)
+    for cause in ("lag_inertia_share", "is late", "`delay`"):
+        assert cause in row["doubtful"]
 
 
 @pytest.mark.parametrize("noise", [1e-3, 0.05, 0.5])

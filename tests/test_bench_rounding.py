@@ -7,11 +7,10 @@ import polars as pl
 import pytest
 from bench_synthetic import second_order, stepped_sine
 
-from osl_analysis.bench.analysis import analysed
 from osl_analysis.bench.effects import IMPEDANCE, plain_sums, sums_of, with_effects
 from osl_analysis.bench.gram import combined, jackknife
-from osl_analysis.bench.record import record_of_trial, sine_record, stretches_of
-from osl_analysis.bench.settings import BenchStiffness, DynamometerAnalysis
+from osl_analysis.bench.record import sine_record, stretches_of
+from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.protocol.stepped_sine import SteppedSineProtocol
 from osl_analysis.stats.rounding import visible_step
 from osl_analysis.trial import Trial
@@ -123,49 +122,13 @@ def test_a_step_is_stated_or_seen():
     assert visible_step(0.003 * np.rint(values / 0.003) + 0.0007) == pytest.approx(0.003, rel=1e-6)
     assert visible_step(values) is None
     assert visible_step(np.zeros(100)) is None
+    irregular = 29 + np.cumsum(rng.uniform(1.6, 1.9, 20))  # some levels are no whole steps apart
+    assert visible_step(np.repeat(np.arange(50.0), 10)) == 1
+    assert visible_step(np.repeat(np.append(np.arange(30.0), irregular), 10)) is None
     made = trial(2, 500.0)
     stated = Trial("made", made.samples, {"columns": {"theta": {"resolution": 1e-3}}})
     assert sine_record(stated, SETTINGS).steps == (1e-3, None)
     assert sine_record(made, SETTINGS).steps == (None, None)
-
-
-TWELVE_BITS = 2 * np.pi / 2**12
-
-
-SWEPT = DynamometerAnalysis(cutoff_hz=15, order=4, amplitudes_deg=[4], frequencies_hz=[1], cycles=10, settle_cycles=2)
-TRUE_JOINT = np.array([300.0, 5.0, 0.02])
-STEP = FOURTEEN_BITS
-
-
-def swept(seed, dither=0.0, compliance=0.0):
-    """Sweep from 6 to 0.5 Hz in 20 s of an exact joint, by formula; the encoder is at the bench."""
-    rng, t = np.random.default_rng(seed), np.arange(5000) / 250
-    w = 2 * np.pi * (6 - 5.5 * t / 20)
-    phase = 2 * np.pi * (6 * t - 5.5 * t**2 / 40)
-    theta, omega = 0.05 * np.sin(phase), 0.05 * w * np.cos(phase)
-    alpha = -0.05 * w**2 * np.sin(phase) - 0.05 * 2 * np.pi * 5.5 / 20 * np.cos(phase)
-    torque = TRUE_JOINT @ [theta, omega, alpha] + 0.02 * rng.standard_normal(len(t))
-    read = theta + compliance * torque + STEP * (dither * rng.standard_normal(len(t)) + rng.random())
-    return Trial("made", pl.DataFrame({"time": t, "theta": STEP * np.rint(read / STEP), "torque": torque}))
-
-
-@pytest.mark.parametrize("compliance", [0.0, 1 / 2000])
-def test_rounding_is_in_the_interval_of_a_sweep(compliance):
-    """The errors of 12 zeros of the encoder, also where the bench yields by ten steps below it."""
-    bench = BenchStiffness(value="2000 N*m/rad") if compliance else None
-    settings = SWEPT.model_copy(update={"bench_stiffness": bench})
-    records = [record_of_trial(swept(seed, compliance=compliance), settings) for seed in range(12)]
-    fits = [analysed(one, plain_sums(one, IMPEDANCE), IMPEDANCE).whole for one in records]
-    true = np.sqrt(np.mean([(fit.estimates[:3] - TRUE_JOINT) ** 2 for fit in fits], axis=0))
-    stated = np.sqrt(np.mean([np.diag(fit.covariance)[:3] for fit in fits], axis=0)) / true
-    assert stated.min() > 0.7
-    assert stated.max() < 2.5
-
-
-def test_levels_of_which_some_are_no_whole_steps_apart_show_no_step():
-    irregular = 29 + np.cumsum(np.random.default_rng(1).uniform(1.6, 1.9, 20))
-    assert visible_step(np.repeat(np.arange(50.0), 10)) == 1
-    assert visible_step(np.repeat(np.append(np.arange(30.0), irregular), 10)) is None
 
 
 def test_the_jackknife_is_that_of_fits_without_a_unit_and_its_freedom_that_of_the_units():

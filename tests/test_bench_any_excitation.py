@@ -417,17 +417,6 @@ def doubts_of(row):
 
 
 @pytest.mark.parametrize("name", MOTIONS)
-def test_no_verdict_on_any_motion_depends_on_the_zero_of_the_angle(name):
-    """In 0.2.0 a perfect spring was doubtful from a mean of 4 degrees on."""
-    rng = np.random.default_rng(3)
-    trial = made_trial(rng, MOTIONS[name](rng), torque_noise=0.02)
-    turned = Trial("made", trial.samples.with_columns(pl.col("theta") + 0.3))
-    own, other = (row_of(one, excitation="any") for one in (trial, turned))
-    assert doubts_of(other) == doubts_of(own)
-    assert other["largest_correlation"] == pytest.approx(own["largest_correlation"], rel=1e-3)
-
-
-@pytest.mark.parametrize("name", MOTIONS)
 @pytest.mark.parametrize("share", [-0.04, 0.02])
 def test_a_change_of_the_stiffness_has_its_size_in_any_motion_and_is_doubtful(name, share):
     """From the first to the last fitted row, of a multisine of whole periods; the bound of noise is 0.25 % of K."""

@@ -13,7 +13,6 @@ from osl_analysis.bench.model_comparison import (
     BELT_MODELS,
     TRANSMISSION_MODELS,
     DrivetrainTrial,
-    belt_fold,
     fold_of,
     linear_rivals,
 )
@@ -39,8 +38,8 @@ from osl_analysis.yaml_settings import read_yaml
 
 TINY = ROOT / "tests/tiny_simulation.yaml"
 DEFAULT_FILE = ROOT / "config/parameters/default.yaml"
+QUADRATIC_FILE = ROOT / "config/parameters/osl-v2-published.yaml"
 DEFAULT = read_parameters(DEFAULT_FILE)
-QUADRATIC = read_parameters(ROOT / "config/parameters/osl-v2-published.yaml")
 LOW_PASS = LowPass(15)
 ANALYSIS = DynamometerAnalysis(
     cutoff_hz=15, order=4, amplitudes_deg=(2, 4, 6), frequencies_hz=(2, 5), cycles=3, settle_cycles=0
@@ -57,21 +56,20 @@ def settings(*off, amplitudes_deg=(4,)):
     return found.model_copy(update={"effects": effects, "protocol": protocol, "experiments": wanted})
 
 
-def simulated(trial, found, p):
-    return simulate_bench_trial(row_of_trial(found, TINY, trial), found, p)[0]
-
-
-def simulated_belts(p, *off):
-    found = settings("load_cell_drift", *off).model_copy(update={"seed": 3})
-    logs = [simulated(f"belt_{i:02d}", found, p) for i in (1, 2, 3)]
-    return [belt_fold(LOW_PASS(log["joint_angle"], 1000.0), LOW_PASS(-log["load_cell_torque"], 1000.0)) for log in logs]
+def written(folder, name, found, p, as_name=None):
+    """The path of a simulated trial of a device."""
+    log, _ = simulate_bench_trial(row_of_trial(found, TINY, name), found, p)
+    path = folder / f"{as_name or name}.parquet"
+    columns = {"time": log["time"], "theta": log["joint_angle"], "theta_m": log["actuator_angle"]}
+    write_trial(Trial(path.stem, pl.DataFrame({**columns, "torque": -log["load_cell_torque"]})), path)
+    return path
 
 
 BELTS = {
-    "M1": (DEFAULT, ("belt_hysteresis",)),
-    "M2": (QUADRATIC, ("belt_hysteresis",)),
-    "M3": (DEFAULT, ()),
-    "M4": (QUADRATIC, ()),
+    "M1": (DEFAULT_FILE, ("belt_hysteresis",)),
+    "M2": (QUADRATIC_FILE, ("belt_hysteresis",)),
+    "M3": (DEFAULT_FILE, ()),
+    "M4": (QUADRATIC_FILE, ()),
 }
 
 
@@ -82,13 +80,19 @@ def scored(folds, k, models):
 
 
 @pytest.mark.parametrize("true", BELT_MODELS)
-def test_the_belt_that_was_simulated_is_ranked_first(true):
+def test_the_belt_that_was_simulated_is_ranked_first(true, tmp_path):
     """By BIC over the trials it is the first. On each held-out repeat, every model without one of its terms is worse.
     With a single trial of 40 effective samples, BIC accepts a needless term if chi2(1) > ln 40: one time in twenty.
     What damps the joint (B_j) differs between the branches too, so it is switched off where there is no hysteresis."""
-    p, off = BELTS[true]
-    folds = simulated_belts(p if "T_h" in BELT_MODELS[true] else replace(p, B_j=0.0), *off)
-    trials = [scored(folds, k, BELT_MODELS) for k in range(3)]
+    device, off = BELTS[true]
+    p = read_parameters(device)
+    p = p if "T_h" in BELT_MODELS[true] else replace(p, B_j=0.0)
+    found = settings("load_cell_drift", *off).model_copy(update={"seed": 3})
+    belts = [written(tmp_path, f"belt_0{i}", found, p) for i in (1, 2, 3)]
+    compare_belt_models(belts, device, ANALYSIS, tmp_path / "belt.csv")
+    table = pl.read_csv(tmp_path / "belt.csv")
+    assert table["trial"].to_list() == [f"belt_0{i}" for i in (1, 2, 3) for _ in BELT_MODELS]
+    trials = [{row["model"]: row for row in one.to_dicts()} for one in table.partition_by("trial")]
     total = {model: sum(scores[model]["BIC"] for scores in trials) for model in BELT_MODELS}
     assert min(total, key=total.__getitem__) == true
     for model, terms in BELT_MODELS.items():
@@ -117,20 +121,12 @@ def test_coulomb_friction_in_the_joint_is_preferred_where_it_is_and_not_where_it
         assert gain > 0.05 if T_C else gain < 0.001
 
 
-def written(folder, name, found, as_name=None):
-    """The path of a simulated trial."""
-    log, path = simulated(name, found, DEFAULT), folder / f"{as_name or name}.parquet"
-    columns = {"time": log["time"], "theta": log["joint_angle"], "theta_m": log["actuator_angle"]}
-    write_trial(Trial(path.stem, pl.DataFrame({**columns, "torque": -log["load_cell_torque"]})), path)
-    return path
-
-
 UNCOMPENSATED = "impedance_K300_B5.0_uncompensated"
 
 
 def rivals_of_eq_15(folder, *off):
     """The table of a trial at 2, 4 and 6 deg, without some effects of the simulator, by model."""
-    path = written(folder, UNCOMPENSATED, settings(*off, amplitudes_deg=(2, 4, 6)))
+    path = written(folder, UNCOMPENSATED, settings(*off, amplitudes_deg=(2, 4, 6)), DEFAULT)
     output, condition = folder / "impedance.csv", DesiredImpedance("uncompensated", 300.0, 5.0)
     compare_impedance_models(path, DEFAULT_FILE, condition, Weight(1, 3), ANALYSIS, 0.05, output)
     table = pl.read_csv(output)
@@ -157,7 +153,9 @@ def test_without_friction_the_linear_drivetrain_wins_with_no_parameter_fitted(tm
 
 
 def test_a_loop_that_would_be_unstable_is_refused_by_name(tmp_path):
-    record = sine_record(read_trial(written(tmp_path, UNCOMPENSATED, settings(amplitudes_deg=(2, 4, 6)))), ANALYSIS)
+    record = sine_record(
+        read_trial(written(tmp_path, UNCOMPENSATED, settings(amplitudes_deg=(2, 4, 6)), DEFAULT)), ANALYSIS
+    )
     wild = replace(select_gains("uncompensated", 300.0, 5.0, DEFAULT), B_1=-50.0)
     with pytest.raises(InputError, match="grows without bounds for K_1 = "):
         DrivetrainTrial(record, [], wild, DEFAULT, 0.05).predicted(np.array([1.0, 1.0, 0.0]))
@@ -175,16 +173,10 @@ def test_vaf_on_data_held_out_is_that_of_the_other_trials_fit():
     assert (alone["rank"], alone["VAF"]) == (1, pytest.approx(100))
 
 
-def test_tables_name_trial_and_model(tmp_path):
+def test_the_transmission_that_was_simulated_has_no_friction_of_its_own(tmp_path):
     found = settings(amplitudes_deg=(2, 4, 6))
-    belts = [written(tmp_path, f"belt_0{i}", found) for i in (1, 2)]
-    compare_belt_models(belts, DEFAULT_FILE, ANALYSIS, tmp_path / "belt.csv")
-    table = pl.read_csv(tmp_path / "belt.csv")
-    assert table["trial"].to_list() == ["belt_01"] * 4 + ["belt_02"] * 4
-    assert table["model"].to_list() == list(BELT_MODELS) * 2
-    assert table.filter(pl.col("rank") == 1)["terms"].to_list() == ["K_s + T_h"] * 2
-    transmissions = [written(tmp_path, "transmission_1", found, f"transmission_{i}") for i in "12"]
-    compare_transmission_models(transmissions, ANALYSIS, 0.05, tmp_path / "transmission.csv")
+    paths = [written(tmp_path, "transmission_1", found, DEFAULT, f"transmission_{i}") for i in "12"]
+    compare_transmission_models(paths, ANALYSIS, 0.05, tmp_path / "transmission.csv")
     table = pl.read_csv(tmp_path / "transmission.csv")
     assert table.filter(pl.col("rank") == 1)["terms"].to_list() == ["B_j + J_j"] * 2
     assert table["VAF_held_out"].min() > 99

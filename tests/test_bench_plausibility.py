@@ -61,8 +61,17 @@ RECORDINGS = {"impedance": driven(), "transmission": driven(losses), "belt": loa
 RECORDINGS |= {"actuator": turning_actuator()}
 
 
-def scaled(experiment, **factors):
-    return {name: values * factors.get(name, 1) for name, values in RECORDINGS[experiment].items()}
+def clipped(signal):
+    limit = np.quantile(np.abs(signal), 0.97)
+    return np.clip(signal, -limit, limit)
+
+
+def changed(experiment, **changes):
+    """A recording with some signals multiplied by a factor, or changed by a function."""
+    recording = dict(RECORDINGS[experiment])
+    for name, by in changes.items():
+        recording[name] = by(recording[name]) if callable(by) else by * recording[name]
+    return recording
 
 
 def judged(experiment, recording, bench=BENCH, asked=None):
@@ -77,7 +86,7 @@ KNOWN = DesiredImpedance("compensated", 200, 4)
 
 
 @pytest.mark.parametrize(
-    ("experiment", "factors", "words"),
+    ("experiment", "changes", "words"),
     [
         ("impedance", {"torque": -1}, "K = -200 is negative.*`sign`"),
         ("transmission", {"torque": -1}, "B_j = -0.4.* is negative.*`sign`"),
@@ -89,13 +98,13 @@ KNOWN = DesiredImpedance("compensated", 200, 4)
         ("impedance", {"theta": 57.3}, "theta turns by .*rad.*recorded in deg and declared as rad"),
     ],
 )
-def test_what_cannot_be_is_refused_with_its_cause(experiment, factors, words):
+def test_what_cannot_be_is_refused_with_its_cause(experiment, changes, words):
     with pytest.raises(InputError, match=words):
-        judged(experiment, scaled(experiment, **factors))
+        judged(experiment, changed(experiment, **changes))
 
 
 @pytest.mark.parametrize(
-    ("experiment", "factors", "words"),
+    ("experiment", "changes", "words"),
     [
         *((experiment, {}, "^$") for experiment in RECORDINGS),  # a sound recording is not doubtful
         ("actuator", {"theta_m": 180 / np.pi}, "57.3 is the factor between degrees.*J_m_ratio 0.0175 is below 0.33"),
@@ -105,12 +114,16 @@ def test_what_cannot_be_is_refused_with_its_cause(experiment, factors, words):
         ("belt", {"torque": 0.01}, "N\\*cm.*K_s_ratio 0.01"),
         ("transmission", {"torque": 0.01}, "N\\*cm.*B_j_ratio 0.0"),
         ("impedance", {"torque": 0.01}, "K_over_K_s 0.00292 is below 0.01"),
+        ("impedance", {"torque": clipped}, "clipped.*saturated_samples"),
+        ("actuator", {"torque_m": clipped}, "clipped.*saturated_samples"),
+        # a delay of 4 ms adds -K_s 4 ms = -2.7 N*m*s/rad to B_j
+        ("belt", {"torque": lambda torque: np.roll(torque, 2)}, r"B_j_high -\d.* is below 0"),
     ],
 )
-def test_what_is_not_likely_is_doubtful_with_its_cause(experiment, factors, words, monkeypatch):
-    if factors:
+def test_what_is_not_likely_is_doubtful_with_its_cause(experiment, changes, words, monkeypatch):
+    if changes:
         monkeypatch.setattr("osl_analysis.bench.components.FEWEST_MOVING_S", 0.1)
-    row = judged(experiment, scaled(experiment, **factors))
+    row = judged(experiment, changed(experiment, **changes))
     assert re.search(words, row["doubtful"]), row["doubtful"]
 
 
@@ -120,24 +133,9 @@ def test_a_stiffness_far_from_what_the_gains_should_give_is_doubtful():
         (0.8, r"state `bench_stiffness`.*K_ratio 0\.[78]"),
         (1.356, r"lbf\*ft.*K_ratio 1\.\d+ is above 1\.2"),
     ):
-        row = judged("impedance", scaled("impedance", torque=factor), asked=KNOWN)
+        row = judged("impedance", changed("impedance", torque=factor), asked=KNOWN)
         assert re.search(words, row["doubtful"]), row["doubtful"]
         assert row["doubtful"].lower().count("check unit") == 1, "what to do is said once"
-
-
-@pytest.mark.parametrize(("experiment", "torque"), [("impedance", "torque"), ("actuator", "torque_m")])
-def test_a_clipped_load_cell_makes_the_fit_doubtful(experiment, torque):
-    recording = dict(RECORDINGS[experiment])
-    limit = np.quantile(np.abs(recording[torque]), 0.97)
-    recording[torque] = np.clip(recording[torque], -limit, limit)
-    assert re.search(r"clipped.*saturated_samples", judged(experiment, recording)["doubtful"])
-
-
-def test_a_belt_whose_torque_is_late_has_a_negative_damping_and_is_doubtful():
-    """A delay of 4 ms adds -K_s 4 ms = -2.7 N*m*s/rad to B_j."""
-    recording = dict(RECORDINGS["belt"])
-    recording["torque"] = np.roll(recording["torque"], 2)
-    assert re.search(r"B_j_high -\d.* is below 0", judged("belt", recording)["doubtful"])
 
 
 @pytest.mark.parametrize("experiment", ["impedance", "transmission"])

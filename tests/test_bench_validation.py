@@ -20,39 +20,29 @@ def benchmark():
     return module
 
 
-def table_of(name):
-    return PAGE.partition(f"<!-- {name} -->\n")[2].partition("<!-- end -->")[0]
-
-
-def test_the_page_has_a_row_for_every_case_and_remedy(benchmark):
+def test_the_page_has_a_row_for_every_case_and_remedy_none_silently_wrong_and_what_must_be_stated_right_once_it_is(
+    benchmark,
+):
     for name, (_, cases) in benchmark.TABLES.items():
-        labels = [line.split(" | ")[0].removeprefix("| ") for line in table_of(name).splitlines()[2:]]
+        rows = PAGE.partition(f"<!-- {name} -->\n")[2].partition("<!-- end -->")[0].splitlines()[2:]
         expected = [
             label for case in cases for label in (case.label, case.remedy and f"… {case.remedy.label}") if label
         ]
+        labels = [line.split(" | ")[0].removeprefix("| ") for line in rows]
         assert labels == expected, f"run benchmarks/bench_imperfections.py: {name} is not its table"
-
-
-def test_no_row_of_the_page_is_silently_wrong_or_a_crash(benchmark):
-    rows = [line for name in benchmark.TABLES for line in table_of(name).splitlines()]
-    assert [line for line in rows if benchmark.SILENT in line or "| CRASH |" in line] == []
-
-
-def test_what_must_be_stated_is_right_once_it_is(benchmark):
-    for name in benchmark.TABLES:
-        rows = table_of(name).splitlines()
-        stated = [after for before, after in pairwise(rows) if "must be stated" in before]
-        assert all("| right |" in row for row in stated)
+        assert [line for line in rows if benchmark.SILENT in line or "| CRASH |" in line] == []
+        assert all("| right |" in after for before, after in pairwise(rows) if "must be stated" in before)
 
 
 def test_a_row_is_judged_by_what_a_reader_accepts_and_by_its_interval(benchmark):
     fit = {"K": 301.0, "K_se": 0.1, "K_low": 300.8, "K_high": 301.2, "doubtful": None}
+
+    def judged(flags=(), **more):
+        return benchmark.verdict(benchmark.result_of(fit | more, {"K": 300.0}, list(flags)), None)
+
     wrong = benchmark.result_of(fit, {"K": 300.0}, [])
     assert wrong.errors["K"] == pytest.approx((1 / 3, 10))
-    assert benchmark.verdict(wrong, None) == benchmark.SILENT
-    assert (
-        benchmark.verdict(benchmark.result_of(fit | {"doubtful": "VAF 80 is below 95"}, {"K": 300.0}, []), None)
-        == "doubtful"
-    )
-    assert benchmark.verdict(benchmark.result_of(fit, {"K": 300.0}, ["saturation (flag)"]), None) == "flagged"
-    assert benchmark.verdict(benchmark.result_of(fit | {"K_low": 299.9}, {"K": 300.0}, []), None) == "right"
+    assert judged() == benchmark.SILENT
+    assert judged(doubtful="VAF 80 is below 95") == "doubtful"
+    assert judged(["saturation (flag)"]) == "flagged"
+    assert judged(K_low=299.9) == "right"

@@ -16,7 +16,7 @@ PER_TRIAL = {
 PER_TRIAL |= {"model_comparison": [*REPEATS, *AMPLITUDES], "quality": CAMPAIGN.trials()}
 """Per table, the trials (or comparisons) that have rows in it."""
 DERIVED = {new: (table.name, job) for name, table in TABLES for new, job in table.derived.items()}
-DERIVED["model_comparison_summary"] = ("model_comparison", "bench.summarise_model_comparison")
+DERIVED["model_comparison_summary"] = ("model_comparison", "bench.summarise")
 """Per table that is computed from one other table: that table, and the job."""
 
 

@@ -19,7 +19,7 @@ from osl_analysis.bench.record import record_of_trial
 from osl_analysis.bench.settings import BenchStiffness, DynamometerAnalysis
 from osl_analysis.campaign.configuration import read_section
 from osl_analysis.commands import figure as plotted_numbers
-from osl_analysis.commands.bench import average_over_amplitudes, estimates_text
+from osl_analysis.commands.bench import estimates_text, summarise
 from osl_analysis.figures.impedance import draw_fig4
 from osl_analysis.judge.doubts import marked
 from osl_analysis.judge.table import Doubt, DoubtfulFits
@@ -120,7 +120,7 @@ def test_phasors_keep_their_covariance_and_the_response_over_amplitudes_its_inte
     half = 2.5706 * first["Y_magnitude_se"]  # Student's quantile for the five degrees of freedom of six cycles
     assert first["Y_magnitude_high"] - first["Y_magnitude"] == pytest.approx(half, rel=1e-3)
     write_table(marked(table, Doubt(above={"amplitude_deg": 4}), "phasors"), tmp_path / "phasors.csv")
-    average_over_amplitudes(tmp_path / "phasors.csv", tmp_path / "response.csv")
+    summarise(tmp_path / "phasors.csv", tmp_path / "response.csv")
     mean = read_table(tmp_path / "response.csv").row(0, named=True)
     both = table.filter(pl.col("frequency_hz") == 1)
     assert (mean["magnitude_min"], mean["magnitude_max"]) == (both["Y_magnitude"].min(), both["Y_magnitude"].max())

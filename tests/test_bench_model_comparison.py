@@ -22,7 +22,7 @@ from osl_analysis.commands.bench import (
     compare_belt_models,
     compare_impedance_models,
     compare_transmission_models,
-    summarise_model_comparison,
+    summarise,
 )
 from osl_analysis.commands.simulate import row_of_trial
 from osl_analysis.errors import InputError
@@ -202,8 +202,8 @@ def score_table():
 
 
 def test_the_summary_has_a_row_per_model_with_its_difference_to_the_drafts(tmp_path):
-    write_table(score_table(), tmp_path / "scores.csv")
-    summarise_model_comparison(tmp_path / "scores.csv", tmp_path / "summary.csv")
+    write_table(score_table(), tmp_path / "model_comparison.csv")
+    summarise(tmp_path / "model_comparison.csv", tmp_path / "summary.csv")
     rows = pl.read_csv(tmp_path / "summary.csv").to_dicts()
     assert [(r["experiment"], r["controller"], r["model"], r["trials"]) for r in rows] == [
         ("belt", None, "M1", 3),

@@ -22,7 +22,7 @@ from test_bench_plausibility import RATE, RECORDINGS
 import osl_analysis as osl
 from osl_analysis.campaign.configuration import FrequencyResponseFigure, read_config
 from osl_analysis.commands import bench
-from osl_analysis.commands.bench import average_over_amplitudes
+from osl_analysis.commands.bench import summarise
 from osl_analysis.commands.figure import fig7
 from osl_analysis.commands.gains import requested_gains
 from osl_analysis.commands.tables import gather, judge
@@ -133,7 +133,7 @@ def test_the_frequency_response_of_a_stepped_sine_is_that_of_the_campaign_and_of
     found = osl.frequency_response(bench_trial("impedance"), desired, config=short)
     for places in ({"made": {"joint": "ankle", "side": None}}, {}):
         gather([tables["phasors"]], phasors, *limits, places)
-        average_over_amplitudes(phasors, response)
+        summarise(phasors, response)
         if places:
             choice = FrequencyResponseFigure(K_d=desired.K_d, B_d=desired.B_d)
             fig7(response, DEVICE, choice, config.gain_weight.weight, tmp_path / "fig7.csv")

@@ -60,9 +60,8 @@ class Analysis:
 
     def shared(self, label: Label, *names: str) -> Row:
         """VAF on data held out, the drift that was subtracted [N*m/min], and the change by another time base."""
-        drift = 60 * self.record.drift
-        held_out = held_out_vaf(self.sums, self.model, label)
-        return {"VAF_held_out": held_out, "load_cell_drift": drift, **self.time_base_row(label, names)}
+        told = {"VAF_held_out": held_out_vaf(self.sums, self.model, label), "load_cell_drift": 60 * self.record.drift}
+        return told | self.time_base_row(label, names)
 
     def time_base_row(self, label: Label, names: Sequence[str]) -> Row:
         """`time_base_shift`: the largest change of an estimate if undecided stamps were taken the other way. In
@@ -250,11 +249,6 @@ class Series:
     fitted: NDArray[np.bool_]  # rows that are fitted
     is_velocity: bool = False  # whether `motion` is a velocity
 
-    def torque_table(self) -> pl.DataFrame:
-        """Time [s] from the start, measured and modelled torque [N*m] of every sample that the model has."""
-        table = pl.DataFrame({"time": self.time, "torque": self.torque, "torque_model": self.torque_model})
-        return table.filter(pl.col("torque_model").is_finite()).with_columns(pl.col("time") - pl.col("time").first())
-
     def table(self, most: int = 10_000) -> pl.DataFrame:
         """Every k-th sample, `most` or fewer rows, and the range of the residual in the k samples from each on. Two
         minutes of a stepped sine then have some fifteen rows for a period of its fastest one.
@@ -274,13 +268,15 @@ class Series:
 
 
 class FitTables(dict[str, pl.DataFrame]):
-    """The tables of a fit by name, and under `torque` the samples that it explains (`Series.torque_table`).
-
-    `further` computes, when the first of them is read, the tables that a single fit does not show.
-    """
+    """The tables of a fit by name, and under `torque` the samples that it explains: time [s] from the start, measured
+    and modelled torque [N*m]. `further` computes, when the first of them is read, the tables that a single fit does not
+    show."""
 
     def __init__(self, series: Series, further: Callable[[], dict[str, pl.DataFrame]], **tables: pl.DataFrame) -> None:
-        super().__init__(tables, torque=series.torque_table())
+        model = series.torque_model
+        torque = pl.DataFrame({"time": series.time, "torque": series.torque, "torque_model": model})
+        torque = torque.filter(np.isfinite(model)).with_columns(pl.col("time") - pl.col("time").first())
+        super().__init__(tables, torque=torque)
         self.measured, self.further = series, further
 
     def __missing__(self, name: str) -> pl.DataFrame:

@@ -11,8 +11,6 @@ from osl_analysis.signals.grid import GapLimits
 from osl_analysis.trial import Array
 from osl_analysis.yaml_settings import Degrees, NotNegative, Positive, Settings
 
-STIFFNESS_UNITS = {"N*m/rad": 1.0, "Nm/rad": 1.0, "N*m/deg": 180 / np.pi, "Nm/deg": 180 / np.pi}
-"""Units of a stiffness of the bench, and their factors to N*m/rad."""
 CycleCount = Annotated[int, Field(ge=1, le=10_000)]
 
 
@@ -43,6 +41,19 @@ class FilterSettings(Settings):
         return GapLimits(self.time_base.highest_hz, self.cutoff_hz, self.time_base.longest_gap_s)
 
 
+def in_newton_metres_per_rad(text: str) -> float:
+    """A stiffness with its unit [N*m/rad]."""
+    units = {"N*m/rad": 1.0, "Nm/rad": 1.0, "N*m/deg": 180 / np.pi, "Nm/deg": 180 / np.pi}
+    number, _, unit = text.strip().partition(" ")
+    try:
+        value = float(number) * units[unit.strip()]
+    except (ValueError, KeyError):
+        value = np.nan
+    if not 0 < value < np.inf:
+        raise ValueError(f"write a positive number and one of {', '.join(units)}, as in '218 N*m/deg'")
+    return value
+
+
 class BenchStiffness(Settings):
     """Torsional stiffness of what yields between the bench's encoder and the joint: frame, mount and coupling."""
 
@@ -58,8 +69,7 @@ class BenchStiffness(Settings):
 
     @model_validator(mode="after")
     def _known(self) -> Self:
-        error = self.standard_error
-        if error is not None and in_newton_metres_per_rad(error) >= in_newton_metres_per_rad(self.value):
+        if not self.compliance_error < self.compliance:
             raise ValueError("the standard error is not below the value; check the units")
         return self
 
@@ -73,18 +83,6 @@ class BenchStiffness(Settings):
         """Standard error of the inverse [rad/(N*m)]; 0 where it is not stated."""
         stated = self.standard_error
         return 0.0 if stated is None else in_newton_metres_per_rad(stated) * self.compliance**2
-
-
-def in_newton_metres_per_rad(text: str) -> float:
-    """A stiffness with its unit [N*m/rad]."""
-    number, _, unit = text.strip().partition(" ")
-    try:
-        value = float(number) * STIFFNESS_UNITS[unit.strip()]
-    except (ValueError, KeyError):
-        value = np.nan
-    if not 0 < value < np.inf:
-        raise ValueError(f"write a positive number and one of {', '.join(STIFFNESS_UNITS)}, as in '218 N*m/deg'")
-    return value
 
 
 class BenchAnalysis(FilterSettings):

@@ -3,6 +3,7 @@
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from html import escape
 from importlib import import_module
 from pathlib import Path
@@ -116,23 +117,16 @@ def fit_torque_angle_trial(
 
 
 def summarise(table: Path, output: Path) -> None:
-    """Mean, scatter and interval over the trials of `belt.csv`, `transmission.csv` or `actuator.csv`."""
-    write_table(components.part_summary(table.stem, read_table(table)), output)
-
-
-def summarise_model_comparison(table: Path, output: Path) -> None:
-    """Standing of the rival models over the trials of `model_comparison.csv`."""
-    write_table(model_comparison.comparison_summary(read_table(table, required=model_comparison.SCORE_COLUMNS)), output)
-
-
-def average_over_trials(table: Path, output: Path) -> None:
-    """K, B and I over the trials of each condition of `impedance.csv` that has several."""
-    write_table(repeated_trials_table(read_table(table, ["amplitude_deg", "doubtful"])), output)
-
-
-def average_over_amplitudes(table: Path, output: Path) -> None:
-    """Frequency response of every trial: Y averaged over the amplitudes of `phasors.csv`."""
-    write_table(frequency_response_table(read_table(table, ["amplitude_deg", "doubtful"])), output)
+    """What a table of the campaign tells of its trials together: K, B and I of conditions with several trials, the
+    frequency response averaged over the amplitudes, the standing of the rival models, the summary of a part."""
+    by_amplitude = ("amplitude_deg", "doubtful")
+    derived: Mapping[str, tuple[Sequence[str], Callable[[pl.DataFrame], pl.DataFrame]]] = {
+        "impedance": (by_amplitude, repeated_trials_table),
+        "phasors": (by_amplitude, frequency_response_table),
+        "model_comparison": (model_comparison.SCORE_COLUMNS, model_comparison.comparison_summary),
+    }
+    needed, computed = derived.get(table.stem, ((), partial(components.part_summary, table.stem)))
+    write_table(computed(read_table(table, needed)), output)
 
 
 def compare_belt_models(trials: Sequence[Path], parameters: FileOrNone, settings: BeltAnalysis, output: Path) -> None:

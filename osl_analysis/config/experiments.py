@@ -107,9 +107,8 @@ EXPERIMENTS: dict[str, Experiment] = {
     "impedance": on_dynamometer(
         "stepped sine or any other motion against the controller: K, B, I and the frequency response",
         stepped_sine=True, any_motion=True,
-        tables=(ResultTable("impedance", derived={"impedance_repeats": "bench.average_over_trials"}),
-            ResultTable("phasors", doubts_of="impedance",
-                derived={"frequency_response": "bench.average_over_amplitudes"}),
+        tables=(ResultTable("impedance", derived={"impedance_repeats": "bench.summarise"}),
+            ResultTable("phasors", doubts_of="impedance", derived={"frequency_response": "bench.summarise"}),
             ResultTable("response", doubts_of="impedance"), ResultTable("response_models", doubts_of="impedance"),
             ResultTable("response_lines", judged=False, published=False), *OF_ALL),
         further_tables=("response_pooled", "response_models_pooled"),

@@ -23,7 +23,7 @@ from osl_analysis.refusal import Refusal
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.simulator.walking_settings import WalkingSettings
 from osl_analysis.study import WALKING_EXPERIMENTS
-from osl_analysis.study.bench import StudyInputs, StudyRow, studied, study_rows
+from osl_analysis.study.bench import StudyInputs, studied, study_rows
 from osl_analysis.study.walking import walking_rows
 from osl_analysis.table import SIMULATED, read_table, tables_of, write_table
 from osl_analysis.trial import Array, Trial
@@ -70,17 +70,14 @@ def run_batch(
     require_compiler()
     inputs = study_inputs(study, dynamometer, actuator_analysis, walking, sources)
     with tables_of(SIMULATED):
-        rows = batch_rows(experiment, range(first, first + number), inputs)
-        write_table(pl.DataFrame(rows, infer_schema_length=None), output)
-
-
-def batch_rows(experiment: str, numbers: range, inputs: StudyInputs) -> list[StudyRow]:
-    """The rows of trials (or campaigns of walking) with these numbers."""
-    if experiment in WALKING_EXPERIMENTS:
-        rows = list(walking_rows(inputs, numbers, recorded=experiment == "walking recorded"))
-    else:
-        rows = study_rows(studied(experiment, inputs), [f"{experiment}_{number:05d}" for number in numbers])
-    return [{"experiment": experiment, **row} for row in rows]
+        if experiment in WALKING_EXPERIMENTS:
+            numbers, recorded = range(first, first + number), experiment == "walking recorded"
+            rows = list(walking_rows(inputs, numbers, recorded))
+        else:
+            trials = [f"{experiment}_{one:05d}" for one in range(first, first + number)]
+            rows = study_rows(studied(experiment, inputs), trials)
+        table = pl.DataFrame(rows, infer_schema_length=None)
+        write_table(table.select(pl.lit(experiment).alias("experiment"), pl.all()), output)
 
 
 def write_page(table: Path, output: Path) -> None:

@@ -295,14 +295,11 @@ class Sensors:
         """Variance (2, n) [rad^2] of the angle's amplitudes by rounding to steps q, independent from sine to sine, over
         all zeros of the encoder; and that of the share (n,) by which it changes all amplitudes of one size alike.
 
-        Each of N samples at different places of the motion has an error of variance q^2/12, and the amplitude 2/N of
-        it. Later cycles repeat these errors if motion and samples have one clock, which is assumed; noise s before the
-        rounding leaves exp(-(2 pi s/q)^2) of them (Widrow and Kollar, Quantization Noise, 2008, ch. 5). Where there are
-        many samples per step, one sample at each step is by chance on one side or the other, a third of this in phase:
-        the steps of a sine are even in its angle. The errors between steps are alike: of a sin they are sines of 2 pi k
-        theta/q, whose fundamental 2 q/(pi k) J_1(2 pi k a/q) is in phase with it (Bennett, 1948); of a random motion
-        with the RMS velocity v their density at low frequencies is zeta(3) q^3/(pi^2 (2 pi)^(1/2) v) (Woodward's
-        theorem)."""
+        Later cycles repeat the errors if motion and samples have one clock, which is assumed; noise s before the
+        rounding leaves exp(-(2 pi s/q)^2) of them (Widrow and Kollar, Quantization Noise, 2008, ch. 5). With many
+        samples per step, one at each step is by chance on one side or the other, a third of this in phase. The errors
+        between steps are alike: of a sine in phase with it (Bennett, 1948); of a random motion with the RMS velocity v
+        their density at low frequencies is zeta(3) q^3/(pi^2 (2 pi)^(1/2) v) (Woodward's theorem)."""
         q, v, alone = self.encoder_step, sines.velocity, sines.spacing_hz is None
         if not q:
             return np.zeros((2, len(v))), np.zeros(len(v))

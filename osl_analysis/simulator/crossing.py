@@ -26,7 +26,7 @@ from osl_analysis.simulator.recorder import rounded_to, write_truth
 from osl_analysis.simulator.rigid_body import GRAVITY, Pose, TrueWrench, interpolated_at, rotation_about
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.simulator.walking_settings import WalkingSettings
-from osl_analysis.trial import AXES, Array
+from osl_analysis.trial import Array
 
 
 @lru_cache(maxsize=32)
@@ -167,31 +167,13 @@ def impedance_of_leg(perturbed: SimulatedCrossing, unperturbed: SimulatedCrossin
     return {"K_rendered": float(K), "B_rendered": float(B), "I_rendered": float(inertia)}
 
 
-def crossing_truth(
-    crossing: SimulatedCrossing, unperturbed: SimulatedCrossing
-) -> tuple[dict[str, object], dict[str, Array]]:
-    """The random quantities of a crossing, and exact curves, (n,) each, in SI units and laboratory axes. force and
-    moment: ground reaction on the foot, the moment about the centre of the plate's surface where the platform has
-    carried it (`plate_centre`); axis: the ankle's, through `ankle`; foot_moment: what the foot's weight and inertia
-    demand about it, so that torque = foot_moment - axis . (moment + (plate_centre - ankle) x force)."""
-    step, motion, platform, trial = crossing.step, crossing.motion, crossing.platform, crossing.step.trial
-    condition, phase, axis = trial.condition, step.cycle_phase(crossing.time), crossing.foot.rotation[:, :, 1]
-    desired, centre = condition.desired(trial.walking.impedance), platform.pose.point(trial.walking.plate.centre_m)
-    curves = {
-        "time": crossing.time,
-        "phase": phase,
-        **vars(motion),
-        "torque": crossing.torque,
-        "theta_unperturbed": unperturbed.motion.theta,
-        "torque_unperturbed": unperturbed.torque,
-        "K_d": desired.at(desired.K_d, phase),
-        "B_d": desired.at(desired.B_d, phase),
-        "platform_angle": platform.angle,
-        "foot_moment": crossing.torque + np.einsum("ni,ni->n", crossing.reaction.moment, axis),
-    }
-    curves |= components("ankle", crossing.foot.origin) | components("axis", axis) | components("plate_centre", centre)
-    curves |= components("force", crossing.reaction.force)
-    curves |= components("moment", crossing.reaction.moment_about(centre))
+def crossing_truth(crossing: SimulatedCrossing) -> tuple[dict[str, object], dict[str, Array]]:
+    """The random quantities of a crossing, and its exact curves in SI units, (n,) each."""
+    step, platform, trial = crossing.step, crossing.platform, crossing.step.trial
+    condition, phase = trial.condition, step.cycle_phase(crossing.time)
+    desired = condition.desired(trial.walking.impedance)
+    curves = {"time": crossing.time, "phase": phase, **vars(crossing.motion), "torque": crossing.torque}
+    curves |= {"K_d": desired.at(desired.K_d, phase), "B_d": desired.at(desired.B_d, phase)}
     planned = {name: getattr(condition, name) for name in ("direction", "K_d", "B_d", "stance_phase", "session")}
     facts: dict[str, object] = {
         "perturbed": platform.onset is not None,
@@ -204,11 +186,7 @@ def crossing_truth(
         "condition": planned | {"subject": condition.person},
         "change": step.change.model_dump(mode="json", exclude={"of", "share"}),
     }
-    return facts, curves
-
-
-def components(name: str, vectors: Array) -> dict[str, Array]:
-    return {f"{name}_{axis}": vectors[:, i] for i, axis in enumerate(AXES)}
+    return facts, curves | {"platform_angle": platform.angle}
 
 
 def write_leg_log(
@@ -254,13 +232,12 @@ def simulate_walking_trial(
             walked = simulate_crossing(step, True, effects, p)
         offset = float(walking.effects.leg_clock_offset.value * trial.random("leg_clock_offset").uniform(0.5, 1.5))
         drift = float(1e-6 * walking.effects.leg_clock_drift.value * trial.random("leg_clock_drift").standard_normal())
-        found, curves = crossing_truth(walked, unperturbed)
+        found, curves = crossing_truth(walked)
         facts |= found | {"leg_clock": {"offset_s": offset, "drift": drift}}
         facts |= impedance_of_leg(walked, unperturbed)
     else:
         platform = gait.unloaded_platform(trial) if row["experiment"] == "plate" else gait.resting_platform(trial)
-        centre = platform.pose.point(walking.plate.centre_m)
-        curves = {"time": trial.time, "platform_angle": platform.angle} | components("plate_centre", centre)
+        curves = {"time": trial.time, "platform_angle": platform.angle}
         facts |= {"command_s": platform.command, "onset_s": platform.onset}
     every = walking.rates.motion_hz // walking.rates.analogs_hz
     facts |= {"effects": campaign.effects.model_dump(), "gait_laboratory": walking.model_dump(mode="json")}

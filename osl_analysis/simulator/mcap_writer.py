@@ -136,4 +136,4 @@ def write_topics(path: Path, topics: Sequence[LogTopic]) -> None:
             messages += [(stamp, channel, row, data) for row, (stamp, data) in rows]
         for stamp, channel, row, data in sorted(messages, key=lambda message: message[0]):
             writer.add_message(channel, stamp + LATENCY_NS, data, stamp, row)
-        writer.finish()
+        writer.finish()  # type: ignore[no-untyped-call]

@@ -50,10 +50,6 @@ def test_two_sines_have_the_errors_that_one_computes_by_hand():
     np.testing.assert_allclose(found.columns["se"], sigma * np.sqrt(by_hand), rtol=1e-9)
     assert found.fit.correlation == pytest.approx((w1**2 + w2**2) / np.sqrt(2 * (w1**4 + w2**4)))
     assert found.method == "repeats"  # of two frequencies
-    np.testing.assert_allclose(
-        found.columns["half_width"], student.ppf(0.975, found.columns["degrees_of_freedom"]) * found.columns["se"]
-    )
-    np.testing.assert_allclose(found.columns["half_width_of_noise"], found.columns["half_width"])  # nothing is stated
     # Welch and Satterthwaite: of B both frequencies weigh a^2 w^2 T; each has 9 of 10 cycles' freedom
     found = precision(replace(plan, amplitudes=(a, a), cycles=(11.0, 11.0)), JOINT, Sensors(rate, sigma), OPEN)
     share = np.array([10 * 1.0, 5 * 4.0]) / 2
@@ -87,25 +83,19 @@ def test_realisations_scatter_by_friction_as_predicted_and_shift_b_by_its_equiva
     np.testing.assert_allclose(found.std(axis=0, ddof=1) / 2 / predicted.columns["se"], 1, atol=0.2)
     error = found[:, 1].std(ddof=1) / np.sqrt(200)
     assert found[:, 1].mean() == pytest.approx(friction.added_damping(MULTISINE)["in all"], abs=4 * error + 0.005)
-    np.testing.assert_array_equal(predicted.columns["degrees_of_freedom"], 3)
     assert predicted.method == "realisations"
-    assert np.all(predicted.columns["half_width_of_noise"] == 0)
     np.testing.assert_allclose(predicted.columns["half_width"], 3.1824463 * predicted.columns["se"])  # Student's t
 
 
 def test_longer_records_do_not_average_friction_out_but_realisations_do():
-    stated, sensors = Distortion(coulomb=0.5), Sensors(1000.0, 0.05)
     one, periods, realisations = (
-        precision(plan, JOINT, sensors, OPEN, stated)
+        precision(plan, JOINT, Sensors(1000.0, 0.05), OPEN, Distortion(coulomb=0.5)).variance
         for plan in (MULTISINE, replace(MULTISINE, periods=16), replace(MULTISINE, realisations=16))
     )
-    np.testing.assert_allclose(periods.variance["distortion"], one.variance["distortion"])
-    np.testing.assert_allclose(periods.variance["torque noise"], one.variance["torque noise"] / 4)
+    np.testing.assert_allclose(periods["distortion"], one["distortion"])
+    np.testing.assert_allclose(periods["torque noise"], one["torque noise"] / 4)
     for name in ("distortion", "torque noise"):
-        np.testing.assert_allclose(realisations.variance[name], one.variance[name] / 4)
-    # fewer than four have the level at detection lines, of which the scatter of K, B and I is 0.65, 0.4 and 0.4
-    level = precision(replace(MULTISINE, realisations=1), JOINT, sensors, OPEN, stated).variance["distortion"]
-    np.testing.assert_allclose(np.sqrt(4 * one.variance["distortion"] / level), [0.65, 0.4, 0.4], rtol=0.15)
+        np.testing.assert_allclose(realisations[name], one[name] / 4)
 
 
 def test_one_realisation_has_the_interval_of_its_detection_lines():
@@ -117,8 +107,7 @@ def test_one_realisation_has_the_interval_of_its_detection_lines():
     np.testing.assert_allclose(by_level.columns["se"], precision(plan, JOINT, white, OPEN).columns["se"], rtol=1e-9)
     assert by_level.method == "detection lines"
     lines, freedom = len(plan.motion(0).detection), by_level.columns["degrees_of_freedom"]
-    assert np.all((freedom > 2) & (freedom <= 2 * lines))
-    assert freedom[0] > lines  # of the two at each line; the stiffness is told by most of them
+    assert lines < freedom[0] <= 2 * lines  # of the two at each line; the stiffness is told by most of them
     two = precision(replace(plan, realisations=2), JOINT, Sensors(1000.0, 0.0), OPEN, stated)
     np.testing.assert_allclose(two.columns["degrees_of_freedom"], 2 * freedom)
     np.testing.assert_allclose(two.columns["se"], by_level.columns["se"] / np.sqrt(2))
@@ -267,8 +256,6 @@ def test_the_configuration_s_protocol_is_the_default():
     assert said["record_s"] == pytest.approx(3 * 20 * (1 + 1 / 2 + 1 / 3 + 1 / 4 + 1 / 5))
     assert {name: one["expected"] for name, one in said["estimates"].items()} == {"K": 300, "B": 5, "I": 0.02}
     assert said["interval_method"] == "units"  # as impedance.csv names it
-    assert said["recommended"] is None
-    assert said["lag_s"] == pytest.approx(1e-4)
     for name, cause in (("B", 300), ("I", 5)):  # to first order -K lag and -B lag
         assert said["lag_errors"][name] == pytest.approx(-cause * 1e-4, rel=0.1)
 
@@ -278,16 +265,12 @@ def test_text_and_json_say_the_same_intervals():
     text, said = call(*arguments).stdout, as_json(*arguments)
     for name, one in said["estimates"].items():
         (line,) = (line.split() for line in text.splitlines() if line.startswith(f"{name} "))
-        assert line[1:4] == [
-            f"{one['expected']:.4g}",
-            f"{one['half_width']:.3g}",
-            f"{100 * one['half_width'] / one['expected']:.3g}",
-        ]
+        share = 100 * one["half_width"] / one["expected"]
+        assert line[1:4] == [f"{one['expected']:.4g}", f"{one['half_width']:.3g}", f"{share:.3g}"]
         assert sum(one["variance"].values()) == pytest.approx(one["se"] ** 2)
         assert one["half_width"] == pytest.approx(student.ppf(0.975, one["degrees_of_freedom"]) * one["se"])
         assert one["half_width"] > 10 * one["half_width_of_noise"]
     assert f"adds to B {said['friction_damping']['in all']:.3g}" in text
-    assert "load cell drift 0.05 N·m/min" in text
     certain = as_json("--torque-noise", "0", "--encoder-step", "0")["estimates"]["K"]
     assert certain["degrees_of_freedom"] is None  # infinite, which JSON does not have
 
@@ -304,7 +287,7 @@ def test_the_torque_to_expect_is_that_of_the_largest_sine_or_of_all_together():
 def test_what_is_asked_for_is_reached_and_the_recommended_multisine_is_written(tmp_path):
     output = tmp_path / "multisine.csv"
     asked = ("--friction", "0.5", "--stiffness-within", "0.5%", "--damping-within", "1", "--rate", "200")
-    said = as_json("--excitation", "multisine", *asked, "--write", output)
+    said = as_json("--excitation", "multisine", "--peak", "6", *asked, "--write", output)
     best, shares = said["recommended"], {"K": 0.005, "B": 0.01}
     assert said["asked_within"] == shares
     for name, share in shares.items():
@@ -313,17 +296,12 @@ def test_what_is_asked_for_is_reached_and_the_recommended_multisine_is_written(t
     time, angle = table["time"].to_numpy(), table["theta_command"].to_numpy()
     np.testing.assert_allclose(np.diff(time), 1 / 200)
     assert angle[0] == angle[-1] == 0
+    assert 5 < np.rad2deg(np.abs(angle).max()) <= 6.0001  # no realisation goes beyond the peak
     assert np.max(np.abs(np.diff(angle))) * 200 < 1.3 * 3.3  # rad/s: no jump at the ends of realisations
     found = periodic_motion(angle, 300 * angle, 200.0, 10.0)
     assert found.period == pytest.approx(8, rel=1e-4)
     assert f"{len(found.realisations)} realisations" in best["protocol"]
     assert best["record_s"] == 8 * sum(one.periods + 1 for one in found.realisations)
-
-
-def test_a_peak_is_kept_by_all_realisations(tmp_path):
-    output = tmp_path / "multisine.csv"
-    call("--excitation", "multisine", "--peak", "6", "--rate", "100", "--write", output)
-    assert np.rad2deg(pl.read_csv(output)["theta_command"].abs().max()) == pytest.approx(6, rel=0.01)
 
 
 def test_an_earlier_trial_states_the_distortion(tmp_path):
@@ -333,8 +311,6 @@ def test_an_earlier_trial_states_the_distortion(tmp_path):
     assert as_json(*earlier, "--trial", "a")["friction_damping"] == as_json("--friction", "0.3")["friction_damping"]
     assert "2 trials; choose one with --trial, such as a" in call(*earlier).stderr
     assert "state the same distortion twice" in call(*earlier, "--trial", "a", "--friction", "1").stderr
-    pl.DataFrame(rows).head(0).write_csv(tmp_path / "empty.csv")
-    assert "0 trials; choose one with --trial" in call("--earlier", tmp_path / "empty.csv").stderr
     f = np.arange(5, 48, 2) / 8
     levels = pl.DataFrame({"trial": "m", "frequency_hz": f, "angle_deg": np.rad2deg(0.01), "odd_level": 2.0})
     levels.write_csv(tmp_path / "response.csv")
@@ -368,7 +344,6 @@ def test_the_spread_of_an_earlier_multisine_s_realisations_is_that_of_the_next(t
     [
         (("--rms", "3"), "a stepped-sine has no --rms"),
         (("--excitation", "noise", "--rms", "3", "--peak", "4"), "not both"),
-        (("--excitation", "chirp", "--band", "1,2,3"), "lowest and the highest"),
         (("--excitation", "chirp", "--band", "3,2"), "lower frequency first"),
         (("--excitation", "multisine", "--band", "1,1.2"), "longer period or a wider band"),
         (("--trial", "a"), "give --earlier too"),
@@ -377,17 +352,12 @@ def test_the_spread_of_an_earlier_multisine_s_realisations_is_that_of_the_next(t
         (("--excitation", "chirp", "--band", "0.2,1"), "the band from 1 to about 2.3 Hz is missing"),
         (("--stiffness-within", "0"), "no percentage"),
         (("--write", "/tmp/x.csv"), "only a multisine is written"),
-        (("--write", "x.yaml"), "writes .csv files"),
         (("--cycles", "2"), "leaves none of 2 cycles"),
-        (("--earlier", "config/config.yaml"), "config/config.yaml"),
         (("--excitation", "chirp", "--distortion", "2"), "says nothing on a chirp"),
         (("--stiffness", "nan"), "--stiffness is nan; give a finite number"),
         (("--stiffness", "0"), "'--stiffness': 0.0 is not in the range x>0"),
-        (("--inertia", "-0.1"), "'--inertia': -0.1 is not in the range x>=0"),
-        (("--frequencies", "1,inf"), "finite"),
         (("--frequencies", "2"), "told apart by 2 Hz alone, where K - I w^2 is one number; excite down to 1 Hz"),
         (("--frequencies", "1,20"), "20 Hz is above the filter's cut-off of 15 Hz"),
-        (("--excitation", "multisine", "--period", "1e9"), "0.1<=x<=600"),
     ],
 )
 def test_a_mistake_is_one_line(arguments, message):
@@ -401,7 +371,6 @@ def test_a_mistake_is_one_line(arguments, message):
     ("arguments", "said"),
     [
         (("--friction", "0.1"), ""),
-        (("--excitation", "multisine", "--friction", "0.1"), ""),
         (("--excitation", "multisine"), "no distortion is stated"),
         (("--excitation", "multisine", "--realisations", "1"), "1 realisation of a distortion"),
         (("--encoder-bits", "12"), "rounding of the encoder makes"),

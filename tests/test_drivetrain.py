@@ -15,7 +15,6 @@ from osl_analysis.commands.gains import gain_table
 from osl_analysis.errors import InputError, UnreachableImpedanceError
 from osl_analysis.model.compensator import (
     PAPER_WEIGHT,
-    Gains,
     Weight,
     admittance_error,
     compensated_gains,
@@ -82,25 +81,6 @@ def constant(n, K_1, B_1=0.0, theta_eq=0.0):
     return np.outer([K_1, B_1, theta_eq], np.ones(n))
 
 
-def test_it_starts_at_rest_in_equilibrium(parameters):
-    gains = uncompensated_gains(300, 5, parameters)
-    torque = belt_response(np.full(500, 0.1), RATE, gains, parameters, *TRUE)
-    series = 1 / (1 / parameters.K_s + 1 / (gains.K_1 * parameters.n_T**2))
-    assert torque == pytest.approx(np.full(500, 0.1 * series), rel=1e-9)
-
-
-def test_friction_holds_up_to_its_limit_and_no_further(parameters):
-    """A joint that creeps away: the motor stays until the belt pulls with f_C n_T, then follows."""
-    gains, still = Gains(40.0, 1.0, cancels_friction=False), replace(parameters, f_G=0.0)
-    theta = np.linspace(0, 0.05, 20_000)
-    torque = belt_response(theta, RATE, gains, still, *TRUE)
-    locked = parameters.K_s * theta
-    broke_away = int(np.argmax(torque < locked - 1e-9))
-    assert locked[broke_away] == pytest.approx(parameters.f_C * parameters.n_T, rel=0.01)
-    series = 1 / (1 / parameters.K_s + 1 / (gains.K_1 * parameters.n_T**2))
-    assert np.polyfit(theta[10_000:], torque[10_000:], 1)[0] == pytest.approx(series, rel=0.05)
-
-
 @pytest.mark.parametrize("K_s2", [0.0, 14913.0])
 @pytest.mark.parametrize("controller", [compensated_gains, uncompensated_gains])
 def test_two_integrators_that_share_nothing_agree(parameters, controller, K_s2):
@@ -130,7 +110,7 @@ def joint_stiffness_at(frequency_hz, gains, effects, p=P):
     return ((motion["belt_torque"] + p.B_j * omega)[settled] @ turn) / (theta[settled] @ turn)
 
 
-@pytest.mark.parametrize("frequency_hz", [1, 3, 5])
+@pytest.mark.parametrize("frequency_hz", [1, 5])
 @pytest.mark.parametrize("gains", [compensated_gains(300, 5, P), uncompensated_gains(300, 5, P)])
 def test_without_imperfections_the_joint_is_the_admittance_of_eq_9(frequency_hz, gains):
     Y = joint_admittance(gains.K_1, gains.B_1, P)(2j * np.pi * frequency_hz)
@@ -178,15 +158,6 @@ def test_the_actuator_sticks_below_the_breakaway_torque_and_moves_above_it():
     breakaway = P.f_C / (1 - P.f_G / (P.k_tau * P.n_m))
     assert not np.any(pushed_with(0.999 * breakaway, 500, friction)["theta_m"])
     assert pushed_with(1.001 * breakaway, 500, friction)["theta_m"][-1] > 0
-
-
-def test_friction_never_reverses_a_motion_that_it_stops():
-    n = 4000
-    gains = constant(n, 2.0)
-    theta = np.full(n, 0.05)
-    motion = simulate_drivetrain(RATE, theta, np.zeros(n), gains, IDEAL | {"friction": True}, P)
-    assert np.any(motion["omega_m"] != 0)
-    assert np.all(motion["omega_m"][-1000:] == 0)
 
 
 def test_a_controller_that_cancels_friction_accelerates_the_bare_inertia():
@@ -268,16 +239,6 @@ def test_norm_is_the_integral_over_frequency(parameters, K_d, B_d, weight):
     J_j = parameters.J_j if B_d > 2 else 0.0
     by_quadrature = norm_by_quadrature(K_d, B_d, 0.4, parameters, weight, J_j)
     assert norm(K_d, B_d, 0.4, parameters, weight, J_j) == pytest.approx(by_quadrature, rel=1e-6)
-
-
-def test_no_gain_of_a_dense_search_does_better(parameters):
-    pairs = np.array([(K_d, B_d) for K_d in (1.0, 50.0, 300.0, 0.99 * parameters.K_s) for B_d in (0.0, 0.4, 5.0, 20.0)])
-    grid = (each.ravel() for each in np.broadcast_arrays(*pairs.T[:, :, None], np.geomspace(1e-7, 1e6, 800)))
-    K_d, B_d, x = grid
-    for weight in WEIGHTS:
-        found, tried = optimal_damping(*pairs.T, parameters, weight), squared(K_d, B_d, x, parameters, weight)[0]
-        finite = ~found["unbounded"]
-        assert (found["error"] <= np.sqrt(tried.reshape(len(pairs), -1).min(axis=1)) * (1 + 1e-9))[finite].all()
 
 
 def test_the_minima_are_those_that_were_proved_in_rational_arithmetic(parameters):
@@ -379,15 +340,11 @@ def test_stiffness_gain_in_series_with_the_belt_gives_the_desired_stiffness(para
 @pytest.mark.parametrize(
     ("K_d", "B_d", "message"),
     [
-        (685.6, 5, r"K_d = 685\.6 .* less than 685\.6"),
-        (900, 5, r"99 % of it: 678\.7"),
+        (685.6, 5, r"K_d = 685\.6 .* less than 685\.6.*99 % of it: 678\.7"),
         (0, 5, "more than 0"),
-        (-10, 5, "more than 0"),
         (float("nan"), 5, "K_d = nan"),
         (300, -1, r"B_d = -1 .* ask for 0 or more"),
-        (300, float("inf"), "B_d = inf"),
         (300, 1e300, r"B_d = 1e\+300 N\*m\*s/rad is outside the accepted range; ask for 1e-09 to 1e\+06 N"),
-        (300, 1e-300, "B_d = 1e-300 .* outside the accepted range"),
         (1e-300, 5, "K_d = 1e-300 N.* outside the accepted range"),
     ],
 )

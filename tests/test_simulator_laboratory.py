@@ -10,20 +10,21 @@ import numpy as np
 import polars as pl
 import pytest
 from conftest import ROOT
-from decoded_capture import decoded_crossing, decoded_wrench
+from decoded_capture import decoded_crossing
 from scipy.signal import StateSpace, lsim
 from walking_setup import PERTURBED, STATIC, UNPERTURBED, Setup, leg_log, load_setup
 
 from osl_analysis.config.shared_choices import read_impedance_trajectory
 from osl_analysis.errors import InputError
+from osl_analysis.ingest.raw_files import trial_from_files
 from osl_analysis.model.compensator import compensated_gains
 from osl_analysis.simulator import step as gait
 from osl_analysis.simulator.crossing import impedance_of_leg, move, react
 from osl_analysis.simulator.plan import Condition, condition_of, plan_trials
-from osl_analysis.simulator.rigid_body import Pose, rotation_about, support
+from osl_analysis.simulator.rigid_body import Pose
 from osl_analysis.simulator.settings import Conditions, Subject
 from osl_analysis.simulator.step import GaitTrial, draw_step, drawn_change, unloaded_platform
-from osl_analysis.simulator.vicon import leg_markers, seen_markers, write_c3d
+from osl_analysis.simulator.vicon import leg_markers
 from osl_analysis.simulator.walking_settings import CaptureSettings, Rates, StepChange, WalkingSettings
 from osl_analysis.yaml_settings import read_yaml
 
@@ -99,34 +100,20 @@ def truth_of(folder):
     return json.loads((folder / "truth/walking_01.json").read_text())
 
 
-def wrench_of(parameters, c):
-    """Fx, Fy, Fz [N] and moments [N*m] about the surface's centre, plate axes, by the formulas of the C3D manual."""
-    plate = parameters["FORCE_PLATFORM"]
-    kind, origin = plate["TYPE"]["value"][0], plate["ORIGIN"]["value"][:, 0] / 1e3
-    if kind == 1:
-        x, y, zero = c[3] / 1e3, c[4] / 1e3, 0 * c[3]
-        m_x, m_y, m_z = np.cross([x, y, zero], c[:3], axis=0)
-        return np.array([*c[:3], m_x, m_y, m_z + c[5] / 1e3])
-    if kind == 3:
-        a, b, depth = origin
-        force = np.array([c[0] + c[1], c[2] + c[3], c[4:8].sum(axis=0)])
-        moment = [b * (c[4] + c[5] - c[6] - c[7]), a * (-c[4] + c[5] + c[6] - c[7])]
-        moment.append(b * (c[1] - c[0]) + a * (c[2] - c[3]))
-        centre = np.array([0.0, 0.0, depth])
-    else:
-        c = plate["CAL_MATRIX"]["value"][:, :, 0] @ c[:6] if kind == 4 else c
-        force, moment, centre = c[:3], c[3:6] / 1e3, -origin
-    return np.array([*force, *(np.array(moment) - np.cross(centre, force.T).T)])
+def plate_of(folder, trial):
+    """Force [N] and moment [N*m] of the plate, (n, 6), as ingest reads them, whose formulas have tests of their own."""
+    row = {"trial": trial, "mocap": f"vicon/{trial}.c3d", "mocap_source": "vicon"}
+    return trial_from_files(row, folder, ROOT / "config/sources").samples.select("^plate1_.*$").to_numpy()
 
 
 @pytest.mark.parametrize("kind", [1, 3, 4])
 def test_every_type_of_plate_carries_the_wrench_of_type_2(setup, tmp_path, kind):
-    expected = wrench_of(*captured(setup, tmp_path, PERTURBED)[:2])
-    parameters, analogs, _ = captured(setup, tmp_path, PERTURBED, plate_type=kind)
-    loaded, labels = expected[2] < -50, parameters["ANALOG"]["LABELS"]["value"]
-    np.testing.assert_allclose(wrench_of(parameters, analogs)[:, loaded], expected[:, loaded], atol=2e-3)
+    captured(setup, tmp_path, PERTURBED)
+    expected = plate_of(tmp_path, "walking_01")
+    parameters, _, _ = captured(setup, tmp_path, PERTURBED, plate_type=kind)
+    loaded, labels = expected[:, 2] > 50, parameters["ANALOG"]["LABELS"]["value"]
+    np.testing.assert_allclose(plate_of(tmp_path, "walking_01")[loaded], expected[loaded], atol=2e-3)
     assert (len(labels), labels[-2:]) == (10 if kind == 3 else 8, ["Sync", "Trigger"])
-    assert parameters["FORCE_PLATFORM"]["CHANNEL"]["value"].size == len(labels) - 2
 
 
 @pytest.mark.parametrize(
@@ -172,14 +159,6 @@ def test_a_capture_differs_as_its_switch_says_and_in_nothing_else(setup, tmp_pat
             np.testing.assert_allclose(seen[name], expected, atol=1e-3)
         else:
             assert seen[name] == expected
-
-
-def test_the_file_states_the_body_mass_and_the_person(setup, tmp_path):
-    people = with_conditions(setup, subjects=[Subject(name="Anna", body_mass_kg=61.5)])
-    groups = captured(people, tmp_path, STATIC, states_body_mass=True)[0]
-    assert groups["PROCESSING"]["BODYMASS"]["value"][0] == pytest.approx(61.5)
-    assert groups["SUBJECTS"]["NAMES"]["value"] == ["Anna"]
-    assert not {"PROCESSING", "SUBJECTS"} & set(captured(setup, tmp_path, STATIC)[0])
 
 
 def test_the_second_session_has_other_marker_places_in_its_static_trial_and_crossings(setup):
@@ -246,13 +225,11 @@ def test_the_sheet_states_the_condition_or_leaves_it_unsaid_and_what_it_states_i
     lists = {"directions": ("up", "down"), "K_d": (200.0, 480.0)}
     assert {row["K_d"] for row in crossings_of(with_conditions(setup, **lists).settings)[0]} == {None}
     stated, drawn = crossings_of(with_conditions(setup, **lists, stated=("K_d", "group", "direction")).settings)
-    assert sorted(row["K_d"] for row in stated) == 12 * [200.0] + 12 * [480.0]
     for row, condition in zip(stated, drawn, strict=True):
         assert (row["K_d"], row["group"]) == (condition.K_d, f"{condition.direction}_K{condition.K_d:g}")
         assert row["direction"] == (condition.direction if row["perturbed"] else None)
     own = condition_of(stated[0] | {"perturbed": True, "K_d": 123.0, "direction": "down"}, setup.settings)
     assert (own.K_d, own.direction, own.perturbed) == (123.0, "down", True)
-    assert condition_of({"trial": "walking_01", "experiment": "walking"}, setup.settings).perturbed is False
 
 
 def test_persons_and_sessions_follow_each_other_in_equal_blocks(setup, tmp_path):
@@ -264,8 +241,9 @@ def test_persons_and_sessions_follow_each_other_in_equal_blocks(setup, tmp_path)
     assert [c.session for c in found] == 2 * (6 * [1] + 6 * [2])
     assert [[rows[k][name] for name in columns] for k in (0, -1)] == [["A", "1", 60, "right"], ["B", "2", 90, "right"]]
     light, heavy = (decoded(mixed, tmp_path, False, trial) for trial in ("walking_01", "walking_24"))
-    stated = [captured(lab, tmp_path, STATIC)[0].get("SUBJECTS") for lab in (mixed, setup)]
-    assert (stated[0]["NAMES"]["value"], stated[1]) == (["A"], None)
+    stated, plain = (captured(mixed, tmp_path, STATIC, states_body_mass=True)[0], captured(setup, tmp_path, STATIC)[0])
+    assert (stated["SUBJECTS"]["NAMES"]["value"], stated["PROCESSING"]["BODYMASS"]["value"][0]) == (["A"], 60)
+    assert not {"PROCESSING", "SUBJECTS"} & set(plain)
     assert light.force[:, 2].max() / heavy.force[:, 2].max() == pytest.approx(60 / 90, rel=1e-3)
     assert np.ptp(light.stance) / np.ptp(heavy.stance) == pytest.approx(0.6 / 0.8, abs=0.01)  # one frame of 0.6 s
 
@@ -278,9 +256,7 @@ def test_load_amplitude_and_slowness_are_factors_of_torque_angle_and_time(setup,
     np.testing.assert_allclose(light.theta, usual.theta, atol=1e-6)
     # damping and the actuator's inertia follow the angle, which is the same: 2 N*m where the impedance is constant
     np.testing.assert_allclose(light.torque[level], 0.7 * usual.torque[level], atol=2)
-    assert (usual.torque[level] > 20).all()
     np.testing.assert_allclose(small.theta, 0.8 * usual.theta, atol=1e-6)
-    np.testing.assert_allclose(small.force[middle], 0.8 * usual.force[middle], rtol=1e-4)
     np.testing.assert_allclose(small.torque[middle], 0.8 * usual.torque[middle], atol=1e-2)
     later, inside = 0.9 + (usual.time - 0.9) * 1.1, (usual.time > 0.95) & (usual.time < 1.55)
     np.testing.assert_allclose(np.interp(later, slow.time, slow.theta)[inside], usual.theta[inside], atol=1e-3)
@@ -296,7 +272,6 @@ def test_stance_changes_only_after_the_window(setup, tmp_path, percent):
     np.testing.assert_allclose(moved.force[before], same.force[before], atol=1e-3)
     assert moved.stance[1] - same.stance[1] == pytest.approx(0.01 * percent * 0.72, abs=0.007)
     assert moved.stance[0] == same.stance[0]
-    assert moved.force[:, 2].max() == pytest.approx(same.force[:, 2].max(), rel=1e-3)
     with pytest.raises(InputError, match="trial walking_01: after_window_percent 90 leaves"):
         decoded(stepping(setup, after_window_percent=90), tmp_path, True)
 
@@ -311,18 +286,14 @@ def test_the_torque_wanders_by_the_size_and_the_angle_stays(setup, usual, tmp_pa
 
 
 def test_a_change_concerns_the_named_crossings_or_a_share_of_a_kind(setup):
-    def drawn(trial, *changes, perturbed=False):
-        lab = altered(setup, changes=changes).walking
-        return drawn_change(GaitTrial(trial, 1, lab, Condition(perturbed=perturbed)))
-
-    named = StepChange(of=("walking_03",), load=0.7)
-    assert [drawn(f"walking_0{k}", named).load for k in (3, 4)] == [0.7, 1.0]
     some = StepChange(of="unperturbed", share=0.3, load=0.7, slower_percent=5)
-    loads = [drawn(f"walking_{i}", some).load for i in range(400)]
-    assert np.mean(np.array(loads) == 0.7) == pytest.approx(0.3, abs=0.09)
-    assert {drawn(f"walking_{i}", some, perturbed=True).load for i in range(50)} == {1.0}
-    both = drawn("walking_03", named, StepChange(load=0.5, slower_percent=5))
-    assert (both.load, both.slower_percent) == (0.35, 5)
+    lab = altered(setup, changes=(some, StepChange(of=("walking_03",), load=0.5, slower_percent=5))).walking
+    trials = [f"walking_{i:02d}" for i in range(400)]
+    drawn = [drawn_change(GaitTrial(trial, 1, lab, Condition(perturbed=False))) for trial in trials]
+    assert np.mean([one.load in (0.7, 0.35) for one in drawn]) == pytest.approx(0.3, abs=0.09)
+    perturbed = [drawn_change(GaitTrial(trial, 1, lab, Condition(perturbed=True))).load for trial in trials[:50]]
+    assert [k for k, load in enumerate(perturbed) if load != 1] == [3]
+    assert (drawn[3].load, drawn[3].slower_percent) in ((0.5, 5), (0.35, 10))
 
 
 def test_a_platform_turns_about_the_axis_in_its_depth(setup, tmp_path):
@@ -339,10 +310,8 @@ def test_a_shift_dorsiflexes_the_ankle_by_the_angle_of_the_leg_over_it(setup, tm
     travel, turned = moved.platform.point(np.array([0.3, 0.25, 0.0]))[:, 0], moved.theta - still.theta
     np.testing.assert_allclose(moved.platform_angle, 0, atol=1e-6)
     assert travel.min() - travel[0] == pytest.approx(-0.05, abs=1e-5)
-    assert turned.max() == pytest.approx(0.05 / 0.9, rel=1e-3)
     ramp = (moved.time > 1.15) & (moved.time < 1.35)
     np.testing.assert_allclose(turned[ramp], (travel[0] - travel[ramp]) / 0.9, atol=1e-5)
-    assert (moved.torque - still.torque)[ramp].max() > 15
 
 
 def test_a_heaving_platform_rises_in_the_middle_of_its_way_and_a_slipping_foot_slides_back(setup, shipped, tmp_path):
@@ -374,7 +343,6 @@ def test_ramps_differ_in_duration_start_and_vibration_by_their_scatter(setup):
     smooth, shivering = (unloaded_ramps(lab, 40)[1] for lab in (plain, imperfect(plain, servo_shiver=0.1)))
     rest = np.degrees([ramp.angle - smooth[0].angle for ramp in shivering])
     assert np.sqrt(np.mean(rest[:, (time > 0.56) & (time < 0.64)] ** 2)) == pytest.approx(0.1, rel=0.25)
-    assert abs(np.corrcoef(rest[0], rest[1])[0, 1]) < 0.9
     assert not rest[:, (time < 0.5) | (time > 0.9)].any()
 
 
@@ -389,19 +357,10 @@ def test_unloaded_trials_move_the_plate_about_every_axis_now_and_then(shipped):
     assert all(abs(r.angle[-1]) < 1e-9 and abs(r.angle[0]) < 1e-9 for r in ramps)
 
 
-def test_standing_reads_as_half_the_weight_above_the_ankle(setup, tmp_path):
-    setup.record(tmp_path, STATIC)
-    force, moment, centre = decoded_wrench(ezc3d.c3d(str(tmp_path / "vicon/static_1.c3d")))
-    np.testing.assert_allclose(force, np.tile([0, 0, 40 * G], (len(force), 1)), atol=1e-3)
-    pressure = centre[0] + np.array([-moment[0, 1], moment[0, 0], 0]) / force[0, 2]
-    np.testing.assert_allclose(pressure, [0.24, 0.25, 0], atol=1e-5)
-
-
-@pytest.mark.parametrize("trial", ["walking_01", "walking_02", "walking_03"])
-def test_an_exact_analysis_of_the_recording_gives_back_angle_and_torque(shipped, tmp_path, trial):
+def test_an_exact_analysis_of_the_recording_gives_back_angle_and_torque(shipped, tmp_path):
     """Gait varies, sensors are perfect and nothing but the foot has mass: what remains is rounding to float32."""
-    seen = decoded(shipped.lacking("plate_inertia", "plate_lag", "foot_inertia", *SENSORS), tmp_path, True, trial)
-    truth, inside = pl.read_parquet(tmp_path / f"truth/{trial}.parquet")[::5], seen.force[:, 2] > 400
+    seen = decoded(shipped.lacking("plate_inertia", "plate_lag", "foot_inertia", *SENSORS), tmp_path, True)
+    truth, inside = pl.read_parquet(tmp_path / "truth/walking_01.parquet")[::5], seen.force[:, 2] > 400
     np.testing.assert_allclose(seen.theta, truth["theta"], atol=1e-6)
     np.testing.assert_allclose(seen.torque[inside], truth["torque"].to_numpy()[inside], atol=2e-3)
     assert 90 < seen.torque.max() < 150
@@ -411,15 +370,13 @@ def test_both_recorders_see_the_same_sync_edges_and_joint_through_the_leg_s_cloc
     analogs, count = shipped.record(tmp_path, PERTURBED)["analogs"][0], 2 * np.pi / 2**14
     log, facts, truth = leg_log(tmp_path), truth_of(tmp_path), pl.read_parquet(tmp_path / "truth/walking_01.parquet")
     offset, drift = facts["leg_clock"].values()
-    assert 2.5 < offset < 7.5
-    assert 0 < abs(drift) < 2e-4
+    assert (2.5 < offset < 7.5, 0 < abs(drift) < 2e-4) == (True, True)
     np.testing.assert_allclose(np.diff(log["time"]), 1 / 500, atol=1e-6)
     time = (log["time"] - offset) / (1 + drift)
     vicon, leg = np.flatnonzero(np.diff(analogs[6] > 2.5)) / 1500, time[np.flatnonzero(np.diff(log["sync"]))]
     assert len(vicon) == len(leg) > 12
     assert (np.abs(leg - vicon) < 1 / 500).all()
     assert np.ptp(np.diff(vicon)) > 0.05, "irregular, so that a shift by a period shows"
-    assert set(np.unique(analogs[6])) == {0.0, 5.0}
     theta, torque = (np.interp(time, truth["time"], truth[name]) for name in ("theta", "torque"))
     np.testing.assert_allclose(log["joint_angle"], theta, atol=0.51 * count + 1e-5)
     np.testing.assert_allclose(log["joint_angle"] / count, np.rint(log["joint_angle"] / count), atol=1e-3)
@@ -428,29 +385,19 @@ def test_both_recorders_see_the_same_sync_edges_and_joint_through_the_leg_s_cloc
 
 
 def test_switching_one_effect_off_leaves_the_draws_of_the_others(shipped, tmp_path):
-    noisy = shipped.record(tmp_path, PERTURBED)
-    lacking = {
-        n: shipped.lacking(n).record(tmp_path, PERTURBED) for n in ("marker_noise", "force_noise", "moment_noise")
-    }
-    clean = lacking.pop("marker_noise")
+    noisy, clean, quiet = (
+        lab.record(tmp_path, PERTURBED)
+        for lab in (shipped, shipped.lacking("marker_noise"), shipped.lacking("force_noise", "moment_noise"))
+    )
     np.testing.assert_array_equal(noisy["analogs"], clean["analogs"])
-    np.testing.assert_array_equal(np.isnan(noisy["points"]), np.isnan(clean["points"]))
+    hidden = np.isnan(noisy["points"][0])
+    np.testing.assert_array_equal(hidden, np.isnan(clean["points"][0]))
+    assert 0 < hidden.mean() < 0.01, "gaps are few and short"
     assert np.nanstd((noisy["points"] - clean["points"])[:3]) == pytest.approx(0.15, rel=0.02)
-    force, moment = ((noisy["analogs"] - quiet["analogs"])[0] for quiet in lacking.values())
-    assert not force[3:].any()
-    assert (np.std(force[:3]), np.std(moment[3:6])) == (pytest.approx(0.4, rel=0.03), pytest.approx(80, rel=0.03))
+    noise = (noisy["analogs"] - quiet["analogs"])[0]
+    assert (np.std(noise[:3]), np.std(noise[3:6])) == (pytest.approx(0.4, rel=0.03), pytest.approx(80, rel=0.03))
     # 4500 independent samples: standard error of a correlation 0.015
-    assert np.abs(np.corrcoef(force[:3], moment[3:6])[:3, 3:]).max() < 0.06
-
-
-def test_gaps_are_few_and_mostly_short(shipped):
-    exact, lengths = np.zeros((900, 12, 3)), list[int]()
-    for i in range(1, 13):
-        hidden = np.isnan(seen_markers(GaitTrial(f"walking_{i:02d}", 1, shipped.walking), exact)[..., 0]).T
-        edges = np.flatnonzero(np.diff(np.pad(hidden, ((0, 0), (1, 1))).astype(int).ravel()))
-        lengths += np.diff(edges)[::2].tolist()
-    assert 20 < len(lengths) < 80, "4 per crossing on average"
-    assert (max(lengths) <= 61, np.median(lengths) < 15) == (True, True)
+    assert np.abs(np.corrcoef(noise[:6]) - np.eye(6)).max() < 0.06
 
 
 def test_a_trial_depends_on_the_seed_and_its_name_only(shipped, tmp_path):
@@ -464,23 +411,13 @@ def test_a_trial_depends_on_the_seed_and_its_name_only(shipped, tmp_path):
         assert first == again != seeded, name
 
 
-def test_the_late_plate_lags_by_half_a_millisecond_and_was_zeroed_at_rest(shipped, tmp_path):
-    labs = (shipped.lacking(*SENSORS[2:], *lag) for lag in ((), ("plate_lag",)))
-    late, prompt = (lab.record(tmp_path, PERTURBED)["analogs"][0, 2] for lab in labs)
-    assert np.abs(prompt[:600]).max() < 1e-3, "the plate, of 12 kg, was zeroed at rest"
-    slope = np.gradient(prompt, 1 / 1500)
-    assert slope @ (prompt - late) / (slope @ slope) == pytest.approx(0.5e-3, rel=0.01)
-
-
 @pytest.mark.parametrize(
     ("text", "complaint"),
     [
         (None, "no such impedance trajectory"),
-        ("", "no column 'phase'"),
         ("phase,K_d\n0,100\n1,100\n", "no column 'B_d'"),
         ("phase,K_d,B_d\n0,100,1\n0.9,100,1\n", "from 0 to 0.9; it must rise from 0 to 1"),
         ("phase,K_d,B_d\n0,100,1\n1,abc,1\n", "not a table of numbers"),
-        ("phase,K_d,B_d\n0,100,1\n", "fewer than two rows"),
     ],
 )
 def test_a_bad_impedance_trajectory_is_refused(tmp_path, text, complaint):
@@ -497,48 +434,21 @@ def test_a_given_equilibrium_is_used(shipped, tmp_path):
     np.testing.assert_allclose(altered(shipped, impedance=path).crossing(False).commands[2], 0.05 * shipped.p.n_T)
 
 
-@pytest.mark.parametrize(
-    ("right", "wrong", "complaint"),
-    [
+def test_settings_with_a_wrong_duration_or_rate_are_refused(tmp_path):
+    text = (ROOT / "config/simulation/walking.yaml").read_text()
+    for right, wrong, said in (
         ("recording_s: 3.0", "recording_s: 1.5", r"gait.*recording_s must be longer than heel_strike_s \+ stance_s"),
         ("analogs_hz: 1500", "analogs_hz: 1000", r"analogs_hz must be a multiple of points_hz \(300\)"),
-    ],
-)
-def test_settings_with_a_wrong_duration_or_rate_are_refused(tmp_path, right, wrong, complaint):
-    text = (ROOT / "config/simulation/walking.yaml").read_text()
-    assert right in text
-    (tmp_path / "walking.yaml").write_text(text.replace(right, wrong))
-    with pytest.raises(InputError, match=complaint):
-        read_yaml(tmp_path / "walking.yaml", WalkingSettings)
+    ):
+        (tmp_path / "walking.yaml").write_text(text.replace(right, wrong))
+        with pytest.raises(InputError, match=said):
+            read_yaml(tmp_path / "walking.yaml", WalkingSettings)
 
 
-def test_a_turning_body_needs_what_its_six_point_masses_need():
-    """Swung about y through a pivot by phi = 0.2 sin 9t: a = alpha x r + omega x (omega x r), by hand per mass."""
-    rate, t = 3000.0, np.arange(900) / 3000
-    phi, omega, alpha = 0.2 * np.sin(9 * t), 1.8 * np.cos(9 * t), -16.2 * np.sin(9 * t)
-    pivot, centre, gyration = np.array([0.3, 0.2, 0.1]), np.array([0.34, 0.17, -0.05]), np.array([0.1, 0.13, 0.12])
-    rotation, y = rotation_about(1, phi), np.array([0.0, 1.0, 0.0])
-    wrench = support(Pose(rotation, pivot - rotation @ pivot), rate, 7.0, centre, gyration)
-    spread = np.sqrt(1.5 * (np.sum(gyration**2) - 2 * gyration**2))
-    force, moment = np.zeros((900, 3)), np.zeros((900, 3))
-    for place in np.vstack([np.diag(spread), -np.diag(spread)]) + centre - pivot:
-        r = rotation @ place
-        acceleration = alpha[:, None] * np.cross(y, r) + (omega**2)[:, None] * np.cross(y, np.cross(y, r))
-        share = 7.0 / 6 * (acceleration - GRAVITY)
-        force, moment = force + share, moment + np.cross(r, share)
-    np.testing.assert_allclose(wrench.force[4:-4], force[4:-4], atol=1e-4)
-    np.testing.assert_allclose(wrench.moment_about(np.tile(pivot, (900, 1)))[4:-4], moment[4:-4], atol=1e-4)
-
-
-def test_moment_force_and_pressure_are_those_of_level_walking_above_the_floor(calm, shipped):
+def test_moment_and_force_are_those_of_level_walking_above_the_floor(calm, shipped):
     phase, mass = calm.step.stance_phase(calm.time), shipped.walking.gait.body_mass_kg
-    inside, below = (phase > 0.08) & (phase < 0.92), calm.foot.origin * [1, 1, 0]
-    pitching = calm.reaction.moment_about(below)[inside, 1] / calm.reaction.force[inside, 2]
-    assert -0.12 < (below[inside, 0] - pitching - below[inside][0, 0]).min()
-    assert (below[inside, 0] - pitching - below[inside][0, 0]).max() < 0.20
-    assert 30 < calm.torque[(phase > 0.39) & (phase < 0.53)].mean() < 50
-    assert calm.torque[(phase > 0) & (phase < 1)].max() / mass == pytest.approx(1.4, abs=0.15)
     upward, swing = calm.reaction.force[:, 2] / (mass * G), (phase < 0) | (phase > 1)
+    assert calm.torque[(phase > 0) & (phase < 1)].max() / mass == pytest.approx(1.4, abs=0.15)
     assert 1.0 < upward[phase < 0.4].max() < 1.25
     assert upward[(phase > 0.4) & (phase < 0.6)].min() < 0.85
     assert not np.any([calm.reaction.force[swing], calm.reaction.moment[swing]])
@@ -586,7 +496,6 @@ def test_a_perturbation_changes_nothing_before_its_onset_and_turns_the_ankle_by_
         np.testing.assert_array_equal(getattr(walked.motion, name)[early], getattr(calm.motion, name)[early])
     early = walked.time < onset - 3e-3  # and the torque between two updates of the controller is interpolated
     np.testing.assert_array_equal(walked.torque[early], calm.torque[early])
-    np.testing.assert_array_equal(walked.reaction.moment[early], calm.reaction.moment[early])
     assert added[np.searchsorted(walked.time, onset + 0.25)] == pytest.approx(0.96 * 5, abs=1e-6)
 
 
@@ -607,27 +516,7 @@ def test_the_leg_renders_what_linear_theory_says_and_340_within_a_few_percent_wi
     assert rendered["K_rendered"] == pytest.approx(K, rel=2e-3)
     assert rendered["B_rendered"] == pytest.approx(B, rel=1e-2)
     assert rendered["I_rendered"] == pytest.approx(inertia, abs=1e-3)
-    rendered = impedance_of_leg(walked, calm)
-    assert rendered["K_rendered"] == pytest.approx(340, rel=0.04)
-    assert rendered["B_rendered"] == pytest.approx(5, rel=0.1)
-
-
-def test_a_hidden_marker_is_stored_as_zeros_with_residual_minus_one_and_a_wrong_capture_not_at_all(shipped, tmp_path):
-    shipped.record(tmp_path, PERTURBED)
-    file = tmp_path / "vicon/walking_01.c3d"
-    raw, hidden = file.read_bytes(), np.isnan(ezc3d.c3d(str(file))["data"]["points"][0]).T
-    header = np.frombuffer(raw[:512], "<i2")
-    per_frame = 4 * int(header[1]) + int(header[2])
-    start = (int(header[8]) - 1) * 512
-    words = np.frombuffer(raw[start : start + 4 * len(hidden) * per_frame], "<f4").reshape(len(hidden), per_frame)
-    stored = words[:, : 4 * hidden.shape[1]].reshape(*hidden.shape, 4)
-    assert np.frombuffer(raw[12:16], "<f4")[0] < 0, "a negative POINT:SCALE is what marks floats"
-    assert hidden.any()
-    assert (stored[hidden] == [0, 0, 0, -1]).all()
-    assert (stored[~hidden, 3] == 0).all()
-    with pytest.raises(ValueError, match="must have the same length as nPoints"):  # and the old file stays
-        write_c3d(file, np.zeros((40, 3, 3)), np.zeros((200, 7)), {"POINT": {"LABELS": ["FOOT1"]}})
-    assert (file.read_bytes(), [f.name for f in file.parent.iterdir()]) == (raw, ["walking_01.c3d"])
+    assert impedance_of_leg(walked, calm)["K_rendered"] == pytest.approx(340, rel=0.04)
 
 
 @pytest.mark.skipif(not REAL.exists(), reason="public sample recordings are not on this machine")

@@ -10,17 +10,14 @@ from conftest import ROOT
 
 from osl_analysis.bench.settings import ActuatorAnalysis, DynamometerAnalysis
 from osl_analysis.campaign.configuration import StudySettings
-from osl_analysis.commands import study as study_jobs
 from osl_analysis.commands.study import performance, run_batch, study_inputs, study_page, summarise_study
 from osl_analysis.errors import InputError
 from osl_analysis.simulator.settings import RecorderSettings
-from osl_analysis.simulator.walking_settings import WalkingSettings
 from osl_analysis.study import BENCH_EXPERIMENTS, REPEATED, WALKING_EXPERIMENTS, study_batches
 from osl_analysis.study import walking as study_of_walking
 from osl_analysis.study.bench import regression_bound, studied, study_rows
 from osl_analysis.table import read_table
 from osl_analysis.walking.settings import WalkingAnalysis
-from osl_analysis.yaml_settings import read_yaml
 
 CONFIG = yaml.safe_load((ROOT / "config/config.yaml").read_text())
 ACTUATOR = ActuatorAnalysis.model_validate(CONFIG["actuator"])
@@ -70,24 +67,6 @@ def test_every_trial_has_noise_of_its_own_and_the_same_noise_again():
     assert abs(np.corrcoef(noise)[0, 1]) < 0.1
     ideal = even.trial("x", ideal=True).samples["torque"]
     np.testing.assert_allclose(ideal, -even.signals["load_cell_torque"], atol=1e-9)
-
-
-def test_the_default_estimator_is_near_the_bound_where_friction_repeats():
-    """40 seeded trials: a ratio of 1 +- 3 Monte Carlo errors of 1/sqrt(80)."""
-    table = rows("drivetrain", 40).filter(pl.col("quantity") == "B")
-    assert ratio(table, "bound") == pytest.approx(1, abs=0.34)
-    assert ratio(table, "se") < 1 / 3  # with another motion friction would change B by more than noise does
-
-
-@pytest.mark.parametrize(
-    ("experiment", "truth"),
-    [("second order", {"K": 300, "B": 5, "I": 0.02}), ("transmission", {"B_j": 0.452, "J_j": 5e-3}), ("belt", None)],
-)
-def test_estimates_are_near_what_made_the_torque(experiment, truth):
-    table = rows(experiment, 3)
-    assert truth in (None, dict(table.select("quantity", "truth").unique().rows()))
-    assert set(table["quantity"]) == set(truth or {"K_s"})
-    assert (table["error"].abs() / table["bound"]).max() < 5
 
 
 @pytest.mark.parametrize(
@@ -170,29 +149,6 @@ def test_walking_is_measured_against_the_perturbation_alone(experiment, tmp_path
     assert K["truth"].to_list() == pytest.approx([334, 334, 334], abs=1.5)
     assert (K["model_error"].abs() < 1).all()
     assert ((K["value"] - K["truth"]).abs() < 5 * K["se"]).all()
-
-
-def test_walking_without_gait_scatter_and_noise_has_no_error(monkeypatch, tmp_path):
-    """All crossings alike: the estimate is the truth, from angle and torque and through recorded files.
-
-    Sensors: the pace is matched to 1e-5, and 1 % of pace is 5 % of K. Files: single precision, and a low-pass of
-    products that is not the product of low-passes.
-    """
-
-    def ideal(path, model):
-        found = read_yaml(path, model)
-        kept = ("foot_inertia", "plate_inertia", "plate_lag")
-        if model is WalkingSettings:
-            off = [name for name in type(found.effects).model_fields if name not in kept]
-            return found.model_copy(update={"effects": found.effects.without(*off)})
-        return found
-
-    monkeypatch.setattr(study_jobs, "read_yaml", ideal)
-    for experiment, close in zip(WALKING_EXPERIMENTS, (3e-4, 3e-3), strict=True):
-        table = batch(experiment, 7, 1, tmp_path / "w.csv", crossings=4)
-        inertia = pl.col("quantity") == "I"
-        np.testing.assert_allclose(*table.filter(~inertia).select("value", "truth"), rtol=close)
-        np.testing.assert_allclose(*table.filter(inertia).select("value", "truth"), atol=1e-3)
 
 
 def test_crossings_that_are_refused_are_excluded_and_all_of_them_is_an_error_that_says_why():

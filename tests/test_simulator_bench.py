@@ -1,0 +1,508 @@
+"""The simulated bench: its motions, its experiments, each imperfection with its stated size, and the written log."""
+
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from conftest import ROOT
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
+from scipy.interpolate import CubicSpline
+
+from osl_analysis.commands.simulate import row_of_trial, simulate_campaign, simulate_trial
+from osl_analysis.errors import InputError
+from osl_analysis.model.compensator import compensated_gains, predicted_impedance, uncompensated_gains
+from osl_analysis.model.parameters import read_parameters
+from osl_analysis.simulator import joint_motion, settings
+from osl_analysis.simulator.bench import simulate_bench_trial, true_signals, write_bench_log
+from osl_analysis.simulator.joint_motion import JointMotion
+from osl_analysis.simulator.mcap_writer import sample_topic, write_topics
+from osl_analysis.simulator.recorder import Bench
+from osl_analysis.simulator.settings import SimulationSettings
+from osl_analysis.yaml_settings import read_yaml
+
+DEFAULT, TINY = ROOT / "config/simulation/default.yaml", ROOT / "tests/tiny_simulation.yaml"
+P, RATE = read_parameters(ROOT / "config/parameters/default.yaml"), 1000.0
+TRIAL = "impedance_K300_B5.0_compensated"
+JOINT = {"K": 300, "B": 5, "I": 0.02}  # exactly Eq. 15
+TORQUE, ANGLE = "load_cell_torque", "joint_angle"
+
+
+def on(size, unit, **more):
+    return {"enabled": True, "size": size, "unit": unit, **more}
+
+
+def node(**changes):
+    return {"recorder": {"node": changes}}
+
+
+def torque_sensor(**changes):
+    return {"recorder": {"sensors": {TORQUE: changes}}}
+
+
+def only(changes, file=TINY):
+    """Settings of a campaign with an exact joint and no imperfection but some."""
+    content = yaml.safe_load(file.read_text())
+    for name, entry in content["effects"].items():
+        entry["enabled"] = name == "dynamometer_bandwidth"
+    for section, values in ({"recorder": {}, "joint": JOINT} | changes).items():
+        content[section] = content[section] | values if section in ("effects", "protocol", "dynamometer") else values
+    return SimulationSettings.model_validate(content)
+
+
+def simulated(changes, trial=TRIAL):
+    """Log and truth of a trial."""
+    made = only(changes)
+    return simulate_bench_trial(row_of_trial(made, Path("settings.yaml"), trial), made, P)
+
+
+def log_of(changes):
+    return simulated(changes)[0]
+
+
+@pytest.fixture(scope="module")
+def clean():
+    return log_of({})
+
+
+def at(log, clean, name=ANGLE, time="time"):
+    """The clean log's channel, to 1e-9 of a sine by a cubic spline, at the other log's stamps."""
+    return CubicSpline(clean["time"], clean[name])(log[time])
+
+
+def settled(time):
+    """Rows well inside the motion."""
+    return (time - time[0] > 1.0) & (time < time[-1] - 1.2)
+
+
+def stepped(**changes):
+    plain = {"frequencies_hz": (1, 3), "cycles": 4, "amplitudes_deg": (2,), "rest_s": 0.5, "lead_s": 1.0}
+    return joint_motion.sine_command(settings.SteppedSineSchedule.model_validate(plain | changes), RATE)
+
+
+def excited(kind, **fields):
+    plain = {"name": "x", "kind": kind, "rms_deg": 2.0, "duration_s": 20.0, "period_s": 4.0, "periods": 3}
+    return joint_motion.excitation_motion(settings.Excitation.model_validate(plain | fields), "trial_x_1", 3, RATE)
+
+
+def test_the_stepped_sine_makes_whole_cycles_of_each_frequency_at_each_amplitude():
+    motion = stepped(amplitudes_deg=(2, 5))
+    block, t = 4 + 4 / 3 + 0.5, np.arange(len(motion.theta)) / RATE
+    assert len(t) == round((1 + 2 * block) * RATE)
+    moving = np.zeros(len(t), dtype=bool)
+    for amplitude, start in ((2, 1.0), (5, 1.0 + block)):
+        for f, begin, end in ((1, start, start + 4), (3, start + 4, start + 4 + 4 / 3)):
+            inside = (t > begin - 1e-6) & (t < end - 1e-6)
+            sine = np.deg2rad(amplitude) * np.sin(2 * np.pi * f * (t[inside] - begin))
+            assert motion.theta[inside] == pytest.approx(sine, abs=1e-12)
+            moving |= inside
+    assert not np.any(motion.theta[~moving])
+
+
+SMOOTH = ("multisine", "chirp", "noise", "hand")
+BELT = settings.BeltMotion(amplitude_deg=5, ramp_s=2.0, rest_s=0.5)
+PLAIN = {"frequencies_hz": (1,), "rest_s": 0, "lead_s": 0}
+
+
+@pytest.mark.parametrize(
+    ("motion", "largest"),
+    [
+        (stepped(**PLAIN, decay=on(0.3, "1/s")), 1e-12),
+        (stepped(**PLAIN, third_harmonic=on(0.05, "1"), ramp_s=0.4), 2e-4),
+        (JointMotion(*(one[501:4499] for one in vars(joint_motion.there_and_back(BELT, RATE)).values())), 1e-12),
+        *((excited(kind), 1e-5) for kind in SMOOTH),
+    ],
+)
+def test_every_motion_comes_with_its_true_derivatives(motion, largest):
+    """Simpson's rule is exact to h^5/90 of the fourth derivative, and to 4 h of the kink that a ramp's end has."""
+    for signal, slope in ((motion.theta, motion.omega), (motion.omega, motion.alpha)):
+        integral = (slope[2:-4] + 4 * slope[3:-3] + slope[4:-2]) / (3 * RATE)
+        assert np.max(np.abs(signal[4:-2] - signal[2:-4] - integral)) < largest * np.ptp(slope)
+
+
+@pytest.mark.parametrize(
+    ("changes", "duration"),
+    [
+        ({"rest_between_s": 1.0}, 1 + 4 + 4 / 3 + 2 + 0.5),
+        ({"ramp_s": 0.5}, 1 + 4 + 4 / 3 + 2 + 0.5),
+        ({"cycles": None, "seconds": 2.0}, 1 + 4 + 0.5),
+        ({"cycles": (2, 6)}, 1 + 2 + 2 + 0.5),
+        ({"clock_error": on(5000, "ppm")}, (1 + 4 + 4 / 3 + 0.5) / 1.005),
+    ],
+)
+def test_a_schedule_lasts_as_long_as_it_says(changes, duration):
+    assert len(stepped(**changes).theta) == pytest.approx(RATE * duration, abs=1)
+
+
+def test_frequencies_run_in_their_order_and_on_the_benchs_clock():
+    motion = stepped(frequencies_hz=(3, 1), clock_error=on(-5000, "ppm"), start="cosine")
+    t = np.arange(1010, 2300) / RATE - 1 / 0.995
+    assert motion.theta[1010:2300] == pytest.approx(np.deg2rad(2) * np.cos(2 * np.pi * 3 * 0.995 * t), abs=1e-9)
+
+
+def test_harmonics_and_decay_have_the_size_that_is_stated():
+    sine, t = {"frequencies_hz": (2,), "cycles": 10, "amplitudes_deg": (4,), "lead_s": 0, "rest_s": 0}, np.arange(5000)
+    made = stepped(**sine, second_harmonic=on(0.02, "1"), third_harmonic=on(0.05, "1")).theta
+    sizes = [2 * np.abs(made @ np.exp(-4j * np.pi * k * t / RATE)) / 5000 for k in (1, 2, 3)]
+    assert np.array(sizes) == pytest.approx(np.deg2rad(4) * np.array([1, 0.02, 0.05]), abs=1e-9)
+    expected = np.deg2rad(4) * np.exp(-0.1 * t / RATE) * np.sin(4 * np.pi * t / RATE)
+    assert stepped(**sine, decay=on(0.1, "1/s")).theta == pytest.approx(expected, abs=1e-9)
+
+
+def test_belt_and_slow_motions_go_to_both_ends_and_come_back_to_rest():
+    theta = np.rad2deg(joint_motion.there_and_back(BELT, RATE).theta)
+    assert (len(theta), theta.argmax(), theta.max()) == (5000, 2500, pytest.approx(5))
+    assert np.append(theta[:500], theta[-500:]) == pytest.approx(0, abs=1e-10)
+    cycles = {"lowest_deg": -10, "highest_deg": 10, "speed_deg_s": [4, 8], "turn_s": 0.2, "rest_s": 1}
+    motion = joint_motion.slow_cycles(settings.SlowCycles.model_validate(cycles), 500)
+    degrees, speed = np.rad2deg(motion.theta), np.rad2deg(np.abs(motion.omega))
+    assert motion.theta.size / 500 == pytest.approx(2 + 40 / 4 + 40 / 8)
+    assert (degrees.min(), degrees.max()) == pytest.approx((-10, 10), abs=0.25)  # a tenth of a second at 4 deg/s
+    assert degrees[-400:] == pytest.approx(0, abs=1e-9)
+    assert {4, 8} <= set(speed.round(9))
+    np.testing.assert_allclose(np.diff(motion.theta), (motion.omega[1:] + motion.omega[:-1]) / 1000, atol=1e-12)
+
+
+@pytest.mark.parametrize("kind", [*SMOOTH, "prbs", "ramps"])
+def test_an_excitation_has_its_length_its_size_its_band_and_rests_at_both_ends(kind):
+    theta = excited(kind, band_hz=(1.0, 4.0)).theta
+    assert len(theta) == pytest.approx((17 if kind == "multisine" else 25) * RATE, abs=4)  # 5 s of rests and fades
+    assert not np.append(theta[:1500], theta[-1500:]).any()
+    assert np.rad2deg(np.std(theta[3000:-3000])) == pytest.approx(2.0, rel=0.25)
+    power, f = np.abs(np.fft.rfft(theta)) ** 2, np.fft.rfftfreq(len(theta), 1 / RATE)
+    assert kind in ("hand", "prbs", "ramps") or power[(f > 0.8) & (f < 4.3)].sum() > 0.98 * power.sum()
+
+
+def test_a_multisine_repeats_itself_and_its_realisations_have_the_same_lines_and_other_phases():
+    theta = excited("multisine", realisations=2).theta
+    one, again, other = (theta[start : start + 4000] for start in (2500, 6500, 2500 + 12000 + 2000 + 1500))
+    np.testing.assert_allclose(one, again, atol=1e-9)
+    sizes = [np.abs(np.fft.rfft(x))[:40] / 4000 for x in (one, other)]
+    np.testing.assert_allclose(*sizes, atol=1e-6)
+    assert np.abs(one - other).max() > 0.02
+    assert not (sizes[0][::2] > 1e-6).any()
+
+
+@pytest.mark.parametrize("frequency_hz", [1, 30])
+def test_the_dynamometer_follows_as_a_second_order_system(frequency_hz):
+    rate, w, bandwidth = 2000.0, 2 * np.pi * frequency_hz, 2 * np.pi * 30
+    t = np.arange(int(4 * rate)) / rate
+    command = JointMotion(np.sin(w * t), w * np.cos(w * t), -(w**2) * np.sin(w * t))
+    motion, turn = joint_motion.position_loop(command, rate, 30.0, 0.9), np.exp(-1j * w * t[4000:])
+    found = [2j * np.mean(signal[4000:] * turn) for signal in vars(motion).values()]
+    expected = bandwidth**2 / (bandwidth**2 - w**2 + 2j * 0.9 * bandwidth * w)
+    assert found == [pytest.approx(expected * (1j * w) ** k, abs=1e-6 * w**k) for k in range(3)]
+
+
+@pytest.mark.parametrize("controller", [compensated_gains, uncompensated_gains])
+def test_without_effects_the_leg_renders_what_linear_theory_says_and_the_transmission_its_losses(controller):
+    """Least squares on the true motion of the settled 2 Hz and 5 Hz, three cycles each, of which the last two count."""
+    made, gains = only({"joint": None}), controller(300, 5, P)
+    t = np.arange(round((0.5 + 1.5 + 0.6 + 0.5) * RATE)) / RATE
+    rows = ((t > 1.0) & (t < 1.99)) | ((t > 2.2) & (t < 2.59))
+    for experiment, own, expected in (
+        ("impedance", gains, predicted_impedance(gains, P, (2.0, 5.0))),
+        ("transmission", None, (0.0, P.B_j, P.J_j)),
+    ):
+        motion, signals = true_signals({"trial": TRIAL, "experiment": experiment}, made, P, own)
+        columns = np.column_stack([motion.theta, motion.omega, motion.alpha])[rows]
+        found = np.linalg.lstsq(columns, -signals[TORQUE][rows])[0]
+        np.testing.assert_allclose(found, expected, rtol=5e-3, atol=2e-3)
+
+
+def test_the_belt_trial_loads_the_belt_by_its_own_stiffness_with_the_actuator_locked():
+    stiffness, loading = [], slice(600, 1400)
+    for trial in ("belt_01", "belt_02"):
+        log, truth = simulated({"effects": {"belt_scatter": on(0.01, "1")}}, trial)
+        theta, omega = log[ANGLE][loading], np.gradient(log[ANGLE], 1e-3)[loading]
+        stiffness.append(np.polyfit(theta, -log[TORQUE][loading] - P.B_j * omega, 1)[0])
+        assert stiffness[-1] == pytest.approx(truth["parameters"]["K_s"], rel=1e-4)
+        assert not np.any(log["actuator_angle"])
+    assert 1e-4 < abs(stiffness[0] / stiffness[1] - 1) < 0.06
+
+
+def test_the_foot_has_its_spring_and_loses_what_its_slipping_springs_lose_in_each_cycle():
+    """A cycle of amplitude A loses 4 limit (A - limit/stiffness)."""
+    made = read_yaml(ROOT / "config/simulation/torque_angle.yaml", SimulationSettings)
+    foot = made.foot
+    motion, signals = true_signals({"trial": "torque_angle_1", "experiment": "torque_angle"}, made, P)
+    damped = -signals[TORQUE] - foot.B * motion.omega
+    zero = np.flatnonzero((motion.theta[1:-1] < 0) & (motion.theta[2:] >= 0))  # on the way up, of each cycle
+    for first, last in pairwise(zero[:4]):
+        theta = motion.theta[first : last + 1]
+        lost, half = np.trapezoid(damped[first : last + 1], theta), np.ptp(theta) / 2
+        assert lost == pytest.approx(sum(4 * s.limit * (half - s.limit / s.stiffness) for s in foot.slipping), rel=0.01)
+        spring = foot.K * theta.max() * (1 + foot.stiffening * theta.max() ** 2)
+        assert damped[first + np.argmax(theta)] == pytest.approx(spring + sum(s.limit for s in foot.slipping), rel=1e-3)
+
+
+def test_each_sensor_effect_adds_what_the_truth_says_and_leaves_the_other_draws_alone():
+    sizes = {"load_cell_offset": on(0.5, "N*m"), "load_cell_drift": on(0.05, "N*m/min")}
+    sizes["load_cell_noise"] = on(0.05, "N*m")
+    chosen = {"clean": {}, "all": sizes} | {name: {name: size} for name, size in sizes.items()}
+    logs, truths = zip(*(simulated({"effects": one}, "belt_01") for one in chosen.values()), strict=True)
+    drawn, elapsed = truths[1]["drawn"], logs[1]["time"] - logs[1]["time"][0]
+    added = {n: log[TORQUE] - logs[0][TORQUE] for n, log in zip(chosen, logs, strict=True)}
+    assert added["all"] == pytest.approx(sum(added[name] for name in sizes), abs=1e-10)
+    assert added["load_cell_offset"] == pytest.approx(drawn["load_cell_offset"], abs=1e-10)
+    assert added["load_cell_drift"] == pytest.approx(drawn["load_cell_drift"] * elapsed / 60, abs=1e-10)
+    assert drawn["load_cell_offset"] / 0.5 != pytest.approx(drawn["load_cell_drift"] / 0.05), "streams of their own"
+    assert np.std(added["load_cell_noise"]) == pytest.approx(0.05, rel=4 / np.sqrt(2 * 3000))
+
+
+def test_an_exact_joint_answers_by_eq_15(clean):
+    for f, rows in ((2, slice(1000, 2000)), (5, slice(2200, 2600))):
+        kernel = np.exp(-2j * np.pi * f * clean["time"][rows])
+        w, ratio = 2 * np.pi * f, -(clean[TORQUE][rows] @ kernel) / (clean[ANGLE][rows] @ kernel)
+        assert ratio == pytest.approx(300 - 0.02 * w**2 + 5j * w, rel=1e-4)  # the servo's transient is left
+
+
+def test_true_jitter_scatters_the_instants_and_leaves_the_samples_true(clean):
+    log = log_of(node(jitter=on(20e-6, "s", distribution="normal")))
+    count = np.arange(len(log["time"]))
+    residual = log["time"] - np.polynomial.Polynomial.fit(count, log["time"], 1)(count)
+    assert np.std(residual) == pytest.approx(20e-6, rel=4 / np.sqrt(2 * len(residual)))
+    assert log[ANGLE] == pytest.approx(at(log, clean), abs=1e-8)
+
+
+def test_no_sample_is_taken_before_or_after_the_simulated_motion():
+    """A hundred samples that scatter by ten steps: a third would be outside, were there nothing to hold them."""
+    made = only(node(jitter=on(0.01, "s")))
+    instants, _, _ = Bench("trial", made, {}, 100).sampling("node", made.recorder.node)
+    assert 0 <= instants.min() < 0.01
+    assert 0.09 < instants.max() <= 0.099
+    assert len(instants) < 100
+
+
+@pytest.mark.parametrize(("distribution", "mean"), [("exponential", 2e-4), ("half_normal", 2e-4 * np.sqrt(2 / np.pi))])
+def test_host_latency_scatters_the_stamps_and_leaves_the_device_even(clean, distribution, mean):
+    log = log_of(node(latency=on(2e-4, "s", distribution=distribution)))
+    np.testing.assert_array_equal(log[ANGLE], clean[ANGLE])
+    late = log["time"] - clean["time"]
+    assert late.min() >= -1e-9
+    assert late.mean() == pytest.approx(mean, rel=0.1)  # of 150 exponential latencies one waits for that before it
+    assert np.all(np.diff(log["time"]) > 0)
+
+
+def test_stamps_are_printed_with_so_many_decimals():
+    at_300 = {"dynamometer": {"rate_hz": 300}}
+    clean, log = log_of(at_300), log_of(at_300 | node(decimals=on(3, "decimal")))
+    assert log["time"] * 1e3 == pytest.approx(np.rint(log["time"] * 1e3), abs=1e-4)
+    assert np.abs(log["time"] - clean["time"]).max() <= 0.5001e-3
+    np.testing.assert_array_equal(log[ANGLE], clean[ANGLE])
+
+
+def test_two_nodes_have_stamps_rates_and_clocks_of_their_own(clean):
+    log = log_of({"recorder": {"torque_node": {"phase": on(3e-4, "s"), "rate": on(333, "Hz")}}})
+    np.testing.assert_allclose(log["time"], clean["time"], rtol=0, atol=1e-9)
+    assert log["torque_time"][0] - log["time"][0] == pytest.approx(3e-4, abs=1e-9)
+    assert np.diff(log["torque_time"]).mean() == pytest.approx(1 / 333, rel=1e-6)
+    rows = settled(log["torque_time"])
+    assert log[TORQUE][rows] == pytest.approx(at(log, clean, TORQUE, "torque_time")[rows], abs=1e-4)
+    log, truth = simulated(
+        {"recorder": {"torque_node": {"clock_offset": on(0.25, "s"), "clock_drift": on(-50, "ppm")}}}
+    )
+    own, elapsed = log["torque_time"] - truth["drawn"]["clock_start_s"], log["time"] - log["time"][0]
+    assert own == pytest.approx(0.25 + (1 - 50e-6) * elapsed, abs=2e-9)
+
+
+def test_samples_are_dropped_singly_or_in_bursts_or_at_regular_intervals_and_written_twice(clean):
+    def missing(**changes):
+        return np.rint(np.diff(log_of(node(**changes))["time"]) * 1000).astype(int) - 1
+
+    n = len(clean["time"])
+    assert missing(dropped=on(1e-3, "1")).sum() == round(1e-3 * n)
+    gaps = missing(dropped=on(0.02, "1"), burst=on(20, "sample"))
+    assert (set(gaps), gaps.sum()) == ({0, 20}, 20 * round(0.02 * n / 20))
+    gaps = missing(lost_every=on(100, "sample", scatter=3), burst=on(5, "sample"))
+    between = np.diff(np.flatnonzero(gaps)) + 5
+    assert (set(gaps), between.min(), between.max()) == ({0, 5}, 97, 103)
+    twice = log_of(node(duplicated=on(0.01, "1")))
+    again = np.diff(twice["time"]) == 0
+    assert again.sum() == len(twice["time"]) - n == pytest.approx(0.01 * n, abs=4 * np.sqrt(0.01 * n))
+    assert np.all(np.diff(twice[ANGLE])[again] == 0)
+
+
+def test_encoders_and_converters_have_bits_and_an_encoders_zero_stands_between_its_steps(clean):
+    adc, encoder = torque_sensor(clipping=on(50, "N*m"), adc=on(10, "bit")), {"joint_encoder": on(14, "bit")}
+    log, count = log_of({"effects": encoder} | adc), 2 * np.pi / 2**14
+    for values, step in ((log[ANGLE], count), (log[TORQUE], 100 / 2**10)):
+        assert values / step == pytest.approx(np.rint(values / step), abs=1e-9)
+        assert np.diff(np.unique(np.rint(values / step))).min() == 1
+    moved, truth = simulated({"effects": encoder | {"encoder_zero": on(0.5, "step")}})
+    zero = truth["drawn"]["encoder_zero"]
+    assert 0 < abs(zero) < count / 2
+    np.testing.assert_allclose(moved[ANGLE], np.rint((clean[ANGLE] + zero) / count) * count, atol=1e-12)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_a_sensors_low_pass_weakens_and_delays_a_sine_as_butterworths_does(order):
+    protocol = {"protocol": {"frequencies_hz": [5], "cycles": 10}}
+    clean, log = log_of(protocol), log_of(protocol | torque_sensor(low_pass=on(30, "Hz", order=order)))
+    kernel, rows = np.exp(-2j * np.pi * 5 * np.arange(800) / 1000), slice(1500, 2300)  # four cycles
+    s = 5j / 30
+    expected = 1 / (1 + s) if order == 1 else 1 / (1 + np.sqrt(2) * s + s**2)
+    assert (log[TORQUE][rows] @ kernel) / (clean[TORQUE][rows] @ kernel) == pytest.approx(expected, abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("changes", "channel", "expected", "within"),
+    [
+        (torque_sensor(delay=on(2e-3, "s")), TORQUE, lambda log: np.roll(log[TORQUE], 2), 1e-5),  # at rest at both ends
+        (torque_sensor(clipping=on(15, "N*m")), TORQUE, lambda log: np.clip(log[TORQUE], -15, 15), 1e-9),
+        (torque_sensor(gain=on(-4.45, "1")), TORQUE, lambda log: -4.45 * log[TORQUE], 1e-9),
+        ({"effects": {"mount_stiffness": on(3e3, "N*m/rad")}}, ANGLE, lambda log: log[ANGLE] - log[TORQUE] / 3e3, 1e-9),
+        ({"joint": JOINT | {"stiffening": on(18.2, "1/rad^2")}}, TORQUE,
+         lambda log: log[TORQUE] - 300 * 18.2 * log[ANGLE] ** 3, 1e-9),
+    ],
+)  # fmt: skip
+def test_a_sensor_a_frame_and_a_joint_change_one_channel_as_they_say(clean, changes, channel, expected, within):
+    log, other = log_of(changes), ({TORQUE, ANGLE} - {channel}).pop()
+    assert log[channel] == pytest.approx(expected(clean), abs=within)
+    np.testing.assert_array_equal(log[other], clean[other])
+
+
+def test_coulomb_friction_turns_with_the_velocity_and_failed_readings_are_nan(clean):
+    log, omega = log_of({"joint": JOINT | {"coulomb": on(3, "N*m")}}), np.gradient(clean[ANGLE], 1e-3)
+    moving = settled(clean["time"]) & (np.abs(omega) > 0.02)
+    assert (clean[TORQUE] - log[TORQUE])[moving] == pytest.approx(3 * np.sign(omega[moving]), abs=1e-4)
+    log = log_of(torque_sensor(failed=on(0.01, "1")))
+    assert np.isnan(log[TORQUE]).mean() == pytest.approx(0.01, rel=0.5)
+    assert not np.isnan(log[ANGLE]).any()
+
+
+def test_backlash_takes_the_gap_from_the_angle_at_which_the_joint_pushes_back():
+    """In slow motion the joint has followed: the torque is that of the angle less half the gap, or nothing."""
+    gap = float(np.deg2rad(1.0))
+    log = log_of({"protocol": {"frequencies_hz": [0.5], "cycles": 2}, "joint": JOINT | {"backlash": on(gap, "rad")}})
+    theta, torque, inside = log[ANGLE], -log[TORQUE], settled(log["time"])
+    pushing, away = torque != 0, (np.abs(theta) > 1.5 * gap) & inside
+    assert np.all(pushing[away])
+    expected = 300 * (theta - np.sign(theta) * gap / 2) + 5 * np.gradient(theta, 1e-3)
+    assert torque[away] == pytest.approx(expected[away], abs=0.02 * (2 * np.pi * 0.5) ** 2 * 0.08)
+    free = inside & ~pushing
+    assert np.abs(theta[free]).max() < 0.75 * gap
+    assert free.sum() > 100, "it passes the gap freely"
+
+
+def test_hum_and_1_over_f_noise_have_their_spectra(clean):
+    extra = log_of({"effects": {"load_cell_hum": on(0.3, "N*m", frequency_hz=50)}})[TORQUE] - clean[TORQUE]
+    whole = extra[: len(extra) // 20 * 20]
+    line = 2 * np.abs(whole @ np.exp(-2j * np.pi * 50 * np.arange(len(whole)) / 1000)) / len(whole)
+    assert (line, np.std(whole)) == (pytest.approx(0.3, rel=1e-4), pytest.approx(0.3 / np.sqrt(2), rel=1e-3))
+    extra = log_of({"effects": {"load_cell_flicker": on(0.1, "N*m")}})[TORQUE] - clean[TORQUE]
+    power, f = 2 * np.abs(np.fft.rfft(extra)) ** 2 / len(extra) ** 2, np.fft.rfftfreq(len(extra), 1e-3)
+    for low in (5.0, 40.0):
+        decade = power[(f >= low) & (f < 10 * low)]
+        assert np.sqrt(decade.sum()) == pytest.approx(0.1, rel=0.25)  # fewer than 50 lines carry half of it
+
+
+CYCLES = {"lowest_deg": -10, "highest_deg": 10, "speed_deg_s": [4], "turn_s": 0.2, "rest_s": 1}
+SLIPS = {"K": 100, "slipping": [{"stiffness": 500, "limit": 90}], "cycles": CYCLES}
+
+
+@pytest.mark.parametrize(
+    ("section", "value", "match"),
+    [
+        ("recorder", {"node": {"jitter": on(20, "us")}}, "unit must be 's'"),
+        ("recorder", {"node": {"latency": on(1e-4, "s", distribution="normal")}}, "latency is never negative"),
+        ("recorder", {"node": {"dropped": on(1.5, "1")}}, "less than 1"),
+        ("recorder", {"node": {"rate": on(0, "Hz")}}, "must be positive; set enabled: false"),
+        ("recorder", {"sensors": {TORQUE: {"adc": on(12, "bit")}}}, "enable clipping"),
+        ("recorder", {"sensors": {"torque": {}}}, "joint_angle"),
+        ("joint", JOINT | {"I": 0, "backlash": on(1e-3, "rad")}, "inertia"),
+        ("protocol", {"seconds": 2.0}, "either cycles or seconds"),
+        ("protocol", {"cycles": [1, 2, 3]}, "3 numbers of cycles for 2 frequencies"),
+        ("excitations", [{"name": "x", "kind": "noise", "rms_deg": 1, "band_hz": [6, 2]}], "from 6 to 2 Hz; write"),
+        ("foot", SLIPS, "does not reach its limit of 90 N"),
+        ("experiments", {"torque_angle": 3}, "3 torque-angle trials are planned but there is no 'foot'"),
+    ],
+)
+def test_a_wrong_imperfection_or_motion_is_refused(tmp_path, section, value, match):
+    content = yaml.safe_load(TINY.read_text())
+    known = content.get(section)
+    content[section] = known | value if isinstance(known, dict) else value
+    (tmp_path / "settings.yaml").write_text(yaml.safe_dump(content))
+    with pytest.raises(InputError, match=match):
+        read_yaml(tmp_path / "settings.yaml", SimulationSettings)
+
+
+def test_without_a_compiler_nothing_is_simulated_and_one_line_says_what_to_install(monkeypatch, tmp_path):
+    monkeypatch.chdir(ROOT)
+    monkeypatch.setattr("osl_analysis.compiled.numba", None)
+    said = r"needs numba, which is not installed; pip install 'osl-analysis\[simulator\]'"
+    with pytest.raises(InputError, match=said):
+        simulate_trial(TINY, tmp_path, "belt_01")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_trial_simulated_alone_is_the_campaigns(tmp_path, monkeypatch):
+    monkeypatch.chdir(ROOT)
+    simulate_campaign(TINY, tmp_path / "all")
+    simulate_trial(TINY, tmp_path / "one", TRIAL)
+    written = sorted(str(f.relative_to(tmp_path / "one")) for f in (tmp_path / "one").rglob("*.*"))
+    assert written == [f"dynamometer/{TRIAL}.mcap", f"truth/{TRIAL}.json"]
+    for path in written:
+        assert (tmp_path / "one" / path).read_bytes() == (tmp_path / "all" / path).read_bytes()
+    assert len(list((tmp_path / "all/dynamometer").iterdir())) == 5
+    assert (tmp_path / "all/trials.csv").is_file()
+
+
+def messages_of(path):
+    """Messages by topic, with their arrival [ns], by an independent reader."""
+    found = {}
+    with path.open("rb") as file:
+        for _, channel, record, message in make_reader(
+            file, validate_crcs=True, decoder_factories=[DecoderFactory()]
+        ).iter_decoded_messages():
+            found.setdefault(channel.topic, []).append((record.log_time, message))
+    return found
+
+
+def test_two_nodes_write_standard_messages_of_their_stamps_and_values(tmp_path):
+    log = log_of({"recorder": {"torque_node": {"phase": on(3e-4, "s"), "rate": on(333, "Hz")}}})
+    write_bench_log(tmp_path / "log.mcap", log, two_nodes=True)
+    found = messages_of(tmp_path / "log.mcap")
+    for topic, time in (("/joint_states", "time"), ("/wrench", "torque_time")):
+        stamps = [m.header.stamp.sec * 10**9 + m.header.stamp.nanosec for _, m in found[topic]]
+        assert stamps == np.rint(log[time] * 1e9).astype(int).tolist()
+        assert [arrived for arrived, _ in found[topic]] == [stamp + 150_000 for stamp in stamps]
+    assert [m.wrench.torque.z for _, m in found["/wrench"]] == log[TORQUE].tolist()
+    assert {tuple(m.name) for _, m in found["/joint_states"]} == {("joint", "actuator", "command")}
+    angles = [log[name].tolist() for name in (ANGLE, "actuator_angle", "commanded_angle")]
+    assert [list(m.position) for _, m in found["/joint_states"]] == [list(row) for row in zip(*angles, strict=True)]
+    assert not np.any([m.effort for _, m in found["/joint_states"]])
+
+
+def write_mixed(path, n, frame_id="f"):
+    t = np.arange(n)
+    columns = {"flag": t % 2 == 0, "wide": np.sqrt(t), "level": t % 7, "narrow": np.sin(t).astype(np.float32)}
+    fields = "bool flag\nfloat64 wide\nuint8 level\nfloat32 narrow # unit\n"
+    write_topics(path, [sample_topic("/t", frame_id, fields, 3.0 + t, columns)])
+    return columns
+
+
+@pytest.mark.parametrize("frame_id", ["", "a", "ab", "abc", "abcd", "abcde", "abcdef", "abcdefg"])
+def test_every_field_is_aligned_whatever_the_length_of_the_frame_id(tmp_path, frame_id):
+    columns = write_mixed(tmp_path / "a.mcap", 5, frame_id)
+    ros = [message for _, message in messages_of(tmp_path / "a.mcap")["/t"]]
+    assert [m.header.frame_id for m in ros] == [frame_id] * 5
+    for name, values in columns.items():
+        assert [getattr(m, name) for m in ros] == values.tolist()
+
+
+def test_a_recording_that_breaks_off_leaves_the_older_file(tmp_path, monkeypatch):
+    path = tmp_path / "a.mcap"
+    write_mixed(path, 5)
+    before = path.read_bytes()
+
+    def fail(*_):
+        raise OSError("no space left on device")
+
+    monkeypatch.setattr("mcap.writer.Writer.finish", fail)
+    with pytest.raises(InputError, match=r"a\.mcap: cannot be written \(no space left on device\); make room"):
+        write_mixed(path, 9)
+    assert path.read_bytes() == before
+    assert list(tmp_path.iterdir()) == [path]

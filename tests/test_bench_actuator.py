@@ -18,7 +18,6 @@ from osl_analysis.commands.bench import fit_settings, fit_trial
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.model.parameters import read_parameters
 from osl_analysis.simulator.bench import simulate_bench_trial
-from osl_analysis.simulator.joint_motion import actuator_command
 from osl_analysis.simulator.settings import RecorderSettings, SimulationSettings
 from osl_analysis.trial import Trial, read_trial
 from osl_analysis.yaml_settings import read_yaml
@@ -64,15 +63,6 @@ def schedule(velocity_offset=0.0):
     theta = (-a / w * np.cos(w * t)).sum(axis=0) + velocity_offset * t
     omega, alpha = (a * np.sin(w * t)).sum(axis=0) + velocity_offset, (a * w * np.cos(w * t)).sum(axis=0)
     return t, theta, omega, alpha, 4 * np.sin(2 * np.pi * 0.17 * t) + 3 * np.sin(2 * np.pi * 0.73 * t)
-
-
-def test_what_is_simulated_obeys_equations_1_and_2():
-    log, truth = simulate_bench_trial({"trial": "actuator_1", "experiment": "actuator"}, settings(effects=False), P)
-    motion, _ = actuator_command(settings().actuator, RATE)
-    expected = by_hand(motion.omega, motion.alpha, log["motor_current"])
-    assert log["output_torque"] == pytest.approx(expected, abs=1e-12)
-    assert log["actuator_angle"] == pytest.approx(motion.theta, abs=0)
-    assert truth["parameters"]["f_G"] == P.f_G
 
 
 def test_a_log_without_noise_gives_the_parameters_back():

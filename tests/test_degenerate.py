@@ -245,9 +245,9 @@ def crossings():
     return cases
 
 
-def single(gait, perturbed, stance="own"):
+def single(gait, perturbed):
     """One perturbation's fit, lag and doubts."""
-    isolated = isolate_response(perturbed[0], unperturbed_gait(gait, 2), CHOICES, stance)
+    isolated = isolate_response(perturbed[0], unperturbed_gait(gait, 2), CHOICES)
     fit = fit_response(isolated)
     return fit, response_lag(isolated), single_facts(isolated, fit)
 
@@ -259,9 +259,7 @@ def headline(gait, perturbed):
 
 
 FITS_OF_CROSSINGS = {
-    "unperturbed_gait": lambda gait, perturbed: unperturbed_gait(gait, 3),
     "fit_response": single,
-    "fit_response, matched": lambda gait, perturbed: single(gait, perturbed, "matched"),
     "group_headline": headline,
     "selection_rows": lambda gait, perturbed: selection_rows([*gait, *perturbed], [], CHOICES),
 }

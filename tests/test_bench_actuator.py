@@ -104,37 +104,23 @@ def test_refuses_a_schedule_that_does_not_tell_two_parameters_apart_or_hardly_mo
         fit_log(t, size * theta, current, by_hand(omega, alpha, current))
 
 
-def bench_csv(path, documentation, log, motion):
-    """The log as a bench of its own writes it, under the names of the documentation, before the 9:1 gear."""
-    header = re.search(r"```\n(.*)\n```", documentation)[1]
-    moved = np.rad2deg(log["actuator_angle"]) * 9
-    if motion == "theta_m":
-        header = header.replace("motor velocity [rpm]", "motor angle [deg]")
-    else:
-        moved = np.gradient(moved, log["time"]) / 6
-    columns = np.column_stack([log["time"], moved, log["motor_current"], log["output_torque"]])
-    np.savetxt(path, columns, fmt="%.9g", delimiter=",", header=header, comments="")
-
-
-@pytest.mark.parametrize("motion", ["omega_m", "theta_m"])
-def test_a_bench_of_ones_own_gives_the_parameters_of_its_log_by_the_documented_commands(tmp_path, monkeypatch, motion):
-    """Velocity in rpm or angle in deg, as text: 0.1 % of the five, which is a tenth of their standard errors."""
+def test_a_bench_of_ones_own_gives_the_parameters_of_its_log_by_the_documented_commands(tmp_path, monkeypatch):
+    """Velocity in rpm before the 9:1 gear, as text: 0.1 % of the five, which is a tenth of their standard errors."""
     log, expected = simulated(duration_s=10.0)
     documentation = (ROOT / "docs/own_data.md").read_text().partition("## Your own actuator bench")[2]
     shutil.copytree(ROOT / "config", tmp_path / "config")
     monkeypatch.chdir(tmp_path)
-    source = Path("config/sources/actuator_bench_csv.yaml")
-    if motion == "theta_m":
-        lines = [line for line in source.read_text().splitlines() if not line.startswith("  omega_m:")]
-        source.write_text("\n".join(lines).replace("  # theta_m:", "  theta_m:"))
-    bench_csv(Path("bench.csv"), documentation, log, motion)
+    rpm = np.gradient(np.rad2deg(log["actuator_angle"]) * 9, log["time"]) / 6
+    columns = np.column_stack([log["time"], rpm, log["motor_current"], log["output_torque"]])
+    header = re.search(r"```\n(.*)\n```", documentation)[1]
+    np.savetxt("bench.csv", columns, fmt="%.9g", delimiter=",", header=header, comments="")
     for command in re.findall(r"^osl-analysis (.*)$", documentation, re.MULTILINE):
         said = CliRunner().invoke(main, command.split())
         assert said.exit_code == 0, said.output
     assert re.search(r"J_m +0\.009\d+ ± \S+ +kg·m²", said.output)
     trial, asked = read_trial(Path("bench.parquet")), fit_settings("actuator", ROOT / "config/config.yaml")
     found = fit_trial("actuator", trial, DEVICE, *asked).table
-    assert found["motion"][0] == motion
+    assert found["motion"][0] == "omega_m"
     assert found.select(NAMES).row(0) == pytest.approx([expected[name] for name in NAMES], rel=1e-3)
     assert found["J_m_se"][0] == pytest.approx(expected.se("J_m"), rel=0.02)
 

@@ -65,24 +65,26 @@ def as_run(
 
 PRACTICES = [
     {"rest_s": 1.0}, {"phase": np.pi / 2}, {"ramp": 2}, {"ramp": 1, "rest_s": 0.7}, {"cycles": (5, 10, 15)},
-    {"frequencies": (3.0, 1.0, 2.0), "amplitudes": (0.1, 0.03)}, {"clock": 1 + 5e-5}, {"clock": 0.995},
+    {"frequencies": (3.0, 1.0, 2.0), "amplitudes": (0.1, 0.03)}, {"frequencies": (2.0, 2.2, 3.0)},
+    {"clock": 1 + 5e-5}, {"clock": 0.995},
     {"clock": 1.005, "rest_s": 0.5},
 ]  # fmt: skip
 
 
 @pytest.mark.parametrize("practice", PRACTICES)
 def test_a_protocol_is_found_as_people_run_it(practice):
-    """Frequency, amplitude, start, order and cycles as recorded, whatever lies between; commanded were 1, 2, 3 Hz. A
+    """Frequency, amplitude, start, order and cycles as recorded, whatever lies between. A
     clock that is right has the commanded frequency, one that is off its own, the same for all amplitudes."""
     theta, edges = as_run(**practice)
     theta += 0.01 + 1e-4 * np.random.default_rng(3).standard_normal(len(theta))
-    found = segments_of(theta, SteppedSineProtocol((0.03, 0.1), (1.0, 2.0, 3.0), 8), 300.0)
+    commanded = practice.get("frequencies", (1.0, 2.0, 3.0))
+    found = segments_of(theta, SteppedSineProtocol((0.03, 0.1), commanded, 8), 300.0)
     assert [s.amplitude for s in found] == pytest.approx([s.commanded for s in found], rel=0.01)
     assert [(s.commanded, s.cycles) for s in found] == [(a, n) for _, a, _, n in edges]
     assert [s.frequency_hz for s in found] == pytest.approx([f for *_, f, _ in edges], rel=1e-4)
     assert [s.frequency_hz for s in found[:3]] == [s.frequency_hz for s in found[3:]]
     if abs(practice.get("clock", 1.0) - 1) < 1e-4:
-        assert {s.frequency_hz for s in found} == {1.0, 2.0, 3.0}
+        assert {s.frequency_hz for s in found} == set(commanded)
     late = [(s.start / 300.0 - start) * s.frequency_hz for s, (start, *_) in zip(found, edges, strict=True)]
     assert np.abs(late).max() < 0.2  # of a cycle; two settle before the fit begins
 
@@ -104,17 +106,6 @@ def test_a_record_that_is_no_stepped_sine_of_these_amplitudes_is_refused_with_wh
 def test_a_warm_up_at_another_amplitude_is_not_used_where_all_commanded_ones_were_recorded():
     theta = np.concatenate([np.zeros(500), WARM, stepped()])
     assert list(dict.fromkeys(s.commanded for s in segments_of(theta))) == list(PROTOCOL.amplitudes)
-
-
-@pytest.mark.parametrize("frequencies_hz", [(2.0, 4.0), (1.0, 2.0, 3.0, 4.0, 5.0), (3.0,), (4.0, 4.4, 5.0)])
-@pytest.mark.parametrize("really", [4, 6, 7, 12])
-def test_all_recorded_cycles_are_found_whatever_their_number_in_the_configuration(frequencies_hz, really):
-    """At rest, at another frequency (a tenth higher at least) and at another amplitude a sine does not go on."""
-    configured, recorded = (SteppedSineProtocol(PROTOCOL.amplitudes, frequencies_hz, n) for n in (6, really))
-    theta = stepped(recorded, rests=(1.0, 0.0, 0.0))
-    theta += 1e-4 * np.random.default_rng(1).standard_normal(len(theta)) + 0.02
-    expected = [(a, really) for a in PROTOCOL.amplitudes for _ in frequencies_hz]
-    assert [(s.commanded, s.cycles) for s in segments_of(theta, configured)] == expected
 
 
 def test_amplitudes_that_differ_are_never_one_label_and_labels_are_measured():

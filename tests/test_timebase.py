@@ -94,15 +94,6 @@ def test_a_5_hz_sine_comes_to_the_grid_with_the_error_that_the_report_states(rat
     assert grid.streams[0]["error"] == pytest.approx(largest, rel=0.06)
 
 
-def test_even_samples_of_one_device_stay_as_they_are_to_the_bit():
-    t = clock(1000.0)
-    recorded = log(t, t, np.random.default_rng(0))
-    grid = one_time_base([recorded])
-    assert all(np.array_equal(grid.signals[name], values) for name, values in recorded.signals.items())
-    assert grid.time == pytest.approx(t, abs=1e-12)
-    assert grid.usable.all()
-
-
 # ---- Are the stamps true?
 
 
@@ -166,15 +157,6 @@ def test_a_resting_or_slow_signal_decides_nothing_jitter_is_then_not_believed_an
     assert (dead["g"], dead["g_se"], dead["firm"]) == (None, None, False)
     (wander,) = one_time_base([Stream("rest", t + 0.02 * np.sin(2 * np.pi * t / 30), {"x": rest})]).streams
     assert (wander["stamps"], wander["firm"]) == ("exact", False)
-
-
-@pytest.mark.parametrize(("rate", "decimals"), [(300.0, 4), (1024.0, 3)])
-def test_printed_decimals_cost_nothing(rate, decimals):
-    t = clock(rate)
-    grid = one_time_base([log(np.round(t, decimals), t, np.random.default_rng(21))])
-    assert (grid.streams[0]["stamps"], grid.streams[0]["missing"]) == ("even", 0)
-    assert grid.rate_hz == pytest.approx(rate, rel=1e-5)
-    assert_recovers_the_joint(grid)
 
 
 SHARE_MISPLACED = {(False, False): 0, (False, True): 5e-5, (True, False): 5e-3, (True, True): 1e-2}

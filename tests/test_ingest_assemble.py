@@ -87,7 +87,9 @@ def refused(folder: Path, **fields: object) -> str:
     return str(caught.value)
 
 
-def test_the_leg_and_motion_capture_share_one_clock_afterwards(laboratory: Path) -> None:
+def test_the_leg_and_motion_capture_share_one_clock_and_the_provenance_names_every_file_and_channel(
+    laboratory: Path,
+) -> None:
     trial = ingested(laboratory)
     time, theta = trial.signals("theta")
     speed = np.radians(10 * 2 * np.pi * 0.7)
@@ -98,6 +100,17 @@ def test_the_leg_and_motion_capture_share_one_clock_afterwards(laboratory: Path)
     assert clock["edges"] >= 25
     assert clock["rows_before"] == pytest.approx(500, abs=1)  # the leg was on a second longer on either side
     assert clock["rows_after"] == pytest.approx(500, abs=2)
+    files, columns = trial.provenance["files"], trial.provenance["columns"]
+    for role, name in (("log", "leg.mcap"), ("mocap", "vicon.c3d")):
+        assert files[role]["path"] == name
+        assert files[role]["sha256"] == hashlib.sha256((laboratory / name).read_bytes()).hexdigest()
+    assert set(columns) == set(trial.samples.columns) - {"time"}
+    assert columns["theta"]["topic"] == "/lab"
+    assert columns["theta"]["factor"] == pytest.approx(np.pi / 180)
+    assert columns["sync"]["file"] == "mocap"
+    assert columns["marker_M1_y"] == {
+        "file": "mocap", "label": "M1", "component": "y", "unit": "mm", "factor": 0.001, "si_unit": "m"
+    }  # fmt: skip
 
 
 def test_without_sync_edges_the_joints_angle_aligns_the_log_and_the_trial_says_so(tmp_path: Path) -> None:
@@ -123,10 +136,6 @@ def test_without_sync_edges_the_joints_angle_aligns_the_log_and_the_trial_says_s
     np.testing.assert_allclose(theta, course(found), atol=2e-3)
     assert trial.provenance["clock"]["method"] == "correlation"
     assert "aligned by cross-correlation of 'theta' and the angle at marker M2" in trial.provenance["warnings"][0]
-    write_c3d(tmp_path / "vicon.c3d", seen[::-1], rate=300.0)
-    (tmp_path / "out" / "walk_1.parquet").unlink()
-    (tmp_path / "out").rmdir()
-    assert "cross-correlation of 'theta' and the angle at marker M2 does not align them either" in refused(tmp_path)
 
 
 def test_rows_within_a_nanosecond_become_one() -> None:
@@ -139,47 +148,23 @@ def test_rows_within_a_nanosecond_become_one() -> None:
     assert joined["trigger"].to_list() == [1.0, None, 2.0, None, 3.0]
 
 
-def test_the_provenance_names_files_hashes_and_every_columns_channel(laboratory: Path) -> None:
-    trial = ingested(laboratory)
-    files, columns = trial.provenance["files"], trial.provenance["columns"]
-    for role, name in (("log", "leg.mcap"), ("mocap", "vicon.c3d")):
-        assert files[role]["path"] == name
-        assert files[role]["sha256"] == hashlib.sha256((laboratory / name).read_bytes()).hexdigest()
-    assert set(columns) == set(trial.samples.columns) - {"time"}
-    assert columns["theta"]["topic"] == "/lab"
-    assert columns["theta"]["factor"] == pytest.approx(np.pi / 180)
-    assert columns["sync"]["file"] == "mocap"
-    assert columns["marker_M1_y"] == {
-        "file": "mocap", "label": "M1", "component": "y", "unit": "mm", "factor": 0.001, "si_unit": "m"
-    }  # fmt: skip
-
-
 def rewritten(path: Path) -> None:
     """The same size and the same times, and one byte that differs."""
-    times = path.stat()
-    content = path.read_bytes()
+    times, content = path.stat(), path.read_bytes()
     path.write_bytes(content[:-1] + bytes([content[-1] ^ 1]))
     os.utime(path, ns=(times.st_atime_ns, times.st_mtime_ns))
 
 
-def appended(path: Path) -> None:
-    with path.open("ab") as file:
-        file.write(b"more")
-
-
-@pytest.mark.parametrize("change", [appended, rewritten, Path.unlink], ids=lambda change: change.__name__)
+@pytest.mark.parametrize("change", [rewritten, Path.unlink], ids=lambda change: change.__name__)
 def test_a_file_that_changes_while_it_is_read_is_refused(laboratory, monkeypatch, change):
-    read = FORMATS["mcap"].reader
-
-    def read_and_change(path: Path, source: Any) -> Recording:
+    def read_and_change(path: Path, source: Any, read: Any = FORMATS["mcap"].reader) -> Recording:
         recording = read(path, source)
         change(path)
         return recording
 
     monkeypatch.setitem(FORMATS, "mcap", replace(FORMATS["mcap"], reader=read_and_change))
     message = refused(laboratory, mocap=None, mocap_source=None)
-    assert message.startswith(str(laboratory / "leg.mcap"))
-    assert "the file changed while it was read; wait until it is recorded or copied" in message
+    assert "leg.mcap: the file changed while it was read; wait until it is recorded or copied" in message
 
 
 BOTH = {**CAPTURE, "analogs": {"sync": {"channel": "A1"}, "theta": {"channel": "A1", "unit": "deg"}}}
@@ -219,20 +204,19 @@ def test_a_mistake_is_told_and_leaves_nothing_behind(laboratory: Path, mistake: 
     assert told in refused(laboratory, **fields)
 
 
-def test_a_trial_file_keeps_null_and_nan_apart_and_every_bit(tmp_path: Path) -> None:
-    samples = pl.DataFrame({"time": [0.1, 0.2, 0.3], "theta": [None, float("nan"), 1 / 3]})
+def test_a_trial_file_keeps_null_and_nan_apart_and_every_bit_and_what_is_none_is_refused(tmp_path: Path) -> None:
+    samples, path = (
+        pl.DataFrame({"time": [0.1, 0.2, 0.3], "theta": [None, float("nan"), 1 / 3]}),
+        tmp_path / "t.parquet",
+    )
+    with pytest.raises(InputError, match="no such trial; ingest it first"):
+        read_trial(path)
     trial = Trial("t", samples, {"plates": [{"corners": [[0.1, 1e-17, -0.0]]}], "warnings": ["°"]})
-    write_trial(trial, tmp_path / "new" / "t.parquet")
-    read = read_trial(tmp_path / "new" / "t.parquet")
+    write_trial(trial, path)
+    read = read_trial(path)
     assert read.samples.equals(samples)
     assert read.samples["theta"].is_nan().to_list() == [None, True, False]
     assert (read.name, read.provenance) == (trial.name, trial.provenance)
-
-
-def test_what_is_no_trial_file_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "t.parquet"
-    with pytest.raises(InputError, match="no such trial; ingest it first"):
-        read_trial(path)
     for content in (b"", b"time,theta\n", b"PAR1" + bytes(50) + b"PAR1"):
         path.write_bytes(content)
         with pytest.raises(InputError, match=r"t.parquet: not a Parquet file .*; ingest the trial again"):
@@ -259,12 +243,10 @@ def test_a_real_plug_in_gait_trial_is_ingested_with_its_reference_moments(tmp_pa
 
 
 def test_a_trial_without_a_column_that_its_experiment_needs_is_refused_by_name(laboratory: Path) -> None:
-    output = laboratory / "out" / "walk_1.parquet"
     needed = EXPERIMENTS["belt"].needed_columns
-    assert needed == ("theta", "torque", "theta_m")
     with pytest.raises(InputError, match=r"trial walk_1: no column torque, theta_m, .* experiment 'belt' needs; map"):
-        ingest_trial(row(experiment="belt"), laboratory, laboratory, output, needed)
-    assert not output.exists()
+        ingest_trial(row(experiment="belt"), laboratory, laboratory, laboratory / "out.parquet", needed)
+    assert not (laboratory / "out.parquet").exists()
 
 
 CSV_LOG = "format: csv\ntime: {column: t, unit: s}\nchannels:\n  theta: {column: a, unit: UNIT}\n"
@@ -304,8 +286,7 @@ def test_every_unit_of_a_column_has_a_largest_value() -> None:
 @pytest.mark.parametrize(
     ("angle", "torque", "unit", "told"),
     [
-        (1e300, 0.0, "rad", r"theta is 1e\+300 rad at 0\.020 s, and beyond ±1e\+06 in 1 of 4 samples"),
-        (-1.1e6, 0.0, "rad", r"theta is -1\.1e\+06 rad at 0\.020 s"),
+        (-1.1e6, 0.0, "rad", r"theta is -1\.1e\+06 rad at 0\.020 s, and beyond ±1e\+06 in 1 of 4 samples"),
         (0.0, 1e200, "rad", r"torque is 1e\+200 N\*m at 0\.020 s"),
         (1.7e308, 0.0, "rev", r"theta is inf rad at 0\.020 s"),  # overflows in the conversion
     ],
@@ -317,16 +298,11 @@ def test_values_that_nothing_can_reach_are_refused_by_file_column_value_and_reme
 
 
 def test_points_without_names_or_labels_are_refused_where_all_are_to_be_read(tmp_path: Path) -> None:
-    told = "none of its 2 points has a name; label them"
-    with pytest.raises(InputError, match=rf"a\.c3d: POINT:LABELS is empty: {told}"):
-        capture_of(tmp_path, seen(), POINT__LABELS=["", ""])
+    for labels, told in ((["", ""], "POINT:LABELS is empty: none of its 2 points has a name; label them"),
+                         (["*1", "*2"], "the source file names nothing that the file has: .*; name")):  # fmt: skip
+        with pytest.raises(InputError, match=rf"a\.c3d: {told}"):
+            capture_of(tmp_path, seen(), POINT__LABELS=labels)
     assert "marker_A_x" in capture_of(tmp_path, seen(), POINT__LABELS=["A", ""]).samples.columns
-    path = tmp_path / "a.c3d"
-    path.write_bytes(path.read_bytes().replace(b"LABELS", b"NOTHER", 1))  # the first is that of POINT
-    with pytest.raises(InputError, match=rf"a\.c3d: POINT:LABELS is missing: {told}"):
-        trial_of(tmp_path, mocap="a.c3d", mocap_source="s")
-    with pytest.raises(InputError, match=r"a\.c3d: the source file names nothing that the file has: .*; name"):
-        capture_of(tmp_path, seen(), POINT__LABELS=["*1", "*2"])
 
 
 def test_markers_that_were_never_seen_are_refused_where_they_are_needed_and_told_elsewhere(tmp_path: Path) -> None:

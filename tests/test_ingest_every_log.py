@@ -9,7 +9,7 @@ import pytest
 import test_ingest_mcap_log as mcap
 import test_ingest_nexus_capture as nexus
 import test_ingest_opensim as opensim
-from c3d_builder import REAL_DATA, write_c3d
+from c3d_builder import write_c3d
 from mcap_builder import write_log
 from nptdms import ChannelObject, TdmsWriter
 from recognised_files import refusal_by
@@ -19,7 +19,7 @@ from test_formats_rosbags import CHANNELS, write_bag1, write_bag2
 from osl_analysis.commands.inspect import inspect_file, overview_text
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.draft import draft_source
-from osl_analysis.ingest.raw_files import FORMATS, read_source, trial_from_files
+from osl_analysis.ingest.raw_files import FORMATS, read_source
 
 TIME = np.arange(40) / 500
 ANGLE, TORQUE = np.sin(40 * TIME), 30 * np.sin(40 * TIME)
@@ -122,7 +122,6 @@ def refused_mat(path, **fields):
 
 def test_a_wrong_field_of_a_source_file_of_matlab_is_refused():
     for fields, message in (
-        ({"channels": {"theta": {"variable": "a b", "unit": "deg"}}}, "no address in a MATLAB file"),
         ({"channels": {"theta": {"variable": "a"}}}, "unit"),
         ({"time": {"rate": 100, "unit": "s"}}, "is that of the variable of time"),
         ({"log_part": "(2)"}, "no address"),
@@ -176,15 +175,6 @@ def test_the_draft_of_several_trials_is_of_one_and_fits_the_other(write, tmp_pat
     read = FORMATS["mat"].read(path, read_source(tmp_path / "mine.yaml").of_part("Fast"))
     np.testing.assert_allclose(read.samples["theta"], ANGLE)
     np.testing.assert_allclose(read.samples["time"], TIME, atol=1e-12)
-
-
-@pytest.mark.skipif(not REAL_DATA.is_dir(), reason="no real data here")
-def test_a_real_test_of_a_foot_is_read_by_its_part():
-    row = {"trial": "x45", "log": "mat/DESR_Characterization_Data.mat", "log_source": "desr", "log_part": "DESR_N.x45"}
-    trial = trial_from_files(row, REAL_DATA, Path(__file__).parents[1] / "config/sources")
-    time, theta, torque = trial.signals("theta", "torque")
-    assert (time.size, round((time.size - 1) / time[-1], 2)) == (12000, 833.33)
-    assert (np.rad2deg(theta.max()).round(2), torque.max().round(1)) == (11.35, 115.5)
 
 
 def nexus_export(path):

@@ -2,13 +2,14 @@
 
 import math
 from collections.abc import Iterable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import polars as pl
 import pytest
-from mcap_builder import HEADER, SAMPLE, SAMPLE_NAME, stamped, write_log, write_topics
+from mcap_builder import SAMPLE, SAMPLE_NAME, stamped, write_log, write_topics
 from recognised_files import refusal_by
 
 from osl_analysis.errors import InputError
@@ -33,14 +34,13 @@ def samples(count: int = 50) -> list[tuple[int, dict[str, Any]]]:
     return [stamped(START + i * MILLISECOND, angle=float(i), torque=i * i / 8, sync=i % 7 == 0) for i in range(count)]
 
 
-def refused(path: Path, log_source: Source) -> str:
-    return refusal_by(FORMATS["mcap"].read, path, log_source)
+read = FORMATS["mcap"].read
+refused = partial(refusal_by, read)
 
 
 def test_time_is_the_header_stamp_from_its_first_exact_to_the_nanosecond(tmp_path: Path) -> None:
     stamps = [0, 1, 2_000_000, 999_999_999, 1_000_000_001]
-    path = write_log(tmp_path / "log.mcap", [stamped(START + s, angle=0.0) for s in stamps])
-    recording = FORMATS["mcap"].read(path, source())
+    recording = read(write_log(tmp_path / "log.mcap", [stamped(START + s, angle=0.0) for s in stamps]), source())
     np.testing.assert_allclose(recording.samples["time"], np.array(stamps) / 1e9, rtol=1e-15, atol=0)
     assert recording.facts["time"] == {"source": "header.stamp", "stamps": "auto", "start_ns": START}
 
@@ -50,7 +50,7 @@ def test_time_is_the_header_stamp_from_its_first_exact_to_the_nanosecond(tmp_pat
 def test_messages_in_any_file_order_come_in_the_order_of_their_sequence_numbers(tmp_path, order, time):
     log = [stamped(START + 100 * i * MILLISECOND, angle=float(i), torque=0.0, sync=False) for i in range(50)]
     path = write_log(tmp_path / "log.mcap", [log[i] for i in order], chunk_size=300, sequences=order.tolist())
-    recording = FORMATS["mcap"].read(path, source(time))
+    recording = read(path, source(time))
     np.testing.assert_allclose(recording.samples["theta"], np.arange(50) * DEGREE)
     assert recording.facts["stamps"]["/lab"]["late"] == 0
 
@@ -72,50 +72,29 @@ def test_a_clock_that_is_set_back_while_recording_is_refused(tmp_path, by, time,
     assert "the clock was set while recording: its times cannot be used: record again, or exclude the trial" in message
 
 
-def test_sequence_numbers_that_are_missing_are_remarked(tmp_path: Path) -> None:
-    log = samples()
-    path = write_log(tmp_path / "log.mcap", [*log[:20], *log[23:]], sequences=[*range(20), *range(23, 50)])
-    remark = "log.mcap: the sequence numbers of topic '/lab' say that 3 messages beside its 47 are not in the file"
-    assert remark in FORMATS["mcap"].read(path, source()).warnings
-    every_other = write_log(tmp_path / "log.mcap", log, sequences=list(range(0, 100, 2)))
-    assert FORMATS["mcap"].read(every_other, source()).warnings == []
-
-
 @pytest.mark.parametrize("time", ["header", "log"])
 @pytest.mark.parametrize("numbers", [[*range(100, 130), *range(20)], [i // 2 + i % 2 * 9 for i in range(50)]])
 def test_sequence_numbers_of_a_restarted_publisher_or_of_two_move_no_message(tmp_path, numbers, time):
-    path = write_log(tmp_path / "log.mcap", samples(), sequences=numbers)
-    recording = FORMATS["mcap"].read(path, source(time))
+    recording = read(write_log(tmp_path / "log.mcap", samples(), sequences=numbers), source(time))
     np.testing.assert_allclose(recording.samples["theta"], np.arange(50) * DEGREE)
     assert recording.facts["stamps"]["/lab"]["late"] == 0
 
 
-def test_a_changed_value_outside_of_chunks_fails_the_data_checksum(tmp_path: Path) -> None:
-    path = write_log(tmp_path / "log.mcap", samples(20), use_chunking=False, enable_data_crcs=True)
-    content = path.read_bytes()
-    path.write_bytes(content.replace(np.float32(13).tobytes(), np.float32(14).tobytes()))
-    assert "the checksum of the data section does not match" in refused(path, source())
-
-
-def test_messages_that_no_checksum_covers_are_reported(tmp_path: Path) -> None:
-    for without in ({"enable_crcs": False}, {"use_chunking": False}):
-        for covered in (False, True):
-            path = write_log(tmp_path / "log.mcap", samples(), **without, enable_data_crcs=covered)
-            recording = FORMATS["mcap"].read(path, source())
-            report = "log.mcap: not verifiable: no checksum covers 50 of 50 messages"
-            assert recording.warnings == ([] if covered else [report])
-            assert recording.facts["damage"]["crc"] == ("checked" if covered else "absent")
-
-
-def test_an_array_without_an_element_is_blamed_on_the_source_file_with_the_elements_there_are(tmp_path: Path) -> None:
-    schema = "std_msgs/Header header\nstring[] name\nfloat64[] position\n" + HEADER
-    log = [stamped(i, name=["left", "right"], position=[1.0, 2.0]) for i in range(3)]
-    path = write_log(tmp_path / "log.mcap", log, schema, "sensor_msgs/msg/JointState")
-    for field, told in (
-        ("position", "topic '/lab': field 'position' is an array of 2, not one number"),
-        ("position[name=joint]", "position[name=left], position[name=right]); correct `field` in the source file"),
+def test_missing_sequence_numbers_and_messages_that_no_checksum_covers_are_remarked(tmp_path: Path) -> None:
+    log, path = samples(), tmp_path / "log.mcap"
+    missing = "the sequence numbers of topic '/lab' say that 3 messages beside its 47 are not in the file"
+    unseen = "not verifiable: no checksum covers 50 of 50 messages"
+    for messages, options, remarks in (
+        ([*log[:20], *log[23:]], {"sequences": [*range(20), *range(23, 50)]}, [missing]),
+        (log, {"sequences": list(range(0, 100, 2))}, []),
+        *((log, one, [unseen]) for one in ({"enable_crcs": False}, {"use_chunking": False})),
+        *((log, {**one, "enable_data_crcs": True}, []) for one in ({"enable_crcs": False}, {"use_chunking": False})),
     ):
-        assert told in refused(path, source(theta={"topic": "/lab", "field": field, "unit": "rad"}))
+        recording = read(write_log(path, messages, **options), source())
+        assert recording.warnings == [f"log.mcap: {remark}" for remark in remarks]
+        assert recording.facts["damage"]["crc"] == ("absent" if remarks == [unseen] else "checked")
+    path.write_bytes(path.read_bytes().replace(np.float32(13).tobytes(), np.float32(14).tobytes()))
+    assert "the checksum of the data section does not match" in refused(path, source())
 
 
 def test_a_topic_that_gives_no_samples_is_refused(tmp_path: Path) -> None:
@@ -147,13 +126,13 @@ def messages(stamps: Iterable[int], **fields: float) -> list[tuple[int, dict[str
 
 
 def of_stamps(folder: Path, stamps: Iterable[int]) -> Recording:
-    return FORMATS["mcap"].read(write_log(folder / "log.mcap", messages(stamps)), source(**RADIANS))
+    return read(write_log(folder / "log.mcap", messages(stamps)), source(**RADIANS))
 
 
 def of_topics(folder: Path, topics: dict[str, Any], **channels: dict[str, Any]) -> pl.DataFrame:
     """The samples of topics, written as (type, schema, messages) or as messages of the usual type."""
     full = {name: (SAMPLE_NAME, SAMPLE, one) if isinstance(one, list) else one for name, one in topics.items()}
-    return FORMATS["mcap"].read(write_topics(folder / "log.mcap", full), source(**(channels or RADIANS))).samples
+    return read(write_topics(folder / "log.mcap", full), source(**(channels or RADIANS))).samples
 
 
 OTHER = {"field": "angle", "unit": "rad", "topic": "/other"}
@@ -163,21 +142,21 @@ def test_a_message_that_comes_late_is_put_in_the_order_of_the_stamps(tmp_path: P
     stamps = list(range(COUNT))
     stamps[7], stamps[8] = stamps[8], stamps[7]
     stamps.insert(150, stamps.pop(90))
-    read = of_stamps(tmp_path, stamps)
-    np.testing.assert_array_equal(read.samples["theta"], np.arange(COUNT))
-    assert read.facts["stamps"]["/lab"] == {"late": 2, "repeated": 0, "contradicted": 0}
-    assert read.warnings == ["log.mcap: topic '/lab': 2 messages came late and were put in the order of their stamps"]
+    found = of_stamps(tmp_path, stamps)
+    np.testing.assert_array_equal(found.samples["theta"], np.arange(COUNT))
+    assert found.facts["stamps"]["/lab"] == {"late": 2, "repeated": 0, "contradicted": 0}
+    assert found.warnings == ["log.mcap: topic '/lab': 2 messages came late and were put in the order of their stamps"]
     together = of_stamps(tmp_path, [*range(100), *range(150, COUNT), *range(100, 150)])  # they fill the gap they left
     assert together.samples["time"].is_sorted()
     assert together.facts["stamps"]["/lab"]["late"] == 50
 
 
 def test_a_message_that_is_repeated_counts_once(tmp_path: Path) -> None:
-    read = of_stamps(tmp_path, sorted([*range(COUNT), 5, 20]))
-    np.testing.assert_array_equal(read.samples["theta"], np.arange(COUNT))
-    assert read.facts["stamps"]["/lab"] == {"late": 0, "repeated": 2, "contradicted": 0}
+    found = of_stamps(tmp_path, sorted([*range(COUNT), 5, 20]))
+    np.testing.assert_array_equal(found.samples["theta"], np.arange(COUNT))
+    assert found.facts["stamps"]["/lab"] == {"late": 0, "repeated": 2, "contradicted": 0}
     again = write_log(tmp_path / "log.mcap", messages([*range(100), *range(80, 92), *range(100, COUNT)]))
-    sent_twice = FORMATS["mcap"].read(again, source(loss=0.2, **RADIANS))  # no clock that was set back
+    sent_twice = read(again, source(loss=0.2, **RADIANS))  # no clock that was set back
     assert sent_twice.facts["stamps"]["/lab"] == {"late": 12, "repeated": 12, "contradicted": 0}
 
 
@@ -191,18 +170,18 @@ def test_stamps_that_stand_still_are_refused_and_are_not_taken_for_rounded(tmp_p
         log = messages([*range(100), *[100] * 10, *range(after, COUNT)])
         log = [(t, {**m, "angle": float(i)}) for i, (t, m) in enumerate(log)]
         with pytest.raises(InputError, match=told):
-            FORMATS["mcap"].read(write_log(tmp_path / "log.mcap", log), source(**RADIANS))
+            read(write_log(tmp_path / "log.mcap", log), source(**RADIANS))
 
 
 def test_of_messages_that_contradict_each_other_the_first_holds_as_long_as_they_are_few(tmp_path: Path) -> None:
     log = messages(range(COUNT))
     log[17][1]["header"] = log[16][1]["header"]
     path = write_log(tmp_path / "log.mcap", log)
-    read = FORMATS["mcap"].read(path, source(**RADIANS))
-    assert read.samples["theta"].to_list() == [float(i) for i in range(COUNT) if i != 17]
-    assert read.facts["stamps"]["/lab"]["contradicted"] == 1
+    found = read(path, source(**RADIANS))
+    assert found.samples["theta"].to_list() == [float(i) for i in range(COUNT) if i != 17]
+    assert found.facts["stamps"]["/lab"]["contradicted"] == 1
     with pytest.raises(InputError, match="1 of 200 messages have the stamp of an earlier one"):
-        FORMATS["mcap"].read(path, source(loss=0.0, **RADIANS))
+        read(path, source(loss=0.0, **RADIANS))
 
 
 def test_two_channels_of_a_topic_are_one_also_where_each_holds_one_field(tmp_path: Path) -> None:
@@ -211,9 +190,9 @@ def test_two_channels_of_a_topic_are_one_also_where_each_holds_one_field(tmp_pat
     assert turns["theta"].to_list() == list(range(20))
     other = ("lab_msgs/msg/Other", SAMPLE.replace("float32 angle", "float64 other"))
     topics = {"/lab": (*other, [(t, {**m, "other": 1.0}) for t, m in log]), "/lab#2": log}
-    read = of_topics(tmp_path, topics, theta=RADIANS["theta"], theta_m={"field": "other", "unit": "rad"})
-    assert read["theta"].to_list() == list(range(20))
-    assert read["theta_m"].to_list() == [1.0] * 20
+    found = of_topics(tmp_path, topics, theta=RADIANS["theta"], theta_m={"field": "other", "unit": "rad"})
+    assert found["theta"].to_list() == list(range(20))
+    assert found["theta_m"].to_list() == [1.0] * 20
 
 
 def test_a_message_without_stamp_is_refused_not_put_at_zero(tmp_path: Path) -> None:
@@ -233,9 +212,9 @@ def test_topics_of_different_rates_keep_their_own_rows_and_nothing_is_invented(t
 def test_stamps_rounded_to_more_than_a_sampling_step_are_kept_for_the_time_base(tmp_path: Path) -> None:
     stamps = [round(1000 * i / 1024) for i in range(COUNT)]
     logs = [[(t, {**m, "angle": float(i)}) for i, (t, m) in enumerate(messages(s))] for s in (stamps, stamps[:-1])]
-    read = FORMATS["mcap"].read(write_log(tmp_path / "log.mcap", logs[0]), source(loss=0.0, **RADIANS))
-    assert read.samples["theta"].to_list() == list(range(COUNT))
-    assert (read.samples["time"].diff() == 0).sum() == 5  # 200 messages on 195 ticks
+    found = read(write_log(tmp_path / "log.mcap", logs[0]), source(loss=0.0, **RADIANS))
+    assert found.samples["theta"].to_list() == list(range(COUNT))
+    assert (found.samples["time"].diff() == 0).sum() == 5  # 200 messages on 195 ticks
     samples = of_topics(tmp_path, {"/lab": logs[0], "/other": logs[1]}, theta=RADIANS["theta"], theta_m=OTHER)
     assert samples["theta"].drop_nulls().to_list() == list(range(COUNT))
     assert samples["theta_m"].drop_nulls().to_list() == list(range(COUNT - 1))

@@ -2,6 +2,7 @@
 
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -58,8 +59,7 @@ def test_a_point_with_negative_residual_or_at_the_exact_origin_was_not_seen(tmp_
     raw = points()
     raw[1, 0, 3], raw[2, 0, :3], raw[3, 0, 2] = -1.0, 0.0, 0.0
     samples = read(write_c3d(tmp_path / "a.c3d", raw)).samples
-    for axis in "xz":
-        assert samples[f"marker_M1_{axis}"].is_nan().to_list() == [False, True, True, False, False, False]
+    assert samples["marker_M1_z"].is_nan().to_list() == [False, True, True, False, False, False]
     assert not samples["marker_M2_x"].is_nan().any()
 
 
@@ -132,13 +132,7 @@ def test_every_processors_numbers_are_read(tmp_path: Path, processor: int, integ
     assert (recording.header.rate, recording.header.samples_per_frame) == (120.0, 4)
 
 
-@pytest.mark.parametrize(("name", "count"), [("POINT__USED", 3), ("ANALOG__USED", 2)])
-def test_counts_that_contradict_the_header_are_refused(tmp_path: Path, name: str, count: int) -> None:
-    path = write_c3d(tmp_path / "a.c3d", points(200), analogs(800), **{name: np.array([9])})
-    assert f"the header counts {count}, {name.replace('__', ':')} is 9" in refused(path)
-
-
-def test_an_absurd_header_or_a_pointer_past_a_record_is_refused(tmp_path: Path) -> None:
+def test_an_absurd_header_a_pointer_past_a_record_or_other_counts_are_refused(tmp_path: Path) -> None:
     """A parameter's pointer stands behind its name."""
     path = write_c3d(tmp_path / "a.c3d", points(), analogs(), LAST__WORD=["XXXX"], LAST__MORE=["YYYY"])
     whole = path.read_bytes()
@@ -154,29 +148,26 @@ def test_an_absurd_header_or_a_pointer_past_a_record_is_refused(tmp_path: Path) 
     ):
         path.write_bytes(whole[:place] + value + whole[place + len(value) :])
         assert problem in refused(path)
+    for name, count in (("POINT__USED", 3), ("ANALOG__USED", 2)):
+        write_c3d(path, points(200), analogs(800), **{name: np.array([9])})
+        assert f"the header counts {count}, {name.replace('__', ':')} is 9" in refused(path)
 
 
-@pytest.mark.parametrize(
-    ("parameters", "stated", "told"),
-    [
-        ({"ANALOG__SCALE": [1, 1, np.nan, 1, 1, 1.0]}, {}, "plate 1: nan in sample 1 of analog channel 3"),
-        *(({"FORCE_PLATFORM__USED": [n]}, {}, f"FORCE_PLATFORM:USED is {n:g}") for n in (-1.0, 500.0, np.nan)),
-        *(
-            ({"FORCE_PLATFORM__ZERO": [a, b]}, {"plate_zero": "file"}, f"of the plates is frames {a} to {b} of 6")
-            for a, b in ([1, 0], [0, 0], [3, 2], [1, 7], [-1, 2])
-        ),
-        ({}, {"plates": [2]}, "no force plate 2; the file has 1, counted from 1"),
-        ({"FORCE_PLATFORM__TYPE": np.array([5])}, {}, "plate 1 is of type 5; types 1 to 4 are read"),
-        ({"FORCE_PLATFORM__CORNERS": np.zeros((3, 4, 1))}, {}, "plate 1: its corners span no plane"),
-        (
-            {"FORCE_PLATFORM__TYPE": np.array([3]), "FORCE_PLATFORM__ORIGIN": np.zeros((3, 1))},
-            {},
-            "type 3 has ORIGIN [0",
-        ),
-        ({"FORCE_PLATFORM__CORNERS": np.zeros((3, 3, 1))}, {}, "FORCE_PLATFORM:CORNERS has dimensions (3, 3, 1)"),
-        ({"FORCE_PLATFORM__CHANNEL": np.arange(3, 9)[:, None]}, {}, "leave this plate out: `plates: none`"),
-    ],
-)
+PLATES_THAT_CANNOT_BE: list[tuple[dict[str, Any], dict[str, Any], str]] = [
+    ({"ANALOG__SCALE": [1, 1, np.nan, 1, 1, 1.0]}, {}, "plate 1: nan in sample 1 of analog channel 3"),
+    *(({"FORCE_PLATFORM__USED": [n]}, {}, f"FORCE_PLATFORM:USED is {n:g}") for n in (-1.0, 500.0, np.nan)),
+    ({"FORCE_PLATFORM__ZERO": [1, 7]}, {"plate_zero": "file"}, "of the plates is frames 1 to 7 of 6"),
+    ({}, {"plate_zero": [3, 2]}, "of the plates is frames 3 to 2 of 6"),
+    ({}, {"plates": [2]}, "no force plate 2; the file has 1, counted from 1"),
+    ({"FORCE_PLATFORM__TYPE": [5]}, {}, "plate 1 is of type 5; types 1 to 4 are read"),
+    ({"FORCE_PLATFORM__CORNERS": np.zeros((3, 4, 1))}, {}, "plate 1: its corners span no plane"),
+    ({"FORCE_PLATFORM__TYPE": [3], "FORCE_PLATFORM__ORIGIN": np.zeros((3, 1))}, {}, "type 3 has ORIGIN [0"),
+    ({"FORCE_PLATFORM__CORNERS": np.zeros((3, 3, 1))}, {}, "FORCE_PLATFORM:CORNERS has dimensions (3, 3, 1)"),
+    ({"FORCE_PLATFORM__CHANNEL": np.arange(3, 9)[:, None]}, {}, "leave this plate out: `plates: none`"),
+]
+
+
+@pytest.mark.parametrize(("parameters", "stated", "told"), PLATES_THAT_CANNOT_BE)
 def test_plates_that_cannot_be_are_refused(tmp_path, parameters, stated, told):
     path = plate_file(tmp_path, **{name: np.array(values) for name, values in parameters.items()})
     assert told in refused(path, **stated)
@@ -189,12 +180,6 @@ def test_a_laboratory_with_y_up_is_turned_to_z_up(tmp_path: Path) -> None:
         np.testing.assert_allclose(recording.samples[f"marker_M2_{column}"], points()[:, 1, axis] / 1000, rtol=1e-12)
     assert recording.warnings == []
     assert "its vertical axis seems to be +Y; state `axes`" in read(path).warnings[0]
-
-
-def test_a_mirrored_laboratory_is_refused() -> None:
-    for axes in (["y", "x", "z"], ["x", "x", "z"], ["-x", "y", "z"]):
-        with pytest.raises(ValueError, match="right-handed"):
-            source(axes=axes)
 
 
 CORNERS_MM = np.array([[200, 300, 0], [-200, 300, 0], [-200, -300, 0], [200, -300, 0]], float)
@@ -237,10 +222,7 @@ REFERENCE = REAL_DATA / "reference" / "force_plate.csv"
 ROWS = pl.read_csv(REFERENCE) if REFERENCE.exists() else pl.DataFrame({"file": [], "plate": []})
 PLATES = sorted(set(zip(ROWS["file"], ROWS["plate"], strict=True)))
 RANDOM = np.random.default_rng(3)
-FORCE = RANDOM.normal(0, 300, (20, 3))
-MOMENT = RANDOM.normal(0, 40, (20, 3))
-
-
+FORCE, MOMENT = RANDOM.normal(0, 300, (20, 3)), RANDOM.normal(0, 40, (20, 3))
 AXES = Rotation.from_euler("ZYX", [0.7, 0.2, np.pi - 0.1]).as_matrix()  # z down, tilted and turned
 CENTRE = np.array([1.0, -2.0, 0.3])
 CORNERS = CENTRE + np.array([[0.3, 0.2, 0], [-0.3, 0.2, 0], [-0.3, -0.2, 0], [0.3, -0.2, 0]]) @ AXES.T
@@ -276,11 +258,9 @@ def test_type_3_gives_the_wrench_of_its_four_sensors_back(depth_sign: int) -> No
 
 
 def test_type_1_gives_force_pressure_point_and_free_moment_back() -> None:
-    force, _ = IN_PLATE
     pressure, free = RANDOM.normal(0, 0.1, (20, 2)), RANDOM.normal(0, 5, 20)
-    arm = np.column_stack([pressure, np.zeros(20)])
-    moment = np.cross(arm, force) + np.outer(free, [0, 0, 1])
-    found = wrench(1, CORNERS, np.zeros(3), np.column_stack([force, pressure, free]))
+    moment = np.cross(np.column_stack([pressure, np.zeros(20)]), IN_PLATE[0]) + np.outer(free, [0, 0, 1])
+    found = wrench(1, CORNERS, np.zeros(3), np.column_stack([IN_PLATE[0], pressure, free]))
     np.testing.assert_allclose(found[0], FORCE, atol=1e-9)
     np.testing.assert_allclose(found[1], moment @ AXES.T, atol=1e-9)
 

@@ -85,12 +85,6 @@ def test_one_log_in_any_dress_is_one_log(tmp_path: Path, text: str | bytes, fiel
     assert_log(ingested(tmp_path, text, **fields))
 
 
-def test_the_source_files_unit_wins_over_the_files_and_says_so(tmp_path: Path) -> None:
-    trial = ingested(tmp_path, LOG.replace("angle", "angle [deg]"))
-    assert_log(trial)
-    assert trial.provenance["warnings"] == ["log.csv: theta is read in rad; the file says deg"]
-
-
 @pytest.mark.parametrize(
     ("text", "fields", "problem"),
     [
@@ -100,11 +94,7 @@ def test_the_source_files_unit_wins_over_the_files_and_says_so(tmp_path: Path) -
         (LOG.replace("angle", "winkel"), {}, "column 'angle' is missing; the file has t, winkel, load"),
         (LOG.replace("load", "angle"), {}, "column 'angle' occurs 2 times"),
         (LOG.replace("90", "fault"), {}, "line 3, column 'angle': 'fault' is not a number; correct the cell, or add"),
-        (LOG.replace("90", "1e999"), {}, "line 3, column 'angle': '1e999' is not a number"),
         (LOG.replace("90", "9_0"), {}, "line 3, column 'angle': '9_0' is not a number"),
-        (LOG.replace("90", ""), {}, "column 'angle': missing in 1 of 3 rows, first in line 3; at most 1.0% may be"),
-        (LOG.replace("90,2", "90,2,7"), {}, "line 3 has 4 cells under 3 names, and 1 of 3 rows do not fit"),
-        (LOG.replace("90,2", "90"), {}, "line 3 has 2 cells under 3 names"),
         (LOG.replace("t,angle,load", "t;angle;load"), {}, "every row has 2 more cells than the header has names"),
         ("sep=;\n" + LOG.replace(",", ";"), {}, "seem to stand in line 2; delete the lines above it"),
         (LOG + LOG, {}, "line 5, column 't': 't' is not a number; the header stands here again"),
@@ -112,10 +102,10 @@ def test_the_source_files_unit_wins_over_the_files_and_says_so(tmp_path: Path) -
         (LOG.replace("90", '"90'), {}, "line 3: a quote is not closed"),
         (LOG.replace("90", "9" * 200_000), {}, "line 3: field larger than field limit"),
         (b"t,angle\n\0\0\0", {}, "line 2 holds zero bytes"),
-        (LOG, {"time": {"column": "t"}}, "column 't': the unit is empty; write one of s, ms"),
         (LOG, {"channels": {"theta": {"column": "angle"}}}, "column 'angle': the unit is empty; write one of rad"),
         ("t,angle,load\n1,2\n", {"ragged": "skip", "most_missing": 1.0}, "none of its rows fits the header's 3 names"),
         (LOG, {"header": "comment"}, "no line begins with '#'"),
+        (LOG.replace("\n", ",0\n").replace("load,0", "load"), {}, "every row has 1 more cells than the header has"),
         (LOG.replace("angle", "an\x1b[2Jgle"), {}, r"the file has t, an\x1b[2Jgle, load"),
     ],
 )  # fmt: skip
@@ -133,29 +123,31 @@ def test_a_variable_that_the_logger_dropped_is_missing_from_there_on_and_the_oth
     assert trial.provenance["warnings"][0] == "log.csv: from line 5 on, columns 2 are missing"
 
 
-def test_a_last_line_that_is_cut_off_is_left_out_with_a_warning(tmp_path: Path) -> None:
-    trial = ingested(tmp_path, LOG + "11.5,17")
+@pytest.mark.parametrize(
+    ("text", "warning"),
+    [
+        (LOG + "11.5,17", "log.csv: the last line, 5, is cut off and was skipped"),
+        (LOG.replace("angle", "angle [deg]"), "log.csv: theta is read in rad; the file says deg"),
+    ],
+)
+def test_a_last_line_that_is_cut_off_and_a_unit_that_the_source_file_overrules_are_said(tmp_path, text, warning):
+    trial = ingested(tmp_path, text)
     assert_log(trial)
-    assert trial.provenance["warnings"] == ["log.csv: the last line, 5, is cut off and was skipped"]
-    assert trial.provenance["damage"] == {"complete": False}
-    assert "damage" not in ingested(tmp_path, LOG).provenance
+    assert trial.provenance["warnings"] == [warning]
+    assert trial.provenance.get("damage") == ({"complete": False} if "cut off" in warning else None)
 
 
 def test_what_a_source_file_states_of_a_sensor_stands_in_si_units_in_the_provenance(tmp_path: Path) -> None:
     stated = {"delay": "2 ms", "low_pass": {"cutoff": "0.1 kHz", "order": 2}, "resolution": "10 N*mm"}
-    channels = {
-        "theta": {"column": "angle", "unit": "deg", "bits": 14},
-        "torque": SOURCE["channels"]["torque"] | stated,
-    }
+    torque = SOURCE["channels"]["torque"] | stated
+    channels = {"theta": {"column": "angle", "unit": "deg", "bits": 14}, "torque": torque}
     time = {**SOURCE["time"], "stamps": "even"}
     provenance = ingested(tmp_path, "# rig: B\n" + LOG, channels=channels, time=time).provenance
-    assert provenance["log"]["comments"] == ["rig: B"]
-    assert provenance["log"]["time"]["stamps"] == "even"
+    assert (provenance["log"]["comments"], provenance["log"]["time"]["stamps"]) == (["rig: B"], "even")
     theta, torque = provenance["columns"]["theta"], provenance["columns"]["torque"]
     assert torque["low_pass"] == {"cutoff_hz": 100.0, "order": 2}
     assert (torque["delay"], torque["resolution"]) == (0.002, pytest.approx(0.01))
     assert theta["resolution"] == pytest.approx(2 * np.pi / 2**14)
-    assert "delay" not in theta
 
 
 def advised(message: str) -> dict[str, object]:
@@ -193,13 +185,6 @@ def test_the_log_is_read_as_the_refusal_says(tmp_path, text, stated, told, sampl
     assert_samples(ingested(tmp_path, text, **stated | advised(message)), **samples)
 
 
-def test_cells_without_a_name_are_refused(tmp_path: Path) -> None:
-    lines = TABLE.splitlines()
-    last = "\n".join([lines[0], *(f"{line},0" for line in lines[1:])])
-    message = refused(tmp_path, last)
-    assert "every row has 1 more cells than the header has names: line 2 begins with '0' and ends with '0'" in message
-
-
 LOGGER = "time,<__main__.Joint object at 0x7fe6c0>.output_position,<__main__.Joint object at 0x7fe6c0>.current\n0,1,5\n"
 ROWS = "0.01,2,6\n0.02,3,7\n0.03,4,8\n"
 
@@ -213,14 +198,13 @@ def test_a_pattern_finds_the_column_whose_name_changes_from_run_to_run_and_is_wh
         origin = trial.provenance["columns"]["theta"]
         assert origin["column"] == "*.output_position"
         assert origin["found"] == f"<__main__.Joint object at {address}>.output_position"
-    for text, drafted in (
-        (LOGGER + ROWS, ["*.output_position", "*.current"]),
-        ((LOGGER + ROWS).replace("0x7fe6c0>.current", "0x7fe6d0>.output_position"), None),
+    for joint, drafted in (
+        ("0>.current", ["*.output_position", "*.current"]),
+        ("1>.output_position", [f"<__main__.Joint object at 0x7fe6c{n}>.output_position" for n in "01"]),
     ):
-        (tmp_path / "a.csv").write_text(text)
+        (tmp_path / "a.csv").write_text((LOGGER + ROWS).replace("0>.current", joint))
         found = yaml.safe_load(draft_source(inspect_file(tmp_path / "a.csv"), "a.csv"))["channels"].values()
-        columns = [channel["column"] for channel in found]
-        assert columns == (drafted or [f"<__main__.Joint object at 0x7fe6{n}0>.output_position" for n in "cd"])
+        assert [channel["column"] for channel in found] == drafted
 
 
 def test_repeated_stamps_are_kept_with_a_warning_and_dropped_as_it_says(tmp_path: Path) -> None:
@@ -232,18 +216,15 @@ def test_repeated_stamps_are_kept_with_a_warning_and_dropped_as_it_says(tmp_path
     assert len(kept.samples) == 5
     dropped = ingested(tmp_path, text, time=SOURCE["time"] | advised(warning))
     assert_samples(dropped)
-    assert dropped.provenance["log"]["repeated_stamps"] == 1
-    assert dropped.provenance["warnings"] == [
-        "log.csv: 1 of 5 rows repeat the stamp of the row before and were left out"
-    ]
+    assert dropped.provenance["warnings"][0].endswith(
+        "1 of 5 rows repeat the stamp of the row before and were left out"
+    )
 
 
 def test_a_unit_that_is_wrong_is_named_with_file_line_key_and_value(tmp_path: Path) -> None:
     channels = {"theta": {"column": "angle", "unit": "xyz"}}
     message = refused(tmp_path, TABLE, channels=channels)
-    assert message.startswith(
-        f"{tmp_path / 'source.yaml'}: line 8: channels.theta.unit: 'xyz' is not allowed: unit 'xyz'"
-    )
+    assert "source.yaml: line 8: channels.theta.unit: 'xyz' is not allowed: unit 'xyz'" in message
     message = refused(tmp_path, TABLE.replace("angle", "angle [xyz]"), channels={"theta": {"column": "angle"}})
     where = f"write one of rad, mrad, deg, °, rev, as `channels.theta.unit` in {tmp_path / 'source.yaml'}, line 6"
     assert message == f"{tmp_path / 'log.csv'}: column 'angle': unit 'xyz' is unknown; {where}"
@@ -260,28 +241,21 @@ def load(**stated: object) -> dict[str, object]:
     ("fields", "told"),
     [
         ({"time": {}}, "state either the column that holds time or the rate"),
-        ({"time": {"column": "t", "rate": 100}}, "state either"),
         ({"time": {"column": "t", "unit": "Hz"}}, "line 4: time.unit: 'Hz' is not allowed: unit 'Hz' measures [Hz]"),
         ({"time": {"rate": "500 Hz"}}, "time.rate: '500 Hz' is not allowed: write a number, without a unit"),
-        ({"time": {"column": "t", "unti": "s"}}, "; did you mean 'unit'?"),
         ({"time": "t"}, "time: 't' is not allowed: write its fields below it, as `name: value`; the known"),
         ({"clock": "sync"}, "needs the column sync"),
         ({"clock": "mastr"}, "write 'master', 'sync' or 'shared'; did you mean 'master'?"),
         ({"missing": "NA"}, "missing: 'NA' is not allowed: write a list"),
         ({"format": "cvs"}, "; did you mean 'csv'?"),
-        ({"chanels": {}}, "; did you mean 'channels'?"),
         ({"units_row": True, "header": "none"}, "needs a header row"),
         ({"channels": {"plate": {"column": "a", "unit": "N"}}}, "'plate' is not a canonical column"),
         ({"channels": {"Torque": {"column": "a", "unit": "Nm"}}}, "; did you mean 'torque'?"),
-        ({"channels": {"theta": {"colunm": "a", "unit": "rad"}}}, "; did you mean 'column'?"),
-        ({"channels": {"theta": {"column": "a", "unit": "N"}}}, "unit 'N' measures [N]"),
         (load(scale=0), "scale of zero"),
         (load(sign=True), "sign: 'true' is not allowed: write 1 or -1"),
         (load(delay="2"), "the unit is empty; write one of s, ms"),
-        (load(delay="2 deg"), "unit 'deg' measures [rad], expected one of s, ms"),
         (load(delay="soon"), "'soon' is not a number with a unit; write it as in `2 s`"),
         (load(low_pass={"cutoff": "-5 Hz"}), "a cut-off must be above zero"),
-        (load(low_pass={"cutoff": "5 Hz", "order": 0}), "low_pass.order: 0 is not allowed"),
         (load(resolution="0.1 deg"), "'0.1 deg' is not allowed: unit 'deg' measures [rad]"),
         (load(bits=14), "14 is not allowed: `bits` are those of an encoder per revolution; state `resolution`"),
     ],
@@ -310,29 +284,23 @@ def test_a_draft_knows_clocks_and_units_by_their_names_and_says_that_it_guessed(
     assert "\n  theta: " not in draft_source(inspect_file(tmp_path / "a.csv"), "a.csv", named=True)
 
 
-CLOCK_UNITS = {"t_s": "s", "time_ms": "ms", "loop_time_us": "us", "pi_time": "UNKNOWN", "Time [s]": "s", "t_ns": "ns"}
-
-
-@pytest.mark.parametrize(("name", "unit"), CLOCK_UNITS.items())
-def test_a_clock_is_known_by_its_name_with_or_without_its_unit(tmp_path: Path, name: str, unit: str) -> None:
-    (tmp_path / "a.csv").write_text(BENCH.replace("loop_time", name))
-    clock = yaml.safe_load(draft_source(inspect_file(tmp_path / "a.csv"), "a.csv"))["time"]
-    assert clock == {"column": name.partition(" [")[0], "unit": unit}
+def test_a_clock_is_known_by_its_name_with_or_without_its_unit(tmp_path: Path) -> None:
+    units = {"t_s": "s", "time_ms": "ms", "loop_time_us": "us", "pi_time": "UNKNOWN", "Time [s]": "s", "t_ns": "ns"}
+    for name, unit in units.items():
+        (tmp_path / "a.csv").write_text(BENCH.replace("loop_time", name))
+        clock = yaml.safe_load(draft_source(inspect_file(tmp_path / "a.csv"), "a.csv"))["time"]
+        assert clock == {"column": name.partition(" [")[0], "unit": unit}
 
 
 def test_a_draft_that_was_not_edited_is_refused_with_the_places_and_reads_the_log_once_they_are(tmp_path: Path) -> None:
     (tmp_path / "log.csv").write_text(BENCH)
-    path = tmp_path / "source.yaml"
-    result = CliRunner().invoke(main, ["inspect", str(tmp_path / "log.csv"), "--draft", str(path)])
-    assert result.exit_code == 0
-    row = {"trial": "a", "log": "log.csv", "log_source": "source"}
+    path, row = tmp_path / "source.yaml", {"trial": "a", "log": "log.csv", "log_source": "source"}
+    assert CliRunner().invoke(main, ["inspect", str(tmp_path / "log.csv"), "--draft", str(path)]).exit_code == 0
     with pytest.raises(InputError, match="a draft of `osl-analysis inspect` in which 5 places are to be ed") as caught:
         trial_from_files(row, tmp_path, tmp_path)
-    places = re.findall(r"`([\w.]+)` in line (\d+)", str(caught.value))
+    places, lines = re.findall(r"`([\w.]+)` in line (\d+)", str(caught.value)), path.read_text().splitlines()
     assert [name for name, _ in places] == ["time.unit", *(f"channels.NAME_{n}" for n in range(1, 5))]
-    lines = path.read_text().splitlines()
-    for name, number in places:
-        assert name.rpartition(".")[2] in lines[int(number) - 1]
+    assert all(name.rpartition(".")[2] in lines[int(number) - 1] for name, number in places)
     edited = "\n".join(line for line in lines if not re.search("NAME_[234]", line))
     path.write_text(edited.replace("NAME_1", "theta").replace("UNKNOWN", "ms"))
     np.testing.assert_allclose(trial_from_files(row, tmp_path, tmp_path).samples["time"], [0, 0.01, 0.02])

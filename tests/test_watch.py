@@ -147,14 +147,11 @@ def test_a_recording_of_an_unknown_recorder_gives_its_joint_and_what_was_guessed
 
 def test_the_stated_source_file_decides(tmp_path):
     write_joint(tmp_path / "in/k120_b2.csv", sign=-1.0)
-    source = tmp_path / "sources/mine.yaml"
-    source.parent.mkdir()
-    source.write_text(
-        "format: csv\nclock: master\ntime: {column: time_s, unit: s}\nchannels:\n"
-        "  theta: {column: ankle_angle_deg, unit: deg}\n"
+    (tmp_path / "mine.yaml").write_text(
+        "format: csv\ntime: {column: time_s, unit: s}\nchannels:\n  theta: {column: ankle_angle_deg, unit: deg}\n"
         "  torque: {column: loadcell_torque_Nm, unit: N*m, sign: -1}\n"
     )
-    bench = WatchedBench(Path("config/config.yaml"), source, tmp_path / "pictures")
+    bench = WatchedBench(Path("config/config.yaml"), tmp_path / "mine.yaml", tmp_path / "pictures")
     said = recording_line(tmp_path / "in/k120_b2.csv", tmp_path / "in", bench)
     assert "guessed" not in said
     assert "NOT CHECKED: " in said
@@ -176,16 +173,18 @@ def test_a_trial_of_the_sheet_is_fitted_in_its_windows_and_against_its_curve(mon
 
 
 def test_the_parameters_of_an_ankle_judge_no_knee(bench):
-    device = bench.config.parameters
-    assert device_of_row({"joint": "knee"}, bench.config) is None
-    assert device_of_row({"joint": "ankle"}, bench.config) == device_of_row({}, bench.config) == device
-    assert device_of_row({}, bench.config.model_copy(update={"parameters": None})) is None
+    device, without = bench.config.parameters, bench.config.model_copy(update={"parameters": None})
+    assert [device_of_row({"joint": joint}, bench.config) for joint in ("knee", "ankle", None)] == [
+        None,
+        device,
+        device,
+    ]
+    assert device_of_row({}, without) is None
 
 
 def test_a_failed_check_that_the_sheet_accepts_is_not_repeated(bench):
     rng = np.random.default_rng(1)
-    time, (theta, omega, alpha) = noise(rng, duration=20.0)
-    trial = made_trial(rng, (time, (theta, omega, alpha)))
+    trial = made_trial(rng, noise(rng, duration=20.0))
     spoilt = replace(trial, samples=trial.samples.with_columns(torque=pl.col("torque").clip(-4, 4)))
     said = quality_text(spoilt, "impedance", bench.config, ())
     assert "saturation" in said

@@ -24,7 +24,7 @@ from osl_analysis.trial import Array
 ROOT = Path(__file__).parents[1]
 LONGEST = (
     "test_workflow", "test_study", "test_figures", "test_drivetrain", "test_walking_platform",
-    "test_walking_commands", "test_free_names", "test_adding", "test_walking_groups", "test_simulator_bench",
+    "test_walking_commands", "test_adding", "test_walking_groups", "test_simulator_bench",
 )  # fmt: skip
 """Modules that take more than 7 s of a core, the longest first."""
 

@@ -8,7 +8,7 @@ from polars.testing import assert_frame_equal
 from test_walking_overground import gait_trial
 
 from osl_analysis.commands.study import performance_table
-from osl_analysis.dictionary import described_columns, described_tables
+from osl_analysis.dictionary import described_tables
 from osl_analysis.errors import InputError
 from osl_analysis.figures import FIGURES, drawing_of
 from osl_analysis.files import atomic_path
@@ -33,13 +33,9 @@ def test_every_description_has_a_unit_and_a_sentence_that_a_table_of_the_page_ca
 
 def test_endings_covariances_and_shared_columns_are_written_out():
     columns = described("tables/impedance")
-    assert columns["K_se"].unit == "N*m/rad"
-    assert columns["K_se"].meaning == "standard error of K"
+    assert (columns["K_se"].unit, columns["K_se"].meaning) == ("N*m/rad", "standard error of K")
     assert columns["cov_K_B"].unit == "(N*m/rad) * (N*m*s/rad)"
     assert {"cov_K_I", "cov_B_I", "VAF", "controller", "trial", "I_amplitudes_high"} <= set(columns)
-    assert "cov_B_K" not in columns
-    (column,) = described_columns("x", "m | a length", {})
-    assert (column.name, column.unit, column.meaning) == ("x", "m", "a length")
 
 
 @pytest.mark.parametrize("name", FIGURES)
@@ -68,20 +64,16 @@ def test_columns_that_are_read_as_text_are_described_as_text_and_tables_of_trial
 @given(st.lists(st.one_of(st.none(), st.floats(allow_infinity=False)), min_size=1, max_size=8))
 def test_every_number_null_and_nan_reads_back_to_the_last_bit(tmp_path_factory, numbers):
     path = tmp_path_factory.mktemp("tables") / "t.csv"
-    table = pl.DataFrame(
-        {"n": list(range(len(numbers))), "value": numbers}, schema={"n": pl.Int64, "value": pl.Float64}
-    )
+    table = pl.DataFrame({"n": range(len(numbers)), "value": pl.Series(numbers, dtype=pl.Float64)})
     write_table(table, path)
     assert_frame_equal(read_table(path), table, check_exact=True)
 
 
 def test_names_of_digits_are_text_decimals_may_come_late_and_an_empty_column_holds_numbers(tmp_path):
     table = pl.DataFrame({"trial": ["01"] * 5000, "amplitude_deg": [None] * 5000, "K": ["1"] * 4999 + ["1.5"]})
-    write_table(table, tmp_path / "a" / "b" / "t.csv")
-    read = read_table(tmp_path / "a" / "b" / "t.csv")
-    assert read.row(-1) == ("01", None, 1.5)
-    assert read["amplitude_deg"].dtype == pl.Float64
-    assert [p.name for p in (tmp_path / "a" / "b").iterdir()] == ["t.csv"]
+    write_table(table, tmp_path / "a/b/t.csv")
+    read = read_table(tmp_path / "a/b/t.csv")
+    assert (read.row(-1), read["amplitude_deg"].dtype) == (("01", None, 1.5), pl.Float64)
 
 
 def test_a_failure_while_writing_leaves_the_old_file_and_nothing_else(tmp_path):

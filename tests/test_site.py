@@ -1,4 +1,4 @@
-"""The documentation site: what its pages are made of, and what the check of the built site finds."""
+"""The documentation site: what its pages are made of, and that their links lead somewhere."""
 
 import re
 import sys
@@ -9,39 +9,14 @@ from conftest import ROOT
 
 from osl_analysis.cli import main
 
-PAGE = "<html><body><h1 id='top'>{title}</h1><a href='{link}'>a</a>{more}</body></html>"
-
 
 @pytest.fixture(scope="module")
 def site():
     """The modules of the site."""
     sys.path.insert(0, str(ROOT / "docs/site"))
-    found = {name: import_module(name) for name in ("check", "commands", "pages")}
+    found = {name: import_module(name) for name in ("commands", "pages")}
     sys.path.pop(0)
     return found
-
-
-FAULTS = {
-    "<a href='none.html'>b</a>": ["index.html: none.html leads nowhere"],
-    "<a href='second.html#none'>b</a>": ["index.html: second.html#none leads to no heading"],
-    "<a href='second.html#t%6Fp'>b</a>": [],
-    "<script src='https://cdn.example/x.js'></script>": ["index.html: loads https://cdn.example/x.js from a network"],
-    "<link href='//fonts.example/x.css'>": ["index.html: loads //fonts.example/x.css from a network"],
-    "<a href='https://example.org'>b</a>": [],
-    "<img src='none.png'>": ["index.html: none.png leads nowhere"],
-    "<math><merror>x</merror></math>": ["index.html: 1 equations cannot be drawn"],
-}
-
-
-def test_the_check_of_the_built_site_finds_each_planted_fault(site, tmp_path):
-    (tmp_path / "second.html").write_text(PAGE.format(title="second", link="index.html", more=""))
-    for fault, said in FAULTS.items():
-        (tmp_path / "index.html").write_text(PAGE.format(title="first", link="second.html#top", more=fault))
-        assert list(site["check"].faults(tmp_path)) == said, fault
-    (tmp_path / "index.html").write_text(PAGE.format(title="first", link="#top", more=""))
-    (tmp_path / "site.css").write_text("@font-face { src: url('https://fonts.example/x.woff'); }")
-    said = ["second.html: no link leads to this page", "site.css: loads something from a network"]
-    assert list(site["check"].faults(tmp_path)) == said
 
 
 def test_the_page_of_the_command_line_has_every_command_and_option(site):
@@ -50,8 +25,6 @@ def test_the_page_of_the_command_line_has_every_command_and_option(site):
         part = page.split(f"\n## {name}\n")[1].split("\n## ")[0]
         options = [option for one in command.params for option in one.opts if option.startswith("--")]
         assert [option for option in options if option not in part] == [], name
-        for row in re.findall(r"^\|.*$", part, re.MULTILINE):
-            assert len(re.findall(r"(?<!\\)\|", row)) == 3, row
     assert str(ROOT) not in page
 
 

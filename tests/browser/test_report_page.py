@@ -17,7 +17,6 @@ from selenium.common.exceptions import StaleElementReferenceException
 from selenium.webdriver.chrome.service import Service
 from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.by import By
-from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.support.ui import WebDriverWait
 from test_workflow import Workspace
 
@@ -26,8 +25,13 @@ from osl_analysis.table import read_table
 pytestmark = pytest.mark.browser
 DRIVER = shutil.which("chromedriver")
 HOSTILE = '<img src=x onerror="document.title=1">'
-FLAGS = ("--headless=new", "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking",
-         "--disable-component-update", "--disable-sync", "--window-size=1300,1000")  # fmt: skip
+FLAGS = (
+    "--headless=new",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-background-networking",
+    "--window-size=1300,1000",
+)
 OTHERS = {"foot_1": "torque_angle", "any_1": "ingest_only"}
 """Trials that the simulator does not record, and their experiments."""
 KINDS = ("belt", "transmission", "actuator", "impedance", "static", "plate", "walking", "torque_angle", "ingest_only")
@@ -40,18 +44,16 @@ def results(tmp_path_factory):
     done = space.start("raw_data/small/trials.csv", "results/tables/quality.csv")  # this records all trials
     assert done.returncode == 0, done.stdout + done.stderr
     raw, config = space.folder / "raw_data/small", space.folder / "config"
-    sheet = pl.read_csv(raw / "trials.csv", infer_schema_length=None).filter(~pl.col("trial").is_in(OTHERS))
+    sheet = pl.read_csv(raw / "trials.csv", infer_schema_length=None)
     t = np.arange(0, 64, 0.01)
     theta = np.deg2rad(8) * np.sin(2 * np.pi * 0.05 * (t.clip(2, 62) - 2))
     torque = 250 * theta + 0.6 * np.tanh(np.gradient(theta, t) / 0.01)
     noise = np.random.default_rng(3).normal(scale=0.01, size=len(t))
     for name in OTHERS:
         pl.DataFrame({"t": t, "angle": theta, "torque": torque + noise}).write_csv(raw / f"{name}.csv")
-    rows = [
-        {"trial": name, "experiment": kind, "log": f"{name}.csv", "log_source": "plain"}
-        for name, kind in OTHERS.items()
-    ]
-    sheet = pl.concat([sheet, pl.DataFrame(rows)], how="diagonal_relaxed")
+    kinds = pl.DataFrame([*OTHERS.items()], ["trial", "experiment"], orient="row")
+    rows = kinds.with_columns(log=pl.col("trial") + ".csv", log_source=pl.lit("plain"))
+    sheet = pl.concat([sheet, rows], how="diagonal_relaxed")
     damaged = raw / "dynamometer/belt_02.mcap"
     damaged.write_bytes(damaged.read_bytes()[:4000])
     hostile = pl.when(pl.col("controller") == "uncompensated").then(pl.lit(HOSTILE)).otherwise(pl.col("controller"))
@@ -110,32 +112,20 @@ def visible(page):
     return [row.get_attribute("data-name") for row in rows if row.is_displayed()]
 
 
-def heads(page):
-    buttons = page.find_elements(By.CSS_SELECTOR, "#table th button")
-    return {button.text.split()[0]: button for button in buttons}
-
-
-def test_the_overview_shows_campaign_numbers_figures_and_every_trial(page, results):
+def test_the_overview_shows_figures_and_every_trial_and_names_from_files_are_text(page, results):
     sheet = pl.read_csv(results.parents[1] / "raw_data/small/trials.csv", infer_schema_length=None)
     assert visible(page) == sheet["trial"].to_list()
-    assert page.find_element(By.TAG_NAME, "h1").text == "other"
     figures = {figure.get_attribute("id") for figure in page.find_elements(By.TAG_NAME, "figure")}
     assert {f"figure-fig{k}" for k in range(3, 10)} - {"figure-fig8"} <= figures
     drawn = page.find_elements(By.CSS_SELECTOR, "figure svg")
-    assert len(drawn) == len(figures)
-    for figure in drawn:
-        assert figure.size["width"] > 300
-        assert figure.get_attribute("aria-label")
-
-
-def test_names_from_files_are_text(page):
-    assert page.find_elements(By.TAG_NAME, "img") == []
+    assert [figure.size["width"] > 300 and bool(figure.get_attribute("aria-label")) for figure in drawn] == [
+        True
+    ] * len(figures)
     cells = [cell.text for cell in page.find_elements(By.CSS_SELECTOR, "#table td:nth-child(5)")]
     assert sum(HOSTILE in text for text in cells) == 2
     open_trial(page, "impedance_K300_B5.0_uncompensated")
     assert HOSTILE in page.find_element(By.ID, "trial").text
     assert page.find_elements(By.TAG_NAME, "img") == []
-    assert page.title != "1"
 
 
 def test_it_sorts_by_numbers_both_ways_with_missing_ones_last(page):
@@ -144,15 +134,17 @@ def test_it_sorts_by_numbers_both_ways_with_missing_ones_last(page):
         return [float(cell.get_attribute("data-sort")) for cell in cells if cell.get_attribute("data-sort")]
 
     before = column()
-    heads(page)["K"].click()
+    (stiffness,) = [
+        one for one in page.find_elements(By.CSS_SELECTOR, "#table th button") if one.text.split()[0] == "K"
+    ]
+    stiffness.click()
     assert column() == sorted(before)
-    heads(page)["K"].click()
+    stiffness.click()
     assert column() == sorted(before, reverse=True)
     assert page.find_elements(By.CSS_SELECTOR, "#table tbody tr")[-1].find_elements(By.TAG_NAME, "td")[5].text == "–"
-    assert page.find_element(By.CSS_SELECTOR, "#table th:nth-child(7)").get_attribute("aria-sort") == "descending"
 
 
-def test_it_filters_by_words_experiment_and_verdict_and_says_why_a_trial_was_left_out(page):
+def test_it_filters_by_words_and_verdict_and_says_why_a_trial_was_left_out(page):
     page.find_element(By.ID, "search").send_keys("belt_0")
     assert visible(page) == ["belt_01", "belt_02"]
     page.find_element(By.CSS_SELECTOR, "#filters button[type=reset]").click()
@@ -160,7 +152,6 @@ def test_it_filters_by_words_experiment_and_verdict_and_says_why_a_trial_was_lef
     page.execute_script("window.scrollTo(0, 0)")
     page.find_element(By.CSS_SELECTOR, '.count[data-verdict="refused"]').click()
     assert visible(page) == ["belt_02"]
-    assert page.find_element(By.ID, "shown").text.startswith("1 of ")
     assert page.find_element(By.CSS_SELECTOR, "#left-out tbody tr th").text == "belt_02"
     page.execute_script("location.hash = '#trial=belt_02'")
     wait(page, lambda: "refused" in page.find_element(By.ID, "trial").text)
@@ -168,37 +159,17 @@ def test_it_filters_by_words_experiment_and_verdict_and_says_why_a_trial_was_lef
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_it_opens_a_trial_of_every_kind_and_draws_it(page, results, kind):
-    rows = page.find_elements(By.CSS_SELECTOR, f'#table tbody tr[data-experiment="{kind}"]')
-    rows[0].find_element(By.TAG_NAME, "a").click()
-    name = rows[0].get_attribute("data-name")
+def test_it_opens_a_trial_of_every_kind_and_draws_it(page, kind):
+    row = page.find_element(By.CSS_SELECTOR, f'#table tbody tr[data-experiment="{kind}"]')
+    name = row.get_attribute("data-name")
+    row.find_element(By.TAG_NAME, "a").click()
     wait(page, lambda: page.find_element(By.ID, "trial").get_attribute("data-drawn") == name)
     boxes = page.find_elements(By.CSS_SELECTOR, '#trial .plot [role="img"]')
     assert len(boxes) >= 2
     assert all(box.size["height"] > 150 for box in boxes)
     assert not [box for box in boxes if "no values" in box.get_attribute("aria-label")]
-    assert drawn_dots(page) > 500
     text = page.find_element(By.ID, "trial").text
     assert {"Quality", "Provenance", "SHA-256"} <= set(text.split())
-
-
-def drawn_dots(page):
-    """Dots of the first panel that are not the background's colour, read from the canvases."""
-    return page.execute_script("""
-        const found = [];
-        const look = (node) => {
-          if (node.tagName === "CANVAS") found.push(node);
-          for (const child of [...(node.shadowRoot?.children ?? []), ...node.children]) look(child);
-        };
-        look(document.querySelector("#trial .plot"));
-        let dots = 0;
-        for (const canvas of found) {
-          if (!canvas.width || !canvas.height) continue;
-          const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
-          for (let k = 0; k < data.length; k += 4) dots += data[k + 3] > 0 && data[k] + data[k + 1] + data[k + 2] < 600;
-        }
-        return dots;
-    """)
 
 
 def test_the_numbers_and_signals_of_a_trial_are_those_of_the_results(page, results):
@@ -222,28 +193,25 @@ def test_the_numbers_and_signals_of_a_trial_are_those_of_the_results(page, resul
 
 def test_panels_over_time_zoom_together(page):
     open_trial(page, "impedance_K300_B5.0_compensated")
-    zoom_in = page.find_element(By.CSS_SELECTOR, 'button[aria-label="Zoom in"]')
     ends = "return Object.values(Bokeh.documents.at(-1).roots()).filter((p) => p.x_range.constructor !== undefined)"
     ends += ".slice(0, 3).map((p) => [p.x_range.start, p.x_range.end])"
     before = page.execute_script(ends)
-    zoom_in.click()
+    page.find_element(By.CSS_SELECTOR, 'button[aria-label="Zoom in"]').click()
     after = page.execute_script(ends)
     assert after[0] == after[1] == after[2]
     assert after[0][1] - after[0][0] == pytest.approx((before[0][1] - before[0][0]) / 2)
-    torque, residual = page.find_elements(By.CSS_SELECTOR, '#trial .plots .plot [role="img"]')[:2]
+    torque = page.find_element(By.CSS_SELECTOR, '#trial .plots .plot [role="img"]')
     drag = ActionChains(page).move_to_element_with_offset(torque, -100, 0).click_and_hold().move_by_offset(150, 0)
     drag.release().perform()
     wait(page, lambda: page.execute_script(ends)[1] != after[1])
     dragged = page.execute_script(ends)
     assert dragged[0] == dragged[1] == dragged[2]
     assert 0.05 < (dragged[0][1] - dragged[0][0]) / (after[0][1] - after[0][0]) < 0.3
-    assert residual.is_displayed()
 
 
 def test_a_deep_link_opens_its_trial_and_an_unknown_one_says_so(page, results):
-    address = (results / "report.html").as_uri()
     page.get("about:blank")
-    page.get(f"{address}#trial=walking_01")
+    page.get(f"{(results / 'report.html').as_uri()}#trial=walking_01")
     wait(page, lambda: page.find_element(By.ID, "trial").get_attribute("data-drawn") == "walking_01")
     page.execute_script("location.hash = '#trial=%3Cb%3Enobody'")
     wait(page, lambda: "No such trial" in page.find_element(By.ID, "trial").text)
@@ -259,27 +227,3 @@ def test_a_point_of_a_figure_opens_its_trial(page, figure):
     assert set(targets) <= names
     page.execute_script("arguments[0].dispatchEvent(new MouseEvent('click', {bubbles: true}))", links[0])
     wait(page, lambda: page.find_element(By.ID, "trial").get_attribute("data-drawn") == targets[0])
-
-
-def test_keys_lead_from_trial_to_trial_and_back(page):
-    open_trial(page, "belt_01")
-    body = page.find_element(By.TAG_NAME, "body")
-    body.send_keys(Keys.ARROW_RIGHT)
-    wait(page, lambda: "belt_02" in page.find_element(By.CSS_SELECTOR, "#trial h1").text)
-    assert page.execute_script("return Bokeh.documents.length") <= 1
-    body.send_keys(Keys.ESCAPE)
-    wait(page, lambda: page.find_element(By.ID, "overview").is_displayed())
-    body.send_keys("/")
-    assert page.switch_to.active_element.get_attribute("id") == "search"
-
-
-def test_dark_colours_reach_the_plots(page):
-    dark = {"features": [{"name": "prefers-color-scheme", "value": "dark"}]}
-    page.execute_cdp_cmd("Emulation.setEmulatedMedia", dark)
-    try:
-        open_trial(page, "belt_01")
-        plot = page.execute_script("return Bokeh.documents.at(-1).roots()[0].background_fill_color")
-        body = page.execute_script("return getComputedStyle(document.body).backgroundColor")
-        assert (body, plot) == ("rgb(21, 23, 27)", "#15171b")
-    finally:
-        page.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": []})

@@ -21,15 +21,16 @@ SETTINGS = DynamometerAnalysis(
     cutoff_hz=15, order=4, amplitudes_deg=[4], frequencies_hz=[2, 3, 5], cycles=10, settle_cycles=2
 )
 WIDE = SETTINGS.model_copy(update={"frequencies_hz": FIVE, "amplitudes_deg": (2.0, 4.0, 6.0)})
+SHORT = WIDE.model_copy(update={"amplitudes_deg": (4.0,), "cycles": 4})  # of which one is left
 FOURTEEN_BITS = 2 * np.pi / 2**14
 
 
 def trial(seed, rate, step=0.0, settings=SETTINGS, friction=0.0):
-    """An exact joint by formula, perhaps with friction: each frequency has ten cycles between rests."""
+    """An exact joint by formula, perhaps with friction: the cycles of each frequency lie between rests."""
     rng, now, parts = np.random.default_rng(seed), 0.0, [(0.5, 0.0, 1.0)]
     for size in np.deg2rad(settings.amplitudes_deg):
         for f in settings.frequencies_hz:
-            parts += [(10 / f, size, f), (0.4, 0.0, 1.0)]
+            parts += [(settings.cycles / f, size, f), (0.4, 0.0, 1.0)]
     time = np.arange(round(sum(duration for duration, *_ in parts) * rate)) / rate
     theta, omega, alpha = np.zeros((3, len(time)))
     for duration, size, f in parts:
@@ -54,6 +55,7 @@ NUMERICS = {"marks": pytest.mark.numerics}
     [
         *((rate, 0.0, SETTINGS, 0.0, 30, 0.88, 1.0) for rate in (250.0, 300.0, 333.0, 1000.0, 1024.0)),
         (1000.0, FOURTEEN_BITS, SETTINGS, 0.0, 40, 0.89, 1.0),
+        (500.0, 0.0, SHORT, 0.0, 60, 0.925, 0.995),
         pytest.param(500.0, FOURTEEN_BITS, WIDE, 0.0, 100, 0.92, 0.98, **NUMERICS),
         pytest.param(500.0, FOURTEEN_BITS, WIDE, 0.3, 100, 0.90, 0.99, **NUMERICS),
     ],
@@ -66,13 +68,13 @@ def test_intervals_cover_the_truth_and_are_as_wide_as_the_errors(
     fits = []
     for seed in range(seeds):
         record = sine_record(trial(seed, rate, step, settings, friction), settings)
-        s = plain_sums(record, IMPEDANCE) if settings is SETTINGS else sums_of(record, IMPEDANCE)
+        s = sums_of(record, IMPEDANCE) if settings is WIDE else plain_sums(record, IMPEDANCE)
         fits.append(with_effects(s, IMPEDANCE, ("T_C",) if friction else ()))
     covered = [[low <= TRUTH[k] <= high for k in TRUTH for low, high in [fit.interval(k)]] for fit in fits]
     assert lowest <= np.mean(covered) <= highest
     assert np.mean(covered, axis=0).min() >= 0.85
-    assert settings is WIDE or {fit.interval_method for fit in fits} == {"repeats"}
-    for name in TRUTH if not step else ():
+    assert settings is not SETTINGS or {fit.interval_method for fit in fits} == {"repeats"}
+    for name in TRUTH if not step and settings is SETTINGS else ():
         error = np.mean([(fit[name] - TRUTH[name]) ** 2 for fit in fits])
         assert np.sqrt(np.mean([fit.se(name) ** 2 for fit in fits]) / error) == pytest.approx(1, abs=0.4), name
 
@@ -88,16 +90,6 @@ def test_both_kinds_of_groups_read_a_joint_alike_that_the_model_misses():
         assert cycles[name] == pytest.approx(stretches[name], abs=0.3 * cycles.se(name))
         assert 0.3 < cycles.se(name) / stretches.se(name) < 3
     assert cycles.se("B") > 5 * cycles.repeat_se("B")
-
-
-def test_one_cycle_at_each_frequency_has_an_interval_that_holds():
-    """Four cycles, of which one is left: 60 seeded records; 95 % with Monte Carlo errors of 1.6 %."""
-    protocol, covered = SteppedSineProtocol((0.07,), FIVE, 4), []
-    for seed in range(60):
-        record = stepped_sine(second_order, 0.05, protocol, seed)
-        bounds = [with_effects(plain_sums(record, IMPEDANCE), IMPEDANCE).interval(name) for name in "KBI"]
-        covered += [low <= truth <= high for (low, high), truth in zip(bounds, (200, 4, 0.05), strict=True)]
-    assert np.mean(covered) == pytest.approx(0.96, abs=0.035)
 
 
 def test_a_step_is_stated_or_seen():

@@ -337,11 +337,13 @@ def test_the_time_base_bridges_gaps_by_the_band_of_this_motion(band, lost, left_
 
 def test_quality_control_says_that_another_motion_is_not_compared_with_the_protocol():
     rng = np.random.default_rng(7)
-    facts = EXPERIMENTS["impedance"], Commanded((2.0, 4.0, 6.0), (1.0, 2.0, 3.0, 4.0, 5.0), 20)
-    found = measure_protocol(Examined(made_trial(rng, noise(rng)), *facts))
-    assert (found.value, found.remark) == (0, "no stepped sine but another motion, which is fitted as such")
-    other = EXPERIMENTS["transmission"], facts[1]
-    assert measure_protocol(Examined(made_trial(rng, noise(rng)), *other)).value == 15
+    commanded = Commanded((2.0, 4.0, 6.0), (1.0, 2.0, 3.0, 4.0, 5.0), 20)
+    other, sines = (
+        Examined(made_trial(rng, noise(rng)), EXPERIMENTS[x], commanded) for x in ("impedance", "transmission")
+    )
+    said = measure_protocol(other)
+    assert (said.value, said.remark) == (0, "no stepped sine but another motion, which is fitted as such")
+    assert measure_protocol(sines).value == 15
 
 
 def test_a_part_of_the_record_with_another_joint_lowers_the_held_out_vaf():

@@ -1,35 +1,33 @@
 """MCAP files: of damaged ones every intact chunk is recovered, what is lost is said, and nothing that is read is wrong.
 
-Legal and rare ones are read as the official reader does; two logs in one are refused. What no writer writes is written
-here byte by byte. Messages in CDR, JSON and protobuf: every number stands at its path as reference decoders read it;
-what is absent is null, and what is no number is lost and said.
+Legal and rare ones are read as the official reader does; two logs in one are refused. Messages in CDR, JSON and
+protobuf: every number stands at its path as reference decoders read it; what is absent is null, and what is no number
+is lost and said.
 """
 
 import json
 import random
 import struct
 import zlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from io import BytesIO
 from pathlib import Path
 from typing import Any
 
+import lz4.frame
 import numpy as np
-import polars as pl
 import pytest
 import zstandard
 from c3d_builder import REAL_DATA
 from google.protobuf.descriptor_pb2 import FieldDescriptorProto, FileDescriptorProto, FileDescriptorSet
 from google.protobuf.descriptor_pool import DescriptorPool
-from google.protobuf.message import Message
 from google.protobuf.message_factory import GetMessageClass
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from mcap.opcode import Opcode
 from mcap.reader import NonSeekingReader, make_reader
 from mcap.records import Schema
-from mcap.writer import CompressionType
 from mcap_builder import HEADER, stamped, write_log, write_payloads
 from mcap_ros2.decoder import DecoderFactory
 from recognised_files import refusal_by
@@ -37,24 +35,26 @@ from test_ingest_every_log import mutilated
 
 from osl_analysis.commands.inspect import inspect_file
 from osl_analysis.errors import InputError
-from osl_analysis.formats.mcap import CHUNK_HEAD, MAGIC, RECORD, read_mcap
+from osl_analysis.formats.mcap import MAGIC, read_mcap
 from osl_analysis.formats.message_fields import Columns, MessageType, Reader, message_type, shape_of
 from osl_analysis.formats.messages import decode_topics
 from osl_analysis.ingest.raw_files import FORMATS
-from osl_analysis.ingest.source import Recording, Source
+from osl_analysis.ingest.source import Recording
+
+MILLISECOND = 1_000_000
 
 
 def record(opcode: int, content: bytes) -> bytes:
     return struct.pack("<BQ", opcode, len(content)) + content
 
 
-def text(value: bytes) -> bytes:
-    return struct.pack("<I", len(value)) + value
-
-
 def longer(one: bytes) -> bytes:
     """A record with more bytes than its specification says, as of a later version."""
     return record(one[0], one[9:] + b"\1\2\3\4\5")
+
+
+def text(value: bytes) -> bytes:
+    return struct.pack("<I", len(value)) + value
 
 
 def schema(content: bytes = b"float64 a") -> bytes:
@@ -69,19 +69,26 @@ def cdr(value: float) -> bytes:
     return b"\0\1\0\0" + struct.pack("<d", value)
 
 
-def message(number: int, time: int, payload: bytes, sequence: int = 0, publish: int = 0) -> bytes:
-    return record(Opcode.MESSAGE, struct.pack("<HIQQ", number, sequence, time, publish) + payload)
+def message(number: int, time: int, payload: bytes, publish: int = 0) -> bytes:
+    return record(Opcode.MESSAGE, struct.pack("<HIQQ", number, 0, time, publish) + payload)
 
 
 def messages(number: int, values: range) -> bytes:
     """One per millisecond, each with its own value."""
-    return b"".join(message(number, i * MILLISECOND, cdr(float(i)), i) for i in values)
+    return b"".join(message(number, i * MILLISECOND, cdr(float(i))) for i in values)
 
 
-def chunk(content: bytes, crc: bool = True) -> bytes:
-    packed = zstandard.ZstdCompressor().compress(content)
+PACKINGS: dict[bytes, Callable[[bytes], bytes]] = {
+    b"zstd": zstandard.ZstdCompressor().compress,
+    b"lz4": lz4.frame.compress,
+    b"": bytes,
+}
+
+
+def chunk(content: bytes, packing: bytes = b"zstd", crc: bool = True) -> bytes:
+    packed = PACKINGS[packing](content)
     head = struct.pack("<QQQI", 0, 1 << 62, len(content), zlib.crc32(content) if crc else 0)
-    return record(Opcode.CHUNK, head + text(b"zstd") + struct.pack("<Q", len(packed)) + packed)
+    return record(Opcode.CHUNK, head + text(packing) + struct.pack("<Q", len(packed)) + packed)
 
 
 def index(number: int, count: int) -> bytes:
@@ -94,6 +101,9 @@ def statistics(counts: dict[int, int], chunks: int, of_channels: bool = True) ->
     return record(Opcode.STATISTICS, head + text(by_channel))
 
 
+HEAD, DATA_END = record(Opcode.HEADER, text(b"") + text(b"")), record(Opcode.DATA_END, bytes(4))
+
+
 def log(*parts: bytes, summary: bytes = b"", shift: int = 0, crc: bool = True) -> bytes:
     """A whole file of these parts; the footer says that the summary begins `shift` bytes later than it does."""
     data = MAGIC + HEAD + b"".join(parts) + DATA_END
@@ -101,150 +111,112 @@ def log(*parts: bytes, summary: bytes = b"", shift: int = 0, crc: bool = True) -
     return data + summary + opening + struct.pack("<I", zlib.crc32(summary + opening) if crc else 0) + MAGIC
 
 
-HEAD = record(Opcode.HEADER, text(b"") + text(b""))
-MESSAGES, MILLISECOND = 60, 1_000_000
-DATA_END = record(Opcode.DATA_END, bytes(4))
-ANY_PACKING = pytest.mark.parametrize("packing", [CompressionType.ZSTD, CompressionType.NONE, CompressionType.LZ4])
+LAB = schema() + channel(1, b"/lab")
+TEN, TWENTY = messages(1, range(10)), messages(1, range(10, 20))
+THREE, FIVE = len(TEN) * 3 // 10, len(TEN) // 2
+PRIVATE = record(0x85, b"ours") + record(0x40, b"of a later version")
+ALL = statistics({1: 20}, 2)
+FIRST = log(LAB, chunk(TEN), chunk(TWENTY), summary=ALL)
+ANY_PACKING = pytest.mark.parametrize("packing", PACKINGS)
 
 
-def source(time: str | dict[str, str] = "log", loss: float = 0.01, **fields: str | dict[str, str]) -> Source:
+def whole(packing: bytes) -> tuple[bytes, list[tuple[int, int]]]:
+    """A log of 60 messages, ten in a chunk, and the first and last byte of each chunk."""
+    data, places = LAB, []
+    for first in range(0, 60, 10):
+        one, begin = chunk(messages(1, range(first, first + 10)), packing), len(MAGIC + HEAD + data)
+        places.append((begin, begin + len(one)))
+        data += one + index(1, 10)
+    return log(data, summary=LAB + statistics({1: 60}, 6)), places
+
+
+def recorded(path: Path, time: str = "log", loss: float = 0.01, **fields: str | dict[str, str]) -> Recording:
     """Fields of `/lab` by column, in radians."""
-    channels: dict[str, Any] = {}
-    for column, one in fields.items():
-        channels[column] = {"topic": "/lab", "unit": "rad", **({"field": one} if isinstance(one, str) else one)}
-    stated = {"source": time} if isinstance(time, str) else time
-    return FORMATS["mcap"].source(format="mcap", time=stated, largest_loss=loss, channels=channels)
+    named = {name: {"field": one} if isinstance(one, str) else one for name, one in fields.items()}
+    channels = {name: {"topic": "/lab", "unit": "rad", **one} for name, one in named.items()}
+    source = FORMATS["mcap"].source.model_validate(
+        {"format": "mcap", "time": {"source": time}, "largest_loss": loss, "channels": channels}
+    )
+    return FORMATS["mcap"].read(path, source)
 
 
-def recorded(path: Path, *time_and_loss: Any, **fields: str | dict[str, str]) -> Recording:
-    return FORMATS["mcap"].read(path, source(*time_and_loss, **fields))
+def ingested(folder: Path, content: bytes, topic: str = "/lab", loss: float = 0.01) -> Recording:
+    (folder / "log.mcap").write_bytes(content)
+    return recorded(folder / "log.mcap", "log", loss, theta={"topic": topic, "field": "a"})
 
 
-def written(folder: Path, packing: CompressionType = CompressionType.ZSTD) -> bytes:
-    """A log of 60 messages, ten or so in a chunk; theta is 1 + the number of milliseconds since the first stamp."""
-    log = [stamped(i * MILLISECOND, angle=1.0 + i, torque=0.0, sync=False) for i in range(MESSAGES)]
-    return write_log(folder / "log.mcap", log, chunk_size=800, compression=packing).read_bytes()
-
-
-def top_level(content: bytes, *opcodes: int) -> list[tuple[int, int]]:
-    """Start and end of each whole record of some opcodes, headers included."""
-    position, found = 8, []
-    while position + 9 <= len(content) - 8:
-        opcode, length = RECORD.unpack_from(content, position)
-        found += [(position, position + 9 + length)] * (opcode in opcodes)
-        position += 9 + length
-    return found
-
-
-def chunks(content: bytes) -> list[tuple[int, int, int]]:
-    """Start and end of each chunk, and how many messages the record behind it lists."""
-    indexes = top_level(content, Opcode.MESSAGE_INDEX)
-    sizes = [(end - start - 15) // 16 for start, end in indexes]
-    return [(*one, size) for one, size in zip(top_level(content, Opcode.CHUNK), sizes, strict=True)]
-
-
-def read(folder: Path, content: bytes, largest_loss: float = 1.0) -> tuple[pl.DataFrame, dict[str, Any]]:
-    """Samples and damage report; whatever was read must be what was written."""
-    path = folder / "damaged.mcap"
-    path.write_bytes(content)
-    recording = recorded(path, "header", largest_loss, theta="angle")
+def read(folder: Path, content: bytes, loss: float = 1.0) -> tuple[int, dict[str, Any]]:
+    """Number of samples and damage report; whatever was read must be what was written: its time in ms."""
+    recording = ingested(folder, content, loss=loss)
     milliseconds = np.rint(recording.samples["time"].to_numpy() * 1000) + recording.facts["time"]["start_ns"] / 1e6
-    np.testing.assert_array_equal(recording.samples["theta"], 1 + milliseconds)
-    return recording.samples, recording.facts["damage"]
+    np.testing.assert_array_equal(recording.samples["theta"], milliseconds)
+    return len(recording.samples), recording.facts["damage"]
 
 
 @ANY_PACKING
-def test_wherever_a_file_is_cut_every_whole_chunk_is_recovered(tmp_path: Path, packing: CompressionType) -> None:
-    content = written(tmp_path, packing)
-    known = chunks(content)
-    for cut in range(known[0][1], len(content), 73):
-        samples, damage = read(tmp_path, content[:cut], 0.0)
-        assert len(samples) == sum(size for _, end, size in known if end <= cut)
-        del damage["topics"]["/lab"]["messages"]
+def test_wherever_a_file_is_cut_every_whole_chunk_is_recovered(tmp_path: Path, packing: bytes) -> None:
+    content, places = whole(packing)
+    for cut in range(places[0][1], len(content), 41):
+        count, damage = read(tmp_path, content[:cut], 0.0)
+        assert count == 10 * sum(end <= cut for _, end in places)
         assert damage == {  # one rule for every byte
             "complete": False,
             "crc": "checked",
             "chunks_lost": None,
             "messages_lost": None,
             "share_lost": 0.0,
-            "topics": {"/lab": {"messages_lost": None}},
+            "topics": {"/lab": {"messages": count, "messages_lost": None}},
             "remarks": ["no footer: the recorder did not finish, or the end is lost; how much is not known"],
         }
 
 
 @ANY_PACKING
-def test_a_chunk_with_an_absurd_length_costs_itself_alone(tmp_path: Path, packing: CompressionType) -> None:
-    whole = written(tmp_path, packing)
-    start, _, lost = chunks(whole)[2]
+def test_a_chunk_with_an_absurd_length_costs_itself_alone(tmp_path: Path, packing: bytes) -> None:
+    content, places = whole(packing)
+    start = places[2][0] + 1
     for length in (2**64 - 1, 2**40, 0, 60):
-        for end in (len(whole), top_level(whole, Opcode.DATA_END)[0][0]):  # also where the recorder was killed
-            samples, damage = read(tmp_path, whole[: start + 1] + struct.pack("<Q", length) + whole[start + 9 : end])
-            assert len(samples) == MESSAGES - lost
-            told = (1, lost) if end == len(whole) else (None, None)
+        for end, told in ((len(content), (1, 10)), (content.rindex(DATA_END), (None, None))):  # or never finished
+            count, damage = read(tmp_path, content[:start] + struct.pack("<Q", length) + content[start + 8 : end])
+            assert count == 50
             assert (damage["chunks_lost"], damage["messages_lost"]) == told
-            assert damage["share_lost"] == pytest.approx(lost / MESSAGES)
-
-
-def test_a_flipped_bit_in_an_opcode_loses_no_message(tmp_path: Path) -> None:
-    content = written(tmp_path)
-    for kind in (Opcode.CHUNK, Opcode.DATA_END):
-        place = top_level(content, kind)[-1][0]
-        for bit in range(8):
-            flipped = content[:place] + bytes([content[place] ^ 1 << bit]) + content[place + 1 :]
-            samples, damage = read(tmp_path, flipped)
-            assert len(samples) == MESSAGES
-            assert damage["messages_lost"] in ((0,) if kind == Opcode.CHUNK else (0, None))
-    for opcode in (Opcode.SCHEMA, Opcode.CHANNEL):  # behind loose schemas, a walk over these would take it for another
-        content = log(LAB, bytes([opcode]) + chunk(TEN)[1:], chunk(TWENTY), summary=statistics({1: 20}, 2))
-        assert ingested(tmp_path, content).samples["theta"].to_list() == list(range(20))
+            assert damage["share_lost"] == pytest.approx(1 / 6)
 
 
 def test_records_that_no_recorder_writes_among_the_chunks_hide_none_of_them(tmp_path: Path) -> None:
-    content = written(tmp_path)
-    start = chunks(content)[1][0]
-    unknown = record(Opcode.CHUNK, CHUNK_HEAD.pack(0, 0, 9, 0, 4) + b"xyz\n" + struct.pack("<Q", 3) + b"abc")
-    samples, damage = read(tmp_path, content[:start] + unknown + content[start:])
-    assert len(samples) == MESSAGES
+    unknown = record(Opcode.CHUNK, struct.pack("<QQQI", 0, 0, 9, 0) + text(b"xyz\n") + struct.pack("<Q", 3) + b"abc")
+    count, damage = read(tmp_path, log(LAB, chunk(TEN), unknown, chunk(TWENTY), summary=ALL))
+    assert count == 20
     assert any(r"is compressed with 'xyz\n'; zstd and lz4 are read" in remark for remark in damage["remarks"])
-    samples, damage = read(tmp_path, content[:start] + DATA_END + content[start:])
-    assert (len(samples), damage["complete"]) == (MESSAGES, False)
-    behind = ingested(tmp_path, log(LAB, DATA_END, chunk(TEN), TWENTY))  # nor the messages outside of chunks
-    assert behind.samples["theta"].to_list() == list(range(20))
+    for second in (chunk(TWENTY), TWENTY):  # nor those behind what seems to be the end of the data
+        assert read(tmp_path, log(LAB, DATA_END, chunk(TEN), second))[0] == 20
 
 
 def test_a_schema_from_a_damaged_summary_reads_nothing(tmp_path: Path) -> None:
-    content = written(tmp_path)
-    first, rest = content[: chunks(content)[0][1] - 3], content[chunks(content)[0][1] :]
-    damaged = first + b"abc" + rest.replace(b"float32 angle\nfloat64 torque", b"float32 wrong\nfloat32  angle")
+    damaged = log(chunk(LAB + TEN)[:-3] + b"abc", chunk(TWENTY), summary=LAB).replace(b"float64 a", b"float64 b")
     with pytest.raises(InputError, match="messages belong to channels that are not declared"):
         read(tmp_path, damaged)
 
 
 def test_what_holds_no_log_is_refused_in_one_line(tmp_path: Path) -> None:
     for content in (b"", bytes(300), MAGIC, MAGIC * 2, MAGIC + b"\xff" * 99):
-        with pytest.raises(InputError, match=r"^[^\n]+damaged.mcap: [^\n]+$"):
+        with pytest.raises(InputError, match=r"^[^\n]+log.mcap: [^\n]+$"):
             read(tmp_path, content)
 
 
 @ANY_PACKING
-def test_no_damage_crashes_the_reader_or_changes_a_value(tmp_path: Path, packing: CompressionType) -> None:
-    whole = written(tmp_path, packing)
+def test_no_damage_crashes_the_reader_changes_a_value_or_miscounts_what_is_lost(tmp_path: Path, packing: bytes) -> None:
     for seed in range(100):
-        content, chance = whole, random.Random(seed)
+        (content, _), chance = whole(packing), random.Random(seed)
         for _ in range(chance.randint(1, 6)):
             content = mutilated(content, chance) or MAGIC
         with suppress(InputError):
-            read(tmp_path, content)
-
-
-def ingested(folder: Path, content: bytes, topic: str = "/lab", largest_loss: float = 0.01) -> Recording:
-    (folder / "log.mcap").write_bytes(content)
-    return recorded(folder / "log.mcap", "log", largest_loss, theta={"topic": topic, "field": "a"})
+            count, damage = read(tmp_path, content)
+            assert damage["messages_lost"] in (None, 60 - count)  # what is told is exact, or that nobody knows
 
 
 def losses(folder: Path, content: bytes) -> tuple[Any, ...]:
     """Whether a file is complete, chunks lost, messages lost (also as inspect says), of these of the topic `/lab`."""
-    damage = ingested(folder, content, largest_loss=1.0).facts["damage"]
+    damage = ingested(folder, content, loss=1.0).facts["damage"]
     told = FORMATS["mcap"].inspect(folder / "log.mcap").facts["messages lost"]
     lost = damage["messages_lost"]
     assert told == ("the file does not tell" if lost is None else str(lost))
@@ -254,25 +226,18 @@ def losses(folder: Path, content: bytes) -> tuple[Any, ...]:
 def refused(folder: Path, content: bytes) -> str:
     """What both ingest and inspect say."""
     (folder / "log.mcap").write_bytes(content)
-    said = refusal_by(FORMATS["mcap"].read, folder / "log.mcap", source(theta="a"))
+    said = refusal_by(recorded, folder / "log.mcap", theta="a")
     assert said == refusal_by(FORMATS["mcap"].inspect, folder / "log.mcap")
     return said
 
 
-LAB = schema() + channel(1, b"/lab")
-TEN, TWENTY = messages(1, range(10)), messages(1, range(10, 20))
-THREE, FIVE = len(TEN) * 3 // 10, len(TEN) // 2
-PRIVATE = record(0x85, b"ours") + record(0x40, b"of a later version")
-ALL = statistics({1: 20}, 2)
 LEGAL = {
     "longer records": log(
         *map(longer, (schema(), channel(1, b"/lab"), chunk(TEN), index(1, 10), chunk(TWENTY, crc=False))),
         summary=longer(ALL),
     ),
     "private records": log(
-        PRIVATE + LAB + PRIVATE,
-        chunk(PRIVATE + TEN[:THREE] + PRIVATE + TEN[THREE:] + PRIVATE) + PRIVATE,
-        chunk(TWENTY) + PRIVATE,
+        *(PRIVATE + LAB + PRIVATE, chunk(PRIVATE + TEN[:THREE] + PRIVATE + TEN[THREE:]), PRIVATE, chunk(TWENTY)),
         summary=PRIVATE + ALL + PRIVATE,
     ),
     "private records in a chunk with an index": log(
@@ -288,20 +253,19 @@ LEGAL = {
 
 @pytest.mark.parametrize("content", LEGAL.values(), ids=LEGAL)
 def test_a_legal_file_is_complete_and_read_as_by_the_official_reader(tmp_path: Path, content: bytes) -> None:
-    recording = ingested(tmp_path, content, largest_loss=0.0)
     official = [struct.unpack("<d", m.data[4:])[0] for _, _, m in NonSeekingReader(BytesIO(content)).iter_messages()]
-    assert recording.samples["theta"].to_list() == official == list(range(20))
+    assert ingested(tmp_path, content, loss=0.0).samples["theta"].to_list() == official == list(range(20))
     assert losses(tmp_path, content) == (True, 0, 0, 20, 0)
 
 
 def test_the_loss_is_that_of_the_topic_and_not_of_the_file(tmp_path: Path) -> None:
     bad = b"".join(message(2, i * MILLISECOND, cdr(1.0)[: 9 if i % 5 == 0 else 12]) for i in range(100))
-    two = LAB + channel(2, b"/rare")
-    content = log(two, chunk(messages(1, range(10_000)) + bad), summary=statistics({1: 10_000, 2: 100}, 1))
+    rare = LAB + channel(2, b"/rare")
+    content = log(rare, chunk(messages(1, range(10_000)) + bad), summary=statistics({1: 10_000, 2: 100}, 1))
     assert len(ingested(tmp_path, content).samples) == 10_000
     with pytest.raises(InputError, match="20 % of topic '/rare' is lost, at most 1 % may be"):
         ingested(tmp_path, content, "/rare")
-    damage = ingested(tmp_path, content, "/rare", largest_loss=0.2).facts["damage"]
+    damage = ingested(tmp_path, content, "/rare", 0.2).facts["damage"]
     assert damage["topics"] == {"/rare": {"messages": 100, "messages_lost": 20}}
     assert damage["share_lost"] == pytest.approx(0.2)
 
@@ -315,7 +279,7 @@ def test_a_chunk_that_was_cut_out_is_counted_by_topic_from_the_statistics(tmp_pa
         content = log(*parts, removed, summary=summary).replace(removed, b"")
     assert len(ingested(tmp_path, content, "/rare").samples) == 2
     assert losses(tmp_path, content) == (False, 1, 10, 10, 10)
-    remarks = ingested(tmp_path, content, largest_loss=1.0).facts["damage"]["remarks"]
+    remarks = ingested(tmp_path, content, loss=1.0).facts["damage"]["remarks"]
     assert f"{len(removed)} bytes are missing before the summary" in remarks
     with pytest.raises(InputError, match="damaged or incomplete MCAP: 50 % of topic '/lab' is lost, at most 1 % may"):
         ingested(tmp_path, content)
@@ -324,9 +288,8 @@ def test_a_chunk_that_was_cut_out_is_counted_by_topic_from_the_statistics(tmp_pa
 def test_what_a_file_does_not_tell_of_its_losses_is_unknown(tmp_path: Path) -> None:
     cut_out = log(LAB, chunk(TEN), summary=LAB, shift=len(chunk(TWENTY)), crc=False)
     assert losses(tmp_path, cut_out) == (False, 0, None, 10, None)
-    assert ingested(tmp_path, cut_out, largest_loss=1.0).facts["damage"]["share_lost"] > 0.1
     with pytest.raises(InputError, match="of topic '/lab' is lost"):
-        ingested(tmp_path, cut_out)
+        ingested(tmp_path, cut_out, loss=0.1)
 
 
 def test_what_contradicts_a_files_own_counts_is_not_complete(tmp_path: Path) -> None:
@@ -334,38 +297,26 @@ def test_what_contradicts_a_files_own_counts_is_not_complete(tmp_path: Path) -> 
     assert losses(tmp_path, more) == (False, 0, 0, 20, 0)
     assert "it declares 10 messages and holds 20" in ingested(tmp_path, more).facts["damage"]["remarks"]
     turned = TEN[:FIVE] + b"\x85" + TEN[FIVE + 1 :]  # without a checksum, a message may pass for a private record
-    content = log(LAB, chunk(turned, crc=False), index(1, 10), chunk(TWENTY))
-    assert losses(tmp_path, content) == (False, 0, 1, 19, 1)
+    assert losses(tmp_path, log(LAB, chunk(turned, crc=False), index(1, 10), chunk(TWENTY))) == (False, 0, 1, 19, 1)
 
 
 def test_the_time_of_a_message_is_when_it_was_logged_and_not_when_it_was_published(tmp_path: Path) -> None:
-    late = [message(1, 7 + 3 * i * MILLISECOND, cdr(i), i, publish=i * MILLISECOND) for i in range(20)]
+    late = [message(1, 7 + 3 * i * MILLISECOND, cdr(i), publish=i * MILLISECOND) for i in range(20)]
     recording = ingested(tmp_path, log(LAB, chunk(b"".join(late))))
     np.testing.assert_allclose(recording.samples["time"], 3e-3 * np.arange(20), rtol=1e-12)
     assert recording.facts["time"] == {"source": "log", "stamps": "auto", "start_ns": 7}
 
 
-OTHER = log(schema() + channel(1, b"/other") + channel(2, b"/lab"), chunk(messages(1, range(30, 40))))
-FIRST = log(LAB, chunk(TEN), chunk(TWENTY), summary=ALL)
-
-
-def test_a_log_behind_one_that_was_not_finished_is_refused_wherever_that_ends(tmp_path: Path) -> None:
+def test_two_logs_in_one_file_are_refused_with_the_byte_to_cut_at(tmp_path: Path) -> None:
+    other = log(schema() + channel(1, b"/other") + channel(2, b"/lab"), chunk(messages(1, range(30, 40))))
     ends = [FIRST.index(part) + len(part) - 8 - len(HEAD) for part in (chunk(TEN), chunk(TWENTY))]
-    for cut in [*range(len(log()), len(FIRST), 7), *ends]:  # a cut chunk may end with the header of the second log
-        assert f"holds two logs, the second from byte {cut} on: split them" in refused(tmp_path, FIRST[:cut] + OTHER)
-
-
-def test_bytes_after_the_end_are_refused_with_the_byte_to_cut_at(tmp_path: Path) -> None:
-    for more in (bytes(100), OTHER):
+    for cut in [*range(len(log()), len(FIRST), 23), *ends]:  # a cut chunk may end with the header of the second log
+        assert f"holds two logs, the second from byte {cut} on: split them" in refused(tmp_path, FIRST[:cut] + other)
+    for more in (bytes(100), other):
         said = refused(tmp_path, FIRST + more)
         assert f"ends at byte {len(FIRST)} and has {len(more)} bytes after it; keep what is before them" in said
-        assert f"`head -c {len(FIRST)}`" in said
-
-
-@pytest.mark.parametrize("crc", [True, False])
-def test_a_number_with_two_meanings_is_refused(tmp_path: Path, crc: bool) -> None:
     for what, again in (("channel", channel(1, b"/other")), ("schema", schema(b"float64 b\nfloat64 a"))):
-        said = refused(tmp_path, log(LAB, chunk(LAB + TEN, crc=crc), chunk(again + TWENTY, crc=crc)))
+        said = refused(tmp_path, log(LAB, chunk(LAB + TEN), chunk(again + TWENTY)))
         assert f"{what} 1 is '" in said
         assert "two logs were joined, or the file is damaged" in said
 
@@ -408,8 +359,8 @@ builtin_interfaces/Time stamp
 string frame_id
 """
 words, finite = st.text("abcé", max_size=6), st.floats(allow_nan=False, allow_infinity=False)
-whole = st.integers(-(2**63), 2**63 - 1)
-part = {"kind": st.integers(-128, 127), "counts": st.lists(whole, min_size=2, max_size=2)}
+whole_numbers = st.lists(st.integers(-(2**63), 2**63 - 1), min_size=2, max_size=2)
+part = {"kind": st.integers(-128, 127), "counts": whole_numbers, "tags": st.lists(words, max_size=2)}
 mixed = {
     "flag": st.booleans(),
     "wide": finite,
@@ -417,7 +368,7 @@ mixed = {
     "small": st.integers(-(2**15), 2**15 - 1),
     "name": words,
     "series": st.lists(finite, max_size=3),
-    "parts": st.lists(st.fixed_dictionaries(part | {"tags": st.lists(words, max_size=2)}), max_size=2),
+    "parts": st.lists(st.fixed_dictionaries(part), max_size=2),
     "nothing": st.just({}),
     "last": st.floats(width=32, allow_nan=False),
 }
@@ -492,34 +443,35 @@ def test_a_joint_is_found_by_name_though_the_order_of_joints_changes(tmp_path: P
     assert decoded.values["position[name=toe]"].tolist() == [20.0, 11.0, 22.0, 23.0, None]
 
 
-ONE = struct.pack("<4sd", b"\0\1\0\0", 1.0)
+ONE, KIND = cdr(1.0), kind_of("float64 a")
+LONGER = kind_of("float64 a\nstring s\nfloat64[] b")
 
 
-@pytest.mark.parametrize(
-    ("schema", "payload", "said"),
-    [
-        ("float64 a\nstring s\nfloat64[] b", ONE, "too short for its schema"),
-        ("float64 a\nstring s\nfloat64[] b", ONE + struct.pack("<II", 0, 2**31), "too short for its schema"),
-        ("uint8 a", b"\x00\x07\x00\x00\x01", "encapsulation 00070000 is not plain CDR"),
-        ("wstring w", b"", "type 'l/wstring' of field 'w' is not defined"),
-        ("Other a", b"", "schema l/S: type 'l/Other' of field 'a' is not defined"),
-        ("}{", b"", r"schema l/S: cannot read the line '\}\{'"),
-        ("float64 a\nfloat64 a", b"", "field 'a' is defined twice"),
-    ],
-)
-def test_a_message_or_a_schema_that_cannot_be_read_is_refused_by_name(schema: str, payload: bytes, said: str) -> None:
-    with pytest.raises(InputError, match=said):
-        shape_of(kind_of(schema), payload)
+def test_a_message_or_a_schema_that_cannot_be_read_is_refused_by_name() -> None:
+    for payload, said in (
+        (ONE, "too short for its schema"),
+        (ONE + struct.pack("<II", 0, 2**31), "too short for its schema"),
+        (b"\x00\x07\x00\x00\x01", "encapsulation 00070000 is not plain CDR"),
+    ):
+        with pytest.raises(InputError, match=said):
+            shape_of(LONGER, payload)
+    for schema, said in (
+        ("wstring w", "type 'l/wstring' of field 'w' is not defined"),
+        ("Other a", "schema l/S: type 'l/Other' of field 'a' is not defined"),
+        ("}{", r"schema l/S: cannot read the line '\}\{'"),
+        ("float64 a\nfloat64 a", "field 'a' is defined twice"),
+    ):
+        with pytest.raises(InputError, match=said):
+            kind_of(schema)
 
 
 def test_a_message_with_more_than_its_schema_describes_is_refused_and_padding_is_not() -> None:
-    kind = kind_of("float64 a")
     for padding in (b"\xff", b"\xff" * 3, bytes(4), bytes(7)):  # to four bytes with any content, to eight with zeros
-        assert shape_of(kind, ONE + padding).leaves["a"][0] == 4
+        assert shape_of(KIND, ONE + padding).leaves["a"][0] == 4
     for more in (b"\0\0\0\1", struct.pack("<d", 2.0), bytes(8)):
         with pytest.raises(InputError, match=f"a message of {12 + len(more)} bytes has {len(more)} more than its"):
-            shape_of(kind, ONE + more)
-    both = read_each(kind, ["a"], ONE + bytes(4), ONE + b"\0\0\0\7")  # zeros do not let another with content pass
+            shape_of(KIND, ONE + more)
+    both = read_each(KIND, ["a"], ONE + bytes(4), ONE + b"\0\0\0\7")  # zeros do not let another with content pass
     assert (both.rows.tolist(), both.misfits) == ([0], 1)
 
 
@@ -535,10 +487,9 @@ SHAPES: list[tuple[Any, dict[str, float]]] = [
 ]
 
 
-@pytest.mark.parametrize("indent", [None, 1])
-def test_messages_of_different_shapes_stay_in_order_with_what_each_has(tmp_path: Path, indent: int | None) -> None:
+def test_messages_of_different_shapes_stay_in_order_with_what_each_has(tmp_path: Path) -> None:
     order = [0, 0, 1, 3, 2, 1, 0, 3, 3, 2]
-    path = write_json(tmp_path, [json.dumps(SHAPES[k][0], indent=indent) for k in order], chunk_size=200)
+    path = write_json(tmp_path, [json.dumps(SHAPES[k][0], indent=1) for k in order], chunk_size=200)
     assert_decoded(path, "/lab", [SHAPES[k][1] for k in order])
 
 
@@ -556,12 +507,7 @@ def test_an_integer_beyond_a_floats_reach_is_exact_in_every_chunk(tmp_path: Path
         ("x", '{"x": 1.5}', '{"x": "a"}', "field 'x' is \"a\", not a number, in message 2"),
         ("x", '{"x": 1.5}', '{"x": [1, 2]}', "field 'x' is an array of 2, not one number, in message 2"),
         ("x.y", '{"x": {"y": 1.5}}', '{"x": 3}', "field 'x' is 3, not an object with fields, in message 2"),
-        (
-            "v[n=b]",
-            '{"v": [0, 1.5], "n": ["a", "b"]}',
-            '{"v": [1, "c"], "n": ["a", "b"]}',
-            "field 'v[n=b]' is \"c\", not a number, in message 2",
-        ),
+        ("v[n=b]", '{"v": [0, 1.5], "n": ["a", "b"]}', '{"v": [1, "c"], "n": ["a", "b"]}', "field 'v[n=b]' is \"c\""),
     ],
 )
 def test_a_message_without_a_number_in_a_field_is_lost_and_said(
@@ -595,28 +541,21 @@ def test_values_that_are_absent_are_counted_and_said(tmp_path: Path) -> None:
     assert any(said in warning for warning in recording.warnings)
 
 
-SCALARS = {
-    "double": -1e300, "float": 0.1, "bool": True, "int32": -(2**31), "int64": -(2**63), "uint32": 2**32 - 1,
-    "uint64": 2**64 - 1, "sint32": -(2**31), "sint64": 2**63 - 1, "fixed32": 2**32 - 1, "fixed64": 2**64 - 1,
-    "sfixed32": -1, "sfixed64": -(2**63),
-}  # fmt: skip
-"""Types of numbers, with a value that not all of them can hold."""
+SCALARS = {"double": -1e300, "bool": True, "sint32": -(2**31), "int64": -(2**63), "uint64": 2**64 - 1}
 
 
 def descriptors() -> FileDescriptorSet:
-    """`lab.Sample`: each scalar alone, optional and in an array, messages, names."""
+    """`lab.Sample`: each scalar alone, optional and in an array, an array of messages, names."""
     file = FileDescriptorProto(name="lab.proto", package="lab", syntax="proto3")
-    stamp, sample = (file.message_type.add(name=name) for name in ("Stamp", "Sample"))
+    inner, sample = (file.message_type.add(name=name) for name in ("Inner", "Sample"))
 
     def add(message: Any, name: str, of: str, **options: Any) -> None:
         kind, options = getattr(FieldDescriptorProto, f"TYPE_{of.upper()}"), {"label": 1, **options}
         message.field.add(name=name, number=len(message.field) + 1, type=kind, **options)
 
-    add(stamp, "seconds", "int64")
-    add(stamp, "nanos", "int32")
-    add(sample, "stamp", "message", type_name=".lab.Stamp")
+    add(inner, "count", "int64")
     add(sample, "name", "string", label=3)
-    add(sample, "history", "message", type_name=".lab.Stamp", label=3)
+    add(sample, "parts", "message", type_name=".lab.Inner", label=3)
     for scalar in SCALARS:
         add(sample, f"one_{scalar}", scalar)
         add(sample, f"packed_{scalar}", scalar, label=3)
@@ -630,65 +569,39 @@ POOL.Add(descriptors().file[0])
 Sample: Any = GetMessageClass(POOL.FindMessageTypeByName("lab.Sample"))
 
 
-def fields_of(message: Message, prefix: str = "") -> dict[str, float]:
-    """Every number of a decoded message, by path; a field that tells whether it is there counts only if it is."""
-    found: dict[str, float] = {}
-    for item in message.DESCRIPTOR.fields:
-        path, value = prefix + item.name, getattr(message, item.name)
-        if item.is_repeated:
-            for i, one in enumerate(value):
-                found |= fields_of(one, f"{path}[{i}].") if item.message_type else {f"{path}[{i}]": one}
-        elif not item.has_presence or message.HasField(item.name):
-            found |= fields_of(value, f"{path}.") if item.message_type else {path: value}
-    return {path: value for path, value in found.items() if isinstance(value, int | float)}
-
-
 def write_protobuf(folder: Path, payloads: list[bytes], **options: Any) -> Path:
     schema = "lab.Sample", "protobuf", descriptors().SerializeToString()
     return write_payloads(folder / "log.mcap", payloads, "protobuf", *schema, **options)
 
 
-def test_messages_of_any_shape_equal_googles_decoder(tmp_path: Path) -> None:
-    alone = {f"one_{scalar}": value for scalar, value in SCALARS.items()}
-    maybe = {f"maybe_{scalar}": value for scalar, value in SCALARS.items()}
-    arrays = {f"packed_{scalar}": [value, 0, 1] for scalar, value in SCALARS.items()}
-    stamps = {"stamp": {"seconds": 2**40}, "history": [{}, {"nanos": 5}]}
-    contents = [alone | maybe, {}, arrays, stamps, alone | stamps, {"name": ["é"]}, {}]
-    messages = [Sample(**content) for content in contents]
-    expected = [fields_of(message) for message in messages]
-    path = write_protobuf(tmp_path, [message.SerializeToString() for message in messages], chunk_size=400)
+def test_what_google_wrote_is_read_and_what_is_absent_is_null_if_it_is_optional_and_else_zero(tmp_path: Path) -> None:
+    ones, maybe, packed = (
+        {f"{kind}_{s}": value for s, value in SCALARS.items()} for kind in ("one", "maybe", "packed")
+    )
+    zeros = {name: type(value)(0) for name, value in ones.items()}
+    arrays = {name: [value, 0] for name, value in packed.items()}
+    in_arrays = {f"{name}[{i}]": one for name, pair in arrays.items() for i, one in enumerate(pair)}
+    contents: list[tuple[dict[str, Any], dict[str, float]]] = [
+        (ones | maybe, ones | maybe),
+        ({}, zeros),
+        ({**arrays, "name": ["é"]}, zeros | in_arrays),
+        ({"maybe_double": 0.0, "parts": [{}, {"count": 5}]}, zeros | {"maybe_double": 0.0, "parts[1].count": 5}),
+    ]
+    expected = [values | ({"parts[0].count": 0} if "parts" in content else {}) for content, values in contents]
+    path = write_protobuf(tmp_path, [Sample(**one).SerializeToString() for one, _ in contents], chunk_size=100)
     assert_decoded(path, "/lab", expected)
-    assert sum(len(values) for values in expected) >= len(SCALARS) * len(messages)
-
-
-HEADED = {"source": "header", "field": "stamp"}
-
-
-def stamped_sample(i: int, **fields: Any) -> bytes:
-    return bytes(Sample(stamp={"seconds": 1_700_000_000, "nanos": i * 300_000_000}, **fields).SerializeToString())
-
-
-def test_a_field_that_is_optional_is_null_where_absent_and_one_that_is_not_is_zero(tmp_path: Path) -> None:
-    contents = [{"maybe_double": 0.0}, {}, {"maybe_double": 2.0, "one_double": 5.0}]
-    path = write_protobuf(tmp_path, [stamped_sample(i, **content) for i, content in enumerate(contents)])
-    read = recorded(path, HEADED, 0.3, theta="maybe_double", theta_m="one_double").samples
-    assert read["theta"].to_list() == [0.0, None, 2.0]
-    assert read["theta_m"].to_list() == [0.0, 0.0, 5.0]
-    np.testing.assert_allclose(read["time"], [0.0, 0.3, 0.6], rtol=1e-15)
 
 
 def test_a_message_that_google_refuses_is_left_out_and_reported(tmp_path: Path) -> None:
-    payloads = [stamped_sample(i, one_double=1.0) for i in range(3)]
-    path = write_protobuf(tmp_path, [payloads[0], payloads[1][:-3], payloads[2]])
-    recording = recorded(path, HEADED, 0.5, theta="one_double")
+    whole = Sample(one_double=1.0, one_int64=-5).SerializeToString()
+    recording = recorded(write_protobuf(tmp_path, [whole, whole[:-3], whole]), "log", 0.5, theta="one_double")
     assert (len(recording.samples), recording.facts["damage"]["messages_lost"]) == (2, 1)
-    with pytest.raises(InputError, match="1 of 3 messages of topic '/lab' are lost: a message of"):
-        recorded(path, HEADED, 0.3, theta="one_double")
+    assert "1 of 3 messages of topic '/lab' are lost: a message of" in recording.facts["damage"]["remarks"][0]
 
 
 def test_fields_are_listed_with_their_types_lengths_and_names_and_read_by_these(tmp_path: Path) -> None:
     content = {"name": ["hip", "toe"], "packed_double": [1.0, 2.0], "packed_uint64": [5, 300, 7], "one_sint32": 1}
-    path = write_protobuf(tmp_path, [stamped_sample(i, **content) for i in range(3)])
+    path = write_protobuf(tmp_path, [Sample(**content).SerializeToString()] * 3)
     listed = {"packed_double[name=toe]": "float64[2]", "packed_uint64[0]": "int64[3]", "one_sint32": "int64"}
     assert listed.items() <= {one.address["field"]: one.type for one in inspect_file(path).channels}.items()
     assert recorded(path, "log", 0.3, theta="packed_double[name=toe]").samples["theta"].to_list() == [2.0] * 3

@@ -116,8 +116,6 @@ class McapFile(MessageFile):
             return self.take_lost(position)
         opcode, length = RECORD.unpack_from(data, position)
         end = start + length
-        if end <= len(data) and not self.data_end and is_disguised_chunk(data, start, end):
-            opcode = Opcode.CHUNK
         if opcode in LOOSE:
             stretch, reached = walk_records(data, position)
             if reached > position:
@@ -320,7 +318,7 @@ def walk_records(buffer: bytes, begin: int, *, is_chunk: bool = False) -> tuple[
             break
         if opcode == Opcode.MESSAGE and length >= MESSAGE_HEAD:
             messages.append(position)
-        elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL) and not is_disguised_chunk(buffer, start, start + length):
+        elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
             others.append((opcode, buffer[start : start + length]))
         elif not is_chunk or opcode in NUMBERED or opcode == 0:
             break
@@ -344,11 +342,3 @@ def chunk_head(data: bytes, start: int, end: int) -> ChunkHead | None:
         return None
     stop = begin + struct.unpack_from("<Q", data, begin - 8)[0]
     return ChunkHead(size, crc, data[begin - 8 - length : begin - 8], begin, stop) if stop <= end else None
-
-
-def is_disguised_chunk(data: bytes, start: int, end: int) -> bool:
-    """Whether a record whose opcode a flipped bit may have changed holds a chunk: names and lengths leave no doubt."""
-    head = chunk_head(data, start, end)
-    if head is None or head.end != end:
-        return False
-    return head.name in (b"zstd", b"lz4") or (head.name == b"" and head.size == end - head.begin > 0)

@@ -51,9 +51,7 @@ def test_points_analogs_and_parameters_of_real_files_equal_ezc3ds(path: Path) ->
 
 
 @needs_real_data
-@pytest.mark.parametrize(
-    "name", ["Eb015si.c3d", "bts_561xxa01_anonym.C3D", "c3dorg_s10_TYPE-3.c3d", "opensim_jogging_300_1500.c3d"]
-)
+@pytest.mark.parametrize("name", [*MISREAD_BY_EZC3D, "c3dorg_s10_TYPE-3.c3d", "opensim_jogging_300_1500.c3d"])
 def test_points_of_real_files_equal_those_of_the_c3d_package(name: str) -> None:
     found = read_c3d(C3D / name).points
     with (C3D / name).open("rb") as file, warnings.catch_warnings():
@@ -65,12 +63,8 @@ def test_points_of_real_files_equal_those_of_the_c3d_package(name: str) -> None:
 
 
 @needs_real_data
-def test_one_trial_stored_in_five_ways_is_one_trial_and_markers_move_like_a_body() -> None:
-    first, *others = (read_c3d(C3D / f"Eb015{kind}.c3d") for kind in ("pi", "pr", "vi", "vr", "si"))
-    for other in others:
-        np.testing.assert_allclose(other.points, first.points, atol=0.0834)  # mm, one integer step
-        np.testing.assert_allclose(other.analogs, first.analogs, rtol=1e-4, atol=1e-3)
-    step = np.linalg.norm(np.diff(read_c3d(C3D / MISREAD_BY_EZC3D[1]).points, axis=0), axis=2)
+def test_markers_move_like_a_body_where_the_rate_of_the_analogs_contradicts_the_header() -> None:
+    step = np.linalg.norm(np.diff(read_c3d(C3D / "mac_s11_evart_types3344.c3d").points, axis=0), axis=2)
     assert np.nanquantile(step, 0.99) < 150.0  # mm in a frame; misplaced frames jump by metres
 
 
@@ -80,9 +74,6 @@ def test_a_byte_of_a_parameter_has_no_sign(tmp_path: Path) -> None:
 
 
 def test_frames_beyond_those_that_the_header_can_count_are_all_read(tmp_path: Path) -> None:
-    ends = {
-        "TRIAL__ACTUAL_START_FIELD": np.array([1, 0]),
-        "TRIAL__ACTUAL_END_FIELD": np.array([4, 1]),
-    }  # words, low first
-    path = write_c3d(tmp_path / "a.c3d", np.ones((65540, 1, 4)), **ends)
+    words = {"TRIAL__ACTUAL_START_FIELD": np.array([1, 0]), "TRIAL__ACTUAL_END_FIELD": np.array([4, 1])}  # low first
+    path = write_c3d(tmp_path / "a.c3d", np.ones((65540, 1, 4)), **words)
     assert read_c3d(path).points.shape == (65540, 1, 3)

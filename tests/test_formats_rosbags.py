@@ -4,8 +4,8 @@ import re
 import shutil
 import sqlite3
 import sys
-from collections.abc import Iterable, Iterator
-from contextlib import closing, contextmanager
+from collections.abc import Iterable
+from contextlib import closing
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,6 @@ from mcap.records import Schema
 from recognised_files import read_recognised, refusal_of
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
-from rosbags.rosbag2 import Reader as Reader2
 from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
@@ -31,26 +30,32 @@ SAMPLE = "std_msgs/Header header\nfloat32 angle\nstring state\nfloat64[] torque\
 KIND = "lab_msgs/msg/Sample"
 STEP = 1_000_000
 START = 1_700_000_000_000_000_000
-LATE = 250_000  # by which a message was received after its stamp [ns]
 DESCRIBED = "metadata.yaml"
 
 
-@contextmanager
-def edited(database: Path) -> Iterator[sqlite3.Connection]:
-    """An SQLite file to be changed: committed and closed at the end."""
-    with closing(sqlite3.connect(database)) as connection, connection:
-        yield connection
+def changed(path: Path, *queries: str) -> Path:
+    """A database after SQL queries."""
+    with closing(sqlite3.connect(path)) as connection, connection:
+        for query in queries:
+            connection.execute(query)
+    return path
+
+
+def rewritten(path: Path, content: bytes) -> Path:
+    path.write_bytes(content)
+    return path
 
 
 def write_rows(writer, ros: int, rows: Iterable[float]) -> None:  # type: ignore[no-untyped-def]
-    """A message on the topic /lab for each row: an angle of `row` degrees, torques of -row / 2 and row [N*m]."""
+    """A message on the topic /lab for each row: an angle of `row` degrees, torques of -row / 2 and row [N*m]. It was
+    received 0.25 ms after its stamp."""
     store = get_typestore(Stores.ROS1_NOETIC if ros == 1 else Stores.ROS2_HUMBLE)
     store.register(get_types_from_msg(SAMPLE, KIND))
     time, header, own = (store.types[kind] for kind in ("builtin_interfaces/msg/Time", "std_msgs/msg/Header", KIND))
     encode = store.serialize_ros1 if ros == 1 else store.serialize_cdr
     with writer:
         connection = writer.add_connection("/lab", KIND, typestore=store)
-        for received, row in ((START + int(row * STEP) + LATE, int(row)) for row in rows):
+        for received, row in ((START + int(row * STEP) + 250_000, int(row)) for row in rows):
             head = header(*[row] * (ros == 1), time(*divmod(START + row * STEP, 10**9)), "lab")
             state = "stance" if row % 3 else "swing"  # messages of two lengths
             message = own(head, float(row), state, np.array([-row / 2, row]), row % 2 == 0)
@@ -67,13 +72,11 @@ def write_bag1(path: Path, rows: Iterable[float] = range(50), compression: str =
     return path
 
 
-def write_bag2(
-    folder: Path, rows: Iterable[float] = range(50), storage: str = "SQLITE3", compression: str = ""
-) -> Path:
+def write_bag2(folder: Path, rows: Iterable[float] = range(50), storage: str = "SQLITE3", packed: str = "") -> Path:
     """A folder with a bag of ROS 2."""
     writer = Writer2(folder, version=9, storage_plugin=StoragePlugin[storage])
-    if compression:
-        writer.set_compression(CompressionMode[compression], CompressionFormat.ZSTD)
+    if packed:
+        writer.set_compression(CompressionMode[packed], CompressionFormat.ZSTD)
     write_rows(writer, 2, rows)
     return folder
 
@@ -125,7 +128,7 @@ def counts(recording: Recording, topic: str = "/lab") -> tuple[int, int | None]:
         (write_bag1, {"compression": "BZ2", "chunk": 500}),
         (write_bag1, {"compression": "LZ4", "chunk": 500}),
         (write_bag2, {}),
-        (write_bag2, {"compression": "MESSAGE"}),
+        (write_bag2, {"packed": "MESSAGE"}),
         (write_bag2, {"storage": "MCAP"}),
     ],
 )
@@ -175,12 +178,15 @@ def test_the_trial_of_a_folder_names_all_its_files(tmp_path: Path) -> None:
 
 def test_messages_that_the_description_has_and_the_bag_lacks_are_lost(tmp_path: Path) -> None:
     bag = write_bag2(tmp_path / "bag", range(1000))
-    with edited(bag / "bag.db3") as connection:
-        connection.execute("DELETE FROM messages WHERE id % 200 = 7")
-    assert counts(read(bag)) == counts(read(bag / "bag.db3")) == (995, 5)
-    with edited(bag / "bag.db3") as connection:
-        connection.execute("DELETE FROM messages WHERE id % 50 = 7")
-    assert "2 % of topic '/lab' is lost" in refused(bag)
+    database = changed(bag / "bag.db3", "DELETE FROM messages WHERE id % 200 = 7")
+    assert counts(read(bag)) == counts(read(database)) == (995, 5)
+    # nor is a message what has no topic, or no bytes
+    changed(database, "INSERT INTO messages VALUES (9999, 77, 5, x'00')", "UPDATE messages SET data = 'x' WHERE id = 9")
+    recording = read(bag)
+    assert any("2 messages hold no bytes, or belong to no topic of the bag" in text for text in recording.warnings)
+    assert counts(recording) == (994, 6)
+    changed(database, "DELETE FROM messages WHERE id % 50 = 7")
+    assert "% of topic '/lab' is lost" in refused(bag)
 
 
 def test_without_its_description_a_database_is_read_and_the_losses_are_unknown(tmp_path: Path) -> None:
@@ -193,18 +199,6 @@ def test_without_its_description_a_database_is_read_and_the_losses_are_unknown(t
     assert re.search("a folder without metadata.yaml.*ros2 bag reindex", refused(bag))
 
 
-def changed(path: Path, query: str) -> Path:
-    """A database after an SQL query."""
-    with edited(path) as connection:
-        connection.execute(query)
-    return path
-
-
-def rewritten(path: Path, content: bytes) -> Path:
-    path.write_bytes(content)
-    return path
-
-
 def without_a_part(folder: Path) -> Path:
     whole = write_split(folder)
     (whole / "bag_1.db3").unlink()
@@ -215,11 +209,11 @@ NO_BAG = "CREATE TABLE topics (id INTEGER, name TEXT)", "CREATE TABLE topics (id
 REFUSED: dict[str, tuple[Any, str]] = {
     "yaml": (lambda bag: rewritten(bag / DESCRIBED, b"a: [").parent, "metadata.yaml: not the description of a ROS 2"),
     "version": (
-        lambda bag: rewritten(bag / DESCRIBED, b"rosbag2_bagfile_information: {version: 9}").parent,
-        "metadata.yaml: not the description of a ROS 2 bag",
+        lambda bag: rewritten(bag / DESCRIBED, b"a: {version: 9}").parent,
+        "not the description of a ROS 2 bag",
     ),
     "missing part": (lambda bag: without_a_part(bag / "bag"), "1 of the 2 files that .* are missing .bag_1.db3.; copy"),
-    "packed": (lambda bag: write_bag2(bag / "x", compression="FILE"), "unpack it with `zstd -d`"),
+    "packed": (lambda bag: write_bag2(bag / "x", packed="FILE"), "unpack it with `zstd -d`"),
     "cut": (
         lambda bag: rewritten(bag / "bag.db3", (bag / "bag.db3").read_bytes()[:9000]),
         "the database is damaged or cut off .*sqlite3 BAG .recover",
@@ -236,8 +230,8 @@ def test_a_ros_2_bag_that_cannot_be_read_is_refused_with_what_helps(tmp_path: Pa
 
 def test_a_database_with_a_write_ahead_log_is_refused_and_reading_changes_no_file(tmp_path: Path) -> None:
     closed, killed = write_bag2(tmp_path / "bag"), tmp_path / "killed"
-    with edited(closed / "bag.db3") as connection:
-        connection.execute("PRAGMA journal_mode = WAL")
+    changed(closed / "bag.db3", "PRAGMA journal_mode = WAL")
+    with closing(sqlite3.connect(closed / "bag.db3")) as connection:
         connection.execute("UPDATE messages SET timestamp = timestamp")
         connection.commit()
         shutil.copytree(closed, killed)
@@ -245,15 +239,6 @@ def test_a_database_with_a_write_ahead_log_is_refused_and_reading_changes_no_fil
     assert "a write-ahead log is beside it (bag.db3-wal)" in refused(killed)
     check_rows(read(closed))
     assert {path: path.read_bytes() for path in tmp_path.rglob("*.*")} == before
-
-
-def test_what_is_no_message_of_a_topic_is_counted(tmp_path: Path) -> None:
-    bag = write_bag2(tmp_path / "bag", range(200))
-    changed(bag / "bag.db3", "INSERT INTO messages VALUES (999, 77, 5, x'00')")
-    changed(bag / "bag.db3", "UPDATE messages SET data = 'x' WHERE id = 9")
-    recording = read(bag)
-    assert any("2 messages hold no bytes, or belong to no topic of the bag" in text for text in recording.warnings)
-    assert counts(recording) == (199, 1)
 
 
 def without_definitions(bag: Path) -> Path:
@@ -271,25 +256,22 @@ def standard_bag(folder: Path, kind: str, *fields: Any) -> Path:
     return without_definitions(folder)
 
 
-def asked(field: str) -> dict[str, Any]:
-    return {"channels": {"theta": {"topic": "/lab", "field": field, "unit": "rad"}}, "time": {"source": "log"}}
-
-
 def test_standard_types_are_known_without_definitions_and_others_are_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    asked = {"channels": {"theta": {"topic": "/lab", "field": "data", "unit": "rad"}}, "time": {"source": "log"}}
     bag = standard_bag(tmp_path / "bag", "std_msgs/msg/Float64", 2.5)
-    assert read(bag, **asked("data")).samples["theta"].to_list() == [2.5, 2.5]
+    assert read(bag, **asked).samples["theta"].to_list() == [2.5, 2.5]
     types = get_typestore(Stores.ROS2_HUMBLE).types
     header = types["std_msgs/msg/Header"](types["builtin_interfaces/msg/Time"](0, 0), "")
-    range_bag = standard_bag(tmp_path / "range", "sensor_msgs/msg/Range", header, 1, 0.1, 0.2, 3.0, 1.5)
-    said = refused(range_bag, **asked("range"))  # it has the field `variance` since ROS 2 Iron
+    changing = standard_bag(tmp_path / "range", "sensor_msgs/msg/Range", header, 1, 0.1, 0.2, 3.0, 1.5)
+    said = refused(changing, **asked)  # it has the field `variance` since ROS 2 Iron
     assert "which differs between the distributions of ROS 2; convert it with `ros2 bag convert`" in said
     said = refused(without_definitions(write_bag2(tmp_path / "own")))
     assert "topic '/lab': the bag has no definition of type 'lab_msgs/msg/Sample', which is no standard one" in said
     monkeypatch.setitem(sys.modules, "rosbags", None)
     monkeypatch.delitem(sys.modules, "rosbags.typesys")
-    assert "needs rosbags, which is not installed; pip install 'osl-analysis[ros]'" in refused(bag, **asked("data"))
+    assert "needs rosbags, which is not installed; pip install 'osl-analysis[ros]'" in refused(bag, **asked)
 
 
 def test_a_ros_1_bag_that_is_cut_joined_or_not_finished_is_refused_with_the_command_that_helps(tmp_path: Path) -> None:
@@ -302,8 +284,7 @@ def test_a_ros_1_bag_that_is_cut_joined_or_not_finished_is_refused_with_the_comm
         said = refused(rewritten(path, content))
         assert "the recorder did not finish, or the bag is damaged; run `rosbag reindex` on a copy" in said
     assert "two bags were joined" in refused(rewritten(path, whole + whole))
-    said = refused(rewritten(path, b"#ROSBAG V1.2\n" + whole[13:]))
-    assert "not a ROS 1 bag of version 2.0 (it begins with b'#ROSBAG V1.2'); convert it" in said
+    assert "not a ROS 1 bag of version 2.0 (it beg" in refused(rewritten(path, b"#ROSBAG V1.2\n" + whole[13:]))
 
 
 @pytest.mark.parametrize("zeros", [True, False])
@@ -336,20 +317,11 @@ def test_a_real_ros_2_database_is_read_as_the_library_reads_it(tmp_path: Path) -
     shutil.copy(REAL_DATA / "bag/rosbag2_test_metadata.yaml", tmp_path / DESCRIBED)
     recording = read(tmp_path, channels={"theta": {"topic": "/imu", "field": "angular_velocity.x", "unit": "rad"}})
     assert counts(recording, "/imu") == (1565, 0)
-    store, description = get_typestore(Stores.ROS2_FOXY), yaml.safe_load((tmp_path / DESCRIBED).read_text())
-    description["rosbag2_bagfile_information"]["relative_file_paths"] = ["rosbag2_test_0.db3"]
-    (tmp_path / DESCRIBED).write_text(yaml.safe_dump(description))
-    with Reader2(tmp_path) as reader:
-        imu = [one for one in reader.connections if one.topic == "/imu"]
-        messages: Any = [store.deserialize_cdr(raw, one.msgtype) for one, _, raw in reader.messages(imu)]
+    store, kind = get_typestore(Stores.ROS2_FOXY), "sensor_msgs/msg/Imu"
+    query = "SELECT data FROM messages WHERE topic_id = (SELECT id FROM topics WHERE name = '/imu') ORDER BY id"
+    with closing(sqlite3.connect(tmp_path / "rosbag2_test_0.db3")) as connection:
+        messages: Any = [store.deserialize_cdr(data, kind) for (data,) in connection.execute(query)]
     np.testing.assert_array_equal(recording.samples["theta"], [one.angular_velocity.x for one in messages])
-
-
-def test_a_signalling_nan_is_a_failed_reading(tmp_path: Path) -> None:
-    content = write_bag1(tmp_path / "a.bag", range(200)).read_bytes()
-    angle = np.float32(77).tobytes() + len("stance").to_bytes(4, "little")
-    path = rewritten(tmp_path / "a.bag", content.replace(angle, b"\1\0\x80\x7f" + angle[4:]))
-    assert read(path).facts["missing"] == {"theta": 1, "torque": 0, "sync": 0}
 
 
 def test_a_ros_1_message_has_the_length_of_its_definition() -> None:

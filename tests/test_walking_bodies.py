@@ -12,7 +12,6 @@ from osl_analysis.trial import Array, Trial
 from osl_analysis.walking import bodies
 from osl_analysis.walking.bodies import ankle_angle, bridge_gaps, cluster_poses
 from osl_analysis.walking.crossing import encoder_check
-from osl_analysis.walking.plate import ankle_torque
 
 TIME = np.arange(240) / RATE
 
@@ -44,18 +43,11 @@ def test_a_mirrored_cluster_is_a_misfit_and_not_a_reflection_and_one_on_a_line_h
     assert not cluster_poses(line, np.tile(line, (3, 1, 1))).seen().any()
 
 
-def test_a_bridge_over_noisy_frames_follows_a_cubic_and_carries_little_noise_into_the_gap() -> None:
+def test_a_bridge_carries_little_noise_of_the_frames_beside_it_into_the_gap() -> None:
     """25 frames at 300 Hz. A spline through the frames leaves a resting cluster by 10 standard deviations of noise."""
-    time = np.arange(100) / 300
-    x = (time - 0.15) / 0.15
-    path = np.column_stack([0.3 * x**3 - 0.2 * x, 0.1 * x**2, 0.05 * x])
-    exact = FOOT + path[:, None]
-    quiet = np.where((np.arange(100) // 25 == 1)[:, None, None], np.nan, exact)
-    found = bridge_gaps(time, cluster_poses(FOOT, quiet), 0.2)
-    np.testing.assert_allclose(found.points(FOOT), exact, atol=1e-9)
     resting = FOOT + np.random.default_rng(0).normal(0, 1e-4, (200, 100, *FOOT.shape))
     resting[:, 25:50] = np.nan
-    off = [bridge_gaps(time, cluster_poses(FOOT, one), 0.2).points(FOOT)[25:50] - FOOT for one in resting]
+    off = [bridge_gaps(TIME[:100], cluster_poses(FOOT, one), 0.2).points(FOOT)[25:50] - FOOT for one in resting]
     assert np.sqrt(np.mean(np.square(off))) < 2.5e-4
 
 
@@ -72,26 +64,7 @@ def test_short_interior_gaps_are_bridged_and_flagged_the_others_stay() -> None:
     assert not bridge_gaps(TIME, seen, longest=5 / RATE).bridged.any()
 
 
-def test_a_body_that_turns_about_a_fixed_axis_has_the_textbook_velocity_and_acceleration() -> None:
-    axis, arm, inside = np.array([0.0, 0.6, 0.8]), np.array([0.1, -0.2, 0.3]), slice(6, -6)
-    phi, omega, alpha = 0.4 * np.sin(7 * TIME), 2.8 * np.cos(7 * TIME), -19.6 * np.sin(7 * TIME)
-    R = Rotation.from_rotvec(phi[:, None] * axis).as_matrix()
-    motion = bodies.body_motion(TIME, pose(R, np.zeros((len(TIME), 3))), arm)
-    r, w, z = R @ arm, omega[:, None] * axis, alpha[:, None] * axis
-    np.testing.assert_allclose(motion.omega[inside], w[inside], atol=1e-6)
-    np.testing.assert_allclose(motion.alpha[inside], z[inside], atol=1e-4)
-    expected = np.cross(z, r) + np.cross(w, np.cross(w, r))
-    np.testing.assert_allclose(motion.acceleration[inside], expected[inside], atol=1e-4)
-
-
 ANKLE = np.array([0.02, -0.1, 0.09])
-
-
-def test_dorsiflexion_is_positive() -> None:
-    """Toes up against an upright shank; the shank forward over a flat foot; both together."""
-    for foot, shank, theta in ((-0.1, 0.0, 0.1), (0.0, 0.2, 0.2), (0.5, 0.5, 0.0)):
-        angle = ankle_angle(*(pose(about_y(np.array([a])), np.zeros((1, 3))) for a in (foot, shank)), LEFT)
-        assert angle[0] == pytest.approx(theta, abs=1e-12)
 
 
 def test_the_angle_is_the_twist_about_a_skew_axis_wherever_the_leg_is_and_whatever_a_soft_joint_adds_across() -> None:
@@ -104,24 +77,10 @@ def test_the_angle_is_the_twist_about_a_skew_axis_wherever_the_leg_is_and_whatev
         np.testing.assert_allclose(angle, theta, atol=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("force", "point", "couple", "torque"),
-    [
-        pytest.param([0, 0, 800], [0.1, 0, -0.09], [0, 0, 0], 80.0, id="a load ahead turns the toes up"),
-        pytest.param([-100, 0, 0], [0, 0, -0.09], [0, 0, 0], -9.0, id="friction that brakes the sole"),
-        pytest.param([0, 0, 0], [0, 0, 0], [0.3, -0.7, 0.2], 0.7, id="an unloaded plate, without centre of pressure"),
-    ],
-)
-def test_the_ankles_moment_holds_the_load_wherever_plate_and_origin_are(force, point, couple, torque) -> None:
-    for centre in np.array([[0.0, 0.0, 0.0], [0.3, 0.25, 0.0]]):
-        wrench = np.hstack([force, np.cross(ANKLE + point - centre, force) + couple])[None]
-        assert ankle_torque(wrench, centre, ANKLE[None], LEFT[None])[0] == pytest.approx(torque)
-
-
 @pytest.mark.parametrize("side", ["right", "left"])
 def test_the_calibrated_axis_points_to_the_left_for_either_leg(side) -> None:
-    labels = ["ANKLE_MED", "ANKLE_LAT"] if side == "right" else ["ANKLE_LAT", "ANKLE_MED"]
-    markers = SETTINGS["markers"] | dict(zip(("ankle_medial", "ankle_lateral"), labels, strict=True))
+    medial, lateral = ("ANKLE_MED", "ANKLE_LAT") if side == "right" else ("ANKLE_LAT", "ANKLE_MED")
+    markers = SETTINGS["markers"] | {"ankle_medial": medial, "ankle_lateral": lateral}
     static = bodies.static_calibration(static_trial(ANKLE), settings(side=side, markers=markers))
     np.testing.assert_allclose(static.ankle_axis, LEFT, atol=1e-12)
     np.testing.assert_allclose(static.ankle_centre, ANKLE, atol=1e-12)
@@ -141,16 +100,11 @@ def test_a_static_marker_that_is_never_seen_and_a_cluster_on_a_line_are_refused_
 
 def test_a_hanging_foot_needs_its_weight_and_its_inertia() -> None:
     """A foot that swings freely about a still ankle: tau = I_ankle alpha + m g x_com, toes-down positive."""
-    time = np.arange(300) / 300
-    phi, alpha = 0.3 * np.sin(6 * time), -10.8 * np.sin(6 * time)
-    com = np.array([0.05, 0.0, -0.04])
-    R = about_y(phi)
-    motion = bodies.body_motion(time, pose(R, np.zeros((300, 3))), com)
-    n = np.ones((300, 1))
-    torque = bodies.moment_of_foot(motion, 0 * motion.point, n * LEFT, 1.2, 0.007)
-    about_ankle = 0.007 + 1.2 * (com @ com)
+    phi, alpha, com = 0.3 * np.sin(6 * TIME), -10.8 * np.sin(6 * TIME), np.array([0.05, 0.0, -0.04])
+    motion = bodies.body_motion(TIME, pose(about_y(phi), np.zeros((len(TIME), 3))), com)
+    torque = bodies.moment_of_foot(motion, 0 * motion.point, np.tile(LEFT, (len(TIME), 1)), 1.2, 0.007)
     x = np.cos(phi) * com[0] + np.sin(phi) * com[2]
-    expected = about_ankle * alpha - 1.2 * 9.80665 * x
+    expected = (0.007 + 1.2 * (com @ com)) * alpha - 1.2 * 9.80665 * x
     np.testing.assert_allclose(torque[6:-6], expected[6:-6], atol=1e-5)
 
 
@@ -167,21 +121,17 @@ def compared(theta: Array, stamps: Array, encoder: Array) -> dict[str, float | N
     return encoder_check(trial, time, theta, low_pass)
 
 
-@pytest.mark.parametrize("delay", [-0.0042, 0.0, 0.0137])
-def test_offset_and_delay_of_the_encoder_come_out_whatever_its_rate(delay: float) -> None:
-    theta = low_pass(gait(np.arange(600) / 300), 300.0)[150:390]
-    check = compared(theta, own, gait(own - delay) + 0.01)
-    expected = {"encoder_offset_deg": np.rad2deg(0.01), "encoder_delay_ms": 1e3 * delay, "encoder_rms_deg": 0.0}
-    assert check == {name: pytest.approx(value, abs=2e-2 if "ms" in name else 1e-3) for name, value in expected.items()}
-
-
-def test_an_encoder_that_was_switched_on_and_off_in_stance_is_not_read_beyond_its_ends() -> None:
-    """Read up to 45 ms later than at its ends, where a spline of fifth degree is anywhere."""
-    some = own[(own > 0.7) & (own < 1.2)]
-    for delay in (-0.045, 0.045):
-        check = compared(low_pass(gait(np.arange(600) / 300), 300.0)[150:390], some, gait(some - delay))
-        assert check["encoder_delay_ms"] == pytest.approx(1e3 * delay, abs=1)
-        assert check["encoder_rms_deg"] < np.rad2deg(1e-3)
+@pytest.mark.parametrize(
+    ("delay", "first", "last"),
+    [(-0.0042, 0, 2), (0.0, 0, 2), (0.0137, 0, 2), (-0.045, 0.7, 1.2), (0.045, 0.7, 1.2)],
+)
+def test_offset_and_delay_of_the_encoder_come_out_whatever_its_rate(delay: float, first: float, last: float) -> None:
+    """Also of one that was switched on and off in stance, where a spline beyond its ends is anywhere."""
+    some = own[(own >= first) & (own < last)]
+    check = compared(low_pass(gait(np.arange(600) / 300), 300.0)[150:390], some, gait(some - delay) + 0.01)
+    assert check["encoder_offset_deg"] == pytest.approx(np.rad2deg(0.01), abs=0.06 if first else 1e-3)
+    assert check["encoder_delay_ms"] == pytest.approx(1e3 * delay, abs=1 if first else 0.02)
+    assert check["encoder_rms_deg"] < (np.rad2deg(1e-3) if first else 1e-3)
 
 
 def test_what_offset_and_delay_leave_is_the_noise_and_an_encoder_of_another_joint_is_refused() -> None:

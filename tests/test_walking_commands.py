@@ -157,16 +157,10 @@ def test_with_all_imperfections_the_rendered_stiffness_comes_out_to_five_percent
     for segment in ("foot", "shank", "platform"):  # 0.15 mm of noise, over three axes less six freedoms of twelve
         np.testing.assert_allclose(table[f"{segment}_residual_mm"], 0.15 * np.sqrt(3 / 2), rtol=0.1)
     assert (table["plate_zero_N"].abs() < 8).all()  # 2 N of offset drawn per trial
-
-
-def test_the_plate_and_its_lag_are_the_simulated_ones(real: Session) -> None:
-    model, simulated = jobs.read_model(real.file("plate.json"), PlateModel), real.truth("plate_01")["gait_laboratory"]
-    mass, com = simulated["effects"]["plate_inertia"]["size"], np.array(simulated["plate"]["centre_of_mass_m"])
-    assert model.lag == pytest.approx(1e-3 * simulated["effects"]["plate_lag"]["size"], abs=1e-4)
-    np.testing.assert_allclose(model.parameters[:4], [mass, *(mass * com)], rtol=0.02, atol=0.02)
-    table = read_table(real.file("plate.csv"))
-    assert (table.filter(pl.col("component").is_in(["F_x", "F_z", "M_y"]))["left_percent"] < 10).all()
-    assert (table["lag_s"][0], 0 < table["lag_se_s"][0] < 1e-4) == (model.lag, True)
+    plate, effects = read_table(real.file("plate.csv")), real.truth("plate_01")["gait_laboratory"]["effects"]
+    assert plate["lag_s"][0] == pytest.approx(1e-3 * effects["plate_lag"]["size"], abs=1e-4)
+    assert 0 < plate["lag_se_s"][0] < 1e-4
+    assert (plate.filter(pl.col("component").is_in(["F_x", "F_z", "M_y"]))["left_percent"] < 10).all()
 
 
 def test_without_imperfections_angle_and_torque_are_the_true_ones_through_one_filter(ideal: Session) -> None:

@@ -11,19 +11,7 @@ import pytest
 import walking_synthetic as synthetic
 import yaml
 from conftest import ROOT
-from walking_synthetic import (
-    PLATE_RATE,
-    RATE,
-    Ramp,
-    Rig,
-    changed,
-    hidden,
-    plate_trials,
-    settings,
-    static_trial,
-    step,
-    walked_over,
-)
+from walking_synthetic import RATE, Ramp, Rig, changed, hidden, plate_trials, settings, static_trial, walked_over
 
 from osl_analysis.campaign.campaign import Campaign, check_walking, open_campaign
 from osl_analysis.campaign.configuration import campaign_config
@@ -67,10 +55,10 @@ def plate(heave: float = 0.0) -> PlateModel:
 
 def torque_error(trials: list[Trial], turned: list[Ramp], model: PlatformModel, heave: float = 0.0) -> float:
     """RMS error [N*m] of the torque in the windows, against the exact torque through the same low-pass."""
-    stamps, errors = np.arange(3 * PLATE_RATE) / PLATE_RATE, []
+    stamps, errors = np.arange(3 * synthetic.PLATE_RATE) / synthetic.PLATE_RATE, []
     for trial, ramp in zip(trials, turned, strict=True):
         crossing = analyse_crossing(trial, CALIBRATION, plate(heave), True, settings(), model)
-        exact = LowPass(20.0)(synthetic.ankle_answer(stamps, ramp), PLATE_RATE)
+        exact = LowPass(20.0)(synthetic.ankle_answer(stamps, ramp), synthetic.PLATE_RATE)
         inside = (crossing.time >= ramp.onset) & (crossing.time < ramp.onset + 0.1)
         errors.append((crossing.torque - np.interp(crossing.time, stamps, exact))[inside])
     return float(np.sqrt(np.mean(np.square(np.concatenate(errors)))))
@@ -102,9 +90,6 @@ def test_hidden_markers_of_a_resting_platform_are_no_motion() -> None:
     trials = plate_trials(replace(RIG, marker=1e-4), Ramp(angle=5, rise=0.08), 1, 2)
     trials[0] = hidden(trials[0], ("PLAT1", "PLAT4"), 1.5, 1.58)
     tracks = [plates.unloaded_recording(trial, CALIBRATION, settings()).track for trial in trials]
-    inside = (tracks[0].time > 1.49) & (tracks[0].time < 1.59)
-    held = tracks[0].filtered[(tracks[0].time > 1.4) & (tracks[0].time < 1.8)].mean(axis=0)
-    assert np.abs(tracks[0].filtered[inside] - held).max() < 3e-4
     assert [len(axes) for axes in platform.shared_directions(tracks)] == [1, 1]
     found = identify_plate_model(calibrated(trials), settings())
     assert found.parameters[0] == pytest.approx(RIG.mass, abs=0.06)
@@ -162,13 +147,11 @@ def test_the_errors_of_a_torque_hold_what_each_group_of_crossings_does_to_the_sh
     again = read_model(tmp_path / "platform.json", PlatformModel)
     assert platform_table(again).equals(platform_table(model))
     assert len(again.leave_out) == len(model.leave_out) == 3
-    write_model(identify_platform(calibrated(trials[:1]), settings()), tmp_path / "none.json")
-    assert read_model(tmp_path / "none.json", PlatformModel).template is None
 
 
-def test_a_crossing_that_shivers_keeps_its_own_motion_by_name() -> None:
+def test_a_crossing_that_moves_in_another_way_keeps_its_own_motion_by_name() -> None:
     turned = ramps(6, 4)
-    turned[2] = replace(turned[2], shiver=0.5)
+    turned[2] = replace(turned[2], returns=1.22)
     with pytest.warns(UserWarning, match="trial walk_02: the platform does not move as in the other crossings"):
         trials, model = shared(turned, 4)
     assert [a.follows for a in model.alignments.values()] == [True, True, False, True, True, True]
@@ -212,7 +195,7 @@ def tracks_of(count: int, seed: int, slower: float = 0.0) -> tuple[list[Platform
     random, time, tracks = np.random.default_rng(seed), np.arange(600) / RATE, []
     onsets = random.uniform(0.98, 1.0, count)
     for k, onset in enumerate(onsets):
-        moved = 0.04 * np.outer(step(time, onset, 0.1 * (1 + slower * (k % 2)))[0], [0.6, 0, 0.8, 0, 0, 0])
+        moved = 0.04 * np.outer(synthetic.step(time, onset, 0.1 * (1 + slower * (k % 2)))[0], [0.6, 0, 0.8, 0, 0, 0])
         seen = moved + random.normal(0, 1e-4, moved.shape)
         tracks.append(PlatformTrack(f"w{k}", time, synthetic.PLATFORM, seen, LowPass(20.0), 1e-4))
     return tracks, onsets
@@ -235,11 +218,10 @@ def test_the_errors_of_the_starts_are_their_scatter_and_that_of_their_mean_is_a_
         assert platform_table(model)["template_onset_se_s"].to_list() == pytest.approx(expected)
         if slower:
             continue
-        time, h = np.arange(-0.15, 0.1, 1 / RATE), 1e-6
-        time = time[step(time, 0.0, 0.1)[0] < 0.7]
-        around = [(step(time, h, 0.1), step(time, -h, 0.1)), (step(time, 0.0, 0.1 + h), step(time, 0.0, 0.1 - h))]
-        columns = [*(0.04 * (later[0] - earlier[0]) / (2 * h) for later, earlier in around), 1 + 0 * time]
-        plain = np.sqrt(np.linalg.inv(np.array(columns) @ np.array(columns).T)[0, 0]) * 1e-4 / np.sqrt(12)
+        time = np.arange(-0.15, 0.1, 1 / RATE)
+        moved, speed, _ = synthetic.step(time, 0.0, 0.1)
+        columns = np.array([0.04 * speed, 0.4 * time * speed, 1 + 0 * time])[:, moved < 0.7]  # start, duration, level
+        plain = np.sqrt(np.linalg.inv(columns @ columns.T)[0, 0]) * 1e-4 / np.sqrt(12)
         assert template.start_se == pytest.approx(plain, rel=0.05)
 
 
@@ -361,7 +343,6 @@ def test_platform_markers_that_were_moved_between_sessions_are_read_with_their_o
     later = [(moved(trial), second) for trial in trials[2:]]
     with pytest.warns(UserWarning, match=r"keeps its own motion of the platform: .* stand 13 mm \(RMS\) otherwise"):
         assert identify_platform([*calibrated(trials[:2], first), *later], settings()).template is None
-    assert identify_platform(calibrated(trials, first), settings()).template is not None
 
 
 def test_without_a_correction_the_torque_of_a_light_plate_is_that_of_the_wrench_as_recorded(tmp_path: Path) -> None:
@@ -370,12 +351,11 @@ def test_without_a_correction_the_torque_of_a_light_plate_is_that_of_the_wrench_
         identify_plate([], [], {}, chosen, *outputs)
     table, model = read_table(outputs[1]), read_model(outputs[0], PlateModel)
     assert (table["plate_inertia"].unique().to_list(), table["rms_before"].null_count()) == (["none"], len(table))
-    assert (model.lag, model.leave_one_out) == (None, ())
     assert "NaN" not in outputs[0].read_text()  # which is no JSON
-    weightless, stamps = replace(QUIET, mass=1e-9), np.arange(3 * PLATE_RATE) / PLATE_RATE
+    weightless, stamps = replace(QUIET, mass=1e-9), np.arange(3 * synthetic.PLATE_RATE) / synthetic.PLATE_RATE
     trials = [walked_over("w", Ramp(), rig, 1) for rig in (weightless, QUIET)]
     light, heavy = (analyse_crossing(trial, CALIBRATION, model, True, chosen) for trial in trials)
-    exact = np.interp(light.time, stamps, LowPass(20.0)(synthetic.ankle_answer(stamps, Ramp()), PLATE_RATE))
+    exact = np.interp(light.time, stamps, LowPass(20.0)(synthetic.ankle_answer(stamps, Ramp()), synthetic.PLATE_RATE))
     window = (light.time > 1.1) & (light.time < 1.3)
     # 0.4 N and 0.08 N*m of noise at 1500 Hz through 20 Hz leave 0.02 N*m; the filters' rates differ by 0.1
     np.testing.assert_allclose(light.torque[window], exact[window], atol=0.3)
@@ -400,17 +380,9 @@ def test_a_translation_is_no_crossing_but_a_platform_may_yield_or_turn_and_heave
         analyse_crossing(pulled, CALIBRATION, NO_CORRECTION, False, settings())
 
 
-@pytest.mark.parametrize(
-    ("onset", "message"),
-    [
-        (1.75, "outside stance"),
-        (0.8, "outside stance"),
-        (0.95, r"leave stance 0\.930-1\.597 s"),
-        (1.55, "leave stance"),
-    ],
-)
-def test_an_onset_outside_stance_or_a_baseline_before_it_is_refused(onset: float, message: str) -> None:
-    with pytest.raises(InputError, match=message):
+@pytest.mark.parametrize(("onset", "said"), [(1.75, "outside"), (0.8, "outside"), (0.95, "leave"), (1.55, "leave")])
+def test_an_onset_outside_stance_or_a_baseline_before_it_is_refused(onset: float, said: str) -> None:
+    with pytest.raises(InputError, match=rf"{said} stance 0\.930-1\.597 s"):
         analyse_crossing(walked_over("w", Ramp(onset=onset), QUIET, 1), CALIBRATION, NO_CORRECTION, True, settings())
 
 

@@ -1,8 +1,8 @@
 """A walk over a force plate by formula: rigid bodies in numpy, which share no code with analysis or simulator.
 
-The platform turns about a mediolateral axis below its surface by a minimum-jerk ramp, and may heave, shiver or be
-slower. The foot rides on it flat, so that the ankle turns by the platform's angle and the lean of the shank. The ankle
-answers with K, B and I to it, on top of a load that does not vary from crossing to crossing.
+The platform turns about a mediolateral axis below its surface by a minimum-jerk ramp, and may heave or be slower.
+The foot rides on it flat, so that the ankle turns by the platform's angle and the lean of the shank. The ankle answers
+with K, B and I to it, on top of a load that does not vary from crossing to crossing.
 """
 
 from collections.abc import Sequence
@@ -96,13 +96,12 @@ def bump(time: Array, centre: float, width: float) -> tuple[Array, Array, Array]
 
 @dataclass(frozen=True)
 class Ramp:
-    """One ramp of the platform: angle [deg, toes up], duration and onset [s], heave [m], shiver [deg]."""
+    """One ramp of the platform: angle [deg, toes up], duration and onset [s], heave [m]."""
 
     angle: float = 2.5
     rise: float = 0.1
     onset: float = 1.19
     heave: float = 0.0
-    shiver: float = 0.0
     returns: float = 2.1
 
 
@@ -134,13 +133,6 @@ def angle_and_heave(t: Array, ramp: Ramp | None) -> tuple[Array, Array]:
         return np.zeros((3, len(t))), np.zeros((3, len(t)))
     angle = np.deg2rad(ramp.angle) * (step(t, ramp.onset, ramp.rise) - step(t, ramp.returns, 0.3))
     heave = ramp.heave * (step(t, ramp.onset, 0.06) - step(t, ramp.onset + 0.08, 0.06))
-    if ramp.shiver:
-        fine = np.arange(t[0], t[-1], 1e-5)
-        since = fine - ramp.onset
-        wave = step(fine, ramp.onset, 0.03)[0] * np.exp(-np.clip(since, 0, None) / 0.08)
-        wave *= np.deg2rad(ramp.shiver) * np.sin(2 * np.pi * 9.0 * since)
-        speed = np.gradient(wave, 1e-5)
-        angle = angle + np.array([np.interp(t, fine, x) for x in (wave, speed, np.gradient(speed, 1e-5))])
     return angle, heave
 
 

@@ -11,7 +11,7 @@ import polars as pl
 import pytest
 from bench_synthetic import unit_block
 from conftest import ROOT
-from walking_crossings import Walk, walked
+from walking_crossings import Walk, selected, walked
 from walking_synthetic import settings
 
 from osl_analysis.bench.impedance import DesiredImpedance
@@ -27,7 +27,6 @@ from osl_analysis.stats.regression import linear_fit
 from osl_analysis.trial import Trial
 from osl_analysis.walking import response, tables
 from osl_analysis.walking.gait import unperturbed_gait
-from osl_analysis.walking.groups import selection_rows
 from osl_analysis.walking.plate import Stance, find_stances
 from osl_analysis.walking.platform import find_onset
 
@@ -240,7 +239,7 @@ def headline(gait, perturbed):
 
 
 def selection(gait, perturbed):
-    return selection_rows([*gait, *perturbed], [], CHOICES)
+    return selected([*gait, *perturbed], CHOICES)
 
 
 @pytest.mark.parametrize("fit", [single, headline, selection])

@@ -8,7 +8,7 @@ import polars as pl
 import pytest
 from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
-from walking_crossings import TURN, Walk, campaign, crossing, several, standing_at, walked
+from walking_crossings import TURN, Walk, campaign, crossing, selected, several, standing_at, walked
 from walking_synthetic import settings
 
 from osl_analysis.commands.figure import plot_over_stance
@@ -239,7 +239,7 @@ def session(**changed: object) -> list[Crossing]:
 
 
 def reasons(crossings: list[Crossing]) -> dict[str, str]:
-    rows = selection_rows(crossings, [], settings())
+    rows = selected(crossings, settings())
     return {name: str(row["reason"]) for name, row in rows.items() if row["reason"] is not None}
 
 
@@ -322,6 +322,6 @@ def test_crossings_whose_foot_stands_elsewhere_do_not_tell_how_long_a_stance_is_
     ],
 )
 def test_a_load_far_from_the_weight_where_the_mass_is_known_and_a_foot_beside_the_plate_are_excluded(changed, said):
-    (row,) = selection_rows([changed], [], settings(outliers=None)).values()
+    (row,) = selected([changed], settings(outliers=None)).values()
     assert row["status"] == ("outlier" if said else "used")
     assert (said or "None") in str(row["reason"])

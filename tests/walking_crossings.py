@@ -15,6 +15,7 @@ from osl_analysis.commands.tables import gather
 from osl_analysis.judge.table import Doubt
 from osl_analysis.table import read_table
 from osl_analysis.walking.crossing import Crossing
+from osl_analysis.walking.groups import selection_rows
 from osl_analysis.walking.plate import Stance
 from osl_analysis.walking.settings import WalkingAnalysis
 
@@ -55,6 +56,11 @@ def crossing(
     span, no_plate = Stance(0.3, 0.3 + stance), np.zeros((0, len(time)))
     turned = None if onset is None else turn
     return Crossing(name, time, theta, torque, 0 * time, span, onset, 0.0, no_plate, turn=turned)
+
+
+def selected(crossings: Sequence[Crossing], chosen: WalkingAnalysis) -> dict[str, dict[str, object]]:
+    """Rows of `walking_crossings.csv` of crossings of which the sheet says nothing else."""
+    return selection_rows(crossings, [], chosen, {c.name: {"perturbed": c.onset is not None} for c in crossings})
 
 
 def standing_at(forward: float, left: float) -> dict[str, float | None]:
@@ -100,8 +106,9 @@ def run_jobs(
 ) -> Tables:
     """Every job from the crossings in a folder to the summary. `sheet` has their conditions, in its order."""
     files = {name: folder / f"crossings/{name}.parquet" for name in (*perturbed, *unperturbed)}
+    sheet = sheet or {name: {"perturbed": name in perturbed} for name in files}
     selection, gait, table = (folder / name for name in ("selection.csv", "gait.parquet", "walking.csv"))
-    jobs.select_crossings([files[name] for name in sheet or files], chosen, selection, sheet)
+    jobs.select_crossings([files[name] for name in sheet], chosen, selection, sheet)
     jobs.average_unperturbed([files[name] for name in unperturbed], selection, chosen, gait)
     rows, turned = [folder / f"fits/{name}.csv" for name in perturbed], [files[name] for name in perturbed]
     for file, row in zip(turned, rows, strict=True):

@@ -21,6 +21,7 @@ from osl_analysis.refusal import check_not_refused
 from osl_analysis.table import MEASURED, Places, read_table, with_places, write_table
 from osl_analysis.trial import NAME_KEY, PROVENANCE_KEY, Array, Trial, metadata_of, read_trial, write_trial
 from osl_analysis.walking import bodies, tables
+from osl_analysis.walking import settings as choices
 from osl_analysis.walking.bodies import StaticCalibration
 from osl_analysis.walking.crossing import Crossing, RefusedCrossing, analyse_crossing, body_mass
 from osl_analysis.walking.gait import PHASES, UnperturbedGait, unperturbed_gait
@@ -29,17 +30,6 @@ from osl_analysis.walking.overground import overground_rows
 from osl_analysis.walking.plate import NO_CORRECTION, NOT_REMOVED, PlateModel, identify_plate_model, plate_table
 from osl_analysis.walking.platform import ALONE, PlatformModel, identify_platform, platform_table
 from osl_analysis.walking.response import group_headline
-from osl_analysis.walking.settings import (
-    CalibrationSettings,
-    CrossingSettings,
-    EnsembleSettings,
-    OvergroundAnalysis,
-    PlateModelSettings,
-    PlatformMotionSettings,
-    ResponseSettings,
-    SelectionSettings,
-    UnperturbedSettings,
-)
 
 CROSSING_SIGNALS = ("theta", "torque", "platform")
 LOADS = ("load", "pressure_left")  # vertical force [N] on the foot, centre of pressure [m] to the left of the ankle
@@ -160,7 +150,7 @@ def read_unperturbed_gaits(path: Path) -> dict[str, UnperturbedGait]:
     return gaits
 
 
-def calibrate(trial: Path, settings: CalibrationSettings, output: Path) -> None:
+def calibrate(trial: Path, settings: choices.CalibrationSettings, output: Path) -> None:
     """Marker clusters, ankle centre and axis of the static trial, to a JSON file."""
     write_model(bodies.static_calibration(read_trial(trial), settings), output)
 
@@ -173,7 +163,12 @@ def calibrated_trials(trials: Paths, calibrations: Paths, statics: Statics) -> l
 
 
 def identify_plate(
-    trials: Paths, calibrations: Paths, statics: Statics, settings: PlateModelSettings, output: Path, comparison: Path
+    trials: Paths,
+    calibrations: Paths,
+    statics: Statics,
+    settings: choices.PlateModelSettings,
+    output: Path,
+    comparison: Path,
 ) -> None:
     """The plate's inertia and lag from trials of the unloaded plate, to a JSON file. The table `comparison` shows the
     unloaded plate's wrench before and after both are removed. A warning says so where the settings remove nothing."""
@@ -192,7 +187,7 @@ def measure_platform(
     trials: Paths,
     calibrations: Paths,
     statics: Statics,
-    settings: PlatformMotionSettings,
+    settings: choices.PlatformMotionSettings,
     output: Path,
     comparison: Path,
     places: Places | None = None,
@@ -209,7 +204,7 @@ def analyse(
     calibration: Path,
     plate: Path,
     perturbed: bool,
-    settings: CrossingSettings,
+    settings: choices.CrossingSettings,
     output: Path,
     direction: str | None = None,
     body_mass_kg: float | None = None,
@@ -241,7 +236,7 @@ def group_result(
     own: pl.DataFrame,
     files: Mapping[str, Path],
     gait: UnperturbedGait | None,
-    settings: EnsembleSettings,
+    settings: choices.EnsembleSettings,
 ) -> tuple[list[dict[str, Any]], dict[str, Any], pl.DataFrame | None]:
     """Rows of `walking_summary.csv` of a group, its row of `walking_groups.csv`, which begins as `fact`, and its
     responses. Without a result: rows with the reason, None, and a warning. `own` are its rows of `walking.csv`."""
@@ -267,9 +262,9 @@ def group_result(
 
 def select_crossings(
     crossings: Paths,
-    settings: SelectionSettings,
+    settings: choices.SelectionSettings,
     output: Path,
-    sheet: SheetCells | None = None,
+    sheet: SheetCells,
     places: Places | None = None,
 ) -> None:
     """One row per crossing, in the order of the files: quality, group and, if it is excluded, the reason. A warning
@@ -278,7 +273,6 @@ def select_crossings(
     refused = [c for c in read if isinstance(c, RefusedCrossing)]
     rows = selection_rows([c for c in read if isinstance(c, Crossing)], refused, settings, sheet)
     table = pl.DataFrame([rows[path.stem] for path in crossings], infer_schema_length=None)
-    sheet = sheet or {}
     said = [
         f"crossings differ in {key} ({cells_said({cells.get(key) for cells in sheet.values()})}): each value has a "
         f"result of its own; write {key} under walking.group_by to keep that, or under walking.pool for one result"
@@ -296,7 +290,7 @@ def select_crossings(
     write_table(on_the_walkway(table, places), output)
 
 
-def average_unperturbed(crossings: Paths, selection: Path, settings: UnperturbedSettings, output: Path) -> None:
+def average_unperturbed(crossings: Paths, selection: Path, settings: choices.UnperturbedSettings, output: Path) -> None:
     """The unperturbed crossings that the table `selection` does not exclude, on a common grid of stance phase, by gait,
     to a Parquet file. A gait with too few of them is left out with a warning."""
     unperturbed = [crossing for crossing in selected_crossings(crossings, selection) if crossing.onset is None]
@@ -329,7 +323,7 @@ def average_unperturbed(crossings: Paths, selection: Path, settings: Unperturbed
 
 
 def fit_perturbation(
-    crossing: Path, selection: Path, unperturbed: Path, settings: ResponseSettings, output: Path
+    crossing: Path, selection: Path, unperturbed: Path, settings: choices.ResponseSettings, output: Path
 ) -> None:
     """The row of `walking.csv` of one perturbed crossing: Eq. 15, or the reason why it is excluded or has no fit."""
     gaits, columns = read_unperturbed_gaits(unperturbed), ("reason", "gait", "group", "direction")
@@ -354,12 +348,12 @@ def summarise_perturbations(
     crossings: Paths,
     selection: Path,
     unperturbed: Path,
-    settings: EnsembleSettings,
+    settings: choices.EnsembleSettings,
     output: Path,
     responses: Path,
     excluded: Path,
     groups: Path,
-    sheet: SheetCells | None = None,
+    sheet: SheetCells,
     limits: Doubt | None = None,
     places: Places | None = None,
 ) -> None:
@@ -404,7 +398,7 @@ def selected_crossings(crossings: Paths, selection: Path) -> list[Crossing]:
 
 
 def compare_ankle_moment(
-    trial: Trial, settings: OvergroundAnalysis, condition: Mapping[str, float | None] | None = None
+    trial: Trial, settings: choices.OvergroundAnalysis, condition: Mapping[str, float | None] | None = None
 ) -> Mapping[str, pl.DataFrame]:
     """Our ankle moment and the laboratory's, per stance and plate; `condition` may state the sheet's `body_mass_kg`."""
     return {"ankle_moment": pl.DataFrame(overground_rows(trial, settings, (condition or {}).get("body_mass_kg")))}

@@ -124,8 +124,7 @@ def fig9_caption(table: pl.DataFrame) -> str:
     ]
     if table["commanded"].count():
         said.append("Dashed: what the walking controller commanded.")
-    most = 6
-    for group in groups[:most]:
+    for group in groups:
         told = []
         for row in rows.filter(group=group).iter_rows(named=True):
             name, unit = rf"$\hat{{{row['quantity']}}}$", UNIT_SIGN[row["quantity"]]
@@ -137,8 +136,6 @@ def fig9_caption(table: pl.DataFrame) -> str:
             ensemble = names.with_interval(row["ensemble"], row["ensemble_low"], row["ensemble_high"], unit)
             told.append(f"{name} is {mean}, of the mean response {ensemble}{commanded}")
         said.append(("" if len(groups) == 1 else f"{as_text(group)}: ") + "; ".join(told) + ".")
-    if len(groups) > most:
-        said.append(f"The numbers of {len(groups) - most} more groups stand in fig9.csv.")
     return " ".join([*said, doubtful_said(fits, "drawn open")])
 
 
@@ -224,8 +221,7 @@ def walking_page_caption(table: pl.DataFrame) -> str:
             "departs from the mean one, and the zero-phase filter spreads the platform's motion to times before the "
             "onset. The fit has no offset, so that both are in it."
         )
-    most = 4
-    for rows in groups[:most]:
+    for rows in groups:
         name = f"{as_text(rows['group'][0])}: " if len(groups) > 1 else ""
         usual, turned = (int(curve(rows, "angle", gait)["n"][0]) for gait in GAIT)
         told = []
@@ -241,8 +237,6 @@ def walking_page_caption(table: pl.DataFrame) -> str:
             f"{name}{count_of(usual, 'unperturbed crossing')} and {turned} perturbed; at the onset the mean response "
             f"is {' and '.join(told)}."
         )
-    if len(groups) > most:
-        said.append(f"The numbers of {len(groups) - most} more groups stand in walking_page.csv.")
     fits = table.filter(pl.col("curve") == "each").unique("trial", maintain_order=True)
     return " ".join([*said, doubtful_said(fits, "dotted")])
 

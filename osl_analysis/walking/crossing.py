@@ -26,8 +26,7 @@ QUALITY = (
     "foot_forward_m", "foot_left_m", "foot_outside_m", "foot_residual_mm", "platform_residual_mm", "shank_residual_mm",
     "plate_zero_N", "encoder_offset_deg", "encoder_delay_ms", "encoder_rms_deg",
 )  # fmt: skip
-"""Columns of `walking_crossings.csv` that show the quality of one crossing; the dictionary of tables says what each
-is."""
+"""Columns of `walking_crossings.csv` that show the quality of one crossing; the dictionary says what each is."""
 
 
 @dataclass(frozen=True)
@@ -140,7 +139,8 @@ def analyse_crossing(
 
     def reaction(model: PlateModel, moving: BodyMotion) -> Array:
         """Ground reaction (n, 6) on the foot in laboratory axes, about the plate's centre, without the plate's own."""
-        parts = (low_pass(read(model.lag or 0.0), rate)[rows] - model.wrench(moving)).reshape(-1, 2, 3)
+        without = low_pass(read(model.lag or 0.0), rate)[rows] - plate.inertial_columns(moving) @ model.parameters
+        parts = without.reshape(-1, 2, 3)
         return np.asarray(np.einsum("nij,nkj->nki", turned, parts).reshape(-1, 6))
 
     def torque_by(model: PlateModel, moving: BodyMotion) -> Array:

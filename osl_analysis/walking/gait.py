@@ -1,15 +1,9 @@
-"""Unperturbed gait on a common grid of stance phase, and the phase of a perturbed crossing on it.
+"""Unperturbed gait on a common grid of stance phase, and the phase of a perturbed crossing on it (docs/walking.md).
 
-A crossing's own duration of stance is a good scale of its phase, unless the perturbation changes it: then the window
-lies at a wrong phase of the mean gait. What the person did before the onset knows nothing of the perturbation, and
-tells the duration that was to be expected.
-
-People differ from step to step in the size of a motion, and in its level, which drifts. Both look like pace. What they
-cannot imitate is sharp: the ankle's turn from plantarflexion to dorsiflexion after heel strike. So size and drift are
-fitted too, and the drift is the polynomial with which the unperturbed crossings' scales scatter least. Torque and load
-are no help: the low-pass and the heel's impact act in time and not in phase, so that both misread a slower crossing by
-a few per cent (docs/walking.md).
-"""
+A perturbation may change the duration of stance. What the person did before the onset tells the one to be expected.
+Size and drift of a motion differ from step to step and look like pace, but cannot imitate the ankle's sharp turn after
+heel strike. So both are fitted too; the drift has the order with which unperturbed scales scatter least. Torque and
+load misread a slower crossing: low-pass and heel's impact act in time and not in phase."""
 
 import re
 from collections import Counter

@@ -263,16 +263,10 @@ SEPARATOR = "; "  # Between the names of gaits in one cell; no name has a semico
 
 
 def selection_rows(
-    crossings: Sequence[Crossing],
-    refused: Sequence[RefusedCrossing],
-    settings: SelectionSettings,
-    sheet: Sheet | None = None,
+    crossings: Sequence[Crossing], refused: Sequence[RefusedCrossing], settings: SelectionSettings, sheet: Sheet
 ) -> dict[str, dict[str, object]]:
-    """Rows of `walking_crossings.csv` by crossing: its quality, its group and, if it is excluded, the reason. `sheet`
-    has the conditions of all, None: there are none. Those that share all splitting conditions are compared."""
-    if sheet is None:
-        kinds = [(c.name, c.onset is not None) for c in crossings] + [(r.name, r.perturbed) for r in refused]
-        sheet = {name: {IS_PERTURBED: perturbed} for name, perturbed in kinds}
+    """Rows of `walking_crossings.csv` by crossing: its quality, its group and, if it is excluded, the reason. Crossings
+    that share all splitting conditions are compared."""
     keys = split_keys(sheet, settings)
     alike = dict[tuple[object, ...], list[Crossing]]()
     for c in crossings:
@@ -292,8 +286,7 @@ def selection_rows(
 def crossing_row(
     crossing: Crossing, index: int, features: Sequence[Feature], settings: SelectionSettings
 ) -> dict[str, object]:
-    """One row of `walking_crossings.csv`. A crossing is excluded for its load or its foot's place, whatever the others
-    are, or as an outlier among them."""
+    """One row of `walking_crossings.csv`. A crossing is excluded for its load or foot's place, or as an outlier."""
     quality = {name: crossing.quality.get(name) for name in QUALITY}
     values = {f.name: float(f.values[index]) for f in features}
     share, reason, (low, high) = None, None, settings.load_of_weight

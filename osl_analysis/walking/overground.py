@@ -1,10 +1,9 @@
 """Overground gait from another laboratory: the ankle moment from the plate, compared with the laboratory's own.
 
 Plug-in Gait stores the ankle's centre (TIO) and a point to its left on the tibia's mediolateral axis (TIL) as markers.
-Its moment is the quasi-static moment about that axis, plus the effects of the foot's weight and inertia.
-"""
+Its moment is the quasi-static moment about that axis, plus the effects of the foot's weight and inertia."""
 
-from collections.abc import Iterator
+from itertools import product
 
 import numpy as np
 
@@ -43,45 +42,43 @@ def overground_rows(
         raise InputError(
             f"trial {trial.name}: no {absent}; map the laboratory's moment and the plates in the source file"
         )
-    rows = [row for side in sides for number in numbers for row in rows_on_plate(trial, side, number, mass, load)]
+    rows = list[dict[str, object]]()
+    for side, plate in product(sides, numbers):
+        time, points = marker_tracks(trial, [f"{side[0].upper()}TIO", f"{side[0].upper()}TIL"])
+        ankle, axis = points[:, 0], points[:, 1] - points[:, 0]
+        wrench = plates.wrench_reader(*plates.recorded_wrench(trial, plate), time)(0.0)
+        corners = plates.recorded_corners(trial, plate)
+        unit = axis / np.linalg.norm(axis, axis=1, keepdims=True)
+        own = plates.ankle_torque(wrench, corners.mean(axis=0), ankle, unit) / mass
+        laboratory = trial.arrays(f"reference_ankle_moment_{side}")[1]
+        known = np.isfinite(own) & np.isfinite(laboratory) & (wrench[:, 2] > load)
+        # Over the plate, seen from above: on the same side of each edge; a NaN point is not
+        edges, away = np.roll(corners, -1, axis=0) - corners, ankle[:, None] - corners
+        turn = edges[:, 0] * away[..., 1] - edges[:, 1] * away[..., 0]
+        over = np.asarray((turn > 0).all(axis=1) | (turn < 0).all(axis=1))
+        for stance in plates.find_stances(time, wrench[:, 2], load, load, 0.3):
+            inside = (time > stance.heel_strike) & (time < stance.toe_off)
+            used = known & inside
+            if over[inside].mean() > 0.5 and used.sum() > 2:
+                moment, reference = own[used], laboratory[used]
+                peak = int(np.argmax(reference))
+                row: dict[str, object] = {
+                    "trial": trial.name,
+                    "body_mass_kg": mass,
+                    "side": side,
+                    "plate": plate,
+                    "heel_strike_s": stance.heel_strike,
+                    "toe_off_s": stance.toe_off,
+                    "frames": len(moment),
+                    "correlation": float(np.corrcoef(moment, reference)[0, 1]),
+                    "slope": float(moment @ reference / (moment @ moment)),
+                    "reference_peak": float(reference[peak]),
+                    "moment_at_peak": float(moment[peak]),
+                }
+                rows.append(row)
     if not rows:
         raise InputError(
             f"trial {trial.name}: no foot stands on a plate with its ankle over it; check the plates' corners and "
             f"channels, or lower load_on_n from {load:g} N"
         )
     return rows
-
-
-def rows_on_plate(trial: Trial, side: str, plate: int, mass: float, load: float) -> Iterator[dict[str, object]]:
-    """The stances of one foot on one plate, while it carries more than `load` [N]; `slope` is that through zero."""
-    time, points = marker_tracks(trial, [f"{side[0].upper()}TIO", f"{side[0].upper()}TIL"])
-    ankle, axis = points[:, 0], points[:, 1] - points[:, 0]
-    wrench = plates.wrench_reader(*plates.recorded_wrench(trial, plate), time)(0.0)
-    corners = plates.recorded_corners(trial, plate)
-    unit = axis / np.linalg.norm(axis, axis=1, keepdims=True)
-    own = plates.ankle_torque(wrench, corners.mean(axis=0), ankle, unit) / mass
-    laboratory = trial.arrays(f"reference_ankle_moment_{side}")[1]
-    known = np.isfinite(own) & np.isfinite(laboratory) & (wrench[:, 2] > load)
-    # Over the plate, seen from above: on the same side of each edge; a NaN point is not
-    edges, away = np.roll(corners, -1, axis=0) - corners, ankle[:, None] - corners
-    turn = edges[:, 0] * away[..., 1] - edges[:, 1] * away[..., 0]
-    over = np.asarray((turn > 0).all(axis=1) | (turn < 0).all(axis=1))
-    for stance in plates.find_stances(time, wrench[:, 2], load, load, 0.3):
-        inside = (time > stance.heel_strike) & (time < stance.toe_off)
-        rows = known & inside
-        if over[inside].mean() > 0.5 and rows.sum() > 2:
-            moment, reference = own[rows], laboratory[rows]
-            peak = int(np.argmax(reference))
-            yield {
-                "trial": trial.name,
-                "body_mass_kg": mass,
-                "side": side,
-                "plate": plate,
-                "heel_strike_s": stance.heel_strike,
-                "toe_off_s": stance.toe_off,
-                "frames": len(moment),
-                "correlation": float(np.corrcoef(moment, reference)[0, 1]),
-                "slope": float(moment @ reference / (moment @ moment)),
-                "reference_peak": float(reference[peak]),
-                "moment_at_peak": float(moment[peak]),
-            }

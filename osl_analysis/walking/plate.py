@@ -245,10 +245,6 @@ class PlateModel:
     def identified(self) -> tuple[str, ...]:
         return tuple(name for name, se in zip(INERTIAL, self.standard_errors, strict=True) if se > 0)
 
-    def wrench(self, motion: BodyMotion) -> Array:
-        """Wrench (n, 6) that the plate itself causes about its centre, the point of `motion`."""
-        return np.asarray(inertial_columns(motion) @ self.parameters)
-
 
 NOT_REMOVED = "walking.plate_inertia is none"
 NO_CORRECTION = PlateModel(
@@ -258,7 +254,8 @@ NO_CORRECTION = PlateModel(
 
 
 def inertial_columns(motion: BodyMotion) -> Array:
-    """Columns (n, 6, 10) whose product with the parameters is force and moment [N, N*m] in the plate's axes."""
+    """Columns (n, 6, 10) whose product with the parameters is the wrench that the plate itself causes about its centre,
+    the point of `motion`, in its axes."""
     vectors = (motion.acceleration - bodies.FREE_FALL, motion.omega, motion.alpha)
     a, w, z = (np.einsum("nij,nj->ni", motion.rotation.transpose(0, 2, 1), v) for v in vectors)
     a, W = a + bodies.FREE_FALL, cross_matrix(w)
@@ -316,8 +313,7 @@ def identify_plate_inertia(
 
 
 def stacked_columns(columns: Array, names: Sequence[str]) -> Array:
-    """Weighted columns (6 n, p) of the named parameters out of (n, 6, 10), component by component, for their
-    correlation."""
+    """Weighted columns (6 n, p) of the named parameters out of (n, 6, 10), component by component."""
     chosen = columns[:, :, [INERTIAL.index(name) for name in names]] * WEIGHT[:, None]
     return np.asarray(chosen.transpose(1, 0, 2).reshape(-1, len(names)))
 
@@ -462,8 +458,7 @@ def whole_motions(track: platform.PlatformTrack) -> slice:
 
 
 def identify_plate_model(pairs: Sequence[tuple[Trial, StaticCalibration]], settings: PlateModelSettings) -> PlateModel:
-    """Lag and inertia from unloaded trials, each with its calibration: first the lag of each trial, then one inertia
-    from all at the mean lag."""
+    """The lag of each unloaded trial, each with its calibration, then one inertia from all at the mean lag."""
     if not pairs:
         raise InputError("no trials of the unloaded plate; add trials of experiment 'plate' to the sheet")
     every = [unloaded_recording(trial, calibration, settings) for trial, calibration in pairs]

@@ -152,8 +152,7 @@ def gait_torque(response: PerturbationResponse, fit: LinearFit) -> Array:
 
 
 def estimate_changes(response: PerturbationResponse, fit: LinearFit) -> tuple[Array, Array]:
-    """Changes (crossings, 3) and (m, 3) of K, B, I, to first order, by each unperturbed crossing's deviation from their
-    mean, and without each of m plate trials."""
+    """First-order changes (crossings, 3) of K, B, I by each unperturbed crossing, (m, 3) without each plate trial."""
     columns, rows = motion_columns(response.fitted_motion), response.window
     gait, plate = (
         np.asarray(np.linalg.lstsq(columns, torques.T[rows])[0].T, float)
@@ -168,8 +167,7 @@ def motion_columns(motion: Motion) -> Array:
 
 
 def jackknife_covariance(changes: Array) -> Array:
-    """Tukey's covariance (p, p) from the changes (m, p) of estimates without each of m trials; 0 with fewer than
-    two."""
+    """Tukey's covariance (p, p) from the changes (m, p) of estimates without each of m trials; 0 with one."""
     m, p = changes.shape
     return (m - 1) ** 2 / m * np.cov(changes, rowvar=False) if m > 1 else np.zeros((p, p))
 

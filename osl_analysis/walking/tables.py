@@ -32,12 +32,12 @@ Facts = dict[str, float | None]
 
 
 def group_rows(
-    selection: pl.DataFrame, sheet: Sheet | None, gaits: Mapping[str, UnperturbedGait], window: float
+    selection: pl.DataFrame, sheet: Sheet, gaits: Mapping[str, UnperturbedGait], window: float
 ) -> list[dict[str, Any]]:
     """Rows of `walking_groups.csv` before any fit, in the order of the conditions that a group shares, numbers as
     numbers, then of direction and phase. A gait none of whose perturbed crossings is used is a group without any."""
     perturbed, found = selection.filter(pl.col("perturbed")), list[tuple[tuple[object, ...], dict[str, Any]]]()
-    stated = {trial: (sheet or {}).get(trial, {}) for trial in perturbed["trial"]}
+    stated = {trial: sheet[trial] for trial in perturbed["trial"]}
     grouped = perturbed.drop_nulls("group").partition_by("group", maintain_order=True)
     parts = [(members["group"][0], members["gait"][0], members, members) for members in grouped]
     for gait in perturbed["gait"].unique(maintain_order=True):
@@ -167,8 +167,7 @@ def group_facts(headline: GroupHeadline) -> Facts:
 
 
 def residual_over_gait(motion: Motion, torque: Array, left: Array) -> float | None:
-    """RMS residual of Eq. 15 over that of ordinary gait (crossings, k). Null below 3 % of the torque, or if gait leaves
-    0."""
+    """RMS residual of Eq. 15 over that of ordinary gait (crossings, k). Null below 3 % of the torque, or over 0."""
     columns = isolation.motion_columns(motion)
     own, gait = (rms(y - (columns @ np.linalg.lstsq(columns, y.T, rcond=None)[0]).T) for y in (torque[None], left))
     return own / gait if own > 0.03 * rms(torque) and gait > 0 else None

@@ -283,7 +283,6 @@ def drafted_text(draft: Draft) -> str:
     return "\n".join([*lines, *(f"not read: {text}" for text in draft.refused)])
 
 
-QUIET_S = 4.0  # A recording is complete if nothing was written to it for this long [s]; up to 20 s if it paused before
 State = tuple[int, int]  # size [bytes] and date of the last change [ns] of all files of a recording
 
 
@@ -293,12 +292,11 @@ class Arrivals:
 
     folder: Path
     seen: dict[str, State] = field(default_factory=dict)  # that were examined, by their path in the folder
-    growing: dict[str, tuple[State, float, float]] = field(default_factory=dict)
-    """Others, with the time of their last change, and the longest between two changes of one that grew [s]."""
+    growing: dict[str, tuple[State, float]] = field(default_factory=dict)  # others, and since when they rest [s]
 
     def complete(self, now: float) -> list[tuple[Path, State]]:
-        """Recordings that are new, or other than when they were examined, and rest: they have not changed for
-        `QUIET_S`, or twice as long as they paused before. The caller enters them in `seen` once they are examined."""
+        """Recordings that are new, or other than when they were examined, and have rested for 4 s; for 20 s if they
+        grew after they had rested before. The caller enters them in `seen` once they are examined."""
         found = []
         for path in recordings_in(self.folder):
             name = path.relative_to(self.folder).as_posix()
@@ -309,12 +307,10 @@ class Arrivals:
             state = (sum(stat.st_size for stat in stats), max((stat.st_mtime_ns for stat in stats), default=0))
             if not state[0] or self.seen.get(name) == state:
                 continue
-            before, since, pause = self.growing.get(name, (None, now, 0.0))
+            before, since = self.growing.get(name, (None, now))
             if before != state:
-                grew = before is not None or name in self.seen
-                pause, since = max(pause, now - since if grew else 0.0), now
-            self.growing[name] = (state, since, pause)
-            if before == state and now - since >= min(max(QUIET_S, 2 * pause), 20.0):
+                self.growing[name] = (state, now)
+            elif now - since >= (20.0 if name in self.seen else 4.0):
                 found.append((path, state))
         return found
 

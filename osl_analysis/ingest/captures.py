@@ -36,12 +36,11 @@ def plate_record(
     rotation: Array,
 ) -> PlateRecord:
     """Columns of one plate in our axes, (samples,) each, where they come from, and what the provenance says of it.
-    plate: its number and type of the C3D manual (2 where forces and moments were exported), and the corners of its
-    surface, (4, 3) [m]. wrench: force [N] on the foot and moment [N*m] about the centre of the corners, (samples, 3)
-    each; all in the axes of the file. channels: names of the raw ones that together give the force, their samples,
-    (samples, channels) in the file's units, and their rate [Hz]. As after the rotation a clipped or dead sensor cannot
-    be seen, what each raw channel shows is told: `clipped_...` of the longest run at an extreme, `clipped_at` its value
-    in the unit of the file, `stands_...` of the longest run of one value while the plate's force changes."""
+    plate: number, type (2 where forces and moments were exported) and corners, (4, 3) [m]. wrench: force [N] on the
+    foot and moment [N*m] about the corners' centre, (samples, 3) each, in the file's axes. channels: names, samples
+    (samples, channels) in the file's units, and rate [Hz] of the raw ones. As the rotation hides a clipped or dead
+    sensor, each raw channel's longest run at an extreme (`clipped_...`) and of one value while the force changes
+    (`stands_...`) is told."""
     columns, origins, facts = dict[str, Array](), Origins(), []
     for quantity, values in zip(("force", "moment"), wrench, strict=True):
         for axis, column in enumerate(plate_columns(plate["plate"], quantity)):
@@ -76,35 +75,31 @@ def captured(
     facts: Mapping[str, Any] | None = None,
     warnings: Sequence[str] = (),
 ) -> Recording:
-    """The columns that the source file asks for, in SI units and our axes. Markers and model outputs have a sample per
-    frame, plates and analogs several: a row per analog sample, and null where a frame has none. A marker that was not
-    seen is NaN. timing: number of frames (frame 0 and analog sample 0 are at 0 s), frame rate [Hz], samples per frame,
-    and number of the first frame, as the laboratory counts. markers: label, name that the columns have, positions
-    (frames, 3) and their unit. outputs: the model output's component, (frames,). analogs: the channel, (samples,), and
-    the unit that the file states. All are in the axes of the file, outputs and analogs by canonical column."""
+    """The columns that the source file asks for, in SI units and our axes: a row per analog sample, null where a frame
+    has none; a marker that was not seen is NaN. timing: number of frames (frame 0 and analog sample 0 are at 0 s),
+    frame rate [Hz], samples per frame, and the laboratory's number of the first frame. markers: label, name in the
+    columns, positions (frames, 3) and their unit. outputs (frames,) and analogs (samples,), with the unit that the file
+    states, by canonical column. All are in the axes of the file."""
     frames, rate, samples_per_frame, first_frame = timing
     slow, origins = dict[str, Array](), Origins()
     for label, name, positions, unit in markers:
         factor = si_factor(unit, "m")
-        turned = positions @ source.rotation.T * factor
         for axis, column in enumerate(marker_columns(printable(name))):
             if column in slow:
                 raise InputError(f"marker '{name}' occurs twice; list those to read under `markers`")
-            slow[column] = turned[:, axis]
+            slow[column] = factor * positions @ source.rotation[axis]
             origin = {"label": label, "component": source.axes[axis], "unit": unit}
             origins[column] = {**origin, "factor": factor, "si_unit": unit_of(column)}
     for column, values in (outputs or {}).items():  # in the unit of the source file, never in that of the file
         slow[column] = source.outputs[column].to_si(values, unit_of(column))
         origins[column] = source.outputs[column].origin(column)
-    fast, geometry = dict[str, Array](), [fact for _, _, fact in plates]
+    fast = dict[str, Array]()
     for values_of_plate, origins_of_plate, _ in plates:
         fast |= values_of_plate
         origins |= origins_of_plate
     for column, (values, unit) in (analogs or {}).items():
-        try:
+        with source.naming(column, "analogs", column, "unit"):
             fast[column] = source.analogs[column].to_si(values, unit_of(column), unit)
-        except InputError as error:
-            raise InputError(f"{column}: {error}, as {source.place('analogs', column, 'unit')}") from error
         origins[column] = source.analogs[column].origin(column, unit)
     if not fast and not slow:
         raise InputError(
@@ -115,14 +110,14 @@ def captured(
     time = np.arange(frames * ratio) / (rate * ratio)
     for column, values in fast.items():
         check_values(column, values, time)
-    said = {"frame_rate_hz": rate, "samples_per_frame": samples_per_frame, "first_frame": first_frame}
-    all_facts = {**said, "axes": source.axes, "plates": geometry, **(facts or {})}
+    said: dict[str, Any] = {"frame_rate_hz": rate, "samples_per_frame": samples_per_frame, "first_frame": first_frame}
+    said |= {"axes": source.axes, "plates": [fact for _, _, fact in plates], **(facts or {})}
     hidden = f"none of the {len(markers)} markers was seen in any of the {frames} frames"
     seen = not markers or any(np.isfinite(positions).any() for _, _, positions, _ in markers)
     rows, index = pl.DataFrame({"time": time, **fast}), pl.Series("index", np.arange(time.size))
     of_frames = pl.DataFrame([index.gather_every(ratio), *(pl.Series(name, values) for name, values in slow.items())])
     samples = rows.with_columns(index).join(of_frames, on="index", how="left", maintain_order="left").drop("index")
-    return Recording(samples, origins, all_facts, [*warnings, *[hidden] * (not seen)])
+    return Recording(samples, origins, said, [*warnings, *[hidden] * (not seen)])
 
 
 def is_labelled(name: str) -> bool:
@@ -133,10 +128,8 @@ def is_labelled(name: str) -> bool:
 def checked_length(unit: str, what: str, source: Source) -> str:
     """The source file's unit of length, or else the recording's."""
     unit = source.point_unit or unit
-    try:
+    with source.naming(what, "point_unit"):
         si_factor(unit, "m")
-    except InputError as error:
-        raise InputError(f"{what}: {error}, as {source.place('point_unit')}") from error
     return unit
 
 
@@ -199,9 +192,8 @@ def wrench(
 ) -> tuple[Array, Array]:
     """Force [N] and moment [N*m] of one plate about its surface's centre, (n, 3) each, in laboratory axes, on the foot.
     kind: 1 to 4, as in the C3D manual. corners: (4, 3) [m], in the quadrants (+x, +y), (-x, +y), (-x, -y), (+x, -y) of
-    the plate's axes. origin: FORCE_PLATFORM:ORIGIN, (3,) [m], in these axes. channels: (n, channels) in [N], [N*m] and
-    for type 1 [m]; for type 4 in the units of its `calibration` (6, 6). They are in the plate's axes, whose z points
-    down, with a negative Fz under load; in the laboratory's axes this is the ground reaction."""
+    the plate's axes, whose z points down, with a negative Fz under load. origin: FORCE_PLATFORM:ORIGIN, (3,) [m].
+    channels: (n, channels) in [N], [N*m] and for type 1 [m]; for type 4 in the units of its `calibration` (6, 6)."""
     axes = own_axes(corners)
     # from the plate's origin to the surface's centre: the origin lies under the surface and z points down, so z is
     # negative; a file with a positive z stores the opposite vector
@@ -218,9 +210,9 @@ def wrench(
         )
         centre = np.array([0.0, 0.0, -depth])
     elif kind == 1:  # centre of pressure x and y, free moment: M = p x F + (0, 0, T)
-        level = np.zeros(len(channels))
-        pressure = np.column_stack([channels[:, 3:5], level])
-        moment = np.cross(pressure, force) + np.column_stack([level, level, channels[:, 5]])
+        level = np.zeros((len(channels), 2))
+        moment = np.cross(np.column_stack([channels[:, 3:5], level[:, 0]]), force)
+        moment += np.column_stack([level, channels[:, 5]])
     else:  # moments about the plate's origin
         moment = channels[:, 3:6]
     return force @ axes.T, (moment - np.cross(centre, force)) @ axes.T

@@ -102,7 +102,7 @@ def log_lines(overview: Overview, named: bool) -> Iterator[str]:
     time: Any = overview.settings.get("time", {})
     clock = next((time[key] for key in ("column", "variable", "field", "channel") if key in time), "")
     listed = overview.channels if overview.drafted is None else overview.drafted
-    yield from (f"# {text}" for text in (*overview.open, overview.draft_note) if text)
+    yield from (f"# {text}" for text in overview.open)
     if clock == NAME_OF_TIME:
         yield "# time: name its column and unit, or state the rate of the rows instead, as {rate: 1000}"
     if any(c.likely_unit and not c.unit for c in listed if clock in c.address.values()):

@@ -1,9 +1,5 @@
 """Logs as canonical columns: tables of rows, in CSV, JSON lines, MATLAB, TDMS and tables of OpenSim, and messages by
-topic, in MCAP or a bag of ROS, in the order of their stamps. Nothing is interpolated or held.
-
-Messages of equal stamp become one sample, of which the first that has a field tells it. A clock that was set back or
-stands still is refused; stamps that repeat because they are rounded to a sampling step or more are kept.
-"""
+topic, in MCAP or a bag of ROS, in the order of their stamps. Nothing is interpolated or held."""
 
 import json
 import re
@@ -89,14 +85,14 @@ def wanted(source: Source) -> list[str]:
 
 
 def canonical_columns(
-    table: Table, channels: Mapping[str, Channel], time: Array, source: Source, topic: str = ""
+    table: Table, channels: Mapping[str, Channel], time: Array, source: Source
 ) -> tuple[list[pl.Series], list[str]]:
     """The channels of a table with times (rows,) [s] as canonical columns, each with its counter if it has one, and a
     sentence for each that lacks values. Refused is a counter that is missing or not whole."""
     columns, absent = list[pl.Series](), dict[str, None]()
     for column, channel in channels.items():
-        what, lacking = f"{topic}{channel.title}", np.ma.getmaskarray(table.columns[channel.name])
-        columns.append(canonical_column(what, column, table, time, source))
+        what, lacking = channel.title, np.ma.getmaskarray(table.columns[channel.name])
+        columns.append(canonical_column(column, table, time, source))
         if lacking.any():
             count = f"{int(lacking.sum())} of {lacking.size} {table.noun}s, first {table.noun}"
             absent[f"{what} has no value in {count} {int(np.argmax(lacking)) + 1}"] = None
@@ -111,7 +107,7 @@ def canonical_columns(
             row = int(np.argmax(wrong))
             shown = "nothing" if np.ma.getmaskarray(found)[row] else raw[row]
             raise InputError(
-                f"{topic}{channel.ADDRESS} '{channel.counter}': {shown} in {table.place(row)}, at "
+                f"{channel.ADDRESS} '{channel.counter}': {shown} in {table.place(row)}, at "
                 f"{time[row]:.3f} s, is no count of samples, a whole number below {largest:.3g}; correct `counter` in "
                 f"the source file or leave it out, or remove the {table.noun} from the log"
             )
@@ -119,10 +115,10 @@ def canonical_columns(
     return columns, list(absent)
 
 
-def canonical_column(what: str, column: str, table: Table, time: Array, source: Source) -> pl.Series:
-    """A channel of a table, called `what` in messages, in SI units: NaN where a reading failed, null where it has no
-    value. Refused are truth values that are no level, infinity, and more failed readings than `most_missing`."""
-    channel = source.channels[column]
+def canonical_column(column: str, table: Table, time: Array, source: Source) -> pl.Series:
+    """A channel of a table in SI units: NaN where a reading failed, null where it has no value. Refused are truth
+    values that are no level, infinity, and more failed readings than `most_missing`."""
+    channel, what = source.channels[column], source.channels[column].title
     raw, lacking = table.columns[channel.name], np.ma.getmaskarray(table.columns[channel.name])
     if raw.dtype == bool and unit_of(column) != LEVEL_UNIT:
         row = int(np.argmin(lacking))
@@ -142,10 +138,8 @@ def canonical_column(what: str, column: str, table: Table, time: Array, source: 
             f"{source.most_missing:.1%} may be: repair the recording, or write `most_missing: "
             f"{csv_table.share_above(count, values.size):g}` in the source file"
         )
-    try:
+    with source.naming(what, "channels", column, "unit"):
         series = pl.Series(column, channel.to_si(values, unit_of(column), table.units.get(channel.name, "")))
-    except InputError as error:
-        raise InputError(f"{what}: {error}, as {source.place('channels', column, 'unit')}") from error
     return series.set(pl.Series(lacking), None) if lacking.any() else series
 
 
@@ -162,10 +156,8 @@ def time_of(table: Table, source: Source) -> tuple[Array, float]:
     if raw.dtype == bool or lacking.any():
         where = "but truth values" if raw.dtype == bool else f"in {table.place(int(np.argmax(lacking)))}"
         raise InputError(f"{what}: no time {where}; remove it there, {other}")
-    try:
+    with source.naming(what, "time", "unit"):
         factor = si_factor(table.units.get(stated.name, "") if stated.unit is None else stated.unit, "s")
-    except InputError as error:
-        raise InputError(f"{what}: {error}, as {source.place('time', 'unit')}") from error
     time = np.asarray((raw - raw[0]) * factor, dtype=np.float64)
     check_time(what, time)
     if time.size > 1 and time[0] == time[-1]:
@@ -374,8 +366,6 @@ def opensim_log(path: Path, source: Source) -> Table:
 
 
 TABLES = {"csv": csv_log, "json_lines": json_log, "mat": mat_log, "tdms": tdms_log, "opensim": opensim_log}
-
-
 OPENERS = {"mcap": read_mcap, "rosbag1": read_rosbag1, "rosbag2": read_rosbag2}
 
 
@@ -392,8 +382,9 @@ def read_message_log(path: Path, source: Source) -> Recording:
     decoded = decode_wanted(file, by_topic, source)
     tables, orders, absent = dict[str, pl.DataFrame](), dict[str, dict[str, int]](), list[str]()
     for topic, one in decoded.items():
-        tables[topic], orders[topic], lacking = read_topic(topic, by_topic[topic], one, source)
-        absent += lacking
+        with source.naming(f"topic '{topic}'"):
+            tables[topic], orders[topic], lacking = read_topic(by_topic[topic], one, source)
+        absent += [f"topic '{topic}': {text}" for text in lacking]
     joined = joined_on_stamp([*tables.values()])
     missing = {column: int(joined[column].is_nan().sum()) for column in source.channels}
     start, stamp = int(joined["stamp"][0]), str(source.time.field if source.time.source == "header" else "log")
@@ -462,7 +453,7 @@ def decode_wanted(
 
 
 def read_topic(
-    topic: str, channels: Mapping[str, Channel], decoded: Decoded, source: Source
+    channels: Mapping[str, Channel], decoded: Decoded, source: Source
 ) -> tuple[pl.DataFrame, dict[str, int], list[str]]:
     """Stamps [ns] and columns of one topic in the order of the stamps, counts of the sorting (`in_order`), and a
     sentence for each field that messages lack."""
@@ -474,42 +465,37 @@ def read_topic(
         named = [pair for pair in stamp_fields(field) if all(np.ma.count(decoded.values[path]) for path in pair)]
         if not named:
             raise InputError(
-                f"topic '{topic}' has no field '{field}' with seconds and nanoseconds; correct time.field in the "
-                "source file, or write source: log"
+                f"it has no field '{field}' with seconds and nanoseconds; correct time.field in the source file, or "
+                "write source: log"
             )
-        try:
-            stamp = whole_stamps(table, named[0], "write source: log")
-        except InputError as error:
-            raise InputError(f"topic '{topic}': {error}") from error
+        stamp = whole_stamps(table, named[0], "write source: log")
         if lacking := int(np.ma.getmaskarray(stamp).sum()):
-            raise InputError(
-                f"topic '{topic}': {lacking} of {logged.size} messages have no '{field}'; write source: log"
-            )
+            raise InputError(f"{lacking} of {logged.size} messages have no '{field}'; write source: log")
         stamp = np.ma.getdata(stamp)
     elif (logged < 0).any():
         row = int(np.argmax(logged < 0))
         raise InputError(
-            f"topic '{topic}': message {row + 1} was logged at {int(logged[row]) + 2**64} ns, which is not a time; "
-            "write source: header, or record again"
+            f"message {row + 1} was logged at {int(logged[row]) + 2**64} ns, which is not a time; write source: "
+            "header, or record again"
         )
-    columns, absent = canonical_columns(table, channels, (stamp - stamp[0]) / SECOND, source, f"topic '{topic}': ")
+    columns, absent = canonical_columns(table, channels, (stamp - stamp[0]) / SECOND, source)
     logged_in_order = ((logged[1:] >= logged[:-1]) | (number[1:] != number[:-1])).all()
     advice = "its times cannot be used: record again, or exclude the trial"
     if from_header and logged_in_order:
         advice = "write source: log in the source file, or exclude the trial"
     samples = pl.DataFrame([pl.Series("stamp", stamp), *columns])
-    return *in_order(topic, samples, number, source.largest_loss, advice), absent
+    return *in_order(samples, number, source.largest_loss, advice), absent
 
 
 def in_order(
-    topic: str, table: pl.DataFrame, channel: NDArray[np.uint16], largest_loss: float, advice: str
+    table: pl.DataFrame, channel: NDArray[np.uint16], largest_loss: float, advice: str
 ) -> tuple[pl.DataFrame, dict[str, int]]:
     """The topic's rows, given channel by channel in the order of recording, sorted by increasing `stamp` [ns]; and how
     many messages came after one of a later stamp, have the stamp of an earlier one, and other values than that.
     `channel` is the number of each row's channel, (n,); `advice` says what to do where the clock was set."""
     ordering, channels = {"late": 0, "repeated": 0, "contradicted": 0}, np.unique(channel)
     for number in channels:
-        ordering["late"] += check_not_set(topic, table.filter(channel == number), advice)
+        ordering["late"] += check_not_set(table.filter(channel == number), advice)
     stamp = table["stamp"].to_numpy()
     if (stamp[1:] > stamp[:-1]).all():
         return table, ordering
@@ -533,13 +519,13 @@ def in_order(
     ):
         if count > most:
             raise InputError(
-                f"topic {topic}: {count} of {stamp.size} messages have the stamp of an earlier one{also}; stamps must "
+                f"{count} of {stamp.size} messages have the stamp of an earlier one{also}; stamps must "
                 f"be their own: check the recorder's clock{remedy}"
             )
     return once, ordering | {"repeated": stamp.size - once.height, "contradicted": contradicted}
 
 
-def check_not_set(topic: str, table: pl.DataFrame, advice: str) -> int:
+def check_not_set(table: pl.DataFrame, advice: str) -> int:
     """Refuse a clock that was set back, in one channel's rows; returns how many of them are merely late. It was set
     back by more than a second, or many messages in a row fall among those before. Messages that are merely late fill
     the gap that they left; those that repeat others do not count."""
@@ -548,7 +534,7 @@ def check_not_set(topic: str, table: pl.DataFrame, advice: str) -> int:
     if (by > SECOND).any():
         row = int(np.argmax(by > SECOND))
         raise InputError(
-            f"topic {topic}: time goes back by {by[row] / SECOND:.6f} s at message {row + 1} of {stamp.size}; the "
+            f"time goes back by {by[row] / SECOND:.6f} s at message {row + 1} of {stamp.size}; the "
             f"clock was set while recording: {advice}"
         )
     late = by > 0
@@ -558,7 +544,7 @@ def check_not_set(topic: str, table: pl.DataFrame, advice: str) -> int:
         before, inside = stamp[: run.start], stamp[run]
         if ((before >= inside[0]) & (before <= inside[-1])).sum() >= many:
             raise InputError(
-                f"topic {topic}: time goes back from {before.max() / SECOND:.6f} s to {inside[0] / SECOND:.6f} s at "
+                f"time goes back from {before.max() / SECOND:.6f} s to {inside[0] / SECOND:.6f} s at "
                 f"message {run.start + 1} of {stamp.size}, and {len(inside)} messages fall among those before; the "
                 f"clock was set while recording: {advice}"
             )

@@ -57,7 +57,6 @@ class Overview:
     settings: Mapping[str, object] = field(default_factory=dict)  # fields of a source file that the file tells
     drafted: Sequence[RecordedChannel] | None = None  # those of the draft, where it has one trial of several
     open: Sequence[str] = ()  # what the user decides, as which of its clocks counts, a sentence each
-    draft_note: str = ""  # A remark that the draft has as a comment
 
 
 def likely_unit(name: str) -> str:
@@ -382,8 +381,8 @@ def inspect_opensim(path: Path) -> Overview:
             text = ", ".join(f"{key}: {json.dumps(begin)}" for key, begin in keys.items())
             plates.append(f"{len(plates) + 1}: {{{text}, corners: {UNKNOWN}}}")
     note = f"these columns are force plates, if you state their corners: plates: {{{', '.join(plates)}}}"
-    said = printable(note) if plates else ""
-    return Overview("opensim", facts, list(channels.values()), remarks, settings, open=left_open, draft_note=said)
+    left_open += [printable(note)] * bool(plates)
+    return Overview("opensim", facts, list(channels.values()), remarks, settings, open=left_open)
 
 
 ROS_UNITS = {
@@ -451,7 +450,6 @@ def inspect_c3d(path: Path) -> Overview:
     plates = plate_count(recording)
     channels += [plate_channel(recording, number) for number in range(1, plates + 1)]
     facts = {
-        "processor": header.processor,
         "frames": f"{header.frames}, from {header.first_frame} on, at {header.rate:g} Hz",
         "unit of length": unit or "none",
         "force plates": str(plates),

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import polars as pl
-from pydantic import ConfigDict, field_validator
 
 from osl_analysis.errors import InputError, listing, nearest, printable
 from osl_analysis.formats.c3d import is_c3d
@@ -29,7 +28,7 @@ from osl_analysis.ingest.logs import read_message_log, read_table_log
 from osl_analysis.ingest.overview import Overview, inspect_messages
 from osl_analysis.ingest.source import SOURCES, UNKNOWN, Recording, SharedAngle, Source, check_sizes, open_places
 from osl_analysis.trial import COLUMNS, Trial
-from osl_analysis.yaml_settings import Settings, dotted, field_line, read_mapping, read_yaml
+from osl_analysis.yaml_settings import dotted, field_line, read_mapping, read_yaml
 
 
 @contextmanager
@@ -98,24 +97,13 @@ FORMATS = {
 SUFFIXES = tuple(suffix for known in FORMATS.values() for suffix in known.suffixes)  # of recordings that are read
 
 
-class NamedFormat(Settings):
-    """The field of a source file that names the format."""
-
-    model_config = ConfigDict(extra="ignore")
-
-    format: str  # A name of `FORMATS`.
-
-    @field_validator("format")
-    @classmethod
-    def _known(cls, name: str) -> str:
-        if name not in FORMATS:
-            raise ValueError(f"write one of {', '.join(FORMATS)}{nearest(name, FORMATS)}")
-        return name
-
-
 def read_source(path: Path) -> Source:
     """A source file, checked: columns are canonical, every unit converts to its column's."""
-    name, places = read_yaml(path, NamedFormat).format, list(open_places(read_mapping(path)))
+    content = read_mapping(path)
+    name, places = str(content.get("format", "")), list(open_places(content))
+    if name not in FORMATS:
+        said = f"line {field_line(path, ('format',))}: format: '{name}' is not allowed" if name else "format is missing"
+        raise InputError(f"{path}: {said}: write one of {', '.join(FORMATS)}{nearest(name, FORMATS)}")
     if places:
         where = listing([f"`{dotted(place)}` in line {field_line(path, place)}" for place in places], 6)
         raise InputError(

@@ -251,7 +251,7 @@ GAIT = [
     Case("moments clipped at 60 N·m", gait(60, "N*m", "moment_clip")),
     Case("a dead moment channel", {"capture": {"dead_channels": {"Mx1": 0.0}}}),
     Case("moments in N·mm that the file states in N·m", {"capture": {"moment_label": "Nm"}}),
-    Case("two exchanged foot markers", {"capture": {"swapped_labels": [["FOOT1", "FOOT2"]]}}),
+    Case("two foot markers exchanged in all trials", {"capture": {"swapped_labels": [["FOOT1", "FOOT2"]]}}),
     Case("20 % of the weight on the other foot, behind", {"changes": [{"second_foot_percent": 20}]}),
     Case("a third of the foot beside the plate", {"changes": [{"overhang_mm": 30}]}),
     Case("perturbed stance 8 % shorter", {"changes": [{"of": "perturbed", "after_window_percent": -8}]}),

@@ -109,21 +109,14 @@ def rubbing(friction: float) -> Torque:
     return lambda m: exact(m) + friction * np.sign(m.omega)
 
 
-def seen_before(torque_of: Torque, low_pass: LowPass) -> dict[str, Distortion]:
+def seen_before(torque_of: Torque) -> dict[str, Distortion]:
     """What another trial, of `EARLIER` realisations, showed of the distortion, in words."""
     rng = np.random.default_rng(7)
     earlier = [realisation(100_000 + r, torque_of, rng) for r in range(EARLIER)]
     response, _ = periodic_response(earlier)
     frequency, angle = response["frequency_hz"], np.deg2rad(response["angle_deg"])
-    spacing, band = float(np.min(np.diff(frequency))), frequency[[0, -1]]
-    density = (frequency, 0.5 * (response["odd_level"] * angle) ** 2 / spacing)
-    fit = fit_by_power(SecondOrder(), lines_of_periods(earlier, low_pass), (300.0, 5.0))
-    variance = EARLIER * np.array([fit.se(name) for name in KBI]) ** 2
-    return {
-        "no distortion stated": Distortion(),
-        "level of another trial": Distortion(earlier=density),
-        "spread of another trial": Distortion(spread=(variance, (float(band[0]), float(band[1])), PLAN.rms)),
-    }
+    density = (frequency, 0.5 * (response["odd_level"] * angle) ** 2 / float(np.min(np.diff(frequency))))
+    return {"no distortion stated": Distortion(), "level of another trial": Distortion(earlier=density)}
 
 
 def multisines(inputs: StudyInputs, trials: int) -> Iterator[str]:
@@ -143,7 +136,7 @@ def multisines(inputs: StudyInputs, trials: int) -> Iterator[str]:
         return leg["belt_torque"] + inputs.p.B_j * m.omega + inputs.p.J_j * m.alpha
 
     found = multisine_trials(drivetrain, trials, 1)
-    for words, stated in seen_before(drivetrain, low_pass).items():
+    for words, stated in seen_before(drivetrain).items():
         predicted = precision(PLAN, JOINT, SENSORS, low_pass, stated).columns["se"]
         for k, name in enumerate(KBI):
             yield line(f"drivetrain, {words}", name, predicted[k], found[:, k])

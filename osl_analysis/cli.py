@@ -484,7 +484,7 @@ def select_gains(
 @option("--drift", type=NOT_NEGATIVE, help="Of the load cell [N·m/min]; default: dynamometer.load_cell_drift.")
 @option("--friction", type=NOT_NEGATIVE, help="Coulomb friction of the joint [N·m].")
 @option("--distortion", type=percent, help="Odd distortion at the excited lines, of the torque there [percent].")
-@file_option("--earlier", help="response.csv or impedance.csv of an earlier trial: its distortion.")
+@file_option("--earlier", help="response.csv of an earlier trial: its distortion.")
 @option("--trial", help="The trial in that table.")
 @option("--lag", type=float, default=0.1, help="Lag of the torque whose effect is said [ms].")
 @option("--stiffness-within", type=percent, help="Half width of the interval that is asked for, of K [percent].")

@@ -13,26 +13,9 @@ from scipy.integrate import quad
 
 from osl_analysis.commands.gains import gain_table
 from osl_analysis.errors import InputError, UnreachableImpedanceError
-from osl_analysis.model.compensator import (
-    PAPER_WEIGHT,
-    Weight,
-    admittance_error,
-    compensated_gains,
-    motor_current,
-    optimal_damping,
-    rendering,
-    select_gains,
-    squared_norm,
-    stiffness_gain,
-    uncompensated_gains,
-)
-from osl_analysis.model.drivetrain import (
-    actuator_torque,
-    belt_torque,
-    desired_admittance,
-    joint_admittance,
-    motor_friction,
-)
+from osl_analysis.model import compensator, drivetrain
+from osl_analysis.model.compensator import PAPER_WEIGHT, Weight, compensated_gains, uncompensated_gains
+from osl_analysis.model.drivetrain import joint_admittance
 from osl_analysis.model.drivetrain_response import belt_response
 from osl_analysis.model.parameters import read_parameters
 from osl_analysis.simulator.drivetrain import IDEAL, belt_path, constants, simulate_drivetrain
@@ -44,22 +27,19 @@ P = read_parameters(ROOT / "config/parameters/default.yaml")
 CONTINUOUS = IDEAL | {"substeps": 100, "control_updates": 100}
 
 
-def test_actuator_torque_is_the_sum_of_equation_1(parameters):
+def test_actuator_torque_is_the_sum_of_equation_1_and_friction_opposes_motion(parameters):
     p = parameters
     by_hand = 4.0 * 0.1133 * 9 - (0.377 + 0.0896 * 4.0) - 5.6e-3 * 2.0 - 9.211e-3 * 30.0
-    assert actuator_torque(4.0, 2.0, 30.0, p) == pytest.approx(by_hand)
-
-
-def test_friction_opposes_motion_and_grows_with_the_magnitude_of_the_current(parameters):
-    assert motor_friction(-1.0, -10.0, parameters) == pytest.approx(-(0.377 + 0.896))
-    assert motor_friction(0.0, 5.0, parameters) == 0
+    assert drivetrain.actuator_torque(4.0, 2.0, 30.0, p) == pytest.approx(by_hand)
+    assert drivetrain.motor_friction(-1.0, -10.0, p) == pytest.approx(-(0.377 + 0.896))
+    assert drivetrain.motor_friction(0.0, 5.0, p) == 0
 
 
 @given(u=st.floats(-20, 20), s=st.floats(-1, 1))
 def test_closed_form_of_equation_5_solves_the_implicit_equation(parameters, u, s):
     p = parameters
-    current = float(motor_current(u, s, p))
-    assert current * p.k_tau * p.n_m == pytest.approx(u + float(motor_friction(s, current, p)), abs=1e-12)
+    current = float(compensator.motor_current(u, s, p))
+    assert current * p.k_tau * p.n_m == pytest.approx(u + float(drivetrain.motor_friction(s, current, p)), abs=1e-12)
 
 
 @pytest.mark.parametrize("J_j", [0.0, 5e-3])
@@ -74,7 +54,7 @@ def test_admittance_solves_the_equations_of_motion(parameters, K_1, B_1, J_j):
         _, theta_s = np.linalg.solve(equations, [1.0, 0.0])
         torque = p.K_s * theta_s + p.B_j * s + J_j * s**2
         assert joint_admittance(K_1, B_1, p, J_j)(s) == pytest.approx(1 / torque, rel=1e-10)
-        assert desired_admittance(200, B_1)(s) == pytest.approx(1 / (200 + max(B_1, 0) * s))
+        assert drivetrain.desired_admittance(200, B_1)(s) == pytest.approx(1 / (200 + max(B_1, 0) * s))
 
 
 def constant(n, K_1, B_1=0.0, theta_eq=0.0):
@@ -166,17 +146,6 @@ def test_a_controller_that_cancels_friction_accelerates_the_bare_inertia():
     assert gained == pytest.approx(3.0 / P.J_m, rel=1e-7)
 
 
-def test_without_friction_the_controller_has_none_to_cancel():
-    gains = compensated_gains(300, 5, P)
-    cancelling = joint_stiffness_at(2, gains, IDEAL)
-    assert cancelling == joint_stiffness_at(2, replace(gains, cancels_friction=False), IDEAL)
-
-
-def test_a_belt_without_hysteresis_is_the_models_belt():
-    p, theta_s = replace(P, K_s2=14913.0), np.linspace(-0.05, 0.08, 50)
-    assert belt_path(theta_s, constants(IDEAL, p)) == pytest.approx(belt_torque(theta_s, p), rel=1e-14)
-
-
 def test_hysteresis_costs_the_area_of_its_loop_whatever_the_speed():
     effects = IDEAL | {"hysteresis_torque": 2.0, "hysteresis_width": 0.002}
     up = np.linspace(-0.05, 0.05, 20001)
@@ -210,20 +179,16 @@ PROVED = [
 J_j counts."""
 
 
-def squared(K_d, B_d, x, p, weight, J_j=0.0):
-    """The squared norm of the product's own recursion and its slope; K_d, B_d and x are arrays of one shape."""
-    polynomials = admittance_error(np.asarray(K_d, float), np.asarray(B_d, float), p, weight, J_j)
-    return squared_norm(np.asarray(x), *polynomials)
-
-
 def norm(K_d, B_d, B_1, p, weight=PAPER_WEIGHT, J_j=0.0):
-    return float(np.sqrt(squared([K_d], [B_d], [p.B_m + B_1], p, weight, J_j)[0][0]))
+    """By the product's own recursion."""
+    polynomials = compensator.admittance_error(np.array([K_d], float), np.array([B_d], float), p, weight, J_j)
+    return float(np.sqrt(compensator.squared_norm(np.array([p.B_m + B_1]), *polynomials)[0][0]))
 
 
 def norm_by_quadrature(K_d, B_d, B_1, p, weight, J_j=0.0):
     """An integral over frequency; |W|^2 of a Butterworth filter needs no filter design."""
-    Y = joint_admittance(float(stiffness_gain(K_d, p)), B_1, p, J_j)
-    Y_d, corner = desired_admittance(K_d, B_d), 2 * np.pi * weight.cutoff_hz
+    Y = joint_admittance(float(compensator.stiffness_gain(K_d, p)), B_1, p, J_j)
+    Y_d, corner = drivetrain.desired_admittance(K_d, B_d), 2 * np.pi * weight.cutoff_hz
 
     def density(log_w):
         w = np.exp(log_w)
@@ -246,7 +211,7 @@ def test_the_minima_are_those_that_were_proved_in_rational_arithmetic(parameters
     p = parameters
     for K_d, B_d, weight, with_inertia, minima in PROVED:
         J_j = p.J_j if with_inertia else 0.0
-        found = optimal_damping([K_d], [B_d], p, weight, J_j)
+        found = compensator.optimal_damping([K_d], [B_d], p, weight, J_j)
         assert found["minima"][0] == len(minima)
         assert found["at_lower_bound"][0] == (not minima)
         assert found["B_1"][0] + p.B_m > 0
@@ -255,17 +220,12 @@ def test_the_minima_are_those_that_were_proved_in_rational_arithmetic(parameters
             assert found["B_1"][0] + p.B_m == pytest.approx(best + p.B_m, rel=1e-8)
 
 
-def test_a_locked_motor_is_refused_by_name(parameters):
-    assert optimal_damping([600.0], [0.0], parameters, Weight(50, 3))["unbounded"][0]
+def test_a_locked_motor_is_refused_by_name_and_leaves_other_rows_as_they_are_alone(parameters):
     with pytest.raises(UnreachableImpedanceError, match=r"no finite B_1 minimises .* the motor is locked"):
         compensated_gains(600.0, 0.0, parameters, Weight(50, 3))
-
-
-def test_a_row_without_a_finite_gain_leaves_the_others_as_they_are_alone(parameters):
     both = gain_table([600.0, 300.0], [0.0, 5.0], parameters, Weight(50, 3), (1.0, 5.0))
     alone = gain_table([300.0], [5.0], parameters, Weight(50, 3), (1.0, 5.0))
-    assert both["unbounded"].to_list() == [True, False]
-    assert both["K_predicted"][0] is None
+    assert (both["unbounded"].to_list(), both["K_predicted"][0]) == ([True, False], None)
     assert both.row(1) == pytest.approx(alone.row(0))
 
 
@@ -304,7 +264,7 @@ def test_every_selected_impedance_is_stable_and_passive(parameters, K_d, B_d):
 
 def test_fidelity_ends_where_the_stiffness_is_ten_percent_off(parameters):
     gains = compensated_gains(300, 5, parameters)
-    f = float(rendering(gains.K_1, gains.B_1, [300.0], [5.0], parameters)["faithful_to_hz"][0])
+    f = float(compensator.rendering(gains.K_1, gains.B_1, [300.0], [5.0], parameters)["faithful_to_hz"][0])
     below, at = np.linspace(0, 0.999 * f, 500), np.array([f])
     off = [np.abs(stiffness_at(g, gains, parameters) / (300 + 2j * np.pi * g * 5) - 1) for g in (below, at)]
     assert (off[0] < 0.1).all()
@@ -316,25 +276,19 @@ def test_positive_real_is_decided_as_a_dense_grid_does(parameters):
     K_d, B_d = (v.ravel() for v in np.meshgrid([50.0, 200.0, 400.0, 600.0], [0.0, 2.5, 7.5], indexing="ij"))
     for k, b in zip(K_d, B_d, strict=True):
         gains = compensated_gains(k, b, parameters)
-        decided = rendering(gains.K_1, gains.B_1, [k], [b], parameters)["positive_real"][0]
+        decided = compensator.rendering(gains.K_1, gains.B_1, [k], [b], parameters)["positive_real"][0]
         assert decided == (stiffness_at(f, gains, parameters).real >= 0).all()
 
 
 def test_delay_margin_is_where_a_pole_reaches_the_axis(parameters):
     """At the margin 1 + L(jw) exp(-jw delay) = 0 for some w, and for no w at a shorter delay."""
     p, gains = parameters, compensated_gains(300, 5, parameters)
-    delay = float(rendering(gains.K_1, gains.B_1, [300.0], [5.0], p)["delay_margin"][0])
+    delay = float(compensator.rendering(gains.K_1, gains.B_1, [300.0], [5.0], p)["delay_margin"][0])
     w = np.linspace(0.1, 500, 500_000)
     loop = (gains.K_1 + 1j * w * gains.B_1) / (p.K_s / p.n_T**2 - p.J_m * w**2 + 1j * w * p.B_m)
     assert np.abs(1 + loop * np.exp(-1j * w * delay)).min() < 1e-3
     for shorter in (0.5, 0.9, 0.98):
         assert np.abs(1 + loop * np.exp(-1j * w * delay * shorter)).min() > 5e-3
-
-
-@given(K_d=st.floats(1, 680))
-def test_stiffness_gain_in_series_with_the_belt_gives_the_desired_stiffness(parameters, K_d):
-    K_1 = stiffness_gain(K_d, parameters)
-    assert 1 / abs(joint_admittance(float(K_1), 0.1, parameters)(0)) == pytest.approx(K_d)
 
 
 @pytest.mark.parametrize(
@@ -353,14 +307,11 @@ def test_an_impossible_request_is_refused_with_the_reason(parameters, K_d, B_d, 
         compensated_gains(K_d, B_d, parameters)
 
 
-def test_uncompensated_gains_are_reflected_through_the_belt_and_refuse_what_is_no_number(parameters):
+def test_uncompensated_gains_are_reflected_through_the_belt_and_other_controllers_have_none(parameters):
     gains, n2 = uncompensated_gains(300, 5, parameters), parameters.n_T**2
     assert (gains.K_1 * n2, gains.B_1 * n2, gains.cancels_friction) == pytest.approx((300, 5, False))
     for pair in ((float("nan"), 5), (300, float("inf")), (-1, 5)):
         with pytest.raises(UnreachableImpedanceError, match="cannot be asked for"):
             uncompensated_gains(*pair, parameters)
-
-
-def test_a_controller_that_the_draft_does_not_state_has_no_gains():
     with pytest.raises(InputError, match=r"'compensatd' are not known.*compensated"):
-        select_gains("compensatd", 300.0, 5.0, P)
+        compensator.select_gains("compensatd", 300.0, 5.0, P)

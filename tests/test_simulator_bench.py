@@ -18,7 +18,6 @@ from osl_analysis.model.parameters import read_parameters
 from osl_analysis.simulator import joint_motion, settings
 from osl_analysis.simulator.bench import simulate_bench_trial, true_signals, write_bench_log
 from osl_analysis.simulator.joint_motion import JointMotion
-from osl_analysis.simulator.mcap_writer import sample_topic, write_topics
 from osl_analysis.simulator.recorder import Bench
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.yaml_settings import read_yaml
@@ -476,26 +475,9 @@ def test_two_nodes_write_standard_messages_of_their_stamps_and_values(tmp_path):
     assert not np.any([m.effort for _, m in found["/joint_states"]])
 
 
-def write_mixed(path, n, frame_id="f"):
-    t = np.arange(n)
-    columns = {"flag": t % 2 == 0, "wide": np.sqrt(t), "level": t % 7, "narrow": np.sin(t).astype(np.float32)}
-    fields = "bool flag\nfloat64 wide\nuint8 level\nfloat32 narrow # unit\n"
-    write_topics(path, [sample_topic("/t", frame_id, fields, 3.0 + t, columns)])
-    return columns
-
-
-@pytest.mark.parametrize("frame_id", ["", "a", "ab", "abc", "abcd", "abcde", "abcdef", "abcdefg"])
-def test_every_field_is_aligned_whatever_the_length_of_the_frame_id(tmp_path, frame_id):
-    columns = write_mixed(tmp_path / "a.mcap", 5, frame_id)
-    ros = [message for _, message in messages_of(tmp_path / "a.mcap")["/t"]]
-    assert [m.header.frame_id for m in ros] == [frame_id] * 5
-    for name, values in columns.items():
-        assert [getattr(m, name) for m in ros] == values.tolist()
-
-
-def test_a_recording_that_breaks_off_leaves_the_older_file(tmp_path, monkeypatch):
+def test_a_recording_that_breaks_off_leaves_the_older_file(tmp_path, monkeypatch, clean):
     path = tmp_path / "a.mcap"
-    write_mixed(path, 5)
+    write_bench_log(path, clean, two_nodes=False)
     before = path.read_bytes()
 
     def fail(*_):
@@ -503,6 +485,6 @@ def test_a_recording_that_breaks_off_leaves_the_older_file(tmp_path, monkeypatch
 
     monkeypatch.setattr("mcap.writer.Writer.finish", fail)
     with pytest.raises(InputError, match=r"a\.mcap: cannot be written \(no space left on device\); make room"):
-        write_mixed(path, 9)
+        write_bench_log(path, clean, two_nodes=False)
     assert path.read_bytes() == before
     assert list(tmp_path.iterdir()) == [path]

@@ -17,7 +17,7 @@ from osl_analysis.design.precision import KBI, Continuous, Distortion, PeriodicM
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.judge.doubts import check_told
 from osl_analysis.signals import LowPass
-from osl_analysis.spectral.response import DETECTION, ENOUGH_REALISATIONS, REALISATIONS
+from osl_analysis.spectral.response import DETECTION, ENOUGH_REALISATIONS
 from osl_analysis.table import finite_or_null, read_table, write_table
 from osl_analysis.trial import Array
 
@@ -61,8 +61,7 @@ def designed(chosen: Mapping[str, Any], config: Config) -> Design:
     distortion = Distortion() if chosen["earlier"] is None else earlier_distortion(chosen["earlier"], chosen["trial"])
     if chosen["friction"] is not None and distortion != Distortion():  # it counts once
         raise InputError("--friction and --earlier state the same distortion twice; give one of them")
-    coulomb = distortion.coulomb if chosen["friction"] is None else chosen["friction"]
-    distortion = replace(distortion, coulomb=coulomb, level=chosen["distortion"] or 0.0)
+    distortion = replace(distortion, coulomb=chosen["friction"] or 0.0, level=chosen["distortion"] or 0.0)
     plan = plan_of(chosen, config, bool(within))
     step, drift = chosen["encoder_step"], chosen["drift"]
     sensors = planning.Sensors(
@@ -243,42 +242,22 @@ def plan_of(chosen: Mapping[str, Any], config: Config, longer: bool) -> Plan:
 
 
 def earlier_distortion(path: Path, trial: str | None) -> Distortion:
-    """The distortion that an earlier trial showed: levels in `response.csv`; in `impedance.csv` the spread of a
-    multisine's realisations, or a stepped sine's friction.
-
-    A level is E|d|^2 of Z, times |theta|^2 twice the mean square of the torque that a line has; odd lines are as far
-    apart as the closest two. The analysis leaves out parts of the period, not realisations: a design by its standard
-    errors is on the safe side (of the drivetrain of `excitations` 1.3 times for K and I, 2 to 5 times for B).
-    """
-    table = read_table(path)
-    of_levels = ("frequency_hz", "angle_deg", "odd_level")
-    has_levels = set(of_levels) <= set(table.columns)
-    if "trial" not in table.columns or not (has_levels or "coulomb_torque" in table.columns):
-        raise InputError(f"{path}: no columns of response.csv or impedance.csv; give one of these tables")
+    """The levels of distortion in `response.csv` of an earlier trial. A level is E|d|^2 of Z, times |theta|^2 twice the
+    mean square of the torque that a line has; odd lines are as far apart as the closest two."""
+    table, of_levels = read_table(path), ("frequency_hz", "angle_deg", "odd_level")
+    if not {"trial", *of_levels} <= set(table.columns):
+        raise InputError(f"{path}: no columns of response.csv; give this table, or state --friction or --distortion")
     rows = table if trial is None else table.filter(pl.col("trial") == trial)
     names = rows["trial"].unique().to_list()
     if len(names) != 1:
         what = f"no trial '{trial}'" if trial else f"{len(names)} trials"
         such = f", such as {table['trial'][0]}" if len(table) else ""
         raise InputError(f"{path}: {what}; choose one with --trial{such}")
-    if has_levels:
-        known = rows.select(pl.col(of_levels).cast(pl.Float64)).drop_nulls().sort("frequency_hz")
-        f, angle_deg, level = (known[name].to_numpy() for name in of_levels)
-        if len(f) < 2 or not np.isfinite(level).all():
-            raise InputError(f"{path}: no odd_level of trial {names[0]}; it needs a periodic motion with odd lines")
-        return Distortion(earlier=(f, 0.5 * (level * np.deg2rad(angle_deg)) ** 2 / float(np.min(np.diff(f)))))
-    of_spread = ["realisations", "band_low_hz", "band_high_hz", "theta_rms_deg", *(f"{name}_se" for name in KBI)]
-    if set(of_spread) <= set(rows.columns):
-        of_motions = rows.filter(pl.col("interval_method").is_in([REALISATIONS, BY_UNITS]))
-        known = of_motions.select(pl.col(of_spread).cast(pl.Float64)).drop_nulls()
-        if len(known):
-            count, low, high, rms_deg, *errors = known.row(0)
-            return Distortion(spread=(count * np.array(errors) ** 2, (low, high), float(np.deg2rad(rms_deg))))
-    whole = rows.filter(pl.col("amplitude_deg").is_null())  # over all amplitudes, or a single row
-    value = (whole if len(whole) else rows)["coulomb_torque"].cast(pl.Float64)[0]
-    if value is None or not np.isfinite(value):
-        raise InputError(f"{path}: coulomb_torque of trial {names[0]} is empty; state --friction")
-    return Distortion(coulomb=abs(float(value)))
+    known = rows.select(pl.col(of_levels).cast(pl.Float64)).drop_nulls().sort("frequency_hz")
+    f, angle_deg, level = (known[name].to_numpy() for name in of_levels)
+    if len(f) < 2 or not np.isfinite(level).all():
+        raise InputError(f"{path}: no odd_level of trial {names[0]}; it needs a periodic motion with odd lines")
+    return Distortion(earlier=(f, 0.5 * (level * np.deg2rad(angle_deg)) ** 2 / float(np.min(np.diff(f)))))
 
 
 def design_text(made: Design) -> str:

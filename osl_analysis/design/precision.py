@@ -325,32 +325,19 @@ class Distortion:
     earlier: tuple[Array, Array] | None = None
     """Frequencies [Hz], rising, and the mean square per Hz [(N*m)^2/Hz] of the torque's distortion in an earlier trial.
     Beyond the ends it is that of the end. That of friction hardly depends on the size of the motion."""
-    spread: tuple[Array, tuple[float, float], float] | None = None
-    """Variances of K, B and I (3,) from one realisation of an earlier multisine to the next, the noise in it too, its
-    band [Hz] and the RMS of its angle [rad]."""
 
     def variances(self, plan: Plan, fit: PlannedFit, Z: Impedances) -> Array:
         """Variances (3,) of K, B and I by the distortion; `Z` (n,) is the impedance [N*m/rad] at the sines.
 
         A level counts as independent from line to line, as in the analysis of detection lines. By friction estimates
         scatter less (0.65 of it for K, 0.4 for B and I), because at given amplitudes the velocity has a given RMS: from
-        four realisations on the analysis sees this scatter, which is drawn. Of an earlier spread a torque that stays
-        when the motion grows counts for less; bands whose ends differ by up to a fifth count as one."""
+        four realisations on the analysis sees this scatter, which is drawn."""
         found, sines, periodic = np.zeros(3), fit.sines, isinstance(plan, PeriodicMultisine)
-        if self.spread:
-            variance, (low, high), rms = self.spread
-            ends = sines.frequency_hz.min(), sines.frequency_hz.max()
-            if not isinstance(plan, PeriodicMultisine) or not np.allclose(ends, (low, high), rtol=0.2):
-                raise InputError(
-                    "the spread of realisations of an earlier trial says nothing on another motion than a multisine "
-                    f"from {low:.3g} to {high:.3g} Hz; give its response.csv, or --friction"
-                )
-            found = variance * (rms / plan.rms) ** 2 / plan.realisations
         at_sines, few = self, periodic and sines.independent < ENOUGH_REALISATIONS
         if self.coulomb and sines.spacing_hz and not few:
             columns = (tuple(c.tolist()) for c in (sines.frequency_hz, sines.size, fit.weight))
             scatter = scatter_of_friction(*columns, sines.spacing_hz, periodic)
-            found = found + self.coulomb**2 * scatter / sines.independent
+            found = self.coulomb**2 * scatter / sines.independent
             at_sines = replace(self, coulomb=0.0)
         return np.asarray(found + fit.share(at_sines.at_sines(plan, fit, Z)).sum(axis=1))
 

@@ -65,7 +65,7 @@ def decoded_crossing(path: Path) -> DecodedCrossing:
     )
 
 
-def decoded_wrench(file: Any, platform: Pose | None = None) -> tuple[Array, Array, Array]:
+def decoded_wrench(file: Any, platform: Pose) -> tuple[Array, Array, Array]:
     """Ground reaction force [N], moment [N*m] about the plate's centre, and that centre [m], in laboratory axes.
 
     By the C3D manual: x from corner 2 to 1, y from 4 to 1, z = x cross y; the moment is about the sensor origin, from
@@ -79,11 +79,8 @@ def decoded_wrench(file: Any, platform: Pose | None = None) -> tuple[Array, Arra
     force, moment = channels[:, :3], channels[:, 3:] / 1e3
     assert origin[2] > 0
     moment = moment - np.cross(-origin, force)
-    force, moment, centre = force @ axes, moment @ axes, np.tile(corners.mean(axis=0), (len(force), 1))
-    if platform is not None:
-        force, moment = (np.einsum("nij,nj->ni", platform.rotation, one) for one in (force, moment))
-        centre = platform.point(centre[0])
-    return force, moment, centre
+    force, moment = (np.einsum("nij,nj->ni", platform.rotation, one @ axes) for one in (force, moment))
+    return force, moment, platform.point(corners.mean(axis=0))
 
 
 def pose_from(markers: Array, local: Array) -> Pose:

@@ -287,7 +287,6 @@ def test_what_is_asked_for_is_reached_and_the_recommended_multisine_is_written(t
     asked = ("--friction", "0.5", "--stiffness-within", "0.5%", "--damping-within", "1", "--rate", "200")
     said = as_json("--excitation", "multisine", "--peak", "6", *asked, "--write", output)
     best, shares = said["recommended"], {"K": 0.005, "B": 0.01}
-    assert said["asked_within"] == shares
     for name, share in shares.items():
         assert best["estimates"][name]["half_width"] <= share * best["estimates"][name]["expected"]
     table = pl.read_csv(output)

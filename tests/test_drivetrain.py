@@ -57,20 +57,14 @@ def test_admittance_solves_the_equations_of_motion(parameters, K_1, B_1, J_j):
         assert drivetrain.desired_admittance(200, B_1)(s) == pytest.approx(1 / (200 + max(B_1, 0) * s))
 
 
-def constant(n, K_1, B_1=0.0, theta_eq=0.0):
-    return np.outer([K_1, B_1, theta_eq], np.ones(n))
-
-
 @pytest.mark.parametrize("K_s2", [0.0, 14913.0])
 @pytest.mark.parametrize("controller", [compensated_gains, uncompensated_gains])
 def test_two_integrators_that_share_nothing_agree(parameters, controller, K_s2):
     """The simulator's fine explicit steps against exact linear steps of a sample: 1 % of the torque."""
     p = replace(parameters, K_s2=K_s2)
-    gains = controller(300, 5, p)
-    t = np.arange(6000) / RATE
-    w = 2 * np.pi * 2.0
+    gains, t, w = controller(300, 5, p), np.arange(6000) / RATE, 2 * np.pi * 2.0
     theta, omega = 0.07 * (1 - np.cos(w * t)) / 2, 0.035 * w * np.sin(w * t)
-    commands = constant(len(t), gains.K_1, gains.B_1)
+    commands = np.array([[gains.K_1], [gains.B_1], [0.0]])
     own = {"cancels_friction": gains.cancels_friction, "sign_width": 0.05, "control_updates": 20}
     effects = IDEAL | {"friction": True} | own
     expected = simulate_drivetrain(RATE, theta, omega, commands, effects, p)["belt_torque"]
@@ -78,16 +72,16 @@ def test_two_integrators_that_share_nothing_agree(parameters, controller, K_s2):
     assert np.std(found - expected) < 0.01 * np.std(expected)
 
 
-def joint_stiffness_at(frequency_hz, gains, effects, p=P):
+def joint_stiffness_at(frequency_hz, gains, effects):
     """Complex torque over angle from whole settled cycles of a simulated sine, without J_j."""
     w, t = 2 * np.pi * frequency_hz, np.arange(int(8 * RATE)) / RATE
     theta, omega = 0.07 * np.sin(w * t), 0.07 * w * np.cos(w * t)
-    commands = constant(len(t), gains.K_1, gains.B_1)
+    commands = np.array([[gains.K_1], [gains.B_1], [0.0]])
     effects = effects | {"cancels_friction": gains.cancels_friction}
-    motion = simulate_drivetrain(RATE, theta, omega, commands, effects, p)
+    motion = simulate_drivetrain(RATE, theta, omega, commands, effects, P)
     settled = slice(int(4 * RATE), None)
     turn = np.exp(-1j * w * t[settled])
-    return ((motion["belt_torque"] + p.B_j * omega)[settled] @ turn) / (theta[settled] @ turn)
+    return ((motion["belt_torque"] + P.B_j * omega)[settled] @ turn) / (theta[settled] @ turn)
 
 
 @pytest.mark.parametrize("frequency_hz", [1, 5])
@@ -120,7 +114,7 @@ def test_hold_delay_and_velocity_filter_shift_the_phase_as_sampled_data_theory_s
 def pushed_with(torque, n, effects):
     """An actuator without damping or belt under a constant control torque, from rest."""
     p = replace(P, B_m=0.0, K_s=1e-9)
-    commands = constant(n, 1e-9, theta_eq=torque / 1e-9)
+    commands = np.array([[1e-9], [0.0], [torque / 1e-9]])
     return simulate_drivetrain(RATE, np.zeros(n), np.zeros(n), commands, effects, p)
 
 
@@ -229,19 +223,7 @@ def test_a_locked_motor_is_refused_by_name_and_leaves_other_rows_as_they_are_alo
     assert both.row(1) == pytest.approx(alone.row(0))
 
 
-@pytest.mark.parametrize("B_d", [0.0, 1e-9, 1e-3, 1e6])
-@pytest.mark.parametrize("K_d", [1e-9, 1.0, 685.6 * (1 - 1e-12)])
-def test_every_request_within_the_limits_has_an_answer(parameters, K_d, B_d):
-    """The ends of what is allowed, with W at the ends of its own: numbers, and no warning on the way."""
-    for weight in (PAPER_WEIGHT, Weight(1e-3, 1), Weight(1, 1), Weight(1e4, 3)):
-        row = gain_table([K_d], [B_d], parameters, weight, (1.0, 5.0)).to_dicts()[0]
-        assert np.isfinite(row["error"])
-        assert row["unbounded"] or np.isfinite([row["B_1"], row["K_predicted"]]).all()
-
-
-@pytest.mark.parametrize(
-    "weight", [(1, 0), (1, 2.5), (1, 11), (0, 3), (-1, 3), (1e-300, 3), (1e300, 3), (np.inf, 3), (np.nan, 3)]
-)
+@pytest.mark.parametrize("weight", [(1, 0), (1, 2.5), (1, 11), (-1, 3), (1e-300, 3), (np.inf, 3), (np.nan, 3)])
 def test_a_weight_that_weighs_nothing_is_refused(weight):
     with pytest.raises(UnreachableImpedanceError, match="W "):
         Weight(*weight)

@@ -4,7 +4,7 @@ jobs of a campaign call: their numbers are those of its tables."""
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 import polars as pl
@@ -286,7 +286,9 @@ def read_summary(folder: File = "results") -> pl.DataFrame:
 def drawn(name: str, table: pl.DataFrame) -> "NotebookFigure":
     from osl_analysis.figures.style import NotebookFigure  # matplotlib takes half a second
 
-    return NotebookFigure.of(drawing_of(name).draw(table))
+    figure = drawing_of(name).draw(table)
+    figure.__class__ = NotebookFigure
+    return cast(NotebookFigure, figure)
 
 
 def plot_torque(fit: Fit) -> "NotebookFigure":

@@ -56,8 +56,6 @@ def test_the_tables_of_the_study_and_of_overground_trials_are_described():
 def test_columns_that_are_read_as_text_are_described_as_text_and_tables_of_trials_by_those_that_gather_them():
     text = {column.name for table in described_tables() for column in table.columns.values() if column.unit == "text"}
     assert set(TEXT_COLUMNS) <= text
-    assert [t.place for t in described_tables() if t.describes("fits/walking/walking_01.csv")] == ["tables/walking"]
-    assert not any(t.describes("fits/unknown/walking_01.csv") for t in described_tables())
     assert pl.Series([t.place for t in described_tables()]).is_unique().all()
 
 
@@ -77,13 +75,10 @@ def test_names_of_digits_are_text_decimals_may_come_late_and_an_empty_column_hol
 
 
 def test_a_failure_while_writing_leaves_the_old_file_and_nothing_else(tmp_path):
-    path = tmp_path / "t.csv"
-    path.write_text("old")
-    with pytest.raises(ZeroDivisionError), atomic_path(path) as temporary:  # noqa: PT012
-        temporary.write_text("half of the new")
-        raise ZeroDivisionError
-    assert path.read_text() == "old"
-    assert list(tmp_path.iterdir()) == [path]
+    (tmp_path / "t.csv").write_text("old")
+    with pytest.raises(ZeroDivisionError), atomic_path(tmp_path / "t.csv") as temporary:
+        temporary.write_text(f"half {1 / 0}")
+    assert [path.read_text() for path in tmp_path.iterdir()] == ["old"]
 
 
 @pytest.mark.parametrize(

@@ -302,11 +302,9 @@ def test_trials_are_told_apart_where_they_end_and_doubtful_ones_and_the_mean_by_
     assert [a.get_ydata().max() for a in page.lines if a.is_dashed()] == pytest.approx([1.1 * 60])
 
 
-@pytest.mark.parametrize(
-    ("name", "table"),
-    [("fig5", in_amplitudes().sort("K_d", "B_d")), ("fig6", plotted("fig6")), ("fig7", response_table())],
-)
-def test_a_marker_leads_to_its_trial_and_is_open_where_its_fit_is_doubtful(name, table):
+@pytest.mark.parametrize("name", ["fig5", "fig6", "fig7"])
+def test_a_marker_leads_to_its_trial_and_is_open_where_its_fit_is_doubtful(name):
+    table = in_amplitudes().sort("K_d", "B_d") if name == "fig5" else plotted(name)
     for ax, look in product(drawing_of(name).draw(table).axes, LOOKS.values()):
         rows = table.drop_nulls("trial").filter(controller=look.label.lower())
         _, faces, links = scattered(ax, look.label)
@@ -409,13 +407,11 @@ def test_fig9_shows_every_group_with_a_result_and_each_group_s_command():
 
 
 def test_rival_models_have_the_geometric_mean_of_trials_and_two_groups_of_crossings_a_page_each():
-    axes = model_comparison.draw(plotted("model_comparison")).axes
-    means = next(c for c in axes[0].collections if c.get_label() == "Geometric mean")
-    heights = [segment[0][1] for segment in means.get_segments()]
-    np.testing.assert_allclose(heights, np.sqrt(10) * np.array([1, 1, 0.01, 0.01]))
+    belt, _ = model_comparison.draw(plotted("model_comparison")).axes
+    (means,) = [c.get_segments() for c in belt.collections if c.get_label() == "Geometric mean"]
+    np.testing.assert_allclose([m[0][1] for m in means], np.sqrt(10) * np.array([1, 1, 0.01, 0.01]))
     page = stored("walking_page")
-    slow = page.with_columns(group=pl.lit("slow"), mean=2 * pl.col("mean"))
-    axes = walking_page.draw(pl.concat([page, slow])).axes
+    axes = walking_page.draw(pl.concat([page, page.with_columns(group=pl.lit("slow"), mean=2 * pl.col("mean"))])).axes
     (one,), (two,) = ([a.get_ydata() for a in ax.lines if a.get_label() == "Mean"] for ax in (axes[2], axes[6]))
     np.testing.assert_allclose(two, 2 * one)
     windows = [[(p.get_x(), p.get_x() + p.get_width()) for p in ax.patches] for ax in axes[:4:2]]

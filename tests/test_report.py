@@ -22,16 +22,10 @@ from osl_analysis.bench.components import belt_table, fit_branches, transmission
 from osl_analysis.bench.impedance import impedance_table, rendered_impedance
 from osl_analysis.campaign.campaign import ABOUT_MEANING, sentence
 from osl_analysis.dictionary import described_tables
+from osl_analysis.report import trial_page
 from osl_analysis.report.page import caption_html, captions_by_title, every_kth, inline_svg, packed_table, written_page
-from osl_analysis.report.panels import crossing_pictures, isolated_pictures, second_order_admittance
-from osl_analysis.report.trial_page import (
-    ReportedTrial,
-    doubts_of,
-    left_out_trials,
-    provenance_content,
-    trial_content,
-    trials_content,
-)
+from osl_analysis.report.panels import crossing_pictures, isolated_pictures, phasor_pictures
+from osl_analysis.report.trial_page import ReportedTrial, trial_content, trials_content
 
 HOSTILE = '<img src=x onerror="alert(1)"></script><b>&amp;'
 IMPEDANCE = next(table for table in described_tables() if table.place == "tables/impedance")
@@ -66,13 +60,8 @@ ABOUT = dict(zip(ABOUT_MEANING, (HOSTILE, "simulated", "1.2", "abc", "made with 
 
 
 def fitted_rows(doubtful=""):
-    return pl.DataFrame(
-        {
-            "trial": ["t", "t"], "amplitude_deg": [4.0, None], "K": [301.26, 299.5123], "K_low": [300.9, 299.2],
-            "K_high": [301.6, 299.8], "VAF": [99.0, 98.0], "doubtful": ["", doubtful], "not_checked": [None, None],
-        },
-        schema_overrides={"not_checked": pl.String},
-    )  # fmt: skip
+    rows = {"amplitude_deg": [4.0, None], "K": [301.26, 299.5123], "K_low": [300.9, 299.2], "K_high": [301.6, 299.8]}
+    return pl.DataFrame({"trial": ["t", "t"], **rows, "VAF": [99.0, 98.0], "doubtful": ["", doubtful]})
 
 
 def trial(name="t", doubtful="", **facts):
@@ -81,15 +70,8 @@ def trial(name="t", doubtful="", **facts):
 
 
 def page_of(trials, largest_mb=40.0, tables=None):
-    content = {
-        "about": ABOUT,
-        "made_of": sentence(ABOUT),
-        **trials_content(trials),
-        "headlines": [],
-        "findings": [{"verdict": "doubtful", "line": f"doubtful, 1 of 2 trials: {HOSTILE}"}],
-        "figures": [],
-        "not_made": [],
-    }
+    content = {"about": ABOUT, "made_of": sentence(ABOUT), **trials_content(trials), "headlines": [], "figures": []}
+    content |= {"findings": [{"verdict": "doubtful", "line": f"doubtful, 1 of 2: {HOSTILE}"}], "not_made": []}
     packed = {one.name: (trial_content(one, {"impedance": IMPEDANCE}), tables or {}) for one in trials}
     return written_page(content, packed, largest_mb)
 
@@ -114,13 +96,8 @@ class Page(HTMLParser):
             self.text += data
 
 
-@pytest.fixture(scope="module")
-def hostile_page():
-    return page_of([trial(HOSTILE, f"VAF 3 is below 90 ({HOSTILE})", left_out=[HOSTILE])])
-
-
-def test_names_from_files_are_text_and_no_script_runs_but_the_two_of_the_page(hostile_page):
-    page = Page(hostile_page)
+def test_names_from_files_are_text_and_no_script_runs_but_the_two_of_the_page():
+    page = Page(page_of([trial(HOSTILE, f"VAF 3 is below 90 ({HOSTILE})", left_out=[HOSTILE])]))
     tags = [tag for tag, _ in page.elements]
     assert ("img" in tags, tags.count("script")) == (False, 3)
     assert not [name for _, attributes in page.elements for name in attributes if name.startswith("on")]
@@ -130,10 +107,7 @@ def test_names_from_files_are_text_and_no_script_runs_but_the_two_of_the_page(ho
     assert re.findall(r"'sha256-([^']+)'", policy) == found
     assert policy.startswith("default-src 'none'; script-src 'sha256-")
     assert not [a for _, a in page.elements if a.get("src") or a.get("href", "#")[0] != "#"], "nothing is loaded"
-
-
-def test_a_packed_trial_reads_back_with_its_name(hostile_page):
-    page = Page(hostile_page)
+    # a packed trial reads back with its name
     content = json.loads(zlib.decompress(base64.b64decode(json.loads(page.scripts[0])["content"])))
     assert [a["data-name"] for _, a in page.elements if a.get("class") == "packed"] == [content["name"]] == [HOSTILE]
     shown = content["estimates"]
@@ -182,7 +156,7 @@ def test_doubts_are_split_and_explained_and_say_whether_they_are_about_the_whole
     table = fitted_rows().with_columns(doubtful=pl.Series([part, whole]))
     cell = f"x 2 is above 1; impedance.csv: {part}; impedance.csv: VAF 3 is below 90"
     phasors = pl.DataFrame({"amplitude_deg": [2.0], "frequency_hz": [3.0], "doubtful": [cell]})
-    found = doubts_of({"impedance": table, "phasors": phasors}, {"impedance": IMPEDANCE})
+    found = trial_page.doubts_of({"impedance": table, "phasors": phasors}, {"impedance": IMPEDANCE})
     assert [(one["where"], one["of"], one["text"]) for one in found] == [
         ("4 deg", "part", part),
         ("all amplitudes", "all", friction),
@@ -200,7 +174,7 @@ def test_provenance_says_file_hash_channel_and_conversion():
     columns |= {f"marker_A_{axis}": marker | {"component": axis} for axis in "xyz"}
     files = {"log": {"path": "a.mcap", "bytes": 12, "sha256": "ff", "source": "mine"}}
     clock = {"offset": 0.5, "edges": 18, "nothing": None, "parts": [{"a": 1, "b": 2}, {"a": 3}]}
-    found = provenance_content({"files": files, "columns": columns, "clock": clock})
+    found = trial_page.provenance_content({"files": files, "columns": columns, "clock": clock})
     assert found["files"] == [["log", "a.mcap", "12", "ff", "mine"]]
     assert found["signals"] == [
         ["torque", "log", "/wrench torque.z", "Nm → N*m, sign -1, scale 2"],
@@ -229,20 +203,13 @@ def test_a_caption_is_text_with_indices():
     assert captions_by_title(page) == {"Fig. 3": "One.", "Fig. 4": "Two."}
 
 
-def vaf(series):
-    """VAF of the samples that a series says are fitted, by its own definition."""
-    rest = (series.torque - series.torque_model)[series.fitted]
-    return 100 * (1 - np.var(rest) / np.var(series.torque[series.fitted]))
-
-
 def test_the_model_of_a_series_is_that_of_the_fit_in_the_samples_that_the_fit_uses():
     """The VAF over them is the one of the table, which the fit computes from its own rows."""
     stepped = stepped_sine(second_order, noise=0.3)
     theta_s, torque = belt_cycle(K_s2=3000, coulomb=0.3)
     rng = np.random.default_rng(4)
-    torque = torque + 30 * np.gradient(theta_s) + 0.02 * rng.normal(size=len(torque))
-    belt = fit_branches(belt_record(theta_s, torque))
-    motion, sines = (
+    belt = fit_branches(belt_record(theta_s, torque + 30 * np.gradient(theta_s) + 0.02 * rng.normal(size=len(torque))))
+    moving, sines = (
         rendered_impedance(one) for one in (moving_record(made_trial(rng, noise(rng, duration=20.0))), stepped)
     )
     losses = transmission_of(stepped)
@@ -250,9 +217,10 @@ def test_the_model_of_a_series_is_that_of_the_fit_in_the_samples_that_the_fit_us
         (sines.analysis.series(), impedance_table(sines)),
         (losses.series(), transmission_table(losses)),
         (belt.series(), belt_table(belt)),
-        (motion.analysis.series(), impedance_table(motion)),
+        (moving.analysis.series(), impedance_table(moving)),
     ):
-        assert vaf(series) == pytest.approx(table["VAF"][-1], abs=1e-6)
+        rest, torque = (series.torque - series.torque_model)[series.fitted], series.torque[series.fitted]
+        assert 100 * (1 - np.var(rest) / np.var(torque)) == pytest.approx(table["VAF"][-1], abs=1e-6)
         assert 0.1 < series.fitted.mean() < 0.95
 
 
@@ -268,9 +236,9 @@ def test_crossings_are_drawn_in_degrees_and_the_residual_is_measured_minus_model
 
 
 def test_the_fitted_line_of_phasors_is_the_admittance_of_a_second_order_system():
-    fit = {"K": 200.0, "B": 4.0, "I": 0.05}
     w = np.sqrt(200 / 0.05)  # the natural frequency, where the admittance is 1/(B w), 90 degrees late
-    line = second_order_admittance(pl.Series([w / 2 / np.pi, 100.0]), fit)
+    phasors = pl.DataFrame({"amplitude_deg": [2.0, 2.0], "frequency_hz": [w / 2 / np.pi, 100.0]})
+    line = phasor_pictures(phasors, {"K": 200.0, "B": 4.0, "I": 0.05}).tables["Eq. 15"]
     assert line.row(0) == pytest.approx((w / 2 / np.pi, 1 / (4 * w), -90))
 
 
@@ -279,7 +247,9 @@ def test_a_trial_is_left_out_by_what_became_of_it():
     cut = dict.fromkeys(late) | {"trial": "cut", "check": "refused", "remark": "no footer"}
     rows = [cut, late, late]
     crossings = pl.DataFrame({"trial": ["walk"], "reason": ["no step"]})
-    found = left_out_trials(pl.DataFrame(rows, infer_schema_length=None), crossings, {"late": "again", "new": "why"})
+    found = trial_page.left_out_trials(
+        pl.DataFrame(rows, infer_schema_length=None), crossings, {"late": "again", "new": "why"}
+    )
     assert found.pop("late") == (False, ["gap 1 s, threshold 0.5: theta"])
     assert found == {"cut": (True, ["no footer"]), "new": (True, ["why"]), "walk": (False, ["no step"])}
     assert list(found) == ["cut", "new", "walk"]

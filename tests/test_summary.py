@@ -236,7 +236,6 @@ NUMBER = json.dumps({"campaign": "made", "numbers": {"K_s": {"value": 1.5} | NOT
     ("content", "message"),
     [
         (None, "no such summary"),
-        ("{", "not a summary"),
         ('{"campaign": "made", "numbers": {"K_s": {"value": 3}}}', r"field 'numbers\.K_s\.unit' is missing"),
         (NUMBER.replace("1.5", '"much"'), r"numbers\.K_s\.value: 'much' is not allowed"),
         (NUMBER.replace("1.5", "NaN"), r"numbers\.K_s\.value: nan is not allowed"),

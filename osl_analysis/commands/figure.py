@@ -51,9 +51,8 @@ def plot_numbers(
 def draw_figure(
     name: str, table_csv: Path, outputs: Sequence[Path], refused: Sequence[Refusal] = (), footer: str = ""
 ) -> None:
-    """Draw the numbers of `table_csv` as figure `name` into PDF, SVG or PNG files, by suffix. It names the trials of
-    the causes `refused`; if there are no numbers, it says why. The `footer` says what the data are; the first digits of
-    the SHA-256 of `table_csv` are added to it."""
+    """Draw the numbers of `table_csv` as figure `name` into PDF, SVG or PNG files, by suffix, or why there are none.
+    Below stand the `footer`, which trials were `refused`, and the first digits of the SHA-256 of `table_csv`."""
     if footer:
         footer += f", numbers {str(digest(table_csv))[:8]}"
     causes = [(cause.trial, cause.file, cause.reason) for cause in read_refusals(table_csv)]
@@ -135,12 +134,9 @@ def fig4(
     output: Path,
     windows: str | None = None,
 ) -> None:
-    """The numbers of Fig. 4: the last seconds of one amplitude, measured and by the best second-order fit.
-
-    `choice` is that of `time_series_example`, `fit` the trial's own table of fits. By `limits` it says whether the fit
-    of this amplitude is doubtful. A motion that is no stepped sine has no amplitude: its last seconds are shown.
-    `windows` as in `bench.fit_impedance_trial`.
-    """
+    """The numbers of Fig. 4: the last seconds of one amplitude, or of a motion that is no stepped sine, measured and by
+    the best second-order fit. `choice` is that of `time_series_example`, `fit` the trial's own table of fits, by whose
+    `limits` this fit may be doubtful, `windows` as in `bench.fit_impedance_trial`."""
     record = record_of_trial(read_trial(trial), settings, windows)
     label = record.label_near(choice["amplitude_deg"])
     amplitude = pl.col("amplitude_deg")
@@ -155,12 +151,9 @@ def fig4(
 def fig7(
     table: Path, parameters: FileOrNone, choice: FrequencyResponseFigure | None, weight: Weight, output: Path
 ) -> None:
-    """The numbers of Fig. 7: measured responses of one K_d, B_d, the desired one (Eq. 11), the linear model (Eq. 9).
-
-    Without a `choice` it is the desired impedance that most responses have. Where K_d or B_d is not known there is no
-    desired response; where the gains are not (`DesiredImpedance.gains`), or the parameter file is of another joint,
-    there is no linear model. Trials that no stepped sine moved have no responses; without any other the table is empty.
-    """
+    """The numbers of Fig. 7: measured responses of one K_d, B_d, without a `choice` of those that most trials have; the
+    desired one (Eq. 11), if both are known; and the linear model (Eq. 9), if the gains are known and the parameter file
+    is of this joint. Trials that no stepped sine moved have no responses."""
     responses = completed(read_table(table, required=FIG7.needs), PLACE)
     responses = responses.with_columns(look_numbers(responses["controller"]))
     pairs = responses.group_by("K_d", "B_d", maintain_order=True).agg(pl.col("trial").n_unique())

@@ -33,11 +33,9 @@ def gather(
     limits_of_fits: Doubt | None = None,
     places: Places | None = None,
 ) -> None:
-    """One table from the tables of single trials, in the order given; with `limits`, doubtful fits are marked.
-
-    `rows` are their files, or the archives with a table of the same name as `output`. `fits` are the trials' fits of
-    the table whose doubts the rows share, if any, with the limits of that table. `places` has joint and side of each.
-    """
+    """One table from the tables of single trials, in the order given; with `limits`, doubtful fits are marked. `rows`
+    are their files, or the archives with a table of the same name as `output`, `fits` the trials' fits of the table
+    whose doubts the rows share, with the limits of that table. `places` has joint and side of each."""
     if not rows:
         raise InputError(f"{output}: no trials fill this table; add some to the sample sheet")
     table = pl.concat([read_table(path, of=output.stem) for path in rows], how="diagonal_relaxed")
@@ -151,11 +149,9 @@ def write_summary(
     refused: Sequence[Refusal] = (),
     example: headlines.Example | None = None,
 ) -> None:
-    """Write headline numbers of a campaign from the tables that it has, by their names.
-
-    `example` says which desired impedance Fig. 4 shows, `trials` has those of each experiment, `excluded` is the table
-    of those that are not used, `verdicts` is `quality.csv`, `refused` are the causes of missing tables.
-    """
+    """Write headline numbers of a campaign from the tables that it has, by their names. `example` is the desired
+    impedance of Fig. 4, `trials` has those of each experiment, `excluded` is the table of those that are not used,
+    `verdicts` is `quality.csv`, `refused` are the causes of missing tables."""
     read = {*headlines.LABELS, *judged_tables()}
     tables = {name: read_table(path) for name, path in table_paths.items() if name in read}
     numbers = headlines.headline_numbers(tables, example)

@@ -34,10 +34,6 @@ class DescribedTable:
     rows: str  # what a row is
     columns: Mapping[str, DescribedColumn]
 
-    def describes(self, path: str) -> bool:
-        """Whether the file `path` below `results/` is such a table."""
-        return any(place and Path(path).match(f"{place}.csv") for place in (self.place, self.also))
-
 
 @cache
 def described_tables() -> tuple[DescribedTable, ...]:

@@ -7,7 +7,7 @@ from io import BytesIO
 from itertools import zip_longest
 from pathlib import Path
 from string import ascii_lowercase
-from typing import Any, Literal, cast
+from typing import Any, Literal
 from urllib.parse import quote
 
 import matplotlib as mpl
@@ -232,8 +232,7 @@ def name_ends(ax: Axes, ends: Sequence[tuple[str, str, str, tuple[float, float]]
 
 def swarm_offsets(heights: Array, width: float, inches: float, reach: float) -> Array:
     """Sideways offsets (n,), none beyond `reach`, at which points of diameter `width` [in] at these heights (n,) [in]
-    do not overlap; `inches` are the length of a unit of the axis. From the lowest up, each takes the free place nearest
-    to the middle, of two equally near ones the right and the left one in turn."""
+    do not overlap; `inches` are the length of a unit of the axis. Each takes the free place nearest to the middle."""
     offsets = np.zeros(len(heights))
     order = np.argsort(heights, kind="stable")
     for rank, point in enumerate(order):
@@ -249,11 +248,6 @@ def swarm_offsets(heights: Array, width: float, inches: float, reach: float) -> 
 
 class NotebookFigure(Figure):
     """A matplotlib `Figure` that a notebook shows without `pyplot`, and saves in the style of the paper."""
-
-    @classmethod
-    def of(cls, figure: Figure) -> "NotebookFigure":
-        figure.__class__ = cls
-        return cast(NotebookFigure, figure)
 
     def _repr_png_(self) -> bytes:
         page = BytesIO()

@@ -1,9 +1,8 @@
 """Doubtful fits: the columns of result tables that are evidence against a fit, by cause, and the words for a reader;
 what estimates cannot be, and what a motion cannot show, is refused.
 
-A doubt begins with its cause, what that does and what to do; the numbers stand in brackets. A fault of the recording,
-such as a late torque, is named only where the fit to all of a trial shows it, too: at a single amplitude friction may
-pass for one. What a known cause explains, as a low VAF under friction, is no doubt of its own.
+A doubt begins with its cause, what that does and what to do; the numbers stand in brackets. What a known cause
+explains, as a low VAF under friction, is no doubt of its own.
 """
 
 import math
@@ -102,12 +101,9 @@ def number_said(name: str, value: float, row: AnyRow) -> str:
 
 
 def cause_in(name: str, value: float, row: AnyRow) -> Cause:
-    """The cause of a number beyond its limit.
-
-    A torque that comes late may be a delay or low-pass, a spring in series, or both where K does not tell; or a
-    drivetrain where the lag is large. A spring of stiffness k in series lowers K by K/k, a delay does not change it.
-    K_ratio says which of the two agrees with the gains; without it, or with friction, neither is named alone.
-    """
+    """The cause of a number beyond its limit. A torque that comes late may be a delay or low-pass, or a spring in
+    series, which of stiffness k lowers K by K/k: K_ratio says which agrees with the gains; without it, or with
+    friction, neither is named alone. Where the lag is large it may be a drivetrain."""
     if name == "K_change" and (value > 0 or (cell_number(row, "stiffening") or 0.0) < 0):
         return CAUSES["spring that is not linear"]
     if EVIDENCE[name].shows != "{late}":

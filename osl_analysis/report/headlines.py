@@ -84,18 +84,10 @@ def of_group(number: Headline, group: str) -> Headline:
 
 
 def letters(text: str) -> str:
-    """Text as letters only, for a macro: `K_d 200, timing 41 %` gives `KdTwoZeroZeroTimingFourOne`. A sign that is not
-    Latin gives the last word of its name, `PD α` gives `PDAlpha`; an accent gives nothing."""
-    spelled = ""
-    for sign in unicodedata.normalize("NFKD", text.replace("_", "")):
-        if sign.isascii():
-            spelled += sign
-        elif sign.isalnum():
-            spelled += f" {unicodedata.name(sign, '').rpartition(' ')[2].capitalize()} "
-        elif not unicodedata.combining(sign):
-            spelled += " "
+    """Text as Latin letters only, for a macro: `K_d 200, timing 41 %` gives `KdTwoZeroZeroTimingFourOne`."""
+    plain = unicodedata.normalize("NFKD", text.replace("_", "")).encode("ascii", "ignore").decode()
     digits = ("Zero", "One", "Two", "Three", "Four", "Five", "Six", "Seven", "Eight", "Nine")
-    words = re.findall(r"[A-Za-z]+|[0-9]", spelled)
+    words = re.findall(r"[A-Za-z]+|[0-9]", plain)
     return "".join(digits[int(word)] if word.isdigit() else word[0].upper() + word[1:] for word in words) or "Unnamed"
 
 

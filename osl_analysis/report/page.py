@@ -74,12 +74,10 @@ def every_kth(table: pl.DataFrame, k: int) -> pl.DataFrame:
 
 
 def packed_table(table: pl.DataFrame) -> dict[str, Any]:
-    """A table of numbers for the page: `rows`, `plain` columns as lists, `even` ones as start and step, and `counts`.
-    `counts` has, per column, the value of count 0 and that of one count. `data` holds, one column after the other, the
+    """A table of numbers for the page: `rows`, `plain` columns as lists, `even` ones as start and step, and `counts`
+    with the value of count 0 and that of one count, per column. `data` holds, one column after the other, the
     differences of its counts modulo 2^16: all low bytes, then all high bytes, which deflates better than pairs.
-    Rounding to counts costs at most 1/32 000 of a column's range: the largest count is 8191, since two more bits would
-    make the page a quarter larger, and show nothing more. A value that is not finite has the count -32768, in a list
-    null."""
+    The largest count is 8191: more bits show nothing. What is not finite has the count -32768, in a list null."""
     if len(table) < 200:  # a short one is written as numbers
         numbers = table.with_columns(pl.selectors.numeric().cast(pl.Float64).replace([np.inf, -np.inf, np.nan], None))
         plain = numbers.with_columns(pl.selectors.float().round_sig_figs(7))

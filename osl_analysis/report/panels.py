@@ -23,8 +23,7 @@ class Pictures(NamedTuple):
 
 def line(table: str, x: str, y: str, name: str, look: str = "measured", **more: str) -> Content:
     """Columns of one table as a line, or with `kind`="points" as points with an interval from `low` to `high`, or with
-    "range" from `y` to `high`; in the rows where the column `where` has a value. The `look` is one of `LINE_LOOKS` or
-    "residual"."""
+    "range" from `y` to `high`, where `where` has a value. The `look` is one of `LINE_LOOKS` or "residual"."""
     own = {"table": table, "x": x, "y": y, "name": name, "look": look}
     return own | {"kind": "line", "low": "", "high": "", "where": ""} | more
 
@@ -81,16 +80,13 @@ def phasor_pictures(phasors: pl.DataFrame, fit: Mapping[str, Any]) -> Pictures:
         looks = zip(tables, cycle(LINE_LOOKS), strict=False)
         points = [line(name, "frequency_hz", y, name, look, **shape) for name, look in looks]
         drawn.append([*points, line("Eq. 15", "frequency_hz", y, "Eq. 15, fit to all", "residual")])
-    tables["Eq. 15"] = second_order_admittance(phasors["frequency_hz"], fit)
-    return Pictures(over_frequency("Admittance", "|Y| (rad/(N·m))", drawn), tables)
-
-
-def second_order_admittance(frequency_hz: pl.Series, fit: Mapping[str, Any]) -> pl.DataFrame:
-    """Y = 1/(K + B s + I s^2) of a fit (Eq. 15) from the lowest to the highest of these frequencies."""
-    f = np.geomspace(float(frequency_hz.to_numpy().min()), float(frequency_hz.to_numpy().max()), 60)
+    measured = phasors["frequency_hz"].to_numpy()
+    f = np.geomspace(float(measured.min()), float(measured.max()), 60)
     s = 2j * np.pi * f
     Y = 1 / (fit["K"] + fit["B"] * s + fit["I"] * s**2)
-    return pl.DataFrame({"frequency_hz": f, "Y_magnitude": np.abs(Y), "Y_phase_deg": np.rad2deg(np.angle(Y))})
+    curve = {"frequency_hz": f, "Y_magnitude": np.abs(Y), "Y_phase_deg": np.rad2deg(np.angle(Y))}
+    tables["Eq. 15"] = pl.DataFrame(curve)
+    return Pictures(over_frequency("Admittance", "|Y| (rad/(N·m))", drawn), tables)
 
 
 def response_pictures(response: pl.DataFrame) -> Pictures:

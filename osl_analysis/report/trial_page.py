@@ -174,8 +174,7 @@ def estimate_rows(table: pl.DataFrame, described: DescribedTable | None) -> dict
 
 def doubts_of(tables: Mapping[str, pl.DataFrame], described: Mapping[str, DescribedTable]) -> list[dict[str, Any]]:
     """Each doubt about one trial: `where` in it, `of` all of its fit, a part, or an other table, `text`, `meaning`.
-    `tables` has its rows of each table, that of its fit first. Doubts that other tables only repeat, with that table's
-    name before them, are left out."""
+    `tables` has its rows of each table, that of its fit first. Doubts that other tables only repeat are left out."""
     found = []
     rows = ((number, name, row) for number, (name, table) in enumerate(tables.items()) for row in table.to_dicts())
     for number, name, row in rows:
@@ -194,9 +193,8 @@ def doubts_of(tables: Mapping[str, pl.DataFrame], described: Mapping[str, Descri
 
 
 def provenance_content(provenance: Mapping[str, Any]) -> dict[str, Any]:
-    """What ingest wrote about a trial (`Trial.provenance`), as `files`, `signals` and further `facts`. The axes of a
-    marker or plate are one signal: its file, its channel there, and how it came from the unit of the file to that of
-    the trial, with sign, scale, offset and what else was taken off."""
+    """What ingest wrote about a trial (`Trial.provenance`), as `files`, `signals` (file, channel, and conversion; the
+    axes of a marker or plate are one) and further `facts`."""
     files = []
     for role, one in provenance.get("files", {}).items():
         path, digest = (str(one.get(key, "")) for key in ("path", "sha256"))
@@ -247,11 +245,7 @@ def trials_content(trials: Sequence[ReportedTrial]) -> dict[str, Any]:
         "choices": {"experiment": [*experiments], "verdict": [verdict for verdict in VERDICTS if found[verdict]]},
         "quantities": ["VAF", "K", "B", "I"],
         "trials": [trial_row(trial, differing) for trial in trials],
-        "left_out": [
-            {"name": trial.name, "verdict": trial.verdict, "reason": reason}
-            for trial in trials
-            for reason in trial.left_out
-        ],
+        "left_out": [{"name": t.name, "verdict": t.verdict, "reason": why} for t in trials for why in t.left_out],
         "experiments": {name: facts.description for name, facts in EXPERIMENTS.items()},
     }
 

@@ -15,7 +15,6 @@ import yaml
 from selenium import webdriver
 from selenium.common.exceptions import StaleElementReferenceException
 from selenium.webdriver.chrome.service import Service
-from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.by import By
 from selenium.webdriver.support.ui import WebDriverWait
 from test_workflow import Workspace
@@ -118,9 +117,8 @@ def test_the_overview_shows_figures_and_every_trial_and_names_from_files_are_tex
     figures = {figure.get_attribute("id") for figure in page.find_elements(By.TAG_NAME, "figure")}
     assert {f"figure-fig{k}" for k in range(3, 10)} - {"figure-fig8"} <= figures
     drawn = page.find_elements(By.CSS_SELECTOR, "figure svg")
-    assert [figure.size["width"] > 300 and bool(figure.get_attribute("aria-label")) for figure in drawn] == [
-        True
-    ] * len(figures)
+    assert len(drawn) == len(figures)
+    assert all(figure.size["width"] > 300 and figure.get_attribute("aria-label") for figure in drawn)
     cells = [cell.text for cell in page.find_elements(By.CSS_SELECTOR, "#table td:nth-child(5)")]
     assert sum(HOSTILE in text for text in cells) == 2
     open_trial(page, "impedance_K300_B5.0_uncompensated")
@@ -200,13 +198,6 @@ def test_panels_over_time_zoom_together(page):
     after = page.execute_script(ends)
     assert after[0] == after[1] == after[2]
     assert after[0][1] - after[0][0] == pytest.approx((before[0][1] - before[0][0]) / 2)
-    torque = page.find_element(By.CSS_SELECTOR, '#trial .plots .plot [role="img"]')
-    drag = ActionChains(page).move_to_element_with_offset(torque, -100, 0).click_and_hold().move_by_offset(150, 0)
-    drag.release().perform()
-    wait(page, lambda: page.execute_script(ends)[1] != after[1])
-    dragged = page.execute_script(ends)
-    assert dragged[0] == dragged[1] == dragged[2]
-    assert 0.05 < (dragged[0][1] - dragged[0][0]) / (after[0][1] - after[0][0]) < 0.3
 
 
 def test_a_deep_link_opens_its_trial_and_an_unknown_one_says_so(page, results):

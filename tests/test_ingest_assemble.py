@@ -11,7 +11,7 @@ import numpy as np
 import polars as pl
 import pytest
 import yaml
-from c3d_builder import REAL_DATA, write_c3d
+from c3d_builder import write_c3d
 from mcap_builder import SAMPLE, stamped, write_log
 from scipy.interpolate import make_interp_spline
 
@@ -224,22 +224,6 @@ def test_a_trial_file_keeps_null_and_nan_apart_and_every_bit_and_what_is_none_is
     pl.DataFrame({"time": [0.0]}).write_parquet(path)
     with pytest.raises(InputError, match="Parquet without provenance"):
         read_trial(path)
-
-
-@pytest.mark.skipif(not REAL_DATA.is_dir(), reason="real data are not here")
-def test_a_real_plug_in_gait_trial_is_ingested_with_its_reference_moments(tmp_path: Path) -> None:
-    fields = {"trial": "pig", "mocap": "c3d/btk_PiG_Motion3_FF.c3d", "mocap_source": "plug_in_gait"}
-    ingest_trial(fields, REAL_DATA, SOURCES, tmp_path / "pig.parquet")
-    trial = read_trial(tmp_path / "pig.parquet")
-    reference = pl.read_csv(REAL_DATA / "reference" / "ankle_moment.csv")
-    for side, letter in (("left", "L"), ("right", "R")):
-        moment = trial.samples[f"reference_ankle_moment_{side}"].drop_nulls().drop_nans()
-        highest = reference.filter(pl.col("side") == letter)["pig_peak_Nmm_per_kg"].max() / 1000
-        assert moment.max() == pytest.approx(highest, abs=1e-5)
-    assert trial.samples["marker_LANK_x"].drop_nulls().len() == 293
-    assert not any("Moment" in name or "*" in name for name in trial.samples.columns)
-    assert [plate["plate"] for plate in trial.provenance["plates"]] == [1, 2, 3]
-    assert trial.provenance["mocap"]["body_mass_kg"] == 74
 
 
 def test_a_trial_without_a_column_that_its_experiment_needs_is_refused_by_name(laboratory: Path) -> None:

@@ -13,7 +13,7 @@ from osl_analysis.cli import main
 from osl_analysis.commands.inspect import inspect_file
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.draft import draft_source
-from osl_analysis.ingest.raw_files import trial_from_files
+from osl_analysis.ingest.raw_files import FORMATS, read_source, recognise, trial_from_files
 from osl_analysis.trial import Trial
 
 SOURCE: dict[str, Any] = {
@@ -113,14 +113,46 @@ def test_what_cannot_be_read_is_refused_by_line_or_column(tmp_path, text, fields
     assert problem in refused(tmp_path, text, **fields)
 
 
-DROPPED = "t,angle,load\n0,1,5\n1,ERROR,6\n2,ERROR,7\n3,8\n4,9\n"
-
-
 def test_a_variable_that_the_logger_dropped_is_missing_from_there_on_and_the_others_keep_their_columns(tmp_path):
-    trial = ingested(tmp_path, DROPPED, missing=["ERROR"], most_missing=0.8, ragged="dropped_variable")
+    text, fields = "t,angle,load\n0,1,5\n1,ERROR,6\n2,ERROR,7\n3,8\n4,9\n", {"missing": ["ERROR"], "most_missing": 0.8}
+    trial = ingested(tmp_path, text, **fields, ragged="dropped_variable")
     np.testing.assert_allclose(trial.samples["torque"], [5, 6, 7, 8, 9])
     assert trial.samples["theta"].is_nan().to_list() == [False, True, True, True, True]
     assert trial.provenance["warnings"][0] == "log.csv: from line 5 on, columns 2 are missing"
+    text = text.replace("angle,", "").replace("0,1,", "0,ERROR,")  # dropped before the header, with the first rows
+    fields["channels"] = {"torque": SOURCE["channels"]["torque"]}
+    trial = ingested(tmp_path, text, **fields, ragged="dropped_variable")
+    np.testing.assert_allclose(trial.samples["torque"], [5, 6, 7, 8, 9])
+    said = "log.csv: up to line 4, cells 2 of every row have no name and were left out"
+    assert trial.provenance["warnings"] == [said]
+
+
+def test_the_shipped_source_file_reads_what_the_logger_of_opensourceleg_wrote(tmp_path: Path) -> None:
+    """Recorded with the package's own logger, row k at k ms."""
+    osl_logging = pytest.importorskip("opensourceleg.logging", reason="the package opensourceleg is not installed")
+    logger, k, rows = osl_logging.LOGGER, 0, np.arange(400)  # there is one in a process
+    logger._log_path = str(tmp_path)  # its constructor would take the folder of the call before
+    logger.set_file_name("trial")
+    logger.set_stream_level(osl_logging.LogLevel.CRITICAL)
+    functions = {
+        "time": lambda: k * 1e-3,
+        "joint_position": lambda: np.cos(k / 50),
+        "output_position": lambda: np.sin(k / 50),
+        "motor_current": lambda: 100.0 * k,
+        "sync": lambda: k % 100 < 50,
+    }
+    logger.track_function(list(functions.values()), list(functions))
+    for k in rows.tolist():  # noqa: B007
+        logger.update()
+    logger.close()
+    logger.reset()
+    shipped = read_source(Path(__file__).parents[1] / "config/sources/opensourceleg.yaml")
+    assert recognise(tmp_path / "trial.csv") == "csv"
+    recording = FORMATS["csv"].read(tmp_path / "trial.csv", shipped)
+    expected = {"time": rows * 1e-3, "theta": np.cos(rows / 50), "theta_m": np.sin(rows / 50), "current": 0.1 * rows}
+    for column, values in {**expected, "sync": rows % 100 < 50}.items():
+        np.testing.assert_allclose(recording.samples[column], values, atol=1e-12)
+    assert recording.warnings == []
 
 
 @pytest.mark.parametrize(

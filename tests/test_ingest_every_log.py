@@ -26,16 +26,14 @@ ANGLE, TORQUE = np.sin(40 * TIME), 30 * np.sin(40 * TIME)
 LOG = {"t": 1e3 * TIME + 7, "angle": np.rad2deg(ANGLE), "torque": -1e3 * TORQUE}
 
 
-def write_text(path, columns, sign=","):
+def write_text(path, columns, sign=",", head=""):
     rows = zip(*columns.values(), strict=True)
-    path.write_text("\n".join([sign.join(columns), *(sign.join(map(str, row)) for row in rows)]) + "\n")
+    path.write_text(head + "\n".join([sign.join(columns), *(sign.join(map(str, row)) for row in rows)]) + "\n")
     return path
 
 
 def write_table(path, columns):
-    write_text(path, columns, "\t")
-    path.write_text(f"grf\nnRows={len(TIME)}\nendheader\n{path.read_text()}")
-    return path
+    return write_text(path, columns, "\t", f"grf\nnRows={len(TIME)}\nendheader\n")
 
 
 def write_json(path, columns):

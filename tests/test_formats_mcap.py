@@ -20,14 +20,25 @@ import numpy as np
 import pytest
 import zstandard
 from c3d_builder import REAL_DATA
-from google.protobuf.descriptor_pb2 import FieldDescriptorProto, FileDescriptorProto, FileDescriptorSet
-from google.protobuf.descriptor_pool import DescriptorPool
-from google.protobuf.message_factory import GetMessageClass
+from google.protobuf.descriptor_pb2 import FileDescriptorSet, SourceCodeInfo, UninterpretedOption
+from google.protobuf.message import Message as Protobuf
+from google.protobuf.timestamp_pb2 import Timestamp
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from mcap.opcode import Opcode
+from mcap.data_stream import RecordBuilder
 from mcap.reader import NonSeekingReader, make_reader
-from mcap.records import Schema
+from mcap.records import (
+    Channel,
+    Chunk,
+    DataEnd,
+    Footer,
+    Header,
+    McapRecord,
+    Message,
+    MessageIndex,
+    Schema,
+    Statistics,
+)  # fmt: skip
 from mcap_builder import HEADER, stamped, write_log, write_payloads
 from mcap_ros2.decoder import DecoderFactory
 from recognised_files import refusal_by
@@ -44,33 +55,32 @@ from osl_analysis.ingest.source import Recording
 MILLISECOND = 1_000_000
 
 
-def record(opcode: int, content: bytes) -> bytes:
-    return struct.pack("<BQ", opcode, len(content)) + content
+def raw(one: McapRecord) -> bytes:
+    """A record as the official library writes it."""
+    builder = RecordBuilder()
+    one.write(builder)
+    return builder.end()
 
 
-def longer(one: bytes) -> bytes:
+def longer(one: bytes, opcode: int | None = None) -> bytes:
     """A record with more bytes than its specification says, as of a later version."""
-    return record(one[0], one[9:] + b"\1\2\3\4\5")
-
-
-def text(value: bytes) -> bytes:
-    return struct.pack("<I", len(value)) + value
+    return struct.pack("<BQ", opcode or one[0], len(one) - 4) + one[9:] + b"\1\2\3\4\5"
 
 
 def schema(content: bytes = b"float64 a") -> bytes:
-    return record(Opcode.SCHEMA, struct.pack("<H", 1) + text(b"lab_msgs/msg/S") + text(b"ros2msg") + text(content))
+    return raw(Schema(id=1, name="lab_msgs/msg/S", encoding="ros2msg", data=content))
 
 
-def channel(number: int, topic: bytes) -> bytes:
-    return record(Opcode.CHANNEL, struct.pack("<HH", number, 1) + text(topic) + text(b"cdr") + text(b""))
+def channel(number: int, topic: str) -> bytes:
+    return raw(Channel(id=number, topic=topic, message_encoding="cdr", metadata={}, schema_id=1))
 
 
 def cdr(value: float) -> bytes:
     return b"\0\1\0\0" + struct.pack("<d", value)
 
 
-def message(number: int, time: int, payload: bytes, publish: int = 0) -> bytes:
-    return record(Opcode.MESSAGE, struct.pack("<HIQQ", number, 0, time, publish) + payload)
+def message(number: int, time: int, payload: bytes) -> bytes:
+    return raw(Message(channel_id=number, log_time=time, data=payload, publish_time=7, sequence=0))
 
 
 def messages(number: int, values: range) -> bytes:
@@ -78,55 +88,51 @@ def messages(number: int, values: range) -> bytes:
     return b"".join(message(number, i * MILLISECOND, cdr(float(i))) for i in values)
 
 
-PACKINGS: dict[bytes, Callable[[bytes], bytes]] = {
-    b"zstd": zstandard.ZstdCompressor().compress,
-    b"lz4": lz4.frame.compress,
-    b"": bytes,
+PACKINGS: dict[str, Callable[[bytes], bytes]] = {
+    "zstd": zstandard.ZstdCompressor().compress,
+    "lz4": lz4.frame.compress,
+    "": bytes,
 }
 
 
-def chunk(content: bytes, packing: bytes = b"zstd", crc: bool = True) -> bytes:
-    packed = PACKINGS[packing](content)
-    head = struct.pack("<QQQI", 0, 1 << 62, len(content), zlib.crc32(content) if crc else 0)
-    return record(Opcode.CHUNK, head + text(packing) + struct.pack("<Q", len(packed)) + packed)
+def chunk(content: bytes, packing: str = "zstd", crc: bool = True) -> bytes:
+    return raw(Chunk(packing, PACKINGS[packing](content), 1 << 62, 0, zlib.crc32(content) * crc, len(content)))
 
 
-def index(number: int, count: int) -> bytes:
-    return record(Opcode.MESSAGE_INDEX, struct.pack("<H", number) + text(bytes(16 * count)))
+def index(count: int) -> bytes:
+    return raw(MessageIndex(1, [(0, 0)] * count))
 
 
-def statistics(counts: dict[int, int], chunks: int, of_channels: bool = True) -> bytes:
-    by_channel = b"".join(struct.pack("<HQ", *count) for count in counts.items()) if of_channels else b""
-    head = struct.pack("<QHIIIIQQ", sum(counts.values()), 1, len(counts), 0, 0, chunks, 0, 0)
-    return record(Opcode.STATISTICS, head + text(by_channel))
+def statistics(counts: dict[int, int], chunks: int, total: int = 0) -> bytes:
+    return raw(Statistics(0, len(counts), counts, chunks, total or sum(counts.values()), 0, 0, 0, 1))
 
 
-HEAD, DATA_END = record(Opcode.HEADER, text(b"") + text(b"")), record(Opcode.DATA_END, bytes(4))
+HEAD, DATA_END = raw(Header("", "")), raw(DataEnd(0))
 
 
 def log(*parts: bytes, summary: bytes = b"", shift: int = 0, crc: bool = True) -> bytes:
     """A whole file of these parts; the footer says that the summary begins `shift` bytes later than it does."""
     data = MAGIC + HEAD + b"".join(parts) + DATA_END
-    opening = struct.pack("<BQQQ", Opcode.FOOTER, 20, len(data) + shift if summary else 0, 0)
-    return data + summary + opening + struct.pack("<I", zlib.crc32(summary + opening) if crc else 0) + MAGIC
+    opening = raw(Footer(len(data) + shift if summary else 0, 0, 0))[:-4]
+    return data + summary + opening + struct.pack("<I", zlib.crc32(summary + opening) * crc) + MAGIC
 
 
-LAB = schema() + channel(1, b"/lab")
+LAB = schema() + channel(1, "/lab")
 TEN, TWENTY = messages(1, range(10)), messages(1, range(10, 20))
 THREE, FIVE = len(TEN) * 3 // 10, len(TEN) // 2
-PRIVATE = record(0x85, b"ours") + record(0x40, b"of a later version")
+PRIVATE = longer(HEAD, 0x85) + longer(HEAD, 0x40)  # and one of a later version
 ALL = statistics({1: 20}, 2)
 FIRST = log(LAB, chunk(TEN), chunk(TWENTY), summary=ALL)
 ANY_PACKING = pytest.mark.parametrize("packing", PACKINGS)
 
 
-def whole(packing: bytes) -> tuple[bytes, list[tuple[int, int]]]:
+def whole(packing: str) -> tuple[bytes, list[tuple[int, int]]]:
     """A log of 60 messages, ten in a chunk, and the first and last byte of each chunk."""
     data, places = LAB, []
     for first in range(0, 60, 10):
         one, begin = chunk(messages(1, range(first, first + 10)), packing), len(MAGIC + HEAD + data)
         places.append((begin, begin + len(one)))
-        data += one + index(1, 10)
+        data += one + index(10)
     return log(data, summary=LAB + statistics({1: 60}, 6)), places
 
 
@@ -154,7 +160,7 @@ def read(folder: Path, content: bytes, loss: float = 1.0) -> tuple[int, dict[str
 
 
 @ANY_PACKING
-def test_wherever_a_file_is_cut_every_whole_chunk_is_recovered(tmp_path: Path, packing: bytes) -> None:
+def test_wherever_a_file_is_cut_every_whole_chunk_is_recovered(tmp_path: Path, packing: str) -> None:
     content, places = whole(packing)
     for cut in range(places[0][1], len(content), 41):
         count, damage = read(tmp_path, content[:cut], 0.0)
@@ -171,7 +177,7 @@ def test_wherever_a_file_is_cut_every_whole_chunk_is_recovered(tmp_path: Path, p
 
 
 @ANY_PACKING
-def test_a_chunk_with_an_absurd_length_costs_itself_alone(tmp_path: Path, packing: bytes) -> None:
+def test_a_chunk_with_an_absurd_length_costs_itself_alone(tmp_path: Path, packing: str) -> None:
     content, places = whole(packing)
     start = places[2][0] + 1
     for length in (2**64 - 1, 2**40, 0, 60):
@@ -183,7 +189,7 @@ def test_a_chunk_with_an_absurd_length_costs_itself_alone(tmp_path: Path, packin
 
 
 def test_records_that_no_recorder_writes_among_the_chunks_hide_none_of_them(tmp_path: Path) -> None:
-    unknown = record(Opcode.CHUNK, struct.pack("<QQQI", 0, 0, 9, 0) + text(b"xyz\n") + struct.pack("<Q", 3) + b"abc")
+    unknown = raw(Chunk("xyz\n", b"abc", 0, 0, 0, 9))
     count, damage = read(tmp_path, log(LAB, chunk(TEN), unknown, chunk(TWENTY), summary=ALL))
     assert count == 20
     assert any(r"is compressed with 'xyz\n'; zstd and lz4 are read" in remark for remark in damage["remarks"])
@@ -204,7 +210,7 @@ def test_what_holds_no_log_is_refused_in_one_line(tmp_path: Path) -> None:
 
 
 @ANY_PACKING
-def test_no_damage_crashes_the_reader_changes_a_value_or_miscounts_what_is_lost(tmp_path: Path, packing: bytes) -> None:
+def test_no_damage_crashes_the_reader_changes_a_value_or_miscounts_what_is_lost(tmp_path: Path, packing: str) -> None:
     for seed in range(100):
         (content, _), chance = whole(packing), random.Random(seed)
         for _ in range(chance.randint(1, 6)):
@@ -214,13 +220,81 @@ def test_no_damage_crashes_the_reader_changes_a_value_or_miscounts_what_is_lost(
             assert damage["messages_lost"] in (None, 60 - count)  # what is told is exact, or that nobody knows
 
 
-def losses(folder: Path, content: bytes) -> tuple[Any, ...]:
-    """Whether a file is complete, chunks lost, messages lost (also as inspect says), of these of the topic `/lab`."""
-    damage = ingested(folder, content, loss=1.0).facts["damage"]
-    told = FORMATS["mcap"].inspect(folder / "log.mcap").facts["messages lost"]
-    lost = damage["messages_lost"]
+CUT_OUT = chunk(TWENTY)
+KEPT = TEN + message(2, 0, cdr(1.0)) + message(2, 15 * MILLISECOND, cdr(2.0))
+TWO = (LAB + channel(2, "/rare"), chunk(KEPT))
+OF_TWO = statistics({1: 20, 2: 2}, 2)
+TURNED = TEN[:FIVE] + b"\x85" + TEN[FIVE + 1 :]  # without a checksum, a message may pass for a private record
+LEGAL = {
+    "longer records": log(
+        *map(longer, (schema(), channel(1, "/lab"), chunk(TEN), index(10), chunk(TWENTY, crc=False))),
+        summary=longer(ALL),
+    ),
+    "private records": log(
+        *(PRIVATE + LAB + PRIVATE, chunk(PRIVATE + TEN[:THREE] + PRIVATE + TEN[THREE:]), PRIVATE, chunk(TWENTY)),
+        summary=PRIVATE + ALL + PRIVATE,
+    ),
+    "private records in a chunk with an index": log(
+        LAB, chunk(TEN + PRIVATE, crc=False), index(10), PRIVATE, chunk(TWENTY), summary=ALL
+    ),
+    "messages outside of the chunks": log(
+        LAB, chunk(TEN), index(10), TWENTY[:FIVE], PRIVATE, TWENTY[FIVE:], summary=statistics({1: 20}, 1)
+    ),
+    "no statistics": log(LAB, chunk(TEN), chunk(TWENTY)),
+    "no channels": log(LAB, chunk(TEN), chunk(TWENTY), summary=statistics({}, 2, 20)),
+}
+LOSSES = {  # complete or not, chunks and messages lost, messages of the topic and those lost of it
+    "fewer declared": (log(LAB, chunk(TEN), chunk(TWENTY), summary=statistics({1: 10}, 2)), (False, 0, 0, 20, 0)),
+    "in the index of a chunk": (
+        log(LAB, chunk(TURNED, crc=False), index(10), chunk(TWENTY)),
+        (False, 0, 1, 19, 1),
+    ),
+    "cut out": (log(*TWO, summary=OF_TWO, shift=len(CUT_OUT), crc=False), (False, 1, 10, 10, 10)),
+    # the recorder's checksum was computed with the summary where it was
+    "cut out, with checksum": (
+        log(*TWO, CUT_OUT, summary=OF_TWO).replace(CUT_OUT, b""),
+        (False, 1, 10, 10, 10),
+    ),
+    "cut out, without statistics": (
+        log(LAB, chunk(TEN), summary=LAB, shift=len(CUT_OUT), crc=False),
+        (False, 0, None, 10, None),
+    ),
+} | {name: (content, (True, 0, 0, 20, 0)) for name, content in LEGAL.items()}
+
+
+@pytest.mark.parametrize("content", LEGAL.values(), ids=LEGAL)
+def test_a_legal_file_is_read_as_by_the_official_reader(tmp_path: Path, content: bytes) -> None:
+    official = [struct.unpack("<d", m.data[4:])[0] for _, _, m in NonSeekingReader(BytesIO(content)).iter_messages()]
+    assert ingested(tmp_path, content, loss=0.0).samples["theta"].to_list() == official == list(range(20))
+
+
+@pytest.mark.parametrize("what", LOSSES)
+def test_losses_are_counted_as_far_as_the_file_tells_them_and_inspect_says_the_same(tmp_path: Path, what: str) -> None:
+    content, expected = LOSSES[what]
+    damage = ingested(tmp_path, content, loss=1.0).facts["damage"]
+    lost, of_topic = damage["messages_lost"], damage["topics"]["/lab"].values()
+    assert (damage["complete"], damage["chunks_lost"], lost, *of_topic) == expected
+    told = FORMATS["mcap"].inspect(tmp_path / "log.mcap").facts["messages lost"]
     assert told == ("the file does not tell" if lost is None else str(lost))
-    return damage["complete"], damage["chunks_lost"], lost, *damage["topics"]["/lab"].values()
+    if what.startswith("cut out"):
+        assert f"{len(CUT_OUT)} bytes are missing before the summary" in damage["remarks"]
+        with pytest.raises(
+            InputError, match=r"damaged or incomplete MCAP: .* of topic '/lab' is lost, at most 1 % may"
+        ):
+            ingested(tmp_path, content)
+
+
+def test_the_loss_is_that_of_the_topic_and_not_of_the_file(tmp_path: Path) -> None:
+    bad = b"".join(message(2, i * MILLISECOND, cdr(1.0)[: 9 if i % 5 == 0 else 12]) for i in range(100))
+    rare = LAB + channel(2, "/rare")
+    content = log(rare, chunk(messages(1, range(10_000)) + bad), summary=statistics({1: 10_000, 2: 100}, 1))
+    assert len(ingested(tmp_path, content).samples) == 10_000
+    with pytest.raises(InputError, match="20 % of topic '/rare' is lost, at most 1 % may be"):
+        ingested(tmp_path, content, "/rare")
+    damage = ingested(tmp_path, content, "/rare", 0.2).facts["damage"]
+    assert damage["topics"] == {"/rare": {"messages": 100, "messages_lost": 20}}
+    assert damage["share_lost"] == pytest.approx(0.2)
+    assert len(ingested(tmp_path, LOSSES["cut out"][0], "/rare").samples) == 2
 
 
 def refused(folder: Path, content: bytes) -> str:
@@ -231,91 +305,16 @@ def refused(folder: Path, content: bytes) -> str:
     return said
 
 
-LEGAL = {
-    "longer records": log(
-        *map(longer, (schema(), channel(1, b"/lab"), chunk(TEN), index(1, 10), chunk(TWENTY, crc=False))),
-        summary=longer(ALL),
-    ),
-    "private records": log(
-        *(PRIVATE + LAB + PRIVATE, chunk(PRIVATE + TEN[:THREE] + PRIVATE + TEN[THREE:]), PRIVATE, chunk(TWENTY)),
-        summary=PRIVATE + ALL + PRIVATE,
-    ),
-    "private records in a chunk with an index": log(
-        LAB, chunk(TEN + PRIVATE, crc=False), index(1, 10), PRIVATE, chunk(TWENTY), summary=ALL
-    ),
-    "messages outside of the chunks": log(
-        LAB, chunk(TEN), index(1, 10), TWENTY[:FIVE], PRIVATE, TWENTY[FIVE:], summary=statistics({1: 20}, 1)
-    ),
-    "no statistics": log(LAB, chunk(TEN), chunk(TWENTY)),
-    "no channels": log(LAB, chunk(TEN), chunk(TWENTY), summary=statistics({1: 20}, 2, of_channels=False)),
-}
-
-
-@pytest.mark.parametrize("content", LEGAL.values(), ids=LEGAL)
-def test_a_legal_file_is_complete_and_read_as_by_the_official_reader(tmp_path: Path, content: bytes) -> None:
-    official = [struct.unpack("<d", m.data[4:])[0] for _, _, m in NonSeekingReader(BytesIO(content)).iter_messages()]
-    assert ingested(tmp_path, content, loss=0.0).samples["theta"].to_list() == official == list(range(20))
-    assert losses(tmp_path, content) == (True, 0, 0, 20, 0)
-
-
-def test_the_loss_is_that_of_the_topic_and_not_of_the_file(tmp_path: Path) -> None:
-    bad = b"".join(message(2, i * MILLISECOND, cdr(1.0)[: 9 if i % 5 == 0 else 12]) for i in range(100))
-    rare = LAB + channel(2, b"/rare")
-    content = log(rare, chunk(messages(1, range(10_000)) + bad), summary=statistics({1: 10_000, 2: 100}, 1))
-    assert len(ingested(tmp_path, content).samples) == 10_000
-    with pytest.raises(InputError, match="20 % of topic '/rare' is lost, at most 1 % may be"):
-        ingested(tmp_path, content, "/rare")
-    damage = ingested(tmp_path, content, "/rare", 0.2).facts["damage"]
-    assert damage["topics"] == {"/rare": {"messages": 100, "messages_lost": 20}}
-    assert damage["share_lost"] == pytest.approx(0.2)
-
-
-@pytest.mark.parametrize("crc", [True, False])
-def test_a_chunk_that_was_cut_out_is_counted_by_topic_from_the_statistics(tmp_path: Path, crc: bool) -> None:
-    removed, kept = chunk(TWENTY), TEN + message(2, 0, cdr(1.0)) + message(2, 15 * MILLISECOND, cdr(2.0))
-    parts, summary = (LAB + channel(2, b"/rare"), chunk(kept)), statistics({1: 20, 2: 2}, 2)
-    content = log(*parts, summary=summary, shift=len(removed), crc=False)
-    if crc:  # the recorder's checksum was computed with the summary where it was
-        content = log(*parts, removed, summary=summary).replace(removed, b"")
-    assert len(ingested(tmp_path, content, "/rare").samples) == 2
-    assert losses(tmp_path, content) == (False, 1, 10, 10, 10)
-    remarks = ingested(tmp_path, content, loss=1.0).facts["damage"]["remarks"]
-    assert f"{len(removed)} bytes are missing before the summary" in remarks
-    with pytest.raises(InputError, match="damaged or incomplete MCAP: 50 % of topic '/lab' is lost, at most 1 % may"):
-        ingested(tmp_path, content)
-
-
-def test_what_a_file_does_not_tell_of_its_losses_is_unknown(tmp_path: Path) -> None:
-    cut_out = log(LAB, chunk(TEN), summary=LAB, shift=len(chunk(TWENTY)), crc=False)
-    assert losses(tmp_path, cut_out) == (False, 0, None, 10, None)
-    with pytest.raises(InputError, match="of topic '/lab' is lost"):
-        ingested(tmp_path, cut_out, loss=0.1)
-
-
-def test_what_contradicts_a_files_own_counts_is_not_complete(tmp_path: Path) -> None:
-    more = log(LAB, chunk(TEN), chunk(TWENTY), summary=statistics({1: 10}, 2))
-    assert losses(tmp_path, more) == (False, 0, 0, 20, 0)
-    assert "it declares 10 messages and holds 20" in ingested(tmp_path, more).facts["damage"]["remarks"]
-    turned = TEN[:FIVE] + b"\x85" + TEN[FIVE + 1 :]  # without a checksum, a message may pass for a private record
-    assert losses(tmp_path, log(LAB, chunk(turned, crc=False), index(1, 10), chunk(TWENTY))) == (False, 0, 1, 19, 1)
-
-
-def test_the_time_of_a_message_is_when_it_was_logged_and_not_when_it_was_published(tmp_path: Path) -> None:
-    late = [message(1, 7 + 3 * i * MILLISECOND, cdr(i), publish=i * MILLISECOND) for i in range(20)]
-    recording = ingested(tmp_path, log(LAB, chunk(b"".join(late))))
-    np.testing.assert_allclose(recording.samples["time"], 3e-3 * np.arange(20), rtol=1e-12)
-    assert recording.facts["time"] == {"source": "log", "stamps": "auto", "start_ns": 7}
-
-
 def test_two_logs_in_one_file_are_refused_with_the_byte_to_cut_at(tmp_path: Path) -> None:
-    other = log(schema() + channel(1, b"/other") + channel(2, b"/lab"), chunk(messages(1, range(30, 40))))
-    ends = [FIRST.index(part) + len(part) - 8 - len(HEAD) for part in (chunk(TEN), chunk(TWENTY))]
-    for cut in [*range(len(log()), len(FIRST), 23), *ends]:  # a cut chunk may end with the header of the second log
+    other = log(schema() + channel(1, "/other") + channel(2, "/lab"), chunk(messages(1, range(30, 40))))
+    ends = [FIRST.index(part) + len(part) - 8 for part in (channel(1, "/lab"), chunk(TEN), chunk(TWENTY))]
+    # a record that is cut off may end with the magic or the header of the second log
+    for cut in [*range(len(log()), len(FIRST) - 8, 23), *ends, *(end - len(HEAD) for end in ends[1:])]:
         assert f"holds two logs, the second from byte {cut} on: split them" in refused(tmp_path, FIRST[:cut] + other)
     for more in (bytes(100), other):
         said = refused(tmp_path, FIRST + more)
         assert f"ends at byte {len(FIRST)} and has {len(more)} bytes after it; keep what is before them" in said
-    for what, again in (("channel", channel(1, b"/other")), ("schema", schema(b"float64 b\nfloat64 a"))):
+    for what, again in (("channel", channel(1, "/other")), ("schema", schema(b"float64 b\nfloat64 a"))):
         said = refused(tmp_path, log(LAB, chunk(LAB + TEN), chunk(again + TWENTY)))
         assert f"{what} 1 is '" in said
         assert "two logs were joined, or the file is damaged" in said
@@ -541,67 +540,41 @@ def test_values_that_are_absent_are_counted_and_said(tmp_path: Path) -> None:
     assert any(said in warning for warning in recording.warnings)
 
 
-SCALARS = {"double": -1e300, "bool": True, "sint32": -(2**31), "int64": -(2**63), "uint64": 2**64 - 1}
-
-
-def descriptors() -> FileDescriptorSet:
-    """`lab.Sample`: each scalar alone, optional and in an array, an array of messages, names."""
-    file = FileDescriptorProto(name="lab.proto", package="lab", syntax="proto3")
-    inner, sample = (file.message_type.add(name=name) for name in ("Inner", "Sample"))
-
-    def add(message: Any, name: str, of: str, **options: Any) -> None:
-        kind, options = getattr(FieldDescriptorProto, f"TYPE_{of.upper()}"), {"label": 1, **options}
-        message.field.add(name=name, number=len(message.field) + 1, type=kind, **options)
-
-    add(inner, "count", "int64")
-    add(sample, "name", "string", label=3)
-    add(sample, "parts", "message", type_name=".lab.Inner", label=3)
-    for scalar in SCALARS:
-        add(sample, f"one_{scalar}", scalar)
-        add(sample, f"packed_{scalar}", scalar, label=3)
-        add(sample, f"maybe_{scalar}", scalar, proto3_optional=True, oneof_index=len(sample.oneof_decl))
-        sample.oneof_decl.add(name=f"_maybe_{scalar}")
-    return FileDescriptorSet(file=[file])
-
-
-POOL = DescriptorPool()
-POOL.Add(descriptors().file[0])
-Sample: Any = GetMessageClass(POOL.FindMessageTypeByName("lab.Sample"))
-
-
-def write_protobuf(folder: Path, payloads: list[bytes], **options: Any) -> Path:
-    schema = "lab.Sample", "protobuf", descriptors().SerializeToString()
-    return write_payloads(folder / "log.mcap", payloads, "protobuf", *schema, **options)
+def write_protobuf(folder: Path, messages: Sequence[Protobuf], cut: int = 0) -> Path:
+    """Messages of a type of google's own; of the last one so many bytes are cut off."""
+    files, file = FileDescriptorSet(), messages[0].DESCRIPTOR.file
+    for one in (*file.dependencies, file):
+        one.CopyToProto(files.file.add())
+    payloads = [one.SerializeToString() for one in messages]
+    payloads[-1] = payloads[-1][: len(payloads[-1]) - cut]
+    schema = messages[0].DESCRIPTOR.full_name, "protobuf", files.SerializeToString()
+    return write_payloads(folder / "log.mcap", payloads, "protobuf", *schema, chunk_size=100)
 
 
 def test_what_google_wrote_is_read_and_what_is_absent_is_null_if_it_is_optional_and_else_zero(tmp_path: Path) -> None:
-    ones, maybe, packed = (
-        {f"{kind}_{s}": value for s, value in SCALARS.items()} for kind in ("one", "maybe", "packed")
-    )
-    zeros = {name: type(value)(0) for name, value in ones.items()}
-    arrays = {name: [value, 0] for name, value in packed.items()}
-    in_arrays = {f"{name}[{i}]": one for name, pair in arrays.items() for i, one in enumerate(pair)}
-    contents: list[tuple[dict[str, Any], dict[str, float]]] = [
-        (ones | maybe, ones | maybe),
-        ({}, zeros),
-        ({**arrays, "name": ["é"]}, zeros | in_arrays),
-        ({"maybe_double": 0.0, "parts": [{}, {"count": 5}]}, zeros | {"maybe_double": 0.0, "parts[1].count": 5}),
-    ]
-    expected = [values | ({"parts[0].count": 0} if "parts" in content else {}) for content, values in contents]
-    path = write_protobuf(tmp_path, [Sample(**one).SerializeToString() for one, _ in contents], chunk_size=100)
-    assert_decoded(path, "/lab", expected)
+    extremes = {"positive_int_value": 2**64 - 1, "negative_int_value": -(2**63), "double_value": -1e300}
+    parts = [{"name_part": "é", "is_extension": one} for one in (True, False)]
+    of_parts = {"name[0].is_extension": True, "name[1].is_extension": False}
+    for kind, contents in (
+        (UninterpretedOption, [(extremes, extremes), ({}, {}), ({"double_value": 0}, {"double_value": 0})]),
+        (UninterpretedOption, [({"name": parts, **extremes}, of_parts | extremes), ({}, {})]),
+        (Timestamp, [({}, {"seconds": 0, "nanos": 0}), ({"seconds": 2**40}, {"seconds": 2**40, "nanos": 0})]),
+        (SourceCodeInfo.Location, [({"path": [-7, 2**31 - 1]}, {"path[0]": -7, "path[1]": 2**31 - 1}), ({}, {})]),
+    ):
+        path = write_protobuf(tmp_path, [kind(**content) for content, _ in contents])
+        assert_decoded(path, "/lab", [expected for _, expected in contents])
 
 
 def test_a_message_that_google_refuses_is_left_out_and_reported(tmp_path: Path) -> None:
-    whole = Sample(one_double=1.0, one_int64=-5).SerializeToString()
-    recording = recorded(write_protobuf(tmp_path, [whole, whole[:-3], whole]), "log", 0.5, theta="one_double")
+    path = write_protobuf(tmp_path, [Timestamp(seconds=5, nanos=2**30)] * 3, cut=2)
+    recording = recorded(path, "log", 0.5, theta="seconds")
     assert (len(recording.samples), recording.facts["damage"]["messages_lost"]) == (2, 1)
     assert "1 of 3 messages of topic '/lab' are lost: a message of" in recording.facts["damage"]["remarks"][0]
 
 
 def test_fields_are_listed_with_their_types_lengths_and_names_and_read_by_these(tmp_path: Path) -> None:
-    content = {"name": ["hip", "toe"], "packed_double": [1.0, 2.0], "packed_uint64": [5, 300, 7], "one_sint32": 1}
-    path = write_protobuf(tmp_path, [Sample(**content).SerializeToString()] * 3)
-    listed = {"packed_double[name=toe]": "float64[2]", "packed_uint64[0]": "int64[3]", "one_sint32": "int64"}
+    one = SourceCodeInfo.Location(path=[5, 6], span=[5, 300, 7], leading_detached_comments=["hip", "toe"])
+    path, named = write_protobuf(tmp_path, [one] * 3), "path[leading_detached_comments=toe]"
+    listed = {named: "int64[2]", "span[0]": "int64[3]"}
     assert listed.items() <= {one.address["field"]: one.type for one in inspect_file(path).channels}.items()
-    assert recorded(path, "log", 0.3, theta="packed_double[name=toe]").samples["theta"].to_list() == [2.0] * 3
+    assert recorded(path, "log", 0.3, theta=named).samples["theta"].to_list() == [6.0] * 3

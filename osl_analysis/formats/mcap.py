@@ -140,6 +140,8 @@ class McapFile(MessageFile):
             self.data_end, self.summary_begin = position, end
             (expected,) = struct.unpack_from("<I", data, start)
             self.is_data_right = zlib.crc32(data[:position]) == expected if expected else None
+        elif opcode == Opcode.HEADER and position > len(MAGIC) and data[position - len(MAGIC) : position] == MAGIC:
+            raise two_logs(position - len(MAGIC))  # the record before was cut off and reaches into another log
         elif opcode == Opcode.FOOTER:
             self.take_footer(start, end)
         elif opcode == Opcode.STATISTICS:

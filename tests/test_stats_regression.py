@@ -31,6 +31,7 @@ from osl_analysis.stats.repeats import (
     rank_words,
     score_models,
 )
+from osl_analysis.stats.rounding import noise_before_rounding
 from osl_analysis.walking.response import impedance_columns
 
 T = np.linspace(0, 10, 2000, endpoint=False)
@@ -269,6 +270,13 @@ def test_what_units_scatter_is_the_error_of_their_mean_and_worth_one_unit_less()
     for noise, freedom in ((0.0, 4), (0.2, 1 / (0.2**2 / 10 + 0.8**2 / 4))):
         covariance, degrees = combined(noise * found, np.array([10.0]), found, 5)
         assert (covariance[0, 0], degrees[0]) == pytest.approx((found[0, 0], freedom))
+
+
+@pytest.mark.parametrize("noise", [0.1, 0.3, 0.6])
+def test_the_noise_before_a_rounding_is_known_from_the_scatter_that_it_leaves(noise):
+    rng = np.random.default_rng(3)
+    read = np.round(rng.uniform(size=20_000) + noise * rng.standard_normal((4, 20_000)))
+    assert noise_before_rounding(np.mean(np.var(read, axis=0, ddof=1))) == pytest.approx(noise, rel=0.03)
 
 
 def test_degrees_of_freedom_of_a_sum_are_those_of_welch_and_satterthwaite():

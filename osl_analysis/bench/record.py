@@ -143,7 +143,8 @@ class Record:
     @property
     def two_clocks(self) -> bool:
         """Whether two devices recorded angle and torque."""
-        return self.uniform is not None and not self.uniform.one_device("theta", "torque")
+        of = self.uniform.of if self.uniform else None
+        return of is not None and of("theta").stream.stamps is not of("torque").stream.stamps
 
     @property
     def bench_angle(self) -> Array:
@@ -328,8 +329,8 @@ def record_of_trial(
     signals = uniform_signals(trial, ("theta", "torque"), settings.gap_limits, computed=("theta_command",))
     steps = list[float | None]()
     for column in ("theta", "torque"):  # what the source file states, else what the values show
-        stated = origin(trial, column).get("resolution")
-        steps.append(float(stated) if stated else visible_step(signals.as_recorded(column)))
+        stated, taken = origin(trial, column).get("resolution"), signals.of(column)
+        steps.append(float(stated) if stated else visible_step(taken.stream.signals[column][taken.present]))
     if excitation is None:
         excitation = settings.excitation if isinstance(settings, ImpedanceAnalysis) else "stepped_sine"
     known = Likeness(signals.time, signals["theta"], settings.protocol)

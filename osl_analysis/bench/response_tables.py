@@ -26,13 +26,11 @@ from osl_analysis.spectral.response import (
 )
 from osl_analysis.stats.fit_row import Row, estimates_row
 
-LEVELS = ("noise", "odd", "even", "total")
-CURVES = {SecondOrder.name: "eq15", RationalDrivetrain.name: "eq9"}
 # columns of the two tables
 RESPONSE_COLUMNS: dict[str, type[pl.DataType]] = {
     "trial": pl.String, "method": pl.String, "realisations": pl.Int64,
     **dict.fromkeys(("frequency_hz", "angle_deg", "Z_re", "Z_im", "magnitude", "phase_deg"), pl.Float64),
-    **dict.fromkeys(("noise_sd", "total_sd", *(f"{name}_level" for name in LEVELS)), pl.Float64),
+    **dict.fromkeys(("noise_sd", "total_sd", "noise_level", "odd_level", "even_level", "total_level"), pl.Float64),
     **dict.fromkeys(("magnitude_eq15", "phase_deg_eq15", "magnitude_eq9", "phase_deg_eq9"), pl.Float64),
 }  # fmt: skip
 ESTIMATED = tuple(f"{name}{end}" for name in ("K", "B", "I", "K_1", "B_1") for end in ("", "_se", "_low", "_high"))
@@ -44,7 +42,6 @@ MODELS: dict[str, type[pl.DataType]] = {
     **dict.fromkeys(("VAF", "misfit", "misfit_ratio", "misfit_p", *(f"{name}_level" for name in BAND)), pl.Float64),
     "excluded": pl.String,
 }  # fmt: skip
-NO_RESPONSE = {"response": RESPONSE_COLUMNS, "response_models": MODELS, "response_lines": LINES}
 
 
 def response_tables(record: Record, p: DrivetrainParameters | None) -> dict[str, pl.DataFrame]:
@@ -52,7 +49,8 @@ def response_tables(record: Record, p: DrivetrainParameters | None) -> dict[str,
     device has parameters. None of a stepped sine, whose response is in `phasors.csv`. The lines are of unfiltered
     signals: of the periods up to the filter's cut-off, else of the longest stretch. What cannot be fitted has a row
     with the reason."""
-    nothing = {name: pl.DataFrame(schema=schema) for name, schema in NO_RESPONSE.items()}
+    schemas = {"response": RESPONSE_COLUMNS, "response_models": MODELS, "response_lines": LINES}
+    nothing = {name: pl.DataFrame(schema=schema) for name, schema in schemas.items()}
     if record.is_stepped_sine:
         return nothing
     try:
@@ -117,7 +115,8 @@ def frames_of(
         if isinstance(structure, SecondOrder):
             first = (fit["K"], fit["B"])
         s = np.asarray(2j * np.pi * frequency, dtype=np.complex128)
-        curve, short = structure.impedance(fit.estimates[: len(structure.parameters)], s), CURVES[structure.name]
+        curve = structure.impedance(fit.estimates[: len(structure.parameters)], s)
+        short = "eq15" if isinstance(structure, SecondOrder) else "eq9"
         columns |= {f"magnitude_{short}": np.abs(curve), f"phase_deg_{short}": np.rad2deg(np.angle(curve))}
         row |= {"interval_method": fit.interval_method, "parameters": len(structure.parameters)}
         rows.append({**row, **estimates_row(fit, *structure.parameters), **found})

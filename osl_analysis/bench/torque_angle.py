@@ -199,12 +199,10 @@ def find_cycles(theta: Array, settle: int = 0) -> tuple[list[Cycle], Row]:
     ]
     found = [cycle for cycle in closed if np.ptp(theta[cycle[0] : cycle[-1] + 1]) >= 0.9 * span]
     if not found:
-        start_deg, low_deg, high_deg, last_deg = (
-            f"{round(np.rad2deg(angle), 2) + 0.0:.2f}" for angle in (theta[0], low, high, theta[-1])
-        )
+        first, least, most, last = np.rad2deg([theta[0], low, high, theta[-1]]).round(2) + 0.0
         raise InputError(
-            f"no whole cycle: the angle begins at {start_deg} deg, goes to {low_deg} and {high_deg} deg, "
-            f"and ends at {last_deg} deg; record the way back to the start"
+            f"no whole cycle: the angle begins at {first:.2f} deg, goes to {least:.2f} and {most:.2f} deg, and ends at "
+            f"{last:.2f} deg; record the way back to the start"
         )
     if len(found) <= settle:
         raise InputError(

@@ -41,8 +41,7 @@ class SteppedSineProtocol:
         return tuple(np.broadcast_to(np.asarray(self.cycles, dtype=float), len(self.frequencies_hz)).tolist())
 
     def amplitude_near(self, amplitude: float) -> float | None:
-        """The commanded amplitude [rad] that a recorded one follows within a quarter, as some is lost to the
-        dynamometer's bandwidth; None if it follows none."""
+        """The commanded amplitude [rad] within a quarter of a recorded one, as a dynamometer loses some; else None."""
         return followed(amplitude, self.amplitudes, 0.25)
 
     def frequency_near(self, frequency_hz: float) -> float | None:
@@ -61,7 +60,7 @@ def noise_of(theta: Array) -> float:
     return usual_size(np.diff(theta, 2)) / (0.6745 * np.sqrt(6)) if len(theta) > 2 else 0.0
 
 
-def upward_crossings(time: Array, theta: Array, noise: float) -> Array:
+def upward_crossings(time: Array, theta: Array) -> Array:
     """Times [s] at which the angle rises through its centre, from below a dead band to above it, 2 % of the largest
     angle, so that rests and noise stay within. The centre is the median angle where it changes measurably in 20 ms: it
     may rest elsewhere, and for longer."""
@@ -69,7 +68,7 @@ def upward_crossings(time: Array, theta: Array, noise: float) -> Array:
     change = np.abs(theta[apart:] - theta[:-apart])
     moving = change > 0.1 * np.quantile(change, 0.95) if change.size else change > 0
     x = theta - np.median(theta[apart:][moving] if moving.any() else theta)
-    dead = max(0.02 * max(float(x.max()), -float(x.min())), 5 * noise)
+    dead = max(0.02 * max(float(x.max()), -float(x.min())), 5 * noise_of(theta))
     high, low = run_edges(x > dead), run_edges(x < -dead)
     last_low = np.append(low[:, 1], 0)[np.searchsorted(low[:, 1], high[:, 0], side="right") - 1]  # 0: never yet
     came_up = high[last_low > np.append(0, high[:-1, 1]), 0]
@@ -356,8 +355,7 @@ def unit_sines(sines: Sequence[tuple[float, float]], rate: float) -> Array:
 
 
 BIN_S = 0.25  # time [s] within which a joint that moves turns measurably
-MOVING_SHARE = 0.02
-"""Share of the largest turn that it makes in this time; at the peak of a sine of 1 Hz it makes a seventh of its own."""
+MOVING_SHARE = 0.02  # share of its whole range that it turns in this time at least
 HARDLY = 0.25  # share of the moving time in sines below which a motion is no stepped sine; it is one above 0.5
 
 
@@ -374,12 +372,8 @@ class Likeness:
         return np.asarray(self.recorded - self.recorded[0])
 
     @cached_property
-    def noise(self) -> float:
-        return noise_of(self.theta)
-
-    @cached_property
     def moving(self) -> NDArray[np.bool_]:
-        return moving_bins(self.time, self.theta, self.noise)
+        return moving_bins(self.time, self.theta)
 
     @property
     def moves(self) -> bool:
@@ -388,7 +382,7 @@ class Likeness:
     @cached_property
     def crossings(self) -> Array:
         """Times [s] at which the angle rises through its centre."""
-        return upward_crossings(self.time, self.theta, self.noise)
+        return upward_crossings(self.time, self.theta)
 
     @cached_property
     def runs(self) -> list[Run]:
@@ -445,11 +439,11 @@ class Likeness:
         return "unclear" if not self.moves or self.sines > HARDLY or self.one_line() > 0.85 else "other"
 
 
-def moving_bins(time: Array, theta: Array, noise: float | None = None) -> NDArray[np.bool_]:
+def moving_bins(time: Array, theta: Array) -> NDArray[np.bool_]:
     """Rows (n,) of a joint angle theta [rad] at times [s] in which the joint moves, in bins of `BIN_S`. A bin in which
     a sensor at rest only rounds or makes noise does not count."""
     bins = np.floor((time - time[0]) / BIN_S)
     first = np.flatnonzero(np.concatenate([[True], bins[1:] != bins[:-1]]))
     turn = np.maximum.reduceat(theta, first) - np.minimum.reduceat(theta, first)
-    moves = turn > max(MOVING_SHARE * float(np.ptp(theta)), 12 * (noise_of(theta) if noise is None else noise))
+    moves = turn > max(MOVING_SHARE * float(np.ptp(theta)), 12 * noise_of(theta))
     return np.asarray(np.repeat(moves, np.diff(np.append(first, len(theta)))))

@@ -65,11 +65,6 @@ class UniformSignals:
     def of(self, column: str) -> Taken:
         return next(one for one in self.taken if column in one.signals)
 
-    def as_recorded(self, column: str) -> Array:
-        """The values (k,) of a column as its recorder has them, without those that are missing."""
-        taken = self.of(column)
-        return taken.stream.signals[column][taken.present]
-
     def other(self) -> "UniformSignals | None":
         """The same with every undecided stream taken the other way: true stamps as even, even ones as true. None where
         no stream is undecided. The difference of the two fits is what the missing decision costs."""
@@ -78,10 +73,6 @@ class UniformSignals:
             return None
         taken = [one.other() if turn else one for one, turn in zip(self.taken, turned, strict=True)]
         return on_one_grid(taken, self.limits, self.trial)
-
-    def one_device(self, first: str, second: str) -> bool:
-        """Whether two columns share their stamps."""
-        return self.of(first).stream.stamps is self.of(second).stream.stamps
 
 
 def on_one_grid(taken: Sequence[Taken], limits: GapLimits, trial: str = "") -> UniformSignals:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import polars as pl
+import scipy
 from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
@@ -43,9 +44,7 @@ def find_repetition(
         return None
     step = max(int(rate_hz / COARSE_HZ), 1)
     rows = len(theta) // step * step
-    mean = theta[:rows].reshape(-1, step).mean(axis=1)
-    place = np.arange(len(mean)) - (len(mean) - 1) / 2
-    x = mean - mean.mean() - float(place @ mean) / max(float(place @ place), 1.0) * place
+    x = np.asarray(scipy.signal.detrend(theta[:rows].reshape(-1, step).mean(axis=1)))
     every = np.ones(rows, dtype=bool) if usable is None else usable[:rows]
     good = np.asarray(every.reshape(-1, step).all(axis=1))
     spline = make_interp_spline(np.arange(len(x)), x, k=3)

@@ -78,13 +78,9 @@ def between_cycles(sums: Array, stratum: NDArray[np.intp]) -> tuple[Array, Array
 
 def welch_satterthwaite(variances: Sequence[ArrayLike] | Array, degrees_of_freedom: ArrayLike) -> Array:
     """Degrees of freedom of the sum of k independent variances (k, ...), each with its `degrees_of_freedom`, (k,) or
-    as many as variances.
-
-    Satterthwaite, Biometrics Bulletin 2, 1946; Welch, Biometrika 34, 1947. Infinite where all variances are zero,
-    or the uncertain ones vanish beside the others: the rounding of a sum would decide on more than 1e12.
-
-    Raises InputError: A variance is not finite or beyond `LARGEST_VARIANCE`.
-    """
+    as many as variances (Satterthwaite, Biometrics Bulletin 2, 1946; Welch, Biometrika 34, 1947). Infinite where all
+    variances are zero, or the uncertain ones vanish beside the others: the rounding of a sum would decide on more than
+    1e12. Raises InputError: A variance is not finite or beyond `LARGEST_VARIANCE`."""
     summands = np.asarray(variances, dtype=float)
     check_finite("the variance", summands, LARGEST_VARIANCE)
     certainty = 1 / np.asarray(degrees_of_freedom, dtype=float)

@@ -139,12 +139,8 @@ def scaled_condition(inverse: Array) -> float:
 
 def largest_correlation(covariance: Array) -> float:
     """Largest absolute correlation in a covariance (p, p); 0 for a single estimate."""
-    if len(covariance) < 2:
-        return 0.0
     scale = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
-    correlation = np.abs(covariance / np.outer(scale, scale))
-    np.fill_diagonal(correlation, 0.0)
-    return float(np.max(correlation))
+    return float(np.max(np.abs(np.triu(covariance / np.outer(scale, scale), 1)), initial=0.0))
 
 
 def with_shared_error(fit: LinearFit, change: Array) -> LinearFit:

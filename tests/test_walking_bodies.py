@@ -108,11 +108,11 @@ def test_a_hanging_foot_needs_its_weight_and_its_inertia() -> None:
     np.testing.assert_allclose(torque[6:-6], expected[6:-6], atol=1e-5)
 
 
+low_pass, time, own = LowPass(20.0), 0.5 + np.arange(240) / 300, np.arange(1000) / 500
+
+
 def gait(time: Array) -> Array:
     return np.asarray(0.2 * np.sin(7 * time) + 0.05 * np.sin(19 * time))
-
-
-low_pass, time, own = LowPass(20.0), 0.5 + np.arange(240) / 300, np.arange(1000) / 500
 
 
 def compared(theta: Array, stamps: Array, encoder: Array) -> dict[str, float | None]:

@@ -273,25 +273,20 @@ def test_a_crossing_knows_what_each_trial_of_the_plate_does_to_its_torque(real: 
     assert without.plate_errors.shape == (0, len(without.time))
 
 
-@pytest.mark.parametrize(
-    ("which", "claimed", "lost", "reason"),
-    [
-        ("perturbed", False, None, "the platform .* sheet says perturbed = false"),
-        ("unperturbed", True, None, "the platform .* sheet says perturbed = true"),
-        ("unperturbed", False, "marker_FOOT3_x", "no column 'marker_FOOT3_x'"),
-        ("unperturbed", False, "FOOT2", "marker FOOT2 is not in the static calibration"),
-    ],
-)
-def test_what_contradicts_sheet_markers_or_calibration_is_refused_by_name(
-    ideal: Session, tmp_path: Path, which: str, claimed: bool, lost: str | None, reason: str
-) -> None:
-    name, path, output = getattr(ideal, which)[0], tmp_path / "t.parquet", tmp_path / "c.parquet"
-    source, content = read_trial(ideal.trial(name)), json.loads(ideal.file("calibration.json").read_text())
-    content["markers"].pop(lost, None)
-    write_trial(replace(source, samples=source.samples.drop(lost or [], strict=False)), path)
-    (tmp_path / "calibration.json").write_text(json.dumps(content))
-    with refused(output, f"trial {name}: {reason}"):
-        jobs.analyse(path, tmp_path / "calibration.json", ideal.file("plate.json"), claimed, settings(), output)
+def test_what_contradicts_sheet_markers_or_calibration_is_refused_by_name(ideal: Session, tmp_path: Path) -> None:
+    path, calibration, output = (tmp_path / name for name in ("t.parquet", "calibration.json", "c.parquet"))
+    for name, claimed, lost, reason in (
+        (ideal.perturbed[0], False, "", "the platform .* sheet says perturbed = false"),
+        (ideal.unperturbed[0], True, "", "the platform .* sheet says perturbed = true"),
+        (ideal.unperturbed[0], False, "marker_FOOT3_x", "no column 'marker_FOOT3_x'"),
+        (ideal.unperturbed[0], False, "FOOT2", "marker FOOT2 is not in the static calibration"),
+    ):
+        source, content = read_trial(ideal.trial(name)), json.loads(ideal.file("calibration.json").read_text())
+        content["markers"].pop(lost, None)
+        write_trial(replace(source, samples=source.samples.drop(lost, strict=False)), path)
+        calibration.write_text(json.dumps(content))
+        with refused(output, f"trial {name}: {reason}"):
+            jobs.analyse(path, calibration, ideal.file("plate.json"), claimed, settings(), output)
 
 
 def test_missing_and_damaged_files_between_the_steps_name_the_step(ideal: Session, tmp_path: Path) -> None:

@@ -9,13 +9,12 @@ import pytest
 from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
 from walking_crossings import TURN, Walk, campaign, crossing, selected, several, standing_at, walked
-from walking_synthetic import settings
+from walking_synthetic import pose, settings
 
 from osl_analysis.commands.figure import plot_over_stance
 from osl_analysis.commands.walking import commanded_over_stance, tabulate_over_stance
 from osl_analysis.errors import InputError
 from osl_analysis.table import read_table
-from osl_analysis.walking.bodies import Poses
 from osl_analysis.walking.crossing import Crossing, platform_turn
 from osl_analysis.walking.gait import unperturbed_gait
 from osl_analysis.walking.groups import crossing_features, places, selection_rows, split_keys, timings
@@ -88,8 +87,9 @@ def test_the_turn_is_toes_up_positive_whichever_way_the_person_walks_and_the_pla
     axis = yaw.apply([0.0, 1.0, 0.0])
     angles = turn * np.clip((time - 0.05) / 0.1, 0, 1)
     rotation = np.array([(Rotation.from_rotvec(-a * axis) * rest).as_matrix() for a in angles])
-    pose = Poses(rotation, np.zeros((60, 3)), np.zeros(3), np.zeros(60), np.zeros(60, dtype=bool))
-    assert platform_turn(time, pose, np.tile(axis, (60, 1)), (0.05, 0.15)) == pytest.approx(turn)
+    assert platform_turn(
+        time, pose(rotation, np.zeros((60, 3))), np.tile(axis, (60, 1)), (0.05, 0.15)
+    ) == pytest.approx(turn)
 
 
 def of_stiffness(values, count=5):

@@ -29,14 +29,12 @@ def gait_trial(side: str = "left", over: float = 0.0) -> Trial:
     load = 800 * np.clip(np.minimum(t - 0.5, 1.5 - t) / 0.1, 0, 1)
     force = np.outer(load, [0.0, 0.0, 1.0])
     ankle, ahead = np.array([over, 0.03, 0.09]), np.array([over + 0.12, 0.03, 0.0])
-    moment = np.cross(ahead, force)
-    frames = t[::5]
     tracks = {f"{side[0].upper()}TIO": ankle, f"{side[0].upper()}TIL": ankle + np.array([0.0, 0.1, 0.0])}
-    trial = recording("gait_1", {k: np.tile(v, (len(frames), 1)) for k, v in tracks.items()}, force, moment)
-    reference = pl.Series(f"reference_ankle_moment_{side}", 1.05 * 0.12 * load / MASS)
-    seen = pl.Series(np.arange(len(t)) % 5 == 0)
-    empty = pl.Series(np.full(len(t), None), dtype=pl.Float64)
-    return Trial("gait_1", trial.samples.with_columns(reference.zip_with(seen, empty)), trial.provenance)
+    markers = {label: np.tile(place, (len(t) // 5, 1)) for label, place in tracks.items()}
+    trial = recording("gait_1", markers, force, np.cross(ahead, force))
+    moments = pl.Series(1.05 * 0.12 * load / MASS)
+    seen = pl.when(pl.arange(0, len(t)) % 5 == 0).then(moments)
+    return changed(trial, **{f"reference_ankle_moment_{side}": seen})
 
 
 @pytest.mark.parametrize("side", ["left", "right"])
@@ -66,11 +64,8 @@ def test_what_cannot_be_compared_is_refused_with_the_remedy() -> None:
 
 
 def test_the_sheets_mass_comes_before_the_recordings_and_that_before_the_campaigns() -> None:
-    trial = gait_trial()
-
     def found(sheet: float | None, recorded: float | None, configured: float | None) -> float | None:
-        stated = {**trial.provenance, "mocap": {"body_mass_kg": recorded}}
-        return body_mass(replace(trial, provenance=stated), sheet, configured)
+        return body_mass(replace(gait_trial(), provenance={"mocap": {"body_mass_kg": recorded}}), sheet, configured)
 
     masses = [(70.0, 74.0, 50.0), (None, 74.0, 50.0), (None, None, 50.0), (None, 0.0, None)]
     assert [found(*three) for three in masses] == [70.0, 74.0, 50.0, None]

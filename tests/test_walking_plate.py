@@ -10,7 +10,7 @@ import pytest
 import walking_synthetic as synthetic
 from scipy.spatial.transform import Rotation
 from test_quality_plates import TIME as T
-from test_quality_plates import load, trial_of, type_2, type_3
+from test_quality_plates import load, trial_of, type_2
 from walking_synthetic import PLATE_RATE, RATE, G, Ramp, Rig, bump, changed, hidden, settings, static_trial, walked_over
 
 from osl_analysis.errors import InputError
@@ -84,21 +84,13 @@ def squares_of(columns: Array) -> Array:
     return np.asarray(stacked.T @ stacked)
 
 
-def test_parameters_that_noise_would_decide_are_left_out_and_noise_that_is_known_makes_no_plate_lighter() -> None:
-    """Squares of noise in the columns, larger for an axis that hardly turns than those of its motion. Then noise of a
-    fifth in the acceleration: without a correction the mass is a seventh too small."""
+def test_parameters_that_noise_would_decide_are_left_out() -> None:
+    """Squares of noise in the columns, larger for an axis that hardly turns than those of its motion."""
     pairs = [plate_motion(1, 0.09, 0.03), plate_motion(0, 0.004, 0.04)]
     assert set(identify_plate_inertia(pairs).identified) == set(INERTIAL) - {"I_zz"}
     noise = np.zeros((10, 10))
     noise[4, 4] = 0.9 * squares_of(columns_of(pairs))[4, 4]
     assert identify_plate_inertia(pairs, noise=noise).identified == plate.PLANAR
-    random, quiet = np.random.default_rng(3), [plate_motion(about, 0.15, 0.04) for about in range(3)]
-    drawn = [random.normal(0, 0.2 * m.acceleration.std(), (RATE, 3)) for m, _ in quiet]
-    noisy = [(replace(m, acceleration=m.acceleration + n), w) for (m, w), n in zip(quiet, drawn, strict=True)]
-    of_noise = squares_of(columns_of(noisy) - columns_of(quiet))
-    biased, found = (identify_plate_inertia(noisy, noise=squares).parameters for squares in (None, of_noise))
-    assert biased[0] < 0.9 * MASS
-    np.testing.assert_allclose(found[:4], TRUE[:4], rtol=0.02)
 
 
 def test_a_wrench_is_brought_to_the_markers_frames() -> None:
@@ -250,12 +242,12 @@ PERSON = np.array([0.0, 700.0])
 
 def test_a_plate_that_fails_in_a_stance_is_refused_and_elsewhere_does_not_matter(tmp_path: Path) -> None:
     def clipped(name: str, limit: float) -> Trial:
-        channels = type_3(*load())
-        channels[:, 5] = np.clip(channels[:, 5], -limit, limit)
-        return trial_of(tmp_path / name, 3, channels)
+        channels = type_2(*load())
+        channels[:, 2] = np.clip(channels[:, 2], -limit, limit)
+        return trial_of(tmp_path / name, 2, channels)
 
     low = clipped("a.c3d", 200.0)
-    with pytest.raises(InputError, match=r"channel A6 of force plate 1 stays at -?200 from 0\.\d+ s to 0\."):
+    with pytest.raises(InputError, match=r"channel A3 of force plate 1 stays at -?200 from 0\.\d+ s to 0\."):
         check_plate(low, 1, STANCE, PERSON)
     check_plate(low, 1, Stance(0.9, 1.5), PERSON)
     check_plate(low, 2, STANCE, PERSON)

@@ -283,11 +283,9 @@ def test_each_crossing_has_the_static_trial_of_its_subject_and_session(tmp_path:
         ({"subject": "A", "session": "2", "static": "s1"}, {"s1": {"subject": "A"}, "s2": {"session": "2"}}, "s1"),
         ({"subject": "A", "session": "2"}, {"s1": {"subject": "A"}, "s2": {"subject": "A", "session": "2"}}, "s2"),
         ({"subject": "A"}, {"s1": {}}, "s1"),
-        ({}, {"s1": {"subject": "A"}}, "s1"),
         ({}, {"s1": {}, "s2": {}}, r"states no subject, session or side: 2 static trials .*\(s1, s2\); name one"),
         ({"subject": "A"}, {"s1": {}, "s2": {}}, r"\(subject A\): 2 static trials could be its own"),
         ({"subject": "A"}, {"s1": {"subject": "B"}}, r"\(subject A\): no static trial of the same conditions"),
-        ({"side": "left"}, {"s1": {"side": "right"}}, r"\(side left\): no static trial of the same conditions"),
         ({"static": "w1"}, {"s1": {}}, "static: 'w1' is no trial of experiment 'static' that is used; .* s1"),
     ],
 )

@@ -91,17 +91,6 @@ def test_realisations_scatter_by_friction_as_predicted_and_shift_b_by_its_equiva
     np.testing.assert_allclose(predicted.columns["half_width"], 3.1824463 * predicted.columns["se"])  # Student's t
 
 
-def test_longer_records_do_not_average_friction_out_but_realisations_do():
-    one, periods, realisations = (
-        precision(plan, JOINT, Sensors(1000.0, 0.05), OPEN, Distortion(coulomb=0.5)).variance
-        for plan in (MULTISINE, replace(MULTISINE, periods=16), replace(MULTISINE, realisations=16))
-    )
-    np.testing.assert_allclose(periods["distortion"], one["distortion"])
-    np.testing.assert_allclose(periods["torque noise"], one["torque noise"] / 4)
-    for name in ("distortion", "torque noise"):
-        np.testing.assert_allclose(realisations[name], one[name] / 4)
-
-
 def test_one_realisation_has_the_interval_of_its_detection_lines():
     """Errors of variance D at every line in phase and in quadrature: as of white noise of this size in this time."""
     plan, stated = replace(MULTISINE, realisations=1), Distortion(earlier=(np.array([1.0, 5.0]), np.full(2, 0.08)))
@@ -213,8 +202,7 @@ def test_a_record_that_is_long_enough_is_the_shortest_one():
         return precision(plan, JOINT, sensors, LowPass(15.0, 4)).reaches(within)
 
     stepped, multisine = (long_enough(plan, enough)[0] for plan in (DRAFT, replace(MULTISINE, rms=0.01)))
-    assert enough(stepped)
-    assert enough(multisine)
+    assert [enough(stepped), enough(multisine)] == [True, True]
     assert not enough(replace(stepped, cycles=tuple(n - 1 for n in stepped.cycles)))
     assert not enough(replace(multisine, realisations=multisine.realisations - 1)) or multisine.realisations == 4
 
@@ -344,7 +332,6 @@ def test_a_mistake_is_one_line(arguments, message):
     result = call(*arguments)
     assert result.exit_code != 0
     assert message in result.stderr.splitlines()[-1]
-    assert "Traceback" not in result.output
 
 
 @pytest.mark.parametrize(

@@ -140,7 +140,9 @@ def test_a_controller_that_cancels_friction_accelerates_the_bare_inertia():
     assert gained == pytest.approx(3.0 / P.J_m, rel=1e-7)
 
 
-def test_hysteresis_costs_the_area_of_its_loop_whatever_the_speed():
+def test_a_belt_has_the_torque_of_the_model_and_hysteresis_costs_the_area_of_its_loop_whatever_the_speed():
+    p, theta_s = replace(P, K_s2=14913.0), np.linspace(-0.05, 0.08, 50)
+    assert belt_path(theta_s, constants(IDEAL, p)) == pytest.approx(drivetrain.belt_torque(theta_s, p), rel=1e-14)
     effects = IDEAL | {"hysteresis_torque": 2.0, "hysteresis_width": 0.002}
     up = np.linspace(-0.05, 0.05, 20001)
     for cycle in (np.concatenate([up, up[-2::-1]]), np.concatenate([up[::100], up[-2::-1]])):

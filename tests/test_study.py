@@ -156,9 +156,8 @@ def test_bound_of_a_sinusoid_is_the_published_one():
     """Rife and Boorstyn, IEEE Trans. Inf. Theory 20, 1974: var(A) >= 2 s^2/N and var(phase) >= 2 s^2/(A^2 N)."""
     N, noise, phase = 1000, 0.3, 2 * np.pi * np.arange(1000) / 50
     bound = regression_bound({"cos": np.cos(phase), "sin": np.sin(phase), "offset": np.ones(N)}, noise)
-    assert bound["cos"] == pytest.approx(noise * np.sqrt(2 / N))
-    assert bound["sin"] == pytest.approx(noise * np.sqrt(2 / N))
-    assert bound["offset"] == pytest.approx(noise / np.sqrt(N))
+    expected = {"cos": np.sqrt(2 / N), "sin": np.sqrt(2 / N), "offset": 1 / np.sqrt(N)}
+    assert bound == pytest.approx({name: noise * each for name, each in expected.items()})
 
 
 def test_the_study_measures_bias_in_standard_deviations_and_coverage_as_a_share():

@@ -17,7 +17,7 @@ from osl_analysis.design.precision import KBI, Continuous, Distortion, PeriodicM
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.judge.doubts import check_told
 from osl_analysis.signals import LowPass
-from osl_analysis.spectral.response import DETECTION, ENOUGH_REALISATIONS
+from osl_analysis.spectral.response import ENOUGH_REALISATIONS
 from osl_analysis.table import finite_or_null, read_table, write_table
 from osl_analysis.trial import Array
 
@@ -187,10 +187,10 @@ def warnings(
             "--friction, --distortion or --earlier"
         )
     if isinstance(plan, PeriodicMultisine) and plan.realisations < ENOUGH_REALISATIONS:
-        level = "whose level at detection lines is all that is known of it" if found.method == DETECTION else ""
         yield (
-            f"{plan.realisations} realisation{'s' if plan.realisations > 1 else ''} of a distortion {level}: take "
-            f"{ENOUGH_REALISATIONS} or more, and 8 to know the level within 0.5 dB"
+            f"{plan.realisations} realisation{'s' if plan.realisations > 1 else ''} of a distortion whose level at "
+            f"detection lines is all that is known of it: take {ENOUGH_REALISATIONS} or more, and 8 to know the level "
+            "within 0.5 dB"
         )
 
 

@@ -40,8 +40,6 @@ PLATFORM = {
     "PLAT4": (0.285, -0.230, 0.004),
 }
 ANKLE_AXIS = {"ANKLE_MED": (0.0, 0.042, 0.0), "ANKLE_LAT": (0.0, -0.042, 0.0)}
-
-
 PLATE_AXES = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 PLATE_CHANNELS = {
     1: {"Fx1": "N", "Fy1": "N", "Fz1": "N", "Px1": "mm", "Py1": "mm", "Tz1": "Nmm"},

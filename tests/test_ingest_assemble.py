@@ -68,31 +68,32 @@ def laboratory(tmp_path: Path) -> Path:
     return tmp_path
 
 
+OUT = Path("out") / "walk_1.parquet"
+
+
 def row(**fields: object) -> dict[str, object]:
     known = {"log": "leg.mcap", "log_source": "leg", "mocap": "vicon.c3d", "mocap_source": "vicon"}
     return {"trial": "walk_1", **known, **fields}
 
 
 def ingested(folder: Path, **fields: object) -> Trial:
-    ingest_trial(row(**fields), folder, folder, folder / "out" / "walk_1.parquet")
-    return read_trial(folder / "out" / "walk_1.parquet")
+    ingest_trial(row(**fields), folder, folder, folder / OUT)
+    return read_trial(folder / OUT)
 
 
 def refused(folder: Path, **fields: object) -> str:
-    output = folder / "out" / "walk_1.parquet"
     with pytest.raises(InputError) as caught:
-        ingest_trial(row(**fields), folder, folder, output)
+        ingest_trial(row(**fields), folder, folder, folder / OUT)
     assert "\n" not in str(caught.value)
-    assert not output.parent.exists()
+    assert not (folder / OUT).parent.exists()
     return str(caught.value)
 
 
 def test_the_leg_and_motion_capture_share_one_clock_and_the_provenance_names_every_file_and_channel(
     laboratory: Path,
 ) -> None:
-    trial = ingested(laboratory)
+    trial, speed = ingested(laboratory), np.radians(10 * 2 * np.pi * 0.7)
     time, theta = trial.signals("theta")
-    speed = np.radians(10 * 2 * np.pi * 0.7)
     np.testing.assert_allclose(theta, np.radians(angle(time)), atol=speed * 0.5e-3)  # half a millisecond
     assert 0 <= time[0] < time[-1] <= DURATION  # rows beyond motion capture's are not used
     clock = trial.provenance["clock"]

@@ -1,4 +1,4 @@
-"""C3D: what the file means comes out, and what cannot be trusted is refused before a decoder sees it."""
+"""C3D and exports of Nexus: what the file means comes out, and what cannot be trusted is refused."""
 
 import re
 from pathlib import Path
@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from osl_analysis.errors import InputError
 from osl_analysis.formats.c3d import read_c3d
 from osl_analysis.ingest.captures import plate_loads, wrench
-from osl_analysis.ingest.raw_files import FORMATS
+from osl_analysis.ingest.raw_files import FORMATS, read_source
 from osl_analysis.ingest.source import Recording, Source
 
 
@@ -63,12 +63,17 @@ def test_a_point_with_negative_residual_or_at_the_exact_origin_was_not_seen(tmp_
     assert not samples["marker_M2_x"].is_nan().any()
 
 
-def test_an_unknown_unit_of_length_is_refused_unless_the_source_states_it(tmp_path: Path) -> None:
+def test_a_unit_that_is_unknown_or_missing_is_refused_unless_the_source_states_it(tmp_path: Path) -> None:
     for unit, problem in (("mmm", "unit 'mmm' is unknown"), ("", "the unit is empty")):
         path = write_c3d(tmp_path / "a.c3d", points(), POINT__UNITS=[unit])
         assert problem in refused(path)
         samples = read(path, point_unit="cm").samples
         np.testing.assert_allclose(samples["marker_M1_x"], points()[:, 0, 0] / 100)
+    path = write_c3d(tmp_path / "a.c3d", points(), analogs(), ANALOG__UNITS=["mV", "volt?"])
+    assert "unit 'volt?' is unknown" in refused(path, analogs={"sync": {"channel": "A2"}})
+    stated = {"channel": "A2", "unit": "V", "sign": -1}
+    for channel, expected in (({"channel": "A1"}, analogs()[:, 0] / 1000), (stated, -analogs()[:, 1])):
+        np.testing.assert_allclose(read(path, analogs={"sync": channel}).samples["sync"], expected, rtol=1e-15)
 
 
 def test_a_name_that_the_file_lacks_has_twice_or_a_unit_that_cannot_be_is_refused(tmp_path: Path) -> None:
@@ -107,15 +112,6 @@ def test_model_outputs_take_unit_and_sign_from_the_source_file(tmp_path: Path) -
     np.testing.assert_allclose(moment, -points()[:, 1, 1] / 1000, rtol=1e-15)
     markers = {name for name in recording.samples.columns if name.startswith("marker")}
     assert markers == {"marker_LTOE_x", "marker_LTOE_y", "marker_LTOE_z"}
-
-
-def test_an_analog_channels_unit_is_the_sources_or_else_the_files(tmp_path: Path) -> None:
-    path = write_c3d(tmp_path / "a.c3d", points(), analogs(), ANALOG__UNITS=["mV", "volt?"])
-    of_file = read(path, analogs={"sync": {"channel": "A1"}}).samples["sync"]
-    np.testing.assert_allclose(of_file, analogs()[:, 0] / 1000, rtol=1e-15)
-    assert "unit 'volt?' is unknown" in refused(path, analogs={"sync": {"channel": "A2"}})
-    stated = read(path, analogs={"sync": {"channel": "A2", "unit": "V", "sign": -1}}).samples
-    np.testing.assert_allclose(stated["sync"], -analogs()[:, 1], rtol=1e-15)
 
 
 @pytest.mark.parametrize("integers", [True, False])
@@ -326,3 +322,118 @@ def test_a_calibration_matrix_is_read_in_the_order_that_the_file_names(tmp_path:
     parameters = {"FORCE_PLATFORM__CAL_MATRIX": stored, "FORCE_PLATFORM__MATRIX_STORE": [store]}
     path = level_plate(tmp_path / "a.c3d", FORCE_PLATFORM__TYPE=np.array([4]), **parameters)
     assert wrench_of(path) == pytest.approx([21, -2, -3, 4, -5, -6], rel=1e-6)
+
+
+SOURCES = Path(__file__).parents[1] / "config" / "sources"
+NEXUS_FILES = sorted((REAL_DATA / "nexus_csv").glob("*.csv"))
+DEVICES = """Devices
+200
+,,AMTI #1 - Force,,,AMTI #1 - Moment,,,AMTI #1 - CoP,,,Sync - Voltage
+Frame,Sub Frame,Fx,Fy,Fz,Mx,My,Mz,Cx,Cy,Cz,1
+,,N,N,N,N.mm,N.mm,N.mm,mm,mm,mm,V
+5,0,1,2,-700,1000,2000,3000,0,0,0,0.5
+5,1,1,2,-701,1000,2000,3000,0,0,0,0.6
+6,0,1,2,-702,1000,2000,3000,0,0,0,0.7
+6,1,1,2,-703,1000,2000,3000,0,0,0,0.8
+"""
+TRAJECTORIES = """Trajectories
+100
+,,Anna:TOE,,,Anna:HEEL,,,*12,,
+Frame,Sub Frame,X,Y,Z,X,Y,Z,X,Y,Z
+,,mm,mm,mm,mm,mm,mm,mm,mm,mm
+5,0,1,2,3,,,,7,8,9
+6,0,10,20,30,40,50,60,7,8,9
+"""
+MODEL = """Model Outputs
+100
+,,Anna:LAnkleMoment,,
+Frame,Sub Frame,X,Y,Z
+,,N.mm,N.mm,N.mm
+5,0,1500,0,0
+6,0,1600,0,0
+"""
+FLOOR = [[500, 600, 0], [0, 600, 0], [0, 0, 0], [500, 0, 0]]
+
+
+def nexus_source(**fields: object) -> Source:
+    usual = {
+        "format": "nexus_csv",
+        "analogs": {"sync": {"device": "Sync - Voltage", "component": "1"}},
+        "outputs": {"reference_ankle_moment_left": {"label": "LAnkleMoment", "component": "x", "unit": "N*mm/kg"}},
+        "plates": {1: {"device": "AMTI #1", "corners": FLOOR, "sign": -1}},
+    }
+    return FORMATS["nexus_csv"].source.model_validate({**usual, **fields})
+
+
+def exported(tmp_path: Path, text: str, **fields: object) -> pl.DataFrame:
+    path = tmp_path / "trial.csv"
+    path.write_text(text)
+    return FORMATS["nexus_csv"].read(path, nexus_source(**fields)).samples
+
+
+def padded(text: str) -> str:
+    return "".join(line + "," * (20 - line.count(",")) + "\n" for line in text.splitlines())
+
+
+EXPORT = "\n".join([DEVICES, TRAJECTORIES, MODEL])
+DRESSES: dict[str, tuple[str, dict[str, object]]] = {
+    "plain": (EXPORT, {}),
+    "turned round": ("\n".join([MODEL, TRAJECTORIES, DEVICES]), {}),
+    "padded": (padded(EXPORT), {}),
+    "tabs": (EXPORT.replace(",", "\t"), {}),
+    "semicolons": (EXPORT.replace(",", ";").replace("0.", "0,"), {"decimal": ","}),
+    "crlf": (EXPORT.replace("\n", "\r\n"), {}),
+    "no blank lines": (DEVICES + TRAJECTORIES + MODEL, {}),
+}
+
+
+@pytest.mark.parametrize(("text", "fields"), DRESSES.values(), ids=DRESSES)
+def test_one_export_in_any_dress_is_one_recording(tmp_path: Path, text: str, fields: dict[str, object]) -> None:
+    samples = exported(tmp_path, text, **fields)
+    np.testing.assert_allclose(samples["time"], [0, 0.005, 0.01, 0.015], rtol=1e-12)
+    np.testing.assert_allclose(samples["sync"], [0.5, 0.6, 0.7, 0.8])
+    np.testing.assert_allclose(samples["plate1_force_z"], [700, 701, 702, 703])
+    assert samples["marker_TOE_z"].to_list() == [0.003, None, 0.03, None]
+    assert samples["marker_HEEL_x"].is_nan().to_list() == [True, None, False, None]
+    assert samples["reference_ankle_moment_left"].to_list() == [1.5, None, 1.6, None]
+    assert not [column for column in samples.columns if "12" in column]
+
+
+def test_a_plates_moment_is_about_its_centre_wherever_the_file_takes_it(tmp_path: Path) -> None:
+    """A force F at p turns with (p - c) x F about c: here p is the laboratory's origin."""
+    plate = {"device": "AMTI #1", "corners": FLOOR, "sign": -1, "moment_about": [0, 0, 0]}
+    at_origin = exported(tmp_path, DEVICES.replace("1000,2000,3000", "0,0,0"), plates={1: plate}, outputs={})
+    force = at_origin.select(pl.col("^plate1_force_.$")).to_numpy()
+    expected = np.cross([-0.25, -0.3, 0], force)
+    np.testing.assert_allclose(at_origin.select(pl.col("^plate1_moment_.$")).to_numpy(), expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("text", "fields", "problem"),
+    [
+        (DEVICES + TRAJECTORIES, {}, "no section Model Outputs; the file has Devices, Trajectories"),
+        (DEVICES + DEVICES + TRAJECTORIES + MODEL, {}, "line 10: section Devices stands twice"),
+        (DEVICES.replace("200", "fast") + TRAJECTORIES + MODEL, {}, "line 2: 'fast' is not a rate"),
+        (DEVICES.replace("5,1,", "5,2,") + TRAJECTORIES + MODEL, {}, "frame 5, sub frame 2 does not follow"),
+        (DEVICES + TRAJECTORIES.replace("\n6,", "\n7,") + MODEL, {}, "line 16: frame 7, sub frame 0 does not follow"),
+        (DEVICES.replace("200", "210") + TRAJECTORIES + MODEL, {}, "its sections differ in first frame"),
+        (DEVICES.replace("0.6", "") + TRAJECTORIES + MODEL, {}, "sync: nan in sample 2 of 4"),
+        (DEVICES.replace("0.6", "?") + TRAJECTORIES + MODEL, {}, "line 7, Sync - Voltage 1: '?' is not a number"),
+        (DEVICES + TRAJECTORIES.replace("HEEL", "TOE") + MODEL, {}, "'Anna:TOE' x occurs 2 times"),
+        (DEVICES + TRAJECTORIES.replace("Anna:HEEL", "Ben:TOE") + MODEL, {}, "marker 'TOE' occurs twice"),
+        (DEVICES + TRAJECTORIES + MODEL, {"markers": ["KNEE"]}, "'KNEE' x is missing under Trajectories"),
+        (DEVICES + TRAJECTORIES.replace("mm", "parsnip") + MODEL, {}, "unit 'parsnip' is unknown"),
+    ],
+)  # fmt: skip
+def test_what_does_not_fit_is_refused_with_the_reason(tmp_path, text, fields, problem):
+    path = tmp_path / "trial.csv"
+    path.write_text(text)
+    assert problem in refusal_by(FORMATS["nexus_csv"].read, path, nexus_source(**fields))
+
+
+@pytest.mark.parametrize("path", NEXUS_FILES, ids=lambda path: path.stem)
+def test_real_exports_are_read_as_they_are_written(path: Path) -> None:
+    shipped = read_source(SOURCES / "nexus_csv.yaml")
+    samples = FORMATS["nexus_csv"].read(path, shipped).samples
+    np.testing.assert_allclose(samples["marker_HV_x"], [0.209331, 0.209475])
+    assert samples["marker_CL_E_z"].to_list() == pytest.approx([0.496721, 0.496729])

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import test_ingest_c3d_capture as captures
 import test_ingest_mcap_log as mcap
-import test_ingest_nexus_capture as nexus
 import test_ingest_opensim as opensim
 from c3d_builder import write_c3d
 from mcap_builder import write_log
@@ -176,7 +176,7 @@ def test_the_draft_of_several_trials_is_of_one_and_fits_the_other(write, tmp_pat
 
 
 def nexus_export(path):
-    path.write_text(nexus.DEVICES + nexus.TRAJECTORIES + nexus.MODEL)
+    path.write_text(captures.DEVICES + captures.TRAJECTORIES + captures.MODEL)
     return path
 
 

@@ -1,4 +1,4 @@
-"""Logs in JSON lines: numbers at any depth give canonical columns, and no line is lost without a word."""
+"""Logs in JSON lines and TDMS: numbers at any depth and of any timing, and nothing is lost without a word."""
 
 import json
 import math
@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from c3d_builder import REAL_DATA
+from nptdms import ChannelObject, RootObject, TdmsWriter
 from recognised_files import read_recognised, refusal_of
 
 from osl_analysis.commands.inspect import inspect_file, overview_text
@@ -181,3 +183,128 @@ def test_the_shipped_source_file_for_the_recorder_in_rust_fits_its_lines(tmp_pat
     samples = FORMATS["json_lines"].read(write(tmp_path / "a", lines), source).samples
     assert samples.drop("time", "sync").row(7, named=True) == {"theta": 0.25, "theta_m": 0.5, "current": 1.5}
     np.testing.assert_array_equal(samples["sync"], np.arange(100) % 50 < 25)
+
+
+SAMPLES = 100
+START = np.datetime64("2024-05-01T12:00:00")
+ANGLE = np.linspace(-10.0, 10.0, SAMPLES)
+TORQUE = 40.0 * np.sin(np.arange(SAMPLES) / 7)
+BENCH_TORQUE = {"torque": {"channel": "Torque", "unit": "lbf*in", "sign": -1}}
+BENCH = {"format": "tdms", "channels": {"theta": {"channel": "Bench/Angle"}, **BENCH_TORQUE}}
+
+
+def timing(step: float = 1e-3, offset: float = 0.0, **more: Any) -> dict[str, Any]:
+    return {"wf_increment": step, "wf_start_offset": offset, "wf_start_time": START, "wf_samples": 1, **more}
+
+
+def write_tdms(path: Path, channels: list[tuple[str, Any, dict[str, Any]]], segments: int = 1) -> Path:
+    """Channels of the group Bench, in as many segments."""
+    with TdmsWriter(path) as writer:
+        for part in range(segments):
+            cut = [np.array_split(np.asarray(values), segments)[part] for _, values, _ in channels]
+            named = zip(channels, cut, strict=True)
+            objects = [ChannelObject("Bench", name, values, about) for (name, _, about), values in named]
+            writer.write_segment([RootObject({"author": "lab"}), *objects])
+    return path
+
+
+def bench(path: Path, segments: int = 1, **options: Any) -> Path:
+    angle = ("Angle", ANGLE, timing(unit_string="Degrees", **options))
+    return write_tdms(path, [angle, ("Torque", np.float32(TORQUE), timing(unit_string="Volts"))], segments)
+
+
+read_tdms = partial(read_recognised, **BENCH)
+refused_tdms = partial(refusal_of, **BENCH)
+
+
+@pytest.mark.parametrize("segments", [1, 7])
+def test_channels_with_timing_give_canonical_columns(tmp_path: Path, segments: int) -> None:
+    recording = read_tdms(path := bench(tmp_path / "a.tdms", segments))
+    newton_metres = 4.4482216152605 * 0.0254  # lbf and in by definition
+    torque = -np.float32(TORQUE).astype(float) * newton_metres
+    for column, expected in (("time", np.arange(SAMPLES) * 1e-3), ("theta", np.radians(ANGLE)), ("torque", torque)):
+        np.testing.assert_allclose(recording.samples[column], expected, rtol=1e-12, atol=1e-12)
+    assert recording.columns["theta"]["unit"] == "Degrees"
+    index = tmp_path / "a.tdms_index"
+    index.write_bytes(b"TDSh\0\0 of another file")
+    assert len(read_tdms(path).samples) == SAMPLES  # it is not looked at
+    assert "the index of a TDMS file; name the .tdms file beside it" in refused_tdms(index)
+
+
+def test_channels_of_other_rates_have_rows_of_their_own(tmp_path: Path) -> None:
+    angle, later = ("Angle", ANGLE, timing(unit_string="deg")), {**timing(5e-3, 0.001)}
+    later["wf_start_time"] = START + np.timedelta64(1500, "us")
+    recording = read_tdms(write_tdms(tmp_path / "a.tdms", [angle, ("Torque", TORQUE[:20], later)]))
+    torque = recording.samples.drop_nulls("torque")
+    np.testing.assert_allclose(recording.samples.drop_nulls("theta")["time"], np.arange(SAMPLES) * 1e-3, atol=1e-12)
+    np.testing.assert_allclose(torque["time"], 0.0025 + np.arange(20) * 5e-3, atol=1e-12)
+    np.testing.assert_allclose(torque["torque"] / torque["torque"][1], TORQUE[:20] / TORQUE[1], atol=1e-12)
+    assert len(recording.samples) == 120
+    late = write_tdms(tmp_path / "b.tdms", [angle, ("Torque", TORQUE, timing(1e-3, 60.0))])
+    assert "its channels do not overlap in time" in refused_tdms(late)
+
+
+def test_without_timing_the_file_is_refused_until_the_source_file_tells_it(tmp_path: Path) -> None:
+    k, signals = np.arange(SAMPLES), [("Angle", ANGLE, {"unit_string": "deg"}), ("Torque", TORQUE, {})]
+    stamped = START + k * np.timedelta64(2, "ms")
+    path = write_tdms(tmp_path / "a.tdms", [*signals, ("t", k * 5.0, {}), ("Stamp", stamped, {})])
+    told = "channel 'Bench/Angle' has no timing (`wf_increment` among its properties); name the channel of time"
+    assert told in refused_tdms(path)
+    for time, step in (({"rate": 400}, 2.5e-3), ({"channel": "t", "unit": "ms"}, 5e-3), ({"channel": "Stamp"}, 2e-3)):
+        np.testing.assert_allclose(read_tdms(path, time=time).samples["time"], k * step, atol=1e-9)
+    assert "the unit is empty" in refused_tdms(path, time={"channel": "t"})
+    assert "has no timing" in refused_tdms(write_tdms(path, [("Angle", ANGLE, timing(0.0)), signals[1]]))
+
+
+def test_a_channel_that_cannot_be_a_signal_is_refused(tmp_path: Path) -> None:
+    angle, torque = ("Angle", ANGLE, timing(unit_string="deg")), ("Torque", TORQUE, timing())
+    for channels, reason in (
+        ([angle, ("Torque", np.empty(0), timing())], "'Bench/Torque' is empty"),
+        ([("Angle", ANGLE, {}), ("Torque", TORQUE[:50], {})], "'Bench/Torque' has 50 values and 'Bench/Angle' has 100"),
+        ([angle, ("Torque", ["a"] * SAMPLES, timing())], "'Bench/Torque' holds text and no numbers"),
+        ([angle, ("Torqe", TORQUE, timing())], "did you mean 'Torqe'?"),
+        ([("Angle", ANGLE, timing(unit_string="furlongs")), torque], "measures [m]"),
+    ):
+        time = {"time": {"rate": 100}} if "has 50" in reason else {}
+        assert reason in refused_tdms(write_tdms(tmp_path / "a.tdms", channels), **time)
+
+
+def test_a_file_that_is_cut_off_is_read_up_to_there_with_a_warning_or_refused(tmp_path: Path) -> None:
+    path = bench(tmp_path / "a.tdms", 4)
+    whole = path.read_bytes()
+    path.write_bytes(whole[:-100])
+    assert len(read_tdms(path, channels={"theta": {"channel": "Angle"}}).samples) == SAMPLES
+    recording = read_tdms(path)
+    assert recording.samples.null_count().row(0, named=True) == {"time": 0, "theta": 0, "torque": 25}
+    assert any("the last segment is not complete" in text for text in recording.warnings)
+    damage = recording.facts["damage"]
+    assert (damage["complete"], damage["messages_lost"]) == (False, None)
+    path.write_bytes(whole[: whole.rindex(b"TDSm") + 20])  # within the head of a segment
+    assert any("how much is missing is not known" in text for text in read_tdms(path).warnings)
+    declared = bench(path).read_bytes().replace(np.uint64(SAMPLES).tobytes(), np.uint64(1 << 40).tobytes())
+    for content, reason in (
+        (whole[:40], "holds no channels, or is cut off before them"),
+        (whole[:28] + b"\xff" * 40 + whole[68:], "damaged or of a kind that is not read"),
+        (declared, "the length of a segment contradicts that of its channels"),
+    ):
+        path.write_bytes(content)
+        assert reason in refused_tdms(path)
+
+
+def test_the_draft_has_units_and_no_clock_where_channels_have_timing(tmp_path: Path) -> None:
+    overview = inspect_file(bench(tmp_path / "a.tdms"))
+    assert "Bench/Angle [Degrees]  100 samples at 1000 Hz; from -10 to 10; float64" in overview_text(overview)
+    draft = yaml.safe_load(draft_source(overview, "a.tdms"))
+    assert "time" not in draft
+    assert draft["channels"]["NAME_1"] == {"channel": "Bench/Angle", "unit": "Degrees"}
+
+
+@pytest.mark.skipif(not REAL_DATA.is_dir(), reason="no recordings made by others here")
+def test_a_real_file_of_daqmx_is_scaled_as_its_properties_say() -> None:
+    """Rows of seven 16-bit integers stand before its last segment; they are decoded here by hand."""
+    path = REAL_DATA / "tdms" / "raw1.tdms"
+    recording = read_tdms(path, channels={"sync": {"channel": "Third Chan", "unit": "V"}})
+    content = path.read_bytes()
+    end = content.rindex(b"TDSm")
+    counts = np.frombuffer(content[end - 2000 * 7 * 2 : end], "<i2").reshape(2000, 7)[:, 2]
+    np.testing.assert_allclose(recording.samples["sync"], counts * 0.0003051850947599719, rtol=1e-12)

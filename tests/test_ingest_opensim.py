@@ -56,13 +56,9 @@ def write_mot(path: Path, header: str = "inDegrees=yes", rows: int = 50, **count
     return path
 
 
-MOT = {
-    "format": "opensim",
-    "channels": {
-        "theta": {"column": "ankle_angle_r", "unit": "deg"},
-        "torque": {"column": "ankle_moment", "unit": "N*m", "sign": -1},
-    },
-}
+ANKLE = {"column": "ankle_angle_r", "unit": "deg"}
+MOMENT = {"column": "ankle_moment", "unit": "N*m", "sign": -1}
+MOT = {"format": "opensim", "channels": {"theta": ANKLE, "torque": MOMENT}}
 
 
 def test_markers_of_trc_are_metres_in_our_axes(tmp_path: Path) -> None:
@@ -115,12 +111,6 @@ def test_a_header_that_contradicts_the_rows_and_rows_that_cannot_be_right_are_re
     assert "holds no frames" in refused(path)
 
 
-def test_a_unit_that_in_degrees_contradicts_is_refused(tmp_path: Path) -> None:
-    radians = write_mot(tmp_path / "a.sto", "inDegrees=no")
-    assert "inDegrees=no, and column 'ankle_angle_r' is read in deg; write rad" in refused(radians, **MOT)
-    assert read(write_mot(tmp_path / "b.mot", "range 0 1"), **MOT).samples["theta"][1] == np.radians(1)
-
-
 def test_rows_of_a_table_that_cannot_be_right_are_refused(tmp_path: Path) -> None:
     path = write_mot(tmp_path / "a.mot")
     text = path.read_text()
@@ -135,7 +125,10 @@ def test_rows_of_a_table_that_cannot_be_right_are_refused(tmp_path: Path) -> Non
         assert reason in refused(path, **MOT)
 
 
-def test_the_draft_of_a_table_has_the_units_of_opensim(tmp_path: Path) -> None:
+def test_the_units_of_angles_are_those_that_the_header_says(tmp_path: Path) -> None:
+    radians = write_mot(tmp_path / "a.sto", "inDegrees=no")
+    assert "inDegrees=no, and column 'ankle_angle_r' is read in deg; write rad" in refused(radians, **MOT)
+    assert read(write_mot(tmp_path / "b.mot", "range 0 1"), **MOT).samples["theta"][1] == np.radians(1)
     draft = yaml.safe_load(draft_source(inspect_file(write_mot(tmp_path / "a.mot")), "a.mot"))
     assert (draft["format"], draft["time"]) == ("opensim", {"column": "time", "unit": "s"})
     assert [one["unit"] for one in draft["channels"].values()] == ["deg", "N*m", "N"]

@@ -10,7 +10,6 @@ from test_walking_overground import gait_trial
 from osl_analysis.commands.study import performance_table
 from osl_analysis.dictionary import described_tables
 from osl_analysis.errors import InputError
-from osl_analysis.figures import FIGURES, drawing_of
 from osl_analysis.files import atomic_path
 from osl_analysis.table import TEXT_COLUMNS, read_table, write_table
 from osl_analysis.walking.overground import overground_rows
@@ -36,11 +35,6 @@ def test_endings_covariances_and_shared_columns_are_written_out():
     assert (columns["K_se"].unit, columns["K_se"].meaning) == ("N*m/rad", "standard error of K")
     assert columns["cov_K_B"].unit == "(N*m/rad) * (N*m*s/rad)"
     assert {"cov_K_I", "cov_B_I", "VAF", "controller", "trial", "I_amplitudes_high"} <= set(columns)
-
-
-@pytest.mark.parametrize("name", FIGURES)
-def test_the_columns_that_a_figure_draws_are_described(name):
-    assert set(drawing_of(name).columns) <= set(described(f"figures/{name}"))
 
 
 def test_the_tables_of_the_study_and_of_overground_trials_are_described():

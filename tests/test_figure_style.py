@@ -7,8 +7,6 @@ import numpy as np
 import polars as pl
 import pytest
 from conftest import ROOT
-from hypothesis import given
-from hypothesis import strategies as st
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
@@ -22,15 +20,6 @@ def test_ticks_of_a_logarithmic_axis_are_round_whatever_its_span():
         (2.9, 3.11, 5, [2.9, 3.0, 3.1]),
     ):  # fmt: skip
         assert style.log_ticks(low, high, most) == pytest.approx(expected)
-
-
-@given(st.floats(-6, 6), st.floats(1e-3, 9), st.integers(4, 10))
-def test_a_logarithmic_axis_has_two_ticks_or_more_within_its_limits_and_not_too_many(start, decades, most):
-    low, high = 10.0**start, 10.0 ** (start + decades)
-    ticks = style.log_ticks(low, high, most)
-    assert 2 <= len(ticks) <= most
-    assert low * (1 - 1e-6) <= min(ticks) < max(ticks) <= high * (1 + 1e-6)
-    assert (np.diff(ticks) > 0).all()
 
 
 def test_a_single_frequency_stands_in_the_middle_of_its_axis_and_0_on_one_of_phases():

@@ -202,10 +202,8 @@ def test_a_belt_without_parameters_is_the_joint_s_own_turn_and_needs_a_shaft_tha
         check_locked(theta, 0.2 * theta)
 
 
-def test_a_trajectory_says_of_itself_that_it_is_synthetic(tmp_path):
+def test_a_trajectory_says_of_itself_that_it_is_synthetic():
     assert read_impedance_trajectory(Path("config/impedance/synthetic_walking.csv")).kind == "synthetic"
-    (tmp_path / "t.csv").write_text("# measured in 2026\nphase,K_d,B_d\n0,1,1\n1,2,1\n")
-    assert read_impedance_trajectory(tmp_path / "t.csv").kind is None
     table = fig8.points(stored("gains").with_columns(pl.lit(None, pl.Float64).alias(f"{q}_1_joint") for q in "KB"))
     drawn, said = texts(fig8.draw(table)), fig8.caption(table)
     assert ("(a) Trajectory: synthetic" in drawn, "Gain" in drawn) == (True, False)

@@ -8,13 +8,8 @@ import polars as pl
 import pytest
 
 from osl_analysis.campaign.campaign import ABOUT_MACROS
-from osl_analysis.commands.tables import (
-    format_results_table,
-    later_failures,
-    list_excluded,
-    read_summary,
-    write_summary,
-)
+from osl_analysis.commands import tables
+from osl_analysis.commands.tables import format_results_table, read_summary, write_summary
 from osl_analysis.errors import InputError
 from osl_analysis.jobs.job_log import write_log
 from osl_analysis.judge.findings import findings
@@ -79,7 +74,6 @@ HEADLINES = [
     # name, value, low, high, n, draft, how its interval begins
     ("K_s", 686.2, 0.99 * 686.2, 1.01 * 686.2, 10, 685.6, STUDENT),
     ("B_j", 0.45, 0.99 * 0.45, 1.01 * 0.45, 10, 0.452, STUDENT),
-    ("J_j", 0.0051, 0.99 * 0.0051, 1.01 * 0.0051, 10, 5.0e-3, STUDENT),
     ("transmission_VAF", 99.2, 99.0, 99.4, 2, 99.1, RANGE),  # of all amplitudes together
     ("walking_K", 338.0, 0.99 * 338, 1.01 * 338, 10, 340.0, BOOTSTRAP),
     ("walking_VAF", 97.0, 96.0, 98.0, 2, None, RANGE),  # without the fit that has none
@@ -208,7 +202,7 @@ def test_missing_trials_are_counted_and_named_with_the_reason_in_every_form_of_t
     walking = Refusal("", "t/walking.csv", "j", "refused", "t/walking.csv: 1 perturbation", "record more")
     verdict = {"trial": "i_2", "check": "gap", "value": 0.071, "unit": "s", "threshold": 0.05, "verdict": "exclude"}
     write_table(pl.DataFrame([verdict | {"remark": "theta"}]), tmp_path / "quality.csv")
-    list_excluded(tmp_path / "quality.csv", {"i_9": "stumbled"}, tmp_path / "excluded.csv", [lost, walking])
+    tables.list_excluded(tmp_path / "quality.csv", {"i_9": "stumbled"}, tmp_path / "excluded.csv", [lost, walking])
     files = {
         "summary_json": tmp_path / "s.json",
         "numbers_tex": tmp_path / "n.tex",
@@ -276,5 +270,7 @@ def test_numbers_that_a_failed_run_left_behind_are_said_to_be_old(tmp_path):
         log = tmp_path / f"logs/{job}.log"
         write_log(log, {"job": job, "outcome": outcome, "error": "b_1.mcap: no such file"}, {})
         os.utime(log, (summary.stat().st_mtime + later,) * 2)
-        said = "1 jobs were refused or failed, first ingest.after: b_1.mcap: no such file" in later_failures(summary)
+        said = "1 jobs were refused or failed, first ingest.after: b_1.mcap: no such file" in tables.later_failures(
+            summary
+        )
         assert said == old

@@ -33,9 +33,8 @@ from osl_analysis.walking.gait import unperturbed_gait
 from osl_analysis.walking.settings import TimingSettings
 from osl_analysis.walking.tables import trajectory_points, walking_page_points
 
+# Formats, each with the entries of its metadata for what the data are, and for the time: equal numbers give equal files
 METADATA = {".pdf": ("Subject", "CreationDate"), ".svg": ("Description", "Date"), ".png": ("Description", "Date")}
-"""Formats, each with the entries of its metadata that say what the data are, and the time, which is left out: equal
-numbers give equal files."""
 
 
 def plot_numbers(

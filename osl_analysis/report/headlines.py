@@ -198,9 +198,7 @@ def impedance_headlines(impedance: pl.DataFrame, example: Example) -> Iterator[H
             yield replace(number, n_doubtful=doubtful_count(shown)[0], **ends)
 
 
-HEADLINE_ESTIMATOR = "ensemble"
-"""Estimator of the walking summary that is the headline. Its bias decreases with the number of crossings; the bias of
-the mean over perturbations does not."""
+HEADLINE_ESTIMATOR = "ensemble"  # its bias decreases with the number of crossings, that of the mean over them does not
 
 
 def numbers_of(name: str, table: pl.DataFrame, example: Example) -> Iterator[Headline]:

@@ -134,9 +134,9 @@ def trial_content(trial: ReportedTrial, described: Mapping[str, DescribedTable])
 
 def cell_text(value: Any) -> str:
     """A cell of a table as the page has it: numbers with six digits, text as it is."""
-    if value is None or (isinstance(value, float) and not math.isfinite(value)):
-        return NO_VALUE
-    return f"{value:.6g}" if isinstance(value, float) else str(value)
+    if isinstance(value, float):
+        return f"{value:.6g}" if math.isfinite(value) else NO_VALUE
+    return NO_VALUE if value is None else str(value)
 
 
 def printed(unit: str) -> str:

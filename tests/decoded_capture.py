@@ -53,16 +53,9 @@ def decoded_crossing(path: Path) -> DecodedCrossing:
     with np.errstate(divide="ignore", invalid="ignore"):
         upward = force[:, 2]
         pressure = centre + np.stack([-moment[:, 1] / upward, moment[:, 0] / upward, 0 * upward], axis=-1)
-    return DecodedCrossing(
-        time=np.arange(len(points)) / 300,
-        theta=np.arctan2(between[:, 0, 2], between[:, 0, 0]),
-        torque=-np.einsum("ni,ni->n", moment + np.cross(centre - foot.origin, force), axis),
-        force=force,
-        pressure=pressure,
-        foot=foot,
-        platform=platform,
-        analogs=file["data"]["analogs"][0],
-    )
+    time, theta = np.arange(len(points)) / 300, np.arctan2(between[:, 0, 2], between[:, 0, 0])
+    torque = -np.einsum("ni,ni->n", moment + np.cross(centre - foot.origin, force), axis)
+    return DecodedCrossing(time, theta, torque, force, pressure, foot, platform, file["data"]["analogs"][0])
 
 
 def decoded_wrench(file: Any, platform: Pose) -> tuple[Array, Array, Array]:

@@ -19,6 +19,7 @@ uint32 nanosec
 """
 SAMPLE = "std_msgs/Header header\nfloat32 angle\nfloat64 torque\nbool sync\n" + HEADER
 SAMPLE_NAME = "lab_msgs/msg/Sample"
+Messages = Iterable[tuple[int, dict[str, Any]]]
 
 
 def stamped(nanoseconds: int, **fields: Any) -> tuple[int, dict[str, Any]]:
@@ -40,27 +41,17 @@ def write_payloads(path: Path, payloads: Iterable[bytes], encoding: str, *schema
 
 
 def write_log(
-    path: Path,
-    messages: Iterable[tuple[int, dict[str, Any]]],
-    schema: str = SAMPLE,
-    name: str = SAMPLE_NAME,
-    topic: str = "/lab",
-    **options: Any,
+    path: Path, messages: Messages, schema: str = SAMPLE, name: str = SAMPLE_NAME, topic: str = "/lab", **options: Any
 ) -> Path:
     """One topic; messages are (log time [ns], fields), in file order."""
-    return write_topics(path, {topic: (name, schema, list(messages))}, **options)
+    return write_topics(path, {topic: (name, schema, messages)}, **options)
 
 
 def write_topics(
-    path: Path,
-    topics: dict[str, tuple[str, str, list[tuple[int, dict[str, Any]]]]],
-    sequences: list[int] | None = None,
-    **options: Any,
+    path: Path, topics: dict[str, tuple[str, str, Messages]], sequences: list[int] | None = None, **options: Any
 ) -> Path:
     """Several topics, one after the other; one whose name ends in `#2` is a second channel of the same topic.
-
-    `sequences` are numbers of the messages other than 0, 1, ...
-    """
+    `sequences` are numbers of the messages other than 0, 1, ..."""
     with path.open("wb") as file:
         writer = Writer(file, **{"compression": CompressionType.ZSTD, **options})
         writer.start(profile="ros2")

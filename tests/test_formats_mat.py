@@ -10,7 +10,6 @@ import h5py
 import numpy as np
 import pytest
 import scipy.io
-from c3d_builder import REAL_DATA
 
 from osl_analysis.errors import InputError
 from osl_analysis.formats.mat import checked_address, open_mat
@@ -210,8 +209,8 @@ def test_what_the_file_does_not_hold_is_refused_in_one_line(tmp_path):
 
 
 def test_every_truncation_and_every_changed_byte_is_read_or_refused_in_one_line(tmp_path):
-    whole = written5(tmp_path / "a.mat").read_bytes()
     path, said = tmp_path / "b.mat", []
+    whole = written5(tmp_path / "a.mat").read_bytes()
     for place in range(120, len(whole), 7):
         for damaged in (whole[:place], whole[:place] + bytes([whole[place] ^ 0x55]) + whole[place + 1 :]):
             path.write_bytes(damaged)
@@ -222,12 +221,3 @@ def test_every_truncation_and_every_changed_byte_is_read_or_refused_in_one_line(
     for length in (200, 600, len(whole) // 2):
         path.write_bytes(whole[:length])
         assert "cannot be read" in refusal(path, "row")
-
-
-@pytest.mark.skipif(not REAL_DATA.is_dir(), reason="no real data here")
-def test_the_real_file_reads_as_scipy_reads_it():
-    path = REAL_DATA / "mat/DESR_Characterization_Data.mat"
-    raw = scipy.io.loadmat(path, simplify_cells=True)
-    for struct_name, test in (("DESR_N", "x45"), ("DESR_N_CAM2", "x33")):
-        for name in ("timeJIM", "angleJIM", "torque"):
-            np.testing.assert_array_equal(at(path, f"{struct_name}.{test}.{name}"), raw[struct_name][test][name])

@@ -205,21 +205,15 @@ def without_a_part(folder: Path) -> Path:
     return whole
 
 
-NO_BAG = "CREATE TABLE topics (id INTEGER, name TEXT)", "CREATE TABLE topics (id, name, type, serialization_format)"
 REFUSED: dict[str, tuple[Any, str]] = {
-    "yaml": (lambda bag: rewritten(bag / DESCRIBED, b"a: [").parent, "metadata.yaml: not the description of a ROS 2"),
-    "version": (
-        lambda bag: rewritten(bag / DESCRIBED, b"a: {version: 9}").parent,
-        "not the description of a ROS 2 bag",
-    ),
+    "yaml": (lambda bag: rewritten(bag / DESCRIBED, b"a: {b: 9}").parent, "not the description of a ROS 2 bag"),
     "missing part": (lambda bag: without_a_part(bag / "bag"), "1 of the 2 files that .* are missing .bag_1.db3.; copy"),
     "packed": (lambda bag: write_bag2(bag / "x", packed="FILE"), "unpack it with `zstd -d`"),
     "cut": (
         lambda bag: rewritten(bag / "bag.db3", (bag / "bag.db3").read_bytes()[:9000]),
         "the database is damaged or cut off .*sqlite3 BAG .recover",
     ),
-    "no column": (lambda bag: changed(bag / "x.db3", NO_BAG[0]), "no such column: type.: no bag of ROS 2"),
-    "no table": (lambda bag: changed(bag / "x.db3", NO_BAG[1]), "no such table: messages.: no bag of ROS 2"),
+    "no bag": (lambda bag: changed(bag / "x.db3", "CREATE TABLE topics (id, name)"), "no such column: type.: no bag"),
 }
 
 
@@ -287,21 +281,20 @@ def test_a_ros_1_bag_that_is_cut_joined_or_not_finished_is_refused_with_the_comm
     assert "not a ROS 1 bag of version 2.0 (it beg" in refused(rewritten(path, b"#ROSBAG V1.2\n" + whole[13:]))
 
 
-@pytest.mark.parametrize("zeros", [True, False])
-def test_a_damaged_chunk_of_a_ros_1_bag_is_lost_as_a_whole_and_counted(tmp_path: Path, zeros: bool) -> None:
-    path = write_bag1(tmp_path / "a.bag", range(2000), "LZ4" if zeros else "", 500)
-    content = bytearray(path.read_bytes())
-    if zeros:
-        place = content.index(b"\x04\x22\x4d\x18", len(content) // 2)
-        content[place + 20 : place + 200] = bytes(180)
-    else:
-        place = content.index(b"time=", len(content) // 2) + 13
-        content[place : place + 4] = (1 << 20).to_bytes(4, "little")
-    recording = read(rewritten(path, content))
-    lost = 2000 - len(recording.samples)
-    assert 0 < lost <= 10
-    assert counts(recording)[1] == lost
-    assert recording.facts["damage"]["chunks_lost"] == 1
+def test_a_damaged_chunk_of_a_ros_1_bag_is_lost_as_a_whole_and_counted(tmp_path: Path) -> None:
+    for packing in ("", "LZ4"):
+        path = write_bag1(tmp_path / f"a{packing}.bag", range(2000), packing, 500)
+        content = bytearray(path.read_bytes())
+        place = content.index(b"\x04\x22\x4d\x18" if packing else b"time=", len(content) // 2)
+        if packing:
+            content[place + 20 : place + 200] = bytes(180)
+        else:  # the length of a message
+            content[place + 13 : place + 17] = (1 << 20).to_bytes(4, "little")
+        recording = read(rewritten(path, content))
+        lost = 2000 - len(recording.samples)
+        assert 0 < lost <= 10
+        assert counts(recording)[1] == lost
+        assert recording.facts["damage"]["chunks_lost"] == 1
 
 
 @pytest.mark.parametrize("write", [write_bag1, write_bag2])

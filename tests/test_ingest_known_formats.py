@@ -4,10 +4,8 @@ Files of formats that are not read are told by what they hold: one line with wha
 """
 
 import gzip
-import io
 import json
 import re
-import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -28,11 +26,7 @@ from osl_analysis.ingest.source import Recording, Source, model_of
 from osl_analysis.trial import read_trial
 
 ROOT = Path(__file__).parents[1]
-LOG = {
-    "format": "mcap",
-    "time": {"source": "header"},
-    "channels": {"theta": {"topic": "/lab", "field": "angle", "unit": "deg"}},
-}
+LOG = {"format": "mcap", "time": {"source": "header"}, "channels": {}}
 
 
 def test_every_shipped_source_file_is_valid() -> None:
@@ -51,7 +45,7 @@ MISTAKES: list[tuple[dict[str, object], str]] = [
     (channel("time", unit="s"), "time is not a channel"),
     (channel("theta", unit="deg", sign=0), "sign"),
     ({"format": "xlsx"}, "format: 'xlsx' is not allowed"),
-    ({**LOG, "channels": {}}, "channels: name at least one"),
+    (LOG, "channels: name at least one"),
     ({"format": "c3d", "plates": "first"}, "plates: 'first' is not allowed: write all, none or a list"),
     ({"format": "c3d", "plate_units": {"force": "N", "moment": "mm"}}, "unit 'mm' measures [m]"),
     ({"format": "c3d", "outputs": {"reference_ankle_moment_left": OUTPUT}}, "unit 'N*mm' measures [N*m]"),
@@ -108,14 +102,6 @@ def test_a_file_is_recognised_by_its_content_and_where_that_says_nothing_by_its_
 BENCH = "t,angle\n0,1\n0.01,2\n0.02,3\n"
 
 
-def archive(name: str) -> bytes:
-    """A ZIP archive with one entry."""
-    stream = io.BytesIO()
-    with zipfile.ZipFile(stream, "w") as file:
-        file.writestr(name, b"t,angle\n")
-    return stream.getvalue()
-
-
 OTHER_FILES = {
     "Qualisys": b"NO_OF_FRAMES\t100\nNO_OF_CAMERAS\t8\nMARKER_NAMES\tA\tB\n1\t2\t3\n",
     "Motive": b"Format Version,1.23,Take Name,walk\n,,Marker\nFrame,Time,X\n0,0.0,1\n",
@@ -123,9 +109,9 @@ OTHER_FILES = {
     "JSON": json.dumps([{"t": 0.0}], indent=2).encode(),
     "document of JSON": b"[0.0, 1.0]\n[0.1, 2.0]\n",
     "a document of JSON": b"{'t': 0.0, 'angle': 1.0}\n",
-    "Excel workbook": archive("[Content_Types].xml"),
+    "Excel workbook": b"PK\x03\x04" + bytes(26) + b"[Content_Types].xml",
     "an Excel workbook": b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1" + bytes(500),
-    "ZIP": archive("log.csv"),
+    "ZIP": b"PK\x03\x04" + bytes(26) + b"log.csv",
     "HDF5": b"\x89HDF\r\n\x1a\n" + bytes(100),
     "compressed": gzip.compress(BENCH.encode()),
     "zero bytes": bytes(2000),

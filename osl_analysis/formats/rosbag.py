@@ -32,9 +32,8 @@ def read_rosbag1(path: Path) -> MessageFile:
     """Read the index of a ROS 1 bag, and then every intact chunk. InputError if it has none or cannot be read."""
     data = path.read_bytes()
     if not data.startswith(BAG1):
-        is_older, remedy = data.startswith(ANY_BAG1), "check the path and the source's format"
-        remedy = "convert it with `rosbag fix`" if is_older else remedy
-        raise InputError(f"{path}: not a ROS 1 bag of version 2.0 (it begins with {data[:12]!r}); {remedy}")
+        advice = "convert an older one with `rosbag fix`, or check the source's format"
+        raise InputError(f"{path}: not a ROS 1 bag of version 2.0 (it begins with {data[:12]!r}); {advice}")
     if (second := data.find(BAG1, 1)) > 0:
         raise InputError(f"{path}: two bags were joined: a second one begins at byte {second}; give each a file")
     library = optional_module("rosbags.rosbag1", "ros", "a bag of ROS 1")

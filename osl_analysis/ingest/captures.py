@@ -133,7 +133,7 @@ def checked_length(unit: str, what: str, source: Source) -> str:
     return unit
 
 
-def place_of(label: str, labels: Sequence[str], what: str) -> int:
+def place_of_label(label: str, labels: Sequence[str], what: str) -> int:
     """Index of a label that must occur exactly once."""
     count = Counter(labels)[label]
     if count == 0:
@@ -161,14 +161,14 @@ def read_c3d_capture(path: Path, source: Source) -> Recording:
             )
         names = tuple(label for label in labels if is_labelled(label) and label not in recording.model_outputs)
     length = checked_length(recording.point_unit(), "unit of length", source) if names else ""
-    markers = [(one, one, points[:, place_of(one, labels, "marker")], length) for one in names]
+    markers = [(one, one, points[:, place_of_label(one, labels, "marker")], length) for one in names]
     outputs = {
-        column: points[:, place_of(one.label, labels, "model output"), AXES.index(one.component)]
+        column: points[:, place_of_label(one.label, labels, "model output"), AXES.index(one.component)]
         for column, one in source.outputs.items()
     }
     analogs = {}
     for column, one in source.analogs.items():
-        place = place_of(one.channel, recording.analog_labels, "analog channel")
+        place = place_of_label(one.channel, recording.analog_labels, "analog channel")
         analogs[column] = recording.analogs[:, place], recording.analog_unit(place)
     facts = {
         "plate_zero_frames": baseline_frames(recording, source) if plates else None,
@@ -414,7 +414,7 @@ def read_trc_capture(path: Path, source: Source) -> Recording:
     upward = "its vertical axis seems to be y; state `axes: [x, -z, y]` in the source file"
     warnings = [upward] * (source.axes == ("x", "y", "z") and vertical_axis(file.positions) == "y")
     warnings = [f"{path.name}: {text}" for text in [*warnings, *file.notes]]
-    markers = [(one, one, file.positions[:, place_of(one, file.labels, "marker")], unit) for one in labels]
+    markers = [(one, one, file.positions[:, place_of_label(one, file.labels, "marker")], unit) for one in labels]
     timing, facts = (file.positions.shape[0], file.rate, 1, file.first_frame), {"time": {"start": file.start}}
     return captured(source, timing, markers, facts=facts, warnings=warnings)
 

@@ -42,8 +42,8 @@ def named(path: Path) -> Iterator[None]:
         raise InputError(f"{path}: {error}") from error
 
 
-Reader = Callable[[Path, Source], Recording]  # reads a file by its source file
-Lister = Callable[[Path], Overview]  # lists what a file holds, without a source file
+FileReader = Callable[[Path, Source], Recording]  # reads a file by its source file
+FileLister = Callable[[Path], Overview]  # lists what a file holds, without a source file
 
 
 @dataclass(frozen=True)
@@ -54,8 +54,8 @@ class KnownFormat:
     begins: Callable[[bytes], bool]  # whether a file that begins with these bytes is of this format
     suffixes: tuple[str, ...]
     """Endings of files of this format, for files that are not recognised by their first bytes."""
-    reader: Reader
-    lister: Lister
+    reader: FileReader
+    lister: FileLister
 
     @property
     def is_capture(self) -> bool:
@@ -77,7 +77,7 @@ def begins_with(mark: bytes) -> Callable[[bytes], bool]:
     return lambda begin: begin.startswith(mark)
 
 
-KNOWN: Sequence[tuple[str, Callable[[bytes], bool], tuple[str, ...], Reader, Lister]] = (
+KNOWN: Sequence[tuple[str, Callable[[bytes], bool], tuple[str, ...], FileReader, FileLister]] = (
     ("mcap", begins_with(MAGIC), (".mcap",), read_message_log, partial(inspect_messages, "mcap")),
     ("rosbag1", begins_with(ANY_BAG1), (".bag",), read_message_log, partial(inspect_messages, "rosbag1")),
     ("rosbag2", begins_with(SQLITE), (".db3",), read_message_log, partial(inspect_messages, "rosbag2")),
@@ -156,7 +156,7 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
             raise InputError(f"trial {name}: {role}_source is empty; name the file in {sources_folder} for {given}")
         check_file(path)
         parts = files_in(path) if path.is_dir() else [path]
-        every, described = [identified(part) for part in parts], read_source(sources_folder / f"{source}.yaml")
+        every, described = [identity_of(part) for part in parts], read_source(sources_folder / f"{source}.yaml")
         known = FORMATS[described.format]
         if not known.is_capture:
             described = described.of_part(said.get("log_part", ""))
@@ -178,7 +178,7 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
                 check_sizes(recordings[role])
         finally:  # also where it cannot be read: it may have changed in between
             for part, before in zip(parts, every, strict=True):
-                if not part.is_file() or identified(part) != before:
+                if not part.is_file() or identity_of(part) != before:
                     what = "the file changed while it was read"
                     raise InputError(f"{part}: {what}; wait until it is recorded or copied, then run again")
         shared = described.shared if known.is_capture else shared
@@ -227,7 +227,7 @@ def check_file(path: Path) -> None:
         raise InputError(f"{path}: the file is empty; copy or record it again, or exclude the trial in the sheet")
 
 
-def identified(path: Path) -> dict[str, Any]:
+def identity_of(path: Path) -> dict[str, Any]:
     """What identifies a raw file in the provenance."""
     with path.open("rb") as file:
         digest = hashlib.file_digest(file, "sha256").hexdigest()

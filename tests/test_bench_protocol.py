@@ -10,24 +10,17 @@ from bench_synthetic import table_of, unit_block
 from osl_analysis.bench.record import cycles_of, drift_rate, record_of_trial
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.errors import InputError
-from osl_analysis.protocol.stepped_sine import (
-    Likeness,
-    Segment,
-    SteppedSineProtocol,
-    find_segments,
-    labels_deg,
-    settled_cycles,
-)
+from osl_analysis.protocol import stepped_sine
 from osl_analysis.signals import Motion
 from osl_analysis.trial import Trial
 
-PROTOCOL = SteppedSineProtocol(amplitudes=(0.03, 0.06, 0.1), frequencies_hz=(2.0, 4.0), cycles=6)
+PROTOCOL = stepped_sine.SteppedSineProtocol(amplitudes=(0.03, 0.06, 0.1), frequencies_hz=(2.0, 4.0), cycles=6)
 RATE = 500.0
 WARM = 0.2 * np.sin(2 * np.pi * 2 * np.arange(0, 2.5, 1 / RATE))
 
 
 def segments_of(theta, protocol=PROTOCOL, rate=RATE):
-    return find_segments(Likeness(np.arange(len(theta)) / rate, theta, protocol))
+    return stepped_sine.find_segments(stepped_sine.Likeness(np.arange(len(theta)) / rate, theta, protocol))
 
 
 def stepped(protocol=PROTOCOL, start=3.0, rests=(1.0, 1.0, 2.0), rate=RATE):
@@ -78,7 +71,7 @@ def test_a_protocol_is_found_as_people_run_it(practice):
     theta, edges = as_run(**practice)
     theta += 0.01 + 1e-4 * np.random.default_rng(3).standard_normal(len(theta))
     commanded = practice.get("frequencies", (1.0, 2.0, 3.0))
-    found = segments_of(theta, SteppedSineProtocol((0.03, 0.1), commanded, 8), 300.0)
+    found = segments_of(theta, stepped_sine.SteppedSineProtocol((0.03, 0.1), commanded, 8), 300.0)
     assert [s.amplitude for s in found] == pytest.approx([s.commanded for s in found], rel=0.01)
     assert [(s.commanded, s.cycles) for s in found] == [(a, n) for _, a, _, n in edges]
     assert [s.frequency_hz for s in found] == pytest.approx([f for *_, f, _ in edges], rel=1e-4)
@@ -103,24 +96,27 @@ def test_a_record_that_is_no_stepped_sine_of_these_amplitudes_is_refused_with_wh
         segments_of(theta)
 
 
-def test_a_warm_up_at_another_amplitude_is_not_used_where_all_commanded_ones_were_recorded():
-    theta = np.concatenate([np.zeros(500), WARM, stepped()])
-    assert list(dict.fromkeys(s.commanded for s in segments_of(theta))) == list(PROTOCOL.amplitudes)
+@pytest.mark.parametrize("before", [WARM, 0.15 * WARM[:500]])
+def test_a_warm_up_at_another_amplitude_or_of_two_cycles_is_not_used(before):
+    found = segments_of(np.concatenate([np.zeros(500), before, stepped()]))
+    assert [(s.commanded, s.cycles) for s in found] == [(a, 6) for a in PROTOCOL.amplitudes for _ in range(2)]
 
 
 def test_amplitudes_that_differ_are_never_one_label_and_labels_are_measured():
     """Of a commanded amplitude a bench loses some at high frequencies; a run of another size is another label."""
     sizes = np.deg2rad([2.0, 1.98, 1.9, 2.45, 2.5, 4.02])
     commanded = np.deg2rad([2.0, 2.0, 2.0, 2.0, 2.6, 4.0])
-    segments = [Segment(a, 1.0, 0, 100, 4, c) for a, c in zip(sizes, commanded, strict=True)]
-    assert labels_deg(segments) == [1.98, 1.98, 1.98, 2.45, 2.5, 4.02]
+    segments = [stepped_sine.Segment(a, 1.0, 0, 100, 4, c) for a, c in zip(sizes, commanded, strict=True)]
+    assert stepped_sine.labels_deg(segments) == [1.98, 1.98, 1.98, 2.45, 2.5, 4.02]
 
 
 def test_the_first_cycles_the_last_one_and_those_with_a_row_that_was_not_measured_are_left_out():
-    segment, usable = Segment(0.1, 2.0, 100, 1100, 10), np.ones(2000, dtype=bool)
-    assert settled_cycles(segment, 2, usable).tolist() == [[row, row + 100] for row in range(300, 1000, 100)]
-    assert settled_cycles(segment, 20, usable).tolist() == [[1000, 1100]]  # one is kept
-    segments = [Segment(0.1, 3.0, 100, 100 + 2500 / 3, 10), Segment(0.1, 2.0, 1000, 1500, 4)]
+    segment, usable = stepped_sine.Segment(0.1, 2.0, 100, 1100, 10), np.ones(2000, dtype=bool)
+    assert stepped_sine.settled_cycles(segment, 2, usable).tolist() == [
+        [row, row + 100] for row in range(300, 1000, 100)
+    ]
+    assert stepped_sine.settled_cycles(segment, 20, usable).tolist() == [[1000, 1100]]  # one is kept
+    segments = [stepped_sine.Segment(0.1, 3.0, 100, 100 + 2500 / 3, 10), stepped_sine.Segment(0.1, 2.0, 1000, 1500, 4)]
     usable[390] = False
     groups = cycles_of(segments, 1, usable)  # of the cycles from row 183 on, 83.3 rows each, and of 125 rows each
     np.testing.assert_allclose(groups.first, [*(183 + 250 / 3 * np.arange(3, 8)), 1125, 1250], atol=1e-9)
@@ -129,7 +125,7 @@ def test_the_first_cycles_the_last_one_and_those_with_a_row_that_was_not_measure
         cycles_of(segments, 1, ~usable)
 
 
-SEGMENTS = [Segment(0.1, 2.0, 250, 2750, 10), Segment(0.1, 4.0, 2750, 4000, 10)]
+SEGMENTS = [stepped_sine.Segment(0.1, 2.0, 250, 2750, 10), stepped_sine.Segment(0.1, 4.0, 2750, 4000, 10)]
 TIME = np.arange(4500) / RATE
 STILL = np.zeros_like(TIME)
 
@@ -153,7 +149,7 @@ def drift_of(torque, segments=SEGMENTS):
 def test_a_drift_is_found_under_a_sine_of_any_phase_and_a_mean_that_grows_with_the_amplitude_is_none(drift):
     """As of an asymmetric joint, in a protocol whose amplitudes grow: 200 theta^2 read 0.56 N*m/min and K 12 SE off."""
     assert drift_of(sines(20.0) + 3.0 + drift * TIME) == pytest.approx(drift, rel=1e-9, abs=1e-12)
-    larger = [Segment(0.2, 2.0, 2750, 4000, 5, 0.2)]
+    larger = [stepped_sine.Segment(0.2, 2.0, 2750, 4000, 5, 0.2)]
     torque = np.where(np.arange(len(TIME)) < 2750, 1.0, 4.0) + drift * TIME
     assert drift_of(torque, SEGMENTS[:1] + larger) == pytest.approx(drift, abs=1e-12)
 
@@ -173,12 +169,12 @@ def test_a_trial_is_read_without_its_drift_which_the_table_gives_per_minute():
     assert whole["K"] == pytest.approx(100, rel=0.01)
 
 
-SIX = SteppedSineProtocol(tuple(np.deg2rad([2.0, 4.0, 6.0])), (1.0, 2.0, 3.0, 4.0, 5.0), 8)
+SIX = stepped_sine.SteppedSineProtocol(tuple(np.deg2rad([2.0, 4.0, 6.0])), (1.0, 2.0, 3.0, 4.0, 5.0), 8)
 
 
 def kind_of(theta, rng):
     theta = theta + 1e-5 * rng.standard_normal(len(theta))
-    return Likeness(np.arange(len(theta)) / FINE, theta, SIX).kind
+    return stepped_sine.Likeness(np.arange(len(theta)) / FINE, theta, SIX).kind
 
 
 DAMAGE = {

@@ -53,7 +53,7 @@ def test_refuses_irregular_stamps_a_cut_off_beyond_half_the_rate_and_a_record_sh
 DEFAULT = odd_multisine(8.0, (0.5, 6.0), np.deg2rad(2), seed=3)
 
 
-def test_only_odd_lines_within_the_band_move_all_alike_and_with_the_stated_size():
+def test_only_odd_lines_move_all_alike_with_the_stated_size_and_derivatives():
     n = 4096
     size = 2 * np.abs(np.fft.rfft(DEFAULT.one_period(n))) / n
     moved = np.flatnonzero(size > 1e-12)
@@ -61,6 +61,10 @@ def test_only_odd_lines_within_the_band_move_all_alike_and_with_the_stated_size(
     assert (moved % 2 == 1).all()
     np.testing.assert_allclose(size[moved], size[moved[0]])
     assert np.rad2deg([np.sqrt(np.mean(DEFAULT.one_period(n) ** 2)), DEFAULT.rms]) == pytest.approx([2, 2])
+    time, h = np.linspace(0, 8, 50), 1e-4
+    for k in (0, 1):
+        slope = (DEFAULT.angle(time + h, k) - DEFAULT.angle(time - h, k)) / (2 * h)
+        np.testing.assert_allclose(DEFAULT.angle(time, k + 1), slope, atol=1e-4 * np.abs(slope).max())
 
 
 def test_one_odd_line_in_four_is_left_out_and_none_at_the_ends():
@@ -70,13 +74,6 @@ def test_one_odd_line_in_four_is_left_out_and_none_at_the_ends():
         np.testing.assert_array_equal((left_out - 5) // 8, np.arange(5))  # of each group of four
         assert lines[[0, -1]].tolist() == [5, 47]
         assert odd_lines(8.0, (0.5, 5.5), seed)[0][-1] == 43  # 20 lines: the last group is a whole one
-
-
-def test_its_derivatives_are_those_of_its_angle():
-    time, h = np.linspace(0, 8, 50), 1e-4
-    for k in (0, 1):
-        slope = (DEFAULT.angle(time + h, k) - DEFAULT.angle(time - h, k)) / (2 * h)
-        np.testing.assert_allclose(DEFAULT.angle(time, k + 1), slope, atol=1e-4 * np.abs(slope).max())
 
 
 @pytest.mark.parametrize(

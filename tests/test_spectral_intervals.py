@@ -9,21 +9,8 @@ from scipy.special import ndtri
 
 from osl_analysis.errors import InputError
 from osl_analysis.signals import LowPass
+from osl_analysis.spectral import response as spectral
 from osl_analysis.spectral.periods import Realisation
-from osl_analysis.spectral.response import (
-    DETECTION,
-    REALISATIONS,
-    RationalDrivetrain,
-    SecondOrder,
-    fit_by_power,
-    fit_structure,
-    lines_of_periods,
-    lines_of_record,
-    local_fit,
-    local_response,
-    periodic_response,
-    record_spectrum,
-)
 
 PERIOD, RATE, LOW_PASS, COUNT = 4.0, 256.0, LowPass(15), 60
 SAMPLES = round(PERIOD * RATE)
@@ -61,21 +48,21 @@ def soft(theta):
 
 
 def fit_periodic(realisations, low_pass=LOW_PASS):
-    return fit_by_power(SecondOrder(), lines_of_periods(realisations, low_pass), (200, 4))
+    return spectral.fit_by_power(spectral.SecondOrder(), spectral.lines_of_periods(realisations, low_pass), (200, 4))
 
 
 def fitted(one):
     """Eq. 15 fitted to a realisation, and what the fit says of itself."""
-    return fit_structure(SecondOrder(), lines_of_periods([one], LOW_PASS), (200, 4))
+    return spectral.fit_structure(spectral.SecondOrder(), spectral.lines_of_periods([one], LOW_PASS), (200, 4))
 
 
 @pytest.mark.parametrize(
     ("count", "excited", "distortion", "method"),
     [
-        (1, LINES, 0.0, DETECTION),
-        (2, LINES, 0.05, DETECTION),
+        (1, LINES, 0.0, spectral.DETECTION),
+        (2, LINES, 0.05, spectral.DETECTION),
         (1, np.arange(2, 14), 0.0, "excited lines"),
-        (4, LINES, 0.05, REALISATIONS),
+        (4, LINES, 0.05, spectral.REALISATIONS),
     ],
 )
 def test_standard_errors_are_the_scatter_of_many_fits(count, excited, distortion, method):
@@ -87,7 +74,7 @@ def test_standard_errors_are_the_scatter_of_many_fits(count, excited, distortion
     se = np.sqrt(np.mean([np.diag(f.covariance)[:3] for f in fits], axis=0))
     of_scatter = np.mean(se / np.std([f.estimates[:3] for f in fits], axis=0))
     assert of_scatter == pytest.approx(1, abs=0.11)  # 160 fits of three estimates: 0.04
-    if method == REALISATIONS:
+    if method == spectral.REALISATIONS:
         assert fits[0].degrees_of_freedom[:3] == pytest.approx(count - 1)
 
 
@@ -107,11 +94,15 @@ def test_lines_weigh_as_their_power_behind_the_filter_and_realisations_as_their_
 
 def test_noise_is_taken_off_the_levels():
     # noise in the mean of four periods as large as the distortion
-    response, levels = periodic_response([made(seed, 0.1, distortion=0.05) for seed in range(48)])
+    response, levels = spectral.periodic_response([made(seed, 0.1, distortion=0.05) for seed in range(48)])
     assert levels["noise"] == pytest.approx(0.05, rel=0.06)
     assert response["noise_sd"] == pytest.approx(0.05 / 0.01 / np.sqrt(48), rel=0.25)
     for name in ("odd", "detection", "distortion"):
         assert levels[name] == pytest.approx(0.05, rel=0.2)
+    pairs = [
+        spectral.periodic_response([made(k, distortion=0.05), made(k + 50, distortion=0.05)])[1] for k in range(24)
+    ]
+    assert np.mean([found["distortion"] ** 2 for found in pairs]) == pytest.approx(0.05**2, rel=0.2)
     assert np.mean(response["odd_level"] ** 2) == pytest.approx((0.05 / 0.01) ** 2, rel=0.25)
     assert np.mean(response["total_level"] ** 2) == pytest.approx(2 * (0.05 / 0.01) ** 2, rel=0.2)
 
@@ -123,24 +114,24 @@ def test_the_test_of_a_record_that_does_not_repeat_itself_has_the_spread_that_it
     for seed in range(60):
         rng = np.random.default_rng(seed)
         theta, noise = (rng.standard_normal(m) + 1j * rng.standard_normal(m) for _ in range(2))
-        record = lines_of_record((f, theta, (200 + 4 * s + 0.05 * s**2) * theta + noise), LOW_PASS)
-        scores.append(ndtri(fit_structure(SecondOrder(), record, (200, 4))[1]["misfit_p"]))
+        record = spectral.lines_of_record((f, theta, (200 + 4 * s + 0.05 * s**2) * theta + noise), LOW_PASS)
+        scores.append(ndtri(spectral.fit_structure(spectral.SecondOrder(), record, (200, 4))[1]["misfit_p"]))
     assert np.mean(scores) == pytest.approx(0, abs=0.45)
     assert np.std(scores) == pytest.approx(1, abs=0.35)
 
 
 def test_levels_of_a_cube_are_odd_and_those_of_a_square_are_even():
     for power, seen, absent in ((3, "odd", "even"), (2, "even", "odd")):
-        _, levels = periodic_response([made(k, extra=lambda theta, n=power: 1e4 * theta**n) for k in range(8)])
+        _, levels = spectral.periodic_response([made(k, extra=lambda theta, n=power: 1e4 * theta**n) for k in range(8)])
         assert levels[absent] < 1e-6 * levels[seen]
     assert levels["distortion"] < 1e-6 * levels["even"]  # even distortion does not reach odd lines
 
 
 def test_one_realisation_tells_the_distortion_by_its_detection_lines():
-    several = [periodic_response([made(seed, extra=soft)])[1]["odd"] for seed in range(12)]
-    _, levels = periodic_response([made(seed, extra=soft) for seed in range(12)])
+    several = [spectral.periodic_response([made(seed, extra=soft)])[1]["odd"] for seed in range(12)]
+    _, levels = spectral.periodic_response([made(seed, extra=soft) for seed in range(12)])
     assert np.sqrt(np.mean(np.square(several))) == pytest.approx(levels["detection"], rel=1e-2)
-    response, band = periodic_response([made(3, extra=soft)])
+    response, band = spectral.periodic_response([made(3, extra=soft)])
     assert np.isnan(band["distortion"])
     assert response["total_sd"].mean() * 0.01 == pytest.approx(band["odd"], rel=0.4)
 
@@ -173,6 +164,7 @@ def test_a_fit_that_passes_is_weighted_by_noise_and_one_that_fails_by_power():
     (fit, right), (_, wrong) = (fitted(made(1, 0.02 * WHITE, extra=extra)) for extra in (None, soft))
     assert (right["weights"], wrong["weights"]) == ("noise", "power")
     assert right["misfit"] < 0.2 < 2 < wrong["misfit"]
+    assert fit.degrees_of_freedom[0] == 2 * 3 * (39 + 8)  # of the scatter of four periods, up to 8 lines away
     for value, name in ((200, "K"), (4, "B"), (0.05, "I")):
         assert abs(fit[name] - value) < 4 * fit.se(name) < 0.01 * value
 
@@ -181,15 +173,15 @@ def test_the_gains_that_made_the_torque_are_recovered_from_eq_9(parameters):
     p, K_1, B_1 = parameters, 24.0, 0.6
     actuator = np.polyval([p.J_m, p.B_m + B_1, K_1 + p.K_s / p.n_T**2], S)
     eq_9 = np.polyval([p.J_j, p.B_j, p.K_s], S) - (p.K_s / p.n_T) ** 2 / actuator
-    lines = lines_of_periods([made(2, 1e-3 * WHITE, impedance=eq_9)], LOW_PASS)
-    fit, found = fit_structure(RationalDrivetrain(p), lines, (280.0, 5.0))
+    lines = spectral.lines_of_periods([made(2, 1e-3 * WHITE, impedance=eq_9)], LOW_PASS)
+    fit, found = spectral.fit_structure(spectral.RationalDrivetrain(p), lines, (280.0, 5.0))
     assert fit["K_1"] == pytest.approx(K_1, rel=1e-3)
     assert fit["B_1"] == pytest.approx(B_1, rel=2e-3)
     assert found["misfit_p"] > 0.01
-    static = RationalDrivetrain(p).impedance(fit.estimates, np.zeros(1)).real
+    static = spectral.RationalDrivetrain(p).impedance(fit.estimates, np.zeros(1)).real
     assert static == pytest.approx([K_1 * p.K_s / (K_1 + p.K_s / p.n_T**2)], rel=1e-3)
     with pytest.raises(InputError, match=r"Eq\. 9 of this parameter file cannot render"):
-        fit_structure(RationalDrivetrain(p), lines, (p.K_s, 5.0))
+        spectral.fit_structure(spectral.RationalDrivetrain(p), lines, (p.K_s, 5.0))
 
 
 def test_the_local_polynomial_method_finds_the_response_of_a_simulated_system_within_its_noise():
@@ -202,12 +194,12 @@ def test_the_local_polynomial_method_finds_the_response_of_a_simulated_system_wi
         drive = 0.3 * np.convolve(rng.standard_normal(len(t)), np.hanning(200), "same")
         _, theta, _ = lsim(lti([1.0], [0.05, 4.0, 200.0]), drive, t, interp=True)  # torque/(I s^2 + B s + K)
         torque = drive[keep] + 0.02 * rng.standard_normal(len(drive[keep]))
-        record = record_spectrum(theta[keep], torque, RATE, 15.0)
-        response = local_response(record)
+        record = spectral.record_spectrum(theta[keep], torque, RATE, 15.0)
+        response = spectral.local_response(record)
         s = 2j * np.pi * response["frequency_hz"]
         error = response["Z_re"] + 1j * response["Z_im"] - (200 + 4 * s + 0.05 * s**2)
         squares.extend(np.abs(error) ** 2 / response["noise_sd"] ** 2)
-        noise.append(local_fit(record)[2])
+        noise.append(spectral.local_fit(record)[2])
     assert len(squares) > 120
     assert np.mean(squares) == pytest.approx(1, abs=0.3)  # 0.1 by theory
     assert np.mean(noise) == pytest.approx(4 * 0.02**2 / (30 * RATE), rel=0.06)

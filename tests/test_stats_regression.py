@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-import polars as pl
 import pytest
 import statsmodels.api as sm
 from conftest import multisine
@@ -18,19 +17,11 @@ from statsmodels.stats.diagnostic import acorr_ljungbox
 from osl_analysis.bench.gram import combined, jackknife, noise_of_scores
 from osl_analysis.bench.phasors import complex_mean, complex_quotient, fit_sinusoids, polar_row
 from osl_analysis.errors import IdentifiabilityError, InputError
-from osl_analysis.judge.doubts import summary_of_trials
 from osl_analysis.signals import LowPass
+from osl_analysis.stats import repeats
 from osl_analysis.stats.covariance import between_cycles, moving_sums, products_between, welch_satterthwaite
 from osl_analysis.stats.fit_row import lag_damping_row, thinned_rows, whiteness_row
 from osl_analysis.stats.regression import linear_fit, variance_accounted_for
-from osl_analysis.stats.repeats import (
-    Candidate,
-    effective_samples,
-    mean_over_trials,
-    over_repeats,
-    rank_words,
-    score_models,
-)
 from osl_analysis.stats.rounding import noise_before_rounding
 from osl_analysis.walking.response import impedance_columns
 
@@ -186,11 +177,9 @@ def test_sinusoid_refuses_too_short_a_record_and_too_slow_a_sampling(rate, frequ
 
 def test_amplitudes_that_differ_from_cycle_to_cycle_leave_the_phase_certain():
     """A phasor at 40 degrees then scatters along itself: errors of its real and imaginary part have the same sign."""
-    rng, t, phase = np.random.default_rng(9), np.arange(0, 40, 1e-2), np.deg2rad(40)
-    size = 1 + 0.1 * np.repeat(rng.standard_normal(40), 100)
-    signal = size * np.cos(2 * np.pi * t + phase) + 1e-3 * rng.standard_normal(len(t))
-    (phasor,) = fit_sinusoids(t, 1.0, signal)
-    assert phasor.covariance[0, 1] > 0
+    rng, t = np.random.default_rng(9), np.arange(0, 40, 1e-2)
+    y = (1 + 0.1 * np.repeat(rng.standard_normal(40), 100)) * np.cos(2 * np.pi * t + np.deg2rad(40))
+    (phasor,) = fit_sinusoids(t, 1.0, y + 1e-3 * rng.standard_normal(len(t)))
     assert phasor.magnitude_se == pytest.approx(0.1 / np.sqrt(40), rel=0.3)
     assert phasor.phase_se < 0.02 * phasor.magnitude_se
 
@@ -291,23 +280,15 @@ def test_degrees_of_freedom_of_a_sum_are_those_of_welch_and_satterthwaite():
 def test_what_repeats_have_in_common_widens_the_interval_of_their_mean():
     values = [1.0, 2.0, 4.0, 3.0]
     own = np.var(values, ddof=1) / 4
-    summary = over_repeats(values, [(own, 3)])
+    summary = repeats.over_repeats(values, [(own, 3)])
     assert summary.se == pytest.approx(np.sqrt(2 * own))
     assert summary.high - summary.mean == pytest.approx(stdtrit(6, 0.975) * np.sqrt(2 * own))
-
-
-def test_a_mean_over_trials_says_where_its_interval_is_from_and_one_without_numbers_is_null():
-    table = pl.DataFrame({"a": [None, None], "b": [2.0, None], "c": [1.0, 3.0]}, schema_overrides={"a": pl.Float64})
-    rows = summary_of_trials(table, ("a", "b", "c")).to_dicts()
-    found = [(r["n"], r["mean"], r["sd"] is None, r["interval_method"]) for r in rows]
-    assert found == [(0, None, True, None), (1, 2.0, True, None), (2, 2.0, False, "Student")]
-    assert summary_of_trials(table.clear(), ("a",))["mean"].to_list() == [None]
 
 
 def test_kinds_of_trials_count_as_one_mean_each_and_their_difference_is_no_scatter():
     """The mean of two means has the error sqrt(s1^2/n1 + s2^2/n2)/2; Welch's degrees of freedom, by SciPy's test."""
     first, second = [1.0, 2.0, 3.0, 6.0], [101.0, 103.0, 107.0]
-    summary = over_repeats([*first, *second], kinds=[1] * 4 + [-1] * 3)
+    summary = repeats.over_repeats([*first, *second], kinds=[1] * 4 + [-1] * 3)
     assert summary.mean == pytest.approx((3.0 + 311 / 3) / 2)
     assert summary.se == pytest.approx(np.sqrt(np.var(first, ddof=1) / 4 + np.var(second, ddof=1) / 3) / 2)
     interval = ttest_ind(first, second, equal_var=False).confidence_interval()
@@ -319,12 +300,12 @@ def test_effective_samples_are_those_of_theory():
     """White noise has n; AR(1) has n (1 - r^2)/(1 + r^2) (Bayley and Hammersley): within 10 % for 20 000 samples."""
     rng = np.random.default_rng(4)
     white, r = rng.standard_normal(20_000), 0.9
-    assert effective_samples(white) == pytest.approx(20_000, rel=0.1)
-    assert effective_samples(correlated_noise(rng, 20_000, r)) == pytest.approx(
+    assert repeats.effective_samples(white) == pytest.approx(20_000, rel=0.1)
+    assert repeats.effective_samples(correlated_noise(rng, 20_000, r)) == pytest.approx(
         20_000 * (1 - r**2) / (1 + r**2), rel=0.1
     )
-    assert effective_samples(LOW_PASS(white, 1000.0)) == pytest.approx(20_000 * 2 * 15 / 1000, rel=0.15)
-    assert effective_samples(np.zeros(50)) == effective_samples(np.full(50, 0.3)) == 50, "an exact fit"
+    assert repeats.effective_samples(LOW_PASS(white, 1000.0)) == pytest.approx(20_000 * 2 * 15 / 1000, rel=0.15)
+    assert repeats.effective_samples(np.zeros(50)) == repeats.effective_samples(np.full(50, 0.3)) == 50, "an exact fit"
 
 
 def test_bic_charges_a_parameter_the_logarithm_of_the_effective_samples():
@@ -332,7 +313,7 @@ def test_bic_charges_a_parameter_the_logarithm_of_the_effective_samples():
     rng = np.random.default_rng(5)
     torque, left = rng.standard_normal((2, 500))
     for size in (0.1, 1e-15, 0.0):
-        scores = score_models(torque, [Candidate("", "", p, size * left, size * left) for p in (5, 2)])
+        scores = repeats.score_models(torque, [repeats.Candidate("", "", p, size * left, size * left) for p in (5, 2)])
         m, (bic_of_many, bic_of_few) = scores["effective_samples"][0], scores["BIC"]
         assert bic_of_many - bic_of_few == pytest.approx(3 * np.log(m))
         assert scores["rank"].to_list() == [2, 1]
@@ -345,23 +326,23 @@ def test_paired_differences_tell_models_apart_and_of_models_that_tie_the_first_i
     rng = np.random.default_rng(1)
     trial = rng.normal(0, 100, 10)
     loss = np.column_stack([trial, trial - 1 + rng.normal(0, 0.1, 10), trial + 3])
-    assert rank_words(loss) == ["worse", "preferred", "worse"]
+    assert repeats.rank_words(loss) == ["worse", "preferred", "worse"]
     tied = np.array([[1.0, 0.9, 5.0], [1.0, 1.2, 5.0], [1.0, 0.8, 5.0]])
-    assert rank_words(tied) == ["preferred", "tied", "worse"]
-    assert rank_words(np.array([[1.0, 0.0]])) == ["preferred", "tied"]
-    assert rank_words(np.zeros((0, 2))) == [None, None]
+    assert repeats.rank_words(tied) == ["preferred", "tied", "worse"]
+    assert repeats.rank_words(np.array([[1.0, 0.0]])) == ["preferred", "tied"]
+    assert repeats.rank_words(np.zeros((0, 2))) == [None, None]
 
 
 def test_intervals_are_students_and_wider_where_trials_share_their_fits():
     """Own trials: s / sqrt(n), n - 1 degrees of freedom. Shared: s^2 (1/n + 1/(n - 1)) after Nadeau and Bengio. Both
     terms are of one scatter, which is worth n - 1 degrees of freedom and not the sum of two independent ones."""
     values = np.array([1.0, 2.0, 4.0, 7.0])
-    own, shared = mean_over_trials(values), mean_over_trials(values, shared=True)
+    own, shared = repeats.mean_over_trials(values), repeats.mean_over_trials(values, shared=True)
     assert own.high - own.mean == pytest.approx(student.ppf(0.975, 3) * np.std(values, ddof=1) / 2)
     assert shared.se**2 == pytest.approx(np.var(values, ddof=1) * (1 / 4 + 1 / 3))
     assert (shared.high - shared.mean) / shared.se == pytest.approx(student.ppf(0.975, 3))
     assert shared.mean == own.mean == 3.5
-    alone = mean_over_trials(np.array([4.0]))
+    alone = repeats.mean_over_trials(np.array([4.0]))
     assert (alone.n, alone.mean, np.isnan(alone.high)) == (1, 4.0, True)
     with pytest.raises(InputError, match="repeat the experiment"):
-        over_repeats([1.0])
+        repeats.over_repeats([1.0])

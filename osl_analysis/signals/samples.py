@@ -193,20 +193,17 @@ class Taken:
         ones; and how many true stamps lay so close that they were averaged: close knots of a spline amplify noise."""
         names = [name for name in self.signals if name in self.stream.signals and name not in self.stream.silent]
         values = [self.stream.signals[name][self.present] for name in names]
-        if self.even:
-            return self.clock.times()[self.present] - self.delay, dict(zip(names, values, strict=True)), 0
-        stamps, closest = self.stream.stamps[self.present], 0.5 * self.step
-        begins = np.concatenate([[True], np.diff(stamps) >= closest])
-        if begins.all():
-            return stamps - self.delay, dict(zip(names, values, strict=True)), 0
-        start = 0.0
-        for row in np.flatnonzero(~begins):  # a group is what lies within `closest` of its first sample
-            start = stamps[row - 1] if begins[row - 1] else start
-            begins[row] = stamps[row] - start >= closest
-        first = np.flatnonzero(begins)
-        size = np.diff(np.append(first, len(stamps)))
-        times, *averaged = (np.add.reduceat(one, first) / size for one in (stamps, *values))
-        return times - self.delay, dict(zip(names, averaged, strict=True)), len(stamps) - len(times)
+        times, merged = (self.clock.times() if self.even else self.stream.stamps)[self.present], 0
+        begins = np.concatenate([[True], np.diff(times) >= (closest := 0.5 * self.step)])
+        if not self.even and not begins.all():
+            start = 0.0
+            for row in np.flatnonzero(~begins):  # a group is what lies within `closest` of its first sample
+                start = times[row - 1] if begins[row - 1] else start
+                begins[row] = times[row] - start >= closest
+            first = np.flatnonzero(begins)
+            size, merged = np.diff(np.append(first, len(times))), len(times) - len(first)
+            times, *values = (np.add.reduceat(one, first) / size for one in (times, *values))
+        return times - self.delay, dict(zip(names, values, strict=True)), merged
 
 
 def take(streams: Sequence[Stream]) -> list[Taken]:

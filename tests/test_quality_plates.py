@@ -27,11 +27,7 @@ def load(roll: Array = ROLL, seed: int = 1) -> tuple[Array, Array]:
     return force + rng.normal(0, 1.0, force.shape), moment + rng.normal(0, 0.1, moment.shape)
 
 
-def type_2(force: Array, moment: Array) -> Array:
-    return np.hstack([force, moment])
-
-
-def trial_of(path: Path, kind: int, channels: Array, **source: Any) -> Trial:
+def trial_of(path: Path, channels: Array, **source: Any) -> Trial:
     """The C3D of one level plate of 0.6 m by 0.4 m, as ingest reads it."""
     corners = np.array([[300.0, -200, 0], [-300, -200, 0], [-300, 200, 0], [300, 200, 0]])  # z down: y to the right
     write_c3d(
@@ -40,7 +36,7 @@ def trial_of(path: Path, kind: int, channels: Array, **source: Any) -> Trial:
         channels,
         ANALOG__UNITS=["N"] * 3 + ["Nm"] * 3,
         FORCE_PLATFORM__USED=np.array([1]),
-        FORCE_PLATFORM__TYPE=np.array([kind]),
+        FORCE_PLATFORM__TYPE=np.array([2]),
         FORCE_PLATFORM__CORNERS=corners.T[:, :, None],
         FORCE_PLATFORM__ORIGIN=np.zeros((3, 1)),
         FORCE_PLATFORM__CHANNEL=np.arange(1, 7)[:, None],
@@ -54,14 +50,14 @@ def checked(trial: Trial, experiment: str = "walking") -> dict[str, CheckResult]
 
 
 def test_a_sound_plate_passes_and_a_clipped_raw_channel_is_named_with_its_time(tmp_path: Path) -> None:
-    channels = type_2(*load())
-    found = checked(trial_of(tmp_path / "a.c3d", 2, channels))
+    channels = np.hstack(load())
+    found = checked(trial_of(tmp_path / "a.c3d", channels))
     assert ((found["saturation"].value or 0) < 5, (found["stuck"].value or 0) < 0.05) == (True, True)
     assert found["pressure_centre"] == CheckResult(0.0, "")
     # 5th to 95th percentile of a steady roll of 0.22 m
     assert found["pressure_travel"].value == pytest.approx(0.9 * 0.22, rel=0.15)
     channels[:, 4] = np.clip(channels[:, 4], -60.0, 60.0)
-    trial = trial_of(tmp_path / "a.c3d", 2, channels)
+    trial = trial_of(tmp_path / "a.c3d", channels)
     result = checked(trial)["saturation"]
     assert (result.remark, (result.value or 0) > 20) == ("plate1 channel A5", True)
     facts = trial.provenance["plates"][0]["channels"][4]
@@ -70,36 +66,38 @@ def test_a_sound_plate_passes_and_a_clipped_raw_channel_is_named_with_its_time(t
 
 
 def test_a_raw_channel_that_stands_while_the_plate_is_loaded_is_stuck(tmp_path: Path) -> None:
-    channels = type_2(*load())
+    channels = np.hstack(load())
     channels[:, 4] = 37.5
-    found = checked(trial_of(tmp_path / "a.c3d", 2, channels))
+    found = checked(trial_of(tmp_path / "a.c3d", channels))
     assert found["stuck"].value == pytest.approx(TIME[-1], abs=2 / RATE)
     assert found["stuck"].remark == "plate1 channel A5"
 
 
 def test_a_plate_whose_moments_stand_still_has_a_centre_of_pressure_outside_or_at_rest(tmp_path: Path) -> None:
     force, moment = load()
-    far = checked(trial_of(tmp_path / "a.c3d", 2, type_2(force, 0 * moment + [0, 840.0, 0])))["pressure_centre"]
+    far = checked(trial_of(tmp_path / "a.c3d", np.hstack((force, 0 * moment + [0, 840.0, 0]))))["pressure_centre"]
     assert (far.value or 0) > 840 / 770 - 0.3  # at the largest force
     assert "a moment channel is dead, clipped or of the other sign" in far.remark
-    still = checked(trial_of(tmp_path / "b.c3d", 2, type_2(force, 0 * moment)))["pressure_travel"]
+    still = checked(trial_of(tmp_path / "b.c3d", np.hstack((force, 0 * moment))))["pressure_travel"]
     assert still.value == pytest.approx(0, abs=0.005)
 
 
 def test_moments_a_thousand_times_too_large_or_too_small_are_named(tmp_path: Path) -> None:
     force, moment = load()
-    large = trial_of(tmp_path / "a.c3d", 2, type_2(force, 1e3 * moment))
+    large = trial_of(tmp_path / "a.c3d", np.hstack((force, 1e3 * moment)))
     result = checked(large)["pressure_centre"]
     assert "moments look a thousand times too large; state `plate_units`" in result.remark
-    mended = trial_of(tmp_path / "a.c3d", 2, type_2(force, 1e3 * moment), plate_units={"force": "N", "moment": "N*mm"})
+    mended = trial_of(
+        tmp_path / "a.c3d", np.hstack((force, 1e3 * moment)), plate_units={"force": "N", "moment": "N*mm"}
+    )
     assert checked(mended)["pressure_centre"].value == 0
-    small = checked(trial_of(tmp_path / "b.c3d", 2, type_2(force, 1e-3 * moment)))["pressure_travel"]
+    small = checked(trial_of(tmp_path / "b.c3d", np.hstack((force, 1e-3 * moment))))["pressure_travel"]
     assert "a thousand times too small" in small.remark
 
 
 def test_a_plate_on_which_nobody_stands_is_not_judged(tmp_path: Path) -> None:
     force, moment = load()
-    trial = trial_of(tmp_path / "a.c3d", 2, 0.05 * type_2(force, moment))
+    trial = trial_of(tmp_path / "a.c3d", 0.05 * np.hstack((force, moment)))
     assert checked(trial)["pressure_centre"] == CheckResult(None, "not applicable: no plate is stood on")
     assert checked(trial, "plate")["pressure_centre"].remark == "not applicable: nobody stands on a plate"
 

@@ -1,7 +1,7 @@
 """The moving force plate: its axes, its own mass, its lateness, its faults, and how the foot loads it."""
 
+import re
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,8 +9,6 @@ import polars as pl
 import pytest
 import walking_synthetic as synthetic
 from scipy.spatial.transform import Rotation
-from test_quality_plates import TIME as T
-from test_quality_plates import load, trial_of, type_2
 from walking_synthetic import PLATE_RATE, RATE, G, Ramp, Rig, bump, changed, hidden, settings, static_trial, walked_over
 
 from osl_analysis.errors import InputError
@@ -93,6 +91,26 @@ def test_parameters_that_noise_would_decide_are_left_out() -> None:
     assert identify_plate_inertia(pairs, noise=noise).identified == plate.PLANAR
 
 
+def test_noise_that_is_known_makes_no_plate_lighter() -> None:
+    """A fifth of the acceleration: without a correction the mass is a seventh too small."""
+    random, quiet = np.random.default_rng(3), [plate_motion(about, 0.15, 0.04) for about in range(3)]
+    drawn = [random.normal(0, 0.2 * m.acceleration.std(), (RATE, 3)) for m, _ in quiet]
+    noisy = [(replace(m, acceleration=m.acceleration + n), w) for (m, w), n in zip(quiet, drawn, strict=True)]
+    of_noise = squares_of(columns_of(noisy) - columns_of(quiet))
+    biased, found = (identify_plate_inertia(noisy, noise=squares).parameters for squares in (None, of_noise))
+    assert biased[0] < 0.9 * MASS
+    np.testing.assert_allclose(found[:4], TRUE[:4], rtol=0.02)
+
+
+def test_standard_errors_cover_white_noise() -> None:
+    """400 scores of unit variance: their RMS lies within 0.85-1.2 even with the few that Newey and West misjudge."""
+    random, scores, pair = np.random.default_rng(5), [], [plate_motion(about, 0.15, 0.04) for about in range(3)]
+    for _ in range(40):
+        inertia = identify_plate_inertia([(m, w + random.normal(0, [0.5] * 3 + [0.05] * 3, w.shape)) for m, w in pair])
+        scores.append((inertia.parameters - TRUE) / inertia.standard_errors)
+    assert 0.8 < np.sqrt(np.mean(np.square(scores))) < 1.3
+
+
 def test_a_wrench_is_brought_to_the_markers_frames() -> None:
     """Without delay; a late plate is read later; no aliasing: 290 Hz seen at 300 Hz would be 10 Hz, full size."""
     fast, slow = np.arange(4500) / PLATE_RATE, np.arange(900) / RATE
@@ -121,7 +139,7 @@ def model_of(*trials: Trial, **choices: Any) -> PlateModel:
 
 
 def test_the_models_without_a_trial_know_nothing_of_it() -> None:
-    trials = [unloaded(f"plate_{k}", lag=0.001 * (1 + k)) for k in range(3)]
+    trials = [unloaded(f"plate_{k}", lag=0.001 * (1 + k), mass=MASS + k) for k in range(3)]
     model = model_of(*trials)
     for k, other in enumerate(model.leave_one_out):
         assert other.lag == pytest.approx(np.delete(model.lags, k).mean())
@@ -129,7 +147,7 @@ def test_the_models_without_a_trial_know_nothing_of_it() -> None:
         np.testing.assert_allclose(other.parameters, alone.parameters, rtol=1e-9)
     left = np.array([other.parameters for other in model.leave_one_out])
     jackknife = np.sqrt(2 / 3 * np.sum((left - left.mean(axis=0)) ** 2, axis=0))
-    assert (model.standard_errors >= (1 - 1e-9) * jackknife).all()
+    assert model.standard_errors[0] == pytest.approx(jackknife[0])  # larger than what one regression tells
     assert (len(left), model_of(trials[0]).leave_one_out) == (3, ())
 
 
@@ -236,32 +254,26 @@ def test_a_plate_at_its_limit_is_refused_also_where_it_stands_askew_and_one_that
         plate.check_range(TIME, own @ turn.T, plate_axes(np.array(synthetic.CORNERS) @ turn.T), 30)
 
 
-STANCE = Stance(0.2, 0.8)
-PERSON = np.array([0.0, 700.0])
+def examined(kind: int = 2, **channel: float) -> Trial:
+    """A recording of a plate of which ingest found this in a channel."""
+    facts = {"label": "A3", "clipped_samples": 0, "stands_samples": 0, **channel}
+    return Trial("w", pl.DataFrame({"time": [0.0]}), {"plates": [{"plate": 1, "type": kind, "channels": [facts]}]})
 
 
-def test_a_plate_that_fails_in_a_stance_is_refused_and_elsewhere_does_not_matter(tmp_path: Path) -> None:
-    def clipped(name: str, limit: float) -> Trial:
-        channels = type_2(*load())
-        channels[:, 2] = np.clip(channels[:, 2], -limit, limit)
-        return trial_of(tmp_path / name, 2, channels)
-
-    low = clipped("a.c3d", 200.0)
-    with pytest.raises(InputError, match=r"channel A3 of force plate 1 stays at -?200 from 0\.\d+ s to 0\."):
-        check_plate(low, 1, STANCE, PERSON)
-    check_plate(low, 1, Stance(0.9, 1.5), PERSON)
-    check_plate(low, 2, STANCE, PERSON)
-    check_plate(clipped("b.c3d", 2000.0), 1, STANCE, PERSON)
-    channels = type_2(*load())
+def test_a_plate_that_fails_in_a_stance_is_refused_and_elsewhere_does_not_matter() -> None:
+    stance, person = Stance(0.2, 0.8), np.array([0.0, 700.0])
+    low = examined(clipped_samples=50, clipped_from_s=0.3, clipped_to_s=0.4, clipped_at=-200.0)
+    dead = examined(stands_samples=50, stands_from_s=0.1, stands_to_s=0.31)
+    with pytest.raises(InputError, match=r"channel A3 of force plate 1 stays at -200 from 0\.300 s to 0\.400 s"):
+        check_plate(low, 1, stance, person)
+    with pytest.raises(InputError, match=r"channel A3 of force plate 1 repeats one value from 0\.100 .* it is dead"):
+        check_plate(dead, 1, stance, person)
+    for trial, number, contact in ((low, 1, Stance(0.39, 1.5)), (low, 2, stance), (dead, 1, Stance(0.22, 0.8))):
+        check_plate(trial, number, contact, person)
     with pytest.raises(InputError, match=r"plate 1 reads up to 7e\+05 N, expected less than 8000 N under a person"):
-        check_plate(trial_of(tmp_path / "c.c3d", 2, channels), 1, STANCE, 1e3 * PERSON)
-    channels[:, 3] = 12.0
-    with pytest.raises(InputError, match=r"channel A4 of force plate 1 repeats one value from .* it is dead"):
-        check_plate(trial_of(tmp_path / "d.c3d", 2, channels), 1, STANCE, PERSON)
-    pressure = np.column_stack([np.zeros((T.size, 2)), -700 + 0 * T, 0.01 * np.sin(T), 0 * T, 0 * T])
-    first = trial_of(tmp_path / "e.c3d", 1, pressure, plate_units={"force": "N", "moment": "N*m", "length": "m"})
+        check_plate(examined(), 1, stance, 1e3 * person)
     with pytest.raises(InputError, match=r"of type 1 .* export it as type 2, 3 or 4"):
-        plate.check_type_on_platform(first, 1)
+        plate.check_type_on_platform(examined(1), 1)
     plate.check_type_on_platform(low, 1)
 
 
@@ -274,10 +286,8 @@ def test_the_pressure_beside_the_ankle_is_where_the_force_acts_and_a_marker_may_
     centre, ankle = np.array([[1.0, 2.0, 0.1]]), np.array([[1.05, 1.9, 0.2]])
     force, point = np.array([[30.0, -20.0, 700.0]]), np.array([0.93, 2.1, 0.1])
     moment = np.cross(point - centre, force) + np.array([0, 0, 4.0])  # and a free moment
-    pressed, light = (
-        plate.load_on_foot(part * np.hstack([force, moment]), centre, ankle, np.array([[-1.0, 0, 0]]))
-        for part in (1, 0.1)
-    )
+    wrench, left = np.hstack([force, moment]), np.array([[-1.0, 0, 0]])
+    pressed, light = (plate.load_on_foot(part * wrench, centre, ankle, left) for part in (1, 0.1))
     assert pressed[:, 0] == pytest.approx([700, 1.05 - 0.93])
     assert light[1] == [0.0]  # 70 N have no centre of pressure
     for marker, distance in (([1.29, 2.19, 0.1], 0.0), ([1.35, 2.1, 0.3], 0.05), ([0.66, 1.77, 0.1], 0.05)):
@@ -286,12 +296,8 @@ def test_the_pressure_beside_the_ankle_is_where_the_force_acts_and_a_marker_may_
 
 def test_a_load_that_does_not_act_upwards_and_a_plate_on_edge_are_refused_with_the_remedy() -> None:
     upwards = np.sin(np.pi * PHASE)[:, None]
-    for force, along in (
-        ([20.0, 700, 30], r"\+y \(570"),
-        ([20.0, 30, -700], r"-z \(-570"),
-        ([-700.0, 30, 10], r"-x \(-570"),
-    ):
-        with pytest.raises(InputError, match=rf"along {along} N\), expected \+z: correct `sign`"):
+    for force, along in (([20.0, 700, 30], "+y (570"), ([20.0, 30, -700], "-z (-570"), ([-700.0, 30, 10], "-x (-570")):
+        with pytest.raises(InputError, match=re.escape(f"along {along} N), expected +z: correct `sign`")):
             check_vertical(upwards * force)
     check_vertical(upwards * [200.0, 100, 700])
     check_vertical(np.zeros((5, 3)))

@@ -64,11 +64,6 @@ def torque_error(trials: list[Trial], turned: list[Ramp], model: PlatformModel, 
     return float(np.sqrt(np.mean(np.square(np.concatenate(errors)))))
 
 
-def late(trials: list[Trial], turned: list[Ramp], model: PlatformModel) -> Array:
-    """Errors [s] of the starts by the shape."""
-    return np.array([model.alignments[t.name].start - r.onset for t, r in zip(trials, turned, strict=True)])
-
-
 def test_the_mass_of_a_heavy_plate_is_inside_its_interval_and_without_bias_where_noise_is_small() -> None:
     """25 kg, 0.3 mm, 2.5 deg: all six coordinates at 8 Hz read 22.9 +- 0.2 kg. Over 12 seeds -0.02 +- 0.06 (0.06). And
     5 deg in 80 ms, 0.1 mm: noise that is read from columns in which the low-pass of 8 Hz spread the motion made it
@@ -122,17 +117,16 @@ def test_torque_and_onset_are_free_of_each_crossings_own_noise(seed, count, chan
     assert len(model.template.axes) == (2 if heave else 1)
     assert model.template.scaled == ("rise" in change)
     table = platform_table(model)
+    late = table["template_onset_s"].to_numpy() - [ramp.onset for ramp in turned]
     assert table["follows"].to_list() == [1] * count
     if seed == 1:
-        assert np.std(late(trials, turned, model)) < 4e-4
-        assert abs(np.mean(late(trials, turned, model))) < 2.5 * model.template.start_se
+        assert (np.std(late) < 4e-4, abs(np.mean(late)) < 2.5 * model.template.start_se) == (True, True)
         assert table["template_onset_se_s"].max() < 4e-4
     if "rise" in change:
         assert table["duration"][1::2].mean() / table["duration"][::2].mean() == pytest.approx(1.2, abs=0.02)
-        assert np.std(late(trials, turned, model)) < 1e-3
+        assert np.std(late) < 1e-3
     if "angle" in change:
-        signs = np.sign(table["amplitude"].to_numpy())
-        assert (signs[::2] == -signs[1::2]).all()
+        assert (np.sign(table["amplitude"][::2].to_numpy()) == -np.sign(table["amplitude"][1::2].to_numpy())).all()
 
 
 def test_the_errors_of_a_torque_hold_what_each_group_of_crossings_does_to_the_shape_also_from_a_file(tmp_path) -> None:
@@ -146,7 +140,7 @@ def test_the_errors_of_a_torque_hold_what_each_group_of_crossings_does_to_the_sh
     write_model(model, tmp_path / "platform.json")
     again = read_model(tmp_path / "platform.json", PlatformModel)
     assert platform_table(again).equals(platform_table(model))
-    assert len(again.leave_out) == len(model.leave_out) == 3
+    assert len(again.leave_out) == 3
 
 
 def test_a_crossing_that_moves_in_another_way_keeps_its_own_motion_by_name() -> None:
@@ -155,7 +149,6 @@ def test_a_crossing_that_moves_in_another_way_keeps_its_own_motion_by_name() -> 
     with pytest.warns(UserWarning, match="trial walk_02: the platform does not move as in the other crossings"):
         trials, model = shared(turned, 4)
     assert [a.follows for a in model.alignments.values()] == [True, True, False, True, True, True]
-    assert model.followed("walk_02") is None
     assert torque_error(trials[2:3], turned[2:3], model) < 1.5
     assert model.onset("walk_02", 1.234) == 1.234
 

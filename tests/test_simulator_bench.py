@@ -174,14 +174,13 @@ def test_an_excitation_has_its_length_its_size_its_band_and_rests_at_both_ends(k
     assert kind in ("hand", "prbs", "ramps") or power[(f > 0.8) & (f < 4.3)].sum() > 0.98 * power.sum()
 
 
-def test_a_multisine_repeats_itself_and_its_realisations_have_the_same_lines_and_other_phases():
+def test_a_multisine_repeats_itself_and_its_realisations_have_the_same_odd_lines_and_other_phases():
     theta = excited("multisine", realisations=2).theta
     one, again, other = (theta[start : start + 4000] for start in (2500, 6500, 2500 + 12000 + 2000 + 1500))
     np.testing.assert_allclose(one, again, atol=1e-9)
     sizes = [np.abs(np.fft.rfft(x))[:40] / 4000 for x in (one, other)]
     np.testing.assert_allclose(*sizes, atol=1e-6)
-    assert np.abs(one - other).max() > 0.02
-    assert not (sizes[0][::2] > 1e-6).any()
+    assert (np.abs(one - other).max() > 0.02, (sizes[0][::2] > 1e-6).any()) == (True, False)
 
 
 @pytest.mark.parametrize("frequency_hz", [1, 30])
@@ -471,18 +470,3 @@ def test_two_nodes_write_standard_messages_of_their_stamps_and_values(tmp_path):
     angles = [log[name].tolist() for name in (ANGLE, "actuator_angle", "commanded_angle")]
     assert [list(m.position) for _, m in found["/joint_states"]] == [list(row) for row in zip(*angles, strict=True)]
     assert not np.any([m.effort for _, m in found["/joint_states"]])
-
-
-def test_a_recording_that_breaks_off_leaves_the_older_file(tmp_path, monkeypatch, clean):
-    path = tmp_path / "a.mcap"
-    write_bench_log(path, clean, two_nodes=False)
-    before = path.read_bytes()
-
-    def fail(*_):
-        raise OSError("no space left on device")
-
-    monkeypatch.setattr("mcap.writer.Writer.finish", fail)
-    with pytest.raises(InputError, match=r"a\.mcap: cannot be written \(no space left on device\); make room"):
-        write_bench_log(path, clean, two_nodes=False)
-    assert path.read_bytes() == before
-    assert list(tmp_path.iterdir()) == [path]

@@ -184,18 +184,8 @@ def left_over_lags(s: Sums, base: Model, keep: Keep = None) -> tuple[Array, Arra
     late = s.late_by(about)
     turns = np.zeros((*about.shape, s.torque + 2, p + 1))
     turns[..., :-2, :p], turns[..., -2, p] = late[..., s.index(list(base.values()))], 1.0
-    left = least_left(np.swapaxes(turns, -1, -2) @ ways.totals(keep)[:, None] @ turns)
+    left = gram.least_left(np.swapaxes(turns, -1, -2) @ ways.totals(keep)[:, None] @ turns)
     return left / ways.noise_gain[:, None], ways.late[:, None] + about
-
-
-def least_left(total: Array) -> Array:
-    """Sum of squares that columns leave of the torque, of sums (..., p + 1, p + 1) whose last one is the torque."""
-    A, b = total[..., :-1, :-1], total[..., :-1, -1]
-    scale = np.sqrt(np.maximum(np.diagonal(A, axis1=-2, axis2=-1), np.finfo(float).tiny))
-    values, vectors = np.linalg.eigh(A / (scale[..., :, None] * scale[..., None, :]))
-    along = ((b / scale)[..., None, :] @ vectors)[..., 0, :]
-    taken = np.divide(along**2, values, out=np.zeros_like(values), where=values > 1e-13 * values[..., -1:])
-    return np.asarray(total[..., -1, -1] - taken.sum(axis=-1))
 
 
 def near_lag(s: Sums, base: Model, start: float, keep: Keep = None) -> GroupFit:
@@ -254,7 +244,7 @@ def causes(record: Record, s: Sums, model: Model) -> Causes:
         the sets are of one size."""
         columns = [[*model.values(), *("jerk" if e == "lag_s" else COLUMN.get(e, e) for e in one)] for one in sets]
         own = np.array([[*at.index(names), at.torque] for names in columns])
-        return list(least_left(at.total[own[:, :, None], own[:, None, :]]).tolist())
+        return list(gram.least_left(at.total[own[:, :, None], own[:, None, :]]).tolist())
 
     while len(chosen) < len(effects):
         rest = [e for e in effects if e not in chosen]
@@ -350,7 +340,7 @@ def lag_of(record: Record, s: Sums, model: Model, found: Causes) -> Fault | None
         # more is left, of which the richest model explains nothing
         names = list(dict.fromkeys([*about.rich, *with_columns(model, others).values()]))
         at = [*about.index(names), about.torque]
-        least = float(least_left(about.total[np.ix_(at, at)])) / about.noise_gain
+        least = float(gram.least_left(about.total[np.ix_(at, at)])) / about.noise_gain
         free = max(len(names) - len(fit.names), 1)
         explained = fit.left - least > float(chdtri(free, FALSE_ALARM)) * fit.left / fit.samples * about.independent
         sure = leaves_noise(record, fit, 2.0) and not explained

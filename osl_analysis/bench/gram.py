@@ -16,23 +16,15 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.linalg import block_diag
 from scipy.special import stdtrit
 
 from osl_analysis.bench.record import Groups, Label, Record
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.measured import check_measured, rounding_of
 from osl_analysis.signals import seven_point_motion
+from osl_analysis.stats import regression
 from osl_analysis.stats.covariance import between_cycles, products_between, welch_satterthwaite
-from osl_analysis.stats.regression import (
-    CONDITION_LIMIT,
-    ROUNDED,
-    LinearFit,
-    check_not_zero,
-    largest_correlation,
-    refuse_unidentifiable,
-    scaled_condition,
-)
+from osl_analysis.stats.regression import CONDITION_LIMIT, LinearFit
 from osl_analysis.trial import Array
 
 FEWEST_UNITS = 4  # strata from which on these are the units that are left out; below, each group is one
@@ -104,7 +96,10 @@ class Sums:
 
     def turned(self, columns: Array) -> Array:
         """The combinations (q + 2, p + 2) that columns (q, p) are, and both torques as they are."""
-        return np.asarray(block_diag(columns, np.eye(2)))
+        q, p = columns.shape
+        found = np.zeros((q + 2, p + 2))
+        found[:q, :p], found[q:, p:] = columns, np.eye(2)
+        return found
 
     @cached_property
     def restored(self) -> "Restored":
@@ -211,14 +206,20 @@ def gram_sums(record: Record, columns: Mapping[str, Array], rich: Sequence[str],
 
 
 def solved(A: Array, b: Array) -> tuple[Array, Array]:
-    """Estimates (p,) and the inverse (p, p) of normal equations."""
-    scale = np.sqrt(np.maximum(np.diag(A), np.finfo(float).tiny))
-    values, vectors = np.linalg.eigh(A / (scale[:, None] * scale))
-    known = values > 1e-13 * values[-1]
-    parts = vectors[:, known] / scale[:, None]
-    inverse = (parts / values[known]) @ parts.T
-    estimates = inverse @ b
-    return estimates + inverse @ (b - A @ estimates), inverse
+    """Estimates (..., p) and the inverse (..., p, p) of normal equations."""
+    scale = np.sqrt(np.maximum(np.diagonal(A, axis1=-2, axis2=-1), np.finfo(float).tiny))
+    values, vectors = np.linalg.eigh(A / (scale[..., :, None] * scale[..., None, :]))
+    parts, known = vectors / scale[..., :, None], values > 1e-13 * values[..., -1:]
+    weights = np.divide(1, values, out=np.zeros_like(values), where=known)
+    inverse, column = parts * weights[..., None, :] @ np.swapaxes(parts, -1, -2), b[..., None]
+    estimates = inverse @ column
+    return (estimates + inverse @ (column - A @ estimates))[..., 0], inverse
+
+
+def least_left(total: Array) -> Array:
+    """Sum of squares that columns leave of the torque, of sums (..., p + 1, p + 1) whose last one is the torque."""
+    b = total[..., :-1, -1]
+    return np.asarray(total[..., -1, -1] - np.sum(b * solved(total[..., :-1, :-1], b)[0], axis=-1))
 
 
 def estimates_of(total: Array, at: Sequence[int], q: int) -> Array:
@@ -242,10 +243,12 @@ def fit_groups(
     names, p, columns = tuple(model), len(model), list(model.values())
     groups = np.flatnonzero(keep if isinstance(keep, np.ndarray) else s.groups.of(keep))
     if turn is None:
-        turn = s.turned(s.combinations([{column: 1.0} for column in columns]))
-    used = np.flatnonzero(turn.any(axis=1))
-    turn = turn[used]
-    own = turn.T @ (s.gram[:, used[:, None], used][groups] @ turn)
+        used, turn = np.array([*s.index(columns), s.torque, s.torque + 1]), np.eye(p + 2)
+        own = s.gram[:, used[:, None], used][groups]
+    else:
+        used = np.flatnonzero(turn.any(axis=1))
+        turn = turn[used]
+        own = turn.T @ (s.gram[:, used[:, None], used][groups] @ turn)
     one = columns.index("one")
     if "late" in columns:  # time about the middle of what is fitted: a drift and an offset are then told apart
         late, total = columns.index("late"), own[:, one].sum(axis=0)
@@ -307,7 +310,7 @@ def fit_groups(
         BY_UNITS if unit is stratum or not s.groups.repeat else BY_REPEATS,
         freedom,
         np.empty(0),
-        largest_correlation(about_means),
+        regression.largest_correlation(about_means),
         noise if repeats else None,
         left,
         units,
@@ -321,13 +324,13 @@ def identified(model: Mapping[str, str], A: Array, b: Array, limit: float) -> tu
     estimates, inverse = solved(A, b)
     varies = [k for k, column in enumerate(model.values()) if column != "one"]
     about_means = inverse[np.ix_(varies, varies)]
-    scale = np.sqrt(check_not_zero(tuple(model), np.diag(A)))
+    scale = np.sqrt(regression.check_not_zero(tuple(model), np.diag(A)))
     values, vectors = np.linalg.eigh(A / np.outer(scale, scale))
     condition = float(np.sqrt(values[-1] / max(values[0], 1e-30 * values[-1])))
-    if len(about_means) > 1 and condition < ROUNDED:
-        condition = scaled_condition(about_means)
+    if len(about_means) > 1 and condition < regression.ROUNDED:
+        condition = regression.scaled_condition(about_means)
     if condition > limit:
-        refuse_unidentifiable(tuple(model), vectors[:, 0], condition)
+        regression.refuse_unidentifiable(tuple(model), vectors[:, 0], condition)
     return estimates, inverse, about_means, condition
 
 

@@ -174,13 +174,10 @@ def check_alias(record: Record, fit: GroupFit) -> None:
     """Refuse a motion whose acceleration jumps within a sample, at an unknown instant, if this changes B or I by more
     than 1 %, and by more than the interval of noise.
 
-    The torque jumps with the acceleration. Without an anti-aliasing filter a sample shows the torque before or after
-    the jump, so that its area is known to half a sample: a pseudo-random binary sequence that is clocked with the
-    sampling is read late by half a sample in all of its jumps.
-
-    A jump is a third difference of eight robust standard deviations, which noise does not reach, nor the rounding of an
-    encoder (four steps at most), and as far above those of 15 samples to each side: a hand, or a sweep, is as fast
-    there without a jump.
+    The torque jumps with the acceleration. Without an anti-aliasing filter its area is known to half a sample: a binary
+    sequence that is clocked with the sampling is read late by half a sample in all of its jumps. A jump is a third
+    difference of eight robust standard deviations, which neither noise reaches nor the rounding of an encoder (four
+    steps at most), and as far above those of 15 samples to each side, where a hand, or a sweep, is as fast.
     """
     theta, torque, beside = record.theta, record.torque, 3  # samples on each side from which the size of a jump is read
     third = np.abs(np.diff(theta, 3))
@@ -346,10 +343,9 @@ def angle_noise_bias(record: Record, s: Sums, fit: GroupFit, label: Label = None
 def torque_at_peaks(rendered: Rendered) -> float | None:
     """Smallest SD of the measured torque over that of the modelled one, where the latter is at its peaks.
 
-    Both are filtered alike; offsets do not matter. The peaks are the highest and the lowest rows of the modelled
-    torque, by shares from sharp peaks of noise to sines. The ratio is 1 for a joint of Eq. 15. Noise and distortion of
-    the torque raise it. Friction lowers it to 0.7. It is near 0 where the torque is clipped, however noisy the plateau
-    is: equal samples, by which a clipped sensor is told, are not needed. None where no peak has the range for a
+    Both are filtered alike. The peaks are the highest and the lowest rows of the modelled torque, by shares from sharp
+    peaks of noise to sines. The ratio is 1 for a joint of Eq. 15; noise and distortion raise it, friction lowers it to
+    0.7. It is near 0 where the torque is clipped, however noisy the plateau is. None where no peak has the range for a
     comparison: the top of a sine is flat and noisy.
     """
     record = rendered.record

@@ -123,14 +123,11 @@ class DrivetrainTrial:
         joint = self.p.B_j * record.motion.omega + self.p.J_j * record.motion.alpha
         return record.low_pass(belt, record.rate_hz) + joint
 
-    def residual(self, prediction: Array, rows: NDArray[np.intp]) -> Array:
-        """What a prediction (n,) leaves of the torque of one amplitude, which has its own offset and drift."""
-        return without_offset(self.record.filtered_torque[rows] - prediction[rows])
-
     def residuals(self, x: Array) -> Array:
-        """What the model with the three numbers x leaves of the torque of all amplitudes."""
-        prediction = self.predicted(x)
-        return np.concatenate([self.residual(prediction, rows) for rows in self.amplitude_rows])
+        """What the model with the three numbers x leaves of the torque of all amplitudes, one after the other. Each has
+        its own offset and drift."""
+        left = self.record.filtered_torque - self.predicted(x)
+        return np.concatenate([without_offset(left[rows]) for rows in self.amplitude_rows])
 
 
 def drivetrain_rivals(trial: DrivetrainTrial) -> list[Candidate]:
@@ -151,9 +148,9 @@ def drivetrain_rivals(trial: DrivetrainTrial) -> list[Candidate]:
     x, jacobian, residual = (np.asarray(u, dtype=float) for u in (best.x, best.jac, best.fun))
     start, held_out = 0, []
     for rows in trial.amplitude_rows:
-        rest = np.r_[:start, start + len(rows) : len(residual)]
-        step, *_ = np.linalg.lstsq(jacobian[rest], -residual[rest], rcond=None)
-        held_out.append(trial.residual(trial.predicted(np.maximum(x + step, lowest)), rows))
+        own = slice(start, start + len(rows))
+        step, *_ = np.linalg.lstsq(np.delete(jacobian, own, axis=0), -np.delete(residual, own), rcond=None)
+        held_out.append(trial.residuals(np.maximum(x + step, lowest))[own])
         start += len(rows)
     fitted = "Eq. 9 + friction; K_1 and B_1 and friction fitted"
     return [

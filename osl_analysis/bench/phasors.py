@@ -12,7 +12,7 @@ from scipy.special import stdtrit
 
 from osl_analysis.bench.record import Label, Record
 from osl_analysis.errors import InputError
-from osl_analysis.measured import SMALLEST_SIGNAL, check_finite, check_measured
+from osl_analysis.measured import check_finite, check_measured
 from osl_analysis.protocol.stepped_sine import whole_rows
 from osl_analysis.stats.covariance import FEWEST_CYCLES, between_cycles, hac, products_between, welch_satterthwaite
 from osl_analysis.stats.fit_row import Row
@@ -60,17 +60,15 @@ class ComplexEstimate:
 
     @property
     def magnitude_se(self) -> float:
-        """Standard error of the magnitude, in the unit of the number; refused for 0."""
+        """Standard error of the magnitude, in the unit of the number."""
         return self._se_along(1)
 
     @property
     def phase_se(self) -> float:
-        """Standard error of the phase [rad]; refused for 0."""
+        """Standard error of the phase [rad]."""
         return self._se_along(1j) / self.magnitude
 
     def _se_along(self, turn: complex) -> float:
-        if self.magnitude < SMALLEST_SIGNAL:
-            raise InputError(f"the number {self.value:.3g} has no phase; check the signals from which it was estimated")
         direction = turn * self.value / self.magnitude
         unit = np.array([direction.real, direction.imag])
         return float(np.sqrt(max(float(unit @ self.covariance @ unit), 0.0)))
@@ -85,12 +83,7 @@ def with_errors(value: complex, errors: Sequence[tuple[Array, float]]) -> Comple
 
 
 def complex_quotient(numerator: ComplexEstimate, denominator: ComplexEstimate) -> ComplexEstimate:
-    """numerator/denominator. The covariance is of first order; the two errors must be independent.
-
-    Raises InputError: The denominator is 0, or smaller than anything measured.
-    """
-    if denominator.magnitude < SMALLEST_SIGNAL:
-        raise InputError(f"no quotient by {denominator.value:.3g}; check the signal from which it was estimated")
+    """numerator/denominator. The covariance is of first order; the two errors must be independent."""
     ratio = numerator.value / denominator.value
     errors = []
     for slope, number in ((1 / denominator.value, numerator), (-ratio / denominator.value, denominator)):
@@ -275,10 +268,9 @@ def frequency_response_table(phasors: pl.DataFrame) -> pl.DataFrame:
     Their phases are computed relative to that of the mean, so that they do not jump at 180 degrees. `doubtful` lists
     the reasons of doubtful phasors with their amplitudes.
     """
-    types: dict[str, Any] = {
-        **dict.fromkeys(("trial", "joint", "side", "controller"), pl.String),
-        **dict.fromkeys(("K_d", "B_d", "frequency_hz"), pl.Float64),
-    }  # rows that agree in these differ in the amplitude only
+    types: dict[str, Any] = dict.fromkeys(("trial", "joint", "side", "controller"), pl.String)
+    types |= dict.fromkeys(("K_d", "B_d", "frequency_hz"), pl.Float64)
+    # rows that agree in these differ in the amplitude only
     keys = [key for key in types if key in phasors.columns] if len(phasors) else list(types)
     rows = list[Row]()
     for values, amplitudes in phasors.group_by(keys, maintain_order=True) if len(phasors) else ():
@@ -306,11 +298,11 @@ def frequency_response_table(phasors: pl.DataFrame) -> pl.DataFrame:
                 "doubtful": "; ".join(f"at {amplitude:g} deg: {reason}" for amplitude, reason in reasons),
             }
         )
+    ranges = ("magnitude_min", "magnitude_max", "phase_min_deg", "phase_max_deg")
     schema = {key: phasors.schema.get(key, types[key]) for key in keys}
-    schema |= dict.fromkeys((*POLAR, *(f"Y_{part}" for part in COMPLEX_PARTS)), pl.Float64)
-    schema |= {"interval_method": pl.String}
-    schema |= dict.fromkeys(("magnitude_min", "magnitude_max", "phase_min_deg", "phase_max_deg"), pl.Float64)
-    return pl.DataFrame(rows, schema=schema | {"n_amplitudes": pl.Int64, "doubtful": pl.String})
+    schema |= dict.fromkeys((*POLAR, *(f"Y_{part}" for part in COMPLEX_PARTS), "interval_method", *ranges), pl.Float64)
+    schema |= {"interval_method": pl.String, "n_amplitudes": pl.Int64, "doubtful": pl.String}
+    return pl.DataFrame(rows, schema=schema)
 
 
 def harmonic_shares(

@@ -17,18 +17,8 @@ from scipy.signal import welch
 
 from osl_analysis.bench.settings import BenchStiffness, ImpedanceAnalysis, SteppedSineAnalysis
 from osl_analysis.errors import IdentifiabilityError, InputError
-from osl_analysis.protocol.stepped_sine import (
-    BIN_S,
-    HARDLY,
-    MOVING_SHARE,
-    Likeness,
-    Segment,
-    find_segments,
-    labels_deg,
-    moving_bins,
-    settled_cycles,
-    whole_rows,
-)
+from osl_analysis.protocol import stepped_sine
+from osl_analysis.protocol.stepped_sine import Likeness, whole_rows
 from osl_analysis.signals import LowPass, Motion, filtered_motion, runs
 from osl_analysis.signals.grid import GapLimits, UniformSignals, on_one_grid, origin, uniform_signals
 from osl_analysis.spectral.periods import PeriodicMotion, periodic_motion
@@ -254,11 +244,11 @@ def joint_angle(theta: Array, torque: Array, compliance: float) -> Array:
     return theta - compliance * torque if compliance else theta
 
 
-def cycles_of(segments: Sequence[Segment], settle_cycles: int, usable: NDArray[np.bool_]) -> Groups:
+def cycles_of(segments: Sequence[stepped_sine.Segment], settle_cycles: int, usable: NDArray[np.bool_]) -> Groups:
     """The settled, usable cycles of segments; a stratum is a segment. Raises InputError as `settled_cycles`."""
-    kept = [settled_cycles(segment, settle_cycles, usable) for segment in segments]
+    kept = [stepped_sine.settled_cycles(segment, settle_cycles, usable) for segment in segments]
     strata = []
-    for whole, label in zip(segments, labels_deg(segments), strict=True):
+    for whole, label in zip(segments, stepped_sine.labels_deg(segments), strict=True):
         meant = None if whole.commanded is None else round(float(np.rad2deg(whole.commanded)), 9)
         strata.append(Stratum(whole.rows, label, whole.frequency_hz, meant))
     first, stop = np.concatenate(kept).T
@@ -317,11 +307,10 @@ def record_of_trial(
 ) -> Record:
     """The record of a trial.
 
-    `excitation`, or else that of the settings, says what moved the joint; `auto` asks the recording. A motion in which
-    half of the moving time is sines of one frequency each is a stepped sine; one that hardly has any, and does not have
-    the commanded frequencies in turn, is another motion. Between the two a stepped sine may be damaged: it is refused,
-    or fitted as one, and a refusal names the setting by which it is taken for another motion. `windows` [s] state that
-    it is one, and what of it is fitted.
+    `excitation`, or else that of the settings, says what moved the joint; `auto` asks the recording. Half of the moving
+    time of a stepped sine is sines of one frequency each; another motion hardly has any, and not the commanded ones in
+    turn. Between the two a stepped sine may be damaged: it is refused with the setting by which it is taken for another
+    motion, or fitted as one. `windows` [s] state that it is another, and what of it is fitted.
 
     Raises InputError: a signal is missing, has no time base, does not move, or follows a damaged protocol; the message
     names the trial.
@@ -342,7 +331,7 @@ def record_of_trial(
             assert isinstance(settings, ImpedanceAnalysis)
             return motion_parts(one, settings, windows or settings.windows)
         likeness = known if one is signals else Likeness(one.time, one["theta"], settings.protocol)
-        groups = cycles_of(find_segments(likeness), settings.settle_cycles, one.usable)
+        groups = cycles_of(stepped_sine.find_segments(likeness), settings.settle_cycles, one.usable)
         hz = [stratum.frequency_hz for stratum in groups.strata]
         return groups, (min(hz), max(hz)), None, one
 
@@ -363,8 +352,8 @@ def record_of_trial(
         elif auto and not is_other and not known.moves and degrees > 1.0:  # beyond the noise of any encoder
             words = (
                 f"the joint moves too slowly: theta changes by {degrees:.3g} deg in all, but by no more than "
-                f"{100 * MOVING_SHARE:g} % of it, or its noise, within {BIN_S:g} s; move it by 0.5 to 6 Hz, or take "
-                "the stiffness alone by experiment 'torque_angle'"
+                f"{100 * stepped_sine.MOVING_SHARE:g} % of it, or its noise, within {stepped_sine.BIN_S:g} s; move it "
+                "by 0.5 to 6 Hz, or take the stiffness alone by experiment 'torque_angle'"
             )
         elif auto and not is_other and not known.moves:
             words = (
@@ -372,7 +361,7 @@ def record_of_trial(
                 "theta in the source file, and that this is the recording of the trial"
             )
         raise type(error)(f"trial {trial.name}: {words}") from error
-    if auto and not is_other and known.moves and known.kind == "unclear" and known.sines < HARDLY:
+    if auto and not is_other and known.moves and known.kind == "unclear" and known.sines < stepped_sine.HARDLY:
         raise InputError(
             f"trial {trial.name}: theta has the commanded frequencies, but is no stepped sine; look for spikes, hum "
             f"and a mount that turns; {meant}, or `excitation: stepped_sine` to fit what there is"
@@ -485,7 +474,7 @@ def fitted_pieces(
     enough."""
     time = signals.time - signals.time[0]
     if stated is None:
-        moving = moving_bins(time, signals["theta"])
+        moving = stepped_sine.moving_bins(time, signals["theta"])
         if not moving.any():
             raise InputError(NOT_MOVED)
         stated = [(float(time[np.argmax(moving)]), float(time[len(moving) - 1 - np.argmax(moving[::-1])]))]

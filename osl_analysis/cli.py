@@ -81,10 +81,7 @@ def print_or_write(text: str, output: Path | None) -> None:
 
 
 class KeepsItsInput(click.Command):
-    """A command that never writes to a file that it reads, no two results to one file, and only to regular files.
-
-    A link is replaced, never what it leads to (`atomic_path`).
-    """
+    """A command that never writes to a file that it reads, no two results to one file, and only to regular files."""
 
     def invoke(self, ctx: click.Context) -> Any:
         files = {name: path for name, path in ctx.params.items() if isinstance(path, Path)}
@@ -439,13 +436,15 @@ def select_gains(
     from osl_analysis.commands import gains as command
     from osl_analysis.commands.bench import rows_json
     from osl_analysis.model.compensator import Weight
+    from osl_analysis.yaml_settings import validated
 
     stated = {"stiffness", "damping"} & options_given()
     if trajectory is not None and stated:
         raise click.UsageError("--trajectory has K_d and B_d of its own: leave out --stiffness and --damping, or it")
     if trajectory is None and len(stated) < 2:
         raise click.UsageError("give --stiffness and --damping, or --trajectory")
-    weight = Weight(asked["weight_hz"], asked["weight_order"])
+    stated_weight = {"cutoff_hz": asked["weight_hz"], "order": asked["weight_order"]}
+    weight = validated(stated_weight, Weight, Path("--weight"))
     pairs = asked["stiffness"] or [], asked["damping"] or []
     table = command.requested_gains(*pairs, trajectory, weight, parameters)
     if output is not None:

@@ -25,12 +25,10 @@ def limited_memory(files: Sequence[Path | str]) -> Iterator[None]:
     found = [os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")]  # of the machine; a container may have less
     with suppress(OSError, ValueError):
         for line in Path("/proc/self/cgroup").read_text(encoding="utf-8").splitlines():
-            _, controllers, place = line.split(":", 2)
-            group = "memory" if controllers == "memory" else ""  # version 1 has a tree for each controller
-            name = "memory.limit_in_bytes" if group else "memory.max"
-            own = Path("/sys/fs/cgroup", group, place.lstrip("/"))
-            texts = [(one / name).read_text(encoding="ascii") for one in (own, *own.parents) if (one / name).is_file()]
-            found += [int(text) for text in texts if text.strip().isdigit()]
+            own = Path("/sys/fs/cgroup", line.split(":", 2)[2].lstrip("/"))
+            limits = [one / "memory.max" for one in (own, *own.parents)]
+            texts = [one.read_text(encoding="ascii").strip() for one in limits if one.is_file()]
+            found += [int(text) for text in texts if text.isdigit()]
     allowed = 0.8 * min(found)
     if text := os.environ.get(VARIABLE, ""):
         allowed = 0.0

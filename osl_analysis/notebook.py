@@ -18,14 +18,14 @@ from osl_analysis.commands.bench import Fit, campaign_parameters, fit_settings, 
 from osl_analysis.commands.gains import requested_gains
 from osl_analysis.commands.trials import checked_trial
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
-from osl_analysis.config.shared_choices import WeightSettings
 from osl_analysis.errors import InputError, listing, nearest
 from osl_analysis.figures import drawing_of
 from osl_analysis.files import config_here, shipped
 from osl_analysis.ingest.raw_files import FORMATS, read_source
-from osl_analysis.judge.doubts import IS_DOUBTFUL, marked, with_doubts_of
+from osl_analysis.judge.doubts import marked, with_doubts_of
 from osl_analysis.judge.recording import examine, judged_table, measured_table, validate_rules
 from osl_analysis.judge.table import Commanded, DoubtfulFits, QualityRules
+from osl_analysis.model.compensator import Weight
 from osl_analysis.model.parameters import joint_of
 from osl_analysis.table import read_table as read_table
 from osl_analysis.trial import Trial
@@ -99,41 +99,32 @@ def fit_impedance(
 
 
 def fit_belt(trial: Trial | File, config: File | None = None, parameters: File | None = OF_CONFIG) -> Fit:
-    """The belt's stiffness K_s [N*m/rad]: the slope of torque over theta - theta_m / n_T while loading (Fig. 3).
-
-    The trial has `theta` and `theta_m` [rad] and `torque` [N*m]; the row is that of `belt.csv`. `config`, `parameters`
-    and what is raised as in `fit_impedance`; a belt trial needs a parameter file, for n_T.
-    """
+    """The belt's stiffness K_s [N*m/rad] (Fig. 3) from `theta`, `theta_m` [rad] and `torque` [N*m]: the row of
+    `belt.csv`. The rest as in `fit_impedance`; it needs a parameter file, for n_T."""
     return fit_trial(*asked("belt", trial, config, parameters))
 
 
 def fit_transmission(trial: Trial | File, config: File | None = None, parameters: File | None = OF_CONFIG) -> Fit:
-    """The transmission's damping B_j [N*m*s/rad] and inertia J_j [kg*m^2] (Eq. 4), of a trial without motor.
-
-    The trial has `theta` [rad] and `torque` [N*m]; the rows are those of `transmission.csv`. The rest as in `fit_belt`.
-    """
+    """The transmission's damping B_j [N*m*s/rad] and inertia J_j [kg*m^2] (Eq. 4) from `theta` [rad] and `torque` [N*m]
+    of a trial without motor: the rows of `transmission.csv`. The rest as in `fit_belt`."""
     return fit_trial(*asked("transmission", trial, config, parameters))
 
 
 def fit_actuator(trial: Trial | File, config: File | None = None, parameters: File | None = OF_CONFIG) -> Fit:
-    """The actuator (Eqs. 1-2) on its own bench: k_tau n_m and f_G [N*m/A], f_C [N*m], B_m [N*m*s/rad], J_m [kg*m^2].
-
-    The trial has `current` [A], `torque_m` [N*m], and `theta_m` [rad] or `omega_m` [rad/s]; the row is that of
-    `actuator.csv`. The rest as in `fit_belt`.
-    """
+    """The actuator (Eqs. 1-2) alone: k_tau n_m and f_G [N*m/A], f_C [N*m], B_m [N*m*s/rad], J_m [kg*m^2] from `current`
+    [A], `torque_m` [N*m], and `theta_m` [rad] or `omega_m` [rad/s]: the row of `actuator.csv`. The rest as in
+    `fit_belt`."""
     return fit_trial(*asked("actuator", trial, config, parameters))
 
 
 def fit_torque_angle(trial: Trial | File, curve: str | None = None, config: File | None = None) -> Fit:
-    """Torque over angle of a passive foot or a spring in slow cycles: K [N*m/rad], energies [J], hysteresis.
-
-    The trial has `theta` [rad] and `torque` [N*m]; the row is that of `torque_angle.csv`, `curves` are the rows of
-    `torque_angle_curves.csv`. `curve` names that of the configuration that the device was designed for.
-    """
+    """Torque over angle of a passive foot or a spring in slow cycles, K [N*m/rad], energies [J] and hysteresis, from
+    `theta` [rad] and `torque` [N*m]: the row of `torque_angle.csv`, and in `curves` those of `torque_angle_curves.csv`.
+    `curve` names that of the configuration that the device was designed for."""
     return fit_trial(*asked("torque_angle", trial, config, None), {"desired": curve})
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False)
 class Response:
     """The frequency response of one trial.
 
@@ -149,11 +140,6 @@ class Response:
     table: pl.DataFrame
     models: pl.DataFrame
     plotted: pl.DataFrame
-
-    def __repr__(self) -> str:
-        doubts = len(self.table.filter(IS_DOUBTFUL))
-        counted = f"{len(self.table)} frequencies" + (f", doubtful at {doubts} of them" if doubts else "")
-        return f"frequency response, {self.trial}: {counted}; `table`, `models` and `plotted` are data frames"
 
 
 def frequency_response(
@@ -185,12 +171,10 @@ def frequency_response(
 
 
 def read_recording(path: File, source: File, part: str | None = None, name: str | None = None) -> Trial:
-    """A trial from the raw log, or the capture, of one recorder, converted to SI units by its source file. A trial of
-    two recorders (walking) needs a campaign, or `osl-analysis ingest`.
+    """A trial from the raw log, or the capture, of one recorder, converted to SI units by its source file.
 
     path: the recording, or the folder of a split ROS 2 bag.
-    source: the source file (YAML) with channel, unit and sign of each signal, or the name of a shipped one, such as
-        "opensourceleg". `osl-analysis inspect FILE --draft mine.yaml` drafts one.
+    source: the source file (YAML), or the name of a shipped one, such as "opensourceleg".
     part: the part of a log that holds several trials, such as a struct of a MATLAB file.
     name: name of the trial; default: that of the file.
 
@@ -263,16 +247,13 @@ def gains(
     device = device_of(parameters, config)
     if device is None:
         raise InputError("gains need a parameter file; name the one of your device as `parameters`")
-    pairs = []
-    for name, values in (("K_d", K_d), ("B_d", B_d)):
-        try:
-            pairs.append([float(value) for value in np.ravel(values)])
-        except (TypeError, ValueError):
-            pairs.append([])
-        if not pairs[-1] or not np.isfinite(pairs[-1]).all():
-            raise InputError(f"{name}: {values!r} is not a finite number, or several of them; correct it")
-    weight = read_section(Path(config or config_here()), "gain_weight", WeightSettings).weight
-    return requested_gains(pairs[0], pairs[1], None, weight, device)
+    pairs = [np.ravel(K_d), np.ravel(B_d)]
+    for name, values in zip(("K_d", "B_d"), pairs, strict=True):
+        if values.dtype.kind not in "iuf" or not values.size or not np.isfinite(values).all():
+            raise InputError(f"{name}: {values.tolist()} is not a finite number, or several of them; correct it")
+    weight = read_section(Path(config or config_here()), "gain_weight", Weight)
+    stiffness, damping = (values.astype(float).tolist() for values in pairs)
+    return requested_gains(stiffness, damping, None, weight, device)
 
 
 def read_summary(folder: File = "results") -> pl.DataFrame:
@@ -292,14 +273,13 @@ def drawn(name: str, table: pl.DataFrame) -> "NotebookFigure":
 
 
 def plot_torque(fit: Fit) -> "NotebookFigure":
-    """Measured and modelled torque [N*m] of a fit over time [s], and below the residual: a matplotlib `Figure`, which a
-    notebook shows and `figure.savefig("torque.pdf")` saves as a campaign does."""
+    """Measured and modelled torque [N*m] of a fit over time [s], and below the residual: a matplotlib `Figure`."""
     return drawn("torque", fit.series)
 
 
 def plot_frequency_response(response: Response) -> "NotebookFigure":
     """Magnitude and phase over frequency [Hz] with 95 % intervals: Fig. 7, or the figure `response`, with noise and
-    distortion, of any other motion than a stepped sine. Returns as `plot_torque`."""
+    distortion, of any other motion than a stepped sine."""
     if response.plotted.is_empty():
         why = response.models["excluded"].drop_nulls().to_list() if "excluded" in response.models.columns else []
         raise InputError(f"trial {response.trial}: no frequency response to draw{': ' if why else ''}{'; '.join(why)}")
@@ -307,8 +287,7 @@ def plot_frequency_response(response: Response) -> "NotebookFigure":
 
 
 def plot_torque_angle(*fits: Fit) -> "NotebookFigure":
-    """Torque [N*m] over angle [deg], loading and unloading, and stiffness [N*m/rad] over angle, of one trial or
-    several. Returns as `plot_torque`."""
+    """Torque [N*m] over angle [deg], loading and unloading, and stiffness [N*m/rad] over angle, of several trials."""
     curves = [fit.curves for fit in fits if fit.experiment == "torque_angle" and fit.curves is not None]
     if len(curves) < len(fits) or not fits:
         given = ", ".join(fit.experiment for fit in fits) or "no fit"

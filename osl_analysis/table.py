@@ -14,25 +14,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.files import atomic_path
 from osl_analysis.refusal import check_not_refused
 
-SUFFIX = ".zip"
-OPEN: ContextVar[dict[Path, dict[str, bytes]] | None] = ContextVar("open_archives", default=None)
-"""The parts of the archives that are written at the end of the block, by archive and name."""
-
-
-@contextmanager
-def archives() -> Iterator[None]:
-    """A block at whose end the archives of its tables are written, each completely; after an error, none is."""
-    token = OPEN.set({})
-    try:
-        yield
-        for path, parts in (OPEN.get() or {}).items():
-            with atomic_path(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:  # without compression
-                for name, content in parts.items():  # with one date, so that the same tables make the same archive
-                    archive.writestr(zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0)), content)
-    finally:
-        OPEN.reset(token)
-
-
+SUFFIX = ".zip"  # Of an archive of several tables.
 TEXT_COLUMNS = (
     "trial", "controller", "branch", "quantity", "estimator", "check", "unit", "verdict", "remark", "reason",
     "excluded", "panel", "curve", "interval_method", "doubtful", "experiment", "model", "terms", "by_VAF", "by_BIC",
@@ -57,19 +39,31 @@ def tables_of(data: str) -> Iterator[None]:
         OF_DATA.reset(token)
 
 
+def marked_data(frame: pl.DataFrame) -> pl.DataFrame:
+    """A table with the column of `tables_of`."""
+    data = OF_DATA.get()
+    return frame.select(pl.exclude("data"), pl.lit(data, pl.String).alias("data")) if data else frame
+
+
 def write_table(frame: pl.DataFrame, path: Path) -> None:
-    """Write a table as CSV that reads back to the same numbers; null becomes an empty field, NaN stays `NaN`. The path
-    may be that of a part of an archive (`archive`)."""
-    if data := OF_DATA.get():
-        frame = frame.select(pl.exclude("data"), pl.lit(data, pl.String).alias("data"))
-    if path.parent.suffix == SUFFIX:  # a table in an archive, which is written at the end of the block `archives`
-        opened = OPEN.get()
-        if opened is None:
-            raise LookupError(f"{path}: written outside of the block `archives`")
-        opened.setdefault(path.parent, {})[path.name] = frame.write_csv().encode()
-        return
+    """Write a table as CSV that reads back to the same numbers; null becomes an empty field, NaN stays `NaN`."""
     with atomic_path(path) as temporary:
-        frame.write_csv(temporary)
+        marked_data(frame).write_csv(temporary)
+
+
+def write_tables(tables: Mapping[Path, pl.DataFrame]) -> None:
+    """Write several tables. Those below the path of an archive are its parts, with one date, so that the same tables
+    make the same archive."""
+    archives: dict[Path, dict[str, str]] = {}
+    for path, frame in tables.items():
+        if path.parent.suffix == SUFFIX:
+            archives.setdefault(path.parent, {})[path.name] = marked_data(frame).write_csv()
+        else:
+            write_table(frame, path)
+    for path, parts in archives.items():
+        with atomic_path(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:  # without compression
+            for name, content in parts.items():
+                archive.writestr(zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0)), content)
 
 
 Places = Mapping[str, Mapping[str, str | None]]  # `joint` and `side` by the name of a trial or group.

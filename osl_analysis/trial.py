@@ -13,7 +13,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from osl_analysis.errors import InputError
+from osl_analysis.errors import InputError, listing
 from osl_analysis.files import atomic_path
 from osl_analysis.refusal import check_not_refused
 
@@ -123,10 +123,10 @@ class Trial:
         for column in columns:
             if column not in self.columns:
                 near = get_close_matches(column, self.columns, n=6)
-                known, more = ", ".join(self.columns[:6]), ", ..." if len(self.columns) > 6 else ""
-                like = f"the nearest of {len(self.columns)} are {', '.join(near)}" if near else f"it has {known}{more}"
+                like = f"the nearest of {len(self.columns)} are" if near else "it has"
                 raise InputError(
-                    f"trial {self.name}: no column '{column}'; map the channel in the source file ({like})"
+                    f"trial {self.name}: no column '{column}'; map the channel in the source file "
+                    f"({like} {listing(near or self.columns, 6)})"
                 )
 
 

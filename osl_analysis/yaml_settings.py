@@ -185,9 +185,20 @@ def explain(error: ValidationError, content: Any, above: Place) -> tuple[str, Pl
     deeper = {place[:n] for place in found for n in range(len(place))}
     problems = [(place, each) for place, each in found.items() if place not in deeper or not place]
     first, each = min(problems, key=lambda one: one[1][-1]["type"] != "unknown_field")
-    others = len(problems) - 1
-    more = f" (and {others} more problem{'s' if others > 1 else ''})" if others else ""
-    return described_problem(dotted((*above, *first)) or "the file", each) + more, (*above, *first)
+    field, kind, value = dotted((*above, *first)) or "the file", each[-1]["type"], each[-1]["input"]
+    if kind == "unknown_field":
+        text = str(each[-1]["msg"]).replace("{field}", field)
+    elif kind == "missing":
+        text = f"field '{field}' is missing; add it"
+    else:
+        reason, *others = sorted(dict.fromkeys(map(plain_reason, each)), key=lambda one: ";" in one)  # questions last
+        reason = ", or ".join([reason, *(other.removeprefix("write ") for other in others)])
+        shown = "null" if value is None else repr(value)
+        wrong = f" {shown if len(shown) <= 60 else f'{shown[:60]}...'} is not allowed:"
+        text = f"{field}:{'' if isinstance(value, dict | list | BaseModel) else wrong} {reason}"
+    further = len(problems) - 1
+    more = f" (and {further} more problem{'s' if further > 1 else ''})" if further else ""
+    return text + more, (*above, *first)
 
 
 def problem_place(problem: Mapping[str, Any], content: Any) -> Place:
@@ -209,22 +220,6 @@ def problem_place(problem: Mapping[str, Any], content: Any) -> Place:
     return (*place, *problem.get("ctx", {}).get("place", ()))
 
 
-def described_problem(field: str, problems: Sequence[Mapping[str, Any]]) -> str:
-    """The problems of one field as a sentence."""
-    kind, value = problems[-1]["type"], problems[-1]["input"]
-    if kind == "unknown_field":
-        return str(problems[-1]["msg"]).replace("{field}", field)
-    if kind == "missing":
-        return f"field '{field}' is missing; add it"
-    reasons = dict.fromkeys(map(plain_reason, problems))
-    first, *others = sorted(reasons, key=lambda reason: ";" in reason)  # questions for a word at the end
-    reason = ", or ".join([first, *(other.removeprefix("write ") for other in others)])
-    if isinstance(value, dict | list | BaseModel):
-        return f"{field}: {reason}"
-    shown = "null" if value is None else repr(value)
-    return f"{field}: {shown if len(shown) <= 60 else f'{shown[:60]}...'} is not allowed: {reason}"
-
-
 ADVICE = {
     "string_type": "text, in quotes if it looks like a number, a list or nothing",
     "float_type": "a number, without a unit",
@@ -236,7 +231,6 @@ ADVICE = {
     **dict.fromkeys(("tuple_type", "list_type"), "a list, as [first, second]"),
     "path_type": "a path",
     "dict_type": "its fields below it, as `name: value`",
-    "finite_number": "a finite number",
 }
 """What to write, by pydantic's name of the problem."""
 

@@ -4,13 +4,8 @@ import os
 from fnmatch import fnmatch
 from pathlib import Path
 
-# One thread per process, as in the jobs of a campaign, and before numpy is imported: the tests themselves take all
-# cores, and threads of linear algebra that wait for one another took half of the time of some.
-os.environ.update(
-    dict.fromkeys(
-        ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS", "POLARS_MAX_THREADS"), "1"
-    )
-)
+# One thread per process, as in the jobs of a campaign, before numpy is imported: the tests themselves take all cores.
+os.environ.update({f"{one}_THREADS": "1" for one in ("OMP_NUM", "OPENBLAS_NUM", "MKL_NUM", "NUMBA_NUM", "POLARS_MAX")})
 
 import numpy as np
 import pytest
@@ -28,22 +23,13 @@ LONGEST = (
 )  # fmt: skip
 """Modules that take more than 7 s of a core, the longest first."""
 
-# without a deadline: a busy machine is no fault of the code
-settings.register_profile(
-    "seeded", derandomize=True, database=None, deadline=None
-)  # other seeds: pytest --hypothesis-profile default
+# without a deadline: a busy machine is no fault of the code; other seeds: pytest --hypothesis-profile default
+settings.register_profile("seeded", derandomize=True, database=None, deadline=None)
 settings.load_profile("seeded")
 
 
 def is_numerical(path: Path) -> bool:
     return any(fnmatch(path.stem, pattern) for pattern in NUMERICAL)
-
-
-def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
-    """Where numerical modules alone are asked for, the others are not imported, which takes as long as the tests."""
-    return (
-        config.option.markexpr == "numerics" and collection_path.is_file() and not is_numerical(collection_path)
-    ) or None
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -1,8 +1,5 @@
-"""A small campaign for the tests, and runs of Snakemake, in processes forked from one with the imports of every run.
-
-A run that starts Python anew takes 3 s more. Their jobs have one server, for all runs. The first run of the campaign,
-and those that need another start, are started as a user starts them.
-"""
+"""A small campaign for the tests, and runs of Snakemake, in processes forked from one with the imports of every run and
+one server of jobs. A run that starts Python anew takes 3 s more."""
 
 import atexit
 import json
@@ -29,7 +26,6 @@ OVERRIDES = {
 
 FORKING = """
 import gc, json, os, sys, time
-from pathlib import Path
 import snakemake.cli, snakemake.api, snakemake.workflow, snakemake.dag
 import osl_analysis.judge.findings, osl_analysis.refusal
 import osl_analysis.commands.simulate, osl_analysis.campaign.campaign, osl_analysis.figures, osl_analysis.study
@@ -42,13 +38,10 @@ run.job_server()
 gc.freeze()
 
 for line in sys.stdin:
-    arguments, folder, package, said = json.loads(line)
+    arguments, folder, said = json.loads(line)
     pid = os.fork()
     if not pid:
         run.STARTED = time.time()
-        if package:
-            request.PACKAGE = Path(package)
-            request.module_file.cache_clear()
         os.chdir(folder)
         os.dup2(os.open(said, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), 1)
         os.dup2(1, 2)
@@ -80,13 +73,12 @@ def forking() -> subprocess.Popen[str]:
     return started
 
 
-def run_snakemake(arguments: list[str], folder: Path, package: Path | None = None) -> subprocess.CompletedProcess[str]:
-    """Run Snakemake in a folder; both of its streams are in `stdout`. `package`: the code whose fingerprints count."""
+def run_snakemake(arguments: list[str], folder: Path) -> subprocess.CompletedProcess[str]:
+    """Run Snakemake in a folder; both of its streams are in `stdout`."""
     said, server = folder / "said.txt", forking()
     assert server.stdin is not None
     assert server.stdout is not None
-    request = [arguments, str(folder), package and str(package), str(said)]
-    server.stdin.write(json.dumps(request) + "\n")
+    server.stdin.write(json.dumps([arguments, str(folder), str(said)]) + "\n")
     server.stdin.flush()
     code = int(server.stdout.readline())
     return subprocess.CompletedProcess(arguments, code, said.read_text(), "")

@@ -26,11 +26,11 @@ from osl_analysis.bench.record import record_of_trial, stated_windows
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.campaign.configuration import read_section
 from osl_analysis.config.experiments import EXPERIMENTS
-from osl_analysis.config.shared_choices import WEIGHT_OF_PAPER
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.judge.doubts import marked
 from osl_analysis.judge.recording import check_recording, measure_protocol, samples_at_rail, saturated
 from osl_analysis.judge.table import Commanded, Doubt, DoubtfulFits, Examined
+from osl_analysis.model.compensator import PAPER_WEIGHT
 from osl_analysis.model.drivetrain import joint_admittance
 from osl_analysis.model.parameters import read_parameters
 from osl_analysis.trial import Trial
@@ -156,7 +156,7 @@ def test_a_lag_between_the_channels_is_found_with_its_shares_of_damping_and_iner
 def test_the_lag_of_a_leg_is_found_beside_the_higher_dynamics_of_its_linear_model():
     """Torque of the linear drivetrain by its admittance at each line, and K, B and I of the joint beside it."""
     rng, p = np.random.default_rng(5), read_parameters(ROOT / "config/parameters/default.yaml")
-    gains = DesiredImpedance("uncompensated", 300.0, 5.0).gains(p, WEIGHT_OF_PAPER.weight)
+    gains = DesiredImpedance("uncompensated", 300.0, 5.0).gains(p, PAPER_WEIGHT)
     expected = joint_admittance(gains.K_1, gains.B_1, p, p.J_j)
     _, (theta, *_) = motion = noise(rng, (0.5, 10.0))
     s = 2j * np.pi * np.fft.rfftfreq(len(theta), 1 / 250)

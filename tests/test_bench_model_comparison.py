@@ -128,7 +128,7 @@ def rivals_of_eq_15(folder, *off):
     """The table of a trial at 2, 4 and 6 deg, without some effects of the simulator, by model."""
     path = written(folder, UNCOMPENSATED, settings(*off, amplitudes_deg=(2, 4, 6)), DEFAULT)
     output, condition = folder / "impedance.csv", DesiredImpedance("uncompensated", 300.0, 5.0)
-    compare_impedance_models(path, DEFAULT_FILE, condition, Weight(1, 3), ANALYSIS, 0.05, output)
+    compare_impedance_models(path, DEFAULT_FILE, condition, Weight(cutoff_hz=1, order=3), ANALYSIS, 0.05, output)
     table = pl.read_csv(output)
     assert table["experiment"].to_list() == ["impedance"] * 4
     assert table["model"].to_list() == ["M1", "M2", "M3", "M4"]

@@ -5,7 +5,6 @@ import os
 import re
 import resource
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -13,7 +12,6 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import h5py
-import numba
 import numpy as np
 import polars as pl
 import pytest
@@ -21,17 +19,14 @@ import yaml
 from click.testing import CliRunner
 from conftest import ROOT
 
-from osl_analysis.campaign.configuration import Config, overriding
 from osl_analysis.cli import main
 from osl_analysis.commands import gains as gains_command
 from osl_analysis.commands.figure import draw_table
-from osl_analysis.compiled import compiled
-from osl_analysis.errors import InputError, MemoryLimitError, OslAnalysisError
+from osl_analysis.errors import InputError, MemoryLimitError
 from osl_analysis.files import atomic_path
 from osl_analysis.memory import limited_memory
 from osl_analysis.table import write_table
 from osl_analysis.trial import Trial, write_trial
-from osl_analysis.yaml_settings import read_mapping, validated
 
 TRIAL = "impedance_K300_B5.0_compensated"
 GAINS = ("gains", "--stiffness", "300", "--damping", "5")
@@ -85,31 +80,28 @@ def test_fit_prints_the_impedance_of_linear_theory_and_draws_it(folder, tmp_path
 
 
 def test_the_interval_of_a_belt_counts_the_drift_that_the_configuration_names(folder, tmp_path):
-    """Twice the drift, twice its share; 50 N*m/min, so that the noise of two trials cannot pass for it."""
+    """100 N*m/min, so that the noise of two trials cannot pass for it."""
     config, widths = yaml.safe_load((folder / "config.yaml").read_text()), []
-    for drift in (0.0, 50.0, 100.0):
+    for drift in (0.0, 100.0):
         config["dynamometer"]["load_cell_drift"] = drift
         (tmp_path / "config.yaml").write_text(yaml.safe_dump(config))
         options = ("--model", "belt", "--config", tmp_path / "config.yaml", "--json")
         (row,) = json.loads(call("fit", folder / "belt_01.parquet", *options).stdout)
         widths.append(row["K_s_se"])
-        assert row["interval_method"] == ("units + drift" if drift else "units")
-    shares = [np.sqrt(width**2 - widths[0] ** 2) for width in widths[1:]]
     # slope of time on deflection beside a constant and the velocity: a raised cosine of 1 s and 5 deg, from 5 % on
     t = np.linspace(np.arccos(0.9) / np.pi, 1, 1000)
     columns = np.column_stack([np.deg2rad(5) * (1 - np.cos(np.pi * t)) / 2, np.ones_like(t), np.sin(np.pi * t)])
     slope = np.linalg.lstsq(columns, t, rcond=None)[0][0]
-    assert shares == pytest.approx([drift / 60 * slope for drift in (50, 100)], rel=0.06)
+    assert np.sqrt(widths[1] ** 2 - widths[0] ** 2) == pytest.approx(100 / 60 * slope, rel=0.06)
 
 
 def test_fit_says_what_it_cannot_check_and_takes_a_campaign_s_overriding_file(folder, tmp_path):
     own = yaml.safe_load((folder / "config.yaml").read_text())
     (tmp_path / "own.yaml").write_text(yaml.safe_dump({"campaign": "mine", "dynamometer": own["dynamometer"]}))
-    (tmp_path / "typo.yaml").write_text("dynamometr: {cutoff_hz: 10}")
 
     def fitted(*arguments, config=tmp_path / "own.yaml"):
         said = call("fit", folder / f"{TRIAL}.parquet", *arguments, "--config", config, "--json")
-        return json.loads(said.stdout or "null"), said.stderr
+        return json.loads(said.stdout), said.stderr
 
     asked = ("--stiffness", "300", "--damping", "5")
     (whole, _), (over, lacks), (known, unchecked) = fitted(config=folder / "config.yaml"), fitted(), fitted(*asked)
@@ -117,13 +109,9 @@ def test_fit_says_what_it_cannot_check_and_takes_a_campaign_s_overriding_file(fo
     assert "not checked without --stiffness and --damping" in lacks
     assert "whether K changes while it is recorded" in unchecked  # three cycles at each frequency do not tell
     assert known[-1]["K_ratio"] == pytest.approx(1, abs=0.1)
-    assert "unknown field 'dynamometr'" in fitted(config=tmp_path / "typo.yaml")[1]
-    typed = (*asked, "--controller", "compensatd")
-    for unknown, why in ((typed[:2], "B_d is not stated"), (typed, "did you mean 'compensated'?")):
-        rows, said = fitted(*unknown)
-        assert ("not checked: whether K is what" in said, why in said) == (True, True)
-        assert [rows[-1][name] for name in ("K_d", "K_ratio", "K_predicted")] == [300, None, None]
-        assert rows[-1]["K"] == known[-1]["K"]
+    rows, said = fitted(*asked, "--controller", "compensatd")
+    assert re.search("(?s)not checked: whether K is what.*did you mean 'compensated'", said)
+    assert [rows[-1][name] for name in ("K_d", "K_ratio", "K_predicted")] == [300, None, None]
 
 
 def test_the_simulator_never_writes_over_recordings(tmp_path):
@@ -147,12 +135,10 @@ def test_gains_of_a_pair_a_grid_and_a_trajectory_are_those_of_the_paper_and_are_
     drawn, table = tmp_path / "gains.svg", tmp_path / "gains.csv"
     said = call(*GAINS, "--plot", drawn).stdout
     assert "K_1 = 25.0867 N·m/rad" in said
-    assert "; exactly one local minimum among the stable gains" in said
-    assert (drawn.stat().st_size > 5000, "interval" in drawn.read_text()) == (True, False)
     grid = ("gains", "--stiffness", "100:400:100", "--damping", "0,5", "--output", table, "--plot", drawn, "--json")
     rows = json.loads(call(*grid).stdout)
     assert [(r["K_d"], r["B_d"]) for r in rows] == [(k, b) for k in (100, 200, 300, 400) for b in (0, 5)]
-    assert np.allclose(pl.read_csv(table)["B_1"], [r["B_1"] for r in rows], rtol=1e-12)
+    assert pl.read_csv(table)["B_1"].to_list() == pytest.approx([r["B_1"] for r in rows], rel=1e-12)
     rows = json.loads(call("gains", "--trajectory", SYNTHETIC, "--json").stdout)
     assert (max(r["K_d"] for r in rows), {r["minima"] for r in rows}) == (340, {1})
 
@@ -163,17 +149,16 @@ def of_gains(stiffness, damping, *more):
 
 MISTAKES = {
     r"K_d = 700 .* ask for less than 685\.6 \(99 % of it: 678\.7\)": of_gains(700, 5),
-    "K_d = 0 .* ask for more than 0": of_gains(0, 5),
-    "B_d = 1e.300 .* ask for 1e-09 to 1e.06": of_gains(300, 1e300),
-    "cut-off at 1e.300 Hz; use": (*GAINS, "--weight-hz", 1e300),
-    "W of Eq. 14 has order 0": (*GAINS, "--weight-order", 0),
+    r"cutoff_hz: 1e\+300 is not allowed: write a number less than or equal to 10000": (*GAINS, "--weight-hz", 1e300),
+    "order: 0 is not allowed: write a number greater than or equal to 1": (*GAINS, "--weight-order", 0),
     r"no\.yaml: no such file": (*GAINS, "--parameters", "no.yaml"),
-    r"no\.csv: no such impedance trajectory": ("gains", "--trajectory", "no.csv"),
     "written as .csv or .json": (*GAINS, "--output", "x.txt"),
     r"no\.parquet: no such trial": ("fit", "no.parquet"),
     "not a Parquet file": ("fit", "README.md"),
-    "did you mean profiles/slurm": ("run", "--workflow-profile", "profiles/slrm"),
+    "did you mean 'profiles/slurm'": ("run", "--workflow-profile", "profiles/slrm"),
     r"no\.mcap: no such file": ("ingest", "--log", "no.mcap", "--log-source", "leg", "--output", "no.parquet"),
+    r"\\x1b\[31mred: no such trial": ("fit", "\x1b[31mred"),
+    r"o\\udcff\.csv: its name is not UTF-8; choose another name": (*GAINS, "--output", os.fsdecode(b"o\xff.csv")),
 }
 UNFIT = {
     "give --stiffness and --damping": ("gains",),
@@ -181,15 +166,12 @@ UNFIT = {
     "give --model impedance": ("fit", "x.parquet", "--controller", "uncompensated", "--model", "belt"),
     "neither a number": of_gains("stiff", 5),
     "write first:last:step, upwards": of_gains("400:100:50", 5),
-    "'100:400' is not a range": of_gains("100:400", 5),
-    "'100:400:0' is not a range": of_gains("100:400:0", 5),
     "more than 300 numbers": of_gains("1:600:0.0001", 5),
     "go together": ("ingest", "--log", "x.mcap", "--output", "x.parquet"),
+    "Missing option '--output'": ("ingest", "--log", "x.csv"),
     "both.csv would be overwritten": (*GAINS, "--output", "both.csv", "--plot", "both.csv"),
     "a.csv would be overwritten": (*GAINS, "--output", "a.csv", "--parameters", "a.csv"),
     "`ingest` writes .parquet files": ("ingest", "--log", "a.csv", "--log-source", "s", "--output", "s.yaml"),
-    "`samples` writes .md files": ("samples", "folder", "--output", "folder/log.mcap"),
-    "`describe-tables` writes .md files": ("describe-tables", "--output", "config.yaml"),
 }
 
 
@@ -209,11 +191,6 @@ def test_a_call_that_does_not_fit_or_would_write_over_what_it_reads_is_refused_w
     assert [path.name for path in tmp_path.iterdir()] == ["a.csv"]
 
 
-def test_every_command_has_help_with_an_example():
-    for name in main.commands:
-        assert "Example: osl-analysis" in call(name, "--help").stdout, name
-
-
 @contextmanager
 def full_disk(room=1000):
     """No file may grow beyond `room` bytes: the system's error is EFBIG, as ENOSPC on a full disk."""
@@ -230,8 +207,7 @@ TABLE = pl.DataFrame(PAIRS).with_columns(B_1_joint=pl.col("K_d") * 1.1 + pl.col(
 WRITERS = {
     "csv": write_table,
     "parquet": lambda table, path: write_trial(Trial("made", pl.DataFrame({"time": range(9000)}).cast(float)), path),
-    "json": gains_command.write_gains,
-    **{suffix: lambda table, path: draw_table("gain_grid", table, [path]) for suffix in ("pdf", "svg", "png")},
+    "pdf": lambda table, path: draw_table("gain_grid", table, [path]),
 }
 
 
@@ -253,65 +229,32 @@ def test_a_terminal_that_takes_no_output_is_one_line():
     assert ended.stderr.startswith("error: the output: No space left on device; check")
 
 
-NO_FILES = {"pipe": "a named pipe", "folder": "a folder", "full": "a device", "null": "a device", "socket": "a socket"}
-
-
-@pytest.mark.parametrize("name", NO_FILES)
-def test_nothing_but_a_regular_file_is_ever_replaced(tmp_path, name):
-    """The devices are links, so that a fault here deletes none."""
-    path = tmp_path / f"{name}.csv"
-    with socket.socket(socket.AF_UNIX) as server:
-        make = {"pipe": os.mkfifo, "folder": Path.mkdir, "socket": lambda path: server.bind(str(path))}
-        make.get(name, lambda path: path.symlink_to(f"/dev/{name}"))(path)
-    before = path.lstat()
-    with pytest.raises(InputError, match=rf"{name}\.csv: is {NO_FILES[name]}; name a file"):
-        write_table(TABLE, path)
-    assert path.lstat() == before
-
-
-COMMANDS_THAT_WRITE = [
-    (".csv", (*GAINS, "--output")),
-    (".csv", (*GAINS, "--plot")),
-    (".parquet", ("ingest", "--log", "no.csv", "--log-source", "bench_csv", "--output")),
-    (".csv", ("inspect", "no.csv", "--draft")),
-    (".md", ("samples", "nowhere", "--output")),
-    (".md", ("describe-tables", "--output")),
-    (".csv", ("fit", "no.parquet", "--plot")),
-]
-
-
-@pytest.mark.parametrize(("suffix", "command"), COMMANDS_THAT_WRITE)
-def test_every_command_refuses_what_it_cannot_write_before_it_reads(tmp_path, suffix, command):
-    os.mkfifo(tmp_path / f"pipe{suffix}")
-    assert f"pipe{suffix}: is a named pipe; name a file" in one_line(call(*command, tmp_path / f"pipe{suffix}"))
-    said = one_line(call(*command, f"/proc/x{suffix}"))
-    assert f"/proc/x{suffix}: cannot be written, because no file can be made in /proc" in said
-
-
-@pytest.mark.parametrize("link", ["symlink_to", "hardlink_to"])
-def test_a_result_replaces_a_link_and_never_what_it_leads_to(tmp_path, link):
+def test_nothing_but_a_regular_file_is_replaced_and_what_cannot_be_written_is_refused_before_anything_is_read(tmp_path):
+    """The device is a link, so that a fault here deletes none."""
+    os.mkfifo(tmp_path / "pipe.csv")
+    (tmp_path / "folder.csv").mkdir()
+    (tmp_path / "null.csv").symlink_to("/dev/null")
     (tmp_path / "mine.yaml").write_text("precious")
-    getattr(tmp_path / "x.csv", link)(tmp_path / "mine.yaml")
-    write_table(TABLE, tmp_path / "x.csv")
-    assert (tmp_path / "mine.yaml").read_text() == "precious"
-    assert not (tmp_path / "x.csv").is_symlink()
+    (tmp_path / "link.csv").symlink_to(tmp_path / "mine.yaml")
+    write_table(TABLE, tmp_path / "link.csv")
+    assert ((tmp_path / "mine.yaml").read_text(), (tmp_path / "link.csv").is_symlink()) == ("precious", False)
+    for name, kind in (("pipe", "a named pipe"), ("folder", "a folder"), ("null", "a device")):
+        path = tmp_path / f"{name}.csv"
+        before, said = path.lstat(), rf"{name}\.csv: is {kind}; name a file"
+        with pytest.raises(InputError, match=said):
+            write_table(TABLE, path)
+        assert re.search(said, one_line(call("inspect", "no.csv", "--draft", path)))
+        assert path.lstat() == before
+    said = one_line(call(*GAINS, "--parameters", "no.yaml", "--output", "/proc/x.csv"))
+    assert "/proc/x.csv: cannot be written, because no file can be made in /proc" in said
 
 
-@pytest.mark.parametrize("name", ["a b ü\u0308.csv", "two\nlines.csv", "\x1b[31mred.csv"])
-def test_an_odd_name_of_a_file_or_channel_is_used_and_never_reaches_the_terminal_as_it_is(tmp_path, name):
-    log, output = tmp_path / name, tmp_path / f"{name}.csv"
+def test_an_odd_name_of_a_file_or_channel_is_used_and_never_reaches_the_terminal_as_it_is(tmp_path):
+    log = tmp_path / "two\nlines ü\x1b[31m.csv"
     log.write_text("time,\x1b[31mred\x07\n0,1\n0.01,2\n0.02,1\n")
-    seen, drawn = call("inspect", log), call(*GAINS, "--output", output)
-    assert (seen.exit_code, drawn.exit_code, output.is_file()) == (0, 0, True), seen.output + drawn.output
-    missing = one_line(call("fit", tmp_path / f"no {name}"))
-    assert missing.startswith("error: ")
-    assert not {sign for sign in seen.output + missing if not sign.isprintable()} - {"\n"}
-
-
-def test_a_file_name_that_is_no_text_is_refused_where_it_would_be_written(tmp_path):
-    said = one_line(call(*GAINS, "--output", tmp_path / os.fsdecode(b"o\xff.csv")))
-    assert r"o\udcff.csv: its name is not UTF-8; choose another name" in said
-    assert list(tmp_path.iterdir()) == []
+    seen = call("inspect", log)
+    assert seen.exit_code == 0, seen.output
+    assert {sign for sign in seen.output if not sign.isprintable()} == {"\n"}
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -325,18 +268,17 @@ def test_ctrl_c_ends_a_command_quietly_and_leaves_nothing_half(tmp_path, monkeyp
             time.sleep(10)
 
     monkeypatch.setattr(gains_command, "write_table", interrupted)
-    before = signal.getsignal(number)
     assert one_line(call(*GAINS, "--output", tmp_path / "gains.csv"), code=130) == "interrupted"
     assert list(tmp_path.iterdir()) == []
-    assert signal.getsignal(number) == before
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the limit is Linux's")
 def test_what_needs_more_memory_than_a_job_may_have_is_refused_with_file_limit_and_remedy(monkeypatch, tmp_path):
-    """Eight times the limit at once; then a file of 2 kB: two variables of 8 GB, of which nothing is stored."""
-    before, said = resource.getrlimit(resource.RLIMIT_DATA), "not enough memory, a job may have 1{}00 MB here; cut"
+    """Eight times the limit at once; then a file of 2 kB with two variables of 8 GB."""
+    said = "not enough memory, a job may have 1{}00 MB here; cut"
     monkeypatch.setenv("OSL_MEMORY_MB", "1000")
     too_long = pytest.raises(MemoryLimitError, match=f"long.mcap: {said.format(0)}.* allow more by OSL_MEMORY_MB")
+    before = resource.getrlimit(resource.RLIMIT_DATA)
     with too_long, limited_memory(["long.mcap"]):
         np.ones(10**9)
     assert resource.getrlimit(resource.RLIMIT_DATA) == before
@@ -354,42 +296,3 @@ def test_what_needs_more_memory_than_a_job_may_have_is_refused_with_file_limit_a
     ended = subprocess.run([*IN_A_PROCESS, "inspect", str(path)], capture_output=True, text=True, check=False)
     assert (ended.returncode, ended.stdout, ended.stderr.count("\n")) == (1, "", 1)
     assert ended.stderr.startswith(f"error: {path}: {said.format(5)}")
-
-
-CONFIGURATIONS = {
-    "has no fields": b"",
-    "line 1 is not UTF-8": "results: é\n".encode("latin-1"),
-    r"line 1 is not UTF-8\b": (ROOT / "config/config.yaml").read_text().encode("utf-16"),
-    "nested too deeply": b"campaign: " + b"[" * 1500 + b"]" * 1500,
-    r"nested too deeply\b": b"{campaign: " * 1500 + b"}" * 1500,
-    "cutoff_hz: .* finite": b"dynamometer: {cutoff_hz: 1e999}",
-    r"cutoff_hz: 9{60}\.\.\. is not allowed": b"dynamometer: {cutoff_hz: " + b"9" * 400 + b"}",
-    "limit .4300 digits": b"dynamometer: {cutoff_hz: " + b"9" * 6000 + b"}",
-    "less than or equal to 100000": b"walking: {bootstrap_samples: 99999999999999}",
-    "less than or equal to 10000|valid": b"dynamometer: {cycles: 99999999999999999999}",
-    "not YAML": b"campaign: !!bool x\n",
-    r"not YAML\b": b"campaign: !!timestamp x\n",
-    r"\bnot YAML": b"campaign: !!python/object:os.system x\n",
-    r"unknown field '\\x1b31mkey'": b'"\\e31mkey": 3\n',
-}
-
-
-@pytest.mark.parametrize("message", CONFIGURATIONS)
-def test_a_configuration_that_cannot_be_read_is_one_short_line(tmp_path, message):
-    path = tmp_path / "config.yaml"
-    path.write_bytes(CONFIGURATIONS[message])
-    with pytest.raises(OslAnalysisError, match=message) as refused:
-        validated(overriding(read_mapping(ROOT / "config/config.yaml"), read_mapping(path)), Config, path)
-    assert str(refused.value).startswith(f"{path}: ")
-    assert len(str(refused.value)) < 700
-
-
-def test_without_a_folder_for_the_cache_functions_are_compiled_in_each_process(monkeypatch):
-    monkeypatch.setattr(numba.config, "CACHE_DIR", "/proc/nowhere")
-    assert compiled(lambda x: 2 * x)(2.0) == 4
-
-
-def test_an_option_that_is_missing_is_named():
-    ran = CliRunner().invoke(main, ["ingest", "--log", "x.csv"])
-    assert ran.exit_code == 2
-    assert "Missing option '--output'" in ran.output

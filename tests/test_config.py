@@ -1,4 +1,4 @@
-"""The configuration: an old name is refused with the new one, and the shipped file is valid."""
+"""The configuration: what is wrong in it is one line, and the simulator follows it."""
 
 import json
 from pathlib import Path
@@ -14,15 +14,14 @@ from osl_analysis.campaign.campaign import check_files
 from osl_analysis.campaign.configuration import campaign_config, read_config, read_section
 from osl_analysis.commands.simulate import laboratory_of, read_simulation, settings_files, simulate_trial
 from osl_analysis.config.experiments import EXPERIMENTS
-from osl_analysis.config.shared_choices import FOLLOWED, SharedChoices
 from osl_analysis.errors import InputError
 from osl_analysis.model.compensator import Weight, select_gains
 from osl_analysis.model.parameters import read_parameters
-from osl_analysis.simulator.crossing import compensated_damping
 from osl_analysis.yaml_settings import Settings, read_mapping, read_yaml
 
 SHIPPED_FILE = ROOT / "config/config.yaml"
 SHIPPED = yaml.safe_load(SHIPPED_FILE.read_text())
+BENCH = SHIPPED["dynamometer"]
 Cycles = Annotated[int, Field(ge=1, le=100)]
 
 
@@ -73,7 +72,14 @@ NUMBER = "write a number, without a unit, with a full stop as decimal sign"
         ("inner: {rate: a, name: 1, sign: 3}", f"line 2: inner.rate: 'a' is not allowed: {NUMBER} (and 2 more prob"),
         ("a: {b: 1}\nb:\n- {b: 2, b: 3}\n", "line 4: key 'b' stands twice; remove one"),
         ("name: M\xfcnchen", "line 2 is not UTF-8; save the file as UTF-8"),
+        ("inner: {rate: 1e999}", "line 2: inner.rate: inf is not allowed: write a finite number"),
+        ("inner: {rate: " + "9" * 6000 + "}", "not YAML: Exceeds the limit"),
+        ("inner: {cycles: " + "9" * 400 + "}", "line 2: inner.cycles: " + "9" * 60 + "... is not allowed: write a n"),
+        ("a: " + "[" * 1500 + "]" * 1500, "its fields are nested too deeply"),
+        ("a: !!python/object:os.system x", "not YAML: "),
+        ("a: !!timestamp x", "not YAML: "),
         ("a: 2026-13-45", "not YAML: "),
+        ('"\\e31mkey": 3', "line 2: unknown field '\\x1b31mkey'"),
     ],
 )  # fmt: skip
 def test_what_is_wrong_in_a_file_is_one_line_with_line_field_value_and_remedy_in_our_words(tmp_path, text, said):
@@ -91,34 +97,33 @@ def test_truth_values_are_kept_where_they_are_allowed_and_keys_of_two_mappings_m
 
 
 @pytest.mark.parametrize(
-    ("changed", "message"),
+    ("section", "change", "message"),
     [
-        ({"compare_estimators": True}, "field 'dynamometer.compare_estimators' is gone: so are the est"),
-        ({"cycles": [10, 20]}, "cycles has 2 numbers for 5 frequencies"),
-        ({"cycles": [10, 20, 30, 2, 20]}, "settle_cycles = 2 leaves none of 2 cycles; lower it"),
-        ({"seconds_per_frequency": 1.5}, r"settle_cycles = 2 leaves none of 1\.5 cycles"),
+        (
+            "dynamometer",
+            BENCH | {"compare_estimators": True},
+            "field .*compare_estimators' is gone: so are the est",
+        ),
+        ("dynamometer", BENCH | {"cycles": [10, 20]}, "cycles has 2 numbers for 5 frequencies"),
+        ("dynamometer", BENCH | {"cycles": [10, 20, 30, 2, 20]}, "settle_cycles = 2 leaves none of 2 cycles; lower it"),
+        ("dynamometer", BENCH | {"seconds_per_frequency": 1.5}, r"settle_cycles = 2 leaves none of 1\.5 cycles"),
+        ("results", "README.md/below", "README.md: is a file; name a folder"),
+        ("results", "", "results is empty"),
+        ("impedance_trajectory", "nowhere.csv", "nowhere.csv: no such file; correct impedance_trajectory in the con"),
     ],
 )
-def test_a_stepped_sine_has_cycles_enough_to_settle_and_no_key_that_is_gone(changed, message):
+def test_a_configuration_that_cannot_be_run_is_one_line_before_any_job(in_root, section, change, message):
     with pytest.raises(InputError, match=message):
-        campaign_config(SHIPPED | {"dynamometer": SHIPPED["dynamometer"] | changed}, [SHIPPED_FILE])
-    timed = {"dynamometer": SHIPPED["dynamometer"] | {"seconds_per_frequency": 10}}  # which replaces the cycles
+        check_files(campaign_config(SHIPPED | {section: change}, [SHIPPED_FILE]))
+
+
+def test_seconds_per_frequency_replace_the_cycles():
+    timed = {"dynamometer": BENCH | {"seconds_per_frequency": 10}}
     protocols = [campaign_config(SHIPPED | one, [SHIPPED_FILE]).dynamometer.protocol for one in ({}, timed)]
     assert [one.cycles_at for one in protocols] == [(20,) * 5, (10, 20, 30, 40, 50)]
 
 
-@pytest.mark.parametrize(
-    ("results", "message"),
-    [("taken", "taken: is a file; name a folder"), ("taken/below", "taken: is a file"), (None, "results is empty")],
-)
-def test_results_that_are_a_file_or_nothing_are_one_line_before_any_job(tmp_path, results, message):
-    (tmp_path / "taken").write_text("mine")
-    changes = {"sheet": tmp_path / "trials.csv", "simulation": None, "results": tmp_path / results if results else ""}
-    with pytest.raises(InputError, match=message):
-        check_files(campaign_config(SHIPPED | changes, [SHIPPED_FILE]))
-
-
-@pytest.mark.parametrize(("number", "way"), [("1:30", "sixties"), ("1:30.5", "sixties"), ("010", "eights")])
+@pytest.mark.parametrize(("number", "way"), [("1:30", "sixties"), ("010", "eights")])
 def test_a_number_that_yaml_1_1_counts_is_text_or_plain_and_refused_where_snakemake_reads_it(tmp_path, number, way):
     """Snakemake hands over 90 and 8. YAML 1.2 has a text and 10."""
     path = tmp_path / "a.yaml"
@@ -126,8 +131,7 @@ def test_a_number_that_yaml_1_1_counts_is_text_or_plain_and_refused_where_snakem
     with pytest.raises(InputError, match=rf"a\.yaml: line 3: YAML counts {number} in {way}; write a plain"):
         read_mapping(path, by_snakemake=True)
     assert read_mapping(path)["a"]["rate"] == [number if ":" in number else 10]
-    text = f"a: '{number}'\nb: [0, 0.5, 00.5, -0, 1.0e+3, 100]\nc: 2026-11-20 10:30:00\n"
-    path.write_text(text)
+    path.write_text(text := f"a: '{number}'\nb: [0, 0.5, 00.5, -0, 1.0e+3, 100]\nc: 2026-11-20 10:30:00\n")
     assert read_mapping(path, by_snakemake=True) == yaml.safe_load(text)
 
 
@@ -146,10 +150,8 @@ PARAMETERS = ROOT / "config/parameters"
 def edited(tmp_path, **changes):
     content = yaml.safe_load((PARAMETERS / "default.yaml").read_text())
     for name, value in changes.items():
-        if value is None:
-            del content["parameters"][name]
-        else:
-            content["parameters"].setdefault(name, {"value": 1.0, "unit": "1", "source": "test"}).update(value)
+        old = content["parameters"].pop(name, {"value": 1.0, "unit": "1", "source": "test"})
+        content["parameters"] |= {name: old | value} if value else {}
     path = tmp_path / "edited.yaml"
     path.write_text(yaml.safe_dump(content))
     return path
@@ -169,6 +171,7 @@ def test_the_shipped_files_have_the_numbers_of_hardware_text_table_and_later_pub
     ("changes", "message"),
     [
         ({"K_s": None}, "K_s .* is missing"),
+        ({"K_s": {"source": ""}}, r"parameters\.K_s\.source: '' is not allowed: write at least one character"),
         ({"K_s": {"unit": "N*mm/rad"}}, r"line \d+: parameters\.K_s\.unit: K_s has unit 'N\*mm/rad', expected 'N\*m/r"),
         ({"B_j": {"value": -0.1}}, "B_j = -0.1 .* zero or positive"),
         ({"J_m": {"value": 1e-300}}, r"J_m = 1e-300 kg\*m\^2 must be positive, 1e-09 to 1e\+09; correct"),
@@ -207,15 +210,12 @@ def test_the_simulated_leg_has_the_gains_that_the_configuration_says(tmp_path, i
     changes = {"gain_weight": {"cutoff_hz": 4, "order": 2}, "parameters": OTHER, "dynamometer": protocol}
     simulate_trial(TINY, tmp_path / "raw", TRIAL, configured(tmp_path, **changes).shared("impedance"))
     truth = json.loads((tmp_path / f"raw/truth/{TRIAL}.json").read_text())["gains"]
-    expected = select_gains("compensated", 300, 5, read_parameters(Path(OTHER)), Weight(4, 2))
+    expected = select_gains("compensated", 300, 5, read_parameters(Path(OTHER)), Weight(cutoff_hz=4, order=2))
     assert (truth["K_1"], truth["B_1"]) == pytest.approx((expected.K_1, expected.B_1))
-    usual = select_gains("compensated", 300, 5, read_parameters(ROOT / "config/parameters/default.yaml"))
-    assert abs(expected.B_1 / usual.B_1 - 1) > 0.01
 
 
 def test_the_simulated_protocol_and_walk_are_those_of_the_configuration(tmp_path, in_root):
-    other, default = tmp_path / "other.csv", Path("config/simulation/default.yaml")
-    other.write_text((ROOT / "config/impedance/synthetic_rising.csv").read_text())
+    other, default = Path("config/impedance/synthetic_rising.csv"), Path("config/simulation/default.yaml")
     protocol = {"amplitudes_deg": [3, 1], "frequencies_hz": [4, 2.5], "cycles": 7, "seconds_per_frequency": 2}
     changes = {"dynamometer": protocol, "gain_weight": {"cutoff_hz": 3, "order": 1}, "impedance_trajectory": str(other)}
     followed = configured(tmp_path, **changes).shared()
@@ -224,13 +224,8 @@ def test_the_simulated_protocol_and_walk_are_those_of_the_configuration(tmp_path
     assert (stepped.amplitudes_deg, stepped.frequencies_hz, stepped.cycles) == ((3, 1), (4, 2.5), None)
     assert (stepped.seconds, stepped.lead_s) == (2, 1)
     walking = laboratory_of(settings, followed)
-    assert (walking.impedance, walking.gain_weight.weight) == (other, Weight(3, 1))
+    assert (walking.impedance, walking.gain_weight) == (other, Weight(cutoff_hz=3, order=1))
     assert other in settings_files(default, followed)
-    alone = read_simulation(TINY, SharedChoices())  # without a configuration the settings decide
-    assert (alone.protocol.frequencies_hz, alone.gain_weight.weight) == ((2, 5), Weight(1, 3))
-    p, path = read_parameters(ROOT / "config/parameters/default.yaml"), Path("config/impedance/synthetic_walking.csv")
-    paper, other = (compensated_damping(path, p, Weight(f, 3))[1] for f in (1.0, 4.0))
-    assert abs(other / paper - 1).max() > 0.01
 
 
 def test_each_experiment_follows_what_it_uses_and_no_more(tmp_path, in_root):
@@ -238,5 +233,3 @@ def test_each_experiment_follows_what_it_uses_and_no_more(tmp_path, in_root):
     one, other = (configured(tmp_path, gain_weight={"cutoff_hz": f, "order": 3}) for f in (1, 2))
     same = [name for name in EXPERIMENTS if one.shared(name) == other.shared(name)]
     assert {"impedance", "walking"} == EXPERIMENTS.keys() - same
-    assert FOLLOWED.keys() <= EXPERIMENTS.keys()
-    assert one.shared("static") == SharedChoices()

@@ -9,6 +9,7 @@ import pytest
 from conftest import ROOT
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from pydantic import ValidationError
 from scipy.integrate import quad
 
 from osl_analysis.commands.gains import gain_table
@@ -161,14 +162,20 @@ def test_a_command_holds_from_its_own_sample():
 
 
 PAIRS = [(300, 5), (100, 0), (400, 7.5), (20, 2.5), (31.4159265358979, 5.0), (340, 1e-7)]
-WEIGHTS = [PAPER_WEIGHT, Weight(0.1, 5), Weight(50, 1), Weight(7, 3), Weight(1, 1)]
+
+
+def weight_of(cutoff_hz, order):
+    return Weight(cutoff_hz=cutoff_hz, order=order)
+
+
+WEIGHTS = [PAPER_WEIGHT, weight_of(0.1, 5), weight_of(50, 1), weight_of(7, 3), weight_of(1, 1)]
 PROVED = [
     (300, 5, PAPER_WEIGHT, False, [0.664686846657257]),
     (31.4159265358979, 5.0, PAPER_WEIGHT, True, [0.2336021263447045]),
-    (250, 1e-7, Weight(7, 3), False, [0.7027444066679175]),
-    (1, 0, Weight(50, 1), False, [16.83962680009294]),
-    (0.99 * 685.6, 20, Weight(0.1, 5), True, [4699.7192679253]),
-    (641, 7.4, Weight(1, 1), True, [2.5755454822996087, 11.0603951499571]),
+    (250, 1e-7, weight_of(7, 3), False, [0.7027444066679175]),
+    (1, 0, weight_of(50, 1), False, [16.83962680009294]),
+    (0.99 * 685.6, 20, weight_of(0.1, 5), True, [4699.7192679253]),
+    (641, 7.4, weight_of(1, 1), True, [2.5755454822996087, 11.0603951499571]),
     (600, 0, PAPER_WEIGHT, False, []),
 ]
 """All minima B_1 of the default device by Sturm's theorem in rational arithmetic (release 0.2.0): K_d, B_d, W, whether
@@ -218,17 +225,17 @@ def test_the_minima_are_those_that_were_proved_in_rational_arithmetic(parameters
 
 def test_a_locked_motor_is_refused_by_name_and_leaves_other_rows_as_they_are_alone(parameters):
     with pytest.raises(UnreachableImpedanceError, match=r"no finite B_1 minimises .* the motor is locked"):
-        compensated_gains(600.0, 0.0, parameters, Weight(50, 3))
-    both = gain_table([600.0, 300.0], [0.0, 5.0], parameters, Weight(50, 3), (1.0, 5.0))
-    alone = gain_table([300.0], [5.0], parameters, Weight(50, 3), (1.0, 5.0))
+        compensated_gains(600.0, 0.0, parameters, weight_of(50, 3))
+    both = gain_table([600.0, 300.0], [0.0, 5.0], parameters, weight_of(50, 3), (1.0, 5.0))
+    alone = gain_table([300.0], [5.0], parameters, weight_of(50, 3), (1.0, 5.0))
     assert (both["unbounded"].to_list(), both["K_predicted"][0]) == ([True, False], None)
     assert both.row(1) == pytest.approx(alone.row(0))
 
 
 @pytest.mark.parametrize("weight", [(1, 0), (1, 2.5), (1, 11), (-1, 3), (1e-300, 3), (np.inf, 3), (np.nan, 3)])
 def test_a_weight_that_weighs_nothing_is_refused(weight):
-    with pytest.raises(UnreachableImpedanceError, match="W "):
-        Weight(*weight)
+    with pytest.raises(ValidationError):
+        weight_of(*weight)
 
 
 def stiffness_at(f, gains, p, J_j=0.0):

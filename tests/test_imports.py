@@ -40,11 +40,6 @@ def imports(folder: str) -> set[tuple[str, str]]:
     }
 
 
-def users(name: str) -> set[str]:
-    """Modules outside a package, or other than a module, that import it."""
-    return {m for m, s in imports(".") if s == name and not m.startswith((f"{name}/", f"{name}."))}
-
-
 @pytest.mark.parametrize("package", HOUSE)
 def test_a_package_imports_only_what_lies_below_it(package):
     assert {(m, s) for m, s in imports(package) if s not in HOUSE[package] | GROUND | {package}} == set()
@@ -63,19 +58,25 @@ def test_the_house_has_nine_floors_and_no_stair_back():
     assert max(floors.values()) + 1 <= 9  # the commands and the doors to them
 
 
-def test_only_the_simulate_command_the_study_and_the_schemas_know_the_simulator():
-    assert {m for m in users("simulator") if not m.startswith("study/")} <= {
-        "commands/simulate.py", "commands/study.py", "commands/reference.py",
-    }  # fmt: skip
+@pytest.mark.parametrize(
+    ("name", "known_to"),
+    [
+        ("simulator", {"commands/simulate.py", "commands/study.py", "commands/reference.py"}),
+        ("study", {"commands/study.py"}),
+        ("commands", {"cli.py", "notebook.py", "__init__.py"}),
+        ("notebook", {"__init__.py"}),
+    ],
+)
+def test_simulator_study_commands_and_notebook_are_known_to_few(name, known_to):
+    users = {m for m, s in imports(".") if s == name and not m.startswith((f"{name}/", f"{name}.", "study/"))}
+    assert users == known_to
 
 
-def test_nothing_but_its_command_imports_the_study():
-    assert users("study") == {"commands/study.py"}
-
-
-def test_commands_are_called_by_the_command_line_and_the_functions_for_notebooks_alone():
-    assert users("commands") == {"cli.py", "notebook.py", "__init__.py"}
-    assert users("notebook") == {"__init__.py"}
+def test_snakemake_is_imported_by_its_logger_and_the_command_that_runs_it_alone():
+    """Nothing of it is replaced at run time."""
+    imported = re.compile(r"^\s*(?:import|from) snakemake(?!_logger_plugin_osl)", re.MULTILINE)
+    found = {str(path.relative_to(PACKAGE)) for path in PACKAGE.rglob("*.py") if imported.search(path.read_text())}
+    assert found == {"cli.py", "jobs/progress.py"}
 
 
 def test_matplotlib_stays_in_the_figures():

@@ -3,24 +3,11 @@
 import logging
 from types import SimpleNamespace
 
-import pytest
 from snakemake_interface_logger_plugins.common import LogEvent
 
 from osl_analysis.jobs import progress
 from osl_analysis.jobs.job_log import write_log
 from osl_analysis.jobs.progress import LogHandler, stage_of
-
-
-@pytest.fixture
-def clock(monkeypatch):
-    """A clock that the test turns."""
-    clock = SimpleNamespace(now=100.0)
-    monkeypatch.setattr(progress.time, "monotonic", lambda: clock.now)
-    return clock
-
-
-def handler(verbose=False, dryrun=False):
-    return LogHandler(SimpleNamespace(verbose=verbose, dryrun=dryrun), None)
 
 
 def tell(handler, event=None, text="", level=logging.INFO, **more):
@@ -29,20 +16,26 @@ def tell(handler, event=None, text="", level=logging.INFO, **more):
     handler.emit(record)
 
 
-def begin(handler, job, rule, *logs):
-    tell(handler, LogEvent.JOB_INFO, jobid=job, rule_name=rule, log=[*logs])
-
-
-def test_a_stage_writes_one_line_now_and_then_and_one_at_its_end(clock, capsys):
-    lines = handler()
+def test_a_run_has_a_line_now_and_then_one_per_stage_and_what_is_refused_at_once(monkeypatch, tmp_path, capsys):
+    clock, log = SimpleNamespace(now=100.0), tmp_path / "belt_01.log"
+    monkeypatch.setattr(progress.time, "monotonic", lambda: clock.now)
+    ended = {"job": "ingest.ingest_trial", "outcome": "refused", "error": "belt_01.mcap: no such file; copy it\x1b[31m"}
+    write_log(log, ended, {})
+    lines = LogHandler(SimpleNamespace(verbose=False, dryrun=False), None)
     tell(lines, LogEvent.RUN_INFO, stats={"ingest": 40, "reproduce-all": 1, "total": 41})
+    tell(lines, text="Building DAG of jobs...")
     for job in range(40):
-        begin(lines, job, "ingest")
+        tell(lines, LogEvent.JOB_INFO, jobid=job, rule_name="ingest", log=[str(log)] * (job == 39))
         clock.now += 0.5
         tell(lines, LogEvent.JOB_FINISHED, job_id=job)
+    tell(lines, LogEvent.ERROR, "Error: Directory cannot be locked.", logging.ERROR)
+    for settings in ((True, False), (False, True)):  # verbose and dry runs have the lines of Snakemake
+        tell(LogHandler(SimpleNamespace(verbose=settings[0], dryrun=settings[1]), None), text="Unlocked.")
     assert capsys.readouterr().err.splitlines() == [
         "read and check recordings 21/40, 2/s, 10 s left",
+        r"refused: belt_01: belt_01.mcap: no such file; copy it\x1b[31m",
         "read and check recordings 40/40 in 20 s",
+        "Error: Directory cannot be locked.",
     ]
 
 
@@ -51,25 +44,3 @@ def test_a_rule_has_its_stage_in_a_module_too():
     stages |= dict.fromkeys(("fit_belt_trial", "summarise_walking"), "fit")
     stages |= dict.fromkeys(("table", "headline_numbers", "report", "judge", "excluded_trials"), "tables and page")
     assert {rule: stage_of(rule) for rule in stages} == {rule: stage_of(f"osl_{rule}") for rule in stages} == stages
-
-
-def test_what_a_user_must_know_is_said_at_once_and_the_lines_of_snakemake_are_left_out(clock, tmp_path, capsys):
-    log, lines = tmp_path / "belt_01.log", handler()
-    ended = {"job": "ingest.ingest_trial", "outcome": "refused", "error": "belt_01.mcap: no such file; copy it\x1b[31m"}
-    write_log(log, ended, {})
-    tell(lines, LogEvent.RUN_INFO, stats={"ingest": 1, "total": 1})
-    tell(lines, text="Building DAG of jobs...")
-    tell(lines, text="Execute 1 jobs...")
-    begin(lines, 3, "ingest", str(log))
-    tell(lines, LogEvent.JOB_FINISHED, job_id=3)
-    tell(lines, text="Unlocked working directory.")
-    tell(lines, LogEvent.ERROR, "Error: Directory cannot be locked.", logging.ERROR)
-    for settings in ({"verbose": True}, {"dryrun": True}):  # these have the lines of Snakemake
-        tell(handler(**settings), text="Unlocked working directory.")
-        assert not handler(**settings).writes_to_stream
-    assert capsys.readouterr().err.splitlines() == [
-        r"refused: belt_01: belt_01.mcap: no such file; copy it\x1b[31m",
-        "read and check recordings 1/1 in 0 s",
-        "Unlocked working directory.",
-        "Error: Directory cannot be locked.",
-    ]

@@ -1,36 +1,9 @@
 """The tutorial is followed: its commands run, and print what the page shows."""
 
 import re
-import runpy
 
-import pytest
 import yaml
-from click.testing import CliRunner
-from snakemake_runs import run_snakemake
 from tutorial_page import DOCS, FIGURE, LEFT_OUT, said_by_page
-
-from osl_analysis.cli import main
-from osl_analysis.commands.run import snakemake_arguments
-from osl_analysis.files import config_here
-
-
-def in_this_process(words, folder):
-    """What a command prints, without a start of Python for each."""
-    with pytest.MonkeyPatch.context() as here:
-        here.chdir(folder)
-        if words[0] == "python":
-            runpy.run_path(words[1])
-            return ""
-        if words[:2] == ["osl-analysis", "run"]:
-            ran = run_snakemake(snakemake_arguments([*words[2:], "--cores", "2"]), folder)
-            assert ran.returncode == 0, ran.stdout
-            return ran.stdout
-        for option in main.commands[words[1]].params:
-            if option.name == "config_path":  # its default is that of the folder in which the program was started
-                here.setattr(option, "default", config_here())
-        said = CliRunner().invoke(main, words[1:])
-        assert said.exit_code == 0, said.output
-        return said.output
 
 
 def lines_of(text):
@@ -41,7 +14,7 @@ def lines_of(text):
 def test_the_commands_of_the_tutorial_print_what_it_shows_and_end_with_its_figure_without_a_flag(tmp_path):
     folder = tmp_path / "a place with blanks"
     folder.mkdir()
-    said = list(said_by_page(in_this_process, folder))
+    said = list(said_by_page(folder))
     assert [command.split()[1] for command, _, _ in said] == ["record.py", "init", "ingest", "fit", "run", "results"]
     for command, shown, printed in said:
         shown, printed = lines_of(shown), lines_of(printed)

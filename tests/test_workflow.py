@@ -22,7 +22,6 @@ from osl_analysis.commands.reference import tables_page
 from osl_analysis.dictionary import described_tables
 from osl_analysis.figures import FIGURES
 from osl_analysis.jobs import request as jobs_request
-from osl_analysis.jobs.request import imported_names
 from osl_analysis.refusal import is_refused
 from osl_analysis.report.headlines import all_labels
 
@@ -38,18 +37,18 @@ class Workspace:
     def __init__(self, folder: Path, of: "Workspace | None" = None, without: tuple[str, ...] = ()) -> None:
         """A new campaign, or a copy of one, dates included, without files and folders of these names."""
         self.folder = folder
-        if of is not None:
+        if of is None:
+            write_small(folder, COUNTS)
+            self.configure({})
+        else:
             shutil.copytree(of.folder, folder, ignore=shutil.ignore_patterns(*without), dirs_exist_ok=True)
-            return
-        write_small(folder, COUNTS)
-        self.configure({})
 
     def configure(self, changes):
         (self.folder / "config/small.yaml").write_text(yaml.safe_dump(OVERRIDES | changes))
 
-    def run(self, *arguments, package=None):
-        """Snakemake in this folder; the fingerprints are those of the package in the folder `package`."""
-        return run_snakemake([*arguments, *FILES], self.folder, package)
+    def run(self, *arguments):
+        """Snakemake in this folder."""
+        return run_snakemake([*arguments, *FILES], self.folder)
 
     def start(self, *arguments, python_path=""):
         """As `run`, started anew; Python also looks in `python_path`."""
@@ -57,9 +56,9 @@ class Workspace:
         environment = os.environ | {"PYTHONPATH": f"{python_path}:{os.environ.get('PYTHONPATH', '')}"}
         return subprocess.run(command, cwd=self.folder, env=environment, capture_output=True, text=True, check=False)
 
-    def planned(self, *arguments, package=None):
+    def planned(self, *arguments):
         """Jobs per rule of a dry run."""
-        result = self.run("-n", *arguments, package=package)
+        result = self.run("-n", *arguments)
         assert result.returncode == 0, result.stdout
         stats = re.findall(r"^([\w-]+) +(\d+)$", result.stdout, re.MULTILINE)
         return {rule: int(count) for rule, count in stats if rule not in ("total", "reproduce-all")}
@@ -67,19 +66,12 @@ class Workspace:
     def table(self, name):
         return pl.read_csv(self.folder / f"results/tables/{name}.csv")
 
-    def load_cell_rests(self):
-        """Torque [N*m] at rest of each transmission trial, as quality control measured it; the smallest first."""
-        of_transmission = pl.col("trial").str.starts_with("transmission")
-        rests = self.table("quality").filter(of_transmission, check="unzeroed_load_cell")
-        return rests.sort("value").select("trial", "value").rows()
-
 
 @pytest.fixture(scope="module")
 def workspace(tmp_path_factory):
     space = Workspace(tmp_path_factory.mktemp("campaign"))
     result = space.start("reproduce-all")
     assert result.returncode == 0, result.stderr
-    assert "where the time went" in result.stdout + result.stderr
     return space
 
 
@@ -88,12 +80,9 @@ def test_every_figure_table_and_headline_number_is_there_and_nothing_is_left_to_
     files = {f"{name}.{suffix}" for name in drawn for suffix in ("csv", "pdf", "svg", "png")}
     assert {path.name for path in (results / "figures").iterdir()} == files | {"captions.md"}
     captions = (results / "figures/captions.md").read_text(encoding="utf-8")
-    assert (captions.count("\n## "), captions.count("Simulated data")) == (len(drawn), 1)
+    assert captions.count("\n## ") == len(drawn)
     summary = json.loads((results / "summary.json").read_text())
-    assert summary["campaign"] == "small"
     assert {"K_s", "B_j", "k_tau_n_m", "walking_K"} <= set(summary["numbers"])
-    assert "\\newcommand" in (results / "numbers.tex").read_text()
-    assert {"walking_excluded.csv", "plate.csv"} <= {path.name for path in (results / "tables").iterdir()}
     for name, each in (("model_comparison", 2), ("model_comparison_summary", 1)):
         compared = dict(workspace.table(name).group_by("experiment").len().iter_rows())
         assert compared == {"belt": 4 * each, "transmission": 2 * each, "impedance": 8 * each}
@@ -143,7 +132,7 @@ def leaves(value, place=(), lists=True):
 
 def test_what_a_job_reads_was_made_by_jobs_that_its_rule_waits_for(workspace):
     """Also what the rule does not name (`read`): else a job runs too early, or is not run again. The rules' inputs are
-    those in Snakemake's notes, what a job reads stands in its request."""
+    those in Snakemake's notes."""
     requests, waits_for = requests_in(workspace.folder), {}
     maker = {file: request for request, said in requests.items() for file in said["files"]}
     for note in (path for path in (workspace.folder / ".snakemake/metadata").rglob("*") if path.is_file()):
@@ -183,28 +172,14 @@ BENCH = {"fit_belt_trial", "fit_transmission_trial", "fit_impedance_trial"}
 CROSSINGS = {"identify_plate", "analyse_crossing", "select_crossings", "average_unperturbed", "fit_perturbation"}
 
 
-@pytest.mark.parametrize(
-    ("module", "again", "untouched"),
-    [
-        ("walking/response", "fit_perturbation", BENCH),
-        ("bench/impedance", "fit_impedance_trial", CROSSINGS),
-    ],
-)
-def test_a_changed_estimator_reruns_its_fits_and_not_ingest(workspace, tmp_path, module, again, untouched):
-    package = shutil.copytree(ROOT / "osl_analysis", tmp_path / "osl_analysis", ignore=lambda *_: {"__pycache__"})
-    estimator = package / f"{module}.py"
-    estimator.write_text(estimator.read_text() + "\n# another estimator\n")
-    planned = workspace.planned(package=package)
-    assert again in planned
-    assert not (untouched | {"ingest", "simulate_walking"}) & set(planned)
-
-
 def test_changed_settings_and_thresholds_give_the_bytes_of_a_fresh_run_and_redo_what_uses_them_alone(
     workspace, tmp_path
 ):
     """Of thresholds and limits no trial is ingested or fitted again; what several trials share is made again, where one
     of them becomes excluded. Of the filter of the bench, what is ingested, simulated and fitted elsewhere stays."""
-    (_, least), (bad, most) = workspace.load_cell_rests()
+    of_transmission = pl.col("trial").str.starts_with("transmission")
+    rests = workspace.table("quality").filter(of_transmission, check="unzeroed_load_cell").sort("value")
+    (_, least), (bad, most) = rests.select("trial", "value").rows()
     rule = {"threshold": f"{(least + most) / 2} N*m", "on_failure": "exclude"}
     changes = {"quality": {"unzeroed_load_cell": rule}, "doubtful": {"transmission": {"above": {"samples": 10}}}}
     again = Workspace(tmp_path / "again", workspace)
@@ -224,20 +199,18 @@ def test_changed_settings_and_thresholds_give_the_bytes_of_a_fresh_run_and_redo_
     files = [path.relative_to(fresh.folder) for path in made]
     assert len(files) > 40
     assert [file for file in files if (again.folder / file).read_bytes() != (fresh.folder / file).read_bytes()] == []
-    for kept in ("trials/belt_01.parquet", "quality/belt_01.csv", "fits/walking", "crossings"):
-        (path,) = [path.relative_to(again.folder) for path in again.folder.glob(f"results/{kept}")]
-        assert (again.folder / path).stat().st_mtime == (workspace.folder / path).stat().st_mtime
+    for kept in ("results/trials/belt_01.parquet", "results/fits/walking", "results/crossings"):
+        assert (again.folder / kept).stat().st_mtime == (workspace.folder / kept).stat().st_mtime
     transmission = again.table("transmission")
     assert bad not in transmission["trial"].to_list()
     assert transmission["doubtful"].str.contains("^samples .* is above 10").all()
-    judged = again.table("quality").filter(pl.col("trial").str.starts_with("transmission"))
-    assert judged.filter(pl.col("verdict") != "pass").select("trial", "verdict").rows() == [(bad, "exclude")]
 
 
 WHOLE = {"summary", "csv_metadata", "report", "figures/captions"}
 """The jobs whose results name the hash of the whole configuration."""
-NOT_CHANGED = {"study", "markers", "time_series", "frequency_response", "on_failure"}
-NOT_CHANGED |= {"fewest_unperturbed", "plate_inertia"}
+NOT_CHANGED = {
+    "study", "markers", "time_series", "frequency_response", "on_failure", "fewest_unperturbed", "plate_inertia",
+}  # fmt: skip
 """Settings of another target, and such as name markers, a trial, or what a test of its own changes."""
 OTHER_WORD = {"auto": "any", "end": "start", "right": "left", "matched": "own"}
 OTHER_WORD["mean"] = "predicted"
@@ -255,23 +228,19 @@ def another(value, number):
     return value + 1 if isinstance(value, int) else value * (1 + 1e-5 * number) + 1e-7 * number
 
 
-SHEET = """trial,experiment,controller,K_d,B_d,perturbed,log,log_source,mocap,mocap_source,joint,direction
-belt_1,belt,,,,,a.mcap,dynamometer,,,ankle,
-belt_2,belt,,,,,b.mcap,dynamometer,,,ankle,
-transmission_1,transmission,,,,,c.mcap,dynamometer,,,ankle,
-transmission_2,transmission,,,,,d.mcap,dynamometer,,,ankle,
-actuator_1,actuator,,,,,e.mcap,dynamometer,,,ankle,
-impedance_1,impedance,compensated,300,5,,f.mcap,dynamometer,,,ankle,
-torque_angle_1,torque_angle,,,,,g.mcap,dynamometer,,,ankle,
-overground_1,overground,,,,,,,h.c3d,vicon,ankle,
-static_1,static,,,,,,,i.c3d,vicon,ankle,
-plate_1,plate,,,,,,,j.c3d,vicon,ankle,
-walking_1,walking,,,,true,k.mcap,leg,k.c3d,vicon,ankle,
-walking_2,walking,,,,false,l.mcap,leg,l.c3d,vicon,ankle,
-walking_3,walking,,,,false,m.mcap,leg,m.c3d,vicon,ankle,
-walking_4,walking,,,,false,n.mcap,leg,n.c3d,vicon,ankle,
-walking_5,walking,,,,true,o.mcap,leg,o.c3d,vicon,ankle,
+SHEET = """trial,experiment,controller,K_d,B_d,perturbed,log,log_source,mocap,mocap_source
+belt_1,belt,,,,,a.mcap,dynamometer,,
+belt_2,belt,,,,,b.mcap,dynamometer,,
+transmission_1,transmission,,,,,c.mcap,dynamometer,,
+transmission_2,transmission,,,,,d.mcap,dynamometer,,
+actuator_1,actuator,,,,,e.mcap,dynamometer,,
+impedance_1,impedance,compensated,300,5,,f.mcap,dynamometer,,
+torque_angle_1,torque_angle,,,,,g.mcap,dynamometer,,
+overground_1,overground,,,,,,,h.c3d,vicon
+static_1,static,,,,,,,i.c3d,vicon
+plate_1,plate,,,,,,,j.c3d,vicon
 """
+SHEET += "".join(f"walking_{k},walking,,,,{k > 3},k{k}.mcap,leg,k{k}.c3d,vicon\n" for k in range(1, 6))
 """A campaign with every experiment. Its recordings are not there: it is only planned."""
 MEASURED = {"simulation": None, "sheet": "trials.csv", "raw_data": "raw"}
 MEASURED["figures"] = {"time_series": {"K_d": 300, "B_d": 5}, "frequency_response": {"K_d": 300, "B_d": 5}}
@@ -294,8 +263,7 @@ def test_every_setting_is_in_the_requests_of_jobs_and_changes_nothing_else_in_th
     requests = []
     for changed in ({}, changes):
         (tmp_path / "config/small.yaml").write_text(yaml.safe_dump(overriding(MEASURED, changed)))
-        result = space.run("-n")
-        assert result.returncode == 0, result.stdout
+        space.planned()
         requests.append({name: leaves(said) for name, said in requests_in(tmp_path).items()})
     found, other = set(), {}
     for request, now in requests[1].items():
@@ -311,50 +279,13 @@ def test_every_setting_is_in_the_requests_of_jobs_and_changes_nothing_else_in_th
     assert set(places) - found == set()
 
 
-def test_a_changed_gain_weight_simulates_the_controlled_leg_anew_and_nothing_else(workspace):
-    workspace.configure({"gain_weight": {"order": 2}})
-    planned = workspace.planned()
-    workspace.configure({})
-    assert {"simulate_impedance", "simulate_walking", "fit_impedance_trial", "gains_table"} <= set(planned)
-    others = {"simulate_belt", "simulate_transmission", "simulate_actuator", "simulate_static", "simulate_plate"}
-    assert not set(planned) & (others | {"fit_belt_trial", "fit_transmission_trial", "fit_actuator_trial"})
-
-
-@pytest.mark.parametrize("kept", ["belt", "impedance"])
-def test_a_campaign_of_one_experiment_is_planned_with_its_comparison_of_models_alone(workspace, kept):
-    """A wildcard of trials that there are none of matches nothing."""
-    sheet = pl.read_csv(workspace.folder / "raw_data/small/trials.csv", infer_schema=False)
-    sheet.filter(pl.col("experiment") == kept).write_csv(workspace.folder / f"{kept}.csv")
-    workspace.configure({"simulation": None, "sheet": f"{kept}.csv", "results": f"of_{kept}", "figures": {}})
-    planned = workspace.planned()
-    workspace.configure({})
-    assert {name for name in planned if name.startswith("compare_")} == {f"compare_{kept}_models"}
-
-
-NOT_RUN = {
-    r"config/small\.yaml: line \d+ of small\.yaml: unknown field 'dynamometer\.cut_off'; the known": {
-        "dynamometer": DYNAMOMETER | {"cut_off": 20}
-    },
-    r"config/nowhere\.csv: no such file; correct impedance_trajectory in the configuration, or write null": {
-        "impedance_trajectory": "config/nowhere.csv"
-    },
-    "0 trial of experiment 'static'": {"simulation": None, "sheet": "static.csv"},
-    "0 trial of experiment 'plate'": {"simulation": None, "sheet": "plate.csv"},
-}
-
-
-@pytest.mark.parametrize("message", NOT_RUN)
-def test_a_campaign_that_cannot_be_run_is_one_line_before_any_job(workspace, message):
-    """A field that is unknown or names no file, walking without what it needs."""
-    sheet = pl.read_csv(workspace.folder / "raw_data/small/trials.csv", infer_schema=False)
-    for lost in ("static", "plate"):
-        sheet.filter(pl.col("experiment") != lost).write_csv(workspace.folder / f"{lost}.csv")
-    workspace.configure(NOT_RUN[message])
+def test_a_campaign_that_cannot_be_run_is_one_line_before_any_job(workspace):
+    workspace.configure({"dynamometer": DYNAMOMETER | {"cut_off": 20}})
     result = workspace.run("-n")
     workspace.configure({})
-    assert result.returncode != 0
-    assert not re.search("Traceback|MissingInput", result.stdout)
-    assert re.search(message, result.stdout, re.MULTILINE)
+    assert result.returncode == 1
+    said = r"error: .*/small\.yaml: line \d+ of small\.yaml: unknown field 'dynamometer\.cut_off'; the known .*\n\Z"
+    assert re.search(said, result.stdout), result.stdout
 
 
 UNLUCKY = """
@@ -374,17 +305,13 @@ sys.addaudithook(unlucky)
 
 @pytest.fixture(scope="module")
 def laboratory(workspace, tmp_path_factory):
-    """The same campaign as a laboratory's, with seven bad trials, after its first run.
+    """The same campaign as a laboratory's, with six bad trials, after its first run.
 
     One log is missing, one is damaged, one is another trial's and is refused by the fit; a capture cannot be read, the
-    process that reads another is killed. A load cell is off its zero, and a crossing that the sheet calls unperturbed
-    is perturbed: two trials that are excluded.
+    process that reads another is killed. A crossing that the sheet calls unperturbed is perturbed: it is excluded.
     """
     space = Workspace(tmp_path_factory.mktemp("laboratory"), workspace, ("results", ".snakemake", "truth"))
-    space.good, space.bad = workspace.load_cell_rests()
-    rule = {"threshold": f"{(space.good[1] + space.bad[1]) / 2} N*m", "on_failure": "exclude"}
-    space.changes = {"simulation": None, "quality": {"unzeroed_load_cell": rule}}
-    space.configure(space.changes)
+    space.configure({"simulation": None})
     logs, path = space.folder / "raw_data/small/dynamometer", space.folder / "raw_data/small/trials.csv"
     (logs / "belt_01.mcap").unlink()
     (logs / f"{TRIAL}.mcap").write_bytes((logs / f"{TRIAL}.mcap").read_bytes()[:2000])
@@ -414,7 +341,6 @@ def test_a_run_with_bad_trials_ends_with_a_line_for_each_with_file_reason_and_re
     assert laboratory.code == 1
     assert "Traceback" not in laboratory.said
     said = laboratory.said.partition("NOT ANALYSED: 5 of 22 trials; results are of the others.\n")[2].splitlines()
-    assert len(said) == len(BAD) + 2, laboratory.said
     for told, (trial, reason) in zip(said, sorted(BAD.items()), strict=False):
         assert re.match(rf"  trial {re.escape(trial)}, file raw_data/small/\S*{reason}", told), told
     assert said[-2] == "  therefore not made: figure fig4"
@@ -424,48 +350,34 @@ def test_a_run_with_bad_trials_ends_with_a_line_for_each_with_file_reason_and_re
 def test_tables_and_numbers_are_made_of_the_trials_that_are_left(laboratory):
     results, table = laboratory.folder / "results", laboratory.table
     assert not list(results.rglob(".*"))
-    assert table("belt")["trial"].to_list() == ["belt_02"]
     assert set(table("impedance")["controller"]) == {"uncompensated"}
     assert len(table("walking_crossings")) == 6
-    assert (results / "tables/walking_summary.csv").exists()
     (left_out,) = table("walking_excluded").to_dicts()
     assert left_out["trial"] == laboratory.mistaken
     assert re.search(r"turns at \d\.\d+ s but the sheet says perturbed = false", left_out["reason"])
-    assert not [path for path in (results / "tables").iterdir() if is_refused(path)]
-    assert [path.name for path in (results / "figures").iterdir() if is_refused(path)] == ["fig4.csv"]
+    refused = [path.name for path in (*results.glob("tables/*"), *results.glob("figures/*")) if is_refused(path)]
+    assert refused == ["fig4.csv"]
     excluded = table("excluded")
     assert set(excluded.filter(pl.col("check").is_in(["refused", "failed", "died"]))["trial"]) == set(BAD)
     trials = json.loads((results / "summary.json").read_text())["trials"]
     counts = {name: (one["used"], one["of"]) for name, one in trials.items()}
-    assert (counts["belt"], counts["walking"], counts["plate"]) == ((1, 2), (6, 8), (3, 3))
+    assert (counts["belt"], counts["walking"]) == ((1, 2), (6, 8))
     assert "% 6 of 8 walking trials; without walking_04, walking_05\n" in (results / "numbers.tex").read_text()
-    missing = {path.stem for path in (results / "trials").iterdir() if is_refused(path)}
-    assert missing == set(BAD) - {"impedance_K200_B5.0_compensated"}
-    (good, _), (bad, _) = laboratory.good, laboratory.bad  # an excluded trial is left out by name
-    assert table("transmission")["trial"].unique().to_list() == [good]
-    assert table("transmission_summary")["n"].unique().to_list() == [1]
-    by = "excluded from tables and figures by quality control"
-    assert re.search(rf"{by}: {bad} \(unzeroed_load_cell", laboratory.said)
-    assert not re.search(rf"excluded .*: {good} ", laboratory.said)
 
 
 def test_a_killed_job_is_tried_again_an_older_copy_of_a_log_is_the_same_and_a_refused_one_stays_refused(laboratory):
-    """With a reason in the sheet a trial is not in the list; with `failed_trials: accept` the run is a success.
-
-    The list of the fits of crossings stands, without the trial whose job was killed.
-    """
+    """With a reason in the sheet a trial is not in the list; with `failed_trials: accept` the run is a success."""
     raw = laboratory.folder / "raw_data/small"
     os.utime(raw / "dynamometer/belt_02.mcap", (10**9, 10**9))
     sheet = pl.read_csv(raw / "trials.csv", infer_schema=False)
     lost = pl.when(pl.col("trial") == "belt_01").then(pl.lit("lost")).otherwise(pl.col("exclude"))
     sheet.with_columns(exclude=lost).write_csv(raw / "trials.csv")
-    laboratory.configure(laboratory.changes | {"failed_trials": "accept"})
+    laboratory.configure({"simulation": None, "failed_trials": "accept"})
     trials = [f"results/trials/{trial}.parquet" for trial in (TRIAL, "walking_05")]
     result = laboratory.run("results/tables/belt.csv", trials[0], "results/fits/walking.json")
     assert result.returncode == 0, result.stdout
     named = rf"NOT ANALYSED: 1 of 21 trials; results are of the others.\n  trial {TRIAL}, .*\naccepted"
     assert re.search(named, result.stdout)
-    assert re.search(r"^trials +2 jobs", result.stdout, re.MULTILINE), result.stdout
     assert [is_refused(laboratory.folder / path) for path in trials] == [True, False]
 
 
@@ -480,39 +392,24 @@ def test_another_recording_is_seen_where_snakemake_has_no_notes_even_with_an_old
     assert planned == {"ingest": 1, "fit_belt_trial": 1, "list_fits": 1, "table": 1}
 
 
-def test_the_log_of_a_job_says_what_was_done_with_what_and_how_long_it_took(workspace):
-    log = yaml.safe_load((workspace.folder / "results/logs/belt/belt_01.log").read_text())
-    assert (log["job"], log["outcome"]) == ("bench.fit_belt_trial", "done")
-    assert 0 < log["seconds"] < 60
-    assert log["input"] == {"trial": "results/trials/belt_01.parquet", "parameters": "config/parameters/default.yaml"}
-    assert log["output"]["tables"]["belt"] == "results/fits/belt/belt_01.csv"
-    assert log["settings"]["settings"]["cutoff_hz"] == 15.0
+RERUN = {
+    "bench/impedance.py": {"bench.fit_impedance_trial"},
+    "walking/response.py": {"walking.fit_perturbation"},
+    "report/headlines.yaml": {"tables.write_summary"},
+}
 
 
-@pytest.mark.parametrize("name", ["figures.yaml", "table.yaml", "style.mplstyle"])
-def test_a_fingerprint_covers_the_data_beside_its_modules_and_in_their_packages(monkeypatch, name):
-    before, read = jobs_request.code.__wrapped__("figure.write_captions"), jobs_request.content_of
-    monkeypatch.setattr(jobs_request, "content_of", lambda path: read(path) + b" " * (path.name == name))
-    assert jobs_request.code.__wrapped__("figure.write_captions") != before
+def test_a_changed_estimator_or_what_stands_beside_it_reruns_its_jobs_and_not_ingest(monkeypatch):
+    jobs = {"trials.ingest_and_check", "simulate.simulate_trial"}.union(*RERUN.values())
+    before, read = {job: jobs_request.code.__wrapped__(job) for job in jobs}, jobs_request.content_of
+    for changed, again in (RERUN | {"trial.py": jobs}).items():
+        file = ROOT / "osl_analysis" / changed
+        monkeypatch.setattr(jobs_request, "content_of", lambda path, file=file: read(path) + b" " * (path == file))
+        assert {job for job in jobs if jobs_request.code.__wrapped__(job) != before[job]} == again
 
 
-def test_a_fingerprint_follows_every_form_of_import(tmp_path):
-    """Those that `ruff format` leaves; a word too many can only make a result again that need not be."""
-    (tmp_path / "module.py").write_text(
-        "import osl_analysis.table\nfrom osl_analysis.walking import (\n    bodies as joint,  # with a comment\n"
-        "    gait,\n)\ndef late():\n    from osl_analysis import signals\n    from osl_analysis.judge import table\n"
-    )
-    found = {name.removeprefix("osl_analysis.") for name in imported_names(tmp_path / "module.py")}
-    assert {"table", "walking", "walking.bodies", "walking.gait", "signals", "judge.table"} <= found
-
-
-CLOSED = "/proc/sys"
-"""A folder that is read-only in a container, and for all but root elsewhere."""
-
-
-@pytest.mark.skipif(os.access(CLOSED, os.W_OK), reason="no folder here that nobody can write to")
+@pytest.mark.skipif(os.access("/proc/sys", os.W_OK), reason="no folder here that nobody can write to")
 def test_a_folder_that_cannot_be_written_to_is_refused_by_snakemake_in_one_line(tmp_path):
-    ran = run_snakemake(["--snakefile", str(ROOT / "Snakefile"), "--directory", CLOSED, "-n"], tmp_path)
+    ran = run_snakemake(["--snakefile", str(ROOT / "Snakefile"), "--directory", "/proc/sys", "-n"], tmp_path)
     assert ran.returncode == 1
-    assert ran.stdout.endswith(f"error: {CLOSED}: cannot be written to; copy the campaign to a folder that can\n")
-    assert "Traceback" not in ran.stdout
+    assert ran.stdout.endswith("error: /proc/sys: cannot be written to; copy the campaign to a folder that can\n")

@@ -3,11 +3,12 @@
 `python tests/tutorial_page.py FOLDER` runs them in a new folder, prints what they print, and copies the picture.
 """
 
+import os
 import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 DOCS = Path(__file__).parent.parent / "docs"
@@ -18,11 +19,10 @@ LEFT_OUT = "…"
 """A line of the page for lines that are printed and not shown."""
 
 
-def said_by_page(run: Callable[[list[str], Path], str], folder: Path) -> Iterator[tuple[str, list[str], list[str]]]:
-    """Follow the page in a folder: each command, the lines that the page shows, and those that `run` says were printed.
-
-    `run` is given the words of a command and the folder where it is run. Files of the page are written as it says.
-    """
+def said_by_page(folder: Path) -> Iterator[tuple[str, list[str], list[str]]]:
+    """Follow the page in a folder: each command, the lines that the page shows, and those that are printed. Files of
+    the page are written as it says."""
+    environment = os.environ | {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
     here = folder
     for kind, text in BLOCK.findall(PAGE.read_text(encoding="utf-8")):
         if kind == "python":
@@ -35,7 +35,9 @@ def said_by_page(run: Callable[[list[str], Path], str], folder: Path) -> Iterato
                 if command.startswith("cd "):
                     here = here / command.split()[1]
                 else:
-                    yield command, shown, run(command.split(), here).strip().splitlines()
+                    run = subprocess.run(command.split(), cwd=here, env=environment, text=True, check=True,
+                                         stdout=subprocess.PIPE, stderr=subprocess.STDOUT)  # fmt: skip
+                    yield command, shown, run.stdout.strip().splitlines()
 
 
 def edit(campaign: Path, text: str) -> None:
@@ -49,14 +51,9 @@ def edit(campaign: Path, text: str) -> None:
         config.write_text(config.read_text(encoding="utf-8") + text, encoding="utf-8")
 
 
-def in_a_process(words: list[str], folder: Path) -> str:
-    """What a command prints."""
-    return subprocess.check_output(words, cwd=folder, stderr=subprocess.STDOUT, text=True)
-
-
 if __name__ == "__main__":
     place = Path(sys.argv[1])
     place.mkdir(parents=True)
-    for command, _, printed in said_by_page(in_a_process, place):
+    for command, _, printed in said_by_page(place):
         print(f"$ {command}", *printed, sep="\n")
     shutil.copy(place / FIGURE, DOCS / "tutorial.png")

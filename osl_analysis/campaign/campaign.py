@@ -194,10 +194,8 @@ def check_walking(campaign: Campaign) -> None:
         (campaign.crossings(perturbed=True), "perturbed crossings", 2, add),
     ]
     if walking.plate_inertia == "identified":
-        state = (
-            "add them, to remove the plate's own inertia, or state `plate_inertia: none` under `walking` if the plate "
-        )
-        state += "is light or compensates its inertia itself"
+        state = "add them, to remove the plate's own inertia, or state `plate_inertia: none` under `walking` if the "
+        state += "plate is light or compensates its inertia itself"
         needed.append((campaign.trials("plate"), "trial of experiment 'plate' (unloaded platform, moved)", 1, state))
     for there, what, least, remedy in needed:
         if len(there) < least:

@@ -8,10 +8,11 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from osl_analysis.bench.settings import ActuatorAnalysis, DynamometerAnalysis, ModelComparison, TorqueAngleAnalysis
-from osl_analysis.config.shared_choices import FOLLOWED, FollowedProtocol, SharedChoices, WeightSettings
+from osl_analysis.config.shared_choices import FOLLOWED, SharedChoices
 from osl_analysis.errors import InputError
 from osl_analysis.files import default_config
 from osl_analysis.judge.table import DoubtfulFits, QualityRules
+from osl_analysis.model.compensator import Weight
 from osl_analysis.walking.settings import OvergroundAnalysis, WalkingAnalysis
 from osl_analysis.yaml_settings import AnySettings, Degrees, Positive, Settings, ShippedPath, read_mapping, validated
 
@@ -103,7 +104,7 @@ class Config(Settings):
     model_comparison: ModelComparison  # Comparison of rival models.
     impedance_trajectory: ShippedPath | None
     """CSV file of the impedance over the gait cycle, for Fig. 8; null: no Fig. 8."""
-    gain_weight: WeightSettings  # W of Eq. 14.
+    gain_weight: Weight  # W of Eq. 14.
     walking: WalkingAnalysis  # Analysis of the crossings.
     overground: OvergroundAnalysis  # Comparison of the ankle moment in overground gait.
     failed_trials: Literal["refuse", "accept"]
@@ -115,11 +116,16 @@ class Config(Settings):
 
     def shared(self, experiment: str | None = None) -> SharedChoices:
         """What the simulator follows in the trials of one experiment, or in all (None)."""
-        bench = self.dynamometer.model_dump(include=set(FollowedProtocol.model_fields))
+        bench, seconds = self.dynamometer, self.dynamometer.seconds_per_frequency
         every = {
             "parameters": self.parameters,
             "gain_weight": self.gain_weight,
-            "protocol": FollowedProtocol.model_validate(bench),
+            "protocol": {
+                "amplitudes_deg": bench.amplitudes_deg,
+                "frequencies_hz": bench.frequencies_hz,
+                "cycles": bench.cycles if seconds is None else None,
+                "seconds": seconds,
+            },
             "impedance_trajectory": self.impedance_trajectory,
         }
         used = every if experiment is None else FOLLOWED.get(experiment, ())

@@ -242,8 +242,6 @@ def fit_settings(experiment: str, config: Path) -> tuple[dict[str, Any], Doubtfu
     configuration file that may override fields of the default only."""
     models: Mapping[str, Any] = {name: field.annotation for name, field in Config.model_fields.items()}
     settings = {name: read_section(config, of, models[of]) for name, (of, _) in job_of(experiment).settings.items()}
-    if "weight" in settings:
-        settings["weight"] = settings["weight"].weight  # the cut-off and order are W themselves
     return settings, read_section(config, "doubtful", DoubtfulFits)
 
 

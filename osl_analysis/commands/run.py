@@ -1,18 +1,14 @@
 """`osl-analysis run` and `doctor`: run the workflow on the campaign in this folder, or say what it lacks."""
 
-import difflib
 import os
 import platform
 import shutil
-import sys
 from collections.abc import Iterator, Sequence
-from importlib.metadata import PackageNotFoundError, requires, version
+from importlib.metadata import PackageNotFoundError, version
 from itertools import pairwise
 from pathlib import Path
 
-from packaging.requirements import Requirement
-
-from osl_analysis.errors import InputError, OslAnalysisError
+from osl_analysis.errors import InputError, OslAnalysisError, nearest
 from osl_analysis.files import CAMPAIGN, check_working_folder, root, shipped
 from osl_analysis.yaml_settings import read_mapping
 
@@ -51,9 +47,8 @@ def with_shipped_profile(arguments: Sequence[str]) -> Iterator[str]:
         if own or before == option:
             if named != "none" and not shipped(named).is_dir():
                 known = sorted(f"profiles/{one.name}" for one in shipped("profiles").iterdir())
-                near = difflib.get_close_matches(named, known, 1, 0.5)
-                meant = f"did you mean {near[0]}?" if near else f"correct it: there are {', '.join(known)}"
-                raise InputError(f"{option} {named}: no such folder; {meant}")
+                there = f"correct it: there are {', '.join(known)}{nearest(named, known)}"
+                raise InputError(f"{option} {named}: no such folder; {there}")
             argument = f"{own}{shipped(named)}"
         yield argument
 
@@ -61,25 +56,15 @@ def with_shipped_profile(arguments: Sequence[str]) -> Iterator[str]:
 def looked_at(folder: Path) -> Iterator[tuple[str, str, str]]:
     """What this machine has and lacks, and whether the campaign in a folder can be read: a line each of what was looked
     at, what was found, and what to do, if anything."""
-    too_old = sys.version_info[:2] < (3, 11)
-    there = all(shipped(name).is_file() for name in ("Snakefile", "config/config.yaml"))
-    again = "" if there else "install osl-analysis again: the files of its workflow are missing"
-    yield "Python", platform.python_version(), "install Python 3.11 or newer" if too_old else ""
-    yield "osl-analysis", f"{version('osl-analysis')}, workflow in {root()}", again
-    for needed in map(Requirement, requires("osl-analysis") or ()):
-        marker = needed.marker
-        is_optional = marker is not None and any(marker.evaluate({"extra": one}) for one in ("mat73", "ros", "tdms"))
-        if marker and not marker.evaluate() and not is_optional:
-            continue
+    yield "Python", platform.python_version(), ""
+    yield "osl-analysis", f"{version('osl-analysis')}, workflow in {root()}", ""
+    files = {"h5py": "MATLAB 7.3", "rosbags": "ROS bags", "npTDMS": "TDMS"}  # optional
+    for name in ("snakemake", "numpy", *files):
         try:
-            found = version(needed.name)
+            yield name, version(name), ""
         except PackageNotFoundError:
-            optional = ", only for its files" if is_optional else ""
-            yield needed.name, f"not installed{optional}", "" if is_optional else f"pip install '{needed}'"
-            continue
-        fits = needed.specifier.contains(found, prereleases=True)
-        if not fits or needed.name in ("snakemake", "numpy"):
-            yield needed.name, found, "" if fits else f"pip install '{needed.name}{needed.specifier}'"
+            only = f", only for {files[name]}" if name in files else ""
+            yield name, f"not installed{only}", "" if only else f"pip install {name}"
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     yield "cores", f"{cores}", ""
     free = shutil.disk_usage(folder).free / 1e9  # the default campaign takes 0.4 GB, recordings not counted

@@ -71,7 +71,7 @@ def read_simulation(settings_path: Path, followed: SharedChoices) -> SimulationS
     if followed.gain_weight is not None:
         chosen["gain_weight"] = followed.gain_weight.model_dump()
     if followed.protocol is not None:
-        chosen["protocol"] = settings.protocol.model_dump() | followed.protocol.schedule()
+        chosen["protocol"] = settings.protocol.model_dump() | followed.protocol
     settings = validated(settings.model_dump() | chosen, SimulationSettings, settings_path) if chosen else settings
     if settings.walking is not None and not settings.walking.is_file():
         raise InputError(f"{settings_path}: walking: {settings.walking} is no file; correct it, or write null")

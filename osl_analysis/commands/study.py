@@ -45,7 +45,7 @@ def study_inputs(
 
     def fit(experiment: str, trial: Trial, sections: Mapping[str, Any]) -> FitTables:
         """The door to every fit, without what the sheet may state of a trial, which changes no estimate."""
-        chosen = {**sections, "gain_weight": simulation.gain_weight.weight}
+        chosen = {**sections, "gain_weight": simulation.gain_weight}
         settings = {name: chosen[section] for name, (section, _) in job_of(experiment).settings.items()}
         found = fit_tables(experiment, trial, parameters, settings)
         assert isinstance(found, FitTables)

@@ -113,7 +113,7 @@ EXPERIMENTS: dict[str, Experiment] = {
             ResultTable("response_lines", judged=False, published=False), *OF_ALL),
         further_tables=("response_pooled", "response_models_pooled"),
         fit=FitJob("bench.fit_impedance_trial",
-            {"settings": ("dynamometer", "ImpedanceAnalysis"), "weight": ("gain_weight", "WeightSettings")},
+            {"settings": ("dynamometer", "ImpedanceAnalysis"), "weight": ("gain_weight", "Weight")},
             parameters=True, windows=True, sheet=("controller", "K_d", "B_d")),
     ),
     "torque_angle": on_dynamometer(

@@ -4,16 +4,15 @@ import re
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-from pydantic import Field
 
 from osl_analysis.config.sheet import numbered_rows
 from osl_analysis.errors import InputError
-from osl_analysis.model.compensator import FASTEST_HZ, HIGHEST_ORDER_OF_W, SLOWEST_HZ, Weight
+from osl_analysis.model.compensator import Weight
 from osl_analysis.trial import Array
-from osl_analysis.yaml_settings import Positive, Settings
+from osl_analysis.yaml_settings import Settings
 
 FOLLOWED = {
     "belt": ("parameters",),
@@ -25,41 +24,12 @@ FOLLOWED = {
 """The shared choices that the simulated trials of each experiment use; the other experiments use none."""
 
 
-class WeightSettings(Settings):
-    """W of Eq. 14, the Butterworth low-pass with which the laboratory selected its gains."""
-
-    cutoff_hz: Annotated[float, Field(ge=SLOWEST_HZ, le=FASTEST_HZ)]  # Cut-off [Hz].
-    order: Annotated[int, Field(ge=1, le=HIGHEST_ORDER_OF_W)]  # Order.
-
-    @property
-    def weight(self) -> Weight:
-        return Weight(self.cutoff_hz, self.order)
-
-
-WEIGHT_OF_PAPER = WeightSettings(cutoff_hz=1.0, order=3)  # W of the paper.
-
-
-class FollowedProtocol(Settings):
-    """The stepped sine that `dynamometer` expects. Rests, ramps and imperfections are the simulation's own."""
-
-    amplitudes_deg: tuple[Positive, ...]  # Amplitudes [deg].
-    frequencies_hz: tuple[Positive, ...]  # Frequencies [Hz].
-    cycles: int | tuple[int, ...]  # Cycles at each frequency.
-    seconds_per_frequency: Positive | None = None  # Duration [s] of each frequency in place of `cycles`.
-
-    def schedule(self) -> dict[str, Any]:
-        """The fields of a simulated schedule that say the same."""
-        seconds = self.seconds_per_frequency
-        cycles = self.cycles if seconds is None else None
-        return self.model_dump(include={"amplitudes_deg", "frequencies_hz"}) | {"cycles": cycles, "seconds": seconds}
-
-
 class SharedChoices(Settings):
     """The choices of a configuration that replace those of its simulation. Null: the simulation's own."""
 
     parameters: Path | None = None  # Parameter file of the device.
-    gain_weight: WeightSettings | None = None  # W with which the simulated leg's gains are selected.
-    protocol: FollowedProtocol | None = None  # The stepped sine.
+    gain_weight: Weight | None = None  # W with which the simulated leg's gains are selected.
+    protocol: dict[str, Any] | None = None  # The stepped sine, as fields of a simulated schedule.
     impedance_trajectory: Path | None = None  # The impedance that the leg is asked to render over the gait cycle.
 
 
@@ -99,9 +69,6 @@ def read_impedance_trajectory(path: Path) -> ImpedanceTrajectory:
     if absent or len(rows) < 3:
         problem = f"no column '{absent[0]}'" if absent else "fewer than two rows"
         raise InputError(f"{path}: {problem}; it needs a header with {', '.join(required)} and a row per phase")
-    if uneven := next((row for row in rows[1:] if len(row) != len(names)), None):
-        said = f"row '{','.join(uneven)[:60]}' has {len(uneven)} entries for {len(names)} columns; write one in each"
-        raise InputError(f"{path}: {said}")
     try:
         columns = dict(zip(names, np.array(rows[1:], dtype=float).T, strict=True))
     except ValueError as error:

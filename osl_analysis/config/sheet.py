@@ -26,28 +26,9 @@ OUTER_BLANKS = re.compile(r"^[\s\u200b-\u200f\u2060\ufeff]+|[\s\u200b-\u200f\u20
 
 
 def read_sheet(path: Path) -> SheetRows:
-    """Read and validate a sample sheet, CSV in UTF-8. Empty lines and lines that begin with `#` are skipped; elsewhere
-    `#` is text, and so is `NA`. An empty cell says nothing, nor do blanks around one.
-
-    trial: its name, of letters, digits, `_`, `.` and `-`.
-    experiment: one of `EXPERIMENTS`.
-    joint: what turned, as a word of the laboratory's own; empty: the ankle. On the walkway it is the ankle.
-    side: left or right; of a crossing, the leg that steps on the platform.
-    controller: its name; `compensated` and `uncompensated` are those of the draft. Empty: none, as in a passive device.
-    K_d, B_d: desired impedance [N*m/rad, N*m*s/rad] of an impedance trial or a crossing, where it is known.
-    perturbed: true or false, for a crossing.
-    log, mocap: files, relative to the campaign's raw data.
-    log_source, mocap_source: names of the files in `config/sources` that describe them.
-    log_part: the part of the log that is this trial, where it holds several, such as `Test.run(2)` of a MATLAB file.
-    desired: name of the curve under `torque_angle.desired` that a trial of torque against angle should follow.
-    windows: stretches [s] of an impedance trial that are fitted, from the start of the recording, such as `2-30 40-62`;
-        its motion is then taken for another one than the stepped sine. Empty: all of the motion.
-    exclude: the reason why the trial is excluded; empty: it is used.
-    accept: names of quality checks, separated by blanks. Their failure neither flags nor excludes the trial.
-    group, subject, session, speed: conditions of a crossing, as words of the laboratory's own.
-    body_mass_kg: of the person who walks, with clothes and leg. The load on the plate is compared with it.
-    static: the static trial that calibrates a crossing or plate trial; empty: that of its subject, session and side.
-    direction: turn of the platform, up (toes up, dorsiflexion) or down. It is checked against the markers.
+    """Read and validate a sample sheet, CSV in UTF-8; docs/own_data.md explains its columns. Empty lines and lines that
+    begin with `#` are skipped; elsewhere `#` is text, and so is `NA`. An empty cell says nothing, nor do blanks around
+    one. K_d and B_d are in N*m/rad and N*m*s/rad; a joint that is not named is the ankle.
 
     Raises InputError where the sheet is missing or empty, a column is unknown, or a value is not allowed.
     """
@@ -138,9 +119,6 @@ def problems_in(row: Mapping[str, str]) -> Iterator[str]:
         yield f"trial '{trial}' must be up to 100 letters, digits, '_', '.' and '-': it becomes a file name"
     if experiment not in EXPERIMENTS:
         yield f"experiment '{experiment}' is none of {', '.join(EXPERIMENTS)}{nearest(experiment, EXPERIMENTS)}"
-    for column in ("joint", "controller"):
-        if (length := len(row[column])) > 100:
-            yield f"{column} '{row[column][:20]}...' has {length} characters; up to 100 are allowed"
     for column in NUMBERS:
         is_decimal = re.fullmatch(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", row[column])
         if row[column] and not (is_decimal and math.isfinite(float(row[column]))):

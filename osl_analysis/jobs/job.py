@@ -21,7 +21,7 @@ from osl_analysis.jobs.request import read_request
 from osl_analysis.judge.findings import Judge, exclusions, without_excluded, without_refused
 from osl_analysis.memory import limited_memory
 from osl_analysis.refusal import Refusal, write_refusals
-from osl_analysis.table import archives, tables_of, write_table
+from osl_analysis.table import tables_of, write_tables
 from osl_analysis.trial import read_trial
 
 Job = Mapping[str, Any]  # what a request says, and its own `path`
@@ -93,14 +93,13 @@ def call(job: Job) -> Sequence[Refusal]:
     elif missing:
         return missing
     converting = validate_call(config=ConfigDict(arbitrary_types_allowed=True))(function)
-    with tables_of(job["data"]), archives(), limited_memory(files_read(job)):
+    with tables_of(job["data"]), limited_memory(files_read(job)):
         inputs = without_excluded(usable, reasons)
         if (tables := job["output"].get("tables")) is None:
             converting(**inputs, **job["output"], **job["settings"], **told)
             return ()
         fitted = converting(**inputs | {"trial": read_trial(Path(inputs["trial"]))}, **job["settings"])
-        for table, file in tables.items():
-            write_table(fitted[table], Path(file))
+        write_tables({Path(file): fitted[table] for table, file in tables.items()})
     return ()
 
 

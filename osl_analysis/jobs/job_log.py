@@ -2,7 +2,7 @@
 so it is complete on a cluster too, where every job is a process apart."""
 
 import json
-from collections import Counter, defaultdict
+from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -18,8 +18,8 @@ def write_log(path: Path, ended: Mapping[str, Any], request: Mapping[str, Any]) 
     """Write how a job ended, and its request, as YAML, 15 times as fast as with ruamel.yaml, without empty entries.
 
     `ended` has the command `job`, its `outcome`, wall time `seconds`, the line `error`, `warnings`, and the `traceback`
-    of an error of the program. Outcomes are done; refused, because of an input that the user can correct; failed, by an
-    error of the program; died, ended from outside; skipped, as a result that it needs was refused or failed.
+    of an error of the program. Outcomes: done; refused, for an input that the user can correct; failed, by an error of
+    the program; died, ended from outside; skipped, for want of a result that was refused or failed.
     """
     entries = {**ended, **{name: request.get(name) for name in REQUEST}}
     said = plain({name: value for name, value in entries.items() if value not in ("", (), [], {}, None)})
@@ -45,17 +45,12 @@ def plain(value: Any) -> Any:
 
 
 def run_report(folder: Path, since: float) -> str:
-    """Of the jobs whose logs below a folder were written after `since` [s, as `time.time`]: each warning once, with the
-    number of jobs that gave it, and the wall time by stage."""
+    """Each warning of the jobs whose logs below a folder were written after `since` [s, as `time.time`] once, with the
+    number of jobs that gave it."""
     paths = [path for path in sorted(folder.rglob("*.log")) if path.stat().st_mtime >= since]
     logs = [log for log in map(read_log, paths) if log is not None]
     most = 10  # warnings
     counts = Counter(warning for log in logs for warning in log.get("warnings", ()))
     lines = [f"warning: {text}" + (f" ({count} jobs)" if count > 1 else "") for text, count in counts.items()]
     more = [f"{len(lines) - most} more warnings stand in the logs"] if len(lines) > most else []
-    spent: dict[str, list[float]] = defaultdict(list)
-    for log in logs:
-        spent[log["job"].partition(".")[0]].append(log.get("seconds", 0.0))
-    rows = sorted(spent.items(), key=lambda stage: -sum(stage[1]))
-    times = [f"{stage:<16}{len(seconds):>6} jobs{sum(seconds):>9.1f} s" for stage, seconds in rows]
-    return "\n".join([*lines[:most], *more, *["where the time went (summed over cores):"] * bool(times), *times])
+    return "\n".join([*lines[:most], *more])

@@ -144,10 +144,9 @@ def do(folder: str, request: str, output: Sequence[int]) -> NoReturn:
 
 def at_end_of_run(workflow: Any, logs: Path, said: Callable[[Sequence[str]], str], accept: bool) -> None:
     """Let a run of Snakemake end with our report, and with exit code 1 if something that was asked for is refused,
-    unless refusals are to `accept`. `said` writes the report, from the refusal records among the files that the run was
-    to bring up to date. Snakemake's `onsuccess` and `onerror` are not called where nothing is left to do, as in the run
-    after a refusal.
-    """
+    unless refusals are to `accept`. `said` writes the report, from the refusal records of the run; a dry run ends with
+    what is `expected` of its jobs. Snakemake's `onsuccess` and `onerror` are not called where nothing is left to do, as
+    in the run after a refusal."""
 
     def end() -> None:
         if workflow.dryrun or workflow.scheduler is None or not workflow.is_main_process:
@@ -159,9 +158,8 @@ def at_end_of_run(workflow: Any, logs: Path, said: Callable[[Sequence[str]], str
         records = [file for file in files if is_refused(file)]
         lost = [file for file in files if not Path(file).exists()]  # as of a job that was killed with Snakemake
         not_made = f"not made: {listing(lost, MOST_TOLD)}; run again, what is finished stays" if lost else ""
-        print(
-            "\n".join(filter(None, [run_report(logs, STARTED), not_made, said(records)])), file=sys.stderr, flush=True
-        )
+        told = filter(None, [run_report(logs, STARTED), not_made, said(records)])
+        print("\n".join(told), file=sys.stderr, flush=True)
         if records and not accept:
             sys.stdout.flush()
             os._exit(1)  # at the exit of Python there is no other way

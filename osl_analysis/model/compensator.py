@@ -15,40 +15,28 @@ test: at s = j w the joint takes in energy at the rate of Im Z = w (B_j + c x/|N
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import scipy
 from numpy.typing import ArrayLike
+from pydantic import Field
 
 from osl_analysis.errors import InputError, UnreachableImpedanceError, nearest
 from osl_analysis.model.drivetrain import joint_admittance
 from osl_analysis.model.parameters import DrivetrainParameters
 from osl_analysis.trial import Array
+from osl_analysis.yaml_settings import Settings
 
-HIGHEST_ORDER_OF_W = 10
-SLOWEST_HZ, FASTEST_HZ = 1e-3, 1e4
-"""Lowest and highest accepted cut-off of W [Hz]. Both lie far outside the frequencies at which a leg moves."""
 CONTROLLERS = ("compensated", "uncompensated")  # The controllers whose gains the draft states
 
 
-@dataclass(frozen=True)
-class Weight:
-    """W of Eq. 14: a Butterworth low-pass of the given cut-off [Hz] and order (the paper's: 1 Hz = 2 pi rad/s, 3).
-    Raises UnreachableImpedanceError outside of 0.001 to 10000 Hz, or of orders 1 to 10."""
+class Weight(Settings):
+    """W of Eq. 14: the Butterworth low-pass with which the laboratory selected its gains; the paper's is 1 Hz
+    (2 pi rad/s) of order 3. The limits of its cut-off lie far outside the frequencies at which a leg moves."""
 
-    cutoff_hz: float
-    order: int
-
-    def __post_init__(self) -> None:
-        if self.order not in range(1, HIGHEST_ORDER_OF_W + 1):
-            raise UnreachableImpedanceError(
-                f"the weight W of Eq. 14 has order {self.order}; use a whole number from 1 to {HIGHEST_ORDER_OF_W}"
-            )
-        if not SLOWEST_HZ <= self.cutoff_hz <= FASTEST_HZ:
-            raise UnreachableImpedanceError(
-                f"the weight W has its cut-off at {self.cutoff_hz:g} Hz; use {SLOWEST_HZ:g} to {FASTEST_HZ:g} Hz"
-            )
+    cutoff_hz: Annotated[float, Field(ge=1e-3, le=1e4)]  # Cut-off [Hz].
+    order: Annotated[int, Field(ge=1, le=10)]  # Order.
 
 
 PAPER_WEIGHT = Weight(cutoff_hz=1.0, order=3)

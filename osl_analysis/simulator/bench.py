@@ -31,7 +31,7 @@ def simulate_bench_trial(
     elif row["experiment"] == "actuator":
         p = replace(p, f_C=effects.friction.value * p.f_C, f_G=effects.friction.value * p.f_G)
     elif row["experiment"] == "impedance" and settings.joint is None:
-        weight = settings.gain_weight.weight
+        weight = settings.gain_weight
         gains = select_gains(str(row["controller"]), float(row["K_d"]), float(row["B_d"]), p, weight)
     log, drawn = recording_of(trial, true_signals(row, settings, p, gains)[1], settings)
     truth: dict[str, object] = {

@@ -49,7 +49,7 @@ def walking_commands(step: gait.Step, compensates: bool, p: DrivetrainParameters
     c, desired = step.cycle_phase(trial.time[::stride]), asked.desired(walking.impedance)
     K_d, B_d = desired.at(desired.K_d, c), desired.at(desired.B_d, c)
     if compensates:
-        damping = compensated_damping(walking.impedance, p, walking.gain_weight.weight, asked.K_d, asked.B_d)
+        damping = compensated_damping(walking.impedance, p, walking.gain_weight, asked.K_d, asked.B_d)
         K_1, B_1 = stiffness_gain(K_d, p), np.interp(np.mod(c, 1.0), *damping)
     else:
         K_1, B_1 = K_d / p.n_T**2, B_d / p.n_T**2

@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
-from osl_analysis.config.shared_choices import WEIGHT_OF_PAPER, WeightSettings
+from osl_analysis.model.compensator import PAPER_WEIGHT, Weight
 from osl_analysis.yaml_settings import Degrees, NotNegative, Positive, Settings, ShippedPath
 
 
@@ -415,7 +415,7 @@ class SimulationSettings(Settings):
     actuator: ActuatorBench | None = None
     foot: PassiveFoot | None = None  # of torque-angle trials, and its motion
     walking: ShippedPath | None = None  # settings file of the gait laboratory
-    gain_weight: WeightSettings = WEIGHT_OF_PAPER  # W of Eq. 14, with which the leg's gains are selected
+    gain_weight: Weight = PAPER_WEIGHT  # W of Eq. 14, with which the leg's gains are selected
 
     @model_validator(mode="after")
     def _what_is_planned_is_described(self) -> Self:

@@ -6,7 +6,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from osl_analysis.config.shared_choices import WEIGHT_OF_PAPER, WeightSettings
+from osl_analysis.model.compensator import PAPER_WEIGHT, Weight
 from osl_analysis.simulator.settings import Count, Effect, Switches, effect, refused
 from osl_analysis.yaml_settings import Degrees, NotNegative, Positive, Settings, ShippedPath
 
@@ -171,4 +171,4 @@ class WalkingSettings(Settings):
     effects: WalkingEffects
     changes: tuple[StepChange, ...] = ()  # what makes some crossings differ from the others
     capture: CaptureSettings = CaptureSettings()
-    gain_weight: WeightSettings = WEIGHT_OF_PAPER  # that of the simulated campaign replaces it
+    gain_weight: Weight = PAPER_WEIGHT  # that of the simulated campaign replaces it

@@ -1,16 +1,16 @@
 """Campaigns through SLURM on this machine: `make test-slurm`, as root on Debian (`one_node.sh`).
 
-A local run simulates and analyses a campaign. SLURM does the same in another folder as one submission of the local run,
-and analyses some of the recordings as several by the plug-in of Snakemake, of which one is cancelled.
+A local run simulates and analyses a campaign. SLURM analyses some of its recordings as several submissions by the
+plug-in of Snakemake, of which one is cancelled.
 """
 
-import os
 import re
 import shutil
 import subprocess
 import sys
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -42,55 +42,21 @@ def run(folder: Path, *arguments: str, then: Callable[[], None] = lambda: None, 
     return f"{said.read_text()}\nexit code {it.returncode}"
 
 
-def differing(local: Path, other: Path) -> list[Path]:
-    """The tables of a folder that are not those of the local run."""
-    tables = [path.relative_to(other) for path in (other / "results").rglob("*") if path.suffix in (".csv", ".zip")]
-    assert tables
-    return [path for path in tables if (local / path).read_bytes() != (other / path).read_bytes()]
-
-
-@pytest.fixture(scope="module")
-def local(tmp_path_factory) -> Path:
-    """The campaign after a local run, with its time [s] in the file `seconds`."""
-    assert shutil.which("sbatch"), "SLURM is started by `make test-slurm`"
-    folder = tmp_path_factory.mktemp("local")
-    write_small(folder, COUNTS)
-    (folder / CONFIG).write_text(yaml.safe_dump(OVERRIDES))
-    begun = time.perf_counter()
-    assert run(folder).endswith("exit code 0")
-    (folder / "seconds").write_text(str(time.perf_counter() - begun))
-    return folder
-
-
-def test_one_submission_of_the_local_run_gives_its_bytes_in_about_its_time(local, tmp_path):
-    shutil.copytree(local / "config", (folder := tmp_path) / "config")
-    snakemake, asked = " ".join(SNAKEMAKE + CAMPAIGN), time.time()
-    command = f"date +%s.%N > begun; {snakemake} --cores 2; code=$?; date +%s.%N > ended; exit $code"
-    sbatch = ["sbatch", "--wait", "-c", "2", "--output", "said.txt", "--wrap", command]
-    environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    subprocess.run(sbatch, cwd=folder, env=environment, check=True, timeout=LONGEST_S)
-    begun, ended = (float((folder / name).read_text()) for name in ("begun", "ended"))
-    here, there = float((local / "seconds").read_text()), ended - begun
-    print(f"\n24 trials: local {here:.0f} s, in one submission {there:.0f} s after {begun - asked:.1f} s in the queue")
-    assert differing(local, folder) == []
-    assert len(list((folder / "results").rglob("*.csv"))) == len(list((local / "results").rglob("*.csv")))
-    assert there < 1.5 * here
-    assert "Nothing to be done" in run(folder, "-n")
-
-
-def test_several_submissions_give_the_same_bytes_and_a_cancelled_one_is_made_by_the_next_run(local, tmp_path):
+def test_several_submissions_give_the_same_bytes_and_a_cancelled_one_is_made_by_the_next_run(tmp_path):
     """Four trials of the bench, two in each submission; one recording is broken."""
+    assert shutil.which("sbatch"), "SLURM is started by `make test-slurm`"
+    local, folder = tmp_path / "local", tmp_path / "slurm"
+    write_small(local, COUNTS)
+    (local / CONFIG).write_text(yaml.safe_dump(OVERRIDES))
+    assert run(local).endswith("exit code 0")
     for part in ("config", "raw_data"):
-        shutil.copytree(local / part, (folder := tmp_path) / part)
+        shutil.copytree(local / part, folder / part)
     (folder / CONFIG).write_text(yaml.safe_dump(OVERRIDES | {"simulation": None, "data": "simulated"}))
     (folder / LOG).write_bytes(b"no log")
     options = (TABLE, "--workflow-profile", str(ROOT / "profiles/slurm"), "--group-components", "trials=2")
     options += ("--default-resources", "mem_mb=500", "runtime=5")
-
-    def cancel() -> None:
-        running = ("squeue", "--noheader", "--states=running", "--format=%i")
-        subprocess.run(["scancel", *subprocess.check_output(running, text=True).split()[-1:]], check=True)
-
+    running = "squeue --noheader --states=running --format=%i"
+    cancel = partial(subprocess.run, f"scancel $({running} | tail -n 1)", shell=True, check=True)
     said = run(folder, *options, then=cancel, once="results/trials/*.parquet")
     assert said.endswith("exit code 1"), said
     assert re.search(r"^not made: .*; run again", said, re.MULTILINE), said
@@ -101,4 +67,6 @@ def test_several_submissions_give_the_same_bytes_and_a_cancelled_one_is_made_by_
     assert len((folder / TABLE).read_text().splitlines()) == 1 + 3
     shutil.copy2(local / LOG, folder / LOG)
     assert run(folder, TABLE).endswith("exit code 0")
-    assert differing(local, folder) == []
+    tables = [path.relative_to(folder) for path in (folder / "results").rglob("*") if path.suffix in (".csv", ".zip")]
+    assert tables
+    assert [path for path in tables if (local / path).read_bytes() != (folder / path).read_bytes()] == []

@@ -54,8 +54,8 @@ NUMBER = "write a number, without a unit, with a full stop as decimal sign"
     ("text", "said"),
     [
         ("inner: {gone: true}", "line 2: field 'inner.gone' is gone: no recording needed it; delete the line"),
-        ("inner: {nam: a}", "line 2: unknown field 'inner.nam'; the known ones are rate, name, sign, cycles, vector, "
-         "limits, either, plates; did you mean 'name'?"),
+        ("inner: {rate: a}\nseveral: [{nam: a}]", "line 3: unknown field 'several.0.nam'; the known ones are rate, "
+         "name, sign, cycles, vector, limits, either, plates; did you mean 'name'? (and 1 more problem)"),
         ("inner:\n  rate: off", f"line 3: inner.rate: 'off' is not allowed: {NUMBER}"),
         # pydantic makes numbers of truth values
         ("inner:\n  rate: true", f"line 3: inner.rate: 'true' is not allowed: {NUMBER}"),

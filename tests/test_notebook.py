@@ -133,6 +133,7 @@ def test_the_frequency_response_of_a_stepped_sine_is_that_of_the_campaign_and_of
     assert isinstance(osl.plot_frequency_response(found), Figure)
 
 
+@pytest.mark.parametrize("experiment", ["any motion", "friction"])
 def test_the_frequency_response_of_any_motion_is_that_of_the_campaign(experiment, tmp_path, short):
     files, limits = of_campaign(experiment, tmp_path, short), read_config(short).doubtful
     found = osl.frequency_response(bench_trial(experiment), DESIRED, config=short)

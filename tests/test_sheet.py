@@ -21,7 +21,6 @@ from osl_analysis.yaml_settings import read_yaml
 HEADER = "trial,experiment,controller,K_d,B_d,perturbed,log,log_source,mocap,mocap_source,exclude\n"
 SHORT = "trial,experiment,log,log_source\n"
 PLACED = "trial,experiment,joint,side,log,log_source\n"
-CONDITIONED = "trial,experiment,mocap,mocap_source,perturbed,side,direction,group\n"
 BELT = "b,belt,,,,,b.mcap,dynamometer,,,"
 
 
@@ -54,6 +53,7 @@ def test_a_valid_sheet_has_numbers_truth_values_and_gaps_and_blanks_and_comments
         ("b1,blet,,,,,b.mcap,dynamometer,,,", "experiment 'blet' is none of .*; did you mean 'belt'"),
         ("../b1,belt,,,,,b.mcap,dynamometer,,,", r"line 2: trial '\.\./b1' must be up to 100 letters"),
         ("k,impedance,compensated,-3,5,,k.mcap,dynamometer,,,", "K_d = -3, B_d = 5 is not the impedance of a joint"),
+        ("k,impedance,compensated,3,-5,,k.mcap,dynamometer,,,", "K_d = 3, B_d = -5 is not the impedance of a joint"),
         ("b1,belt,,,,,,,,,", "names no file; fill in log or mocap"),
         ("b1,belt,,,,,b.mcap,s.yaml,,,", "log_source 's.yaml' names a file; write its name without the ending"),
         ("k,impedance,compensated,stiff,5,,k.mcap,dynamometer,,,", "K_d 'stiff' is not a number"),
@@ -76,7 +76,10 @@ def test_a_wrong_cell_is_named_with_line_and_remedy(tmp_path, line, message):
         (f"{PLACED}a,belt,knee,,a,s\nb,belt,Knee,,b,s\n", "line 3: joint 'Knee' differs from 'knee' by capitals or ac"),
         (f"{PLACED}a,static,knee,,a,s\n", "joint 'knee' of experiment 'static': the walkway measures the ankle; leave"),
         (f"{PLACED}a,belt,knee,both,a,s\n", "side 'both' must be left or right"),
-        (f"{CONDITIONED}w,walking,w.c3d,vicon,false,,up,\n", "direction 'up' of a trial that is not perturbed; leave"),
+        (
+            "trial,experiment,log,direction\nb,belt,b.mcap,up\n",
+            "direction 'up' of a trial that is not perturbed; leave",
+        ),
         ("", "not a CSV table"),
         (HEADER, "no trials"),
         ("trial,log\nb,b.mcap\n", "no column 'experiment'"),

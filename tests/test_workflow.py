@@ -98,7 +98,7 @@ def test_every_column_and_number_is_in_the_data_dictionary_and_the_dictionary_ha
     results, written = workspace.folder / "results", {}
     archives = [zipfile.Path(path) for path in results.rglob("*.zip")]
     for path in (*results.rglob("*.csv"), *(part for archive in archives for part in archive.iterdir())):
-        below = Path(os.path.relpath(path, results))
+        below = Path(os.path.relpath(str(path), results))
         (table,) = [t for t in described_tables() if any(p and below.match(f"{p}.csv") for p in (t.place, t.also))]
         header = path.read_text().splitlines()[0].split(",")
         assert [name for name in header if name not in table.columns] == [], f"describe these columns of {path.name}"

@@ -28,10 +28,6 @@ settings.register_profile("seeded", derandomize=True, database=None, deadline=No
 settings.load_profile("seeded")
 
 
-def is_numerical(path: Path) -> bool:
-    return any(fnmatch(path.stem, pattern) for pattern in NUMERICAL)
-
-
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Give the tests of numerical modules the marker `numerics`, and put the longest modules first.
 
@@ -39,7 +35,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """
     items.sort(key=lambda item: LONGEST.index(item.path.stem) if item.path.stem in LONGEST else len(LONGEST))
     for item in items:
-        if is_numerical(item.path):
+        if any(fnmatch(item.path.stem, pattern) for pattern in NUMERICAL):
             item.add_marker(pytest.mark.numerics)
 
 

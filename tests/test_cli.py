@@ -153,7 +153,6 @@ MISTAKES = {
     "order: 0 is not allowed: write a number greater than or equal to 1": (*GAINS, "--weight-order", 0),
     r"no\.yaml: no such file": (*GAINS, "--parameters", "no.yaml"),
     "written as .csv or .json": (*GAINS, "--output", "x.txt"),
-    r"no\.parquet: no such trial": ("fit", "no.parquet"),
     "not a Parquet file": ("fit", "README.md"),
     "did you mean 'profiles/slurm'": ("run", "--workflow-profile", "profiles/slrm"),
     r"no\.mcap: no such file": ("ingest", "--log", "no.mcap", "--log-source", "leg", "--output", "no.parquet"),

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from difflib import get_close_matches
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -101,7 +102,16 @@ class Trial:
     def sampled(self, *columns: str) -> pl.DataFrame:
         """The rows in which every named column has a sample (NaN counts as one), with `time` [s] first."""
         self.check_columns(*columns)
-        return self.samples.select("time", *columns).drop_nulls()
+        if columns not in self._last:
+            if len(self._last) == 4:
+                self._last.pop(next(iter(self._last)))
+            self._last[columns] = self.samples.select("time", *columns).drop_nulls()
+        return self._last[columns]
+
+    @cached_property
+    def _last(self) -> dict[tuple[str, ...], pl.DataFrame]:
+        """What `sampled` gave last: checks and fit of a recording ask for the same few columns."""
+        return {}
 
     def arrays(self, *columns: str) -> list[Array]:
         """The columns of `sampled`, (n,) each."""

@@ -40,14 +40,8 @@ def recording(share, seed):
     })  # fmt: skip
 
 
-@pytest.fixture(scope="module")
-def results(tmp_path_factory):
-    """The results of one run of the workflow."""
-    folder = tmp_path_factory.mktemp("free")
-    rows = ["trial,experiment,controller,K_d,B_d,joint,side,log,log_source"]
-    for seed, (trial, controller, K_d, B_d, joint, side, share) in enumerate(SHEET):
-        recording(share, seed).write_csv(folder / f"{trial}.csv")
-        rows.append(f'{trial},impedance,"{controller}",{K_d},{B_d},{joint},{side},{trial}.csv,bench_csv')
+def options_of(folder, rows):
+    """Write the sheet and the configuration of a campaign, and name what Snakemake runs it with."""
     (folder / "trials.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
     protocol = {"amplitudes_deg": [2, 4], "frequencies_hz": [1, 2, 3], "cycles": 8, "time_base": {"highest_hz": 3}}
     ours = {
@@ -57,9 +51,28 @@ def results(tmp_path_factory):
     }  # fmt: skip
     (folder / "ours.yaml").write_text(yaml.safe_dump(ours))
     options = {"configfile": folder / "ours.yaml", "snakefile": ROOT / "Snakefile", "directory": ROOT}
-    done = run_snakemake([word for name, path in options.items() for word in (f"--{name}", str(path))], folder)
+    return [word for name, path in options.items() for word in (f"--{name}", str(path))]
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory):
+    """The results of one run of the workflow."""
+    folder = tmp_path_factory.mktemp("free")
+    rows = ["trial,experiment,controller,K_d,B_d,joint,side,log,log_source"]
+    for seed, (trial, controller, K_d, B_d, joint, side, share) in enumerate(SHEET):
+        recording(share, seed).write_csv(folder / f"{trial}.csv")
+        rows.append(f'{trial},impedance,"{controller}",{K_d},{B_d},{joint},{side},{trial}.csv,bench_csv')
+    done = run_snakemake(options_of(folder, rows), folder)
     assert done.returncode == 0, done.stdout
     return folder / "out"
+
+
+def test_belts_of_one_joint_are_never_predicted_from_those_of_another(tmp_path):
+    trials = [f"{name},belt,{joint},{name}.csv,bench_csv" for joint in ("ankle", "knee") for name in (joint[0], joint)]
+    for line in trials:
+        recording(1.0, 0).write_csv(tmp_path / line.split(",")[3])
+    planned = run_snakemake(["-n", *options_of(tmp_path, ["trial,experiment,joint,log,log_source", *trials])], tmp_path)
+    assert re.search(r"^compare_belt_models +2$", planned.stdout, re.MULTILINE), planned.stdout
 
 
 def test_every_trial_is_analysed_nothing_is_predicted_and_figures_say_what_is_simulated(results):

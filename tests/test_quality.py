@@ -277,6 +277,8 @@ def test_a_time_per_frequency_may_be_commanded_in_place_of_cycles_or_any_motion(
     timed, free = replace(COMMANDED, seconds_per_frequency=3.0), replace(COMMANDED, excitation="any")
     for motion, commanded, value in ((theta, timed, 0), (0 * theta, COMMANDED, 4), (0 * theta, free, 0)):
         assert examine(Trial("a", bench(motion)), "impedance", commanded)["protocol"].value == value
+    again = Commanded((2.0, 4.0), (2.0, 5.0, 2.0), 6)  # a frequency that returns has the cycles of both
+    assert examine(Trial("a", bench(stepped_sine(again))), "impedance", again)["protocol"].value == 0
 
 
 def test_a_failure_flags_or_excludes_by_its_rule_and_the_sheet_accepts_it_by_name():

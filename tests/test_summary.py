@@ -246,11 +246,12 @@ def test_a_missing_or_broken_summary_is_refused(tmp_path, content, message):
 def test_headline_means_say_how_many_doubtful_trials_they_leave_out_or_contain():
     made = impedance()
     whole = made.filter(pl.col("amplitude_deg").is_null() & (pl.col("controller") == "compensated"))
-    far = whole.head(1).with_columns(K=pl.lit(600.0), K_d=pl.lit(200.0), doubtful=pl.lit("K_ratio 3"))
+    far = whole.head(1).with_columns(K=pl.lit(600.0), B=pl.lit(60.0), K_d=pl.lit(200.0), doubtful=pl.lit("K_ratio 3"))
     found = by_name({"impedance": pl.concat([made, far])})
     counts = {name: (h.n, h.n_doubtful, h.n_left_out) for name, h in found.items()}
     assert found["K_error_compensated"].value == pytest.approx(2.0)
-    assert counts["K_error_compensated"] == (2, 1, 1)
+    assert found["B_error_compensated"].value == pytest.approx(0.3)
+    assert counts["K_error_compensated"] == counts["B_error_compensated"] == (2, 1, 1)
     assert counts["K_error_uncompensated"] == (1, 1, 0), "its only trial is doubtful"
     assert counts["VAF_mean_compensated"] == (3, 1, 0)
     said = format_results_table(written(found.values())) + to_tex(MADE, list(found.values()))

@@ -25,6 +25,7 @@ from osl_analysis.bench.impedance import (
 from osl_analysis.bench.record import record_of_trial, stated_windows
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.campaign.configuration import read_section
+from osl_analysis.commands.bench import compare_impedance_models
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.judge.doubts import marked
@@ -33,7 +34,7 @@ from osl_analysis.judge.table import Commanded, Doubt, DoubtfulFits, Examined
 from osl_analysis.model.compensator import PAPER_WEIGHT
 from osl_analysis.model.drivetrain import joint_admittance
 from osl_analysis.model.parameters import read_parameters
-from osl_analysis.trial import Trial
+from osl_analysis.trial import Trial, write_trial
 
 CONFIG = Path(ROOT / "config/config.yaml")
 SETTINGS = read_section(CONFIG, "dynamometer", DynamometerAnalysis)
@@ -103,7 +104,7 @@ def test_any_motion_gives_the_impedance_that_made_the_torque(name):
     assert 5 < row["band_high_hz"] < 6.6
 
 
-def test_windows_are_fitted_and_nothing_else():
+def test_windows_are_fitted_and_nothing_else(tmp_path):
     rng = np.random.default_rng(1)
     motion = noise(rng, duration=40.0)
     disturbed = np.where((motion[0] > 15) & (motion[0] < 25), 30 * np.sin(9 * motion[0]), 0.0)
@@ -113,6 +114,13 @@ def test_windows_are_fitted_and_nothing_else():
     assert row["fitted_s"] == pytest.approx(12.5 + 14.5 - 4 * 2 / 15, abs=0.02)
     assert abs(row_of(trial)["K"] / 300 - 1) > 0.004
     assert row_of(trial, windows=None, excitation="any")["fitted_s"] == pytest.approx(40, abs=0.8)
+    write_trial(trial, tmp_path / "windows.parquet")
+    files, asked = (
+        (tmp_path / "windows.parquet", ROOT / "config/parameters/default.yaml"),
+        DesiredImpedance("compensated", 300, 5),
+    )
+    compare_impedance_models(*files, asked, PAPER_WEIGHT, SETTINGS, 0.05, tmp_path / "scores.csv", "2-14.5 25.5-40")
+    assert pl.read_csv(tmp_path / "scores.csv").filter(model="M1")["VAF"].item() > 99.9
 
 
 @pytest.mark.parametrize(("text", "why"), [("5-3", "from-to"), ("1-5 4-9", "overlap"), ("1-99", "end at 99")])

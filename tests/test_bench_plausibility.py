@@ -116,6 +116,7 @@ def test_what_cannot_be_is_refused_with_its_cause(experiment, changes, words):
         ("impedance", {"torque": 0.01}, "K_over_K_s 0.00292 is below 0.01"),
         ("impedance", {"torque": clipped}, "clipped.*saturated_samples"),
         ("actuator", {"torque_m": clipped}, "clipped.*saturated_samples"),
+        ("actuator", {"current": clipped}, "clipped.*saturated_samples"),
         # a delay of 4 ms adds -K_s 4 ms = -2.7 N*m*s/rad to B_j
         ("belt", {"torque": lambda torque: np.roll(torque, 2)}, r"B_j_high -\d.* is below 0"),
     ],

@@ -21,7 +21,7 @@ from osl_analysis.signals import LowPass
 from osl_analysis.stats import repeats
 from osl_analysis.stats.covariance import between_cycles, moving_sums, products_between, welch_satterthwaite
 from osl_analysis.stats.fit_row import lag_damping_row, thinned_rows, whiteness_row
-from osl_analysis.stats.regression import linear_fit, variance_accounted_for
+from osl_analysis.stats.regression import linear_fit, variance_accounted_for, with_shared_error
 from osl_analysis.stats.rounding import noise_before_rounding
 from osl_analysis.walking.response import impedance_columns
 
@@ -275,6 +275,11 @@ def test_degrees_of_freedom_of_a_sum_are_those_of_welch_and_satterthwaite():
     np.testing.assert_array_equal(welch_satterthwaite([[2.0, 0.0]], [5]), [5, np.inf])
     assert welch_satterthwaite([1e-40, 1.0], [5, np.inf]) == np.inf  # a scatter that is rounding of a sum
     assert welch_satterthwaite([1e-4, 1.0], [5, np.inf]) == pytest.approx(5e8, rel=1e-3)
+    x = np.arange(12.0)
+    fit = linear_fit(x + np.cos(x), {"a": x})
+    shared = with_shared_error(fit, np.array([fit.se("a")]))  # as large as the error by chance
+    assert shared.se("a") == pytest.approx(np.sqrt(2) * fit.se("a"))
+    assert shared.degrees_of_freedom[0] == pytest.approx(4 * fit.degrees_of_freedom[0])
 
 
 def test_what_repeats_have_in_common_widens_the_interval_of_their_mean():

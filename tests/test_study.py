@@ -127,7 +127,7 @@ def test_walking_is_measured_against_the_perturbation_alone(experiment, tmp_path
     K = batch(experiment, 7, 1, tmp_path / "k.csv", crossings=4).filter(pl.col("quantity") == "K")
     assert K["estimator"].to_list() == ["single perturbation", "mean of perturbations", "ensemble"]
     assert K["truth"].to_list() == pytest.approx([334, 334, 334], abs=1.5)
-    assert (K["model_error"].abs() < 1).all()
+    assert K["model_error"].is_between(0.3, 1).all()  # the truth less what the leg renders
     assert ((K["value"] - K["truth"]).abs() < 5 * K["se"]).all()
 
 

@@ -20,15 +20,16 @@ from walking_synthetic import changed, hidden, settings
 from osl_analysis.commands import walking as jobs
 from osl_analysis.commands.figure import plot_walking_page
 from osl_analysis.commands.trials import ingest_trial
-from osl_analysis.errors import InputError
+from osl_analysis.errors import InputError, WriteError
 from osl_analysis.judge.table import Doubt
 from osl_analysis.table import read_table
 from osl_analysis.trial import read_trial, write_trial
 from osl_analysis.walking.crossing import Crossing, RefusedCrossing
 from osl_analysis.walking.gait import unperturbed_gait
 from osl_analysis.walking.plate import PlateModel
-from osl_analysis.walking.response import fit_response, isolate_response
+from osl_analysis.walking.response import fit_response, group_headline, isolate_response
 from osl_analysis.walking.settings import WalkingAnalysis
+from osl_analysis.walking.tables import fitted_time
 
 FOOT = {"mass_kg": 1.0, "centre_of_mass_m": [0.045, 0.0, -0.045], "inertia_kg_m2": 0.085**2}
 
@@ -125,6 +126,12 @@ def test_without_imperfections_the_rendered_stiffness_comes_out_to_half_a_percen
         assert ideal.estimate("K", estimator)["mean"] == pytest.approx(ideal.rendered("K"), rel=0.005)
         assert ideal.estimate("B", estimator)["mean"] == pytest.approx(ideal.rendered("B"), rel=0.03)
         assert ideal.estimate("I", estimator)["mean"] == pytest.approx(ideal.rendered("I"), abs=0.002)
+    (group,), (gait,) = (
+        Tables(ideal.folder)["groups"].to_dicts(),
+        jobs.read_unperturbed_gaits(ideal.file("gait.parquet")).values(),
+    )
+    later = fitted_time(group_headline(ideal.read(*ideal.perturbed), gait, settings()))
+    assert group["fitted_phase"] == pytest.approx(group["onset_phase"] + later / group["stance_s"], rel=1e-9)
 
 
 def test_a_turn_of_the_toes_down_is_measured_with_its_sign_and_not_taken_for_one_up(ideal, tmp_path: Path) -> None:
@@ -255,6 +262,8 @@ def test_a_cluster_hidden_for_long_is_refused_and_for_short_is_bridged(ideal: Se
     onset = ideal.read(turned)[0].onset or 0.0
     with refused(output, rf"trial {turned}: the foot markers are hidden for \d+ ms from 1\.\d+ s, while the pert"):
         analysed(turned, foot, onset + 0.03, onset + 0.06)
+    with refused(output, rf"trial {turned}: the platform markers are hidden for \d+ ms from 1\.\d+ s, while the pert"):
+        analysed(turned, ("PLAT1", "PLAT2"), onset + 0.03, onset + 0.06)
     for start, duration in ((0.03, 0.007), (-0.15, 0.03)):
         assert analysed(turned, foot, onset + start, onset + start + duration).bridged > 0
 
@@ -310,3 +319,16 @@ def test_missing_and_damaged_files_between_the_steps_name_the_step(ideal: Sessio
     assert (row["K"], "samples cannot determine 3 parameters" in row["excluded"]) == (None, True)
     with pytest.raises(InputError, match=r"n\.parquet: no such file; run the step 'average-unperturbed'"):
         jobs.fit_perturbation(perturbed, selection, tmp_path / "n.parquet", settings(), tmp_path / "f.csv")
+
+
+def test_a_full_disk_leaves_the_older_unperturbed_gait_and_nothing_half(ideal, tmp_path, monkeypatch) -> None:
+    def full(_: pl.DataFrame, path: Path) -> None:
+        Path(path).write_bytes(b"half")
+        raise OSError(28, "No space left on device")
+
+    gait = tmp_path / "gait.parquet"
+    gait.write_bytes(b"older")
+    monkeypatch.setattr(pl.DataFrame, "write_parquet", full)
+    with pytest.raises(WriteError, match="No space left"):
+        jobs.average_unperturbed(ideal.crossings(*ideal.unperturbed), ideal.file("selection.csv"), settings(), gait)
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == {"gait.parquet": b"older"}

@@ -308,6 +308,10 @@ def test_crossings_whose_foot_stands_elsewhere_do_not_tell_how_long_a_stance_is_
     stands = [standing_at(x, 0.3 if 5 <= k < 8 else 0.0) for k, x in enumerate(forward)]
     apart = [replace(c, quality=there) for c, there in zip(session(), stands, strict=True)]
     assert set(reasons(apart)) == {f"w{k}" for k in range(5, 11)}
+    # crossings that are found bad do not widen the scatter, so that one nearer to the others stands out
+    forward = [-0.05, -0.03, -0.01, 0.01, 0.03, 0.05, 0.38, 1, 1, 1, 1]
+    apart = [replace(c, quality=standing_at(x, 0.0)) for c, x in zip(session(), forward, strict=True)]
+    assert set(reasons(apart)) == {f"w{k}" for k in range(6, 11)}
 
 
 @pytest.mark.parametrize(

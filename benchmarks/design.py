@@ -15,7 +15,7 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.campaign.configuration import Config, read_config
-from osl_analysis.commands.study import batch_rows, study_inputs
+from osl_analysis.commands.study import study_inputs
 from osl_analysis.design.precision import (
     KBI,
     Distortion,
@@ -31,6 +31,7 @@ from osl_analysis.simulator.drivetrain import simulate_drivetrain
 from osl_analysis.simulator.joint_motion import JointMotion
 from osl_analysis.spectral.periods import Realisation, period_spectra
 from osl_analysis.spectral.response import SecondOrder, fit_by_power, lines_of_periods, periodic_response
+from osl_analysis.study import bench as study_bench
 from osl_analysis.study.bench import StudyInputs
 from osl_analysis.trial import Array
 
@@ -52,7 +53,9 @@ def inputs_of(config: Config) -> StudyInputs:
 def studied(experiment: str, inputs: StudyInputs, trials: int) -> Iterator[str]:
     """Rows of a table: an experiment of the study."""
     study, effects, bench = inputs.study, inputs.simulation.effects, inputs.analysis["dynamometer"]
-    found = pl.DataFrame(batch_rows(experiment, range(trials), inputs), infer_schema_length=None)
+    names = [f"{experiment}_{k:05d}" for k in range(trials)]
+    rows = study_bench.study_rows(study_bench.studied(experiment, inputs), names)
+    found = pl.DataFrame(rows, infer_schema_length=None)
     found = found.filter(pl.col("estimator") == "filtered")
     cycles = (float(study.cycles),) * len(bench.frequencies_hz)
     amplitudes = tuple(np.deg2rad(study.amplitudes_deg).tolist())

@@ -72,8 +72,8 @@ def simulated(number: int, shipped: StudyLaboratory) -> Campaign:
         fields = {"slower_percent": 100 * (change.slower - 1), "after_window_percent": 100 * (change.after_window - 1)}
         gait = shipped.gait.model_copy(update={"changes": (StepChange(**fields),)})
         walked = [replace(shipped, gait=gait).perturbed(f"{name}_p") for name in names]
-        truths[label] = np.array([[getattr(one.exact, q) for q in QUANTITIES] for one in walked])
-        perturbed[label] = [one.crossing for one in walked]
+        truths[label] = np.array([[exact[q] for q in QUANTITIES] for _, exact, _ in walked])
+        perturbed[label] = [seen for seen, _, _ in walked]
     return with_half(unperturbed_gait([shipped.unperturbed(f"{name}_u") for name in names], 3), perturbed, truths)
 
 
@@ -155,7 +155,7 @@ def scale_errors(campaign: Campaign, label: str, signal: Callable[[Crossing], Ar
         phase = PHASES[PHASES <= end]
         mean = (gait.theta if signal(c) is c.theta else gait.torque).mean(axis=0)
         curve = signal_at(c, signal(c), stance_times(c, phase))
-        errors.append(1 / matched_scales(phase[::4], curve[None, ::4], mean, SHOWN)[:, 0] - 1)
+        errors.append(1 / matched_scales(phase[::4], curve[None, ::4], mean)[np.array(SHOWN) - 1, 0] - 1)
     return np.array(errors)
 
 

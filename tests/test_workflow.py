@@ -53,7 +53,7 @@ class Workspace:
     def start(self, *arguments, python_path=""):
         """As `run`, started anew; Python also looks in `python_path`."""
         command = [sys.executable, "-m", "snakemake", *arguments, *FILES]
-        environment = os.environ | {"PYTHONPATH": f"{python_path}:{os.environ.get('PYTHONPATH', '')}"}
+        environment = os.environ | {"PYTHONPATH": f"{python_path}:{ROOT}:{os.environ.get('PYTHONPATH', '')}"}
         return subprocess.run(command, cwd=self.folder, env=environment, capture_output=True, text=True, check=False)
 
     def planned(self, *arguments):

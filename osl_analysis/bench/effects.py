@@ -1,7 +1,7 @@
 """Every fault is a column: lag, clocks that drift apart, a stiffness that changes, beside the physics of the joint.
 
-A model (Eq. 15, Eq. 4) names its columns; each effect names the columns of `basis` that it adds, and with what weight,
-given the estimates. All of it is algebra on the Gram matrices of groups (gram.py).
+A model (Eq. 15, Eq. 4) names its columns; each effect names the columns of `sums_of` that it adds, and with what
+weight, given the estimates. All of it is algebra on the Gram matrices of groups (gram.py).
 
 Friction passes for a lag and for a changing stiffness as long as it is left out. So physics of the joint and faults of
 the recording compete, and a fault is found only beside all of the physics.
@@ -30,11 +30,11 @@ from osl_analysis.trial import Array
 
 Admittance = Callable[[NDArray[np.complex128]], NDArray[np.complex128]]
 """theta/torque [rad/(N*m)] of a model, for complex s [rad/s]."""
-Model = Mapping[str, str]  # column of the basis, by estimate
+Model = Mapping[str, str]  # column of `sums_of`, by estimate
 Keep = NDArray[np.bool_] | Label
 """Groups: those to keep (m,), those of a label, or all (None)."""
-IMPEDANCE: Model = {"K": "theta", "B": "omega", "I": "alpha", "offset": "one", "drift": "late"}
-TRANSMISSION: Model = {"B_j": "omega", "J_j": "alpha", "offset": "one", "drift": "late"}
+IMPEDANCE: Model = {"K": "theta", "B": "omega", "I": "alpha", "offset": "one", "drift": "late"}  # Eq. 15
+TRANSMISSION: Model = {"B_j": "omega", "J_j": "alpha", "offset": "one", "drift": "late"}  # Eq. 4 without a belt
 STOPS = {"hysteresis": 0.05, "hysteresis_2": 0.15, "hysteresis_3": 0.4}
 """Half-widths of springs that slip, as shares of the motion's RMS: presliding friction, a belt that winds up."""
 PHYSICS = ("T_C", "T_G", *STOPS, "cubic", "gap", "linear")

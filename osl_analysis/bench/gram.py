@@ -234,7 +234,8 @@ def fit_groups(
     turn: Array | None = None,
     limit: float = CONDITION_LIMIT,
 ) -> GroupFit:
-    """Least squares of the torque on a model, estimate -> column, over the groups of a label, or those to keep (m,).
+    """Least squares of the torque on a model (Eq. 15), estimate -> column, over the groups of a label or those to keep
+    (m,).
 
     With `turn` (`Sums.turned`) the columns of the estimates, and the torque, are combinations of the columns.
 

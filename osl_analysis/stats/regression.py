@@ -1,4 +1,5 @@
-"""The one linear regression under every fit: rank check, covariance for correlated residuals, diagnostics."""
+"""Linear regression on rows: rank check, covariance for correlated residuals, diagnostics. The bench fits groups
+of rows by the same rules (bench/gram.py)."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace

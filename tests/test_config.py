@@ -104,6 +104,7 @@ def test_truth_values_are_kept_where_they_are_allowed_and_keys_of_two_mappings_m
             BENCH | {"compare_estimators": True},
             "field .*compare_estimators' is gone: so are the est",
         ),
+        ("dynamometer", BENCH | {"cutoff_hz": 0}, "cutoff_hz: 0 is not allowed: write a number greater than 0"),
         ("dynamometer", BENCH | {"cycles": [10, 20]}, "cycles has 2 numbers for 5 frequencies"),
         ("dynamometer", BENCH | {"cycles": [10, 20, 30, 2, 20]}, "settle_cycles = 2 leaves none of 2 cycles; lower it"),
         ("dynamometer", BENCH | {"seconds_per_frequency": 1.5}, r"settle_cycles = 2 leaves none of 1\.5 cycles"),

@@ -195,6 +195,15 @@ def test_responses_are_predicted_by_a_parameter_file_of_their_joint_alone(tmp_pa
     assert [p is not None for p in asked] == [predicted]
 
 
+def test_fig_7_shows_the_desired_impedance_with_the_most_trials_where_none_is_chosen(tmp_path):
+    table = stored("frequency_response")
+    lone = table.filter(trial=table["trial"][0]).with_columns(trial=pl.lit("lone"), K_d=pl.lit(77.0))
+    write_table(pl.concat([lone, table]), tmp_path / "t.csv")
+    plotted_numbers.fig7(tmp_path / "t.csv", None, None, PAPER_WEIGHT, tmp_path / "fig7.csv")
+    drawn = read_table(tmp_path / "fig7.csv").filter(curve="observed")
+    assert set(drawn["K_d"]) == set(table["K_d"])
+
+
 def test_a_belt_without_parameters_is_the_joint_s_own_turn_and_needs_a_shaft_that_rests():
     theta = np.linspace(0, 0.1, 50)
     check_locked(theta, 0.0009 * np.sin(np.arange(50)) / 2)

@@ -125,6 +125,9 @@ def test_a_crossing_and_a_plate_trial_have_the_side_of_their_static_trial_and_wa
     assert found.places == {trial: {"joint": "ankle", "side": side} for trial, side in sides.items()}
     with pytest.raises(InputError, match="1 unperturbed crossings, walking needs 3 or more; add them, or exclude"):
         check_walking(found)
+    flat = "".join(f"u{k},walking,u{k}.c3d,vicon,false,,b,\n" for k in range(2))
+    with pytest.raises(InputError, match="1 perturbed crossings, walking needs 2 or more"):
+        check_walking(open_campaign(config, read_sheet(sheet(tmp_path, PLACED_TRIALS + flat))))
     bare = read_sheet(sheet(tmp_path, re.sub("^[lr],.*\n", "", PLACED_TRIALS, flags=re.MULTILINE)))
     with pytest.raises(InputError, match="0 trial of experiment 'static', walking needs 1"):
         check_walking(open_campaign(config, bare))

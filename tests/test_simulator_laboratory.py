@@ -408,6 +408,7 @@ def test_a_bad_impedance_trajectory_is_refused(tmp_path):
     for text, said in (
         ("phase,K_d\n0,100\n1,100\n", "no column 'B_d'"),
         ("phase,K_d,B_d\n0,100,1\n0.9,100,1\n", "from 0 to 0.9; it must rise from 0 to 1"),
+        ("phase,K_d,B_d\n0,100,1\n0.5,100,1\n0.5,200,1\n1,100,1\n", "it must rise from 0 to 1"),
         ("phase,K_d,B_d\n0,100,1\n1,abc,1\n", "not a table of numbers"),
     ):
         (tmp_path / "impedance.csv").write_text(text)

@@ -134,6 +134,9 @@ def test_what_a_job_reads_was_made_by_jobs_that_its_rule_waits_for(workspace):
     """Also what the rule does not name (`read`): else a job runs too early, or is not run again. The rules' inputs are
     those in Snakemake's notes."""
     requests, waits_for = requests_in(workspace.folder), {}
+    of_crossings = [said["settings"] for said in requests.values() if said["command"] == "walking.analyse"]
+    assert all({"perturbed", "direction", "body_mass_kg"} <= said.keys() for said in of_crossings)
+    assert len(of_crossings) == 8
     maker = {file: request for request, said in requests.items() for file in said["files"]}
     for note in (path for path in (workspace.folder / ".snakemake/metadata").rglob("*") if path.is_file()):
         inputs = json.loads(note.read_text())["input"]

@@ -410,6 +410,7 @@ def test_big_endian_messages_and_characters_are_numbers() -> None:
     for schema, payload, expected in (
         ("uint8 a\nfloat64 b\nint16 c\nfloat32 d", big, [7, -2.5, -300, 0.75]),
         ("char a\nint8 b\nbyte c\nuint8 d", b"\0\1\0\0\xc8\xc8\xc8\xc8", [200, -56, 200, 200]),  # as rosidl says
+        ("uint16 a\nint32 b\nuint64 c\nuint32 d", b"\0\1\0\0" + b"\xff" * 20, [2**16 - 1, -1, 2**64 - 1, 2**32 - 1]),
     ):
         read = read_each(kind_of(schema), "abcd", payload)
         assert [read.values[path].tolist() for path in "abcd"] == [[one] for one in expected]

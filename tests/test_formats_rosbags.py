@@ -1,5 +1,6 @@
 """Bags of ROS 1 and ROS 2 give what the library `rosbags` wrote, through ingest to canonical columns."""
 
+import hashlib
 import re
 import shutil
 import sqlite3
@@ -170,6 +171,11 @@ def test_the_trial_of_a_folder_names_all_its_files(tmp_path: Path) -> None:
     files = trial_from_files(row, tmp_path, tmp_path).provenance["files"]["log"]
     assert [one["path"] for one in files["parts"]] == [DESCRIBED, "bag_0.db3", "bag_1.db3"]
     assert files["bytes"] == sum(path.stat().st_size for path in folder.iterdir())
+    together = "".join(one["sha256"] for one in files["parts"]).encode()
+    assert files["sha256"] == hashlib.sha256(together).hexdigest()
+    (tmp_path / "c3d.yaml").write_text("format: c3d")
+    with pytest.raises(InputError, match="a folder with a recording in rosbag2, its source file says c3d; write"):
+        trial_from_files(row | {"log_source": "c3d"}, tmp_path, tmp_path)
     (tmp_path / "first").mkdir()
     write_bag1(tmp_path / "first/knee_0.bag")
     with pytest.raises(InputError, match=r"a folder without metadata.yaml, .*; name the recording in it"):
@@ -214,6 +220,12 @@ REFUSED: dict[str, tuple[Any, str]] = {
         "the database is damaged or cut off .*sqlite3 BAG .recover",
     ),
     "no bag": (lambda bag: changed(bag / "x.db3", "CREATE TABLE topics (id, name)"), "no such column: type.: no bag"),
+    "no messages": (lambda bag: changed(bag / "bag.db3", "DROP TABLE messages"), "no such table: messages.: no bag"),
+    "journal": (lambda bag: rewritten(bag / "bag.db3-journal", b"x").parent, "a journal is beside it"),
+    "IDL": (
+        lambda bag: changed(bag / "bag.db3", "UPDATE message_definitions SET encoding = 'ros2idl'"),
+        "type 'lab_msgs/msg/Sample' is defined in IDL, which is not read; convert it",
+    ),
 }
 
 

@@ -127,6 +127,7 @@ def test_without_sync_edges_the_joints_angle_aligns_the_log_and_the_trial_says_s
     toe = 200 * np.stack([np.sin(bent), 0 * bent, np.cos(bent)], axis=1)
     points = np.stack([np.tile([0, 0, 400.0], (time.size, 1)), np.full((time.size, 3), 1e-6), toe], axis=1)
     seen = np.concatenate([points, np.zeros((time.size, 3, 1))], axis=2)
+    seen[40:50, 0, 3] = -1.0  # a marker that was hidden for a moment
     write_c3d(tmp_path / "vicon.c3d", seen, rate=300.0)
     shared = {"column": "theta", "markers": ["M1", "M2", "M3"]}
     no_sync = {"theta": LEG["channels"]["theta"]}
@@ -147,6 +148,8 @@ def test_rows_within_a_nanosecond_become_one() -> None:
     assert joined["time"].to_list() == [0.0, 0.05, 2 / 3, 0.7, 0.9]
     assert joined["theta"].to_list() == [None, 7.0, 8.0, 9.0, 10.0]
     assert joined["trigger"].to_list() == [1.0, None, 2.0, None, 3.0]
+    with pytest.raises(InputError, match="log and motion capture do not overlap in time"):
+        merged(Recording(log, {}), Recording(mocap, {}), ClockFit(5.0))
 
 
 def rewritten(path: Path) -> None:
@@ -191,6 +194,7 @@ MISTAKES: dict[str, tuple[Callable[[Path], object] | None, dict[str, object], st
     "no such log": (None, {"log": "elsewhere/none.bin"}, "elsewhere/none.bin: no such file; correct the sample sheet"),
     "empty": (lambda folder: (folder / "leg.mcap").write_bytes(b""), {}, "leg.mcap: the file is empty"),
     "c3d as log": (None, {"log": "vicon.c3d", "mocap": ""}, "is c3d, its source file says mcap; write `format: c3d`"),
+    "a device": (None, {"log": "/dev/null"}, "/dev/null: a device or a pipe, not a recording"),
     "no such source file": (None, {"log_source": "none"}, "none.yaml: no such file"),
     "no source file": (None, {"log_source": None}, "log_source is empty"),
     "no file": (None, {"log": None, "mocap": float("nan")}, "trial walk_1: the sheet names no file"),

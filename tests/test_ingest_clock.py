@@ -53,7 +53,7 @@ def test_recovers_offset_and_drift_within_what_sampling_allows(duration: float) 
     assert abs(error).max() < 4 * 2 * sampling / np.sqrt(fit.edges)  # at its ends a line is twice as uncertain
     assert abs(fit.drift - DRIFT) < 4 * fit.drift_error
     assert (fit.drift_error > 50e-6) == (duration == 3.0)  # a short recording cannot tell the drift
-    assert duration < 300 or fit.drift_error < 1e-6
+    assert fit.drift_error < (1e-6 if duration == 300 else 100e-6)  # what crystals keep is known before
     assert (fit.residual, fit.excluded_edges) == (pytest.approx(sampling, rel=0.4), 0)
 
 
@@ -115,7 +115,7 @@ def test_an_encoder_and_markers_give_offset_and_drift_to_a_tenth_of_a_sample(off
     assert abs(fit.to_master(time) - (offset + (1 + DRIFT) * time)).max() < 0.1 / SLAVE_RATE
     assert abs(fit.drift - DRIFT) < 4 * fit.drift_error < 4e-6
     assert fit.residual < 0.1 / SLAVE_RATE
-    assert fit.method == "correlation"
+    assert (fit.method, fit.edges + fit.excluded_edges) == ("correlation", 12)
 
 
 WITHIN = np.arange(0, 30, 1 / CAMERA_RATE)

@@ -100,6 +100,8 @@ def test_one_log_in_any_dress_is_one_log(tmp_path: Path, text: str | bytes, fiel
         (LOG.replace("load", "angle"), {}, "column 'angle' occurs 2 times"),
         (LOG.replace("90", "fault"), {}, "line 3, column 'angle': 'fault' is not a number; correct the cell, or add"),
         (LOG.replace("90", "9_0"), {}, "line 3, column 'angle': '9_0' is not a number"),
+        (LOG.replace("90", "1e999"), {}, "line 3, column 'angle': '1e999' is not a number"),
+        (LOG + "\0" * 9, {}, "line 5 holds zero bytes, as a loss of power leaves them; delete the file from there on"),
         (LOG.replace("t,angle,load", "t;angle;load"), {}, "every row has 2 more cells than the header has names"),
         ("sep=;\n" + LOG.replace(",", ";"), {}, "seem to stand in line 2; delete the lines above it"),
         (LOG + LOG, {}, "line 5, column 't': 't' is not a number; the header stands here again"),

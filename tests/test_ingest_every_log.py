@@ -2,6 +2,7 @@
 
 import json
 import random
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -112,6 +113,16 @@ def test_a_draft_becomes_a_source_file_by_naming_two_signals_and_a_unit(tmp_path
     samples = FORMATS[WRITERS[what][0]].read(path, read_source(tmp_path / "s.yaml")).samples
     for column, expected in (("time", TIME), ("theta", ANGLE), ("torque", TORQUE)):
         np.testing.assert_allclose(samples[column], expected, atol=1e-12)
+
+
+@pytest.mark.parametrize(("what", "library", "extra"), [("tdms", "nptdms", "tdms"), ("mat 7.3", "h5py", "mat73")])
+def test_a_library_that_is_not_installed_is_named_with_the_extra_that_has_it(
+    tmp_path, monkeypatch, what, library, extra
+):
+    path = WRITERS[what][2](tmp_path / "log", LOG)
+    monkeypatch.setitem(sys.modules, library, None)
+    said = refusal_by(FORMATS[WRITERS[what][0]].read, path, described(what))
+    assert f"needs {library}, which is not installed; pip install 'osl-analysis[{extra}]'" in said
 
 
 def refused_mat(path, **fields):

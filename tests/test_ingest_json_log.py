@@ -240,6 +240,7 @@ def test_channels_of_other_rates_have_rows_of_their_own(tmp_path: Path) -> None:
     np.testing.assert_allclose(torque["time"], 0.0025 + np.arange(20) * 5e-3, atol=1e-12)
     np.testing.assert_allclose(torque["torque"] / torque["torque"][1], TORQUE[:20] / TORQUE[1], atol=1e-12)
     assert len(recording.samples) == 120
+    assert recording.facts["rates_hz"] == pytest.approx({"Bench/Angle": 1000, "Bench/Torque": 200})
     late = write_tdms(tmp_path / "b.tdms", [angle, ("Torque", TORQUE, timing(1e-3, 60.0))])
     assert "its channels do not overlap in time" in refused_tdms(late)
 

@@ -73,7 +73,7 @@ def test_messages_in_any_file_order_come_in_the_order_of_their_sequence_numbers(
     path = write_log(tmp_path / "log.mcap", [log[i] for i in order], chunk_size=300, sequences=order.tolist())
     recording = read(path, source(time))
     np.testing.assert_allclose(recording.samples["theta"], np.arange(50) * DEGREE)
-    assert recording.facts["stamps"]["/lab"]["late"] == 0
+    assert (recording.facts["stamps"]["/lab"]["late"], recording.facts["rates_hz"]["/lab"]) == (0, 10)
 
 
 @pytest.mark.parametrize("by", [0.5, 3600.0])
@@ -127,6 +127,10 @@ def test_a_topic_that_gives_no_samples_is_refused(tmp_path: Path) -> None:
         (infinite, SAMPLE, "inf in sample 18 of 50, at 0.017 s"),
     ):
         assert told in refused(write_log(path, log, schema, "lab_msgs/msg/Other"), source())
+    for counter, told in (("torque", "0.125 in message 2 of 50, at 0.001 s"), ("sync", "True in message 1 of 50")):
+        counted = source(theta={**RADIANS["theta"], "counter": counter})
+        assert f"field '{counter}': {told}" in refused(write_log(path, samples()), counted)
+    assert "is not a time; write source: header" in refused(write_log(path, [(2**63, samples()[0][1])]), source("log"))
     leg = {"topic": "/leg", "field": "angle", "unit": "deg"}
     assert "no topic '/leg' (the file has /lab)" in refused(path, source(theta=leg))
 

@@ -98,6 +98,15 @@ def test_the_page_has_a_line_for_each_interval_and_names_what_covers_too_little(
     assert "Monte Carlo errors: belt, K_s: 80.0 %." in text
 
 
+def test_each_recorded_campaign_draws_anew_and_a_linear_drivetrain_has_no_friction(monkeypatch):
+    seeds, effects = [], bench("linear drivetrain").inputs.simulation.effects
+    assert (effects.friction.value, effects.belt_hysteresis.value) == (0, 0)
+    monkeypatch.setattr(study_of_walking, "recording", lambda own, *_: seeds.append(own.settings.seed))
+    monkeypatch.setattr(study_of_walking, "campaign_rows", lambda *_: [])
+    assert list(study_of_walking.walking_rows(study_inputs(*choices()), range(3), recorded=True)) == []
+    assert len(set(seeds)) == 3
+
+
 def test_an_actuator_without_a_schedule_is_refused():
     made = study_inputs(*choices())
     without = replace(made, simulation=made.simulation.model_copy(update={"actuator": None}))
@@ -161,8 +170,10 @@ def test_bound_of_a_sinusoid_is_the_published_one():
 
 
 def test_the_study_measures_bias_in_standard_deviations_and_coverage_as_a_share():
-    found = performance(np.array([1.0, 2.0, 3.0]), np.ones(3), np.array([True, False, False]), np.full(3, 2.0))
+    found = performance(np.array([1.0, 2.0, 3.0]), np.full(3, 2.0), np.array([True, False, False]), np.full(3, 2.0))
     expected = {"bias": 2.0, "coverage": 1 / 3, "n": 3, "rmse": np.sqrt(14 / 3), "rmse_over_bound": np.sqrt(14 / 12)}
+    expected |= {"bias_mc": 1 / np.sqrt(3), "se_over_sd": 2.0, "coverage_mc": np.sqrt(3 / 7 * 4 / 7 / 7)}
+    expected |= {"rmse_over_bound_mc": np.sqrt(14 / 12) * np.sqrt(0.5 / 12)}  # of a kurtosis of 1.5
     assert {name: found[name] for name in expected} == pytest.approx(expected)
 
 

@@ -273,12 +273,15 @@ def test_a_crossing_knows_what_each_trial_of_the_plate_does_to_its_torque(real: 
     for model in (plate, plate.leave_one_out[1]):
         jobs.write_model(model, tmp_path / "plate.json")
         files = real.trial(real.perturbed[0]), real.file("calibration.json"), tmp_path / "plate.json"
-        jobs.analyse(*files, True, settings(foot=FOOT), tmp_path / "crossing.parquet")
+        jobs.analyse(*files, True, settings(foot=FOOT), tmp_path / "crossing.parquet", body_mass_kg=77.0)
         found.append(jobs.read_crossing(tmp_path / "crossing.parquet"))
     crossing, without = found
     assert len(crossing.plate_errors) == len(plate.leave_one_out) > 1
     np.testing.assert_allclose(crossing.plate_errors[1], without.torque - crossing.torque, atol=1e-9)
     assert np.abs(crossing.plate_errors[1]).max() > 1e-3
+    assert crossing.body_mass == 77.0
+    (gait,), own = jobs.read_unperturbed_gaits(real.file("gait.parquet")).values(), real.read(*real.unperturbed)
+    np.testing.assert_array_equal(gait.plate_errors, unperturbed_gait(own, 3).plate_errors)
     assert without.plate_errors.shape == (0, len(without.time))
 
 

@@ -20,7 +20,7 @@ from osl_analysis.walking.gait import unperturbed_gait
 from osl_analysis.walking.groups import crossing_features, places, selection_rows, split_keys, timings
 from osl_analysis.walking.plate import Stance
 from osl_analysis.walking.response import fit_response, group_headline
-from osl_analysis.walking.tables import fitted_time
+from osl_analysis.walking.tables import fitted_time, with_trajectory
 
 RULE = settings().outliers
 MIDSTANCE = Walk(0.4)
@@ -53,7 +53,7 @@ def test_half_the_difference_of_directions_is_free_of_what_follows_either_turn(t
     row = tables.estimate("all", "K", "mean of perturbations")
     assert row["mean"] == pytest.approx(np.mean(singles))
     assert row["sd"] < 60  # not the 138 either side that the directions differ by
-    assert tables["groups"].select("group", "gait", "n", "n_down", "pooled").row(0) == ("all", "all", 10, 4, None)
+    assert tables["groups"].select("group", "gait", "n_up", "n_down", "pooled").row(0) == ("all", "all", 6, 4, None)
     apart = campaign(tmp_path / "d", BOTH | several("u", 6, Walk()), group_by=["direction"], bootstrap_samples=100)
     assert apart["groups"]["group"].to_list() == ["direction down", "direction up"]
     assert apart.estimate("direction up")["mean"] > 400 > 300 > apart.estimate("direction down")["mean"]
@@ -85,7 +85,7 @@ def test_the_turn_is_toes_up_positive_whichever_way_the_person_walks_and_the_pla
     time = np.arange(60) / 300
     yaw, rest = Rotation.from_euler("z", heading, degrees=True), Rotation.from_euler("xyz", [3, -2, 20], degrees=True)
     axis = yaw.apply([0.0, 1.0, 0.0])
-    angles = turn * np.clip((time - 0.05) / 0.1, 0, 1)
+    angles = turn * np.interp(time, [0.05, 0.12, 0.15, 0.2], [0, 1, -0.2, 3])  # the largest, not the last, turn
     rotation = np.array([(Rotation.from_rotvec(-a * axis) * rest).as_matrix() for a in angles])
     assert platform_turn(
         time, pose(rotation, np.zeros((60, 3))), np.tile(axis, (60, 1)), (0.05, 0.15)
@@ -128,6 +128,9 @@ def test_a_person_who_walks_slower_than_the_others_is_no_outlier_among_them():
     mixed, apart = (selection_rows(crossings(walks | slow), [], settings(), each) for each in (sheet, of_two))
     assert {name for name, row in mixed.items() if row["status"] == "outlier"} == set(slow)
     assert {row["status"] for row in apart.values()} == {"used"}
+    assert {row["gait"] for name, row in apart.items() if name[0] == "b"} == {"subject b"}
+    own, *usual = crossings({"b0": slow["b0"]} | several("bu", 3, Walk(stance=0.9)))  # a share of their mean stance
+    assert apart["b0"]["onset_phase"] == pytest.approx((own.onset - 0.3) / np.mean([c.stance.duration for c in usual]))
 
 
 def test_conditions_serve_every_value_where_unstated_and_are_refused_where_they_tell_nothing_apart():
@@ -205,6 +208,9 @@ def test_each_timing_has_its_own_result_over_stance_beside_the_commanded_impedan
     plot_over_stance(table, points, 0.62, [tmp_path / "trajectory.csv"])
     commanded = read_table(points).filter((pl.col("series") == "commanded") & (pl.col("quantity") == "K"))
     np.testing.assert_allclose(commanded["commanded"], 620 * commanded["phase"], rtol=1e-6, atol=1e-6)
+    ends, asked = np.array([0.0, 1.0]), pl.DataFrame({"quantity": list("KBK"), "phase": [0.5, 0.5, 1.1]})
+    told = with_trajectory(asked.with_columns(commanded=pl.lit(None, pl.Float64)), ends, 600 * ends, ends)
+    assert told["commanded"].to_list() == [300, 0.5, None]  # beyond stance nothing is commanded
     tabulate_over_stance(summary, groups, table, 0.62)
     assert read_table(table)["commanded"].is_null().all()
 

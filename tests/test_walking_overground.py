@@ -41,6 +41,8 @@ def gait_trial(side: str = "left", over: float = 0.0) -> Trial:
 def test_the_moment_of_a_known_load_and_its_ratio_to_the_reference(side: str) -> None:
     (row,) = overground_rows(gait_trial(side), KNOWN)
     assert (row["side"], row["plate"]) == (side, 1)
+    found = compare_ankle_moment(gait_trial(side), KNOWN, {"body_mass_kg": 60.0})["ankle_moment"]
+    assert found["moment_at_peak"][0] == pytest.approx(row["moment_at_peak"] * MASS / 60)  # the sheet's mass
     assert row["slope"] == pytest.approx(1.05, abs=1e-3)
     assert row["correlation"] == pytest.approx(1, abs=1e-5)
     assert row["moment_at_peak"] == pytest.approx(0.12 * 800 / MASS, rel=2e-3)

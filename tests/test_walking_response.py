@@ -161,7 +161,9 @@ def test_the_interval_of_a_single_perturbation_covers_what_gait_does_to_it() -> 
         narrow += own.interval("K")[0] <= K <= own.interval("K")[1]
     assert covered / 200 == pytest.approx(0.95, abs=0.046)
     assert narrow / 200 < 0.85
-    assert fit.interval_method == "unperturbed crossings"
+    assert (fit.interval_method, fit.degrees_of_freedom) == ("unperturbed crossings", pytest.approx(4))
+    (of_mean, _), _ = fitting.common_errors([response])["K"]  # s^2/5; of a mean of five and another one s^2 (1 + 1/5)
+    assert fit.se("K") ** 2 == pytest.approx(6 * of_mean)
 
 
 def test_the_lag_of_a_second_order_response_comes_out_within_its_standard_error() -> None:
@@ -275,6 +277,7 @@ def test_sound_crossings_are_far_from_every_limit_and_faults_are_beyond() -> Non
     pairs = [(rows[k], rows[k + 4]) for k in range(3)]
     apart = [2 * abs(m["mean"] - e["mean"]) / sum(r["high"] - r["low"] for r in (m, e)) for m, e in pairs]
     assert found["estimator_difference"] == pytest.approx(max(apart))
+    assert [found["B_high"], found["I_high"]] == [rows[5]["high"], rows[6]["high"]]
     # turns of both directions that nobody told apart cancel; three stiffnesses; a torque that drops
     half = [replace(c, theta=2 * walked("g").theta - c.theta) for c in perturbed()[::2]]
     assert facts([*half, *perturbed()[1::2]])["coherence"] < 0.3
@@ -287,6 +290,10 @@ def test_a_stance_that_the_perturbation_shortens_is_seen_unless_phase_is_matched
     short = [hurried(c) for c in perturbed()]
     assert facts(short)["uncorrected_stance_change"] == pytest.approx(-0.08, abs=0.025)
     assert facts(short, perturbed_stance="matched")["uncorrected_stance_change"] is None
+    headline = group_headline(perturbed(), USUAL, SETTINGS)  # beyond 3 SD/sqrt(8) = 1.06 SD it is certain
+    for mean, certain in ((0.018, True), (0.005, False)):
+        off = [replace(r, stance_error=mean + 0.01 * (-1) ** k) for k, r in enumerate(headline.responses)]
+        assert (group_facts(replace(headline, responses=off))["uncorrected_stance_change"] is not None) == certain
     # crossings that are slower throughout do not count as changed
     slow = [walked(f"p{k}", 1.08, 2e-3, 0.3 + 0.3 * 1.08) for k in range(8)]
     assert facts(slow)["uncorrected_stance_change"] is None

@@ -135,24 +135,19 @@ def test_gains_of_a_pair_a_grid_and_a_trajectory_are_those_of_the_paper_and_are_
     drawn, table = tmp_path / "gains.svg", tmp_path / "gains.csv"
     said = call(*GAINS, "--plot", drawn).stdout
     assert "K_1 = 25.0867 N·m/rad" in said
-    grid = (
-        "gains",
-        "--stiffness",
-        "100:400:100",
-        "--damping",
-        "0:0.3:0.1",
-        "--output",
-        table,
-        "--plot",
-        drawn,
-        "--json",
-    )
+    grid = of_gains("100:400:100", "0:0.3:0.1", "--output", table, "--plot", drawn, "--json")
     rows = json.loads(call(*grid).stdout)
     pairs = [(r["K_d"], round(r["B_d"], 9)) for r in rows]
     assert pairs == [(k, b) for k in (100, 200, 300, 400) for b in (0, 0.1, 0.2, 0.3)]
     assert pl.read_csv(table)["B_1"].to_list() == pytest.approx([r["B_1"] for r in rows], rel=1e-12)
     rows = json.loads(call("gains", "--trajectory", SYNTHETIC, "--json").stdout)
     assert (max(r["K_d"] for r in rows), {r["minima"] for r in rows}) == (340, {1})
+    assert {r["trajectory"] for r in rows} == {"synthetic"}
+    (tmp_path / "t.csv").write_text("phase,K_d,B_d\n0,300,5\n1,200,5\n")
+    rows = json.loads(call("gains", "--trajectory", tmp_path / "t.csv", "--json").stdout)
+    assert [(r["phase"], r["K_d"], r["trajectory"]) for r in rows] == [(0, 300, None), (1, 200, None)]
+    assert "smallest stable gain" in call(*of_gains(600, 0)).stdout
+    assert "no finite B_1 minimises Eq. 14" in call(*of_gains(600, 0, "--weight-hz", 50)).stdout
 
 
 def of_gains(stiffness, damping, *more):
@@ -160,6 +155,8 @@ def of_gains(stiffness, damping, *more):
 
 
 MISTAKES = {
+    "K_d = 0 .* ask for more than 0": of_gains(0, 5),
+    r"B_d = 1e\+300 .* ask for 1e-09 to 1e\+06": of_gains(300, 1e300),
     r"K_d = 700 .* ask for less than 685\.6 \(99 % of it: 678\.7\)": of_gains(700, 5),
     r"cutoff_hz: 1e\+300 is not allowed: write a number less than or equal to 10000": (*GAINS, "--weight-hz", 1e300),
     "order: 0 is not allowed: write a number greater than or equal to 1": (*GAINS, "--weight-order", 0),

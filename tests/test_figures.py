@@ -1,5 +1,6 @@
 """Figures show the numbers of their tables: checked on the lines, markers and bars that they draw."""
 
+import json
 import os
 import re
 import subprocess
@@ -14,12 +15,14 @@ import pytest
 from conftest import ROOT
 from matplotlib.figure import Figure
 
+from osl_analysis.campaign.campaign import ABOUT_MEANING
 from osl_analysis.commands.figure import caption_of, draw_figure, draw_table, write_captions
+from osl_analysis.commands.tables import write_table_metadata
 from osl_analysis.errors import InputError
 from osl_analysis.figures import FIGURES, drawing_of, others
 from osl_analysis.figures.frequency import DESIRED, LINEAR_MODEL, response_curve
 from osl_analysis.figures.impedance import LARGEST_VAF
-from osl_analysis.figures.names import as_text, write_footer
+from osl_analysis.figures.names import as_text, doubtful_said, with_interval, with_sd, write_footer
 from osl_analysis.figures.quasi_static import MEAN_SLOPE
 from osl_analysis.figures.style import LOOKS, MAGENTA, SINGLE_COLUMN, paper_style
 from osl_analysis.refusal import Refusal, write_refusals
@@ -498,6 +501,15 @@ def test_a_name_in_markdown_is_text_sign_by_sign(name, markdown):
     assert as_text(name) == markdown
 
 
+def test_numbers_have_the_digits_that_their_intervals_leave_and_of_many_names_the_first_stand_there():
+    assert with_interval(299.123, 298.21, 300.04, "N·m/rad") == "299.12 N·m/rad (95 % interval 298.21 to 300.04)"
+    assert with_interval(-0.0012, -0.02, 0.0176, "kg·m²") == "−0.001 kg·m² (95 % interval −0.020 to 0.018)"
+    assert [with_interval(-3.0, None, None, "s"), with_sd(338.4, 20.2, "s")] == ["−3 s", "338 ± 20 s"]
+    table = pl.DataFrame({"trial": [f"t_{k}" for k in range(12)], "doubtful": ["VAF 80"] * 10 + ["", None]})
+    names = ", ".join(rf"t\_{k}" for k in range(6))
+    assert doubtful_said(table, "open") == f"Doubtful, open: 10 of 12 fits ({names} and 4 more), for VAF."
+
+
 def test_each_figure_has_a_section_a_missing_one_its_reason_and_the_kind_of_data_stands_there_once(tmp_path):
     lost = Refusal("<b>i_1", "raw/i_1.mcap", "ingest", "refused", "raw/i_1.mcap: no such file", "copy it")
     tables = {name: tmp_path / f"{name}.csv" for name in ("fig4", "fig5", "fig7")}
@@ -528,3 +540,13 @@ def test_a_caption_is_one_paragraph_in_which_no_name_of_a_file_is_markup(name, t
     write_table(table, tmp_path / "t.csv")
     said = caption_of(name, tmp_path / "t.csv")
     assert re.findall(r"(?<!\\)[<>*]|\n|[^.]$", said) == [], said
+    write_table(table.drop(last := drawing_of(name).columns[-1]), tmp_path / "t.csv")
+    with pytest.raises(InputError, match=rf"t\.csv: no column '{last}'"):
+        draw_figure(name, tmp_path / "t.csv", [tmp_path / "f.pdf"])
+
+
+@pytest.mark.parametrize(("name", "leads"), [("figures/fig3.csv", {"@id": "figures/captions.md"}), ("belt.csv", None)])
+def test_the_metadata_of_tables_lead_to_the_captions_where_there_are_figures(name, leads, tmp_path):
+    write_table_metadata(dict.fromkeys(ABOUT_MEANING, "made"), ["a.csv", name], tmp_path / "m.json")
+    content = json.loads((tmp_path / "m.json").read_text(encoding="utf-8"))
+    assert (content["tables"], content.get("rdfs:seeAlso")) == ([{"url": "a.csv"}, {"url": name}], leads)

@@ -14,7 +14,7 @@ from osl_analysis.bench.components import ACTUATOR_PARAMETERS as NAMES
 from osl_analysis.bench.components import actuator_table, actuator_trial
 from osl_analysis.bench.settings import ActuatorAnalysis
 from osl_analysis.cli import main
-from osl_analysis.commands.bench import fit_settings, fit_trial
+from osl_analysis.commands.bench import fit_actuator_trial, fit_settings, fit_trial
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.model.parameters import read_parameters
 from osl_analysis.simulator.bench import simulate_bench_trial
@@ -121,6 +121,7 @@ def test_a_bench_of_ones_own_gives_the_parameters_of_its_log_by_the_documented_c
     trial, asked = read_trial(Path("bench.parquet")), fit_settings("actuator", ROOT / "config/config.yaml")
     found = fit_trial("actuator", trial, DEVICE, *asked).table
     assert found["motion"][0] == "omega_m"
+    assert "omega" in fit_actuator_trial(trial, DEVICE, ANALYSIS)["series"].columns
     assert found.select(NAMES).row(0) == pytest.approx([expected[name] for name in NAMES], rel=1e-3)
     assert found["J_m_se"][0] == pytest.approx(expected.se("J_m"), rel=0.02)
 
@@ -129,8 +130,12 @@ def test_of_angle_and_velocity_the_angle_is_used_and_a_bench_without_either_is_r
     t, theta, omega, alpha, current = schedule()
     samples = pl.DataFrame({"time": t, "current": current, "torque_m": by_hand(omega, alpha, current)})
     both = samples.with_columns(theta_m=theta, omega_m=7 * omega)
-    row = actuator_table(actuator_trial(Trial("a", both), ANALYSIS)).row(0, named=True)
+    fit = actuator_trial(Trial("a", both), ANALYSIS)
+    row, rows = actuator_table(fit).row(0, named=True), fit.record.rows()
     assert (row["motion"], row["J_m"]) == ("theta_m", pytest.approx(TRUE["J_m"], rel=0.02))
+    shown = fit_actuator_trial(Trial("a", both), DEVICE, ANALYSIS)["series"]["theta_deg"]
+    assert shown[2501] == pytest.approx(np.rad2deg(theta[5002]))
+    assert (rows[0], rows[-1], np.abs(omega[rows]).min() > 0.45) == (200, len(t) - 201, True)  # 3/15 s at both ends
     with pytest.raises(InputError, match="trial b: no column 'theta_m'"):
         actuator_trial(Trial("b", samples), ANALYSIS)
 

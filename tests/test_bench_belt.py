@@ -44,6 +44,7 @@ def test_recovers_the_stiffness_of_the_belt_in_both_directions_without_the_rows_
     [
         (0.01, 3400, (), r"deflects by 0\.050 deg"),
         (1.0, 2000, (), "ends while the belt is still loaded"),
+        (np.where(np.arange(3400) // 100 == 9, 0.2, 1.0), 3400, (), "falls back by"),
         (1.0, 3400, range(1690, 3400), "no row while unloading is free of gaps"),
     ],
 )
@@ -68,8 +69,11 @@ def test_belt_intervals_hold_what_drift_makes_of_the_slope():
 
 def test_a_belt_tells_what_a_straight_line_leaves_out():
     """Energy lost to friction of 0.5 N*m over the elastic one; slope of 876 theta + 14913 theta |theta| at the peak."""
-    belts = belt_cycle(685, coulomb=0.5), belt_cycle(876, K_s2=14913)
-    rubbing, stiffening = (belt_table(fitted(*belt)).row(0, named=True) for belt in belts)
+    belts = [fitted(*belt) for belt in (belt_cycle(685, coulomb=0.5), belt_cycle(876, K_s2=14913))]
+    rubbing, stiffening = (belt_table(belt).row(0, named=True) for belt in belts)
+    back = belts[0].fits["unloading"]
+    assert (rubbing["unloading"], rubbing["unloading_se"]) == (back["K_s"], back.se("K_s"))
+    assert belts[1].whole.vaf == stiffening["VAF"] < 99.99 < stiffening["quadratic_VAF"]
     assert rubbing["energy_lost"] == pytest.approx(2 * 0.5 / (685 * 0.0873 / 2), rel=1e-3)
     assert rubbing["hysteresis_area"] == pytest.approx(2 * 0.5 * 0.0873, rel=1e-3)
     assert stiffening["stiffening"] == pytest.approx(2 * 14913 * 0.0873 / 876, rel=1e-6)
@@ -134,6 +138,8 @@ def test_transmission_tells_how_much_of_its_damping_is_coulomb_friction_and_pred
     assert abs(smooth[-1]["coulomb_share"]) < 0.01
     assert rough[-1]["coulomb_share"] == pytest.approx(1 - 0.3 / rough[-1]["B_j"], abs=0.03)
     assert rough[-1]["coulomb_share"] > 0.1
+    assert rough[-1]["B_j_coulomb"] == pytest.approx(0.3, abs=0.03)
+    assert rough[-1]["VAF_coulomb"] > 99.8 > rough[-1]["VAF"]
     assert smooth[0]["VAF_held_out"] > 99.9 > rough[0]["VAF_held_out"]
     assert smooth[-1]["VAF_held_out"] > 99.9
     assert smooth[-1]["B_j_viscous"] is None

@@ -38,6 +38,7 @@ def test_the_row_over_all_amplitudes_says_from_where_to_where_the_single_ones_re
     table = table_of(record)
     small, large, both = table.to_dicts()
     assert small["K"] + 3 < both["K"] < large["K"]
+    assert phasors_of_record(record)[3].torque.distortion == pytest.approx(2e3 * 0.1**3 / 4 / 21.45, rel=0.02)
     for name in "KBI":
         low, high = sorted((small[name], large[name]))
         assert (both[f"{name}_amplitudes_low"], both[f"{name}_amplitudes_high"]) == (low, high)
@@ -57,7 +58,8 @@ def test_the_model_of_fig4_is_the_fit_to_the_settled_cycles_and_has_no_torque_be
         return joint
 
     record = stepped_sine(disturbed)
-    large = record.groups.labels[1]
+    large = record.label_near(None)
+    assert [record.label_near(3), large] == list(record.groups.labels)
     analysis = analysed(record, plain_sums(record, IMPEDANCE), IMPEDANCE)
     shown = analysis.last_seconds(large, 1000.0)
     row = table_of(record).row(1, named=True)

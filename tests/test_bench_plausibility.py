@@ -10,7 +10,7 @@ from bench_synthetic import PROTOCOL, second_order, stepped_sine
 from conftest import ROOT
 
 from osl_analysis.bench.impedance import DesiredImpedance
-from osl_analysis.bench.settings import ActuatorAnalysis, DynamometerAnalysis
+from osl_analysis.bench.settings import ActuatorAnalysis, BenchStiffness, DynamometerAnalysis
 from osl_analysis.campaign.configuration import read_section
 from osl_analysis.commands.bench import fit_trial
 from osl_analysis.errors import InputError
@@ -117,6 +117,7 @@ def test_what_cannot_be_is_refused_with_its_cause(experiment, changes, words):
         ("impedance", {"torque": clipped}, "clipped.*saturated_samples"),
         ("actuator", {"torque_m": clipped}, "clipped.*saturated_samples"),
         ("actuator", {"current": clipped}, "clipped.*saturated_samples"),
+        *((of, {"theta": lambda x: x.clip(max=0.9 * x.max())}, "clipped.*saturated") for of in list(RECORDINGS)[:3]),
         # a delay of 4 ms adds -K_s 4 ms = -2.7 N*m*s/rad to B_j
         ("belt", {"torque": lambda torque: np.roll(torque, 2)}, r"B_j_high -\d.* is below 0"),
     ],
@@ -156,7 +157,11 @@ def test_no_verdict_depends_on_the_zero_of_the_angle(experiment, more):
             assert other[name] == pytest.approx(own[name], rel=1e-3)
 
 
-def test_a_torque_beyond_the_load_cell_s_range_is_refused_and_a_joint_without_stiffness_is_not():
+def test_a_torque_beyond_the_load_cell_s_range_or_a_bench_that_is_softer_is_refused_and_a_joint_without_k_is_not():
+    for experiment, bench in (("impedance", 300), ("belt", 1000)):
+        softer = BENCH.model_copy(update={"bench_stiffness": BenchStiffness(value=f"{bench} N*m/rad")})
+        with pytest.raises(InputError, match=f"is not between 0 and the bench's stiffness of {bench} N"):
+            judged(experiment, RECORDINGS[experiment], softer)
     stated = BENCH.model_copy(update={"load_cell_range": 20.0})
     with pytest.raises(InputError, match=r"torque reaches 2.* N\*m, more than the 20 N\*m of `load_cell_range`"):
         judged("impedance", RECORDINGS["impedance"], stated)

@@ -12,6 +12,7 @@ from conftest import ROOT
 
 from osl_analysis.bench.settings import TorqueAngleAnalysis
 from osl_analysis.bench.torque_angle import (
+    branch_curve,
     curve_table,
     find_cycles,
     torque_angle_table,
@@ -107,8 +108,9 @@ def test_the_curve_of_a_cubic_spring_and_its_slope_are_found_at_every_angle():
     end = np.deg2rad(12)
     assert row["energy_stored"] == pytest.approx(K * end**2 / 2 + stiffening * end**4 / 4, rel=1e-3)
     curve = curve_table(found)
-    loading = curve.filter(pl.col("branch") == "loading")["angle_deg"].to_list()
-    assert loading[-23:] == list(np.arange(0.5, 12, 0.5))
+    loading = curve.filter(pl.col("branch") == "loading")
+    assert loading["angle_deg"].to_list()[-23:] == list(np.arange(0.5, 12, 0.5))
+    assert (row["K_lowest"], row["K_highest"]) == (loading["stiffness"].min(), loading["stiffness"].max())
     angle, window = np.deg2rad(curve["angle_deg"].to_numpy()), 0.05 * end
     inside = (angle > 1.2 * window) & (angle < end - 1.2 * window)
     expected = (K * angle + stiffening * angle**3)[inside]
@@ -141,6 +143,12 @@ def test_the_yielding_of_the_bench_is_taken_off_the_angle_and_its_error_widens_t
     change = wide["K"] ** 2 * (1 / 3800 - 1 / 4000)  # of K by one standard error of 1/k: dK = K^2 d(1/k)
     assert wide["K_se"] == pytest.approx(np.hypot(narrow["K_se"], change), rel=0.1)
     assert wide["K_se"] > 3 * narrow["K_se"]
+
+
+def test_the_interval_of_a_slope_over_three_cycles_is_student_s():
+    x = np.linspace(-0.1, 0.1, 200)
+    row = branch_curve([(x, slope * x) for slope in (1.0, 2.0, 3.0)], np.zeros(1), 0.05, 1).row(0, named=True)
+    assert row["stiffness_high"] - row["stiffness"] == pytest.approx(4.30265 / np.sqrt(3), rel=1e-5)
 
 
 @pytest.mark.parametrize("cycles", [1, 3])
@@ -268,6 +276,7 @@ def test_the_change_of_the_energy_with_speed_is_that_from_the_slowest_cycle_to_t
     theta = np.concatenate([path(0, 10, 0, speed=speed) for speed in (2, 4, 8)])
     row = row_of(theta, K * theta + 20 * np.gradient(theta) * RATE)
     assert row["rate_change"] == pytest.approx(9 / 7, rel=0.02)
+    assert row["shortest_cycle_s"] == pytest.approx(20 / 8, rel=0.01)
     assert row_of(FULL, K * FULL)["rate_change"] is None
 
 

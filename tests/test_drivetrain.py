@@ -73,6 +73,10 @@ def test_two_integrators_that_share_nothing_agree(parameters, controller, K_s2):
     assert np.std(found - expected) < 0.01 * np.std(expected)
 
 
+def test_a_joint_that_rests_in_equilibrium_from_the_first_sample_on_resists_with_the_desired_stiffness():
+    np.testing.assert_allclose(belt_response(np.full(50, 0.2), RATE, compensated_gains(300, 5, P), P, *TRUE), 60.0)
+
+
 def joint_stiffness_at(frequency_hz, gains, effects):
     """Complex torque over angle from whole settled cycles of a simulated sine, without J_j."""
     w, t = 2 * np.pi * frequency_hz, np.arange(int(8 * RATE)) / RATE
@@ -253,11 +257,14 @@ def test_every_selected_impedance_is_stable_and_passive(parameters, K_d, B_d):
     assert (joint_admittance(gains.K_1, gains.B_1, parameters).poles().real < 0).all()
 
 
-def test_fidelity_ends_where_the_stiffness_is_ten_percent_off(parameters):
-    gains = compensated_gains(300, 5, parameters)
-    f = float(compensator.rendering(gains.K_1, gains.B_1, [300.0], [5.0], parameters)["faithful_to_hz"][0])
+@pytest.mark.parametrize(("K_d", "B_d"), [(300.0, 5.0), (100.0, 0.5)])  # it leaves the range once, or several times
+def test_fidelity_ends_where_the_stiffness_is_ten_percent_off(parameters, K_d, B_d):
+    gains = compensated_gains(K_d, B_d, parameters)
+    found = compensator.rendering(gains.K_1, gains.B_1, [K_d], [B_d], parameters)
+    f, poles = float(found["faithful_to_hz"][0]), joint_admittance(gains.K_1, gains.B_1, parameters).poles()
+    assert found["decay_rate"][0] == pytest.approx(np.min(-poles.real))
     below, at = np.linspace(0, 0.999 * f, 500), np.array([f])
-    off = [np.abs(stiffness_at(g, gains, parameters) / (300 + 2j * np.pi * g * 5) - 1) for g in (below, at)]
+    off = [np.abs(stiffness_at(g, gains, parameters) / (K_d + 2j * np.pi * g * B_d) - 1) for g in (below, at)]
     assert (off[0] < 0.1).all()
     assert off[1][0] == pytest.approx(0.1, rel=1e-6)
 

@@ -96,7 +96,7 @@ def test_a_record_that_is_no_stepped_sine_of_these_amplitudes_is_refused_with_wh
         segments_of(theta)
 
 
-@pytest.mark.parametrize("before", [WARM, 0.15 * WARM[:500]])
+@pytest.mark.parametrize("before", [WARM, 0.15 * WARM[:500], -0.15 * WARM[:650]])
 def test_a_warm_up_at_another_amplitude_or_of_two_cycles_is_not_used(before):
     found = segments_of(np.concatenate([np.zeros(500), before, stepped()]))
     assert [(s.commanded, s.cycles) for s in found] == [(a, 6) for a in PROTOCOL.amplitudes for _ in range(2)]

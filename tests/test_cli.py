@@ -5,6 +5,7 @@ import os
 import re
 import resource
 import signal
+import stat
 import subprocess
 import sys
 import time
@@ -240,13 +241,14 @@ def test_a_terminal_that_takes_no_output_is_one_line():
 def test_nothing_but_a_regular_file_is_replaced_and_what_cannot_be_written_is_refused_before_anything_is_read(tmp_path):
     """The device is a link, so that a fault here deletes none."""
     os.mkfifo(tmp_path / "pipe.csv")
+    os.mknod(tmp_path / "socket.csv", stat.S_IFSOCK | 0o600)
     (tmp_path / "folder.csv").mkdir()
     (tmp_path / "null.csv").symlink_to("/dev/null")
     (tmp_path / "mine.yaml").write_text("precious")
     (tmp_path / "link.csv").symlink_to(tmp_path / "mine.yaml")
     write_table(TABLE, tmp_path / "link.csv")
     assert ((tmp_path / "mine.yaml").read_text(), (tmp_path / "link.csv").is_symlink()) == ("precious", False)
-    for name, kind in (("pipe", "a named pipe"), ("folder", "a folder"), ("null", "a device")):
+    for name, kind in (("pipe", "a named pipe"), ("socket", "a socket"), ("folder", "a folder"), ("null", "a device")):
         path = tmp_path / f"{name}.csv"
         before, said = path.lstat()[:2], rf"{name}\.csv: is {kind}; name a file"
         with pytest.raises(InputError, match=said):

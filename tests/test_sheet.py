@@ -123,11 +123,14 @@ def test_a_crossing_and_a_plate_trial_have_the_side_of_their_static_trial_and_wa
     found = open_campaign(config, read_sheet(sheet(tmp_path, PLACED_TRIALS)))
     sides = {"l": "left", "r": "right", "p": "right", "w": "left", "v": "right"}
     assert found.places == {trial: {"joint": "ankle", "side": side} for trial, side in sides.items()}
+    assert (found.by_place("walking"), found.statics) == ([["w"], ["v"]], {"l": ["w"], "r": ["v"]})
     with pytest.raises(InputError, match="1 unperturbed crossings, walking needs 3 or more; add them, or exclude"):
         check_walking(found)
     flat = "".join(f"u{k},walking,u{k}.c3d,vicon,false,,b,\n" for k in range(2))
     with pytest.raises(InputError, match="1 perturbed crossings, walking needs 2 or more"):
         check_walking(open_campaign(config, read_sheet(sheet(tmp_path, PLACED_TRIALS + flat))))
+    enough = PLACED_TRIALS + flat + "x,walking,x.c3d,vicon,true,,b,\n"
+    check_walking(open_campaign(config, read_sheet(sheet(tmp_path, enough))))
     bare = read_sheet(sheet(tmp_path, re.sub("^[lr],.*\n", "", PLACED_TRIALS, flags=re.MULTILINE)))
     with pytest.raises(InputError, match="0 trial of experiment 'static', walking needs 1"):
         check_walking(open_campaign(config, bare))

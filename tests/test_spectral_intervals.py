@@ -97,6 +97,7 @@ def test_noise_is_taken_off_the_levels():
     response, levels = spectral.periodic_response([made(seed, 0.1, distortion=0.05) for seed in range(48)])
     assert levels["noise"] == pytest.approx(0.05, rel=0.06)
     assert response["noise_sd"] == pytest.approx(0.05 / 0.01 / np.sqrt(48), rel=0.25)
+    assert response["total_sd"] * np.sqrt(48) == pytest.approx(response["total_level"])
     for name in ("odd", "detection", "distortion"):
         assert levels[name] == pytest.approx(0.05, rel=0.2)
     pairs = [
@@ -116,6 +117,7 @@ def test_the_test_of_a_record_that_does_not_repeat_itself_has_the_spread_that_it
         theta, noise = (rng.standard_normal(m) + 1j * rng.standard_normal(m) for _ in range(2))
         record = spectral.lines_of_record((f, theta, (200 + 4 * s + 0.05 * s**2) * theta + noise), LOW_PASS)
         scores.append(ndtri(spectral.fit_structure(spectral.SecondOrder(), record, (200, 4))[1]["misfit_p"]))
+    assert record.pooled_freedom == pytest.approx(2 * m * 11 / 17)  # two of each line; parabolas use 6 of 17
     assert np.mean(scores) == pytest.approx(0, abs=0.45)
     assert np.std(scores) == pytest.approx(1, abs=0.35)
 
@@ -145,6 +147,10 @@ def test_the_test_of_the_misfit_has_its_level_and_sees_a_third_order():
         assert np.mean(p < 0.05) < 0.15  # binomial: 3 of 60 expected, 9 once in 300
         assert np.mean(p < 0.5) == pytest.approx(0.5, abs=0.2)
     assert np.mean(probabilities(Z + 1e-3 * S**3, 4) < 0.05) > 0.95
+    third = Z + 2e-4 * S**3
+    still, *noisy = (fitted(made(k, n, impedance=third))[1] for k, n in enumerate([0.0] + 12 * [2 * WHITE]))
+    assert np.mean([one["misfit"] for one in noisy]) == pytest.approx(still["misfit"], rel=0.1)  # else 25 % larger
+    assert still["VAF"] == pytest.approx(100 - still["misfit"] ** 2 / 100)
 
 
 @pytest.mark.parametrize("noise_steps", [0.0, 1.0])

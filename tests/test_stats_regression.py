@@ -67,7 +67,8 @@ def test_covariance_is_statsmodels_hac_at_the_same_bandwidth():
     other = sm.OLS(y, np.column_stack(list(COLUMNS.values()))).fit(
         cov_type="HAC", cov_kwds={"maxlags": fit.correlation_samples - 1, "use_correction": True}
     )
-    assert fit.correlation_samples > 10
+    assert fit.correlation_samples == pytest.approx(1.1447 * (4 * 0.9**2 / 0.19**2 * len(T)) ** (1 / 3), rel=0.1)
+    assert linear_fit(y + T**3, COLUMNS).correlation_samples == len(T) // 8
     assert fit.covariance == pytest.approx(other.cov_params(), rel=1e-8)
 
 
@@ -336,6 +337,8 @@ def test_paired_differences_tell_models_apart_and_of_models_that_tie_the_first_i
     assert repeats.rank_words(tied) == ["preferred", "tied", "worse"]
     assert repeats.rank_words(np.array([[1.0, 0.0]])) == ["preferred", "tied"]
     assert repeats.rank_words(np.zeros((0, 2))) == [None, None]
+    scattered = np.column_stack([np.zeros(10), 1 + np.tile([1.05, -1.05], 5)])  # 1 +- 0.79, of shared fits 1.15
+    assert [repeats.rank_words(scattered, shared)[1] for shared in (False, True)] == ["worse", "tied"]
 
 
 def test_intervals_are_students_and_wider_where_trials_share_their_fits():

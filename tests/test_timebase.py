@@ -153,6 +153,7 @@ def test_a_resting_or_slow_signal_decides_nothing_jitter_is_then_not_believed_an
     assert (said["stamps"], said["firm"], said["missing"]) == ("even", False, 0)
     assert said["why"].startswith("undecided, even: the residual wanders by 0.0")
     assert grid.signals["angle"] == pytest.approx(slow, abs=1e-12)
+    assert np.isinf(grid.taken[0].evidence["rest"].se)  # of a slope that is noise
     (dead,) = one_time_base([Stream("dead", stamps, {"zero": 0 * t})]).streams
     assert (dead["g"], dead["g_se"], dead["firm"]) == (None, None, False)
     (wander,) = one_time_base([Stream("rest", t + 0.02 * np.sin(2 * np.pi * t / 30), {"x": rest})]).streams

@@ -116,9 +116,7 @@ def test_a_draft_becomes_a_source_file_by_naming_two_signals_and_a_unit(tmp_path
 
 
 @pytest.mark.parametrize(("what", "library", "extra"), [("tdms", "nptdms", "tdms"), ("mat 7.3", "h5py", "mat73")])
-def test_a_library_that_is_not_installed_is_named_with_the_extra_that_has_it(
-    tmp_path, monkeypatch, what, library, extra
-):
+def test_a_library_that_is_not_installed_is_named_with_its_extra(tmp_path, monkeypatch, what, library, extra):
     path = WRITERS[what][2](tmp_path / "log", LOG)
     monkeypatch.setitem(sys.modules, library, None)
     said = refusal_by(FORMATS[WRITERS[what][0]].read, path, described(what))

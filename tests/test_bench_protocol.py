@@ -102,6 +102,11 @@ def test_a_warm_up_at_another_amplitude_or_of_two_cycles_is_not_used(before):
     assert [(s.commanded, s.cycles) for s in found] == [(a, 6) for a in PROTOCOL.amplitudes for _ in range(2)]
 
 
+def test_a_recorded_amplitude_is_a_commanded_one_within_a_quarter_and_a_frequency_within_a_twentieth():
+    assert [PROTOCOL.amplitude_near(a) for a in (0.124, 0.126, 0.08, 0.074)] == [0.1, None, 0.1, 0.06]
+    assert [PROTOCOL.frequency_near(f) for f in (2.09, 2.11, 1.89)] == [2.0, None, None]
+
+
 def test_amplitudes_that_differ_are_never_one_label_and_labels_are_measured():
     """Of a commanded amplitude a bench loses some at high frequencies; a run of another size is another label."""
     sizes = np.deg2rad([2.0, 1.98, 1.9, 2.45, 2.5, 4.02])

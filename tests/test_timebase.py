@@ -92,6 +92,7 @@ def test_a_5_hz_sine_comes_to_the_grid_with_the_error_that_the_report_states(rat
     error = np.max(np.abs(grid.signals["wave"] - np.sin(10 * np.pi * grid.time))[20:-20])
     assert error == pytest.approx(largest, rel=0.05)
     assert grid.streams[0]["error"] == pytest.approx(largest, rel=0.06)
+    assert grid.farthest_s == pytest.approx(0.5 / rate)
 
 
 # ---- Are the stamps true?
@@ -241,6 +242,20 @@ def of(stamps, values=None, **fields):
 def test_refuses_a_recording_with_channel_time_value_and_remedy(stamps, values, counter, says):
     with pytest.raises(InputError, match=f"cell: .*{says}"):
         one_time_base([of(stamps, values, counter=counter)])
+
+
+def test_a_row_that_was_written_twice_counts_once_and_stamps_within_half_a_step_are_one():
+    twice, values = np.repeat(np.arange(30), np.where(np.arange(30) == 7, 2, 1)), np.where(TICKS == 0.07, np.nan, TICKS)
+    assert len(of(TICKS[twice], values[twice]).without_repeats().stamps) == 30
+    near = [np.where(TICKS == 0.5, 0.49 + apart, TICKS)[:200] for apart in (0.004, 0.006)]
+    assert [take([of(stamps, choice="exact")])[0].samples[2] for stamps in near] == [1, 0]
+
+
+def test_a_clock_that_is_slow_by_a_tenth_of_a_thousandth_is_said_to_be():
+    slow = one_time_base(
+        [of(clock(1000.0, 5.0)), Stream("slow", 1.0001 * clock(1000.0, 5.0), {"a": clock(1000.0, 5.0)})]
+    )
+    assert [stream["ppm"] for stream in slow.streams] == pytest.approx([0, -100], abs=0.05)
 
 
 def test_refuses_streams_that_do_not_overlap():

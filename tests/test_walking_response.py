@@ -216,6 +216,9 @@ def test_lasting_deviations_are_predicted_for_one_direction_and_for_both(signs: 
     few, weights = np.eye(10)[0] / 2 + np.eye(10)[1] / 2, np.full(6, 1 / 6)  # two crossings predict nothing
     joined = [Ensemble(isolated).joined(weights, few, chosen)[1] for chosen in ((), fitting.BEHAVIOUR)]
     np.testing.assert_allclose(*joined, atol=1e-12)
+    nine = [replace(r, thetas=r.thetas[:9], torques=r.torques[:9], behaviour=r.behaviour[:, :9]) for r in isolated]
+    drawn = (nine, np.full(9, 1 / 9)), (isolated, np.r_[np.full(9, 1 / 9), 0])  # one that is not drawn predicts nothing
+    np.testing.assert_allclose(*(Ensemble(some).joined(weights, each, names)[1] for some, each in drawn), atol=1e-9)
     mean, predicted = (Ensemble(isolated).fitted(chosen).fit["K"] for chosen in ((), names))
     assert predicted == pytest.approx(K, rel=0.01)
     assert abs(mean / K - 1) > 2 * abs(predicted / K - 1)

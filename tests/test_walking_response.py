@@ -173,6 +173,9 @@ def test_the_lag_of_a_second_order_response_comes_out_within_its_standard_error(
         delay = fitting.response_lag(replace(response, torques=moved[None]))
         assert delay is not None
         assert delay[0] == pytest.approx(lag, abs=5e-4)
+    noise = LowPass(20.0)(np.random.default_rng(1).normal(0, 1, (60, len(response.time))).T, RATE).T
+    drawn = np.array([fitting.response_lag(replace(response, torques=(response.torque + one)[None])) for one in noise])
+    assert np.std(drawn[:, 0]) == pytest.approx(1.5 * np.mean(drawn[:, 1]), rel=0.2)  # 30 samples of correlated noise
 
 
 def deviating(seed: int, perturbed: bool = False, lasting: bool = True, sign: int = 1) -> Crossing:

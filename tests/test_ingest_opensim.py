@@ -119,6 +119,7 @@ def test_rows_of_a_table_that_cannot_be_right_are_refused(tmp_path: Path) -> Non
         "line 11 has 5 cells under 4 names; export": text.replace("\t3\t", "\t3\t3\t"),
         "column 'ankle_angle_r': '1,2,3' is not a number; export it as scalars": text.replace("\t3\t", "\t1,2,3\t"),
         "nrows in its header is 60, the file holds 50 rows: the end is missing": text.replace("nRows=50", "nRows=60"),
+        "datarows in its header is 60, the file holds 50 rows": text.replace("nRows=50", "datarows 60"),
         "holds no rows": text.partition("0.50000000")[0].replace("nRows=50", "nRows=0"),
     }.items():
         path.write_text(content)

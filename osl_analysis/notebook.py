@@ -83,13 +83,13 @@ def fit_impedance(
 
     The rows are those of `impedance.csv`: one per amplitude of a stepped sine, and one over all of them.
 
-    trial: a trial with `theta` [rad] and the resisting `torque` [N*m], or its file.
-    desired: what the leg was asked to render, `DesiredImpedance("compensated", K_d=300, B_d=5)`. With it the fit is
-        judged by what the gains should give. Without it `not_checked` says what is not judged.
-    windows: what of the trial is fitted [s], as in the column `windows` of a sample sheet; default: all that moves.
-    config: a configuration file, which states what differs from the default; default: `config.yaml` in the working
-        folder, else the shipped one.
-    parameters: the parameter file of the device; default: that of the configuration; None: a device without one.
+    * `trial`: a trial with `theta` [rad] and the resisting `torque` [N*m], or its file.
+    * `desired`: what the leg was asked to render, `DesiredImpedance("compensated", K_d=300, B_d=5)`. With it the fit is
+      judged by what the gains should give. Without it `not_checked` says what is not judged.
+    * `windows`: what of the trial is fitted [s], as in the column `windows` of a sample sheet; default: all that moves.
+    * `config`: a configuration file, which states what differs from the default; default: `config.yaml` in the working
+      folder, else the shipped one.
+    * `parameters`: the parameter file of the device; default: that of the configuration; None: a device without one.
 
     Raises InputError: the trial lacks a signal, does not move, or follows a damaged stepped sine; or a file is not
     valid. IdentifiabilityError: the motion cannot tell K, B and I apart. UnreachableImpedanceError: the device has no
@@ -128,11 +128,11 @@ def fit_torque_angle(trial: Trial | File, curve: str | None = None, config: File
 class Response:
     """The frequency response of one trial.
 
-    table: a row per frequency. Of a stepped sine those of `frequency_response.csv`, the admittance Y, angle over torque
-        [rad/(N*m)], averaged over amplitudes. Of any other motion those of `response.csv`, the impedance Z, torque over
-        angle [N*m/rad], with noise and distortion.
-    models: Eqs. 15 and 9 fitted to the response, the rows of `response_models.csv`; none of a stepped sine
-    plotted: the numbers that `plot_frequency_response` draws
+    * `table`: a row per frequency. Of a stepped sine those of `frequency_response.csv`, the admittance Y, angle over
+      torque [rad/(N*m)], averaged over amplitudes. Of any other motion those of `response.csv`, the impedance Z, torque
+      over angle [N*m/rad], with noise and distortion.
+    * `models`: Eqs. 15 and 9 fitted to the response, the rows of `response_models.csv`; none of a stepped sine
+    * `plotted`: the numbers that `plot_frequency_response` draws
     """
 
     trial: str

@@ -7,10 +7,11 @@ import polars as pl
 import pytest
 from bench_synthetic import second_order, stepped_sine
 
+from osl_analysis.bench.analysis import analysed
 from osl_analysis.bench.effects import IMPEDANCE, plain_sums, sums_of, with_effects
 from osl_analysis.bench.gram import combined, jackknife
-from osl_analysis.bench.record import sine_record, stretches_of
-from osl_analysis.bench.settings import DynamometerAnalysis
+from osl_analysis.bench.record import record_of_trial, sine_record, stretches_of
+from osl_analysis.bench.settings import BenchStiffness, DynamometerAnalysis
 from osl_analysis.protocol.stepped_sine import SteppedSineProtocol
 from osl_analysis.stats.rounding import visible_step
 from osl_analysis.trial import Trial
@@ -105,6 +106,31 @@ def test_a_step_is_stated_or_seen():
     stated = Trial("made", made.samples, {"columns": {"theta": {"resolution": 1e-3}}})
     assert sine_record(stated, SETTINGS).steps == (1e-3, None)
     assert sine_record(made, SETTINGS).steps == (None, None)
+
+
+def swept(seed, compliance):
+    """Sweep from 6 to 0.5 Hz in 20 s of an exact joint, by formula; the encoder is at the bench."""
+    rng, t = np.random.default_rng(seed), np.arange(5000) / 250
+    w, phase = 2 * np.pi * (6 - 5.5 * t / 20), 2 * np.pi * (6 * t - 5.5 * t**2 / 40)
+    theta, omega = 0.05 * np.sin(phase), 0.05 * w * np.cos(phase)
+    alpha = -0.05 * w**2 * np.sin(phase) - 0.05 * 2 * np.pi * 5.5 / 20 * np.cos(phase)
+    torque = [*TRUTH.values()] @ np.array([theta, omega, alpha]) + 0.02 * rng.standard_normal(len(t))
+    read = theta + compliance * torque + FOURTEEN_BITS * rng.random()
+    rounded = FOURTEEN_BITS * np.rint(read / FOURTEEN_BITS)
+    return Trial("made", pl.DataFrame({"time": t, "theta": rounded, "torque": torque}))
+
+
+@pytest.mark.parametrize("compliance", [0.0, 1 / 2000])
+def test_rounding_is_in_the_interval_of_a_sweep(compliance):
+    """The errors of K, B and I of 24 zeros of the encoder, also where the bench yields by ten steps below it."""
+    bench = BenchStiffness(value="2000 N*m/rad") if compliance else None
+    sweep = {"amplitudes_deg": (4.0,), "frequencies_hz": (1.0,), "bench_stiffness": bench}
+    records = [record_of_trial(swept(seed, compliance), SETTINGS.model_copy(update=sweep)) for seed in range(24)]
+    fits = [analysed(one, plain_sums(one, IMPEDANCE), IMPEDANCE).whole for one in records]
+    true = np.sqrt(np.mean([(fit.estimates[:3] - [*TRUTH.values()]) ** 2 for fit in fits], axis=0))
+    stated = np.sqrt(np.mean([np.diag(fit.covariance)[:3] for fit in fits], axis=0)) / true
+    assert stated.min() > 0.7
+    assert stated.max() < 2.5
 
 
 def test_the_jackknife_is_that_of_fits_without_a_unit_and_its_freedom_that_of_the_units():

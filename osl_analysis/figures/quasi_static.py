@@ -143,10 +143,8 @@ def draw_torque_angle(table: pl.DataFrame) -> Figure:
     desired_of = dict(table.select("trial", "desired").unique(maintain_order=True).iter_rows())
     others = [trial for trial, desired in desired_of.items() if desired is None]
     shades = mpl.colormaps["viridis"](np.linspace(0, 0.6, max(len(others), 1)))
-    wanted, of_desired = (
-        list(dict.fromkeys(desired_of.values())),
-        (style.MAGENTA, style.ORANGE, style.PURPLE, "#6B3A0A"),
-    )
+    wanted = list(dict.fromkeys(desired_of.values()))
+    of_desired = (style.MAGENTA, style.ORANGE, style.PURPLE, "#6B3A0A")
     colours = {name: of_desired[wanted.index(desired) % 4] for name, desired in desired_of.items() if desired}
     colours |= {name: to_hex(shade) for name, shade in zip(others, shades, strict=False)}
     titles = [name for name, _ in parts for _ in range(2)]

@@ -149,7 +149,7 @@ def open_mat(path: Path) -> MatFile:
         variables, parts = dict[str, Any](), list[tuple[str, Any]](varmats_from_mat(io.BytesIO(path.read_bytes())))
         for called, stream in parts:
             name, raw = called, loadmat(stream)["None"] if called == "None" else None
-            if isinstance(raw, MatlabOpaque):  # of an object that only MATLAB can read, scipy tells no name
+            if isinstance(raw, MatlabOpaque):  # of an object that only MATLAB can read, scipy before 1.18 tells no name
                 name = bytes(raw.flat[0]["s0"]).decode("latin-1")
             if name in variables:
                 raise InputError(f"variable '{name}' stands twice in the file; {DAMAGED}")
@@ -165,7 +165,8 @@ def value5(raw: Any) -> Value:
     if raw is None:  # an element of a struct without fields
         return Value("struct")
     if isinstance(raw, MatlabOpaque):
-        return Value(bytes(raw.flat[0]["s2"]).decode("latin-1") or "object")
+        class_name = raw.flat[0][-2]  # bytes before scipy 1.18
+        return Value((class_name.decode("latin-1") if isinstance(class_name, bytes) else class_name) or "object")
     if isinstance(raw, MatlabFunction):
         return Value("function_handle")
     if issparse(raw):

@@ -8,6 +8,7 @@ import pytest
 import yaml
 from conftest import ROOT
 from mcap.reader import make_reader
+from mcap.writer import Writer
 from mcap_ros2.decoder import DecoderFactory
 from scipy.interpolate import CubicSpline
 
@@ -18,6 +19,7 @@ from osl_analysis.model.parameters import read_parameters
 from osl_analysis.simulator import joint_motion, settings
 from osl_analysis.simulator.bench import simulate_bench_trial, true_signals, write_bench_log
 from osl_analysis.simulator.joint_motion import JointMotion
+from osl_analysis.simulator.mcap_writer import joint_states, wrenches, write_topics
 from osl_analysis.simulator.recorder import Bench
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.yaml_settings import read_yaml
@@ -470,3 +472,24 @@ def test_two_nodes_write_standard_messages_of_their_stamps_and_values(tmp_path):
     angles = [log[name].tolist() for name in (ANGLE, "actuator_angle", "commanded_angle")]
     assert [list(m.position) for _, m in found["/joint_states"]] == [list(row) for row in zip(*angles, strict=True)]
     assert not np.any([m.effort for _, m in found["/joint_states"]])
+
+
+@pytest.mark.parametrize("counts", [(9000, 4000), (5, 0), (0, 0)])
+def test_a_log_is_the_file_that_the_mcap_package_writes_of_the_same_messages(tmp_path, counts):
+    """Two topics of messages of different size, in turn, over two chunks; stamps that repeat and are not in order."""
+    rng, messages = np.random.default_rng(4), []
+    times = [np.round(end * rng.random(count), 1) for end, count in zip((100, 33), counts, strict=True)]
+    angle, torque = (rng.normal(size=count) for count in counts)
+    topics = joint_states("/joint", "a", times[0], {"a": angle, "bc": angle}, {}), wrenches("/f", "f", times[1], torque)
+    write_topics(tmp_path / "ours.mcap", topics)
+    writer = Writer(str(tmp_path / "theirs.mcap"))
+    writer.start(profile="ros2", library="osl-analysis")
+    writer.add_metadata("recording", {"origin": "simulated", "topic": "/joint, /f", "time": "header stamp"})
+    for topic in topics:
+        schema = writer.register_schema(topic.schema_name, "ros2msg", topic.schema_text.encode())
+        channel = writer.register_channel(topic.name, "cdr", schema)
+        messages += [(int(m["publish"]), channel, row, m["data"].tobytes()) for row, m in enumerate(topic.records)]
+    for stamp, channel, row, data in sorted(messages, key=lambda message: message[0]):
+        writer.add_message(channel, stamp + 150_000, data, stamp, row)
+    writer.finish()
+    assert (tmp_path / "ours.mcap").read_bytes() == (tmp_path / "theirs.mcap").read_bytes()

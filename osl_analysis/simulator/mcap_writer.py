@@ -1,16 +1,24 @@
-"""An MCAP recorder like those of laboratories: ROS 2 messages in CDR, in zstd chunks with CRCs."""
+"""An MCAP recorder like those of laboratories: ROS 2 messages in CDR, zstd chunks with CRCs. All messages are known
+beforehand, so that the file is made chunk by chunk. It equals the one that `mcap.writer.Writer` writes."""
 
-from collections.abc import Mapping, Sequence
+import struct
+import zlib
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
-from mcap.writer import Writer
+import zstandard
+from mcap import records as mcap_records
+from mcap.data_stream import RecordBuilder
+from mcap.opcode import Opcode
+from mcap.writer import MCAP0_MAGIC
 from numpy.typing import ArrayLike, NDArray
 
 from osl_analysis.files import atomic_path
 from osl_analysis.trial import Array
 
+McapRecord = mcap_records.McapRecord
 RULE = "=" * 80 + "\n"
 DEPENDENCIES = f"""\
 {RULE}MSG: std_msgs/Header
@@ -48,13 +56,12 @@ LATENCY_NS = 150_000  # Time [ns] from a sample's stamp to its arrival at the re
 
 
 class LogTopic(NamedTuple):
-    """A topic: its name, the type of its messages with its definition, stamps [ns] and messages in CDR, (n,) each."""
+    """A topic of equally long messages: its name, their type with its definition, and the record of each, (n,)."""
 
     name: str
     schema_name: str
     schema_text: str
-    stamps: NDArray[np.int64]
-    messages: NDArray[np.void]
+    records: NDArray[np.void]
 
 
 def log_topic(
@@ -79,10 +86,13 @@ def log_topic(
         offsets.append(end if end == 0 else 4 + -(-(end - 4) // alignment) * alignment)
         end = offsets[-1] + kind.itemsize
     layout = np.dtype({"names": list(whole), "formats": kinds, "offsets": offsets, "itemsize": end})
-    messages = np.zeros(stamps.size, layout)
+    head = [("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4"), ("log", "<u8")]
+    records = np.zeros(stamps.size, np.dtype([*head, ("publish", "<u8"), ("data", layout)]))
+    records["opcode"], records["length"] = Opcode.MESSAGE, records.itemsize - 9  # without opcode and length
+    records["sequence"], records["log"], records["publish"] = np.arange(stamps.size), stamps + LATENCY_NS, stamps
     for member, (_, value) in whole.items():
-        messages[member] = value
-    return LogTopic(name, schema_name, f"std_msgs/Header header\n{fields}{DEPENDENCIES}", stamps, messages)
+        records["data"][member] = value
+    return LogTopic(name, schema_name, f"std_msgs/Header header\n{fields}{DEPENDENCIES}", records)
 
 
 def sample_topic(topic: str, frame_id: str, fields: str, time: Array, columns: Mapping[str, ArrayLike]) -> LogTopic:
@@ -121,19 +131,91 @@ def wrenches(topic: str, frame_id: str, time: Array, torque: Array) -> LogTopic:
 
 
 def write_topics(path: Path, topics: Sequence[LogTopic]) -> None:
-    """Write the messages of all topics, in the order of their stamps, after a metadata record. The file appears whole
-    or not at all."""
-    names, messages = ", ".join(topic.name for topic in topics), list[tuple[int, int, int, bytes]]()
+    """Write the messages of all topics, in the order of their stamps, after a metadata record; last the summary, its
+    offsets, and the footer with the CRC of both. The file appears whole or not at all."""
+    names, schemas, channels = ", ".join(t.name for t in topics), list[McapRecord](), list[McapRecord]()
+    parts = list[bytes]()
+    for number, topic in enumerate(topics, 1):
+        schemas.append(mcap_records.Schema(number, topic.schema_text.encode(), "ros2msg", topic.schema_name))
+        channels.append(mcap_records.Channel(number, topic.name, "cdr", {}, number))
+        topic.records["channel"] = number
+        parts += topic.records.view(f"V{topic.records.itemsize}").tolist()
+    heads = np.concatenate([topic.records[["channel", "log", "publish"]] for topic in topics])
+    order = np.argsort(heads["publish"], kind="stable")
+    heads, messages = heads[order], [parts[row] for row in order]
+    content = encoded(one for pair in zip(schemas, channels, strict=True) for one in pair)  # begins the first chunk
+    ends = len(content) + np.cumsum([len(message) for message in messages], dtype=np.int64)
     with atomic_path(path) as temporary, temporary.open("wb") as file:
-        writer = Writer(file)
-        writer.start(profile="ros2", library="osl-analysis")
-        writer.add_metadata("recording", {"origin": "simulated", "topic": names, "time": "header stamp"})
-        for topic in topics:
-            schema = writer.register_schema(topic.schema_name, "ros2msg", topic.schema_text.encode())
-            channel = writer.register_channel(topic.name, "cdr", schema)
-            content = topic.messages.view(f"V{topic.messages.itemsize}").tolist()
-            rows = enumerate(zip(topic.stamps.tolist(), content, strict=True))
-            messages += [(stamp, channel, row, data) for row, (stamp, data) in rows]
-        for stamp, channel, row, data in sorted(messages, key=lambda message: message[0]):
-            writer.add_message(channel, stamp + LATENCY_NS, data, stamp, row)
-        writer.finish()  # type: ignore[no-untyped-call]
+        head = MCAP0_MAGIC + encoded([mcap_records.Header("ros2", "osl-analysis")])
+        facts = {"origin": "simulated", "topic": names, "time": "header stamp"}
+        described = encoded([mcap_records.Metadata("recording", facts)])
+        file.write(head + described)
+        indexes, first, begin, chunk_size = list[mcap_records.ChunkIndex](), 0, 0, 1 << 20
+        while first < len(messages):  # a chunk ends with the message that takes it beyond the size [bytes]
+            last = int(np.searchsorted(ends[:-1], begin + chunk_size, side="right")) + 1
+            content += b"".join(messages[first:last])
+            starts = ends[first:last] - np.array([len(message) for message in messages[first:last]]) - begin
+            indexes.append(write_chunk(file, content, starts, heads[first:last]))
+            first, begin, content = last, int(ends[last - 1]), b""
+        file.write(encoded([mcap_records.DataEnd(0)]))
+        used = dict.fromkeys(number for index in indexes for number in index.message_index_offsets)
+        statistics = mcap_records.Statistics(
+            attachment_count=0,
+            channel_count=len(topics),
+            channel_message_counts={number: len(topics[number - 1].records) for number in used},
+            chunk_count=len(indexes),
+            message_count=len(messages),
+            message_end_time=max((index.message_end_time for index in indexes), default=0),
+            message_start_time=min((index.message_start_time for index in indexes), default=0),
+            metadata_count=1,
+            schema_count=len(topics),
+        )
+        groups: dict[Opcode, Sequence[McapRecord]] = {
+            Opcode.SCHEMA: schemas,
+            Opcode.CHANNEL: channels,
+            Opcode.STATISTICS: [statistics],
+            Opcode.CHUNK_INDEX: indexes,
+            Opcode.ATTACHMENT_INDEX: [],
+            Opcode.METADATA_INDEX: [mcap_records.MetadataIndex(len(head), len(described), "recording")],
+        }
+        start, summary, offsets = file.tell(), b"", list[McapRecord]()
+        for opcode, records in groups.items():
+            group = encoded(records)
+            offsets.append(mcap_records.SummaryOffset(opcode, start + len(summary), len(group)))
+            summary += group
+        offsets_start = start + len(summary)
+        summary += encoded(offsets)
+        crc = zlib.crc32(summary + struct.pack("<BQQQ", Opcode.FOOTER, 20, start, offsets_start))
+        file.write(summary + encoded([mcap_records.Footer(start, offsets_start, crc)]) + MCAP0_MAGIC)
+
+
+def write_chunk(
+    file: BinaryIO, content: bytes, starts: NDArray[np.int64], heads: NDArray[np.void]
+) -> mcap_records.ChunkIndex:
+    """Write a chunk of messages that begin at `starts` [bytes], and the index of each channel, as each comes first."""
+    log, compressed, begin, offsets = heads["log"], zstandard.compress(content), file.tell(), dict[int, int]()
+    shared = {"message_start_time": int(log.min()), "message_end_time": int(log.max())}
+    shared["uncompressed_size"] = len(content)
+    crc = zlib.crc32(content)
+    file.write(encoded([mcap_records.Chunk(compression="zstd", data=compressed, uncompressed_crc=crc, **shared)]))
+    end = file.tell()
+    for number in dict.fromkeys(heads["channel"].tolist()):
+        offsets[number] = file.tell()
+        index = np.stack([log, starts.astype(np.uint64)], axis=1)[heads["channel"] == number]
+        file.write(struct.pack("<BQHI", Opcode.MESSAGE_INDEX, 6 + index.nbytes, number, index.nbytes) + index.tobytes())
+    return mcap_records.ChunkIndex(
+        chunk_start_offset=begin,
+        chunk_length=end - begin,
+        compression="zstd",
+        compressed_size=len(compressed),
+        message_index_offsets=offsets,
+        message_index_length=file.tell() - end,
+        **shared,
+    )
+
+
+def encoded(records: Iterable[McapRecord]) -> bytes:
+    builder = RecordBuilder()
+    for record in records:
+        record.write(builder)
+    return bytes(builder.end())  # type: ignore[no-untyped-call]

@@ -31,9 +31,7 @@ def stepped(protocol=PROTOCOL, start=3.0, rests=(1.0, 1.0, 2.0), rate=RATE):
     return np.concatenate(pieces)
 
 
-def as_run(
-    rest_s=0.0, phase=0.0, ramp=0, clock=1.0, cycles=(8, 8, 8), frequencies=(1.0, 2.0, 3.0), amplitudes=(0.03, 0.1)
-):
+def as_run(rest_s=0.0, phase=0.0, ramp=0, clock=1.0, cycles=(8, 8, 8), frequencies=(1, 2, 3), amplitudes=(0.03, 0.1)):
     """How somebody runs a stepped sine: rest between frequencies, start, ramps of some cycles, a clock that is off.
 
     The angle [rad] at 300 Hz, a function of time and not of rows, and of each segment the true start [s] of its full
@@ -59,15 +57,13 @@ def as_run(
 PRACTICES = [
     {"rest_s": 1.0}, {"phase": np.pi / 2}, {"ramp": 2}, {"ramp": 1, "rest_s": 0.7}, {"cycles": (5, 10, 15)},
     {"frequencies": (3.0, 1.0, 2.0), "amplitudes": (0.1, 0.03)}, {"frequencies": (2.0, 2.2, 3.0)},
-    {"clock": 1 + 5e-5}, {"clock": 0.995},
-    {"clock": 1.005, "rest_s": 0.5},
+    {"clock": 1 + 5e-5}, {"clock": 0.995}, {"clock": 1.005, "rest_s": 0.5},
 ]  # fmt: skip
 
 
 @pytest.mark.parametrize("practice", PRACTICES)
 def test_a_protocol_is_found_as_people_run_it(practice):
-    """Frequency, amplitude, start, order and cycles as recorded, whatever lies between. A
-    clock that is right has the commanded frequency, one that is off its own, the same for all amplitudes."""
+    """A clock that is right has the commanded frequency, one that is off its own, the same for all amplitudes."""
     theta, edges = as_run(**practice)
     theta += 0.01 + 1e-4 * np.random.default_rng(3).standard_normal(len(theta))
     commanded = practice.get("frequencies", (1.0, 2.0, 3.0))
@@ -117,9 +113,8 @@ def test_amplitudes_that_differ_are_never_one_label_and_labels_are_measured():
 
 def test_the_first_cycles_the_last_one_and_those_with_a_row_that_was_not_measured_are_left_out():
     segment, usable = stepped_sine.Segment(0.1, 2.0, 100, 1100, 10), np.ones(2000, dtype=bool)
-    assert stepped_sine.settled_cycles(segment, 2, usable).tolist() == [
-        [row, row + 100] for row in range(300, 1000, 100)
-    ]
+    settled = stepped_sine.settled_cycles(segment, 2, usable)
+    assert settled.tolist() == [[row, row + 100] for row in range(300, 1000, 100)]
     assert stepped_sine.settled_cycles(segment, 20, usable).tolist() == [[1000, 1100]]  # one is kept
     segments = [stepped_sine.Segment(0.1, 3.0, 100, 100 + 2500 / 3, 10), stepped_sine.Segment(0.1, 2.0, 1000, 1500, 4)]
     usable[390] = False

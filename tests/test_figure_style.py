@@ -48,11 +48,8 @@ def test_names_at_the_ends_of_curves_do_not_overlap_and_stay_at_their_ends_where
     boxes = sorted((Text.get_window_extent(text) for text in ax.texts), key=lambda box: box.y0)
     assert all(one.y1 < other.y0 for one, other in pairwise(boxes))
     places = [text.xyann[1] for text in ax.texts]
-    assert (places[:2], sorted(places), places[-1] <= limits[1]) == (
-        [pytest.approx(1.0), pytest.approx(2.5)],
-        places,
-        True,
-    )
+    assert (places[:2], places) == (pytest.approx([1.0, 2.5]), sorted(places))
+    assert places[-1] <= limits[1]
 
 
 SPEC = importlib.util.spec_from_file_location("figure_views", ROOT / "benchmarks/figure_views.py")
@@ -79,6 +76,9 @@ def test_looks_differ_in_grey_by_lightness_or_by_marker_and_line_and_in_deuteran
             assert views.distance(one.colour, other.colour) > 20, (one, other)
     assert max(views.lightness(look.colour) for look in every_look(0)) < 62, "three to one against paper"
     assert len({(look.colour, look.marker) for look in every_look(12)}) == 16, "more controllers than colours"
+    assert names.looks_in(pl.DataFrame({"controller": ["c1"], "look": [1]}))["c1"] == every_look(2)[4], "one meaning"
+    assert names.look_numbers(pl.Series(["pd", "compensated", "a", None])).to_list() == [1, None, 0, None]
+    assert names.drawn_name(20 * "a" + 20 * "b") == 18 * "a" + "…" + 9 * "b"
 
 
 def test_greys_stay_and_published_numbers_of_lightness_and_colour_distance_are_met():

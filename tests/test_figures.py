@@ -16,7 +16,7 @@ from conftest import ROOT
 from matplotlib.figure import Figure
 
 from osl_analysis.campaign.campaign import ABOUT_MEANING
-from osl_analysis.commands.figure import caption_of, draw_figure, draw_table, write_captions
+from osl_analysis.commands.figure import caption_of, draw_figure, draw_table, plot_numbers, write_captions
 from osl_analysis.commands.tables import write_table_metadata
 from osl_analysis.errors import InputError
 from osl_analysis.figures import FIGURES, drawing_of, others
@@ -166,8 +166,7 @@ SHOWN = [
     ("fig7", response_table, 0, True, "frequency_hz", INTERVALS),
     ("fig7", response_table, 1, True, "frequency_hz", PHASES),
     *(("fig8", None, k, True, "phase", (f"{q}_d", f"{q}_1_joint")) for k, q in enumerate("KB")),
-    *(("fig9", None, k, pl.col("quantity") == q, None, OF_GROUP)
-      for k, q in enumerate("KBI")),
+    *(("fig9", None, k, pl.col("quantity") == q, None, OF_GROUP) for k, q in enumerate("KBI")),
     *(("fig9", None, k, pl.col("quantity") == q, None,
        (pl.col("mean") - pl.col("sd"), pl.col("mean") + pl.col("sd"))) for k, q in enumerate("KBI")),
     *(("impedance_over_stance", None, k, pl.col("quantity") == q,
@@ -217,28 +216,29 @@ def test_every_number_of_a_figure_stands_in_its_panel_at_its_place(name, table, 
         assert not apart.all(axis=1).any(), f"{column}: some of it is not drawn"
 
 
-NONE = pl.lit(None, pl.Float64)
+NONE, NOTE = pl.lit(None, pl.Float64), pl.lit("x")
 DOUBT = pl.when(pl.col("trial").is_in(["belt_02", "belt_07", "w2"])).then(pl.lit("VAF 80 is below 90"))
 SLOPE = pl.when(pl.col("branch") == "loading").then(57 + pl.col("angle_deg"))
 ONSET = pl.col("panel").str.starts_with("response") & pl.col("curve").is_in(["each", "mean"]) & (pl.col("x").abs() < 6)
 SHIFT = pl.when(ONSET).then(pl.col("trial").replace_strict({"w1": -1.0, "w2": -2.0}, default=-1.5)).otherwise("mean")
+UNEVEN = {"magnitude_eq15": pl.col("magnitude_eq15") + 80 * pl.col("frequency_hz") * (pl.col("trials") == "t1")}
 SAID = [
     # figure, table, what changes, and of figure and caption what is said, and what is not
     ("fig3", both_branches, {}, ["95 % interval 682.9 to 688.3 N·m/rad", "Mean loop area 0.0451 J", "belt_07",
      "Ankle (10 trials): the mean stiffness $K_s$ is 685.6 N·m/rad (95 % interval 682.9 to 688.3)"], ["Doubtful"]),
     ("fig3", both_branches, {"K_s_low": NONE, "K_s_high": NONE, "doubtful": DOUBT},
      ["685.6 N·m/rad", "Doubtful fit ($n$ = 2)"], ["95 % interval 6"]),
-    ("fig4", left_out, {}, ["trial k300", "Not fitted", "VAF 99.99 %", "leaves out"], ["(doubtful)"]),
-    ("fig4", time_series, {"doubtful": pl.lit("x")}, ["system (doubtful)"], ["Not fitted"]),
+    ("fig4", left_out, {}, ["trial k300", "Not fitted", "0.21 N·m and the VAF 99.99 %", "leaves out"], ["(doubtful)"]),
+    ("fig4", time_series, {"doubtful": NOTE, "theta_deg": -pl.col("torque").abs() / 5, "time": pl.col("time") + 5},
+     ["system (doubtful)", "the last 9.99 s of one amplitude, at most 6 deg"], ["Not fitted"]),
     ("fig5", in_amplitudes, {}, ["Thin bars are the range of the fits to single amplitudes", "Linear model",
      "at most ±0.98 N·m/rad and ±0.1 N·m·s/rad", "2 of 32 fits (impedance\\_K100\\_B0.0\\_comp", "Open: doubtful"], []),
     ("fig5", None, {"K": pl.col("K_d") + 2 * (pl.col("B_d") > 0)},
      [r"Compensated ($n$ = 16): $\hat{K} - K_d$ is 1.50 ± 0.89 N·m/rad, 0.00 to 2.00"], []),
     ("fig6", None, {}, ["48 fits of 16 trials", "log scale of 100 − VAF"], ["Open"]),
     ("fig7", response_table, {}, ["$K_d$ = 200 N·m/rad, $B_d$ = 7.5 N·m·s/rad.", "compensated 1 trial, uncompensated 1",
-     "at most ± 5.7 % and ± 1 deg", "Uncompensated, linear model"], ["Open"]),  # 2e-4 of 3.5e-3
-    ("fig8", None, {}, ["first 60 % of the gait cycle", "100 to 340 N·m/rad and 2 to 2.6 N·m·s/rad"],
-     []),
+     "at most ± 5.7 % and ± 1 deg", "Uncompensated, linear model", "Range over amplitudes"], ["Open"]),
+    ("fig8", None, {}, ["first 60 % of the gait cycle", "100 to 340 N·m/rad and 2 to 2.6 N·m·s/rad"], []),
     ("fig9", None, {}, ["31 perturbations. Squares", r"1 of 31 fits (walk\_2)",
      r"$\hat{K}$ is 338 ± 20 N·m/rad, of the mean response 371.8 N·m/rad (95 % interval 368.4 to 378.6)",
      "(95 % interval 4.687 to 4.816), commanded 4.5;", "Open"], []),
@@ -246,13 +246,14 @@ SAID = [
      "hatched baseline, −100 to −40 ms from the onset, and not at the onset", "Unperturbed ($n$ = 7)",
      "at the onset the mean response is −1.50 deg (SD 0.71) and −1.50 N·m (SD 0.71)"], ["Doubtful fit"]),
     ("impedance_over_stance", None, {},
-     ["all at 25 % of stance: $K$ 75.0 N·m/rad (95 % interval 67.5 to 82.5)"], []),
+     ["Fit of mean response", "all at 25 % of stance: $K$ 75.0 N·m/rad (95 % interval 67.5 to 82.5)"], []),
     ("torque_angle", torque_angle_table, {"stiffness": SLOPE}, [r"1 of 11 trials (both\_cams\_15mm)", "Doubtful trial",
      r"both\_cams\_00mm: −4 to 6 N·m, steepest 62 N·m/rad.", "Desired", "both cams 15mm"], []),
     ("model_comparison", None, {}, ["(a) Belt", "(b) Rendered impedance",
      "Transmission (no panel: two models alone), mean of 1 trial: $B_j$, $J_j$ 0.1 %",
      "Rendered impedance, compensated, mean of 2 trials: Eq. 15 3.2 %; Eq. 9 6.3 %"], []),
-    ("response", lambda: conditions_of(2), {}, ["Distortion is in the noise", "(a) Knee, left", "Open: doubtful"],
+    ("response", lambda: conditions_of(2), UNEVEN, ["Distortion is in the noise", "(a) Knee, left", "Open: doubtful",
+     "t0, 4 realisations", "within 2.6 to 24 % of the second-order system"],
      ["Distortion below", "No line"]),
     # |1 - 0.98 exp(j deg)| = 0.0263
     ("response", lambda: conditions_of(1), {"odd_level": pl.col("noise_level") / 2, "method": pl.lit("fast")},
@@ -277,7 +278,7 @@ def test_a_page_of_twelve_conditions_fits_a_journal_and_trials_of_a_pool_are_dra
 
 
 def test_trials_are_told_apart_where_they_end_and_doubtful_ones_and_the_mean_by_their_lines():
-    belts, loops = fig3.draw(both_branches().with_columns(doubtful=DOUBT)).axes
+    belts, loops = fig3.draw(both_branches().with_columns(-pl.col("theta_s_deg"), doubtful=DOUBT)).axes
     assert (belts.lines[-1].get_color(), belts.lines[-1].is_dashed()) == (MAGENTA, True)
     dotted = [a for a in belts.lines if a.is_dashed() and a.get_color() != MAGENTA]
     assert [a.get_ydata()[0] for a in dotted] == [2, 7]
@@ -294,6 +295,7 @@ def test_trials_are_told_apart_where_they_end_and_doubtful_ones_and_the_mean_by_
     assert loading.get_linewidth() > unloading.get_linewidth()
     assert (desired.get_color(), desired.is_dashed()) == (loading.get_color(), True)
     assert [line.is_dashed() for line in right.lines[:11]] == [name == CAMS[3] for name in CAMS]
+    assert {text.xy[0] for text in right.texts} == {5.0}, "at the last angle"
     names = {text.get_text(): text.get_color() for text in right.texts}
     assert names == {name.replace("_", " "): colour for name, colour in colours.items()}
     page = walking_page.draw(stored("walking_page").with_columns(doubtful=DOUBT)).axes[2]
@@ -333,6 +335,8 @@ def test_fig6_has_points_that_touch_no_other_and_a_perfect_fit_at_the_end_of_its
         nearest = distance[np.triu_indices(48, 1)].min()
         assert nearest == pytest.approx(4.9, rel=1e-3), "the largest marker and a small gap"
     vaf = pl.Series([float("nan"), 99.99999999, 99.0, 97.0])
+    single = fig6.points(stored("impedance").filter(pl.col("amplitude_deg").is_null()))  # as without a stepped sine
+    assert (len(single), len(fig6.draw(single.head(1)).axes[0].get_yticks()) > 1) == (32, True)
     table = fig6.points(stored("impedance").filter(amplitude_deg=2).head(4).with_columns(VAF=vaf))
     assert table["median_VAF"].unique().to_list() == [99.0]
     ax = fig6.draw(table).axes[0]
@@ -360,17 +364,22 @@ def test_a_table_without_what_a_figure_shows_is_refused(name, table, message):
 
 
 def test_axes_are_logarithmic_in_round_numbers_percent_or_from_zero_where_the_sign_tells():
-    magnitude, phase = fig7.draw(response_table()).axes
+    magnitude, phase = fig7.draw(numbers := response_table()).axes
+    assert numbers.row(-1, named=True)["magnitude"] == pytest.approx(np.hypot(3.5e-3, 2e-3))
+    assert numbers.row(-1, named=True)["phase_deg"] == pytest.approx(np.rad2deg(np.arctan2(-2, 3.5)))
     assert magnitude.get_yscale() == magnitude.get_xscale() == phase.get_xscale() == "log"
     assert [tick.get_text() for tick in phase.get_xticklabels()] == ["1", "2", "3", "4", "5"]
     assert [tick.get_text() for tick in magnitude.get_yticklabels()] == ["3.5", "4", "4.5", "5"], "in thousandths"
     np.testing.assert_allclose(magnitude.get_yticks(), [3.5e-3, 4e-3, 4.5e-3, 5e-3])
-    assert fig8.draw(plotted("fig8")).axes[1].xaxis.get_major_formatter()(0.4) == "40"
+    stiffness, damping = fig8.draw(plotted("fig8")).axes
+    assert (damping.xaxis.get_major_formatter()(0.4), stiffness.get_ylim()[0] <= 0) == ("40", True)
     lowest = [ax.get_ylim()[0] for ax in fig9.draw(fig9_points(340.0)).axes]
     assert (lowest[0] > 250, lowest[1] > 2, lowest[2] <= 0) == (True, True, True), "inertia alone is drawn from zero"
     rivals = model_comparison.draw(plotted("model_comparison")).axes
     assert {ax.get_yscale() for ax in rivals} == {"log"}
     assert len({ax.get_ylim() for ax in rivals}) == 1, "panels are to be compared"
+    gap = fig4.draw(time_series().filter(~pl.col("time").is_between(2, 3))).axes
+    assert [np.isnan(ax.lines[-1].get_ydata()).sum() for ax in gap] == [1, 1, 1], "no line crosses a gap"
     for ax in fig4.draw(left_out()).axes:
         spans = [(patch.get_x(), patch.get_x() + patch.get_width()) for patch in ax.patches]
         np.testing.assert_allclose(spans, [(2, 3), (9.01, 9.99)], atol=1e-9)
@@ -380,6 +389,7 @@ def test_fig8_shows_stance_alone():
     swing = stored("gains").tail(1).with_columns(phase=pl.lit(0.63), K_d=pl.lit(1e6))
     assert fig8.points(pl.concat([stored("gains"), swing])).equals(fig8.points(stored("gains")))
     assert fig8.points(stored("gains"), 0.3)["phase"].max() == pytest.approx(0.3)
+    assert len(fig8.points(swing.with_columns(phase=0.62))) == 1
 
 
 def test_fig9_shows_every_group_with_a_result_and_each_group_s_command():
@@ -389,9 +399,10 @@ def test_fig9_shows_every_group_with_a_result_and_each_group_s_command():
     two = one.with_columns(pl.col("mean", "low", "high") * 2, group=pl.lit("K_d 400"), commanded=pl.lit(400.0))
     none = one.with_columns(mean=None, low=None, high=None, group=pl.lit("K_d 600"))
     summary = pl.concat([one, two, none], how="diagonal_relaxed")
-    lost = walking_fits(3).with_columns(K=pl.Series([None, float("nan"), 310.0]), group=pl.lit(None, pl.String))
+    lost = walking_fits(3).with_columns(K=pl.Series([None, np.nan, 310.0]), group=pl.Series(2 * ["K_d 400"] + [None]))
     fits = pl.concat([walking_fits(31, "K_d 200"), walking_fits(31, "K_d 400"), lost])
     table = fig9.points(summary, fits, over_stance(), 340.0)
+    assert table["estimate"].count() == table["estimate"].is_finite().sum() == 3 * 62
     panel, _, lowest = fig9.draw(table).axes
     assert [a.get_ydata()[0] for a in panel.lines if a.get_marker() == "s"] == [338.0, 676.0]
     assert [label.get_text() for label in lowest.get_xticklabels()] == ["$K_d$ 200 (31)", "$K_d$ 400 (31)"]
@@ -401,7 +412,8 @@ def test_fig9_shows_every_group_with_a_result_and_each_group_s_command():
     unstated = summary.with_columns(commanded=pl.lit(None, pl.Float64))
     stated = fig9.points(unstated, fits, trajectory, 340.0).filter(pl.col("trial").is_null(), quantity="K")
     assert stated["commanded"].to_list() == [None, 390.0]
-    assert set(fig9_points(340.0).filter(quantity="K")["commanded"].drop_nulls()) == {340.0}
+    for sheet, expected in ((None, 340.0), (stored("walking_summary").with_columns(commanded=pl.lit(200.0)), 200.0)):
+        assert set(fig9_points(340.0, sheet).filter(quantity="K")["commanded"].drop_nulls()) == {expected}
 
 
 def test_rival_models_have_the_geometric_mean_of_trials_and_two_groups_of_crossings_a_page_each():
@@ -478,11 +490,17 @@ def test_a_figure_names_below_it_and_in_its_metadata_its_data_and_the_trials_tha
     assert box.y0 < 0
 
 
-def test_unknown_figures_and_formats_are_refused(tmp_path):
+def test_unknown_figures_and_formats_and_tables_without_a_column_that_a_figure_needs_are_refused(tmp_path):
     with pytest.raises(InputError, match=r"no figure 'fig2'; there are fig3"):
         draw_figure("fig2", tmp_path / "t.csv", [])
     with pytest.raises(InputError, match=r"f\.jpg: figures are written as \.pdf, \.svg, \.png"):
         draw_table("fig8", plotted("fig8"), [tmp_path / "f.jpg"])
+    of = {"fig5": 11, "fig6": 6, "fig7": 16, "fig8": 6, "torque_angle": 9, "model_comparison": 5}
+    assert {name: len(drawing_of(name).needs) for name in of} == of
+    for name in of:
+        write_table(pl.DataFrame(dict.fromkeys(drawing_of(name).needs[:-1], 1.0)), tmp_path / "t.csv")
+        with pytest.raises(InputError, match=rf"t\.csv: no column '{drawing_of(name).needs[-1]}'"):
+            plot_numbers(name, tmp_path / "t.csv", tmp_path / "f.csv")
 
 
 # Captions say in words what the figures show: in numbers of their tables, with names as text.
@@ -503,11 +521,13 @@ def test_a_name_in_markdown_is_text_sign_by_sign(name, markdown):
 
 def test_numbers_have_the_digits_that_their_intervals_leave_and_of_many_names_the_first_stand_there():
     assert with_interval(299.123, 298.21, 300.04, "N·m/rad") == "299.12 N·m/rad (95 % interval 298.21 to 300.04)"
-    assert with_interval(-0.0012, -0.02, 0.0176, "kg·m²") == "−0.001 kg·m² (95 % interval −0.020 to 0.018)"
-    assert [with_interval(-3.0, None, None, "s"), with_sd(-3.384, 0.202, "s")] == ["−3 s", "−3.38 ± 0.20 s"]
+    assert with_interval(-0.0002, -0.02, 0.0176, "kg·m²") == "0.000 kg·m² (95 % interval −0.020 to 0.018)"
+    assert [with_interval(-3.0, None, -2.0, "s"), with_sd(-3.384, 0.202, "s")] == ["−3 s", "−3.38 ± 0.20 s"]
+    assert with_interval(300.0, 300 - 1e-9, 300 + 1e-9, "s") == "300.00 s (95 % interval 300.00 to 300.00)"
     table = pl.DataFrame({"trial": [f"t_{k}" for k in range(12)], "doubtful": ["VAF 80"] * 10 + ["", None]})
     names = ", ".join(rf"t\_{k}" for k in range(6))
-    assert doubtful_said(table, "open") == f"Doubtful, open: 10 of 12 fits ({names} and 4 more), for VAF."
+    for rows, said in ((table, f"10 of 12 fits ({names} and 4 more)"), (table.head(6), f"6 of 6 fits ({names})")):
+        assert doubtful_said(rows, "open") == f"Doubtful, open: {said}, for VAF."
 
 
 def test_each_figure_has_a_section_a_missing_one_its_reason_and_the_kind_of_data_stands_there_once(tmp_path):

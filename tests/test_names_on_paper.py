@@ -65,9 +65,7 @@ def test_trials_of_two_joints_share_neither_a_panel_nor_a_swarm():
 
 
 def test_a_trial_without_k_d_stands_at_the_end_of_the_axis_without_a_line_at_a_desired_value():
-    table = of_controllers("pd").with_columns(
-        K_d=pl.col("K_d").replace_strict({100: 1.0, 200: 2.0, 300: 500.0, 400: None})
-    )
+    table = of_controllers("pd").with_columns(K_d=pl.col("K_d").replace_strict({100: 1, 200: 2, 300: 500, 400: None}))
     stiffness, damping = fig5.draw(fig5.points(table)).axes
     letters = [label.get_text() for label in damping.get_xticklabels(minor=True)]
     assert letters == ["$K_d$ = 1", "$K_d$ = 2", "$K_d$ = 500", "$K_d$ not stated"]

@@ -300,11 +300,9 @@ def test_two_nodes_have_stamps_rates_and_clocks_of_their_own(clean):
     assert np.diff(log["torque_time"]).mean() == pytest.approx(1 / 333, rel=1e-6)
     rows = settled(log["torque_time"])
     assert log[TORQUE][rows] == pytest.approx(at(log, clean, TORQUE, "torque_time")[rows], abs=1e-4)
-    log, truth = simulated(
-        {"recorder": {"torque_node": {"clock_offset": on(0.25, "s"), "clock_drift": on(-50, "ppm")}}}
-    )
+    log, truth = simulated({"recorder": {"torque_node": {"clock_offset": on(0.2, "s"), "clock_drift": on(-50, "ppm")}}})
     own, elapsed = log["torque_time"] - truth["drawn"]["clock_start_s"], log["time"] - log["time"][0]
-    assert own == pytest.approx(0.25 + (1 - 50e-6) * elapsed, abs=2e-9)
+    assert own == pytest.approx(0.2 + (1 - 50e-6) * elapsed, abs=2e-9)
 
 
 def test_samples_are_dropped_singly_or_in_bursts_or_at_regular_intervals_and_written_twice(clean):

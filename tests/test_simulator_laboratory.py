@@ -487,9 +487,7 @@ def test_step_to_step_variability_has_the_sizes_that_are_set(shipped):
         assert np.std(values) == pytest.approx(getattr(shipped.walking.effects, name).size, rel=0.15), name
 
 
-def test_a_perturbation_changes_nothing_before_its_onset_and_turns_the_ankle_by_what_the_shank_does_not_yield(
-    walked, calm
-):
+def test_a_perturbation_changes_nothing_before_its_onset_and_turns_the_ankle_as_far_as_the_shank_stays(walked, calm):
     """4 % of 5 deg, 0.2 s after the onset."""
     onset, added = walked.platform.onset, np.degrees(walked.motion.theta - calm.motion.theta)
     for name in ("theta", "omega", "alpha"):

@@ -64,9 +64,8 @@ def test_covariance_is_statsmodels_hac_at_the_same_bandwidth():
     rng = np.random.default_rng(20)
     y = COLUMNS["a"] + correlated_noise(rng, len(T), 0.9)
     fit = linear_fit(y, COLUMNS)
-    other = sm.OLS(y, np.column_stack(list(COLUMNS.values()))).fit(
-        cov_type="HAC", cov_kwds={"maxlags": fit.correlation_samples - 1, "use_correction": True}
-    )
+    lags = {"maxlags": fit.correlation_samples - 1, "use_correction": True}
+    other = sm.OLS(y, np.column_stack(list(COLUMNS.values()))).fit(cov_type="HAC", cov_kwds=lags)
     assert fit.correlation_samples == pytest.approx(1.1447 * (4 * 0.9**2 / 0.19**2 * len(T)) ** (1 / 3), rel=0.1)
     assert linear_fit(y + T**3, COLUMNS).correlation_samples == len(T) // 8
     assert fit.covariance == pytest.approx(other.cov_params(), rel=1e-8)
@@ -227,11 +226,9 @@ def test_cycles_that_are_no_whole_rows_have_the_sums_that_their_integrals_have()
 
 def test_one_stratum_is_statsmodels_cluster_covariance():
     y, columns = repeated(np.random.default_rng(5))
-    groups = np.repeat(np.arange(COUNT), CYCLE)
+    groups = {"groups": np.repeat(np.arange(COUNT), CYCLE), "use_correction": False}
     fit = with_spread(y, columns, np.zeros(COUNT, dtype=np.intp))
-    other = sm.OLS(y, np.column_stack(list(columns.values()))).fit(
-        cov_type="cluster", cov_kwds={"groups": groups, "use_correction": False}
-    )
+    other = sm.OLS(y, np.column_stack(list(columns.values()))).fit(cov_type="cluster", cov_kwds=groups)
     assert fit.covariance == pytest.approx(other.cov_params() * COUNT / (COUNT - 1), rel=1e-8, abs=1e-15)
 
 
@@ -307,9 +304,8 @@ def test_effective_samples_are_those_of_theory():
     rng = np.random.default_rng(4)
     white, r = rng.standard_normal(20_000), 0.9
     assert repeats.effective_samples(white) == pytest.approx(20_000, rel=0.1)
-    assert repeats.effective_samples(correlated_noise(rng, 20_000, r)) == pytest.approx(
-        20_000 * (1 - r**2) / (1 + r**2), rel=0.1
-    )
+    found = repeats.effective_samples(correlated_noise(rng, 20_000, r))
+    assert found == pytest.approx(20_000 * (1 - r**2) / (1 + r**2), rel=0.1)
     assert repeats.effective_samples(LOW_PASS(white, 1000.0)) == pytest.approx(20_000 * 2 * 15 / 1000, rel=0.15)
     assert repeats.effective_samples(np.zeros(50)) == repeats.effective_samples(np.full(50, 0.3)) == 50, "an exact fit"
 

@@ -3,15 +3,24 @@
 from dataclasses import replace
 
 import numpy as np
+from scipy.interpolate import make_interp_spline
+from scipy.signal import butter, sosfiltfilt
 
 from osl_analysis.bench.components import branches_of
 from osl_analysis.bench.impedance import impedance_table, rendered_impedance
 from osl_analysis.bench.record import Record, cycles_of, record_of
+from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.protocol.stepped_sine import Likeness, SteppedSineProtocol, find_segments, unit_sines
-from osl_analysis.signals import LowPass, Motion, filtered_motion
+from osl_analysis.signals import LowPass, Motion
 
 RATE, LOW_PASS = 500.0, LowPass(15)
 PROTOCOL = SteppedSineProtocol((0.05, 0.1), (1.0, 3.0, 5.0), 9)
+FIVE = SteppedSineProtocol((0.05, 0.1), (1.0, 2.0, 3.0, 4.0, 5.0), 9)
+
+
+def sine_settings(amplitudes_deg, frequencies_hz, cycles=10, settle_cycles=2):
+    own = {"amplitudes_deg": amplitudes_deg, "frequencies_hz": frequencies_hz, "cycles": cycles}
+    return DynamometerAnalysis(cutoff_hz=15, order=4, settle_cycles=settle_cycles, **own)
 
 
 def unit_block(protocol, rate):
@@ -19,13 +28,18 @@ def unit_block(protocol, rate):
     return unit_sines(list(zip(protocol.frequencies_hz, protocol.cycles_at, strict=True)), rate)
 
 
+def true_motion(time, theta):
+    """An angle without what is faster than 100 Hz and its derivatives, none of it by the package."""
+    spline = make_interp_spline(time, sosfiltfilt(butter(4, 100, fs=RATE, output="sos"), theta), k=5)
+    return Motion(*(spline(time, order) for order in range(3)))
+
+
 def stepped_sine(torque_of, noise=0.0, protocol=PROTOCOL, seed=1):
     """A stepped-sine record whose torque [N*m] is a function of its motion, with white noise."""
     rest = np.zeros(round(2 * RATE))
     theta = np.concatenate([rest, *(x for a in protocol.amplitudes for x in (a * unit_block(protocol, RATE), rest))])
     time = np.arange(len(theta)) / RATE
-    motion, _ = filtered_motion(time, theta, theta, LowPass(100))
-    torque = torque_of(motion) + noise * np.random.default_rng(seed).standard_normal(len(time))
+    torque = torque_of(true_motion(time, theta)) + noise * np.random.default_rng(seed).standard_normal(len(time))
     return record_of_sines(time, theta, torque, protocol)
 
 

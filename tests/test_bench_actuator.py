@@ -133,6 +133,7 @@ def test_of_angle_and_velocity_the_angle_is_used_and_a_bench_without_either_is_r
     fit = actuator_trial(Trial("a", both), ANALYSIS)
     row, rows = actuator_table(fit).row(0, named=True), fit.record.rows()
     assert (row["motion"], row["J_m"]) == ("theta_m", pytest.approx(TRUE["J_m"], rel=0.02))
+    assert row["correlation_k_f_G"] * row["k_tau_n_m_se"] * row["f_G_se"] == pytest.approx(row["cov_k_tau_n_m_f_G"])
     shown = fit_actuator_trial(Trial("a", both), DEVICE, ANALYSIS)["series"]["theta_deg"]
     assert shown[2501] == pytest.approx(np.rad2deg(theta[5002]))
     assert (rows[0], rows[-1], np.abs(omega[rows]).min() > 0.45) == (200, len(t) - 201, True)  # 3/15 s at both ends

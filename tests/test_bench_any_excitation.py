@@ -12,7 +12,7 @@ from conftest import ROOT
 from scipy.linalg import expm
 from scipy.signal import lfilter, lsim
 
-from osl_analysis.bench.analysis import analysed
+from osl_analysis.bench.analysis import analysed, timebase_table
 from osl_analysis.bench.effects import IMPEDANCE, causes, lag_of, plain_sums, stiffness_change, sums_of, with_effects
 from osl_analysis.bench.impedance import (
     DesiredImpedance,
@@ -24,7 +24,7 @@ from osl_analysis.bench.impedance import (
 )
 from osl_analysis.bench.record import record_of_trial, stated_windows
 from osl_analysis.bench.response_tables import response_tables
-from osl_analysis.bench.settings import DynamometerAnalysis
+from osl_analysis.bench.settings import BenchStiffness, DynamometerAnalysis
 from osl_analysis.campaign.configuration import read_section
 from osl_analysis.commands.bench import compare_impedance_models
 from osl_analysis.config.experiments import EXPERIMENTS
@@ -32,7 +32,7 @@ from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.judge.doubts import marked
 from osl_analysis.judge.recording import check_recording, measure_protocol, samples_at_rail, saturated
 from osl_analysis.judge.table import Commanded, Doubt, DoubtfulFits, Examined
-from osl_analysis.model.compensator import PAPER_WEIGHT
+from osl_analysis.model.compensator import PAPER_WEIGHT, predicted_impedance
 from osl_analysis.model.drivetrain import joint_admittance
 from osl_analysis.model.parameters import read_parameters
 from osl_analysis.trial import Trial, write_trial
@@ -41,6 +41,7 @@ CONFIG = Path(ROOT / "config/config.yaml")
 SETTINGS = read_section(CONFIG, "dynamometer", DynamometerAnalysis)
 LIMITS = read_section(CONFIG, "doubtful", DoubtfulFits).of("impedance")
 MOTIONS = {"multisine": multisine, "noise": noise, "chirp": chirp}
+LIGHT = {"torque_noise": 0.002, "bits": 24, "K": 1.0, "B": 0.5, "I": 0.05}
 
 
 def moving_record(trial, windows=None, **settings):
@@ -79,9 +80,8 @@ def test_every_motion_has_the_same_columns_and_leaves_none_empty_but_those_that_
         assert table.schema == sines.schema
         own = {column for column in table.columns if table[column].is_null().all()}
         assert own - empty == (OF_SINES if name == "multisine" else OF_SINES | OF_PERIODS)
-        assert empty - own == {"torque_at_peaks"} | (
-            {"period_s", "periods", "realisations"} if name == "multisine" else set()
-        )
+        of_periods = {"period_s", "periods", "realisations"} if name == "multisine" else set()
+        assert empty - own == {"torque_at_peaks"} | of_periods
 
 
 @pytest.mark.parametrize("name", MOTIONS)
@@ -119,10 +119,8 @@ def test_windows_are_fitted_and_nothing_else(tmp_path):
     assert abs(row_of(trial)["K"] / 300 - 1) > 0.004
     assert row_of(trial, windows=None, excitation="any")["fitted_s"] == pytest.approx(40, abs=0.8)
     write_trial(trial, tmp_path / "windows.parquet")
-    files, asked = (
-        (tmp_path / "windows.parquet", ROOT / "config/parameters/default.yaml"),
-        DesiredImpedance("compensated", 300, 5),
-    )
+    files = tmp_path / "windows.parquet", ROOT / "config/parameters/default.yaml"
+    asked = DesiredImpedance("compensated", 300, 5)
     compare_impedance_models(*files, asked, PAPER_WEIGHT, SETTINGS, 0.05, tmp_path / "scores.csv", "2-14.5 25.5-40")
     assert pl.read_csv(tmp_path / "scores.csv").filter(model="M1")["VAF"].item() > 99.9
     both, longest = (response_tables(moving_record(trial, x), None)["response"] for x in ("2-9 26-40", "26-40"))
@@ -140,17 +138,14 @@ def test_windows_that_are_none_are_refused(text, why):
     [
         ({"band": (0.5, 1.5)}, {}, r"cannot tell K from I.*band from 1\.[56] to about [23]\.\d Hz"),
         ({"rms_deg": 0.005}, {"bits": 14}, "hardly moves"),
-        (
-            {"band": (8.0, 14.0)},
-            {"torque_noise": 0.002, "bits": 24, "K": 1.0, "B": 0.5, "I": 0.05},
-            r"changes K by .*band below 8 Hz is missing",
-        ),
+        ({"band": (8.0, 14.0)}, LIGHT, r"changes K by .*band below 8 Hz is missing"),
     ],
 )
 def test_a_motion_of_too_narrow_a_band_or_size_is_refused_with_what_is_missing(motion, joint, words):
     rng = np.random.default_rng(3)
+    samples = made_trial(rng, noise(rng, **motion), **joint).samples
     with pytest.raises((IdentifiabilityError, InputError), match=words):
-        row_of(made_trial(rng, noise(rng, **motion), **joint))
+        row_of(Trial("made", samples.with_columns(pl.col("theta") + 0.5)))  # wherever the zero of the angle is
 
 
 @pytest.mark.parametrize(("late", "highest_hz"), [(2e-4, 10.0), (-2e-4, 10.0), (5e-3, 6.0), (-5.5e-3, 6.0)])
@@ -170,19 +165,22 @@ def test_a_lag_between_the_channels_is_found_with_its_shares_of_damping_and_iner
 def test_the_lag_of_a_leg_is_found_beside_the_higher_dynamics_of_its_linear_model():
     """Torque of the linear drivetrain by its admittance at each line, and K, B and I of the joint beside it."""
     rng, p = np.random.default_rng(5), read_parameters(ROOT / "config/parameters/default.yaml")
-    gains = DesiredImpedance("uncompensated", 300.0, 5.0).gains(p, PAPER_WEIGHT)
+    gains = (asked := DesiredImpedance("uncompensated", 300.0, 5.0)).gains(p, PAPER_WEIGHT)
     expected = joint_admittance(gains.K_1, gains.B_1, p, p.J_j)
     _, (theta, *_) = motion = noise(rng, (0.5, 10.0))
     s = 2j * np.pi * np.fft.rfftfreq(len(theta), 1 / 250)
     spectrum = np.fft.rfft(theta) * (np.abs(s) < 2 * np.pi * 45)
     s[0] = 1e-9j
     torque = np.fft.irfft(spectrum / expected(s) * np.exp(-s * 3e-4), len(theta))
-    record = moving_record(made_trial(rng, motion, K=0.0, B=0.0, I=0.0, more=torque))
+    record = moving_record(trial := made_trial(rng, motion, K=0.0, B=0.0, I=0.0, more=torque))
     found, _ = faults_in(record, expected)
     assert found.found
     assert found.size == pytest.approx(3e-4, abs=4 * found.se + 2e-5)
     assert found.se < 8e-5
     assert not (alone := faults_in(record)[0]) or not alone.found
+    table = judged_impedance(record, saturated(trial), p, asked, PAPER_WEIGHT)[1]
+    predicted = predicted_impedance(gains, p, np.linspace(*record.band_hz, 12).tolist())
+    assert table.select("K_predicted", "B_predicted", "I_predicted").row(0) == pytest.approx(predicted)
 
 
 @pytest.mark.parametrize("width", [0.001, 0.003, 0.01])
@@ -202,10 +200,8 @@ def test_a_spring_behind_a_damper_is_not_taken_for_friction_and_friction_beside_
     motion = move(np.random.default_rng(5))
     time, (theta, omega, _) = motion
     element = lsim(([3.0, 0.0], [3.0 / 300, 1.0]), theta, time)[1]
-    sound, rubbing = (
-        row_of(made_trial(np.random.default_rng(6), motion, more=element + size * np.tanh(omega / 0.003)))
-        for size in (0.0, 0.3)
-    )
+    torques = (element + size * np.tanh(omega / 0.003) for size in (0.0, 0.3))
+    sound, rubbing = (row_of(made_trial(np.random.default_rng(6), motion, more=more)) for more in torques)
     assert sound["f_C"] is None
     assert rubbing["f_C_low"] < 0.3 < rubbing["f_C_high"]
     assert rubbing["B_viscous"] == pytest.approx(sound["B"], abs=0.02)
@@ -281,10 +277,8 @@ def test_clocks_that_drift_apart_are_seen_at_any_rates_and_in_periods_also_besid
 
 def test_clocks_of_two_devices_do_not_drift_or_are_said_to_be_unchecked_where_the_joint_hides_it():
     motion = noise(np.random.default_rng(6), rate=500.0)
-    quiet, hidden = (
-        two_devices(made_trial(np.random.default_rng(6), motion, more=odd * np.sin(80 * motion[1][0])), 0.0, 2)
-        for odd in (0.0, 3.0)
-    )
+    torques = (odd * np.sin(80 * motion[1][0]) for odd in (0.0, 3.0))
+    quiet, hidden = (two_devices(made_trial(np.random.default_rng(6), motion, more=x), 0.0, 2) for x in torques)
     row = row_of(quiet)
     assert row["certain_clock_drift_ppm"] == 0
     assert abs(row["lag_s"] - 1e-3) < 4 * row["lag_se_s"]
@@ -295,11 +289,14 @@ def test_clocks_of_two_devices_do_not_drift_or_are_said_to_be_unchecked_where_th
 
 def test_repeats_of_one_motion_are_averaged_and_other_motions_kept_apart():
     rows = [row_of(made_trial(rng, multisine(rng))) for rng in map(np.random.default_rng, range(2))]
+    rows[1] |= {"band_low_hz": 0.3, "theta_rms_deg": 1.1 * rows[0]["theta_rms_deg"]}
     rng = np.random.default_rng(9)
     rows.append(row_of(made_trial(rng, multisine(rng, band=(0.5, 9.0)))))
-    asked = {"controller": pl.lit("x"), "K_d": pl.lit(300.0), "B_d": pl.lit(None, pl.Float64), "doubtful": pl.lit("")}
+    rows.append(rows[0] | {"K": 1.0})
+    doubtful = pl.when(pl.col("K") < 2).then(pl.lit("soft")).otherwise(pl.lit(""))
+    asked = {"controller": pl.lit("x"), "K_d": pl.lit(300.0), "B_d": pl.lit(None, pl.Float64), "doubtful": doubtful}
     table = repeated_trials_table(pl.DataFrame(rows, infer_schema_length=None).with_columns(**asked))
-    assert table["n"].to_list() == [2, 2, 2]
+    assert table.select("n", "n_doubtful", "n_left_out", "band_low_hz").rows() == [(2, 1, 1, 0.3)] * 3
     K = [row["K"] for row in rows[:2]]
     assert table["mean"][0] == pytest.approx(np.mean(K))
     assert table["high"][0] - table["mean"][0] == pytest.approx(12.7062047 * np.std(K, ddof=1) / np.sqrt(2), rel=1e-6)
@@ -346,15 +343,17 @@ def test_the_time_base_bridges_gaps_by_the_band_of_this_motion(band, lost, left_
     trial = Trial("made", whole.filter(pl.Series((rows % 1500 > lost) | (rows < 10))))
     record = moving_record(trial)
     assert (not record.uniform.usable.all()) == left_out
+    bench = BenchStiffness(value="4000 N*m/rad", standard_error="200 N*m/rad")
+    said = timebase_table(record.uniform, None, bench).select("masked", "farthest_s", "^bench_stiffness.*$").row(0)
+    assert said == pytest.approx((np.sum(~record.uniform.usable), record.uniform.farthest_s, 4000, 200))
     assert fit_of(record)["K"] == pytest.approx(300, rel=2e-3)
 
 
 def test_quality_control_says_that_another_motion_is_not_compared_with_the_protocol():
     rng = np.random.default_rng(7)
     commanded = Commanded((2.0, 4.0, 6.0), (1.0, 2.0, 3.0, 4.0, 5.0), 20)
-    other, sines = (
-        Examined(made_trial(rng, noise(rng)), EXPERIMENTS[x], commanded) for x in ("impedance", "transmission")
-    )
+    experiments = (EXPERIMENTS[x] for x in ("impedance", "transmission"))
+    other, sines = (Examined(made_trial(rng, noise(rng)), one, commanded) for one in experiments)
     said = measure_protocol(other)
     assert (said.value, said.remark) == (0, "no stepped sine but another motion, which is fitted as such")
     assert measure_protocol(sines).value == 15

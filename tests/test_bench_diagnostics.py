@@ -5,20 +5,19 @@ import re
 import numpy as np
 import polars as pl
 import pytest
-from bench_synthetic import record_of_sines, second_order, stepped_sine, table_of
+from bench_synthetic import FIVE, record_of_sines, second_order, stepped_sine, table_of, true_motion
 from conftest import ROOT
 
-from osl_analysis.bench.effects import yielding_in
+from osl_analysis.bench.analysis import viscous_and_friction, with_friction
+from osl_analysis.bench.effects import IMPEDANCE, sums_of, with_effects, yielding_in
 from osl_analysis.campaign.configuration import read_section
 from osl_analysis.judge.doubts import marked, plausible_impedance
 from osl_analysis.judge.table import Doubt, DoubtfulFits
 from osl_analysis.model.parameters import read_parameters
 from osl_analysis.protocol.stepped_sine import SteppedSineProtocol
-from osl_analysis.signals import LowPass, filtered_motion
 
 P = read_parameters(ROOT / "config/parameters/default.yaml")
 LIMITS = read_section(ROOT / "config/config.yaml", "doubtful", DoubtfulFits).of("impedance")
-FIVE = SteppedSineProtocol((0.05, 0.1), (1.0, 2.0, 3.0, 4.0, 5.0), 9)
 
 
 def rows(torque_of, noise=0.03, protocol=FIVE, seed=1):
@@ -79,6 +78,16 @@ def test_coulomb_friction_is_named_and_has_its_size():
         assert row["B_viscous"] == pytest.approx(4, abs=0.05)
     assert whole["B_viscous_low"] < 4 < whole["B_viscous_high"]
     assert whole["f_C_low"] < 0.8 < whole["f_C_high"]
+    s = sums_of(stepped_sine(lambda m: second_order(m) + 0.8 * np.sign(m.omega), 0.03, FIVE), IMPEDANCE)
+    smooth, sharp = (
+        viscous_and_friction(
+            *(with_effects(s, IMPEDANCE, x) for x in ((), (T,))), with_friction(s, IMPEDANCE, None, T), "B", T
+        )
+        for T in ("T_C", "T_C_sharp")
+    )
+    width = (sharp.estimates - smooth.estimates) / np.sqrt(3)  # of a rectangle of that half-width
+    expected = [np.hypot(smooth.se(smooth.names[k]), width[k]) for k in range(2)]
+    assert [whole["B_viscous_se"], whole["f_C_se"]] == pytest.approx(expected, rel=1e-3)
     assert whole["B_change"] < -0.03
     assert whole["stiffening"] == whole["backlash_share"] == 0
     assert "K_change" not in whole["doubtful"]
@@ -114,8 +123,7 @@ def test_harmonics_of_the_bench_s_own_motion_are_no_friction():
     """An angle with a third harmonic of 2 % makes a third harmonic of the torque in the most linear joint."""
     pure = stepped_sine(second_order)
     theta = pure.theta - 4 * 0.02 * pure.theta**3 / np.maximum(np.max(np.abs(pure.theta)) ** 2, 1e-9)
-    motion, _ = filtered_motion(pure.time, theta, theta, LowPass(100))
-    torque = second_order(motion)
+    torque = second_order(true_motion(pure.time, theta))
     *_, whole = table_of(record_of_sines(pure.time, theta, torque)).to_dicts()
     assert whole["odd_harmonics"] < 2e-3
     assert abs(whole["coulomb_torque"]) < 0.02
@@ -172,6 +180,5 @@ def test_a_change_of_a_small_damping_is_a_share_of_two_newton_metres_per_rad_per
 
 def test_k_over_what_the_gains_should_give_is_that_of_the_largest_amplitude_in_every_row():
     amplitudes = pl.DataFrame({"amplitude_deg": [6.0, 2.0, 4.0, None], "K": [200.0, 240.0, 220.0, 210.0]})
-    table = amplitudes.with_columns(K_high=pl.col("K"))
-    rows = table.with_columns(trial=pl.lit("made"))
+    rows = amplitudes.with_columns(K_high=pl.col("K"), trial=pl.lit("made"))
     assert plausible_impedance(rows, pl.lit(0).alias("saturated_samples"), P, 200.0)["K_ratio"].to_list() == [1.0] * 4

@@ -2,10 +2,11 @@
 
 from dataclasses import replace
 
+import bench_synthetic
 import numpy as np
 import polars as pl
 import pytest
-from bench_synthetic import PROTOCOL, RATE, impedance_torque, record_of_sines, second_order, stepped_sine, table_of
+from bench_synthetic import FIVE, PROTOCOL, RATE, impedance_torque, record_of_sines, second_order, stepped_sine
 from conftest import ROOT
 from scipy.ndimage import shift
 from scipy.signal import butter, sosfilt
@@ -16,7 +17,7 @@ from osl_analysis.bench.impedance import DesiredImpedance, judged_impedance, lag
 from osl_analysis.bench.model_comparison import thinned_amplitudes
 from osl_analysis.bench.phasors import frequency_response_table, phasor_table, phasors_of_record
 from osl_analysis.bench.record import record_of_trial
-from osl_analysis.bench.settings import BenchStiffness, DynamometerAnalysis
+from osl_analysis.bench.settings import BenchStiffness
 from osl_analysis.campaign.configuration import read_section
 from osl_analysis.commands import figure as plotted_numbers
 from osl_analysis.commands.bench import estimates_text, summarise
@@ -26,8 +27,7 @@ from osl_analysis.judge.table import Doubt, DoubtfulFits
 from osl_analysis.model.compensator import PAPER_WEIGHT, select_gains
 from osl_analysis.model.drivetrain import joint_admittance
 from osl_analysis.model.parameters import read_parameters
-from osl_analysis.protocol.stepped_sine import SteppedSineProtocol, unit_sines
-from osl_analysis.signals import LowPass, filtered_motion
+from osl_analysis.protocol.stepped_sine import unit_sines
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import Trial, write_trial
 
@@ -35,7 +35,7 @@ from osl_analysis.trial import Trial, write_trial
 def test_the_row_over_all_amplitudes_says_from_where_to_where_the_single_ones_read():
     """K falls from the small amplitude to the large one as Coulomb friction's share does in K theta^3."""
     record = stepped_sine(lambda m: second_order(m) + 2e3 * m.theta**3)
-    table = table_of(record)
+    table = bench_synthetic.table_of(record)
     small, large, both = table.to_dicts()
     assert small["K"] + 3 < both["K"] < large["K"]
     assert phasors_of_record(record)[3].torque.distortion == pytest.approx(2e3 * 0.1**3 / 4 / 21.45, rel=0.02)
@@ -62,7 +62,7 @@ def test_the_model_of_fig4_is_the_fit_to_the_settled_cycles_and_has_no_torque_be
     assert [record.label_near(3), large] == list(record.groups.labels)
     analysis = analysed(record, plain_sums(record, IMPEDANCE), IMPEDANCE)
     shown = analysis.last_seconds(large, 1000.0)
-    row = table_of(record).row(1, named=True)
+    row = bench_synthetic.table_of(record).row(1, named=True)
     motion = record.motion[np.r_[record.moving(large)[0]]]
     expected = row["K"] * motion.theta + row["B"] * motion.omega + row["I"] * motion.alpha + row["offset"]
     fitted = shown["torque_model"].is_not_null().to_numpy()
@@ -81,19 +81,13 @@ def test_where_amplitudes_nest_inside_frequencies_fig4_and_the_comparison_use_on
     theta = np.concatenate([rest, *(x for sine in sines for x in (sine, rest))])
     large = np.concatenate([rest, *(np.full(len(s) + len(rest), np.max(s) > 0.08) for s in sines)]).astype(bool)
     time, noise = np.arange(len(theta)) / RATE, 1e-3 * np.random.default_rng(1).standard_normal(len(theta))
-    motion, _ = filtered_motion(time, theta, theta, LowPass(100))
-    torque = second_order(motion) * np.where(large, 1.0, 0.5) + noise
-    trial, path = (
-        Trial("made", pl.DataFrame({"time": time, "theta": theta, "torque": torque})),
-        tmp_path / "made.parquet",
-    )
+    torque = second_order(bench_synthetic.true_motion(time, theta)) * np.where(large, 1.0, 0.5) + noise
+    trial = Trial("made", pl.DataFrame({"time": time, "theta": theta, "torque": torque}))
+    path = tmp_path / "made.parquet"
     write_trial(trial, path)
     degrees = [round(float(np.rad2deg(a)), 9) for a in PROTOCOL.amplitudes]
-    settings = DynamometerAnalysis(
-        cutoff_hz=15, order=4, amplitudes_deg=degrees, frequencies_hz=(1, 3, 5), cycles=9, settle_cycles=2
-    )
-    record = record_of_trial(trial, settings)
-    table, limits = table_of(record), Doubt(below={"K": 150})
+    record = record_of_trial(trial, settings := bench_synthetic.sine_settings(degrees, (1, 3, 5), 9))
+    table, limits = bench_synthetic.table_of(record), Doubt(below={"K": 150})
     assert table["K"].to_list()[:2] == pytest.approx([100, 200], rel=1e-3)
     write_table(table, tmp_path / "fit.csv")
     for amplitude, reason in zip(degrees, ("[K 100 is below 150]", ""), strict=True):
@@ -153,7 +147,6 @@ GAINS = select_gains("compensated", 300.0, 5.0, P, PAPER_WEIGHT)
 LIMITS = read_section(ROOT / "config/config.yaml", "doubtful", DoubtfulFits).of("impedance")
 UNSATURATED = pl.lit(0).alias("saturated_samples")
 UNKNOWN = DesiredImpedance("ours", None, None)
-FIVE = SteppedSineProtocol((0.05, 0.1), (1.0, 2.0, 3.0, 4.0, 5.0), 9)
 
 
 def judged(torque_of, protocol=FIVE, noise=0.01, seed=1):
@@ -236,6 +229,10 @@ def test_a_lag_that_is_not_certain_but_may_change_the_inertia_by_a_tenth_is_said
     assert row["certain_lag_damping"] == 0
     assert row["lag_share"] is row["lag_inertia_share"] is row["frame_stiffness"] is None
     assert lag_row(Fault(3e-5, 2e-5, False, 7e-5), fit, None)["lag_inertia_share"] == 0
+    assert lag_row(Fault(1e-3, 1e-3, False, 2e-3), fit | {"B": -0.5}, None)["lag_inertia_share"] is None
+    found = lag_row(Fault(-2e-3, 1e-5, True, 2e-3), fit, 4e3)
+    shares = found["lag_share"], found["lag_inertia_share"], found["certain_lag_damping"], found["frame_stiffness"]
+    assert shares == pytest.approx((0.12, (5 - 0.6) * 2e-3 / np.hypot(0.02, 5e-3), 0.6, 4e3))
 
 
 def test_whether_the_torque_is_late_is_said_in_the_rows_that_cannot_tell_and_in_no_other():

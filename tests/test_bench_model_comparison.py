@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import polars as pl
 import pytest
+from bench_synthetic import sine_settings
 from conftest import ROOT, multisine
 from scipy.stats import t as student
 
@@ -17,7 +18,6 @@ from osl_analysis.bench.model_comparison import (
     linear_rivals,
 )
 from osl_analysis.bench.record import sine_record
-from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.commands.bench import (
     compare_belt_models,
     compare_impedance_models,
@@ -41,16 +41,13 @@ DEFAULT_FILE = ROOT / "config/parameters/default.yaml"
 QUADRATIC_FILE = ROOT / "config/parameters/osl-v2-published.yaml"
 DEFAULT = read_parameters(DEFAULT_FILE)
 LOW_PASS = LowPass(15)
-ANALYSIS = DynamometerAnalysis(
-    cutoff_hz=15, order=4, amplitudes_deg=(2, 4, 6), frequencies_hz=(2, 5), cycles=3, settle_cycles=0
-)
+ANALYSIS = sine_settings((2, 4, 6), (2, 5), 3, 0)
 
 
 def settings(*off, amplitudes_deg=(4,)):
     found = read_yaml(TINY, SimulationSettings)
-    protocol = SteppedSineSchedule(
-        frequencies_hz=(2, 5), cycles=3, amplitudes_deg=amplitudes_deg, rest_s=0.5, lead_s=0.5
-    )
+    own = {"amplitudes_deg": amplitudes_deg, "rest_s": 0.5, "lead_s": 0.5}
+    protocol = SteppedSineSchedule(frequencies_hz=(2, 5), cycles=3, **own)
     effects = found.effects.without(*off) if off else found.effects
     wanted = found.experiments.model_copy(update={"belt": 3})
     return found.model_copy(update={"effects": effects, "protocol": protocol, "experiments": wanted})
@@ -153,9 +150,8 @@ def test_without_friction_the_linear_drivetrain_wins_with_no_parameter_fitted(tm
 
 
 def test_a_loop_that_would_be_unstable_is_refused_by_name(tmp_path):
-    record = sine_record(
-        read_trial(written(tmp_path, UNCOMPENSATED, settings(amplitudes_deg=(2, 4, 6)), DEFAULT)), ANALYSIS
-    )
+    path = written(tmp_path, UNCOMPENSATED, settings(amplitudes_deg=(2, 4, 6)), DEFAULT)
+    record = sine_record(read_trial(path), ANALYSIS)
     wild = replace(select_gains("uncompensated", 300.0, 5.0, DEFAULT), B_1=-50.0)
     with pytest.raises(InputError, match="grows without bounds for K_1 = "):
         DrivetrainTrial(record, [], wild, DEFAULT, 0.05).predicted(np.array([1.0, 1.0, 0.0]))
@@ -188,12 +184,7 @@ def test_the_summary_has_a_row_per_model_with_its_difference_to_the_drafts(tmp_p
     for trial, vaf, gain in (("belt_1", 99.90, 0.04), ("belt_2", 99.92, 0.03), ("belt_3", 99.91, 0.05)):
         models = ("M1", "K_s", 1, vaf, -100.0), ("M2", "K_s + T_h", 2, vaf + gain, -300.0)
         scores += [("belt", trial, None, *model) for model in models]
-    for controller, vaf, k in (
-        ("compensated", 99.0, 1),
-        ("compensated", 99.0, 2),
-        ("other", 90.0, 1),
-        ("other", 90.0, 2),
-    ):
+    for controller, vaf, k in (*(("compensated", 99.0, k) for k in (1, 2)), *(("other", 90.0, k) for k in (1, 2))):
         models = ("M1", "K + B + I", 3, vaf, 10.0 * k), ("M2", "Eq. 9", 0, vaf, 10.0 * k + 4)
         scores += [("impedance", f"{controller}_{k}", controller, *model) for model in models]
     names = ("experiment", "trial", "controller", "model", "terms", "parameters", "VAF_held_out", "BIC")

@@ -146,9 +146,8 @@ def test_no_verdict_depends_on_the_zero_of_the_angle(experiment, more):
     """In 0.2.0 a perfect spring was doubtful from a mean of 4 degrees on: K and the offset looked alike."""
     recording = dict(RECORDINGS[experiment])
     recording["torque"] = recording["torque"] + more * np.sign(np.gradient(recording["theta"]))
-    (own, *others) = (
-        judged(experiment, recording | {"theta": recording["theta"] + np.deg2rad(zero)}) for zero in (0, 12, -30)
-    )
+    angles = (recording["theta"] + np.deg2rad(zero) for zero in (0, 12, -30))
+    own, *others = (judged(experiment, recording | {"theta": theta}) for theta in angles)
     assert bool(own["doubtful"]) == bool(more)
     for other in others:
         for name in ("doubtful", "not_checked"):

@@ -5,10 +5,9 @@ import polars as pl
 import pytest
 from any_motion import RATE as FINE
 from any_motion import chirp, multisine, noise
-from bench_synthetic import table_of, unit_block
+from bench_synthetic import sine_settings, table_of, unit_block
 
 from osl_analysis.bench.record import cycles_of, drift_rate, record_of_trial
-from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.errors import InputError
 from osl_analysis.protocol import stepped_sine
 from osl_analysis.signals import Motion
@@ -98,7 +97,12 @@ def test_a_warm_up_at_another_amplitude_or_of_two_cycles_is_not_used(before):
     assert [(s.commanded, s.cycles) for s in found] == [(a, 6) for a in PROTOCOL.amplitudes for _ in range(2)]
 
 
-def test_a_recorded_amplitude_is_a_commanded_one_within_a_quarter_and_a_frequency_within_a_twentieth():
+def test_a_run_has_three_cycles_of_an_amplitude_within_a_quarter_and_a_frequency_within_a_twentieth_of_commanded_ones():
+    """Runs that are alike have the mean of their frequencies, weighted by the squares of their cycles."""
+    theta = np.pad(0.1 * np.sin(4 * np.pi * np.arange(750) / RATE - 0.5), 500, mode="edge")
+    assert len(stepped_sine.Likeness(np.arange(len(theta)) / RATE, theta, PROTOCOL).runs) == 1
+    runs = [stepped_sine.Run(0.1, f, 0.1j, 0.0, 0.0, n / f, 0.0) for f, n in ((2.0098, 10), (2.0102, 20))]
+    assert stepped_sine.common_frequencies(runs, PROTOCOL) == [2.01012] * 2
     assert [PROTOCOL.amplitude_near(a) for a in (0.124, 0.126, 0.08, 0.074)] == [0.1, None, 0.1, 0.06]
     assert [PROTOCOL.frequency_near(f) for f in (2.09, 2.11, 1.89)] == [2.0, None, None]
 
@@ -156,13 +160,10 @@ def test_a_drift_is_found_under_a_sine_of_any_phase_and_a_mean_that_grows_with_t
 
 def test_a_trial_is_read_without_its_drift_which_the_table_gives_per_minute():
     """A joint of 100 N*m/rad and 2 N*m*s/rad under a load cell that drifts by 0.6 N*m/min."""
-    settings = DynamometerAnalysis(
-        cutoff_hz=15, order=4, amplitudes_deg=[4], frequencies_hz=[2, 4], cycles=10, settle_cycles=2
-    )
     theta = sines(np.deg2rad(4), phase=0.0)
     torque = 100 * theta + 2 * np.gradient(theta, TIME) + 3.0
     samples = pl.DataFrame({"time": TIME, "theta": theta, "torque": torque + 0.01 * (TIME - TIME.mean())})
-    record = record_of_trial(Trial("a", samples), settings)
+    record = record_of_trial(Trial("a", samples), sine_settings([4], [2, 4]))
     np.testing.assert_allclose(record.torque, torque, atol=2e-3)
     whole = table_of(record).row(-1, named=True)
     assert whole["load_cell_drift"] == pytest.approx(0.6, rel=0.02)

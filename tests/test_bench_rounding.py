@@ -5,22 +5,20 @@ from dataclasses import replace
 import numpy as np
 import polars as pl
 import pytest
-from bench_synthetic import second_order, stepped_sine
+from bench_synthetic import second_order, sine_settings, stepped_sine
 
 from osl_analysis.bench.analysis import analysed
 from osl_analysis.bench.effects import IMPEDANCE, plain_sums, sums_of, with_effects
 from osl_analysis.bench.gram import combined, jackknife
 from osl_analysis.bench.record import record_of_trial, sine_record, stretches_of
-from osl_analysis.bench.settings import BenchStiffness, DynamometerAnalysis
+from osl_analysis.bench.settings import BenchStiffness
 from osl_analysis.protocol.stepped_sine import SteppedSineProtocol
 from osl_analysis.stats.rounding import visible_step
 from osl_analysis.trial import Trial
 
 TRUTH = {"K": 300.0, "B": 5.0, "I": 0.02}
 FIVE = 1.0, 2.0, 3.0, 4.0, 5.0
-SETTINGS = DynamometerAnalysis(
-    cutoff_hz=15, order=4, amplitudes_deg=[4], frequencies_hz=[2, 3, 5], cycles=10, settle_cycles=2
-)
+SETTINGS = sine_settings([4], [2, 3, 5])
 WIDE = SETTINGS.model_copy(update={"frequencies_hz": FIVE, "amplitudes_deg": (2.0, 4.0, 6.0)})
 SHORT = WIDE.model_copy(update={"amplitudes_deg": (4.0,), "cycles": 4})  # of which one is left
 FOURTEEN_BITS = 2 * np.pi / 2**14
@@ -37,9 +35,8 @@ def trial(seed, rate, step=0.0, settings=SETTINGS, friction=0.0):
     for duration, size, f in parts:
         rows, w = (time >= now) & (time < now + duration), 2 * np.pi * f
         phase = w * (time[rows] - now)
-        theta[rows], omega[rows], alpha[rows] = size * np.array(
-            [np.sin(phase), w * np.cos(phase), -(w**2) * np.sin(phase)]
-        )
+        sine = [np.sin(phase), w * np.cos(phase), -(w**2) * np.sin(phase)]
+        theta[rows], omega[rows], alpha[rows] = size * np.array(sine)
         now += duration
     torque = 300 * theta + 5 * omega + 0.02 * alpha + 2.0 + 0.05 * rng.standard_normal(len(time))
     torque = torque + friction * np.tanh(omega / 0.01)
@@ -82,9 +79,8 @@ def test_intervals_cover_the_truth_and_are_as_wide_as_the_errors(
 
 def test_both_kinds_of_groups_read_a_joint_alike_that_the_model_misses():
     """Cycles of a stepped sine, or stretches of the same rows: friction that Eq. 15 lacks."""
-    record = stepped_sine(
-        lambda m: second_order(m) + 0.8 * np.sign(m.omega), 0.03, SteppedSineProtocol((0.05, 0.1), FIVE, 20)
-    )
+    protocol = SteppedSineProtocol((0.05, 0.1), FIVE, 20)
+    record = stepped_sine(lambda m: second_order(m) + 0.8 * np.sign(m.omega), 0.03, protocol)
     other = replace(record, groups=stretches_of(record.pieces, record.rate_hz))
     cycles, stretches = (with_effects(plain_sums(one, IMPEDANCE), IMPEDANCE) for one in (record, other))
     for name in TRUTH:

@@ -137,9 +137,8 @@ def test_the_yielding_of_the_bench_is_taken_off_the_angle_and_its_error_widens_t
     assert row["bench_angle_max_deg"] / row["angle_max_deg"] == pytest.approx(1 + K / bench, rel=1e-3)
     theta, known = path(0, 10, 0, 10, 0, 10, 0), {"value": "4000 N*m/rad"}
     torque = K * theta + 0.2 * np.random.default_rng(1).standard_normal(theta.size)
-    narrow, wide = (
-        row_of(theta, torque, bench_stiffness=known | error) for error in ({}, {"standard_error": "200 N*m/rad"})
-    )
+    errors = {}, {"standard_error": "200 N*m/rad"}
+    narrow, wide = (row_of(theta, torque, bench_stiffness=known | error) for error in errors)
     change = wide["K"] ** 2 * (1 / 3800 - 1 / 4000)  # of K by one standard error of 1/k: dK = K^2 d(1/k)
     assert wide["K_se"] == pytest.approx(np.hypot(narrow["K_se"], change), rel=0.1)
     assert wide["K_se"] > 3 * narrow["K_se"]

@@ -180,11 +180,12 @@ def test_jitter_is_the_wander_of_stamps_about_which_nothing_decides():
 
 NUMBERS = np.arange(1000)
 LOADED = np.where(NUMBERS < 800, 700 + np.sin(NUMBERS), 0.0)
+PEAKS = np.maximum(np.ceil(500 - (NUMBERS % 200 - 100.0) ** 2 / 12), 440.0)  # seven samples long
 COARSE = np.where(NUMBERS < 800, -80.0, 700 + np.sin(NUMBERS))  # an unzeroed plate whose noise is below its resolution
 
 
-@pytest.mark.parametrize("values", [LOADED, COARSE, 300 - COARSE, np.minimum(LOADED, 700.5)])
-def test_an_extreme_at_zero_or_where_the_channel_mostly_is_is_no_rail(values):
+@pytest.mark.parametrize("values", [LOADED, COARSE, 300 - COARSE, np.minimum(LOADED, 700.5), PEAKS])
+def test_an_extreme_at_zero_or_where_the_channel_mostly_is_or_a_slow_peak_of_one_step_is_no_rail(values):
     run, rail = run_at_extreme(values), run_at_extreme(np.where(NUMBERS % 100 < 20, 900.0, np.sin(NUMBERS)))
     assert run.stop - run.start < 5
     assert rail.stop - rail.start == 20

@@ -66,10 +66,8 @@ def fitted(one):
     ],
 )
 def test_standard_errors_are_the_scatter_of_many_fits(count, excited, distortion, method):
-    fits = [
-        fit_periodic([made(5 * seed + k, 0.02, 3, excited, distortion=distortion) for k in range(count)])
-        for seed in range(160)
-    ]
+    seeds = (range(5 * trial, 5 * trial + count) for trial in range(160))
+    fits = [fit_periodic([made(k, 0.02, 3, excited, distortion=distortion) for k in one]) for one in seeds]
     assert {f.interval_method for f in fits} == {method}
     se = np.sqrt(np.mean([np.diag(f.covariance)[:3] for f in fits], axis=0))
     of_scatter = np.mean(se / np.std([f.estimates[:3] for f in fits], axis=0))
@@ -100,9 +98,8 @@ def test_noise_is_taken_off_the_levels():
     assert response["total_sd"] * np.sqrt(48) == pytest.approx(response["total_level"])
     for name in ("odd", "detection", "distortion"):
         assert levels[name] == pytest.approx(0.05, rel=0.2)
-    pairs = [
-        spectral.periodic_response([made(k, distortion=0.05), made(k + 50, distortion=0.05)])[1] for k in range(24)
-    ]
+    both = ([made(k, distortion=0.05), made(k + 50, distortion=0.05)] for k in range(24))
+    pairs = [spectral.periodic_response(one)[1] for one in both]
     assert np.mean([found["distortion"] ** 2 for found in pairs]) == pytest.approx(0.05**2, rel=0.2)
     assert np.mean(response["odd_level"] ** 2) == pytest.approx((0.05 / 0.01) ** 2, rel=0.25)
     assert np.mean(response["total_level"] ** 2) == pytest.approx(2 * (0.05 / 0.01) ** 2, rel=0.2)
@@ -151,6 +148,12 @@ def test_the_test_of_the_misfit_has_its_level_and_sees_a_third_order():
     still, *noisy = (fitted(made(k, n, impedance=third))[1] for k, n in enumerate([0.0] + 12 * [2 * WHITE]))
     assert np.mean([one["misfit"] for one in noisy]) == pytest.approx(still["misfit"], rel=0.1)  # else 25 % larger
     assert still["VAF"] == pytest.approx(100 - still["misfit"] ** 2 / 100)
+    lines = spectral.lines_of_periods(
+        [made(1, WHITE)], LOW_PASS
+    )  # the mean of 1/x, x of n degrees, is 1 - 2/n too large
+    both = (replace(lines, noise_freedom=np.full(lines.noise.shape, n)) for n in (8.0, np.inf))
+    ratio = np.divide(*(spectral.fit_structure(spectral.SecondOrder(), x, (200, 4))[1]["misfit_ratio"] for x in both))
+    assert ratio == pytest.approx(1 - 2 / 8)
 
 
 @pytest.mark.parametrize("noise_steps", [0.0, 1.0])

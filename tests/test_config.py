@@ -76,10 +76,8 @@ NUMBER = "write a number, without a unit, with a full stop as decimal sign"
         ("inner: {rate: " + "9" * 6000 + "}", "not YAML: Exceeds the limit"),
         ("inner: {cycles: " + "9" * 400 + "}", "line 2: inner.cycles: " + "9" * 60 + "... is not allowed: write a n"),
         ("a: " + "[" * 1500 + "]" * 1500, "its fields are nested too deeply"),
-        ("a: !!python/object:os.system x", "not YAML: "),
-        ("a: !!timestamp x", "not YAML: "),
-        ("a: 2026-13-45", "not YAML: "),
-        ('"\\e31mkey": 3', "line 2: unknown field '\\x1b31mkey'"),
+        ("a: !!python/object:os.system x", "not YAML: "), ("a: !!timestamp x", "not YAML: "),
+        ("a: 2026-13-45", "not YAML: "), ('"\\e31mkey": 3', "line 2: unknown field '\\x1b31mkey'"),
     ],
 )  # fmt: skip
 def test_what_is_wrong_in_a_file_is_one_line_with_line_field_value_and_remedy_in_our_words(tmp_path, text, said):
@@ -99,20 +97,16 @@ def test_truth_values_are_kept_where_they_are_allowed_and_keys_of_two_mappings_m
 @pytest.mark.parametrize(
     ("section", "change", "message"),
     [
-        (
-            "dynamometer",
-            BENCH | {"compare_estimators": True},
-            "field .*compare_estimators' is gone: so are the est",
-        ),
+        ("dynamometer", BENCH | {"compare_estimators": True}, "field .*compare_estimators' is gone: so are the est"),
         ("dynamometer", BENCH | {"cutoff_hz": 0}, "cutoff_hz: 0 is not allowed: write a number greater than 0"),
         ("dynamometer", BENCH | {"cycles": [10, 20]}, "cycles has 2 numbers for 5 frequencies"),
         ("dynamometer", BENCH | {"cycles": [10, 20, 30, 2, 20]}, "settle_cycles = 2 leaves none of 2 cycles; lower it"),
         ("dynamometer", BENCH | {"seconds_per_frequency": 1.5}, r"settle_cycles = 2 leaves none of 1\.5 cycles"),
-        ("results", "README.md/below", "README.md: is a file; name a folder"),
-        ("results", "", "results is empty"),
-        ("impedance_trajectory", "nowhere.csv", "nowhere.csv: no such file; correct impedance_trajectory in the con"),
+        ("results", "README.md/below", "README.md: is a file; name a folder"), ("results", "", "results is empty"),
+        ("impedance_trajectory", "no.csv", "no.csv: no such file; correct impedance_trajectory in .*, or write null"),
+        ("study", SHIPPED["study"] | {"simulation": "no.yaml"}, "no.yaml: .*; correct study.simulation in [^,]*$"),
     ],
-)
+)  # fmt: skip
 def test_a_configuration_that_cannot_be_run_is_one_line_before_any_job(in_root, section, change, message):
     with pytest.raises(InputError, match=message):
         check_files(campaign_config(SHIPPED | {section: change}, [SHIPPED_FILE]))

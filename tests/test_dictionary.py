@@ -40,9 +40,11 @@ def test_endings_covariances_and_shared_columns_are_written_out():
 def test_the_tables_of_the_study_and_of_overground_trials_are_described():
     batches = described("study/batches/*")
     assert {"value", "se", "low", "high"} < set(batches)
-    numbers = {name: [1.0, 2.0, 4.0] for name in batches} | {"truth": [1.0, 1.0, 1.0]}
+    numbers = {name: [1.0, 2.0, 4.0] for name in batches} | {"truth": [1.0, 1.0, 1.0], "model_truth": [1.0, 3.0, 3.0]}
     estimates = pl.DataFrame(numbers | {name: ["x"] * 3 for name, column in batches.items() if column.unit == "text"})
-    assert set(described("study/study")) - {"data"} == set(performance_table(estimates).columns)
+    made = performance_table(estimates)
+    assert set(described("study/study")) - {"data"} == set(made.columns)
+    assert made.select("coverage", "model_coverage", "model_error").row(0) == pytest.approx((1 / 3, 1 / 3, 7 / 3))
     (row,) = overground_rows(gait_trial(), OvergroundAnalysis(load_on_n=50, body_mass_kg=70))
     assert set(described("tables/ankle_moment")) - {"joint", "data"} == set(row)
 

@@ -45,8 +45,8 @@ def test_a_doubt_begins_with_its_cause_and_a_misfit_that_this_explains_is_no_dou
     assert said.endswith("[coulomb_share 0.6 is above 0.5, odd_harmonics 0.3 is above 0.25, VAF 80 is below 90]")
     assert doubts(row, {}, {"VAF": 90}).startswith("model that does not fit: ")
     assert "single amplitudes" not in said, "there are none"
-    rows = pl.DataFrame({"trial": "a", "amplitude_deg": [2.0, None], "coulomb_share": 0.6})
-    said = marked(rows, Doubt(above={"coulomb_share": 0.5}), "impedance")["doubtful"].to_list()
+    rows = pl.DataFrame({"trial": "a", "amplitude_deg": [2.0, None], "coulomb_share": [0.1, 0.6], "VAF": [80.0, 95.0]})
+    said = marked(rows, Doubt(above={"coulomb_share": 0.5}, below={"VAF": 90}), "impedance")["doubtful"].to_list()
     assert all("Use the rows of single amplitudes, or the damping" in text for text in said)
 
 
@@ -71,7 +71,8 @@ def test_what_was_not_checked_has_a_row_each_and_a_certainly_negative_inertia_ha
     )
     assert "0.3 N*m*s/rad off B = 5 and 0.005 kg*m^2 off I = -0.02" in line
     assert "; whether I is an inertia (it is certainly negative, as no mass is" in line
-    assert "inertia" not in not_checked_line(marked(pl.DataFrame([row | {"I_high": 0.01}]), Doubt(), "impedance"))
+    line = not_checked_line(marked(pl.DataFrame([row | {"I_high": 0.01, "J_j_high": -0.01}]), Doubt(), "impedance"))
+    assert ("whether I is" in line, "whether J_j is an inertia" in line) == (False, True)
     assert not_checked_line(marked(pl.DataFrame([row | {"I_high": 1.0, "not_checked": None}]), Doubt(), "x")) == ""
 
 
@@ -82,12 +83,8 @@ def test_a_lag_at_the_end_of_those_that_were_tried_is_said_as_a_bound():
 
 
 def test_a_factor_between_units_is_named_within_eight_percent():
-    assert (
-        judgements.known_factor(1.07 * 4.4482)
-        == judgements.known_factor(1 / 4.4482)
-        == "4.45 is the factor between lbf and N"
-    )
-    assert judgements.known_factor(1.09 * 4.4482) == judgements.known_factor(0.0) == ""
+    found = [judgements.known_factor(ratio) for ratio in (1.07 * 4.4482, 1 / 4.4482, 1.09 * 4.4482, 0.0)]
+    assert found == ["4.45 is the factor between lbf and N"] * 2 + [""] * 2
 
 
 def test_no_text_of_the_table_has_the_sign_that_separates_doubts_and_remedies_tell_what_to_do():
@@ -128,11 +125,14 @@ def test_causes_and_trials_are_counted_and_not_the_rows_that_inherit_them():
     """Two of three trials have friction, one of them in four rows of two tables; one has a doubt of its own beside."""
     friction, late = "friction: it is [coulomb_share 0.6 is above 0.5]", "late torque: it is [lag_share 0.1]"
     fit = pl.DataFrame({"trial": ["a", "a", "b", "c"], "doubtful": [friction, friction, f"{friction}; {late}", ""]})
-    inherited = pl.DataFrame({"trial": ["a", "a", "c"], "doubtful": [friction, f"impedance.csv: {friction}", ""]})
+    inherited = pl.DataFrame({"trial": ["a", "a", "c"], "doubtful": [friction, f"impedance.csv: {friction}", late]})
     found = findings(NO_CHECKS, {"impedance": fit, "phasors": inherited})
     counts = [(one["cause"], one["trials"], one["n"]) for one in found]
-    assert counts == [("friction", ["a", "b"], 3), ("late torque", ["b"], 3)]
+    assert counts == [("friction", ["a", "b"], 3), ("late torque", ["b"], 3), ("late torque", ["c"], 2)]
     assert "3 impedance trials: friction: it does not grow" in found[0]["line"]
+    assert found[2]["of"] == "impedance trials, in phasors.csv alone"
+    causes = judgements.CAUSES["friction"], judgements.CAUSES["late torque"]
+    assert [one["remedy"] for one in found[:2]] == [causes[0].otherwise, causes[1].remedy]
 
 
 def test_a_check_that_flags_trials_is_said_with_its_cause_its_value_and_what_to_do():

@@ -416,12 +416,8 @@ def test_a_trial_of_the_sheet_is_fitted_in_its_windows_and_against_its_curve(mon
 
 def test_the_parameters_of_an_ankle_judge_no_knee(bench):
     device, without = bench.config.parameters, bench.config.model_copy(update={"parameters": None})
-    assert [device_of_row({"joint": joint}, bench.config) for joint in ("knee", "ankle", None)] == [
-        None,
-        device,
-        device,
-    ]
-    assert device_of_row({}, without) is None
+    found = [device_of_row(row, bench.config) for row in ({"joint": "knee"}, {"joint": "ankle"}, {"joint": None})]
+    assert [*found, device_of_row({}, without)] == [None, device, device, None]
 
 
 def test_a_failed_check_that_the_sheet_accepts_is_not_repeated(bench):

@@ -1,5 +1,6 @@
 """Any controller, joint and side: told apart in figures, means, headlines and macros, and written as they are."""
 
+import os
 from io import BytesIO
 from pathlib import Path
 from types import SimpleNamespace
@@ -113,7 +114,7 @@ def campaign(tmp_path: Path, rows: str, **settings):
 TWO_JOINTS = (
     "a,impedance,compensated,300,5,,a.csv,bench_csv\n"
     "k,impedance,compensated,300,5,knee,k.csv,bench_csv\n"
-    "p,impedance,pd,300,5,,p.csv,bench_csv\n"
+    "p,impedance,pd,300,5,,p.csv,bench_csv\nb,impedance,compensated,300,,,b.csv,bench_csv\n"
 )
 
 
@@ -127,7 +128,8 @@ def test_a_parameter_file_is_used_for_its_own_joint_only(tmp_path):
 
 def test_examples_are_those_of_the_configuration_or_chosen_and_said(tmp_path):
     """Where the default's example is not in the campaign one is chosen; another one that is not there is refused."""
-    assert time_series_example(campaign(tmp_path, TWO_JOINTS))["chosen"] == ""
+    shown = time_series_example(campaign(tmp_path, TWO_JOINTS, figures="{time_series: {duration_s: 3}}"))
+    assert [*shown.values()] == ["a", "ankle", None, 6, 3, ""], "the first of two"
     knee = "k,impedance,pd,,,knee,k.csv,bench_csv\n"
     found = time_series_example(campaign(tmp_path, knee))
     assert (found["trial"], found["amplitude_deg"]) == ("k", None)
@@ -153,8 +155,16 @@ def test_the_hash_is_of_the_settings_and_the_files_that_they_name_and_not_of_whe
     assert made(results=tmp_path / "else", failed_trials="accept") == first
     assert made(gain_weight="{cutoff_hz: 2}")["configuration"] != first["configuration"]
     parameters.write_text(parameters.read_text() + "# another file\n")
-    assert made()["configuration"] != first["configuration"]
-    assert sentence(made(data="measured", recorded="2026-03-14")).startswith("Measured data: campaign default, osl-")
+    again = made(data="measured", recorded="2026-03-14")  # which stand beside the hash
+    assert again["configuration"] == made()["configuration"] != first["configuration"]
+    said = f"Measured data: campaign default, osl-analysis {again['version']}{{}}, recorded 2026-03-14"
+    ends = said.format(f", configuration {again['configuration']}"), said.format("")
+    assert (sentence(again), sentence(again, below_figure=True)) == ends
+    for name, day in (("k", 2), ("a", 1), ("p", 3)):
+        (tmp_path / f"{name}.csv").touch()
+        os.utime(tmp_path / f"{name}.csv", (86400 * day,) * 2)
+    (tmp_path / "truth").mkdir()
+    assert {*made().values()} > {"files of 1970-01-02 to 1970-01-04", "simulated"}
 
 
 def test_a_table_says_what_its_data_are_in_its_last_column_and_stays_plain_csv(tmp_path):
@@ -170,9 +180,8 @@ def test_what_was_not_checked_is_said_with_the_number_of_trials(tmp_path):
     table = pl.DataFrame(rows, ["trial", "amplitude_deg", "K", "not_checked"], orient="row").with_columns(B=5.0, I=0.02)
     found = findings(pl.DataFrame(schema=["check", "verdict"]), {"impedance": marked(table, Doubt(), "impedance")})
     assert found[0]["line"] == "not checked, 2 of 3 impedance trials: K: no file [a, b]"
-    assert (
-        "each ms of delay would take 0.2 to 0.3 N*m*s/rad off B = 5 and 0.005 kg*m^2 off I = 0.02" in found[1]["says"]
-    )
+    taken = "each ms of delay would take 0.2 to 0.3 N*m*s/rad off B = 5 and 0.005 kg*m^2 off I = 0.02"
+    assert taken in found[1]["says"]
 
 
 @pytest.mark.parametrize(("joint", "predicted"), [("ankle", True), ("knee", False)])

@@ -1,6 +1,7 @@
 """Refused, excluded and failed trials do not stop a run: they leave records, and every other result is made."""
 
 import json
+import os
 import re
 import zipfile
 from dataclasses import replace
@@ -62,6 +63,13 @@ def test_a_trial_refused_in_one_list_is_missing_from_every_list_and_the_job_goes
     inputs = {"trials": [bad[0], good[0]], "fitted": [bad[1], good[1]], "quality": [good[2]]}
     used = {"trials": [good[0]], "fitted": [good[1]], "quality": [good[2]]}
     assert findings.without_refused(inputs) == (used, (LOST,), ())
+    for given, kept, missing in (
+        ({"shown": {"b_1": bad[1], "b_2": good[1]}}, {"shown": {"b_2": good[1]}}, ()),
+        ({"rows": bad[1:]}, {"rows": []}, (LOST,)), ({"rows": bad[1:], "trial": good[0]}, {"rows": []}, ()),
+        ({"rows": good, "quality": bad[1:]}, {"quality": []}, ()), ({"f": bad[1:], "trial": bad[0]}, {"f": []}, (LOST,))
+    ):  # fmt: skip
+        assert findings.without_refused(given) == ({**given, **kept}, (LOST,), missing)
+    assert findings.without_refused({"rows": good}, bad[1:])[1:] == ((LOST,), (LOST,))
     assert without_excluded({"table": good[1], "fitted": [good[1]], "quality": []}, {}) == {"table": good[1]}
     assert Judge(QualityRules(), {}).verdicts([Path(bad[1])]).is_empty()  # a record is no verdict
 
@@ -112,10 +120,12 @@ def test_ingest_and_quality_control_are_one_job_of_which_both_results_stand_or_n
 
 def test_the_report_at_the_end_of_a_run_has_warnings_and_passes_over_what_is_no_log(tmp_path):
     ended = {"job": "bench.fit", "outcome": "done", "seconds": 1.5, "warnings": ["Größe 5 %"]}
-    write_log(tmp_path / "x.log", ended, {"input": {"trial": "b"}})
+    for name, date in (("x", 5), ("y", 5), ("of_before", 4)):
+        write_log(tmp_path / f"{name}.log", ended, {"input": {"trial": "b"}})
+        os.utime(tmp_path / f"{name}.log", (date, date))
     for name, text in {"own": "no: log", "cut": "job: bench.f", "list": "[1", "no text": "\udcff"}.items():
         (tmp_path / f"{name}.log").write_text(text, errors="surrogateescape")
-    assert run_report(tmp_path, 0.0) == "warning: Größe 5 %"
+    assert run_report(tmp_path, 5.0) == "warning: Größe 5 % (2 jobs)"
 
 
 def written(tmp_path, **more):
@@ -167,6 +177,7 @@ def test_a_remedy_says_what_to_do_and_nothing_of_the_reason_is_lost():
         ("x.csv: no such file", "correct the sheet, or copy it there"),
         ("no field 'a[name=b]'; it has position[name=left], position[name=right]", ""),
         ("x.mcap: no topic '/a' (no footer; record again)", ""),
+        ("x.mcap: is short; the least is 2 s", "for a spring, take a longer one"),
     ):
         assert reason_and_remedy("; ".join(filter(None, [reason, remedy]))) == (reason, remedy)
 
@@ -182,7 +193,8 @@ def test_a_remedy_says_what_to_do_and_nothing_of_the_reason_is_lost():
 )
 def test_what_to_do_is_told_by_the_outcome_where_the_message_does_not(remedy, outcome, trial, traceback):
     asked = {"command": "m.f", "input": {"trial": trial}, "settings": {}, "files": ["x.csv"], "log": "job.log"}
-    assert refusal(asked, {"outcome": outcome, "error": "no sense", "traceback": traceback}).remedy.startswith(remedy)
+    found = refusal(asked, {"outcome": outcome, "error": "x.csv has no sense", "traceback": traceback})
+    assert (found.remedy.startswith(remedy), found.file) == (True, "x.csv"), "the file that the message names"
 
 
 def test_the_list_has_a_line_per_cause_with_trial_file_reason_and_remedy(tmp_path):
@@ -302,11 +314,8 @@ def test_who_was_left_out_or_not_judged_is_listed_and_told_with_value_threshold_
         assert listed["trial"].to_list() == names
         assert listed["remark"][0] == "p.c3d: truncated; export it again"
     judged = read_table(verdicts).filter(pl.col("verdict") != "pass")
-    assert judged.select("trial", "verdict").rows() == [
-        ("plate_1", "flag"),
-        ("plate_2", "exclude"),
-        ("plate_9", "refused"),
-    ]
+    outcomes = [("plate_1", "flag"), ("plate_2", "exclude"), ("plate_9", "refused")]
+    assert judged.select("trial", "verdict").rows() == outcomes
     assert judged["value"].to_list()[1:] == [pytest.approx(80, abs=0.5), None]
     assert listed["check"].to_list() == ["refused", "unzeroed_plate", "sample sheet"]
     said = findings.exclusion_report(JUDGE.verdicts([*checked, folder / "missing.csv"]), {"b_2": "stumbled"})

@@ -158,11 +158,9 @@ def test_doubts_are_split_and_explained_and_say_whether_they_are_about_the_whole
     phasors = pl.DataFrame({"amplitude_deg": [2.0], "frequency_hz": [3.0], "doubtful": [cell]})
     found = trial_page.doubts_of({"impedance": table, "phasors": phasors}, {"impedance": IMPEDANCE})
     assert [(one["where"], one["of"], one["text"]) for one in found] == [
-        ("4 deg", "part", part),
-        ("all amplitudes", "all", friction),
-        ("all amplitudes", "all", "R2 is not a number"),
-        ("phasors.csv, 2 deg, 3 Hz", "other", "x 2 is above 1"),
-    ]
+        ("4 deg", "part", part), ("all amplitudes", "all", friction),
+        ("all amplitudes", "all", "R2 is not a number"), ("phasors.csv, 2 deg, 3 Hz", "other", "x 2 is above 1"),
+    ]  # fmt: skip
     said = [f"{name} is {IMPEDANCE.columns[name].meaning}" for name in ("odd_harmonics", "coulomb_share", "R2")]
     assert [one["meaning"] for one in found] == [said[2], "; ".join(said[:2]), said[2], ""]
 
@@ -214,11 +212,9 @@ def test_the_model_of_a_series_is_that_of_the_fit_in_the_samples_that_the_fit_us
     )
     losses = transmission_of(stepped)
     for series, table in (
-        (sines.analysis.series(), impedance_table(sines)),
-        (losses.series(), transmission_table(losses)),
-        (belt.series(), belt_table(belt)),
-        (moving.analysis.series(), impedance_table(moving)),
-    ):
+        (sines.analysis.series(), impedance_table(sines)), (losses.series(), transmission_table(losses)),
+        (belt.series(), belt_table(belt)), (moving.analysis.series(), impedance_table(moving)),
+    ):  # fmt: skip
         rest, torque = (series.torque - series.torque_model)[series.fitted], series.torque[series.fitted]
         assert 100 * (1 - np.var(rest) / np.var(torque)) == pytest.approx(table["VAF"][-1], abs=1e-6)
         assert 0.1 < series.fitted.mean() < 0.95
@@ -245,11 +241,9 @@ def test_the_fitted_line_of_phasors_is_the_admittance_of_a_second_order_system()
 def test_a_trial_is_left_out_by_what_became_of_it():
     late = {"trial": "late", "check": "gap", "value": 1.0, "unit": "s", "threshold": 0.5, "remark": "theta"}
     cut = dict.fromkeys(late) | {"trial": "cut", "check": "refused", "remark": "no footer"}
-    rows = [cut, late, late]
+    rows = pl.DataFrame([cut, late, late], infer_schema_length=None)
     crossings = pl.DataFrame({"trial": ["walk"], "reason": ["no step"]})
-    found = trial_page.left_out_trials(
-        pl.DataFrame(rows, infer_schema_length=None), crossings, {"late": "again", "new": "why"}
-    )
+    found = trial_page.left_out_trials(rows, crossings, {"late": "again", "new": "why"})
     assert found.pop("late") == (False, ["gap 1 s, threshold 0.5: theta"])
     assert found == {"cut": (True, ["no footer"]), "new": (True, ["why"]), "walk": (False, ["no step"])}
     assert list(found) == ["cut", "new", "walk"]

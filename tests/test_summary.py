@@ -22,10 +22,8 @@ MADE = {"campaign": "made", "data": "simulated", "version": "1.2.3", "configurat
 
 
 def summary_rows(**means):
-    rows = [
-        {"quantity": q, "n": 10, "mean": mean, "low": 0.99 * mean, "high": 1.01 * mean} for q, mean in means.items()
-    ]
-    return pl.DataFrame(rows)
+    rows = ({"quantity": q, "n": 10, "mean": x, "low": 0.99 * x, "high": 1.01 * x} for q, x in means.items())
+    return pl.DataFrame(list(rows))
 
 
 def walked(estimator=headlines.HEADLINE_ESTIMATOR, **means):
@@ -168,17 +166,14 @@ def test_every_line_of_the_macros_is_a_comment_or_one_definition_that_latex_acce
 @pytest.mark.parametrize(
     ("value", "low", "high", "interval", "text"),
     [
-        (685.6432, 682.9, 688.4, STUDENT, "685.6"),
-        (0.45213, 0.4480, 0.4562, STUDENT, "0.4521"),
-        (-0.01234, -0.0223, -0.0024, STUDENT, r"\ensuremath{-0.0123}"),
-        (-0.0004, -1.0, 1.0, STUDENT, "0.0"),
-        (5.04e-5, 4.9e-5, 5.2e-5, STUDENT, r"\ensuremath{5.04\times 10^{-5}}"),
-        (0.0, None, None, STUDENT, "0"),
+        (685.6432, 682.9, 688.4, STUDENT, "685.6"), (0.45213, 0.4480, 0.4562, STUDENT, "0.4521"),
+        (-0.01234, -0.0223, -0.0024, STUDENT, r"\ensuremath{-0.0123}"), (-0.0004, -1.0, 1.0, STUDENT, "0.0"),
+        (5.04e-5, 4.9e-5, 5.2e-5, STUDENT, r"\ensuremath{5.04\times 10^{-5}}"), (0.0, None, None, STUDENT, "0"),
         (95.84, 74.0, 99.2, RANGE, "95.8"),  # a range over trials does not blunt the mean
         (99.961, 99.951, 99.968, RANGE, "99.96"),  # its ends read differently
         (340.0, 340.0, 340.0 + 1e-13, STUDENT, "340"),  # rounding errors are no interval
     ],
-)
+)  # fmt: skip
 def test_values_are_rounded_to_two_digits_of_half_the_interval_or_to_three_digits(value, low, high, interval, text):
     headline = headlines.Headline("x", "1", None, "X", "a number", value, low, high, interval, 1)
     assert rf"\oslX}}{{{text}}}%" in to_tex(MADE, [headline])
@@ -201,19 +196,16 @@ def test_missing_trials_are_counted_and_named_with_the_reason_in_every_form_of_t
     lost = Refusal("b_1", "raw/b_1.mcap", "ingest", "refused", "raw/b_1.mcap: no such file", "copy it there")
     walking = Refusal("", "t/walking.csv", "j", "refused", "t/walking.csv: 1 perturbation", "record more")
     verdict = {"trial": "i_2", "check": "gap", "value": 0.071, "unit": "s", "threshold": 0.05, "verdict": "exclude"}
-    write_table(pl.DataFrame([verdict | {"remark": "theta"}]), tmp_path / "quality.csv")
+    write_table(pl.DataFrame([verdict | {"remark": "theta; late"}]), tmp_path / "quality.csv")
     tables.list_excluded(tmp_path / "quality.csv", {"i_9": "stumbled"}, tmp_path / "excluded.csv", [lost, walking])
-    files = {
-        "summary_json": tmp_path / "s.json",
-        "numbers_tex": tmp_path / "n.tex",
-        "excluded": tmp_path / "excluded.csv",
-    }
+    ends = {"summary_json": "s.json", "numbers_tex": "n.tex", "excluded": "excluded.csv"}
+    files = {name: tmp_path / file for name, file in ends.items()}
     trials = {"belt": ["b_1", "b_2"], "impedance": ["i_1", "i_2", "i_3"], "static": ["s"]}
     write_summary(about=MADE, table_paths={}, trials=trials, refused=[lost, walking], **files)
     summary, refused = read_summary(tmp_path / "s.json"), "refused: raw/b_1.mcap: no such file; copy it there"
     assert summary["trials"] == {
         "belt": {"used": 1, "of": 2, "missing": {"b_1": refused}},
-        "impedance": {"used": 2, "of": 3, "missing": {"i_2": "gap 0.071 s, threshold 0.05: theta"}},
+        "impedance": {"used": 2, "of": 3, "missing": {"i_2": "gap 0.071 s, threshold 0.05: theta, late"}},
         "static": {"used": 1, "of": 1, "missing": {}},
     }
     said, macros = format_results_table(summary).splitlines(), (tmp_path / "n.tex").read_text()
@@ -271,7 +263,5 @@ def test_numbers_that_a_failed_run_left_behind_are_said_to_be_old(tmp_path):
         log = tmp_path / f"logs/{job}.log"
         write_log(log, {"job": job, "outcome": outcome, "error": "b_1.mcap: no such file"}, {})
         os.utime(log, (summary.stat().st_mtime + later,) * 2)
-        said = "1 jobs were refused or failed, first ingest.after: b_1.mcap: no such file" in tables.later_failures(
-            summary
-        )
-        assert said == old
+        said = "1 jobs were refused or failed, first ingest.after: b_1.mcap: no such file"
+        assert (said in tables.later_failures(summary)) == old

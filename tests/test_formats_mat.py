@@ -83,9 +83,10 @@ def put(group: h5py.Group, name: str, value: object) -> h5py.Group | h5py.Datase
 
 
 def referred(file: h5py.File, values: Iterable[object]) -> np.ndarray:
-    """References to values among `#refs#`, in a column."""
+    """References to values among `#refs#`, in a column; of four in two, 2x2."""
     group = file.require_group("#refs#")
-    return np.array([[put(group, f"r{len(group)}", value).ref for value in values]], dtype=h5py.ref_dtype).T
+    made = np.array([put(group, f"r{len(group)}", value).ref for value in values], dtype=h5py.ref_dtype)
+    return made.reshape(-1, 2 if len(made) == 4 else 1)
 
 
 RISING = np.arange(12.0)
@@ -157,10 +158,12 @@ def test_elements_are_counted_column_by_column_as_in_matlab(tmp_path):
     cell, array = np.empty((2, 2), dtype=object), np.zeros((2, 2), dtype=[("x", object)])
     for row, column in np.ndindex(2, 2):
         cell[row, column] = array["x"][row, column] = np.array([row, column, 0.5])
-    path = write_mat(tmp_path / "a.mat", cells=cell, structs=array)
-    for number, (row, column) in enumerate([(0, 0), (1, 0), (0, 1), (1, 1)], start=1):
-        assert at(path, f"cells{{{number}}}").tolist() == [row, column, 0.5]
-        assert at(path, f"structs({number}).x").tolist() == [row, column, 0.5]
+    every = [[0, 0, 0.5], [1, 0, 0.5], [0, 1, 0.5], [1, 1, 0.5]]
+    arrays = [np.array(one) for one in every]
+    as73 = write_mat73(tmp_path / "b.mat", cells=(*arrays,), structs=[{"x": one} for one in arrays])
+    for path in (write_mat(tmp_path / "a.mat", cells=cell, structs=array), as73):
+        for address in ("cells{%d}", "structs(%d).x"):
+            assert [at(path, address % number).tolist() for number in (1, 2, 3, 4)] == every
 
 
 def test_what_is_no_address_is_refused():

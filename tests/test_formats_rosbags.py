@@ -149,8 +149,7 @@ def test_the_parts_of_a_split_recording_are_one_log_and_one_part_alone_is_read_w
     folder = write_split(tmp_path / "bag", storage)
     recording = read(folder)
     check_rows(recording)
-    assert counts(recording) == (50, 0)
-    assert len(recording.facts["decoding"]["/lab"]) == 1
+    assert (counts(recording), len(recording.facts["decoding"]["/lab"])) == ((50, 0), 1)
     part = read(next(folder.glob("bag_1.*")))
     check_rows(part, range(30, 50))
     assert any("one of the 2 files of a recording; name the folder" in text for text in part.warnings)
@@ -305,8 +304,7 @@ def test_a_damaged_chunk_of_a_ros_1_bag_is_lost_as_a_whole_and_counted(tmp_path:
         recording = read(rewritten(path, content))
         lost = 2000 - len(recording.samples)
         assert 0 < lost <= 10
-        assert counts(recording)[1] == lost
-        assert recording.facts["damage"]["chunks_lost"] == 1
+        assert (counts(recording)[1], recording.facts["damage"]["chunks_lost"]) == (lost, 1)
 
 
 @pytest.mark.parametrize("write", [write_bag1, write_bag2])

@@ -105,10 +105,8 @@ def test_the_leg_and_motion_capture_share_one_clock_and_the_provenance_names_eve
     for role, name in (("log", "leg.mcap"), ("mocap", "vicon.c3d")):
         assert files[role]["path"] == name
         assert files[role]["sha256"] == hashlib.sha256((laboratory / name).read_bytes()).hexdigest()
-    assert set(columns) == set(trial.samples.columns) - {"time"}
-    assert columns["theta"]["topic"] == "/lab"
-    assert columns["theta"]["factor"] == pytest.approx(np.pi / 180)
-    assert columns["sync"]["file"] == "mocap"
+    assert (set(columns), columns["theta"]["topic"]) == (set(trial.samples.columns) - {"time"}, "/lab")
+    assert (columns["theta"]["factor"], columns["sync"]["file"]) == (pytest.approx(np.pi / 180), "mocap")
     assert columns["marker_M1_y"] == {
         "file": "mocap", "label": "M1", "component": "y", "unit": "mm", "factor": 0.001, "si_unit": "m"
     }  # fmt: skip
@@ -129,8 +127,7 @@ def test_without_sync_edges_the_joints_angle_aligns_the_log_and_the_trial_says_s
     seen = np.concatenate([points, np.zeros((time.size, 3, 1))], axis=2)
     seen[40:50, 0, 3] = -1.0  # a marker that was hidden for a moment
     write_c3d(tmp_path / "vicon.c3d", seen, rate=300.0)
-    shared = {"column": "theta", "markers": ["M1", "M2", "M3"]}
-    no_sync = {"theta": LEG["channels"]["theta"]}
+    shared, no_sync = {"column": "theta", "markers": ["M1", "M2", "M3"]}, {"theta": LEG["channels"]["theta"]}
     (tmp_path / "leg.yaml").write_text(yaml.safe_dump(LEG | {"clock": "shared", "channels": no_sync}))
     (tmp_path / "vicon.yaml").write_text(yaml.safe_dump({"format": "c3d", "shared": shared}))
     trial = ingested(tmp_path)

@@ -122,8 +122,7 @@ def test_every_processors_numbers_are_read(tmp_path: Path, processor: int, integ
     raw = points()
     raw[2, 1, 3] = -1.0
     path = write_c3d(tmp_path / "a.c3d", raw, analogs(), 120.0, integers, processor, ANALOG__OFFSET=np.array([-5, 300]))
-    recording = read_c3d(path)
-    expected = raw[:, :, :3] * (0.1 if integers else 1.0)
+    recording, expected = read_c3d(path), raw[:, :, :3] * (0.1 if integers else 1.0)
     expected[2, 1] = np.nan
     np.testing.assert_allclose(recording.points, expected, rtol=1e-7)
     np.testing.assert_allclose(recording.analogs, analogs() - [-5, 300], rtol=1e-7)
@@ -153,6 +152,8 @@ def test_an_absurd_header_a_pointer_past_a_record_or_other_counts_are_refused(tm
 
 PLATES_THAT_CANNOT_BE: list[tuple[dict[str, Any], dict[str, Any], str]] = [
     ({"ANALOG__SCALE": [1, 1, np.nan, 1, 1, 1.0]}, {}, "plate 1: nan in sample 1 of analog channel 3"),
+    ({"ANALOG__SCALE": [1, 1, 1.0]}, {}, "plate 1: nan in sample 1 of analog channel 4"),
+    ({"ANALOG__GEN_SCALE": [0.0]}, {}, "plate 1: nan in sample 1 of analog channel 1"),
     *(({"FORCE_PLATFORM__USED": [n]}, {}, f"FORCE_PLATFORM:USED is {n:g}") for n in (-1.0, 500.0, np.nan)),
     ({"FORCE_PLATFORM__ZERO": [1, 7]}, {"plate_zero": "file"}, "of the plates is frames 1 to 7 of 6"),
     ({}, {"plate_zero": [3, 2]}, "of the plates is frames 3 to 2 of 6"),

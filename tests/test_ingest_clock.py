@@ -47,8 +47,7 @@ def spoilt(edges: Edges, rng: np.random.Generator) -> Edges:
 def test_recovers_offset_and_drift_within_what_sampling_allows(duration: float) -> None:
     changes = irregular(duration)
     fit = fit_clock(slave_edges(changes, duration), master_edges(changes, duration))
-    sampling = np.hypot(1 / SLAVE_RATE, 1 / MASTER_RATE) / np.sqrt(12)
-    time = np.array([0.0, duration / 2, duration])
+    sampling, time = np.hypot(1 / SLAVE_RATE, 1 / MASTER_RATE) / np.sqrt(12), np.array([0.0, duration / 2, duration])
     error = fit.to_master(time - OFFSET) - (1 + DRIFT) * time
     assert abs(error).max() < 4 * 2 * sampling / np.sqrt(fit.edges)  # at its ends a line is twice as uncertain
     assert abs(fit.drift - DRIFT) < 4 * fit.drift_error
@@ -61,8 +60,7 @@ def test_recovers_offset_and_drift_within_what_sampling_allows(duration: float) 
 def test_any_offset_and_drift_come_back_to_a_tenth_of_a_sample_with_a_twentieth_of_the_edges_bad(offset: float) -> None:
     changes, rng = irregular(300.0), np.random.default_rng(7)
     slave, master = slave_edges(changes, 300.0, offset), master_edges(changes, 300.0)
-    fit = fit_clock(spoilt(slave, rng), spoilt(master, rng))
-    time = np.array([0.0, 150.0, 300.0])
+    fit, time = fit_clock(spoilt(slave, rng), spoilt(master, rng)), np.array([0.0, 150.0, 300.0])
     assert abs(fit.to_master(time - offset) - (1 + DRIFT) * time).max() < 0.1 / SLAVE_RATE
     assert fit.drift == pytest.approx(DRIFT, abs=1e-6)
 

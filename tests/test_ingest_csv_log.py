@@ -178,15 +178,18 @@ def test_a_last_line_that_is_cut_off_and_a_unit_that_the_source_file_overrules_a
 
 def test_what_a_source_file_states_of_a_sensor_stands_in_si_units_in_the_provenance(tmp_path: Path) -> None:
     stated = {"delay": "2 ms", "low_pass": {"cutoff": "0.1 kHz", "order": 2}, "resolution": "10 N*mm"}
+    stated |= {"range": ["-20 N*m", "60 N*m"], "sign": -1, "scale": 2, "offset": 5}
     torque = SOURCE["channels"]["torque"] | stated
-    channels = {"theta": {"column": "angle", "unit": "deg", "bits": 14}, "torque": torque}
+    channels = {"theta": {"column": "angle", "unit": "deg", "bits": 14, "range": "180 deg"}, "torque": torque}
     time = {**SOURCE["time"], "stamps": "even"}
-    provenance = ingested(tmp_path, "# rig: B\n" + LOG, channels=channels, time=time).provenance
+    trial = ingested(tmp_path, "# rig: B\n" + LOG, channels=channels, time=time)
+    provenance = trial.provenance
     assert (provenance["log"]["comments"], provenance["log"]["time"]["stamps"]) == (["rig: B"], "even")
     theta, torque = provenance["columns"]["theta"], provenance["columns"]["torque"]
     assert torque["low_pass"] == {"cutoff_hz": 100.0, "order": 2}
     assert (torque["delay"], torque["resolution"]) == (0.002, pytest.approx(0.01))
-    assert theta["resolution"] == pytest.approx(2 * np.pi / 2**14)
+    assert (theta["resolution"], theta["range"]) == (pytest.approx(np.pi / 2**13), pytest.approx([-np.pi, np.pi]))
+    assert (trial.samples["torque"].to_list(), torque["range"]) == ([-12, -14, -17], [-70, 10])
 
 
 def advised(message: str) -> dict[str, object]:

@@ -2,6 +2,7 @@
 
 import json
 import math
+import struct
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -258,6 +259,11 @@ def test_without_timing_the_file_is_refused_until_the_source_file_tells_it(tmp_p
         np.testing.assert_allclose(read_tdms(path, time=time).samples["time"], k * step, atol=1e-9)
     assert "the unit is empty" in refused_tdms(path, time={"channel": "t"})
     assert "has no timing" in refused_tdms(write_tdms(path, [("Angle", ANGLE, timing(0.0)), signals[1]]))
+    about = struct.pack(">2I16s3IQI", 1, 16, b"/'Bench'/'Angle'", 20, 10, 1, SAMPLES, 0)  # big-endian; 10: a double
+    head = b"TDSm" + struct.pack("<I", 0b1001110) + struct.pack(">IQQ", 4713, len(about) + 8 * SAMPLES, len(about))
+    path.write_bytes(head + about + ANGLE.astype(">f8").tobytes())
+    big = read_tdms(path, time={"rate": 400}, channels={"theta": {"channel": "Angle", "unit": "rad"}})
+    assert (big.samples["theta"].to_list(), big.warnings) == (ANGLE.tolist(), [])
 
 
 def test_a_channel_that_cannot_be_a_signal_is_refused(tmp_path: Path) -> None:
@@ -307,8 +313,7 @@ def test_the_draft_has_units_and_no_clock_where_channels_have_timing(tmp_path: P
 def test_a_real_file_of_daqmx_is_scaled_as_its_properties_say() -> None:
     """Rows of seven 16-bit integers stand before its last segment; they are decoded here by hand."""
     path = REAL_DATA / "tdms" / "raw1.tdms"
-    recording = read_tdms(path, channels={"sync": {"channel": "Third Chan", "unit": "V"}})
-    content = path.read_bytes()
+    recording, content = read_tdms(path, channels={"sync": {"channel": "Third Chan", "unit": "V"}}), path.read_bytes()
     end = content.rindex(b"TDSm")
     counts = np.frombuffer(content[end - 2000 * 7 * 2 : end], "<i2").reshape(2000, 7)[:, 2]
     np.testing.assert_allclose(recording.samples["sync"], counts * 0.0003051850947599719, rtol=1e-12)

@@ -7,6 +7,7 @@ import gzip
 import json
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -19,6 +20,7 @@ from osl_analysis.commands.inspect import inspect_file
 from osl_analysis.commands.trials import ingest_trial
 from osl_analysis.errors import InputError
 from osl_analysis.formats.mcap import MAGIC
+from osl_analysis.ingest import logs
 from osl_analysis.ingest.draft import draft_source
 from osl_analysis.ingest.overview import Overview, RecordedChannel
 from osl_analysis.ingest.raw_files import FORMATS, KnownFormat, read_source, recognise, trial_from_files
@@ -29,9 +31,13 @@ ROOT = Path(__file__).parents[1]
 LOG = {"format": "mcap", "time": {"source": "header"}, "channels": {}}
 
 
-def test_every_shipped_source_file_is_valid() -> None:
+def test_every_shipped_source_file_is_valid_and_every_format_of_logs_has_its_function_and_a_counter() -> None:
     formats = {read_source(path).format for path in (ROOT / "config/sources").glob("*.yaml")}
     assert {"csv", "mcap", "c3d", "nexus_csv", "mat"} <= formats
+    for name, known in ((name, known) for name, known in FORMATS.items() if not known.is_capture):
+        assert name in (logs.TABLES if known.reader is logs.read_table_log else logs.OPENERS), name
+        channel: Any = known.source.model_fields["channels"].annotation.__args__[1]  # type: ignore[union-attr]
+        assert {"counter", channel.ADDRESS} <= {*channel.model_fields}, name
 
 
 def channel(column: str, **fields: object) -> dict[str, object]:

@@ -101,8 +101,7 @@ def failed(found):
 
 
 def test_a_sound_recording_passes_every_check():
-    assert failed(results(bench())) == set()
-    assert failed(results(laboratory(), "walking")) == set()
+    assert (failed(results(bench())), failed(results(laboratory(), "walking"))) == (set(), set())
 
 
 AWAY = (np.arange(ANGLE.size) > 2000) & (np.arange(ANGLE.size) < 2500)
@@ -375,8 +374,7 @@ def test_a_stated_range_is_that_of_the_sensor_whatever_its_sign_and_offset():
         made = validated({"unit": "N*m", "range": text, **conversion}, Conversion, "source.yaml")
         return made.origin("torque")["range"]
 
-    assert stating("60 N*m") == [-60, 60]
-    assert stating(["-20 N*m", "100 N*m"], sign=-1) == [-100, 20]
+    assert (stating("60 N*m"), stating(["-20 N*m", "100 N*m"], sign=-1)) == ([-60, 60], [-100, 20])
     assert stating("600 N*cm", unit="N*cm", offset=-50) == pytest.approx([-6.5, 5.5])
     for wrong in ("60 A", "-60 N*m", ["5 N*m", "1 N*m"], "60"):
         with pytest.raises(ValueError, match=r"lower end first|measures|the unit is empty"):

@@ -126,10 +126,8 @@ def test_without_imperfections_the_rendered_stiffness_comes_out_to_half_a_percen
         assert ideal.estimate("K", estimator)["mean"] == pytest.approx(ideal.rendered("K"), rel=0.005)
         assert ideal.estimate("B", estimator)["mean"] == pytest.approx(ideal.rendered("B"), rel=0.03)
         assert ideal.estimate("I", estimator)["mean"] == pytest.approx(ideal.rendered("I"), abs=0.002)
-    (group,), (gait,) = (
-        Tables(ideal.folder)["groups"].to_dicts(),
-        jobs.read_unperturbed_gaits(ideal.file("gait.parquet")).values(),
-    )
+    (gait,) = jobs.read_unperturbed_gaits(ideal.file("gait.parquet")).values()
+    (group,) = Tables(ideal.folder)["groups"].to_dicts()
     later = fitted_time(group_headline(ideal.read(*ideal.perturbed), gait, settings()))
     assert group["fitted_phase"] == pytest.approx(group["onset_phase"] + later / group["stance_s"], rel=1e-9)
 
@@ -167,6 +165,10 @@ def test_with_all_imperfections_the_rendered_stiffness_comes_out_to_five_percent
     plate, effects = read_table(real.file("plate.csv")), real.truth("plate_01")["gait_laboratory"]["effects"]
     assert plate["lag_s"][0] == pytest.approx(1e-3 * effects["plate_lag"]["size"], abs=1e-4)
     assert 0 < plate["lag_se_s"][0] < 1e-4
+    model = jobs.read_model(real.file("plate.json"), PlateModel)
+    for column, values in (("rms_before", model.rms_before), ("rms_after", model.rms_after), ("trials", [3] * 6)):
+        assert plate[column].cast(pl.Float64).to_list() == pytest.approx(list(values))
+    assert plate["left_percent"].to_list() == pytest.approx(list(100 * model.rms_after / model.rms_before))
     assert (plate.filter(pl.col("component").is_in(["F_x", "F_z", "M_y"]))["left_percent"] < 10).all()
 
 
@@ -254,7 +256,7 @@ def test_a_cluster_hidden_for_long_is_refused_and_for_short_is_bridged(ideal: Se
 
     flat, turned, shank, foot = ideal.unperturbed[0], ideal.perturbed[0], ("SHANK1", "SHANK4"), ("FOOT1", "FOOT2")
     (whole,), bridged = ideal.read(flat), analysed(flat, shank, 1.2, 1.23)
-    assert 0 < bridged.bridged < 0.1
+    assert bridged.bridged == pytest.approx(0.03 / bridged.stance.duration, rel=0.12)  # of stance
     np.testing.assert_allclose(bridged.theta, whole.theta, atol=np.deg2rad(0.1))
     output.unlink()
     with refused(output, rf"trial {flat}: the shank markers cannot be followed at 1\.2\d+ s"):
@@ -298,6 +300,11 @@ def test_what_contradicts_sheet_markers_or_calibration_is_refused_by_name(ideal:
         calibration.write_text(json.dumps(content))
         with refused(output, f"trial {name}: {reason}"):
             jobs.analyse(path, calibration, ideal.file("plate.json"), claimed, settings(), output)
+        assert jobs.read_crossing_file(output).perturbed == claimed
+    (b, a), other = ideal.perturbed, calibration.rename(tmp_path / "other.json")
+    own, files = {a: "calibration", b: "other", name: "unread"}, [ideal.file("calibration.json"), other]
+    pairs = jobs.calibrated_trials([ideal.trial(one) for one in own], files, own)
+    assert [(trial.name, "FOOT2" in static.markers) for trial, static in pairs] == [(a, True), (b, False)]
 
 
 def test_missing_and_damaged_files_between_the_steps_name_the_step(ideal: Session, tmp_path: Path) -> None:

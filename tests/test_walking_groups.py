@@ -24,6 +24,7 @@ from osl_analysis.walking.tables import fitted_time, with_trajectory
 
 RULE = settings().outliers
 MIDSTANCE = Walk(0.4)
+BOTH = several("up", 6, MIDSTANCE, common=12.0) | several("down", 4, MIDSTANCE, common=12.0, sign=-1)
 
 
 def crossings(walks):
@@ -33,9 +34,6 @@ def crossings(walks):
 def headline(walks, count=8, **choices):
     gait = unperturbed_gait(crossings(several("u", count, Walk())), 3)
     return group_headline(crossings(walks), gait, settings(**choices))
-
-
-BOTH = several("up", 6, MIDSTANCE, common=12.0) | several("down", 4, MIDSTANCE, common=12.0, sign=-1)
 
 
 def test_half_the_difference_of_directions_is_free_of_what_follows_either_turn(tmp_path):
@@ -115,7 +113,14 @@ def test_each_commanded_stiffness_has_its_own_result_and_one_line_says_so(tmp_pa
     (facts,) = tables["groups"].filter(pl.col("K_d") == 340).to_dicts()
     assert (facts["n"], facts["n_unperturbed"], facts["gait"]) == (5, 4, "K_d 340")
     assert (facts["stance_s"], facts["onset_phase"]) == (pytest.approx(0.72, rel=0.02), pytest.approx(0.4, abs=0.01))
-    pooled = campaign(tmp_path / "p", walks, cells, pool=["K_d"], bootstrap_samples=100, outliers=None)
+    used = tables["selection"].filter(gait="K_d 340")
+    flat, phases = used.filter(perturbed=False)["stance_s"], used.filter(perturbed=True)["onset_phase"]
+    assert [facts[c] for c in ("unperturbed_stance_sd", "onset_phase_sd")] == [flat.std() / flat.mean(), phases.std()]
+    chosen = {"pool": ["K_d"], "bootstrap_samples": 100, "outliers": None, "perturbed_stance": "unperturbed"}
+    pooled = campaign(tmp_path / "p", walks, cells, **chosen)
+    fits, lost = pooled["walking"], pooled["walking"]["lag_out_of_reach"] == 1
+    assert fits["phase_stance_s"].to_list() == pytest.approx([pooled["groups"]["stance_s"][0]] * 15)
+    assert lost.to_list() == fits["lag_s"].is_null().to_list()
     assert pooled["groups"].select("group", "pooled").row(0) == ("all", "K_d 200, 340, 480")
     assert pooled.estimate("all")["commanded"] is None
 
@@ -197,7 +202,8 @@ def test_each_timing_has_its_own_result_over_stance_beside_the_commanded_impedan
     (tmp_path / "trajectory.csv").write_text("phase,K_d,B_d\n0,0,1\n0.62,620,1\n1,0,1\n")
     table, points = tmp_path / "table.csv", tmp_path / "points.csv"
     summary, groups = three.folder / "summary.csv", three.folder / "groups.csv"
-    tabulate_over_stance(summary, groups, table, 0.62, [tmp_path / "trajectory.csv"])
+    trajectories = [Path("config/impedance/synthetic_walking.csv"), tmp_path / "trajectory.csv"]
+    tabulate_over_stance(summary, groups, table, 0.62, trajectories, "measured")  # which no synthetic one led
     rows = read_table(table)
     stiffness = rows.filter(quantity="K", series="all")
     np.testing.assert_allclose(stiffness["estimate"], [120, 300, 450], atol=10)
@@ -205,8 +211,9 @@ def test_each_timing_has_its_own_result_over_stance_beside_the_commanded_impedan
     np.testing.assert_allclose(stiffness["onset_phase"], [0.2, 0.4, 0.6], atol=0.005)
     assert (stiffness["onset_phase"] < stiffness["phase"]).all()
     np.testing.assert_allclose(stiffness["end_phase"] - stiffness["onset_phase"], 0.1 / 0.72, rtol=0.02)
-    plot_over_stance(table, points, 0.62, [tmp_path / "trajectory.csv"])
-    commanded = read_table(points).filter((pl.col("series") == "commanded") & (pl.col("quantity") == "K"))
+    plot_over_stance(table, points, 0.62, trajectories, "measured")
+    B_d, commanded = (read_table(points).filter(series="commanded", quantity=name) for name in "BK")
+    assert set(B_d["commanded"]) == {1}
     np.testing.assert_allclose(commanded["commanded"], 620 * commanded["phase"], rtol=1e-6, atol=1e-6)
     ends, asked = np.array([0.0, 1.0]), pl.DataFrame({"quantity": list("KBK"), "phase": [0.5, 0.5, 1.1]})
     told = with_trajectory(asked.with_columns(commanded=pl.lit(None, pl.Float64)), ends, 600 * ends, ends)
@@ -285,6 +292,11 @@ def test_the_load_and_a_second_foot_on_the_plate_are_named_and_what_is_not_known
         return [*some[:-1], loaded(session()[-1], seed=10, **last)]
 
     assert reasons(loads({})) == reasons([*loads({})[:-1], session()[-1]]) == {}
+    found, row = crossing_features(loads({}), settings(), RULE), selected(loads({}), settings())["w3"]
+    assert row["furthest_scatters"] == max(f.distance[3] for f in found)
+    shown = {"gait_deviation_deg": "angle b", "torque_deviation": "torque b", "load_deviation": "load b"}
+    for column, start in (shown | {"pressure_deviation_m": "pressure", "stance_s": "stance"}).items():
+        assert row[column] == next(f.values[3] for f in found if f.name.startswith(start))
     assert "load" in reasons(loads({}, share=0.7))["w10"]
     assert "pressure beside the ankle" in reasons(loads({}, left=0.06))["w10"]
     bad = {"w0": 0.7, "w2": 0.72, "w4": 0.78, "w8": 0.6}
@@ -292,11 +304,13 @@ def test_the_load_and_a_second_foot_on_the_plate_are_named_and_what_is_not_known
 
 
 def test_a_crossing_is_not_judged_by_its_perturbation() -> None:
-    """Another turn after the onset; and three perturbed of eleven, whose stance the perturbation prolongs by 0.2 s."""
-    crossings = session()
-    assert reasons([replace(c, theta=c.theta + 0.2 * (c.time > c.onset)) if c.onset else c for c in crossings]) == {}
-    few = [replace(c, onset=0.6 if k % 4 == 1 else None) for k, c in enumerate(crossings)]
-    longer = [replace(c, stance=replace(c.stance, toe_off=c.stance.toe_off + 0.2)) if c.onset else c for c in few]
+    """Another turn after the onset; and three of eleven, whose stance a turn up prolongs by 0.2 s, one down 0.4 s."""
+    crossings = [replace(c, onset=0.5) if c.name == "w1" else c for c in session()]  # the earliest one tells the end
+    late = [replace(c, theta=c.theta + 0.2 * (c.time > c.onset - 0.02)) if c.onset else c for c in crossings]
+    assert reasons(late) == {}
+    few = {1: (0.6, TURN, 0.2), 5: (0.6, TURN, 0.2), 9: (0.6, TURN, 0.2), 3: (0.6, -TURN, 0.4)}
+    made = [(c, *few.get(k, (None, None, 0.0))) for k, c in enumerate(crossings)]
+    longer = [replace(c, onset=o, turn=t, stance=Stance(0.3, c.stance.toe_off + more)) for c, o, t, more in made]
     (stance,) = (f for f in crossing_features(longer, settings(), RULE) if f.name == "stance")
     assert stance.distance.max() < 5
 

@@ -23,8 +23,7 @@ KNOWN, LOADED = OvergroundAnalysis(load_on_n=50, body_mass_kg=MASS), {"load_on_n
 
 
 def gait_trial(side: str = "left", over: float = 0.0) -> Trial:
-    """Standing on plate 1 from 0.5 to 1.5 s with the load 0.12 m ahead of an ankle that is `over` [m] forward. The
-    laboratory's moment is our own by formula, 5 % larger."""
+    """0.5 to 1.5 s on plate 1, load 0.12 m ahead of the ankle at `over` [m]. The laboratory's moment is 5 % larger."""
     t = np.arange(2 * PLATE_RATE) / PLATE_RATE
     load = 800 * np.clip(np.minimum(t - 0.5, 1.5 - t) / 0.1, 0, 1)
     force = np.outer(load, [0.0, 0.0, 1.0])
@@ -41,10 +40,10 @@ def gait_trial(side: str = "left", over: float = 0.0) -> Trial:
 def test_the_moment_of_a_known_load_and_its_ratio_to_the_reference(side: str) -> None:
     (row,) = overground_rows(gait_trial(side), KNOWN)
     assert (row["side"], row["plate"]) == (side, 1)
+    assert [row["heel_strike_s"], row["toe_off_s"]] == pytest.approx([0.50625, 1.49375], abs=1e-3)
     found = compare_ankle_moment(gait_trial(side), KNOWN, {"body_mass_kg": 60.0})["ankle_moment"]
     assert found["moment_at_peak"][0] == pytest.approx(row["moment_at_peak"] * MASS / 60)  # the sheet's mass
-    assert row["slope"] == pytest.approx(1.05, abs=1e-3)
-    assert row["correlation"] == pytest.approx(1, abs=1e-5)
+    assert (row["slope"], row["correlation"]) == (pytest.approx(1.05, abs=1e-3), pytest.approx(1, abs=1e-5))
     assert row["moment_at_peak"] == pytest.approx(0.12 * 800 / MASS, rel=2e-3)
     assert row["frames"] == pytest.approx(0.9875 * RATE, abs=1)  # loaded above 50 N from 0.50625 to 1.49375 s
 
@@ -69,12 +68,13 @@ def test_the_sheets_mass_comes_before_the_recordings_and_that_before_the_campaig
     def found(sheet: float | None, recorded: float | None, configured: float | None) -> float | None:
         return body_mass(replace(gait_trial(), provenance={"mocap": {"body_mass_kg": recorded}}), sheet, configured)
 
-    masses = [(70.0, 74.0, 50.0), (None, 74.0, 50.0), (None, None, 50.0), (None, 0.0, None)]
+    masses = [(70.0, 76.0, 50.0), (None, 74.0, 50.0), (None, None, 50.0), (None, 0.0, None)]
     assert [found(*three) for three in masses] == [70.0, 74.0, 50.0, None]
-    with pytest.raises(InputError, match="body_mass_kg is 70 in the sheet and 100 in the recording; correct the sheet"):
-        found(70.0, 100.0, None)
-    with pytest.raises(InputError, match="a body mass of 74000 kg, from the recording, is not one of a person"):
-        found(None, 74000.0, None)
+    with pytest.raises(InputError, match="body_mass_kg is 70 in the sheet and 79 in the recording; correct the sheet"):
+        found(70.0, 79.0, None)
+    for mass in (9, 310):
+        with pytest.raises(InputError, match=f"a body mass of {mass} kg, from the recording, is not one of a person"):
+            found(None, mass, None)
 
 
 @pytest.mark.skipif(not REAL.is_dir(), reason="the recordings of others are not here")
@@ -89,10 +89,8 @@ def test_agrees_with_plug_in_gait_as_the_published_reference_does(tmp_path: Path
     assert table["plate"].to_list() == (reference["plate"] + 1).to_list()
     assert table["body_mass_kg"].to_list() == reference["mass_kg"].to_list()
     assert table["frames"].to_list() == reference["n_frames"].to_list()
-    assert (table["correlation"] > -reference["corr"]).all()
-    assert (table["correlation"] > 0.998).all()
+    assert (table["correlation"] > np.maximum(-reference["corr"], 0.998)).all()
     np.testing.assert_allclose(table["slope"], -reference["slope"], rtol=0.01)
     np.testing.assert_allclose(table["reference_peak"] * 1e3, reference["pig_peak_Nmm_per_kg"], rtol=1e-5)
-    np.testing.assert_allclose(
-        table["moment_at_peak"] * 1e3, reference["own_quasistatic_at_peak_Nmm_per_kg"], rtol=0.01
-    )
+    at_peak = reference["own_quasistatic_at_peak_Nmm_per_kg"]
+    np.testing.assert_allclose(table["moment_at_peak"] * 1e3, at_peak, rtol=0.01)

@@ -29,7 +29,10 @@ from osl_analysis.walking.plate import NO_CORRECTION, PlateModel, identify_plate
 from osl_analysis.walking.platform import PlatformModel, PlatformTrack, identify_platform, platform_table, start_of_rise
 
 CALIBRATION = static_calibration(static_trial(), settings())
-RIG, HEAVE = Rig(), 0.003
+RIG, QUIET, HEAVE, GRID = Rig(), Rig(marker=1e-5), 0.003, np.arange(-0.06, 0.2, 0.002)
+WALK, WAYS = walked_over("walk_1", None, RIG, 1), ("forward", "left", "outside")
+PLACES = [(1.75, "outside"), (0.8, "outside"), (1.02, "leave"), (1.53, "leave"), (1.19, "type 1")]
+CROSSINGS = "u1,walking,false,{0} u2,walking,false,{0} u3,walking,false,{0} p1,walking,true,{0} p2,walking,true,{0}"
 
 
 def calibrated(trials: list[Trial], static: StaticCalibration = CALIBRATION) -> list[tuple[Trial, StaticCalibration]]:
@@ -80,12 +83,13 @@ def test_the_mass_of_a_heavy_plate_is_inside_its_interval_and_without_bias_where
 
 
 def test_hidden_markers_of_a_resting_platform_are_no_motion() -> None:
-    """A cubic over a gap of 80 ms moved by 25 standard deviations of noise, where the platform never moves; the plate
-    was then 1 % too light."""
+    """A cubic over 80 ms moved by 25 SDs of noise, where the platform never moves; the plate was 1 % too light."""
     trials = plate_trials(replace(RIG, marker=1e-4), Ramp(angle=5, rise=0.08), 1, 2)
     trials[0] = hidden(trials[0], ("PLAT1", "PLAT4"), 1.5, 1.58)
     tracks = [plates.unloaded_recording(trial, CALIBRATION, settings()).track for trial in trials]
     assert [len(axes) for axes in platform.shared_directions(tracks)] == [1, 1]
+    assert [replace(t, low_pass=LowPass(10.0)).spread for t in tracks] == [0.05, 0.05]
+    assert [t.noise for t in tracks] == pytest.approx([1e-4, 1e-4], rel=0.1)
     found = identify_plate_model(calibrated(trials), settings())
     assert found.parameters[0] == pytest.approx(RIG.mass, abs=0.06)
 
@@ -140,7 +144,7 @@ def test_the_errors_of_a_torque_hold_what_each_group_of_crossings_does_to_the_sh
     write_model(model, tmp_path / "platform.json")
     again = read_model(tmp_path / "platform.json", PlatformModel)
     assert platform_table(again).equals(platform_table(model))
-    assert len(again.leave_out) == 3
+    assert (len(again.leave_out), whole.onset) == (3, model.alignments[trials[0].name].start)
 
 
 def test_a_crossing_that_moves_in_another_way_keeps_its_own_motion_by_name() -> None:
@@ -165,13 +169,19 @@ def test_a_trigger_tells_the_onset_only_if_its_latency_is_constant(scatter: floa
     for k, ramp in enumerate(ramps(6, 6)):
         trial = walked_over(f"walk_{k:02d}", ramp, replace(RIG, marker=6e-4), 6000 + k)
         since = trial.samples["time"] - (ramp.onset - 0.012 - float(random.normal(0, scatter)))
-        trials.append(changed(trial, trigger=((since >= 0) & (since < 0.02)).cast(pl.Float64) * 5))
+        high = since.is_between(0, 0.02) | (since > 1)  # a later one tells nothing
+        trials.append(changed(trial, trigger=high.cast(pl.Float64) * 0.6))
     model = identify_platform(calibrated(trials), settings())
     assert model.latency["used"] == (scatter == 0.0)
     if scatter == 0.0:
         assert model.latency["mean"] == pytest.approx(0.012, abs=1.2e-3)
         assert model.onset("walk_99", 1.3) == 1.3
         assert model.onset("walk_00", 1.3) == model.triggers["walk_00"] + model.latency["mean"]  # finer than the shape
+    late, shape = [a.start - model.triggers[a.name] for a in model.alignments.values()], model.template
+    facts = {"latency_s": np.mean(late), "latency_sd_s": np.std(late, ddof=1), "trigger_used": int(scatter == 0.0)}
+    facts |= {"onset_s": model.onset("walk_00", 0.0), "template_onset_s": model.alignments["walk_00"].start}
+    facts |= {"shared_onset_se_s": shape.start_se, "onset_shape_s": shape.start_shape}
+    assert platform_table(model).select(*facts).row(0) == pytest.approx(tuple(facts.values()))
     assert platform_table(model)["trigger_s"].null_count() == 0
 
 
@@ -219,9 +229,6 @@ def test_the_errors_of_the_starts_are_their_scatter_and_that_of_their_mean_is_a_
         assert template.start_se == pytest.approx(plain, rel=0.05)
 
 
-GRID = np.arange(-0.06, 0.2, 0.002)
-
-
 def rise(degree: int, start: float) -> np.ndarray:
     """A rise (n, 1) of 0.04 m in 0.1 s on the grid, of the degree of its polynomial."""
     x = np.clip((GRID - start) / 0.1, 0, 1)
@@ -232,8 +239,7 @@ def rise(degree: int, start: float) -> np.ndarray:
 
 def test_the_start_of_a_mean_rise_has_no_bias_for_any_smooth_step_and_the_error_of_its_noise() -> None:
     """0.05 % of noise, as in the mean of 20 crossings of 5 deg. Then two directions, 0.3 % of noise: a length in place
-    of a displacement would start early, by noise alone. Then a step of seventh degree, 1 % of noise: minimum jerk
-    starts 7 ms later, and the statement covers it."""
+    of a displacement would start early. Then a step of seventh degree, 1 % of noise: minimum jerk starts 7 ms later."""
     for degree in (1, 3, 5, 7):
         noise = np.random.default_rng(degree).normal(0, 2e-5, (len(GRID), 1))
         start, _, shape = start_of_rise(GRID, rise(degree, 0.0131) + noise, 2e-5)
@@ -249,9 +255,6 @@ def test_the_start_of_a_mean_rise_has_no_bias_for_any_smooth_step_and_the_error_
     assert abs(start) < shape + 3 * se
 
 
-QUIET = Rig(marker=1e-5)
-
-
 def campaign(folder: Path, rows: str, **walking: Any) -> Campaign:
     """A campaign with these rows: trial, experiment, perturbed, subject, session, side, static."""
     header = "trial,experiment,perturbed,subject,session,side,static,mocap,mocap_source"
@@ -259,9 +262,6 @@ def campaign(folder: Path, rows: str, **walking: Any) -> Campaign:
     content = yaml.safe_load((ROOT / "config/config.yaml").read_text())
     content |= {"sheet": folder / "trials.csv", "simulation": None, "walking": content["walking"] | walking}
     return open_campaign(campaign_config(content, [ROOT / "config/config.yaml"]), None)
-
-
-CROSSINGS = "u1,walking,false,{0} u2,walking,false,{0} u3,walking,false,{0} p1,walking,true,{0} p2,walking,true,{0}"
 
 
 def test_each_crossing_has_the_static_trial_of_its_subject_and_session(tmp_path: Path) -> None:
@@ -276,6 +276,7 @@ def test_each_crossing_has_the_static_trial_of_its_subject_and_session(tmp_path:
     [
         ({"subject": "A", "session": "2", "static": "s1"}, {"s1": {"subject": "A"}, "s2": {"session": "2"}}, "s1"),
         ({"subject": "A", "session": "2"}, {"s1": {"subject": "A"}, "s2": {"subject": "A", "session": "2"}}, "s2"),
+        ({"side": "left"}, {"s1": {"side": "right"}, "s2": {"side": "left"}}, "s2"),
         ({"subject": "A"}, {"s1": {}}, "s1"),
         ({}, {"s1": {}, "s2": {}}, r"states no subject, session or side: 2 static trials .*\(s1, s2\); name one"),
         ({"subject": "A"}, {"s1": {}, "s2": {}}, r"\(subject A\): 2 static trials could be its own"),
@@ -317,8 +318,7 @@ def test_without_plate_trials_the_error_names_the_option_and_the_option_needs_no
 
 def test_platform_markers_that_were_moved_between_sessions_are_read_with_their_own_cluster() -> None:
     """The second session's PLAT1 was glued 30 mm to the left, along the axis about which it turns: with the first
-    static trial its residual exceeds the limit. Its coordinates are not those of the other cluster: crossings keep
-    their own motion, and a line says so."""
+    static trial its residual exceeds the limit. Its coordinates are of another cluster: crossings keep their own."""
 
     def moved(trial: Trial) -> Trial:
         return changed(trial, pl.col("marker_PLAT1_y") + 0.03)
@@ -354,9 +354,6 @@ def test_without_a_correction_the_torque_of_a_light_plate_is_that_of_the_wrench_
     assert np.abs(heavy.torque - light.torque).max() > 5
 
 
-WALK = walked_over("walk_1", None, RIG, 1)
-
-
 def test_a_translation_is_no_crossing_but_a_platform_may_yield_or_turn_and_heave() -> None:
     """The platform, and what stands on it, moves forward within 0.1 s in mid-stance."""
     step = pl.Series(np.clip((WALK.samples["time"].to_numpy() - 1.2) / 0.1, 0, 1))
@@ -364,9 +361,16 @@ def test_a_translation_is_no_crossing_but_a_platform_may_yield_or_turn_and_heave
     for claimed in (False, True):
         with pytest.raises(InputError, match=r"the platform shifts by (50|51) mm in stance without a turn, expect"):
             analyse_crossing(shifted, CALIBRATION, NO_CORRECTION, claimed, settings())
-    found = analyse_crossing(yielding, CALIBRATION, NO_CORRECTION, False, settings())
-    assert (found.onset, found.quality["foot_outside_m"]) == (None, 0)
-    assert [found.quality[f"foot_{way}_m"] for way in ("forward", "left")] == pytest.approx([-0.06, 0.0], abs=1e-3)
+    corners = np.add(synthetic.CORNERS, [0.2, -0.02, 0]).tolist()
+    beside = replace(WALK, provenance={"plates": [{"plate": 1, "type": 2, "corners": corners}]})
+    for trial, place in ((yielding, [-0.06, 0.0, 0.0]), (beside, [-0.26, 0.02, 0.03])):
+        found = analyse_crossing(trial, CALIBRATION, NO_CORRECTION, False, settings())
+        assert (found.onset, found.quality["foot_outside_m"] == 0) == (None, trial is yielding)
+        assert [found.quality[f"foot_{way}_m"] for way in WAYS] == pytest.approx(place, abs=2e-3)
+    assert found.load[:, len(found.time) // 2] == pytest.approx([680, -0.02], rel=0.02)  # the weight, through the ankle
+    late = analyse_crossing(beside, CALIBRATION, replace(NO_CORRECTION, lags=(0.01,)), False, settings())
+    assert found.stance.heel_strike - late.stance.heel_strike == pytest.approx(0.01, abs=1e-4)
+    np.testing.assert_allclose(late.torque, found.torque, atol=1)  # 3 frames earlier
     heaved, chosen = walked_over("w", Ramp(heave=0.015), replace(RIG, mass=1e-9), 1), settings(largest_shift_mm=5)
     assert analyse_crossing(heaved, CALIBRATION, NO_CORRECTION, True, chosen).onset is not None
     pulled = changed(WALK, pl.col("plate1_moment_y") + pl.col("time").is_between(1.0, 1.6).cast(pl.Float64) * 120)
@@ -374,10 +378,12 @@ def test_a_translation_is_no_crossing_but_a_platform_may_yield_or_turn_and_heave
         analyse_crossing(pulled, CALIBRATION, NO_CORRECTION, False, settings())
 
 
-@pytest.mark.parametrize(("onset", "said"), [(1.75, "outside"), (0.8, "outside"), (0.95, "leave"), (1.55, "leave")])
-def test_an_onset_outside_stance_or_a_baseline_before_it_is_refused(onset: float, said: str) -> None:
-    with pytest.raises(InputError, match=rf"{said} stance 0\.930-1\.597 s"):
-        analyse_crossing(walked_over("w", Ramp(onset=onset), QUIET, 1), CALIBRATION, NO_CORRECTION, True, settings())
+@pytest.mark.parametrize(("onset", "said"), PLACES)
+def test_an_onset_outside_stance_or_a_baseline_before_it_and_a_plate_without_moments_are_refused(onset, said) -> None:
+    plain = walked_over("w", Ramp(onset=onset), QUIET, 1)
+    facts = plain.provenance["plates"][0] | {"type": 1 if "1" in said else 2}
+    with pytest.raises(InputError, match=rf"{said} (stance 0\.930-1\.59\d s|.centre of pressure)"):
+        analyse_crossing(replace(plain, provenance={"plates": [facts]}), CALIBRATION, NO_CORRECTION, True, settings())
 
 
 def test_too_few_unperturbed_crossings_say_how_many_and_why(tmp_path: Path) -> None:
@@ -389,9 +395,10 @@ def test_too_few_unperturbed_crossings_say_how_many_and_why(tmp_path: Path) -> N
     rows.append({"trial": "p1", "perturbed": True, "reason": "another", "gait": "all", "group": None})
     write_table(pl.DataFrame(rows).with_columns(direction=None), tmp_path / "selection.csv")
     files = [tmp_path / f"{name}.parquet" for name in reasons]
+    jobs_files, chosen = (tmp_path / "selection.csv", tmp_path / "gait.parquet"), settings(fewest_unperturbed=4)
     with pytest.raises(InputError) as caught:
-        average_unperturbed(files, tmp_path / "selection.csv", settings(), tmp_path / "gait.parquet")
+        average_unperturbed(files, jobs_files[0], chosen, jobs_files[1])
     assert str(caught.value) == (
-        "0 of 6 unperturbed crossings can be used, expected 3 or more; 5 times (u0, u1, u2, u3, u4) "
+        "0 of 6 unperturbed crossings can be used, expected 4 or more; 5 times (u0, u1, u2, u3, u4) "
         "beside 1 for other reasons, which walking_crossings.csv lists, as in u0: " + why.format(20)
     )

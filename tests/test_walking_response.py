@@ -2,6 +2,7 @@
 
 import zlib
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import polars as pl
@@ -24,9 +25,10 @@ from osl_analysis.walking.tables import Facts, group_facts, headline_rows, singl
 
 K, B, I = 340.0, 5.0, 0.03
 TIMING, ONSET = TimingSettings(window_s=0.1, baseline_s=0.06, guard_s=0.04), 0.6
-
-
-EARLY = PHASES[PHASES <= 0.36]
+response_of = partial(isolate_response, timing=TIMING)
+EARLY, TIME = PHASES[PHASES <= 0.36], np.arange(900) / 300
+RISE_OF = np.clip((TIME - 1.2) / 0.075, 0, 1)
+STEEP, SOFT = RISE_OF, RISE_OF**4 * (35 - 84 * RISE_OF + 70 * RISE_OF**2 - 20 * RISE_OF**3)  # in 75 ms
 
 
 def angle(phase: Array) -> Array:
@@ -60,10 +62,6 @@ def mean_gait(n: int = 4) -> UnperturbedGait:
     return unperturbed_gait([crossing(f"u{k}", stance=0.68 + 0.02 * k) for k in range(n)], 3)
 
 
-def response_of(walked: Crossing, gait: UnperturbedGait) -> PerturbationResponse:
-    return isolate_response(walked, gait, TIMING)
-
-
 def test_a_response_is_zero_on_average_over_the_baseline_that_the_walking_page_shows() -> None:
     walked = crossing("w", ONSET)
     walked = replace(walked, theta=walked.theta + 0.02, torque=walked.torque + 3.0)
@@ -92,6 +90,8 @@ def test_recovers_the_impedance_whatever_the_pace(stance: float, truth: tuple[fl
     for fit in fits:
         assert tuple(fit.estimates) == pytest.approx(truth, rel=1e-3, abs=1e-3 if truth[2] == I else 2e-3)
     assert fits[0].vaf > 99.999
+    free = fitting.offset_comparison(isolated[0].fitted_motion, isolated[0].fitted_torque + 3, 2 * truth[0])
+    assert free == pytest.approx({"offset": 3, "K_with_offset": truth[0], "offset_share": 0.5}, rel=2e-3)
 
 
 def test_what_has_no_response_or_no_ensemble_is_refused_by_name() -> None:
@@ -125,8 +125,10 @@ def test_the_common_variance_is_what_drawing_the_unperturbed_crossings_anew_give
 
 
 def test_the_plate_s_share_is_the_same_in_every_interval() -> None:
-    """One perturbation, one mean and the bootstrap's spread, of responses without any scatter of gait. The errors [N*m]
-    that leaving out each trial of the plate would make are smooth."""
+    """One perturbation, one mean and the bootstrap's spread, without any scatter of gait. The errors are smooth."""
+    alike = (2, crossing("p", 0.6)), (1, crossing("u0")), (2, crossing("u1")), (3, crossing("u2"))  # no net error
+    one, *usual = [replace(c, plate_errors=size * np.vander(c.stance.phase(c.time), 3).T) for size, c in alike]
+    np.testing.assert_allclose(response_of(one, unperturbed_gait(usual, 3)).plate_errors, 0, atol=1e-9)
     random, still = np.random.default_rng(21), response_of(crossing("p", 0.6), mean_gait(6))
     pitch, phase = random.uniform(2, 8, (4, 1)), random.uniform(0, 6, (4, 1))
     still = replace(still, plate_errors=np.sin(2 * np.pi * pitch * still.time + phase))
@@ -210,8 +212,7 @@ def left_out(isolated: list[PerturbationResponse], predictors: tuple[str, ...]) 
 
 @pytest.mark.parametrize("signs", [(1,), (1, 1, -1)])
 def test_lasting_deviations_are_predicted_for_one_direction_and_for_both(signs: tuple[int, ...]) -> None:
-    """They cost the mean baseline 2 % of K or more; what is left of them is the noise's. The interval is narrower and
-    still holds the truth."""
+    """They cost the mean baseline 2 % of K or more, noise is left. The interval is narrower and holds the truth."""
     isolated = isolated_all(signs)
     names, share = fitting.cross_validated(isolated, Ensemble(isolated).fitted().fit)
     assert share > 0.9
@@ -250,10 +251,7 @@ def test_the_settings_choose_the_headline_and_the_table_has_both() -> None:
         assert other in [row["estimator"] for row in headline_rows(result, fits, {})]
 
 
-SETTINGS = settings(bootstrap_samples=200, window_s=0.1)
-
-
-USUAL = usual(2e-3, 8)
+SETTINGS, USUAL = settings(bootstrap_samples=200, window_s=0.1), usual(2e-3, 8)
 
 
 def perturbed(n: int = 8, stiffnesses: tuple[float, ...] = (340.0,)) -> list[Crossing]:
@@ -283,7 +281,11 @@ def test_sound_crossings_are_far_from_every_limit_and_faults_are_beyond() -> Non
     pairs = [(rows[k], rows[k + 4]) for k in range(3)]
     apart = [2 * abs(m["mean"] - e["mean"]) / sum(r["high"] - r["low"] for r in (m, e)) for m, e in pairs]
     assert found["estimator_difference"] == pytest.approx(max(apart))
-    assert [found["B_high"], found["I_high"]] == [rows[5]["high"], rows[6]["high"]]
+    share = rows[4]["se"] / rows[4]["mean"]
+    assert [found[f] for f in ("B_high", "I_high", "K_se_share")] == [rows[5]["high"], rows[6]["high"], share]
+    singles, se = np.array([(fit["K"], fit.se("K")) for fit in map(fit_response, headline.responses)]).T
+    trust = 1 / (se**2 + (0.03 * singles.mean()) ** 2)
+    assert found["heterogeneity"] == pytest.approx(np.cov(singles, aweights=trust, ddof=0) * trust.sum() / 7)
     # turns of both directions that nobody told apart cancel; three stiffnesses; a torque that drops
     half = [replace(c, theta=2 * walked("g").theta - c.theta) for c in perturbed()[::2]]
     assert facts([*half, *perturbed()[1::2]])["coherence"] < 0.3
@@ -321,9 +323,6 @@ def test_a_single_fit_is_judged_by_what_ordinary_gait_leaves() -> None:
     assert judged(hurried(one))["stance_change"] == pytest.approx(-0.08, abs=0.03)
 
 
-TIME = np.arange(900) / 300
-
-
 def trapezoid(start: float, end: float) -> np.ndarray:
     """A vertical force [N] that rises and falls by 8 N/ms from and to zero at `start` and `end` [s]."""
     return np.clip(np.minimum(TIME - start, end - TIME) * 8000, 0, 800)
@@ -347,10 +346,6 @@ def test_heel_strike_and_toe_off_lie_between_frames_and_what_is_no_whole_stance_
     assert len(stances(whole + short, 0.05)) == 2
     for cut in (early, late, 0 * TIME):
         assert stances(cut) == []
-
-
-RISE_OF = np.clip((TIME - 1.2) / 0.075, 0, 1)
-STEEP, SOFT = RISE_OF, RISE_OF**4 * (35 - 84 * RISE_OF + 70 * RISE_OF**2 - 20 * RISE_OF**3)  # in 75 ms
 
 
 @pytest.mark.parametrize(
@@ -387,6 +382,11 @@ def test_the_matched_stance_is_right_for_any_pace_and_any_end_of_stance(slower: 
     response = isolate_response(late, usual(), TIMING, "matched")
     assert response.stance == pytest.approx(0.72 * slower, rel=1e-4)
     assert response.stance_change == pytest.approx(lingers - 1, abs=1e-3)
+    for instant, told in ((-0.012, False), (-0.045, True)):  # the filter spreads the response by 30 ms
+        other = replace(late, theta=late.theta + 0.02 * bump(late.time, late.onset + instant, 0.003)[0])
+        other = isolate_response(other, usual(), TIMING, "matched")
+        assert (abs(other.stance / response.stance - 1) > 1e-4) == told
+        assert (np.abs(other.behaviour - response.behaviour)[0].max() > 1e-5) == told
     fit = fit_response(response)
     assert tuple(fit.estimates[:2]) == pytest.approx((K, B), rel=2e-3)
 

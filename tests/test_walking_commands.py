@@ -262,10 +262,9 @@ def test_a_cluster_hidden_for_long_is_refused_and_for_short_is_bridged(ideal: Se
     with refused(output, rf"trial {flat}: the shank markers cannot be followed at 1\.2\d+ s"):
         analysed(flat, shank, 1.2, 1.4)
     onset = ideal.read(turned)[0].onset or 0.0
-    with refused(output, rf"trial {turned}: the foot markers are hidden for \d+ ms from 1\.\d+ s, while the pert"):
-        analysed(turned, foot, onset + 0.03, onset + 0.06)
-    with refused(output, rf"trial {turned}: the platform markers are hidden for \d+ ms from 1\.\d+ s, while the pert"):
-        analysed(turned, ("PLAT1", "PLAT2"), onset + 0.03, onset + 0.06)
+    for of, markers in (("foot", foot), ("platform", ("PLAT1", "PLAT2"))):
+        with refused(output, rf"trial {turned}: the {of} markers are hidden for \d+ ms from 1\.\d+ s, while the pert"):
+            analysed(turned, markers, onset + 0.03, onset + 0.06)
     for start, duration in ((0.03, 0.007), (-0.15, 0.03)):
         assert analysed(turned, foot, onset + start, onset + start + duration).bridged > 0
 

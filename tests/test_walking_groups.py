@@ -55,6 +55,7 @@ def test_half_the_difference_of_directions_is_free_of_what_follows_either_turn(t
     apart = campaign(tmp_path / "d", BOTH | several("u", 6, Walk()), group_by=["direction"], bootstrap_samples=100)
     assert apart["groups"]["group"].to_list() == ["direction down", "direction up"]
     assert apart.estimate("direction up")["mean"] > 400 > 300 > apart.estimate("direction down")["mean"]
+    assert headline(BOTH, bootstrap_samples=100).directions["up minus down"][1].degrees_of_freedom == 3  # of 4 down
     with pytest.raises(InputError, match="1 perturbation turns the toes down and 5 the other way, expected 2 or more"):
         headline(several("p", 5, MIDSTANCE) | several("d", 1, MIDSTANCE, sign=-1))
 
@@ -143,9 +144,10 @@ def test_conditions_serve_every_value_where_unstated_and_are_refused_where_they_
     sheet = {name: {"perturbed": name[0] == "p", "K_d": value} for name, value in K_d.items()}
     found = {name: row["gait"] for name, row in places([], sheet, settings()).items()}
     assert [found[name] for name in ("every", "u400", "u300")] == ["K_d 200; K_d 400", "K_d 400", None]
-    unstated = {"p0": {"perturbed": True, "K_d": 200.0}, "p1": {"perturbed": True, "K_d": None}}
-    with pytest.raises(InputError, match="trial p1: no K_d in the sheet, but other crossings state 200; fill in"):
-        split_keys(unstated, settings())
+    for k, turned in (("K_d", True), ("speed", False), ("side", False)):  # an unperturbed one has a pace too
+        unstated = {"p0": {"perturbed": True, k: 200.0}, "p1": {"perturbed": turned, k: None}}
+        with pytest.raises(InputError, match=f"trial p1: no {k} in the sheet, but other crossings state 200; fill in"):
+            split_keys(unstated, settings())
     with pytest.raises(InputError, match="group_by names 'subject', but no crossing states it"):
         split_keys({"p0": {"perturbed": True}}, settings(group_by=["subject"]))
     with pytest.raises(ValidationError, match="'K_d' stands in group_by and in pool; remove it from one of them"):
@@ -180,6 +182,7 @@ def test_timings_are_parted_by_clear_gaps_and_one_protocol_s_scatter_is_not():
         (np.r_[drawn(0.6, 6, 0.01), drawn(0.2, 6, 0.01)], [1] * 6 + [0] * 6),
         (np.r_[drawn(0.40, 6, 0.004), drawn(0.46, 6, 0.004)], [0] * 6 + [1] * 6),  # their SD is 0.03
         (slow, [0] * 3 + [1] * 3 + [2] * 5),
+        (np.array([0.4, 0.401, 0.402, 0.437, 0.438, 0.439, 0.464, 0.465, 0.466]), [0] * 3 + [1] * 6),  # 0.035, 0.025
         (np.zeros(0), []),
     ):
         np.testing.assert_array_equal(timings(phases, 0.05), expected)

@@ -79,8 +79,7 @@ def test_the_sheets_mass_comes_before_the_recordings_and_that_before_the_campaig
 
 @pytest.mark.skipif(not REAL.is_dir(), reason="the recordings of others are not here")
 def test_agrees_with_plug_in_gait_as_the_published_reference_does(tmp_path: Path) -> None:
-    """The reference averages the ten analog samples after each frame, half a frame late; without delay the correlation
-    is better (0.999 for 0.996) and slope and peak move by less than 1 %."""
+    """The reference is half a frame late: without delay the correlation is better, slope and peak move by below 1 %."""
     row = {"trial": "pig", "mocap": "btk_PiG_Motion3_FF.c3d", "mocap_source": "plug_in_gait"}
     ingest_trial(row, REAL / "c3d", ROOT / "config/sources", tmp_path / "pig.parquet")
     found = compare_ankle_moment(read_trial(tmp_path / "pig.parquet"), OvergroundAnalysis(load_on_n=50))

@@ -157,12 +157,6 @@ def test_a_crossing_that_moves_in_another_way_keeps_its_own_motion_by_name() -> 
     assert model.onset("walk_02", 1.234) == 1.234
 
 
-def test_a_resting_platform_adds_nothing() -> None:
-    trial, massless = walked_over("flat", None, RIG, 7), replace(plate(), parameters=np.zeros(10))
-    torque, bare = (analyse_crossing(trial, CALIBRATION, one, False, settings()).torque for one in (plate(), massless))
-    assert np.sqrt(np.mean((torque - bare) ** 2)) < 0.05
-
-
 @pytest.mark.parametrize("scatter", [0.0, 0.004])
 def test_a_trigger_tells_the_onset_only_if_its_latency_is_constant(scatter: float) -> None:
     random, trials = np.random.default_rng(8), []
@@ -177,6 +171,9 @@ def test_a_trigger_tells_the_onset_only_if_its_latency_is_constant(scatter: floa
         assert model.latency["mean"] == pytest.approx(0.012, abs=1.2e-3)
         assert model.onset("walk_99", 1.3) == 1.3
         assert model.onset("walk_00", 1.3) == model.triggers["walk_00"] + model.latency["mean"]  # finer than the shape
+    coarse = replace(model, latency=model.latency | {"used": 1.0, "finer": 0.0})  # only for what has no shape
+    begun = coarse.onset("walk_00", 0.0), replace(coarse, alignments={}).onset("walk_00", 0.0) - model.latency["mean"]
+    assert begun == pytest.approx((model.alignments["walk_00"].start, model.triggers["walk_00"]))
     late, shape = [a.start - model.triggers[a.name] for a in model.alignments.values()], model.template
     facts = {"latency_s": np.mean(late), "latency_sd_s": np.std(late, ddof=1), "trigger_used": int(scatter == 0.0)}
     facts |= {"onset_s": model.onset("walk_00", 0.0), "template_onset_s": model.alignments["walk_00"].start}
@@ -354,8 +351,11 @@ def test_without_a_correction_the_torque_of_a_light_plate_is_that_of_the_wrench_
     assert np.abs(heavy.torque - light.torque).max() > 5
 
 
-def test_a_translation_is_no_crossing_but_a_platform_may_yield_or_turn_and_heave() -> None:
+def test_a_resting_plate_adds_nothing_and_a_translation_is_no_crossing_but_it_may_yield_or_turn_and_heave() -> None:
     """The platform, and what stands on it, moves forward within 0.1 s in mid-stance."""
+    both = plate(), replace(plate(), parameters=np.zeros(10))
+    torque, bare = (analyse_crossing(WALK, CALIBRATION, one, False, settings()).torque for one in both)
+    assert np.sqrt(np.mean((torque - bare) ** 2)) < 0.05
     step = pl.Series(np.clip((WALK.samples["time"].to_numpy() - 1.2) / 0.1, 0, 1))
     shifted, yielding = (changed(WALK, pl.col("^marker_.*_x$") + size * step) for size in (0.05, 0.005))
     for claimed in (False, True):

@@ -21,7 +21,7 @@ from osl_analysis.walking.plate import Stance, find_stances
 from osl_analysis.walking.platform import find_onset
 from osl_analysis.walking.response import Ensemble, PerturbationResponse, fit_response, group_headline, isolate_response
 from osl_analysis.walking.settings import TimingSettings
-from osl_analysis.walking.tables import Facts, group_facts, headline_rows, single_facts, walking_page_points
+from osl_analysis.walking.tables import group_facts, headline_rows, response_table, single_facts, walking_page_points
 
 K, B, I = 340.0, 5.0, 0.03
 TIMING, ONSET = TimingSettings(window_s=0.1, baseline_s=0.06, guard_s=0.04), 0.6
@@ -65,15 +65,18 @@ def mean_gait(n: int = 4) -> UnperturbedGait:
 def test_a_response_is_zero_on_average_over_the_baseline_that_the_walking_page_shows() -> None:
     walked = crossing("w", ONSET)
     walked = replace(walked, theta=walked.theta + 0.02, torque=walked.torque + 3.0)
-    none = pl.DataFrame(schema=dict.fromkeys(("time", "theta_deg", "torque", "torque_model"), pl.Float64))
-    ends = walking_page_points([walked], {}, none.with_columns(trial=pl.lit("p"), doubtful=pl.lit("")), TIMING)
+    p = pl.DataFrame({"time": 0.05, "theta_deg": 2.0, "torque": 3.0, "torque_model": 4.0, "trial": "p", "doubtful": ""})
+    ends = walking_page_points([walked], {"all": usual(2e-3)}, p, TIMING)
+    assert ends.filter(curve="each").select("x", "mean").rows() == [(50, 2), (50, 3)]
+    spread = ends.filter(panel="angle", curve="all")["sd"]
+    np.testing.assert_allclose(spread, np.std(np.rad2deg(usual(2e-3).theta[:, ::4]), axis=0, ddof=1))
     shown = ends.filter(panel="response angle", curve="baseline")["x"] / 1e3
     assert shown.to_list() == pytest.approx([-0.1, -0.04])
     response = response_of(walked, mean_gait())
     over = (response.time >= shown[0] - 1e-9) & (response.time < shown[1] - 1e-9)
     assert [np.mean(one[over]) for one in (response.motion.theta, response.torque)] == pytest.approx([0, 0], abs=1e-9)
     percent = [100 * (0.3 + after) / 0.72 for after in (0, 0.1, -0.1, -0.04)]
-    assert ends.filter(panel="angle")["x"].to_list() == pytest.approx(percent)
+    assert ends.filter(pl.col("mean").is_null(), panel="angle")["x"].to_list() == pytest.approx(percent)
     for onset in (0.6, 0.6017):  # the window is a tenth of a second from the onset, even between frames
         response = response_of(crossing("p", onset), mean_gait())
         window = response.time[response.window]
@@ -121,6 +124,8 @@ def test_the_common_variance_is_what_drawing_the_unperturbed_crossings_anew_give
     drawn = Ensemble(isolated).resampled(2000)
     assert variance == pytest.approx(np.var(drawn.draws["K"]), rel=0.15)
     assert (freedom, plate) == (5, 0)
+    up, down = isolated_all((1, -1))[:2]  # both directions count alike
+    assert fitting.common_errors([up, up, down])["K"][0] == pytest.approx(fitting.common_errors([up, down])["K"][0])
     np.testing.assert_array_equal(drawn.draws["B"], Ensemble(isolated).resampled(2000).draws["B"])  # it repeats itself
 
 
@@ -227,8 +232,7 @@ def test_lasting_deviations_are_predicted_for_one_direction_and_for_both(signs: 
     assert predicted == pytest.approx(K, rel=0.01)
     assert abs(mean / K - 1) > 2 * abs(predicted / K - 1)
     of_mean, of_predicted = (Ensemble(isolated).resampled(300, chosen) for chosen in ((), names))
-    low, high = of_predicted.interval("K")
-    assert low < K < high
+    assert of_predicted.interval("K")[0] < K < of_predicted.interval("K")[1]
     assert of_predicted.se("K") < 0.5 * of_mean.se("K")
     if len(signs) == 1:
         assert Ensemble(2 * isolated).resampled(100, names).degrees_of_freedom == 9 - len(names)
@@ -264,7 +268,7 @@ def hurried(c: Crossing) -> Crossing:
     return replace(c, stance=Stance(0.3, 0.3 + 0.92 * 0.72))
 
 
-def facts(crossings: list[Crossing], **choices: object) -> Facts:
+def facts(crossings: list[Crossing], **choices: object) -> dict[str, float | None]:
     return group_facts(group_headline(crossings, USUAL, SETTINGS.model_copy(update=choices)))
 
 
@@ -281,6 +285,10 @@ def test_sound_crossings_are_far_from_every_limit_and_faults_are_beyond() -> Non
     pairs = [(rows[k], rows[k + 4]) for k in range(3)]
     apart = [2 * abs(m["mean"] - e["mean"]) / sum(r["high"] - r["low"] for r in (m, e)) for m, e in pairs]
     assert found["estimator_difference"] == pytest.approx(max(apart))
+    assert [row["interval_method"] for row in rows[:5]] == [*3 * ["Student + shared errors"], "Student", "bootstrap"]
+    table, window = response_table("all", headline).filter(trial="ensemble"), headline.responses[0].window
+    assert (len(table), table["torque_model"].null_count()) == (window.stop, window.start)
+    np.testing.assert_allclose(table["theta_deg"], np.rad2deg(headline.ensemble.motion.theta[: window.stop]))
     share = rows[4]["se"] / rows[4]["mean"]
     assert [found[f] for f in ("B_high", "I_high", "K_se_share")] == [rows[5]["high"], rows[6]["high"], share]
     singles, se = np.array([(fit["K"], fit.se("K")) for fit in map(fit_response, headline.responses)]).T
@@ -311,7 +319,7 @@ def test_a_stance_that_the_perturbation_shortens_is_seen_unless_phase_is_matched
 
 
 def test_a_single_fit_is_judged_by_what_ordinary_gait_leaves() -> None:
-    def judged(c: Crossing) -> Facts:
+    def judged(c: Crossing) -> dict[str, float | None]:
         response = isolate_response(c, USUAL, SETTINGS)
         return single_facts(response, fit_response(response))
 

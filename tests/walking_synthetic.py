@@ -2,8 +2,7 @@
 
 The platform turns about a mediolateral axis below its surface by a minimum-jerk ramp, and may heave or be slower.
 The foot rides on it flat, so that the ankle turns by the platform's angle and the lean of the shank. The ankle answers
-with K, B and I to it, on top of a load that does not vary from crossing to crossing.
-"""
+with K, B and I to it, on top of a load that does not vary from crossing to crossing."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -71,13 +71,14 @@ def test_markers_move_like_a_body_where_the_rate_of_the_analogs_contradicts_the_
 
 
 def test_a_byte_of_a_parameter_has_no_sign_and_a_second_parameter_goes_on_with_its_labels(tmp_path: Path) -> None:
-    path = write_c3d(tmp_path / "a.c3d", np.ones((4, 2, 4)), FORCE_PLATFORM__KIND=bytes([1, 255]), POINT__LABELS2=["A"])
+    path = write_c3d(tmp_path / "a.c3d", np.ones((4, 2, 4)), OWN__KIND=bytes([1, 255]), POINT__LABELS2=["A\0"])
     assert read_c3d(path).header.texts("POINT:LABELS") == ["M1", "M2", "A"]
-    assert read_c3d(path).header.numbers("FORCE_PLATFORM:KIND").tolist() == [1, 255]
+    assert read_c3d(path).header.numbers("OWN:KIND").tolist() == [1, 255]
 
 
 def test_frames_beyond_those_that_the_header_can_count_are_all_read(tmp_path: Path) -> None:
-    words = {"TRIAL__ACTUAL_START_FIELD": np.array([1, 0]), "TRIAL__ACTUAL_END_FIELD": np.array([4, 1])}  # low first
-    for more in (words, {"POINT__LONG_FRAMES": np.array([65540.0])}):
-        path = write_c3d(tmp_path / "a.c3d", np.ones((65540, 1, 4)), **more)
-        assert read_c3d(path).points.shape == (65540, 1, 3)
+    words = {"TRIAL__ACTUAL_START_FIELD": np.array([32767, 0]), "TRIAL__ACTUAL_END_FIELD": np.array([32770, 1])}
+    long, many = {"POINT__LONG_FRAMES": np.array([65540.0])}, {"POINT__LABELS": ["A"]}  # beyond a signed word
+    for shape, more in (((65540, 1), words), ((65540, 1), long), ((1, 40000), many)):
+        path = write_c3d(tmp_path / "a.c3d", np.ones((*shape, 4)), **more)
+        assert read_c3d(path).points.shape == (*shape, 3)

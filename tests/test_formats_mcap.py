@@ -245,16 +245,10 @@ LEGAL = {
 }
 LOSSES = {  # complete or not, chunks and messages lost, messages of the topic and those lost of it
     "fewer declared": (log(LAB, chunk(TEN), chunk(TWENTY), summary=statistics({1: 10}, 2)), (False, 0, 0, 20, 0)),
-    "in the index of a chunk": (
-        log(LAB, chunk(TURNED, crc=False), index(10), chunk(TWENTY)),
-        (False, 0, 1, 19, 1),
-    ),
+    "in the index of a chunk": (log(LAB, chunk(TURNED, crc=False), index(10), chunk(TWENTY)), (False, 0, 1, 19, 1)),
     "cut out": (log(*TWO, summary=OF_TWO, shift=len(CUT_OUT), crc=False), (False, 1, 10, 10, 10)),
     # the recorder's checksum was computed with the summary where it was
-    "cut out, with checksum": (
-        log(*TWO, CUT_OUT, summary=OF_TWO).replace(CUT_OUT, b""),
-        (False, 1, 10, 10, 10),
-    ),
+    "cut out, with checksum": (log(*TWO, CUT_OUT, summary=OF_TWO).replace(CUT_OUT, b""), (False, 1, 10, 10, 10)),
     "cut out, without statistics": (
         log(LAB, chunk(TEN), summary=LAB, shift=len(CUT_OUT), crc=False),
         (False, 0, None, 10, None),

@@ -207,10 +207,8 @@ def test_a_mistake_is_told_and_leaves_nothing_behind(laboratory: Path, mistake: 
 
 
 def test_a_trial_file_keeps_null_and_nan_apart_and_every_bit_and_what_is_none_is_refused(tmp_path: Path) -> None:
-    samples, path = (
-        pl.DataFrame({"time": [0.1, 0.2, 0.3], "theta": [None, float("nan"), 1 / 3]}),
-        tmp_path / "t.parquet",
-    )
+    path = tmp_path / "t.parquet"
+    samples = pl.DataFrame({"time": [0.1, 0.2, 0.3], "theta": [None, float("nan"), 1 / 3]})
     with pytest.raises(InputError, match="no such trial; ingest it first"):
         read_trial(path)
     trial = Trial("t", samples, {"plates": [{"corners": [[0.1, 1e-17, -0.0]]}], "warnings": ["°"]})

@@ -57,9 +57,9 @@ def test_points_analogs_and_time_are_those_of_the_file(tmp_path: Path) -> None:
 
 def test_a_point_with_negative_residual_or_at_the_exact_origin_was_not_seen(tmp_path: Path) -> None:
     raw = points()
-    raw[1, 0, 3], raw[2, 0, :3], raw[3, 0, 2] = -1.0, 0.0, 0.0
+    raw[1, 0, 3], raw[2, 0, :3], raw[3, 0, 2], raw[4, 0, 0] = -1.0, 0.0, 0.0, np.inf
     samples = read(write_c3d(tmp_path / "a.c3d", raw)).samples
-    assert samples["marker_M1_z"].is_nan().to_list() == [False, True, True, False, False, False]
+    assert samples["marker_M1_z"].is_nan().to_list() == [False, True, True, False, True, False]
     assert not samples["marker_M2_x"].is_nan().any()
 
 
@@ -93,7 +93,7 @@ def test_a_name_that_the_file_lacks_has_twice_or_a_unit_that_cannot_be_is_refuse
 
 
 @pytest.mark.parametrize("integers", [True, False])
-@pytest.mark.parametrize(("form", "offsets"), [("SIGNED", (0, 2048, -300)), ("UNSIGNED", (0, 32768, 40000))])
+@pytest.mark.parametrize(("form", "offsets"), [("SIGNED", (0, 2048, -300)), ("unsigned", (0, 32768, 40000))])
 def test_samples_are_raw_minus_offset_times_both_scales(tmp_path, form, offsets, integers):
     raw = analogs() if form == "SIGNED" else np.linspace(0, 65535, 48).round().reshape(24, 2)
     scales = {"ANALOG__SCALE": np.array([0.5, 2.0]), "ANALOG__GEN_SCALE": np.array([0.25]), "ANALOG__FORMAT": [form]}
@@ -106,7 +106,7 @@ def test_samples_are_raw_minus_offset_times_both_scales(tmp_path, form, offsets,
 
 def test_model_outputs_take_unit_and_sign_from_the_source_file(tmp_path: Path) -> None:
     labels = {"POINT__LABELS": ["LTOE", "LAnkleMoment", "*3"]}
-    groups = {"POINT__TYPE_GROUPS": ["MOMENTS", "MOMENT"], "POINT__MOMENTS": ["LAnkleMoment"]}
+    groups = {"POINT__TYPE_GROUPS": ["POWERS", "POWER", "Moments", "MOMENT"], "POINT__MOMENTS": ["LAnkleMoment"]}
     path = write_c3d(tmp_path / "a.c3d", points(), **labels, **groups)
     output = {"label": "LAnkleMoment", "component": "y", "unit": "N*mm/kg", "sign": -1}
     recording = read(path, outputs={"reference_ankle_moment_left": output})
@@ -154,6 +154,7 @@ PLATES_THAT_CANNOT_BE: list[tuple[dict[str, Any], dict[str, Any], str]] = [
     ({"ANALOG__SCALE": [1, 1, np.nan, 1, 1, 1.0]}, {}, "plate 1: nan in sample 1 of analog channel 3"),
     ({"ANALOG__SCALE": [1, 1, 1.0]}, {}, "plate 1: nan in sample 1 of analog channel 4"),
     ({"ANALOG__GEN_SCALE": [0.0]}, {}, "plate 1: nan in sample 1 of analog channel 1"),
+    ({"ANALOG__UNITS": ["N"]}, {}, "analog channel 2: the unit is empty"),
     *(({"FORCE_PLATFORM__USED": [n]}, {}, f"FORCE_PLATFORM:USED is {n:g}") for n in (-1.0, 500.0, np.nan)),
     ({"FORCE_PLATFORM__ZERO": [1, 7]}, {"plate_zero": "file"}, "of the plates is frames 1 to 7 of 6"),
     ({}, {"plate_zero": [3, 2]}, "of the plates is frames 3 to 2 of 6"),
@@ -168,7 +169,8 @@ PLATES_THAT_CANNOT_BE: list[tuple[dict[str, Any], dict[str, Any], str]] = [
 
 @pytest.mark.parametrize(("parameters", "stated", "told"), PLATES_THAT_CANNOT_BE)
 def test_plates_that_cannot_be_are_refused(tmp_path, parameters, stated, told):
-    path = plate_file(tmp_path, **{name: np.array(values) for name, values in parameters.items()})
+    arrays = {name: one if "UNITS" in name else np.array(one) for name, one in parameters.items()}
+    path = plate_file(tmp_path, **arrays)
     assert told in refused(path, **stated)
 
 

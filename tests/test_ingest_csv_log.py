@@ -70,6 +70,7 @@ def assert_log(trial: Trial) -> None:
         (LOG.replace("\n", ",,,\n"), {}),
         (LOG.replace(",", " , "), {}),
         (LOG.encode("utf-16"), {}),
+        (b"\xfe\xff" + LOG.encode("utf-16-be"), {}),
         (b"\xef\xbb\xbf" + LOG.encode(), {}),
         ("\n\n" + LOG + "\n\n", {}),
         ("# Bench 3, calibrated\n#\n" + LOG.replace("10.5", "# pause\n10.5"), {}),
@@ -82,7 +83,7 @@ def assert_log(trial: Trial) -> None:
         ('"t","angle","load"\n"10.0","0","1"\n"10.5","90","2"\n"11.0","-180","+3.5"\n', {}),
     ],
     ids=[
-        *("plain", "semicolons", "tabs", "spaces", "decimal-comma", "crlf", "padded", "blanks", "utf-16", "bom"),
+        *("plain", "semicolon", "tabs", "spaces", "decimals", "crlf", "padded", "blanks", "utf-16", "utf-16-be", "bom"),
         *("blank-lines", "comments", "header-in-comment", "order", "rate", "units-in-names", "row-of-units", "quoted"),
     ],
 )  # fmt: skip
@@ -100,6 +101,7 @@ def test_one_log_in_any_dress_is_one_log(tmp_path: Path, text: str | bytes, fiel
         (LOG.replace("load", "angle"), {}, "column 'angle' occurs 2 times"),
         (LOG.replace("90", "fault"), {}, "line 3, column 'angle': 'fault' is not a number; correct the cell, or add"),
         (LOG.replace("90", "9_0"), {}, "line 3, column 'angle': '9_0' is not a number"),
+        (LOG.replace("90", "9€").encode("cp1252"), {}, "line 3, column 'angle': '9€' is not a number"),
         (LOG.replace("90", "1e999"), {}, "line 3, column 'angle': '1e999' is not a number"),
         (LOG + "\0" * 9, {}, "line 5 holds zero bytes, as a loss of power leaves them; delete the file from there on"),
         (LOG.replace("t,angle,load", "t;angle;load"), {}, "every row has 2 more cells than the header has names"),
@@ -217,7 +219,7 @@ def assert_samples(trial: Trial, **columns: list[float]) -> None:
         (TABLE.replace("0.02,3,7", "0.02,3"), {"ragged": "skip"}, "line 4 has", {"theta": [1, 2, 4]}),
         (TABLE.replace("2,6", ",6"), {}, "missing in 1 of 4 rows", {"theta": [1, np.nan, 3, 4]}),
         (TABLE.replace(",", ";").replace(".", ","), {}, "if the comma is the decimal sign", SAMPLES),
-        (TABLE.replace("load\n", "load\ns,rad,Nm\n"), {}, "if this line holds units", SAMPLES),
+        (TABLE.replace("load\n", "load\n[s],[rad],(Nm)\n"), {}, "if this line holds units", SAMPLES),
         (re.sub(r"^0\.0\d", "0", TABLE, flags=re.M), {}, "time stands still at 0 in all 4 rows; take another", SAMPLES),
     ],
 )
@@ -258,9 +260,8 @@ def test_repeated_stamps_are_kept_with_a_warning_and_dropped_as_it_says(tmp_path
     assert len(kept.samples) == 5
     dropped = ingested(tmp_path, text, time=SOURCE["time"] | advised(warning))
     assert_samples(dropped)
-    assert dropped.provenance["warnings"][0].endswith(
-        "1 of 5 rows repeat the stamp of the row before and were left out"
-    )
+    (said,) = dropped.provenance["warnings"]
+    assert said.endswith("1 of 5 rows repeat the stamp of the row before and were left out")
 
 
 def test_a_unit_that_is_wrong_is_named_with_file_line_key_and_value(tmp_path: Path) -> None:
@@ -299,6 +300,9 @@ def load(**stated: object) -> dict[str, object]:
         (load(delay="soon"), "'soon' is not a number with a unit; write it as in `2 s`"),
         (load(low_pass={"cutoff": "-5 Hz"}), "a cut-off must be above zero"),
         (load(resolution="0.1 deg"), "'0.1 deg' is not allowed: unit 'deg' measures [rad]"),
+        (load(resolution="1 N*m", bits=14), "state `resolution` or `bits`, not both"),
+        (load(range=["5 N*m", "5 N*m"]), "a range from 5 to 5 N*m is empty"),
+        (load(resolution="0 N*m"), "a resolution of 0 N*m is not positive"),
         (load(bits=14), "14 is not allowed: `bits` are those of an encoder per revolution; state `resolution`"),
     ],
 )
@@ -360,7 +364,9 @@ def test_nanoseconds_since_1970_keep_their_last_digit(tmp_path: Path) -> None:
         ("N·mm", "N*m", 1e-3), ("N mm", "N*m", 1e-3), ("Nmm", "N*m", 1e-3), ("mNm", "N*m", 1e-3), ("kN", "N", 1e3),
         ("N*mm/kg", "N*m/kg", 1e-3), ("Nm/kg", "N*m/kg", 1.0), ("N*m/deg", "N*m/rad", 180 / math.pi),
         ("Nms/deg", "N*m*s/rad", 180 / math.pi), ("µs", "s", 1e-6), ("Milliseconds", "s", 1e-3), ("μV", "V", 1e-6),
-        (" mA ", "A", 1e-3), ("Amps", "A", 1.0),
+        (" mA ", "A", 1e-3), ("Amps", "A", 1.0), ("kNm", "N*m", 1e3), ("Ncm", "N*m", 1e-2), ("nt", "N", 1.0),
+        ("ntmm", "N*m", 1e-3), ("volts", "V", 1.0), ("Nmms/rad", "N*m*s/rad", 1e-3), ("rads", "rad", 1.0),
+        ("N.m.", "N*m", 1.0),
     ],
 )  # fmt: skip
 def test_a_laboratorys_spelling_has_its_factor(unit: str, expected: str, factor: float) -> None:

@@ -103,9 +103,8 @@ def test_a_stamp_of_seconds_and_nanoseconds_is_time_and_exact(tmp_path: Path, pa
     recording = read(path, **BY_STAMP)
     np.testing.assert_allclose(recording.samples["time"], 20.000001e-3 * np.arange(50), rtol=0, atol=1e-15)
     assert "a: 1 of 51 lines have none of the fields and were left out, first line 1" in recording.warnings
-    assert "unit is known; remove `time.unit`" in refused(
-        path, **BY_STAMP | {"time": {"field": "h.stamp", "unit": "s"}}
-    )
+    with_unit = BY_STAMP | {"time": {"field": "h.stamp", "unit": "s"}}
+    assert "unit is known; remove `time.unit`" in refused(path, **with_unit)
     assert len(read(path, **BY_STAMP | {"time": {"rate": 50}}).samples) == 51  # by a rate, a line is a time step
     draft = yaml.safe_load(draft_source(inspect_file(path), "a"))
     assert draft["time"] == {"field": "h.stamp"}
@@ -250,7 +249,7 @@ def test_channels_of_other_rates_have_rows_of_their_own(tmp_path: Path) -> None:
 
 
 def test_without_timing_the_file_is_refused_until_the_source_file_tells_it(tmp_path: Path) -> None:
-    k, signals = np.arange(SAMPLES), [("Angle", ANGLE, {"unit_string": "deg"}), ("Torque", TORQUE, {})]
+    k, signals = np.arange(SAMPLES), [("Angle", ANGLE, {"NI_UnitDescription": "deg"}), ("Torque", TORQUE, {})]
     stamped = START + k * np.timedelta64(2, "ms")
     path = write_tdms(tmp_path / "a.tdms", [*signals, ("t", k * 5.0, {}), ("Stamp", stamped, {})])
     told = "channel 'Bench/Angle' has no timing (`wf_increment` among its properties); name the channel of time"

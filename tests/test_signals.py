@@ -5,7 +5,7 @@ import pytest
 
 from osl_analysis.errors import InputError
 from osl_analysis.model.multisine import odd_lines, odd_multisine
-from osl_analysis.signals import LowPass, filtered_motion, sampling_rate
+from osl_analysis.signals import LowPass, differentiate, filtered_motion, sampling_rate
 
 
 @pytest.mark.parametrize("order", [2, 4])
@@ -16,7 +16,7 @@ def test_a_filter_has_no_phase_and_the_gain_and_noise_bandwidth_that_its_impulse
     f, seen = np.fft.rfftfreq(n, 1 / rate), np.fft.rfft(np.roll(low_pass(impulse, rate), -n // 2))
     assert seen.imag == pytest.approx(0, abs=1e-9)
     assert low_pass.gain(f[f < 60]) == pytest.approx(seen.real[f < 60], abs=2e-3)
-    assert low_pass.gain(np.array([15.0]))[0] == pytest.approx(0.5)
+    assert (low_pass.gain(np.array([15.0]))[0], low_pass.independent_samples(rate)) == (pytest.approx(0.5), 133)
     assert low_pass.noise_bandwidth_hz == pytest.approx(np.trapezoid(seen.real**2, f), rel=2e-3)
 
 
@@ -39,7 +39,9 @@ def test_derivatives_of_a_filtered_angle_are_those_of_its_sine_at_any_rate(rate)
     [
         (lambda t: sampling_rate(np.where(t < 0.5, t, t + 0.02)), r"the step at 0\.4900 s is 30\.000 ms"),
         (lambda t: LowPass(60.0)(t, 100.0), "60 Hz must lie between 0 and half the sampling rate of 100 Hz"),
-        (lambda t: LowPass(5.0)(t[:50], 100.0), "too few for a 5 Hz filter"),
+        (lambda t: LowPass(5.0)(t[:60], 100.0), "60 samples are too few for a 5 Hz filter; it needs more than 60"),
+        (lambda t: sampling_rate(np.where(t < 0.5, t, t - 0.003)), r"the step at 0\.4900 s is 7\.000 ms"),
+        (lambda t: differentiate(t[[0, 1, 2, 3, 4, 4, 5]], t[:7]), "each later than the one before"),
     ],
 )
 def test_refuses_irregular_stamps_a_cut_off_beyond_half_the_rate_and_a_record_shorter_than_its_edge(make, message):

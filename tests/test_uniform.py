@@ -15,6 +15,7 @@ from osl_analysis.bench.record import sine_record
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.errors import InputError
 from osl_analysis.signals.grid import GapLimits, uniform_signals
+from osl_analysis.signals.stream import SensorLowPass
 from osl_analysis.trial import Trial
 
 K, B, I = 300.0, 5.0, 0.02
@@ -77,6 +78,7 @@ def test_a_stated_delay_is_taken_out_of_the_stamps_of_its_channel(stamps):
 
 def test_what_the_load_cell_s_filter_did_is_done_to_the_angle():
     """A first-order low-pass at 20 kHz, by a second library's simulation that takes a torque for linear in between."""
+    assert SensorLowPass(100.0, 1)(np.full(9, 3.0), 1000.0) == pytest.approx(3.0)  # from rest
     fine = np.arange(len(times()) * FINE) / (RATE * FINE)
     slow = lsim(lti([1.0], [1 / (2 * np.pi * 100.0), 1.0]), torque(fine), fine, X0=0.3 / (2 * np.pi * 100.0))[1][::FINE]
     assert errors(fitted(trial_of(motion(times())[0], slow)))[2] < -20

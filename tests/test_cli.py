@@ -170,18 +170,16 @@ MISTAKES = {
     r"o\\udcff\.csv: its name is not UTF-8; choose another name": (*GAINS, "--output", os.fsdecode(b"o\xff.csv")),
 }
 UNFIT = {
-    "give --stiffness and --damping": ("gains",),
-    "leave out --stiffness": (*GAINS, "--trajectory", SYNTHETIC),
+    "give --stiffness and --damping": ("gains",), "leave out --stiffness": (*GAINS, "--trajectory", SYNTHETIC),
     "give --model impedance": ("fit", "x.parquet", "--controller", "uncompensated", "--model", "belt"),
-    "neither a number": of_gains("stiff", 5),
-    "write first:last:step, upwards": of_gains("400:100:50", 5),
+    "neither a number": of_gains("stiff", 5), "write first:last:step, upwards": of_gains("400:100:50", 5),
     "more than 300 numbers": of_gains("1:600:0.0001", 5),
     "go together": ("ingest", "--log", "x.mcap", "--output", "x.parquet"),
     "Missing option '--output'": ("ingest", "--log", "x.csv"),
     "both.csv would be overwritten": (*GAINS, "--output", "both.csv", "--plot", "both.csv"),
     "a.csv would be overwritten": (*GAINS, "--output", "a.csv", "--parameters", "a.csv"),
     "`ingest` writes .parquet files": ("ingest", "--log", "a.csv", "--log-source", "s", "--output", "s.yaml"),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("message", MISTAKES)

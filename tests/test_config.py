@@ -50,36 +50,33 @@ class Outer(Settings):
 NUMBER = "write a number, without a unit, with a full stop as decimal sign"
 
 
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ("inner: {gone: true}", "line 2: field 'inner.gone' is gone: no recording needed it; delete the line"),
-        ("inner: {rate: a}\nseveral: [{nam: a}]", "line 3: unknown field 'several.0.nam'; the known ones are rate, "
-         "name, sign, cycles, vector, limits, either, plates; did you mean 'name'? (and 1 more problem)"),
-        ("inner:\n  rate: off", f"line 3: inner.rate: 'off' is not allowed: {NUMBER}"),
-        # pydantic makes numbers of truth values
-        ("inner:\n  rate: true", f"line 3: inner.rate: 'true' is not allowed: {NUMBER}"),
-        ("inner: {sign: true}", "line 2: inner.sign: 'true' is not allowed: write 1 or -1"),
-        ("inner:\n  vector:\n  - 1\n  - false", f"line 5: inner.vector.1: 'false' is not allowed: {NUMBER}"),
-        ("inner:\n  limits:\n    K: 1\n    B: true", f"line 5: inner.limits.B: 'true' is not allowed: {NUMBER}"),
-        ("several:\n- rate: 1\n- rate: true", f"line 4: several.1.rate: 'true' is not allowed: {NUMBER}"),
-        ("inner: {cycles: 2.5}", "line 2: inner.cycles: 2.5 is not allowed: write a whole number, or a list, as ["),
-        ("inner: {cycles: [1, 200]}", "line 2: inner.cycles.1: 200 is not allowed: write a number less than or equal "
-         "to 100"),
-        ("inner: {plates: [a]}", "line 2: inner.plates.0: 'a' is not allowed: write a whole number"),
-        ("inner: 7", "line 2: inner: 7 is not allowed: write its fields below it, as `name: value`; the known ones are "
-         "rate, "),
-        ("inner: {rate: a, name: 1, sign: 3}", f"line 2: inner.rate: 'a' is not allowed: {NUMBER} (and 2 more prob"),
-        ("a: {b: 1}\nb:\n- {b: 2, b: 3}\n", "line 4: key 'b' stands twice; remove one"),
-        ("name: M\xfcnchen", "line 2 is not UTF-8; save the file as UTF-8"),
-        ("inner: {rate: 1e999}", "line 2: inner.rate: inf is not allowed: write a finite number"),
-        ("inner: {rate: " + "9" * 6000 + "}", "not YAML: Exceeds the limit"),
-        ("inner: {cycles: " + "9" * 400 + "}", "line 2: inner.cycles: " + "9" * 60 + "... is not allowed: write a n"),
-        ("a: " + "[" * 1500 + "]" * 1500, "its fields are nested too deeply"),
-        ("a: !!python/object:os.system x", "not YAML: "), ("a: !!timestamp x", "not YAML: "),
-        ("a: 2026-13-45", "not YAML: "), ('"\\e31mkey": 3', "line 2: unknown field '\\x1b31mkey'"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("text", "said"), [
+    ("inner: {gone: true}", "line 2: field 'inner.gone' is gone: no recording needed it; delete the line"),
+    ("inner: {rate: a}\nseveral: [{nam: a}]", "line 3: unknown field 'several.0.nam'; the known ones are rate, "
+     "name, sign, cycles, vector, limits, either, plates; did you mean 'name'? (and 1 more problem)"),
+    ("inner:\n  rate: off", f"line 3: inner.rate: 'off' is not allowed: {NUMBER}"),
+    # pydantic makes numbers of truth values
+    ("inner:\n  rate: true", f"line 3: inner.rate: 'true' is not allowed: {NUMBER}"),
+    ("inner: {sign: true}", "line 2: inner.sign: 'true' is not allowed: write 1 or -1"),
+    ("inner:\n  vector:\n  - 1\n  - false", f"line 5: inner.vector.1: 'false' is not allowed: {NUMBER}"),
+    ("inner:\n  limits:\n    K: 1\n    B: true", f"line 5: inner.limits.B: 'true' is not allowed: {NUMBER}"),
+    ("several:\n- rate: 1\n- rate: true", f"line 4: several.1.rate: 'true' is not allowed: {NUMBER}"),
+    ("inner: {cycles: 2.5}", "line 2: inner.cycles: 2.5 is not allowed: write a whole number, or a list, as ["),
+    ("inner: {cycles: [1, 200]}", "line 2: inner.cycles.1: 200 is not allowed: write a number less than or equal "
+     "to 100"),
+    ("inner: {plates: [a]}", "line 2: inner.plates.0: 'a' is not allowed: write a whole number"),
+    ("inner: 7", "line 2: inner: 7 is not allowed: write its fields below it, as `name: value`; the known ones are "
+     "rate, "),
+    ("inner: {rate: a, name: 1, sign: 3}", f"line 2: inner.rate: 'a' is not allowed: {NUMBER} (and 2 more prob"),
+    ("a: {b: 1}\nb:\n- {b: 2, b: 3}\n", "line 4: key 'b' stands twice; remove one"),
+    ("name: M\xfcnchen", "line 2 is not UTF-8; save the file as UTF-8"),
+    ("inner: {rate: 1e999}", "line 2: inner.rate: inf is not allowed: write a finite number"),
+    ("inner: {rate: " + "9" * 6000 + "}", "not YAML: Exceeds the limit"),
+    ("inner: {cycles: " + "9" * 400 + "}", "line 2: inner.cycles: " + "9" * 60 + "... is not allowed: write a n"),
+    ("a: " + "[" * 1500 + "]" * 1500, "its fields are nested too deeply"),
+    ("a: !!python/object:os.system x", "not YAML: "), ("a: !!timestamp x", "not YAML: "),
+    ("a: 2026-13-45", "not YAML: "), ('"\\e31mkey": 3', "line 2: unknown field '\\x1b31mkey'"),
+])  # fmt: skip
 def test_what_is_wrong_in_a_file_is_one_line_with_line_field_value_and_remedy_in_our_words(tmp_path, text, said):
     (tmp_path / "a.yaml").write_bytes(f"first: 1\n{text}".encode("latin-1"))
     with pytest.raises(InputError) as refusal:
@@ -94,19 +91,16 @@ def test_truth_values_are_kept_where_they_are_allowed_and_keys_of_two_mappings_m
     assert (read.inner.either, read.inner.limits, read.several[0].either) == (True, {"K": None}, False)
 
 
-@pytest.mark.parametrize(
-    ("section", "change", "message"),
-    [
-        ("dynamometer", BENCH | {"compare_estimators": True}, "field .*compare_estimators' is gone: so are the est"),
-        ("dynamometer", BENCH | {"cutoff_hz": 0}, "cutoff_hz: 0 is not allowed: write a number greater than 0"),
-        ("dynamometer", BENCH | {"cycles": [10, 20]}, "cycles has 2 numbers for 5 frequencies"),
-        ("dynamometer", BENCH | {"cycles": [10, 20, 30, 2, 20]}, "settle_cycles = 2 leaves none of 2 cycles; lower it"),
-        ("dynamometer", BENCH | {"seconds_per_frequency": 1.5}, r"settle_cycles = 2 leaves none of 1\.5 cycles"),
-        ("results", "README.md/below", "README.md: is a file; name a folder"), ("results", "", "results is empty"),
-        ("impedance_trajectory", "no.csv", "no.csv: no such file; correct impedance_trajectory in .*, or write null"),
-        ("study", SHIPPED["study"] | {"simulation": "no.yaml"}, "no.yaml: .*; correct study.simulation in [^,]*$"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("section", "change", "message"), [
+    ("dynamometer", BENCH | {"compare_estimators": True}, "field .*compare_estimators' is gone: so are the est"),
+    ("dynamometer", BENCH | {"cutoff_hz": 0}, "cutoff_hz: 0 is not allowed: write a number greater than 0"),
+    ("dynamometer", BENCH | {"cycles": [10, 20]}, "cycles has 2 numbers for 5 frequencies"),
+    ("dynamometer", BENCH | {"cycles": [10, 20, 30, 2, 20]}, "settle_cycles = 2 leaves none of 2 cycles; lower it"),
+    ("dynamometer", BENCH | {"seconds_per_frequency": 1.5}, r"settle_cycles = 2 leaves none of 1\.5 cycles"),
+    ("results", "README.md/below", "README.md: is a file; name a folder"), ("results", "", "results is empty"),
+    ("impedance_trajectory", "no.csv", "no.csv: no such file; correct impedance_trajectory in .*, or write null"),
+    ("study", SHIPPED["study"] | {"simulation": "no.yaml"}, "no.yaml: .*; correct study.simulation in [^,]*$"),
+])  # fmt: skip
 def test_a_configuration_that_cannot_be_run_is_one_line_before_any_job(in_root, section, change, message):
     with pytest.raises(InputError, match=message):
         check_files(campaign_config(SHIPPED | {section: change}, [SHIPPED_FILE]))
@@ -162,19 +156,16 @@ def test_the_shipped_files_have_the_numbers_of_hardware_text_table_and_later_pub
     assert (later.K_s, later.K_s2, later.B_m) == (876, 14913, 6.06e-2)
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"K_s": None}, "K_s .* is missing"),
-        ({"K_s": {"source": ""}}, r"parameters\.K_s\.source: '' is not allowed: write at least one character"),
-        ({"K_s": {"unit": "N*mm/rad"}}, r"line \d+: parameters\.K_s\.unit: K_s has unit 'N\*mm/rad', expected 'N\*m/r"),
-        ({"B_j": {"value": -0.1}}, "B_j = -0.1 .* zero or positive"),
-        ({"J_m": {"value": 1e-300}}, r"J_m = 1e-300 kg\*m\^2 must be positive, 1e-09 to 1e\+09; correct"),
-        ({"n_T": {"value": "83/0"}}, "ratio such as 83/18"),
-        ({"mass": {"value": 1.0}}, r"line \d+: parameters\.mass: unknown parameter mass.*; remove it"),
-        ({"f_G": {"value": 2}}, "f_G = 2.0 N\\*m/A is not below k_tau n_m"),
-    ],
-)
+@pytest.mark.parametrize(("changes", "message"), [
+    ({"K_s": None}, "K_s .* is missing"),
+    ({"K_s": {"source": ""}}, r"parameters\.K_s\.source: '' is not allowed: write at least one character"),
+    ({"K_s": {"unit": "N*mm/rad"}}, r"line \d+: parameters\.K_s\.unit: K_s has unit 'N\*mm/rad', expected 'N\*m/r"),
+    ({"B_j": {"value": -0.1}}, "B_j = -0.1 .* zero or positive"),
+    ({"J_m": {"value": 1e-300}}, r"J_m = 1e-300 kg\*m\^2 must be positive, 1e-09 to 1e\+09; correct"),
+    ({"n_T": {"value": "83/0"}}, "ratio such as 83/18"),
+    ({"mass": {"value": 1.0}}, r"line \d+: parameters\.mass: unknown parameter mass.*; remove it"),
+    ({"f_G": {"value": 2}}, "f_G = 2.0 N\\*m/A is not below k_tau n_m"),
+])  # fmt: skip
 def test_a_wrong_quantity_is_named_with_its_file(tmp_path, changes, message):
     with pytest.raises(InputError, match=f"edited.yaml.*{message}") as caught:
         read_parameters(edited(tmp_path, **changes))

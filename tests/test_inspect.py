@@ -198,17 +198,14 @@ def test_every_real_file_is_listed_or_refused_in_a_sentence(path: Path) -> None:
     assert isinstance(yaml.safe_load(draft_source(overview, path.name)), dict)
 
 
-@pytest.mark.parametrize(
-    ("name", "unit", "column"),
-    [
-        ("angleJIM", "", "theta"), ("JointPosition", "rad", "theta"), ("position[name=ankle]", "rad", "theta"),
-        ("desired_angle", "deg", "theta_command"), ("motor_position", "rad", "theta_m"), ("I_q", "A", "current"),
-        ("actuator velocity", "rad/s", "omega_m"), ("LoadCellTorque", "Nm", "torque"), ("Trig", "", "trigger"),
-        ("sync_out", "V", "sync"), ("motor_torque", "N*m", "torque_m"), ("torque", "deg", ""), ("angle", "V", ""),
-        ("commanded_torque", "N*m", ""), ("R_ground_torque_y", "N*m", ""), ("case_temperature", "", ""),
-        ("load", "Nm", "torque"), ("ch3", "deg", "theta"), ("roll", "deg", ""),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("name", "unit", "column"), [
+    ("angleJIM", "", "theta"), ("JointPosition", "rad", "theta"), ("position[name=ankle]", "rad", "theta"),
+    ("desired_angle", "deg", "theta_command"), ("motor_position", "rad", "theta_m"), ("I_q", "A", "current"),
+    ("actuator velocity", "rad/s", "omega_m"), ("LoadCellTorque", "Nm", "torque"), ("Trig", "", "trigger"),
+    ("sync_out", "V", "sync"), ("motor_torque", "N*m", "torque_m"), ("torque", "deg", ""), ("angle", "V", ""),
+    ("commanded_torque", "N*m", ""), ("R_ground_torque_y", "N*m", ""), ("case_temperature", "", ""),
+    ("load", "Nm", "torque"), ("ch3", "deg", "theta"), ("roll", "deg", ""),
+])  # fmt: skip
 def test_a_name_and_its_unit_tell_the_column(name: str, unit: str, column: str) -> None:
     assert likely_column(RecordedChannel("column", {"column": name}, unit)) == column
 
@@ -368,6 +365,9 @@ def test_a_stiffness_far_from_the_desired_one_is_pointed_at(tmp_path, bench):
     assert "LOOK AT IT: K is 0.4 times the K_d = 300" in recording_line(path, tmp_path / "in", bench)
     new_campaign(tmp_path / "c", recordings=tmp_path / "in")
     (look,) = first_look(tmp_path / "c")
+    of = {"experiment": "impedance", "K_d": 100.0}
+    far = [K for K in (59.0, 61.0, 166.0, 168.0) if module.off_desired(pl.DataFrame({"K": [100.0, K]}), of)]
+    assert far == [59.0, 168.0], "the last row is over all amplitudes"
     assert re.search("first trial of experiment impedance, .*: LOOK AT IT\n  K is 0.4 times the K_d = 300", look)
 
 

@@ -83,6 +83,8 @@ def test_means_are_of_one_joint_and_so_are_their_headlines_of_which_the_ankle_s_
     found = {h.name: (h.value, h.n, h.draft, h.macro) for h in headline_numbers({"belt_summary": summary})}
     assert found["K_s (ankle)"] == (650, 2, 685.6, "BeltStiffnessAnkle")
     assert found["K_s (knee)"] == (1000, 1, None, "BeltStiffnessKnee")
+    alone = [headline_numbers({"belt_summary": summary.filter(joint=name)})[0] for name in ("ankle", "knee")]
+    assert [(one.meaning.endswith(", knee"), one.draft) for one in alone] == [(False, 685.6), (True, None)]
     curves = belts.select("trial", theta_s_deg=pl.lit(5.0), torque=pl.lit(1.0), branch=pl.lit("loading"))
     drawn = belt_figure_points(curves, belts, summary).filter(pl.col("trial") == "mean slope")
     assert drawn.select("joint", "K_s").unique(maintain_order=True).rows() == [("ankle", 650), ("knee", 1000)]

@@ -45,16 +45,13 @@ def test_a_channel_that_may_be_another_quantity_is_left_to_the_user(tmp_path, co
     assert content["channels"][open_place[-1]]["column"] == name
 
 
-@pytest.mark.parametrize(
-    ("name", "experiment", "told"),
-    [
-        ("belt 01", "belt", {}),
-        ("impedance_K300_B5.0_uncompensated", "impedance", {"K_d": "300", "B_d": "5.0", "controller": "uncompensated"}),
-        ("walk_pert_03", "walking", {"perturbed": "true"}), ("gait_unperturbed_1", "walking", {"perturbed": "false"}),
-        ("k300b5", "impedance", {"K_d": "300", "B_d": "5"}),
-        ("2026-11-21_K300_B7.5_uncomp", "impedance", {"K_d": "300", "B_d": "7.5", "controller": "uncompensated"}),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("name", "experiment", "told"), [
+    ("belt 01", "belt", {}),
+    ("impedance_K300_B5.0_uncompensated", "impedance", {"K_d": "300", "B_d": "5.0", "controller": "uncompensated"}),
+    ("walk_pert_03", "walking", {"perturbed": "true"}), ("gait_unperturbed_1", "walking", {"perturbed": "false"}),
+    ("k300b5", "impedance", {"K_d": "300", "B_d": "5"}),
+    ("2026-11-21_K300_B7.5_uncomp", "impedance", {"K_d": "300", "B_d": "7.5", "controller": "uncompensated"}),
+])  # fmt: skip
 def test_the_name_of_a_file_tells_its_trial_and_nothing_more(name, experiment, told):
     ((cells, still_open),) = draft_trials([(Path(f"{name}.csv"), "csv", False)])
     assert cells["experiment"] == experiment
@@ -98,6 +95,10 @@ def test_an_empty_campaign_names_what_is_to_be_done(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path / "mine")
     (said,) = [found for what, found, _ in looked_at(Path()) if what == "campaign"]
     assert "no trials; add one row per trial" in said
+    assert (call("doctor").exit_code, "!! campaign" in call("doctor").output) == (1, True)
+    Path("trials.csv").write_text("trial,experiment,log,log_source\na,belt,a.csv,opensourceleg\n")
+    lacks = "files of 1 are missing, first of a: correct the sheet"
+    assert [*looked_at(Path())][-1] == ("campaign", "mine, 1 trials", lacks)
 
 
 def test_snakemake_is_given_the_campaign_of_the_folder_or_a_broken_one_is_refused_in_one_line(tmp_path, monkeypatch):

@@ -114,40 +114,37 @@ BARE = laboratory()["plate1_force_z"].to_numpy()
 STOOD_ON = 800 + np.random.default_rng(1).standard_normal(2000)
 
 
-@pytest.mark.parametrize(
-    ("check", "samples", "experiment", "value", "remark"),
-    [
-        ("rate", bench()[::20], "impedance", 50.0, None),
-        ("rate", laboratory(), "walking", 200.0, "plate1_force_z 1000 Hz, marker_A_x 200 Hz"),
-        # a load cell at either rail, by its samples
-        *(("saturation", bench(torque=s * np.minimum(TORQUE, 15.0)), "impedance", ABOVE, "torque") for s in (1, -1)),
-        ("saturation", bench(torque=with_piece(TORQUE, 1000, 1009, 40.0)), "impedance", 9, "torque"),
-        ("stuck", bench(torque=with_piece(TORQUE, 2000, 2800)), "impedance", 0.799, "torque"),
-        ("stuck", bench(with_piece(ANGLE, 1000, 2000), theta_command=ANGLE), "impedance", 0.999, "theta"),
-        ("stuck", actuator_bench(current=LEVELS), "actuator", 0.0, ""),  # a command has levels
-        ("stuck", actuator_bench(current=with_piece(LEVELS + TORQUE[:2000], 500, 1500)), "actuator", 0.999, "current"),
-        *(("stuck", bench(**{c: np.full(ANGLE.size, x)}), "impedance", (ANGLE.size - 1) / RATE, c)
-          for c in ("torque", "current") for x in (0.0, 3.0)),
-        *(("stuck", STILL, experiment, 1.999, "theta") for experiment in ("belt", "impedance", "walking")),
-        ("stuck", STILL, "static", None, None),
-        ("stuck", bench().with_columns(theta_m=pl.lit(0.2)), "belt", 0.0, ""),  # the input shaft is locked
-        ("stuck", laboratory(plate1_force_x=np.zeros(2000)), "walking", 1.999, "plate1_force_x"),
-        ("stuck", laboratory(plate2_force_z=np.zeros(2000)), "walking", 0.0, ""),
-        *(("encoder_wrap", bench(ANGLE + k * AWAY), "impedance", 2.0 * (k != 7.5), "theta" * (k != 7.5))
-          for k in (2 * np.pi, -2 * np.pi, 360.0, 7.5)),
-        ("gap", bench().filter(pl.col("time") != 1.0), "impedance", 0.001, None),  # of one sample
-        ("unzeroed_load_cell", bench(torque=TORQUE - 8.0), "impedance", 7.5, None),
-        ("unzeroed_load_cell", bench()[500:], "impedance", None, None),  # it begins in motion
-        ("unzeroed_plate", laboratory(plate1_force_z=BARE - 100), "walking", 98.0, None),
-        ("unzeroed_plate", laboratory(plate1_force_z=BARE + 60), "walking", 62.0, None),
-        ("unzeroed_plate", laboratory(plate1_force_z=STOOD_ON), "static", None, None),  # somebody stands there
-        ("unzeroed_plate", laboratory(plate1_force_z=STOOD_ON), "walking", 800.0, None),
-        ("unzeroed_plate", laboratory(plate1_force_z=-STOOD_ON), "static", 800.0, None),
-        ("marker_gap", laboratory(marker_A_x=every_fifth(SEEN)), "walking", 60 / 200, "A; 1 of 1 markers"),
-        ("marker_gap", laboratory(marker_A_x=every_fifth(np.full(400, np.nan))), "walking", 1.995, None),  # never seen
-        ("damage", bench(), "impedance", None, "not applicable: no damage report"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("check", "samples", "experiment", "value", "remark"), [
+    ("rate", bench()[::20], "impedance", 50.0, None),
+    ("rate", laboratory(), "walking", 200.0, "plate1_force_z 1000 Hz, marker_A_x 200 Hz"),
+    # a load cell at either rail, by its samples
+    *(("saturation", bench(torque=s * np.minimum(TORQUE, 15.0)), "impedance", ABOVE, "torque") for s in (1, -1)),
+    ("saturation", bench(torque=with_piece(TORQUE, 1000, 1009, 40.0)), "impedance", 9, "torque"),
+    ("stuck", bench(torque=with_piece(TORQUE, 2000, 2800)), "impedance", 0.799, "torque"),
+    ("stuck", bench(with_piece(ANGLE, 1000, 2000), theta_command=ANGLE), "impedance", 0.999, "theta"),
+    ("stuck", actuator_bench(current=LEVELS), "actuator", 0.0, ""),  # a command has levels
+    ("stuck", actuator_bench(current=with_piece(LEVELS + TORQUE[:2000], 500, 1500)), "actuator", 0.999, "current"),
+    *(("stuck", bench(**{c: np.full(ANGLE.size, x)}), "impedance", (ANGLE.size - 1) / RATE, c)
+      for c in ("torque", "current") for x in (0.0, 3.0)),
+    *(("stuck", STILL, experiment, 1.999, "theta") for experiment in ("belt", "impedance", "walking")),
+    ("stuck", STILL, "static", None, None),
+    ("stuck", bench().with_columns(theta_m=pl.lit(0.2)), "belt", 0.0, ""),  # the input shaft is locked
+    ("stuck", laboratory(plate1_force_x=np.zeros(2000)), "walking", 1.999, "plate1_force_x"),
+    ("stuck", laboratory(plate2_force_z=np.zeros(2000)), "walking", 0.0, ""),
+    *(("encoder_wrap", bench(ANGLE + k * AWAY), "impedance", 2.0 * (k != 7.5), "theta" * (k != 7.5))
+      for k in (2 * np.pi, -2 * np.pi, 360.0, 7.5)),
+    ("gap", bench().filter(pl.col("time") != 1.0), "impedance", 0.001, None),  # of one sample
+    ("unzeroed_load_cell", bench(torque=TORQUE - 8.0), "impedance", 7.5, None),
+    ("unzeroed_load_cell", bench()[500:], "impedance", None, None),  # it begins in motion
+    ("unzeroed_plate", laboratory(plate1_force_z=BARE - 100), "walking", 98.0, None),
+    ("unzeroed_plate", laboratory(plate1_force_z=BARE + 60), "walking", 62.0, None),
+    ("unzeroed_plate", laboratory(plate1_force_z=STOOD_ON), "static", None, None),  # somebody stands there
+    ("unzeroed_plate", laboratory(plate1_force_z=STOOD_ON), "walking", 800.0, None),
+    ("unzeroed_plate", laboratory(plate1_force_z=-STOOD_ON), "static", 800.0, None),
+    ("marker_gap", laboratory(marker_A_x=every_fifth(SEEN)), "walking", 60 / 200, "A; 1 of 1 markers"),
+    ("marker_gap", laboratory(marker_A_x=every_fifth(np.full(400, np.nan))), "walking", 1.995, None),  # never seen
+    ("damage", bench(), "impedance", None, "not applicable: no damage report"),
+])  # fmt: skip
 def test_a_fault_is_measured_where_it_is_and_fails_its_own_check_alone(check, samples, experiment, value, remark):
     found = results(samples, experiment)
     slack = {"unzeroed_plate": 0.5, "unzeroed_load_cell": 0.05}.get(check, 1e-9)
@@ -256,16 +253,13 @@ def test_clocks_that_fit_badly_and_a_damaged_log_are_told_from_the_provenance():
     assert found["damage"] == said
 
 
-@pytest.mark.parametrize(
-    ("really", "missing", "remark"),
-    [
-        (Commanded((2.0, 4.0), (2.0, 5.0), 6), 0, "4 commanded pairs of amplitude and frequency found"),
-        (Commanded((2.0, 4.0), (2.0,), 6), 2, "missing 2 deg at 5 Hz; missing 4 deg at 5 Hz"),
-        (Commanded((2.0, 6.0), (2.0, 5.0), 6), 4, "missing 4 deg at 5 Hz; besides 6 deg at 2 Hz (6.0 cycles); besides"),
-        (Commanded((2.0, 4.0), (2.0, 5.0), 3), 4, "2 deg at 2 Hz (3.0 cycles), commanded are 6"),
-        (Commanded((2.0, 4.0), (2.0, 5.0), (6, 7)), 2, "4 deg at 5 Hz (7.0 cycles), commanded are 6"),
-    ],
-)
+@pytest.mark.parametrize(("really", "missing", "remark"), [
+    (Commanded((2.0, 4.0), (2.0, 5.0), 6), 0, "4 commanded pairs of amplitude and frequency found"),
+    (Commanded((2.0, 4.0), (2.0,), 6), 2, "missing 2 deg at 5 Hz; missing 4 deg at 5 Hz"),
+    (Commanded((2.0, 6.0), (2.0, 5.0), 6), 4, "missing 4 deg at 5 Hz; besides 6 deg at 2 Hz (6.0 cycles); besides"),
+    (Commanded((2.0, 4.0), (2.0, 5.0), 3), 4, "2 deg at 2 Hz (3.0 cycles), commanded are 6"),
+    (Commanded((2.0, 4.0), (2.0, 5.0), (6, 7)), 2, "4 deg at 5 Hz (7.0 cycles), commanded are 6"),
+])  # fmt: skip
 def test_the_protocol_in_the_log_is_held_against_the_configured_one(really, missing, remark):
     found = results(bench(stepped_sine(really)))["protocol"]
     assert found.value == missing
@@ -310,16 +304,13 @@ def test_a_value_at_its_threshold_passes_and_no_number_fails(name, value, fails)
     assert CHECKS[name].failed(value, RULES.by_check[name].limit) is fails
 
 
-@pytest.mark.parametrize(
-    ("changed", "message"),
-    [
-        *(({"unzeroed_plate": {"threshold": wrong, "on_failure": "flag"}},
-           f"quality.unzeroed_plate: threshold '{wrong}' must be a number from 0 and its unit, as in '1 N'")
-          for wrong in ("20", "20 kN", "much N", "-1 N", "nan N", "inf N")),
-        ({"gap": None}, "quality: no rule for the check 'gap'"),
-        ({"gaps": {"threshold": "0 s", "on_failure": "flag"}}, "'gaps' is no quality check; the checks are rate,"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("changed", "message"), [
+    *(({"unzeroed_plate": {"threshold": wrong, "on_failure": "flag"}},
+       f"quality.unzeroed_plate: threshold '{wrong}' must be a number from 0 and its unit, as in '1 N'")
+      for wrong in ("20", "20 kN", "much N", "-1 N", "nan N", "inf N")),
+    ({"gap": None}, "quality: no rule for the check 'gap'"),
+    ({"gaps": {"threshold": "0 s", "on_failure": "flag"}}, "'gaps' is no quality check; the checks are rate,"),
+])  # fmt: skip
 def test_rules_and_checks_are_the_same_list_and_a_threshold_has_the_unit_of_its_check(changed, message):
     recording.validate_rules(RULES)
     content = yaml.safe_load(CONFIG.read_text())["quality"] | changed

@@ -97,8 +97,9 @@ def test_a_job_that_refuses_its_input_leaves_reason_and_remedy_in_place_of_an_ol
 
 
 def test_a_job_that_lacks_an_input_passes_its_causes_on_and_is_no_cause_itself(tmp_path):
-    inputs = {"table": record(tmp_path / "belt.csv", LOST, KILLED)}
-    assert ended(job(tmp_path, "bench.summarise", inputs)) == ("skipped", (LOST, KILLED))
+    causes = LOST, KILLED, replace(LOST, reason="later")  # and none twice
+    inputs = {"table": record(tmp_path / "belt.csv", *causes, replace(LOST, file="other"))}
+    assert ended(job(tmp_path, "bench.summarise", inputs)) == ("skipped", causes)
 
 
 def test_ingest_and_quality_control_are_one_job_of_which_both_results_stand_or_none(tmp_path, monkeypatch):
@@ -182,15 +183,12 @@ def test_a_remedy_says_what_to_do_and_nothing_of_the_reason_is_lost():
         assert reason_and_remedy("; ".join(filter(None, [reason, remedy]))) == (reason, remedy)
 
 
-@pytest.mark.parametrize(
-    ("remedy", "outcome", "trial", "traceback"),
-    [
-        ("correct or replace the file", "refused", "a.parquet", ""),
-        ("correct or exclude the trials behind it", "refused", "", ""),
-        ("make the file or its folder accessible", "failed", "a.parquet", ""),
-        ("a fault of this program: report it with the traceback in job.log", "failed", "a.parquet", "T"),
-    ],
-)
+@pytest.mark.parametrize(("remedy", "outcome", "trial", "traceback"), [
+    ("correct or replace the file", "refused", "a.parquet", ""),
+    ("correct or exclude the trials behind it", "refused", "", ""),
+    ("make the file or its folder accessible", "failed", "a.parquet", ""),
+    ("a fault of this program: report it with the traceback in job.log", "failed", "a.parquet", "T"),
+])  # fmt: skip
 def test_what_to_do_is_told_by_the_outcome_where_the_message_does_not(remedy, outcome, trial, traceback):
     asked = {"command": "m.f", "input": {"trial": trial}, "settings": {}, "files": ["x.csv"], "log": "job.log"}
     found = refusal(asked, {"outcome": outcome, "error": "x.csv has no sense", "traceback": traceback})
@@ -200,7 +198,7 @@ def test_what_to_do_is_told_by_the_outcome_where_the_message_does_not(remedy, ou
 def test_the_list_has_a_line_per_cause_with_trial_file_reason_and_remedy(tmp_path):
     table = Refusal("", "tables/walking.csv", "j", "refused", "tables/walking.csv: 1 perturbation", "record more")
     files = [record(tmp_path / f"{i}.csv", *causes) for i, causes in enumerate([(table,), (KILLED, LOST), (LOST,)])]
-    recordings = {name: [f"raw/{name}.mcap", f"raw/{name}.c3d"] for name in ("b_1", "b_2", "b_3")}
+    recordings = {name: [f"raw/{name}.c3d", f"raw/{name}.mcap"] for name in ("b_1", "b_2", "b_3")}
     told = refusal_report([*files, tmp_path], recordings, accept=False).splitlines()
     assert told[1:5] == [
         "NOT ANALYSED: 2 of 3 trials; results are of the others.",

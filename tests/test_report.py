@@ -21,12 +21,17 @@ from osl_analysis.bench.analysis import Series
 from osl_analysis.bench.components import belt_table, fit_branches, transmission_of, transmission_table
 from osl_analysis.bench.impedance import impedance_table, rendered_impedance
 from osl_analysis.campaign.campaign import ABOUT_MEANING, sentence
+from osl_analysis.commands import report
 from osl_analysis.dictionary import described_tables
-from osl_analysis.report import trial_page
+from osl_analysis.refusal import Refusal
+from osl_analysis.report import panels, trial_page
+from osl_analysis.report.headlines import COUNT
 from osl_analysis.report.page import caption_html, captions_by_title, every_kth, inline_svg, packed_table, written_page
 from osl_analysis.report.panels import crossing_pictures, isolated_pictures, phasor_pictures
 from osl_analysis.report.trial_page import ReportedTrial, trial_content, trials_content
+from osl_analysis.table import write_table
 
+DRAWN = ("torque", "torque_model", "residual_low", "residual_high", "theta_deg")
 HOSTILE = '<img src=x onerror="alert(1)"></script><b>&amp;'
 IMPEDANCE = next(table for table in described_tables() if table.place == "tables/impedance")
 
@@ -220,7 +225,44 @@ def test_the_model_of_a_series_is_that_of_the_fit_in_the_samples_that_the_fit_us
         assert 0.1 < series.fitted.mean() < 0.95
 
 
-def test_crossings_are_drawn_in_degrees_and_the_residual_is_measured_minus_model():
+def test_a_report_says_of_each_trial_what_became_of_it_and_leaves_out_counts(tmp_path, monkeypatch):
+    """One is flagged, one refused, one has no result though a fit belongs to it, as one has no crossing; one stood."""
+    number = dict.fromkeys(("draft", "low", "high", "n_doubtful", "n_left_out")) | {"value": 1.5, "unit": "1", "n": 1}
+    numbers = {name: number | {"meaning": name, "interval": kind} for name, kind in (("K", None), ("n", COUNT))}
+    (tmp_path / "summary.csv").write_text(json.dumps({"numbers": numbers}))
+    lost = dict.fromkeys(("value", "unit", "threshold")) | {"trial": "b_2", "check": "refused", "remark": "no footer"}
+    gap = {"trial": "b_1", "check": "gap", "value": 1.0, "unit": "s", "threshold": 0.5, "remark": "", "verdict": "flag"}
+    made = {
+        "verdicts": [gap, lost | {"verdict": "refused"}],
+        "excluded": [lost],
+        "belt": [{"trial": "b_1", "K_s": 9.0}],
+    }
+    for name, rows in (made | {"series": [dict.fromkeys(DRAWN, 1.0) | {"time": k / 5} for k in range(11)]}).items():
+        write_table(pl.DataFrame(rows), tmp_path / f"{name}.csv")
+    given = {name: tmp_path / f"{name}.csv" for name in (*made, "series", "summary", "output")}
+    given |= {
+        "series": {"b_1": given["series"]},
+        "tables": {"belt": given.pop("belt")},
+        "about": ABOUT,
+        "largest_mb": 4,
+    }
+    of_table, seen = Refusal("", "t.csv", "j", "refused", "why", "what"), []
+    given |= {"trials": {}, "crossings": {}, "figures": {}, "refused": [of_table, replace(of_table, trial="b_2")]}
+    monkeypatch.setattr(report, "written_page", lambda *content: seen.extend(content) or "")
+    kinds = {"b_1": "belt", "b_2": "belt", "b_3": "belt", "w": "walking", "s": "static"}
+    report.write_report(sheet={name: {"trial": name, "experiment": kind} for name, kind in kinds.items()}, **given)
+    said = {row["name"]: (row["verdict"], row["doubt"][:40]) for row in seen[0]["trials"]}
+    none = ("refused", "it has no result, because b_2 was refuse")
+    assert (said["b_1"][0], said.pop("b_1")[1][:20]) == ("flagged", "gap in the recording")
+    assert said == {"b_2": ("refused", "no footer"), "b_3": none, "w": none, "s": ("used", "")}
+    assert ([row["meaning"] for row in seen[0]["headlines"]], seen[0]["not_made"]) == (["K"], [of_table])
+    own, other = (seen[1][name][0] for name in ("b_1", "b_2"))
+    assert (len(own["quality"]), other["quality"], own["remark"][:24]) == (1, [], "5 samples a second are d")
+    assert [one["title"] for one in own["panels"]][2:] == ["Belt deflection", "Torque against belt deflection"]
+    assert [one["where"] for one in own["panels"][3]["drawn"]] == ["", ""], "the whole loop"
+
+
+def test_crossings_are_drawn_in_degrees_the_residual_is_measured_minus_model_and_raw_signals_are_thinned_out():
     angles = {"theta": [0.0, np.pi], "platform": [np.pi / 2, 0.0]}
     crossing = pl.DataFrame({"time": [5.0, 5.1], **angles, "torque": [1.0, 2.0]})
     table = crossing_pictures(crossing).tables["crossing"].select("time", "theta_deg", "platform_deg")
@@ -229,6 +271,9 @@ def test_crossings_are_drawn_in_degrees_and_the_residual_is_measured_minus_model
     isolated = isolated_pictures(response).tables["isolated"]
     row = isolated.drop("time").row(0, named=True)
     assert row == {"theta_deg": 1.0, "torque": 5.0, "torque_model": 3.0, "time_ms": 10.0, "residual": 2.0}
+    samples = pl.DataFrame({"time": 5 + np.arange(6001.0)}).with_columns(pl.lit(1.0).alias(name) for name in "abcde")
+    raw = panels.recorded_pictures(samples, dict.fromkeys("abcde", "N")).tables["N"]
+    assert (raw.shape, raw["time"][0]) == ((2001, 5), 0), "3000 rows and four lines at most"
 
 
 def test_the_fitted_line_of_phasors_is_the_admittance_of_a_second_order_system():

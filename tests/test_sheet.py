@@ -46,50 +46,44 @@ def test_a_valid_sheet_has_numbers_truth_values_and_gaps_and_blanks_and_comments
     assert [(row["perturbed"], row["log"]) for row in table.values()][2:4] == [(True, None), (None, "b#2.mcap")]
 
 
-@pytest.mark.parametrize(
-    ("line", "message"),
-    [
-        ("b1,blet,,,,,b.mcap,dynamometer,,,", "experiment 'blet' is none of .*; did you mean 'belt'"),
-        ("../b1,belt,,,,,b.mcap,dynamometer,,,", r"line 2: trial '\.\./b1' must be up to 100 letters"),
-        ("k,impedance,compensated,-3,5,,k.mcap,dynamometer,,,", "K_d = -3, B_d = 5 is not the impedance of a joint"),
-        ("k,impedance,compensated,3,-5,,k.mcap,dynamometer,,,", "K_d = 3, B_d = -5 is not the impedance of a joint"),
-        ("b,belt,,,,,,,,,", "names no file; fill in"), ("b,belt,,,,yes,b.mcap,leg,,,", "'yes' must be true or false"),
-        ("b1,belt,,,,,b.mcap,s.yaml,,,", "log_source 's.yaml' names a file; write its name without the ending"),
-        ("k,impedance,compensated,1_0,5,,k.mcap,dynamometer,,,", "K_d '1_0' is not a number"),
-        ("w,walking,,,,,,,w.c3d,vicon,", "perturbed is empty"), ("w,static,,,,,,,w.c3d,,", "mocap_source is empty"),
-        ("k,impedance,Compensated,300,5,,k.mcap,dynamometer,,,", "'Compensated' differs from 'compensated' by"),
-        (f"{BELT}\nb ,belt,,,,,b.mcap,dynamometer,,,", "line 3: trial 'b' stands twice, first in line 2"),
-        ("b,belt,,,,,b\u00a01.mcap,leg,,,", r"line 2: column 'log': .* U\+00A0 \(NO-BREAK SPACE\); type"),
-        (f"{BELT}slipped, again", "line 2: 12 cells, the header has 11; quote a cell"),
-        ('b,belt,,,,,"b.mcap,dynamometer,,,\n', "line 2: not CSV"),
-        (f'{BELT}"slipped\nand again"\nb2,belts,,,,,b.mcap,dynamometer,,,', "line 4: experiment 'belts'"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("line", "message"), [
+    ("b1,blet,,,,,b.mcap,dynamometer,,,", "experiment 'blet' is none of .*; did you mean 'belt'"),
+    ("../b1,belt,,,,,b.mcap,dynamometer,,,", r"line 2: trial '\.\./b1' must be up to 100 letters"),
+    ("k,impedance,compensated,-3,5,,k.mcap,dynamometer,,,", "K_d = -3, B_d = 5 is not the impedance of a joint"),
+    ("k,impedance,compensated,3,-5,,k.mcap,dynamometer,,,", "K_d = 3, B_d = -5 is not the impedance of a joint"),
+    ("b,belt,,,,,,,,,", "names no file; fill in"), ("b,belt,,,,yes,b.mcap,leg,,,", "'yes' must be true or false"),
+    ("b1,belt,,,,,b.mcap,s.yaml,,,", "log_source 's.yaml' names a file; write its name without the ending"),
+    ("k,impedance,compensated,1_0,5,,k.mcap,dynamometer,,,", "K_d '1_0' is not a number"),
+    ("w,walking,,,,,,,w.c3d,vicon,", "perturbed is empty"), ("w,static,,,,,,,w.c3d,,", "mocap_source is empty"),
+    ("k,impedance,Compensated,300,5,,k.mcap,dynamometer,,,", "'Compensated' differs from 'compensated' by"),
+    (f"{BELT}\nb ,belt,,,,,b.mcap,dynamometer,,,", "line 3: trial 'b' stands twice, first in line 2"),
+    ("b,belt,,,,,b\u00a01.mcap,leg,,,", r"line 2: column 'log': .* U\+00A0 \(NO-BREAK SPACE\); type"),
+    (f"{BELT}slipped, again", "line 2: 12 cells, the header has 11; quote a cell"),
+    ('b,belt,,,,,"b.mcap,dynamometer,,,\n', "line 2: not CSV"),
+    (f'{BELT}"slipped\nand again"\nb2,belts,,,,,b.mcap,dynamometer,,,', "line 4: experiment 'belts'"),
+])  # fmt: skip
 def test_a_wrong_cell_is_named_with_line_and_remedy(tmp_path, line, message):
     with pytest.raises(InputError, match=f"trials.csv: .*{message}"):
         read_sheet(sheet(tmp_path, HEADER + line + "\n"))
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        (f"{PLACED}a,belt,knee,,a,s\nb,belt,Knee,,b,s\n", "line 3: joint 'Knee' differs from 'knee' by capitals or ac"),
-        (f"{PLACED}a,static,knee,,a,s\n", "joint 'knee' of experiment 'static': the walkway measures the ankle; leave"),
-        (f"{PLACED}a,belt,knee,both,a,s\n", "side 'both' must be left or right"),
-        *((f"trial,experiment,log,log_source,{name}\na,{kind},a,s,{cell}\n", said) for name, kind, cell, said in (
-            ("windows", "belt", "2-30", "only 'impedance' fits"), ("windows", "impedance", "2-", "are not from-to"),
-            ("body_mass_kg", "belt", "0", "must be above 0"), ("group", "belt", "a$", "it names a group"))),
-        ("trial,experiment,log_part,mocap,mocap_source\nb,static,x,a,s\n", "log_part 'x' without a log"),
-        ("trial,experiment,log,direction\nb,belt,b.mcap,up\n", "direction 'up' of a trial that is not perturbed"),
-        ("", "not a CSV table"), (HEADER, "no trials"),
-        ("trial,log\nb,b.mcap\n", "no column 'experiment'"),
-        ("trial,experiment,log,log\nb,belt,a,b\n", "line 1: column 'log' stands twice"),
-        ("trial,experimnt,log\n", "unknown column 'experimnt'; .*; did you mean 'experiment'"),
-        ("trial;experiment\na;belt\n", "its cells are separated by ';'; save the sheet with commas"),
-        (f"{HEADER}{BELT}Fuß\n".encode("latin-1"), "line 2: byte 0xdf is not UTF-8; save the sheet as 'CSV UTF-8'"),
-        (b"PK\x03\x04xl/\0\0", "an Excel workbook, which is not read; save its sheet as 'CSV UTF-8'"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("text", "message"), [
+    (f"{PLACED}a,belt,knee,,a,s\nb,belt,Knee,,b,s\n", "line 3: joint 'Knee' differs from 'knee' by capitals or ac"),
+    (f"{PLACED}a,static,knee,,a,s\n", "joint 'knee' of experiment 'static': the walkway measures the ankle; leave"),
+    (f"{PLACED}a,belt,knee,both,a,s\n", "side 'both' must be left or right"),
+    *((f"trial,experiment,log,log_source,{name}\na,{kind},a,s,{cell}\n", said) for name, kind, cell, said in (
+        ("windows", "belt", "2-30", "only 'impedance' fits"), ("windows", "impedance", "2-", "are not from-to"),
+        ("body_mass_kg", "belt", "0", "must be above 0"), ("group", "belt", "a$", "it names a group"))),
+    ("trial,experiment,log_part,mocap,mocap_source\nb,static,x,a,s\n", "log_part 'x' without a log"),
+    ("trial,experiment,log,direction\nb,belt,b.mcap,up\n", "direction 'up' of a trial that is not perturbed"),
+    ("", "not a CSV table"), (HEADER, "no trials"),
+    ("trial,log\nb,b.mcap\n", "no column 'experiment'"),
+    ("trial,experiment,log,log\nb,belt,a,b\n", "line 1: column 'log' stands twice"),
+    ("trial,experimnt,log\n", "unknown column 'experimnt'; .*; did you mean 'experiment'"),
+    ("trial;experiment\na;belt\n", "its cells are separated by ';'; save the sheet with commas"),
+    (f"{HEADER}{BELT}Fuß\n".encode("latin-1"), "line 2: byte 0xdf is not UTF-8; save the sheet as 'CSV UTF-8'"),
+    (b"PK\x03\x04xl/\0\0", "an Excel workbook, which is not read; save its sheet as 'CSV UTF-8'"),
+])  # fmt: skip
 def test_a_wrong_sheet_is_refused_with_what_to_do(tmp_path, text, message):
     with pytest.raises(InputError, match=message):
         read_sheet(sheet(tmp_path, text))
@@ -194,16 +188,13 @@ def test_the_written_sheet_is_the_plan_and_a_crossing_s_perturbation_does_not_de
     assert few == many[:9]
 
 
-@pytest.mark.parametrize(
-    ("place", "value", "match"),
-    [
-        ("effects.load_cell_noise.unit", "mN*m", r"effects.load_cell_noise.*unit must be 'N\*m'"),
-        ("effects.control_delay.size", 1.5, "effects.control_delay.*whole number"),
-        ("drivetrain.control_updates", 3, "drivetrain.*control_updates must divide substeps"),
-        ("experiments.walking", 3, "'walking' names no settings file"),
-        ("dynamometer.rate_hz", 1, r"dynamometer\.rate_hz = 1 Hz takes 0\.2 samples of a cycle at 5 Hz; take 50 Hz"),
-    ],
-)
+@pytest.mark.parametrize(("place", "value", "match"), [
+    ("effects.load_cell_noise.unit", "mN*m", r"effects.load_cell_noise.*unit must be 'N\*m'"),
+    ("effects.control_delay.size", 1.5, "effects.control_delay.*whole number"),
+    ("drivetrain.control_updates", 3, "drivetrain.*control_updates must divide substeps"),
+    ("experiments.walking", 3, "'walking' names no settings file"),
+    ("dynamometer.rate_hz", 1, r"dynamometer\.rate_hz = 1 Hz takes 0\.2 samples of a cycle at 5 Hz; take 50 Hz"),
+])  # fmt: skip
 def test_a_wrong_setting_is_named_with_its_place(tmp_path, place, value, match):
     path = settings_with(tmp_path, place, value)
     with pytest.raises(InputError, match=match) as refused:

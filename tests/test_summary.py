@@ -54,7 +54,9 @@ def all_tables():
         "transmission_summary": summary_rows(B_j=0.45, J_j=0.0051, VAF=99.2),
         "transmission": pl.DataFrame({"amplitude_deg": [None, None, None, 2.0], "VAF": vaf, "doubtful": [""] * 4}),
         "impedance": impedance(),
-        "walking_summary": pl.concat([walked(K=338.0, I=-0.012), walked("mean of perturbations", K=1.0)]),
+        "walking_summary": pl.concat(
+            [walked(K=338.0, I=-0.012), walked("mean of perturbations", K=1.0), walked("up minus down", K=-3.0)]
+        ),
         "walking": pl.DataFrame({"VAF": [96.0, 98.0, float("nan")], "doubtful": ["", "", None]}),
     }
 
@@ -74,6 +76,7 @@ HEADLINES = [
     ("B_j", 0.45, 0.99 * 0.45, 1.01 * 0.45, 10, 0.452, STUDENT),
     ("transmission_VAF", 99.2, 99.0, 99.4, 2, 99.1, RANGE),  # of all amplitudes together
     ("walking_K", 338.0, 0.99 * 338, 1.01 * 338, 10, 340.0, BOOTSTRAP),
+    ("walking_K_up_minus_down", -3.0, -2.97, -3.03, 10, None, BOOTSTRAP),
     ("walking_VAF", 97.0, 96.0, 98.0, 2, None, RANGE),  # without the fit that has none
     ("VAF_median_compensated", 98.0, 90.0, 99.0, 3, None, RANGE),  # over single amplitudes
     ("K_error_compensated", 2.0, 1.0, 3.0, 2, None, RANGE),  # over trials, all amplitudes each
@@ -133,6 +136,7 @@ def test_torque_against_angle_has_numbers_of_every_trial_with_an_interval_over_c
     assert (slow.value, slow.low, slow.interval, slow.n, slow.doubt) == (90, None, None, 1, None)
     assert (fast.value, fast.low, fast.high, fast.n, fast.doubt is None, fast.unit) == (95, 94, 96, 4, False, "J")
     assert (slow.macro, fast.macro) == ("TorqueAngleStiffnessSlowOne", "EnergyLostFast")
+    assert ", n = 4, DOUBTFUL: cycle_drift 0.1 is above 0.05\n" in to_tex(MADE, [fast])
 
 
 def test_gains_of_rival_models_have_the_interval_of_their_paired_difference_and_a_mean_that_is_nan_is_refused():
@@ -163,17 +167,14 @@ def test_every_line_of_the_macros_is_a_comment_or_one_definition_that_latex_acce
     assert "oslUncompensatedStiffnessErrorLow" not in names, "it has no interval"
 
 
-@pytest.mark.parametrize(
-    ("value", "low", "high", "interval", "text"),
-    [
-        (685.6432, 682.9, 688.4, STUDENT, "685.6"), (0.45213, 0.4480, 0.4562, STUDENT, "0.4521"),
-        (-0.01234, -0.0223, -0.0024, STUDENT, r"\ensuremath{-0.0123}"), (-0.0004, -1.0, 1.0, STUDENT, "0.0"),
-        (5.04e-5, 4.9e-5, 5.2e-5, STUDENT, r"\ensuremath{5.04\times 10^{-5}}"), (0.0, None, None, STUDENT, "0"),
-        (95.84, 74.0, 99.2, RANGE, "95.8"),  # a range over trials does not blunt the mean
-        (99.961, 99.951, 99.968, RANGE, "99.96"),  # its ends read differently
-        (340.0, 340.0, 340.0 + 1e-13, STUDENT, "340"),  # rounding errors are no interval
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("value", "low", "high", "interval", "text"), [
+    (685.6432, 682.9, 688.4, STUDENT, "685.6"), (0.45213, 0.4480, 0.4562, STUDENT, "0.4521"),
+    (-0.01234, -0.0223, -0.0024, STUDENT, r"\ensuremath{-0.0123}"), (-0.0004, -1.0, 1.0, STUDENT, "0.0"),
+    (5.04e-5, 4.9e-5, 5.2e-5, STUDENT, r"\ensuremath{5.04\times 10^{-5}}"), (0.0, None, None, STUDENT, "0"),
+    (95.84, 74.0, 99.2, RANGE, "95.8"),  # a range over trials does not blunt the mean
+    (99.961, 99.951, 99.968, RANGE, "99.96"),  # its ends read differently
+    (340.0, 340.0, 340.0 + 1e-13, STUDENT, "340"),  # rounding errors are no interval
+])  # fmt: skip
 def test_values_are_rounded_to_two_digits_of_half_the_interval_or_to_three_digits(value, low, high, interval, text):
     headline = headlines.Headline("x", "1", None, "X", "a number", value, low, high, interval, 1)
     assert rf"\oslX}}{{{text}}}%" in to_tex(MADE, [headline])
@@ -218,16 +219,13 @@ NOTHING = dict.fromkeys(("low", "high", "interval", "draft")) | {"unit": "", "n"
 NUMBER = json.dumps({"campaign": "made", "numbers": {"K_s": {"value": 1.5} | NOTHING}})
 
 
-@pytest.mark.parametrize(
-    ("content", "message"),
-    [
-        (None, "no such summary"),
-        ('{"campaign": "made", "numbers": {"K_s": {"value": 3}}}', r"field 'numbers\.K_s\.unit' is missing"),
-        (NUMBER.replace("1.5", '"much"'), r"numbers\.K_s\.value: 'much' is not allowed"),
-        (NUMBER.replace("1.5", "NaN"), r"numbers\.K_s\.value: nan is not allowed"),
-        ("[" * 100_000, "not a summary"),
-    ],
-)
+@pytest.mark.parametrize(("content", "message"), [
+    (None, "no such summary"),
+    ('{"campaign": "made", "numbers": {"K_s": {"value": 3}}}', r"field 'numbers\.K_s\.unit' is missing"),
+    (NUMBER.replace("1.5", '"much"'), r"numbers\.K_s\.value: 'much' is not allowed"),
+    (NUMBER.replace("1.5", "NaN"), r"numbers\.K_s\.value: nan is not allowed"),
+    ("[" * 100_000, "not a summary"),
+])  # fmt: skip
 def test_a_missing_or_broken_summary_is_refused(tmp_path, content, message):
     if content is not None:
         (tmp_path / "summary.json").write_text(content)
@@ -241,6 +239,7 @@ def test_headline_means_say_how_many_doubtful_trials_they_leave_out_or_contain()
     far = whole.head(1).with_columns(K=pl.lit(600.0), B=pl.lit(60.0), K_d=pl.lit(200.0), doubtful=pl.lit("K_ratio 3"))
     found = by_name({"impedance": pl.concat([made, far])})
     counts = {name: (h.n, h.n_doubtful, h.n_left_out) for name, h in found.items()}
+    assert by_name({"impedance": made.with_columns(doubtful=pl.lit("x"))})["K_example_compensated"].n_doubtful == 1
     assert found["K_error_compensated"].value == pytest.approx(2.0)
     assert found["B_error_compensated"].value == pytest.approx(0.3)
     assert counts["K_error_compensated"] == counts["B_error_compensated"] == (2, 1, 1)

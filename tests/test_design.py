@@ -32,12 +32,6 @@ DRAFT = SteppedSine(tuple(np.deg2rad([2, 4, 6])), (1.0, 2.0, 3.0, 4.0, 5.0), (20
 MULTISINE = PeriodicMultisine(8.0, (0.5, 6.0), float(np.deg2rad(2)), 4, 4)
 
 
-def estimates(motion, torque):
-    """K, B, I and offset of theta, omega, alpha (n,) and torque (n, trials), by numpy alone."""
-    X = np.column_stack([*motion, np.ones(len(motion[0]))])
-    return np.linalg.lstsq(X, torque, rcond=None)[0][:3]
-
-
 def se(sensors, joint=JOINT, plan=DRAFT, stated=None):
     return precision(plan, joint, sensors, OPEN, stated).columns["se"]
 
@@ -54,6 +48,8 @@ def test_two_sines_have_the_errors_that_one_computes_by_hand():
     np.testing.assert_allclose(found.columns["se"], sigma * np.sqrt(by_hand), rtol=1e-9)
     assert found.fit.correlation == pytest.approx((w1**2 + w2**2) / np.sqrt(2 * (w1**4 + w2**4)))
     assert found.method == "repeats"  # of two frequencies
+    alone = precision(plan, JOINT, Sensors(rate, 1e-6), OPEN, Distortion(coulomb=1.0))
+    assert alone.columns["degrees_of_freedom"][1] == pytest.approx(29), "of 30 cycles, which are the units"
     # Welch and Satterthwaite: of B both frequencies weigh a^2 w^2 T; each has 9 of 10 cycles' freedom
     found = precision(replace(plan, amplitudes=(a, a), cycles=(11.0, 11.0)), JOINT, Sensors(rate, sigma), OPEN)
     share = np.array([10 * 1.0, 5 * 4.0]) / 2
@@ -81,7 +77,7 @@ def test_realisations_scatter_by_friction_as_predicted_and_shift_b_by_its_equiva
     time, found, friction = 8.0 * np.arange(1000) / 1000, [], Distortion(coulomb=1.0)
     for r in range(200):
         motion = [MULTISINE.motion(1000 + r).angle(time, k) for k in range(3)]
-        found.append(estimates(motion, np.sign(motion[1])))
+        found.append(np.linalg.lstsq(np.column_stack([*motion, np.ones(1000)]), np.sign(motion[1]), rcond=None)[0][:3])
     found = np.array(found)
     predicted = precision(MULTISINE, JOINT, Sensors(1000.0, 0.0), OPEN, friction)
     np.testing.assert_allclose(found.std(axis=0, ddof=1) / 2 / predicted.columns["se"], 1, atol=0.2)
@@ -166,7 +162,7 @@ def test_noise_of_half_a_step_cures_rounding():
     ("errors", "torque_noise"),
     [
         ({"torque_noise": 0.1, "noise_band_hz": 12.5}, 0.1 * np.sqrt(500 / 12.5)),  # all of it where the joint moves
-        ({"torque_noise": 0.0, "angle_noise": 1e-4}, 0.03),  # through Z = 300
+        ({"torque_noise": 0.0, "noise_band_hz": 12.5, "angle_noise": 1e-4}, 0.03),  # through Z = 300
         ({"torque_noise": 0.03, "torque_step": 0.1}, np.hypot(0.03, 0.1 / np.sqrt(12))),
     ],
 )
@@ -198,6 +194,8 @@ def test_friction_shifts_the_damping_of_a_stepped_sine_and_leaves_a_misfit_that_
         assert np.sqrt(found.variance["distortion"][1]) == pytest.approx(by_hand, rel=1e-9)
         np.testing.assert_allclose(found.variance["distortion"][[0, 2]], 0, atol=1e-15)
         assert found.columns["degrees_of_freedom"][1] == pytest.approx(14, rel=0.01)  # of 15 units, whose scatter it is
+    levels = (precision(DRAFT, JOINT, Sensors(1e3, 0.05), OPEN, Distortion(level=share)) for share in (0.02, 0.01))
+    np.testing.assert_allclose(np.divide(*(one.variance["distortion"] for one in levels)), 4)
     added = friction.added_damping(DRAFT)
     assert list(added) == ["2 deg", "4 deg", "6 deg"]
     w, a = 2 * np.pi * np.array(DRAFT.frequencies_hz), DRAFT.amplitudes[1]
@@ -211,6 +209,9 @@ def test_a_record_that_is_long_enough_is_the_shortest_one():
 
     stepped, multisine = (long_enough(plan, enough)[0] for plan in (DRAFT, replace(MULTISINE, rms=0.01)))
     assert [enough(stepped), enough(multisine)] == [True, True]
+    assert long_enough(DRAFT, lambda _: True)[0].cycles == (8.0,) * 5  # of which five are fitted
+    for fewest, any_length in ((2, lambda _: True), (3, lambda plan: plan.periods > 2)):
+        assert long_enough(MULTISINE, any_length)[0] == replace(MULTISINE, periods=fewest)
     assert not enough(replace(stepped, cycles=tuple(n - 1 for n in stepped.cycles)))
     assert not enough(replace(multisine, realisations=multisine.realisations - 1)) or multisine.realisations == 4
 
@@ -222,11 +223,17 @@ def test_a_chirp_and_noise_carry_what_their_bands_carry():
     unit = 0.05**2 / (1000 * seconds * rms**2)
     by_hand = np.sqrt(unit * np.array([m4 / (m4 - m2**2), 1 / m2, 1 / (m4 - m2**2)]))
     for chirp in (True, False):
-        found = precision(Continuous((f1, f2), rms, seconds, chirp), JOINT, Sensors(1000.0, 0.05), OPEN)
+        plan, largest = Continuous((f1, f2), rms, seconds, chirp), np.sqrt(2) * (2 * np.pi * f2) ** np.arange(3)
+        assert plan.peak == pytest.approx(rms * (largest if chirp else 4 * np.sqrt([1, m2, m4])), rel=0.01)
+        found = precision(plan, JOINT, Sensors(1000.0, 0.05), OPEN)
         np.testing.assert_allclose(found.columns["se"], by_hand, rtol=1e-3)
         assert found.method == "units"
         freedom = found.columns["degrees_of_freedom"]
         np.testing.assert_allclose(freedom, 60 / 1.5 - 2.5)  # stretches of a second, five columns
+    plans, stated = (replace(plan, record_s=T) for T in (60.0, 120.0)), Distortion(coulomb=1.0, level=0.05)
+    once, twice = (precision(plan, JOINT, Sensors(1000.0, 0.05), OPEN, stated).variance["distortion"] for plan in plans)
+    np.testing.assert_allclose(once / twice, 2, rtol=0.01)
+    assert DRAFT.peak == pytest.approx(np.deg2rad(6) * (10 * np.pi) ** np.arange(3))
 
 
 @pytest.fixture(autouse=True)
@@ -305,6 +312,7 @@ def test_an_earlier_trial_states_the_distortion(tmp_path):
     earlier = ("--earlier", tmp_path / "response.csv")
     assert "2 trials; choose one with --trial, such as m" in call(*earlier).stderr
     assert "state the same distortion twice" in call(*earlier, "--trial", "m", "--friction", "1").stderr
+    assert "says nothing on single sines" in call(*earlier, "--trial", "m").stderr
     said = as_json("--excitation", "multisine", *earlier, "--trial", "m", "--realisations", "1")
     # 0.02 N*m at each line, half of its square in each quadrature, which is 0.01 of Z = |torque|/0.0119 rad
     share = as_json("--excitation", "multisine", "--realisations", "1", "--distortion", "1%")
@@ -318,24 +326,21 @@ def test_an_earlier_trial_states_the_distortion(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("--rms", "3"), "a stepped-sine has no --rms"),
+        (("--rms", "3"), "a stepped-sine has no --rms"), (("--rate", "25"), "twice the cut-off"),
+        (("--trial", "a"), "give --earlier too"), (("--stiffness-within", "0"), "no percentage"),
         (("--excitation", "noise", "--rms", "3", "--peak", "4"), "not both"),
         (("--excitation", "chirp", "--band", "3,2"), "lower frequency first"),
         (("--excitation", "multisine", "--band", "1,1.2"), "longer period or a wider band"),
-        (("--trial", "a"), "give --earlier too"),
-        (("--rate", "25"), "twice the cut-off"),
         (("--excitation", "multisine", "--band", "0.5,1.5"), "the analysis would refuse this protocol"),
         (("--excitation", "chirp", "--band", "0.2,1"), "the band from 1 to about 2.3 Hz is missing"),
-        (("--stiffness-within", "0"), "no percentage"),
-        (("--write", "/tmp/x.csv"), "only a multisine is written"),
-        (("--cycles", "2"), "leaves none of 2 cycles"),
+        (("--write", "/tmp/x.csv"), "only a multisine is written"), (("--cycles", "2"), "leaves none of 2 cycles"),
         (("--excitation", "chirp", "--distortion", "2"), "says nothing on a chirp"),
         (("--stiffness", "nan"), "--stiffness is nan; give a finite number"),
         (("--stiffness", "0"), "'--stiffness': 0.0 is not in the range x>0"),
         (("--frequencies", "2"), "told apart by 2 Hz alone, where K - I w^2 is one number; excite down to 1 Hz"),
         (("--frequencies", "1,20"), "20 Hz is above the filter's cut-off of 15 Hz"),
     ],
-)
+)  # fmt: skip
 def test_a_mistake_is_one_line(arguments, message):
     result = call(*arguments)
     assert result.exit_code != 0
@@ -345,8 +350,7 @@ def test_a_mistake_is_one_line(arguments, message):
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (("--friction", "0.1"), ""),
-        (("--excitation", "multisine"), "no distortion is stated"),
+        (("--friction", "0.1"), ""), (("--excitation", "multisine"), "no distortion is stated"),
         (("--excitation", "multisine", "--realisations", "1"), "1 realisation of a distortion"),
         (("--encoder-bits", "12"), "rounding of the encoder makes"),
         (("--encoder-bits", "12", "--amplitudes", "0.5"), "steps of the encoder"),
@@ -354,7 +358,7 @@ def test_a_mistake_is_one_line(arguments, message):
         (("--frequencies", "3,3.5"), "hardly tells K from I .*above 3.5 Hz, up to 7 Hz"),
         (("--amplitudes", "80"), r"largest_angle = 1\.2 rad: the recording would be refused"),
     ],
-)
+)  # fmt: skip
 def test_warnings_name_what_no_length_cures(arguments, said):
     warnings = "; ".join(as_json(*arguments)["warnings"])
     assert re.search(said, warnings) if said else warnings == ""

@@ -289,17 +289,12 @@ def test_delay_margin_is_where_a_pole_reaches_the_axis(parameters):
         assert np.abs(1 + loop * np.exp(-1j * w * delay * shorter)).min() > 5e-3
 
 
-@pytest.mark.parametrize(
-    ("K_d", "B_d", "message"),
-    [
-        (685.6, 5, r"K_d = 685\.6 .* less than 685\.6.*99 % of it: 678\.7"),
-        (0, 5, "more than 0"),
-        (float("nan"), 5, "K_d = nan"),
-        (300, -1, r"B_d = -1 .* ask for 0 or more"),
-        (300, 1e300, r"B_d = 1e\+300 N\*m\*s/rad is outside the accepted range; ask for 1e-09 to 1e\+06 N"),
-        (1e-300, 5, "K_d = 1e-300 N.* outside the accepted range"),
-    ],
-)
+@pytest.mark.parametrize(("K_d", "B_d", "message"), [
+    (685.6, 5, r"K_d = 685\.6 .* less than 685\.6.*99 % of it: 678\.7"), (0, 5, "more than 0"),
+    (float("nan"), 5, "K_d = nan"), (300, -1, r"B_d = -1 .* ask for 0 or more"),
+    (300, 1e300, r"B_d = 1e\+300 N\*m\*s/rad is outside the accepted range; ask for 1e-09 to 1e\+06 N"),
+    (1e-300, 5, "K_d = 1e-300 N.* outside the accepted range"),
+])  # fmt: skip
 def test_an_impossible_request_is_refused_with_the_reason(parameters, K_d, B_d, message):
     with pytest.raises(UnreachableImpedanceError, match=message):
         compensated_gains(K_d, B_d, parameters)

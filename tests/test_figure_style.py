@@ -66,8 +66,7 @@ def every_look(others):
 
 
 def test_looks_differ_in_grey_by_lightness_or_by_marker_and_line_and_in_deuteranopia_by_colour_too():
-    """By 15 of lightness L*, and 20 of Delta E (CIE 1976) with deuteranopia: a difference of about 2 is just seen where
-    large fields touch, and markers of 1 mm need several times as much."""
+    """By 15 of lightness L*, and 20 of Delta E (CIE 1976) with deuteranopia; 2 is just seen in large fields."""
     for one, other in combinations(every_look(len(names.COLOURS)), 2):
         if abs(views.lightness(one.colour) - views.lightness(other.colour)) < 15:
             assert one.marker != other.marker, (one, other)

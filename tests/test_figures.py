@@ -190,13 +190,6 @@ SHOWN = [
 ]  # fmt: skip
 
 
-def places_in(ax):
-    """Every place (x, y) at which something is drawn in a panel: of lines, points, bars and edges of areas."""
-    lines = [line.get_xydata() for line in ax.lines]
-    parts = [path.vertices for one in ax.collections if not np.size(one.get_offsets()) > 2 for path in one.get_paths()]
-    return np.concatenate([*lines, *(np.asarray(one.get_offsets()) for one in ax.collections), *parts])
-
-
 @cache
 def drawn_once(name, table):
     numbers = table() if table else plotted(name)
@@ -206,7 +199,11 @@ def drawn_once(name, table):
 @pytest.mark.parametrize(("name", "table", "panel", "rows", "x", "columns"), SHOWN)
 def test_every_number_of_a_figure_stands_in_its_panel_at_its_place(name, table, panel, rows, x, columns):
     numbers, axes = drawn_once(name, table)
-    drawn, shown = places_in(axes[panel]), numbers.filter(rows)
+    shown, some = numbers.filter(rows), axes[panel].collections
+    # every place (x, y) at which something is drawn in a panel: of lines, points, bars and edges of areas
+    parts = [path.vertices for one in some if not np.size(one.get_offsets()) > 2 for path in one.get_paths()]
+    lines = [line.get_xydata() for line in axes[panel].lines]
+    drawn = np.concatenate([*lines, *(np.asarray(one.get_offsets()) for one in some), *parts])
     for column in columns:
         wanted = shown.select(x=pl.lit(0.0) if x is None else x, y=column).drop_nulls().to_numpy()
         assert len(wanted) or column is not columns[0]
@@ -393,8 +390,7 @@ def test_fig8_shows_stance_alone():
 
 
 def test_fig9_shows_every_group_with_a_result_and_each_group_s_command():
-    """K of the second group is twice that of the first, the third has no result; the configuration's command is of one
-    group. Crossings without a fit or a group are left out."""
+    """K of the second group is twice that of the first, the third has no result; crossings may have no fit or group."""
     one = stored("walking_summary").with_columns(group=pl.lit("K_d 200"), commanded=pl.lit(200.0))
     two = one.with_columns(pl.col("mean", "low", "high") * 2, group=pl.lit("K_d 400"), commanded=pl.lit(400.0))
     none = one.with_columns(mean=None, low=None, high=None, group=pl.lit("K_d 600"))

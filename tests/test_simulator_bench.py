@@ -14,7 +14,7 @@ from scipy.interpolate import CubicSpline
 
 from osl_analysis.commands.simulate import row_of_trial, simulate_campaign, simulate_trial
 from osl_analysis.errors import InputError
-from osl_analysis.model.compensator import compensated_gains, predicted_impedance, uncompensated_gains
+from osl_analysis.model.compensator import Weight, compensated_gains, predicted_impedance, uncompensated_gains
 from osl_analysis.model.parameters import read_parameters
 from osl_analysis.simulator import joint_motion, settings
 from osl_analysis.simulator.bench import simulate_bench_trial, true_signals, write_bench_log
@@ -66,11 +66,6 @@ def log_of(changes):
 @pytest.fixture(scope="module")
 def clean():
     return log_of({})
-
-
-def at(log, clean, name=ANGLE, time="time"):
-    """The clean log's channel, to 1e-9 of a sine by a cubic spline, at the other log's stamps."""
-    return CubicSpline(clean["time"], clean[name])(log[time])
 
 
 def settled(time):
@@ -127,13 +122,11 @@ def test_every_motion_comes_with_its_true_derivatives(motion, largest):
 @pytest.mark.parametrize(
     ("changes", "duration"),
     [
-        ({"rest_between_s": 1.0}, 1 + 4 + 4 / 3 + 2 + 0.5),
-        ({"ramp_s": 0.5}, 1 + 4 + 4 / 3 + 2 + 0.5),
-        ({"cycles": None, "seconds": 2.0}, 1 + 4 + 0.5),
-        ({"cycles": (2, 6)}, 1 + 2 + 2 + 0.5),
+        ({"rest_between_s": 1.0}, 1 + 4 + 4 / 3 + 2 + 0.5), ({"ramp_s": 0.5}, 1 + 4 + 4 / 3 + 2 + 0.5),
+        ({"cycles": None, "seconds": 2.0}, 1 + 4 + 0.5), ({"cycles": (2, 6)}, 1 + 2 + 2 + 0.5),
         ({"clock_error": on(5000, "ppm")}, (1 + 4 + 4 / 3 + 0.5) / 1.005),
     ],
-)
+)  # fmt: skip
 def test_a_schedule_lasts_as_long_as_it_says(changes, duration):
     assert len(stepped(**changes).theta) == pytest.approx(RATE * duration, abs=1)
 
@@ -164,6 +157,10 @@ def test_belt_and_slow_motions_go_to_both_ends_and_come_back_to_rest():
     assert (degrees.min(), degrees.max()) == pytest.approx((-10, 10), abs=0.25)  # a tenth of a second at 4 deg/s
     assert degrees[-400:] == pytest.approx(0, abs=1e-9)
     assert {4, 8} <= set(speed.round(9))
+    bench = read_yaml(DEFAULT, SimulationSettings).actuator
+    middle = len(current := joint_motion.actuator_command(bench, RATE)[1]) // 2
+    tones = sum(tone.size * np.sin(2 * np.pi * tone.frequency_hz * middle / RATE) for tone in bench.current)
+    assert current[[0, middle, -1]] == pytest.approx([0, tones, 0], abs=1e-6)
 
 
 @pytest.mark.parametrize("kind", [*SMOOTH, "prbs", "ramps"])
@@ -174,6 +171,9 @@ def test_an_excitation_has_its_length_its_size_its_band_and_rests_at_both_ends(k
     assert np.rad2deg(np.std(theta[3000:-3000])) == pytest.approx(2.0, rel=0.25)
     power, f = np.abs(np.fft.rfft(theta)) ** 2, np.fft.rfftfreq(len(theta), 1 / RATE)
     assert kind in ("hand", "prbs", "ramps") or power[(f > 0.8) & (f < 4.3)].sum() > 0.98 * power.sum()
+    assert kind != "hand" or power[f < 2].sum() > 0.6 * power.sum(), "slow motions are the larger"
+    turns = [np.count_nonzero(np.diff(np.sign(half))) for half in (theta[: len(theta) // 2], theta[len(theta) // 2 :])]
+    assert kind != "chirp" or turns[0] < 0.7 * turns[1], "it sweeps upwards"
 
 
 def test_a_multisine_repeats_itself_and_its_realisations_have_the_same_odd_lines_and_other_phases():
@@ -182,6 +182,8 @@ def test_a_multisine_repeats_itself_and_its_realisations_have_the_same_odd_lines
     np.testing.assert_allclose(one, again, atol=1e-9)
     sizes = [np.abs(np.fft.rfft(x))[:40] / 4000 for x in (one, other)]
     np.testing.assert_allclose(*sizes, atol=1e-6)
+    smooth = np.abs(np.fft.rfft(excited("prbs", smoothing_hz=4.0).theta)) ** 2  # 25 s: 12 Hz is line 300
+    assert smooth[300:].sum() < 1e-3 * smooth.sum()
     assert (np.abs(one - other).max() > 0.02, (sizes[0][::2] > 1e-6).any()) == (True, False)
 
 
@@ -200,6 +202,8 @@ def test_the_dynamometer_follows_as_a_second_order_system(frequency_hz):
 def test_without_effects_the_leg_renders_what_linear_theory_says_and_the_transmission_its_losses(controller):
     """Least squares on the true motion of the settled 2 Hz and 5 Hz, three cycles each, of which the last two count."""
     made, gains = only({"joint": None}), controller(300, 5, P)
+    weighed = simulated({"joint": None, "gain_weight": (weight := {"cutoff_hz": 1, "order": 1})})[1]["gains"]["B_1"]
+    assert weighed == compensated_gains(300, 5, P, Weight(**weight)).B_1 != compensated_gains(300, 5, P).B_1
     t = np.arange(round((0.5 + 1.5 + 0.6 + 0.5) * RATE)) / RATE
     rows = ((t > 1.0) & (t < 1.99)) | ((t > 2.2) & (t < 2.59))
     for experiment, own, expected in (
@@ -255,6 +259,7 @@ def test_each_sensor_effect_adds_what_the_truth_says_and_leaves_the_other_draws_
 def test_an_exact_joint_answers_by_eq_15(clean):
     for f, rows in ((2, slice(1000, 2000)), (5, slice(2200, 2600))):
         kernel = np.exp(-2j * np.pi * f * clean["time"][rows])
+        assert 2 * np.abs(clean["commanded_angle"][rows] @ kernel) / len(kernel) == pytest.approx(np.deg2rad(4))
         w, ratio = 2 * np.pi * f, -(clean[TORQUE][rows] @ kernel) / (clean[ANGLE][rows] @ kernel)
         assert ratio == pytest.approx(300 - 0.02 * w**2 + 5j * w, rel=1e-4)  # the servo's transient is left
 
@@ -264,7 +269,7 @@ def test_true_jitter_scatters_the_instants_and_leaves_the_samples_true(clean):
     count = np.arange(len(log["time"]))
     residual = log["time"] - np.polynomial.Polynomial.fit(count, log["time"], 1)(count)
     assert np.std(residual) == pytest.approx(20e-6, rel=4 / np.sqrt(2 * len(residual)))
-    assert log[ANGLE] == pytest.approx(at(log, clean), abs=1e-8)
+    assert log[ANGLE] == pytest.approx(CubicSpline(clean["time"], clean[ANGLE])(log["time"]), abs=1e-8)
 
 
 def test_no_sample_is_taken_before_or_after_the_simulated_motion():
@@ -299,7 +304,8 @@ def test_two_nodes_have_stamps_rates_and_clocks_of_their_own(clean):
     assert log["torque_time"][0] - log["time"][0] == pytest.approx(3e-4, abs=1e-9)
     assert np.diff(log["torque_time"]).mean() == pytest.approx(1 / 333, rel=1e-6)
     rows = settled(log["torque_time"])
-    assert log[TORQUE][rows] == pytest.approx(at(log, clean, TORQUE, "torque_time")[rows], abs=1e-4)
+    expected = CubicSpline(clean["time"], clean[TORQUE])(log["torque_time"])
+    assert log[TORQUE][rows] == pytest.approx(expected[rows], abs=1e-4)
     log, truth = simulated({"recorder": {"torque_node": {"clock_offset": on(0.2, "s"), "clock_drift": on(-50, "ppm")}}})
     own, elapsed = log["torque_time"] - truth["drawn"]["clock_start_s"], log["time"] - log["time"][0]
     assert own == pytest.approx(0.2 + (1 - 50e-6) * elapsed, abs=2e-9)
@@ -397,6 +403,7 @@ def test_hum_and_1_over_f_noise_have_their_spectra(clean):
 
 
 CYCLES = {"lowest_deg": -10, "highest_deg": 10, "speed_deg_s": [4], "turn_s": 0.2, "rest_s": 1}
+TONES = [{"frequency_hz": 1, "size": 1}]
 SLIPS = {"K": 100, "slipping": [{"stiffness": 500, "limit": 90}], "cycles": CYCLES}
 
 
@@ -413,6 +420,10 @@ SLIPS = {"K": 100, "slipping": [{"stiffness": 500, "limit": 90}], "cycles": CYCL
         ("protocol", {"seconds": 2.0}, "either cycles or seconds"),
         ("protocol", {"cycles": [1, 2, 3]}, "3 numbers of cycles for 2 frequencies"),
         ("excitations", [{"name": "x", "kind": "noise", "rms_deg": 1, "band_hz": [6, 2]}], "from 6 to 2 Hz; write"),
+        ("excitations", 2 * [{"name": "x", "kind": "noise", "rms_deg": 1}], "x, x; give each a name of its own"),
+        ("effects", {"dynamometer_bandwidth": on(500, "Hz")}, "of 500 Hz does not show in a log of 1000 Hz"),
+        ("actuator", {"duration_s": 3, "fade_s": 1, "velocity": TONES, "current": TONES}, "at least four times fade_s"),
+        ("experiments", {"belt": 0, "transmission": 0, "K_d": []}, "no trials are planned"),
         ("foot", SLIPS, "does not reach its limit of 90 N"),
         ("experiments", {"torque_angle": 3}, "3 torque-angle trials are planned but there is no 'foot'"),
     ],
@@ -447,20 +458,14 @@ def test_a_trial_simulated_alone_is_the_campaigns(tmp_path, monkeypatch):
     assert (tmp_path / "all/trials.csv").is_file()
 
 
-def messages_of(path):
-    """Messages by topic, with their arrival [ns], by an independent reader."""
-    found = {}
-    with path.open("rb") as file:
-        reader = make_reader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
-        for _, channel, record, message in reader.iter_decoded_messages():
-            found.setdefault(channel.topic, []).append((record.log_time, message))
-    return found
-
-
 def test_two_nodes_write_standard_messages_of_their_stamps_and_values(tmp_path):
     log = log_of({"recorder": {"torque_node": {"phase": on(3e-4, "s"), "rate": on(333, "Hz")}}})
     write_bench_log(tmp_path / "log.mcap", log, two_nodes=True)
-    found = messages_of(tmp_path / "log.mcap")
+    found = {}  # messages by topic, with their arrival [ns], by an independent reader
+    with (tmp_path / "log.mcap").open("rb") as file:
+        reader = make_reader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
+        for _, channel, record, message in reader.iter_decoded_messages():
+            found.setdefault(channel.topic, []).append((record.log_time, message))
     for topic, time in (("/joint_states", "time"), ("/wrench", "torque_time")):
         stamps = [m.header.stamp.sec * 10**9 + m.header.stamp.nanosec for _, m in found[topic]]
         assert stamps == np.rint(log[time] * 1e9).astype(int).tolist()

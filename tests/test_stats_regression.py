@@ -55,9 +55,9 @@ def test_vaf_and_r_squared_read_what_they_should_when_the_fit_is_not_perfect():
     residual = np.cos(40 * np.pi * T)
     y = 2 * np.cos(20 * np.pi * T) + residual + 10
     fit = linear_fit(y, {"c": np.cos(20 * np.pi * T), "offset": np.ones_like(T)})
-    assert fit.vaf == pytest.approx(80)
-    assert fit.r_squared == pytest.approx(1 - 0.5 / (2 + 0.5 + 100))
-    assert variance_accounted_for(y, np.full_like(y, 3.0)) == pytest.approx(100), "blind to an offset"
+    assert (fit.vaf, fit.r_squared) == pytest.approx((80, 1 - 0.5 / (2 + 0.5 + 100)))
+    pairs = ((y, 0 * y + 3), (0 * y, 0 * y), (0 * y, y))  # blind to an offset; a y of zeros by zeros, and by others
+    assert [variance_accounted_for(*pair) for pair in pairs] == pytest.approx([100, 100, 0])
 
 
 def test_covariance_is_statsmodels_hac_at_the_same_bandwidth():

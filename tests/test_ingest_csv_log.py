@@ -65,7 +65,7 @@ def assert_log(trial: Trial) -> None:
         (LOG.replace(",", ";"), {}),
         (LOG.replace(",", "\t"), {}),
         (LOG.replace(",", "   "), {"delimiter": "space"}),
-        (LOG.replace(",", ";").replace(".", ","), {"decimal": ","}),
+        (LOG.replace(",", "|").replace(".", ","), {"decimal": ","}),
         (LOG.replace("\n", "\r\n"), {}),
         (LOG.replace("\n", ",,,\n"), {}),
         (LOG.replace(",", " , "), {}),
@@ -99,6 +99,7 @@ def test_one_log_in_any_dress_is_one_log(tmp_path: Path, text: str | bytes, fiel
         (LOG.partition("\n")[2], {}, "line 1 holds numbers, not the columns' names; write `header: none`"),
         (LOG.replace("angle", "winkel"), {}, "column 'angle' is missing; the file has t, winkel, load"),
         (LOG.replace("load", "angle"), {}, "column 'angle' occurs 2 times"),
+        (LOG, {"channels": {"theta": {"column": 4, "unit": "rad"}}}, "column '4' is missing; the file has t, angle"),
         (LOG.replace("90", "fault"), {}, "line 3, column 'angle': 'fault' is not a number; correct the cell, or add"),
         (LOG.replace("90", "9_0"), {}, "line 3, column 'angle': '9_0' is not a number"),
         (LOG.replace("90", "9€").encode("cp1252"), {}, "line 3, column 'angle': '9€' is not a number"),
@@ -387,6 +388,7 @@ def test_every_canonical_unit_is_its_own_si_unit_and_all_that_messages_offer_are
         (" ", "N", "the unit is empty"),
         ("Mm", "m", r"is 1e\+06 ., an implausible size"),
         ("MN", "N", r"is 1e\+06 ., an implausible size"),
+        ("pN", "N", r"is 1e-12 ., an implausible size"),
     ],
 )
 def test_a_unit_that_cannot_be_is_refused_with_what_would_do(unit: str, expected: str, told: str) -> None:

@@ -22,8 +22,7 @@ from osl_analysis.simulator.settings import RecorderSettings, SimulationSettings
 from osl_analysis.trial import Trial, read_trial
 from osl_analysis.yaml_settings import read_yaml
 
-DEFAULT = ROOT / "config/simulation/default.yaml"
-DEVICE = ROOT / "config/parameters/default.yaml"
+DEFAULT, DEVICE = ROOT / "config/simulation/default.yaml", ROOT / "config/parameters/default.yaml"
 P = read_parameters(DEVICE)
 TRUE = {"k_tau_n_m": 0.1133 * 9, "f_C": 0.377, "f_G": 0.0896, "B_m": 5.6e-3, "J_m": 9.211e-3}
 ANALYSIS = ActuatorAnalysis(cutoff_hz=15, order=4, sign_width=0.01, slowest=0.5)

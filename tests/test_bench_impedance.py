@@ -145,8 +145,7 @@ def test_an_error_of_the_bench_s_stiffness_is_in_the_admittance_and_is_not_avera
 P = read_parameters(ROOT / "config/parameters/default.yaml")
 GAINS = select_gains("compensated", 300.0, 5.0, P, PAPER_WEIGHT)
 LIMITS = read_section(ROOT / "config/config.yaml", "doubtful", DoubtfulFits).of("impedance")
-UNSATURATED = pl.lit(0).alias("saturated_samples")
-UNKNOWN = DesiredImpedance("ours", None, None)
+UNSATURATED, UNKNOWN = pl.lit(0).alias("saturated_samples"), DesiredImpedance("ours", None, None)
 
 
 def judged(torque_of, protocol=FIVE, noise=0.01, seed=1):

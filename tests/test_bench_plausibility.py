@@ -24,8 +24,7 @@ LIMITS = read_section(CONFIG, "doubtful", DoubtfulFits)
 SINES = {"amplitudes_deg": tuple(np.rad2deg(PROTOCOL.amplitudes)), "frequencies_hz": PROTOCOL.frequencies_hz}
 BENCH = read_section(CONFIG, "dynamometer", DynamometerAnalysis).model_copy(update=SINES | {"cycles": PROTOCOL.cycles})
 ACTUATOR = read_section(CONFIG, "actuator", ActuatorAnalysis)
-RATE = 500.0
-NOISE = np.random.default_rng(4)
+RATE, NOISE = 500.0, np.random.default_rng(4)
 
 
 def driven(torque_of=second_order):

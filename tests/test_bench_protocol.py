@@ -130,8 +130,7 @@ def test_the_first_cycles_the_last_one_and_those_with_a_row_that_was_not_measure
 
 
 SEGMENTS = [stepped_sine.Segment(0.1, 2.0, 250, 2750, 10), stepped_sine.Segment(0.1, 4.0, 2750, 4000, 10)]
-TIME = np.arange(4500) / RATE
-STILL = np.zeros_like(TIME)
+TIME, STILL = np.arange(4500) / RATE, np.zeros(4500)
 
 
 def sines(amplitude, phase=1.0):

@@ -29,8 +29,7 @@ from osl_analysis.trial import Trial
 CONFIG = read_config(ROOT / "config/config.yaml")
 RATE, PERIOD, A = 250.0, 8.0, np.deg2rad(10)
 K, B = 200.0, 30.0
-W = 2 * np.pi / PERIOD
-PLAIN = {"zero": "none"}
+W, PLAIN = 2 * np.pi / PERIOD, {"zero": "none"}
 
 
 def trial_of(theta, torque):
@@ -106,6 +105,7 @@ def test_the_curve_of_a_cubic_spring_and_its_slope_are_found_at_every_angle():
     assert row["torque_zero"] == pytest.approx(3, abs=1e-6)
     assert row["energy_lost"] == pytest.approx(0, abs=1e-3)
     end = np.deg2rad(12)
+    assert row["K"] == pytest.approx(K + 0.9 * stiffening * end**2, rel=1e-3)  # a line over angle, whatever the speed
     assert row["energy_stored"] == pytest.approx(K * end**2 / 2 + stiffening * end**4 / 4, rel=1e-3)
     curve = curve_table(found)
     loading = curve.filter(pl.col("branch") == "loading")
@@ -131,11 +131,11 @@ def test_a_trial_the_other_way_round_has_the_same_stiffness_and_energies():
 
 def test_the_yielding_of_the_bench_is_taken_off_the_angle_and_its_error_widens_the_interval_of_k():
     theta, bench = FULL, 12490.0
-    row = row_of(theta + K * theta / bench, K * theta, bench_stiffness={"value": f"{bench} N*m/rad"})
+    row = row_of(theta + K * theta / bench, K * theta, bench_stiffness={"value": f"{np.deg2rad(bench)} N*m/deg"})
     assert row["K"] == pytest.approx(K, rel=1e-6)
     assert row["K_uncorrected"] == pytest.approx(K / (1 + K / bench), rel=1e-6)
     assert row["bench_angle_max_deg"] / row["angle_max_deg"] == pytest.approx(1 + K / bench, rel=1e-3)
-    theta, known = path(0, 10, 0, 10, 0, 10, 0), {"value": "4000 N*m/rad"}
+    theta, known = path(0, 10, 0, 10, 0, 10, 0), {"value": f"{np.deg2rad(4000)} Nm/deg"}
     torque = K * theta + 0.2 * np.random.default_rng(1).standard_normal(theta.size)
     errors = {}, {"standard_error": "200 N*m/rad"}
     narrow, wide = (row_of(theta, torque, bench_stiffness=known | error) for error in errors)
@@ -169,7 +169,7 @@ SMALLER = (*(x for a in (6, 8, 10, 6, 8, 10) for x in (0, a, -a)), 0)
         ((0, -10, 12, 0), (1, 0, 0)),  # as the tests of the DESR foot
         ((0, 10, 0, 10, 0, 10, 0), (3, 0, 0)),
         ((0, -10, 10, -10, 10, -10, 10, 0), (3, 0, 0)),
-        ((3, 10, -10, 10, -10, 3), (2, 0, 0)),
+        ((6, 10, -10, 10, -10, 6), (2, 0, 0)),
         ((0, 10, 0, 10, 0, 5), (2, 0, 1)),
         ((0, -10, 10, -10, 10, 5), (1, 0, 1)),
         ((0, 10, 1, 10, 1, 10, 0), (1, 0, 2)),  # from a preload
@@ -214,7 +214,7 @@ def test_a_torque_that_hysteresis_leaves_at_rest_is_not_taken_for_an_offset_with
     assert row_of(theta, torque, **PLAIN)["zero_off_middle"] is None
 
 
-FULL = path(0, 10, 0, 10, 0)
+FULL, OPEN = path(0, 10, 0, 10, 0), path(0, 10, 0.7)
 NOISE = np.random.default_rng(3).standard_normal(FULL.size)
 
 
@@ -222,9 +222,9 @@ NOISE = np.random.default_rng(3).standard_normal(FULL.size)
     ("theta", "torque", "changes", "message"),
     [
         (FULL / 100, K * FULL, {}, "the angle moves by 0.0997 deg in all, expected 0.5 deg or more"),
-        (path(0, 10), K * path(0, 10), {}, "begins at 0.00 deg, goes to 0.00 and 10.00 deg, and ends at 10.00 deg"),
+        (OPEN, K * OPEN, {}, "begins at 0.00 deg, goes to 0.00 and 9.97 deg, and ends at 0.70 deg"),
         (path(0, 10, 0, speed=20), K * path(0, 10, 0, speed=20), {}, "a cycle takes 1 s, which is not quasi-static"),
-        (FULL, NOISE, {}, "torque does not follow the angle: its curve over angle accounts for"),
+        (FULL, K * FULL + 50 * NOISE, {}, "torque does not follow the angle: its curve over angle accounts for"),
         (FULL, 0 * FULL + 2, {}, "torque stays at 2 throughout"),
         (0 * FULL, K * FULL, {}, "theta stays at 0 throughout"),
         (FULL, -K * FULL, {}, "K = -200 N*m/rad is negative, so the torque drives the motion"),
@@ -248,6 +248,7 @@ LIFT, MIXED = np.linspace(0, 1, FULL.size), np.concatenate([path(0, 10, 0, speed
     ("theta", "torque", "changes", "column", "said"),
     [
         (FULL, K * FULL + jenkins(FULL, 300, 0.5) + 0.05 * NOISE, {}, "doubtful", ""),
+        (FULL, K * FULL + jenkins(FULL, 300, 0.5) + 0.3, {}, "not_checked", "what hysteresis leaves"),
         (FULL, K * FULL + 6 * LIFT, PLAIN, "doubtful", "cycle_drift"),
         (FULL, K * FULL + 8 * LIFT, PLAIN, "doubtful", "closure_torque"),
         (FULL, np.minimum(K * FULL + 0.01 * NOISE, 25), {}, "doubtful", "clipped"),
@@ -263,7 +264,10 @@ def test_drift_creep_clipping_speed_and_energy_from_nothing_are_doubtful(theta, 
     assert bool(said) == bool(found)
 
 
-def test_a_gap_at_the_tip_of_a_cycle_is_doubtful():
+def test_a_gap_at_the_tip_of_a_cycle_is_doubtful_and_drift_and_closure_are_shares_of_the_range_of_the_torque():
+    row = row_of(FULL, torque := K * FULL + 6 * LIFT - 20, **PLAIN)  # 5 s from loading to loading, cycles of 6 s
+    shares = np.array([6 * 5 / 12, 6 * 6 / 12]) / np.ptp(torque)
+    assert (row["cycle_drift"], row["closure_torque"]) == pytest.approx(shares, rel=0.05)
     whole, tip = trial_of(FULL, K * FULL + 0.01 * NOISE).samples, int(np.argmax(FULL))
     cut = Trial("foot", pl.concat([whole[: tip - 40], whole[tip + 40 :]]))
     table = torque_angle_table(torque_angle_trial(cut, CONFIG.torque_angle)).with_columns(saturated_samples=0)

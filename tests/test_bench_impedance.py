@@ -21,6 +21,7 @@ from osl_analysis.bench.settings import BenchStiffness
 from osl_analysis.campaign.configuration import read_section
 from osl_analysis.commands import figure as plotted_numbers
 from osl_analysis.commands.bench import estimates_text, summarise
+from osl_analysis.errors import InputError
 from osl_analysis.figures.impedance import draw_fig4
 from osl_analysis.judge.doubts import marked
 from osl_analysis.judge.table import Doubt, DoubtfulFits
@@ -60,6 +61,8 @@ def test_the_model_of_fig4_is_the_fit_to_the_settled_cycles_and_has_no_torque_be
     record = stepped_sine(disturbed)
     large = record.label_near(None)
     assert [record.label_near(3), large] == list(record.groups.labels)
+    with pytest.raises(InputError, match=r"amplitude_deg = 4\.2 is not in the protocol"):  # 2.86 and 5.73 deg
+        record.label_near(4.2)
     analysis = analysed(record, plain_sums(record, IMPEDANCE), IMPEDANCE)
     shown = analysis.last_seconds(large, 1000.0)
     row = bench_synthetic.table_of(record).row(1, named=True)

@@ -39,8 +39,7 @@ from osl_analysis.yaml_settings import read_yaml
 TINY = ROOT / "tests/tiny_simulation.yaml"
 DEFAULT_FILE = ROOT / "config/parameters/default.yaml"
 QUADRATIC_FILE = ROOT / "config/parameters/osl-v2-published.yaml"
-DEFAULT = read_parameters(DEFAULT_FILE)
-LOW_PASS = LowPass(15)
+DEFAULT, LOW_PASS = read_parameters(DEFAULT_FILE), LowPass(15)
 ANALYSIS = sine_settings((2, 4, 6), (2, 5), 3, 0)
 
 

@@ -152,6 +152,7 @@ def drift_of(torque, segments=SEGMENTS):
 def test_a_drift_is_found_under_a_sine_of_any_phase_and_a_mean_that_grows_with_the_amplitude_is_none(drift):
     """As of an asymmetric joint, in a protocol whose amplitudes grow: 200 theta^2 read 0.56 N*m/min and K 12 SE off."""
     assert drift_of(sines(20.0) + 3.0 + drift * TIME) == pytest.approx(drift, rel=1e-9, abs=1e-12)
+    assert drift_of(sines(20.0) + drift * TIME, [stepped_sine.Segment(0.1, 2.0, 250, 1250, 4)]) == 0  # four cycles
     larger = [stepped_sine.Segment(0.2, 2.0, 2750, 4000, 5, 0.2)]
     torque = np.where(np.arange(len(TIME)) < 2750, 1.0, 4.0) + drift * TIME
     assert drift_of(torque, SEGMENTS[:1] + larger) == pytest.approx(drift, abs=1e-12)

@@ -298,6 +298,8 @@ def test_a_desired_curve_stands_beside_the_measured_one():
     for curve, message in (([0, 1], "2 angles and 3 torques"), ([0, 0, 0], "do not rise")):
         with pytest.raises(ValueError, match=message):
             fitted(FULL, K * FULL, desired={"design": {"angle_deg": curve, "torque": [0, 1, 2]}})
+    with pytest.raises(ValueError, match="not below the value"):
+        fitted(FULL, K * FULL, bench_stiffness={"value": "4000 N*m/rad", "standard_error": "4000 N*m/rad"})
 
 
 REFERENCE = {

@@ -86,8 +86,7 @@ def test_every_motion_has_the_same_columns_and_leaves_none_empty_but_those_that_
 @pytest.mark.parametrize("name", MOTIONS)
 def test_any_motion_gives_the_impedance_that_made_the_torque_wherever_the_zero_of_the_angle_is(name):
     """Bias and spread of 0.03, 0.05 and 0.3 % are claimed for 60 s at 1 kHz; here a quarter of the samples."""
-    rng = np.random.default_rng(5)
-    row = row_of(trial := made_trial(rng, MOTIONS[name](rng)))
+    row = row_of(trial := made_trial(rng := np.random.default_rng(5), MOTIONS[name](rng)))
     turned = row_of(Trial("made", trial.samples.with_columns(pl.col("theta") + 0.5)))
     for column in ("K_se", "condition_number", "largest_correlation", "torque_at_peaks", "theta_rms_deg"):
         assert turned[column] == pytest.approx(row[column], rel=1e-3), column
@@ -108,8 +107,7 @@ def test_any_motion_gives_the_impedance_that_made_the_torque_wherever_the_zero_o
 
 
 def test_windows_are_fitted_and_nothing_else(tmp_path):
-    rng = np.random.default_rng(1)
-    motion = noise(rng, duration=40.0)
+    motion = noise(rng := np.random.default_rng(1), duration=40.0)
     disturbed = np.where((motion[0] > 15) & (motion[0] < 25), 30 * np.sin(9 * motion[0]), 0.0)
     trial = made_trial(rng, motion, more=disturbed)
     row = row_of(trial, "2-14.5 25.5-40")
@@ -144,8 +142,7 @@ def test_windows_that_are_none_are_refused(text, why):
     ],
 )
 def test_a_motion_of_too_narrow_a_band_or_size_is_refused_with_what_is_missing(motion, joint, words):
-    rng = np.random.default_rng(3)
-    samples = made_trial(rng, noise(rng, **motion), **joint).samples
+    samples = made_trial(rng := np.random.default_rng(3), noise(rng, **motion), **joint).samples
     with pytest.raises((IdentifiabilityError, InputError), match=words):
         row_of(Trial("made", samples.with_columns(pl.col("theta") + 0.5)))  # wherever the zero of the angle is
 
@@ -153,8 +150,7 @@ def test_a_motion_of_too_narrow_a_band_or_size_is_refused_with_what_is_missing(m
 @pytest.mark.parametrize(("late", "highest_hz"), [(2e-4, 10.0), (-2e-4, 10.0), (5e-3, 6.0), (-5.5e-3, 6.0)])
 def test_a_lag_between_the_channels_is_found_with_its_shares_of_damping_and_inertia(late, highest_hz):
     """Beyond a fifth of a radian it is told where it is certain."""
-    rng = np.random.default_rng(6)
-    row = row_of(made_trial(rng, noise(rng, (0.5, highest_hz), duration=40.0), late=late))
+    row = row_of(made_trial(rng := np.random.default_rng(6), noise(rng, (0.5, highest_hz), duration=40.0), late=late))
     assert row["lag_s"] == pytest.approx(late, abs=5 * row["lag_se_s"])
     if abs(late) > 1e-3:
         assert row["lag_inertia_share"] > 0.1
@@ -187,8 +183,7 @@ def test_the_lag_of_a_leg_is_found_beside_the_higher_dynamics_of_its_linear_mode
 
 @pytest.mark.parametrize("width", [0.001, 0.003, 0.01])
 def test_friction_is_told_from_damping_whatever_the_velocity_over_which_it_turns_its_sign(width):
-    rng = np.random.default_rng(8)
-    motion = noise(rng, band=(0.3, 4), rms_deg=1.5)
+    motion = noise(rng := np.random.default_rng(8), band=(0.3, 4), rms_deg=1.5)
     row = row_of(made_trial(rng, motion, 0.01, more=0.5 * np.tanh(motion[1][1] / width)))
     assert row["B"] - row["coulomb_damping"] == pytest.approx(5, rel=0.05)
     assert row["f_C_low"] < 0.5 < row["f_C_high"]
@@ -247,8 +242,7 @@ def test_intervals_cover_the_truth_also_where_every_period_repeats_the_rounding(
     hundreds of records (docs/any_excitation.md)."""
     z, noise_alone = [], []
     for seed in range(seeds):
-        rng = np.random.default_rng(seed)
-        record = moving_record(made_trial(rng, move(rng, **seconds), **made))
+        record = moving_record(made_trial(rng := np.random.default_rng(seed), move(rng, **seconds), **made))
         fit = analysed(record, plain_sums(record, IMPEDANCE), IMPEDANCE).whole
         z += [(fit[k] - true) / fit.se(k) for k, true in TRUE.items()]
         noise_alone += [(fit[k] - true) / (fit.repeat_se(k) or fit.se(k)) for k, true in TRUE.items()]
@@ -294,8 +288,7 @@ def test_clocks_of_two_devices_do_not_drift_or_are_said_to_be_unchecked_where_th
 def test_repeats_of_one_motion_are_averaged_and_other_motions_kept_apart():
     rows = [row_of(made_trial(rng, multisine(rng))) for rng in map(np.random.default_rng, range(2))]
     rows[1] |= {"band_low_hz": 0.3, "theta_rms_deg": 1.1 * rows[0]["theta_rms_deg"]}
-    rng = np.random.default_rng(9)
-    rows.append(row_of(made_trial(rng, multisine(rng, band=(0.5, 9.0)))))
+    rows.append(row_of(made_trial(rng := np.random.default_rng(9), multisine(rng, band=(0.5, 9.0)))))
     rows.append(rows[0] | {"K": 1.0})
     doubtful = pl.when(pl.col("K") < 2).then(pl.lit("soft")).otherwise(pl.lit(""))
     asked = {"controller": pl.lit("x"), "K_d": pl.lit(300.0), "B_d": pl.lit(None, pl.Float64), "doubtful": doubtful}
@@ -341,8 +334,7 @@ def test_noise_of_the_angle_changes_the_inertia_by_the_share_that_is_stated(K, s
 @pytest.mark.parametrize(("band", "lost", "left_out"), [((0.5, 9.0), 4, True), ((0.3, 3.0), 6, False)])
 def test_the_time_base_bridges_gaps_by_the_band_of_this_motion(band, lost, left_out):
     """Gaps of 16 and 24 ms: a tenth of a period is 11 ms at 9 Hz and 33 ms at 3 Hz; 20 ms were the stepped sine's."""
-    rng = np.random.default_rng(7)
-    whole = made_trial(rng, noise(rng, band, rms_deg=4.0)).samples
+    whole = made_trial(rng := np.random.default_rng(7), noise(rng, band, rms_deg=4.0)).samples
     rows = np.arange(len(whole))
     trial = Trial("made", whole.filter(pl.Series((rows % 1500 > lost) | (rows < 10))))
     record = moving_record(trial)
@@ -400,8 +392,7 @@ def test_a_motion_that_cannot_tell_is_refused_with_what_is_missing(angle, words)
 
 
 def test_an_angle_beyond_a_joint_beside_a_torque_of_an_angle_s_size_is_said_to_be_swapped():
-    rng = np.random.default_rng(3)
-    trial = made_trial(rng, noise(rng))
+    trial = made_trial(rng := np.random.default_rng(3), noise(rng))
     swapped = Trial("made", trial.samples.rename({"theta": "torque", "torque": "theta"}))
     with pytest.raises(InputError, match=r"theta turns by \+-\d+.*torque has \+-0\.\d+ N\*m only, are the two swapped"):
         check_recording(swapped, SETTINGS)
@@ -489,8 +480,7 @@ def test_a_torque_that_an_amplifier_clips_before_the_noise_is_doubtful_as_clippe
     name, clip, sides
 ):
     """It takes 4 to 15 % off K. A clip at one side only is told too."""
-    rng = np.random.default_rng(2)
-    trial = made_trial(rng, MOTIONS[name](rng), torque_noise=0.0)
+    trial = made_trial(rng := np.random.default_rng(2), MOTIONS[name](rng), torque_noise=0.0)
     clipped = trial.samples["torque"].clip(-clip, clip if sides == "both" else None)
     noisy = clipped + pl.Series(0.05 * rng.standard_normal(len(clipped)))
     trial = Trial("made", trial.samples.with_columns(torque=noisy))

@@ -20,6 +20,7 @@ from osl_analysis.bench.torque_angle import (
 )
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.config.sheet import read_sheet
+from osl_analysis.dictionary import described_tables
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.raw_files import trial_from_files
 from osl_analysis.judge.doubts import marked
@@ -108,6 +109,9 @@ def test_the_curve_of_a_cubic_spring_and_its_slope_are_found_at_every_angle():
     assert row["K"] == pytest.approx(K + 0.9 * stiffening * end**2, rel=1e-3)  # a line over angle, whatever the speed
     assert row["energy_stored"] == pytest.approx(K * end**2 / 2 + stiffening * end**4 / 4, rel=1e-3)
     curve = curve_table(found)
+    tables = {one.place: one.columns for one in described_tables()}
+    assert set(row) <= set(tables["tables/torque_angle"]), "described in the dictionary"
+    assert set(curve.columns) <= set(tables["tables/torque_angle_curves"])
     loading = curve.filter(pl.col("branch") == "loading")
     assert loading["angle_deg"].to_list()[-23:] == list(np.arange(0.5, 12, 0.5))
     assert (row["K_lowest"], row["K_highest"]) == (loading["stiffness"].min(), loading["stiffness"].max())

@@ -66,9 +66,8 @@ def test_what_was_not_checked_has_a_row_each_and_a_certainly_negative_inertia_ha
     row = {"trial": "a", "K": 300.0, "B": 5.0, "I": -0.02, "I_high": -0.01}
     row |= {"not_checked": "K: no file; frame: no file; whether the torque is late: unseen"}
     line = not_checked_line(marked(pl.DataFrame([row]), Doubt(), "impedance"))
-    assert line.startswith(
-        "NOT CHECKED: K, frame (no file); whether the torque is late (unseen, each ms of delay would "
-    )
+    begins = "NOT CHECKED: K, frame (no file); whether the torque is late (unseen, each ms of delay would "
+    assert line.startswith(begins)
     assert "0.3 N*m*s/rad off B = 5 and 0.005 kg*m^2 off I = -0.02" in line
     assert "; whether I is an inertia (it is certainly negative, as no mass is" in line
     line = not_checked_line(marked(pl.DataFrame([row | {"I_high": 0.01, "J_j_high": -0.01}]), Doubt(), "impedance"))

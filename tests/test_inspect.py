@@ -133,14 +133,11 @@ def test_a_capture_of_walking_drafts_the_walking_section_and_asks_for_what_names
     assert walking_draft(tmp_path / "c.c3d", MARKERS[:6]) == ""  # no platform
 
 
-@pytest.mark.parametrize(
-    ("forces", "line"),
-    [
-        ([0, 50, 700], "3  # a guess, to be confirmed: of 3 force plates the one with the load"),
-        ([900, 600, 700], "2  # a guess, to be confirmed: of 3 force plates with load the one that is nearest to the"),
-        ([0, 0, 0], "UNKNOWN  # of 3 force plates in this file"),
-    ],
-)
+@pytest.mark.parametrize(("forces", "line"), [
+    ([0, 50, 700], "3  # a guess, to be confirmed: of 3 force plates the one with the load"),
+    ([900, 600, 700], "2  # a guess, to be confirmed: of 3 force plates with load the one that is nearest to the"),
+    ([0, 0, 0], "UNKNOWN  # of 3 force plates in this file"),
+])  # fmt: skip
 def test_of_several_plates_the_draft_guesses_the_loaded_one_next_to_the_platform(tmp_path, forces, line):
     """The platform's markers are at x = 1 m, the plates at x = 0, 1, 2 m with these forces [N]."""
     points, analogs = np.ones((4, 6, 4)) * [1000, 10, 10, 0], np.zeros((4, 18))
@@ -215,13 +212,10 @@ SIGNALS = {"ankle_angle_deg": np.sin(TIME), "torque_Nm": np.cos(TIME)}
 EVERY = pytest.mark.parametrize("what", ["csv", "mat", "json_lines", "tdms"])
 
 
-@pytest.mark.parametrize(
-    ("slow", "asked"),
-    [
-        (1.0, "may be the clock, to be checked: .*loop_time, .*sys_time; .*loop_time is taken"),
-        (1.1, "contradict each other: .*loop_time spans 0.2156, .*sys_time spans 0.196; name the one"),
-    ],
-)
+@pytest.mark.parametrize(("slow", "asked"), [
+    (1.0, "may be the clock, to be checked: .*loop_time, .*sys_time; .*loop_time is taken"),
+    (1.1, "contradict each other: .*loop_time spans 0.2156, .*sys_time spans 0.196; name the one"),
+])  # fmt: skip
 @EVERY
 def test_of_two_clocks_the_first_is_taken_if_they_agree_and_the_user_is_asked(tmp_path, what, slow, asked):
     """Taken by a clock that is 10 % slow, B would be 10 % and I 21 % off, at a VAF of 100 %."""

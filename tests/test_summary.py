@@ -33,9 +33,8 @@ def walked(estimator=headlines.HEADLINE_ESTIMATOR, **means):
 def impedance():
     """Compensated K off by +1 % and -3 %, B by 0.5 and 0.1; VAF of single amplitudes 90, 98, 99."""
     columns = ("controller", "K_d", "B_d", "amplitude_deg", "K", "K_low", "K_high", "B", "B_low", "B_high", "VAF")
-    rows = [
-        ("compensated", 300.0, 5.0, a, 1.0, 0.0, 2.0, 1.0, 0.0, 2.0, v) for a, v in ((2, 90.0), (4, 98.0), (6, 99.0))
-    ]
+    single = ((2, 90.0), (4, 98.0), (6, 99.0))
+    rows = [("compensated", 300.0, 5.0, a, 1.0, 0.0, 2.0, 1.0, 0.0, 2.0, v) for a, v in single]
     rows += [
         ("compensated", 300.0, 5.0, None, 303.0, 299.0, 307.5, 5.5, 5.4, 5.7, 10.0),
         ("compensated", 100.0, 0.0, None, 97.0, 95.0, 99.0, 0.1, 0.0, 0.2, 10.0),
@@ -48,15 +47,13 @@ def impedance():
 
 
 def all_tables():
-    vaf = [99.0, 99.4, None, 50.0]
+    vaf, turns = [99.0, 99.4, None, 50.0], walked("up minus down", K=-3.0)
     return {
         "belt_summary": summary_rows(K_s=686.2, unloading=640.0),
         "transmission_summary": summary_rows(B_j=0.45, J_j=0.0051, VAF=99.2),
         "transmission": pl.DataFrame({"amplitude_deg": [None, None, None, 2.0], "VAF": vaf, "doubtful": [""] * 4}),
         "impedance": impedance(),
-        "walking_summary": pl.concat(
-            [walked(K=338.0, I=-0.012), walked("mean of perturbations", K=1.0), walked("up minus down", K=-3.0)]
-        ),
+        "walking_summary": pl.concat([walked(K=338.0, I=-0.012), walked("mean of perturbations", K=1.0), turns]),
         "walking": pl.DataFrame({"VAF": [96.0, 98.0, float("nan")], "doubtful": ["", "", None]}),
     }
 
@@ -111,9 +108,8 @@ def test_the_example_says_how_far_the_single_amplitudes_spread_and_is_rounded_to
 
 def test_doubtful_fits_are_counted_by_table_and_rows_without_a_fit_are_none():
     found = by_name(all_tables())
-    assert [(found[f"doubtful_{name}"].value, found[f"doubtful_{name}"].n) for name in ("impedance", "walking")] == [
-        (2, 6), (0, 2)
-    ]  # fmt: skip
+    counted = [found[f"doubtful_{name}"] for name in ("impedance", "walking")]
+    assert [(one.value, one.n) for one in counted] == [(2, 6), (0, 2)]
     lines = format_results_table(written(found.values())).splitlines()
     assert "| doubtful trials in impedance.csv, whose column says why | 2 trials |  | 6 |  |" in lines
     interval = "679.3 to 693.1, 95 % of the mean (Student)"

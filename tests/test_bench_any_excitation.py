@@ -356,8 +356,7 @@ def test_quality_control_says_that_another_motion_is_not_compared_with_the_proto
 
 
 def test_a_part_of_the_record_with_another_joint_lowers_the_held_out_vaf():
-    rng = np.random.default_rng(7)
-    motion = noise(rng)
+    motion = noise(rng := np.random.default_rng(7))
     stiffer = np.where(motion[0] > 20, 60 * motion[1][0], 0.0)
     assert row_of(made_trial(rng, motion, more=stiffer))["VAF_held_out"] < 98.5
 
@@ -434,8 +433,7 @@ def test_sound_joints_show_no_change_and_the_smaller_of_two_lags_that_explain_th
 
 def test_beside_friction_a_change_is_told_and_where_nothing_explains_the_rest_it_is_said_not_to_be_known():
     for made, explained in ((chirp, True), (noise, True), (chirp, False)):
-        rng = np.random.default_rng(3)
-        motion = made(rng)
+        motion = made(rng := np.random.default_rng(3))
         more = 0.5 * np.tanh(motion[1][1] / 0.02) if explained else np.sin(300 * motion[1][0])
         trial = made_trial(rng, motion, more=more + changing(motion, -0.04))
         row = judged_impedance(moving_record(trial), saturated(trial), None, None)[1].row(0, named=True)
@@ -449,8 +447,7 @@ def test_beside_friction_a_change_is_told_and_where_nothing_explains_the_rest_it
 
 def test_a_stiffness_that_grows_with_the_frequency_is_no_change_in_a_sweep():
     """A spring behind a damper: beside it the sweep cannot tell, rather than see K rise."""
-    rng = np.random.default_rng(5)
-    motion = chirp(rng)
+    motion = chirp(rng := np.random.default_rng(5))
     slow = np.exp(-2 * np.pi * 2.0 / RATE)
     follows = motion[1][0] - lfilter([1 - slow], [1, -slow], motion[1][0])
     _, drift = faults_in(moving_record(made_trial(rng, motion, more=60 * follows)))

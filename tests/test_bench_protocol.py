@@ -193,8 +193,7 @@ DAMAGE = {
 
 @pytest.mark.parametrize("damage", DAMAGE)
 def test_a_damaged_stepped_sine_is_not_taken_for_another_motion(damage):
-    rng = np.random.default_rng(4)
-    theta, expected = DAMAGE[damage](stepped(SIX, 1.0, (1.0, 1.0, 1.0), FINE), rng)
+    theta, expected = DAMAGE[damage](stepped(SIX, 1.0, (1.0, 1.0, 1.0), FINE), rng := np.random.default_rng(4))
     assert kind_of(theta, rng) == expected
 
 
@@ -202,8 +201,7 @@ def test_a_damaged_stepped_sine_is_not_taken_for_another_motion(damage):
 @pytest.mark.parametrize("band", [(0.5, 3.0), (0.5, 6.0), (0.5, 10.0), (0.2, 2.0)])
 def test_multisine_noise_and_sweep_are_other_motions_at_the_commanded_amplitudes(move, band):
     for seed in range(3):
-        rng = np.random.default_rng(seed)
-        _, (theta, *_) = move(rng, band=band)
+        _, (theta, *_) = move(rng := np.random.default_rng(seed), band=band)
         assert kind_of(np.deg2rad(4) * theta / theta.max(), rng) == "other"
 
 

@@ -89,8 +89,7 @@ def test_both_kinds_of_groups_read_a_joint_alike_that_the_model_misses():
 
 
 def test_a_step_is_stated_or_seen():
-    rng = np.random.default_rng(1)
-    values = rng.normal(0, 0.1, 20_000)
+    values = (rng := np.random.default_rng(1)).normal(0, 0.1, 20_000)
     assert visible_step(0.003 * np.rint(values / 0.003) + 0.0007) == pytest.approx(0.003, rel=1e-6)
     assert visible_step(values) is None
     assert visible_step(np.zeros(100)) is None

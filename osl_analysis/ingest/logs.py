@@ -280,7 +280,7 @@ def whole_stamps(table: Table, parts: Sequence[str], remedy: str) -> NDArray[Any
     for name, most in zip(parts, (2**63 // SECOND - 1, SECOND), strict=True):
         values = np.ma.filled(table.columns[name], 0)
         number = values.astype(np.float64)
-        wrong = (np.abs(number) > most) | (number != np.rint(number)) | (values.dtype == bool)
+        wrong = (number < 0) | (number > most) | (number != np.rint(number)) | (values.dtype == bool)
         if wrong.any():
             row = int(np.argmax(wrong))
             raise InputError(

@@ -77,15 +77,12 @@ def test_a_protocol_is_found_as_people_run_it(practice):
     assert np.abs(late).max() < 0.2  # of a cycle; two settle before the fit begins
 
 
-@pytest.mark.parametrize(
-    ("theta", "message"),
-    [
-        (57.3 * stepped(), r"sine of 2 Hz at 3\.0 s has an amplitude of 98\.\d+ deg, the protocol says 1\.7"),
-        (0.0 * stepped(), r"no sine was found: the joint angle moves by 0 deg"),
-        (1e-4 * np.random.default_rng(1).standard_normal(9000), r"no sine was found: .* by 0\.0\d+ deg"),
-        (np.concatenate([np.zeros(500), WARM, stepped()])[:4500], r"amplitude of 11\.46 deg"),
-    ],
-)
+@pytest.mark.parametrize(("theta", "message"), [
+    (57.3 * stepped(), r"sine of 2 Hz at 3\.0 s has an amplitude of 98\.\d+ deg, the protocol says 1\.7"),
+    (0.0 * stepped(), r"no sine was found: the joint angle moves by 0 deg"),
+    (1e-4 * np.random.default_rng(1).standard_normal(9000), r"no sine was found: .* by 0\.0\d+ deg"),
+    (np.concatenate([np.zeros(500), WARM, stepped()])[:4500], r"amplitude of 11\.46 deg"),
+])  # fmt: skip
 def test_a_record_that_is_no_stepped_sine_of_these_amplitudes_is_refused_with_what_it_is(theta, message):
     with pytest.raises(InputError, match=message):
         segments_of(theta)

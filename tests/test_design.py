@@ -158,14 +158,11 @@ def test_noise_of_half_a_step_cures_rounding():
     assert np.all(cured < 0.7 * repeated)
 
 
-@pytest.mark.parametrize(
-    ("errors", "torque_noise"),
-    [
-        ({"torque_noise": 0.1, "noise_band_hz": 12.5}, 0.1 * np.sqrt(500 / 12.5)),  # all of it where the joint moves
-        ({"torque_noise": 0.0, "noise_band_hz": 12.5, "angle_noise": 1e-4}, 0.03),  # through Z = 300
-        ({"torque_noise": 0.03, "torque_step": 0.1}, np.hypot(0.03, 0.1 / np.sqrt(12))),
-    ],
-)
+@pytest.mark.parametrize(("errors", "torque_noise"), [
+    ({"torque_noise": 0.1, "noise_band_hz": 12.5}, 0.1 * np.sqrt(500 / 12.5)),  # all of it where the joint moves
+    ({"torque_noise": 0.0, "noise_band_hz": 12.5, "angle_noise": 1e-4}, 0.03),  # through Z = 300
+    ({"torque_noise": 0.03, "torque_step": 0.1}, np.hypot(0.03, 0.1 / np.sqrt(12))),
+])  # fmt: skip
 def test_each_error_of_a_sensor_counts_as_so_much_torque_noise(errors, torque_noise):
     joint = np.array([300.0, 0.0, 0.0])
     np.testing.assert_allclose(se(Sensors(1000.0, **errors), joint), se(Sensors(1000.0, torque_noise), joint))
@@ -323,42 +320,36 @@ def test_an_earlier_trial_states_the_distortion(tmp_path):
     assert ratio == pytest.approx(0.02**2 / torque, rel=0.1)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("--rms", "3"), "a stepped-sine has no --rms"), (("--rate", "25"), "twice the cut-off"),
-        (("--trial", "a"), "give --earlier too"), (("--stiffness-within", "0"), "no percentage"),
-        (("--excitation", "noise", "--rms", "3", "--peak", "4"), "not both"),
-        (("--excitation", "chirp", "--band", "3,2"), "lower frequency first"),
-        (("--excitation", "multisine", "--band", "1,1.2"), "longer period or a wider band"),
-        (("--excitation", "multisine", "--band", "0.5,1.5"), "the analysis would refuse this protocol"),
-        (("--excitation", "chirp", "--band", "0.2,1"), "the band from 1 to about 2.3 Hz is missing"),
-        (("--write", "/tmp/x.csv"), "only a multisine is written"), (("--cycles", "2"), "leaves none of 2 cycles"),
-        (("--excitation", "chirp", "--distortion", "2"), "says nothing on a chirp"),
-        (("--stiffness", "nan"), "--stiffness is nan; give a finite number"),
-        (("--stiffness", "0"), "'--stiffness': 0.0 is not in the range x>0"),
-        (("--frequencies", "2"), "told apart by 2 Hz alone, where K - I w^2 is one number; excite down to 1 Hz"),
-        (("--frequencies", "1,20"), "20 Hz is above the filter's cut-off of 15 Hz"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("arguments", "message"), [
+    (("--rms", "3"), "a stepped-sine has no --rms"), (("--rate", "25"), "twice the cut-off"),
+    (("--trial", "a"), "give --earlier too"), (("--stiffness-within", "0"), "no percentage"),
+    (("--excitation", "noise", "--rms", "3", "--peak", "4"), "not both"),
+    (("--excitation", "chirp", "--band", "3,2"), "lower frequency first"),
+    (("--excitation", "multisine", "--band", "1,1.2"), "longer period or a wider band"),
+    (("--excitation", "multisine", "--band", "0.5,1.5"), "the analysis would refuse this protocol"),
+    (("--excitation", "chirp", "--band", "0.2,1"), "the band from 1 to about 2.3 Hz is missing"),
+    (("--write", "/tmp/x.csv"), "only a multisine is written"), (("--cycles", "2"), "leaves none of 2 cycles"),
+    (("--excitation", "chirp", "--distortion", "2"), "says nothing on a chirp"),
+    (("--stiffness", "nan"), "--stiffness is nan; give a finite number"),
+    (("--stiffness", "0"), "'--stiffness': 0.0 is not in the range x>0"),
+    (("--frequencies", "2"), "told apart by 2 Hz alone, where K - I w^2 is one number; excite down to 1 Hz"),
+    (("--frequencies", "1,20"), "20 Hz is above the filter's cut-off of 15 Hz"),
+])  # fmt: skip
 def test_a_mistake_is_one_line(arguments, message):
     result = call(*arguments)
     assert result.exit_code != 0
     assert message in result.stderr.splitlines()[-1]
 
 
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        (("--friction", "0.1"), ""), (("--excitation", "multisine"), "no distortion is stated"),
-        (("--excitation", "multisine", "--realisations", "1"), "1 realisation of a distortion"),
-        (("--encoder-bits", "12"), "rounding of the encoder makes"),
-        (("--encoder-bits", "12", "--amplitudes", "0.5"), "steps of the encoder"),
-        (("--encoder-step", "0"), "no step of the encoder is stated"),
-        (("--frequencies", "3,3.5"), "hardly tells K from I .*above 3.5 Hz, up to 7 Hz"),
-        (("--amplitudes", "80"), r"largest_angle = 1\.2 rad: the recording would be refused"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("arguments", "said"), [
+    (("--friction", "0.1"), ""), (("--excitation", "multisine"), "no distortion is stated"),
+    (("--excitation", "multisine", "--realisations", "1"), "1 realisation of a distortion"),
+    (("--encoder-bits", "12"), "rounding of the encoder makes"),
+    (("--encoder-bits", "12", "--amplitudes", "0.5"), "steps of the encoder"),
+    (("--encoder-step", "0"), "no step of the encoder is stated"),
+    (("--frequencies", "3,3.5"), "hardly tells K from I .*above 3.5 Hz, up to 7 Hz"),
+    (("--amplitudes", "80"), r"largest_angle = 1\.2 rad: the recording would be refused"),
+])  # fmt: skip
 def test_warnings_name_what_no_length_cures(arguments, said):
     warnings = "; ".join(as_json(*arguments)["warnings"])
     assert re.search(said, warnings) if said else warnings == ""

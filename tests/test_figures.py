@@ -344,16 +344,13 @@ def test_fig6_has_points_that_touch_no_other_and_a_perfect_fit_at_the_end_of_its
     assert "Larger VAFs than 99.9999 % are drawn there" in said
 
 
-@pytest.mark.parametrize(
-    ("name", "table", "message"),
-    [
-        ("fig5", stored("impedance").drop_nulls("amplitude_deg"), "no fit over all amplitudes"),
-        ("fig6", stored("impedance").with_columns(VAF=float("nan")), "no VAF of a single amplitude"),
-        ("model_comparison", stored("model_comparison").with_columns(VAF_held_out=float("nan")), "no model was held"),
-        ("fig7", pl.DataFrame({"K_d": [100.0, 200.0], "B_d": 0.0}), "2 desired impedances"),
-        ("fig9", stored("walking_summary").with_columns(mean=pl.lit(None, pl.Float64)), "no perturbation has a fit"),
-    ],
-)
+@pytest.mark.parametrize(("name", "table", "message"), [
+    ("fig5", stored("impedance").drop_nulls("amplitude_deg"), "no fit over all amplitudes"),
+    ("fig6", stored("impedance").with_columns(VAF=float("nan")), "no VAF of a single amplitude"),
+    ("model_comparison", stored("model_comparison").with_columns(VAF_held_out=float("nan")), "no model was held"),
+    ("fig7", pl.DataFrame({"K_d": [100.0, 200.0], "B_d": 0.0}), "2 desired impedances"),
+    ("fig9", stored("walking_summary").with_columns(mean=pl.lit(None, pl.Float64)), "no perturbation has a fit"),
+])  # fmt: skip
 def test_a_table_without_what_a_figure_shows_is_refused(name, table, message):
     beside = {"fig7": [[]], "fig9": [walking_fits(0), over_stance()]}.get(name, [])
     with pytest.raises(InputError, match=message):
@@ -502,15 +499,12 @@ def test_unknown_figures_and_formats_and_tables_without_a_column_that_a_figure_n
 # Captions say in words what the figures show: in numbers of their tables, with names as text.
 
 
-@pytest.mark.parametrize(
-    ("name", "markdown"),
-    [
-        ("<img src=x onerror=alert(1)>", r"\<img src=x onerror=alert(1)\>"),
-        ("[l](http://x) www.x.org", r"\[l\](http\://x) www\.x.org"),
-        ("$K_d$ &lt; a--b `c` *d*", r"\$K\_d\$ \&lt; a-\-b \`c\` \*d\*"),
-        ("two\nlines\u2028and\tmore\\", r"two lines and more\\"),
-    ],
-)
+@pytest.mark.parametrize(("name", "markdown"), [
+    ("<img src=x onerror=alert(1)>", r"\<img src=x onerror=alert(1)\>"),
+    ("[l](http://x) www.x.org", r"\[l\](http\://x) www\.x.org"),
+    ("$K_d$ &lt; a--b `c` *d*", r"\$K\_d\$ \&lt; a-\-b \`c\` \*d\*"),
+    ("two\nlines\u2028and\tmore\\", r"two lines and more\\"),
+])  # fmt: skip
 def test_a_name_in_markdown_is_text_sign_by_sign(name, markdown):
     assert as_text(name) == markdown
 

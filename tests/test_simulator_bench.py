@@ -102,16 +102,13 @@ BELT = settings.BeltMotion(amplitude_deg=5, ramp_s=2.0, rest_s=0.5)
 PLAIN = {"frequencies_hz": (1,), "rest_s": 0, "lead_s": 0}
 
 
-@pytest.mark.parametrize(
-    ("motion", "largest"),
-    [
-        (stepped(**PLAIN, decay=on(0.3, "1/s")), 1e-12),
-        (stepped(**PLAIN, third_harmonic=on(0.05, "1"), ramp_s=0.4), 2e-4),
-        (JointMotion(*(one[501:4499] for one in vars(joint_motion.there_and_back(BELT, RATE)).values())), 1e-12),
-        (joint_motion.actuator_command(read_yaml(DEFAULT, SimulationSettings).actuator, RATE)[0], 1e-5),
-        *((excited(kind), 1e-5) for kind in SMOOTH),
-    ],
-)
+@pytest.mark.parametrize(("motion", "largest"), [
+    (stepped(**PLAIN, decay=on(0.3, "1/s")), 1e-12),
+    (stepped(**PLAIN, third_harmonic=on(0.05, "1"), ramp_s=0.4), 2e-4),
+    (JointMotion(*(one[501:4499] for one in vars(joint_motion.there_and_back(BELT, RATE)).values())), 1e-12),
+    (joint_motion.actuator_command(read_yaml(DEFAULT, SimulationSettings).actuator, RATE)[0], 1e-5),
+    *((excited(kind), 1e-5) for kind in SMOOTH),
+])  # fmt: skip
 def test_every_motion_comes_with_its_true_derivatives(motion, largest):
     """Simpson's rule is exact to h^5/90 of the fourth derivative, and to 4 h of the kink that a ramp's end has."""
     for signal, slope in ((motion.theta, motion.omega), (motion.omega, motion.alpha)):
@@ -119,14 +116,11 @@ def test_every_motion_comes_with_its_true_derivatives(motion, largest):
         assert np.max(np.abs(signal[4:-2] - signal[2:-4] - integral)) < largest * np.ptp(slope)
 
 
-@pytest.mark.parametrize(
-    ("changes", "duration"),
-    [
-        ({"rest_between_s": 1.0}, 1 + 4 + 4 / 3 + 2 + 0.5), ({"ramp_s": 0.5}, 1 + 4 + 4 / 3 + 2 + 0.5),
-        ({"cycles": None, "seconds": 2.0}, 1 + 4 + 0.5), ({"cycles": (2, 6)}, 1 + 2 + 2 + 0.5),
-        ({"clock_error": on(5000, "ppm")}, (1 + 4 + 4 / 3 + 0.5) / 1.005),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("changes", "duration"), [
+    ({"rest_between_s": 1.0}, 1 + 4 + 4 / 3 + 2 + 0.5), ({"ramp_s": 0.5}, 1 + 4 + 4 / 3 + 2 + 0.5),
+    ({"cycles": None, "seconds": 2.0}, 1 + 4 + 0.5), ({"cycles": (2, 6)}, 1 + 2 + 2 + 0.5),
+    ({"clock_error": on(5000, "ppm")}, (1 + 4 + 4 / 3 + 0.5) / 1.005),
+])  # fmt: skip
 def test_a_schedule_lasts_as_long_as_it_says(changes, duration):
     assert len(stepped(**changes).theta) == pytest.approx(RATE * duration, abs=1)
 
@@ -350,17 +344,14 @@ def test_a_sensors_low_pass_weakens_and_delays_a_sine_as_butterworths_does(order
     assert (log[TORQUE][rows] @ kernel) / (clean[TORQUE][rows] @ kernel) == pytest.approx(expected, abs=1e-5)
 
 
-@pytest.mark.parametrize(
-    ("changes", "channel", "expected", "within"),
-    [
-        (torque_sensor(delay=on(2e-3, "s")), TORQUE, lambda log: np.roll(log[TORQUE], 2), 1e-5),  # at rest at both ends
-        (torque_sensor(clipping=on(15, "N*m")), TORQUE, lambda log: np.clip(log[TORQUE], -15, 15), 1e-9),
-        (torque_sensor(gain=on(-4.45, "1")), TORQUE, lambda log: -4.45 * log[TORQUE], 1e-9),
-        ({"effects": {"mount_stiffness": on(3e3, "N*m/rad")}}, ANGLE, lambda log: log[ANGLE] - log[TORQUE] / 3e3, 1e-9),
-        ({"joint": JOINT | {"stiffening": on(18.2, "1/rad^2")}}, TORQUE,
-         lambda log: log[TORQUE] - 300 * 18.2 * log[ANGLE] ** 3, 1e-9),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("changes", "channel", "expected", "within"), [
+    (torque_sensor(delay=on(2e-3, "s")), TORQUE, lambda log: np.roll(log[TORQUE], 2), 1e-5),  # at rest at both ends
+    (torque_sensor(clipping=on(15, "N*m")), TORQUE, lambda log: np.clip(log[TORQUE], -15, 15), 1e-9),
+    (torque_sensor(gain=on(-4.45, "1")), TORQUE, lambda log: -4.45 * log[TORQUE], 1e-9),
+    ({"effects": {"mount_stiffness": on(3e3, "N*m/rad")}}, ANGLE, lambda log: log[ANGLE] - log[TORQUE] / 3e3, 1e-9),
+    ({"joint": JOINT | {"stiffening": on(18.2, "1/rad^2")}}, TORQUE,
+     lambda log: log[TORQUE] - 300 * 18.2 * log[ANGLE] ** 3, 1e-9),
+])  # fmt: skip
 def test_a_sensor_a_frame_and_a_joint_change_one_channel_as_they_say(clean, changes, channel, expected, within):
     log, other = log_of(changes), ({TORQUE, ANGLE} - {channel}).pop()
     assert log[channel] == pytest.approx(expected(clean), abs=within)
@@ -407,27 +398,24 @@ TONES = [{"frequency_hz": 1, "size": 1}]
 SLIPS = {"K": 100, "slipping": [{"stiffness": 500, "limit": 90}], "cycles": CYCLES}
 
 
-@pytest.mark.parametrize(
-    ("section", "value", "match"),
-    [
-        ("recorder", {"node": {"jitter": on(20, "us")}}, "unit must be 's'"),
-        ("recorder", {"node": {"latency": on(1e-4, "s", distribution="normal")}}, "latency is never negative"),
-        ("recorder", {"node": {"dropped": on(1.5, "1")}}, "less than 1"),
-        ("recorder", {"node": {"rate": on(0, "Hz")}}, "must be positive; set enabled: false"),
-        ("recorder", {"sensors": {TORQUE: {"adc": on(12, "bit")}}}, "enable clipping"),
-        ("recorder", {"sensors": {"torque": {}}}, "joint_angle"),
-        ("joint", JOINT | {"I": 0, "backlash": on(1e-3, "rad")}, "inertia"),
-        ("protocol", {"seconds": 2.0}, "either cycles or seconds"),
-        ("protocol", {"cycles": [1, 2, 3]}, "3 numbers of cycles for 2 frequencies"),
-        ("excitations", [{"name": "x", "kind": "noise", "rms_deg": 1, "band_hz": [6, 2]}], "from 6 to 2 Hz; write"),
-        ("excitations", 2 * [{"name": "x", "kind": "noise", "rms_deg": 1}], "x, x; give each a name of its own"),
-        ("effects", {"dynamometer_bandwidth": on(500, "Hz")}, "of 500 Hz does not show in a log of 1000 Hz"),
-        ("actuator", {"duration_s": 3, "fade_s": 1, "velocity": TONES, "current": TONES}, "at least four times fade_s"),
-        ("experiments", {"belt": 0, "transmission": 0, "K_d": []}, "no trials are planned"),
-        ("foot", SLIPS, "does not reach its limit of 90 N"),
-        ("experiments", {"torque_angle": 3}, "3 torque-angle trials are planned but there is no 'foot'"),
-    ],
-)
+@pytest.mark.parametrize(("section", "value", "match"), [
+    ("recorder", {"node": {"jitter": on(20, "us")}}, "unit must be 's'"),
+    ("recorder", {"node": {"latency": on(1e-4, "s", distribution="normal")}}, "latency is never negative"),
+    ("recorder", {"node": {"dropped": on(1.5, "1")}}, "less than 1"),
+    ("recorder", {"node": {"rate": on(0, "Hz")}}, "must be positive; set enabled: false"),
+    ("recorder", {"sensors": {TORQUE: {"adc": on(12, "bit")}}}, "enable clipping"),
+    ("recorder", {"sensors": {"torque": {}}}, "joint_angle"),
+    ("joint", JOINT | {"I": 0, "backlash": on(1e-3, "rad")}, "inertia"),
+    ("protocol", {"seconds": 2.0}, "either cycles or seconds"),
+    ("protocol", {"cycles": [1, 2, 3]}, "3 numbers of cycles for 2 frequencies"),
+    ("excitations", [{"name": "x", "kind": "noise", "rms_deg": 1, "band_hz": [6, 2]}], "from 6 to 2 Hz; write"),
+    ("excitations", 2 * [{"name": "x", "kind": "noise", "rms_deg": 1}], "x, x; give each a name of its own"),
+    ("effects", {"dynamometer_bandwidth": on(500, "Hz")}, "of 500 Hz does not show in a log of 1000 Hz"),
+    ("actuator", {"duration_s": 3, "fade_s": 1, "velocity": TONES, "current": TONES}, "at least four times fade_s"),
+    ("experiments", {"belt": 0, "transmission": 0, "K_d": []}, "no trials are planned"),
+    ("foot", SLIPS, "does not reach its limit of 90 N"),
+    ("experiments", {"torque_angle": 3}, "3 torque-angle trials are planned but there is no 'foot'"),
+])  # fmt: skip
 def test_a_wrong_imperfection_or_motion_is_refused(tmp_path, section, value, match):
     content = yaml.safe_load(TINY.read_text())
     known = content.get(section)

@@ -128,17 +128,14 @@ def test_raw_channels_stop_at_their_rails(setup, tmp_path, effect, size, kind, r
 TURN = np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]])
 
 
-@pytest.mark.parametrize(
-    ("capture", "changed"),
-    [
-        ({"moment_label": "Nm"}, {"units": lambda units: [*units[:3], "Nm", "Nm", "Nm", *units[6:]]}),
-        ({"dead_channels": {"Mx1": -12.0}}, {"analogs": lambda a: np.vstack([a[:3], 0 * a[:1] - 12, a[4:]])}),
-        ({"swapped_labels": [("FOOT1", "FOOT2")]}, {"labels": lambda labels: [labels[1], labels[0], *labels[2:]]}),
-        ({"states_axes": False}, {"screen": lambda _: None}),
-        # x stays forward, y is up, z is to the right: (x, y, z) -> (x, z, -y)
-        ({"up_axis": "y"}, {"screen": lambda _: ["+Y"], **dict.fromkeys(("points", "corners"), TURN.dot)}),
-    ],
-)
+@pytest.mark.parametrize(("capture", "changed"), [
+    ({"moment_label": "Nm"}, {"units": lambda units: [*units[:3], "Nm", "Nm", "Nm", *units[6:]]}),
+    ({"dead_channels": {"Mx1": -12.0}}, {"analogs": lambda a: np.vstack([a[:3], 0 * a[:1] - 12, a[4:]])}),
+    ({"swapped_labels": [("FOOT1", "FOOT2")]}, {"labels": lambda labels: [labels[1], labels[0], *labels[2:]]}),
+    ({"states_axes": False}, {"screen": lambda _: None}),
+    # x stays forward, y is up, z is to the right: (x, y, z) -> (x, z, -y)
+    ({"up_axis": "y"}, {"screen": lambda _: ["+Y"], **dict.fromkeys(("points", "corners"), TURN.dot)}),
+])  # fmt: skip
 def test_a_capture_differs_as_its_switch_says_and_in_nothing_else(setup, tmp_path, capture, changed):
     plain, seen = ({}, {})
     for facts, own in ((plain, {}), (seen, capture)):

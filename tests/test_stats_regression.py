@@ -71,16 +71,13 @@ def test_covariance_is_statsmodels_hac_at_the_same_bandwidth():
     assert fit.covariance == pytest.approx(other.cov_params(), rel=1e-8)
 
 
-@pytest.mark.parametrize(
-    ("y", "columns", "message"),
-    [
-        (np.ones(5), {"a": np.ones(4)}, "column 'a' has shape"),
-        (np.array([1, np.nan, 3]), {"a": np.ones(3)}, "column 'y' is not finite at sample 1"),
-        (np.ones(2), {"a": np.ones(2), "b": np.arange(2.0)}, "2 samples cannot determine 2 parameters"),
-        (np.sin(T), {"K": np.sin(T), "B": np.cos(T), "I": -4 * np.sin(T)}, "K and I cannot be told apart"),
-        (np.sin(T), {"a": np.sin(T), "b": np.zeros_like(T)}, "'b' cannot be estimated"),
-    ],
-)
+@pytest.mark.parametrize(("y", "columns", "message"), [
+    (np.ones(5), {"a": np.ones(4)}, "column 'a' has shape"),
+    (np.array([1, np.nan, 3]), {"a": np.ones(3)}, "column 'y' is not finite at sample 1"),
+    (np.ones(2), {"a": np.ones(2), "b": np.arange(2.0)}, "2 samples cannot determine 2 parameters"),
+    (np.sin(T), {"K": np.sin(T), "B": np.cos(T), "I": -4 * np.sin(T)}, "K and I cannot be told apart"),
+    (np.sin(T), {"a": np.sin(T), "b": np.zeros_like(T)}, "'b' cannot be estimated"),
+])  # fmt: skip
 def test_columns_that_determine_nothing_are_named(y, columns, message):
     with pytest.raises((InputError, IdentifiabilityError), match=message):
         linear_fit(y, columns)

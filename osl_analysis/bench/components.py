@@ -94,7 +94,7 @@ def fit_branches(record: Record, drift: float = 0.0) -> Analysis:
     motion = record.motion
     x = motion.theta - motion.theta[0]
     columns = {"theta": x, "omega": motion.omega, "one": np.ones_like(x), "square": x * np.abs(x)}
-    columns["late"] = record.time - record.time.mean()
+    columns["ramp"] = record.time - record.time.mean()
     s = gram_sums(record, columns, ["theta", "omega", "one", "square"])
     # On a raised cosine damping and curvature look alike, so that the quadratic belt has no damping.
     quadratic: Model = {"K_s": "theta", "K_s2": "square", "offset": "one"}
@@ -107,7 +107,7 @@ def fit_branches(record: Record, drift: float = 0.0) -> Analysis:
         models[way] = {"K_s": "theta", "offset": "one"} | ({} if constant else {"B_j": "omega"}), way
     fits: dict[Label, GroupFit] = {}
     for name, (model, label) in models.items():
-        taken = effects.taken_by(s, model, "late", label)
+        taken = effects.taken_by(s, model, "ramp", label)
         found = widened(fit_groups(s, model, label), drift * np.array([taken[one] for one in model]))
         fits[name] = replace(found, interval_method=f"{found.interval_method} + drift") if drift else found
     return Analysis(record, s, models["loading"][0], fits, {}, "loading")

@@ -33,8 +33,8 @@ Admittance = Callable[[NDArray[np.complex128]], NDArray[np.complex128]]
 Model = Mapping[str, str]  # column of `sums_of`, by estimate
 Keep = NDArray[np.bool_] | Label
 """Groups: those to keep (m,), those of a label, or all (None)."""
-IMPEDANCE: Model = {"K": "theta", "B": "omega", "I": "alpha", "offset": "one", "drift": "late"}  # Eq. 15
-TRANSMISSION: Model = {"B_j": "omega", "J_j": "alpha", "offset": "one", "drift": "late"}  # Eq. 4 without a belt
+IMPEDANCE: Model = {"K": "theta", "B": "omega", "I": "alpha", "offset": "one", "drift": "ramp"}  # Eq. 15
+TRANSMISSION: Model = {"B_j": "omega", "J_j": "alpha", "offset": "one", "drift": "ramp"}  # Eq. 4 without a belt
 STOPS = {"hysteresis": 0.05, "hysteresis_2": 0.15, "hysteresis_3": 0.4}
 """Half-widths of springs that slip, as shares of the motion's RMS: presliding friction, a belt that winds up."""
 PHYSICS = ("T_C", "T_G", *STOPS, "cubic", "gap", "linear")
@@ -58,7 +58,7 @@ def columns_of(record: Record) -> tuple[dict[str, Array], float]:
     """The columns (n,) of the models by name, and the angle [rad] that `theta` is about."""
     motion, centre = record.motion, float(record.part(record.motion.theta).mean())
     columns = {"theta": motion.theta - centre, "omega": motion.omega, "alpha": motion.alpha}
-    columns |= {"one": np.ones_like(motion.theta), "late": record.time - record.time.mean()}
+    columns |= {"one": np.ones_like(motion.theta), "ramp": record.time - record.time.mean()}
     return columns, centre
 
 
@@ -68,11 +68,11 @@ def sums_of(record: Record, model: Model, expected: Admittance | None = None) ->
     at_least = max(250.0, 8 * record.low_pass.cutoff_hz)
     few = record.thinned(max(int(record.rate_hz / at_least + 1e-6), 1))  # a rate is known to rounding
     columns, centre = columns_of(few)
-    theta, omega, alpha, one, late = columns.values()
+    theta, omega, alpha, one, ramp = columns.values()
     size = float(few.part(few.motion.theta).std())
     higher = seven_point_motion(few.time, alpha, few.rate_hz)
     duration = np.concatenate([few.time[[p.start, p.stop - 1]] for p in few.pieces])
-    u = late / max(float(np.ptp(duration)), np.finfo(float).tiny)
+    u = ramp / max(float(np.ptp(duration)), np.finfo(float).tiny)
     sign = np.tanh(omega / 0.01)  # rad/s: ten times the velocity noise of 14 bits
     shaped = {"sign": sign, "sharp_sign": np.tanh(omega / 0.001), "load_sign": np.abs(theta) * sign, "cubic": theta**3}
     shaped |= {name: spring_that_slips(theta, share * size) for name, share in STOPS.items()}
@@ -83,7 +83,7 @@ def sums_of(record: Record, model: Model, expected: Admittance | None = None) ->
     smooth = few.low_pass(np.array(list(shaped.values())).T, few.rate_hz).T
     columns |= {"jerk": higher.omega, "snap": higher.alpha, "u_theta": u * theta}
     if record.two_clocks and not record.groups.repeat:
-        columns |= {f"late_{name}": late * columns[name] for name in ("omega", "alpha", "jerk")}
+        columns |= {f"ramp_{name}": ramp * columns[name] for name in ("omega", "alpha", "jerk")}
     columns |= dict(zip(shaped, smooth, strict=True))
     if expected is not None:
         linear = linear_torque(few, expected)
@@ -433,7 +433,7 @@ def clocks_row(record: Record, s: Sums, model: Model, found: Causes) -> Row:
         if s.groups.repeat:
             seen = changes_of_repeats(s, model, {"K_within": {"theta": 1.0}, "ppm": slope})
         else:
-            seen, drifting = None, {f"late_{name}": weight for name, weight in slope.items()}
+            seen, drifting = None, {f"ramp_{name}": weight for name, weight in slope.items()}
             for effects in ([e for e in found.chosen if e not in (*FAULTS, "linear")], physics_of(s, model)):
                 base = with_columns(model, effects)
                 turn = s.turned(s.combinations([*({column: 1.0} for column in base.values()), drifting]))

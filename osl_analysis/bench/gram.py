@@ -251,12 +251,12 @@ def fit_groups(
         turn = turn[used]
         own = turn.T @ (s.gram[:, used[:, None], used][groups] @ turn)
     one = columns.index("one")
-    if "late" in columns:  # time about the middle of what is fitted: a drift and an offset are then told apart
-        late, total = columns.index("late"), own[:, one].sum(axis=0)
-        middle = total[late] / total[one]
-        own[:, late] -= middle * own[:, one]
-        own[:, :, late] -= middle * own[:, :, one]
-        turn[:, late] -= middle * turn[:, one]
+    if "ramp" in columns:  # time about the middle of what is fitted: a drift and an offset are then told apart
+        ramp, total = columns.index("ramp"), own[:, one].sum(axis=0)
+        middle = total[ramp] / total[one]
+        own[:, ramp] -= middle * own[:, one]
+        own[:, :, ramp] -= middle * own[:, :, one]
+        turn[:, ramp] -= middle * turn[:, one]
     total = own.sum(axis=0)
     n = float(total[one, one])
     # noise is independent from row to row before the filter; but where nothing repeats, what the filter takes off the

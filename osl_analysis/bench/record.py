@@ -446,9 +446,9 @@ def drift_rate(time: Array, motion: Motion, torque: Array, groups: Groups) -> fl
     members = np.array([np.count_nonzero(groups.of(label)) for label in groups.labels])
     if members.max() < FEWEST_CYCLES:
         return 0.0
-    late = time - time.mean()
+    ramp = time - time.mean()
     if groups.kind == "cycles":
-        signals = np.column_stack([late, motion.theta, torque])
+        signals = np.column_stack([ramp, motion.theta, torque])
         sums = products_between(signals, np.ones((len(signals), 1)), groups.first, groups.stop)[..., 0]
         weight = np.sqrt(groups.stop - groups.first)[:, None]
         label = np.array([groups.labels.index(groups.strata[k].label) for k in groups.stratum])
@@ -457,7 +457,7 @@ def drift_rate(time: Array, motion: Motion, torque: Array, groups: Groups) -> fl
         X, y = np.column_stack([sums[:, :2] / weight, own]), sums[:, 2] / weight[:, 0]
         X, y = X[own.any(axis=1)], y[own.any(axis=1)]
     else:
-        X = np.column_stack([late, motion.theta, motion.omega, motion.alpha, np.ones_like(late)])
+        X = np.column_stack([ramp, motion.theta, motion.omega, motion.alpha, np.ones_like(ramp)])
         rows = np.concatenate([np.r_[piece] for piece in groups.pieces()])
         X, y = X[rows], torque[rows]
     scale = np.linalg.norm(X, axis=0)

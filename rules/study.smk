@@ -15,7 +15,7 @@ OF_BATCH = {"experiment": "|".join(STUDIED_BY_FILE), "first": "[0-9]+", "number"
 def study_batch(wildcards):
     from osl_analysis.commands.simulate import settings_files  # it loads the simulator
 
-    settings = {"study": STUDY.model_dump(mode="json", exclude={"trials", "campaigns", "recorded"})}
+    settings = {"study": STUDY.part("StudyTrials")}
     settings |= {"dynamometer": setting("dynamometer"), "actuator_analysis": setting("actuator")}
     settings |= {"walking": setting("walking"), "first": wildcards.first, "number": wildcards.number}
     settings |= {"experiment": STUDIED_BY_FILE[wildcards.experiment], "sources": CONFIG.sources}

@@ -416,3 +416,14 @@ def test_a_folder_that_cannot_be_written_to_is_refused_by_snakemake_in_one_line(
     ran = run_snakemake(["--snakefile", str(ROOT / "Snakefile"), "--directory", "/proc/sys", "-n"], tmp_path)
     assert ran.returncode == 1
     assert ran.stdout.endswith("error: /proc/sys: cannot be written to; copy the campaign to a folder that can\n")
+
+
+def test_a_study_runs_through_its_jobs_and_more_trials_leave_those_that_are_done(tmp_path):
+    space, first = Workspace(tmp_path), "results/study/batches/belt_0_2.csv"
+    study = {"trials": 2, "campaigns": 1, "recorded": 1, "batch": 2}
+    space.configure({"study": study})
+    files = (first, "results/study/batches/second_order_0_2.csv", "results/study/batches/walking_0_1.csv")
+    assert space.run(*files).returncode == 0
+    assert not any(is_refused(space.folder / file) for file in files)
+    space.configure({"study": study | {"trials": 4}})
+    assert space.planned(first) == {}

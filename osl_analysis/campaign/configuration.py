@@ -58,26 +58,29 @@ class ReportChoices(Settings):
     """Largest size of the page [MB]; signals are thinned out to keep it, and the page says so."""
 
 
-class StudySettings(Settings):
-    """The Monte Carlo study of the estimators: simulated trials, their number, and their division into jobs.
-
-    Bench trials of the study have a short protocol (below) at the frequencies of `dynamometer`.
-    """
+class StudyTrials(Settings):
+    """The simulated trials of the Monte Carlo study. Those on a bench have a short protocol at the frequencies of
+    `dynamometer`."""
 
     simulation: ShippedPath  # Settings of the simulated campaign.
     seed: Annotated[int, Field(ge=0)]  # Seed of every random number.
-    trials: Annotated[Some, Field(ge=2)]  # Number of trials of each bench experiment.
-    campaigns: Some  # Number of campaigns of walking, and of repeated belt and transmission trials.
-    recorded: Some  # Number of further walking campaigns that are written to files and ingested.
     crossings: Annotated[Some, Field(ge=3)]
     """Number of perturbed crossings in a campaign, which has the same number of unperturbed crossings."""
-    batch: Annotated[int, Field(ge=1)]
-    """Smallest number of bench trials in a job. A large study takes more, so that it has fewer than a hundred jobs."""
     amplitudes_deg: Annotated[tuple[Degrees, ...], Field(min_length=1)]  # Amplitudes [deg] of the short protocol.
     cycles: Annotated[int, Field(ge=1, le=10_000)]  # Cycles at each frequency of the short protocol.
     K_d: Positive  # Desired stiffness [N*m/rad].
     B_d: Annotated[float, Field(ge=0)]  # Desired damping [N*m*s/rad].
     I: Annotated[float, Field(ge=0)]  # Inertia [kg*m^2] of the second-order joint.
+
+
+class StudySettings(StudyTrials):
+    """The study: its trials, their number, and their division into jobs."""
+
+    trials: Annotated[Some, Field(ge=2)]  # Number of trials of each bench experiment.
+    campaigns: Some  # Number of campaigns of walking, and of repeated belt and transmission trials.
+    recorded: Some  # Number of further walking campaigns that are written to files and ingested.
+    batch: Annotated[int, Field(ge=1)]
+    """Smallest number of bench trials in a job. A large study takes more, so that it has fewer than a hundred jobs."""
 
 
 class Config(Settings):

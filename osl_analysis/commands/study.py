@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from osl_analysis.bench.analysis import FitTables
 from osl_analysis.bench.settings import ActuatorAnalysis, DynamometerAnalysis
-from osl_analysis.campaign.configuration import StudySettings
+from osl_analysis.campaign.configuration import StudyTrials
 from osl_analysis.commands.bench import fit_tables, job_of
 from osl_analysis.compiled import require_compiler
 from osl_analysis.errors import InputError
@@ -32,7 +32,7 @@ from osl_analysis.yaml_settings import read_yaml
 
 
 def study_inputs(
-    study: StudySettings,
+    study: StudyTrials,
     dynamometer: DynamometerAnalysis,
     actuator_analysis: ActuatorAnalysis,
     walking: WalkingAnalysis,
@@ -59,7 +59,7 @@ def run_batch(
     experiment: str,
     first: int,
     number: int,
-    study: StudySettings,
+    study: StudyTrials,
     dynamometer: DynamometerAnalysis,
     actuator_analysis: ActuatorAnalysis,
     walking: WalkingAnalysis,

@@ -11,7 +11,7 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.bench.analysis import FitTables
-from osl_analysis.campaign.configuration import StudySettings
+from osl_analysis.campaign.configuration import StudyTrials
 from osl_analysis.errors import InputError
 from osl_analysis.model.compensator import Gains, compensated_gains, predicted_impedance
 from osl_analysis.model.parameters import DrivetrainParameters
@@ -40,7 +40,7 @@ Estimates = Iterator[tuple[str, str, Mapping[str, Sequence[float]]]]
 class StudyInputs:
     """Settings with which the study simulates and analyses its trials."""
 
-    study: StudySettings
+    study: StudyTrials
     simulation: SimulationSettings
     gait: WalkingSettings | None  # the simulated gait laboratory; None where the simulation has none
     p: DrivetrainParameters  # that make the trials

@@ -475,16 +475,13 @@ def test_an_integer_beyond_a_floats_reach_is_exact_in_every_chunk(tmp_path: Path
         assert_decoded(write_json(tmp_path, texts, chunk_size=400), "/lab", [json.loads(one) for one in texts])
 
 
-@pytest.mark.parametrize(
-    ("field", "right", "wrong", "said"),
-    [
-        ("x", '{"x": 1.5}', "no json", "a message of 7 bytes is not JSON: Expecting value"),
-        ("x", '{"x": 1.5}', '{"x": "a"}', "field 'x' is \"a\", not a number, in message 2"),
-        ("x", '{"x": 1.5}', '{"x": [1, 2]}', "field 'x' is an array of 2, not one number, in message 2"),
-        ("x.y", '{"x": {"y": 1.5}}', '{"x": 3}', "field 'x' is 3, not an object with fields, in message 2"),
-        ("v[n=b]", '{"v": [0, 1.5], "n": ["a", "b"]}', '{"v": [1, "c"], "n": ["a", "b"]}', "field 'v[n=b]' is \"c\""),
-    ],
-)
+@pytest.mark.parametrize(("field", "right", "wrong", "said"), [
+    ("x", '{"x": 1.5}', "no json", "a message of 7 bytes is not JSON: Expecting value"),
+    ("x", '{"x": 1.5}', '{"x": "a"}', "field 'x' is \"a\", not a number, in message 2"),
+    ("x", '{"x": 1.5}', '{"x": [1, 2]}', "field 'x' is an array of 2, not one number, in message 2"),
+    ("x.y", '{"x": {"y": 1.5}}', '{"x": 3}', "field 'x' is 3, not an object with fields, in message 2"),
+    ("v[n=b]", '{"v": [0, 1.5], "n": ["a", "b"]}', '{"v": [1, "c"], "n": ["a", "b"]}', "field 'v[n=b]' is \"c\""),
+])  # fmt: skip
 def test_a_message_without_a_number_in_a_field_is_lost_and_said(
     tmp_path: Path, field: str, right: str, wrong: str, said: str
 ) -> None:

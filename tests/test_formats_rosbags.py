@@ -122,17 +122,11 @@ def counts(recording: Recording, topic: str = "/lab") -> tuple[int, int | None]:
     return tuple(recording.facts["damage"]["topics"][topic].values())
 
 
-@pytest.mark.parametrize(
-    ("write", "options"),
-    [
-        (write_bag1, {}),
-        (write_bag1, {"compression": "BZ2", "chunk": 500}),
-        (write_bag1, {"compression": "LZ4", "chunk": 500}),
-        (write_bag2, {}),
-        (write_bag2, {"packed": "MESSAGE"}),
-        (write_bag2, {"storage": "MCAP"}),
-    ],
-)
+@pytest.mark.parametrize(("write", "options"), [
+    (write_bag1, {}), (write_bag1, {"compression": "BZ2", "chunk": 500}),
+    (write_bag1, {"compression": "LZ4", "chunk": 500}), (write_bag2, {}), (write_bag2, {"packed": "MESSAGE"}),
+    (write_bag2, {"storage": "MCAP"}),
+])  # fmt: skip
 def test_a_bag_gives_the_columns_that_were_written(tmp_path: Path, write: Any, options: dict[str, Any]) -> None:
     path = write(tmp_path / "a.bag", **options)
     kept, recording = sorted(tmp_path.rglob("*")), read(path)

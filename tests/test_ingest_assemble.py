@@ -267,14 +267,11 @@ def test_every_unit_of_a_column_has_a_largest_value() -> None:
     assert units == set(LARGEST_MEASURED)
 
 
-@pytest.mark.parametrize(
-    ("angle", "torque", "unit", "told"),
-    [
-        (-1.1e6, 0.0, "rad", r"theta is -1\.1e\+06 rad at 0\.020 s, and beyond ±1e\+06 in 1 of 4 samples"),
-        (0.0, 1e200, "rad", r"torque is 1e\+200 N\*m at 0\.020 s"),
-        (1.7e308, 0.0, "rev", r"theta is inf rad at 0\.020 s"),  # overflows in the conversion
-    ],
-)
+@pytest.mark.parametrize(("angle", "torque", "unit", "told"), [
+    (-1.1e6, 0.0, "rad", r"theta is -1\.1e\+06 rad at 0\.020 s, and beyond ±1e\+06 in 1 of 4 samples"),
+    (0.0, 1e200, "rad", r"torque is 1e\+200 N\*m at 0\.020 s"),
+    (1.7e308, 0.0, "rev", r"theta is inf rad at 0\.020 s"),  # overflows in the conversion
+])  # fmt: skip
 def test_values_that_nothing_can_reach_are_refused_by_file_column_value_and_remedy(tmp_path, angle, torque, unit, told):
     with pytest.raises(InputError, match=rf"log\.csv: {told}.*; correct its unit or scale in the source file, or"):
         log_of(tmp_path, angle, torque, unit)

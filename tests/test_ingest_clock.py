@@ -83,16 +83,13 @@ TIMES, *LEVELS = slave_edges(LONG, 30.0)
 SCATTERED = TIMES + np.random.default_rng(3).normal(0, 0.004, TIMES.size), *LEVELS  # by more than a sample
 
 
-@pytest.mark.parametrize(
-    ("in_log", "in_capture", "message"),
-    [
-        (slave_edges(PERIODIC, 10.0), master_edges(PERIODIC, 10.0), "let the pulses vary in length"),
-        (slave_edges(irregular(3.0, 4), 3.0), master_edges(irregular(3.0, 5), 3.0), "sync edges agree on one offset"),
-        (slave_edges(SHORT, 3.0), master_edges(SHORT[:4], 3.0), "4 sync edges in motion capture, at least 6"),
-        (slave_edges(SHORT[:0], 3.0), master_edges(SHORT, 3.0), "0 sync edges in the log"),
-        (SCATTERED, master_edges(LONG, 30.0), "the sync edges fit with a residual of"),
-    ],
-)
+@pytest.mark.parametrize(("in_log", "in_capture", "message"), [
+    (slave_edges(PERIODIC, 10.0), master_edges(PERIODIC, 10.0), "let the pulses vary in length"),
+    (slave_edges(irregular(3.0, 4), 3.0), master_edges(irregular(3.0, 5), 3.0), "sync edges agree on one offset"),
+    (slave_edges(SHORT, 3.0), master_edges(SHORT[:4], 3.0), "4 sync edges in motion capture, at least 6"),
+    (slave_edges(SHORT[:0], 3.0), master_edges(SHORT, 3.0), "0 sync edges in the log"),
+    (SCATTERED, master_edges(LONG, 30.0), "the sync edges fit with a residual of"),
+])  # fmt: skip
 def test_pulses_that_tell_no_one_clock_are_refused(in_log: Edges, in_capture: Edges, message: str) -> None:
     with pytest.raises(InputError, match=message):
         fit_clock(in_log, in_capture)
@@ -121,17 +118,13 @@ WITHIN = np.arange(0, 30, 1 / CAMERA_RATE)
 ONCE = np.exp(-(((WITHIN - 10) / 1) ** 2)) * MOVEMENT(WITHIN)
 
 
-@pytest.mark.parametrize(
-    ("strange", "seen", "message"),
-    [
-        (np.random.default_rng(3).standard_normal(9000), MOVEMENT(WITHIN), "correlates by 0.0. at best, 0.5 is needed"),
-        (np.zeros(9000), MOVEMENT(WITHIN), "is constant"),
-        (np.zeros(40), MOVEMENT(WITHIN), "fewer than 48 samples"),
-        (np.sin(2 * np.pi * WITHIN), np.sin(2 * np.pi * WITHIN + 1), r"fits in two places \(correlation 1.00 and 1.00"),
-        (ONCE, ONCE, r"moves in . of 12 sections of the recording, at least 6 are needed"),
-        (MOVEMENT(WITHIN + 0.02 * np.sin(WITHIN / 2)), MOVEMENT(WITHIN), "the lags of the shared signal scatter by"),
-    ],
-)
+@pytest.mark.parametrize(("strange", "seen", "message"), [
+    (np.random.default_rng(3).standard_normal(9000), MOVEMENT(WITHIN), "correlates by 0.0. at best, 0.5 is needed"),
+    (np.zeros(9000), MOVEMENT(WITHIN), "is constant"), (np.zeros(40), MOVEMENT(WITHIN), "fewer than 48 samples"),
+    (np.sin(2 * np.pi * WITHIN), np.sin(2 * np.pi * WITHIN + 1), r"fits in two places \(correlation 1.00 and 1.00"),
+    (ONCE, ONCE, r"moves in . of 12 sections of the recording, at least 6 are needed"),
+    (MOVEMENT(WITHIN + 0.02 * np.sin(WITHIN / 2)), MOVEMENT(WITHIN), "the lags of the shared signal scatter by"),
+])  # fmt: skip
 def test_signals_that_do_not_show_the_same_movement_throughout_are_refused(strange, seen, message):
     with pytest.raises(InputError, match=message):
         correlate_clocks((np.arange(strange.size) / CAMERA_RATE, strange), (WITHIN, seen))

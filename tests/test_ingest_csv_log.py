@@ -210,20 +210,17 @@ def assert_samples(trial: Trial, **columns: list[float]) -> None:
         np.testing.assert_array_equal(trial.samples[name], values)
 
 
-@pytest.mark.parametrize(
-    ("text", "stated", "told", "samples"),
-    [
-        (TABLE.replace("0.02,", "0.015,9\n0.02,"), {}, "line 4 has", SAMPLES),
-        (TABLE.replace("0.02,", "0.015,9,9,9\n0.02,"), {}, "line 4 has", SAMPLES),
-        (TABLE.replace("0.0", "2024-05-01T12:00:00.0"), {}, "write time as seconds, or state the rate of the", SAMPLES),
-        (TABLE.replace("0.0", "12:00:00.0"), {}, "write time as seconds, or state the rate of the rows", SAMPLES),
-        (TABLE.replace("0.02,3,7", "0.02,3"), {"ragged": "skip"}, "line 4 has", {"theta": [1, 2, 4]}),
-        (TABLE.replace("2,6", ",6"), {}, "missing in 1 of 4 rows", {"theta": [1, np.nan, 3, 4]}),
-        (TABLE.replace(",", ";").replace(".", ","), {}, "if the comma is the decimal sign", SAMPLES),
-        (TABLE.replace("load\n", "load\n[s],[rad],(Nm)\n"), {}, "if this line holds units", SAMPLES),
-        (re.sub(r"^0\.0\d", "0", TABLE, flags=re.M), {}, "time stands still at 0 in all 4 rows; take another", SAMPLES),
-    ],
-)
+@pytest.mark.parametrize(("text", "stated", "told", "samples"), [
+    (TABLE.replace("0.02,", "0.015,9\n0.02,"), {}, "line 4 has", SAMPLES),
+    (TABLE.replace("0.02,", "0.015,9,9,9\n0.02,"), {}, "line 4 has", SAMPLES),
+    (TABLE.replace("0.0", "2024-05-01T12:00:00.0"), {}, "write time as seconds, or state the rate of the", SAMPLES),
+    (TABLE.replace("0.0", "12:00:00.0"), {}, "write time as seconds, or state the rate of the rows", SAMPLES),
+    (TABLE.replace("0.02,3,7", "0.02,3"), {"ragged": "skip"}, "line 4 has", {"theta": [1, 2, 4]}),
+    (TABLE.replace("2,6", ",6"), {}, "missing in 1 of 4 rows", {"theta": [1, np.nan, 3, 4]}),
+    (TABLE.replace(",", ";").replace(".", ","), {}, "if the comma is the decimal sign", SAMPLES),
+    (TABLE.replace("load\n", "load\n[s],[rad],(Nm)\n"), {}, "if this line holds units", SAMPLES),
+    (re.sub(r"^0\.0\d", "0", TABLE, flags=re.M), {}, "time stands still at 0 in all 4 rows; take another", SAMPLES),
+])  # fmt: skip
 def test_the_log_is_read_as_the_refusal_says(tmp_path, text, stated, told, samples):
     message = refused(tmp_path, text, **stated)
     assert told in message
@@ -281,32 +278,27 @@ def load(**stated: object) -> dict[str, object]:
     return {"channels": {"torque": {"column": "load", "unit": "Nm", **stated}}}
 
 
-@pytest.mark.parametrize(
-    ("fields", "told"),
-    [
-        ({"time": {}}, "state either the column that holds time or the rate"),
-        ({"time": {"column": "t", "unit": "Hz"}}, "line 4: time.unit: 'Hz' is not allowed: unit 'Hz' measures [Hz]"),
-        ({"time": {"rate": "500 Hz"}}, "time.rate: '500 Hz' is not allowed: write a number, without a unit"),
-        ({"time": "t"}, "time: 't' is not allowed: write its fields below it, as `name: value`; the known"),
-        ({"clock": "sync"}, "needs the column sync"),
-        ({"clock": "mastr"}, "write 'master', 'sync' or 'shared'; did you mean 'master'?"),
-        ({"missing": "NA"}, "missing: 'NA' is not allowed: write a list"),
-        ({"format": "cvs"}, "; did you mean 'csv'?"),
-        ({"units_row": True, "header": "none"}, "needs a header row"),
-        ({"channels": {"plate": {"column": "a", "unit": "N"}}}, "'plate' is not a canonical column"),
-        ({"channels": {"Torque": {"column": "a", "unit": "Nm"}}}, "; did you mean 'torque'?"),
-        (load(scale=0), "scale of zero"),
-        (load(sign=True), "sign: 'true' is not allowed: write 1 or -1"),
-        (load(delay="2"), "the unit is empty; write one of s, ms"),
-        (load(delay="soon"), "'soon' is not a number with a unit; write it as in `2 s`"),
-        (load(low_pass={"cutoff": "-5 Hz"}), "a cut-off must be above zero"),
-        (load(resolution="0.1 deg"), "'0.1 deg' is not allowed: unit 'deg' measures [rad]"),
-        (load(resolution="1 N*m", bits=14), "state `resolution` or `bits`, not both"),
-        (load(range=["5 N*m", "5 N*m"]), "a range from 5 to 5 N*m is empty"),
-        (load(resolution="0 N*m"), "a resolution of 0 N*m is not positive"),
-        (load(bits=14), "14 is not allowed: `bits` are those of an encoder per revolution; state `resolution`"),
-    ],
-)
+@pytest.mark.parametrize(("fields", "told"), [
+    ({"time": {}}, "state either the column that holds time or the rate"),
+    ({"time": {"column": "t", "unit": "Hz"}}, "line 4: time.unit: 'Hz' is not allowed: unit 'Hz' measures [Hz]"),
+    ({"time": {"rate": "500 Hz"}}, "time.rate: '500 Hz' is not allowed: write a number, without a unit"),
+    ({"time": "t"}, "time: 't' is not allowed: write its fields below it, as `name: value`; the known"),
+    ({"clock": "sync"}, "needs the column sync"),
+    ({"clock": "mastr"}, "write 'master', 'sync' or 'shared'; did you mean 'master'?"),
+    ({"missing": "NA"}, "missing: 'NA' is not allowed: write a list"), ({"format": "cvs"}, "; did you mean 'csv'?"),
+    ({"units_row": True, "header": "none"}, "needs a header row"),
+    ({"channels": {"plate": {"column": "a", "unit": "N"}}}, "'plate' is not a canonical column"),
+    ({"channels": {"Torque": {"column": "a", "unit": "Nm"}}}, "; did you mean 'torque'?"),
+    (load(scale=0), "scale of zero"), (load(sign=True), "sign: 'true' is not allowed: write 1 or -1"),
+    (load(delay="2"), "the unit is empty; write one of s, ms"),
+    (load(delay="soon"), "'soon' is not a number with a unit; write it as in `2 s`"),
+    (load(low_pass={"cutoff": "-5 Hz"}), "a cut-off must be above zero"),
+    (load(resolution="0.1 deg"), "'0.1 deg' is not allowed: unit 'deg' measures [rad]"),
+    (load(resolution="1 N*m", bits=14), "state `resolution` or `bits`, not both"),
+    (load(range=["5 N*m", "5 N*m"]), "a range from 5 to 5 N*m is empty"),
+    (load(resolution="0 N*m"), "a resolution of 0 N*m is not positive"),
+    (load(bits=14), "14 is not allowed: `bits` are those of an encoder per revolution; state `resolution`"),
+])  # fmt: skip
 def test_a_mistake_in_a_source_file_is_answered_with_what_to_write(tmp_path, fields, told):
     assert told in refused(tmp_path, TABLE, **fields)
 
@@ -357,19 +349,16 @@ def test_nanoseconds_since_1970_keep_their_last_digit(tmp_path: Path) -> None:
     np.testing.assert_allclose(trial.samples["time"], np.arange(4) * 1.000003e-3, rtol=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("unit", "expected", "factor"),
-    [
-        ("deg", "rad", math.pi / 180), ("Degrees", "rad", math.pi / 180), ("º", "rad", math.pi / 180),
-        ("rev", "rad", 2 * math.pi), ("rpm", "rad/s", 2 * math.pi / 60), ("%", "1", 0.01), ("mm", "m", 1e-3),
-        ("N·mm", "N*m", 1e-3), ("N mm", "N*m", 1e-3), ("Nmm", "N*m", 1e-3), ("mNm", "N*m", 1e-3), ("kN", "N", 1e3),
-        ("N*mm/kg", "N*m/kg", 1e-3), ("Nm/kg", "N*m/kg", 1.0), ("N*m/deg", "N*m/rad", 180 / math.pi),
-        ("Nms/deg", "N*m*s/rad", 180 / math.pi), ("µs", "s", 1e-6), ("Milliseconds", "s", 1e-3), ("μV", "V", 1e-6),
-        (" mA ", "A", 1e-3), ("Amps", "A", 1.0), ("kNm", "N*m", 1e3), ("Ncm", "N*m", 1e-2), ("nt", "N", 1.0),
-        ("ntmm", "N*m", 1e-3), ("volts", "V", 1.0), ("Nmms/rad", "N*m*s/rad", 1e-3), ("rads", "rad", 1.0),
-        ("N.m.", "N*m", 1.0),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("unit", "expected", "factor"), [
+    ("deg", "rad", math.pi / 180), ("Degrees", "rad", math.pi / 180), ("º", "rad", math.pi / 180),
+    ("rev", "rad", 2 * math.pi), ("rpm", "rad/s", 2 * math.pi / 60), ("%", "1", 0.01), ("mm", "m", 1e-3),
+    ("N·mm", "N*m", 1e-3), ("N mm", "N*m", 1e-3), ("Nmm", "N*m", 1e-3), ("mNm", "N*m", 1e-3), ("kN", "N", 1e3),
+    ("N*mm/kg", "N*m/kg", 1e-3), ("Nm/kg", "N*m/kg", 1.0), ("N*m/deg", "N*m/rad", 180 / math.pi),
+    ("Nms/deg", "N*m*s/rad", 180 / math.pi), ("µs", "s", 1e-6), ("Milliseconds", "s", 1e-3), ("μV", "V", 1e-6),
+    (" mA ", "A", 1e-3), ("Amps", "A", 1.0), ("kNm", "N*m", 1e3), ("Ncm", "N*m", 1e-2), ("nt", "N", 1.0),
+    ("ntmm", "N*m", 1e-3), ("volts", "V", 1.0), ("Nmms/rad", "N*m*s/rad", 1e-3), ("rads", "rad", 1.0),
+    ("N.m.", "N*m", 1.0),
+])  # fmt: skip
 def test_a_laboratorys_spelling_has_its_factor(unit: str, expected: str, factor: float) -> None:
     assert si_factor(unit, expected) == pytest.approx(factor, rel=1e-15)
 
@@ -379,18 +368,13 @@ def test_every_canonical_unit_is_its_own_si_unit_and_all_that_messages_offer_are
     assert all(si_factor(unit, expected) > 0 for expected, units in EXAMPLES.items() for unit in units)
 
 
-@pytest.mark.parametrize(
-    ("unit", "expected", "told"),
-    [
-        ("mmm", "m", r"unit 'mmm' is unknown; write one of m, cm, mm"),
-        ("Nm", "N*m/rad", r"unit 'Nm' measures \[N\*m\], expected one of N\*m/rad"),  # torque and stiffness differ
-        ("deg", "N", r"unit 'deg' measures \[rad\], expected one of N, "),
-        (" ", "N", "the unit is empty"),
-        ("Mm", "m", r"is 1e\+06 ., an implausible size"),
-        ("MN", "N", r"is 1e\+06 ., an implausible size"),
-        ("pN", "N", r"is 1e-12 ., an implausible size"),
-    ],
-)
+@pytest.mark.parametrize(("unit", "expected", "told"), [
+    ("mmm", "m", r"unit 'mmm' is unknown; write one of m, cm, mm"),
+    ("Nm", "N*m/rad", r"unit 'Nm' measures \[N\*m\], expected one of N\*m/rad"),  # torque and stiffness differ
+    ("deg", "N", r"unit 'deg' measures \[rad\], expected one of N, "), (" ", "N", "the unit is empty"),
+    ("Mm", "m", r"is 1e\+06 ., an implausible size"), ("MN", "N", r"is 1e\+06 ., an implausible size"),
+    ("pN", "N", r"is 1e-12 ., an implausible size"),
+])  # fmt: skip
 def test_a_unit_that_cannot_be_is_refused_with_what_would_do(unit: str, expected: str, told: str) -> None:
     with pytest.raises(InputError, match=told):
         si_factor(unit, expected)

@@ -83,19 +83,14 @@ LATE = TIME > 0.039
 
 
 @EVERY
-@pytest.mark.parametrize(
-    ("changes", "counted", "told"),
-    [
-        ({"torque": np.where(LATE, np.nan, TORQUE)}, {}, "in 20 of 40 "),
-        ({"torque": np.where(LATE, np.inf, TORQUE)}, {}, "inf"),
-        ({"t": np.full(40, 3.0)}, {}, "time stands still at 3 in all 40 "),
-        ({"t": -TIME}, {}, "time goes from"),
-        ({"t": np.where(LATE, np.nan, TIME)}, {}, "no time in "),
-        ({"angle": None, "angel": ANGLE}, {}, "angel"),
-        ({}, {"counter": "angle"}, "is no count of samples, a whole number below"),
-        ({"big": np.full(40, 2.0**53)}, {"counter": "big"}, "is no count of samples, a whole number below 9.01e+15"),
-    ],
-)
+@pytest.mark.parametrize(("changes", "counted", "told"), [
+    ({"torque": np.where(LATE, np.nan, TORQUE)}, {}, "in 20 of 40 "),
+    ({"torque": np.where(LATE, np.inf, TORQUE)}, {}, "inf"),
+    ({"t": np.full(40, 3.0)}, {}, "time stands still at 3 in all 40 "), ({"t": -TIME}, {}, "time goes from"),
+    ({"t": np.where(LATE, np.nan, TIME)}, {}, "no time in "), ({"angle": None, "angel": ANGLE}, {}, "angel"),
+    ({}, {"counter": "angle"}, "is no count of samples, a whole number below"),
+    ({"big": np.full(40, 2.0**53)}, {"counter": "big"}, "is no count of samples, a whole number below 9.01e+15"),
+])  # fmt: skip
 def test_what_cannot_be_a_log_is_refused_in_every_format(tmp_path, what, changes, counted, told):
     columns = {name: one for name, one in {**LOG, **changes}.items() if one is not None}
     path = WRITERS[what][2](tmp_path / "log", columns)

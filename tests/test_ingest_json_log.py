@@ -128,14 +128,11 @@ def test_a_last_line_that_breaks_off_is_left_out_with_a_warning(tmp_path: Path) 
         assert ("the last line, 200, breaks off and was left out" in " ".join(recording.warnings)) == (not end)
 
 
-@pytest.mark.parametrize(
-    ("line", "reason"),
-    [
-        ('{"variables": {"time": 39.0, "ankle_an', "is not JSON"),
-        ('{"variables": {"time": 39, "ankle_angle": "1.5"}, "functions": {"torque": 1}}', 'is "1.5", not a number'),
-        ('{"variables": 4, "functions": {"torque": 1}}', "is 4, not an object"),
-    ],
-)
+@pytest.mark.parametrize(("line", "reason"), [
+    ('{"variables": {"time": 39.0, "ankle_an', "is not JSON"),
+    ('{"variables": {"time": 39, "ankle_angle": "1.5"}, "functions": {"torque": 1}}', 'is "1.5", not a number'),
+    ('{"variables": 4, "functions": {"torque": 1}}', "is 4, not an object"),
+])  # fmt: skip
 def test_a_line_that_cannot_be_used_is_skipped_within_a_share_and_else_refused(tmp_path, line, reason):
     lines: list[Any] = rust_lines()
     lines[11] = line

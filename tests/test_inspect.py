@@ -42,7 +42,7 @@ from osl_analysis.commands.inspect import (
 from osl_analysis.errors import InputError
 from osl_analysis.files import default_config
 from osl_analysis.ingest.draft import draft_source, likely_column
-from osl_analysis.ingest.overview import RecordedChannel, likely_clock
+from osl_analysis.ingest.overview import Overview, RecordedChannel, likely_clock
 from osl_analysis.ingest.raw_files import FORMATS, read_source
 from osl_analysis.ingest.source import open_places
 
@@ -129,6 +129,7 @@ def test_a_capture_of_walking_drafts_the_walking_section_and_asks_for_what_names
     }  # fmt: skip
     assert yaml.safe_load(draft)["walking"] == {"side": "UNKNOWN", "plate": "UNKNOWN", "markers": markers}
     assert 'platform: ["PLAT1", "PLAT2"]  # UNKNOWN: a cluster has 3 or more' in draft
+    assert draft.count("UNKNOWN: a cluster") == 1
     assert "named in the static trial" in walking_draft(tmp_path / "b.c3d", MARKERS[:8])
     assert walking_draft(tmp_path / "c.c3d", MARKERS[:6]) == ""  # no platform
 
@@ -205,6 +206,15 @@ def test_every_real_file_is_listed_or_refused_in_a_sentence(path: Path) -> None:
 ])  # fmt: skip
 def test_a_name_and_its_unit_tell_the_column(name: str, unit: str, column: str) -> None:
     assert likely_column(RecordedChannel("column", {"column": name}, unit)) == column
+
+
+def test_a_draft_names_only_what_leaves_no_doubt_and_lists_the_rest_of_many_as_comments() -> None:
+    units = {"ankle_angle": "rad", "joint_angle": "rad", "torque": "N*m", **dict.fromkeys("abcdef", "")}
+    every = [RecordedChannel("column", {"column": name}, unit) for name, unit in units.items()]
+    drafts = ((every, True), (every, False), (every[:8], False))
+    found = [yaml.safe_load(draft_source(Overview("csv", {}, one), "a", named))["channels"] for one, named in drafts]
+    first, eight = ["NAME_1", "NAME_2"], [f"NAME_{k + 1}" for k in range(8)]
+    assert [[*one] for one in found] == [[*first, "torque"], [*first, "NAME_3"], eight]
 
 
 TIME = np.arange(50) * 0.004

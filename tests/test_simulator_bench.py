@@ -17,7 +17,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.model.compensator import Weight, compensated_gains, predicted_impedance, uncompensated_gains
 from osl_analysis.model.parameters import read_parameters
 from osl_analysis.simulator import joint_motion, settings
-from osl_analysis.simulator.bench import simulate_bench_trial, true_signals, write_bench_log
+from osl_analysis.simulator.bench import drivetrain_effects, simulate_bench_trial, true_signals, write_bench_log
 from osl_analysis.simulator.joint_motion import JointMotion
 from osl_analysis.simulator.mcap_writer import joint_states, wrenches, write_topics
 from osl_analysis.simulator.recorder import Bench
@@ -78,9 +78,9 @@ def stepped(**changes):
     return joint_motion.sine_command(settings.SteppedSineSchedule.model_validate(plain | changes), RATE)
 
 
-def excited(kind, **fields):
+def excited(kind, seed=3, **fields):
     plain = {"name": "x", "kind": kind, "rms_deg": 2.0, "duration_s": 20.0, "period_s": 4.0, "periods": 3}
-    return joint_motion.excitation_motion(settings.Excitation.model_validate(plain | fields), "trial_x_1", 3, RATE)
+    return joint_motion.excitation_motion(settings.Excitation.model_validate(plain | fields), "trial_x_1", seed, RATE)
 
 
 def test_the_stepped_sine_makes_whole_cycles_of_each_frequency_at_each_amplitude():
@@ -103,8 +103,7 @@ PLAIN = {"frequencies_hz": (1,), "rest_s": 0, "lead_s": 0}
 
 
 @pytest.mark.parametrize(("motion", "largest"), [
-    (stepped(**PLAIN, decay=on(0.3, "1/s")), 1e-12),
-    (stepped(**PLAIN, third_harmonic=on(0.05, "1"), ramp_s=0.4), 2e-4),
+    (stepped(**PLAIN, decay=on(0.3, "1/s")), 1e-12), (stepped(**PLAIN, third_harmonic=on(0.05, "1"), ramp_s=0.4), 2e-4),
     (JointMotion(*(one[501:4499] for one in vars(joint_motion.there_and_back(BELT, RATE)).values())), 1e-12),
     (joint_motion.actuator_command(read_yaml(DEFAULT, SimulationSettings).actuator, RATE)[0], 1e-5),
     *((excited(kind), 1e-5) for kind in SMOOTH),
@@ -159,13 +158,17 @@ def test_belt_and_slow_motions_go_to_both_ends_and_come_back_to_rest():
 
 @pytest.mark.parametrize("kind", [*SMOOTH, "prbs", "ramps"])
 def test_an_excitation_has_its_length_its_size_its_band_and_rests_at_both_ends(kind):
-    theta = excited(kind, band_hz=(1.0, 4.0)).theta
+    theta, other = (excited(kind, seed, band_hz=(1.0, 4.0), clock_s=0.125).theta for seed in (3, 4))
+    assert np.abs(theta - other).max() > 0.01
+    flips = np.flatnonzero(np.diff(np.sign(theta[3000:-3000])))
+    assert kind != "prbs" or np.gcd.reduce(np.diff(flips)) == 125
     assert len(theta) == pytest.approx((17 if kind == "multisine" else 25) * RATE, abs=4)  # 5 s of rests and fades
     assert not np.append(theta[:1500], theta[-1500:]).any()
     assert np.rad2deg(np.std(theta[3000:-3000])) == pytest.approx(2.0, rel=0.25)
     power, f = np.abs(np.fft.rfft(theta)) ** 2, np.fft.rfftfreq(len(theta), 1 / RATE)
     assert kind in ("hand", "prbs", "ramps") or power[(f > 0.8) & (f < 4.3)].sum() > 0.98 * power.sum()
     assert kind != "hand" or power[f < 2].sum() > 0.6 * power.sum(), "slow motions are the larger"
+    assert kind != "hand" or power[f < 0.85].sum() > 5e-3 * power.sum(), "its size wanders"
     turns = [np.count_nonzero(np.diff(np.sign(half))) for half in (theta[: len(theta) // 2], theta[len(theta) // 2 :])]
     assert kind != "chirp" or turns[0] < 0.7 * turns[1], "it sweeps upwards"
 
@@ -195,6 +198,10 @@ def test_the_dynamometer_follows_as_a_second_order_system(frequency_hz):
 @pytest.mark.parametrize("controller", [compensated_gains, uncompensated_gains])
 def test_without_effects_the_leg_renders_what_linear_theory_says_and_the_transmission_its_losses(controller):
     """Least squares on the true motion of the settled 2 Hz and 5 Hz, three cycles each, of which the last two count."""
+    sizes = {"actuator_encoder": on(1e-3, "rad"), "belt_hysteresis": on(2, "N*m"), "control_delay": on(3, "update")}
+    found = drivetrain_effects(only({"effects": sizes | {"velocity_filter": on(40, "Hz"), "friction": on(1.5, "1")}}))
+    expected = {"encoder_resolution": 1e-3, "hysteresis_torque": 2, "control_delay": 3, "velocity_cutoff_hz": 40}
+    assert found | expected | {"friction_scale": 1.5, "friction": True} == found
     made, gains = only({"joint": None}), controller(300, 5, P)
     weighed = simulated({"joint": None, "gain_weight": (weight := {"cutoff_hz": 1, "order": 1})})[1]["gains"]["B_1"]
     assert weighed == compensated_gains(300, 5, P, Weight(**weight)).B_1 != compensated_gains(300, 5, P).B_1
@@ -234,6 +241,12 @@ def test_the_foot_has_its_spring_and_loses_what_its_slipping_springs_lose_in_eac
         assert lost == pytest.approx(sum(4 * s.limit * (half - s.limit / s.stiffness) for s in foot.slipping), rel=0.01)
         spring = foot.K * theta.max() * (1 + foot.stiffening * theta.max() ** 2)
         assert damped[first + np.argmax(theta)] == pytest.approx(spring + sum(s.limit for s in foot.slipping), rel=1e-3)
+
+
+def test_friction_of_the_actuators_own_bench_is_scaled_as_a_whole():
+    made = only({"effects": {"friction": on(1.5, "1")}}, DEFAULT)
+    found = simulate_bench_trial({"trial": "a_1", "experiment": "actuator"}, made, P)[1]["parameters"]
+    assert (found["f_C"], found["f_G"]) == (1.5 * P.f_C, 1.5 * P.f_G)
 
 
 def test_each_sensor_effect_adds_what_the_truth_says_and_leaves_the_other_draws_alone():

@@ -17,9 +17,9 @@ from walking_setup import PERTURBED, STATIC, UNPERTURBED, Setup, leg_log, load_s
 from osl_analysis.config.shared_choices import read_impedance_trajectory
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.raw_files import trial_from_files
-from osl_analysis.model.compensator import compensated_gains
+from osl_analysis.model.compensator import Weight, compensated_gains
 from osl_analysis.simulator import step as gait
-from osl_analysis.simulator.crossing import impedance_of_leg, move, react
+from osl_analysis.simulator.crossing import impedance_of_leg, move, react, walking_commands
 from osl_analysis.simulator.plan import Condition, condition_of, plan_trials
 from osl_analysis.simulator.rigid_body import Pose
 from osl_analysis.simulator.settings import Conditions, Subject
@@ -111,10 +111,9 @@ def test_every_type_of_plate_carries_the_wrench_of_type_2(setup, tmp_path, kind)
     assert (len(labels), labels[-2:]) == (10 if kind == 3 else 8, ["Sync", "Trigger"])
 
 
-@pytest.mark.parametrize(
-    ("effect", "size", "kind", "rows"),
-    [("moment_clip", 50, 2, slice(3, 6)), ("force_clip", 500, 2, slice(0, 3)), ("sensor_clip", 150, 3, slice(0, 8))],
-)
+@pytest.mark.parametrize(("effect", "size", "kind", "rows"), [
+    ("moment_clip", 50, 2, slice(3, 6)), ("force_clip", 500, 2, slice(0, 3)), ("sensor_clip", 150, 3, slice(0, 8)),
+])  # fmt: skip
 def test_raw_channels_stop_at_their_rails(setup, tmp_path, effect, size, kind, rows):
     """Exactly the samples beyond the rails change, and no other channel does."""
     free = captured(setup, tmp_path, plate_type=kind)[1]
@@ -431,10 +430,18 @@ def test_a_bad_impedance_trajectory_is_refused(tmp_path):
             read_impedance_trajectory(tmp_path / "impedance.csv")
 
 
-def test_a_given_equilibrium_is_used(shipped, tmp_path):
+def test_a_given_equilibrium_and_a_weight_of_the_gains_are_used(shipped, tmp_path):
     path = tmp_path / "impedance.csv"
     path.write_text("phase,K_d,B_d,theta_eq_rad\n0,300,5,0.05\n1,300,5,0.05\n")
-    np.testing.assert_allclose(altered(shipped, impedance=path).crossing(False).commands[2], 0.05 * shipped.p.n_T)
+    own = altered(shipped, impedance=path, gain_weight=(weight := Weight(cutoff_hz=1, order=1)))
+    gains = compensated_gains(300, 5, shipped.p, weight)
+    usual, light = (
+        walking_commands(draw_step(GaitTrial("walking_01", 1, lab.walking)), True, shipped.p)
+        for lab in (own, stepping(own, load=0.5))
+    )
+    expected = np.array([[gains.K_1], [gains.B_1], [0.05 * shipped.p.n_T]])
+    np.testing.assert_allclose(usual, np.broadcast_to(expected, usual.shape))
+    assert (light - usual)[2].max() == pytest.approx(0.5 * 1.4 * 80 / 300 * shipped.p.n_T, rel=0.1)
 
 
 def test_settings_with_a_wrong_duration_or_rate_are_refused(tmp_path):

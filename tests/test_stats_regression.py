@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import polars as pl
 import pytest
 import statsmodels.api as sm
 from conftest import multisine
@@ -20,7 +21,7 @@ from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.signals import LowPass
 from osl_analysis.stats import repeats
 from osl_analysis.stats.covariance import between_cycles, moving_sums, products_between, welch_satterthwaite
-from osl_analysis.stats.fit_row import lag_damping_row, thinned_rows, whiteness_row
+from osl_analysis.stats.fit_row import diagnostics_row, lag_damping_row, thinned_rows, whiteness_row
 from osl_analysis.stats.regression import linear_fit, variance_accounted_for, with_shared_error
 from osl_analysis.stats.rounding import noise_before_rounding
 from osl_analysis.walking.response import impedance_columns
@@ -56,6 +57,8 @@ def test_vaf_and_r_squared_read_what_they_should_when_the_fit_is_not_perfect():
     y = 2 * np.cos(20 * np.pi * T) + residual + 10
     fit = linear_fit(y, {"c": np.cos(20 * np.pi * T), "offset": np.ones_like(T)})
     assert (fit.vaf, fit.r_squared) == pytest.approx((80, 1 - 0.5 / (2 + 0.5 + 100)))
+    assert diagnostics_row(fit, 500.0, {})["correlation_s"] == fit.correlation_samples / 500
+    assert replace(fit, covariance=0 * fit.covariance).correlation("c", "offset") == 0, "an exact fit"
     pairs = ((y, 0 * y + 3), (0 * y, 0 * y), (0 * y, y))  # blind to an offset; a y of zeros by zeros, and by others
     assert [variance_accounted_for(*pair) for pair in pairs] == pytest.approx([100, 100, 0])
 
@@ -104,7 +107,7 @@ def whiteness(residual):
     return tuple(whiteness_row(residual[thinned_rows(len(residual), RATE, LOW_PASS)]).values())
 
 
-@pytest.mark.parametrize(("samples", "lags"), [(400, 10), (30, 6)])
+@pytest.mark.parametrize(("samples", "lags"), [(400, 10), (20, 4)])
 def test_ljung_box_is_statsmodels(samples, lags):
     residual = np.random.default_rng(3).standard_normal(400).cumsum()[:samples]
     autocorrelation, per_lag, p = whiteness_row(residual - residual.mean()).values()
@@ -130,6 +133,7 @@ def test_a_slow_residual_is_not_white_and_too_short_a_one_is_not_judged():
     autocorrelation, per_lag, p = whiteness(white + np.sin(t))
     assert (autocorrelation > 0.7, per_lag > 100, p < 1e-6) == (True, True, True)
     assert whiteness(white[:300]) == whiteness(np.zeros(5000)) == (None, None, None)
+    assert set(whiteness_row(white[:19]).values()) == {None}
 
 
 def test_a_phasor_is_that_of_the_cycles_it_is_given_and_its_distortion_the_share_of_the_harmonics():
@@ -162,10 +166,9 @@ def test_intervals_of_a_response_and_of_its_mean_over_amplitudes_cover_with_few_
     assert ((share.imag > 0.925) & (share.imag < 0.975)).all()
 
 
-@pytest.mark.parametrize(
-    ("rate", "frequency", "message"),
-    [(1e3, 0.5, r"less than one cycle at 0\.5 Hz"), (500.0, 60.0, "too long for harmonic 5 of 60 Hz")],
-)
+@pytest.mark.parametrize(("rate", "frequency", "message"), [
+    (1e3, 0.5, r"less than one cycle at 0\.5 Hz"), (500.0, 60.0, "too long for harmonic 5 of 60 Hz"),
+])  # fmt: skip
 def test_sinusoid_refuses_too_short_a_record_and_too_slow_a_sampling(rate, frequency, message):
     t = np.arange(0, 1, 1 / rate)
     with pytest.raises(InputError, match=message):
@@ -318,6 +321,11 @@ def test_bic_charges_a_parameter_the_logarithm_of_the_effective_samples():
         assert scores["rank"].to_list() == [2, 1]
         if size == 0.1:
             assert bic_of_few == pytest.approx(m * np.log(np.mean((size * left) ** 2)) + 2 * np.log(m))
+    pairs = ((left.cumsum(), torque / 2), (0.1 * left, np.nan * torque), (0.1 * left, -torque))
+    scores = repeats.score_models(torque, [repeats.Candidate("", "", 2, *pair) for pair in pairs])
+    assert scores["rank"].to_list() == [3, 1, 1]
+    assert scores["effective_samples"].to_list() == pytest.approx(3 * [repeats.effective_samples(left)])
+    assert scores["VAF_held_out"].to_list() == pytest.approx([75, np.nan, 0], nan_ok=True)
 
 
 def test_paired_differences_tell_models_apart_and_of_models_that_tie_the_first_is_preferred():
@@ -343,6 +351,9 @@ def test_intervals_are_students_and_wider_where_trials_share_their_fits():
     assert shared.se**2 == pytest.approx(np.var(values, ddof=1) * (1 / 4 + 1 / 3))
     assert (shared.high - shared.mean) / shared.se == pytest.approx(student.ppf(0.975, 3))
     assert shared.mean == own.mean == 3.5
+    rows = [repeats.summary_row(pl.Series(one)) for one in ([1.0, None, 3.0, np.nan], [4.0], [])]
+    found = [(row["n"], row["mean"], row["sd"], row["interval_method"]) for row in rows]
+    assert found == [(2, 2.0, pytest.approx(np.sqrt(2)), "Student"), (1, 4.0, None, None), (0, None, None, None)]
     alone = repeats.mean_over_trials(np.array([4.0]))
     assert (alone.n, alone.mean, np.isnan(alone.high)) == (1, 4.0, True)
     with pytest.raises(InputError, match="repeat the experiment"):

@@ -221,19 +221,16 @@ def of(stamps, values=None, **fields):
     return Stream("cell", stamps, {"torque": np.sin(stamps) if values is None else values}, **fields)
 
 
-@pytest.mark.parametrize(
-    ("stamps", "values", "counter", "says"),
-    [
-        (np.where(TICKS < 5, TICKS, TICKS + 3600), None, None, JUMP),
-        (0 * TICKS + 3, None, None, r"time stands still at 3\.000000 s for 6000 samples; take another"),
-        (TICKS[:5], None, None, r"5 samples are too few .* at least 20"),
-        (TICKS[:90], np.full(90, np.inf), None, r"torque is inf at row 0, after 0\.000000 s; 90 of 90 .*: repair"),
-        (TICKS[:90], np.full(90, np.nan), None, r"torque has 0 values in 90 rows; at least 20 are needed"),
-        (TICKS[:20], None, np.minimum(np.arange(20), 6), r"counter goes from 6 to 6 at 0\.070000 s; it must rise"),
-        (TICKS + 0.5 * (TICKS >= 5), None, np.arange(6000), WAS_SET),
-        (PIECES, None, None, r"every row from 0\.0000 s to 9\.8990 s lies within 0\.20 s of a gap longer than 20 ms"),
-    ],
-)
+@pytest.mark.parametrize(("stamps", "values", "counter", "says"), [
+    (np.where(TICKS < 5, TICKS, TICKS + 3600), None, None, JUMP),
+    (0 * TICKS + 3, None, None, r"time stands still at 3\.000000 s for 6000 samples; take another"),
+    (TICKS[:5], None, None, r"5 samples are too few .* at least 20"),
+    (TICKS[:90], np.full(90, np.inf), None, r"torque is inf at row 0, after 0\.000000 s; 90 of 90 .*: repair"),
+    (TICKS[:90], np.full(90, np.nan), None, r"torque has 0 values in 90 rows; at least 20 are needed"),
+    (TICKS[:20], None, np.minimum(np.arange(20), 6), r"counter goes from 6 to 6 at 0\.070000 s; it must rise"),
+    (TICKS + 0.5 * (TICKS >= 5), None, np.arange(6000), WAS_SET),
+    (PIECES, None, None, r"every row from 0\.0000 s to 9\.8990 s lies within 0\.20 s of a gap longer than 20 ms"),
+])  # fmt: skip
 def test_refuses_a_recording_with_channel_time_value_and_remedy(stamps, values, counter, says):
     with pytest.raises(InputError, match=f"cell: .*{says}"):
         one_time_base([of(stamps, values, counter=counter)])

@@ -86,15 +86,12 @@ def test_a_simulated_bench_gives_them_back_within_their_errors():
     assert max(fits[0].se(name) / TRUE[name] for name in ("k_tau_n_m", "f_C", "f_G", "J_m")) < 0.02
 
 
-@pytest.mark.parametrize(
-    ("offset", "size", "current_of", "message"),
-    [
-        (0.0, 1, lambda omega, current: 0.6 * omega, "cannot be told apart"),  # always in the direction of the motion
-        (0.0, 1, lambda omega, current: np.sign(omega) * (4 + np.tanh(current)), "k_tau_n_m and f_G"),
-        (30.0, 1, lambda omega, current: current, "f_C and offset"),  # a motion that never turns round
-        (0.0, 1 / 57, lambda omega, current: current, r"faster than 0\.5 rad/s in 0 of 20000 samples; drive it faster"),
-    ],
-)
+@pytest.mark.parametrize(("offset", "size", "current_of", "message"), [
+    (0.0, 1, lambda omega, current: 0.6 * omega, "cannot be told apart"),  # always in the direction of the motion
+    (0.0, 1, lambda omega, current: np.sign(omega) * (4 + np.tanh(current)), "k_tau_n_m and f_G"),
+    (30.0, 1, lambda omega, current: current, "f_C and offset"),  # a motion that never turns round
+    (0.0, 1 / 57, lambda omega, current: current, r"faster than 0\.5 rad/s in 0 of 20000 samples; drive it faster"),
+])  # fmt: skip
 def test_refuses_a_schedule_that_does_not_tell_two_parameters_apart_or_hardly_moves(offset, size, current_of, message):
     t, theta, omega, alpha, current = schedule(velocity_offset=offset)
     current = current_of(omega, current)

@@ -133,14 +133,11 @@ def test_windows_that_are_none_are_refused(text, why):
         stated_windows(text, 30.0)
 
 
-@pytest.mark.parametrize(
-    ("motion", "joint", "words"),
-    [
-        ({"band": (0.5, 1.5)}, {}, r"cannot tell K from I.*band from 1\.[56] to about [23]\.\d Hz"),
-        ({"rms_deg": 0.04}, {"bits": 14}, "hardly moves: theta turns by 1[0-9] steps of its encoder, 20 are needed"),
-        ({"band": (8.0, 14.0)}, LIGHT, r"changes K by .*band below 8 Hz is missing"),
-    ],
-)
+@pytest.mark.parametrize(("motion", "joint", "words"), [
+    ({"band": (0.5, 1.5)}, {}, r"cannot tell K from I.*band from 1\.[56] to about [23]\.\d Hz"),
+    ({"rms_deg": 0.04}, {"bits": 14}, "hardly moves: theta turns by 1[0-9] steps of its encoder, 20 are needed"),
+    ({"band": (8.0, 14.0)}, LIGHT, r"changes K by .*band below 8 Hz is missing"),
+])  # fmt: skip
 def test_a_motion_of_too_narrow_a_band_or_size_is_refused_with_what_is_missing(motion, joint, words):
     samples = made_trial(rng := np.random.default_rng(3), noise(rng, **motion), **joint).samples
     with pytest.raises((IdentifiabilityError, InputError), match=words):
@@ -229,14 +226,11 @@ def test_jumps_of_the_acceleration_are_refused_for_want_of_an_anti_aliasing_filt
         row_of(made_trial(rng, motion, angle_noise=angle_noise))
 
 
-@pytest.mark.parametrize(
-    ("move", "seconds", "made", "seeds", "low", "high"),
-    [
-        (noise, {"duration": 20.0}, {}, 25, 1 - 4 * 0.08, 1 + 4 * 0.08),  # RMS of z, within 4 SE
-        (chirp, {}, {"bits": 14, "torque_noise": 0.01}, 12, 0.4, 1 + 4 * 0.12),
-        (multisine, {}, {"bits": 14, "torque_noise": 0.01}, 12, 0.4, 1 + 4 * 0.12),
-    ],
-)
+@pytest.mark.parametrize(("move", "seconds", "made", "seeds", "low", "high"), [
+    (noise, {"duration": 20.0}, {}, 25, 1 - 4 * 0.08, 1 + 4 * 0.08),  # RMS of z, within 4 SE
+    (chirp, {}, {"bits": 14, "torque_noise": 0.01}, 12, 0.4, 1 + 4 * 0.12),
+    (multisine, {}, {"bits": 14, "torque_noise": 0.01}, 12, 0.4, 1 + 4 * 0.12),
+])  # fmt: skip
 def test_intervals_cover_the_truth_also_where_every_period_repeats_the_rounding(move, seconds, made, seeds, low, high):
     """Periods of whole samples and 14 bits: beside the noise alone z has an RMS of 8. 95 % within 93 and 97 needs
     hundreds of records (docs/any_excitation.md)."""
@@ -257,14 +251,11 @@ def two_devices(trial, ppm, every=1):
     return Trial("made", pl.concat([trial.samples.select("time", "theta"), torque], how="diagonal").sort("time"))
 
 
-@pytest.mark.parametrize(
-    ("motion", "friction", "ppm", "every", "said"),
-    [
-        (multisine(np.random.default_rng(4)), 0.5, 20.0, 1, r"(19|20|21)\.\d+"),
-        (noise(np.random.default_rng(4)), 0.0, 20.0, 1, r"(19|20|21)\.\d+"),
-        (noise(np.random.default_rng(5), rate=500.0), 0.0, 5.0, 2, r"[45]\.\d+"),
-    ],
-)
+@pytest.mark.parametrize(("motion", "friction", "ppm", "every", "said"), [
+    (multisine(np.random.default_rng(4)), 0.5, 20.0, 1, r"(19|20|21)\.\d+"),
+    (noise(np.random.default_rng(4)), 0.0, 20.0, 1, r"(19|20|21)\.\d+"),
+    (noise(np.random.default_rng(5), rate=500.0), 0.0, 5.0, 2, r"[45]\.\d+"),
+])  # fmt: skip
 def test_clocks_that_drift_apart_are_seen_at_any_rates_and_in_periods_also_beside_friction(
     motion, friction, ppm, every, said
 ):
@@ -367,22 +358,19 @@ def up_and_down(time, within_s):
     return np.deg2rad(4) * (10 * up**3 - 15 * up**4 + 6 * up**5 - (10 * down**3 - 15 * down**4 + 6 * down**5))
 
 
-@pytest.mark.parametrize(
-    ("angle", "words"),
-    [
-        (
-            lambda t: up_and_down(t, 0.2),
-            r"made: the joint moves for 0\.\d+ of the \d+.* s.*keep it moving.*torque_angle",
-        ),
-        (lambda t: up_and_down(t, 15.0), r"moves too slowly.*1\.\d deg RMS.*'torque_angle'"),
-        (lambda t: 0.1 * np.arcsin(np.sin(0.12 * t)), r"moves too slowly.*by 18 deg in all.*'torque_angle'"),
-        (lambda t: 0 * t, r"trial made: the joint does not move: theta turns by 0 deg in all"),
-        (
-            lambda t: np.deg2rad(4) * np.sin(2 * np.pi * 1.7 * t) * (t > 2) * (t < 2 + 40 / 1.7),
-            r"K and I cannot .* sines of 4 deg are of 1\.7 Hz alone.*below 0\.85 Hz or from 3\.4 Hz is missing",
-        ),
-    ],
-)
+@pytest.mark.parametrize(("angle", "words"), [
+    (
+        lambda t: up_and_down(t, 0.2),
+        r"made: the joint moves for 0\.\d+ of the \d+.* s.*keep it moving.*torque_angle",
+    ),
+    (lambda t: up_and_down(t, 15.0), r"moves too slowly.*1\.\d deg RMS.*'torque_angle'"),
+    (lambda t: 0.1 * np.arcsin(np.sin(0.12 * t)), r"moves too slowly.*by 18 deg in all.*'torque_angle'"),
+    (lambda t: 0 * t, r"trial made: the joint does not move: theta turns by 0 deg in all"),
+    (
+        lambda t: np.deg2rad(4) * np.sin(2 * np.pi * 1.7 * t) * (t > 2) * (t < 2 + 40 / 1.7),
+        r"K and I cannot .* sines of 4 deg are of 1\.7 Hz alone.*below 0\.85 Hz or from 3\.4 Hz is missing",
+    ),
+])  # fmt: skip
 def test_a_motion_that_cannot_tell_is_refused_with_what_is_missing(angle, words):
     time = np.arange(0, 40, 1 / 250)
     trial = made_trial(np.random.default_rng(1), (time, (angle(time), 0 * time, 0 * time)), B=0.0, I=0.0)

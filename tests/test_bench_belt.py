@@ -39,15 +39,11 @@ def test_recovers_the_stiffness_of_the_belt_in_both_directions_without_the_rows_
     assert (rows.min(), rows.max(), len(rows)) == (416, 1699, 1699 - 416 + 1 - 80)
 
 
-@pytest.mark.parametrize(
-    ("size", "rows", "unusable", "message"),
-    [
-        (0.01, 3400, (), r"deflects by 0\.050 deg"),
-        (1.0, 2000, (), "ends while the belt is still loaded"),
-        (np.where(np.arange(3400) // 100 == 9, 0.2, 1.0), 3400, (), "falls back by"),
-        (1.0, 3400, range(1690, 3400), "no row while unloading is free of gaps"),
-    ],
-)
+@pytest.mark.parametrize(("size", "rows", "unusable", "message"), [
+    (0.01, 3400, (), r"deflects by 0\.050 deg"), (1.0, 2000, (), "ends while the belt is still loaded"),
+    (np.where(np.arange(3400) // 100 == 9, 0.2, 1.0), 3400, (), "falls back by"),
+    (1.0, 3400, range(1690, 3400), "no row while unloading is free of gaps"),
+])  # fmt: skip
 def test_refuses_a_belt_that_hardly_moved_ends_loaded_or_has_gaps_all_along(size, rows, unusable, message):
     theta_s, torque = belt_cycle()
     with pytest.raises(InputError, match=message):

@@ -84,43 +84,36 @@ def judged(experiment, recording, bench=BENCH, asked=None):
 KNOWN = DesiredImpedance("compensated", 200, 4)
 
 
-@pytest.mark.parametrize(
-    ("experiment", "changes", "words"),
-    [
-        ("impedance", {"torque": -1}, "K = -200 is negative.*`sign`"),
-        ("transmission", {"torque": -1}, "B_j = -0.4.* is negative.*`sign`"),
-        ("belt", {"torque": -1}, "K_s = -68.* is negative.*`sign`"),
-        ("actuator", {"current": -1}, "k_tau_n_m = -1.02 N\\*m/A is negative.*`sign` of the current"),
-        ("actuator", {"torque_m": -1}, "is negative.*`sign` of the current, or of torque_m"),
-        ("impedance", {"torque": 4.4482}, "K = 8.* is larger than the belt's K_s = 685.6"),
-        ("belt", {"theta": 57.3, "theta_m": 57.3}, "theta turns by .*rad.*recorded in deg and declared as rad"),
-        ("impedance", {"theta": 57.3}, "theta turns by .*rad.*recorded in deg and declared as rad"),
-    ],
-)
+@pytest.mark.parametrize(("experiment", "changes", "words"), [
+    ("impedance", {"torque": -1}, "K = -200 is negative.*`sign`"),
+    ("transmission", {"torque": -1}, "B_j = -0.4.* is negative.*`sign`"),
+    ("belt", {"torque": -1}, "K_s = -68.* is negative.*`sign`"),
+    ("actuator", {"current": -1}, "k_tau_n_m = -1.02 N\\*m/A is negative.*`sign` of the current"),
+    ("actuator", {"torque_m": -1}, "is negative.*`sign` of the current, or of torque_m"),
+    ("impedance", {"torque": 4.4482}, "K = 8.* is larger than the belt's K_s = 685.6"),
+    ("belt", {"theta": 57.3, "theta_m": 57.3}, "theta turns by .*rad.*recorded in deg and declared as rad"),
+    ("impedance", {"theta": 57.3}, "theta turns by .*rad.*recorded in deg and declared as rad"),
+])  # fmt: skip
 def test_what_cannot_be_is_refused_with_its_cause(experiment, changes, words):
     with pytest.raises(InputError, match=words):
         judged(experiment, changed(experiment, **changes))
 
 
-@pytest.mark.parametrize(
-    ("experiment", "changes", "words"),
-    [
-        *((experiment, {}, "^$") for experiment in RECORDINGS),  # a sound recording is not doubtful
-        ("actuator", {"theta_m": 180 / np.pi}, "57.3 is the factor between degrees.*J_m_ratio 0.0175 is below 0.33"),
-        ("actuator", {"torque_m": 0.113}, "lbf\\*in.*k_tau_n_m_ratio 0.11"),
-        ("actuator", {"current": 1000}, "mA and A.*k_tau_n_m_ratio 0.001"),
-        ("belt", {"torque": 4.4482}, "between lbf and N.*K_s_ratio 4.4"),
-        ("belt", {"torque": 0.01}, "N\\*cm.*K_s_ratio 0.01"),
-        ("transmission", {"torque": 0.01}, "N\\*cm.*B_j_ratio 0.0"),
-        ("impedance", {"torque": 0.01}, "K_over_K_s 0.00292 is below 0.01"),
-        ("impedance", {"torque": clipped}, "clipped.*saturated_samples"),
-        ("actuator", {"torque_m": clipped}, "clipped.*saturated_samples"),
-        ("actuator", {"current": clipped}, "clipped.*saturated_samples"),
-        *((of, {"theta": lambda x: x.clip(max=0.9 * x.max())}, "clipped.*saturated") for of in list(RECORDINGS)[:3]),
-        # a delay of 4 ms adds -K_s 4 ms = -2.7 N*m*s/rad to B_j
-        ("belt", {"torque": lambda torque: np.roll(torque, 2)}, r"B_j_high -\d.* is below 0"),
-    ],
-)
+@pytest.mark.parametrize(("experiment", "changes", "words"), [
+    *((experiment, {}, "^$") for experiment in RECORDINGS),  # a sound recording is not doubtful
+    ("actuator", {"theta_m": 180 / np.pi}, "57.3 is the factor between degrees.*J_m_ratio 0.0175 is below 0.33"),
+    ("actuator", {"torque_m": 0.113}, "lbf\\*in.*k_tau_n_m_ratio 0.11"),
+    ("actuator", {"current": 1000}, "mA and A.*k_tau_n_m_ratio 0.001"),
+    ("belt", {"torque": 4.4482}, "between lbf and N.*K_s_ratio 4.4"),
+    ("belt", {"torque": 0.01}, "N\\*cm.*K_s_ratio 0.01"), ("transmission", {"torque": 0.01}, "N\\*cm.*B_j_ratio 0.0"),
+    ("impedance", {"torque": 0.01}, "K_over_K_s 0.00292 is below 0.01"),
+    ("impedance", {"torque": clipped}, "clipped.*saturated_samples"),
+    ("actuator", {"torque_m": clipped}, "clipped.*saturated_samples"),
+    ("actuator", {"current": clipped}, "clipped.*saturated_samples"),
+    *((of, {"theta": lambda x: x.clip(max=0.9 * x.max())}, "clipped.*saturated") for of in list(RECORDINGS)[:3]),
+    # a delay of 4 ms adds -K_s 4 ms = -2.7 N*m*s/rad to B_j
+    ("belt", {"torque": lambda torque: np.roll(torque, 2)}, r"B_j_high -\d.* is below 0"),
+])  # fmt: skip
 def test_what_is_not_likely_is_doubtful_with_its_cause(experiment, changes, words, monkeypatch):
     if changes:
         monkeypatch.setattr("osl_analysis.bench.components.FEWEST_MOVING_S", 0.1)
@@ -166,16 +159,13 @@ def test_a_torque_beyond_the_load_cell_s_range_or_a_bench_that_is_softer_is_refu
     assert abs(judged("impedance", driven(lambda m: second_order(m) - 200.002 * m.theta))["K"]) < 0.2
 
 
-@pytest.mark.parametrize(
-    ("steps", "refused"),
-    [
-        ([1e-6] * 50, True),
-        ([1e-6] * 49 + [3e-4], True),  # a gap, in the same wrong unit
-        ([5e-6] * 40 + [5e-3] * 10, False),  # a late host: five samples at once
-        ([0.0] * 30 + [1e-3] * 21, False),  # few decimals were printed
-        ([1e-3] * 50, False),
-    ],
-)
+@pytest.mark.parametrize(("steps", "refused"), [
+    ([1e-6] * 50, True),
+    ([1e-6] * 49 + [3e-4], True),  # a gap, in the same wrong unit
+    ([5e-6] * 40 + [5e-3] * 10, False),  # a late host: five samples at once
+    ([0.0] * 30 + [1e-3] * 21, False),  # few decimals were printed
+    ([1e-3] * 50, False),
+])  # fmt: skip
 def test_samples_closer_than_any_recorder_takes_them_are_refused(steps, refused):
     time = np.cumsum([0.0, *np.random.default_rng(1).permutation(steps)])
     trial = Trial("hasty", pl.DataFrame({"time": time, "theta": np.linspace(-1.1, 1.1, len(time))}))  # below 1.2 rad

@@ -167,20 +167,13 @@ def test_intervals_of_the_slope_cover_it_with_one_cycle_and_with_several(cycles)
 SMALLER = (*(x for a in (6, 8, 10, 6, 8, 10) for x in (0, a, -a)), 0)
 
 
-@pytest.mark.parametrize(
-    ("angles", "counts"),
-    [
-        ((0, -10, 12, 0), (1, 0, 0)),  # as the tests of the DESR foot
-        ((0, 10, 0, 10, 0, 10, 0), (3, 0, 0)),
-        ((0, -10, 10, -10, 10, -10, 10, 0), (3, 0, 0)),
-        ((6, 10, -10, 10, -10, 6), (2, 0, 0)),
-        ((0, 10, 0, 10, 0, 5), (2, 0, 1)),
-        ((0, -10, 10, -10, 10, 5), (1, 0, 1)),
-        ((0, 10, 1, 10, 1, 10, 0), (1, 0, 2)),  # from a preload
-        ((0, 10, 0, 4, 0, 10, 0), (2, 1, 0)),
-        (SMALLER, (2, 4, 0)),
-    ],
-)
+@pytest.mark.parametrize(("angles", "counts"), [
+    ((0, -10, 12, 0), (1, 0, 0)),  # as the tests of the DESR foot
+    ((0, 10, 0, 10, 0, 10, 0), (3, 0, 0)), ((0, -10, 10, -10, 10, -10, 10, 0), (3, 0, 0)),
+    ((6, 10, -10, 10, -10, 6), (2, 0, 0)), ((0, 10, 0, 10, 0, 5), (2, 0, 1)), ((0, -10, 10, -10, 10, 5), (1, 0, 1)),
+    ((0, 10, 1, 10, 1, 10, 0), (1, 0, 2)),  # from a preload
+    ((0, 10, 0, 4, 0, 10, 0), (2, 1, 0)), (SMALLER, (2, 4, 0)),
+])  # fmt: skip
 def test_cycles_begin_and_end_where_the_angle_comes_back(angles, counts):
     """Whole ones, whole ones of a smaller amplitude, and parts."""
     used, facts = find_cycles(path(*angles))
@@ -222,23 +215,19 @@ FULL, OPEN = path(0, 10, 0, 10, 0), path(0, 10, 0.7)
 NOISE = np.random.default_rng(3).standard_normal(FULL.size)
 
 
-@pytest.mark.parametrize(
-    ("theta", "torque", "changes", "message"),
-    [
-        (FULL / 100, K * FULL, {}, "the angle moves by 0.0997 deg in all, expected 0.5 deg or more"),
-        (OPEN, K * OPEN, {}, "begins at 0.00 deg, goes to 0.00 and 9.97 deg, and ends at 0.70 deg"),
-        (path(0, 10, 0, speed=20), K * path(0, 10, 0, speed=20), {}, "a cycle takes 1 s, which is not quasi-static"),
-        (FULL, K * FULL + 50 * NOISE, {}, "torque does not follow the angle: its curve over angle accounts for"),
-        (FULL, 0 * FULL + 2, {}, "torque stays at 2 throughout"),
-        (0 * FULL, K * FULL, {}, "theta stays at 0 throughout"),
-        (FULL, -K * FULL, {}, "K = -200 N*m/rad is negative, so the torque drives the motion"),
-        (path(0, 10, 0, rest=0.2), K * path(0, 10, 0, rest=0.2), {}, "does not rest at the end of the recording"),
-        (FULL, K * FULL, {"angle_step_deg": 5}, "expected 5 or more; lower angle_step_deg from 5 deg to 0.99 deg"),
-        (FULL, K * FULL, {"bench_stiffness": {"value": "150 N*m/rad"}}, "the torque drives the motion"),
-        (FULL, K * FULL, {"bench_stiffness": {"value": "350 N*m/rad"}}, "K = 466.7 N*m/rad is not between 0 and the b"),
-        (FULL, K * FULL, {"settle_cycles": 2}, "the first 2 of 2 whole cycles are not analysed; record more, or lower"),
-    ],
-)
+@pytest.mark.parametrize(("theta", "torque", "changes", "message"), [
+    (FULL / 100, K * FULL, {}, "the angle moves by 0.0997 deg in all, expected 0.5 deg or more"),
+    (OPEN, K * OPEN, {}, "begins at 0.00 deg, goes to 0.00 and 9.97 deg, and ends at 0.70 deg"),
+    (path(0, 10, 0, speed=20), K * path(0, 10, 0, speed=20), {}, "a cycle takes 1 s, which is not quasi-static"),
+    (FULL, K * FULL + 50 * NOISE, {}, "torque does not follow the angle: its curve over angle accounts for"),
+    (FULL, 0 * FULL + 2, {}, "torque stays at 2 throughout"), (0 * FULL, K * FULL, {}, "theta stays at 0 throughout"),
+    (FULL, -K * FULL, {}, "K = -200 N*m/rad is negative, so the torque drives the motion"),
+    (path(0, 10, 0, rest=0.2), K * path(0, 10, 0, rest=0.2), {}, "does not rest at the end of the recording"),
+    (FULL, K * FULL, {"angle_step_deg": 5}, "expected 5 or more; lower angle_step_deg from 5 deg to 0.99 deg"),
+    (FULL, K * FULL, {"bench_stiffness": {"value": "150 N*m/rad"}}, "the torque drives the motion"),
+    (FULL, K * FULL, {"bench_stiffness": {"value": "350 N*m/rad"}}, "K = 466.7 N*m/rad is not between 0 and the b"),
+    (FULL, K * FULL, {"settle_cycles": 2}, "the first 2 of 2 whole cycles are not analysed; record more, or lower"),
+])  # fmt: skip
 def test_what_is_no_trial_of_torque_against_angle_is_refused(theta, torque, changes, message):
     with pytest.raises(InputError, match=rf"^trial foot: .*{re.escape(message)}") as caught:
         fitted(theta, torque, **changes)
@@ -248,20 +237,17 @@ def test_what_is_no_trial_of_torque_against_angle_is_refused(theta, torque, chan
 LIFT, MIXED = np.linspace(0, 1, FULL.size), np.concatenate([path(0, 10, 0, speed=2), path(0, 10, 0, speed=8)])
 
 
-@pytest.mark.parametrize(
-    ("theta", "torque", "changes", "column", "said"),
-    [
-        (FULL, K * FULL + jenkins(FULL, 300, 0.5) + 0.05 * NOISE, {}, "doubtful", ""),
-        (FULL, K * FULL + jenkins(FULL, 300, 0.5) + 0.3, {}, "not_checked", "what hysteresis leaves"),
-        (FULL, K * FULL + 6 * LIFT, PLAIN, "doubtful", "cycle_drift"),
-        (FULL, K * FULL + 8 * LIFT, PLAIN, "doubtful", "closure_torque"),
-        (FULL, np.minimum(K * FULL + 0.01 * NOISE, 25), {}, "doubtful", "clipped"),
-        (path(0, 10, 0.3), K * path(0, 10, 0.3), {}, "doubtful", "closure_angle"),
-        (MIXED, K * MIXED + 20 * np.gradient(MIXED) * RATE, {}, "doubtful", "the energy lost depends on the speed"),
-        (FULL, np.roll(K * FULL, 30) + 0.01 * NOISE, {}, "doubtful", "gives back more than it takes up"),
-        (path(*SMALLER), K * path(*SMALLER), {}, "not_checked", "smaller_cycles, whole but smaller than the largest"),
-    ],
-)
+@pytest.mark.parametrize(("theta", "torque", "changes", "column", "said"), [
+    (FULL, K * FULL + jenkins(FULL, 300, 0.5) + 0.05 * NOISE, {}, "doubtful", ""),
+    (FULL, K * FULL + jenkins(FULL, 300, 0.5) + 0.3, {}, "not_checked", "what hysteresis leaves"),
+    (FULL, K * FULL + 6 * LIFT, PLAIN, "doubtful", "cycle_drift"),
+    (FULL, K * FULL + 8 * LIFT, PLAIN, "doubtful", "closure_torque"),
+    (FULL, np.minimum(K * FULL + 0.01 * NOISE, 25), {}, "doubtful", "clipped"),
+    (path(0, 10, 0.3), K * path(0, 10, 0.3), {}, "doubtful", "closure_angle"),
+    (MIXED, K * MIXED + 20 * np.gradient(MIXED) * RATE, {}, "doubtful", "the energy lost depends on the speed"),
+    (FULL, np.roll(K * FULL, 30) + 0.01 * NOISE, {}, "doubtful", "gives back more than it takes up"),
+    (path(*SMALLER), K * path(*SMALLER), {}, "not_checked", "smaller_cycles, whole but smaller than the largest"),
+])  # fmt: skip
 def test_drift_creep_clipping_speed_and_energy_from_nothing_are_doubtful(theta, torque, changes, column, said):
     found = row_of(theta, torque, **changes)[column]
     assert said in found

@@ -86,7 +86,9 @@ def test_what_is_wrong_in_a_file_is_one_line_with_line_field_value_and_remedy_in
 
 
 def test_truth_values_are_kept_where_they_are_allowed_and_keys_of_two_mappings_may_be_equal(tmp_path):
-    (tmp_path / "a.yaml").write_text("first: 1\ninner: {either: true, limits: {K: null}}\nseveral: [{either: false}]")
+    (tmp_path / "a.yaml").write_text(
+        "first: 1\ninner: {either: true, limits: {K: null}}\nseveral: [{either: false}]", "utf-8-sig"
+    )
     read = read_yaml(tmp_path / "a.yaml", Outer)
     assert (read.inner.either, read.inner.limits, read.several[0].either) == (True, {"K": None}, False)
 
@@ -94,6 +96,7 @@ def test_truth_values_are_kept_where_they_are_allowed_and_keys_of_two_mappings_m
 @pytest.mark.parametrize(("section", "change", "message"), [
     ("dynamometer", BENCH | {"compare_estimators": True}, "field .*compare_estimators' is gone: so are the est"),
     ("dynamometer", BENCH | {"cutoff_hz": 0}, "cutoff_hz: 0 is not allowed: write a number greater than 0"),
+    ("dynamometer", BENCH | {"amplitudes_deg": [181]}, "amplitudes_deg.0: 181 .* less than or equal to 180"),
     ("dynamometer", BENCH | {"cycles": [10, 20]}, "cycles has 2 numbers for 5 frequencies"),
     ("dynamometer", BENCH | {"cycles": [10, 20, 30, 2, 20]}, "settle_cycles = 2 leaves none of 2 cycles; lower it"),
     ("dynamometer", BENCH | {"seconds_per_frequency": 1.5}, r"settle_cycles = 2 leaves none of 1\.5 cycles"),

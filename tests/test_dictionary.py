@@ -11,7 +11,7 @@ from osl_analysis.commands.study import performance_table
 from osl_analysis.dictionary import described_tables
 from osl_analysis.errors import InputError
 from osl_analysis.files import atomic_path
-from osl_analysis.table import TEXT_COLUMNS, read_table, write_table
+from osl_analysis.table import TEXT_COLUMNS, finite_or_null, read_table, write_table
 from osl_analysis.walking.overground import overground_rows
 from osl_analysis.walking.settings import OvergroundAnalysis
 
@@ -61,6 +61,8 @@ def test_every_number_null_and_nan_reads_back_to_the_last_bit(tmp_path_factory, 
     table = pl.DataFrame({"n": range(len(numbers)), "value": pl.Series(numbers, dtype=pl.Float64)})
     write_table(table, path)
     assert_frame_equal(read_table(path), table, check_exact=True)
+    row = {"value": float("nan"), "inner": {"low": float("-inf"), "high": 1.5}}
+    assert finite_or_null(row) == {"value": None, "inner": {"low": None, "high": 1.5}}
 
 
 def test_names_of_digits_are_text_decimals_may_come_late_and_an_empty_column_holds_numbers(tmp_path):

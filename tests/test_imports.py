@@ -58,15 +58,11 @@ def test_the_house_has_nine_floors_and_no_stair_back():
     assert max(floors.values()) + 1 <= 9  # the commands and the doors to them
 
 
-@pytest.mark.parametrize(
-    ("name", "known_to"),
-    [
-        ("simulator", {"commands/simulate.py", "commands/study.py", "commands/reference.py"}),
-        ("study", {"commands/study.py"}),
-        ("commands", {"cli.py", "notebook.py", "__init__.py"}),
-        ("notebook", {"__init__.py"}),
-    ],
-)
+@pytest.mark.parametrize(("name", "known_to"), [
+    ("simulator", {"commands/simulate.py", "commands/study.py", "commands/reference.py"}),
+    ("study", {"commands/study.py"}), ("commands", {"cli.py", "notebook.py", "__init__.py"}),
+    ("notebook", {"__init__.py"}),
+])  # fmt: skip
 def test_simulator_study_commands_and_notebook_are_known_to_few(name, known_to):
     users = {m for m, s in imports(".") if s == name and not m.startswith((f"{name}/", f"{name}.", "study/"))}
     assert users == known_to

@@ -137,6 +137,7 @@ def test_examples_are_those_of_the_configuration_or_chosen_and_said(tmp_path):
     assert (found["trial"], found["amplitude_deg"]) == ("k", None)
     assert "not in this campaign" in found["chosen"]
     assert response_example(campaign(tmp_path, knee)) is None
+    assert time_series_example(campaign(tmp_path, knee, figures="{time_series: null}"))["duration_s"] == 10
     wrong = "{time_series: {K_d: 250, B_d: 5, controller: compensated}, frequency_response: {K_d: 1, B_d: 1}}"
     with pytest.raises(InputError, match="no compensated trial with K_d = 250, B_d = 5; choose another one under"):
         time_series_example(campaign(tmp_path, knee, figures=wrong))
@@ -165,6 +166,10 @@ def test_the_hash_is_of_the_settings_and_the_files_that_they_name_and_not_of_whe
     for name, day in (("k", 2), ("a", 1), ("p", 3)):
         (tmp_path / f"{name}.csv").touch()
         os.utime(tmp_path / f"{name}.csv", (86400 * day,) * 2)
+    simulated = campaign(tmp_path, TWO_JOINTS, raw_data=tmp_path)
+    found = [about(simulated, files) for files in ([], [tmp_path / "trials.csv"])]
+    assert [(one["data"], one["recorded"]) for one in found] == [("simulated", "made with seed 1")] * 2
+    assert found[0]["configuration"] != found[1]["configuration"]
     (tmp_path / "truth").mkdir()
     assert {*made().values()} > {"files of 1970-01-02 to 1970-01-04", "simulated"}
 

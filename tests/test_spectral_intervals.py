@@ -56,15 +56,10 @@ def fitted(one):
     return spectral.fit_structure(spectral.SecondOrder(), spectral.lines_of_periods([one], LOW_PASS), (200, 4))
 
 
-@pytest.mark.parametrize(
-    ("count", "excited", "distortion", "method"),
-    [
-        (1, LINES, 0.0, spectral.DETECTION),
-        (2, LINES, 0.05, spectral.DETECTION),
-        (1, np.arange(2, 14), 0.0, "excited lines"),
-        (4, LINES, 0.05, spectral.REALISATIONS),
-    ],
-)
+@pytest.mark.parametrize(("count", "excited", "distortion", "method"), [
+    (1, LINES, 0.0, spectral.DETECTION), (2, LINES, 0.05, spectral.DETECTION),
+    (1, np.arange(2, 14), 0.0, "excited lines"), (4, LINES, 0.05, spectral.REALISATIONS),
+])  # fmt: skip
 def test_standard_errors_are_the_scatter_of_many_fits(count, excited, distortion, method):
     seeds = (range(5 * trial, 5 * trial + count) for trial in range(160))
     fits = [fit_periodic([made(k, 0.02, 3, excited, distortion=distortion) for k in one]) for one in seeds]

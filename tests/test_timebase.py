@@ -1,6 +1,7 @@
 """One time base: the stamps of real recorders, the truth written by hand, and the joint's K, B, I at the end of it."""
 
 from collections.abc import Callable
+from contextlib import nullcontext
 from itertools import product
 
 import numpy as np
@@ -12,6 +13,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.signals.grid import GapLimits, UniformSignals, on_one_grid
 from osl_analysis.signals.samples import drift_row, take
 from osl_analysis.signals.stream import Stream, count_from_stamps
+from osl_analysis.trial import check_time
 
 
 def one_time_base(streams: list[Stream]) -> UniformSignals:
@@ -234,6 +236,14 @@ def of(stamps, values=None, **fields):
 def test_refuses_a_recording_with_channel_time_value_and_remedy(stamps, values, counter, says):
     with pytest.raises(InputError, match=f"cell: .*{says}"):
         one_time_base([of(stamps, values, counter=counter)])
+
+
+@pytest.mark.parametrize(("time", "refused"), [
+    ([0, 2e-9], False), ([0, 5e-10], True), ([0, 5e19], False), ([0, 2e20], True), ([7, 7, 8], False), ([7, 6.9], True),
+])  # fmt: skip
+def test_stamps_that_no_clock_tells_or_that_go_back_are_refused_and_equal_ones_are_not(time, refused):
+    with pytest.raises(InputError, match="log: time ") if refused else nullcontext():
+        check_time("log", np.array(time, float))
 
 
 def test_a_row_that_was_written_twice_counts_once_and_stamps_within_half_a_step_are_one():

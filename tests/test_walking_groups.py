@@ -270,15 +270,12 @@ def loaded(c: Crossing, share: float = 1.0, left: float = 0.01, mass: float | No
 ASIDE, LAST = standing_at(0.0, 0.3), session()[-1]
 
 
-@pytest.mark.parametrize(
-    ("changes", "said"),
-    [
-        ({"quality": ASIDE}, "foot to the left 0.3 m lies"),
-        ({"quality": ASIDE, "bridged": 0.16}, "markers were hidden for 16% of it: fill the gaps in Nexus"),
-        ({"stance": replace(LAST.stance, toe_off=1.3)}, "stance 1 s lies"),
-        ({"theta": LAST.theta + 0.3 * np.sin(9 * LAST.time)}, "angle before the onset"),
-    ],
-)
+@pytest.mark.parametrize(("changes", "said"), [
+    ({"quality": ASIDE}, "foot to the left 0.3 m lies"),
+    ({"quality": ASIDE, "bridged": 0.16}, "markers were hidden for 16% of it: fill the gaps in Nexus"),
+    ({"stance": replace(LAST.stance, toe_off=1.3)}, "stance 1 s lies"),
+    ({"theta": LAST.theta + 0.3 * np.sin(9 * LAST.time)}, "angle before the onset"),
+])  # fmt: skip
 def test_a_foot_beside_its_place_a_long_stance_and_another_gait_are_named_with_the_reason(changes, said) -> None:
     assert reasons(session()) == {}
     ((name, reason),) = reasons(session(**changes)).items()
@@ -337,17 +334,14 @@ def test_crossings_whose_foot_stands_elsewhere_do_not_tell_how_long_a_stance_is_
     assert set(reasons(apart)) == {f"w{k}" for k in range(6, 11)}
 
 
-@pytest.mark.parametrize(
-    ("changed", "said"),
-    [
-        (loaded(LAST, mass=70), None),
-        (loaded(LAST, share=0.6), None),  # of a person whose mass nobody states
-        (replace(LAST, quality={"foot_outside_m": 0.02}), None),
-        (loaded(LAST, share=0.6, mass=70), "the plate carries 0.54 of the weight of 70 kg"),
-        (loaded(LAST, mass=35), "the plate carries 1.8"),
-        (replace(LAST, quality={"foot_outside_m": 0.05}), "a foot marker lies 5.0 cm outside the plate"),
-    ],
-)
+@pytest.mark.parametrize(("changed", "said"), [
+    (loaded(LAST, mass=70), None),
+    (loaded(LAST, share=0.6), None),  # of a person whose mass nobody states
+    (replace(LAST, quality={"foot_outside_m": 0.02}), None),
+    (loaded(LAST, share=0.6, mass=70), "the plate carries 0.54 of the weight of 70 kg"),
+    (loaded(LAST, mass=35), "the plate carries 1.8"),
+    (replace(LAST, quality={"foot_outside_m": 0.05}), "a foot marker lies 5.0 cm outside the plate"),
+])  # fmt: skip
 def test_a_load_far_from_the_weight_where_the_mass_is_known_and_a_foot_beside_the_plate_are_excluded(changed, said):
     (row,) = selected([changed], settings(outliers=None)).values()
     assert row["status"] == ("outlier" if said else "used")

@@ -149,17 +149,14 @@ def test_a_lag_that_is_not_found_or_not_asked_for_is_not_corrected() -> None:
         assert (model.lag, model.lag_se, model.lag_reason) == (None, None, reason)
 
 
-@pytest.mark.parametrize(
-    ("changes", "reason"),
-    [
-        pytest.param({"lag": 0.014}, "the unloaded plate's wrench does not follow", id="clocks that are far apart"),
-        pytest.param({"lag": -0.05}, "the unloaded plate's wrench does not follow", id="clocks further apart"),
-        pytest.param({"angle": 0.3}, r"the platform turns by 0\.\d+ deg only", id="a platform at rest"),
-        pytest.param({"load": 300.0}, "the plate carries 300 N", id="a foot on the plate"),
-        pytest.param({"plate": 2}, "no column 'plate2_force_x'", id="an unknown plate"),
-        pytest.param({"blind": 1}, "markers PLAT1, PLAT2, PLAT3, PLAT4 are seen together in 0", id="a hidden platform"),
-    ],
-)
+@pytest.mark.parametrize(("changes", "reason"), [
+    pytest.param({"lag": 0.014}, "the unloaded plate's wrench does not follow", id="clocks that are far apart"),
+    pytest.param({"lag": -0.05}, "the unloaded plate's wrench does not follow", id="clocks further apart"),
+    pytest.param({"angle": 0.3}, r"the platform turns by 0\.\d+ deg only", id="a platform at rest"),
+    pytest.param({"load": 300.0}, "the plate carries 300 N", id="a foot on the plate"),
+    pytest.param({"plate": 2}, "no column 'plate2_force_x'", id="an unknown plate"),
+    pytest.param({"blind": 1}, "markers PLAT1, PLAT2, PLAT3, PLAT4 are seen together in 0", id="a hidden platform"),
+])  # fmt: skip
 def test_a_recording_that_cannot_show_the_unloaded_plate_is_refused(changes: dict[str, Any], reason: str) -> None:
     of_trial = {name: size for name, size in changes.items() if name not in ("plate", "blind")}
     trial = hidden(unloaded("plate_1", **of_trial), ["PLAT1", "PLAT2"], 0, 3.0 if "blind" in changes else -1)

@@ -105,15 +105,12 @@ def test_a_slow_return_that_noise_hides_is_not_taken_for_rest() -> None:
     assert (mass, moments[2]) == (pytest.approx(RIG.mass, abs=0.01), pytest.approx(RIG.mass * RIG.com[2], abs=0.002))
 
 
-@pytest.mark.parametrize(
-    ("seed", "count", "change", "heave", "limit"),
-    [
-        pytest.param(1, 8, {}, 0.0, 0.3, id="own motions in six coordinates leave 1.6 N*m and 7 ms"),
-        pytest.param(2, 5, {}, HEAVE, 0.8, id="a single axis forced on a hexapod that heaves reads 9.4 N*m"),
-        pytest.param(3, 8, {"rise": 0.12}, 0.0, 0.5, id="slower ramps are the same shape in another time"),
-        pytest.param(5, 6, {"angle": -2.5}, 0.0, 0.4, id="the other direction has a negative amplitude"),
-    ],
-)
+@pytest.mark.parametrize(("seed", "count", "change", "heave", "limit"), [
+    pytest.param(1, 8, {}, 0.0, 0.3, id="own motions in six coordinates leave 1.6 N*m and 7 ms"),
+    pytest.param(2, 5, {}, HEAVE, 0.8, id="a single axis forced on a hexapod that heaves reads 9.4 N*m"),
+    pytest.param(3, 8, {"rise": 0.12}, 0.0, 0.5, id="slower ramps are the same shape in another time"),
+    pytest.param(5, 6, {"angle": -2.5}, 0.0, 0.4, id="the other direction has a negative amplitude"),
+])  # fmt: skip
 def test_torque_and_onset_are_free_of_each_crossings_own_noise(seed, count, change, heave, limit) -> None:
     turned = [replace(r, **(change if k % 2 else {})) for k, r in enumerate(ramps(count, seed, heave=heave))]
     trials, model = shared(turned, seed)
@@ -268,19 +265,15 @@ def test_each_crossing_has_the_static_trial_of_its_subject_and_session(tmp_path:
     assert sheet.statics == {"sA": ["wA"], "sB": ["wB"], "sA2": ["wA2"]}
 
 
-@pytest.mark.parametrize(
-    ("cells", "statics", "found"),
-    [
-        ({"subject": "A", "session": "2", "static": "s1"}, {"s1": {"subject": "A"}, "s2": {"session": "2"}}, "s1"),
-        ({"subject": "A", "session": "2"}, {"s1": {"subject": "A"}, "s2": {"subject": "A", "session": "2"}}, "s2"),
-        ({"side": "left"}, {"s1": {"side": "right"}, "s2": {"side": "left"}}, "s2"),
-        ({"subject": "A"}, {"s1": {}}, "s1"),
-        ({}, {"s1": {}, "s2": {}}, r"states no subject, session or side: 2 static trials .*\(s1, s2\); name one"),
-        ({"subject": "A"}, {"s1": {}, "s2": {}}, r"\(subject A\): 2 static trials could be its own"),
-        ({"subject": "A"}, {"s1": {"subject": "B"}}, r"\(subject A\): no static trial of the same conditions"),
-        ({"static": "w1"}, {"s1": {}}, "static: 'w1' is no trial of experiment 'static' that is used; .* s1"),
-    ],
-)
+@pytest.mark.parametrize(("cells", "statics", "found"), [
+    ({"subject": "A", "session": "2", "static": "s1"}, {"s1": {"subject": "A"}, "s2": {"session": "2"}}, "s1"),
+    ({"subject": "A", "session": "2"}, {"s1": {"subject": "A"}, "s2": {"subject": "A", "session": "2"}}, "s2"),
+    ({"side": "left"}, {"s1": {"side": "right"}, "s2": {"side": "left"}}, "s2"), ({"subject": "A"}, {"s1": {}}, "s1"),
+    ({}, {"s1": {}, "s2": {}}, r"states no subject, session or side: 2 static trials .*\(s1, s2\); name one"),
+    ({"subject": "A"}, {"s1": {}, "s2": {}}, r"\(subject A\): 2 static trials could be its own"),
+    ({"subject": "A"}, {"s1": {"subject": "B"}}, r"\(subject A\): no static trial of the same conditions"),
+    ({"static": "w1"}, {"s1": {}}, "static: 'w1' is no trial of experiment 'static' that is used; .* s1"),
+])  # fmt: skip
 def test_the_static_trial_is_the_named_one_else_that_of_the_subject_else_the_only_one_or_a_remedy(
     cells: dict[str, str], statics: dict[str, dict[str, str]], found: str
 ) -> None:

@@ -356,16 +356,13 @@ def test_heel_strike_and_toe_off_lie_between_frames_and_what_is_no_whole_stance_
         assert stances(cut) == []
 
 
-@pytest.mark.parametrize(
-    ("turn", "noise", "error"),
-    [
-        pytest.param(STEEP, 0.0, 3e-4, id="a straight ramp"),
-        pytest.param(STEEP, 0.015, 1e-3, id="a straight ramp with noise"),
-        pytest.param(step(TIME, 1.2, 0.075)[0], 0.04, 0.075 / 8, id="0.2 mm at 0.28 m from the axis"),
-        pytest.param(SOFT, 0.0, 0.075 / 30, id="a soft start"),
-        pytest.param(SOFT, 0.04, 0.075 / 8, id="that looks like minimum jerk with noise"),
-    ],
-)
+@pytest.mark.parametrize(("turn", "noise", "error"), [
+    pytest.param(STEEP, 0.0, 3e-4, id="a straight ramp"),
+    pytest.param(STEEP, 0.015, 1e-3, id="a straight ramp with noise"),
+    pytest.param(step(TIME, 1.2, 0.075)[0], 0.04, 0.075 / 8, id="0.2 mm at 0.28 m from the axis"),
+    pytest.param(SOFT, 0.0, 0.075 / 30, id="a soft start"),
+    pytest.param(SOFT, 0.04, 0.075 / 8, id="that looks like minimum jerk with noise"),
+])  # fmt: skip
 def test_the_onset_of_one_turn_of_5_degrees_is_found_by_rms_over_draws(turn, noise, error) -> None:
     draws = [np.random.default_rng(seed).standard_normal(len(TIME)) for seed in range(20 if noise else 1)]
     turned = [np.deg2rad(5 * turn + 0.3 + noise * draw) for draw in draws]

@@ -8,6 +8,8 @@ import subprocess
 import sys
 import zipfile
 from functools import cache
+from importlib import import_module
+from inspect import signature
 from pathlib import Path
 
 import numpy as np
@@ -87,6 +89,9 @@ def test_every_figure_table_and_headline_number_is_there_and_nothing_is_left_to_
         compared = dict(workspace.table(name).group_by("experiment").len().iter_rows())
         assert compared == {"belt": 4 * each, "transmission": 2 * each, "impedance": 8 * each}
     assert (len(workspace.table("walking_crossings")), len(workspace.table("impedance"))) == (8, 4 * 3)
+    assert workspace.table("impedance").columns[:3] == ["trial", "joint", "side"]
+    shown = pl.read_csv(results / "figures/fig4.csv").select("time", "theta_deg")
+    assert np.ptp(shown.to_numpy(), axis=0) == pytest.approx((2, 8), abs=0.2)
     assert workspace.table("quality")["verdict"].unique().to_list() == ["pass"]
     assert workspace.table("excluded").is_empty()
     assert workspace.planned("reproduce-all") == workspace.planned() == {}
@@ -212,9 +217,15 @@ def test_changed_settings_and_thresholds_give_the_bytes_of_a_fresh_run_and_redo_
 WHOLE = {"summary", "csv_metadata", "report", "figures/captions"}
 """The jobs whose results name the hash of the whole configuration."""
 NOT_CHANGED = {
-    "study", "markers", "time_series", "frequency_response", "on_failure", "fewest_unperturbed", "plate_inertia",
+    "simulation", "trials", "campaigns", "recorded", "crossings", "batch", "markers", "time_series",
+    "frequency_response", "on_failure", "fewest_unperturbed", "plate_inertia",
 }  # fmt: skip
-"""Settings of another target, and such as name markers, a trial, or what a test of its own changes."""
+"""Such as change the jobs of the study, name markers, a trial, or what a test of its own changes."""
+UNJUDGED = {"draw_figure", "write_captions", "write_report", "list_fits", "list_excluded", "judge"}
+OF_FIGURES = {"fig3": {"belt"}, "fig4": set(), "fig8": set(), "torque_angle": {"torque_angle"}}
+OF_FIGURES |= {name: {"impedance"} for name in ("fig5", "fig6", "fig7", "response", "model_comparison")}
+OF_FIGURES |= {name: {"walking"} for name in ("fig9", "impedance_over_stance", "walking_page")}
+"""Jobs that name what is left out, and the experiments of the trials that a figure may lack."""
 OTHER_WORD = {"auto": "any", "end": "start", "right": "left", "matched": "own"}
 OTHER_WORD["mean"] = "predicted"
 
@@ -249,7 +260,7 @@ MEASURED = {"simulation": None, "sheet": "trials.csv", "raw_data": "raw"}
 MEASURED["figures"] = {"time_series": {"K_d": 300, "B_d": 5}, "frequency_response": {"K_d": 300, "B_d": 5}}
 
 
-def test_every_setting_is_in_the_requests_of_jobs_and_changes_nothing_else_in_them(tmp_path):
+def test_every_setting_and_argument_is_in_the_requests_of_jobs_with_the_verdicts_on_what_they_read(tmp_path):
     """All are changed at once, in a dry run: each difference of a request is one of them at a place of its name."""
     space, places, changes = Workspace(tmp_path), {}, {}
     default = yaml.safe_load((ROOT / "config/config.yaml").read_text())
@@ -266,7 +277,7 @@ def test_every_setting_is_in_the_requests_of_jobs_and_changes_nothing_else_in_th
     requests = []
     for changed in ({}, changes):
         (tmp_path / "config/small.yaml").write_text(yaml.safe_dump(overriding(MEASURED, changed)))
-        space.planned()
+        space.planned("reproduce-all", "study")
         requests.append({name: leaves(said) for name, said in requests_in(tmp_path).items()})
     found, other = set(), {}
     for request, now in requests[1].items():
@@ -280,6 +291,27 @@ def test_every_setting_is_in_the_requests_of_jobs_and_changes_nothing_else_in_th
                 other.setdefault(name, []).append((at, value))
     assert {name: at for name, at in other.items() if name not in WHOLE} == {}
     assert set(places) - found == set()
+    trials, given, shown = {line.partition(",")[0] for line in SHEET.splitlines()[1:]}, {}, {}
+    for said in requests_in(tmp_path).values():
+        module, _, name = said["command"].partition(".")
+        job = getattr(import_module(f"osl_analysis.commands.{module}"), name)
+        given.setdefault(job, {"refused"}).update(said["input"], said["settings"], said["output"])
+        read = {at: Path(str(file)).stem for at, file in leaves(said["input"]).items()}
+        judged, of = ({read[at] for at in read if (at[0] == "quality") is one} & trials for one in (True, False))
+        assert judged <= of <= judged | {"static_1"} or not judged, name
+        assert judged or len(of - {"static_1"}) < 2 or name in UNJUDGED, name
+        assert of == trials or name not in ("judge", "list_excluded", "write_report")
+        if name == "ingest_and_check":
+            row, sources = said["settings"]["row"], {Path(file).stem: sha for file, sha in said["made_of"].items()}
+            assert {*map(os.path.basename, said["recorded"])} == {row["log"], row["mocap"]} - {None}
+            assert (sources.keys(), None in sources.values()) == (
+                {row["log_source"], row["mocap_source"]} - {None},
+                False,
+            )
+        shown |= {said["settings"]["name"]: {one[:-2] for one in of}} if name == "draw_figure" else {}
+    optional = {job: {p.name for p in signature(job).parameters.values() if p.default is not p.empty} for job in given}
+    assert {job.__name__: names - given[job] for job, names in optional.items() if names - given[job]} == {}
+    assert shown == OF_FIGURES
 
 
 def test_a_campaign_that_cannot_be_run_is_one_line_before_any_job(workspace):
@@ -395,20 +427,22 @@ def test_another_recording_is_seen_where_snakemake_has_no_notes_even_with_an_old
     assert planned == {"ingest": 1, "fit_belt_trial": 1, "list_fits": 1, "table": 1}
 
 
+FIGURE = "figure.plot_numbers figures.walking"
 RERUN = {
-    "bench/impedance.py": {"bench.fit_impedance_trial"},
-    "walking/response.py": {"walking.fit_perturbation"},
-    "report/headlines.yaml": {"tables.write_summary"},
-}
+    "bench/impedance.py": {"bench.fit_impedance_trial", FIGURE}, "report/headlines.yaml": {"tables.write_summary"},
+    "walking/response.py": {"walking.fit_perturbation", FIGURE}, "figures/figures.yaml": {FIGURE},
+    "figures/walking.py": {FIGURE},
+}  # fmt: skip
 
 
 def test_a_changed_estimator_or_what_stands_beside_it_reruns_its_jobs_and_not_ingest(monkeypatch):
     jobs = {"trials.ingest_and_check", "simulate.simulate_trial"}.union(*RERUN.values())
-    before, read = {job: jobs_request.code.__wrapped__(job) for job in jobs}, jobs_request.content_of
+    made_of, read = jobs_request.code.__wrapped__, jobs_request.content_of
+    before = {job: made_of(*job.split()) for job in jobs}
     for changed, again in (RERUN | {"trial.py": jobs}).items():
         file = ROOT / "osl_analysis" / changed
         monkeypatch.setattr(jobs_request, "content_of", lambda path, file=file: read(path) + b" " * (path == file))
-        assert {job for job in jobs if jobs_request.code.__wrapped__(job) != before[job]} == again
+        assert {job for job in jobs if made_of(*job.split()) != before[job]} == again
 
 
 @pytest.mark.skipif(os.access("/proc/sys", os.W_OK), reason="no folder here that nobody can write to")

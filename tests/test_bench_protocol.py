@@ -113,14 +113,14 @@ def test_a_run_is_one_sine_up_to_where_the_next_begins_also_over_two_disturbed_c
     found = [stepped_sine.fit_run(t, np.sin(4 * np.pi * t) + k * np.sin(12 * np.pi * t), slice(0, 3000), 2.04)
              for k in (0, 0.29, 0.31)]  # fmt: skip
     assert (found[0].frequency_hz, [one is None for one in found]) == (pytest.approx(2), [False, False, True])
-    for factors, cycles in (((1.5, 0.5), [12]), ((1.5, 0.5, 1.5), [5, 4])):
-        theta = np.pad(0.1 * np.sin(4 * np.pi * t - 0.5), 500, mode="edge")
+    for factors, slip, cycles in (((1.5, 0.5), 0.2, [12]), ((1.5, 0.5), 0.5, [5, 5]), ((1.5, 0.5, 1.5), 0, [5, 4])):
+        theta = np.pad(0.1 * np.sin(4 * np.pi * t - 0.5 + slip * (t > 3)), 500, mode="edge")
         theta[1750 : 1750 + 250 * len(factors)] *= np.repeat(factors, 250)
         runs = stepped_sine.Likeness(np.arange(4000) / RATE, theta, PROTOCOL).runs
         assert [round(run.cycles) for run in runs] == cycles
-    two = np.where(t < 3, np.sin(4 * np.pi * t), np.sin(4.4 * np.pi * (t - 3)))
+    two = np.sin(4 * np.pi * t + np.pi * np.maximum(t - 3.125, 0))  # within a cycle
     first, second = stepped_sine.find_runs(t, two, stepped_sine.upward_crossings(t, two), 3)
-    assert first.stop == second.start == pytest.approx(3, abs=0.01)
+    assert first.stop == second.start == pytest.approx(3.125, abs=0.01)
 
 
 def test_amplitudes_that_differ_are_never_one_label_and_labels_are_measured():

@@ -206,20 +206,18 @@ def without_a_part(folder: Path) -> Path:
 
 REFUSED: dict[str, tuple[Any, str]] = {
     "yaml": (lambda bag: rewritten(bag / DESCRIBED, b"a: {b: 9}").parent, "not the description of a ROS 2 bag"),
+    "twice": (lambda bag: rewritten(x := bag / DESCRIBED, re.sub(rb"( +- \S+db3\n)", rb"\1\1", x.read_bytes())).parent,
+        "lists no file, or one twice"),
     "missing part": (lambda bag: without_a_part(bag / "bag"), "1 of the 2 files that .* are missing .bag_1.db3.; copy"),
     "packed": (lambda bag: write_bag2(bag / "x", packed="FILE"), "unpack it with `zstd -d`"),
-    "cut": (
-        lambda bag: rewritten(bag / "bag.db3", (bag / "bag.db3").read_bytes()[:9000]),
-        "the database is damaged or cut off .*sqlite3 BAG .recover",
-    ),
+    "cut": (lambda bag: rewritten(bag / "bag.db3", (bag / "bag.db3").read_bytes()[:9000]),
+        "the database is damaged or cut off .*sqlite3 BAG .recover"),
     "no bag": (lambda bag: changed(bag / "x.db3", "CREATE TABLE topics (id, name)"), "no such column: type.: no bag"),
     "no messages": (lambda bag: changed(bag / "bag.db3", "DROP TABLE messages"), "no such table: messages.: no bag"),
     "journal": (lambda bag: rewritten(bag / "bag.db3-journal", b"x").parent, "a journal is beside it"),
-    "IDL": (
-        lambda bag: changed(bag / "bag.db3", "UPDATE message_definitions SET encoding = 'ros2idl'"),
-        "type 'lab_msgs/msg/Sample' is defined in IDL, which is not read; convert it",
-    ),
-}
+    "IDL": (lambda bag: changed(bag / "bag.db3", "UPDATE message_definitions SET encoding = 'ros2idl'"),
+        "type 'lab_msgs/msg/Sample' is defined in IDL, which is not read; convert it"),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(("make", "said"), REFUSED.values(), ids=REFUSED)
@@ -234,6 +232,7 @@ def test_a_database_with_a_write_ahead_log_is_refused_and_reading_changes_no_fil
         connection.execute("UPDATE messages SET timestamp = timestamp")
         connection.commit()
         shutil.copytree(closed, killed)
+    (closed / "bag.db3-wal").touch()  # empty
     before = {path: path.read_bytes() for path in tmp_path.rglob("*.*")}
     assert "a write-ahead log is beside it (bag.db3-wal)" in refused(killed)
     check_rows(read(closed))

@@ -413,23 +413,20 @@ def test_a_plates_moment_is_about_its_centre_wherever_the_file_takes_it(tmp_path
     np.testing.assert_allclose(at_origin.select(pl.col("^plate1_moment_.$")).to_numpy(), expected, rtol=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("text", "fields", "problem"),
-    [
-        (DEVICES + TRAJECTORIES, {}, "no section Model Outputs; the file has Devices, Trajectories"),
-        (DEVICES + DEVICES + TRAJECTORIES + MODEL, {}, "line 10: section Devices stands twice"),
-        (DEVICES.replace("200", "fast") + TRAJECTORIES + MODEL, {}, "line 2: 'fast' is not a rate"),
-        (DEVICES.replace("5,1,", "5,2,") + TRAJECTORIES + MODEL, {}, "frame 5, sub frame 2 does not follow"),
-        (DEVICES + TRAJECTORIES.replace("\n6,", "\n7,") + MODEL, {}, "line 16: frame 7, sub frame 0 does not follow"),
-        (DEVICES.replace("200", "210") + TRAJECTORIES + MODEL, {}, "its sections differ in first frame"),
-        (DEVICES.replace("0.6", "") + TRAJECTORIES + MODEL, {}, "sync: nan in sample 2 of 4"),
-        (DEVICES.replace("0.6", "?") + TRAJECTORIES + MODEL, {}, "line 7, Sync - Voltage 1: '?' is not a number"),
-        (DEVICES + TRAJECTORIES.replace("HEEL", "TOE") + MODEL, {}, "'Anna:TOE' x occurs 2 times"),
-        (DEVICES + TRAJECTORIES.replace("Anna:HEEL", "Ben:TOE") + MODEL, {}, "marker 'TOE' occurs twice"),
-        (DEVICES + TRAJECTORIES + MODEL, {"markers": ["KNEE"]}, "'KNEE' x is missing under Trajectories"),
-        (DEVICES + TRAJECTORIES.replace("mm", "parsnip") + MODEL, {}, "unit 'parsnip' is unknown"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("text", "fields", "problem"), [
+    (DEVICES + TRAJECTORIES, {}, "no section Model Outputs; the file has Devices, Trajectories"),
+    (DEVICES + DEVICES + TRAJECTORIES + MODEL, {}, "line 10: section Devices stands twice"),
+    (DEVICES.replace("200", "fast") + TRAJECTORIES + MODEL, {}, "line 2: 'fast' is not a rate"),
+    (DEVICES.replace("5,1,", "5,2,") + TRAJECTORIES + MODEL, {}, "frame 5, sub frame 2 does not follow"),
+    (DEVICES + TRAJECTORIES.replace("\n6,", "\n7,") + MODEL, {}, "line 16: frame 7, sub frame 0 does not follow"),
+    (DEVICES.replace("200", "210") + TRAJECTORIES + MODEL, {}, "its sections differ in first frame"),
+    (DEVICES.replace("0.6", "") + TRAJECTORIES + MODEL, {}, "sync: nan in sample 2 of 4"),
+    (DEVICES.replace("0.6", "?") + TRAJECTORIES + MODEL, {}, "line 7, Sync - Voltage 1: '?' is not a number"),
+    (DEVICES + TRAJECTORIES.replace("HEEL", "TOE") + MODEL, {}, "'Anna:TOE' x occurs 2 times"),
+    (DEVICES + TRAJECTORIES.replace("Anna:HEEL", "Ben:TOE") + MODEL, {}, "marker 'TOE' occurs twice"),
+    (DEVICES + TRAJECTORIES + MODEL, {"markers": ["KNEE"]}, "'KNEE' x is missing under Trajectories"),
+    (DEVICES + TRAJECTORIES.replace("mm", "parsnip") + MODEL, {}, "unit 'parsnip' is unknown"),
+])  # fmt: skip
 def test_what_does_not_fit_is_refused_with_the_reason(tmp_path, text, fields, problem):
     path = tmp_path / "trial.csv"
     path.write_text(text)

@@ -91,34 +91,30 @@ def test_one_log_in_any_dress_is_one_log(tmp_path: Path, text: str | bytes, fiel
     assert_log(ingested(tmp_path, text, **fields))
 
 
-@pytest.mark.parametrize(
-    ("text", "fields", "problem"),
-    [
-        ("\n", {}, "holds no rows"),
-        ("t,angle,load\n", {}, "no rows of data"),
-        (LOG.partition("\n")[2], {}, "line 1 holds numbers, not the columns' names; write `header: none`"),
-        (LOG.replace("angle", "winkel"), {}, "column 'angle' is missing; the file has t, winkel, load"),
-        (LOG.replace("load", "angle"), {}, "column 'angle' occurs 2 times"),
-        (LOG, {"channels": {"theta": {"column": 4, "unit": "rad"}}}, "column '4' is missing; the file has t, angle"),
-        (LOG.replace("90", "fault"), {}, "line 3, column 'angle': 'fault' is not a number; correct the cell, or add"),
-        (LOG.replace("90", "9_0"), {}, "line 3, column 'angle': '9_0' is not a number"),
-        (LOG.replace("90", "9€").encode("cp1252"), {}, "line 3, column 'angle': '9€' is not a number"),
-        (LOG.replace("90", "1e999"), {}, "line 3, column 'angle': '1e999' is not a number"),
-        (LOG + "\0" * 9, {}, "line 5 holds zero bytes, as a loss of power leaves them; delete the file from there on"),
-        (LOG.replace("t,angle,load", "t;angle;load"), {}, "every row has 2 more cells than the header has names"),
-        ("sep=;\n" + LOG.replace(",", ";"), {}, "seem to stand in line 2; delete the lines above it"),
-        (LOG + LOG, {}, "line 5, column 't': 't' is not a number; the header stands here again"),
-        (LOG, {"channels": TWICE}, "column 'angle' is theta and torque in the source file; correct"),
-        (LOG.replace("90", '"90'), {}, "line 3: a quote is not closed"),
-        (LOG.replace("90", "9" * 200_000), {}, "line 3: field larger than field limit"),
-        (b"t,angle\n\0\0\0", {}, "line 2 holds zero bytes"),
-        (LOG, {"channels": {"theta": {"column": "angle"}}}, "column 'angle': the unit is empty; write one of rad"),
-        ("t,angle,load\n1,2\n", {"ragged": "skip", "most_missing": 1.0}, "none of its rows fits the header's 3 names"),
-        (LOG, {"header": "comment"}, "no line begins with '#'"),
-        (LOG.replace("\n", ",0\n").replace("load,0", "load"), {}, "every row has 1 more cells than the header has"),
-        (LOG.replace("angle", "an\x1b[2Jgle"), {}, r"the file has t, an\x1b[2Jgle, load"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("text", "fields", "problem"), [
+    ("\n", {}, "holds no rows"), ("t,angle,load\n", {}, "no rows of data"),
+    (LOG.partition("\n")[2], {}, "line 1 holds numbers, not the columns' names; write `header: none`"),
+    (LOG.replace("angle", "winkel"), {}, "column 'angle' is missing; the file has t, winkel, load"),
+    (LOG.replace("load", "angle"), {}, "column 'angle' occurs 2 times"),
+    (LOG, {"channels": {"theta": {"column": 4, "unit": "rad"}}}, "column '4' is missing; the file has t, angle"),
+    (LOG.replace("90", "fault"), {}, "line 3, column 'angle': 'fault' is not a number; correct the cell, or add"),
+    (LOG.replace("90", "9_0"), {}, "line 3, column 'angle': '9_0' is not a number"),
+    (LOG.replace("90", "9€").encode("cp1252"), {}, "line 3, column 'angle': '9€' is not a number"),
+    (LOG.replace("90", "1e999"), {}, "line 3, column 'angle': '1e999' is not a number"),
+    (LOG + "\0" * 9, {}, "line 5 holds zero bytes, as a loss of power leaves them; delete the file from there on"),
+    (LOG.replace("t,angle,load", "t;angle;load"), {}, "every row has 2 more cells than the header has names"),
+    ("sep=;\n" + LOG.replace(",", ";"), {}, "seem to stand in line 2; delete the lines above it"),
+    (LOG + LOG, {}, "line 5, column 't': 't' is not a number; the header stands here again"),
+    (LOG, {"channels": TWICE}, "column 'angle' is theta and torque in the source file; correct"),
+    (LOG.replace("90", '"90'), {}, "line 3: a quote is not closed"),
+    (LOG.replace("90", "9" * 200_000), {}, "line 3: field larger than field limit"),
+    (b"t,angle\n\0\0\0", {}, "line 2 holds zero bytes"),
+    (LOG, {"channels": {"theta": {"column": "angle"}}}, "column 'angle': the unit is empty; write one of rad"),
+    ("t,angle,load\n1,2\n", {"ragged": "skip", "most_missing": 1.0}, "none of its rows fits the header's 3 names"),
+    (LOG, {"header": "comment"}, "no line begins with '#'"),
+    (LOG.replace("\n", ",0\n").replace("load,0", "load"), {}, "every row has 1 more cells than the header has"),
+    (LOG.replace("angle", "an\x1b[2Jgle"), {}, r"the file has t, an\x1b[2Jgle, load"),
+])  # fmt: skip
 def test_what_cannot_be_read_is_refused_by_line_or_column(tmp_path, text, fields, problem):
     assert problem in refused(tmp_path, text, **fields)
 
@@ -165,13 +161,10 @@ def test_the_shipped_source_file_reads_what_the_logger_of_opensourceleg_wrote(tm
     assert recording.warnings == []
 
 
-@pytest.mark.parametrize(
-    ("text", "warning"),
-    [
-        (LOG + "11.5,17", "log.csv: the last line, 5, is cut off and was skipped"),
-        (LOG.replace("angle", "angle [deg]"), "log.csv: theta is read in rad; the file says deg"),
-    ],
-)
+@pytest.mark.parametrize(("text", "warning"), [
+    (LOG + "11.5,17", "log.csv: the last line, 5, is cut off and was skipped"),
+    (LOG.replace("angle", "angle [deg]"), "log.csv: theta is read in rad; the file says deg"),
+])  # fmt: skip
 def test_a_last_line_that_is_cut_off_and_a_unit_that_the_source_file_overrules_are_said(tmp_path, text, warning):
     trial = ingested(tmp_path, text)
     assert_log(trial)

@@ -50,7 +50,7 @@ def test_a_channel_that_may_be_another_quantity_is_left_to_the_user(tmp_path, co
     ("impedance_K300_B5.0_uncompensated", "impedance", {"K_d": "300", "B_d": "5.0", "controller": "uncompensated"}),
     ("walk_pert_03", "walking", {"perturbed": "true"}), ("gait_unperturbed_1", "walking", {"perturbed": "false"}),
     ("k300b5", "impedance", {"K_d": "300", "B_d": "5"}), ("k9_sines", "impedance", {}),
-    ("gait_K300_unpert", "walking", {"perturbed": "false"}),
+    ("sines_K100_K300", "impedance", {}), ("gait_K300_unpert", "walking", {"perturbed": "false"}),
     ("2026-11-21_K300_B7.5_uncomp", "impedance", {"K_d": "300", "B_d": "7.5", "controller": "uncompensated"}),
 ])  # fmt: skip
 def test_the_name_of_a_file_tells_its_trial_and_nothing_more(name, experiment, told):

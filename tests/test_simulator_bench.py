@@ -341,7 +341,13 @@ def test_encoders_and_converters_have_bits_and_an_encoders_zero_stands_between_i
     for values, step in ((log[ANGLE], count), (log[TORQUE], 100 / 2**10)):
         assert values / step == pytest.approx(np.rint(values / step), abs=1e-9)
         assert np.diff(np.unique(np.rint(values / step))).min() == 1
+    steps = {"actuator_encoder": on(2e-3, "rad"), "current_quantisation": on(0.05, "A")}
+    log = log_of({"joint": None, "effects": steps | {"load_cell_quantisation": on(0.3, "N*m")}})
+    for values, step in ((log["actuator_angle"], 2e-3), (log["motor_current"], 0.05), (log[TORQUE], 0.3)):
+        assert (values / step == pytest.approx(np.rint(values / step), abs=1e-9), np.ptp(values) > step) == (True, True)
     moved, truth = simulated({"effects": encoder | {"encoder_zero": on(0.5, "step")}})
+    unmoved = clean["commanded_angle"]
+    np.testing.assert_allclose(moved["commanded_angle"], np.rint(unmoved / count) * count, atol=1e-12)
     zero = truth["drawn"]["encoder_zero"]
     assert 0 < abs(zero) < count / 2
     np.testing.assert_allclose(moved[ANGLE], np.rint((clean[ANGLE] + zero) / count) * count, atol=1e-12)

@@ -20,6 +20,7 @@ import yaml
 from click.testing import CliRunner
 from conftest import ROOT
 
+from osl_analysis import memory
 from osl_analysis.cli import main
 from osl_analysis.commands import gains as gains_command
 from osl_analysis.commands.figure import draw_table
@@ -52,12 +53,12 @@ def folder(tmp_path_factory):
     """A configuration whose protocol is the tiny campaign's, and two of its trials, simulated and ingested."""
     folder = tmp_path_factory.mktemp("cli")
     config = yaml.safe_load((ROOT / "config/config.yaml").read_text())
-    config["dynamometer"] |= {"amplitudes_deg": [4], "frequencies_hz": [2, 5], "cycles": 3, "settle_cycles": 1}
+    config["dynamometer"] |= {"amplitudes_deg": [3], "frequencies_hz": [2, 5], "cycles": 3, "settle_cycles": 1}
     (folder / "config.yaml").write_text(yaml.safe_dump(config))
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(ROOT)
         for trial in (TRIAL, "belt_01"):
-            settings = ("--settings", "tests/tiny_simulation.yaml")
+            settings = ("--settings", "tests/tiny_simulation.yaml", "--config", folder / "config.yaml")
             assert call("simulate", *settings, "--trial", trial, folder).exit_code == 0
             log, output = folder / f"dynamometer/{trial}.mcap", folder / f"{trial}.parquet"
             result = call("ingest", "--log", log, "--log-source", "dynamometer", "--output", output)
@@ -110,6 +111,7 @@ def test_fit_says_what_it_cannot_check_and_takes_a_campaign_s_overriding_file(fo
     assert "not checked without --stiffness and --damping" in lacks
     assert "whether K changes while it is recorded" in unchecked  # three cycles at each frequency do not tell
     assert known[-1]["K_ratio"] == pytest.approx(1, abs=0.1)
+    assert fitted(*asked, "--parameters", "none")[0][-1]["K_predicted"] is None
     rows, said = fitted(*asked, "--controller", "compensatd")
     assert re.search("(?s)not checked: whether K is what.*did you mean 'compensated'", said)
     assert [rows[-1][name] for name in ("K_d", "K_ratio", "K_predicted")] == [300, None, None]
@@ -135,7 +137,7 @@ def test_ingest_says_that_a_log_has_lost_its_end(folder, tmp_path):
 def test_gains_of_a_pair_a_grid_and_a_trajectory_are_those_of_the_paper_and_are_drawn(tmp_path):
     drawn, table = tmp_path / "gains.svg", tmp_path / "gains.csv"
     said = call(*GAINS, "--plot", drawn).stdout
-    assert "K_1 = 25.0867 N·m/rad" in said
+    assert all(gain in said for gain in ("K_1 = 25.0867 N·m/rad", "B_1 = 0.664687 N·m·s/rad"))
     grid = of_gains("100:400:100", "0:0.3:0.1", "--output", table, "--plot", drawn, "--json")
     rows = json.loads(call(*grid).stdout)
     pairs = [(r["K_d"], round(r["B_d"], 9)) for r in rows]
@@ -279,6 +281,21 @@ def test_ctrl_c_ends_a_command_quietly_and_leaves_nothing_half(tmp_path, monkeyp
     signal.signal(signal.SIGINT, signal.default_int_handler)  # a process in the background ignores it
     assert one_line(call(*GAINS, "--output", tmp_path / "gains.csv"), code=130) == "interrupted"
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the limit is Linux's")
+def test_a_job_may_have_four_fifths_of_the_least_of_machine_and_batch_job(monkeypatch, tmp_path):
+    """A machine of 4 GB whose batch job, a folder above, has 2 GB."""
+    for name, text in (("proc/self/cgroup", "0::/job/step\n"), ("sys/fs/cgroup/job/memory.max", "2000000000\n")):
+        (tmp_path / name).parent.mkdir(parents=True)
+        (tmp_path / name).write_text(text)
+    monkeypatch.setattr(memory, "Path", lambda *parts: tmp_path / "/".join(parts).lstrip("/"))
+    monkeypatch.setattr(memory.os, "sysconf", {"SC_PAGE_SIZE": 4000, "SC_PHYS_PAGES": 10**6}.get)
+    with limited_memory([]):
+        assert resource.getrlimit(resource.RLIMIT_DATA)[0] == 1.6e9
+        monkeypatch.setenv("OSL_MEMORY_MB", "9000")
+        with limited_memory([]):
+            assert resource.getrlimit(resource.RLIMIT_DATA)[0] == 1.6e9, "a lower limit of before stays"
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the limit is Linux's")

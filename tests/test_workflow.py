@@ -21,6 +21,7 @@ from snakemake_runs import OVERRIDES, run_snakemake, write_small
 
 from osl_analysis.campaign.configuration import overriding
 from osl_analysis.commands.reference import tables_page
+from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.dictionary import described_tables
 from osl_analysis.figures import FIGURES
 from osl_analysis.jobs import request as jobs_request
@@ -291,7 +292,7 @@ def test_every_setting_and_argument_is_in_the_requests_of_jobs_with_the_verdicts
                 other.setdefault(name, []).append((at, value))
     assert {name: at for name, at in other.items() if name not in WHOLE} == {}
     assert set(places) - found == set()
-    trials, given, shown = {line.partition(",")[0] for line in SHEET.splitlines()[1:]}, {}, {}
+    results, trials, given, shown = set(), {line.partition(",")[0] for line in SHEET.splitlines()[1:]}, {}, {}
     for said in requests_in(tmp_path).values():
         module, _, name = said["command"].partition(".")
         job = getattr(import_module(f"osl_analysis.commands.{module}"), name)
@@ -299,10 +300,14 @@ def test_every_setting_and_argument_is_in_the_requests_of_jobs_with_the_verdicts
         read = {at: Path(str(file)).stem for at, file in leaves(said["input"]).items()}
         judged, of = ({read[at] for at in read if (at[0] == "quality") is one} & trials for one in (True, False))
         assert judged <= of <= judged | {"static_1"} or not judged, name
-        assert judged or len(of - {"static_1"}) < 2 or name in UNJUDGED, name
+        alone = len(of - {"static_1"}) < 2 and name not in ("calibrate", "pool_responses")
+        assert judged or alone or name in UNJUDGED, name
+        results |= {file for file in said["files"] if Path(file).stem in trials and "/trials/" not in file}
+        assert name != "gather" or ("fits" in said["input"]) == (said["settings"]["limits_of_fits"] is not None)
         assert of == trials or name not in ("judge", "list_excluded", "write_report")
         if name == "ingest_and_check":
             row, sources = said["settings"]["row"], {Path(file).stem: sha for file, sha in said["made_of"].items()}
+            assert said["settings"]["needed_columns"] == [*EXPERIMENTS[row["experiment"]].needed_columns]
             assert {*map(os.path.basename, said["recorded"])} == {row["log"], row["mocap"]} - {None}
             assert (sources.keys(), None in sources.values()) == (
                 {row["log_source"], row["mocap_source"]} - {None},
@@ -312,6 +317,8 @@ def test_every_setting_and_argument_is_in_the_requests_of_jobs_with_the_verdicts
     optional = {job: {p.name for p in signature(job).parameters.values() if p.default is not p.empty} for job in given}
     assert {job.__name__: names - given[job] for job, names in optional.items() if names - given[job]} == {}
     assert shown == OF_FIGURES
+    (listing,) = (said for said in requests_in(tmp_path).values() if said["command"] == "tables.list_excluded")
+    assert results - {*listing["input"]["fitted"]} == set()
 
 
 def test_a_campaign_that_cannot_be_run_is_one_line_before_any_job(workspace):

@@ -86,9 +86,8 @@ def test_what_is_wrong_in_a_file_is_one_line_with_line_field_value_and_remedy_in
 
 
 def test_truth_values_are_kept_where_they_are_allowed_and_keys_of_two_mappings_may_be_equal(tmp_path):
-    (tmp_path / "a.yaml").write_text(
-        "first: 1\ninner: {either: true, limits: {K: null}}\nseveral: [{either: false}]", "utf-8-sig"
-    )
+    text = "first: 1\ninner: {either: true, limits: {K: null}}\nseveral: [{either: false}]"
+    (tmp_path / "a.yaml").write_text(text, "utf-8-sig")
     read = read_yaml(tmp_path / "a.yaml", Outer)
     assert (read.inner.either, read.inner.limits, read.several[0].either) == (True, {"K": None}, False)
 

@@ -26,13 +26,8 @@ def test_a_run_has_a_line_now_and_then_one_per_stage_and_what_is_refused_at_once
     for text in ("Building DAG of jobs...", "Unlocked."):
         tell(lines, text=text)
     for job in range(40):
-        tell(
-            lines,
-            LogEvent.JOB_INFO,
-            jobid=job,
-            rule_name="ingest",
-            log=[f"{tmp_path}/{one}.log" for one in outcomes if job == 39] or None,
-        )
+        logs = [f"{tmp_path}/{one}.log" for one in outcomes]
+        tell(lines, LogEvent.JOB_INFO, jobid=job, rule_name="ingest", log=logs if job == 39 else None)
         clock.now += 0.5
         tell(lines, LogEvent.JOB_FINISHED, job_id=job)
     tell(lines, LogEvent.ERROR, "Error: Directory cannot be locked.", logging.ERROR)

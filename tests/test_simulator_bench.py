@@ -342,8 +342,8 @@ def test_encoders_and_converters_have_bits_and_an_encoders_zero_stands_between_i
         assert values / step == pytest.approx(np.rint(values / step), abs=1e-9)
         assert np.diff(np.unique(np.rint(values / step))).min() == 1
     steps = {"actuator_encoder": on(2e-3, "rad"), "current_quantisation": on(0.05, "A")}
-    log = log_of({"joint": None, "effects": steps | {"load_cell_quantisation": on(0.3, "N*m")}})
-    for values, step in ((log["actuator_angle"], 2e-3), (log["motor_current"], 0.05), (log[TORQUE], 0.3)):
+    log = log_of({"joint": None, "effects": steps | {"load_cell_quantisation": on(0.33, "N*m")}})
+    for values, step in ((log["actuator_angle"], 2e-3), (log["motor_current"], 0.05), (log[TORQUE], 0.33)):
         assert (values / step == pytest.approx(np.rint(values / step), abs=1e-9), np.ptp(values) > step) == (True, True)
     moved, truth = simulated({"effects": encoder | {"encoder_zero": on(0.5, "step")}})
     unmoved = clean["commanded_angle"]

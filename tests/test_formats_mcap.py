@@ -493,9 +493,7 @@ def test_a_message_without_a_number_in_a_field_is_lost_and_said(
         recorded(write_json(tmp_path, [right, *[wrong] * 9]), "log", 0.3, theta=field)
 
 
-def test_a_field_that_is_no_number_is_blamed_on_the_source_file_and_an_absent_one_is_null(
-    tmp_path: Path,
-) -> None:
+def test_a_field_that_is_no_number_is_blamed_on_the_source_file_and_an_absent_one_is_null(tmp_path: Path) -> None:
     for text, said in (
         ('{"x": "1"}', "field 'x' is \"1\", not a number, in message 1"),
         ('{"x": [1, 2]}', "field 'x' is an array of 2, not one number, in message 1 (it has x[0..1])"),

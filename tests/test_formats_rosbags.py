@@ -154,6 +154,9 @@ def test_the_parts_of_a_split_recording_are_one_log_and_one_part_alone_is_read_w
         damage = read(rewritten(folder / "bag_0.mcap", content).parent).facts["damage"]
         assert (damage["complete"], damage["messages_lost"]) == (False, 0)  # as the whole
         assert "bag_0.mcap: the summary is damaged" in damage["remarks"]
+        cut = rewritten(folder / "bag_1.mcap", (folder / "bag_1.mcap").read_bytes()[:-900]).parent
+        damage = read(cut).facts["damage"]  # nobody knows what is missing at its end
+        assert (damage["complete"], damage["messages_lost"], damage["share_lost"]) == (False, None, 0)
 
 
 def test_the_trial_of_a_folder_names_all_its_files(tmp_path: Path) -> None:

@@ -49,7 +49,7 @@ def test_a_valid_sheet_has_numbers_truth_values_and_gaps_and_blanks_and_comments
 @pytest.mark.parametrize(("line", "message"), [
     ("b1,blet,,,,,b.mcap,dynamometer,,,", "experiment 'blet' is none of .*; did you mean 'belt'"),
     ("../b1,belt,,,,,b.mcap,dynamometer,,,", r"line 2: trial '\.\./b1' must be up to 100 letters"),
-    ("k,impedance,compensated,-3,5,,k.mcap,dynamometer,,,", "K_d = -3, B_d = 5 is not the impedance of a joint"),
+    ("k,impedance,compensated,0,5,,k.mcap,dynamometer,,,", "K_d = 0, B_d = 5 is not the impedance of a joint"),
     ("k,impedance,compensated,3,-5,,k.mcap,dynamometer,,,", "K_d = 3, B_d = -5 is not the impedance of a joint"),
     ("b,belt,,,,,,,,,", "names no file; fill in"), ("b,belt,,,,yes,b.mcap,leg,,,", "'yes' must be true or false"),
     ("b1,belt,,,,,b.mcap,s.yaml,,,", "log_source 's.yaml' names a file; write its name without the ending"),

@@ -241,6 +241,9 @@ def test_headline_means_say_how_many_doubtful_trials_they_leave_out_or_contain()
     assert counts["K_error_compensated"] == counts["B_error_compensated"] == (2, 1, 1)
     assert counts["K_error_uncompensated"] == (1, 1, 0), "its only trial is doubtful"
     assert counts["VAF_mean_compensated"] == (3, 1, 0)
+    alone = far.with_columns(trial=pl.lit("b"), VAF=pl.lit(97.0))  # of another motion, or of one amplitude
+    number = by_name({"impedance": pl.concat([made.with_columns(trial=pl.lit("a")), alone])})["VAF_mean_compensated"]
+    assert (number.n, number.value) == (4, 96.0)
     said = format_results_table(written(found.values())) + to_tex(MADE, list(found.values()))
     for words in ("| 2 of 3, 1 doubtful left out |", "| 1, 1 of them doubtful |", "n = 2 of 3, 1 doubtful left out"):
         assert words in said

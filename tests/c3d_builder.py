@@ -24,21 +24,14 @@ def write_c3d(
     analogs = np.zeros((len(points), 0)) if analogs is None else analogs
     ratio = len(analogs) // len(points)
     known: dict[str, object] = {
-        "POINT__USED": np.array([points.shape[1]]),
-        "POINT__FRAMES": np.array([len(points)]),
-        "POINT__SCALE": np.array([0.1 if integers else -0.1]),
-        "POINT__RATE": np.array([rate]),
-        "POINT__UNITS": ["mm"],
-        "POINT__LABELS": [f"M{i + 1}" for i in range(points.shape[1])],
-        "ANALOG__USED": np.array([analogs.shape[1]]),
-        "ANALOG__RATE": np.array([rate * ratio]),
-        "ANALOG__SCALE": np.ones(analogs.shape[1]),
-        "ANALOG__GEN_SCALE": np.array([1.0]),
-        "ANALOG__OFFSET": np.zeros(analogs.shape[1], int),
-        "ANALOG__LABELS": [f"A{i + 1}" for i in range(analogs.shape[1])],
-        "ANALOG__UNITS": ["V"] * analogs.shape[1],
+        "POINT__USED": np.array([points.shape[1]]), "POINT__FRAMES": np.array([len(points)]),
+        "POINT__SCALE": np.array([0.1 if integers else -0.1]), "POINT__RATE": np.array([rate]), "POINT__UNITS": ["mm"],
+        "POINT__LABELS": [f"M{i + 1}" for i in range(points.shape[1])], "ANALOG__USED": np.array([analogs.shape[1]]),
+        "ANALOG__RATE": np.array([rate * ratio]), "ANALOG__SCALE": np.ones(analogs.shape[1]),
+        "ANALOG__GEN_SCALE": np.array([1.0]), "ANALOG__OFFSET": np.zeros(analogs.shape[1], int),
+        "ANALOG__LABELS": [f"A{i + 1}" for i in range(analogs.shape[1])], "ANALOG__UNITS": ["V"] * analogs.shape[1],
         "FORCE_PLATFORM__USED": np.array([0]),
-    }
+    }  # fmt: skip
     known["POINT__DATA_START"] = np.array([0])
     data_start = 2 + len(parameter_section({**known, **parameters}, processor)) // 512
     known["POINT__DATA_START"] = np.array([data_start])

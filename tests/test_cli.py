@@ -158,19 +158,17 @@ def of_gains(stiffness, damping, *more):
 
 
 MISTAKES = {
-    "K_d = 0 .* ask for more than 0": of_gains(0, 5),
-    r"B_d = 1e\+300 .* ask for 1e-09 to 1e\+06": of_gains(300, 1e300),
+    "K_d = 0 .* ask for more than 0": of_gains(0, 5), r"B_d = 1e\+300 .* ask for 1e-09 to 1e\+06": of_gains(300, 1e300),
     r"K_d = 700 .* ask for less than 685\.6 \(99 % of it: 678\.7\)": of_gains(700, 5),
     r"cutoff_hz: 1e\+300 is not allowed: write a number less than or equal to 10000": (*GAINS, "--weight-hz", 1e300),
     "order: 0 is not allowed: write a number greater than or equal to 1": (*GAINS, "--weight-order", 0),
     r"no\.yaml: no such file": (*GAINS, "--parameters", "no.yaml"),
-    "written as .csv or .json": (*GAINS, "--output", "x.txt"),
-    "not a Parquet file": ("fit", "README.md"),
+    "written as .csv or .json": (*GAINS, "--output", "x.txt"), "not a Parquet file": ("fit", "README.md"),
     "did you mean 'profiles/slurm'": ("run", "--workflow-profile", "profiles/slrm"),
     r"no\.mcap: no such file": ("ingest", "--log", "no.mcap", "--log-source", "leg", "--output", "no.parquet"),
     r"\\x1b\[31mred: no such trial": ("fit", "\x1b[31mred"),
     r"o\\udcff\.csv: its name is not UTF-8; choose another name": (*GAINS, "--output", os.fsdecode(b"o\xff.csv")),
-}
+}  # fmt: skip
 UNFIT = {
     "give --stiffness and --damping": ("gains",), "leave out --stiffness": (*GAINS, "--trajectory", SYNTHETIC),
     "give --model impedance": ("fit", "x.parquet", "--controller", "uncompensated", "--model", "belt"),

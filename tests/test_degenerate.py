@@ -104,8 +104,7 @@ def asked(y, x):
 
 
 FITS_OF_SIGNALS = {
-    "linear_fit": lambda t, x, y: asked(y, x),
-    "fit_sinusoid": lambda t, x, y: next(fit_sinusoids(t, 2.0, y)),
+    "linear_fit": lambda t, x, y: asked(y, x), "fit_sinusoid": lambda t, x, y: next(fit_sinusoids(t, 2.0, y)),
     "fit_sinusoid of one cycle": lambda t, x, y: next(fit_sinusoids(t[:50], 2.0, y[:50])),
     "fit_impedance": lambda t, x, y: response.fit_without_offset(Motion(x, np.roll(x, 3), np.roll(x, 11)), y),
     "score_models": lambda t, x, y: repeats.score_models(
@@ -113,8 +112,7 @@ FITS_OF_SIGNALS = {
     ),
     "mean_over_trials": lambda t, x, y: repeats.mean_over_trials(y, shared=True),
     "over_repeats": lambda t, x, y: repeats.over_repeats(y, [(0.0, np.inf)]),
-    "summary_row": lambda t, x, y: repeats.summary_row(pl.Series(y)),
-    "whiteness_row": lambda t, x, y: whiteness_row(y),
+    "summary_row": lambda t, x, y: repeats.summary_row(pl.Series(y)), "whiteness_row": lambda t, x, y: whiteness_row(y),
     "differentiate": lambda t, x, y: differentiate(t, y),
     "filtered_motion": lambda t, x, y: filtered_motion(t, x, y, LowPass(15)),
     "sampling_rate": lambda t, x, y: sampling_rate(t),

@@ -14,15 +14,8 @@ from scipy.stats import t as student
 
 from osl_analysis.bench.response_tables import RESPONSE_COLUMNS
 from osl_analysis.cli import main
-from osl_analysis.design.precision import (
-    Continuous,
-    Distortion,
-    PeriodicMultisine,
-    Sensors,
-    SteppedSine,
-    long_enough,
-    precision,
-)
+from osl_analysis.design import precision as planning
+from osl_analysis.design.precision import Continuous, Distortion, PeriodicMultisine, Sensors, SteppedSine, precision
 from osl_analysis.signals import LowPass
 from osl_analysis.spectral.periods import periodic_motion
 
@@ -204,11 +197,11 @@ def test_a_record_that_is_long_enough_is_the_shortest_one():
         sensors, within = Sensors(1000.0, 0.5), {"K": 5e-4, "B": 1e-3}
         return precision(plan, JOINT, sensors, LowPass(15.0, 4)).reaches(within)
 
-    stepped, multisine = (long_enough(plan, enough)[0] for plan in (DRAFT, replace(MULTISINE, rms=0.01)))
+    stepped, multisine = (planning.long_enough(plan, enough)[0] for plan in (DRAFT, replace(MULTISINE, rms=0.01)))
     assert [enough(stepped), enough(multisine)] == [True, True]
-    assert long_enough(DRAFT, lambda _: True)[0].cycles == (8.0,) * 5  # of which five are fitted
+    assert planning.long_enough(DRAFT, lambda _: True)[0].cycles == (8.0,) * 5  # of which five are fitted
     for fewest, any_length in ((2, lambda _: True), (3, lambda plan: plan.periods > 2)):
-        assert long_enough(MULTISINE, any_length)[0] == replace(MULTISINE, periods=fewest)
+        assert planning.long_enough(MULTISINE, any_length)[0] == replace(MULTISINE, periods=fewest)
     assert not enough(replace(stepped, cycles=tuple(n - 1 for n in stepped.cycles)))
     assert not enough(replace(multisine, realisations=multisine.realisations - 1)) or multisine.realisations == 4
 

@@ -67,16 +67,12 @@ def response_tables():
 PLACE = (None, None)
 CAMS = [f"both_cams_{5 * number:02d}mm" for number in range(11)]
 PLOTTED = {
-    "fig4": time_series,
-    "fig5": lambda: fig5.points(stored("impedance")),
-    "fig6": lambda: fig6.points(stored("impedance")),
-    "fig7": response_table,
-    "fig8": lambda: fig8.points(stored("gains")),
-    "fig9": lambda: fig9_points(340.0, commanded_B=4.5),
-    "response": lambda: response.points(*response_tables()),
-    "torque_angle": torque_angle_table,
+    "fig4": time_series, "fig5": lambda: fig5.points(stored("impedance")),
+    "fig6": lambda: fig6.points(stored("impedance")), "fig7": response_table,
+    "fig8": lambda: fig8.points(stored("gains")), "fig9": lambda: fig9_points(340.0, commanded_B=4.5),
+    "response": lambda: response.points(*response_tables()), "torque_angle": torque_angle_table,
     "model_comparison": lambda: model_comparison.points(stored("model_comparison")),
-}
+}  # fmt: skip
 
 
 def plotted(name):
@@ -161,8 +157,7 @@ SHOWN = [
     ("fig4", left_out, 1, True, "time", ("torque", "torque_model")),
     ("fig4", left_out, 2, True, "time", (pl.col("torque") - pl.col("torque_model"),)),
     *(("fig5", in_amplitudes, k, True, None, [one.format(q) for one in ESTIMATES]) for k, q in enumerate("KB")),
-    ("fig6", None, 0, True, "x", ("VAF",)),
-    ("fig6", None, 0, True, None, ("median_VAF",)),
+    ("fig6", None, 0, True, "x", ("VAF",)), ("fig6", None, 0, True, None, ("median_VAF",)),
     ("fig7", response_table, 0, True, "frequency_hz", INTERVALS),
     ("fig7", response_table, 1, True, "frequency_hz", PHASES),
     *(("fig8", None, k, True, "phase", (f"{q}_d", f"{q}_1_joint")) for k, q in enumerate("KB")),

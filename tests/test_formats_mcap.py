@@ -238,11 +238,10 @@ LEGAL = {
     ),
     "messages outside of the chunks": log(
         LAB, chunk(TEN), index(10), TWENTY[:FIVE], PRIVATE, TWENTY[FIVE:], summary=statistics({1: 20}, 1)
-    ),
-    "no statistics": log(LAB, chunk(TEN), chunk(TWENTY)),
+    ), "no statistics": log(LAB, chunk(TEN), chunk(TWENTY)),
     "an index with more than the checksum covers": log(LAB, chunk(TEN), index(11), chunk(TWENTY)),
     "no channels": log(LAB, chunk(TEN), chunk(TWENTY), summary=statistics({}, 2, 20)),
-}
+}  # fmt: skip
 LOSSES = {  # complete or not, chunks and messages lost, messages of the topic and those lost of it
     "fewer declared": (log(LAB, chunk(TEN), chunk(TWENTY), summary=statistics({1: 10}, 2)), (False, 0, 0, 20, 0)),
     "in the index of a chunk": (log(LAB, chunk(TURNED, crc=False), index(10), chunk(TWENTY)), (False, 0, 1, 19, 1)),

@@ -112,16 +112,13 @@ OTHER_FILES = {
     "Qualisys": b"NO_OF_FRAMES\t100\nNO_OF_CAMERAS\t8\nMARKER_NAMES\tA\tB\n1\t2\t3\n",
     "Motive": b"Format Version,1.23,Take Name,walk\n,,Marker\nFrame,Time,X\n0,0.0,1\n",
     "LabVIEW measurement": b"LabVIEW Measurement\t\nWriter_Version\t2\n",
-    "JSON": json.dumps([{"t": 0.0}], indent=2).encode(),
-    "document of JSON": b"[0.0, 1.0]\n[0.1, 2.0]\n",
+    "JSON": json.dumps([{"t": 0.0}], indent=2).encode(), "document of JSON": b"[0.0, 1.0]\n[0.1, 2.0]\n",
     "a document of JSON": b"{'t': 0.0, 'angle': 1.0}\n",
     "Excel workbook": b"PK\x03\x04" + bytes(26) + b"[Content_Types].xml",
     "an Excel workbook": b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1" + bytes(500),
-    "ZIP": b"PK\x03\x04" + bytes(26) + b"log.csv",
-    "HDF5": b"\x89HDF\r\n\x1a\n" + bytes(100),
-    "compressed": gzip.compress(BENCH.encode()),
-    "zero bytes": bytes(2000),
-}
+    "ZIP": b"PK\x03\x04" + bytes(26) + b"log.csv", "HDF5": b"\x89HDF\r\n\x1a\n" + bytes(100),
+    "compressed": gzip.compress(BENCH.encode()), "zero bytes": bytes(2000),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("what", OTHER_FILES)

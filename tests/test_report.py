@@ -59,6 +59,9 @@ def test_a_packed_signal_is_off_by_no_more_than_half_a_count_and_keeps_its_holes
     span = np.nanmax(noisy) - np.nanmin(noisy)
     assert_allclose(found["noisy"], noisy, rtol=0, atol=span / 32_000)
     assert_allclose(found["flat"], 4.2, rtol=1e-12)
+    assert every_kth(table.head(399), 10).height == 399, "200 rows are left"
+    short = pl.DataFrame({"a": [np.inf, -np.inf, np.nan, 1.23456789], "n": [1, 2, 3, 4]})
+    assert packed_table(short)["plain"] == {"a": [None, None, None, 1.234568], "n": [1, 2, 3, 4]}
 
 
 ABOUT = dict(zip(ABOUT_MEANING, (HOSTILE, "simulated", "1.2", "abc", "made with seed 1"), strict=True))
@@ -66,11 +69,12 @@ ABOUT = dict(zip(ABOUT_MEANING, (HOSTILE, "simulated", "1.2", "abc", "made with 
 
 def fitted_rows(doubtful=""):
     rows = {"amplitude_deg": [4.0, None], "K": [301.26, 299.5123], "K_low": [300.9, 299.2], "K_high": [301.6, 299.8]}
-    return pl.DataFrame({"trial": ["t", "t"], **rows, "VAF": [99.0, 98.0], "doubtful": ["", doubtful]})
+    rows |= {"VAF": [99.0, 98.0], "R2": [0.5, None], "doubtful": ["", doubtful]}
+    return pl.DataFrame({"trial": ["t", "t"], **rows})
 
 
 def trial(name="t", doubtful="", **facts):
-    row = {"trial": name, "experiment": "impedance", "controller": HOSTILE, "K_d": 300.0, "log": "a.mcap"}
+    row = {"trial": name, "experiment": "impedance", "controller": HOSTILE, "K_d": 300.0, "accept": "gap"}
     return ReportedTrial(name, row, {"impedance": fitted_rows(doubtful)}, **facts)
 
 
@@ -116,8 +120,10 @@ def test_names_from_files_are_text_and_no_script_runs_but_the_two_of_the_page():
     content = json.loads(zlib.decompress(base64.b64decode(json.loads(page.scripts[0])["content"])))
     assert [a["data-name"] for _, a in page.elements if a.get("class") == "packed"] == [content["name"]] == [HOSTILE]
     shown = content["estimates"]
-    assert shown["rows"] == [["4", "301.26 [300.90, 301.60]", "99"], ["all", "299.51 [299.20, 299.80]", "98"]]
-    assert [f"{one['name']} {one['unit']}" for one in shown["columns"]] == ["amplitude_deg deg", "K N·m/rad", "VAF %"]
+    rows = [["4", "301.26 [300.90, 301.60]", "99", "0.5"], ["all", "299.51 [299.20, 299.80]", "98", "–"]]
+    named = ["amplitude_deg deg", "K N·m/rad", "VAF %", "R2 "]
+    assert (shown["rows"], [f"{one['name']} {one['unit']}" for one in shown["columns"]]) == (rows, named)
+    assert [" ".join(cells[:3]) for cells in content["columns"]][:2] == ["trial t text", "K 299.512 N·m/rad"]
 
 
 def test_signals_are_thinned_out_for_a_small_page_which_says_so_and_keeps_the_ends_of_ranges():
@@ -138,8 +144,8 @@ def test_signals_are_thinned_out_for_a_small_page_which_says_so_and_keeps_the_en
 def test_verdicts_and_counts_sorting_by_the_unrounded_value_and_conditions_that_differ():
     checks = pl.DataFrame({"trial": ["e"], "check": ["gap"], "verdict": ["flag"], "remark": ["torque"]})
     trials = [
-        trial("a"), trial("e", quality=checks), trial("b", "VAF 3 is below 90"), trial("c", left_out=["gap 1 s"]),
-        trial("d", left_out=["x"], refused=True),
+        trial("a"), trial("e", quality=checks), trial("b", "VAF 3 is below 90", quality=checks),
+        trial("c", left_out=["gap 1 s"]), trial("d", left_out=["x"], refused=True),
     ]  # fmt: skip
     content = trials_content(trials)
     assert content["counts"] == dict.fromkeys(("used", "flagged", "doubtful", "excluded", "refused"), 1)
@@ -151,6 +157,7 @@ def test_verdicts_and_counts_sorting_by_the_unrounded_value_and_conditions_that_
     assert doubtful["numbers"][1] == number
     assert [one["name"] for one in content["left_out"]] == ["c", "d"]
     assert (trials[2].condition(), doubtful["condition"]) == (f"controller {HOSTILE}, K_d 300", "")
+    assert replace(trials[0], row={"perturbed": False, "part": 2}).condition() == "unperturbed, part 2"
     two = [replace(trials[0], row=trials[0].row | {"K_d": K_d}) for K_d in (1.0, 2.0)]
     assert [row["condition"] for row in trials_content(two)["trials"]] == ["K_d 1", "K_d 2"]
 
@@ -173,14 +180,14 @@ def test_doubts_are_split_and_explained_and_say_whether_they_are_about_the_whole
 def test_provenance_says_file_hash_channel_and_conversion():
     origin = {"file": "log", "topic": "/wrench", "field": "torque.z", "unit": "Nm", "si_unit": "N*m"}
     marker = {"label": "A", "file": "mocap", "unit": "mm", "si_unit": "m"}
-    columns = {"torque": origin | {"sign": -1, "scale": 2.0}}
+    columns = {"torque": origin | {"sign": -1, "scale": 2.00001, "offset": 0.5, "resolution": "16 bit"}}
     columns |= {f"marker_A_{axis}": marker | {"component": axis} for axis in "xyz"}
     files = {"log": {"path": "a.mcap", "bytes": 12, "sha256": "ff", "source": "mine"}}
     clock = {"offset": 0.5, "edges": 18, "nothing": None, "parts": [{"a": 1, "b": 2}, {"a": 3}]}
     found = trial_page.provenance_content({"files": files, "columns": columns, "clock": clock})
     assert found["files"] == [["log", "a.mcap", "12", "ff", "mine"]]
     assert found["signals"] == [
-        ["torque", "log", "/wrench torque.z", "Nm → N*m, sign -1, scale 2"],
+        ["torque", "log", "/wrench torque.z", "Nm → N*m, sign -1, scale 2.00001, offset 0.5, resolution 16 bit"],
         ["marker_A", "mocap", "A", "mm → m"],
     ]
     assert found["facts"] == [["clock offset", "0.5"], ["clock edges", "18"], ["clock parts", "a 1, b 2; a 3"]]
@@ -189,14 +196,14 @@ def test_provenance_says_file_hash_channel_and_conversion():
 def test_a_figure_keeps_to_its_own_identifiers_and_opens_trials():
     spaces = 'xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"'
     svg = (
-        f'<svg {spaces} width="252pt" height="100pt"><defs><path id="p1"/><clipPath id="c"/></defs>'
+        f'<svg {spaces} width="252pt" height="100pt"><metadata/><defs><path id="p1"/><clipPath id="c"/></defs>'
         '<g clip-path="url(#c)"><use xlink:href="#p1"/></g>'
         '<a xlink:href="../report.html#trial=a%26b%3C" target="_blank"><path d="M0 0"/></a></svg>'
     )
     found = inline_svg(svg, "fig5", "Fig. 5")
     parts = ('id="fig5-p1"', 'xlink:href="#fig5-p1"', "url(#fig5-c)", 'xlink:href="#trial=a%26b%3C"', 'tabindex="-1"')
     assert [part for part in (*parts, "<title>a&amp;b&lt;</title>") if part not in found] == []
-    assert "target" not in found
+    assert ("target" in found, "metadata" in found, 'viewBox="0 0 252 100"' in found) == (False, False, True)
 
 
 def test_a_caption_is_text_with_indices():
@@ -227,27 +234,21 @@ def test_the_model_of_a_series_is_that_of_the_fit_in_the_samples_that_the_fit_us
 
 def test_a_report_says_of_each_trial_what_became_of_it_and_leaves_out_counts(tmp_path, monkeypatch):
     """One is flagged, one refused, one has no result though a fit belongs to it, as one has no crossing; one stood."""
-    number = dict.fromkeys(("draft", "low", "high", "n_doubtful", "n_left_out")) | {"value": 1.5, "unit": "1", "n": 1}
-    numbers = {name: number | {"meaning": name, "interval": kind} for name, kind in (("K", None), ("n", COUNT))}
+    number = dict.fromkeys(("n", "low", "n_doubtful"), 1) | {"value": 1.5, "unit": "N*m", "high": 2.5, "draft": 1.25}
+    number["n_left_out"] = 0
+    numbers = {name: number | {"meaning": name, "interval": kind} for name, kind in (("K", "range"), ("n", COUNT))}
     (tmp_path / "summary.csv").write_text(json.dumps({"numbers": numbers}))
     lost = dict.fromkeys(("value", "unit", "threshold")) | {"trial": "b_2", "check": "refused", "remark": "no footer"}
     gap = {"trial": "b_1", "check": "gap", "value": 1.0, "unit": "s", "threshold": 0.5, "remark": "", "verdict": "flag"}
-    made = {
-        "verdicts": [gap, lost | {"verdict": "refused"}],
-        "excluded": [lost],
-        "belt": [{"trial": "b_1", "K_s": 9.0}],
-    }
+    belt, refused = {"trial": "b_1", "K_s": 9.0}, lost | {"verdict": "refused"}
+    made = {"verdicts": [gap, refused], "excluded": [lost], "belt": [belt]}
     for name, rows in (made | {"series": [dict.fromkeys(DRAWN, 1.0) | {"time": k / 5} for k in range(11)]}).items():
         write_table(pl.DataFrame(rows), tmp_path / f"{name}.csv")
     given = {name: tmp_path / f"{name}.csv" for name in (*made, "series", "summary", "output")}
-    given |= {
-        "series": {"b_1": given["series"]},
-        "tables": {"belt": given.pop("belt")},
-        "about": ABOUT,
-        "largest_mb": 4,
-    }
+    given |= {"series": {"b_1": given["series"]}, "tables": {"belt": given.pop("belt")}}
     of_table, seen = Refusal("", "t.csv", "j", "refused", "why", "what"), []
-    given |= {"trials": {}, "crossings": {}, "figures": {}, "refused": [of_table, replace(of_table, trial="b_2")]}
+    given |= {"trials": {}, "crossings": {}, "figures": {}, "about": ABOUT, "largest_mb": 4}
+    given["refused"] = [of_table, replace(of_table, trial="b_2")]
     monkeypatch.setattr(report, "written_page", lambda *content: seen.extend(content) or "")
     kinds = {"b_1": "belt", "b_2": "belt", "b_3": "belt", "w": "walking", "s": "static"}
     report.write_report(sheet={name: {"trial": name, "experiment": kind} for name, kind in kinds.items()}, **given)
@@ -255,7 +256,8 @@ def test_a_report_says_of_each_trial_what_became_of_it_and_leaves_out_counts(tmp
     none = ("refused", "it has no result, because b_2 was refuse")
     assert (said["b_1"][0], said.pop("b_1")[1][:20]) == ("flagged", "gap in the recording")
     assert said == {"b_2": ("refused", "no footer"), "b_3": none, "w": none, "s": ("used", "")}
-    assert ([row["meaning"] for row in seen[0]["headlines"]], seen[0]["not_made"]) == (["K"], [of_table])
+    said = ("K", "1.50", "N·m", "1.00 to 2.50 (range)", "1, 1 of them doubtful", "1.25")
+    assert ([tuple(row.values()) for row in seen[0]["headlines"]], seen[0]["not_made"]) == ([said], [of_table])
     own, other = (seen[1][name][0] for name in ("b_1", "b_2"))
     assert (len(own["quality"]), other["quality"], own["remark"][:24]) == (1, [], "5 samples a second are d")
     assert [one["title"] for one in own["panels"]][2:] == ["Belt deflection", "Torque against belt deflection"]
@@ -279,17 +281,23 @@ def test_crossings_are_drawn_in_degrees_the_residual_is_measured_minus_model_and
 def test_the_fitted_line_of_phasors_is_the_admittance_of_a_second_order_system():
     w = np.sqrt(200 / 0.05)  # the natural frequency, where the admittance is 1/(B w), 90 degrees late
     phasors = pl.DataFrame({"amplitude_deg": [2.0, 2.0], "frequency_hz": [w / 2 / np.pi, 100.0]})
-    line = phasor_pictures(phasors, {"K": 200.0, "B": 4.0, "I": 0.05}).tables["Eq. 15"]
-    assert line.row(0) == pytest.approx((w / 2 / np.pi, 1 / (4 * w), -90))
+    pictures = phasor_pictures(phasors, {"K": 200.0, "B": 4.0, "I": 0.05})
+    assert pictures.tables["Eq. 15"].row(0) == pytest.approx((w / 2 / np.pi, 1 / (4 * w), -90))
+    found = [(one["log_y"], *(one["drawn"][0][end] for end in ("low", "high"))) for one in pictures.panels]
+    ends = [[f"{name}_low{unit}", f"{name}_high{unit}"] for name, unit in (("Y_magnitude", ""), ("Y_phase", "_deg"))]
+    assert found == [(True, *ends[0]), (False, *ends[1])]
+    drawn = [[one["y"] for one in each["drawn"]] for each in panels.response_pictures(phasors).panels]
+    assert drawn == [[y, f"{y}_eq15"] for y in ("magnitude", "phase_deg")]
 
 
 def test_a_trial_is_left_out_by_what_became_of_it():
     late = {"trial": "late", "check": "gap", "value": 1.0, "unit": "s", "threshold": 0.5, "remark": "theta"}
     cut = dict.fromkeys(late) | {"trial": "cut", "check": "refused", "remark": "no footer"}
-    rows = pl.DataFrame([cut, late, late], infer_schema_length=None)
+    rows = pl.DataFrame([cut, late, late, cut | {"trial": "hung", "check": "died"}], infer_schema_length=None)
     crossings = pl.DataFrame({"trial": ["walk"], "reason": ["no step"]})
     found = trial_page.left_out_trials(rows, crossings, {"late": "again", "new": "why"})
     assert found.pop("late") == (False, ["gap 1 s, threshold 0.5: theta"])
+    assert found.pop("hung") == (True, ["no footer"])
     assert found == {"cut": (True, ["no footer"]), "new": (True, ["why"]), "walk": (False, ["no step"])}
     assert list(found) == ["cut", "new", "walk"]
 

@@ -76,6 +76,7 @@ HEADLINES = [
     ("walking_K_up_minus_down", -3.0, -2.97, -3.03, 10, None, BOOTSTRAP),
     ("walking_VAF", 97.0, 96.0, 98.0, 2, None, RANGE),  # without the fit that has none
     ("VAF_median_compensated", 98.0, 90.0, 99.0, 3, None, RANGE),  # over single amplitudes
+    ("VAF_mean_compensated", 287 / 3, 90.0, 99.0, 3, None, RANGE),
     ("K_error_compensated", 2.0, 1.0, 3.0, 2, None, RANGE),  # over trials, all amplitudes each
     ("K_error_uncompensated", 30.0, None, None, 1, None, None),
     ("K_example_compensated", 303.0, 299.0, 307.5, 1, None, FIT),
@@ -101,6 +102,9 @@ def test_the_example_says_how_far_the_single_amplitudes_spread_and_is_rounded_to
     again = pl.concat([impedance(), impedance().filter(pl.col("K") == 303.0).with_columns(K=pl.lit(297.0))])
     repeated = by_name({"impedance": again})["K_example_compensated"]
     assert (repeated.value, repeated.low, repeated.high, repeated.n, repeated.interval) == (300, 297, 303, 2, RANGE)
+    for same in ({"K_d": 300.0}, {"B_d": 5.0}):  # the example has both
+        one = by_name({"impedance": impedance().with_columns(**{k: pl.lit(v) for k, v in same.items()})})
+        assert (one["K_example_compensated"].value, one["K_example_compensated"].n) == (303, 1)
     few = impedance().with_columns(interval_method=pl.lit("repeats"), K_amplitudes_high=pl.lit(301.1))
     K = written(headline_numbers({"impedance": few}))["numbers"]["K_example_compensated"]
     assert (K["interval"], headlines.numbers_said(K)[0]) == (headlines.FEW, "303.0")  # not 303.00, as by the range
@@ -112,6 +116,10 @@ def test_doubtful_fits_are_counted_by_table_and_rows_without_a_fit_are_none():
     assert [(one.value, one.n) for one in counted] == [(2, 6), (0, 2)]
     lines = format_results_table(written(found.values())).splitlines()
     assert "| doubtful trials in impedance.csv, whose column says why | 2 trials |  | 6 |  |" in lines
+    assert not [line for line in lines if "in walking.csv" in line], "a count of none is left out"
+    one = {"x": NOTHING | {"value": 1.5, "meaning": "a|b"}}
+    assert headlines.to_table(one, markdown=False).splitlines()[1] == "a|b       1.50             3"
+    assert headlines.to_table(one, markdown=True).splitlines()[-1] == "| a\\|b | 1.50  |  | 3 |  |"
     interval = "679.3 to 693.1, 95 % of the mean (Student)"
     assert f"| belt stiffness while loading, mean of trials | 686.2 N*m/rad | {interval} | 10 | 685.6 |" in lines
     # a table that shares the doubts of another counts trials with a cause of their own
@@ -193,7 +201,8 @@ def test_missing_trials_are_counted_and_named_with_the_reason_in_every_form_of_t
     lost = Refusal("b_1", "raw/b_1.mcap", "ingest", "refused", "raw/b_1.mcap: no such file", "copy it there")
     walking = Refusal("", "t/walking.csv", "j", "refused", "t/walking.csv: 1 perturbation", "record more")
     verdict = {"trial": "i_2", "check": "gap", "value": 0.071, "unit": "s", "threshold": 0.05, "verdict": "exclude"}
-    write_table(pl.DataFrame([verdict | {"remark": "theta; late"}]), tmp_path / "quality.csv")
+    rows = [verdict | {"remark": "theta; late"}, verdict | {"check": "rate", "remark": "slow"}]  # the first is said
+    write_table(pl.DataFrame(rows), tmp_path / "quality.csv")
     tables.list_excluded(tmp_path / "quality.csv", {"i_9": "stumbled"}, tmp_path / "excluded.csv", [lost, walking])
     ends = {"summary_json": "s.json", "numbers_tex": "n.tex", "excluded": "excluded.csv"}
     files = {name: tmp_path / file for name, file in ends.items()}
@@ -247,8 +256,12 @@ def test_headline_means_say_how_many_doubtful_trials_they_leave_out_or_contain()
     said = format_results_table(written(found.values())) + to_tex(MADE, list(found.values()))
     for words in ("| 2 of 3, 1 doubtful left out |", "| 1, 1 of them doubtful |", "n = 2 of 3, 1 doubtful left out"):
         assert words in said
-    belts = summary_rows(K_s=686.2).with_columns(n_doubtful=pl.lit(2), n_left_out=pl.lit(2))
-    assert by_name({"belt_summary": belts})["K_s"].n_left_out == 2
+    belts = summary_rows(K_s=686.2).with_columns(n_doubtful=pl.lit(2), n_left_out=pl.lit(2), doubt=pl.lit("late"))
+    one = by_name({"belt_summary": belts})["K_s"]
+    assert (one.n_left_out, one.doubt) == (2, "late")
+    slow = by_name({"walking_summary": walked(K=3.0).with_columns(group=pl.lit("K_d 2"))})["walking_K (K_d 2)"]
+    assert (slow.draft, slow.macro[-5:], slow.meaning[-7:]) == (None, "KdTwo", ", K_d 2")
+    assert headlines.doubtful_label("walking_groups").unit == "groups"
 
 
 def test_numbers_that_a_failed_run_left_behind_are_said_to_be_old(tmp_path):

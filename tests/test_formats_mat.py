@@ -140,9 +140,8 @@ NOWHERE = {
     "Test.data": "is a 12x2 double; choose one column, as Test.data(:,1), or one row",
     "Test.data(:,3)": "Test.data is a 12x2 double and has no (:,3); it has (:,1), (:,2), (1,:)",
     "runs.torque": "runs is a 1x2 struct and has no torque; it has (1), (2)",
-    "cells": "name one of its cells, as `{1}`",
-    "cells(1)": "cells is a 1x2 cell and has no (1); it has {1}, {2}",
-}
+    "cells": "name one of its cells, as `{1}`", "cells(1)": "cells is a 1x2 cell and has no (1); it has {1}, {2}",
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("write", [written5, written73])

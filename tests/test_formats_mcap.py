@@ -25,20 +25,9 @@ from google.protobuf.message import Message as Protobuf
 from google.protobuf.timestamp_pb2 import Timestamp
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from mcap import records
 from mcap.data_stream import RecordBuilder
 from mcap.reader import NonSeekingReader, make_reader
-from mcap.records import (
-    Channel,
-    Chunk,
-    DataEnd,
-    Footer,
-    Header,
-    McapRecord,
-    Message,
-    MessageIndex,
-    Schema,
-    Statistics,
-)  # fmt: skip
 from mcap_builder import HEADER, stamped, write_log, write_payloads
 from mcap_ros2.decoder import DecoderFactory
 from recognised_files import refusal_by
@@ -55,7 +44,7 @@ from osl_analysis.ingest.source import Recording
 MILLISECOND = 1_000_000
 
 
-def raw(one: McapRecord) -> bytes:
+def raw(one: records.McapRecord) -> bytes:
     """A record as the official library writes it."""
     builder = RecordBuilder()
     one.write(builder)
@@ -68,11 +57,11 @@ def longer(one: bytes, opcode: int | None = None) -> bytes:
 
 
 def schema(content: bytes = b"float64 a") -> bytes:
-    return raw(Schema(id=1, name="lab_msgs/msg/S", encoding="ros2msg", data=content))
+    return raw(records.Schema(id=1, name="lab_msgs/msg/S", encoding="ros2msg", data=content))
 
 
 def channel(number: int, topic: str) -> bytes:
-    return raw(Channel(id=number, topic=topic, message_encoding="cdr", metadata={}, schema_id=1))
+    return raw(records.Channel(id=number, topic=topic, message_encoding="cdr", metadata={}, schema_id=1))
 
 
 def cdr(value: float) -> bytes:
@@ -80,7 +69,7 @@ def cdr(value: float) -> bytes:
 
 
 def message(number: int, time: int, payload: bytes) -> bytes:
-    return raw(Message(channel_id=number, log_time=time, data=payload, publish_time=7, sequence=0))
+    return raw(records.Message(channel_id=number, log_time=time, data=payload, publish_time=7, sequence=0))
 
 
 def messages(number: int, values: range) -> bytes:
@@ -89,31 +78,29 @@ def messages(number: int, values: range) -> bytes:
 
 
 PACKINGS: dict[str, Callable[[bytes], bytes]] = {
-    "zstd": zstandard.ZstdCompressor().compress,
-    "lz4": lz4.frame.compress,
-    "": bytes,
-}
+    "zstd": zstandard.ZstdCompressor().compress, "lz4": lz4.frame.compress, "": bytes,
+}  # fmt: skip
 
 
 def chunk(content: bytes, packing: str = "zstd", crc: bool = True) -> bytes:
-    return raw(Chunk(packing, PACKINGS[packing](content), 1 << 62, 0, zlib.crc32(content) * crc, len(content)))
+    return raw(records.Chunk(packing, PACKINGS[packing](content), 1 << 62, 0, zlib.crc32(content) * crc, len(content)))
 
 
 def index(count: int) -> bytes:
-    return raw(MessageIndex(1, [(0, 0)] * count))
+    return raw(records.MessageIndex(1, [(0, 0)] * count))
 
 
 def statistics(counts: dict[int, int], chunks: int, total: int = 0) -> bytes:
-    return raw(Statistics(0, len(counts), counts, chunks, total or sum(counts.values()), 0, 0, 0, 1))
+    return raw(records.Statistics(0, len(counts), counts, chunks, total or sum(counts.values()), 0, 0, 0, 1))
 
 
-HEAD, DATA_END = raw(Header("", "")), raw(DataEnd(0))
+HEAD, DATA_END = raw(records.Header("", "")), raw(records.DataEnd(0))
 
 
 def log(*parts: bytes, summary: bytes = b"", shift: int = 0, crc: bool = True) -> bytes:
     """A whole file of these parts; the footer says that the summary begins `shift` bytes later than it does."""
     data = MAGIC + HEAD + b"".join(parts) + DATA_END
-    opening = raw(Footer(len(data) + shift if summary else 0, 0, 0))[:-4]
+    opening = raw(records.Footer(len(data) + shift if summary else 0, 0, 0))[:-4]
     return data + summary + opening + struct.pack("<I", zlib.crc32(summary + opening) * crc) + MAGIC
 
 
@@ -166,14 +153,10 @@ def test_wherever_a_file_is_cut_every_whole_chunk_is_recovered(tmp_path: Path, p
         count, damage = read(tmp_path, content[:cut], 0.0)
         assert count == 10 * sum(end <= cut for _, end in places)
         assert damage == {  # one rule for every byte
-            "complete": False,
-            "crc": "checked",
-            "chunks_lost": None,
-            "messages_lost": None,
-            "share_lost": 0.0,
+            "complete": False, "crc": "checked", "chunks_lost": None, "messages_lost": None, "share_lost": 0.0,
             "topics": {"/lab": {"messages": count, "messages_lost": None}},
             "remarks": ["no footer: the recorder did not finish, or the end is lost; how much is not known"],
-        }
+        }  # fmt: skip
 
 
 @ANY_PACKING
@@ -188,10 +171,13 @@ def test_a_chunk_with_an_absurd_length_costs_itself_alone(tmp_path: Path, packin
 
 
 def test_records_that_no_recorder_writes_among_the_chunks_hide_none_of_them(tmp_path: Path) -> None:
-    unknown = raw(Chunk("xyz\n", b"abc", 0, 0, 0, 9))
+    unknown = raw(records.Chunk("xyz\n", b"abc", 0, 0, 0, 9))
     count, damage = read(tmp_path, log(LAB, chunk(TEN), unknown, chunk(TWENTY), summary=ALL))
     assert count == 20
     assert any(r"is compressed with 'xyz\n'; zstd and lz4 are read" in remark for remark in damage["remarks"])
+    assert read(tmp_path, log(LAB, chunk(TEN), *[unknown] * 25))[1]["remarks"][20] == "and 5 more remarks"
+    mixed = read(tmp_path, LEGAL["longer records"])[1]
+    assert (mixed["crc"], *mixed["remarks"]) == ("mixed", "not verifiable: no checksum covers 10 of 20 messages")
     for second in (chunk(TWENTY), TWENTY):  # nor those behind what seems to be the end of the data
         assert read(tmp_path, log(LAB, DATA_END, chunk(TEN), second))[0] == 20
 
@@ -332,16 +318,11 @@ PART = {
 }
 part = st.fixed_dictionaries({line.split()[1]: one for line, one in PART.items()})
 FIELDS = {
-    "bool flag": st.booleans(),
-    "float64 wide 1.5": finite,
-    "uint8[3] bytes": st.binary(min_size=3, max_size=3),
-    "int16 small": st.integers(-(2**15), 2**15 - 1),
-    "string<=20 name": words,
-    "float64[] series": st.lists(finite, max_size=3),
-    "Part[<=4] parts": st.lists(part, max_size=2),
-    "Nothing nothing": st.just({}),
-    "float32 last": st.floats(width=32, allow_nan=False),
-}
+    "bool flag": st.booleans(), "float64 wide 1.5": finite, "uint8[3] bytes": st.binary(min_size=3, max_size=3),
+    "int16 small": st.integers(-(2**15), 2**15 - 1), "string<=20 name": words,
+    "float64[] series": st.lists(finite, max_size=3), "Part[<=4] parts": st.lists(part, max_size=2),
+    "Nothing nothing": st.just({}), "float32 last": st.floats(width=32, allow_nan=False),
+}  # fmt: skip
 mixed = st.fixed_dictionaries({line.split()[1]: one for line, one in FIELDS.items()})
 CONSTANTS = ["# a constant, a default, bounds and every alignment", "uint8 OFF=0", 'string LABEL = "a # b"']
 OTHERS = ["===\nMSG: lab_msgs/msg/Nothing", "===\nMSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id"]
@@ -389,7 +370,7 @@ def test_messages_of_any_shape_equal_the_reference_decoders(tmp_path: Path, mess
 
 
 def kind_of(text: str) -> MessageType:
-    return message_type(Schema(1, text.encode(), "", "l/S"), ros1=False)
+    return message_type(records.Schema(1, text.encode(), "", "l/S"), ros1=False)
 
 
 def read_each(kind: MessageType, paths: Sequence[str], *payloads: bytes) -> Columns:
@@ -407,6 +388,7 @@ def test_big_endian_messages_and_characters_are_numbers() -> None:
     ):
         read = read_each(kind_of(schema), "abcd", payload)
         assert [read.values[path].tolist() for path in "abcd"] == [[one] for one in expected]
+    assert [*shape_of(kind_of("builtin_interfaces/Duration d"), None).leaves] == ["d.sec", "d.nanosec"]
 
 
 def test_a_joint_is_found_by_name_though_the_order_of_joints_changes(tmp_path: Path) -> None:
@@ -446,8 +428,8 @@ def test_a_message_with_more_than_its_schema_describes_is_refused_and_padding_is
     for more in (b"\0\0\0\1", struct.pack("<d", 2.0), bytes(8)):
         with pytest.raises(InputError, match=f"a message of {12 + len(more)} bytes has {len(more)} more than its"):
             shape_of(KIND, ONE + more)
-    both = read_each(KIND, ["a"], ONE + bytes(4), ONE + b"\0\0\0\7")  # zeros do not let another with content pass
-    assert (both.rows.tolist(), both.misfits) == ([0], 1)
+    all_three = read_each(KIND, ["a"], ONE + bytes(4), ONE + b"\0\0\0\7", ONE + bytes(9))  # zeros let no content pass
+    assert (all_three.rows.tolist(), all_three.misfits, all_three.misfit[:20]) == ([0], 2, "a message of 16 byte")
 
 
 def write_json(folder: Path, texts: list[str], chunk_size: int = 1 << 20) -> Path:
@@ -484,10 +466,11 @@ def test_an_integer_beyond_a_floats_reach_is_exact_in_every_chunk(tmp_path: Path
 def test_a_message_without_a_number_in_a_field_is_lost_and_said(
     tmp_path: Path, field: str, right: str, wrong: str, said: str
 ) -> None:
-    recording = recorded(write_json(tmp_path, [right, wrong, *[right] * 9], chunk_size=100), "log", 0.3, theta=field)
+    texts = [right, wrong, *[right] * 9, "{", '{"x": {"y": [1, 2]}, "v": 5}']  # what is said of the first
+    recording = recorded(write_json(tmp_path, texts, chunk_size=100), "log", 0.3, theta=field)
     assert recording.samples["theta"].to_list() == [1.5] * 10
-    assert recording.facts["damage"]["topics"]["/lab"] == {"messages": 11, "messages_lost": 1}
-    assert recording.facts["damage"]["remarks"][0].startswith(f"1 of 11 messages of topic '/lab' are lost: {said}")
+    assert recording.facts["damage"]["topics"]["/lab"] == {"messages": 13, "messages_lost": 3}
+    assert recording.facts["damage"]["remarks"][0].startswith(f"3 of 13 messages of topic '/lab' are lost: {said}")
     with pytest.raises(InputError, match="messages that cannot be used: 90 % of topic '/lab' is lost, at most 30 %"):
         recorded(write_json(tmp_path, [right, *[wrong] * 9]), "log", 0.3, theta=field)
 

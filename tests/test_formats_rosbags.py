@@ -24,7 +24,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from osl_analysis.errors import InputError
 from osl_analysis.formats.message_fields import message_type, shape_of
-from osl_analysis.ingest.raw_files import trial_from_files
+from osl_analysis.ingest.raw_files import FORMATS, trial_from_files
 from osl_analysis.ingest.source import Recording
 
 SAMPLE = "std_msgs/Header header\nfloat32 angle\nstring state\nfloat64[] torque\nbool sync\n"
@@ -144,6 +144,8 @@ def test_the_parts_of_a_split_recording_are_one_log_and_one_part_alone_is_read_w
     recording = read(folder)
     check_rows(recording)
     assert (counts(recording), len(recording.facts["decoding"]["/lab"])) == ((50, 0), 1)
+    facts, size = FORMATS["rosbag2"].inspect(folder).facts, sum(one.stat().st_size for one in folder.glob("bag_?.*"))
+    assert (facts["bytes"], facts["chunks"]) == (str(size), "2" if storage == "MCAP" else "0")
     part = read(next(folder.glob("bag_1.*")))
     check_rows(part, range(30, 50))
     assert any("one of the 2 files of a recording; name the folder" in text for text in part.warnings)
@@ -327,10 +329,10 @@ def test_a_ros_1_message_has_the_length_of_its_definition() -> None:
     own = "Header header\nbyte level\nchar letter\ntime at\nduration[2] took\n"
     header = "===\nMSG: std_msgs/Header\nuint32 seq\ntime stamp\nstring frame_id\n"
     kind = message_type(Schema(1, (own + header).encode(), "ros1msg", "lab/Odd"), ros1=True)
-    payload = (7).to_bytes(4, "little") + bytes(8) + bytes(4) + b"\xff\xfe" + bytes(8) + bytes(16)
-    shape = shape_of(kind, payload, ["header.seq", "level", "letter"])
+    payload = (7).to_bytes(4, "little") + bytes(8) + bytes(4) + b"\xff\xfe" + b"\xff" * 24
+    shape = shape_of(kind, payload, ["header.seq", "level", "letter", "at.secs", "took[1].secs"])
     found = shape.read(payload, np.zeros(1, np.int64))
-    assert {path: values[0] for path, values in found.items()} == {"header.seq": 7, "level": -1, "letter": 254}
+    assert [values[0] for values in found.values()] == [7, -1, 254, 2**32 - 1, -1]
     assert "took[1].nsecs" in shape.leaves
     for wrong in (payload + b"\0", payload[:-1]):
         with pytest.raises(InputError):

@@ -25,14 +25,12 @@ from osl_analysis.trial import COLUMNS, FAMILIES, Trial, read_trial, write_trial
 
 SOURCES = Path(__file__).parents[1] / "config" / "sources"
 LEG = {
-    "format": "mcap",
-    "clock": "sync",
-    "time": {"source": "header"},
+    "format": "mcap", "clock": "sync", "time": {"source": "header"},
     "channels": {
         "theta": {"topic": "/lab", "field": "angle", "unit": "deg"},
         "sync": {"topic": "/lab", "field": "sync", "unit": "V"},
     },
-}
+}  # fmt: skip
 CAPTURE = {"format": "c3d", "analogs": {"sync": {"channel": "A1"}}}
 LEG_OFFSET, LEG_DRIFT = 4.321, 40e-6  # leg time = offset + (1 + drift) * motion capture's
 CHANGES = np.cumsum(np.random.default_rng(0).uniform(0.06, 0.25, 40))

@@ -43,8 +43,10 @@ def refused(path: Path, **fields: object) -> str:
 
 
 def test_points_analogs_and_time_are_those_of_the_file(tmp_path: Path) -> None:
-    path = write_c3d(tmp_path / "a.c3d", points(), analogs(), rate=100.0)
-    samples = read(path, analogs={"sync": {"channel": "A2"}}).samples
+    path = write_c3d(tmp_path / "a.c3d", points(), analogs(), rate=100.0, PROCESSING__BODYMASS=np.array([72.5]))
+    path.write_bytes(path.read_bytes()[:6] + b"\5\0\n\0" + path.read_bytes()[10:])  # frames 5 to 10
+    samples, facts = (recording := read(path, analogs={"sync": {"channel": "A2"}})).samples, recording.facts
+    assert [facts[name] for name in ("body_mass_kg", "first_frame", "samples_per_frame")] == [72.5, 5, 4]
     markers = samples.select("time", pl.col("^marker_.*$")).drop_nulls()
     np.testing.assert_allclose(markers["time"], np.arange(6) / 100, rtol=1e-15)
     found = markers.drop("time").to_numpy().reshape(6, 3, 3)
@@ -135,14 +137,12 @@ def test_an_absurd_header_a_pointer_past_a_record_or_other_counts_are_refused(tm
     whole = path.read_bytes()
     for place, value, problem in (
         (16, b"\0\0", "the data begin at byte -512, within the header"),
-        (12, b"\0\0\0\0", "the scale of the points is 0"),
-        (8, b"\0\0", "declares 0 frames"),
-        (0, b"\0", "processor of an unknown type"),
-        (0, b"\x89MCAP0\r\n", "not a C3D file"),
+        (12, b"\0\0\0\0", "the scale of the points is 0"), (8, b"\0\0", "declares 0 frames"),
+        (0, b"\0", "processor of an unknown type"), (0, b"\x89MCAP0\r\n", "not a C3D file"),
         (whole.index(b"RATE", 512) + 4, b"\1\0", "damaged C3D file"),
         (whole.index(b"RATE", 512) + 4, (20000).to_bytes(2, "little"), "damaged C3D file"),
         (whole.index(b"WORD", 512) + 4, (20000).to_bytes(2, "little"), "the parameter section is damaged after 'WORD'"),
-    ):
+    ):  # fmt: skip
         path.write_bytes(whole[:place] + value + whole[place + len(value) :])
         assert problem in refused(path)
     for name, count in (("POINT__USED", 3), ("ANALOG__USED", 2)):
@@ -164,7 +164,7 @@ PLATES_THAT_CANNOT_BE: list[tuple[dict[str, Any], dict[str, Any], str]] = [
     ({"FORCE_PLATFORM__TYPE": [3], "FORCE_PLATFORM__ORIGIN": np.zeros((3, 1))}, {}, "type 3 has ORIGIN [0"),
     ({"FORCE_PLATFORM__CORNERS": np.zeros((3, 3, 1))}, {}, "FORCE_PLATFORM:CORNERS has dimensions (3, 3, 1)"),
     ({"FORCE_PLATFORM__CHANNEL": np.arange(3, 9)[:, None]}, {}, "leave this plate out: `plates: none`"),
-]
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(("parameters", "stated", "told"), PLATES_THAT_CANNOT_BE)
@@ -176,22 +176,20 @@ def test_plates_that_cannot_be_are_refused(tmp_path, parameters, stated, told):
 
 def test_a_laboratory_with_y_up_is_turned_to_z_up(tmp_path: Path) -> None:
     path = write_c3d(tmp_path / "a.c3d", points(), POINT__Y_SCREEN=["+Y"])
+    write_c3d(tmp_path / "b.c3d", points(), POINT__Y_SCREEN=["-Z"])
     recording = read(path, axes=["z", "x", "y"])
     for column, axis in zip(("x", "y", "z"), (2, 0, 1), strict=True):
         np.testing.assert_allclose(recording.samples[f"marker_M2_{column}"], points()[:, 1, axis] / 1000, rtol=1e-12)
-    assert recording.warnings == []
+    assert recording.warnings == read(tmp_path / "b.c3d").warnings == []
     assert "its vertical axis seems to be +Y; state `axes`" in read(path).warnings[0]
 
 
 CORNERS_MM = np.array([[200, 300, 0], [-200, 300, 0], [-200, -300, 0], [200, -300, 0]], float)
 PLATE = {
-    "FORCE_PLATFORM__USED": np.array([1]),
-    "FORCE_PLATFORM__TYPE": np.array([2]),
-    "FORCE_PLATFORM__CHANNEL": np.arange(1, 7)[:, None],
-    "FORCE_PLATFORM__CORNERS": CORNERS_MM.T[:, :, None],
-    "FORCE_PLATFORM__ORIGIN": np.array([[0.0], [0.0], [-40.0]]),
-    "ANALOG__UNITS": ["N", "N", "N", "Nmm", "Nmm", "Nmm"],
-}
+    "FORCE_PLATFORM__USED": np.array([1]), "FORCE_PLATFORM__TYPE": np.array([2]),
+    "FORCE_PLATFORM__CHANNEL": np.arange(1, 7)[:, None], "FORCE_PLATFORM__CORNERS": CORNERS_MM.T[:, :, None],
+    "FORCE_PLATFORM__ORIGIN": np.array([[0.0], [0.0], [-40.0]]), "ANALOG__UNITS": ["N", "N", "N", "Nmm", "Nmm", "Nmm"],
+}  # fmt: skip
 
 
 def plate_file(folder: Path, **parameters: object) -> Path:
@@ -202,7 +200,8 @@ def plate_file(folder: Path, **parameters: object) -> Path:
 @pytest.mark.parametrize("zero", ["file", [2, 3]])
 def test_the_baseline_that_is_asked_for_is_subtracted(tmp_path: Path, zero: object) -> None:
     path = plate_file(tmp_path, FORCE_PLATFORM__ZERO=np.array([2, 3]))
-    as_is, zeroed = read(path).samples, read(path, plate_zero=zero).samples
+    as_is, zeroed, told = read(path).samples, (recording := read(path, plate_zero=zero)).samples, recording.facts
+    assert told["plate_zero_frames"] == (2, 3)
     for column in ("plate1_force_z", "plate1_moment_x"):
         baseline = as_is[column][4:12].mean()  # frames 2 and 3 of 4 samples each
         np.testing.assert_allclose(zeroed[column], as_is[column] - baseline, atol=1e-9)
@@ -317,6 +316,8 @@ def test_a_type_1_plate_is_read_with_the_units_that_its_refusal_says(tmp_path: P
     twice = (2.0, 4, 6, 4000, 5000, 12000)  # less the first frame: an unloaded plate has no centre of pressure
     path = level_plate(tmp_path / "b.c3d", twice, ANALOG__UNITS=[unit] * 6, FORCE_PLATFORM__TYPE=np.array([1]))
     assert wrench_of(path, -1, plate_units=yaml.safe_load(advised[0]), plate_zero=(1, 1)) == pytest.approx(stated)
+    level_plate(path, ANALOG__UNITS=[*"VVV", "cm", "cm", "V"], FORCE_PLATFORM__TYPE=np.array([1]))  # and the file's
+    assert wrench_of(path, plate_units={"force": "N", "moment": "N*mm"}) == pytest.approx([1, -2, -3, 150, 120, -36])
 
 
 @pytest.mark.parametrize("store", ["BYCOLUMN", "BYROW"])
@@ -327,6 +328,10 @@ def test_a_calibration_matrix_is_read_in_the_order_that_the_file_names(tmp_path:
     parameters = {"FORCE_PLATFORM__CAL_MATRIX": stored, "FORCE_PLATFORM__MATRIX_STORE": [store]}
     path = level_plate(tmp_path / "a.c3d", FORCE_PLATFORM__TYPE=np.array([4]), **parameters)
     assert wrench_of(path) == pytest.approx([21, -2, -3, 4, -5, -6], rel=1e-6)
+    stated = {"plate_units": {"force": "kN", "moment": "N*cm"}}
+    assert wrench_of(path, **stated) == pytest.approx([21e3, -2e3, -3e3, 40, -50, -60], rel=1e-6)
+    path = level_plate(path, FORCE_PLATFORM__TYPE=np.array([4]), **parameters, POINT__UNITS=["m"])
+    assert wrench_of(path) == pytest.approx([21, -2, -3, 4e3, -5e3, -6e3], rel=1e-6)
 
 
 SOURCES = Path(__file__).parents[1] / "config" / "sources"
@@ -382,14 +387,13 @@ def padded(text: str) -> str:
 
 EXPORT = "\n".join([DEVICES, TRAJECTORIES, MODEL])
 DRESSES: dict[str, tuple[str, dict[str, object]]] = {
-    "plain": (EXPORT, {}),
-    "turned round": ("\n".join([MODEL, TRAJECTORIES, DEVICES]), {}),
-    "padded": (padded(EXPORT), {}),
-    "tabs": (EXPORT.replace(",", "\t"), {}),
+    "plain": (EXPORT, {}), "turned round": ("\n".join([MODEL, TRAJECTORIES, DEVICES]), {}),
+    "padded": (padded(EXPORT), {}), "tabs": (EXPORT.replace(",", "\t"), {}),
     "semicolons": (EXPORT.replace(",", ";").replace("0.", "0,"), {"decimal": ","}),
     "crlf": (EXPORT.replace("\n", "\r\n"), {}),
-    "no blank lines": (DEVICES + TRAJECTORIES + MODEL, {}),
-}
+    "capitals": (EXPORT.replace("Frame,Sub Frame,", "FRAME,SUB FRAME,"), {}),
+    "at the origin": (EXPORT.replace("3,,,,", "3,0,0,0,"), {}), "no blank lines": (DEVICES + TRAJECTORIES + MODEL, {}),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(("text", "fields"), DRESSES.values(), ids=DRESSES)
@@ -431,6 +435,16 @@ def test_what_does_not_fit_is_refused_with_the_reason(tmp_path, text, fields, pr
     path = tmp_path / "trial.csv"
     path.write_text(text)
     assert problem in refusal_by(FORMATS["nexus_csv"].read, path, nexus_source(**fields))
+
+
+def test_an_export_keeps_its_first_frame_and_is_listed_by_sections_with_what_is_missing(tmp_path: Path) -> None:
+    (path := tmp_path / "trial.csv").write_text(EXPORT)
+    facts, overview = FORMATS["nexus_csv"].read(path, nexus_source()).facts, FORMATS["nexus_csv"].inspect(path)
+    assert [facts[name] for name in ("frame_rate_hz", "first_frame", "samples_per_frame")] == [100, 5, 2]
+    assert [*overview.facts.values()] == ["4 rows at 200 Hz", "2 rows at 100 Hz", "2 rows at 100 Hz"]
+    assert [one.kind for one in overview.channels] == ["device"] * 10 + ["marker"] * 3 + ["model output"] * 3
+    heel = next(one for one in overview.channels if one.address == {"label": "Anna:HEEL"})
+    assert (heel.count, heel.rate, heel.unit, heel.note) == (1, 100, "mm", "missing in 50.0% of the rows")
 
 
 @pytest.mark.parametrize("path", NEXUS_FILES, ids=lambda path: path.stem)

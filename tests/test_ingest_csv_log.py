@@ -48,6 +48,8 @@ UNITLESS: dict[str, object] = {
     "channels": {"theta": {"column": "angle"}, "torque": {"column": "load"}},
     "time": {"column": "t"},
 }
+NUMBERED = {"theta": {"column": 2, "unit": "rad"}, "torque": {"column": 3, "unit": "Nm"}}
+PATTERNS = {"theta": {"column": "ang*e"}, "torque": {"column": "load"}}
 TWICE = {"theta": {"column": "angle", "unit": "rad"}, "torque": {"column": "angle", "unit": "Nm"}}
 LOG = "t,angle,load\n10.0,0,1\n10.5,90,2\n11.0,-180,+3.5\n"
 
@@ -58,35 +60,25 @@ def assert_log(trial: Trial) -> None:
     np.testing.assert_allclose(trial.samples["torque"], [1, 2, 3.5], rtol=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("text", "fields"),
-    [
-        (LOG, {}),
-        (LOG.replace(",", ";"), {}),
-        (LOG.replace(",", "\t"), {}),
-        (LOG.replace(",", "   "), {"delimiter": "space"}),
-        (LOG.replace(",", "|").replace(".", ","), {"decimal": ","}),
-        (LOG.replace("\n", "\r\n"), {}),
-        (LOG.replace("\n", ",,,\n"), {}),
-        (LOG.replace(",", " , "), {}),
-        (LOG.encode("utf-16"), {}),
-        (b"\xfe\xff" + LOG.encode("utf-16-be"), {}),
-        (b"\xef\xbb\xbf" + LOG.encode(), {}),
-        ("\n\n" + LOG + "\n\n", {}),
-        ("# Bench 3, calibrated\n#\n" + LOG.replace("10.5", "# pause\n10.5"), {}),
-        ("# rig B\n# " + LOG, {"header": "comment"}),
-        (LOG.replace("t,angle,load", "load,t,angle").replace("10.0,0,1", "1,10.0,0").replace(
-            "10.5,90,2", "2,10.5,90").replace("11.0,-180,+3.5", "3.5,11.0,-180"), {}),
-        (LOG, {"time": {"rate": 2.0}}),
-        (LOG.replace("t,angle,load", "t [s],angle (rad),load[N.m]"), UNITLESS),
-        (LOG.replace("load\n", "load\ns,rad,Nm\n"), UNITLESS | {"units_row": True}),
-        ('"t","angle","load"\n"10.0","0","1"\n"10.5","90","2"\n"11.0","-180","+3.5"\n', {}),
-    ],
-    ids=[
-        *("plain", "semicolon", "tabs", "spaces", "decimals", "crlf", "padded", "blanks", "utf-16", "utf-16-be", "bom"),
-        *("blank-lines", "comments", "header-in-comment", "order", "rate", "units-in-names", "row-of-units", "quoted"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("text", "fields"), [
+    (LOG.replace(",", ";"), {}), (LOG.replace(",", "\t"), {}), (LOG.replace(",", "\t"), {"delimiter": "tab"}),
+    (LOG.replace(",", "   "), {"delimiter": "space"}), (LOG.replace(",", "|").replace(".", ","), {"decimal": ","}),
+    (LOG, {}), (LOG.replace("\n", "\r\n"), {}), (LOG.replace("\n", ",,,\n"), {}), (LOG.replace(",", " , "), {}),
+    (LOG.encode("utf-16"), {}), (b"\xfe\xff" + LOG.encode("utf-16-be"), {}), (b"\xef\xbb\xbf" + LOG.encode(), {}),
+    ("\n\n" + LOG + "\n\n", {}),
+    ("# Bench 3, calibrated\n#\n" + LOG.replace("10.5", "  # pause\n10.5"), {}),
+    ("% rig B\n" + LOG.replace("10.5", "% pause\n10.5"), {"comment": "%"}),
+    (LOG.partition("\n")[2], {"header": "none", "time": {"column": 1, "unit": "s"}, "channels": NUMBERED}),
+    ("t,angle,load,angle [V]\n10.0,0,1,7\n10.5,90,2,7\n11.0,-180,+3.5,7\n", {}),
+    ("t [s],angle (rad),load[N.m]\n" + LOG.partition("\n")[2], UNITLESS | {"channels": PATTERNS}),
+    ("# rig B\n# " + LOG, {"header": "comment"}),
+    (LOG.replace("t,angle,load", "load,t,angle").replace("10.0,0,1", "1,10.0,0").replace(
+        "10.5,90,2", "2,10.5,90").replace("11.0,-180,+3.5", "3.5,11.0,-180"), {}),
+    (LOG, {"time": {"rate": 2.0}}),
+    (LOG.replace("t,angle,load", "t [s],angle (rad),load[N.m]"), UNITLESS),
+    (LOG.replace("load\n", "load\ns,rad,Nm\n"), UNITLESS | {"units_row": True}),
+    ('"t","angle","load"\n"10.0","0","1"\n"10.5","90","2"\n"11.0","-180","+3.5"\n', {}),
+])  # fmt: skip
 def test_one_log_in_any_dress_is_one_log(tmp_path: Path, text: str | bytes, fields: dict[str, object]) -> None:
     assert_log(ingested(tmp_path, text, **fields))
 
@@ -112,6 +104,7 @@ def test_one_log_in_any_dress_is_one_log(tmp_path: Path, text: str | bytes, fiel
     (LOG, {"channels": {"theta": {"column": "angle"}}}, "column 'angle': the unit is empty; write one of rad"),
     ("t,angle,load\n1,2\n", {"ragged": "skip", "most_missing": 1.0}, "none of its rows fits the header's 3 names"),
     (LOG, {"header": "comment"}, "no line begins with '#'"),
+    ("t,angle,load\n0,1,5\n1,2,6\n2,3\n3,4\n", {"ragged": "dropped_variable"}, "and 0 were missing in the line before"),
     (LOG.replace("\n", ",0\n").replace("load,0", "load"), {}, "every row has 1 more cells than the header has"),
     (LOG.replace("angle", "an\x1b[2Jgle"), {}, r"the file has t, an\x1b[2Jgle, load"),
 ])  # fmt: skip
@@ -141,12 +134,9 @@ def test_the_shipped_source_file_reads_what_the_logger_of_opensourceleg_wrote(tm
     logger.set_file_name("trial")
     logger.set_stream_level(osl_logging.LogLevel.CRITICAL)
     functions = {
-        "time": lambda: k * 1e-3,
-        "joint_position": lambda: np.cos(k / 50),
-        "output_position": lambda: np.sin(k / 50),
-        "motor_current": lambda: 100.0 * k,
-        "sync": lambda: k % 100 < 50,
-    }
+        "time": lambda: k * 1e-3, "joint_position": lambda: np.cos(k / 50), "output_position": lambda: np.sin(k / 50),
+        "motor_current": lambda: 100.0 * k, "sync": lambda: k % 100 < 50,
+    }  # fmt: skip
     logger.track_function(list(functions.values()), list(functions))
     for k in rows.tolist():  # noqa: B007
         logger.update()
@@ -209,6 +199,8 @@ def assert_samples(trial: Trial, **columns: list[float]) -> None:
     (TABLE.replace("0.0", "2024-05-01T12:00:00.0"), {}, "write time as seconds, or state the rate of the", SAMPLES),
     (TABLE.replace("0.0", "12:00:00.0"), {}, "write time as seconds, or state the rate of the rows", SAMPLES),
     (TABLE.replace("0.02,3,7", "0.02,3"), {"ragged": "skip"}, "line 4 has", {"theta": [1, 2, 4]}),
+    (TABLE.replace("0,1,5", "0,1").replace("0.03,4,8\n", ""), {"ragged": "skip"}, "line 2 has", {"theta": [2, 3]}),
+    *((TABLE.replace("2,6", f"{n},6"), {}, "missing in 1 of 4", {"theta": [1, np.nan, 3, 4]}) for n in ("nan", "NaN")),
     (TABLE.replace("2,6", ",6"), {}, "missing in 1 of 4 rows", {"theta": [1, np.nan, 3, 4]}),
     (TABLE.replace(",", ";").replace(".", ","), {}, "if the comma is the decimal sign", SAMPLES),
     (TABLE.replace("load\n", "load\n[s],[rad],(Nm)\n"), {}, "if this line holds units", SAMPLES),

@@ -50,13 +50,11 @@ def write_tdms(path, columns):
 
 
 WRITERS = {
-    "csv": ("csv", "column", write_text),
-    "json_lines": ("json_lines", "field", write_json),
+    "csv": ("csv", "column", write_text), "json_lines": ("json_lines", "field", write_json),
     "mat": ("mat", "variable", lambda path, columns: write_mat(path, **columns)),
     "mat 7.3": ("mat", "variable", lambda path, columns: write_mat73(path, **columns)),
-    "tdms": ("tdms", "channel", write_tdms),
-    "opensim": ("opensim", "column", write_table),
-}
+    "tdms": ("tdms", "channel", write_tdms), "opensim": ("opensim", "column", write_table),
+}  # fmt: skip
 EVERY = pytest.mark.parametrize("what", WRITERS)
 
 
@@ -170,6 +168,9 @@ def test_what_cannot_be_a_log_is_refused_by_its_variable(write, tmp_path):
 def test_the_draft_of_several_trials_is_of_one_and_fits_the_other(write, tmp_path):
     named = {"time_ms": 1e3 * TIME, "ankle_deg": np.rad2deg(ANGLE)}
     path = write(tmp_path / "a.mat", Slow=named, Fast=named, note="left foot")
+    kinds = {"s": np.float32(TIME), "i": np.int16(TIME), "u": np.uint8(TIME), "d": TIME}
+    listed = inspect_file(write_mat(tmp_path / "kinds.mat", **kinds)).channels
+    assert [one.type for one in listed] == [f"1x40 {kind}" for kind in ("single", "int16", "uint8", "double")]
     overview = inspect_file(path)
     assert "variable       Slow.ankle_deg  40 samples; from" in overview_text(overview)
     assert "2 parts hold the same variables: name one per trial in the column `log_part`" in overview_text(overview)
@@ -202,12 +203,10 @@ def mutilated(content: bytes, chance: random.Random) -> bytes:
     for _ in range(chance.choice([1, 2, 8])):
         damaged[chance.randrange(len(content))] = chance.choice([0, 255, chance.randrange(256)])
     return (
-        content[:place],
-        content[:place] + content[place + chance.randrange(1, 40) :],
-        content[:place] + content[other : other + chance.randrange(60)] + content[place:],
-        bytes(damaged),
+        content[:place], content[:place] + content[place + chance.randrange(1, 40) :],
+        content[:place] + content[other : other + chance.randrange(60)] + content[place:], bytes(damaged),
         content[:place] + absurd + content[place + 8 :],
-    )[kind]
+    )[kind]  # fmt: skip
 
 
 @pytest.mark.parametrize("what", [*OTHERS, "json_lines", "tdms", "opensim"])

@@ -66,15 +66,15 @@ def test_a_name_with_a_dot_is_quoted_and_never_taken_for_a_level(tmp_path: Path)
 
 
 def test_every_element_of_a_list_is_listed_up_to_a_limit(tmp_path: Path) -> None:
-    joints = {"name": ["hip", "ankle"], "p": [1, None]}
+    joints, twice = {"name": ["hip", "ankle"], "p": [1, None]}, {"name": ["a", "a"], "q": [1, 2]}
     lines: list[Any] = [
-        {"f": [], "j": [{"q": 1}], "m": [[1, 2], [3, 4]], "long": [0.5] * 70, **joints},
+        {"f": [], "j": [{"q": 1}], "k": twice, "m": [[1, 2], [3, 4]], "long": [0.5] * 70, **joints},
         {"f": [1, None, 3], "j": [{"q": 1}, {"q": 2}]},
     ]
     overview = inspect_file(write(tmp_path / "a", lines * 5))
     matrix, long = ["m[0][0]", "m[0][1]", "m[1][0]", "m[1][1]"], [f"long[{i}]" for i in range(64)]
     listed = [channel.address["field"] for channel in overview.channels]
-    assert listed == ["j[0].q", *matrix, *long, "p[name=hip]", "f[0]", "f[2]", "j[1].q"]
+    assert listed == ["j[0].q", "k.q[0]", "k.q[1]", *matrix, *long, "p[name=hip]", "f[0]", "f[2]", "j[1].q"]
     assert "long has 70 elements; only the first 64 are listed" in overview.remarks
 
 
@@ -122,6 +122,9 @@ def test_a_stamp_of_seconds_and_nanoseconds_is_time_and_exact(tmp_path: Path, pa
 
 def test_a_last_line_that_breaks_off_is_left_out_with_a_warning(tmp_path: Path) -> None:
     lines = [json.dumps(one) for one in rust_lines()]
+    for encoding in ("utf-8-sig", "utf-16"):
+        (tmp_path / "a").write_text("\n".join(lines), encoding=encoding)
+        assert len(read(tmp_path / "a").samples) == ROWS
     for end in ("", "\n"):  # with a line end it is a line that cannot be used
         recording = read(write(tmp_path / "a", [*lines[:-1], lines[-1][:30]], end=end))
         assert len(recording.samples) == ROWS - 1
@@ -204,7 +207,7 @@ def write_tdms(path: Path, channels: list[tuple[str, Any, dict[str, Any]]], segm
         for part in range(segments):
             cut = [np.array_split(np.asarray(values), segments)[part] for _, values, _ in channels]
             named = zip(channels, cut, strict=True)
-            objects = [ChannelObject("Bench", name, values, about) for (name, _, about), values in named]
+            objects = [ChannelObject(*f"Bench/{one[0]}".rsplit("/", 1), values, one[2]) for one, values in named]
             writer.write_segment([RootObject({"author": "lab"}), *objects])
     return path
 
@@ -269,6 +272,7 @@ def test_a_channel_that_cannot_be_a_signal_is_refused(tmp_path: Path) -> None:
         ([angle, ("Torque", np.empty(0), timing())], "'Bench/Torque' is empty"),
         ([("Angle", ANGLE, {}), ("Torque", TORQUE[:50], {})], "'Bench/Torque' has 50 values and 'Bench/Angle' has 100"),
         ([angle, ("Torque", ["a"] * SAMPLES, timing())], "'Bench/Torque' holds text and no numbers"),
+        ([angle, torque, ("B/Torque", TORQUE, timing())], "'Torque' is in 2 groups; name it as group/channel"),
         ([angle, ("Torqe", TORQUE, timing())], "did you mean 'Torqe'?"),
         ([("Angle", ANGLE, timing(unit_string="furlongs")), torque], "measures [m]"),
     ):

@@ -25,7 +25,7 @@ from osl_analysis.ingest.draft import draft_source
 from osl_analysis.ingest.overview import Overview, RecordedChannel
 from osl_analysis.ingest.raw_files import FORMATS, KnownFormat, read_source, recognise, trial_from_files
 from osl_analysis.ingest.source import Recording, Source, model_of
-from osl_analysis.trial import read_trial
+from osl_analysis.trial import Trial, read_trial
 
 ROOT = Path(__file__).parents[1]
 LOG = {"format": "mcap", "time": {"source": "header"}, "channels": {}}
@@ -48,14 +48,12 @@ def channel(column: str, **fields: object) -> dict[str, object]:
 OUTPUT = {"label": "LAnkleMoment", "component": "x", "unit": "N*mm"}
 MISTAKES: list[tuple[dict[str, object], str]] = [
     (channel("torque", unit="deg"), "source.yaml: line 5: channels.torque.unit: 'deg' is not allowed: unit 'deg' m"),
-    (channel("time", unit="s"), "time is not a channel"),
-    (channel("theta", unit="deg", sign=0), "sign"),
-    ({"format": "xlsx"}, "format: 'xlsx' is not allowed"),
-    (LOG, "channels: name at least one"),
+    (channel("time", unit="s"), "time is not a channel"), (channel("theta", unit="deg", sign=0), "sign"),
+    ({"format": "xlsx"}, "format: 'xlsx' is not allowed"), (LOG, "channels: name at least one"),
     ({"format": "c3d", "plates": "first"}, "plates: 'first' is not allowed: write all, none or a list"),
     ({"format": "c3d", "plate_units": {"force": "N", "moment": "mm"}}, "unit 'mm' measures [m]"),
     ({"format": "c3d", "outputs": {"reference_ankle_moment_left": OUTPUT}}, "unit 'N*mm' measures [N*m]"),
-]
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(("content", "told"), MISTAKES)
@@ -106,8 +104,6 @@ def test_a_file_is_recognised_by_its_content_and_where_that_says_nothing_by_its_
 
 
 BENCH = "t,angle\n0,1\n0.01,2\n0.02,3\n"
-
-
 OTHER_FILES = {
     "Qualisys": b"NO_OF_FRAMES\t100\nNO_OF_CAMERAS\t8\nMARKER_NAMES\tA\tB\n1\t2\t3\n",
     "Motive": b"Format Version,1.23,Take Name,walk\n,,Marker\nFrame,Time,X\n0,0.0,1\n",
@@ -138,7 +134,7 @@ def test_a_table_is_not_taken_for_another_format(tmp_path: Path) -> None:
 SOURCE = "format: csv\ntime: {column: t, unit: s}\nchannels:\n  theta: {column: angle, unit: deg}\n"
 
 
-def ingested(folder: Path, name: str, content: bytes, source: str = SOURCE) -> object:
+def ingested(folder: Path, name: str, content: bytes, source: str = SOURCE) -> Trial:
     """A trial from one file, by a source file."""
     (folder / name).write_bytes(content)
     (folder / "source.yaml").write_text(source)
@@ -157,11 +153,18 @@ def test_a_source_file_of_another_format_is_refused_with_the_format_of_the_file(
     assert ingested(tmp_path, "d.c3d", BENCH.encode())
 
 
-def test_a_row_that_lacks_a_cell_is_refused_however_far_below(tmp_path: Path) -> None:
-    rows = [f"{place / 100},{place}" for place in range(400)]
-    rows[350] = "3.5"
-    with pytest.raises(InputError, match="line 352 has 1 cells under 2 names, and 1 of 400 rows do not fit"):
-        ingested(tmp_path, "a.csv", "\n".join(["t,angle", *rows]).encode())
+def test_a_row_is_read_or_refused_by_its_line_however_far_below(tmp_path: Path) -> None:
+    rows = ["", *(f"{place / 100},{place}" for place in range(400))]
+    for odd in ("3.0 , 300 ", '"3.0","300"', "# pause, 1\n3.0,300", "\n \n3.0,300", "3.0,300\n,", "3.0,"):
+        content = "\n".join(["t,angle", *rows[:301], odd, *rows[302:]]).encode()
+        expected = np.where(np.arange(400) == 300, np.nan if odd == "3.0," else 300, np.arange(400))
+        np.testing.assert_allclose(ingested(tmp_path, "a.csv", content).samples["theta"], np.radians(expected))
+    for odd, told in (
+        ("3.5", "line 353 has 1 cells under 2 names, and 1 of 400 rows do not fit"),
+        ("3.5,x", "line 353, column 'angle': 'x' is not a number"),
+    ):
+        with pytest.raises(InputError, match=told):
+            ingested(tmp_path, "a.csv", "\n".join(["t,angle", *rows[:351], odd, *rows[352:]]).encode())
 
 
 def test_a_full_stop_is_no_decimal_sign_beside_a_decimal_comma(tmp_path: Path) -> None:

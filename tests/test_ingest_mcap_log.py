@@ -20,8 +20,6 @@ REAL_DATA = Path(__file__).parents[2] / "shared" / "real_data"
 DEGREE = math.pi / 180
 MILLISECOND = 1_000_000
 START = 1_700_000_000 * 10**9
-
-
 RADIANS = {"theta": {"field": "angle", "unit": "rad"}}
 OTHER = {"field": "angle", "unit": "rad", "topic": "/other"}
 COUNT = 200

@@ -32,7 +32,7 @@ def walk() -> Array:
     return np.stack([x, y, z], axis=2)
 
 
-def write_trc(path: Path, positions: Array, rate: float = 100.0, start: float = 0.0, **header: Any) -> Path:
+def write_trc(path: Path, positions: Array, rate: float = 100, start: float = 0, first: int = 1, **header: Any) -> Path:
     """A file as Cortex writes it; `header` replaces what its second line names."""
     said = {"DataRate": rate, "CameraRate": rate, "NumFrames": len(positions), "NumMarkers": len(LABELS), "Units": "mm"}
     said.update(header)
@@ -41,7 +41,7 @@ def write_trc(path: Path, positions: Array, rate: float = 100.0, start: float = 
     lines += ["\t\t" + "\t".join(f"{axis}{i + 1}" for i in range(len(LABELS)) for axis in "XYZ"), ""]
     for k, frame in enumerate(positions):
         cells = ["" if np.isnan(value) else f"{value:.5f}" for value in frame.ravel()]
-        lines.append("\t".join([str(k + 1), f"{start + k / rate:.3f}", *cells, ""]))
+        lines.append("\t".join([str(k + first), f"{start + k / rate:.3f}", *cells, ""]))
     path.write_text("\n".join(lines) + "\n")
     return path
 
@@ -76,7 +76,8 @@ def test_markers_of_trc_are_metres_in_our_axes(tmp_path: Path) -> None:
 
 
 def test_axes_that_do_not_point_up_are_doubted_and_drafted(tmp_path: Path) -> None:
-    path = write_trc(tmp_path / "walk.trc", walk())
+    path = write_trc(tmp_path / "walk.trc", walk(), start=2.5, first=7)
+    assert [*inspect_file(path).facts.values()] == ["40, from 7 on, at 100 Hz", "mm", "2.5 s", "y"]
     assert any("state `axes: [x, -z, y]`" in text for text in read(path).warnings)
     assert read(path, axes=("x", "-z", "y")).warnings == []
     assert yaml.safe_load(draft_source(inspect_file(path), "walk.trc"))["axes"] == ["x", "-z", "y"]
@@ -90,10 +91,9 @@ def test_a_header_that_contradicts_the_rows_and_rows_that_cannot_be_right_are_re
         ({"NumFrames": 41}, "NumFrames is 41, the file holds 40 rows: the end is missing"),
         ({"NumMarkers": 5}, "NumMarkers is 5, line 4 names 4"),
         ({"NumFrames": "many"}, "NumFrames is 'many' and no count above zero"),
-        ({"DataRate": 0}, "DataRate is '0' and no rate"),
-        ({"DataRate": 120}, "does not fit DataRate 120 Hz"),
+        ({"DataRate": 0}, "DataRate is '0' and no rate"), ({"DataRate": 101}, "does not fit DataRate 101 Hz"),
         ({"Units": "fathomz"}, "Units: unit 'fathomz' is unknown"),
-    ):
+    ):  # fmt: skip
         assert reason in refused(write_trc(path, walk(), **header))
     lines = write_trc(path, walk()).read_text().splitlines()
     assert "no marker 'TOES'; the file has HEAD, HIP, KNEE, TOE; did you mean 'TOE'?" in refused(path, markers=["TOES"])
@@ -119,10 +119,13 @@ def test_rows_of_a_table_that_cannot_be_right_are_refused(tmp_path: Path) -> Non
         "column 'ankle_angle_r': '1,2,3' is not a number; export it as scalars": text.replace("\t3\t", "\t1,2,3\t"),
         "nrows in its header is 60, the file holds 50 rows: the end is missing": text.replace("nRows=50", "nRows=60"),
         "datarows in its header is 60, the file holds 50 rows": text.replace("nRows=50", "datarows 60"),
+        "ncolumns in its header is 3, the file holds 4 columns;": text.replace("nColumns=4", "nColumns=3"),
         "holds no rows": text.partition("0.50000000")[0].replace("nRows=50", "nRows=0"),
     }.items():
         path.write_text(content)
         assert reason in refused(path, **MOT)
+    path.write_text(text.replace("\t", " "))
+    assert read(path, **MOT).samples["torque"].to_list() == [k / 4 for k in range(50)]
     for failed in ("nan", "NaN", "NAN", "-nan", "nan(ind)", "-nan(ind)"):  # as OpenSim's C++ writes them
         path.write_text(text.replace("\t3\t", f"\t{failed}\t"))
         assert read(path, **MOT, most_missing=0.02).samples["theta"].is_nan().arg_true().to_list() == [3]
@@ -131,6 +134,7 @@ def test_rows_of_a_table_that_cannot_be_right_are_refused(tmp_path: Path) -> Non
 def test_the_units_of_angles_are_those_that_the_header_says(tmp_path: Path) -> None:
     radians = write_mot(tmp_path / "a.sto", "inDegrees=no")
     assert "inDegrees=no, and column 'ankle_angle_r' is read in deg; write rad" in refused(radians, **MOT)
+    assert "inDegrees=NO, and column" in refused(write_mot(radians, "indegrees = NO"), **MOT)
     assert "write deg/s" in refused(write_mot(tmp_path / "b.mot"), channels={"omega_m": {**ANKLE, "unit": "rad/s"}})
     assert read(write_mot(tmp_path / "b.mot", "range 0 1"), **MOT).samples["theta"][1] == np.radians(1)
     draft = yaml.safe_load(draft_source(inspect_file(write_mot(tmp_path / "a.mot")), "a.mot"))

@@ -20,27 +20,9 @@ from test_ingest_every_log import WRITERS
 
 from osl_analysis.cli import main
 from osl_analysis.commands import inspect as module
-from osl_analysis.commands.inspect import (
-    Arrivals,
-    WatchedBench,
-    device_of_row,
-    draft_campaign,
-    escaped,
-    first_look,
-    fit_of_row,
-    inspect_file,
-    left_to_decide,
-    new_campaign,
-    overview_text,
-    quality_text,
-    read_notes,
-    recording_line,
-    recordings_in,
-    samples_table,
-    watched_lines,
-)
 from osl_analysis.errors import InputError
 from osl_analysis.files import default_config
+from osl_analysis.ingest import overview as about
 from osl_analysis.ingest.draft import draft_source, likely_column
 from osl_analysis.ingest.overview import Overview, RecordedChannel, likely_clock
 from osl_analysis.ingest.raw_files import FORMATS, read_source
@@ -49,8 +31,6 @@ from osl_analysis.ingest.source import open_places
 NASTY = 'a\x1b[2J": {x\n# y\u202eb'
 LATIN = NASTY.replace("\u202e", "\x9b")
 REAL_FILES = sorted(p for p in REAL_DATA.glob("*/*") if p.parent.name in ("c3d", "mcap", "nexus_csv"))
-
-
 JOINTS = "std_msgs/Header header\nstring[] name\nfloat64[] position\nfloat64[] effort\nfloat32[3] bias\nstring note\n"
 
 
@@ -65,12 +45,12 @@ def joint_log(path: Path, topic: str = "/joints", **options: Any) -> Path:
 
 def test_messages_are_listed_by_field_with_types_rates_gaps_and_damage_and_a_draft_reads_one(tmp_path: Path) -> None:
     path = joint_log(tmp_path / "a.mcap", chunk_size=1000)
-    overview = inspect_file(path)
-    assert {channel.address["field"]: channel.type for channel in overview.channels} == {
-        "position[name=knee]": "float64[2]", "position[name=left ankle]": "float64[2]", "effort[0]": "float64[0]",
-        "bias[0]": "float32[3]",
+    overview = module.inspect_file(path)
+    assert {channel.address["field"]: (channel.type, channel.likely_unit) for channel in overview.channels} == {
+        **dict.fromkeys(["position[name=knee]", "position[name=left ankle]"], ("float64[2]", "rad")),
+        "effort[0]": ("float64[0]", "N*m"), "bias[0]": ("float32[3]", ""),
     }  # fmt: skip
-    text, gaps = overview_text(overview), "50 samples at 100 Hz; 1 gaps, the longest 0.510 s"
+    text, gaps = module.overview_text(overview), "50 samples at 100 Hz; 1 gaps, the longest 0.510 s"
     assert f"sensor_msgs/msg/JointState (cdr) /joints position[name=left ankle]  {gaps}; float64[2]" in text
     assert "/joints effort[0]  0 samples; 1 gaps" in text
     draft = draft_source(overview, "a.mcap")
@@ -81,14 +61,14 @@ def test_messages_are_listed_by_field_with_types_rates_gaps_and_damage_and_a_dra
     np.testing.assert_array_equal(theta, 0.2 * np.arange(50))
     whole = bytearray(path.read_bytes())
     path.write_bytes(whole[:-300])
-    assert "! no footer: the recorder did not finish" in overview_text(inspect_file(path))
+    assert "! no footer: the recorder did not finish" in module.overview_text(module.inspect_file(path))
     whole[len(whole) // 3] ^= 0xFF
     path.write_bytes(whole)
-    overview = inspect_file(path)
-    assert "are a damaged chunk" in overview_text(overview)
+    overview = module.inspect_file(path)
+    assert "are a damaged chunk" in module.overview_text(overview)
     assert 0 < int(overview.facts["messages lost"]) == 50 - int(overview.facts["messages"])
     as_json = write_payloads(tmp_path / "b.mcap", [b'{"a": {"b": 1.5}, "c": [1, 2], "d": "x"}'] * 5, "json")
-    assert [channel.address["field"] for channel in inspect_file(as_json).channels] == ["a.b", "c[0]"]
+    assert [channel.address["field"] for channel in module.inspect_file(as_json).channels] == ["a.b", "c[0]"]
 
 
 BENCH = "# rig: B\ntime [ms],angle [deg],state\n0,1.5,ok\n10,2.5,ok\n20,3.5,ERROR\n90,4.5,ok\n100,4\n"
@@ -97,16 +77,19 @@ BENCH = "# rig: B\ntime [ms],angle [deg],state\n0,1.5,ok\n10,2.5,ok\n20,3.5,ERRO
 def test_a_csv_file_lists_columns_units_gaps_words_and_odd_rows_and_its_draft_reads_it(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
     path.write_text(BENCH)
-    text = overview_text(inspect_file(path))
+    text = module.overview_text(module.inspect_file(path))
     assert "comment 1: rig: B" in text
     assert "column         angle [deg]  4 samples; from 1.5 to 4.5" in text
     assert "a clock, 0.1 per unit, 1 gaps, the longest 70.000 s" in text
     assert "3 x 'ok'" in text
     assert "! the last line, 7, is cut off and was skipped" in text
-    content = draft_source(inspect_file(path), "a.csv").replace("NAME_1", "theta")
-    (tmp_path / "a.yaml").write_text("\n".join(line for line in content.splitlines() if "NAME_2" not in line))
-    source = read_source(tmp_path / "a.yaml")
-    np.testing.assert_allclose(FORMATS["csv"].read(path, source).samples["time"], [0, 0.01, 0.02, 0.09])
+    for text in (BENCH, BENCH.replace(",", ";").replace(".", ",")):
+        path.write_text(text)
+        content = draft_source(module.inspect_file(path), "a.csv").replace("NAME_1", "theta")
+        (tmp_path / "a.yaml").write_text("\n".join(line for line in content.splitlines() if "NAME_2" not in line))
+        samples = FORMATS["csv"].read(path, read_source(tmp_path / "a.yaml")).samples
+        np.testing.assert_allclose(samples["time"], [0, 0.01, 0.02, 0.09])
+        np.testing.assert_allclose(samples["theta"], np.radians([1.5, 2.5, 3.5, 4.5]))
 
 
 MARKERS = ["S01:FOOT1", "FOOT2", "HEEL", "SHANK1", "SHANK2", "TIB_M", "PLAT1", "PLAT2", "ANKLE_MED", "ANK_L", "C7"]
@@ -115,7 +98,7 @@ MARKERS = ["S01:FOOT1", "FOOT2", "HEEL", "SHANK1", "SHANK2", "TIB_M", "PLAT1", "
 def walking_draft(path: Path, labels: list[str]) -> str:
     """The lines of the draft that are the section `walking`, without their comment signs."""
     write_c3d(path, np.ones((4, len(labels), 4)), np.ones((8, 1)), POINT__LABELS=labels)
-    text = draft_source(inspect_file(path), path.name)
+    text = draft_source(module.inspect_file(path), path.name)
     (path.parent / "source.yaml").write_text(text)
     assert read_source(path.parent / "source.yaml").markers == "all"  # it is a draft, below a source file that is whole
     return "\n".join(line.removeprefix("# ") for line in text.partition("# Draft of the section")[2].splitlines()[1:])
@@ -141,8 +124,9 @@ def test_a_capture_of_walking_drafts_the_walking_section_and_asks_for_what_names
 ])  # fmt: skip
 def test_of_several_plates_the_draft_guesses_the_loaded_one_next_to_the_platform(tmp_path, forces, line):
     """The platform's markers are at x = 1 m, the plates at x = 0, 1, 2 m with these forces [N]."""
-    points, analogs = np.ones((4, 6, 4)) * [1000, 10, 10, 0], np.zeros((4, 18))
-    analogs[2:, 2::6] = forces
+    points, analogs = np.ones((4, 6, 4)) * [1000, 10, 10, 0], np.zeros((8, 18))
+    points[0, 5, 3] = -1.0
+    analogs[:, 8], analogs[2:, 2::6] = 20, np.add(forces, [0, 20, 0])  # an offset is no load
     surface = np.array([[300.0, -200, 0], [-300, -200, 0], [-300, 200, 0], [300, 200, 0]])
     plates = {
         "USED": np.array([3]), "TYPE": np.array([2, 2, 2]), "ORIGIN": np.zeros((3, 3)),
@@ -152,7 +136,13 @@ def test_of_several_plates_the_draft_guesses_the_loaded_one_next_to_the_platform
     parameters: dict[str, Any] = {f"FORCE_PLATFORM__{name}": value for name, value in plates.items()}
     parameters |= {"POINT__LABELS": ["PLAT1", "PLAT2", "PLAT3", "FOOT1", "FOOT2", "FOOT3"]}
     parameters |= {"ANALOG__UNITS": ["N", "N", "N", "Nmm", "Nmm", "Nmm"] * 3}
-    overview = inspect_file(write_c3d(tmp_path / "a.c3d", points, analogs, **parameters))
+    overview = module.inspect_file(write_c3d(tmp_path / "a.c3d", points, analogs, **parameters))
+    assert [*overview.facts.values()] == ["4, from 1 on, at 100 Hz", "mm", "3", "not said", "not said"]
+    plates = [one for one in overview.channels if one.kind == "plate"]
+    assert [(one.load, *one.centre) for one in plates] == [(force, 1e3 * n, 0, 0) for n, force in enumerate(forces)]
+    (hidden,), (fz,) = ([one for one in overview.channels if name in one.address.values()] for name in ("FOOT3", "A9"))
+    assert (hidden.count, hidden.rate, hidden.note) == (3, 100, "missing in 25.0% of the frames")
+    assert (fz.unit, fz.count, fz.rate) == ("N", 8, 200)
     assert f"\n#   plate: {line}" in draft_source(overview, "a.c3d")
 
 
@@ -189,9 +179,9 @@ def test_the_draft_is_written_where_it_is_asked_for_and_never_over_a_file(tmp_pa
 def test_every_real_file_is_listed_or_refused_in_a_sentence(path: Path) -> None:
     if path.name in {"Empty.c3d", "Optotrak_truncated_29_of_1149.c3d", "s18_bad_parameter_section.c3d"}:
         with pytest.raises(InputError, match=path.name):
-            inspect_file(path)
+            module.inspect_file(path)
         return
-    overview = inspect_file(path)
+    overview = module.inspect_file(path)
     assert overview.channels
     assert isinstance(yaml.safe_load(draft_source(overview, path.name)), dict)
 
@@ -230,13 +220,13 @@ EVERY = pytest.mark.parametrize("what", ["csv", "mat", "json_lines", "tdms"])
 def test_of_two_clocks_the_first_is_taken_if_they_agree_and_the_user_is_asked(tmp_path, what, slow, asked):
     """Taken by a clock that is 10 % slow, B would be 10 % and I 21 % off, at a VAF of 100 %."""
     path = WRITERS[what][2](tmp_path / f"a.{what}", {"loop_time": slow * TIME, "sys_time": TIME, **SIGNALS})
-    overview = inspect_file(path)
+    overview = module.inspect_file(path)
     time = yaml.safe_load(draft_source(overview, path.name))["time"]
     assert slow == 1 or list(open_places({"time": time}))
     assert any("loop_time" in one for one in time.values()) == (slow == 1)
     (said,) = overview.open
     assert re.search(asked, said)
-    assert f"! {said}" in overview_text(overview)
+    assert f"! {said}" in module.overview_text(overview)
     assert f"# {said}\n" in draft_source(overview, "a")
 
 
@@ -249,12 +239,28 @@ def test_clocks_agree_within_half_a_percent_in_any_unit_of_seconds(factor, taken
     assert likely_clock({"b": TIME - 0.02 * (np.arange(50) % 5 == 0), "a": TIME}) == ("a", []), "it goes back"
 
 
+def test_names_tell_clocks_and_units_and_stamps_tell_rate_span_and_gaps():
+    units = {f"x_{unit}": unit for unit in re.split(" ", "deg rad rev rpm Nm N A mA V mV s ms us ns Hz mm")}
+    units |= {f"x_{angle}_{per}s": f"{angle}/s" for angle in ("deg", "rad") for per in ("", "per_")} | {"t_sec": "s"}
+    assert {name: about.likely_unit(name) for name in [*units, "theta_m", "deg"]} == units | {"theta_m": "", "deg": ""}
+    clocks = "time T timestamp stamp state_time loop_time pi_time sys_time ROS_time elapsed_time elapsed clock seconds"
+    clocks += " time_since_start t_us t_ns time_ms Time_sec t_s stance_time t0 time_to_peak times theta t_m"
+    assert [about.is_clock(name) for name in re.split(" ", clocks)] == [True] * 19 + [False] * 6
+    for time, said, rate in (
+        ([0, 1, 2, 3.4, 5, 5.5], "1 gaps, the longest 1.600 s", 1), ([0, 1, 2, 2, 2, 3, 4], "2 stamps twice", 1),
+        ([0, 0.5, 1, 0.75, 1.5, 2], "1 stamps out of order", 2), ([4], "", None), ([0, 2, 2, 2], "2 stamps twice", 0.5),
+    ):  # fmt: skip
+        assert (about.gaps_text(np.array(time)), about.rate_of(np.array(time))) == (said, rate)
+    back, often = np.r_[0:11.0, 9:20], np.r_[0:9.0, 7:9]
+    assert [about.span_of(one) for one in (back, often, np.array([0, np.nan, 0, 3, 3]))] == [19, 0, 3]
+
+
 def test_only_a_file_with_several_trials_is_said_to_hold_them(tmp_path):
     one = {"time": TIME, **SIGNALS}
     write_mat(tmp_path / "single.mat", **one)
     write_mat(tmp_path / "several.mat", run1=one, run2=one).rename(tmp_path / "several.MAT")
-    new_campaign(tmp_path / "mine", recordings=tmp_path)
-    lines = left_to_decide(tmp_path / "mine", draft_campaign(tmp_path))
+    module.new_campaign(tmp_path / "mine", recordings=tmp_path)
+    lines = module.left_to_decide(tmp_path / "mine", module.draft_campaign(tmp_path))
     (said,) = [line for line in lines if "log_part" in line]
     assert said.startswith("2 parts hold the same variables: name one per trial in the column `log_part` of the sheet")
     assert said.endswith(": run1, run2 (several.MAT)")
@@ -265,18 +271,18 @@ def test_a_folder_of_recordings_is_a_table_that_no_text_of_theirs_can_break(tmp_
     write_c3d(tmp_path / "walk.c3d", positions, rate=100.0, POINT__LABELS=["a"])
     (tmp_path / "a|<b>.csv").write_text("a,b\n1,2\n")
     (tmp_path / "broken.mcap").write_bytes(b"no MCAP file")
-    rows = samples_table(tmp_path).splitlines()[2:]
+    rows = module.samples_table(tmp_path).splitlines()[2:]
     assert rows[0] == r"| a\|&lt;b&gt;.csv | csv | 2 x column |  |"
     assert rows[1].startswith("| broken.mcap |  |  | refused: not an MCAP file")
     assert rows[2] == "| walk.c3d | c3d | 1 x marker at 100 Hz |  |"
     with pytest.raises(InputError, match=r"no recordings below it \(\.mcap, "):
-        samples_table(tmp_path / "none")
+        module.samples_table(tmp_path / "none")
 
 
 @pytest.mark.skipif(not REAL_DATA.is_dir(), reason="no real data")
 def test_the_page_in_the_documentation_names_every_real_sample() -> None:
     page = (Path(__file__).parents[1] / "docs/real_samples.md").read_text()
-    assert [path.name for path in recordings_in(REAL_DATA) if escaped(path.name) not in page] == []
+    assert [path.name for path in module.recordings_in(REAL_DATA) if module.escaped(path.name) not in page] == []
 
 
 STIFFNESS, DAMPING, INERTIA = 120.0, 2.0, 0.02
@@ -289,7 +295,7 @@ def in_root(monkeypatch):
 
 @pytest.fixture
 def bench(tmp_path):
-    return WatchedBench(default_config(), None, tmp_path / "pictures")
+    return module.WatchedBench(default_config(), None, tmp_path / "pictures")
 
 
 def write_joint(path, sign=1.0):
@@ -324,7 +330,7 @@ def looks(arrivals, *seconds):
 
 def test_a_file_that_grows_with_pauses_is_taken_for_complete_once_at_most(tmp_path):
     """A recorder that writes every 6 s gave a refusal for each part."""
-    arrivals, log, found = Arrivals(tmp_path), tmp_path / "a.csv", []
+    arrivals, log, found = module.Arrivals(tmp_path), tmp_path / "a.csv", []
     for second in range(60):
         if second % 6 == 0:
             touch(log, "x" * (second + 1), second)
@@ -345,31 +351,31 @@ def test_what_was_not_examined_before_a_restart_is_examined_then_and_no_more(tmp
     clock = iter(range(0, 1000, 5))
     monkeypatch.setattr(module.time, "monotonic", lambda: float(next(clock)))
     monkeypatch.setattr(module.time, "sleep", lambda _: None)
-    first = watched_lines(tmp_path / "in", bench)
+    first = module.watched_lines(tmp_path / "in", bench)
     assert " a.csv: " in next(first)
     first.close()
-    again = watched_lines(tmp_path / "in", bench)
+    again = module.watched_lines(tmp_path / "in", bench)
     assert [" b.csv: " in next(again), " c.csv: " in next(again)] == [True, True]
     again.close()
-    assert sorted(read_notes(bench.output / "examined.json")) == ["a.csv", "b.csv", "c.csv"]
+    assert sorted(module.read_notes(bench.output / "examined.json")) == ["a.csv", "b.csv", "c.csv"]
     (bench.output / "examined.json").write_text("{cut")
-    assert read_notes(bench.output / "examined.json") == {}
+    assert module.read_notes(bench.output / "examined.json") == {}
 
 
 def test_a_fault_in_one_recording_does_not_end_the_watch(tmp_path, bench, monkeypatch):
     write_joint(path := tmp_path / "in/k120_b2.csv")
     bench.output.write_text("a file in place of the folder")  # and no picture takes the numbers away
-    said = recording_line(path, tmp_path / "in", bench)
+    said = module.recording_line(path, tmp_path / "in", bench)
     assert re.search(r"\bK 1[12]\d.*no picture: ", said)
     monkeypatch.setattr(module, "fit_of_row", lambda *_: 1 / 0)
-    assert "FAILED: unexpected ZeroDivisionError" in recording_line(path, tmp_path / "in", bench)
+    assert "FAILED: unexpected ZeroDivisionError" in module.recording_line(path, tmp_path / "in", bench)
 
 
 def test_a_stiffness_far_from_the_desired_one_is_pointed_at(tmp_path, bench):
     write_joint(path := tmp_path / "in/impedance_k300_b2.csv")
-    assert "LOOK AT IT: K is 0.4 times the K_d = 300" in recording_line(path, tmp_path / "in", bench)
-    new_campaign(tmp_path / "c", recordings=tmp_path / "in")
-    (look,) = first_look(tmp_path / "c")
+    assert "LOOK AT IT: K is 0.4 times the K_d = 300" in module.recording_line(path, tmp_path / "in", bench)
+    module.new_campaign(tmp_path / "c", recordings=tmp_path / "in")
+    (look,) = module.first_look(tmp_path / "c")
     of = {"experiment": "impedance", "K_d": 100.0}
     far = [K for K in (59.0, 61.0, 166.0, 168.0) if module.off_desired(pl.DataFrame({"K": [100.0, K]}), of)]
     assert far == [59.0, 168.0], "the last row is over all amplitudes"
@@ -381,7 +387,7 @@ def test_a_recording_of_an_unknown_recorder_gives_its_joint_and_what_was_guessed
     write_joint(tmp_path / "in/rec7.csv", sign=-1.0)
     (tmp_path / "in/x.csv").write_text("junk\n")
     paths = sorted((tmp_path / "in").iterdir())
-    sound, turned, junk = (recording_line(path, tmp_path / "in", bench) for path in paths)
+    sound, turned, junk = (module.recording_line(path, tmp_path / "in", bench) for path in paths)
     found = {name: float(value) for name, value in re.findall(r"\b([KBI]) (\S+) ±", sound)}
     assert found == pytest.approx({"K": STIFFNESS, "B": DAMPING, "I": INERTIA}, rel=0.02)
     assert 'channels are guessed: theta: {column: "ankle_angle_deg"' in sound
@@ -398,8 +404,8 @@ def test_the_stated_source_file_decides(tmp_path):
         "format: csv\ntime: {column: time_s, unit: s}\nchannels:\n  theta: {column: ankle_angle_deg, unit: deg}\n"
         "  torque: {column: loadcell_torque_Nm, unit: N*m, sign: -1}\n"
     )
-    bench = WatchedBench(Path("config/config.yaml"), tmp_path / "mine.yaml", tmp_path / "pictures")
-    said = recording_line(tmp_path / "in/k120_b2.csv", tmp_path / "in", bench)
+    bench = module.WatchedBench(Path("config/config.yaml"), tmp_path / "mine.yaml", tmp_path / "pictures")
+    said = module.recording_line(tmp_path / "in/k120_b2.csv", tmp_path / "in", bench)
     assert "guessed" not in said
     assert "NOT CHECKED: " in said
     assert float(re.search(r"\bK (\S+) ±", said)[1]) == pytest.approx(STIFFNESS, rel=0.01)
@@ -411,23 +417,23 @@ def test_a_trial_of_the_sheet_is_fitted_in_its_windows_and_against_its_curve(mon
     disturbed = np.where((motion[0] > 15) & (motion[0] < 25), 30 * np.sin(9 * motion[0]), 0.0)
     trial = made_trial(rng, motion, more=disturbed)
     row = {"experiment": "impedance", "controller": "mine", "K_d": 250.0, "B_d": None, "windows": "2-14.5 25.5-40"}
-    (found,) = fit_of_row(trial, row, None, default_config()).table.to_dicts()
+    (found,) = module.fit_of_row(trial, row, None, default_config()).table.to_dicts()
     assert [found[name] for name in TRUE] == pytest.approx(list(TRUE.values()), rel=0.01)
     assert (found["controller"], found["K_d"]) == ("mine", 250.0)
     assert "the configuration names no parameter file" in found["not_checked"]
     monkeypatch.setattr(module, "fit_trial", lambda *given: given[-2]["desired"])
-    assert fit_of_row(trial, {"experiment": "torque_angle", "desired": "foot"}, None, default_config()) == "foot"
+    assert module.fit_of_row(trial, {"experiment": "torque_angle", "desired": "foot"}, None, default_config()) == "foot"
 
 
 def test_the_parameters_of_an_ankle_judge_no_knee(bench):
     device, without = bench.config.parameters, bench.config.model_copy(update={"parameters": None})
-    found = [device_of_row(row, bench.config) for row in ({"joint": "knee"}, {"joint": "ankle"}, {"joint": None})]
-    assert [*found, device_of_row({}, without)] == [None, device, device, None]
+    found = [module.device_of_row({"joint": joint}, bench.config) for joint in ("knee", "ankle", None)]
+    assert [*found, module.device_of_row({}, without)] == [None, device, device, None]
 
 
 def test_a_failed_check_that_the_sheet_accepts_is_not_repeated(bench):
     rng = np.random.default_rng(1)
     trial = made_trial(rng, noise(rng, duration=20.0))
     spoilt = replace(trial, samples=trial.samples.with_columns(torque=pl.col("torque").clip(-4, 4)))
-    assert "saturation" in quality_text(spoilt, "impedance", bench.config, ())
-    assert "saturation" not in quality_text(spoilt, "impedance", bench.config, ("saturation",))
+    assert "saturation" in module.quality_text(spoilt, "impedance", bench.config, ())
+    assert "saturation" not in module.quality_text(spoilt, "impedance", bench.config, ("saturation",))

@@ -62,11 +62,9 @@ def written(folder, name, found, p, as_name=None):
 
 
 BELTS = {
-    "M1": (DEFAULT_FILE, ("belt_hysteresis",)),
-    "M2": (QUADRATIC_FILE, ("belt_hysteresis",)),
-    "M3": (DEFAULT_FILE, ()),
+    "M1": (DEFAULT_FILE, ("belt_hysteresis",)), "M2": (QUADRATIC_FILE, ("belt_hysteresis",)), "M3": (DEFAULT_FILE, ()),
     "M4": (QUADRATIC_FILE, ()),
-}
+}  # fmt: skip
 
 
 def scored(folds, k, models):

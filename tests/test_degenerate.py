@@ -208,14 +208,11 @@ def crossings():
     gait, perturbed = walks()
     same = replace(gait[0], onset=perturbed[0].onset, turn=0.08)
     cases = {
-        "no response": ([gait[0]] * 4, [same] * 3),
-        "equal crossings": ([gait[0]] * 4, [perturbed[0]] * 3),
+        "no response": ([gait[0]] * 4, [same] * 3), "equal crossings": ([gait[0]] * 4, [perturbed[0]] * 3),
         "exact": ([walked("u0", Walk(noise=0.0))] * 4, [walked("u0", Walk(phase=0.4, noise=0.0))] * 3),
-        "no gait": ([], perturbed),
-        "two unperturbed": (gait[:2], perturbed),
-        "one perturbed": (gait, perturbed[:1]),
+        "no gait": ([], perturbed), "two unperturbed": (gait[:2], perturbed), "one perturbed": (gait, perturbed[:1]),
         "no stance": lambda: ([replace(c, stance=Stance(0.3, 0.3)) for c in gait], perturbed),
-    }
+    }  # fmt: skip
     for how in spoiled(gait[0].time, gait[0].theta, gait[0].torque):
         if "160" not in how:
             cases[f"all: {how}"] = lambda how=how: (spoil(gait, how), spoil(perturbed, how))

@@ -16,6 +16,7 @@ from osl_analysis.bench.response_tables import RESPONSE_COLUMNS
 from osl_analysis.cli import main
 from osl_analysis.design import precision as planning
 from osl_analysis.design.precision import Continuous, Distortion, PeriodicMultisine, Sensors, SteppedSine, precision
+from osl_analysis.errors import InputError
 from osl_analysis.signals import LowPass
 from osl_analysis.spectral.periods import periodic_motion
 
@@ -224,6 +225,13 @@ def test_a_chirp_and_noise_carry_what_their_bands_carry():
     once, twice = (precision(plan, JOINT, Sensors(1000.0, 0.05), OPEN, stated).variance["distortion"] for plan in plans)
     np.testing.assert_allclose(once / twice, 2, rtol=0.01)
     assert DRAFT.peak == pytest.approx(np.deg2rad(6) * (10 * np.pi) ** np.arange(3))
+    for band, rms, seconds in (((0, 2), 1, 1), ((2, 2), 1, 1), ((1, np.inf), 1, 1), ((1, 2), 0, 1), ((1, 2), 1, 0)):
+        with pytest.raises(InputError, match="no motion has a band"):
+            Continuous(band, rms, seconds, True)
+    stated = Distortion(earlier=(np.array([1.0, 5.0]), np.full(2, 0.08)))  # of noise: as white noise of this density
+    of = (Sensors(1000.0, 0.0), OPEN, stated), (Sensors(1000.0, np.sqrt(0.08 * 500)), OPEN)
+    by_level, white = (precision(plan, JOINT, *given) for given in of)
+    np.testing.assert_allclose(by_level.columns["se"], white.columns["se"])
 
 
 @pytest.fixture(autouse=True)
@@ -251,6 +259,17 @@ def test_the_configuration_s_protocol_is_the_default():
         assert said["lag_errors"][name] == pytest.approx(-cause * 1e-4, rel=0.1)
 
 
+def test_every_error_that_is_stated_is_handed_on_in_si_units(monkeypatch):
+    seen, of = [], planning.precision
+    monkeypatch.setattr(planning, "precision", lambda *given: seen.append(given) or of(*given))
+    options = {"torque-noise": 0.2, "noise-band": 50, "torque-step": 0.1, "encoder-step": 0.01, "angle-noise": 0.02}
+    options |= {"rate": 500, "drift": 30, "distortion": 2, "friction": 0.3, "stiffness": 200, "lag": 2}
+    said = as_json(*(word for name, value in options.items() for word in (f"--{name}", value)))
+    _, joint, sensors, _, stated = seen[0]
+    assert sensors == Sensors(500, 0.2, 50, 0.1, *np.deg2rad([0.01, 0.02]).tolist(), 0.5)
+    assert (joint[0], stated, said["lag_s"]) == (200, Distortion(0.3, 0.02), 2e-3)
+
+
 def test_text_and_json_say_the_same_intervals():
     arguments = ("--excitation", "multisine", "--friction", "0.3")
     text, said = call(*arguments).stdout, as_json(*arguments)
@@ -271,6 +290,7 @@ def test_the_torque_to_expect_is_that_of_the_largest_sine_or_of_all_together():
     w = 10 * np.pi
     largest = abs(300 - 0.02 * w**2 + 5j * w) * np.deg2rad(6)
     assert f"torque about {largest:.3g} N·m" in call().stdout
+    assert f"torque about {largest + 4:.3g} N·m" in call("--friction", "4").stdout
     said = call("--excitation", "noise", "--band", "0.2,5", "--damping", "0", "--inertia", "0").stdout
     assert f"torque about {4 * 300 * np.deg2rad(2):.3g} N·m" in said
 
@@ -303,6 +323,7 @@ def test_an_earlier_trial_states_the_distortion(tmp_path):
     assert "2 trials; choose one with --trial, such as m" in call(*earlier).stderr
     assert "state the same distortion twice" in call(*earlier, "--trial", "m", "--friction", "1").stderr
     assert "says nothing on single sines" in call(*earlier, "--trial", "m").stderr
+    assert "says nothing on a chirp" in call("--excitation", "chirp", *earlier, "--trial", "m").stderr
     said = as_json("--excitation", "multisine", *earlier, "--trial", "m", "--realisations", "1")
     # 0.02 N*m at each line, half of its square in each quadrature, which is 0.01 of Z = |torque|/0.0119 rad
     share = as_json("--excitation", "multisine", "--realisations", "1", "--distortion", "1%")

@@ -10,7 +10,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.jobs.job import reason_and_remedy
 from osl_analysis.judge import doubts as judgements
 from osl_analysis.judge.doubts import doubtful_count, marked, not_checked_line, summary_of_trials
-from osl_analysis.judge.findings import findings, findings_report
+from osl_analysis.judge.findings import finding, findings, findings_report
 from osl_analysis.judge.recording import CHECKS
 from osl_analysis.judge.table import Doubt, DoubtfulFits
 from osl_analysis.table import read_table, write_table
@@ -140,6 +140,20 @@ def test_a_check_that_flags_trials_is_said_with_its_cause_its_value_and_what_to_
     (said,) = findings_report(table, []).splitlines()
     assert said.startswith("flagged, 1 of 2 trials: gap in the recording: ")
     assert "as 0.095 s in b (torque). Look for a recorder" in said
+    both = findings(table, {"belt": fits(doubtful=["", "x 2 is above 1"])})
+    assert [one["verdict"] for one in both] == ["doubtful", "flagged"]
+
+
+def test_a_finding_names_three_trials_or_those_that_it_spares_and_what_a_delay_takes_from_the_least_to_the_most():
+    for n, judged, said in ((4, 7, " [all but t4, t5, t6]"), (4, 8, " [t0, t1, t2, ...]"), (1, 4, " [t0]"), (2, 2, "")):
+        trials = [f"t{k}" for k in range(judged)]
+        line = finding("flagged", "trials", "c", "s", "", trials[:n], trials)["line"]
+        assert line == f"flagged, {n} of {judged} trials: c: s{said}"
+    rows = {"trial": ["a", "b", "c"], "amplitude_deg": None, "K": [200.0, 300.0, 900.0], "B": [5.0, 4.0, 9.0]}
+    late = ["whether the torque is late: unseen", "whether the torque is late: unseen", None]
+    (said,) = findings(NO_CHECKS, {"impedance": pl.DataFrame(rows | {"I": [0.02, 0.03, 0.09], "not_checked": late})})
+    takes = "0.2 to 0.3 N*m*s/rad off B = 4 to 5 and 0.004 to 0.005 kg*m^2 off I = 0.02 to 0.03"
+    assert (said["trials"], said["n"], takes in said["line"]) == (["a", "b"], 3, True)
 
 
 def test_a_mean_over_trials_leaves_out_doubtful_ones_while_half_are_sound_and_says_how_many():

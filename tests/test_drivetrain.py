@@ -175,12 +175,10 @@ WEIGHTS = [PAPER_WEIGHT, weight_of(0.1, 5), weight_of(50, 1), weight_of(7, 3), w
 PROVED = [
     (300, 5, PAPER_WEIGHT, False, [0.664686846657257]),
     (31.4159265358979, 5.0, PAPER_WEIGHT, True, [0.2336021263447045]),
-    (250, 1e-7, weight_of(7, 3), False, [0.7027444066679175]),
-    (1, 0, weight_of(50, 1), False, [16.83962680009294]),
+    (250, 1e-7, weight_of(7, 3), False, [0.7027444066679175]), (1, 0, weight_of(50, 1), False, [16.83962680009294]),
     (0.99 * 685.6, 20, weight_of(0.1, 5), True, [4699.7192679253]),
-    (641, 7.4, weight_of(1, 1), True, [2.5755454822996087, 11.0603951499571]),
-    (600, 0, PAPER_WEIGHT, False, []),
-]
+    (641, 7.4, weight_of(1, 1), True, [2.5755454822996087, 11.0603951499571]), (600, 0, PAPER_WEIGHT, False, []),
+]  # fmt: skip
 """All minima B_1 of the default device by Sturm's theorem in rational arithmetic (release 0.2.0): K_d, B_d, W, whether
 J_j counts."""
 

@@ -35,12 +35,10 @@ def test_a_run_has_a_line_now_and_then_one_per_stage_and_what_is_refused_at_once
         tell(LogHandler(SimpleNamespace(verbose=settings[0], dryrun=settings[1]), None), text="Unlocked.")
     assert lines.total.total() == 40
     assert capsys.readouterr().err.splitlines() == [
-        "Unlocked.",
-        "read and check recordings 21/40, 2/s, 10 s left",
+        "Unlocked.", "read and check recordings 21/40, 2/s, 10 s left",
         *(rf"{outcome}: {outcome}: b.mcap: no such file\x1b[31m" for outcome in outcomes[:3]),
-        "read and check recordings 40/40 in 20 s",
-        "Error: Directory cannot be locked.",
-    ]
+        "read and check recordings 40/40 in 20 s", "Error: Directory cannot be locked.",
+    ]  # fmt: skip
 
 
 def test_a_rule_has_its_stage_in_a_module_too():

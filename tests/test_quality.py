@@ -1,6 +1,7 @@
 """Quality control: every check sees the fault it is for, and nothing in a sound recording."""
 
 import re
+from contextlib import nullcontext
 from dataclasses import replace
 
 import numpy as np
@@ -133,6 +134,7 @@ STOOD_ON = 800 + np.random.default_rng(1).standard_normal(2000)
     ("stuck", laboratory(plate2_force_z=np.zeros(2000)), "walking", 0.0, ""),
     *(("encoder_wrap", bench(ANGLE + k * AWAY), "impedance", 2.0 * (k != 7.5), "theta" * (k != 7.5))
       for k in (2 * np.pi, -2 * np.pi, 360.0, 7.5)),
+    *(("encoder_wrap", bench(**{c: ANGLE + 2 * np.pi * AWAY}), "belt", 2.0, c) for c in ("theta_m", "theta_command")),
     ("gap", bench().filter(pl.col("time") != 1.0), "impedance", 0.001, None),  # of one sample
     ("unzeroed_load_cell", bench(torque=TORQUE - 8.0), "impedance", 7.5, None),
     ("unzeroed_load_cell", bench()[500:], "impedance", None, None),  # it begins in motion
@@ -244,12 +246,13 @@ def test_the_plate_at_minus_713_n_of_a_real_recording_is_caught():
 def test_clocks_that_fit_badly_and_a_damaged_log_are_told_from_the_provenance():
     clock = {"drift": 5e-5, "drift_error": 1e-6, "residual": 2.5e-3, "edges": 20, "excluded_edges": 1, "rows_before": 3}
     damage = {"complete": False, "crc": "checked", "messages_lost": 130, "share_lost": 0.04, "remarks": ["chunk 3"]}
+    damage["chunks_lost"] = 2
     found = results(bench(), clock=clock, damage=damage)
     assert failed(found) == {"clock_residual", "damage", "truncated"}
     assert found["clock_residual"].remark.startswith(
         "drift 50.0 +- 1.0 ppm; 20 matched and 1 excluded by edges; 3 and 0 rows"
     )
-    said = CheckResult(4.0, "130 messages lost; the file is not complete; CRC checked; chunk 3")
+    said = CheckResult(4.0, "2 chunks lost; 130 messages lost; the file is not complete; CRC checked; chunk 3")
     assert found["damage"] == said
 
 
@@ -296,10 +299,9 @@ def test_a_trial_of_few_rows_or_empty_columns_is_judged_without_an_error(rows, e
         assert judged(found)["check"].to_list() == list(CHECKS)
 
 
-@pytest.mark.parametrize(
-    ("name", "value", "fails"),
-    [("rate", 99, True), ("rate", 100, False), ("gap", 0.05, False), ("gap", 0.051, True), ("gap", np.nan, True)],
-)
+@pytest.mark.parametrize(("name", "value", "fails"), [
+    ("rate", 99, True), ("rate", 100 - 1e-8, False), ("gap", 0.05, False), ("gap", 0.051, True), ("gap", np.nan, True),
+])  # fmt: skip
 def test_a_value_at_its_threshold_passes_and_no_number_fails(name, value, fails):
     assert CHECKS[name].failed(value, RULES.by_check[name].limit) is fails
 
@@ -358,6 +360,10 @@ def test_a_command_at_its_level_is_no_rail_a_clipped_current_and_a_stated_end_ar
     ):  # fmt: skip
         trial = Trial("a", pl.DataFrame({"time": time, column: values}), origin)
         assert least <= samples_at_rail(trial, column) <= most
+    for low, high in ((-61.1, 61.1), (-61.3, 0.0), (0.0, 61.3)):  # electronics reach a hundredth of the range further
+        trial = Trial("a", pl.DataFrame({"time": [0.0, 1.0], "torque": [low, high]}), origin)
+        with pytest.raises(InputError, match="beyond") if low + high else nullcontext():
+            recording.check_ranges(trial)
 
 
 def test_a_stated_range_is_that_of_the_sensor_whatever_its_sign_and_offset():

@@ -48,6 +48,8 @@ def result(path):
 def test_a_record_reads_back_whatever_the_reason_holds(tmp_path):
     odd = Refusal("b,1", 'a "file"', "j", "refused", "columns 'a', \"b\": 1,2; # no", "")
     assert read_refusals(record(tmp_path / "x.parquet", odd, LOST)) == (odd, LOST)
+    (tmp_path / "large.csv").write_bytes((tmp_path / "x.parquet").read_bytes().ljust(1 << 20))
+    assert not is_refused(tmp_path / "large.csv")
     assert refused_trials([LOST, replace(LOST, reason="later"), KILLED]) == {"b_1": LOST, "b_2": KILLED}
 
 
@@ -210,15 +212,18 @@ def test_the_list_has_a_line_per_cause_with_trial_file_reason_and_remedy(tmp_pat
     assert "\nNOT ANALYSED: some results.\n" in refusal_report(files[:1], recordings, accept=True)
 
 
+NOT_MADE = "  therefore not made: numbers.tex, summary.json, walking.csv, figure fig9"
+
+
 def test_the_list_says_what_else_has_no_result(tmp_path):
     stand = Refusal("stand", "raw/stand.c3d", "crossing.calibrate", "refused", "raw/stand.c3d: no foot", "label it")
     names = ["fits/calibration/stand.json", "crossings/w_1.parquet", "fits/walking/w_2.csv", "tables/walking.csv"]
-    names += ["figures/fig9.csv", "figures/fig9.pdf", "fits/unperturbed.parquet"]
+    names += ["figures/fig9.csv", "figures/fig9.pdf", "fits/unperturbed.parquet", "numbers.tex", "summary.json"]
     records = [record(tmp_path / name, stand) for name in names]
     recordings = {name: [f"raw/{name}.c3d"] for name in ("stand", "w_1", "w_2", "belt_1")}
     told = refusal_report(records, recordings, accept=False).splitlines()
     assert told[1] == "NOT ANALYSED: 1 of 4 trials, and for want of them 2 more; results are of the others."
-    assert told[3:5] == ["  therefore without a result: w_1, w_2", "  therefore not made: walking.csv, figure fig9"]
+    assert told[3:5] == ["  therefore without a result: w_1, w_2", NOT_MADE]
 
 
 def test_what_a_renaming_leaves_among_the_results_is_named_at_the_end_of_a_run():
@@ -234,6 +239,8 @@ def test_a_trial_that_is_used_without_its_end_is_named_at_the_end_of_a_run():
     (told,) = findings.findings_report(pl.DataFrame(rows), []).splitlines()
     assert re.fullmatch(r"flagged, 1 of 3 trials: log without its end: .*`truncated` under `accept`.*\[b_0\]", told)
     assert findings.findings_report(pl.DataFrame(rows[1:]), []) == ""
+    twice = pl.DataFrame([rows[2] | {"threshold": 0.0}, rows[2] | {"check": "gap", "threshold": 0.0}])
+    assert exclusions(twice) == {"b_2": "truncated 1 logs, threshold 0.0; gap 1 logs, threshold 0.0"}
 
 
 TABLES = {

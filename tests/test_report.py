@@ -254,7 +254,7 @@ def test_a_report_says_of_each_trial_what_became_of_it_and_leaves_out_counts(tmp
     report.write_report(sheet={name: {"trial": name, "experiment": kind} for name, kind in kinds.items()}, **given)
     said = {row["name"]: (row["verdict"], row["doubt"][:40]) for row in seen[0]["trials"]}
     none = ("refused", "it has no result, because b_2 was refuse")
-    assert (said["b_1"][0], said.pop("b_1")[1][:20]) == ("flagged", "gap in the recording")
+    assert said.pop("b_1") == ("flagged", "gap in the recording: samples are missing"[:40])
     assert said == {"b_2": ("refused", "no footer"), "b_3": none, "w": none, "s": ("used", "")}
     said = ("K", "1.50", "N·m", "1.00 to 2.50 (range)", "1, 1 of them doubtful", "1.25")
     assert ([tuple(row.values()) for row in seen[0]["headlines"]], seen[0]["not_made"]) == ([said], [of_table])
@@ -262,6 +262,9 @@ def test_a_report_says_of_each_trial_what_became_of_it_and_leaves_out_counts(tmp
     assert (len(own["quality"]), other["quality"], own["remark"][:24]) == (1, [], "5 samples a second are d")
     assert [one["title"] for one in own["panels"]][2:] == ["Belt deflection", "Torque against belt deflection"]
     assert [one["where"] for one in own["panels"][3]["drawn"]] == ["", ""], "the whole loop"
+    left, of_joint = own["panels"][1]["drawn"][0], panels.bench_pictures(pl.DataFrame({"time": [0.0]}), "Joint angle")
+    assert (left["y"], left["high"], left["kind"]) == ("residual_low", "residual_high", "range")
+    assert of_joint.panels[3]["drawn"][0]["where"] == "torque_model"
 
 
 def test_crossings_are_drawn_in_degrees_the_residual_is_measured_minus_model_and_raw_signals_are_thinned_out():

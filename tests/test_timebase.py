@@ -100,11 +100,9 @@ def test_a_5_hz_sine_comes_to_the_grid_with_the_error_that_the_report_states(rat
 
 
 MOTIONS: dict[str, Callable] = {
-    "multisine": lambda t: sines(t)[0],
-    "sine": lambda t: sines(t, (1.3,), SIZE)[0],
-    "stepped": stepped_sine,
+    "multisine": lambda t: sines(t)[0], "sine": lambda t: sines(t, (1.3,), SIZE)[0], "stepped": stepped_sine,
     "ramp": lambda t: 0.05 * t,
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("motion", MOTIONS)

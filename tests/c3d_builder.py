@@ -9,14 +9,9 @@ REAL_DATA = Path(__file__).parents[2] / "shared" / "real_data"
 
 
 def write_c3d(
-    path: Path,
-    points: np.ndarray,
-    analogs: np.ndarray | None = None,
-    rate: float = 100.0,
-    integers: bool = False,
-    processor: int = 84,
-    **parameters: object,
-) -> Path:
+    path: Path, points: np.ndarray, analogs: np.ndarray | None = None, rate: float = 100.0, integers: bool = False,
+    processor: int = 84, **parameters: object,
+) -> Path:  # fmt: skip
     """Write raw points (frames, points, 4: x, y, z, residual) and raw analogs (samples, channels) as they are.
 
     Parameters are named `GROUP__NAME`: lists of text, bytes, whole numbers or floats, in C3D's dimensions.

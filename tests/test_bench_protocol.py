@@ -195,8 +195,7 @@ def kind_of(theta, rng):
 
 
 DAMAGE = {
-    "sound": lambda x, _: (x, "stepped sine"),
-    "in degrees": lambda x, _: (57.3 * x, "stepped sine"),
+    "sound": lambda x, _: (x, "stepped sine"), "in degrees": lambda x, _: (57.3 * x, "stepped sine"),
     "half of it at rest": lambda x, _: (np.where(np.arange(len(x)) < len(x) / 2, x, 0), "stepped sine"),
     "clipped": lambda x, _: (np.clip(x, -0.03, 0.03), "stepped sine"),
     "freezes": lambda x, _: (np.where(np.arange(len(x)) % 7500 < 1500, 0.02, x), "stepped sine"),
@@ -204,7 +203,7 @@ DAMAGE = {
     "wanders": lambda x, _: (x + 0.05 * np.sin(0.8 * np.arange(len(x)) / FINE), "unclear"),
     "hum": lambda x, _: (x + 0.05 * np.sin(314 * np.arange(len(x)) / FINE), "unclear"),
     "still": lambda x, _: (0 * x, "unclear"),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("damage", DAMAGE)

@@ -294,10 +294,9 @@ def test_a_desired_curve_stands_beside_the_measured_one():
 
 REFERENCE = {
     "bench_angle_min_deg": "bench_angle_min_deg", "bench_angle_max_deg": "bench_angle_max_deg",
-    "angle_min_deg": "ankle_angle_min_deg", "angle_max_deg": "ankle_angle_max_deg",
-    "torque_min": "torque_min_Nm", "torque_max": "torque_max_Nm", "torque_zero": "torque_at_rest_Nm",
-    "energy_lost": "energy_absorbed_J", "K": "slope_loading_Nm_per_rad",
-    "K_uncorrected": "slope_loading_uncorrected_Nm_per_rad",
+    "angle_min_deg": "ankle_angle_min_deg", "angle_max_deg": "ankle_angle_max_deg", "torque_min": "torque_min_Nm",
+    "torque_max": "torque_max_Nm", "torque_zero": "torque_at_rest_Nm", "energy_lost": "energy_absorbed_J",
+    "K": "slope_loading_Nm_per_rad", "K_uncorrected": "slope_loading_uncorrected_Nm_per_rad",
 }  # fmt: skip
 
 

@@ -406,18 +406,16 @@ LONGER = kind_of("float64 a\nstring s\nfloat64[] b")
 
 def test_a_message_or_a_schema_that_cannot_be_read_is_refused_by_name() -> None:
     for payload, said in (
-        (ONE, "too short for its schema"),
-        (ONE + struct.pack("<II", 0, 2**31), "too short for its schema"),
+        (ONE, "too short for its schema"), (ONE + struct.pack("<II", 0, 2**31), "too short for its schema"),
         (b"\x00\x07\x00\x00\x01", "encapsulation 00070000 is not plain CDR"),
-    ):
+    ):  # fmt: skip
         with pytest.raises(InputError, match=said):
             shape_of(LONGER, payload)
     for schema, said in (
         ("wstring w", "type 'l/wstring' of field 'w' is not defined"),
         ("Other a", "schema l/S: type 'l/Other' of field 'a' is not defined"),
-        ("}{", r"schema l/S: cannot read the line '\}\{'"),
-        ("float64 a\nfloat64 a", "field 'a' is defined twice"),
-    ):
+        ("}{", r"schema l/S: cannot read the line '\}\{'"), ("float64 a\nfloat64 a", "field 'a' is defined twice"),
+    ):  # fmt: skip
         with pytest.raises(InputError, match=said):
             kind_of(schema)
 
@@ -438,10 +436,9 @@ def write_json(folder: Path, texts: list[str], chunk_size: int = 1 << 20) -> Pat
 
 SHAPES: list[tuple[Any, dict[str, float]]] = [
     ({"a": 1.5, "b": {"c": 2}, "d": [1, 2.5], "e": True}, {"a": 1.5, "b.c": 2, "d[1]": 2.5, "e": True}),
-    ({"a": None, "b": {}, "d": [3]}, {}),
-    ({"b": {"c": -(2**62), "a": 9}, "d": []}, {"b.c": -(2**62)}),
+    ({"a": None, "b": {}, "d": [3]}, {}), ({"b": {"c": -(2**62), "a": 9}, "d": []}, {"b.c": -(2**62)}),
     ({"a": -7, "b": None, "d": [None, 4], "e": False}, {"a": -7, "d[1]": 4, "e": False}),
-]
+]  # fmt: skip
 
 
 def test_messages_of_different_shapes_stay_in_order_with_what_each_has(tmp_path: Path) -> None:

@@ -22,10 +22,9 @@ from osl_analysis.ingest.units import EXAMPLES, si_factor
 from osl_analysis.trial import Trial
 
 SOURCE: dict[str, Any] = {
-    "format": "csv",
-    "time": {"column": "t", "unit": "s"},
+    "format": "csv", "time": {"column": "t", "unit": "s"},
     "channels": {"theta": {"column": "angle", "unit": "rad"}, "torque": {"column": "load", "unit": "Nm"}},
-}
+}  # fmt: skip
 
 
 def ingested(folder: Path, text: str | bytes, **fields: object) -> Trial:
@@ -45,9 +44,8 @@ def refused(folder: Path, text: str | bytes, **fields: object) -> str:
 
 
 UNITLESS: dict[str, object] = {
-    "channels": {"theta": {"column": "angle"}, "torque": {"column": "load"}},
-    "time": {"column": "t"},
-}
+    "channels": {"theta": {"column": "angle"}, "torque": {"column": "load"}}, "time": {"column": "t"},
+}  # fmt: skip
 NUMBERED = {"theta": {"column": 2, "unit": "rad"}, "torque": {"column": 3, "unit": "Nm"}}
 PATTERNS = {"theta": {"column": "ang*e"}, "torque": {"column": "load"}}
 TWICE = {"theta": {"column": "angle", "unit": "rad"}, "torque": {"column": "angle", "unit": "Nm"}}

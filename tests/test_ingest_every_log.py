@@ -123,9 +123,8 @@ def refused_mat(path, **fields):
 def test_a_wrong_field_of_a_source_file_of_matlab_is_refused():
     for fields, message in (
         ({"channels": {"theta": {"variable": "a"}}}, "unit"),
-        ({"time": {"rate": 100, "unit": "s"}}, "is that of the variable of time"),
-        ({"log_part": "(2)"}, "no address"),
-    ):
+        ({"time": {"rate": 100, "unit": "s"}}, "is that of the variable of time"), ({"log_part": "(2)"}, "no address"),
+    ):  # fmt: skip
         with pytest.raises(ValueError, match=message):
             described("mat", **fields)
     with pytest.raises(InputError, match="log_part 'x' in the sheet: a log in csv holds one trial; clear the cell"):
@@ -158,9 +157,8 @@ def test_a_matrix_is_a_part_whose_columns_are_signals(tmp_path):
 def test_what_cannot_be_a_log_is_refused_by_its_variable(write, tmp_path):
     for torque, message in (
         (TORQUE[1:], "torque has 39 numbers and t has 40; name variables of one recording"),
-        ("broken", "torque is a 1x6 char, not real numbers"),
-        (TORQUE + 1j, "torque is a "),
-    ):
+        ("broken", "torque is a 1x6 char, not real numbers"), (TORQUE + 1j, "torque is a "),
+    ):  # fmt: skip
         assert message in refused_mat(write(tmp_path / "a.mat", **{**LOG, "torque": torque}))
 
 

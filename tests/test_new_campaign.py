@@ -22,10 +22,9 @@ from osl_analysis.ingest.source import open_places
 KINDS = {
     "config": "config/config.yaml config/campaigns/*/config.yaml config/new_campaign/[ce]*.yaml",
     "simulation": "config/simulation/[!w]*.yaml config/new_campaign/simulation.yaml",
-    "gait_laboratory": "config/simulation/walking.yaml",
-    "parameters": "config/parameters/*.yaml",
+    "gait_laboratory": "config/simulation/walking.yaml", "parameters": "config/parameters/*.yaml",
     "source": "config/sources/*.yaml",
-}
+}  # fmt: skip
 """The shipped files of each schema."""
 
 
@@ -76,13 +75,12 @@ def test_nothing_is_overwritten_and_nothing_stays_behind(tmp_path):
     (tmp_path / "prose/a.csv").write_text("this is\nno table\nat all\n")
     before = sorted(tmp_path.rglob("*"))
     for arguments, said in (
-        ((tmp_path / "mine",), "not empty"),
-        ((tmp_path / "new", "--from", tmp_path / "empty"), "no recording"),
+        ((tmp_path / "mine",), "not empty"), ((tmp_path / "new", "--from", tmp_path / "empty"), "no recording"),
         ((tmp_path / "new", "--from", tmp_path / "prose"), "no table of numbers"),
         ((tmp_path / "new", "--from", tmp_path / "none"), "no such folder"),
         ((tmp_path / "new", "--recorder", "opensourcelegg"), "did you mean 'opensourceleg'"),
         ((tmp_path / "mine/notes.txt/new",), "choose another place"),
-    ):
+    ):  # fmt: skip
         result = call("init", *arguments)
         assert result.exit_code == 1
         assert said in result.stderr

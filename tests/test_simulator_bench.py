@@ -208,9 +208,8 @@ def test_without_effects_the_leg_renders_what_linear_theory_says_and_the_transmi
     t = np.arange(round((0.5 + 1.5 + 0.6 + 0.5) * RATE)) / RATE
     rows = ((t > 1.0) & (t < 1.99)) | ((t > 2.2) & (t < 2.59))
     for experiment, own, expected in (
-        ("impedance", gains, predicted_impedance(gains, P, (2.0, 5.0))),
-        ("transmission", None, (0.0, P.B_j, P.J_j)),
-    ):
+        ("impedance", gains, predicted_impedance(gains, P, (2.0, 5.0))), ("transmission", None, (0.0, P.B_j, P.J_j)),
+    ):  # fmt: skip
         motion, signals = true_signals({"trial": TRIAL, "experiment": experiment}, made, P, own)
         columns = np.column_stack([motion.theta, motion.omega, motion.alpha])[rows]
         found = np.linalg.lstsq(columns, -signals[TORQUE][rows])[0]

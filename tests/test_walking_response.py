@@ -37,12 +37,9 @@ def angle(phase: Array) -> Array:
 
 
 def walked(
-    name: str,
-    scale: float = 1.0,
-    slow: float = 0.0,
-    onset: float | None = None,
+    name: str, scale: float = 1.0, slow: float = 0.0, onset: float | None = None,
     impedance: tuple[float, float, float] = (K, B, I),
-) -> Crossing:
+) -> Crossing:  # fmt: skip
     """A crossing with that angle at a pace, and with slow deviations of angle and torque that its name determines.
     Deviations of the angle are of `slow` [rad] and below 4 Hz. Those of the torque are 300 N*m/rad of them."""
     random = np.random.default_rng(zlib.crc32(name.encode()))

@@ -310,9 +310,8 @@ def test_every_setting_and_argument_is_in_the_requests_of_jobs_with_the_verdicts
             assert said["settings"]["needed_columns"] == [*EXPERIMENTS[row["experiment"]].needed_columns]
             assert {*map(os.path.basename, said["recorded"])} == {row["log"], row["mocap"]} - {None}
             assert (sources.keys(), None in sources.values()) == (
-                {row["log_source"], row["mocap_source"]} - {None},
-                False,
-            )
+                {row["log_source"], row["mocap_source"]} - {None}, False,
+            )  # fmt: skip
         shown |= {said["settings"]["name"]: {one[:-2] for one in of}} if name == "draw_figure" else {}
     optional = {job: {p.name for p in signature(job).parameters.values() if p.default is not p.empty} for job in given}
     assert {job.__name__: names - given[job] for job, names in optional.items() if names - given[job]} == {}

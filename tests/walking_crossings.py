@@ -37,14 +37,10 @@ class Walk:
 
 
 def crossing(
-    name: str,
-    onset: float | None = None,
-    stance: float = 0.72,
-    impedance: tuple[float, float, float] = (340.0, 5.0, 0.03),
-    rise: float = RISE,
-    turn: float = TURN,
+    name: str, onset: float | None = None, stance: float = 0.72,
+    impedance: tuple[float, float, float] = (340.0, 5.0, 0.03), rise: float = RISE, turn: float = TURN,
     gait: float = 1.0,
-) -> Crossing:
+) -> Crossing:  # fmt: skip
     """A crossing by formula, the same wherever its name is another one."""
     time = 0.3 + np.arange(-30, round(stance * RATE) + 30) / RATE
     phase = (time - 0.3) / stance
@@ -97,13 +93,9 @@ class Tables:
 
 
 def run_jobs(
-    folder: Path,
-    perturbed: Sequence[str],
-    unperturbed: Sequence[str],
-    chosen: WalkingAnalysis,
-    sheet: Mapping[str, Mapping[str, object]] | None = None,
-    limits: Doubt | None = None,
-) -> Tables:
+    folder: Path, perturbed: Sequence[str], unperturbed: Sequence[str], chosen: WalkingAnalysis,
+    sheet: Mapping[str, Mapping[str, object]] | None = None, limits: Doubt | None = None,
+) -> Tables:  # fmt: skip
     """Every job from the crossings in a folder to the summary. `sheet` has their conditions, in its order."""
     files = {name: folder / f"crossings/{name}.parquet" for name in (*perturbed, *unperturbed)}
     sheet = sheet or {name: {"perturbed": name in perturbed} for name in files}

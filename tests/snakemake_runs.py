@@ -63,9 +63,8 @@ def write_small(folder: Path, counts: dict[str, int]) -> None:
 @cache
 def forking() -> subprocess.Popen[str]:
     """The process from which the runs are forked."""
-    started = subprocess.Popen(
-        [sys.executable, "-c", FORKING], cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-    )
+    pipes = dict.fromkeys(("stdin", "stdout"), subprocess.PIPE)
+    started = subprocess.Popen([sys.executable, "-c", FORKING], cwd=ROOT, text=True, **pipes)
     atexit.register(started.kill)
     return started
 

@@ -117,21 +117,18 @@ def test_fit_says_what_it_cannot_check_and_takes_a_campaign_s_overriding_file(fo
     assert [rows[-1][name] for name in ("K_d", "K_ratio", "K_predicted")] == [300, None, None]
 
 
-def test_the_simulator_never_writes_over_recordings(tmp_path):
+def test_ingest_says_that_a_log_has_lost_its_end_and_the_simulator_never_writes_over_recordings(folder, tmp_path):
+    log, output = tmp_path / "cut.mcap", tmp_path / "cut.parquet"
+    log.write_bytes((folder / f"dynamometer/{TRIAL}.mcap").read_bytes()[:-20])
+    result = call("ingest", "--log", log, "--log-source", "dynamometer", "--output", output)
+    assert (result.exit_code, output.exists()) == (0, True)
+    assert re.search(r"(?m)^warning: .*cut\.mcap: no footer", result.stderr)
     (tmp_path / "dynamometer").mkdir()
     log = tmp_path / "dynamometer/belt_01.mcap"
     log.write_bytes(b"a laboratory's own")
     said = one_line(call("simulate", "--settings", "tests/tiny_simulation.yaml", "--trial", "belt_01", tmp_path))
     assert "the simulator did not make it" in said
     assert log.read_bytes() == b"a laboratory's own"
-
-
-def test_ingest_says_that_a_log_has_lost_its_end(folder, tmp_path):
-    log, output = tmp_path / "cut.mcap", tmp_path / "cut.parquet"
-    log.write_bytes((folder / f"dynamometer/{TRIAL}.mcap").read_bytes()[:-20])
-    result = call("ingest", "--log", log, "--log-source", "dynamometer", "--output", output)
-    assert (result.exit_code, output.exists()) == (0, True)
-    assert re.search(r"(?m)^warning: .*cut\.mcap: no footer", result.stderr)
 
 
 def test_gains_of_a_pair_a_grid_and_a_trajectory_are_those_of_the_paper_and_are_drawn(tmp_path):
@@ -174,7 +171,9 @@ UNFIT = {
     "give --model impedance": ("fit", "x.parquet", "--controller", "uncompensated", "--model", "belt"),
     "neither a number": of_gains("stiff", 5), "write first:last:step, upwards": of_gains("400:100:50", 5),
     "more than 300 numbers": of_gains("1:600:0.0001", 5),
-    "go together": ("ingest", "--log", "x.mcap", "--output", "x.parquet"),
+    "--log and --log-source go": ("ingest", "--log", "x.mcap", "--output", "x.parquet"),
+    "--mocap and --mocap-source go": ("ingest", "--mocap-source", "vicon", "--output", "x.parquet"),
+    "give --log, --mocap or both": ("ingest", "--output", "x.parquet"),
     "Missing option '--output'": ("ingest", "--log", "x.csv"),
     "both.csv would be overwritten": (*GAINS, "--output", "both.csv", "--plot", "both.csv"),
     "a.csv would be overwritten": (*GAINS, "--output", "a.csv", "--parameters", "a.csv"),

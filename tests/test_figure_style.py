@@ -13,16 +13,13 @@ from matplotlib.text import Text
 from osl_analysis.figures import names, style
 
 
-def test_ticks_of_a_logarithmic_axis_are_round_whatever_its_span():
+def test_ticks_are_round_a_single_frequency_is_in_the_middle_of_its_axis_and_0_on_one_of_phases():
     for low, high, most, expected in (
         (1, 5, 6, [1, 2, 3, 4, 5]), (0.5, 6, 8, [0.5, 1, 2, 3, 5]), (0.01, 100, 5, [0.01, 0.1, 1, 10, 100]),
         (0.1, 15, 8, [0.1, 0.2, 0.5, 1, 2, 5, 10]), (1e-4, 1e5, 5, [1e-4, 1e-2, 1, 1e2, 1e4]),
         (2.9, 3.11, 5, [2.9, 3.0, 3.1]),
     ):  # fmt: skip
         assert style.log_ticks(low, high, most) == pytest.approx(expected)
-
-
-def test_a_single_frequency_stands_in_the_middle_of_its_axis_and_0_on_one_of_phases():
     for phases in ([-10, -70], [12, 80], [0, 0]):
         ax = Figure().subplots()
         ax.plot(phases)

@@ -67,10 +67,11 @@ def response_tables():
 PLACE = (None, None)
 CAMS = [f"both_cams_{5 * number:02d}mm" for number in range(11)]
 PLOTTED = {
-    "fig4": time_series, "fig5": lambda: fig5.points(stored("impedance")),
-    "fig6": lambda: fig6.points(stored("impedance")), "fig7": response_table,
+    "fig4": time_series, "torque": time_series, "fig7": response_table, "torque_angle": torque_angle_table,
+    "fig5": lambda: fig5.points(stored("impedance")), "fig6": lambda: fig6.points(stored("impedance")),
     "fig8": lambda: fig8.points(stored("gains")), "fig9": lambda: fig9_points(340.0, commanded_B=4.5),
-    "response": lambda: response.points(*response_tables()), "torque_angle": torque_angle_table,
+    "gain_grid": lambda: stored("impedance").select("K_d", "B_d", B_1_joint=pl.col("K") / 9),
+    "response": lambda: response.points(*response_tables()),
     "model_comparison": lambda: model_comparison.points(stored("model_comparison")),
 }  # fmt: skip
 
@@ -133,6 +134,12 @@ def both_branches():
     return pl.concat([table.filter(back), returned, table.filter(~back)])
 
 
+def twice(table):
+    """A table, and its trials under other names."""
+    other = pl.col("trial") + pl.when(pl.col("trial") != MEAN_SLOPE).then(pl.lit("2")).otherwise(pl.lit(""))
+    return pl.concat([table, table.with_columns(trial=other)])
+
+
 def left_out():
     outside = pl.col("time").is_between(2, 3) | (pl.col("time") > 9)
     return time_series().with_columns(torque_model=pl.when(~outside).then("torque_model"))
@@ -151,6 +158,8 @@ ESTIMATES = ("{}", "{}_low", "{}_high", "{}_amplitudes_low", "{}_amplitudes_high
 OF_GROUP = ("estimate", "ensemble", "ensemble_low", "ensemble_high", "mean", "commanded")
 SHOWN = [
     # figure, table (None: as stored), panel, its rows, horizontal axis (None: no numbers of the table), vertical axis
+    ("gain_grid", None, 0, True, "K_d", ("B_1_joint",)), ("torque", None, 0, True, "time", ("torque", "torque_model")),
+    ("torque", None, 1, True, "time", (pl.col("torque") - pl.col("torque_model"),)),
     ("fig3", both_branches, 0, True, "theta_s_deg", ("torque",)),
     ("fig3", both_branches, 1, pl.col("trial") != MEAN_SLOPE, "theta_s_deg", ("deviation",)),
     ("fig4", left_out, 0, True, "time", ("theta_deg",)),
@@ -214,9 +223,13 @@ SLOPE = pl.when(pl.col("branch") == "loading").then(57 + pl.col("angle_deg"))
 ONSET = pl.col("panel").str.starts_with("response") & pl.col("curve").is_in(["each", "mean"]) & (pl.col("x").abs() < 6)
 SHIFT = pl.when(ONSET).then(pl.col("trial").replace_strict({"w1": -1.0, "w2": -2.0}, default=-1.5)).otherwise("mean")
 UNEVEN = {"magnitude_eq15": pl.col("magnitude_eq15") + 80 * pl.col("frequency_hz") * (pl.col("trials") == "t1")}
+FAST = {"odd_level": pl.col("noise_level") / 2, "method": pl.lit("fast"), "trials": pl.lit("t0, t7, t9")}
 SAID = [
     # figure, table, what changes, and of figure and caption what is said, and what is not
-    ("fig3", both_branches, {}, ["95 % interval 682.9 to 688.3 N·m/rad", "Mean loop area 0.0451 J", "belt_07",
+    ("fig3", lambda: twice(both_branches()), {}, [], ["belt_07", "stand at the ends"]),
+    ("torque_angle", lambda: twice(torque_angle_table()), {}, [r"cams\_20mm2"], [r"cams\_25mm2", "both cams 15mm"]),
+    ("gain_grid", None, {}, ["2.5", "7.5"], ["100.0"]),
+    ("fig3", both_branches, {}, ["95 % interval 682.9 to 688.3 N·m/rad", "loop area 0.0451 J", "belt_07", "at the ends",
      "Ankle (10 trials): the mean stiffness $K_s$ is 685.6 N·m/rad (95 % interval 682.9 to 688.3)"], ["Doubtful"]),
     ("fig3", both_branches, {"K_s_low": NONE, "K_s_high": NONE, "doubtful": DOUBT},
      ["685.6 N·m/rad", "Doubtful fit ($n$ = 2)"], ["95 % interval 6"]),
@@ -237,8 +250,8 @@ SAID = [
     ("walking_page", None, {"mean": SHIFT}, ["7 unperturbed crossings and 5 perturbed",
      "hatched baseline, −100 to −40 ms from the onset, and not at the onset", "Unperturbed ($n$ = 7)",
      "at the onset the mean response is −1.50 deg (SD 0.71) and −1.50 N·m (SD 0.71)"], ["Doubtful fit"]),
-    ("impedance_over_stance", None, {},
-     ["Fit of mean response", "all at 25 % of stance: $K$ 75.0 N·m/rad (95 % interval 67.5 to 82.5)"], []),
+    ("impedance_over_stance", None, {"n": pl.lit(7)}, ["Fit of mean response",
+     "all at 25 % of stance, 7 perturbations: $K$ 75.0 N·m/rad (95 % interval 67.5 to 82.5)"], []),
     ("torque_angle", torque_angle_table, {"stiffness": SLOPE}, [r"1 of 11 trials (both\_cams\_15mm)", "Doubtful trial",
      r"both\_cams\_00mm: −4 to 6 N·m, steepest 62 N·m/rad.", "Desired", "both cams 15mm"], []),
     ("model_comparison", None, {}, ["(a) Belt", "(b) Rendered impedance",
@@ -248,8 +261,8 @@ SAID = [
      "t0, 4 realisations", "within 2.6 to 24 % of the second-order system"],
      ["Distortion below", "No line"]),
     # |1 - 0.98 exp(j deg)| = 0.0263
-    ("response", lambda: conditions_of(1), {"odd_level": pl.col("noise_level") / 2, "method": pl.lit("fast")},
-     ["within 2.6 % of the second-order system", "within 0.5 % of the drivetrain", "Distortion below noise"], ["Open"]),
+    ("response", lambda: conditions_of(1), FAST,
+     ["t0 and 2 more", "within 2.6 % of the second", "within 0.5 % of the drivetrain", "Distortion below"], ["Open"]),
     ("response", lambda: conditions_of(13), {}, ["The first 12 conditions are shown; response.csv has all"], []),
 ]  # fmt: skip
 
@@ -260,13 +273,6 @@ def test_figure_and_caption_say_what_is_drawn_in_numbers_of_the_table(name, tabl
     found = f"{texts(drawing.draw(shown))} {drawing.caption(shown)}"
     assert [part for part in said if part not in found] == []
     assert [part for part in unsaid if part in found] == []
-
-
-def test_a_page_of_twelve_conditions_fits_a_journal_and_trials_of_a_pool_are_drawn_once():
-    assert response.draw(conditions_of(12)).get_figheight() < 9.5, "the text block of an IEEE page is 9.6 in high"
-    single, _ = response_tables()
-    pooled = single.filter(trial="M1").rename({"trial": "trials"}).with_columns(trials=pl.lit("M1, M2"))
-    assert response.points(single, pooled)["trials"].unique(maintain_order=True).to_list() == ["M1, M2", "C1"]
 
 
 def test_trials_are_told_apart_where_they_end_and_doubtful_ones_and_the_mean_by_their_lines():
@@ -280,10 +286,11 @@ def test_trials_are_told_apart_where_they_end_and_doubtful_ones_and_the_mean_by_
     named = [a for a in loops.texts if "belt" in a.get_text()]
     assert [(a.get_text(), a.get_url()) for a in named] == list(zip(BELTS, links_to(BELTS), strict=True))
     assert [a.xy[1] for a in named] == pytest.approx([line.get_ydata()[-1] for line in branches])
-    left, right = torque_angle.draw(torque_angle_table()).axes
+    other = pl.when(trial=CAMS[9]).then(pl.lit("other")).otherwise("desired")
+    left, right = torque_angle.draw(torque_angle_table().with_columns(desired=other)).axes
     colours = {name: left.lines[2 * number].get_color() for number, name in enumerate(CAMS)}
     assert len(set(colours.values())) == 11
-    loading, unloading, desired = left.lines[20:23]
+    loading, unloading, _, desired = left.lines[20:24]
     assert loading.get_linewidth() > unloading.get_linewidth()
     assert (desired.get_color(), desired.is_dashed()) == (loading.get_color(), True)
     assert [line.is_dashed() for line in right.lines[:11]] == [name == CAMS[3] for name in CAMS]
@@ -307,7 +314,7 @@ def test_a_marker_leads_to_its_trial_and_is_open_where_its_fit_is_doubtful(name)
 
 
 def test_fig5_gives_each_desired_impedance_a_place_beside_its_desired_value():
-    table = fig5.points(stored("impedance"))
+    table = in_amplitudes()
     for ax, symbol in zip(fig5.draw(table).axes, "KB", strict=True):
         lines = [s for c in ax.collections if hasattr(c, "get_segments") for s in c.get_segments()]
         lines, places = [s for s in lines if s[0][1] == s[1][1]], []
@@ -316,7 +323,10 @@ def test_fig5_gives_each_desired_impedance_a_place_beside_its_desired_value():
             beside = [one[0][1] for x, _ in points for one in lines if one[0][0] < x < one[1][0]]
             assert beside == table.filter(controller=controller).sort("K_d", "B_d")[f"{symbol}_d"].to_list()
             places += list(points[:, 0])
-        assert np.diff(sorted(places)).min() == 1
+        assert {*np.diff(sorted(places)).round(9)} == {1, 1.7, 2.6}
+        upright = [c for c in ax.collections if hasattr(c, "get_segments") and len(c.get_segments())]
+        bars = {c.get_linewidth()[0]: np.ptp(c.get_segments()[0][:, 1]) for c in upright}
+        assert (bars[0.7], bars[1.8] < 2) == (pytest.approx(12), True), "the range is thin, the interval thick"
 
 
 def test_fig6_has_points_that_touch_no_other_and_a_perfect_fit_at_the_end_of_its_axis():
@@ -334,6 +344,7 @@ def test_fig6_has_points_that_touch_no_other_and_a_perfect_fit_at_the_end_of_its
     ax = fig6.draw(table).axes[0]
     np.testing.assert_allclose(scattered(ax, "Compensated")[0][:, 1], [LARGEST_VAF, 99, 97], rtol=1e-12)
     assert ax.get_ylim()[0] < 97 < LARGEST_VAF < ax.get_ylim()[1]
+    assert ax.get_yticks() == pytest.approx([99, 99.9, 99.99, 99.999, 99.9999])
     said = fig6.caption(table)
     assert "(3 trials): median 99.00 %, 97.00 % to 100.000000 %" in said
     assert "Larger VAFs than 99.9999 % are drawn there" in said
@@ -360,6 +371,7 @@ def test_axes_are_logarithmic_in_round_numbers_percent_or_from_zero_where_the_si
     assert [tick.get_text() for tick in phase.get_xticklabels()] == ["1", "2", "3", "4", "5"]
     assert [tick.get_text() for tick in magnitude.get_yticklabels()] == ["3.5", "4", "4.5", "5"], "in thousandths"
     np.testing.assert_allclose(magnitude.get_yticks(), [3.5e-3, 4e-3, 4.5e-3, 5e-3])
+    assert [line.is_dashed() for line in magnitude.lines] == [True, True, False], "the desired one alone is whole"
     stiffness, damping = fig8.draw(plotted("fig8")).axes
     assert (damping.xaxis.get_major_formatter()(0.4), stiffness.get_ylim()[0] <= 0) == ("40", True)
     lowest = [ax.get_ylim()[0] for ax in fig9.draw(fig9_points(340.0)).axes]
@@ -374,14 +386,7 @@ def test_axes_are_logarithmic_in_round_numbers_percent_or_from_zero_where_the_si
         np.testing.assert_allclose(spans, [(2, 3), (9.01, 9.99)], atol=1e-9)
 
 
-def test_fig8_shows_stance_alone():
-    swing = stored("gains").tail(1).with_columns(phase=pl.lit(0.63), K_d=pl.lit(1e6))
-    assert fig8.points(pl.concat([stored("gains"), swing])).equals(fig8.points(stored("gains")))
-    assert fig8.points(stored("gains"), 0.3)["phase"].max() == pytest.approx(0.3)
-    assert len(fig8.points(swing.with_columns(phase=0.62))) == 1
-
-
-def test_fig9_shows_every_group_with_a_result_and_each_group_s_command():
+def test_fig9_shows_every_group_with_a_result_and_its_command_and_fig8_stance_alone():
     """K of the second group is twice that of the first, the third has no result; crossings may have no fit or group."""
     one = stored("walking_summary").with_columns(group=pl.lit("K_d 200"), commanded=pl.lit(200.0))
     two = one.with_columns(pl.col("mean", "low", "high") * 2, group=pl.lit("K_d 400"), commanded=pl.lit(400.0))
@@ -395,16 +400,21 @@ def test_fig9_shows_every_group_with_a_result_and_each_group_s_command():
     assert [a.get_ydata()[0] for a in panel.lines if a.get_marker() == "s"] == [338.0, 676.0]
     assert [label.get_text() for label in lowest.get_xticklabels()] == ["$K_d$ 200 (31)", "$K_d$ 400 (31)"]
     assert [a.get_ydata()[0] for a in panel.lines if a.get_label() == "Commanded"] == [200.0, 400.0]
-    assert r"K\_d 400: $\hat{K}$ is 676 ± 20" in fig9.caption(table)
+    said = (r"K\_d 400: $\hat{K}$ is 676 ± 20", "62 perturbations in 2 groups, whose numbers stand in brackets")
+    assert all(part in fig9.caption(table) for part in said)
     trajectory = pl.DataFrame({"group": ["K_d 400"], "quantity": ["K"], "commanded": [390.0]})
     unstated = summary.with_columns(commanded=pl.lit(None, pl.Float64))
     stated = fig9.points(unstated, fits, trajectory, 340.0).filter(pl.col("trial").is_null(), quantity="K")
     assert stated["commanded"].to_list() == [None, 390.0]
     for sheet, expected in ((None, 340.0), (stored("walking_summary").with_columns(commanded=pl.lit(200.0)), 200.0)):
         assert set(fig9_points(340.0, sheet).filter(quantity="K")["commanded"].drop_nulls()) == {expected}
+    swing = stored("gains").tail(1).with_columns(phase=pl.lit(0.63), K_d=pl.lit(1e6))
+    assert fig8.points(pl.concat([stored("gains"), swing])).equals(fig8.points(stored("gains")))
+    assert fig8.points(stored("gains"), 0.3)["phase"].max() == pytest.approx(0.3)
+    assert len(fig8.points(swing.with_columns(phase=0.62))) == 1
 
 
-def test_rival_models_have_the_geometric_mean_of_trials_and_two_groups_of_crossings_a_page_each():
+def test_rival_models_have_the_geometric_mean_groups_a_page_each_and_trials_of_a_pool_are_drawn_once():
     belt, _ = model_comparison.draw(plotted("model_comparison")).axes
     (means,) = [c.get_segments() for c in belt.collections if c.get_label() == "Geometric mean"]
     np.testing.assert_allclose([m[0][1] for m in means], np.sqrt(10) * np.array([1, 1, 0.01, 0.01]))
@@ -414,6 +424,10 @@ def test_rival_models_have_the_geometric_mean_of_trials_and_two_groups_of_crossi
     np.testing.assert_allclose(two, 2 * one)
     windows = [[(p.get_x(), p.get_x() + p.get_width()) for p in ax.patches] for ax in axes[:4:2]]
     assert windows == [[(26, 34), (40, 54)], [(-100, -40), (0, 100)]]
+    assert response.draw(conditions_of(12)).get_figheight() < 9.5, "the text block of an IEEE page is 9.6 in high"
+    single, _ = response_tables()
+    pooled = single.filter(trial="M1").rename({"trial": "trials"}).with_columns(trials=pl.lit("M1, M2"))
+    assert response.points(single, pooled)["trials"].unique(maintain_order=True).to_list() == ["M1, M2", "C1"]
 
 
 def drawn_twice(name, table_csv, outputs, refused=()):
@@ -461,9 +475,10 @@ def test_a_figure_without_numbers_says_so_with_trial_and_reason_and_equal_files_
     lost = Refusal("i_1", "raw/i_1.mcap", "ingest", "refused", "raw/i_1.mcap: $no$ such_file^", "copy it")
     write_refusals([lost], tmp_path / "fig4.csv")
     drawn_twice("fig4", tmp_path / "fig4.csv", [tmp_path / f"fig4.{s}" for s in ("pdf", "svg", "png")], [lost])
-    said = others.draw_reasons(pl.DataFrame([{"figure": "fig4", "trial": "i_1", "file": "", "reason": lost.reason}]))
+    rows = [("fig4", "i_1", "x", lost.reason), ("fig4", "", "t.csv", "empty")]
+    said = others.draw_reasons(pl.DataFrame(rows, ["figure", "trial", "file", "reason"], orient="row"))
     title, reason = (text.get_text() for text in said.texts)
-    assert (title, reason) == ("Fig. 4 is not drawn", "trial i_1: raw/i_1.mcap: $no$ such_file^")
+    assert (title, reason) == ("Fig. 4 is not drawn", "trial i_1: raw/i_1.mcap: $no$ such_file^\nt.csv: empty")
 
 
 def test_a_figure_names_below_it_and_in_its_metadata_its_data_and_the_trials_that_it_lacks(tmp_path):
@@ -472,10 +487,10 @@ def test_a_figure_names_below_it_and_in_its_metadata_its_data_and_the_trials_tha
     said = "Simulated data: campaign a. Without 6 refused: trial_0, trial_1, trial_2, trial_3 and 2 more"
     assert [path.suffix for path in outputs if said.encode() not in path.read_bytes()] == []
     figure = fig8.draw(plotted("fig8"))
-    box = write_footer(figure, said)
+    box = write_footer(figure, 3 * said)
     figure.draw_without_rendering()
     assert figure.texts[-1].get_window_extent().y1 < 0, "below the page: nothing of the figure is covered or moved"
-    assert box.y0 < 0
+    assert (box.y0 < 0, figure.texts[-1].get_window_extent().x0 >= 0) == (True, True)
 
 
 def test_unknown_figures_and_formats_and_tables_without_a_column_that_a_figure_needs_are_refused(tmp_path):

@@ -174,12 +174,6 @@ def test_the_hash_is_of_the_settings_and_the_files_that_they_name_and_not_of_whe
     assert {*made().values()} > {"files of 1970-01-02 to 1970-01-04", "simulated"}
 
 
-def test_a_table_says_what_its_data_are_in_its_last_column_and_stays_plain_csv(tmp_path):
-    with tables_of("measured"):
-        write_table(pl.DataFrame({"data": ["x"], "a": [1.5]}), tmp_path / "t.csv")
-    assert (tmp_path / "t.csv").read_text() == "a,data\n1.5,measured\n"
-
-
 def test_what_was_not_checked_is_said_with_the_number_of_trials(tmp_path):
     """A torque that may be late has the size of what that would do, over all trials, from the fits to all of each."""
     why = "K: no file; whether the torque is late: unseen"
@@ -218,11 +212,14 @@ def test_fig_7_shows_the_desired_impedance_with_the_most_trials_where_none_is_ch
     assert set(drawn["K_d"]) == set(table["K_d"])
 
 
-def test_a_belt_without_parameters_is_the_joint_s_own_turn_and_needs_a_shaft_that_rests():
+def test_a_belt_without_parameters_needs_a_shaft_that_rests_and_a_table_says_last_what_its_data_are(tmp_path):
     theta = np.linspace(0, 0.1, 50)
     check_locked(theta, 0.0009 * np.sin(np.arange(50)) / 2)
     with pytest.raises(InputError, match=r"theta_m turns by 0\.02 rad while theta turns by 0\.1 rad, and without"):
         check_locked(theta, 0.2 * theta)
+    with tables_of("measured"):
+        write_table(pl.DataFrame({"data": ["x"], "a": [1.5]}), tmp_path / "t.csv")
+    assert (tmp_path / "t.csv").read_text() == "a,data\n1.5,measured\n"
 
 
 def test_a_trajectory_says_of_itself_that_it_is_synthetic():

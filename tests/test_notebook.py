@@ -149,6 +149,8 @@ def test_the_frequency_response_of_any_motion_is_that_of_the_campaign(experiment
     assert osl.fit_impedance(bench_trial(experiment), DESIRED, "10-25", short).fitted_s == pytest.approx(15, abs=0.8)
     lines = osl.plot_frequency_response(found).axes[0].lines
     assert any(line.get_ydata() == pytest.approx(found.plotted["magnitude"]) for line in lines)
+    with pytest.raises(osl.InputError, match="trial made: no frequency response to draw"):
+        osl.plot_frequency_response(replace(found, plotted=found.plotted.clear()))
 
 
 def test_the_check_of_a_trial_has_the_rows_of_the_campaign_and_accepts_nothing(tmp_path, short):
@@ -191,14 +193,6 @@ def test_gains_are_those_of_the_command_with_weight_and_device_of_the_configurat
         osl.gains(300, 5)
 
 
-def test_a_result_cannot_be_changed_and_names_a_misspelt_attribute(short):
-    fit = osl.fit_belt(bench_trial("belt"), short)
-    with pytest.raises(FrozenInstanceError):
-        fit.K_s = 1.0
-    with pytest.raises(AttributeError, match="did you mean 'K_s'"):
-        _ = fit.K_S
-
-
 def test_text_and_page_of_a_fit_say_interval_unit_and_doubts_and_run_no_script_of_a_name(short):
     doubtful = osl.fit_impedance(bench_trial("friction"), config=short)
     assert "is Coulomb friction and not damping" in doubtful.doubtful
@@ -211,16 +205,20 @@ def test_text_and_page_of_a_fit_say_interval_unit_and_doubts_and_run_no_script_o
     assert ("<script" in page, "&lt;script&gt;" in page, "\x1b" in page + repr(fit)) == (False, True, False)
 
 
-def test_a_figure_shows_itself_draws_the_series_and_is_saved_in_the_style_of_the_paper(tmp_path, short):
+def test_a_figure_shows_itself_in_the_style_of_the_paper_and_a_result_cannot_be_changed(tmp_path, short):
     fit = osl.fit_belt(bench_trial("belt"), short)
     drawn = osl.plot_torque(fit)
-    assert drawn._repr_png_().startswith(b"\x89PNG")
+    assert (drawn._repr_png_()[:4], int.from_bytes(drawn._repr_png_()[16:20])) == (b"\x89PNG", 1074), "150 per inch"
     for line, name in zip(drawn.axes[0].lines, ("torque", "torque_model"), strict=True):
         assert list(line.get_ydata()) == fit.series[name].to_list()
     with mpl.rc_context({"pdf.fonttype": 3, "savefig.bbox": "tight"}):
         drawn.savefig(tmp_path / "a.pdf", metadata={"CreationDate": None})
     drawn.savefig(tmp_path / "b.pdf", metadata={"CreationDate": None})
     assert (tmp_path / "a.pdf").read_bytes() == (tmp_path / "b.pdf").read_bytes()
+    with pytest.raises(FrozenInstanceError):
+        fit.K_s = 1.0
+    with pytest.raises(AttributeError, match="did you mean 'K_s'"):
+        _ = fit.K_S
 
 
 def test_several_trials_of_torque_over_angle_are_drawn_together(short):
@@ -233,7 +231,7 @@ def test_several_trials_of_torque_over_angle_are_drawn_together(short):
 
 
 REFUSED = {
-    "a trial is needed, not int": lambda t: osl.fit_impedance(3),
+    "a trial is needed, not int": lambda t: osl.fit_impedance(3), "not no fit": lambda t: osl.plot_torque_angle(),
     "none.parquet: no such trial": lambda t: osl.fit_belt("none.parquet"),
     "column 'theta' holds String": lambda t: osl.check(osl.Trial("a", t.samples.cast({"theta": pl.String}))),
     "did you mean 'impedance'": lambda t: osl.check(t, "impedence"),
@@ -241,11 +239,15 @@ REFUSED = {
     "did you mean 'opensourceleg'": lambda t: osl.read_recording("README.md", "opensourcelegs"),
     "has no part '2'": lambda t: osl.read_recording("README.md", "vicon", part="2"),
     r"K_d: \['a'\] is not a finite number": lambda t: osl.gains("a", 5),
-    "not no fit": lambda t: osl.plot_torque_angle(),
+    r"K_d: \[\] is not": lambda t: osl.gains([], 5), r"B_d: \[5.0, inf\] is not": lambda t: osl.gains(300, [5, np.inf]),
+    r"no\.csv: no such file; name the recording": lambda t: osl.read_recording("no.csv", "opensourceleg"),
+    "place/summary.json: no such summary": lambda t: osl.read_summary("place"),
     "not belt": lambda t: osl.plot_torque_angle(osl.fit_belt(bench_trial("belt"))),
     "is of the walkway": lambda t: osl.simulate_trial("x", "walking_01"),
     "plans no trial 'impedance_1'": lambda t: osl.simulate_trial("x", "impedance_1"),
-}
+}  # fmt: skip
+OF_DEVICE = ("fit_impedance", "frequency_response", "fit_belt", "fit_transmission", "fit_actuator")
+REFUSED |= {f"{f}.yaml: no": lambda t, f=f: getattr(osl, f)(t, parameters=f"{f}.yaml") for f in OF_DEVICE}
 
 
 @pytest.mark.parametrize("said", REFUSED)

@@ -124,13 +124,10 @@ def test_a_schedule_lasts_as_long_as_it_says(changes, duration):
     assert len(stepped(**changes).theta) == pytest.approx(RATE * duration, abs=1)
 
 
-def test_frequencies_run_in_their_order_and_on_the_benchs_clock():
+def test_frequencies_run_in_order_on_the_benchs_clock_with_harmonics_and_decay_of_the_stated_size():
     motion = stepped(frequencies_hz=(3, 1), clock_error=on(-5000, "ppm"), start="cosine")
     t = np.arange(1010, 2300) / RATE - 1 / 0.995
     assert motion.theta[1010:2300] == pytest.approx(np.deg2rad(2) * np.cos(2 * np.pi * 3 * 0.995 * t), abs=1e-9)
-
-
-def test_harmonics_and_decay_have_the_size_that_is_stated():
     sine, t = {"frequencies_hz": (2,), "cycles": 10, "amplitudes_deg": (4,), "lead_s": 0, "rest_s": 0}, np.arange(5000)
     made = stepped(**sine, second_harmonic=on(0.02, "1"), third_harmonic=on(0.05, "1")).theta
     sizes = [2 * np.abs(made @ np.exp(-4j * np.pi * k * t / RATE)) / 5000 for k in (1, 2, 3)]
@@ -199,9 +196,12 @@ def test_the_dynamometer_follows_as_a_second_order_system(frequency_hz):
 def test_without_effects_the_leg_renders_what_linear_theory_says_and_the_transmission_its_losses(controller):
     """Least squares on the true motion of the settled 2 Hz and 5 Hz, three cycles each, of which the last two count."""
     sizes = {"actuator_encoder": on(1e-3, "rad"), "belt_hysteresis": on(2, "N*m"), "control_delay": on(3, "update")}
-    found = drivetrain_effects(only({"effects": sizes | {"velocity_filter": on(40, "Hz"), "friction": on(1.5, "1")}}))
+    sizes |= {"velocity_filter": on(40, "Hz"), "friction": on(1.5, "1")}
+    integrated = {"substeps": 40, "control_updates": 4, "sign_width": 0.2, "hysteresis_width": 2e-3}
+    found = drivetrain_effects(only({"drivetrain": integrated, "effects": sizes}))
     expected = {"encoder_resolution": 1e-3, "hysteresis_torque": 2, "control_delay": 3, "velocity_cutoff_hz": 40}
-    assert found | expected | {"friction_scale": 1.5, "friction": True} == found
+    assert found | expected | integrated | {"friction_scale": 1.5, "friction": True} == found
+    assert drivetrain_effects(only({"drivetrain": integrated}))["control_updates"] == 40, "continuous"
     made, gains = only({"joint": None}), controller(300, 5, P)
     weighed = simulated({"joint": None, "gain_weight": (weight := {"cutoff_hz": 1, "order": 1})})[1]["gains"]["B_1"]
     assert weighed == compensated_gains(300, 5, P, Weight(**weight)).B_1 != compensated_gains(300, 5, P).B_1
@@ -216,7 +216,7 @@ def test_without_effects_the_leg_renders_what_linear_theory_says_and_the_transmi
         np.testing.assert_allclose(found, expected, rtol=5e-3, atol=2e-3)
 
 
-def test_the_belt_trial_loads_the_belt_by_its_own_stiffness_with_the_actuator_locked():
+def test_the_belt_is_loaded_by_its_own_stiffness_and_friction_of_the_actuators_bench_is_scaled_as_a_whole():
     stiffness, loading = [], slice(600, 1400)
     for trial in ("belt_01", "belt_02"):
         log, truth = simulated({"effects": {"belt_scatter": on(0.01, "1")}}, trial)
@@ -225,6 +225,9 @@ def test_the_belt_trial_loads_the_belt_by_its_own_stiffness_with_the_actuator_lo
         assert stiffness[-1] == pytest.approx(truth["parameters"]["K_s"], rel=1e-4)
         assert not np.any(log["actuator_angle"])
     assert 1e-4 < abs(stiffness[0] / stiffness[1] - 1) < 0.06
+    made = only({"effects": {"friction": on(1.5, "1")}}, DEFAULT)
+    found = simulate_bench_trial({"trial": "a_1", "experiment": "actuator"}, made, P)[1]["parameters"]
+    assert (found["f_C"], found["f_G"]) == (1.5 * P.f_C, 1.5 * P.f_G)
 
 
 def test_the_foot_has_its_spring_and_loses_what_its_slipping_springs_lose_in_each_cycle():
@@ -240,12 +243,6 @@ def test_the_foot_has_its_spring_and_loses_what_its_slipping_springs_lose_in_eac
         assert lost == pytest.approx(sum(4 * s.limit * (half - s.limit / s.stiffness) for s in foot.slipping), rel=0.01)
         spring = foot.K * theta.max() * (1 + foot.stiffening * theta.max() ** 2)
         assert damped[first + np.argmax(theta)] == pytest.approx(spring + sum(s.limit for s in foot.slipping), rel=1e-3)
-
-
-def test_friction_of_the_actuators_own_bench_is_scaled_as_a_whole():
-    made = only({"effects": {"friction": on(1.5, "1")}}, DEFAULT)
-    found = simulate_bench_trial({"trial": "a_1", "experiment": "actuator"}, made, P)[1]["parameters"]
-    assert (found["f_C"], found["f_G"]) == (1.5 * P.f_C, 1.5 * P.f_G)
 
 
 def test_each_sensor_effect_adds_what_the_truth_says_and_leaves_the_other_draws_alone():
@@ -267,19 +264,18 @@ def test_an_exact_joint_answers_by_eq_15(clean):
         kernel = np.exp(-2j * np.pi * f * clean["time"][rows])
         assert 2 * np.abs(clean["commanded_angle"][rows] @ kernel) / len(kernel) == pytest.approx(np.deg2rad(4))
         w, ratio = 2 * np.pi * f, -(clean[TORQUE][rows] @ kernel) / (clean[ANGLE][rows] @ kernel)
+        followed = (clean[ANGLE][rows] @ kernel) / (clean["commanded_angle"][rows] @ kernel)  # 30 Hz, damping 0.9
+        assert followed == pytest.approx(1 / (1 - (f / 30) ** 2 + 1.8j * f / 30), rel=1e-3)
         assert ratio == pytest.approx(300 - 0.02 * w**2 + 5j * w, rel=1e-4)  # the servo's transient is left
 
 
-def test_true_jitter_scatters_the_instants_and_leaves_the_samples_true(clean):
+def test_true_jitter_scatters_the_instants_within_the_simulated_motion_and_leaves_the_samples_true(clean):
     log = log_of(node(jitter=on(20e-6, "s", distribution="normal")))
     count = np.arange(len(log["time"]))
     residual = log["time"] - np.polynomial.Polynomial.fit(count, log["time"], 1)(count)
     assert np.std(residual) == pytest.approx(20e-6, rel=4 / np.sqrt(2 * len(residual)))
     assert log[ANGLE] == pytest.approx(CubicSpline(clean["time"], clean[ANGLE])(log["time"]), abs=1e-8)
-
-
-def test_no_sample_is_taken_before_or_after_the_simulated_motion():
-    """A hundred samples that scatter by ten steps: a third would be outside, were there nothing to hold them."""
+    # A hundred samples that scatter by ten steps: a third would be outside, were there nothing to hold them.
     made = only(node(jitter=on(0.01, "s")))
     instants, _, _ = Bench("trial", made, {}, 100).sampling("node", made.recorder.node)
     assert 0 <= instants.min() < 0.01 < 0.09 < instants.max() <= 0.099
@@ -322,7 +318,7 @@ def test_samples_are_dropped_singly_or_in_bursts_or_at_regular_intervals_and_wri
         return np.rint(np.diff(log_of(node(**changes))["time"]) * 1000).astype(int) - 1
 
     n = len(clean["time"])
-    assert missing(dropped=on(1e-3, "1")).sum() == round(1e-3 * n)
+    assert [missing(dropped=on(share, "1")).sum() for share in (1e-3, 1e-6)] == [round(1e-3 * n), 1]
     gaps = missing(dropped=on(0.02, "1"), burst=on(20, "sample"))
     assert (set(gaps), gaps.sum()) == ({0, 20}, 20 * round(0.02 * n / 20))
     gaps = missing(lost_every=on(100, "sample", scatter=3), burst=on(5, "sample"))
@@ -376,17 +372,14 @@ def test_a_sensor_a_frame_and_a_joint_change_one_channel_as_they_say(clean, chan
     np.testing.assert_array_equal(log[other], clean[other])
 
 
-def test_coulomb_friction_turns_with_the_velocity_and_failed_readings_are_nan(clean):
+def test_coulomb_friction_turns_with_the_velocity_backlash_takes_its_gap_and_failed_readings_are_nan(clean):
     log, omega = log_of({"joint": JOINT | {"coulomb": on(3, "N*m")}}), np.gradient(clean[ANGLE], 1e-3)
     moving = settled(clean["time"]) & (np.abs(omega) > 0.02)
     assert (clean[TORQUE] - log[TORQUE])[moving] == pytest.approx(3 * np.sign(omega[moving]), abs=1e-4)
     log = log_of(torque_sensor(failed=on(0.01, "1")))
     assert np.isnan(log[TORQUE]).mean() == pytest.approx(0.01, rel=0.5)
     assert not np.isnan(log[ANGLE]).any()
-
-
-def test_backlash_takes_the_gap_from_the_angle_at_which_the_joint_pushes_back():
-    """In slow motion the joint has followed: the torque is that of the angle less half the gap, or nothing."""
+    # In slow motion the joint has followed: the torque is that of the angle less half the gap, or nothing.
     gap = float(np.deg2rad(1.0))
     log = log_of({"protocol": {"frequencies_hz": [0.5], "cycles": 2}, "joint": JOINT | {"backlash": on(gap, "rad")}})
     theta, torque, inside = log[ANGLE], -log[TORQUE], settled(log["time"])
@@ -422,16 +415,19 @@ SLIPS = {"K": 100, "slipping": [{"stiffness": 500, "limit": 90}], "cycles": CYCL
     ("recorder", {"node": {"dropped": on(1.5, "1")}}, "less than 1"),
     ("recorder", {"node": {"rate": on(0, "Hz")}}, "must be positive; set enabled: false"),
     ("recorder", {"sensors": {TORQUE: {"adc": on(12, "bit")}}}, "enable clipping"),
-    ("recorder", {"sensors": {"torque": {}}}, "joint_angle"),
     ("joint", JOINT | {"I": 0, "backlash": on(1e-3, "rad")}, "inertia"),
-    ("protocol", {"seconds": 2.0}, "either cycles or seconds"),
+    ("protocol", {"seconds": 2.0}, "cycles or seconds"), ("recorder", {"sensors": {"torque": {}}}, "joint_angle"),
     ("protocol", {"cycles": [1, 2, 3]}, "3 numbers of cycles for 2 frequencies"),
     ("excitations", [{"name": "x", "kind": "noise", "rms_deg": 1, "band_hz": [6, 2]}], "from 6 to 2 Hz; write"),
     ("excitations", 2 * [{"name": "x", "kind": "noise", "rms_deg": 1}], "x, x; give each a name of its own"),
     ("effects", {"dynamometer_bandwidth": on(500, "Hz")}, "of 500 Hz does not show in a log of 1000 Hz"),
     ("actuator", {"duration_s": 3, "fade_s": 1, "velocity": TONES, "current": TONES}, "at least four times fade_s"),
     ("experiments", {"belt": 0, "transmission": 0, "K_d": []}, "no trials are planned"),
-    ("foot", SLIPS, "does not reach its limit of 90 N"),
+    ("experiments", {"actuator": 2}, "2 actuator trials are planned but 'actuator' has no schedule"),
+    ("experiments", {"plate": 2}, "2 gait-laboratory trials are planned but 'walking' names no settings file"),
+    ("excitations", [{"name": "x", "kind": "noise", "rms_deg": 1, "band_hz": [2, 200]}], "takes 5 samples of a cycle"),
+    ("drivetrain", {"control_updates": 3}, "must divide substeps"), ("foot", SLIPS, "does not reach its limit of 90 N"),
+    ("effects", {"control_delay": on(1.5, "update")}, "its size is 1.5; give a whole number"),
     ("experiments", {"torque_angle": 3}, "3 torque-angle trials are planned but there is no 'foot'"),
 ])  # fmt: skip
 def test_a_wrong_imperfection_or_motion_is_refused(tmp_path, section, value, match):
@@ -465,7 +461,7 @@ def test_a_trial_simulated_alone_is_the_campaigns(tmp_path, monkeypatch):
 
 
 def test_two_nodes_write_standard_messages_of_their_stamps_and_values(tmp_path):
-    log = log_of({"recorder": {"torque_node": {"phase": on(3e-4, "s"), "rate": on(333, "Hz")}}})
+    log = log_of({"joint": None, "recorder": {"torque_node": {"phase": on(3e-4, "s"), "rate": on(333, "Hz")}}})
     write_bench_log(tmp_path / "log.mcap", log, two_nodes=True)
     found = {}  # messages by topic, with their arrival [ns], by an independent reader
     with (tmp_path / "log.mcap").open("rb") as file:
@@ -480,7 +476,7 @@ def test_two_nodes_write_standard_messages_of_their_stamps_and_values(tmp_path):
     assert {tuple(m.name) for _, m in found["/joint_states"]} == {("joint", "actuator", "command")}
     angles = [log[name].tolist() for name in (ANGLE, "actuator_angle", "commanded_angle")]
     assert [list(m.position) for _, m in found["/joint_states"]] == [list(row) for row in zip(*angles, strict=True)]
-    assert not np.any([m.effort for _, m in found["/joint_states"]])
+    assert [list(m.effort) for _, m in found["/joint_states"]] == [[0, own, 0] for own in log["motor_current"].tolist()]
 
 
 @pytest.mark.parametrize("counts", [(9000, 4000), (5, 0), (0, 0)])

@@ -124,13 +124,15 @@ def test_raw_channels_stop_at_their_rails(setup, tmp_path, effect, size, kind, r
     np.testing.assert_allclose(seen, free, rtol=1e-6)
 
 
+SWAPPED = {"swapped_labels": [("FOOT1", "FOOT2")]}
 TURN = np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]])
 
 
 @pytest.mark.parametrize(("capture", "changed"), [
     ({"moment_label": "Nm"}, {"units": lambda units: [*units[:3], "Nm", "Nm", "Nm", *units[6:]]}),
     ({"dead_channels": {"Mx1": -12.0}}, {"analogs": lambda a: np.vstack([a[:3], 0 * a[:1] - 12, a[4:]])}),
-    ({"swapped_labels": [("FOOT1", "FOOT2")]}, {"labels": lambda labels: [labels[1], labels[0], *labels[2:]]}),
+    (SWAPPED | {"swapped_in": ["walking_02"]}, {}),
+    (SWAPPED | {"swapped_in": ["walking_01"]}, {"labels": lambda labels: [labels[1], labels[0], *labels[2:]]}),
     ({"states_axes": False}, {"screen": lambda _: None}),
     # x stays forward, y is up, z is to the right: (x, y, z) -> (x, z, -y)
     ({"up_axis": "y"}, {"screen": lambda _: ["+Y"], **dict.fromkeys(("points", "corners"), TURN.dot)}),
@@ -162,7 +164,7 @@ def test_the_second_session_has_other_marker_places_in_its_static_trial_and_cros
     assert 2 < np.sqrt(np.mean((spans[2] - spans[0]) ** 2)) < 15
 
 
-def test_a_second_foot_adds_its_force_where_it_stands(setup, usual, tmp_path):
+def test_a_second_foot_adds_its_force_and_one_partly_beside_the_plate_leaves_some_to_the_floor(setup, usual, tmp_path):
     """20 % of 80 kg at mid-stance, 0.15 m behind and 0.18 m to the left of the nominal ankle (0.24, 0.25)."""
     seen, middle = decoded(stepping(setup, second_foot_percent=20), tmp_path), np.abs(usual.time - 1.26).argmin()
     added = seen.force - usual.force
@@ -171,10 +173,7 @@ def test_a_second_foot_adds_its_force_where_it_stands(setup, usual, tmp_path):
     moved = seen.pressure[middle] * seen.force[middle, 2] - usual.pressure[middle] * usual.force[middle, 2]
     np.testing.assert_allclose((moved / added[middle, 2])[:2], [0.09, 0.43], atol=1e-3)
     assert seen.torque[middle] - usual.torque[middle] == pytest.approx(-0.15 * 0.2 * 80 * G, rel=0.02)
-
-
-def test_a_foot_partly_beside_the_plate_leaves_a_part_of_its_load_to_the_floor(setup, usual, tmp_path):
-    """30 of 90 mm: two thirds of force and torque; their middle is 30 mm from the edge of the plate, y = 0."""
+    # 30 of 90 mm: two thirds of force and torque; their middle is 30 mm from the edge of the plate, y = 0.
     seen, middle = decoded(stepping(setup, overhang_mm=30), tmp_path), np.abs(usual.time - 1.26).argmin()
     loaded = usual.force[:, 2] > 200
     np.testing.assert_allclose(seen.force[loaded], usual.force[loaded] * 2 / 3, rtol=1e-5)
@@ -219,8 +218,10 @@ def test_every_combination_is_planned_equally_often_and_what_the_sheet_states_is
         group = f"{condition.direction}_K{condition.K_d:g}_{100 * condition.stance_phase:.0f}"
         assert (row["K_d"], row["group"]) == (condition.K_d, group)
         assert row["direction"] == (condition.direction if row["perturbed"] else None)
-    own = condition_of(stated[0] | {"perturbed": True, "K_d": 123.0, "direction": "down"}, setup.settings)
-    assert (own.K_d, own.direction, own.perturbed) == (123.0, "down", True)
+    own = condition_of(stated[0] | {"perturbed": True, "K_d": 123.0, "B_d": 4.5, "direction": "down"}, setup.settings)
+    assert (own.K_d, own.B_d, own.direction, own.perturbed) == (123.0, 4.5, "down", True)
+    with pytest.raises(InputError, match="the plan has two trials 'impedance_K300_B"):
+        plan_trials(with_conditions(setup, {"K_d": (300.0, 300.0001)}).settings)
 
 
 def test_persons_and_sessions_follow_each_other_in_equal_blocks(setup, tmp_path):
@@ -234,7 +235,8 @@ def test_persons_and_sessions_follow_each_other_in_equal_blocks(setup, tmp_path)
     light, heavy = (decoded(mixed, tmp_path, False, trial) for trial in ("walking_01", "walking_24"))
     stated, plain = (captured(mixed, tmp_path, STATIC, states_body_mass=True)[0], captured(setup, tmp_path, STATIC)[0])
     assert (stated["SUBJECTS"]["NAMES"]["value"], stated["PROCESSING"]["BODYMASS"]["value"][0]) == (["A"], 60)
-    assert not {"PROCESSING", "SUBJECTS"} & set(plain)
+    alone = captured(mixed, tmp_path, {"trial": "plate_01", "experiment": "plate"}, states_body_mass=True)[0]
+    assert not {"PROCESSING", "SUBJECTS"} & {*plain, *alone}, "nobody stands on the plate"
     stood = plate_of(tmp_path, "static_1")  # half of 80 kg above the ankle, 60 mm behind the middle of the plate
     np.testing.assert_allclose(stood, np.outer(np.ones(4500), 40 * G * np.array([0, 0, 1, 0, 0.06, 0])), atol=1e-3)
     assert light.force[:, 2].max() / heavy.force[:, 2].max() == pytest.approx(60 / 90, rel=1e-3)
@@ -289,15 +291,12 @@ def test_a_change_concerns_the_named_crossings_or_a_share_of_a_kind(setup):
     assert (drawn[3].load, drawn[3].slower_percent) in ((0.5, 5), (0.35, 10))
 
 
-def test_a_platform_turns_about_the_axis_in_its_depth(setup, tmp_path):
+def test_a_platform_turns_about_the_axis_in_its_depth_and_a_shift_turns_the_leg_over_it(setup, tmp_path):
     """The point 0.12 m below the surface and below the nominal ankle (x = 0.24 m) stays; one at the ankle does not."""
     platform = decoded(ramped(setup, axis_depth_m=0.12), tmp_path, True).platform
     axis, ankle = (platform.point(np.array([0.24, 0.25, z])) for z in (-0.12, 0.08))
     np.testing.assert_allclose(axis, np.tile(axis[0], (len(axis), 1)), atol=1e-5)
     assert np.ptp(ankle[:, 0]) == pytest.approx(0.20 * np.sin(np.radians(5)), rel=1e-3)
-
-
-def test_a_shift_dorsiflexes_the_ankle_by_the_angle_of_the_leg_over_it(setup, tmp_path):
     shifted = ramped(setup, shift_mm=50.0, leg_length_m=0.9)
     moved, still = decoded(shifted, tmp_path, True), decoded(shifted, tmp_path)
     travel, turned = moved.platform.point(np.array([0.3, 0.25, 0.0]))[:, 0], moved.theta - still.theta
@@ -305,6 +304,8 @@ def test_a_shift_dorsiflexes_the_ankle_by_the_angle_of_the_leg_over_it(setup, tm
     assert travel.min() - travel[0] == pytest.approx(-0.05, abs=1e-5)
     ramp = (moved.time > 1.15) & (moved.time < 1.35)
     np.testing.assert_allclose(turned[ramp], (travel[0] - travel[ramp]) / 0.9, atol=1e-5)
+    down = unloaded_platform(GaitTrial("plate_01", 1, shifted.walking, Condition(direction="down")))
+    assert (down.shift[:, 0].min(), down.shift[:, 0].max() > 0.04) == (0, True), "forward"
 
 
 def test_a_heaving_platform_rises_in_the_middle_of_its_way_and_a_slipping_foot_slides_back(setup, tmp_path):
@@ -324,7 +325,7 @@ def unloaded_ramps(setup, trials):
     return found[0].time, [unloaded_platform(trial) for trial in found]
 
 
-def test_ramps_differ_in_duration_start_and_vibration_by_their_scatter(setup):
+def test_ramps_differ_by_their_scatter_and_unloaded_trials_move_the_plate_about_every_axis_now_and_then(setup, shipped):
     """Time from 10 to 90 % of 60 ramps, and from trigger to onset: within 30 % (3 sigma)."""
     plain = ramped(setup, same_unloaded=True)
     time, ramps = unloaded_ramps(imperfect(plain, rise_scatter=8, trigger_scatter=2), 60)
@@ -336,9 +337,6 @@ def test_ramps_differ_in_duration_start_and_vibration_by_their_scatter(setup):
     rest = np.degrees([ramp.angle - smooth[0].angle for ramp in shivering])
     assert np.sqrt(np.mean(rest[:, (time > 0.56) & (time < 0.64)] ** 2)) == pytest.approx(0.1, rel=0.25)
     assert not rest[:, (time < 0.5) | (time > 0.9)].any()
-
-
-def test_unloaded_trials_move_the_plate_about_every_axis_now_and_then(shipped):
     ramps = unloaded_ramps(shipped, 6)[1]
     spans = np.array([np.ptp(r.pose.point(shipped.walking.plate.centre_m), axis=0) for r in ramps])
     rolls = np.array([np.ptp(r.pose.rotation[:, 2, 1]) for r in ramps])
@@ -372,16 +370,18 @@ def test_both_recorders_see_the_same_sync_edges_and_joint_through_the_leg_s_cloc
     assert np.ptp(np.diff(vicon)) > 0.05, "irregular, so that a shift by a period shows"
     theta, torque = (np.interp(time, truth["time"], truth[name]) for name in ("theta", "torque"))
     np.testing.assert_allclose(log["joint_angle"], theta, atol=0.51 * count + 1e-5)
-    np.testing.assert_allclose(log["joint_angle"] / count, np.rint(log["joint_angle"] / count), atol=1e-3)
+    effects, step = shipped.settings.effects, draw_step(GaitTrial("walking_01", shipped.settings.seed, shipped.walking))
+    steps = {"actuator_angle": effects.actuator_encoder.value, "motor_current": effects.current_quantisation.value}
+    for name, size in (steps | {"joint_angle": count}).items():
+        np.testing.assert_allclose(log[name] / size, np.rint(log[name] / size), atol=5e-3)
+    assert all(facts[f"{name}_s"] == getattr(step, name) for name in ("command", "onset", "heel_strike", "toe_off"))
     belt = shipped.p.K_s * (theta - log["actuator_angle"] / shipped.p.n_T)
     assert np.interp(facts["onset_s"], time, belt - torque) == pytest.approx(0, abs=3)
 
 
-def test_switching_one_effect_off_leaves_the_draws_of_the_others(shipped, tmp_path):
-    noisy, clean, quiet = (
-        lab.record(tmp_path, PERTURBED)
-        for lab in (shipped, shipped.lacking("marker_noise"), shipped.lacking(*SENSORS[2:]))
-    )
+def test_switching_one_effect_off_leaves_the_draws_of_the_others_and_gaps_are_few_and_mostly_short(shipped, tmp_path):
+    labs = shipped, shipped.lacking("marker_noise"), shipped.lacking(*SENSORS[2:])
+    noisy, clean, quiet = (lab.record(tmp_path, PERTURBED) for lab in labs)
     np.testing.assert_array_equal(noisy["analogs"], clean["analogs"])
     hidden = np.isnan(noisy["points"][0])
     np.testing.assert_array_equal(hidden, np.isnan(clean["points"][0]))
@@ -393,9 +393,6 @@ def test_switching_one_effect_off_leaves_the_draws_of_the_others(shipped, tmp_pa
     assert (np.std(noise[:3]), np.std(noise[3:6])) == (pytest.approx(0.4, rel=0.03), pytest.approx(80, rel=0.03))
     # 4500 independent samples: standard error of a correlation 0.015
     assert np.abs(np.corrcoef(noise[:6]) - np.eye(6)).max() < 0.06
-
-
-def test_gaps_are_few_and_mostly_short(shipped):
     trials = [GaitTrial(f"walking_{i:02d}", 1, shipped.walking) for i in range(1, 13)]
     hidden = np.array([np.isnan(seen_markers(one, np.zeros((900, 12, 3)))[..., 0]).T for one in trials])
     lengths = np.diff(np.flatnonzero(np.diff(hidden, axis=-1, prepend=0, append=0)))[::2]
@@ -420,7 +417,7 @@ def test_a_trial_depends_on_the_seed_and_its_name_only(shipped, tmp_path):
         assert first == again != seeded, name
 
 
-def test_a_bad_impedance_trajectory_is_refused(tmp_path):
+def test_a_bad_impedance_trajectory_and_a_wrong_duration_or_rate_are_refused(tmp_path):
     for text, said in (
         ("phase,K_d\n0,100\n1,100\n", "no column 'B_d'"),
         ("phase,K_d,B_d\n0,100,1\n0.9,100,1\n", "from 0 to 0.9; it must rise from 0 to 1"),
@@ -430,23 +427,6 @@ def test_a_bad_impedance_trajectory_is_refused(tmp_path):
         (tmp_path / "impedance.csv").write_text(text)
         with pytest.raises(InputError, match=said):
             read_impedance_trajectory(tmp_path / "impedance.csv")
-
-
-def test_a_given_equilibrium_and_a_weight_of_the_gains_are_used(shipped, tmp_path):
-    path = tmp_path / "impedance.csv"
-    path.write_text("phase,K_d,B_d,theta_eq_rad\n0,300,5,0.05\n1,300,5,0.05\n")
-    own = altered(shipped, impedance=path, gain_weight=(weight := Weight(cutoff_hz=1, order=1)))
-    gains = compensated_gains(300, 5, shipped.p, weight)
-    usual, light = (
-        walking_commands(draw_step(GaitTrial("walking_01", 1, lab.walking)), True, shipped.p)
-        for lab in (own, stepping(own, load=0.5))
-    )
-    expected = np.array([[gains.K_1], [gains.B_1], [0.05 * shipped.p.n_T]])
-    np.testing.assert_allclose(usual, np.broadcast_to(expected, usual.shape))
-    assert (light - usual)[2].max() == pytest.approx(0.5 * 1.4 * 80 / 300 * shipped.p.n_T, rel=0.1)
-
-
-def test_settings_with_a_wrong_duration_or_rate_are_refused(tmp_path):
     text = (ROOT / "config/simulation/walking.yaml").read_text()
     for right, wrong, said in (
         ("recording_s: 3.0", "recording_s: 1.5", r"gait.*recording_s must be longer than heel_strike_s \+ stance_s"),
@@ -455,6 +435,18 @@ def test_settings_with_a_wrong_duration_or_rate_are_refused(tmp_path):
         (tmp_path / "walking.yaml").write_text(text.replace(right, wrong))
         with pytest.raises(InputError, match=said):
             read_yaml(tmp_path / "walking.yaml", WalkingSettings)
+
+
+def test_a_given_equilibrium_and_a_weight_of_the_gains_are_used(shipped, tmp_path):
+    path = tmp_path / "impedance.csv"
+    path.write_text("phase,K_d,B_d,theta_eq_rad\n0,300,5,0.05\n1,300,5,0.05\n")
+    own = altered(shipped, impedance=path, gain_weight=(weight := Weight(cutoff_hz=1, order=1)))
+    gains = compensated_gains(300, 5, shipped.p, weight)
+    trials = (GaitTrial("walking_01", 1, lab.walking) for lab in (own, stepping(own, load=0.5)))
+    usual, light = (walking_commands(draw_step(trial), True, shipped.p) for trial in trials)
+    expected = np.array([[gains.K_1], [gains.B_1], [0.05 * shipped.p.n_T]])
+    np.testing.assert_allclose(usual, np.broadcast_to(expected, usual.shape))
+    assert (light - usual)[2].max() == pytest.approx(0.5 * 1.4 * 80 / 300 * shipped.p.n_T, rel=0.1)
 
 
 def test_the_torque_peaks_as_in_level_walking_and_the_foot_stays_above_the_floor(calm, shipped):
@@ -506,9 +498,10 @@ def test_a_perturbation_changes_nothing_before_its_onset_and_turns_the_ankle_as_
     early = walked.time < onset - 3e-3  # and the torque between two updates of the controller is interpolated
     np.testing.assert_array_equal(walked.torque[early], calm.torque[early])
     assert added[np.searchsorted(walked.time, onset + 0.25)] == pytest.approx(0.96 * 5, abs=1e-6)
-    down = draw_step(
-        GaitTrial("walking_01", walked.step.trial.seed, walked.step.trial.walking, Condition(True, "down"))
-    )
+    ramp, down = walked.step.trial.walking.perturbation, replace(walked.step.trial, condition=Condition(True, "down"))
+    half_way = walked.step.toe_off + ramp.hold_s + ramp.return_s / 2
+    assert np.interp(half_way, walked.time, np.degrees(walked.platform.angle)) == pytest.approx(2.5, abs=1e-3)
+    down = draw_step(down)
     turned = np.degrees(move(down, True)[0].theta - move(down, False)[0].theta)
     assert turned[np.searchsorted(walked.time, onset + 0.25)] == pytest.approx(-0.96 * 5, abs=1e-6)
 

@@ -74,6 +74,7 @@ class Workspace:
 def workspace(tmp_path_factory):
     space = Workspace(tmp_path_factory.mktemp("campaign"))
     result = space.start("reproduce-all")
+    space.said = result.stdout + result.stderr
     assert result.returncode == 0, result.stderr
     return space
 
@@ -86,6 +87,9 @@ def test_every_figure_table_and_headline_number_is_there_and_nothing_is_left_to_
     assert captions.count("\n## ") == len(drawn)
     summary = json.loads((results / "summary.json").read_text())
     assert {"K_s", "B_j", "k_tau_n_m", "walking_K"} <= set(summary["numbers"])
+    assert "open results/report.html in a browser: every number" in workspace.said
+    assert all(one["line"] in workspace.said for one in summary["findings"])
+    assert set(workspace.table("impedance_over_stance")["data"]) == {"simulated"}
     for name, each in (("model_comparison", 2), ("model_comparison_summary", 1)):
         compared = dict(workspace.table(name).group_by("experiment").len().iter_rows())
         assert compared == {"belt": 4 * each, "transmission": 2 * each, "impedance": 8 * each}
@@ -141,8 +145,9 @@ def test_what_a_job_reads_was_made_by_jobs_that_its_rule_waits_for(workspace):
     those in Snakemake's notes."""
     requests, waits_for = requests_in(workspace.folder), {}
     of_crossings = [said["settings"] for said in requests.values() if said["command"] == "walking.analyse"]
-    assert all({"perturbed", "direction", "body_mass_kg"} <= said.keys() for said in of_crossings)
-    assert len(of_crossings) == 8
+    assert [{"perturbed", "direction", "body_mass_kg"} <= said.keys() for said in of_crossings] == 8 * [True]
+    simulated = [said["made_of"] for said in requests.values() if said["command"] == "simulate.simulate_trial"]
+    assert all(OVERRIDES["simulation"] in files for files in simulated)
     maker = {file: request for request, said in requests.items() for file in said["files"]}
     for note in (path for path in (workspace.folder / ".snakemake/metadata").rglob("*") if path.is_file()):
         inputs = json.loads(note.read_text())["input"]
@@ -227,8 +232,7 @@ OF_FIGURES = {"fig3": {"belt"}, "fig4": set(), "fig8": set(), "torque_angle": {"
 OF_FIGURES |= {name: {"impedance"} for name in ("fig5", "fig6", "fig7", "response", "model_comparison")}
 OF_FIGURES |= {name: {"walking"} for name in ("fig9", "impedance_over_stance", "walking_page")}
 """Jobs that name what is left out, and the experiments of the trials that a figure may lack."""
-OTHER_WORD = {"auto": "any", "end": "start", "right": "left", "matched": "own"}
-OTHER_WORD["mean"] = "predicted"
+OTHER_WORD = {"auto": "any", "end": "start", "right": "left", "matched": "own", "mean": "predicted"}
 
 
 def another(value, number):
@@ -305,13 +309,20 @@ def test_every_setting_and_argument_is_in_the_requests_of_jobs_with_the_verdicts
         results |= {file for file in said["files"] if Path(file).stem in trials and "/trials/" not in file}
         assert name != "gather" or ("fits" in said["input"]) == (said["settings"]["limits_of_fits"] is not None)
         assert of == trials or name not in ("judge", "list_excluded", "write_report")
+        assert len(of) > 5 or name != "write_captions"
+        assert any("simulation/" in file for file in said["made_of"]) or name != "run_batch"
+        if name == "write_report":
+            assert "walking_responses" in said["input"]["tables"]
+            assert (len(said["input"]["crossings"]), {*said["settings"]["sheet"]}) == (5, trials)
+        assert name != "pool_responses" or said["settings"]["conditions"]["impedance_1"]["K_d"] == 300
+        listed = {Path(table).stem for table in said["settings"].get("tables", ())}
+        assert {"quality", "excluded", "fig5"} <= listed or name != "write_table_metadata"
         if name == "ingest_and_check":
             row, sources = said["settings"]["row"], {Path(file).stem: sha for file, sha in said["made_of"].items()}
             assert said["settings"]["needed_columns"] == [*EXPERIMENTS[row["experiment"]].needed_columns]
             assert {*map(os.path.basename, said["recorded"])} == {row["log"], row["mocap"]} - {None}
-            assert (sources.keys(), None in sources.values()) == (
-                {row["log_source"], row["mocap_source"]} - {None}, False,
-            )  # fmt: skip
+            wanted = {row["log_source"], row["mocap_source"]} - {None}
+            assert (sources.keys(), None in sources.values()) == (wanted, False)
         shown |= {said["settings"]["name"]: {one[:-2] for one in of}} if name == "draw_figure" else {}
     optional = {job: {p.name for p in signature(job).parameters.values() if p.default is not p.empty} for job in given}
     assert {job.__name__: names - given[job] for job, names in optional.items() if names - given[job]} == {}
@@ -414,11 +425,14 @@ def test_a_killed_job_is_tried_again_an_older_copy_of_a_log_is_the_same_and_a_re
     lost = pl.when(pl.col("trial") == "belt_01").then(pl.lit("lost")).otherwise(pl.col("exclude"))
     sheet.with_columns(exclude=lost).write_csv(raw / "trials.csv")
     laboratory.configure({"simulation": None, "failed_trials": "accept"})
+    (laboratory.folder / "results/trials/gone.parquet").touch()
     trials = [f"results/trials/{trial}.parquet" for trial in (TRIAL, "walking_05")]
     result = laboratory.run("results/tables/belt.csv", trials[0], "results/fits/walking.json")
     assert result.returncode == 0, result.stdout
     named = rf"NOT ANALYSED: 1 of 21 trials; results are of the others.\n  trial {TRIAL}, .*\naccepted"
     assert re.search(named, result.stdout)
+    said = "excluded by the sample sheet: belt_01 (lost)\nnot in the sample sheet, and in no table or figure: gone;"
+    assert said in result.stdout
     assert [is_refused(laboratory.folder / path) for path in trials] == [True, False]
 
 

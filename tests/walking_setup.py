@@ -34,11 +34,8 @@ class Setup:
 
     def ideal(self) -> "Setup":
         """Without any imperfection."""
-        return Setup(
-            self.settings.model_copy(update={"effects": self.settings.effects.without()}),
-            self.walking.model_copy(update={"effects": self.walking.effects.without()}),
-            self.p,
-        )
+        settings = self.settings.model_copy(update={"effects": self.settings.effects.without()})
+        return Setup(settings, self.walking, self.p).lacking()
 
     def lacking(self, *effects: str) -> "Setup":
         """Without some imperfections of gait laboratory."""
@@ -66,9 +63,8 @@ def load_setup() -> Setup:
 def leg_log(folder: Path, trial: str = "walking_01") -> dict[str, Array]:
     """The fields of the leg's log, by an independent reader."""
     with (folder / f"leg/{trial}.mcap").open("rb") as stream:
-        messages = [
-            m.decoded_message for m in make_reader(stream, decoder_factories=[DecoderFactory()]).iter_decoded_messages()
-        ]
+        reader = make_reader(stream, decoder_factories=[DecoderFactory()])
+        messages = [m.decoded_message for m in reader.iter_decoded_messages()]
     fields = ("joint_angle", "actuator_angle", "motor_current", "stiffness_gain", "damping_gain", "sync")
     log = {name: np.array([float(getattr(m, name)) for m in messages]) for name in fields}
     return log | {"time": np.array([m.header.stamp.sec + 1e-9 * m.header.stamp.nanosec for m in messages])}

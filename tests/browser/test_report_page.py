@@ -109,9 +109,8 @@ def test_it_sorts_by_numbers_both_ways_with_missing_ones_last(page):
         return [float(cell.get_attribute("data-sort")) for cell in cells if cell.get_attribute("data-sort")]
 
     before = column()
-    (stiffness,) = [
-        one for one in page.find_elements(By.CSS_SELECTOR, "#table th button") if one.text.split()[0] == "K"
-    ]
+    buttons = page.find_elements(By.CSS_SELECTOR, "#table th button")
+    (stiffness,) = (one for one in buttons if one.text.split()[0] == "K")
     stiffness.click()
     assert column() == sorted(before)
     stiffness.click()

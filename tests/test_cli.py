@@ -227,14 +227,6 @@ def test_a_full_disk_is_one_line_and_leaves_the_older_file_as_it_was(tmp_path, s
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_a_terminal_that_takes_no_output_is_one_line():
-    with Path("/dev/full").open("w") as full:
-        command = [*IN_A_PROCESS, "describe-tables"]
-        ended = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
-    assert (ended.returncode, ended.stderr.count("\n")) == (1, 1)
-    assert ended.stderr.startswith("error: the output: No space left on device; check")
-
-
 def test_nothing_but_a_regular_file_is_replaced_and_what_cannot_be_written_is_refused_before_anything_is_read(tmp_path):
     """The device is a link, so that a fault here deletes none."""
     os.mkfifo(tmp_path / "pipe.csv")
@@ -256,12 +248,17 @@ def test_nothing_but_a_regular_file_is_replaced_and_what_cannot_be_written_is_re
     assert "/proc/x.csv: cannot be written, because no file can be made in /proc" in said
 
 
-def test_an_odd_name_of_a_file_or_channel_is_used_and_never_reaches_the_terminal_as_it_is(tmp_path):
+def test_an_odd_name_never_reaches_the_terminal_as_it_is_and_one_that_takes_no_output_is_one_line(tmp_path):
     log = tmp_path / "two\nlines ü\x1b[31m.csv"
     log.write_text("time,\x1b[31mred\x07\n0,1\n0.01,2\n0.02,1\n")
     seen = call("inspect", log)
     assert seen.exit_code == 0, seen.output
     assert {sign for sign in seen.output if not sign.isprintable()} == {"\n"}
+    with Path("/dev/full").open("w") as full:
+        command = [*IN_A_PROCESS, "describe-tables"]
+        ended = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert (ended.returncode, ended.stderr.count("\n")) == (1, 1)
+    assert ended.stderr.startswith("error: the output: No space left on device; check")
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

@@ -205,7 +205,7 @@ def test_text_and_page_of_a_fit_say_interval_unit_and_doubts_and_run_no_script_o
     assert ("<script" in page, "&lt;script&gt;" in page, "\x1b" in page + repr(fit)) == (False, True, False)
 
 
-def test_a_figure_shows_itself_in_the_style_of_the_paper_alone_or_of_several_trials_and_no_result_can_be_changed(tmp_path, short):
+def test_a_figure_shows_itself_in_the_style_of_the_paper_and_a_result_cannot_be_changed(tmp_path, short):
     fit = osl.fit_belt(bench_trial("belt"), short)
     drawn = osl.plot_torque(fit)
     assert (drawn._repr_png_()[:4], int.from_bytes(drawn._repr_png_()[16:20])) == (b"\x89PNG", 1074), "150 per inch"

@@ -85,7 +85,7 @@ def test_a_name_that_the_file_lacks_has_twice_or_a_unit_that_cannot_be_is_refuse
         ({"analogs": {"sync": {"channel": "Sync"}}}, "no analog channel 'Sync'; the file has A1, A2"),
         ({"analogs": {"sync": {"channel": "a1"}}}, "; did you mean 'A1'?"),
         ({"analogs": {"sync": {"channel": "A1"}}}, "sync: unit 'N' measures [N]"),
-    ):
+    ):  # fmt: skip
         assert told in refused(path, **stated)
     path = write_c3d(tmp_path / "a.c3d", points(), POINT__LABELS=["TOE", "HEEL", "TOE"])
     assert "marker 'TOE' occurs 2 times" in refused(path)
@@ -237,9 +237,8 @@ def test_type_2_and_type_4_with_its_calibration_give_the_wrench_back_whichever_w
     calibration = RANDOM.normal(size=(6, 6)) + 5 * np.eye(6)
     raw = np.linalg.solve(calibration, channels.T).T
     for found in (
-        wrench(2, CORNERS, stored * SURFACE, channels),
-        wrench(4, CORNERS, stored * SURFACE, raw, calibration),
-    ):
+        wrench(2, CORNERS, stored * SURFACE, channels), wrench(4, CORNERS, stored * SURFACE, raw, calibration),
+    ):  # fmt: skip
         np.testing.assert_allclose(found[0], FORCE, rtol=1e-9, atol=1e-9)
         np.testing.assert_allclose(found[1], MOMENT, rtol=1e-9, atol=1e-9)
 
@@ -367,11 +366,10 @@ FLOOR = [[500, 600, 0], [0, 600, 0], [0, 0, 0], [500, 0, 0]]
 
 def nexus_source(**fields: object) -> Source:
     usual = {
-        "format": "nexus_csv",
-        "analogs": {"sync": {"device": "Sync - Voltage", "component": "1"}},
+        "format": "nexus_csv", "analogs": {"sync": {"device": "Sync - Voltage", "component": "1"}},
         "outputs": {"reference_ankle_moment_left": {"label": "LAnkleMoment", "component": "x", "unit": "N*mm/kg"}},
         "plates": {1: {"device": "AMTI #1", "corners": FLOOR, "sign": -1}},
-    }
+    }  # fmt: skip
     return FORMATS["nexus_csv"].source.model_validate({**usual, **fields})
 
 

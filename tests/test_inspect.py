@@ -230,9 +230,7 @@ def test_of_two_clocks_the_first_is_taken_if_they_agree_and_the_user_is_asked(tm
     assert f"# {said}\n" in draft_source(overview, "a")
 
 
-@pytest.mark.parametrize(
-    ("factor", "taken"), [(1.004, "a"), (0.996, "a"), (1.006, None), (1e9 * 0.997, "a"), (60.0, None)]
-)
+@pytest.mark.parametrize(("factor", "taken"), [(1.004, "a"), (0.996, "a"), (1.006, None), (0.997e9, "a"), (60, None)])
 def test_clocks_agree_within_half_a_percent_in_any_unit_of_seconds(factor, taken):
     assert likely_clock({"a": TIME, "b": factor * TIME})[0] == taken
     assert likely_clock({"a": TIME, "b": factor * TIME, "c": TIME})[0] == taken

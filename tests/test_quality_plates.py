@@ -63,6 +63,11 @@ def test_a_raw_channel_that_stands_while_the_plate_is_loaded_is_stuck(tmp_path: 
     channels[:, 4] = 37.5
     found = checked(trial_of(tmp_path / "a.c3d", channels))
     assert (found["stuck"].value, found["stuck"].remark) == (pytest.approx(TIME[-1], abs=1e-9), "plate1 channel A5")
+    for top, change, told in ((1000, 150, 0), (1000, 250, 250), (100, 40, 0), (100, 60, 600)):  # a fifth, and 50 N
+        channels = np.outer(np.linspace(0, top, TIME.size), [1e-4, 1e-4, -1, 1e-4, 1e-4, 1e-4])
+        channels[: TIME.size * change // top, 4] = 5.0
+        facts = trial_of(tmp_path / "b.c3d", channels).provenance["plates"][0]["channels"][4]
+        assert (facts["stands_samples"], facts["stands_to_s"]) == (told, (told - 1) / RATE if told else None)
 
 
 def test_a_plate_whose_moments_stand_still_has_a_centre_of_pressure_outside_or_at_rest(tmp_path: Path) -> None:
@@ -83,8 +88,7 @@ def test_a_plate_whose_moments_stand_still_has_a_centre_of_pressure_outside_or_a
 def test_moments_a_thousand_times_too_large_or_too_small_are_named(tmp_path: Path) -> None:
     force, moment = load()
     large = trial_of(tmp_path / "a.c3d", np.hstack((force, 1e3 * moment)))
-    result = checked(large)["pressure_centre"]
-    assert "moments look a thousand times too large; state `plate_units`" in result.remark
+    assert "moments look a thousand times too large; state `plate_units`" in checked(large)["pressure_centre"].remark
     units = {"force": "N", "moment": "N*mm"}
     mended = trial_of(tmp_path / "a.c3d", np.hstack((force, 1e3 * moment)), plate_units=units)
     assert checked(mended)["pressure_centre"].value == 0

@@ -217,7 +217,11 @@ def test_the_simulated_protocol_and_walk_are_those_of_the_configuration(tmp_path
 
 
 def test_each_experiment_follows_what_it_uses_and_no_more(tmp_path, in_root):
-    """A belt has no controller: another weight does not simulate it anew."""
-    one, other = (configured(tmp_path, gain_weight={"cutoff_hz": f, "order": 3}) for f in (1, 2))
-    same = [name for name in EXPERIMENTS if one.shared(name) == other.shared(name)]
-    assert {"impedance", "walking"} == EXPERIMENTS.keys() - same
+    own = configured(tmp_path)
+    for change, following in (
+        ({"gain_weight": {"cutoff_hz": 2}}, "impedance walking"), ({"impedance_trajectory": None}, "walking"),
+        ({"parameters": OTHER}, "belt transmission actuator impedance walking"),
+        ({"dynamometer": {"cycles": 7}}, "transmission impedance"),
+    ):  # fmt: skip
+        other = configured(tmp_path, **change)
+        assert [name for name in EXPERIMENTS if own.shared(name) != other.shared(name)] == following.split()

@@ -97,18 +97,17 @@ def stamped_lines(seconds: str, nanoseconds: str) -> list[Any]:
 BY_STAMP = {"time": {"field": "h.stamp"}, "channels": {"theta": {"field": "q", "unit": "rad"}}}
 
 
-@pytest.mark.parametrize("parts", [("sec", "nanosec"), ("secs", "nsecs"), ("seconds", "nanos")])
+@pytest.mark.parametrize("parts", [("sec", "nanosec"), ("secs", "nsecs"), ("seconds", "nanos"), ("sec", "nsec")])
 def test_a_stamp_of_seconds_and_nanoseconds_is_time_and_exact(tmp_path: Path, parts: tuple[str, str]) -> None:
     path = write(tmp_path / "a", stamped_lines(*parts))
     recording = read(path, **BY_STAMP)
     np.testing.assert_allclose(recording.samples["time"], 20.000001e-3 * np.arange(50), rtol=0, atol=1e-15)
     assert "a: 1 of 51 lines have none of the fields and were left out, first line 1" in recording.warnings
-    with_unit = BY_STAMP | {"time": {"field": "h.stamp", "unit": "s"}}
-    assert "unit is known; remove `time.unit`" in refused(path, **with_unit)
+    assert "known; remove `time.unit`" in refused(path, **BY_STAMP | {"time": {"field": "h.stamp", "unit": "s"}})
     assert len(read(path, **BY_STAMP | {"time": {"rate": 50}}).samples) == 51  # by a rate, a line is a time step
     draft = yaml.safe_load(draft_source(inspect_file(path), "a"))
-    assert draft["time"] == {"field": "h.stamp"}
-    assert [one["field"] for one in draft["channels"].values()] == ["meta.rate", "q"]
+    named = [one["field"] for one in draft["channels"].values()]
+    assert (draft["time"], named) == ({"field": "h.stamp"}, ["meta.rate", "q"])
     for name, wrong, told in (
         (parts[0], 1.5, f"field 'h.stamp.{parts[0]}' is 1.5 in line 8, which is no whole number"),
         (parts[1], 2_000_000_000, f"field 'h.stamp.{parts[1]}' is 2000000000 in line 8, which is no whole number"),
@@ -127,8 +126,8 @@ def test_a_last_line_that_breaks_off_is_left_out_with_a_warning(tmp_path: Path) 
         assert len(read(tmp_path / "a").samples) == ROWS
     for end in ("", "\n"):  # with a line end it is a line that cannot be used
         recording = read(write(tmp_path / "a", [*lines[:-1], lines[-1][:30]], end=end))
-        assert len(recording.samples) == ROWS - 1
-        assert ("the last line, 200, breaks off and was left out" in " ".join(recording.warnings)) == (not end)
+        said = "the last line, 200, breaks off and was left out" in " ".join(recording.warnings)
+        assert (len(recording.samples), said) == (ROWS - 1, not end)
 
 
 @pytest.mark.parametrize(("line", "reason"), [

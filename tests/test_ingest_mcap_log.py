@@ -142,8 +142,7 @@ def test_a_message_that_comes_late_is_put_in_the_order_of_the_stamps(tmp_path: P
     assert found.facts["stamps"]["/lab"] == {"late": 2, "repeated": 0, "contradicted": 0}
     assert found.warnings == ["log.mcap: topic '/lab': 2 messages came late and were put in the order of their stamps"]
     together = of_stamps(tmp_path, [*range(100), *range(150, COUNT), *range(100, 150)])  # they fill the gap they left
-    assert together.samples["time"].is_sorted()
-    assert together.facts["stamps"]["/lab"]["late"] == 50
+    assert (together.samples["time"].is_sorted(), together.facts["stamps"]["/lab"]["late"]) == (True, 50)
 
 
 def test_a_message_that_is_repeated_counts_once(tmp_path: Path) -> None:
@@ -196,10 +195,10 @@ def test_topics_of_different_rates_keep_their_own_rows_and_nothing_is_invented(t
 
 def test_stamps_rounded_to_more_than_a_sampling_step_are_kept_for_the_time_base(tmp_path: Path) -> None:
     stamps = [round(1000 * i / 1024) for i in range(COUNT)]
-    logs = [messages(some, count=True) for some in (stamps, stamps[:-1])]
+    logs = [messages(some, count=True) for some in (stamps, sorted({*stamps}))]
     found = read(write_log(tmp_path / "log.mcap", logs[0]), source(loss=0.0, **RADIANS))
     assert found.samples["theta"].to_list() == list(range(COUNT))
     assert (found.samples["time"].diff() == 0).sum() == 5  # 200 messages on 195 ticks
     both = of_topics(tmp_path, {"/lab": logs[0], "/other": logs[1]}, **RADIANS, theta_m=OTHER)
     assert both["theta"].drop_nulls().to_list() == list(range(COUNT))
-    assert both["theta_m"].drop_nulls().to_list() == list(range(COUNT - 1))
+    assert both["theta_m"].drop_nulls().to_list() == list(range(195))

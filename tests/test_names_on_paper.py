@@ -16,6 +16,7 @@ from osl_analysis.campaign.configuration import read_config
 from osl_analysis.commands import figure as plotted_numbers
 from osl_analysis.commands import tables
 from osl_analysis.config.shared_choices import read_impedance_trajectory
+from osl_analysis.config.sheet import CONDITIONS
 from osl_analysis.errors import InputError
 from osl_analysis.figures import drawing_of
 from osl_analysis.figures.names import looks_in
@@ -98,9 +99,8 @@ def test_names_and_macros_of_any_controllers_are_letters_and_no_two_are_alike():
     rows = rows.with_columns(**ends, interval_method=pl.lit("units"))
     found = headline_numbers({"impedance": rows}, Example(100.0, 0.0))
     macros = [h.macro + ending for h in found for ending in ENDINGS]
-    assert len(macros) == len(set(macros))
+    assert (len(macros), len(found)) == (len(set(macros)), len({h.name for h in found}))
     assert all(macro.isascii() and macro.isalpha() for macro in macros)
-    assert len({h.name for h in found}) == len(found)
     assert {"PDOneVAFMedian", "PDOneVAFMedianB", "UnnamedVAFMedian"} <= {h.macro for h in found}
 
 
@@ -123,8 +123,7 @@ TWO_JOINTS = (
 def test_a_parameter_file_is_used_for_its_own_joint_only(tmp_path):
     """The default file is of the ankle: predictions of a knee by it would be wrong without a word."""
     made = campaign(tmp_path, TWO_JOINTS)
-    assert made.predicted() == ["a"]
-    assert made.device("k") is None
+    assert (made.predicted(), made.device("k")) == (["a"], None)
     assert campaign(tmp_path, TWO_JOINTS, parameters="null").predicted() == []
 
 
@@ -134,8 +133,8 @@ def test_examples_are_those_of_the_configuration_or_chosen_and_said(tmp_path):
     assert [*shown.values()] == ["a", "ankle", None, 6, 3, ""], "the first of two"
     knee = "k,impedance,pd,,,knee,k.csv,bench_csv\n"
     found = time_series_example(campaign(tmp_path, knee))
-    assert (found["trial"], found["amplitude_deg"]) == ("k", None)
-    assert "not in this campaign" in found["chosen"]
+    said = "not in this campaign" in found["chosen"]
+    assert (found["trial"], found["amplitude_deg"], said) == ("k", None, True)
     assert response_example(campaign(tmp_path, knee)) is None
     assert time_series_example(campaign(tmp_path, knee, figures="{time_series: null}"))["duration_s"] == 10
     wrong = "{time_series: {K_d: 250, B_d: 5, controller: compensated}, frequency_response: {K_d: 1, B_d: 1}}"
@@ -220,10 +219,16 @@ def test_a_belt_without_parameters_needs_a_shaft_that_rests_and_a_table_says_las
     with tables_of("measured"):
         write_table(pl.DataFrame({"data": ["x"], "a": [1.5]}), tmp_path / "t.csv")
     assert (tmp_path / "t.csv").read_text() == "a,data\n1.5,measured\n"
+    write_table(pl.DataFrame({name: ["01"] for name in ("trial", "joint", *CONDITIONS)}), tmp_path / "t.csv")
+    assert {*read_table(tmp_path / "t.csv").row(0)} == {"01"}, "a name of digits stays text"
+    groups = pl.DataFrame({"group": ["a"], "side": ["left"], "n": [1]})  # a side that is there stays
+    assert with_places(groups, {"a": {"joint": "knee", "side": "right"}}, "group").row(0) == ("a", "knee", "left", 1)
 
 
 def test_a_trajectory_says_of_itself_that_it_is_synthetic():
-    assert read_impedance_trajectory(Path("config/impedance/synthetic_walking.csv")).kind == "synthetic"
+    found = read_impedance_trajectory(Path("config/impedance/synthetic_walking.csv"))
+    at = found.at(found.phase, np.array([0.25, 1.5, -0.25])).tolist()
+    assert (found.kind, at) == ("synthetic", [0.25, 0.5, 0.75])
     table = fig8.points(stored("gains").with_columns(pl.lit(None, pl.Float64).alias(f"{q}_1_joint") for q in "KB"))
     drawn, said = texts(fig8.draw(table)), fig8.caption(table)
     assert ("(a) Trajectory: synthetic" in drawn, "Gain" in drawn) == (True, False)

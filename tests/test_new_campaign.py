@@ -48,13 +48,17 @@ def test_a_channel_that_may_be_another_quantity_is_left_to_the_user(tmp_path, co
     ("belt 01", "belt", {}),
     ("impedance_K300_B5.0_uncompensated", "impedance", {"K_d": "300", "B_d": "5.0", "controller": "uncompensated"}),
     ("walk_pert_03", "walking", {"perturbed": "true"}), ("gait_unperturbed_1", "walking", {"perturbed": "false"}),
-    ("k300b5", "impedance", {"K_d": "300", "B_d": "5"}), ("k9_sines", "impedance", {}),
+    ("k300b5_comp", "impedance", {"K_d": "300", "B_d": "5", "controller": "compensated"}), ("k9_sine", "impedance", {}),
     ("sines_K100_K300", "impedance", {}), ("gait_K300_unpert", "walking", {"perturbed": "false"}),
     ("2026-11-21_K300_B7.5_uncomp", "impedance", {"K_d": "300", "B_d": "7.5", "controller": "uncompensated"}),
+    ("imp_K300_B5_non-comp", "impedance", {"K_d": "300", "B_d": "5", "controller": "uncompensated"}),
+    ("quasistatic 2", "torque_angle", {}), ("belt_motor", "ingest_only", {}), ("drivetrain", "transmission", {}),
+    ("gait_baseline", "walking", {"perturbed": "false"}), ("calib", "static", {}), ("unloaded", "plate", {}),
+    ("_-.motor", "actuator", {}), ("walking 3", "ingest_only", {}),
 ])  # fmt: skip
 def test_the_name_of_a_file_tells_its_trial_and_nothing_more(name, experiment, told):
     ((cells, still_open),) = draft_trials([(Path(f"{name}.csv"), "csv", False)])
-    assert cells["experiment"] == experiment
+    assert (cells["experiment"], cells["trial"][0] in "_-.") == (experiment, False)
     assert {k: v for k, v in cells.items() if k in ("K_d", "B_d", "controller", "perturbed")} == told
     complete = experiment not in ("ingest_only", "impedance") or {"K_d", "B_d"} <= told.keys()
     assert bool(still_open) != complete
@@ -68,10 +72,9 @@ def test_a_log_and_a_capture_of_one_name_are_one_trial_and_two_logs_are_two():
 
 
 def test_nothing_is_overwritten_and_nothing_stays_behind(tmp_path):
-    (tmp_path / "mine").mkdir()
+    for name in ("mine", "empty", "prose"):
+        (tmp_path / name).mkdir()
     (tmp_path / "mine/notes.txt").write_text("mine")
-    (tmp_path / "empty").mkdir()
-    (tmp_path / "prose").mkdir()
     (tmp_path / "prose/a.csv").write_text("this is\nno table\nat all\n")
     before = sorted(tmp_path.rglob("*"))
     for arguments, said in (
@@ -82,9 +85,7 @@ def test_nothing_is_overwritten_and_nothing_stays_behind(tmp_path):
         ((tmp_path / "mine/notes.txt/new",), "choose another place"),
     ):  # fmt: skip
         result = call("init", *arguments)
-        assert result.exit_code == 1
-        assert said in result.stderr
-        assert len(result.stderr.splitlines()) == 1
+        assert (result.exit_code, said in result.stderr, len(result.stderr.splitlines())) == (1, True, 1)
     assert sorted(tmp_path.rglob("*")) == before
 
 

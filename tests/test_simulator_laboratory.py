@@ -419,11 +419,12 @@ def test_a_trial_depends_on_the_seed_and_its_name_only(shipped, tmp_path):
 
 def test_a_bad_impedance_trajectory_and_a_wrong_duration_or_rate_are_refused(tmp_path):
     for text, said in (
-        ("phase,K_d\n0,100\n1,100\n", "no column 'B_d'"),
+        ("phase,K_d\n0,100\n1,100\n", "no column 'B_d'"), ("phase,K_d,B_d\n0,1,1\n", "fewer than two rows"),
         ("phase,K_d,B_d\n0,100,1\n0.9,100,1\n", "from 0 to 0.9; it must rise from 0 to 1"),
         ("phase,K_d,B_d\n0,100,1\n0.5,100,1\n0.5,200,1\n1,100,1\n", "it must rise from 0 to 1"),
-        ("phase,K_d,B_d\n0,100,1\n1,abc,1\n", "not a table of numbers"),
-    ):
+        ("phase,K_d,B_d\n0.1,1,1\n1,1,1\n", "from 0.1 to 1; it must"), ("phase,K_d,B_d\n0,1,1\n1,1,nan\n", "B_d holds"),
+        ("phase,K_d,B_d\n0,100,1\n1,abc,1\n", "not a table of"), ("phase,K_d,B_d,K_d\n0,1,1,1\n", "'K_d' stands twice"),
+    ):  # fmt: skip
         (tmp_path / "impedance.csv").write_text(text)
         with pytest.raises(InputError, match=said):
             read_impedance_trajectory(tmp_path / "impedance.csv")

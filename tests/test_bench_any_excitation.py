@@ -256,9 +256,7 @@ def two_devices(trial, ppm, every=1):
     (noise(np.random.default_rng(4)), 0.0, 20.0, 1, r"(19|20|21)\.\d+"),
     (noise(np.random.default_rng(5), rate=500.0), 0.0, 5.0, 2, r"[45]\.\d+"),
 ])  # fmt: skip
-def test_clocks_that_drift_apart_are_seen_at_any_rates_and_in_periods_also_beside_friction(
-    motion, friction, ppm, every, said
-):
+def test_clocks_that_drift_apart_are_seen_at_any_rate_in_periods_or_beside_friction(motion, friction, ppm, every, said):
     trial = made_trial(np.random.default_rng(4), motion, more=friction * np.sign(motion[1][1]))
     with pytest.raises(InputError, match=rf"drift apart by {said} \+- 0\."):
         row_of(two_devices(trial, ppm, every))
@@ -461,13 +459,10 @@ def test_a_motion_by_hand_and_a_sweep_beyond_the_filter_are_no_binary_sequence()
         assert row["angle_noise_share"] < 0.01
 
 
-@pytest.mark.parametrize(
-    ("name", "clip", "sides"),
-    [("multisine", 20.0, "both"), ("noise", 20.0, "both"), ("noise", 20.0, "lower"), ("chirp", 11.0, "both")],
-)
-def test_a_torque_that_an_amplifier_clips_before_the_noise_is_doubtful_as_clipped_and_friction_is_not(
-    name, clip, sides
-):
+@pytest.mark.parametrize(("name", "clip", "sides"), [
+    ("multisine", 20.0, "both"), ("noise", 20.0, "both"), ("noise", 20.0, "lower"), ("chirp", 11.0, "both"),
+])  # fmt: skip
+def test_a_torque_clipped_by_an_amplifier_before_the_noise_is_doubtful_and_friction_is_not(name, clip, sides):
     """It takes 4 to 15 % off K. A clip at one side only is told too."""
     trial = made_trial(rng := np.random.default_rng(2), MOTIONS[name](rng), torque_noise=0.0)
     clipped = trial.samples["torque"].clip(-clip, clip if sides == "both" else None)

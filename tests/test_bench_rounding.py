@@ -53,9 +53,7 @@ NUMERICS = {"marks": pytest.mark.numerics}
     pytest.param(500.0, FOURTEEN_BITS, WIDE, 0.0, 100, 0.92, 0.98, **NUMERICS),
     pytest.param(500.0, FOURTEEN_BITS, WIDE, 0.3, 100, 0.90, 0.99, **NUMERICS),
 ])  # fmt: skip
-def test_intervals_cover_the_truth_and_are_as_wide_as_the_errors(
-    rate, step, settings, friction, seeds, lowest, highest
-):
+def test_intervals_cover_the_truth_and_are_as_wide_as_errors(rate, step, settings, friction, seeds, lowest, highest):
     """Whether a period, as at 3 Hz, is whole rows or not; where every cycle repeats the rounding of 14 bits, without
     which K, B, I were covered in 66, 90 and 76 of 100 cases; and with friction, which the model then has."""
     fits = []

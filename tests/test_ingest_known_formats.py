@@ -57,9 +57,7 @@ MISTAKES: list[tuple[dict[str, object], str]] = [
 
 
 @pytest.mark.parametrize(("content", "told"), MISTAKES)
-def test_a_mistake_in_a_source_file_is_refused_by_its_field(
-    tmp_path: Path, content: dict[str, object], told: str
-) -> None:
+def test_a_mistake_in_a_source_is_refused_by_its_field(tmp_path: Path, content: dict[str, object], told: str) -> None:
     (tmp_path / "source.yaml").write_text(yaml.safe_dump(content))
     assert told in refusal_by(read_source, tmp_path / "source.yaml")
 

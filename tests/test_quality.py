@@ -273,8 +273,12 @@ def test_the_protocol_in_the_log_is_held_against_the_configured_one(really, miss
 def test_a_time_per_frequency_may_be_commanded_in_place_of_cycles_or_any_motion():
     theta = stepped_sine(Commanded((2.0, 4.0), (2.0, 5.0), (6, 15)))
     timed, free = replace(COMMANDED, seconds_per_frequency=3.0), replace(COMMANDED, excitation="any")
-    for motion, commanded, value in ((theta, timed, 0), (0 * theta, COMMANDED, 4), (0 * theta, free, 0)):
-        assert examine(Trial("a", bench(motion)), "impedance", commanded)["protocol"].value == value
+    other = sum(np.sin(2 * np.pi * f * np.arange(theta.size) / RATE + f * f) for f in np.arange(1, 6, 0.37)) / 50
+    for experiment, motion, commanded, value in (
+        ("impedance", theta, timed, 0), ("impedance", 0 * theta, COMMANDED, 4), ("impedance", 0 * theta, free, 0),
+        ("impedance", other, COMMANDED, 0), ("transmission", 0 * theta, free, 4),
+    ):  # fmt: skip
+        assert examine(Trial("a", bench(motion)), experiment, commanded)["protocol"].value == value
     again = Commanded((2.0, 4.0), (2.0, 5.0, 2.0), 6)  # a frequency that returns has the cycles of both
     assert examine(Trial("a", bench(stepped_sine(again))), "impedance", again)["protocol"].value == 0
 

@@ -72,16 +72,19 @@ def test_a_raw_channel_that_stands_while_the_plate_is_loaded_is_stuck(tmp_path: 
 
 def test_a_plate_whose_moments_stand_still_has_a_centre_of_pressure_outside_or_at_rest(tmp_path: Path) -> None:
     force, moment = load()
-    far = checked(trial_of(tmp_path / "a.c3d", np.hstack((force, 0 * moment + [0, 840.0, 0]))))["pressure_centre"]
-    assert (far.value or 0) > 840 / 770 - 0.3  # at the largest force
-    assert "a moment channel is dead, clipped or of the other sign" in far.remark
-    dead = trial_of(tmp_path / "b.c3d", np.hstack((force, 0 * moment)))
-    sound = trial_of(tmp_path / "c.c3d", np.hstack((force, moment)))
+    moments = {"a": 0 * moment + [0, 840.0, 0], "b": 0 * moment, "c": moment}
+    outside, dead, sound = (trial_of(tmp_path / f"{one}.c3d", np.hstack((force, x))) for one, x in moments.items())
     second = {name: name.replace("plate1", "plate2") for name in sound.samples.columns if name.startswith("plate1")}
-    both = dead.samples.hstack(sound.samples.select(*second).rename(second))
-    plates = [dead.provenance["plates"][0], sound.provenance["plates"][0] | {"plate": 2}]
-    for trial in (dead, Trial("t", both, dead.provenance | {"plates": plates})):  # the worse one of two
-        still = checked(trial)["pressure_travel"]
+
+    def beside_a_sound_one(trial: Trial) -> Trial:
+        both = trial.samples.hstack(sound.samples.select(*second).rename(second))
+        plates = [trial.provenance["plates"][0], sound.provenance["plates"][0] | {"plate": 2}]
+        return Trial("t", both, trial.provenance | {"plates": plates})
+
+    for of in (lambda trial: trial, beside_a_sound_one):  # the worse one of two
+        far, still = checked(of(outside))["pressure_centre"], checked(of(dead))["pressure_travel"]
+        assert (far.value or 0) > 840 / 770 - 0.3  # at the largest force
+        assert "a moment channel is dead, clipped or of the other sign" in far.remark
         assert (still.value, still.remark[:6]) == (pytest.approx(0, abs=0.005), "plate1")
 
 

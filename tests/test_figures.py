@@ -229,6 +229,8 @@ SAID = [
     ("fig3", lambda: twice(both_branches()), {}, [], ["belt_07", "stand at the ends"]),
     ("torque_angle", lambda: twice(torque_angle_table()), {}, [r"cams\_20mm2"], [r"cams\_25mm2", "both cams 15mm"]),
     ("gain_grid", None, {}, ["2.5", "7.5"], ["100.0"]),
+    ("model_comparison", None, {"joint": pl.coalesce("controller", pl.lit("hip"))}, ["Compensated, Compensated"], []),
+    ("impedance_over_stance", None, {"series": "a" + pl.col("phase").cast(pl.String)}, [], ["Fit of"]),
     ("fig3", both_branches, {}, ["95 % interval 682.9 to 688.3 N·m/rad", "loop area 0.0451 J", "belt_07", "at the ends",
      "Ankle (10 trials): the mean stiffness $K_s$ is 685.6 N·m/rad (95 % interval 682.9 to 688.3)"], ["Doubtful"]),
     ("fig3", both_branches, {"K_s_low": NONE, "K_s_high": NONE, "doubtful": DOUBT},

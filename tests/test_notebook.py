@@ -179,6 +179,8 @@ def test_a_recording_is_read_as_ingest_reads_it(tmp_path):
         assert_frame_equal(found.samples, expected.samples, check_exact=True)
         assert (found.name, found.provenance) == ("a", expected.provenance)
     assert osl.read_recording(tmp_path / "a.csv", tmp_path / "mine.yaml", name="b").name == "b"
+    with pytest.raises(osl.InputError, match="log_part '2'"):
+        osl.read_recording(tmp_path / "a.csv", tmp_path / "mine.yaml", part="2")
 
 
 def test_gains_are_those_of_the_command_with_weight_and_device_of_the_configuration(tmp_path, monkeypatch):

@@ -259,17 +259,7 @@ def test_each_sensor_effect_adds_what_the_truth_says_and_leaves_the_other_draws_
     assert np.std(added["load_cell_noise"]) == pytest.approx(0.05, rel=4 / np.sqrt(2 * 3000))
 
 
-def test_an_exact_joint_answers_by_eq_15(clean):
-    for f, rows in ((2, slice(1000, 2000)), (5, slice(2200, 2600))):
-        kernel = np.exp(-2j * np.pi * f * clean["time"][rows])
-        assert 2 * np.abs(clean["commanded_angle"][rows] @ kernel) / len(kernel) == pytest.approx(np.deg2rad(4))
-        w, ratio = 2 * np.pi * f, -(clean[TORQUE][rows] @ kernel) / (clean[ANGLE][rows] @ kernel)
-        followed = (clean[ANGLE][rows] @ kernel) / (clean["commanded_angle"][rows] @ kernel)  # 30 Hz, damping 0.9
-        assert followed == pytest.approx(1 / (1 - (f / 30) ** 2 + 1.8j * f / 30), rel=1e-3)
-        assert ratio == pytest.approx(300 - 0.02 * w**2 + 5j * w, rel=1e-4)  # the servo's transient is left
-
-
-def test_true_jitter_scatters_the_instants_within_the_simulated_motion_and_leaves_the_samples_true(clean):
+def test_an_exact_joint_answers_by_eq_15_and_true_jitter_within_the_motion_leaves_its_samples_true(clean):
     log = log_of(node(jitter=on(20e-6, "s", distribution="normal")))
     count = np.arange(len(log["time"]))
     residual = log["time"] - np.polynomial.Polynomial.fit(count, log["time"], 1)(count)
@@ -280,6 +270,13 @@ def test_true_jitter_scatters_the_instants_within_the_simulated_motion_and_leave
     instants, _, _ = Bench("trial", made, {}, 100).sampling("node", made.recorder.node)
     assert 0 <= instants.min() < 0.01 < 0.09 < instants.max() <= 0.099
     assert len(instants) < 100
+    for f, rows in ((2, slice(1000, 2000)), (5, slice(2200, 2600))):
+        kernel = np.exp(-2j * np.pi * f * clean["time"][rows])
+        assert 2 * np.abs(clean["commanded_angle"][rows] @ kernel) / len(kernel) == pytest.approx(np.deg2rad(4))
+        w, ratio = 2 * np.pi * f, -(clean[TORQUE][rows] @ kernel) / (clean[ANGLE][rows] @ kernel)
+        followed = (clean[ANGLE][rows] @ kernel) / (clean["commanded_angle"][rows] @ kernel)  # 30 Hz, damping 0.9
+        assert followed == pytest.approx(1 / (1 - (f / 30) ** 2 + 1.8j * f / 30), rel=1e-3)
+        assert ratio == pytest.approx(300 - 0.02 * w**2 + 5j * w, rel=1e-4)  # the servo's transient is left
 
 
 @pytest.mark.parametrize(("distribution", "mean"), [("exponential", 2e-4), ("half_normal", 2e-4 * np.sqrt(2 / np.pi))])

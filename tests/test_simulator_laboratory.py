@@ -356,7 +356,7 @@ def test_an_exact_analysis_of_the_recording_gives_back_angle_and_torque(shipped,
     assert 90 < seen.torque.max() < 150
 
 
-def test_both_recorders_see_the_same_sync_edges_and_joint_through_the_leg_s_clock(shipped, tmp_path):
+def test_recorders_see_the_same_edges_and_joint_through_the_leg_s_clock_and_a_late_plate_lags(shipped, tmp_path):
     analogs, count = shipped.record(tmp_path, PERTURBED)["analogs"][0], 2 * np.pi / 2**14
     log, facts = leg_log(tmp_path), json.loads((tmp_path / "truth/walking_01.json").read_text())
     truth = pl.read_parquet(tmp_path / "truth/walking_01.parquet")
@@ -377,6 +377,11 @@ def test_both_recorders_see_the_same_sync_edges_and_joint_through_the_leg_s_cloc
     assert all(facts[f"{name}_s"] == getattr(step, name) for name in ("command", "onset", "heel_strike", "toe_off"))
     belt = shipped.p.K_s * (theta - log["actuator_angle"] / shipped.p.n_T)
     assert np.interp(facts["onset_s"], time, belt - torque) == pytest.approx(0, abs=3)
+    labs = (shipped.lacking(*SENSORS[2:], *lag) for lag in ((), ("plate_lag",)))
+    late, prompt = (lab.record(tmp_path, PERTURBED)["analogs"][0, :6] for lab in labs)
+    assert np.abs(prompt[:, :600]).max() < 1e-3, "of 12 kg, and its moment"
+    slope = np.gradient(prompt[2], 1 / 1500)
+    assert slope @ (prompt - late)[2] / (slope @ slope) == pytest.approx(0.5e-3, rel=0.01)
 
 
 def test_switching_one_effect_off_leaves_the_draws_of_the_others_and_gaps_are_few_and_mostly_short(shipped, tmp_path):
@@ -397,14 +402,6 @@ def test_switching_one_effect_off_leaves_the_draws_of_the_others_and_gaps_are_fe
     hidden = np.array([np.isnan(seen_markers(one, np.zeros((900, 12, 3)))[..., 0]).T for one in trials])
     lengths = np.diff(np.flatnonzero(np.diff(hidden, axis=-1, prepend=0, append=0)))[::2]
     assert (20 < len(lengths) < 80, lengths.max() <= 61, np.median(lengths) < 15) == (True, True, True)
-
-
-def test_a_late_plate_lags_by_half_a_millisecond_and_was_zeroed_at_rest(shipped, tmp_path):
-    labs = (shipped.lacking(*SENSORS[2:], *lag) for lag in ((), ("plate_lag",)))
-    late, prompt = (lab.record(tmp_path, PERTURBED)["analogs"][0, :6] for lab in labs)
-    assert np.abs(prompt[:, :600]).max() < 1e-3, "of 12 kg, and its moment"
-    slope = np.gradient(prompt[2], 1 / 1500)
-    assert slope @ (prompt - late)[2] / (slope @ slope) == pytest.approx(0.5e-3, rel=0.01)
 
 
 def test_a_trial_depends_on_the_seed_and_its_name_only(shipped, tmp_path):

@@ -74,13 +74,13 @@ def test_messages_in_any_file_order_come_in_the_order_of_their_sequence_numbers(
     assert (recording.facts["stamps"]["/lab"]["late"], recording.facts["rates_hz"]["/lab"]) == (0, 10)
 
 
-@pytest.mark.parametrize("by", [0.5, 3600.0])
+@pytest.mark.parametrize("by", [0.5, 5.0])
 @pytest.mark.parametrize("time", ["header", "log"])
 @pytest.mark.parametrize("numbered", [False, True])
 @pytest.mark.parametrize("is_sorted", [False, True])
 def test_a_clock_that_is_set_back_while_recording_is_refused(tmp_path, by, time, numbered, is_sorted):
     if is_sorted and not (numbered and by < 1):
-        pytest.skip("sorted since, without numbers: nothing tells; by an hour: a gap of an hour, which a fit refuses")
+        pytest.skip("sorted since, without numbers: nothing tells; by 5 s: a gap of 5 s, which a fit refuses")
     back = [START + i * 10 * MILLISECOND - (round(by * 1e9) if i >= 100 else 0) for i in range(200)]
     log = [stamped(stamp, angle=float(i), torque=0.0, sync=False) for i, stamp in enumerate(back)]
     order = np.argsort([t for t, _ in log], kind="stable") if is_sorted else np.arange(200)

@@ -64,7 +64,7 @@ def assert_log(trial: Trial) -> None:
     (LOG, {}), (LOG.replace("\n", "\r\n"), {}), (LOG.replace("\n", ",,,\n"), {}), (LOG.replace(",", " , "), {}),
     (LOG.encode("utf-16"), {}), (b"\xfe\xff" + LOG.encode("utf-16-be"), {}), (b"\xef\xbb\xbf" + LOG.encode(), {}),
     ("\n\n" + LOG + "\n\n", {}), ("# Bench 3, calibrated\n#\n" + LOG.replace("10.5", "  # pause\n10.5"), {}),
-    ("% rig B\n" + LOG.replace("10.5", "% pause\n10.5"), {"comment": "%"}),
+    ("% rig B\n" + LOG.replace("10.5", "% pause\n10.5"), {"comment": "%", "channels": NUMBERED}),
     (LOG.partition("\n")[2], {"header": "none", "time": {"column": 1, "unit": "s"}, "channels": NUMBERED}),
     ("t,angle,load,angle [V]\n10.0,0,1,7\n10.5,90,2,7\n11.0,-180,+3.5,7\n", {}),
     ("t [s],angle (rad),load[N.m]\n" + LOG.partition("\n")[2], UNITLESS | {"channels": PATTERNS}),

@@ -96,7 +96,7 @@ def gains_text(table: pl.DataFrame) -> str:
         printed = ("phase", "K_d", "B_d", "K_1", "B_1", "error", "K_predicted", "B_predicted", "faithful_to_hz")
         columns = [c for c in printed if c in table.columns]
         rows = [columns, *([f"{v:.5g}" for v in row] for row in table.select(columns).rows())]
-        return "\n".join("".join(f"{cell:>14}" for cell in row) for row in rows)
+        return "\n".join("".join(f"{cell:>15}" for cell in row) for row in rows)
     row = table.row(0, named=True)
     minima = "exactly one local minimum" if row["minima"] == 1 else f"{row['minima']} local minima"
     lines = [

@@ -189,7 +189,7 @@ def draft_walking(overview: Overview) -> list[str]:
 WORDS_OF_EXPERIMENTS = {
     "torque_angle": r"\b(torque angle|quasi ?static)\b",
     "plate": r"\b(plate|unloaded)\b",
-    "static": r"\b(static|standing|stand|calibration|calib)\b",
+    "static": r"(?<!quasi )\b(static|standing|stand|calibration|calib)\b",
     "walking": r"\b(walk|walking|cross|crossing|perturb|perturbed|perturbation|pert|unperturbed|unpert|gait)\b",
     "belt": r"\bbelt\b",
     "transmission": r"\b(transmission|drivetrain)\b",

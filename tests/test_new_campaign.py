@@ -52,7 +52,7 @@ def test_a_channel_that_may_be_another_quantity_is_left_to_the_user(tmp_path, co
     ("sines_K100_K300", "impedance", {}), ("gait_K300_unpert", "walking", {"perturbed": "false"}),
     ("2026-11-21_K300_B7.5_uncomp", "impedance", {"K_d": "300", "B_d": "7.5", "controller": "uncompensated"}),
     ("imp_K300_B5_non-comp", "impedance", {"K_d": "300", "B_d": "5", "controller": "uncompensated"}),
-    ("quasistatic 2", "torque_angle", {}), ("belt_motor", "ingest_only", {}), ("drivetrain", "transmission", {}),
+    ("quasi-static 2", "torque_angle", {}), ("belt_motor", "ingest_only", {}), ("drivetrain", "transmission", {}),
     ("gait_baseline", "walking", {"perturbed": "false"}), ("calib", "static", {}), ("unloaded", "plate", {}),
     ("_-.motor", "actuator", {}), ("walking 3", "ingest_only", {}),
 ])  # fmt: skip

@@ -117,6 +117,9 @@ def fields_in(
             yield from fields_in(one, most, cut, own, beside)
 
 
+joined_masked: Any = np.ma.concatenate  # numpy before 2.5 gives it no types
+
+
 @dataclass(frozen=True)
 class Columns:
     """The wanted fields of those messages, or lines, that can be used."""
@@ -193,7 +196,7 @@ class Reader:
         values, none = {}, np.empty(0, bool)
         for path in self.paths:
             pieces = [one.get(path, np.ma.array(np.zeros(rows.size, bool), mask=True)) for rows, one in parts]
-            values[path] = np.ma.concatenate([none, *pieces])[order]  # type: ignore[no-untyped-call]
+            values[path] = joined_masked([none, *pieces])[order]
         return Columns(rows[order], values, self.count - rows.size, self.misfit)
 
 

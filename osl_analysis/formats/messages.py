@@ -23,6 +23,7 @@ from osl_analysis.formats.message_fields import (
     Reader,
     Values,
     describe_message,
+    joined_masked,
     kind_of,
 )
 
@@ -341,7 +342,7 @@ def decode_topics(
             raise InputError(f"topic '{topic}': {own[0][1].misfit}; record the log again, or exclude the trial")
         values = {}
         for path in paths:
-            values[path] = np.ma.concatenate([columns.values[path] for _, columns in used])  # type: ignore[no-untyped-call]
+            values[path] = joined_masked([columns.values[path] for _, columns in used])
             if path not in optional and np.ma.getmaskarray(values[path]).all():
                 raise InputError(
                     f"topic '{topic}' has no field '{path}' (it has {own[0][0].names_of_fields()}); correct `field` in "

@@ -142,6 +142,8 @@ def test_a_motion_of_too_narrow_a_band_or_size_is_refused_with_what_is_missing(m
     samples = made_trial(rng := np.random.default_rng(3), noise(rng, **motion), **joint).samples
     with pytest.raises((IdentifiabilityError, InputError), match=words):
         row_of(Trial("made", samples.with_columns(pl.col("theta") + 0.5)))  # wherever the zero of the angle is
+    row = row_of(made_trial(rng := np.random.default_rng(5), noise(rng), K=0.0, B=5.0, I=0.1))
+    assert abs(row["K"]) < 3 * row["K_se"], "a joint without stiffness has none to tell"
 
 
 @pytest.mark.parametrize(("late", "highest_hz"), [(2e-4, 10.0), (-2e-4, 10.0), (5e-3, 6.0), (-5.5e-3, 6.0)])

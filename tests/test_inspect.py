@@ -328,6 +328,11 @@ def looks(arrivals, *seconds):
 def test_a_file_that_grows_with_pauses_is_taken_for_complete_once_at_most(tmp_path):
     """A recorder that writes every 6 s gave a refusal for each part."""
     arrivals, log, found = module.Arrivals(tmp_path), tmp_path / "a.csv", []
+    touch(log, "x", 0)
+    assert looks(arrivals, 0, 3, 4) == [[], [], ["a.csv"]]
+    touch(log, "xx", 10)
+    assert looks(arrivals, 10, 14, 29, 30) == [[], [], [], ["a.csv"]]
+    arrivals = module.Arrivals(tmp_path)
     for second in range(60):
         if second % 6 == 0:
             touch(log, "x" * (second + 1), second)

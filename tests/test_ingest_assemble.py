@@ -21,7 +21,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.ingest.clock import ClockFit
 from osl_analysis.ingest.raw_files import FORMATS, merged
 from osl_analysis.ingest.source import LARGEST_MEASURED, Recording
-from osl_analysis.trial import COLUMNS, FAMILIES, Trial, read_trial, write_trial
+from osl_analysis.trial import COLUMNS, FAMILIES, Trial, plate_columns, read_trial, unit_of, write_trial
 
 SOURCES = Path(__file__).parents[1] / "config" / "sources"
 THETA, SYNC = ({"topic": "/lab", "field": name, "unit": unit} for name, unit in (("angle", "deg"), ("sync", "V")))
@@ -250,6 +250,7 @@ def seen(frames: int = 6) -> np.ndarray:
 def test_every_unit_of_a_column_has_a_largest_value() -> None:
     units = {unit for name, unit in COLUMNS.items() if name != "time"} | set(FAMILIES.values())
     assert units == set(LARGEST_MEASURED)
+    assert [unit_of(plate_columns(10, of)[2]) for of in ("force", "moment")] == ["N", "N*m"]  # however many there are
 
 
 @pytest.mark.parametrize(("angle", "torque", "unit", "told"), [

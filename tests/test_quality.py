@@ -139,7 +139,8 @@ STOOD_ON = 800 + np.random.default_rng(1).standard_normal(2000)
     ("unzeroed_load_cell", bench(torque=TORQUE - 8.0), "impedance", 7.5, None),
     ("unzeroed_load_cell", bench()[500:], "impedance", None, None),  # it begins in motion
     ("unzeroed_plate", laboratory(plate1_force_z=BARE - 100), "walking", 98.0, None),
-    ("unzeroed_plate", laboratory(plate1_force_z=BARE + 60), "walking", 62.0, None),
+    ("unzeroed_plate", laboratory(plate1_force_z=BARE + 60), "overground", 62.0, None),
+    ("unzeroed_plate", laboratory(plate1_force_z=BARE + 60), "plate", 62.0, None),
     ("unzeroed_plate", laboratory(plate1_force_z=STOOD_ON), "static", None, None),  # somebody stands there
     ("unzeroed_plate", laboratory(plate1_force_z=STOOD_ON), "walking", 800.0, None),
     ("unzeroed_plate", laboratory(plate1_force_z=-STOOD_ON), "static", 800.0, None),

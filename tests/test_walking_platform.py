@@ -260,9 +260,10 @@ def campaign(folder: Path, rows: str, **walking: Any) -> Campaign:
 
 def test_each_crossing_has_the_static_trial_of_its_subject_and_session(tmp_path: Path) -> None:
     rows = "sA,static,,A,1,, sB,static,,B,1,, sA2,static,,A,2,, wA,walking,false,A,1,, wB,walking,false,B,1,,"
+    rows += " sC,static,,C,1,right, sD,static,,D,1,, p,plate,,,,,sC"  # sC is that of a plate alone, sD of nothing
     sheet = campaign(tmp_path, rows + " wA2,walking,true,A,2,, m,plate,,,,,sB")
     assert [sheet.static(trial) for trial in ("wA", "wB", "wA2", "m")] == ["sA", "sB", "sA2", "sB"]
-    assert sheet.statics == {"sA": ["wA"], "sB": ["wB"], "sA2": ["wA2"]}
+    assert sheet.statics == {"sA": ["wA"], "sB": ["wB"], "sA2": ["wA2"], "sC": []}
 
 
 @pytest.mark.parametrize(("cells", "statics", "found"), [

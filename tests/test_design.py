@@ -337,7 +337,8 @@ def test_an_earlier_trial_states_the_distortion(tmp_path):
 @pytest.mark.parametrize(("arguments", "message"), [
     (("--rms", "3"), "a stepped-sine has no --rms"), (("--rate", "25"), "twice the cut-off"),
     (("--trial", "a"), "give --earlier too"), (("--stiffness-within", "0"), "no percentage"),
-    (("--excitation", "noise", "--rms", "3", "--peak", "4"), "not both"),
+    (("--excitation", "noise", "--rms", "3", "--peak", "4"), "give --rms or --peak, not both"),
+    (("--encoder-bits", "12", "--encoder-step", "0.01"), "give --encoder-bits or --encoder-step, not both"),
     (("--excitation", "chirp", "--band", "3,2"), "lower frequency first"),
     (("--excitation", "multisine", "--band", "1,1.2"), "longer period or a wider band"),
     (("--excitation", "multisine", "--band", "0.5,1.5"), "the analysis would refuse this protocol"),

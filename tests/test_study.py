@@ -162,14 +162,14 @@ def test_intervals_hold_the_truth_of_an_exact_joint_as_recorders_write_it(record
 
 def test_rounding_of_the_load_cell_is_noise_of_a_step_over_the_root_of_twelve_in_the_bounds():
     of, found = bench("transmission"), []
-    simulation, effects = of.inputs.simulation, of.inputs.simulation.effects
+    effects = (simulation := of.inputs.simulation).effects
     for step in (0.01, 0.2):
         rounding = effects.load_cell_quantisation.model_copy(update={"size": step})
         changed = effects.model_copy(update={"load_cell_quantisation": rounding})
         inputs = replace(of.inputs, simulation=simulation.model_copy(update={"effects": changed}))
         found.append(np.array([*replace(of, inputs=inputs).bounds().values()]))
-    noise = effects.load_cell_noise.value
-    assert found[1] / found[0] == pytest.approx(np.hypot(noise, 0.2 / 12**0.5) / np.hypot(noise, 0.01 / 12**0.5), 1e-3)
+    before, after = np.hypot(effects.load_cell_noise.value, np.array([0.01, 0.2]) / 12**0.5)
+    assert found[1] / found[0] == pytest.approx(after / before, 1e-3)
 
 
 def test_bound_of_a_sinusoid_is_the_published_one():

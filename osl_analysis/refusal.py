@@ -91,8 +91,8 @@ def refusal_report(records: Collection[Path | str], recordings: Mapping[str, Seq
     first = f"{len(missing)} of {len(recordings)} trials" if missing else "some results"
     if trials:
         first += f", and for want of them {len(trials)} " + ("more" if missing else f"of {len(recordings)} trials")
-    others_left = (missing or trials) and len(missing) + len(trials) < len(recordings)
-    lines = ["", f"NOT ANALYSED: {first}{'; results are of the others' * bool(others_left)}."]
+    others_left = 0 < len(missing) + len(trials) < len(recordings)
+    lines = ["", f"NOT ANALYSED: {first}{'; results are of the others' * others_left}."]
     for cause in sorted(causes, key=lambda cause: (not cause.trial, cause.trial)):
         # what the user can correct is the trial's recording, if there is one
         raw, reason = recordings.get(cause.trial, ()), cause.reason

@@ -144,7 +144,8 @@ def write_topics(path: Path, topics: Sequence[LogTopic]) -> None:
     order = np.argsort(heads["publish"], kind="stable")
     heads, messages = heads[order], [parts[row] for row in order]
     content = encoded(one for pair in zip(schemas, channels, strict=True) for one in pair)  # begins the first chunk
-    ends = len(content) + np.cumsum([len(message) for message in messages], dtype=np.int64)
+    lengths = np.array([len(message) for message in messages], dtype=np.int64)
+    ends = len(content) + np.cumsum(lengths)
     with atomic_path(path) as temporary, temporary.open("wb") as file:
         head = MCAP0_MAGIC + encoded([mcap_records.Header("ros2", "osl-analysis")])
         facts = {"origin": "simulated", "topic": names, "time": "header stamp"}
@@ -154,7 +155,7 @@ def write_topics(path: Path, topics: Sequence[LogTopic]) -> None:
         while first < len(messages):  # a chunk ends with the message that takes it beyond the size [bytes]
             last = int(np.searchsorted(ends[:-1], begin + chunk_size, side="right")) + 1
             content += b"".join(messages[first:last])
-            starts = ends[first:last] - np.array([len(message) for message in messages[first:last]]) - begin
+            starts = ends[first:last] - lengths[first:last] - begin
             indexes.append(write_chunk(file, content, starts, heads[first:last]))
             first, begin, content = last, int(ends[last - 1]), b""
         file.write(encoded([mcap_records.DataEnd(0)]))

@@ -210,9 +210,8 @@ def test_the_list_has_a_line_per_cause_with_trial_file_reason_and_remedy(tmp_pat
     ]
     assert re.search("`exclude` in the sample sheet.*`failed_trials: accept`", told[5])
     assert "\nNOT ANALYSED: some results.\n" in refusal_report(files[:1], recordings, accept=True)
-
-
-NOT_MADE = "  therefore not made: numbers.tex, summary.json, walking.csv, figure fig9"
+    del recordings["b_3"]
+    assert "\nNOT ANALYSED: 2 of 2 trials.\n" in refusal_report(files, recordings, accept=True)
 
 
 def test_the_list_says_what_else_has_no_result(tmp_path):
@@ -223,7 +222,8 @@ def test_the_list_says_what_else_has_no_result(tmp_path):
     recordings = {name: [f"raw/{name}.c3d"] for name in ("stand", "w_1", "w_2", "belt_1")}
     told = refusal_report(records, recordings, accept=False).splitlines()
     assert told[1] == "NOT ANALYSED: 1 of 4 trials, and for want of them 2 more; results are of the others."
-    assert told[3:5] == ["  therefore without a result: w_1, w_2", NOT_MADE]
+    not_made = "  therefore not made: numbers.tex, summary.json, walking.csv, figure fig9"
+    assert told[3:5] == ["  therefore without a result: w_1, w_2", not_made]
 
 
 def test_what_a_renaming_leaves_among_the_results_is_named_at_the_end_of_a_run():

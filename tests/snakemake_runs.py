@@ -12,6 +12,8 @@ from pathlib import Path
 import yaml
 from conftest import ROOT
 
+from osl_analysis.campaign.configuration import overriding
+
 PROTOCOL = {"frequencies_hz": [2, 5], "cycles": 5, "amplitudes_deg": [2, 4]}
 OVERRIDES = {
     "campaign": "small", "raw_data": "raw_data/small", "sheet": "raw_data/small/trials.csv",
@@ -50,14 +52,21 @@ for line in sys.stdin:
 """
 
 
-def write_small(folder: Path, counts: dict[str, int]) -> None:
-    """Write the shipped configuration to a folder, and the settings of a simulation with these numbers of trials."""
+SMALL = {
+    "experiments": {"K_d": [200, 300], "B_d": [5.0], "belt": 2, "transmission": 2, "actuator": 2, "plate": 3,
+                    "walking": 8},
+    "actuator": {"duration_s": 10}, "protocol": PROTOCOL | {"rest_s": 0.5, "lead_s": 0.5},
+}  # fmt: skip
+"""What its simulation changes in the shipped settings."""
+
+
+def write_small(folder: Path, changes: dict) -> None:
+    """Write the shipped configuration to a folder, with a small simulation, and these changes to it or its gait."""
     shutil.copytree(ROOT / "config", folder / "config")
-    settings = yaml.safe_load((ROOT / "config/simulation/default.yaml").read_text())
-    settings["experiments"] |= counts | {"K_d": [200, 300], "B_d": [5.0]}
-    settings["actuator"] |= {"duration_s": 10}
-    settings["protocol"] |= PROTOCOL | {"rest_s": 0.5, "lead_s": 0.5}
-    (folder / OVERRIDES["simulation"]).write_text(yaml.safe_dump(settings))
+    for part, name, to in (("simulation", "default", "small"), ("gait", "walking", "walking")):
+        settings = yaml.safe_load((ROOT / f"config/simulation/{name}.yaml").read_text())
+        settings = overriding(overriding(settings, SMALL if to == "small" else {}), changes.get(part, {}))
+        (folder / f"config/simulation/{to}.yaml").write_text(yaml.safe_dump(settings))
 
 
 @cache

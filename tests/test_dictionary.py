@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from polars.testing import assert_frame_equal
-from test_walking_overground import gait_trial
+from test_walking_commands import gait_trial
 
 from osl_analysis.commands.study import performance_table
 from osl_analysis.dictionary import described_tables

@@ -17,6 +17,7 @@ import polars as pl
 import pytest
 import yaml
 from conftest import ROOT
+from reference_numbers import changed
 from snakemake_runs import OVERRIDES, run_snakemake, write_small
 
 from osl_analysis.campaign.configuration import overriding
@@ -30,18 +31,18 @@ from osl_analysis.report.headlines import all_labels
 
 TRIAL = "impedance_K300_B5.0_compensated"
 DYNAMOMETER = OVERRIDES["dynamometer"]
-COUNTS = {"belt": 2, "transmission": 2, "actuator": 2, "plate": 3, "walking": 8}
+CAMPAIGNS = {"small": {}, "other": yaml.safe_load(Path(__file__).with_name("other_campaign.yaml").read_text())}
 FILES = ["--snakefile", str(ROOT / "Snakefile"), "--configfile", "config/small.yaml"]
 
 
 class Workspace:
     """A folder with a copy of config/ in which the repository's Snakefile runs."""
 
-    def __init__(self, folder: Path, of: "Workspace | None" = None, without: tuple[str, ...] = ()) -> None:
-        """A new campaign, or a copy of one, dates included, without files and folders of these names."""
+    def __init__(self, folder: Path, of: "Workspace | dict" = CAMPAIGNS["small"], without: tuple[str, ...] = ()):
+        """A new campaign with these changes, or a copy of one, dates included, without files of these names."""
         self.folder = folder
-        if of is None:
-            write_small(folder, COUNTS)
+        if isinstance(of, dict):
+            write_small(folder, of)
             self.configure({})
         else:
             shutil.copytree(of.folder, folder, ignore=shutil.ignore_patterns(*without), dirs_exist_ok=True)
@@ -100,6 +101,13 @@ def test_every_figure_table_and_headline_number_is_there_and_nothing_is_left_to_
     assert workspace.table("quality")["verdict"].unique().to_list() == ["pass"]
     assert workspace.table("excluded").is_empty()
     assert workspace.planned("reproduce-all") == workspace.planned() == {}
+
+
+def test_no_number_of_a_campaign_changes_unnoticed(workspace, tmp_path):
+    """Where one may: `python tests/reference_numbers.py`."""
+    other = Workspace(tmp_path, CAMPAIGNS["other"])
+    assert other.run("reproduce-all").returncode == 0
+    assert changed("small", workspace.folder / "results") == changed("other", tmp_path / "results") == []
 
 
 def test_every_column_and_number_is_in_the_data_dictionary_and_the_dictionary_has_no_other_column(workspace):
@@ -280,8 +288,8 @@ def test_every_setting_and_argument_is_in_the_requests_of_jobs_with_the_verdicts
             inner[place[-1]] = places[place]
     assert len(places) > 150
     requests = []
-    for changed in ({}, changes):
-        (tmp_path / "config/small.yaml").write_text(yaml.safe_dump(overriding(MEASURED, changed)))
+    for further in ({}, changes):
+        (tmp_path / "config/small.yaml").write_text(yaml.safe_dump(overriding(MEASURED, further)))
         space.planned("reproduce-all", "study")
         requests.append({name: leaves(said) for name, said in requests_in(tmp_path).items()})
     found, other = set(), {}
@@ -460,8 +468,8 @@ def test_a_changed_estimator_or_what_stands_beside_it_reruns_its_jobs_and_not_in
     jobs = {"trials.ingest_and_check", "simulate.simulate_trial"}.union(*RERUN.values())
     made_of, read = jobs_request.code.__wrapped__, jobs_request.content_of
     before = {job: made_of(*job.split()) for job in jobs}
-    for changed, again in (RERUN | {"trial.py": jobs}).items():
-        file = ROOT / "osl_analysis" / changed
+    for edited, again in (RERUN | {"trial.py": jobs}).items():
+        file = ROOT / "osl_analysis" / edited
         monkeypatch.setattr(jobs_request, "content_of", lambda path, file=file: read(path) + b" " * (path == file))
         assert {job for job in jobs if made_of(*job.split()) != before[job]} == again
 

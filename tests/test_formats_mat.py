@@ -183,7 +183,8 @@ def test_what_matlab_alone_can_read_is_named_with_the_command_that_saves_it(tmp_
 
 @pytest.mark.parametrize("write", [write_mat, write_mat73])
 def test_what_is_no_real_number_is_refused_with_the_command_that_saves_it(write, tmp_path):
-    path = write(tmp_path / "a.mat", complex=RISING + 1j, results=RISING, empty=np.zeros((0, 3)))
+    path = write(tmp_path / "a", complex=RISING + 1j, results=RISING, empty=np.zeros((0, 3)), cube=np.ones((2, 3, 4)))
+    assert "4 double; save each of its matrices as a variable of its own" in refusal(path, "cube")
     assert "complex double, not real numbers; save `real(x)`" in refusal(path, "complex")
     if write is write_mat73:
         with h5py.File(path, "r+") as file:

@@ -171,7 +171,9 @@ def test_a_chunk_with_an_absurd_length_costs_itself_alone(tmp_path: Path, packin
 
 
 def test_records_that_no_recorder_writes_among_the_chunks_hide_none_of_them(tmp_path: Path) -> None:
-    unknown = raw(records.Chunk("xyz\n", b"abc", 0, 0, 0, 9))
+    unknown, mixed = raw(records.Chunk("xyz\n", b"abc", 0, 0, 0, 9)), chunk(TWENTY + b"\5", crc=False)
+    said = read(tmp_path, log(LAB, chunk(TEN), mixed, summary=ALL))[1]["remarks"]
+    assert f"is damaged: it holds no record at byte {len(TWENTY)} of its {len(TWENTY) + 1} bytes" in said[0]
     count, damage = read(tmp_path, log(LAB, chunk(TEN), unknown, chunk(TWENTY), summary=ALL))
     assert count == 20
     assert any(r"is compressed with 'xyz\n'; zstd and lz4 are read" in remark for remark in damage["remarks"])
@@ -414,6 +416,7 @@ def test_a_message_or_a_schema_that_cannot_be_read_is_refused_by_name() -> None:
     for schema, said in (
         ("wstring w", "type 'l/wstring' of field 'w' is not defined"),
         ("Other a", "schema l/S: type 'l/Other' of field 'a' is not defined"),
+        ("float64 a\n===\nfloat64 b", "a line 'MSG: package/Name' is missing after a separator"),
         ("}{", r"schema l/S: cannot read the line '\}\{'"), ("float64 a\nfloat64 a", "field 'a' is defined twice"),
     ):  # fmt: skip
         with pytest.raises(InputError, match=said):
@@ -476,14 +479,28 @@ def test_a_field_that_is_no_number_is_blamed_on_the_source_file_and_an_absent_on
     for text, said in (
         ('{"x": "1"}', "field 'x' is \"1\", not a number, in message 1"),
         ('{"x": [1, 2]}', "field 'x' is an array of 2, not one number, in message 1 (it has x[0..1])"),
+        ('{"v": [1, 2], "n": 5}', "field 'n' is 5, not an array of names, in message 1 (it has v[0..1], n)"),
         ('{"x": true}', "field 'x' is true in message 1 of 9, a truth value and no number in rad"),
     ):
         with pytest.raises(InputError, match="`field` in the source file") as caught:
-            recorded(write_json(tmp_path, [text] * 9), "log", 0.3, theta="x")
+            recorded(write_json(tmp_path, [text] * 9), "log", 0.3, theta="x" if "x" in text else "v[n=b]")
         assert f"topic '/lab': {said}" in str(caught.value)
     with pytest.raises(InputError, match="field 'x' is a truth value in some places and a number in others"):
         recorded(write_json(tmp_path, ['{"x": true}', '{"x": 1}']), "log", 0.9, theta="x")
-    recording = recorded(write_json(tmp_path, ['{"x": 1.5}', '{"x": null}', "{}"]), "log", 0.3, theta="x")
+    for texts, said in (
+        (["{"] * 9, "topic '/lab': a message of 1 bytes is not JSON: .* [(]9 of 9 .*; record the log again"),
+        (['{"x": 1}'] * 9, r"topic '/lab' has no field 'y' \(it has x\); correct `field` in the source file"),
+    ):
+        with pytest.raises(InputError, match=said):
+            recorded(write_json(tmp_path, texts), "log", 1.0, theta="y")
+    path = write_payloads(tmp_path / "log.mcap", [cdr(1.0) + struct.pack("<I4xd", 1, 2.0)], "cdr", "l/S", "ros2msg",
+                          b"float64 a\nfloat64[] b")  # fmt: skip
+    with pytest.raises(InputError, match=r"topic '/lab': field 'b' is an array of 1, not one number \(it has a, b"):
+        recorded(path, "log", 1.0, theta="b")
+    path = write_payloads(tmp_path / "log.mcap", [b"\5"], "protobuf", "l.S", "protobuf", b"\xff\xff")
+    with pytest.raises(InputError, match=r"topic '/lab': schema l\.S: cannot be read: .*, or map another topic"):
+        recorded(path, "log", 1.0, theta="b")
+    recording = recorded(write_json(tmp_path, ['{"x": 1.5}', '{"x": null}', '{"x": []}']), "log", 0.3, theta="x")
     assert recording.samples["theta"].to_list() == [1.5, None, None]
     said = "topic '/lab': field 'x' has no value in 2 of 3 messages, first message 2"
     assert any(said in warning for warning in recording.warnings)

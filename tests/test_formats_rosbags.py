@@ -219,6 +219,8 @@ REFUSED: dict[str, tuple[Any, str]] = {
         "the database is damaged or cut off .*sqlite3 BAG .recover"),
     "no bag": (lambda bag: changed(bag / "x.db3", "CREATE TABLE topics (id, name)"), "no such column: type.: no bag"),
     "no messages": (lambda bag: changed(bag / "bag.db3", "DROP TABLE messages"), "no such table: messages.: no bag"),
+    "text": (lambda bag: rewritten(bag / "bag.db3", b"t,a\n1,2\n").parent, "neither a database of sqlite3 nor MCAP"),
+    "other text": (lambda bag: rewritten(bag / "x.db3", b"t,a\n1,2\n"), "x.db3: not a bag in sqlite3 .it begins with"),
     "journal": (lambda bag: rewritten(bag / "bag.db3-journal", b"x").parent, "a journal is beside it"),
     "IDL": (lambda bag: changed(bag / "bag.db3", "UPDATE message_definitions SET encoding = 'ros2idl'"),
         "type 'lab_msgs/msg/Sample' is defined in IDL, which is not read; convert it"),

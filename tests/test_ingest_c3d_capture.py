@@ -145,6 +145,11 @@ def test_an_absurd_header_a_pointer_past_a_record_or_other_counts_are_refused(tm
         (whole.index(b"RATE", 512) + 4, b"\1\0", "damaged C3D file"),
         (whole.index(b"RATE", 512) + 4, (20000).to_bytes(2, "little"), "damaged C3D file"),
         (whole.index(b"WORD", 512) + 4, (20000).to_bytes(2, "little"), "the parameter section is damaged after 'WORD'"),
+        (whole.index(b"RATE", 512) + 4, b"\xff\xff", "damaged C3D file: the parameter section is damaged after 'RATE'"),
+        (whole.index(b"RATE", 512) - 1, b"\0", "the parameter section is damaged after 'RATE'; export"),  # of no group
+        (whole.index(b"RATE", 512) + 6, b"\3", "the parameter 'RATE' has type 3 and 1 dimensions: the section is dam"),
+        (whole.index(b"RATE", 512) + 7, b"\x08", "the parameter 'RATE' has type 4 and 8 dimensions: the section is da"),
+        (whole.index(b"RATE", 512) + 7, b"\3\xff\xff\xff", "the parameter 'RATE' reaches beyond the end of the file"),
     ):  # fmt: skip
         path.write_bytes(whole[:place] + value + whole[place + len(value) :])
         assert problem in refused(path)
@@ -166,6 +171,7 @@ PLATES_THAT_CANNOT_BE: list[tuple[dict[str, Any], dict[str, Any], str]] = [
     ({"FORCE_PLATFORM__CORNERS": np.zeros((3, 4, 1))}, {}, "plate 1: its corners span no plane"),
     ({"FORCE_PLATFORM__TYPE": [3], "FORCE_PLATFORM__ORIGIN": np.zeros((3, 1))}, {}, "type 3 has ORIGIN [0"),
     ({"FORCE_PLATFORM__CORNERS": np.zeros((3, 3, 1))}, {}, "FORCE_PLATFORM:CORNERS has dimensions (3, 3, 1)"),
+    ({"FORCE_PLATFORM__ORIGIN": np.full((3, 1), np.nan)}, {}, "plate 1: FORCE_PLATFORM:ORIGIN holds a value that"),
     ({"FORCE_PLATFORM__CHANNEL": np.arange(3, 9)[:, None]}, {}, "leave this plate out: `plates: none`"),
 ]  # fmt: skip
 
@@ -431,6 +437,10 @@ def test_a_plates_moment_is_about_its_centre_wherever_the_file_takes_it(tmp_path
     (DEVICES + TRAJECTORIES.replace("Anna:HEEL", "Ben:TOE") + MODEL, {}, "marker 'TOE' occurs twice"),
     (DEVICES + TRAJECTORIES + MODEL, {"markers": ["KNEE"]}, "'KNEE' x is missing under Trajectories"),
     (DEVICES + TRAJECTORIES.replace("mm", "parsnip") + MODEL, {}, "unit 'parsnip' is unknown"),
+    (DEVICES[:DEVICES.index("6,1")], {"outputs": {}, "markers": "none"}, "the last frame lacks sub frames; export"),
+    (EXPORT, {"analogs": {}, "outputs": {}, "plates": {}, "markers": "none"}, "nothing to read; name markers, outputs"),
+    (DEVICES + TRAJECTORIES.replace("100", "0") + MODEL, {}, "section Trajectories at 0 Hz has no samples; export wit"),
+    (DEVICES.replace("N.mm", "N"), {"outputs": {}}, "unit 'N' measures [N], expected one of N*m"),
 ])  # fmt: skip
 def test_what_does_not_fit_is_refused_with_the_reason(tmp_path, text, fields, problem):
     path = tmp_path / "trial.csv"
@@ -526,3 +536,5 @@ def test_frames_beyond_those_that_the_header_can_count_are_all_read(tmp_path: Pa
     for shape, more in (((65540, 1), words), ((65540, 1), long), ((1, 40000), many)):
         path = write_c3d(tmp_path / "a.c3d", np.ones((*shape, 4)), **more)
         assert read_c3d(path).points.shape == (*shape, 3)
+    path = write_c3d(tmp_path / "a.c3d", np.ones((65600, 1, 4)))  # nothing says how many
+    assert "holds 65600 frames, more than the 65535 that a C3D header can count; export it in parts" in refused(path)

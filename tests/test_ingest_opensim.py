@@ -13,6 +13,8 @@ from recognised_files import refusal_of as refused
 
 from osl_analysis.commands.inspect import inspect_file
 from osl_analysis.errors import InputError
+from osl_analysis.formats.gait_text import read_trc
+from osl_analysis.ingest.captures import vertical_axis
 from osl_analysis.ingest.clock import aligned_clock
 from osl_analysis.ingest.draft import draft_source
 from osl_analysis.ingest.raw_files import trial_from_files
@@ -108,6 +110,10 @@ def test_a_header_that_contradicts_the_rows_and_rows_that_cannot_be_right_are_re
         assert reason in refused(path)
     path.write_text("\n".join(lines[:5]))
     assert "holds no frames" in refused(path)
+    path.write_text("PathFiletype".join(["x", "\n"]))
+    with pytest.raises(InputError, match="no TRC file: its first line does not begin with PathFileType; check the"):
+        read_trc(path)
+    assert (vertical_axis(walk() / 1000), vertical_axis(walk()[:, :3])) == ("y", "")  # of four markers at least
 
 
 def test_rows_of_a_table_that_cannot_be_right_are_refused(tmp_path: Path) -> None:
@@ -225,7 +231,11 @@ def test_plates_that_cannot_be_read_are_refused(tmp_path: Path) -> None:
     log = read(path, plates={1: PLATE}, clock="common")
     with pytest.raises(InputError, match="the capture's file states no times, as only TRC does"):
         aligned_clock(log, Recording(log.samples, {}, {}), None)
-    path.write_text(path.read_text().replace("700.000000000", "nan", 1))
+    once = path.read_text()
+    path.write_text(once.replace("0.005000000", "0.000000000", 1))
+    dropping = {"time": {"repeated": "drop"}, "plates": {1: PLATE}}
+    assert "the plates need all; remove `repeated: drop`, as `time.repeated` in the" in refused(path, **dropping)
+    path.write_text(once.replace("700.000000000", "nan", 1))
     assert "column 'R_vy': nan in sample 1 of 80" in refused(path, plates={1: PLATE})
     by_rate = {"clock": "common", "time": {"column": None, "unit": None, "rate": 100}}
     for stated, told in (

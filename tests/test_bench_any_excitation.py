@@ -379,6 +379,10 @@ def test_a_motion_that_cannot_tell_is_refused_with_what_is_missing(angle, words)
     trial = made_trial(np.random.default_rng(1), (time, (angle(time), 0 * time, 0 * time)), B=0.0, I=0.0)
     with pytest.raises((IdentifiabilityError, InputError), match=words):
         impedance_table(rendered_impedance(record_of_trial(trial, SETTINGS)))
+    still = Trial("made", trial.samples.with_columns(theta=pl.lit(0.0)))
+    for windows in (None, "2-30"):
+        with pytest.raises(InputError, match="made: the joint does not move; check the channel of theta"):
+            moving_record(still, windows)
 
 
 def test_an_angle_beyond_a_joint_beside_a_torque_of_an_angle_s_size_is_said_to_be_swapped():

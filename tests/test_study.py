@@ -110,6 +110,8 @@ def test_an_actuator_without_a_schedule_is_refused():
     without = replace(made, simulation=made.simulation.model_copy(update={"actuator": None}))
     with pytest.raises(InputError, match="no 'actuator' schedule"):
         studied("actuator", without)
+    with pytest.raises(InputError, match=r"default\.yaml: names no 'walking' file, which the study of walking needs"):
+        next(study_of_walking.walking_rows(replace(made, gait=None), [0], recorded=False))
 
 
 def batch(experiment, first, count, output, **changes):

@@ -296,6 +296,12 @@ def test_regular_losses_behind_a_late_host_are_refused(wait, one_in):
     assert said == pytest.approx(true, rel=0.05, abs=1.1)
 
 
+@pytest.mark.parametrize("one_in", [(0, 0), (0, 50)])
+def test_a_host_so_late_that_its_rhythm_is_hidden_is_refused_whether_it_lost_samples_or_not(one_in):
+    with pytest.raises(InputError, match=r"cell: .* late by 11\.\d+ ms \(SD\), too late to see whether some of its"):
+        one_time_base(two_nodes(np.random.default_rng(1), (0.0, 1e-2), one_in))
+
+
 @pytest.mark.parametrize(("wait", "rates"), [
     ((0.0, 2e-4), (RATE, RATE)), ((0.0, 2e-3), (RATE, RATE)), ((5e-4, 1e-3), (333.0, 1000.0)),
     ((5e-4, 1e-3), (1024.0, 1000.0)), ((5e-4, 1e-3), (990.0, 990.0)),

@@ -60,6 +60,8 @@ def test_short_interior_gaps_are_bridged_with_little_noise_and_flagged_the_other
     np.testing.assert_allclose(bridged_poses.rotation[60:66], R[60:66], atol=4e-6)
     np.testing.assert_allclose(bridged_poses.points(np.zeros((1, 3)))[60:66, 0], path[60:66], atol=4e-6)
     assert not bridge_gaps(TIME, seen, longest=5 / RATE).bridged.any()
+    with pytest.raises(InputError, match=r"frame 7 is stamped 0\.020000 s, not later than the one before; record"):
+        bridge_gaps(np.where(np.arange(240) == 7, TIME[6], TIME), seen, 0.1)
 
 
 def test_the_angle_is_the_twist_about_a_skew_axis_wherever_the_leg_is_and_whatever_a_soft_joint_adds_across() -> None:
@@ -85,6 +87,8 @@ def test_the_calibrated_axis_points_to_the_left_for_either_leg(side) -> None:
 def test_a_static_marker_that_is_never_seen_and_a_cluster_on_a_line_are_refused_by_name() -> None:
     with pytest.raises(InputError, match=r"trial static: marker SHANK2 is never seen"):
         bodies.static_calibration(hidden(static_trial(ANKLE), ["SHANK2"], 0, 2), settings())
+    with pytest.raises(InputError, match="trial static: markers FOOT1, FOOT2, FOOT3, FOOT4 have no frames; record"):
+        bodies.static_calibration(changed(static_trial(), marker_FOOT1_x=pl.lit(None, pl.Float64)), settings())
     flat = [pl.col(f"marker_FOOT{k}_{axis}") * 0 for k in range(1, 5) for axis in "yz"]
     with pytest.raises(InputError, match="foot markers FOOT1, FOOT2, FOOT3, FOOT4 lie on a line"):
         bodies.static_calibration(changed(static_trial(ANKLE), *flat), settings())

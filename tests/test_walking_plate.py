@@ -11,7 +11,7 @@ import walking_synthetic as synthetic
 from scipy.spatial.transform import Rotation
 from walking_synthetic import PLATE_RATE, RATE, G, Ramp, Rig, bump, changed, hidden, settings, static_trial, walked_over
 
-from osl_analysis.errors import InputError
+from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.plate_surface import furthest_outside, plate_axes
 from osl_analysis.trial import Array, Trial
 from osl_analysis.walking import plate
@@ -85,6 +85,8 @@ def test_what_recordings_do_not_show_stays_as_it_is_known_and_what_noise_would_d
     noise = np.zeros((10, 10))
     noise[4, 4] = 0.9 * squares_of(pairs)[4, 4]
     assert identify_plate_inertia(pairs, noise=noise).identified == plate.PLANAR
+    with pytest.raises(IdentifiabilityError, match="marker noise is 90% of what moves the unloaded plate in one of"):
+        identify_plate_inertia(pairs, noise=0.9 * squares_of(pairs))
 
 
 def test_noise_that_is_known_makes_no_plate_lighter() -> None:
@@ -291,6 +293,10 @@ def test_a_load_that_does_not_act_upwards_and_a_plate_on_edge_are_refused_with_t
     for axes, named in (([0, 2, 1], r"across the y axis.*`axes: \[x, -z, y\]`"), ([2, 1, 0], "across the x")):
         with pytest.raises(InputError, match=named):
             plate.recorded_corners(with_corners(SURFACE[:, axes]), 1)
+    with pytest.raises(InputError, match="no corners of force plate 2; the recording has those of 1"):
+        plate.recorded_corners(with_corners(SURFACE), 2)
+    with pytest.raises(InputError, match="has those of none"):
+        plate.recorded_corners(Trial("plate_1", pl.DataFrame({"time": [0.0]})), 1)
     for corners in (SURFACE, SURFACE[::-1]):  # in either order, the normal points up
         normal = plate_axes(plate.recorded_corners(with_corners(corners), 1))[:, 2]
         np.testing.assert_allclose(normal, [0, 0, 1], atol=1e-12)

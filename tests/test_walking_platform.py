@@ -152,6 +152,13 @@ def test_a_crossing_that_moves_in_another_way_keeps_its_own_motion_by_name() -> 
     assert [a.follows for a in model.alignments.values()] == [True, True, False, True, True, True]
     assert torque_error(trials[2:3], turned[2:3], model) < 1.5
     assert model.onset("walk_02", 1.234) == 1.234
+    with pytest.warns(UserWarning, match="trial walk_1: has no part in .* motion: the platform does not turn by 1 deg"):
+        alone = identify_platform(calibrated([WALK, trials[0]]), settings())
+    assert (alone.template, alone.reason[:26]) == (None, "1 motions of the platform,")
+    (first, second), _ = tracks_of(2, 0)
+    swings = 0.02 * np.outer(np.sin(40 * second.time) * (second.time > 1.02), [0.6, 0, 0.8, 0, 0, 0])
+    with pytest.raises(InputError, match="the platform moves in another way in each crossing"):
+        platform.platform_template([first, replace(second, measured=second.measured + swings)], 0.1)
 
 
 @pytest.mark.parametrize("scatter", [0.0, 0.004])
@@ -367,6 +374,10 @@ def test_a_resting_plate_adds_nothing_and_a_translation_is_no_crossing_but_it_ma
     np.testing.assert_allclose(late.torque, found.torque, atol=1)  # 3 frames earlier
     heaved, chosen = walked_over("w", Ramp(heave=0.015), replace(RIG, mass=1e-9), 1), settings(largest_shift_mm=5)
     assert analyse_crossing(heaved, CALIBRATION, NO_CORRECTION, True, chosen).onset is not None
+    lifted = changed(WALK, plate1_force_z=pl.col("plate1_force_z") * ~pl.col("time").is_between(1.25, 1.3))
+    for trial, on, said in ((WALK, 2000, "none"), (lifted, 40, r"0\.93\d-1\.25\d s, 1\.29\d-1\.59\d s")):
+        with pytest.raises(InputError, match=f"one stance on the plate is expected, found {said}; check"):
+            analyse_crossing(trial, CALIBRATION, NO_CORRECTION, False, settings(load_on_n=on, shortest_stance_s=0.2))
     pulled = changed(WALK, pl.col("plate1_moment_y") + pl.col("time").is_between(1.0, 1.6).cast(pl.Float64) * 120)
     with pytest.raises(InputError, match="the ankle's moment in late stance is -"):  # where every foot pushes
         analyse_crossing(pulled, CALIBRATION, NO_CORRECTION, False, settings())

@@ -21,8 +21,11 @@ from click.testing import CliRunner
 from conftest import ROOT
 
 from osl_analysis import memory
+from osl_analysis.campaign.configuration import read_config
 from osl_analysis.cli import main
 from osl_analysis.commands import gains as gains_command
+from osl_analysis.commands import inspect as inspect_command
+from osl_analysis.commands import simulate as simulate_command
 from osl_analysis.commands.figure import draw_table
 from osl_analysis.errors import InputError, MemoryLimitError
 from osl_analysis.files import atomic_path
@@ -146,6 +149,8 @@ def test_gains_of_a_pair_a_grid_and_a_trajectory_are_those_of_the_paper_and_are_
     (tmp_path / "t.csv").write_text("phase,K_d,B_d\n0,300,5\n1,200,5\n")
     rows = json.loads(call("gains", "--trajectory", tmp_path / "t.csv", "--json").stdout)
     assert [(r["phase"], r["K_d"], r["trajectory"]) for r in rows] == [(0, 300, None), (1, 200, None)]
+    (tmp_path / "far.csv").write_text("phase,K_d,B_d\n0,300,5\n1,700,5\n")
+    assert "far.csv: K_d = 700 " in one_line(call("gains", "--trajectory", tmp_path / "far.csv"))
     assert "smallest stable gain" in call(*of_gains(600, 0)).stdout
     assert "no finite B_1 minimises Eq. 14" in call(*of_gains(600, 0, "--weight-hz", 50)).stdout
 
@@ -178,6 +183,15 @@ UNFIT = {
     "both.csv would be overwritten": (*GAINS, "--output", "both.csv", "--plot", "both.csv"),
     "a.csv would be overwritten": (*GAINS, "--output", "a.csv", "--parameters", "a.csv"),
     "`ingest` writes .parquet files": ("ingest", "--log", "a.csv", "--log-source", "s", "--output", "s.yaml"),
+    "`samples` writes .md files": ("samples", ".", "--output", "s.csv"),
+    "`describe-tables` writes .md files": ("describe-tables", "--output", "t.txt"),
+    "`design` writes .csv files": ("design", "--write", "m.txt"),
+    "a.csv would be overwritten while": ("fit", "a.csv", "--plot", "../{}/a.csv"),
+    "give --stiffness and --damping, or --trajectory": ("gains", "--damping", "5"),
+    "leave out --stiffness and --damping, or it": ("gains", "--damping", "5", "--trajectory", SYNTHETIC),
+    "--example has recordings of its own": ("init", "new", "--example", "--recorder", "opensourceleg"),
+    "--example has recordings of its own; leave": ("init", "new", "--example", "--from", "."),
+    "'5:1:0' is not a range": of_gains("5:1:0", 5), "'1:2' is not a range": of_gains("1:2", 5),
 }  # fmt: skip
 
 
@@ -192,9 +206,37 @@ def test_a_call_that_does_not_fit_or_would_write_over_what_it_reads_is_refused_w
 ):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "a.csv").write_text("precious")
-    assert message in one_line(call(*UNFIT[message]), code=2)
+    assert message in one_line(call(*(str(one).format(tmp_path.name) for one in UNFIT[message])), code=2)
     assert (tmp_path / "a.csv").read_text() == "precious"
     assert [path.name for path in tmp_path.iterdir()] == ["a.csv"]
+
+
+PRINTED = {
+    "B_1 = 0.63439": (*GAINS, "--weight-hz", "2", "--weight-order", "2"), "no first look: config": ("doctor", "--look"),
+    r"^ +phase +K_d(.*\n){6}": ("gains", "--trajectory", SYNTHETIC), r"K_d .*\n +100 .*\n +2": of_gains("100,200", 5),
+    r"^\| file \| format (.*\n){2}\| desr/trials.csv \|": ("samples", "config/campaigns"),
+}  # fmt: skip
+
+
+def test_a_command_prints_or_writes_what_it_is_asked_for_with_what_its_options_say(folder, tmp_path, monkeypatch):
+    config, page, seen = folder / "config.yaml", tmp_path / "page.md", []
+    for said, command in PRINTED.items():
+        assert re.search(said, call(*command).stdout), command
+    for command in (("describe-tables",), ("samples", "config/campaigns")):
+        assert call(*command, "--output", page).stdout == f"wrote {page}\n"
+        assert f"`osl-analysis {' '.join(command)} --output {page}`" in page.read_text()
+    assert "with config.yaml, simulation.yaml, sources/" in call("init", tmp_path / "example", "--example").stdout
+    monkeypatch.setattr(simulate_command, "simulate_campaign", lambda *given: seen.append(given))
+    assert call("simulate", "--settings", "s.yaml", "--config", config, tmp_path).exit_code == 0
+    assert seen == [(Path("s.yaml"), tmp_path, read_config(config).shared())]
+
+    def watched(of, bench):
+        yield f"{of.name} {bench.config_path.name} {bench.source} {bench.output.name}"
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(inspect_command, "watched_lines", watched)
+    options = ("--source", "config/sources/leg.yaml", "--output", tmp_path / "pictures", "--config", config)
+    assert call("watch", tmp_path, *options).stdout.endswith(f"ends\n{tmp_path.name} config.yaml leg pictures\n")
 
 
 @contextmanager
@@ -259,6 +301,9 @@ def test_an_odd_name_never_reaches_the_terminal_as_it_is_and_one_that_takes_no_o
         ended = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
     assert (ended.returncode, ended.stderr.count("\n")) == (1, 1)
     assert ended.stderr.startswith("error: the output: No space left on device; check")
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as reader:
+        reader.stdout.close()  # as `head` does
+        assert (reader.stderr.read(), reader.wait()) == ("", 1)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -273,8 +318,9 @@ def test_ctrl_c_ends_a_command_quietly_and_leaves_nothing_half(tmp_path, monkeyp
 
     monkeypatch.setattr(gains_command, "write_table", interrupted)
     signal.signal(signal.SIGINT, signal.default_int_handler)  # a process in the background ignores it
+    before = signal.getsignal(signal.SIGTERM)
     assert one_line(call(*GAINS, "--output", tmp_path / "gains.csv"), code=130) == "interrupted"
-    assert list(tmp_path.iterdir()) == []
+    assert (list(tmp_path.iterdir()), signal.getsignal(signal.SIGTERM)) == ([], before)
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the limit is Linux's")

@@ -259,6 +259,15 @@ def test_the_configuration_s_protocol_is_the_default():
         assert said["lag_errors"][name] == pytest.approx(-cause * 1e-4, rel=0.1)
 
 
+def test_the_configuration_that_is_named_has_cycles_for_its_own_frequencies_and_the_range_of_the_load_cell(tmp_path):
+    own = ("--config", tmp_path / "c.yaml")
+    own[1].write_text("dynamometer: {frequencies_hz: [2, 4], cycles: [10, 20], load_cell_range: 25}")
+    said = as_json(*own)
+    assert said["record_s"] == pytest.approx(3 * (10 / 2 + 20 / 4))
+    assert "above dynamometer.load_cell_range = 25" in said["warnings"][-1]
+    assert "cycles for its own frequencies; give --cycles" in call(*own, "--frequencies", "2,3,4").stderr
+
+
 def test_every_error_that_is_stated_is_handed_on_in_si_units(monkeypatch):
     seen, of = [], planning.precision
     monkeypatch.setattr(planning, "precision", lambda *given: seen.append(given) or of(*given))
@@ -321,6 +330,9 @@ def test_an_earlier_trial_states_the_distortion(tmp_path):
     assert set(levels.columns) < set(RESPONSE_COLUMNS)
     earlier = ("--earlier", tmp_path / "response.csv")
     assert "2 trials; choose one with --trial, such as m" in call(*earlier).stderr
+    assert "no trial 'k'; choose one with --trial, such as m" in call(*earlier, "--trial", "k").stderr
+    levels.with_columns(odd_level=float("nan")).write_csv(tmp_path / "none.csv")
+    assert "no odd_level of trial m; it needs" in call("--earlier", tmp_path / "none.csv").stderr
     assert "state the same distortion twice" in call(*earlier, "--trial", "m", "--friction", "1").stderr
     assert "says nothing on single sines" in call(*earlier, "--trial", "m").stderr
     assert "says nothing on a chirp" in call("--excitation", "chirp", *earlier, "--trial", "m").stderr
@@ -337,6 +349,10 @@ def test_an_earlier_trial_states_the_distortion(tmp_path):
 @pytest.mark.parametrize(("arguments", "message"), [
     (("--rms", "3"), "a stepped-sine has no --rms"), (("--rate", "25"), "twice the cut-off"),
     (("--trial", "a"), "give --earlier too"), (("--stiffness-within", "0"), "no percentage"),
+    (("--damping-within", "100%"), "no percentage"), (("--frequencies", "1,nan"), "give a finite number"),
+    (("--amplitudes", "2,0"), "frequencies and amplitudes of a stepped sine are above 0"),
+    (("--excitation", "chirp", "--band", "1"), "--band has the lowest and the highest frequency"),
+    (("--earlier", "tests/planned_trials.csv"), "no columns of response.csv"),
     (("--excitation", "noise", "--rms", "3", "--peak", "4"), "give --rms or --peak, not both"),
     (("--encoder-bits", "12", "--encoder-step", "0.01"), "give --encoder-bits or --encoder-step, not both"),
     (("--excitation", "chirp", "--band", "3,2"), "lower frequency first"),

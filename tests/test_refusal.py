@@ -4,6 +4,7 @@ import json
 import os
 import re
 import zipfile
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,8 +15,8 @@ from conftest import ROOT
 
 from osl_analysis.campaign.configuration import read_section
 from osl_analysis.commands import study, trials
-from osl_analysis.commands.tables import judge, list_excluded
-from osl_analysis.commands.walking import read_model
+from osl_analysis.commands.tables import gather, judge, list_excluded, read_summary
+from osl_analysis.commands.walking import read_crossing_file, read_model, read_unperturbed_gaits
 from osl_analysis.errors import InputError, WriteError
 from osl_analysis.files import temporary_path
 from osl_analysis.jobs.job import died, perform, reason_and_remedy, refusal
@@ -53,7 +54,10 @@ def test_a_record_reads_back_whatever_the_reason_holds(tmp_path):
     assert refused_trials([LOST, replace(LOST, reason="later"), KILLED]) == {"b_1": LOST, "b_2": KILLED}
 
 
-@pytest.mark.parametrize("read", [read_trial, read_table, lambda path: read_model(path, StaticCalibration)])
+READERS = [read_trial, read_table, read_unperturbed_gaits, read_summary, read_crossing_file]
+
+
+@pytest.mark.parametrize("read", [*READERS, lambda path: read_model(path, StaticCalibration)])
 def test_who_reads_a_record_for_a_result_is_told_the_reason(tmp_path, read):
     with pytest.raises(InputError, match=r"no result: trial b_1: raw/b_1\.mcap: no such file; copy it there"):
         read(Path(record(tmp_path / "b_1.csv", LOST)))
@@ -105,13 +109,14 @@ def test_a_job_that_lacks_an_input_passes_its_causes_on_and_is_no_cause_itself(t
 
 
 def test_ingest_and_quality_control_are_one_job_of_which_both_results_stand_or_none(tmp_path, monkeypatch):
-    trial, quality = tmp_path / "trials/b_1.parquet", tmp_path / "quality/b_1.csv"
+    trial, quality, limited = tmp_path / "trials/b_1.parquet", tmp_path / "quality/b_1.csv", []
 
     def refuse(*_):
         raise InputError("raw/b_1.mcap: too short; record it again")
 
     monkeypatch.setattr(trials, "ingest_trial", lambda row, raw, sources, output, columns: Path(result(output)))
     monkeypatch.setattr(trials, "examine", refuse)
+    monkeypatch.setattr("osl_analysis.jobs.job.limited_memory", lambda files: limited.append(files) or nullcontext())
     settings = {"row": {"trial": "b_1", "experiment": "belt", "log": "b_1.mcap"}, "needed_columns": []}
     settings |= {"raw_folder": "raw", "sources_folder": "."}
     settings |= {"commanded": {"amplitudes_deg": [], "frequencies_hz": [], "cycles": 1}}
@@ -119,6 +124,7 @@ def test_ingest_and_quality_control_are_one_job_of_which_both_results_stand_or_n
     outcome, (cause,) = ended(job(tmp_path, "trials.ingest_and_check", {}, outputs, **settings))
     assert [outcome, is_refused(trial), is_refused(quality)] == ["refused", True, True]
     assert (cause.trial, cause.file, cause.remedy) == ("b_1", "raw/b_1.mcap", "record it again")
+    assert limited == [["raw/b_1.mcap"]], "where memory is short, the recording is named"
 
 
 def test_the_report_at_the_end_of_a_run_has_warnings_and_passes_over_what_is_no_log(tmp_path):
@@ -129,6 +135,8 @@ def test_the_report_at_the_end_of_a_run_has_warnings_and_passes_over_what_is_no_
     for name, text in {"own": "no: log", "cut": "job: bench.f", "list": "[1", "no text": "\udcff"}.items():
         (tmp_path / f"{name}.log").write_text(text, errors="surrogateescape")
     assert run_report(tmp_path, 5.0) == "warning: Größe 5 % (2 jobs)"
+    write_log(tmp_path / "z.log", ended | {"warnings": [f"{n}" for n in range(11)]}, {})
+    assert run_report(tmp_path, 5.0).splitlines()[9:] == ["warning: 8", "2 more warnings stand in the logs"]
 
 
 def written(tmp_path, **more):
@@ -154,7 +162,10 @@ def test_the_jobs_of_a_server_that_was_killed_are_named_and_snakemake_goes_on(tm
     request, _ = written(tmp_path)
     monkeypatch.chdir(tmp_path)
     job_server.cache_clear()
+    monkeypatch.setenv("OMP_NUM_THREADS", "64")
     link, server = job_server()
+    assert os.getsid(server.pid) == server.pid, "Ctrl-C is for Snakemake"
+    assert b"OMP_NUM_THREADS=1\0" in Path(f"/proc/{server.pid}/environ").read_bytes(), "a job counts as one core"
     server.kill()
     server.wait()
     run_job(str(request))
@@ -166,8 +177,9 @@ def test_the_jobs_of_a_server_that_was_killed_are_named_and_snakemake_goes_on(tm
 def test_failed_killed_and_deleted_results_are_tried_again_and_refused_ones_stay(tmp_path):
     assert written(tmp_path)[1] == written(tmp_path)[1] == 0  # it never ran
     (tmp_path / "b_7.log").write_text("job: bench.fit\noutcome: done\n")
-    tried = written(tmp_path)[1]
-    assert tried == 1  # its result was deleted
+    there = result(tmp_path / "fits/b_8.csv")
+    tried = written(tmp_path, files=[there, str(tmp_path / "fits/b_7.csv")])[1]
+    assert tried == 1  # one of its results was deleted
     for outcome, again in (("died", 1), ("failed", 1), ("refused", 0)):
         record(tmp_path / "fits/b_7.csv", replace(KILLED, outcome=outcome))
         tried += again
@@ -265,7 +277,9 @@ def test_an_archive_of_tables_holds_what_was_written_completely_or_not_at_all(tm
         read_table(path, of="response")
 
 
-def test_a_study_is_not_made_of_the_batches_that_succeeded(tmp_path):
+def test_a_table_is_not_made_of_nothing_nor_a_study_of_the_batches_that_succeeded(tmp_path):
+    with pytest.raises(InputError, match=r"belt\.csv: no trials fill this table"):
+        gather([], tmp_path / "belt.csv")
     with pytest.raises(InputError, match="1 batches failed; there is no study without them"):
         study.summarise_study([Path(result(tmp_path / "1.csv"))], tmp_path / "study.csv", [KILLED])
 

@@ -172,8 +172,8 @@ def test_a_chunk_with_an_absurd_length_costs_itself_alone(tmp_path: Path, packin
 
 def test_records_that_no_recorder_writes_among_the_chunks_hide_none_of_them(tmp_path: Path) -> None:
     unknown, mixed = raw(records.Chunk("xyz\n", b"abc", 0, 0, 0, 9)), chunk(TWENTY + b"\5", crc=False)
-    said = read(tmp_path, log(LAB, chunk(TEN), mixed, summary=ALL))[1]["remarks"]
-    assert f"is damaged: it holds no record at byte {len(TWENTY)} of its {len(TWENTY) + 1} bytes" in said[0]
+    said = f"is damaged: it holds no record at byte {len(TWENTY)} of its {len(TWENTY) + 1} bytes"
+    assert said in read(tmp_path, log(LAB, chunk(TEN), mixed, summary=ALL))[1]["remarks"][0]
     count, damage = read(tmp_path, log(LAB, chunk(TEN), unknown, chunk(TWENTY), summary=ALL))
     assert count == 20
     assert any(r"is compressed with 'xyz\n'; zstd and lz4 are read" in remark for remark in damage["remarks"])
@@ -487,19 +487,15 @@ def test_a_field_that_is_no_number_is_blamed_on_the_source_file_and_an_absent_on
         assert f"topic '/lab': {said}" in str(caught.value)
     with pytest.raises(InputError, match="field 'x' is a truth value in some places and a number in others"):
         recorded(write_json(tmp_path, ['{"x": true}', '{"x": 1}']), "log", 0.9, theta="x")
-    for texts, said in (
-        (["{"] * 9, "topic '/lab': a message of 1 bytes is not JSON: .* [(]9 of 9 .*; record the log again"),
-        (['{"x": 1}'] * 9, r"topic '/lab' has no field 'y' \(it has x\); correct `field` in the source file"),
+    ros, google = ("cdr", "l/S", "ros2msg", b"float64 a\nfloat64[] y"), ("protobuf", "l.S", "protobuf", b"\xff\xff")
+    for payload, packing, said in (
+        (b"{", ["json"], "topic '/lab': a message of 1 bytes is not JSON: .* [(]1 of 1 .*; record the log again"),
+        (b'{"x": 1}', ["json"], r"topic '/lab' has no field 'y' \(it has x\); correct `field` in the source file"),
+        (cdr(1.0) + struct.pack("<I4xd", 1, 2.0), ros, r"'/lab': field 'y' is an array of 1, .* \(it has a, y\[0"),
+        (b"\5", google, r"topic '/lab': schema l\.S: cannot be read: .*, or map another topic"),
     ):
         with pytest.raises(InputError, match=said):
-            recorded(write_json(tmp_path, texts), "log", 1.0, theta="y")
-    path = write_payloads(tmp_path / "log.mcap", [cdr(1.0) + struct.pack("<I4xd", 1, 2.0)], "cdr", "l/S", "ros2msg",
-                          b"float64 a\nfloat64[] b")  # fmt: skip
-    with pytest.raises(InputError, match=r"topic '/lab': field 'b' is an array of 1, not one number \(it has a, b"):
-        recorded(path, "log", 1.0, theta="b")
-    path = write_payloads(tmp_path / "log.mcap", [b"\5"], "protobuf", "l.S", "protobuf", b"\xff\xff")
-    with pytest.raises(InputError, match=r"topic '/lab': schema l\.S: cannot be read: .*, or map another topic"):
-        recorded(path, "log", 1.0, theta="b")
+            recorded(write_payloads(tmp_path / "log.mcap", [payload], *packing), "log", 1.0, theta="y")
     recording = recorded(write_json(tmp_path, ['{"x": 1.5}', '{"x": null}', '{"x": []}']), "log", 0.3, theta="x")
     assert recording.samples["theta"].to_list() == [1.5, None, None]
     said = "topic '/lab': field 'x' has no value in 2 of 3 messages, first message 2"

@@ -18,9 +18,9 @@ from scipy.interpolate import make_interp_spline
 from osl_analysis.commands.trials import ingest_trial
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import InputError
-from osl_analysis.ingest.clock import ClockFit
+from osl_analysis.ingest.clock import ClockFit, aligned_clock
 from osl_analysis.ingest.raw_files import FORMATS, merged
-from osl_analysis.ingest.source import LARGEST_MEASURED, Recording
+from osl_analysis.ingest.source import LARGEST_MEASURED, Recording, SharedAngle
 from osl_analysis.trial import COLUMNS, FAMILIES, Trial, plate_columns, read_trial, unit_of, write_trial
 
 SOURCES = Path(__file__).parents[1] / "config" / "sources"
@@ -88,12 +88,7 @@ def test_the_leg_and_motion_capture_share_one_clock_and_the_provenance_names_eve
     assert 0 <= time[0] < time[-1] <= DURATION  # rows beyond motion capture's are not used
     clock = trial.provenance["clock"]
     found = clock["residual"] < 1e-3, clock["edges"] >= 25, clock["rows_before"], clock["rows_after"]
-    assert found == (
-        True,
-        True,
-        pytest.approx(500, abs=1),
-        pytest.approx(500, abs=2),
-    )  # on for a second more at each end
+    assert found == (True, True, pytest.approx(500, abs=1), pytest.approx(500, abs=2))  # a second more at each end
     files, columns = trial.provenance["files"], trial.provenance["columns"]
     for role, name in (("log", "leg.mcap"), ("mocap", "vicon.c3d")):
         assert files[role]["path"] == name
@@ -137,6 +132,11 @@ def test_rows_within_a_nanosecond_become_one() -> None:
     assert joined["time"].to_list() == [0.0, 0.05, 2 / 3, 0.7, 0.9]
     assert joined["theta"].to_list() == [None, 7.0, 8.0, 9.0, 10.0]
     assert joined["trigger"].to_list() == [1.0, None, 2.0, None, 3.0]
+    shared = SharedAngle(column="theta", markers=("A", "B", "C"))
+    with pytest.raises(
+        InputError, match=r"no column 'sync' from log: .*; .* at marker B .* either: no marker 'A', which"
+    ):
+        aligned_clock(Recording(log.drop("sync"), {}), Recording(mocap, {}), shared)
     with pytest.raises(InputError, match="log and motion capture do not overlap in time"):
         merged(Recording(log, {}), Recording(mocap, {}), ClockFit(5.0))
 

@@ -132,24 +132,24 @@ def test_every_processors_numbers_are_read(tmp_path: Path, processor: int, integ
     np.testing.assert_allclose(recording.points, expected, rtol=1e-7)
     np.testing.assert_allclose(recording.analogs, analogs() - [-5, 300], rtol=1e-7)
     assert (recording.header.rate, recording.header.samples_per_frame) == (120.0, 4)
+    write_c3d(path, raw, None, 120.0, integers, processor, POINT__RATE=np.array([0.0]))  # that of the header stands
+    assert read_c3d(path).header.rate == 120.0
+    assert "at 0.0 Hz: nothing to read; export the trial again" in refused(write_c3d(path, raw, rate=0.0))
 
 
 def test_an_absurd_header_a_pointer_past_a_record_or_other_counts_are_refused(tmp_path: Path) -> None:
     """A parameter's pointer stands behind its name."""
     path = write_c3d(tmp_path / "a.c3d", points(), analogs(), LAST__WORD=["XXXX"], LAST__MORE=["YYYY"])
-    whole = path.read_bytes()
+    at = (whole := path.read_bytes()).index(b"RATE", 512)
     for place, value, problem in (
         (16, b"\0\0", "the data begin at byte -512, within the header"),
         (12, b"\0\0\0\0", "the scale of the points is 0"), (8, b"\0\0", "declares 0 frames"),
         (0, b"\0", "processor of an unknown type"), (0, b"\x89MCAP0\r\n", "not a C3D file"),
-        (whole.index(b"RATE", 512) + 4, b"\1\0", "damaged C3D file"),
-        (whole.index(b"RATE", 512) + 4, (20000).to_bytes(2, "little"), "damaged C3D file"),
+        (at + 4, b"\1\0", "damaged C3D file"), (at + 4, (20000).to_bytes(2, "little"), "damaged C3D file"),
         (whole.index(b"WORD", 512) + 4, (20000).to_bytes(2, "little"), "the parameter section is damaged after 'WORD'"),
-        (whole.index(b"RATE", 512) + 4, b"\xff\xff", "damaged C3D file: the parameter section is damaged after 'RATE'"),
-        (whole.index(b"RATE", 512) - 1, b"\0", "the parameter section is damaged after 'RATE'; export"),  # of no group
-        (whole.index(b"RATE", 512) + 6, b"\3", "the parameter 'RATE' has type 3 and 1 dimensions: the section is dam"),
-        (whole.index(b"RATE", 512) + 7, b"\x08", "the parameter 'RATE' has type 4 and 8 dimensions: the section is da"),
-        (whole.index(b"RATE", 512) + 7, b"\3\xff\xff\xff", "the parameter 'RATE' reaches beyond the end of the file"),
+        (at + 4, b"\xff\xff", "section is damaged after 'RATE'"), (at - 1, b"\0", "section is damaged after 'RATE'"),
+        (at + 6, b"\3", "'RATE' has type 3 and 1 dimens"), (at + 7, b"\x08", "'RATE' has type 4 and 8 dimensions"),
+        (at + 7, b"\3\xff\xff\xff", "damaged C3D file: the parameter 'RATE' reaches beyond the end of the file"),
     ):  # fmt: skip
         path.write_bytes(whole[:place] + value + whole[place + len(value) :])
         assert problem in refused(path)
@@ -165,13 +165,15 @@ PLATES_THAT_CANNOT_BE: list[tuple[dict[str, Any], dict[str, Any], str]] = [
     ({"ANALOG__UNITS": ["N"]}, {}, "analog channel 2: the unit is empty"),
     *(({"FORCE_PLATFORM__USED": [n]}, {}, f"FORCE_PLATFORM:USED is {n:g}") for n in (-1.0, 500.0, np.nan)),
     ({"FORCE_PLATFORM__ZERO": [1, 7]}, {"plate_zero": "file"}, "of the plates is frames 1 to 7 of 6"),
+    ({}, {"plate_zero": "file"}, "of the plates is frames 0 to 0 of 6"),
+    ({"FORCE_PLATFORM__CHANNEL": np.arange(6)[:, None]}, {}, "FORCE_PLATFORM:CHANNEL gives [0, 1, 2, 3, 4, 5] of"),
     ({}, {"plate_zero": [3, 2]}, "of the plates is frames 3 to 2 of 6"),
     ({}, {"plates": [2]}, "no force plate 2; the file has 1, counted from 1"),
     ({"FORCE_PLATFORM__TYPE": [5]}, {}, "plate 1 is of type 5; types 1 to 4 are read"),
     ({"FORCE_PLATFORM__CORNERS": np.zeros((3, 4, 1))}, {}, "plate 1: its corners span no plane"),
     ({"FORCE_PLATFORM__TYPE": [3], "FORCE_PLATFORM__ORIGIN": np.zeros((3, 1))}, {}, "type 3 has ORIGIN [0"),
     ({"FORCE_PLATFORM__CORNERS": np.zeros((3, 3, 1))}, {}, "FORCE_PLATFORM:CORNERS has dimensions (3, 3, 1)"),
-    ({"FORCE_PLATFORM__ORIGIN": np.full((3, 1), np.nan)}, {}, "plate 1: FORCE_PLATFORM:ORIGIN holds a value that"),
+    ({"FORCE_PLATFORM__ORIGIN": np.array([[0], [np.nan], [0]])}, {}, "plate 1: FORCE_PLATFORM:ORIGIN holds a value"),
     ({"FORCE_PLATFORM__CHANNEL": np.arange(3, 9)[:, None]}, {}, "leave this plate out: `plates: none`"),
 ]  # fmt: skip
 
@@ -185,11 +187,11 @@ def test_plates_that_cannot_be_are_refused(tmp_path, parameters, stated, told):
 
 def test_a_laboratory_with_y_up_is_turned_to_z_up(tmp_path: Path) -> None:
     path = write_c3d(tmp_path / "a.c3d", points(), POINT__Y_SCREEN=["+Y"])
-    write_c3d(tmp_path / "b.c3d", points(), POINT__Y_SCREEN=["-Z"])
+    upright = [write_c3d(tmp_path / up, points(), POINT__Y_SCREEN=[up]) for up in ("+Z", "-Z", "z")]
     recording = read(path, axes=["z", "x", "y"])
     for column, axis in zip(("x", "y", "z"), (2, 0, 1), strict=True):
         np.testing.assert_allclose(recording.samples[f"marker_M2_{column}"], points()[:, 1, axis] / 1000, rtol=1e-12)
-    assert recording.warnings == read(tmp_path / "b.c3d").warnings == []
+    assert [*recording.warnings, *(text for other in upright for text in read(other).warnings)] == []
     assert "its vertical axis seems to be +Y; state `axes`" in read(path).warnings[0]
 
 
@@ -302,6 +304,10 @@ def wrench_of(path: Path, row: int = 3, **fields: object) -> list[float]:
 def test_columns_and_geometry_of_a_plate_are_in_si_units_and_laboratory_axes(tmp_path: Path) -> None:
     path = level_plate(tmp_path / "a.c3d")
     assert wrench_of(path) == pytest.approx([1, -2, -3, 4, -5, -6], rel=1e-12)
+    flat = {"CORNERS": read_c3d(path).header.table("FORCE_PLATFORM:CORNERS")[..., 0], "ORIGIN": np.zeros(3)}
+    flat["CHANNEL"] = np.array([1, 2, 3, 4, 5, 6, 0, 0])  # of a single plate, without its dimension; and unused ones
+    other = level_plate(tmp_path / "b.c3d", **{f"FORCE_PLATFORM__{name}": one for name, one in flat.items()})
+    assert wrench_of(other) == wrench_of(path)
     expected = {
         "xyz": [[0.6, 0, 0], [0, 0, 0], [0, 0.4, 0], [0.6, 0.4, 0]],
         "x-zy": [[0.6, 0, 0], [0, 0, 0], [0, 0, 0.4], [0.6, 0, 0.4]],

@@ -256,14 +256,14 @@ def load(**stated: object) -> dict[str, object]:
 
 
 @pytest.mark.parametrize(("fields", "told"), [
+    ({"time": {"column": "t", "unit": "s", "rate": 9}}, "state either the column that holds time or the rate"),
     ({"time": {}}, "state either the column that holds time or the rate"),
     ({"time": {"column": "t", "unit": "Hz"}}, "line 4: time.unit: 'Hz' is not allowed: unit 'Hz' measures [Hz]"),
     ({"time": {"rate": "500 Hz"}}, "time.rate: '500 Hz' is not allowed: write a number, without a unit"),
     ({"time": "t"}, "time: 't' is not allowed: write its fields below it, as `name: value`; the known"),
-    ({"clock": "sync"}, "needs the column sync"),
     ({"clock": "mastr"}, "write 'master', 'sync' or 'shared'; did you mean 'master'?"),
     ({"missing": "NA"}, "missing: 'NA' is not allowed: write a list"), ({"format": "cvs"}, "; did you mean 'csv'?"),
-    ({"units_row": True, "header": "none"}, "needs a header row"),
+    ({"units_row": True, "header": "none"}, "needs a header row"), ({"clock": "sync"}, "needs the column sync"),
     ({"channels": {"plate": {"column": "a", "unit": "N"}}}, "'plate' is not a canonical column"),
     ({"channels": {"Torque": {"column": "a", "unit": "Nm"}}}, "; did you mean 'torque'?"),
     (load(scale=0), "scale of zero"), (load(sign=True), "sign: 'true' is not allowed: write 1 or -1"),

@@ -119,12 +119,10 @@ def test_a_library_that_is_not_installed_is_named_with_its_extra(tmp_path, monke
 @pytest.mark.parametrize(("what", "content", "told"), [
     ("csv", b"t,angle,torque\n1,True,2\n", "'True' is not a number; name a column of numbers; a truth value can on"),
     ("csv", b"t,angle,torque\nx,1,2\n2,3,4\n", "line 2, column 't': 'x' is not a number; correct the cell, or delete"),
-    ("json_lines", b'{"t": 1', "holds no whole line; record it again"),
-    ("json_lines", b'{"t": 1\n{"t": 1\n', "a message of 7 bytes is not JSON: "),
+    ("json_lines", b'{"t": 1', "holds no whole line"), ("json_lines", b'{"t": 1\n' * 2, "a message of 7 bytes is not"),
     ("json_lines", b'{"t": 1}\n{"t": 2}\n{"t": \n', "no line that can be used has a field 'angle': a message of 6"),
-    ("mat", b"t,angle\n1,2\n", "no MATLAB file of version 5 or 7.3; save it again in MATLAB with `-v7`"),
-    ("tdms", b"t,angle\n1,2\n", "no TDMS file (it begins with b't,angle\\n'); check the path and the source's format"),
-    ("opensim", b"t\tangle\n1\t2\n", "no line `endheader`: no table of OpenSim; check the source's format"),
+    ("mat", b"t\n1\n", "no MATLAB file of version 5 or 7.3; save it"), ("opensim", b"t\n1\n", "no line `endheader`"),
+    ("tdms", b"t\n1\n", "no TDMS file (it begins with b't\\n1\\n'); check the path and the source's format"),
 ])  # fmt: skip
 def test_a_file_that_is_no_log_of_the_stated_format_is_refused(tmp_path, what, content, told):
     (tmp_path / "log").write_bytes(content)

@@ -13,7 +13,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.ingest.clock import Edges, correlate_clocks, find_edges, fit_clock
 from osl_analysis.signals.grid import GapLimits, UniformSignals, on_one_grid
 from osl_analysis.signals.samples import drift_row, take
-from osl_analysis.signals.stream import Stream, count_from_stamps
+from osl_analysis.signals.stream import Stream, count_from_stamps, missing_by_rhythm
 from osl_analysis.trial import check_time
 
 
@@ -229,6 +229,7 @@ def of(stamps, values=None, **fields):
     (TICKS[:90], np.full(90, np.nan), None, r"torque has 0 values in 90 rows; at least 20 are needed"),
     (TICKS[:20], None, np.minimum(np.arange(20), 6), r"counter goes from 6 to 6 at 0\.070000 s; it must rise"),
     (TICKS + 0.5 * (TICKS >= 5), None, np.arange(6000), WAS_SET),
+    (TICKS, None, np.arange(6000) + 50 * (TICKS >= 5), r"clock jumps by -0\.49 s at 5\.0* s, row 500, while .* cut"),
     (PIECES, None, None, r"every row from 0\.0000 s to 9\.8990 s lies within 0\.20 s of a gap longer than 20 ms"),
 ])  # fmt: skip
 def test_refuses_a_recording_with_channel_time_value_and_remedy(stamps, values, counter, says):
@@ -300,6 +301,16 @@ def test_regular_losses_behind_a_late_host_are_refused(wait, one_in):
 def test_a_host_so_late_that_its_rhythm_is_hidden_is_refused_whether_it_lost_samples_or_not(one_in):
     with pytest.raises(InputError, match=r"cell: .* late by 11\.\d+ ms \(SD\), too late to see whether some of its"):
         one_time_base(two_nodes(np.random.default_rng(1), (0.0, 1e-2), one_in))
+
+
+def test_a_host_too_late_to_tell_another_rate_from_losses_is_refused_and_a_prompt_one_tells_them():
+    late = (
+        r"cell: .* late by 5\.52 ms \(SD\), too late to see whether some of its 989\.44 samples per second are missing"
+    )
+    with pytest.raises(InputError, match=late):
+        one_time_base(two_nodes(np.random.default_rng(3), (0.0, 5e-3), rates=(RATE, 990.0)))
+    t = clock(100.0, 20.0, 7.0)  # of which no, one and two samples are missing; and one that is too short to tell
+    assert [missing_by_rhythm(one) for one in (t, np.delete(t, 9), np.delete(t, [9, 700]), t[:900])] == [0, 1, 2, None]
 
 
 @pytest.mark.parametrize(("wait", "rates"), [

@@ -46,8 +46,7 @@ def stepped_sine(torque_of, noise=0.0, protocol=PROTOCOL, seed=1):
 def record_of_sines(time, theta, torque, protocol=PROTOCOL):
     """The record of raw signals that follow a protocol."""
     segments = find_segments(Likeness(time, theta, protocol))
-    groups = cycles_of(segments, 2, np.ones(len(time), dtype=bool))
-    made = record_of("made", time, theta, torque, LOW_PASS, groups)
+    made = record_of("made", time, theta, torque, LOW_PASS, cycles_of(segments, 2, np.ones(len(time), dtype=bool)))
     return replace(made, band_hz=(min(protocol.frequencies_hz), max(protocol.frequencies_hz)))
 
 

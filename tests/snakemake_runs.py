@@ -85,5 +85,4 @@ def run_snakemake(arguments: list[str], folder: Path) -> subprocess.CompletedPro
     assert server.stdout is not None
     server.stdin.write(json.dumps([arguments, str(folder), str(said)]) + "\n")
     server.stdin.flush()
-    code = int(server.stdout.readline())
-    return subprocess.CompletedProcess(arguments, code, said.read_text(), "")
+    return subprocess.CompletedProcess(arguments, int(server.stdout.readline()), said.read_text(), "")

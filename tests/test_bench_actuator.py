@@ -43,8 +43,7 @@ def fit_log(time, theta_m, current, torque_m):
 
 def simulated(number=1, duration_s=20.0):
     """The log of a simulated bench, and the fit to it."""
-    row = {"trial": f"actuator_{number}", "experiment": "actuator"}
-    log, _ = simulate_bench_trial(row, settings(duration_s), P)
+    log, _ = simulate_bench_trial({"trial": f"actuator_{number}", "experiment": "actuator"}, settings(duration_s), P)
     return log, fit_log(log["time"], log["actuator_angle"], log["motor_current"], log["output_torque"])
 
 
@@ -66,8 +65,7 @@ def schedule(velocity_offset=0.0):
 def test_a_log_without_noise_gives_the_parameters_back():
     """The filter smears friction's jumps on both sides alike; the smooth sign is left, which costs B_m most."""
     t, theta, omega, alpha, current = schedule()
-    torque = by_hand(omega, alpha, current) + 0.7 + 0.01 * (t - np.mean(t))
-    fit = fit_log(t, theta, current, torque)
+    fit = fit_log(t, theta, current, by_hand(omega, alpha, current) + 0.7 + 0.01 * (t - np.mean(t)))
     assert [fit[name] for name in NAMES] == pytest.approx([TRUE[name] for name in NAMES], rel=0.02)
     assert fit["k_tau_n_m"] == pytest.approx(TRUE["k_tau_n_m"], rel=5e-4)
     assert (fit["offset"], fit["drift"]) == (pytest.approx(0.7, abs=1e-3), pytest.approx(0.01, rel=0.01))

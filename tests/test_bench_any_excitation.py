@@ -298,8 +298,7 @@ def test_a_damaged_stepped_sine_is_refused_as_one_and_the_setting_for_another_mo
     rng = np.random.default_rng(1)
     time = np.arange(0, 60, 1 / 250)
     theta = 0.07 * np.sin(2 * np.pi * np.repeat([1.0, 2.0, 3.0, 4.0, 5.0], len(time) // 5) * time)
-    turned = theta + 0.08 * np.sin(0.8 * time)
-    trial = made_trial(rng, (time, (turned, 0 * theta, 0 * theta)))
+    trial = made_trial(rng, (time, (theta + 0.08 * np.sin(0.8 * time), 0 * theta, 0 * theta)))
     with pytest.raises(InputError, match=r"is no stepped sine.* 1 % of the moving time.*`excitation: any`"):
         record_of_trial(trial, SETTINGS)
     theta = np.where(rng.random(len(time)) < 0.05, 0.1 * rng.standard_normal(len(time)), theta)
@@ -314,8 +313,7 @@ def test_noise_of_the_angle_changes_the_inertia_by_the_share_that_is_stated(K, s
     errors, shares = [], []
     for seed in range(6):
         rng = np.random.default_rng(seed)
-        trial = made_trial(rng, noise(rng), torque_noise=0.005, angle_noise=2e-3, K=K, B=0.5)
-        record = moving_record(trial)
+        record = moving_record(made_trial(rng, noise(rng), torque_noise=0.005, angle_noise=2e-3, K=K, B=0.5))
         fit = fit_of(record)
         errors.append(fit["I"] / 0.02 - 1)
         shares.append(angle_noise_bias(record, plain_sums(record, IMPEDANCE), fit) / 0.02)
@@ -330,8 +328,7 @@ def test_the_time_base_bridges_gaps_by_the_band_of_this_motion(band, lost, left_
     """Gaps of 16 and 24 ms: a tenth of a period is 11 ms at 9 Hz and 33 ms at 3 Hz; 20 ms were the stepped sine's."""
     whole = made_trial(rng := np.random.default_rng(7), noise(rng, band, rms_deg=4.0)).samples
     rows = np.arange(len(whole))
-    trial = Trial("made", whole.filter(pl.Series((rows % 1500 > lost) | (rows < 10))))
-    record = moving_record(trial)
+    record = moving_record(Trial("made", whole.filter(pl.Series((rows % 1500 > lost) | (rows < 10)))))
     assert (not record.uniform.usable.all()) == left_out
     bench = BenchStiffness(value="4000 N*m/rad", standard_error="200 N*m/rad")
     said = timebase_table(record.uniform, None, bench).select("masked", "farthest_s", "^bench_stiffness.*$").row(0)
@@ -351,8 +348,7 @@ def test_quality_control_says_that_another_motion_is_not_compared_with_the_proto
 
 def test_a_part_of_the_record_with_another_joint_lowers_the_held_out_vaf():
     motion = noise(rng := np.random.default_rng(7))
-    stiffer = np.where(motion[0] > 20, 60 * motion[1][0], 0.0)
-    assert row_of(made_trial(rng, motion, more=stiffer))["VAF_held_out"] < 98.5
+    assert row_of(made_trial(rng, motion, more=np.where(motion[0] > 20, 60 * motion[1][0], 0.0)))["VAF_held_out"] < 98.5
 
 
 def up_and_down(time, within_s):

@@ -121,8 +121,7 @@ def test_harmonics_of_the_bench_s_own_motion_are_no_friction():
     """An angle with a third harmonic of 2 % makes a third harmonic of the torque in the most linear joint."""
     pure = stepped_sine(second_order)
     theta = pure.theta - 4 * 0.02 * pure.theta**3 / np.maximum(np.max(np.abs(pure.theta)) ** 2, 1e-9)
-    torque = second_order(true_motion(pure.time, theta))
-    *_, whole = table_of(record_of_sines(pure.time, theta, torque)).to_dicts()
+    *_, whole = table_of(record_of_sines(pure.time, theta, second_order(true_motion(pure.time, theta)))).to_dicts()
     assert whole["odd_harmonics"] < 2e-3
     assert abs(whole["coulomb_torque"]) < 0.02
 

@@ -63,8 +63,7 @@ def test_the_model_of_fig4_is_the_fit_to_the_settled_cycles_and_has_no_torque_be
     assert [record.label_near(3), large] == list(record.groups.labels)
     with pytest.raises(InputError, match=r"amplitude_deg = 4\.2 is not in the protocol"):  # 2.86 and 5.73 deg
         record.label_near(4.2)
-    analysis = analysed(record, plain_sums(record, IMPEDANCE), IMPEDANCE)
-    shown = analysis.last_seconds(large, 1000.0)
+    shown = analysed(record, plain_sums(record, IMPEDANCE), IMPEDANCE).last_seconds(large, 1000.0)
     row = bench_synthetic.table_of(record).row(1, named=True)
     motion = record.motion[np.r_[record.moving(large)[0]]]
     expected = row["K"] * motion.theta + row["B"] * motion.omega + row["I"] * motion.alpha + row["offset"]
@@ -136,8 +135,7 @@ def test_phasors_keep_their_covariance_and_the_response_over_amplitudes_its_inte
 def test_an_error_of_the_bench_s_stiffness_is_in_the_admittance_and_is_not_averaged_away():
     """theta = theta_bench - torque/k: an error of 1/k is an error of Y, real and the same at every amplitude."""
     bench = BenchStiffness(value="3000 N*m/rad", standard_error="300 N*m/rad")
-    record = replace(stepped_sine(second_order, noise=0.01), bench=bench)
-    table = phasor_table("made", phasors_of_record(record))
+    table = phasor_table("made", phasors_of_record(replace(stepped_sine(second_order, noise=0.01), bench=bench)))
     assert table["Y_se_bench"].unique().to_list() == pytest.approx([300 / 3000**2])
     assert (table["Y_var_re"] > (300 / 3000**2) ** 2).all()
     condition = {"controller": pl.lit("compensated"), "K_d": pl.lit(200.0), "B_d": pl.lit(4.0), "doubtful": pl.lit("")}

@@ -131,8 +131,7 @@ def rivals_of_eq_15(folder, *off):
 
 def test_the_drivetrain_with_its_friction_predicts_another_amplitude_and_eq_15_does_not(tmp_path):
     scores = rivals_of_eq_15(tmp_path)
-    order = sorted(scores, key=lambda model: -scores[model]["VAF_held_out"])
-    assert set(order[:2]) == {"M3", "M4"}
+    assert set(sorted(scores, key=lambda model: -scores[model]["VAF_held_out"])[:2]) == {"M3", "M4"}
     assert scores["M3"]["VAF_held_out"] > 99.8
     assert scores["M1"]["VAF_held_out"] < 99
     assert {scores["M3"]["rank"], scores["M4"]["rank"]} == {1, 2}
@@ -196,8 +195,7 @@ def test_the_summary_has_a_row_per_model_with_its_difference_to_the_drafts(tmp_p
     half = student.ppf(0.975, 2) * np.sqrt(1e-4 / 3 + 1e-4 / 2)
     assert hysteresis["VAF_gain"] == pytest.approx(0.04)
     assert hysteresis["VAF_gain_high"] - 0.04 == pytest.approx(half)
-    left = [0.06 / 0.10, 0.05 / 0.08, 0.04 / 0.09]
-    assert hysteresis["unexplained_ratio"] == pytest.approx(np.prod(left) ** (1 / 3))
+    assert hysteresis["unexplained_ratio"] == pytest.approx(np.prod([0.06 / 0.10, 0.05 / 0.08, 0.04 / 0.09]) ** (1 / 3))
     assert (linear["VAF_gain"], linear["unexplained_ratio"]) == (0, 1)
     assert linear["VAF_behind"] == pytest.approx(0.04)
     assert (hysteresis["BIC_change"], linear["BIC_behind"]) == (-200, 200)

@@ -103,8 +103,7 @@ def swept(seed, compliance):
     theta, omega = 0.05 * np.sin(phase), 0.05 * w * np.cos(phase)
     alpha = -0.05 * w**2 * np.sin(phase) - 0.05 * 2 * np.pi * 5.5 / 20 * np.cos(phase)
     torque = [*TRUTH.values()] @ np.array([theta, omega, alpha]) + 0.02 * rng.standard_normal(len(t))
-    read = theta + compliance * torque + FOURTEEN_BITS * rng.random()
-    rounded = FOURTEEN_BITS * np.rint(read / FOURTEEN_BITS)
+    rounded = FOURTEEN_BITS * np.rint((theta + compliance * torque + FOURTEEN_BITS * rng.random()) / FOURTEEN_BITS)
     return Trial("made", pl.DataFrame({"time": t, "theta": rounded, "torque": torque}))
 
 
@@ -141,8 +140,7 @@ def test_the_jackknife_is_that_of_fits_without_a_unit_and_its_freedom_that_of_th
 def test_effects_are_asked_of_rows_that_a_filter_of_a_high_cut_off_needs():
     """The columns of effects pass the filter again; 250 Hz would be too few for one of 130 Hz."""
     wide = SETTINGS.model_copy(update={"cutoff_hz": 130.0})
-    s = sums_of(sine_record(trial(1, 1000.0), wide), IMPEDANCE)
-    assert s.rate_hz == pytest.approx(1000.0)
+    assert sums_of(sine_record(trial(1, 1000.0), wide), IMPEDANCE).rate_hz == pytest.approx(1000.0)
     assert sums_of(sine_record(trial(1, 1000.0), SETTINGS), IMPEDANCE).rate_hz == pytest.approx(250.0, rel=1e-3)
 
 

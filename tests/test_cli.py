@@ -138,8 +138,7 @@ def test_gains_of_a_pair_a_grid_and_a_trajectory_are_those_of_the_paper_and_are_
     drawn, table = tmp_path / "gains.svg", tmp_path / "gains.csv"
     said = call(*GAINS, "--plot", drawn).stdout
     assert all(gain in said for gain in ("K_1 = 25.0867 N·m/rad (533.4", "B_1 = 0.664687 N·m·s/rad (14.13"))
-    grid = of_gains("100:400:100", "0:0.3:0.1", "--output", table, "--plot", drawn, "--json")
-    rows = json.loads(call(*grid).stdout)
+    rows = json.loads(call(*of_gains("100:400:100", "0:0.3:0.1", "--output", table, "--plot", drawn, "--json")).stdout)
     pairs = [(r["K_d"], round(r["B_d"], 9)) for r in rows]
     assert pairs == [(k, b) for k in (100, 200, 300, 400) for b in (0, 0.1, 0.2, 0.3)]
     assert pl.read_csv(table)["B_1"].to_list() == pytest.approx([r["B_1"] for r in rows], rel=1e-12)

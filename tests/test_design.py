@@ -47,8 +47,7 @@ def test_two_sines_have_the_errors_that_one_computes_by_hand():
     # Welch and Satterthwaite: of B both frequencies weigh a^2 w^2 T; each has 9 of 10 cycles' freedom
     found = precision(replace(plan, amplitudes=(a, a), cycles=(11.0, 11.0)), JOINT, Sensors(rate, sigma), OPEN)
     share = np.array([10 * 1.0, 5 * 4.0]) / 2
-    freedom = 9 * (2 * share.sum()) ** 2 / (2 * np.sum(share**2))
-    assert found.columns["degrees_of_freedom"][1] == pytest.approx(freedom)
+    assert found.columns["degrees_of_freedom"][1] == pytest.approx(9 * (2 * share.sum()) ** 2 / (2 * np.sum(share**2)))
 
 
 def test_a_narrow_filter_costs_what_weighted_least_squares_cost():
@@ -147,8 +146,7 @@ def test_noise_of_half_a_step_cures_rounding():
     q = 2 * np.pi / 2**12
     steps = ({"encoder_step": q}, {"encoder_step": q, "angle_noise": q / 2})
     repeated, cured = (se(Sensors(1000.0, 0.0, **one)) for one in steps)
-    noise = se(Sensors(1000.0, 0.0, angle_noise=np.hypot(q / 2, q / 12**0.5)))
-    np.testing.assert_allclose(cured, noise, rtol=0.02)
+    np.testing.assert_allclose(cured, se(Sensors(1000.0, 0.0, angle_noise=np.hypot(q / 2, q / 12**0.5))), rtol=0.02)
     assert np.all(cured < 0.7 * repeated)
 
 
@@ -180,8 +178,7 @@ def test_friction_shifts_the_damping_of_a_stepped_sine_and_leaves_a_misfit_that_
     left = (torque - damping * columns) * sines.duration_s * columns
     by_hand = np.sqrt(np.sum(left**2)) / np.sum(sines.duration_s * columns**2)
     for cycles in (20.0, 200.0):
-        plan = replace(DRAFT, cycles=(cycles,) * 5)
-        found = precision(plan, JOINT, Sensors(1000.0, 0.05), OPEN, friction)
+        found = precision(replace(DRAFT, cycles=(cycles,) * 5), JOINT, Sensors(1000.0, 0.05), OPEN, friction)
         assert np.sqrt(found.variance["distortion"][1]) == pytest.approx(by_hand, rel=1e-9)
         np.testing.assert_allclose(found.variance["distortion"][[0, 2]], 0, atol=1e-15)
         assert found.columns["degrees_of_freedom"][1] == pytest.approx(14, rel=0.01)  # of 15 units, whose scatter it is
@@ -211,8 +208,7 @@ def test_a_chirp_and_noise_carry_what_their_bands_carry():
     """Moments of a flat spectrum from f1 to f2, integrated by hand: w^2, w^4 as (f2^3 - f1^3)/3, (f2^5 - f1^5)/5."""
     f1, f2, rms, seconds = 0.5, 6.0, 0.03, 60.0
     m2, m4 = ((2 * np.pi) ** k * (f2 ** (k + 1) - f1 ** (k + 1)) / (k + 1) / (f2 - f1) for k in (2, 4))
-    unit = 0.05**2 / (1000 * seconds * rms**2)
-    by_hand = np.sqrt(unit * np.array([m4 / (m4 - m2**2), 1 / m2, 1 / (m4 - m2**2)]))
+    by_hand = np.sqrt(0.05**2 / (1000 * seconds * rms**2) * np.array([m4 / (m4 - m2**2), 1 / m2, 1 / (m4 - m2**2)]))
     for chirp in (True, False):
         plan, largest = Continuous((f1, f2), rms, seconds, chirp), np.sqrt(2) * (2 * np.pi * f2) ** np.arange(3)
         assert plan.peak == pytest.approx(rms * (largest if chirp else 4 * np.sqrt([1, m2, m4])), rel=0.01)

@@ -50,8 +50,7 @@ def test_admittance_solves_the_equations_of_motion(parameters, K_1, B_1, J_j):
     for f in FREQUENCIES:
         s = 2j * np.pi * f
         feedback = K_1 + (p.B_m + B_1) * s + p.J_m * s**2
-        equations = np.array([[1 / p.n_T, 1.0], [feedback, -p.K_s / p.n_T]])
-        _, theta_s = np.linalg.solve(equations, [1.0, 0.0])
+        _, theta_s = np.linalg.solve(np.array([[1 / p.n_T, 1.0], [feedback, -p.K_s / p.n_T]]), [1.0, 0.0])
         torque = p.K_s * theta_s + p.B_j * s + J_j * s**2
         assert joint_admittance(K_1, B_1, p, J_j)(s) == pytest.approx(1 / torque, rel=1e-10)
         assert drivetrain.desired_admittance(200, B_1)(s) == pytest.approx(1 / (200 + max(B_1, 0) * s))
@@ -66,10 +65,8 @@ def test_two_integrators_that_share_nothing_agree(parameters, controller, K_s2):
     theta, omega = 0.07 * (1 - np.cos(w * t)) / 2, 0.035 * w * np.sin(w * t)
     commands = np.array([[gains.K_1], [gains.B_1], [0.0]])
     own = {"cancels_friction": gains.cancels_friction, "sign_width": 0.05, "control_updates": 20}
-    effects = IDEAL | {"friction": True} | own
-    expected = simulate_drivetrain(RATE, theta, omega, commands, effects, p)["belt_torque"]
-    found = belt_response(theta, RATE, gains, p, *TRUE)
-    assert np.std(found - expected) < 0.01 * np.std(expected)
+    expected = simulate_drivetrain(RATE, theta, omega, commands, IDEAL | {"friction": True} | own, p)["belt_torque"]
+    assert np.std(belt_response(theta, RATE, gains, p, *TRUE) - expected) < 0.01 * np.std(expected)
 
 
 def test_a_joint_that_rests_in_equilibrium_from_the_first_sample_on_resists_with_the_desired_stiffness():
@@ -101,8 +98,7 @@ def sampled_data_stiffness(frequency_hz, gains, delay, cutoff_hz, updates):
     hold = (1 - np.exp(-s * T)) / (s * T) * np.exp(-s * T * delay)
     a = 1 - np.exp(-2 * np.pi * cutoff_hz * T)
     difference = (1 - np.exp(-s * T)) / T * a / (1 - (1 - a) * np.exp(-s * T))
-    control = hold * (gains.K_1 + gains.B_1 * difference)
-    M = P.J_m * s**2 + P.B_m * s + control
+    M = P.J_m * s**2 + P.B_m * s + hold * (gains.K_1 + gains.B_1 * difference)
     return P.B_j * s + P.K_s * M / (M + P.K_s / P.n_T**2)
 
 
@@ -118,8 +114,7 @@ def test_hold_delay_and_velocity_filter_shift_the_phase_as_sampled_data_theory_s
 def pushed_with(torque, n, effects):
     """An actuator without damping or belt under a constant control torque, from rest."""
     p = replace(P, B_m=0.0, K_s=1e-9)
-    commands = np.array([[1e-9], [0.0], [torque / 1e-9]])
-    return simulate_drivetrain(RATE, np.zeros(n), np.zeros(n), commands, effects, p)
+    return simulate_drivetrain(RATE, np.zeros(n), np.zeros(n), np.array([[1e-9], [0.0], [torque / 1e-9]]), effects, p)
 
 
 @pytest.mark.parametrize(("torque", "sign"), [(2.0, 1), (-2.0, -1)])
@@ -140,8 +135,7 @@ def test_the_actuator_sticks_below_the_breakaway_torque_and_moves_above_it():
 
 def test_a_controller_that_cancels_friction_accelerates_the_bare_inertia():
     motion = pushed_with(3.0, 400, IDEAL | {"friction": True, "sign_width": 0.01, "cancels_friction": True})
-    gained = (motion["omega_m"][-1] - motion["omega_m"][100]) * RATE / 299
-    assert gained == pytest.approx(3.0 / P.J_m, rel=1e-7)
+    assert (motion["omega_m"][-1] - motion["omega_m"][100]) * RATE / 299 == pytest.approx(3.0 / P.J_m, rel=1e-7)
 
 
 def test_a_belt_has_the_torque_of_the_model_and_hysteresis_costs_the_area_of_its_loop_whatever_the_speed():
@@ -152,15 +146,13 @@ def test_a_belt_has_the_torque_of_the_model_and_hysteresis_costs_the_area_of_its
     for cycle in (np.concatenate([up, up[-2::-1]]), np.concatenate([up[::100], up[-2::-1]])):
         path = np.concatenate([cycle, cycle[1:]])
         torque = belt_path(path, constants(effects, P))[len(cycle) - 1 :]
-        area = np.trapezoid(torque, path[len(cycle) - 1 :])
-        assert area == pytest.approx(2.0 * (4 * 0.05 - 4 * 0.002), rel=2e-3)
+        assert np.trapezoid(torque, path[len(cycle) - 1 :]) == pytest.approx(2.0 * (4 * 0.05 - 4 * 0.002), rel=2e-3)
 
 
 def test_a_command_holds_from_its_own_sample():
     """With the equilibrium at k in sample k, an actuator that rests at 0 gets the current for a torque of K_1 k."""
     commands = np.array([np.full(6, 2.0), np.zeros(6), np.arange(6.0)])
-    heavy = replace(P, J_m=1e9)
-    motion = simulate_drivetrain(RATE, np.zeros(6), np.zeros(6), commands, IDEAL, heavy)
+    motion = simulate_drivetrain(RATE, np.zeros(6), np.zeros(6), commands, IDEAL, replace(P, J_m=1e9))
     assert motion["current"] == pytest.approx(2.0 * np.arange(6.0) / (P.k_tau * P.n_m), rel=1e-9)
 
 

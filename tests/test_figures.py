@@ -282,8 +282,7 @@ def test_figure_and_caption_say_what_is_drawn_in_numbers_of_the_table(name, tabl
 def test_trials_are_told_apart_where_they_end_and_doubtful_ones_and_the_mean_by_their_lines():
     belts, loops = fig3.draw(both_branches().with_columns(-pl.col("theta_s_deg"), doubtful=DOUBT)).axes
     assert (belts.lines[-1].get_color(), belts.lines[-1].is_dashed()) == (MAGENTA, True)
-    dotted = [a for a in belts.lines if a.is_dashed() and a.get_color() != MAGENTA]
-    assert [a.get_ydata()[0] for a in dotted] == [2, 7]
+    assert [a.get_ydata()[0] for a in belts.lines if a.is_dashed() and a.get_color() != MAGENTA] == [2, 7]
     branches = [a for a in loops.lines if len(a.get_xdata())][1::2]
     assert [a.is_dashed() for a in branches] == [name in ("belt_02", "belt_07") for name in BELTS]
     assert all(one.get_color() != other.get_color() for one, other in pairwise(branches))

@@ -173,8 +173,7 @@ def test_what_is_no_address_is_refused():
 
 def test_what_matlab_alone_can_read_is_named_with_the_command_that_saves_it(tmp_path):
     when = zlib.compress(opaque("when", "datetime"), 9)  # not padded
-    packed = struct.pack("<II", 15, len(when)) + when
-    path = write_parts(tmp_path / "a.mat", opaque("results", "table"), packed)
+    path = write_parts(tmp_path / "a.mat", opaque("results", "table"), struct.pack("<II", 15, len(when)) + when)
     saved = "save it as a struct: `s = table2struct(t, 'ToScalar'"
     assert f"results is a 1x1 table, not real numbers; {saved}" in refusal(path, "results")
     assert saved in refusal(path, "results.torque")

@@ -208,8 +208,7 @@ def test_no_damage_crashes_the_reader_changes_a_value_or_miscounts_what_is_lost(
 
 
 CUT_OUT = chunk(TWENTY)
-KEPT = TEN + message(2, 0, cdr(1.0)) + message(2, 15 * MILLISECOND, cdr(2.0))
-TWO = (LAB + channel(2, "/rare"), chunk(KEPT))
+TWO = (LAB + channel(2, "/rare"), chunk(TEN + message(2, 0, cdr(1.0)) + message(2, 15 * MILLISECOND, cdr(2.0))))
 OF_TWO = statistics({1: 20, 2: 2}, 2)
 TURNED = TEN[:FIVE] + b"\x85" + TEN[FIVE + 1 :]  # without a checksum, a message may pass for a private record
 LEGAL = {

@@ -169,8 +169,7 @@ def test_the_trial_of_a_folder_names_all_its_files(tmp_path: Path) -> None:
     files = trial_from_files(row, tmp_path, tmp_path).provenance["files"]["log"]
     assert [one["path"] for one in files["parts"]] == [DESCRIBED, "bag_0.db3", "bag_1.db3"]
     assert files["bytes"] == sum(path.stat().st_size for path in folder.iterdir())
-    together = "".join(one["sha256"] for one in files["parts"]).encode()
-    assert files["sha256"] == hashlib.sha256(together).hexdigest()
+    assert files["sha256"] == hashlib.sha256("".join(one["sha256"] for one in files["parts"]).encode()).hexdigest()
     (tmp_path / "c3d.yaml").write_text("format: c3d")
     with pytest.raises(InputError, match="a folder with a recording in rosbag2, its source file says c3d; write"):
         trial_from_files(row | {"log_source": "c3d"}, tmp_path, tmp_path)
@@ -335,8 +334,7 @@ def test_a_ros_1_message_has_the_length_of_its_definition() -> None:
     kind = message_type(Schema(1, (own + header).encode(), "ros1msg", "lab/Odd"), ros1=True)
     payload = (7).to_bytes(4, "little") + bytes(8) + bytes(4) + b"\xff\xfe" + b"\xff" * 24
     shape = shape_of(kind, payload, ["header.seq", "level", "letter", "at.secs", "took[1].secs"])
-    found = shape.read(payload, np.zeros(1, np.int64))
-    assert [values[0] for values in found.values()] == [7, -1, 254, 2**32 - 1, -1]
+    assert [values[0] for values in shape.read(payload, np.zeros(1, np.int64)).values()] == [7, -1, 254, 2**32 - 1, -1]
     assert "took[1].nsecs" in shape.leaves
     for wrong in (payload + b"\0", payload[:-1]):
         with pytest.raises(InputError):

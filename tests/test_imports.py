@@ -40,8 +40,7 @@ def test_a_package_imports_only_what_lies_below_it(package):
 
 
 def test_no_module_of_the_ground_imports_a_package():
-    found = {(m, s) for m, s in imports(".") if m.removesuffix(".py") in GROUND and s not in GROUND}
-    assert found == set()
+    assert {(m, s) for m, s in imports(".") if m.removesuffix(".py") in GROUND and s not in GROUND} == set()
 
 
 def test_the_house_has_nine_floors_and_no_stair_back():

@@ -54,8 +54,7 @@ def laboratory(tmp_path: Path) -> Path:
     frames = int(DURATION * 300)
     time = np.arange(frames)[:, None] / 300
     positions = np.concatenate([100 + time, 200 - time, 1 + 0 * time, 0 * time], axis=1)[:, None, :]
-    analog = 5.0 * level(np.arange(frames * 5) / 1500)[:, None]
-    write_c3d(tmp_path / "vicon.c3d", positions, analog, rate=300.0)
+    write_c3d(tmp_path / "vicon.c3d", positions, 5.0 * level(np.arange(frames * 5) / 1500)[:, None], rate=300.0)
     (tmp_path / "leg.yaml").write_text(yaml.safe_dump(LEG))
     (tmp_path / "vicon.yaml").write_text(yaml.safe_dump(CAPTURE))
     return tmp_path
@@ -248,8 +247,7 @@ def seen(frames: int = 6) -> np.ndarray:
 
 
 def test_every_unit_of_a_column_has_a_largest_value() -> None:
-    units = {unit for name, unit in COLUMNS.items() if name != "time"} | set(FAMILIES.values())
-    assert units == set(LARGEST_MEASURED)
+    assert {unit for name, unit in COLUMNS.items() if name != "time"} | set(FAMILIES.values()) == set(LARGEST_MEASURED)
     assert [unit_of(plate_columns(10, of)[2]) for of in ("force", "moment")] == ["N", "N*m"]  # however many there are
 
 

@@ -85,10 +85,8 @@ def test_an_entry_in_the_table_makes_a_format_known_to_ingest_inspect_and_draft(
     (tmp_path / "a.dat").write_bytes(b'TOY1{"angle": [0, 90, 180]}')
     drafted = draft_source(inspect_file(tmp_path / "a.dat"), "a.dat")
     (tmp_path / "toy.yaml").write_text(drafted.replace("NAME_1", "theta").replace('UNKNOWN"', 'deg"'))
-    row = {"trial": "a", "log": "a.dat", "log_source": "toy"}
-    ingest_trial(row, tmp_path, tmp_path, tmp_path / "a.parquet")
-    theta = read_trial(tmp_path / "a.parquet").samples["theta"]
-    np.testing.assert_allclose(theta, [0, np.pi / 2, np.pi])
+    ingest_trial({"trial": "a", "log": "a.dat", "log_source": "toy"}, tmp_path, tmp_path, tmp_path / "a.parquet")
+    np.testing.assert_allclose(read_trial(tmp_path / "a.parquet").samples["theta"], [0, np.pi / 2, np.pi])
 
 
 def test_a_file_is_recognised_by_its_content_and_where_that_says_nothing_by_its_name(tmp_path: Path) -> None:

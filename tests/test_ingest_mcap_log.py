@@ -160,8 +160,7 @@ def test_stamps_that_stand_still_are_refused_and_are_not_taken_for_rounded(tmp_p
         ([*range(100), *[100] * 10, *range(110, COUNT)], "9 of 200 messages have the stamp of an earlier one"),
         ([*range(100), *[100] * 10, *range(101, COUNT)], "9 of 209 messages have the"),
     ):
-        log = messages(stamps, count=len({*stamps}) > 1)
-        assert told in refused(write_log(path, log), source(**RADIANS))
+        assert told in refused(write_log(path, messages(stamps, count=len({*stamps}) > 1)), source(**RADIANS))
 
 
 def test_of_messages_that_contradict_each_other_the_first_holds_as_long_as_they_are_few(tmp_path: Path) -> None:
@@ -174,11 +173,9 @@ def test_of_messages_that_contradict_each_other_the_first_holds_as_long_as_they_
 
 def test_two_channels_of_a_topic_are_one_and_each_message_needs_a_stamp(tmp_path: Path) -> None:
     log, both = messages(range(20)), {"theta_m": {"field": "other", "unit": "rad"}, **RADIANS}
-    turns = of_topics(tmp_path, {"/lab": log[::2], "/lab#2": log[1::2]})
-    assert turns["theta"].to_list() == list(range(20))
+    assert of_topics(tmp_path, {"/lab": log[::2], "/lab#2": log[1::2]})["theta"].to_list() == list(range(20))
     other = ("lab_msgs/msg/Other", SAMPLE.replace("float32 angle", "float64 other"))
-    of_other = (*other, [(t, {**m, "other": 1.0}) for t, m in log])
-    found = of_topics(tmp_path, {"/lab": of_other, "/lab#2": log}, **both)
+    found = of_topics(tmp_path, {"/lab": (*other, [(t, {**m, "other": 1.0}) for t, m in log]), "/lab#2": log}, **both)
     assert (found["theta"].to_list(), found["theta_m"].to_list()) == (list(range(20)), [1.0] * 20)
     bare = ("lab_msgs/msg/Bare", "float32 angle\nfloat64 torque", [(9, {"angle": 1.0, "torque": 0.0})])
     with pytest.raises(InputError, match=r"1 of 6 messages have no 'header.stamp'; write source: log"):

@@ -29,8 +29,7 @@ def walk() -> Array:
     """Positions (frames, markers, 3) [mm] in OpenSim's axes: x forward, y up, z to the right."""
     step = np.arange(FRAMES)
     x, y = 8.0 * step[:, None] + np.arange(4), HEIGHTS + 5 * np.sin(step / 5)[:, None]
-    z = np.full((FRAMES, 4), -100.0) + np.arange(4)
-    return np.stack([x, y, z], axis=2)
+    return np.stack([x, y, np.full((FRAMES, 4), -100.0) + np.arange(4)], axis=2)
 
 
 def write_trc(path: Path, positions: Array, rate: float = 100, start: float = 0, first: int = 1, **header: Any) -> Path:
@@ -82,8 +81,7 @@ def test_axes_that_do_not_point_up_are_doubted_and_drafted(tmp_path: Path) -> No
     assert any("state `axes: [x, -z, y]`" in text for text in read(path).warnings)
     assert read(path, axes=("x", "-z", "y")).warnings == []
     assert yaml.safe_load(draft_source(inspect_file(path), "walk.trc"))["axes"] == ["x", "-z", "y"]
-    upright = write_trc(tmp_path / "b.trc", walk()[:, :, [0, 2, 1]])
-    assert read(upright).warnings == []
+    assert read(write_trc(tmp_path / "b.trc", walk()[:, :, [0, 2, 1]])).warnings == []
     (note,) = read(write_trc(path, walk()[:, :3], NumMarkers=3)).warnings  # Cortex leaves virtual ones out
     assert note == "walk.trc: 1 names after the 3 markers have no positions, such as TOE"
 
@@ -160,8 +158,7 @@ def test_real_files_of_opensim_are_read_as_numpy_reads_their_cells() -> None:
     assert "27 names after the 28 markers have no positions" in recording.warnings[0]
     path = REAL_DATA / "opensim" / "grf_run.mot"
     described = {"channels": {"plate1_force_z": {"column": "R_ground_force_vy", "unit": "N"}}}
-    force = read(path, **described).samples["plate1_force_z"]
-    np.testing.assert_array_equal(force, np.loadtxt(path, skiprows=7)[:, 2])
+    np.testing.assert_array_equal(read(path, **described).samples["plate1_force_z"], np.loadtxt(path, skiprows=7)[:, 2])
 
 
 CORNERS = [[0.0, 0.0, -0.3], [0.6, 0.0, -0.3], [0.6, 0.0, 0.1], [0.0, 0.0, 0.1]]
@@ -173,8 +170,7 @@ def write_forces(path: Path, rate: float = 200.0, rows: int = 80, start: float =
     k = np.arange(rows)
     force = np.column_stack([20 * np.sin(k / 9), 700 + k, 5 * np.cos(k / 9)])
     point = np.column_stack([0.1 + 0.004 * k, 0 * k, np.full(rows, -0.12)])
-    moment = np.column_stack([0 * k, 2 * np.sin(k / 5), 0 * k])
-    table = np.column_stack([start + k / rate, force, point, moment])
+    table = np.column_stack([start + k / rate, force, point, np.column_stack([0 * k, 2 * np.sin(k / 5), 0 * k])])
     names = ["time", *(f"R_{kind}{axis}" for kind in "vpm" for axis in "xyz")]
     lines = ["grf", f"nRows={rows}", f"nColumns={len(names)}", "endheader", "\t".join(names)]
     path.write_text("\n".join([*lines, *("\t".join(f"{value:.9f}" for value in row) for row in table)]) + "\n")
@@ -186,8 +182,7 @@ def test_a_plate_gives_the_moment_about_its_centre_in_our_axes(tmp_path: Path) -
     recording = read(path, plates={1: PLATE})
     force, point, moment = (table[:, at : at + 3] for at in (0, 3, 6))
     ours = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]  # forward x, left -z, up y
-    arm = point - np.array([0.3, 0.0, -0.1])
-    (rx, ry, rz), (fx, fy, fz) = arm.T, force.T
+    (rx, ry, rz), (fx, fy, fz) = (point - np.array([0.3, 0.0, -0.1])).T, force.T
     by_hand = moment + np.column_stack([ry * fz - rz * fy, rz * fx - rx * fz, rx * fy - ry * fx])  # r x F
     for values, quantity in ((force, "force"), (by_hand, "moment")):
         expected = values @ np.array(ours).T
@@ -203,8 +198,7 @@ def test_markers_and_ground_reactions_of_one_export_share_their_times(tmp_path: 
     write_trc(tmp_path / "walk.trc", walk(), 100.0, start=2.0)
     _, table = write_forces(tmp_path / "grf.mot", 200.0, start=1.95)
     (tmp_path / "trc.yaml").write_text("format: trc\naxes: [x, -z, y]\n")
-    source = {"format": "opensim", "clock": "common", "plates": {1: PLATE}}
-    (tmp_path / "mot.yaml").write_text(yaml.safe_dump(source))
+    (tmp_path / "mot.yaml").write_text(yaml.safe_dump({"format": "opensim", "clock": "common", "plates": {1: PLATE}}))
     row = {"trial": "a", "log": "grf.mot", "log_source": "mot", "mocap": "walk.trc", "mocap_source": "trc"}
     trial = trial_from_files(row, tmp_path, tmp_path)
     rows = trial.samples.drop_nulls("plate1_force_z")

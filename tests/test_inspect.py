@@ -38,8 +38,7 @@ def joint_log(path: Path, topic: str = "/joints", **options: Any) -> Path:
     """The angles of a knee and an ankle at 100 Hz, with a gap after 0.2 s."""
     log, known = [], {"name": ["knee", "left ankle"], "effort": [], "bias": [1.0, 2.0, 3.0], "note": "x"}
     for i in range(50):
-        stamp = i * 10_000_000 + (500_000_000 if i > 20 else 0)
-        log.append(stamped(stamp, **known, position=[0.1 * i, 0.2 * i]))
+        log.append(stamped(i * 10_000_000 + (500_000_000 if i > 20 else 0), **known, position=[0.1 * i, 0.2 * i]))
     return write_log(path, log, JOINTS + HEADER, "sensor_msgs/msg/JointState", topic, **options)
 
 
@@ -264,8 +263,7 @@ def test_only_a_file_with_several_trials_is_said_to_hold_them(tmp_path):
 
 
 def test_a_folder_of_recordings_is_a_table_that_no_text_of_theirs_can_break(tmp_path: Path) -> None:
-    positions = np.ones((100, 1, 4)) * [1, 2, 3, 0]
-    write_c3d(tmp_path / "walk.c3d", positions, rate=100.0, POINT__LABELS=["a"])
+    write_c3d(tmp_path / "walk.c3d", np.ones((100, 1, 4)) * [1, 2, 3, 0], rate=100.0, POINT__LABELS=["a"])
     (tmp_path / "a|<b>.csv").write_text("a,b\n1,2\n")
     (tmp_path / "broken.mcap").write_bytes(b"no MCAP file")
     rows = module.samples_table(tmp_path).splitlines()[2:]
@@ -367,8 +365,7 @@ def test_what_was_not_examined_before_a_restart_is_examined_then_and_no_more(tmp
 def test_a_fault_in_one_recording_does_not_end_the_watch(tmp_path, bench, monkeypatch):
     write_joint(path := tmp_path / "in/k120_b2.csv")
     bench.output.write_text("a file in place of the folder")  # and no picture takes the numbers away
-    said = module.recording_line(path, tmp_path / "in", bench)
-    assert re.search(r"\bK 1[12]\d.*no picture: ", said)
+    assert re.search(r"\bK 1[12]\d.*no picture: ", module.recording_line(path, tmp_path / "in", bench))
     monkeypatch.setattr(module, "fit_of_row", lambda *_: 1 / 0)
     assert "FAILED: unexpected ZeroDivisionError" in module.recording_line(path, tmp_path / "in", bench)
 

@@ -34,8 +34,7 @@ HOSTILE = ("$x_1$ 50 %", "_hidden", "a" * 90 + "1", "a" * 90 + "2", "Ünï 脚 \
 
 def of_controllers(*names, **place):
     """The table of the figures' tests with these controllers in place of its two, and a joint and side."""
-    table = stored("impedance")
-    parts = [table.filter(pl.col("controller") == "compensated")] * len(names)
+    parts = [stored("impedance").filter(pl.col("controller") == "compensated")] * len(names)
     named = [part.with_columns(controller=pl.lit(name, pl.String)) for part, name in zip(parts, names, strict=True)]
     return pl.concat(named).with_columns(pl.lit(value, pl.String).alias(key) for key, value in place.items())
 
@@ -106,8 +105,7 @@ def test_names_and_macros_of_any_controllers_are_letters_and_no_two_are_alike():
 
 def campaign(tmp_path: Path, rows: str, **settings):
     """A campaign of these trials and settings."""
-    header = "trial,experiment,controller,K_d,B_d,joint,log,log_source\n"
-    (tmp_path / "trials.csv").write_text(header + rows)
+    (tmp_path / "trials.csv").write_text("trial,experiment,controller,K_d,B_d,joint,log,log_source\n" + rows)
     lines = [f"{name}: {value}" for name, value in ({"sheet": tmp_path / "trials.csv"} | settings).items()]
     (tmp_path / "c.yaml").write_text("\n".join(lines))
     return open_campaign(read_config(tmp_path / "c.yaml"), None)
@@ -133,8 +131,7 @@ def test_examples_are_those_of_the_configuration_or_chosen_and_said(tmp_path):
     assert [*shown.values()] == ["a", "ankle", None, 6, 3, ""], "the first of two"
     knee = "k,impedance,pd,,,knee,k.csv,bench_csv\n"
     found = time_series_example(campaign(tmp_path, knee))
-    said = "not in this campaign" in found["chosen"]
-    assert (found["trial"], found["amplitude_deg"], said) == ("k", None, True)
+    assert (found["trial"], found["amplitude_deg"], "not in this campaign" in found["chosen"]) == ("k", None, True)
     assert response_example(campaign(tmp_path, knee)) is None
     assert time_series_example(campaign(tmp_path, knee, figures="{time_series: null}"))["duration_s"] == 10
     wrong = "{time_series: {K_d: 250, B_d: 5, controller: compensated}, frequency_response: {K_d: 1, B_d: 1}}"
@@ -207,8 +204,7 @@ def test_fig_7_shows_the_desired_impedance_with_the_most_trials_where_none_is_ch
     lone = table.filter(trial=table["trial"][0]).with_columns(trial=pl.lit("lone"), K_d=pl.lit(77.0))
     write_table(pl.concat([lone, table]), tmp_path / "t.csv")
     plotted_numbers.fig7(tmp_path / "t.csv", None, None, PAPER_WEIGHT, tmp_path / "fig7.csv")
-    drawn = read_table(tmp_path / "fig7.csv").filter(curve="observed")
-    assert set(drawn["K_d"]) == set(table["K_d"])
+    assert set(read_table(tmp_path / "fig7.csv").filter(curve="observed")["K_d"]) == set(table["K_d"])
 
 
 def test_a_belt_without_parameters_needs_a_shaft_that_rests_and_a_table_says_last_what_its_data_are(tmp_path):

@@ -60,8 +60,7 @@ def test_the_name_of_a_file_tells_its_trial_and_nothing_more(name, experiment, t
     ((cells, still_open),) = draft_trials([(Path(f"{name}.csv"), "csv", False)])
     assert (cells["experiment"], cells["trial"][0] in "_-.") == (experiment, False)
     assert {k: v for k, v in cells.items() if k in ("K_d", "B_d", "controller", "perturbed")} == told
-    complete = experiment not in ("ingest_only", "impedance") or {"K_d", "B_d"} <= told.keys()
-    assert bool(still_open) != complete
+    assert bool(still_open) != (experiment not in ("ingest_only", "impedance") or {"K_d", "B_d"} <= told.keys())
 
 
 def test_a_log_and_a_capture_of_one_name_are_one_trial_and_two_logs_are_two():

@@ -144,8 +144,7 @@ def test_the_frequency_response_of_any_motion_is_that_of_the_campaign(experiment
         path = tmp_path / f"tables/{name}.csv"
         tables.gather([files[name]], path, limits.of(name), [files["impedance"]], limits.of("impedance"))
         assert_same(table, path, tmp_path)
-    cut = osl.frequency_response(bench_trial(experiment), DESIRED, "10-25", short)
-    assert not cut.table.equals(found.table)
+    assert not osl.frequency_response(bench_trial(experiment), DESIRED, "10-25", short).table.equals(found.table)
     assert osl.fit_impedance(bench_trial(experiment), DESIRED, "10-25", short).fitted_s == pytest.approx(15, abs=0.8)
     lines = osl.plot_frequency_response(found).axes[0].lines
     assert any(line.get_ydata() == pytest.approx(found.plotted["magnitude"]) for line in lines)
@@ -262,8 +261,7 @@ def test_the_page_is_what_its_code_gives_and_names_every_public_name():
     spec.loader.exec_module(maker)
     pictures = {}
     page = (ROOT / "docs/notebook.md").read_text()
-    old = page.replace("```text\n", "```text\nold ", 1)
-    assert maker.made_page(old, pictures.__setitem__) == page
+    assert maker.made_page(page.replace("```text\n", "```text\nold ", 1), pictures.__setitem__) == page
     assert [*pictures] == ["notebook_1.png", "notebook_2.png", "notebook_3.png"]
     assert all(isinstance(figure, Figure) and (ROOT / "docs" / name).is_file() for name, figure in pictures.items())
     assert [name for name in osl.__all__ if f"`{name}`" not in page and f"`{name}(" not in page] == []

@@ -69,8 +69,7 @@ def laboratory(**changed):
 
 def every_fifth(values):
     """A marker's column beside one that is sampled five times as often."""
-    column = pl.Series("marker_A_x", [None] * (5 * values.size), pl.Float64)
-    return column.scatter(np.arange(values.size) * 5, values)
+    return pl.Series("marker_A_x", [None] * (5 * values.size), pl.Float64).scatter(np.arange(values.size) * 5, values)
 
 
 def actuator_bench(**changed):

@@ -56,16 +56,14 @@ def unpack(packed):
 
 
 def test_a_packed_signal_is_off_by_no_more_than_half_a_count_and_keeps_its_holes():
-    rng = np.random.default_rng(1)
-    noisy = rng.normal(size=5000).cumsum()
+    noisy = np.random.default_rng(1).normal(size=5000).cumsum()
     noisy[100:200] = np.nan
     table = pl.DataFrame({"time": 3 + np.arange(5000) / 66, "noisy": noisy, "flat": np.full(5000, 4.2)}).fill_nan(None)
     packed = packed_table(table)
     found = unpack(json.loads(json.dumps(packed)))
     assert set(packed["even"]) == {"time"}
     assert_allclose(found["time"], table["time"], rtol=0, atol=1e-9)
-    span = np.nanmax(noisy) - np.nanmin(noisy)
-    assert_allclose(found["noisy"], noisy, rtol=0, atol=span / 32_000)
+    assert_allclose(found["noisy"], noisy, rtol=0, atol=(np.nanmax(noisy) - np.nanmin(noisy)) / 32_000)
     assert_allclose(found["flat"], 4.2, rtol=1e-12)
     assert every_kth(table.head(399), 10).height == 399, "200 rows are left"
     short = pl.DataFrame({"a": [np.inf, -np.inf, np.nan, 1.23456789], "n": [1, 2, 3, 4]})
@@ -281,8 +279,7 @@ def test_crossings_are_drawn_in_degrees_the_residual_is_measured_minus_model_and
     table = crossing_pictures(crossing).tables["crossing"].select("time", "theta_deg", "platform_deg")
     assert_allclose(table.to_numpy(), [[0, 0, 90], [0.1, 180, 0]], atol=1e-9)
     response = pl.DataFrame({"time": [0.01], "theta_deg": [1.0], "torque": [5.0], "torque_model": [3.0]})
-    isolated = isolated_pictures(response).tables["isolated"]
-    row = isolated.drop("time").row(0, named=True)
+    row = isolated_pictures(response).tables["isolated"].drop("time").row(0, named=True)
     assert row == {"theta_deg": 1.0, "torque": 5.0, "torque_model": 3.0, "time_ms": 10.0, "residual": 2.0}
     samples = pl.DataFrame({"time": 5 + np.arange(6001.0)}).with_columns(pl.lit(1.0).alias(name) for name in "abcde")
     raw = panels.recorded_pictures(samples, dict.fromkeys("abcde", "N")).tables["N"]
@@ -397,8 +394,7 @@ def test_a_row_is_judged_by_what_a_reader_accepts_and_by_its_interval(benchmark)
     def judged(flags=(), **more):
         return benchmark.verdict(benchmark.result_of(fit | more, {"K": 300.0}, list(flags)), None)
 
-    wrong = benchmark.result_of(fit, {"K": 300.0}, [])
-    assert wrong.errors["K"] == pytest.approx((1 / 3, 10))
+    assert benchmark.result_of(fit, {"K": 300.0}, []).errors["K"] == pytest.approx((1 / 3, 10))
     assert judged() == benchmark.SILENT
     assert judged(doubtful="VAF 80 is below 95") == "doubtful"
     assert judged(["saturation (flag)"]) == "flagged"
@@ -426,5 +422,4 @@ def test_the_commands_of_the_tutorial_print_what_it_shows_and_end_with_its_figur
     assert "flag" not in (folder / "my_campaign/results/tables/quality.csv").read_text()
     source = folder / "my_campaign/sources/csv.yaml"
     assert yaml.safe_load(source.read_text())["channels"]["torque"]["sign"] == -1
-    schema = source.read_text().splitlines()[0].split("=")[1]
-    assert (source.parent / schema).exists()
+    assert (source.parent / source.read_text().splitlines()[0].split("=")[1]).exists()

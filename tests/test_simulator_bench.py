@@ -157,8 +157,7 @@ def test_belt_and_slow_motions_go_to_both_ends_and_come_back_to_rest():
 def test_an_excitation_has_its_length_its_size_its_band_and_rests_at_both_ends(kind):
     theta, other = (excited(kind, seed, band_hz=(1.0, 4.0), clock_s=0.125).theta for seed in (3, 4))
     assert np.abs(theta - other).max() > 0.01
-    flips = np.flatnonzero(np.diff(np.sign(theta[3000:-3000])))
-    assert kind != "prbs" or np.gcd.reduce(np.diff(flips)) == 125
+    assert kind != "prbs" or np.gcd.reduce(np.diff(np.flatnonzero(np.diff(np.sign(theta[3000:-3000]))))) == 125
     assert len(theta) == pytest.approx((17 if kind == "multisine" else 25) * RATE, abs=4)  # 5 s of rests and fades
     assert not np.append(theta[:1500], theta[-1500:]).any()
     assert np.rad2deg(np.std(theta[3000:-3000])) == pytest.approx(2.0, rel=0.25)
@@ -338,8 +337,7 @@ def test_encoders_and_converters_have_bits_and_an_encoders_zero_stands_between_i
     for values, step in ((log["actuator_angle"], 2e-3), (log["motor_current"], 0.05), (log[TORQUE], 0.33)):
         assert (values / step == pytest.approx(np.rint(values / step), abs=1e-9), np.ptp(values) > step) == (True, True)
     moved, truth = simulated({"effects": encoder | {"encoder_zero": on(0.5, "step")}})
-    unmoved = clean["commanded_angle"]
-    np.testing.assert_allclose(moved["commanded_angle"], np.rint(unmoved / count) * count, atol=1e-12)
+    np.testing.assert_allclose(moved["commanded_angle"], np.rint(clean["commanded_angle"] / count) * count, atol=1e-12)
     zero = truth["drawn"]["encoder_zero"]
     assert 0 < abs(zero) < count / 2
     np.testing.assert_allclose(moved[ANGLE], np.rint((clean[ANGLE] + zero) / count) * count, atol=1e-12)

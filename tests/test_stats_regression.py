@@ -53,8 +53,7 @@ def test_a_lag_costs_damping_and_counts_where_it_is_certain():
 
 
 def test_vaf_and_r_squared_read_what_they_should_when_the_fit_is_not_perfect():
-    residual = np.cos(40 * np.pi * T)
-    y = 2 * np.cos(20 * np.pi * T) + residual + 10
+    y = 2 * np.cos(20 * np.pi * T) + np.cos(40 * np.pi * T) + 10
     fit = linear_fit(y, {"c": np.cos(20 * np.pi * T), "offset": np.ones_like(T)})
     assert (fit.vaf, fit.r_squared) == pytest.approx((80, 1 - 0.5 / (2 + 0.5 + 100)))
     assert diagnostics_row(fit, 500.0, {})["correlation_s"] == fit.correlation_samples / 500
@@ -64,8 +63,7 @@ def test_vaf_and_r_squared_read_what_they_should_when_the_fit_is_not_perfect():
 
 
 def test_covariance_is_statsmodels_hac_at_the_same_bandwidth():
-    rng = np.random.default_rng(20)
-    y = COLUMNS["a"] + correlated_noise(rng, len(T), 0.9)
+    y = COLUMNS["a"] + correlated_noise(np.random.default_rng(20), len(T), 0.9)
     fit = linear_fit(y, COLUMNS)
     lags = {"maxlags": fit.correlation_samples - 1, "use_correction": True}
     other = sm.OLS(y, np.column_stack(list(COLUMNS.values()))).fit(cov_type="HAC", cov_kwds=lags)
@@ -88,8 +86,7 @@ def test_columns_that_determine_nothing_are_named(y, columns, message):
 
 def test_the_correlation_of_estimates_is_that_of_the_columns_and_not_of_the_scatter_of_a_few_noisy_rows():
     """Noise that shares the sign of both columns would correlate the estimates, which the columns do not."""
-    rng = np.random.default_rng(3)
-    a, b, noise = rng.standard_normal((3, 4000))
+    a, b, noise = np.random.default_rng(3).standard_normal((3, 4000))
     columns, y = {"a": a, "b": b}, 2 * a + b + 3 * noise * np.abs(a + b)
     assert abs(linear_fit(y, columns).correlation("a", "b")) > 0.3
     assert linear_fit(y, columns).largest_correlation < 0.05
@@ -111,8 +108,7 @@ def whiteness(residual):
 def test_ljung_box_is_statsmodels(samples, lags):
     residual = np.random.default_rng(3).standard_normal(400).cumsum()[:samples]
     autocorrelation, per_lag, p = whiteness_row(residual - residual.mean()).values()
-    other = acorr_ljungbox(residual - residual.mean(), lags=lags)
-    assert (lags * per_lag, p) == pytest.approx(tuple(other.iloc[-1]))
+    assert (lags * per_lag, p) == pytest.approx(tuple(acorr_ljungbox(residual - residual.mean(), lags=lags).iloc[-1]))
     assert autocorrelation > 0.5
 
 
@@ -312,8 +308,7 @@ def test_effective_samples_are_those_of_theory():
 
 def test_bic_charges_a_parameter_the_logarithm_of_the_effective_samples():
     """Of exact fits the one with fewest parameters ranks first, whether rounding leaves zeros or 1e-15 N*m."""
-    rng = np.random.default_rng(5)
-    torque, left = rng.standard_normal((2, 500))
+    torque, left = np.random.default_rng(5).standard_normal((2, 500))
     for size in (0.1, 1e-15, 0.0):
         scores = repeats.score_models(torque, [repeats.Candidate("", "", p, size * left, size * left) for p in (5, 2)])
         m, (bic_of_many, bic_of_few) = scores["effective_samples"][0], scores["BIC"]

@@ -40,8 +40,7 @@ def bench(experiment):
 
 def rows(experiment, trials):
     found = study_rows(bench(experiment), [f"{experiment}_{i}" for i in range(trials)])
-    table = pl.DataFrame(found, infer_schema_length=None)
-    return table.with_columns(error=pl.col("value") - pl.col("truth"))
+    return pl.DataFrame(found, infer_schema_length=None).with_columns(error=pl.col("value") - pl.col("truth"))
 
 
 def covered(table):
@@ -158,8 +157,7 @@ def test_intervals_hold_the_truth_of_an_exact_joint_as_recorders_write_it(record
     table = rows(f"second order, {recorder}", 20)
     assert set(table.select("estimator", "interval_method").rows()) == {("filtered", "repeats")}
     assert covered(table) > 0.95 - 0.084
-    errors = table.with_columns(share=(pl.col("error") / pl.col("truth")).abs())
-    assert errors["share"].max() < 0.03
+    assert table.with_columns(share=(pl.col("error") / pl.col("truth")).abs())["share"].max() < 0.03
 
 
 def test_rounding_of_the_load_cell_is_noise_of_a_step_over_the_root_of_twelve_in_the_bounds():

@@ -168,8 +168,7 @@ def test_a_finding_names_three_trials_or_those_that_it_spares_and_what_a_delay_t
 
 def test_a_mean_over_trials_leaves_out_doubtful_ones_while_half_are_sound_and_says_how_many():
     two = fits(K_s=[700.0, 690.0], doubtful=["", "clipped"])
-    three = pl.concat([two, two.tail(1)])
-    for table, said in ((two, (700.0, 1, 1, 1)), (three, (pytest.approx(2080 / 3), 3, 2, 0))):
+    for table, said in ((two, (700.0, 1, 1, 1)), (pl.concat([two, two.tail(1)]), (pytest.approx(2080 / 3), 3, 2, 0))):
         (summary,) = summary_of_trials(table, ["K_s"]).select("mean", "n", "n_doubtful", "n_left_out").rows()
         assert summary == said
     assert len(judgements.counted(two.drop("doubtful"))) == 2
@@ -317,8 +316,7 @@ def test_gains_of_rival_models_have_the_interval_of_their_paired_difference_and_
     rows = [("belt", None, "M3", 10, 0.02, 0.01, 0.03), ("belt", None, "M4", 10, 0.03, 0.02, 0.04)]
     rows += [("transmission", None, "M2", 1, None, None, None), ("impedance", "uncompensated", "M3", 16, 3.7, 1.5, 5.9)]
     found = by_name({"model_comparison_summary": pl.DataFrame(rows, columns, orient="row")})
-    told = [(name, h.value, h.low, h.high, h.n, h.interval) for name, h in found.items()]
-    assert told == [
+    assert [(name, h.value, h.low, h.high, h.n, h.interval) for name, h in found.items()] == [
         ("belt_VAF_gain", 0.03, 0.02, 0.04, 10, headlines.PAIRED),
         ("drivetrain_VAF_gain_uncompensated", 3.7, 1.5, 5.9, 16, headlines.PAIRED),
     ]

@@ -72,8 +72,7 @@ def jittered(t, sd, random):
 
 def waits(t, mean, random):
     """A host that is late by an exponential wait and hands messages on in order, none twice."""
-    late = np.maximum.accumulate(t + random.exponential(mean, len(t))) if mean else t
-    return late + 1e-9 * np.arange(len(t))
+    return (np.maximum.accumulate(t + random.exponential(mean, len(t))) if mean else t) + 1e-9 * np.arange(len(t))
 
 
 def assert_recovers_the_joint(grid):
@@ -112,8 +111,7 @@ def test_no_case_is_decided_wrongly_over_bits_jitter_and_lateness(motion):
     for bits, jitter, late, even in product((12, 18), (1e-5, 1e-4, 3e-4), (False, True), (False, True)):
         t = clock(1000.0, 12.0)
         stamps = (waits if late else jittered)(t, jitter, random)
-        taken = t if even else stamps
-        (part,) = take([Stream("x", stamps, {"x": rounded_to_bits(MOTIONS[motion](taken), bits)})])
+        (part,) = take([Stream("x", stamps, {"x": rounded_to_bits(MOTIONS[motion](t if even else stamps), bits)})])
         said = part.evidence.get("x")
         if said is not None and (said.true or said.even):
             firm += 1
@@ -170,8 +168,7 @@ def test_every_missing_sample_is_found_at_its_place(lost, jitter, late):
     inner = np.sort(random.choice(np.arange(200, len(t) - 200), len(t) - 400 - lost, replace=False))
     kept = np.r_[:200, inner, len(t) - 200 : len(t)]
     stamps = (waits(t, late, random) if late else t + jitter * random.standard_normal(len(t)))[kept]
-    wrong = np.mean(count_from_stamps(stamps) != kept)
-    assert wrong <= SHARE_MISPLACED[late > 0, lost == 3000]
+    assert np.mean(count_from_stamps(stamps) != kept) <= SHARE_MISPLACED[late > 0, lost == 3000]
 
 
 @pytest.mark.parametrize("jitter", [0.0, 2e-5])
@@ -293,8 +290,7 @@ def test_regular_losses_behind_a_late_host_are_refused(wait, one_in):
     true = SHORTER * RATE / max(one_in)
     with pytest.raises(InputError, match=r"about \d+ samples are missing.* nothing tells which.* counter") as refused:
         one_time_base(two_nodes(random, waiting, one_in))
-    said = int(str(refused.value).split("about ")[1].split()[0])
-    assert said == pytest.approx(true, rel=0.05, abs=1.1)
+    assert int(str(refused.value).split("about ")[1].split()[0]) == pytest.approx(true, rel=0.05, abs=1.1)
 
 
 @pytest.mark.parametrize("one_in", [(0, 0), (0, 50)])

@@ -104,8 +104,7 @@ def test_a_hanging_foot_needs_its_weight_and_its_inertia() -> None:
     motion = bodies.body_motion(TIME, pose(about_y(phi), np.zeros((len(TIME), 3))), com)
     torque = bodies.moment_of_foot(motion, 0 * motion.point, np.tile(LEFT, (len(TIME), 1)), 1.2, 0.007)
     x = np.cos(phi) * com[0] + np.sin(phi) * com[2]
-    expected = (0.007 + 1.2 * (com @ com)) * alpha - 1.2 * 9.80665 * x
-    np.testing.assert_allclose(torque[6:-6], expected[6:-6], atol=1e-5)
+    np.testing.assert_allclose(torque[6:-6], ((0.007 + 1.2 * (com @ com)) * alpha - 1.2 * 9.80665 * x)[6:-6], atol=1e-5)
 
 
 def gait(time: Array) -> Array:
@@ -132,8 +131,7 @@ def test_offset_and_delay_of_the_encoder_come_out_whatever_its_rate(delay: float
 
 def test_what_offset_and_delay_leave_is_the_noise_and_an_encoder_of_another_joint_is_refused() -> None:
     """White noise of 1e-3 rad at 500 Hz, of which a 20 Hz low-pass leaves about 40/500 of the power."""
-    noise = 1e-3 * np.random.default_rng(4).standard_normal(1000)
-    check = compared(gait(time), own, gait(own) + noise)
+    check = compared(gait(time), own, gait(own) + 1e-3 * np.random.default_rng(4).standard_normal(1000))
     assert np.deg2rad(check["encoder_rms_deg"]) == pytest.approx(1e-3 * np.sqrt(40 / 500), rel=0.3)
     with pytest.raises(InputError, match="does not follow the angle from markers within 50 ms"):
         compared(gait(time), own, gait(own - 0.2))

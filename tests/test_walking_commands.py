@@ -157,8 +157,7 @@ def test_with_all_imperfections_the_rendered_stiffness_comes_out_to_five_percent
     assert 1 < K["se"] < 10
     assert (K["cov_K"], K["cov_B"]) == pytest.approx((K["se"] ** 2, B["cov_K"]))
     assert abs(K["cov_B"]) < K["se"] * B["se"]
-    late = [(c.onset or 0.0) - real.truth(c.name)["onset_s"] for c in real.read(*real.perturbed)]
-    assert np.max(np.abs(late)) < 5e-4
+    assert np.max(np.abs([(c.onset or 0.0) - real.truth(c.name)["onset_s"] for c in real.read(*real.perturbed)])) < 5e-4
     table = read_table(real.file("selection.csv"))
     assert set(table["status"]) == {"used"}
     for segment in ("foot", "shank", "platform"):  # 0.15 mm of noise, over three axes less six freedoms of twelve
@@ -200,12 +199,11 @@ def test_what_cannot_be_used_is_named_and_listed_and_the_rest_goes_on(real: Sess
     blind, still, elsewhere = real.perturbed[:3]
     cut, flat = real.unperturbed[:2]
     trials = {name: read_trial(real.trial(name)) for name in (blind, still, cut, flat)}
-    bad = {
+    for name, trial in {
         blind: hidden(trials[blind], ("FOOT1", "FOOT2"), 1.2, 1.6),
         still: replace(trials[still], samples=trials[flat].samples),
         cut: changed(trials[cut], pl.col("plate1_force_z").clip(upper_bound=600)),
-    }
-    for name, trial in bad.items():
+    }.items():
         write_trial(trial, path := tmp_path / "trial.parquet")
         with pytest.warns(UserWarning, match=f"excluded: trial {name}"):
             real.analyse(path, name != cut, copied.crossings(name)[0], foot=FOOT)
@@ -359,8 +357,7 @@ def gait_trial(side: str = "left", over: float = 0.0) -> Trial:
     markers = {label: np.tile(place, (len(t) // 5, 1)) for label, place in tracks.items()}
     trial = recording("gait_1", markers, force, np.cross(ahead, force))
     moments = pl.Series(1.05 * 0.12 * load / MASS)
-    seen = pl.when(pl.arange(0, len(t)) % 5 == 0).then(moments)
-    return changed(trial, **{f"reference_ankle_moment_{side}": seen})
+    return changed(trial, **{f"reference_ankle_moment_{side}": pl.when(pl.arange(0, len(t)) % 5 == 0).then(moments)})
 
 
 @pytest.mark.parametrize("side", ["left", "right"])

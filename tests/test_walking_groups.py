@@ -207,8 +207,7 @@ def test_each_timing_has_its_own_result_over_stance_beside_the_commanded_impedan
     summary, groups = three.folder / "summary.csv", three.folder / "groups.csv"
     trajectories = [Path("config/impedance/synthetic_walking.csv"), tmp_path / "trajectory.csv"]
     tabulate_over_stance(summary, groups, table, 0.62, trajectories, "measured")  # which no synthetic one led
-    rows = read_table(table)
-    stiffness = rows.filter(quantity="K", series="all")
+    stiffness = read_table(table).filter(quantity="K", series="all")
     np.testing.assert_allclose(stiffness["estimate"], [120, 300, 450], atol=10)
     np.testing.assert_allclose(stiffness["commanded"], 620 * stiffness["phase"], rtol=1e-3)
     np.testing.assert_allclose(stiffness["onset_phase"], [0.2, 0.4, 0.6], atol=0.005)
@@ -239,8 +238,7 @@ def test_the_phase_that_a_fit_reads_is_where_a_stiffness_that_changes_linearly_h
     rows, slope = result.responses[0].window, 1000.0  # N*m/rad per second
     torque = ensemble.torque + slope * result.responses[0].time * ensemble.motion.theta
     columns = np.column_stack([ensemble.motion.theta, ensemble.motion.omega, ensemble.motion.alpha])[rows]
-    after = np.linalg.lstsq(columns, torque[rows])[0][0]
-    assert after - before == pytest.approx(slope * fitted_time(result), rel=1e-9)
+    assert np.linalg.lstsq(columns, torque[rows])[0][0] - before == pytest.approx(slope * fitted_time(result), rel=1e-9)
     assert 0.05 < fitted_time(result) < 0.1
 
 

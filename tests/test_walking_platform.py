@@ -90,8 +90,7 @@ def test_hidden_markers_of_a_resting_platform_are_no_motion() -> None:
     assert [len(axes) for axes in platform.shared_directions(tracks)] == [1, 1]
     assert [replace(t, low_pass=LowPass(10.0)).spread for t in tracks] == [0.05, 0.05]
     assert [t.noise for t in tracks] == pytest.approx([1e-4, 1e-4], rel=0.1)
-    found = identify_plate_model(calibrated(trials), settings())
-    assert found.parameters[0] == pytest.approx(RIG.mass, abs=0.06)
+    assert identify_plate_model(calibrated(trials), settings()).parameters[0] == pytest.approx(RIG.mass, abs=0.06)
 
 
 def test_a_slow_return_that_noise_hides_is_not_taken_for_rest() -> None:

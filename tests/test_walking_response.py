@@ -389,8 +389,7 @@ def test_the_matched_stance_is_right_for_any_pace_and_any_end_of_stance(slower: 
         other = isolate_response(other, usual(), TIMING, "matched")
         assert (abs(other.stance / response.stance - 1) > 1e-4) == told
         assert (np.abs(other.behaviour - response.behaviour)[0].max() > 1e-5) == told
-    fit = fit_response(response)
-    assert tuple(fit.estimates[:2]) == pytest.approx((K, B), rel=2e-3)
+    assert tuple(fit_response(response).estimates[:2]) == pytest.approx((K, B), rel=2e-3)
 
 
 def shaky(c: Crossing, random: np.random.Generator) -> Crossing:

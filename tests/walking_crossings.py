@@ -88,8 +88,7 @@ class Tables:
 
     def estimate(self, group: str, quantity: str = "K", estimator: str = "ensemble") -> dict[str, Any]:
         """One row of the summary."""
-        rows = self["summary"].filter(group=group, quantity=quantity, estimator=estimator)
-        return dict(rows.row(0, named=True))
+        return dict(self["summary"].filter(group=group, quantity=quantity, estimator=estimator).row(0, named=True))
 
 
 def run_jobs(

@@ -131,8 +131,7 @@ def angle_and_heave(t: Array, ramp: Ramp | None) -> tuple[Array, Array]:
     if ramp is None:
         return np.zeros((3, len(t))), np.zeros((3, len(t)))
     angle = np.deg2rad(ramp.angle) * (step(t, ramp.onset, ramp.rise) - step(t, ramp.returns, 0.3))
-    heave = ramp.heave * (step(t, ramp.onset, 0.06) - step(t, ramp.onset + 0.08, 0.06))
-    return angle, heave
+    return angle, ramp.heave * (step(t, ramp.onset, 0.06) - step(t, ramp.onset + 0.08, 0.06))
 
 
 def plate_wrench(t: Array, ramp: Ramp | None, rig: Rig) -> Array:

@@ -74,8 +74,7 @@ def page(chromium, results):
 
 def wait(page, condition):
     """Wait for a condition; an element that the page replaces meanwhile is looked for again."""
-    replaced = (StaleElementReferenceException,)
-    return WebDriverWait(page, 20, ignored_exceptions=replaced).until(lambda _: condition())
+    return WebDriverWait(page, 20, ignored_exceptions=(StaleElementReferenceException,)).until(lambda _: condition())
 
 
 def open_trial(page, name):
@@ -142,8 +141,7 @@ def test_it_opens_a_trial_of_every_kind_and_draws_it(page, kind):
     assert len(boxes) >= 2
     assert all(box.size["height"] > 150 for box in boxes)
     assert not [box for box in boxes if "no values" in box.get_attribute("aria-label")]
-    text = page.find_element(By.ID, "trial").text
-    assert {"Quality", "Provenance", "SHA-256"} <= set(text.split())
+    assert {"Quality", "Provenance", "SHA-256"} <= set(page.find_element(By.ID, "trial").text.split())
 
 
 def test_the_numbers_and_signals_of_a_trial_are_those_of_the_results(page, results):

@@ -92,8 +92,7 @@ def test_any_motion_gives_the_impedance_that_made_the_torque_wherever_the_zero_o
         assert turned[column] == pytest.approx(row[column], rel=1e-3), column
     assert [row[k] for k in TRUE] == pytest.approx(list(TRUE.values()), rel=0.006)
     assert row["K"] == pytest.approx(300, rel=4e-4)
-    assert row["B"] == pytest.approx(5, rel=8e-4)
-    assert row["excitation"] == {"multisine": "periodic"}.get(name, "other")
+    assert (row["B"], row["excitation"]) == (pytest.approx(5, rel=8e-4), {"multisine": "periodic"}.get(name, "other"))
     if name == "multisine":
         assert (row["realisations"], row["interval_method"]) == (1, "units")
         assert row["periods"] >= 4
@@ -318,8 +317,7 @@ def test_noise_of_the_angle_changes_the_inertia_by_the_share_that_is_stated(K, s
         errors.append(fit["I"] / 0.02 - 1)
         shares.append(angle_noise_bias(record, plain_sums(record, IMPEDANCE), fit) / 0.02)
     spread = np.std(errors, ddof=1) / np.sqrt(6)
-    assert np.sign(shares).tolist() == [sign] * 6
-    assert np.mean(errors) == pytest.approx(np.mean(shares), abs=3 * spread)
+    assert (np.sign(shares).tolist(), np.mean(errors)) == ([sign] * 6, pytest.approx(np.mean(shares), abs=3 * spread))
     assert abs(np.mean(shares)) > 4 * spread
 
 

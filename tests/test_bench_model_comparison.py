@@ -124,8 +124,7 @@ def rivals_of_eq_15(folder, *off):
     output, condition = folder / "impedance.csv", DesiredImpedance("uncompensated", 300.0, 5.0)
     compare_impedance_models(path, DEFAULT_FILE, condition, Weight(cutoff_hz=1, order=3), ANALYSIS, 0.05, output)
     table = pl.read_csv(output)
-    assert table["experiment"].to_list() == ["impedance"] * 4
-    assert table["model"].to_list() == ["M1", "M2", "M3", "M4"]
+    assert (table["experiment"].to_list(), table["model"].to_list()) == (["impedance"] * 4, ["M1", "M2", "M3", "M4"])
     return {row["model"]: row for row in table.to_dicts()}
 
 
@@ -193,11 +192,9 @@ def test_the_summary_has_a_row_per_model_with_its_difference_to_the_drafts(tmp_p
     assert [r["model"] for r in rows] == ["M1", "M2"] * 3
     linear, hysteresis, *_ = rows
     half = student.ppf(0.975, 2) * np.sqrt(1e-4 / 3 + 1e-4 / 2)
-    assert hysteresis["VAF_gain"] == pytest.approx(0.04)
-    assert hysteresis["VAF_gain_high"] - 0.04 == pytest.approx(half)
+    assert (hysteresis["VAF_gain"], hysteresis["VAF_gain_high"] - 0.04) == (pytest.approx(0.04), pytest.approx(half))
     assert hysteresis["unexplained_ratio"] == pytest.approx(np.prod([0.06 / 0.10, 0.05 / 0.08, 0.04 / 0.09]) ** (1 / 3))
     assert (linear["VAF_gain"], linear["unexplained_ratio"]) == (0, 1)
-    assert linear["VAF_behind"] == pytest.approx(0.04)
-    assert (hysteresis["BIC_change"], linear["BIC_behind"]) == (-200, 200)
+    assert (linear["VAF_behind"], hysteresis["BIC_change"], linear["BIC_behind"]) == (pytest.approx(0.04), -200, 200)
     assert [(r["by_VAF"], r["by_BIC"]) for r in rows[:2]] == [("worse", "worse"), ("preferred", "preferred")]
     assert [(r["by_VAF"], r["by_BIC"]) for r in rows[2:4]] == [("preferred", "preferred"), ("tied", "worse")]

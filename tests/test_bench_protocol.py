@@ -182,8 +182,7 @@ def test_a_trial_is_read_without_its_drift_which_the_table_gives_per_minute():
     record = record_of_trial(Trial("a", samples), sine_settings([4], [2, 4]))
     np.testing.assert_allclose(record.torque, torque, atol=2e-3)
     whole = table_of(record).row(-1, named=True)
-    assert whole["load_cell_drift"] == pytest.approx(0.6, rel=0.02)
-    assert whole["K"] == pytest.approx(100, rel=0.01)
+    assert (whole["load_cell_drift"], whole["K"]) == (pytest.approx(0.6, rel=0.02), pytest.approx(100, rel=0.01))
 
 
 SIX = stepped_sine.SteppedSineProtocol(tuple(np.deg2rad([2.0, 4.0, 6.0])), (1.0, 2.0, 3.0, 4.0, 5.0), 8)

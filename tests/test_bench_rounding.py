@@ -85,15 +85,13 @@ def test_both_kinds_of_groups_read_a_joint_alike_that_the_model_misses():
 def test_a_step_is_stated_or_seen():
     values = (rng := np.random.default_rng(1)).normal(0, 0.1, 20_000)
     assert visible_step(0.003 * np.rint(values / 0.003) + 0.0007) == pytest.approx(0.003, rel=1e-6)
-    assert visible_step(values) is None
-    assert visible_step(np.zeros(100)) is None
+    assert (visible_step(values), visible_step(np.zeros(100))) == (None, None)
     irregular = 29 + np.cumsum(rng.uniform(1.6, 1.9, 20))  # some levels are no whole steps apart
     assert visible_step(np.repeat(np.arange(50.0), 10)) == 1
     assert visible_step(np.repeat(np.append(np.arange(30.0), irregular), 10)) is None
     made = trial(2, 500.0)
     stated = Trial("made", made.samples, {"columns": {"theta": {"resolution": 1e-3}}})
-    assert sine_record(stated, SETTINGS).steps == (1e-3, None)
-    assert sine_record(made, SETTINGS).steps == (None, None)
+    assert (sine_record(stated, SETTINGS).steps, sine_record(made, SETTINGS).steps) == ((1e-3, None), (None, None))
 
 
 def swept(seed, compliance):

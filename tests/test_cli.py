@@ -206,8 +206,7 @@ def test_a_call_that_does_not_fit_or_would_write_over_what_it_reads_is_refused_w
     monkeypatch.chdir(tmp_path)
     (tmp_path / "a.csv").write_text("precious")
     assert message in one_line(call(*(str(one).format(tmp_path.name) for one in UNFIT[message])), code=2)
-    assert (tmp_path / "a.csv").read_text() == "precious"
-    assert [path.name for path in tmp_path.iterdir()] == ["a.csv"]
+    assert ((tmp_path / "a.csv").read_text(), [path.name for path in tmp_path.iterdir()]) == ("precious", ["a.csv"])
 
 
 PRINTED = {
@@ -264,8 +263,7 @@ def test_a_full_disk_is_one_line_and_leaves_the_older_file_as_it_was(tmp_path, s
     path.write_text("older")
     with pytest.raises(InputError, match=said), full_disk():
         WRITERS[suffix](TABLE, path)
-    assert path.read_text() == "older"
-    assert list(tmp_path.iterdir()) == [path]
+    assert (path.read_text(), list(tmp_path.iterdir())) == ("older", [path])
 
 
 def test_nothing_but_a_regular_file_is_replaced_and_what_cannot_be_written_is_refused_before_anything_is_read(tmp_path):

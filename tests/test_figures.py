@@ -275,8 +275,7 @@ SAID = [
 def test_figure_and_caption_say_what_is_drawn_in_numbers_of_the_table(name, table, changes, said, unsaid):
     shown, drawing = (table() if table else plotted(name)).with_columns(**changes), drawing_of(name)
     found = f"{texts(drawing.draw(shown))} {drawing.caption(shown)}"
-    assert [part for part in said if part not in found] == []
-    assert [part for part in unsaid if part in found] == []
+    assert ([part for part in said if part not in found], [part for part in unsaid if part in found]) == ([], [])
 
 
 def test_trials_are_told_apart_where_they_end_and_doubtful_ones_and_the_mean_by_their_lines():

@@ -160,8 +160,7 @@ def test_verdicts_and_counts_sorting_by_the_unrounded_value_and_conditions_that_
     assert flagged["doubt"].startswith("gap in the recording: torque. look for a")
     assert doubtful["doubt"] == "all amplitudes: VAF 3 is below 90"
     number = {"sort": "299.5123", "text": "299.51", "interval": "[299.20, 299.80]", "column": "K"}
-    assert doubtful["numbers"][1] == number
-    assert [one["name"] for one in content["left_out"]] == ["c", "d"]
+    assert (doubtful["numbers"][1], [one["name"] for one in content["left_out"]]) == (number, ["c", "d"])
     assert (trials[2].condition(), doubtful["condition"]) == (f"controller {HOSTILE}, K_d 300", "")
     assert replace(trials[0], row={"perturbed": False, "part": 2}).condition() == "unperturbed, part 2"
     two = [replace(trials[0], row=trials[0].row | {"K_d": K_d}) for K_d in (1.0, 2.0)]
@@ -304,8 +303,7 @@ def test_a_trial_is_left_out_by_what_became_of_it():
     rows = pl.DataFrame([cut, late, late, cut | {"trial": "hung", "check": "died"}], infer_schema_length=None)
     crossings = pl.DataFrame({"trial": ["walk"], "reason": ["no step"]})
     found = trial_page.left_out_trials(rows, crossings, {"late": "again", "new": "why"})
-    assert found.pop("late") == (False, ["gap 1 s, threshold 0.5: theta"])
-    assert found.pop("hung") == (True, ["no footer"])
+    assert (found.pop("late"), found.pop("hung")) == ((False, ["gap 1 s, threshold 0.5: theta"]), (True, ["no footer"]))
     assert found == {"cut": (True, ["no footer"]), "new": (True, ["why"]), "walk": (False, ["no step"])}
     assert list(found) == ["cut", "new", "walk"]
 
@@ -395,10 +393,8 @@ def test_a_row_is_judged_by_what_a_reader_accepts_and_by_its_interval(benchmark)
         return benchmark.verdict(benchmark.result_of(fit | more, {"K": 300.0}, list(flags)), None)
 
     assert benchmark.result_of(fit, {"K": 300.0}, []).errors["K"] == pytest.approx((1 / 3, 10))
-    assert judged() == benchmark.SILENT
-    assert judged(doubtful="VAF 80 is below 95") == "doubtful"
-    assert judged(["saturation (flag)"]) == "flagged"
-    assert judged(K_low=299.9) == "right"
+    assert (judged(), judged(doubtful="VAF 80 is below 95")) == (benchmark.SILENT, "doubtful")
+    assert (judged(["saturation (flag)"]), judged(K_low=299.9)) == ("flagged", "right")
 
 
 def lines_of(text):

@@ -110,8 +110,7 @@ def test_the_test_of_a_record_that_does_not_repeat_itself_has_the_spread_that_it
         record = spectral.lines_of_record((f, theta, (200 + 4 * s + 0.05 * s**2) * theta + noise), LOW_PASS)
         scores.append(ndtri(spectral.fit_structure(spectral.SecondOrder(), record, (200, 4))[1]["misfit_p"]))
     assert record.pooled_freedom == pytest.approx(2 * m * 11 / 17)  # two of each line; parabolas use 6 of 17
-    assert np.mean(scores) == pytest.approx(0, abs=0.45)
-    assert np.std(scores) == pytest.approx(1, abs=0.35)
+    assert (np.mean(scores), np.std(scores)) == (pytest.approx(0, abs=0.45), pytest.approx(1, abs=0.35))
 
 
 def test_levels_of_a_cube_are_odd_and_those_of_a_square_are_even():
@@ -179,8 +178,7 @@ def test_the_gains_that_made_the_torque_are_recovered_from_eq_9(parameters):
     eq_9 = np.polyval([p.J_j, p.B_j, p.K_s], S) - (p.K_s / p.n_T) ** 2 / actuator
     lines = spectral.lines_of_periods([made(2, 1e-3 * WHITE, impedance=eq_9)], LOW_PASS)
     fit, found = spectral.fit_structure(spectral.RationalDrivetrain(p), lines, (280.0, 5.0))
-    assert fit["K_1"] == pytest.approx(K_1, rel=1e-3)
-    assert fit["B_1"] == pytest.approx(B_1, rel=2e-3)
+    assert (fit["K_1"], fit["B_1"]) == (pytest.approx(K_1, rel=1e-3), pytest.approx(B_1, rel=2e-3))
     assert found["misfit_p"] > 0.01
     static = spectral.RationalDrivetrain(p).impedance(fit.estimates, np.zeros(1)).real
     assert static == pytest.approx([K_1 * p.K_s / (K_1 + p.K_s / p.n_T**2)], rel=1e-3)

@@ -79,8 +79,7 @@ def test_what_does_not_repeat_itself_has_no_period(motion):
 
 def test_lines_are_those_that_were_excited_and_the_others_odd_and_even():
     lines = lines_of(periodic_motion(*record(6, multisine(1)), RATE, 10.0).realisations)
-    assert list(np.flatnonzero(lines.excited)) == list(LINES)
-    assert list(np.flatnonzero(lines.odd)) == [7, 15, 19, 25]
+    assert (list(np.flatnonzero(lines.excited)), list(np.flatnonzero(lines.odd))) == (list(LINES), [7, 15, 19, 25])
     assert lines.only_odd
     assert list(np.flatnonzero(lines.even)) == list(range(2, 29, 2))
     (own,) = periodic_motion(*record(6, multisine(1)), RATE, 10.0).realisations
@@ -98,8 +97,7 @@ def test_spectra_of_a_period_that_is_no_whole_number_of_samples_leak_nothing():
     y = 3 + 0.5 * np.cos(2 * np.pi * 2 * t / samples + 0.3) + 0.1 * np.sin(2 * np.pi * 7 * t / samples)
     X = period_spectra(y, 100.6, samples, 4, 20)
     expected = np.array([0.5 * np.exp(0.3j), -0.1j]) * np.exp(2j * np.pi * k * 100.6 / samples)
-    assert X[0, k] == pytest.approx(expected, abs=1e-6)
-    assert X[:, 0] == pytest.approx(3, abs=1e-6)
+    assert (X[0, k], X[:, 0]) == (pytest.approx(expected, abs=1e-6), pytest.approx(3, abs=1e-6))
     turns = np.exp(2j * np.pi * np.outer(np.arange(4), k))  # every period begins at the same phase
     assert X[:, k] == pytest.approx(expected * turns, abs=1e-6)
 

@@ -312,8 +312,7 @@ def test_bic_charges_a_parameter_the_logarithm_of_the_effective_samples():
     for size in (0.1, 1e-15, 0.0):
         scores = repeats.score_models(torque, [repeats.Candidate("", "", p, size * left, size * left) for p in (5, 2)])
         m, (bic_of_many, bic_of_few) = scores["effective_samples"][0], scores["BIC"]
-        assert bic_of_many - bic_of_few == pytest.approx(3 * np.log(m))
-        assert scores["rank"].to_list() == [2, 1]
+        assert (bic_of_many - bic_of_few, scores["rank"].to_list()) == (pytest.approx(3 * np.log(m)), [2, 1])
         if size == 0.1:
             assert bic_of_few == pytest.approx(m * np.log(np.mean((size * left) ** 2)) + 2 * np.log(m))
     pairs = ((left.cumsum(), torque / 2), (0.1 * left, np.nan * torque), (0.1 * left, -torque))

@@ -66,8 +66,7 @@ def test_estimates_are_as_precise_as_they_say_and_as_the_noise_allows(experiment
         assert ratio(table, size) == pytest.approx(1, abs=near), size
         for _, group in table.group_by("quantity"):
             assert ratio(group, size) == pytest.approx(1, abs=3 / np.sqrt(2 * trials)), size
-    assert covered(table) == pytest.approx(0.95, abs=coverage)
-    assert len(table["value"].unique()) == len(table)
+    assert (covered(table), len(table["value"].unique())) == (pytest.approx(0.95, abs=coverage), len(table))
 
 
 def test_the_mean_of_repeated_belts_scatters_as_belts_do_and_its_bound_as_one_over_the_root_of_their_number():

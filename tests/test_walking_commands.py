@@ -218,8 +218,7 @@ def test_what_cannot_be_used_is_named_and_listed_and_the_rest_goes_on(real: Sess
     assert list(listed) == list(reasons)
     assert all(reason in listed[name] for name, reason in reasons.items())
     summary, fits = tables["summary"], tables["walking"]
-    assert set(summary["n"]) == {9}
-    assert summary["mean"][0] == pytest.approx(real.rendered("K"), rel=0.05)
+    assert (set(summary["n"]), summary["mean"][0]) == ({9}, pytest.approx(real.rendered("K"), rel=0.05))
     files = {"selection": "selection.csv", "unperturbed": "gait.parquet", "responses": "responses.csv"}
     sources = {name: tmp_path / file for name, file in (files | {"table": "walking.csv"}).items()}
     perturbed = copied.crossings(*real.perturbed)

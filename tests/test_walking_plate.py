@@ -272,8 +272,7 @@ def test_the_pressure_beside_the_ankle_is_where_the_force_acts_and_a_marker_may_
     moment = np.cross(point - centre, force) + np.array([0, 0, 4.0])  # and a free moment
     wrench, left = np.hstack([force, moment]), np.array([[-1.0, 0, 0]])
     pressed, light = (plate.load_on_foot(part * wrench, centre, ankle, left) for part in (1, 0.14))
-    assert pressed[:, 0] == pytest.approx([700, 1.05 - 0.93])
-    assert light[1] == [0.0]  # 98 N have no centre of pressure
+    assert (pressed[:, 0], light[1]) == (pytest.approx([700, 1.05 - 0.93]), [0.0])  # 98 N have no centre of pressure
     for marker, distance in (([1.29, 2.19, 0.1], 0.0), ([1.35, 2.1, 0.3], 0.05), ([0.66, 1.77, 0.1], 0.05)):
         assert furthest_outside(np.array([centre[0], marker]), SURFACE) == pytest.approx(distance)
 

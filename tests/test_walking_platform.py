@@ -114,8 +114,7 @@ def test_torque_and_onset_are_free_of_each_crossings_own_noise(seed, count, chan
     turned = [replace(r, **(change if k % 2 else {})) for k, r in enumerate(ramps(count, seed, heave=heave))]
     trials, model = shared(turned, seed)
     assert torque_error(trials, turned, model, heave) < limit
-    assert len(model.template.axes) == (2 if heave else 1)
-    assert model.template.scaled == ("rise" in change)
+    assert (len(model.template.axes), model.template.scaled) == (2 if heave else 1, "rise" in change)
     table = platform_table(model)
     late = table["template_onset_s"].to_numpy() - [ramp.onset for ramp in turned]
     assert table["follows"].to_list() == [1] * count
@@ -171,8 +170,7 @@ def test_a_trigger_tells_the_onset_only_if_its_latency_is_constant(scatter: floa
     model = identify_platform(calibrated(trials), settings())
     assert model.latency["used"] == (scatter == 0.0)
     if scatter == 0.0:
-        assert model.latency["mean"] == pytest.approx(0.012, abs=1.2e-3)
-        assert model.onset("walk_99", 1.3) == 1.3
+        assert (model.latency["mean"], model.onset("walk_99", 1.3)) == (pytest.approx(0.012, abs=1.2e-3), 1.3)
         assert model.onset("walk_00", 1.3) == model.triggers["walk_00"] + model.latency["mean"]  # finer than the shape
     coarse = replace(model, latency=model.latency | {"used": 1.0, "finer": 0.0})  # only for what has no shape
     begun = coarse.onset("walk_00", 0.0), replace(coarse, alignments={}).onset("walk_00", 0.0) - model.latency["mean"]
@@ -215,8 +213,7 @@ def test_the_errors_of_the_starts_are_their_scatter_and_that_of_their_mean_is_a_
             template, begun = platform.platform_template(tracks, 0.1)
             error = np.array([a.start for a in begun]) - onsets
             scores.append((error - error.mean()) / [a.start_se for a in begun])
-        assert template.scaled == (slower > 0)
-        assert np.sqrt(np.sum(np.square(scores)) / 55) == pytest.approx(1, abs=0.2)
+        assert (template.scaled, np.sqrt(np.sum(np.square(scores)) / 55)) == (slower > 0, pytest.approx(1, abs=0.2))
         model = PlatformModel(template, None, {a.name: a for a in begun}, {}, None)
         expected = [np.hypot(a.start_se, template.start_se) for a in begun]
         assert platform_table(model)["template_onset_se_s"].to_list() == pytest.approx(expected)

@@ -68,8 +68,7 @@ def page(chromium, results):
     said, sent = (chromium.get_log(log) for log in ("browser", "performance"))
     errors = [entry["message"] for entry in said if entry["level"] in ("SEVERE", "WARNING")]
     requests = [entry["message"] for entry in sent if '"Network.requestWillBeSent"' in entry["message"]]
-    assert errors == []
-    assert [text for text in requests if "report.html" not in text] == []
+    assert (errors, [text for text in requests if "report.html" not in text]) == ([], [])
 
 
 def wait(page, condition):
@@ -124,8 +123,7 @@ def test_it_filters_by_words_and_verdict_and_says_why_a_trial_was_left_out(page)
     wait(page, lambda: len(visible(page)) > 10)
     page.execute_script("window.scrollTo(0, 0)")
     page.find_element(By.CSS_SELECTOR, '.count[data-verdict="refused"]').click()
-    assert visible(page) == ["belt_02"]
-    assert page.find_element(By.CSS_SELECTOR, "#left-out tbody tr th").text == "belt_02"
+    assert (visible(page), page.find_element(By.CSS_SELECTOR, "#left-out tbody tr th").text) == (["belt_02"], "belt_02")
     page.execute_script("location.hash = '#trial=belt_02'")
     wait(page, lambda: "refused" in page.find_element(By.ID, "trial").text)
     assert "belt_02.mcap" in page.find_element(By.ID, "trial").text, "it says why"

@@ -54,8 +54,7 @@ def chirp(rng, band=(0.5, 6.0), rms_deg=2.0, duration=30.0, rate=RATE):
 
 
 def made_trial(rng, motion, torque_noise=0.05, angle_noise=0.0, bits=18, late=0.0, more=0.0, **impedance):
-    """A trial of a joint of `TRUE` impedance, or another one: noisy, rounded angle, noisy torque with offset and drift.
-    `late` [s] is a lag of the torque, `more` (n,) [N*m] what the joint adds."""
+    """A trial of a `TRUE` or another joint, noisy and rounded; `late` [s] lags its torque, `more` [N*m] adds to it."""
     true = {**TRUE, **impedance}
     time, (theta, omega, alpha) = motion
     torque = true["K"] * theta + true["B"] * omega + true["I"] * alpha + more

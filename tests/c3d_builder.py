@@ -12,10 +12,7 @@ def write_c3d(
     path: Path, points: np.ndarray, analogs: np.ndarray | None = None, rate: float = 100.0, integers: bool = False,
     processor: int = 84, **parameters: object,
 ) -> Path:  # fmt: skip
-    """Write raw points (frames, points, 4: x, y, z, residual) and raw analogs (samples, channels) as they are.
-
-    Parameters are named `GROUP__NAME`: lists of text, bytes, whole numbers or floats, in C3D's dimensions.
-    """
+    """Write raw points (frames, points, xyz and residual) and analogs (samples, channels); parameters `GROUP__NAME`."""
     analogs = np.zeros((len(points), 0)) if analogs is None else analogs
     ratio = len(analogs) // len(points)
     known: dict[str, object] = {

@@ -29,10 +29,7 @@ settings.load_profile("seeded")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Give the tests of numerical modules the marker `numerics`, and put the longest modules first.
-
-    A module runs in one process. One that begins late would keep it busy while the others have nothing left.
-    """
+    """Mark tests of numerical modules `numerics`; long modules first, so that no process is busy alone at the end."""
     items.sort(key=lambda item: LONGEST.index(item.path.stem) if item.path.stem in LONGEST else len(LONGEST))
     for item in items:
         if any(fnmatch(item.path.stem, pattern) for pattern in NUMERICAL):

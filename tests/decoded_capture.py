@@ -59,11 +59,8 @@ def decoded_crossing(path: Path) -> DecodedCrossing:
 
 
 def decoded_wrench(file: Any, platform: Pose) -> tuple[Array, Array, Array]:
-    """Ground reaction force [N], moment [N*m] about the plate's centre, and that centre [m], in laboratory axes.
-
-    By the C3D manual: x from corner 2 to 1, y from 4 to 1, z = x cross y; the moment is about the sensor origin, from
-    which the centre is -ORIGIN where ORIGIN z > 0 (Nexus). `platform` carries the plate.
-    """
+    """Force [N], moment [N*m] about the plate's centre, and centre [m], in laboratory axes, by the C3D manual: x from
+    corner 2 to 1, y from 4 to 1, z = x cross y; centre at -ORIGIN if ORIGIN z > 0. `platform` carries the plate."""
     plate = file["parameters"]["FORCE_PLATFORM"]
     corners, origin = plate["CORNERS"]["value"][:, :, 0].T / 1e3, plate["ORIGIN"]["value"][:, 0] / 1e3
     x, y = corners[0] - corners[1], corners[0] - corners[3]

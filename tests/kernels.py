@@ -1,8 +1,5 @@
-"""The kernels with which OpenBLAS multiplies matrices: they depend on the processor, and so do rounding errors.
-
-`make test-kernels` runs the tests of `NUMERICAL` with the kernels of two other processors, which run on any recent x86.
-An exact fit that leaves 1e-16 with one kernel may leave 0 with another.
-"""
+"""Kernels of OpenBLAS differ by processor in rounding: an exact fit leaves 1e-16 with one and may leave 0 with another.
+`make test-kernels` runs the tests of `NUMERICAL` with those of two other processors, which run on any recent x86."""
 
 import ctypes
 import re

@@ -50,8 +50,7 @@ def write_log(
 def write_topics(
     path: Path, topics: dict[str, tuple[str, str, Messages]], sequences: list[int] | None = None, **options: Any
 ) -> Path:
-    """Several topics, one after the other; one whose name ends in `#2` is a second channel of the same topic.
-    `sequences` are numbers of the messages other than 0, 1, ..."""
+    """Topics one after the other; `#2` ends the name of a topic's second channel; `sequences` number the messages."""
     with path.open("wb") as file:
         writer = Writer(file, **{"compression": CompressionType.ZSTD, **options})
         writer.start(profile="ros2")

@@ -1,7 +1,5 @@
 """The package as a stranger installs it: wheel, then sdist in a new environment, in folders with blanks and umlauts.
-
-`make test-package` runs it. It needs the environment of the project (for `uv` and `build`), and takes some two minutes.
-"""
+`make test-package` runs it in some two minutes, with `uv` and `build` of the project's environment."""
 
 import hashlib
 import os

@@ -1,8 +1,5 @@
-"""The numbers of two small campaigns as the last commit left them, in reference_numbers.csv.
-
-They do not say what is right: the other tests do. They say that no number changes unnoticed. `python
-tests/reference_numbers.py` writes them anew, and the commit then shows which ones have changed, and by how much.
-"""
+"""No number of two small campaigns changes unnoticed: reference_numbers.csv holds what the last commit left, right or
+not. `python tests/reference_numbers.py` writes it anew, and the commit shows which ones changed, by how much."""
 
 import json
 import re

@@ -1,5 +1,4 @@
-"""A small campaign for the tests, and runs of Snakemake, in processes forked from one with the imports of every run and
-one server of jobs. A run that starts Python anew takes 3 s more."""
+"""A small campaign, and Snakemake runs in forks of one process with all imports and a server of jobs (3 s less)."""
 
 import atexit
 import json

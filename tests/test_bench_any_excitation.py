@@ -233,8 +233,7 @@ def test_jumps_of_the_acceleration_are_refused_for_want_of_an_anti_aliasing_filt
     (multisine, {}, {"bits": 14, "torque_noise": 0.01}, 12, 0.4, 1 + 4 * 0.12),
 ])  # fmt: skip
 def test_intervals_cover_the_truth_also_where_every_period_repeats_the_rounding(move, seconds, made, seeds, low, high):
-    """Periods of whole samples and 14 bits: beside the noise alone z has an RMS of 8. 95 % within 93 and 97 needs
-    hundreds of records (docs/any_excitation.md)."""
+    """Periods of whole samples, 14 bits: beside noise alone z has an RMS of 8. 95 +- 2 % needs hundreds of records."""
     z, noise_alone = [], []
     for seed in range(seeds):
         record = moving_record(made_trial(rng := np.random.default_rng(seed), move(rng, **seconds), **made))

@@ -76,8 +76,7 @@ def test_the_model_of_fig4_is_the_fit_to_the_settled_cycles_and_has_no_torque_be
 
 
 def test_where_amplitudes_nest_inside_frequencies_fig4_and_the_comparison_use_one_amplitude_only(tmp_path):
-    """1 Hz at both amplitudes, then 3, then 5 Hz. The small amplitude has half of the stiffness of the large one: an
-    exact joint at each amplitude, of which a fit to rows of both leaves several percent."""
+    """A fit to both amplitudes leaves several percent: the small one has half of the stiffness of the large one."""
     sines = [a * unit_sines([(f, 9)], RATE) for f in PROTOCOL.frequencies_hz for a in PROTOCOL.amplitudes]
     rest = np.zeros(round(2 * RATE))
     theta = np.concatenate([rest, *(x for sine in sines for x in (sine, rest))])

@@ -31,10 +31,8 @@ def stepped(protocol=PROTOCOL, start=3.0, rests=(1.0, 1.0, 2.0), rate=RATE):
 
 
 def as_run(rest_s=0.0, phase=0.0, ramp=0, clock=1.0, cycles=(8, 8, 8), frequencies=(1, 2, 3), amplitudes=(0.03, 0.1)):
-    """How somebody runs a stepped sine: rest between frequencies, start, ramps of some cycles, a clock that is off.
-
-    The angle [rad] at 300 Hz, a function of time and not of rows, and of each segment the true start [s] of its full
-    cycles, the amplitude, the frequency and their number."""
+    """A stepped sine as people run it: rest, start, ramps, a clock that is off. The angle [rad] at 300 Hz, a function
+    of time, not of rows; of each segment true start [s] of full cycles, amplitude, frequency and number."""
     edges, parts, now = [], [], 1.0
     for a in amplitudes:
         for f, n in zip(frequencies, cycles, strict=True):

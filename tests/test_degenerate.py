@@ -1,5 +1,4 @@
-"""Degenerate input to every fit: exact, constant, empty, one cycle, NaN, huge. A fit either returns numbers or raises
-an `OslAnalysisError`; never a warning, another exception, or a NaN but what stands in `STATED`."""
+"""Degenerate input to every fit gives numbers or an `OslAnalysisError`; never a warning, or a NaN not in `STATED`."""
 
 import math
 from collections.abc import Mapping

@@ -1,5 +1,4 @@
-"""Experiment design: the predicted errors of K, B and I against closed forms, another formula and simulated trials; and
-what `osl-analysis design` prints, writes and refuses in one line."""
+"""Predicted errors of K, B, I against closed forms, another formula and simulated trials; `osl-analysis design`."""
 
 import json
 import re

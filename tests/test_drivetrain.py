@@ -1,5 +1,4 @@
-"""Eqs. 1-4 and 8-14: solved independently, the norm by its integral, its minimum, the limits of the possible; and both
-drivetrains in time, against linear and sampled-data theory."""
+"""Eqs. 1-4, 8-14: solved anew, norm, minimum, limits; drivetrains in time against linear and sampled-data theory."""
 
 from dataclasses import replace
 from itertools import pairwise

@@ -1,9 +1,6 @@
-"""MCAP files: of damaged ones every intact chunk is recovered, what is lost is said, and nothing that is read is wrong.
-
-Legal and rare ones are read as the official reader does; two logs in one are refused. Messages in CDR, JSON and
-protobuf: every number stands at its path as reference decoders read it; what is absent is null, and what is no number
-is lost and said.
-"""
+"""MCAP files: every intact chunk of damaged ones is recovered, what is lost is said; legal, rare ones are read as by
+the official reader; two logs in one are refused. In CDR, JSON and protobuf every number stands at its path as reference
+decoders read it; what is absent is null, what is no number is lost and said."""
 
 import json
 import random

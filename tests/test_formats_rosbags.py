@@ -48,8 +48,7 @@ def rewritten(path: Path, content: bytes) -> Path:
 
 
 def write_rows(writer, ros: int, rows: Iterable[float]) -> None:  # type: ignore[no-untyped-def]
-    """A message on the topic /lab for each row: an angle of `row` degrees, torques of -row / 2 and row [N*m]. It was
-    received 0.25 ms after its stamp."""
+    """A message per row on /lab: `row` degrees, torques -row / 2 and row [N*m], received 0.25 ms after its stamp."""
     store = get_typestore(Stores.ROS1_NOETIC if ros == 1 else Stores.ROS2_HUMBLE)
     store.register(get_types_from_msg(SAMPLE, KIND))
     time, header, own = (store.types[kind] for kind in ("builtin_interfaces/msg/Time", "std_msgs/msg/Header", KIND))

@@ -1,5 +1,4 @@
-"""`import osl_analysis as osl`: the numbers are those of a campaign's tables, results cannot be changed, errors are one
-line."""
+"""`import osl_analysis as osl`: the numbers of a campaign's tables, results that cannot change, errors of one line."""
 
 import importlib.util
 import pickle

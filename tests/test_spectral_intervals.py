@@ -21,8 +21,7 @@ WHITE = 2 / np.sqrt(SAMPLES)  # of a line, by white noise of 1 N*m
 
 
 def made(seed, noise=0.0, periods=4, excited=LINES, impedance=Z, distortion=0.0, extra=None):
-    """A realisation with lines of random phases, torque noise at all lines, distortion that repeats at odd ones, and a
-    torque that is a function `extra` of the angle."""
+    """Lines of random phases, noise at all lines, distortion that repeats at odd ones, and torque `extra`(angle)."""
     rng = np.random.default_rng(seed)
     X = np.zeros(COUNT, dtype=complex)
     X[excited] = 0.01 * np.exp(2j * np.pi * rng.uniform(size=len(excited)))

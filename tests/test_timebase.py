@@ -272,8 +272,7 @@ def test_drift_is_refused_beyond_what_damping_and_inertia_bear_if_it_is_certain(
 
 
 def two_nodes(random, wait=(0.0, 0.0), one_in=(0, 0), rates=(RATE, RATE)):
-    """Streams of angle and torque, 0.3 ms apart: per node the mean wait [s], the rate, and one in how many samples is
-    lost, the interval scattering by up to three samples."""
+    """Angle and torque, 0.3 ms apart: per node the mean wait [s], the rate, and one in how many (+- 3) is lost."""
     made = []
     for node, first in ((0, 0.0), (1, 3e-4)):
         t, often = clock(rates[node], SHORTER, first), one_in[node]

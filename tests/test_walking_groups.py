@@ -67,8 +67,7 @@ def test_the_degrees_of_freedom_of_two_directions_are_those_of_a_difference():
 
 
 def test_the_bootstrap_draws_within_directions():
-    """Responses up scatter, responses down do not: half the difference has half the error of the mean up. Without the
-    noise of unperturbed crossings, 400 draws of 9 crossings leave the ratio an error of a few per cent."""
+    """Only responses up scatter: half the difference has half their error; 400 draws of 9 leave it a few per cent."""
     gait = unperturbed_gait(crossings(several("u", 4, Walk(noise=0.0))), 3)
     walks = several("a", 9, MIDSTANCE) | several("d", 9, MIDSTANCE, sign=-1, noise=0.0)
     result = group_headline(crossings(walks), gait, settings(bootstrap_samples=400))

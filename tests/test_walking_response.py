@@ -40,8 +40,7 @@ def walked(
     name: str, scale: float = 1.0, slow: float = 0.0, onset: float | None = None,
     impedance: tuple[float, float, float] = (K, B, I),
 ) -> Crossing:  # fmt: skip
-    """A crossing with that angle at a pace, and with slow deviations of angle and torque that its name determines.
-    Deviations of the angle are of `slow` [rad] and below 4 Hz. Those of the torque are 300 N*m/rad of them."""
+    """A crossing at a pace; its name gives slow deviations: angle `slow` [rad] below 4 Hz, torque 300 N*m/rad of it."""
     random = np.random.default_rng(zlib.crc32(name.encode()))
     plain = crossing(name, onset, 0.72 * scale, impedance)
     waves = random.uniform(0.3, 4.0, 4)[:, None] * plain.time + random.random((4, 1))
@@ -152,8 +151,7 @@ def test_resampled_means_spread_as_means_do_and_their_interval_is_student_s_wher
 
 
 def test_the_interval_of_a_single_perturbation_covers_what_gait_does_to_it() -> None:
-    """200 crossings, each with five unperturbed ones of its own: 95 % +- 3 Monte Carlo errors of 1.5 %. The residual's
-    own standard error is a small part of theirs: nothing in one response tells gait from impedance."""
+    """200 crossings, five unperturbed for each: 95 % +- 3 errors of 1.5 %. The residual's own is a small part of it."""
     covered, narrow = 0, 0
     for number in range(200):
         gait = unperturbed_gait([walked(f"u{number}_{k}", slow=2e-3) for k in range(5)], 3)
@@ -181,8 +179,7 @@ def test_the_lag_of_a_second_order_response_comes_out_within_its_standard_error(
 
 
 def deviating(seed: int, perturbed: bool = False, lasting: bool = True, sign: int = 1) -> Crossing:
-    """A crossing with deviations of angle and torque from the mean that grow from heel strike on. Where they are not
-    lasting, others take their place, with the same rate of growth, in the last 10 ms of the baseline."""
+    """Deviations of angle, torque grow from heel strike; if not lasting, others come in the baseline's last 10 ms."""
     random = np.random.default_rng(seed)
     plain = crossing(f"c{seed}", ONSET if perturbed else None, turn=sign * TURN)
     before, after = random.standard_normal((2, 2))

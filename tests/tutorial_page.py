@@ -1,7 +1,4 @@
-"""The commands of docs/tutorial.md.
-
-`python tests/tutorial_page.py FOLDER` runs them in a new folder, prints what they print, and copies the picture.
-"""
+"""`python tests/tutorial_page.py FOLDER` follows docs/tutorial.md, prints what it prints, and copies the picture."""
 
 import os
 import re
@@ -20,8 +17,7 @@ LEFT_OUT = "…"
 
 
 def said_by_page(folder: Path) -> Iterator[tuple[str, list[str], list[str]]]:
-    """Follow the page in a folder: each command, the lines that the page shows, and those that are printed. Files of
-    the page are written as it says."""
+    """Each command of the page, the lines that it shows, and those printed; files are written as the page says."""
     environment = os.environ | {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
     here = folder
     for kind, text in BLOCK.findall(PAGE.read_text(encoding="utf-8")):

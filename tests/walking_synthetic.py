@@ -1,8 +1,7 @@
-"""A walk over a force plate by formula: rigid bodies in numpy, which share no code with analysis or simulator.
-
-The platform turns about a mediolateral axis below its surface by a minimum-jerk ramp, and may heave or be slower.
-The foot rides on it flat, so that the ankle turns by the platform's angle and the lean of the shank. The ankle answers
-with K, B and I to it, on top of a load that does not vary from crossing to crossing."""
+"""A walk over a force plate by formula: rigid bodies in numpy, which share no code with analysis or simulator. The
+platform turns about a mediolateral axis below its surface by a minimum-jerk ramp, and may heave or be slower. The foot
+rides on it flat, so that the ankle turns by its angle and the lean of the shank, and answers with K, B and I on top of
+a load that does not vary."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

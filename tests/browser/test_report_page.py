@@ -1,7 +1,4 @@
-"""The report in headless Chromium: it loads from a file alone, sorts, filters, opens every kind of trial, and zooms.
-
-The campaign is a small simulated one, with a recording that is refused, and a controller whose name is markup.
-"""
+"""The report of a small campaign with a refused recording and a controller named in markup, in headless Chromium."""
 
 import os
 import re

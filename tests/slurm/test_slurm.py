@@ -1,8 +1,5 @@
-"""Campaigns through SLURM on this machine: `make test-slurm`, as root on Debian (`one_node.sh`).
-
-A local run simulates and analyses a campaign. SLURM analyses some of its recordings as several submissions by the
-plug-in of Snakemake, of which one is cancelled.
-"""
+"""Campaigns through SLURM on this machine: `make test-slurm`, as root on Debian (`one_node.sh`). SLURM analyses some of
+a local run's recordings as several submissions by the plug-in of Snakemake, of which one is cancelled."""
 
 import re
 import shutil
@@ -31,8 +28,7 @@ pytestmark = pytest.mark.slurm
 
 
 def run(folder: Path, *arguments: str, then: Callable[[], None] = lambda: None, once: str = CONFIG) -> str:
-    """What Snakemake says in a folder, and its exit code as a last line. `then` is called when there is a file like
-    `once` that is no refusal record."""
+    """What Snakemake says in a folder, its exit code last; `then` is called once a file like `once` is no refusal."""
     said, command = folder / "said.txt", [*SNAKEMAKE, *arguments, *CAMPAIGN]
     with said.open("w") as file, subprocess.Popen(command, cwd=folder, stdout=file, stderr=file) as it:
         while all(map(is_refused, folder.glob(once))) and it.poll() is None:

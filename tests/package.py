@@ -8,8 +8,7 @@ import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-ROOT = Path(__file__).parents[1]
-BIN = Path(sys.executable).parent
+ROOT, BIN = Path(__file__).parents[1], Path(sys.executable).parent
 INSTALL = (BIN / "uv", "pip", "install", "--quiet", "--no-deps", "--python")
 MODULE = """
 configfile: "config.yaml"

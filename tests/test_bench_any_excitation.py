@@ -293,8 +293,7 @@ def test_repeats_of_one_motion_are_averaged_and_other_motions_kept_apart():
 
 
 def test_a_damaged_stepped_sine_is_refused_as_one_and_the_setting_for_another_motion_is_named():
-    rng = np.random.default_rng(1)
-    time = np.arange(0, 60, 1 / 250)
+    rng, time = np.random.default_rng(1), np.arange(0, 60, 1 / 250)
     theta = 0.07 * np.sin(2 * np.pi * np.repeat([1.0, 2.0, 3.0, 4.0, 5.0], len(time) // 5) * time)
     trial = made_trial(rng, (time, (theta + 0.08 * np.sin(0.8 * time), 0 * theta, 0 * theta)))
     with pytest.raises(InputError, match=r"is no stepped sine.* 1 % of the moving time.*`excitation: any`"):
@@ -435,8 +434,7 @@ def test_beside_friction_a_change_is_told_and_where_nothing_explains_the_rest_it
 
 def test_a_stiffness_that_grows_with_the_frequency_is_no_change_in_a_sweep():
     """A spring behind a damper: beside it the sweep cannot tell, rather than see K rise."""
-    motion = chirp(rng := np.random.default_rng(5))
-    slow = np.exp(-2 * np.pi * 2.0 / RATE)
+    motion, slow = chirp(rng := np.random.default_rng(5)), np.exp(-2 * np.pi * 2.0 / RATE)
     follows = motion[1][0] - lfilter([1 - slow], [1, -slow], motion[1][0])
     _, drift = faults_in(moving_record(made_trial(rng, motion, more=60 * follows)))
     assert drift is None or not drift.found
@@ -444,8 +442,7 @@ def test_a_stiffness_that_grows_with_the_frequency_is_no_change_in_a_sweep():
 
 def test_a_motion_by_hand_and_a_sweep_beyond_the_filter_are_no_binary_sequence():
     """A hand rests between its turns, so that most of the third differences are those of noise."""
-    time = np.arange(0, 34, 1 / 300)
-    rng = np.random.default_rng(2)
+    time, rng = np.arange(0, 34, 1 / 300), np.random.default_rng(2)
     theta = np.zeros_like(time)
     for start in np.arange(2, 30, 0.6):
         u = (time - start) / rng.uniform(0.2, 0.6)

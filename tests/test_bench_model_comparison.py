@@ -36,8 +36,7 @@ from osl_analysis.table import write_table
 from osl_analysis.trial import Trial, read_trial, write_trial
 from osl_analysis.yaml_settings import read_yaml
 
-TINY = ROOT / "tests/tiny_simulation.yaml"
-DEFAULT_FILE = ROOT / "config/parameters/default.yaml"
+TINY, DEFAULT_FILE = ROOT / "tests/tiny_simulation.yaml", ROOT / "config/parameters/default.yaml"
 QUADRATIC_FILE = ROOT / "config/parameters/osl-v2-published.yaml"
 DEFAULT, LOW_PASS = read_parameters(DEFAULT_FILE), LowPass(15)
 ANALYSIS = sine_settings((2, 4, 6), (2, 5), 3, 0)

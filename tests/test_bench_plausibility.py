@@ -44,8 +44,7 @@ def loaded_belt():
 
 
 def turning_actuator():
-    time = np.arange(round(20 * RATE)) / RATE
-    turn = 2 * np.pi * np.array([[0.3], [1.1], [2.7]])
+    time, turn = np.arange(round(20 * RATE)) / RATE, 2 * np.pi * np.array([[0.3], [1.1], [2.7]])
     amplitude, phase = np.array([[8.0], [5.0], [2.0]]), np.array([[0.0], [1.0], [2.0]])
     theta_m = np.sum(-amplitude / turn * np.cos(turn * time + phase), axis=0)
     omega = np.sum(amplitude * np.sin(turn * time + phase), axis=0)

@@ -33,8 +33,7 @@ from osl_analysis.memory import limited_memory
 from osl_analysis.table import write_table
 from osl_analysis.trial import Trial, write_trial
 
-TRIAL = "impedance_K300_B5.0_compensated"
-GAINS = ("gains", "--stiffness", "300", "--damping", "5")
+TRIAL, GAINS = "impedance_K300_B5.0_compensated", ("gains", "--stiffness", "300", "--damping", "5")
 SYNTHETIC = "config/impedance/synthetic_walking.csv"
 IN_A_PROCESS = [sys.executable, "-c", "from osl_analysis.cli import main; main()"]
 

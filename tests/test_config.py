@@ -176,8 +176,7 @@ def test_a_wrong_quantity_is_named_with_its_file(tmp_path, changes, message):
 
 # The simulator follows the configuration in what both use: device, gains, protocol, desired impedance.
 
-TINY = Path("tests/tiny_simulation.yaml")
-TRIAL = "impedance_K300_B5.0_compensated"
+TINY, TRIAL = Path("tests/tiny_simulation.yaml"), "impedance_K300_B5.0_compensated"
 OTHER = "config/parameters/osl-v2-published.yaml"
 
 

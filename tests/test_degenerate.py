@@ -96,8 +96,7 @@ def signals():
 
 def asked(y, x):
     """A fit with everything that is computed from it."""
-    fit = linear_fit(y, {"a": x, "offset": np.ones_like(x)})
-    one = linear_fit(y, {"a": x})
+    fit, one = linear_fit(y, {"a": x, "offset": np.ones_like(x)}), linear_fit(y, {"a": x})
     shared = regression.with_shared_error(one, np.array([0.1]))
     return fit, fit.se("a"), fit.interval("a"), fit.correlation("a", "offset"), one, shared
 

@@ -51,8 +51,7 @@ def test_two_sines_have_the_errors_that_one_computes_by_hand():
 
 def test_a_narrow_filter_costs_what_weighted_least_squares_cost():
     """Two sines, of which the filter halves the faster: (X'WX)^-1 X'W^2X (X'WX)^-1 with W = 1 and 1/4."""
-    plan = SteppedSine((0.05,), (1.0, 4.0), (11.0, 41.0), 0)
-    low_pass = LowPass(4.0, 4)
+    plan, low_pass = SteppedSine((0.05,), (1.0, 4.0), (11.0, 41.0), 0), LowPass(4.0, 4)
     w, W = 2 * np.pi * np.array([1.0, 4.0]), (1 / (1 + (np.array([1.0, 4.0]) / 4) ** 8)) ** 2
     assert W[1] == pytest.approx(0.25)
     X = np.zeros((4, 3))
@@ -335,8 +334,7 @@ def test_an_earlier_trial_states_the_distortion(tmp_path):
     # 0.02 N*m at each line, half of its square in each quadrature, which is 0.01 of Z = |torque|/0.0119 rad
     share = as_json("--excitation", "multisine", "--realisations", "1", "--distortion", "1%")
     ratio = said["estimates"]["B"]["variance"]["distortion"] / share["estimates"]["B"]["variance"]["distortion"]
-    size = np.deg2rad(2) * np.sqrt(2 / 17)
-    w = 2 * np.pi * f
+    size, w = np.deg2rad(2) * np.sqrt(2 / 17), 2 * np.pi * f
     torque = np.mean((np.abs(300 - 0.02 * w**2 + 5j * w) * size * 0.01) ** 2 * w**2) / np.mean(w**2)
     assert ratio == pytest.approx(0.02**2 / torque, rel=0.1)
 

@@ -78,8 +78,7 @@ def joint_stiffness_at(frequency_hz, gains, effects):
     theta, omega = 0.07 * np.sin(w * t), 0.07 * w * np.cos(w * t)
     commands = np.array([[gains.K_1], [gains.B_1], [0.0]])
     effects = effects | {"cancels_friction": gains.cancels_friction}
-    motion = simulate_drivetrain(RATE, theta, omega, commands, effects, P)
-    settled = slice(int(4 * RATE), None)
+    motion, settled = simulate_drivetrain(RATE, theta, omega, commands, effects, P), slice(int(4 * RATE), None)
     turn = np.exp(-1j * w * t[settled])
     return ((motion["belt_torque"] + P.B_j * omega)[settled] @ turn) / (theta[settled] @ turn)
 
@@ -94,8 +93,7 @@ def test_without_imperfections_the_joint_is_the_admittance_of_eq_9(frequency_hz,
 def sampled_data_stiffness(frequency_hz, gains, delay, cutoff_hz, updates):
     """Independent formula: held and delayed feedback of angle and filtered difference, at one frequency."""
     s, T = 2j * np.pi * frequency_hz, 1 / (RATE * updates)
-    hold = (1 - np.exp(-s * T)) / (s * T) * np.exp(-s * T * delay)
-    a = 1 - np.exp(-2 * np.pi * cutoff_hz * T)
+    hold, a = (1 - np.exp(-s * T)) / (s * T) * np.exp(-s * T * delay), 1 - np.exp(-2 * np.pi * cutoff_hz * T)
     difference = (1 - np.exp(-s * T)) / T * a / (1 - (1 - a) * np.exp(-s * T))
     M = P.J_m * s**2 + P.B_m * s + hold * (gains.K_1 + gains.B_1 * difference)
     return P.B_j * s + P.K_s * M / (M + P.K_s / P.n_T**2)
@@ -120,14 +118,12 @@ def pushed_with(torque, n, effects):
 @pytest.mark.parametrize("scale", [1.0, 1.5])
 def test_friction_brakes_by_coulomb_and_gear_friction(torque, sign, scale):
     motion = pushed_with(torque, 201, IDEAL | {"friction": True, "friction_scale": scale})
-    friction = scale * (P.f_C + P.f_G * 2.0 / (P.k_tau * P.n_m))
-    t = np.arange(201) / RATE
+    friction, t = scale * (P.f_C + P.f_G * 2.0 / (P.k_tau * P.n_m)), np.arange(201) / RATE
     assert motion["omega_m"] == pytest.approx(sign * (2.0 - friction) / P.J_m * t, rel=1e-9, abs=1e-12)
 
 
 def test_the_actuator_sticks_below_the_breakaway_torque_and_moves_above_it():
-    friction = IDEAL | {"friction": True}
-    breakaway = P.f_C / (1 - P.f_G / (P.k_tau * P.n_m))
+    friction, breakaway = IDEAL | {"friction": True}, P.f_C / (1 - P.f_G / (P.k_tau * P.n_m))
     assert not np.any(pushed_with(0.999 * breakaway, 500, friction)["theta_m"])
     assert pushed_with(1.001 * breakaway, 500, friction)["theta_m"][-1] > 0
 
@@ -140,8 +136,7 @@ def test_a_controller_that_cancels_friction_accelerates_the_bare_inertia():
 def test_a_belt_has_the_torque_of_the_model_and_hysteresis_costs_the_area_of_its_loop_whatever_the_speed():
     p, theta_s = replace(P, K_s2=14913.0), np.linspace(-0.05, 0.08, 50)
     assert belt_path(theta_s, constants(IDEAL, p)) == pytest.approx(drivetrain.belt_torque(theta_s, p), rel=1e-14)
-    effects = IDEAL | {"hysteresis_torque": 2.0, "hysteresis_width": 0.002}
-    up = np.linspace(-0.05, 0.05, 20001)
+    effects, up = IDEAL | {"hysteresis_torque": 2.0, "hysteresis_width": 0.002}, np.linspace(-0.05, 0.05, 20001)
     for cycle in (np.concatenate([up, up[-2::-1]]), np.concatenate([up[::100], up[-2::-1]])):
         path = np.concatenate([cycle, cycle[1:]])
         torque = belt_path(path, constants(effects, P))[len(cycle) - 1 :]

@@ -130,8 +130,7 @@ def in_amplitudes():
 
 
 def both_branches():
-    table = stored("fig3")
-    back = pl.col("trial") != MEAN_SLOPE
+    table, back = stored("fig3"), pl.col("trial") != MEAN_SLOPE
     returned = table.filter(back).with_columns(branch=pl.lit("unloading"), deviation=pl.col("deviation") - 0.5)
     return pl.concat([table.filter(back), returned, table.filter(~back)])
 
@@ -598,8 +597,7 @@ def test_names_at_the_ends_of_curves_do_not_overlap_and_stay_at_their_ends_where
     figure = Figure(figsize=(3.5, 2), layout="constrained")
     ax = figure.subplots()
     ax.plot([0, 1], [0, 5])
-    limits = ax.get_ylim()
-    heights = [5.0, 5.0, 5.0, 5.0, 1.0, 2.5]
+    limits, heights = ax.get_ylim(), [5.0, 5.0, 5.0, 5.0, 1.0, 2.5]
     style.name_ends(ax, [(f"trial_{k}", f"trial_{k}", "black", (1.0, y)) for k, y in enumerate(heights)])
     figure.draw_without_rendering()
     assert ax.get_ylim() == limits

@@ -24,8 +24,7 @@ def recording(share, seed):
     rate, pieces = 250, []
     for amplitude in np.deg2rad([2, 4]):
         for f in (1, 2, 3):
-            t = np.arange(round(8 / f * rate)) / rate
-            w = 2 * np.pi * f
+            t, w = np.arange(round(8 / f * rate)) / rate, 2 * np.pi * f
             theta = amplitude * np.sin(w * t)
             pieces.append((theta, share * ((K - INERTIA * w**2) * theta + B * w * amplitude * np.cos(w * t))))
         pieces.append((np.zeros(rate), np.zeros(rate)))

@@ -7,8 +7,7 @@ from conftest import ROOT
 
 from osl_analysis.jobs.request import imported_names
 
-PACKAGE = ROOT / "osl_analysis"
-DOORS = {"cli", "notebook"}
+PACKAGE, DOORS = ROOT / "osl_analysis", {"cli", "notebook"}
 GROUND = {path.stem for path in PACKAGE.glob("*.py")} - DOORS - {"__init__"}
 """Modules that every package may import."""
 HOUSE = {

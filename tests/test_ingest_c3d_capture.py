@@ -226,8 +226,7 @@ def test_a_truncated_file_is_refused_with_both_counts(tmp_path: Path) -> None:
 
 REFERENCE = REAL_DATA / "reference" / "force_plate.csv"
 ROWS = pl.read_csv(REFERENCE) if REFERENCE.exists() else pl.DataFrame({"file": [], "plate": []})
-PLATES = sorted(set(zip(ROWS["file"], ROWS["plate"], strict=True)))
-RANDOM = np.random.default_rng(3)
+PLATES, RANDOM = sorted(set(zip(ROWS["file"], ROWS["plate"], strict=True))), np.random.default_rng(3)
 FORCE, MOMENT = RANDOM.normal(0, 300, (20, 3)), RANDOM.normal(0, 40, (20, 3))
 AXES = Rotation.from_euler("ZYX", [0.7, 0.2, np.pi - 0.1]).as_matrix()  # z down, tilted and turned
 CENTRE = np.array([1.0, -2.0, 0.3])

@@ -17,8 +17,7 @@ from osl_analysis.ingest.raw_files import FORMATS
 from osl_analysis.ingest.source import Recording, Source
 
 REAL_DATA = Path(__file__).parents[2] / "shared" / "real_data"
-DEGREE = math.pi / 180
-MILLISECOND = 1_000_000
+DEGREE, MILLISECOND = math.pi / 180, 1_000_000
 START = 1_700_000_000 * 10**9
 RADIANS = {"theta": {"field": "angle", "unit": "rad"}}
 OTHER = {"field": "angle", "unit": "rad", "topic": "/other"}

@@ -20,8 +20,7 @@ from osl_analysis.ingest.raw_files import trial_from_files
 from osl_analysis.ingest.source import Recording
 from osl_analysis.trial import Array
 
-FRAMES = 40
-LABELS = ["HEAD", "HIP", "KNEE", "TOE"]
+FRAMES, LABELS = 40, ["HEAD", "HIP", "KNEE", "TOE"]
 HEIGHTS = np.array([1700.0, 900.0, 500.0, 50.0])
 
 

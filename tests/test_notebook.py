@@ -28,8 +28,7 @@ from osl_analysis.model.compensator import Weight
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import write_trial
 
-DEVICE = ROOT / "config/parameters/default.yaml"
-DESIRED = osl.DesiredImpedance("compensated", 300.0, 5.0)
+DEVICE, DESIRED = ROOT / "config/parameters/default.yaml", osl.DesiredImpedance("compensated", 300.0, 5.0)
 AMPLITUDES = [float(np.rad2deg(amplitude)) for amplitude in SINES.amplitudes]
 SHORT = f"dynamometer: {{amplitudes_deg: {AMPLITUDES}, frequencies_hz: [1, 3, 5], cycles: 9}}\n"
 SHORT += "quality: {rate: {threshold: 123 Hz}}\n"
@@ -258,8 +257,7 @@ def test_the_page_is_what_its_code_gives_and_names_every_public_name():
     spec = importlib.util.spec_from_file_location("make_notebook_page", ROOT / "docs/make_notebook_page.py")
     maker = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(maker)
-    pictures = {}
-    page = (ROOT / "docs/notebook.md").read_text()
+    pictures, page = {}, (ROOT / "docs/notebook.md").read_text()
     assert maker.made_page(page.replace("```text\n", "```text\nold ", 1), pictures.__setitem__) == page
     assert [*pictures] == ["notebook_1.png", "notebook_2.png", "notebook_3.png"]
     assert all(isinstance(figure, Figure) and (ROOT / "docs" / name).is_file() for name, figure in pictures.items())

@@ -27,10 +27,8 @@ from osl_analysis.signals import longest_run, run_at_extreme
 from osl_analysis.trial import Trial
 from osl_analysis.yaml_settings import validated
 
-CONFIG = ROOT / "config/config.yaml"
-COMMANDED = Commanded((2.0, 4.0), (2.0, 5.0), 6)
-RULES = read_section(CONFIG, "quality", QualityRules)
-RATE = 1000.0
+CONFIG, COMMANDED = ROOT / "config/config.yaml", Commanded((2.0, 4.0), (2.0, 5.0), 6)
+RULES, RATE = read_section(CONFIG, "quality", QualityRules), 1000.0
 
 
 def stepped_sine(commanded=COMMANDED):

@@ -19,8 +19,7 @@ from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.yaml_settings import read_yaml
 
 HEADER = "trial,experiment,controller,K_d,B_d,perturbed,log,log_source,mocap,mocap_source,exclude\n"
-PLACED = "trial,experiment,joint,side,log,log_source\n"
-BELT = "b,belt,,,,,b.mcap,dynamometer,,,"
+PLACED, BELT = "trial,experiment,joint,side,log,log_source\n", "b,belt,,,,,b.mcap,dynamometer,,,"
 
 
 def sheet(tmp_path, text):
@@ -153,8 +152,7 @@ def test_the_pattern_of_an_experiment_matches_its_trials_and_no_other():
         found.row("belt")
 
 
-DEFAULT = ROOT / "config" / "simulation" / "default.yaml"
-TINY = ROOT / "tests" / "tiny_simulation.yaml"
+DEFAULT, TINY = ROOT / "config" / "simulation" / "default.yaml", ROOT / "tests" / "tiny_simulation.yaml"
 
 
 def settings_with(tmp_path, place, value):

@@ -26,8 +26,7 @@ from osl_analysis.yaml_settings import read_yaml
 
 DEFAULT, TINY = ROOT / "config/simulation/default.yaml", ROOT / "tests/tiny_simulation.yaml"
 P, RATE = read_parameters(ROOT / "config/parameters/default.yaml"), 1000.0
-TRIAL = "impedance_K300_B5.0_compensated"
-JOINT = {"K": 300, "B": 5, "I": 0.02}  # exactly Eq. 15
+TRIAL, JOINT = "impedance_K300_B5.0_compensated", {"K": 300, "B": 5, "I": 0.02}  # exactly Eq. 15
 TORQUE, ANGLE = "load_cell_torque", "joint_angle"
 
 

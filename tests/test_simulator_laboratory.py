@@ -124,8 +124,7 @@ def test_raw_channels_stop_at_their_rails(setup, tmp_path, effect, size, kind, r
     np.testing.assert_allclose(seen, free, rtol=1e-6)
 
 
-SWAPPED = {"swapped_labels": [("FOOT1", "FOOT2")]}
-TURN = np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]])
+SWAPPED, TURN = {"swapped_labels": [("FOOT1", "FOOT2")]}, np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]])
 
 
 @pytest.mark.parametrize(("capture", "changed"), [

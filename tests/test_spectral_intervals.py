@@ -14,16 +14,13 @@ from osl_analysis.spectral.periods import Realisation
 
 PERIOD, RATE, LOW_PASS, COUNT = 4.0, 256.0, LowPass(15), 60
 SAMPLES = round(PERIOD * RATE)
-LINES = np.setdiff1d(np.arange(1, 40, 2), [3, 11, 19, 25, 33])
-S = 2j * np.pi * np.arange(COUNT) / PERIOD
-Z = 200 + 4 * S + 0.05 * S**2
-WHITE = 2 / np.sqrt(SAMPLES)  # of a line, by white noise of 1 N*m
+LINES, S = np.setdiff1d(np.arange(1, 40, 2), [3, 11, 19, 25, 33]), 2j * np.pi * np.arange(COUNT) / PERIOD
+Z, WHITE = 200 + 4 * S + 0.05 * S**2, 2 / np.sqrt(SAMPLES)  # of a line, by white noise of 1 N*m
 
 
 def made(seed, noise=0.0, periods=4, excited=LINES, impedance=Z, distortion=0.0, extra=None):
     """Lines of random phases, noise at all lines, distortion that repeats at odd ones, and torque `extra`(angle)."""
-    rng = np.random.default_rng(seed)
-    X = np.zeros(COUNT, dtype=complex)
+    rng, X = np.random.default_rng(seed), np.zeros(COUNT, dtype=complex)
     X[excited] = 0.01 * np.exp(2j * np.pi * rng.uniform(size=len(excited)))
     random = rng.standard_normal((2, periods, COUNT)) * noise / np.sqrt(2)
     repeated = rng.standard_normal((2, COUNT)) * distortion / np.sqrt(2) * (np.arange(COUNT) % 2)

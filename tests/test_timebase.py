@@ -21,8 +21,7 @@ def one_time_base(streams: list[Stream]) -> UniformSignals:
     return on_one_grid(take(streams), GapLimits())
 
 
-JOINT = np.array([300.0, 5.0, 0.02])
-SIZE = np.deg2rad(4.0)
+JOINT, SIZE = np.array([300.0, 5.0, 0.02]), np.deg2rad(4.0)
 DURATION = 60.0
 RATE, SHORTER = 1000.0, 24.0
 
@@ -432,8 +431,7 @@ def test_pulses_that_tell_no_one_clock_are_refused(in_log: Edges, in_capture: Ed
         fit_clock(in_log, in_capture)
 
 
-CAMERA_RATE = 300.0
-KNOTS = np.arange(-120.0, 450.0, 0.15)
+CAMERA_RATE, KNOTS = 300.0, np.arange(-120.0, 450.0, 0.15)
 MOVEMENT = make_interp_spline(KNOTS, np.random.default_rng(9).standard_normal(KNOTS.size))  # never repeats itself
 
 

@@ -341,8 +341,7 @@ def test_a_full_disk_leaves_the_older_unperturbed_gait_and_nothing_half(ideal, t
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == {"gait.parquet": b"older"}
 
 
-REAL = Path(__file__).parents[2] / "shared" / "real_data"
-MASS = 70.0
+REAL, MASS = Path(__file__).parents[2] / "shared" / "real_data", 70.0
 KNOWN, LOADED = OvergroundAnalysis(load_on_n=50, body_mass_kg=MASS), {"load_on_n": 200.0}
 
 

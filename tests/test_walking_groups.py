@@ -22,8 +22,7 @@ from osl_analysis.walking.plate import Stance
 from osl_analysis.walking.response import fit_response, group_headline
 from osl_analysis.walking.tables import fitted_time, with_trajectory
 
-RULE = settings().outliers
-MIDSTANCE = Walk(0.4)
+RULE, MIDSTANCE = settings().outliers, Walk(0.4)
 BOTH = several("up", 6, MIDSTANCE, common=12.0) | several("down", 4, MIDSTANCE, common=12.0, sign=-1)
 
 
@@ -156,8 +155,7 @@ def test_conditions_serve_every_value_where_unstated_and_are_refused_where_they_
 @pytest.mark.filterwarnings("ignore::UserWarning")
 def test_a_group_without_a_result_has_rows_that_say_why_and_the_others_go_on(tmp_path):
     walks, cells = of_stiffness((200.0, 340.0), 4)
-    few = several("few", 1, MIDSTANCE) | several("few_u", 3, Walk())
-    bare = several("bare", 3, MIDSTANCE)
+    few, bare = several("few", 1, MIDSTANCE) | several("few_u", 3, Walk()), several("bare", 3, MIDSTANCE)
     cells |= {name: {"K_d": 600.0 if name in bare else 500.0, "B_d": 5.0} for name in few | bare}
     tables = campaign(tmp_path, walks | few | bare, cells, bootstrap_samples=100)
     reasons = dict(tables["groups"].select("group", "reason").iter_rows())

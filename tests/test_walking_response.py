@@ -41,8 +41,7 @@ def walked(
     impedance: tuple[float, float, float] = (K, B, I),
 ) -> Crossing:  # fmt: skip
     """A crossing at a pace; its name gives slow deviations: angle `slow` [rad] below 4 Hz, torque 300 N*m/rad of it."""
-    random = np.random.default_rng(zlib.crc32(name.encode()))
-    plain = crossing(name, onset, 0.72 * scale, impedance)
+    random, plain = np.random.default_rng(zlib.crc32(name.encode())), crossing(name, onset, 0.72 * scale, impedance)
     waves = random.uniform(0.3, 4.0, 4)[:, None] * plain.time + random.random((4, 1))
     deviation = slow * random.standard_normal(4) @ np.sin(2 * np.pi * waves) / np.sqrt(2)
     turn = plain.theta - crossing(name, stance=0.72 * scale).theta
@@ -180,8 +179,7 @@ def test_the_lag_of_a_second_order_response_comes_out_within_its_standard_error(
 
 def deviating(seed: int, perturbed: bool = False, lasting: bool = True, sign: int = 1) -> Crossing:
     """Deviations of angle, torque grow from heel strike; if not lasting, others come in the baseline's last 10 ms."""
-    random = np.random.default_rng(seed)
-    plain = crossing(f"c{seed}", ONSET if perturbed else None, turn=sign * TURN)
+    random, plain = np.random.default_rng(seed), crossing(f"c{seed}", ONSET if perturbed else None, turn=sign * TURN)
     before, after = random.standard_normal((2, 2))
     changed = 0.0 if lasting else 0.5 * (1 + np.tanh((plain.time - ONSET + 0.02) / 0.01))
     angle, torque = ((1 - changed) * before[:, None] + changed * after[:, None]) * (1 + 4 * (plain.time - 0.3))

@@ -9,8 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 DOCS = Path(__file__).parent.parent / "docs"
-PAGE = DOCS / "tutorial.md"
-FIGURE = "my_campaign/results/figures/fig5.png"
+PAGE, FIGURE = DOCS / "tutorial.md", "my_campaign/results/figures/fig5.png"
 BLOCK = re.compile(r"```(\w*)\n(.*?)```\n", re.DOTALL)
 LEFT_OUT = "…"
 """A line of the page for lines that are printed and not shown."""

@@ -169,8 +169,7 @@ def carried(points: Array, t: Array, ramp: Ramp | None, rig: Rig) -> Array:
 
 def walked_over(name: str, ramp: Ramp | None, rig: Rig, seed: int, loaded: bool = True) -> Trial:
     """A crossing, or a trial of the unloaded platform, with noise from the seed."""
-    random = np.random.default_rng(seed)
-    fast = np.arange(3 * PLATE_RATE) / PLATE_RATE
+    random, fast = np.random.default_rng(seed), np.arange(3 * PLATE_RATE) / PLATE_RATE
     slow, late = fast[::5], fast - rig.lag
     wrench = plate_wrench(late, ramp, rig)
     tracks = labelled("PLAT", carried(PLATFORM, slow, ramp, rig))

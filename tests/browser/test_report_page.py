@@ -15,8 +15,7 @@ from test_workflow import Workspace
 
 from osl_analysis.table import read_table
 
-pytestmark = pytest.mark.browser
-DRIVER = shutil.which("chromedriver")
+pytestmark, DRIVER = pytest.mark.browser, shutil.which("chromedriver")
 HOSTILE = '<img src=x onerror="document.title=1">'
 FLAGS = ("headless=new", "no-sandbox", "disable-gpu", "disable-background-networking", "window-size=1300,1000")
 KINDS = ("belt", "transmission", "actuator", "impedance", "static", "plate", "walking")

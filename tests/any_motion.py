@@ -48,9 +48,8 @@ def chirp(rng, band=(0.5, 6.0), rms_deg=2.0, duration=30.0, rate=RATE):
     time = np.arange(round((duration + 2 * LEAD) * rate)) / rate
     t, slope = np.clip(time - LEAD, 0, duration), (band[1] - band[0]) / duration
     phase, w = 2 * np.pi * (band[0] * t + slope * t**2 / 2) + rng.uniform(0, 6), 2 * np.pi * (band[0] + slope * t)
-    size = np.deg2rad(rms_deg) * np.sqrt(2)
     motion = np.sin(phase), w * np.cos(phase), 2 * np.pi * slope * np.cos(phase) - w**2 * np.sin(phase)
-    return time, faded(time, duration, tuple(size * x for x in motion))
+    return time, faded(time, duration, tuple(np.deg2rad(rms_deg) * np.sqrt(2) * x for x in motion))
 
 
 def made_trial(rng, motion, torque_noise=0.05, angle_noise=0.0, bits=18, late=0.0, more=0.0, **impedance):

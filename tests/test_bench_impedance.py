@@ -107,9 +107,8 @@ def test_where_amplitudes_nest_inside_frequencies_fig4_and_the_comparison_use_on
 
 
 def test_phasors_keep_their_covariance_and_the_response_over_amplitudes_its_interval_and_its_doubts(tmp_path):
-    record = stepped_sine(second_order, noise=0.5)
     condition = {"controller": pl.lit("compensated"), "K_d": pl.lit(200.0), "B_d": pl.lit(4.0)}
-    table = phasor_table("made", phasors_of_record(record)).with_columns(**condition)
+    table = phasor_table("made", phasors_of_record(stepped_sine(second_order, noise=0.5))).with_columns(**condition)
     assert set(table["interval_method"]) == {"cycles"}
     assert (table["torque_var_re"] > 100 * table["theta_var_re"]).all()
     np.testing.assert_allclose(table["torque_degrees_of_freedom"], 5)
@@ -183,9 +182,7 @@ def test_a_lag_is_doubtful_with_its_sign_beside_friction_and_said_for_what_it_ma
 
 @pytest.mark.parametrize("noise", [1e-3, 0.05, 0.5])
 @pytest.mark.parametrize("known", [False, True])
-def test_what_a_drivetrain_leaves_is_taken_for_a_lag_only_where_noise_hides_the_rest_and_its_gains_are_not_known(
-    noise, known
-):
+def test_what_a_drivetrain_leaves_is_taken_for_a_lag_only_if_noise_hides_the_rest_and_gains_are_unknown(noise, known):
     """It would be one of 15 ms. With much noise nothing else is left of it: both are named then."""
     joint = joint_admittance(GAINS.K_1, GAINS.B_1, P, P.J_j)
     plain = stepped_sine(lambda m: 0 * m.theta, noise, FIVE)

@@ -43,7 +43,7 @@ def loaded_belt():
     return {"time": time, "theta": theta, "theta_m": np.full(time.size, 0.1), "torque": 685.6 * theta + noise}
 
 
-def turning_actuator():
+def free_actuator():
     time, turn = np.arange(round(20 * RATE)) / RATE, 2 * np.pi * np.array([[0.3], [1.1], [2.7]])
     amplitude, phase = np.array([[8.0], [5.0], [2.0]]), np.array([[0.0], [1.0], [2.0]])
     theta_m = np.sum(-amplitude / turn * np.cos(turn * time + phase), axis=0)
@@ -55,8 +55,7 @@ def turning_actuator():
     return {"time": time, "theta_m": theta_m, "current": current, "torque_m": torque_m + noise}
 
 
-RECORDINGS = {"impedance": driven(), "transmission": driven(losses), "belt": loaded_belt()}
-RECORDINGS |= {"actuator": turning_actuator()}
+RECORDINGS = {"impedance": driven(), "transmission": driven(losses), "belt": loaded_belt(), "actuator": free_actuator()}
 
 
 def clipped(signal):

@@ -33,6 +33,7 @@ from osl_analysis.memory import limited_memory
 from osl_analysis.table import write_table
 from osl_analysis.trial import Trial, write_trial
 
+pytestmark = pytest.mark.usefixtures("in_root")
 TRIAL, GAINS = "impedance_K300_B5.0_compensated", ("gains", "--stiffness", "300", "--damping", "5")
 SYNTHETIC = "config/impedance/synthetic_walking.csv"
 IN_A_PROCESS = [sys.executable, "-c", "from osl_analysis.cli import main; main()"]
@@ -66,11 +67,6 @@ def folder(tmp_path_factory):
             result = call("ingest", "--log", log, "--log-source", "dynamometer", "--output", output)
             assert result.exit_code == 0, result.stderr
     return folder
-
-
-@pytest.fixture(autouse=True)
-def in_root(monkeypatch):
-    monkeypatch.chdir(ROOT)
 
 
 def test_fit_prints_the_impedance_of_linear_theory_and_draws_it(folder, tmp_path):
@@ -199,9 +195,7 @@ def test_a_mistake_is_one_line_with_exit_code_1(message):
 
 
 @pytest.mark.parametrize("message", UNFIT)
-def test_a_call_that_does_not_fit_or_would_write_over_what_it_reads_is_refused_with_exit_code_2(
-    message, tmp_path, monkeypatch
-):
+def test_a_call_that_does_not_fit_or_would_write_over_what_it_reads_is_refused_with_2(message, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "a.csv").write_text("precious")
     assert message in one_line(call(*(str(one).format(tmp_path.name) for one in UNFIT[message])), code=2)

@@ -180,11 +180,6 @@ TINY, TRIAL = Path("tests/tiny_simulation.yaml"), "impedance_K300_B5.0_compensat
 OTHER = "config/parameters/osl-v2-published.yaml"
 
 
-@pytest.fixture
-def in_root(monkeypatch):
-    monkeypatch.chdir(ROOT)
-
-
 def configured(tmp_path, **changes):
     """What the simulator follows, from the default configuration with changes."""
     (tmp_path / "config.yaml").write_text(yaml.safe_dump(changes))

@@ -164,8 +164,7 @@ BENCH = [name for name, facts in EXPERIMENTS.items() if facts.place == "bench"]
 
 
 @pytest.mark.parametrize("experiment", BENCH)
-def test_a_degenerate_bench_trial_is_fitted_or_refused_in_one_sentence(experiment, monkeypatch):
-    monkeypatch.chdir(ROOT)
+def test_a_degenerate_bench_trial_is_fitted_or_refused_in_one_sentence(experiment, in_root):
     x = bench_angle(experiment)
     time = np.arange(len(x)) / BENCH_RATE
     y = 300 * x + 0.05 * np.random.default_rng(1).standard_normal(len(x))
@@ -177,8 +176,7 @@ def test_a_degenerate_bench_trial_is_fitted_or_refused_in_one_sentence(experimen
 
 @pytest.mark.parametrize("level", [0, 3])
 @pytest.mark.parametrize("experiment", BENCH)
-def test_a_dead_load_cell_is_named(experiment, level, monkeypatch):
-    monkeypatch.chdir(ROOT)
+def test_a_dead_load_cell_is_named(experiment, level, in_root):
     x = bench_angle(experiment)
     with pytest.raises(OslAnalysisError, match=rf"made.*torque.* (stays at|is) {level}\b.*([Cc]heck|source file)"):
         bench_fit(experiment, np.arange(len(x)) / BENCH_RATE, x, np.full_like(x, level))

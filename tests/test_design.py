@@ -8,7 +8,6 @@ import numpy as np
 import polars as pl
 import pytest
 from click.testing import CliRunner
-from conftest import ROOT
 from scipy.stats import t as student
 
 from osl_analysis.bench.response_tables import RESPONSE_COLUMNS
@@ -19,6 +18,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.signals import LowPass
 from osl_analysis.spectral.periods import periodic_motion
 
+pytestmark = pytest.mark.usefixtures("in_root")
 OPEN = LowPass(1e4)  # a filter that weighs nothing
 JOINT = np.array([300.0, 5.0, 0.02])
 DRAFT = SteppedSine(tuple(np.deg2rad([2, 4, 6])), (1.0, 2.0, 3.0, 4.0, 5.0), (20.0,) * 5, 2)
@@ -226,11 +226,6 @@ def test_a_chirp_and_noise_carry_what_their_bands_carry():
     of = (Sensors(1000.0, 0.0), OPEN, stated), (Sensors(1000.0, np.sqrt(0.08 * 500)), OPEN)
     by_level, white = (precision(plan, JOINT, *given) for given in of)
     np.testing.assert_allclose(by_level.columns["se"], white.columns["se"])
-
-
-@pytest.fixture(autouse=True)
-def in_root(monkeypatch):
-    monkeypatch.chdir(ROOT)
 
 
 def call(*arguments):

@@ -213,9 +213,8 @@ def test_a_locked_motor_is_refused_by_name_and_leaves_other_rows_as_they_are_alo
     with pytest.raises(UnreachableImpedanceError, match=r"no finite B_1 minimises .* the motor is locked"):
         compensated_gains(600.0, 0.0, parameters, weight_of(50, 3))
     both = gain_table([600.0, 300.0], [0.0, 5.0], parameters, weight_of(50, 3), (1.0, 5.0))
-    alone = gain_table([300.0], [5.0], parameters, weight_of(50, 3), (1.0, 5.0))
     assert (both["unbounded"].to_list(), both["K_predicted"][0]) == ([True, False], None)
-    assert both.row(1) == pytest.approx(alone.row(0))
+    assert both.row(1) == pytest.approx(gain_table([300.0], [5.0], parameters, weight_of(50, 3), (1.0, 5.0)).row(0))
 
 
 @pytest.mark.parametrize("weight", [(1, 0), (1, 2.5), (1, 11), (-1, 3), (1e-300, 3), (np.inf, 3), (np.nan, 3)])

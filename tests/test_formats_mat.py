@@ -101,17 +101,11 @@ CONTENT = {
 RUNS = [{"name": "slow", "torque": RISING}, {"name": "fast", "torque": 2 * RISING}]
 
 
-def struct_array(runs: list[dict[str, object]]) -> np.ndarray:
-    array = np.zeros((1, len(runs)), dtype=[(name, object) for name in runs[0]])
-    for place, run in enumerate(runs):
-        array[0, place] = tuple(run.values())
-    return array
-
-
 def written5(path: Path) -> Path:
     cell = np.empty((1, 2), dtype=object)
     cell[0, 0], cell[0, 1] = RISING, {"torque": -RISING}
-    return write_mat(path, **CONTENT, runs=struct_array(RUNS), cells=cell)
+    runs = np.array([[tuple(run.values()) for run in RUNS]], dtype=[(name, object) for name in RUNS[0]])
+    return write_mat(path, **CONTENT, runs=runs, cells=cell)
 
 
 def written73(path: Path) -> Path:

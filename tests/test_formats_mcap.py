@@ -124,10 +124,8 @@ def recorded(path: Path, time: str = "log", loss: float = 0.01, **fields: str | 
     """Fields of `/lab` by column, in radians."""
     named = {name: {"field": one} if isinstance(one, str) else one for name, one in fields.items()}
     channels = {name: {"topic": "/lab", "unit": "rad", **one} for name, one in named.items()}
-    source = FORMATS["mcap"].source.model_validate(
-        {"format": "mcap", "time": {"source": time}, "largest_loss": loss, "channels": channels}
-    )
-    return FORMATS["mcap"].read(path, source)
+    described = {"format": "mcap", "time": {"source": time}, "largest_loss": loss, "channels": channels}
+    return FORMATS["mcap"].read(path, FORMATS["mcap"].source.model_validate(described))
 
 
 def ingested(folder: Path, content: bytes, topic: str = "/lab", loss: float = 0.01) -> Recording:
@@ -209,17 +207,12 @@ TWO = (LAB + channel(2, "/rare"), chunk(TEN + message(2, 0, cdr(1.0)) + message(
 OF_TWO = statistics({1: 20, 2: 2}, 2)
 TURNED = TEN[:FIVE] + b"\x85" + TEN[FIVE + 1 :]  # without a checksum, a message may pass for a private record
 LEGAL = {
-    "longer records": log(
-        *map(longer, (schema(), channel(1, "/lab"), chunk(TEN), index(10), chunk(TWENTY, crc=False))),
-        summary=longer(ALL),
-    ),
-    "private records": log(
-        *(PRIVATE + LAB + PRIVATE, chunk(PRIVATE + TEN[:THREE] + PRIVATE + TEN[THREE:]), PRIVATE, chunk(TWENTY)),
-        summary=PRIVATE + ALL + PRIVATE,
-    ),
-    "private records in a chunk with an index": log(
-        LAB, chunk(TEN + PRIVATE, crc=False), index(10), PRIVATE, chunk(TWENTY), summary=ALL
-    ),
+    "longer records": log(*map(longer, (schema(), channel(1, "/lab"), chunk(TEN), index(10), chunk(TWENTY, crc=False))),
+        summary=longer(ALL)),
+    "private records": log(PRIVATE + LAB + PRIVATE, chunk(PRIVATE + TEN[:THREE] + PRIVATE + TEN[THREE:]), PRIVATE,
+        chunk(TWENTY), summary=PRIVATE + ALL + PRIVATE),
+    "private records in a chunk with an index": log(LAB, chunk(TEN + PRIVATE, crc=False), index(10), PRIVATE,
+        chunk(TWENTY), summary=ALL),
     "messages outside of the chunks": log(
         LAB, chunk(TEN), index(10), TWENTY[:FIVE], PRIVATE, TWENTY[FIVE:], summary=statistics({1: 20}, 1)
     ), "no statistics": log(LAB, chunk(TEN), chunk(TWENTY)),
@@ -232,11 +225,9 @@ LOSSES = {  # complete or not, chunks and messages lost, messages of the topic a
     "cut out": (log(*TWO, summary=OF_TWO, shift=len(CUT_OUT), crc=False), (False, 1, 10, 10, 10)),
     # the recorder's checksum was computed with the summary where it was
     "cut out, with checksum": (log(*TWO, CUT_OUT, summary=OF_TWO).replace(CUT_OUT, b""), (False, 1, 10, 10, 10)),
-    "cut out, without statistics": (
-        log(LAB, chunk(TEN), summary=LAB, shift=len(CUT_OUT), crc=False),
-        (False, 0, None, 10, None),
-    ),
-} | {name: (content, (True, 0, 0, 20, 0)) for name, content in LEGAL.items()}
+    "cut out, without statistics": (log(LAB, chunk(TEN), summary=LAB, shift=len(CUT_OUT), crc=False),
+        (False, 0, None, 10, None)),
+} | {name: (content, (True, 0, 0, 20, 0)) for name, content in LEGAL.items()}  # fmt: skip
 
 
 @pytest.mark.parametrize("content", LEGAL.values(), ids=LEGAL)
@@ -255,9 +246,8 @@ def test_losses_are_counted_as_far_as_the_file_tells_them_and_inspect_says_the_s
     assert told == ("the file does not tell" if lost is None else str(lost))
     if what.startswith("cut out"):
         assert f"{len(CUT_OUT)} bytes are missing before the summary" in damage["remarks"]
-        with pytest.raises(
-            InputError, match=r"damaged or incomplete MCAP: .* of topic '/lab' is lost, at most 1 % may"
-        ):
+        said = r"damaged or incomplete MCAP: .* of topic '/lab' is lost, at most 1 % may"
+        with pytest.raises(InputError, match=said):
             ingested(tmp_path, content)
 
 
@@ -269,8 +259,8 @@ def test_the_loss_is_that_of_the_topic_and_not_of_the_file(tmp_path: Path) -> No
     with pytest.raises(InputError, match="20 % of topic '/rare' is lost, at most 1 % may be"):
         ingested(tmp_path, content, "/rare")
     damage = ingested(tmp_path, content, "/rare", 0.2).facts["damage"]
-    assert damage["topics"] == {"/rare": {"messages": 100, "messages_lost": 20}}
-    assert damage["share_lost"] == pytest.approx(0.2)
+    of_topics = {"/rare": {"messages": 100, "messages_lost": 20}}
+    assert (damage["topics"], damage["share_lost"]) == (of_topics, pytest.approx(0.2))
     assert len(ingested(tmp_path, LOSSES["cut out"][0], "/rare").samples) == 2
 
 

@@ -133,9 +133,7 @@ def test_a_bag_gives_the_columns_that_were_written(tmp_path: Path, write: Any, o
 
 
 @pytest.mark.parametrize("storage", ["SQLITE3", "MCAP"])
-def test_the_parts_of_a_split_recording_are_one_log_and_one_part_alone_is_read_with_a_warning(
-    tmp_path: Path, storage: str
-) -> None:
+def test_parts_of_a_split_bag_are_one_log_and_one_alone_is_read_with_a_warning(tmp_path: Path, storage: str) -> None:
     folder = write_split(tmp_path / "bag", storage)
     recording = read(folder)
     check_rows(recording)
@@ -258,9 +256,7 @@ def standard_bag(folder: Path, kind: str, *fields: Any) -> Path:
     return without_definitions(folder)
 
 
-def test_standard_types_are_known_without_definitions_and_others_are_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_standard_types_are_known_and_undefined_ones_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     asked = {"channels": {"theta": {"topic": "/lab", "field": "data", "unit": "rad"}}, "time": {"source": "log"}}
     bag = standard_bag(tmp_path / "bag", "std_msgs/msg/Float64", 2.5)
     assert read(bag, **asked).samples["theta"].to_list() == [2.5, 2.5]

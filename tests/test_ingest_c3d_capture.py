@@ -107,9 +107,8 @@ def test_samples_are_raw_minus_offset_times_both_scales(tmp_path, form, offsets,
 
 
 def test_model_outputs_take_unit_and_sign_from_the_source_file(tmp_path: Path) -> None:
-    labels = {"POINT__LABELS": ["LTOE", "LAnkleMoment", "*3"]}
     groups = {"POINT__TYPE_GROUPS": ["POWERS", "POWER", "Moments", "MOMENT"], "POINT__MOMENTS": ["LAnkleMoment"]}
-    path = write_c3d(tmp_path / "a.c3d", points(), **labels, **groups)
+    path = write_c3d(tmp_path / "a.c3d", points(), POINT__LABELS=["LTOE", "LAnkleMoment", "*3"], **groups)
     output = {"label": "LAnkleMoment", "component": "y", "unit": "N*mm/kg", "sign": -1}
     recording = read(path, outputs={"reference_ankle_moment_left": output})
     np.testing.assert_allclose(recording.samples["reference_ankle_moment_left"], -points()[:, 1, 1] / 1000, rtol=1e-15)

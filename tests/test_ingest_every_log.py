@@ -190,20 +190,16 @@ def test_the_draft_of_several_trials_is_of_one_and_fits_the_other(write, tmp_pat
     np.testing.assert_allclose(read.samples["time"], TIME, atol=1e-12)
 
 
-def nexus_export(path):
-    path.write_text(captures.DEVICES + captures.TRAJECTORIES + captures.MODEL)
-    return path
-
-
 BAG = {"time": {"source": "header"}, "channels": CHANNELS}
 OTHERS = {
     "bag of ROS 1": (lambda path: write_bag1(path, range(60), "LZ4", 800), {"format": "rosbag1", **BAG}),
     "bag of ROS 2": (lambda path: write_bag2(path, range(60)) / f"{path.name}.db3", {"format": "rosbag2", **BAG}),
     "TRC": (lambda path: opensim.write_trc(path, opensim.walk()), {"format": "trc"}),
     "C3D": (lambda path: write_c3d(path, np.ones((6, 3, 4)), np.ones((24, 2))), {"format": "c3d"}),
-    "Nexus": (nexus_export, {"format": "nexus_csv"}),
+    "Nexus": (lambda path: path.write_text(captures.DEVICES + captures.TRAJECTORIES + captures.MODEL) and path,
+              {"format": "nexus_csv"}),
     "MCAP": (lambda path: write_log(path, mcap.samples(), chunk_size=800), mcap.source().model_dump(exclude_none=True)),
-}
+}  # fmt: skip
 
 
 def mutilated(content: bytes, chance: random.Random) -> bytes:

@@ -73,9 +73,7 @@ def inspect_toy(path: Path) -> Overview:
     return Overview("toy", {"rows": "3"}, [RecordedChannel("column", {"key": key}) for key in content])
 
 
-def test_an_entry_in_the_table_makes_a_format_known_to_ingest_inspect_and_draft(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_entry_in_the_table_makes_a_format_known_everywhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A new format touches its decoder in formats/, its keys, reader and overview in ingest/, the table and a test."""
     model = model_of("toy", "channels", "key", kinds={"channel.key": (str, ...)})
     toy = KnownFormat(model, lambda begin: begin.startswith(b"TOY1"), (".toy",), read_toy, inspect_toy)

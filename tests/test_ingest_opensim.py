@@ -184,9 +184,8 @@ def test_a_plate_gives_the_moment_about_its_centre_in_our_axes(tmp_path: Path) -
     (rx, ry, rz), (fx, fy, fz) = (point - np.array([0.3, 0.0, -0.1])).T, force.T
     by_hand = moment + np.column_stack([ry * fz - rz * fy, rz * fx - rx * fz, rx * fy - ry * fx])  # r x F
     for values, quantity in ((force, "force"), (by_hand, "moment")):
-        expected = values @ np.array(ours).T
         found = recording.samples.select(f"plate1_{quantity}_{axis}" for axis in "xyz").to_numpy()
-        np.testing.assert_allclose(found, expected, atol=1e-6)
+        np.testing.assert_allclose(found, values @ np.array(ours).T, atol=1e-6)
     (plate,) = recording.facts["plates"]
     np.testing.assert_allclose(np.mean(plate["corners"], axis=0), [0.3, 0.1, 0.0], atol=1e-12)
     pushed = read(path, plates={1: {**PLATE, "sign": -1}}).samples.select(pl.col("^plate1_.*$"))

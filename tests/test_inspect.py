@@ -13,7 +13,6 @@ import yaml
 from any_motion import TRUE, made_trial, noise
 from c3d_builder import REAL_DATA, write_c3d
 from click.testing import CliRunner
-from conftest import ROOT
 from mcap_builder import HEADER, stamped, write_log, write_payloads
 from test_formats_mat import write_mat
 from test_ingest_every_log import WRITERS
@@ -280,12 +279,8 @@ def test_the_page_in_the_documentation_names_every_real_sample() -> None:
     assert [path.name for path in module.recordings_in(REAL_DATA) if module.escaped(path.name) not in page] == []
 
 
+pytestmark = pytest.mark.usefixtures("in_root")
 STIFFNESS, DAMPING, INERTIA = 120.0, 2.0, 0.02
-
-
-@pytest.fixture(autouse=True)
-def in_root(monkeypatch):
-    monkeypatch.chdir(ROOT)
 
 
 @pytest.fixture

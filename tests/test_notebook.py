@@ -28,16 +28,12 @@ from osl_analysis.model.compensator import Weight
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import write_trial
 
+pytestmark = pytest.mark.usefixtures("in_root")
 DEVICE, DESIRED = ROOT / "config/parameters/default.yaml", osl.DesiredImpedance("compensated", 300.0, 5.0)
 AMPLITUDES = [float(np.rad2deg(amplitude)) for amplitude in SINES.amplitudes]
 SHORT = f"dynamometer: {{amplitudes_deg: {AMPLITUDES}, frequencies_hz: [1, 3, 5], cycles: 9}}\n"
 SHORT += "quality: {rate: {threshold: 123 Hz}}\n"
 CURVE = "torque_angle: {zero: none, desired: {line: {angle_deg: [-10, 10], torque: [-35, 35]}}}\n"
-
-
-@pytest.fixture(autouse=True)
-def in_root(monkeypatch):
-    monkeypatch.chdir(ROOT)
 
 
 @pytest.fixture

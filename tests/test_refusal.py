@@ -230,9 +230,8 @@ def test_the_list_says_what_else_has_no_result(tmp_path):
     stand = Refusal("stand", "raw/stand.c3d", "crossing.calibrate", "refused", "raw/stand.c3d: no foot", "label it")
     names = ["fits/calibration/stand.json", "crossings/w_1.parquet", "fits/walking/w_2.csv", "tables/walking.csv"]
     names += ["figures/fig9.csv", "figures/fig9.pdf", "fits/unperturbed.parquet", "numbers.tex", "summary.json"]
-    records = [record(tmp_path / name, stand) for name in names]
     recordings = {name: [f"raw/{name}.c3d"] for name in ("stand", "w_1", "w_2", "belt_1")}
-    told = refusal_report(records, recordings, accept=False).splitlines()
+    told = refusal_report([record(tmp_path / name, stand) for name in names], recordings, accept=False).splitlines()
     assert told[1] == "NOT ANALYSED: 1 of 4 trials, and for want of them 2 more; results are of the others."
     not_made = "  therefore not made: numbers.tex, summary.json, walking.csv, figure fig9"
     assert told[3:5] == ["  therefore without a result: w_1, w_2", not_made]

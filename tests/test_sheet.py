@@ -207,9 +207,8 @@ def test_a_wrong_setting_is_named_with_its_place(tmp_path, place, value, match):
     assert (str(refused.value).startswith(f"{path}: "), "\n" in str(refused.value)) == (True, False)
 
 
-def test_an_unstable_loop_or_a_missing_file_is_refused_and_nothing_is_written(tmp_path, monkeypatch):
+def test_an_unstable_loop_or_a_missing_file_is_refused_and_nothing_is_written(tmp_path, in_root):
     """20 ms of delay: an actuator that turned by 1e18 rad was logged."""
-    monkeypatch.chdir(ROOT)
     path = settings_with(tmp_path, "effects.control_delay.size", 100)
     with pytest.raises(InputError, match=r"runs away, beyond 100 rad.* lower effects\.control_delay"):
         simulate_trial(path, tmp_path / "raw", "impedance_K300_B5.0_compensated")

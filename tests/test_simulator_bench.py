@@ -433,8 +433,7 @@ def test_a_wrong_imperfection_or_motion_is_refused(tmp_path, section, value, mat
         read_yaml(tmp_path / "settings.yaml", SimulationSettings)
 
 
-def test_without_a_compiler_nothing_is_simulated_and_one_line_says_what_to_install(monkeypatch, tmp_path):
-    monkeypatch.chdir(ROOT)
+def test_without_a_compiler_nothing_is_simulated_and_one_line_says_what_to_install(monkeypatch, tmp_path, in_root):
     monkeypatch.setattr("osl_analysis.compiled.numba", None)
     said = r"needs numba, which is not installed; pip install 'osl-analysis\[simulator\]'"
     with pytest.raises(InputError, match=said):
@@ -442,8 +441,7 @@ def test_without_a_compiler_nothing_is_simulated_and_one_line_says_what_to_insta
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_trial_simulated_alone_is_the_campaigns(tmp_path, monkeypatch):
-    monkeypatch.chdir(ROOT)
+def test_a_trial_simulated_alone_is_the_campaigns(tmp_path, in_root):
     simulate_campaign(TINY, tmp_path / "all")
     simulate_trial(TINY, tmp_path / "one", TRIAL)
     written = sorted(str(f.relative_to(tmp_path / "one")) for f in (tmp_path / "one").rglob("*.*"))

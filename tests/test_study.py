@@ -18,14 +18,10 @@ from osl_analysis.study.bench import regression_bound, studied, study_rows
 from osl_analysis.table import read_table
 from osl_analysis.walking.settings import WalkingAnalysis
 
+pytestmark = pytest.mark.usefixtures("in_root")
 CONFIG = yaml.safe_load((ROOT / "config/config.yaml").read_text())
 ACTUATOR = ActuatorAnalysis.model_validate(CONFIG["actuator"])
 SMALL = {"cycles": 8, "crossings": 3, "trials": 8, "campaigns": 1}
-
-
-@pytest.fixture(autouse=True)
-def _repository(monkeypatch):
-    monkeypatch.chdir(ROOT)
 
 
 def choices(**changes):

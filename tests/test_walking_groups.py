@@ -46,9 +46,8 @@ def test_half_the_difference_of_directions_is_free_of_what_follows_either_turn(t
     assert (up["mean"], down["mean"]) == (pytest.approx(340 + error, abs=12), pytest.approx(340 - error, abs=12))
     assert 0 < difference["low"] < 2 * error < difference["high"]
     fits = tables["walking"]
-    singles = [fits.filter(direction=name)["K"].mean() for name in ("up", "down")]
     row = tables.estimate("all", "K", "mean of perturbations")
-    assert row["mean"] == pytest.approx(np.mean(singles))
+    assert row["mean"] == pytest.approx(np.mean([fits.filter(direction=name)["K"].mean() for name in ("up", "down")]))
     assert row["sd"] < 60  # not the 138 either side that the directions differ by
     assert tables["groups"].select("group", "gait", "n_up", "n_down", "pooled").row(0) == ("all", "all", 6, 4, None)
     apart = campaign(tmp_path / "d", BOTH | several("u", 6, Walk()), group_by=["direction"], bootstrap_samples=100)

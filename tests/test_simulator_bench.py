@@ -210,8 +210,7 @@ def test_without_effects_the_leg_renders_what_linear_theory_says_and_the_transmi
     ):  # fmt: skip
         motion, signals = true_signals({"trial": TRIAL, "experiment": experiment}, made, P, own)
         columns = np.column_stack([motion.theta, motion.omega, motion.alpha])[rows]
-        found = np.linalg.lstsq(columns, -signals[TORQUE][rows])[0]
-        np.testing.assert_allclose(found, expected, rtol=5e-3, atol=2e-3)
+        np.testing.assert_allclose(np.linalg.lstsq(columns, -signals[TORQUE][rows])[0], expected, rtol=5e-3, atol=2e-3)
 
 
 def test_the_belt_is_loaded_by_its_own_stiffness_and_friction_of_the_actuators_bench_is_scaled_as_a_whole():
@@ -300,8 +299,7 @@ def test_two_nodes_have_stamps_rates_and_clocks_of_their_own(clean):
     np.testing.assert_allclose(log["time"], clean["time"], rtol=0, atol=1e-9)
     assert log["torque_time"][0] - log["time"][0] == pytest.approx(3e-4, abs=1e-9)
     assert np.diff(log["torque_time"]).mean() == pytest.approx(1 / 333, rel=1e-6)
-    rows = settled(log["torque_time"])
-    expected = CubicSpline(clean["time"], clean[TORQUE])(log["torque_time"])
+    rows, expected = settled(log["torque_time"]), CubicSpline(clean["time"], clean[TORQUE])(log["torque_time"])
     assert log[TORQUE][rows] == pytest.approx(expected[rows], abs=1e-4)
     log, truth = simulated({"recorder": {"torque_node": {"clock_offset": on(0.2, "s"), "clock_drift": on(-50, "ppm")}}})
     own, elapsed = log["torque_time"] - truth["drawn"]["clock_start_s"], log["time"] - log["time"][0]
@@ -448,8 +446,7 @@ def test_a_trial_simulated_alone_is_the_campaigns(tmp_path, in_root):
     assert written == [f"dynamometer/{TRIAL}.mcap", f"truth/{TRIAL}.json"]
     for path in written:
         assert (tmp_path / "one" / path).read_bytes() == (tmp_path / "all" / path).read_bytes()
-    assert len(list((tmp_path / "all/dynamometer").iterdir())) == 5
-    assert (tmp_path / "all/trials.csv").is_file()
+    assert (len([*(tmp_path / "all/dynamometer").iterdir()]), (tmp_path / "all/trials.csv").is_file()) == (5, True)
 
 
 def test_two_nodes_write_standard_messages_of_their_stamps_and_values(tmp_path):

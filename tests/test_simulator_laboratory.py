@@ -272,8 +272,7 @@ def test_stance_changes_only_after_the_window(setup, tmp_path, percent):
 
 def test_the_torque_wanders_by_the_size_and_the_angle_stays(setup, usual, tmp_path):
     """Slow waves: the leg follows its equilibrium. RMS over 8 crossings, with 30 % for the few waves in one stance."""
-    wandering = imperfect(setup, torque_wander=4)
-    seen = [decoded(wandering, tmp_path, trial=f"walking_{k:02d}") for k in range(1, 9)]
+    seen = [decoded(imperfect(setup, torque_wander=4), tmp_path, trial=f"walking_{k:02d}") for k in range(1, 9)]
     np.testing.assert_allclose([one.theta for one in seen], 8 * [usual.theta], atol=1e-6)
     errors = np.array([one.torque - usual.torque for one in seen])[:, usual.force[:, 2] > 400]
     assert np.sqrt(np.mean(np.square(errors))) == pytest.approx(4, rel=0.3)

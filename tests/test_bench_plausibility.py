@@ -154,6 +154,8 @@ def test_a_torque_beyond_the_load_cell_s_range_or_a_bench_that_is_softer_is_refu
     stated = BENCH.model_copy(update={"load_cell_range": 20.0})
     with pytest.raises(InputError, match=r"torque reaches 5.* N\*m, more than the 20 N\*m of `load_cell_range`"):
         judged("impedance", changed("impedance", torque=lambda x: x - x.max()), stated)
+    with pytest.raises(InputError, match=r"theta turns by \+-2 rad"):
+        check_recording(Trial("a", pl.DataFrame({"time": [0.0, 1.0, 2.0], "theta": [np.nan, -2.0, 2.0]})), BENCH)
     assert abs(judged("impedance", driven(lambda m: second_order(m) - 200.002 * m.theta))["K"]) < 0.2
 
 

@@ -3,6 +3,7 @@
 import json
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal
+from unittest.mock import Mock
 
 import pytest
 import yaml
@@ -14,6 +15,7 @@ from osl_analysis.campaign.campaign import check_files
 from osl_analysis.campaign.configuration import campaign_config, read_config, read_section
 from osl_analysis.commands.simulate import laboratory_of, read_simulation, settings_files, simulate_trial
 from osl_analysis.config.experiments import EXPERIMENTS
+from osl_analysis.config.sheet import read_sheet
 from osl_analysis.errors import InputError
 from osl_analysis.model.compensator import Weight, select_gains
 from osl_analysis.model.parameters import read_parameters
@@ -75,6 +77,8 @@ NUMBER = "write a number, without a unit, with a full stop as decimal sign"
     ("inner: {cycles: " + "9" * 400 + "}", "line 2: inner.cycles: " + "9" * 60 + "... is not allowed: write a n"),
     ("a: " + "[" * 1500 + "]" * 1500, "its fields are nested too deeply"),
     ("a: !!python/object:os.system x", "not YAML: "), ("a: !!timestamp x", "not YAML: "),
+    ("\tinner: 1", "not YAML: while scanning for the next token found character '\\t' that cannot start any token in "
+     "line 2, column 1; indent with blanks, not with tabs, and put text that begins with a sign such as % or @ in"),
     ("a: 2026-13-45", "not YAML: "), ('"\\e31mkey": 3', "line 2: unknown field '\\x1b31mkey'"),
 ])  # fmt: skip
 def test_what_is_wrong_in_a_file_is_one_line_with_line_field_value_and_remedy_in_our_words(tmp_path, text, said):
@@ -83,6 +87,23 @@ def test_what_is_wrong_in_a_file_is_one_line_with_line_field_value_and_remedy_in
         read_yaml(tmp_path / "a.yaml", Outer)
     assert "\n" not in str(refusal.value)
     assert str(refusal.value).removeprefix(f"{tmp_path}/a.yaml: ").startswith(said)
+
+
+def test_a_file_without_fields_or_with_one_missing_or_that_cannot_be_read_is_one_line(tmp_path, monkeypatch):
+    path = tmp_path / "a.yaml"
+    for text, said in (
+        ("", "has no fields; write `name: value` lines"), ("[1]", "has no fields"),
+        ("inner: {}", "field 'first' is missing; add it"),
+        ("first: 1\ninner: {name: 1}", "line 2: inner.name: 1 is not allowed: write text, in quotes if it looks like"),
+    ):  # fmt: skip
+        path.write_text(text)
+        with pytest.raises(InputError, match=rf"a\.yaml: {said}"):
+            read_yaml(path, Outer)
+    denied = PermissionError(13, "Permission denied")
+    for name, read in (("read_text", read_mapping), ("read_bytes", read_sheet)):
+        monkeypatch.setattr(Path, name, Mock(side_effect=denied))
+        with pytest.raises(InputError, match=r"a\.yaml: cannot be read \(Permission denied\); check .* ?permissions$"):
+            read(path)
 
 
 def test_truth_values_are_kept_where_they_are_allowed_and_keys_of_two_mappings_may_be_equal(tmp_path):
@@ -101,6 +122,8 @@ def test_truth_values_are_kept_where_they_are_allowed_and_keys_of_two_mappings_m
     ("dynamometer", BENCH | {"seconds_per_frequency": 1.5}, r"settle_cycles = 2 leaves none of 1\.5 cycles"),
     ("results", "README.md/below", "README.md: is a file; name a folder"), ("results", "", "results is empty"),
     ("impedance_trajectory", "no.csv", "no.csv: no such file; correct impedance_trajectory in .*, or write null"),
+    ("campaign", "a b", r"campaign: 'a b' is not allowed: write text of the form \^\[A-Za-z0-9_-\]\+\$"),
+    ("figures", {}, "field 'figures.midstance_stiffness' is missing; add it"),
     ("study", SHIPPED["study"] | {"simulation": "no.yaml"}, "no.yaml: .*; correct study.simulation in [^,]*$"),
 ])  # fmt: skip
 def test_a_configuration_that_cannot_be_run_is_one_line_before_any_job(in_root, section, change, message):
@@ -130,6 +153,9 @@ def test_a_section_that_is_wrong_is_named_with_its_key_and_line_where_it_alone_i
     path = tmp_path / "own.yaml"
     path.write_text("campaign: own\ndynamometer:\n  cutoff_hz: .nan\n")
     with pytest.raises(InputError, match=r"line 3 of own\.yaml: dynamometer\.cutoff_hz: nan is not "):
+        read_section(path, "dynamometer", DynamometerAnalysis)
+    path.write_text("dynamometr: {}\n")
+    with pytest.raises(InputError, match=r"own\.yaml: unknown field 'dynamometr'; give a configuration, or fields"):
         read_section(path, "dynamometer", DynamometerAnalysis)
 
 

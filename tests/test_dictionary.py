@@ -1,5 +1,7 @@
 """Tables read back as they were written, and every column has a unit and a meaning in the data dictionary."""
 
+import os
+
 import polars as pl
 import pytest
 from hypothesis import given
@@ -10,8 +12,8 @@ from test_walking_commands import gait_trial
 from osl_analysis.commands.study import performance_table
 from osl_analysis.dictionary import described_tables
 from osl_analysis.errors import InputError
-from osl_analysis.files import atomic_path
-from osl_analysis.table import TEXT_COLUMNS, finite_or_null, read_table, write_table
+from osl_analysis.files import atomic_path, check_working_folder, digest, file_state
+from osl_analysis.table import TEXT_COLUMNS, finite_or_null, read_table, with_places, write_table
 from osl_analysis.walking.overground import overground_rows
 from osl_analysis.walking.settings import OvergroundAnalysis
 
@@ -70,13 +72,19 @@ def test_names_of_digits_are_text_decimals_may_come_late_and_an_empty_column_hol
     write_table(table, tmp_path / "a/b/t.csv")
     read = read_table(tmp_path / "a/b/t.csv")
     assert (read.row(-1), read["amplitude_deg"].dtype) == (("01", None, 1.5), pl.Float64)
+    assert with_places(table.drop("trial"), {}).columns == ["amplitude_deg", "K"]
 
 
-def test_a_failure_while_writing_leaves_the_old_file_and_nothing_else(tmp_path):
+def test_a_failure_while_writing_leaves_the_old_file_and_nothing_else(tmp_path, monkeypatch):
     (tmp_path / "t.csv").write_text("old")
     with pytest.raises(ZeroDivisionError), atomic_path(tmp_path / "t.csv") as temporary:
         temporary.write_text(f"half {1 / 0}")
     assert [path.read_text() for path in tmp_path.iterdir()] == ["old"]
+    assert (file_state(tmp_path / "none"), digest(tmp_path / "none")) == (None, None)
+    check_working_folder()
+    monkeypatch.setattr("os.access", lambda path, mode: mode != os.W_OK)
+    with pytest.raises(InputError, match="cannot be written to; copy the campaign to a folder that can"):
+        check_working_folder()
 
 
 @pytest.mark.parametrize(("content", "message"), [

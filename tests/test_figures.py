@@ -243,6 +243,9 @@ SAID = [
      "at most ±0.98 N·m/rad and ±0.1 N·m·s/rad", "2 of 32 fits (impedance\\_K100\\_B0.0\\_comp", "Open: doubtful"], []),
     ("fig5", None, {"K": pl.col("K_d") + 2 * (pl.col("B_d") > 0)},
      [r"Compensated ($n$ = 16): $\hat{K} - K_d$ is 1.50 ± 0.89 N·m/rad, 0.00 to 2.00"], []),
+    ("fig5", None, {"K_d": NONE, "B": NONE}, [r"Compensated ($n$ = 16): $\hat{K}$ is 250 ± 114 N·m/rad, 99 to"], []),
+    ("fig6", None, {"doubtful": NOTE}, ["Open: doubtful"], []),
+    ("fig9", None, {"mean": pl.when(quantity="I").then(NONE).otherwise("mean")}, ["no mean of several"], ["$ is − "]),
     ("fig6", None, {}, ["48 fits of 16 trials", "log scale of 100 − VAF"], ["Open"]),
     ("fig7", response_table, {}, ["$K_d$ = 200 N·m/rad, $B_d$ = 7.5 N·m·s/rad.", "compensated 1 trial, uncompensated 1",
      "at most ± 5.7 % and ± 1 deg", "Uncompensated, linear model", "Range over amplitudes"], ["Open"]),
@@ -377,6 +380,9 @@ def test_axes_are_logarithmic_in_round_numbers_percent_or_from_zero_where_the_si
     assert (lowest[0] > 250, lowest[1] > 2, lowest[2] <= 0) == (True, True, True), "inertia alone is drawn from zero"
     rivals = model_comparison.draw(plotted("model_comparison")).axes
     assert ({a.get_yscale() for a in rivals}, len({a.get_ylim() for a in rivals})) == ({"log"}, 1), "comparable panels"
+    joints = pl.concat([both_branches().with_columns(joint=pl.lit(joint)) for joint in "abcde"])
+    assert len(fig3.draw(joints).axes) == 10, "no empty panel is left beside the last ones"
+    assert len(response.draw(conditions_of(5)).axes) == 15
     gap = fig4.draw(time_series().filter(~pl.col("time").is_between(2, 3))).axes
     assert [np.isnan(ax.lines[-1].get_ydata()).sum() for ax in gap] == [1, 1, 1], "no line crosses a gap"
     for ax in fig4.draw(left_out()).axes:
@@ -521,6 +527,7 @@ def test_numbers_have_the_digits_that_their_intervals_leave_and_of_many_names_th
     assert with_interval(299.123, 298.21, 300.04, "N·m/rad") == "299.12 N·m/rad (95 % interval 298.21 to 300.04)"
     assert with_interval(-0.0002, -0.02, 0.0176, "kg·m²") == "0.000 kg·m² (95 % interval −0.020 to 0.018)"
     assert [with_interval(-3.0, None, -2.0, "s"), with_sd(-3.384, 0.202, "s")] == ["−3 s", "−3.38 ± 0.20 s"]
+    assert with_sd(-3.384, None, "s") == "−3.38 s"
     assert with_interval(300.0, 300 - 1e-9, 300 + 1e-9, "s") == "300.00 s (95 % interval 300.00 to 300.00)"
     table = pl.DataFrame({"trial": [f"t_{k}" for k in range(12)], "doubtful": ["VAF 80"] * 10 + ["", None]})
     names = ", ".join(rf"t\_{k}" for k in range(6))

@@ -129,7 +129,8 @@ def test_examples_are_those_of_the_configuration_or_chosen_and_said(tmp_path):
     """Where the default's example is not in the campaign one is chosen; another one that is not there is refused."""
     shown = time_series_example(campaign(tmp_path, TWO_JOINTS, figures="{time_series: {duration_s: 3}}"))
     assert [*shown.values()] == ["a", "ankle", None, 6, 3, ""], "the first of two"
-    knee = "k,impedance,pd,,,knee,k.csv,bench_csv\n"
+    knee, belt = "k,impedance,pd,,,knee,k.csv,bench_csv\n", campaign(tmp_path, "b,belt,,,,,b.csv,bench_csv\n")
+    assert (time_series_example(belt), response_example(belt)) == (None, None)
     found = time_series_example(campaign(tmp_path, knee))
     assert (found["trial"], found["amplitude_deg"], "not in this campaign" in found["chosen"]) == ("k", None, True)
     assert response_example(campaign(tmp_path, knee)) is None

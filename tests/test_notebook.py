@@ -226,6 +226,7 @@ REFUSED = {
     "a trial is needed, not int": lambda t: osl.fit_impedance(3), "not no fit": lambda t: osl.plot_torque_angle(),
     "none.parquet: no such trial": lambda t: osl.fit_belt("none.parquet"),
     "column 'theta' holds String": lambda t: osl.check(osl.Trial("a", t.samples.cast({"theta": pl.String}))),
+    "trial a: no column 'time'; map one in the source": lambda t: osl.Trial("a", t.samples.drop("time")),
     "did you mean 'impedance'": lambda t: osl.check(t, "impedence"),
     "write DesiredImpedance": lambda t: osl.fit_impedance(t, "compensated"),
     "did you mean 'opensourceleg'": lambda t: osl.read_recording("README.md", "opensourcelegs"),

@@ -105,6 +105,7 @@ def test_a_sound_recording_passes_every_check():
 AWAY = (np.arange(ANGLE.size) > 2000) & (np.arange(ANGLE.size) < 2500)
 BEYOND = longest_run(TORQUE > 15)
 ABOVE = BEYOND.stop - BEYOND.start
+NUMBERS = np.arange(1000)
 LEVELS = np.repeat([1.0, 4.0, -2.0, 0.0], 1000)[:2000]
 SEEN = with_piece(with_piece(with_piece(np.linspace(0, 0.1, 400), 0, 40, np.nan), 100, 160, np.nan), 200, 210, np.nan)
 STILL = pl.DataFrame({"time": np.arange(2000) / RATE, "theta": 0.1})
@@ -114,6 +115,7 @@ STOOD_ON = 800 + np.random.default_rng(1).standard_normal(2000)
 
 @pytest.mark.parametrize(("check", "samples", "experiment", "value", "remark"), [
     ("rate", bench()[::20], "impedance", 50.0, None),
+    ("rate", bench()[:2], "belt", None, "not applicable: no channel has three samples"),
     ("rate", laboratory(), "walking", 200.0, "plate1_force_z 1000 Hz, marker_A_x 200 Hz"),
     # a load cell at either rail, by its samples
     *(("saturation", bench(torque=s * np.minimum(TORQUE, 15.0)), "impedance", ABOVE, "torque") for s in (1, -1)),
@@ -138,10 +140,15 @@ STOOD_ON = 800 + np.random.default_rng(1).standard_normal(2000)
     ("unzeroed_plate", laboratory(plate1_force_z=BARE - 100), "walking", 98.0, None),
     ("unzeroed_plate", laboratory(plate1_force_z=BARE + 60), "overground", 62.0, None),
     ("unzeroed_plate", laboratory(plate1_force_z=BARE + 60), "plate", 62.0, None),
+    ("unzeroed_plate", laboratory(plate1_force_z=BARE - 50.0 * (np.arange(2000) >= 1600)), "walking", 2.0, None),
+    ("unzeroed_plate", laboratory(plate1_force_z=100 * (STOOD_ON - 800)), "walking", None,
+     "not applicable: the plates are never at rest, or loaded throughout"),
     ("unzeroed_plate", laboratory(plate1_force_z=STOOD_ON), "static", None, None),  # somebody stands there
     ("unzeroed_plate", laboratory(plate1_force_z=STOOD_ON), "walking", 800.0, None),
     ("unzeroed_plate", laboratory(plate1_force_z=-STOOD_ON), "static", 800.0, None),
     ("marker_gap", laboratory(marker_A_x=every_fifth(SEEN)), "walking", 60 / 200, "A; 1 of 1 markers"),
+    ("marker_gap", laboratory(marker_A_x=every_fifth(with_piece(NUMBERS[:400] / 1.0, 9, 11, np.nan))), "walking", 0.01,
+     "A; 1 of 1 markers"),
     ("marker_gap", laboratory(marker_A_x=every_fifth(np.full(400, np.nan))), "walking", 1.995, None),  # never seen
     ("damage", bench(), "impedance", None, "not applicable: no damage report"),
 ])  # fmt: skip
@@ -176,7 +183,6 @@ def test_jitter_is_the_wander_of_stamps_about_which_nothing_decides():
     assert "undecided, true" in found.remark
 
 
-NUMBERS = np.arange(1000)
 LOADED = np.where(NUMBERS < 800, 700 + np.sin(NUMBERS), 0.0)
 PEAKS = np.maximum(np.ceil(500 - (NUMBERS % 200 - 100.0) ** 2 / 12), 440.0)  # seven samples long
 STEEP = np.where(NUMBERS % 200 > 103, 440.0, PEAKS)  # steep behind its peaks alone
@@ -274,9 +280,12 @@ def test_a_time_per_frequency_may_be_commanded_in_place_of_cycles_or_any_motion(
     other = sum(np.sin(2 * np.pi * f * np.arange(theta.size) / RATE + f * f) for f in np.arange(1, 6, 0.37)) / 50
     for experiment, motion, commanded, value in (
         ("impedance", theta, timed, 0), ("impedance", 0 * theta, COMMANDED, 4), ("impedance", 0 * theta, free, 0),
-        ("impedance", other, COMMANDED, 0), ("transmission", 0 * theta, free, 4),
+        ("impedance", other, COMMANDED, 0), ("impedance", other, replace(COMMANDED, excitation="stepped_sine"), 4),
+        ("transmission", 0 * theta, free, 4),
     ):  # fmt: skip
         assert examine(Trial("a", bench(motion)), experiment, commanded)["protocol"].value == value
+    nearly, whole = (Commanded((4.0,), (5.0,), cycles) for cycles in (39, 40))
+    assert examine(Trial("a", bench(stepped_sine(nearly))), "impedance", whole)["protocol"].value == 0
     again = Commanded((2.0, 4.0), (2.0, 5.0, 2.0), 6)  # a frequency that returns has the cycles of both
     assert examine(Trial("a", bench(stepped_sine(again))), "impedance", again)["protocol"].value == 0
 
@@ -296,7 +305,7 @@ def test_a_failure_flags_or_excludes_by_its_rule_and_the_sheet_accepts_it_by_nam
 def test_a_trial_of_few_rows_or_empty_columns_is_judged_without_an_error(rows, experiment):
     nothing = pl.lit(None, pl.Float64)
     samples = bench()[:rows].with_columns(plate1_force_z=nothing, marker_A_x=pl.lit(np.nan))
-    for changed in (samples, samples.with_columns(theta=nothing, torque=nothing)):
+    for changed in (samples, samples.with_columns(theta=nothing, torque=nothing, marker_A_x=nothing)):
         found = results(changed, experiment)
         assert all(f.value is None or np.isfinite(f.value) for f in found.values())
         assert judged(found)["check"].to_list() == list(CHECKS)

@@ -8,7 +8,7 @@ import pytest
 from c3d_builder import REAL_DATA, write_c3d
 
 from osl_analysis.ingest.raw_files import FORMATS
-from osl_analysis.judge.recording import examine
+from osl_analysis.judge.recording import examine, travel
 from osl_analysis.judge.table import CheckResult, Commanded
 from osl_analysis.trial import Array, Trial
 
@@ -46,6 +46,10 @@ def test_a_sound_plate_passes_and_a_clipped_raw_channel_is_named_with_its_time(t
     found = checked(trial_of(tmp_path / "a.c3d", channels))
     assert ((found["saturation"].value or 0) < 5, (found["stuck"].value or 0) < 0.05) == (True, True)
     assert found["pressure_centre"] == CheckResult(0.0, "")
+    far = channels + 1e3 * np.outer(np.isin(np.arange(TIME.size), (150, 250, 350)) * 3, [0, 0, 0, 0, 1, 0])
+    assert checked(trial_of(tmp_path / "a.c3d", far))["pressure_centre"].value == 0.0, "3 of 300 samples do not count"
+    short = trial_of(tmp_path / "a.c3d", channels * ((TIME < 0.3) | (TIME > 0.78))[:, None])
+    assert checked(short)["pressure_centre"].value == 0.0, "of 50 samples under load"
     # 5th to 95th percentile of a steady roll of 0.22 m
     assert found["pressure_travel"].value == pytest.approx(0.9 * 0.22, rel=0.08)
     channels[:, 4] = np.clip(channels[:, 4], -60.0, 60.0)
@@ -97,6 +101,7 @@ def test_moments_a_thousand_times_too_large_or_too_small_are_named(tmp_path: Pat
     assert checked(mended)["pressure_centre"].value == 0
     small = checked(trial_of(tmp_path / "b.c3d", np.hstack((force, 1e-3 * moment))))["pressure_travel"]
     assert "a thousand times too small" in small.remark
+    assert travel(np.array([[0.0, 0.0], [3.0, 4.0]])) == pytest.approx(0.9 * 5)
 
 
 def test_a_plate_on_which_nobody_stands_is_not_judged(tmp_path: Path) -> None:

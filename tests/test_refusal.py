@@ -224,6 +224,7 @@ def test_the_list_has_a_line_per_cause_with_trial_file_reason_and_remedy(tmp_pat
     assert "\nNOT ANALYSED: some results.\n" in refusal_report(files[:1], recordings, accept=True)
     del recordings["b_3"]
     assert "\nNOT ANALYSED: 2 of 2 trials.\n" in refusal_report(files, recordings, accept=True)
+    assert refusal_report([tmp_path], recordings, accept=False) == ""
 
 
 def test_the_list_says_what_else_has_no_result(tmp_path):

@@ -8,7 +8,7 @@ import pytest
 import yaml
 from conftest import ROOT
 
-from osl_analysis.campaign.campaign import Campaign, check_walking, open_campaign
+from osl_analysis.campaign.campaign import Campaign, check_campaign, open_campaign
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.commands.simulate import simulate_trial, write_sheet
 from osl_analysis.config.sheet import read_sheet
@@ -36,7 +36,7 @@ def test_a_valid_sheet_has_numbers_truth_values_and_gaps_and_blanks_and_comments
         "k,impedance,uncompensated ,300 , 5,,k.mcap,dynamometer,,,\u200b\n"
         "w,walking,,,, True ,,,w.c3d,vicon,\n"
     )
-    rows += "".join(f"{name},belt,,,,,b#2.mcap,dynamometer,,,\n" for name in ("NA", "null", "nan"))
+    rows += "".join(f"{name},belt,,,,,b#2.mcap,dynamometer,,,\n" for name in ("NA", "null", "nan")) + ",,,,\n"
     table = read_sheet(sheet(tmp_path, mark + "# mine\n" + HEADER.replace("log_source", " log_source ") + rows))
     assert list(table) == ["b", "k", "w", "NA", "null", "nan"]
     given = [table["b"][name] for name in ("experiment", "log", "log_source", "exclude", "side")]
@@ -85,6 +85,7 @@ def test_a_wrong_cell_is_named_with_line_and_remedy(tmp_path, line, message):
     *((f"trial{sign}experiment\na{sign}belt\n", f"separated by '{said}'; save the sheet with commas")
       for sign, said in ((";", ";"), ("\t", r"\\t"), ("|", r"\|"))),
     (f"{HEADER}{BELT}Fuß\n".encode("latin-1"), "line 2: byte 0xdf is not UTF-8; save the sheet as 'CSV UTF-8'"),
+    (HEADER.encode("utf-16-le"), "its header holds zero bytes, it is not UTF-8; save the sheet as"),
     (b"PK\x03\x04xl/\0\0", "an Excel workbook, which is not read; save its sheet as 'CSV UTF-8'"),
 ])  # fmt: skip
 def test_a_wrong_sheet_is_refused_with_what_to_do(tmp_path, text, message):
@@ -129,16 +130,19 @@ def test_a_crossing_and_a_plate_trial_have_the_side_of_their_static_trial_and_wa
     used = ("trial", "experiment", "log", "log_source", "log_part", "mocap", "mocap_source")
     assert found.recording("w") == {name: found.row("w")[name] for name in used}
     with pytest.raises(InputError, match="1 unperturbed crossings, walking needs 3 or more; add them, or exclude"):
-        check_walking(found)
+        check_campaign(found)
     flat = "".join(f"u{k},walking,u{k}.c3d,vicon,false,,b,\n" for k in range(2))
     with pytest.raises(InputError, match="1 perturbed crossings, walking needs 2 or more"):
-        check_walking(open_campaign(config, read_sheet(sheet(tmp_path, PLACED_TRIALS + flat))))
+        check_campaign(open_campaign(config, read_sheet(sheet(tmp_path, PLACED_TRIALS + flat))))
     enough = PLACED_TRIALS + flat + "x,walking,x.c3d,vicon,true,,b,\n"
-    check_walking(open_campaign(config, read_sheet(sheet(tmp_path, enough))))
+    check_campaign(open_campaign(config, read_sheet(sheet(tmp_path, enough))))
     for gone, said in (("[lr]", "static', walking needs 1"), ("p", "plate' .unloaded .*, walking needs 1")):
         bare = read_sheet(sheet(tmp_path, re.sub(f"^{gone},.*\n", "", enough, flags=re.MULTILINE)))
         with pytest.raises(InputError, match=f"0 trial of experiment '{said}"):
-            check_walking(open_campaign(config, bare))
+            check_campaign(open_campaign(config, bare))
+    assert open_campaign(config, bare | {"w": bare["w"] | {"exclude": "he fell"}}).excluded == {"w": "he fell"}
+    with pytest.raises(InputError, match=r"trials.csv: every trial is excluded; clear `exclude` of those to analyse"):
+        open_campaign(config, {trial: row | {"exclude": "he fell"} for trial, row in bare.items()})
 
 
 def test_the_pattern_of_an_experiment_matches_its_trials_and_no_other():

@@ -423,6 +423,8 @@ def test_a_bad_impedance_trajectory_and_a_wrong_duration_or_rate_are_refused(tmp
         (tmp_path / "impedance.csv").write_text(text)
         with pytest.raises(InputError, match=said):
             read_impedance_trajectory(tmp_path / "impedance.csv")
+    with pytest.raises(InputError, match=r"none.csv: no such impedance trajectory; correct its path in the configurat"):
+        read_impedance_trajectory(tmp_path / "none.csv")
     text = (ROOT / "config/simulation/walking.yaml").read_text()
     for right, wrong, said in (
         ("recording_s: 3.0", "recording_s: 1.5", r"gait.*recording_s must be longer than heel_strike_s \+ stance_s"),

@@ -8,6 +8,7 @@ import polars as pl
 import pytest
 import yaml
 
+import osl_analysis
 from osl_analysis.campaign.campaign import ABOUT_MACROS
 from osl_analysis.campaign.configuration import read_section
 from osl_analysis.commands import tables
@@ -361,6 +362,10 @@ def test_files_are_written_from_the_tables_that_exist_and_read_back(tmp_path):
     assert said[0]["line"] in format_results_table(summary)
     assert summary == written(numbers) | {"trials": {}, "missing_results": {}, "findings": said}
     assert (tmp_path / "n.tex").read_text() == to_tex(MADE, numbers)
+    (tmp_path / "s.json").rename(tmp_path / "summary.json")
+    table, entries = osl_analysis.read_summary(tmp_path), summary["numbers"]
+    entries = [dict.fromkeys(table.columns) | {"quantity": name} | entry for name, entry in entries.items()]
+    assert table.to_dicts() == entries
 
 
 def test_missing_trials_are_counted_and_named_with_the_reason_in_every_form_of_the_summary(tmp_path):

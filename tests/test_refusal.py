@@ -177,8 +177,7 @@ def test_the_jobs_of_a_server_that_was_killed_are_named_and_snakemake_goes_on(tm
 def test_failed_killed_and_deleted_results_are_tried_again_and_refused_ones_stay(tmp_path):
     assert written(tmp_path)[1] == written(tmp_path)[1] == 0  # it never ran
     (tmp_path / "b_7.log").write_text("job: bench.fit\noutcome: done\n")
-    there = result(tmp_path / "fits/b_8.csv")
-    tried = written(tmp_path, files=[there, str(tmp_path / "fits/b_7.csv")])[1]
+    tried = written(tmp_path, files=[result(tmp_path / "fits/b_8.csv"), str(tmp_path / "fits/b_7.csv")])[1]
     assert tried == 1  # one of its results was deleted
     for outcome, again in (("died", 1), ("failed", 1), ("refused", 0)):
         record(tmp_path / "fits/b_7.csv", replace(KILLED, outcome=outcome))

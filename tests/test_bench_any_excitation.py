@@ -23,7 +23,7 @@ from osl_analysis.bench.impedance import (
 )
 from osl_analysis.bench.record import record_of_trial, stated_windows
 from osl_analysis.bench.response_tables import response_tables
-from osl_analysis.bench.settings import BenchStiffness, DynamometerAnalysis
+from osl_analysis.bench.settings import BenchStiffness, DynamometerAnalysis, TimeBase
 from osl_analysis.campaign.configuration import read_section
 from osl_analysis.commands.bench import compare_impedance_models
 from osl_analysis.config.experiments import EXPERIMENTS
@@ -109,7 +109,7 @@ def test_windows_are_fitted_and_nothing_else(tmp_path):
     motion = noise(rng := np.random.default_rng(1), duration=40.0)
     disturbed = np.where((motion[0] > 15) & (motion[0] < 25), 30 * np.sin(9 * motion[0]), 0.0)
     trial = made_trial(rng, motion, more=disturbed)
-    row = row_of(trial, "2-14.5 25.5-40")
+    row = row_of(trial, "0.1-1.2 2-14.5 25.5-40")  # less than 1 s is left of the first
     assert [row[k] for k in TRUE] == pytest.approx(list(TRUE.values()), rel=0.01)
     assert row["fitted_s"] == pytest.approx(12.5 + 14.5 - 4 * 2 / 15, abs=0.02)
     assert abs(row_of(trial)["K"] / 300 - 1) > 0.004
@@ -330,6 +330,8 @@ def test_the_time_base_bridges_gaps_by_the_band_of_this_motion(band, lost, left_
     said = timebase_table(record.uniform, None, bench).select("masked", "farthest_s", "^bench_stiffness.*$").row(0)
     assert said == pytest.approx((np.sum(~record.uniform.usable), record.uniform.farthest_s, 4000, 200))
     assert fit_of(record)["K"] == pytest.approx(300, rel=2e-3)
+    long = Trial("made", whole.filter(pl.Series((rows < 4000) | (rows > 4150))))  # 0.6 s
+    assert moving_record(long, time_base=TimeBase(longest_gap_s=0.7)).seconds > 28
 
 
 def test_quality_control_says_that_another_motion_is_not_compared_with_the_protocol():

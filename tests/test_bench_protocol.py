@@ -8,6 +8,7 @@ from any_motion import chirp, multisine, noise
 from bench_synthetic import sine_settings, table_of, unit_block
 
 from osl_analysis.bench.record import cycles_of, drift_rate, record_of_trial
+from osl_analysis.bench.settings import BenchStiffness
 from osl_analysis.errors import InputError
 from osl_analysis.protocol import stepped_sine
 from osl_analysis.signals import Motion
@@ -179,6 +180,9 @@ def test_a_trial_is_read_without_its_drift_which_the_table_gives_per_minute():
     samples = pl.DataFrame({"time": TIME, "theta": theta, "torque": torque + 0.01 * (TIME - TIME.mean())})
     record = record_of_trial(Trial("a", samples), sine_settings([4], [2, 4]))
     np.testing.assert_allclose(record.torque, torque, atol=2e-3)
+    yielding = sine_settings([4], [2, 4]).model_copy(update={"bench_stiffness": BenchStiffness(value="3000 N*m/rad")})
+    bent = record_of_trial(Trial("a", samples.with_columns(theta=theta + torque / 3000)), yielding)
+    np.testing.assert_allclose(bent.theta, theta, atol=1e-6)  # which the drift does not bend
     whole = table_of(record).row(-1, named=True)
     assert (whole["load_cell_drift"], whole["K"]) == (pytest.approx(0.6, rel=0.02), pytest.approx(100, rel=0.01))
 

@@ -191,6 +191,7 @@ COARSE = np.where(NUMBERS < 800, -80.0, 700 + np.sin(NUMBERS))  # an unzeroed pl
 
 @pytest.mark.parametrize("values", [LOADED + 5, COARSE, 300 - COARSE, np.minimum(LOADED, 700.5), PEAKS, STEEP])
 def test_an_extreme_at_zero_or_where_the_channel_mostly_is_or_a_slow_peak_of_one_step_is_no_rail(values):
+    assert [run_at_extreme(none) for none in (np.empty(0), np.array([5.0, np.nan, 5.0, 0.0]))] == [slice(0, 0)] * 2
     run, rail = run_at_extreme(values), run_at_extreme(np.where(NUMBERS % 100 < 20, 900.0, np.sin(NUMBERS)))
     assert run.stop - run.start < 5
     assert (rail, run_at_extreme(np.abs(NUMBERS % 200 - 100.0) + 50)) == (slice(0, 20), slice(100, 101)), "the first"

@@ -254,7 +254,10 @@ def test_a_clock_that_is_slow_by_a_tenth_of_a_thousandth_is_said_to_be():
     assert [stream["ppm"] for stream in slow.streams] == pytest.approx([0, -100, None], abs=0.05)
 
 
-def test_refuses_streams_that_do_not_overlap():
+def test_refuses_streams_that_do_not_overlap_or_whose_host_is_so_late_that_it_hides_its_rhythm():
+    for one_in in ((0, 0), (0, 50)):
+        with pytest.raises(InputError, match=r"cell: .* late by 11\.\d+ ms \(SD\), too late to see whether some of "):
+            one_time_base(two_nodes(np.random.default_rng(1), (0.0, 1e-2), one_in))
     with pytest.raises(InputError, match=r"cell begins at 70\.0000 s and early ends at 59\.9900 s: they overlap in 0"):
         one_time_base([Stream("early", TICKS, {"a": TICKS}), of(TICKS + 70)])
     early = np.delete(TICKS, slice(200, 300))  # a gap before the other begins does not count
@@ -289,12 +292,6 @@ def test_regular_losses_behind_a_late_host_are_refused(wait, one_in):
     with pytest.raises(InputError, match=r"about \d+ samples are missing.* nothing tells which.* counter") as refused:
         one_time_base(two_nodes(random, waiting, one_in))
     assert int(str(refused.value).split("about ")[1].split()[0]) == pytest.approx(true, rel=0.05, abs=1.1)
-
-
-@pytest.mark.parametrize("one_in", [(0, 0), (0, 50)])
-def test_a_host_so_late_that_its_rhythm_is_hidden_is_refused_whether_it_lost_samples_or_not(one_in):
-    with pytest.raises(InputError, match=r"cell: .* late by 11\.\d+ ms \(SD\), too late to see whether some of its"):
-        one_time_base(two_nodes(np.random.default_rng(1), (0.0, 1e-2), one_in))
 
 
 def test_a_host_too_late_to_tell_another_rate_from_losses_is_refused_and_a_prompt_one_tells_them():

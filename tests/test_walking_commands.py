@@ -15,7 +15,7 @@ import pytest
 from conftest import ROOT
 from walking_crossings import Tables, run_jobs
 from walking_setup import Setup, load_setup
-from walking_synthetic import PLATE_RATE, RATE, changed, hidden, recording, settings
+from walking_synthetic import CORNERS, PLATE_RATE, RATE, changed, hidden, recording, settings
 
 from osl_analysis.commands import walking as jobs
 from osl_analysis.commands.figure import plot_walking_page
@@ -360,7 +360,10 @@ def gait_trial(side: str = "left", over: float = 0.0) -> Trial:
 
 @pytest.mark.parametrize("side", ["left", "right"])
 def test_the_moment_of_a_known_load_and_its_ratio_to_the_reference(side: str) -> None:
-    (row,) = overground_rows(gait_trial(side), KNOWN)
+    trial = gait_trial(side)
+    (row,) = overground_rows(trial, KNOWN)
+    turned = {"plates": [{"plate": 1, "corners": CORNERS[::-1]}]}
+    assert overground_rows(replace(trial, provenance=turned), KNOWN) == [row]
     assert (row["side"], row["plate"]) == (side, 1)
     assert [row["heel_strike_s"], row["toe_off_s"]] == pytest.approx([0.50625, 1.49375], abs=1e-3)
     found = compare_ankle_moment(gait_trial(side), KNOWN, {"body_mass_kg": 60.0})["ankle_moment"]
@@ -371,9 +374,9 @@ def test_the_moment_of_a_known_load_and_its_ratio_to_the_reference(side: str) ->
 
 
 def test_what_cannot_be_compared_is_refused_with_the_remedy() -> None:
+    trial = gait_trial()
     with pytest.raises(InputError, match="gait_1: no foot stands on a plate"):
         overground_rows(gait_trial(over=0.3), KNOWN)
-    trial = gait_trial()
     bare = replace(trial, samples=trial.samples.drop("reference_ankle_moment_left"))
     with pytest.raises(InputError, match="no column 'reference_ankle_moment_left'"):
         overground_rows(bare, KNOWN)

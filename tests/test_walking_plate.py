@@ -287,13 +287,15 @@ def test_a_load_that_does_not_act_upwards_and_a_plate_on_edge_are_refused_with_t
         facts = {"plates": [{"plate": 1, "type": 2, "corners": corners.tolist()}]}
         return Trial("plate_1", pl.DataFrame({"time": [0.0]}), facts)
 
-    for axes, named in (([0, 2, 1], r"across the y axis.*`axes: \[x, -z, y\]`"), ([2, 1, 0], "across the x")):
-        with pytest.raises(InputError, match=named):
-            plate.recorded_corners(with_corners(SURFACE[:, axes]), 1)
-    with pytest.raises(InputError, match="no corners of force plate 2; the recording has those of 1"):
-        plate.recorded_corners(with_corners(SURFACE), 2)
-    with pytest.raises(InputError, match="has those of none"):
-        plate.recorded_corners(Trial("plate_1", pl.DataFrame({"time": [0.0]})), 1)
+    x, y = (with_corners(SURFACE[:, axes]) for axes in ([2, 1, 0], [0, 2, 1]))
+    ramp, steep = (SURFACE @ matrix(0, np.deg2rad([angle]))[0].T for angle in (33.0, 40.0))
+    for trial, number, said in (
+        (x, 1, "across the x"), (y, 1, r"across the y axis.*`axes: \[x, -z, y\]`"), (with_corners(steep), 1, "on edge"),
+        (x, 2, "plate 2; the recording has those of 1"), (replace(x, provenance={}), 1, "has those of none"),
+    ):  # fmt: skip
+        with pytest.raises(InputError, match=said):
+            plate.recorded_corners(trial, number)
+    assert plate.recorded_corners(with_corners(ramp), 1).tolist() == ramp.tolist()
     for corners in (SURFACE, SURFACE[::-1]):  # in either order, the normal points up
         normal = plate_axes(plate.recorded_corners(with_corners(corners), 1))[:, 2]
         np.testing.assert_allclose(normal, [0, 0, 1], atol=1e-12)

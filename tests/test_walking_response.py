@@ -342,6 +342,7 @@ def test_heel_strike_and_toe_off_lie_between_frames_and_what_is_no_whole_stance_
     for force in (dips, unseen, whole + short, early + whole + late):
         assert stances(force) == known
     assert len(stances(whole + short, 0.05)) == 2
+    assert stances(np.where(np.arange(len(TIME)) == 271, np.nan, whole)) == [pytest.approx((TIME[272], 1.5975))]
     for cut in (early, late, 0 * TIME):
         assert stances(cut) == []
 

@@ -14,6 +14,7 @@ from osl_analysis.bench.settings import ActuatorAnalysis, BenchStiffness, Dynamo
 from osl_analysis.campaign.configuration import read_section
 from osl_analysis.commands.bench import fit_trial
 from osl_analysis.errors import InputError
+from osl_analysis.judge.doubts import plausible_impedance
 from osl_analysis.judge.recording import check_recording
 from osl_analysis.judge.table import DoubtfulFits
 from osl_analysis.model.compensator import PAPER_WEIGHT
@@ -156,6 +157,8 @@ def test_a_torque_beyond_the_load_cell_s_range_or_a_bench_that_is_softer_is_refu
         judged("impedance", changed("impedance", torque=lambda x: x - x.max()), stated)
     with pytest.raises(InputError, match=r"theta turns by \+-2 rad"):
         check_recording(Trial("a", pl.DataFrame({"time": [0.0, 1.0, 2.0], "theta": [np.nan, -2.0, 2.0]})), BENCH)
+    rows = pl.DataFrame({"trial": "a", "amplitude_deg": [4.0, 2.0, None], "K": [200.0, 100.0, 150.0], "K_high": 1.0})
+    assert set(plausible_impedance(rows, pl.lit(0), None, 400.0)["K_ratio"]) == {0.5}, "of the largest amplitude"
     assert abs(judged("impedance", driven(lambda m: second_order(m) - 200.002 * m.theta))["K"]) < 0.2
 
 

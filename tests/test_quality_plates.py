@@ -48,8 +48,6 @@ def test_a_sound_plate_passes_and_a_clipped_raw_channel_is_named_with_its_time(t
     assert found["pressure_centre"] == CheckResult(0.0, "")
     far = channels + 1e3 * np.outer(np.isin(np.arange(TIME.size), (150, 250, 350)) * 3, [0, 0, 0, 0, 1, 0])
     assert checked(trial_of(tmp_path / "a.c3d", far))["pressure_centre"].value == 0.0, "3 of 300 samples do not count"
-    short = trial_of(tmp_path / "a.c3d", channels * ((TIME < 0.3) | (TIME > 0.78))[:, None])
-    assert checked(short)["pressure_centre"].value == 0.0, "of 50 samples under load"
     # 5th to 95th percentile of a steady roll of 0.22 m
     assert found["pressure_travel"].value == pytest.approx(0.9 * 0.22, rel=0.08)
     channels[:, 4] = np.clip(channels[:, 4], -60.0, 60.0)

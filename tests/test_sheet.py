@@ -135,7 +135,11 @@ def test_a_crossing_and_a_plate_trial_have_the_side_of_their_static_trial_and_wa
     with pytest.raises(InputError, match="1 perturbed crossings, walking needs 2 or more"):
         check_campaign(open_campaign(config, read_sheet(sheet(tmp_path, PLACED_TRIALS + flat))))
     enough = PLACED_TRIALS + flat + "x,walking,x.c3d,vicon,true,,b,\n"
-    check_campaign(open_campaign(config, read_sheet(sheet(tmp_path, enough))))
+    check_campaign(open_campaign(config, whole := read_sheet(sheet(tmp_path, enough))))
+    with pytest.raises(InputError, match=r"trials.csv: trial \w: no speed in the sheet, but other crossings state"):
+        check_campaign(open_campaign(config, whole | {"x": whole["x"] | {"speed": "fast"}}))
+    with pytest.raises(InputError, match="quality: no rule for the check 'rate'"):
+        check_campaign(open_campaign(config.model_copy(update={"quality": type(config.quality)()}), whole))
     for gone, said in (("[lr]", "static', walking needs 1"), ("p", "plate' .unloaded .*, walking needs 1")):
         bare = read_sheet(sheet(tmp_path, re.sub(f"^{gone},.*\n", "", enough, flags=re.MULTILINE)))
         with pytest.raises(InputError, match=f"0 trial of experiment '{said}"):

@@ -364,8 +364,7 @@ def test_files_are_written_from_the_tables_that_exist_and_read_back(tmp_path):
     assert (tmp_path / "n.tex").read_text() == to_tex(MADE, numbers)
     (tmp_path / "s.json").rename(tmp_path / "summary.json")
     table, entries = osl_analysis.read_summary(tmp_path), summary["numbers"]
-    entries = [dict.fromkeys(table.columns) | {"quantity": name} | entry for name, entry in entries.items()]
-    assert table.to_dicts() == entries
+    assert table.to_dicts() == [dict.fromkeys(table.columns) | {"quantity": name} | entries[name] for name in entries]
 
 
 def test_missing_trials_are_counted_and_named_with_the_reason_in_every_form_of_the_summary(tmp_path):

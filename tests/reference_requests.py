@@ -25,10 +25,8 @@ def requests_of(space, campaign: str) -> set[tuple[str, ...]]:
     changes, trials = PLANNED[campaign].values()
     (space.folder / "trials.csv").write_text("".join(row for row in SHEET if re.match(trials, row)))
     space.configure(changes)
-    planned, found = (
-        space.run("-n", "reproduce-all", *["study"] * ("study" in changes), "--quiet", "host").stdout,
-        set(),
-    )
+    targets, found = ["reproduce-all", "study"][: 1 + ("study" in changes)], set()
+    planned = space.run("-n", *targets, "--quiet", "host").stdout
     for rule, waits in re.findall(r"^rule (\S+):\n    input: (.*)$", planned, re.MULTILINE):
         request = next((Path(file) for file in waits.split(", ") if file.endswith("job.json")), Path(rule))
         said = json.loads((space.folder / request).read_text()) if request.suffix else {}

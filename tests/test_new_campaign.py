@@ -95,7 +95,11 @@ def test_an_empty_campaign_names_what_is_to_be_done(tmp_path, monkeypatch):
     (said,) = [found for what, found, _ in looked_at(Path()) if what == "campaign"]
     assert "no trials; add one row per trial" in said
     assert (call("doctor").exit_code, "!! campaign" in call("doctor").output) == (1, True)
-    Path("trials.csv").write_text("trial,experiment,log,log_source\na,belt,a.csv,opensourceleg\n")
+    Path("recordings/a.csv").touch()  # the log is there, the capture is not
+    sheet = "trial,experiment,log,log_source,mocap,mocap_source,accept\na,belt,a.csv,opensourceleg,a.c3d,vicon,"
+    Path("trials.csv").write_text(f"{sheet}gapp\n")
+    assert "'gapp' is no quality check" in [*looked_at(Path())][-1][1]
+    Path("trials.csv").write_text(f"{sheet}\n")
     lacks = "files of 1 are missing, first of a: correct the sheet"
     assert [*looked_at(Path())][-1] == ("campaign", "mine, 1 trials", lacks)
 
@@ -108,6 +112,7 @@ def test_snakemake_is_given_the_campaign_of_the_folder_or_a_broken_one_is_refuse
     snakefile = str(ROOT / "Snakefile")
     assert snakemake_arguments(["-n"]) == ["-n", "--snakefile", snakefile, "--configfile", "config.yaml"]
     assert snakemake_arguments(["--configfile", "config.yaml"])[-1] == snakefile
+    assert snakemake_arguments(["--workflow-profile", "none"])[:2] == ["--workflow-profile", "none"]
     for arguments in (["--workflow-profile", "profiles/slurm"], ["--workflow-profile=profiles/slurm"]):
         assert Path(snakemake_arguments(arguments)[len(arguments) - 1].removeprefix("--workflow-profile=")).is_dir()
     for arguments in (["--configfile", "config.yaml", "b.yaml", "-n"], ["-n", "--configfile=b.yaml"]):

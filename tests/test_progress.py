@@ -25,6 +25,8 @@ def test_a_run_has_a_line_now_and_then_one_per_stage_and_what_is_refused_at_once
     tell(lines, LogEvent.RUN_INFO, stats={"ingest": 40, "reproduce-all": 1, "osl_validate": 1, "total": 42})
     for text in ("Building DAG of jobs...", "Unlocked."):
         tell(lines, text=text)
+    tell(lines, text="of a developer", level=logging.DEBUG)
+    tell(lines, LogEvent.JOB_FINISHED, job_id=99)  # of a target, which has no stage
     for job in range(40):
         logs = [f"{tmp_path}/{one}.log" for one in outcomes]
         tell(lines, LogEvent.JOB_INFO, jobid=job, rule_name="ingest", log=logs if job == 39 else None)

@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import warnings
 import zipfile
 from contextlib import nullcontext
 from dataclasses import replace
@@ -165,7 +166,9 @@ def test_the_jobs_of_a_server_that_was_killed_are_named_and_snakemake_goes_on(tm
     monkeypatch.setenv("OMP_NUM_THREADS", "64")
     link, server = job_server()
     assert os.getsid(server.pid) == server.pid, "Ctrl-C is for Snakemake"
-    assert b"OMP_NUM_THREADS=1\0" in Path(f"/proc/{server.pid}/environ").read_bytes(), "a job counts as one core"
+    while not (variables := Path(f"/proc/{server.pid}/environ").read_bytes()):  # until its program has begun
+        pass
+    assert b"OMP_NUM_THREADS=1\0" in variables, "a job counts as one core"
     server.kill()
     server.wait()
     run_job(str(request))
@@ -206,6 +209,8 @@ def test_what_to_do_is_told_by_the_outcome_where_the_message_does_not(remedy, ou
     asked = {"command": "m.f", "input": {"trial": trial}, "settings": {}, "files": ["x.csv"], "log": "job.log"}
     found = refusal(asked, {"outcome": outcome, "error": "x.csv has no sense", "traceback": traceback})
     assert (found.remedy.startswith(remedy), found.file) == (True, "x.csv"), "the file that the message names"
+    for given in ({"input": {"crossing": "w/w_1.parquet"}}, {"settings": {"trial": "w_1"}}):
+        assert refusal(asked | {"input": {}} | given, {"outcome": "died", "error": "killed"}).trial == "w_1"
 
 
 def test_the_list_has_a_line_per_cause_with_trial_file_reason_and_remedy(tmp_path):
@@ -285,11 +290,14 @@ def test_a_table_is_not_made_of_nothing_nor_a_study_of_the_batches_that_succeede
 
 def test_a_full_disk_is_no_fault_of_the_input_and_is_tried_again_with_the_advice_to_make_room(tmp_path, monkeypatch):
     def full(_):
+        warnings.warn("late\x1b", stacklevel=1)
+        warnings.warn("late\x1b", stacklevel=1)
         raise WriteError("a.csv: cannot be written (No space left on device); make room, or choose another place")
 
     monkeypatch.setattr("osl_analysis.jobs.job.call", full)
-    outcome, (cause,) = ended(job(tmp_path, "tables.gather", {}))
+    outcome, (cause,) = ended(asked := job(tmp_path, "tables.gather", {}))
     assert (outcome, cause.outcome, cause.remedy) == ("failed", "failed", "make room, or choose another place")
+    assert read_log(Path(asked["log"]))["warnings"] == [r"late\x1b"]
 
 
 RULES = read_section(ROOT / "config/config.yaml", "quality", QualityRules)

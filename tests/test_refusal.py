@@ -243,8 +243,8 @@ def test_the_list_says_what_else_has_no_result(tmp_path):
 
 
 def test_what_a_renaming_leaves_among_the_results_is_named_at_the_end_of_a_run():
-    stored = [Path(f"results/trials/{trial}.parquet") for trial in ("b_1", "old_2", "b_3", "old_1")]
-    said = "not in the sample sheet, and in no table or figure: old_1, old_2; files of theirs"
+    stored = [Path(f"results/trials/{trial}.parquet") for trial in ("b_1", "old_2", "b_3", "old_1", "b_2", "old_0")]
+    said = "not in the sample sheet, and in no table or figure: old_0, old_1, old_2; files of theirs"
     assert findings.left_behind_report(stored, ["b_1", "b_2", "b_3"]).startswith(said)
     assert findings.left_behind_report(stored[::2], ["b_1", "b_2", "b_3"]) == ""
 

@@ -55,6 +55,7 @@ def test_a_valid_sheet_has_numbers_truth_values_and_gaps_and_blanks_and_comments
     ("b,belt,,,,,,,,,", "names no file; fill in"), ("b,belt,,,,yes,b.mcap,leg,,,", "'yes' must be true or false"),
     ("b1,belt,,,,,b.mcap,s.yaml,,,", "log_source 's.yaml' names a file; write its name without the ending"),
     ("k,impedance,compensated,1_0,5,,k.mcap,dynamometer,,,", "K_d '1_0' is not a number"),
+    ("k,impedance,compensated,1e999,5,,k.mcap,dynamometer,,,", "K_d '1e999' is not a number"),
     ("w,walking,,,,,,,w.c3d,vicon,", "perturbed is empty"), ("w,static,,,,,,,w.c3d,,", "mocap_source is empty"),
     ("k,impedance,Compensated,300,5,,k.mcap,dynamometer,,,", "'Compensated' differs from 'compensated' by"),
     (f"{BELT}\nb ,belt,,,,,b.mcap,dynamometer,,,", "line 3: trial 'b' stands twice, first in line 2"),

@@ -172,6 +172,7 @@ def test_what_matlab_alone_can_read_is_named_with_the_command_that_saves_it(tmp_
     assert f"results is a 1x1 table, not real numbers; {saved}" in refusal(path, "results")
     assert saved in refusal(path, "results.torque")
     assert "seconds(t - t(1))" in refusal(path, "when")
+    assert open_mat(path).header == "MATLAB 5.0 MAT-file, made for a test"
 
 
 @pytest.mark.parametrize("write", [write_mat, write_mat73])

@@ -222,6 +222,7 @@ LEGAL = {
 LOSSES = {  # complete or not, chunks and messages lost, messages of the topic and those lost of it
     "fewer declared": (log(LAB, chunk(TEN), chunk(TWENTY), summary=statistics({1: 10}, 2)), (False, 0, 0, 20, 0)),
     "in the index of a chunk": (log(LAB, chunk(TURNED, crc=False), index(10), chunk(TWENTY)), (False, 0, 1, 19, 1)),
+    "of no channel": (log(LAB, chunk(TEN + message(7, 9, cdr(1.0))), chunk(TWENTY)), (False, 0, 1, 20, 0)),
     "cut out": (log(*TWO, summary=OF_TWO, shift=len(CUT_OUT), crc=False), (False, 1, 10, 10, 10)),
     # the recorder's checksum was computed with the summary where it was
     "cut out, with checksum": (log(*TWO, CUT_OUT, summary=OF_TWO).replace(CUT_OUT, b""), (False, 1, 10, 10, 10)),
@@ -465,6 +466,8 @@ def test_a_field_that_is_no_number_is_blamed_on_the_source_file_and_an_absent_on
     for text, said in (
         ('{"x": "1"}', "field 'x' is \"1\", not a number, in message 1"),
         ('{"x": [1, 2]}', "field 'x' is an array of 2, not one number, in message 1 (it has x[0..1])"),
+        ("5", "the whole is 5, not an object with fields, in message 1"),
+        (f'{{"x": "{"a" * 60}"}}', f"field 'x' is \"{'a' * 39}..., not a number"),
         ('{"v": [1, 2], "n": 5}', "field 'n' is 5, not an array of names, in message 1 (it has v[0..1], n)"),
         ('{"x": true}', "field 'x' is true in message 1 of 9, a truth value and no number in rad"),
     ):

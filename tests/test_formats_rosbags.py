@@ -24,6 +24,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from osl_analysis.errors import InputError
 from osl_analysis.formats.message_fields import message_type, shape_of
+from osl_analysis.formats.rosbag import recorded_files
 from osl_analysis.ingest.raw_files import FORMATS, trial_from_files
 from osl_analysis.ingest.source import Recording
 
@@ -129,6 +130,7 @@ def test_a_bag_gives_the_columns_that_were_written(tmp_path: Path, write: Any, o
     kept, recording = sorted(tmp_path.rglob("*")), read(path)
     check_rows(recording)
     assert recording.facts["damage"]["complete"]
+    assert not any("hold no bytes" in text for text in recording.warnings)
     assert (counts(recording), sorted(tmp_path.rglob("*"))) == ((50, 0), kept)  # reading a bag must not write beside it
 
 
@@ -196,6 +198,7 @@ def test_without_its_description_a_database_is_read_and_the_losses_are_unknown(t
     assert recording.facts["damage"]["messages_lost"] is None
     assert any("no metadata.yaml beside it" in text for text in recording.warnings)
     assert re.search("a folder without metadata.yaml.*ros2 bag reindex", refused(bag))
+    assert (recorded_files(bag), recorded_files(bag / "bag.db3")) == ([bag], [bag / "bag.db3"])
 
 
 def without_a_part(folder: Path) -> Path:

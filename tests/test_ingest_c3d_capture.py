@@ -55,6 +55,7 @@ def test_points_analogs_and_time_are_those_of_the_file(tmp_path: Path) -> None:
     np.testing.assert_allclose(markers.drop("time").to_numpy().reshape(6, 3, 3), points()[:, :, :3] / 1000, rtol=1e-15)
     np.testing.assert_allclose(samples["time"], np.arange(24) / 400, rtol=1e-15)
     np.testing.assert_array_equal(samples["sync"], analogs()[:, 1])
+    assert FORMATS["c3d"].inspect(path).channels[-1].note == "from -6 to 40"
     alone = read(path).samples
     assert (len(alone), alone.null_count().sum_horizontal()[0]) == (6, 0)  # a row per frame
 
@@ -114,6 +115,7 @@ def test_model_outputs_take_unit_and_sign_from_the_source_file(tmp_path: Path) -
     np.testing.assert_allclose(recording.samples["reference_ankle_moment_left"], -points()[:, 1, 1] / 1000, rtol=1e-15)
     markers = {name for name in recording.samples.columns if name.startswith("marker")}
     assert markers == {"marker_LTOE_x", "marker_LTOE_y", "marker_LTOE_z"}
+    assert [one.kind for one in FORMATS["c3d"].inspect(path).channels] == ["marker", "model output", "marker"]
 
 
 @pytest.mark.parametrize("integers", [True, False])
@@ -160,7 +162,7 @@ PLATES_THAT_CANNOT_BE: list[tuple[dict[str, Any], dict[str, Any], str]] = [
     ({"ANALOG__UNITS": ["N"]}, {}, "analog channel 2: the unit is empty"),
     *(({"FORCE_PLATFORM__USED": [n]}, {}, f"FORCE_PLATFORM:USED is {n:g}") for n in (-1.0, 500.0, np.nan)),
     ({"FORCE_PLATFORM__ZERO": [1, 7]}, {"plate_zero": "file"}, "of the plates is frames 1 to 7 of 6"),
-    ({}, {"plate_zero": "file"}, "of the plates is frames 0 to 0 of 6"),
+    *(({"FORCE_PLATFORM__ZERO": zero}, {"plate_zero": "file"}, "frames 0 to 0 of 6") for zero in ([2], [np.nan, 7])),
     ({"FORCE_PLATFORM__CHANNEL": np.arange(6)[:, None]}, {}, "FORCE_PLATFORM:CHANNEL gives [0, 1, 2, 3, 4, 5] of"),
     ({}, {"plate_zero": [3, 2]}, "of the plates is frames 3 to 2 of 6"),
     ({}, {"plates": [2]}, "no force plate 2; the file has 1, counted from 1"),

@@ -55,6 +55,7 @@ WRITERS = {
     "mat 7.3": ("mat", "variable", lambda path, columns: write_mat73(path, **columns)),
     "tdms": ("tdms", "channel", write_tdms), "opensim": ("opensim", "column", write_table),
 }  # fmt: skip
+NO_TIME = {"opensim": {"column": None, "unit": None}}  # where a source file has a time of its own
 EVERY = pytest.mark.parametrize("what", WRITERS)
 
 
@@ -73,6 +74,8 @@ def test_a_log_gives_the_same_columns_in_every_format(tmp_path, what):
     for column, expected in (("time", TIME), ("theta", ANGLE), ("torque", TORQUE)):
         np.testing.assert_allclose(recording.samples[column], expected, atol=1e-12)
     assert recording.samples["theta_counter"].to_list() == list(range(7, 47))
+    by_rate = FORMATS[WRITERS[what][0]].read(path, described(what, time={**NO_TIME.get(what, {}), "rate": 250}))
+    np.testing.assert_allclose(by_rate.samples["time"], 2 * TIME, atol=1e-12)
     assert (recording.columns["torque"]["unit"], recording.facts["time"]["start"]) == ("Nmm", 7)
     assert recording.facts["rates_hz"]["log"] == pytest.approx(500)
 
@@ -123,10 +126,12 @@ def test_a_library_that_is_not_installed_is_named_with_its_extra(tmp_path, monke
     ("json_lines", b'{"t": 1}\n{"t": 2}\n{"t": \n', "no line that can be used has a field 'angle': a message of 6"),
     ("mat", b"t\n1\n", "no MATLAB file of version 5 or 7.3; save it"), ("opensim", b"t\n1\n", "no line `endheader`"),
     ("tdms", b"t\n1\n", "no TDMS file (it begins with b't\\n1\\n'); check the path and the source's format"),
+    (None, b"\1\0\2", "neither MCAP, C3D nor text (it begins with b'\\x01\\x00\\x02'); export it as one of these"),
+    (None, b"# a\n", "holds no rows; check that it"), (None, b'{"a": "b"}\n' * 2, "no line holds a number; name a"),
 ])  # fmt: skip
-def test_a_file_that_is_no_log_of_the_stated_format_is_refused(tmp_path, what, content, told):
-    (tmp_path / "log").write_bytes(content)
-    assert told in refusal_by(FORMATS[what].read, tmp_path / "log", described(what))
+def test_a_file_that_is_no_log_of_the_stated_format_or_of_any_is_refused(tmp_path, what, content, told):
+    (path := tmp_path / "log").write_bytes(content)
+    assert told in (refusal_by(FORMATS[what].read, path, described(what)) if what else refusal_by(inspect_file, path))
 
 
 def refused_mat(path, **fields):

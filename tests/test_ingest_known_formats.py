@@ -18,7 +18,6 @@ from osl_analysis.commands.inspect import inspect_file
 from osl_analysis.commands.trials import ingest_trial
 from osl_analysis.errors import InputError
 from osl_analysis.formats.mcap import MAGIC
-from osl_analysis.formats.rosbag import recorded_files
 from osl_analysis.ingest import logs
 from osl_analysis.ingest.draft import draft_source
 from osl_analysis.ingest.overview import Overview, RecordedChannel
@@ -115,17 +114,6 @@ def test_a_file_of_another_format_is_named_whatever_it_is_called(tmp_path: Path,
     for name in ("log.csv", "log.c3d"):
         (tmp_path / name).write_bytes(OTHER_FILES[what])
         assert re.search(rf"{what}.*, which is not read; \w+", refusal_by(recognise, tmp_path / name))
-
-
-def test_what_is_of_no_format_or_holds_nothing_is_refused(tmp_path: Path) -> None:
-    for content, told in (
-        (b"\1\0\2", "neither MCAP, C3D nor text (it begins with b'\\x01\\x00\\x02'); export it as one of these"),
-        (b"# a\n# b\n", "holds no rows; check that it is a recording"),
-        (b'{"a": "b"}\n{"a": "c"}\n', "no line holds a number; name a recording"),
-    ):
-        (tmp_path / "a").write_bytes(content)
-        assert told in refusal_by(inspect_file, tmp_path / "a")
-    assert recorded_files(tmp_path) == [tmp_path]
 
 
 def test_a_table_is_not_taken_for_another_format(tmp_path: Path) -> None:

@@ -139,10 +139,12 @@ def test_the_units_of_angles_are_those_that_the_header_says(tmp_path: Path) -> N
     radians = write_mot(tmp_path / "a.sto", "inDegrees=no")
     assert "inDegrees=no, and column 'ankle_angle_r' is read in deg; write rad" in refused(radians, **MOT)
     assert "inDegrees=NO, and column" in refused(write_mot(radians, "indegrees = NO"), **MOT)
+    assert "write rad/s" in refused(radians, channels={"omega_m": {**ANKLE, "unit": "deg/s"}})
     assert "write deg/s" in refused(write_mot(tmp_path / "b.mot"), channels={"omega_m": {**ANKLE, "unit": "rad/s"}})
     assert read(write_mot(tmp_path / "b.mot", "range 0 1"), **MOT).samples["theta"][1] == np.radians(1)
     draft = yaml.safe_load(draft_source(inspect_file(write_mot(tmp_path / "a.mot")), "a.mot"))
-    assert inspect_file(tmp_path / "a.mot").channels[0].note == "a clock, 100 per unit"
+    clock = inspect_file(tmp_path / "a.mot").channels[0]
+    assert (clock.note, clock.likely_unit) == ("a clock, 100 per unit", "")
     assert (draft["format"], draft["time"]) == ("opensim", {"column": "time", "unit": "s"})
     assert [one["unit"] for one in draft["channels"].values()] == ["deg", "N*m", "N"]
 
@@ -188,6 +190,7 @@ def test_a_plate_gives_the_moment_about_its_centre_in_our_axes(tmp_path: Path) -
         np.testing.assert_allclose(found, values @ np.array(ours).T, atol=1e-6)
     (plate,) = recording.facts["plates"]
     np.testing.assert_allclose(np.mean(plate["corners"], axis=0), [0.3, 0.1, 0.0], atol=1e-12)
+    assert [one["label"] for one in plate["channels"]] == [f"R_{kind}{axis}" for kind in "vm" for axis in "xyz"]
     pushed = read(path, plates={1: {**PLATE, "sign": -1}}).samples.select(pl.col("^plate1_.*$"))
     np.testing.assert_allclose(pushed, -recording.samples.select(pushed.columns).to_numpy(), atol=1e-6)
 

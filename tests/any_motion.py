@@ -6,8 +6,7 @@ from scipy.interpolate import CubicSpline
 
 from osl_analysis.trial import Trial
 
-RATE, LEAD, FADE = 250.0, 1.5, 1.0
-TRUE = {"K": 300.0, "B": 5.0, "I": 0.02}
+RATE, LEAD, FADE, TRUE = 250.0, 1.5, 1.0, {"K": 300.0, "B": 5.0, "I": 0.02}
 
 
 def faded(time, duration, motion):

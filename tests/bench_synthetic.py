@@ -13,8 +13,7 @@ from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.protocol.stepped_sine import Likeness, SteppedSineProtocol, find_segments, unit_sines
 from osl_analysis.signals import LowPass, Motion
 
-RATE, LOW_PASS = 500.0, LowPass(15)
-PROTOCOL = SteppedSineProtocol((0.05, 0.1), (1.0, 3.0, 5.0), 9)
+RATE, LOW_PASS, PROTOCOL = 500.0, LowPass(15), SteppedSineProtocol((0.05, 0.1), (1.0, 3.0, 5.0), 9)
 FIVE = SteppedSineProtocol((0.05, 0.1), (1.0, 2.0, 3.0, 4.0, 5.0), 9)
 
 

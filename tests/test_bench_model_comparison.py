@@ -38,8 +38,7 @@ from osl_analysis.yaml_settings import read_yaml
 
 TINY, DEFAULT_FILE = ROOT / "tests/tiny_simulation.yaml", ROOT / "config/parameters/default.yaml"
 QUADRATIC_FILE = ROOT / "config/parameters/osl-v2-published.yaml"
-DEFAULT, LOW_PASS = read_parameters(DEFAULT_FILE), LowPass(15)
-ANALYSIS = sine_settings((2, 4, 6), (2, 5), 3, 0)
+DEFAULT, LOW_PASS, ANALYSIS = read_parameters(DEFAULT_FILE), LowPass(15), sine_settings((2, 4, 6), (2, 5), 3, 0)
 
 
 def settings(*off, amplitudes_deg=(4,)):

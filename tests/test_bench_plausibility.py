@@ -24,8 +24,7 @@ CONFIG, DEVICE = ROOT / "config/config.yaml", ROOT / "config/parameters/default.
 LIMITS = read_section(CONFIG, "doubtful", DoubtfulFits)
 SINES = {"amplitudes_deg": tuple(np.rad2deg(PROTOCOL.amplitudes)), "frequencies_hz": PROTOCOL.frequencies_hz}
 BENCH = read_section(CONFIG, "dynamometer", DynamometerAnalysis).model_copy(update=SINES | {"cycles": PROTOCOL.cycles})
-ACTUATOR = read_section(CONFIG, "actuator", ActuatorAnalysis)
-RATE, NOISE = 500.0, np.random.default_rng(4)
+ACTUATOR, RATE, NOISE = read_section(CONFIG, "actuator", ActuatorAnalysis), 500.0, np.random.default_rng(4)
 
 
 def driven(torque_of=second_order):

@@ -17,8 +17,7 @@ from osl_analysis.stats.rounding import visible_step
 from osl_analysis.trial import Trial
 
 TRUTH = {"K": 300.0, "B": 5.0, "I": 0.02}
-FIVE, FOURTEEN_BITS = (1.0, 2.0, 3.0, 4.0, 5.0), 2 * np.pi / 2**14
-SETTINGS = sine_settings([4], [2, 3, 5])
+FIVE, FOURTEEN_BITS, SETTINGS = (1.0, 2.0, 3.0, 4.0, 5.0), 2 * np.pi / 2**14, sine_settings([4], [2, 3, 5])
 WIDE = SETTINGS.model_copy(update={"frequencies_hz": FIVE, "amplitudes_deg": (2.0, 4.0, 6.0)})
 SHORT = WIDE.model_copy(update={"amplitudes_deg": (4.0,), "cycles": 4})  # of which one is left
 

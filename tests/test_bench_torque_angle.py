@@ -27,10 +27,8 @@ from osl_analysis.judge.doubts import marked
 from osl_analysis.judge.recording import saturated
 from osl_analysis.trial import Trial
 
-CONFIG = read_config(ROOT / "config/config.yaml")
-RATE, PERIOD, A = 250.0, 8.0, np.deg2rad(10)
-K, B = 200.0, 30.0
-W, PLAIN = 2 * np.pi / PERIOD, {"zero": "none"}
+CONFIG, RATE, PERIOD, A = read_config(ROOT / "config/config.yaml"), 250.0, 8.0, np.deg2rad(10)
+K, B, W, PLAIN = 200.0, 30.0, 2 * np.pi / PERIOD, {"zero": "none"}
 
 
 def trial_of(theta, torque):

@@ -23,8 +23,7 @@ from osl_analysis.yaml_settings import Settings, read_mapping, read_yaml
 
 SHIPPED_FILE = ROOT / "config/config.yaml"
 SHIPPED = yaml.safe_load(SHIPPED_FILE.read_text())
-BENCH = SHIPPED["dynamometer"]
-Cycles = Annotated[int, Field(ge=1, le=100)]
+BENCH, Cycles = SHIPPED["dynamometer"], Annotated[int, Field(ge=1, le=100)]
 
 
 class Inner(Settings):

@@ -124,8 +124,7 @@ def test_a_fit_of_degenerate_signals_is_defined_or_refused_in_one_sentence(name)
     defined_or_refused(FITS_OF_SIGNALS[name], signals())
 
 
-BENCH_RATE, FREQUENCIES, CYCLES = 200.0, (2.0, 5.0), 8
-DEVICE = ROOT / "config/parameters/default.yaml"
+BENCH_RATE, FREQUENCIES, CYCLES, DEVICE = 200.0, (2.0, 5.0), 8, ROOT / "config/parameters/default.yaml"
 
 
 @cache

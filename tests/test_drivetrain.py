@@ -20,8 +20,7 @@ from osl_analysis.model.drivetrain_response import belt_response
 from osl_analysis.model.parameters import read_parameters
 from osl_analysis.simulator.drivetrain import IDEAL, belt_path, constants, simulate_drivetrain
 
-FREQUENCIES = np.array([0.0, 0.3, 1.0, 5.0, 40.0])
-RATE, TRUE = 1000.0, (1.0, 0.05)  # TRUE: friction and sign_width
+FREQUENCIES, RATE, TRUE = np.array([0.0, 0.3, 1.0, 5.0, 40.0]), 1000.0, (1.0, 0.05)  # TRUE: friction and sign_width
 P = read_parameters(ROOT / "config/parameters/default.yaml")
 CONTINUOUS = IDEAL | {"substeps": 100, "control_updates": 100}
 

@@ -66,8 +66,7 @@ def response_tables():
     return single, single.clear().rename({"trial": "trials"})
 
 
-PLACE = (None, None)
-CAMS = [f"both_cams_{5 * number:02d}mm" for number in range(11)]
+PLACE, CAMS = (None, None), [f"both_cams_{5 * number:02d}mm" for number in range(11)]
 PLOTTED = {
     "fig4": time_series, "torque": time_series, "fig7": response_table, "torque_angle": torque_angle_table,
     "fig5": lambda: fig5.points(stored("impedance")), "fig6": lambda: fig6.points(stored("impedance")),

@@ -101,13 +101,11 @@ def log(*parts: bytes, summary: bytes = b"", shift: int = 0, crc: bool = True) -
     return data + summary + opening + struct.pack("<I", zlib.crc32(summary + opening) * crc) + MAGIC
 
 
-LAB = schema() + channel(1, "/lab")
-TEN, TWENTY = messages(1, range(10)), messages(1, range(10, 20))
+LAB, TEN, TWENTY = schema() + channel(1, "/lab"), messages(1, range(10)), messages(1, range(10, 20))
 THREE, FIVE = len(TEN) * 3 // 10, len(TEN) // 2
 PRIVATE = longer(HEAD, 0x85) + longer(HEAD, 0x40)  # and one of a later version
 ALL = statistics({1: 20}, 2)
-FIRST = log(LAB, chunk(TEN), chunk(TWENTY), summary=ALL)
-ANY_PACKING = pytest.mark.parametrize("packing", PACKINGS)
+FIRST, ANY_PACKING = log(LAB, chunk(TEN), chunk(TWENTY), summary=ALL), pytest.mark.parametrize("packing", PACKINGS)
 
 
 def whole(packing: str) -> tuple[bytes, list[tuple[int, int]]]:
@@ -389,8 +387,7 @@ def test_a_joint_is_found_by_name_though_the_order_of_joints_changes(tmp_path: P
     assert decoded.values["position[name=toe]"].tolist() == [20.0, 11.0, 22.0, 23.0, None]
 
 
-ONE, KIND = cdr(1.0), kind_of("float64 a")
-LONGER = kind_of("float64 a\nstring s\nfloat64[] b")
+ONE, KIND, LONGER = cdr(1.0), kind_of("float64 a"), kind_of("float64 a\nstring s\nfloat64[] b")
 
 
 def test_a_message_or_a_schema_that_cannot_be_read_is_refused_by_name() -> None:

@@ -29,8 +29,7 @@ from osl_analysis.ingest.raw_files import FORMATS, trial_from_files
 from osl_analysis.ingest.source import Recording
 
 SAMPLE = "std_msgs/Header header\nfloat32 angle\nstring state\nfloat64[] torque\nbool sync\n"
-KIND, STEP = "lab_msgs/msg/Sample", 1_000_000
-START, DESCRIBED = 1_700_000_000_000_000_000, "metadata.yaml"
+KIND, STEP, START, DESCRIBED = "lab_msgs/msg/Sample", 1_000_000, 1_700_000_000_000_000_000, "metadata.yaml"
 
 
 def changed(path: Path, *queries: str) -> Path:

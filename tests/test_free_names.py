@@ -10,8 +10,7 @@ import yaml
 from conftest import ROOT
 from snakemake_runs import run_snakemake
 
-K, B, INERTIA = 60.0, 1.5, 0.04
-HOSTILE = "PD $K_{p}$ 50 % & \\alpha_é 脚 – a very long name of a controller indeed"
+K, B, INERTIA, HOSTILE = 60.0, 1.5, 0.04, "PD $K_{p}$ 50 % & \\alpha_é 脚 – a very long name of a controller indeed"
 SHEET = (
     ("k_hostile", HOSTILE, 60, 1.5, "knee", "left", 1.0), ("k_pd", "pd", 60, 1.5, "knee", "left", 1.2),
     ("k_none", "", "", 1.5, "knee", "right", 0.8), ("exo", "_spring", "", "", "exoskeleton hip", "", 2.0),

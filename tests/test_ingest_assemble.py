@@ -28,8 +28,7 @@ THETA, SYNC = ({"topic": "/lab", "field": name, "unit": unit} for name, unit in 
 LEG = {"format": "mcap", "clock": "sync", "time": {"source": "header"}, "channels": {"theta": THETA, "sync": SYNC}}
 CAPTURE = {"format": "c3d", "analogs": {"sync": {"channel": "A1"}}}
 LEG_OFFSET, LEG_DRIFT = 4.321, 40e-6  # leg time = offset + (1 + drift) * motion capture's
-CHANGES = np.cumsum(np.random.default_rng(0).uniform(0.06, 0.25, 40))
-DURATION = 5.0
+CHANGES, DURATION = np.cumsum(np.random.default_rng(0).uniform(0.06, 0.25, 40)), 5.0
 
 
 def level(time: np.ndarray) -> np.ndarray:

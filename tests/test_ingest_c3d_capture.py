@@ -341,8 +341,7 @@ def test_a_calibration_matrix_is_read_in_the_order_that_the_file_names(tmp_path:
     assert wrench_of(path) == pytest.approx([21, -2, -3, 4e3, -5e3, -6e3], rel=1e-6)
 
 
-SOURCES = Path(__file__).parents[1] / "config" / "sources"
-NEXUS_FILES = sorted((REAL_DATA / "nexus_csv").glob("*.csv"))
+SOURCES, NEXUS_FILES = Path(__file__).parents[1] / "config" / "sources", sorted((REAL_DATA / "nexus_csv").glob("*.csv"))
 DEVICES = """Devices
 200
 ,,AMTI #1 - Force,,,AMTI #1 - Moment,,,AMTI #1 - CoP,,,Sync - Voltage

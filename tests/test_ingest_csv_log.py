@@ -176,8 +176,7 @@ def advised(message: str) -> dict[str, object]:
     return {key: value for text in written for key, value in yaml.safe_load(text).items()}
 
 
-TABLE = "t,angle,load\n0,1,5\n0.01,2,6\n0.02,3,7\n0.03,4,8\n"
-SAMPLES = {"theta": [1, 2, 3, 4], "torque": [5, 6, 7, 8]}
+TABLE, SAMPLES = "t,angle,load\n0,1,5\n0.01,2,6\n0.02,3,7\n0.03,4,8\n", {"theta": [1, 2, 3, 4], "torque": [5, 6, 7, 8]}
 
 
 def assert_samples(trial: Trial, **columns: list[float]) -> None:

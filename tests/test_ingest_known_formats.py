@@ -25,8 +25,7 @@ from osl_analysis.ingest.raw_files import FORMATS, KnownFormat, read_source, rec
 from osl_analysis.ingest.source import Recording, Source, model_of
 from osl_analysis.trial import Trial, read_trial
 
-ROOT = Path(__file__).parents[1]
-LOG = {"format": "mcap", "time": {"source": "header"}, "channels": {}}
+ROOT, LOG = Path(__file__).parents[1], {"format": "mcap", "time": {"source": "header"}, "channels": {}}
 
 
 def test_every_shipped_source_file_is_valid_and_every_format_of_logs_has_its_function_and_a_counter() -> None:

@@ -16,12 +16,9 @@ from osl_analysis.errors import InputError
 from osl_analysis.ingest.raw_files import FORMATS
 from osl_analysis.ingest.source import Recording, Source
 
-REAL_DATA = Path(__file__).parents[2] / "shared" / "real_data"
-DEGREE, MILLISECOND = math.pi / 180, 1_000_000
-START = 1_700_000_000 * 10**9
-RADIANS = {"theta": {"field": "angle", "unit": "rad"}}
-OTHER = {"field": "angle", "unit": "rad", "topic": "/other"}
-COUNT = 200
+REAL_DATA, DEGREE, MILLISECOND = Path(__file__).parents[2] / "shared" / "real_data", math.pi / 180, 1_000_000
+START, RADIANS = 1_700_000_000 * 10**9, {"theta": {"field": "angle", "unit": "rad"}}
+OTHER, COUNT = {"field": "angle", "unit": "rad", "topic": "/other"}, 200
 
 
 def source(time: str = "header", loss: float = 0.01, **channels: dict[str, Any]) -> Source:

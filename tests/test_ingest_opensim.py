@@ -20,8 +20,7 @@ from osl_analysis.ingest.raw_files import trial_from_files
 from osl_analysis.ingest.source import Recording
 from osl_analysis.trial import Array
 
-FRAMES, LABELS = 40, ["HEAD", "HIP", "KNEE", "TOE"]
-HEIGHTS = np.array([1700.0, 900.0, 500.0, 50.0])
+FRAMES, LABELS, HEIGHTS = 40, ["HEAD", "HIP", "KNEE", "TOE"], np.array([1700.0, 900.0, 500.0, 50.0])
 
 
 def walk() -> Array:
@@ -55,8 +54,7 @@ def write_mot(path: Path, header: str = "inDegrees=yes", rows: int = 50, **count
     return path
 
 
-ANKLE = {"column": "ankle_angle_r", "unit": "deg"}
-MOMENT = {"column": "ankle_moment", "unit": "N*m", "sign": -1}
+ANKLE, MOMENT = {"column": "ankle_angle_r", "unit": "deg"}, {"column": "ankle_moment", "unit": "N*m", "sign": -1}
 MOT = {"format": "opensim", "channels": {"theta": ANKLE, "torque": MOMENT}}
 
 

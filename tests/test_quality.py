@@ -102,15 +102,12 @@ def test_a_sound_recording_passes_every_check():
     assert (failed(results(bench())), failed(results(laboratory(), "walking"))) == (set(), set())
 
 
-AWAY = (np.arange(ANGLE.size) > 2000) & (np.arange(ANGLE.size) < 2500)
-BEYOND = longest_run(TORQUE > 15)
+AWAY, BEYOND = (np.arange(ANGLE.size) > 2000) & (np.arange(ANGLE.size) < 2500), longest_run(TORQUE > 15)
 ABOVE = BEYOND.stop - BEYOND.start
-NUMBERS = np.arange(1000)
-LEVELS = np.repeat([1.0, 4.0, -2.0, 0.0], 1000)[:2000]
+NUMBERS, LEVELS = np.arange(1000), np.repeat([1.0, 4.0, -2.0, 0.0], 1000)[:2000]
 SEEN = with_piece(with_piece(with_piece(np.linspace(0, 0.1, 400), 0, 40, np.nan), 100, 160, np.nan), 200, 210, np.nan)
 STILL = pl.DataFrame({"time": np.arange(2000) / RATE, "theta": 0.1})
-BARE = laboratory()["plate1_force_z"].to_numpy()
-STOOD_ON = 800 + np.random.default_rng(1).standard_normal(2000)
+BARE, STOOD_ON = laboratory()["plate1_force_z"].to_numpy(), 800 + np.random.default_rng(1).standard_normal(2000)
 
 
 @pytest.mark.parametrize(("check", "samples", "experiment", "value", "remark"), [

@@ -300,8 +300,7 @@ def test_a_full_disk_is_no_fault_of_the_input_and_is_tried_again_with_the_advice
     assert read_log(Path(asked["log"]))["warnings"] == [r"late\x1b"]
 
 
-RULES = read_section(ROOT / "config/config.yaml", "quality", QualityRules)
-ACCEPT = {"plate_3": ["unzeroed_plate"]}
+RULES, ACCEPT = read_section(ROOT / "config/config.yaml", "quality", QualityRules), {"plate_3": ["unzeroed_plate"]}
 JUDGE = Judge(RULES, ACCEPT)
 
 

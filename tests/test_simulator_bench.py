@@ -96,8 +96,7 @@ def test_the_stepped_sine_makes_whole_cycles_of_each_frequency_at_each_amplitude
     assert not np.any(motion.theta[~moving])
 
 
-SMOOTH = ("multisine", "chirp", "noise", "hand")
-BELT = settings.BeltMotion(amplitude_deg=5, ramp_s=2.0, rest_s=0.5)
+SMOOTH, BELT = ("multisine", "chirp", "noise", "hand"), settings.BeltMotion(amplitude_deg=5, ramp_s=2.0, rest_s=0.5)
 PLAIN = {"frequencies_hz": (1,), "rest_s": 0, "lead_s": 0}
 
 

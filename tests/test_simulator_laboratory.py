@@ -28,8 +28,7 @@ from osl_analysis.simulator.vicon import leg_markers, seen_markers
 from osl_analysis.simulator.walking_settings import CaptureSettings, Rates, StepChange, WalkingSettings
 from osl_analysis.yaml_settings import read_yaml
 
-REAL = ROOT.parent / "shared/real_data/c3d/btk_PiG_Motion3_FF.c3d"
-G, QUARTERS = 9.81, np.linspace(0, 1, 5)
+REAL, G, QUARTERS = ROOT.parent / "shared/real_data/c3d/btk_PiG_Motion3_FF.c3d", 9.81, np.linspace(0, 1, 5)
 SENSORS = ("marker_noise", "marker_gaps", "force_noise", "moment_noise", "force_offset", "moment_offset")
 
 

@@ -21,8 +21,7 @@ from osl_analysis.spectral.response import SecondOrder, fit_by_power, lines_of_p
 from osl_analysis.table import read_table, write_table
 
 RATE, PERIOD, LOW_PASS = 250.0, 4.0, LowPass(15)
-LINES = np.array([3, 5, 9, 11, 13, 17, 21, 23, 27, 29])
-K, B, I = 200.0, 4.0, 0.05
+LINES, K, B, I = np.array([3, 5, 9, 11, 13, 17, 21, 23, 27, 29]), 200.0, 4.0, 0.05
 
 
 def multisine(seed: int, periods: float = 5, ppm: float = 0.0, lines=LINES):

@@ -26,8 +26,7 @@ from osl_analysis.stats.regression import linear_fit, variance_accounted_for, wi
 from osl_analysis.stats.rounding import noise_before_rounding
 from osl_analysis.walking.response import impedance_columns
 
-T = np.linspace(0, 10, 2000, endpoint=False)
-NUMBERS = st.integers(-1000, 1000).map(lambda tenths: tenths / 10)
+T, NUMBERS = np.linspace(0, 10, 2000, endpoint=False), st.integers(-1000, 1000).map(lambda tenths: tenths / 10)
 COLUMNS = {"a": np.sin(T), "b": np.cos(3 * T), "offset": np.ones_like(T)}
 
 

@@ -22,8 +22,7 @@ def one_time_base(streams: list[Stream]) -> UniformSignals:
 
 
 JOINT, SIZE = np.array([300.0, 5.0, 0.02]), np.deg2rad(4.0)
-DURATION = 60.0
-RATE, SHORTER = 1000.0, 24.0
+DURATION, RATE, SHORTER = 60.0, 1000.0, 24.0
 
 # ---- The laboratory: motions with derivatives written by hand, recorders, a plain fit. It shares no code with ours.
 
@@ -207,8 +206,7 @@ def test_a_gap_of_20_samples_is_data_and_a_longer_one_marked_with_three_periods_
 # ---- Refusals: channel, time, value, remedy
 
 
-TICKS = clock(100.0)
-PIECES = clock(1000.0, 10.0)[np.arange(10_000) // 100 % 2 == 0]
+TICKS, PIECES = clock(100.0), clock(1000.0, 10.0)[np.arange(10_000) // 100 % 2 == 0]
 JUMP = r"torque has no sample from 4\.9900 s to 3605\.0000 s, 3600\.010 s long; .*cut the log there.*jumped"
 WAS_SET = r"clock jumps by 0\.5 s at 5\.5.* s, row 500, while .* cut"
 
@@ -340,8 +338,7 @@ def test_values_that_are_missing_cost_nothing_and_split_no_device(kind, lower):
     assert_recovers_the_joint(grid)
 
 
-OFFSET, DRIFT = -3.2, 50e-6
-SLAVE_RATE, MASTER_RATE = 500.0, 1500.0
+OFFSET, DRIFT, SLAVE_RATE, MASTER_RATE = -3.2, 50e-6, 500.0, 1500.0
 
 
 def irregular(duration: float, seed: int = 0) -> np.ndarray:

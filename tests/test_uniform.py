@@ -16,8 +16,7 @@ from osl_analysis.signals.stream import SensorLowPass
 from osl_analysis.trial import Trial
 
 K, B, I = 300.0, 5.0, 0.02
-RATE, FINE = 1000, 20
-CYCLES, FREQUENCIES = 10, (2.0, 3.0, 5.0)
+RATE, FINE, CYCLES, FREQUENCIES = 1000, 20, 10, (2.0, 3.0, 5.0)
 SETTINGS = {"cutoff_hz": 15, "order": 4, "cycles": CYCLES, "settle_cycles": 2}
 SETTINGS |= {"amplitudes_deg": [4], "frequencies_hz": list(FREQUENCIES)}
 

@@ -23,10 +23,8 @@ from osl_analysis.walking.response import Ensemble, PerturbationResponse, fit_re
 from osl_analysis.walking.settings import TimingSettings
 from osl_analysis.walking.tables import group_facts, headline_rows, response_table, single_facts, walking_page_points
 
-K, B, I = 340.0, 5.0, 0.03
-TIMING, ONSET = TimingSettings(window_s=0.1, baseline_s=0.06, guard_s=0.04), 0.6
-response_of = partial(isolate_response, timing=TIMING)
-EARLY, TIME = PHASES[PHASES <= 0.36], np.arange(900) / 300
+K, B, I, TIMING, ONSET = 340.0, 5.0, 0.03, TimingSettings(window_s=0.1, baseline_s=0.06, guard_s=0.04), 0.6
+response_of, EARLY, TIME = partial(isolate_response, timing=TIMING), PHASES[PHASES <= 0.36], np.arange(900) / 300
 RISE_OF = np.clip((TIME - 1.2) / 0.075, 0, 1)
 STEEP, SOFT = RISE_OF, RISE_OF**4 * (35 - 84 * RISE_OF + 70 * RISE_OF**2 - 20 * RISE_OF**3)  # in 75 ms
 

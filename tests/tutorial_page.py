@@ -10,8 +10,7 @@ from pathlib import Path
 
 DOCS = Path(__file__).parent.parent / "docs"
 PAGE, FIGURE = DOCS / "tutorial.md", "my_campaign/results/figures/fig5.png"
-BLOCK = re.compile(r"```(\w*)\n(.*?)```\n", re.DOTALL)
-LEFT_OUT = "…"
+BLOCK, LEFT_OUT = re.compile(r"```(\w*)\n(.*?)```\n", re.DOTALL), "…"
 """A line of the page for lines that are printed and not shown."""
 
 

@@ -75,7 +75,6 @@ def content(value: object, processor: int) -> bytes:
     if isinstance(value, bytes):
         return struct.pack("bBB", 1, 1, len(value)) + value
     array = np.asarray(value)
-    whole = array.dtype.kind == "i"
-    flat = array.ravel(order="F")
+    whole, flat = array.dtype.kind == "i", array.ravel(order="F")
     stored = integers_of(flat, processor) if whole else reals_of(flat.astype(float), processor)
     return struct.pack("bB", 2 if whole else 4, array.ndim) + bytes(array.shape) + stored

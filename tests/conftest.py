@@ -48,8 +48,7 @@ def parameters() -> DrivetrainParameters:
 
 def multisine(*frequencies_hz: float, amplitude: float = 0.1, duration: float = 10.0, rate: float = 500.0) -> Motion:
     """A sum of sines with phases 0, 1, 2 ... rad; every derivative is the formula's, none is computed from data."""
-    t = np.arange(round(duration * rate)) / rate
-    w = 2 * np.pi * np.asarray(frequencies_hz)[:, None]
+    t, w = np.arange(round(duration * rate)) / rate, 2 * np.pi * np.asarray(frequencies_hz)[:, None]
     phase = w * t + np.arange(len(frequencies_hz))[:, None]
     theta, omega, alpha = np.sin(phase), w * np.cos(phase), -(w**2) * np.sin(phase)
     return Motion(*(amplitude * x.sum(axis=0) for x in (theta, omega, alpha)))

@@ -335,8 +335,7 @@ def test_the_time_base_bridges_gaps_by_the_band_of_this_motion(band, lost, left_
 
 
 def test_quality_control_says_that_another_motion_is_not_compared_with_the_protocol():
-    rng = np.random.default_rng(7)
-    commanded = Commanded((2.0, 4.0, 6.0), (1.0, 2.0, 3.0, 4.0, 5.0), 20)
+    rng, commanded = np.random.default_rng(7), Commanded((2.0, 4.0, 6.0), (1.0, 2.0, 3.0, 4.0, 5.0), 20)
     experiments = (EXPERIMENTS[x] for x in ("impedance", "transmission"))
     other, sines = (Examined(made_trial(rng, noise(rng)), one, commanded) for one in experiments)
     said = measure_protocol(other)

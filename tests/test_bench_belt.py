@@ -69,8 +69,7 @@ def test_a_locked_belt_on_a_bench_that_yields_has_its_stiffness_and_the_error_of
 
 def test_belt_intervals_hold_what_drift_makes_of_the_slope():
     theta_s, torque = belt_cycle()
-    drift = 0.05 / 60
-    torque = torque + filtered_noise(np.random.default_rng(19), n=len(theta_s))
+    drift, torque = 0.05 / 60, torque + filtered_noise(np.random.default_rng(19), n=len(theta_s))
     alone, known = fitted(theta_s, torque), fitted(theta_s, torque, drift)
     drifted = fitted(theta_s, torque + drift * np.arange(len(theta_s)) / RATE)
     for name in ("loading", "unloading"):

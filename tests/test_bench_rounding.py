@@ -37,8 +37,7 @@ def trial(seed, rate, step=0.0, settings=SETTINGS, friction=0.0):
         theta[rows], omega[rows], alpha[rows] = size * np.array(sine)
         now += duration
     torque = 300 * theta + 5 * omega + 0.02 * alpha + 2.0 + 0.05 * rng.standard_normal(len(time))
-    torque = torque + friction * np.tanh(omega / 0.01)
-    read = theta + step * rng.random()
+    torque, read = torque + friction * np.tanh(omega / 0.01), theta + step * rng.random()
     read = step * np.rint(read / step) if step else read
     return Trial("made", pl.DataFrame({"time": time, "theta": read, "torque": torque}))
 

@@ -102,8 +102,7 @@ def test_the_curve_of_a_cubic_spring_and_its_slope_are_found_at_every_angle():
     end = np.deg2rad(12)
     assert row["K"] == pytest.approx(K + 0.9 * stiffening * end**2, rel=1e-3)  # a line over angle, whatever the speed
     assert row["energy_stored"] == pytest.approx(K * end**2 / 2 + stiffening * end**4 / 4, rel=1e-3)
-    curve = curve_table(found)
-    tables = {one.place: one.columns for one in described_tables()}
+    curve, tables = curve_table(found), {one.place: one.columns for one in described_tables()}
     assert set(row) <= set(tables["tables/torque_angle"]), "described in the dictionary"
     assert set(curve.columns) <= set(tables["tables/torque_angle_curves"])
     loading = curve.filter(pl.col("branch") == "loading")

@@ -69,8 +69,7 @@ def test_realisations_scatter_by_friction_as_predicted_and_shift_b_by_its_equiva
     for r in range(200):
         motion = [MULTISINE.motion(1000 + r).angle(time, k) for k in range(3)]
         found.append(np.linalg.lstsq(np.column_stack([*motion, np.ones(1000)]), np.sign(motion[1]), rcond=None)[0][:3])
-    found = np.array(found)
-    predicted = precision(MULTISINE, JOINT, Sensors(1000.0, 0.0), OPEN, friction)
+    found, predicted = np.array(found), precision(MULTISINE, JOINT, Sensors(1000.0, 0.0), OPEN, friction)
     np.testing.assert_allclose(found.std(axis=0, ddof=1) / 2 / predicted.columns["se"], 1, atol=0.2)
     error = found[:, 1].std(ddof=1) / np.sqrt(200)
     assert found[:, 1].mean() == pytest.approx(friction.added_damping(MULTISINE)["in all"], abs=4 * error + 0.005)

@@ -26,8 +26,7 @@ CONTINUOUS = IDEAL | {"substeps": 100, "control_updates": 100}
 
 
 def test_actuator_torque_is_the_sum_of_equation_1_and_friction_opposes_motion(parameters):
-    p = parameters
-    by_hand = 4.0 * 0.1133 * 9 - (0.377 + 0.0896 * 4.0) - 5.6e-3 * 2.0 - 9.211e-3 * 30.0
+    p, by_hand = parameters, 4.0 * 0.1133 * 9 - (0.377 + 0.0896 * 4.0) - 5.6e-3 * 2.0 - 9.211e-3 * 30.0
     assert drivetrain.actuator_torque(4.0, 2.0, 30.0, p) == pytest.approx(by_hand)
     assert drivetrain.motor_friction(-1.0, -10.0, p) == pytest.approx(-(0.377 + 0.896))
     assert drivetrain.motor_friction(0.0, 5.0, p) == 0

@@ -554,8 +554,7 @@ def test_each_figure_has_a_section_a_missing_one_its_reason_and_the_kind_of_data
 
 @pytest.mark.parametrize("name", FIGURES)
 def test_a_caption_is_one_paragraph_in_which_no_name_of_a_file_is_markup(name, tmp_path):
-    table = plotted(name)
-    hostile = pl.lit("<img src=x onerror=alert(1)> *")
+    table, hostile = plotted(name), pl.lit("<img src=x onerror=alert(1)> *")
     columns = [column for column in ("joint", "controller", "group", "trajectory") if column in table.columns]
     trials = pl.when(pl.col("trial").is_in([MEAN_SLOPE, "ensemble"])).then("trial").otherwise(hostile + pl.col("trial"))
     if "trial" in table.columns:

@@ -45,8 +45,7 @@ def test_half_the_difference_of_directions_is_free_of_what_follows_either_turn(t
     assert (up["n"], down["n"]) == (6, 4)
     assert (up["mean"], down["mean"]) == (pytest.approx(340 + error, abs=12), pytest.approx(340 - error, abs=12))
     assert 0 < difference["low"] < 2 * error < difference["high"]
-    fits = tables["walking"]
-    row = tables.estimate("all", "K", "mean of perturbations")
+    fits, row = tables["walking"], tables.estimate("all", "K", "mean of perturbations")
     assert row["mean"] == pytest.approx(np.mean([fits.filter(direction=name)["K"].mean() for name in ("up", "down")]))
     assert row["sd"] < 60  # not the 138 either side that the directions differ by
     assert tables["groups"].select("group", "gait", "n_up", "n_down", "pooled").row(0) == ("all", "all", 6, 4, None)

@@ -171,8 +171,7 @@ def walked_over(name: str, ramp: Ramp | None, rig: Rig, seed: int, loaded: bool 
     """A crossing, or a trial of the unloaded platform, with noise from the seed."""
     random, fast = np.random.default_rng(seed), np.arange(3 * PLATE_RATE) / PLATE_RATE
     slow, late = fast[::5], fast - rig.lag
-    wrench = plate_wrench(late, ramp, rig)
-    tracks = labelled("PLAT", carried(PLATFORM, slow, ramp, rig))
+    wrench, tracks = plate_wrench(late, ramp, rig), labelled("PLAT", carried(PLATFORM, slow, ramp, rig))
     if loaded:  # a force through the ankle, and its torque
         in_plate = about_y(-angle_and_heave(late, ramp)[0][0]).transpose(0, 2, 1)
         force = np.einsum("nij,nj->ni", in_plate, stance_load(late)[:, None] * [0, 0, 800.0])

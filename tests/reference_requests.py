@@ -1,8 +1,5 @@
-"""The requests of the jobs of planned campaigns as the last commit left them, in reference_requests.csv.
-
-As reference_numbers.py: nothing that a rule hands to a job, or lets it wait for, changes unnoticed. `python
-tests/reference_requests.py` writes them anew.
-"""
+"""The requests of the jobs of planned campaigns as the last commit left them, in reference_requests.csv: nothing that a
+rule hands to a job, or lets it wait for, changes unnoticed. `python tests/reference_requests.py` writes them anew."""
 
 import json
 import re

@@ -28,7 +28,7 @@ from mcap.reader import NonSeekingReader, make_reader
 from mcap_builder import HEADER, stamped, write_log, write_payloads
 from mcap_ros2.decoder import DecoderFactory
 from recognised_files import refusal_by
-from test_ingest_every_log import mutilated
+from test_ingest_assemble import mutilated
 
 from osl_analysis.commands.inspect import inspect_file
 from osl_analysis.errors import InputError

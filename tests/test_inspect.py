@@ -15,7 +15,7 @@ from c3d_builder import REAL_DATA, write_c3d
 from click.testing import CliRunner
 from mcap_builder import HEADER, stamped, write_log, write_payloads
 from test_formats_mat import write_mat
-from test_ingest_every_log import WRITERS
+from test_ingest_assemble import WRITERS
 
 from osl_analysis.cli import main
 from osl_analysis.commands import inspect as module

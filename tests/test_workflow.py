@@ -111,8 +111,7 @@ def test_no_number_of_a_campaign_changes_unnoticed(workspace, tmp_path):
 
 
 def test_every_column_and_number_is_in_the_data_dictionary_and_the_dictionary_has_no_other_column(workspace):
-    """A campaign without overground trials, whose table is held by test_dictionary.py, as is the study's, and without
-    torque against angle."""
+    """Without torque against angle, and overground trials, whose table test_dictionary.py holds, as the study's."""
     results, written = workspace.folder / "results", {}
     archives = [zipfile.Path(path) for path in results.rglob("*.zip")]
     for path in (*results.rglob("*.csv"), *(part for archive in archives for part in archive.iterdir())):
@@ -149,8 +148,7 @@ def leaves(value, place=(), lists=True):
 
 
 def test_what_a_job_reads_was_made_by_jobs_that_its_rule_waits_for(workspace):
-    """Also what the rule does not name (`read`): else a job runs too early, or is not run again. The rules' inputs are
-    those in Snakemake's notes."""
+    """Also what the rule does not name (`read`): else a job runs too early, or not again. Snakemake has its inputs."""
     requests, waits_for = requests_in(workspace.folder), {}
     maker = {file: request for request, said in requests.items() for file in said["files"]}
     for note in (path for path in (workspace.folder / ".snakemake/metadata").rglob("*") if path.is_file()):

@@ -263,6 +263,8 @@ def test_a_full_disk_is_one_line_and_leaves_the_older_file_as_it_was(tmp_path, s
     with pytest.raises(InputError, match=said), full_disk():
         WRITERS[suffix](TABLE, path)
     assert (path.read_text(), list(tmp_path.iterdir())) == ("older", [path])
+    with pytest.raises(FileNotFoundError, match="lost"), atomic_path(path):  # that of another file is none of this one
+        Path("lost").stat()
 
 
 def test_nothing_but_a_regular_file_is_replaced_and_what_cannot_be_written_is_refused_before_anything_is_read(tmp_path):

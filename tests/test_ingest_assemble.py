@@ -158,12 +158,13 @@ def rewritten(path: Path) -> None:
     os.utime(path, ns=(times.st_atime_ns, times.st_mtime_ns))
 
 
+@pytest.mark.parametrize("broken", [False, True])
 @pytest.mark.parametrize("change", [rewritten, Path.unlink], ids=lambda change: change.__name__)
-def test_a_file_that_changes_while_it_is_read_is_refused(laboratory, monkeypatch, change):
+def test_a_file_that_changes_while_it_is_read_is_refused(laboratory, monkeypatch, change, broken):
     def read_and_change(path: Path, source: Any, read: Any = FORMATS["mcap"].reader) -> Recording:
         recording = read(path, source)
         change(path)
-        return recording
+        return recording if not broken else {}["broken"]
 
     monkeypatch.setitem(FORMATS, "mcap", replace(FORMATS["mcap"], reader=read_and_change))
     message = refused(laboratory, mocap=None, mocap_source=None)

@@ -203,7 +203,7 @@ def test_responses_are_predicted_by_a_parameter_file_of_their_joint_alone(tmp_pa
 def test_fig_7_shows_the_desired_impedance_with_the_most_trials_where_none_is_chosen(tmp_path):
     table = stored("frequency_response")
     lone = table.filter(trial=table["trial"][0]).with_columns(trial=pl.lit("lone"), K_d=pl.lit(77.0))
-    more = [lone.with_columns(pl.col("frequency_hz") + k / 100) for k in range(4)]  # rows than all others together
+    more = (lone.with_columns(pl.col("frequency_hz") + k / 100) for k in range(4))  # rows than all others together
     write_table(pl.concat([*more, table]), tmp_path / "t.csv")
     plotted_numbers.fig7(tmp_path / "t.csv", None, None, PAPER_WEIGHT, tmp_path / "fig7.csv")
     assert set(read_table(tmp_path / "fig7.csv").filter(curve="observed")["K_d"]) == set(table["K_d"])
@@ -229,5 +229,5 @@ def test_a_trajectory_says_of_itself_that_it_is_synthetic():
     assert (found.kind, at) == ("synthetic", [0.25, 0.5, 0.75])
     table = fig8.points(stored("gains").with_columns(pl.lit(None, pl.Float64).alias(f"{q}_1_joint") for q in "KB"))
     drawn, said = texts(fig8.draw(table)), fig8.caption(table)
-    assert ("(a) Trajectory: synthetic" in drawn, "Gain" in drawn) == (True, False)
-    assert ("The trajectory is synthetic" in said, NO_GAINS in said) == (True, True)
+    found = "(a) Trajectory: synthetic" in drawn, "Gain" in drawn, "The trajectory is synthetic" in said, NO_GAINS in said
+    assert found == (True, False, True, True)

@@ -113,11 +113,13 @@ def test_each_commanded_stiffness_has_its_own_result_and_one_line_says_so(tmp_pa
     flat, phases = used.filter(perturbed=False)["stance_s"], used.filter(perturbed=True)["onset_phase"]
     assert [facts[c] for c in ("unperturbed_stance_sd", "onset_phase_sd")] == [flat.std() / flat.mean(), phases.std()]
     chosen = {"pool": ["K_d"], "bootstrap_samples": 100, "outliers": None, "perturbed_stance": "unperturbed"}
-    pooled = campaign(tmp_path / "p", walks, cells, **chosen)
+    sides = {name: row | {"side": "left" if row["K_d"] == 200 else "right"} for name, row in cells.items()}
+    pooled = campaign(tmp_path / "p", walks, sides, **chosen | {"pool": ["K_d", "side"]})
+    assert {side for name in ("summary", "groups", "responses") for side in pooled[name]["side"]} == {None}
     fits, lost = pooled["walking"], pooled["walking"]["lag_out_of_reach"] == 1
     assert fits["phase_stance_s"].to_list() == pytest.approx([pooled["groups"]["stance_s"][0]] * 15)
     assert lost.to_list() == fits["lag_s"].is_null().to_list()
-    assert pooled["groups"].select("group", "pooled").row(0) == ("all", "K_d 200, 340, 480")
+    assert pooled["groups"].select("group", "pooled").row(0) == ("all", "side left, right; K_d 200, 340, 480")
     assert pooled.estimate("all")["commanded"] is None
 
 

@@ -106,8 +106,9 @@ def run_jobs(
         jobs.fit_perturbation(file, selection, gait, chosen, row)
     gather(rows, table, limits)
     paths = {name: folder / f"{name}.csv" for name in ("responses", "excluded", "groups")}
+    places = {name: {"joint": "ankle", "side": row.get("side")} for name, row in sheet.items()}
     paths |= {"table": table, "output": folder / "summary.csv", "selection": selection, "unperturbed": gait}
-    jobs.summarise_perturbations(crossings=turned, settings=chosen, sheet=sheet, **paths)
+    jobs.summarise_perturbations(crossings=turned, settings=chosen, sheet=sheet, places=places, **paths)
     return Tables(folder)
 
 

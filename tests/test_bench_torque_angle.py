@@ -19,6 +19,7 @@ from osl_analysis.bench.torque_angle import (
     torque_angle_trial,
 )
 from osl_analysis.campaign.configuration import read_config
+from osl_analysis.commands.bench import fit_torque_angle_trial
 from osl_analysis.config.sheet import read_sheet
 from osl_analysis.dictionary import described_tables
 from osl_analysis.errors import InputError
@@ -258,6 +259,8 @@ def test_a_gap_at_the_tip_of_a_cycle_is_doubtful_and_drift_and_closure_are_share
     cut = Trial("foot", pl.concat([whole[: tip - 40], whole[tip + 40 :]]))
     table = torque_angle_table(torque_angle_trial(cut, CONFIG.torque_angle)).with_columns(saturated_samples=0)
     assert "gaps" in marked(table, CONFIG.doubtful.of("torque_angle"), "torque_angle")["doubtful"][0]
+    with pytest.raises(InputError, match=r"theta turns by .*recorded in deg and declared as rad"):
+        fit_torque_angle_trial(trial_of(57.3 * FULL, torque), CONFIG.torque_angle)
 
 
 def test_the_change_of_the_energy_with_speed_is_that_from_the_slowest_cycle_to_the_fastest():

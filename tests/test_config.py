@@ -139,6 +139,9 @@ def test_a_number_that_yaml_1_1_counts_is_text_or_plain_and_refused_where_snakem
     with pytest.raises(InputError, match=rf"a\.yaml: line 3: YAML counts {number} in {way}; write a plain"):
         read_mapping(path, by_snakemake=True)
     assert read_mapping(path)["a"]["rate"] == [number if ":" in number else 10]
+    for door in (read_config, lambda path: campaign_config(SHIPPED, [SHIPPED_FILE, path])):
+        with pytest.raises(InputError, match="line 3: YAML counts"):
+            door(path)
     path.write_text(text := f"a: '{number}'\nb: [0, 0.5, 00.5, -0, 1.0e+3, 100]\nc: 2026-11-20 10:30:00\n")
     assert read_mapping(path, by_snakemake=True) == yaml.safe_load(text)
 

@@ -24,6 +24,7 @@ from osl_analysis.commands.walking import read_crossing_file, read_model, read_u
 from osl_analysis.errors import InputError, WriteError
 from osl_analysis.files import temporary_path
 from osl_analysis.jobs import progress
+from osl_analysis.jobs import run as jobs_run
 from osl_analysis.jobs.job import died, perform, reason_and_remedy, refusal
 from osl_analysis.jobs.job_log import read_log, run_report, write_log
 from osl_analysis.jobs.progress import LogHandler, stage_of
@@ -399,3 +400,12 @@ def test_a_rule_has_its_stage_in_a_module_too():
     stages |= dict.fromkeys(fits.split(), "fit")
     stages |= dict.fromkeys(("table", "headline_numbers", "report", "judge", "excluded_trials"), "tables and page")
     assert {rule: stage_of(rule) for rule in stages} == {rule: stage_of(f"osl_{rule}") for rule in stages} == stages
+
+
+def test_files_that_a_killed_run_has_not_made_are_named_at_its_end(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(jobs_run.atexit, "register", lambda end: end())
+    (tmp_path / "made.csv").touch()
+    jobs = [SimpleNamespace(output=[tmp_path / name for name in ("made.csv", "lost.csv")])]
+    stub = SimpleNamespace(dryrun=False, scheduler=1, is_main_process=True, dag=SimpleNamespace(jobs=jobs))
+    jobs_run.at_end_of_run(stub, tmp_path, lambda _: "", True)
+    assert f"not made: {tmp_path}/lost.csv; run again, what is finished stays" in capsys.readouterr().err

@@ -259,6 +259,9 @@ def test_a_plate_that_fails_in_a_stance_is_refused_and_elsewhere_does_not_matter
         check_plate(examined(), 1, stance, 12 * person)
     with pytest.raises(InputError, match=r"of type 1 .* export it as type 2, 3 or 4"):
         plate.check_type_on_platform(examined(1), 1)
+    (bare := unloaded("plate_1")).provenance["plates"][0]["type"] = 1
+    with pytest.raises(InputError, match=r"of type 1 .* export it as type 2, 3 or 4"):
+        model_of(bare)
     plate.check_type_on_platform(low, 1)
 
 

@@ -17,8 +17,7 @@ import polars as pl
 import pytest
 import yaml
 from conftest import ROOT
-from reference_numbers import changed
-from reference_requests import PLANNED, REFERENCE, requests_of
+from reference import PLANNED, REQUESTS, changed, requests_of
 from snakemake_runs import OVERRIDES, run_snakemake, write_small
 
 from osl_analysis.campaign.configuration import overriding
@@ -104,7 +103,7 @@ def test_every_figure_table_and_headline_number_is_there_and_nothing_is_left_to_
 
 
 def test_no_number_of_a_campaign_changes_unnoticed(workspace, tmp_path):
-    """Where one may: `python tests/reference_numbers.py`."""
+    """Where one may: `python tests/reference.py`."""
     other = Workspace(tmp_path, CAMPAIGNS["other"])
     assert other.run("reproduce-all").returncode == 0
     assert changed("small", workspace.folder / "results") == changed("other", tmp_path / "results") == []
@@ -313,8 +312,8 @@ def test_every_setting_and_argument_is_in_the_requests_of_jobs_with_the_verdicts
 
 @pytest.mark.parametrize("campaign", PLANNED)
 def test_nothing_that_a_rule_hands_to_a_job_or_lets_it_wait_for_changes_unnoticed(campaign, tmp_path):
-    """Where it may: `python tests/reference_requests.py`."""
-    kept = pl.read_csv(REFERENCE, infer_schema=False).filter(campaign=campaign)
+    """Where it may: `python tests/reference.py`."""
+    kept = pl.read_csv(REQUESTS, infer_schema=False).filter(campaign=campaign)
     assert requests_of(Workspace(tmp_path), campaign) ^ {*kept.rows()} == set()
 
 
@@ -325,6 +324,7 @@ def test_a_campaign_that_cannot_be_run_is_one_line_before_any_job(workspace):
     assert result.returncode == 1
     said = r"error: .*/small\.yaml: line \d+ of small\.yaml: unknown field 'dynamometer\.cut_off'; the known .*\n\Z"
     assert re.search(said, result.stdout), result.stdout
+    assert "did you mean 'profiles/slurm'" in workspace.run("-n", "--workflow-profile", "profiles/slrm").stdout
 
 
 UNLUCKY = """

@@ -1,16 +1,23 @@
-"""No number of two small campaigns changes unnoticed: reference_numbers.csv holds what the last commit left, right or
-not. `python tests/reference_numbers.py` writes it anew, and the commit shows which ones changed, by how much."""
+"""What the last commit left, right or not, so that nothing changes unnoticed: reference_numbers.csv has the numbers of
+two small campaigns, reference_requests.csv what rules hand to their jobs, and let them wait for, in planned campaigns.
+`python tests/reference.py` writes both anew, and the commit shows what changed."""
 
 import json
 import re
 import sys
+from hashlib import sha256
+from importlib.metadata import version
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
 import polars as pl
+import yaml
 
-REFERENCE = Path(__file__).with_suffix(".csv")
+HERE = Path(__file__).parent
+NUMBERS, REQUESTS = HERE / "reference_numbers.csv", HERE / "reference_requests.csv"
+SHEET = (HERE / "planned_trials.csv").read_text().splitlines(keepends=True)
+PLANNED = yaml.safe_load((HERE / "planned_campaigns.yaml").read_text())
 TABLES = ("tables/*.csv", "figures/*.csv", "trials/*.parquet", "crossings/*.parquet")
 TEXTS = ("figures/*.svg", "figures/captions.md", "report.html", "numbers.tex")
 NUMBER = re.compile(r"(?<![\d.])-?\d+\.\d+(?![\d.])")
@@ -24,9 +31,8 @@ UNDETERMINED = re.compile("lag_|noise_share")
 
 def size_and_shape(x: np.ndarray) -> list[float]:
     """How many numbers, their mean, spread and trend, and the largest."""
-    x = x[np.isfinite(x)]
-    weights = np.arange(1, x.size + 1)
-    return [x.size, x.mean(), x.std(), np.average(x, weights=weights), np.abs(x).max()] if x.size else [0]
+    trend = np.arange(1, (x := x[np.isfinite(x)]).size + 1) @ x / max(x.size * (x.size + 1) / 2, 1)
+    return [x.size, x.mean(), x.std(), trend, np.abs(x).max()] if x.size else [0]
 
 
 def numbers_of(results: Path) -> dict[str, list[float]]:
@@ -51,7 +57,7 @@ def numbers_of(results: Path) -> dict[str, list[float]]:
 
 def changed(campaign: str, results: Path) -> list[str]:
     """Where the numbers of a campaign are no longer those of the file: by more than 2e-6 of the largest."""
-    table = pl.read_csv(REFERENCE).filter(campaign=campaign)
+    table = pl.read_csv(NUMBERS).filter(campaign=campaign)
     kept = {place: np.array(numbers.split(), dtype=float) for place, numbers in table.select("place", "numbers").rows()}
     now = {place: np.array(numbers) for place, numbers in numbers_of(results).items()}
     same = {place for place in kept.keys() & now.keys() if kept[place].shape == now[place].shape}
@@ -59,15 +65,36 @@ def changed(campaign: str, results: Path) -> list[str]:
     return sorted((kept.keys() | now.keys()) - near)
 
 
+def requests_of(space, campaign: str) -> set[tuple[str, ...]]:
+    """Campaign, job, and the first digits of the SHA-256 of what it waits for, of what it is given, of its settings."""
+    changes, trials = PLANNED[campaign].values()
+    (space.folder / "trials.csv").write_text("".join(row for row in SHEET if re.match(trials, row)))
+    space.configure(changes)
+    targets, found = ["reproduce-all", "study"][: 1 + ("study" in changes)], set()
+    planned = space.run("-n", *targets, "--quiet", "host").stdout
+    for rule, waits in re.findall(r"^rule (\S+):\n    input: (.*)$", planned, re.MULTILINE):
+        request = next((Path(file) for file in waits.split(", ") if file.endswith("job.json")), Path(rule))
+        said = json.loads((space.folder / request).read_text()) if request.suffix else {}
+        settings, _ = said.pop("settings", {}), said.pop("code", "")
+        given = {name: sorted(value) if name in ("made_of", "recorded") else value for name, value in said.items()}
+        parts = (json.dumps(part).replace(version("osl-analysis"), "") for part in (waits, given, settings))
+        found.add((campaign, f"{rule} {request.parent.name}", *(sha256(p.encode()).hexdigest()[:8] for p in parts)))
+    return found
+
+
 if __name__ == "__main__":
-    sys.path.insert(0, str(Path(__file__).parents[1]))
+    sys.path.insert(0, str(HERE.parent))
     from test_workflow import CAMPAIGNS, Workspace
 
-    rows = []
+    rows, jobs = [], []
     for campaign, settings in CAMPAIGNS.items():
         with TemporaryDirectory() as folder:
             space = Workspace(Path(folder), settings)
             assert space.start("reproduce-all").returncode == 0
             every = numbers_of(space.folder / "results")
         rows += [(campaign, place, " ".join(f"{x:.7g}" for x in numbers)) for place, numbers in every.items()]
-    pl.DataFrame(rows, ["campaign", "place", "numbers"], orient="row").write_csv(REFERENCE)
+    for campaign in PLANNED:
+        with TemporaryDirectory() as folder:
+            jobs += sorted(requests_of(Workspace(Path(folder)), campaign))
+    pl.DataFrame(rows, ["campaign", "place", "numbers"], orient="row").write_csv(NUMBERS)
+    pl.DataFrame(jobs, ["campaign", "job", "waits_for", "given", "settings"], orient="row").write_csv(REQUESTS)

@@ -405,8 +405,7 @@ def test_a_rule_has_its_stage_in_a_module_too():
 def test_files_that_a_killed_run_has_not_made_are_named_at_its_end(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(jobs_run.atexit, "register", lambda end: end())
     monkeypatch.chdir(tmp_path)
-    Path("made.csv").touch()
-    dag = SimpleNamespace(jobs=[SimpleNamespace(output=["made.csv", "lost.csv"])])
+    dag = SimpleNamespace(jobs=[SimpleNamespace(output=[__file__, "lost.csv"])])
     stub = SimpleNamespace(dryrun=False, scheduler=1, is_main_process=True, dag=dag)
     jobs_run.at_end_of_run(stub, tmp_path, lambda _: "", True)
     assert "not made: lost.csv; run again, what is finished stays" in capsys.readouterr().err

@@ -18,6 +18,7 @@ import pytest
 import yaml
 from conftest import ROOT
 from reference import PLANNED, REQUESTS, changed, requests_of
+from reference import SHEET as EVERY_TRIAL
 from snakemake_runs import OVERRIDES, run_snakemake, write_small
 
 from osl_analysis.campaign.configuration import overriding
@@ -245,19 +246,8 @@ def another(value, number):
     return value + 1 if isinstance(value, int) else value * (1 + 1e-5 * number) + 1e-7 * number
 
 
-SHEET = """trial,experiment,controller,K_d,B_d,perturbed,log,log_source,mocap,mocap_source,windows
-belt_1,belt,,,,,a.mcap,dynamometer,,,
-belt_2,belt,,,,,b.mcap,dynamometer,,,
-transmission_1,transmission,,,,,c.mcap,dynamometer,,,
-transmission_2,transmission,,,,,d.mcap,dynamometer,,,
-actuator_1,actuator,,,,,e.mcap,dynamometer,,,
-impedance_1,impedance,compensated,300,5,,f.mcap,dynamometer,,,2-30
-torque_angle_1,torque_angle,,,,,g.mcap,dynamometer,,,
-overground_1,overground,,,,,,,h.c3d,vicon,
-static_1,static,,,,,,,i.c3d,vicon,
-plate_1,plate,,,,,,,j.c3d,vicon,
-"""
-SHEET += "".join(f"walking_{k},walking,,,,{k > 3},k{k}.mcap,leg,k{k}.c3d,vicon,\n" for k in range(1, 6))
+ONE_OF_EACH = "trial|belt_[12]|transmission|actuator|impedance_2|torque_angle_2|overground|static|plate_1|walking_[1-5]"
+SHEET, STATIC = [row for row in EVERY_TRIAL if re.match(ONE_OF_EACH, row)], {"static_1", "static_2"}
 """A campaign with every experiment. Its recordings are not there: it is only planned."""
 MEASURED = {"simulation": None, "sheet": "trials.csv", "raw_data": "raw"}
 MEASURED["figures"] = {"time_series": {"K_d": 300, "B_d": 5}, "frequency_response": {"K_d": 300, "B_d": 5}}
@@ -267,7 +257,7 @@ def test_every_setting_and_argument_is_in_the_requests_of_jobs_with_the_verdicts
     """All are changed at once, in a dry run: each difference of a request is one of them at a place of its name."""
     space, places, changes = Workspace(tmp_path), {}, {}
     default = yaml.safe_load((ROOT / "config/config.yaml").read_text())
-    (tmp_path / "trials.csv").write_text(SHEET)
+    (tmp_path / "trials.csv").write_text("".join(SHEET))
     for place, value in leaves(default, lists=False).items():
         if len(place) > 1 and value not in (None, {}, []) and not NOT_CHANGED & set(place):
             limit = place[0] in ("doubtful", "figures")  # no whole numbers
@@ -294,15 +284,15 @@ def test_every_setting_and_argument_is_in_the_requests_of_jobs_with_the_verdicts
                 other.setdefault(name, []).append((at, value))
     assert {name: at for name, at in other.items() if name not in WHOLE} == {}
     assert set(places) - found == set()
-    trials, given = {line.partition(",")[0] for line in SHEET.splitlines()[1:]}, {}
+    trials, given = {row.partition(",")[0] for row in SHEET[1:]}, {}
     for said in requests_in(tmp_path).values():
         module, _, name = said["command"].partition(".")
         job = getattr(import_module(f"osl_analysis.commands.{module}"), name)
         given.setdefault(job, {"refused"}).update(said["input"], said["settings"], said["output"])
         read = {at: Path(str(file)).stem for at, file in leaves(said["input"]).items()}
         judged, of = ({read[at] for at in read if (at[0] == "quality") is one} & trials for one in (True, False))
-        assert judged <= of <= judged | {"static_1"} or not judged, name
-        alone = len(of - {"static_1"}) < 2 and name not in ("calibrate", "pool_responses")
+        assert judged <= of <= judged | STATIC or not judged, name
+        alone = len(of - STATIC) < 2 and name not in ("calibrate", "pool_responses")
         assert judged or alone or name in UNJUDGED, name
         if name == "ingest_and_check":
             assert None not in said["made_of"].values()

@@ -152,8 +152,9 @@ def test_a_torque_beyond_the_load_cell_s_range_or_a_bench_that_is_softer_is_refu
         with pytest.raises(InputError, match=f"is not between 0 and the bench's stiffness of {bench} N"):
             judged(experiment, RECORDINGS[experiment], softer)
     stated = BENCH.model_copy(update={"load_cell_range": 20.0})
-    with pytest.raises(InputError, match=r"torque reaches 5.* N\*m, more than the 20 N\*m of `load_cell_range`"):
-        judged("impedance", changed("impedance", torque=lambda x: x - x.max()), stated)
+    for torque, n in ((lambda x: x, "2"), (lambda x: x - x.max(), "5"), (lambda x: x - x.min(), "5")):
+        with pytest.raises(InputError, match=rf"torque reaches {n}.* N\*m, more than the 20 N\*m of `load_cell_range`"):
+            judged("impedance", changed("impedance", torque=torque), stated)
     with pytest.raises(InputError, match=r"theta turns by \+-2 rad"):
         check_recording(Trial("a", pl.DataFrame({"time": [0.0, 1.0, 2.0], "theta": [np.nan, -2.0, 2.0]})), BENCH)
     rows = pl.DataFrame({"trial": "a", "amplitude_deg": [4.0, 2.0, None], "K": [200.0, 100.0, 150.0], "K_high": 1.0})

@@ -167,7 +167,8 @@ MISTAKES = {
     r"o\\udcff\.csv: its name is not UTF-8; choose another name": (*GAINS, "--output", os.fsdecode(b"o\xff.csv")),
 }  # fmt: skip
 UNFIT = {
-    "give --stiffness and --damping": ("gains", "--damping", "5"),
+    "give --stiffness and --damping": ("gains", "--damping", "5"), "--damping, or --trajectory": ("gains",),
+    "--trajectory has K_d and B_d of its own": (*GAINS, "--trajectory", SYNTHETIC),
     "leave out --stiffness": ("gains", "--damping", "5", "--trajectory", SYNTHETIC),
     "give --model impedance": ("fit", "x.parquet", "--controller", "uncompensated", "--model", "belt"),
     "neither a number": of_gains("stiff", 5), "write first:last:step, upwards": of_gains("400:100:50", 5),

@@ -234,6 +234,7 @@ def test_the_simulated_protocol_and_walk_are_those_of_the_configuration(tmp_path
 
 
 def test_each_experiment_follows_what_it_uses_and_no_more(tmp_path, in_root):
+    """A belt has no controller: another weight does not simulate it anew."""
     own = configured(tmp_path)
     for change, following in (
         ({"gain_weight": {"cutoff_hz": 2}}, "impedance walking"), ({"impedance_trajectory": None}, "walking"),

@@ -482,9 +482,10 @@ def test_a_field_that_is_no_number_is_blamed_on_the_source_file_and_an_absent_on
     ):
         with pytest.raises(InputError, match=said):
             recorded(write_payloads(tmp_path / "log.mcap", [payload], *packing), "log", 1.0, theta="y")
-    recording = recorded(write_json(tmp_path, ['{"x": 1.5}', '{"x": null}', '{"x": []}']), "log", 0.3, theta="x")
-    assert recording.samples["theta"].to_list() == [1.5, None, None]
-    said = "topic '/lab': field 'x' has no value in 2 of 3 messages, first message 2"
+    absent = write_json(tmp_path, ['{"x": 1.5}', '{"x": null}', '{"x": []}', "{}"])
+    recording = recorded(absent, "log", 0.3, theta="x")
+    assert recording.samples["theta"].to_list() == [1.5, None, None, None]
+    said = "topic '/lab': field 'x' has no value in 3 of 4 messages, first message 2"
     assert any(said in warning for warning in recording.warnings)
 
 

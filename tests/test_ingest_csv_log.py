@@ -265,7 +265,7 @@ def load(**stated: object) -> dict[str, object]:
     (load(scale=0), "scale of zero"), (load(sign=True), "sign: 'true' is not allowed: write 1 or -1"),
     (load(delay="2"), "the unit is empty; write one of s, ms"),
     *((load(delay=text), f"'{text}' is not a number with a unit; write it as in `2 s`") for text in ("soon", "inf s")),
-    (load(low_pass={"cutoff": "0 Hz"}), "a cut-off must be above zero"),
+    *((load(low_pass={"cutoff": f"{cutoff} Hz"}), "a cut-off must be above zero") for cutoff in (0, -5)),
     (load(resolution="0.1 deg"), "'0.1 deg' is not allowed: unit 'deg' measures [rad]"),
     (load(resolution="1 N*m", bits=14), "state `resolution` or `bits`, not both"),
     (load(range=["5 N*m", "5 N*m"]), "a range from 5 to 5 N*m is empty"),

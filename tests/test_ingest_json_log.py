@@ -132,7 +132,8 @@ def test_a_last_line_that_breaks_off_is_left_out_with_a_warning(tmp_path: Path) 
 
 @pytest.mark.parametrize(("line", "reason"), [
     ('{"variables": {"time": 39.0, "ankle_an', "is not JSON"),
-    ('{"variables": {"time": 39, "ankle_angle": "1.5"}, "functions": {"torque": 1}}', "not a number, in line 12"),
+    ('{"variables": {"time": 39, "ankle_angle": "1.5"}, "functions": {"torque": 1}}',
+     'is "1.5", not a number, in line 12'),
     ('{"variables": 4, "functions": {"torque": 1}}', "is 4, not an object"),
 ])  # fmt: skip
 def test_a_line_that_cannot_be_used_is_skipped_within_a_share_and_else_refused(tmp_path, line, reason):

@@ -88,7 +88,7 @@ def test_a_csv_file_lists_columns_units_gaps_words_and_odd_rows_and_its_draft_re
         np.testing.assert_allclose(samples.to_numpy().T, [[0, 0.01, 0.02, 0.09], np.radians([1.5, 2.5, 3.5, 4.5])])
 
 
-MARKERS = ["Leg:FOOT1", "Foot2", "HEEL", "SHANK1", "SHANK2", "TIB_M", "PLAT1", "PLAT2", "ANKLE_MED", "ANK_L", "C7"]
+MARKERS = ["Leg:FOOT1", "Foot2", "S01:HEEL", "SHANK1", "SHANK2", "TIB_M", "PLAT1", "PLAT2", "ANKLE_MED", "ANK_L", "C7"]
 
 
 def walking_draft(path: Path, labels: list[str]) -> str:
@@ -103,8 +103,8 @@ def walking_draft(path: Path, labels: list[str]) -> str:
 def test_a_capture_of_walking_drafts_the_walking_section_and_asks_for_what_names_do_not_tell(tmp_path: Path) -> None:
     draft = walking_draft(tmp_path / "a.c3d", MARKERS)
     markers = {
-        "foot": ["Leg:FOOT1", "Foot2", "HEEL"], "shank": ["SHANK1", "SHANK2", "TIB_M"], "platform": ["PLAT1", "PLAT2"],
-        "ankle_medial": "ANKLE_MED", "ankle_lateral": "ANK_L",
+        "foot": ["Leg:FOOT1", "Foot2", "S01:HEEL"], "shank": ["SHANK1", "SHANK2", "TIB_M"],
+        "platform": ["PLAT1", "PLAT2"], "ankle_medial": "ANKLE_MED", "ankle_lateral": "ANK_L",
     }  # fmt: skip
     assert yaml.safe_load(draft)["walking"] == {"side": "UNKNOWN", "plate": "UNKNOWN", "markers": markers}
     assert 'platform: ["PLAT1", "PLAT2"]  # UNKNOWN: a cluster has 3 or more' in draft

@@ -71,9 +71,10 @@ def test_a_wrong_cell_is_named_with_line_and_remedy(tmp_path, line, message):
 
 @pytest.mark.parametrize(("text", "message"), [
     (f"{PLACED}a,belt,h\u00fcfte,,a,s\nb,belt,Hu\u0308fte,,b,s\n", "line 3: joint 'Hu.fte' differs from 'h.fte' by ca"),
+    (f"{PLACED}a,belt,knee,,a,s\nb,belt,Knee,,b,s\n", "line 3: joint 'Knee' differs from 'knee' by capitals or ac"),
     (f"{PLACED}a,belt,Ankle,,a,s\n", "line 2: joint 'Ankle' differs from 'ankle' by capitals or accents alone"),
     (f"{PLACED}a,static,knee,,a,s\n", "joint 'knee' of experiment 'static': the walkway measures the ankle; leave"),
-    (f"{PLACED}a,belt,knee,Left,a,s\n", "side 'Left' must be left or right"),
+    *((f"{PLACED}a,belt,knee,{side},a,s\n", f"side '{side}' must be left or right") for side in ("both", "Left")),
     *((f"trial,experiment,log,log_source,{name}\na,{kind},a,s,{cell}\n", said) for name, kind, cell, said in (
         ("windows", "belt", "2-30", "only 'impedance' fits"), ("windows", "impedance", "2-", "are not from-to"),
         ("body_mass_kg", "belt", "0", "must be above 0"), ("direction", "belt", "left", "be up or down"),
@@ -83,7 +84,7 @@ def test_a_wrong_cell_is_named_with_line_and_remedy(tmp_path, line, message):
     ("", "not a CSV table"), (HEADER, "no trials"), ("trial,log\nb,b.mcap\n", "no column 'experiment'"),
     ("trial,experiment,log,log\nb,belt,a,b\n", "line 1: column 'log' stands twice"),
     ("trial,experimnt,log\n", "unknown column 'experimnt'; .*; did you mean 'experiment'"),
-    *((f"trial{sign}experiment\na{sign}belt\n", f"separated by '{said}'; save the sheet with commas")
+    *((f"trial{sign}experiment\na{sign}belt\n", f"its cells are separated by '{said}'; save the sheet with commas")
       for sign, said in ((";", ";"), ("\t", r"\\t"), ("|", r"\|"))),
     (f"{HEADER}{BELT}Fuß\n".encode("latin-1"), "line 2: byte 0xdf is not UTF-8; save the sheet as 'CSV UTF-8'"),
     (HEADER.encode("utf-16-le"), "its header holds zero bytes, it is not UTF-8; save the sheet as"),

@@ -417,7 +417,8 @@ def test_a_bad_impedance_trajectory_and_a_wrong_duration_or_rate_are_refused(tmp
         ("phase,K_d,B_d\n0,100,1\n0.9,100,1\n", "from 0 to 0.9; it must rise from 0 to 1"),
         ("phase,K_d,B_d\n0,100,1\n0.5,100,1\n0.5,200,1\n1,100,1\n", "it must rise from 0 to 1"),
         ("phase,K_d,B_d\n0.1,1,1\n1,1,1\n", "from 0.1 to 1; it must"), ("phase,K_d,B_d\n0,1,1\n1,1,nan\n", "B_d holds"),
-        ("phase,K_d,B_d\n0,100,1\n1,abc,1\n", "not a table of"), ("phase,K_d,B_d,K_d\n0,1,1,1\n", "'K_d' stands twice"),
+        ("phase,K_d,B_d\n0,1,1\n1,a,1\n", "not a table of numbers"),
+        ("phase,K_d,B_d,K_d\n0,1,1,1\n", "'K_d' stands twice"),
     ):  # fmt: skip
         (tmp_path / "impedance.csv").write_text(text)
         with pytest.raises(InputError, match=said):

@@ -216,7 +216,7 @@ def of(stamps, values=None, **fields):
 
 
 @pytest.mark.parametrize(("stamps", "values", "counter", "says"), [
-    (np.delete(np.where(TICKS < 5, TICKS, TICKS + 3600), 100), None, None, JUMP),
+    *((np.delete(np.where(TICKS < 5, TICKS, TICKS + 3600), lost), None, None, JUMP) for lost in ([], 100)),
     (0 * TICKS + 3, None, None, r"time stands still at 3\.000000 s for 6000 samples; take another"),
     (TICKS[:5], None, None, r"5 samples are too few .* at least 20"),
     (TICKS[:90], np.full(90, np.inf), None, r"torque is inf at row 0, after 0\.000000 s; 90 of 90 .*: repair"),

@@ -35,7 +35,8 @@ def matrix(about: int, angle: Array) -> Array:
 
 
 def plate_motion(about: int, height: float, scale: float) -> tuple[BodyMotion, Array]:
-    """The plate turns about a laboratory axis by two bumps; wrench by Newton and Euler, all derivatives by hand."""
+    """The plate turns about a laboratory axis through the pivot by two bumps; its wrench by Newton and Euler. All
+    derivatives by hand: a = z x r + w x (w x r), and the force on the body is m (a_com - g)."""
     t = np.arange(RATE) / RATE
     phi, omega, alpha = (height * (a - 0.7 * b) for a, b in zip(bump(t, 0.3, scale), bump(t, 0.6, scale), strict=True))
     R, n = matrix(about, phi), np.eye(3)[about]
@@ -168,7 +169,8 @@ def test_a_recording_that_cannot_show_the_unloaded_plate_is_refused(changes: dic
 
 @pytest.mark.parametrize(("start", "duration"), [(1.01, 0.04), (0.8, 1.7)])
 def test_an_unloaded_trial_whose_turn_was_hidden_is_excluded_by_name(start: float, duration: float) -> None:
-    """40 ms of the ramp's start, bridged to a lag; or all until it is back: the longest run of frames does not turn."""
+    """40 ms of the start of the ramp, which a bridge would make the lag of. Or from before the ramp until the
+    platform is back, longer than gaps are bridged: the longest run of frames that was seen does not turn."""
     seen, blind = (unloaded(f"plate_{k}", lag=0.0015) for k in (1, 2))
     blind, why = hidden(blind, ("PLAT1", "PLAT2"), start, start + duration), "the platform turned while its markers"
     with pytest.warns(UserWarning, match=f"trial plate_2: excluded from the plate.s model: {why}"):

@@ -310,7 +310,8 @@ def test_without_plate_trials_the_error_names_the_option_and_the_option_needs_no
 
 
 def test_platform_markers_that_were_moved_between_sessions_are_read_with_their_own_cluster() -> None:
-    """PLAT1 was glued 30 mm to the left, along the axis of the turn: by the first static trial it exceeds the limit."""
+    """The second session's PLAT1 was glued 30 mm to the left, along the axis about which it turns: with the first
+    static trial its residual exceeds the limit. Its coordinates are of another cluster: crossings keep their own."""
 
     def moved(trial: Trial) -> Trial:
         return changed(trial, pl.col("marker_PLAT1_y") + 0.03)

@@ -23,6 +23,7 @@ from snakemake_runs import OVERRIDES, run_snakemake, write_small
 
 from osl_analysis.campaign.configuration import overriding
 from osl_analysis.commands.reference import tables_page
+from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.dictionary import described_tables
 from osl_analysis.figures import FIGURES
 from osl_analysis.jobs import request as jobs_request
@@ -148,8 +149,13 @@ def leaves(value, place=(), lists=True):
 
 
 def test_what_a_job_reads_was_made_by_jobs_that_its_rule_waits_for(workspace):
-    """Also what the rule does not name (`read`): else a job runs too early, or not again. Snakemake has its inputs."""
+    """Also what the rule does not name (`read`): else a job runs too early, or is not run again. The rules' inputs are
+    those in Snakemake's notes."""
     requests, waits_for = requests_in(workspace.folder), {}
+    of_crossings = [said["settings"] for said in requests.values() if said["command"] == "walking.analyse"]
+    assert [{"perturbed", "direction", "body_mass_kg"} <= said.keys() for said in of_crossings] == 8 * [True]
+    simulated = [said["made_of"] for said in requests.values() if said["command"] == "simulate.simulate_trial"]
+    assert {OVERRIDES["simulation"] in files for files in simulated} == {True}
     maker = {file: request for request, said in requests.items() for file in said["files"]}
     for note in (path for path in (workspace.folder / ".snakemake/metadata").rglob("*") if path.is_file()):
         inputs = json.loads(note.read_text())["input"]
@@ -230,7 +236,10 @@ NOT_CHANGED = {
 }  # fmt: skip
 """Such as change the jobs of the study, name markers, a trial, or what a test of its own changes."""
 UNJUDGED = {"draw_figure", "write_captions", "write_report", "list_fits", "list_excluded", "judge"}
-"""Jobs that name what is left out."""
+OF_FIGURES = {"fig3": {"belt"}, "fig4": set(), "fig8": set(), "torque_angle": {"torque_angle"}}
+OF_FIGURES |= {name: {"impedance"} for name in ("fig5", "fig6", "fig7", "response", "model_comparison")}
+OF_FIGURES |= {name: {"walking"} for name in ("fig9", "impedance_over_stance", "walking_page")}
+"""Jobs that name what is left out, and the experiments of the trials that a figure may lack."""
 OTHER_WORD = {"auto": "any", "end": "start", "right": "left", "matched": "own", "mean": "predicted"}
 
 
@@ -284,7 +293,7 @@ def test_every_setting_and_argument_is_in_the_requests_of_jobs_with_the_verdicts
                 other.setdefault(name, []).append((at, value))
     assert {name: at for name, at in other.items() if name not in WHOLE} == {}
     assert set(places) - found == set()
-    trials, given = {row.partition(",")[0] for row in SHEET[1:]}, {}
+    results, trials, given, shown = set(), {row.partition(",")[0] for row in SHEET[1:]}, {}, {}
     for said in requests_in(tmp_path).values():
         module, _, name = said["command"].partition(".")
         job = getattr(import_module(f"osl_analysis.commands.{module}"), name)
@@ -294,10 +303,30 @@ def test_every_setting_and_argument_is_in_the_requests_of_jobs_with_the_verdicts
         assert judged <= of <= judged | STATIC or not judged, name
         alone = len(of - STATIC) < 2 and name not in ("calibrate", "pool_responses")
         assert judged or alone or name in UNJUDGED, name
+        results |= {file for file in said["files"] if Path(file).stem in trials and "/trials/" not in file}
+        assert name != "gather" or ("fits" in said["input"]) == (said["settings"]["limits_of_fits"] is not None)
+        assert of == trials or name not in ("judge", "list_excluded", "write_report")
+        assert len(of) > 5 or name != "write_captions"
+        assert any("simulation/" in file for file in said["made_of"]) or name != "run_batch"
+        if name == "write_report":
+            assert "walking_responses" in said["input"]["tables"]
+            assert (len(said["input"]["crossings"]), {*said["settings"]["sheet"]}) == (5, trials)
+        assert name != "pool_responses" or said["settings"]["conditions"]["impedance_2"]["K_d"] == 300
+        listed = {Path(table).stem for table in said["settings"].get("tables", ())}
+        assert {"quality", "excluded", "fig5"} <= listed or name != "write_table_metadata"
         if name == "ingest_and_check":
-            assert None not in said["made_of"].values()
+            row, sources = said["settings"]["row"], {Path(file).stem: sha for file, sha in said["made_of"].items()}
+            assert said["settings"]["needed_columns"] == [*EXPERIMENTS[row["experiment"]].needed_columns]
+            assert {*map(os.path.basename, said["recorded"])} == {row["log"], row["mocap"]} - {None}
+            wanted = {row["log_source"], row["mocap_source"]} - {None}
+            assert (sources.keys(), None in sources.values()) == (wanted, False)
+        assert said["settings"].get("windows", "2-30") == "2-30", name
+        shown |= {said["settings"]["name"]: {one[:-2] for one in of}} if name == "draw_figure" else {}
     optional = {job: {p.name for p in signature(job).parameters.values() if p.default is not p.empty} for job in given}
     assert {job.__name__: names - given[job] for job, names in optional.items() if names - given[job]} == {}
+    assert shown == OF_FIGURES
+    (listing,) = (said for said in requests_in(tmp_path).values() if said["command"] == "tables.list_excluded")
+    assert results - {*listing["input"]["fitted"]} == set()
 
 
 @pytest.mark.parametrize("campaign", PLANNED)
@@ -455,5 +484,6 @@ def test_a_study_runs_through_its_jobs_and_more_trials_leave_those_that_are_done
     space.configure({"study": study})
     files = (first, "results/study/batches/second_order_0_2.csv", "results/study/batches/walking_0_1.csv")
     assert space.run(*files).returncode == 0
+    assert not any(is_refused(space.folder / file) for file in files)
     space.configure({"study": study | {"trials": 4}})
     assert space.planned(first) == {}

@@ -16,11 +16,15 @@ from osl_analysis.errors import InputError, UnreachableImpedanceError
 from osl_analysis.model import compensator, drivetrain
 from osl_analysis.model.compensator import PAPER_WEIGHT, Weight, compensated_gains, uncompensated_gains
 from osl_analysis.model.drivetrain import joint_admittance
-from osl_analysis.model.drivetrain_response import belt_response
+from osl_analysis.model.drivetrain_response import Controller, belt_response
 from osl_analysis.model.parameters import read_parameters
 from osl_analysis.simulator.drivetrain import IDEAL, belt_path, constants, simulate_drivetrain
 
-FREQUENCIES, RATE, TRUE = np.array([0.0, 0.3, 1.0, 5.0, 40.0]), 1000.0, (1.0, 0.05)  # TRUE: friction and sign_width
+FREQUENCIES, RATE, WIDTH = (
+    np.array([0.0, 0.3, 1.0, 5.0, 40.0]),
+    1000.0,
+    0.05,
+)  # WIDTH: rad/s over which the sign is smoothed
 P = read_parameters(ROOT / "config/parameters/default.yaml")
 CONTINUOUS = IDEAL | {"substeps": 100, "control_updates": 100}
 
@@ -63,11 +67,12 @@ def test_two_integrators_that_share_nothing_agree(parameters, controller, K_s2):
     commands = np.array([[gains.K_1], [gains.B_1], [0.0]])
     own = {"cancels_friction": gains.cancels_friction, "sign_width": 0.05, "control_updates": 20}
     expected = simulate_drivetrain(RATE, theta, omega, commands, IDEAL | {"friction": True} | own, p)["belt_torque"]
-    assert np.std(belt_response(theta, RATE, gains, p, *TRUE) - expected) < 0.01 * np.std(expected)
+    assert np.std(belt_response(theta, RATE, Controller(gains, p, WIDTH), p) - expected) < 0.01 * np.std(expected)
 
 
 def test_a_joint_that_rests_in_equilibrium_from_the_first_sample_on_resists_with_the_desired_stiffness():
-    np.testing.assert_allclose(belt_response(np.full(50, 0.2), RATE, compensated_gains(300, 5, P), P, *TRUE), 60.0)
+    law = Controller(compensated_gains(300, 5, P), P, WIDTH)
+    np.testing.assert_allclose(belt_response(np.full(50, 0.2), RATE, law, P), 60.0)
 
 
 def joint_stiffness_at(frequency_hz, gains, effects):

@@ -15,7 +15,7 @@ from osl_analysis.bench.components import PLACE, loaded_rows
 from osl_analysis.bench.record import Record
 from osl_analysis.errors import InputError
 from osl_analysis.model.compensator import Gains
-from osl_analysis.model.drivetrain_response import belt_response
+from osl_analysis.model.drivetrain_response import Controller, belt_response
 from osl_analysis.model.parameters import DrivetrainParameters
 from osl_analysis.stats.regression import linear_fit
 from osl_analysis.stats.repeats import Candidate, loss_behind_best, mean_over_trials, rank_words, score_models
@@ -114,7 +114,8 @@ class DrivetrainTrial:
         """
         K_1, B_1 = x[0] * self.gains.K_1, self.gains.B_1 + (x[1] - 1) * self.unit_damping
         gains, record = Gains(float(K_1), float(B_1), self.gains.cancels_friction), self.record
-        belt = belt_response(record.theta, record.rate_hz, gains, self.p, float(x[2]), self.sign_width)
+        law = Controller(gains, self.p, self.sign_width)
+        belt = belt_response(record.theta, record.rate_hz, law, self.p, float(x[2]))
         if not np.isfinite(belt).all():
             raise InputError(
                 f"the drivetrain model grows without bounds for K_1 = {gains.K_1:g}, B_1 = {gains.B_1:g}; check the "

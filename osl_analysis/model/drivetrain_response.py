@@ -6,6 +6,7 @@ limited to the largest friction.
 """
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import expm
@@ -17,55 +18,76 @@ from osl_analysis.model.parameters import DrivetrainParameters
 from osl_analysis.trial import Array
 
 
+@dataclass(frozen=True)
+class Controller:
+    """What the law of Eqs. 5-7 was programmed with, which may differ from the drivetrain that it controls."""
+
+    gains: Gains
+    p: DrivetrainParameters  # those of torque constant and friction in the feedforward of Eq. 5
+    sign_width: float  # velocity [rad/s] over which the sign of the velocity is smoothed
+    angle_delay: float = 0.0  # age [s] of theta_m where it is used
+    velocity_delay: float = 0.0  # age [s] of omega_m where it is used
+
+
 def belt_response(
-    theta: Array, rate_hz: float, gains: Gains, p: DrivetrainParameters, friction: float, sign_width: float
+    theta: Array, rate_hz: float, controller: Controller, p: DrivetrainParameters, friction: float = 1.0
 ) -> Array:
     """Torque [N*m] in the belt, shape (n,), for a joint angle theta [rad] at uniform samples. The actuator starts at
-    rest, in equilibrium with the first angle. Its friction, `friction` times that of the parameters, has the true sign
-    of the velocity and can hold it at rest. If the gains cancel friction, the current includes the feedforward of
-    Eq. 5, whose sign is smoothed over velocities of `sign_width` [rad/s]."""
+    rest, in equilibrium with the first angle. Its friction, `friction` times that of the parameters p, has the true
+    sign of the velocity and can hold it at rest. If the gains cancel friction, the current includes the feedforward of
+    Eq. 5."""
     # N(s) theta_m = K_s/n_T theta + e over one sample, e a torque [N*m] constant in between: the next state (theta_m,
     # omega_m) is transition (2, 4) @ (theta_m, omega_m, theta, next theta) + push (2,) e
-    step, continuous = 1 / rate_hz, np.zeros((5, 5))
+    step, continuous, gains = 1 / rate_hz, np.zeros((5, 5)), controller.gains
     continuous[0, 1] = continuous[2, 3] = 1.0
     continuous[1] = (-(gains.K_1 + p.K_s / p.n_T**2), -(p.B_m + gains.B_1), p.K_s / p.n_T, 0.0, 1.0)
     continuous[1] /= p.J_m
     exact = expm(continuous * step)[:2]
     slope = exact[:, 3] / step
     transition = np.column_stack([exact[:, :2], exact[:, 2] - slope, slope])
-    loop = (
-        gains.K_1, gains.B_1, p.k_tau * p.n_m, p.f_C, p.f_G, friction, gains.cancels_friction, sign_width,
-        p.n_T, p.K_s2,
+    law = (
+        gains.K_1, gains.B_1, gains.cancels_friction, controller.sign_width, controller.p.k_tau * controller.p.n_m,
+        controller.p.f_C, controller.p.f_G, controller.angle_delay * rate_hz, controller.velocity_delay * rate_hz,
     )  # fmt: skip
+    plant = (p.k_tau * p.n_m, friction * p.f_C, friction * p.f_G, p.n_T, p.K_s2)
     start = p.K_s / p.n_T * theta[0] / (gains.K_1 + p.K_s / p.n_T**2)
     theta = np.ascontiguousarray(theta, dtype=float)
-    theta_m = np.empty_like(theta)
-    actuator_path(theta, theta_m, float(start), transition, np.ascontiguousarray(exact[:, 4]), loop)
-    return belt_torque(belt_deflection(theta, theta_m, p), p)
+    path = np.zeros((2, len(theta)))
+    path[0, 0] = start
+    actuator_path(theta, path, transition, np.ascontiguousarray(exact[:, 4]), law, plant)
+    return belt_torque(belt_deflection(theta, path[0], p), p)
 
 
 @compiled
 def actuator_path(
-    theta: Array, path: Array, start: float, transition: Array, push: Array, loop: tuple[float, ...]
+    theta: Array, path: Array, transition: Array, push: Array, law: tuple[float, ...], plant: tuple[float, ...]
 ) -> None:
-    """Fill `path`, (n,), with the angle theta_m [rad] of the actuator that starts at rest at `start` [rad], for theta
-    (n,). Eq. 5 is written out for numbers; `motor_current` has it for arrays."""
+    """Fill `path`, (2, n), with angle [rad] and velocity [rad/s] of the actuator, from those of the first sample, for
+    theta (n,). Eq. 5 is written out for numbers; `motor_current` has it for arrays."""
     (a, b, c, d), (e, f, g, h) = transition
     drift, kick = push
-    K_1, B_1, torque_constant, f_C, f_G, scale, cancels, sign_width, n_T, K_s2 = loop
-    theta_m, omega_m = start, 0.0
-    path[0] = theta_m
+    K_1, B_1, cancels, sign_width, constant, f_C, f_G, angle_age, velocity_age = law
+    torque_constant, coulomb, gear, n_T, K_s2 = plant
     for i in range(len(theta) - 1):
         now, then = theta[i], theta[i + 1]
-        u = -K_1 * theta_m - B_1 * omega_m
-        direction = math.tanh(omega_m / sign_width) if cancels else 0.0
+        theta_m, omega_m = path[0, i], path[1, i]
+        old_angle, old_velocity = aged(path[0], i, angle_age), aged(path[1], i, velocity_age)
+        u = -K_1 * old_angle - B_1 * old_velocity
+        direction = math.tanh(old_velocity / sign_width) if cancels else 0.0
         r = u + direction * f_C
-        current = r / (torque_constant - (direction if r >= 0.0 else -direction) * f_G)
+        current = r / (constant - (direction if r >= 0.0 else -direction) * f_G)
         theta_s = now - theta_m / n_T
-        torque = torque_constant * current - u + K_s2 * theta_s * abs(theta_s) / n_T
+        torque = torque_constant * current + K_1 * theta_m + B_1 * omega_m + K_s2 * theta_s * abs(theta_s) / n_T
         free = e * theta_m + f * omega_m + g * now + h * then + kick * torque
-        limit = scale * (f_C + f_G * abs(current))
+        limit = coulomb + gear * abs(current)
         friction = min(max(free / kick, -limit), limit)
-        theta_m = a * theta_m + b * omega_m + c * now + d * then + drift * (torque - friction)
-        omega_m = free - kick * friction
-        path[i + 1] = theta_m
+        path[0, i + 1] = a * theta_m + b * omega_m + c * now + d * then + drift * (torque - friction)
+        path[1, i + 1] = free - kick * friction
+
+
+@compiled
+def aged(values: Array, i: int, age: float) -> float:
+    """A signal (n,) as it was `age` samples before sample i, on a line between samples; the first one before it."""
+    whole = int(age)
+    late = values[max(i - whole, 0)]
+    return late + (age - whole) * (values[max(i - whole - 1, 0)] - late)

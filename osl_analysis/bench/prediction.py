@@ -1,0 +1,250 @@
+"""The torque that the leg's components predict for an impedance trial, beside the recorded one: nothing is fitted.
+
+Each component was measured alone (components.py). With the law of the controller they give the torque for the recorded
+angle (Eqs. 1-7). What is uncertain of the components is uncertain of the prediction too; what the equations lack shows
+in the other trials of the campaign, and a misfit that is alike in all trials names the component that is not as
+measured, or a controller that acts late.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import polars as pl
+from scipy.optimize import brentq
+from scipy.special import stdtrit
+
+from osl_analysis.bench.components import PLACE
+from osl_analysis.bench.model_comparison import thinned_amplitudes, without_offset
+from osl_analysis.bench.record import Record
+from osl_analysis.errors import InputError
+from osl_analysis.judge.doubts import counted
+from osl_analysis.model.drivetrain_response import Controller, belt_response
+from osl_analysis.model.parameters import DrivetrainParameters
+from osl_analysis.stats.covariance import welch_satterthwaite
+from osl_analysis.stats.regression import variance_accounted_for
+from osl_analysis.trial import Array
+
+ACTUATOR = ("k_tau_n_m", "f_C", "f_G", "B_m", "J_m")
+COMPONENTS = dict.fromkeys(ACTUATOR, "actuator") | {"K_s": "belt", "B_j": "transmission", "J_j": "transmission"}
+"""The experiment that each component is measured by."""
+PARTS = tuple(dict.fromkeys(COMPONENTS.values()))
+DELAYS = ("angle_delay", "velocity_delay")  # ages [s] of what the controller uses, which no component trial shows
+TERMS = ("left", *COMPONENTS, *DELAYS)
+"""Torques of a trial: what the prediction leaves, and what one unit more of each component or delay adds to it."""
+QUANTITIES = ("K", "B", "I", "torque")  # of Eq. 15, and the RMS [N*m] of the torque
+ENDS = {"low": -1.0, "high": 1.0}
+LOWEST_VAF = 80.0  # [percent] of Eq. 15; below it K, B and I hardly describe a trial: it teaches nothing
+FEWEST_OTHERS = 4  # trials with the same controller from which on they alone teach what the equations lack
+DELAY_STEP = 2.5e-4  # [s] by which the delays are changed
+LEAST_SHARE, LEAST_CHANGE, LEAST_DELAY, CERTAIN = 0.5, 0.05, 5e-4, 4.0
+"""What names a component: the share of the misfit that it explains, its relative change, or the delay [s], and how many
+standard errors this is."""
+
+
+@dataclass(frozen=True)
+class Components:
+    """The drivetrain as its components were measured."""
+
+    p: DrivetrainParameters  # ratios n_T and n_m are those of the parameter file
+    values: Mapping[str, float]  # means over the trials of each component, in the order of `COMPONENTS`
+    covariance: Array  # of these means, (8, 8)
+    freedom: Mapping[str, float]  # degrees of freedom of the variance of each
+    trials: Mapping[str, tuple[str, ...]]  # names of the trials, by experiment
+
+    def se(self, name: str) -> float:
+        k = list(COMPONENTS).index(name)
+        return float(np.sqrt(self.covariance[k, k]))
+
+
+def components_of(
+    tables: Mapping[str, pl.DataFrame], place: tuple[str | None, str | None], file: DrivetrainParameters
+) -> Components:
+    """The components of one joint and side from the campaign's tables `actuator`, `belt` and `transmission`, means of
+    the trials that count. The variance of a mean is that of the scatter of its trials, or of their fits where this is
+    larger; correlations are those of the fits. `file` has the ratios. Raises InputError: a table has no such trial; a
+    component is negative beyond its uncertainty."""
+    here = dict(zip(PLACE, place, strict=True))
+    rows = {part: of_place(tables.get(part, pl.DataFrame()), here) for part in PARTS}
+    if missing := [part for part, own in rows.items() if own.is_empty()]:
+        raise InputError(f"the campaign has no {' and no '.join(missing)} trials; record them, or leave out the others")
+    values, freedom, covariance = dict[str, float](), dict[str, float](), np.zeros((len(COMPONENTS),) * 2)
+    for part, own in rows.items():
+        names = [name for name, of in COMPONENTS.items() if of == part]
+        at, n = [list(COMPONENTS).index(name) for name in names], len(own)
+        within = np.array([[mean_covariance(own, a, b) for b in names] for a in names]) / n
+        of_fits = np.sqrt(np.diag(within))
+        scatter = own.select(names).to_numpy().std(axis=0, ddof=1) / np.sqrt(n) if n > 1 else np.zeros(len(names))
+        se = np.maximum(of_fits, scatter)
+        covariance[np.ix_(at, at)] = within / np.outer(of_fits, of_fits) * np.outer(se, se)
+        freedom |= dict.fromkeys(names, float(n - 1) if n > 1 else np.inf)
+        values |= {name: float(np.mean(own[name].to_numpy())) for name in names}
+    found = Components(file, values, covariance, freedom, {part: tuple(own["trial"]) for part, own in rows.items()})
+    for name, value in values.items():
+        if value < 0 and value + 3 * found.se(name) < 0:
+            part = COMPONENTS[name]
+            raise InputError(f"{part}.csv: {name} = {value:.4g} is negative; look for the cause in the {part} trials")
+    return replace(found, p=drivetrain_of(values, file))
+
+
+def of_place(table: pl.DataFrame, place: Mapping[str, str | None]) -> pl.DataFrame:
+    """The trials of a joint and side that count, with the fit to all of each."""
+    if table.is_empty():
+        return table
+    whole = table.filter(pl.col("amplitude_deg").is_null()) if "amplitude_deg" in table.columns else table
+    return counted(whole.filter(pl.col(name).eq_missing(pl.lit(value, pl.String)) for name, value in place.items()))
+
+
+def mean_covariance(rows: pl.DataFrame, a: str, b: str) -> float:
+    """Mean over the trials of the covariance of two estimates."""
+    if a == b:
+        return float((rows[f"{a}_se"].to_numpy() ** 2).mean())
+    return float(np.mean(rows[f"cov_{a}_{b}" if f"cov_{a}_{b}" in rows.columns else f"cov_{b}_{a}"].to_numpy()))
+
+
+def drivetrain_of(values: Mapping[str, float], file: DrivetrainParameters) -> DrivetrainParameters:
+    """The drivetrain with these components; a loss that is negative by chance is none."""
+    named = {name: max(value, 0.0) for name, value in values.items() if name != "k_tau_n_m"}
+    return replace(file, k_tau=values["k_tau_n_m"] / file.n_m, K_s2=0.0, **named)
+
+
+def predicted_torque(record: Record, law: Controller, p: DrivetrainParameters) -> Array:
+    """Filtered resisting torque (n,) [N*m] of a drivetrain under a controller, for the recorded angle. Raises
+    InputError: it grows without bounds."""
+    belt = belt_response(record.theta, record.rate_hz, law, p)
+    if not np.isfinite(belt).all():
+        raise InputError(
+            f"trial {record.name}: the torque that the components predict grows without bounds for K_1 = "
+            f"{law.gains.K_1:g}, B_1 = {law.gains.B_1:g}; check the component trials and the parameter file"
+        )
+    return record.low_pass(belt, record.rate_hz) + p.B_j * record.motion.omega + p.J_j * record.motion.alpha
+
+
+def prediction_terms(record: Record, law: Controller, components: Components) -> pl.DataFrame:
+    """A row `predicted`, and one for each of `TERMS`. They have the K, B and I of the torque, and its part of the RMS
+    `torque`, to first order; the prediction its `VAF` [percent] and the `rms` [N*m] of what it leaves; the terms their
+    products with each of the terms, without offset and drift. Raises as `predicted_torque`."""
+    predicted, file = predicted_torque(record, law, components.p), law.p
+    columns = {"left": record.filtered_torque - predicted}
+    for name, value in components.values.items():
+        step = max(0.02 * abs(value), 0.5 * components.se(name))
+        changed = drivetrain_of({**components.values, name: max(value, 0.0) + step}, file)
+        columns[name] = (predicted_torque(record, law, changed) - predicted) / step
+    for name, late in zip(
+        DELAYS, (replace(law, angle_delay=DELAY_STEP), replace(law, velocity_delay=DELAY_STEP)), strict=True
+    ):
+        columns[name] = (predicted_torque(record, late, components.p) - predicted) / DELAY_STEP
+    rows, motion = record.rows(), record.motion
+    ramp = record.time - record.time[rows].mean()
+    X = np.array([motion.theta, motion.omega, motion.alpha, np.ones_like(ramp), ramp])[:, rows]
+    Y = np.array([predicted, *columns.values()])[:, rows]
+    K, B, I, *_ = np.linalg.solve(X @ X.T, X @ Y.T)
+    Y -= Y.mean(axis=1, keepdims=True)
+    size = float(Y[0].std())
+    torque = Y @ Y[0] / (len(rows) * size)
+    torque[1] = record.filtered_torque[rows].std() - size
+    parts = [np.array([without_offset(x[part]) for x in columns.values()]) for part in thinned_amplitudes(record)]
+    products = sum(part @ part.T for part in parts)
+    quality = {"VAF": variance_accounted_for(record.filtered_torque[rows], Y[1]), "rms": float(Y[1].std())}
+    found: list[dict[str, Any]] = [{"term": "predicted", **quality}]
+    found += [{"term": name, **dict(zip(TERMS, row, strict=True))} for name, row in zip(TERMS, products, strict=True)]
+    own = pl.DataFrame(dict(zip(QUANTITIES, (K, B, I, torque), strict=True)))
+    trial = pl.lit(record.name).alias("trial")
+    return pl.concat([pl.DataFrame(found, infer_schema_length=None), own], how="horizontal").select(trial, pl.all())
+
+
+def prediction_table(
+    terms: Mapping[str, pl.DataFrame], fits: pl.DataFrame, components: Components
+) -> tuple[pl.DataFrame, pl.DataFrame]:
+    """`prediction.csv` and `prediction_causes.csv` of one joint and side. `terms` are those of `prediction_terms` by
+    trial, `fits` the rows of `impedance.csv` over all amplitudes of these trials.
+
+    The interval of a prediction is that of what the trial should measure: the components' uncertainty, the trial's own,
+    and what the equations lack, learnt from the *other* trials with the same controller.
+    """
+    trials = [fits.row(by_predicate=pl.col("trial") == trial, named=True) for trial in terms]
+    each = {trial: {row["term"]: row for row in own.to_dicts()} for trial, own in terms.items()}
+    rows: list[dict[str, Any]] = []
+    for fit in trials:
+        said, own = each[fit["trial"]]["predicted"], {"VAF_fitted": fit["VAF"], "doubtful": fit["doubtful"]}
+        row = {name: fit[name] for name in ("trial", *PLACE, "controller", "K_d", "B_d")}
+        rows.append(row | {"VAF": said["VAF"], "rms": said["rms"]} | own)
+    controllers = [fit["controller"] for fit in trials]
+    teaches = np.array([fit["VAF"] >= LOWEST_VAF and not fit["doubtful"] for fit in trials])
+    if np.count_nonzero(teaches) < FEWEST_OTHERS:
+        teaches = np.array([fit["VAF"] >= LOWEST_VAF for fit in trials])
+    for quantity in QUANTITIES:
+        S = np.array([[of[name][quantity] for name in COMPONENTS] for of in each.values()])
+        off = np.array([of["left"][quantity] for of in each.values()])
+        own_se = np.array([fit.get(f"{quantity}_repeat_se") or fit.get(f"{quantity}_se") or 0.0 for fit in trials])
+        by_part = np.array([variance_by_part(s, components.covariance) for s in S])
+        freedom = [min(components.freedom[n] for n, of in COMPONENTS.items() if of == part) for part in PARTS]
+        known = by_part.sum(axis=1) + own_se**2
+        for k, row in enumerate(rows):
+            like = np.array([name == controllers[k] for name in controllers])
+            others = teaches & (np.arange(len(trials)) != k)
+            others = others & like if np.count_nonzero(others & like) >= FEWEST_OTHERS else others
+            learnt, half = int(np.count_nonzero(others)), None
+            if learnt > 1:
+                variances = np.array([*by_part[k], own_se[k] ** 2, model_variance(off[others], known[others])])
+                total = welch_satterthwaite(variances, [*freedom, np.inf, learnt - 1])
+                half = float(stdtrit(total, 0.975) * np.sqrt(variances.sum()))
+            value = each[row["trial"]]["predicted"][quantity]
+            row |= {quantity: value, f"{quantity}_component_se": float(np.sqrt(by_part[k].sum()))}
+            row |= {f"{quantity}_{end}": None if half is None else value + way * half for end, way in ENDS.items()}
+            row |= {f"{quantity}_measured": value + off[k]}
+            row |= {f"{quantity}_covered": None if half is None else bool(abs(off[k]) <= half)}
+    place = {name: rows[0][name] for name in PLACE}
+    return pl.DataFrame(rows, infer_schema_length=None), causes_table(list(each.values()), components, place)
+
+
+def variance_by_part(sensitivity: Array, covariance: Array) -> Array:
+    """Variance of a prediction by each experiment's components, (3,)."""
+    of = np.array(list(COMPONENTS.values()))
+    parts = [np.where(of == part, sensitivity, 0.0) for part in PARTS]
+    return np.array([s @ covariance @ s for s in parts])
+
+
+def model_variance(off: Array, known: Array) -> float:
+    """Variance of what the equations lack, from differences (n,) between measurement and prediction whose `known`
+    variances are (n,): with it their mean square in standard deviations is one (Paule and Mandel, J. Res. Natl. Bur.
+    Stand. 87, 1982, with known mean 0); 0 where the known ones suffice."""
+
+    def excess(v: float) -> float:
+        return float(np.mean(off**2 / np.maximum(known + v, np.finfo(float).tiny))) - 1
+
+    most = float(np.max(off**2))
+    return float(brentq(excess, 0.0, most)) if excess(0.0) > 0 and most > 0 else 0.0
+
+
+def causes_table(each: Sequence[Mapping[str, Any]], components: Components, place: Mapping[str, Any]) -> pl.DataFrame:
+    """A row per component and delay: the `change` that would explain most of what all predictions leave, in the unit of
+    the component, beside both delays; its standard error, by leaving out a trial at a time and by the component's own;
+    the `share` of the misfit that it explains, which nothing else does; and whether this names it."""
+    sums = np.array([[[of[a][b] for b in TERMS] for a in TERMS] for of in each])
+    total, n, rows = sums.sum(axis=0), len(sums), list[dict[str, Any]]()
+    best = min(COMPONENTS, key=lambda name: left_by(total, (name, *DELAYS))[1])
+    for name in (*COMPONENTS, *DELAYS):
+        component = name if name in COMPONENTS else best
+        together = (name, *(one for one in (component, *DELAYS) if one != name))
+        change, left = left_by(total, together)
+        without = left_by(total, DELAYS if name in COMPONENTS else (best,))[1]
+        share = (without - left) / max(float(total[0, 0]), np.finfo(float).tiny)
+        again = np.array([left_by(total - own, together)[0] for own in sums])
+        known, value = (components.se(name), components.values[name]) if name in COMPONENTS else (0.0, None)
+        se = float(np.hypot(np.sqrt((n - 1) * np.var(again)), known)) if n > 1 else np.inf
+        enough = change > LEAST_DELAY if value is None else abs(change) > LEAST_CHANGE * abs(value)
+        named = bool(share > LEAST_SHARE and enough and abs(change) > CERTAIN * se)
+        numbers = {"value": value, "change": change, "change_se": se if n > 1 else None, "share": share}
+        rows.append({**place, "component": name, **numbers, "trials": n, "named": named})
+    return pl.DataFrame(rows, infer_schema_length=None)
+
+
+def left_by(total: Array, names: Sequence[str]) -> tuple[float, float]:
+    """Coefficient of the first of some terms, fitted together to what the predictions leave, and what then is left."""
+    at = [TERMS.index(name) for name in names]
+    A, b = total[np.ix_(at, at)], total[at, 0]
+    scale = np.sqrt(np.maximum(np.diag(A), np.finfo(float).tiny))
+    x = np.linalg.lstsq(A / np.outer(scale, scale), b / scale, rcond=1e-10)[0] / scale
+    return float(x[0]), float(total[0, 0] - b @ x)

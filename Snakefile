@@ -29,6 +29,7 @@ from osl_analysis.figures import FIGURES
 from osl_analysis.files import check_working_folder, default_config
 from osl_analysis.refusal import is_refused, refusal_report
 from osl_analysis.jobs.request import Requests
+from osl_analysis.judge.claims import CLAIMED
 from osl_analysis.judge.findings import Judge, exclusion_report, findings_report, left_behind_report
 from osl_analysis.report import TEMPLATES
 from osl_analysis.study import BENCH_EXPERIMENTS, REPEATED as STUDY_OF_REPEATS, WALKING_EXPERIMENTS, study_batches

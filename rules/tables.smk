@@ -6,7 +6,15 @@ REPEATS = {
     for number, trials in enumerate(CAMPAIGN.by_place(experiment), start=1)
 }
 """Comparisons of models over trials: the trials of each joint and side, which predict each other."""
-AMPLITUDES = CAMPAIGN.predicted() if len(CONFIG.dynamometer.amplitudes_deg) > 1 else []
+KNOWN_GAINS, PARTS = CAMPAIGN.predicted(), ("actuator", "belt", "transmission")
+MEASURED_AT = {part: [PLACES[trial] for trial in CAMPAIGN.trials(part)] for part in PARTS}
+COMPONENTS = {trial: [part for part in PARTS if PLACES[trial] in MEASURED_AT[part]] for trial in KNOWN_GAINS}
+"""Of each impedance trial with known gains, the experiments that measured components of its joint and side."""
+PREDICTED = [trial for trial, found in COMPONENTS.items() if len(found) == len(PARTS)]
+MISSING = {trial: [part for part in PARTS if part not in found] for trial, found in COMPONENTS.items() if found}
+UNPREDICTED = {trial: f"no {' and no '.join(parts)} trials" for trial, parts in MISSING.items() if parts}
+"""Why other trials have no prediction; not said where no component was measured."""
+AMPLITUDES = KNOWN_GAINS if len(CONFIG.dynamometer.amplitudes_deg) > 1 else []
 """Trials whose rendered impedance at an amplitude is predicted from the others."""
 TABLES = [(name, table) for name in EXPERIMENTS for table in EXPERIMENTS[name].tables]
 PER_TRIAL = {
@@ -54,7 +62,10 @@ def result_tables() -> list[Path]:
     tables = [table for table, trials in PER_TRIAL.items() if trials and table not in unpublished]
     tables += [table for table, (source, _) in DERIVED.items() if source in tables]
     tables += [table for name in EXPERIMENTS if CAMPAIGN.trials(name) for table in EXPERIMENTS[name].further_tables]
-    return [tabled(table) for table in tables + ["gains"] * bool(CONFIG.impedance_trajectory)]
+    tables += ["gains"] * bool(CONFIG.impedance_trajectory)
+    tables += ["prediction", "prediction_causes"] * bool(PREDICTED or UNPREDICTED)
+    tables += ["claims"] * any(table in tables for table in CLAIMED)
+    return [tabled(table) for table in tables]
 
 
 def limits_of(table: str):
@@ -87,6 +98,35 @@ for kind, section in (("belt", "Belt"), ("transmission", "SteppedSine"), ("imped
             settings |= condition(trials[0], ("controller", "K_d", "B_d"))
         files = {} if kind == "transmission" else {"parameters": CAMPAIGN.device(trials[0]) or []}
         return {"input": {"fitted": rows(kind, trials)}, "read": read, "files": files, "settings": settings}
+
+
+@step("bench.predict_trial", "fits/prediction/{predicted}.csv", "prediction/{predicted}")
+def predict_trial(wildcards):
+    """What the components, which are measured alone, predict for a trial."""
+    trial = wildcards.predicted
+    read = {"trial": trial_file(trial), "components": {part: tabled(part) for part in PARTS}}
+    settings = {"settings": CONFIG.dynamometer.part("ImpedanceAnalysis"), "windows": CAMPAIGN.row(trial)["windows"]}
+    settings |= {"weight": setting("gain_weight"), "sign_width": CONFIG.model_comparison.sign_width}
+    settings |= {"place": [*PLACES[trial].values()], **condition(trial, ("controller", "K_d", "B_d"))}
+    parts = {"input": {"fitted": rows("impedance", [trial])}, "needs": [tabled(part) for part in PARTS], "read": read}
+    return {**parts, "files": {"parameters": CAMPAIGN.device(trial)}, "settings": settings}
+
+
+TERMS = [RESULTS / f"fits/prediction/{trial}.csv" for trial in PREDICTED]
+MEASURED = {part: tabled(part) for part in PARTS} if PREDICTED else {}
+PREDICTIONS = {"input": {"table": tabled("impedance"), "terms": TERMS}, "read": {"components": MEASURED}}
+PREDICTIONS |= {"files": {"parameters": CONFIG.parameters or []}, "settings": {"unpredicted": UNPREDICTED}}
+GATHERED = {"output": tabled("prediction"), "causes": tabled("prediction_causes")}
+single("bench.gather_predictions", GATHERED, "tables/prediction", PREDICTIONS)
+
+
+@step("tables.check_claims", tabled("claims"))
+def check_claims(_):
+    tables = [path for path in result_tables() if path.stem in CLAIMED]
+    settings = {"settings": setting("claims"), "frequencies_hz": CONFIG.dynamometer.frequencies_hz}
+    settings |= {"midstance": CONFIG.figures.midstance_stiffness, "weight": setting("gain_weight")}
+    inputs = {"after": tables, "read": {"tables": by_stem(tables)}, "files": {"parameters": CONFIG.parameters or []}}
+    return {**inputs, "settings": settings}
 
 
 @step("tables.gather", tabled("{table}"), table="|".join(PER_TRIAL.keys() - {"quality"}))

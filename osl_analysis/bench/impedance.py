@@ -13,7 +13,7 @@ from scipy.special import stdtrit
 from osl_analysis.bench import effects
 from osl_analysis.bench.analysis import Analysis, analysed, check_stiffer, friction_rows
 from osl_analysis.bench.effects import IMPEDANCE, Causes, Fault
-from osl_analysis.bench.gram import FEWEST_UNITS, GroupFit, Sums, combined, estimates_of
+from osl_analysis.bench.gram import FEWEST_UNITS, GroupFit, Sums, combined, estimates_of, solved
 from osl_analysis.bench.phasors import SegmentPhasors, harmonic_shares, phasors_of_record
 from osl_analysis.bench.record import SHORTEST_S, Label, Record
 from osl_analysis.errors import IdentifiabilityError, InputError, nearest
@@ -430,9 +430,30 @@ def judged_impedance(
     if desired is not None:
         values = zip(QUANTITIES, predicted or (None, None, None), strict=True)
         should_be = {f"{name}_predicted": pl.lit(value, pl.Float64) for name, value in values}
+        errors = [torque_error(rendered.analysis.sums, label, desired) for label in rendered.analysis.fits]
+        rated = getattr(record.settings, "rated_torque", None)
+        error = pl.Series(errors, dtype=pl.Float64)
+        should_be |= {
+            "torque_error": pl.lit(error),
+            "torque_error_share": pl.lit(error * (100 / rated if rated else None)),
+        }
         table = table.with_columns(**desired.columns(), **should_be)
     said = [left_unchecked(row, p, desired, record.two_clocks) for row in table.iter_rows(named=True)]
     return rendered, table.with_columns(not_checked=pl.Series(said, dtype=pl.String))
+
+
+def torque_error(s: Sums, label: Label, desired: DesiredImpedance) -> float | None:
+    """RMS [N*m] of tau - (K_d theta + B_d omega) in the rows of a label: by how much the torque is not what was asked
+    for. Offset and drift are those of the load cell, and left out. None where K_d or B_d is not known."""
+    if desired.K_d is None or desired.B_d is None:
+        return None
+    total, (theta, omega, one, ramp) = s.over(label), s.index(["theta", "omega", "one", "ramp"])
+    w = np.zeros(len(total))
+    w[[s.torque, theta, omega]] = 1.0, -desired.K_d, -desired.B_d
+    own = np.ix_([one, ramp], [one, ramp])
+    across = (total @ w)[[one, ramp]]
+    left = float(w @ total @ w - across @ solved(total[own], across)[0])
+    return float(np.sqrt(max(left, 0.0) / total[one, one]))
 
 
 def left_unchecked(

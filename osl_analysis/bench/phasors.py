@@ -24,6 +24,7 @@ POLAR = (
     *("phase_deg", "phase_se_deg", "phase_low_deg", "phase_high_deg"),
 )
 """Magnitude and phase [deg] with standard errors and 95 % intervals (Student), to first order."""
+DAMPING = ("damping", "damping_low", "damping_high")
 PHASORS: dict[str, type[pl.DataType]] = {
     "trial": pl.String,
     **dict.fromkeys(("amplitude_deg", "frequency_hz"), pl.Float64),
@@ -289,6 +290,7 @@ def frequency_response_table(phasors: pl.DataFrame) -> pl.DataFrame:
                 **dict(zip(keys, values, strict=True)),
                 **polar_row(mean),
                 **complex_row("Y", mean),
+                **damping_row(mean, of_single[0]["frequency_hz"]),
                 "interval_method": " and ".join(amplitudes["interval_method"].unique().sort()),
                 "magnitude_min": min(r.magnitude for r in responses),
                 "magnitude_max": max(r.magnitude for r in responses),
@@ -300,9 +302,23 @@ def frequency_response_table(phasors: pl.DataFrame) -> pl.DataFrame:
         )
     ranges = ("magnitude_min", "magnitude_max", "phase_min_deg", "phase_max_deg")
     schema = {key: phasors.schema.get(key, types[key]) for key in keys}
-    schema |= dict.fromkeys((*POLAR, *(f"Y_{part}" for part in COMPLEX_PARTS), "interval_method", *ranges), pl.Float64)
+    schema |= dict.fromkeys(
+        (*POLAR, *(f"Y_{part}" for part in COMPLEX_PARTS), *DAMPING, "interval_method", *ranges), pl.Float64
+    )
     schema |= {"interval_method": pl.String, "n_amplitudes": pl.Int64, "doubtful": pl.String}
     return pl.DataFrame(rows, schema=schema)
+
+
+def damping_row(Y: ComplexEstimate, frequency_hz: float) -> Row:
+    """`damping` [N*m*s/rad], the real part of the impedance torque/velocity, 1/(j w Y), with its 95 % interval to first
+    order: a joint that takes in energy at this frequency has a positive one."""
+    w, Z = 2 * np.pi * frequency_hz, 1 / Y.value
+    turned = -(Z**2)  # dZ = turned dY
+    along = np.array([turned.imag, turned.real]) / w
+    variance = max(float(along @ Y.covariance @ along), 0.0)
+    half = float(stdtrit(Y.degrees_of_freedom, 0.975) * np.sqrt(variance))
+    value = Z.imag / w
+    return {"damping": value, "damping_low": value - half, "damping_high": value + half}
 
 
 def harmonic_shares(

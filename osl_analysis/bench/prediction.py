@@ -59,7 +59,7 @@ class Components:
 
 
 def components_of(
-    tables: Mapping[str, pl.DataFrame], place: tuple[str | None, str | None], file: DrivetrainParameters
+    tables: Mapping[str, pl.DataFrame], place: Sequence[str | None], file: DrivetrainParameters
 ) -> Components:
     """The components of one joint and side from the campaign's tables `actuator`, `belt` and `transmission`, means of
     the trials that count. The variance of a mean is that of the scatter of its trials, or of their fits where this is

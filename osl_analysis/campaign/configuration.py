@@ -11,6 +11,7 @@ from osl_analysis.bench.settings import ActuatorAnalysis, DynamometerAnalysis, M
 from osl_analysis.config.shared_choices import FOLLOWED, SharedChoices
 from osl_analysis.errors import InputError
 from osl_analysis.files import default_config
+from osl_analysis.judge.claims import Claims
 from osl_analysis.judge.table import DoubtfulFits, QualityRules
 from osl_analysis.model.compensator import Weight
 from osl_analysis.walking.settings import OvergroundAnalysis, WalkingAnalysis
@@ -105,6 +106,7 @@ class Config(Settings):
     torque_angle: TorqueAngleAnalysis  # Analysis of the trials of torque against angle.
     doubtful: DoubtfulFits  # Limits beyond which a fit is doubtful, by table.
     model_comparison: ModelComparison  # Comparison of rival models.
+    claims: Claims  # What the paper's text claims, and the margins of its verdicts.
     impedance_trajectory: ShippedPath | None
     """CSV file of the impedance over the gait cycle, for Fig. 8; null: no Fig. 8."""
     gain_weight: Weight  # W of Eq. 14.

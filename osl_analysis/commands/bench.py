@@ -11,10 +11,12 @@ from typing import Any
 
 import polars as pl
 
-from osl_analysis.bench import components, model_comparison, torque_angle
+from osl_analysis.bench import compensation, components, model_comparison, torque_angle
 from osl_analysis.bench.analysis import FitTables
+from osl_analysis.bench.components import PLACE
 from osl_analysis.bench.impedance import QUANTITIES, DesiredImpedance, judged_impedance, repeated_trials_table
 from osl_analysis.bench.phasors import frequency_response_table, phasor_table
+from osl_analysis.bench.prediction import components_of, prediction_table, prediction_terms
 from osl_analysis.bench.record import record_of_trial, sine_record
 from osl_analysis.bench.response_tables import response_tables
 from osl_analysis.bench.settings import (
@@ -32,6 +34,7 @@ from osl_analysis.judge.doubts import marked, not_checked_of, plausible
 from osl_analysis.judge.recording import check_recording, saturated
 from osl_analysis.judge.table import DoubtfulFits
 from osl_analysis.model.compensator import Weight
+from osl_analysis.model.drivetrain_response import Controller
 from osl_analysis.model.parameters import FileOrNone, known_parameters, read_parameters
 from osl_analysis.table import finite_or_null, read_table, write_table
 from osl_analysis.trial import Trial, read_trial
@@ -127,6 +130,61 @@ def summarise(table: Path, output: Path) -> None:
     }
     needed, computed = derived.get(table.stem, ((), partial(components.part_summary, table.stem)))
     write_table(computed(read_table(table, needed)), output)
+
+
+def compare_controllers(table: Path, output: Path) -> None:
+    """Compensated beside uncompensated trials of the same desired impedance."""
+    needed = ("commanded_deg", "controller", "K_d", "B_d", "K", "B", "VAF", "torque_error")
+    write_table(compensation.compensation_table(read_table(table, needed)), output)
+
+
+def predict_trial(
+    trial: Path,
+    components: Mapping[str, Path],
+    parameters: Path,
+    place: Sequence[str | None],
+    condition: DesiredImpedance,
+    weight: Weight,
+    settings: ImpedanceAnalysis,
+    sign_width: float,
+    output: Path,
+    windows: str | None = None,
+) -> None:
+    """The torque that the `components` (result tables by name) of a joint and side predict for a trial. The controller
+    was programmed with the parameter file. Other arguments as in `compare_impedance_models`."""
+    p, record = read_parameters(parameters), record_of_trial(read_trial(trial), settings, windows)
+    gains = condition.gains(p, weight)
+    if gains is None:
+        raise InputError(f"trial {trial.stem}: {condition.unknown_gains()}; a prediction needs the controller's gains")
+    measured = components_of({part: read_table(path) for part, path in components.items()}, place, p)
+    write_table(prediction_terms(record, Controller(gains, p, sign_width), measured), output)
+
+
+def gather_predictions(
+    terms: Sequence[Path],
+    table: Path,
+    components: Mapping[str, Path],
+    unpredicted: Mapping[str, str],
+    output: Path,
+    causes: Path,
+    parameters: FileOrNone = None,
+) -> None:
+    """The predictions of all trials with their intervals, and what would explain what they leave. `table` is
+    `impedance.csv`, `unpredicted` says of the other trials with known gains why they have none."""
+    fits = read_table(table).filter(pl.col("amplitude_deg").is_null())
+    p, measured = known_parameters(parameters), {part: read_table(path) for part, path in components.items()}
+    of_trial = {path.stem: path for path in terms}
+    predicted, found = fits.filter(pl.col("trial").is_in(list(of_trial))), []
+    for own in predicted.partition_by(PLACE, maintain_order=True):
+        each = {trial: read_table(of_trial[trial]) for trial in own["trial"]}
+        assert p is not None  # without a parameter file no gains are known
+        found.append(prediction_table(each, own, components_of(measured, own.select(PLACE).row(0), p)))
+    without = fits.filter(pl.col("trial").is_in(list(unpredicted)))
+    said = "prediction by components: the campaign has " + pl.col("trial").replace_strict(dict(unpredicted), default="")
+    without = without.select("trial", *PLACE, "controller", "K_d", "B_d", not_checked=said)
+    write_table(pl.concat([without, *(rows for rows, _ in found)], how="diagonal_relaxed"), output)
+    none = pl.DataFrame(schema=[*PLACE, "component"])
+    write_table(pl.concat([none, *(rows for _, rows in found)], how="diagonal_relaxed"), causes)
 
 
 def compare_belt_models(trials: Sequence[Path], parameters: FileOrNone, settings: BeltAnalysis, output: Path) -> None:

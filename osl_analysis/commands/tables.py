@@ -15,10 +15,12 @@ from osl_analysis.config.experiments import judged_tables
 from osl_analysis.errors import InputError
 from osl_analysis.files import atomic_path
 from osl_analysis.jobs.job_log import read_log
+from osl_analysis.judge.claims import Claims, claims_table
 from osl_analysis.judge.doubts import marked, with_doubts_of
 from osl_analysis.judge.findings import Judge, findings
 from osl_analysis.judge.table import Doubt, QualityRules
-from osl_analysis.model.parameters import FileOrNone, joint_of, known_parameters
+from osl_analysis.model.compensator import Weight
+from osl_analysis.model.parameters import FileOrNone, joint_of, known_parameters, read_parameters
 from osl_analysis.refusal import Refusal, check_not_refused, refused_trials
 from osl_analysis.report import headlines
 from osl_analysis.spectral.periods import Realisation, pooled, realisations_from
@@ -100,6 +102,23 @@ def pooled_schema(schema: Mapping[str, type[pl.DataType]] = RESPONSE_COLUMNS) ->
     return {**CONDITION_TYPES, **{"trials" if name == "trial" else name: dtype for name, dtype in schema.items()}}
 
 
+def check_claims(
+    tables: Mapping[str, Path],
+    settings: Claims,
+    frequencies_hz: Sequence[float],
+    midstance: float | None,
+    weight: Weight,
+    output: Path,
+    parameters: FileOrNone = None,
+) -> None:
+    """Hold what the paper's text claims against the result `tables`, by name. `midstance` is the stiffness [N*m/rad]
+    that is commanded there, `weight` W of Eq. 14."""
+    read = {name: read_table(path) for name, path in tables.items()}
+    devices = {joint_of(parameters): read_parameters(parameters)} if parameters else {}
+    ends = min(frequencies_hz), max(frequencies_hz)
+    write_table(claims_table(read, settings, ends, midstance, devices, weight), output)
+
+
 def judge(
     rows: Sequence[Path],
     rules: QualityRules,
@@ -152,7 +171,7 @@ def write_summary(
     """Write headline numbers of a campaign from the tables that it has, by their names. `example` is the desired
     impedance of Fig. 4, `trials` has those of each experiment, `excluded` is the table of those that are not used,
     `verdicts` is `quality.csv`, `refused` are the causes of missing tables."""
-    read = {*headlines.LABELS, *judged_tables()}
+    read = {*headlines.LABELS, *judged_tables(), "prediction_causes"}
     tables = {name: read_table(path) for name, path in table_paths.items() if name in read}
     numbers = headlines.headline_numbers(tables, example)
     of_excluded = ("trial", "check", "value", "unit", "threshold", "remark")

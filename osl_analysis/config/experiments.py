@@ -107,7 +107,8 @@ EXPERIMENTS: dict[str, Experiment] = {
     "impedance": on_dynamometer(
         "stepped sine or any other motion against the controller: K, B, I and the frequency response",
         stepped_sine=True, any_motion=True,
-        tables=(ResultTable("impedance", derived={"impedance_repeats": "bench.summarise"}),
+        tables=(ResultTable("impedance",
+                derived={"impedance_repeats": "bench.summarise", "compensation": "bench.compare_controllers"}),
             ResultTable("phasors", doubts_of="impedance", derived={"frequency_response": "bench.summarise"}),
             ResultTable("response", doubts_of="impedance"), ResultTable("response_models", doubts_of="impedance"),
             ResultTable("response_lines", judged=False, published=False), *OF_ALL),

@@ -135,7 +135,7 @@ def findings(verdicts: pl.DataFrame, tables: Mapping[str, pl.DataFrame]) -> list
             example += f" ({row['remark']})" if row["remark"] else ""
             trials = [*failed["trial"]], [*own["trial"]]
             flags.append(finding("flagged", "trials", cause.name, example, cause.remedy, *trials))
-    parts = (doubts_in(tables), flags, unchecked_in(tables))
+    parts = ([*doubts_in(tables), *causes_of_misfit(tables)], flags, unchecked_in(tables))
     return [one for part in parts for one in sorted(part, key=lambda one: -len(one["trials"]))]
 
 
@@ -158,6 +158,24 @@ def doubts_in(tables: Mapping[str, pl.DataFrame]) -> Iterator[dict[str, Any]]:
                 single = not known.otherwise or any(known.remedy[1:] in text for text in trials.values())
                 remedy = known.remedy if single else known.otherwise
                 yield finding("doubtful", judged, cause, known.says, remedy, [*trials], [*map(str, causes)])
+
+
+def causes_of_misfit(tables: Mapping[str, pl.DataFrame]) -> Iterator[dict[str, Any]]:
+    """The components, or the delay of the controller, that `prediction_causes.csv` names."""
+    for row in tables.get("prediction_causes", pl.DataFrame({"named": []})).filter(pl.col("named")).to_dicts():
+        name, change, se = row["component"], row["change"], row["change_se"]
+        at = [pl.col(key).eq_missing(pl.lit(row[key], pl.String)) for key in ("joint", "side")]
+        trials = [*tables["prediction"].filter(*at, pl.col("VAF").is_not_null())["trial"]]
+        if row["value"] is None:
+            says = f"the recorded torque is as if the controller used {name.partition('_')[0]}s that are "
+            says += f"{1e3 * change:.2g} ± {2e3 * se:.2g} ms old"
+            remedy = "measure the delay of the loop, or lower it"
+        else:
+            off, half = (100 * one / abs(row["value"]) for one in (change, 2 * se))
+            says = f"the recorded torque is as if {name} were {off:+.3g} ± {half:.2g} % off its trials"
+            remedy = "repeat its component trials, or look for what changed between them and the impedance trials"
+        cause = {"angle_delay": "late controller", "velocity_delay": "late controller"}.get(name, f"component {name}")
+        yield finding("doubtful", "predicted trials", cause, says, remedy, trials, trials)
 
 
 def unchecked_in(tables: Mapping[str, pl.DataFrame]) -> Iterator[dict[str, Any]]:

@@ -90,4 +90,4 @@ def aged(values: Array, i: int, age: float) -> float:
     """A signal (n,) as it was `age` samples before sample i, on a line between samples; the first one before it."""
     whole = int(age)
     late = values[max(i - whole, 0)]
-    return late + (age - whole) * (values[max(i - whole - 1, 0)] - late)
+    return float(late + (age - whole) * (values[max(i - whole - 1, 0)] - late))

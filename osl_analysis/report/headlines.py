@@ -44,6 +44,7 @@ class Headline:
     n_doubtful: int = 0  # number of doubtful trials or fits among those that could be in the number
     n_left_out: int = 0  # number of these that are not in it
     doubt: str | None = None  # why the number itself is doubtful; None if it is not, or not judged
+    verdict: str | None = None  # on what the paper's text claims; None if it claims nothing of this number
     amplitudes_low: float | None = None  # lowest result of the fits to single amplitudes; None if there are none
     amplitudes_high: float | None = None  # highest result of the fits to single amplitudes; None if there are none
 
@@ -184,6 +185,7 @@ def impedance_headlines(impedance: pl.DataFrame, example: Example) -> Iterator[H
         yield from over_fits(labels["VAF_mean"], single["VAF"], np.mean, single)
         yield from over_fits(labels["K_error"], 100 * (used["K"] / used["K_d"] - 1).abs(), np.mean, trials, used)
         yield from over_fits(labels["B_error"], (used["B"] - used["B_d"]).abs(), np.mean, trials, used)
+        yield from over_fits(labels["torque_error"], used["torque_error"], np.mean, trials, used)
         asked = {"K_d": example.K_d, "B_d": example.B_d}
         shown = trials.filter(pl.col(name).eq_missing(pl.lit(value, pl.Float64)) for name, value in asked.items())
         for symbol in "KB":
@@ -223,6 +225,19 @@ def numbers_of(name: str, table: pl.DataFrame, example: Example) -> Iterator[Hea
             for estimator, its in ((HEADLINE_ESTIMATOR, labels), ("up minus down", LABELS["walking_symmetry"])):
                 for number in summary_means(rows.filter(pl.col("estimator") == estimator), its, BOOTSTRAP):
                     yield of_group(number, rows["group"][0])
+    elif name == "claims":
+        for row in table.filter(pl.col("subject").is_null(), pl.col("value").is_not_null()).iter_rows(named=True):
+            label = Headline(row["name"], row["unit"], None, letters(row["name"]), row["claim"])
+            number = headline(label, row["value"], int(row["n"] or 0), row["low"], row["high"], row["interval"])
+            yield replace(number, verdict=row["verdict"], interval=row["interval"])
+    elif name == "prediction":
+        made = table.filter(pl.col("VAF").is_not_null())
+        yield from over_fits(labels["VAF"], made["VAF"], np.median, made)
+        better = replace(labels["better"], value=float((made["VAF"] > made["VAF_fitted"]).sum()), interval=COUNT)
+        yield from [replace(better, n=len(made))] * bool(len(made))
+        off = {symbol: (made[symbol] - made[f"{symbol}_measured"]).abs() for symbol in "KB"}
+        yield from over_fits(labels["K"], 100 * off["K"] / made["K_measured"].abs(), np.median)
+        yield from over_fits(labels["B"], off["B"], np.median)
     elif name == "transmission":
         whole = table.filter(pl.col("amplitude_deg").is_null())
         yield from over_fits(labels["VAF"], whole["VAF"], np.mean, whole)
@@ -268,7 +283,14 @@ def headline_numbers(tables: Mapping[str, pl.DataFrame], example: Example | None
     return found
 
 
-ENDINGS = ("", "Low", "High", "AmplitudesLow", "AmplitudesHigh")  # endings of the macros of a number and its bounds
+ENDINGS = (
+    "",
+    "Low",
+    "High",
+    "AmplitudesLow",
+    "AmplitudesHigh",
+    "Verdict",
+)  # endings of the macros of a number and its bounds
 
 
 # The trials behind the numbers.
@@ -309,7 +331,8 @@ def to_json(about: Mapping[str, str], headlines: Sequence[Headline], missing: Ma
     """What the numbers are made of, which trials and results are `missing`, and an object per number in full precision.
     Null where there is no interval or the draft has no value; only numbers with a range over single amplitudes have
     it."""
-    kept = ("value", "unit", "low", "high", "interval", "n", "n_doubtful", "n_left_out", "doubt", "draft", "meaning")
+    kept = ["value", "unit", "low", "high", "interval", "n", "n_doubtful", "n_left_out", "doubt", "draft", "verdict"]
+    kept.append("meaning")
     numbers = {
         h.name: {key: getattr(h, key) for key in (*kept, *(AMPLITUDES if h.amplitudes_low is not None else ()))}
         for h in headlines
@@ -338,7 +361,7 @@ def to_tex(about: Mapping[str, str], headlines: Sequence[Headline], remarks: Seq
             (h.amplitudes_low, digits, "lowest of the fits to single amplitudes"),
             (h.amplitudes_high, digits, "highest of the fits to single amplitudes"),
         )
-        for suffix, (number, places, comment) in zip(ENDINGS, ends, strict=True):
+        for suffix, (number, places, comment) in zip(ENDINGS[:-1], ends, strict=True):
             if number is None:
                 continue
             # read the same in text and in mathematics: with a true minus, small ones with a power of ten
@@ -350,6 +373,8 @@ def to_tex(about: Mapping[str, str], headlines: Sequence[Headline], remarks: Seq
             elif text.startswith("-"):
                 text = rf"\ensuremath{{{text}}}"
             lines.append(f"\\newcommand{{\\osl{h.macro}{suffix}}}{{{text}}}% {comment}")
+        if h.verdict:
+            lines.append(f"\\newcommand{{\\osl{h.macro}Verdict}}{{{h.verdict}}}% verdict")
     return "\n".join(lines) + "\n"
 
 
@@ -362,6 +387,7 @@ def to_table(numbers: Mapping[str, Mapping[str, Any]], markdown: bool) -> str:
             continue
         value, interval, single = numbers_said(number)
         interval += f", {number['interval']}" * bool(interval) + f"; single amplitudes {single}" * bool(single)
+        interval += f"{'; ' if interval else ''}{number['verdict']}" if number.get("verdict") else ""
         draft = "" if number["draft"] is None else f"{number['draft']:g}"
         rows.append((number["meaning"], f"{value} {number['unit']}", interval, trials_text(number), draft))
     if markdown:

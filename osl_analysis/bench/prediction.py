@@ -194,7 +194,6 @@ def prediction_table(
             row |= {quantity: value, f"{quantity}_component_se": float(np.sqrt(by_part[k].sum()))}
             row |= {f"{quantity}_{end}": None if half is None else value + way * half for end, way in ENDS.items()}
             row |= {f"{quantity}_measured": value + off[k]}
-            row |= {f"{quantity}_covered": None if half is None else bool(abs(off[k]) <= half)}
     place = {name: rows[0][name] for name in PLACE}
     return pl.DataFrame(rows, infer_schema_length=None), causes_table(list(each.values()), components, place)
 

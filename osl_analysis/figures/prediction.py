@@ -26,9 +26,12 @@ def prediction_caption(table: pl.DataFrame) -> str:
         f"The predicted torque has a median VAF of {np.median(vaf):.2f} % (lowest {vaf.min():.1f} %) in "
         f"{names.count_of(len(vaf), 'trial')}, and is nearer to the recorded one than Eq. 15 fitted to it in {better}."
     )
-    covered = [table[f"{symbol}_covered"].drop_nulls() for symbol in PANELS]
-    if any(map(len, covered)):
-        inside, of = sum(int(one.sum()) for one in covered), sum(map(len, covered))
+    known = [table.drop_nulls(f"{symbol}_low") for symbol in PANELS]
+    if of := sum(map(len, known)):
+        bounds = (
+            (one[f"{x}_measured"], one[f"{x}_low"], one[f"{x}_high"]) for x, one in zip(PANELS, known, strict=True)
+        )
+        inside = sum(int(measured.is_between(low, high).sum()) for measured, low, high in bounds)
         said.append(f"{inside} of {of} intervals contain the measured value.")
     return " ".join([*said, names.doubtful_said(table, "drawn open")])
 

@@ -227,7 +227,10 @@ def numbers_of(name: str, table: pl.DataFrame, example: Example) -> Iterator[Hea
                     yield of_group(number, rows["group"][0])
     elif name == "claims":
         for row in table.filter(pl.col("subject").is_null(), pl.col("value").is_not_null()).iter_rows(named=True):
-            label = Headline(row["name"], row["unit"], None, letters(row["name"]), row["claim"])
+            label = Headline(row["name"], row["unit"], None, letters(row["name"].replace("_", " ")), row["claim"])
+            several = table.filter(pl.col("subject").is_null(), pl.col("name") == row["name"]).height > 1
+            where = ", ".join(filter(None, [row["joint"], row["side"]]))
+            label = of_group(label, where) if several else label
             number = headline(label, row["value"], int(row["n"] or 0), row["low"], row["high"], row["interval"])
             yield replace(number, verdict=row["verdict"], interval=row["interval"])
     elif name == "prediction":
@@ -255,7 +258,7 @@ def headline_numbers(tables: Mapping[str, pl.DataFrame], example: Example | None
     numbers: list[Headline] = []
     for name, table in ((name, tables[name]) for name in LABELS if name in tables):
         places = ("joint", "side")
-        if name.startswith("walking") or not set(places) <= set(table.columns):
+        if name == "claims" or name.startswith("walking") or not set(places) <= set(table.columns):
             numbers += numbers_of(name, table, example or Example())
             continue
         parts = table.partition_by(places, maintain_order=True)

@@ -219,7 +219,8 @@ def claims_table(
         asked = here.get("impedance", nothing)
         asked = asked.filter(pl.col("amplitude_deg").is_null()) if "impedance" in here else asked
         found = list(component_claims(means, asked, frequencies_hz, p, settings.negligible_percent))
-        found += compensation_claims(here["compensation"]) if "compensation" in here else []
+        pairs = here.get("compensation", nothing)
+        found += compensation_claims(pairs) if len(pairs) else []
         found += rendered_claims(asked, settings)
         lines = [here["frequency_response"]] if "frequency_response" in here else []
         lines += [damping_of_lines(here["response"])] if "response" in here else []

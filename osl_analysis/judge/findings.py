@@ -162,7 +162,8 @@ def doubts_in(tables: Mapping[str, pl.DataFrame]) -> Iterator[dict[str, Any]]:
 
 def causes_of_misfit(tables: Mapping[str, pl.DataFrame]) -> Iterator[dict[str, Any]]:
     """The components, or the delay of the controller, that `prediction_causes.csv` names."""
-    for row in tables.get("prediction_causes", pl.DataFrame({"named": []})).filter(pl.col("named")).to_dicts():
+    causes = tables.get("prediction_causes", pl.DataFrame()).to_dicts()
+    for row in (one for one in causes if one.get("named")):
         name, change, se = row["component"], row["change"], row["change_se"]
         at = [pl.col(key).eq_missing(pl.lit(row[key], pl.String)) for key in ("joint", "side")]
         trials = [*tables["prediction"].filter(*at, pl.col("VAF").is_not_null())["trial"]]

@@ -454,6 +454,29 @@ def select_gains(
     say(rows_json(table) if as_json else command.gains_text(table))
 
 
+@main.command(epilog="Example: osl-analysis export results --to mjcf --output leg.xml")
+@argument("folder", type=FOLDER, default=Path("results"))
+@option("--to", "kind", type=click.Choice(["mjcf", "json"]), required=True, help="MuJoCo's model format, or numbers.")
+@file_option("--output", required=True, help="File to write (.xml or .json).")
+@option(
+    "--trials",
+    default="*",
+    help="Impedance trials of the round trip: names or patterns, as impedance_K300*, separated by commas.",
+)
+@CONFIG
+def export(folder: Path, kind: str, output: Path, trials: str, config_path: Path) -> None:
+    """Write the leg that the component trials of the results in FOLDER identify, for MuJoCo and other programs.
+
+    With 95 % intervals, sources and what the format cannot say. As proof MuJoCo (pip install 'osl-analysis[mujoco]')
+    turns its joint as in the recorded impedance trials, and its torque [N·m] is compared with the recorded one.
+    """
+    from osl_analysis.campaign.configuration import read_config
+    from osl_analysis.commands.gains import export_leg
+
+    said = export_leg(folder, kind, [one.strip() for one in trials.split(",")], read_config(config_path), output)
+    say(f"wrote {output}; {said}")
+
+
 @main.command(
     epilog="Example: osl-analysis design --excitation multisine --friction 0.3 --stiffness-within 1% "
     "--damping-within 3% --write multisine.csv"

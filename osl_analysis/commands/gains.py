@@ -1,24 +1,48 @@
-"""Gain selection for one pair, a grid or a trajectory of desired impedances, and the behaviour that theory predicts."""
+"""Gain selection for one pair, a grid or a trajectory of desired impedances, and the behaviour that theory predicts.
+Export of the identified leg and its gains to other programs, with a round trip in MuJoCo.
+"""
 
-from collections.abc import Sequence
+import json
+from collections.abc import Mapping, Sequence
+from fnmatch import fnmatchcase
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import polars as pl
 from numpy.typing import ArrayLike
+from scipy.special import stdtrit
 
+from osl_analysis.bench.components import PLACE
+from osl_analysis.bench.impedance import DesiredImpedance, motion_in
+from osl_analysis.bench.prediction import COMPONENTS, PARTS, Components, components_of
+from osl_analysis.bench.record import Record, record_of_trial
+from osl_analysis.campaign.campaign import sentence
+from osl_analysis.campaign.configuration import Config
 from osl_analysis.commands.bench import rows_json
 from osl_analysis.commands.figure import draw_table
+from osl_analysis.commands.tables import read_summary
 from osl_analysis.config.shared_choices import read_impedance_trajectory
-from osl_analysis.errors import InputError, UnreachableImpedanceError
+from osl_analysis.errors import InputError, UnreachableImpedanceError, listing, nearest
 from osl_analysis.figures import drawing_of
 from osl_analysis.files import atomic_path
-from osl_analysis.model import compensator
+from osl_analysis.formats import optional_module
+from osl_analysis.model import compensator, mjcf
 from osl_analysis.model.compensator import Weight
 from osl_analysis.model.drivetrain import desired_admittance, joint_admittance
-from osl_analysis.model.parameters import DrivetrainParameters, FileOrNone, known_parameters, read_parameters
-from osl_analysis.table import write_table
+from osl_analysis.model.drivetrain_response import Controller
+from osl_analysis.model.parameters import (
+    PARAMETER_UNITS,
+    DrivetrainParameters,
+    FileOrNone,
+    joint_of,
+    known_parameters,
+    read_parameters,
+)
+from osl_analysis.stats.regression import variance_accounted_for
+from osl_analysis.table import finite_or_null, read_table, write_table
+from osl_analysis.trial import read_trial
 
 TESTED_HZ = (1.0, 2.0, 3.0, 4.0, 5.0)  # frequencies of Section III-B, at which the fit of Eq. 15 is predicted
 
@@ -137,3 +161,167 @@ def plot_gains(table: pl.DataFrame, parameters: Path, output: Path) -> None:
         draw_table("fig8", drawing_of("fig8").points(table), [output])
     else:
         draw_table("gain_grid", table, [output])
+
+
+EXPORTED = {"mjcf": ".xml", "json": ".json"}
+"""Suffix of the file of each kind of export."""
+
+
+def export_leg(folder: Path, kind: str, names: Sequence[str], config: Config, output: Path) -> str:
+    """Write the leg that the component trials of the results in `folder` identify, as MJCF or JSON (`EXPORTED`), with
+    its round trip in MuJoCo over the impedance trials of some `names`, which may be patterns. Returns what it proves.
+    Raises InputError: the results are of another campaign than `config`, or have no such trial; a part is missing."""
+    if output.suffix != EXPORTED[kind]:
+        raise InputError(f"{output}: {kind} is written as {EXPORTED[kind]}; choose this suffix")
+    about = read_summary(folder / "summary.json")
+    if about.get("campaign") != config.campaign:
+        said = f"results of campaign '{about.get('campaign')}', the configuration is of '{config.campaign}'"
+        raise InputError(f"{folder}: {said}; name the one that they were made with by --config")
+    if config.parameters is None:
+        raise InputError("the configuration names no parameter file, which has n_T, n_m and the controller's numbers")
+    file = read_parameters(config.parameters)
+    tables = {part: read_table(path) for part in PARTS if (path := folder / f"tables/{part}.csv").exists()}
+    joint = joint_of(config.parameters)
+    trials = exported_trials(folder, names, joint)
+    known = trials if len(trials) else tables.get("belt", trials).filter(joint=joint)
+    places = known.select(PLACE).unique(maintain_order=True).rows()
+    if len(places) > 1:
+        raise InputError(f"{folder}: trials of several joints or sides, {places}; choose those of one by --trials")
+    components = components_of(tables, places[0] if places else (None, None), file)
+    laws = dict[str, Controller]()
+    for row in trials.iter_rows(named=True):
+        gains = DesiredImpedance(row["controller"], row["K_d"], row["B_d"]).gains(file, config.gain_weight)
+        if gains is not None:
+            laws[row["trial"]] = Controller(gains, file, config.model_comparison.sign_width)
+    proof = proof_of(folder, laws, config, components.p)
+    proof["not_compared"] = [name for name in trials["trial"] if name not in laws]  # their gains are not known
+    leg = {
+        "about": sentence(about),
+        "parameters": exported_components(components),
+        "covariance": {"order": list(COMPONENTS), "matrix": components.covariance.tolist()},
+        "given": {"n_T": file.n_T, "n_m": file.n_m, "source": config.parameters.name},
+        "controller": {
+            "k_tau_n_m": file.k_tau * file.n_m,
+            "f_C": file.f_C,
+            "f_G": file.f_G,
+            "source": config.parameters.name,
+            "sign_width": config.model_comparison.sign_width,
+            "gains": exported_gains(trials, laws),
+        },
+        "equations": mjcf.EQUATIONS,
+        "mjcf_cannot_say": mjcf.CANNOT,
+        "proof": proof,
+    }
+    text = json.dumps(leg, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
+    with atomic_path(output) as temporary:
+        written = text if kind == "json" else mjcf.mjcf_text(components.p, "\n".join(leg_lines(leg)))
+        temporary.write_text(written, encoding="utf-8")
+    return str(proof["says"])
+
+
+def exported_trials(folder: Path, names: Sequence[str], joint: str) -> pl.DataFrame:
+    """The rows over all amplitudes of the impedance trials of a joint that have one of some names, or patterns."""
+    path, columns = folder / "tables/impedance.csv", ("trial", *PLACE, "controller", "K_d", "B_d")
+    if not path.exists() and list(names) == ["*"]:
+        return pl.DataFrame(schema=dict.fromkeys(columns, pl.String))
+    table = read_table(path, (*columns, "amplitude_deg")).filter(pl.col("amplitude_deg").is_null(), joint=joint)
+    for name in names:
+        if not any(fnmatchcase(trial, name) for trial in table["trial"]):
+            raise InputError(f"{path}: no trial '{name}' of the {joint}{nearest(name, table['trial'])}")
+    chosen = [any(fnmatchcase(trial, name) for name in names) for trial in table["trial"]]
+    return table.filter(chosen).select(columns)
+
+
+def exported_components(components: Components) -> list[dict[str, Any]]:
+    """What was identified, in SI units: an entry per component with its 95 % interval and the trials it is from."""
+    found = []
+    for name, value in components.values.items():
+        freedom, part, se = components.freedom[name], COMPONENTS[name], components.se(name)
+        half = float(stdtrit(freedom, 0.975)) * se
+        row = {"name": name, "value": value, "unit": PARAMETER_UNITS["k_tau" if name == "k_tau_n_m" else name]}
+        row |= {"standard_error": se, "low": value - half, "high": value + half, "degrees_of_freedom": freedom}
+        found.append(finite_or_null(row) | {"experiment": part, "trials": components.trials[part]})
+    return found
+
+
+def exported_gains(trials: pl.DataFrame, laws: Mapping[str, Controller]) -> list[dict[str, Any]]:
+    """The gains of each controller and desired impedance [N*m/rad, N*m*s/rad] whose gains are known."""
+    asked = trials.filter(pl.col("trial").is_in(list(laws))).unique(("controller", "K_d", "B_d"), maintain_order=True)
+    return [
+        {name: row[name] for name in ("controller", "K_d", "B_d")} | {"K_1": gains.K_1, "B_1": gains.B_1}
+        for row in asked.iter_rows(named=True)
+        for gains in [laws[row["trial"]].gains]
+    ]
+
+
+def proof_of(folder: Path, laws: Mapping[str, Controller], config: Config, p: DrivetrainParameters) -> dict[str, Any]:
+    """The round trip of the leg `p` over the trials by name; `says` is the result in words, or why there is none."""
+    try:
+        engine = f"MuJoCo {optional_module('mujoco', 'mujoco', 'the round trip').__version__}"
+    except (InputError, ImportError) as error:  # also where only a part of it is installed
+        return {"says": f"not proven: {' '.join(str(error).split())}"}
+    if not laws:
+        return {"says": "not proven: the results have no impedance trial whose gains are known"}
+    rows = []
+    for name, law in laws.items():
+        record = record_of_trial(read_trial(folder / f"trials/{name}.parquet"), config.dynamometer)
+        rows.append(round_trip(record, law, p))
+    worst, median = min(rows, key=lambda row: row["VAF"]), float(np.median([row["VAF"] for row in rows]))
+    vaf = f"median VAF {median:.3f} %, lowest {worst['VAF']:.3f} % ({worst['trial']})"
+    says = f"{engine} predicts the torque of {len(rows)} impedance trials: {vaf}"
+    return {"says": says, "engine": engine, "VAF_median": median, "VAF_lowest": worst["VAF"], "trials": rows}
+
+
+def round_trip(record: Record, law: Controller, p: DrivetrainParameters) -> dict[str, Any]:
+    """The torque of the leg `p` in MuJoCo, whose joint is turned as recorded, beside the recorded torque, both through
+    the same filter, in the fitted rows: VAF [percent], RMS of the difference without its mean [N*m], and K, B and I of
+    Eq. 15 of both. Raises InputError: the actuator runs away."""
+    motion = record.motion
+    torque = mjcf.mujoco_torque(record.rate_hz, motion.theta, motion.omega, motion.alpha, law, p)
+    if not np.isfinite(torque).all():
+        said = f"the actuator runs away in MuJoCo with K_1 = {law.gains.K_1:g}, B_1 = {law.gains.B_1:g}"
+        raise InputError(f"trial {record.name}: {said}; check the component trials and the parameter file")
+    both = np.column_stack([record.part(record.filtered_torque), record.part(record.low_pass(torque, record.rate_hz))])
+    left = both[:, 0] - both[:, 1]
+    X = np.column_stack([motion_in(record), np.ones(record.samples)])
+    row = {"trial": record.name, "VAF": variance_accounted_for(both[:, 0], left), "RMS": float(left.std())}
+    for name, (recorded, simulated) in zip("KBI", np.linalg.lstsq(X, both, rcond=None)[0].tolist(), strict=False):
+        row |= {f"{name}_recorded": recorded, f"{name}_mujoco": simulated}
+    return row
+
+
+def leg_lines(leg: Mapping[str, Any]) -> list[str]:
+    """What the MJCF says in words: the source of every number, what MuJoCo cannot say, and the proof."""
+    given, proof = leg["given"], leg["proof"]
+    lines = [f"Made by osl-analysis {version('osl-analysis')}, `export`. {leg['about']}.", ""]
+    lines += ["Identified from component trials, with the 95 % interval (a JSON export has the covariances):"]
+    for one in leg["parameters"]:
+        interval = f"[{one['low']:.6g}, {one['high']:.6g}]"
+        of = f"{len(one['trials'])} {one['experiment']} trials: {listing(one['trials'], 12)}"
+        lines.append(f"  {one['name']:<10}{one['value']:<12.6g}{interval:<26}{one['unit']:<10} {of}")
+    lines += [
+        f"Given by {given['source']}: n_T {given['n_T']:.6g}, n_m {given['n_m']:g}, which k_tau_n_m has in it.",
+        "",
+    ]
+    lines += [
+        "What MJCF cannot say, or MuJoCo's defaults have otherwise:",
+        *(f"  * {one}" for one in leg["mjcf_cannot_say"]),
+    ]
+    lines += ["", f"Proof: {proof['says']}"]
+    if rows := proof.get("trials"):
+        lines += [
+            "Nothing was fitted to these trials, and no number above is from them. The joint was turned as recorded,"
+        ]
+        lines += [
+            "under the paper's controller with the numbers of the parameter file; dof_frictionloss was set as above."
+        ]
+        lines += ["RMS [N*m] is that of the difference without its mean; K, B, I are of Eq. 15, recorded and MuJoCo's."]
+        wide = max(len(row["trial"]) for row in rows) + 2
+        lines.append(f"  {'trial':<{wide}}{'VAF [%]':>8}{'RMS':>8}{'K':>9}{'':>9}{'B':>8}{'':>8}{'I':>10}{'':>10}")
+        for row in rows:
+            K, B, I = ([row[f"{name}_{of}"] for of in ("recorded", "mujoco")] for name in "KBI")
+            numbers = f"{K[0]:9.2f}{K[1]:9.2f}{B[0]:8.3f}{B[1]:8.3f}{I[0]:10.5f}{I[1]:10.5f}"
+            lines.append(f"  {row['trial']:<{wide}}{row['VAF']:8.3f}{row['RMS']:8.3f}{numbers}")
+    if proof["not_compared"]:
+        lines.append(f"Not compared, because their gains are not known: {listing(proof['not_compared'])}")
+    return lines

@@ -178,7 +178,8 @@ def export_leg(folder: Path, kind: str, names: Sequence[str], config: Config, ou
         said = f"results of campaign '{about.get('campaign')}', the configuration is of '{config.campaign}'"
         raise InputError(f"{folder}: {said}; name the one that they were made with by --config")
     if config.parameters is None:
-        raise InputError("the configuration names no parameter file, which has n_T, n_m and the controller's numbers")
+        lacking = "its configuration names no parameter file, which has n_T, n_m and the controller's numbers"
+        raise InputError(f"{folder}: {lacking}; name one under `parameters`")
     file = read_parameters(config.parameters)
     tables = {part: read_table(path) for part in PARTS if (path := folder / f"tables/{part}.csv").exists()}
     joint = joint_of(config.parameters)
@@ -227,7 +228,8 @@ def exported_trials(folder: Path, names: Sequence[str], joint: str) -> pl.DataFr
     table = read_table(path, (*columns, "amplitude_deg")).filter(pl.col("amplitude_deg").is_null(), joint=joint)
     for name in names:
         if not any(fnmatchcase(trial, name) for trial in table["trial"]):
-            raise InputError(f"{path}: no trial '{name}' of the {joint}{nearest(name, table['trial'])}")
+            near = nearest(name, table["trial"]) or f"; it has {listing(table['trial'].to_list(), 5)}"
+            raise InputError(f"{path}: no trial '{name}' of the {joint}{near}")
     chosen = [any(fnmatchcase(trial, name) for name in names) for trial in table["trial"]]
     return table.filter(chosen).select(columns)
 
@@ -307,7 +309,7 @@ def leg_lines(leg: Mapping[str, Any]) -> list[str]:
         "What MJCF cannot say, or MuJoCo's defaults have otherwise:",
         *(f"  * {one}" for one in leg["mjcf_cannot_say"]),
     ]
-    lines += ["", f"Proof: {proof['says']}"]
+    lines += ["", f"{'Proof: ' if 'engine' in proof else ''}{proof['says']}"]
     if rows := proof.get("trials"):
         lines += [
             "Nothing was fitted to these trials, and no number above is from them. The joint was turned as recorded,"

@@ -28,8 +28,8 @@ EQUATIONS = {
 """The model, and the controller, which has the numbers of the parameter file."""
 CANNOT = (
     "f_G |I_q|, the gear's friction: before every step set dof_frictionloss of theta_m to f_C + f_G |ctrl|",
-    "dry friction without creep: MuJoCo's is a soft constraint; solreffriction must be 0.001 1 (its default, 0.02 1, "
-    "creeps), which asks for a time step of 0.0005 s or less",
+    "dry friction without creep: MuJoCo's is a soft constraint; its solreffriction must be 0.001 1, not the default of "
+    "0.02 1, and the time constant in it is never shorter than two time steps",
     "the belt's hysteresis, and a belt that is not linear (K_s2)",
     "the controller: ctrl is the current I_q [A], which a program computes",
 )

@@ -34,6 +34,8 @@ DELAYS = ("angle_delay", "velocity_delay")  # ages [s] of what the controller us
 TERMS = ("left", *COMPONENTS, *DELAYS)
 """Torques of a trial: what the prediction leaves, and what one unit more of each component or delay adds to it."""
 QUANTITIES = ("K", "B", "I", "torque")  # of Eq. 15, and the RMS [N*m] of the torque
+NUMBERS = ("K_d", "B_d", "VAF", "rms", "VAF_fitted", *(f"{x}{end}" for x in QUANTITIES for end in ("", "_measured")))
+"""Columns of `prediction.csv` that it has without any prediction too."""
 ENDS = {"low": -1.0, "high": 1.0}
 LOWEST_VAF = 80.0  # [percent] of Eq. 15; below it K, B and I hardly describe a trial: it teaches nothing
 FEWEST_OTHERS = 4  # trials with the same controller from which on they alone teach what the equations lack

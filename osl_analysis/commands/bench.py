@@ -16,7 +16,7 @@ from osl_analysis.bench.analysis import FitTables
 from osl_analysis.bench.components import PLACE
 from osl_analysis.bench.impedance import QUANTITIES, DesiredImpedance, judged_impedance, repeated_trials_table
 from osl_analysis.bench.phasors import frequency_response_table, phasor_table
-from osl_analysis.bench.prediction import components_of, prediction_table, prediction_terms
+from osl_analysis.bench.prediction import NUMBERS, components_of, prediction_table, prediction_terms
 from osl_analysis.bench.record import record_of_trial, sine_record
 from osl_analysis.bench.response_tables import response_tables
 from osl_analysis.bench.settings import (
@@ -181,7 +181,9 @@ def gather_predictions(
         found.append(prediction_table(each, own, components_of(measured, own.select(PLACE).row(0), p)))
     without = fits.filter(pl.col("trial").is_in(list(unpredicted)))
     said = "prediction by components: the campaign has " + pl.col("trial").replace_strict(dict(unpredicted), default="")
+    numbers = pl.DataFrame(schema=dict.fromkeys(NUMBERS, pl.Float64))
     without = without.select("trial", *PLACE, "controller", "K_d", "B_d", not_checked=said)
+    without = pl.concat([without, numbers], how="diagonal_relaxed").with_columns(doubtful=pl.lit(None, pl.String))
     write_table(pl.concat([without, *(rows for rows, _ in found)], how="diagonal_relaxed"), output)
     none = pl.DataFrame(schema=[*PLACE, "component"])
     write_table(pl.concat([none, *(rows for _, rows in found)], how="diagonal_relaxed"), causes)

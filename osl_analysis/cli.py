@@ -293,6 +293,21 @@ def results(folder: Path, markdown: bool) -> None:
         say(failed, err=True)
 
 
+@main.command(cls=click.Command, epilog="Example: osl-analysis compare results/left results/right --margin 5%")
+@argument("a", type=FOLDER)
+@argument("b", type=FOLDER)
+@option("--margin", type=percent, help="Of every ratio [percent]; default: 5% of K, without one there is no verdict.")
+@option("--output", type=FOLDER, default=Path("comparison"), help="Folder of the table, the figure and the page.")
+def compare(a: Path, b: Path, margin: float | None, output: Path) -> None:
+    """Compare the results in folders A and B: two devices, controllers or days, with 95 % intervals and verdicts.
+
+    Equivalent: the interval of B over A lies within the margin. Different: it lies beyond it on one side.
+    """
+    from osl_analysis.commands.report import compare_campaigns
+
+    say(compare_campaigns((a, b), output, margin))
+
+
 @main.command(cls=click.Command, epilog="Example: osl-analysis init my_campaign --from /data/2026-03-14")
 @argument("folder", type=FILE)
 @option(

@@ -1,19 +1,146 @@
 """Two campaigns side by side: differences, their intervals, and the verdicts of equivalence."""
 
 import math
+from pathlib import Path
 
+import numpy as np
+import polars as pl
 import pytest
+import scipy
+from click.testing import CliRunner
 
+from osl_analysis.cli import main
+from osl_analysis.figures.comparison import draw_comparison
+from osl_analysis.judge.two_campaigns import compared, label_of
+from osl_analysis.report.headlines import Headline, to_json
+from osl_analysis.stats import differences
+from osl_analysis.stats.differences import difference, of_intervals
 from osl_analysis.stats.verdicts import equivalence
+from osl_analysis.table import read_table, write_table
 
 
 @pytest.mark.parametrize(("low", "high", "verdict"), [
     (324.0, 348.0, "equivalent"), (323.0, 357.0, "equivalent"), (322.9, 348.0, "undecided"),
-    (324.0, 357.1, "undecided"), (300.0, 400.0, "undecided"), (300.0, 322.9, "different"), (357.1, 360.0, "different"),
-    (300.0, 323.0, "undecided"), (None, 340.0, None), (340.0, None, None), (math.nan, 340.0, None), (-math.inf, 340.0, None),
+    (324.0, 357.1, "undecided"), (300.0, 400.0, "undecided"), (300.0, 322.9, "different"),
+    (357.1, 360.0, "different"), (300.0, 323.0, "undecided"), (None, 340.0, None), (340.0, None, None),
+    (math.nan, 340.0, None), (-math.inf, 340.0, None),
 ])  # fmt: skip
 def test_a_verdict_asks_where_the_whole_interval_lies(low, high, verdict):
     assert equivalence(low, high, 340.0, 17.0) == verdict
     mirrored = None if high is None else -high, None if low is None else -low
     assert equivalence(*mirrored, -340.0, 17.0) == verdict
     assert equivalence(low, high, 340.0, None) is None
+
+
+def samples(rng, conditions=6, spread=100.0):
+    """Two campaigns, B 2 above A with an SD of 1 within and of `spread` between conditions."""
+    base = spread * rng.standard_normal(conditions)
+    return [{k: [float(base[k] + mean + rng.standard_normal())] for k in range(conditions)} for mean in (0, 2)]
+
+
+def test_paired_mixed_and_welch_intervals_are_those_of_scipy_and_repeats_count_as_their_mean(monkeypatch):
+    a, b = samples(np.random.default_rng(1))
+    (x, y), paired, welch = (
+        (np.ravel(list(one.values())) for one in (a, b)),
+        scipy.stats.ttest_rel,
+        scipy.stats.ttest_ind,
+    )
+    whole = [np.mean(y - x), *paired(y, x).confidence_interval()]
+    assert difference(a, b) == (*map(pytest.approx, whole), "paired, Student")
+    repeated = difference(a | {0: [x[0] - 1, x[0] + 1]}, b)  # nothing is missing: 5e-3 is the optimiser's
+    assert (repeated.method, repeated[:3]) == ("mixed effects", pytest.approx(whole, rel=5e-3))
+    apart = {k: a[k] for k in range(1, 6)}, {k: b[k] for k in (0, 2, 3, 4, 5)}
+    part = [np.mean((y - x)[2:]), *paired(y[2:], x[2:]).confidence_interval()]
+    assert difference(*apart)[:3] == pytest.approx(part, rel=0.02)  # far apart they tell nothing without a partner
+    trials = welch(y, x[:4], equal_var=False).confidence_interval()
+    assert difference({0: x[:4]}, {0: y})[1:] == (*map(pytest.approx, trials), "Welch's t, trials")
+    monkeypatch.setattr(differences, "mixed_effects", lambda *_: None)
+    means = welch(y[2:], x[2:], equal_var=False).confidence_interval()
+    assert difference(*apart)[1:3] == pytest.approx(tuple(means))
+    assert "did not converge" in difference(*apart).method
+    assert difference({0: [1.0]}, {1: [1.0]})[:3] == (None, None, None)
+    assert difference({0: [1.0]}, {0: [3.0]})[:3] == (2.0, None, None)
+    ends = of_intervals({None: (300, 297, 306)}, {None: (310, 306, 314)})
+    assert ends[:3] == pytest.approx((10, 10 - math.hypot(4, 6), 10 + math.hypot(4, 3)))
+
+
+def test_the_interval_of_mixed_effects_holds_the_difference_95_times_in_a_hundred():
+    rng = np.random.default_rng(3)
+    pairs = [samples(rng, 4, spread) for spread in (1.0, 100.0) for _ in range(100)]
+    found = [difference({k: a[k] for k in range(3)}, b) for a, b in pairs]
+    assert np.mean([one.method == "mixed effects" for one in found]) > 0.9
+    assert 0.90 < np.mean([one.low <= 2 <= one.high for one in found]) < 0.995  # 3 standard errors; normal ends: 0.80
+
+
+WALK = {"mean of perturbations": 310.0, "ensemble": 300.0}
+
+
+def tables(K=1.0, amplitude=2.0, conditions=8, seed=1):
+    """Impedance trials with K a factor off K_d and an SD of 0.5 %, the first of them doubtful, belts, and a walk."""
+    rng, rows = np.random.default_rng(seed), []
+    for k in range(conditions):
+        K_d = 100.0 * (1 + k % 4)
+        found = {"K": K * K_d * (1 + 0.005 * rng.standard_normal()), "B": 5.0, "I": rng.normal(0, 0.01), "VAF": 99.0}
+        one = {"trial": f"{k}", "controller": "c", "K_d": K_d, "B_d": float(k // 4), "doubtful": "" if k else "x 1"}
+        rows += [one | found | {"amplitude_deg": deg, "commanded_deg": deg} for deg in (amplitude, None)]
+    belt = pl.DataFrame({"K_s": rng.normal(685, 3, 4), "doubtful": [""] * 4})
+    named = {"group": "all", "quantity": "K", "n": 30, "doubt": "", "commanded": 300.0 * K}
+    walk = [named | {"estimator": e, "mean": m * K, "low": 290.0 * K, "high": 315.0 * K} for e, m in WALK.items()]
+    return {"impedance": pl.DataFrame(rows), "belt": belt, "walking_summary": pl.DataFrame(walk)}
+
+
+def test_equal_campaigns_are_equivalent_a_planted_difference_is_seen_and_what_cannot_be_compared_is_said():
+    def rows(b, *margin):
+        return {label_of(row): row for row in compared(tables(), b, *margin).iter_rows(named=True)}
+
+    same, other = rows(tables(seed=2)), rows(tables(K=1.08, seed=2, conditions=7))
+    K, moved = same["impedance K, c"], other["impedance K, c"]
+    assert (K["verdict"], K["method"], K["n_A"], K["n_left_out_B"]) == ("equivalent", "paired, Student", 7, 1)
+    assert (moved["verdict"], moved["method"]) == ("different", "mixed effects")
+    assert 7 < moved["relative_percent_low"] < 8 < moved["relative_percent_high"] < 9
+    sound = (pl.col("doubtful") == "") & pl.col("amplitude_deg").is_null()
+    means = [scipy.stats.gmean(tables(seed=one)["impedance"].filter(sound)["K"]) for one in (1, 2)]
+    assert K["relative_percent"] == pytest.approx(100 * (means[1] / means[0] - 1))
+    walk = other["walking K"]
+    assert (walk["mean_A"], walk["remark"]) == (300, "commanded 300 in A and 324 in B")
+    log_low = math.log(1.08) - math.hypot(math.log(300 / 290), math.log(315 / 300))
+    assert walk["relative_percent_low"] == pytest.approx(100 * math.expm1(log_low))
+    assert (same["impedance VAF, c"]["n_A"], same["belt K_s"]["verdict"]) == (8, None)
+    assert same["impedance I, c"]["relative_percent"] is None
+    assert rows(tables(seed=2), 0.02)["belt K_s"]["verdict"] == "equivalent"
+    assert rows(tables(amplitude=6.0))["impedance K, c"]["method"] == "none: no condition in common"
+    assert rows({"belt": tables()["belt"]})["impedance K, c"]["remark"] == "only in A"
+    alone = compared({"impedance": tables()["impedance"]}, {"impedance": tables(amplitude=6.0)["impedance"]})
+    assert "no ratio" in [text.get_text() for text in draw_comparison(alone).axes[0].texts]
+    assert "not above 0" in rows({"belt": tables()["belt"].with_columns(-pl.col("K_s"))})["belt K_s"]["remark"]
+
+
+def test_the_command_writes_table_figure_and_page_with_every_verdict_or_one_line_and_nothing(tmp_path, monkeypatch):
+    about = {"campaign": "a", "data": "simulated", "configuration": "c", "recorded": "r"}
+    for name, made in (("a", tables()), ("b", tables(K=1.08, seed=2))):
+        number, line = Headline("K_s", "N*m/rad", None, "K", "belt", 685.0), {"line": f"doubtful in {name}: <friction>"}
+        for table, frame in made.items():
+            write_table(frame, tmp_path / name / f"tables/{table}.csv")
+        summary = to_json(about | {"version": name}, [number], {"findings": [line]})
+        (tmp_path / name / "summary.json").write_text(summary)
+    out = tmp_path / "out"
+
+    def call(*arguments):
+        monkeypatch.chdir(tmp_path)
+        return CliRunner().invoke(main, ["compare", *arguments, "--output", "out"])
+
+    with monkeypatch.context() as broken:
+        broken.setattr("osl_analysis.commands.report.comparison_page", lambda content: 1 / 0)
+        assert (call("a", "b").exit_code, list(out.iterdir())) == (1, [])
+    done = call("a", "b", "--margin", "4%")
+    assert {path.suffix for path in out.iterdir()} == {".csv", ".pdf", ".svg", ".png", ".html"}
+    page, table = (out / "comparison.html").read_text(), read_table(out / "comparison.csv")
+    assert set(table["verdict"]) == {"different", "equivalent", "undecided", None}
+    for row in table.drop_nulls("verdict").iter_rows(named=True):
+        assert f"<td>{row['verdict']}</td>" in page.partition(f"<td>{label_of(row)}</td>")[2].partition("</tr>")[0]
+    for said in ("doubtful in a: &lt;friction&gt;", "doubtful in b", "version: a in A, b in B"):
+        assert said in page
+    assert "different: impedance K, c (±4 %)" in done.output
+    Path("b/summary.json").write_text(Path("b/summary.json").read_text().replace("N*m/rad", "N*m/deg"))
+    for b, said in (("a", "same folder"), ("none", "no such summary"), ("b", "'K_s' is in N*m/deg, but in N*m/rad")):
+        assert said in call("a", b).stderr

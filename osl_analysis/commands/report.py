@@ -1,24 +1,28 @@
-"""The report of a run: reads what the run wrote, and writes one page."""
+"""The report of a run, and the comparison of two: reads what the runs wrote, and writes one page."""
 
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from os.path import realpath
 from pathlib import Path
 from typing import Any
 
 import polars as pl
 
 from osl_analysis.campaign.campaign import sentence
+from osl_analysis.commands.figure import caption_of, draw_figure
 from osl_analysis.commands.tables import read_summary
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.dictionary import described_tables
-from osl_analysis.errors import listing
+from osl_analysis.errors import InputError, listing
 from osl_analysis.figures.names import figure_title
 from osl_analysis.files import atomic_path
+from osl_analysis.judge.two_campaigns import QUANTITIES, compared, label_of, verdicts_said
 from osl_analysis.refusal import Refusal, is_refused
 from osl_analysis.report import panels, trial_page
-from osl_analysis.report.headlines import COUNT
-from osl_analysis.report.page import captions_by_title, inline_svg, written_page
+from osl_analysis.report.headlines import COUNT, aligned, decimals, fixed, missing_lines, trials_text
+from osl_analysis.report.page import caption_html, captions_by_title, comparison_page, inline_svg, written_page
 from osl_analysis.report.trial_page import ReportedTrial, left_out_trials, trial_content
-from osl_analysis.table import read_table
+from osl_analysis.table import read_table, tables_of, write_table
 from osl_analysis.trial import metadata_of, read_trial, unit_of
 
 
@@ -114,3 +118,70 @@ def pictures(experiment: str, tables: Mapping[str, pl.DataFrame], files: Mapping
     if "response" in tables:
         found.append(panels.response_pictures(tables["response"]))
     return panels.together(*found)
+
+
+BRIEF = ("quantity", "A", "B", "unit", "B over A, less 1", "verdict", "remark")  # cells that are printed
+
+
+def compared_cells(row: Mapping[str, Any]) -> dict[str, str]:
+    """A row of `comparison.csv` in words, by the heads of the page's table."""
+
+    def said(name: str, sign: str = "") -> str:
+        value, low, high = (row.get(f"{name}{end}") for end in ("", "_low", "_high"))
+        if value is None:
+            return ""
+        digits = decimals(value, low, high, None)
+        ends = "" if low is None or high is None else f" [{fixed(low, digits)}, {fixed(high, digits)}]"
+        return f"{fixed(value, digits)}{ends}{sign}"
+
+    counts = ({kind: row[f"{kind}_{one}"] for kind in ("n", "n_doubtful", "n_left_out")} for one in "AB")
+    cells = {"quantity": label_of(row), "A": said("mean_A"), "B": said("mean_B"), "unit": row["unit"]}
+    cells |= dict(zip(("n of A", "n of B"), map(trials_text, counts), strict=True)) | {"B - A": said("difference")}
+    cells |= {"B over A, less 1": said("relative_percent", " %"), "margin": said("margin_percent", " %")}
+    return cells | {name: row[name] or "" for name in ("verdict", "method", "remark")}
+
+
+def compare_campaigns(folders: Sequence[Path], output: Path, margin: float | None = None) -> str:
+    """Compare the results in two folders, A and B, by `two_campaigns.compared`: `comparison` as .csv, .pdf, .svg, .png
+    and .html in `output`, all or none. Returns what to print. Raises InputError: both are one folder, one has no
+    summary or an older table, there is nothing to compare, or a number has two units."""
+    if realpath(folders[0]) == realpath(folders[1]):
+        raise InputError(f"{folders[1]}: A and B are the same folder; name the results of another campaign")
+    (a, b), tables = (read_summary(folder / "summary.json") for folder in folders), []
+    for name, number in a["numbers"].items():
+        if (unit := b["numbers"].get(name, number)["unit"]) != number["unit"]:
+            said = f"'{name}' is in {unit}, but in {number['unit']} in {folders[0]}"
+            raise InputError(f"{folders[1] / 'summary.json'}: {said}; run the older campaign again with this version")
+    for folder in folders:
+        paths = {name: folder / f"tables/{name}.csv" for name in QUANTITIES}
+        there = {name: path for name, path in paths.items() if path.is_file() and not is_refused(path)}
+        needed = QUANTITIES | {"walking_summary": ("quantity", "estimator", "n", "mean", "low", "high", "commanded")}
+        tables.append({name: read_table(path, needed[name]) for name, path in there.items()})
+    table = compared(tables[0], tables[1], margin)
+    if table.is_empty():
+        raise InputError(f"{folders[0]} and {folders[1]}: nothing to compare; run both campaigns to their end")
+    units = {(one.place, name): column.unit for one in described_tables() for name, column in one.columns.items()}
+    of_rows = [units[f"tables/{where}", what] for where, what in table.select("experiment", "quantity").iter_rows()]
+    table.insert_column(2, pl.Series("unit", of_rows))
+    remarks = [
+        f"{one}: {a.get(one)} in A, {b.get(one)} in B" for one in ("data", "version") if a.get(one) != b.get(one)
+    ]
+    if all(a.get(one) == b.get(one) for one in ("configuration", "recorded")):
+        remarks.append("A and B state the same configuration and recordings; one may be a copy of the other")
+    verdicts, rows = verdicts_said(table), [compared_cells(row) for row in table.iter_rows(named=True)]
+    content: dict[str, Any] = {"verdicts": verdicts, "remarks": remarks, "rows": rows}
+    content["campaigns"] = {
+        name: (sentence(one), [*(found["line"] for found in one.get("findings", ())), *missing_lines(one, True)])
+        for name, one in (("A", a), ("B", b))
+    }
+    paths = {kind: output / f"comparison.{kind}" for kind in ("csv", "pdf", "svg", "png", "html")}
+    with ExitStack() as stack, tables_of(" and ".join(dict.fromkeys(one.get("data", "") for one in (a, b)))):
+        new = {kind: stack.enter_context(atomic_path(path)) for kind, path in paths.items()}
+        write_table(table, new["csv"])
+        footer = f"A: {sentence(a)}; B: {sentence(b)}"
+        draw_figure("comparison", new["csv"], [new[kind] for kind in ("pdf", "svg", "png")], footer=footer)
+        content["drawing"] = inline_svg(new["svg"].read_text(encoding="utf-8"), "comparison", "Comparison")
+        content["caption"] = caption_html(caption_of("comparison", new["csv"]))
+        new["html"].write_text(comparison_page(content), encoding="utf-8")
+    brief = aligned([BRIEF, *([row[name] for name in BRIEF] for row in rows)])
+    return "\n".join([verdicts, *remarks, "", brief, *(f"wrote {path}" for path in paths.values())])

@@ -397,6 +397,11 @@ def to_table(numbers: Mapping[str, Mapping[str, Any]], markdown: bool) -> str:
     if markdown:
         rows.insert(1, ("---",) * 5)
         return "".join("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |\n" for cells in rows)
+    return aligned(rows)
+
+
+def aligned(rows: Sequence[Sequence[str]]) -> str:
+    """Rows with the same number of cells as lines with aligned columns."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     padded = ("  ".join(cell.ljust(width) for cell, width in zip(cells, widths, strict=True)) for cells in rows)
     return "".join(f"{line.rstrip()}\n" for line in padded)

@@ -16,7 +16,7 @@ import bokeh
 import numpy as np
 import polars as pl
 from bokeh.resources import Resources
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 from markupsafe import Markup
 
 from osl_analysis.report import TEMPLATES
@@ -29,9 +29,7 @@ def written_page(
 ) -> str:
     """The HTML of the report, of the names that the template `report.html.j2` uses, and of what it says of each trial
     with the tables that it draws, thinned out where the page would be larger than `largest_mb` [MB]."""
-    around = Environment(
-        loader=FileSystemLoader(TEMPLATES), autoescape=True, undefined=StrictUndefined, trim_blocks=True
-    ).get_template("report.html.j2")
+    around = template("report.html.j2")
     bokeh_js = "\n".join(Resources(mode="inline", log_level="warn", components=["bokeh", "bokeh-api"]).js_raw)
     report_js, style = ((TEMPLATES / f"report.{kind}").read_text(encoding="utf-8") for kind in ("js", "css"))
     hashes = (hashlib.sha256(script.encode()).digest() for script in (bokeh_js, report_js))
@@ -61,6 +59,17 @@ def written_page(
         style=Markup(style),
         packed=whole if every == 1 else packed(every),
     )
+
+
+def template(name: str) -> Template:
+    known = FileSystemLoader(TEMPLATES)
+    return Environment(loader=known, autoescape=True, undefined=StrictUndefined, trim_blocks=True).get_template(name)
+
+
+def comparison_page(content: Mapping[str, Any]) -> str:
+    """The HTML of a comparison, of the names that its template uses: the style of the report, without its scripts."""
+    style = (TEMPLATES / "report.css").read_text(encoding="utf-8")
+    return template("comparison.html.j2").render(**content, style=Markup(style))
 
 
 def every_kth(table: pl.DataFrame, k: int) -> pl.DataFrame:

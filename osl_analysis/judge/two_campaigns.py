@@ -1,0 +1,129 @@
+"""Two campaigns, A and B, side by side: devices, controllers or days, quantity by quantity, with a verdict."""
+
+import math
+from collections.abc import Hashable, Mapping, Sequence
+from typing import Any
+
+import polars as pl
+
+from osl_analysis.judge.doubts import DOUBTFUL, counted, doubtful_count
+from osl_analysis.stats.differences import Sample, difference, of_intervals
+from osl_analysis.stats.verdicts import equivalence
+
+QUANTITIES = {
+    "impedance": ("K", "B", "I", "VAF"), "belt": ("K_s",), "transmission": ("B_j", "J_j"),
+    "actuator": ("k_tau_n_m", "f_C", "f_G", "B_m", "J_m"), "walking_summary": ("K", "B", "I"),
+}  # fmt: skip
+"""What is compared, by table."""
+WITHOUT_RATIO = ("I", "VAF")  # the rendered inertia may be zero or negative, and a VAF is a percentage
+MARGIN = {"K": 0.05}  # of a ratio, where none is asked for
+ESTIMATOR = "ensemble"  # of the walking summary, that of the headline numbers
+PLACE = ("joint", "side", "group", "controller")
+RATIO = ("relative_percent", "relative_percent_low", "relative_percent_high")  # B over A, less 1
+CONDITION = ("K_d", "B_d", "excitation", "amplitudes")  # of a rendered impedance
+COLUMNS = {
+    **dict.fromkeys(("experiment", "quantity", *PLACE), pl.String), **dict.fromkeys(("n_A", "n_B"), pl.Int64),
+    **dict.fromkeys(("mean_A", "mean_B", "difference", "difference_low", "difference_high", *RATIO,
+        "margin_percent"), pl.Float64),
+    **dict.fromkeys(("verdict", "method"), pl.String),
+    **dict.fromkeys(("n_doubtful_A", "n_doubtful_B", "n_left_out_A", "n_left_out_B"), pl.Int64), "remark": pl.String,
+}  # fmt: skip
+
+
+def compared(a: Mapping[str, pl.DataFrame], b: Mapping[str, pl.DataFrame], margin: float | None = None) -> pl.DataFrame:
+    """A row per quantity that A or B has, as in `comparison.csv`, from their result tables by name.
+
+    What is positive by nature is compared as a ratio, by differences of logarithms, because K goes from 100 to 400
+    N*m/rad: a ratio gives every desired impedance the same weight and needs no K_d. I and VAF have no ratio. `margin`
+    is that of all ratios, as 0.05; None: `MARGIN`."""
+    rows = []
+    for table, quantities in QUANTITIES.items():
+        parts = [by_place(one[table], table) if table in one else {} for one in (a, b)]
+        for key in dict.fromkeys(key for part in parts for key in part):
+            for quantity in quantities:
+                named = {"experiment": table.removesuffix("_summary"), "quantity": quantity}
+                asked = MARGIN.get(quantity) if margin is None else margin
+                found = row_of([part.get(key) for part in parts], quantity, asked)
+                rows.append(named | dict(zip(PLACE, key, strict=True)) | found)
+    return pl.DataFrame(rows, schema=COLUMNS).filter(pl.max_horizontal("n_A", "n_B") > 0)
+
+
+def by_place(table: pl.DataFrame, name: str) -> dict[tuple[Any, ...], pl.DataFrame]:
+    """The fits to whole trials, or the ensembles of groups, of each joint, side, group and controller, with the columns
+    `CONDITION`. The amplitudes are of the condition of a rendered impedance, because friction makes it depend on them.
+    """
+    kinds = dict.fromkeys((*PLACE, *CONDITION), pl.String) | dict.fromkeys(("K_d", "B_d", "commanded_deg"), pl.Float64)
+    rows = table.with_columns(pl.lit(None, kind).alias(k) for k, kind in kinds.items() if k not in table.columns)
+    if name == "walking_summary":
+        rows = rows.filter(pl.col("estimator") == ESTIMATOR).with_columns(
+            pl.col("doubt").cast(pl.String).alias(DOUBTFUL)
+        )
+    if name == "impedance":
+        of_row = pl.coalesce("commanded_deg", pl.col("amplitude_deg").round(1))
+        each = of_row.drop_nulls().unique().sort().cast(pl.String).str.join(" ")
+        rows = rows.with_columns(each.over("trial").alias("amplitudes"))
+    if "amplitude_deg" in rows.columns:
+        rows = rows.filter(pl.col("amplitude_deg").is_null())
+    return rows.partition_by(PLACE, as_dict=True, maintain_order=True)
+
+
+def estimates(rows: pl.DataFrame | None, quantity: str) -> tuple[dict[str, Any], Sample]:
+    """Counts and mean of one campaign, and the fits that count, as in every mean, by condition; of a VAF all fits, as a
+    low one is itself a doubt. An ensemble is one condition, what was commanded, with estimate, low and high."""
+    if rows is None:
+        return {"n": 0}, {}
+    if "estimator" in rows.columns:
+        rows = rows.filter(pl.col("quantity") == quantity).drop_nulls(["mean", "low", "high"])
+        ensemble = {one[0]: one[1:] for one in rows.select("commanded", "mean", "low", "high").iter_rows()}
+        counts = {"n": rows["n"].sum(), "mean": rows["mean"].mean(), "n_doubtful": doubtful_count(rows)[0]}
+        return counts, ensemble
+    used = rows if quantity == "VAF" else counted(rows)
+    finite = used.filter(pl.col(quantity).is_finite())
+    sample: dict[Hashable, list[float]] = {}
+    for *condition, value in finite.select(*CONDITION, quantity).iter_rows():
+        sample.setdefault(tuple(condition), []).append(value)
+    doubts = {"n_doubtful": doubtful_count(rows)[0], "n_left_out": len(rows) - len(used)}
+    return {"n": len(finite), "mean": finite[quantity].mean(), **doubts}, sample
+
+
+def row_of(parts: Sequence[pl.DataFrame | None], quantity: str, margin: float | None) -> dict[str, Any]:
+    """The numbers of a row. Where one campaign has none, there is no difference, and the remark says it."""
+    (of_a, a), (of_b, b) = (estimates(part, quantity) for part in parts)
+    row: dict[str, Any] = {f"{name}_{one}": v for one, of in (("A", of_a), ("B", of_b)) for name, v in of.items()}
+    if not (a and b):
+        return row | {"remark": f"only in {'A' if a else 'B'}"}
+    of_ensembles = parts[0] is not None and "estimator" in parts[0].columns
+    between = of_intervals if of_ensembles else difference
+    plain, remarks = between(a, b), []
+    row |= dict(zip(("difference", "difference_low", "difference_high", "method"), plain, strict=True))
+    if of_ensembles and None not in (commanded := (*a, *b)) and len(set(commanded)) > 1:
+        remarks.append("commanded {:g} in A and {:g} in B".format(*commanded))
+    if quantity not in WITHOUT_RATIO:
+        if min(value for one in (a, b) for values in one.values() for value in values) > 0:
+            ratio = between(*({name: [math.log(v) for v in values] for name, values in one.items()} for one in (a, b)))
+            ends = [None if end is None else 100 * math.expm1(end) for end in ratio[:3]]
+            percent = None if margin is None else 100 * margin
+            row |= dict(zip(RATIO, ends, strict=True)) | {"margin_percent": percent, "method": ratio.method}
+            row["verdict"] = equivalence(ends[1], ends[2], 0.0, percent)
+        else:
+            remarks.append("no ratio: an estimate, or an end of its interval, is not above 0")
+    return row | {"remark": "; ".join(remarks) or None}
+
+
+def label_of(row: Mapping[str, Any]) -> str:
+    """What a row is about, as `impedance K, compensated`."""
+    further = (row["controller"], row["group"], row["joint"], row["side"])
+    return ", ".join(
+        [f"{row['experiment']} {row['quantity']}", *(x for x in further if x not in (None, "all", "ankle"))]
+    )
+
+
+def verdicts_said(table: pl.DataFrame) -> str:
+    """The verdicts in a sentence, each with its quantities, and how many quantities have none."""
+    rows, alone = list(table.iter_rows(named=True)), table["method"].null_count()
+    said = []
+    for verdict in ("equivalent", "different", "undecided"):
+        named = [f"{label_of(row)} (±{row['margin_percent']:g} %)" for row in rows if row["verdict"] == verdict]
+        said += [f"{verdict}: {', '.join(named)}"] if named else []
+    none = f"without a verdict: {table['verdict'].null_count()} of {len(rows)} quantities"
+    return f"{'; '.join([*said, none])}, {alone} of them in one campaign alone."

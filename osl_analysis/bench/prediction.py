@@ -16,7 +16,6 @@ from scipy.optimize import brentq
 from scipy.special import stdtrit
 
 from osl_analysis.bench.components import PLACE
-from osl_analysis.bench.model_comparison import thinned_amplitudes, without_offset
 from osl_analysis.bench.record import Record
 from osl_analysis.errors import InputError
 from osl_analysis.judge.doubts import counted
@@ -34,15 +33,20 @@ DELAYS = ("angle_delay", "velocity_delay")  # ages [s] of what the controller us
 TERMS = ("left", *COMPONENTS, *DELAYS)
 """Torques of a trial: what the prediction leaves, and what one unit more of each component or delay adds to it."""
 QUANTITIES = ("K", "B", "I", "torque")  # of Eq. 15, and the RMS [N*m] of the torque
+ALONG = ("along_theta", "along_omega", "along_alpha")
+"""RMS of the parts of a torque that are proportional to the motion, over the RMS of the predicted torque: what K, B and
+I are made of, in numbers that are alike in size and independent."""
 NUMBERS = ("K_d", "B_d", "VAF", "rms", "VAF_fitted", *(f"{x}{end}" for x in QUANTITIES for end in ("", "_measured")))
 """Columns of `prediction.csv` that it has without any prediction too."""
 ENDS = {"low": -1.0, "high": 1.0}
 LOWEST_VAF = 80.0  # [percent] of Eq. 15; below it K, B and I hardly describe a trial: it teaches nothing
+LITTLE = {"K": 0.0, "B": 2.0}  # sizes [N*m/rad, N*m*s/rad] below which what the equations lack is no share of K or B
 FEWEST_OTHERS = 4  # trials with the same controller from which on they alone teach what the equations lack
 DELAY_STEP = 2.5e-4  # [s] by which the delays are changed
-LEAST_SHARE, LEAST_CHANGE, LEAST_DELAY, CERTAIN = 0.5, 0.05, 5e-4, 4.0
-"""What names a component: the share of the misfit that it explains, its relative change, or the delay [s], and how many
-standard errors this is."""
+LEAST_SHARE, CERTAIN = 0.4, 4.0  # share of the misfit that a named cause explains, and its change in standard errors
+LEAST_CHANGE = dict.fromkeys(COMPONENTS, 0.05) | {"angle_delay": 1e-3, "velocity_delay": 4e-3}
+"""Change, relative to a component, or of a delay [s], from which on it is named. A sampled loop acts half a sample late
+and later, a velocity that is a filtered difference is older still."""
 
 
 @dataclass(frozen=True)
@@ -139,21 +143,22 @@ def prediction_terms(record: Record, law: Controller, components: Components) ->
         columns[name] = (predicted_torque(record, late, components.p) - predicted) / DELAY_STEP
     rows, motion = record.rows(), record.motion
     ramp = record.time - record.time[rows].mean()
-    X = np.array([motion.theta, motion.omega, motion.alpha, np.ones_like(ramp), ramp])[:, rows]
-    Y = np.array([predicted, *columns.values()])[:, rows]
-    K, B, I, *_ = np.linalg.solve(X @ X.T, X @ Y.T)
-    Y -= Y.mean(axis=1, keepdims=True)
-    size = float(Y[0].std())
-    torque = Y @ Y[0] / (len(rows) * size)
+    X = np.array([np.ones_like(ramp), ramp, motion.theta, motion.omega, motion.alpha])[:, rows].T
+    Q, R = np.linalg.qr(X)
+    Y = np.array([predicted, *columns.values()])[:, rows].T
+    sizes = (Q.T @ Y)[2:]  # along angle, velocity and acceleration, each without what the ones before explain
+    K, B, I = np.linalg.solve(R, Q.T @ Y)[2:]
+    Y = Y - Y.mean(axis=0)
+    size = float(Y[:, 0].std())
+    torque = Y[:, 0] @ Y / (len(rows) * size)
     torque[1] = record.filtered_torque[rows].std() - size
-    parts = [np.array([without_offset(x[part]) for x in columns.values()]) for part in thinned_amplitudes(record)]
-    products = sum(part @ part.T for part in parts)
-    quality = {"VAF": variance_accounted_for(record.filtered_torque[rows], Y[1]), "rms": float(Y[1].std())}
-    found: list[dict[str, Any]] = [{"term": "predicted", **quality}]
-    found += [{"term": name, **dict(zip(TERMS, row, strict=True))} for name, row in zip(TERMS, products, strict=True)]
-    own = pl.DataFrame(dict(zip(QUANTITIES, (K, B, I, torque), strict=True)))
-    trial = pl.lit(record.name).alias("trial")
-    return pl.concat([pl.DataFrame(found, infer_schema_length=None), own], how="horizontal").select(trial, pl.all())
+    vaf, rms = variance_accounted_for(record.filtered_torque[rows], Y[:, 1]), float(Y[:, 1].std())
+    found = pl.DataFrame({"trial": record.name, "term": ["predicted", *TERMS]})
+    found = found.with_columns(
+        pl.Series("VAF", [vaf, *[None] * len(TERMS)]), pl.Series("rms", [rms, *[None] * len(TERMS)])
+    )
+    numbers = dict(zip((*QUANTITIES, *ALONG), (K, B, I, torque, *sizes / np.sqrt(len(rows)) / size), strict=True))
+    return found.with_columns(**{name: pl.Series(values) for name, values in numbers.items()})
 
 
 def prediction_table(
@@ -179,6 +184,8 @@ def prediction_table(
     for quantity in QUANTITIES:
         S = np.array([[of[name][quantity] for name in COMPONENTS] for of in each.values()])
         off = np.array([of["left"][quantity] for of in each.values()])
+        predicted = np.array([of["predicted"][quantity] for of in each.values()])
+        size = np.hypot(predicted, LITTLE[quantity]) if quantity in LITTLE else np.ones(len(off))  # it errs by shares
         own_se = np.array([fit.get(f"{quantity}_repeat_se") or fit.get(f"{quantity}_se") or 0.0 for fit in trials])
         by_part = np.array([variance_by_part(s, components.covariance) for s in S])
         freedom = [min(components.freedom[n] for n, of in COMPONENTS.items() if of == part) for part in PARTS]
@@ -189,10 +196,12 @@ def prediction_table(
             others = others & like if np.count_nonzero(others & like) >= FEWEST_OTHERS else others
             learnt, half = int(np.count_nonzero(others)), None
             if learnt > 1:
-                variances = np.array([*by_part[k], own_se[k] ** 2, model_variance(off[others], known[others])])
+                lacking = model_variance((off / size)[others], (known / size**2)[others]) * size[k] ** 2
+                variances = np.array([*by_part[k], own_se[k] ** 2, lacking])
                 total = welch_satterthwaite(variances, [*freedom, np.inf, learnt - 1])
                 half = float(stdtrit(total, 0.975) * np.sqrt(variances.sum()))
-            value = each[row["trial"]]["predicted"][quantity]
+            value = float(predicted[k])
+            row |= {} if half is not None else {"not_checked": "the prediction's interval: it needs two other trials"}
             row |= {quantity: value, f"{quantity}_component_se": float(np.sqrt(by_part[k].sum()))}
             row |= {f"{quantity}_{end}": None if half is None else value + way * half for end, way in ENDS.items()}
             row |= {f"{quantity}_measured": value + off[k]}
@@ -213,39 +222,56 @@ def model_variance(off: Array, known: Array) -> float:
     Stand. 87, 1982, with known mean 0); 0 where the known ones suffice."""
 
     def excess(v: float) -> float:
-        return float(np.mean(off**2 / np.maximum(known + v, np.finfo(float).tiny))) - 1
+        return float(np.mean(off**2 / np.maximum(known + v, 1e-12 * most + 1e-300))) - 1
 
     most = float(np.max(off**2))
     return float(brentq(excess, 0.0, most)) if excess(0.0) > 0 and most > 0 else 0.0
 
 
 def causes_table(each: Sequence[Mapping[str, Any]], components: Components, place: Mapping[str, Any]) -> pl.DataFrame:
-    """A row per component and delay: the `change` that would explain most of what all predictions leave, in the unit of
-    the component, beside both delays; its standard error, by leaving out a trial at a time and by the component's own;
-    the `share` of the misfit that it explains, which nothing else does; and whether this names it."""
-    sums = np.array([[[of[a][b] for b in TERMS] for a in TERMS] for of in each])
-    total, n, rows = sums.sum(axis=0), len(sums), list[dict[str, Any]]()
-    best = min(COMPONENTS, key=lambda name: left_by(total, (name, *DELAYS))[1])
-    for name in (*COMPONENTS, *DELAYS):
-        component = name if name in COMPONENTS else best
-        together = (name, *(one for one in (component, *DELAYS) if one != name))
-        change, left = left_by(total, together)
-        without = left_by(total, DELAYS if name in COMPONENTS else (best,))[1]
-        share = (without - left) / max(float(total[0, 0]), np.finfo(float).tiny)
-        again = np.array([left_by(total - own, together)[0] for own in sums])
-        known, value = (components.se(name), components.values[name]) if name in COMPONENTS else (0.0, None)
-        se = float(np.hypot(np.sqrt((n - 1) * np.var(again)), known)) if n > 1 else np.inf
-        enough = change > LEAST_DELAY if value is None else abs(change) > LEAST_CHANGE * abs(value)
-        named = bool(share > LEAST_SHARE and enough and abs(change) > CERTAIN * se)
-        numbers = {"value": value, "change": change, "change_se": se if n > 1 else None, "share": share}
-        rows.append({**place, "component": name, **numbers, "trials": n, "named": named})
+    """A row per component and delay: the `change` that explains most of what all predictions leave, in the unit of the
+    component, with its standard error, by leaving out a trial at a time and by the component's own; what is `left` with
+    it and `left_without` it [percent of the torque]; and whether the recordings name it.
+
+    No trial measures the delays of the controller, so that they explain first, and a component what they leave. It is
+    named where it explains `LEAST_SHARE` of that, the others by far not so much, and the change is certain and not
+    small. Trials that ring do not outweigh the others: the regression is robust.
+    """
+    A = np.array([[[of[term][x] for x in ALONG] for term in TERMS] for of in each])
+    nothing, late = np.mean(np.abs(A[:, 0])), robust_fit(A, DELAYS)
+    beside = {name: robust_fit(A, (name, *DELAYS)) for name in COMPONENTS}
+    best, second = sorted(beside, key=lambda name: beside[name][1])[:2]
+    clear = beside[best][1] < (1 - LEAST_SHARE) * min(late[1], beside[second][1])
+
+    def row_of(name: str, names: tuple[str, ...], left: float, without: float, clear: bool) -> dict[str, Any]:
+        k, n = names.index(name), len(A)
+        value, change, se = components.values.get(name), float(robust_fit(A, names)[0][k]), None
+        if n > 2:
+            again = [robust_fit(np.delete(A, trial, axis=0), names)[0][k] for trial in range(n)]
+            se = float(np.hypot(np.sqrt((n - 1) * np.var(again)), components.se(name) if value is not None else 0.0))
+        size = change if value is None else abs(change / value)  # a controller cannot act early
+        certain = se is not None and size > LEAST_CHANGE[name] and abs(change) > CERTAIN * se
+        row = {**place, "component": name, "value": value, "change": change, "change_se": se}
+        row |= {"left": 100 * left, "left_without": 100 * without, "trials": n}
+        return row | {"named": bool(clear and certain)}
+
+    rows = [row_of(name, (name, *DELAYS), fit[1], late[1], clear and name == best) for name, fit in beside.items()]
+    is_named = any(row["named"] for row in rows)
+    names, with_it = ((best, *DELAYS), beside[best]) if is_named else (DELAYS, late)
+    without = robust_fit(A, (best,))[1] if is_named else nothing
+    rows += [row_of(name, names, with_it[1], without, with_it[1] < (1 - LEAST_SHARE) * without) for name in DELAYS]
     return pl.DataFrame(rows, infer_schema_length=None)
 
 
-def left_by(total: Array, names: Sequence[str]) -> tuple[float, float]:
-    """Coefficient of the first of some terms, fitted together to what the predictions leave, and what then is left."""
-    at = [TERMS.index(name) for name in names]
-    A, b = total[np.ix_(at, at)], total[at, 0]
-    scale = np.sqrt(np.maximum(np.diag(A), np.finfo(float).tiny))
-    x = np.linalg.lstsq(A / np.outer(scale, scale), b / scale, rcond=1e-10)[0] / scale
-    return float(x[0]), float(total[0, 0] - b @ x)
+def robust_fit(A: Array, names: Sequence[str]) -> tuple[Array, float]:
+    """Coefficients of some terms in what the predictions leave, and the mean absolute value of what then is left; A is
+    (trials, terms, 3), as shares of the torque. By Huber's M-estimator, with a scale by the median."""
+    from statsmodels.robust.norms import HuberT
+    from statsmodels.robust.robust_linear_model import RLM
+
+    X = A[:, [TERMS.index(name) for name in names]].transpose(0, 2, 1).reshape(-1, len(names))
+    y, scale = A[:, 0].ravel(), np.maximum(np.abs(X).max(axis=0), np.finfo(float).tiny)
+    with np.errstate(all="ignore"):  # where half of the numbers are explained exactly, their scale is 0
+        x = np.asarray(RLM(y, X / scale, HuberT(1.5)).fit().params)
+    x = (x if np.isfinite(x).all() else np.linalg.lstsq(X / scale, y, rcond=None)[0]) / scale
+    return x, float(np.mean(np.abs(y - X @ x)))

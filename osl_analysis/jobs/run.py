@@ -158,9 +158,14 @@ def at_end_of_run(workflow: Any, logs: Path, said: Callable[[Sequence[str]], str
         records = [file for file in files if is_refused(file)]
         lost = [file for file in files if not Path(file).exists()]  # as of a job that was killed with Snakemake
         not_made = f"not made: {listing(lost, MOST_TOLD)}; run again, what is finished stays" if lost else ""
-        told = filter(None, [run_report(logs, STARTED), not_made, said(records)])
-        print("\n".join(told), file=sys.stderr, flush=True)
-        if records and not accept:
+        try:
+            told = filter(None, [run_report(logs, STARTED), not_made, said(records)])
+            print("\n".join(told), file=sys.stderr, flush=True)
+            failed = bool(records) and not accept
+        except Exception:  # by a fault of ours the run must not end as if all were well
+            traceback.print_exc()
+            failed = True
+        if failed:
             sys.stdout.flush()
             os._exit(1)  # at the exit of Python there is no other way
 

@@ -60,7 +60,8 @@ def share_claim(name: str, claim: str, share: float, error: tuple[float, float],
     half = 100 * share * relative * float(stdtrit(freedom, 0.975)) if freedom > 0 else None
     low, high = (None, None) if half is None else (100 * share - half, 100 * share + half)
     number = {"value": 100 * share, "low": low, "high": high, "unit": "%", "interval": None if half is None else MEAN}
-    return {"name": name, "claim": claim, **number, "target": limit, "verdict": beyond(low, high, limit, above)}
+    number |= {"target": limit, "n": freedom + 1}
+    return {"name": name, "claim": claim, **number, "verdict": beyond(low, high, limit, above)}
 
 
 def component_claims(
@@ -97,7 +98,7 @@ def component_claims(
             current = row["K_d"] * np.deg2rad(row["theta_rms_deg"]) / (p.n_T * means["k_tau_n_m"]["mean"])
             load = means["f_G"]["mean"] * current
             share = load / (means["f_C"]["mean"] + load)
-            claim = f"friction that grows with the load, f_G |I|, {where} of the friction at the RMS torque"
+            claim = f"friction that grows with the load, f_G |I|, {where} of the friction at K_d times the RMS angle"
             own = error("f_C", "f_G", "k_tau_n_m", of=1 - share)
             yield share_claim(f"load_friction_at_{end}_K_d", claim, share, own, limit, True)
 
@@ -146,8 +147,9 @@ def passivity_claims(response: pl.DataFrame, p: DrivetrainParameters | None, wei
         rows = response.filter(pl.col("controller") == controller).drop_nulls("damping")
         if rows.is_empty():
             continue
-        least = rows.sort("damping_low").row(0, named=True)
-        verdict = "holds" if least["damping_low"] >= 0 else "fails" if (rows["damping_high"] < 0).any() else "undecided"
+        least = rows.sort("damping").row(0, named=True)
+        active, unsure = (rows["damping_high"] < 0).any(), (rows["damping_low"] < 0).any()
+        verdict = "fails" if active else "undecided" if unsure else "holds"
         where = f"{least['trial']} at {least['frequency_hz']:.3g} Hz"
         claim = f"the {controller} joint is passive at all measured frequencies, least real part of Z ({where})"
         number = {"value": least["damping"], "low": least["damping_low"], "high": least["damping_high"], "target": 0.0}

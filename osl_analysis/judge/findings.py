@@ -23,6 +23,7 @@ from osl_analysis.table import read_table
 HOW_TO_USE = "record again, give a reason under `exclude` in the sample sheet, or name the check under `accept`"
 JUDGES = ("quality", "fitted")
 """Inputs that only tell which trials are used: what was measured of them, and other results of the same trials."""
+LARGEST_MISFIT = 1.0  # percent of the torque that a prediction may leave along angle, velocity and acceleration
 MOST_NAMED = 3  # trials that a line names
 
 
@@ -161,22 +162,34 @@ def doubts_in(tables: Mapping[str, pl.DataFrame]) -> Iterator[dict[str, Any]]:
 
 
 def causes_of_misfit(tables: Mapping[str, pl.DataFrame]) -> Iterator[dict[str, Any]]:
-    """The components, or the delay of the controller, that `prediction_causes.csv` names."""
-    causes = tables.get("prediction_causes", pl.DataFrame()).to_dicts()
-    for row in (one for one in causes if one.get("named")):
-        name, change, se = row["component"], row["change"], row["change_se"]
-        at = [pl.col(key).eq_missing(pl.lit(row[key], pl.String)) for key in ("joint", "side")]
+    """The component, or the late controller, that `prediction_causes.csv` names; or that the components of a joint and
+    side do not predict the torque, and nothing alone explains it."""
+    causes = tables.get("prediction_causes", pl.DataFrame(schema=["joint", "side"]))
+    for rows in causes.partition_by("joint", "side", maintain_order=True):
+        at = [pl.col(key).eq_missing(pl.lit(rows[key][0], pl.String)) for key in ("joint", "side")]
         trials = [*tables["prediction"].filter(*at, pl.col("VAF").is_not_null())["trial"]]
-        if row["value"] is None:
-            says = f"the recorded torque is as if the controller used {name.partition('_')[0]}s that are "
-            says += f"{1e3 * change:.2g} ± {2e3 * se:.2g} ms old"
-            remedy = "measure the delay of the loop, or lower it"
-        else:
-            off, half = (100 * one / abs(row["value"]) for one in (change, 2 * se))
-            says = f"the recorded torque is as if {name} were {off:+.3g} ± {half:.2g} % off its trials"
+        row_of = {row["component"]: row for row in rows.to_dicts()}
+        named = [name for name, row in row_of.items() if row["named"]]
+        late, said = [row_of["angle_delay"], row_of["velocity_delay"]], dict[str, tuple[str, str]]()
+        for name in (name for name in named if not name.endswith("_delay")):
+            row = row_of[name]
+            off, half = (100 * row[key] * k / abs(row["value"]) for key, k in (("change", 1), ("change_se", 2)))
+            as_if = f"the recorded torque is as if {name} were {off:+.3g} ± {half:.2g} % off its trials"
             remedy = "repeat its component trials, or look for what changed between them and the impedance trials"
-        cause = {"angle_delay": "late controller", "velocity_delay": "late controller"}.get(name, f"component {name}")
-        yield finding("doubtful", "predicted trials", cause, says, remedy, trials, trials)
+            said[f"component {name}"] = as_if, remedy
+        if any(row["named"] for row in late):
+            angle, velocity = (f"{1e3 * row['change']:.2g} ± {2e3 * row['change_se']:.1g} ms" for row in late)
+            as_if = (
+                f"the recorded torque is as if the controller used angles of {angle} and velocities of {velocity} ago"
+            )
+            said["late controller"] = as_if, "measure the delay of the loop, or lower it"
+        left = max((row["left_without"] or 0.0 for row in late), default=0.0)
+        if not said and left > LARGEST_MISFIT:
+            what = f"{left:.2g} % of the torque is not as they predict, in these trials alike, and no component and no "
+            remedy = "compare predicted and measured K and B in the figure `prediction`"
+            said["components that do not predict"] = f"{what}delay alone explains it", remedy
+        for cause, (what, remedy) in said.items():
+            yield finding("doubtful", "predicted trials", cause, what, remedy, trials, trials)
 
 
 def unchecked_in(tables: Mapping[str, pl.DataFrame]) -> Iterator[dict[str, Any]]:

@@ -11,7 +11,7 @@ from osl_analysis.stats.differences import Sample, difference, of_intervals
 from osl_analysis.stats.verdicts import equivalence
 
 QUANTITIES = {
-    "impedance": ("K", "B", "I", "VAF"), "belt": ("K_s",), "transmission": ("B_j", "J_j"),
+    "impedance": ("K", "B", "I", "VAF", "torque_error"), "belt": ("K_s",), "transmission": ("B_j", "J_j"),
     "actuator": ("k_tau_n_m", "f_C", "f_G", "B_m", "J_m"), "walking_summary": ("K", "B", "I"),
 }  # fmt: skip
 """What is compared, by table."""

@@ -186,7 +186,7 @@ def impedance_headlines(impedance: pl.DataFrame, example: Example) -> Iterator[H
         yield from over_fits(labels["K_error"], 100 * (used["K"] / used["K_d"] - 1).abs(), np.mean, trials, used)
         yield from over_fits(labels["B_error"], (used["B"] - used["B_d"]).abs(), np.mean, trials, used)
         if "torque_error" in used.columns:
-            yield from over_fits(labels["torque_error"], used["torque_error"], np.mean, trials, used)
+            yield from over_fits(labels["torque_error"], trials["torque_error"], np.mean, trials)
         asked = {"K_d": example.K_d, "B_d": example.B_d}
         shown = trials.filter(pl.col(name).eq_missing(pl.lit(value, pl.Float64)) for name, value in asked.items())
         for symbol in "KB":

@@ -7,6 +7,7 @@ measured, or a controller that acts late.
 """
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -271,7 +272,8 @@ def robust_fit(A: Array, names: Sequence[str]) -> tuple[Array, float]:
 
     X = A[:, [TERMS.index(name) for name in names]].transpose(0, 2, 1).reshape(-1, len(names))
     y, scale = A[:, 0].ravel(), np.maximum(np.abs(X).max(axis=0), np.finfo(float).tiny)
-    with np.errstate(all="ignore"):  # where half of the numbers are explained exactly, their scale is 0
+    x = np.linalg.lstsq(X / scale, y, rcond=None)[0]
+    with suppress(ZeroDivisionError), np.errstate(all="ignore"):  # where half of the numbers are explained exactly
         x = np.asarray(RLM(y, X / scale, HuberT(1.5)).fit().params)
-    x = (x if np.isfinite(x).all() else np.linalg.lstsq(X / scale, y, rcond=None)[0]) / scale
+    x = x / scale
     return x, float(np.mean(np.abs(y - X @ x)))

@@ -179,9 +179,7 @@ def prediction_table(
         row = {name: fit[name] for name in ("trial", *PLACE, "controller", "K_d", "B_d")}
         rows.append(row | {"VAF": said["VAF"], "rms": said["rms"]} | own)
     controllers = [fit["controller"] for fit in trials]
-    teaches = np.array([fit["VAF"] >= LOWEST_VAF and not fit["doubtful"] for fit in trials])
-    if np.count_nonzero(teaches) < FEWEST_OTHERS:
-        teaches = np.array([fit["VAF"] >= LOWEST_VAF for fit in trials])
+    teaches = np.array([fit["VAF"] >= LOWEST_VAF for fit in trials])
     for quantity in QUANTITIES:
         S = np.array([[of[name][quantity] for name in COMPONENTS] for of in each.values()])
         off = np.array([of["left"][quantity] for of in each.values()])

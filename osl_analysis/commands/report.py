@@ -19,7 +19,7 @@ from osl_analysis.files import atomic_path
 from osl_analysis.judge.two_campaigns import QUANTITIES, compared, label_of, verdicts_said
 from osl_analysis.refusal import Refusal, is_refused
 from osl_analysis.report import panels, trial_page
-from osl_analysis.report.headlines import COUNT, aligned, decimals, fixed, missing_lines, trials_text
+from osl_analysis.report.headlines import aligned, decimals, fixed, missing_lines, trials_text
 from osl_analysis.report.page import caption_html, captions_by_title, comparison_page, inline_svg, written_page
 from osl_analysis.report.trial_page import ReportedTrial, left_out_trials, trial_content
 from osl_analysis.table import read_table, tables_of, write_table
@@ -87,8 +87,8 @@ def write_report(
         **trial_page.trials_content(reported),
         "headlines": [
             trial_page.headline_row(number)
-            for number in found.get("numbers", {}).values()
-            if number["interval"] != COUNT  # the findings say it, with the causes
+            for name, number in found.get("numbers", {}).items()
+            if not name.startswith("doubtful_")  # the findings say it, with the causes
         ],
         "findings": found.get("findings", []),
         "figures": shown,

@@ -279,12 +279,12 @@ def headline_row(number: Mapping[str, Any]) -> dict[str, str]:
     """A headline number of a summary (`summary.json`) beside that which the paper's draft prints."""
     value, interval, single = numbers_said(number)
     shown = f"{interval} ({number['interval']})" if interval else f"{single} (single amplitudes)" * bool(single)
-    shown = "; ".join(filter(None, [shown, number.get("verdict")]))
     return {
         "meaning": number["meaning"],
         "value": value,
         "unit": printed(number["unit"]),
         "interval": shown or NO_VALUE,
+        "verdict": number.get("verdict") or "",
         "n": trials_text(number),
         "draft": NO_VALUE if number["draft"] is None else f"{number['draft']:g}",
     }

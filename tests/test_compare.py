@@ -81,6 +81,7 @@ def tables(K=1.0, amplitude=2.0, conditions=8, seed=1):
     for k in range(conditions):
         K_d = 100.0 * (1 + k % 4)
         found = {"K": K * K_d * (1 + 0.005 * rng.standard_normal()), "B": 5.0, "I": rng.normal(0, 0.01), "VAF": 99.0}
+        found["torque_error"] = 1.0
         one = {"trial": f"{k}", "controller": "c", "K_d": K_d, "B_d": float(k // 4), "doubtful": "" if k else "x 1"}
         rows += [one | found | {"amplitude_deg": deg, "commanded_deg": deg} for deg in (amplitude, None)]
     belt = pl.DataFrame({"K_s": rng.normal(685, 3, 4), "doubtful": [""] * 4})

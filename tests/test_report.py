@@ -240,8 +240,9 @@ def test_the_model_of_a_series_is_that_of_the_fit_in_the_samples_that_the_fit_us
 def test_a_report_says_of_each_trial_what_became_of_it_and_leaves_out_counts(tmp_path, monkeypatch):
     """One is flagged, one refused, one has no result though a fit belongs to it, as one has no crossing; one stood."""
     number = dict.fromkeys(("n", "low", "n_doubtful"), 1) | {"value": 1.5, "unit": "N*m", "high": 2.5, "draft": 1.25}
-    number["n_left_out"] = 0
-    numbers = {name: number | {"meaning": name, "interval": kind} for name, kind in (("K", "range"), ("n", COUNT))}
+    number |= {"n_left_out": 0, "verdict": "holds"}
+    kinds = {"K": "range", "doubtful_n": COUNT}
+    numbers = {name: number | {"meaning": name, "interval": kind} for name, kind in kinds.items()}
     (tmp_path / "summary.csv").write_text(json.dumps({"numbers": numbers}))
     lost = dict.fromkeys(("value", "unit", "threshold")) | {"trial": "b_2", "check": "refused", "remark": "no footer"}
     gap = {"trial": "b_1", "check": "gap", "value": 1.0, "unit": "s", "threshold": 0.5, "remark": "", "verdict": "flag"}
@@ -261,7 +262,7 @@ def test_a_report_says_of_each_trial_what_became_of_it_and_leaves_out_counts(tmp
     none = ("refused", "it has no result, because b_2 was refuse")
     assert said.pop("b_1") == ("flagged", "gap in the recording: samples are missing"[:40])
     assert said == {"b_2": ("refused", "no footer"), "b_3": none, "w": none, "s": ("used", "")}
-    said = ("K", "1.50", "N·m", "1.00 to 2.50 (range)", "1, 1 of them doubtful", "1.25")
+    said = ("K", "1.50", "N·m", "1.00 to 2.50 (range)", "holds", "1, 1 of them doubtful", "1.25")
     assert ([tuple(row.values()) for row in seen[0]["headlines"]], seen[0]["not_made"]) == ([said], [of_table])
     own, other = (seen[1][name][0] for name in ("b_1", "b_2"))
     assert (len(own["quality"]), other["quality"], own["remark"][:24]) == (1, [], "5 samples a second are d")

@@ -6,11 +6,7 @@ from matplotlib.figure import Figure
 
 from osl_analysis.figures import FIGURES, columns_of, names, style
 
-PANELS = {
-    "K": r"stiffness $\hat{K}$ (N·m/rad)",
-    "B": r"damping $\hat{B}$ (N·m·s/rad)",
-    "torque": "torque, SD (N·m)",
-}
+PANELS = {"K": r"stiffness $\hat{K}$ (N·m/rad)", "B": r"damping $\hat{B}$ (N·m·s/rad)", "torque": "torque, SD (N·m)"}
 """The quantities with their words on the axes."""
 
 

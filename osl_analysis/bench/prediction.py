@@ -16,18 +16,18 @@ import polars as pl
 from scipy.optimize import brentq
 from scipy.special import stdtrit
 
-from osl_analysis.bench.components import PLACE
+from osl_analysis.bench.components import ACTUATOR_PARAMETERS, LOSSES, PLACE
 from osl_analysis.bench.record import Record
 from osl_analysis.errors import InputError
 from osl_analysis.judge.doubts import counted
 from osl_analysis.model.drivetrain_response import Controller, belt_response
-from osl_analysis.model.parameters import DrivetrainParameters
+from osl_analysis.model.parameters import PARAMETER_UNITS, DrivetrainParameters
 from osl_analysis.stats.covariance import welch_satterthwaite
 from osl_analysis.stats.regression import variance_accounted_for
+from osl_analysis.table import finite_or_null
 from osl_analysis.trial import Array
 
-ACTUATOR = ("k_tau_n_m", "f_C", "f_G", "B_m", "J_m")
-COMPONENTS = dict.fromkeys(ACTUATOR, "actuator") | {"K_s": "belt", "B_j": "transmission", "J_j": "transmission"}
+COMPONENTS = dict.fromkeys(ACTUATOR_PARAMETERS, "actuator") | {"K_s": "belt"} | dict.fromkeys(LOSSES, "transmission")
 """The experiment that each component is measured by."""
 PARTS = tuple(dict.fromkeys(COMPONENTS.values()))
 DELAYS = ("angle_delay", "velocity_delay")  # ages [s] of what the controller uses, which no component trial shows
@@ -63,6 +63,17 @@ class Components:
     def se(self, name: str) -> float:
         k = list(COMPONENTS).index(name)
         return float(np.sqrt(self.covariance[k, k]))
+
+    def rows(self) -> list[dict[str, Any]]:
+        """For JSON, in SI units: each component with its 95 % interval and the trials that it is from."""
+        found = []
+        for name, value in self.values.items():
+            freedom, part, se = self.freedom[name], COMPONENTS[name], self.se(name)
+            half = float(stdtrit(freedom, 0.975)) * se
+            row = {"name": name, "value": value, "unit": PARAMETER_UNITS["k_tau" if name == "k_tau_n_m" else name]}
+            row |= {"standard_error": se, "low": value - half, "high": value + half, "degrees_of_freedom": freedom}
+            found.append(finite_or_null(row) | {"experiment": part, "trials": self.trials[part]})
+        return found
 
 
 def components_of(
@@ -138,10 +149,9 @@ def prediction_terms(record: Record, law: Controller, components: Components) ->
         step = max(0.02 * abs(value), 0.5 * components.se(name))
         changed = drivetrain_of({**components.values, name: max(value, 0.0) + step}, file)
         columns[name] = (predicted_torque(record, law, changed) - predicted) / step
-    for name, late in zip(
-        DELAYS, (replace(law, angle_delay=DELAY_STEP), replace(law, velocity_delay=DELAY_STEP)), strict=True
-    ):
-        columns[name] = (predicted_torque(record, late, components.p) - predicted) / DELAY_STEP
+    for name in DELAYS:
+        late: Any = {name: DELAY_STEP}
+        columns[name] = (predicted_torque(record, replace(law, **late), components.p) - predicted) / DELAY_STEP
     rows, motion = record.rows(), record.motion
     ramp = record.time - record.time[rows].mean()
     X = np.array([np.ones_like(ramp), ramp, motion.theta, motion.omega, motion.alpha])[:, rows].T
@@ -153,13 +163,11 @@ def prediction_terms(record: Record, law: Controller, components: Components) ->
     size = float(Y[:, 0].std())
     torque = Y[:, 0] @ Y / (len(rows) * size)
     torque[1] = record.filtered_torque[rows].std() - size
-    vaf, rms = variance_accounted_for(record.filtered_torque[rows], Y[:, 1]), float(Y[:, 1].std())
-    found = pl.DataFrame({"trial": record.name, "term": ["predicted", *TERMS]})
-    found = found.with_columns(
-        pl.Series("VAF", [vaf, *[None] * len(TERMS)]), pl.Series("rms", [rms, *[None] * len(TERMS)])
-    )
-    numbers = dict(zip((*QUANTITIES, *ALONG), (K, B, I, torque, *sizes / np.sqrt(len(rows)) / size), strict=True))
-    return found.with_columns(**{name: pl.Series(values) for name, values in numbers.items()})
+    vaf, nothing = variance_accounted_for(record.filtered_torque[rows], Y[:, 1]), [None] * len(TERMS)
+    found: dict[str, Any] = {"trial": record.name, "term": ["predicted", *TERMS], "VAF": [vaf, *nothing]}
+    found["rms"] = [float(Y[:, 1].std()), *nothing]
+    sizes = sizes / np.sqrt(len(rows)) / size
+    return pl.DataFrame(found | dict(zip((*QUANTITIES, *ALONG), (K, B, I, torque, *sizes), strict=True)))
 
 
 def prediction_table(

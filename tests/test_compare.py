@@ -40,11 +40,7 @@ def samples(rng, conditions=6, spread=100.0):
 
 def test_paired_mixed_and_welch_intervals_are_those_of_scipy_and_repeats_count_as_their_mean(monkeypatch):
     a, b = samples(np.random.default_rng(1))
-    (x, y), paired, welch = (
-        (np.ravel(list(one.values())) for one in (a, b)),
-        scipy.stats.ttest_rel,
-        scipy.stats.ttest_ind,
-    )
+    (x, y), paired, welch = (np.ravel([*one.values()]) for one in (a, b)), scipy.stats.ttest_rel, scipy.stats.ttest_ind
     whole = [np.mean(y - x), *paired(y, x).confidence_interval()]
     assert difference(a, b) == (*map(pytest.approx, whole), "paired, Student")
     repeated = difference(a | {0: [x[0] - 1, x[0] + 1]}, b)  # nothing is missing: 5e-3 is the optimiser's
@@ -81,6 +77,7 @@ def tables(K=1.0, amplitude=2.0, conditions=8, seed=1):
     for k in range(conditions):
         K_d = 100.0 * (1 + k % 4)
         found = {"K": K * K_d * (1 + 0.005 * rng.standard_normal()), "B": 5.0, "I": rng.normal(0, 0.01), "VAF": 99.0}
+        found["torque_error"] = 1.0
         one = {"trial": f"{k}", "controller": "c", "K_d": K_d, "B_d": float(k // 4), "doubtful": "" if k else "x 1"}
         rows += [one | found | {"amplitude_deg": deg, "commanded_deg": deg} for deg in (amplitude, None)]
     belt = pl.DataFrame({"K_s": rng.normal(685, 3, 4), "doubtful": [""] * 4})

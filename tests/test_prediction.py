@@ -7,7 +7,7 @@ from itertools import product
 import numpy as np
 import polars as pl
 import pytest
-from bench_synthetic import FIVE, RATE, record_of_sines, table_of, unit_block
+from bench_synthetic import FIVE, RATE, component_tables, stepped_sine, table_of
 from conftest import ROOT
 from scipy import stats
 
@@ -26,27 +26,12 @@ from osl_analysis.report.headlines import headline_numbers, to_tex
 from osl_analysis.simulator.drivetrain import IDEAL, simulate_drivetrain
 
 P = read_parameters(ROOT / "config/parameters/default.yaml")
-TRUE = {name: P.k_tau * P.n_m if name == "k_tau_n_m" else getattr(P, name) for name in COMPONENTS}
+TRUE = {"k_tau_n_m": P.k_tau * P.n_m, **vars(P)}
 HERE = {"joint": "ankle", "side": None}
 PAIR, NONE = ("compensated", "uncompensated"), pl.DataFrame(schema=["check", "verdict"])
 ASKED = [(K, B, name) for name in PAIR for K, B in ((100, 5), (200, 2.5), (300, 5), (400, 7.5))]
+FAULTS = {"K_s": 0.9, "f_C": 2.0, "k_tau_n_m": 0.92, "J_m": 1.3, "B_j": 1.5}
 TYPES = {"side": pl.String, "amplitude_deg": pl.Float64}
-
-
-def component_tables(off=None, trials=3, error=1e-3):
-    """Component trials that scatter by a relative error, of a leg whose components are `off` by factors."""
-    rng, tables = np.random.default_rng(4), {}
-    for part in ("actuator", "belt", "transmission"):
-        names, rows = [name for name, of in COMPONENTS.items() if of == part], []
-        for k in range(trials):
-            row = {"trial": f"{part}_{k}", **HERE, "doubtful": ""} | ({"amplitude_deg": None} if part[0] == "t" else {})
-            for name in names:
-                size = TRUE[name] * (off or {}).get(name, 1.0)
-                row |= {name: size * (1 + error * rng.standard_normal()), f"{name}_se": size * error}
-            row |= {f"cov_{a}_{b}": 0.5 * row[f"{a}_se"] * row[f"{b}_se"] for a in names for b in names if a < b}
-            rows.append(row)
-        tables[part] = pl.DataFrame(rows, schema_overrides=TYPES)
-    return tables
 
 
 def law_of(K_d, B_d, controller, **delays):
@@ -55,13 +40,10 @@ def law_of(K_d, B_d, controller, **delays):
 
 def recording(K_d, B_d, controller, p=P, seed=0, **delays):
     """A stepped sine against a leg with parameters p, with noise of 0.05 N*m."""
-    rest = np.zeros(round(2 * RATE))
-    theta = np.concatenate([rest, *(x for a in FIVE.amplitudes for x in (a * unit_block(FIVE, RATE), rest))])
-    time = np.arange(len(theta)) / RATE
-    omega = np.gradient(theta, time)
-    torque = belt_response(theta, RATE, law_of(K_d, B_d, controller, **delays), p) + p.B_j * omega
-    torque += p.J_j * np.gradient(omega, time) + 0.05 * np.random.default_rng(seed).standard_normal(len(time))
-    return record_of_sines(time, theta, torque, FIVE)
+    law = law_of(K_d, B_d, controller, **delays)
+    return stepped_sine(
+        lambda m: belt_response(m.theta, RATE, law, p) + p.B_j * m.omega + p.J_j * m.alpha, 0.05, FIVE, seed
+    )
 
 
 def fitted(record, **asked):
@@ -78,11 +60,6 @@ def predictions(tables, p=P, **delays):
     return *prediction_table(terms, pl.DataFrame(fits, infer_schema_length=None), components), fits
 
 
-@pytest.fixture(scope="module")
-def sound():
-    return predictions(component_tables())
-
-
 def test_a_controller_that_acts_late_is_that_of_the_simulator_with_its_delay():
     t, w = np.arange(4000) / 1000.0, 2 * np.pi * 3.0
     theta, omega, gains = 0.05 * (1 - np.cos(w * t)), 0.05 * w * np.sin(w * t), select_gains("compensated", 300, 5, P)
@@ -95,7 +72,7 @@ def test_a_controller_that_acts_late_is_that_of_the_simulator_with_its_delay():
 
 
 def test_components_are_means_with_the_scatter_of_their_trials_and_the_correlations_of_their_fits():
-    tables = component_tables()
+    tables = component_tables(TRUE)
     found, f_C = components_of(tables, ("ankle", None), P), tables["actuator"]["f_C"].to_numpy()
     assert found.values["f_C"] == pytest.approx(f_C.mean())
     of_fits = np.sqrt(np.mean(tables["actuator"]["f_C_se"].to_numpy() ** 2))
@@ -107,7 +84,7 @@ def test_components_are_means_with_the_scatter_of_their_trials_and_the_correlati
     for wrong, side, said in (
         ({"actuator": tables["actuator"]}, None, "no belt and no transmission trials"),
         (tables, "left", "no actuator and no belt and no transmission"),
-        (component_tables({"K_s": -1.0}), None, r"belt.csv: K_s = -68\d.* is negative"),
+        (component_tables(TRUE | {"K_s": -TRUE["K_s"]}), None, r"belt.csv: K_s = -68\d.* is negative"),
     ):
         with pytest.raises(InputError, match=said):
             components_of(wrong, ("ankle", side), P)
@@ -115,8 +92,8 @@ def test_components_are_means_with_the_scatter_of_their_trials_and_the_correlati
     assert components_of({**tables, "actuator": doubtful}, ("ankle", None), P).p.B_m == 0
 
 
-def test_the_components_of_a_leg_predict_its_torque_and_nothing_is_named(sound):
-    table, causes, fits = sound
+def test_the_components_of_a_leg_predict_its_torque_and_nothing_is_named():
+    table, causes, fits = predictions(component_tables(TRUE))
     assert table["VAF"].min() > 99.9
     for symbol in "KB":
         assert table[f"{symbol}_measured"].to_list() == pytest.approx([fit[symbol] for fit in fits], rel=2e-3)
@@ -128,12 +105,10 @@ def test_the_components_of_a_leg_predict_its_torque_and_nothing_is_named(sound):
     assert "8 trials, and is nearer to the recorded one than Eq. 15 fitted to it in 8" in said
 
 
-@pytest.mark.parametrize(
-    ("name", "factor"), [("K_s", 0.9), ("f_C", 2.0), ("k_tau_n_m", 0.92), ("J_m", 1.3), ("B_j", 1.5)]
-)
+@pytest.mark.parametrize(("name", "factor"), FAULTS.items())
 def test_a_component_that_is_not_as_its_trials_say_is_named_with_its_size(name, factor):
     p = replace(P, k_tau=P.k_tau * factor) if name == "k_tau_n_m" else replace(P, **{name: getattr(P, name) * factor})
-    table, causes, _ = predictions(component_tables(), p)
+    table, causes, _ = predictions(component_tables(TRUE), p)
     assert causes.filter(pl.col("named"))["component"].to_list() == [name]
     row = causes.row(by_predicate=pl.col("component") == name, named=True)
     assert row["change"] / row["value"] == pytest.approx(factor - 1, rel=0.25)
@@ -142,16 +117,16 @@ def test_a_component_that_is_not_as_its_trials_say_is_named_with_its_size(name, 
 
 
 def test_a_late_controller_is_named_with_its_delay_and_no_component_is():
-    table, causes, _ = predictions(component_tables(), angle_delay=2e-3, velocity_delay=2e-3)
+    table, causes, _ = predictions(component_tables(TRUE), angle_delay=2e-3, velocity_delay=2e-3)
     assert causes.filter(pl.col("named"))["component"].to_list() == ["angle_delay"]
     assert causes["change"][-2:].to_list() == pytest.approx([2e-3, 2e-3], abs=3e-4)
     (said,) = findings(NONE, {"prediction": table, "prediction_causes": causes})
     assert "late controller: the recorded torque is as if the controller used" in said["line"]
 
 
-def test_an_interval_is_learnt_from_the_other_trials(sound):
+def test_an_interval_is_learnt_from_the_other_trials():
     """What a trial itself measured does not change its own interval, and changes that of the others."""
-    tables = component_tables()
+    tables = component_tables(TRUE)
     components, record = components_of(tables, ("ankle", None), P), recording(300, 5, "compensated")
     terms = {f"t{k}": prediction_terms(record, law_of(300, 5, "compensated"), components) for k in range(6)}
     fit = fitted(record, **HERE, controller="c", K_d=1.0, B_d=1.0)
@@ -187,15 +162,8 @@ def test_the_torque_error_is_what_an_offset_and_a_drift_leave_of_the_difference_
 
 def test_compensation_is_compared_in_pairs_and_its_interval_counts_trials():
     rng, rows = np.random.default_rng(3), []
-    for K, B, name, amplitude in product((100.0, 200.0), (0.0, 5.0), PAIR, (2.0, 4.0, None)):
-        row = {
-            **HERE,
-            "controller": name,
-            "K_d": K,
-            "B_d": B,
-            "commanded_deg": amplitude,
-            "K": K * rng.uniform(0.7, 1.3),
-        }
+    for K, B, name, deg in product((100.0, 200.0), (0.0, 5.0), PAIR, (2.0, 4.0, None)):
+        row = {**HERE, "controller": name, "K_d": K, "B_d": B, "commanded_deg": deg, "K": K * rng.uniform(0.7, 1.3)}
         rows.append(row | {"B": B + rng.normal(), "VAF": rng.uniform(90, 99), "torque_error": rng.uniform(1, 2)})
     table = pl.DataFrame(rows, schema_overrides={"side": pl.String})
     found, whole, condition = compensation_table(table), pl.col("commanded_deg").is_null(), ["K_d", "B_d"]

@@ -74,14 +74,10 @@ def share_claim(name: str, claim: str, share: float, error: tuple[float, float],
 
 
 def component_claims(
-    means: Mapping[str, Mapping[str, Any]],
-    asked: pl.DataFrame,
-    frequencies_hz: tuple[float, float],
-    p: DrivetrainParameters | None,
-    limit: float,
+    means: Mapping[str, Claim], asked: pl.DataFrame, hz: Sequence[float], p: DrivetrainParameters | None, limit: float
 ) -> Iterator[Claim]:
-    """What the text says of the components, from their means over the trials by quantity (rows of a summary). `asked`
-    are the rows of `impedance.csv` over all amplitudes."""
+    """What the text says of the components, from their means over the trials by quantity (rows of a summary), at the
+    lowest and the highest frequency [Hz]. `asked` are the rows of `impedance.csv` over all amplitudes."""
 
     def error(*names: str, of: float = 1.0) -> tuple[float, float]:
         parts = [means[name] for name in names]
@@ -91,22 +87,19 @@ def component_claims(
         return of * relative, min(part["n"] for part in parts) - 1.0
 
     if {"J_j", "B_j"} <= means.keys():
-        for end, hz in zip(("lowest", "highest"), frequencies_hz, strict=True):
-            share = 2 * pi * hz * means["J_j"]["mean"] / means["B_j"]["mean"]
-            claim = f"the joint's inertia is negligible at {hz:g} Hz, J_j omega/B_j"
+        for end, f in zip(("lowest", "highest"), hz, strict=True):
+            share = 2 * pi * f * means["J_j"]["mean"] / means["B_j"]["mean"]
+            claim = f"the joint's inertia is negligible at {f:g} Hz, J_j omega/B_j"
             yield share_claim(f"inertia_at_{end}_frequency", claim, share, error("J_j", "B_j"), limit, False)
-    known = asked.drop_nulls("K_d").filter(pl.col("K_d") > 0).sort("K_d")
-    if known.is_empty() or p is None:
-        return
-    for end, row in (("lowest", known.row(0, named=True)), ("highest", known.row(-1, named=True))):
+    known = asked.filter(pl.col("K_d") > 0).sort("K_d").to_dicts()
+    for end, row in (("lowest", known[0]), ("highest", known[-1])) if known and p else ():
         where = f"matters at K_d = {row['K_d']:g}, its share"
         if "K_s" in means:
             share, claim = row["K_d"] / means["K_s"]["mean"], f"the belt {where} K_d/K_s of the gain K_1 n_T^2"
             yield share_claim(f"belt_at_{end}_K_d", claim, share, error("K_s"), limit, True)
         if {"f_C", "f_G", "k_tau_n_m"} <= means.keys():
             current = row["K_d"] * np.deg2rad(row["theta_rms_deg"]) / (p.n_T * means["k_tau_n_m"]["mean"])
-            load = means["f_G"]["mean"] * current
-            share = load / (means["f_C"]["mean"] + load)
+            share = (load := means["f_G"]["mean"] * current) / (means["f_C"]["mean"] + load)
             claim = f"friction that grows with the load, f_G |I|, {where} of the friction at K_d times the RMS angle"
             own = error("f_C", "f_G", "k_tau_n_m", of=1 - share)
             yield share_claim(f"load_friction_at_{end}_K_d", claim, share, own, limit, True)
@@ -117,9 +110,9 @@ def compensation_claims(compensation: pl.DataFrame) -> Iterator[Claim]:
     counts = {row["quantity"]: row for row in compensation.filter(pl.col("by") == "amplitudes").to_dicts()}
     for row in compensation.filter(pl.col("by") == "trials").to_dicts():
         name, single = row["quantity"], counts.get(row["quantity"])
-        said = f", in {row['better']} of {row['pairs']} pairs of trials"
-        said += f" and {single['better']} of {single['pairs']} of amplitudes" if single else ""
-        claim = f"with compensation {LESS[name]}{said}, mean difference"
+        said = f" and {single['better']} of {single['pairs']} of amplitudes" if single else ""
+        pairs = f"in {row['better']} of {row['pairs']} pairs of trials{said}"
+        claim = f"with compensation {LESS[name]}, {pairs}, mean difference"
         ends = row["difference_low"], row["difference_high"]
         judged = {"target": 0.0, "n": row["pairs"], "verdict": beyond(*ends, 0.0, name == "VAF")}
         yield claim_of(f"compensation_{name}", claim, row["difference"], ends, row["unit"], MEAN, **judged)

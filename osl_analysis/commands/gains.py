@@ -212,12 +212,11 @@ def exported_trials(folder: Path, names: Sequence[str], joint: str) -> pl.DataFr
     if not path.exists() and list(names) == ["*"]:
         return pl.DataFrame(schema=dict.fromkeys(columns, pl.String))
     table = read_table(path, (*columns, "amplitude_deg")).filter(pl.col("amplitude_deg").is_null(), joint=joint)
-    for name in names:
-        if not any(fnmatchcase(trial, name) for trial in table["trial"]):
-            near = nearest(name, table["trial"]) or f"; it has {listing(table['trial'].to_list(), 5)}"
-            raise InputError(f"{path}: no trial '{name}' of the {joint}{near}")
-    chosen = [any(fnmatchcase(trial, name) for name in names) for trial in table["trial"]]
-    return table.filter(chosen).select(columns)
+    chosen = {name: [fnmatchcase(trial, name) for trial in table["trial"]] for name in names}
+    for name in (name for name, found in chosen.items() if not any(found)):
+        near = nearest(name, table["trial"]) or f"; it has {listing(table['trial'].to_list(), 5)}"
+        raise InputError(f"{path}: no trial '{name}' of the {joint}{near}")
+    return table.filter([any(found) for found in zip(*chosen.values(), strict=True)]).select(columns)
 
 
 def proof_of(folder: Path, laws: Mapping[str, Controller], config: Config, p: DrivetrainParameters) -> dict[str, Any]:

@@ -92,7 +92,9 @@ def component_claims(
             claim = f"the joint's inertia is negligible at {f:g} Hz, J_j omega/B_j"
             yield share_claim(f"inertia_at_{end}_frequency", claim, share, error("J_j", "B_j"), limit, False)
     known = asked.filter(pl.col("K_d") > 0).sort("K_d").to_dicts()
-    for end, row in (("lowest", known[0]), ("highest", known[-1])) if known and p else ():
+    if p is None or not known:
+        return
+    for end, row in (("lowest", known[0]), ("highest", known[-1])):
         where = f"matters at K_d = {row['K_d']:g}, its share"
         if "K_s" in means:
             share, claim = row["K_d"] / means["K_s"]["mean"], f"the belt {where} K_d/K_s of the gain K_1 n_T^2"

@@ -1,7 +1,7 @@
 """Two campaigns, A and B, side by side: devices, controllers or days, quantity by quantity, with a verdict."""
 
 import math
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import polars as pl
@@ -76,12 +76,10 @@ def estimates(rows: pl.DataFrame | None, quantity: str) -> tuple[dict[str, Any],
         counts = {"n": rows["n"].sum(), "mean": rows["mean"].mean(), "n_doubtful": doubtful_count(rows)[0]}
         return counts, ensemble
     used = rows if quantity == "VAF" else counted(rows)
-    finite = used.filter(pl.col(quantity).is_finite())
-    sample: dict[Hashable, list[float]] = {}
-    for *condition, value in finite.select(*CONDITION, quantity).iter_rows():
-        sample.setdefault(tuple(condition), []).append(value)
-    doubts = {"n_doubtful": doubtful_count(rows)[0], "n_left_out": len(rows) - len(used)}
-    return {"n": len(finite), "mean": finite[quantity].mean(), **doubts}, sample
+    finite, doubts = used.filter(pl.col(quantity).is_finite()), {"n_doubtful": doubtful_count(rows)[0]}
+    sample = {key: one[quantity].to_list() for key, one in finite.group_by(CONDITION, maintain_order=True)}
+    counts = {"n": len(finite), "mean": finite[quantity].mean(), **doubts, "n_left_out": len(rows) - len(used)}
+    return counts, sample
 
 
 def row_of(parts: Sequence[pl.DataFrame | None], quantity: str, margin: float | None) -> dict[str, Any]:

@@ -40,11 +40,7 @@ def samples(rng, conditions=6, spread=100.0):
 
 def test_paired_mixed_and_welch_intervals_are_those_of_scipy_and_repeats_count_as_their_mean(monkeypatch):
     a, b = samples(np.random.default_rng(1))
-    (x, y), paired, welch = (
-        (np.ravel(list(one.values())) for one in (a, b)),
-        scipy.stats.ttest_rel,
-        scipy.stats.ttest_ind,
-    )
+    (x, y), paired, welch = (np.ravel([*one.values()]) for one in (a, b)), scipy.stats.ttest_rel, scipy.stats.ttest_ind
     whole = [np.mean(y - x), *paired(y, x).confidence_interval()]
     assert difference(a, b) == (*map(pytest.approx, whole), "paired, Student")
     repeated = difference(a | {0: [x[0] - 1, x[0] + 1]}, b)  # nothing is missing: 5e-3 is the optimiser's

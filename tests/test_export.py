@@ -8,15 +8,16 @@ from xml.etree import ElementTree
 import numpy as np
 import polars as pl
 import pytest
-from bench_synthetic import RATE, true_motion, unit_block
+from bench_synthetic import RATE, component_tables, true_motion, unit_block
 from click.testing import CliRunner
 from scipy.stats import t
 
-from osl_analysis.bench.prediction import COMPONENTS, PARTS
+from osl_analysis.bench.prediction import COMPONENTS
 from osl_analysis.cli import main
 from osl_analysis.model.compensator import select_gains
 from osl_analysis.model.drivetrain_response import Controller, belt_response
 from osl_analysis.protocol.stepped_sine import SteppedSineProtocol
+from osl_analysis.table import write_table
 from osl_analysis.trial import Trial, write_trial
 
 pytestmark = pytest.mark.usefixtures("in_root")
@@ -29,14 +30,9 @@ SAID = ("diaginertia", "damping", "frictionloss", "stiffness", "coef", "gear")  
 def export(tmp_path, parameters):
     """`export` of results of a leg that is not as its parameter file says, with torques by `belt_response`."""
     p = replace(parameters, **{name: by * getattr(parameters, name) for name, by in OTHER.items()})
-    true, scatter = {"k_tau_n_m": p.k_tau * p.n_m, **vars(p)}, np.random.default_rng(1).normal(1, 1e-4, (8, 3))
-    (tmp_path / "tables").mkdir()
-    for part in PARTS:
-        own = {name: true[name] * scatter[k] for k, (name, of) in enumerate(COMPONENTS.items()) if of == part}
-        table = {"trial": [f"{part}--{k}" for k in range(3)], "joint": "ankle", "side": None, **own}
-        table |= {f"{name}_se": 2e-4 * true[name] for name in own}
-        table |= {f"cov_{a}_{b}": 1e-8 * true[a] * true[b] for a in own for b in own if a != b}
-        pl.DataFrame(table).write_csv(tmp_path / f"tables/{part}.csv")
+    for part, table in component_tables({"k_tau_n_m": p.k_tau * p.n_m, **vars(p)}, 1e-4).items():
+        named = table.with_columns(pl.col("trial").str.replace("_", "--"))  # two hyphens would end a comment of XML
+        write_table(named, tmp_path / f"tables/{part}.csv")
     names, rest = ["compensated", "uncompensated"], np.zeros(1000)
     theta = 0.09 * np.concatenate([rest, unit_block(SteppedSineProtocol((0.1,), (1.0, 4.0), 6), RATE), rest])
     motion = true_motion(time := np.arange(len(theta)) / RATE, theta)

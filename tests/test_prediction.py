@@ -2,11 +2,12 @@
 pairs; claims and their verdicts. The truth is the simulator's integrator, a formula, or a planted fault."""
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import polars as pl
 import pytest
-from bench_synthetic import FIVE, RATE, record_of_sines, table_of, unit_block
+from bench_synthetic import FIVE, RATE, component_tables, stepped_sine, table_of
 from conftest import ROOT
 from scipy import stats
 
@@ -25,27 +26,12 @@ from osl_analysis.report.headlines import headline_numbers, to_tex
 from osl_analysis.simulator.drivetrain import IDEAL, simulate_drivetrain
 
 P = read_parameters(ROOT / "config/parameters/default.yaml")
-TRUE = {name: P.k_tau * P.n_m if name == "k_tau_n_m" else getattr(P, name) for name in COMPONENTS}
+TRUE = {"k_tau_n_m": P.k_tau * P.n_m, **vars(P)}
 HERE = {"joint": "ankle", "side": None}
-ASKED = [
-    (K, B, name) for name in ("compensated", "uncompensated") for K, B in ((100, 5), (200, 2.5), (300, 5), (400, 7.5))
-]
-
-
-def component_tables(off=None, trials=3, error=1e-3):
-    """Component trials that scatter by a relative error, of a leg whose components are `off` by factors."""
-    rng, tables = np.random.default_rng(4), {}
-    for part in ("actuator", "belt", "transmission"):
-        names, rows = [name for name, of in COMPONENTS.items() if of == part], []
-        for k in range(trials):
-            row = {"trial": f"{part}_{k}", **HERE, "doubtful": ""} | ({"amplitude_deg": None} if part[0] == "t" else {})
-            for name in names:
-                size = TRUE[name] * (off or {}).get(name, 1.0)
-                row |= {name: size * (1 + error * rng.standard_normal()), f"{name}_se": size * error}
-            row |= {f"cov_{a}_{b}": 0.5 * row[f"{a}_se"] * row[f"{b}_se"] for a in names for b in names if a < b}
-            rows.append(row)
-        tables[part] = pl.DataFrame(rows, schema_overrides={"side": pl.String, "amplitude_deg": pl.Float64})
-    return tables
+PAIR, NONE = ("compensated", "uncompensated"), pl.DataFrame(schema=["check", "verdict"])
+ASKED = [(K, B, name) for name in PAIR for K, B in ((100, 5), (200, 2.5), (300, 5), (400, 7.5))]
+FAULTS = {"K_s": 0.9, "f_C": 2.0, "k_tau_n_m": 0.92, "J_m": 1.3, "B_j": 1.5}
+TYPES = {"side": pl.String, "amplitude_deg": pl.Float64}
 
 
 def law_of(K_d, B_d, controller, **delays):
@@ -54,13 +40,14 @@ def law_of(K_d, B_d, controller, **delays):
 
 def recording(K_d, B_d, controller, p=P, seed=0, **delays):
     """A stepped sine against a leg with parameters p, with noise of 0.05 N*m."""
-    rest = np.zeros(round(2 * RATE))
-    theta = np.concatenate([rest, *(x for a in FIVE.amplitudes for x in (a * unit_block(FIVE, RATE), rest))])
-    time = np.arange(len(theta)) / RATE
-    omega = np.gradient(theta, time)
-    torque = belt_response(theta, RATE, law_of(K_d, B_d, controller, **delays), p) + p.B_j * omega
-    torque += p.J_j * np.gradient(omega, time) + 0.05 * np.random.default_rng(seed).standard_normal(len(time))
-    return record_of_sines(time, theta, torque, FIVE)
+    law = law_of(K_d, B_d, controller, **delays)
+    return stepped_sine(
+        lambda m: belt_response(m.theta, RATE, law, p) + p.B_j * m.omega + p.J_j * m.alpha, 0.05, FIVE, seed
+    )
+
+
+def fitted(record, **asked):
+    return table_of(record).filter(pl.col("amplitude_deg").is_null()).row(0, named=True) | asked | {"doubtful": ""}
 
 
 def predictions(tables, p=P, **delays):
@@ -69,15 +56,8 @@ def predictions(tables, p=P, **delays):
     for seed, (K_d, B_d, controller) in enumerate(ASKED):
         name, record = f"K{K_d}_{controller}", recording(K_d, B_d, controller, p, seed, **delays)
         terms[name] = prediction_terms(replace(record, name=name), law_of(K_d, B_d, controller), components)
-        row = table_of(record).filter(pl.col("amplitude_deg").is_null()).row(0, named=True)
-        asked = {"trial": name, **HERE, "controller": controller, "K_d": float(K_d), "B_d": float(B_d), "doubtful": ""}
-        fits.append(row | asked)
+        fits.append(fitted(record, trial=name, **HERE, controller=controller, K_d=float(K_d), B_d=float(B_d)))
     return *prediction_table(terms, pl.DataFrame(fits, infer_schema_length=None), components), fits
-
-
-@pytest.fixture(scope="module")
-def sound():
-    return predictions(component_tables())
 
 
 def test_a_controller_that_acts_late_is_that_of_the_simulator_with_its_delay():
@@ -86,36 +66,34 @@ def test_a_controller_that_acts_late_is_that_of_the_simulator_with_its_delay():
     law = IDEAL | {"friction": True, "cancels_friction": True, "sign_width": 0.05, "control_updates": 20}
     commands = np.array([[gains.K_1], [gains.B_1], [0.0]])
     truth = simulate_drivetrain(1000.0, theta, omega, commands, law | {"control_delay": 80}, P)["belt_torque"]  # 4 ms
-    late, sharp = (
-        belt_response(theta, 1000.0, law_of(300, 5, "compensated", angle_delay=d, velocity_delay=d), P)
-        for d in (4e-3, 0)
-    )
+    laws = (law_of(300, 5, "compensated", angle_delay=delay, velocity_delay=delay) for delay in (4e-3, 0))
+    late, sharp = (belt_response(theta, 1000.0, law, P) for law in laws)
     assert np.std(late - truth) < 0.25 * np.std(sharp - truth)
 
 
 def test_components_are_means_with_the_scatter_of_their_trials_and_the_correlations_of_their_fits():
-    tables = component_tables()
+    tables = component_tables(TRUE)
     found, f_C = components_of(tables, ("ankle", None), P), tables["actuator"]["f_C"].to_numpy()
     assert found.values["f_C"] == pytest.approx(f_C.mean())
-    assert found.se("f_C") == pytest.approx(
-        max(f_C.std(ddof=1), np.sqrt(np.mean(tables["actuator"]["f_C_se"].to_numpy() ** 2))) / 3**0.5
-    )
+    of_fits = np.sqrt(np.mean(tables["actuator"]["f_C_se"].to_numpy() ** 2))
+    assert found.se("f_C") == pytest.approx(max(f_C.std(ddof=1), of_fits) / 3**0.5)
     of = list(COMPONENTS).index
     assert found.covariance[of("f_C"), of("J_m")] == pytest.approx(0.5 * found.se("f_C") * found.se("J_m"), rel=2e-3)
     assert (found.covariance[of("f_C"), of("K_s")], found.freedom["K_s"]) == (0, 2)
     assert (found.p.k_tau * P.n_m, found.p.n_T) == (pytest.approx(found.values["k_tau_n_m"]), P.n_T)
-    with pytest.raises(InputError, match="no belt and no transmission trials"):
-        components_of({"actuator": tables["actuator"]}, ("ankle", None), P)
-    with pytest.raises(InputError, match="no actuator and no belt and no transmission"):
-        components_of(tables, ("ankle", "left"), P)
-    with pytest.raises(InputError, match=r"belt.csv: K_s = -68\d.* is negative"):
-        components_of(component_tables({"K_s": -1.0}), ("ankle", None), P)
+    for wrong, side, said in (
+        ({"actuator": tables["actuator"]}, None, "no belt and no transmission trials"),
+        (tables, "left", "no actuator and no belt and no transmission"),
+        (component_tables(TRUE | {"K_s": -TRUE["K_s"]}), None, r"belt.csv: K_s = -68\d.* is negative"),
+    ):
+        with pytest.raises(InputError, match=said):
+            components_of(wrong, ("ankle", side), P)
     doubtful = tables["actuator"].with_columns(B_m=pl.lit(-1e-5), B_m_se=pl.lit(1e-4))
     assert components_of({**tables, "actuator": doubtful}, ("ankle", None), P).p.B_m == 0
 
 
-def test_the_components_of_a_leg_predict_its_torque_and_nothing_is_named(sound):
-    table, causes, fits = sound
+def test_the_components_of_a_leg_predict_its_torque_and_nothing_is_named():
+    table, causes, fits = predictions(component_tables(TRUE))
     assert table["VAF"].min() > 99.9
     for symbol in "KB":
         assert table[f"{symbol}_measured"].to_list() == pytest.approx([fit[symbol] for fit in fits], rel=2e-3)
@@ -123,46 +101,36 @@ def test_the_components_of_a_leg_predict_its_torque_and_nothing_is_named(sound):
         assert inside.sum() >= 7
     assert (table["K_high"] - table["K_low"]).max() < 0.02 * 400
     assert not causes["named"].any()
-    assert "8 trials, and is nearer to the recorded one than Eq. 15 fitted to it in 8" in prediction_caption(
-        table.with_columns(look=pl.lit(None))
-    )
+    said = prediction_caption(table.with_columns(look=pl.lit(None)))
+    assert "8 trials, and is nearer to the recorded one than Eq. 15 fitted to it in 8" in said
 
 
-@pytest.mark.parametrize(
-    ("name", "factor"), [("K_s", 0.9), ("f_C", 2.0), ("k_tau_n_m", 0.92), ("J_m", 1.3), ("B_j", 1.5)]
-)
+@pytest.mark.parametrize(("name", "factor"), FAULTS.items())
 def test_a_component_that_is_not_as_its_trials_say_is_named_with_its_size(name, factor):
     p = replace(P, k_tau=P.k_tau * factor) if name == "k_tau_n_m" else replace(P, **{name: getattr(P, name) * factor})
-    table, causes, _ = predictions(component_tables(), p)
+    table, causes, _ = predictions(component_tables(TRUE), p)
     assert causes.filter(pl.col("named"))["component"].to_list() == [name]
     row = causes.row(by_predicate=pl.col("component") == name, named=True)
     assert row["change"] / row["value"] == pytest.approx(factor - 1, rel=0.25)
-    (said,) = findings(pl.DataFrame(schema=["check", "verdict"]), {"prediction": table, "prediction_causes": causes})
+    (said,) = findings(NONE, {"prediction": table, "prediction_causes": causes})
     assert said["line"].startswith(f"doubtful, 8 of 8 predicted trials: component {name}: the recorded torque is as if")
 
 
 def test_a_late_controller_is_named_with_its_delay_and_no_component_is():
-    table, causes, _ = predictions(component_tables(), angle_delay=2e-3, velocity_delay=2e-3)
+    table, causes, _ = predictions(component_tables(TRUE), angle_delay=2e-3, velocity_delay=2e-3)
     assert causes.filter(pl.col("named"))["component"].to_list() == ["angle_delay"]
     assert causes["change"][-2:].to_list() == pytest.approx([2e-3, 2e-3], abs=3e-4)
-    lines = [
-        one["line"]
-        for one in findings(
-            pl.DataFrame(schema=["check", "verdict"]), {"prediction": table, "prediction_causes": causes}
-        )
-    ]
-    assert all("late controller: the recorded torque is as if the controller used" in line for line in lines)
+    (said,) = findings(NONE, {"prediction": table, "prediction_causes": causes})
+    assert "late controller: the recorded torque is as if the controller used" in said["line"]
 
 
-def test_an_interval_is_learnt_from_the_other_trials(sound):
+def test_an_interval_is_learnt_from_the_other_trials():
     """What a trial itself measured does not change its own interval, and changes that of the others."""
-    tables = component_tables()
+    tables = component_tables(TRUE)
     components, record = components_of(tables, ("ankle", None), P), recording(300, 5, "compensated")
     terms = {f"t{k}": prediction_terms(record, law_of(300, 5, "compensated"), components) for k in range(6)}
-    row = table_of(record).filter(pl.col("amplitude_deg").is_null()).row(0, named=True)
-    fits = pl.DataFrame(
-        [row | {"trial": t, **HERE, "controller": "c", "K_d": 1.0, "B_d": 1.0, "doubtful": ""} for t in terms]
-    )
+    fit = fitted(record, **HERE, controller="c", K_d=1.0, B_d=1.0)
+    fits = pl.DataFrame([fit | {"trial": trial} for trial in terms])
     wide = {**terms, "t0": terms["t0"].with_columns(K=pl.when(pl.col("term") == "left").then(30.0).otherwise("K"))}
     before, after = (prediction_table(one, fits, components)[0] for one in (terms, wide))
     width = [(one["K_high"] - one["K_low"]).to_numpy() for one in (before, after)]
@@ -183,9 +151,8 @@ def test_what_the_equations_lack_has_the_variance_that_scatters_beyond_what_is_k
 def test_the_torque_error_is_what_an_offset_and_a_drift_leave_of_the_difference_to_what_was_asked():
     record = recording(300, 5, "compensated")
     s, motion = rendered_impedance(record).analysis.sums, record.motion
-    rows = np.concatenate(
-        [np.arange(int(np.ceil(a)), int(np.floor(b))) for a, b in zip(s.groups.first, s.groups.stop, strict=True)]
-    )
+    ends = zip(np.ceil(s.groups.first), np.floor(s.groups.stop), strict=True)
+    rows = np.concatenate([np.arange(int(a), int(b)) for a, b in ends])
     left = (record.filtered_torque - 310 * motion.theta - 4 * motion.omega)[rows]
     X = np.column_stack([np.ones(len(rows)), record.time[rows]])
     left -= X @ np.linalg.lstsq(X, left, rcond=None)[0]
@@ -195,42 +162,22 @@ def test_the_torque_error_is_what_an_offset_and_a_drift_leave_of_the_difference_
 
 def test_compensation_is_compared_in_pairs_and_its_interval_counts_trials():
     rng, rows = np.random.default_rng(3), []
-    for K, B, controller in (
-        (K, B, c) for K in (100.0, 200.0) for B in (0.0, 5.0) for c in ("compensated", "uncompensated")
-    ):
-        for amplitude in (2.0, 4.0, None):
-            row = {
-                **HERE,
-                "controller": controller,
-                "K_d": K,
-                "B_d": B,
-                "commanded_deg": amplitude,
-                "K": K * rng.uniform(0.7, 1.3),
-            }
-            rows.append(row | {"B": B + rng.normal(), "VAF": rng.uniform(90, 99), "torque_error": rng.uniform(1, 2)})
+    for K, B, name, deg in product((100.0, 200.0), (0.0, 5.0), PAIR, (2.0, 4.0, None)):
+        row = {**HERE, "controller": name, "K_d": K, "B_d": B, "commanded_deg": deg, "K": K * rng.uniform(0.7, 1.3)}
+        rows.append(row | {"B": B + rng.normal(), "VAF": rng.uniform(90, 99), "torque_error": rng.uniform(1, 2)})
     table = pl.DataFrame(rows, schema_overrides={"side": pl.String})
-    found = compensation_table(table)
-    wide = table.filter(pl.col("commanded_deg").is_null()).pivot(
-        "controller", index=["K_d", "B_d"], values=["K", "VAF"]
-    )
-    off = [100 * (wide[f"K_{name}"] / wide["K_d"] - 1).abs().to_numpy() for name in ("compensated", "uncompensated")]
-    row = found.row(by_predicate=(pl.col("by") == "trials") & (pl.col("quantity") == "K_error"), named=True)
+    found, whole, condition = compensation_table(table), pl.col("commanded_deg").is_null(), ["K_d", "B_d"]
+    wide = table.filter(whole).pivot("controller", index=condition, values=["K", "VAF"])
+    off = [100 * (wide[f"K_{name}"] / wide["K_d"] - 1).abs().to_numpy() for name in PAIR]
+    row = found.filter(by="trials", quantity="K_error").row(0, named=True)
     interval = stats.ttest_1samp(off[0] - off[1], 0).confidence_interval(0.95)
     assert (row["difference_low"], row["difference_high"]) == pytest.approx(tuple(interval))
-    assert (row["pairs"], row["better"], row["compensated"]) == (
-        4,
-        np.sum(off[0] < off[1]),
-        pytest.approx(off[0].mean()),
-    )
-    better = found.row(by_predicate=(pl.col("by") == "trials") & (pl.col("quantity") == "VAF"), named=True)["better"]
+    assert (row["pairs"], row["better"]) == (4, np.sum(off[0] < off[1]))
+    assert row["compensated"] == pytest.approx(off[0].mean())
+    (better,) = found.filter(by="trials", quantity="VAF")["better"]
     assert better == (wide["VAF_compensated"] > wide["VAF_uncompensated"]).sum()
-    single = found.filter(pl.col("by") == "amplitudes", pl.col("quantity") == "VAF").row(0, named=True)
-    mean = (
-        table.filter(pl.col("commanded_deg").is_not_null())
-        .group_by("K_d", "B_d", "controller")
-        .agg(pl.col("VAF").mean())
-    )
-    by_trial = mean.pivot("controller", index=["K_d", "B_d"], values="VAF")
+    single = found.filter(by="amplitudes", quantity="VAF").row(0, named=True)
+    by_trial = table.filter(~whole).pivot("controller", index=condition, values="VAF", aggregate_function="mean")
     interval = stats.ttest_1samp(by_trial["compensated"] - by_trial["uncompensated"], 0).confidence_interval(0.95)
     assert (single["pairs"], single["difference_low"]) == (8, pytest.approx(interval.low))
     assert found.filter(pl.col("by") == "commanded_deg")["at"].unique().sort().to_list() == [2.0, 4.0]
@@ -258,24 +205,13 @@ def summary(se=0.01, **means):
 def test_claims_on_components_hold_fail_or_are_undecided_by_their_interval():
     tables = {"transmission_summary": summary(B_j=0.452, J_j=0.005), "belt_summary": summary(K_s=685.6)}
     tables |= {"actuator_summary": summary(k_tau_n_m=1.02, f_C=0.377, f_G=0.0896)}
-    row = {
-        **HERE,
-        "trial": "k",
-        "controller": "compensated",
-        "amplitude_deg": None,
-        "K_d": 300.0,
-        "B_d": 5.0,
-        "theta_rms_deg": 3.0,
-    }
-    row |= {
-        f"{x}{end}": v for x, v in (("K", 300.0), ("B", 5.0)) for end, v in (("", v), ("_low", v - 9), ("_high", v + 9))
-    }
-    tables["impedance"] = pl.DataFrame([row], schema_overrides={"side": pl.String, "amplitude_deg": pl.Float64})
+    row = {**HERE, "trial": "k", "controller": "compensated", "amplitude_deg": None, "K_d": 300.0, "B_d": 5.0}
+    row |= {"K": 300.0, "K_low": 291.0, "K_high": 309.0, "B": 5.0, "B_low": -4.0, "B_high": 14.0, "theta_rms_deg": 3.0}
+    tables["impedance"] = pl.DataFrame([row], schema_overrides=TYPES)
     table, by = claimed(tables, B=1.0)
     slow, fast = by["inertia_at_lowest_frequency", None], by["inertia_at_highest_frequency", None]
-    assert [one["value"] for one in (slow, fast)] == pytest.approx(
-        [100 * 2 * np.pi * f * 0.005 / 0.452 for f in (1, 5)]
-    )
+    shares = [100 * 2 * np.pi * f * 0.005 / 0.452 for f in (1, 5)]
+    assert [slow["value"], fast["value"]] == pytest.approx(shares)
     assert (slow["verdict"], fast["verdict"]) == ("holds", "fails")
     half = slow["value"] * 0.01 * 2**0.5 * stats.t.ppf(0.975, 4)
     assert slow["high"] - slow["value"] == pytest.approx(half)
@@ -287,25 +223,17 @@ def test_claims_on_components_hold_fail_or_are_undecided_by_their_interval():
     numbers = headline_numbers({"claims": table})
     assert {"inertia_at_lowest_frequency", "K_equivalent"} <= {one.name for one in numbers}
     assert r"\newcommand{\oslInertiaAtHighestFrequencyVerdict}{fails}% verdict" in to_tex({}, numbers)
-    scatterless = {**tables, "transmission_summary": tables["transmission_summary"].with_columns(se=None)}
+    scatterless = tables | {"transmission_summary": tables["transmission_summary"].with_columns(se=None)}
     assert claimed(scatterless)[1]["inertia_at_lowest_frequency", None]["verdict"] is None
-    assert [beyond(*ends, 10, True) for ends in ((11, 12), (8, 9), (9, 11), (None, 1))] == [
-        "holds",
-        "fails",
-        "undecided",
-        None,
-    ]
+    verdicts = [beyond(*ends, 10, True) for ends in ((11, 12), (8, 9), (9, 11), (None, 1))]
+    assert verdicts == ["holds", "fails", "undecided", None]
 
 
 def test_passivity_is_judged_by_what_was_measured_and_by_the_gains():
     """Im Z/w = B_j + c x/|N|^2 with the letters of `drivetrain.joint_admittance`."""
-    rows = [
-        {**HERE, "trial": "k", "controller": "compensated", "K_d": 300.0, "B_d": 0.0, "frequency_hz": f}
-        for f in (1.0, 5.0)
-    ]
-    response = pl.DataFrame(rows, schema_overrides={"side": pl.String}).with_columns(
-        damping=pl.Series([0.5, 0.2]), damping_low=pl.Series([0.4, -0.1]), damping_high=pl.Series([0.6, 0.5])
-    )
+    row = {**HERE, "trial": "k", "controller": "compensated", "K_d": 300.0, "B_d": 0.0, "frequency_hz": [1.0, 5.0]}
+    row |= {"damping": [0.5, 0.2], "damping_low": [0.4, -0.1], "damping_high": [0.6, 0.5]}
+    response = pl.DataFrame(row, schema_overrides={"side": pl.String})
     _, by = claimed({"frequency_response": response})
     least, gains = by["passive_compensated", None], select_gains("compensated", 300, 0, P)
     assert (least["value"], least["verdict"], least["n"]) == (0.2, "undecided", 2)
@@ -319,15 +247,8 @@ def test_passivity_is_judged_by_what_was_measured_and_by_the_gains():
 
 @pytest.mark.parametrize(("commanded", "verdict"), [(None, "equivalent"), (300.0, "different"), (320.0, "undecided")])
 def test_the_stiffness_while_walking_is_held_against_what_was_commanded(commanded, verdict):
-    row = {
-        "joint": "ankle",
-        "side": "left",
-        "group": "all",
-        "quantity": "K",
-        "estimator": "ensemble",
-        "commanded": commanded,
-    }
-    row |= {"mean": 337.0, "low": 324.0, "high": 348.0, "n": 30, "interval_method": "bootstrap"}
+    row = {"joint": "ankle", "side": "left", "group": "all", "quantity": "K", "estimator": "ensemble"}
+    row |= {"commanded": commanded, "mean": 337.0, "low": 324.0, "high": 348.0, "n": 30, "interval_method": "bootstrap"}
     _, by = claimed({"walking_summary": pl.DataFrame([row], schema_overrides={"commanded": pl.Float64})})
     assert by["walking_K_equivalent", None]["verdict"] == verdict
     assert claimed({"walking_summary": pl.DataFrame([row])}, K_percent=None)[0].is_empty()

@@ -9,7 +9,6 @@ import polars as pl
 from osl_analysis.bench.components import PLACE
 from osl_analysis.model.compensator import CONTROLLERS
 from osl_analysis.stats.repeats import mean_over_trials
-from osl_analysis.trial import Array
 
 QUANTITIES: Mapping[str, tuple[str, pl.Expr]] = {
     "torque_error": ("N*m", pl.col("torque_error")),
@@ -25,9 +24,9 @@ ASKED = (*PLACE, "K_d", "B_d")
 def compensation_table(impedance: pl.DataFrame) -> pl.DataFrame:
     """`compensation.csv` from the rows of `impedance.csv`. Repeats of a condition count as their mean. The interval of
     a difference is Student's over pairs of trials: amplitudes of one trial are no independent pairs."""
-    values = {name: value for name, (_, value) in QUANTITIES.items()}
-    known = impedance.filter(pl.col("K_d").is_not_null(), pl.col("B_d").is_not_null(), pl.col("K_d") != 0)
-    means = known.group_by(*ASKED, "commanded_deg", "controller").agg(**{n: v.mean() for n, v in values.items()})
+    known = impedance.drop_nulls(["K_d", "B_d"]).filter(pl.col("K_d") != 0)
+    values = {name: value.mean() for name, (_, value) in QUANTITIES.items()}
+    means = known.group_by(*ASKED, "commanded_deg", "controller").agg(**values)
     sides = [means.filter(pl.col("controller") == name).drop("controller") for name in CONTROLLERS]
     both = sides[0].join(sides[1], on=[*ASKED, "commanded_deg"], nulls_equal=True).sort(*ASKED, "commanded_deg")
     whole, single = (both.filter(pl.col("commanded_deg").is_null() == of_whole) for of_whole in (True, False))
@@ -49,15 +48,9 @@ def paired(pairs: pl.DataFrame, name: str) -> dict[str, Any]:
     """One quantity in some pairs."""
     difference = pairs[name] - pairs[f"{name}_right"]
     by_trial = pairs.select("K_d", "B_d", difference=difference).group_by("K_d", "B_d").agg(pl.col("difference").mean())
-    values: Array = by_trial["difference"].to_numpy()
-    mean = mean_over_trials(np.sort(values))
+    mean = mean_over_trials(np.sort(by_trial["difference"].to_numpy()))
     bounds = (mean.low, mean.high) if np.isfinite(mean.low) else (None, None)
-    return {
-        "quantity": name,
-        "unit": QUANTITIES[name][0],
-        "pairs": len(pairs),
-        "better": int((difference > 0 if name == "VAF" else difference < 0).sum()),
-        "compensated": pairs[name].mean(),
-        "uncompensated": pairs[f"{name}_right"].mean(),
-        **dict(zip(DIFFERENCE, (mean.mean, *bounds), strict=True)),
-    }
+    better = int((difference > 0 if name == "VAF" else difference < 0).sum())
+    row = {"quantity": name, "unit": QUANTITIES[name][0], "pairs": len(pairs), "better": better}
+    row |= {"compensated": pairs[name].mean(), "uncompensated": pairs[f"{name}_right"].mean()}
+    return row | dict(zip(DIFFERENCE, (mean.mean, *bounds), strict=True))

@@ -16,18 +16,18 @@ import polars as pl
 from scipy.optimize import brentq
 from scipy.special import stdtrit
 
-from osl_analysis.bench.components import PLACE
+from osl_analysis.bench.components import ACTUATOR_PARAMETERS, LOSSES, PLACE
 from osl_analysis.bench.record import Record
 from osl_analysis.errors import InputError
 from osl_analysis.judge.doubts import counted
 from osl_analysis.model.drivetrain_response import Controller, belt_response
-from osl_analysis.model.parameters import DrivetrainParameters
+from osl_analysis.model.parameters import PARAMETER_UNITS, DrivetrainParameters
 from osl_analysis.stats.covariance import welch_satterthwaite
 from osl_analysis.stats.regression import variance_accounted_for
+from osl_analysis.table import finite_or_null
 from osl_analysis.trial import Array
 
-ACTUATOR = ("k_tau_n_m", "f_C", "f_G", "B_m", "J_m")
-COMPONENTS = dict.fromkeys(ACTUATOR, "actuator") | {"K_s": "belt", "B_j": "transmission", "J_j": "transmission"}
+COMPONENTS = dict.fromkeys(ACTUATOR_PARAMETERS, "actuator") | {"K_s": "belt"} | dict.fromkeys(LOSSES, "transmission")
 """The experiment that each component is measured by."""
 PARTS = tuple(dict.fromkeys(COMPONENTS.values()))
 DELAYS = ("angle_delay", "velocity_delay")  # ages [s] of what the controller uses, which no component trial shows
@@ -64,6 +64,17 @@ class Components:
         k = list(COMPONENTS).index(name)
         return float(np.sqrt(self.covariance[k, k]))
 
+    def rows(self) -> list[dict[str, Any]]:
+        """For JSON, in SI units: each component with its 95 % interval and the trials that it is from."""
+        found = []
+        for name, value in self.values.items():
+            freedom, part, se = self.freedom[name], COMPONENTS[name], self.se(name)
+            half = float(stdtrit(freedom, 0.975)) * se
+            row = {"name": name, "value": value, "unit": PARAMETER_UNITS["k_tau" if name == "k_tau_n_m" else name]}
+            row |= {"standard_error": se, "low": value - half, "high": value + half, "degrees_of_freedom": freedom}
+            found.append(finite_or_null(row) | {"experiment": part, "trials": self.trials[part]})
+        return found
+
 
 def components_of(
     tables: Mapping[str, pl.DataFrame], place: Sequence[str | None], file: DrivetrainParameters
@@ -72,19 +83,22 @@ def components_of(
     the trials that count. The variance of a mean is that of the scatter of its trials, or of their fits where this is
     larger; correlations are those of the fits. `file` has the ratios. Raises InputError: a table has no such trial; a
     component is negative beyond its uncertainty."""
-    here = dict(zip(PLACE, place, strict=True))
-    rows = {part: of_place(tables.get(part, pl.DataFrame()), here) for part in PARTS}
+    at, rows = [pl.col(k).eq_missing(pl.lit(v, pl.String)) for k, v in zip(PLACE, place, strict=True)], {}
+    for part in PARTS:
+        own = tables.get(part, pl.DataFrame())
+        whole = [pl.col("amplitude_deg").is_null()] if "amplitude_deg" in own.columns else []  # the fit to all of each
+        rows[part] = counted(own.filter(*at, *whole)) if len(own) else own
     if missing := [part for part, own in rows.items() if own.is_empty()]:
         raise InputError(f"the campaign has no {' and no '.join(missing)} trials; record them, or leave out the others")
     values, freedom, covariance = dict[str, float](), dict[str, float](), np.zeros((len(COMPONENTS),) * 2)
     for part, own in rows.items():
         names = [name for name, of in COMPONENTS.items() if of == part]
-        at, n = [list(COMPONENTS).index(name) for name in names], len(own)
+        k, n = [list(COMPONENTS).index(name) for name in names], len(own)
         within = np.array([[mean_covariance(own, a, b) for b in names] for a in names]) / n
         of_fits = np.sqrt(np.diag(within))
         scatter = own.select(names).to_numpy().std(axis=0, ddof=1) / np.sqrt(n) if n > 1 else np.zeros(len(names))
         se = np.maximum(of_fits, scatter)
-        covariance[np.ix_(at, at)] = within / np.outer(of_fits, of_fits) * np.outer(se, se)
+        covariance[np.ix_(k, k)] = within / np.outer(of_fits, of_fits) * np.outer(se, se)
         freedom |= dict.fromkeys(names, float(n - 1) if n > 1 else np.inf)
         values |= {name: float(np.mean(own[name].to_numpy())) for name in names}
     found = Components(file, values, covariance, freedom, {part: tuple(own["trial"]) for part, own in rows.items()})
@@ -93,14 +107,6 @@ def components_of(
             part = COMPONENTS[name]
             raise InputError(f"{part}.csv: {name} = {value:.4g} is negative; look for the cause in the {part} trials")
     return replace(found, p=drivetrain_of(values, file))
-
-
-def of_place(table: pl.DataFrame, place: Mapping[str, str | None]) -> pl.DataFrame:
-    """The trials of a joint and side that count, with the fit to all of each."""
-    if table.is_empty():
-        return table
-    whole = table.filter(pl.col("amplitude_deg").is_null()) if "amplitude_deg" in table.columns else table
-    return counted(whole.filter(pl.col(name).eq_missing(pl.lit(value, pl.String)) for name, value in place.items()))
 
 
 def mean_covariance(rows: pl.DataFrame, a: str, b: str) -> float:
@@ -138,10 +144,9 @@ def prediction_terms(record: Record, law: Controller, components: Components) ->
         step = max(0.02 * abs(value), 0.5 * components.se(name))
         changed = drivetrain_of({**components.values, name: max(value, 0.0) + step}, file)
         columns[name] = (predicted_torque(record, law, changed) - predicted) / step
-    for name, late in zip(
-        DELAYS, (replace(law, angle_delay=DELAY_STEP), replace(law, velocity_delay=DELAY_STEP)), strict=True
-    ):
-        columns[name] = (predicted_torque(record, late, components.p) - predicted) / DELAY_STEP
+    for name in DELAYS:
+        late: Any = {name: DELAY_STEP}
+        columns[name] = (predicted_torque(record, replace(law, **late), components.p) - predicted) / DELAY_STEP
     rows, motion = record.rows(), record.motion
     ramp = record.time - record.time[rows].mean()
     X = np.array([np.ones_like(ramp), ramp, motion.theta, motion.omega, motion.alpha])[:, rows].T
@@ -153,13 +158,11 @@ def prediction_terms(record: Record, law: Controller, components: Components) ->
     size = float(Y[:, 0].std())
     torque = Y[:, 0] @ Y / (len(rows) * size)
     torque[1] = record.filtered_torque[rows].std() - size
-    vaf, rms = variance_accounted_for(record.filtered_torque[rows], Y[:, 1]), float(Y[:, 1].std())
-    found = pl.DataFrame({"trial": record.name, "term": ["predicted", *TERMS]})
-    found = found.with_columns(
-        pl.Series("VAF", [vaf, *[None] * len(TERMS)]), pl.Series("rms", [rms, *[None] * len(TERMS)])
-    )
-    numbers = dict(zip((*QUANTITIES, *ALONG), (K, B, I, torque, *sizes / np.sqrt(len(rows)) / size), strict=True))
-    return found.with_columns(**{name: pl.Series(values) for name, values in numbers.items()})
+    vaf, nothing = variance_accounted_for(record.filtered_torque[rows], Y[:, 1]), [None] * len(TERMS)
+    found: dict[str, Any] = {"trial": record.name, "term": ["predicted", *TERMS], "VAF": [vaf, *nothing]}
+    found["rms"] = [float(Y[:, 1].std()), *nothing]
+    sizes = sizes / np.sqrt(len(rows)) / size
+    return pl.DataFrame(found | dict(zip((*QUANTITIES, *ALONG), (K, B, I, torque, *sizes), strict=True)))
 
 
 def prediction_table(
@@ -172,27 +175,26 @@ def prediction_table(
     and what the equations lack, learnt from the *other* trials with the same controller.
     """
     trials = [fits.row(by_predicate=pl.col("trial") == trial, named=True) for trial in terms]
-    each = {trial: {row["term"]: row for row in own.to_dicts()} for trial, own in terms.items()}
-    rows: list[dict[str, Any]] = []
-    for fit in trials:
-        said, own = each[fit["trial"]]["predicted"], {"VAF_fitted": fit["VAF"], "doubtful": fit["doubtful"]}
+    each = [{row["term"]: row for row in own.to_dicts()} for own in terms.values()]
+    rows = list[dict[str, Any]]()
+    for fit, of in zip(trials, each, strict=True):
         row = {name: fit[name] for name in ("trial", *PLACE, "controller", "K_d", "B_d")}
-        rows.append(row | {"VAF": said["VAF"], "rms": said["rms"]} | own)
-    controllers = [fit["controller"] for fit in trials]
+        row |= {name: of["predicted"][name] for name in ("VAF", "rms")}
+        rows.append(row | {"VAF_fitted": fit["VAF"], "doubtful": fit["doubtful"]})
+    of_part = np.array([[of == part for of in COMPONENTS.values()] for part in PARTS])
     teaches = np.array([fit["VAF"] >= LOWEST_VAF for fit in trials])
     for quantity in QUANTITIES:
-        S = np.array([[of[name][quantity] for name in COMPONENTS] for of in each.values()])
-        off = np.array([of["left"][quantity] for of in each.values()])
-        predicted = np.array([of["predicted"][quantity] for of in each.values()])
+        x = np.array([[of[term][quantity] for term in ("predicted", "left", *COMPONENTS)] for of in each])
+        predicted, off = x[:, 0], x[:, 1]
         size = np.hypot(predicted, LITTLE[quantity]) if quantity in LITTLE else np.ones(len(off))  # it errs by shares
         own_se = np.array([fit.get(f"{quantity}_repeat_se") or fit.get(f"{quantity}_se") or 0.0 for fit in trials])
-        by_part = np.array([variance_by_part(s, components.covariance) for s in S])
+        by_part = np.array([[s @ components.covariance @ s for s in np.where(of_part, own, 0.0)] for own in x[:, 2:]])
         freedom = [min(components.freedom[n] for n, of in COMPONENTS.items() if of == part) for part in PARTS]
         known = by_part.sum(axis=1) + own_se**2
         for k, row in enumerate(rows):
-            like = np.array([name == controllers[k] for name in controllers])
             others = teaches & (np.arange(len(trials)) != k)
-            others = others & like if np.count_nonzero(others & like) >= FEWEST_OTHERS else others
+            like = others & [fit["controller"] == row["controller"] for fit in trials]
+            others = like if np.count_nonzero(like) >= FEWEST_OTHERS else others
             learnt, half = int(np.count_nonzero(others)), None
             if learnt > 1:
                 lacking = model_variance((off / size)[others], (known / size**2)[others]) * size[k] ** 2
@@ -204,15 +206,8 @@ def prediction_table(
             row |= {quantity: value, f"{quantity}_component_se": float(np.sqrt(by_part[k].sum()))}
             row |= {f"{quantity}_{end}": None if half is None else value + way * half for end, way in ENDS.items()}
             row |= {f"{quantity}_measured": value + off[k]}
-    place = {name: rows[0][name] for name in PLACE}
-    return pl.DataFrame(rows, infer_schema_length=None), causes_table(list(each.values()), components, place)
-
-
-def variance_by_part(sensitivity: Array, covariance: Array) -> Array:
-    """Variance of a prediction by each experiment's components, (3,)."""
-    of = np.array(list(COMPONENTS.values()))
-    parts = [np.where(of == part, sensitivity, 0.0) for part in PARTS]
-    return np.array([s @ covariance @ s for s in parts])
+    causes = causes_table(each, components, {name: rows[0][name] for name in PLACE})
+    return pl.DataFrame(rows, infer_schema_length=None), causes
 
 
 def model_variance(off: Array, known: Array) -> float:

@@ -4,6 +4,7 @@ Export of the identified leg and its gains to other programs, with a round trip 
 
 import json
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from fnmatch import fnmatchcase
 from importlib.metadata import version
 from pathlib import Path
@@ -12,11 +13,10 @@ from typing import Any
 import numpy as np
 import polars as pl
 from numpy.typing import ArrayLike
-from scipy.special import stdtrit
 
 from osl_analysis.bench.components import PLACE
 from osl_analysis.bench.impedance import DesiredImpedance, motion_in
-from osl_analysis.bench.prediction import COMPONENTS, PARTS, Components, components_of
+from osl_analysis.bench.prediction import COMPONENTS, PARTS, components_of
 from osl_analysis.bench.record import Record, record_of_trial
 from osl_analysis.campaign.campaign import sentence
 from osl_analysis.campaign.configuration import Config
@@ -32,16 +32,9 @@ from osl_analysis.model import compensator, mjcf
 from osl_analysis.model.compensator import Weight
 from osl_analysis.model.drivetrain import desired_admittance, joint_admittance
 from osl_analysis.model.drivetrain_response import Controller
-from osl_analysis.model.parameters import (
-    PARAMETER_UNITS,
-    DrivetrainParameters,
-    FileOrNone,
-    joint_of,
-    known_parameters,
-    read_parameters,
-)
+from osl_analysis.model.parameters import DrivetrainParameters, FileOrNone, joint_of, known_parameters, read_parameters
 from osl_analysis.stats.regression import variance_accounted_for
-from osl_analysis.table import finite_or_null, read_table, write_table
+from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import read_trial
 
 TESTED_HZ = (1.0, 2.0, 3.0, 4.0, 5.0)  # frequencies of Section III-B, at which the fit of Eq. 15 is predicted
@@ -165,6 +158,9 @@ def plot_gains(table: pl.DataFrame, parameters: Path, output: Path) -> None:
 
 EXPORTED = {"mjcf": ".xml", "json": ".json"}
 """Suffix of the file of each kind of export."""
+PROVEN = """Nothing was fitted to these trials, and no number above is from them. The joint was turned as recorded,
+under the paper's controller with the numbers of the parameter file; dof_frictionloss was set as above.
+RMS [N*m] is that of the difference without its mean; K, B, I are of Eq. 15, recorded and MuJoCo's."""
 
 
 def export_leg(folder: Path, kind: str, names: Sequence[str], config: Config, output: Path) -> str:
@@ -180,7 +176,7 @@ def export_leg(folder: Path, kind: str, names: Sequence[str], config: Config, ou
     if config.parameters is None:
         lacking = "its configuration names no parameter file, which has n_T, n_m and the controller's numbers"
         raise InputError(f"{folder}: {lacking}; name one under `parameters`")
-    file = read_parameters(config.parameters)
+    file, source, width = read_parameters(config.parameters), config.parameters.name, config.model_comparison.sign_width
     tables = {part: read_table(path) for part in PARTS if (path := folder / f"tables/{part}.csv").exists()}
     joint = joint_of(config.parameters)
     trials = exported_trials(folder, names, joint)
@@ -189,30 +185,20 @@ def export_leg(folder: Path, kind: str, names: Sequence[str], config: Config, ou
     if len(places) > 1:
         raise InputError(f"{folder}: trials of several joints or sides, {places}; choose those of one by --trials")
     components = components_of(tables, places[0] if places else (None, None), file)
-    laws = dict[str, Controller]()
-    for row in trials.iter_rows(named=True):
-        gains = DesiredImpedance(row["controller"], row["K_d"], row["B_d"]).gains(file, config.gain_weight)
+    laws, asked = dict[str, Controller](), dict[DesiredImpedance, compensator.Gains]()
+    for trial, *condition in trials.select("trial", "controller", "K_d", "B_d").iter_rows():
+        gains = (desired := DesiredImpedance(*condition)).gains(file, config.gain_weight)
         if gains is not None:
-            laws[row["trial"]] = Controller(gains, file, config.model_comparison.sign_width)
+            laws[trial], asked[desired] = Controller(gains, file, width), gains
     proof = proof_of(folder, laws, config, components.p)
     proof["not_compared"] = [name for name in trials["trial"] if name not in laws]  # their gains are not known
-    leg = {
-        "about": sentence(about),
-        "parameters": exported_components(components),
-        "covariance": {"order": list(COMPONENTS), "matrix": components.covariance.tolist()},
-        "given": {"n_T": file.n_T, "n_m": file.n_m, "source": config.parameters.name},
-        "controller": {
-            "k_tau_n_m": file.k_tau * file.n_m,
-            "f_C": file.f_C,
-            "f_G": file.f_G,
-            "source": config.parameters.name,
-            "sign_width": config.model_comparison.sign_width,
-            "gains": exported_gains(trials, laws),
-        },
-        "equations": mjcf.EQUATIONS,
-        "mjcf_cannot_say": mjcf.CANNOT,
-        "proof": proof,
-    }
+    constants = {"k_tau_n_m": file.k_tau * file.n_m, "f_C": file.f_C, "f_G": file.f_G, "source": source}
+    of_pairs = [asdict(desired) | {"K_1": gains.K_1, "B_1": gains.B_1} for desired, gains in asked.items()]
+    leg: dict[str, Any] = {"about": sentence(about), "parameters": components.rows()}
+    leg |= {"covariance": {"order": list(COMPONENTS), "matrix": components.covariance.tolist()}}
+    leg |= {"given": {"n_T": file.n_T, "n_m": file.n_m, "source": source}}
+    leg |= {"controller": constants | {"sign_width": width, "gains": of_pairs}}
+    leg |= {"equations": mjcf.EQUATIONS, "mjcf_cannot_say": mjcf.CANNOT, "proof": proof}
     text = json.dumps(leg, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
     with atomic_path(output) as temporary:
         written = text if kind == "json" else mjcf.mjcf_text(components.p, "\n".join(leg_lines(leg)))
@@ -226,34 +212,11 @@ def exported_trials(folder: Path, names: Sequence[str], joint: str) -> pl.DataFr
     if not path.exists() and list(names) == ["*"]:
         return pl.DataFrame(schema=dict.fromkeys(columns, pl.String))
     table = read_table(path, (*columns, "amplitude_deg")).filter(pl.col("amplitude_deg").is_null(), joint=joint)
-    for name in names:
-        if not any(fnmatchcase(trial, name) for trial in table["trial"]):
-            near = nearest(name, table["trial"]) or f"; it has {listing(table['trial'].to_list(), 5)}"
-            raise InputError(f"{path}: no trial '{name}' of the {joint}{near}")
-    chosen = [any(fnmatchcase(trial, name) for name in names) for trial in table["trial"]]
-    return table.filter(chosen).select(columns)
-
-
-def exported_components(components: Components) -> list[dict[str, Any]]:
-    """What was identified, in SI units: an entry per component with its 95 % interval and the trials it is from."""
-    found = []
-    for name, value in components.values.items():
-        freedom, part, se = components.freedom[name], COMPONENTS[name], components.se(name)
-        half = float(stdtrit(freedom, 0.975)) * se
-        row = {"name": name, "value": value, "unit": PARAMETER_UNITS["k_tau" if name == "k_tau_n_m" else name]}
-        row |= {"standard_error": se, "low": value - half, "high": value + half, "degrees_of_freedom": freedom}
-        found.append(finite_or_null(row) | {"experiment": part, "trials": components.trials[part]})
-    return found
-
-
-def exported_gains(trials: pl.DataFrame, laws: Mapping[str, Controller]) -> list[dict[str, Any]]:
-    """The gains of each controller and desired impedance [N*m/rad, N*m*s/rad] whose gains are known."""
-    asked = trials.filter(pl.col("trial").is_in(list(laws))).unique(("controller", "K_d", "B_d"), maintain_order=True)
-    return [
-        {name: row[name] for name in ("controller", "K_d", "B_d")} | {"K_1": gains.K_1, "B_1": gains.B_1}
-        for row in asked.iter_rows(named=True)
-        for gains in [laws[row["trial"]].gains]
-    ]
+    chosen = {name: [fnmatchcase(trial, name) for trial in table["trial"]] for name in names}
+    for name in (name for name, found in chosen.items() if not any(found)):
+        near = nearest(name, table["trial"]) or f"; it has {listing(table['trial'].to_list(), 5)}"
+        raise InputError(f"{path}: no trial '{name}' of the {joint}{near}")
+    return table.filter([any(found) for found in zip(*chosen.values(), strict=True)]).select(columns)
 
 
 def proof_of(folder: Path, laws: Mapping[str, Controller], config: Config, p: DrivetrainParameters) -> dict[str, Any]:
@@ -301,25 +264,14 @@ def leg_lines(leg: Mapping[str, Any]) -> list[str]:
         interval = f"[{one['low']:.6g}, {one['high']:.6g}]"
         of = f"{len(one['trials'])} {one['experiment']} trials: {listing(one['trials'], 12)}"
         lines.append(f"  {one['name']:<10}{one['value']:<12.6g}{interval:<26}{one['unit']:<10} {of}")
-    lines += [
-        f"Given by {given['source']}: n_T {given['n_T']:.6g}, n_m {given['n_m']:g}, which k_tau_n_m has in it.",
-        "",
-    ]
-    lines += [
-        "What MJCF cannot say, or MuJoCo's defaults have otherwise:",
-        *(f"  * {one}" for one in leg["mjcf_cannot_say"]),
-    ]
-    lines += ["", f"{'Proof: ' if 'engine' in proof else ''}{proof['says']}"]
+    ratios = f"n_T {given['n_T']:.6g}, n_m {given['n_m']:g}, which k_tau_n_m has in it."
+    lines += [f"Given by {given['source']}: {ratios}", "", "What MJCF cannot say, or MuJoCo's defaults have otherwise:"]
+    lines += [*(f"  * {one}" for one in leg["mjcf_cannot_say"]), ""]
+    lines.append(f"{'Proof: ' if 'engine' in proof else ''}{proof['says']}")
     if rows := proof.get("trials"):
-        lines += [
-            "Nothing was fitted to these trials, and no number above is from them. The joint was turned as recorded,"
-        ]
-        lines += [
-            "under the paper's controller with the numbers of the parameter file; dof_frictionloss was set as above."
-        ]
-        lines += ["RMS [N*m] is that of the difference without its mean; K, B, I are of Eq. 15, recorded and MuJoCo's."]
         wide = max(len(row["trial"]) for row in rows) + 2
-        lines.append(f"  {'trial':<{wide}}{'VAF [%]':>8}{'RMS':>8}{'K':>9}{'':>9}{'B':>8}{'':>8}{'I':>10}{'':>10}")
+        head = f"  {'trial':<{wide}}{'VAF [%]':>8}{'RMS':>8}{'K':>9}{'':>9}{'B':>8}{'':>8}{'I':>10}{'':>10}"
+        lines += [*PROVEN.splitlines(), head]
         for row in rows:
             K, B, I = ([row[f"{name}_{of}"] for of in ("recorded", "mujoco")] for name in "KBI")
             numbers = f"{K[0]:9.2f}{K[1]:9.2f}{B[0]:8.3f}{B[1]:8.3f}{I[0]:10.5f}{I[1]:10.5f}"

@@ -163,9 +163,8 @@ def compare_campaigns(folders: Sequence[Path], output: Path, margin: float | Non
     units = {(one.place, name): column.unit for one in described_tables() for name, column in one.columns.items()}
     of_rows = [units[f"tables/{where}", what] for where, what in table.select("experiment", "quantity").iter_rows()]
     table.insert_column(2, pl.Series("unit", of_rows))
-    remarks = [
-        f"{one}: {a.get(one)} in A, {b.get(one)} in B" for one in ("data", "version") if a.get(one) != b.get(one)
-    ]
+    apart = [one for one in ("data", "version") if a.get(one) != b.get(one)]
+    remarks = [f"{one}: {a.get(one)} in A, {b.get(one)} in B" for one in apart]
     if all(a.get(one) == b.get(one) for one in ("configuration", "recorded")):
         remarks.append("A and B state the same configuration and recordings; one may be a copy of the other")
     verdicts, rows = verdicts_said(table), [compared_cells(row) for row in table.iter_rows(named=True)]

@@ -29,14 +29,8 @@ def draw_comparison(table: pl.DataFrame) -> Figure:
             ax.fill_betweenx([place - 0.5, place + 0.5], -margin, margin, color="#E4E4E4", linewidth=0, zorder=0)
         if low is not None:
             ax.hlines(place, low, high, color=look.colour, linewidth=1.2)
-        ax.plot(
-            np.nan if middle is None else middle,
-            place,
-            look.marker,
-            color=look.colour,
-            markersize=look.size,
-            label=look.label,
-        )
+        x = np.nan if middle is None else middle
+        ax.plot(x, place, look.marker, color=look.colour, markersize=look.size, label=look.label)
         beside = row["verdict"] or ("" if low is not None else "no interval" if middle is not None else "no ratio")
         ax.text(1.01, place, beside, color=look.colour, va="center", transform=ax.get_yaxis_transform())
     ax.set_yticks(range(len(rows)), [names.drawn_name(label_of(row), 60) for row in rows.iter_rows(named=True)])

@@ -6,11 +6,7 @@ from matplotlib.figure import Figure
 
 from osl_analysis.figures import FIGURES, columns_of, names, style
 
-PANELS = {
-    "K": r"stiffness $\hat{K}$ (N·m/rad)",
-    "B": r"damping $\hat{B}$ (N·m·s/rad)",
-    "torque": "torque, SD (N·m)",
-}
+PANELS = {"K": r"stiffness $\hat{K}$ (N·m/rad)", "B": r"damping $\hat{B}$ (N·m·s/rad)", "torque": "torque, SD (N·m)"}
 """The quantities with their words on the axes."""
 
 
@@ -20,28 +16,23 @@ def prediction_points(prediction: pl.DataFrame) -> pl.DataFrame:
 
 
 def prediction_caption(table: pl.DataFrame) -> str:
-    said, vaf = [FIGURES["prediction"].caption], table["VAF"].to_numpy()
-    better = int((table["VAF"] > table["VAF_fitted"]).sum())
-    said.append(
-        f"The predicted torque has a median VAF of {np.median(vaf):.2f} % (lowest {vaf.min():.1f} %) in "
-        f"{names.count_of(len(vaf), 'trial')}, and is nearer to the recorded one than Eq. 15 fitted to it in {better}."
+    vaf, better = table["VAF"].to_numpy(), (table["VAF"] > table["VAF_fitted"]).sum()
+    said = (
+        f"{FIGURES['prediction'].caption} The predicted torque has a median VAF of {np.median(vaf):.2f} % (lowest "
+        f"{vaf.min():.1f} %) in {names.count_of(len(vaf), 'trial')}, and is nearer to the recorded one than Eq. 15 "
+        f"fitted to it in {better}. "
     )
-    known = [table.drop_nulls(f"{symbol}_low") for symbol in PANELS]
-    if of := sum(map(len, known)):
-        bounds = (
-            (one[f"{x}_measured"], one[f"{x}_low"], one[f"{x}_high"]) for x, one in zip(PANELS, known, strict=True)
-        )
-        inside = sum(int(measured.is_between(low, high).sum()) for measured, low, high in bounds)
-        said.append(f"{inside} of {of} intervals contain the measured value.")
-    return " ".join([*said, names.doubtful_said(table, "drawn open")])
+    inside = [table[f"{x}_measured"].is_between(table[f"{x}_low"], table[f"{x}_high"]).drop_nulls() for x in PANELS]
+    if of := sum(map(len, inside)):
+        said += f"{sum(one.sum() for one in inside)} of {of} intervals contain the measured value. "
+    return said + names.doubtful_said(table, "drawn open")
 
 
 @style.paper_style()
 def draw_prediction(table: pl.DataFrame) -> Figure:
     """Above, measured over predicted, with the identity; below, their difference with the prediction's interval."""
     parts, looks = names.placed_rows(table), names.looks_in(table)
-    titles = [name for name, _ in parts for _ in range(6)]
-    rows = 2 * len(parts)
+    titles, rows = [name for name, _ in parts for _ in range(6)], 2 * len(parts)
     figure, axes = style.panels(style.DOUBLE_COLUMN, 0.4 + 1.9 * rows, rows=rows, columns=3, names=titles)
     for number, (_, part) in enumerate(parts):
         for k, (symbol, words) in enumerate(PANELS.items()):

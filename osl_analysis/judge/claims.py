@@ -5,7 +5,7 @@ number is beyond a limit `holds` where the whole interval is, `fails` where none
 Without an interval there is no verdict.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from math import pi
 from typing import Annotated, Any
 
@@ -21,15 +21,17 @@ from osl_analysis.stats.verdicts import equivalence
 from osl_analysis.yaml_settings import Positive, Settings
 
 Claim = dict[str, Any]
-COLUMNS = (
-    *("joint", "side", "name", "subject", "claim", "value", "low", "high", "unit", "interval", "target", "margin", "n"),
-    "verdict",
-)
+COLUMNS = {
+    **dict.fromkeys(("joint", "side", "name", "subject", "claim"), pl.String),
+    **dict.fromkeys(("value", "low", "high"), pl.Float64), "unit": pl.String, "interval": pl.String,
+    **dict.fromkeys(("target", "margin", "n"), pl.Float64), "verdict": pl.String,
+}  # fmt: skip
 CLAIMED = (
-    *("belt_summary", "transmission_summary", "actuator_summary", "impedance", "compensation", "frequency_response"),
-    *("response", "walking_summary"),
-)
+    "belt_summary", "transmission_summary", "actuator_summary", "impedance", "compensation", "frequency_response",
+    "response", "walking_summary",
+)  # fmt: skip
 """The result tables that claims are held against."""
+DAMPING = ("damping", "damping_low", "damping_high")  # the real part of Z with its interval
 FIT, MEAN = "95 % for another motion of this kind", "95 % of the mean (Student)"
 LESS = {"torque_error": "the torque is nearer to K_d theta + B_d omega", "K_error": "K is nearer to K_d"}
 LESS |= {"B_error": "B is nearer to B_d", "VAF": "Eq. 15 explains more of the torque"}
@@ -54,25 +56,28 @@ def beyond(low: float | None, high: float | None, limit: float, above: bool) -> 
     return "undecided"
 
 
+def claim_of(
+    name: str, claim: str, number: float, ends: Sequence[float | None], unit: str, interval: str | None, **more: Any
+) -> Claim:
+    """A row: what is claimed, a number with the ends of its interval and what this is of, and `more` columns."""
+    row = {"name": name, "claim": claim, "value": number, "low": ends[0], "high": ends[1]}
+    return row | {"unit": unit, "interval": interval} | more
+
+
 def share_claim(name: str, claim: str, share: float, error: tuple[float, float], limit: float, above: bool) -> Claim:
     """A claim on a share, with its relative standard `error` and the degrees of freedom of this; 0: none."""
     relative, freedom = error
     half = 100 * share * relative * float(stdtrit(freedom, 0.975)) if freedom > 0 else None
     low, high = (None, None) if half is None else (100 * share - half, 100 * share + half)
-    number = {"value": 100 * share, "low": low, "high": high, "unit": "%", "interval": None if half is None else MEAN}
-    number |= {"target": limit, "n": freedom + 1}
-    return {"name": name, "claim": claim, **number, "verdict": beyond(low, high, limit, above)}
+    judged = {"target": limit, "n": freedom + 1, "verdict": beyond(low, high, limit, above)}
+    return claim_of(name, claim, 100 * share, (low, high), "%", None if half is None else MEAN, **judged)
 
 
 def component_claims(
-    means: Mapping[str, Mapping[str, Any]],
-    asked: pl.DataFrame,
-    frequencies_hz: tuple[float, float],
-    p: DrivetrainParameters | None,
-    limit: float,
+    means: Mapping[str, Claim], asked: pl.DataFrame, hz: Sequence[float], p: DrivetrainParameters | None, limit: float
 ) -> Iterator[Claim]:
-    """What the text says of the components, from their means over the trials by quantity (rows of a summary). `asked`
-    are the rows of `impedance.csv` over all amplitudes."""
+    """What the text says of the components, from their means over the trials by quantity (rows of a summary), at the
+    lowest and the highest frequency [Hz]. `asked` are the rows of `impedance.csv` over all amplitudes."""
 
     def error(*names: str, of: float = 1.0) -> tuple[float, float]:
         parts = [means[name] for name in names]
@@ -82,22 +87,21 @@ def component_claims(
         return of * relative, min(part["n"] for part in parts) - 1.0
 
     if {"J_j", "B_j"} <= means.keys():
-        for end, hz in zip(("lowest", "highest"), frequencies_hz, strict=True):
-            share = 2 * pi * hz * means["J_j"]["mean"] / means["B_j"]["mean"]
-            claim = f"the joint's inertia is negligible at {hz:g} Hz, J_j omega/B_j"
+        for end, f in zip(("lowest", "highest"), hz, strict=True):
+            share = 2 * pi * f * means["J_j"]["mean"] / means["B_j"]["mean"]
+            claim = f"the joint's inertia is negligible at {f:g} Hz, J_j omega/B_j"
             yield share_claim(f"inertia_at_{end}_frequency", claim, share, error("J_j", "B_j"), limit, False)
-    known = asked.drop_nulls("K_d").filter(pl.col("K_d") > 0).sort("K_d")
-    if known.is_empty() or p is None:
+    known = asked.filter(pl.col("K_d") > 0).sort("K_d").to_dicts()
+    if p is None or not known:
         return
-    for end, row in (("lowest", known.row(0, named=True)), ("highest", known.row(-1, named=True))):
+    for end, row in (("lowest", known[0]), ("highest", known[-1])):
         where = f"matters at K_d = {row['K_d']:g}, its share"
         if "K_s" in means:
             share, claim = row["K_d"] / means["K_s"]["mean"], f"the belt {where} K_d/K_s of the gain K_1 n_T^2"
             yield share_claim(f"belt_at_{end}_K_d", claim, share, error("K_s"), limit, True)
         if {"f_C", "f_G", "k_tau_n_m"} <= means.keys():
             current = row["K_d"] * np.deg2rad(row["theta_rms_deg"]) / (p.n_T * means["k_tau_n_m"]["mean"])
-            load = means["f_G"]["mean"] * current
-            share = load / (means["f_C"]["mean"] + load)
+            share = (load := means["f_G"]["mean"] * current) / (means["f_C"]["mean"] + load)
             claim = f"friction that grows with the load, f_G |I|, {where} of the friction at K_d times the RMS angle"
             own = error("f_C", "f_G", "k_tau_n_m", of=1 - share)
             yield share_claim(f"load_friction_at_{end}_K_d", claim, share, own, limit, True)
@@ -108,13 +112,12 @@ def compensation_claims(compensation: pl.DataFrame) -> Iterator[Claim]:
     counts = {row["quantity"]: row for row in compensation.filter(pl.col("by") == "amplitudes").to_dicts()}
     for row in compensation.filter(pl.col("by") == "trials").to_dicts():
         name, single = row["quantity"], counts.get(row["quantity"])
-        said = f", in {row['better']} of {row['pairs']} pairs of trials"
-        said += f" and {single['better']} of {single['pairs']} of amplitudes" if single else ""
-        claim = f"with compensation {LESS[name]}{said}, mean difference"
-        number = {"value": row["difference"], "low": row["difference_low"], "high": row["difference_high"]}
-        number |= {"unit": row["unit"], "interval": MEAN, "target": 0.0, "n": row["pairs"]}
-        verdict = beyond(row["difference_low"], row["difference_high"], 0.0, name == "VAF")
-        yield {"name": f"compensation_{name}", "claim": claim, **number, "verdict": verdict}
+        said = f" and {single['better']} of {single['pairs']} of amplitudes" if single else ""
+        pairs = f"in {row['better']} of {row['pairs']} pairs of trials{said}"
+        claim = f"with compensation {LESS[name]}, {pairs}, mean difference"
+        ends = row["difference_low"], row["difference_high"]
+        judged = {"target": 0.0, "n": row["pairs"], "verdict": beyond(*ends, 0.0, name == "VAF")}
+        yield claim_of(f"compensation_{name}", claim, row["difference"], ends, row["unit"], MEAN, **judged)
 
 
 def rendered_claims(asked: pl.DataFrame, settings: Claims) -> Iterator[Claim]:
@@ -126,17 +129,17 @@ def rendered_claims(asked: pl.DataFrame, settings: Claims) -> Iterator[Claim]:
             target, ends = row[f"{symbol}_d"], (row[f"{symbol}_low"], row[f"{symbol}_high"])
             margin = settings.B if symbol == "B" else target * settings.K_percent / 100 if settings.K_percent else None
             if margin is not None:
-                number = {"value": row[symbol], "low": ends[0], "high": ends[1], "unit": unit, "interval": FIT}
-                number |= {"target": target, "margin": margin, "n": 1, "verdict": equivalence(*ends, target, margin)}
-                rows.append({"name": symbol, "subject": row["trial"], "claim": f"{symbol} is {symbol}_d", **number})
+                judged = {"target": target, "margin": margin, "n": 1, "verdict": equivalence(*ends, target, margin)}
+                said = claim_of(symbol, f"{symbol} is {symbol}_d", row[symbol], ends, unit, FIT, **judged)
+                rows.append(said | {"subject": row["trial"]})
         if rows:
             verdicts = [row["verdict"] for row in rows]
             same = verdicts.count("equivalent")
             verdict = "holds" if same == len(rows) else "fails" if "different" in verdicts else "undecided"
             within = f"{settings.K_percent:g} %" if symbol == "K" else f"{settings.B:g} {unit}"
             claim = f"compensated trials have {symbol} within {within} of {symbol}_d, trials that do for certain"
-            count = {"value": same, "unit": "trials", "interval": "count", "n": len(rows), "verdict": verdict}
-            yield {"name": f"{symbol}_equivalent", "claim": claim, **count}
+            judged = {"n": len(rows), "verdict": verdict}
+            yield claim_of(f"{symbol}_equivalent", claim, same, (None, None), "trials", "count", **judged)
             yield from rows
 
 
@@ -147,14 +150,12 @@ def passivity_claims(response: pl.DataFrame, p: DrivetrainParameters | None, wei
         rows = response.filter(pl.col("controller") == controller).drop_nulls("damping")
         if rows.is_empty():
             continue
-        least = rows.sort("damping").row(0, named=True)
+        trial, hz, least, *ends = rows.sort("damping").select("trial", "frequency_hz", *DAMPING).row(0)
         active, unsure = (rows["damping_high"] < 0).any(), (rows["damping_low"] < 0).any()
-        verdict = "fails" if active else "undecided" if unsure else "holds"
-        where = f"{least['trial']} at {least['frequency_hz']:.3g} Hz"
-        claim = f"the {controller} joint is passive at all measured frequencies, least real part of Z ({where})"
-        number = {"value": least["damping"], "low": least["damping_low"], "high": least["damping_high"], "target": 0.0}
-        number |= {"unit": "N*m*s/rad", "interval": "95 % of measurement noise", "n": len(rows), "verdict": verdict}
-        yield {"name": f"passive_{controller}", "claim": claim, **number}
+        judged = {"n": len(rows), "verdict": "fails" if active else "undecided" if unsure else "holds"}
+        where, said, name = f"{trial} at {hz:.3g} Hz", f"the {controller} joint is passive", f"passive_{controller}"
+        claim = f"{said} at all measured frequencies, least real part of Z ({where})"
+        yield claim_of(name, claim, least, ends, "N*m*s/rad", "95 % of measurement noise", target=0.0, **judged)
         known = rows.drop_nulls(["K_d", "B_d"])
         if p is None or known.is_empty():
             continue
@@ -162,14 +163,9 @@ def passivity_claims(response: pl.DataFrame, p: DrivetrainParameters | None, wei
         for (K_d, B_d), of in known.group_by("K_d", "B_d", maintain_order=True):
             gains, w = select_gains(controller, K_d, B_d, p, weight), 2 * pi * of["frequency_hz"].unique().to_numpy()
             damping.append(float(np.min((1 / joint_admittance(gains.K_1, gains.B_1, p, p.J_j)(1j * w)).imag / w)))
-        claim = f"the {controller} joint is passive there by its gains (Eq. 9), least real part of Z"
-        number = {"value": min(damping), "unit": "N*m*s/rad", "target": 0.0, "n": len(known)}
-        yield {
-            "name": f"passive_{controller}_by_gains",
-            "claim": claim,
-            **number,
-            "verdict": "holds" if min(damping) >= 0 else "fails",
-        }
+        claim = f"{said} there by its gains (Eq. 9), least real part of Z"
+        judged = {"n": len(known), "verdict": "holds" if min(damping) >= 0 else "fails"}
+        yield claim_of(f"{name}_by_gains", claim, min(damping), (None, None), "N*m*s/rad", None, target=0.0, **judged)
 
 
 def walking_claims(summary: pl.DataFrame, midstance: float | None, settings: Claims) -> Iterator[Claim]:
@@ -179,13 +175,11 @@ def walking_claims(summary: pl.DataFrame, midstance: float | None, settings: Cla
         target = row["commanded"] if row["commanded"] is not None else midstance if len(rows) == 1 else None
         if target is None or settings.K_percent is None:
             continue
-        margin = target * settings.K_percent / 100
-        number = {"value": row["mean"], "low": row["low"], "high": row["high"], "unit": "N*m/rad", "target": target}
-        number |= {"interval": row["interval_method"], "margin": margin, "n": row["n"]}
-        verdict = equivalence(row["low"], row["high"], target, margin)
+        margin, ends = target * settings.K_percent / 100, (row["low"], row["high"])
+        judged = {"target": target, "margin": margin, "n": row["n"], "verdict": equivalence(*ends, target, margin)}
         claim = f"the ankle's stiffness while walking is {target:g} N*m/rad, within {settings.K_percent:g} %"
-        alone = {"subject": None if len(rows) == 1 else row["group"], "joint": row["joint"], "side": row["side"]}
-        yield {"name": "walking_K_equivalent", **alone, "claim": claim, **number, "verdict": verdict}
+        judged |= {"subject": None if len(rows) == 1 else row["group"], "joint": row["joint"], "side": row["side"]}
+        yield claim_of("walking_K_equivalent", claim, row["mean"], ends, "N*m/rad", row["interval_method"], **judged)
 
 
 def damping_of_lines(response: pl.DataFrame) -> pl.DataFrame:
@@ -208,31 +202,22 @@ def claims_table(
     highest one of the stepped sine, `midstance` the stiffness [N*m/rad] that is commanded there, `devices` the
     parameters by joint."""
     bench = {name: own for name, own in tables.items() if not name.startswith("walking")}
-    places = (
-        pl.concat([own.select(pl.col("joint", "side").cast(pl.String)) for own in bench.values()]) if bench else None
-    )
-    rows: list[Claim] = []
-    for place in places.unique(maintain_order=True).to_dicts() if places is not None else ():
+    kept = ("trial", "controller", "K_d", "B_d", "frequency_hz", *DAMPING)
+    nothing, rows = pl.DataFrame(schema=[*kept, "amplitude_deg", "by"]), list[Claim]()
+    for joint, side in dict.fromkeys(one for own in bench.values() for one in own.select("joint", "side").iter_rows()):
+        place = {"joint": joint, "side": side}
         at = [pl.col(name).eq_missing(pl.lit(value, pl.String)) for name, value in place.items()]
-        here = {name: own.filter(at) for name, own in bench.items()}
-        p, nothing = devices.get(place["joint"]), pl.DataFrame(schema=["controller", "K_d", "B_d", "trial"])
+        here, p = {name: own.filter(at) for name, own in bench.items()}, devices.get(joint)
         summaries = [own for name, own in here.items() if name.endswith("_summary")]
         means = {row["quantity"]: row for own in summaries for row in own.to_dicts() if row["mean"] is not None}
-        asked = here.get("impedance", nothing)
-        asked = asked.filter(pl.col("amplitude_deg").is_null()) if "impedance" in here else asked
+        asked = here.get("impedance", nothing).filter(pl.col("amplitude_deg").is_null())
         found = list(component_claims(means, asked, frequencies_hz, p, settings.negligible_percent))
-        pairs = here.get("compensation", nothing)
-        found += compensation_claims(pairs) if len(pairs) else []
+        found += compensation_claims(here.get("compensation", nothing))
         found += rendered_claims(asked, settings)
-        lines = [here["frequency_response"]] if "frequency_response" in here else []
-        lines += [damping_of_lines(here["response"])] if "response" in here else []
-        kept = ("trial", "controller", "K_d", "B_d", "frequency_hz", "damping", "damping_low", "damping_high")
-        response = pl.concat([own.select(kept) for own in lines], how="vertical_relaxed") if lines else None
-        found += [] if response is None else passivity_claims(response, p, weight)
+        lines = [damping_of_lines(here["response"])] if "response" in here else []
+        lines = [one.select(kept) for one in (here.get("frequency_response", nothing), *lines)]
+        found += passivity_claims(pl.concat(lines, how="vertical_relaxed"), p, weight)
         rows += [place | claim for claim in found]
     if "walking_summary" in tables:
         rows += walking_claims(tables["walking_summary"], midstance, settings)
-    texts = dict.fromkeys(("joint", "side", "name", "subject", "claim", "unit", "interval", "verdict"), pl.String)
-    schema = {name: texts.get(name, pl.Float64) for name in COLUMNS}
-    table = pl.DataFrame([{name: row.get(name) for name in COLUMNS} for row in rows], schema=schema)
-    return table.sort(pl.col("subject").is_not_null(), maintain_order=True)
+    return pl.DataFrame(rows, schema=COLUMNS).sort(pl.col("subject").is_not_null(), maintain_order=True)

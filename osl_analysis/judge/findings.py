@@ -23,6 +23,7 @@ from osl_analysis.table import read_table
 HOW_TO_USE = "record again, give a reason under `exclude` in the sample sheet, or name the check under `accept`"
 JUDGES = ("quality", "fitted")
 """Inputs that only tell which trials are used: what was measured of them, and other results of the same trials."""
+AS_IF = "the recorded torque is as if"
 LARGEST_MISFIT = 1.0  # percent of the torque that a prediction may leave along angle, velocity and acceleration
 MOST_NAMED = 3  # trials that a line names
 
@@ -168,20 +169,17 @@ def causes_of_misfit(tables: Mapping[str, pl.DataFrame]) -> Iterator[dict[str, A
     for rows in causes.partition_by("joint", "side", maintain_order=True):
         at = [pl.col(key).eq_missing(pl.lit(rows[key][0], pl.String)) for key in ("joint", "side")]
         trials = [*tables["prediction"].filter(*at, pl.col("VAF").is_not_null())["trial"]]
-        row_of = {row["component"]: row for row in rows.to_dicts()}
-        named = [name for name, row in row_of.items() if row["named"]]
-        late, said = [row_of["angle_delay"], row_of["velocity_delay"]], dict[str, tuple[str, str]]()
-        for name in (name for name in named if not name.endswith("_delay")):
-            row = row_of[name]
+        is_late, said = pl.col("component").str.ends_with("_delay"), dict[str, tuple[str, str]]()
+        late = rows.filter(is_late).to_dicts()
+        for row in rows.filter("named", ~is_late).to_dicts():
+            name = row["component"]
             off, half = (100 * row[key] * k / abs(row["value"]) for key, k in (("change", 1), ("change_se", 2)))
-            as_if = f"the recorded torque is as if {name} were {off:+.3g} ± {half:.2g} % off its trials"
+            as_if = f"{AS_IF} {name} were {off:+.3g} ± {half:.2g} % off its trials"
             remedy = "repeat its component trials, or look for what changed between them and the impedance trials"
             said[f"component {name}"] = as_if, remedy
         if any(row["named"] for row in late):
             angle, velocity = (f"{1e3 * row['change']:.2g} ± {2e3 * row['change_se']:.1g} ms" for row in late)
-            as_if = (
-                f"the recorded torque is as if the controller used angles of {angle} and velocities of {velocity} ago"
-            )
+            as_if = f"{AS_IF} the controller used angles of {angle} and velocities of {velocity} ago"
             said["late controller"] = as_if, "measure the delay of the loop, or lower it"
         left = max((row["left_without"] or 0.0 for row in late), default=0.0)
         if not said and left > LARGEST_MISFIT:

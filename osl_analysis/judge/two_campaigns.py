@@ -1,7 +1,7 @@
 """Two campaigns, A and B, side by side: devices, controllers or days, quantity by quantity, with a verdict."""
 
 import math
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import polars as pl
@@ -19,12 +19,12 @@ WITHOUT_RATIO = ("I", "VAF")  # the rendered inertia may be zero or negative, an
 MARGIN = {"K": 0.05}  # of a ratio, where none is asked for
 ESTIMATOR = "ensemble"  # of the walking summary, that of the headline numbers
 PLACE = ("joint", "side", "group", "controller")
+DIFFERENCE = ("difference", "difference_low", "difference_high")  # B - A
 RATIO = ("relative_percent", "relative_percent_low", "relative_percent_high")  # B over A, less 1
 CONDITION = ("K_d", "B_d", "excitation", "amplitudes")  # of a rendered impedance
 COLUMNS = {
     **dict.fromkeys(("experiment", "quantity", *PLACE), pl.String), **dict.fromkeys(("n_A", "n_B"), pl.Int64),
-    **dict.fromkeys(("mean_A", "mean_B", "difference", "difference_low", "difference_high", *RATIO,
-        "margin_percent"), pl.Float64),
+    **dict.fromkeys(("mean_A", "mean_B", *DIFFERENCE, *RATIO, "margin_percent"), pl.Float64),
     **dict.fromkeys(("verdict", "method"), pl.String),
     **dict.fromkeys(("n_doubtful_A", "n_doubtful_B", "n_left_out_A", "n_left_out_B"), pl.Int64), "remark": pl.String,
 }  # fmt: skip
@@ -55,9 +55,7 @@ def by_place(table: pl.DataFrame, name: str) -> dict[tuple[Any, ...], pl.DataFra
     kinds = dict.fromkeys((*PLACE, *CONDITION), pl.String) | dict.fromkeys(("K_d", "B_d", "commanded_deg"), pl.Float64)
     rows = table.with_columns(pl.lit(None, kind).alias(k) for k, kind in kinds.items() if k not in table.columns)
     if name == "walking_summary":
-        rows = rows.filter(pl.col("estimator") == ESTIMATOR).with_columns(
-            pl.col("doubt").cast(pl.String).alias(DOUBTFUL)
-        )
+        rows = rows.filter(estimator=ESTIMATOR).with_columns(pl.col("doubt").cast(pl.String).alias(DOUBTFUL))
     if name == "impedance":
         of_row = pl.coalesce("commanded_deg", pl.col("amplitude_deg").round(1))
         each = of_row.drop_nulls().unique().sort().cast(pl.String).str.join(" ")
@@ -73,17 +71,15 @@ def estimates(rows: pl.DataFrame | None, quantity: str) -> tuple[dict[str, Any],
     if rows is None:
         return {"n": 0}, {}
     if "estimator" in rows.columns:
-        rows = rows.filter(pl.col("quantity") == quantity).drop_nulls(["mean", "low", "high"])
+        rows = rows.filter(quantity=quantity).drop_nulls(["mean", "low", "high"])
         ensemble = {one[0]: one[1:] for one in rows.select("commanded", "mean", "low", "high").iter_rows()}
         counts = {"n": rows["n"].sum(), "mean": rows["mean"].mean(), "n_doubtful": doubtful_count(rows)[0]}
         return counts, ensemble
     used = rows if quantity == "VAF" else counted(rows)
-    finite = used.filter(pl.col(quantity).is_finite())
-    sample: dict[Hashable, list[float]] = {}
-    for *condition, value in finite.select(*CONDITION, quantity).iter_rows():
-        sample.setdefault(tuple(condition), []).append(value)
-    doubts = {"n_doubtful": doubtful_count(rows)[0], "n_left_out": len(rows) - len(used)}
-    return {"n": len(finite), "mean": finite[quantity].mean(), **doubts}, sample
+    finite, doubts = used.filter(pl.col(quantity).is_finite()), {"n_doubtful": doubtful_count(rows)[0]}
+    sample = {key: one[quantity].to_list() for key, one in finite.group_by(CONDITION, maintain_order=True)}
+    counts = {"n": len(finite), "mean": finite[quantity].mean(), **doubts, "n_left_out": len(rows) - len(used)}
+    return counts, sample
 
 
 def row_of(parts: Sequence[pl.DataFrame | None], quantity: str, margin: float | None) -> dict[str, Any]:
@@ -94,8 +90,7 @@ def row_of(parts: Sequence[pl.DataFrame | None], quantity: str, margin: float | 
         return row | {"remark": f"only in {'A' if a else 'B'}"}
     of_ensembles = parts[0] is not None and "estimator" in parts[0].columns
     between = of_intervals if of_ensembles else difference
-    plain, remarks = between(a, b), []
-    row |= dict(zip(("difference", "difference_low", "difference_high", "method"), plain, strict=True))
+    remarks, row = [], row | dict(zip((*DIFFERENCE, "method"), between(a, b), strict=True))
     if of_ensembles and None not in (commanded := (*a, *b)) and len(set(commanded)) > 1:
         remarks.append("commanded {:g} in A and {:g} in B".format(*commanded))
     if quantity not in WITHOUT_RATIO:
@@ -112,16 +107,13 @@ def row_of(parts: Sequence[pl.DataFrame | None], quantity: str, margin: float | 
 
 def label_of(row: Mapping[str, Any]) -> str:
     """What a row is about, as `impedance K, compensated`."""
-    further = (row["controller"], row["group"], row["joint"], row["side"])
-    return ", ".join(
-        [f"{row['experiment']} {row['quantity']}", *(x for x in further if x not in (None, "all", "ankle"))]
-    )
+    parts = (f"{row['experiment']} {row['quantity']}", row["controller"], row["group"], row["joint"], row["side"])
+    return ", ".join(part for part in parts if part not in (None, "all", "ankle"))
 
 
 def verdicts_said(table: pl.DataFrame) -> str:
     """The verdicts in a sentence, each with its quantities, and how many quantities have none."""
-    rows, alone = list(table.iter_rows(named=True)), table["method"].null_count()
-    said = []
+    rows, alone, said = table.to_dicts(), table["method"].null_count(), list[str]()
     for verdict in ("equivalent", "different", "undecided"):
         named = [f"{label_of(row)} (±{row['margin_percent']:g} %)" for row in rows if row["verdict"] == verdict]
         said += [f"{verdict}: {', '.join(named)}"] if named else []

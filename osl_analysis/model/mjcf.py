@@ -69,10 +69,8 @@ def mujoco_torque(
     model = mujoco.MjModel.from_xml_string(mjcf_text(p))
     model.opt.timestep = 1 / (rate_hz * every)
     data, torque, sample = mujoco.MjData(model), np.empty(len(theta)), np.arange(len(theta)) / rate_hz
-    turned, grid = (
-        CubicHermiteSpline(sample, theta, omega),
-        np.arange((len(theta) - 1) * every + 1) * model.opt.timestep,
-    )
+    turned = CubicHermiteSpline(sample, theta, omega)
+    grid = np.arange((len(theta) - 1) * every + 1) * model.opt.timestep
     angle, velocity, current, passive = data.qpos, data.qvel, data.ctrl, data.qfrc_passive  # views: slow to ask for
     friction = model.dof_frictionloss
     angle[0] = p.K_s / p.n_T * theta[0] / (gains.K_1 + p.K_s / p.n_T**2)

@@ -227,11 +227,11 @@ def numbers_of(name: str, table: pl.DataFrame, example: Example) -> Iterator[Hea
                 for number in summary_means(rows.filter(pl.col("estimator") == estimator), its, BOOTSTRAP):
                     yield of_group(number, rows["group"][0])
     elif name == "claims":
-        for row in table.filter(pl.col("subject").is_null(), pl.col("value").is_not_null()).iter_rows(named=True):
+        whole = table.filter(pl.col("subject").is_null())
+        for row in whole.drop_nulls("value").iter_rows(named=True):
             label = Headline(row["name"], row["unit"], None, letters(row["name"].replace("_", " ")), row["claim"])
-            several = table.filter(pl.col("subject").is_null(), pl.col("name") == row["name"]).height > 1
             where = ", ".join(filter(None, [row["joint"], row["side"]]))
-            label = of_group(label, where) if several else label
+            label = of_group(label, where) if len(whole.filter(name=row["name"])) > 1 else label
             number = headline(label, row["value"], int(row["n"] or 0), row["low"], row["high"], row["interval"])
             yield replace(number, verdict=row["verdict"], interval=row["interval"])
     elif name == "prediction":
@@ -287,14 +287,7 @@ def headline_numbers(tables: Mapping[str, pl.DataFrame], example: Example | None
     return found
 
 
-ENDINGS = (
-    "",
-    "Low",
-    "High",
-    "AmplitudesLow",
-    "AmplitudesHigh",
-    "Verdict",
-)  # endings of the macros of a number and its bounds
+ENDINGS = ("", "Low", "High", "AmplitudesLow", "AmplitudesHigh", "Verdict")  # of the macros of a number and its bounds
 
 
 # The trials behind the numbers.

@@ -40,9 +40,8 @@ def difference(a: Sample, b: Sample) -> Difference:
     if {one: len(trials) for one, trials in a.items()} == {one: len(trials) for one, trials in b.items()}:
         found = over_repeats(y - x)
         return Difference(found.mean, found.low, found.high, "paired, Student")
-    if mixed := mixed_effects(a, b, y - x):
-        return mixed
-    return welch(x, y, "Welch's t, means of conditions: the mixed model did not converge")
+    unconverged = "Welch's t, means of conditions: the mixed model did not converge"
+    return mixed_effects(a, b, y - x) or welch(x, y, unconverged)
 
 
 def student(estimate: float, se: float, freedom: float, method: str) -> Difference:

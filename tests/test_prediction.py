@@ -24,6 +24,7 @@ from osl_analysis.model.drivetrain_response import Controller, belt_response
 from osl_analysis.model.parameters import read_parameters
 from osl_analysis.report.headlines import headline_numbers, to_tex
 from osl_analysis.simulator.drivetrain import IDEAL, simulate_drivetrain
+from osl_analysis.table import read_table, write_table
 
 P = read_parameters(ROOT / "config/parameters/default.yaml")
 TRUE = {"k_tau_n_m": P.k_tau * P.n_m, **vars(P)}
@@ -160,7 +161,7 @@ def test_the_torque_error_is_what_an_offset_and_a_drift_leave_of_the_difference_
     assert torque_error(s, None, DesiredImpedance("x", None, 4)) is None
 
 
-def test_compensation_is_compared_in_pairs_and_its_interval_counts_trials():
+def test_compensation_is_compared_in_pairs_and_its_interval_counts_trials(tmp_path):
     rng, rows = np.random.default_rng(3), []
     for K, B, name, deg in product((100.0, 200.0), (0.0, 5.0), PAIR, (2.0, 4.0, None)):
         row = {**HERE, "controller": name, "K_d": K, "B_d": B, "commanded_deg": deg, "K": K * rng.uniform(0.7, 1.3)}
@@ -181,6 +182,8 @@ def test_compensation_is_compared_in_pairs_and_its_interval_counts_trials():
     interval = stats.ttest_1samp(by_trial["compensated"] - by_trial["uncompensated"], 0).confidence_interval(0.95)
     assert (single["pairs"], single["difference_low"]) == (8, pytest.approx(interval.low))
     assert found.filter(pl.col("by") == "commanded_deg")["at"].unique().sort().to_list() == [2.0, 4.0]
+    write_table(compensation_table(table.filter(controller="compensated")), tmp_path / "compensation.csv")
+    assert claimed({"compensation": read_table(tmp_path / "compensation.csv")})[0].is_empty(), "no pair, no claim"
 
 
 def test_the_damping_of_a_response_is_the_real_part_of_the_impedance_with_its_scatter():

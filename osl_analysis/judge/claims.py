@@ -109,8 +109,9 @@ def component_claims(
 
 def compensation_claims(compensation: pl.DataFrame) -> Iterator[Claim]:
     """What compensation improves, from `compensation.csv`."""
-    counts = {row["quantity"]: row for row in compensation.filter(pl.col("by") == "amplitudes").to_dicts()}
-    for row in compensation.filter(pl.col("by") == "trials").to_dicts():
+    rows = compensation.to_dicts()  # an empty table has no texts
+    counts = {row["quantity"]: row for row in rows if row["by"] == "amplitudes"}
+    for row in (one for one in rows if one["by"] == "trials"):
         name, single = row["quantity"], counts.get(row["quantity"])
         said = f" and {single['better']} of {single['pairs']} of amplitudes" if single else ""
         pairs = f"in {row['better']} of {row['pairs']} pairs of trials{said}"

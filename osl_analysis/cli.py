@@ -473,11 +473,7 @@ def select_gains(
 @argument("folder", type=FOLDER, default=Path("results"))
 @option("--to", "kind", type=click.Choice(["mjcf", "json"]), required=True, help="MuJoCo's model format, or numbers.")
 @file_option("--output", required=True, help="File to write (.xml or .json).")
-@option(
-    "--trials",
-    default="*",
-    help="Impedance trials of the round trip: names or patterns, as impedance_K300*, separated by commas.",
-)
+@option("--trials", default="*", help="Impedance trials of the round trip, names or patterns, separated by commas.")
 @CONFIG
 def export(folder: Path, kind: str, output: Path, trials: str, config_path: Path) -> None:
     """Write the leg that the component trials of the results in FOLDER identify, for MuJoCo and other programs.

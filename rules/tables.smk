@@ -12,7 +12,12 @@ COMPONENTS = {trial: [part for part in PARTS if PLACES[trial] in MEASURED_AT[par
 """Of each impedance trial with known gains, the experiments that measured components of its joint and side."""
 PREDICTED = [trial for trial, found in COMPONENTS.items() if len(found) == len(PARTS)]
 MISSING = {trial: [part for part in PARTS if part not in found] for trial, found in COMPONENTS.items() if found}
-UNPREDICTED = {trial: f"no {' and no '.join(parts)} trials" for trial, parts in MISSING.items() if parts}
+ITS_JOINT = {trial: " ".join(filter(None, [PLACES[trial]["side"], PLACES[trial]["joint"]])) for trial in MISSING}
+UNPREDICTED = {
+    trial: f"prediction of the {ITS_JOINT[trial]} by components: the campaign has no {' and no '.join(parts)} trials of it"
+    for trial, parts in MISSING.items()
+    if parts
+}
 """Why other trials have no prediction; not said where no component was measured."""
 AMPLITUDES = KNOWN_GAINS if len(CONFIG.dynamometer.amplitudes_deg) > 1 else []
 """Trials whose rendered impedance at an amplitude is predicted from the others."""

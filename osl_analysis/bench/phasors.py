@@ -225,15 +225,10 @@ def phasors_of_record(record: Record) -> list[SegmentPhasors]:
         assert isinstance(one.label, float)
         first, stop = groups.first[groups.stratum == k], groups.stop[groups.stratum == k]
         rows = whole_rows(first.min(), stop.max())
-        time, cycles, pair = record.time[rows], (first - rows.start, stop - rows.start), list[Phasor]()
-        try:
-            for phasor in fit_sinusoids(time, one.frequency_hz, record.theta[rows], record.torque[rows], cycles=cycles):
-                pair.append(phasor)  # an error names the signal by how many there are
-        except InputError as error:
-            name = "torque" if pair else "theta"
-            raise InputError(f"trial {record.name}, {name} from {time[0]:.1f} s: {error}") from error
+        cycles, signals = (first - rows.start, stop - rows.start), (record.theta[rows], record.torque[rows])
+        theta, torque = fit_sinusoids(record.time[rows], one.frequency_hz, *signals, cycles=cycles)
         compliance_error = record.bench.compliance_error if record.bench else 0.0
-        found.append(SegmentPhasors(one.label, one.frequency_hz, pair[0], pair[1], compliance_error, one.commanded_deg))
+        found.append(SegmentPhasors(one.label, one.frequency_hz, theta, torque, compliance_error, one.commanded_deg))
     return found
 
 

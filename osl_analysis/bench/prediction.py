@@ -31,8 +31,9 @@ COMPONENTS = dict.fromkeys(ACTUATOR_PARAMETERS, "actuator") | {"K_s": "belt"} | 
 """The experiment that each component is measured by."""
 PARTS = tuple(dict.fromkeys(COMPONENTS.values()))
 DELAYS = ("angle_delay", "velocity_delay")  # ages [s] of what the controller uses, which no component trial shows
-TERMS = ("left", *COMPONENTS, *DELAYS)
-"""Torques of a trial: what the prediction leaves, and what one unit more of each component or delay adds to it."""
+TERMS = ("left", *COMPONENTS, "torque_gain", *DELAYS)
+"""Torques of a trial: what the prediction leaves, and what one unit more of each component, of the gain of its load
+cell, or of a delay adds to it."""
 QUANTITIES = ("K", "B", "I", "torque")  # of Eq. 15, and the RMS [N*m] of the torque
 ALONG = ("along_theta", "along_omega", "along_alpha")
 """RMS of the parts of a torque that are proportional to the motion, over the RMS of the predicted torque: what K, B and
@@ -44,8 +45,10 @@ LOWEST_VAF = 80.0  # [percent] of Eq. 15; below it K, B and I hardly describe a 
 LITTLE = {"K": 0.0, "B": 2.0}  # sizes [N*m/rad, N*m*s/rad] below which what the equations lack is no share of K or B
 FEWEST_OTHERS = 4  # trials with the same controller from which on they alone teach what the equations lack
 DELAY_STEP = 2.5e-4  # [s] by which the delays are changed
-LEAST_SHARE, CERTAIN = 0.4, 4.0  # share of the misfit that a named cause explains, and its change in standard errors
-LEAST_CHANGE = dict.fromkeys(COMPONENTS, 0.05) | {"angle_delay": 1e-3, "velocity_delay": 4e-3}
+LEAST_SHARE, CERTAIN = 0.5, 4.0  # share of the misfit that a named cause explains; standard errors of its change
+AS_GOOD = 1.5  # times what the best explanation leaves that another may leave to be named beside it
+LEAST_MISFIT = 5e-3  # of the torque, that the delays leave; sound legs leave up to 0.0035
+LEAST_CHANGE = dict.fromkeys(COMPONENTS, 0.05) | {"torque_gain": 0.02, "angle_delay": 1e-3, "velocity_delay": 4e-3}
 """Change, relative to a component, or of a delay [s], from which on it is named. A sampled loop acts half a sample late
 and later, a velocity that is a filtered difference is older still."""
 
@@ -89,7 +92,7 @@ def components_of(
         whole = [pl.col("amplitude_deg").is_null()] if "amplitude_deg" in own.columns else []  # the fit to all of each
         rows[part] = counted(own.filter(*at, *whole)) if len(own) else own
     if missing := [part for part, own in rows.items() if own.is_empty()]:
-        raise InputError(f"the campaign has no {' and no '.join(missing)} trials; record them, or leave out the others")
+        raise InputError(f"the campaign has no {' and no '.join(missing)} trials of this joint and side; record them")
     values, freedom, covariance = dict[str, float](), dict[str, float](), np.zeros((len(COMPONENTS),) * 2)
     for part, own in rows.items():
         names = [name for name, of in COMPONENTS.items() if of == part]
@@ -144,6 +147,7 @@ def prediction_terms(record: Record, law: Controller, components: Components) ->
         step = max(0.02 * abs(value), 0.5 * components.se(name))
         changed = drivetrain_of({**components.values, name: max(value, 0.0) + step}, file)
         columns[name] = (predicted_torque(record, law, changed) - predicted) / step
+    columns["torque_gain"] = predicted
     for name in DELAYS:
         late: Any = {name: DELAY_STEP}
         columns[name] = (predicted_torque(record, replace(law, **late), components.p) - predicted) / DELAY_STEP
@@ -223,38 +227,55 @@ def model_variance(off: Array, known: Array) -> float:
 
 
 def causes_table(each: Sequence[Mapping[str, Any]], components: Components, place: Mapping[str, Any]) -> pl.DataFrame:
-    """A row per component and delay: the `change` that explains most of what all predictions leave, in the unit of the
-    component, with its standard error, by leaving out a trial at a time and by the component's own; what is `left` with
-    it and `left_without` it [percent of the torque]; and whether the recordings name it.
+    """A row per component, for the gain of the torque, and per delay: the `change` that explains most of what all
+    predictions leave, in the unit of the component, with its standard error, by leaving out a trial at a time and by
+    the component's own; what is `left` with it and `left_without` it [percent of the torque]; and whether the
+    recordings name it.
 
-    No trial measures the delays of the controller, so that they explain first, and a component what they leave. It is
-    named where it explains `LEAST_SHARE` of that, the others by far not so much, and the change is certain and not
-    small. Trials that ring do not outweigh the others: the regression is robust.
+    No trial measures the delays of the controller, so that they explain first, and a component what they leave. The one
+    that explains most is named, with those that explain as much, where it explains `LEAST_SHARE` and its change is
+    certain and not small. Trials that ring do not outweigh the others: the regression is robust.
     """
-    A = np.array([[[of[term][x] for x in ALONG] for term in TERMS] for of in each])
-    nothing, late = np.mean(np.abs(A[:, 0])), robust_fit(A, DELAYS)
-    beside = {name: robust_fit(A, (name, *DELAYS)) for name in COMPONENTS}
-    best, second = sorted(beside, key=lambda name: beside[name][1])[:2]
-    clear = beside[best][1] < (1 - LEAST_SHARE) * min(late[1], beside[second][1])
+    A, values = np.array([[[of[term][x] for x in ALONG] for term in TERMS] for of in each]), dict(components.values)
+    n, values = len(A), values | {"torque_gain": 1.0}
 
-    def row_of(name: str, names: tuple[str, ...], left: float, without: float, clear: bool) -> dict[str, Any]:
-        k, n = names.index(name), len(A)
-        value, change, se = components.values.get(name), float(robust_fit(A, names)[0][k]), None
+    def row_of(name: str, names: tuple[str, ...], left: float, without: float) -> dict[str, Any]:
+        change, se, value = beside_delays(A, *names)[0].get(name, 0.0), None, values.get(name)
         if n > 2:
-            again = [robust_fit(np.delete(A, trial, axis=0), names)[0][k] for trial in range(n)]
-            se = float(np.hypot(np.sqrt((n - 1) * np.var(again)), components.se(name) if value is not None else 0.0))
-        size = change if value is None else abs(change / value)  # a controller cannot act early
+            again = [beside_delays(np.delete(A, trial, axis=0), *names)[0].get(name, 0.0) for trial in range(n)]
+            se = float(np.hypot(np.sqrt((n - 1) * np.var(again)), components.se(name) if name in COMPONENTS else 0.0))
+        if name == "K_s" and value and change < value:
+            change = value * change / (value - change)  # the torque is linear in the compliance of the belt
+        size = change if value is None else abs(change / value)
         certain = se is not None and size > LEAST_CHANGE[name] and abs(change) > CERTAIN * se
         row = {**place, "component": name, "value": value, "change": change, "change_se": se}
-        row |= {"left": 100 * left, "left_without": 100 * without, "trials": n}
-        return row | {"named": bool(clear and certain)}
+        return row | {"left": 100 * left, "left_without": 100 * without, "trials": n, "named": bool(certain)}
 
-    rows = [row_of(name, (name, *DELAYS), fit[1], late[1], clear and name == best) for name, fit in beside.items()]
-    is_named = any(row["named"] for row in rows)
-    names, with_it = ((best, *DELAYS), beside[best]) if is_named else (DELAYS, late)
-    without = robust_fit(A, (best,))[1] if is_named else nothing
-    rows += [row_of(name, names, with_it[1], without, with_it[1] < (1 - LEAST_SHARE) * without) for name in DELAYS]
-    return pl.DataFrame(rows, infer_schema_length=None)
+    late, left = beside_delays(A)[1], {name: beside_delays(A, name)[1] for name in values}
+    least = min(left.values())
+    rows = [row_of(name, (name,), of, late) for name, of in left.items()]
+    best = next(row for row in rows if row["left"] == 100 * least)
+    clear = best["named"] and late > LEAST_MISFIT and least < (1 - LEAST_SHARE) * late
+    for row in rows:
+        row["named"] &= clear and row["left"] <= AS_GOOD * 100 * least
+    named = (best["component"],) if clear else ()
+    with_it, without = beside_delays(A, *named)[1], robust_fit(A, named)[1]
+    delays = [row_of(name, named, with_it, without) for name in DELAYS]
+    for row in delays:
+        row["named"] &= with_it < (1 - LEAST_SHARE) * without
+    return pl.DataFrame([*rows, *delays], infer_schema_length=None)
+
+
+def beside_delays(A: Array, *names: str) -> tuple[dict[str, float], float]:
+    """As `robust_fit`, of terms beside the delays, of which none is negative: no controller knows the future."""
+    delays = list(DELAYS)
+    while True:
+        x, left = robust_fit(A, (*names, *delays))
+        found = dict(zip((*names, *delays), x.tolist(), strict=True))
+        early = min(delays, key=lambda name: found[name], default=None)
+        if early is None or found[early] >= 0:
+            return found, left
+        delays.remove(early)
 
 
 def robust_fit(A: Array, names: Sequence[str]) -> tuple[Array, float]:
@@ -263,8 +284,11 @@ def robust_fit(A: Array, names: Sequence[str]) -> tuple[Array, float]:
     from statsmodels.robust.norms import HuberT
     from statsmodels.robust.robust_linear_model import RLM
 
+    y = A[:, 0].ravel()
+    if not names:
+        return np.empty(0), float(np.mean(np.abs(y)))
     X = A[:, [TERMS.index(name) for name in names]].transpose(0, 2, 1).reshape(-1, len(names))
-    y, scale = A[:, 0].ravel(), np.maximum(np.abs(X).max(axis=0), np.finfo(float).tiny)
+    scale = np.maximum(np.abs(X).max(axis=0), np.finfo(float).tiny)
     x = np.linalg.lstsq(X / scale, y, rcond=None)[0]
     with suppress(ZeroDivisionError), np.errstate(all="ignore"):  # where half of the numbers are explained exactly
         x = np.asarray(RLM(y, X / scale, HuberT(1.5)).fit().params)

@@ -180,7 +180,7 @@ def gather_predictions(
         assert p is not None  # without a parameter file no gains are known
         found.append(prediction_table(each, own, components_of(measured, own.select(PLACE).row(0), p)))
     without = fits.filter(pl.col("trial").is_in(list(unpredicted)))
-    said = "prediction by components: the campaign has " + pl.col("trial").replace_strict(dict(unpredicted), default="")
+    said = pl.col("trial").replace_strict(dict(unpredicted), default=None, return_dtype=pl.String)
     numbers = pl.DataFrame(schema=dict.fromkeys(NUMBERS, pl.Float64))
     without = without.select("trial", *PLACE, "controller", "K_d", "B_d", not_checked=said)
     without = pl.concat([without, numbers], how="diagonal_relaxed").with_columns(doubtful=pl.lit(None, pl.String))

@@ -22,9 +22,8 @@ def prediction_caption(table: pl.DataFrame) -> str:
         f"{vaf.min():.1f} %) in {names.count_of(len(vaf), 'trial')}, and is nearer to the recorded one than Eq. 15 "
         f"fitted to it in {better}. "
     )
-    inside = [table[f"{x}_measured"].is_between(table[f"{x}_low"], table[f"{x}_high"]).drop_nulls() for x in PANELS]
-    if of := sum(map(len, inside)):
-        said += f"{sum(one.sum() for one in inside)} of {of} intervals contain the measured value. "
+    above = [int((table[f"{symbol}_measured"] > table[symbol]).sum()) for symbol in "KB"]
+    said += f"Measured K is above its prediction in {above[0]} of them, B in {above[1]}. "
     return said + names.doubtful_said(table, "drawn open")
 
 

@@ -4,11 +4,11 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
 import polars as pl
 
 from osl_analysis.judge.doubts import DOUBTFUL, counted, doubtful_count
-from osl_analysis.stats.differences import Sample, difference, of_intervals
-from osl_analysis.stats.verdicts import equivalence
+from osl_analysis.stats.differences import Sample, difference, equivalence, of_intervals
 
 QUANTITIES = {
     "impedance": ("K", "B", "I", "VAF", "torque_error"), "belt": ("K_s",), "transmission": ("B_j", "J_j"),
@@ -66,31 +66,37 @@ def by_place(table: pl.DataFrame, name: str) -> dict[tuple[Any, ...], pl.DataFra
 
 
 def estimates(rows: pl.DataFrame | None, quantity: str) -> tuple[dict[str, Any], Sample]:
-    """Counts and mean of one campaign, and the fits that count, as in every mean, by condition; of a VAF all fits, as a
-    low one is itself a doubt. An ensemble is one condition, what was commanded, with estimate, low and high."""
+    """Counts of one campaign, and the fits that count by condition: all of a rendered impedance, as doubtful ones that
+    one campaign alone leaves out would make others of its conditions; of a component those that count in every mean.
+    An ensemble is one condition, what was commanded, with estimate, low and high."""
     if rows is None:
         return {"n": 0}, {}
     if "estimator" in rows.columns:
         rows = rows.filter(quantity=quantity).drop_nulls(["mean", "low", "high"])
         ensemble = {one[0]: one[1:] for one in rows.select("commanded", "mean", "low", "high").iter_rows()}
-        counts = {"n": rows["n"].sum(), "mean": rows["mean"].mean(), "n_doubtful": doubtful_count(rows)[0]}
+        counts = {"n": rows["n"].sum(), "n_doubtful": doubtful_count(rows)[0]}
         return counts, ensemble
-    used = rows if quantity == "VAF" else counted(rows)
+    used = rows if rows["amplitudes"].is_not_null().any() else counted(rows)
     finite, doubts = used.filter(pl.col(quantity).is_finite()), {"n_doubtful": doubtful_count(rows)[0]}
     sample = {key: one[quantity].to_list() for key, one in finite.group_by(CONDITION, maintain_order=True)}
-    counts = {"n": len(finite), "mean": finite[quantity].mean(), **doubts, "n_left_out": len(rows) - len(used)}
-    return counts, sample
+    return {"n": len(finite), **doubts, "n_left_out": len(rows) - len(used)}, sample
 
 
 def row_of(parts: Sequence[pl.DataFrame | None], quantity: str, margin: float | None) -> dict[str, Any]:
     """The numbers of a row. Where one campaign has none, there is no difference, and the remark says it."""
     (of_a, a), (of_b, b) = (estimates(part, quantity) for part in parts)
     row: dict[str, Any] = {f"{name}_{one}": v for one, of in (("A", of_a), ("B", of_b)) for name, v in of.items()}
+    of_ensembles = any(part is not None and "estimator" in part.columns for part in parts)
+    shared = {*a} & {*b}
+    for name, one in (("A", a), ("B", b)):
+        own = [values[:1] if of_ensembles else values for key, values in one.items() if key in shared or not shared]
+        row[f"mean_{name}"] = float(np.mean(np.concatenate(own))) if own else None
     if not (a and b):
         return row | {"remark": f"only in {'A' if a else 'B'}"}
-    of_ensembles = parts[0] is not None and "estimator" in parts[0].columns
-    between = of_intervals if of_ensembles else difference
-    remarks, row = [], row | dict(zip((*DIFFERENCE, "method"), between(a, b), strict=True))
+    between, remarks = of_intervals if of_ensembles else difference, list[str]()
+    if shared and {*a} != {*b}:
+        remarks.append(f"{len(shared)} of {len({*a, *b})} conditions are shared, the means are of these")
+    row |= dict(zip((*DIFFERENCE, "method"), between(a, b), strict=True))
     if of_ensembles and None not in (commanded := (*a, *b)) and len(set(commanded)) > 1:
         remarks.append("commanded {:g} in A and {:g} in B".format(*commanded))
     if quantity not in WITHOUT_RATIO:

@@ -294,18 +294,8 @@ class LineKinds:
 
 
 def lines_of(realisations: Sequence[Realisation]) -> LineKinds:
-    """The kinds of the lines that the realisations share, from the size of the angle's lines.
-
-    Raises InputError: There is no realisation, periods differ, or no line stands out of the noise.
-    """
-    if not realisations:
-        raise InputError("no periods to fit; record at least two periods of the motion")
-    periods = np.array([r.period for r in realisations])
-    if np.ptp(periods) > PERIODS_AGREE * periods[0]:
-        raise InputError(
-            f"realisations with periods from {periods.min():.6g} to {periods.max():.6g} s cannot be fitted together; "
-            "analyse them as trials of their own"
-        )
+    """The kinds of the lines that the realisations, of one period, share, from the size of the angle's lines. Raises
+    InputError: no line stands out of the noise."""
     size = np.sqrt(np.mean([np.abs(r.mean_lines[0]) ** 2 for r in realisations], axis=0))
     error = np.sqrt(np.mean([scatter(r.spectra[0]) / r.periods for r in realisations], axis=0) / len(realisations))
     size[0] = 0.0

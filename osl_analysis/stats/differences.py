@@ -1,4 +1,4 @@
-"""The difference between two campaigns in one quantity, B - A, with a 95 % interval."""
+"""The difference between two campaigns in one quantity, B - A, with a 95 % interval; a verdict by such an interval."""
 
 import math
 import warnings
@@ -28,20 +28,20 @@ class Difference(NamedTuple):
 
 def difference(a: Sample, b: Sample) -> Difference:
     """B - A by condition: paired where both have the same conditions with as many trials each, mixed effects where
-    conditions overlap only in part or have unequal repeats (where these do not converge Welch's t over the means of the
-    shared conditions), Welch's t over trials where one condition is shared. The trials of a condition count as their
-    mean, so that what differs from condition to condition is scatter."""
+    conditions overlap only in part or have unequal repeats (where these do not converge, paired over the shared ones),
+    Welch's t over trials where one condition is shared. The trials of a condition count as their mean, so that what
+    differs from condition to condition is scatter."""
     shared = [condition for condition in a if condition in b]
     x, y = (np.array([np.mean(one[condition]) for condition in shared]) for one in (a, b))
     if not shared:
         return Difference(None, None, None, "none: no condition in common")
     if len(shared) == 1:
         return welch(a[shared[0]], b[shared[0]], "Welch's t, trials")
+    paired = over_repeats(y - x)
+    found = Difference(paired.mean, paired.low, paired.high, "paired, Student")
     if {one: len(trials) for one, trials in a.items()} == {one: len(trials) for one, trials in b.items()}:
-        found = over_repeats(y - x)
-        return Difference(found.mean, found.low, found.high, "paired, Student")
-    unconverged = "Welch's t, means of conditions: the mixed model did not converge"
-    return mixed_effects(a, b, y - x) or welch(x, y, unconverged)
+        return found
+    return mixed_effects(a, b, y - x) or found._replace(method="paired, Student: the mixed model did not converge")
 
 
 def student(estimate: float, se: float, freedom: float, method: str) -> Difference:
@@ -88,3 +88,17 @@ def of_intervals(a: Sample, b: Sample) -> Difference:
     ((x, x_low, x_high),), ((y, y_low, y_high),) = a.values(), b.values()
     low, high = y - x - math.hypot(y - y_low, x_high - x), y - x + math.hypot(y_high - y, x - x_low)
     return Difference(y - x, low, high, "intervals of both")
+
+
+def equivalence(low: float | None, high: float | None, target: float, margin: float | None) -> str | None:
+    """'equivalent', 'different' or 'undecided' that a number with this 95 % interval is target +- margin, all in one
+    unit; None without an interval or margin.
+
+    It is equivalent where the whole interval lies within target +- margin, different where the whole interval lies
+    beyond it on one side, and else undecided. Two one-sided tests at 5 % ask for the 90 % interval alone (Schuirmann,
+    J. Pharmacokinet. Biopharm. 15, 1987); the 95 % interval is conservative: each test is at 2.5 %."""
+    if low is None or high is None or margin is None or not all(map(math.isfinite, (low, high, target, margin))):
+        return None
+    if target - margin <= low and high <= target + margin:
+        return "equivalent"
+    return "different" if high < target - margin or low > target + margin else "undecided"

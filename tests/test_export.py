@@ -72,7 +72,7 @@ def test_the_files_have_the_means_of_the_components_and_say_why_they_are_not_pro
 
 
 @pytest.mark.parametrize(("lost", "more", "said"), [
-    ("tables/transmission.csv", (), "the campaign has no transmission trials; "),
+    ("tables/transmission.csv", (), "the campaign has no transmission trials of this joint and side; record them"),
     ("-", ("--config", "config/config.yaml"), "results of campaign 'made', the configuration is of 'default'; "),
     ("-", ("--trials", "compensate"), "no trial 'compensate' of the ankle; did you mean 'compensated'?"),
 ])  # fmt: skip

@@ -6,6 +6,7 @@ in the other trials of the campaign, and a misfit that is alike in all trials na
 measured, or a controller that acts late.
 """
 
+import warnings
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -290,7 +291,8 @@ def robust_fit(A: Array, names: Sequence[str]) -> tuple[Array, float]:
     X = A[:, [TERMS.index(name) for name in names]].transpose(0, 2, 1).reshape(-1, len(names))
     scale = np.maximum(np.abs(X).max(axis=0), np.finfo(float).tiny)
     x = np.linalg.lstsq(X / scale, y, rcond=None)[0]
-    with suppress(ZeroDivisionError), np.errstate(all="ignore"):  # where half of the numbers are explained exactly
+    with suppress(ZeroDivisionError), np.errstate(all="ignore"), warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # where half of the numbers are explained exactly, their scale is 0
         x = np.asarray(RLM(y, X / scale, HuberT(1.5)).fit().params)
     x = x / scale
     return x, float(np.mean(np.abs(y - X @ x)))

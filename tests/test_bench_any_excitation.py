@@ -31,7 +31,7 @@ from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.judge.doubts import marked
 from osl_analysis.judge.recording import check_recording, measure_protocol, samples_at_rail, saturated
 from osl_analysis.judge.table import Commanded, Doubt, DoubtfulFits, Examined
-from osl_analysis.model.compensator import PAPER_WEIGHT, predicted_impedance
+from osl_analysis.model.compensator import PAPER_WEIGHT
 from osl_analysis.model.drivetrain import joint_admittance
 from osl_analysis.model.parameters import read_parameters
 from osl_analysis.trial import Trial, write_trial
@@ -167,16 +167,34 @@ def test_the_lag_of_a_leg_is_found_beside_the_higher_dynamics_of_its_linear_mode
     s = 2j * np.pi * np.fft.rfftfreq(len(theta), 1 / 250)
     spectrum = np.fft.rfft(theta) * (np.abs(s) < 2 * np.pi * 45)
     s[0] = 1e-9j
-    torque = np.fft.irfft(spectrum / expected(s) * np.exp(-s * 3e-4), len(theta))
-    record = moving_record(trial := made_trial(rng, motion, K=0.0, B=0.0, I=0.0, more=torque))
+    torque, late = (np.fft.irfft(spectrum / expected(s) * np.exp(-s * d), len(theta)) for d in (0.0, 3e-4))
+    record = moving_record(trial := made_trial(rng, motion, K=0.0, B=0.0, I=0.0, more=late))
     found, _ = faults_in(record, expected)
     assert found.found
     assert found.size == pytest.approx(3e-4, abs=4 * found.se + 2e-5)
     assert found.se < 8e-5
     assert not (alone := faults_in(record)[0]) or not alone.found
     table = judged_impedance(record, saturated(trial), p, asked, PAPER_WEIGHT)[1]
-    predicted = predicted_impedance(gains, p, np.linspace(*record.band_hz, 12).tolist())
-    assert table.select("K_predicted", "B_predicted", "I_predicted").row(0) == pytest.approx(predicted)
+    on_time = row_of(made_trial(rng, motion, K=0.0, B=0.0, I=0.0, more=torque))
+    assert table.select("K_predicted", "B_predicted").row(0) == pytest.approx((on_time["K"], on_time["B"]), rel=3e-3)
+    assert table["I_predicted"][0] == pytest.approx(on_time["I"], abs=2e-3)
+    assert table["B_gap_s"][0] is None, "friction hides it without compensation"
+
+
+@pytest.mark.parametrize("late", [0.0, 5e-3])
+def test_the_b_of_a_compensated_leg_is_held_against_that_of_its_gains(late):
+    """A torque that is late by d loses K d of B: d K over torque per angle, in seconds. Without noise, by formula."""
+    p, asked = read_parameters(ROOT / "config/parameters/default.yaml"), DesiredImpedance("compensated", 300.0, 5.0)
+    gains, (_, (theta, *_)) = asked.gains(p, PAPER_WEIGHT), (motion := noise(np.random.default_rng(2), (0.5, 5.0)))
+    s = 2j * np.pi * np.fft.rfftfreq(len(theta), 1 / 250)
+    s[0] = 1e-9j
+    spectrum = np.fft.rfft(theta) / joint_admittance(gains.K_1, gains.B_1, p, p.J_j)(s) * np.exp(-s * late)
+    torque = np.fft.irfft(spectrum * (np.abs(s) < 2 * np.pi * 45), len(theta))
+    record = moving_record(trial := made_trial(np.random.default_rng(3), motion, K=0.0, B=0.0, I=0.0, more=torque))
+    table = judged_impedance(record, saturated(trial), p, asked, PAPER_WEIGHT)[1]
+    size = np.std(torque) / np.std(theta)
+    assert table["B_gap_s"][0] == pytest.approx(late * table["K"][0] / size, rel=0.1, abs=2e-4)
+    assert table["B_predicted"][0] == pytest.approx(5.46, rel=0.05)
 
 
 @pytest.mark.parametrize("width", [0.001, 0.003, 0.01])

@@ -19,7 +19,7 @@ from osl_analysis.bench.record import SHORTEST_S, Label, Record
 from osl_analysis.errors import IdentifiabilityError, InputError, nearest
 from osl_analysis.judge.doubts import EFFECTS, LATENESS, check_told, counted, doubtful_row, plausible_impedance
 from osl_analysis.measured import usual_size
-from osl_analysis.model.compensator import CONTROLLERS, Gains, Weight, predicted_impedance, select_gains
+from osl_analysis.model.compensator import CONTROLLERS, Gains, Weight, select_gains
 from osl_analysis.model.drivetrain import joint_admittance
 from osl_analysis.model.parameters import DrivetrainParameters
 from osl_analysis.protocol.stepped_sine import moving_bins
@@ -418,15 +418,16 @@ def judged_impedance(
     Raises InputError, UnreachableImpedanceError: As `plausible_impedance`, and as `DesiredImpedance.gains`.
     """
     gains = None if desired is None or weight is None else desired.gains(p, weight)
-    expected, predicted = None, None
-    if p is not None and gains is not None:
-        expected = joint_admittance(gains.K_1, gains.B_1, p, p.J_j)
-        assert record.settings is not None  # a trial that was read from a file
-        commanded = record.settings.frequencies_hz
-        band = commanded if record.is_stepped_sine else np.linspace(*record.band_hz, 12).tolist()
-        predicted = predicted_impedance(gains, p, band)
+    expected = joint_admittance(gains.K_1, gains.B_1, p, p.J_j) if p and gains else None
     rendered = rendered_impedance(record, expected)
+    predicted = linear_estimates(rendered.sums).tolist() if expected else None
     table = plausible_impedance(impedance_table(rendered), rails, p, predicted[0] if predicted else None)
+    gap = pl.lit(None, pl.Float64)
+    if predicted and gains and gains.cancels_friction:
+        gap = (predicted[1] - pl.col("B")) / pl.Series(
+            [torque_per_angle(rendered.sums, x) for x in rendered.analysis.fits]
+        )
+    table = table.with_columns(B_gap_s=gap)
     if desired is not None:
         values = zip(QUANTITIES, predicted or (None, None, None), strict=True)
         should_be = {f"{name}_predicted": pl.lit(value, pl.Float64) for name, value in values}
@@ -440,6 +441,19 @@ def judged_impedance(
         table = table.with_columns(**desired.columns(), **should_be)
     said = [left_unchecked(row, p, desired, record.two_clocks) for row in table.iter_rows(named=True)]
     return rendered, table.with_columns(not_checked=pl.Series(said, dtype=pl.String))
+
+
+def linear_estimates(s: Sums) -> Array:
+    """K, B and I (3,) that Eq. 15 estimates of the torque of the linear model, moved as recorded: what the gains should
+    give with this motion. They depend on it, because a drivetrain is of higher order."""
+    return estimates_of(s.total, s.index(list(IMPEDANCE.values())), s.names.index("linear"))[:3]
+
+
+def torque_per_angle(s: Sums, label: Label) -> float:
+    """SD of the torque over that of the angle [N*m/rad] in the rows of a label."""
+    total, at, one = s.over(label), [s.torque, s.names.index("theta")], s.names.index("one")
+    torque, theta = (total[k, k] / total[one, one] - (total[k, one] / total[one, one]) ** 2 for k in at)
+    return float(np.sqrt(torque / theta))
 
 
 def torque_error(s: Sums, label: Label, desired: DesiredImpedance) -> float | None:

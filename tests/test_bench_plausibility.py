@@ -97,6 +97,17 @@ def test_what_cannot_be_is_refused_with_its_cause(experiment, changes, words):
         judged(experiment, changed(experiment, **changes))
 
 
+def test_the_weight_of_a_foot_is_a_column_of_the_transmission_and_a_doubt_about_its_inertia():
+    recording, sound = dict(RECORDINGS["transmission"]), judged("transmission", RECORDINGS["transmission"])
+    recording["torque"] = recording["torque"] + 0.5 * np.sin(recording["theta"])
+    row = judged("transmission", recording)
+    assert row["weight_low"] < 0.5 < row["weight_high"]
+    assert row["J_j_weightless"] == pytest.approx(sound["J_j"], rel=0.01)
+    assert 1 - row["weight_share"] == pytest.approx(row["J_j"] / row["J_j_weightless"])
+    assert re.match(r"weight on the joint: .* which falsifies J_j: it takes [\d.]+ % off J_j", row["doubtful"])
+    assert sound["weight_share"] == 0
+
+
 @pytest.mark.parametrize(("experiment", "changes", "words"), [
     *((experiment, {}, "^$") for experiment in RECORDINGS),  # a sound recording is not doubtful
     ("actuator", {"theta_m": 180 / np.pi}, "57.3 is the factor between degrees.*J_m_ratio 0.0175 is below 0.33"),

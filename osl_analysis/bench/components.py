@@ -246,11 +246,16 @@ def transmission_table(analysis: Analysis) -> pl.DataFrame:
     certain = friction_rows(s, TRANSMISSION, analysis.fits)  # its T_C counts how sharply friction turns its sign
     for label, fit in analysis.fits.items():
         friction = effects.with_effects(s, TRANSMISSION, ("T_C",), label)
+        weight = effects.with_effects(s, TRANSMISSION, ("weight",), label)
+        taken = 1 - fit["J_j"] / weight["J_j"] if weight.certain("weight", effects.FALSE_ALARM) else 0.0
         even, odd = harmonic_shares(phasors, label, (0.0, fit["B_j"], fit["J_j"]))
         rows.append(
             {
                 **analysis.row(label, *LOSSES),
                 **estimates_row(friction, "T_C"),
+                **estimates_row(weight, "weight"),
+                "J_j_weightless": weight["J_j"],
+                "weight_share": taken,
                 "B_j_coulomb": friction["B_j"],
                 "VAF_coulomb": friction.vaf,
                 "even_harmonics": even,

@@ -41,7 +41,7 @@ PHYSICS = ("T_C", "T_G", *STOPS, "cubic", "gap", "linear")
 """What a joint may have beside the model: Coulomb friction, friction that grows with the angle, springs that slip, a
 spring that stiffens, play, the higher dynamics of the linear model with its gains."""
 FAULTS = ("lag_s", "K_change")  # what a recording may have
-COLUMN = {"T_C": "sign", "T_C_sharp": "sharp_sign", "T_G": "load_sign", "K_change": "u_theta"}
+COLUMN = {"weight": "theta", "T_C": "sign", "T_C_sharp": "sharp_sign", "T_G": "load_sign", "K_change": "u_theta"}
 """Columns of effects that are not named alike."""
 FALSE_ALARM = 1e-3  # probability of a false alarm for one effect
 POSSIBLE = 2.0  # standard errors by which an effect may be larger than it is found

@@ -133,7 +133,7 @@ def test_the_frequency_response_of_a_stepped_sine_is_that_of_the_campaign_and_of
 def test_the_frequency_response_of_any_motion_is_that_of_the_campaign(experiment, tmp_path, short):
     files, limits = of_campaign(experiment, tmp_path, short), read_config(short).doubtful
     found = osl.frequency_response(bench_trial(experiment), DESIRED, config=short)
-    assert ("impedance.csv: " in found.table["doubtful"][0]) == (experiment == "friction")
+    assert ("impedance.csv: friction" in found.table["doubtful"][0]) == (experiment == "friction")
     for name, table in (("response", found.table), ("response_models", found.models)):
         path = tmp_path / f"tables/{name}.csv"
         tables.gather([files[name]], path, limits.of(name), [files["impedance"]], limits.of("impedance"))

@@ -7,8 +7,8 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.bench.components import PLACE
+from osl_analysis.bench.model_comparison import mean_with_bounds
 from osl_analysis.model.compensator import CONTROLLERS
-from osl_analysis.stats.repeats import mean_over_trials
 
 QUANTITIES: Mapping[str, tuple[str, pl.Expr]] = {
     "torque_error": ("N*m", pl.col("torque_error")),
@@ -17,7 +17,6 @@ QUANTITIES: Mapping[str, tuple[str, pl.Expr]] = {
     "VAF": ("%", pl.col("VAF")),
 }
 """Unit and value of what is compared; of all but the VAF less is better."""
-DIFFERENCE = ("difference", "difference_low", "difference_high")
 ASKED = (*PLACE, "K_d", "B_d")
 
 
@@ -40,7 +39,7 @@ def compensation_table(impedance: pl.DataFrame) -> pl.DataFrame:
             found += [{**place, **paired(of_place, name), "by": by, "at": at} for name in QUANTITIES]
     types: dict[str, Any] = dict.fromkeys((*PLACE, "quantity", "unit", "by"), pl.String) | {"at": pl.Float64}
     types |= {"pairs": pl.Int64, "better": pl.Int64} | dict.fromkeys(("compensated", "uncompensated"), pl.Float64)
-    types |= dict.fromkeys(DIFFERENCE, pl.Float64)
+    types |= dict.fromkeys(("difference", "difference_low", "difference_high"), pl.Float64)
     return pl.DataFrame(found, schema=types)
 
 
@@ -48,9 +47,7 @@ def paired(pairs: pl.DataFrame, name: str) -> dict[str, Any]:
     """One quantity in some pairs."""
     difference = pairs[name] - pairs[f"{name}_right"]
     by_trial = pairs.select("K_d", "B_d", difference=difference).group_by("K_d", "B_d").agg(pl.col("difference").mean())
-    mean = mean_over_trials(np.sort(by_trial["difference"].to_numpy()))
-    bounds = (mean.low, mean.high) if np.isfinite(mean.low) else (None, None)
     better = int((difference > 0 if name == "VAF" else difference < 0).sum())
     row = {"quantity": name, "unit": QUANTITIES[name][0], "pairs": len(pairs), "better": better}
     row |= {"compensated": pairs[name].mean(), "uncompensated": pairs[f"{name}_right"].mean()}
-    return row | dict(zip(DIFFERENCE, (mean.mean, *bounds), strict=True))
+    return row | mean_with_bounds("difference", np.sort(by_trial["difference"].to_numpy()))

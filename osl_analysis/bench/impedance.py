@@ -424,9 +424,8 @@ def judged_impedance(
     table = plausible_impedance(impedance_table(rendered), rails, p, predicted[0] if predicted else None)
     gap = pl.lit(None, pl.Float64)
     if predicted and gains and gains.cancels_friction:
-        gap = (predicted[1] - pl.col("B")) / pl.Series(
-            [torque_per_angle(rendered.sums, x) for x in rendered.analysis.fits]
-        )
+        sizes = pl.Series([torque_per_angle(rendered.sums, label) for label in rendered.analysis.fits])
+        gap = (predicted[1] - pl.col("B")) / sizes
     table = table.with_columns(B_gap_s=gap)
     if desired is not None:
         values = zip(QUANTITIES, predicted or (None, None, None), strict=True)

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from osl_analysis.bench.components import PLACE, loaded_rows
+from osl_analysis.bench.prediction import predicted_torque
 from osl_analysis.bench.record import Record
-from osl_analysis.errors import InputError
 from osl_analysis.model.compensator import Gains
-from osl_analysis.model.drivetrain_response import Controller, belt_response
+from osl_analysis.model.drivetrain_response import Controller
 from osl_analysis.model.parameters import DrivetrainParameters
 from osl_analysis.stats.regression import linear_fit
 from osl_analysis.stats.repeats import Candidate, loss_behind_best, mean_over_trials, rank_words, score_models
@@ -113,16 +113,8 @@ class DrivetrainTrial:
         Raises InputError if the model grows without bounds with these gains.
         """
         K_1, B_1 = x[0] * self.gains.K_1, self.gains.B_1 + (x[1] - 1) * self.unit_damping
-        gains, record = Gains(float(K_1), float(B_1), self.gains.cancels_friction), self.record
-        law = Controller(gains, self.p, self.sign_width)
-        belt = belt_response(record.theta, record.rate_hz, law, self.p, float(x[2]))
-        if not np.isfinite(belt).all():
-            raise InputError(
-                f"the drivetrain model grows without bounds for K_1 = {gains.K_1:g}, B_1 = {gains.B_1:g}; check the "
-                "parameter file against the device"
-            )
-        joint = self.p.B_j * record.motion.omega + self.p.J_j * record.motion.alpha
-        return record.low_pass(belt, record.rate_hz) + joint
+        law = Controller(Gains(float(K_1), float(B_1), self.gains.cancels_friction), self.p, self.sign_width)
+        return predicted_torque(self.record, law, self.p, float(x[2]))
 
     def residuals(self, x: Array) -> Array:
         """What the model with the three numbers x leaves of the torque of all amplitudes, one after the other. Each has

@@ -126,14 +126,14 @@ def drivetrain_of(values: Mapping[str, float], file: DrivetrainParameters) -> Dr
     return replace(file, k_tau=values["k_tau_n_m"] / file.n_m, K_s2=0.0, **named)
 
 
-def predicted_torque(record: Record, law: Controller, p: DrivetrainParameters) -> Array:
-    """Filtered resisting torque (n,) [N*m] of a drivetrain under a controller, for the recorded angle. Raises
-    InputError: it grows without bounds."""
-    belt = belt_response(record.theta, record.rate_hz, law, p)
+def predicted_torque(record: Record, law: Controller, p: DrivetrainParameters, friction: float = 1.0) -> Array:
+    """Filtered resisting torque (n,) [N*m] of a drivetrain under a controller, for the recorded angle, with `friction`
+    times that of the parameters. Raises InputError: it grows without bounds."""
+    belt = belt_response(record.theta, record.rate_hz, law, p, friction)
     if not np.isfinite(belt).all():
         raise InputError(
-            f"trial {record.name}: the torque that the components predict grows without bounds for K_1 = "
-            f"{law.gains.K_1:g}, B_1 = {law.gains.B_1:g}; check the component trials and the parameter file"
+            f"trial {record.name}: the drivetrain model grows without bounds for K_1 = {law.gains.K_1:g}, B_1 = "
+            f"{law.gains.B_1:g}; check the parameter file and the component trials against the device"
         )
     return record.low_pass(belt, record.rate_hz) + p.B_j * record.motion.omega + p.J_j * record.motion.alpha
 
@@ -237,8 +237,8 @@ def causes_table(each: Sequence[Mapping[str, Any]], components: Components, plac
     that explains most is named, with those that explain as much, where it explains `LEAST_SHARE` and its change is
     certain and not small. Trials that ring do not outweigh the others: the regression is robust.
     """
-    A, values = np.array([[[of[term][x] for x in ALONG] for term in TERMS] for of in each]), dict(components.values)
-    n, values = len(A), values | {"torque_gain": 1.0}
+    A = np.array([[[of[term][x] for x in ALONG] for term in TERMS] for of in each])
+    n, values = len(A), {**components.values, "torque_gain": 1.0}
 
     def row_of(name: str, names: tuple[str, ...], left: float, without: float) -> dict[str, Any]:
         change, se, value = beside_delays(A, *names)[0].get(name, 0.0), None, values.get(name)

@@ -153,9 +153,8 @@ class ImpedanceAnalysis(SteppedSineAnalysis):
     largest_inertia_error: Positive | None = 0.01
     """Change of I [kg*m^2] by a torque error of 0.1 %, from which a motion is refused because it cannot tell K from I;
     null: no limit."""
-    rated_torque: Positive | None = (
-        None  # of the joint [N*m]: torque errors are given as shares of it; null: not stated
-    )
+    rated_torque: Positive | None = None
+    """Of the joint [N*m]: torque errors are given as shares of it; null: not stated."""
 
 
 class DynamometerAnalysis(ImpedanceAnalysis, BeltAnalysis):

@@ -204,7 +204,7 @@ def claims_table(
     parameters by joint."""
     bench = {name: own for name, own in tables.items() if not name.startswith("walking")}
     kept = ("trial", "controller", "K_d", "B_d", "frequency_hz", *DAMPING)
-    nothing, rows = pl.DataFrame(schema=[*kept, "amplitude_deg", "by"]), list[Claim]()
+    nothing, rows = pl.DataFrame(schema=[*kept, "amplitude_deg"]), list[Claim]()
     for joint, side in dict.fromkeys(one for own in bench.values() for one in own.select("joint", "side").iter_rows()):
         place = {"joint": joint, "side": side}
         at = [pl.col(name).eq_missing(pl.lit(value, pl.String)) for name, value in place.items()]

@@ -193,7 +193,7 @@ def draw_response(table: pl.DataFrame) -> Figure:
     for unused in axes[-3:, len(shown) - across * (down - 1) :].ravel():
         unused.remove()
     style.legend_above(figure, entries, 6, columnspacing=1.2)
-    figure.align_ylabels()
+    figure.align_ylabels(axes[:, 0])
     return figure
 
 

@@ -94,7 +94,8 @@ def panels(
 def lay_out(figure: Figure) -> None:
     """Place everything once, at the resolution of a PNG: every format then has the same places, and is drawn once."""
     figure.set_dpi(PAPER["savefig.dpi"])
-    figure.draw_without_rendering()
+    if engine := figure.get_layout_engine():
+        engine.execute(figure)
     figure.set_layout_engine(None)  # with any engine, `savefig` draws once more in vain
 
 

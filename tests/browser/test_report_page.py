@@ -59,7 +59,10 @@ def page(chromium, results):
     chromium.get("about:blank")
     for log in ("browser", "performance"):
         chromium.get_log(log)
-    chromium.get((results / "report.html").as_uri())
+    address = (results / "report.html").as_uri()
+    chromium.get(address)
+    state = "return [location.href.split('#')[0], document.readyState]"  # a busy machine may still show the blank page
+    wait(chromium, lambda: chromium.execute_script(state) == [address, "complete"])
     yield chromium
     said, sent = (chromium.get_log(log) for log in ("browser", "performance"))
     errors = [entry["message"] for entry in said if entry["level"] in ("SEVERE", "WARNING")]

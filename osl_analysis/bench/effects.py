@@ -89,6 +89,7 @@ def sums_of(record: Record, model: Model, expected: Admittance | None = None) ->
     if record.two_clocks and not record.groups.repeat:
         columns |= {f"ramp_{name}": ramp * columns[name] for name in ("omega", "alpha", "jerk")}
     columns |= dict(zip(shaped, smooth, strict=True))
+    columns["sign_rate"] = np.gradient(columns["sign"], 1 / few.rate_hz)
     if expected is not None:
         linear = linear_torque(few, expected)
         columns |= {"linear": linear, "linear_rate": np.gradient(linear, 1 / few.rate_hz)}

@@ -6,7 +6,7 @@ from contextlib import nullcontext
 import numpy as np
 import polars as pl
 import pytest
-from bench_synthetic import PROTOCOL, second_order, stepped_sine
+from bench_synthetic import PROTOCOL, second_order, stepped_sine, true_motion
 from conftest import ROOT
 
 from osl_analysis.bench.impedance import DesiredImpedance
@@ -71,11 +71,11 @@ def changed(experiment, **changes):
     return recording
 
 
-def judged(experiment, recording, bench=BENCH, asked=None):
+def judged(experiment, recording, bench=BENCH, asked=None, fixture=None):
     """The last row of the table by the one door to a fit, which knows K_d if it is `asked`."""
     chosen = {"settings": ACTUATOR if experiment == "actuator" else bench}
     chosen |= {"weight": PAPER_WEIGHT} if experiment == "impedance" else {}
-    trial = Trial("made", pl.DataFrame(recording))
+    trial = Trial("made", pl.DataFrame(recording), {"columns": {"torque": {"fixture": fixture}}})
     return fit_trial(experiment, trial, DEVICE, chosen, LIMITS, asked).table.to_dicts()[-1]
 
 
@@ -106,6 +106,21 @@ def test_the_weight_of_a_foot_is_a_column_of_the_transmission_and_a_doubt_about_
     assert 1 - row["weight_share"] == pytest.approx(row["J_j"] / row["J_j_weightless"])
     assert re.match(r"weight on the joint: .* which falsifies J_j: it takes [\d.]+ % off J_j", row["doubtful"])
     assert sound["weight_share"] == 0
+
+
+@pytest.mark.parametrize("experiment", ["impedance", "transmission", "belt"])
+def test_inertia_and_weight_of_a_fixture_are_taken_off_the_torque_before_the_fit(experiment):
+    """The estimates are those of the joint alone, to a thousandth of what the fixture adds to them."""
+    recording, sound = dict(RECORDINGS[experiment]), judged(experiment, RECORDINGS[experiment])
+    theta, stated = recording["theta"], {"inertia": 0.02, "weight": 1.0, "rest_deg": 60.0}
+    alpha = true_motion(recording["time"], theta).alpha
+    recording["torque"] = recording["torque"] + 0.02 * alpha + np.sin(theta - np.pi / 3)
+    added, found = judged(experiment, recording), judged(experiment, recording, fixture=stated)
+    adds = {"impedance": {"K": 0.4, "I": 0.019}, "transmission": {"J_j": 0.01}, "belt": {"K_s": 0.4}}
+    for name, least in adds[experiment].items():
+        assert added[name] - sound[name] > least
+        assert found[name] == pytest.approx(sound[name], abs=1e-3 * (added[name] - sound[name]))
+    assert found["doubtful"] == ""
 
 
 @pytest.mark.parametrize(("experiment", "changes", "words"), [

@@ -32,8 +32,9 @@ CONFIG, RATE, PERIOD, A = read_config(ROOT / "config/config.yaml"), 250.0, 8.0, 
 K, B, W, PLAIN = 200.0, 30.0, 2 * np.pi / PERIOD, {"zero": "none"}
 
 
-def trial_of(theta, torque):
-    return Trial("foot", pl.DataFrame({"time": np.arange(theta.size) / RATE, "theta": theta, "torque": torque}))
+def trial_of(theta, torque, **provenance):
+    samples = pl.DataFrame({"time": np.arange(theta.size) / RATE, "theta": theta, "torque": torque})
+    return Trial("foot", samples, provenance)
 
 
 def fitted(theta, torque, **changes):
@@ -271,6 +272,18 @@ def test_the_change_of_the_energy_with_speed_is_that_from_the_slowest_cycle_to_t
     assert row["shortest_cycle_s"] == pytest.approx(20 / 8, rel=0.01)
     for like in (FULL, np.tile(path(0, 10, 0, rest=0.5), 2)):  # or a rest in one of them
         assert row_of(like, K * like, rest_s=0.4)["rate_change"] is None
+
+
+def test_the_weight_of_a_fixture_is_taken_off_the_torque():
+    def of(trial):
+        return torque_angle_table(torque_angle_trial(trial, CONFIG.torque_angle)).row(0, named=True)
+
+    torque, weight = K * FULL + jenkins(FULL, 400, 2), 2 * np.sin(FULL - np.deg2rad(30))
+    stated = trial_of(FULL, torque + weight, columns={"torque": {"fixture": {"weight": 2.0, "rest_deg": 30.0}}})
+    alone, found = of(trial_of(FULL, torque)), of(stated)
+    assert of(trial_of(FULL, torque + weight))["K"] - alone["K"] > 1.7
+    for name in ("K", "energy_stored", "energy_lost", "torque_zero"):
+        assert found[name] == pytest.approx(alone[name], rel=1e-5, abs=1e-5)
 
 
 def test_a_desired_curve_stands_beside_the_measured_one():

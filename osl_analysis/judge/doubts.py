@@ -87,6 +87,11 @@ def number_said(name: str, value: float, row: AnyRow) -> str:
         late = f"{signal} is late by {size}, which make {makes}"
         if turns_far(row):
             late = f"a delay of {signal} by {size} would explain it, and make {makes}"
+    behind, per_ms, lost = (cell_number(row, name) or 0.0 for name in ("late_s", "energy_per_ms", "energy_lost"))
+    loop, taken = "", 1e3 * behind * per_ms  # off the energy lost [J]
+    if taken > 0:
+        share = 100 * taken / abs(lost + taken)
+        loop = f"a torque late by {1e3 * behind:.2g} ms would make it so, and take {share:.0f} % off energy_lost"
     frame = " (state `bench_stiffness` in the configuration if the bench's frame yields)"
     return EVIDENCE[name].shows.format(
         percent=f"{100 * abs(value):.3g} %",
@@ -97,6 +102,7 @@ def number_said(name: str, value: float, row: AnyRow) -> str:
         factor=factor and f", {factor}",
         frame=frame if 0.5 < value < 1 else "",  # a frame that yields lowers K, and hardly to a half
         late=late,
+        loop=loop,
     )
 
 
@@ -104,6 +110,8 @@ def cause_in(name: str, value: float, row: AnyRow) -> Cause:
     """The cause of a number beyond its limit. A torque that comes late may be a delay or low-pass, or a spring in
     series, which of stiffness k lowers K by K/k: K_ratio says which agrees with the gains; without it, or with
     friction, neither is named alone. Where the lag is large it may be a drivetrain."""
+    if name == "rate_change" and value < 0:
+        return CAUSES["loss that falls with speed"]
     if name == "K_change" and (value > 0 or (cell_number(row, "stiffening") or 0.0) < 0):
         return CAUSES["spring that is not linear"]
     if EVIDENCE[name].shows != "{late}":

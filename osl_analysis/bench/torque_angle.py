@@ -360,7 +360,8 @@ def torque_angle_table(trial: TorqueAngleTrial, desired: str | None = None) -> p
 
     Intervals are those of the mean over cycles (Student), with the error of the bench's stiffness; null with one cycle.
     `cycle_drift` is the change of torque at the same angles from the first cycle to the last, `rate_change` that of the
-    energy lost from the slowest cycle to the fastest (`change_with_speed`), `desired_rms` the distance [N*m] of the mean of both branches from the desired curve. Raises InputError: There is no such curve.
+    energy lost from the slowest cycle to the fastest (`change_with_speed`), `desired_rms` the distance [N*m] of the mean
+    of both branches from the desired curve. Raises InputError: There is no such curve.
     """
     cycles, bench, theta, torque = cycle_table(trial), trial.settings.bench_stiffness, trial.theta, trial.torque
     of = {name: cycles[name].to_numpy() for name in cycles.columns if name != "trial"}
@@ -418,7 +419,7 @@ def torque_angle_table(trial: TorqueAngleTrial, desired: str | None = None) -> p
     if rate_change is None:
         unseen = f"{LATENESS}: all cycles have one speed, each ms of delay would take {row['energy_per_ms']:.2g} J off "
         unseen += f"energy_lost = {row['energy_lost']:.3g}, record cycles at half the speed too"
-        row["not_checked"] = "; ".join(filter(None, [row["not_checked"], unseen]))
+        row["not_checked"] = "; ".join(filter(None, [str(row["not_checked"] or ""), unseen]))
     texts = dict.fromkeys(("interval_method", "desired", "not_checked"), pl.String)
     empty = {name: texts.get(name, pl.Float64) for name, value in row.items() if value is None}
     return pl.DataFrame([row], schema_overrides=empty)

@@ -130,6 +130,19 @@ def test_inertia_and_weight_of_a_fixture_are_taken_off_the_torque_before_the_fit
     ("actuator", {"current": 1000}, "mA and A.*k_tau_n_m_ratio 0.001"),
     ("belt", {"torque": 4.4482}, "between lbf and N.*K_s_ratio 4.4"),
     ("belt", {"torque": 0.01}, "N\\*cm.*K_s_ratio 0.01"), ("transmission", {"torque": 0.01}, "N\\*cm.*B_j_ratio 0.0"),
+    # within the limits of a device that differs, a factor between units is named where a witness agrees
+    ("belt", {"torque": 1.3558}, r"another unit: .* K_s is 1\.36 times .*1\.36 is the factor between lbf\*ft and N\*m"),
+    ("belt", {"torque": 1 / 1.3558}, r"another unit: .* K_s is 0\.738 times .*lbf\*ft and N\*m.*K_s_ratio 0\.738"),
+    ("belt", {"torque": 1.2}, "^$"), ("belt", {"torque": 0.8}, "^$"), ("belt", {"torque": 1.3}, "^$"),
+    ("transmission", {"torque": 1.3558}, r"another unit: .* B_j is 1\.3[56] times .*lbf\*ft"),
+    ("transmission", {"torque": 1.2}, "^$"),
+    ("transmission", {"torque": lambda x: x + 0.3558 * 0.452 * np.gradient(driven(losses)["theta"]) * RATE}, "^$"),
+    ("actuator", {"current": 1.5**0.5}, r"another unit: .* k_tau n_m is 0\.817 .*1\.22 is the factor between q-axis"),
+    ("actuator", {"current": 1.5**-0.5}, r"another unit: .* k_tau n_m is 1\.22 times"),
+    ("actuator", {"current": 2**0.5}, "another unit: .*between peak and RMS current"),
+    ("actuator", {"current": 3**-0.5}, "another unit: .*between line and phase"),
+    ("actuator", {"torque_m": 1.3558}, r"another unit: .*between lbf\*ft and N\*m"),
+    ("actuator", {"current": 1 / 1.2}, "^$"), ("actuator", {"torque_m": 1.5**0.5}, "^$"),
     ("impedance", {"torque": 0.01}, "K_over_K_s 0.00292 is below 0.01"),
     ("impedance", {"torque": clipped}, "clipped.*saturated_samples"),
     ("actuator", {"torque_m": clipped}, "clipped.*saturated_samples"),
@@ -143,6 +156,17 @@ def test_what_is_not_likely_is_doubtful_with_its_cause(experiment, changes, word
         monkeypatch.setattr("osl_analysis.bench.components.FEWEST_MOVING_S", 0.1)
     row = judged(experiment, changed(experiment, **changes))
     assert re.search(words, row["doubtful"]), row["doubtful"]
+
+
+def test_a_shaft_that_yields_against_the_joint_has_the_wrong_sign_and_one_that_yields_with_it_is_sound():
+    theta, n_T = RECORDINGS["belt"]["theta"], 83 / 18
+    for way, begins in ((1, ""), (-1, "shaft that turns against the joint")):
+        shaft = way * 0.1 * n_T * theta  # which takes a tenth of the joint's angle
+        made = {"theta_m": shaft, "torque": RECORDINGS["belt"]["torque"] - 685.6 * 0.1 * theta}
+        row = judged("belt", RECORDINGS["belt"] | made)
+        assert row["shaft_turn"] == pytest.approx(way * 0.1 * n_T, rel=1e-3)
+        assert row["K_s"] == pytest.approx(685.6 * 0.9 / (1 - way * 0.1), rel=1e-3)
+        assert row["doubtful"].partition(":")[0] == begins
 
 
 def test_a_stiffness_far_from_what_the_gains_should_give_is_doubtful():

@@ -243,6 +243,8 @@ LIFT, MIXED = np.linspace(0, 1, FULL.size), np.concatenate([path(0, 10, 0, speed
     (FULL, K * FULL + 6 * LIFT, PLAIN, "doubtful", "cycle_drift"),
     (FULL, K * FULL + 8 * LIFT, PLAIN, "doubtful", "closure_torque"),
     (FULL, np.minimum(K * FULL + 0.01 * NOISE, 25), {}, "doubtful", "clipped"),
+    (FULL, 1e3 * K * FULL, {}, "doubtful", "unlikely size: an estimate is far from what this device can have"),
+    (FULL, 1e-3 * K * FULL, {}, "doubtful", "no joint has a spring of 0.2 N*m/rad, as if N*mm were taken for N*m"),
     (path(0, 10, 0.3), K * path(0, 10, 0.3), {}, "doubtful", "closure_angle"),
     (MIXED, K * MIXED + 20 * np.gradient(MIXED) * RATE, {}, "doubtful", "the energy lost depends on the speed"),
     (FULL, np.roll(K * FULL, 30) + 0.01 * NOISE, {}, "doubtful", "gives back more than it takes up"),
@@ -326,6 +328,13 @@ def test_a_desired_curve_stands_beside_the_measured_one():
     wanted = dict(zip(table["angle_deg"], table["desired_torque"], strict=True))
     assert (wanted[2.5], wanted[8.0], wanted[8.5]) == (5.0, 12.0, None)
     angle = np.array([a for a, w in wanted.items() if w is not None])
+    limits = CONFIG.doubtful.of("torque_angle")
+    for times, begins in ((1.0, ""), (0.75, ""), (1.3558, "another unit: "), (10.1972, "another unit: ")):
+        straight = {"design": {"angle_deg": [0.0, 10.0], "torque": [0.0, K * np.deg2rad(10) / times]}}
+        row = torque_angle_table(fitted(FULL, K * FULL, desired=straight), "design").with_columns(saturated_samples=0)
+        assert row["desired_ratio"][0] == pytest.approx(times, rel=1e-3)
+        assert marked(row, limits, "torque_angle")["doubtful"][0].startswith(begins)
+        assert bool(marked(row, limits, "torque_angle")["doubtful"][0]) == bool(begins)
     distance = K * np.deg2rad(angle) - np.interp(angle, curve["angle_deg"], curve["torque"])
     rms = torque_angle_table(found, "design")["desired_rms"][0]
     assert rms == pytest.approx(np.sqrt(np.mean(distance**2)), rel=0.01)

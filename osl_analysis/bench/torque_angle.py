@@ -360,8 +360,9 @@ def torque_angle_table(trial: TorqueAngleTrial, desired: str | None = None) -> p
 
     Intervals are those of the mean over cycles (Student), with the error of the bench's stiffness; null with one cycle.
     `cycle_drift` is the change of torque at the same angles from the first cycle to the last, `rate_change` that of the
-    energy lost from the slowest cycle to the fastest (`change_with_speed`), `desired_rms` the distance [N*m] of the mean
-    of both branches from the desired curve. Raises InputError: There is no such curve.
+    energy lost from the slowest cycle to the fastest (`change_with_speed`), `desired_rms` the distance [N*m] of the
+    mean of both branches from the desired curve, `desired_ratio` its slope over this curve. Raises InputError: There is
+    no such curve.
     """
     cycles, bench, theta, torque = cycle_table(trial), trial.settings.bench_stiffness, trial.theta, trial.torque
     of = {name: cycles[name].to_numpy() for name in cycles.columns if name != "trial"}
@@ -383,7 +384,8 @@ def torque_angle_table(trial: TorqueAngleTrial, desired: str | None = None) -> p
     drift = float(np.nanmean(trial.curves[0]["change"].to_numpy()) / np.ptp(torque))
     moved, bench_theta = np.rad2deg(theta[between_rests(theta)]), np.rad2deg(trial.bench_theta)
     uncorrected = [straight_line(trial.bench_theta, torque, pieces) for pieces in trial.branches[0]]
-    apart = (loading + unloading) / 2 - trial.desired_torque(desired)
+    middle, wanted = (loading + unloading) / 2, trial.desired_torque(desired)
+    apart, both = middle - wanted, np.isfinite(middle + wanted)
     usable = np.concatenate([trial.uniform.usable[cycle[0] : cycle[-1] + 1] for cycle in trial.cycles])
     row: Row = {
         "trial": trial.uniform.trial,
@@ -415,6 +417,7 @@ def torque_angle_table(trial: TorqueAngleTrial, desired: str | None = None) -> p
         "bridged_share": float(np.mean(~usable)),
         "desired": desired,
         "desired_rms": None if desired is None else float(np.sqrt(np.nanmean(apart**2))),
+        "desired_ratio": float(np.polyfit(wanted[both], middle[both], 1)[0]) if np.count_nonzero(both) > 2 else None,
     }
     if rate_change is None:
         unseen = f"{LATENESS}: all cycles have one speed, each ms of delay would take {row['energy_per_ms']:.2g} J off "

@@ -180,6 +180,21 @@ def test_a_stiffness_far_from_what_the_gains_should_give_is_doubtful():
         assert row["doubtful"].lower().count("check unit") == 1, "what to do is said once"
 
 
+def test_an_impedance_trial_with_the_actuators_angle_holds_torque_and_angles_against_the_belt():
+    recording, n_T, K_s = RECORDINGS["impedance"], 83 / 18, 685.6
+    recording = recording | {"theta_m": n_T * (recording["theta"] - driven()["torque"] / K_s)}
+    for changes, ratio, words in (
+        ({}, 1.0, "^$"), ({"torque": 1.3558}, 1.3558, r"another unit: .*K_s is 1\.36 .*lbf\*ft and N\*m"),
+        ({"theta": 0.8, "torque": 1.0}, None, "unlikely size: .*K_s is"), ({"theta_m": -1.0}, 0.156, "K_s is 0.156"),
+        ({"torque": 1.2}, 1.2, "^$"),
+    ):  # fmt: skip
+        made = recording | {name: factor * recording[name] for name, factor in changes.items()}
+        row = judged("impedance", made)
+        assert ratio is None or row["K_s_ratio"] == pytest.approx(ratio, rel=0.01)
+        assert re.search(words, row["doubtful"]), row["doubtful"]
+    assert judged("impedance", RECORDINGS["impedance"])["K_s_ratio"] is None
+
+
 @pytest.mark.parametrize("experiment", ["impedance", "transmission"])
 @pytest.mark.parametrize("more", [0.0, 8.0], ids=["sound", "friction"])
 def test_no_verdict_depends_on_the_zero_of_the_angle(experiment, more):

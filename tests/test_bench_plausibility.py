@@ -6,7 +6,7 @@ from contextlib import nullcontext
 import numpy as np
 import polars as pl
 import pytest
-from bench_synthetic import PROTOCOL, second_order, stepped_sine
+from bench_synthetic import PROTOCOL, second_order, stepped_sine, true_motion
 from conftest import ROOT
 
 from osl_analysis.bench.impedance import DesiredImpedance
@@ -71,11 +71,11 @@ def changed(experiment, **changes):
     return recording
 
 
-def judged(experiment, recording, bench=BENCH, asked=None):
+def judged(experiment, recording, bench=BENCH, asked=None, fixture=None):
     """The last row of the table by the one door to a fit, which knows K_d if it is `asked`."""
     chosen = {"settings": ACTUATOR if experiment == "actuator" else bench}
     chosen |= {"weight": PAPER_WEIGHT} if experiment == "impedance" else {}
-    trial = Trial("made", pl.DataFrame(recording))
+    trial = Trial("made", pl.DataFrame(recording), {"columns": {"torque": {"fixture": fixture}}})
     return fit_trial(experiment, trial, DEVICE, chosen, LIMITS, asked).table.to_dicts()[-1]
 
 
@@ -108,6 +108,21 @@ def test_the_weight_of_a_foot_is_a_column_of_the_transmission_and_a_doubt_about_
     assert sound["weight_share"] == 0
 
 
+@pytest.mark.parametrize("experiment", ["impedance", "transmission", "belt"])
+def test_inertia_and_weight_of_a_fixture_are_taken_off_the_torque_before_the_fit(experiment):
+    """The estimates are those of the joint alone, to a thousandth of what the fixture adds to them."""
+    recording, sound = dict(RECORDINGS[experiment]), judged(experiment, RECORDINGS[experiment])
+    theta, stated = recording["theta"], {"inertia": 0.02, "weight": 1.0, "rest_deg": 60.0}
+    alpha = true_motion(recording["time"], theta).alpha
+    recording["torque"] = recording["torque"] + 0.02 * alpha + np.sin(theta - np.pi / 3)
+    added, found = judged(experiment, recording), judged(experiment, recording, fixture=stated)
+    adds = {"impedance": {"K": 0.4, "I": 0.019}, "transmission": {"J_j": 0.01}, "belt": {"K_s": 0.4}}
+    for name, least in adds[experiment].items():
+        assert added[name] - sound[name] > least
+        assert found[name] == pytest.approx(sound[name], abs=1e-3 * (added[name] - sound[name]))
+    assert found["doubtful"] == ""
+
+
 @pytest.mark.parametrize(("experiment", "changes", "words"), [
     *((experiment, {}, "^$") for experiment in RECORDINGS),  # a sound recording is not doubtful
     ("actuator", {"theta_m": 180 / np.pi}, "57.3 is the factor between degrees.*J_m_ratio 0.0175 is below 0.33"),
@@ -115,6 +130,19 @@ def test_the_weight_of_a_foot_is_a_column_of_the_transmission_and_a_doubt_about_
     ("actuator", {"current": 1000}, "mA and A.*k_tau_n_m_ratio 0.001"),
     ("belt", {"torque": 4.4482}, "between lbf and N.*K_s_ratio 4.4"),
     ("belt", {"torque": 0.01}, "N\\*cm.*K_s_ratio 0.01"), ("transmission", {"torque": 0.01}, "N\\*cm.*B_j_ratio 0.0"),
+    # within the limits of a device that differs, a factor between units is named where a witness agrees
+    ("belt", {"torque": 1.3558}, r"another unit: .* K_s is 1\.36 times .*1\.36 is the factor between lbf\*ft and N\*m"),
+    ("belt", {"torque": 1 / 1.3558}, r"another unit: .* K_s is 0\.738 times .*lbf\*ft and N\*m.*K_s_ratio 0\.738"),
+    ("belt", {"torque": 1.2}, "^$"), ("belt", {"torque": 0.8}, "^$"), ("belt", {"torque": 1.3}, "^$"),
+    ("transmission", {"torque": 1.3558}, r"another unit: .* B_j is 1\.3[56] times .*lbf\*ft"),
+    ("transmission", {"torque": 1.2}, "^$"),
+    ("transmission", {"torque": lambda x: x + 0.3558 * 0.452 * np.gradient(driven(losses)["theta"]) * RATE}, "^$"),
+    ("actuator", {"current": 1.5**0.5}, r"another unit: .* k_tau n_m is 0\.817 .*1\.22 is the factor between q-axis"),
+    ("actuator", {"current": 1.5**-0.5}, r"another unit: .* k_tau n_m is 1\.22 times"),
+    ("actuator", {"current": 2**0.5}, "another unit: .*between peak and RMS current"),
+    ("actuator", {"current": 3**-0.5}, "another unit: .*between line and phase"),
+    ("actuator", {"torque_m": 1.3558}, r"another unit: .*between lbf\*ft and N\*m"),
+    ("actuator", {"current": 1 / 1.2}, "^$"), ("actuator", {"torque_m": 1.5**0.5}, "^$"),
     ("impedance", {"torque": 0.01}, "K_over_K_s 0.00292 is below 0.01"),
     ("impedance", {"torque": clipped}, "clipped.*saturated_samples"),
     ("actuator", {"torque_m": clipped}, "clipped.*saturated_samples"),
@@ -130,6 +158,17 @@ def test_what_is_not_likely_is_doubtful_with_its_cause(experiment, changes, word
     assert re.search(words, row["doubtful"]), row["doubtful"]
 
 
+def test_a_shaft_that_yields_against_the_joint_has_the_wrong_sign_and_one_that_yields_with_it_is_sound():
+    theta, n_T = RECORDINGS["belt"]["theta"], 83 / 18
+    for way, begins in ((1, ""), (-1, "shaft that turns against the joint")):
+        shaft = way * 0.1 * n_T * theta  # which takes a tenth of the joint's angle
+        made = {"theta_m": shaft, "torque": RECORDINGS["belt"]["torque"] - 685.6 * 0.1 * theta}
+        row = judged("belt", RECORDINGS["belt"] | made)
+        assert row["shaft_turn"] == pytest.approx(way * 0.1 * n_T, rel=1e-3)
+        assert row["K_s"] == pytest.approx(685.6 * 0.9 / (1 - way * 0.1), rel=1e-3)
+        assert row["doubtful"].partition(":")[0] == begins
+
+
 def test_a_stiffness_far_from_what_the_gains_should_give_is_doubtful():
     for factor, words in (
         (0.113, r"^(?!.*bench_stiffness).*lbf\*in.*K_ratio 0\.11\d is below 0\.85"),
@@ -139,6 +178,21 @@ def test_a_stiffness_far_from_what_the_gains_should_give_is_doubtful():
         row = judged("impedance", changed("impedance", torque=factor), asked=KNOWN)
         assert re.search(words, row["doubtful"]), row["doubtful"]
         assert row["doubtful"].lower().count("check unit") == 1, "what to do is said once"
+
+
+def test_an_impedance_trial_with_the_actuators_angle_holds_torque_and_angles_against_the_belt():
+    recording, n_T, K_s = RECORDINGS["impedance"], 83 / 18, 685.6
+    recording = recording | {"theta_m": n_T * (recording["theta"] - driven()["torque"] / K_s)}
+    for changes, ratio, words in (
+        ({}, 1.0, "^$"), ({"torque": 1.3558}, 1.3558, r"another unit: .*K_s is 1\.36 .*lbf\*ft and N\*m"),
+        ({"theta": 0.8, "torque": 1.0}, None, "unlikely size: .*K_s is"), ({"theta_m": -1.0}, 0.156, "K_s is 0.156"),
+        ({"torque": 1.2}, 1.2, "^$"),
+    ):  # fmt: skip
+        made = recording | {name: factor * recording[name] for name, factor in changes.items()}
+        row = judged("impedance", made)
+        assert ratio is None or row["K_s_ratio"] == pytest.approx(ratio, rel=0.01)
+        assert re.search(words, row["doubtful"]), row["doubtful"]
+    assert judged("impedance", RECORDINGS["impedance"])["K_s_ratio"] is None
 
 
 @pytest.mark.parametrize("experiment", ["impedance", "transmission"])

@@ -13,6 +13,7 @@ from conftest import ROOT
 from osl_analysis.bench.settings import TorqueAngleAnalysis
 from osl_analysis.bench.torque_angle import (
     branch_curve,
+    compared_with_repeats,
     curve_table,
     find_cycles,
     torque_angle_table,
@@ -24,7 +25,7 @@ from osl_analysis.config.sheet import read_sheet
 from osl_analysis.dictionary import described_tables
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.raw_files import trial_from_files
-from osl_analysis.judge.doubts import marked
+from osl_analysis.judge.doubts import LATENESS, marked
 from osl_analysis.judge.recording import saturated
 from osl_analysis.trial import Trial
 
@@ -32,8 +33,9 @@ CONFIG, RATE, PERIOD, A = read_config(ROOT / "config/config.yaml"), 250.0, 8.0, 
 K, B, W, PLAIN = 200.0, 30.0, 2 * np.pi / PERIOD, {"zero": "none"}
 
 
-def trial_of(theta, torque):
-    return Trial("foot", pl.DataFrame({"time": np.arange(theta.size) / RATE, "theta": theta, "torque": torque}))
+def trial_of(theta, torque, **provenance):
+    samples = pl.DataFrame({"time": np.arange(theta.size) / RATE, "theta": theta, "torque": torque})
+    return Trial("foot", samples, provenance)
 
 
 def fitted(theta, torque, **changes):
@@ -42,10 +44,13 @@ def fitted(theta, torque, **changes):
 
 
 def row_of(theta, torque, **changes):
-    """The row of the table, with the reasons why the trial is `doubtful`; empty: none."""
+    """The row of the table, with the reasons why the trial is `doubtful`; empty: none. What one speed does not tell, as
+    in most of them, has a test of its own."""
     rails = saturated(trial_of(theta, torque), "torque", "theta")
     table = torque_angle_table(fitted(theta, torque, **changes)).with_columns(rails)
-    return marked(table, CONFIG.doubtful.of("torque_angle"), "torque_angle").row(0, named=True)
+    row = marked(table, CONFIG.doubtful.of("torque_angle"), "torque_angle").row(0, named=True)
+    others = [item for item in (row["not_checked"] or "").split("; ") if item and LATENESS not in item]
+    return row | {"not_checked": "; ".join(others) or None}
 
 
 def clock(duration):
@@ -238,6 +243,8 @@ LIFT, MIXED = np.linspace(0, 1, FULL.size), np.concatenate([path(0, 10, 0, speed
     (FULL, K * FULL + 6 * LIFT, PLAIN, "doubtful", "cycle_drift"),
     (FULL, K * FULL + 8 * LIFT, PLAIN, "doubtful", "closure_torque"),
     (FULL, np.minimum(K * FULL + 0.01 * NOISE, 25), {}, "doubtful", "clipped"),
+    (FULL, 1e3 * K * FULL, {}, "doubtful", "unlikely size: an estimate is far from what this device can have"),
+    (FULL, 1e-3 * K * FULL, {}, "doubtful", "no joint has a spring of 0.2 N*m/rad, as if N*mm were taken for N*m"),
     (path(0, 10, 0.3), K * path(0, 10, 0.3), {}, "doubtful", "closure_angle"),
     (MIXED, K * MIXED + 20 * np.gradient(MIXED) * RATE, {}, "doubtful", "the energy lost depends on the speed"),
     (FULL, np.roll(K * FULL, 30) + 0.01 * NOISE, {}, "doubtful", "gives back more than it takes up"),
@@ -273,6 +280,47 @@ def test_the_change_of_the_energy_with_speed_is_that_from_the_slowest_cycle_to_t
         assert row_of(like, K * like, rest_s=0.4)["rate_change"] is None
 
 
+def test_loops_of_several_speeds_show_a_late_torque_also_those_of_repeats_and_one_speed_says_what_a_delay_would_do():
+    """A torque that is late by 20 ms takes 20 ms times the integral of its rate times the velocity off the loop."""
+
+    def table_of(name, speeds, late, amplitude=10, stiffness=K):
+        theta = np.concatenate([path(0, amplitude, 0, speed=speed) for speed in speeds])
+        torque = stiffness * theta + jenkins(theta, 400, 2)
+        torque = np.concatenate([np.zeros(late), torque[: len(torque) - late]])
+        changed = {"zero": "start", "shortest_cycle_s": 0.5}
+        return torque_angle_table(fitted(theta, torque, **changed)).with_columns(trial=pl.lit(name))
+
+    limits, late = CONFIG.doubtful.of("torque_angle"), round(0.02 * RATE)
+    sound, slow, fast = (table_of(*one) for one in (("a", (4, 8, 16), 0), ("b", (4, 4), late), ("c", (12, 12), late)))
+    single = table_of("d", (4, 8, 16), late)
+    assert abs(sound["rate_change"][0]) < 0.01
+    assert single["late_s"][0] == pytest.approx(0.02, rel=0.03)
+    assert single["energy_lost"][0] + 20 * single["energy_per_ms"][0] == pytest.approx(
+        sound["energy_lost"][0], rel=0.02
+    )
+    assert slow["rate_change"][0] is None
+    lost, per_ms = slow["energy_lost"][0], slow["energy_per_ms"][0]
+    assert f"each ms of delay would take {per_ms:.2g} J off energy_lost = {lost:.3g}" in slow["not_checked"][0]
+    others = table_of("e", (12, 12), 0, stiffness=1.1 * K), table_of("f", (12, 12), 0, amplitude=11)
+    table = compared_with_repeats(pl.concat([slow, fast, *others], how="diagonal_relaxed"), {})
+    doubts = marked(table.with_columns(saturated_samples=0), limits, "torque_angle")
+    assert table["late_s"].to_list()[:2] == pytest.approx([0.02] * 2, rel=0.03)
+    assert ["late by 20 ms would make it so" in text for text in doubts["doubtful"]] == [True, True, False, False]
+    assert [LATENESS in (text or "") for text in table["not_checked"]] == [False, False, True, True]
+
+
+def test_the_weight_of_a_fixture_is_taken_off_the_torque():
+    def of(trial):
+        return torque_angle_table(torque_angle_trial(trial, CONFIG.torque_angle)).row(0, named=True)
+
+    torque, weight = K * FULL + jenkins(FULL, 400, 2), 2 * np.sin(FULL - np.deg2rad(30))
+    stated = trial_of(FULL, torque + weight, columns={"torque": {"fixture": {"weight": 2.0, "rest_deg": 30.0}}})
+    alone, found = of(trial_of(FULL, torque)), of(stated)
+    assert of(trial_of(FULL, torque + weight))["K"] - alone["K"] > 1.7
+    for name in ("K", "energy_stored", "energy_lost", "torque_zero"):
+        assert found[name] == pytest.approx(alone[name], rel=1e-5, abs=1e-5)
+
+
 def test_a_desired_curve_stands_beside_the_measured_one():
     curve = {"angle_deg": [0.0, 5.0, 8.0], "torque": [0.0, 10.0, 12.0]}
     found = fitted(FULL, K * FULL, desired={"design": curve})
@@ -280,6 +328,13 @@ def test_a_desired_curve_stands_beside_the_measured_one():
     wanted = dict(zip(table["angle_deg"], table["desired_torque"], strict=True))
     assert (wanted[2.5], wanted[8.0], wanted[8.5]) == (5.0, 12.0, None)
     angle = np.array([a for a, w in wanted.items() if w is not None])
+    limits = CONFIG.doubtful.of("torque_angle")
+    for times, begins in ((1.0, ""), (0.75, ""), (1.3558, "another unit: "), (10.1972, "another unit: ")):
+        straight = {"design": {"angle_deg": [0.0, 10.0], "torque": [0.0, K * np.deg2rad(10) / times]}}
+        row = torque_angle_table(fitted(FULL, K * FULL, desired=straight), "design").with_columns(saturated_samples=0)
+        assert row["desired_ratio"][0] == pytest.approx(times, rel=1e-3)
+        assert marked(row, limits, "torque_angle")["doubtful"][0].startswith(begins)
+        assert bool(marked(row, limits, "torque_angle")["doubtful"][0]) == bool(begins)
     distance = K * np.deg2rad(angle) - np.interp(angle, curve["angle_deg"], curve["torque"])
     rms = torque_angle_table(found, "design")["desired_rms"][0]
     assert rms == pytest.approx(np.sqrt(np.mean(distance**2)), rel=0.01)

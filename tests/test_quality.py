@@ -266,6 +266,9 @@ def test_clocks_that_fit_badly_and_a_damaged_log_are_told_from_the_provenance():
     (Commanded((2.0, 4.0), (2.0, 5.0), 6), 0, "4 commanded pairs of amplitude and frequency found"),
     (Commanded((2.0, 4.0), (2.0,), 6), 2, "missing 2 deg at 5 Hz; missing 4 deg at 5 Hz"),
     (Commanded((2.0, 6.0), (2.0, 5.0), 6), 4, "missing 4 deg at 5 Hz; besides 6 deg at 2 Hz (6.0 cycles); besides"),
+    (Commanded((1.65, 3.3), (2.0, 5.0), 6), 2, "3.3 deg at 2 Hz, commanded are 4 deg (if the"),
+    (Commanded((1.2 * 2, 1.2 * 4), (2.0, 5.0), 6), 2, "theta is 1.2 times its angle, and K 0.833 times its own"),
+    (Commanded((1.02 * 2, 1.02 * 4), (2.0, 5.0), 6), 0, "4 commanded pairs of amplitude and frequency found"),
     (Commanded((2.0, 4.0), (2.0, 5.0), 3), 4, "2 deg at 2 Hz (3.0 cycles), commanded are 6"),
     (Commanded((2.0, 4.0), (2.0, 5.0), (6, 7)), 2, "4 deg at 5 Hz (7.0 cycles), commanded are 6"),
 ])  # fmt: skip

@@ -190,10 +190,20 @@ def belt_table(belt: Analysis) -> pl.DataFrame:
         "quadratic_K_s2_se": quadratic.se("K_s2"),
         "quadratic_VAF": quadratic.vaf,
         "energy_lost": area / (loading["K_s"] * peak**2 / 2),
+        "shaft_turn": shaft_turn(belt.record),
         "stiffening": 2 * quadratic["K_s2"] * peak / quadratic["K_s"],
         **belt.time_base_row("loading", ["K_s"]),
     }
     return pl.DataFrame([row])
+
+
+def shaft_turn(record: Record) -> float | None:
+    """Turn of the actuator's shaft per turn of the joint, while the belt is loaded; None of a record that no file
+    holds."""
+    if record.uniform is None:
+        return None
+    rows = record.rows("loading")
+    return float(np.polyfit(record.uniform["theta"][rows], record.uniform["theta_m"][rows], 1)[0])
 
 
 def belt_curve(belt: Analysis) -> pl.DataFrame:

@@ -18,11 +18,12 @@ from osl_analysis.bench.analysis import Series, check_stiffer, timebase_table
 from osl_analysis.bench.record import joint_angle
 from osl_analysis.bench.settings import TorqueAngleAnalysis
 from osl_analysis.errors import InputError
-from osl_analysis.judge.doubts import check_changes
+from osl_analysis.judge.doubts import LATENESS, check_changes
 from osl_analysis.signals.grid import UniformSignals, uniform_signals
 from osl_analysis.stats.fit_row import Row
 from osl_analysis.stats.regression import CONDITION_LIMIT, variance_accounted_for
 from osl_analysis.stats.repeats import over_repeats
+from osl_analysis.table import Places
 from osl_analysis.trial import Array, Trial
 
 Cycle = tuple[int, ...]
@@ -346,6 +347,7 @@ def cycle_table(trial: TorqueAngleTrial) -> pl.DataFrame:
                 "energy_stored": stored,
                 "energy_returned": returned,
                 "energy_lost": stored - returned,
+                "energy_per_ms": 1e-3 * float(np.gradient(load) @ np.gradient(angle)) / float(time[1] - time[0]),
                 "closure_angle": float(abs(theta[stop] - theta[start]) / np.ptp(theta)),
                 "closure_torque": float(abs(torque[stop] - torque[start]) / np.ptp(torque)),
             }
@@ -358,8 +360,9 @@ def torque_angle_table(trial: TorqueAngleTrial, desired: str | None = None) -> p
 
     Intervals are those of the mean over cycles (Student), with the error of the bench's stiffness; null with one cycle.
     `cycle_drift` is the change of torque at the same angles from the first cycle to the last, `rate_change` that of the
-    energy lost from the slowest cycle to the fastest, null where their speeds differ by less than 30 %, `desired_rms`
-    the distance [N*m] of the mean of both branches from the desired curve. Raises InputError: There is no such curve.
+    energy lost from the slowest cycle to the fastest (`change_with_speed`), `desired_rms` the distance [N*m] of the
+    mean of both branches from the desired curve, `desired_ratio` its slope over this curve. Raises InputError: There is
+    no such curve.
     """
     cycles, bench, theta, torque = cycle_table(trial), trial.settings.bench_stiffness, trial.theta, trial.torque
     of = {name: cycles[name].to_numpy() for name in cycles.columns if name != "trial"}
@@ -374,17 +377,15 @@ def torque_angle_table(trial: TorqueAngleTrial, desired: str | None = None) -> p
             change = 0.0 if softer is None else float(softer[name].to_numpy().mean() - of[name].mean())
             found = over_repeats(of[name], [(change**2, np.inf)] if change else [])
             means |= {f"{name}_se": found.se, f"{name}_low": found.low, f"{name}_high": found.high}
-    rate_change, speed, lost = None, of["speed_deg_s"], of["energy_lost"]
-    if speed.max() >= 1.3 * speed.min():
-        slope = np.polyfit(np.log(speed), lost, 1)[0]
-        rate_change = float(slope * np.log(speed.max() / speed.min()) / abs(lost.mean()))
+    rate_change, late = change_with_speed(of["speed_deg_s"], of["energy_lost"], of["energy_per_ms"])
     loading, unloading = (curve["torque"].to_numpy() for curve in trial.curves)
     stiffness = trial.curves[0]["stiffness"].to_numpy()
     widest = float(np.nanmax(np.abs(loading - unloading)))
     drift = float(np.nanmean(trial.curves[0]["change"].to_numpy()) / np.ptp(torque))
     moved, bench_theta = np.rad2deg(theta[between_rests(theta)]), np.rad2deg(trial.bench_theta)
     uncorrected = [straight_line(trial.bench_theta, torque, pieces) for pieces in trial.branches[0]]
-    apart = (loading + unloading) / 2 - trial.desired_torque(desired)
+    middle, wanted = (loading + unloading) / 2, trial.desired_torque(desired)
+    apart, both = middle - wanted, np.isfinite(middle + wanted)
     usable = np.concatenate([trial.uniform.usable[cycle[0] : cycle[-1] + 1] for cycle in trial.cycles])
     row: Row = {
         "trial": trial.uniform.trial,
@@ -405,19 +406,58 @@ def torque_angle_table(trial: TorqueAngleTrial, desired: str | None = None) -> p
         "hysteresis_torque": widest,
         "interval_method": "cycles" if several else None,
         "VAF": trial.vaf(),
-        "speed_deg_s": float(np.mean(speed)),
+        "speed_deg_s": float(np.mean(of["speed_deg_s"])),
         "shortest_cycle_s": float(of["duration_s"].min()),
         "closure_angle": float(of["closure_angle"].max()),
         "closure_torque": float(of["closure_torque"].max()),
         "cycle_drift": drift if several else None,
         "rate_change": rate_change,
+        "late_s": late,
+        "energy_per_ms": float(of["energy_per_ms"].mean()),
         "bridged_share": float(np.mean(~usable)),
         "desired": desired,
         "desired_rms": None if desired is None else float(np.sqrt(np.nanmean(apart**2))),
+        "desired_ratio": float(np.polyfit(wanted[both], middle[both], 1)[0]) if np.count_nonzero(both) > 2 else None,
     }
+    if rate_change is None:
+        unseen = f"{LATENESS}: all cycles have one speed, each ms of delay would take {row['energy_per_ms']:.2g} J off "
+        unseen += f"energy_lost = {row['energy_lost']:.3g}, record cycles at half the speed too"
+        row["not_checked"] = "; ".join(filter(None, [str(row["not_checked"] or ""), unseen]))
     texts = dict.fromkeys(("interval_method", "desired", "not_checked"), pl.String)
     empty = {name: texts.get(name, pl.Float64) for name, value in row.items() if value is None}
     return pl.DataFrame([row], schema_overrides=empty)
+
+
+def change_with_speed(speed: Array, lost: Array, per_ms: Array) -> tuple[float | None, float | None]:
+    """How the energy lost [J] of loops (n,) changes with their speed [deg/s]: from the slowest to the fastest, as a
+    share of its mean, and by how much the torque would have to be late [s] to make this change, where each ms takes
+    `per_ms` [J] off. Null where their speeds differ by less than 30 %."""
+    if speed.max() < 1.3 * speed.min():
+        return None, None
+    slope = np.polyfit(np.log(speed), lost, 1)[0]
+    change = float(slope * np.log(speed.max() / speed.min()) / abs(lost.mean()))
+    return change, -1e-3 * float(np.polyfit(per_ms, lost, 1)[0])
+
+
+def compared_with_repeats(table: pl.DataFrame, places: Places) -> pl.DataFrame:
+    """The rows of `torque_angle.csv` of a campaign, where trials of one speed have `rate_change` and `late_s` by those
+    that repeat them: of the same joint, side and desired curve, alike in K to 3 % and in their range to 2 %."""
+    rows, ends = table.to_dicts(), ("angle_min_deg", "angle_max_deg")
+    for row in (one for one in rows if LATENESS in (one["not_checked"] or "")):
+        span = row["angle_max_deg"] - row["angle_min_deg"]
+        alike = [
+            one
+            for one in rows
+            if (one["desired"], places.get(one["trial"])) == (row["desired"], places.get(row["trial"]))
+            and abs(one["K"] / row["K"] - 1) < 0.03
+            and all(abs(one[end] - row[end]) < 0.02 * span for end in ends)
+        ]
+        of = (np.array([one[name] for one in alike]) for name in ("speed_deg_s", "energy_lost", "energy_per_ms"))
+        row["rate_change"], row["late_s"] = change_with_speed(*of)
+        if row["rate_change"] is not None:
+            left = [item for item in row["not_checked"].split("; ") if LATENESS not in item]
+            row["not_checked"] = "; ".join(left) or None
+    return pl.DataFrame(rows, schema=table.schema | dict.fromkeys(("rate_change", "late_s"), pl.Float64))
 
 
 def zero_row(trial: TorqueAngleTrial, widest: float) -> Row:

@@ -14,7 +14,7 @@ from typing import Any
 
 from osl_analysis.campaign.configuration import Config, FrequencyResponseFigure
 from osl_analysis.config.experiments import ResultTable
-from osl_analysis.config.sheet import SheetRows, read_sheet
+from osl_analysis.config.sheet import FIXTURE, SheetRows, read_sheet
 from osl_analysis.errors import InputError
 from osl_analysis.files import default_config, digest
 from osl_analysis.formats.rosbag import recorded_files
@@ -134,7 +134,8 @@ class Campaign:
     def recording(self, trial: str) -> Mapping[str, Any]:
         """The cells of a trial's row that ingest uses. A change of other cells does not cause a new ingest."""
         used = ("trial", "experiment", "log", "log_source", "log_part", "mocap", "mocap_source")
-        return {column: self.row(trial)[column] for column in used}
+        fixture = [column for column in FIXTURE if self.row(trial)[column] is not None]
+        return {column: self.row(trial)[column] for column in (*used, *fixture)}
 
     def accepted(self, trial: str) -> list[str]:
         """The quality checks whose failure the sheet accepts for a trial."""

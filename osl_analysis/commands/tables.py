@@ -10,6 +10,7 @@ import polars as pl
 
 from osl_analysis.bench.response_tables import MODELS, RESPONSE_COLUMNS, periodic_tables
 from osl_analysis.bench.settings import FilterSettings
+from osl_analysis.bench.torque_angle import compared_with_repeats
 from osl_analysis.campaign.campaign import sentence
 from osl_analysis.config.experiments import judged_tables
 from osl_analysis.errors import InputError
@@ -41,6 +42,8 @@ def gather(
     if not rows:
         raise InputError(f"{output}: no trials fill this table; add some to the sample sheet")
     table = pl.concat([read_table(path, of=output.stem) for path in rows], how="diagonal_relaxed")
+    if output.stem == "torque_angle":
+        table = compared_with_repeats(table, places or {})
     if limits is not None:
         table = marked(table, limits, output.stem)
     if limits_of_fits is not None and fits:

@@ -16,11 +16,14 @@ from osl_analysis.model.compensator import CONTROLLERS
 JOINT = "ankle"  # The joint of a trial whose row names none. The walkway measures this one.
 CONDITIONS = ("group", "subject", "session", "speed", "side", "direction")
 """Columns with the conditions of a walking trial. The results are split by them."""
+FIXTURE = ("fixture_inertia", "fixture_weight", "fixture_rest_deg")
+"""Columns on what turns with the joint: inertia [kg*m^2], weight m g r [N*m], angle [deg] with its centre below."""
 SHEET_COLUMNS = (
     "trial", "experiment", "controller", "K_d", "B_d", "perturbed", "log", "log_source", "mocap", "mocap_source",
     "log_part", "desired", "windows", "exclude", "accept", "joint", *CONDITIONS, "body_mass_kg", "static",
+    *FIXTURE,
 )  # fmt: skip
-NUMBERS = ("K_d", "B_d", "body_mass_kg")
+NUMBERS = ("K_d", "B_d", "body_mass_kg", *FIXTURE)
 SheetRows = dict[str, dict[str, Any]]  # The rows of a sheet by trial, with all columns; None where a cell is empty.
 OUTER_BLANKS = re.compile(r"^[\s\u200b-\u200f\u2060\ufeff]+|[\s\u200b-\u200f\u2060\ufeff]+$")  # some of them unseen
 
@@ -125,6 +128,12 @@ def problems_in(row: Mapping[str, str]) -> Iterator[str]:
             yield f"{column} '{row[column]}' is not a number; give it in SI units, without the unit"
     if row["body_mass_kg"] and not float(row["body_mass_kg"]) > 0:
         yield f"body_mass_kg '{row['body_mass_kg']}' must be above 0, or empty"
+    if (stated := [column for column in FIXTURE if row[column]]) and EXPERIMENTS[experiment].motion != "theta":
+        yield f"{stated[0]} of experiment '{experiment}', which turns no joint under a load cell; leave the cell empty"
+    if least := [column for column in stated if column != "fixture_rest_deg" and float(row[column]) < 0]:
+        yield f"{least[0]} '{row[least[0]]}' is below 0; a centre above the axis has a fixture_rest_deg of 180"
+    if row["fixture_rest_deg"] and not row["fixture_weight"]:
+        yield "fixture_rest_deg without fixture_weight; give the weight's largest torque [N*m], or clear the cell"
     if float(row["K_d"] or 1) <= 0 or float(row["B_d"] or 0) < 0:
         said = ", ".join(f"{column} = {row[column]}" for column in ("K_d", "B_d") if row[column])
         yield f"{said} is not the impedance of a joint; give K_d > 0 and B_d >= 0"

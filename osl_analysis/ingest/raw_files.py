@@ -187,9 +187,13 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
             every = [{"bytes": sum(one["bytes"] for one in every), "sha256": together, "parts": every}]
         identities[role] = {**every[0], "path": given, "source": source}
     try:
-        return assemble(name, recordings, identities, shared)
+        trial = assemble(name, recordings, identities, shared)
     except InputError as error:
         raise InputError(f"trial {name} ({', '.join(files.values())}): {error}") from error
+    fixture = {column.removeprefix("fixture_"): x for column, x in row.items() if column.startswith("fixture_")}
+    if any(fixture.values()) and "torque" in trial.columns:  # the time base takes its torque off
+        trial.provenance["columns"]["torque"]["fixture"] = {name: x for name, x in fixture.items() if x is not None}
+    return trial
 
 
 def check_columns(trial: Trial, experiment: str | None, needed: Sequence[str]) -> None:

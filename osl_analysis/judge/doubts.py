@@ -57,15 +57,32 @@ def beyond(row: AnyRow, limits: Doubt) -> Found:
                 found[name] = (value, f"{name} {value:.3g} is below {-limit:g}")
             elif value > limit if word == "above" else value < limit:
                 found[name] = (value, f"{name} {value:.3g} is {word} {limit:g}")
+            elif name not in found and suspected_unit(name, value, row):
+                found[name] = (value, f"{name} {value:.3g} is within 1.5 % of it")
     return found
 
 
-def known_factor(ratio: float) -> str:
-    """The factor between two units that may make a number `ratio` times too large, in words; empty if none is near."""
-    factors: Mapping[str, float] = TABLE["factors"]
+def known_factor(ratio: float, signals: Sequence[str] = ("torque", "angle"), near: float = 0.08) -> str:
+    """The factor between two units of some signals that may make a number `ratio` times too large, in words; empty if
+    none is `near`."""
     size = max(abs(ratio), 1 / abs(ratio)) if ratio else math.inf
-    name = min(factors, key=lambda known: abs(math.log(size / factors[known])))
-    return f"{factors[name]:.3g} is the factor {name}" if abs(size / factors[name] - 1) < 0.08 else ""
+    factors: dict[str, float] = {name: x for signal in signals for name, x in TABLE["factors"][signal].items()}
+    name = min(factors, key=lambda known: abs(math.log(size / factors[known])), default="")
+    is_near = name and abs(size / factors[name] - 1) < near
+    return f"{factors[name]:.3g} is the factor {name}" if is_near else ""
+
+
+def suspected_unit(name: str, ratio: float, row: AnyRow) -> str:
+    """The factor between units, as `known_factor`, that a ratio is within 1.5 %, although a device may differ as much.
+    Its witness tells which: a wrong torque scales both alike, a wrong current the ratio alone, to a tenth each."""
+    evidence, symbol = EVIDENCE.get(name), name.removesuffix("_ratio")
+    witness = cell_number(row, evidence.witness) if evidence and evidence.witness else None
+    value, high = cell_number(row, symbol), cell_number(row, f"{symbol}_high")
+    if evidence is None or not witness or (value and high and high > 1.05 * value):
+        return ""
+    of_current = [signal for signal in evidence.of if signal == "current" and abs(witness - 1) < 0.1]
+    others = [signal for signal in evidence.of if signal != "current" and abs(witness / ratio - 1) < 0.1]
+    return known_factor(ratio, of_current + others, 0.015)
 
 
 def turns_far(row: AnyRow) -> bool:
@@ -77,7 +94,7 @@ def turns_far(row: AnyRow) -> bool:
 def number_said(name: str, value: float, row: AnyRow) -> str:
     """What the number of a column says of this fit; of a lag, how late a signal is, or would have to be, and what that
     makes of B and I."""
-    late, factor = "", known_factor(value)
+    late, factor = "", suspected_unit(name, value, row) or known_factor(value, EVIDENCE[name].of)
     lag, of_damping, of_inertia = (cell_number(row, name) for name in ("lag_s", "lag_share", "lag_inertia_share"))
     if lag is not None and of_damping is not None:
         makes = f"{100 * of_damping:.1f} % of B" + ("" if of_inertia is None else f" and {100 * of_inertia:.0f} % of I")
@@ -87,6 +104,11 @@ def number_said(name: str, value: float, row: AnyRow) -> str:
         late = f"{signal} is late by {size}, which make {makes}"
         if turns_far(row):
             late = f"a delay of {signal} by {size} would explain it, and make {makes}"
+    behind, per_ms, lost = (cell_number(row, name) or 0.0 for name in ("late_s", "energy_per_ms", "energy_lost"))
+    loop, taken = "", 1e3 * behind * per_ms  # off the energy lost [J]
+    if taken > 0:
+        share = 100 * taken / abs(lost + taken)
+        loop = f"a torque late by {1e3 * behind:.2g} ms would make it so, and take {share:.0f} % off energy_lost"
     frame = " (state `bench_stiffness` in the configuration if the bench's frame yields)"
     return EVIDENCE[name].shows.format(
         percent=f"{100 * abs(value):.3g} %",
@@ -97,6 +119,7 @@ def number_said(name: str, value: float, row: AnyRow) -> str:
         factor=factor and f", {factor}",
         frame=frame if 0.5 < value < 1 else "",  # a frame that yields lowers K, and hardly to a half
         late=late,
+        loop=loop,
     )
 
 
@@ -104,6 +127,10 @@ def cause_in(name: str, value: float, row: AnyRow) -> Cause:
     """The cause of a number beyond its limit. A torque that comes late may be a delay or low-pass, or a spring in
     series, which of stiffness k lowers K by K/k: K_ratio says which agrees with the gains; without it, or with
     friction, neither is named alone. Where the lag is large it may be a drivetrain."""
+    if suspected_unit(name, value, row):
+        return CAUSES["another unit"]
+    if name == "rate_change" and value < 0:
+        return CAUSES["loss that falls with speed"]
     if name == "K_change" and (value > 0 or (cell_number(row, "stiffening") or 0.0) < 0):
         return CAUSES["spring that is not linear"]
     if EVIDENCE[name].shows != "{late}":

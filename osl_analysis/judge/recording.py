@@ -4,7 +4,7 @@ at the end of their range, that stand, wrap or do not read zero, force plates; a
 
 import math
 from collections import defaultdict
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.judge.table import TABLE, Cause, CheckResult, Commanded, Examined, Judgement, QualityRules
 from osl_analysis.measured import usual_size
 from osl_analysis.plate_surface import beside, plate_axes
-from osl_analysis.protocol.stepped_sine import Likeness
+from osl_analysis.protocol.stepped_sine import Likeness, Run, SteppedSineProtocol
 from osl_analysis.signals import longest_run, run_at_extreme, run_edges, runs
 from osl_analysis.signals.grid import GapLimits, devices_of, streams, uniform_signals
 from osl_analysis.signals.samples import take
@@ -131,9 +131,9 @@ def measure_truncation(examined: Examined) -> CheckResult:
 
 
 def measure_protocol(examined: Examined) -> CheckResult:
-    """Number of commanded pairs of amplitude and frequency that are missing or have other numbers of cycles, and of
-    runs that were not commanded. A protocol may have a pair more than once. Another motion than the stepped sine is
-    said and does not count."""
+    """Number of commanded pairs of amplitude and frequency that are missing or have other numbers of cycles, of runs
+    that were not commanded, and of amplitudes of another size. A protocol may have a pair more than once. Another
+    motion than the stepped sine is said and does not count."""
     if not examined.experiment.stepped_sine or "theta" not in examined.trial.columns:
         return not_applicable("no stepped sine")
     commanded = examined.commanded.protocol
@@ -152,7 +152,7 @@ def measure_protocol(examined: Examined) -> CheckResult:
         for frequency, count in zip(commanded.frequencies_hz, commanded.cycles_at, strict=True):
             cycles[amplitude, frequency] += count
     followed = [(commanded.amplitude_near(r.amplitude), commanded.frequency_near(r.frequency_hz)) for r in alike.runs]
-    remarks = []
+    remarks = other_sizes(alike.runs, commanded)
     for (amplitude, frequency), wanted in cycles.items():
         own = [run for run, pair in zip(alike.runs, followed, strict=True) if pair == (amplitude, frequency)]
         # the same within 5 %, or half a cycle of each run: a ramp has no sharp end
@@ -165,6 +165,22 @@ def measure_protocol(examined: Examined) -> CheckResult:
     pairs = len(commanded.amplitudes) * len(commanded.frequencies_hz)
     words = words or [f"{pairs} commanded pairs of amplitude and frequency found"]
     return CheckResult(float(len(remarks)), "; ".join(words))
+
+
+def other_sizes(found: Sequence[Run], commanded: SteppedSineProtocol) -> list[str]:
+    """Amplitudes of the slowest frequency, of which a bench loses least, that are not commanded ones within 3 %."""
+    slowest, said = min(commanded.frequencies_hz), []
+    sizes = sorted(run.amplitude for run in found if commanded.frequency_near(run.frequency_hz) == slowest)
+    near = [commanded.amplitude_near(size) for size in sizes]
+    if len(sizes) == len(commanded.amplitudes) and None not in near:
+        near = [*sorted(commanded.amplitudes)]  # all of them, by one factor perhaps
+    for size, meant in zip(sizes, near, strict=True):
+        if meant is not None and abs(size / meant - 1) > 0.03:
+            said.append(
+                f"{np.rad2deg(size):.3g} deg at {slowest:g} Hz, commanded are {np.rad2deg(meant):g} deg (if the joint "
+                f"did them, theta is {size / meant:.3g} times its angle, and K {meant / size:.3g} times its own)"
+            )
+    return said
 
 
 # Sensors at the end of their range: load cells, currents and encoders that stand at a rail.

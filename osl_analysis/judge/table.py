@@ -75,6 +75,8 @@ class Judgement:
     shows: str = ""
     """What the number of a fit says, after the words of its cause; `number_said` fills in {percent} and others."""
     misfit: bool = False  # whatever else explains the misfit of the trial is its cause
+    of: Sequence[str] = ("torque", "angle")  # signals whose units scale a ratio to what is known
+    witness: str = ""  # column of another ratio that tells a unit from another device; its own name: none is needed
     unit: str = ""  # of a check's value and threshold
     meaning: str = ""  # what the value of a check is
     measure: Callable[[Examined], CheckResult] = lambda _: CheckResult(None)  # of a check; a column is there already

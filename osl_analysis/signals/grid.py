@@ -11,6 +11,7 @@ import scipy
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
+from osl_analysis.signals import LowPass, differentiate
 from osl_analysis.signals.samples import Taken, take
 from osl_analysis.signals.stream import FEWEST_STAMPS, LONG_STEP, SensorLowPass, Stream
 from osl_analysis.trial import Array, Trial, counter_column
@@ -42,6 +43,23 @@ class GapLimits:
 
 
 @dataclass(frozen=True)
+class Fixture:
+    """What turns with the joint and is not the joint: a foot, a clamp, what lies between load cell and joint."""
+
+    inertia: float = 0.0  # about the joint's axis [kg*m^2]
+    weight: float = 0.0  # m g r, its torque [N*m] where its centre is beside the axis
+    rest_deg: float = 0.0  # angle [deg] at which its centre is straight below the axis
+
+    def torque(self, time: Array, theta: Array, cutoff_hz: float) -> Array:
+        """The resisting torque (n,) [N*m] of its inertia and weight at angles (n,) [rad], behind a low-pass of twice
+        the cut-off of the fit's filter: of an acceleration at a third of that it loses 1e-6, and no noise grows."""
+        rate = (len(time) - 1) / float(time[-1] - time[0])
+        smooth = LowPass(min(2 * cutoff_hz, 0.45 * rate))(theta, rate)
+        inertial = self.inertia * differentiate(time, smooth).alpha if self.inertia else 0.0
+        return np.asarray(inertial + self.weight * np.sin(theta - np.deg2rad(self.rest_deg)))
+
+
+@dataclass(frozen=True)
 class UniformSignals:
     """Signals of all streams of a trial at uniform times."""
 
@@ -49,7 +67,7 @@ class UniformSignals:
     rate_hz: float
     signals: Mapping[str, Array]
     """By name (m,), in the units of the streams, without the silent ones, after the low-pass filters that the others'
-    sensors have and its own has not."""
+    sensors have and its own has not; the torque without that of a fixture."""
     usable: NDArray[np.bool_]
     """(m,) false where a row lies in or near a marked gap. Filter and differentiate all rows, then drop these."""
     farthest_s: float  # largest distance [s] of a usable row to the nearest sample of any stream
@@ -114,6 +132,10 @@ def on_one_grid(taken: Sequence[Taken], limits: GapLimits, trial: str = "") -> U
             for low_pass in dict.fromkeys(low_passes.values()):
                 if low_pass != low_passes.get(column):
                     signals[column] = low_pass(signals[column], rate)
+    fixture = next((part.stream.fixture for part in taken if part.stream.fixture), None)
+    if fixture and signals.keys() >= {"theta", "torque"}:
+        load = Fixture(**fixture).torque(time, signals["theta"], limits.cutoff_hz)
+        signals["torque"] = signals["torque"] - load
     streams = [stream_row(part, *found, time, limits) for part, found in zip(taken, gaps, strict=True)]
     return UniformSignals(time, rate, signals, usable, farthest, streams, tuple(taken), limits, trial)
 
@@ -226,7 +248,8 @@ def streams(trial: Trial, devices: Sequence[Sequence[str]], silent: frozenset[st
         delays = {name: facts.get("delay") or 0.0 for name, facts in of.items()}
         low_passes = {name: SensorLowPass(**low) for name, facts in of.items() if (low := facts.get("low_pass"))}
         signals = dict(zip(names, values, strict=True))
-        found.append(Stream(", ".join(names), stamps, signals, choice, counter, silent, delays, low_passes))
+        fixture = of.get("torque", {}).get("fixture")
+        found.append(Stream(", ".join(names), stamps, signals, choice, counter, silent, delays, low_passes, fixture))
     return found
 
 

@@ -12,7 +12,7 @@ from conftest import ROOT
 from scipy.interpolate import CubicSpline
 
 from osl_analysis.bench.analysis import viscous_and_friction, with_friction
-from osl_analysis.bench.effects import IMPEDANCE, lags_by_motor, sums_of, with_effects, yielding_in
+from osl_analysis.bench.effects import IMPEDANCE, belt_of_leg, sums_of, with_effects, yielding_in
 from osl_analysis.bench.impedance import DesiredImpedance, judged_impedance
 from osl_analysis.bench.record import record_of_trial
 from osl_analysis.bench.settings import DynamometerAnalysis
@@ -224,10 +224,11 @@ def test_the_belt_shows_which_channel_of_a_leg_is_late(fault, lag, of_theta_m):
     assert ("theta_m is late by" in row["not_checked"]) == (of_theta_m > 0)
     assert ("theta_m is early by" in row["not_checked"]) == (of_theta_m < 0)
     assert "whether the torque is late" not in row["not_checked"]
-    assert lags_by_motor(record, None) is None
+    assert belt_of_leg(record, None) is None
 
 
 def test_a_theta_m_that_shows_no_belt_says_nothing_of_lags():
     trial = leg(torque_late=1e-3)
     turned = replace(trial, samples=trial.samples.with_columns(theta_m=-pl.col("theta_m")))
-    assert lags_by_motor(record_of_trial(turned, SETTINGS), P) is None
+    belt = belt_of_leg(record_of_trial(turned, SETTINGS), P)
+    assert (belt.torque, belt.K_s / P.K_s < 0.7) == (None, True)

@@ -18,6 +18,7 @@ from osl_analysis.judge.doubts import plausible_impedance
 from osl_analysis.judge.recording import check_recording
 from osl_analysis.judge.table import DoubtfulFits
 from osl_analysis.model.compensator import PAPER_WEIGHT
+from osl_analysis.model.parameters import read_parameters
 from osl_analysis.trial import Trial
 
 CONFIG, DEVICE = ROOT / "config/config.yaml", ROOT / "config/parameters/default.yaml"
@@ -181,11 +182,13 @@ def test_a_stiffness_far_from_what_the_gains_should_give_is_doubtful():
 
 
 def test_an_impedance_trial_with_the_actuators_angle_holds_torque_and_angles_against_the_belt():
-    recording, n_T, K_s = RECORDINGS["impedance"], 83 / 18, 685.6
-    recording = recording | {"theta_m": n_T * (recording["theta"] - driven()["torque"] / K_s)}
+    recording, p = RECORDINGS["impedance"], read_parameters(DEVICE)
+    omega = np.gradient(recording["theta"], recording["time"])
+    wound = driven()["torque"] - p.B_j * omega - p.J_j * np.gradient(omega, recording["time"])
+    recording = recording | {"theta_m": p.n_T * (recording["theta"] - wound / p.K_s)}
     for changes, ratio, words in (
         ({}, 1.0, "^$"), ({"torque": 1.3558}, 1.3558, r"another unit: .*K_s is 1\.36 .*lbf\*ft and N\*m"),
-        ({"theta": 0.8, "torque": 1.0}, None, "unlikely size: .*K_s is"), ({"theta_m": -1.0}, 0.156, "K_s is 0.156"),
+        ({"theta": 0.8, "torque": 1.0}, None, "unlikely size: .*K_s is"), ({"theta_m": -1.0}, 0.17, "K_s is 0.17"),
         ({"torque": 1.2}, 1.2, "^$"),
     ):  # fmt: skip
         made = recording | {name: factor * recording[name] for name, factor in changes.items()}

@@ -22,6 +22,7 @@ from osl_analysis.bench.gram import GroupFit, Sums
 from osl_analysis.bench.record import Label, Record
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.judge.doubts import LARGEST_TURN
+from osl_analysis.model.drivetrain import belt_deflection
 from osl_analysis.model.parameters import DrivetrainParameters
 from osl_analysis.signals import seven_point_motion
 from osl_analysis.signals.samples import NO_DRIFT, drift_row
@@ -352,9 +353,18 @@ def lag_of(record: Record, s: Sums, model: Model, found: Causes) -> Fault | None
     return Fault(size, se, sure and is_alike(about, model, "lag_s", found, size), abs(size) + POSSIBLE * se)
 
 
-def lags_by_motor(record: Record, p: DrivetrainParameters | None) -> tuple[Fault, Fault] | None:
-    """By how much the torque, and theta_m, lag the joint's angle [s], by the belt between theta_m and the joint; None
-    without a parameter file or theta_m, or where theta_m does not show this belt.
+@dataclass(frozen=True)
+class Belt:
+    """What the belt between theta_m and the joint shows of a leg's recording."""
+
+    K_s: float  # [N*m/rad]
+    torque: Fault | None = None  # lag [s] of the torque behind the joint's angle; None of another belt than the file's
+    theta_m: Fault | None = None  # the same of theta_m
+
+
+def belt_of_leg(record: Record, p: DrivetrainParameters | None) -> Belt | None:
+    """The belt of a leg; None without a parameter file or theta_m, or where it deflects by less than a twentieth of the
+    joint's angle, of which encoders may be wrong by as much.
 
     Whatever the controller and its friction do, torque - J_j alpha - B_j omega is the belt's torque (Eq. 4), a spring
     with springs that slip over theta - theta_m/n_T. A late theta_m looks like a smaller B_j. So B_j is free as long as
@@ -365,7 +375,9 @@ def lags_by_motor(record: Record, p: DrivetrainParameters | None) -> tuple[Fault
     few = record.thinned(max(int(record.rate_hz / max(250.0, 8 * record.low_pass.cutoff_hz) + 1e-6), 1))
     assert few.theta_m is not None
     columns = {name: column for name, column in columns_of(few)[0].items() if name not in ("theta", "alpha")}
-    wound = few.motion.theta - few.theta_m / p.n_T
+    wound = belt_deflection(few.motion.theta, few.theta_m, p)
+    if np.std(few.part(wound)) < 0.05 * np.std(few.part(few.motion.theta)):
+        return None
     slips = few.low_pass(np.array([spring_that_slips(wound, width) for width in WOUND_UP]).T, few.rate_hz).T
     columns |= {"wound": wound - wound.mean(), **{f"slips_{k}": column for k, column in enumerate(slips)}}
     torque, first, last = make_interp_spline(few.time, few.filtered_torque, 5), *few.time[[0, -1]]
@@ -392,13 +404,13 @@ def lags_by_motor(record: Record, p: DrivetrainParameters | None) -> tuple[Fault
         lag, fit = fitted(0.0)
         K_s = fit["wound"]
         if not 0.7 < K_s / p.K_s < 1.4:
-            return None
+            return Belt(K_s)
         own = fault((p.B_j - fit["omega"]) / K_s, fit.se("omega") / K_s, fit.freedom("omega"))
         if own.found:
             columns["omega"] = np.gradient(few.theta_m, 1 / few.rate_hz) / p.n_T
             lag, fit = fitted(p.B_j)
             own = fault(-fit["omega"] / fit["wound"], fit.se("omega") / K_s, fit.freedom("omega"))
-        return fault(lag, fit.se("late"), fit.freedom("late")), own
+        return Belt(K_s, fault(lag, fit.se("late"), fit.freedom("late")), own)
     except CANNOT_TELL:
         return None
 

@@ -20,14 +20,14 @@ from osl_analysis.errors import IdentifiabilityError, InputError, nearest
 from osl_analysis.judge.doubts import EFFECTS, LATENESS, check_told, counted, doubtful_row, plausible_impedance
 from osl_analysis.measured import usual_size
 from osl_analysis.model.compensator import CONTROLLERS, Gains, Weight, select_gains
-from osl_analysis.model.drivetrain import belt_deflection, joint_admittance
+from osl_analysis.model.drivetrain import joint_admittance
 from osl_analysis.model.parameters import DrivetrainParameters
 from osl_analysis.protocol.stepped_sine import moving_bins
 from osl_analysis.spectral.periods import distinct
 from osl_analysis.spectral.response import periodic_response
 from osl_analysis.stats.fit_row import Row, lag_damping_row
 from osl_analysis.stats.repeats import summary_row
-from osl_analysis.trial import Array, Trial
+from osl_analysis.trial import Array
 
 QUANTITIES = ("K", "B", "I")  # parameters of Eq. 15
 HIDDEN = 0.1  # share of I, or of B, by an effect that was not found, from which it is not known whether there is one
@@ -218,10 +218,11 @@ def impedance_table(rendered: Rendered, p: DrivetrainParameters | None = None) -
     that is no second-order system depend on band and weights. With the parameters of the device and theta_m the belt
     shows a lag, which what Eq. 15 misses of a drivetrain would hide."""
     analysis, record, s, found = rendered.analysis, rendered.record, rendered.sums, rendered.found
-    change, motor = effects.stiffness_change(s, IMPEDANCE, found), effects.lags_by_motor(record, p)
-    lag, late_motor = motor or (effects.lag_of(record, s, IMPEDANCE, found), None)
+    change, belt = effects.stiffness_change(s, IMPEDANCE, found), effects.belt_of_leg(record, p)
+    late_motor, by_belt = (belt.theta_m, belt.torque) if belt else (None, None)
+    lag = by_belt or effects.lag_of(record, s, IMPEDANCE, found)
     clocks = effects.clocks_row(record, s, IMPEDANCE, found)
-    frame = effects.frame_stiffness(s, IMPEDANCE, found) if lag and lag.found and not motor else None
+    frame = effects.frame_stiffness(s, IMPEDANCE, found) if lag and lag.found and not by_belt else None
     # what explains the misfit, the best explanation first, as far as it is no fault that was not found
     faults = {"lag_s": lag, "K_change": change}
     sure = {e: found.fit[e] for e in found.chosen if e not in faults or ((fault := faults[e]) and fault.found)}
@@ -233,7 +234,8 @@ def impedance_table(rendered: Rendered, p: DrivetrainParameters | None = None) -
         "band_low_hz": low,
         "band_high_hz": high,
         "weighting": "power of the filtered motion",  # as in every least-squares fit of filtered signals
-        "lag_by": "theta_m" if motor else "Eq. 15" if lag else None,
+        "K_s_ratio": belt.K_s / p.K_s if belt and p else None,
+        "lag_by": "theta_m" if by_belt else "Eq. 15" if lag else None,
         "theta_m_lag_s": late_motor.size if late_motor else None,
         "theta_m_lag_se_s": late_motor.se if late_motor else None,
         "certain_theta_m_lag_s": late_motor.size * late_motor.found if late_motor else None,
@@ -249,7 +251,7 @@ def impedance_table(rendered: Rendered, p: DrivetrainParameters | None = None) -
         rows.append(
             {
                 **analysis.row(label, *QUANTITIES),
-                **lag_row(lag, fit, frame, np.inf if motor else HIDDEN),
+                **lag_row(lag, fit, frame, np.inf if by_belt else HIDDEN),
                 **harmonic_row(rendered, label),
                 **friction[label],
                 **spring_row(rendered, label),
@@ -417,11 +419,10 @@ def judged_impedance(
     p: DrivetrainParameters | None,
     desired: DesiredImpedance | None,
     weight: Weight | None = None,
-    belt: float | None = None,
 ) -> tuple[Rendered, pl.DataFrame]:
-    """Eq. 15 of a record, and its rows with all that judges them; `belt` is what `belt_seen` gave. What the gains,
-    selected with the `weight` W of Eq. 14, should give is known only with a parameter file (`p`), a controller of the
-    draft, K_d and B_d. The column `not_checked` says what a row is not checked for.
+    """Eq. 15 of a record, and its rows with all that judges them. What the gains, selected with the `weight` W of
+    Eq. 14, should give is known only with a parameter file (`p`), a controller of the draft, K_d and B_d. The column
+    `not_checked` says what a row is not checked for.
 
     Raises InputError, UnreachableImpedanceError: As `plausible_impedance`, and as `DesiredImpedance.gains`.
     """
@@ -434,7 +435,7 @@ def judged_impedance(
     if predicted and gains and gains.cancels_friction:
         sizes = pl.Series([torque_per_angle(rendered.sums, label) for label in rendered.analysis.fits])
         gap = (predicted[1] - pl.col("B")) / sizes
-    table = table.with_columns(B_gap_s=gap, K_s_ratio=pl.lit(belt, pl.Float64))
+    table = table.with_columns(B_gap_s=gap)
     if desired is not None:
         values = zip(QUANTITIES, predicted or (None, None, None), strict=True)
         should_be = {f"{name}_predicted": pl.lit(value, pl.Float64) for name, value in values}
@@ -448,23 +449,6 @@ def judged_impedance(
         table = table.with_columns(**desired.columns(), **should_be)
     said = [left_unchecked(row, p, desired, record.two_clocks) for row in table.iter_rows(named=True)]
     return rendered, table.with_columns(not_checked=pl.Series(said, dtype=pl.String))
-
-
-def belt_seen(trial: Trial, record: Record, p: DrivetrainParameters | None) -> float | None:
-    """Slope of the torque over the belt's deflection (Eq. 3) as a share of K_s: whatever the controller does, angle,
-    torque and theta_m must agree on the belt. None where no theta_m was recorded, and where the belt deflects by less
-    than a twentieth of the joint's angle, of which encoders are wrong by as much."""
-    if p is None or "theta_m" not in trial.columns:
-        return None
-    time, theta_m = trial.arrays("theta_m")
-    seen = np.isfinite(theta_m)
-    if np.count_nonzero(seen) < 2:
-        return None
-    on_grid = record.low_pass(np.interp(record.time, time[seen], theta_m[seen]), record.rate_hz)
-    deflection = record.part(belt_deflection(record.motion.theta, on_grid, p))
-    if np.std(deflection) < 0.05 * np.std(record.part(record.motion.theta)):
-        return None
-    return float(np.polyfit(deflection, record.part(record.filtered_torque), 1)[0]) / p.K_s
 
 
 def linear_estimates(s: Sums) -> Array:

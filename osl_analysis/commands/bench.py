@@ -14,13 +14,7 @@ import polars as pl
 from osl_analysis.bench import compensation, components, model_comparison, torque_angle
 from osl_analysis.bench.analysis import FitTables
 from osl_analysis.bench.components import PLACE
-from osl_analysis.bench.impedance import (
-    QUANTITIES,
-    DesiredImpedance,
-    belt_seen,
-    judged_impedance,
-    repeated_trials_table,
-)
+from osl_analysis.bench.impedance import QUANTITIES, DesiredImpedance, judged_impedance, repeated_trials_table
 from osl_analysis.bench.phasors import frequency_response_table, phasor_table
 from osl_analysis.bench.prediction import NUMBERS, components_of, prediction_table, prediction_terms
 from osl_analysis.bench.record import record_of_trial, sine_record
@@ -86,8 +80,7 @@ def fit_impedance_trial(
     p = known_parameters(parameters)
     check_recording(trial, settings)
     rails = saturated(trial, "torque", "theta")
-    record = record_of_trial(trial, settings, windows)
-    rendered, table = judged_impedance(record, rails, p, condition, weight, belt_seen(trial, record, p))
+    rendered, table = judged_impedance(record_of_trial(trial, settings, windows), rails, p, condition, weight)
     stated = condition.columns() if condition else {}
 
     def further() -> dict[str, pl.DataFrame]:

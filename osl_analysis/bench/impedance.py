@@ -238,7 +238,7 @@ def impedance_table(rendered: Rendered) -> pl.DataFrame:
         "realisations": None if periodic is None else float(len(distinct(periodic.realisations))),
         "explained_by": ", ".join(EFFECTS[effect].format(f"{size:.3g}") for effect, size in sure.items()) or None,
     }
-    friction, rows = friction_rows(s, IMPEDANCE, analysis.fits), list[Row]()
+    friction, rows = friction_rows(s, analysis), list[Row]()
     for label, fit in analysis.fits.items():
         rows.append(
             {
@@ -515,7 +515,7 @@ def repeated_trials_table(impedance: pl.DataFrame) -> pl.DataFrame:
             band = {"band_low_hz": trials["band_low_hz"].min(), "band_high_hz": trials["band_high_hz"].max()}
             left_out = {**doubtful_row(trials), "n_left_out": len(trials) - len(used)}
             said = {**dict(zip(keys, key, strict=True)), **band}
-            rows += [{**said, "quantity": name, **summary_row(used[name]), **left_out} for name in QUANTITIES]
+            rows += [{**said, "quantity": name, **summary_row(used, name), **left_out} for name in QUANTITIES]
     if rows:
         return pl.DataFrame(rows, infer_schema_length=None)
     numbers = ("band_low_hz", "band_high_hz", "n", "mean", "sd", "se", "low", "high", "n_doubtful", "n_left_out")

@@ -288,7 +288,7 @@ def summary_of_trials(table: pl.DataFrame, quantities: Sequence[str]) -> pl.Data
     and `n_left_out`, how many fits are doubtful, and how many of these are not in the mean."""
     used = counted(table)
     numbers = {**doubtful_row(table), "n_left_out": len(table) - len(used)}
-    return pl.DataFrame([{"quantity": name, **summary_row(used[name]), **numbers} for name in quantities])
+    return pl.DataFrame([{"quantity": name, **summary_row(used, name), **numbers} for name in quantities])
 
 
 # What estimates cannot be, and what a motion cannot show. What is only unlikely is a column with a limit, as above.

@@ -25,10 +25,16 @@ from osl_analysis.bench.phasors import frequency_response_table, phasor_table, p
 from osl_analysis.bench.prediction import COMPONENTS, components_of
 from osl_analysis.bench.settings import BeltAnalysis, Calibration
 from osl_analysis.bench.torque_angle import curve_table, torque_angle_table
+from osl_analysis.campaign.configuration import read_config
+from osl_analysis.commands.bench import fit_tables
+from osl_analysis.errors import InputError
+from osl_analysis.judge.doubts import marked
 from osl_analysis.model.parameters import read_parameters
 from osl_analysis.report.headlines import NOISE_ALONE, calibration_said, decimals
 from osl_analysis.signals import differentiate
 from osl_analysis.stats.repeats import over_repeats, summary_row
+from osl_analysis.trial import Trial
+from osl_analysis.yaml_settings import parsed_yaml
 
 TRUE = {"K": 200.0, "B": 4.0, "I": 0.05}
 SOUND = stepped_sine(second_order, 0.01, FIVE)
@@ -169,3 +175,68 @@ def test_components_of_a_prediction_keep_it_however_many_trials():
     plain = components_of(tables, ("ankle", None), p).se("K_s")
     belts = tables["belt"].with_columns(K_s_se_bench=pl.lit(6.0), K_s_se=(pl.col("K_s_se") ** 2 + 36).sqrt())
     assert components_of(tables | {"belt": belts}, ("ankle", None), p).se("K_s") == pytest.approx(np.hypot(plain, 6.0))
+
+
+CONFIG = read_config(ROOT / "config/config.yaml")
+
+
+def spring(late_s=0.0, gain=1.0, K=300.0, damping=0.0, weight=0.0, I=0.004, seed=1):
+    """A recording of 14 bits with torque that is late: own motion, a sum of sines that begins and ends smoothly."""
+    rng, time = np.random.default_rng(seed), np.arange(0, 30, 1 / 500)
+    hz, phase = np.linspace(0.5, 6, 12)[:, None], np.random.default_rng(7).uniform(0, 2 * np.pi, (12, 1))
+
+    def theta(t):
+        rise = np.clip(np.minimum(t - 1, 29 - t) / 2, 0, 1)
+        return (
+            np.deg2rad(1.2) * np.sin(2 * np.pi * hz * t + phase).sum(axis=0) * rise**3 * (10 - 15 * rise + 6 * rise**2)
+        )
+
+    def moved(t, h=1e-4):
+        before, now, after = theta(t - h), theta(t), theta(t + h)
+        return (K + weight) * now + damping * (after - before) / (2 * h) + I * (after - 2 * now + before) / h**2
+
+    taken, step = time + 5e-5 * rng.standard_normal(len(time)), 2 * np.pi / 2**14
+    torque = gain * moved(taken - late_s) + 0.05 * rng.standard_normal(len(time))
+    angle = step * np.round((theta(taken) + rng.uniform(0, step)) / step)
+    return Trial("spring", pl.DataFrame({"time": time, "theta": angle, "torque": torque}))
+
+
+def calibrated(trial, **known):
+    settings = {"settings": CONFIG.dynamometer}
+    table = fit_tables("calibration", trial, None, settings, known)["calibration"]
+    return marked(table, CONFIG.doubtful.of("calibration"), "calibration").row(0, named=True)
+
+
+def test_a_known_spring_tells_lateness_gain_and_the_fixture_and_what_to_write():
+    row = calibrated(spring(1e-3, 1.02), known_K=300.0)
+    for name, true, within in (("lag_s", 1e-3, 5e-5), ("gain", 1.02, 1e-3), ("inertia", 0.004, 5e-4)):
+        assert row[name] == pytest.approx(true, abs=within)
+        assert abs(row[name] - true) < 4 * row[f"{name}_se"] < 2 * within
+    said = row["doubtful"]
+    late, off = 1e3 * row["lag_s"], 100 * (row["gain"] - 1)
+    assert f"the torque is late by {late:.3g} ± 0.0" in said
+    assert f"write `delay: {late:.3g} ms` more for it and `{row['to_state']}`" in said
+    assert f"torque over angle is {off:+.3g} ± 0.0" in said
+    assert f"divide the torque's `scale` by {row['gain']:.5g} and" in said
+    assert parsed_yaml(row["to_state"])[1]["calibration"]["delay"] == pytest.approx(row["lag_s_se"], rel=0.05)
+    loose = calibrated(spring(1e-3, 1.02), known_K=300.0, known_percent=1.0)
+    assert loose["gain_se"] == pytest.approx(0.01 * 1.02, rel=1e-3)
+    assert (loose["lag_s"], loose["lag_s_se"]) == (row["lag_s"], row["lag_s_se"])
+
+
+def test_a_sound_bench_is_not_accused_and_a_damped_spring_is_not_taken_for_a_late_torque():
+    assert calibrated(spring(), known_K=300.0)["doubtful"] == ""
+    damped = calibrated(spring(damping=3.0), known_K=300.0)
+    assert damped["B_low"] < 3 < damped["B_high"]
+    assert damped["lag_s_low"] < 0 < damped["lag_s_high"]
+
+
+def test_a_known_inertia_tells_them_too_with_its_bearing_and_weight():
+    trial = spring(-5e-4, 0.97, K=0.0, damping=0.05, weight=2.0, I=0.2)
+    row = calibrated(trial, known_I=0.2)
+    for name, true in (("lag_s", -5e-4), ("gain", 0.97), ("weight", 2.0), ("B", 0.97 * 0.05)):
+        assert abs(row[name] - true) < 4 * row[f"{name}_se"], name
+    assert row["gain_se"] < 1e-3
+    assert row["inertia"] is None
+    with pytest.raises(InputError, match=r"spring: a calibration needs what is known; fill in known_K"):
+        calibrated(trial)

@@ -19,8 +19,9 @@ CONDITIONS = ("group", "subject", "session", "speed", "side", "direction")
 SHEET_COLUMNS = (
     "trial", "experiment", "controller", "K_d", "B_d", "perturbed", "log", "log_source", "mocap", "mocap_source",
     "log_part", "desired", "windows", "exclude", "accept", "joint", *CONDITIONS, "body_mass_kg", "static",
+    "known_K", "known_I", "known_percent",
 )  # fmt: skip
-NUMBERS = ("K_d", "B_d", "body_mass_kg")
+NUMBERS = ("K_d", "B_d", "body_mass_kg", "known_K", "known_I", "known_percent")
 SheetRows = dict[str, dict[str, Any]]  # The rows of a sheet by trial, with all columns; None where a cell is empty.
 OUTER_BLANKS = re.compile(r"^[\s\u200b-\u200f\u2060\ufeff]+|[\s\u200b-\u200f\u2060\ufeff]+$")  # some of them unseen
 

@@ -87,6 +87,13 @@ def number_said(name: str, value: float, row: AnyRow) -> str:
         late = f"{signal} is late by {size}, which make {makes}"
         if turns_far(row):
             late = f"a delay of {signal} by {size} would explain it, and make {makes}"
+    known, ends = "", [cell_number(row, one) or 0.0 for one in ("lag_s", "lag_s_high", "gain", "gain_high")]
+    if name == "certain_lag_s":
+        said = f"the torque is late by {1e3 * ends[0]:.3g} ± {1e3 * (ends[1] - ends[0]):.2g} ms"
+        known = f"{said}, write `delay: {1e3 * ends[0]:.3g} ms` more for it and `{row['to_state']}`"
+    if name == "certain_gain_error":
+        said = f"torque over angle is {100 * (ends[2] - 1):+.3g} ± {100 * (ends[3] - ends[2]):.2g} % off"
+        known = f"{said}, divide the torque's `scale` by {ends[2]:.5g} and write `{row['to_state']}`"
     frame = " (state `bench_stiffness` in the configuration if the bench's frame yields)"
     return EVIDENCE[name].shows.format(
         percent=f"{100 * abs(value):.3g} %",
@@ -97,6 +104,7 @@ def number_said(name: str, value: float, row: AnyRow) -> str:
         factor=factor and f", {factor}",
         frame=frame if 0.5 < value < 1 else "",  # a frame that yields lowers K, and hardly to a half
         late=late,
+        known=known,
     )
 
 

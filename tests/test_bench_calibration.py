@@ -219,7 +219,8 @@ def test_a_known_spring_tells_lateness_gain_and_the_fixture_and_what_to_write():
     assert f"torque over angle is {off:+.3g} ± 0.0" in said
     assert f"divide the torque's `scale` by {row['gain']:.5g} and" in said
     assert parsed_yaml(row["to_state"])[1]["calibration"]["delay"] == pytest.approx(row["lag_s_se"], rel=0.05)
-    loose = calibrated(spring(1e-3, 1.02), known_K=300.0, known_percent=1.0)
+    loose = calibrated(spring(1e-3, 1.02), known_K=300.0, known_I=0.003, known_percent=1.0)
+    assert loose["inertia"] == pytest.approx(row["inertia"] - 0.003)
     assert loose["gain_se"] == pytest.approx(0.01 * 1.02, rel=1e-3)
     assert (loose["lag_s"], loose["lag_s_se"]) == (row["lag_s"], row["lag_s_se"])
 
@@ -240,3 +241,15 @@ def test_a_known_inertia_tells_them_too_with_its_bearing_and_weight():
     assert row["inertia"] is None
     with pytest.raises(InputError, match=r"spring: a calibration needs what is known; fill in known_K"):
         calibrated(trial)
+
+
+def test_structures_fitted_to_a_response_have_it_too():
+    trial, rows = spring(damping=3.0), []
+    for stated in ({}, {"torque_gain": 0.01}, {"delay": 1e-3}):
+        own = CONFIG.dynamometer.model_copy(update={"calibration": Calibration(**stated)})
+        found = fit_tables("impedance", trial, None, {"settings": own, "weight": CONFIG.gain_weight})
+        rows.append(found["response_models"].row(0, named=True))
+    plain, gain, delay = rows
+    more = [np.sqrt(row[f"{x}_se"] ** 2 - plain[f"{x}_se"] ** 2) for row in (gain, delay) for x in ("K", "B")]
+    assert more[:2] == pytest.approx([0.01 * plain["K"], 0.01 * plain["B"]], rel=0.01)
+    assert more[3] == pytest.approx(1e-3 * plain["K"], rel=0.05)

@@ -51,7 +51,7 @@ class Analysis:
             "commanded_deg": commanded.get(label),
             **estimates_row(fit, *names, "offset"),
             **covariance_row(fit, *names),
-            **bench_row(fit, *names),
+            **{f"{name}_se_bench": fit.se_bench(name) for name in names},
             **{f"{name}_repeat_se": fit.repeat_se(name) for name in names},
             **self.judged(label),
         }
@@ -62,9 +62,8 @@ class Analysis:
         record, rows, stated = self.record, self.record.rows(label), self.record.calibration
         if stated == NOT_STATED:
             return fit
-        columns = dict(self.sums.columns) | {
-            "T_C": record.low_pass(np.tanh(record.motion.omega / 0.01), record.rate_hz)
-        }
+        sign = record.low_pass(np.tanh(record.motion.omega / 0.01), record.rate_hz)
+        columns = dict(self.sums.columns) | {"T_C": sign}
         names = list(fit.names if "offset" in fit.names else dict.fromkeys((*self.model, *fit.names)))
         X = [columns[self.model.get(name, ALSO.get(name, name))][rows] for name in names]
         torques = torque_errors(record.filtered_torque, record.rate_hz, rows, stated)[:, rows]
@@ -165,11 +164,6 @@ def torque_errors(torque: Array, rate_hz: float, rows: NDArray[np.intp], stated:
     is smooth: (2, n). The loop is that of the range in some rows, as wide everywhere: a bound."""
     rate = np.gradient(torque, 1 / rate_hz)
     return np.array([stated.slip * np.ptp(torque[rows]) * np.sign(rate), stated.delay * rate])
-
-
-def bench_row(fit: GroupFit, *names: str) -> Row:
-    """`NAME_se_bench`, what a mean over trials on the bench does not lower."""
-    return {f"{name}_se_bench": fit.se_bench(name) for name in names}
 
 
 def at_zero(fit: GroupFit, centre: float) -> GroupFit:

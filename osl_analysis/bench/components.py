@@ -11,15 +11,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from osl_analysis.bench import effects
-from osl_analysis.bench.analysis import (
-    Analysis,
-    analysed,
-    bench_row,
-    check_stiffer,
-    friction_rows,
-    torque_errors,
-    widened,
-)
+from osl_analysis.bench.analysis import Analysis, analysed, check_stiffer, friction_rows, torque_errors, widened
 from osl_analysis.bench.effects import TRANSMISSION, Model
 from osl_analysis.bench.gram import GroupFit, fit_groups, gram_sums
 from osl_analysis.bench.phasors import harmonic_shares, phasors_of_record
@@ -181,9 +173,9 @@ def belt_table(belt: Analysis) -> pl.DataFrame:
     """The trial's row of `belt.csv`: loading and unloading slope, loop area [J], quadratic belt, what a line lacks.
     `energy_lost` is the loop's area divided by the energy K_s theta_s^2/2 at the peak. `stiffening` is the share by
     which the slope of the quadratic belt grows from rest to the peak."""
+    of_way = {"quadratic": "loading"}
     loading, unloading, quadratic = (
-        belt.calibrated(belt.fits[name], label)
-        for name, label in (("loading", "loading"), ("unloading", "unloading"), ("quadratic", "loading"))
+        belt.calibrated(belt.fits[name], of_way.get(name, name)) for name in ("loading", "unloading", "quadratic")
     )
     record, theta, torque = belt.record, belt.record.motion.theta, belt.record.filtered_torque
     peak, area = float(np.max(np.abs(belt.sums.columns["theta"]))), float(np.trapezoid(torque, theta))
@@ -194,7 +186,7 @@ def belt_table(belt: Analysis) -> pl.DataFrame:
         "trial": belt.record.name,
         **estimates_row(loading, "K_s", "offset"),
         **covariance_row(loading, "K_s", "offset"),
-        **bench_row(loading, "K_s"),
+        "K_s_se_bench": loading.se_bench("K_s"),
         **(estimates_row(loading, "B_j") if damped else dict.fromkeys(("B_j", "B_j_se", "B_j_low", "B_j_high"))),
         **belt.judged("loading"),
         "unloading": unloading["K_s"],
@@ -271,7 +263,7 @@ def transmission_table(analysis: Analysis) -> pl.DataFrame:
             {
                 **analysis.row(label, *LOSSES),
                 **estimates_row(friction, "T_C"),
-                **bench_row(friction, "T_C"),
+                "T_C_se_bench": friction.se_bench("T_C"),
                 **estimates_row(analysis.calibrated(weight, label), "weight"),
                 "J_j_weightless": weight["J_j"],
                 "weight_share": taken,
@@ -356,7 +348,7 @@ def actuator_table(actuator: Analysis) -> pl.DataFrame:
         "motion": moved_by(record.uniform),
         **estimates_row(fit, *ACTUATOR_PARAMETERS, "offset", "drift"),
         **covariance_row(fit, *ACTUATOR_PARAMETERS),
-        **bench_row(fit, *ACTUATOR_PARAMETERS),
+        **{f"{name}_se_bench": fit.se_bench(name) for name in ACTUATOR_PARAMETERS},
         **actuator.judged(),
         "correlation_k_f_G": fit.correlation("k_tau_n_m", "f_G"),
         **actuator.time_base_row(None, ACTUATOR_PARAMETERS),

@@ -101,7 +101,7 @@ def complex_mean(numbers: Sequence[ComplexEstimate]) -> ComplexEstimate:
     return with_errors(complex(np.mean([n.value for n in numbers])), errors)
 
 
-SharedError = tuple[float, float, float]
+SharedError = Sequence[float]
 """Standard uncertainties of Y that all phasors on a bench share: of its real part by the stiffness of the bench, of its
 magnitude, relative, and of its phase [rad]."""
 
@@ -241,10 +241,8 @@ def phasors_of_record(record: Record) -> list[SegmentPhasors]:
         rows = whole_rows(first.min(), stop.max())
         cycles, signals = (first - rows.start, stop - rows.start), (record.theta[rows], record.torque[rows])
         theta, torque = fit_sinusoids(record.time[rows], one.frequency_hz, *signals, cycles=cycles)
-        bench_error = (
-            record.bench.compliance_error if record.bench else 0.0,
-            *record.calibration.polar(one.frequency_hz),
-        )
+        compliance_error = record.bench.compliance_error if record.bench else 0.0
+        bench_error = compliance_error, *record.calibration.polar(one.frequency_hz)
         found.append(SegmentPhasors(one.label, one.frequency_hz, theta, torque, bench_error, one.commanded_deg))
     return found
 
@@ -288,9 +286,7 @@ def frequency_response_table(phasors: pl.DataFrame) -> pl.DataFrame:
     rows = list[Row]()
     for values, amplitudes in phasors.group_by(keys, maintain_order=True) if len(phasors) else ():
         of_single = list(amplitudes.iter_rows(named=True))
-        # all amplitudes share the errors of the bench
-        compliance, gain, turn = (max(float(row.get(name) or 0.0) for row in of_single) for name in SHARED)
-        shared = (compliance, gain, turn)
+        shared = [max(float(row[name]) for row in of_single) for name in SHARED]  # by all amplitudes
         responses = []
         for row in of_single:
             re, im, var_re, cov, var_im, freedom = (row[f"Y_{part}"] for part in COMPLEX_PARTS)

@@ -101,7 +101,7 @@ def components_of(
         k, n = [list(COMPONENTS).index(name) for name in names], len(own)
         within = np.array([[mean_covariance(own, a, b) for b in names] for a in names]) / n
         of_fits = np.sqrt(np.diag(within))
-        shared = np.array([mean_shared(own, name) for name in names])  # by all trials on the bench
+        shared = np.array([rms(own[f"{name}_se_bench"].to_numpy()) for name in names])  # by all trials on the bench
         alone = np.sqrt(np.maximum(of_fits**2 - shared**2 / n, 0.0))
         scatter = own.select(names).to_numpy().std(axis=0, ddof=1) / np.sqrt(n) if n > 1 else np.zeros(len(names))
         se = np.hypot(np.maximum(alone, scatter), shared)
@@ -121,12 +121,6 @@ def mean_covariance(rows: pl.DataFrame, a: str, b: str) -> float:
     if a == b:
         return float((rows[f"{a}_se"].to_numpy() ** 2).mean())
     return float(np.mean(rows[f"cov_{a}_{b}" if f"cov_{a}_{b}" in rows.columns else f"cov_{b}_{a}"].to_numpy()))
-
-
-def mean_shared(rows: pl.DataFrame, name: str) -> float:
-    """RMS of the standard error of an estimate that all trials on the bench share."""
-    column = f"{name}_se_bench"
-    return rms(rows[column].to_numpy()) if column in rows.columns else 0.0
 
 
 def drivetrain_of(values: Mapping[str, float], file: DrivetrainParameters) -> DrivetrainParameters:

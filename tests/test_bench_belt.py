@@ -144,6 +144,12 @@ def test_recovers_the_losses_of_the_transmission(B_j, J_j, offset):
     assert (row["B_j"], row["J_j"]) == pytest.approx((B_j, J_j), rel=1e-4)
 
 
+def test_what_a_late_torque_would_take_off_the_inertia_is_said_because_nothing_can_see_it():
+    prompt, late = (losses(lambda m, d=d: 0.45 * (m.omega - d * m.alpha) + 0.005 * m.alpha)[-1] for d in (0.0, 2e-3))
+    assert "each ms of delay would take 0.00045 kg*m^2 off J_j = 0.005," in prompt["not_checked"]
+    assert late["J_j"] == pytest.approx(0.005 - 2 * 0.00045, rel=1e-3)
+
+
 def test_transmission_tells_how_much_of_its_damping_is_coulomb_friction_and_predicts_the_amplitude_not_seen():
     smooth = losses(lambda m: 0.45 * m.omega + 0.005 * m.alpha)
     rough = losses(lambda m: 0.3 * m.omega + 0.005 * m.alpha + 0.15 * np.tanh(m.omega / 0.05))

@@ -1,23 +1,35 @@
 """What makes a bench fit doubtful, by its right name: a late torque, friction, a spring that stiffens, play."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import polars as pl
 import pytest
+from any_motion import multisine
 from bench_synthetic import FIVE, record_of_sines, second_order, stepped_sine, table_of, true_motion
 from conftest import ROOT
+from scipy.interpolate import CubicSpline
 
 from osl_analysis.bench.analysis import viscous_and_friction, with_friction
-from osl_analysis.bench.effects import IMPEDANCE, sums_of, with_effects, yielding_in
+from osl_analysis.bench.effects import IMPEDANCE, lags_by_motor, sums_of, with_effects, yielding_in
+from osl_analysis.bench.impedance import DesiredImpedance, judged_impedance
+from osl_analysis.bench.record import record_of_trial
+from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.campaign.configuration import read_section
 from osl_analysis.judge.doubts import marked, plausible_impedance
+from osl_analysis.judge.recording import saturated
 from osl_analysis.judge.table import Doubt, DoubtfulFits
 from osl_analysis.model.parameters import read_parameters
 from osl_analysis.protocol.stepped_sine import SteppedSineProtocol
+from osl_analysis.trial import Trial
 
 P = read_parameters(ROOT / "config/parameters/default.yaml")
 LIMITS = read_section(ROOT / "config/config.yaml", "doubtful", DoubtfulFits).of("impedance")
+UNKNOWN, SETTINGS = (
+    DesiredImpedance(None, None, None),
+    read_section(ROOT / "config/config.yaml", "dynamometer", DynamometerAnalysis),
+)
 
 
 def rows(torque_of, noise=0.03, protocol=FIVE, seed=1):
@@ -175,3 +187,47 @@ def test_k_over_what_the_gains_should_give_is_that_of_the_largest_amplitude_in_e
     amplitudes = pl.DataFrame({"amplitude_deg": [6.0, 2.0, 4.0, None], "K": [200.0, 240.0, 220.0, 210.0]})
     rows = amplitudes.with_columns(K_high=pl.col("K"), trial=pl.lit("made"))
     assert plausible_impedance(rows, pl.lit(0).alias("saturated_samples"), P, 200.0)["K_ratio"].to_list() == [1.0] * 4
+
+
+def leg(torque_late=0.0, theta_m_late=0.0, theta_late=0.0, B_j=P.B_j):
+    """A drivetrain's trial from Eqs. 3-4 and a belt with hysteresis; the actuator moves as no second-order joint."""
+    rng = np.random.default_rng(8)
+    time, (theta, omega, alpha) = multisine(rng, rate=500.0)
+    wound = 0.45 * theta + 6e-3 * omega + 4e-3 * np.tanh(omega / 0.05)
+    slips = np.zeros_like(wound)
+    for k, step in enumerate(np.diff(wound), 1):
+        slips[k] = np.clip(slips[k - 1] + step / 1e-3, -1, 1)
+    torque = P.J_j * alpha + B_j * omega + P.K_s * wound + 0.5 * slips + 0.03 * rng.standard_normal(len(time))
+    late = {"theta": theta_late, "theta_m": theta_m_late, "torque": torque_late}
+    signals = {"theta": theta, "theta_m": P.n_T * (theta - wound), "torque": torque}
+    columns = {name: CubicSpline(time, signals[name])(time - late[name]) for name in signals}
+    for name in ("theta", "theta_m"):
+        columns[name] = np.round(columns[name] * 2**14 / (2 * np.pi)) * (2 * np.pi / 2**14)
+    return Trial("leg", pl.DataFrame({"time": time, **columns}))
+
+
+@pytest.mark.parametrize(
+    ("fault", "lag", "of_theta_m"),
+    [({}, 0, 0), ({"torque_late": 1e-3}, 1e-3, 0), ({"torque_late": -4e-3}, -4e-3, 0), ({"B_j": 1.1 * P.B_j}, 0, 0),
+     ({"theta_m_late": 1e-3}, 0, 1e-3), ({"theta_late": 1e-3}, -1e-3, -1e-3)],
+)  # fmt: skip
+def test_the_belt_shows_which_channel_of_a_leg_is_late(fault, lag, of_theta_m):
+    """Eq. 15 misses so much of a leg that it passes for a delay of 10 ms; a belt stays a spring."""
+    trial = leg(**fault)
+    record = record_of_trial(trial, SETTINGS)
+    row = judged_impedance(record, saturated(trial, "torque", "theta"), P, UNKNOWN)[1].row(0, named=True)
+    assert (row["lag_by"], row["lag_s"]) == ("theta_m", pytest.approx(lag, abs=1.5e-4))
+    assert row["certain_theta_m_lag_s"] == pytest.approx(of_theta_m, abs=1.5e-4 if of_theta_m else 0)
+    assert row["lag_share"] == pytest.approx(abs(row["K"] * row["lag_s"] / row["B"]) if lag else 0)
+    said = marked(pl.DataFrame([row], infer_schema_length=None), LIMITS, "impedance")["doubtful"][0]
+    assert ("late torque: " in said) == bool(lag)
+    assert ("theta_m is late by" in row["not_checked"]) == (of_theta_m > 0)
+    assert ("theta_m is early by" in row["not_checked"]) == (of_theta_m < 0)
+    assert "whether the torque is late" not in row["not_checked"]
+    assert lags_by_motor(record, None) is None
+
+
+def test_a_theta_m_that_shows_no_belt_says_nothing_of_lags():
+    trial = leg(torque_late=1e-3)
+    turned = replace(trial, samples=trial.samples.with_columns(theta_m=-pl.col("theta_m")))
+    assert lags_by_motor(record_of_trial(turned, SETTINGS), P) is None

@@ -18,7 +18,7 @@ from osl_analysis.bench.phasors import harmonic_shares, phasors_of_record
 from osl_analysis.bench.record import Groups, Label, Record, joint_angle, stretches_of
 from osl_analysis.bench.settings import ActuatorAnalysis, BeltAnalysis
 from osl_analysis.errors import IdentifiabilityError, InputError
-from osl_analysis.judge.doubts import check_changes, summary_of_trials
+from osl_analysis.judge.doubts import LATENESS, SIZED, check_changes, summary_of_trials
 from osl_analysis.model.drivetrain import belt_deflection
 from osl_analysis.model.parameters import DrivetrainParameters
 from osl_analysis.signals import Motion, differentiate, filtered_motion, runs
@@ -248,7 +248,7 @@ def transmission_of(record: Record) -> Analysis:
 def transmission_table(analysis: Analysis) -> pl.DataFrame:
     """The trial's rows of `transmission.csv`: one per amplitude [deg], and one for all of them (amplitude null).
 
-    A lag of the torque is not among the diagnostics, because it cannot be told from an inertia of -B_j times the lag.
+    A lag of the torque cannot be told from an inertia of -B_j times the lag; the column `not_checked` says how large.
     """
     record, s = analysis.record, effects.sums_of(analysis.record, TRANSMISSION)
     phasors, found = phasors_of_record(record), effects.causes(record, s, TRANSMISSION)
@@ -274,6 +274,8 @@ def transmission_table(analysis: Analysis) -> pl.DataFrame:
                 **analysis.shared(label, *LOSSES),
                 **{name: x for name, x in certain[label].items() if x is not None or not name.startswith("T_C")},
                 **clocks,
+                "not_checked": f"{LATENESS}: a late torque looks like less inertia{SIZED} {1e-3 * fit['B_j']:.2g} "
+                f"kg*m^2 off J_j = {fit['J_j']:.2g}, check it with a known inertia on the same bench",
             }
         )
     return pl.DataFrame(rows, infer_schema_length=None).with_columns(pl.col(pl.Null).cast(pl.Float64))

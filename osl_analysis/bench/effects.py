@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import make_interp_spline
 from scipy.special import chdtrc, chdtri, stdtrit
 from scipy.stats import spearmanr
 
@@ -21,6 +22,7 @@ from osl_analysis.bench.gram import GroupFit, Sums
 from osl_analysis.bench.record import Label, Record
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.judge.doubts import LARGEST_TURN
+from osl_analysis.model.parameters import DrivetrainParameters
 from osl_analysis.signals import seven_point_motion
 from osl_analysis.signals.samples import NO_DRIFT, drift_row
 from osl_analysis.stats.covariance import welch_satterthwaite
@@ -45,6 +47,8 @@ COLUMN = {"weight": "theta", "T_C": "sign", "T_C_sharp": "sharp_sign", "T_G": "l
 """Columns of effects that are not named alike."""
 FALSE_ALARM = 1e-3  # probability of a false alarm for one effect
 POSSIBLE = 2.0  # standard errors by which an effect may be larger than it is found
+WOUND_UP = (0.5e-3, 1.5e-3, 4e-3)  # half-widths [rad] of springs that slip, of which a belt's hysteresis is made
+BELT_ERROR = 80e-6  # s by which hysteresis that is not made of these shifts a lag (SD); of simulated legs 10 to 150
 CANNOT_TELL = (IdentifiabilityError, InputError, np.linalg.LinAlgError)  # a motion does not tell effects apart
 
 
@@ -85,6 +89,7 @@ def sums_of(record: Record, model: Model, expected: Admittance | None = None) ->
     if record.two_clocks and not record.groups.repeat:
         columns |= {f"ramp_{name}": ramp * columns[name] for name in ("omega", "alpha", "jerk")}
     columns |= dict(zip(shaped, smooth, strict=True))
+    columns["sign_rate"] = np.gradient(columns["sign"], 1 / few.rate_hz)
     if expected is not None:
         linear = linear_torque(few, expected)
         columns |= {"linear": linear, "linear_rate": np.gradient(linear, 1 / few.rate_hz)}
@@ -345,6 +350,57 @@ def lag_of(record: Record, s: Sums, model: Model, found: Causes) -> Fault | None
         explained = fit.left - least > float(chdtri(free, FALSE_ALARM)) * fit.left / fit.samples * about.independent
         sure = leaves_noise(record, fit, 2.0) and not explained
     return Fault(size, se, sure and is_alike(about, model, "lag_s", found, size), abs(size) + POSSIBLE * se)
+
+
+def lags_by_motor(record: Record, p: DrivetrainParameters | None) -> tuple[Fault, Fault] | None:
+    """By how much the torque, and theta_m, lag the joint's angle [s], by the belt between theta_m and the joint; None
+    without a parameter file or theta_m, or where theta_m does not show this belt.
+
+    Whatever the controller and its friction do, torque - J_j alpha - B_j omega is the belt's torque (Eq. 4), a spring
+    with springs that slip over theta - theta_m/n_T. A late theta_m looks like a smaller B_j. So B_j is free as long as
+    it agrees with the file's: a B_j that is wrong then makes no lag. Else theta_m is late, and B_j is that of the file.
+    """
+    if p is None or record.theta_m is None:
+        return None
+    few = record.thinned(max(int(record.rate_hz / max(250.0, 8 * record.low_pass.cutoff_hz) + 1e-6), 1))
+    assert few.theta_m is not None
+    columns = {name: column for name, column in columns_of(few)[0].items() if name not in ("theta", "alpha")}
+    wound = few.motion.theta - few.theta_m / p.n_T
+    slips = few.low_pass(np.array([spring_that_slips(wound, width) for width in WOUND_UP]).T, few.rate_hz).T
+    columns |= {"wound": wound - wound.mean(), **{f"slips_{k}": column for k, column in enumerate(slips)}}
+    torque, first, last = make_interp_spline(few.time, few.filtered_torque, 5), *few.time[[0, -1]]
+
+    def fitted(known: float) -> tuple[float, GroupFit]:
+        """The torque's lag, and the last step of the iteration; `omega` is the torque per velocity beside a known B_j,
+        or per velocity of theta_m."""
+        lag, rest = 0.0, p.J_j * few.motion.alpha + known * few.motion.omega
+        for _ in range(3):
+            then = np.clip(few.time + lag, first, last)
+            torque_then = torque(then) - rest
+            made = replace(few, filtered_torque=torque_then, torque=torque_then)
+            sums = gram.gram_sums(made, columns | {"late": -torque(then, 1)}, list(columns))
+            fit = gram.fit_groups(sums, {name: name for name in sums.names}, limit=gram.EFFECTS_LIMIT)
+            lag += fit["late"]
+        return lag, fit
+
+    def fault(size: float, se: float, freedom: float) -> Fault:
+        se = float(np.hypot(se, BELT_ERROR))
+        sure = abs(size) > float(stdtrit(freedom, 1 - FALSE_ALARM / 2)) * se
+        return Fault(size, se, sure, abs(size) + POSSIBLE * se)
+
+    try:
+        lag, fit = fitted(0.0)
+        K_s = fit["wound"]
+        if not 0.7 < K_s / p.K_s < 1.4:
+            return None
+        own = fault((p.B_j - fit["omega"]) / K_s, fit.se("omega") / K_s, fit.freedom("omega"))
+        if own.found:
+            columns["omega"] = np.gradient(few.theta_m, 1 / few.rate_hz) / p.n_T
+            lag, fit = fitted(p.B_j)
+            own = fault(-fit["omega"] / fit["wound"], fit.se("omega") / K_s, fit.freedom("omega"))
+        return fault(lag, fit.se("late"), fit.freedom("late")), own
+    except CANNOT_TELL:
+        return None
 
 
 def stiffness_change(s: Sums, model: Model, found: Causes) -> Fault | None:

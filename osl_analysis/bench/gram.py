@@ -29,7 +29,8 @@ from osl_analysis.trial import Array
 
 FEWEST_UNITS = 4  # strata from which on these are the units that are left out; below, each group is one
 FEWEST_GROUPS = 8  # groups that do not repeat from whose scores an interval comes
-NEXT = {"theta": "omega", "omega": "alpha", "alpha": "jerk", "jerk": "snap", "linear": "linear_rate"}  # derivatives
+NEXT = {"theta": "omega", "omega": "alpha", "alpha": "jerk", "jerk": "snap"}  # derivatives
+NEXT |= {"linear": "linear_rate", "sign": "sign_rate"}
 SPACING = 5e-3  # at most between delays that are tried [s]; Gauss and Newton's steps go as far to each side
 EFFECTS_LIMIT = 1e5  # largest scaled condition number of a fit with effects, whose columns are alike at times
 BY_UNITS, BY_REPEATS = "units", "repeats"

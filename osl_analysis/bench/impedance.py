@@ -220,14 +220,16 @@ def check_alias(record: Record, fit: GroupFit) -> None:
         )
 
 
-def impedance_table(rendered: Rendered) -> pl.DataFrame:
+def impedance_table(rendered: Rendered, p: DrivetrainParameters | None = None) -> pl.DataFrame:
     """The trial's rows of `impedance.csv`: Eq. 15 fitted to each amplitude [deg] and to all of them (amplitude null);
     of a motion that is no stepped sine one row. What moved the joint is the same in every row: estimates of a device
-    that is no second-order system depend on band and weights."""
+    that is no second-order system depend on band and weights. With the parameters of the device and theta_m the belt
+    shows a lag, which what Eq. 15 misses of a drivetrain would hide."""
     analysis, record, s, found = rendered.analysis, rendered.record, rendered.sums, rendered.found
-    lag, change = effects.lag_of(record, s, IMPEDANCE, found), effects.stiffness_change(s, IMPEDANCE, found)
+    change, motor = effects.stiffness_change(s, IMPEDANCE, found), effects.lags_by_motor(record, p)
+    lag, late_motor = motor or (effects.lag_of(record, s, IMPEDANCE, found), None)
     clocks = effects.clocks_row(record, s, IMPEDANCE, found)
-    frame = effects.frame_stiffness(s, IMPEDANCE, found) if lag and lag.found else None
+    frame = effects.frame_stiffness(s, IMPEDANCE, found) if lag and lag.found and not motor else None
     # what explains the misfit, the best explanation first, as far as it is no fault that was not found
     faults = {"lag_s": lag, "K_change": change}
     sure = {e: found.fit[e] for e in found.chosen if e not in faults or ((fault := faults[e]) and fault.found)}
@@ -239,6 +241,10 @@ def impedance_table(rendered: Rendered) -> pl.DataFrame:
         "band_low_hz": low,
         "band_high_hz": high,
         "weighting": "power of the filtered motion",  # as in every least-squares fit of filtered signals
+        "lag_by": "theta_m" if motor else "Eq. 15" if lag else None,
+        "theta_m_lag_s": late_motor.size if late_motor else None,
+        "theta_m_lag_se_s": late_motor.se if late_motor else None,
+        "certain_theta_m_lag_s": late_motor.size * late_motor.found if late_motor else None,
         "torque_at_peaks": None if record.is_stepped_sine else torque_at_peaks(rendered),
         "fitted_s": record.seconds,
         "period_s": None if periodic is None else periodic.period,
@@ -251,7 +257,7 @@ def impedance_table(rendered: Rendered) -> pl.DataFrame:
         rows.append(
             {
                 **analysis.row(label, *QUANTITIES),
-                **lag_row(lag, fit, frame),
+                **lag_row(lag, fit, frame, np.inf if motor else HIDDEN),
                 **harmonic_row(rendered, label),
                 **friction[label],
                 **spring_row(rendered, label),
@@ -265,7 +271,8 @@ def impedance_table(rendered: Rendered) -> pl.DataFrame:
         )
     over = over_amplitudes(analysis)
     rows = [{**row, **dict.fromkeys(over)} for row in rows[:-1]] + [{**rows[-1], **over}]
-    table = pl.DataFrame(rows, infer_schema_length=None, schema_overrides={"explained_by": pl.String})
+    texts = dict.fromkeys(("explained_by", "lag_by"), pl.String)
+    table = pl.DataFrame(rows, infer_schema_length=None, schema_overrides=texts)
     return table.with_columns(pl.col(pl.Null).cast(pl.Float64))
 
 
@@ -274,10 +281,10 @@ def share_of_inertia(fit: GroupFit) -> float:
     return float(np.hypot(fit["I"], LITTLE["I"]))
 
 
-def lag_row(lag: Fault | None, fit: GroupFit, frame: float | None) -> Row:
+def lag_row(lag: Fault | None, fit: GroupFit, frame: float | None, hidden: float = HIDDEN) -> Row:
     """Lag of the torque, the damping that it makes, and the shares of B and I of one that was found: exp(-s d) takes
     K d off B, and d times the joint's own B off I. Both shares are null where one that was not found might yet change I
-    by more than `HIDDEN`."""
+    by more than the share that may be `hidden`."""
     if lag is None:
         empty = dict.fromkeys(("lag_share", "lag_inertia_share", "frame_stiffness"))
         return {**lag_damping_row(None, None, fit["K"]), **empty}
@@ -287,7 +294,7 @@ def lag_row(lag: Fault | None, fit: GroupFit, frame: float | None) -> Row:
         row |= {"lag_share": abs(K * lag.size / B), "lag_inertia_share": abs((B + K * lag.size) * lag.size) / inertia}
         return row | {"frame_stiffness": frame}
     most = (abs(B) + K * lag.possible) * lag.possible / inertia
-    share = None if most > HIDDEN else 0.0  # of either sign: a large lag has falsified B
+    share = None if most > hidden else 0.0  # of either sign: a large lag has falsified B
     return row | {"lag_share": share, "lag_inertia_share": share, "frame_stiffness": None}
 
 
@@ -429,7 +436,7 @@ def judged_impedance(
     expected = joint_admittance(gains.K_1, gains.B_1, p, p.J_j) if p and gains else None
     rendered = rendered_impedance(record, expected)
     predicted = linear_estimates(rendered.sums).tolist() if expected else None
-    table = plausible_impedance(impedance_table(rendered), rails, p, predicted[0] if predicted else None)
+    table = plausible_impedance(impedance_table(rendered, p), rails, p, predicted[0] if predicted else None)
     gap = pl.lit(None, pl.Float64)
     if predicted and gains and gains.cancels_friction:
         sizes = pl.Series([torque_per_angle(rendered.sums, label) for label in rendered.analysis.fits])
@@ -492,6 +499,11 @@ def left_unchecked(
         )
         if row["lag_inertia_share"] is None:
             reasons[LATENESS] = "a delay that matters would look like noise or friction in this recording"
+    if late := row.get("certain_theta_m_lag_s"):
+        reasons["whether theta_m or B_j is wrong"] = (
+            f"theta_m is {'late' if late > 0 else 'early'} by {1e3 * abs(late):.2g} ms, or B_j is not that of the "
+            "parameter file, which K, B and I do not use"
+        )
     if row["K_drift"] is None:
         reasons["whether K changes while it is recorded"] = "noise, or what Eq. 15 misses, may hide it"
     if two_clocks and row["clock_drift_ppm"] is None:

@@ -6,6 +6,7 @@ periods of a motion that repeats itself, and stretches of any other one. What co
 
 import re
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -27,7 +28,7 @@ from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.protocol import stepped_sine
 from osl_analysis.protocol.stepped_sine import Likeness, whole_rows
 from osl_analysis.signals import LowPass, Motion, filtered_motion, runs
-from osl_analysis.signals.grid import GapLimits, UniformSignals, on_one_grid, origin, uniform_signals
+from osl_analysis.signals.grid import GapLimits, UniformSignals, on_one_grid, origin, resampled, uniform_signals
 from osl_analysis.spectral.periods import PeriodicMotion, periodic_motion
 from osl_analysis.stats.covariance import FEWEST_CYCLES, products_between
 from osl_analysis.stats.rounding import noise_before_rounding, visible_step
@@ -127,6 +128,7 @@ class Record:
     other: "Record | None" = None  # the same if undecided stamps were taken the other way; None: all are decided
     softer: "Record | None" = None  # the same with a bench that is softer by one standard error; None: it is exact
     settings: BenchAnalysis | None = None  # the bench, and limits of what a motion must tell
+    theta_m: Array | None = None  # the actuator's angle [rad] behind the filter, where an impedance trial has it
 
     @property
     def bench(self) -> BenchStiffness | None:
@@ -219,6 +221,7 @@ class Record:
             motion=self.motion[rows],
             filtered_torque=self.filtered_torque[rows],
             usable=self.usable[rows],
+            theta_m=None if self.theta_m is None else self.theta_m[rows],
             groups=replace(groups, first=first, stop=stop),
         )
 
@@ -382,7 +385,21 @@ def record_of_trial(
             f"trial {trial.name}: theta has the commanded frequencies, but is no stepped sine; look for spikes, hum "
             f"and a mount that turns; {meant}, or `excitation: stepped_sine` to fit what there is"
         )
-    return replace(made, periodic=periodic, steps=(steps[0], steps[1]))
+    theta_m = actuator_angle(trial, made) if isinstance(settings, ImpedanceAnalysis) else None
+    return replace(made, periodic=periodic, steps=(steps[0], steps[1]), theta_m=theta_m)
+
+
+def actuator_angle(trial: Trial, record: Record) -> Array | None:
+    """The actuator's angle (n,) [rad] at the times of a record, behind its filter; None where the trial has none that
+    comes to a time base together with angle and torque."""
+    if "theta_m" not in trial.columns or record.settings is None:
+        return None
+    with suppress(InputError):
+        found = uniform_signals(trial, ("theta", "theta_m", "torque"), record.settings.gap_limits)
+        step = 1 / found.rate_hz
+        filtered = {"theta_m": record.low_pass(found["theta_m"], found.rate_hz)}
+        return resampled(found.time, filtered, record.time, step)["theta_m"]
+    return None
 
 
 def motion_parts(signals: UniformSignals, settings: ImpedanceAnalysis, windows: str | None) -> Parts:

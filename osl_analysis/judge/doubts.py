@@ -69,9 +69,9 @@ def known_factor(ratio: float) -> str:
 
 
 def turns_far(row: AnyRow) -> bool:
-    """Whether a lag turns the highest frequency by more than `LARGEST_TURN`."""
+    """Whether a lag turns the highest frequency by more than `LARGEST_TURN`, and the belt does not show it."""
     lag, highest = (cell_number(row, name) or 0.0 for name in ("lag_s", "band_high_hz"))
-    return 2 * math.pi * highest * abs(lag) > LARGEST_TURN
+    return 2 * math.pi * highest * abs(lag) > LARGEST_TURN and row.get("lag_by") != "theta_m"
 
 
 def number_said(name: str, value: float, row: AnyRow) -> str:

@@ -150,7 +150,7 @@ step("", tabled("{derived}"), name="derived_table", derived="|".join(DERIVED))(
 
 @step("tables.pool_responses", {n: tabled(n) for n in ("response_pooled", "response_models_pooled")})
 def pool_responses(_):
-    table, settings = "response_lines", {"settings": CONFIG.dynamometer.part("FilterSettings")}
+    table, settings = "response_lines", {"settings": CONFIG.dynamometer.part("BenchAnalysis")}
     settings["conditions"] = {trial: CAMPAIGN.row(trial) for trial in PER_TRIAL[table]}
     inputs = {"files": {"parameters": CONFIG.parameters or []}, "after": behind(table)}
     return {**inputs, "read": {"lines": rows(table), "quality": verdicts_on(table)}, "settings": settings}

@@ -81,6 +81,7 @@ def component_tables(true, error=1e-3):
         table = {"trial": [f"{part}_{k}" for k in range(3)], "joint": "ankle", "side": None, "doubtful": ""}
         table |= {name: one * rng.normal(1, error, 3) for name, one in size.items()}
         table |= {f"{name}_se": one * error for name, one in size.items()}
+        table |= {f"{name}_se_bench": 0.0 for name in size}
         table |= {f"cov_{a}_{b}": 0.5 * error**2 * size[a] * size[b] for a in size for b in size if a < b}
         table |= {"amplitude_deg": None} if part == "transmission" else {}
         tables[part] = pl.DataFrame(table, schema_overrides={"side": pl.String})

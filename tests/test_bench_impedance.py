@@ -162,7 +162,9 @@ def test_phasors_keep_their_covariance_and_the_response_over_amplitudes_its_inte
 def test_an_error_of_the_bench_s_stiffness_is_in_the_admittance_and_is_not_averaged_away():
     """theta = theta_bench - torque/k: an error of 1/k is an error of Y, real and the same at every amplitude."""
     bench = BenchStiffness(value="3000 N*m/rad", standard_error="300 N*m/rad")
-    table = phasor_table("made", phasors_of_record(replace(stepped_sine(second_order, noise=0.01), bench=bench)))
+    stated = sine_settings([2], [1]).model_copy(update={"bench_stiffness": bench})
+    record = replace(stepped_sine(second_order, noise=0.01), settings=stated)
+    table = phasor_table("made", phasors_of_record(record))
     assert table["Y_se_bench"].unique().to_list() == pytest.approx([300 / 3000**2])
     assert (table["Y_var_re"] > (300 / 3000**2) ** 2).all()
     condition = {"controller": pl.lit("compensated"), "K_d": pl.lit(200.0), "B_d": pl.lit(4.0), "doubtful": pl.lit("")}

@@ -11,6 +11,7 @@ import pytest
 from test_figures import stored, texts
 
 from osl_analysis.bench.components import belt_figure_points, check_locked, part_summary
+from osl_analysis.bench.settings import NOT_STATED
 from osl_analysis.campaign.campaign import about, open_campaign, response_example, sentence, time_series_example
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.commands import figure as plotted_numbers
@@ -190,11 +191,11 @@ def test_responses_are_predicted_by_a_parameter_file_of_their_joint_alone(tmp_pa
     plotted_numbers.fig7(tmp_path / "t.csv", device, None, PAPER_WEIGHT, tmp_path / "fig7.csv")
     drawn = read_table(tmp_path / "fig7.csv")
     assert set(drawn["curve"]) == {"observed", "desired"} | ({"linear model"} if predicted else set())
-    asked, settings = [], SimpleNamespace(low_pass=None)
+    asked, settings = [], SimpleNamespace(low_pass=None, calibration=NOT_STATED)
     monkeypatch.setattr(tables, "read_table", lambda *_, of: pl.DataFrame({"trial": ["a"]}))
     monkeypatch.setattr(tables, "realisations_from", lambda _: [])
     monkeypatch.setattr(tables, "pooled", lambda trials: [trials])
-    monkeypatch.setattr(tables, "periodic_tables", lambda *given: asked.append(given[-1]) or 1 / 0)
+    monkeypatch.setattr(tables, "periodic_tables", lambda *given: asked.append(given[-2]) or 1 / 0)
     with pytest.raises(ZeroDivisionError):
         tables.pool_responses([tmp_path], {"a": {"joint": joint}}, settings, tmp_path, tmp_path, device)
     assert [p is not None for p in asked] == [predicted]

@@ -86,7 +86,11 @@ def trial(name="t", doubtful="", **facts):
 
 def page_of(trials, largest_mb=40.0, tables=None):
     content = {"about": ABOUT, "made_of": sentence(ABOUT), **trials_content(trials), "headlines": [], "figures": []}
-    content |= {"findings": [{"verdict": "doubtful", "line": f"doubtful, 1 of 2: {HOSTILE}"}], "not_made": []}
+    content |= {
+        "findings": [{"verdict": "doubtful", "line": f"doubtful, 1 of 2: {HOSTILE}"}],
+        "intervals": "",
+        "not_made": [],
+    }
     packed = {one.name: (trial_content(one, {"impedance": IMPEDANCE}), tables or {}) for one in trials}
     return written_page(content, packed, largest_mb)
 
@@ -126,7 +130,7 @@ def test_names_from_files_are_text_and_no_script_runs_but_the_two_of_the_page():
     content = json.loads(zlib.decompress(base64.b64decode(json.loads(page.scripts[0])["content"])))
     assert [a["data-name"] for _, a in page.elements if a.get("class") == "packed"] == [content["name"]] == [HOSTILE]
     shown = content["estimates"]
-    rows = [["4", "301.26 [300.90, 301.60]", "99", "0.5"], ["all", "299.51 [299.20, 299.80]", "98", "–"]]
+    rows = [["4", "301.3 [300.9, 301.6]", "99", "0.5"], ["all", "299.5 [299.2, 299.8]", "98", "–"]]
     named = ["amplitude_deg deg", "K N·m/rad", "VAF %", "R2 "]
     assert (shown["rows"], [f"{one['name']} {one['unit']}" for one in shown["columns"]]) == (rows, named)
     assert [" ".join(cells[:3]) for cells in content["columns"]][:2] == ["trial t text", "K 299.512 N·m/rad"]
@@ -159,7 +163,7 @@ def test_verdicts_and_counts_sorting_by_the_unrounded_value_and_conditions_that_
     _, flagged, doubtful, *_ = content["trials"]
     assert flagged["doubt"].startswith("gap in the recording: torque. look for a")
     assert doubtful["doubt"] == "all amplitudes: VAF 3 is below 90"
-    number = {"sort": "299.5123", "text": "299.51", "interval": "[299.20, 299.80]", "column": "K"}
+    number = {"sort": "299.5123", "text": "299.5", "interval": "[299.2, 299.8]", "column": "K"}
     assert (doubtful["numbers"][1], [one["name"] for one in content["left_out"]]) == (number, ["c", "d"])
     assert (trials[2].condition(), doubtful["condition"]) == (f"controller {HOSTILE}, K_d 300", "")
     assert replace(trials[0], row={"perturbed": False, "part": 2}).condition() == "unperturbed, part 2"

@@ -344,7 +344,7 @@ def test_intervals_are_students_and_wider_where_trials_share_their_fits():
     assert shared.se**2 == pytest.approx(np.var(values, ddof=1) * (1 / 4 + 1 / 3))
     assert (shared.high - shared.mean) / shared.se == pytest.approx(student.ppf(0.975, 3))
     assert shared.mean == own.mean == 3.5
-    rows = [repeats.summary_row(pl.Series(one)) for one in ([1.0, None, 3.0, np.nan], [4.0], [])]
+    rows = [repeats.summary_row(pl.DataFrame({"x": one}), "x") for one in ([1.0, None, 3.0, np.nan], [4.0], [])]
     found = [(row["n"], row["mean"], row["sd"], row["interval_method"]) for row in rows]
     assert found == [(2, 2.0, pytest.approx(np.sqrt(2)), "Student"), (1, 4.0, None, None), (0, None, None, None)]
     alone = repeats.mean_over_trials(np.array([4.0]))

@@ -360,7 +360,7 @@ def test_files_are_written_from_the_tables_that_exist_and_read_back(tmp_path):
     summary, numbers = read_summary(tmp_path / "s.json"), headline_numbers(all_tables())
     said = json.loads(json.dumps(findings(pl.DataFrame(schema=["check", "verdict"]), all_tables())))
     assert said[0]["line"] in format_results_table(summary)
-    assert summary == written(numbers) | {"trials": {}, "missing_results": {}, "findings": said}
+    assert summary == written(numbers) | {"trials": {}, "missing_results": {}, "intervals": "", "findings": said}
     assert (tmp_path / "n.tex").read_text() == to_tex(MADE, numbers)
     (tmp_path / "s.json").rename(tmp_path / "summary.json")
     table, entries = osl_analysis.read_summary(tmp_path), summary["numbers"]

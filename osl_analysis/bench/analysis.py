@@ -13,12 +13,16 @@ from numpy.typing import NDArray
 from osl_analysis.bench.effects import FALSE_ALARM, Model, plain_sums, with_effects
 from osl_analysis.bench.gram import GroupFit, Sums, estimates_of, held_out_vaf
 from osl_analysis.bench.record import Label, Record
-from osl_analysis.bench.settings import BenchStiffness
+from osl_analysis.bench.settings import NOT_STATED, BenchStiffness, Calibration
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.signals.grid import UniformSignals
 from osl_analysis.stats.fit_row import Row, covariance_row, diagnostics_row, estimates_row, thinned_rows, whiteness_row
 from osl_analysis.stats.regression import LinearFit, with_shared_error
 from osl_analysis.trial import Array
+
+PER_ANGLE = dict.fromkeys(("K", "B", "I", "K_s", "B_j", "J_j", "B_m", "J_m", "weight"), 1) | {"K_s2": 2}
+"""Powers of the angle by which estimates are torques."""
+ALSO = {"K_s2": "square", "weight": "theta"}  # columns of estimates beside a model
 
 
 @dataclass(frozen=True)
@@ -39,7 +43,7 @@ class Analysis:
     def row(self, label: Label, *names: str) -> Row:
         """The columns that the rows of every amplitude begin with: estimates, covariances, repeatability (null where
         nothing repeats), diagnostics."""
-        fit = self.fits[label]
+        fit = self.calibrated(self.fits[label], label)
         commanded = {one.label: one.commanded_deg for one in self.record.groups.strata}
         return {
             "trial": self.record.name,
@@ -47,9 +51,27 @@ class Analysis:
             "commanded_deg": commanded.get(label),
             **estimates_row(fit, *names, "offset"),
             **covariance_row(fit, *names),
+            **{f"{name}_se_bench": fit.se_bench(name) for name in names},
             **{f"{name}_repeat_se": fit.repeat_se(name) for name in names},
             **self.judged(label),
         }
+
+    def calibrated(self, fit: GroupFit, label: Label = None) -> GroupFit:
+        """A fit to a label, of the model or with effects beside it, with the stated errors of the bench's calibration
+        in its intervals. Comparisons within a trial, or with what the fit expects, have no such error."""
+        record, rows, stated = self.record, self.record.rows(label), self.record.calibration
+        if stated == NOT_STATED:
+            return fit
+        sign = record.low_pass(np.tanh(record.motion.omega / 0.01), record.rate_hz)
+        columns = dict(self.sums.columns) | {"T_C": sign}
+        names = list(fit.names if "offset" in fit.names else dict.fromkeys((*self.model, *fit.names)))
+        X = [columns[self.model.get(name, ALSO.get(name, name))][rows] for name in names]
+        torques = torque_errors(record.filtered_torque, record.rate_hz, rows, stated)[:, rows]
+        found = np.linalg.lstsq(np.column_stack(X), torques.T)[0][[names.index(name) for name in fit.names]]
+        of_angle = stated.angle_gain * np.array([PER_ANGLE.get(name, 0) for name in fit.names])
+        for change in (stated.torque * fit.estimates, of_angle * fit.estimates, *found.T):
+            fit = widened(fit, change, shared=True)
+        return fit
 
     def judged(self, label: Label = None) -> Row:
         """The diagnostics of a fit and of its interval."""
@@ -125,15 +147,23 @@ def analysed(record: Record, sums: Sums, model: Model) -> Analysis:
     fits = fitted(sums)
     if record.softer is not None:
         softer = fitted(plain_sums(record.softer, model))
-        fits = {label: widened(fit, softer[label].estimates - fit.estimates) for label, fit in fits.items()}
+        fits = {x: widened(fit, softer[x].estimates - fit.estimates, shared=True) for x, fit in fits.items()}
     others = {} if record.other is None else fitted(plain_sums(record.other, model))
     return Analysis(record, sums, model, fits, others)
 
 
-def widened(fit: GroupFit, change: Array) -> GroupFit:
-    """The fit with an error of type B in its intervals, one SD of which makes this change (p,) of the estimates."""
-    found = with_shared_error(fit, change)
-    return replace(fit, covariance=found.covariance, degrees_of_freedom=found.degrees_of_freedom)
+def widened(fit: GroupFit, change: Array, shared: bool = False) -> GroupFit:
+    """The fit with an error of type B in its intervals, one SD of which makes this change (p,) of the estimates;
+    `shared` by all trials on the bench."""
+    found, known = with_shared_error(fit, change), fit.shared + change**2 if shared else fit.shared
+    return replace(fit, covariance=found.covariance, degrees_of_freedom=found.degrees_of_freedom, shared=known)
+
+
+def torque_errors(torque: Array, rate_hz: float, rows: NDArray[np.intp], stated: Calibration) -> Array:
+    """What one standard uncertainty of the load cell's hysteresis, and of its delay, adds to a torque (n,) [N*m] that
+    is smooth: (2, n). The loop is that of the range in some rows, as wide everywhere: a bound."""
+    rate = np.gradient(torque, 1 / rate_hz)
+    return np.array([stated.slip * np.ptp(torque[rows]) * np.sign(rate), stated.delay * rate])
 
 
 def at_zero(fit: GroupFit, centre: float) -> GroupFit:
@@ -146,9 +176,10 @@ def at_zero(fit: GroupFit, centre: float) -> GroupFit:
     return replace(fit, estimates=turn @ fit.estimates, covariance=turn @ fit.covariance @ turn.T, repeat=repeat)
 
 
-def friction_rows(s: Sums, model: Model, fits: Mapping[Label, LinearFit]) -> dict[Label, Row]:
+def friction_rows(s: Sums, analysis: Analysis) -> dict[Label, Row]:
     """Of each label Coulomb friction [N*m], and the share of the damping that it makes, 0 where all of the trial has
     none for certain; where the label has, viscous damping and friction with intervals."""
+    model, fits = analysis.model, analysis.fits
     damping = next(name for name, column in model.items() if column == "omega")
     own = (f"{damping}_viscous", "f_C" if damping == "B" else "T_C")
     names = [f"{name}{end}" for name in own for end in ("", "_se", "_low", "_high")]
@@ -174,7 +205,7 @@ def friction_rows(s: Sums, model: Model, fits: Mapping[Label, LinearFit]) -> dic
         # numbers is the half-width of a rectangular distribution (JCGM 100:2008, 4.3.7).
         sharper = with_effects(s, model, ("T_C_sharp",), label), with_friction(s, model, label, "T_C_sharp")
         sharp = viscous_and_friction(fit, *sharper, damping, "T_C_sharp")
-        told = widened(told, (sharp.estimates - told.estimates) / np.sqrt(3))
+        told = analysis.calibrated(widened(told, (sharp.estimates - told.estimates) / np.sqrt(3)), label)
         values = [v for name in told.names for v in (told[name], told.se(name), *told.interval(name))]
         rows[label] |= dict(zip(names, values, strict=True))
     return rows

@@ -11,7 +11,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from osl_analysis.bench import effects
-from osl_analysis.bench.analysis import Analysis, analysed, check_stiffer, friction_rows, widened
+from osl_analysis.bench.analysis import Analysis, analysed, check_stiffer, friction_rows, torque_errors, widened
 from osl_analysis.bench.effects import TRANSMISSION, Model
 from osl_analysis.bench.gram import GroupFit, fit_groups, gram_sums
 from osl_analysis.bench.phasors import harmonic_shares, phasors_of_record
@@ -57,7 +57,7 @@ def belt_trial(trial: Trial, p: DrivetrainParameters | None, settings: BeltAnaly
         belt = belt_of(signals, p, settings)
         if bench is not None:  # the error of its stiffness is in the intervals, as type B
             softer = belt_of(signals, p, settings, bench.compliance_error).fits
-            fits = {name: widened(fit, softer[name].estimates - fit.estimates) for name, fit in belt.fits.items()}
+            fits = {x: widened(fit, softer[x].estimates - fit.estimates, shared=True) for x, fit in belt.fits.items()}
             belt = replace(belt, fits=fits)
         return belt if other is None else replace(belt, others=belt_of(other, p, settings).fits)
     except (InputError, IdentifiabilityError) as error:
@@ -77,7 +77,8 @@ def belt_of(
     motion, torque = filtered_motion(signals.time, deflection, signals["torque"], low_pass)
     groups = branches_of(motion.theta, rate, signals.usable, low_pass.cutoff_hz)
     raw = deflection, signals["torque"], motion, torque
-    record = Record(signals.trial, signals.time, *raw, low_pass, signals.usable, groups, uniform=signals, bench=bench)
+    both = *raw, low_pass, signals.usable, groups
+    record = Record(signals.trial, signals.time, *both, uniform=signals, settings=settings)
     belt = fit_branches(record, settings.load_cell_drift / 60)
     check_stiffer(signals.trial, "K_s", belt.whole["K_s"], bench)
     return belt
@@ -172,22 +173,31 @@ def belt_table(belt: Analysis) -> pl.DataFrame:
     """The trial's row of `belt.csv`: loading and unloading slope, loop area [J], quadratic belt, what a line lacks.
     `energy_lost` is the loop's area divided by the energy K_s theta_s^2/2 at the peak. `stiffening` is the share by
     which the slope of the quadratic belt grows from rest to the peak."""
-    loading, unloading, quadratic = (belt.fits[name] for name in ("loading", "unloading", "quadratic"))
-    peak = float(np.max(np.abs(belt.sums.columns["theta"])))
-    area = float(np.trapezoid(belt.record.filtered_torque, belt.record.motion.theta))
+    of_way = {"quadratic": "loading"}
+    loading, unloading, quadratic = (
+        belt.calibrated(belt.fits[name], of_way.get(name, name)) for name in ("loading", "unloading", "quadratic")
+    )
+    record, theta, torque = belt.record, belt.record.motion.theta, belt.record.filtered_torque
+    peak, area = float(np.max(np.abs(belt.sums.columns["theta"]))), float(np.trapezoid(torque, theta))
+    errors = np.trapezoid(torque_errors(torque, record.rate_hz, record.rows(), record.calibration), theta)
+    of_area = float(np.hypot(area * record.calibration.polar(0.0)[0], np.linalg.norm(errors)))
     damped = "B_j" in loading.names
     row: Row = {
         "trial": belt.record.name,
         **estimates_row(loading, "K_s", "offset"),
         **covariance_row(loading, "K_s", "offset"),
+        "K_s_se_bench": loading.se_bench("K_s"),
         **(estimates_row(loading, "B_j") if damped else dict.fromkeys(("B_j", "B_j_se", "B_j_low", "B_j_high"))),
         **belt.judged("loading"),
         "unloading": unloading["K_s"],
         "unloading_se": unloading.se("K_s"),
+        "unloading_se_bench": unloading.se_bench("K_s"),
         "hysteresis_area": area,
+        "hysteresis_area_se_bench": of_area,
         "quadratic_K_s": quadratic["K_s"],
         "quadratic_K_s2": quadratic["K_s2"],
         "quadratic_K_s2_se": quadratic.se("K_s2"),
+        "quadratic_K_s2_se_bench": quadratic.se_bench("K_s2"),
         "quadratic_VAF": quadratic.vaf,
         "energy_lost": area / (loading["K_s"] * peak**2 / 2),
         "shaft_turn": shaft_turn(belt.record),
@@ -253,9 +263,9 @@ def transmission_table(analysis: Analysis) -> pl.DataFrame:
     record, s = analysis.record, effects.sums_of(analysis.record, TRANSMISSION)
     phasors, found = phasors_of_record(record), effects.causes(record, s, TRANSMISSION)
     clocks, rows = effects.clocks_row(record, s, TRANSMISSION, found), list[Row]()
-    certain = friction_rows(s, TRANSMISSION, analysis.fits)  # its T_C counts how sharply friction turns its sign
+    certain = friction_rows(s, analysis)  # its T_C counts how sharply friction turns its sign
     for label, fit in analysis.fits.items():
-        friction = effects.with_effects(s, TRANSMISSION, ("T_C",), label)
+        friction = analysis.calibrated(effects.with_effects(s, TRANSMISSION, ("T_C",), label), label)
         weight = effects.with_effects(s, TRANSMISSION, ("weight",), label)
         taken = 1 - fit["J_j"] / weight["J_j"] if weight.certain("weight", effects.FALSE_ALARM) else 0.0
         even, odd = harmonic_shares(phasors, label, (0.0, fit["B_j"], fit["J_j"]))
@@ -263,7 +273,8 @@ def transmission_table(analysis: Analysis) -> pl.DataFrame:
             {
                 **analysis.row(label, *LOSSES),
                 **estimates_row(friction, "T_C"),
-                **estimates_row(weight, "weight"),
+                "T_C_se_bench": friction.se_bench("T_C"),
+                **estimates_row(analysis.calibrated(weight, label), "weight"),
                 "J_j_weightless": weight["J_j"],
                 "weight_share": taken,
                 "B_j_coulomb": friction["B_j"],
@@ -330,7 +341,8 @@ def actuator_of(signals: UniformSignals, settings: ActuatorAnalysis) -> Analysis
         )
     measured, groups = signals["torque_m"], stretches_of(runs(moving), rate)
     filtered = Motion(smooth.theta, omega, alpha), low_pass(measured, rate)
-    record = Record(signals.trial, time, raw, measured, *filtered, low_pass, usable, groups, uniform=signals)
+    both = raw, measured, *filtered, low_pass, usable, groups
+    record = Record(signals.trial, time, *both, uniform=signals, settings=settings)
     return analysed(record, gram_sums(record, columns, list(columns)), ACTUATOR_ALONE)
 
 
@@ -341,13 +353,14 @@ def moved_by(signals: UniformSignals) -> str:
 
 def actuator_table(actuator: Analysis) -> pl.DataFrame:
     """The trial's row of `actuator.csv`."""
-    fit, record = actuator.whole, actuator.record
+    fit, record = actuator.calibrated(actuator.whole), actuator.record
     assert record.uniform is not None
     row = {
         "trial": record.name,
         "motion": moved_by(record.uniform),
         **estimates_row(fit, *ACTUATOR_PARAMETERS, "offset", "drift"),
         **covariance_row(fit, *ACTUATOR_PARAMETERS),
+        **{f"{name}_se_bench": fit.se_bench(name) for name in ACTUATOR_PARAMETERS},
         **actuator.judged(),
         "correlation_k_f_G": fit.correlation("k_tau_n_m", "f_G"),
         **actuator.time_base_row(None, ACTUATOR_PARAMETERS),

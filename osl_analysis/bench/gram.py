@@ -165,11 +165,16 @@ class GroupFit(LinearFit):
     repeat: Array | None = None  # covariance (p, p) of the repeatability; None where nothing repeats
     left: float = 0.0  # sum of squares that is left
     units: int = 0  # number of units that were left out
+    shared: Array | float = 0.0  # part (p,) of the variances by errors that all trials on a bench share
 
     def repeat_se(self, name: str) -> float | None:
         """Standard error of one estimate by repeats of the same motion alone; None where nothing repeats."""
         k = self.names.index(name)
         return None if self.repeat is None else float(np.sqrt(self.repeat[k, k]))
+
+    def se_bench(self, name: str) -> float:
+        """Part of the standard error that all trials on a bench share: of its calibration and its stiffness."""
+        return float(np.sqrt(np.broadcast_to(self.shared, len(self.names))[self.names.index(name)]))
 
     def freedom(self, name: str) -> float:
         return float(self.degrees_of_freedom[self.names.index(name)])

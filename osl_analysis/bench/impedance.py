@@ -3,7 +3,7 @@ should give, and what judges the estimates.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -11,13 +11,21 @@ import polars as pl
 from scipy.special import stdtrit
 
 from osl_analysis.bench import effects
-from osl_analysis.bench.analysis import Analysis, analysed, check_stiffer, friction_rows
+from osl_analysis.bench.analysis import Analysis, analysed, check_stiffer, friction_rows, widened
 from osl_analysis.bench.effects import IMPEDANCE, Causes, Fault
 from osl_analysis.bench.gram import FEWEST_UNITS, GroupFit, Sums, combined, estimates_of, solved
 from osl_analysis.bench.phasors import SegmentPhasors, harmonic_shares, phasors_of_record
 from osl_analysis.bench.record import SHORTEST_S, Label, Record
 from osl_analysis.errors import IdentifiabilityError, InputError, nearest
-from osl_analysis.judge.doubts import EFFECTS, LATENESS, check_told, counted, doubtful_row, plausible_impedance
+from osl_analysis.judge.doubts import (
+    EFFECTS,
+    LATENESS,
+    check_resists,
+    check_told,
+    counted,
+    doubtful_row,
+    plausible_impedance,
+)
 from osl_analysis.measured import usual_size
 from osl_analysis.model.compensator import CONTROLLERS, Gains, Weight, select_gains
 from osl_analysis.model.drivetrain import joint_admittance
@@ -25,7 +33,7 @@ from osl_analysis.model.parameters import DrivetrainParameters
 from osl_analysis.protocol.stepped_sine import moving_bins
 from osl_analysis.spectral.periods import distinct
 from osl_analysis.spectral.response import periodic_response
-from osl_analysis.stats.fit_row import Row, lag_damping_row
+from osl_analysis.stats.fit_row import Row, estimates_row, lag_damping_row
 from osl_analysis.stats.repeats import summary_row
 from osl_analysis.trial import Array
 
@@ -246,7 +254,7 @@ def impedance_table(rendered: Rendered, p: DrivetrainParameters | None = None) -
         "realisations": None if periodic is None else float(len(distinct(periodic.realisations))),
         "explained_by": ", ".join(EFFECTS[effect].format(f"{size:.3g}") for effect, size in sure.items()) or None,
     }
-    friction, rows = friction_rows(s, IMPEDANCE, analysis.fits), list[Row]()
+    friction, rows = friction_rows(s, analysis), list[Row]()
     for label, fit in analysis.fits.items():
         rows.append(
             {
@@ -505,6 +513,64 @@ def left_unchecked(
     return "; ".join(f"{what}: {why}" for what, why in reasons.items() if why) or None
 
 
+@dataclass(frozen=True)
+class Known:
+    """A spring, an inertia, or both, that calibrate a bench."""
+
+    stiffness: float | None  # [N*m/rad]
+    inertia: float | None  # [kg*m^2]
+    share: float = 0.0  # relative standard uncertainty of these
+
+
+def calibration_table(analysis: Analysis, known: Known) -> pl.DataFrame:
+    """The trial's row of `calibration.csv`, from Eq. 15 of a known spring or inertia with friction and a late torque.
+
+    A spring has no damping, unless the fit with both, of which `B` is, certainly has one: what is in phase with the
+    velocity beside friction is a delay. An inertia tells a delay from the damping of its bearing by higher derivatives.
+    `gain` is what torque over angle reads of what is known; what is read beside it is the fixture's.
+
+    Raises InputError: nothing is known; IdentifiabilityError: as `fit_groups`.
+    """
+    record, of = analysis.record, known.stiffness or known.inertia
+    if not of or of < 0:
+        raise InputError(
+            f"trial {record.name}: a calibration needs what is known; fill in known_K [N*m/rad] of its spring, or "
+            "known_I [kg*m^2] of its inertia, in the sample sheet"
+        )
+    main, beside = ("K", "I") if known.stiffness else ("I", "K")
+    s = effects.sums_of(record, IMPEDANCE)
+    both = effects.with_effects(s, IMPEDANCE, ("T_C", "lag_s"))
+    undamped = {name: column for name, column in IMPEDANCE.items() if name != "B"}
+    free = known.stiffness is None or both.certain("B", effects.FALSE_ALARM)
+    fit = both if free else effects.with_effects(s, undamped, ("T_C", "lag_s"))
+    gain = fit[main] / of
+    check_resists(record.name, main, gain)
+    other = fit[beside] / gain
+    turn = np.zeros((3, len(fit.names)))
+    at, to = fit.names.index(main), fit.names.index(beside)
+    turn[0, fit.names.index("lag_s")], turn[1, at], turn[2, at], turn[2, to] = 1.0, 1 / of, -other / fit[main], 1 / gain
+    name, taken = ("inertia", known.inertia or 0.0) if known.stiffness else ("weight", 0.0)
+    found = replace(
+        fit,
+        names=("lag_s", "gain", name),
+        estimates=np.array([fit["lag_s"], gain, other - taken]),
+        covariance=turn @ fit.covariance @ turn.T,
+        degrees_of_freedom=np.array([fit.freedom(one) for one in ("lag_s", main, beside)]),
+    )
+    found = widened(found, known.share * np.array([0.0, gain, other - taken]))
+    row = dict.fromkeys(f"{one}{end}" for one in ("inertia", "weight") for end in ("", "_se", "_low", "_high"))
+    row |= estimates_row(found, *found.names)
+    certain = {}
+    for one, off in (("lag_s", found["lag_s"]), ("gain", gain - 1)):
+        certain[one] = float(np.sign(off)) * max(abs(off) - (found.interval(one)[1] - found[one]), 0.0)
+    to_state = f"calibration: {{torque_gain: {found.se('gain'):.2g}, delay: {found.se('lag_s'):.2g}}}"
+    row |= {**estimates_row(both, "B"), **estimates_row(fit, "T_C"), **analysis.judged()}
+    row |= {"certain_lag_s": certain["lag_s"], "certain_gain_error": certain["gain"], "to_state": to_state}
+    stated = {"known_K": known.stiffness, "known_I": known.inertia, "known_share": known.share}
+    row = {"trial": record.name, **stated, **row, **analysis.time_base_row(None, QUANTITIES)}
+    return pl.DataFrame([row], infer_schema_length=None).with_columns(pl.col(pl.Null).cast(pl.Float64))
+
+
 def repeated_trials_table(impedance: pl.DataFrame) -> pl.DataFrame:
     """A row per condition and motion with two trials or more, and quantity, with Student's interval over the trials.
 
@@ -529,7 +595,7 @@ def repeated_trials_table(impedance: pl.DataFrame) -> pl.DataFrame:
             band = {"band_low_hz": trials["band_low_hz"].min(), "band_high_hz": trials["band_high_hz"].max()}
             left_out = {**doubtful_row(trials), "n_left_out": len(trials) - len(used)}
             said = {**dict(zip(keys, key, strict=True)), **band}
-            rows += [{**said, "quantity": name, **summary_row(used[name]), **left_out} for name in QUANTITIES]
+            rows += [{**said, "quantity": name, **summary_row(used, name), **left_out} for name in QUANTITIES]
     if rows:
         return pl.DataFrame(rows, infer_schema_length=None)
     numbers = ("band_low_hz", "band_high_hz", "n", "mean", "sd", "se", "low", "high", "n_doubtful", "n_left_out")

@@ -24,13 +24,15 @@ POLAR = (
     *("phase_deg", "phase_se_deg", "phase_low_deg", "phase_high_deg"),
 )
 """Magnitude and phase [deg] with standard errors and 95 % intervals (Student), to first order."""
+SHARED = ("Y_se_bench", "Y_gain_se_bench", "Y_phase_se_bench")
 DAMPING = ("damping", "damping_low", "damping_high")
 PHASORS: dict[str, type[pl.DataType]] = {
     "trial": pl.String,
     **dict.fromkeys(("amplitude_deg", "frequency_hz"), pl.Float64),
     **dict.fromkeys((f"{name}_{part}" for name in ("theta", "torque") for part in COMPLEX_PARTS), pl.Float64),
     **dict.fromkeys(("theta_distortion", "torque_distortion"), pl.Float64),
-    **dict.fromkeys((f"Y_{part}" for part in (*COMPLEX_PARTS, *POLAR, "se_bench")), pl.Float64),
+    **dict.fromkeys((f"Y_{part}" for part in (*COMPLEX_PARTS, *POLAR)), pl.Float64),
+    **dict.fromkeys(SHARED, pl.Float64),
     "interval_method": pl.String,
     "commanded_deg": pl.Float64,
 }
@@ -99,9 +101,22 @@ def complex_mean(numbers: Sequence[ComplexEstimate]) -> ComplexEstimate:
     return with_errors(complex(np.mean([n.value for n in numbers])), errors)
 
 
-def with_real_error(number: ComplexEstimate, error: float) -> ComplexEstimate:
-    """The number with one more error of its real part, of a known standard deviation (type B)."""
-    known = np.diag([error**2, 0.0])
+SharedError = Sequence[float]
+"""Standard uncertainties of Y that all phasors on a bench share: of its real part by the stiffness of the bench, of its
+magnitude, relative, and of its phase [rad]."""
+
+
+def shared_covariance(value: complex, error: SharedError) -> Array:
+    """Covariance (2, 2) that these make."""
+    compliance, gain, turn = error
+    along, across = np.array([value.real, value.imag]), np.array([-value.imag, value.real])
+    of_calibration = gain**2 * np.outer(along, along) + turn**2 * np.outer(across, across)
+    return np.asarray(np.diag([compliance**2, 0.0]) + of_calibration)
+
+
+def with_shared_error(number: ComplexEstimate, error: SharedError) -> ComplexEstimate:
+    """The number with these errors, of type B."""
+    known = shared_covariance(number.value, error)
     return with_errors(number.value, [(number.covariance, number.degrees_of_freedom), (known, np.inf)])
 
 
@@ -199,15 +214,14 @@ class SegmentPhasors:
     frequency_hz: float  # frequency [Hz]
     theta: Phasor  # of the joint angle [rad]
     torque: Phasor  # of the resisting torque [N*m]
-    compliance_error: float = 0.0
-    """Standard error [rad/(N*m)] of the bench's compliance, whose yielding was taken off the angle."""
+    bench_error: SharedError = (0.0, 0.0, 0.0)
     commanded_deg: float | None = None  # amplitude of the protocol that it follows [deg]
 
     @property
     def admittance(self) -> ComplexEstimate:
         """Integral admittance Y = theta/torque [rad/(N*m)]. An error of the bench's compliance c changes the angle by
         -c torque, and Y by -c."""
-        return with_real_error(complex_quotient(self.theta, self.torque), self.compliance_error)
+        return with_shared_error(complex_quotient(self.theta, self.torque), self.bench_error)
 
 
 def phasors_of_record(record: Record) -> list[SegmentPhasors]:
@@ -228,7 +242,8 @@ def phasors_of_record(record: Record) -> list[SegmentPhasors]:
         cycles, signals = (first - rows.start, stop - rows.start), (record.theta[rows], record.torque[rows])
         theta, torque = fit_sinusoids(record.time[rows], one.frequency_hz, *signals, cycles=cycles)
         compliance_error = record.bench.compliance_error if record.bench else 0.0
-        found.append(SegmentPhasors(one.label, one.frequency_hz, theta, torque, compliance_error, one.commanded_deg))
+        bench_error = compliance_error, *record.calibration.polar(one.frequency_hz)
+        found.append(SegmentPhasors(one.label, one.frequency_hz, theta, torque, bench_error, one.commanded_deg))
     return found
 
 
@@ -248,7 +263,7 @@ def phasor_table(trial: str, phasors: Sequence[SegmentPhasors]) -> pl.DataFrame:
                 "torque_distortion": segment.torque.distortion,
                 **complex_row("Y", Y),
                 **{f"Y_{name}": value for name, value in polar_row(Y).items()},
-                "Y_se_bench": segment.compliance_error,
+                **dict(zip(SHARED, segment.bench_error, strict=True)),
                 "interval_method": max(segment.theta.interval_method, segment.torque.interval_method, key=len),
                 "commanded_deg": segment.commanded_deg,
             }
@@ -271,13 +286,13 @@ def frequency_response_table(phasors: pl.DataFrame) -> pl.DataFrame:
     rows = list[Row]()
     for values, amplitudes in phasors.group_by(keys, maintain_order=True) if len(phasors) else ():
         of_single = list(amplitudes.iter_rows(named=True))
-        shared = max(float(row["Y_se_bench"]) for row in of_single)  # all amplitudes share the error of the bench
+        shared = [max(float(row[name]) for row in of_single) for name in SHARED]  # by all amplitudes
         responses = []
         for row in of_single:
             re, im, var_re, cov, var_im, freedom = (row[f"Y_{part}"] for part in COMPLEX_PARTS)
-            own = np.array([[var_re - shared**2, cov], [cov, var_im]])
+            own = np.array([[var_re, cov], [cov, var_im]]) - shared_covariance(complex(re, im), shared)
             responses.append(ComplexEstimate(complex(re, im), own, freedom))
-        mean = with_real_error(complex_mean(responses), shared)
+        mean = with_shared_error(complex_mean(responses), shared)
         phases = [np.rad2deg(mean.phase + np.angle(r.value / mean.value)) for r in responses]
         reasons = amplitudes.select("amplitude_deg", "doubtful").drop_nulls().filter(pl.col("doubtful") != "").rows()
         rows.append(

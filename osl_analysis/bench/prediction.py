@@ -21,6 +21,7 @@ from osl_analysis.bench.components import ACTUATOR_PARAMETERS, LOSSES, PLACE
 from osl_analysis.bench.record import Record
 from osl_analysis.errors import InputError
 from osl_analysis.judge.doubts import counted
+from osl_analysis.measured import rms
 from osl_analysis.model.drivetrain_response import Controller, belt_response
 from osl_analysis.model.parameters import PARAMETER_UNITS, DrivetrainParameters
 from osl_analysis.stats.covariance import welch_satterthwaite
@@ -100,8 +101,10 @@ def components_of(
         k, n = [list(COMPONENTS).index(name) for name in names], len(own)
         within = np.array([[mean_covariance(own, a, b) for b in names] for a in names]) / n
         of_fits = np.sqrt(np.diag(within))
+        shared = np.array([rms(own[f"{name}_se_bench"].to_numpy()) for name in names])  # by all trials on the bench
+        alone = np.sqrt(np.maximum(of_fits**2 - shared**2 / n, 0.0))
         scatter = own.select(names).to_numpy().std(axis=0, ddof=1) / np.sqrt(n) if n > 1 else np.zeros(len(names))
-        se = np.maximum(of_fits, scatter)
+        se = np.hypot(np.maximum(alone, scatter), shared)
         covariance[np.ix_(k, k)] = within / np.outer(of_fits, of_fits) * np.outer(se, se)
         freedom |= dict.fromkeys(names, float(n - 1) if n > 1 else np.inf)
         values |= {name: float(np.mean(own[name].to_numpy())) for name in names}

@@ -16,7 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import welch
 
-from osl_analysis.bench.settings import BenchStiffness, ImpedanceAnalysis, SteppedSineAnalysis
+from osl_analysis.bench.settings import (
+    NOT_STATED,
+    BenchAnalysis,
+    BenchStiffness,
+    Calibration,
+    ImpedanceAnalysis,
+    SteppedSineAnalysis,
+)
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.protocol import stepped_sine
 from osl_analysis.protocol.stepped_sine import Likeness, whole_rows
@@ -118,11 +125,20 @@ class Record:
     periodic: PeriodicMotion | None = None  # the periods of a motion that repeats itself
     uniform: UniformSignals | None = None
     """The signals on their time base, with what the recorders did; None for a record that no file holds."""
-    bench: BenchStiffness | None = None  # stiffness of the bench
     other: "Record | None" = None  # the same if undecided stamps were taken the other way; None: all are decided
     softer: "Record | None" = None  # the same with a bench that is softer by one standard error; None: it is exact
-    settings: SteppedSineAnalysis | None = None  # limits of what a motion must tell
+    settings: BenchAnalysis | None = None  # the bench, and limits of what a motion must tell
     theta_m: Array | None = None  # the actuator's angle [rad] behind the filter, where an impedance trial has it
+
+    @property
+    def bench(self) -> BenchStiffness | None:
+        """Stiffness of the bench; None: it does not yield."""
+        return self.settings.bench_stiffness if self.settings else None
+
+    @property
+    def calibration(self) -> Calibration:
+        """What is not known of angle and torque."""
+        return self.settings.calibration if self.settings else NOT_STATED
 
     @property
     def rate_hz(self) -> float:
@@ -428,7 +444,7 @@ def conditioned(
     def on(compliance: float) -> Record:
         raw = signals["theta"], signals["torque"]
         made = record_of(signals.trial, signals.time, *raw, settings.low_pass, groups, compliance)
-        return replace(made, usable=signals.usable, band_hz=band, bench=bench, settings=settings)
+        return replace(made, usable=signals.usable, band_hz=band, settings=settings)
 
     made = replace(on(bench.compliance if bench else 0.0), uniform=signals)
     if bench is None or not bench.compliance_error:

@@ -7,10 +7,11 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.bench.record import Record
+from osl_analysis.bench.settings import Calibration
 from osl_analysis.errors import OslAnalysisError
 from osl_analysis.model.parameters import DrivetrainParameters
 from osl_analysis.signals import LowPass
-from osl_analysis.spectral.periods import LINES, Realisation, distinct, lines_frame
+from osl_analysis.spectral.periods import LINES, Realisation, Spectrum, distinct, lines_frame
 from osl_analysis.spectral.response import (
     FittedLines,
     RationalDrivetrain,
@@ -25,6 +26,7 @@ from osl_analysis.spectral.response import (
     record_spectrum,
 )
 from osl_analysis.stats.fit_row import Row, estimates_row
+from osl_analysis.stats.regression import with_shared_error
 
 # columns of the two tables
 RESPONSE_COLUMNS: dict[str, type[pl.DataType]] = {
@@ -59,7 +61,8 @@ def response_tables(record: Record, p: DrivetrainParameters | None) -> dict[str,
             band = slice(int(np.floor(record.low_pass.cutoff_hz * found.period + 1e-9)) + 1)
             steps = record.steps
             realisations = [replace(one, spectra=one.spectra[..., band], steps=steps) for one in found.realisations]
-            return periodic_tables(record.name, realisations, record.low_pass, p, found.period_error_ppm)
+            of = record.low_pass, p, record.calibration, found.period_error_ppm
+            return periodic_tables(record.name, realisations, *of)
         longest = max(record.pieces, key=lambda piece: piece.stop - piece.start)
         signals = record.theta[longest], record.torque[longest]
         spectrum = record_spectrum(*signals, record.rate_hz, record.low_pass.cutoff_hz)
@@ -68,7 +71,8 @@ def response_tables(record: Record, p: DrivetrainParameters | None) -> dict[str,
         reason = {"trial": record.name, "model": SecondOrder.name, "excluded": str(error)}
         return nothing | {"response_models": pl.DataFrame([reason], schema=MODELS)}
     facts: Row = {"method": "local polynomial", "realisations": 1}
-    return nothing | frames_of(record.name, response, lines_of_record(spectrum, record.low_pass), p, facts)
+    lines = lines_of_record(spectrum, record.low_pass)
+    return nothing | frames_of(record.name, response, lines, p, facts, record.calibration)
 
 
 def periodic_tables(
@@ -76,6 +80,7 @@ def periodic_tables(
     realisations: Sequence[Realisation],
     low_pass: LowPass,
     p: DrivetrainParameters | None,
+    stated: Calibration,
     period_error_ppm: float | None = None,
 ) -> dict[str, pl.DataFrame]:
     """The tables of the realisations of a periodic motion, in one trial or in several; raises as `lines_of`."""
@@ -89,12 +94,25 @@ def periodic_tables(
         "period_error_ppm": period_error_ppm,
         **{f"{name}_level": level for name, level in band.items()},
     }
-    frames = frames_of(trial, response, lines_of_periods(realisations, low_pass), p, facts)
+    frames = frames_of(trial, response, lines_of_periods(realisations, low_pass), p, facts, stated)
     return {**frames, "response_lines": lines_frame(trial, realisations)}
 
 
+def calibration_errors(lines: FittedLines, stated: Calibration) -> list[Spectrum]:
+    """The torque (n, m) [N*m] with one standard uncertainty more, each: gains, hysteresis, delay; none is stated: none.
+    That of the angle's gain is as one of the torque's."""
+    gain, turn = stated.polar(0.0)
+    errors = (gain, -1j * turn, -lines.s * stated.delay)
+    return [np.asarray(lines.torque * (1 + error)) for error in errors if np.any(error)]
+
+
 def frames_of(
-    trial: str, response: ResponseColumns, lines: FittedLines, p: DrivetrainParameters | None, facts: Row
+    trial: str,
+    response: ResponseColumns,
+    lines: FittedLines,
+    p: DrivetrainParameters | None,
+    facts: Row,
+    stated: Calibration,
 ) -> dict[str, pl.DataFrame]:
     """A row per frequency, with the curves of the structures fitted to the lines; and a row per structure: parameters,
     misfit beyond the noise, its test, and the `facts`."""
@@ -109,6 +127,9 @@ def frames_of(
         row: Row = {**shared, "model": structure.name}
         try:
             fit, found = fit_structure(structure, lines, first)
+            for late in calibration_errors(lines, stated):
+                other = fit_structure(structure, replace(lines, torque=late), first)[0]
+                fit = with_shared_error(fit, other.estimates - fit.estimates)
         except OslAnalysisError as error:
             rows.append(row | {"excluded": str(error)})
             continue

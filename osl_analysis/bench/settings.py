@@ -12,6 +12,7 @@ from osl_analysis.trial import Array
 from osl_analysis.yaml_settings import Degrees, NotNegative, Positive, Settings
 
 CycleCount = Annotated[int, Field(ge=1, le=10_000)]
+UncertainShare = Annotated[float, Field(ge=0, lt=0.5)]  # a standard uncertainty; what is larger is a percentage
 
 
 class TimeBase(Settings):
@@ -85,10 +86,42 @@ class BenchStiffness(Settings):
         return 0.0 if stated is None else in_newton_metres_per_rad(stated) * self.compliance**2
 
 
+class Calibration(Settings):
+    """Standard uncertainties of a bench's calibration, of type B (JCGM 100:2008, 4.3), which all of its trials share
+    and no scatter shows; 0: not stated, and in no interval."""
+
+    torque_gain: UncertainShare = 0.0  # relative, of the torque's gain: 0.001 of a load cell of 0.1 %
+    angle_gain: UncertainShare = 0.0  # relative, of the angle's gain
+    misalignment_deg: Annotated[float, Field(ge=0, lt=90)] = 0.0
+    """Angle [deg] between the axes of joint and load cell, whose torque is low by 1 - cos."""
+    hysteresis: UncertainShare = 0.0
+    """Of the load cell: largest distance between rising and falling readings, over the range of torque of a trial."""
+    delay: NotNegative = 0.0  # time [s] by which the torque may be late, or early, beyond a stated `delay`
+
+    @property
+    def torque(self) -> float:
+        """Relative standard uncertainty of the torque."""
+        return float(np.hypot(self.torque_gain, 1 - np.cos(np.deg2rad(self.misalignment_deg))))
+
+    def polar(self, frequency_hz: float) -> tuple[float, float]:
+        """Of the response to a sine: relative of the magnitude, and of the phase [rad] (describing function)."""
+        turn = np.hypot(2 * np.pi * frequency_hz * self.delay, 4 / np.pi * 2 * self.slip)
+        return float(np.hypot(self.torque, self.angle_gain)), float(turn)
+
+    @property
+    def slip(self) -> float:
+        """That of half the width of the load cell's loop, over the range of torque: a rectangular distribution."""
+        return self.hysteresis / float(np.sqrt(12))
+
+
+NOT_STATED = Calibration()
+
+
 class BenchAnalysis(FilterSettings):
     """What the fits of all trials on the dynamometer share."""
 
     bench_stiffness: BenchStiffness | None = None  # null: the bench does not yield
+    calibration: Calibration = NOT_STATED  # what is not known of torque and angle
     largest_angle: Positive = 1.2  # angle [rad] by which a joint turns at most, to each side of its middle
     load_cell_range: Positive | None = None  # largest torque [N*m] that the load cell measures; null: not stated
 

@@ -6,7 +6,7 @@ before the motion, or the loop around it, says that it may be there.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -14,9 +14,9 @@ import polars as pl
 from scipy.interpolate import make_interp_spline
 from scipy.special import stdtrit
 
-from osl_analysis.bench.analysis import Series, check_stiffer, timebase_table
+from osl_analysis.bench.analysis import Series, check_stiffer, timebase_table, torque_errors
 from osl_analysis.bench.record import joint_angle
-from osl_analysis.bench.settings import TorqueAngleAnalysis
+from osl_analysis.bench.settings import NOT_STATED, TorqueAngleAnalysis
 from osl_analysis.errors import InputError
 from osl_analysis.judge.doubts import LATENESS, check_changes
 from osl_analysis.signals.grid import UniformSignals, uniform_signals
@@ -358,7 +358,7 @@ def cycle_table(trial: TorqueAngleTrial) -> pl.DataFrame:
 def torque_angle_table(trial: TorqueAngleTrial, desired: str | None = None) -> pl.DataFrame:
     """The trial's row of `torque_angle.csv`; `desired` is the name of the curve that it should follow.
 
-    Intervals are those of the mean over cycles (Student), with the error of the bench's stiffness; null with one cycle.
+    Intervals are those of the mean over cycles (Student), with the errors of the bench; null with one cycle.
     `cycle_drift` is the change of torque at the same angles from the first cycle to the last, `rate_change` that of the
     energy lost from the slowest cycle to the fastest (`change_with_speed`), `desired_rms` the distance [N*m] of the
     mean of both branches from the desired curve, `desired_ratio` its slope over this curve. Raises InputError: There is
@@ -367,15 +367,21 @@ def torque_angle_table(trial: TorqueAngleTrial, desired: str | None = None) -> p
     cycles, bench, theta, torque = cycle_table(trial), trial.settings.bench_stiffness, trial.theta, trial.torque
     of = {name: cycles[name].to_numpy() for name in cycles.columns if name != "trial"}
     several = len(cycles) > 1
-    softer = None  # the cycles with a bench that is softer by one standard error
-    if bench is not None and bench.compliance_error:
-        softer = cycle_table(torque_angle_of(trial.uniform, trial.settings, bench.compliance + bench.compliance_error))
+    stated, moved = trial.settings.calibration, np.r_[trial.cycles[0][0] : trial.cycles[-1][-1]]
+    errors = torque_errors(torque, trial.uniform.rate_hz, moved, stated)
+    others = [cycle_table(replace(trial, torque=torque + error)) for error in errors if error.any()]
+    if bench is not None and bench.compliance_error:  # a bench that is softer by one standard error
+        compliance = bench.compliance + bench.compliance_error
+        others.append(cycle_table(torque_angle_of(trial.uniform, trial.settings, compliance)))
     means: Row = {}
     for name in ("K", "K_secant", "K_unloading", "energy_stored", "energy_returned", "energy_lost"):
         means |= {name: float(of[name].mean()), **dict.fromkeys((f"{name}_se", f"{name}_low", f"{name}_high"))}
+        mean = of[name].mean()
+        changes = [stated.polar(0.0)[0] * mean, *(one[name].to_numpy().mean() - mean for one in others)]
+        shared = float(np.linalg.norm(changes))
+        means |= {f"{name}_se_bench": shared}
         if several:
-            change = 0.0 if softer is None else float(softer[name].to_numpy().mean() - of[name].mean())
-            found = over_repeats(of[name], [(change**2, np.inf)] if change else [])
+            found = over_repeats(of[name], [(shared**2, np.inf)] if shared else [])
             means |= {f"{name}_se": found.se, f"{name}_low": found.low, f"{name}_high": found.high}
     rate_change, late = change_with_speed(of["speed_deg_s"], of["energy_lost"], of["energy_per_ms"])
     loading, unloading = (curve["torque"].to_numpy() for curve in trial.curves)
@@ -501,9 +507,15 @@ def zero_row(trial: TorqueAngleTrial, widest: float) -> Row:
 def curve_table(trial: TorqueAngleTrial, desired: str | None = None) -> pl.DataFrame:
     """The trial's rows of `torque_angle_curves.csv`: per branch and angle; raises as `torque_angle_table`."""
     wanted = pl.Series("desired_torque", trial.desired_torque(desired))
-    frames = []
+    frames, stated = [], trial.settings.calibration
+    widths = {"torque": stated.slip * float(np.ptp(trial.torque)), "stiffness": 0.0}
     for branch, curve in zip(("loading", "unloading"), trial.curves, strict=True):
         texts = pl.lit(trial.uniform.trial).alias("trial"), pl.lit(branch).alias("branch")
         frame = curve.drop("change").with_columns(wanted).fill_nan(None)
+        for name, width in widths.items() if stated != NOT_STATED else ():
+            value, high = pl.col(name), pl.col(f"{name}_high")
+            known = (stated.polar(0.0)[0] * value) ** 2 + width**2
+            half = ((high - value) ** 2 + 1.96**2 * known).sqrt()
+            frame = frame.with_columns(**{f"{name}_low": value - half, f"{name}_high": value + half})
         frames.append(frame.select(*texts, pl.all(), pl.lit(desired, pl.String).alias("desired")))
     return pl.concat(frames)

@@ -12,9 +12,17 @@ from typing import Any
 import polars as pl
 
 from osl_analysis.bench import compensation, components, model_comparison, torque_angle
-from osl_analysis.bench.analysis import FitTables
+from osl_analysis.bench.analysis import FitTables, analysed
 from osl_analysis.bench.components import PLACE
-from osl_analysis.bench.impedance import QUANTITIES, DesiredImpedance, judged_impedance, repeated_trials_table
+from osl_analysis.bench.effects import IMPEDANCE, plain_sums
+from osl_analysis.bench.impedance import (
+    QUANTITIES,
+    DesiredImpedance,
+    Known,
+    calibration_table,
+    judged_impedance,
+    repeated_trials_table,
+)
 from osl_analysis.bench.phasors import frequency_response_table, phasor_table
 from osl_analysis.bench.prediction import NUMBERS, components_of, prediction_table, prediction_terms
 from osl_analysis.bench.record import record_of_trial, sine_record
@@ -117,6 +125,20 @@ def fit_torque_angle_trial(
         torque_angle=torque_angle.torque_angle_table(found, desired).with_columns(rails),
         torque_angle_curves=torque_angle.curve_table(found, desired),
     )
+
+
+def fit_calibration_trial(
+    trial: Trial, settings: ImpedanceAnalysis, condition: Mapping[str, Any] | None = None
+) -> Mapping[str, pl.DataFrame]:
+    """What a bench reads of a spring or an inertia that is known; `condition` has the columns `known_...`."""
+    stated = condition or {}
+    known = Known(stated.get("known_K"), stated.get("known_I"), (stated.get("known_percent") or 0.0) / 100)
+    check_recording(trial, settings)
+    rails = saturated(trial, "torque", "theta")
+    record = record_of_trial(trial, settings)
+    analysis = analysed(record, plain_sums(record, IMPEDANCE), IMPEDANCE)
+    table = calibration_table(analysis, known).with_columns(rails)
+    return FitTables(analysis.series(), lambda: {"timebase": analysis.time_base(QUANTITIES)}, calibration=table)
 
 
 def summarise(table: Path, output: Path) -> None:
@@ -347,7 +369,8 @@ UNIT_OF = {
     "K": "N·m/rad", "B": "N·m·s/rad", "B_viscous": "N·m·s/rad", "I": "kg·m²", "K_s": "N·m/rad", "B_j": "N·m·s/rad",
     "B_j_viscous": "N·m·s/rad", "J_j": "kg·m²", "T_C": "N·m", "k_tau_n_m": "N·m/A", "f_C": "N·m", "f_G": "N·m/A",
     "B_m": "N·m·s/rad", "J_m": "kg·m²", "offset": "N·m", "drift": "N·m/s", "K_secant": "N·m/rad",
-    "K_unloading": "N·m/rad", "energy_stored": "J", "energy_returned": "J", "energy_lost": "J",
+    "lag_s": "s", "gain": "", "inertia": "kg·m²", "weight": "N·m/rad", "K_unloading": "N·m/rad",
+    "energy_stored": "J", "energy_returned": "J", "energy_lost": "J",
 }  # fmt: skip
 
 

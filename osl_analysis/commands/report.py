@@ -19,7 +19,7 @@ from osl_analysis.files import atomic_path
 from osl_analysis.judge.two_campaigns import QUANTITIES, compared, label_of, verdicts_said
 from osl_analysis.refusal import Refusal, is_refused
 from osl_analysis.report import panels, trial_page
-from osl_analysis.report.headlines import aligned, decimals, fixed, missing_lines, trials_text
+from osl_analysis.report.headlines import aligned, decimals, fixed, missing_lines, told_apart, trials_text
 from osl_analysis.report.page import caption_html, captions_by_title, comparison_page, inline_svg, written_page
 from osl_analysis.report.trial_page import ReportedTrial, left_out_trials, trial_content
 from osl_analysis.table import read_table, tables_of, write_table
@@ -90,6 +90,7 @@ def write_report(
             for name, number in found.get("numbers", {}).items()
             if not name.startswith("doubtful_")  # the findings say it, with the causes
         ],
+        "intervals": found.get("intervals", ""),
         "findings": found.get("findings", []),
         "figures": shown,
         "not_made": [one for one in refused if not one.trial],
@@ -131,7 +132,8 @@ def compared_cells(row: Mapping[str, Any]) -> dict[str, str]:
         if value is None:
             return ""
         digits = decimals(value, low, high, None)
-        ends = "" if low is None or high is None else f" [{fixed(low, digits)}, {fixed(high, digits)}]"
+        finer = told_apart(low, high, digits)
+        ends = "" if low is None or high is None else f" [{fixed(low, finer)}, {fixed(high, finer)}]"
         return f"{fixed(value, digits)}{ends}{sign}"
 
     counts = ({kind: row[f"{kind}_{one}"] for kind in ("n", "n_doubtful", "n_left_out")} for one in "AB")

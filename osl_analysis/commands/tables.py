@@ -9,7 +9,7 @@ from typing import Any
 import polars as pl
 
 from osl_analysis.bench.response_tables import MODELS, RESPONSE_COLUMNS, periodic_tables
-from osl_analysis.bench.settings import FilterSettings
+from osl_analysis.bench.settings import BenchAnalysis
 from osl_analysis.bench.torque_angle import compared_with_repeats
 from osl_analysis.campaign.campaign import sentence
 from osl_analysis.config.experiments import judged_tables
@@ -71,7 +71,7 @@ CONDITION_TYPES: dict[str, type[pl.DataType]] = {
 def pool_responses(
     lines: Sequence[Path],
     conditions: Mapping[str, Mapping[str, Any]],
-    settings: FilterSettings,
+    settings: BenchAnalysis,
     response_pooled: Path,
     response_models_pooled: Path,
     parameters: FileOrNone = None,
@@ -93,7 +93,8 @@ def pool_responses(
         for group in pooled(trials):
             every = [one for realisations in group.values() for one in realisations]
             device = p if dict(key)["joint"] == of_joint else None
-            frames = periodic_tables(", ".join(group), every, settings.low_pass, device)
+            of = settings.low_pass, device, settings.calibration
+            frames = periodic_tables(", ".join(group), every, *of)
             for name, pools in made.items():
                 pools.append(frames[name].rename({"trial": "trials"}).select(*stated, pl.all()))
     write_table(pl.concat(made["response"]), response_pooled)
@@ -183,10 +184,13 @@ def write_summary(
         "trials": headlines.used_and_missing(trials or {}, read_table(excluded, of_excluded)) if excluded else {},
         "missing_results": {one.file: one.reason.removeprefix(f"{one.file}: ") for one in refused if not one.trial},
     }
-    said, lacks = {"findings": findings(judged, tables)}, headlines.missing_lines(missing, reasons=False)
+    intervals, lacks = headlines.calibration_said(tables), headlines.missing_lines(missing, reasons=False)
+    said = {"intervals": intervals, "findings": findings(judged, tables)}
     with atomic_path(summary_json) as json_path, atomic_path(numbers_tex) as tex_path:
         json_path.write_text(headlines.to_json(about, numbers, missing | said), encoding="utf-8")
-        tex_path.write_text(headlines.to_tex(about, numbers, lacks), encoding="utf-8")
+        tex_path.write_text(
+            headlines.to_tex(about, numbers, [intervals, *lacks] if intervals else lacks), encoding="utf-8"
+        )
 
 
 def write_table_metadata(about: Mapping[str, str], tables: Sequence[str], output: Path) -> None:
@@ -230,7 +234,8 @@ def read_summary(summary_json: Path) -> dict[str, Any]:
 def format_results_table(summary: Mapping[str, Any], markdown: bool = True) -> str:
     """What a summary is made of, its numbers as Markdown or in aligned columns, what to know of them, and which trials
     and results are missing."""
-    lines = [*(one["line"] for one in summary.get("findings", ())), *headlines.missing_lines(summary, reasons=True)]
+    lines = [*filter(None, [summary.get("intervals")]), *(one["line"] for one in summary.get("findings", ()))]
+    lines += headlines.missing_lines(summary, reasons=True)
     table = headlines.to_table(summary["numbers"], markdown)
     return "\n".join([f"{sentence(summary)}\n\n{table}", *(f"{line}\n" for line in lines)])
 

@@ -124,6 +124,13 @@ EXPERIMENTS: dict[str, Experiment] = {
         fit=FitJob("bench.fit_torque_angle_trial", {"settings": ("torque_angle", "TorqueAngleAnalysis")},
             sheet=("desired",)),
     ),
+    "calibration": on_dynamometer(
+        "a known spring or inertia in place of the joint: how late the torque is, and what the gains are",
+        stepped_sine=True, any_motion=True, tables=(ResultTable("calibration"), *OF_ALL),
+        fit=FitJob("bench.fit_calibration_trial", {"settings": ("dynamometer", "ImpedanceAnalysis")},
+            sheet=("known_K", "known_I", "known_percent")),
+        impedance=("", "", ""),
+    ),
     "static": Experiment(
         "standing still: rest pose of the marker clusters and the ankle axis", place="walkway", walker=True,
         mocap="vicon"),

@@ -109,6 +109,13 @@ def number_said(name: str, value: float, row: AnyRow) -> str:
     if taken > 0:
         share = 100 * taken / abs(lost + taken)
         loop = f"a torque late by {1e3 * behind:.2g} ms would make it so, and take {share:.0f} % off energy_lost"
+    known, ends = "", [cell_number(row, one) or 0.0 for one in ("lag_s", "lag_s_high", "gain", "gain_high")]
+    if name == "certain_lag_s":
+        said = f"the torque is late by {1e3 * ends[0]:.3g} ± {1e3 * (ends[1] - ends[0]):.2g} ms"
+        known = f"{said}, write `delay: {1e3 * ends[0]:.3g} ms` more for it and `{row['to_state']}`"
+    if name == "certain_gain_error":
+        said = f"torque over angle is {100 * (ends[2] - 1):+.3g} ± {100 * (ends[3] - ends[2]):.2g} % off"
+        known = f"{said}, divide the torque's `scale` by {ends[2]:.5g} and write `{row['to_state']}`"
     frame = " (state `bench_stiffness` in the configuration if the bench's frame yields)"
     return EVIDENCE[name].shows.format(
         percent=f"{100 * abs(value):.3g} %",
@@ -120,6 +127,7 @@ def number_said(name: str, value: float, row: AnyRow) -> str:
         frame=frame if 0.5 < value < 1 else "",  # a frame that yields lowers K, and hardly to a half
         late=late,
         loop=loop,
+        known=known,
     )
 
 
@@ -315,7 +323,7 @@ def summary_of_trials(table: pl.DataFrame, quantities: Sequence[str]) -> pl.Data
     and `n_left_out`, how many fits are doubtful, and how many of these are not in the mean."""
     used = counted(table)
     numbers = {**doubtful_row(table), "n_left_out": len(table) - len(used)}
-    return pl.DataFrame([{"quantity": name, **summary_row(used[name]), **numbers} for name in quantities])
+    return pl.DataFrame([{"quantity": name, **summary_row(used, name), **numbers} for name in quantities])
 
 
 # What estimates cannot be, and what a motion cannot show. What is only unlikely is a column with a limit, as above.

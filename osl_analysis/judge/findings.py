@@ -159,8 +159,10 @@ def doubts_in(tables: Mapping[str, pl.DataFrame]) -> Iterator[dict[str, Any]]:
             for cause, trials in by_cause.items():
                 known = doubts.CAUSES.get(cause) or Cause(cause, next(iter(trials.values())), "")
                 single = not known.otherwise or any(known.remedy[1:] in text for text in trials.values())
-                remedy = known.remedy if single else known.otherwise
-                yield finding("doubtful", judged, cause, known.says, remedy, [*trials], [*map(str, causes)])
+                remedy, says = known.remedy if single else known.otherwise, known.says
+                if name == "calibration":  # its numbers are what to write
+                    says = next(iter(trials.values())).partition(": ")[2].rpartition(". ")[0]
+                yield finding("doubtful", judged, cause, says, remedy, [*trials], [*map(str, causes)])
 
 
 def causes_of_misfit(tables: Mapping[str, pl.DataFrame]) -> Iterator[dict[str, Any]]:

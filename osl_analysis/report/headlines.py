@@ -41,6 +41,7 @@ class Headline:
     high: float | None = None
     interval: str | None = None  # kind of the interval; None if there is none
     n: int = 0  # number of trials or fits that the number is computed from
+    sd: float | None = None  # standard deviation between the trials; None where it is not known
     n_doubtful: int = 0  # number of doubtful trials or fits among those that could be in the number
     n_left_out: int = 0  # number of these that are not in it
     doubt: str | None = None  # why the number itself is doubtful; None if it is not, or not judged
@@ -165,7 +166,8 @@ def summary_means(table: pl.DataFrame, labels: Mapping[str, Headline], interval:
             )
         found = headline(label, mean, int(n), low, high, interval)
         doubtful, left_out = (int(row.get(column) or 0) for column in ("n_doubtful", "n_left_out"))
-        numbers.append(replace(found, n_doubtful=doubtful, n_left_out=left_out, doubt=row.get("doubt") or None))
+        found = replace(found, sd=row.get("sd"), doubt=row.get("doubt") or None)
+        numbers.append(replace(found, n_doubtful=doubtful, n_left_out=left_out))
     return numbers
 
 
@@ -287,6 +289,20 @@ def headline_numbers(tables: Mapping[str, pl.DataFrame], example: Example | None
     return found
 
 
+NOISE_ALONE = (
+    "Intervals on the bench are of noise, repeatability and what the model misses alone: errors that all of its trials "
+    "share (gains, alignment, hysteresis, delay) are not in them until `calibration` states them in the configuration."
+)
+
+
+def calibration_said(tables: Mapping[str, pl.DataFrame]) -> str:
+    """What the intervals of the result tables of a bench contain of its calibration; empty without a bench."""
+    shared = [table[name].max() for table in tables.values() for name in table.columns if name.endswith("_se_bench")]
+    if any(shared):
+        return "Intervals on the bench contain what is stated of its errors; differences within the campaign have none."
+    return NOISE_ALONE if shared else ""
+
+
 ENDINGS = ("", "Low", "High", "AmplitudesLow", "AmplitudesHigh", "Verdict")  # of the macros of a number and its bounds
 
 
@@ -328,8 +344,8 @@ def to_json(about: Mapping[str, str], headlines: Sequence[Headline], missing: Ma
     """What the numbers are made of, which trials and results are `missing`, and an object per number in full precision.
     Null where there is no interval or the draft has no value; only numbers with a range over single amplitudes have
     it."""
-    kept = ["value", "unit", "low", "high", "interval", "n", "n_doubtful", "n_left_out", "doubt", "draft", "verdict"]
-    kept.append("meaning")
+    kept = ["value", "unit", "low", "high", "interval", "n", "sd", "n_doubtful", "n_left_out", "doubt", "draft"]
+    kept += ["verdict", "meaning"]
     numbers = {
         h.name: {key: getattr(h, key) for key in (*kept, *(AMPLITUDES if h.amplitudes_low is not None else ()))}
         for h in headlines
@@ -423,26 +439,31 @@ def trials_text(number: Mapping[str, Any]) -> str:
     return f"{n}, {doubtful} of them doubtful" if doubtful else str(n)
 
 
-def rounded_by(number: Mapping[str, Any]) -> tuple[float | None, float | None, str | None]:
-    """Bounds that decide to how many digits a number is rounded, and their kind. These are the range over single
-    amplitudes if there is one and it is the wider one, otherwise the interval."""
+def rounded_by(number: Mapping[str, Any]) -> tuple[float | None, float | None, str | None, float | None]:
+    """Bounds that decide to how many digits a number is rounded, their kind, and its scatter. The bounds are the range
+    over single amplitudes if there is one and it is the wider one, otherwise the interval."""
     low, high = (number.get(key) for key in AMPLITUDES)
     if low is None or high is None or (number["low"] is not None and number["high"] - number["low"] > high - low):
-        return number["low"], number["high"], number["interval"]
-    return low, high, None
+        return number["low"], number["high"], number["interval"], number.get("sd")
+    return low, high, None, number.get("sd")
 
 
 NO_WIDTH = 1e-9  # relative width of an interval that counts as rounding
+FINEST = 1e-3  # relative uncertainty that no calibration of a torque is without, whatever an interval of noise says
 
 
-def decimals(value: float, low: float | None, high: float | None, interval: str | None) -> int:
-    """Decimal places with which a number is written: half its interval keeps two digits, without one it has three. With
-    a range, which does not show the precision, it has three, or more until the ends differ; a count has none."""
+def decimals(
+    value: float, low: float | None, high: float | None, interval: str | None, scatter: float | None = None
+) -> int:
+    """Decimal places with which a number is written: half its interval keeps two digits, without one it has three, and
+    what trials `scatter` by, or a thousandth of it, keeps one. With a range, which does not show the precision, it has
+    three, or more until the ends differ; a count has none."""
     if interval == COUNT:
         return 0
     half = 0.0 if low is None or high is None or interval == RANGE else abs(high - low) / 2
     if half > NO_WIDTH * abs(value):
-        return max(1 - exponent_of(half), 0)
+        coarsest = max(FINEST * abs(value), scatter or 0.0, np.finfo(float).tiny)
+        return max(min(1 - exponent_of(half), -exponent_of(coarsest)), 0)
     digits = max(2 - exponent_of(value), 0) if value else 0
     return told_apart(low, high, digits) if interval == RANGE else digits
 

@@ -14,7 +14,7 @@ from osl_analysis.dictionary import DescribedTable
 from osl_analysis.judge.doubts import IS_DOUBTFUL, not_checked_of, reasons_in
 from osl_analysis.judge.findings import exclusion_said
 from osl_analysis.judge.recording import CHECKS
-from osl_analysis.report.headlines import decimals, fixed, numbers_said, trials_text
+from osl_analysis.report.headlines import decimals, fixed, numbers_said, told_apart, trials_text
 from osl_analysis.report.panels import Pictures
 
 NO_VALUE = "–"
@@ -156,7 +156,8 @@ def value_and_interval(row: Mapping[str, Any], column: str) -> tuple[str, str]:
     if low is None or high is None:
         return f"{value:.4g}", ""
     digits = decimals(value, low, high, None)
-    return fixed(value, digits), f"[{fixed(low, digits)}, {fixed(high, digits)}]"
+    finer = told_apart(low, high, digits)
+    return fixed(value, digits), f"[{fixed(low, finer)}, {fixed(high, finer)}]"
 
 
 def estimate_rows(table: pl.DataFrame, described: DescribedTable | None) -> dict[str, Any]:

@@ -55,11 +55,15 @@ def over_repeats(values: ArrayLike, common: Sequence[CommonError] = (), kinds: A
     return Repeats(len(values), mean, sd, se, mean - half, mean + half)
 
 
-def summary_row(values: pl.Series) -> dict[str, float | str | None]:
-    """n, mean, sd, se, low, high of one column, and the source of the interval. One trial gives only n and mean."""
-    numbers = values.cast(pl.Float64).drop_nulls().drop_nans()
+def summary_row(table: pl.DataFrame, name: str) -> dict[str, float | str | None]:
+    """n, mean, sd, se, low, high of one column, with the error that all rows share (`NAME_se_bench`, where there is
+    one), and the source of the interval. One trial gives only n and mean."""
+    numbers = table[name].cast(pl.Float64).drop_nulls().drop_nans()
     if len(numbers) >= 2:
-        return asdict(over_repeats(numbers.to_numpy())) | {"interval_method": "Student"}
+        known = table[f"{name}_se_bench"].fill_null(0.0).to_numpy() if f"{name}_se_bench" in table.columns else 0.0
+        shared = float(np.mean(np.square(known)))
+        found = over_repeats(numbers.to_numpy(), [(shared, np.inf)] if shared else [])
+        return asdict(found) | {"interval_method": "Student + bench" if shared else "Student"}
     mean = float(numbers[0]) if len(numbers) else None
     return {"n": len(numbers), "mean": mean, **dict.fromkeys(("sd", "se", "low", "high", "interval_method"))}
 

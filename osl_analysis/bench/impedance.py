@@ -211,7 +211,9 @@ def smoothed_jumps(record: Record, fit: GroupFit, rows: NDArray[np.intp], signs:
     a jump lies between two samples, behind one of first order the next samples rise by a share q each of the last. Its
     own delay, which the angle shares or a lag tells, does not count.
     """
-    if record.uniform is not None and (stated := (taken := record.uniform.of("torque")).stream.low_passes.get("torque")):
+    if record.uniform is not None and (
+        stated := (taken := record.uniform.of("torque")).stream.low_passes.get("torque")
+    ):
         return float((1 + (1 / (taken.step * stated.cutoff_hz)) ** (2 * stated.order)) ** -0.5)
     at = np.clip(rows[:, None] + np.arange(-4, 5), 1, len(record.theta) - 2)
     omega = (record.theta[at + 1] - record.theta[at - 1]) * record.rate_hz / 2

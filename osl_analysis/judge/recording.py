@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import polars as pl
+from numpy.typing import NDArray
 
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import InputError
@@ -301,30 +302,44 @@ def measure_stuck(examined: Examined) -> CheckResult:
             times[name] = held(time, x, (time, np.interp(time, *angle)), AT_REST * float(np.ptp(angle[1])))
     for name, facts in raw_channels(trial).items():
         times[name] = (facts["stands_to_s"] or 0.0) - (facts["stands_from_s"] or 0.0)
-    reference = recorded(trial, next((c for c in ("theta_command", "torque") if c in columns), None))
+    by = next((c for c in ("theta_command", "torque") if c in columns), None)
+    reference = recorded(trial, by)
     time, theta = recorded(trial, "theta")
     if time.size and reference[0].size:
         smoothed = 0.05  # s, over which a reference is averaged; a sine of 5 Hz keeps nine tenths of its amplitude
         when, level = (stretches(reference[0], x, smoothed).mean(axis=1) for x in reference)
         if when.size:  # while it changes by a fifth of its range, the joint should have moved
             apart = smoothed / 2 + median_step(time)  # at the start of a motion the torque jumps before the angle
-            times["theta"] = held(time, theta, (when, level), 0.2 * float(np.ptp(level)), apart)
+            from_rest = np.minimum(abs(theta - theta[0]), abs(theta - np.median(theta)))
+            rests = (from_rest <= AT_REST * np.ptp(theta)) & examined.experiment.stepped_sine & (by == "torque")
+            times["theta"] = held(time, theta, (when, level), 0.2 * float(np.ptp(level)), apart, rests)
     if moving in columns and angle[1].size and not np.ptp(angle[1]):
         times[moving] = float(np.ptp(angle[0]))
     return worst(times, "no torque, current or plate")
 
 
 def held(
-    time: Array, values: Array, reference: tuple[Array, Array] | None = None, least: float = 0.0, apart: float = 0.0
+    time: Array,
+    values: Array,
+    reference: tuple[Array, Array] | None = None,
+    least: float = 0.0,
+    apart: float = 0.0,
+    rests: NDArray[np.bool_] | None = None,
 ) -> float:
     """Longest time [s] that a channel (n,) repeats one value while its reference, times and values, changes by more
-    than `least`. At both ends of the repetition `apart` [s] do not count."""
+    than `least`. Where the channel is one that `rests` (n,), it must go to and fro by more in the later half of the
+    repetition: a motor behind a joint that rests after a sine creeps, or rings for a while. At both ends of the
+    repetition `apart` [s] do not count."""
     edges = run_edges(np.diff(values) == 0)
     for first, last in edges[np.argsort(edges[:, 0] - edges[:, 1], kind="stable")].tolist():
         if reference is not None:
             start = np.searchsorted(reference[0], time[first] + apart)
             within = reference[1][start : np.searchsorted(reference[0], time[last] - apart, "right")]
             if not within.size or np.ptp(within) <= least:
+                continue
+            later = within[within.size // 2 :]
+            rise, fall = later - np.minimum.accumulate(later), np.maximum.accumulate(later) - later
+            if rests is not None and rests[first] and min(rise.max(), fall.max()) <= least:
                 continue
         return float((last - first) * median_step(time))
     return 0.0

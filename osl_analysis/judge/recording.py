@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import InputError
 from osl_analysis.judge.table import TABLE, Cause, CheckResult, Commanded, Examined, Judgement, QualityRules
-from osl_analysis.measured import usual_size
+from osl_analysis.measured import factor_of, usual_size
 from osl_analysis.plate_surface import beside, plate_axes
 from osl_analysis.protocol.stepped_sine import Likeness
 from osl_analysis.signals import longest_run, run_at_extreme, run_edges, runs
@@ -468,8 +468,9 @@ def measure_pressure_travel(examined: Examined) -> CheckResult:
 
 
 def check_recording(trial: Trial, limits: Any, torque: str = "torque", angle: str | None = "theta") -> None:
-    """Refuse an angle beyond `largest_angle` [rad] of the settings `limits`, a torque beyond `load_cell_range` [N*m] or
-    one that never changes while the joint turns, and samples so close that the unit of time must be wrong."""
+    """Refuse an angle beyond `largest_angle` [rad] of the settings `limits`, a torque beyond `load_cell_range` [N*m],
+    one that never changes while the joint turns or is the motor's current times a constant, of which a fit would be
+    circular, and samples so close that the unit of time must be wrong."""
     who, time = f"trial {trial.name}:", trial.arrays()[0]
     # stamps of a late host come in clusters, most of them microseconds apart, of which the mean step knows nothing
     step = float(np.ptp(time)) / (len(time) - 1) if len(time) > 1 else 0.0
@@ -478,6 +479,14 @@ def check_recording(trial: Trial, limits: Any, torque: str = "torque", angle: st
             f"{who} its samples are {step:.2g} s apart, {1 / step:.3g} in a second: is its time recorded in another "
             "unit than it is declared in? Correct the unit of `time` in the source file"
         )
+    if {torque, "current"} <= set(trial.columns):
+        both = trial.samples.select(torque, "current").drop_nulls().to_numpy()
+        if (factor := factor_of(both[:, 0], both[:, 1])) is not None:
+            raise InputError(
+                f"{who} {torque} is current times {factor:.4g} {unit_of(torque)}/A, to within rounding: it is computed "
+                "from the motor's current and not measured, so that a fit gives what it was computed with; name the "
+                f"channel of a load cell as {torque} in the source file, or state the experiment ingest_only"
+            )
     turned, measured = (x[np.isfinite(x)] for x in (recorded(trial, angle)[1], recorded(trial, torque)[1]))
     turn, change = (float(np.ptp(x)) if x.size else 0.0 for x in (turned, measured))
     if turn and measured.size > 1 and not change:

@@ -135,10 +135,11 @@ def log_lines(overview: Overview, named: bool) -> Iterator[str]:
 def made_of(channel: RecordedChannel, currents: Sequence[RecordedChannel]) -> str:
     """Of which current a torque is a constant times, in words; empty of none: that is no torque that was measured."""
     for current in currents:
-        if channel.numbers is not None and current.numbers is not None:
-            if (factor := factor_of(channel.numbers, current.numbers)) is not None:
-                name = json.dumps(list(current.address.values())[-1])
-                return f"{name} times {factor:.4g}, to within rounding: {COMPUTED}"
+        none = np.empty(0)
+        y, x = (none if one.numbers is None else one.numbers for one in (channel, current))
+        if (factor := factor_of(y, x)) is not None:
+            name = json.dumps(list(current.address.values())[-1])
+            return f"{name} times {factor:.4g}, to within rounding: {COMPUTED}"
     return ""
 
 

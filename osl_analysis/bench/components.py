@@ -339,15 +339,15 @@ def levels_of(current: Array, rate_hz: float, usable: NDArray[np.bool_]) -> list
     filter spreads the steps."""
     each = max(round(LEVEL_S * rate_hz), 1)
     means = current[: len(current) // each * each].reshape(-1, each).mean(axis=1)
-    good: NDArray[np.bool_] = usable[: len(means) * each].reshape(-1, each).all(axis=1)
+    good = np.asarray(usable[: len(means) * each].reshape(-1, each).all(axis=1))
     steady = np.asarray(good[1:] & good[:-1] & (np.abs(np.diff(means)) < 0.02 * np.ptp(current)))
     return [slice((run.start + 3) * each, (run.stop - 1) * each) for run in runs(steady) if run.stop - run.start >= 5]
 
 
 def stalled_of(signals: UniformSignals, settings: ActuatorAnalysis) -> Analysis:
     """k_tau n_m of an actuator that stands, whose current goes in steps: k_tau n_m I_q - T s + offset + drift is
-    its torque in the plateaus, each of which is a unit of the interval. T is the friction that lags behind the steps up and down,
-    s = 1 and -1, which k_tau n_m would else share; it is left out where all steps go one way."""
+    its torque in the plateaus, each of which is a unit of the interval. T is the friction that lags behind the steps up
+    and down, s = 1 and -1, which k_tau n_m would else share; it is left out where all steps go one way."""
     low_pass, rate, current = settings.low_pass, signals.rate_hz, signals["current"]
     levels = levels_of(current, rate, signals.usable)
     if len(levels) < FEWEST_LEVELS:

@@ -1,5 +1,7 @@
 """Which numbers can be a measurement: a fit refuses the others before they overflow, vanish or turn into NaN."""
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -52,3 +54,16 @@ def usual_size(values: Array) -> float:
 def rms(values: Array) -> float:
     """Root of the mean square of all values."""
     return float(np.sqrt(np.mean(values**2)))
+
+
+def factor_of(y: Array, x: Array) -> float | None:
+    """The factor by which y (n,) is another signal x (n,), but for an offset and the rounding of both, or a thousandth
+    of y; None if it is not. What two sensors measure differs by more, even if one follows the other closely."""
+    known = np.isfinite(y) & np.isfinite(x) if len(y) == len(x) else np.zeros(0, dtype=bool)
+    if np.count_nonzero(known) < 10 or not (varies(y[known]) and varies(x[known])):
+        return None
+    y, x = y[known] - y[known].mean(), x[known] - x[known].mean()
+    factor = float(x @ y) / float(x @ x)
+    step_y, step_x = (float(np.median(np.diff(np.unique(one)))) for one in (y, x))
+    rounding = 1.2 * math.hypot(step_y, factor * step_x) / math.sqrt(12)
+    return factor if rms(y - factor * x) <= max(1e-3 * rms(y), min(rounding, 0.01 * rms(y))) else None

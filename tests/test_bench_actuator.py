@@ -9,6 +9,7 @@ import polars as pl
 import pytest
 from click.testing import CliRunner
 from conftest import ROOT
+from scipy.signal import lfilter
 
 from osl_analysis.bench.components import ACTUATOR_PARAMETERS as NAMES
 from osl_analysis.bench.components import actuator_table, actuator_trial
@@ -129,7 +130,7 @@ def test_of_angle_and_velocity_the_angle_is_used_and_a_bench_without_either_is_r
     shown = fit_actuator_trial(Trial("a", both), DEVICE, ANALYSIS)["series"]["theta_deg"]
     assert shown[2501] == pytest.approx(np.rad2deg(theta[5002]))
     assert (rows[0], rows[-1], np.abs(omega[rows]).min() > 0.45) == (200, len(t) - 201, True)  # 3/15 s at both ends
-    with pytest.raises(InputError, match="trial b: no column 'theta_m'"):
+    with pytest.raises(InputError, match=r"trial b: the actuator stands, .*name theta_m or omega_m"):
         actuator_trial(Trial("b", samples), ANALYSIS)
 
 
@@ -138,3 +139,39 @@ def test_actuator_trials_without_a_schedule_are_refused():
     content["experiments"]["actuator"] = 2
     with pytest.raises(ValueError, match="2 actuator trials are planned but 'actuator' has no schedule"):
         SimulationSettings.model_validate(content | {"actuator": None})
+
+
+UP_AND_DOWN = (0, 2, 4, 6, 8, 10, 12, 10, 8, 6, 4, 2, 0, -2, -4, -6, -8, -6, -4, -2, 0)
+
+
+def staircase(seed, levels=UP_AND_DOWN, friction=0.15, between=0.03, **angle):
+    """A clamped actuator of 0.648 N*m/A whose current goes in steps of a second: torque that settles in 10 ms, friction
+    that lags behind the steps, an offset, and an error [N*m] of each level."""
+    rng, n, steps = np.random.default_rng(seed), 250, np.array(levels, dtype=float)
+    lags = np.sign(np.diff(steps, prepend=0.0)) * friction - between * rng.standard_normal(len(steps))
+    wanted, late = np.repeat(steps, n), np.exp(-1 / (0.01 * n))
+    current = lfilter([1 - late], [1, -late], wanted)
+    noise, time = 0.05 * rng.standard_normal((2, len(wanted))), np.arange(len(wanted)) / n
+    torque = 0.648 * current - np.repeat(lags, n) + 0.3 + noise[0]
+    columns = {"time": time, "current": current + noise[1], "torque_m": torque, **angle}
+    return Trial("stalled", pl.DataFrame(columns))
+
+
+def test_current_in_steps_at_standstill_gives_the_torque_per_current_alone_and_covers_it():
+    one_way = tuple(range(0, 20, 2))
+    for made in ({}, {"levels": one_way, "friction": 0.0}):
+        z = []
+        for seed in range(12):
+            fit = actuator_trial(staircase(seed, **made), ANALYSIS).whole
+            z.append((fit["k_tau_n_m"] - 0.648) / fit.se("k_tau_n_m"))
+        assert 0.3 < np.median(np.abs(z)) < 1.4  # of Student 0.7
+    assert abs(fit["k_tau_n_m"] / 0.648 - 1) < 0.02
+    still = actuator_trial(staircase(0, between=0.0), ANALYSIS).whole
+    assert still["hysteresis"] == pytest.approx(0.15, abs=0.01)
+    for trial in (staircase(1), staircase(1, theta_m=np.full(250 * len(UP_AND_DOWN), 0.3))):
+        row = fit_actuator_trial(trial, DEVICE, ANALYSIS)["actuator"].to_dicts()[0]
+        assert row["k_tau_n_m_low"] < 0.648 < row["k_tau_n_m_high"]
+        assert [row[name] for name in NAMES[1:]] == [None] * 4
+        assert "f_C, f_G, B_m and J_m: the actuator stands" in row["not_checked"]
+    with pytest.raises(InputError, match=r"its current has 4 plateaus of 0\.3 s or more, 8 are needed"):
+        actuator_trial(staircase(1, levels=(0, 5, 10, 0)), ANALYSIS)

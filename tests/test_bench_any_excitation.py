@@ -8,8 +8,7 @@ import pytest
 from any_motion import LEAD, RATE, TRUE, chirp, made_trial, multisine, noise
 from bench_synthetic import second_order, stepped_sine, table_of
 from conftest import ROOT
-from scipy.linalg import expm
-from scipy.signal import lfilter, lsim
+from scipy.signal import butter, cont2discrete, lfilter, lsim, sosfilt
 
 from osl_analysis.bench.analysis import analysed, timebase_table
 from osl_analysis.bench.effects import IMPEDANCE, causes, lag_of, plain_sums, stiffness_change, sums_of, with_effects
@@ -34,6 +33,7 @@ from osl_analysis.judge.table import Commanded, Doubt, DoubtfulFits, Examined
 from osl_analysis.model.compensator import PAPER_WEIGHT
 from osl_analysis.model.drivetrain import joint_admittance
 from osl_analysis.model.parameters import read_parameters
+from osl_analysis.spectral.periods import periodic_motion
 from osl_analysis.trial import Trial, write_trial
 
 CONFIG = ROOT / "config/config.yaml"
@@ -80,7 +80,7 @@ def test_every_motion_has_the_same_columns_and_leaves_none_empty_but_those_that_
         own = {column for column in table.columns if table[column].is_null().all()}
         assert own - empty == (OF_SINES if name == "multisine" else OF_SINES | OF_PERIODS)
         of_periods = {"period_s", "periods", "realisations"} if name == "multisine" else set()
-        assert empty - own == {"torque_at_peaks"} | of_periods
+        assert empty - own == {"torque_at_peaks", "alias_share"} | of_periods
 
 
 @pytest.mark.parametrize("name", MOTIONS)
@@ -228,21 +228,90 @@ def test_of_two_answers_on_the_share_of_friction_the_smaller_one_is_held_against
     assert 0 < row["coulomb_share"] < 0.9 * row["coulomb_damping"] / row["B"]
 
 
-@pytest.mark.parametrize(("angle_noise", "percent"), [(0.0, r"15\.\d"), (2e-5, r"8\.\d")])  # by half a sample
-def test_jumps_of_the_acceleration_are_refused_for_want_of_an_anti_aliasing_filter(angle_noise, percent):
-    """A second-order servo follows a binary command: its acceleration jumps at every change of the command."""
-    rng, rate, w = np.random.default_rng(9), 1000.0, 2 * np.pi * 30
-    command = np.concatenate([np.zeros(1500), np.repeat(rng.choice([-0.035, 0.035], 200), 100), np.zeros(1500)])
-    state, steps, exact = np.zeros(2), [], np.array([[0, 1], [-(w**2), -1.8 * w]])
-    turn = expm(exact / rate)
-    for target in command:
-        steps.append([*state, w**2 * (target - state[0]) - 1.8 * w * state[1]])
-        state = np.array([target, 0]) + turn @ (state - [target, 0])
-    motion = np.arange(len(command)) / rate, tuple(np.array(steps).T)
-    with pytest.raises(
-        InputError, match=rf"jumps within a sample, \d+ times.*anti-aliasing.* change I by up to {percent} %"
-    ):
-        row_of(made_trial(rng, motion, angle_noise=angle_noise))
+def binary_steps(cutoff_hz=None, order=2, every=20, rate=1000.0):
+    """A second-order servo follows a binary command, whose acceleration jumps at every change of the command, on the
+    clock of the sampling; recorded as it is, or through a low-pass. Torque of `TRUE` with time and angle."""
+    rng, fine, w = np.random.default_rng(9), rate * every, 2 * np.pi * 30
+    command = np.concatenate([np.zeros(1500), np.repeat(rng.choice([-0.035, 0.035], 120), 100), np.zeros(1500)])
+    wanted = np.repeat(command, every)
+
+    def follows(*numerator):
+        top, bottom, _ = cont2discrete((numerator, [1, 1.8 * w, w**2]), 1 / fine)
+        return lfilter(top[0], bottom, wanted)
+
+    theta, omega = follows(w**2), follows(w**2, 0)
+    alpha = w**2 * (wanted - theta) - 1.8 * w * omega
+    signals = theta, TRUE["K"] * theta + TRUE["B"] * omega + TRUE["I"] * alpha
+    if cutoff_hz:
+        low_pass = butter(order, cutoff_hz, fs=fine, output="sos")
+        signals = [sosfilt(low_pass, one) for one in signals]
+    time = np.arange(len(command)) / rate
+    theta, torque = (one[::every] for one in signals)
+    return pl.DataFrame({"time": time, "theta": theta, "torque": torque + 0.05 * rng.standard_normal(len(time))})
+
+
+@pytest.mark.parametrize(("rate", "band"), [(100.0, (0.5, 6.0)), (125.0, (0.5, 6.0)), (150.0, (0.3, 8.0))])
+def test_a_sweep_that_is_recorded_at_a_low_rate_is_fitted_and_no_jump(rate, band):
+    row = row_of(made_trial(rng := np.random.default_rng(3), chirp(rng, band, duration=60.0, rate=rate), bits=14))
+    for name, true in TRUE.items():
+        assert abs(row[name] - true) < 3 * row[f"{name}_se"]
+    assert row["alias_share"] == 0
+
+
+def test_binary_steps_give_k_and_a_doubt_about_b_and_i_unless_a_low_pass_comes_before_the_sampling():
+    jumps, behind = binary_steps(every=1), binary_steps(200.0)
+
+    def stated(cutoff_hz):
+        return {"columns": {c: {"low_pass": {"cutoff_hz": cutoff_hz, "order": 2}} for c in ("theta", "torque")}}
+
+    trials = ((jumps,), (behind,), (behind, stated(200.0)), (behind, stated(300.0)))
+    plain, seen, told, more = (row_of(Trial("made", *one)) for one in trials)
+    for row in (plain, seen, told):
+        assert row["K"] == pytest.approx(300, rel=2e-4)
+    assert plain["alias_share"] == pytest.approx(0.15, abs=0.03)
+    assert abs(plain["I"] / 0.02 - 1) > 0.1
+    assert [row["B"] for row in (seen, told)] == pytest.approx([5, 5], rel=0.007)
+    assert [row["I"] for row in (seen, told)] == pytest.approx([0.02, 0.02], rel=0.02)
+    assert told["alias_share"] < seen["alias_share"] < 0.3 * plain["alias_share"]
+    share = ((1 + 5**4) / (1 + (10 / 3) ** 4)) ** 0.5  # of what passes at 1 kHz
+    assert more["alias_share"] == pytest.approx(share * told["alias_share"], rel=1e-6)
+    limit = Doubt(above={"alias_share": LIMITS.above["alias_share"]})
+    words = marked(pl.DataFrame([plain, told]), limit, "impedance")["doubtful"].to_list()
+    assert ["acceleration that jumps: the acceleration jumps between two samples" in one for one in words] == [1, 0]
+    assert "`low_pass` in the source file" in words[0]
+
+
+def test_a_multisine_that_stops_in_the_middle_of_a_period_tells_its_lag_by_whole_periods():
+    time, (theta, omega, alpha) = multisine(rng := np.random.default_rng(3), rate=1000.0)
+    ends = time < LEAD + 27.3
+    motion = time[ends], tuple(one[ends] for one in (theta, omega, alpha))
+    row = row_of(made_trial(rng, motion, bits=14, late=2e-3))
+    assert (row["excitation"], row["periods"]) == ("periodic", 4)
+    assert row["lag_s"] == pytest.approx(2e-3, abs=4 * row["lag_se_s"])
+    assert row["lag_se_s"] < 2e-4
+    assert row["lag_inertia_share"] > 0.3
+
+
+def test_an_angle_of_constant_acceleration_without_noise_has_no_period_and_is_no_fault():
+    t = np.arange(1250) / 250
+    turns = np.concatenate([np.zeros(500), 0.1 * np.abs(t / 0.4 % 2 - 1), np.full(500, 0.05)])
+    assert periodic_motion(turns, 300 * turns, 250.0, 22.5) is None
+
+
+HUMAN = ROOT.parent / "shared/real_data/human/human_ankles.npz"  # REKLAB, McGill University: binary steps, 1 kHz
+
+
+@pytest.mark.skipif(not HUMAN.is_file(), reason="real data are not here")
+def test_six_human_ankles_give_a_stiffness_with_an_interval():
+    found = {}
+    with np.load(HUMAN) as records:
+        for name in ("z_df", "z_pf", "z_df2", "z_df3", "z_pf2", "pilot"):
+            theta, torque = records[name].astype(float).T
+            row = row_of(
+                Trial(name, pl.DataFrame({"time": np.arange(len(theta)) / 1e3, "theta": theta, "torque": -torque}))
+            )
+            found[name] = row["K_low"] < row["K"] < row["K_high"] and 30 < row["K"] < 200
+    assert all(found.values()), found
 
 
 @pytest.mark.parametrize(("move", "seconds", "made", "seeds", "low", "high"), [

@@ -243,3 +243,30 @@ def test_samples_closer_than_any_recorder_takes_them_are_refused(steps, refused)
     said = r"trial hasty: its samples are [17](\.\d+)?e-06 s apart, 1(\.\d+)?e\+0[56] in a second.*unit of"
     with pytest.raises(InputError, match=said) if refused else nullcontext():
         check_recording(trial, BENCH)
+
+
+@pytest.mark.parametrize("torque", ["torque", "torque_m"])
+def test_a_torque_that_is_current_times_a_constant_is_refused_and_one_that_follows_the_current_is_not(torque):
+    time, rng = np.arange(4000) / 1000, np.random.default_rng(2)
+    theta = 0.05 * np.sin(9 * time) + 0.03 * np.sin(31 * time)
+    current, limits = 20 * theta + 2 * np.cos(20 * time) + 0.05 * rng.standard_normal(4000), BENCH
+
+    def checked(values, amperes=current):
+        samples = {"time": time, "theta": theta, torque: values, "current": amperes}
+        check_recording(Trial("a", pl.DataFrame(samples)), limits, torque)
+
+    circular = -8.65 * current
+    for values, amperes in (
+        (circular, current), (circular + 0.3, current), (circular.astype(np.float32), current),
+        (np.round(circular, 2), np.round(current, 3)), (-8.65 * np.round(current, 1), np.round(current, 1)),
+    ):  # fmt: skip
+        with pytest.raises(
+            InputError, match=rf"{torque} is current times -8\.6\d* N\*m/A.*name the channel of a load cell"
+        ):
+            checked(values, amperes)
+    follows = circular + 0.03 * np.std(circular) * rng.standard_normal(4000)  # VAF 99.9 %, as of a load cell
+    checked(follows)
+    checked(np.round(follows, 1), np.round(current, 2))
+    checked(circular, np.zeros(4000))  # a current that nobody measured
+    apart = pl.DataFrame({"time": time, "theta": theta, torque: [None] * 4000, "current": current})
+    check_recording(Trial("a", apart.with_columns(pl.lit(None, pl.Float64).alias(torque))), limits, torque)

@@ -311,6 +311,17 @@ def test_a_draft_knows_clocks_and_units_by_their_names_and_says_that_it_guessed(
         assert clock == {"column": name.partition(" [")[0], "unit": unit}
 
 
+def test_a_draft_does_not_offer_a_torque_that_is_the_motors_current_times_a_constant(tmp_path: Path) -> None:
+    rows = np.random.default_rng(1).standard_normal((200, 3)).round(3)
+    for of_current, offered in ((1.0, False), (0.0, True)):
+        torque = 0.14 * (of_current * rows[:, 1] + (1 - of_current) * rows[:, 2])
+        lines = [f"{k / 1000},{a},{i},{t:.5f}" for k, (a, i, t) in enumerate(zip(*rows.T[:2], torque, strict=True))]
+        (tmp_path / "a.csv").write_text("\n".join(["time_s,joint_angle_rad,motor_current_A,joint_torque_Nm", *lines]))
+        drafted = draft_source(inspect_file(tmp_path / "a.csv"), "a.csv", named=True)
+        assert ("\n  torque: " in drafted, "\n  current: " in drafted) == (offered, True)
+        assert ('"motor_current_A" times 0.14, to within rounding: computed from the current' in drafted) != offered
+
+
 def test_a_draft_that_was_not_edited_is_refused_with_the_places_and_reads_the_log_once_they_are(tmp_path: Path) -> None:
     (tmp_path / "log.csv").write_text(BENCH)
     path, row = tmp_path / "source.yaml", {"trial": "a", "log": "log.csv", "log_source": "source"}

@@ -209,6 +209,14 @@ def test_a_joint_at_rest_is_not_stuck_though_nothing_is_commanded():
         samples = pl.DataFrame({"time": np.arange(theta.size) / RATE, "theta": theta, "torque": torque})
         assert results(samples)["stuck"].value < 0.1
     assert results(samples.drop("theta"))["stuck"].value > 1.9  # nothing says that the joint rests
+    sines = 0.1 * np.sin(np.pi * np.arange(4500) / 100) * (abs(np.arange(4500) - 2250) > 250)
+    ringing = np.zeros(4500)
+    ringing[2000:2500] = 30 * np.cos(np.pi * np.arange(500) / 37) * np.exp(-np.arange(500) / 60)
+    rests = pl.DataFrame({"time": np.arange(4500) / RATE, "theta": sines, "torque": 300 * sines + ringing})
+    assert results(rests)["stuck"].value < 0.1, "a motor behind a joint that stands between two sines rings"
+    for first, last in ((500, 1750), (2100, 4500)):  # away from its rest, and from a rest on
+        frozen = rests.with_columns(theta=pl.Series(with_piece(sines, first + 25, last)))
+        assert results(frozen)["stuck"].value == pytest.approx((last - first) / RATE, abs=100 / RATE)
     loose = bench(torque=TORQUE + 40 * (np.arange(ANGLE.size) // 20 == 24)).drop("theta_command")
     assert results(loose)["stuck"].value < 0.1, "the torque jumps before a joint that breaks loose"
 

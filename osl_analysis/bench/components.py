@@ -5,6 +5,7 @@ diagnostics are those of every record (gram.py, analysis.py).
 """
 
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 import polars as pl
@@ -15,7 +16,7 @@ from osl_analysis.bench.analysis import Analysis, analysed, check_stiffer, frict
 from osl_analysis.bench.effects import TRANSMISSION, Model
 from osl_analysis.bench.gram import GroupFit, fit_groups, gram_sums
 from osl_analysis.bench.phasors import harmonic_shares, phasors_of_record
-from osl_analysis.bench.record import Groups, Label, Record, joint_angle, stretches_of
+from osl_analysis.bench.record import Groups, Label, Record, Stratum, joint_angle, stretches_of
 from osl_analysis.bench.settings import ActuatorAnalysis, BeltAnalysis
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.judge.doubts import LATENESS, SIZED, check_changes, summary_of_trials
@@ -301,8 +302,8 @@ def actuator_trial(trial: Trial, settings: ActuatorAnalysis) -> Analysis:
     [rad/s] of a bench that logs no angle; its torque is torque_m [N*m], and its current I_q [A]. Raises InputError: a
     signal is missing, or the actuator hardly moves; IdentifiabilityError: the schedule cannot tell two parameters
     apart. The message names the trial."""
-    moved = next((name for name in ("theta_m", "omega_m") if name in trial.samples.columns), "theta_m")
-    uniform = uniform_signals(trial, (moved, "current", "torque_m"), settings.gap_limits)
+    moved = [name for name in ("theta_m", "omega_m") if name in trial.samples.columns][:1]
+    uniform = uniform_signals(trial, (*moved, "current", "torque_m"), settings.gap_limits)
     try:
         found, other = actuator_of(uniform, settings), uniform.other()
         return found if other is None else replace(found, others=actuator_of(other, settings).fits)
@@ -317,6 +318,8 @@ def actuator_of(signals: UniformSignals, settings: ActuatorAnalysis) -> Analysis
     left in the residual it would multiply the standard error of f_G by four."""
     check_changes("torque_m", signals["torque_m"])
     moved, usable, time = moved_by(signals), signals.usable, signals.time
+    if moved is None or not np.ptp(signals[moved]):
+        return stalled_of(signals, settings)
     low_pass, rate, raw = settings.low_pass, signals.rate_hz, signals[moved]
     smooth = differentiate(time, low_pass(raw, rate))
     omega, alpha = (smooth.theta, smooth.omega) if moved == "omega_m" else (smooth.omega, smooth.alpha)
@@ -335,6 +338,8 @@ def actuator_of(signals: UniformSignals, settings: ActuatorAnalysis) -> Analysis
     moving, edge = (np.abs(omega) > settings.slowest) & usable, int(np.ceil(3 * rate / settings.cutoff_hz))
     moving[:edge] = moving[-edge:] = False
     if np.count_nonzero(moving) < FEWEST_MOVING_S * rate:
+        if not moving.any() and len(levels_of(current, rate, usable)) >= FEWEST_LEVELS:
+            return stalled_of(signals, settings)
         raise InputError(
             f"the actuator is faster than {settings.slowest:g} rad/s in {np.count_nonzero(moving)} of {len(time)} "
             "samples; drive it faster or longer, or check the unit of theta_m or omega_m in the source file"
@@ -346,23 +351,78 @@ def actuator_of(signals: UniformSignals, settings: ActuatorAnalysis) -> Analysis
     return analysed(record, gram_sums(record, columns, list(columns)), ACTUATOR_ALONE)
 
 
-def moved_by(signals: UniformSignals) -> str:
-    """The column that the actuator's motion is from."""
-    return "theta_m" if "theta_m" in signals.signals else "omega_m"
+ENDS = ("", "_se", "_low", "_high")  # of a column with an interval
+FEWEST_LEVELS = 8  # plateaus of the current, each of which is left out once for the interval
+LEVEL_S = 0.05  # time [s] over which a current is averaged to see its plateaus
+STALLED = "f_C, f_G, B_m and J_m: the actuator stands throughout, and only a motion shows them"
+
+
+def levels_of(current: Array, rate_hz: float, usable: NDArray[np.bool_]) -> list[slice]:
+    """Rows of the plateaus of a current (n,) [A] in steps: its means over `LEVEL_S` stay within 2 % of its range for
+    0.3 s or more, of which the first 0.15 s, in which the torque settles, and the last 0.1 s do not count, as the
+    filter spreads the steps."""
+    each = max(round(LEVEL_S * rate_hz), 1)
+    means = current[: len(current) // each * each].reshape(-1, each).mean(axis=1)
+    good = np.asarray(usable[: len(means) * each].reshape(-1, each).all(axis=1))
+    steady = np.asarray(good[1:] & good[:-1] & (np.abs(np.diff(means)) < 0.02 * np.ptp(current)))
+    return [slice((run.start + 3) * each, (run.stop - 1) * each) for run in runs(steady) if run.stop - run.start >= 5]
+
+
+def stalled_of(signals: UniformSignals, settings: ActuatorAnalysis) -> Analysis:
+    """k_tau n_m of an actuator that stands, whose current goes in steps: k_tau n_m I_q - T s + offset + drift is
+    its torque in the plateaus, each of which is a unit of the interval. T is the friction that lags behind the steps up
+    and down, s = 1 and -1, which k_tau n_m would else share; it is left out where all steps go one way."""
+    low_pass, rate, current = settings.low_pass, signals.rate_hz, signals["current"]
+    levels = levels_of(current, rate, signals.usable)
+    if len(levels) < FEWEST_LEVELS:
+        raise InputError(
+            f"the actuator stands, and its current has {len(levels)} plateaus of 0.3 s or more, {FEWEST_LEVELS} are "
+            "needed; step the current up and down, or drive the actuator and name theta_m or omega_m in the source file"
+        )
+    means = np.array([current[rows].mean() for rows in levels])
+    steps, side = np.diff(means, prepend=0.0), np.zeros_like(current)
+    way = np.where(np.abs(steps) > 0.02 * np.ptp(current), np.sign(steps), 0.0)  # a start at 0 has none
+    for rows, up in zip(levels, way, strict=True):
+        side[rows] = -up
+    columns = {"k_tau_n_m": low_pass(current, rate), "hysteresis": side, "one": np.ones_like(current)}
+    columns["drift"] = signals.time - signals.time.mean()
+    both_ways = {"hysteresis": "hysteresis"} if np.ptp(np.sign(np.diff(means))) else {}
+    model: Model = {"k_tau_n_m": "k_tau_n_m", **both_ways, "offset": "one", **({"drift": "drift"} if both_ways else {})}
+    groups = Groups(
+        "stretches",
+        np.array([float(rows.start) for rows in levels]),
+        np.array([float(rows.stop) for rows in levels]),
+        np.zeros(len(levels), dtype=np.intp),
+        (Stratum(slice(levels[0].start, levels[-1].stop)),),
+    )
+    still, torque, usable = np.zeros_like(current), signals["torque_m"], signals.usable
+    filtered = Motion(still, still, still), low_pass(torque, rate)
+    record = Record(signals.trial, signals.time, still, torque, *filtered, low_pass, usable, groups, uniform=signals)
+    return analysed(record, gram_sums(record, columns, list(model.values())), model)
+
+
+def moved_by(signals: UniformSignals) -> str | None:
+    """The column that the actuator's motion is from; None for a bench that logs none."""
+    return next((name for name in ("theta_m", "omega_m") if name in signals.signals), None)
 
 
 def actuator_table(actuator: Analysis) -> pl.DataFrame:
     """The trial's row of `actuator.csv`."""
     fit, record = actuator.calibrated(actuator.whole), actuator.record
     assert record.uniform is not None
+    told = [name for name in ACTUATOR_PARAMETERS if name in fit.names]
+    unknown = [name for name in (*ACTUATOR_PARAMETERS, "drift") if name not in fit.names]
     row = {
         "trial": record.name,
         "motion": moved_by(record.uniform),
-        **estimates_row(fit, *ACTUATOR_PARAMETERS, "offset", "drift"),
-        **covariance_row(fit, *ACTUATOR_PARAMETERS),
-        **{f"{name}_se_bench": fit.se_bench(name) for name in ACTUATOR_PARAMETERS},
+        **dict.fromkeys(f"{name}{end}" for name in (*ACTUATOR_PARAMETERS, "offset", "drift") for end in ENDS),
+        **{f"cov_{a}_{b}": None for a, b in combinations(ACTUATOR_PARAMETERS, 2)},
+        **estimates_row(fit, *told, "offset", *(["drift"] if "drift" not in unknown else [])),
+        **covariance_row(fit, *told),
+        **{f"{name}_se_bench": fit.se_bench(name) if name in told else None for name in ACTUATOR_PARAMETERS},
         **actuator.judged(),
-        "correlation_k_f_G": fit.correlation("k_tau_n_m", "f_G"),
-        **actuator.time_base_row(None, ACTUATOR_PARAMETERS),
+        "correlation_k_f_G": fit.correlation("k_tau_n_m", "f_G") if "f_G" in told else None,
+        **actuator.time_base_row(None, told),
     }
-    return pl.DataFrame([row], schema_overrides={"time_base_shift": pl.Float64})
+    table = pl.DataFrame([row], schema_overrides={"time_base_shift": pl.Float64, "motion": pl.String})
+    return table.with_columns(pl.col(pl.Null).cast(pl.Float64))

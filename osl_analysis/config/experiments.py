@@ -53,6 +53,7 @@ class Experiment:
     description: str  # one line for the user
     place: Literal["bench", "walkway"] | None  # where it is recorded; None for a trial that is ingested only
     motion: str | None = None  # the column with the measured motion; None if not every trial has one
+    may_stand: bool = False  # the column of the motion may be missing, where nothing moves
     torque: str | None = None  # the column with the measured torque; None if not every trial has one
     signals: tuple[str, ...] = ()  # other columns that every trial has, but markers and plates: a laboratory names them
     sheet: tuple[str, ...] = ()  # columns of the sample sheet that its trials must fill, besides the files
@@ -71,7 +72,9 @@ class Experiment:
     @property
     def needed_columns(self) -> tuple[str, ...]:
         """The columns that every trial must have."""
-        return tuple(column for column in (self.motion, self.torque, *self.signals) if column)
+        return tuple(
+            column for column in (None if self.may_stand else self.motion, self.torque, *self.signals) if column
+        )
 
     def simulated_files(self, trial: str) -> dict[str, str]:
         """Files that the simulator records for a trial, by column of the sheet (`log`, `mocap`)."""
@@ -98,8 +101,8 @@ EXPERIMENTS: dict[str, Experiment] = {
         impedance=("", "B_j", "J_j"),
     ),
     "actuator": Experiment(
-        "actuator alone, driven at a velocity and a current: k_tau n_m, f_C, f_G, B_m and J_m", place="bench",
-        motion="theta_m", torque="torque_m", signals=("current",), log="actuator",
+        "actuator alone, driven at a velocity and a current: k_tau n_m, f_C, f_G, B_m and J_m; standing: k_tau n_m",
+        place="bench", motion="theta_m", may_stand=True, torque="torque_m", signals=("current",), log="actuator",
         tables=(ResultTable("actuator", derived={"actuator_summary": "bench.summarise"}), *OF_ALL),
         fit=FitJob("bench.fit_actuator_trial", {"settings": ("actuator", "ActuatorAnalysis")}, parameters=True),
         impedance=("", "B_m", "J_m"),

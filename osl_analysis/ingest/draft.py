@@ -4,6 +4,7 @@ files are quoted as JSON, which is valid YAML. Nothing is taken as told that is 
 import json
 import re
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +14,10 @@ from osl_analysis.ingest.overview import Overview, RecordedChannel
 from osl_analysis.ingest.raw_files import FORMATS
 from osl_analysis.ingest.source import NAME_OF_TIME, UNKNOWN
 from osl_analysis.ingest.units import base_units, dimension, is_unit, normalised
+from osl_analysis.measured import factor_of
 from osl_analysis.trial import COLUMNS
 
+COMPUTED = "computed from the current, no measured torque"
 MOTOR = r"\b(motor|actuator|act|output|gear|mot)\b"
 COMMAND = r"\b(command|commanded|cmd|desired|des|ref|reference|target|setpoint|goal)\b"
 ANGLE = r"(angle|position|pos|theta|encoder)"
@@ -114,6 +117,10 @@ def log_lines(overview: Overview, named: bool) -> Iterator[str]:
     channels = [c for c in listed if not clock or clock not in c.address.values()]
     channels = [c for c in channels if "topic" not in c.address or ("field" in c.address and c.count)]
     guesses = [likely_column(channel) for channel in channels]
+    currents = [c for c, guess in zip(channels, guesses, strict=True) if guess == "current"]
+    for k, (channel, guess) in enumerate(zip(channels, guesses, strict=True)):
+        if guess in ("torque", "torque_m") and (said := made_of(channel, currents)):
+            channels[k], guesses[k] = replace(channel, note=said), ""
     comment_others = any(guesses) and (named or len(channels) > 8)
     for number, (channel, guess) in enumerate(zip(channels, guesses, strict=True), start=1):
         name = " ".join(value for key, value in channel.address.items() if key != "topic")
@@ -125,12 +132,24 @@ def log_lines(overview: Overview, named: bool) -> Iterator[str]:
         yield f"# {line}" if comment_others and not guess else line
 
 
+def made_of(channel: RecordedChannel, currents: Sequence[RecordedChannel]) -> str:
+    """Of which current a torque is a constant times, in words; empty of none: that is no torque that was measured."""
+    for current in currents:
+        none = np.empty(0)
+        y, x = (none if one.numbers is None else one.numbers for one in (channel, current))
+        if (factor := factor_of(y, x)) is not None:
+            name = json.dumps(list(current.address.values())[-1])
+            return f"{name} times {factor:.4g}, to within rounding: {COMPUTED}"
+    return ""
+
+
 def channel_line(number: int, channel: RecordedChannel, guess: str = "", sure: bool = False) -> str:
     """One entry under `channels`; `guess` is the canonical column that it may be, or if that is `sure` is."""
     stated, is_guessed = channel.unit or channel.likely_unit, bool(channel.likely_unit and not channel.unit)
     unit = stated if stated and is_unit(stated) else UNKNOWN
     sure = sure and bool(guess) and unit != UNKNOWN
     said = [("guessed from its name" + ";" * is_guessed) if sure else f"{guess}?"] * bool(guess)
+    said += [channel.note] * channel.note.endswith(COMPUTED)
     said += [f"no known unit: {json.dumps(channel.unit)}"] * (bool(channel.unit) and unit == UNKNOWN)
     said += ["the unit is guessed: check it"] * is_guessed
     entry = ", ".join(f"{key}: {json.dumps(value)}" for key, value in {**channel.address, "unit": unit}.items())

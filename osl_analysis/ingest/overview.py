@@ -43,6 +43,7 @@ class RecordedChannel:
     type: str = ""  # type of the numbers and the length of the array that they stand in, such as `float64[4]`
     likely_unit: str = ""  # unit that the channel's name ends with; a guess, for the user to check
     load: float | None = None  # range of the force on a plate [N], where it can be computed
+    numbers: Array | None = field(default=None, compare=False, repr=False)  # its readings (n,), of a table
     centre: tuple[float, ...] = ()  # mean position of a marker, or of a plate's corners, (3,); empty if unknown
 
 
@@ -159,7 +160,8 @@ def listed(
         units = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
         guess = next((unit for unit, in_s in units.items() if 50.0 <= rate * in_s <= 5000.0), "")
     lost = f", {numbers.size - known.size} x NaN or infinity" * (known.size < numbers.size)
-    return RecordedChannel(next(iter(at)), at, unit, int(known.size), None, f"{note}{lost}{also}", kind, guess)
+    count, said = int(known.size), f"{note}{lost}{also}"
+    return RecordedChannel(next(iter(at)), at, unit, count, None, said, kind, guess, numbers=numbers)
 
 
 def time_setting(key: str, clock: RecordedChannel | None) -> dict[str, str]:

@@ -9,11 +9,12 @@ from typing import Any
 
 import numpy as np
 import polars as pl
+from numpy.typing import NDArray
 
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import InputError
 from osl_analysis.judge.table import TABLE, Cause, CheckResult, Commanded, Examined, Judgement, QualityRules
-from osl_analysis.measured import usual_size
+from osl_analysis.measured import factor_of, usual_size
 from osl_analysis.plate_surface import beside, plate_axes
 from osl_analysis.protocol.stepped_sine import Likeness, Run, SteppedSineProtocol
 from osl_analysis.signals import longest_run, run_at_extreme, run_edges, runs
@@ -317,30 +318,44 @@ def measure_stuck(examined: Examined) -> CheckResult:
             times[name] = held(time, x, (time, np.interp(time, *angle)), AT_REST * float(np.ptp(angle[1])))
     for name, facts in raw_channels(trial).items():
         times[name] = (facts["stands_to_s"] or 0.0) - (facts["stands_from_s"] or 0.0)
-    reference = recorded(trial, next((c for c in ("theta_command", "torque") if c in columns), None))
+    by = next((c for c in ("theta_command", "torque") if c in columns), None)
+    reference = recorded(trial, by)
     time, theta = recorded(trial, "theta")
     if time.size and reference[0].size:
         smoothed = 0.05  # s, over which a reference is averaged; a sine of 5 Hz keeps nine tenths of its amplitude
         when, level = (stretches(reference[0], x, smoothed).mean(axis=1) for x in reference)
         if when.size:  # while it changes by a fifth of its range, the joint should have moved
             apart = smoothed / 2 + median_step(time)  # at the start of a motion the torque jumps before the angle
-            times["theta"] = held(time, theta, (when, level), 0.2 * float(np.ptp(level)), apart)
+            from_rest = np.minimum(abs(theta - theta[0]), abs(theta - np.median(theta)))
+            rests = (from_rest <= AT_REST * np.ptp(theta)) & examined.experiment.stepped_sine & (by == "torque")
+            times["theta"] = held(time, theta, (when, level), 0.2 * float(np.ptp(level)), apart, rests)
     if moving in columns and angle[1].size and not np.ptp(angle[1]):
         times[moving] = float(np.ptp(angle[0]))
     return worst(times, "no torque, current or plate")
 
 
 def held(
-    time: Array, values: Array, reference: tuple[Array, Array] | None = None, least: float = 0.0, apart: float = 0.0
+    time: Array,
+    values: Array,
+    reference: tuple[Array, Array] | None = None,
+    least: float = 0.0,
+    apart: float = 0.0,
+    rests: NDArray[np.bool_] | None = None,
 ) -> float:
     """Longest time [s] that a channel (n,) repeats one value while its reference, times and values, changes by more
-    than `least`. At both ends of the repetition `apart` [s] do not count."""
+    than `least`. Where the channel is one that `rests` (n,), it must go to and fro by more in the later half of the
+    repetition: a motor behind a joint that rests after a sine creeps, or rings for a while. At both ends of the
+    repetition `apart` [s] do not count."""
     edges = run_edges(np.diff(values) == 0)
     for first, last in edges[np.argsort(edges[:, 0] - edges[:, 1], kind="stable")].tolist():
         if reference is not None:
             start = np.searchsorted(reference[0], time[first] + apart)
             within = reference[1][start : np.searchsorted(reference[0], time[last] - apart, "right")]
             if not within.size or np.ptp(within) <= least:
+                continue
+            later = within[within.size // 2 :]
+            rise, fall = later - np.minimum.accumulate(later), np.maximum.accumulate(later) - later
+            if rests is not None and rests[first] and min(rise.max(), fall.max()) <= least:
                 continue
         return float((last - first) * median_step(time))
     return 0.0
@@ -469,8 +484,9 @@ def measure_pressure_travel(examined: Examined) -> CheckResult:
 
 
 def check_recording(trial: Trial, limits: Any, torque: str = "torque", angle: str | None = "theta") -> None:
-    """Refuse an angle beyond `largest_angle` [rad] of the settings `limits`, a torque beyond `load_cell_range` [N*m] or
-    one that never changes while the joint turns, and samples so close that the unit of time must be wrong."""
+    """Refuse an angle beyond `largest_angle` [rad] of the settings `limits`, a torque beyond `load_cell_range` [N*m],
+    one that never changes while the joint turns or is the motor's current times a constant, of which a fit would be
+    circular, and samples so close that the unit of time must be wrong."""
     who, time = f"trial {trial.name}:", trial.arrays()[0]
     # stamps of a late host come in clusters, most of them microseconds apart, of which the mean step knows nothing
     step = float(np.ptp(time)) / (len(time) - 1) if len(time) > 1 else 0.0
@@ -479,6 +495,14 @@ def check_recording(trial: Trial, limits: Any, torque: str = "torque", angle: st
             f"{who} its samples are {step:.2g} s apart, {1 / step:.3g} in a second: is its time recorded in another "
             "unit than it is declared in? Correct the unit of `time` in the source file"
         )
+    if {torque, "current"} <= set(trial.columns):
+        both = trial.samples.select(torque, "current").drop_nulls().to_numpy()
+        if (factor := factor_of(both[:, 0], both[:, 1])) is not None:
+            raise InputError(
+                f"{who} {torque} is current times {factor:.4g} {unit_of(torque)}/A, to within rounding: it is computed "
+                "from the motor's current and not measured, so that a fit gives what it was computed with; name the "
+                f"channel of a load cell as {torque} in the source file, or state the experiment ingest_only"
+            )
     turned, measured = (x[np.isfinite(x)] for x in (recorded(trial, angle)[1], recorded(trial, torque)[1]))
     turn, change = (float(np.ptp(x)) if x.size else 0.0 for x in (turned, measured))
     if turn and measured.size > 1 and not change:

@@ -109,6 +109,8 @@ def repetition(
         rows = np.concatenate([np.r_[run] for run in found])
         slope = np.asarray(spline(np.arange(int(rows.max()) + 1) + lag, 1))[rows]
         lag -= float(slope @ difference[rows]) / max(float(slope @ slope), np.finfo(float).tiny)
+        if not 1 <= lag < len(x) - 1:  # an angle that stands where it is compared has no slope
+            return None
     middle = float(np.median(local[rows]))
     settled = alike_runs(local < max(5 * middle, FLOOR * scale))  # the transient has ended
     covered = sum(run.stop - run.start + lag for run in settled) / max(int(moving.sum()), 1)

@@ -110,10 +110,9 @@ def test_no_case_is_decided_wrongly_over_bits_jitter_and_lateness(motion):
         t = clock(1000.0, 12.0)
         stamps = (waits if late else jittered)(t, jitter, random)
         (part,) = take([Stream("x", stamps, {"x": rounded_to_bits(MOTIONS[motion](t if even else stamps), bits)})])
-        said = part.evidence.get("x")
-        if said is not None and (said.true or said.even):
+        if part.firm:
             firm += 1
-            assert part.even == even, (bits, jitter, late, said)
+            assert (part.even, abs(part.age) < 0.15) == (even, True), (bits, jitter, late, part.why)
     assert firm >= 8
 
 
@@ -148,7 +147,7 @@ def test_a_resting_or_slow_signal_decides_nothing_jitter_is_then_not_believed_an
     assert (said["stamps"], said["firm"], said["missing"]) == ("even", False, 0)
     assert said["why"].startswith("undecided, even: the residual wanders by 0.0")
     assert grid.signals["angle"] == pytest.approx(slow, abs=1e-12)
-    assert np.isinf(grid.taken[0].evidence["rest"].se)  # of a slope that is noise
+    assert "rest" not in grid.taken[0].evidence  # its slope is noise
     (dead,) = one_time_base([Stream("dead", stamps, {"zero": 0 * t})]).streams
     assert (dead["g"], dead["g_se"], dead["firm"]) == (None, None, False)
     (wander,) = one_time_base([Stream("rest", t + 0.02 * np.sin(2 * np.pi * t / 30), {"x": rest})]).streams

@@ -169,6 +169,7 @@ def stream_row(part: Taken, bridged: Array, marked: Array, time: Array, limits: 
         "stamps": "even" if part.even else "exact",
         "g": None if best is None else best.g,
         "g_se": None if best is None else best.se,
+        "held": part.held,
         "age": part.age if part.firm and part.evidence and not part.even else None,
         "low_pass": "; ".join(f"{name}: {one.cutoff_hz:g} Hz, order {one.order}" for name, one in stated) or None,
     }

@@ -19,7 +19,14 @@ from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
 from osl_analysis.signals.stream import (
-    SampleCount, Stream, line_through, missing_by_rhythm, places_of_samples, slow_part,
+    HeldValues,
+    SampleCount,
+    Stream,
+    held_values,
+    line_through,
+    missing_by_rhythm,
+    places_of_samples,
+    slow_part,
 )  # fmt: skip
 from osl_analysis.trial import Array
 
@@ -239,7 +246,7 @@ def evidence_of(values: Array, clock: DeviceClock) -> StampEvidence | None:
 
 
 def savitzky_golay(values: Array, count: SampleCount, window: int, order: int, degree: int = 3) -> Array:
-    """Value (order 0) or slope per step (order 1), (n,), of a polynomial through each `window` of evenly counted samples,
+    """Value (order 0) or slope per step (order 1), (n,), of a polynomial through each `window` of counted samples,
     missing ones bridged linearly. A gap is shortened to two windows, lest a clock that jumps by years fill memory."""
     place: SampleCount | slice = slice(None)
     if count[-1] - count[0] != len(values) - 1:
@@ -265,9 +272,19 @@ class Taken:
     delay: float = 0.0  # [s] by which the samples are older than their stamps
     age: float = 0.0  # [loops] by which they are older than true stamps, by what the signals say
 
+    held: float | None = None  # rows of a faster log for which each value stands; None: every row has its own
+    unsure: float = 0.0  # [s] by which held values may be older than they are taken to be
+
     def other(self) -> "Taken":
         """The same samples under the other hypothesis."""
+        if self.unsure:
+            return replace(self, delay=self.delay + self.unsure, unsure=-self.unsure)
         return replace(self, even=not self.even, why=f"the other hypothesis to: {self.why}")
+
+    @property
+    def times(self) -> Array:
+        """When the rows were sampled, (n,) [s], before the delay is taken out."""
+        return self.clock.times() if self.even else self.clock.aged(self.age)
 
     @cached_property
     def present(self) -> NDArray[np.bool_]:
@@ -290,7 +307,7 @@ class Taken:
         ones; and how many true stamps lay so close that they were averaged: close knots of a spline amplify noise."""
         names = [name for name in self.signals if name in self.stream.signals and name not in self.stream.silent]
         values = [self.stream.signals[name][self.present] for name in names]
-        times, merged = (self.clock.times() if self.even else self.clock.aged(self.age))[self.present], 0
+        times, merged = self.times[self.present], 0
         begins = np.concatenate([[True], np.diff(times) >= (closest := 0.5 * self.step)])
         if not self.even and not begins.all():
             start = 0.0
@@ -309,15 +326,20 @@ def take(streams: Sequence[Stream]) -> list[Taken]:
     taken: list[Taken] = []
     for stream in streams:
         fresh = stream.without_repeats()
-        groups = []
-        for one in decide(fresh, DeviceClock(fresh.stamps, places_of_samples(fresh), fresh.counter is not None)):
+        clock = DeviceClock(fresh.stamps, places_of_samples(fresh), fresh.counter is not None)
+        held, groups = held_signals(fresh, clock.step), []
+        own_rows = {name: values for name, values in fresh.signals.items() if name not in held}
+        decided = decide(replace(fresh, signals=own_rows) if held else fresh, clock) if own_rows else []
+        for one in decided:
             kinds = {n: (fresh.delays.get(n, 0.0), np.isnan(fresh.signals[n]).tobytes()) for n in one.signals}
             for kind in dict.fromkeys(kinds.values()):
                 alike = tuple(name for name in one.signals if kinds[name] == kind)
                 repeated = len(stream.stamps) - len(fresh.stamps)
                 groups.append(replace(one, signals=alike, repeated=repeated, delay=kind[0]))
+        row_times = decided[0].times if decided else fresh.stamps
+        taken += [held_taken(fresh, name, one, row_times, clock.step) for name, one in held.items()]
         for one in groups:
-            if len(groups) > 1:  # a stream whose name says which signals it has
+            if len(groups) + len(held) > 1:  # a stream whose name says which signals it has
                 own = {name: fresh.signals[name] for name in one.signals}
                 one = replace(one, stream=replace(fresh, name=f"{fresh.name} [{', '.join(own)}]", signals=own))
             taken.append(one)
@@ -326,6 +348,34 @@ def take(streams: Sequence[Stream]) -> list[Taken]:
         for one in taken:
             check_countable(one, fastest)
     return taken
+
+
+def held_signals(stream: Stream, step: float) -> dict[str, HeldValues]:
+    """The signals of a stream whose source is slower than its rows."""
+    sensed = {
+        name: one for name, one in stream.signals.items() if name not in stream.silent and not np.isnan(one).any()
+    }
+    return {name: held for name, one in sensed.items() if (held := held_values(one, step)) is not None}
+
+
+def held_taken(stream: Stream, name: str, held: HeldValues, row_times: Array, step: float) -> Taken:
+    """A held signal at its own rate. Where its source samples evenly, its clock lies at or below the first rows of all
+    values, and above what is one step of the log earlier: the beat of the two rates leaves one place for it. Where they
+    keep step, the first rows are taken, and it is not firm. Of an uneven source each value is half a step older."""
+    stamps = np.interp(held.rows, np.arange(len(row_times)), row_times)
+    own = replace(stream, name=f"{stream.name} [{name}]", stamps=stamps, signals={name: held.values}, counter=None)
+    clock = DeviceClock(stamps, np.arange(len(stamps)))
+    late = stamps - clock.times()
+    low, high = (float(at) for at in np.quantile(late, (0.005, 0.995)))
+    even, unsure = high - low < 2 * step, max(step - (high - low), 0.0)
+    older = -low if even and unsure else step / 2 - even * float(np.mean(late))
+    unsure = unsure if even and unsure > 0.05 * step else 0.0
+    why = f"held: each value stands for {held.period:.4g} rows, its time is "
+    why += f"the first of them, or up to {unsure * 1e3:.3g} ms before" if unsure else "known by where it changes"
+    why = why if even else f"undecided, true: {why}, uneven"
+    delay = stream.delays.get(name, 0.0) + older
+    firm = even and not unsure
+    return Taken(own, clock, (name,), even, firm, True, why, delay=delay, held=held.period, unsure=unsure)
 
 
 class Reading(NamedTuple):
@@ -377,7 +427,7 @@ def decide(stream: Stream, clock: DeviceClock) -> list[Taken]:
         clock.scatter < 0.36 * clock.decimal,
         clock.scatter < NO_MATTER * clock.step,
     )  # q/sqrt(12) is 0.29 q
-    if still and clock.settles and clock.slow[1]:
+    if (still or rounded) and clock.settles and clock.slow[1]:
         return [Taken(stream, clock, names, False, True, True, "true: only the rate of the stamps changes")]
     if rounded and clock.settles:
         return [Taken(stream, clock, names, True, True, True, "even: the stamps scatter by their rounding alone")]
@@ -409,7 +459,7 @@ def check_countable(taken: Taken, fastest_hz: float) -> None:
     # a tenth of a step: from there on a missing sample may be taken for a late one
     best = min(taken.evidence.values(), key=lambda said: said.se, default=None)
     even = taken.even or not (taken.firm or best is None or best.g > 0.5)
-    if not even or stream.counter is not None or clock.usual[1] <= 0.1 * clock.step:
+    if not even or taken.held or stream.counter is not None or clock.usual[1] <= 0.1 * clock.step:
         return
     late = f"the host's stamps are late by {clock.usual[1] * 1e3:.2f} ms (SD)"
     remedy = "state the device's sample counter in the source file, stamp on the device, or record without loss"

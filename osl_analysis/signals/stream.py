@@ -92,6 +92,43 @@ class Stream:
         return replace(self, stamps=self.stamps[new], signals=signals, counter=counter)
 
 
+@dataclass(frozen=True)
+class HeldValues:
+    """The values of a source that is slower than the log, which repeats each of them. A value's own time is that of the
+    first row on which it stands, or up to one step of the log before."""
+
+    rows: Array  # (k,) row of each value's first appearance; between two where values that are equal follow each other
+    values: Array  # (k,)
+    period: float  # usual rows per value
+
+
+def held_values(signal: Array, step: float) -> HeldValues | None:
+    """The values that a signal (n,), without NaN, repeats at a pace of its own, of 2 rows to 0.1 s of `step` [s]; None
+    if it does not. A slow signal of coarse resolution, at rest too, repeats values but hardly right after it went on by
+    three of its smallest steps: the rows after such changes tell."""
+    first = np.flatnonzero(np.diff(signal)) + 1
+    if not FEWEST_STAMPS < len(first) < 0.6 * len(signal):
+        return None
+    change, stands = np.abs(signal[first] - signal[first - 1]), np.diff(first)
+    stands_after = stands[change[:-1] > 2.5 * change.min()]
+    usual = float(np.median(stands_after)) if len(stands_after) > FEWEST_STAMPS else 0.0
+    if not 2 <= usual <= 0.1 / step:
+        return None
+    near = stands_after / usual
+    if np.mean(np.abs(near - np.maximum(np.rint(near), 1)) * usual <= 1 + 0.1 * usual) < 0.95:
+        return None
+    period = float(np.mean(stands_after[(near > 0.5) & (near < 1.75)]))
+    short = stands[stands < 50 * period]
+    period = float(short.sum() / np.maximum(np.rint(short / period), 1).sum())
+    before, after = int(first[0] / period), int((len(signal) - 1 - first[-1]) / period)
+    count = before + np.concatenate([[0], np.cumsum(np.maximum(np.rint(stands / period), 1))])
+    ends = [0.0, count[-1] + after], [first[0] - before * period, first[-1] + after * period]
+    place = np.arange(count[-1] + after + 1)
+    rows = np.interp(place, np.r_[ends[0][0], count, ends[0][1]], np.r_[ends[1][0], first, ends[1][1]])
+    values = signal[np.r_[0, first][np.searchsorted(count, place, "right")]]
+    return HeldValues(rows, values, period)
+
+
 LONG_STEP = 1.5  # step, in usual steps, from which it counts as a gap
 BESIDE = 100  # samples on either side of a long step whose levels are compared; three times the step if that is longer
 
@@ -184,9 +221,9 @@ def count_from_stamps(stamps: Array) -> SampleCount:
 
 
 def slow_part(stamps: Array, count: SampleCount, step: float) -> tuple[Array, int]:
-    """The slow part (n,) [s] of stamps (n,) over their count: a straight line, or one for each of up to seven rates that
-    meet at kinks, and how many kinks. There is one only where the stamps do not come back to the line, seen by medians
-    of 400 blocks. `step` [s] is that of the line."""
+    """The slow part (n,) [s] of stamps (n,) over their count: a straight line, or one for each of up to seven rates
+    that meet at kinks, and how many kinks. There is one only where the stamps do not come back to the line, seen by
+    medians of 400 blocks. `step` [s] is that of the line."""
     least_s, most = 2.0, 6  # between kinks [s], and how many
     size = max(len(stamps) // 400, 1)
     blocks = len(stamps) // size * size

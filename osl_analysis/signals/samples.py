@@ -60,10 +60,9 @@ class DeviceClock:
         return float(np.std(self.residual))
 
     @cached_property
-    def usual(self) -> tuple[float, float]:
-        """Median [s] of the residual, and by quantiles its standard deviation [s] but for a handful of late ones."""
-        low, middle, high = (float(at) for at in np.quantile(self.residual, (0.05, 0.5, 0.95)))
-        return middle, (high - low) / 3.29
+    def usual(self) -> float:
+        """Standard deviation [s] of the residual by quantiles, but for a handful of late ones."""
+        return float(np.diff(np.quantile(self.residual, (0.05, 0.95)))[0]) / 3.29
 
     @cached_property
     def wander(self) -> float:
@@ -116,10 +115,9 @@ class DeviceClock:
         the few samples that lie far off, or along their lower edge where they are still one-sided, since a host's stamp
         is late by what the message waited. A device whose rate changes has a line for each."""
         base, x = self.stamps - self.residual, self.count
-        if self.slow[1] and np.abs(self.slow[0] - base).max() > max(
-            self.step, 2 * float(np.std(self.stamps - self.slow[0]))
-        ):
-            base = self.slow[0]
+        if np.ptp(self.residual) > self.step and self.slow[1]:
+            apart, fast = np.abs(self.slow[0] - base).max(), float(np.std(self.stamps - self.slow[0]))
+            base = self.slow[0] if apart > max(self.step, 2 * fast) else base
         residual = self.stamps - base
         low, middle, high = (float(at) for at in np.quantile(residual, (0.05, 0.5, 0.95)))
         spread = (high - low) / 3.29
@@ -336,8 +334,9 @@ def take(streams: Sequence[Stream]) -> list[Taken]:
                 alike = tuple(name for name in one.signals if kinds[name] == kind)
                 repeated = len(stream.stamps) - len(fresh.stamps)
                 groups.append(replace(one, signals=alike, repeated=repeated, delay=kind[0]))
-        row_times = decided[0].times if decided else fresh.stamps
-        taken += [held_taken(fresh, name, one, row_times, clock.step) for name, one in held.items()]
+        if held:
+            row_times = decided[0].times if decided else fresh.stamps
+            taken += [held_taken(fresh, name, one, row_times, clock.step) for name, one in held.items()]
         for one in groups:
             if len(groups) + len(held) > 1:  # a stream whose name says which signals it has
                 own = {name: fresh.signals[name] for name in one.signals}
@@ -352,10 +351,12 @@ def take(streams: Sequence[Stream]) -> list[Taken]:
 
 def held_signals(stream: Stream, step: float) -> dict[str, HeldValues]:
     """The signals of a stream whose source is slower than its rows."""
-    sensed = {
-        name: one for name, one in stream.signals.items() if name not in stream.silent and not np.isnan(one).any()
+    found = {
+        name: held_values(values, step)
+        for name, values in stream.signals.items()
+        if name not in stream.silent and not np.isnan(values).any()
     }
-    return {name: held for name, one in sensed.items() if (held := held_values(one, step)) is not None}
+    return {name: held for name, held in found.items() if held is not None}
 
 
 def held_taken(stream: Stream, name: str, held: HeldValues, row_times: Array, step: float) -> Taken:
@@ -402,10 +403,11 @@ def reading_of(clock: DeviceClock, evidence: Mapping[str, StampEvidence]) -> Rea
     even, aged, now = float(misfit[0]), int(np.argmin(misfit[1:])), int(np.argmin(np.abs(AGES)))
     aged = now if misfit[1 + now] < misfit[1 + aged] + 9 else aged
     age, true = round(float(AGES[aged]), 3), float(misfit[1:].min())
-    if min(even, true) > 22 * (0.4 + 0.6 * len(evidence)):
+    known = variance.max() < 0.25**2
+    if known and min(even, true) > 22 * (0.4 + 0.6 * len(evidence)):
         return Reading(False, 0.0, False, f"undecided, true: neither even sampling nor stamps of any age fit, {seen}")
-    if abs(even - true) < 30 or variance.max() > 0.25**2:
-        return reading_of(clock, {})._replace(why=f"{reading_of(clock, {}).why}; {seen}")
+    if not known or abs(even - true) < 30:
+        return reading_of(clock, {})._replace(why=f"{reading_of(clock, {}).why}, {seen}")
     if even > true:
         older = f", values {age:.1f} loops older than their stamps" if age else ""
         return Reading(False, age, True, f"true{older}: {seen}")
@@ -423,10 +425,7 @@ def decide(stream: Stream, clock: DeviceClock) -> list[Taken]:
         return [Taken(stream, clock, names, stream.choice == "even", True, True, f"stated: {stream.choice}")]
     if clock.sd < NO_MATTER * clock.step:
         return [Taken(stream, clock, names, True, True, False, "even: the stamps lie on their line")]
-    rounded, still = (
-        clock.scatter < 0.36 * clock.decimal,
-        clock.scatter < NO_MATTER * clock.step,
-    )  # q/sqrt(12) is 0.29 q
+    still, rounded = clock.scatter < NO_MATTER * clock.step, clock.scatter < 0.36 * clock.decimal  # q/sqrt(12): 0.29 q
     if (still or rounded) and clock.settles and clock.slow[1]:
         return [Taken(stream, clock, names, False, True, True, "true: only the rate of the stamps changes")]
     if rounded and clock.settles:
@@ -434,20 +433,16 @@ def decide(stream: Stream, clock: DeviceClock) -> list[Taken]:
     signals = {name: values for name, values in stream.signals.items() if name not in stream.silent}
     evidence = {name: one for name, values in signals.items() if (one := evidence_of(values, clock)) is not None}
     readings = dict.fromkeys(names, reading_of(clock, evidence))
-    own = {name: one for name, said in evidence.items() if (one := reading_of(clock, {name: said})).firm}
+    single = {name: reading_of(clock, {name: said}) for name, said in evidence.items()}
+    own = {name: one for name, one in single.items() if one.firm}
     if not readings[names[0]].firm and len({(one.even, one.age) for one in own.values()}) > 1:
-        rest = min(own.values(), key=lambda one: one.even)
-        readings = {name: own.get(name, rest) for name in names}
+        readings = {name: own.get(name, min(own.values(), key=lambda one: one.even)) for name in names}
     decisions = []
-    for kind in sorted({(one.even, one.age) for one in readings.values()}):
-        group = tuple(name for name, one in readings.items() if (one.even, one.age) == kind)
+    for even, age in sorted({(one.even, one.age) for one in readings.values()}):
+        group = tuple(name for name, one in readings.items() if (one.even, one.age) == (even, age))
         said = {name: evidence[name] for name in group if name in evidence}
-        reading = (
-            readings[group[0]]
-            if len(group) == len(names)
-            else reading_of(clock, said)._replace(even=kind[0], age=kind[1])
-        )
-        decisions.append(Taken(stream, clock, group, kind[0], reading.firm, True, reading.why, said, age=kind[1]))
+        reading = reading_of(clock, said)
+        decisions.append(Taken(stream, clock, group, even, reading.firm, True, reading.why, said, age=age))
     return decisions
 
 
@@ -459,9 +454,9 @@ def check_countable(taken: Taken, fastest_hz: float) -> None:
     # a tenth of a step: from there on a missing sample may be taken for a late one
     best = min(taken.evidence.values(), key=lambda said: said.se, default=None)
     even = taken.even or not (taken.firm or best is None or best.g > 0.5)
-    if not even or taken.held or stream.counter is not None or clock.usual[1] <= 0.1 * clock.step:
+    if not even or taken.held or stream.counter is not None or clock.usual <= 0.1 * clock.step:
         return
-    late = f"the host's stamps are late by {clock.usual[1] * 1e3:.2f} ms (SD)"
+    late = f"the host's stamps are late by {clock.usual * 1e3:.2f} ms (SD)"
     remedy = "state the device's sample counter in the source file, stamp on the device, or record without loss"
     missing = missing_by_rhythm(stream.stamps)
     if missing or (missing is not None and clock.missing):

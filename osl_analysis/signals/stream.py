@@ -239,7 +239,7 @@ def slow_part(stamps: Array, count: SampleCount, step: float) -> tuple[Array, in
             levels = np.linalg.lstsq(columns * weights[:, None], level * weights, rcond=None)[0]
             left = np.abs(level - columns @ levels)
             weights = np.sqrt(1 / np.maximum(1, left / (2.96 * float(np.median(left)) + 1e-12)))
-        return levels, left
+        return np.asarray(levels, dtype=np.float64), left
 
     knots = [float(place[0]), float(place[-1])]
     levels, left = line(knots)

@@ -78,9 +78,9 @@ class DeviceClock:
     @cached_property
     def decimal(self) -> float:
         """Last decimal [s] with which the stamps were printed, down to 10 ns; 0 where none is seen."""
+        after = self.stamps - self.stamps[0]
         for decimal in 10.0 ** -np.arange(2, 9):
-            places = (self.stamps - self.stamps[0]) / decimal
-            if np.max(np.abs(places - np.rint(places))) < 1e-3:
+            if all(np.max(np.abs(x / decimal - np.rint(x / decimal))) < 1e-3 for x in (after[:99], after)):
                 return float(decimal)
         return 0.0
 
@@ -97,7 +97,8 @@ class DeviceClock:
         """Whether the stamps come back to their line, or to that of each rate, within two seconds. Latency does."""
         length = int(np.clip(2 / self.step, 51, max(len(self.stamps) // 4, 1)))
         above = self.stamps - self.slow[0] if self.slow[1] else self.residual
-        creep = np.abs(np.convolve(above, np.full(length, 1 / length), "valid")).max()
+        sums = np.cumsum(np.append(0.0, above))
+        creep = np.abs(sums[length:] - sums[:-length]).max() / length
         return bool(creep <= max(self.step, 2 * self.scatter))
 
     @property
@@ -200,7 +201,7 @@ def evidence_of(values: Array, clock: DeviceClock) -> StampEvidence | None:
         return None
     late, degree = stamps - slow, 3 if window > 11 else 5
     fast = late - savitzky_golay(late, count, 4 * size + 1, 0)
-    rate = (np.gradient(slow, count) + savitzky_golay(late, count, max(window, 51), 1, 1)) / step
+    rate = np.gradient(stamps - fast, count) / step
     slope = savitzky_golay(x, count, window, 1, degree) / np.maximum(rate, 0.2) / step
     back, ahead = LAGS[-1], -LAGS[0]
     first = np.arange(back, len(x) - ahead - size, size)

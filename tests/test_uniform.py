@@ -111,7 +111,7 @@ def test_undecided_stamps_are_also_taken_the_other_way_and_the_change_is_stated(
     """At rest before and after, and with noise that drowns the evidence, 1 ms of scatter could be either."""
     random, n = np.random.default_rng(3), len(times())
     scattered = np.sort(times() + random.normal(0, 0.2e-3, n))
-    theta, load = motion(scattered)[0] + random.normal(0, 2e-3, n), torque(scattered) + random.normal(0, 3, n)
+    theta, load = motion(scattered)[0] + random.normal(0, 6e-3, n), torque(scattered) + random.normal(0, 3, n)
     undecided = Trial("made", pl.DataFrame({"time": scattered, "theta": theta, "torque": load}))
     record = sine_record(undecided, DynamometerAnalysis(**SETTINGS))
     table = analysed(record, plain_sums(record, IMPEDANCE), IMPEDANCE).time_base(("K", "B", "I"))

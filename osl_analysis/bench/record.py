@@ -151,8 +151,10 @@ class Record:
     @property
     def two_clocks(self) -> bool:
         """Whether two devices recorded angle and torque."""
-        of = self.uniform.of if self.uniform else None
-        return of is not None and of("theta").stream.stamps is not of("torque").stream.stamps
+        if self.uniform is None:
+            return False
+        theta, torque = self.uniform.of("theta"), self.uniform.of("torque")
+        return theta.stream.stamps is not torque.stream.stamps and not (theta.held or torque.held)
 
     @property
     def bench_angle(self) -> Array:

@@ -163,8 +163,7 @@ def stream_row(part: Taken, bridged: Array, marked: Array, time: Array, limits: 
     best."""
     clock, rate = part.clock, 1 / part.clock.step
     ratio = rate / ((len(time) - 1) / float(time[-1] - time[0])) - 1
-    known = [said for said in part.evidence.values() if np.isfinite(said.se)]
-    best = min(known, key=lambda said: said.se, default=None)
+    best = min(part.evidence.values(), key=lambda said: said.se, default=None)
     gap = float(np.max(bridged[:, 1] - bridged[:, 0], initial=0.0))
     # largest error of a cubic through a sine, as a share of its amplitude, sampled at steps or across a single gap
     error, bridge_error = ((2 * np.pi * limits.highest_hz * h) ** 4 / 384 for h in (part.step, gap))
@@ -192,6 +191,8 @@ def stream_row(part: Taken, bridged: Array, marked: Array, time: Array, limits: 
         "stamps": "even" if part.even else "exact",
         "g": None if best is None else best.g,
         "g_se": None if best is None else best.se,
+        "held": part.held,
+        "age": part.age if part.firm and part.evidence and not part.even else None,
         "low_pass": "; ".join(f"{name}: {one.cutoff_hz:g} Hz, order {one.order}" for name, one in stated) or None,
     }
 

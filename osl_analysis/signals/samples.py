@@ -1,23 +1,33 @@
-"""The samples of a stream at the times that its decision gives them: true stamps, or the even clock of the device; and
-by how much the clocks of two devices drift apart.
+"""The samples of a stream at the times that its decision gives them: true stamps, the even clock of the device, or the
+clock of a source whose values a faster log repeats; and by how much the clocks of two devices drift apart.
 
-The signal itself decides. With delta the residual of the stamps to their line, a signal x sampled at its true stamps is
-x(line) + x' delta: sixth differences D6 take the smooth motion away and leave D6(x' delta). Of a device that samples
-evenly they leave nothing: the slope g of D6 x on D6(x' delta) is 1 or 0. How one-sided or slow the residual is does not
-decide: a loop that waits for absolute targets is late, never early, and its stamps are true."""
+The signal itself decides among three hypotheses. The device samples evenly and latency is in the stamps; the stamps are
+true; the values were taken `age` loops before their stamp, as where a bus answers a loop later. The slow part of the
+stamps (`stream.slow_part`) is set apart. If the sampling times move with g_k of the fast part f of the stamp k rows
+earlier, a signal moves by the sum of g_k x' f_k: all g_k are 0, g_0 is 1, or two neighbours share 1 as the age lies
+between them. How one-sided the scatter is does not decide: a loop that waits for absolute targets is late, never early,
+and its stamps are true."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import pairwise
-from math import comb
+from typing import NamedTuple
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
-from osl_analysis.signals.stream import SampleCount, Stream, line_through, missing_by_rhythm, places_of_samples
+from osl_analysis.signals.stream import (
+    HeldValues,
+    SampleCount,
+    Stream,
+    held_values,
+    line_through,
+    missing_by_rhythm,
+    places_of_samples,
+    slow_part,
+)  # fmt: skip
 from osl_analysis.trial import Array
 
 
@@ -27,6 +37,7 @@ class DeviceClock:
 
     stamps: Array  # (n,) [s]
     count: SampleCount  # (n,) place of every sample in the device's count
+    counted: bool = False  # by the device itself
 
     @cached_property
     def step(self) -> float:
@@ -49,16 +60,46 @@ class DeviceClock:
         return float(np.std(self.residual))
 
     @cached_property
-    def usual(self) -> tuple[float, float]:
-        """Median [s] of the residual, and by quantiles its standard deviation [s] but for a handful of late ones."""
-        low, middle, high = (float(at) for at in np.quantile(self.residual, (0.05, 0.5, 0.95)))
-        return middle, (high - low) / 3.29
+    def usual(self) -> float:
+        """Standard deviation [s] of the residual by quantiles, but for a handful of late ones."""
+        return float(np.diff(np.quantile(self.residual, (0.05, 0.95)))[0]) / 3.29
 
     @cached_property
     def wander(self) -> float:
         """Standard deviation [s] of the residual averaged over 50 samples, in which jitter averages out."""
         blocks = len(self.stamps) // 50
         return float(np.std(self.residual[: blocks * 50].reshape(-1, 50).mean(axis=1))) if blocks > 1 else self.sd
+
+    @cached_property
+    def slow(self) -> tuple[Array, int]:
+        """The slow part (n,) [s] of the stamps, and at how many places their rate changes for good."""
+        return slow_part(self.stamps, self.count, self.step)
+
+    @cached_property
+    def decimal(self) -> float:
+        """Last decimal [s] with which the stamps were printed, down to 10 ns; 0 where none is seen."""
+        after = self.stamps - self.stamps[0]
+        for decimal in 10.0 ** -np.arange(2, 9):
+            if all(np.max(np.abs(x / decimal - np.rint(x / decimal))) < 1e-3 for x in (after[:99], after)):
+                return float(decimal)
+        return 0.0
+
+    @cached_property
+    def scatter(self) -> float:
+        """RMS [s] of the stamps about what is smooth over 25 samples, but for where their rate changes."""
+        (slow, kinks), length = self.slow, max(len(self.stamps) // 400, 25)
+        power = (fast := self.stamps - slow) - savitzky_golay(fast, np.arange(len(fast)), 25, 0)
+        blocks = (power[: len(power) // length * length] ** 2).reshape(-1, length).mean(axis=1)
+        return float(np.sqrt(np.mean(np.sort(blocks)[: max(len(blocks) - 3 * kinks, 1)]))) if len(blocks) else self.sd
+
+    @cached_property
+    def settles(self) -> bool:
+        """Whether the stamps come back to their line, or to that of each rate, within two seconds. Latency does."""
+        length = int(np.clip(2 / self.step, 51, max(len(self.stamps) // 4, 1)))
+        above = self.stamps - self.slow[0] if self.slow[1] else self.residual
+        sums = np.cumsum(np.append(0.0, above))
+        creep = np.abs(sums[length:] - sums[:-length]).max() / length
+        return bool(creep <= max(self.step, 2 * self.scatter))
 
     @property
     def missing(self) -> int:
@@ -73,8 +114,14 @@ class DeviceClock:
     def times(self) -> Array:
         """When the samples were taken, (n,) [s], if the device samples evenly: the least-squares line through all but
         the few samples that lie far off, or along their lower edge where they are still one-sided, since a host's stamp
-        is late by what the message waited."""
-        x, residual, (middle, spread) = self.count, self.residual, self.usual
+        is late by what the message waited. A device whose rate changes has a line for each."""
+        base, x = self.stamps - self.residual, self.count
+        if np.ptp(self.residual) > self.step and self.slow[1]:
+            apart, fast = np.abs(self.slow[0] - base).max(), float(np.std(self.stamps - self.slow[0]))
+            base = self.slow[0] if apart > max(self.step, 2 * fast) else base
+        residual = self.stamps - base
+        low, middle, high = (float(at) for at in np.quantile(residual, (0.05, 0.5, 0.95)))
+        spread = (high - low) / 3.29
         near = np.abs(residual - middle) <= 5 * spread + 1e-6 * self.step
         step = line_through(x[near], residual[near])[0]
         start = float(np.mean(residual[near]) - step * np.mean(x[near]))
@@ -90,67 +137,122 @@ class DeviceClock:
                     break
                 left, right = (lowest, right) if x[lowest] <= middle else (left, lowest)
             start = float(residual[left] - step * x[left])
-        return np.asarray((self.step + step) * x + (self.start + start), dtype=np.float64)
+        return np.asarray(base + step * x + start, dtype=np.float64)
+
+    def aged(self, age: float) -> Array:
+        """When values that are `age` loops older than their stamps were taken, (n,) [s]: at the stamps of rows before.
+        Behind a gap, and where a loop took far longer, these say nothing; the age is then that of usual loops."""
+        rows, whole = np.arange(len(self.stamps)), int(np.floor(age))
+        near, far = (self.stamps[np.clip(rows - k, 0, len(rows) - 1)] for k in (whole, whole + 1))
+        times = (1 - (age - whole)) * near + (age - whole) * far
+        odd = np.abs(times - self.stamps) > 3 * abs(age) * self.step
+        odd[1:] |= np.diff(self.count) > 1
+        odd[:4] = odd[-4:] = True
+        return np.maximum.accumulate(np.where(odd, self.stamps - age * self.step, times)) if age else self.stamps
+
+
+LAGS = np.arange(-1, 3)
+"""Rows before a value whose stamps its sampling time may follow."""
+AGES = np.linspace(-1, 2, 31)
+HYPOTHESES = np.vstack([np.zeros(4), np.maximum(1 - np.abs(AGES[:, None] - LAGS), 0)])
+"""Responses (32, 4) to the stamps `LAGS` before: of an even device, and of values of the `AGES`."""
+NOT_LINEAR = 0.05  # standard error of each response beside its noise, by what a first-order response leaves out
+NO_MATTER = 0.001  # scatter, in steps, below which all hypotheses are the same samples: the device counts as even
 
 
 @dataclass(frozen=True)
 class StampEvidence:
-    """What one signal says: g, 1 where the stamps are true and 0 where the device is even, and its standard error. Of
-    1730 cases that these bounds call firm, 1727 are right, and none is wrong."""
+    """What one signal says: by how much its sampling times move with the fast part of the stamps `LAGS` before, (4,),
+    and the covariance (4, 4)."""
 
-    g: float
-    se: float
-
-    @property
-    def true(self) -> bool:
-        return self.g > 0.75 and self.se < 0.1
+    response: Array
+    covariance: Array
 
     @property
-    def even(self) -> bool:
-        return self.g < 0.25 and self.se < 0.1
+    def g(self) -> float:
+        """Share of the stamps' scatter that is in the samples: 1 of true stamps, whatever their age, 0 if even."""
+        return float(self.response.sum())
+
+    @property
+    def se(self) -> float:
+        return float(np.sqrt(self.covariance.sum()))
+
+    @cached_property
+    def weight(self) -> Array:
+        return np.asarray(np.linalg.inv(self.covariance + NOT_LINEAR**2 * np.eye(4)))
+
+    @cached_property
+    def misfit(self) -> Array:
+        """Chi-square (32,) of the `HYPOTHESES`."""
+        apart = self.response - HYPOTHESES
+        return np.asarray(np.einsum("hi,ij,hj->h", apart, self.weight, apart))
 
 
-NO_MATTER = 0.001  # residual, in steps, below which both answers are the same samples: the device counts as even
+def evidence_of(values: Array, clock: DeviceClock) -> StampEvidence | None:
+    """The response of one signal (n,), by least squares in blocks of 9 to 24 consecutive samples of 80 ms, from which
+    polynomials of degree 5 take the smooth motion. The slope x' is that of a polynomial over 40 ms. What rounding of
+    printed stamps adds to the normal matrix, q^2/12, is taken off. The covariance is from the scatter of 20 chunks.
+    None where the signal does not tell: too few blocks, stamps without scatter of their own, or more than a fifth of
+    the mean square of x' is noise, which would pull the response towards 0."""
+    there, step = ~np.isnan(values), clock.step
+    x, stamps, count, slow = values[there], clock.stamps[there], clock.count[there], clock.slow[0][there]
+    size, window = int(np.clip(round(0.08 / step), 9, 24)), max(2 * round(0.02 / step) + 1, 7)
+    if len(x) < 60 * size:
+        return None
+    late, degree = stamps - slow, 3 if window > 11 else 5
+    fast = late - savitzky_golay(late, count, 4 * size + 1, 0)
+    rate = np.gradient(stamps - fast, count) / step
+    slope = savitzky_golay(x, count, window, 1, degree) / np.maximum(rate, 0.2) / step
+    back, ahead = LAGS[-1], -LAGS[0]
+    first = np.arange(back, len(x) - ahead - size, size)
+    ends, rows = (first - back, first + size - 1 + ahead), first[:, None] + np.arange(size)
+    steps, long = np.diff(stamps) / step / np.minimum(np.maximum(rate[1:], 0.2), 3), np.zeros(len(x), dtype=bool)
+    long[1:-1] = (steps[:-1] > 1.6) & (steps[1:] > 0.6)  # a pause that no short step makes good
+    pauses = np.cumsum(long) if np.mean(long) < 0.03 else np.zeros(len(x))
+    whole = (count[ends[1]] - count[ends[0]] == ends[1] - ends[0]) & (pauses[ends[1]] == pauses[ends[0]])
+    rows = rows[whole & (np.abs(fast[rows]).max(axis=1) < 20 * np.sqrt(np.mean(fast**2)) + 1e-12)]
+    if len(rows) < 60:
+        return None
+    smooth = np.linalg.qr(np.vander(np.linspace(-1, 1, size), 6))[0]
+    rest = np.eye(size) - smooth @ smooth.T
+    seen = x[rows] @ rest
+    largest = np.abs(seen).max(axis=1)
+    kept = largest < 8 * np.median(largest) + 1e-12  # without the corners of the motion itself
+    seen, rows = seen[kept], rows[kept]
+    slopes = slope[rows]
+    push = np.stack([(slopes * fast[rows - lag]) @ rest for lag in LAGS], axis=2)
+    plain = np.einsum("bik,bil->kl", push, push)
+    normal = plain.copy()
+    if clock.decimal:
+        for i, j in np.ndindex(normal.shape):
+            apart = abs(LAGS[i] - LAGS[j])
+            near = slice(0, size - apart), slice(apart, size)
+            products = np.diagonal(rest, apart) * (slopes[:, near[0]] * slopes[:, near[1]]).sum(axis=0)
+            normal[i, j] -= clock.decimal**2 / 12 * products.sum()
+    sizes, plain_sizes = np.linalg.eigvalsh(normal), np.linalg.eigvalsh(plain)
+    if sizes[0] <= max(0.02 * plain_sizes[0] * (clock.decimal > 0), 1e-9 * plain_sizes[-1]):
+        return None
+    inverse = np.linalg.inv(normal)
+    response = inverse @ np.einsum("bik,bi->k", push, seen)
+    left = seen - push @ response
+    noise = np.mean(left**2) * size / (size - 6) * np.sum(scipy.signal.savgol_coeffs(window, degree, 1) ** 2) / step**2
+    if not noise <= 0.2 * np.mean(slopes**2):
+        return None
+    scores = np.array([
+        np.einsum("bik,bi->k", push[part], left[part]) for part in np.array_split(np.arange(len(rows)), 20)
+    ])  # fmt: skip
+    return StampEvidence(response, inverse @ (scores.T @ scores) @ inverse * 20 / 19)
 
 
-def evidence_of(values: Array, clock: DeviceClock) -> StampEvidence:
-    """g and its standard error of one signal (n,), by the regression of D6 x on D6(x' delta) through the origin. The
-    slope x' is that of a cubic over 40 ms. The slow part of delta is subtracted first: sixth differences remove it, but
-    not its product with the noise of x'. The error, from the scatter of 20 chunks of equal shares of D6(x' delta)^2, is
-    infinite where delta does not scatter, where a few samples carry everything, or where more than a fifth of the mean
-    square of x' is noise, which would pull g towards 0."""
-    there = ~np.isnan(values)
-    x, late, count = values[there], clock.residual[there] / clock.step, clock.count[there]
-    window = max(2 * round(0.02 / clock.step) + 1, 7)
-    slope, jitter = savitzky_golay(x, count, window, 1), late - savitzky_golay(late, count, window, 0)
-    whole, weights = count[6:] - count[:-6] == 6, np.array([(-1.0) ** k * comb(6, k) for k in range(7)])
-    push, seen = (np.correlate(signal, weights, "valid")[whole] for signal in (slope * jitter, x))
-    total = float(push @ push)
-    if not total > 0:
-        return StampEvidence(0.0, np.inf)
-    # motions that repeat themselves have ties: which row is the first is not left to rounding
-    shares = np.searchsorted(np.cumsum(push**2), total * (np.arange(20) / 20 - 1e-9))
-    edges = np.unique(np.minimum(shares, len(push) - 1))
-    g = float(push @ seen) / total
-    noise = float(np.sum((seen - g * push) ** 2)) / comb(12, 6) / max(len(seen), 1)
-    slope_noise = float(np.sum(scipy.signal.savgol_coeffs(window, 3, 1) ** 2))  # per variance of white noise
-    drowned = noise * slope_noise > 0.2 * float(slope @ slope) / len(x)
-    if len(edges) < 5 or drowned or float(np.var(jitter)) < NO_MATTER**2:
-        return StampEvidence(0.0, np.inf)
-    chunks = [slice(*ends) for ends in pairwise([*edges.tolist(), len(push)])]
-    left = np.array([push[rows] @ (seen[rows] - g * push[rows]) for rows in chunks])
-    return StampEvidence(g, float(np.sqrt(left @ left * len(left) / (len(left) - 1)) / total))
-
-
-def savitzky_golay(values: Array, count: SampleCount, window: int, order: int) -> Array:
-    """Value (order 0) or slope per step (order 1), (n,), of a cubic through each `window` of evenly counted samples,
+def savitzky_golay(values: Array, count: SampleCount, window: int, order: int, degree: int = 3) -> Array:
+    """Value (order 0) or slope per step (order 1), (n,), of a polynomial through each `window` of counted samples,
     missing ones bridged linearly. A gap is shortened to two windows, lest a clock that jumps by years fill memory."""
     place: SampleCount | slice = slice(None)
     if count[-1] - count[0] != len(values) - 1:
         place = np.concatenate([[0], np.cumsum(np.minimum(np.diff(count), 2 * window))])
         values = np.interp(np.arange(place[-1] + 1), place, values)
     window = min(window, (len(values) - 1) // 2 * 2 + 1)
-    return np.asarray(scipy.signal.savgol_filter(values, window, 3, deriv=order)[place])
+    return np.asarray(scipy.signal.savgol_filter(values, window, min(degree, window - 1), deriv=order)[place])
 
 
 @dataclass(frozen=True)
@@ -167,10 +269,21 @@ class Taken:
     evidence: Mapping[str, StampEvidence] = field(default_factory=dict)  # per signal; empty where none was sought
     repeated: int = 0  # rows that were written twice
     delay: float = 0.0  # [s] by which the samples are older than their stamps
+    age: float = 0.0  # [loops] by which they are older than true stamps, by what the signals say
+
+    held: float | None = None  # rows of a faster log for which each value stands; None: every row has its own
+    unsure: float = 0.0  # [s] by which held values may be older than they are taken to be
 
     def other(self) -> "Taken":
         """The same samples under the other hypothesis."""
+        if self.unsure:
+            return replace(self, delay=self.delay + self.unsure, unsure=-self.unsure)
         return replace(self, even=not self.even, why=f"the other hypothesis to: {self.why}")
+
+    @property
+    def times(self) -> Array:
+        """When the rows were sampled, (n,) [s], before the delay is taken out."""
+        return self.clock.times() if self.even else self.clock.aged(self.age)
 
     @cached_property
     def present(self) -> NDArray[np.bool_]:
@@ -193,7 +306,7 @@ class Taken:
         ones; and how many true stamps lay so close that they were averaged: close knots of a spline amplify noise."""
         names = [name for name in self.signals if name in self.stream.signals and name not in self.stream.silent]
         values = [self.stream.signals[name][self.present] for name in names]
-        times, merged = (self.clock.times() if self.even else self.stream.stamps)[self.present], 0
+        times, merged = self.times[self.present], 0
         begins = np.concatenate([[True], np.diff(times) >= (closest := 0.5 * self.step)])
         if not self.even and not begins.all():
             start = 0.0
@@ -212,15 +325,21 @@ def take(streams: Sequence[Stream]) -> list[Taken]:
     taken: list[Taken] = []
     for stream in streams:
         fresh = stream.without_repeats()
-        groups = []
-        for one in decide(fresh, DeviceClock(fresh.stamps, places_of_samples(fresh))):
+        clock = DeviceClock(fresh.stamps, places_of_samples(fresh), fresh.counter is not None)
+        held, groups = held_signals(fresh, clock.step), []
+        own_rows = {name: values for name, values in fresh.signals.items() if name not in held}
+        decided = decide(replace(fresh, signals=own_rows) if held else fresh, clock) if own_rows else []
+        for one in decided:
             kinds = {n: (fresh.delays.get(n, 0.0), np.isnan(fresh.signals[n]).tobytes()) for n in one.signals}
             for kind in dict.fromkeys(kinds.values()):
                 alike = tuple(name for name in one.signals if kinds[name] == kind)
                 repeated = len(stream.stamps) - len(fresh.stamps)
                 groups.append(replace(one, signals=alike, repeated=repeated, delay=kind[0]))
+        if held:
+            row_times = decided[0].times if decided else fresh.stamps
+            taken += [held_taken(fresh, name, one, row_times, clock.step) for name, one in held.items()]
         for one in groups:
-            if len(groups) > 1:  # a stream whose name says which signals it has
+            if len(groups) + len(held) > 1:  # a stream whose name says which signals it has
                 own = {name: fresh.signals[name] for name in one.signals}
                 one = replace(one, stream=replace(fresh, name=f"{fresh.name} [{', '.join(own)}]", signals=own))
             taken.append(one)
@@ -231,31 +350,100 @@ def take(streams: Sequence[Stream]) -> list[Taken]:
     return taken
 
 
+def held_signals(stream: Stream, step: float) -> dict[str, HeldValues]:
+    """The signals of a stream whose source is slower than its rows."""
+    found = {
+        name: held_values(values, step)
+        for name, values in stream.signals.items()
+        if name not in stream.silent and not np.isnan(values).any()
+    }
+    return {name: held for name, held in found.items() if held is not None}
+
+
+def held_taken(stream: Stream, name: str, held: HeldValues, row_times: Array, step: float) -> Taken:
+    """A held signal at its own rate. Where its source samples evenly, its clock lies at or below the first rows of all
+    values, and above what is one step of the log earlier: the beat of the two rates leaves one place for it. Where they
+    keep step, the first rows are taken, and it is not firm. Of an uneven source each value is half a step older."""
+    stamps = np.interp(held.rows, np.arange(len(row_times)), row_times)
+    own = replace(stream, name=f"{stream.name} [{name}]", stamps=stamps, signals={name: held.values}, counter=None)
+    clock = DeviceClock(stamps, np.arange(len(stamps)))
+    late = stamps - clock.times()
+    low, high = (float(at) for at in np.quantile(late, (0.005, 0.995)))
+    even, unsure = high - low < 2 * step, max(step - (high - low), 0.0)
+    older = -low if even and unsure else step / 2 - even * float(np.mean(late))
+    unsure = unsure if even and unsure > 0.05 * step else 0.0
+    why = f"held: each value stands for {held.period:.4g} rows, its time is "
+    why += f"the first of them, or up to {unsure * 1e3:.3g} ms before" if unsure else "known by where it changes"
+    why = why if even else f"undecided, true: {why}, uneven"
+    delay = stream.delays.get(name, 0.0) + older
+    firm = even and not unsure
+    return Taken(own, clock, (name,), even, firm, True, why, delay=delay, held=held.period, unsure=unsure)
+
+
+class Reading(NamedTuple):
+    """How stamps are read: even, or true at an age [loops]; whether that is firm; and why."""
+
+    even: bool
+    age: float
+    firm: bool
+    why: str
+
+
+def reading_of(clock: DeviceClock, evidence: Mapping[str, StampEvidence]) -> Reading:
+    """The hypothesis that fits the evidence of some signals. It is firm where its chi-square is usual, and smaller by
+    30 than that of the other kind. Else the stamps are kept if the signals fit none, or if the stamps wander slowly or
+    scatter by more than a step: nothing is then moved far. Of a device that seems even, and whose stamps do not come
+    back to its line, they are kept too."""
+    seen = ", ".join(f"{name} g = {round(e.g, 3) + 0.0:.3f} +- {e.se:.3f}" for name, e in evidence.items())
+    if not evidence:
+        wanders = clock.wander > 0.1 * clock.step or float(np.std(clock.stamps - clock.slow[0])) > clock.step
+        steps = f"the residual wanders by {clock.wander / clock.step:.3f} steps"
+        return Reading(not wanders, 0.0, False, f"undecided, {'true' if wanders else 'even'}: {steps}")
+    misfit = np.sum([one.misfit for one in evidence.values()], axis=0)
+    variance = np.diag(np.linalg.inv(np.sum([one.weight for one in evidence.values()], axis=0)))
+    even, aged, now = float(misfit[0]), int(np.argmin(misfit[1:])), int(np.argmin(np.abs(AGES)))
+    aged = now if misfit[1 + now] < misfit[1 + aged] + 9 else aged
+    age, true = round(float(AGES[aged]), 3), float(misfit[1:].min())
+    known = variance.max() < 0.25**2
+    if known and min(even, true) > 22 * (0.4 + 0.6 * len(evidence)):
+        return Reading(False, 0.0, False, f"undecided, true: neither even sampling nor stamps of any age fit, {seen}")
+    if not known or abs(even - true) < 30:
+        return reading_of(clock, {})._replace(why=f"{reading_of(clock, {}).why}, {seen}")
+    if even > true:
+        older = f", values {age:.1f} loops older than their stamps" if age else ""
+        return Reading(False, age, True, f"true{older}: {seen}")
+    if not clock.settles or (clock.missing and not clock.counted and clock.scatter > clock.step):
+        why = "the stamps wander" if not clock.missing else "too late to count the missing samples"
+        return Reading(False, 0.0, False, f"undecided, true: even by their scatter, but {why}, {seen}")
+    return Reading(True, 0.0, True, f"even: {seen}")
+
+
 def decide(stream: Stream, clock: DeviceClock) -> list[Taken]:
-    """One decision for all signals of a stream; two where one signal is firmly true and one firmly even, which was held
-    by its own device: all others then take the stamps. A stated choice stands. Where no signal moves enough to tell,
-    stamps that wander slowly are kept, stamps that only scatter are not."""
+    """One decision for all signals of a stream; several where no decision fits all, and single signals are firm on
+    different ones: all others then take the stamps. A stated choice stands."""
     names = tuple(stream.signals)
     if stream.choice != "auto":
         return [Taken(stream, clock, names, stream.choice == "even", True, True, f"stated: {stream.choice}")]
     if clock.sd < NO_MATTER * clock.step:
         return [Taken(stream, clock, names, True, True, False, "even: the stamps lie on their line")]
-    evidence = {n: evidence_of(values, clock) for n, values in stream.signals.items() if n not in stream.silent}
-    even, is_true = tuple(name for name, one in evidence.items() if one.even), any(e.true for e in evidence.values())
-    if not even and not is_true:
-        wanders = clock.wander > 0.1 * clock.step
-        steps = f"the residual wanders by {clock.wander / clock.step:.3f} steps"
-        why = f"undecided, {'true' if wanders else 'even'}: {steps}"
-        return [Taken(stream, clock, names, not wanders, False, True, why, evidence)]
-    kinds = [(names, bool(even))]
-    if even and is_true:
-        kinds = [(tuple(name for name in names if name not in even), False), (even, True)]
+    still, rounded = clock.scatter < NO_MATTER * clock.step, clock.scatter < 0.36 * clock.decimal  # q/sqrt(12): 0.29 q
+    if (still or rounded) and clock.settles and clock.slow[1]:
+        return [Taken(stream, clock, names, False, True, True, "true: only the rate of the stamps changes")]
+    if rounded and clock.settles:
+        return [Taken(stream, clock, names, True, True, True, "even: the stamps scatter by their rounding alone")]
+    signals = {name: values for name, values in stream.signals.items() if name not in stream.silent}
+    evidence = {name: one for name, values in signals.items() if (one := evidence_of(values, clock)) is not None}
+    readings = dict.fromkeys(names, reading_of(clock, evidence))
+    single = {name: reading_of(clock, {name: said}) for name, said in evidence.items()}
+    own = {name: one for name, one in single.items() if one.firm}
+    if not readings[names[0]].firm and len({(one.even, one.age) for one in own.values()}) > 1:
+        readings = {name: own.get(name, min(own.values(), key=lambda one: one.even)) for name in names}
     decisions = []
-    for group, is_even in kinds:
+    for even, age in sorted({(one.even, one.age) for one in readings.values()}):
+        group = tuple(name for name, one in readings.items() if (one.even, one.age) == (even, age))
         said = {name: evidence[name] for name in group if name in evidence}
-        seen = ", ".join(f"{name} g = {e.g:.3f} +- {e.se:.3f}" for name, e in said.items())
-        why = f"{'even' if is_even else 'true'}: {seen}"
-        decisions.append(Taken(stream, clock, group, is_even, True, True, why, said))
+        reading = reading_of(clock, said)
+        decisions.append(Taken(stream, clock, group, even, reading.firm, True, reading.why, said, age=age))
     return decisions
 
 
@@ -265,9 +453,11 @@ def check_countable(taken: Taken, fastest_hz: float) -> None:
     slower than the fastest one by a share that is too large for clocks and too small to be meant."""
     clock, stream = taken.clock, taken.stream
     # a tenth of a step: from there on a missing sample may be taken for a late one
-    if not taken.even or stream.counter is not None or clock.usual[1] <= 0.1 * clock.step:
+    best = min(taken.evidence.values(), key=lambda said: said.se, default=None)
+    even = taken.even or not (taken.firm or best is None or best.g > 0.5)
+    if not even or taken.held or stream.counter is not None or clock.usual <= 0.1 * clock.step:
         return
-    late = f"the host's stamps are late by {clock.usual[1] * 1e3:.2f} ms (SD)"
+    late = f"the host's stamps are late by {clock.usual * 1e3:.2f} ms (SD)"
     remedy = "state the device's sample counter in the source file, stamp on the device, or record without loss"
     missing = missing_by_rhythm(stream.stamps)
     if missing or (missing is not None and clock.missing):

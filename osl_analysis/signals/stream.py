@@ -5,7 +5,7 @@ step; after a late sample the next ones return to the old level of (stamp - coun
 a step higher. Where a host is late and loses samples regularly, counting by steps fails: then the spectrum of the
 stamps, |mean exp(2 pi i f t)|, has a line at the device's own rate, and none at that of the samples that are left."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
@@ -93,6 +93,43 @@ class Stream:
         return replace(self, stamps=self.stamps[new], signals=signals, counter=counter)
 
 
+@dataclass(frozen=True)
+class HeldValues:
+    """The values of a source that is slower than the log, which repeats each of them. A value's own time is that of the
+    first row on which it stands, or up to one step of the log before."""
+
+    rows: Array  # (k,) row of each value's first appearance; between two where values that are equal follow each other
+    values: Array  # (k,)
+    period: float  # usual rows per value
+
+
+def held_values(signal: Array, step: float) -> HeldValues | None:
+    """The values that a signal (n,), without NaN, repeats at a pace of its own, of 2 rows to 0.1 s of `step` [s]; None
+    if it does not. A slow signal of coarse resolution, at rest too, repeats values but hardly right after it went on by
+    three of its smallest steps: the rows after such changes tell."""
+    first = np.flatnonzero(np.diff(signal)) + 1
+    if not FEWEST_STAMPS < len(first) < 0.6 * len(signal):
+        return None
+    change, stands = np.abs(signal[first] - signal[first - 1]), np.diff(first)
+    stands_after = stands[change[:-1] > 2.5 * change.min()]
+    usual = float(np.median(stands_after)) if len(stands_after) > FEWEST_STAMPS else 0.0
+    if not 2 <= usual <= 0.1 / step:
+        return None
+    near = stands_after / usual
+    if np.mean(np.abs(near - np.maximum(np.rint(near), 1)) * usual <= 1 + 0.1 * usual) < 0.95:
+        return None
+    period = float(np.mean(stands_after[(near > 0.5) & (near < 1.75)]))
+    short = stands[stands < 50 * period]
+    period = float(short.sum() / np.maximum(np.rint(short / period), 1).sum())
+    before, after = int(first[0] / period), int((len(signal) - 1 - first[-1]) / period)
+    count = before + np.concatenate([[0], np.cumsum(np.maximum(np.rint(stands / period), 1))])
+    ends = [0.0, count[-1] + after], [first[0] - before * period, first[-1] + after * period]
+    place = np.arange(count[-1] + after + 1)
+    rows = np.interp(place, np.r_[ends[0][0], count, ends[0][1]], np.r_[ends[1][0], first, ends[1][1]])
+    values = signal[np.r_[0, first][np.searchsorted(count, place, "right")]]
+    return HeldValues(rows, values, period)
+
+
 LONG_STEP = 1.5  # step, in usual steps, from which it counts as a gap
 BESIDE = 100  # samples on either side of a long step whose levels are compared; three times the step if that is longer
 
@@ -129,6 +166,16 @@ def count_from_stamps(stamps: Array) -> SampleCount:
     place, steps = np.arange(len(stamps)), np.diff(stamps)
     if np.ptp(steps) < 0.2 * float(np.mean(steps)):  # a missing sample makes one step of two
         return place
+    for _ in range(2):
+        usual = max(float(np.median(steps)), 1e-9)
+        whole = np.maximum(np.rint(steps / usual), 1)
+        if np.all(np.abs(steps - whole * usual) < 0.3 * usual):
+            return np.concatenate([[0], np.cumsum(whole.astype(np.int64))])
+        slow, kinks = slow_part(stamps, place, float(stamps[-1] - stamps[0]) / len(steps))
+        if not kinks or np.ptp(rate := np.diff(slow)) < 0.01 * float(np.mean(rate)):
+            break
+        steps = steps / np.maximum(rate, 0.1 * float(np.mean(rate))) * float(np.min(rate))  # as if it did not change
+        stamps = np.concatenate([[0.0], np.cumsum(steps)])
     step = usual_step(stamps)
     # 1.3 steps and not 2: the sample before a missing one may have been late
     rows = np.flatnonzero(steps > 1.3 * step) + 1
@@ -174,6 +221,46 @@ def count_from_stamps(stamps: Array) -> SampleCount:
     return min(place, place + np.cumsum(extra), key=lambda count: line_through(count, stamps)[1])
 
 
+def slow_part(stamps: Array, count: SampleCount, step: float) -> tuple[Array, int]:
+    """The slow part (n,) [s] of stamps (n,) over their count: a straight line, or one for each of up to seven rates
+    that meet at kinks, and how many kinks. There is one only where the stamps do not come back to the line, seen by
+    medians of 400 blocks. `step` [s] is that of the line."""
+    least_s, most = 2.0, 6  # between kinks [s], and how many
+    size = max(len(stamps) // 400, 1)
+    blocks = len(stamps) // size * size
+    place = count[:blocks].reshape(-1, size).mean(axis=1)
+    level = np.median((stamps - step * count)[:blocks].reshape(-1, size), axis=1)
+    steps = np.diff(level)
+    noise = 1.48 * float(np.median(np.abs(steps - np.median(steps)))) / np.sqrt(2)
+
+    def line(knots: Sequence[float]) -> tuple[Array, Array]:
+        columns = np.stack([np.interp(place, knots, one) for one in np.eye(len(knots))], axis=1)
+        weights = np.ones(len(place))
+        for _ in range(5):  # Huber's
+            levels = np.linalg.lstsq(columns * weights[:, None], level * weights, rcond=None)[0]
+            left = np.abs(level - columns @ levels)
+            weights = np.sqrt(1 / np.maximum(1, left / (2.96 * float(np.median(left)) + 1e-12)))
+        return np.asarray(levels, dtype=np.float64), left
+
+    knots = [float(place[0]), float(place[-1])]
+    levels, left = line(knots)
+    while len(knots) < most + 2 and np.percentile(left, 95) > max(0.3 * step, 4 * noise):
+        free = [at for at in place[4:-4:4].tolist() if min(abs(at - knot) for knot in knots) * step >= least_s]
+        best = min(free, key=lambda at: float(line(sorted([*knots, at]))[1].sum()), default=None)
+        if best is None or line(sorted([*knots, best]))[1].sum() > 0.7 * left.sum():
+            break
+        refined = scipy.optimize.minimize_scalar(
+            lambda at: float(line(sorted([*knots, at]))[1].sum()),  # noqa: B023
+            bounds=(max(best - 16 * size, place[0] + size), min(best + 16 * size, place[-1] - size)),
+            method="bounded", options={"xatol": size / 20},
+        )  # fmt: skip
+        knots = sorted([*knots, float(refined.x)])
+        levels, left = line(knots)
+    slopes = np.diff(levels) / np.diff(knots)
+    outside = np.minimum(count - knots[0], 0) * slopes[0] + np.maximum(count - knots[-1], 0) * slopes[-1]
+    return np.asarray(step * count + np.interp(count, knots, levels) + outside), len(knots) - 2
+
+
 def usual_step(stamps: Array) -> float:
     """Step [s] of a device from its stamps (n,). The promptest sample of each block is hardly late; from block to block
     its level changes by the error of the step, and by whole steps where samples are missing, which are left out."""
@@ -187,7 +274,10 @@ def usual_step(stamps: Array) -> float:
         usual = 0.0 if k else float(np.quantile(change, 0.25))
         whole = np.abs(change - usual) <= 0.5 * step
         step += float(np.mean(change[whole])) / block if np.mean(whole) > 0.05 else 0.0
-    return step if step > 0 else mean
+    # waits of many steps leave clusters, in which steps are far too short: it is that of a tenth of the record
+    far = max(n // 10, 1)
+    usual = float(np.median(stamps[far:] - stamps[:-far])) / far
+    return step if step > 0.5 * usual else usual
 
 
 def line_through(count: SampleCount, stamps: Array) -> tuple[float, float]:

@@ -8,12 +8,13 @@ from polars.testing import assert_frame_equal
 from test_walking_commands import gait_trial
 
 from osl_analysis.commands.study import performance_table
-from osl_analysis.dictionary import described_tables
+from osl_analysis.dictionary import HERE, described_tables, own_yaml
 from osl_analysis.errors import InputError
 from osl_analysis.files import atomic_path, check_working_folder, digest, file_state
 from osl_analysis.table import TEXT_COLUMNS, finite_or_null, read_table, with_places, write_table
 from osl_analysis.walking.overground import overground_rows
 from osl_analysis.walking.settings import OvergroundAnalysis
+from osl_analysis.yaml_settings import read_mapping
 
 
 def described(place):
@@ -28,6 +29,13 @@ def test_every_description_has_a_unit_and_a_sentence_that_a_table_of_the_page_ca
         assert column.unit.strip(), column.name
         assert len(column.meaning) > 10, column.name
         assert column.meaning == column.meaning.strip().removesuffix("."), column.name
+
+
+@pytest.mark.parametrize(
+    "path", [*HERE.glob("*.yaml"), *HERE.parent.glob("figures/*.yaml")], ids=lambda path: path.name
+)
+def test_our_own_files_say_the_same_in_yaml_1_1_and_1_2_and_no_key_stands_twice(path):
+    assert own_yaml(path) == read_mapping(path)
 
 
 def test_endings_covariances_and_shared_columns_are_written_out():

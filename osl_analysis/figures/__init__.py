@@ -9,9 +9,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from osl_analysis.dictionary import described_tables
+from osl_analysis.dictionary import described_tables, own_yaml
 from osl_analysis.errors import InputError
-from osl_analysis.yaml_settings import read_mapping
 
 
 class CampaignFigure(NamedTuple):
@@ -29,7 +28,7 @@ FIGURES = {
     place.removeprefix("figures/"): CampaignFigure(
         **{field: one[field] for field in CampaignFigure._fields if field in one}
     )
-    for place, one in read_mapping(Path(__file__).with_name("figures.yaml")).items()
+    for place, one in own_yaml(Path(__file__).with_name("figures.yaml")).items()
 }
 
 

@@ -243,7 +243,7 @@ def draw_condition(parts: Sequence[Axes], rows: pl.DataFrame) -> dict[str, Any]:
         alone = rows["method"][0] == "local polynomial"
         why = "Distortion is in the noise" if alone else "No line shows distortion"
         known = rows["odd_level"].count() or rows["even_level"].count()
-        beside.set_title("Distortion below noise" if known else why, loc="left")
+        beside.set_title("Distortion below noise" if known else why, loc="left", y=1)
     beside.set_xlabel("Frequency (Hz)")
     for ax in parts:
         ax.set_xlim(0, 1.04 * float(np.max(f)))

@@ -80,7 +80,7 @@ def draw_models(table: pl.DataFrame) -> Figure:
             )  # fmt: skip
             drawn.set_urls([style.place_in_report(trial) for trial in tested for _ in models])
             ax.hlines(mean, x - 0.11, x + 0.11, color=style.BLACK, linewidth=1.4, zorder=3, label="Geometric mean")
-        ax.set_title(f"{ax.get_title(loc='left')} {name}".strip(), loc="left")
+        ax.set_title(f"{ax.get_title(loc='left')} {name}".strip(), loc="left", y=1)
         ax.set_yscale("log")
         ax.set_xticks(range(len(models)), list(models.values()))
         ax.tick_params(axis="x", length=0)

@@ -24,7 +24,7 @@ def draw_fig8(table: pl.DataFrame) -> Figure:
     figure, axes = style.panels(style.SINGLE_COLUMN, 3.0, rows=2)
     kind = table["trajectory"][0]
     if kind is not None:
-        axes[0].set_title(f"(a) Trajectory: {names.drawn_name(kind)}", loc="left")
+        axes[0].set_title(f"(a) Trajectory: {names.drawn_name(kind)}", loc="left", y=1)
     for ax, symbol, name in zip(axes, "KB", ("Stiffness (N·m/rad)", "Damping (N·m·s/rad)"), strict=True):
         ax.plot(table["phase"], table[f"{symbol}_d"], color=style.BLACK, label=f"Desired ${symbol}_d$")
         gains = table[f"{symbol}_1_joint"]

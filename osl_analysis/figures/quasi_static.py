@@ -61,7 +61,7 @@ def draw_fig3(table: pl.DataFrame) -> Figure:
             text += "" if low is None or high is None else f"\n95 % interval {low:.1f} to {high:.1f} N·m/rad"
             belts.text(0.99, 0.04, text, transform=belts.transAxes, ha="right", va="bottom", linespacing=1.4)
         named.append((loops, draw_loops(loops, trials, part["hysteresis_area"].drop_nulls())))
-        belts.set_title(f"{belts.get_title(loc='left')} {name}", loc="left")
+        belts.set_title(f"{belts.get_title(loc='left')} {name}", loc="left", y=1)
         loops.sharex(belts)
     for ax in axes:
         if not ax.has_data():

@@ -86,7 +86,7 @@ def panels(
     letters = [f"({letter})" for letter in ascii_lowercase[: grid.size]] * (grid.size > 1)
     titles = [f"{letter} {name}" for letter, name in zip_longest(letters, names, fillvalue="")]
     for ax, title in zip(grid.flat, titles, strict=False):
-        ax.set_title(title.strip(), loc="left")
+        ax.set_title(title.strip(), loc="left", y=1)  # no labels stand there that each drawing would have to look for
     return figure, list(grid.flat)
 
 
@@ -103,7 +103,11 @@ def width_of(label: str) -> float:
     """Width [in] of a label at 8 points; a letter beyond ASCII counts as a wide one."""
     plain = "".join(sign if sign.isascii() else "M" for sign in label.replace("\\$", "S").replace("$", ""))
     font = FontProperties(family=PAPER["font.family"][:1])
-    return float(TextPath((0, 0), plain, size=8, prop=font).get_extents().width) / 72 if plain.strip() else 0.0
+    if not plain.strip():
+        return 0.0
+    drawn = TextPath((0, 0), plain, size=8, prop=font)
+    ink = drawn.vertices[drawn.codes != TextPath.CLOSEPOLY, 0]  # letters have points at their ends: no curve is solved
+    return float(np.ptp(ink)) / 72
 
 
 def key(label: str, **look: Any) -> Line2D:
@@ -214,7 +218,8 @@ def name_ends(ax: Axes, ends: Sequence[tuple[str, str, str, tuple[float, float]]
     """Names of trials, which lead to these, beside the right edge of a panel, each with a hair line to the end of its
     curve. `ends` are trial, its name as it is drawn, colour, and place (x, y)."""
     figure = ax.figure.figure
-    figure.draw_without_rendering()
+    if engine := figure.get_layout_engine():
+        engine.execute(figure)
     (left, right), (low, high) = ax.get_xlim(), ax.get_ylim()
     height = 1.1 * 8 / 72 * figure.dpi / ax.get_window_extent().height * (high - low)
     # moved as little as possible so that none overlaps another, and within the panel if there is room: in their order,

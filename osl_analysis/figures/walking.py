@@ -160,7 +160,7 @@ def draw_walking_page(table: pl.DataFrame) -> Figure:
             part.suptitle(drawn_name(rows["group"][0], 60), fontsize=8)
         axes = part.subplots(2, 2)
         for ax, letter, (panel, label) in zip(axes.ravel(), "abcd", panels.items(), strict=True):
-            ax.set_title(f"({letter})", loc="left")
+            ax.set_title(f"({letter})", loc="left", y=1)
             ax.set_ylabel(label)
             for name, look in intervals.items():
                 ends = curve(rows, panel.replace("torque", "angle"), name)["x"]

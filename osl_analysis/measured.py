@@ -60,10 +60,15 @@ def factor_of(y: Array, x: Array) -> float | None:
     """The factor by which y (n,) is another signal x (n,), but for an offset and the rounding of both, or a thousandth
     of y; None if it is not. What two sensors measure differs by more, even if one follows the other closely."""
     known = np.isfinite(y) & np.isfinite(x) if len(y) == len(x) else np.zeros(0, dtype=bool)
-    if np.count_nonzero(known) < 10 or not (varies(y[known]) and varies(x[known])):
+    if np.count_nonzero(known) < 10 or not (np.any(y[known]) and np.any(x[known])):
         return None
-    y, x = y[known] - y[known].mean(), x[known] - x[known].mean()
+    of_y, of_x = (float(np.max(np.abs(one[known]))) for one in (y, x))  # squares of any signal then are numbers
+    y, x = y[known] / of_y, x[known] / of_x
+    if not (varies(y) and varies(x)):
+        return None
+    y, x = y - y.mean(), x - x.mean()
     factor = float(x @ y) / float(x @ x)
     step_y, step_x = (float(np.median(np.diff(np.unique(one)))) for one in (y, x))
     rounding = 1.2 * math.hypot(step_y, factor * step_x) / math.sqrt(12)
-    return factor if rms(y - factor * x) <= max(1e-3 * rms(y), min(rounding, 0.01 * rms(y))) else None
+    is_same = rms(y - factor * x) <= max(1e-3 * rms(y), min(rounding, 0.01 * rms(y)))
+    return factor * of_y / of_x if is_same else None

@@ -9,7 +9,7 @@ from conftest import ROOT
 
 from osl_analysis.bench.record import record_of, stretches_of
 from osl_analysis.bench.response_tables import MODELS, RESPONSE_COLUMNS, response_tables
-from osl_analysis.bench.settings import FilterSettings
+from osl_analysis.bench.settings import BenchAnalysis
 from osl_analysis.commands.figure import plot_numbers
 from osl_analysis.commands.tables import pool_responses
 from osl_analysis.errors import IdentifiabilityError, InputError
@@ -170,7 +170,7 @@ def test_trials_of_one_condition_are_pooled_where_their_motions_differ_in_phases
     knee = {"joint": "knee", "side": "left", "controller": None, "K_d": None, "B_d": None}
     conditions = {name: {**knee, "K_d": 300.0 if name == "other" else None} for name in paths}
     pooled, models = tmp_path / "response_pooled.csv", tmp_path / "response_models_pooled.csv"
-    settings, device = FilterSettings(cutoff_hz=15, order=4), ROOT / "config/parameters/default.yaml"
+    settings, device = BenchAnalysis(cutoff_hz=15, order=4), ROOT / "config/parameters/default.yaml"
     pool_responses(list(paths.values()), conditions, settings, pooled, models, device)  # that of an ankle
     (row,) = read_table(models).to_dicts()
     found = [row[name] for name in ("trials", "joint", "side", "controller", "K_d", "realisations")]

@@ -411,18 +411,19 @@ def actuator_table(actuator: Analysis) -> pl.DataFrame:
     fit, record = actuator.calibrated(actuator.whole), actuator.record
     assert record.uniform is not None
     told = [name for name in ACTUATOR_PARAMETERS if name in fit.names]
-    unknown = [name for name in (*ACTUATOR_PARAMETERS, "drift") if name not in fit.names]
     row = {
         "trial": record.name,
         "motion": moved_by(record.uniform),
         **dict.fromkeys(f"{name}{end}" for name in (*ACTUATOR_PARAMETERS, "offset", "drift") for end in ENDS),
         **{f"cov_{a}_{b}": None for a, b in combinations(ACTUATOR_PARAMETERS, 2)},
-        **estimates_row(fit, *told, "offset", *(["drift"] if "drift" not in unknown else [])),
+        **estimates_row(fit, *told, *(name for name in ("offset", "drift") if name in fit.names)),
         **covariance_row(fit, *told),
         **{f"{name}_se_bench": fit.se_bench(name) if name in told else None for name in ACTUATOR_PARAMETERS},
         **actuator.judged(),
         "correlation_k_f_G": fit.correlation("k_tau_n_m", "f_G") if "f_G" in told else None,
         **actuator.time_base_row(None, told),
+        "not_checked": None if "B_m" in told else STALLED,
     }
-    table = pl.DataFrame([row], schema_overrides={"time_base_shift": pl.Float64, "motion": pl.String})
+    texts = {"motion": pl.String, "not_checked": pl.String}
+    table = pl.DataFrame([row], schema_overrides=texts | {"time_base_shift": pl.Float64})
     return table.with_columns(pl.col(pl.Null).cast(pl.Float64))

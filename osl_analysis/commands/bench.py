@@ -106,9 +106,6 @@ def fit_actuator_trial(trial: Trial, parameters: FileOrNone, settings: ActuatorA
     rails = saturated(trial, "torque_m", "current")
     actuator = components.actuator_trial(trial, settings)
     table = plausible(components.actuator_table(actuator), rails, p, "k_tau_n_m", "f_C", "f_G", "B_m", "J_m")
-    if "B_m" not in actuator.whole.names:
-        said = pl.concat_str("not_checked", pl.lit(components.STALLED), separator="; ", ignore_nulls=True)
-        table = table.with_columns(not_checked=said)
     is_velocity = table["motion"][0] == "omega_m"
     series = replace(actuator.series(), motion=actuator.record.theta, is_velocity=is_velocity)
     return FitTables(series, lambda: {"timebase": actuator.time_base(components.ACTUATOR_PARAMETERS)}, actuator=table)

@@ -365,7 +365,9 @@ def plausible(table: pl.DataFrame, rails: pl.Expr, p: DrivetrainParameters | Non
     known = {name: p.k_tau * p.n_m if name == "k_tau_n_m" else getattr(p, name) for name in names} if p else {}
     ratios = [(pl.col(name) / pl.lit(known.get(name) or None, pl.Float64)).alias(f"{name}_ratio") for name in names]
     why = None if p else "estimates against those of a parameter file: the configuration names none"
-    return table.with_columns(rails, *ratios, not_checked=pl.lit(why, pl.String))
+    own = [pl.col("not_checked")] if "not_checked" in table.columns else []
+    said = pl.concat_str(*own, pl.lit(why, pl.String), separator="; ", ignore_nulls=True).replace("", None)
+    return table.with_columns(rails, *ratios, not_checked=said)
 
 
 def plausible_impedance(

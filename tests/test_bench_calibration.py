@@ -17,6 +17,7 @@ from bench_synthetic import (
 from conftest import ROOT
 from test_bench_belt import belt_cycle
 from test_bench_torque_angle import PERIOD, A, W, clock, fitted
+from test_dictionary import described
 
 from osl_analysis.bench.analysis import analysed, friction_rows
 from osl_analysis.bench.components import belt_table, fit_branches
@@ -209,6 +210,7 @@ def calibrated(trial, **known):
 
 def test_a_known_spring_tells_lateness_gain_and_the_fixture_and_what_to_write():
     row = calibrated(spring(1e-3, 1.02), known_K=300.0)
+    assert {"trial", *row} == set(described("tables/calibration")) - {"joint", "side", "data"}
     for name, true, within in (("lag_s", 1e-3, 5e-5), ("gain", 1.02, 1e-3), ("inertia", 0.004, 5e-4)):
         assert row[name] == pytest.approx(true, abs=within)
         assert abs(row[name] - true) < 4 * row[f"{name}_se"] < 2 * within

@@ -286,7 +286,7 @@ def transmission_table(analysis: Analysis) -> pl.DataFrame:
                 **{name: x for name, x in certain[label].items() if x is not None or not name.startswith("T_C")},
                 **clocks,
                 "not_checked": f"{LATENESS}: a late torque looks like less inertia{SIZED} {1e-3 * fit['B_j']:.2g} "
-                f"kg*m^2 off J_j = {fit['J_j']:.2g}, check it with a known inertia on the same bench",
+                f"kg*m^2 off J_j = {fit['J_j']:.2g}, measure it by a `calibration` of this bench",
             }
         )
     return pl.DataFrame(rows, infer_schema_length=None).with_columns(pl.col(pl.Null).cast(pl.Float64))

@@ -49,6 +49,7 @@ COLUMN = {"weight": "theta", "T_C": "sign", "T_C_sharp": "sharp_sign", "T_G": "l
 FALSE_ALARM = 1e-3  # probability of a false alarm for one effect
 POSSIBLE = 2.0  # standard errors by which an effect may be larger than it is found
 WOUND_UP = (0.5e-3, 1.5e-3, 4e-3)  # half-widths [rad] of springs that slip, of which a belt's hysteresis is made
+FRICTION_ERROR = 60e-6  # s by which friction that is not made of `PHYSICS` shifts a lag beside it (SD)
 BELT_ERROR = 80e-6  # s by which hysteresis that is not made of these shifts a lag (SD); of simulated legs 10 to 150
 CANNOT_TELL = (IdentifiabilityError, InputError, np.linalg.LinAlgError)  # a motion does not tell effects apart
 
@@ -326,6 +327,11 @@ class Fault:
     possible: float  # size up to which there may be one that was not found
 
 
+def is_certain(size: float, se: float, freedom: float) -> bool:
+    """Whether a size differs from 0 by more than chance does once in `FALSE_ALARM` (two-sided)."""
+    return abs(size) > float(stdtrit(freedom, 1 - FALSE_ALARM / 2)) * se
+
+
 def lag_of(record: Record, s: Sums, model: Model, found: Causes) -> Fault | None:
     """By how much the torque lags the angle [s]; None where the motion does not tell it from the physics.
 
@@ -338,8 +344,11 @@ def lag_of(record: Record, s: Sums, model: Model, found: Causes) -> Fault | None
         fit, about = told_lag(s, model, (*others, "lag_s"))
     except CANNOT_TELL:
         return None
-    size, se = fit["lag_s"], fit.se("lag_s")
-    sure = fit.certain("lag_s", FALSE_ALARM) and ("lag_s" in found.chosen or not possible_joint(found.fit, model))
+    size, beside = fit["lag_s"], FRICTION_ERROR if {"T_C", "T_G", *STOPS}.intersection(others) else 0.0
+    se = float(np.hypot(fit.se("lag_s"), beside))
+    sure = is_certain(size, se, fit.freedom("lag_s")) and (
+        "lag_s" in found.chosen or not possible_joint(found.fit, model)
+    )
     sure &= 2 * np.pi * record.band_hz[1] * abs(size) < LARGEST_TURN or abs(size) > 15.0 * se
     if sure and not leaves_noise(record, fit):
         # a low-pass of the torque's sensor may have taken off the part of the noise by which it is known: then little
@@ -397,8 +406,7 @@ def belt_of_leg(record: Record, p: DrivetrainParameters | None) -> Belt | None:
 
     def fault(size: float, se: float, freedom: float) -> Fault:
         se = float(np.hypot(se, BELT_ERROR))
-        sure = abs(size) > float(stdtrit(freedom, 1 - FALSE_ALARM / 2)) * se
-        return Fault(size, se, sure, abs(size) + POSSIBLE * se)
+        return Fault(size, se, is_certain(size, se, freedom), abs(size) + POSSIBLE * se)
 
     try:
         lag, fit = fitted(0.0)

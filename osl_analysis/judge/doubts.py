@@ -238,7 +238,7 @@ EFFECTS: Mapping[str, str] = TABLE["effects"]  # what an effect of `bench.effect
 
 def size_of_lateness(of_B: str, B: str, of_I: str, I: str) -> str:
     taken = f"{SIZED} {of_B} N*m*s/rad off B = {B} and {of_I} kg*m^2 off I = {I}"
-    return f"{taken}, check it with a known spring on the same bench"
+    return f"{taken}, measure it by a `calibration` of this bench"
 
 
 def with_size(row: AnyRow) -> str | None:

@@ -7,7 +7,7 @@ import polars as pl
 import pytest
 from bench_synthetic import second_order, sine_settings, stepped_sine
 
-from osl_analysis.bench.analysis import analysed
+from osl_analysis.bench.analysis import analysed, rounded_gains
 from osl_analysis.bench.effects import IMPEDANCE, plain_sums, sums_of, with_effects
 from osl_analysis.bench.gram import combined, jackknife
 from osl_analysis.bench.record import record_of_trial, sine_record, stretches_of
@@ -152,3 +152,17 @@ def test_a_fit_to_one_amplitude_is_least_squares_with_time_about_the_middle_of_i
         X = np.column_stack([theta, motion.omega, motion.alpha, np.ones(len(rows)), time - time.mean()])
         expected = np.linalg.lstsq(X, record.filtered_torque[rows], rcond=None)[0]
         np.testing.assert_allclose(fit.estimates, expected, rtol=2e-3, atol=2e-4)
+
+
+@pytest.mark.parametrize("steps", [20.3, 91.3])
+def test_rounding_changes_the_size_of_a_sine_by_as_much_as_its_interval_says(steps, monkeypatch):
+    """Sizes about 4 deg, zeros at random; in the fit all frequencies of an amplitude share the error."""
+    rng, sine = np.random.default_rng(2), np.sin(2 * np.pi * np.arange(5000) / 5000)
+    sizes, zeros = steps * rng.uniform(0.98, 1.02, (400, 1)), rng.uniform(0, 1, (400, 1))
+    gains = (np.rint(sizes * sine + zeros) - zeros) @ sine / (sizes[:, 0] * (sine @ sine))
+    record = sine_record(trial(1, 1000.0, np.deg2rad(4.0) / steps), SETTINGS)
+    assert list(rounded_gains(record).values()) == pytest.approx([gains.std()], rel=0.15)
+    fit = analysed(record, plain_sums(record, IMPEDANCE), IMPEDANCE).whole
+    monkeypatch.setattr("osl_analysis.bench.analysis.rounded_gains", lambda _: {})
+    plain = analysed(record, plain_sums(record, IMPEDANCE), IMPEDANCE).whole
+    assert np.sqrt(fit.se("K") ** 2 - plain.se("K") ** 2) == pytest.approx(gains.std() * fit["K"], rel=0.15)

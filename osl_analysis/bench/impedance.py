@@ -455,7 +455,9 @@ def judged_impedance(
     gap = pl.lit(None, pl.Float64)
     if predicted and gains and gains.cancels_friction:
         sizes = pl.Series([torque_per_angle(rendered.sums, label) for label in rendered.analysis.fits])
-        gap = (predicted[1] - pl.col("B")) / sizes
+        half = (pl.col("B_high") - pl.col("B_low")) / 2
+        apart = predicted[1] - pl.col("B")
+        gap = apart.sign() * (apart.abs() - half).clip(0) / sizes
     table = table.with_columns(B_gap_s=gap)
     if desired is not None:
         values = zip(QUANTITIES, predicted or (None, None, None), strict=True)

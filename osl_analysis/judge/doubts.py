@@ -420,7 +420,8 @@ def check_told(
         raise IdentifiabilityError(
             f"{cannot} changes I by {of_I:.2g} kg*m^2, more than the {largest_inertia_error:g} of "
             f"`largest_inertia_error` in the configuration; the band from {high:.2g} to about {needed:.2g} Hz is "
-            "missing, excite it as well, or take the stiffness alone by experiment 'torque_angle'"
+            "missing, excite it as well, or take the stiffness alone by experiment 'torque_angle', or check the units "
+            f"of theta and torque, by which K would be {K:.3g} N*m/rad"
         )
     # K by a tenth, and three times what the error is of torque over angle: without stiffness there is no share of K. It
     # is 1.6 from 0.5 to 6 Hz.

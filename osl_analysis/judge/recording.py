@@ -236,11 +236,17 @@ def is_command(values: Array) -> bool:
 
 def longest_clipped_angle(time: Array, theta: Array, torque: tuple[Array, Array]) -> int:
     """Longest run [samples] of an angle (n,) at its lowest or highest value while the torque changes. `torque` are
-    times [s] and values. The angle must come to the extreme, and leave it, with a corner."""
+    times [s] and values. The angle must come to the extreme, and leave it, with a corner; and the torque must change in
+    the middle of the run too, as of a joint that turns on, not at its ends alone, as of one that comes to rest."""
     when, values = torque
     if not theta.size or not np.ptp(theta) or not when.size or not np.isfinite(values).all() or not np.ptp(values):
         return 0
-    changes, longest, step = 0.02 * float(np.ptp(values)), 0, np.nan  # more than the creep of a joint that rests
+    changes, longest, step, noise = (
+        0.02 * float(np.ptp(values)),
+        0,
+        np.nan,
+        np.nan,
+    )  # more than the creep of a joint that rests
     for end in (theta.min(), theta.max()):
         for run in runs(theta == end):
             count = run.stop - run.start
@@ -255,7 +261,8 @@ def longest_clipped_angle(time: Array, theta: Array, torque: tuple[Array, Array]
                     step = np.min(apart[apart > 1e-9 * np.ptp(theta)], initial=np.ptp(theta))  # but for rounding
                 # within half of its standing time a sine that is rounded to steps moves by four of them at most
                 corner = moved and min(moved) > 8 * step
-                longest = count if corner and np.ptp(within) > changes else longest
+                turns_on = np.ptp(within[within.size // 4 : -(within.size // 4) or None]) > max(changes / 4, 10 * noise)
+                longest = count if corner and np.ptp(within) > changes and turns_on else longest
     return longest
 
 

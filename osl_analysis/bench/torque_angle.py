@@ -427,7 +427,7 @@ def torque_angle_table(trial: TorqueAngleTrial, desired: str | None = None) -> p
     }
     if rate_change is None:
         unseen = f"{LATENESS}: all cycles have one speed, each ms of delay would take {row['energy_per_ms']:.2g} J off "
-        unseen += f"energy_lost = {row['energy_lost']:.3g} and half of it off energy_stored, record cycles at half the speed too"
+        unseen += f"energy_lost = {row['energy_lost']:.3g} and half as much off energy_stored, record it slower too"
         row["not_checked"] = "; ".join(filter(None, [str(row["not_checked"] or ""), unseen]))
     texts = dict.fromkeys(("interval_method", "desired", "not_checked"), pl.String)
     empty = {name: texts.get(name, pl.Float64) for name, value in row.items() if value is None}

@@ -259,11 +259,12 @@ def transmission_of(record: Record) -> Analysis:
 def transmission_table(analysis: Analysis) -> pl.DataFrame:
     """The trial's rows of `transmission.csv`: one per amplitude [deg], and one for all of them (amplitude null).
 
-    A lag of the torque cannot be told from an inertia of -B_j times the lag; the column `not_checked` says how large.
+    A late torque takes B_j times the lag off J_j, and leaves a third derivative of the angle, by which it is found.
     """
     record, s = analysis.record, effects.sums_of(analysis.record, TRANSMISSION)
     phasors, found = phasors_of_record(record), effects.causes(record, s, TRANSMISSION)
     clocks, rows = effects.clocks_row(record, s, TRANSMISSION, found), list[Row]()
+    lag = effects.lag_of(record, s, TRANSMISSION, found)
     certain = friction_rows(s, analysis)  # its T_C counts how sharply friction turns its sign
     for label, fit in analysis.fits.items():
         friction = analysis.calibrated(effects.with_effects(s, TRANSMISSION, ("T_C",), label), label)
@@ -285,11 +286,27 @@ def transmission_table(analysis: Analysis) -> pl.DataFrame:
                 **analysis.shared(label, *LOSSES),
                 **{name: x for name, x in certain[label].items() if x is not None or not name.startswith("T_C")},
                 **clocks,
-                "not_checked": f"{LATENESS}: a late torque looks like less inertia{SIZED} {1e-3 * fit['B_j']:.2g} "
-                f"kg*m^2 off J_j = {fit['J_j']:.2g}, measure it by a `calibration` of this bench",
+                **lateness_of(lag, fit),
             }
         )
-    return pl.DataFrame(rows, infer_schema_length=None).with_columns(pl.col(pl.Null).cast(pl.Float64))
+    table = pl.DataFrame(rows, infer_schema_length=None, schema_overrides={"not_checked": pl.String})
+    return table.with_columns(pl.col(pl.Null).cast(pl.Float64))
+
+
+def lateness_of(lag: effects.Fault | None, fit: GroupFit) -> Row:
+    """Lag of the torque, and the share of J_j that it makes: 0 of one that was not found, null where a tenth may be."""
+    per_J_j, share, said = fit["B_j"] / abs(fit["J_j"]), None, None
+    if lag is not None and lag.found:
+        share = abs(lag.size) * per_J_j
+    elif lag is not None and lag.possible * per_J_j < 0.1:
+        share = 0.0
+    else:
+        said = (
+            f"{LATENESS}: a late torque would look like less inertia{SIZED} {1e-3 * fit['B_j']:.2g} kg*m^2 off J_j = "
+        )
+        said += f"{fit['J_j']:.2g}, measure it by a `calibration` of this bench"
+    size, se = (lag.size, lag.se) if lag else (None, None)
+    return {"lag_s": size, "lag_se_s": se, "lag_inertia_share": share, "not_checked": said}
 
 
 ACTUATOR_ALONE: Model = {**{name: name for name in ACTUATOR_PARAMETERS}, "offset": "one", "drift": "drift"}

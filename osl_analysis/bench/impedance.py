@@ -537,12 +537,17 @@ class Known:
     share: float = 0.0  # relative standard uncertainty of these
 
 
+SPRING_LOSS = 1e-3
+"""Half-width of what is known of a spring's loss factor, tan(phase), about 0: steel and clamps have 1e-4 to 1e-3."""
+
+
 def calibration_table(analysis: Analysis, known: Known) -> pl.DataFrame:
     """The trial's row of `calibration.csv`, from Eq. 15 of a known spring or inertia with friction and a late torque.
 
-    A spring has no damping, unless the fit with both, of which `B` is, certainly has one: what is in phase with the
-    velocity beside friction is a delay. An inertia tells a delay from the damping of its bearing by higher derivatives.
-    `gain` is what torque over angle reads of what is known; what is read beside it is the fixture's.
+    A spring has no damping but what `SPRING_LOSS` allows, unless the fit with both, of which `B` is, certainly has one:
+    what is in phase with the velocity beside friction is a delay. An inertia tells a delay from the damping of its
+    bearing by higher derivatives. `gain` is what torque over angle reads of what is known; what is read beside it is
+    the fixture's.
 
     Raises InputError: nothing is known; IdentifiabilityError: as `fit_groups`.
     """
@@ -573,6 +578,8 @@ def calibration_table(analysis: Analysis, known: Known) -> pl.DataFrame:
         degrees_of_freedom=np.array([fit.freedom(one) for one in ("lag_s", main, beside)]),
     )
     found = widened(found, known.share * np.array([0.0, gain, other - taken]))
+    if not free:
+        found = widened(found, np.array([SPRING_LOSS / (2 * np.pi * np.sqrt(np.prod(record.band_hz) * 3)), 0.0, 0.0]))
     row = dict.fromkeys(f"{one}{end}" for one in ("inertia", "weight") for end in ("", "_se", "_low", "_high"))
     row |= estimates_row(found, *found.names)
     certain = {}

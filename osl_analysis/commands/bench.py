@@ -108,7 +108,8 @@ def fit_actuator_trial(trial: Trial, parameters: FileOrNone, settings: ActuatorA
     table = plausible(components.actuator_table(actuator), rails, p, "k_tau_n_m", "f_C", "f_G", "B_m", "J_m")
     is_velocity = table["motion"][0] == "omega_m"
     series = replace(actuator.series(), motion=actuator.record.theta, is_velocity=is_velocity)
-    return FitTables(series, lambda: {"timebase": actuator.time_base(components.ACTUATOR_PARAMETERS)}, actuator=table)
+    told = [name for name in components.ACTUATOR_PARAMETERS if name in actuator.whole.names]
+    return FitTables(series, lambda: {"timebase": actuator.time_base(told)}, actuator=table)
 
 
 def fit_torque_angle_trial(

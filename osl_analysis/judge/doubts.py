@@ -96,8 +96,10 @@ def number_said(name: str, value: float, row: AnyRow) -> str:
     makes of B and I."""
     late, factor = "", suspected_unit(name, value, row) or known_factor(value, EVIDENCE[name].of)
     lag, of_damping, of_inertia = (cell_number(row, name) for name in ("lag_s", "lag_share", "lag_inertia_share"))
-    if lag is not None and of_damping is not None:
-        makes = f"{100 * of_damping:.1f} % of B" + ("" if of_inertia is None else f" and {100 * of_inertia:.0f} % of I")
+    shares = [f"{100 * of_damping:.1f} % of B"] if of_damping is not None else []
+    shares += [f"{100 * of_inertia:.0f} % of {'J_j' if 'J_j' in row else 'I'}"] if of_inertia is not None else []
+    if lag is not None and shares:
+        makes = " and ".join(shares)
         signal, size = "the angle" if lag < 0 else "the torque", f"{1e6 * abs(lag):.0f} us"
         if lag and abs(lag / 5e-3 - round(lag / 5e-3)) < 1e-6:  # the end of a range of delays that were tried
             size += " or more"
@@ -111,8 +113,11 @@ def number_said(name: str, value: float, row: AnyRow) -> str:
         loop = f"a torque late by {1e3 * behind:.2g} ms would make it so, and take {share:.0f} % off energy_lost"
     known, ends = "", [cell_number(row, one) or 0.0 for one in ("lag_s", "lag_s_high", "gain", "gain_high")]
     if name == "certain_lag_s":
-        said = f"the torque is late by {1e3 * ends[0]:.3g} ± {1e3 * (ends[1] - ends[0]):.2g} ms"
-        known = f"{said}, write `delay: {1e3 * ends[0]:.3g} ms` more for it and `{row['to_state']}`"
+        half = ends[1] - ends[0]
+        state = f"write `delay: {1e3 * ends[0]:.3g} ms` more for it and `{row['to_state']}`"
+        if half > 0.2 * ends[0]:  # or early, which no load cell is
+            state = "which a spring that loses energy shows too, so measure it with a known inertia"
+        known = f"the torque is late by {1e3 * ends[0]:.3g} ± {1e3 * half:.2g} ms, {state}"
     if name == "certain_gain_error":
         said = f"torque over angle is {100 * (ends[2] - 1):+.3g} ± {100 * (ends[3] - ends[2]):.2g} % off"
         known = f"{said}, divide the torque's `scale` by {ends[2]:.5g} and write `{row['to_state']}`"

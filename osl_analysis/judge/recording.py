@@ -217,8 +217,9 @@ def samples_at_rail(trial: Trial, column: str, torque: str | None = None) -> int
     if column.startswith("theta"):
         seen = 0 if torque is None else longest_clipped_angle(time, values, recorded(trial, torque))
     else:
-        rail = run_at_extreme(values)
-        seen = 0 if column == "current" and is_command(values) else rail.stop - rail.start
+        rail, changes = run_at_extreme(values), np.flatnonzero(np.diff(values, prepend=np.nan))
+        held_for = int(np.median(np.diff(changes))) if len(changes) > 1 else 1  # rows, of a source that is slower
+        seen = 0 if column == "current" and is_command(values) else (rail.stop - rail.start) // held_for
     if ends := stated_range(trial, column):
         near = 1e-3 * (ends[1] - ends[0])
         for there in map(longest_run, (values <= ends[0] + near, values >= ends[1] - near)):

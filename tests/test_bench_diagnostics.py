@@ -229,6 +229,8 @@ def test_the_belt_shows_which_channel_of_a_leg_is_late(fault, lag, of_theta_m):
 
 def test_a_theta_m_that_shows_no_belt_says_nothing_of_lags():
     trial = leg(torque_late=1e-3)
+    idle = replace(trial, samples=trial.samples.with_columns(theta_m=0.3 + 1e-3 * pl.col("theta_m")))
+    assert belt_of_leg(record_of_trial(idle, SETTINGS), P) is None
     turned = replace(trial, samples=trial.samples.with_columns(theta_m=-pl.col("theta_m")))
     belt = belt_of_leg(record_of_trial(turned, SETTINGS), P)
     assert (belt.torque, belt.K_s / P.K_s < 0.7) == (None, True)

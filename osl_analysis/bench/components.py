@@ -386,9 +386,10 @@ def levels_of(current: Array, rate_hz: float, usable: NDArray[np.bool_]) -> list
 
 
 def stalled_of(signals: UniformSignals, settings: ActuatorAnalysis) -> Analysis:
-    """k_tau n_m of an actuator that stands, whose current goes in steps: k_tau n_m I_q - T s + offset + drift is
-    its torque in the plateaus, each of which is a unit of the interval. T is the friction that lags behind the steps up
-    and down, s = 1 and -1, which k_tau n_m would else share; it is left out where all steps go one way."""
+    """k_tau n_m of an actuator that stands, whose current goes in steps: k_tau n_m I_q - (T + T_G |I_q|) s + offset +
+    drift is its torque in the plateaus, each of which is a unit of the interval. T and T_G are the friction that lags
+    behind the steps up and down, s = 1 and -1, which k_tau n_m would else share; they are left out where all steps go
+    one way."""
     low_pass, rate, current = settings.low_pass, signals.rate_hz, signals["current"]
     levels = levels_of(current, rate, signals.usable)
     if len(levels) < FEWEST_LEVELS:
@@ -396,15 +397,20 @@ def stalled_of(signals: UniformSignals, settings: ActuatorAnalysis) -> Analysis:
             f"the actuator stands, and its current has {len(levels)} plateaus of 0.3 s or more, {FEWEST_LEVELS} are "
             "needed; step the current up and down, or drive the actuator and name theta_m or omega_m in the source file"
         )
-    means = np.array([current[rows].mean() for rows in levels])
+    means, torques = (np.array([x[rows].mean() for rows in levels]) for x in (current, signals["torque_m"]))
     steps, side = np.diff(means, prepend=0.0), np.zeros_like(current)
     way = np.where(np.abs(steps) > 0.02 * np.ptp(current), np.sign(steps), 0.0)  # a start at 0 has none
-    for rows, up in zip(levels, way, strict=True):
+    # behind a turn the torque stays until the friction has changed its side
+    follows = np.diff(torques, prepend=torques[0]) * way / np.maximum(np.abs(steps), np.finfo(float).tiny)
+    slid = (follows > 0.7 * np.median(follows)) | (way == 0)
+    levels, means = [rows for rows, one in zip(levels, slid, strict=True) if one], means[slid]
+    for rows, up in zip(levels, way[slid], strict=True):
         side[rows] = -up
     columns = {"k_tau_n_m": low_pass(current, rate), "hysteresis": side, "one": np.ones_like(current)}
+    columns["load_hysteresis"] = side * np.abs(columns["k_tau_n_m"])
     columns["drift"] = signals.time - signals.time.mean()
-    both_ways = {"hysteresis": "hysteresis"} if np.ptp(np.sign(np.diff(means))) else {}
-    model: Model = {"k_tau_n_m": "k_tau_n_m", **both_ways, "offset": "one", **({"drift": "drift"} if both_ways else {})}
+    both_ways = ("hysteresis", "load_hysteresis", "drift") if np.ptp(np.sign(np.diff(means))) else ()
+    model: Model = {"k_tau_n_m": "k_tau_n_m", "offset": "one", **{name: name for name in both_ways}}
     groups = Groups(
         "stretches",
         np.array([float(rows.start) for rows in levels]),

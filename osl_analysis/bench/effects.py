@@ -372,8 +372,8 @@ class Belt:
 
 
 def belt_of_leg(record: Record, p: DrivetrainParameters | None) -> Belt | None:
-    """The belt of a leg; None without a parameter file or theta_m, or where it deflects by less than a twentieth of the
-    joint's angle, of which encoders may be wrong by as much.
+    """The belt of a leg; None without a parameter file or theta_m, or where it deflects, or theta_m turns, by less than
+    a twentieth of the joint's angle: encoders may be wrong by as much, and a joint beside an idle motor is no leg.
 
     Whatever the controller and its friction do, torque - J_j alpha - B_j omega is the belt's torque (Eq. 4), a spring
     with springs that slip over theta - theta_m/n_T. A late theta_m looks like a smaller B_j. So B_j is free as long as
@@ -385,7 +385,8 @@ def belt_of_leg(record: Record, p: DrivetrainParameters | None) -> Belt | None:
     assert few.theta_m is not None
     columns = {name: column for name, column in columns_of(few)[0].items() if name not in ("theta", "alpha")}
     wound = belt_deflection(few.motion.theta, few.theta_m, p)
-    if np.std(few.part(wound)) < 0.05 * np.std(few.part(few.motion.theta)):
+    turned, *both = (float(np.std(few.part(angle))) for angle in (few.motion.theta, few.theta_m / p.n_T, wound))
+    if min(both) < 0.05 * turned:
         return None
     slips = few.low_pass(np.array([spring_that_slips(wound, width) for width in WOUND_UP]).T, few.rate_hz).T
     columns |= {"wound": wound - wound.mean(), **{f"slips_{k}": column for k, column in enumerate(slips)}}

@@ -368,7 +368,7 @@ def actuator_of(signals: UniformSignals, settings: ActuatorAnalysis) -> Analysis
     return analysed(record, gram_sums(record, columns, list(columns)), ACTUATOR_ALONE)
 
 
-ENDS = ("", "_se", "_low", "_high")  # of a column with an interval
+INTERVAL_ENDS = ("", "_se", "_low", "_high")  # of a column with an interval
 FEWEST_LEVELS = 8  # plateaus of the current, each of which is left out once for the interval
 LEVEL_S = 0.05  # time [s] over which a current is averaged to see its plateaus
 STALLED = "f_C, f_G, B_m and J_m: the actuator stands throughout, and only a motion shows them"
@@ -437,7 +437,7 @@ def actuator_table(actuator: Analysis) -> pl.DataFrame:
     row = {
         "trial": record.name,
         "motion": moved_by(record.uniform),
-        **dict.fromkeys(f"{name}{end}" for name in (*ACTUATOR_PARAMETERS, "offset", "drift") for end in ENDS),
+        **dict.fromkeys(f"{name}{end}" for name in (*ACTUATOR_PARAMETERS, "offset", "drift") for end in INTERVAL_ENDS),
         **{f"cov_{a}_{b}": None for a, b in combinations(ACTUATOR_PARAMETERS, 2)},
         **estimates_row(fit, *told, *(name for name in ("offset", "drift") if name in fit.names)),
         **covariance_row(fit, *told),

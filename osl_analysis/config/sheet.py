@@ -18,14 +18,14 @@ CONDITIONS = ("group", "subject", "session", "speed", "side", "direction")
 """Columns with the conditions of a walking trial. The results are split by them."""
 FIXTURE = ("fixture_inertia", "fixture_weight", "fixture_rest_deg")
 """Columns on what turns with the joint: inertia [kg*m^2], weight m g r [N*m], angle [deg] with its centre below."""
-KNOWN = ("known_K", "known_I", "known_percent")
+KNOWN_COLUMNS = ("known_K", "known_I", "known_percent")
 """Columns on a calibration's spring [N*m/rad] or inertia [kg*m^2], and its standard uncertainty in percent."""
 SHEET_COLUMNS = (
     "trial", "experiment", "controller", "K_d", "B_d", "perturbed", "log", "log_source", "mocap", "mocap_source",
     "log_part", "desired", "windows", "exclude", "accept", "joint", *CONDITIONS, "body_mass_kg", "static",
-    *FIXTURE, *KNOWN,
+    *FIXTURE, *KNOWN_COLUMNS,
 )  # fmt: skip
-NUMBERS = ("K_d", "B_d", "body_mass_kg", *FIXTURE, *KNOWN)
+NUMBERS = ("K_d", "B_d", "body_mass_kg", *FIXTURE, *KNOWN_COLUMNS)
 SheetRows = dict[str, dict[str, Any]]  # The rows of a sheet by trial, with all columns; None where a cell is empty.
 OUTER_BLANKS = re.compile(r"^[\s\u200b-\u200f\u2060\ufeff]+|[\s\u200b-\u200f\u2060\ufeff]+$")  # some of them unseen
 

@@ -173,7 +173,8 @@ def doubts(row: AnyRow, found: Found, of_trial: Cause | None, single: bool) -> I
     itself has no cause, `single`: there are rows of single amplitudes. An unknown column speaks for itself."""
     misfit_by = explaining(row, found) or of_trial
     by_cause: dict[Cause, list[str]] = {}
-    for name in filter(EVIDENCE.__contains__, found):
+    units = CAUSES["another unit"], CAUSES["unlikely size"]  # first: a wrong unit makes others of these
+    for name in sorted(filter(EVIDENCE.__contains__, found), key=lambda name: EVIDENCE[name].cause not in units):
         cause = cause_in(name, found[name][0], row)
         by_cause.setdefault(misfit_by if misfit_by and EVIDENCE[name].misfit else cause, []).append(name)
     for cause, names in by_cause.items():

@@ -153,7 +153,7 @@ def test_the_numbers_and_signals_of_a_trial_are_those_of_the_results(page, resul
             value, low, high = (float(part.strip("[],")) for part in cell.split())
             half = (row[f"{quantity}_high"] - row[f"{quantity}_low"]) / 2
             for shown, true in ((value, row[quantity]), (low, row[f"{quantity}_low"]), (high, row[f"{quantity}_high"])):
-                assert shown == pytest.approx(true, abs=0.06 * half)
+                assert shown == pytest.approx(true, abs=max(0.06 * half, 5e-4 * abs(row[quantity])))  # four digits
     series = read_table(results / f"fits/impedance/{name}.zip", of="series")
     label = page.find_element(By.CSS_SELECTOR, '#trial .plot [role="img"]').get_attribute("aria-label")
     low, high = re.search(r"measured from (\S+) to (\S+);", label).groups()

@@ -143,7 +143,7 @@ def test_inertia_and_weight_of_a_fixture_are_taken_off_the_torque_before_the_fit
     ("actuator", {"current": 2**0.5}, "another unit: .*between peak and RMS current"),
     ("actuator", {"current": 3**-0.5}, "another unit: .*between line and phase"),
     ("actuator", {"torque_m": 1.3558}, r"another unit: .*between lbf\*ft and N\*m"),
-    ("actuator", {"current": 1 / 1.2}, "^$"), ("actuator", {"torque_m": 1.5**0.5}, "^$"),
+    ("actuator", {"current": 1 / 1.15}, "^$"), ("actuator", {"torque_m": 1.5**0.5}, "^$"),
     ("impedance", {"torque": 0.01}, "K_over_K_s 0.00292 is below 0.01"),
     ("impedance", {"torque": clipped}, "clipped.*saturated_samples"),
     ("actuator", {"torque_m": clipped}, "clipped.*saturated_samples"),

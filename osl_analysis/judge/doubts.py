@@ -73,9 +73,9 @@ def known_factor(ratio: float, signals: Sequence[str] = ("torque", "angle"), nea
 
 
 def suspected_unit(name: str, ratio: float, row: AnyRow) -> str:
-    """The factor between units, as `known_factor`, that a ratio is within 1.5 %, although a device may differ as much;
-    a belt, which differs from its file by 2 % (SD), within 4 %. Its witness tells which: a wrong torque scales both
-    alike, a wrong current the ratio alone, to a tenth each."""
+    """The factor between units, as `known_factor`, that a ratio is near, although a device may differ as much: within
+    4 %, as components differ from their file by 2 % (SD), of a desired curve within 1.5 %. Its witness tells which: a
+    wrong torque scales both alike, a wrong current the ratio alone, to a tenth each."""
     evidence, symbol = EVIDENCE.get(name), name.removesuffix("_ratio")
     witness = cell_number(row, evidence.witness) if evidence and evidence.witness else None
     value, high = cell_number(row, symbol), cell_number(row, f"{symbol}_high")
@@ -83,7 +83,7 @@ def suspected_unit(name: str, ratio: float, row: AnyRow) -> str:
         return ""
     of_current = [signal for signal in evidence.of if signal == "current" and abs(witness - 1) < 0.1]
     others = [signal for signal in evidence.of if signal != "current" and abs(witness / ratio - 1) < 0.1]
-    return known_factor(ratio, of_current + others, 0.04 if symbol == "K_s" else 0.015)
+    return known_factor(ratio, of_current + others, 0.015 if symbol == "desired" else 0.04)
 
 
 def turns_far(row: AnyRow) -> bool:

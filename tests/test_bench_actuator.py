@@ -177,16 +177,29 @@ def test_current_in_steps_at_standstill_gives_the_torque_per_current_alone_and_c
         actuator_trial(staircase(1, levels=(0, 5, 10, 0)), ANALYSIS)
 
 
-def test_levels_behind_a_turn_in_which_the_friction_still_turns_do_not_lower_the_torque_per_current():
-    """Friction of constant size and per current holds the torque within a band: taken as they are, they cost 3 %."""
-    steps = np.concatenate([np.arange(0, 9), np.arange(7, -9, -1), np.arange(-7, 1)]).astype(float)
-    current, held, torque = np.repeat(steps, 250), 0.0, []
+def held_by_friction(levels):
+    """A clamped actuator whose friction, of constant size and per current, holds the torque within a band."""
+    current, held, torque = np.repeat(np.array(levels, dtype=float), 250), 0.0, []
     for wanted in current:
         band = 0.15 + 0.06 * abs(wanted)
         held = min(max(held, 0.648 * wanted - band), 0.648 * wanted + band)
         torque.append(held)
-    columns = {"time": np.arange(len(current)) / 250, "current": current, "torque_m": torque}
-    columns["torque_m"] += 0.01 * np.random.default_rng(1).standard_normal(len(current))
-    fit = actuator_trial(Trial("stalled", pl.DataFrame(columns)), ANALYSIS).whole
+    noise = 0.01 * np.random.default_rng(1).standard_normal(len(current))
+    columns = {"time": np.arange(len(current)) / 250, "current": current, "torque_m": torque + noise}
+    return Trial("stalled", pl.DataFrame(columns))
+
+
+@pytest.mark.parametrize("levels", [(0, 2, 4, 6, 4, 2, 0, -2, -4, -2, 0), (0, 3, 6, 3, 0, -3, -6, -3, 0)])
+def test_a_short_staircase_has_an_interval_that_holds_the_friction_of_its_turns(levels):
+    fit = actuator_trial(held_by_friction(levels), ANALYSIS).whole
+    low, high = fit.interval("k_tau_n_m")
+    assert low < 0.648 < high
+    assert high - low < 0.5
+
+
+def test_levels_behind_a_turn_in_which_the_friction_still_turns_do_not_lower_the_torque_per_current():
+    """Friction of constant size and per current holds the torque within a band: taken as they are, they cost 3 %."""
+    levels = [*range(9), *range(7, -9, -1), *range(-7, 1)]
+    fit = actuator_trial(held_by_friction(levels), ANALYSIS).whole
     assert fit["k_tau_n_m"] == pytest.approx(0.648, rel=2e-3)
     assert (fit["hysteresis"], fit["load_hysteresis"]) == pytest.approx((0.15, 0.06), abs=0.01)

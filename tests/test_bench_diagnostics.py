@@ -14,7 +14,7 @@ from scipy.interpolate import CubicSpline
 from osl_analysis.bench.analysis import viscous_and_friction, with_friction
 from osl_analysis.bench.effects import IMPEDANCE, belt_of_leg, sums_of, with_effects, yielding_in
 from osl_analysis.bench.impedance import DesiredImpedance, judged_impedance
-from osl_analysis.bench.record import record_of_trial
+from osl_analysis.bench.record import record_of_trial, with_actuator
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.campaign.configuration import read_section
 from osl_analysis.judge.doubts import marked, plausible_impedance
@@ -214,7 +214,7 @@ def leg(torque_late=0.0, theta_m_late=0.0, theta_late=0.0, B_j=P.B_j):
 def test_the_belt_shows_which_channel_of_a_leg_is_late(fault, lag, of_theta_m):
     """Eq. 15 misses so much of a leg that it passes for a delay of 10 ms; a belt stays a spring."""
     trial = leg(**fault)
-    record = record_of_trial(trial, SETTINGS)
+    record = with_actuator(record_of_trial(trial, SETTINGS), trial)
     row = judged_impedance(record, saturated(trial, "torque", "theta"), P, UNKNOWN)[1].row(0, named=True)
     assert (row["lag_by"], row["lag_s"]) == ("theta_m", pytest.approx(lag, abs=1.5e-4))
     assert row["certain_theta_m_lag_s"] == pytest.approx(of_theta_m, abs=1.5e-4 if of_theta_m else 0)
@@ -230,7 +230,7 @@ def test_the_belt_shows_which_channel_of_a_leg_is_late(fault, lag, of_theta_m):
 def test_a_theta_m_that_shows_no_belt_says_nothing_of_lags():
     trial = leg(torque_late=1e-3)
     idle = replace(trial, samples=trial.samples.with_columns(theta_m=0.3 + 1e-3 * pl.col("theta_m")))
-    assert belt_of_leg(record_of_trial(idle, SETTINGS), P) is None
+    assert belt_of_leg(with_actuator(record_of_trial(idle, SETTINGS), idle), P) is None
     turned = replace(trial, samples=trial.samples.with_columns(theta_m=-pl.col("theta_m")))
-    belt = belt_of_leg(record_of_trial(turned, SETTINGS), P)
+    belt = belt_of_leg(with_actuator(record_of_trial(turned, SETTINGS), turned), P)
     assert (belt.torque, belt.K_s / P.K_s < 0.7) == (None, True)

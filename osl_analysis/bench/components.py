@@ -301,10 +301,8 @@ def lateness_of(lag: effects.Fault | None, fit: GroupFit) -> Row:
     elif lag is not None and lag.possible * per_J_j < 0.1:
         share = 0.0
     else:
-        said = (
-            f"{LATENESS}: a late torque would look like less inertia{SIZED} {1e-3 * fit['B_j']:.2g} kg*m^2 off J_j = "
-        )
-        said += f"{fit['J_j']:.2g}, measure it by a `calibration` of this bench"
+        said = f"{LATENESS}: a late torque would look like less inertia{SIZED} {1e-3 * fit['B_j']:.2g} kg*m^2 off "
+        said += f"J_j = {fit['J_j']:.2g}, measure it by a `calibration` of this bench"
     size, se = (lag.size, lag.se) if lag else (None, None)
     return {"lag_s": size, "lag_se_s": se, "lag_inertia_share": share, "not_checked": said}
 
@@ -403,13 +401,15 @@ def stalled_of(signals: UniformSignals, settings: ActuatorAnalysis) -> Analysis:
     # behind a turn the torque stays until the friction has changed its side
     follows = np.diff(torques, prepend=torques[0]) * way / np.maximum(np.abs(steps), np.finfo(float).tiny)
     slid = (follows > 0.7 * np.median(follows)) | (way == 0)
+    enough = int(slid.sum()) >= 1.5 * FEWEST_LEVELS  # for T_G beside T; fewer levels are all taken
+    slid |= not enough
     levels, means = [rows for rows, one in zip(levels, slid, strict=True) if one], means[slid]
     for rows, up in zip(levels, way[slid], strict=True):
         side[rows] = -up
     columns = {"k_tau_n_m": low_pass(current, rate), "hysteresis": side, "one": np.ones_like(current)}
     columns["load_hysteresis"] = side * np.abs(columns["k_tau_n_m"])
     columns["drift"] = signals.time - signals.time.mean()
-    both_ways = ("hysteresis", "load_hysteresis", "drift") if np.ptp(np.sign(np.diff(means))) else ()
+    both_ways = ("hysteresis", *["load_hysteresis"] * enough, "drift") if np.ptp(np.sign(np.diff(means))) else ()
     model: Model = {"k_tau_n_m": "k_tau_n_m", "offset": "one", **{name: name for name in both_ways}}
     groups = Groups(
         "stretches",

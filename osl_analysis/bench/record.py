@@ -128,7 +128,7 @@ class Record:
     other: "Record | None" = None  # the same if undecided stamps were taken the other way; None: all are decided
     softer: "Record | None" = None  # the same with a bench that is softer by one standard error; None: it is exact
     settings: BenchAnalysis | None = None  # the bench, and limits of what a motion must tell
-    theta_m: Array | None = None  # the actuator's angle [rad] behind the filter, where an impedance trial has it
+    theta_m: Array | None = None  # the actuator's angle [rad] behind the filter, where it was asked for
 
     @property
     def bench(self) -> BenchStiffness | None:
@@ -387,21 +387,20 @@ def record_of_trial(
             f"trial {trial.name}: theta has the commanded frequencies, but is no stepped sine; look for spikes, hum "
             f"and a mount that turns; {meant}, or `excitation: stepped_sine` to fit what there is"
         )
-    theta_m = actuator_angle(trial, made) if isinstance(settings, ImpedanceAnalysis) else None
-    return replace(made, periodic=periodic, steps=(steps[0], steps[1]), theta_m=theta_m)
+    return replace(made, periodic=periodic, steps=(steps[0], steps[1]))
 
 
-def actuator_angle(trial: Trial, record: Record) -> Array | None:
-    """The actuator's angle (n,) [rad] at the times of a record, behind its filter; None where the trial has none that
-    comes to a time base together with angle and torque."""
+def with_actuator(record: Record, trial: Trial) -> Record:
+    """The record with the actuator's angle behind the filter, if the trial has one that comes to a time base together
+    with angle and torque."""
     if "theta_m" not in trial.columns or record.settings is None:
-        return None
+        return record
     with suppress(InputError):
         found = uniform_signals(trial, ("theta", "theta_m", "torque"), record.settings.gap_limits)
         step = 1 / found.rate_hz
         filtered = {"theta_m": record.low_pass(found["theta_m"], found.rate_hz)}
-        return resampled(found.time, filtered, record.time, step)["theta_m"]
-    return None
+        return replace(record, theta_m=resampled(found.time, filtered, record.time, step)["theta_m"])
+    return record
 
 
 def motion_parts(signals: UniformSignals, settings: ImpedanceAnalysis, windows: str | None) -> Parts:

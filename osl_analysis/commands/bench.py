@@ -25,7 +25,7 @@ from osl_analysis.bench.impedance import (
 )
 from osl_analysis.bench.phasors import frequency_response_table, phasor_table
 from osl_analysis.bench.prediction import NUMBERS, components_of, prediction_table, prediction_terms
-from osl_analysis.bench.record import record_of_trial, sine_record
+from osl_analysis.bench.record import record_of_trial, sine_record, with_actuator
 from osl_analysis.bench.response_tables import response_tables
 from osl_analysis.bench.settings import (
     ActuatorAnalysis,
@@ -88,7 +88,8 @@ def fit_impedance_trial(
     p = known_parameters(parameters)
     check_recording(trial, settings)
     rails = saturated(trial, "torque", "theta")
-    rendered, table = judged_impedance(record_of_trial(trial, settings, windows), rails, p, condition, weight)
+    record = record_of_trial(trial, settings, windows)
+    rendered, table = judged_impedance(with_actuator(record, trial), rails, p, condition, weight)
     stated = condition.columns() if condition else {}
 
     def further() -> dict[str, pl.DataFrame]:

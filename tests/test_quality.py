@@ -15,6 +15,7 @@ from bench_synthetic import second_order
 from bench_synthetic import stepped_sine as sines
 from c3d_builder import REAL_DATA, write_c3d
 from conftest import ROOT
+from scipy import signal
 
 from osl_analysis.campaign.campaign import check_campaign, open_campaign
 from osl_analysis.campaign.configuration import campaign_config, read_section
@@ -372,6 +373,18 @@ def test_a_channel_is_held_while_its_reference_changes_but_for_the_ends_of_the_r
     for first, last, seconds in ((0.2, 0.28, 0.0), (0.72, 0.8, 0.0), (0.2, 0.4, 0.59), (0.6, 0.8, 0.59)):
         reference = (time, np.where((time >= first) & (time < last), np.sin(1000 * time), 0.0))
         assert recording.held(time, values, reference, 0.1, 0.1) == pytest.approx(seconds), (first, last)
+
+
+def test_a_joint_that_comes_to_rest_at_its_ends_is_not_clipped_though_its_torque_settles_there():
+    """Two levels behind a low-pass: the angle stands within a step of its encoder while the torque still changes."""
+    time, step = np.arange(20_000) / 1000, 2 * np.pi / 2**14
+    command = np.deg2rad(2.0) * np.sign(np.random.default_rng(3).standard_normal(100))
+    smooth = signal.sosfilt(signal.butter(2, 60, fs=1000, output="sos"), np.repeat(command, 200))
+    omega = np.gradient(smooth, time)
+    torque = 300 * smooth + 5 * omega + 0.02 * np.gradient(omega, time)
+    columns = {"time": time, "theta": step * np.rint(np.clip(smooth, -np.deg2rad(2), np.deg2rad(2)) / step)}
+    trial = Trial("a", pl.DataFrame(columns | {"torque": torque}))
+    assert samples_at_rail(trial, "theta", "torque") == 0
 
 
 def test_a_command_at_its_level_is_no_rail_a_clipped_current_and_a_stated_end_are():

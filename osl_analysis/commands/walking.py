@@ -26,7 +26,7 @@ from osl_analysis.walking.bodies import StaticCalibration
 from osl_analysis.walking.crossing import Crossing, RefusedCrossing, analyse_crossing, body_mass
 from osl_analysis.walking.gait import PHASES, UnperturbedGait, unperturbed_gait
 from osl_analysis.walking.groups import ALL, SEPARATOR, cells_said, selection_rows, split_keys
-from osl_analysis.walking.overground import overground_rows
+from osl_analysis.walking.overground import CURVES, overground_rows
 from osl_analysis.walking.plate import NO_CORRECTION, NOT_REMOVED, PlateModel, identify_plate_model, plate_table
 from osl_analysis.walking.platform import ALONE, PlatformModel, identify_platform, platform_table
 from osl_analysis.walking.response import group_headline
@@ -400,8 +400,13 @@ def selected_crossings(crossings: Paths, selection: Path) -> list[Crossing]:
 def compare_ankle_moment(
     trial: Trial, settings: choices.OvergroundAnalysis, condition: Mapping[str, float | None] | None = None
 ) -> Mapping[str, pl.DataFrame]:
-    """Our ankle moment and the laboratory's, per stance and plate; `condition` may state the sheet's `body_mass_kg`."""
-    return {"ankle_moment": pl.DataFrame(overground_rows(trial, settings, (condition or {}).get("body_mass_kg")))}
+    """Our ankle moment, and the laboratory's if there is one, of each stance, and over it; `condition` may state the
+    sheet's `body_mass_kg`."""
+    rows = overground_rows(trial, settings, (condition or {}).get("body_mass_kg"))
+    table = pl.DataFrame(rows, infer_schema_length=None)
+    used = table.filter(pl.col("excluded").is_null()).with_columns(pl.col(CURVES).cast(pl.List(pl.Float64)))
+    curves = used.select("trial", "side", "plate", "heel_strike_s", *CURVES).explode(CURVES).fill_nan(None)
+    return {"ankle_moment": table.drop(CURVES), "ankle_moment_curves": curves}
 
 
 def tabulate_over_stance(

@@ -149,8 +149,8 @@ EXPERIMENTS: dict[str, Experiment] = {
         judged_further=("walking_groups",),
     ),
     "overground": Experiment(
-        "overground gait with a reference ankle moment in the file", place="walkway", bare_plate=True, walker=True,
-        tables=(ResultTable("ankle_moment", judged=False),),
+        "overground gait: ankle moment, beside the laboratory's own", place="walkway", bare_plate=True, walker=True,
+        tables=(ResultTable("ankle_moment"), ResultTable("ankle_moment_curves", judged=False)),
         fit=FitJob("walking.compare_ankle_moment", {"settings": ("overground", "OvergroundAnalysis")},
             sheet=("body_mass_kg",)),
     ),

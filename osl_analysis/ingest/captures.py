@@ -452,7 +452,7 @@ def exported_plates(table: Table, recording: Recording, source: Source) -> Recor
         about = moment + np.cross(point - np.mean(plate.corners, axis=0), force)
         origin, own = plate.model_dump(include={"force", "point", "moment", "sign"}), [0, 1, 2, 6, 7, 8]
         raw = [names[k] for k in own], values[:, own], rate
-        about_plate = {"plate": number, "type": 2, "corners": np.array(plate.corners)}
+        about_plate = {"plate": number, "type": 2, "corners": np.array(plate.corners), "foot": plate.foot}
         signals, origins, said = plate_record(about_plate, (force, about), origin, raw, source.rotation)
         samples = samples.with_columns(**{name: pl.Series(one) for name, one in signals.items()})
         columns |= origins

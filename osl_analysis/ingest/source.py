@@ -208,6 +208,7 @@ class Plate(Settings):
     point: str  # Beginning of the names of the columns of the point of application [m]: `R_ground_force_p`.
     moment: str  # Beginning of the names of the columns of the moment about this point [N*m]: `R_ground_torque_`.
     corners: tuple[Corner, Corner, Corner, Corner]  # Of the surface in the file's axes [m], in an export of Nexus [mm].
+    foot: Literal["left", "right"] | None = None  # Whose force it is, where the file has one per foot, not per plate.
     moment_about: Corner | None = None  # About which the file takes the moment [mm]; without it the corners' centre.
     sign: Literal[1, -1] = 1  # -1 if the file has the force on the plate instead of the force on the foot.
 
@@ -428,7 +429,8 @@ KEYS: Mapping[str, tuple[Any, ...]] = {
     ),
     "tdms": (OF_TABLE, "channel counter", f"channel {OF_ROWS}", "", {"time": OPTIONAL}, True),
     "opensim": (
-        *(f"{OF_TABLE} plates axes", "column counter unit", f"column {OF_ROWS}", "force point moment corners sign"),
+        *(f"{OF_TABLE} plates axes", "column counter unit", f"column {OF_ROWS}"),
+        "force point moment corners foot sign",
         {
             **NO_UNITS,
             "clock": (Literal["master", "sync", "shared", "common"], "master"),

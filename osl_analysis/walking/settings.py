@@ -7,7 +7,8 @@ from pydantic import Field, model_validator
 from osl_analysis.signals import LowPass
 from osl_analysis.yaml_settings import NotNegative, Positive, Settings
 
-Cluster = Annotated[tuple[str, ...], Field(min_length=3)]
+Names = tuple[str, ...]
+Cluster = Annotated[Names, Field(min_length=3)]
 Side = Literal["left", "right"]
 StanceSource = Literal["own", "unperturbed", "matched"]
 
@@ -167,8 +168,15 @@ class WalkingAnalysis(
 
 
 class OvergroundAnalysis(Settings):
-    """How the ankle moment of overground gait is compared with the one that a laboratory computed."""
+    """How the ankle moment of overground gait is computed. Of the names of a marker, with L or R in place of `?`, the
+    first that the recording has is used: those of Plug-in Gait, QTM, OpenSim, CAST and others."""
 
     load_on_n: Positive  # Vertical force [N] above which a frame counts
     body_mass_kg: Positive | None = None  # Body mass [kg] of trials for which neither sheet nor recording states one
     largest_zero_n: Positive = 100  # Largest downward reading [N] of a plate in most of the recording; more is refused
+    lateral_malleolus: Names = ("?ANK", "?_FAL", "?.Ankle.Lat", "?LM", "?LMA", "?LMAL", "?AL", "?.Ankle")
+    medial_malleolus: Names = ("?MED", "?_TAM", "?.Ankle.Med", "?.Ankle.Medial", "?MM", "?MMA", "?MMAL", "?AM", "?TIO")
+    heel: Names = ("?HEE", "?_FCC", "?.Heel", "?CA", "?CAL", "?H")
+    toe: Names = ("?TOE", "?_FM2", "?.MT2", "?.Toe.Tip", "?.Toe", "?SM", "?FM", "?.MT1")
+    fewest_standing: Annotated[float, Field(gt=0, lt=1)] = 0.7  # Smallest share of a contact with heel or toe at rest
+    longest_contact: Annotated[float, Field(gt=1)] = 1.4  # Longest contact with a plate, in those with other plates

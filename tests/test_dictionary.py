@@ -8,11 +8,11 @@ from polars.testing import assert_frame_equal
 from test_walking_commands import gait_trial
 
 from osl_analysis.commands.study import performance_table
+from osl_analysis.commands.walking import compare_ankle_moment
 from osl_analysis.dictionary import HERE, described_tables, own_yaml
 from osl_analysis.errors import InputError
 from osl_analysis.files import atomic_path, check_working_folder, digest, file_state
 from osl_analysis.table import TEXT_COLUMNS, finite_or_null, read_table, with_places, write_table
-from osl_analysis.walking.overground import overground_rows
 from osl_analysis.walking.settings import OvergroundAnalysis
 from osl_analysis.yaml_settings import read_mapping
 
@@ -53,8 +53,9 @@ def test_the_tables_of_the_study_and_of_overground_trials_are_described():
     made = performance_table(estimates)
     assert set(described("study/study")) - {"data"} == set(made.columns)
     assert made.select("coverage", "model_coverage", "model_error").row(0) == pytest.approx((1 / 3, 1 / 3, 7 / 3))
-    (row,) = overground_rows(gait_trial(), OvergroundAnalysis(load_on_n=50, body_mass_kg=70))
-    assert set(described("tables/ankle_moment")) - {"joint", "data"} == set(row)
+    found = compare_ankle_moment(gait_trial(), OvergroundAnalysis(load_on_n=50, body_mass_kg=70))
+    for name, table in found.items():
+        assert set(described(f"tables/{name}")) - {"joint", "data", "doubtful"} == set(table.columns)
 
 
 def test_columns_that_are_read_as_text_are_described_as_text_and_tables_of_trials_by_those_that_gather_them():

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 import pytest
+import yaml
 from conftest import ROOT
 from walking_crossings import Tables, run_jobs
 from walking_setup import Setup, load_setup
@@ -22,12 +23,13 @@ from osl_analysis.commands.figure import plot_walking_page
 from osl_analysis.commands.trials import ingest_trial
 from osl_analysis.commands.walking import compare_ankle_moment
 from osl_analysis.errors import InputError, WriteError
+from osl_analysis.judge.doubts import marked
 from osl_analysis.judge.table import Doubt
 from osl_analysis.table import read_table
-from osl_analysis.trial import Trial, read_trial, write_trial
+from osl_analysis.trial import Trial, plate_columns, read_trial, write_trial
 from osl_analysis.walking.crossing import Crossing, RefusedCrossing, body_mass
 from osl_analysis.walking.gait import unperturbed_gait
-from osl_analysis.walking.overground import overground_rows
+from osl_analysis.walking.overground import CURVES, overground_rows
 from osl_analysis.walking.plate import PlateModel
 from osl_analysis.walking.response import fit_response, group_headline, isolate_response
 from osl_analysis.walking.settings import OvergroundAnalysis, WalkingAnalysis
@@ -363,7 +365,8 @@ def test_the_moment_of_a_known_load_and_its_ratio_to_the_reference(side: str) ->
     trial = gait_trial(side)
     (row,) = overground_rows(trial, KNOWN)
     turned = {"plates": [{"plate": 1, "corners": CORNERS[::-1]}]}
-    assert overground_rows(replace(trial, provenance=turned), KNOWN) == [row]
+    (same,) = overground_rows(replace(trial, provenance=turned), KNOWN)
+    assert {**same, **dict.fromkeys(CURVES)} == {**row, **dict.fromkeys(CURVES)}
     assert (row["side"], row["plate"]) == (side, 1)
     assert [row["heel_strike_s"], row["toe_off_s"]] == pytest.approx([0.50625, 1.49375], abs=1e-3)
     found = compare_ankle_moment(gait_trial(side), KNOWN, {"body_mass_kg": 60.0})["ankle_moment"]
@@ -377,9 +380,12 @@ def test_what_cannot_be_compared_is_refused_with_the_remedy() -> None:
     trial = gait_trial()
     with pytest.raises(InputError, match="gait_1: no foot stands on a plate"):
         overground_rows(gait_trial(over=0.3), KNOWN)
-    bare = replace(trial, samples=trial.samples.drop("reference_ankle_moment_left"))
-    with pytest.raises(InputError, match="no column 'reference_ankle_moment_left'"):
-        overground_rows(bare, KNOWN)
+    with pytest.raises(InputError, match="gait_1: no force plate; map it"):
+        overground_rows(replace(trial, provenance={}), KNOWN)
+    with pytest.raises(
+        InputError, match=r"gait_1: no marker of an ankle; name one under overground\.lateral_malleolus"
+    ):
+        overground_rows(replace(trial, samples=trial.samples.select(pl.exclude("^marker_LTI.*$"))), KNOWN)
     with pytest.raises(InputError, match=r"states no body mass; state body_mass_kg in the sheet, or overground\.body"):
         overground_rows(trial, OvergroundAnalysis(load_on_n=50))
     # a plate is only refused if it pulls, and by more than noise
@@ -387,6 +393,127 @@ def test_what_cannot_be_compared_is_refused_with_the_remedy() -> None:
         assert overground_rows(changed(trial, pl.col("plate1_force_z") + shift), KNOWN.model_copy(update=LOADED))
     with pytest.raises(InputError, match=r"trial gait_1: force plate 1 reads -110 N"):
         overground_rows(changed(trial, pl.col("plate1_force_z") - 110.0), KNOWN)
+
+
+def steps(feet: dict[str, tuple[float, float, float]], contacts: tuple[tuple[float, float], ...], names: str) -> Trial:
+    """Feet, each at y [m] and at rest at x = 0 from one time to another [s], walk at 3 m/s before and after. Their toes
+    are out by 20 deg. A load of 800 N and 80 N forward acts 0.12 m before the left ankle, at the height of the ground."""
+    t, heading = np.arange(0, 3, 1 / PLATE_RATE), np.deg2rad(20)
+    out = np.array([np.cos(heading), np.sin(heading), 0.0])
+    load = sum(np.clip(np.minimum(t - on, off - t) / 0.1, 0, 1) for on, off in contacts)
+    force, markers = np.outer(load, [80.0, 0.0, 800.0]), {}
+    for side, (y, on, off) in feet.items():
+        sign, frames = 1 if side == "L" else -1, t[::5]
+        walked = 3.0 * (np.minimum(frames - on, 0) + np.maximum(frames - off, 0))
+        place = {"lateral": np.array([0.0, 0.04 * sign, 0.09]), "medial": np.array([0.0, -0.04 * sign, 0.09])}
+        place |= {"heel": -0.05 * out * [1, sign, 0], "toe": 0.15 * out * [1, sign, 0]}
+        for part, name in zip(place, names.split(), strict=False):
+            still = place[part] + [0.0, y, 0.02]
+            raised = 0.1 * (np.abs(walked) > 0)
+            markers[name.replace("?", side)] = still + np.column_stack([walked, 0 * walked, raised])
+    ahead = np.array([0.12, 0.0, 0.0])
+    return recording("gait_1", markers, force, np.cross(ahead, force))
+
+
+QTM, ONE_FOOT, CONTACT = "?_FAL ?_TAM ?_FCC ?_FM2", {"L": (0.0, 1.0, 1.7)}, ((1.0, 1.7),)
+ACROSS = np.deg2rad(20)
+
+
+@pytest.mark.parametrize(
+    ("names", "axis_from", "moment"),
+    [  # of 800 N 0.12 m ahead, and 80 N 0.11 m below the ankle
+        (QTM, "L_FAL to L_TAM", 96.0 + 8.8),
+        ("?LM ?MM", "LLM to LMM", 96.0 + 8.8),
+        ("?.Ankle.Lat ?.Ankle.Med ?.Heel ?.Toe.Tip", "L.Ankle.Lat to L.Ankle.Med", 96.0 + 8.8),
+        # the axis is turned by 20 deg, and goes through a point 0.04 m beside the ankle's centre
+        ("?ANK - ?HEE ?TOE", "LANK, across LHEE to LTOE", 104.8 * np.cos(ACROSS) - 32 * np.sin(ACROSS)),
+        ("?ANK", "LANK, across its way", 96.0 + 8.8),
+    ],
+)
+def test_without_a_reference_the_axis_is_from_the_markers_that_exist(names: str, axis_from: str, moment: float) -> None:
+    found = compare_ankle_moment(steps(ONE_FOOT, CONTACT, names), KNOWN)
+    (row,) = found["ankle_moment"].to_dicts()
+    assert (row["axis_from"], row["excluded"], row["side"]) == (axis_from, None, "left")
+    assert row["peak_moment"] == pytest.approx(moment / MASS, rel=2e-3)
+    assert [row[name] for name in ("correlation", "slope", "reference_peak", "moment_at_peak")] == [None] * 4
+    curves = found["ankle_moment_curves"]
+    middle = curves.filter(pl.col("phase").is_between(0.2, 0.8))["moment"].to_numpy()
+    assert middle == pytest.approx(moment / MASS, rel=0.01)
+    assert curves.columns == ["trial", "side", "plate", "heel_strike_s", *CURVES]
+    assert (len(curves), curves["reference_moment"].null_count()) == (row["frames"], row["frames"])
+    right = steps({"R": ONE_FOOT["L"]}, CONTACT, names)
+    if "across its" not in axis_from and "HEE" not in names:
+        assert overground_rows(right, KNOWN)[0]["peak_moment"] == pytest.approx(moment / MASS, rel=2e-3)
+
+
+def test_two_feet_on_one_plate_are_excluded_with_the_reason_and_a_foot_that_swings_over_it_is_not() -> None:
+    def reasons(trial: Trial, **changes: float) -> list[Any]:
+        rows = overground_rows(trial, KNOWN.model_copy(update=changes))
+        assert all((row["excluded"] is None) == (row["peak_moment"] is not None) for row in rows)
+        return [row["excluded"] for row in rows]
+
+    both, long = ONE_FOOT | {"R": (-0.15, 1.5, 2.2)}, ((1.0, 2.2),)
+    first, *_ = reasons(steps(both, long, QTM))
+    assert first == "the right foot stands on the same plate in 58 % of the contact"
+    assert "the right foot stands" in reasons(steps(both, long, "?ANK"))[0]  # the ankle alone shows it
+    assert reasons(steps(ONE_FOOT | {"R": (-0.15, 0.2, 0.7)}, CONTACT, QTM)) == [None]
+    # the other foot has no markers: its own foot does not rest for as long as the plate is loaded
+    assert reasons(steps(ONE_FOOT, long, QTM)) == [
+        "heel and toe rest on the plate in 58 % of the contact: a second foot"
+    ]
+    assert reasons(steps(ONE_FOOT, long, "?ANK ?MED")) == [None]
+    again = steps({"L": (0.0, 0.2, 2.3)}, ((0.2, 0.7), (1.0, 2.2)), "?ANK ?MED")
+    assert reasons(again) == [None, "a contact of 1.20 s where others last 0.50 s: a second foot, or no zero"]
+    assert reasons(again, longest_contact=2.5) == [None, None]
+
+
+def test_a_moment_unlike_walking_is_doubtful_and_says_why() -> None:
+    limits = Doubt.model_validate(yaml.safe_load((ROOT / "config/config.yaml").read_text())["doubtful"]["ankle_moment"])
+
+    def doubt(force: float) -> Any:
+        trial = steps(ONE_FOOT, CONTACT, "?ANK ?MED")
+        turned = changed(trial, *(pl.col(name) * force for name in plate_columns(1, "moment")))
+        found = compare_ankle_moment(turned, KNOWN)["ankle_moment"]
+        late = found.with_columns(peak_phase=pl.lit(0.8))
+        return marked(late, limits, "ankle_moment")["doubtful"][0]
+
+    assert doubt(1.0) == ""
+    assert "below 0.8" in doubt(-1.0)
+    assert doubt(-1.0).startswith("moment unlike walking: ")
+    assert "above 2.5" in doubt(3.0)
+
+
+def test_markers_and_forces_of_opensim_give_the_moment_of_the_foot_that_the_forces_are_of(tmp_path: Path) -> None:
+    t = np.arange(0, 2.5, 0.01)
+    load = 700 * np.clip(np.minimum(t - 0.8, 1.5 - t) / 0.1, 0, 1)
+    force, point = np.outer(load, [0.0, 1.0, 0.0]), np.tile([0.11, 0.0, -0.1], (t.size, 1))
+    table = np.column_stack([5 + t, force, point, 0 * force])
+    columns = ["time", *(f"L_{kind}{axis}" for kind in "vpm" for axis in "xyz")]
+    lines = ["grf", f"nRows={t.size}", f"nColumns={len(columns)}", "endheader", "\t".join(columns)]
+    rows = ["\t".join(f"{value:.6f}" for value in row) for row in table]
+    (tmp_path / "a.mot").write_text("\n".join([*lines, *rows]) + "\n")
+    shift = 3.0 * (np.minimum(t - 0.8, 0) + np.maximum(t - 1.5, 0))
+    tracks = {"L.Ankle.Lat": [0, 0.09, -0.14], "L.Ankle.Med": [0, 0.09, -0.06], "R.Ankle.Lat": [0.05, 0.09, 0.1]}
+    head = ["PathFileType\t4\t(X/Y/Z)\ta.trc", "DataRate\tNumFrames\tNumMarkers\tUnits", f"100\t{t.size}\t3\tm"]
+    names = "Frame#\tTime\t" + "\t\t\t".join(tracks) + "\t\t"
+    cells = np.hstack([np.array(p) + np.outer(shift * (name[0] == "L"), [1, 0, 0]) for name, p in tracks.items()])
+    rows = [f"{k + 1}\t{5 + t[k]:.3f}\t" + "\t".join(f"{v:.6f}" for v in cells[k]) for k in range(t.size)]
+    (tmp_path / "a.trc").write_text("\n".join([*head, names, "\t\tX1", *rows]) + "\n")
+    (tmp_path / "trc.yaml").write_text("format: trc\naxes: [x, -z, y]\n")
+    floor = [[2.0, 0, -1.0], [2.0, 0, 1.0], [-2.0, 0, 1.0], [-2.0, 0, -1.0]]
+    plate = {"force": "L_v", "point": "L_p", "moment": "L_m", "corners": floor}
+    sheet = {"trial": "a", "log": "a.mot", "log_source": "mot", "mocap": "a.trc", "mocap_source": "trc"}
+    for foot, reason in (
+        ({}, "the right foot stands on the same plate in 100 % of the contact"),
+        ({"foot": "left"}, None),
+    ):
+        described = {"format": "opensim", "clock": "common", "plates": {1: plate | foot}}
+        (tmp_path / "mot.yaml").write_text(yaml.safe_dump(described))
+        ingest_trial(sheet, tmp_path, tmp_path, tmp_path / "a.parquet")
+        found = overground_rows(read_trial(tmp_path / "a.parquet"), KNOWN)
+        assert (found[0]["side"], found[0]["excluded"]) == ("left", reason)
+    assert len(found) == 1
+    assert found[0]["peak_moment"] == pytest.approx(700 * 0.11 / MASS, rel=0.01)  # 0.11 m before the ankle
 
 
 def test_the_sheets_mass_comes_before_the_recordings_and_that_before_the_campaigns() -> None:
@@ -417,3 +544,12 @@ def test_agrees_with_plug_in_gait_as_the_published_reference_does(tmp_path: Path
     np.testing.assert_allclose(table["reference_peak"] * 1e3, reference["pig_peak_Nmm_per_kg"], rtol=1e-5)
     at_peak = reference["own_quasistatic_at_peak_Nmm_per_kg"]
     np.testing.assert_allclose(table["moment_at_peak"] * 1e3, at_peak, rtol=0.01)
+    bare = read_trial(tmp_path / "pig.parquet")
+    for left_out, off in (("LTIL|RTIL", 0.05), ("[LR]TI[LO]", 0.09), ("[LR](TI[LO]|HEE|TOE)", 0.13)):
+        without = replace(bare, samples=bare.samples.select(pl.exclude(f"^marker_({left_out})_[xyz]$")))
+        found = compare_ankle_moment(without, OvergroundAnalysis(load_on_n=50))["ankle_moment"]
+        assert (found["excluded"].null_count(), (found["correlation"] > 0.998).all()) == (3, True)
+        np.testing.assert_allclose(found["peak_moment"], found["reference_peak"], rtol=off)
+        unknown = replace(without, samples=without.samples.select(pl.exclude("^reference_.*$")))
+        alone = compare_ankle_moment(unknown, OvergroundAnalysis(load_on_n=50))["ankle_moment"]
+        np.testing.assert_allclose(alone["peak_moment"], found["peak_moment"], rtol=1e-12)

@@ -57,13 +57,12 @@ def foot_markers(trial: Trial, side: str, settings: OvergroundAnalysis) -> Foot 
     if used is None:
         return None
     time, points = marker_tracks(trial, list(dict.fromkeys([*used, *filter(None, found)])))
-    axis, said = points[:, 1] - points[:, 0], " to ".join(used)
-    if len(used) != 2:
+    if len(used) == 2:
+        sign = -1 if used != plug_in and side == "left" else 1
+        axis, said = sign * (points[:, 1] - points[:, 0]), " to ".join(used)
+    else:
         forward = points[:, 2] - points[:, 1] if len(used) == 3 else stride(time, points[:, 0])
-        axis = np.cross([0.0, 0.0, 1.0], forward)
-        said = f"{lateral}, across {' to '.join(used[1:]) or 'its way'}"
-    elif used != plug_in and side == "left":
-        axis = -axis
+        axis, said = np.cross([0.0, 0.0, 1.0], forward), f"{lateral}, across {' to '.join(used[1:]) or 'its way'}"
     unit = axis / np.linalg.norm(axis, axis=1, keepdims=True)
     return Foot(time, points[:, 0], unit, said, points, bool(heel and toe))
 
@@ -108,11 +107,10 @@ def overground_rows(
         absent = "marker of an ankle; name one under overground.lateral_malleolus in the configuration"
         raise InputError(f"trial {trial.name}: no {absent if numbers else 'force plate; map it in the source file'}")
     rows, time = list[dict[str, Any]](), next(iter(feet.values())).time
-    stands = {side: foot.standing() for side, foot in feet.items()}
     for number in numbers:
         corners, of_foot = plates.recorded_corners(trial, number), plates.recorded_plate(trial, number).get("foot")
         wrench = plates.wrench_reader(*plates.recorded_wrench(trial, number), time)(0.0)
-        rests = {side: np.any(stands[side] & over(foot.points, corners), axis=1) for side, foot in feet.items()}
+        rests = {side: np.any(foot.standing() & over(foot.points, corners), axis=1) for side, foot in feet.items()}
         for stance in plates.find_stances(time, wrench[:, 2], load, load, 0.3):
             inside = (time > stance.heel_strike) & (time < stance.toe_off)
             share = {side: float(one[inside].mean()) for side, one in rests.items()}
@@ -121,11 +119,11 @@ def overground_rows(
             for side in on_plate if of_foot is None else [one for one in feet if one == of_foot]:
                 foot, other, excluded = feet[side], SIDES[side == "left"], None
                 whole = inside & np.isfinite(foot.points).all(axis=(1, 2))
-                own = float(np.mean(stands[side][whole].any(axis=1))) if foot.whole and whole.any() else 1.0
+                own = float(np.mean(rests[side][whole])) if foot.whole and whole.any() else 1.0
                 if of_foot is None and share.get(other, 0.0) > 0.1:
                     excluded = f"the {other} foot stands on the same plate in {100 * share[other]:.0f} % of the contact"
                 elif own < settings.fewest_standing:
-                    excluded = f"heel and toe are in the air in {100 - 100 * own:.0f} % of the contact: a second foot"
+                    excluded = f"heel and toe rest on the plate in {100 * own:.0f} % of the contact: a second foot"
                 row = {"trial": trial.name, "body_mass_kg": mass, "side": side, "plate": number}
                 row |= {"heel_strike_s": stance.heel_strike, "toe_off_s": stance.toe_off, "axis_from": foot.axis_from}
                 moment = plates.ankle_torque(wrench, corners.mean(axis=0), foot.ankle, foot.axis) / mass
@@ -146,7 +144,9 @@ def overground_rows(
     for k, contact in contacts.items():
         others = [one for other, one in contacts.items() if other != k] or [contact]
         if contact > settings.longest_contact * np.median(others):
-            said = f"the contact of {contact:.2f} s is longer than the others, {np.median(others):.2f} s: a second foot"
+            said = (
+                f"a contact of {contact:.2f} s where others last {np.median(others):.2f} s: a second foot, or no zero"
+            )
             rows[k] |= results([], said)
     return sorted(rows, key=lambda row: (row["side"], row["plate"]))
 

@@ -397,7 +397,7 @@ def test_what_cannot_be_compared_is_refused_with_the_remedy() -> None:
 
 def steps(feet: dict[str, tuple[float, float, float]], contacts: tuple[tuple[float, float], ...], names: str) -> Trial:
     """Feet, each at y [m] and at rest at x = 0 from one time to another [s], walk at 3 m/s before and after. Their toes
-    are out by 20 deg. A load of 800 N and 80 N forward acts 0.12 m before the left ankle, at the height of the ground."""
+    are out by 20 deg. A load of 800 N and 80 N forward acts 0.12 m before the left ankle, on the ground."""
     t, heading = np.arange(0, 3, 1 / PLATE_RATE), np.deg2rad(20)
     out = np.array([np.cos(heading), np.sin(heading), 0.0])
     load = sum(np.clip(np.minimum(t - on, off - t) / 0.1, 0, 1) for on, off in contacts)
@@ -463,7 +463,7 @@ def test_two_feet_on_one_plate_are_excluded_with_the_reason_and_a_foot_that_swin
     ]
     assert reasons(steps(ONE_FOOT, long, "?ANK ?MED")) == [None]
     again = steps({"L": (0.0, 0.2, 2.3)}, ((0.2, 0.7), (1.0, 2.2)), "?ANK ?MED")
-    assert reasons(again) == [None, "a contact of 1.20 s where others last 0.50 s: a second foot, or no zero"]
+    assert reasons(again) == [None, "a contact of 1.19 s where others last 0.49 s: a second foot, or a plate off zero"]
     assert reasons(again, longest_contact=2.5) == [None, None]
 
 

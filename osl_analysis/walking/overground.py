@@ -144,10 +144,8 @@ def overground_rows(
     for k, contact in contacts.items():
         others = [one for other, one in contacts.items() if other != k] or [contact]
         if contact > settings.longest_contact * np.median(others):
-            said = (
-                f"a contact of {contact:.2f} s where others last {np.median(others):.2f} s: a second foot, or no zero"
-            )
-            rows[k] |= results([], said)
+            said = f"a contact of {contact:.2f} s where others last {np.median(others):.2f} s: "
+            rows[k] |= results([], f"{said}a second foot, or a plate off zero")
     return sorted(rows, key=lambda row: (row["side"], row["plate"]))
 
 

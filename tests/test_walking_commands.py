@@ -369,6 +369,15 @@ def test_the_moment_of_a_known_load_and_its_ratio_to_the_reference(side: str) ->
     assert {**same, **dict.fromkeys(CURVES)} == {**row, **dict.fromkeys(CURVES)}
     assert (row["side"], row["plate"]) == (side, 1)
     assert [row["heel_strike_s"], row["toe_off_s"]] == pytest.approx([0.50625, 1.49375], abs=1e-3)
+    column = f"reference_ankle_moment_{side}"
+    (part,), (none,) = (  # compared where both are known; a stance that the laboratory did not compute stays
+        overground_rows(
+            changed(trial, pl.when(kept).then(column).otherwise(0 * pl.col(column) + np.nan).alias(column)), KNOWN
+        )
+        for kept in (pl.col("time") < 1.0, pl.lit(False))
+    )
+    assert (part["frames"], part["slope"]) == (pytest.approx(0.49375 * RATE, abs=1), pytest.approx(1.05, abs=1e-3))
+    assert (none["frames"], none["slope"], none["peak_moment"]) == (row["frames"], None, row["peak_moment"])
     found = compare_ankle_moment(gait_trial(side), KNOWN, {"body_mass_kg": 60.0})["ankle_moment"]
     assert found["moment_at_peak"][0] == pytest.approx(row["moment_at_peak"] * MASS / 60)  # the sheet's mass
     assert (row["slope"], row["correlation"]) == (pytest.approx(1.05, abs=1e-3), pytest.approx(1, abs=1e-5))

@@ -292,3 +292,13 @@ def test_uncompensated_gains_are_reflected_through_the_belt_and_other_controller
             uncompensated_gains(*pair, parameters)
     with pytest.raises(InputError, match=r"'compensatd' are not known.*compensated"):
         compensator.select_gains("compensatd", 300.0, 5.0, P)
+
+
+@pytest.mark.parametrize(("B_d", "sign"), [(2.5, 1), (7.5, -1)])
+def test_the_apparent_inertia_of_the_method_page_is_that_of_eq_9_at_low_frequency_and_may_be_negative(B_d, sign):
+    gains, w = compensator.compensated_gains(300.0, B_d, P), 0.02
+    damping, kappa = P.B_m + gains.B_1, gains.K_1 + P.K_s / P.n_T**2
+    written = P.J_j + (P.K_s / (P.n_T * kappa)) ** 2 * (P.J_m - damping**2 / kappa)
+    stiffness = (1 / joint_admittance(gains.K_1, gains.B_1, P, P.J_j)(1j * np.array([w, 2 * w]))).real
+    assert written == pytest.approx((stiffness[0] - stiffness[1]) / (3 * w**2), rel=1e-3)
+    assert np.sign(written) == sign

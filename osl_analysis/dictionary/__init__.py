@@ -28,6 +28,11 @@ def own_yaml(path: Path) -> dict[str, Any]:
     return content
 
 
+def apparent_inertia() -> str:
+    """What I is called wherever it may be negative; docs/method.md derives it from Eq. 9."""
+    return str(own_yaml(HERE / "shared.yaml")["columns"]["I"].partition(" | ")[2])
+
+
 @dataclass(frozen=True)
 class DescribedColumn:
     name: str

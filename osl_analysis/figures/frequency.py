@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
 
+from osl_analysis.dictionary import apparent_inertia
 from osl_analysis.errors import InputError
 from osl_analysis.figures import FIGURES, columns_of, names, style
 from osl_analysis.trial import Array
@@ -70,6 +71,7 @@ def fig7_caption(table: pl.DataFrame) -> str:
         said.append("Black: desired impedance (Eq. 11).")
     if (table["curve"] == LINEAR_MODEL).any():
         said.append("Broken lines: the drivetrain with the controller's gains, without friction (Eq. 9).")
+        said.append(f"To Eq. 15 it shows I, the {apparent_inertia()}.")
     trials = observed.group_by("controller", maintain_order=True).agg(pl.col("trial").n_unique())
     named = (
         f"{names.as_text(name or names.NO_CONTROLLER.label)} {names.count_of(n, 'trial')}"

@@ -9,6 +9,7 @@ import polars as pl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from osl_analysis.dictionary import apparent_inertia
 from osl_analysis.errors import InputError
 from osl_analysis.figures import names, style
 from osl_analysis.figures.names import UNIT_SIGN, as_text, count_of, doubtful_said, drawn_name, rounded_number
@@ -22,7 +23,7 @@ FIG9_COLUMNS = (
 AXIS_LABELS = {
     "K": r"Stiffness $\hat{K}$ (N·m/rad)",
     "B": r"Damping $\hat{B}$ (N·m·s/rad)",
-    "I": r"Inertia $\hat{I}$ (kg·m$^2$)",
+    "I": r"Apparent inertia $\hat{I}$ (kg·m$^2$)",
 }
 
 
@@ -118,7 +119,8 @@ def fig9_caption(table: pl.DataFrame) -> str:
     fits = table.filter(pl.col("quantity") == ESTIMATES[0]).drop_nulls("trial")
     several = "" if len(groups) == 1 else f" in {len(groups)} groups, whose numbers stand in brackets"
     said = [
-        r"Stiffness $\hat{K}$ (a), damping $\hat{B}$ (b) and inertia $\hat{I}$ (c) of the ankle while walking, Eq. 15. "
+        r"Stiffness $\hat{K}$ (a), damping $\hat{B}$ (b) and $\hat{I}$ (c) of the ankle while walking, Eq. 15. "
+        rf"$\hat{{I}}$ is the {apparent_inertia()}. "
         f"Points: {count_of(len(fits), 'perturbation')}{several}. Squares: their mean ± SD. Diamonds: the fit to the "
         "mean response with its 95 % interval (bootstrap)."
     ]
@@ -246,7 +248,8 @@ COMMANDED_SERIES = "commanded"  # series of the curve that the controller comman
 
 def over_stance_caption(table: pl.DataFrame) -> str:
     said = [
-        "Impedance of the ankle over stance: (a) stiffness, (b) damping, (c) inertia. A marker is the fit to the mean "
+        "Impedance of the ankle over stance: (a) stiffness, (b) damping, (c) "
+        f"{apparent_inertia()}. A marker is the fit to the mean "
         "response of a group, at the phase that the fit reads. Upright bars are 95 % intervals, level ones the windows "
         "of the fits."
     ]

@@ -10,7 +10,7 @@ from typing import Any
 import polars as pl
 
 from osl_analysis.config.experiments import EXPERIMENTS
-from osl_analysis.dictionary import DescribedTable
+from osl_analysis.dictionary import DescribedTable, apparent_inertia
 from osl_analysis.judge.doubts import IS_DOUBTFUL, not_checked_of, reasons_in
 from osl_analysis.judge.findings import exclusion_said
 from osl_analysis.judge.recording import CHECKS
@@ -245,6 +245,7 @@ def trials_content(trials: Sequence[ReportedTrial]) -> dict[str, Any]:
         "counts": {verdict: found[verdict] for verdict in VERDICTS},
         "choices": {"experiment": [*experiments], "verdict": [verdict for verdict in VERDICTS if found[verdict]]},
         "quantities": ["VAF", "K", "B", "I"],
+        "apparent_inertia": apparent_inertia(),
         "trials": [trial_row(trial, differing) for trial in trials],
         "left_out": [{"name": t.name, "verdict": t.verdict, "reason": why} for t in trials for why in t.left_out],
         "experiments": {name: facts.description for name, facts in EXPERIMENTS.items()},

@@ -264,9 +264,11 @@
     if (!content.estimates) return section("Estimates", element("p", {}, "This trial has no fit of its own."));
     const { columns, rows: lines } = content.estimates;
     const head = columns.map(({ name, unit }) => (unit && unit !== "1" ? `${name} [${unit}]` : name));
+    const inertia = columns.filter(({ name, meaning }) => name === "I" && meaning);
     return section(
       "Estimates with 95 % intervals",
       table(head, lines, { caption: `Estimates of ${content.name}` }),
+      ...inertia.map(({ meaning }) => element("p", { class: "note" }, `I: ${meaning} (docs/method.md#apparent-inertia).`)),
       folded(`Every column of its row in tables/${content.table}.csv`, table(["column", "value", "unit", "meaning"], content.columns, { caption: "Columns" })),
     );
   }

@@ -33,7 +33,7 @@ from osl_analysis.formats.rosbag import recorded_files
 from osl_analysis.ingest import draft as drafts
 from osl_analysis.ingest.overview import Overview
 from osl_analysis.ingest.raw_files import FORMATS, SUFFIXES, check_file, read_source, recognise
-from osl_analysis.ingest.source import open_places
+from osl_analysis.ingest.source import UNKNOWN, open_places
 from osl_analysis.judge.doubts import not_checked_line
 from osl_analysis.judge.recording import CHECKS, examine, judged_table, measured_table
 from osl_analysis.judge.table import Commanded
@@ -150,6 +150,7 @@ class Draft:
     open: list[tuple[Path, str]] = field(default_factory=list)  # file and question, as which of two clocks counts
     refused: list[str] = field(default_factory=list)  # files that are no recordings, or cannot be read, with the reason
     trials: list[tuple[dict[str, str], list[str]]] = field(default_factory=list)  # cells and questions of each
+    walking: list[str] = field(default_factory=list)  # lines of the configuration's section
 
 
 def new_campaign(
@@ -191,7 +192,10 @@ def write_campaign(folder: Path, name: str, raw_data: Path, sources: Mapping[str
     template = shipped(f"config/new_campaign/{kind}.yaml").read_text(encoding="utf-8")
     if not all(character.isalnum() or character in "/._-" for character in path):  # a text in YAML's quotes
         path = "'" + path.replace("'", "''") + "'"
-    (folder / "config.yaml").write_text(template.format(name=allowed, raw_data=path), encoding="utf-8")
+    config = template.format(name=allowed, raw_data=path) + "".join(
+        f"{line}\n" for line in (draft.walking if draft else ())
+    )
+    (folder / "config.yaml").write_text(config, encoding="utf-8")
     write_schemas(folder / "schemas")
     if not raw_data.is_absolute() and ".." not in raw_data.parts:
         (folder / raw_data).mkdir(parents=True)
@@ -215,7 +219,7 @@ def draft_campaign(folder: Path) -> Draft:
         raise InputError(f"{folder}: no such folder of recordings; check the path")
     draft, layouts = Draft(), dict[tuple[object, ...], str]()
     overviews: dict[str, tuple[Overview, str]] = {}
-    recordings = []
+    recordings, captures = [], dict[Path, Overview]()
     for path in recordings_in(folder):
         try:
             overview = inspect_file(path)
@@ -224,22 +228,43 @@ def draft_campaign(folder: Path) -> Draft:
             continue
         name, is_capture, file = overview.format, FORMATS[overview.format].is_capture, path.relative_to(folder)
         # What files share that one source file can describe: format, clock, and the channels of a log. Captures of one
-        # laboratory have other markers in each trial.
+        # laboratory have other markers in each trial, and may lack a pulse.
         channels = tuple((*channel.address.values(), channel.unit) for channel in overview.channels)
-        layout = (name,) if is_capture else (name, repr(overview.settings), channels)
+        pulses = drafts.pulse_channels(overview) if is_capture else {}
+        layout = (name, *pulses) if is_capture else (name, repr(overview.settings), channels)
         number = 1 + sum(one[0] == name for one in layouts)
-        source = layouts.setdefault(layout, name if number == 1 else f"{name}_{number}")
+        known = "" if is_capture else known_recorder(overview)
+        source = layouts.setdefault(layout, known or (name if number == 1 else f"{name}_{number}"))
         if source not in overviews or len(overview.channels) > len(overviews[source][0].channels):
             overviews[source] = (overview, path.name)
         draft.open += [(file, text) for text in overview.open]
         recordings.append((file, source, is_capture))
+        if is_capture:
+            captures[file] = overview
     if not recordings:
         why = f", as {draft.refused[0]}" if draft.refused else f" ({', '.join(sorted(SUFFIXES))})"
         raise InputError(f"{folder}: no recording in it that can be read{why}; name the folder of the recordings")
     for name, (overview, file_name) in overviews.items():
-        draft.sources[name] = drafts.draft_source(overview, file_name, named=True)
-    draft.trials = drafts.draft_trials(recordings)
+        path = shipped(f"config/sources/{name}.yaml")
+        text = path.read_text(encoding="utf-8") if path.is_file() else ""
+        draft.sources[name] = text or drafts.draft_source(overview, file_name, named=True)
+    platform, _ = drafts.platform_in([drafts.tracks_of(one) for one in captures.values()])
+    moved = {file: drafts.told_by_motion(one, platform) for file, one in captures.items()}
+    draft.trials = drafts.draft_trials(recordings, moved)
+    if any(cells["experiment"] == "walking" for cells, _ in draft.trials):
+        draft.walking = drafts.draft_walking([*captures.values()])
     return draft
+
+
+def known_recorder(overview: Overview) -> str:
+    """The shipped source file of which a log has every channel, three or more; empty if there is none."""
+    there, found = [{*one.address.values()} for one in overview.channels], {2: ""}
+    for path in shipped("config/sources").glob("*.yaml"):
+        content, keys = read_mapping(path), {"topic", "field", "column", "variable"}
+        wanted = [{str(one[key]) for key in keys & one.keys()} for one in content.get("channels", {}).values()]
+        if content["format"] == overview.format and all(one in there for one in wanted):
+            found.setdefault(len(wanted), path.stem)
+    return found[max(found)]
 
 
 def recordings_in(folder: Path) -> Iterable[Path]:
@@ -251,19 +276,20 @@ def recordings_in(folder: Path) -> Iterable[Path]:
 
 def left_to_decide(folder: Path, draft: Draft) -> list[str]:
     """What a user has to decide before the campaign runs, a line each."""
-    lines = []
-    for name in draft.sources:
-        path = folder / f"sources/{name}.yaml"
-        if places := list(open_places(read_mapping(path))):
-            named = ", ".join(place[-1] for place in places[:6])
-            lines.append(f"{path}: {len(places)} places are to be edited: {named}")
+    open_keys = [line.partition(":")[0].strip() for line in draft.walking if UNKNOWN in line.partition("#")[0]]
+    edits = {folder / CAMPAIGN: open_keys}
+    for path in (folder / f"sources/{name}.yaml" for name in draft.sources):
+        edits[path] = [place[-1] for place in open_places(read_mapping(path))]
+    told = (
+        f"{path}: {len(keys)} places are to be edited: {', '.join(keys[:6])}" for path, keys in edits.items() if keys
+    )
     alike: dict[str, list[str]] = {}
     for cells, questions in draft.trials:
         for text in questions:
             alike.setdefault(f"{folder / 'trials.csv'}: {text}", []).append(cells["trial"])
     for file, text in draft.open:
         alike.setdefault(text, []).append(str(file))
-    return [*lines, *(f"{text} ({listing(which, 6)})" for text, which in alike.items())]
+    return [*told, *(f"{text} ({listing(which, 6)})" for text, which in alike.items())]
 
 
 def drafted_text(draft: Draft) -> str:
@@ -275,7 +301,8 @@ def drafted_text(draft: Draft) -> str:
         named = ", ".join(files[:4]) + ", ..." * (len(files) > 4)
         lines.append(f"sources/{name}.yaml: {len(files)} recordings, {named}")
         lines += [f"    {line}" for line in drafts.guessed_lines(text)]
-    lines.append("trials.csv, from the names of the files:")
+    lines += ["config.yaml:", *(f"    {line}" for line in draft.walking[1:])] * bool(draft.walking)
+    lines.append("trials.csv, from the names of the files, else from the motion of the markers:")
     for cells, _ in draft.trials[:most]:
         more = [f"{name} {cells[name]}" for name in ("controller", "K_d", "B_d", "perturbed") if name in cells]
         lines.append("    " + ", ".join([f"{cells['trial']}: {cells['experiment']}", *more]))

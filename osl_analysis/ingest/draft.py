@@ -3,19 +3,22 @@ files are quoted as JSON, which is valid YAML. Nothing is taken as told that is 
 
 import json
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from osl_analysis.ingest.captures import is_labelled
 from osl_analysis.ingest.overview import Overview, RecordedChannel
 from osl_analysis.ingest.raw_files import FORMATS
 from osl_analysis.ingest.source import NAME_OF_TIME, UNKNOWN
 from osl_analysis.ingest.units import base_units, dimension, is_unit, normalised
 from osl_analysis.measured import factor_of
-from osl_analysis.trial import COLUMNS
+from osl_analysis.signals import runs
+from osl_analysis.trial import COLUMNS, Array
 
 COMPUTED = "computed from the current, no measured torque"
 MOTOR = r"\b(motor|actuator|act|output|gear|mot)\b"
@@ -24,7 +27,7 @@ ANGLE = r"(angle|position|pos|theta|encoder)"
 SPEED = r"(velocity|vel|speed|omega)"
 EFFORT = r"(torque|moment|tau|effort)"
 PATTERNS = {
-    "sync": (r"\bsync", "", "sync"),
+    "sync": (r"\b(sync|ttl)", "", "sync"),
     "trigger": (r"\btrig(ger)?\b", "", "trigger trig"),
     "theta_command": (COMMAND, rf"\b({EFFORT}|{SPEED}|current|stiffness|damping)\b", ""),
     "theta_m": (
@@ -87,9 +90,19 @@ def draft_source(overview: Overview, name: str, named: bool = False) -> str:
     lines += ["markers: all", f"# or some: markers: [{', '.join(dict.fromkeys(labels))}]"]
     for key, kinds in (("analogs", ("analog", "device")), ("outputs", ("model output",))):
         channels = [c for c in overview.channels if c.kind in kinds]
-        lines += [f"# {key}:"] * bool(channels)
-        lines += [f"# {channel_line(number, channel)}" for number, channel in enumerate(channels, start=1)]
-    return "\n".join([*lines, *(f"# {line}" for line in draft_walking(overview))]) + "\n"
+        pulses = pulse_channels(overview) if key == "analogs" else {}
+        lines += [f"{key}:" if pulses else f"# {key}:"] * bool(channels)
+        lines += [channel_line(0, channel, column, True) for column, channel in pulses.items()]
+        others = [channel for channel in channels if channel not in pulses.values()]
+        lines += [f"# {channel_line(number, channel)}" for number, channel in enumerate(others, start=1)]
+    return "\n".join([*lines, *(f"# {line}" for line in ([] if named else draft_walking([overview])))]) + "\n"
+
+
+def pulse_channels(overview: Overview) -> dict[str, RecordedChannel]:
+    """The analog channels of a capture that are called like `sync` and `trigger`, where one alone is."""
+    channels = [c for c in overview.channels if c.kind == "analog"]
+    alike = {column: [c for c in channels if likely_column(c) == column] for column in ("sync", "trigger")}
+    return {column: found[0] for column, found in alike.items() if len(found) == 1}
 
 
 def guessed_lines(draft: str) -> list[str]:
@@ -146,7 +159,7 @@ def made_of(channel: RecordedChannel, currents: Sequence[RecordedChannel]) -> st
 def channel_line(number: int, channel: RecordedChannel, guess: str = "", sure: bool = False) -> str:
     """One entry under `channels`; `guess` is the canonical column that it may be, or if that is `sure` is."""
     stated, is_guessed = channel.unit or channel.likely_unit, bool(channel.likely_unit and not channel.unit)
-    unit = stated if stated and is_unit(stated) else UNKNOWN
+    unit = stated if stated and is_unit(stated) else "V" if guess in ("sync", "trigger") else UNKNOWN
     sure = sure and bool(guess) and unit != UNKNOWN
     said = [("guessed from its name" + ";" * is_guessed) if sure else f"{guess}?"] * bool(guess)
     said += [channel.note] * channel.note.endswith(COMPUTED)
@@ -157,51 +170,134 @@ def channel_line(number: int, channel: RecordedChannel, guess: str = "", sure: b
     return f"  {guess if sure else f'NAME_{number}'}: {{{entry}}}{comment}"
 
 
-def draft_walking(overview: Overview) -> list[str]:
-    """Lines of YAML, which stand as comments below the draft of a source file. What names do not tell is UNKNOWN. None
-    unless markers are named as a platform's and as a foot's or shank's."""
+SEGMENTS = {
+    "platform": ("PLAT|HEXAPOD|STEWART", ""),
+    "ankle_medial": (r"(?=.*((?<!SH)ANK|MAL)).*(MED|(^|_)M(_|MAL|$))", "MED|MMA|MMAL|TAM|AM|MM"),
+    "ankle_lateral": ("(?<!SH)ANK|MAL", "LMA|LMAL|FAL|AL|LM"),
+    "foot": (r"FOOT|SHOE|HEEL|CALC|TOE|META?\d", r"FCC|F[ML]\d?|FT\d|MT\d|MET|PM\d|HEE|CAL\d?|H"),
+    "shank": (r"SHANK|SHIN|TIB|PYLON|(?<!UP)(?<!UPPER)(?<!UPPER_)LEG", r"SK\d|S\d|TTC|TTB?|TB\d|SHA|HF|FAX"),
+}
+"""What the names of a segment's markers begin with, and their codes behind an R or L in Plug-in Gait, OpenSim's models
+and Qualisys' (CAST). A marker called `ankle` and no more is the lateral one in all of them."""
 
-    def containing(word: str, among: Sequence[str]) -> list[str]:
-        """The labels that contain a pattern; the name of the subject before a colon does not count."""
-        return [label for label in among if re.search(word, label.rpartition(":")[2].upper())]
 
-    labels = list(dict.fromkeys(c.address["label"] for c in overview.channels if c.kind == "marker"))
-    ankle = containing("ANK|MALL?", labels)
-    malleoli = {"ankle_medial": containing(r"MED|(^|_)M(_|MAL|$)", ankle)}
-    malleoli["ankle_lateral"] = containing(r"LAT|(^|_)L(_|MAL|$)", ankle)
-    free = [name for name in labels if not any(name in names for names in malleoli.values())]
-    clusters = {
-        "foot": containing(r"FOOT|SHOE|HEEL|CALC|TOE|META?\d", free),
-        "shank": containing(r"SHANK|SHIN|TIB|PYLON|LEG", free),
-        "platform": containing(r"PLAT|HEXAPOD|STEWART", free),
+def segment_of(label: str) -> tuple[str, str]:
+    """Side, R or L, and segment of `SEGMENTS` that a marker's name tells; empty where it tells none. The name of the
+    subject before a colon does not count."""
+    name = re.sub(r"[^A-Z0-9]+", "_", label.rpartition(":")[2].upper()).strip("_")
+    forms = re.findall(r"^(RIGHT|LEFT|R|L)_?(.+)$", name)
+    forms += [(side, rest) for rest, side in re.findall(r"^(.+)_(RIGHT|LEFT|R|L)$", name)]
+    for side, rest in [*forms, ("", name)]:
+        for segment, (words, codes) in SEGMENTS.items():
+            if re.search(rf"(^|_)({words})" if side else words, rest) or (side and re.fullmatch(codes, rest)):
+                return side[:1], segment
+    return "", ""
+
+
+Tracks = dict[str, Array]  # positions (frames, 3) [m], z up, of each marker that has a name
+
+
+def tracks_of(overview: Overview) -> Tracks:
+    """The tracks of a capture's markers, without those that were never seen."""
+    order, signs = ([0, 2, 1], [1, -1, 1]) if "axes" in overview.settings else ([0, 1, 2], [1, 1, 1])
+    return {
+        one.address["label"]: (base_units(normalised(one.unit)) or (1e-3, ""))[0] * one.numbers[:, order] * signs
+        for one in overview.channels
+        if one.kind == "marker" and one.count and one.numbers is not None and is_labelled(one.address["label"])
     }
-    if not clusters["platform"] or not (clusters["foot"] or clusters["shank"]):
+
+
+def travel(track: Array) -> float:
+    """The longest way along an axis that a track (frames, n) covers but for its outer 2 %; infinite if it was seen in
+    less than half of the frames."""
+    seen = track[np.isfinite(track).all(axis=1)]
+    ends = np.quantile(seen, [0.02, 0.98], axis=0) if 2 * len(seen) > len(track) else [[0.0], [np.inf]]
+    return float(np.ptp(ends, axis=0).max())
+
+
+def platform_in(captures: Sequence[Tracks]) -> tuple[list[str], str]:
+    """The platform's markers, and by what: their names; or else that people walk past them while they keep within
+    15 cm and their distances, less than 30 cm above the lowest marker, and that they move in some capture."""
+    every = dict.fromkeys(label for tracks in captures for label in tracks)
+    if named := [label for label in every if segment_of(label)[1] == "platform"]:
+        return named, "named so"
+    crossings = [tracks for tracks in captures if any(1 < travel(track) < np.inf for track in tracks.values())]
+    resting = [label for label in every if not segment_of(label)[1] and any(label in one for one in crossings)]
+    for tracks in crossings:
+        lowest = min(float(np.nanquantile(track[:, 2], 0.02)) for track in tracks.values())
+        near = [x for x in resting if x in tracks and np.nanmedian(tracks[x][:, 2]) < lowest + 0.3]
+        resting = [x for x in near if travel(tracks[x]) < 0.15 and travel(tracks[x] - tracks[near[0]]) < 0.05]
+    moved = any(travel(tracks[label]) > 0.003 for label in resting for tracks in captures if label in tracks)
+    if not moved:
+        return [], "none is known: does a belt, a boot or the leg perturb (`perturbed_by`)?"
+    return resting, "a guess to be confirmed: low, and at rest but for small motions together"
+
+
+def told_by_motion(overview: Overview, platform: Sequence[str]) -> dict[str, str]:
+    """The cells of the sheet that the motion in a capture tells; none where it tells no experiment."""
+    tracks, turn, steps = tracks_of(overview), 0.0, list[int]()
+    own = [tracks[label] for label in platform if label in tracks]
+    for first, second in combinations(own, 2):  # the turn [rad] of the line between two markers
+        if (way := travel(first - second)) < np.inf:
+            turn = max(turn, way / float(np.linalg.norm(np.nanmedian(first - second, axis=0))))
+    turns, legs = turn > np.radians(1), any(segment_of(label)[1] in ("foot", "shank") for label in tracks)
+    rate = next((one.rate for one in overview.channels if one.kind == "marker"), None) or 1.0
+    seconds = max(map(len, tracks.values()), default=0) / rate
+    for force in (c.numbers for c in overview.channels if c.kind == "plate" and c.numbers is not None):
+        loaded = runs(force - np.quantile(force, 0.02) > 100)  # [N]
+        steps.append(sum((run.stop - run.start) / force.size * seconds > 0.3 for run in loaded))
+    if legs and not turns and all(travel(track) < 0.03 for track in tracks.values()):
+        return {"experiment": "static"}
+    if own and legs and 1 in steps:
+        return {"experiment": "walking", "perturbed": str(turns).lower()}
+    if own and turns and not legs and not any(steps):
+        return {"experiment": "plate"}
+    return {"experiment": "overground"} if legs and any(steps) and not own else {}
+
+
+def draft_walking(overviews: Sequence[Overview]) -> list[str]:
+    """Lines of YAML: the section `walking` of a configuration by the captures of one laboratory. What neither names nor
+    motion tell is UNKNOWN. None unless markers are named as a foot's or shank's."""
+    markers = [one for overview in overviews for one in overview.channels if one.kind == "marker"]
+    told = {label: segment_of(label) for label in dict.fromkeys(one.address["label"] for one in markers)}
+    platform, by = platform_in([tracks_of(overview) for overview in overviews])
+    sides = {side for side, segment in told.values() if side and segment in ("foot", "shank")}
+    side = "R" if "R" in sides else "".join(sides)
+    leg = {"R": "right", "L": "left", "": UNKNOWN}[side]
+    of_leg = [(label, own) for label, (of, own) in told.items() if not side or of in ("", side)]
+    clusters = {segment: [label for label, own in of_leg if own == segment] for segment in SEGMENTS}
+    if not (clusters["foot"] or clusters["shank"]):
         return []
+    clusters["platform"] = platform
     # the plate on the platform: with load, on which somebody stepped; of several with load the nearest to the markers
-    plates = [channel for channel in overview.channels if channel.kind == "plate"]
+    every = [[channel for channel in one.channels if channel.kind == "plate"] for one in overviews]
+    plates = max(every, key=lambda plates: max((one.load or 0.0 for one in plates), default=-1.0))
     loaded = [one for one in plates if (one.load or 0.0) > 100.0]
-    own = [c.centre for c in overview.channels if c.centre and c.address.get("label") in clusters["platform"]]
-    plate = (
-        "1" if len(plates) == 1 else f"{UNKNOWN}  # of {len(plates)} force plates in this file: the one on the platform"
-    )
+    own = [c.centre for c in markers if c.centre and c.address["label"] in platform]
+    plate = "1" if len(plates) == 1 else UNKNOWN
+    why = f"of {len(plates)} force plates in this file: the one on the platform" * (plate == UNKNOWN)
     if len(plates) > 1 and loaded:
-        guess, why = max(loaded, key=lambda one: one.load or 0.0), "the one with the load"
+        guess, by_load = max(loaded, key=lambda one: one.load or 0.0), "the one with the load"
         if own and len(loaded) > 1:
             guess = min(loaded, key=lambda one: float(np.linalg.norm(np.subtract(one.centre, np.mean(own, axis=0)))))
-            why = "with load the one that is nearest to the platform's markers"
-        plate = f"{guess.address['plate']}  # a guess, to be confirmed: of {len(plates)} force plates {why}"
+            by_load = "with load the one that is nearest to the platform's markers"
+        plate, why = guess.address["plate"], f"a guess, to be confirmed: of {len(plates)} force plates {by_load}"
     lines = [
-        "Draft of the section `walking` of the configuration, guessed from the names of markers. Check every line.",
+        "# Draft of the section `walking` of the configuration, from names and motion of markers. Check every line.",
         "walking:",
-        "  side: UNKNOWN  # left or right: the leg that steps on the platform",
-        f"  plate: {plate}",
+        f"  side: {leg}  # the leg that steps on the platform" + ", a guess to be confirmed" * bool(side),
+        f"  plate: {plate}" + f"  # {why}" * bool(why),
         "  markers:",
     ]
-    for key, names in clusters.items():
-        lines.append(f"    {key}: {json.dumps(names)}{'  # UNKNOWN: a cluster has 3 or more' * (len(names) < 3)}")
-    for key, names in malleoli.items():
-        several = f"one of {', '.join(json.dumps(name) for name in names)}" if names else "named in the static trial"
-        lines.append(f"    {key}: {json.dumps(names[0]) if len(names) == 1 else f'UNKNOWN  # {several}'}")
+    for key, found in clusters.items():
+        names, is_cluster = [json.dumps(name) for name in found], not key.startswith("ankle")
+        said = by if key == "platform" else "named so" if found else "none is named so; look in the static trial"
+        if lacks := is_cluster and len(names) < 3:
+            said += "; a cluster has 3 or more"
+        elif len(names) > 1 and not is_cluster:
+            names, said = [], f"one of {', '.join(names)}"
+        value = f"[{', '.join(names + [UNKNOWN] * lacks)}]" if is_cluster else "".join(names) or UNKNOWN
+        lines.append(f"    {key}: {value}  # {said}")
     return lines
 
 
@@ -224,11 +320,14 @@ def trial_name(path: Path) -> str:
     return re.sub(r"[^A-Za-z0-9_.-]+", "_", path.stem if path.suffix else path.name).lstrip("_.-")[:90] or "trial"
 
 
-def draft_trials(recordings: Iterable[tuple[Path, str, bool]]) -> list[tuple[dict[str, str], list[str]]]:
-    """The trials that recordings are, by what the words of their names tell: the cells of each in a sheet, and what of
-    it the user has to decide. recordings: file or folder of each, relative to the folder of all, the name of its source
-    file, and whether it comes from motion capture. A log and a capture of the same name are one. Sorted by name. A
-    stated stiffness tells an impedance trial, but for one who walks. `k1` states none: it is a number of a file."""
+def draft_trials(
+    recordings: Iterable[tuple[Path, str, bool]], moved: Mapping[Path, Mapping[str, str]] | None = None
+) -> list[tuple[dict[str, str], list[str]]]:
+    """The trials that recordings are, by what the words of their names tell, or else the motion of markers, `moved`
+    (`told_by_motion` of each file): the cells of each in a sheet, and what of it the user has to decide. recordings:
+    file or folder of each, relative to the folder of all, the name of its source file, and whether it comes from motion
+    capture. A log and a capture of the same name are one. Sorted by name. A stated stiffness tells an impedance trial,
+    but for one who walks. `k1` states none: it is a number of a file."""
     several: dict[str, dict[str, tuple[Path, str]]] = {}
     for path, source, is_capture in sorted(recordings, key=lambda recorded: recorded[0].as_posix()):
         number, name, role = 1, trial_name(path), "mocap" if is_capture else "log"
@@ -252,7 +351,19 @@ def draft_trials(recordings: Iterable[tuple[Path, str, bool]]) -> list[tuple[dic
         told = [known for known, wanted in WORDS_OF_EXPERIMENTS.items() if re.search(wanted, words)]
         told += ["impedance"] * ("K_d" in numbers and not {"walking", "impedance"} & {*told})
         experiment = told[0] if len(told) == 1 else UNNAMED
-        if experiment == UNNAMED:
+        perturbed = None
+        if re.search(r"\b(unperturbed|unpert|baseline|normal|level|free|no ?pert)\b", words):
+            perturbed = "false"
+        elif re.search(r"\b(perturb|perturbed|perturbation|pert)\b", words):
+            perturbed = "true"
+        motion = (moved or {}).get(files["mocap"][0], {}) if "mocap" in files else {}
+        if motion and (experiment == UNNAMED or (experiment == "walking" and not perturbed)):
+            experiment, guessed = motion["experiment"], " and ".join(map(" ".join, motion.items()))
+            if experiment == "overground" and "log" in files:
+                guessed += "; if a belt, a boot or the leg perturbs: walking, with `walking.perturbed_by`"
+            cells |= motion
+            still_open.append(f"to be confirmed, guessed from the motion of markers and plates: {guessed}")
+        elif experiment == UNNAMED:
             what = f"the name may tell {' or '.join(told)}" if told else "the name tells none"
             still_open.append(f"experiment: {what}; it stands as {UNNAMED}, which is not analysed")
         elif experiment == "impedance":
@@ -263,13 +374,10 @@ def draft_trials(recordings: Iterable[tuple[Path, str, bool]]) -> list[tuple[dic
             controller = re.search(rf"{begin}(un|non[-_]?)?comp(?:ensated)?(?![A-Za-z])", said, re.IGNORECASE)
             if controller:
                 cells["controller"] = "uncompensated" if controller[1] else "compensated"
+        elif experiment == "walking" and perturbed:
+            cells["perturbed"] = perturbed
         elif experiment == "walking":
-            if re.search(r"\b(unperturbed|unpert|baseline|normal|level|free|no ?pert)\b", words):
-                cells["perturbed"] = "false"
-            elif re.search(r"\b(perturb|perturbed|perturbation|pert)\b", words):
-                cells["perturbed"] = "true"
-            else:
-                experiment, remedy = UNNAMED, "write walking, and true or false"
-                still_open.append(f"perturbed: the name does not tell; it stands as {UNNAMED}: {remedy}")
+            experiment, remedy = UNNAMED, "write walking, and true or false"
+            still_open.append(f"perturbed: the name does not tell; it stands as {UNNAMED}: {remedy}")
         trials.append((cells | {"experiment": experiment}, still_open))
     return trials

@@ -43,7 +43,8 @@ class RecordedChannel:
     type: str = ""  # type of the numbers and the length of the array that they stand in, such as `float64[4]`
     likely_unit: str = ""  # unit that the channel's name ends with; a guess, for the user to check
     load: float | None = None  # range of the force on a plate [N], where it can be computed
-    numbers: Array | None = field(default=None, compare=False, repr=False)  # its readings (n,), of a table
+    numbers: Array | None = field(default=None, compare=False, repr=False)
+    """Its readings (n,), of a table; positions (frames, 3) of a marker; sizes (samples,) of a plate's force [N]."""
     centre: tuple[float, ...] = ()  # mean position of a marker, or of a plate's corners, (3,); empty if unknown
 
 
@@ -467,12 +468,12 @@ def marker_channel(label: str, positions: Array, rate: float, kind: str, unit: s
     missing = 1.0 - float(seen.mean())
     note = f"missing in {missing:.1%} of the frames" if missing else ""
     centre = tuple(positions[seen].mean(axis=0).tolist()) if seen.any() else ()
-    return RecordedChannel(kind, {"label": label}, unit, int(seen.sum()), rate, note, centre=centre)
+    return RecordedChannel(kind, {"label": label}, unit, int(seen.sum()), rate, note, numbers=positions, centre=centre)
 
 
 def plate_channel(recording: C3DRecording, number: int) -> RecordedChannel:
     """A plate with its type and channels, the range of its force [N] and its middle, as far as they can be known."""
-    load, centre = None, tuple[float, ...]()
+    load, size, centre = None, None, tuple[float, ...]()
     try:
         kind = int(plate_parameter(recording, "TYPE", number))
         own = plate_parameter(recording, "CHANNEL", number, (0,)).astype(int).tolist()
@@ -483,10 +484,10 @@ def plate_channel(recording: C3DRecording, number: int) -> RecordedChannel:
         corners = plate_parameter(recording, "CORNERS", number, (3, 4)).mean(axis=1)
         source = SOURCES["c3d"].model_validate({"format": "c3d", "plates": [number]})
         ((columns, _, _),) = plate_loads(recording, source)
-        force = [columns[name] for name in plate_columns(number, "force")]
-        load, centre = float(np.ptp(np.linalg.norm(force, axis=0))), tuple(corners.tolist())
+        size = np.linalg.norm([columns[name] for name in plate_columns(number, "force")], axis=0)
+        load, centre = float(np.ptp(size)), tuple(corners.tolist())
         note += f", force changes by {load:.0f} N"
-    return RecordedChannel("plate", {"plate": str(number)}, note=note, load=load, centre=centre)
+    return RecordedChannel("plate", {"plate": str(number)}, note=note, load=load, numbers=size, centre=centre)
 
 
 def inspect_nexus(path: Path) -> Overview:

@@ -256,8 +256,9 @@ def with_size(row: AnyRow) -> str | None:
         size = size_of_lateness(f"{1e-3 * K:.2g}", f"{B:.3g}", f"{1e-3 * B:.2g}", f"{I:.2g}")
         items = [f"{item}{size}" if LATENESS in item else item for item in items]
     items += [
-        f"whether {name} is an inertia: it is certainly negative, as no mass is, because a drivetrain behind its "
-        "gains (docs/method.md#apparent-inertia), or a torque that is late, takes more off it than the joint has, use the other estimates"
+        f"whether {name} is an inertia: it is certainly negative, as no mass is, because a drivetrain behind its gains "
+        "(docs/method.md#apparent-inertia), or a torque that is late, takes more off it than the joint has, use the "
+        "other estimates"
         for name in ("I", "J_j")
         if (cell_number(row, f"{name}_high") or 0.0) < 0
     ]

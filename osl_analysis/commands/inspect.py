@@ -150,7 +150,7 @@ class Draft:
     open: list[tuple[Path, str]] = field(default_factory=list)  # file and question, as which of two clocks counts
     refused: list[str] = field(default_factory=list)  # files that are no recordings, or cannot be read, with the reason
     trials: list[tuple[dict[str, str], list[str]]] = field(default_factory=list)  # cells and questions of each
-    walking: list[str] = field(default_factory=list)  # lines of the configuration's section
+    walking: str = ""  # section of the configuration
 
 
 def new_campaign(
@@ -192,9 +192,7 @@ def write_campaign(folder: Path, name: str, raw_data: Path, sources: Mapping[str
     template = shipped(f"config/new_campaign/{kind}.yaml").read_text(encoding="utf-8")
     if not all(character.isalnum() or character in "/._-" for character in path):  # a text in YAML's quotes
         path = "'" + path.replace("'", "''") + "'"
-    config = template.format(name=allowed, raw_data=path) + "".join(
-        f"{line}\n" for line in (draft.walking if draft else ())
-    )
+    config = template.format(name=allowed, raw_data=path) + (draft.walking if draft else "")
     (folder / "config.yaml").write_text(config, encoding="utf-8")
     write_schemas(folder / "schemas")
     if not raw_data.is_absolute() and ".." not in raw_data.parts:
@@ -230,29 +228,26 @@ def draft_campaign(folder: Path) -> Draft:
         # What files share that one source file can describe: format, clock, and the channels of a log. Captures of one
         # laboratory have other markers in each trial, and may lack a pulse.
         channels = tuple((*channel.address.values(), channel.unit) for channel in overview.channels)
-        pulses = drafts.pulse_channels(overview) if is_capture else {}
-        layout = (name, *pulses) if is_capture else (name, repr(overview.settings), channels)
-        number = 1 + sum(one[0] == name for one in layouts)
+        same = drafts.pulse_channels(overview) if is_capture else (repr(overview.settings), channels)
+        layout, number = (name, *same), 1 + sum(one[0] == name for one in layouts)
         known = "" if is_capture else known_recorder(overview)
         source = layouts.setdefault(layout, known or (name if number == 1 else f"{name}_{number}"))
         if source not in overviews or len(overview.channels) > len(overviews[source][0].channels):
             overviews[source] = (overview, path.name)
         draft.open += [(file, text) for text in overview.open]
         recordings.append((file, source, is_capture))
-        if is_capture:
-            captures[file] = overview
+        captures |= {file: overview} if is_capture else {}
     if not recordings:
         why = f", as {draft.refused[0]}" if draft.refused else f" ({', '.join(sorted(SUFFIXES))})"
         raise InputError(f"{folder}: no recording in it that can be read{why}; name the folder of the recordings")
     for name, (overview, file_name) in overviews.items():
-        path = shipped(f"config/sources/{name}.yaml")
-        text = path.read_text(encoding="utf-8") if path.is_file() else ""
-        draft.sources[name] = text or drafts.draft_source(overview, file_name, named=True)
+        own, of = shipped(f"config/sources/{name}.yaml"), (overview, file_name, True)
+        draft.sources[name] = own.read_text(encoding="utf-8") if own.is_file() else drafts.draft_source(*of)
     platform, _ = drafts.platform_in([drafts.tracks_of(one) for one in captures.values()])
     moved = {file: drafts.told_by_motion(one, platform) for file, one in captures.items()}
     draft.trials = drafts.draft_trials(recordings, moved)
     if any(cells["experiment"] == "walking" for cells, _ in draft.trials):
-        draft.walking = drafts.draft_walking([*captures.values()])
+        draft.walking = "\n".join([*drafts.draft_walking([*captures.values()]), ""])
     return draft
 
 
@@ -276,13 +271,10 @@ def recordings_in(folder: Path) -> Iterable[Path]:
 
 def left_to_decide(folder: Path, draft: Draft) -> list[str]:
     """What a user has to decide before the campaign runs, a line each."""
-    open_keys = [line.partition(":")[0].strip() for line in draft.walking if UNKNOWN in line.partition("#")[0]]
-    edits = {folder / CAMPAIGN: open_keys}
+    edits = {folder / CAMPAIGN: re.findall(rf"(\w+): [^#\n]*{UNKNOWN}", draft.walking)}
     for path in (folder / f"sources/{name}.yaml" for name in draft.sources):
         edits[path] = [place[-1] for place in open_places(read_mapping(path))]
-    told = (
-        f"{path}: {len(keys)} places are to be edited: {', '.join(keys[:6])}" for path, keys in edits.items() if keys
-    )
+    told = [f"{path}: {len(k)} places are to be edited: {', '.join(k[:6])}" for path, k in edits.items() if k]
     alike: dict[str, list[str]] = {}
     for cells, questions in draft.trials:
         for text in questions:
@@ -301,7 +293,7 @@ def drafted_text(draft: Draft) -> str:
         named = ", ".join(files[:4]) + ", ..." * (len(files) > 4)
         lines.append(f"sources/{name}.yaml: {len(files)} recordings, {named}")
         lines += [f"    {line}" for line in drafts.guessed_lines(text)]
-    lines += ["config.yaml:", *(f"    {line}" for line in draft.walking[1:])] * bool(draft.walking)
+    lines += ["config.yaml:", *(f"    {line}" for line in draft.walking.splitlines())] * bool(draft.walking)
     lines.append("trials.csv, from the names of the files, else from the motion of the markers:")
     for cells, _ in draft.trials[:most]:
         more = [f"{name} {cells[name]}" for name in ("controller", "K_d", "B_d", "perturbed") if name in cells]

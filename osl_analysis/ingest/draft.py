@@ -93,8 +93,7 @@ def draft_source(overview: Overview, name: str, named: bool = False) -> str:
         pulses = pulse_channels(overview) if key == "analogs" else {}
         lines += [f"{key}:" if pulses else f"# {key}:"] * bool(channels)
         lines += [channel_line(0, channel, column, True) for column, channel in pulses.items()]
-        others = [channel for channel in channels if channel not in pulses.values()]
-        lines += [f"# {channel_line(number, channel)}" for number, channel in enumerate(others, start=1)]
+        lines += [f"# {channel_line(n, c)}" for n, c in enumerate(channels, start=1) if c not in pulses.values()]
     return "\n".join([*lines, *(f"# {line}" for line in ([] if named else draft_walking([overview])))]) + "\n"
 
 
@@ -194,28 +193,25 @@ def segment_of(label: str) -> tuple[str, str]:
     return "", ""
 
 
-Tracks = dict[str, Array]  # positions (frames, 3) [m], z up, of each marker that has a name
-
-
-def tracks_of(overview: Overview) -> Tracks:
-    """The tracks of a capture's markers, without those that were never seen."""
+def tracks_of(overview: Overview) -> dict[str, Array]:
+    """Positions (frames, 3) [m], z up, of each marker of a capture that has a name and was seen."""
     order, signs = ([0, 2, 1], [1, -1, 1]) if "axes" in overview.settings else ([0, 1, 2], [1, 1, 1])
-    return {
-        one.address["label"]: (base_units(normalised(one.unit)) or (1e-3, ""))[0] * one.numbers[:, order] * signs
-        for one in overview.channels
-        if one.kind == "marker" and one.count and one.numbers is not None and is_labelled(one.address["label"])
-    }
+    found = {}
+    for one in (one for one in overview.channels if one.kind == "marker" and is_labelled(one.address["label"])):
+        if one.count and one.numbers is not None:
+            factor, _ = base_units(normalised(one.unit)) or (1e-3, "")
+            found[one.address["label"]] = factor * one.numbers[:, order] * signs
+    return found
 
 
 def travel(track: Array) -> float:
-    """The longest way along an axis that a track (frames, n) covers but for its outer 2 %; infinite if it was seen in
-    less than half of the frames."""
+    """The longest way of a track (frames, n) along an axis but for its outer 2 %; infinite if it was hardly seen."""
     seen = track[np.isfinite(track).all(axis=1)]
     ends = np.quantile(seen, [0.02, 0.98], axis=0) if 2 * len(seen) > len(track) else [[0.0], [np.inf]]
     return float(np.ptp(ends, axis=0).max())
 
 
-def platform_in(captures: Sequence[Tracks]) -> tuple[list[str], str]:
+def platform_in(captures: Sequence[dict[str, Array]]) -> tuple[list[str], str]:
     """The platform's markers, and by what: their names; or else that people walk past them while they keep within
     15 cm and their distances, less than 30 cm above the lowest marker, and that they move in some capture."""
     every = dict.fromkeys(label for tracks in captures for label in tracks)
@@ -228,9 +224,7 @@ def platform_in(captures: Sequence[Tracks]) -> tuple[list[str], str]:
         near = [x for x in resting if x in tracks and np.nanmedian(tracks[x][:, 2]) < lowest + 0.3]
         resting = [x for x in near if travel(tracks[x]) < 0.15 and travel(tracks[x] - tracks[near[0]]) < 0.05]
     moved = any(travel(tracks[label]) > 0.003 for label in resting for tracks in captures if label in tracks)
-    if not moved:
-        return [], "none is known: does a belt, a boot or the leg perturb (`perturbed_by`)?"
-    return resting, "a guess to be confirmed: low, and at rest but for small motions together"
+    return (resting, "a guess to be confirmed: low, and at rest but for small motions together") if moved else ([], "")
 
 
 def told_by_motion(overview: Overview, platform: Sequence[str]) -> dict[str, str]:
@@ -241,11 +235,11 @@ def told_by_motion(overview: Overview, platform: Sequence[str]) -> dict[str, str
         if (way := travel(first - second)) < np.inf:
             turn = max(turn, way / float(np.linalg.norm(np.nanmedian(first - second, axis=0))))
     turns, legs = turn > np.radians(1), any(segment_of(label)[1] in ("foot", "shank") for label in tracks)
-    rate = next((one.rate for one in overview.channels if one.kind == "marker"), None) or 1.0
-    seconds = max(map(len, tracks.values()), default=0) / rate
+    frames = max(map(len, tracks.values()), default=0)
+    rate = max((one.rate or 0.0 for one in overview.channels if one.kind == "marker"), default=0.0)
     for force in (c.numbers for c in overview.channels if c.kind == "plate" and c.numbers is not None):
         loaded = runs(force - np.quantile(force, 0.02) > 100)  # [N]
-        steps.append(sum((run.stop - run.start) / force.size * seconds > 0.3 for run in loaded))
+        steps.append(sum((run.stop - run.start) * frames > 0.3 * rate * force.size for run in loaded))
     if legs and not turns and all(travel(track) < 0.03 for track in tracks.values()):
         return {"experiment": "static"}
     if own and legs and 1 in steps:
@@ -261,8 +255,7 @@ def draft_walking(overviews: Sequence[Overview]) -> list[str]:
     markers = [one for overview in overviews for one in overview.channels if one.kind == "marker"]
     told = {label: segment_of(label) for label in dict.fromkeys(one.address["label"] for one in markers)}
     platform, by = platform_in([tracks_of(overview) for overview in overviews])
-    sides = {side for side, segment in told.values() if side and segment in ("foot", "shank")}
-    side = "R" if "R" in sides else "".join(sides)
+    side = max((side for side, segment in told.values() if segment in ("foot", "shank")), default="")  # R before L
     leg = {"R": "right", "L": "left", "": UNKNOWN}[side]
     of_leg = [(label, own) for label, (of, own) in told.items() if not side or of in ("", side)]
     clusters = {segment: [label for label, own in of_leg if own == segment] for segment in SEGMENTS}
@@ -274,30 +267,31 @@ def draft_walking(overviews: Sequence[Overview]) -> list[str]:
     plates = max(every, key=lambda plates: max((one.load or 0.0 for one in plates), default=-1.0))
     loaded = [one for one in plates if (one.load or 0.0) > 100.0]
     own = [c.centre for c in markers if c.centre and c.address["label"] in platform]
-    plate = "1" if len(plates) == 1 else UNKNOWN
-    why = f"of {len(plates)} force plates in this file: the one on the platform" * (plate == UNKNOWN)
+    plate, why = ("1", "the only one") if len(plates) == 1 else (UNKNOWN, f"of {len(plates)} force plates in this file")
     if len(plates) > 1 and loaded:
-        guess, by_load = max(loaded, key=lambda one: one.load or 0.0), "the one with the load"
+        guess, why = max(loaded, key=lambda one: one.load or 0.0), "the one with the load"
         if own and len(loaded) > 1:
             guess = min(loaded, key=lambda one: float(np.linalg.norm(np.subtract(one.centre, np.mean(own, axis=0)))))
-            by_load = "with load the one that is nearest to the platform's markers"
-        plate, why = guess.address["plate"], f"a guess, to be confirmed: of {len(plates)} force plates {by_load}"
+            why = "with load the one that is nearest to the platform's markers"
+        plate, why = guess.address["plate"], f"a guess, to be confirmed: of {len(plates)} force plates {why}"
     lines = [
-        "# Draft of the section `walking` of the configuration, from names and motion of markers. Check every line.",
-        "walking:",
+        "walking:  # a draft, from names and motion of markers: check every line",
         f"  side: {leg}  # the leg that steps on the platform" + ", a guess to be confirmed" * bool(side),
-        f"  plate: {plate}" + f"  # {why}" * bool(why),
+        f"  plate: {plate}  # {why}",
         "  markers:",
     ]
     for key, found in clusters.items():
-        names, is_cluster = [json.dumps(name) for name in found], not key.startswith("ankle")
-        said = by if key == "platform" else "named so" if found else "none is named so; look in the static trial"
-        if lacks := is_cluster and len(names) < 3:
-            said += "; a cluster has 3 or more"
-        elif len(names) > 1 and not is_cluster:
-            names, said = [], f"one of {', '.join(names)}"
-        value = f"[{', '.join(names + [UNKNOWN] * lacks)}]" if is_cluster else "".join(names) or UNKNOWN
+        names, said = [json.dumps(name) for name in found], "named so" if found else "none is known"
+        if key.startswith("ankle"):
+            said = (
+                f"one of {', '.join(names)}" if len(names) > 1 else said + ": named in the static trial?" * (not names)
+            )
+            value = names[0] if len(names) == 1 else UNKNOWN
+        else:
+            value = f"[{', '.join(names + [UNKNOWN] * (len(names) < 3))}]"
+            said = (by if key == "platform" and by else said) + "; a cluster has 3 or more" * (len(names) < 3)
         lines.append(f"    {key}: {value}  # {said}")
+    lines += ["# no platform: does a belt, a boot or the leg perturb (`walking.perturbed_by`)?"] * (not platform)
     return lines
 
 
@@ -351,11 +345,8 @@ def draft_trials(
         told = [known for known, wanted in WORDS_OF_EXPERIMENTS.items() if re.search(wanted, words)]
         told += ["impedance"] * ("K_d" in numbers and not {"walking", "impedance"} & {*told})
         experiment = told[0] if len(told) == 1 else UNNAMED
-        perturbed = None
-        if re.search(r"\b(unperturbed|unpert|baseline|normal|level|free|no ?pert)\b", words):
-            perturbed = "false"
-        elif re.search(r"\b(perturb|perturbed|perturbation|pert)\b", words):
-            perturbed = "true"
+        calm = re.search(r"\b(unperturbed|unpert|baseline|normal|level|free|no ?pert)\b", words)
+        perturbed = "false" if calm else "true" * bool(re.search(r"\b(perturb|perturbed|perturbation|pert)\b", words))
         motion = (moved or {}).get(files["mocap"][0], {}) if "mocap" in files else {}
         if motion and (experiment == UNNAMED or (experiment == "walking" and not perturbed)):
             experiment, guessed = motion["experiment"], " and ".join(map(" ".join, motion.items()))

@@ -43,8 +43,7 @@ class RecordedChannel:
     type: str = ""  # type of the numbers and the length of the array that they stand in, such as `float64[4]`
     likely_unit: str = ""  # unit that the channel's name ends with; a guess, for the user to check
     load: float | None = None  # range of the force on a plate [N], where it can be computed
-    numbers: Array | None = field(default=None, compare=False, repr=False)
-    """Its readings (n,), of a table; positions (frames, 3) of a marker; sizes (samples,) of a plate's force [N]."""
+    numbers: Array | None = field(default=None, compare=False, repr=False)  # readings, positions, size of a force [N]
     centre: tuple[float, ...] = ()  # mean position of a marker, or of a plate's corners, (3,); empty if unknown
 
 

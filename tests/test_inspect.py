@@ -97,20 +97,21 @@ def walking_draft(path: Path, labels: list[str]) -> str:
     text = draft_source(module.inspect_file(path), path.name)
     (path.parent / "source.yaml").write_text(text)
     assert read_source(path.parent / "source.yaml").markers == "all"  # it is a draft, below a source file that is whole
-    return "\n".join(line.removeprefix("# ") for line in text.partition("# Draft of the section")[2].splitlines()[1:])
+    _, title, lines = text.partition("# walking:")
+    return "\n".join(line.removeprefix("# ") for line in f"{title}{lines}".splitlines())
 
 
 def test_a_capture_of_walking_drafts_the_walking_section_and_asks_for_what_names_do_not_tell(tmp_path: Path) -> None:
     draft = walking_draft(tmp_path / "a.c3d", MARKERS)
     markers = {
         "foot": ["Leg:FOOT1", "Foot2", "S01:HEEL"], "shank": ["SHANK1", "SHANK2", "TIB_M"],
-        "platform": ["PLAT1", "PLAT2"], "ankle_medial": "ANKLE_MED", "ankle_lateral": "ANK_L",
+        "platform": ["PLAT1", "PLAT2", "UNKNOWN"], "ankle_medial": "ANKLE_MED", "ankle_lateral": "ANK_L",
     }  # fmt: skip
     assert yaml.safe_load(draft)["walking"] == {"side": "UNKNOWN", "plate": "UNKNOWN", "markers": markers}
-    assert 'platform: ["PLAT1", "PLAT2"]  # UNKNOWN: a cluster has 3 or more' in draft
-    assert draft.count("UNKNOWN: a cluster") == 1
-    assert "named in the static trial" in walking_draft(tmp_path / "b.c3d", MARKERS[:8])
-    for some, drafted in ((MARKERS[:6], False), (MARKERS[6:], False), (MARKERS[3:8], True)):  # a platform and a leg
+    assert 'platform: ["PLAT1", "PLAT2", UNKNOWN]  # named so; a cluster has 3 or more' in draft
+    assert draft.count("a cluster has") == 1
+    assert "named in the static trial?" in walking_draft(tmp_path / "b.c3d", MARKERS[:8])
+    for some, drafted in ((MARKERS[:6], True), (MARKERS[6:], False), (MARKERS[3:8], True)):  # a foot or shank
         assert bool(walking_draft(tmp_path / "c.c3d", some)) == drafted
 
 

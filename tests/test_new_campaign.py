@@ -3,19 +3,21 @@
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
+from c3d_builder import REAL_DATA, write_c3d
 from click.testing import CliRunner
 from conftest import ROOT
 from jsonschema import Draft202012Validator
 
 from osl_analysis.cli import main
-from osl_analysis.commands.inspect import draft_campaign
+from osl_analysis.commands.inspect import draft_campaign, inspect_file, left_to_decide, new_campaign
 from osl_analysis.commands.reference import schemas
 from osl_analysis.commands.run import looked_at, snakemake_arguments
 from osl_analysis.errors import InputError
 from osl_analysis.files import shipped
-from osl_analysis.ingest.draft import draft_trials
+from osl_analysis.ingest.draft import draft_source, draft_trials, segment_of
 from osl_analysis.ingest.raw_files import read_source
 from osl_analysis.ingest.source import open_places
 
@@ -146,3 +148,121 @@ def test_every_shipped_file_is_valid_by_its_schema_which_refuses_an_unknown_fiel
     assert not validators["config"].is_valid({"dynamometer": {"cutof_hz": 15}})
     assert not validators["source"].is_valid({"format": "csv", "clock": "master", "chanels": {}})
     assert "sample sheet" in made["config"]["$defs"]["Config"]["properties"]["sheet"]["description"]
+
+
+@pytest.mark.parametrize(("names", "segment"), [
+    ("RHEE RTOE R.Heel R.Toe.Tip R.Toe.Med R.MT5 R_FCC R_FM1 Sub:RHEE RFT1 HEEL_R Right.Foot.1 RCAL", "R foot"),
+    ("LTIB R_SK1 L.Shank.Front R_TTC R.TT RSHA RS1 R.HF left_leg_2", "RL shank"), ("FOOT1 S01:HEEL Shoe3", " foot"),
+    ("RMED RMMA R_TAM RMMAL R.Ankle.Medial RAM R_med_mall", "R ankle_medial"), ("ANKLE_MED", " ankle_medial"),
+    ("LANK R_FAL RLMA L.Ankle.Lat R.Ankle RLMAL r_mall", "RL ankle_lateral"), ("SHANK1 TIB_M Pylon2 LEG1", " shank"),
+    ("RASI LTHI RKNE R.Knee.Med LFHD R_FTC R.Thigh.1 L_UPPER_LEG C7 RTIO LELB REARVIEW RLFC R.MT", " "),
+    ("PLAT1 HEXAPOD_3 Lab:Plate2", " platform"),
+])  # fmt: skip
+def test_the_names_of_three_marker_sets_tell_side_and_segment(names, segment):
+    sides, _, expected = segment.partition(" ")
+    found = {name: segment_of(name) for name in names.split()}
+    assert {name: own for name, (_, own) in found.items() if own != expected} == {}
+    assert {side for side, _ in found.values()} == ({*sides} or {""})
+
+
+FRAMES = np.arange(240)  # at 100 Hz
+WALK = np.stack([20.0 * FRAMES - 2400, 0 * FRAMES, 60 + 40 * np.sin(FRAMES / 9)], axis=1)  # [mm]
+LEG = {"R_FCC": (-60, 0, 0), "R_FM1": (90, 20, 0), "R_FM5": (70, -30, 0), "R_SK1": (0, 0, 200), "R_SK2": (0, 40, 250)}
+LEG |= {"R_SK3": (30, 0, 300)}
+MALLEOLI = {"R_TAM": (0, 40, 80), "R_FAL": (0, -40, 70)}
+STEP = (FRAMES > 90) & (FRAMES < 160)
+PULSES = ["Sync.1", "Voltage.Trigger"]
+
+
+def capture(path, of_leg, turn_deg=0.0, force=0.0, still=False, platform=("B1", "B2", "B3"), labels=PULSES):
+    """A capture whose leg walks past, or stands still, on or beside a plate that turns by an angle while it is loaded,
+    with markers of the platform whose names say nothing."""
+    turn = np.radians(turn_deg) * np.clip((FRAMES - 100) / 10, 0, 1) * (FRAMES < 170)
+    tracks = {name: np.add(place, WALK[120] if still else WALK) for name, place in of_leg.items()}
+    tracks |= {name: np.add(place, 0 * WALK) for name, place in of_leg.items() if still}
+    for name, (x, y) in zip(platform, [(200, 200), (-200, 200), (200, -200)], strict=False):
+        tracks[name] = np.stack([x * np.cos(turn), y + 0 * turn, -20 - x * np.sin(turn)], axis=1)
+    points = np.zeros((240, len(tracks), 4))
+    points[:, :, :3] = np.stack(list(tracks.values()), axis=1)
+    analogs = np.zeros((480, 8))
+    analogs[:, 2], analogs[::50, 6:] = -force * np.repeat(STEP, 2), 5.0
+    corners = np.array([[300.0, 250, 0], [-300, 250, 0], [-300, -250, 0], [300, -250, 0]])
+    plates = {
+        "USED": np.array([1]), "TYPE": np.array([2]), "ORIGIN": np.zeros((3, 1)), "CORNERS": corners.T[:, :, None],
+        "CHANNEL": np.arange(1, 7)[:, None],
+    }  # fmt: skip
+    named = {"POINT__LABELS": [*tracks], "ANALOG__LABELS": ["Fx", "Fy", "Fz", "Mx", "My", "Mz", *labels]}
+    named |= {f"FORCE_PLATFORM__{name}": value for name, value in plates.items()}
+    return write_c3d(path, points, analogs, **named, ANALOG__UNITS=["N"] * 3 + ["Nmm"] * 3 + ["V"] * 2)
+
+
+def test_a_walking_laboratory_is_drafted_from_captures_whose_names_say_nothing(tmp_path):
+    rec, everything = tmp_path / "rec", {**LEG, **MALLEOLI, "C7": (0, 0, 1400)}
+    rec.mkdir()
+    capture(rec / "a1.c3d", everything, still=True)
+    capture(rec / "a2.c3d", {}, turn_deg=3)
+    capture(rec / "a3.c3d", LEG, turn_deg=3, force=800)
+    capture(rec / "a4.c3d", LEG, force=800)
+    capture(rec / "a5.c3d", LEG, force=800, platform=())
+    capture(rec / "a6.c3d", LEG, turn_deg=0.5, force=800, labels=["TTL", "EMG1"])
+    capture(rec / "walk_unpert_7.c3d", LEG, turn_deg=3, force=800)  # a name goes before the motion
+    draft = new_campaign(tmp_path / "mine", recordings=rec)
+    told = {cells["trial"]: (cells["experiment"], cells.get("perturbed")) for cells, _ in draft.trials}
+    assert told == {
+        "a1": ("static", None), "a2": ("plate", None), "a3": ("walking", "true"), "a4": ("walking", "false"),
+        "a5": ("overground", None), "a6": ("walking", "false"), "walk_unpert_7": ("walking", "false"),
+    }  # fmt: skip
+    assert all(
+        "guessed from the motion" in said[0] for cells, said in draft.trials if cells["trial"] != "walk_unpert_7"
+    )
+    written = yaml.safe_load((tmp_path / "mine/config.yaml").read_text())["walking"]
+    assert written.pop("markers") == {
+        "foot": ["R_FCC", "R_FM1", "R_FM5"], "shank": ["R_SK1", "R_SK2", "R_SK3"], "platform": ["B1", "B2", "B3"],
+        "ankle_medial": "R_TAM", "ankle_lateral": "R_FAL",
+    }  # fmt: skip
+    assert written == {"side": "right", "plate": 1}
+    assert not [line for line in left_to_decide(tmp_path / "mine", draft) if "to be edited" in line]
+    analogs = {name: yaml.safe_load(text)["analogs"] for name, text in draft.sources.items()}
+    assert analogs["c3d"] == {
+        "sync": {"channel": PULSES[0], "unit": "V"},
+        "trigger": {"channel": PULSES[1], "unit": "V"},
+    }
+    assert [*analogs["c3d_2"]] == ["sync"]  # a capture without a trigger has a source file of its own
+    assert [cells["mocap_source"] for cells, _ in draft.trials if cells["trial"] == "a6"] == ["c3d_2"]
+    for name in draft.sources:
+        read_source(tmp_path / f"mine/sources/{name}.yaml")
+
+
+def test_what_the_captures_of_walking_do_not_tell_is_unknown_and_to_be_edited(tmp_path):
+    (tmp_path / "rec").mkdir()
+    capture(tmp_path / "rec/a.c3d", {"RHEE": (0, 0, 0), "LTIB": (0, 0, 200)}, force=800, platform=("PL", "PLAT1"))
+    draft = new_campaign(tmp_path / "mine", recordings=tmp_path / "rec")
+    said = "config.yaml: 5 places are to be edited: platform, ankle_medial, ankle_lateral, foot, shank"
+    assert left_to_decide(tmp_path / "mine", draft)[0] == f"{tmp_path}/mine/{said}"
+    assert 'foot: ["RHEE", UNKNOWN]  # named so; a cluster has 3 or more' in draft.walking
+
+
+def test_a_log_of_a_known_recorder_has_the_shipped_source_file_of_it(tmp_path):
+    source = shipped("config/sources/opensourceleg.yaml").read_text()
+    content = yaml.safe_load(source)
+    columns = [content["time"]["column"], *(one["column"] for one in content["channels"].values()), "other"]
+    rows = [",".join(str(k * 0.01 + n) for n in range(len(columns))) for k in range(30)]
+    (tmp_path / "a.csv").write_text("\n".join([",".join(columns), *rows]))
+    (tmp_path / "b.csv").write_text("\n".join([",".join(columns[:2]), *(f"{k / 100},{k}" for k in range(30))]))
+    assert draft_campaign(tmp_path).sources["opensourceleg"] == source
+    assert len(draft_campaign(tmp_path).sources) == 2  # not that of less than all of its channels
+
+
+@pytest.mark.skipif(not REAL_DATA.is_dir(), reason="needs the recordings of other laboratories")
+@pytest.mark.parametrize(("file", "foot", "shank", "medial", "lateral"), [
+    ("c3d/btk_PiG_Motion3_FF.c3d", "RHEE RTOE UNKNOWN", "RTIB UNKNOWN", "UNKNOWN", "RANK"),
+    ("c3d/qualisys_FP_Type3_fpcoppoly.c3d", "RFM RFL RH", "RS1 RS2 RS3 RS4", "RAM", "RAL"),
+    ("c3d/Eb015pr.c3d", "RFT1 RFT2 RFT3", "RSK1 RSK2 RSK3 RSK4", "UNKNOWN", "UNKNOWN"),
+    ("opensim/walk.trc", "R.Heel R.MT1 R.MT5 R.MT2", "R.HF R.TT UNKNOWN", "R.Ankle.Medial", "R.Ankle"),
+])  # fmt: skip
+def test_markers_of_other_laboratories_are_known_by_their_names(file, foot, shank, medial, lateral):
+    text = draft_source(inspect_file(REAL_DATA / file), "a")
+    lines = [line.removeprefix("# ") for line in text.partition("# walking:")[2].splitlines()[1:]]
+    markers = yaml.safe_load("\n".join(lines))["markers"]
+    found = {"foot": foot.split(), "shank": shank.split(), "ankle_medial": medial, "ankle_lateral": lateral}
+    assert markers == {**found, "platform": ["UNKNOWN"]}

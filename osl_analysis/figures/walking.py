@@ -249,8 +249,8 @@ COMMANDED_SERIES = "commanded"  # series of the curve that the controller comman
 def over_stance_caption(table: pl.DataFrame) -> str:
     said = [
         f"Impedance of the ankle over stance: (a) stiffness, (b) damping, (c) {apparent_inertia()}. A marker is the "
-        "fit to the mean response of a group, at the phase that the fit reads. Upright bars are 95 % intervals, level ones "
-        "the windows of the fits."
+        "fit to the mean response of a group, at the phase that the fit reads. Upright bars are 95 % intervals, level "
+        "ones the windows of the fits."
     ]
     if table["commanded"].count():
         said.append("Dashed, and short black lines at the groups: what the controller commands.")

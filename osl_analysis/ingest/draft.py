@@ -213,7 +213,7 @@ def travel(track: Array) -> float:
 
 def platform_in(captures: Sequence[dict[str, Array]]) -> tuple[list[str], str]:
     """The platform's markers, and by what: their names; or else that people walk past them while they keep within
-    15 cm and their distances, less than 30 cm above the lowest marker, and that they move in some capture."""
+    15 cm, less than 30 cm above the lowest marker, and that each moves by 3 mm or more in some capture."""
     every = dict.fromkeys(label for tracks in captures for label in tracks)
     if named := [label for label in every if segment_of(label)[1] == "platform"]:
         return named, "named so"
@@ -221,10 +221,10 @@ def platform_in(captures: Sequence[dict[str, Array]]) -> tuple[list[str], str]:
     resting = [label for label in every if not segment_of(label)[1] and any(label in one for one in crossings)]
     for tracks in crossings:
         lowest = min(float(np.nanquantile(track[:, 2], 0.02)) for track in tracks.values())
-        near = [x for x in resting if x in tracks and np.nanmedian(tracks[x][:, 2]) < lowest + 0.3]
-        resting = [x for x in near if travel(tracks[x]) < 0.15 and travel(tracks[x] - tracks[near[0]]) < 0.05]
-    moved = any(travel(tracks[label]) > 0.003 for label in resting for tracks in captures if label in tracks)
-    return (resting, "a guess to be confirmed: low, and at rest but for small motions together") if moved else ([], "")
+        low = [x for x in resting if x in tracks and np.nanmedian(tracks[x][:, 2]) < lowest + 0.3]
+        resting = [x for x in resting if x not in tracks or (x in low and travel(tracks[x]) < 0.15)]
+    moved = [x for x in resting if any(travel(tracks[x]) > 0.003 for tracks in captures if x in tracks)]
+    return moved, "a guess to be confirmed: low, and at rest but for small motions" * bool(moved)
 
 
 def told_by_motion(overview: Overview, platform: Sequence[str]) -> dict[str, str]:

@@ -66,7 +66,7 @@ def result_tables() -> list[Path]:
     unpublished = {"quality", *(table.name for _, table in TABLES if not table.published)}
     tables = [table for table, trials in PER_TRIAL.items() if trials and table not in unpublished]
     tables += [table for table, (source, _) in DERIVED.items() if source in tables]
-    tables += [table for name in EXPERIMENTS if CAMPAIGN.trials(name) for table in EXPERIMENTS[name].further_tables]
+    tables += CAMPAIGN.further_tables()
     tables += ["gains"] * bool(CONFIG.impedance_trajectory)
     tables += ["prediction", "prediction_causes"] * bool(PREDICTED or UNPREDICTED)
     tables += ["claims"] * any(table in tables for table in CLAIMED)

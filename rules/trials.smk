@@ -34,7 +34,7 @@ def ingest(wildcards):
     """A trial's simulated logs are needed, which other jobs write. Real recordings are no inputs: see `recordings`."""
     trial = wildcards.trial
     settings = {"row": CAMPAIGN.recording(trial), "raw_folder": RAW, "sources_folder": CONFIG.sources}
-    settings["needed_columns"] = EXPERIMENTS[CAMPAIGN.row(trial)["experiment"]].needed_columns
+    settings["needed_columns"] = CAMPAIGN.needed_columns(trial)
     settings["commanded"] = {name: setting("dynamometer")[name] for name in PROTOCOL}
     logs = {"needs" if CONFIG.simulation else "recordings": CAMPAIGN.logs(trial)}
     return {**logs, "made_of": CAMPAIGN.sources(trial), "settings": settings}

@@ -24,7 +24,7 @@ def crossed(perturbed: bool) -> dict[str, list[Path]]:
 
 def of_crossings(trials, **settings) -> dict[str, dict[str, object]]:
     """The ingested crossings and their calibrations, and the verdicts on them, as parts of a job."""
-    statics = {trial: CAMPAIGN.static(trial) for trial in trials}
+    statics = {trial: CAMPAIGN.static(trial) for trial in trials if CAMPAIGN.statics}
     calibrations = [calibration(static) for static in dict.fromkeys(statics.values())]
     inputs = {"trials": [trial_file(trial) for trial in trials], "calibrations": calibrations}
     return {"input": inputs, "read": {"quality": checked(trials)}, "settings": {**settings, "statics": statics}}
@@ -47,10 +47,11 @@ single("walking.measure_platform", {"output": PLATFORM, "comparison": tabled("pl
 @step("walking.analyse", "crossings/{trial}.parquet")
 def analyse_crossing(wildcards):
     trial, row = wildcards.trial, CAMPAIGN.row(wildcards.trial)
-    stated = {column: row[column] for column in ("perturbed", "direction", "body_mass_kg")}
-    inputs = {"trial": trial_file(trial), "calibration": calibration(CAMPAIGN.static(trial))}
-    inputs |= {"plate": PLATE, "platform": PLATFORM}
-    return {"input": inputs, "settings": {"settings": CONFIG.walking.part("CrossingSettings"), **stated}}
+    stated = {column: row[column] for column in ("perturbed", "direction", "body_mass_kg", "windows")}
+    models, none = {"plate": PLATE, "platform": PLATFORM}, {"calibration": None, "plate": None}
+    if not CONFIG.walking.by_log:
+        models, none = {**models, "calibration": calibration(CAMPAIGN.static(trial))}, {}
+    return {"input": {"trial": trial_file(trial), **({} if none else models)}, "settings": {"settings": CONFIG.walking.part("CrossingSettings"), **stated, **none}}
 
 
 IN_SHEET = {"sheet": CAMPAIGN.conditions(), "places": WALKED}

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from osl_analysis.campaign.configuration import Config, FrequencyResponseFigure
-from osl_analysis.config.experiments import ResultTable
+from osl_analysis.config.experiments import EXPERIMENTS, ResultTable
 from osl_analysis.config.sheet import FIXTURE, SheetRows, read_sheet
 from osl_analysis.errors import InputError
 from osl_analysis.files import default_config, digest
@@ -66,11 +66,15 @@ class Campaign:
 
     def plate_trials(self) -> list[str]:
         """Names of the plate trials from which the plate's inertia is identified; none if it is not."""
-        return self.trials("plate") if self.config.walking.plate_inertia == "identified" else []
+        walking = self.config.walking
+        return self.trials("plate") if walking.plate_inertia == "identified" and not walking.by_log else []
 
     @cached_property
     def statics(self) -> dict[str, list[str]]:
-        """The crossings that each static trial in use calibrates, by static trial, in the order of the sheet."""
+        """The crossings that each static trial in use calibrates, by static trial, in the order of the sheet; none of
+        crossings that the log alone tells."""
+        if self.config.walking.by_log:
+            return {}
         found = {trial: self.static(trial) for trial in self.trials("walking")}
         used = {*found.values(), *map(self.static, self.plate_trials())}
         return {one: [trial for trial in found if found[trial] == one] for one in self.trials("static") if one in used}
@@ -131,6 +135,17 @@ class Campaign:
         """Names of the trials of an experiment that have rows in one of its tables."""
         return self.crossings(perturbed=True) if table.perturbed_only else self.trials(experiment)
 
+    def needed_columns(self, trial: str) -> tuple[str, ...]:
+        """The columns that a trial must have."""
+        facts, walks = EXPERIMENTS[self.row(trial)["experiment"]], self.row(trial)["experiment"] == "walking"
+        return ("theta", "torque") if walks and self.config.walking.by_log else facts.needed_columns
+
+    def further_tables(self) -> list[str]:
+        """The result tables that rules compute from all trials of an experiment together."""
+        unmade = ("plate", "platform") if self.config.walking.by_log else ()
+        every = (table for name in EXPERIMENTS if self.trials(name) for table in EXPERIMENTS[name].further_tables)
+        return [table for table in every if table not in unmade]
+
     def recording(self, trial: str) -> Mapping[str, Any]:
         """The cells of a trial's row that ingest uses. A change of other cells does not cause a new ingest."""
         used = ("trial", "experiment", "log", "log_source", "log_part", "mocap", "mocap_source")
@@ -187,14 +202,24 @@ def check_files(config: Config) -> None:
 
 
 def check_walking(campaign: Campaign) -> None:
-    """Refuse walking trials without the static, plate and other trials that their analysis needs."""
+    """Refuse walking trials without the files, and the static, plate and other trials, that their analysis needs."""
     walking, add = campaign.config.walking, "add them, or exclude the walking trials"
+    by, file = walking.perturbed_by, "log" if walking.by_log else "mocap"
+    for trial in campaign.trials("walking"):
+        where, row = f"{campaign.config.sheet}: trial '{trial}'", campaign.row(trial)
+        if row[file] is None:
+            raise InputError(f"{where}: {file} is empty; a trial of experiment 'walking' needs it (perturbed_by: {by})")
+        if row["windows"] and not walking.by_command:
+            raise InputError(
+                f"{where}, windows: a capture with a moving platform is not cut; export the crossing alone"
+            )
     needed = [
-        (campaign.trials("static"), "trial of experiment 'static'", 1, add),
         (campaign.crossings(perturbed=False), "unperturbed crossings", walking.fewest_unperturbed, add),
         (campaign.crossings(perturbed=True), "perturbed crossings", 2, add),
     ]
-    if walking.plate_inertia == "identified":
+    if not walking.by_log:
+        needed.insert(0, (campaign.trials("static"), "trial of experiment 'static'", 1, add))
+    if walking.plate_inertia == "identified" and not walking.by_log:
         state = "add them, to remove the plate's own inertia, or state `plate_inertia: none` under `walking` if the "
         state += "plate is light or compensates its inertia itself"
         needed.append((campaign.trials("plate"), "trial of experiment 'plate' (unloaded platform, moved)", 1, state))

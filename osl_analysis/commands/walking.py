@@ -23,7 +23,7 @@ from osl_analysis.trial import NAME_KEY, PROVENANCE_KEY, Array, Trial, metadata_
 from osl_analysis.walking import bodies, tables
 from osl_analysis.walking import settings as choices
 from osl_analysis.walking.bodies import StaticCalibration
-from osl_analysis.walking.crossing import Crossing, RefusedCrossing, analyse_crossing, body_mass
+from osl_analysis.walking.crossing import UP, Crossing, RefusedCrossing, analyse_crossing, body_mass, crossing_of_log
 from osl_analysis.walking.gait import PHASES, UnperturbedGait, unperturbed_gait
 from osl_analysis.walking.groups import ALL, SEPARATOR, cells_said, selection_rows, split_keys
 from osl_analysis.walking.overground import CURVES, overground_rows
@@ -87,7 +87,8 @@ def built(kind: Any, content: Any) -> Any:
 def write_crossing(crossing: Crossing, path: Path) -> None:
     """Write a crossing as a trial: its signals and `plate_error_0`, ...; the events in the provenance."""
     signals = {"time": crossing.time, "phase": crossing.stance.phase(crossing.time)}
-    signals |= {name: getattr(crossing, name) for name in CROSSING_SIGNALS}
+    known = {name: getattr(crossing, name) for name in CROSSING_SIGNALS}
+    signals |= {name: values for name, values in known.items() if values is not None}
     load = {} if crossing.load is None else dict(zip(LOADS, crossing.load, strict=True))
     errors = {f"{PLATE_ERROR}{i}": error for i, error in enumerate(crossing.plate_errors)}
     samples = pl.DataFrame(signals | load | errors)
@@ -119,7 +120,9 @@ def read_crossing_file(path: Path) -> Crossing | RefusedCrossing:
     trial, types = read_trial(path), get_type_hints(Crossing)
     if "stance" not in trial.provenance:
         raise InputError(f"{path}: a trial without events; run the step 'analyse' and use its crossing")
-    curves: dict[str, Any] = dict(zip(("time", *CROSSING_SIGNALS), trial.signals(*CROSSING_SIGNALS), strict=True))
+    names = [name for name in CROSSING_SIGNALS if name in trial.columns]
+    curves: dict[str, Any] = dict.fromkeys(CROSSING_SIGNALS)
+    curves |= dict(zip(("time", *names), trial.signals(*names), strict=True))
     return Crossing(
         trial.name,
         **curves,
@@ -201,24 +204,37 @@ def measure_platform(
 
 def analyse(
     trial: Path,
-    calibration: Path,
-    plate: Path,
+    calibration: Path | None,
+    plate: Path | None,
     perturbed: bool,
     settings: choices.CrossingSettings,
     output: Path,
     direction: str | None = None,
     body_mass_kg: float | None = None,
     platform: Path | None = None,
+    windows: str | None = None,
 ) -> None:
     """Angle and torque of one crossing, with its events, to a Parquet file, or there, with a warning, why there are
-    none. `perturbed`, `direction` and `body_mass_kg` are the sheet's; `platform` is what crossings share."""
-    static, model, walked = read_model(calibration, StaticCalibration), read_model(plate, PlateModel), read_trial(trial)
-    shared = ALONE if platform is None else read_model(platform, PlatformModel)
+    none. `perturbed`, `direction`, `body_mass_kg` and `windows`, from-to [s], are the sheet's; `platform` is what
+    crossings share. Without a `calibration` and a `plate` the log is analysed."""
+    walked, shared = read_trial(trial), ALONE if platform is None else read_model(platform, PlatformModel)
+    static = None if calibration is None else read_model(calibration, StaticCalibration)
+    model = None if plate is None else read_model(plate, PlateModel)
+    if windows:
+        first, last = (walked.samples["time"][0] + float(end) for end in windows.split("-"))
+        walked = replace(walked, samples=walked.samples.filter(pl.col("time").is_between(first, last)))
     try:
-        crossing = analyse_crossing(walked, static, model, perturbed, settings, shared)
+        if static is None or model is None:
+            crossing = crossing_of_log(walked, perturbed, settings)
+        else:
+            crossing = analyse_crossing(walked, static, model, perturbed, settings, shared)
+        if crossing.turn and direction is not None and settings.by_command:
+            crossing = replace(crossing, turn=abs(crossing.turn) * (1 if direction == UP else -1))
         if direction is not None and crossing.direction not in (None, direction):
+            of_belt = settings.perturbed_by == "belt"
+            what = "platform's shift turned the ankle" if of_belt else "platform turned"
             raise InputError(
-                f"trial {walked.name}: the platform turned by {np.rad2deg(crossing.turn or 0.0):.1f} deg (positive: "
+                f"trial {walked.name}: the {what} by {np.rad2deg(crossing.turn or 0.0):.1f} deg (positive: "
                 f"toes up), but the sheet says direction '{direction}', expected '{crossing.direction}'; correct the "
                 "sheet, or exclude the trial"
             )

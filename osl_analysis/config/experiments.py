@@ -141,7 +141,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         "platform moved without a foot on it: the force plate's own inertia", place="walkway", bare_plate=True,
         mocap="vicon"),
     "walking": Experiment(
-        "one crossing of the walkway, perturbed or not", place="walkway", sheet=("perturbed", "mocap"),
+        "one crossing of the walkway, perturbed or not", place="walkway", sheet=("perturbed",),
         bare_plate=True, walker=True, log="leg", mocap="vicon",
         tables=(ResultTable("walking", perturbed_only=True),),
         further_tables=("walking_summary", "walking_groups", "impedance_over_stance", "walking_crossings",

@@ -165,8 +165,10 @@ def problems_in(row: Mapping[str, str]) -> Iterator[str]:
             yield f"{column}_source is empty; name the file in config/sources that describes {row[column]}"
         if source.endswith((".yaml", ".yml")):
             yield f"{column}_source '{source}' names a file; write its name without the ending"
-    if row["windows"] and experiment != "impedance":
+    if row["windows"] and experiment not in ("impedance", "walking"):
         yield f"windows '{row['windows']}' of experiment '{experiment}'; only 'impedance' fits windows, leave it"
+    if row["windows"] and experiment == "walking" and len(row["windows"].split()) > 1:
+        yield f"windows '{row['windows']}' of a crossing; write one, and a row of the sheet for each crossing of a log"
     if row["windows"] and not re.fullmatch(r"\d+\.?\d*-\d+\.?\d*(\s+\d+\.?\d*-\d+\.?\d*)*", row["windows"]):
         yield f"windows '{row['windows']}' are not from-to in s; write them as 2-30 40-62"
     if row["log_part"] and not row["log"]:

@@ -103,10 +103,11 @@ def crossing_pictures(crossing: pl.DataFrame) -> Pictures:
     panels = [
         over_time("Ankle torque", TORQUE_AXIS, of("time", "torque", "measured")),
         over_time("Ankle angle", angle_axis, of("time", "theta_deg", "measured")),
-        over_time("Platform", angle_axis, of("time", "platform_deg", "measured")),
         panel("Torque against angle", angle_axis, TORQUE_AXIS, of("theta_deg", "torque", "measured"), square=True),
     ]
-    degrees = [pl.col(name).degrees().alias(f"{name}_deg") for name in ("theta", "platform")]
+    if "platform" in crossing.columns:
+        panels.insert(2, over_time("Platform", angle_axis, of("time", "platform_deg", "measured")))
+    degrees = [pl.col(name).degrees().name.suffix("_deg") for name in ("theta", "platform") if name in crossing.columns]
     return Pictures(panels, {"crossing": crossing.with_columns(pl.col("time") - pl.col("time").first(), *degrees)})
 
 

@@ -104,6 +104,12 @@ def cluster_poses(reference: Array, observed: Array, largest_residual: float = n
     return Poses(rotation, position, origin, residual, np.zeros(n, dtype=bool))
 
 
+def resting(place: Array, n: int) -> Poses:
+    """Poses in n frames of what rests with its centroid at a place (3,) [m]."""
+    nothing = np.zeros(n)
+    return Poses(np.tile(np.eye(3), (n, 1, 1)), np.tile(place, (n, 1)), place, nothing, nothing.astype(bool))
+
+
 def spans_a_plane(points: Array) -> bool:
     """Whether points (m, 3) are three or more and do not lie on a line, with a tenth of their spread beside it."""
     if len(points) < 3:
@@ -194,14 +200,14 @@ def static_calibration(trial: Trial, settings: CalibrationSettings) -> StaticCal
         return found
 
     markers = settings.markers
-    clusters = {segment: standing(getattr(markers, segment)) for segment in SEGMENTS}
+    clusters = {segment: standing(names) for segment in SEGMENTS if (names := getattr(markers, segment))}
     for segment, cluster in clusters.items():
         if not spans_a_plane(np.array(list(cluster.values()))):
             raise InputError(
                 f"trial {trial.name}: the {segment} markers {', '.join(cluster)} lie on a line or are fewer than "
                 "three, expected three or more that span a plane; name others under `markers` in the configuration"
             )
-    foot, shank, platform = clusters.values()
+    foot, shank = clusters["foot"], clusters["shank"]
     above = float(np.mean([p[2] for p in foot.values()]) - np.mean([p[2] for p in shank.values()]))
     if above > 0.05:  # standing, they are lower by 0.1 m and more
         raise InputError(
@@ -211,7 +217,9 @@ def static_calibration(trial: Trial, settings: CalibrationSettings) -> StaticCal
         )
     inner, outer = standing((markers.ankle_medial, markers.ankle_lateral)).values()
     across = inner - outer if settings.side == "right" else outer - inner
-    return StaticCalibration(foot | shank | platform, (inner + outer) / 2, across / np.linalg.norm(across))
+    return StaticCalibration(
+        foot | shank | clusters.get("platform", {}), (inner + outer) / 2, across / np.linalg.norm(across)
+    )
 
 
 def ankle_angle(foot: Poses, shank: Poses, axis: Array) -> Array:

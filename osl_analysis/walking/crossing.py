@@ -12,7 +12,7 @@ from osl_analysis.measured import check_measured
 from osl_analysis.plate_surface import furthest_outside
 from osl_analysis.signals import LowPass, longest_run, runs, sampling_rate
 from osl_analysis.signals.grid import GapLimits, uniform_signals
-from osl_analysis.trial import AXES, Array, Trial
+from osl_analysis.trial import AXES, Array, Trial, plate_columns
 from osl_analysis.walking import bodies, plate, platform
 from osl_analysis.walking.bodies import SEGMENTS, BodyMotion, Poses, StaticCalibration
 from osl_analysis.walking.plate import PlateModel, Stance
@@ -37,14 +37,15 @@ class Crossing:
     time: Array
     theta: Array  # joint angle (n,) [rad]
     torque: Array  # internal plantarflexion moment (n,) [N*m]
-    platform: Array  # rotation (n,) [rad] of the platform, not filtered
+    platform: Array | None  # rotation (n,) [rad] of the platform, not filtered; None without one
     stance: Stance
     onset: float | None  # of the perturbation [s]; None without one
     bridged: float  # fraction of the frames in stance in which a hidden cluster was interpolated
     plate_errors: Array  # changes (m, n) [N*m] of the torque without the i-th of m plate trials; m = 0 with one
     quality: dict[str, float | None] = field(default_factory=dict)  # of `QUALITY`, those that are known
     load: Array | None = None  # as of `load_on_foot` (2, n); None if it is not known
-    turn: float | None = None  # largest [rad] of the platform about the ankle in the window, toes up; None: unknown
+    turn: float | None = None  # largest [rad] in the window, toes up, of the platform about the ankle, or else of the
+    # ankle from what its motion before led to expect; None: unknown
     body_mass: float | None = None  # [kg]; None if nobody states it
 
     def __post_init__(self) -> None:
@@ -60,7 +61,7 @@ class Crossing:
 
     @property
     def sign(self) -> int:
-        """-1 if the platform turned the toes down, else 1."""
+        """-1 if the perturbation turned the toes down, else 1."""
         return -1 if self.turn is not None and self.turn < 0 else 1
 
     @property
@@ -88,23 +89,18 @@ def analyse_crossing(
     """Angle and torque of a crossing, through one low-pass at one rate. `perturbed` is the sheet's. `shared` is what
     the platform's motions share; without it a crossing has its own motion and onset."""
     reference, recorded, low_pass = {}, {}, settings.low_pass
-    for segment in SEGMENTS:
-        labels = getattr(settings.markers, segment)
+    followed = {segment: labels for segment in SEGMENTS if (labels := getattr(settings.markers, segment))}
+    for segment, labels in followed.items():
         frames, recorded[segment] = bodies.segment_poses(trial, labels, calibration, settings)
         reference[segment] = calibration.positions(labels, trial.name)
     (read, zero), rate = plate.zeroed_wrench(trial, frames, settings), sampling_rate(frames)
     force = read(unloaded.lag or 0.0)[:, :3]
     check_vertical(force)
-    limits = settings.load_on_n, settings.load_off_n, settings.shortest_stance_s
-    stances = plate.find_stances(frames, force[:, 2], *limits)
-    if len(stances) != 1:
-        times = ", ".join(f"{s.heel_strike:.3f}-{s.toe_off:.3f} s" for s in stances) or "none"
-        raise InputError(
-            f"one stance on the plate is expected, found {times}; check the plate's number, zero and load thresholds, "
-            "cut the recording to one crossing, or exclude it in the sheet"
-        )
-    (stance,) = stances
+    stance = only_stance(frames, force[:, 2], settings)
     plate.check_plate(trial, settings.plate, stance, force[:, 2])
+    corners = plate.recorded_corners(trial, settings.plate)
+    if "platform" not in recorded:  # the plate below a belt rests
+        reference["platform"], recorded["platform"] = corners, bodies.resting(corners.mean(axis=0), len(frames))
     onset = onset_of(trial, frames, recorded, stance, perturbed, settings, shared)
 
     inside = (frames >= stance.heel_strike) & (frames <= stance.toe_off)
@@ -127,13 +123,16 @@ def analyse_crossing(
     ankle = (foot.point(calibration.ankle_centre) + shank.point(calibration.ankle_centre)) / 2
     axis = (foot.rotation + shank.rotation) @ calibration.ankle_axis  # the mean of foot and shank, as the centre
     axis = axis / np.linalg.norm(axis, axis=1, keepdims=True)
-    corners = plate.recorded_corners(trial, settings.plate)
-    track = platform.track_about(trial.name, frames, recorded["platform"], calibration, settings, float(time[0]))
-    first = int(np.searchsorted(track.time, time[0] - 1e-9))
+    track = None
+    if "platform" in followed:
+        track = platform.track_about(trial.name, frames, recorded["platform"], calibration, settings, float(time[0]))
     centre, turned = poses["platform"].point(corners.mean(axis=0)), poses["platform"].rotation
 
     def motion(template: PlatformTemplate | None) -> BodyMotion:
         """Motion of the plate's centre, by a shape that crossings share if this one follows it."""
+        if track is None:
+            return bodies.body_motion(time, poses["platform"], corners.mean(axis=0))
+        first = int(np.searchsorted(track.time, time[0] - 1e-9))
         within = slice(first, first + len(time))
         return platform.inertial_motion(track, corners.mean(axis=0), template, follows, within)
 
@@ -159,11 +158,17 @@ def analyse_crossing(
     phase = stance.phase(time)
     check_side(phase, shank.position - ankle, axis, torque if onset is None else None)
     window = None if onset is None else (onset, onset + settings.window_s)
+    turn = None if window is None else platform_turn(time, poses["platform"], axis, window)
+    if window is not None and settings.perturbed_by == "belt":  # backward it turns the toes up
+        first, last = np.searchsorted(time, window)
+        forward = np.diff(poses["platform"].position[[first, last]], axis=0) @ np.cross(axis[first], [0.0, 0.0, 1.0])
+        sign = commanded_onset(trial, stance)[1] if settings.by_command else -1 if forward > 0 else 1
+        turn = sign * ankle_change(time, theta, window)
     flat = foot[(phase >= 0.15) & (phase <= 0.35)]  # before the perturbation
     placed = flat.point(calibration.ankle_centre).mean(axis=0) - corners.mean(axis=0)
     outside = furthest_outside(flat.points(reference["foot"]).reshape(-1, 3), corners)
     quality = {"foot_forward_m": float(placed[0]), "foot_left_m": float(placed[1]), "foot_outside_m": outside}
-    for segment, pose in recorded.items():
+    for segment, pose in ((segment, recorded[segment]) for segment in followed):
         left = pose.residual[rows][inside & np.isfinite(pose.residual[rows])]
         quality[f"{segment}_residual_mm"] = 1e3 * float(np.sqrt(np.mean(left**2))) if len(left) else float("nan")
     return Crossing(
@@ -178,8 +183,111 @@ def analyse_crossing(
         quality={**quality, "plate_zero_N": zero, **encoder_check(trial, time, theta, low_pass)},
         plate_errors=errors,
         load=plate.load_on_foot(reaction(unloaded, moving), centre, ankle, axis),
-        turn=window and platform_turn(time, poses["platform"], axis, window),
+        turn=turn,
     )
+
+
+def only_stance(
+    time: Array, force: Array, settings: CrossingSettings, where: str = "on the plate", remedy: str = ""
+) -> Stance:
+    """The stance in a vertical force (n,) [N]; refused if there are none or several."""
+    limits = settings.load_on_n, settings.load_off_n, settings.shortest_stance_s
+    stances = plate.find_stances(time, force, *limits)
+    if len(stances) != 1:
+        times = ", ".join(f"{s.heel_strike:.3f}-{s.toe_off:.3f} s" for s in stances) or "none"
+        remedy = remedy or "check the plate's number, zero and load thresholds, cut the recording to one crossing"
+        raise InputError(f"one stance {where} is expected, found {times}; {remedy}, or exclude it in the sheet")
+    return stances[0]
+
+
+LOG_RATE_HZ = 300.0  # of crossings from logs, whose own rates differ a little; a low-pass of 20 Hz leaves no more
+
+
+def crossing_of_log(trial: Trial, perturbed: bool, settings: CrossingSettings) -> Crossing:
+    """A crossing that a boot or the leg perturbs, of which the log has `theta` [rad], `torque` [N*m], the command's
+    `trigger`, and `load` [N], or else a force plate the vertical force. The side to which the command goes is its sign."""
+    found = uniform_signals(trial, ("theta", "torque"), GapLimits(cutoff_hz=settings.cutoff_hz))
+    load = next((c for c in ("load", plate_columns(settings.plate, "force")[2]) if c in trial.columns), None)
+    if load is None:
+        raise InputError(
+            "neither a column 'load' nor a force plate tells when the foot is on the ground; map the leg's load cell, "
+            "insole or contact switch to 'load' in the source file, a switch with a `scale` of 100 N"
+        )
+    several = "cut the log to one by `windows` in the sheet, one row per stride; check load_on_n and load_off_n"
+    stamps, force = trial.signals(load)
+    stance = only_stance(stamps, force, settings, f"in '{load}'", several)
+    inside = (found.time >= stance.heel_strike) & (found.time <= stance.toe_off)
+    ends = found.time[0] - 0.5 / found.rate_hz, found.time[-1] + 0.5 / found.rate_hz
+    if not (ends[0] <= stance.heel_strike < stance.toe_off <= ends[1] and found.usable[inside].all()):
+        raise InputError(
+            f"theta and torque are not known throughout stance, {stance.heel_strike:.3f}-{stance.toe_off:.3f} s; cut "
+            "the log 0.3 s before and after it, or exclude the trial"
+        )
+    onset, sign = commanded_onset(trial, stance)
+    check_onset(onset, perturbed, stance, settings)
+    first, last = max(stance.heel_strike - 0.1, found.time[0]), min(stance.toe_off + 0.1, found.time[-1])
+    time = first + np.arange(int((last - first) * LOG_RATE_HZ) + 1) / LOG_RATE_HZ
+    both = np.column_stack([settings.low_pass(found[name], found.rate_hz) for name in ("theta", "torque")])
+    theta, torque = scipy.interpolate.make_interp_spline(found.time, both, k=3)(time).T
+    phase = stance.phase(time)
+    late = float(torque[(phase >= 0.5) & (phase <= 0.9)].mean())
+    if onset is None and settings.perturbed_by == "leg" and late < 0:
+        raise InputError(
+            f"the leg's torque in late stance is {late:.0f} N*m, expected a plantarflexion moment above 0: correct "
+            "`sign` of torque in the source file"
+        )
+    errors = np.zeros((0, len(time)))
+    turn = None if onset is None else sign * ankle_change(time, theta, (onset, onset + settings.window_s))
+    return Crossing(trial.name, time, theta, torque, None, stance, onset, 0.0, errors, turn=turn)
+
+
+def ankle_change(time: Array, theta: Array, window: tuple[float, float]) -> float:
+    """Largest change [rad] of the ankle's angle (n,) within a `window` [s], with what gait has in it."""
+    rows = slice(*np.searchsorted(time, window))
+    return float(np.abs(theta[rows] - theta[rows.start]).max())
+
+
+def commanded_onset(trial: Trial, stance: Stance) -> tuple[float | None, int]:
+    """Time [s] in stance at which the column `trigger` leaves its rest, by 0.5 or more, None if it does not or there is
+    none; and to which side, 1 or -1."""
+    if "trigger" not in trial.columns:
+        return None, 1
+    time, level = trial.signals("trigger")
+    rows = (time >= stance.heel_strike - 0.25) & (time <= stance.toe_off)
+    before = time[rows] <= stance.heel_strike
+    if not before.any():
+        return None, 1
+    away = level[rows] - np.median(level[rows][before])
+    sign = -1 if away[np.argmax(np.abs(away))] < 0 else 1
+    return platform.find_onset(time[rows], sign * away, 0.5, "the command leaves its rest"), sign
+
+
+def check_onset(onset: float | None, perturbed: bool, stance: Stance, settings: CrossingSettings) -> None:
+    """Refuse an onset [s] that the sheet contradicts, or whose baseline or window leaves stance."""
+    if (onset is not None) != perturbed:
+        what, choice = "the platform", "perturbation_deg or the platform markers"
+        rests, moves = "does not turn", "turns"
+        if settings.by_command:
+            what, choice = "the command in 'trigger'", "or the channel of 'trigger' in the source file"
+            rests, moves = "rests in stance, or was not recorded,", "leaves its rest"
+        elif settings.perturbed_by == "belt":
+            rests, moves, choice = "does not shift", "shifts", "largest_shift_mm or the platform markers"
+        motion = rests if onset is None else f"{moves} at {onset:.3f} s"
+        raise InputError(
+            f"{what} {motion} but the sheet says perturbed = {str(perturbed).lower()}; correct the sheet, {choice}, or "
+            "exclude the trial"
+        )
+    if onset is None:
+        return
+    span = f"stance {stance.heel_strike:.3f}-{stance.toe_off:.3f} s"
+    if not stance.heel_strike < onset < stance.toe_off:
+        raise InputError(f"the perturbation starts at {onset:.3f} s, outside {span}; exclude the trial")
+    first, last = onset - settings.guard_s - settings.baseline_s, onset + settings.window_s
+    if first < stance.heel_strike or last > stance.toe_off:
+        raise InputError(
+            f"baseline and window, {first:.3f}-{last:.3f} s, leave {span}; shorten window_s, baseline_s or guard_s, or "
+            "exclude the trial"
+        )
 
 
 def onset_of(
@@ -192,13 +300,19 @@ def onset_of(
     shared: PlatformModel,
 ) -> float | None:
     """Onset [s] of the perturbation, None without one; refused where sheet, stance, plate or markers forbid it."""
-    turned = platform.rotation_from_rest(poses["platform"])
-    onset = platform.find_onset(time, turned, float(np.deg2rad(settings.perturbation_deg)))
+    if settings.markers.platform:
+        moved, threshold = platform.moved_from_rest(poses["platform"], settings)
+        verb = "turns" if settings.perturbed_by == "platform" else "shifts"
+        onset = platform.find_onset(time, moved, threshold, f"the platform {verb}")
+    else:
+        onset, _ = commanded_onset(trial, stance)
     seen, centre = poses["platform"].seen(), poses["platform"].position
     inside = seen & (time >= stance.heel_strike) & (time <= stance.toe_off)
     if onset is not None:
         onset = shared.onset(trial.name, onset)
-    elif inside.any():  # by how much it moved from its mean place just before, or, hidden there, at its start
+    elif (
+        settings.perturbed_by == "platform" and inside.any()
+    ):  # by how much it moved from its mean place just before, or, hidden there, at its start
         before = seen & (time >= stance.heel_strike - 0.1) & (time < stance.heel_strike)
         rest = centre[before].mean(axis=0) if before.any() else centre[inside][0]
         shift = 1e3 * float(np.linalg.norm(centre[inside] - rest, axis=1).max())
@@ -209,25 +323,11 @@ def onset_of(
                 "turn of the ankle, and is not analysed; give the trial the experiment ingest_only, or correct "
                 "largest_shift_mm"
             )
-    if (onset is not None) != perturbed:
-        motion = "does not turn" if onset is None else f"turns at {onset:.3f} s"
-        raise InputError(
-            f"the platform {motion} but the sheet says perturbed = {str(perturbed).lower()}; correct the sheet, "
-            "perturbation_deg or the platform markers, or exclude the trial"
-        )
+    check_onset(onset, perturbed, stance, settings)
     if onset is None:
         return None
-    span = f"stance {stance.heel_strike:.3f}-{stance.toe_off:.3f} s"
-    if not stance.heel_strike < onset < stance.toe_off:
-        raise InputError(f"the perturbation starts at {onset:.3f} s, outside {span}; exclude the trial")
-    first, last = onset - settings.guard_s - settings.baseline_s, onset + settings.window_s
-    if first < stance.heel_strike or last > stance.toe_off:
-        raise InputError(
-            f"baseline and window, {first:.3f}-{last:.3f} s, leave {span}; shorten window_s, baseline_s or guard_s, or "
-            "exclude the trial"
-        )
     plate.check_type_on_platform(trial, settings.plate)
-    window = (time >= onset) & (time <= last)
+    window = (time >= onset) & (time <= onset + settings.window_s)
     for name in ("foot", "platform"):  # The shank carries the body and moves as in any stance
         gap, longest = longest_run(poses[name].bridged & window), settings.longest_fitted_gap_s
         if bodies.gap_duration(time, gap) > longest:

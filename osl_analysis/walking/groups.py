@@ -295,14 +295,14 @@ def crossing_row(
         middle = crossing.load[0][(phase >= SINGLE_SUPPORT[0]) & (phase <= SINGLE_SUPPORT[1])]
         share = float(middle.mean() / (crossing.body_mass * np.linalg.norm(FREE_FALL)))
     furthest = max(features, key=lambda f: float(f.distance[index]), default=None)
-    outside = quality.pop("foot_outside_m") or 0.0
+    outside = quality.pop("foot_outside_m")
     if share is not None and not low <= share <= high:
         reason = (
             f"the plate carries {share:.2f} of the weight of {crossing.body_mass:g} kg in single support, expected "
             f"{low:g} to {high:g}: another foot stands on or beside the plate, somebody leans on a rail, or the body "
             "mass is wrong"
         )
-    elif outside > settings.largest_outside_m:
+    elif outside is not None and outside > settings.largest_outside_m:
         reason = (
             f"a foot marker lies {100 * outside:.1f} cm outside the plate while the foot is flat, expected "
             f"{100 * settings.largest_outside_m:g} cm or less: the foot stands beside the plate, or its corners are "

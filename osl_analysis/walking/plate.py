@@ -216,6 +216,7 @@ def load_on_foot(reaction: Array, centre: Array, ankle: Array, axis: Array) -> A
 INERTIAL = ("m", "mc_x", "mc_y", "mc_z", "I_xx", "I_yy", "I_zz", "I_xy", "I_xz", "I_yz")
 COMPONENTS = ("F_x", "F_y", "F_z", "M_x", "M_y", "M_z")
 PLANAR = ("m", "mc_x", "mc_z", "I_yy")  # Identified if the platform only turns mediolaterally and shifts across it
+SHIFTED = ("m", "mc_z")  # The same of a platform that only shifts horizontally; the others' forces are then none
 WEIGHT = np.array([0.1] * 3 + [1.0] * 3)  # Of forces [m] and moments: a force's lever about the ankle is about 0.1 m
 
 
@@ -277,13 +278,14 @@ def identify_plate_inertia(
     names: tuple[str, ...] | None = None,
     noise: Array | None = None,
     known: Array | None = None,
+    fewest: tuple[str, ...] = PLANAR,
 ) -> PlateModel:
     """Parameters from unloaded recordings: motion of the plate's centre, and wrench (n, 6), each with its own zero.
 
     `smooth` is the low-pass that the wrench passed. It is applied to the columns, which are products of motions: with
     filtered motions, 8 Hz would make the lag 0.05 ms too small. `names` may be identified, all if None or empty (as an
     exact fit names); the others are as in `known` (10,), 0 if None. If the rest cannot be told apart, or is seen with
-    more noise than motion, only the planar ones are identified. `noise` (10, 10) are the squares N of the columns by
+    more noise than motion, only the `fewest` ones are identified. `noise` (10, 10) are the squares N of the columns by
     marker noise alone: estimates are corrected by (G - N)^-1 G (Fuller, Measurement Error Models, 1987, 1.4)."""
     columns = np.concatenate([without_mean(smooth(inertial_columns(motion))) for motion, _ in recordings])
     wrench = np.concatenate([without_mean(w) for _, w in recordings])
@@ -303,9 +305,9 @@ def identify_plate_inertia(
                 )
             break
         except IdentifiabilityError:
-            if wanted == PLANAR:
+            if wanted == fewest:
                 raise
-            wanted = PLANAR
+            wanted = fewest
     correction = np.eye(len(chosen)) if noise is None else np.linalg.solve(squares - of_noise, squares)
     parameters[chosen] = correction @ fit.estimates
     errors[chosen] = np.sqrt(np.diag(correction @ fit.covariance @ correction.T))
@@ -334,13 +336,18 @@ def column_rms(values: Array) -> Array:
     return np.asarray(np.sqrt(np.mean(values**2, axis=0)))
 
 
-def plate_lag(motion: BodyMotion, wrench_at: Callable[[float], Array], smooth: Callable[[Array], Array]) -> float:
+def plate_lag(
+    motion: BodyMotion,
+    wrench_at: Callable[[float], Array],
+    smooth: Callable[[Array], Array],
+    fewest: tuple[str, ...] = PLANAR,
+) -> float:
     """Lag [s] of the plate behind the markers in one unloaded recording with the least misfit; NaN if it is too light,
     below 0.1 N*m. `wrench_at` returns the wrench a lag [s] later, filtered with `smooth`, the motion not."""
     largest, step = 0.012, 0.002  # [s]; a parabola between the steps is exact to 1 % below 20 Hz
     lags = np.arange(-largest, largest + step / 2, step)
     readings = [wrench_at(float(lag)) for lag in lags]
-    names = identify_plate_inertia([(motion, readings[len(lags) // 2])], smooth).identified
+    names = identify_plate_inertia([(motion, readings[len(lags) // 2])], smooth, fewest=fewest).identified
     names = names or excited_parameters([motion])  # an exact fit has standard errors of 0
     basis = np.linalg.qr(stacked_columns(without_mean(smooth(inertial_columns(motion))), names))[0]
     stacked = [(without_mean(w) * WEIGHT).T.ravel() for w in readings]
@@ -367,6 +374,7 @@ class UnloadedRecording:
     wrench_at: Callable[[float], Array]  # in the track's frames, read a lag [s] later, through both low-passes
     plate_low_pass: LowPass  # the further low-pass of the identification, after that of the crossings
     unusable: str  # why the trial shows nothing of the plate, for a message; empty if it does
+    fewest: tuple[str, ...] = PLANAR  # parameters that its motion shows at least
 
     def smooth(self, values: Array) -> Array:
         """Values in the track's frames, shape (n, ...), through the low-pass of the identification."""
@@ -411,8 +419,8 @@ def unloaded_recording(trial: Trial, calibration: StaticCalibration, settings: P
             f"trial {trial.name}: markers {', '.join(names)} are seen together in {rows.stop - rows.start} frames in a "
             f"row, expected {few} or more; fill the gaps or correct exchanged labels in Nexus, or record again"
         )
-    rotation = platform.rotation_from_rest(poses)
-    largest_turn = float(np.rad2deg(np.max(rotation[rows])))
+    moved, threshold = platform.moved_from_rest(poses, settings)
+    largest, shifts = float(np.max(moved[rows])), settings.perturbed_by == "belt"
     track = platform.platform_track(trial.name, frames[rows], poses[rows], calibration, settings)
     whole = whole_motions(track)
     cut, rests = whole.stop - whole.start < rows.stop - rows.start, whole.stop - whole.start >= few
@@ -420,17 +428,20 @@ def unloaded_recording(trial: Trial, calibration: StaticCalibration, settings: P
         rows = slice(rows.start + whole.start, rows.start + whole.stop)
         track = platform.platform_track(trial.name, frames[rows], poses[rows], calibration, settings)
     gaps = [gap for gap in runs(poses.bridged) if bodies.gap_duration(frames, gap) > settings.longest_fitted_gap_s]
-    unusable, turned = "", np.ptp(platform.rotation_from_rest(poses[rows]))
-    if cut and (not rests or turned < np.deg2rad(settings.perturbation_deg)):
+    unusable, turned = "", np.ptp(platform.moved_from_rest(poses[rows], settings)[0])
+    if cut and (not rests or turned < threshold):
         unusable = "the recording begins or ends while the platform moves; record from rest to rest"
-    elif largest_turn < settings.perturbation_deg and poses.seen().all():
+    elif largest < threshold and poses.seen().all():
+        found, least = f"turns by {np.rad2deg(largest):.2f} deg", f"{settings.perturbation_deg:g} deg"
+        if shifts:
+            found, least = f"shifts by {1e3 * largest:.1f} mm", f"{settings.largest_shift_mm:g} mm"
         raise InputError(
-            f"trial {trial.name}: the platform turns by {largest_turn:.2f} deg only, expected "
-            f"{settings.perturbation_deg:g} deg or more; record a perturbation of the unloaded plate"
+            f"trial {trial.name}: the platform {found} only, expected {least} or more; record a perturbation of the "
+            "unloaded plate"
         )
-    elif largest_turn < settings.perturbation_deg or any(
+    elif largest < threshold or any(
         # At rest noise gives 0.03 deg; 11 interpolated frames at 300 Hz change the lag by 2 ms
-        abs(float(rotation[gap.stop] - rotation[gap.start - 1])) > np.deg2rad(0.2)
+        abs(float(moved[gap.stop] - moved[gap.start - 1])) > (threshold / 5 if shifts else np.deg2rad(0.2))
         for gap in gaps
     ):
         unusable = "the platform turned while its markers were hidden; fill the gap in Nexus, or record it again"
@@ -440,7 +451,7 @@ def unloaded_recording(trial: Trial, calibration: StaticCalibration, settings: P
         return settings.plate_low_pass(settings.low_pass(read(lag), sampling_rate(frames))[rows], track.rate)
 
     centre = recorded_corners(trial, settings.plate).mean(axis=0)
-    return UnloadedRecording(track, centre, wrench_at, settings.plate_low_pass, unusable)
+    return UnloadedRecording(track, centre, wrench_at, settings.plate_low_pass, unusable, SHIFTED if shifts else PLANAR)
 
 
 def whole_motions(track: platform.PlatformTrack) -> slice:
@@ -474,7 +485,7 @@ def identify_plate_model(pairs: Sequence[tuple[Trial, StaticCalibration]], setti
     motions, lags = shared_motions(seen), [float("nan")] * len(seen)
     for i, r in enumerate(seen if settings.correct_plate_lag else ()):
         try:
-            lags[i] = plate_lag(motions[i][0], r.wrench_at, r.smooth)
+            lags[i] = plate_lag(motions[i][0], r.wrench_at, r.smooth, r.fewest)
         except InputError as error:
             raise InputError(f"trial {r.track.name}: {error}") from error
     reason = None if np.isfinite(lags).any() else "the unloaded plate is too light to show it"
@@ -506,7 +517,7 @@ def plate_model(
     pairs = [(motion, r.wrench_at(lag)) for r, (motion, _) in zip(recordings, motions, strict=True)]
     noise = np.sum([squares for _, squares in motions], axis=0)
     limits = (None, noise, None) if whole is None else (whole.identified, noise, whole.parameters)
-    return replace(identify_plate_inertia(pairs, recordings[0].smooth, *limits), lags=known)
+    return replace(identify_plate_inertia(pairs, recordings[0].smooth, *limits, recordings[0].fewest), lags=known)
 
 
 def plate_table(model: PlateModel) -> pl.DataFrame:

@@ -40,6 +40,17 @@ def rotation_from_rest(platform: Poses) -> Array:
     return angle
 
 
+def moved_from_rest(platform: Poses, settings: PlatformSettings) -> tuple[Array, float]:
+    """How far (n,) a platform is moved, NaN where not seen, and from where on that perturbs: its turn [rad]; of a belt
+    its shift [m] from the first frame, along the largest one."""
+    if settings.perturbed_by == "platform":
+        return rotation_from_rest(platform), float(np.deg2rad(settings.perturbation_deg))
+    away = platform.position - platform.position[np.argmax(platform.seen())]
+    largest = away[np.argmax(np.linalg.norm(np.nan_to_num(away), axis=1))]
+    size = max(float(np.linalg.norm(largest)), np.finfo(float).tiny)
+    return np.asarray(away @ largest / size), 1e-3 * settings.largest_shift_mm
+
+
 def screw_scale(reference: Array) -> Array:
     """Scale (6, 6) [m/rad, 1] of rotation vector and translation from the centroid of markers at the reference
     positions (m, 3) [m]: noise of s [m] in each marker's coordinate is s in each of the six, to first order."""
@@ -203,10 +214,11 @@ def shared_directions(tracks: Sequence[PlatformTrack]) -> list[Array]:
     return [together if len(own) == len(together) else own for own in (of([track]) for track in tracks)]
 
 
-def find_onset(time: Array, rotation: Array, threshold: float) -> float | None:
+def find_onset(time: Array, rotation: Array, threshold: float, moves: str = "the platform turns") -> float | None:
     """Time [s] at which a platform starts to rotate; None if it never rotates by `threshold` [rad]. `rotation` (n,)
     [rad] is positive in the direction of the perturbation, and not low-passed, which would spread the start. The first
-    part is fitted as c (t - onset)^p: a straight line through a smooth start is too late by a fifth of the ramp."""
+    part is fitted as c (t - onset)^p: a straight line through a smooth start is too late by a fifth of the ramp. It may
+    be another curve that rests and `moves`, in any unit."""
     seen = np.isfinite(rotation)
     time, rotation = time[seen], rotation[seen]
     above = np.flatnonzero(rotation > threshold)
@@ -216,7 +228,7 @@ def find_onset(time: Array, rotation: Array, threshold: float) -> float | None:
     resting = (time >= time[first] - 2 * rest) & (time < time[first] - rest)
     if not resting.any():
         raise InputError(
-            f"the platform turns at {time[first]:.3f} s, within {2 * rest:g} s of the recording's start; start to "
+            f"{moves} at {time[first]:.3f} s, within {2 * rest:g} s of the recording's start; start to "
             "record earlier, or exclude the trial"
         )
     turned, noise = rotation - float(np.mean(rotation[resting])), float(np.std(rotation[resting]))
@@ -505,6 +517,8 @@ def identify_platform(
     platform is hidden, or does not turn by `perturbation_deg`, has no part; its analysis says so."""
     tracks, labels, limit = [], settings.markers.platform, settings.largest_residual_mm
     # The coordinates of a motion are those of its cluster: of the place of each platform marker among the others
+    if not labels:
+        return replace(ALONE, reason="the plate rests: markers.platform is empty")
     clusters = [static.positions(labels, "static") for _, static in pairs]
     local = [cluster - cluster.mean(axis=0) for cluster in clusters]
     apart = max((1e3 * float(np.sqrt(np.mean(np.sum((one - local[0]) ** 2, axis=1)))) for one in local), default=0.0)
@@ -519,9 +533,11 @@ def identify_platform(
     for trial, static in pairs:
         try:
             time, poses = bodies.segment_poses(trial, labels, static, settings)
-            turned = np.nan_to_num(rotation_from_rest(poses))
-            if not len(turned) or turned.max() < np.deg2rad(settings.perturbation_deg):
-                raise InputError(f"the platform does not turn by {settings.perturbation_deg:g} deg")
+            turned, threshold = moved_from_rest(poses, settings)
+            turned, shifts = np.nan_to_num(turned), settings.perturbed_by == "belt"
+            if not len(turned) or turned.max() < threshold:
+                least = f"shift by {1e3 * threshold:g} mm" if shifts else f"turn by {settings.perturbation_deg:g} deg"
+                raise InputError(f"the platform does not {least}")
             tracks.append(track_about(trial.name, time, poses, static, settings, float(time[np.argmax(turned)])))
         except InputError as error:
             warnings.warn(f"trial {trial.name}: has no part in the platform's shared motion: {error}", stacklevel=2)

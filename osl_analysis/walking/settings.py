@@ -21,7 +21,7 @@ class Markers(Settings):
 
     foot: Cluster
     shank: Cluster
-    platform: Cluster
+    platform: Cluster | tuple[()]  # empty for a belt without markers
     ankle_medial: str
     ankle_lateral: str
 
@@ -78,10 +78,26 @@ class TimingSettings(Settings):
 class PlatformSettings(MarkerSettings, WalkingFilter):
     """The moving platform and its force plate."""
 
+    perturbed_by: Literal["platform", "belt", "boot", "leg"] = "platform"
+    """Who perturbs: a `platform` that turns; a `belt`, or a platform, that shifts; a `boot`, or another device that the
+    leg wears; or the powered `leg`. Of the latter two the log has command, motion and torque."""
     plate: Annotated[int, Field(ge=1)]  # Number of the force plate on the platform, counted from 1
     largest_zero_n: Positive  # Largest vertical force [N] of an unloaded plate. A plate that reads more is refused.
     perturbation_deg: Positive  # Smallest rotation [deg] of the platform that counts as a perturbation
+    largest_shift_mm: Positive = 10.0
+    """Largest shift [mm] of a platform that does not turn: it yields by a few mm, and one that shifts further is
+    refused. A `belt` that shifts further perturbs."""
     longest_fitted_gap_s: NotNegative  # Longest gap [s] where the motion is fitted: after an onset, in an unloaded turn
+
+    @property
+    def by_log(self) -> bool:
+        """Whether onset, angle and torque come from the log, and no marker is needed."""
+        return self.perturbed_by in ("boot", "leg")
+
+    @property
+    def by_command(self) -> bool:
+        """Whether the column `trigger`, and no marker, tells when a perturbation starts."""
+        return self.by_log or not self.markers.platform
 
 
 class CalibrationSettings(MarkerSettings):
@@ -112,7 +128,6 @@ class CrossingSettings(PlatformMotionSettings):
     load_on_n: Positive  # Vertical force [N] above which a stance begins
     load_off_n: Positive  # Vertical force [N] below which a stance ends
     shortest_stance_s: Positive  # Shortest stance [s]; shorter contacts are ignored
-    largest_shift_mm: Positive = 10.0  # of a platform that does not turn: it yields by a few mm; further is refused
     unloaded_s: Positive | None  # Length [s] before the step from which the plate's zero is read; null: none is removed
     foot: FootSettings | None = None  # Null: the foot's weight and inertia stay in the torque, so that I includes them
 
@@ -165,6 +180,16 @@ class WalkingAnalysis(
     CalibrationSettings, PlateModelSettings, CrossingSettings, SelectionSettings, UnperturbedSettings, EnsembleSettings
 ):
     """All choices of the walking analysis. Each job uses one of the groups above."""
+
+    @model_validator(mode="after")
+    def _moving_plates_have_markers(self) -> Self:
+        rests = self.perturbed_by == "belt" and self.plate_inertia == "none"
+        if not (self.markers.platform or rests or self.by_log):
+            raise ValueError(
+                "markers.platform is empty, as of a belt over a plate that rests; name the markers of the platform, or "
+                "state perturbed_by: belt and plate_inertia: none"
+            )
+        return self
 
 
 class OvergroundAnalysis(Settings):

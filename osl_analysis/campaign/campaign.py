@@ -210,9 +210,7 @@ def check_walking(campaign: Campaign) -> None:
         if row[file] is None:
             raise InputError(f"{where}: {file} is empty; a trial of experiment 'walking' needs it (perturbed_by: {by})")
         if row["windows"] and not walking.by_command:
-            raise InputError(
-                f"{where}, windows: a capture with a moving platform is not cut; export the crossing alone"
-            )
+            raise InputError(f"{where}: windows cut no capture with a moving platform; export each crossing alone")
     needed = [
         (campaign.crossings(perturbed=False), "unperturbed crossings", walking.fewest_unperturbed, add),
         (campaign.crossings(perturbed=True), "perturbed crossings", 2, add),

@@ -121,8 +121,9 @@ def read_crossing_file(path: Path) -> Crossing | RefusedCrossing:
     if "stance" not in trial.provenance:
         raise InputError(f"{path}: a trial without events; run the step 'analyse' and use its crossing")
     names = [name for name in CROSSING_SIGNALS if name in trial.columns]
-    curves: dict[str, Any] = dict.fromkeys(CROSSING_SIGNALS)
-    curves |= dict(zip(("time", *names), trial.signals(*names), strict=True))
+    curves: dict[str, Any] = dict.fromkeys(CROSSING_SIGNALS) | dict(
+        zip(("time", *names), trial.signals(*names), strict=True)
+    )
     return Crossing(
         trial.name,
         **curves,
@@ -231,8 +232,7 @@ def analyse(
         if crossing.turn and direction is not None and settings.by_command:
             crossing = replace(crossing, turn=abs(crossing.turn) * (1 if direction == UP else -1))
         if direction is not None and crossing.direction not in (None, direction):
-            of_belt = settings.perturbed_by == "belt"
-            what = "platform's shift turned the ankle" if of_belt else "platform turned"
+            what = "shift turned the ankle" if settings.perturbed_by == "belt" else "platform turned"
             raise InputError(
                 f"trial {walked.name}: the {what} by {np.rad2deg(crossing.turn or 0.0):.1f} deg (positive: "
                 f"toes up), but the sheet says direction '{direction}', expected '{crossing.direction}'; correct the "

@@ -120,6 +120,9 @@ def move(step: gait.Step, perturbed: bool) -> tuple[JointMotion, Pose, Pose, gai
     factor = step.change.amplitude * (1 + trial.normal("angle_scale", 0.01))
     theta = factor * gait.nominal_ankle_angle(c) + wander + carried - moved[:, 0] / ramp.leg_length_m
     path, pitch = gait.foot_path(c, walking.gait.stride_m)
+    if ramp.driven:
+        platform = replace(gait.resting_platform(trial), command=platform.command, onset=platform.onset)
+        carried = np.zeros_like(carried)
     if platform.onset is not None:
         given = 0.01 * effects.shank_yield.value * trial.condition.sign * np.radians(ramp.angle_deg)
         theta = theta - given * gait.pulse(time, platform.onset, 0.2, step.toe_off, release_s)
@@ -212,9 +215,17 @@ def write_leg_log(
         "damping_gain": crossing.commands[1, held],
         "sync": vicon.sync_level(trial, time),
     }
-    write_topics(
-        folder / "leg" / f"{trial.name}.mcap", [sample_topic("/leg", "leg", SAMPLES["/leg"], leg_time, columns)]
-    )
+    topics = [sample_topic("/leg", "leg", SAMPLES["/leg"], leg_time, columns)]
+    if trial.walking.perturbation.driven:
+        start, noise = crossing.platform.onset, trial.walking.effects.moment_noise.value
+        torque = interpolated_at(crossing.drivetrain_torque, rates.motion_hz, time)
+        driven = {
+            "joint_torque": torque + noise * trial.random("joint_torque").standard_normal(len(time)),
+            "command": np.zeros(len(time)) if start is None else (time >= start) * trial.condition.sign,
+            "load": interpolated_at(crossing.reaction.force[:, 2], rates.motion_hz, time),
+        }
+        topics.append(sample_topic("/perturbation", "perturbation", SAMPLES["/perturbation"], leg_time, driven))
+    write_topics(folder / "leg" / f"{trial.name}.mcap", topics)
 
 
 def simulate_walking_trial(

@@ -49,6 +49,11 @@ float32 stiffness_gain  # N*m/rad, K_1 at the actuator's output
 float32 damping_gain    # N*m*s/rad, B_1 at the actuator's output
 bool sync               # level of the synchronisation line
 """,
+    "/perturbation": """\
+float32 joint_torque  # N*m, resisting
+float32 command       # 1 while the ankle is turned
+float32 load          # N, vertical force on the foot
+""",
 }
 """Fields of the messages of each topic of our own types."""
 CDR_TYPES = {"bool": "u1", "uint8": "u1", "int32": "<i4", "uint32": "<u4", "float32": "<f4", "float64": "<f8"}

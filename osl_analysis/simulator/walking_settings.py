@@ -135,6 +135,7 @@ class Perturbation(Settings):
     return_s: Positive
     axis_depth_m: float | None = None  # below the plate's surface; null: the axis passes through the nominal ankle
     shift_mm: Positive | None = None
+    driven: bool = False  # by a boot or the leg: the ankle turns and the platform rests; the log has torque and command
     """Distance by which the platform shifts in place of a turn: backward for `up`, which dorsiflexes the ankle, as the
     hip stays where it is. Null: it turns."""
     leg_length_m: Positive = 0.9  # ankle to hip, which converts a shift of the platform to an angle of the shank

@@ -104,12 +104,6 @@ def cluster_poses(reference: Array, observed: Array, largest_residual: float = n
     return Poses(rotation, position, origin, residual, np.zeros(n, dtype=bool))
 
 
-def resting(place: Array, n: int) -> Poses:
-    """Poses in n frames of what rests with its centroid at a place (3,) [m]."""
-    nothing = np.zeros(n)
-    return Poses(np.tile(np.eye(3), (n, 1, 1)), np.tile(place, (n, 1)), place, nothing, nothing.astype(bool))
-
-
 def spans_a_plane(points: Array) -> bool:
     """Whether points (m, 3) are three or more and do not lie on a line, with a tenth of their spread beside it."""
     if len(points) < 3:

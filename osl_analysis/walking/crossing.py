@@ -44,8 +44,8 @@ class Crossing:
     plate_errors: Array  # changes (m, n) [N*m] of the torque without the i-th of m plate trials; m = 0 with one
     quality: dict[str, float | None] = field(default_factory=dict)  # of `QUALITY`, those that are known
     load: Array | None = None  # as of `load_on_foot` (2, n); None if it is not known
-    turn: float | None = None  # largest [rad] in the window, toes up, of the platform about the ankle, or else of the
-    # ankle from what its motion before led to expect; None: unknown
+    turn: float | None = None  # largest [rad] of the platform about the ankle in the window, toes up; None: unknown;
+    # without a turning platform its sign, and the range of the ankle's angle
     body_mass: float | None = None  # [kg]; None if nobody states it
 
     def __post_init__(self) -> None:
@@ -100,7 +100,10 @@ def analyse_crossing(
     plate.check_plate(trial, settings.plate, stance, force[:, 2])
     corners = plate.recorded_corners(trial, settings.plate)
     if "platform" not in recorded:  # the plate below a belt rests
-        reference["platform"], recorded["platform"] = corners, bodies.resting(corners.mean(axis=0), len(frames))
+        reference["platform"], recorded["platform"] = (
+            corners,
+            bodies.cluster_poses(corners, np.tile(corners, (len(frames), 1, 1))),
+        )
     onset = onset_of(trial, frames, recorded, stance, perturbed, settings, shared)
 
     inside = (frames >= stance.heel_strike) & (frames <= stance.toe_off)
@@ -163,7 +166,7 @@ def analyse_crossing(
         first, last = np.searchsorted(time, window)
         forward = np.diff(poses["platform"].position[[first, last]], axis=0) @ np.cross(axis[first], [0.0, 0.0, 1.0])
         sign = commanded_onset(trial, stance)[1] if settings.by_command else -1 if forward > 0 else 1
-        turn = sign * ankle_change(time, theta, window)
+        turn = sign * float(np.ptp(theta[first:last]))
     flat = foot[(phase >= 0.15) & (phase <= 0.35)]  # before the perturbation
     placed = flat.point(calibration.ankle_centre).mean(axis=0) - corners.mean(axis=0)
     outside = furthest_outside(flat.points(reference["foot"]).reshape(-1, 3), corners)
@@ -205,7 +208,7 @@ LOG_RATE_HZ = 300.0  # of crossings from logs, whose own rates differ a little; 
 
 def crossing_of_log(trial: Trial, perturbed: bool, settings: CrossingSettings) -> Crossing:
     """A crossing that a boot or the leg perturbs, of which the log has `theta` [rad], `torque` [N*m], the command's
-    `trigger`, and `load` [N], or else a force plate the vertical force. The side to which the command goes is its sign."""
+    `trigger`, and `load` [N], or else a plate the vertical force. The side to which the command goes is its sign."""
     found = uniform_signals(trial, ("theta", "torque"), GapLimits(cutoff_hz=settings.cutoff_hz))
     load = next((c for c in ("load", plate_columns(settings.plate, "force")[2]) if c in trial.columns), None)
     if load is None:
@@ -217,8 +220,8 @@ def crossing_of_log(trial: Trial, perturbed: bool, settings: CrossingSettings) -
     stamps, force = trial.signals(load)
     stance = only_stance(stamps, force, settings, f"in '{load}'", several)
     inside = (found.time >= stance.heel_strike) & (found.time <= stance.toe_off)
-    ends = found.time[0] - 0.5 / found.rate_hz, found.time[-1] + 0.5 / found.rate_hz
-    if not (ends[0] <= stance.heel_strike < stance.toe_off <= ends[1] and found.usable[inside].all()):
+    missing = max(found.time[0] - stance.heel_strike, stance.toe_off - found.time[-1])
+    if missing > 1 / found.rate_hz or not found.usable[inside].all():
         raise InputError(
             f"theta and torque are not known throughout stance, {stance.heel_strike:.3f}-{stance.toe_off:.3f} s; cut "
             "the log 0.3 s before and after it, or exclude the trial"
@@ -229,35 +232,20 @@ def crossing_of_log(trial: Trial, perturbed: bool, settings: CrossingSettings) -
     time = first + np.arange(int((last - first) * LOG_RATE_HZ) + 1) / LOG_RATE_HZ
     both = np.column_stack([settings.low_pass(found[name], found.rate_hz) for name in ("theta", "torque")])
     theta, torque = scipy.interpolate.make_interp_spline(found.time, both, k=3)(time).T
-    phase = stance.phase(time)
-    late = float(torque[(phase >= 0.5) & (phase <= 0.9)].mean())
-    if onset is None and settings.perturbed_by == "leg" and late < 0:
-        raise InputError(
-            f"the leg's torque in late stance is {late:.0f} N*m, expected a plantarflexion moment above 0: correct "
-            "`sign` of torque in the source file"
-        )
-    errors = np.zeros((0, len(time)))
-    turn = None if onset is None else sign * ankle_change(time, theta, (onset, onset + settings.window_s))
+    errors, turn = np.zeros((0, len(time))), None
+    if onset is not None:
+        turn = sign * float(np.ptp(theta[(time >= onset) & (time <= onset + settings.window_s)]))
     return Crossing(trial.name, time, theta, torque, None, stance, onset, 0.0, errors, turn=turn)
-
-
-def ankle_change(time: Array, theta: Array, window: tuple[float, float]) -> float:
-    """Largest change [rad] of the ankle's angle (n,) within a `window` [s], with what gait has in it."""
-    rows = slice(*np.searchsorted(time, window))
-    return float(np.abs(theta[rows] - theta[rows.start]).max())
 
 
 def commanded_onset(trial: Trial, stance: Stance) -> tuple[float | None, int]:
     """Time [s] in stance at which the column `trigger` leaves its rest, by 0.5 or more, None if it does not or there is
     none; and to which side, 1 or -1."""
-    if "trigger" not in trial.columns:
-        return None, 1
-    time, level = trial.signals("trigger")
+    time, level = trial.signals("trigger") if "trigger" in trial.columns else np.zeros((2, 0))
     rows = (time >= stance.heel_strike - 0.25) & (time <= stance.toe_off)
-    before = time[rows] <= stance.heel_strike
-    if not before.any():
+    if not rows.any():
         return None, 1
-    away = level[rows] - np.median(level[rows][before])
+    away = level[rows] - level[rows][0]
     sign = -1 if away[np.argmax(np.abs(away))] < 0 else 1
     return platform.find_onset(time[rows], sign * away, 0.5, "the command leaves its rest"), sign
 
@@ -265,17 +253,16 @@ def commanded_onset(trial: Trial, stance: Stance) -> tuple[float | None, int]:
 def check_onset(onset: float | None, perturbed: bool, stance: Stance, settings: CrossingSettings) -> None:
     """Refuse an onset [s] that the sheet contradicts, or whose baseline or window leaves stance."""
     if (onset is not None) != perturbed:
-        what, choice = "the platform", "perturbation_deg or the platform markers"
-        rests, moves = "does not turn", "turns"
+        shifts = settings.perturbed_by == "belt"
+        verb, limit = ("shift", "largest_shift_mm") if shifts else ("turn", "perturbation_deg")
+        what, rests, moves, remedy = "platform", f"does not {verb}", f"{verb}s", f"{limit} or the platform markers"
         if settings.by_command:
-            what, choice = "the command in 'trigger'", "or the channel of 'trigger' in the source file"
-            rests, moves = "rests in stance, or was not recorded,", "leaves its rest"
-        elif settings.perturbed_by == "belt":
-            rests, moves, choice = "does not shift", "shifts", "largest_shift_mm or the platform markers"
+            what, rests, moves = "command in 'trigger'", "rests in stance, or is missing,", "leaves its rest"
+            remedy = "the channel of 'trigger' in the source file"
         motion = rests if onset is None else f"{moves} at {onset:.3f} s"
         raise InputError(
-            f"{what} {motion} but the sheet says perturbed = {str(perturbed).lower()}; correct the sheet, {choice}, or "
-            "exclude the trial"
+            f"the {what} {motion} but the sheet says perturbed = {str(perturbed).lower()}; correct the sheet, "
+            f"{remedy}, or exclude the trial"
         )
     if onset is None:
         return
@@ -310,9 +297,7 @@ def onset_of(
     inside = seen & (time >= stance.heel_strike) & (time <= stance.toe_off)
     if onset is not None:
         onset = shared.onset(trial.name, onset)
-    elif (
-        settings.perturbed_by == "platform" and inside.any()
-    ):  # by how much it moved from its mean place just before, or, hidden there, at its start
+    elif settings.perturbed_by == "platform" and inside.any():  # from its mean place before, or, hidden, at its start
         before = seen & (time >= stance.heel_strike - 0.1) & (time < stance.heel_strike)
         rest = centre[before].mean(axis=0) if before.any() else centre[inside][0]
         shift = 1e3 * float(np.linalg.norm(centre[inside] - rest, axis=1).max())
@@ -326,7 +311,8 @@ def onset_of(
     check_onset(onset, perturbed, stance, settings)
     if onset is None:
         return None
-    plate.check_type_on_platform(trial, settings.plate)
+    if settings.markers.platform:
+        plate.check_type_on_platform(trial, settings.plate)
     window = (time >= onset) & (time <= onset + settings.window_s)
     for name in ("foot", "platform"):  # The shank carries the body and moves as in any stance
         gap, longest = longest_run(poses[name].bridged & window), settings.longest_fitted_gap_s

@@ -216,7 +216,9 @@ def load_on_foot(reaction: Array, centre: Array, ankle: Array, axis: Array) -> A
 INERTIAL = ("m", "mc_x", "mc_y", "mc_z", "I_xx", "I_yy", "I_zz", "I_xy", "I_xz", "I_yz")
 COMPONENTS = ("F_x", "F_y", "F_z", "M_x", "M_y", "M_z")
 PLANAR = ("m", "mc_x", "mc_z", "I_yy")  # Identified if the platform only turns mediolaterally and shifts across it
-SHIFTED = ("m", "mc_z")  # The same of a platform that only shifts horizontally; the others' forces are then none
+Smooth = Callable[[Array], Array]
+Names = tuple[str, ...]
+SHIFTED: Names = ("m", "mc_z")  # The same of a platform that only shifts horizontally; the others' forces are then none
 WEIGHT = np.array([0.1] * 3 + [1.0] * 3)  # Of forces [m] and moments: a force's lever about the ankle is about 0.1 m
 
 
@@ -278,7 +280,7 @@ def identify_plate_inertia(
     names: tuple[str, ...] | None = None,
     noise: Array | None = None,
     known: Array | None = None,
-    fewest: tuple[str, ...] = PLANAR,
+    fewest: Names = PLANAR,
 ) -> PlateModel:
     """Parameters from unloaded recordings: motion of the plate's centre, and wrench (n, 6), each with its own zero.
 
@@ -336,12 +338,7 @@ def column_rms(values: Array) -> Array:
     return np.asarray(np.sqrt(np.mean(values**2, axis=0)))
 
 
-def plate_lag(
-    motion: BodyMotion,
-    wrench_at: Callable[[float], Array],
-    smooth: Callable[[Array], Array],
-    fewest: tuple[str, ...] = PLANAR,
-) -> float:
+def plate_lag(motion: BodyMotion, wrench_at: Callable[[float], Array], smooth: Smooth, fewest: Names = PLANAR) -> float:
     """Lag [s] of the plate behind the markers in one unloaded recording with the least misfit; NaN if it is too light,
     below 0.1 N*m. `wrench_at` returns the wrench a lag [s] later, filtered with `smooth`, the motion not."""
     largest, step = 0.012, 0.002  # [s]; a parabola between the steps is exact to 1 % below 20 Hz
@@ -374,7 +371,7 @@ class UnloadedRecording:
     wrench_at: Callable[[float], Array]  # in the track's frames, read a lag [s] later, through both low-passes
     plate_low_pass: LowPass  # the further low-pass of the identification, after that of the crossings
     unusable: str  # why the trial shows nothing of the plate, for a message; empty if it does
-    fewest: tuple[str, ...] = PLANAR  # parameters that its motion shows at least
+    fewest: Names = PLANAR  # parameters that its motion shows at least
 
     def smooth(self, values: Array) -> Array:
         """Values in the track's frames, shape (n, ...), through the low-pass of the identification."""
@@ -516,8 +513,9 @@ def plate_model(
     lag = float(np.mean(known)) if known else 0.0
     pairs = [(motion, r.wrench_at(lag)) for r, (motion, _) in zip(recordings, motions, strict=True)]
     noise = np.sum([squares for _, squares in motions], axis=0)
-    limits = (None, noise, None) if whole is None else (whole.identified, noise, whole.parameters)
-    return replace(identify_plate_inertia(pairs, recordings[0].smooth, *limits, recordings[0].fewest), lags=known)
+    names, held = (None, None) if whole is None else (whole.identified, whole.parameters)
+    of = recordings[0]
+    return replace(identify_plate_inertia(pairs, of.smooth, names, noise, held, of.fewest), lags=known)
 
 
 def plate_table(model: PlateModel) -> pl.DataFrame:

@@ -46,12 +46,12 @@ single("walking.measure_platform", {"output": PLATFORM, "comparison": tabled("pl
 
 @step("walking.analyse", "crossings/{trial}.parquet")
 def analyse_crossing(wildcards):
-    trial, row = wildcards.trial, CAMPAIGN.row(wildcards.trial)
+    trial, row, by_log = wildcards.trial, CAMPAIGN.row(wildcards.trial), CONFIG.walking.by_log
     stated = {column: row[column] for column in ("perturbed", "direction", "body_mass_kg", "windows")}
-    models, none = {"plate": PLATE, "platform": PLATFORM}, {"calibration": None, "plate": None}
-    if not CONFIG.walking.by_log:
-        models, none = {**models, "calibration": calibration(CAMPAIGN.static(trial))}, {}
-    return {"input": {"trial": trial_file(trial), **({} if none else models)}, "settings": {"settings": CONFIG.walking.part("CrossingSettings"), **stated, **none}}
+    stated |= {"calibration": None, "plate": None} if by_log else {}
+    inputs = {"trial": trial_file(trial), **({} if by_log else {"plate": PLATE, "platform": PLATFORM})}
+    inputs |= {} if by_log else {"calibration": calibration(CAMPAIGN.static(trial))}
+    return {"input": inputs, "settings": {"settings": CONFIG.walking.part("CrossingSettings"), **stated}}
 
 
 IN_SHEET = {"sheet": CAMPAIGN.conditions(), "places": WALKED}

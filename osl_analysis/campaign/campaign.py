@@ -71,8 +71,7 @@ class Campaign:
 
     @cached_property
     def statics(self) -> dict[str, list[str]]:
-        """The crossings that each static trial in use calibrates, by static trial, in the order of the sheet; none of
-        crossings that the log alone tells."""
+        """The crossings that each static trial in use calibrates, by static trial, in the order of the sheet."""
         if self.config.walking.by_log:
             return {}
         found = {trial: self.static(trial) for trial in self.trials("walking")}
@@ -142,9 +141,9 @@ class Campaign:
 
     def further_tables(self) -> list[str]:
         """The result tables that rules compute from all trials of an experiment together."""
-        unmade = ("plate", "platform") if self.config.walking.by_log else ()
+        by_log = self.config.walking.by_log
         every = (table for name in EXPERIMENTS if self.trials(name) for table in EXPERIMENTS[name].further_tables)
-        return [table for table in every if table not in unmade]
+        return [table for table in every if not (by_log and table in ("plate", "platform"))]
 
     def recording(self, trial: str) -> Mapping[str, Any]:
         """The cells of a trial's row that ingest uses. A change of other cells does not cause a new ingest."""

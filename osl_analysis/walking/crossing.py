@@ -96,7 +96,8 @@ def analyse_crossing(
     (read, zero), rate = plate.zeroed_wrench(trial, frames, settings), sampling_rate(frames)
     force = read(unloaded.lag or 0.0)[:, :3]
     check_vertical(force)
-    stance = only_stance(frames, force[:, 2], settings)
+    several = "check the plate's number, zero and load thresholds, cut the recording to one crossing"
+    stance = only_stance(frames, force[:, 2], settings, "on the plate", several)
     plate.check_plate(trial, settings.plate, stance, force[:, 2])
     corners = plate.recorded_corners(trial, settings.plate)
     if "platform" not in recorded:  # the plate below a belt rests
@@ -190,15 +191,12 @@ def analyse_crossing(
     )
 
 
-def only_stance(
-    time: Array, force: Array, settings: CrossingSettings, where: str = "on the plate", remedy: str = ""
-) -> Stance:
+def only_stance(time: Array, force: Array, settings: CrossingSettings, where: str, remedy: str) -> Stance:
     """The stance in a vertical force (n,) [N]; refused if there are none or several."""
     limits = settings.load_on_n, settings.load_off_n, settings.shortest_stance_s
     stances = plate.find_stances(time, force, *limits)
     if len(stances) != 1:
         times = ", ".join(f"{s.heel_strike:.3f}-{s.toe_off:.3f} s" for s in stances) or "none"
-        remedy = remedy or "check the plate's number, zero and load thresholds, cut the recording to one crossing"
         raise InputError(f"one stance {where} is expected, found {times}; {remedy}, or exclude it in the sheet")
     return stances[0]
 
@@ -232,9 +230,8 @@ def crossing_of_log(trial: Trial, perturbed: bool, settings: CrossingSettings) -
     time = first + np.arange(int((last - first) * LOG_RATE_HZ) + 1) / LOG_RATE_HZ
     both = np.column_stack([settings.low_pass(found[name], found.rate_hz) for name in ("theta", "torque")])
     theta, torque = scipy.interpolate.make_interp_spline(found.time, both, k=3)(time).T
-    errors, turn = np.zeros((0, len(time))), None
-    if onset is not None:
-        turn = sign * float(np.ptp(theta[(time >= onset) & (time <= onset + settings.window_s)]))
+    window = (time >= (onset or 0.0)) & (time <= (onset or 0.0) + settings.window_s)
+    turn, errors = None if onset is None else sign * float(np.ptp(theta[window])), np.zeros((0, len(time)))
     return Crossing(trial.name, time, theta, torque, None, stance, onset, 0.0, errors, turn=turn)
 
 
@@ -253,8 +250,8 @@ def commanded_onset(trial: Trial, stance: Stance) -> tuple[float | None, int]:
 def check_onset(onset: float | None, perturbed: bool, stance: Stance, settings: CrossingSettings) -> None:
     """Refuse an onset [s] that the sheet contradicts, or whose baseline or window leaves stance."""
     if (onset is not None) != perturbed:
-        shifts = settings.perturbed_by == "belt"
-        verb, limit = ("shift", "largest_shift_mm") if shifts else ("turn", "perturbation_deg")
+        turns = settings.perturbed_by == "platform"
+        verb, limit = ("turn", "perturbation_deg") if turns else ("shift", "largest_shift_mm")
         what, rests, moves, remedy = "platform", f"does not {verb}", f"{verb}s", f"{limit} or the platform markers"
         if settings.by_command:
             what, rests, moves = "command in 'trigger'", "rests in stance, or is missing,", "leaves its rest"
@@ -305,8 +302,8 @@ def onset_of(
             raise InputError(
                 f"the platform shifts by {shift:.0f} mm in stance without a turn, expected "
                 f"{settings.largest_shift_mm:g} mm or less: a translation is neither an unperturbed crossing nor a "
-                "turn of the ankle, and is not analysed; give the trial the experiment ingest_only, or correct "
-                "largest_shift_mm"
+                "turn of the ankle; state perturbed_by: belt if shifts perturb, give the trial the experiment "
+                "ingest_only, or correct largest_shift_mm"
             )
     check_onset(onset, perturbed, stance, settings)
     if onset is None:

@@ -47,8 +47,7 @@ def moved_from_rest(platform: Poses, settings: PlatformSettings) -> tuple[Array,
         return rotation_from_rest(platform), float(np.deg2rad(settings.perturbation_deg))
     away = platform.position - platform.position[np.argmax(platform.seen())]
     largest = away[np.argmax(np.linalg.norm(np.nan_to_num(away), axis=1))]
-    size = max(float(np.linalg.norm(largest)), np.finfo(float).tiny)
-    return np.asarray(away @ largest / size), 1e-3 * settings.largest_shift_mm
+    return away @ largest / max(float(np.linalg.norm(largest)), 1e-9), 1e-3 * settings.largest_shift_mm
 
 
 def screw_scale(reference: Array) -> Array:

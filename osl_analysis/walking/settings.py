@@ -84,9 +84,7 @@ class PlatformSettings(MarkerSettings, WalkingFilter):
     plate: Annotated[int, Field(ge=1)]  # Number of the force plate on the platform, counted from 1
     largest_zero_n: Positive  # Largest vertical force [N] of an unloaded plate. A plate that reads more is refused.
     perturbation_deg: Positive  # Smallest rotation [deg] of the platform that counts as a perturbation
-    largest_shift_mm: Positive = 10.0
-    """Largest shift [mm] of a platform that does not turn: it yields by a few mm, and one that shifts further is
-    refused. A `belt` that shifts further perturbs."""
+    largest_shift_mm: Positive = 10.0  # of a platform that does not turn; further is refused, of a `belt` it perturbs
     longest_fitted_gap_s: NotNegative  # Longest gap [s] where the motion is fitted: after an onset, in an unloaded turn
 
     @property
@@ -185,10 +183,8 @@ class WalkingAnalysis(
     def _moving_plates_have_markers(self) -> Self:
         rests = self.perturbed_by == "belt" and self.plate_inertia == "none"
         if not (self.markers.platform or rests or self.by_log):
-            raise ValueError(
-                "markers.platform is empty, as of a belt over a plate that rests; name the markers of the platform, or "
-                "state perturbed_by: belt and plate_inertia: none"
-            )
+            belt = "perturbed_by: belt and plate_inertia: none, of a belt over a plate that rests"
+            raise ValueError(f"markers.platform is empty; name the markers of the platform, or state {belt}")
         return self
 
 

@@ -108,8 +108,7 @@ def test_a_boot_s_log_of_many_strides_becomes_fig_9_without_platform_plate_stati
     summary = read_table(tables / "walking_summary.csv").filter(estimator="ensemble")
     for name, truth in {"K": K, "B": B, "I": INERTIA}.items():
         row = summary.filter(quantity=name).row(0, named=True)
-        assert row["low"] < truth < row["high"], (name, row)
-        assert row["mean"] == pytest.approx(truth, rel=0.04)
+        assert row["mean"] == pytest.approx(truth, rel=0.025)  # 1 % by the filter's spread into the baseline
         assert row["side"] is None
     crossings = read_table(tables / "walking_crossings.csv")
     assert crossings["status"].to_list() == ["used"] * 8

@@ -134,6 +134,8 @@ def number_said(name: str, value: float, row: AnyRow) -> str:
         late=late,
         loop=loop,
         known=known,
+        reaction=row.get("reaction"),
+        left_out_by=row.get("left_out_by"),
     )
 
 

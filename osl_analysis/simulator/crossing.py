@@ -91,7 +91,7 @@ def simulate_crossing(
     step: gait.Step, perturbed: bool, effects: Mapping[str, float], p: DrivetrainParameters
 ) -> SimulatedCrossing:
     """The crossing of one step, with or without the perturbation. A controller that cancels friction compensates."""
-    step = step if perturbed else replace(step, hurry=0.0)  # which the perturbation alone brings
+    step = step if perturbed else replace(step, hurry=0.0, faster=0.0)  # which the perturbation alone brings
     rates, time = step.trial.walking.rates, step.trial.time
     motion, foot, shank, platform = move(step, perturbed)
     commands = walking_commands(step, bool(effects["cancels_friction"]), p)
@@ -101,8 +101,21 @@ def simulate_crossing(
     drivetrain = simulate_drivetrain(rates.controller_hz, theta, omega, commands, effects, p, rest)
     belt = interpolated_at(drivetrain["belt_torque"], rates.controller_hz, time)
     answer = belt + p.B_j * motion.omega + p.J_j * motion.alpha
-    torque, reaction = react(step, foot, answer)
+    torque, reaction = react(step, foot, answer + (reacting(step, motion) if perturbed else 0.0))
     return SimulatedCrossing(time, step, motion, foot, shank, platform, commands, drivetrain, answer, torque, reaction)
+
+
+def reacting(step: gait.Step, motion: JointMotion) -> Array | float:
+    """Resisting torque [N*m], (n,), that the person adds after the onset: a reflex, co-contraction, a voluntary one."""
+    change, time = step.change, step.trial.time
+    if not (change.reflex or change.voluntary_nm or change.co_contraction != 1):
+        return 0.0
+    since = time - step.onset - change.reaction_delay_s
+    still = move(replace(step, hurry=0.0, faster=0.0), False)[0]
+    turned, speed = motion.theta - still.theta, motion.omega - still.omega
+    reflex = change.reflex * np.interp(time - change.reaction_delay_s, time, speed) * (since > 0)
+    stiffer = (change.co_contraction - 1) * change.co_contracted * gait.smooth_step(since / 0.03) * turned
+    return np.asarray(reflex + stiffer + change.voluntary_nm * gait.smooth_step(since / 0.1))
 
 
 def move(step: gait.Step, perturbed: bool) -> tuple[JointMotion, Pose, Pose, gait.PlatformMotion]:

@@ -125,12 +125,15 @@ def drawn_change(trial: GaitTrial) -> StepChange:
         concerned = trial.name in one.of if isinstance(one.of, tuple) else one.of in kinds
         if concerned and trial.random(f"change{i}").random() < one.share:
             found.append(one)
-    fields = {name: math.prod(getattr(c, name) for c in found) for name in ("load", "amplitude")}
-    for name in ("slower_percent", "after_window_percent", "second_foot_percent", "overhang_mm"):
+    fields = {name: math.prod(getattr(c, name) for c in found) for name in ("load", "amplitude", "co_contraction")}
+    sums = ("slower_percent", "after_window_percent", "second_foot_percent", "overhang_mm")
+    for name in (*sums, "reflex", "voluntary_nm", "pace_percent"):
         fields[name] = sum(getattr(c, name) for c in found)
+    fields |= {name: getattr(found[-1], name) for name in ("reaction_delay_s", "co_contracted") if found}
     return StepChange(of=(trial.name,), **fields)
 
 
+PACE_S = 0.05  # time [s] within which a reaction changes the pace
 RENDERED_S = 0.1  # time [s] after the onset in which the rendered impedance is fitted
 
 
@@ -146,11 +149,13 @@ class Step:
     command: float  # Time [s] at which the perturbation is commanded
     placement: Array  # Deviation [m] of the foot's place forward, to the left and up, shape (3,)
     hurry: float  # Time [s] by which stance is longer after the window
+    faster: float = 0.0  # Share by which gait is faster from the person's reaction on
 
     @property
     def toe_off(self) -> float:
         """Time [s] at which the foot leaves the platform."""
-        return self.heel_strike + self.stance + self.hurry
+        left = self.stance - (self.onset + self.change.reaction_delay_s - self.heel_strike + 0.5 * PACE_S)
+        return self.heel_strike + self.stance + self.hurry - self.faster / (1 + self.faster) * left
 
     def stance_phase(self, time: Array) -> Array:
         """Phase of stance at times [s]: 0 at heel strike, 1 at toe-off. `timing_wander` moves the middle of stance, and
@@ -160,6 +165,11 @@ class Step:
             begins = self.onset + RENDERED_S - self.heel_strike
             left = self.stance + self.hurry - begins
             elapsed = elapsed - self.hurry * smooth_step((elapsed - begins) / left)
+        if self.faster:  # the integral of `smooth_step`
+            since = (time - self.onset - self.change.reaction_delay_s) / PACE_S
+            x = np.clip(since, 0.0, 1.0)
+            ramp = x**5 * (7.0 + x * (-14.0 + x * (10.0 - 2.5 * x))) + np.maximum(since - 1.0, 0.0)
+            elapsed = elapsed + self.faster * PACE_S * ramp
         phase = elapsed / self.stance
         inside, middle = np.clip(phase, 0.0, 1.0), trial.normal("timing_wander", 0.01)
         halves = 0.01 * trial.walking.effects.timing_wander.value * trial.random("timing_halves").standard_normal()
@@ -195,7 +205,8 @@ def draw_step(trial: GaitTrial) -> Step:
         sideways = outer + 0.5 * FOOT_WIDTH - walking.plate.nominal_ankle_m[1]
     placement = np.array([normal("placement_forward", 1e-3), sideways, 0.0])
     change = change.model_copy(update=scattered)
-    return Step(trial, change, heel_strike, stance, onset, command, placement, hurry)
+    faster = 0.01 * change.pace_percent
+    return Step(trial, change, heel_strike, stance, onset, command, placement, hurry, faster)
 
 
 @dataclass(frozen=True)

@@ -41,6 +41,13 @@ class StepChange(Settings):
     after_window_percent: Percent = 0.0  # extension of stance 100 ms after the onset, if perturbed
     second_foot_percent: NotNegative = 0.0  # largest load [% of body weight] of the other foot, at mid-stance
     overhang_mm: Annotated[float, Field(ge=0, lt=90)] = 0.0  # of the foot's 90 mm, carried by the floor beside
+    # What the person does after a perturbation, from a delay on, beside what the leg renders; off by default
+    reaction_delay_s: Positive = 0.05  # from the onset; of several changes the last one's
+    reflex: float = 0.0  # torque [N*m*s/rad] per velocity that the perturbation had so long ago
+    co_contraction: Positive = 1.0  # factor of the stiffness `co_contracted`, reached 30 ms later
+    co_contracted: NotNegative = 340.0  # stiffness [N*m/rad] that it multiplies
+    voluntary_nm: float = 0.0  # torque reached 0.1 s later, resisting toes up, after turns of either direction
+    pace_percent: Percent = 0.0  # by which gait is faster from then on, reached within 50 ms
 
 
 class WalkingEffects(Switches):

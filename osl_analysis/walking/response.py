@@ -219,8 +219,8 @@ class EnsembleResponse:
 
 @dataclass(frozen=True)
 class Bootstrap:
-    """Estimates of resampled ensembles: of K, B, I and VAF [percent] one for each sample, and the degrees of freedom,
-    the smaller of those of the perturbations and of the unperturbed crossings."""
+    """Estimates of resampled ensembles: of K, B, I, VAF [percent] and `reactions` one for each sample, and the degrees
+    of freedom, the smaller of those of the perturbations and of the unperturbed crossings."""
 
     draws: Mapping[str, Array]
     degrees_of_freedom: float
@@ -254,6 +254,43 @@ def resampling_weights(random: np.random.Generator, samples: int, n: int) -> Arr
     if n < 2:
         return np.ones((samples, n))
     return random.multinomial(n - 1, np.full(n, 1 / n), size=samples) / (n - 1)
+
+
+SLOPE, RAMP = "a stiffness that changes with stance", "a voluntary torque or another pace"
+REACTIONS = ("a reflex", "co-contraction", RAMP, SLOPE)  # from half the window on; the last one from the onset on
+
+
+def reaction_columns(time: Array, window_s: float, motion: Motion) -> list[Array]:
+    """What each of `REACTIONS` adds to the torque, (k, samples) each, per unit: the velocity half a window ago
+    [N*m*s/rad], the angle from then on [N*m/rad], a ramp from then on [N*m/s], and the angle times time [N*m/rad/s].
+    Steps and ramps are as smooth as a low-pass leaves them."""
+    half, width = 0.5 * window_s, 0.1 * window_s
+    since, now = (time - half)[:, None], np.maximum(time, 0.0)[:, None]
+    step, density = ndtr(since / width), np.exp(-0.5 * (since / width) ** 2) / np.sqrt(2 * np.pi)
+    before = np.maximum(time - half, time[0])
+    reflex = np.asarray(make_interp_spline(time, motion.omega, k=3)(before))
+    ramp = np.broadcast_to(since * step + width * density, motion.theta.shape)
+    return [reflex, motion.theta * ndtr(since / width - 1.5), ramp, motion.theta * now]
+
+
+def reactions(time: Array, window: slice, theta: Array, torque: Array) -> dict[str, Array]:
+    """Size, K and B (samples,) with each of `REACTIONS` as a column beside Eq. 15, of mean responses (k, samples).
+
+    Paired with the fit without it: the same crossings. Two more columns, a drift from 0.4 windows before the onset on,
+    take what gait adds, and the jerk what a drivetrain of third order does: neither is then read as a reaction."""
+    motion, window_s = differentiate(time, theta), window.stop - window.start
+    window_s *= time[1] - time[0]
+    rows = slice(int(np.searchsorted(time, -0.4 * window_s - 1e-9)), window.stop)
+    drift = np.broadcast_to(np.array([np.ones_like(time), time])[..., None], (2, *theta.shape))
+    jerk = make_interp_spline(time, theta, k=5).derivative(3)(time)
+    sound, y, found = [motion.theta, motion.omega, motion.alpha, jerk, *drift], torque[rows].T, dict[str, Array]()
+    for name, column in zip(REACTIONS, reaction_columns(time, window_s, motion), strict=True):
+        columns = np.stack([one[rows].T for one in (*sound, column)], axis=-1)
+        sizes = np.linalg.norm(columns, axis=1, keepdims=True)
+        sizes = np.where(sizes > 0, sizes, 1.0)
+        estimates = (np.linalg.pinv(columns / sizes) @ y[..., None] / sizes.swapaxes(1, 2))[..., 0]
+        found |= {name: estimates[:, -1], f"K with {name}": estimates[:, 0], f"B with {name}": estimates[:, 1]}
+    return found
 
 
 class Ensemble:
@@ -345,7 +382,8 @@ class Ensemble:
         left, variance = (y - (columns @ estimates)[..., 0]).var(axis=1), y.var(axis=1)
         rounding = EXACT_FIT_SHARE * np.mean(y**2, axis=1)
         share = np.divide(left, variance, out=(left > rounding).astype(float), where=variance > rounding)
-        return Bootstrap(dict(zip("KBI", estimates[:, :, 0].T, strict=True)) | {"VAF": 100 * (1 - share)}, freedom)
+        draws = dict(zip("KBI", estimates[:, :, 0].T, strict=True)) | {"VAF": 100 * (1 - share)}
+        return Bootstrap(draws | ({} if sign else reactions(self.time, self.window, angles, torques)), freedom)
 
 
 def cross_validated(responses: Sequence[PerturbationResponse], fit: LinearFit) -> tuple[Predictors, float]:

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import polars as pl
+from scipy.special import stdtrit
 
 from osl_analysis.measured import rms
 from osl_analysis.signals import Motion
@@ -21,7 +22,7 @@ from osl_analysis.trial import Array
 from osl_analysis.walking import response as isolation
 from osl_analysis.walking.crossing import DOWN, Crossing
 from osl_analysis.walking.gait import PHASES, UnperturbedGait
-from osl_analysis.walking.groups import ALL, STATED, Sheet, cells_said
+from osl_analysis.walking.groups import ALL, SEPARATOR, STATED, Sheet, cells_said
 from osl_analysis.walking.response import Bootstrap, EnsembleResponse, GroupHeadline, PerturbationResponse
 from osl_analysis.walking.settings import ResponseSettings, TimingSettings
 
@@ -67,11 +68,51 @@ def group_rows(
             "onset_phase": onset,
             "onset_phase_sd": float(np.std(phases, ddof=1)) if len(phases) > 1 else None,
             "end_phase": onset + window / stance if onset is not None and stance else None,
+            **left_out(selection.filter(pl.col("gait").str.split(SEPARATOR).list.contains(gait)), sheet),
         }
         conditions = [(one is None, isinstance(one, str), "" if one is None else one) for one in cells.values()]
         turned = str(used["direction"][0]) if "direction " in name else ""
         found.append(((*conditions, turned, float(np.mean(phases)) if len(phases) else np.inf, name), row))
     return [row for _, row in sorted(found, key=lambda one: one[0])]
+
+
+FEATURES = {
+    "stance_s": ("two paces, a stance of {} s and {} s", 0.01),
+    "load_of_weight": ("two people or loads, {} and {} of the stated weight", 0.03),
+    "foot_forward_m": ("two places of the foot, {} m and {} m forward", 0.01),
+    "foot_left_m": ("two places of the foot, {} m and {} m to the left", 0.01),
+    "gait_deviation_deg": ("two gaits, whose angle before the onset is {} deg and {} deg off the usual one", 0.5),
+    "torque_deviation": (
+        "two people or loads, whose torque before the onset is {} N*m and {} N*m off the usual one",
+        2,
+    ),
+}
+"""Columns of `walking_crossings.csv` that may part used crossings from those left out: words, smallest distance."""
+
+
+def left_out(rows: pl.DataFrame, sheet: Sheet) -> dict[str, object]:
+    """Share of the crossings of one gait that is not used, and what parts them from the used ones: a column of the
+    sheet, or the first of `FEATURES` in which nine tenths of each lie on their side of the middle."""
+    if rows.is_empty() or "reason" not in rows.columns:
+        return {"left_out_share": None, "left_out_by": None}
+    used, lost = rows.filter(pl.col("reason").is_null()), rows.filter(pl.col("reason").is_not_null())
+    share, by = len(lost) / len(rows), None
+    for name, (words, least) in reversed(FEATURES.items()):
+        here, there = (
+            some[name].drop_nulls().to_numpy() if name in some.columns else np.zeros(0) for some in (used, lost)
+        )
+        if min(len(here), len(there)) < 3:
+            continue
+        low, high = np.median(here), np.median(there)
+        sides = np.sign(high - low) * np.r_[here - (low + high) / 2, (low + high) / 2 - there]
+        if abs(high - low) > least and np.mean(sides[: len(here)] < 0) >= 0.9 <= np.mean(sides[len(here) :] < 0):
+            by = "the used and the others are " + words.format(f"{low:.3g}", f"{high:.3g}")
+    for key in STATED:
+        of_used, of_lost = ({sheet[trial].get(key) for trial in some["trial"]} for some in (used, lost))
+        if of_used and of_lost and not of_used & of_lost:
+            by = f"the used have {key} {cells_said(of_used)}, the others {cells_said(of_lost)}"
+    otherwise = "no column parts them from the used, their reasons do" if len(lost) else None
+    return {"left_out_share": share, "left_out_by": by or otherwise}
 
 
 def fitted_time(headline: GroupHeadline) -> float:
@@ -121,7 +162,7 @@ def single_facts(response: PerturbationResponse, fit: LinearFit) -> Facts:
     }
 
 
-def group_facts(headline: GroupHeadline) -> Facts:
+def group_facts(headline: GroupHeadline) -> dict[str, object]:
     """Columns of `walking_groups.csv` on which limits may stand; the dictionary of tables says what each is."""
     ensemble, responses = headline.ensemble, headline.responses
     rows, fit = responses[0].window, ensemble.fit
@@ -163,7 +204,63 @@ def group_facts(headline: GroupHeadline) -> Facts:
         "stance_change": change,
         "uncorrected_stance_change": uncorrected,
         "predicted_share": headline.share,
+    } | reaction_facts(headline)
+
+
+def reaction_facts(headline: GroupHeadline) -> dict[str, object]:
+    """Columns of `walking_groups.csv` on what Eq. 15 does not know: the person reacts within the window, or K changes
+    with stance. A reaction counts if its t is beyond Student's at 0.5 % and its torque above 6 % of the response's. A
+    reflex and co-contraction resist: a negative one is none. Those that count are named, the largest t first."""
+    first, fit, drawn = headline.responses[0], headline.ensemble.fit, headline.resampled
+    time, rows, motion, torque = first.time, first.window, headline.ensemble.motion, headline.ensemble.torque
+    one = isolation.reactions(time, rows, motion.theta[:, None], torque[:, None])
+    K, B = ({name: float(one[f"{symbol} with {name}"][0]) for name in isolation.REACTIONS} for symbol in "KB")
+    window_s = (rows.stop - rows.start) * float(time[1] - time[0])
+    shapes = isolation.reaction_columns(
+        time, window_s, Motion(*(np.c_[x] for x in (motion.theta, motion.omega, motion.alpha)))
+    )
+    found, limit = list[tuple[float, str]](), float(stdtrit(drawn.degrees_of_freedom, 0.995))
+    for name, shape in zip(isolation.REACTIONS, shapes, strict=True):
+        size, se = float(one[name][0]), drawn.se(name)
+        resists = size > 0 or name in (isolation.RAMP, isolation.SLOPE)
+        if resists and abs(size) > limit * se and rms(size * shape[rows]) > 0.06 * rms(torque[rows]):
+            found.append((-abs(size) / max(se, 1e-300), name))
+    certain = [name for _, name in sorted(found)]
+    said = [f"with {name} as a column K would be {K[name]:.3g} and B {B[name]:.2g}" for name in certain]
+    likely, per_stance = certain[0] if certain else None, float(np.mean([r.stance for r in headline.responses]))
+    slope, half = (
+        float(one[isolation.SLOPE][0]),
+        float(stdtrit(drawn.degrees_of_freedom, 0.975)) * drawn.se(isolation.SLOPE),
+    )
+    K_slope, low, high = (per_stance * value for value in (slope, slope - half, slope + half))
+    ramp = shapes[2][rows, 0]
+    per_nm = float(np.linalg.pinv(isolation.motion_columns(motion[rows]))[0] @ ramp / ramp[-1])
+    both, unchecked = headline.directions.get("up minus down"), None
+    if both is None:
+        unchecked = (
+            "whether a voluntary torque or a change of pace is in K: all turns go one way, and what follows them is "
+            f"then read as K, B and I, {per_nm:.2g} N*m/rad for each N*m that it has gained at the end of the window, "
+            "turn the platform up and down, half the difference is free of it"
+        )
+    return {
+        "reaction": ", ".join(said) or None,
+        "reaction_share": 1 - K[likely] / fit["K"] if likely not in (None, isolation.SLOPE) and fit["K"] else None,
+        "slope_share": 1 - B[isolation.SLOPE] / fit["B"] if likely == isolation.SLOPE and fit["B"] else None,
+        "K_slope": K_slope,
+        "K_slope_low": low,
+        "K_slope_high": high,
+        "B_with_slope": B[isolation.SLOPE],
+        **{f"common_K{end}": value for end, value in zip(("", "_low", "_high"), common_stiffness(both), strict=True)},
+        "not_checked": unchecked,
     }
+
+
+def common_stiffness(both: tuple[Mapping[str, float], Bootstrap, int] | None) -> tuple[float | None, ...]:
+    """What the same torque after either turn, half the sum of both directions, adds to K of the turns up and takes off
+    K of the turns down [N*m/rad], with its 95 % interval: half of `up minus down`; null with one direction."""
+    if both is None:
+        return None, None, None
+    return 0.5 * both[0]["K"], *(0.5 * end for end in both[1].interval("K"))
 
 
 def residual_over_gait(motion: Motion, torque: Array, left: Array) -> float | None:

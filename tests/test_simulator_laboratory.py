@@ -526,3 +526,32 @@ def test_every_force_plate_parameter_of_a_nexus_file_is_there_with_its_type_and_
     for name in set(nexus) - {"__METADATA__"}:
         assert ours[name]["type"] == nexus[name]["type"], name
     assert np.sign(ours["ORIGIN"]["value"][2, 0]) == np.sign(nexus["ORIGIN"]["value"][2, 0])
+
+
+def test_a_person_who_reacts_adds_the_stated_torque_from_the_delay_on_and_else_nothing(shipped, calm, walked):
+    """Where the angle is that of the leg alone, the torque is the leg's and the reaction's."""
+    onset, time, spent = walked.step.onset, walked.time, walked.step.stance_phase(walked.time)
+    turned, speed = (getattr(walked.motion, n) - getattr(calm.motion, n) for n in ("theta", "omega"))
+    middle = (spent > 0.1) & (spent < 0.9)
+    late = np.interp(time - 0.05, time, speed)
+    for change, added in (
+        ({"reflex": 4.0}, 4.0 * late),
+        (
+            {"co_contraction": 1.4, "co_contracted": 300.0},
+            120.0 * gait.smooth_step((time - onset - 0.05) / 0.03) * turned,
+        ),
+        ({"voluntary_nm": 6.0, "reaction_delay_s": 0.08}, 6.0 * gait.smooth_step((time - onset - 0.08) / 0.1)),
+    ):
+        reacts = stepping(shipped, **change).crossing(perturbed=True)
+        np.testing.assert_array_equal(reacts.motion.theta, walked.motion.theta)
+        np.testing.assert_allclose((reacts.torque - walked.torque)[middle], added[middle], atol=1e-5)
+        np.testing.assert_array_equal(reacts.drivetrain_torque, walked.drivetrain_torque)
+        still = stepping(shipped, **change).crossing(perturbed=False)
+        np.testing.assert_array_equal(still.torque, calm.torque)
+    for percent in (25.0, -20.0):
+        step = stepping(shipped, pace_percent=percent).crossing(perturbed=True).step
+        phase, before = step.stance_phase(time), time < onset + 0.05
+        assert step.stance_phase(np.array([step.toe_off])) == pytest.approx(1)
+        np.testing.assert_array_equal(phase[before], spent[before])
+        rate = np.gradient(phase, time) / np.gradient(spent, time)
+        assert rate[(time > onset + 0.11) & (time < onset + 0.15)] == pytest.approx(1 + percent / 100, rel=0.02)

@@ -12,6 +12,8 @@ from walking_crossings import LEAD, RISE, TURN, crossing
 from walking_synthetic import RATE, bump, settings, step
 
 from osl_analysis.errors import IdentifiabilityError, InputError
+from osl_analysis.judge.doubts import marked
+from osl_analysis.judge.table import Doubt
 from osl_analysis.signals import LowPass
 from osl_analysis.trial import Array
 from osl_analysis.walking import response as fitting
@@ -289,6 +291,41 @@ def test_sound_crossings_are_far_from_every_limit_and_faults_are_beyond() -> Non
     assert facts(perturbed(9, (200.0, 340.0, 480.0)))["heterogeneity"] > 8
     dropped = [replace(c, torque=c.torque - 20.0 * (c.time > ONSET + 0.05)) for c in perturbed()]
     assert facts(dropped)["residual_over_gait"] > 6
+
+
+@pytest.mark.parametrize("window_s", [0.1, 0.14])
+def test_each_reaction_comes_out_with_its_size_and_the_joint_without_it(window_s: float) -> None:
+    """Of half a window: velocity so long ago, a step of the stiffness, a ramp; and a stiffness that grows at once."""
+    time = np.arange(-40, 51) / RATE
+    half, (theta, omega, alpha) = window_s / 2, bump(time, LEAD, RISE)
+    late = norm.cdf((time - half) / (window_s / 10) - 1.5)
+    ramp = np.array([np.trapezoid(norm.cdf((x := np.linspace(-1, t, 9999)) - half, 0, window_s / 10), x) for t in time])
+    shapes = bump(time - half, LEAD, RISE)[1], late * theta, ramp, theta * np.maximum(time, 0)
+    window = slice(40, 40 + round(window_s * RATE))
+    for name, shape, size in zip(fitting.REACTIONS, shapes, (4.0, 136.0, 120.0, 667.0), strict=True):
+        torque = K * theta + B * omega + I * alpha + 7.0 + 30.0 * time + size * shape  # gait drifts
+        found = fitting.reactions(time, window, theta[:, None], torque[:, None])
+        assert found[name] == pytest.approx(size, rel=0.02)
+        assert found[f"K with {name}"] == pytest.approx(K, rel=0.01)
+        assert found[f"B with {name}"] == pytest.approx(B, rel=0.02)
+
+
+def test_a_reaction_within_the_window_is_certain_and_named_and_a_sound_campaign_has_none() -> None:
+    sound = facts(perturbed())
+    assert [sound[name] for name in ("reaction", "reaction_share", "slope_share")] == [None] * 3
+    assert sound["K_slope_low"] < 0 < sound["K_slope_high"]
+    assert "whether a voluntary torque or a change of pace is in K: all turns go one way" in sound["not_checked"]
+    turn = walked("g", 1.0, 0.0, ONSET, (1.0, 0.0, 0.0)).torque - walked("g", 1.0, 0.0, ONSET, (0.0, 0.0, 0.0)).torque
+    for c, at, size in ((4.0, 0.05, 1), (-4.0, 0.05, 0)):  # a reflex resists: that of the other sign is none
+        speed = np.interp(perturbed()[0].time - at, perturbed()[0].time, np.gradient(turn, 1 / RATE))
+        found = facts([replace(one, torque=one.torque + c * speed) for one in perturbed()])
+        assert ("a reflex" in (found["reaction"] or "")) == bool(size)
+        if size:
+            assert found["reaction_share"] > 0.02
+            (said,) = marked(pl.DataFrame([found]), Doubt(above={"reaction_share": 0.02}), "walking_groups")["doubtful"]
+            assert said.startswith("person reacts: ")
+            assert "as a column K would be 3" in said
+            assert ";" not in said
 
 
 def test_a_stance_that_the_perturbation_shortens_is_seen_unless_phase_is_matched() -> None:

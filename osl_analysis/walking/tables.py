@@ -209,7 +209,7 @@ def group_facts(headline: GroupHeadline) -> dict[str, object]:
 
 def reaction_facts(headline: GroupHeadline) -> dict[str, object]:
     """Columns of `walking_groups.csv` on what Eq. 15 does not know: the person reacts within the window, or K changes
-    with stance. A reaction counts if its t is beyond Student's at 0.5 % and its torque above 6 % of the response's. A
+    with stance. A reaction counts if its t is beyond Student's at 0.25 % and its torque above 6 % of the response's. A
     reflex and co-contraction resist: a negative one is none. Those that count are named, the largest t first."""
     first, fit, drawn = headline.responses[0], headline.ensemble.fit, headline.resampled
     time, rows, motion, torque = first.time, first.window, headline.ensemble.motion, headline.ensemble.torque
@@ -219,7 +219,7 @@ def reaction_facts(headline: GroupHeadline) -> dict[str, object]:
     shapes = isolation.reaction_columns(
         time, window_s, Motion(*(np.c_[x] for x in (motion.theta, motion.omega, motion.alpha)))
     )
-    found, limit = list[tuple[float, str]](), float(stdtrit(drawn.degrees_of_freedom, 0.995))
+    found, limit = list[tuple[float, str]](), float(stdtrit(drawn.degrees_of_freedom, 0.9975))
     for name, shape in zip(isolation.REACTIONS, shapes, strict=True):
         size, se = float(one[name][0]), drawn.se(name)
         resists = size > 0 or name in (isolation.RAMP, isolation.SLOPE)

@@ -99,7 +99,8 @@ def read_mapping(path: Path, by_snakemake: bool = False) -> dict[str, Any]:
         line, key = error.problem_mark.line + 1, str(error.problem).split('"')[1]
         raise InputError(f"{path}: line {line}: key '{key}' stands twice; remove one") from error
     except RecursionError as error:
-        raise InputError(f"{path}: its fields are nested too deeply; write them as in the shipped files") from error
+        said = "its fields are nested too deeply, or its aliases (`*name`) stand for too many"
+        raise InputError(f"{path}: {said}; write them out as in the shipped files") from error
     except (YAMLError, ValueError, AttributeError, KeyError, TypeError, OverflowError) as error:  # of a wrong tag
         said = " ".join(str(error).split())
         remedy = "compare with the shipped files, and put text with signs such as : # *"
@@ -124,11 +125,21 @@ YAML_1_1 = re.compile(r"(?P<sixties>[-+]?[0-9][0-9_]*(:[0-5]?[0-9])+(\.[0-9_]*)?
 """Numbers that YAML 1.1 counts in sixties (1:30 is 90) or eights (010 is 8)."""
 
 
+MOST_NODES = 200_000  # of a file with its aliases written out
+
+
 @lru_cache(maxsize=64)
 def parsed_yaml(text: str) -> tuple[Node | None, Any]:
     """The nodes of a YAML text, with their lines, and its content."""
     yaml = YAML(typ="safe", pure=True, plug_ins=[])
     node = yaml.compose(text)
+    left, count = [node], 0
+    while left:  # a few aliases of aliases stand for millions of fields, and one of itself for fields without end
+        one, count = left.pop(), count + 1
+        left += [each for pair in one.value for each in pair] if isinstance(one, MappingNode) else []
+        left += one.value if isinstance(one, SequenceNode) else []
+        if count > MOST_NODES:
+            raise RecursionError
     return node, yaml.constructor.construct_document(node) if node is not None else None
 
 

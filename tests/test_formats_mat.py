@@ -205,6 +205,22 @@ def test_what_the_file_does_not_hold_is_refused_in_one_line(tmp_path):
         assert message in refusal(write_parts(tmp_path / "a.mat", content), "x")
 
 
+def test_a_cut_behind_the_wanted_variables_and_what_has_no_numbers_beside_them_are_told(tmp_path):
+    path = write_mat(tmp_path / "a.mat", x=RISING, y=RISING)
+    path.write_bytes(path.read_bytes()[:-9])
+    assert at(path, "x").size == RISING.size
+    assert open_mat(path).damage.end_missing
+    named = write_mat73(tmp_path / "b.mat", x=RISING)
+    with h5py.File(named, "a") as file:
+        file["kind"], file["nothing"] = np.dtype("f8"), h5py.Empty("f8")
+    assert at(named, "x").size == RISING.size
+    assert "kind is a 1x1 object, not real numbers" in refusal(named, "kind")
+    assert "nothing is empty" in refusal(named, "nothing")
+    assert not open_mat(named).damage.remarks
+    named.write_bytes(named.read_bytes() + bytes(100))
+    assert "100 bytes stand behind its end" in open_mat(named).damage.remarks[0]
+
+
 def test_every_truncation_and_every_changed_byte_is_read_or_refused_in_one_line(tmp_path):
     path, said = tmp_path / "b.mat", []
     whole = written5(tmp_path / "a.mat").read_bytes()

@@ -144,16 +144,21 @@ def test_parts_of_a_split_bag_are_one_log_and_one_alone_is_read_with_a_warning(t
     part = read(next(folder.glob("bag_1.*")))
     check_rows(part, range(30, 50))
     assert any("one of the 2 files of a recording; name the folder" in text for text in part.warnings)
-    assert part.facts["damage"]["messages_lost"] == (0 if storage == "MCAP" else None)
+    assert part.facts["damage"]["lost"] == (0 if storage == "MCAP" else None)
     if storage == "MCAP":
         content = (folder / "bag_0.mcap").read_bytes()
         content = content[:-9] + bytes([content[-9] ^ 1]) + content[-8:]  # the checksum of its summary
         damage = read(rewritten(folder / "bag_0.mcap", content).parent).facts["damage"]
-        assert (damage["complete"], damage["messages_lost"]) == (False, 0)  # as the whole
+        assert (damage["complete"], damage["lost"]) == (False, 0)  # as the whole
         assert "bag_0.mcap: the summary is damaged" in damage["remarks"]
         cut = rewritten(folder / "bag_1.mcap", (folder / "bag_1.mcap").read_bytes()[:-900]).parent
-        damage = read(cut).facts["damage"]  # nobody knows what is missing at its end
-        assert (damage["complete"], damage["messages_lost"], damage["share_lost"]) == (False, None, 0)
+        damage = read(cut).facts["damage"]  # behind the messages
+        assert (damage["complete"], damage["end_missing"], damage["lost"]) == (False, False, 0)
+        half = rewritten(folder / "bag_1.mcap", content[: len(content) // 2]).parent
+        assert "40 % of topic '/lab' is lost" in refused(half)
+        damage = read(half, largest_loss=0.5).facts["damage"]  # its description knows what it held
+        assert (damage["end_missing"], *counts(read(half, largest_loss=0.5))) == (True, 30, 20)
+        assert (damage["expected"], damage["read"], damage["lost"]) == (50, 30, 20)
 
 
 def test_the_trial_of_a_folder_names_all_its_files(tmp_path: Path) -> None:
@@ -194,7 +199,7 @@ def test_without_its_description_a_database_is_read_and_the_losses_are_unknown(t
     (bag / DESCRIBED).unlink()
     recording = read(bag / "bag.db3")
     check_rows(recording)
-    assert recording.facts["damage"]["messages_lost"] is None
+    assert recording.facts["damage"]["lost"] is None
     assert any("no metadata.yaml beside it" in text for text in recording.warnings)
     assert re.search("a folder without metadata.yaml.*ros2 bag reindex", refused(bag))
     assert (recorded_files(bag), recorded_files(bag / "bag.db3")) == ([bag], [bag / "bag.db3"])
@@ -213,7 +218,11 @@ REFUSED: dict[str, tuple[Any, str]] = {
     "missing part": (lambda bag: without_a_part(bag / "bag"), "1 of the 2 files that .* are missing .bag_1.db3.; copy"),
     "packed": (lambda bag: write_bag2(bag / "x", packed="FILE"), "unpack it with `zstd -d`"),
     "cut": (lambda bag: rewritten(bag / "bag.db3", (bag / "bag.db3").read_bytes()[:9000]),
-        "the database is damaged or cut off .*sqlite3 BAG .recover"),
+        "is cut off: it has 9000 of its 28672 bytes; .*sqlite3 BAG .recover"),
+    "cut in its last bytes": (lambda bag: rewritten(x := bag / "bag.db3", x.read_bytes()[:-9]), "cut off: it has"),
+    "zeroed": (lambda bag: rewritten(x := bag / "bag.db3", x.read_bytes()[:4096].ljust(x.stat().st_size, b"\0")),
+        "the database is damaged .*sqlite3 BAG .recover"),
+    "aliases": (lambda bag: rewritten(bag / DESCRIBED, b"a: &x [1]\nb: [*x, *x]").parent, "it has aliases"),
     "no bag": (lambda bag: changed(bag / "x.db3", "CREATE TABLE topics (id, name)"), "no such column: type.: no bag"),
     "no messages": (lambda bag: changed(bag / "bag.db3", "DROP TABLE messages"), "no such table: messages.: no bag"),
     "text": (lambda bag: rewritten(bag / "bag.db3", b"t,a\n1,2\n").parent, "neither a database of sqlite3 nor MCAP"),

@@ -214,6 +214,22 @@ def test_the_baseline_that_is_asked_for_is_subtracted(tmp_path: Path, zero: obje
         np.testing.assert_allclose(zeroed[column], as_is[column] - baseline, atol=1e-9)
 
 
+def test_frames_at_the_end_in_which_a_plate_has_no_numbers_are_left_out_and_counted(tmp_path: Path) -> None:
+    path, whole = plate_file(tmp_path), read(plate_file(tmp_path), plates="all")
+    recorded = read_c3d(path)
+    ratio, end = recorded.header.samples_per_frame, recorded.header.data_start
+    size = 4 * (4 * recorded.header.points + recorded.header.channels * ratio)
+    content = bytearray(path.read_bytes())
+    for frame in (-1, -2):
+        at = end + (recorded.header.frames + frame) * size + size - 4 * recorded.header.channels * ratio
+        content[at : at + 4] = np.float32(np.nan).tobytes()
+    path.write_bytes(content)
+    cut = read(path, plates="all")
+    assert cut.samples.equals(whole.samples[: len(cut.samples)])
+    assert len(cut.samples) == len(whole.samples) - 2 * ratio
+    assert [cut.facts["damage"][key] for key in ("end_missing", "lost")] == [False, 2]
+
+
 def test_a_truncated_file_is_refused_with_both_counts(tmp_path: Path) -> None:
     path, frame = write_c3d(tmp_path / "a.c3d", points(200, 12)), 12 * 16
     whole = path.read_bytes()[: read_c3d(path).header.data_start + 200 * frame]

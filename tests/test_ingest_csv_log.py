@@ -156,13 +156,18 @@ def test_the_shipped_source_file_reads_what_the_logger_of_opensourceleg_wrote(tm
 
 @pytest.mark.parametrize(("text", "warning"), [
     (LOG + "11.5,17", "log.csv: the last line, 5, is cut off and was skipped"),
+    (LOG + "11.5,17,12", "log.csv: the last line, 5, has no line break, may be cut in a number and was skipped"),
     (LOG.replace("angle,load", "angle [deg],load [Nm]"), "log.csv: theta is read in rad; the file says deg"),
 ])  # fmt: skip
 def test_a_last_line_that_is_cut_off_and_a_unit_that_the_source_file_overrules_are_said(tmp_path, text, warning):
     trial = ingested(tmp_path, text)
     assert_log(trial)
     assert trial.provenance["warnings"] == [warning]
-    assert trial.provenance.get("damage") == ({"complete": False} if "cut off" in warning else None)
+    damage = trial.provenance.get("damage", {})
+    told = [None] * 3 if "rad" in warning else ["cut off" in warning, 3, None]
+    assert [damage.get(one) for one in ("end_missing", "read", "lost")] == told
+    # above the table a program of Xsens, below it no line break, but decimals that tell that the number is whole
+    assert_log(ingested(tmp_path, "// Xsens\nt,angle,load\n10.0,0,1.00\n10.5,90,2.00\n11.0,-180,3.50"))
 
 
 def test_what_a_source_file_states_of_a_sensor_stands_in_si_units_in_the_provenance(tmp_path: Path) -> None:

@@ -65,6 +65,12 @@ def test_a_name_with_a_dot_is_quoted_and_never_taken_for_a_level(tmp_path: Path)
     assert refused(write(tmp_path / "b", lines), **asked).endswith("""did you mean 'f["cell.mz_Nm"]'?""")
 
 
+def test_a_name_that_two_elements_have_chooses_none(tmp_path: Path) -> None:
+    path = write(tmp_path / "a", [{"t": k, "name": ["a", "a"], "q": [k, 2 * k]} for k in range(9)])
+    asked = {"time": {"field": "t", "unit": "s"}, "channels": {"theta": {"field": "q[name=a]", "unit": "rad"}}}
+    assert "2 elements are named 'a' in 'name': write an index in its place" in refused(path, **asked)
+
+
 def test_every_element_of_a_list_is_listed_up_to_a_limit(tmp_path: Path) -> None:
     joints, twice = {"name": ["hip", "ankle"], "p": [1, None]}, {"name": ["a", "a"], "q": [1, 2]}
     lines: list[Any] = [
@@ -143,7 +149,11 @@ def test_a_line_that_cannot_be_used_is_skipped_within_a_share_and_else_refused(t
     recording = read(path)
     assert len(recording.samples) == ROWS - 1
     assert any(f"1 of {ROWS} lines cannot be used and were skipped" in t and reason in t for t in recording.warnings)
-    assert recording.facts["damage"] == {"messages_lost": 1, "share_lost": 1 / ROWS}
+    told = {name: recording.facts["damage"][name] for name in ("end_missing", "expected", "read", "lost", "share_lost")}
+    number = (
+        {"expected": None, "lost": None} if "JSON" in reason else {"expected": ROWS, "lost": 1}
+    )  # the rest of several?
+    assert told == {"end_missing": False, "read": ROWS - 1, "share_lost": 1 / ROWS, **number}
     assert "cannot be used" in refused(path, time={"rate": 500})
     lines[12] = lines[13] = line
     said = refused(write(path, lines))
@@ -289,9 +299,18 @@ def test_a_file_that_is_cut_off_is_read_up_to_there_with_a_warning_or_refused(tm
     assert recording.samples.null_count().row(0, named=True) == {"time": 0, "theta": 0, "torque": 25}
     assert any("the last segment is not complete" in text for text in recording.warnings)
     damage = recording.facts["damage"]
-    assert (damage["complete"], damage["messages_lost"]) == (False, None)
+    assert (damage["complete"], damage["lost"]) == (False, None)
+    time, angle = ("Time", np.float32(1e6 + np.arange(SAMPLES)), {}), ("Angle", ANGLE, {})
+    stated = {"time": {"channel": "Time", "unit": "ms"}, "channels": {"theta": {"channel": "Angle", "unit": "deg"}}}
+    write_tdms(path, [time, angle])
+    np.testing.assert_allclose(read_tdms(path, **stated).samples["time"], np.arange(SAMPLES) * 1e-3, atol=1e-12)
+    path.write_bytes(path.read_bytes()[:-80])  # the last ten angles
+    cut = read_tdms(path, **stated)
+    assert (len(cut.samples), cut.facts["damage"]["end_missing"]) == (SAMPLES - 10, True)
+    path.write_bytes(whole + bench(tmp_path / "b.tdms", 4, wf_start_time=START + np.timedelta64(60, "s")).read_bytes())
+    assert f"byte {len(whole)}: channel 'Angle' starts anew there: two recordings" in refused_tdms(path)
     path.write_bytes(whole[: whole.rindex(b"TDSm") + 20])  # within the head of a segment
-    assert any("how much is missing is not known" in text for text in read_tdms(path).warnings)
+    assert any("how much is not known" in text for text in read_tdms(path).warnings)
     declared = bench(path).read_bytes().replace(np.uint64(SAMPLES).tobytes(), np.uint64(1 << 40).tobytes())
     for content, reason in (
         (whole[:40], "holds no channels, or is cut off before them"),

@@ -147,7 +147,7 @@ def test_a_source_file_of_another_format_is_refused_with_the_format_of_the_file(
 def test_a_row_is_read_or_refused_by_its_line_however_far_below(tmp_path: Path) -> None:
     rows = ["", *(f"{place / 100},{place}" for place in range(400))]
     for odd in ("3.0 , 300 ", '"3.0","300"', "# pause, 1\n3.0,300", "\n \n3.0,300", "3.0,300\n,", "3.0,"):
-        content = "\n".join(["t,angle", *rows[:301], odd, *rows[302:]]).encode()
+        content = "\n".join(["t,angle", *rows[:301], odd, *rows[302:], ""]).encode()
         expected = np.where(np.arange(400) == 300, np.nan if odd == "3.0," else 300, np.arange(400))
         np.testing.assert_allclose(ingested(tmp_path, "a.csv", content).samples["theta"], np.radians(expected))
     for odd, told in (
@@ -155,7 +155,7 @@ def test_a_row_is_read_or_refused_by_its_line_however_far_below(tmp_path: Path) 
         ("3.5,x", "line 353, column 'angle': 'x' is not a number"),
     ):
         with pytest.raises(InputError, match=told):
-            ingested(tmp_path, "a.csv", "\n".join(["t,angle", *rows[:351], odd, *rows[352:]]).encode())
+            ingested(tmp_path, "a.csv", "\n".join(["t,angle", *rows[:351], odd, *rows[352:], ""]).encode())
 
 
 def test_a_full_stop_is_no_decimal_sign_beside_a_decimal_comma(tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 """Files of OpenSim: markers in TRC and tables in .mot and .sto give canonical columns, or a line that says why not."""
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -103,7 +104,7 @@ def test_a_header_that_contradicts_the_rows_and_rows_that_cannot_be_right_are_re
         "line 27 has 15 coordinates, its header names 4 markers": "\t".join([*cells[:14], "1", "2", "3"]),
         "time: '' is not a number": lines[26].replace("0.200", ""),
     }.items():
-        path.write_text("\n".join([*lines[:26], line, *lines[27:]]))
+        path.write_text("\n".join([*lines[:26], line, *lines[27:], ""]))
         assert reason in refused(path)
     path.write_text("\n".join(lines[:5]))
     assert "holds no frames" in refused(path)
@@ -112,11 +113,20 @@ def test_a_header_that_contradicts_the_rows_and_rows_that_cannot_be_right_are_re
     assert (vertical_axis(walk() / 1000), vertical_axis(walk()[:, :3])) == ("y", "")  # of four markers at least
 
 
+def test_times_may_be_printed_with_more_decimals_than_they_have(tmp_path: Path) -> None:
+    path = write_trc(tmp_path / "walk.trc", walk(), rate=60)  # rounded to milliseconds
+    text = re.sub(r"(?m)^(\d+\t\d+\.\d{3})\t", r"\g<1>000\t", path.read_text())
+    path.write_text(text)
+    assert "\t0.017000\t" in text
+    assert len(read(path).samples) == FRAMES
+
+
 def test_rows_of_a_table_that_cannot_be_right_are_refused(tmp_path: Path) -> None:
     path = write_mot(tmp_path / "a.mot")
     text = path.read_text()
     for reason, content in {
         "line 57 has 3 cells under 4 names: the file is cut off": text.rstrip().rpartition("\t")[0],
+        "line 57, the last one, has no line break and may be cut off": text.rstrip()[:-1],
         "line 11 has 5 cells under 4 names; export": text.replace("\t3\t", "\t3\t3\t"),
         "column 'ankle_angle_r': '1,2,3' is not a number; export it as scalars": text.replace("\t3\t", "\t1,2,3\t"),
         "nrows in its header is 60, the file holds 50 rows: the end is missing": text.replace("nRows=50", "nRows=60"),
@@ -213,7 +223,7 @@ def test_markers_and_ground_reactions_of_one_export_share_their_times(tmp_path: 
 def test_the_draft_of_ground_reactions_proposes_their_plates(tmp_path: Path, stem: str, moment: str) -> None:
     names = ["time", *(f"{begin}{axis}" for begin in (f"{stem}v", f"{stem}p", moment) for axis in "xyz")]
     rows, path = ["\t".join(["0.01", *["1"] * 9]), "\t".join(["0.02", *["1"] * 9])], tmp_path / "grf.mot"
-    path.write_text("\n".join(["grf", "endheader", "\t".join(names), *rows]))
+    path.write_text("\n".join(["grf", "endheader", "\t".join(names), *rows, ""]))
     (note,) = [line for line in draft_source(inspect_file(path), "grf.mot").splitlines() if "force plates" in line]
     drafted = yaml.safe_load(note.partition("corners: ")[2])["plates"][1]
     assert drafted == {"force": f"{stem}v", "point": f"{stem}p", "moment": moment, "corners": "UNKNOWN"}

@@ -260,14 +260,21 @@ def test_the_plate_at_minus_713_n_of_a_real_recording_is_caught():
 
 def test_clocks_that_fit_badly_and_a_damaged_log_are_told_from_the_provenance():
     clock = {"drift": 5e-5, "drift_error": 1e-6, "residual": 2.5e-3, "edges": 20, "excluded_edges": 1, "rows_before": 3}
-    damage = {"complete": False, "crc": "checked", "messages_lost": 130, "share_lost": 0.04, "remarks": ["chunk 3"]}
+    damage = {
+        "complete": False,
+        "end_missing": True,
+        "crc": "checked",
+        "lost": 130,
+        "share_lost": 0.04,
+        "remarks": ["chunk 3"],
+    }
     damage["chunks_lost"] = 2
     found = results(bench(), clock=clock, damage=damage)
     assert failed(found) == {"clock_residual", "damage", "truncated"}
     assert found["clock_residual"].remark.startswith(
         "drift 50.0 +- 1.0 ppm; 20 matched and 1 excluded by edges; 3 and 0 rows"
     )
-    said = CheckResult(4.0, "2 chunks lost; 130 messages lost; the file is not complete; CRC checked; chunk 3")
+    said = CheckResult(4.0, "2 chunks lost; 130 lost; the file is not complete; CRC checked; chunk 3")
     assert found["damage"] == said
 
 

@@ -6,13 +6,15 @@ of a truncated file, takes the absolute value of a negative OFFSET, and crashes 
 
 import math
 import struct
-from dataclasses import dataclass, replace
+from collections import Counter
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
+from osl_analysis.formats.table import Ledger
 from osl_analysis.trial import Array
 
 ENDIAN = {"Intel": "<", "DEC": "<", "MIPS": ">"}
@@ -158,6 +160,25 @@ class C3DRecording:
     header: C3DHeader  # counts and parameters
     points: Array  # positions and model outputs, (frames, points, 3); NaN where a point was not seen
     analogs: Array  # analog channels, (samples, channels), with `header.samples_per_frame` samples per frame
+    damage: Ledger = field(default_factory=Ledger)
+
+    def without_end(self, plate_channels: list[int]) -> "C3DRecording":
+        """The frames before those at the end in which some channels, counted from 0, are no numbers: the recorder of
+        the forces stopped before the cameras."""
+        ratio, finite = self.header.samples_per_frame, np.isfinite(self.analogs[:, plate_channels]).all(axis=1)
+        frames = int(np.argmin(finite)) // ratio
+        if not frames or finite.reshape(-1, ratio)[frames:].all(axis=1).any():
+            return self
+        lost = self.header.frames - frames
+        self.damage.read[0] = frames
+        self.damage.lose(
+            f"the plates' samples are no numbers in the last {lost} frames, which are left out",
+            0,
+            Counter({0: lost}),
+            0,
+        )
+        header = replace(self.header, frames=frames)
+        return replace(self, header=header, points=self.points[:frames], analogs=self.analogs[: frames * ratio])
 
     @property
     def point_labels(self) -> list[str]:
@@ -205,7 +226,10 @@ def read_c3d(path: Path) -> C3DRecording:
         raise InputError(
             f"holds {there} frames, more than the {0xFFFF} that a C3D header can count; export it in parts"
         )
-    content = data[header.data_start : header.data_start + frames * frame]
+    end, damage = header.data_start + frames * frame, Ledger(read=Counter({0: frames}))
+    if len(data) != end and (len(data) % BLOCK or len(data) - end >= 2 * BLOCK):  # some writers add a block
+        damage.lose(f"it has {len(data)} bytes, and its frames end at byte {end}", 0, None, 0)
+    content = data[header.data_start : end]
     raw = np.frombuffer(content, f"{ENDIAN[header.processor]}i2") if integers else reals(content, header.processor)
     # a row per frame: x, y, z, residual per point, then analog samples
     points, samples = np.split(raw.reshape(frames, -1), [4 * header.points], axis=1)
@@ -224,4 +248,4 @@ def read_c3d(path: Path) -> C3DRecording:
         analogs[:, :scaled] *= scale[:scaled]
         analogs[:, scaled:] *= np.nan if scaled else 1.0
         analogs *= (general[0] or np.nan) if general.size else 1.0
-    return C3DRecording(header, values, analogs)
+    return C3DRecording(header, values, analogs, damage)

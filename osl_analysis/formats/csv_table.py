@@ -15,6 +15,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError, listing, nearest
+from osl_analysis.formats.table import Ledger
 from osl_analysis.trial import Array
 
 DELIMITERS = {"tab": "\t", "space": " "}
@@ -140,9 +141,8 @@ class CsvTable:
     lines: NDArray[np.int64]  # number of each row's line in the file, (rows,)
     body: pl.DataFrame  # the cells as text, a column each; null in rows in which the logger omitted the column
     comments: list[str]  # the comment lines without their sign
-    notes: list[str]  # repairs, a sentence each
+    damage: Ledger  # what was repaired or left out
     delimiter: str
-    complete: bool  # whether its last line is whole
 
 
 def place_of(name: str, names: Sequence[str]) -> int:
@@ -174,15 +174,15 @@ def places_of(name: str, names: Sequence[str]) -> list[int]:
 
 def read_csv_table(path: Path, layout: CsvLayout) -> CsvTable:
     """The rows of a log in CSV; InputError if it has no header, or rows that the layout does not allow."""
-    lines = read_lines(path)
-    below = [text for _, text in lines[200:]]
+    lines, ends = read_lines(path), ends_whole(path)
+    below = [text for _, text in lines[200:] if ends]
     # lines that are all alike below the first ones are split by polars, in an eighth of the time and of the memory
     with suppress(InputError):  # the whole file tells what is wrong
         table = table_of(lines[:200] if below else [], layout)
         sign, between = table.delimiter, len(table.names) - 1
         odd = ['"', *[layout.comment] * bool(layout.comment)]
         alike = (text.count(sign) == between < len(text) and not any(one in text for one in odd) for text in below)
-        if not table.notes and sign != " " and all(alike):
+        if not table.damage.remarks and sign != " " and all(alike):
             body = "\n".join(below).encode()
             rest = pl.read_csv(body, has_header=False, separator=sign, quote_char=None, infer_schema=False)
             rest = rest.with_columns(pl.all().fill_null("").str.strip_chars())
@@ -190,11 +190,26 @@ def read_csv_table(path: Path, layout: CsvLayout) -> CsvTable:
             if not rest.select(pl.all_horizontal(pl.all() == "").any()).item():
                 numbered = np.concatenate([table.lines, [line for line, _ in lines[200:]]])
                 return replace(table, lines=numbered, body=pl.concat([table.body, rest]))
-    return table_of(lines, layout)
+    return table_of(lines, layout, ends)
 
 
-def table_of(lines: TextLines, layout: CsvLayout) -> CsvTable:
-    sign = layout.comment
+def ends_whole(path: Path) -> bool:
+    """Whether the last line of a text has its break."""
+    with path.open("rb") as file:
+        file.seek(-min(64, path.stat().st_size), 2)
+        return file.read().rstrip(b" \t\0")[-1:] in (b"\n", b"\r")  # also in UTF-16
+
+
+def is_last_whole(cells: Sequence[str]) -> bool:
+    """Whether the last cell of a column at the end of a file, without a line break, was not cut within its number: it
+    has as many decimals as all others. Nothing tells of whole numbers."""
+    decimals = {len(re.split("[.,]", cell, maxsplit=1)[-1]) * bool(re.search("[.,]", cell)) for cell in cells}
+    return len(cells) > 1 and len(decimals) == 1 and 0 not in decimals
+
+
+def table_of(lines: TextLines, layout: CsvLayout, ends: bool = True) -> CsvTable:
+    # programs of Xsens begin the lines above their table with two slashes
+    sign = "//" if layout.comment == "#" and lines and lines[0][1].startswith("//") else layout.comment
     comments, content = TextLines(), TextLines()
     for line, text in lines:
         if sign and text.lstrip().startswith(sign):
@@ -203,7 +218,7 @@ def table_of(lines: TextLines, layout: CsvLayout) -> CsvTable:
             content.append((line, text))
     delimiter = delimiter_of(content, layout.delimiter)
     rows = split_rows(content, delimiter)
-    said, notes = [text for _, text in comments], list[str]()
+    said, damage = [text for _, text in comments], Ledger()
     if layout.header != "comment" and not rows:
         raise InputError("holds no rows; record it again, or exclude the trial")
     if layout.header == "comment":
@@ -236,14 +251,22 @@ def table_of(lines: TextLines, layout: CsvLayout) -> CsvTable:
         raise InputError("no rows of data; record it again, or exclude the trial")
     cut = len(rows) > 1 and len(rows[-1][1]) < min(len(names), len(rows[-2][1]))  # as by an interrupted recorder
     if cut:
-        notes.append(f"the last line, {rows[-1][0]}, is cut off and was skipped")
+        damage.miss_end(f"the last line, {rows[-1][0]}, is cut off and was skipped")
         rows = rows[:-1]
+    elif len(rows) > 1 and not ends and not is_last_whole([cells[-1] for _, cells in rows]):
+        damage.remarks.append(
+            f"the last line, {rows[-1][0]}, has no line break, may be cut in a number and was skipped"
+        )
+        damage.uncounted, rows = True, rows[:-1]
     fitting, repairs = fitting_rows(rows, len(names), layout)
+    if skipped := len(rows) - len(fitting):
+        damage.lose(repairs.pop(), 0, Counter({0: skipped}), 0)
+    damage.remarks += repairs
     if not fitting:
         raise InputError(f"none of its rows fits the header's {len(names)} names; state `delimiter` or `header`")
     body = [pl.Series(str(k), [row[k] for _, row in fitting], dtype=pl.String) for k in range(len(names))]
     numbered = np.array([line for line, _ in fitting])
-    return CsvTable(names, units, numbered, pl.DataFrame(body), said, [*notes, *repairs], delimiter, not cut)
+    return CsvTable(names, units, numbered, pl.DataFrame(body), said, damage, delimiter)
 
 
 def check_header_place(header: tuple[int, list[str]], rows: Rows) -> None:

@@ -4,8 +4,9 @@ Nexus writes sections in any order, each with a rate, a row of names, each above
 header, a row of units, and samples. TRC has a header of five lines, OpenSim (.mot, .sto) one down to `endheader`.
 """
 
+import math
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,8 @@ from osl_analysis.formats.csv_table import (
     cell_numbers,
     decoded_text,
     delimiter_of,
+    ends_whole,
+    is_last_whole,
     is_number_cell,
     is_text,
     place_of,
@@ -24,6 +27,7 @@ from osl_analysis.formats.csv_table import (
     split_rows,
     unpadded,
 )
+from osl_analysis.formats.table import Ledger
 from osl_analysis.trial import Array
 
 
@@ -36,6 +40,16 @@ def column_of(rows: Rows, place: int, missing: tuple[str, ...], what: str, remed
         text = cells[error.place]
         what = f"line {rows[error.place][0]}, {what}: '{text[:40]}' is not a number"
         raise InputError(f"{what}; {'export it as scalars' if text.count(',') > 1 else remedy}") from error
+
+
+def check_last_line(path: Path, rows: Rows) -> None:
+    """Refuse a file of which nothing tells that its last number is whole."""
+    last = [cells[-1] for _, cells in rows]
+    if any(last) and not ends_whole(path) and not is_last_whole(last):  # where all are empty, a tab ends every line
+        raise InputError(
+            f"line {rows[-1][0]}, the last one, has no line break and may be cut off within its last number; export "
+            "it again, or end the line where it is whole"
+        )
 
 
 @dataclass(frozen=True)
@@ -101,6 +115,7 @@ def read_sections(path: Path, delimiter: str = "auto", decimal: str = ".") -> di
     if not starts:
         raise InputError("no section of a Nexus export (Devices, Trajectories, ...); check the source's format")
     found: dict[str, NexusSection] = {}
+    check_last_line(path, rows[starts[-1] + 5 :] or rows[-1:])
     for start, end in zip(starts, [*starts[1:], len(rows)], strict=True):
         (line, (title, *_)), (_, rates), (_, names), (_, components) = rows[start : start + 4]
         samples, width = rows[start + 5 : end], max(i + 1 for i, cell in enumerate(components) if cell)
@@ -128,7 +143,7 @@ class TrcFile:
     unit: str  # unit of length, as the file spells it; empty where it gives none
     first_frame: int
     start: float  # time of the first frame [s]
-    notes: tuple[str, ...] = ()  # oddities, a sentence each
+    damage: Ledger = field(default_factory=Ledger)
 
 
 def is_trc(begin: bytes) -> bool:
@@ -156,6 +171,7 @@ def read_trc(path: Path) -> TrcFile:
     if len(rows) != frames:
         cut = ": the end is missing" if len(rows) < frames else ""
         raise InputError(f"NumFrames is {frames}, the file holds {len(rows)} rows{cut}; {export}")
+    check_last_line(path, rows)
     names = ["frame", "time", *(f"column {place + 3}" for place in range(3 * markers))]
     unseen = ("", "nan", "NaN", "NAN")  # cells of a marker that was not seen
     frame, time, *columns = [
@@ -174,7 +190,9 @@ def read_trc(path: Path) -> TrcFile:
         raise InputError(
             f"line {rows[row][0]}: frame {frame[row]:g} does not follow the line before; export all frames"
         )
-    decimals = max(len(row[1].partition(".")[2]) for _, row in rows[:100])
+    printed = [row[1].partition(".")[2] for _, row in rows]  # OpenSim prints more decimals than its times have
+    has, fine = (max(map(len, cells)) for cells in (printed, [cell.rstrip("0") for cell in printed]))
+    decimals = min(has, max(fine, math.ceil(math.log10(10 * rate))))  # a tenth of a frame at most is rounding
     rounding = 0.6 * 10.0**-decimals  # half of the last decimal, and a little for sums in single precision
     wrong = np.abs(time - time[0] - count_up / rate) > 2 * rounding + (1e-3 + 1e-4 * count_up) / rate
     for row in np.flatnonzero(wrong).tolist():
@@ -185,8 +203,8 @@ def read_trc(path: Path) -> TrcFile:
     positions = np.column_stack(columns).reshape(frames, markers, 3)
     positions[(positions == 0).all(axis=2)] = np.nan
     empty = f"{len(labels) - markers} names after the {markers} markers have no positions, such as {labels[-1][:40]}"
-    notes = (empty,) * (len(labels) > markers)  # Cortex names its virtual markers and leaves them out
-    return TrcFile(labels[:markers], positions, rate, said.get("units", ""), int(frame[0]), float(time[0]), notes)
+    damage = Ledger(remarks=[empty] * (len(labels) > markers))  # Cortex names its virtual markers and leaves them out
+    return TrcFile(labels[:markers], positions, rate, said.get("units", ""), int(frame[0]), float(time[0]), damage)
 
 
 @dataclass(frozen=True)
@@ -238,4 +256,5 @@ def read_opensim(path: Path) -> OpenSimTable:
         raise InputError(
             f"line {line} has {len(cells)} cells under {len(names)} names{cut}; export it again, or repair it"
         )
+    check_last_line(path, rows)
     return OpenSimTable(header, names, rows)

@@ -1,6 +1,7 @@
 """JSON lines: one object of JSON per line, with numbers at any depth."""
 
 import json
+from collections import Counter
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -11,6 +12,7 @@ import numpy as np
 from osl_analysis.errors import InputError, listing, nearest
 from osl_analysis.formats.csv_table import UTF_16_MARKS
 from osl_analysis.formats.message_fields import Columns, Indices, Reader, fields_in, json_object
+from osl_analysis.formats.table import Ledger
 
 MOST_ELEMENTS = 64  # of an array that are listed: longer ones are images or whole recordings, and no signals
 
@@ -21,7 +23,7 @@ class JsonLines:
 
     texts: list[bytes]  # in UTF-8, without line breaks
     numbers: Indices  # number of each in the file, counted from 1
-    notes: list[str]  # what was repaired, a sentence each
+    damage: Ledger  # what was left out
 
 
 def is_json_lines(begin: bytes) -> bool:
@@ -37,13 +39,13 @@ def as_utf8(data: bytes) -> bytes:
 
 def read_json_lines(path: Path) -> JsonLines:
     """The lines of a file. A last line that breaks off, as a killed logger leaves it, is left out."""
-    every, notes = as_utf8(path.read_bytes()).split(b"\n"), list[str]()
+    every, damage = as_utf8(path.read_bytes()).split(b"\n"), Ledger()
     numbered = [(number, text) for number, text in enumerate(every, 1) if text.strip(b" \t\r\n")]
     if numbered and every[-1] and not is_whole(numbered[-1][1]):
-        notes.append(f"the last line, {numbered.pop()[0]}, breaks off and was left out")
+        damage.miss_end(f"the last line, {numbered.pop()[0]}, breaks off and was left out")
     if not numbered:
         raise InputError("holds no whole line; record it again, or exclude the trial")
-    return JsonLines([text for _, text in numbered], np.array([number for number, _ in numbered]), notes)
+    return JsonLines([text for _, text in numbered], np.array([number for number, _ in numbered]), damage)
 
 
 def is_whole(text: bytes) -> bool:
@@ -62,6 +64,11 @@ def decode_lines(lines: JsonLines, paths: Sequence[str]) -> Columns:
     remedy = "name a number as `field` in the source file; for time, or state the rate: `time: {rate: 1000}`"
     if not found.rows.size:
         raise InputError(f"{found.misfit}; {remedy}")
+    if skipped := found.misfits:
+        said = f"{skipped} of {len(lines.texts)} lines cannot be used and were skipped: {found.misfit}"
+        lines.damage.lose(said, 0, Counter({0: skipped}), 0)
+        broken = np.setdiff1d(np.arange(len(lines.texts)), found.rows)  # one that is no JSON may be the rest of several
+        lines.damage.uncounted = not all(is_whole(lines.texts[row]) for row in broken.tolist())
     for path in [path for path, values in found.values.items() if np.ma.getmaskarray(values).all()]:
         if found.misfit:
             raise InputError(f"no line that can be used has a field '{path}': {found.misfit}; {remedy}")

@@ -8,6 +8,7 @@ references; the attribute `MATLAB_class` says what a dataset or group is.
 import io
 import math
 import re
+import struct
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -19,6 +20,7 @@ import numpy as np
 
 from osl_analysis.errors import InputError, listing, nearest
 from osl_analysis.formats import optional_module
+from osl_analysis.formats.table import Ledger
 from osl_analysis.trial import Array
 
 DAMAGED = "copy the file again, or save it again in MATLAB"
@@ -85,6 +87,7 @@ class MatFile:
     version: str
     header: str
     variables: Mapping[str, Any]  # by name, in order; of version 5 the part of the file that holds it
+    damage: Ledger
 
     @property
     def names(self) -> list[str]:
@@ -135,18 +138,28 @@ class MatFile:
 def open_mat(path: Path) -> MatFile:
     """The MATLAB file at a path; InputError if it is of another version, none, or damaged."""
     with path.open("rb") as file:
-        begin = file.read(128)
+        begin, start = file.read(128), file.read(512)[384:].ljust(128, b"\0")
     if not is_mat(begin):
         raise InputError(f"{path}: no MATLAB file of version 5 or 7.3; save it again in MATLAB with `-v7`")
-    header = begin[:116].split(b"\0")[0].decode("latin-1").strip()
+    header, damage = begin[:116].split(b"\0")[0].decode("latin-1").strip(), Ledger()
     with in_one_sentence():
         if begin.startswith(b"MATLAB 7."):
             with opened73(path) as file:  # some of its groups are no variables
+                (stated,) = struct.unpack_from("<Q", start, 40 if start[8] < 2 else 28)  # end of file in the superblock
+                if stated < path.stat().st_size:
+                    damage.lose(
+                        f"{path.stat().st_size - stated} bytes stand behind its end, and are not read", 0, None, 0
+                    )
                 found = {name: None for name in file if name not in ("#refs#", "#subsystem#")}
-            return MatFile(path, "7.3", header, found)
+            return MatFile(path, "7.3", header, found, damage)
         from scipy.io.matlab import MatlabOpaque, loadmat, varmats_from_mat
 
-        variables, parts = dict[str, Any](), list[tuple[str, Any]](varmats_from_mat(io.BytesIO(path.read_bytes())))
+        data, end = path.read_bytes(), 128
+        while end + 8 <= len(data):  # each element tells its length; scipy is silent about what lies beyond the end
+            end += 8 + struct.unpack_from("<I" if begin[126:128] == b"IM" else ">I", data, end + 4)[0]
+        if end != len(data):
+            damage.miss_end(f"the last variable ends at byte {end}, the file at byte {len(data)}: its end is missing")
+        variables, parts = dict[str, Any](), list[tuple[str, Any]](varmats_from_mat(io.BytesIO(data)))
         for called, stream in parts:
             name, raw = called, loadmat(stream)["None"] if called == "None" else None
             if isinstance(raw, MatlabOpaque):  # of an object that only MATLAB can read, scipy before 1.18 tells no name
@@ -155,7 +168,7 @@ def open_mat(path: Path) -> MatFile:
                 raise InputError(f"variable '{name}' stands twice in the file; {DAMAGED}")
             if name:
                 variables[name] = stream
-        return MatFile(path, "5", header, variables)
+        return MatFile(path, "5", header, variables, damage)
 
 
 def value5(raw: Any) -> Value:
@@ -198,8 +211,8 @@ def value73(item: Any) -> Value:
     """A dataset or a group of a file of version 7.3."""
     kind = item.attrs.get("MATLAB_class", "")
     kind = kind.decode("latin-1") if isinstance(kind, bytes) else str(kind)
-    if "MATLAB_object_decode" in item.attrs:  # of what only MATLAB can read, such as tables
-        return Value(kind or "object")
+    if "MATLAB_object_decode" in item.attrs or (hasattr(item, "dtype") and not hasattr(item, "shape")):
+        return Value(kind or "object")  # of what only MATLAB can read, such as tables, and types that have a name
     if not hasattr(item, "dtype"):  # a group: a struct, or an array of them if all members are bare references
         members = [one for one in item.values() if holds_references(one) and "MATLAB_class" not in one.attrs]
         if "MATLAB_sparse" in item.attrs:
@@ -209,6 +222,8 @@ def value73(item: Any) -> Value:
         columns = [[value73(item.file[one]) for one in np.ravel(member[()])] for member in members]
         elements = [dict(zip(item, row, strict=True)) for row in zip(*columns, strict=True)]
         return Value("struct", tuple(reversed(members[0].shape)), elements=elements)
+    if item.shape is None:
+        return Value(kind or "double", (0, 0), np.zeros((0, 0)))
     shape = tuple(reversed(item.shape)) or (1, 1)
     if "MATLAB_empty" in item.attrs:
         empty = tuple(int(size) for size in np.ravel(item[()])) if item.size <= 32 else (0, 0)

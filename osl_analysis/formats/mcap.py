@@ -8,6 +8,7 @@ import struct
 import zlib
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
@@ -78,6 +79,7 @@ class McapFile(MessageFile):
     is_data_right: bool | None = None  # by the checksum of the data section; None if there is none
     described: list[tuple[int, bytes]] = field(default_factory=list)  # schemas and channels in the summary
     chunked: bool = False
+    finished: bool = False  # the recorder closed the file
     summary_begin: int = 0  # where the summary begins: after the record that ends the data
     summary_damaged: bool = False
     missing: int = 0  # bytes by which the summary stands before the place at which it was written; negative if after
@@ -85,23 +87,24 @@ class McapFile(MessageFile):
     def scan(self) -> None:
         """Find the parts of the file, and note their damage; RefusedFileError if another log follows."""
         position, damage = len(MAGIC), self.damage
-        while position < len(self.data) and not damage.finished:
+        while position < len(self.data) and not self.finished:
             position = self.scan_record(position)
+        damage.end_missing = not self.finished
         self.data_end = self.data_end or len(self.data)
         lost = [one for one in self.sections if one.head is None and one.loose is None]
-        if not damage.finished and lost and lost[-1].end == len(self.data):
+        if damage.end_missing and lost and lost[-1].end == len(self.data):
             self.sections.remove(lost.pop())  # the record in which the file was cut off: nobody knows what it held
-        damage.gaps = self.summary_damaged or self.missing != 0 or bool(lost)
+        damage.gaps |= self.summary_damaged or self.missing != 0 or bool(lost)
         damage.bytes = self.data_end - len(MAGIC) + max(0, self.missing)
-        second = self.data.find(MAGIC + b"\1", 1) if damage.gaps or not damage.finished else 0
+        second = self.data.find(MAGIC + b"\1", 1) if damage.gaps or damage.end_missing else 0
         if second > 0:
             raise two_logs(second)
-        if not damage.finished:
+        if damage.end_missing:
             damage.remarks.append("no footer: the recorder did not finish, or the end is lost; how much is not known")
         elif self.summary_damaged:
             damage.remarks.append("the summary is damaged")
-        if not damage.finished or self.summary_damaged:  # what they declare is not to be trusted
-            damage.declared_messages, damage.declared, damage.declared_chunks = None, None, None
+        if damage.end_missing or self.summary_damaged:  # what they declare is not to be trusted
+            damage.expected, damage.declared, damage.declared_chunks = None, None, None
         if self.is_data_right is False:
             damage.remarks.append("the checksum of the data section does not match")
         if self.missing < 0:
@@ -145,10 +148,10 @@ class McapFile(MessageFile):
         elif opcode == Opcode.FOOTER:
             self.take_footer(start, end)
         elif opcode == Opcode.STATISTICS:
-            self.damage.declared_messages, self.damage.declared_chunks, size = STATISTICS.unpack_from(data, start)
+            self.damage.expected, self.damage.declared_chunks, size = STATISTICS.unpack_from(data, start)
             entries = data[start + STATISTICS.size : min(start + STATISTICS.size + size, end)]
             by_channel = Counter(dict(struct.iter_unpack("<HQ", entries[: len(entries) // 10 * 10])))
-            if by_channel.total() == self.damage.declared_messages:  # the map may be left empty
+            if by_channel.total() == self.damage.expected:  # the map may be left empty
                 self.damage.declared = by_channel
         return int(end)
 
@@ -156,8 +159,8 @@ class McapFile(MessageFile):
         """Check that nothing follows, and the summary by its checksum and by the place where the footer says it is. If
         it stands elsewhere, bytes are missing before it, or were inserted; it still tells what the recorder wrote."""
         data, after = self.data, end + len(MAGIC)
-        self.damage.finished = data[end:after] == MAGIC
-        if self.damage.finished and len(data) > after:
+        self.finished = data[end:after] == MAGIC
+        if self.finished and len(data) > after:
             raise RefusedFileError(
                 f"ends at byte {after} and has {len(data) - after} bytes after it; keep what is before them (`head -c "
                 f"{after}`), and if they are another log, give that a file and a trial of its own (`tail -c`)"
@@ -170,17 +173,29 @@ class McapFile(MessageFile):
     def take_lost(self, position: int) -> int:
         """Note that nothing can be read at `position`; returns the place of the next sound record or of the end. In a
         file with chunks, messages found outside of them belong to a damaged chunk, and nothing checks them."""
-        data = self.data
+        data, is_chunk = self.data, self.data[position] == Opcode.CHUNK
+        head = data[position : position + RECORD.size].ljust(RECORD.size, b"\xff")
+        is_cut = is_chunk and not data.endswith(MAGIC) and position + sum(RECORD.unpack(head)) > len(data)
         resume = self.resume_at(position + 1, loose=False)
-        self.chunked |= data[position] == Opcode.CHUNK
+        while is_cut and resume < len(data) and not self.holds_chunk(resume):  # but a part of the chunk that was cut
+            resume = self.resume_at(resume + 1, loose=False)
+        self.chunked |= is_chunk
         self.chunked |= resume < len(data) and data[resume] in (Opcode.CHUNK, Opcode.MESSAGE_INDEX)
         if not self.chunked:
             resume = self.resume_at(position + 1, loose=True)
         if self.data_end:
             self.summary_damaged = True
         else:
-            self.sections.append(Section(position, resume, is_chunk=data[position] == Opcode.CHUNK))
+            self.sections.append(Section(position, resume, is_chunk=is_chunk))
         return resume
+
+    def holds_chunk(self, position: int) -> bool:
+        """Whether a whole chunk stands at a position."""
+        start = position + RECORD.size
+        head = chunk_head(self.data, start, start + RECORD.unpack_from(self.data, position)[1])
+        with suppress(DamagedChunkError):
+            return self.data[position] == Opcode.CHUNK and head is not None and bool(self.stretch_of(head))
+        return False
 
     def resume_at(self, begin: int, *, loose: bool) -> int:
         """Where the next sound record begins, `loose` ones too if asked for, or the end of the file."""
@@ -210,7 +225,7 @@ class McapFile(MessageFile):
     def intact_blocks(self) -> Iterator[MessageBlock]:
         """The messages of every intact chunk, and those outside of chunks, in the order of the file."""
         damage = self.damage
-        if damage.finished and not self.summary_damaged:  # a wrong schema would be wrong values
+        if self.finished and not self.summary_damaged:  # a wrong schema would be wrong values
             self.take_declarations(self.described)
         any_lost = any(one.head is None and one.loose is None for one in self.sections)
         for section in self.sections:
@@ -249,7 +264,7 @@ class McapFile(MessageFile):
                 block = block.only(known)
             yield block
         is_missed = (damage.declared_chunks or 0) > damage.chunks + damage.chunks_lost
-        damage.uncounted |= damage.declared_messages is None and is_missed
+        damage.uncounted |= damage.expected is None and is_missed
 
     def stretch_of(self, head: ChunkHead) -> Stretch:
         """The records of a chunk; raises DamagedChunkError."""

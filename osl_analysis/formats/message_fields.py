@@ -341,10 +341,11 @@ class Shape:
         key, way = steps_of(path)[-1]
         if isinstance(key, tuple):
             names = f"{way.rpartition('.')[0]}.{key[0]}[".removeprefix(".")
-            for text in [one for one in self.texts if one.startswith(names)]:
-                self.guards.append(self.texts[text])  # in another message this element may have another name
-                if self.texts[text][1].rstrip(b"\0").decode(errors="replace") == key[1]:
-                    return self.leaf_at(f"{way}[{text.removeprefix(names)}")
+            own = [one for one in self.texts if one.startswith(names)]
+            self.guards += [self.texts[one] for one in own]  # in another message these may have other names
+            found = [self.texts[one][1].rstrip(b"\0").decode(errors="replace") for one in own]
+            if one_named(found, key):
+                return self.leaf_at(f"{way}[{own[found.index(key[1])].removeprefix(names)}")
         start, kind, length = self.leaves.get(way, (0, "u1", None))
         if not isinstance(key, int) or key >= (length or 0):
             return None
@@ -456,7 +457,7 @@ def number_at(message: Any, path: str) -> float | bool | None:
             names = None if parent is None else member(parent, key[0])
             if names is not None and not is_array(names):
                 raise no_number(names, key[0], "an array of names")
-            key = list(names).index(key[1]) if names and key[1] in names else len(value)
+            key = list(names).index(key[1]) if names and one_named(names, key) else len(value)
         value = value[key] if key < len(value) else None
     if value is None or value.__class__ in (int, float, bool):
         return value
@@ -465,6 +466,13 @@ def number_at(message: Any, path: str) -> float | bool | None:
     if len(value):
         raise NoNumberError(f"field '{path}' is an array of {len(value)}, not one number")
     return None
+
+
+def one_named(names: Sequence[Any], wanted: tuple[str, str]) -> bool:
+    """Whether an element has the wanted name; NoNumberError where several have it."""
+    if (count := list(names).count(wanted[1])) > 1:
+        raise NoNumberError(f"{count} elements are named '{wanted[1]}' in '{wanted[0]}': write an index in its place")
+    return count == 1
 
 
 def no_number(value: Any, way: str, expected: str) -> NoNumberError:

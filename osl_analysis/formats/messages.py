@@ -26,6 +26,7 @@ from osl_analysis.formats.message_fields import (
     joined_masked,
     kind_of,
 )
+from osl_analysis.formats.table import Ledger
 
 
 class WrongFieldError(InputError):
@@ -62,105 +63,6 @@ class MessageBlock:
 
 
 @dataclass
-class Damage:
-    """Losses of a log, counted while it is read, for the trial's provenance."""
-
-    finished: bool = False  # the recorder closed the file. If it did not, nobody knows what is missing.
-    gaps: bool = False  # some part of the file cannot be read or is missing; the summary counts as a part
-    declared_messages: int | None = None  # messages in it as it says; None if it does not, or is not trusted
-    declared: Counter[int] | None = None  # the same for each channel
-    declared_chunks: int | None = None  # chunks in the file as it says itself
-    read: Counter[int] = field(default_factory=Counter)  # messages of each channel
-    verified: int = 0  # messages that were read and are covered by a checksum that was right
-    misfits: Counter[int] = field(default_factory=Counter)  # of `read`, what does not fit its own schema and is lost
-    chunks: int = 0
-    chunks_lost: int = 0  # chunks that were found and could not be read
-    indexed_lost: Counter[int] = field(default_factory=Counter)  # lost messages of each channel that an index lists
-    uncounted: bool = False  # something was lost, and no index tells how many messages it held
-    bytes: int = 0  # bytes of the file's data section
-    bytes_lost: int = 0  # bytes of it that could not be read, without those at the end of a file that was cut off
-    remarks: list[str] = field(default_factory=list)  # faults of the file, a sentence each
-
-    def lose(self, remark: str, size: int, messages: Counter[int] | None, chunks: int) -> None:
-        """Count a lost stretch: bytes, messages of each channel (None if their number is not known), chunks."""
-        self.remarks.append(remark)
-        self.chunks_lost += chunks
-        self.bytes_lost += size
-        self.uncounted |= messages is None
-        self.indexed_lost.update(messages or {})
-
-    @property
-    def messages(self) -> int:
-        return self.read.total()
-
-    def messages_lost(self, channels: Collection[int] | None = None) -> int | None:
-        """Lost messages of some channels, else of all; None where the file, as one not closed, does not tell."""
-        if not self.finished:
-            return None
-        if self.declared_messages is not None and channels is None:
-            return max(0, self.declared_messages - self.messages) + self.misfits.total()
-        if self.declared is not None and channels is not None:
-            return sum(max(0, self.declared[one] - self.read[one]) + self.misfits[one] for one in channels)
-        told = self.declared_messages == self.messages or (self.declared_messages is None and not self.uncounted)
-        return total_of(self.indexed_lost + self.misfits, channels) if told else None
-
-    def share_lost(self, channels: Collection[int] | None = None) -> float:
-        """Lost share of the messages of some channels, of all if none are named. Where the file does not tell how many,
-        that of all messages or of the bytes stands for it, if it is larger. What may be missing at the end of a file
-        that was not closed counts for nothing: no byte of it is there."""
-        lost = self.messages_lost(channels)
-        certain = total_of(self.indexed_lost + self.misfits, channels) if lost is None else lost
-        sound = self.read - self.misfits
-        share = certain / max(1, total_of(sound, channels) + certain)
-        if lost is not None or not (self.uncounted or self.finished):
-            return share
-        total = self.messages_lost() or 0
-        return min(1.0, max(share, total / max(1, sound.total() + total), self.bytes_lost / max(1, self.bytes)))
-
-    def crc(self) -> str:
-        """Whether checksums cover what was read."""
-        if self.verified == self.messages and self.messages:
-            return "checked"
-        return "mixed" if self.verified else "absent"
-
-    def report(self, topics: dict[str, Collection[int]]) -> dict[str, Any]:
-        """The provenance's `damage`, with the channels of each topic that is used; null is what nobody knows."""
-        lost = self.messages_lost()
-        chunks = max(self.chunks_lost, (self.declared_chunks or 0) - self.chunks) if self.finished else None
-        contradicted = self.declared is not None and +self.declared != +self.read
-        contradicted |= self.declared_messages not in (None, self.messages)
-        by_topic = {
-            topic: {"messages": total_of(self.read, own), "messages_lost": self.messages_lost(own)}
-            for topic, own in topics.items()
-        }
-        return {
-            "complete": lost == 0 and chunks == 0 and not self.gaps and not contradicted,
-            "crc": self.crc(),
-            "chunks_lost": chunks,
-            "messages_lost": lost,
-            "share_lost": max((self.share_lost(channels) for channels in topics.values()), default=self.share_lost()),
-            "topics": by_topic,
-            "remarks": self.all_remarks(),
-        }
-
-    def all_remarks(self) -> list[str]:
-        """The remarks, with those that follow from the counts of the whole file."""
-        remarks, more = self.remarks[:20], len(self.remarks) - 20
-        remarks += [f"and {more} more remarks"] * (more > 0)
-        if self.declared_messages not in (None, self.messages):
-            remarks.append(f"it declares {self.declared_messages} messages and holds {self.messages}")
-        if self.crc() != "checked" and self.messages:
-            uncovered = self.messages - self.verified
-            remarks.append(f"not verifiable: no checksum covers {uncovered} of {self.messages} messages")
-        return remarks
-
-
-def total_of(counts: Counter[int], channels: Collection[int] | None) -> int:
-    """The sum of the counts of some channels, else of all."""
-    return counts.total() if channels is None else sum(counts[one] for one in channels)
-
-
-@dataclass
 class MessageFile:
     """A log of messages; what it declares and its losses are complete once its blocks are read."""
 
@@ -169,7 +71,7 @@ class MessageFile:
     kind: str = "bag"  # what it is, for messages
     channels: dict[int, Channel] = field(default_factory=dict)
     schemas: dict[int, Schema] = field(default_factory=dict)
-    damage: Damage = field(default_factory=Damage)
+    damage: Ledger = field(default_factory=Ledger)
     blocks: Iterator[MessageBlock] = field(init=False)  # the messages in the order of the file, to be read once
 
     def declare(self, one: Channel | Schema) -> None:
@@ -192,7 +94,6 @@ def joined_parts(path: Path, parts: Sequence[MessageFile], counts: Counter[str])
     channel has one number in all of them, and their damage is that of the whole."""
     whole, numbers = MessageFile(path, sum(part.size for part in parts)), dict[tuple[object, ...], int]()
     total = whole.damage
-    total.finished = all(part.damage.finished for part in parts)
 
     def number_of(part: MessageFile, own: int) -> int:
         channel = part.channels[own]
@@ -214,10 +115,13 @@ def joined_parts(path: Path, parts: Sequence[MessageFile], counts: Counter[str])
             own, known = part.damage, {channel: number_of(part, channel) for channel in sorted(part.channels)}
             for sums, own_counts in ((total.read, own.read), (total.indexed_lost, own.indexed_lost)):
                 sums.update({known[channel]: n for channel, n in own_counts.items() if channel in known})
+            total.end_missing |= own.end_missing
             for name in ("gaps", "uncounted", "verified", "chunks", "chunks_lost", "bytes", "bytes_lost"):
                 setattr(total, name, getattr(total, name) + getattr(own, name))
             total.remarks += [f"{part.path.name}: {remark}" for remark in own.remarks]
-        total.declared_messages = counts.total()
+        total.expected = counts.total()
+        if total.end_missing and total.expected == total.messages:  # only what stands behind the messages is missing
+            total.end_missing, total.gaps = False, True
         if len({channel.topic for channel in whole.channels.values()}) == len(whole.channels):
             total.declared = Counter({one.id: counts[one.topic] for one in whole.channels.values()})
 
@@ -241,7 +145,7 @@ class ChannelLog:
         """Log times of the messages [ns], in the order of the file."""
         return np.concatenate([np.empty(0, np.int64), *self.stamps])
 
-    def columns(self, damage: Damage) -> Columns:
+    def columns(self, damage: Ledger) -> Columns:
         """The wanted fields in the order of recording; counts what does not fit, and remarks on what is missing."""
         assert self.reader is not None  # it was made with the fields
         numbers = np.concatenate(self.sequence).astype(np.int64)

@@ -4,6 +4,7 @@ The library sorts messages by their times, which would hide a clock that was set
 """
 
 import sqlite3
+import struct
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping
 from contextlib import closing, contextmanager, suppress
@@ -64,15 +65,17 @@ def read_rosbag1(path: Path) -> MessageFile:
             f"{remedy}, or record again"
         ) from error
     damage = bag.damage
-    damage.finished, damage.bytes, damage.declared_chunks = True, len(data) - len(BAG1), len(chunks)
+    damage.bytes, damage.declared_chunks = len(data) - len(BAG1), len(chunks)
     damage.declared = sum(counts.values(), Counter())
-    damage.declared_messages = damage.declared.total()
+    damage.expected = damage.declared.total()
 
     def blocks() -> Iterator[MessageBlock]:
         for at, size, start, unpack in chunks:
             try:
                 content = unpack(data[start : start + size])
                 places, channel, time = np.array(sorted(index[at]), np.int64).reshape(-1, 3).T
+                if np.unique(places).size < places.size:
+                    raise ValueError("its index names a message twice")
                 bodies = places + 4 + numbers_at(content, places, np.dtype("<u4"))  # each behind a head of its own
                 lengths = numbers_at(content, bodies, np.dtype("<u4")).astype(np.int64)
                 if (bodies + 4 + lengths > len(content)).any():
@@ -104,7 +107,10 @@ def read_description(folder: Path, *, whole: bool = True) -> tuple[list[Path], C
             f"in it, or {REINDEX}"
         )
     try:
-        said = yaml.load(path.read_bytes(), Loader=yaml.CSafeLoader)["rosbag2_bagfile_information"]
+        text = path.read_bytes()
+        if any(isinstance(one, yaml.AliasToken) for one in yaml.scan(text, Loader=yaml.CSafeLoader)):
+            raise ValueError("it has aliases, which no recorder writes")  # a few nested ones would fill the memory
+        said = yaml.load(text, Loader=yaml.CSafeLoader)["rosbag2_bagfile_information"]
         names = [Path(str(part)).name for part in said["relative_file_paths"]]  # older ones begin with the folder
         if not names or len(set(names)) < len(names):
             raise ValueError("relative_file_paths lists no file, or one twice")
@@ -140,6 +146,7 @@ def read_rosbag2(path: Path) -> MessageFile:
         bag = read_database(path)
         nothing = f"no {DESCRIPTION} beside it: how many messages were recorded is not known"
         bag.damage.remarks.append(remark or nothing)
+        bag.damage.uncounted = True
         return bag
     parts: list[MessageFile] = []
     for file in files:
@@ -148,7 +155,6 @@ def read_rosbag2(path: Path) -> MessageFile:
             parts.append(read_mcap(file))
         elif begin == SQLITE:
             parts.append(read_database(file))
-            parts[-1].damage.finished = True  # its description is that of the whole
         else:
             raise InputError(
                 f"{file}: neither a database of sqlite3 nor MCAP (it begins with {begin[:8]!r}); if it is packed as a "
@@ -192,8 +198,15 @@ def read_database(path: Path) -> MessageFile:
                 f"{path}: {what} is beside it ({beside.name}): the recorder did not finish, and messages are in there; "
                 "copy both elsewhere, and run `sqlite3 COPY 'PRAGMA wal_checkpoint(TRUNCATE)'` there"
             )
+    with path.open("rb") as file:
+        page, changes, pages, counted_at = struct.unpack(">16xH6xII60xI4x", file.read(100).ljust(100, b"\0"))
     bag, own = MessageFile(path, path.stat().st_size), dict[str, tuple[str, str]]()
+    declared = (65536 if page == 1 else page) * pages * (changes == counted_at)  # else written by an old sqlite
+    if bag.size < declared:  # sqlite would fill up the last page with zeros
+        raise InputError(f"{path}: the database is cut off: it has {bag.size} of its {declared} bytes; {RECOVER}")
     channel_of: dict[int, int] = {}  # channel by number of a topic in the database
+    if 0 < declared < bag.size:
+        bag.damage.lose(f"{bag.size - declared} bytes stand behind its pages, and are not read", 0, None, 0)
     with opened(path) as connection:
         if connection.execute("SELECT 1 FROM sqlite_schema WHERE name = 'message_definitions'").fetchone():
             query = "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"

@@ -1,13 +1,121 @@
-"""One table for every format: columns as the file has them, before any conversion, and what the file has lost."""
+"""One table for every format: columns as the file has them, before any conversion; and one ledger of its losses."""
 
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from osl_analysis.errors import printable
 from osl_analysis.trial import Array
+
+
+@dataclass
+class Ledger:
+    """What a file of any format should hold, what was read of it, and what is lost, counted while it is read: messages
+    of each channel, or the rows of a table under 0. What is not known is None, never 0."""
+
+    end_missing: bool = False  # the recorder did not finish, or the file was cut off: nobody knows what followed
+    gaps: bool = False  # some part of the file cannot be read or is missing; the summary counts as a part
+    expected: int | None = None  # messages in it as it says; None if it does not, or is not trusted
+    declared: Counter[int] | None = None  # the same for each channel
+    declared_chunks: int | None = None  # chunks in the file as it says itself
+    read: Counter[int] = field(default_factory=Counter)  # messages of each channel
+    verified: int = 0  # messages that were read and are covered by a checksum that was right
+    misfits: Counter[int] = field(default_factory=Counter)  # of `read`, what does not fit its own schema and is lost
+    chunks: int = 0
+    chunks_lost: int = 0  # chunks that were found and could not be read
+    indexed_lost: Counter[int] = field(default_factory=Counter)  # lost messages of each channel whose number is known
+    uncounted: bool = False  # something is lost or may be, and nothing tells how many messages it held
+    bytes: int = 0  # bytes of the file's data section
+    bytes_lost: int = 0  # bytes of it that could not be read, without those at the end of a file that was cut off
+    remarks: list[str] = field(default_factory=list)  # what is missing or was repaired or left out, a sentence each
+
+    def lose(self, remark: str, size: int, messages: Counter[int] | None, chunks: int) -> None:
+        """Count a lost stretch: bytes, messages of each channel (None if their number is not known), chunks."""
+        self.remarks.append(remark)
+        self.chunks_lost += chunks
+        self.bytes_lost += size
+        self.gaps = True
+        self.uncounted |= messages is None
+        self.indexed_lost.update(messages or {})
+
+    def miss_end(self, remark: str) -> None:
+        """Note that the file was cut off."""
+        self.end_missing = True
+        self.remarks.append(remark)
+
+    @property
+    def messages(self) -> int:
+        return self.read.total()
+
+    def lost(self, channels: Collection[int] | None = None) -> int | None:
+        """Lost messages of some channels, else of all; None where the file does not tell, as one without its end."""
+        if self.end_missing if self.expected is None else self.expected < self.messages:
+            return None
+        if self.expected is not None and channels is None:
+            return self.expected - self.messages + self.misfits.total()
+        if self.declared is not None and channels is not None:
+            return sum(max(0, self.declared[one] - self.read[one]) + self.misfits[one] for one in channels)
+        told = self.expected == self.messages or (self.expected is None and not self.uncounted)
+        return total_of(self.indexed_lost + self.misfits, channels) if told else None
+
+    def share_lost(self, channels: Collection[int] | None = None) -> float:
+        """Lost share of the messages of some channels, of all if none are named. Where the file does not tell how many,
+        that of all messages or of the bytes stands for it, if it is larger. What may be missing at the end of a file
+        that was cut off counts for nothing: no byte of it is there."""
+        lost = self.lost(channels)
+        certain = total_of(self.indexed_lost + self.misfits, channels) if lost is None else lost
+        sound = self.read - self.misfits
+        share = certain / max(1, total_of(sound, channels) + certain)
+        if lost is not None or (self.end_missing and not self.uncounted):
+            return share
+        total = self.lost() or 0
+        return min(1.0, max(share, total / max(1, sound.total() + total), self.bytes_lost / max(1, self.bytes)))
+
+    def crc(self) -> str:
+        """Whether checksums cover what was read."""
+        if self.verified == self.messages and self.messages:
+            return "checked"
+        return "mixed" if self.verified else "absent"
+
+    def report(self, topics: Mapping[str, Collection[int]] | None = None) -> dict[str, Any]:
+        """The provenance's `damage`: null is what nobody knows. Of messages also by topic, its channels."""
+        lost, sound = self.lost(), self.messages - self.misfits.total()
+        chunks = None if self.end_missing else max(self.chunks_lost, (self.declared_chunks or 0) - self.chunks)
+        wrong = self.gaps or chunks != 0 or self.expected not in (None, self.messages)
+        wrong |= lost not in (None, 0) or (self.declared is not None and +self.declared != +self.read)
+        found = {
+            "complete": False if wrong else None if lost is None else True,
+            "end_missing": self.end_missing,
+            "expected": self.expected if lost is None else sound + lost,
+            "read": sound,
+            "lost": lost,
+            "share_lost": max((self.share_lost(own) for own in (topics or {}).values()), default=self.share_lost()),
+            "remarks": [*map(printable, self.all_remarks(topics is not None))],
+        }
+        if topics is None:
+            return found
+        by_topic = {one: {"messages": total_of(self.read, own), "lost": self.lost(own)} for one, own in topics.items()}
+        return found | {"crc": self.crc(), "chunks_lost": chunks, "topics": by_topic}
+
+    def all_remarks(self, of_messages: bool = True) -> list[str]:
+        """The remarks, with those that follow from the counts of the whole file."""
+        remarks, more = self.remarks[:20], len(self.remarks) - 20
+        remarks += [f"and {more} more remarks"] * (more > 0)
+        if self.expected not in (None, self.messages):
+            remarks.append(f"it declares {self.expected} messages and holds {self.messages}")
+        if of_messages and self.crc() != "checked" and self.messages:
+            uncovered = self.messages - self.verified
+            remarks.append(f"not verifiable: no checksum covers {uncovered} of {self.messages} messages")
+        return remarks
+
+
+def total_of(counts: Counter[int], channels: Collection[int] | None) -> int:
+    """The sum of the counts of some channels, else of all."""
+    return counts.total() if channels is None else sum(counts[one] for one in channels)
 
 
 @dataclass(frozen=True)
@@ -19,8 +127,7 @@ class Table:
     columns: Mapping[str, NDArray[Any]]
     units: Mapping[str, str] = field(default_factory=dict)  # units that the file states, by address
     time: Array | None = None  # time [s] of each row, (rows,), where the format itself tells it
-    notes: Sequence[str] = ()  # what is missing or was repaired or left out, a sentence each
-    report: Mapping[str, Any] = field(default_factory=dict)  # the same for the provenance's `damage`
+    damage: Ledger = field(default_factory=Ledger)
     facts: Mapping[str, Any] = field(default_factory=dict)  # what else the provenance says of the file
     found: Mapping[str, Mapping[str, str]] = field(default_factory=dict)  # what it says of a column, as its full name
     lines: NDArray[np.int64] | None = None  # line of each row in a file of text, counted from 1

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from osl_analysis.errors import InputError, listing, nearest
 from osl_analysis.formats import optional_module
 from osl_analysis.formats.csv_table import CONTROL
+from osl_analysis.formats.table import Ledger
 
 SAVE_AGAIN = "copy it again, or open it in LabVIEW or DIAdem and save it under a new name"
 
@@ -51,7 +52,7 @@ class TdmsFile:
     data: bytes
     channels: list[TdmsChannel]  # its channels, in the order of the file
     properties: Mapping[str, str]  # what the file says about itself
-    notes: tuple[str, ...]  # losses, a sentence each
+    damage: Ledger
 
     def channel(self, address: str) -> TdmsChannel:
         """A channel by group and name, or by its name alone where one group only has it."""
@@ -136,11 +137,22 @@ def read_tdms(path: Path) -> TdmsFile:
         raise InputError(f"the length of a segment contradicts that of its channels ({odd[0][:80]}); {SAVE_AGAIN}")
     if not channels:
         raise InputError(f"the TDMS file holds no channels, or is cut off before them; {SAVE_AGAIN}")
-    end = 0  # of the segments, each of which begins with its length: npTDMS is silent about a cut lead-in
-    while end + 28 <= len(data) and data[end : end + 4] == b"TDSm":
-        is_big_endian = data[end + 4] & (1 << 6)
-        end += 28 + int(struct.unpack_from(">Q" if is_big_endian else "<Q", data, end + 12)[0])
+    damage, end, starts = Ledger(), 0, dict[str, set[str]]()
+    while end + 28 <= len(data) and data[end : end + 4] == b"TDSm":  # npTDMS is silent about a cut lead-in
+        begin, flags = end, int(data[end + 4])
+        end += 28 + int(struct.unpack_from(">Q" if flags & (1 << 6) else "<Q", data, end + 12)[0])
+        if flags & 6 == 6:  # it describes all of its channels anew
+            with library() as (tdms, _), tdms.read_metadata(BytesIO(data[begin:end])) as file:
+                every = [one for group in file.groups() for one in group.channels()]
+            for one in (one for one in every if "wf_start_time" in one.properties):
+                known = starts.setdefault(one.path, set())
+                known.add(str(one.properties["wf_start_time"]))
+                if len(known) > 1:
+                    what = f"channel '{one.name}' starts anew there: two recordings in one file"
+                    raise InputError(f"byte {begin}: {what}; save each under a name of its own")
     lost = [one.expected_length - one.read_length for one in (status.channel_statuses or {}).values()]
-    count = f"{max(lost)} values of each channel are missing" if any(lost) else "how much is missing is not known"
-    note = f"the last segment is not complete: the recorder did not finish, or the end is lost; {count}"
-    return TdmsFile(data, channels, about, (note,) * (status.incomplete_final_segment or end != len(data)))
+    count = f"at least {max(lost)} values of a channel" if any(lost) else "how much is not known"
+    if status.incomplete_final_segment or end != len(data):
+        what = "the last segment is not complete: the recorder did not finish, or the end is lost"
+        damage.miss_end(f"{what}; {count}")
+    return TdmsFile(data, channels, about, damage)

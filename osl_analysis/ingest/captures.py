@@ -7,6 +7,7 @@ applied only where the source file asks: most files name their first ten frames,
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -149,6 +150,13 @@ def place_of_label(label: str, labels: Sequence[str], what: str) -> int:
 def read_c3d_capture(path: Path, source: Source) -> Recording:
     """The columns that the source file asks for, in SI units; frame 0 and analog sample 0 are at 0 s."""
     recording = read_c3d(path)
+    count = plate_count(recording)
+    used = [number for number in (range(1, count + 1) if source.plates == "all" else source.plates) if number <= count]
+    with suppress(InputError):  # told below
+        stated = np.concatenate(
+            [plate_parameter(recording, "CHANNEL", number, (0,)) for number in used] or [np.zeros(0)]
+        )
+        recording = recording.without_end([int(one) - 1 for one in stated if 1 <= one <= recording.header.channels])
     header, points, labels = recording.header, recording.points, recording.point_labels
     plates = plate_loads(recording, source)
     names = source.markers
@@ -178,7 +186,9 @@ def read_c3d_capture(path: Path, source: Source) -> Recording:
     upward = "".join(header.texts("POINT:Y_SCREEN")[:1]).upper()
     if source.axes == ("x", "y", "z") and upward not in ("", "+Z", "-Z", "Z"):
         said.append(f"its vertical axis seems to be {printable(upward)}; state `axes` in the source file")
-    warnings = [f"{printable(path.name)}: {text}" for text in said]
+    if not (damage := recording.damage.report())["complete"]:
+        facts["damage"] = damage
+    warnings = [f"{printable(path.name)}: {text}" for text in (*recording.damage.remarks, *said)]
     timing = (header.frames, header.rate, header.samples_per_frame, header.first_frame)
     return captured(source, timing, markers, outputs, analogs, plates, facts, warnings)
 
@@ -413,7 +423,7 @@ def read_trc_capture(path: Path, source: Source) -> Recording:
     labels = [one for one in file.labels if is_labelled(one)] if source.markers == "all" else source.markers
     upward = "its vertical axis seems to be y; state `axes: [x, -z, y]` in the source file"
     warnings = [upward] * (source.axes == ("x", "y", "z") and vertical_axis(file.positions) == "y")
-    warnings = [f"{path.name}: {text}" for text in [*warnings, *file.notes]]
+    warnings = [f"{path.name}: {text}" for text in [*warnings, *file.damage.remarks]]
     markers = [(one, one, file.positions[:, place_of_label(one, file.labels, "marker")], unit) for one in labels]
     timing, facts = (file.positions.shape[0], file.rate, 1, file.first_frame), {"time": {"start": file.start}}
     return captured(source, timing, markers, facts=facts, warnings=warnings)

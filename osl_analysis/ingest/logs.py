@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 from osl_analysis.errors import InputError
 from osl_analysis.formats import csv_table
 from osl_analysis.formats.gait_text import read_opensim
-from osl_analysis.formats.json_lines import JsonLines, addresses_of, decode_lines, read_json_lines
+from osl_analysis.formats.json_lines import addresses_of, decode_lines, read_json_lines
 from osl_analysis.formats.mat import open_mat
 from osl_analysis.formats.mcap import read_mcap
-from osl_analysis.formats.message_fields import Columns, Indices
+from osl_analysis.formats.message_fields import Indices
 from osl_analysis.formats.messages import Decoded, MessageFile, RefusedFileError, WrongFieldError, decode_topics
 from osl_analysis.formats.rosbag import read_rosbag1, read_rosbag2, siblings
 from osl_analysis.formats.table import Table
@@ -39,6 +39,7 @@ def read_table_log(path: Path, source: Source) -> Recording:
     """The columns that the source file maps, in SI units; time [s] counts from the first row. Raises InputError where
     the log is not what that file says."""
     table = TABLES[source.format](path, source)
+    table.damage.read[0] = table.rows
     time, start = time_of(table, source)
     first_by: dict[int, str] = {}
     for column, channel in source.channels.items():  # two of different units, such as angle and torque, of one column
@@ -71,9 +72,9 @@ def read_table_log(path: Path, source: Source) -> Recording:
         "repeated_stamps": repeated,
         "missing": missing,
         **table.facts,
-        **({"damage": dict(table.report)} if table.report else {}),
+        **({} if (damage := table.damage.report())["complete"] else {"damage": damage}),
     }
-    warnings = [f"{path.name}: {text}" for text in (*table.notes, *said)]
+    warnings = [f"{path.name}: {text}" for text in (*table.damage.remarks, *said)]
     recording = Recording(samples.filter(pl.Series(kept)), origins, facts, warnings)
     return exported_plates(table, recording, source) if source.format == "opensim" and source.plates else recording
 
@@ -158,6 +159,7 @@ def time_of(table: Table, source: Source) -> tuple[Array, float]:
         raise InputError(f"{what}: no time {where}; remove it there, {other}")
     with source.naming(what, "time", "unit"):
         factor = si_factor(table.units.get(stated.name, "") if stated.unit is None else stated.unit, "s")
+    raw = raw.astype(np.float64) if raw.dtype.kind == "f" else raw  # single precision would round what follows
     time = np.asarray((raw - raw[0]) * factor, dtype=np.float64)
     check_time(what, time)
     if time.size > 1 and time[0] == time[-1]:
@@ -184,8 +186,7 @@ def csv_log(path: Path, source: Source) -> Table:
         len(text.lines),
         {name: values[place] for name, place in places.items()},
         {name: text.units[place] for name, place in places.items()},
-        notes=text.notes,
-        report={} if text.complete else {"complete": False},
+        damage=text.damage,
         facts={"comments": text.comments[:100]},
         found=found,
         lines=text.lines,
@@ -248,24 +249,19 @@ def json_log(path: Path, source: Source) -> Table:
         raise InputError(
             f"{count} of {total} lines cannot be used: {decoded.misfit}; repair the log{advice * (not by_rate)}"
         )
-    notes = notes_on(lines, decoded)
     kept = ~np.all([np.ma.getmaskarray(decoded.values[name]) for name in names], axis=0)
     if field and not kept.all():  # lines without any of the fields, such as a header; with a rate, every line counts
         left_out, first = int((~kept).sum()), lines.numbers[decoded.rows[int(np.argmin(kept))]]
-        notes.append(f"{left_out} of {kept.size} lines have none of the fields and were left out, first line {first}")
-    report = {"messages_lost": count, "share_lost": count / total} if count else {}
+        lines.damage.remarks.append(
+            f"{left_out} of {kept.size} lines have none of the fields and were left out, first line {first}"
+        )
     rows = np.flatnonzero(kept) if field else np.arange(kept.size)
     columns = {name: values[rows] for name, values in decoded.values.items()}  # masked where a line lacks the field
-    table = Table(rows.size, columns, notes=notes, report=report, lines=lines.numbers[decoded.rows[rows]])
+    table = Table(rows.size, columns, damage=lines.damage, lines=lines.numbers[decoded.rows[rows]])
     if not parts:
         return table
     stamps = whole_stamps(table, parts, f"name another time, or {RATE}")
     return replace(table, columns={**columns, str(field): stamps}, units={str(field): "ns"})
-
-
-def notes_on(lines: JsonLines, decoded: Columns) -> list[str]:
-    skipped = f"{decoded.misfits} of {len(lines.texts)} lines cannot be used and were skipped: {decoded.misfit}"
-    return [*lines.notes, *[skipped] * bool(decoded.misfits)]
 
 
 def stamp_fields(field: str) -> list[tuple[str, str]]:
@@ -304,7 +300,7 @@ def mat_log(path: Path, source: Source) -> Table:
             )
     facts = {"version": file.version, "header": file.header, "log_part": source.log_part}
     found = {text: {"variable": address} for text, (address, _) in signals.items()}
-    return Table(vectors[reference].size, vectors, facts=facts, found=found, noun="sample")
+    return Table(vectors[reference].size, vectors, damage=file.damage, facts=facts, found=found, noun="sample")
 
 
 def tdms_log(path: Path, source: Source) -> Table:
@@ -314,15 +310,19 @@ def tdms_log(path: Path, source: Source) -> Table:
     channels = {name: file.channel(name) for name in wanted(source)}
     by_address = {channel.address: channel for channel in channels.values()}
     values, one = file.values([*by_address.values()]), next(iter(by_address.values()))
+    by_properties = not source.time.name and source.time.rate is None
+    if file.damage.end_missing and not by_properties:  # the last segment may have ended within a channel
+        shortest = min(each.size for each in values.values())
+        values = {address: each[:shortest] for address, each in values.items()}
     rows: dict[str, NDArray[Any]] = {address: np.arange(each.size) for address, each in values.items()}
-    own, facts, by_properties = None, dict[str, Any](), not source.time.name and source.time.rate is None
+    own, facts = None, dict[str, Any]()
     for other in by_address.values():
         if by_properties and other.step is None:
             raise InputError(
                 f"channel '{other.address}' has no timing (`wf_increment` among its properties); name the "
                 f"channel of time, as `time: {{channel: GROUP/NAME, unit: s}}`, or {RATE}"
             )
-        if other.count != one.count and not by_properties:
+        if values[other.address].size != values[one.address].size and not by_properties:
             raise InputError(
                 f"channel '{other.address}' has {other.count} values and '{one.address}' has {one.count}; name "
                 "channels of one recording, or export those of each length on their own"
@@ -345,8 +345,7 @@ def tdms_log(path: Path, source: Source) -> Table:
         placed[address][rows[address]] = each
     columns = {name: placed[channel.address] for name, channel in channels.items()}
     units = {name: "s" if channel.holds_times else channel.unit for name, channel in channels.items()}
-    report = {"complete": False, "messages_lost": None, "remarks": list(file.notes)} if file.notes else {}
-    return Table(placed[one.address].size, columns, units, own, file.notes, report, facts)
+    return Table(placed[one.address].size, columns, units, own, file.damage, facts)
 
 
 def opensim_log(path: Path, source: Source) -> Table:
@@ -437,7 +436,7 @@ def decode_wanted(
         share = file.damage.share_lost(numbers or None)
         if share > source.largest_loss:
             misfits = sum(file.damage.misfits[number] for number in numbers)
-            are_all = misfits == file.damage.messages_lost(numbers)
+            are_all = misfits == file.damage.lost(numbers)
             what = "messages that cannot be used" if are_all else f"damaged or incomplete {file.kind}"
             raise InputError(
                 f"{what}: {100 * share:.3g} % of topic '{topic}' is lost, at most {100 * source.largest_loss:.3g} % "

@@ -225,7 +225,7 @@ def inspect_csv(path: Path) -> Overview:
     facts = {"rows": str(len(table.lines)), "delimiter": repr(delimiter), "header": "yes" if headed else "none"}
     facts |= {f"comment {i + 1}": text for i, text in enumerate(table.comments[:20])}
     named = {one.address["column"]: one.likely_unit for one in channels}
-    remarks = [*table.notes, *guesses({name: unit for name, unit in named.items() if likely_unit(name)})]
+    remarks = [*table.damage.remarks, *guesses({name: unit for name, unit in named.items() if likely_unit(name)})]
     return Overview("csv", facts, channels, remarks, settings, open=left_open)
 
 
@@ -247,7 +247,7 @@ def inspect_json(path: Path) -> Overview:
         also = f", in {one.size} of {decoded.rows.size} lines" * (one.size < decoded.rows.size)
         own, of_type = last_name(name), one.dtype.name
         channels[name] = listed({"field": name}, own, one, name == clock, kind=of_type, also=also)
-    remarks = logs.notes_on(lines, decoded)
+    remarks = lines.damage.remarks
     remarks += [f"{name} has {size} elements; only the first {MOST_ELEMENTS} are listed" for name, size in long.items()]
     remarks += guesses({name: one.likely_unit for name, one in channels.items() if likely_unit(last_name(name))})
     time = time_setting("field", channels[clock] if clock else None)
@@ -329,7 +329,7 @@ def variable_channel(address: str, name: str, value: Value) -> RecordedChannel:
 def inspect_tdms(path: Path) -> Overview:
     """Channels with unit, range and rate by their own timing."""
     file = read_tdms(path)
-    remarks, numbers = list(file.notes), dict[str, NDArray[Any]]()
+    remarks, numbers = list(file.damage.remarks), dict[str, NDArray[Any]]()
     for one in file.channels:
         try:
             numbers |= file.values([one]) if one.count and (one.holds_numbers or one.holds_times) else {}
@@ -413,7 +413,7 @@ def inspect_messages(name: str, path: Path) -> Overview:
             remarks.append(f"topic '{survey.channel.topic}': its fields cannot be listed: {reason}")
         channels += topic_channels(survey, fields)
         source = "header" if any(one.path.startswith("header.stamp") for one in fields) else source
-    damage, lost = file.damage, file.damage.messages_lost()
+    damage, lost = file.damage, file.damage.lost()
     facts = {"bytes": str(file.size), "chunks": str(damage.chunks), "messages": str(damage.messages)}
     facts |= {"messages lost": "the file does not tell" if lost is None else str(lost), "checksums": damage.crc()}
     return Overview(name, facts, channels, remarks, {"clock": "master", "time": {"source": source}})
@@ -518,4 +518,4 @@ def inspect_trc(path: Path) -> Overview:
     }
     markers = zip(file.labels, positions, strict=True)
     channels = [marker_channel(label, one, file.rate, "marker", file.unit) for label, one in markers]
-    return Overview("trc", facts, channels, file.notes, {"axes": ["x", "-z", "y"]} if upward == "y" else {})
+    return Overview("trc", facts, channels, file.damage.remarks, {"axes": ["x", "-z", "y"]} if upward == "y" else {})

@@ -9,6 +9,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import polars as pl
 
 from osl_analysis.errors import InputError, listing, nearest, printable
@@ -206,6 +207,22 @@ def check_columns(trial: Trial, experiment: str | None, needed: Sequence[str]) -
         )
 
 
+def check_own_torque(name: str, samples: pl.DataFrame) -> None:
+    """Refuse a torque that is the motor's current times a constant: the drive's own estimate, which tells nothing of
+    the joint, and which the fit of the actuator would find to be perfect."""
+    if not {"torque", "current"} <= {*samples.columns}:
+        return
+    torque, current = (
+        samples.select("torque", "current").drop_nulls().drop_nans()[one].to_numpy() for one in ("torque", "current")
+    )
+    constant = float(torque @ current / max(current @ current, 1e-300)) if torque.size > 10 else 0.0
+    if constant and np.ptp(torque) > 0 and np.abs(torque - constant * current).max() < 1e-6 * np.abs(torque).max():
+        raise InputError(
+            f"trial {name}: torque is {constant:.6g} N*m/A times current in every row: computed from it, not "
+            "measured; map a load cell as torque in the source file, or leave torque out"
+        )
+
+
 def check_markers(trial: Trial, experiment: str | None) -> None:
     """Refuse a trial without a marker that was ever seen, for an experiment whose analysis follows markers."""
     markers = [column for column in trial.samples.columns if column.startswith("marker_")]
@@ -257,10 +274,12 @@ def assemble(
         "files": dict(files),
         "columns": columns,
         "plates": [plate for one in facts.values() for plate in one.pop("plates", [])],
-        "warnings": [warning for role in facts for warning in recordings[role].warnings],
-        **({"damage": damage[-1]} if damage else {}),
+        "warnings": [printable(warning) for role in facts for warning in recordings[role].warnings],
+        **({"damage": max(damage, key=lambda one: (one["complete"] is not True, one["share_lost"]))} if damage else {}),
         **facts,
     }
+    for one in recordings.values():
+        check_own_torque(name, one.samples)
     if len(recordings) == 1:
         return Trial(name, recordings[next(iter(facts))].samples, provenance)
     log, mocap = recordings["log"], recordings["mocap"]

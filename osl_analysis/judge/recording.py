@@ -113,8 +113,9 @@ def measure_clock(examined: Examined) -> CheckResult:
 def measure_damage(examined: Examined) -> CheckResult:
     if not (damage := examined.trial.provenance.get("damage")):
         return not_applicable("no damage report")
-    said = [f"{damage[key]} {key.replace('_', ' ')}" for key in ("chunks_lost", "messages_lost") if damage.get(key)]
-    said += [] if damage.get("complete", True) else ["the file is not complete"]
+    said = [f"{damage[key]} {key.replace('_', ' ')}" for key in ("chunks_lost", "lost") if damage.get(key)]
+    unknown = "whether it is complete is not known"
+    said += {True: [], None: [unknown], False: ["the file is not complete"]}[damage.get("complete", True)]
     said += [f"CRC {damage['crc']}"] if damage.get("crc") else []
     said += damage.get("remarks") or []
     return CheckResult(100 * float(damage.get("share_lost") or 0.0), "; ".join(said))
@@ -123,7 +124,7 @@ def measure_damage(examined: Examined) -> CheckResult:
 def measure_truncation(examined: Examined) -> CheckResult:
     if not (damage := examined.trial.provenance.get("damage")):
         return not_applicable("no damage report")
-    if damage.get("complete", True):
+    if not damage.get("end_missing"):
         return CheckResult(0.0)
     return CheckResult(1.0, "no end: see whether the trial lasts as long as it should")
 

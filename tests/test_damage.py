@@ -1,0 +1,262 @@
+"""Files of every format, damaged at random: whatever is read was written, or a loss is told, exactly or as not known.
+
+`python tests/test_damage.py 20000 [seed]` reads as many; the suite reads a few hundred.
+"""
+
+import random
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import h5py
+import numpy as np
+import polars as pl
+from c3d_builder import write_c3d
+from mcap.writer import CompressionType
+from mcap_builder import stamped, write_log
+from nptdms import ChannelObject, TdmsWriter
+from scipy.io import savemat
+from test_formats_rosbags import CHANNELS, write_bag1, write_bag2, write_split
+
+from osl_analysis.errors import InputError
+from osl_analysis.ingest.raw_files import FORMATS, recognise
+from osl_analysis.ingest.source import Recording
+
+ROWS, SECOND_RUN = 120, 1000
+MESSAGES = {"time": {"source": "header"}, "channels": CHANNELS, "largest_loss": 1.0}
+
+
+def signals(first: int) -> dict[str, np.ndarray]:
+    """Time [s], angle [deg] and torque [N*m], each value once, from row `first` on."""
+    k = first + np.arange(ROWS)
+    return {"t": np.round(5 + k * 0.01, 6), "a": np.sin(k / 7) * 20 + k / 900, "f": np.cos(k / 5) * 30 + k / 700}
+
+
+def columns_as(key: str) -> dict[str, Any]:
+    named = {"theta": ("a", "deg"), "torque": ("f", "N*m")}
+    channels = {column: {key: name, "unit": unit} for column, (name, unit) in named.items()}
+    return {"time": {key: "t", "unit": "s"}, "channels": channels, "most_missing": 0.5}
+
+
+def write_csv(path: Path, first: int) -> Path:
+    rows = zip(*(values.tolist() for values in signals(first).values()), strict=True)
+    path.write_text("t,a,f\n" + "".join(f"{t},{a},{f}\n" for t, a, f in rows))
+    return path
+
+
+def write_json(path: Path, first: int) -> Path:
+    pl.DataFrame(signals(first)).write_ndjson(path)
+    return path
+
+
+def write_mot(path: Path, first: int) -> Path:
+    rows = zip(*(values.tolist() for values in signals(first).values()), strict=True)
+    head = f"walk\nnRows={ROWS}\nnColumns=3\ninDegrees=yes\nendheader\nt\ta\tf\n"
+    path.write_text(head + "".join(f"{t}\t{a}\t{f}\n" for t, a, f in rows))
+    return path
+
+
+def write_tdms(path: Path, first: int, timed: bool = False) -> Path:
+    with TdmsWriter(path) as writer:
+        for part in np.array_split(np.arange(ROWS), 4):
+            start = np.datetime64("2026-01-01") + np.timedelta64(first, "s")
+            about = {"wf_increment": 0.01, "wf_start_time": start, "wf_start_offset": 0.0} if timed else {}
+            writer.write_segment(
+                [ChannelObject("lab", name, values[part], about) for name, values in signals(first).items()]
+            )
+    return path
+
+
+def write_mat(path: Path, first: int, **options: Any) -> Path:
+    savemat(path, {**signals(first), "other": np.arange(300.0)}, **options)
+    return path
+
+
+def write_mat73(path: Path, first: int) -> Path:
+    with h5py.File(path, "w", userblock_size=512) as file:
+        for name, values in signals(first).items():
+            file.create_dataset(name, data=values[None]).attrs["MATLAB_class"] = np.bytes_("double")
+    begin = (
+        b"MATLAB 7.3 MAT-file, Platform: GLNXA64, Created on: Sun Nov  1 2026 HDF5 schema 1.00 .".ljust(124) + b"\0\2IM"
+    )
+    path.write_bytes(begin + path.read_bytes()[128:])
+    return path
+
+
+def write_markers(path: Path, first: int) -> Path:
+    values = np.column_stack([*signals(first).values(), np.zeros(ROWS)])[:, None]
+    return write_c3d(path, values, signals(first)["a"][:, None])
+
+
+def write_trc(path: Path, first: int) -> Path:
+    head = f"PathFileType\t4\t(X/Y/Z)\ta.trc\nDataRate\tNumFrames\tNumMarkers\tUnits\n100\t{ROWS}\t1\tmm\n"
+    rows = zip(*(values.tolist() for values in signals(first).values()), strict=True)
+    lines = [f"{k + 1}\t{(k + first) / 100:.6f}\t{t}\t{a}\t{f}\n" for k, (t, a, f) in enumerate(rows)]
+    path.write_text(head + "Frame#\tTime\tHEEL\t\t\n\t\tX1\tY1\tZ1\n\n" + "".join(lines))
+    return path
+
+
+def write_nexus(path: Path, first: int) -> Path:
+    rows = zip(*(values.tolist() for values in signals(first).values()), strict=True)
+    lines = [f"{k + 1},0,{t},{a},{f}\n" for k, (t, a, f) in enumerate(rows)]
+    path.write_text("Trajectories\n100\n,,HEEL,,\nFrame,Sub Frame,X,Y,Z\n,,mm,mm,mm\n" + "".join(lines))
+    return path
+
+
+def write_mcap(path: Path, first: int, **options: Any) -> Path:
+    values = zip(signals(first)["a"].tolist(), signals(first)["f"].tolist(), strict=True)
+    rows = [stamped((first + k) * 10**7, angle=a, torque=f, sync=False) for k, (a, f) in enumerate(values)]
+    return write_log(path, rows, chunk_size=600, **options)
+
+
+def alone(folder: Path) -> Path:
+    """A database without the description beside it."""
+    (folder / "metadata.yaml").unlink()
+    return next(folder.glob("*.db3"))
+
+
+class Kind(NamedTuple):
+    """How files of one format are written and read."""
+
+    name: str
+    write: Callable[[Path, int], Path]
+    source: dict[str, Any]
+    checked: bool = False  # whether checksums, or text, tell of bytes that were zeroed
+
+
+IN_LAB = {
+    name: {**one, "field": field}
+    for (name, one), field in zip(CHANNELS.items(), ("angle", "torque", "sync"), strict=True)
+}
+OF_MCAP, TABLE = {**MESSAGES, "channels": IN_LAB}, {"axes": ["x", "-z", "y"]}
+BY_PROPERTIES = {key: value for key, value in columns_as("channel").items() if key == "channels"}
+KINDS = [
+    Kind("a.mcap", write_mcap, OF_MCAP, True),
+    Kind("b.mcap", lambda path, n: write_mcap(path, n, compression=CompressionType.NONE), OF_MCAP, True),
+    Kind("c.mcap", lambda path, n: write_mcap(path, n, use_chunking=False), OF_MCAP),
+    Kind("d.mcap", lambda path, n: write_mcap(path, n, compression=CompressionType.NONE, enable_crcs=False), OF_MCAP),
+    Kind("a.bag", lambda path, n: write_bag1(path, range(n, n + ROWS), "BZ2", 900), MESSAGES, True),
+    Kind("a", lambda path, n: write_bag2(path, range(n, n + ROWS)), MESSAGES),
+    Kind("b", lambda path, n: alone(write_bag2(path, range(n, n + ROWS))), MESSAGES),
+    Kind("split", lambda path, _: write_split(path, "MCAP"), MESSAGES),
+    Kind("split3", lambda path, _: write_split(path), MESSAGES),
+    Kind("a.csv", write_csv, columns_as("column"), True), Kind("a.jsonl", write_json, columns_as("field"), True),
+    Kind("a.mot", write_mot, columns_as("column"), True),
+    Kind("a.tdms", write_tdms, columns_as("channel")),
+    Kind("b.tdms", lambda path, n: write_tdms(path, n, True), BY_PROPERTIES),
+    Kind("a.mat", write_mat, columns_as("variable")),
+    Kind("b.mat", lambda path, n: write_mat(path, n, do_compression=True), columns_as("variable"), True),
+    Kind("c.mat", write_mat73, columns_as("variable")),
+    Kind("a.c3d", write_markers, {"analogs": {"sync": {"channel": "A1", "unit": "V"}}}),
+    Kind("a.trc", write_trc, TABLE, True),
+    Kind("nexus.csv", write_nexus, {}, True),
+]  # fmt: skip
+
+
+SPLICED = ("a.csv", "a.jsonl", "nexus.csv", "a.mot", "a.trc")  # of text, nothing tells how long it was
+ONE_CLOCK = ("a.jsonl", "a.tdms")  # a second run behind the first is read with its own times, a gap behind the first
+
+
+Samples, Reader = tuple[np.ndarray, pl.DataFrame], Callable[[Path], Recording]
+
+
+def samples_of(recording: Recording) -> Samples:
+    """Times [0.1 ms] of the recorder's clock, and the other columns."""
+    time = recording.facts.get("time", {})
+    start = time.get("start_ns", 0) / 1e9 or time.get("start", 0.0)
+    return np.rint((recording.samples["time"].to_numpy() + start) * 1e4).astype(np.int64), recording.samples.drop(
+        "time"
+    )
+
+
+def damaged(content: bytes, other: bytes, chance: random.Random) -> tuple[str, bytes]:
+    """The bytes of a file after one mishap, and its name."""
+    what, at = (
+        chance.choice(["cut", "cut", "zeroed", "lost", "appended", "end", "flipped"]),
+        chance.randrange(len(content)),
+    )
+    if what in ("cut", "end"):
+        at = at if what == "cut" else len(content) - chance.randint(1, min(40, len(content) - 1))
+        return "cut", content[:at]
+    if what == "flipped":
+        return what, content[:at] + bytes([content[at] ^ 1 << chance.randrange(8)]) + content[at + 1 :]
+    size = 1 << chance.randint(4, 12)
+    if what == "zeroed":
+        at -= at % 16
+        return what, content[:at] + bytes(min(size, len(content) - at)) + content[at + size :]
+    return (what, content[:at] + content[at + size :]) if what == "lost" else (what, content + other)
+
+
+def judge(kind: Kind, reader: Reader, truth: Samples, path: Path, what: str) -> str:
+    """What became of a damaged file; AssertionError if a wrong value is not told, or a loss is told wrongly."""
+    try:
+        recording = reader(path)
+    except InputError as error:
+        return "refused" if str(error).isprintable() else "WRONG: no line"
+    time, values = samples_of(recording)
+    damage = recording.facts.get("damage", {})
+    place = np.minimum(np.searchsorted(truth[0], time), truth[0].size - 1)
+    right = truth[0][place] == time
+    for name in set(values.columns) & set(truth[1].columns):
+        read, written = values[name].to_numpy(), truth[1][name].to_numpy()[place]
+        right &= (read == written) | np.isnan(read.astype(float))
+    told = damage.get("complete", True) is not True or any("cut off" in text for text in recording.warnings)
+    unseen = not kind.checked if what == "zeroed" else what == "flipped" and kind.name not in ("a.mcap", "b.mcap")
+    spliced = what == "lost" and kind.name in SPLICED and (~right).sum() <= 1  # two halves of a number make a number
+    assert right.all() or told or unseen or spliced, (
+        f"{(~right).sum()} of {time.size} rows are wrong, and nothing is told"
+    )
+    lost = damage.get("lost")
+    assert lost in (None, truth[0].size - time.size) or unseen, f"{lost} are told, {truth[0].size - time.size} lost"
+    assert told or time.size == truth[0].size or kind.name in (*SPLICED, "a.tdms", "b.tdms") or unseen, "silent"
+    return "told" if told else "whole"
+
+
+def cases(count: int, seed: int, folder: Path) -> Iterator[tuple[str, str]]:
+    """Damage `count` files, kind by kind; gives what was done and what became of it."""
+    for number, kind in enumerate(KINDS):
+        pair = list[Path]()
+        for first in (0, SECOND_RUN):
+            (own := folder / f"{number} {first}").mkdir()
+            pair.append(kind.write(own / kind.name, first))
+        one, two = pair
+        known = FORMATS[recognise(one)]
+        reader = partial(known.read, source=known.source.model_validate({"format": recognise(one), **kind.source}))
+        truth = samples_of(reader(one))
+        later = truth
+        if kind.name in ONE_CLOCK:
+            of_both = [truth, samples_of(reader(two))]
+            later = np.concatenate([time for time, _ in of_both]), pl.concat([values for _, values in of_both])
+        parts = [part for part in sorted(one.rglob("*")) if part.suffix in (".db3", ".mcap")] or [one]
+        for case in range(count // len(KINDS)):
+            chance = random.Random(f"{seed} {kind.name} {case}")
+            part = chance.choice(parts)
+            content = part.read_bytes()
+            twin = two if part == one else two / part.name
+            what, bad = damaged(content, twin.read_bytes(), chance)
+            part.write_bytes(bad)
+            try:
+                became = judge(kind, reader, later if what == "appended" else truth, one, what)
+            except Exception as error:
+                became = f"WRONG: case {case} of seed {seed}, {len(bad)} of {len(content)} bytes: {error!r}"
+            finally:
+                part.write_bytes(content)
+            yield f"{kind.name} {what}", became
+
+
+def test_whatever_is_read_of_a_damaged_file_was_written_or_its_loss_is_told(tmp_path: Path) -> None:
+    found = list(cases(15 * len(KINDS), 7, tmp_path))
+    assert not [one for one in found if "WRONG" in one[1]]
+    became = [result for _, result in found]
+    assert min(became.count(result) for result in ("refused", "told", "whole")) > 20
+
+
+if __name__ == "__main__":
+    with tempfile.TemporaryDirectory() as scratch:
+        found: dict[tuple[str, str], int] = {}
+        for pair in cases(int(sys.argv[1]), int([*sys.argv, "0"][2]), Path(scratch)):
+            found[pair] = found.get(pair, 0) + 1
+        print(*(f"{number:6d} {' '.join(pair)}" for pair, number in sorted(found.items())), sep="\n")

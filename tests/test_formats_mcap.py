@@ -164,6 +164,17 @@ def test_a_chunk_with_an_absurd_length_costs_itself_alone(tmp_path: Path, packin
             assert damage["share_lost"] == pytest.approx(1 / 6, abs=0.011)
 
 
+@ANY_PACKING
+def test_a_chunk_whose_head_was_zeroed_is_lost_and_told_where_no_count_and_no_index_tells(tmp_path, packing):
+    one = chunk(TWENTY, packing)
+    for begin, end in ((9, 50), (25, 33), (0, 9), (9, len(one))):
+        content = log(
+            LAB, chunk(TEN, packing), one[:begin] + bytes(end - begin) + one[end:], chunk(messages(1, range(20, 30)))
+        )
+        count, damage = read(tmp_path, content)
+        assert (count, damage["complete"], damage["lost"]) == (20, False, None)
+
+
 def test_records_that_no_recorder_writes_among_the_chunks_hide_none_of_them(tmp_path: Path) -> None:
     unknown, mixed = raw(records.Chunk("xyz\n", b"abc", 0, 0, 0, 9)), chunk(TWENTY + b"\5", crc=False)
     said = f"is damaged: it holds no record at byte {len(TWENTY)} of its {len(TWENTY) + 1} bytes"

@@ -232,6 +232,8 @@ class McapFile(MessageFile):
             stretch, remark, lost = section.loose, "", section.indexed or None
             if section.head is not None:
                 try:
+                    if section.head.size == 0 and (held := section.end - section.head.begin) > 32:  # a frame of nothing
+                        raise DamagedChunkError(f"declares no content and holds {held} bytes")
                     stretch = self.stretch_of(section.head)
                 except DamagedChunkError as error:
                     if (second := self.data.find(MAGIC + b"\1", section.start, section.end)) > 0:

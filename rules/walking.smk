@@ -70,8 +70,8 @@ def fit_perturbation(wildcards):
     return {"input": inputs, "read": {"selection": SELECTION}, "settings": settings}
 
 
-SUMMARIES = {"output": "summary", "responses": "responses", "excluded": "excluded", "groups": "groups"}
-SUMMARIES = {name: tabled(f"walking_{table}") for name, table in SUMMARIES.items()}
+SUMMARIES = {name: tabled(f"walking_{name}") for name in ("responses", "excluded", "groups", "sensitivity")}
+SUMMARIES["output"] = tabled("walking_summary")
 
 
 @step("walking.summarise_perturbations", SUMMARIES, "walking/summary")

@@ -90,6 +90,7 @@ def page_of(trials, largest_mb=40.0, tables=None):
         "findings": [{"verdict": "doubtful", "line": f"doubtful, 1 of 2: {HOSTILE}"}],
         "intervals": "",
         "not_made": [],
+        "sensitivity": [],
     }
     packed = {one.name: (trial_content(one, {"impedance": IMPEDANCE}), tables or {}) for one in trials}
     return written_page(content, packed, largest_mb)

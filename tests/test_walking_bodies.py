@@ -111,10 +111,10 @@ def gait(time: Array) -> Array:
     return np.asarray(0.2 * np.sin(7 * time) + 0.05 * np.sin(19 * time))
 
 
-def compared(theta: Array, stamps: Array, encoder: Array) -> dict[str, float | None]:
+def compared(theta: Array, stamps: Array, encoder: Array, torque: float = 0.0) -> dict[str, float | None]:
     """The angle from markers with an encoder's, which a trial has at these stamps."""
     trial = Trial("w", pl.DataFrame({"time": np.r_[-1.0, stamps], "theta": [None, *encoder]}))
-    return encoder_check(trial, time, theta, low_pass)
+    return encoder_check(trial, time, theta, torque * np.cos(3 * time), low_pass)
 
 
 @pytest.mark.parametrize(
@@ -127,6 +127,13 @@ def test_offset_and_delay_of_the_encoder_come_out_whatever_its_rate(delay: float
     assert check["encoder_offset_deg"] == pytest.approx(np.rad2deg(0.01), abs=0.06 if first else 1e-3)
     assert check["encoder_delay_ms"] == pytest.approx(1e3 * delay, abs=1 if first else 0.02)
     assert check["encoder_rms_deg"] < (np.rad2deg(1e-3) if first else 1e-3)
+
+
+def test_the_difference_that_follows_the_torque_is_the_compliance_of_the_shoe() -> None:
+    """A foot that yields by 1 deg in 60 N*m: markers see more dorsiflexion than the encoder, here with a delay."""
+    k = 60 / np.deg2rad(1)
+    check = compared(gait(time), own, gait(own - 0.004) - 100 * np.cos(3 * (own - 0.004)) / k, 100.0)
+    assert check["shoe_compliance"] == pytest.approx(1 / k, rel=0.02)
 
 
 def test_what_offset_and_delay_leave_is_the_noise_and_an_encoder_of_another_joint_is_refused() -> None:

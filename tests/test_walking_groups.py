@@ -8,19 +8,32 @@ import polars as pl
 import pytest
 from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
-from walking_crossings import TURN, Walk, campaign, crossing, selected, several, standing_at, walked
-from walking_synthetic import pose, settings
+from walking_crossings import (
+    LEAD,
+    RISE,
+    TURN,
+    Walk,
+    campaign,
+    crossing,
+    run_jobs,
+    selected,
+    several,
+    standing_at,
+    walked,
+)
+from walking_synthetic import bump, pose, settings
 
 from osl_analysis.commands.figure import plot_over_stance
-from osl_analysis.commands.walking import commanded_over_stance, tabulate_over_stance
+from osl_analysis.commands.walking import commanded_over_stance, tabulate_over_stance, write_crossing
 from osl_analysis.errors import InputError
+from osl_analysis.judge.table import Doubt
 from osl_analysis.table import read_table
 from osl_analysis.walking.crossing import Crossing, platform_turn
 from osl_analysis.walking.gait import unperturbed_gait
 from osl_analysis.walking.groups import crossing_features, places, selection_rows, split_keys, timings
 from osl_analysis.walking.plate import Stance
 from osl_analysis.walking.response import fit_response, group_headline
-from osl_analysis.walking.tables import fitted_time, left_out, with_trajectory
+from osl_analysis.walking.tables import fitted_time, left_out, moment_error, with_trajectory
 
 RULE, MIDSTANCE = settings().outliers, Walk(0.4)
 BOTH = several("up", 6, MIDSTANCE, common=12.0) | several("down", 4, MIDSTANCE, common=12.0, sign=-1)
@@ -370,3 +383,54 @@ def test_a_load_far_from_the_weight_where_the_mass_is_known_and_a_foot_beside_th
     (row,) = selected([changed], settings(outliers=None)).values()
     assert row["status"] == ("outlier" if said else "used")
     assert (said or "None") in str(row["reason"])
+
+
+def test_errors_of_the_laboratory_change_the_fit_as_the_table_says_and_witnesses_are_doubts(tmp_path: Path) -> None:
+    """A torque that is wrong by -6 d + 0.1 d' of the response d takes 6 off K and adds 0.1 to B. Encoder and markers
+    with a shoe of 60 N*m/deg between them, and corners 20 mm too high, say so with K."""
+    walks = several("p", 4, Walk(0.4)) | several("u", 4, Walk())
+    (tmp_path / "crossings").mkdir()
+    shoe = {"shoe_compliance": np.deg2rad(1) / 60, "encoder_rms_deg": 0.7, "plate_height_m": 0.02}
+    for name, walk in walks.items():
+        plain = walked(name, walk)
+        d, v, _ = (TURN * part * (walk.phase is not None) for part in bump(plain.time, (plain.onset or 0) + LEAD, RISE))
+        wrong = replace(plain, lab_errors=np.array([-6 * d + 0.1 * v]), quality=plain.quality | shoe)
+        write_crossing(wrong, tmp_path / f"crossings/{name}.parquet")
+    limits = Doubt(above={"encoder_rms_deg": 0.4, "shoe_share": 0.05, "height_share": 0.02})
+    names = [[name for name in walks if name.startswith(kind)] for kind in "pu"]
+    tables = run_jobs(tmp_path, *names, settings(), of_groups=limits)
+    first, last = tables["sensitivity"].rows(named=True)
+    assert [first[name] for name in "KBI"] == pytest.approx([-6, 0.1, 0], abs=0.02)
+    (group,) = tables["groups"].rows(named=True)
+    K = group["K"]
+    assert group["K_by_encoder"] == pytest.approx(1 / (1 / K - 1 / np.rad2deg(60)))
+    assert last["K"] == pytest.approx(K - group["K_by_encoder"])
+    assert (group["shoe_share"], group["height_share"]) == pytest.approx((K / np.rad2deg(60), -12 / K), rel=0.01)
+    said = group["doubtful"]
+    assert (
+        f"takes {100 * group['shoe_share']:.3g} % off K, by the encoder K would be {group['K_by_encoder']:.3g}" in said
+    )
+    assert "the corners are 0.02 m too high, which changes K by -0.03" in said
+    assert "they differ by 0.7 deg in stance" in said
+    assert "shoe" not in group["not_checked"]
+    assert "corners" not in group["not_checked"]
+
+
+def test_without_a_log_or_a_heavy_plate_it_is_said_what_k_holds(tmp_path: Path) -> None:
+    tables = campaign(tmp_path, several("p", 3, Walk(0.4)) | several("u", 3, Walk()))
+    (group,) = tables["groups"].rows(named=True)
+    assert (group["K_by_encoder"], group["certain_moment_error"]) == (None, None)
+    assert "K is that of joint and shoe in series, K_joint = K/(1 - K/k), and a shoe of k = 60" in group["not_checked"]
+
+
+def test_moments_too_large_show_in_the_pressure_of_a_foot_that_stands_elsewhere() -> None:
+    """Moments 15 % too large move the pressure by 1.15 times as much as the foot; the foot's own scatter is 1 mm."""
+    random = np.random.default_rng(2)
+    foot, own = 0.015 * random.standard_normal((20, 2)), 0.001 * random.standard_normal((20, 2))
+    for gain, certain in ((1.0, 0.0), (1.15, 0.11), (0.85, -0.11)):
+        pressure = gain * (foot + np.array([0.03, 0.0]) + own) - foot
+        columns = ["foot_forward_m", "foot_left_m", "pressure_ahead_m", "pressure_beside_m"]
+        table = pl.DataFrame(np.hstack([foot, pressure]), columns)
+        table = table.with_columns(perturbed=False, reason=pl.lit(None, pl.String))
+        assert moment_error(table) == pytest.approx(certain, abs=0.025)
+        assert moment_error(table[:5]) is None

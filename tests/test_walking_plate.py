@@ -16,7 +16,7 @@ from osl_analysis.plate_surface import furthest_outside, plate_axes
 from osl_analysis.trial import Array, Trial
 from osl_analysis.walking import plate
 from osl_analysis.walking.bodies import BodyMotion, static_calibration
-from osl_analysis.walking.crossing import check_side, check_vertical
+from osl_analysis.walking.crossing import check_roll, check_side, check_vertical
 from osl_analysis.walking.plate import INERTIAL, PlateModel, Stance, check_plate, identify_plate_inertia
 
 PIVOT, TIME, PHASE = np.array([-0.06, 0.0, 0.08]), np.arange(3 * PLATE_RATE) / PLATE_RATE, np.linspace(0, 1, 11)
@@ -274,7 +274,10 @@ def test_the_pressure_beside_the_ankle_is_where_the_force_acts_and_a_marker_may_
     moment = np.cross(point - centre, force) + np.array([0, 0, 4.0])  # and a free moment
     wrench, left = np.hstack([force, moment]), np.array([[-1.0, 0, 0]])
     pressed, light = (plate.load_on_foot(part * wrench, centre, ankle, left) for part in (1, 0.14))
-    assert (pressed[:, 0], light[1]) == (pytest.approx([700, 1.05 - 0.93]), [0.0])  # 98 N have no centre of pressure
+    assert (pressed[:, 0], light[1]) == (
+        pytest.approx([700, 1.05 - 0.93, 0.2]),
+        [0.0],
+    )  # 98 N have no centre of pressure
     for marker, distance in (([1.29, 2.19, 0.1], 0.0), ([1.35, 2.1, 0.3], 0.05), ([0.66, 1.77, 0.1], 0.05)):
         assert furthest_outside(np.array([centre[0], marker]), SURFACE) == pytest.approx(distance)
 
@@ -309,9 +312,29 @@ def test_a_load_that_does_not_act_upwards_and_a_plate_on_edge_are_refused_with_t
 def test_a_shank_against_its_own_heading_and_a_moment_that_lifts_the_toes_are_refused(turn: float) -> None:
     heading, left = np.array([np.cos(turn), np.sin(turn), 0]), np.array([-np.sin(turn), np.cos(turn), 0])
     shank = np.outer(-0.1 + 0.25 * PHASE, heading) + np.array([0, 0, 0.3])
-    axis, torque = np.tile(left, (PHASE.size, 1)), -10 + 90 * PHASE
-    check_side(PHASE, shank, axis, torque)
+    axis = np.tile(left, (PHASE.size, 1))
+    check_side(PHASE, shank, axis)
     with pytest.raises(InputError, match=r"the shank moves 20 cm backwards over the foot .* correct `side`, exchange"):
-        check_side(PHASE, shank, -axis, None)
-    with pytest.raises(InputError, match=r"moment in late stance is -53 N\*m"):
-        check_side(PHASE, shank, axis, -torque)
+        check_side(PHASE, shank, -axis)
+
+
+def test_a_load_that_does_not_roll_over_the_foot_is_refused_by_its_cause() -> None:
+    """The foot brakes and pushes off forward; a turned plate turns that with the centre of pressure, a second foot the
+    latter alone, which adds to the load."""
+    zero, torque = np.zeros(PHASE.size), -10 + 90 * PHASE
+    forward, push = np.array([zero, 0.2 * PHASE]), np.array([zero, 300 * (PHASE - 0.5)])
+    weight = np.full(PHASE.size, 700.0)
+    sound = np.vstack([weight, forward])
+    check_roll(PHASE, sound, push, torque)
+    check_roll(PHASE, np.vstack([weight, 0.1 * forward[::-1]]), push, None)  # hardly moves
+    quarter = np.vstack([weight, forward[::-1]])
+    with pytest.raises(InputError, match=r" 9 cm in stance, 90 deg .* turned by 90 deg or exchanged"):
+        check_roll(PHASE, quarter, push[::-1], torque)
+    with pytest.raises(InputError, match=r"180 deg from forward: the plate's corners are turned by 180 deg"):
+        check_roll(PHASE, np.vstack([weight, -forward]), -push, -torque)
+    with pytest.raises(
+        InputError, match=r"moment in late stance is -53 N\*m.* another foot stands .* is 1\.50 of that"
+    ):
+        check_roll(PHASE, np.vstack([weight * (1 + 0.5 * (PHASE > 0.5)), forward]), push, -torque)
+    with pytest.raises(InputError, match=r"90 deg from forward, though the foot pushes off forward: another foot"):
+        check_roll(PHASE, quarter, push, None)

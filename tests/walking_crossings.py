@@ -94,6 +94,7 @@ class Tables:
 def run_jobs(
     folder: Path, perturbed: Sequence[str], unperturbed: Sequence[str], chosen: WalkingAnalysis,
     sheet: Mapping[str, Mapping[str, object]] | None = None, limits: Doubt | None = None,
+    of_groups: Doubt | None = None,
 ) -> Tables:  # fmt: skip
     """Every job from the crossings in a folder to the summary. `sheet` has their conditions, in its order."""
     files = {name: folder / f"crossings/{name}.parquet" for name in (*perturbed, *unperturbed)}
@@ -105,10 +106,12 @@ def run_jobs(
     for file, row in zip(turned, rows, strict=True):
         jobs.fit_perturbation(file, selection, gait, chosen, row)
     gather(rows, table, limits)
-    paths = {name: folder / f"{name}.csv" for name in ("responses", "excluded", "groups")}
+    paths = {name: folder / f"{name}.csv" for name in ("responses", "excluded", "groups", "sensitivity")}
     places = {name: {"joint": "ankle", "side": row.get("side")} for name, row in sheet.items()}
     paths |= {"table": table, "output": folder / "summary.csv", "selection": selection, "unperturbed": gait}
-    jobs.summarise_perturbations(crossings=turned, settings=chosen, sheet=sheet, places=places, **paths)
+    jobs.summarise_perturbations(
+        crossings=turned, settings=chosen, sheet=sheet, places=places, limits=of_groups, **paths
+    )
     return Tables(folder)
 
 

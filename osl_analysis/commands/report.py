@@ -93,6 +93,7 @@ def write_report(
         "intervals": found.get("intervals", ""),
         "findings": found.get("findings", []),
         "figures": shown,
+        "sensitivity": written.get("walking_sensitivity", pl.DataFrame()).to_dicts(),
         "not_made": [one for one in refused if not one.trial],
     }
     with atomic_path(output) as temporary:

@@ -32,9 +32,9 @@ from osl_analysis.walking.platform import ALONE, PlatformModel, identify_platfor
 from osl_analysis.walking.response import group_headline
 
 CROSSING_SIGNALS = ("theta", "torque", "platform")
-LOADS = ("load", "pressure_left")  # vertical force [N] on the foot, centre of pressure [m] to the left of the ankle
+LOADS = ("load", "pressure_left", "pressure_forward")  # vertical force [N], centre of pressure [m] from the ankle
 PLATE_ERROR = "plate_error_"  # prefix of the columns with the plate's errors (m, rows) [N*m]
-PLATE_ERRORS = pl.col(f"^{PLATE_ERROR}.*$")
+LAB_ERROR = "lab_error_"  # prefix of the columns with changes by errors of the laboratory (6, rows) [N*m]
 EVENTS = ("stance", "onset", "bridged", "quality", "turn", "body_mass")  # in the provenance of a crossing's file
 # The step that writes each model
 WRITTEN_BY = {StaticCalibration: "calibrate", PlateModel: "identify-plate", PlatformModel: "measure-platform"}
@@ -90,10 +90,18 @@ def write_crossing(crossing: Crossing, path: Path) -> None:
     known = {name: getattr(crossing, name) for name in CROSSING_SIGNALS}
     signals |= {name: values for name, values in known.items() if values is not None}
     load = {} if crossing.load is None else dict(zip(LOADS, crossing.load, strict=True))
-    errors = {f"{PLATE_ERROR}{i}": error for i, error in enumerate(crossing.plate_errors)}
+    errors = columns_of(PLATE_ERROR, crossing.plate_errors) | columns_of(LAB_ERROR, crossing.lab_errors)
     samples = pl.DataFrame(signals | load | errors)
     events = {name: getattr(crossing, name) for name in EVENTS}
     write_trial(Trial(crossing.name, samples, json.loads(json.dumps(events, default=asdict))), path)
+
+
+def columns_of(prefix: str, errors: Array) -> dict[str, Array]:
+    return {f"{prefix}{i}": error.ravel() for i, error in enumerate(errors)}
+
+
+def errors_in(frame: pl.DataFrame, prefix: str, *shape: int) -> Array:
+    return np.asarray(frame.select(f"^{prefix}.*$").to_numpy().T.reshape(-1, *shape))
 
 
 def write_refusal(refused: RefusedCrossing, path: Path) -> None:
@@ -127,7 +135,8 @@ def read_crossing_file(path: Path) -> Crossing | RefusedCrossing:
     return Crossing(
         trial.name,
         **curves,
-        plate_errors=trial.samples.select(PLATE_ERRORS).to_numpy().T.reshape(-1, len(trial.samples)),
+        plate_errors=errors_in(trial.samples, PLATE_ERROR, len(trial.samples)),
+        lab_errors=errors_in(trial.samples, LAB_ERROR, len(trial.samples)),
         load=np.array(trial.signals(*LOADS)[1:]) if LOADS[0] in trial.samples.columns else None,
         **{name: built(types[name], trial.provenance[name]) for name in EVENTS},
     )
@@ -149,8 +158,8 @@ def read_unperturbed_gaits(path: Path) -> dict[str, UnperturbedGait]:
         names = frame["trial"].unique(maintain_order=True).to_list()
         columns = (frame[c].to_numpy().reshape(len(names), -1) for c in ("theta", "torque", "stance_s"))
         theta, torque, stance = columns
-        errors = frame.select(PLATE_ERRORS).to_numpy().T.reshape(-1, *theta.shape)
-        gaits[str(frame["gait"][0])] = UnperturbedGait(tuple(names), theta, torque, stance[:, 0], errors)
+        errors = (errors_in(frame, prefix, *theta.shape) for prefix in (PLATE_ERROR, LAB_ERROR))
+        gaits[str(frame["gait"][0])] = UnperturbedGait(tuple(names), theta, torque, stance[:, 0], *errors)
     return gaits
 
 
@@ -253,16 +262,18 @@ def group_result(
     files: Mapping[str, Path],
     gait: UnperturbedGait | None,
     settings: choices.EnsembleSettings,
-) -> tuple[list[dict[str, Any]], dict[str, Any], pl.DataFrame | None]:
-    """Rows of `walking_summary.csv` of a group, its row of `walking_groups.csv`, which begins as `fact`, and its
-    responses. Without a result: rows with the reason, None, and a warning. `own` are its rows of `walking.csv`."""
+) -> tuple[list[dict[str, Any]], dict[str, Any], tuple[pl.DataFrame, pl.DataFrame] | None]:
+    """Rows of `walking_summary.csv` of a group, its row of `walking_groups.csv`, which begins as `fact`, its responses
+    and its rows of `walking_sensitivity.csv`. Without a result: rows with the reason, None, and a warning. `own` are
+    its rows of `walking.csv`."""
     known, fact = {"group": fact["group"]}, fact | {"fitted_phase": None, "reason": None}
     try:
         if gait is None:
             raise InputError(NO_GAIT)
         if len(own) < 2:
             raise InputError(f"{len(own)} {TOO_FEW} walking_excluded.csv, or record more")
-        headline = group_headline([read_crossing(files[trial]) for trial in own["trial"]], gait, settings)
+        turned = [read_crossing(files[trial]) for trial in own["trial"]]
+        headline = group_headline(turned, gait, settings)
     except OslAnalysisError as error:
         warnings.warn(f"no result of {fact['group']}: {error}", stacklevel=2)
         none = {"estimator": tables.ENSEMBLE, "n": len(own), "mean": None, "reason": str(error)}
@@ -273,7 +284,12 @@ def group_result(
         known | row | {"commanded": fact.get(f"{row['quantity']}_d"), "reason": None}
         for row in tables.headline_rows(headline, own, doubtful_row(own))
     ]
-    return rows, fact | tables.group_facts(headline), tables.response_table(fact["group"], headline)
+    sensitivity = tables.sensitivity_table(fact["group"], headline)
+    if turned[0].platform is None:  # angle and torque are those of a log
+        sensitivity = sensitivity.clear()
+    facts = tables.group_facts(headline)
+    facts |= tables.witness_facts(turned, facts, sensitivity)
+    return rows, fact | facts, (tables.response_table(fact["group"], headline), sensitivity)
 
 
 def select_crossings(
@@ -332,7 +348,7 @@ def average_unperturbed(crossings: Paths, selection: Path, settings: choices.Unp
         trials = np.repeat(gait.names, len(PHASES)).tolist()
         known = {"gait": [name] * len(trials), "trial": trials, "stance_s": np.repeat(gait.stance, len(PHASES))}
         curves = {"theta": gait.theta.ravel(), "torque": gait.torque.ravel()}
-        curves |= {f"{PLATE_ERROR}{i}": error.ravel() for i, error in enumerate(gait.plate_errors)}
+        curves |= columns_of(PLATE_ERROR, gait.plate_errors) | columns_of(LAB_ERROR, gait.lab_errors)
         frames.append(pl.DataFrame({**known, "phase": np.tile(PHASES, len(gait.names)), **curves}))
     with atomic_path(output) as temporary:
         pl.concat(frames).write_parquet(temporary)
@@ -369,13 +385,15 @@ def summarise_perturbations(
     responses: Path,
     excluded: Path,
     groups: Path,
+    sensitivity: Path,
     sheet: SheetCells,
     limits: Doubt | None = None,
     places: Places | None = None,
 ) -> None:
     """Per group the mean over perturbations and the ensemble fit to `output`, its conditions to `groups`, responses in
-    their window to `responses`, and the crossings that are not used, with the reason, to `excluded`. `table` is
-    `walking.csv`, `crossings` are the perturbed ones. A group beyond one of the `limits` is doubtful."""
+    their window to `responses`, what errors of the laboratory would change to `sensitivity`, and the crossings that are
+    not used, with the reason, to `excluded`. `table` is `walking.csv`, `crossings` are the perturbed ones. A group
+    beyond one of the `limits` is doubtful."""
     fits, chosen = read_table(table, ["trial"]), read_table(selection, ["trial", "reason", "gait", "group"])
     # the crossings without a fit, in the order of the selection, with the reason
     left = chosen.join(fits.select("trial", EXCLUDED), on="trial", how="left", maintain_order="left")
@@ -404,7 +422,8 @@ def summarise_perturbations(
         row["doubt"] = doubts[str(row["group"])] if row["estimator"] == tables.ENSEMBLE else None
     write_table(on_the_walkway(pl.DataFrame(rows, infer_schema_length=None), sides, "group"), output)
     write_table(on_the_walkway(judged.drop("side"), sides, "group"), groups)
-    write_table(on_the_walkway(pl.concat(curves), sides, "group"), responses)
+    for each, path in zip(zip(*curves, strict=True), (responses, sensitivity), strict=True):
+        write_table(on_the_walkway(pl.concat(each), sides, "group"), path)
 
 
 def selected_crossings(crossings: Paths, selection: Path) -> list[Crossing]:

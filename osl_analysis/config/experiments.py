@@ -145,6 +145,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         bare_plate=True, walker=True, log="leg", mocap="vicon",
         tables=(ResultTable("walking", perturbed_only=True),),
         further_tables=("walking_summary", "walking_groups", "impedance_over_stance", "walking_crossings",
+            "walking_sensitivity",
             "walking_excluded", "plate", "platform"),
         judged_further=("walking_groups",),
     ),

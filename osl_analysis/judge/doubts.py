@@ -8,6 +8,7 @@ explains, as a low VAF under friction, is no doubt of its own.
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 import polars as pl
@@ -136,6 +137,7 @@ def number_said(name: str, value: float, row: AnyRow) -> str:
         known=known,
         reaction=row.get("reaction"),
         left_out_by=row.get("left_out_by"),
+        row=row,
     )
 
 
@@ -145,6 +147,9 @@ def cause_in(name: str, value: float, row: AnyRow) -> Cause:
     friction, neither is named alone. Where the lag is large it may be a drivetrain."""
     if suspected_unit(name, value, row):
         return CAUSES["another unit"]
+    if name == "residual_over_gait" and cell_number(row, "plate_ringing_hz"):
+        rings = CAUSES["plate that rings"]
+        return replace(rings, says=f"at {row['plate_ringing_hz']:.0f} Hz: {rings.says}")
     if name == "rate_change" and value < 0:
         return CAUSES["loss that falls with speed"]
     if name == "K_change" and (value > 0 or (cell_number(row, "stiffening") or 0.0) < 0):

@@ -208,7 +208,8 @@ def unchecked_in(tables: Mapping[str, pl.DataFrame]) -> Iterator[dict[str, Any]]
         if "not_checked" not in table.columns:
             continue
         found: dict[str, dict[str, str]] = {}
-        for (trial,), rows in table.group_by("trial", maintain_order=True):
+        of = "trial" if "trial" in table.columns else "group"
+        for (trial,), rows in table.group_by(of, maintain_order=True):
             for what, why in doubts.not_checked_of(rows).items():
                 found.setdefault(what, {})[str(trial)] = why
         for what, reasons in found.items():
@@ -220,8 +221,9 @@ def unchecked_in(tables: Mapping[str, pl.DataFrame]) -> Iterator[dict[str, Any]]
                     values = [scale * row[symbol] for row in whole]
                     numbers.append(" to ".join(dict.fromkeys(f"{x:.2g}" for x in (min(values), max(values)))))
                 why = why.partition(doubts.SIZED)[0] + doubts.size_of_lateness(*numbers)
-            judged = [*table["trial"].unique(maintain_order=True)]
-            yield finding("not checked", f"{name.replace('_', ' ')} trials", what, why, "", [*reasons], judged)
+            judged = [*table[of].unique(maintain_order=True)]
+            judged_are = f"{name.replace('_', ' ').removesuffix(' groups')} {of}s"
+            yield finding("not checked", judged_are, what, why, "", [*reasons], judged)
 
 
 def findings_report(verdicts: pl.DataFrame, tables: Iterable[Path]) -> str:

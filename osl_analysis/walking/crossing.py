@@ -2,7 +2,7 @@
 laboratory's set-up must have right for it: axes and side, encoder, direction, shift of the platform, body mass."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import scipy
@@ -19,14 +19,23 @@ from osl_analysis.walking.plate import PlateModel, Stance
 from osl_analysis.walking.platform import ALONE, PlatformModel, PlatformTemplate
 from osl_analysis.walking.settings import CrossingSettings
 
+UPWARD = np.array([0.0, 0.0, 1.0])
 UP, DOWN = "up", "down"  # Names of the directions in sheet and tables: toes up (dorsiflexion), and toes down
 
 
 QUALITY = (
     "foot_forward_m", "foot_left_m", "foot_outside_m", "foot_residual_mm", "platform_residual_mm", "shank_residual_mm",
-    "plate_zero_N", "encoder_offset_deg", "encoder_delay_ms", "encoder_rms_deg",
+    "plate_zero_N", "plate_height_m", "plate_ringing_hz", "pressure_ahead_m", "pressure_beside_m", "encoder_offset_deg",
+    "encoder_delay_ms", "encoder_rms_deg", "shoe_compliance",
 )  # fmt: skip
 """Columns of `walking_crossings.csv` that show the quality of one crossing; the dictionary says what each is."""
+LABORATORY_ERRORS = (
+    ("corners of the plate, or ORIGIN, too high", 10.0, "mm"), ("corners too far forward", 10.0, "mm"),
+    ("moment channels too large", 1.0, "%"), ("force channels too large", 1.0, "%"),
+    ("cameras pitched, so that all markers turn toes down about the laboratory's origin", 1.0, "deg"),
+    ("plate later than it is corrected for", 1.0, "ms"),
+)  # fmt: skip
+"""What a laboratory can have wrong without a sign of it, the size and unit of each row of `Crossing.lab_errors`."""
 
 
 @dataclass(frozen=True)
@@ -42,13 +51,16 @@ class Crossing:
     onset: float | None  # of the perturbation [s]; None without one
     bridged: float  # fraction of the frames in stance in which a hidden cluster was interpolated
     plate_errors: Array  # changes (m, n) [N*m] of the torque without the i-th of m plate trials; m = 0 with one
+    lab_errors: Array = field(default_factory=lambda: np.zeros((0, 0)))  # (6, n) [N*m] by each of `LABORATORY_ERRORS`
     quality: dict[str, float | None] = field(default_factory=dict)  # of `QUALITY`, those that are known
-    load: Array | None = None  # as of `load_on_foot` (2, n); None if it is not known
+    load: Array | None = None  # as of `load_on_foot` (3, n); None if it is not known
     turn: float | None = None  # largest [rad] of the platform about the ankle in the window, toes up; None: unknown;
     # without a turning platform its sign, and the range of the ankle's angle
     body_mass: float | None = None  # [kg]; None if nobody states it
 
     def __post_init__(self) -> None:
+        if not self.lab_errors.size:
+            object.__setattr__(self, "lab_errors", np.zeros((0, len(self.time))))
         for signal in ("time", "theta", "torque", "plate_errors"):
             check_measured(f"trial {self.name}: {signal}", getattr(self, signal))
         if len(self.time) < 6 or not (np.diff(self.time) > 0).all():  # a spline of fifth degree needs as many
@@ -160,18 +172,40 @@ def analyse_crossing(
         of_foot = bodies.body_motion(time, foot, calibration.ankle_centre + own.centre_of_mass_m)
         torque = torque + bodies.moment_of_foot(of_foot, ankle, axis, own.mass_kg, own.inertia_kg_m2)
     phase = stance.phase(time)
-    check_side(phase, shank.position - ankle, axis, torque if onset is None else None)
+    check_side(phase, shank.position - ankle, axis)
+    on_foot, forward = reaction(unloaded, moving), np.cross(axis, UPWARD)
+    load = plate.load_on_foot(on_foot, centre, ankle, axis)
+    shear = np.array([np.sum(on_foot[:, :3] * way, axis=1) for way in (axis, forward)])
+    check_roll(phase, load, shear, torque if onset is None else None)
+    pitch = scipy.spatial.transform.Rotation.from_rotvec(np.deg2rad(1.0) * axis.mean(axis=0)).as_matrix()
+    seen_force = np.einsum("ij,njk,lk,nml,nqm->nqi", pitch, turned, pitch, turned, on_foot.reshape(-1, 2, 3))
+    seen_centre = (poses["platform"].point(pitch.T @ corners.mean(axis=0))) @ pitch.T
+    late = replace(unloaded, lags=((unloaded.lag or 0.0) + 1e-3,))
+    right, *wrong = (
+        plate.ankle_torque(on_foot * np.repeat(gains, 3), centre + moved, ankle, axis)
+        for gains, moved in (
+            ((1.0, 1.0), 0.0), ((1.0, 1.0), 0.01 * turned[:, :, 2]), ((1.0, 1.0), 0.01 * turned @ forward.mean(axis=0)),
+            ((1.0, 1.01), 0.0), ((1.01, 1.0), 0.0),
+        )
+    )  # fmt: skip
+    wrong.append(plate.ankle_torque(seen_force.reshape(-1, 6), seen_centre, ankle @ pitch.T, axis @ pitch.T))
+    lab_errors = np.array([*(one - right for one in wrong), right - torque_by(late, moving)])
     window = None if onset is None else (onset, onset + settings.window_s)
     turn = None if window is None else platform_turn(time, poses["platform"], axis, window)
     if window is not None and settings.perturbed_by == "belt":  # backward it turns the toes up
         first, last = np.searchsorted(time, window)
-        forward = np.diff(poses["platform"].position[[first, last]], axis=0) @ np.cross(axis[first], [0.0, 0.0, 1.0])
-        sign = commanded_onset(trial, stance)[1] if settings.by_command else -1 if forward > 0 else 1
+        ahead = np.diff(poses["platform"].position[[first, last]], axis=0) @ forward[first]
+        sign = commanded_onset(trial, stance)[1] if settings.by_command else -1 if ahead > 0 else 1
         turn = sign * float(np.ptp(theta[first:last]))
     flat = foot[(phase >= 0.15) & (phase <= 0.35)]  # before the perturbation
     placed = flat.point(calibration.ankle_centre).mean(axis=0) - corners.mean(axis=0)
+    shown = ((phase >= 0.15) & (phase <= 0.35))[:, None]
+    pressed = np.mean(load[2:].T * forward + load[1:2].T * axis, axis=0, where=shown)  # from the ankle
     outside = furthest_outside(flat.points(reference["foot"]).reshape(-1, 3), corners)
-    quality = {"foot_forward_m": float(placed[0]), "foot_left_m": float(placed[1]), "foot_outside_m": outside}
+    quality: dict[str, float | None] = {"foot_forward_m": float(placed[0]), "foot_left_m": float(placed[1])}
+    quality["foot_outside_m"] = outside
+    quality |= {"plate_height_m": unloaded.height, "plate_ringing_hz": unloaded.ringing_hz}
+    quality |= {"pressure_ahead_m": float(pressed[0]), "pressure_beside_m": float(pressed[1])}
     for segment, pose in ((segment, recorded[segment]) for segment in followed):
         left = pose.residual[rows][inside & np.isfinite(pose.residual[rows])]
         quality[f"{segment}_residual_mm"] = 1e3 * float(np.sqrt(np.mean(left**2))) if len(left) else float("nan")
@@ -184,10 +218,11 @@ def analyse_crossing(
         stance=stance,
         onset=onset,
         bridged=float(np.mean(np.any([pose.bridged[rows] for pose in recorded.values()], axis=0)[inside])),
-        quality={**quality, "plate_zero_N": zero, **encoder_check(trial, time, theta, low_pass)},
+        quality={**quality, "plate_zero_N": zero, **encoder_check(trial, time, theta, torque, low_pass)},
         plate_errors=errors,
-        load=plate.load_on_foot(reaction(unloaded, moving), centre, ankle, axis),
+        load=load,
         turn=turn,
+        lab_errors=lab_errors,
     )
 
 
@@ -338,25 +373,44 @@ def check_vertical(force: Array) -> None:
     )
 
 
-def check_side(phase: Array, shank_from_ankle: Array, axis: Array, torque: Array | None) -> None:
-    """Refuse an ankle's axis (n, 3) that does not point to the left: the shank, `shank_from_ankle` (n, 3) [m], leans
-    backwards in stance, or a torque (n,) [N*m] that no platform disturbs pulls the toes up where every foot pushes."""
-    remedy = (
-        "correct `side`, exchange ankle_medial and ankle_lateral, or correct the labels of the static trial's markers"
-    )
+def check_side(phase: Array, shank_from_ankle: Array, axis: Array) -> None:
+    """Refuse an ankle's axis (n, 3) that does not point to the left, so that the shank, `shank_from_ankle` (n, 3) [m],
+    leans backwards in stance."""
     first, last = (int(np.argmin(np.abs(phase - edge))) for edge in (0.1, 0.9))
     ahead = np.sum(shank_from_ankle * np.cross(axis, [0.0, 0.0, 1.0]), axis=1)
     if ahead[last] <= ahead[first]:
         raise InputError(
             f"the shank moves {100 * (ahead[first] - ahead[last]):.0f} cm backwards over the foot in stance: the "
-            f"ankle's axis points to the wrong side; {remedy}"
+            f"ankle's axis points to the wrong side; correct `side`, exchange ankle_medial and ankle_lateral, or "
+            "correct the labels of the static trial's markers"
         )
+
+
+def check_roll(phase: Array, load: Array, shear: Array, torque: Array | None) -> None:
+    """Refuse a load (3, n), as of `load_on_foot`, that does not roll forward over the foot, or a torque (n,) [N*m] that
+    no platform disturbs and that pulls the toes up in late stance, where every foot pushes. Who walks brakes and then
+    pushes: if the `shear` (2, n) [N], to the left and forward, changes in another direction, the plate is turned; if
+    not, another foot has stepped on it."""
+    flat, late = ((phase >= first) & (phase <= last) for first, last in ((0.15, 0.35), (0.6, 0.85)))
+    (left, forward), (to_left, ahead) = (c[:, late].mean(axis=1) - c[:, flat].mean(axis=1) for c in (load[1:], shear))
+    way, turned = (float(np.rad2deg(np.arctan2(*one))) for one in ((left, forward), (to_left, ahead)))
     mean = 0.0 if torque is None else float(torque[(phase >= 0.5) & (phase <= 0.9)].mean())
-    if mean < 0:
+    if mean >= 0 and (abs(way) <= 45 or np.hypot(left, forward) < 0.03):  # [m]; a foot out-toes by 20 deg
+        return
+    found = f"the centre of pressure moves by {100 * np.hypot(left, forward):.0f} cm in stance"
+    found += f", {abs(way):.0f} deg from forward" if abs(way) > 45 else ""
+    found += f", and the ankle's moment in late stance is {mean:.0f} N*m, expected above 0" if mean < 0 else ""
+    if abs(turned) > 45 and np.hypot(to_left, ahead) > 0.08 * load[0, flat].mean():
         raise InputError(
-            f"the ankle's moment in late stance is {mean:.0f} N*m, expected a plantarflexion moment above 0: "
-            f"{remedy}; or correct the plate's corners and channels"
+            f"{found}, and the foot pushes off {abs(turned):.0f} deg from forward: the plate's corners are turned by "
+            f"{90 * round(abs(turned) / 90)} deg or exchanged; correct their order, the first lies in +x and +y of the "
+            "plate's own axes, or `axes` in the source file"
         )
+    raise InputError(
+        f"{found}, though the foot pushes off forward: another foot stands on the plate, whose load in late stance is "
+        f"{load[0, late].mean() / load[0, flat].mean():.2f} of that before; exclude the trial, or, if it is so in all "
+        "of them, correct the plate's corners and moment channels"
+    )
 
 
 def platform_turn(time: Array, turned: Poses, axis: Array, window: tuple[float, float]) -> float:
@@ -368,9 +422,10 @@ def platform_turn(time: Array, turned: Poses, axis: Array, window: tuple[float, 
     return float(turns[np.argmax(np.abs(turns))])
 
 
-def encoder_check(trial: Trial, time: Array, theta: Array, low_pass: LowPass) -> dict[str, float | None]:
+def encoder_check(trial: Trial, time: Array, theta: Array, torque: Array, low_pass: LowPass) -> dict[str, float | None]:
     """The joint encoder's angle, a column of the trial, with that of the markers (n,) [rad], through one low-pass:
-    theta_encoder(t + delay) = theta(t) + offset, and the RMS of what remains; empty if 30 samples do not overlap."""
+    theta_encoder(t + delay) = theta(t) + offset, and the RMS of what remains; of that the part that follows the torque
+    (n,) [N*m], by which the foot yields in its shoe [rad/(N*m)]; empty if 30 samples do not overlap."""
     fewest, longest = 30, 0.05  # [s] of delay between the clocks; beyond it they are not aligned
     if "theta" not in trial.columns or trial.samples["theta"].count() < fewest:
         return {}
@@ -395,7 +450,10 @@ def encoder_check(trial: Trial, time: Array, theta: Array, low_pass: LowPass) ->
             )
     difference = spline(time[rows] + delay) - theta[rows] - offset
     rms = float(np.rad2deg(np.sqrt(np.mean(difference**2))))
-    return {"encoder_offset_deg": float(np.rad2deg(offset)), "encoder_delay_ms": 1e3 * delay, "encoder_rms_deg": rms}
+    columns = np.column_stack([np.ones(len(difference)), spline(time[rows] + delay, 1), torque[rows]])
+    compliance = -float(np.linalg.lstsq(columns, difference, rcond=None)[0][2])
+    found = {"encoder_offset_deg": float(np.rad2deg(offset)), "encoder_delay_ms": 1e3 * delay, "encoder_rms_deg": rms}
+    return {**found, "shoe_compliance": compliance}
 
 
 def body_mass(trial: Trial, sheet: float | None, configured: float | None = None) -> float | None:

@@ -31,6 +31,7 @@ class UnperturbedGait:
     torque: Array  # (crossings, phases) [N*m]
     stance: Array  # duration of stance (crossings,) [s]
     plate_errors: Array  # (m, crossings, phases) [N*m], as in `Crossing`
+    lab_errors: Array  # (6, crossings, phases) [N*m], as in `Crossing`
 
 
 def unperturbed_gait(
@@ -56,12 +57,13 @@ def unperturbed_gait(
             f"{f' ({used})' if used else ''}, expected {fewest} or more; {count} times"
             f"{named}{others if count < len(lost) else ''}, as in {alike[0]}: {said[alike[0]]}"
         )
-    theta, torque, plate_errors = (
+    curves = (
         np.stack([signal_at(c, getattr(c, signal), stance_times(c)) for c in crossings], axis=-2)
-        for signal in ("theta", "torque", "plate_errors")
+        for signal in ("theta", "torque", "plate_errors", "lab_errors")
     )
+    theta, torque, *errors = curves
     stance = np.array([c.stance.duration for c in crossings])
-    return UnperturbedGait(tuple(c.name for c in crossings), theta, torque, stance, plate_errors)
+    return UnperturbedGait(tuple(c.name for c in crossings), theta, torque, stance, *errors)
 
 
 def stance_times(crossing: Crossing, phases: Array = PHASES) -> Array:

@@ -205,12 +205,14 @@ SINGLE_SUPPORT = (0.2, 0.8)  # Phases of stance in which one foot carries the bo
 
 
 def load_on_foot(reaction: Array, centre: Array, ankle: Array, axis: Array) -> Array:
-    """Vertical force (n,) [N] on the foot, and the centre of pressure (n,) [m] to the left of the ankle along its axis,
-    0 below 100 N; from the reaction (n, 6) about the plate's centre, the ankle [m] and its axis, (n, 3) each."""
+    """Vertical force (n,) [N] on the foot, and the centre of pressure (n,) [m] to the left of the ankle along its axis
+    and before it, 0 below 100 N: (3, n); from the reaction (n, 6) about the plate's centre, the ankle [m] and its axis,
+    (n, 3) each."""
     vertical, up = reaction[:, 2], np.array([0.0, 0.0, 1.0])
     pressed = vertical > 100.0  # [N]
     pressure = centre + np.cross(up, reaction[:, 3:]) / np.where(pressed, vertical, 1.0)[:, None]
-    return np.array([vertical, np.where(pressed, np.sum((pressure - ankle) * axis, axis=1), 0.0)])
+    places = [np.sum((pressure - ankle) * way, axis=1) for way in (axis, np.cross(axis, up))]
+    return np.array([vertical, *np.where(pressed, places, 0.0)])
 
 
 INERTIAL = ("m", "mc_x", "mc_y", "mc_z", "I_xx", "I_yy", "I_zz", "I_xy", "I_xz", "I_yz")
@@ -233,6 +235,9 @@ class PlateModel:
     lags: tuple[float, ...] = ()  # [s] of the trials that show one
     lag_reason: str | None = None  # why no trial does
     leave_one_out: "tuple[PlateModel, ...]" = ()  # the model without each trial, for the jackknife; empty with one
+    height: float | None = None  # [m] of the corners' centre above the point of the moments; None where it is not seen
+    height_se: float | None = None  # its standard error [m]
+    ringing_hz: float | None = None  # at which the unloaded plate rings after it was turned; None if it does not
 
     @property
     def lag(self) -> float | None:
@@ -362,6 +367,34 @@ def plate_lag(motion: BodyMotion, wrench_at: Callable[[float], Array], smooth: S
     return float(lags[best] + 0.5 * step * (before - after) / (before - 2 * least + after))
 
 
+def moments_below(pairs: Sequence[tuple[Array, Array]], names: Sequence[str]) -> float:
+    """Height [m] of the corners' centre above the point of the moments, from each recording's columns (n, 6, 10) and
+    wrench (n, 6). Forces show the centre of mass from the former, moments from the latter."""
+    columns, wrench = (np.concatenate([without_mean(pair[k]) for pair in pairs]) for k in (0, 1))
+    apart = columns[:, :, [INERTIAL.index("mc_x"), INERTIAL.index("mc_z")]] * (np.arange(6) > 2)[:, None]
+    weighted = (apart * WEIGHT[:, None]).transpose(1, 0, 2).reshape(-1, 2)
+    stacked = np.column_stack([stacked_columns(columns, names), weighted])
+    found = np.linalg.lstsq(stacked, (wrench * WEIGHT).T.ravel(), rcond=None)[0]
+    return float(found[-1] / found[list(names).index("m")])
+
+
+def ringing(time: Array, wrench: Array, track: platform.PlatformTrack) -> tuple[float, float]:
+    """Frequency [Hz] above 25 Hz at which the wrench (n, 6) grows most from before the first motion of the track to
+    after it, and the ratio of its power; 0 where it rests for less than 0.15 s."""
+    first = next(iter(runs(track.moving)), slice(0, 0))
+    rest = next((run for run in runs(~track.moving) if run.start >= first.stop), slice(0, 0))
+    n = min(first.start, rest.stop - rest.start, round(0.4 * track.rate))
+    if n < 0.15 * track.rate:
+        return 0.0, 0.0
+    starts = np.searchsorted(time, track.time[[first.start - n, rest.start]])
+    pieces = scipy.signal.detrend([wrench[start : start + n] for start in starts], axis=1) * np.hanning(n)[:, None]
+    power = np.abs(np.fft.rfft(pieces, axis=1)) ** 2
+    before, after = np.sum(power / np.maximum(power[0].mean(axis=0), np.finfo(float).tiny), axis=2)
+    hz = np.fft.rfftfreq(n, 1 / track.rate)
+    ratio = np.where((hz > 25) & (hz < track.rate / 3), after / (before + before.mean()), 0.0)
+    return float(hz[np.argmax(ratio)]), float(ratio.max())
+
+
 @dataclass(frozen=True)
 class UnloadedRecording:
     """A trial of an unloaded, moving plate."""
@@ -371,6 +404,7 @@ class UnloadedRecording:
     wrench_at: Callable[[float], Array]  # in the track's frames, read a lag [s] later, through both low-passes
     plate_low_pass: LowPass  # the further low-pass of the identification, after that of the crossings
     unusable: str  # why the trial shows nothing of the plate, for a message; empty if it does
+    rings: tuple[float, float]  # as of `ringing`
     fewest: Names = PLANAR  # parameters that its motion shows at least
 
     def smooth(self, values: Array) -> Array:
@@ -448,7 +482,8 @@ def unloaded_recording(trial: Trial, calibration: StaticCalibration, settings: P
         return settings.plate_low_pass(settings.low_pass(read(lag), sampling_rate(frames))[rows], track.rate)
 
     centre = recorded_corners(trial, settings.plate).mean(axis=0)
-    return UnloadedRecording(track, centre, wrench_at, settings.plate_low_pass, unusable, SHIFTED if shifts else PLANAR)
+    rings, fewest = ringing(frames, read(0.0), track), SHIFTED if shifts else PLANAR
+    return UnloadedRecording(track, centre, wrench_at, settings.plate_low_pass, unusable, rings, fewest)
 
 
 def whole_motions(track: platform.PlatformTrack) -> slice:
@@ -487,10 +522,17 @@ def identify_plate_model(pairs: Sequence[tuple[Trial, StaticCalibration]], setti
             raise InputError(f"trial {r.track.name}: {error}") from error
     reason = None if np.isfinite(lags).any() else "the unloaded plate is too light to show it"
     reason = reason if settings.correct_plate_lag else "not estimated: correct_plate_lag is false"
-    model = replace(plate_model(seen, lags), lag_reason=reason)
+    hz, growth = np.median([r.rings for r in seen], axis=0).tolist()
+    model = replace(plate_model(seen, lags), lag_reason=reason, ringing_hz=hz if growth > 20 else None)
     if len(seen) == 1:
         return model
     each = range(len(seen))
+    if {"m", "mc_x", "mc_z"} <= set(model.identified):
+        columns = [r.smooth(inertial_columns(motion)) for r, (motion, _) in zip(seen, motions, strict=True)]
+        parts = [(c, r.wrench_at(model.lag or 0.0)) for c, r in zip(columns, seen, strict=True)]
+        height, *fewer = (moments_below(parts[:i] + parts[i + 1 :], model.identified) for i in (len(seen), *each))
+        se = float(np.sqrt((len(seen) - 1) * np.var(fewer)))
+        model = replace(model, height=height if se < 0.005 else None, height_se=se)
     others = [plate_model(seen[:i] + seen[i + 1 :], lags[:i] + lags[i + 1 :], model) for i in each]
     # The regression's errors are blind to what all samples of a trial share: directions of the motion, bridged gaps.
     left = np.array([other.parameters for other in others])
@@ -524,4 +566,5 @@ def plate_table(model: PlateModel) -> pl.DataFrame:
     remaining = [100 * a / b if b > 0 else None for b, a in zip(before.tolist(), after.tolist(), strict=True)]
     rows = {"component": COMPONENTS, "rms_before": before, "rms_after": after, "left_percent": remaining}
     lag = {"lag_s": model.lag, "lag_se_s": model.lag_se, "lag_unknown": model.lag_reason, "trials": len(model.lags)}
+    lag |= {"height_m": model.height, "height_se_m": model.height_se, "ringing_hz": model.ringing_hz}
     return pl.DataFrame(rows).with_columns(**{name: pl.lit(value) for name, value in lag.items()})

@@ -43,6 +43,7 @@ class PerturbationResponse:
     thetas: Array  # (crossings, k) [rad]
     torques: Array  # (crossings, k) [N*m]
     plate_errors: Array  # changes (m, k) [N*m] of the torque without each of m plate trials in the plate's model
+    lab_errors: Array  # changes (6, k) [N*m] of the torque by each of `crossing.LABORATORY_ERRORS`
     behaviour: Array  # (4, crossings), `BEHAVIOUR` before the onset, minus that of the i-th unperturbed crossing
     window: slice  # samples from the onset to the end of the fitted window, without that end: 30 for 0.1 s at 300 Hz
     sign: int = 1  # -1 if the platform turned the toes down, else 1
@@ -92,18 +93,24 @@ def isolate_response(
     own_time, phase = crossing.onset + time, np.clip(phase, 0.0, 1.0)
     thetas = signal_at(crossing, crossing.theta, own_time) - aligned.curves(gait.theta, phase)
     torques = signal_at(crossing, crossing.torque, own_time) - aligned.curves(gait.torque, phase)
-    errors = signal_at(crossing, crossing.plate_errors, own_time) - at_phases(gait.plate_errors.mean(axis=1), phase)
+    errors, of_lab = (
+        signal_at(crossing, own, own_time) - at_phases(usual.mean(axis=1), phase)
+        for own, usual in ((crossing.plate_errors, gait.plate_errors), (crossing.lab_errors, gait.lab_errors))
+    )
     before = time <= -BEFORE_ONSET_S
     x, curves = time[before] - time[before].mean(), np.array([thetas, torques])[..., before]
     behaviour = np.concatenate([curves.mean(axis=-1), curves @ x / max(float(x @ x), np.finfo(float).tiny)])
     baseline = slice(MARGIN, MARGIN + round(timing.baseline_s * sampling_rate(time)))
-    thetas, torques, errors = (c - c[..., baseline].mean(axis=-1, keepdims=True) for c in (thetas, torques, errors))
+    thetas, torques, errors, of_lab = (
+        c - c[..., baseline].mean(axis=-1, keepdims=True) for c in (thetas, torques, errors, of_lab)
+    )
     return PerturbationResponse(
         name=crossing.name,
         time=time,
         thetas=thetas,
         torques=torques,
         plate_errors=errors,
+        lab_errors=of_lab,
         behaviour=behaviour,
         window=slice(first, first + round(timing.window_s / (time[1] - time[0]))),
         sign=crossing.sign,

@@ -20,7 +20,7 @@ from osl_analysis.stats.regression import LinearFit
 from osl_analysis.stats.repeats import over_repeats
 from osl_analysis.trial import Array
 from osl_analysis.walking import response as isolation
-from osl_analysis.walking.crossing import DOWN, Crossing
+from osl_analysis.walking.crossing import DOWN, LABORATORY_ERRORS, Crossing
 from osl_analysis.walking.gait import PHASES, UnperturbedGait
 from osl_analysis.walking.groups import ALL, SEPARATOR, STATED, Sheet, cells_said
 from osl_analysis.walking.response import Bootstrap, EnsembleResponse, GroupHeadline, PerturbationResponse
@@ -51,6 +51,7 @@ def group_rows(
         differ = {key: {stated[trial].get(key) for trial in used["trial"]} - {None} for key in STATED}
         pooled = "; ".join(f"{key} {cells_said(some)}" for key, some in differ.items() if len(some) > 1)
         phases, down = used["onset_phase"].cast(pl.Float64).to_numpy(), int((used["direction"] == DOWN).sum())
+        of_gait = selection.filter(pl.col("gait").str.split(SEPARATOR).list.contains(gait))
         stances = gaits[gait].stance if gait in gaits else np.zeros(0)
         stance = float(np.mean(stances)) if len(stances) else None
         onset = float(np.mean(phases)) if len(phases) and stance else None
@@ -65,10 +66,11 @@ def group_rows(
             "n_unperturbed": len(stances),
             "stance_s": stance,
             "unperturbed_stance_sd": float(np.std(stances, ddof=1) / np.mean(stances)) if len(stances) > 1 else None,
+            "certain_moment_error": moment_error(of_gait),
             "onset_phase": onset,
             "onset_phase_sd": float(np.std(phases, ddof=1)) if len(phases) > 1 else None,
             "end_phase": onset + window / stance if onset is not None and stance else None,
-            **left_out(selection.filter(pl.col("gait").str.split(SEPARATOR).list.contains(gait)), sheet),
+            **left_out(of_gait, sheet),
         }
         conditions = [(one is None, isinstance(one, str), "" if one is None else one) for one in cells.values()]
         turned = str(used["direction"][0]) if "direction " in name else ""
@@ -115,6 +117,21 @@ def left_out(rows: pl.DataFrame, sheet: Sheet) -> dict[str, object]:
     return {"left_out_share": share, "left_out_by": by or otherwise}
 
 
+def moment_error(crossings: pl.DataFrame) -> float | None:
+    """How much too large the plate's moments certainly are, as a share: the foot stands elsewhere on the plate in each
+    unperturbed crossing, and the centre of pressure must move with it. Null without six of them, 0 if not certain."""
+    columns = ["foot_forward_m", "foot_left_m", "pressure_ahead_m", "pressure_beside_m"]
+    used = crossings.filter(~pl.col("perturbed"), pl.col("reason").is_null())
+    if not set(columns) <= set(used.columns) or len(used := used.drop_nulls(columns)) < 6:
+        return None
+    values = used.select(columns).to_numpy()
+    foot, pressure = np.hsplit(values - values.mean(axis=0), 2)
+    size = float(np.sum(foot**2)) or 1.0
+    error = float(np.sum(foot * pressure)) / size
+    se = float(np.sqrt(np.sum((pressure - error * foot) ** 2) / (2 * len(used) - 3) / size))
+    return float(np.sign(error) * max(abs(error) - 3 * se, 0.0))
+
+
 def fitted_time(headline: GroupHeadline) -> float:
     """Time [s] after the onset at which the fit reads a stiffness that changes linearly within the window: K is a sum
     of torques with weights w, w . theta = 1, so that it is K(t) at t = sum of w theta t, later than the middle."""
@@ -142,6 +159,7 @@ def perturbation_row(crossing: Crossing, gait: UnperturbedGait, settings: Respon
         **single_facts(response, fit),
         **fit_row.lag_damping_row(lag, lag_se, fit["K"]),
         "lag_out_of_reach": float(delay is None),
+        **{name: crossing.quality.get(name) for name in ("encoder_rms_deg", "plate_ringing_hz")},
         **fit_row.diagnostics_row(fit, rate_hz, white),
     }
 
@@ -261,6 +279,54 @@ def common_stiffness(both: tuple[Mapping[str, float], Bootstrap, int] | None) ->
     if both is None:
         return None, None, None
     return 0.5 * both[0]["K"], *(0.5 * end for end in both[1].interval("K"))
+
+
+SHOE = 60.0  # N*m/deg, a stiffness of the foot in its shoe, of which the table of sensitivity says what it does
+
+
+def sensitivity_table(group: str, headline: GroupHeadline) -> pl.DataFrame:
+    """Rows of `walking_sensitivity.csv`: what each of `LABORATORY_ERRORS`, and a shoe in series, changes in the fit to
+    the mean response, to first order: Eq. 15 fitted to the change of the torque."""
+    responses, fit, window = headline.responses, headline.ensemble.fit, headline.responses[0].window
+    weights = isolation.joining_weights(isolation.signs_of(responses))
+    torques = np.tensordot(weights, [r.lab_errors[:, window] for r in responses], 1)
+    columns = isolation.motion_columns(headline.ensemble.motion[window])
+    changes = np.linalg.lstsq(columns, torques.T)[0].T
+    rows = [dict(zip("KBI", change, strict=True)) for change in changes]
+    of = [dict(zip(("error", "size", "unit"), error, strict=True)) for error in LABORATORY_ERRORS[: len(rows)]]
+    (K, B, I), k = (fit[name] for name in "KBI"), np.rad2deg(SHOE)
+    left = 1 - K / k  # of 1/(1/Z - 1/k) with the fit's Z = K + B s + I s^2, the joint's, to the second power of s
+    rows.append({"K": K - K / left, "B": B - B / left**2, "I": I - I / left**2 - B**2 / (k * left**3)})
+    of.append({"error": "foot that yields in the shoe", "size": SHOE, "unit": "N*m/deg"})
+    return pl.DataFrame([{"group": group} | error | row for error, row in zip(of, rows, strict=True)])
+
+
+def witness_facts(turned: Sequence[Crossing], facts: Mapping[str, Any], sensitivity: pl.DataFrame) -> dict[str, Any]:
+    """Columns of `walking_groups.csv`: what the joint's encoder and the unloaded plate say of the stiffness of these
+    crossings, whose angle is that of the markers, and beside what its `facts` have, what no witness was there for."""
+    names = ("encoder_rms_deg", "shoe_compliance", "plate_height_m", "plate_ringing_hz")
+    values = {name: [v for c in turned if (v := c.quality.get(name)) is not None] for name in names}
+    known = {name: float(np.mean(some)) if some else None for name, some in values.items()}
+    compliance, height, unknown = known.pop("shoe_compliance"), known["plate_height_m"], list[str]()
+    K, per_m = facts["K"], 100 * float(sensitivity["K"][0]) if len(sensitivity) else 0.0
+    share = None if compliance is None else K * compliance
+    if share is None and len(sensitivity):
+        unknown.append(
+            "whether K is that of the joint alone: no log has the joint's encoder, so that K is that of joint and shoe "
+            f"in series, K_joint = K/(1 - K/k), and a shoe of k = {SHOE:g} N*m/deg ({np.rad2deg(SHOE):.0f} N*m/rad) "
+            f"would take {-sensitivity['K'][-1]:.2g} N*m/rad off K = {K:.3g}"
+        )
+    if height is None and len(sensitivity) > 1:
+        unknown.append(
+            "the height of the plate's corners and ORIGIN: the unloaded plate is too light or moved too little to show "
+            f"it, and each 10 mm too high would change K by {0.01 * per_m:.2g} N*m/rad, measure it"
+        )
+    return known | {
+        "shoe_share": share,
+        "K_by_encoder": None if share is None else K / (1 - share),
+        "height_share": None if height is None else per_m * height / K,
+        "not_checked": "; ".join(filter(None, [*unknown, facts["not_checked"]])) or None,
+    }
 
 
 def residual_over_gait(motion: Motion, torque: Array, left: Array) -> float | None:

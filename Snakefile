@@ -18,8 +18,8 @@ gc.set_threshold(50_000)  # what planning makes stays: looking through it at eve
 if not {"-n", "--dry-run", "--dryrun"} & {*sys.argv}:
     job_server()  # its imports take the other core while this one does those below
 
-from osl_analysis.commands.run import with_shipped_profile
-from osl_analysis.campaign.campaign import about, check_campaign, matching, open_campaign
+from osl_analysis.commands.run import check_start, with_shipped_profile
+from osl_analysis.campaign.campaign import about, matching, open_campaign
 from osl_analysis.campaign.campaign import response_example, sentence, time_series_example
 from osl_analysis.campaign.configuration import campaign_config, overriding
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL, judged_tables
@@ -43,7 +43,7 @@ try:
     if CONFIG.simulation:
         from osl_analysis.commands.simulate import planned_sheet, settings_files  # it loads the simulator
     CAMPAIGN = open_campaign(CONFIG, planned_sheet(CONFIG.simulation, CONFIG.sheet) if CONFIG.simulation else None)
-    check_campaign(CAMPAIGN)
+    check_start(CAMPAIGN)
     TIME_SERIES, RESPONSE = time_series_example(CAMPAIGN), response_example(CAMPAIGN)
     SIMULATION_FILES = settings_files(CONFIG.simulation, CONFIG.shared()) if CONFIG.simulation else []
 except OslAnalysisError as error:

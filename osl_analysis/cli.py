@@ -365,8 +365,11 @@ def run_campaign(arguments: tuple[str, ...]) -> None:
 @option("--look", is_flag=True, help="Also ingest and fit the first bench trial of each source file.")
 def doctor(look: bool) -> None:
     """Say whether this machine, and the campaign in this folder, can run, and what is missing."""
-    from osl_analysis.commands.run import looked_at
-
+    try:
+        from osl_analysis.commands.run import looked_at
+    except ImportError as error:  # a package of the workflow
+        say(f"!! {error.name}: not installed; install osl-analysis again, with what it needs")
+        sys.exit(1)
     seen = list(looked_at(Path()))
     width = max(len(what) for what, _, _ in seen)
     for what, found, remedy in seen:

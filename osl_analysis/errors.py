@@ -19,11 +19,11 @@ def listing(names: Sequence[str], most: int = 40) -> str:
     return (", ".join(one if len(one) <= 80 else f"{one[:80]}..." for one in names[:most]) or "none") + more
 
 
-def nearest(name: str, known: Iterable[str]) -> str:
+def nearest(name: str, known: Iterable[str], cutoff: float = 0.6) -> str:
     """The end of a message about an unknown name: a question with the most similar known name; empty without one."""
     folded = {one[:80].casefold(): one for one in known}
-    near = get_close_matches(name[:80].casefold(), folded, n=1, cutoff=0.6)
-    return f"; did you mean '{folded[near[0]]}'?" if near else ""
+    near = get_close_matches(name[:80].casefold(), folded, n=1, cutoff=cutoff)
+    return f"; did you mean '{folded[near[0]]}'?" if near and folded[near[0]] != name else ""
 
 
 def unexpected(fault: BaseException) -> str:

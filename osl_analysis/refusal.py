@@ -6,6 +6,7 @@ it leave the same record. The run ends with a list of them.
 
 import csv
 import os
+import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import astuple, dataclass, fields
 from pathlib import Path
@@ -70,6 +71,12 @@ def distinct_causes(refusals: Iterable[Refusal]) -> tuple[Refusal, ...]:
     return tuple(found.values())
 
 
+def alike(text: str, trial: str) -> str:
+    """A message without its numbers and the trial's name, as it is for other trials of the same cause."""
+    own = re.sub(rf"(^|[/'(]|trial ){re.escape(trial)}(?![A-Za-z0-9_])", r"\1TRIAL", text) if trial else text
+    return re.sub(r"[-+]?\d[\d.,]*(e[-+]?\d+)?", "#", own)
+
+
 def refused_trials(refusals: Sequence[Refusal]) -> dict[str, Refusal]:
     """The first cause of each trial, by trial."""
     return {one.trial: one for one in reversed(refusals) if one.trial}
@@ -93,6 +100,7 @@ def refusal_report(records: Collection[Path | str], recordings: Mapping[str, Seq
         first += f", and for want of them {len(trials)} " + ("more" if missing else f"of {len(recordings)} trials")
     others_left = 0 < len(missing) + len(trials) < len(recordings)
     lines = ["", f"NOT ANALYSED: {first}{'; results are of the others' * others_left}."]
+    groups: dict[tuple[str, ...], list[tuple[str, str, str]]] = {}  # trial, file and what is said, by cause
     for cause in sorted(causes, key=lambda cause: (not cause.trial, cause.trial)):
         # what the user can correct is the trial's recording, if there is one
         raw, reason = recordings.get(cause.trial, ()), cause.reason
@@ -100,8 +108,13 @@ def refusal_report(records: Collection[Path | str], recordings: Mapping[str, Seq
         file = next((name for name in raw if name in reason), known)
         for begin in (f"{file}: ", f"trial {cause.trial}: ", f"{cause.trial}: "):
             reason = reason.removeprefix(begin)
-        who = f"trial {cause.trial}, file {file}" if cause.trial else f"result {file}"
-        lines.append(f"  {who}: {reason}; remedy: {cause.remedy}")
+        said = f"{reason}; remedy: {cause.remedy}"
+        kind = (alike(said.replace(file, "FILE"), cause.trial), cause.outcome) if cause.trial else (file, said)
+        groups.setdefault(kind, []).append((cause.trial, file, said))
+    for (trial, file, said), *same in groups.values():
+        who = f"trial {trial}, file {file}" if trial else f"result {file}"
+        also = f", and {len(same)} more trials with the same cause, {listing([one for one, *_ in same], MOST_TOLD)}"
+        lines.append(f"  {who}{also * bool(same)}: {said}")
     lines += [f"  therefore without a result: {listing(trials, MOST_TOLD)}"] if trials else []
     lines += [f"  therefore not made: {listing(sorted(named) + sorted(drawn), MOST_TOLD)}"] if named or drawn else []
     if accept:

@@ -86,7 +86,9 @@ def read_mapping(path: Path, by_snakemake: bool = False) -> dict[str, Any]:
     """The top level of a YAML file, shared by all who read the file: do not change it. Raises InputError where it is
     missing, is not YAML, or is not a mapping; `by_snakemake`, which reads YAML 1.1, also where numbers differ there."""
     if not path.is_file():
-        raise InputError(f"{path}: no such file; check the path, which is relative to the working directory")
+        said = "no such file; check the path, which is relative to the working directory"
+        like = nearest(path.stem, (one.stem for one in path.parent.glob(f"*{path.suffix}")))
+        raise InputError(f"{path}: {said}{like}")
     try:
         text = path.read_text(encoding="utf-8-sig")
         content = parsed_yaml(text)[1]

@@ -340,7 +340,7 @@ def test_a_desired_curve_stands_beside_the_measured_one():
     assert rms == pytest.approx(np.sqrt(np.mean(distance**2)), rel=0.01)
     with pytest.raises(InputError, match=r"no desired curve 'other'; torque_angle\.desired in the config.* has design"):
         torque_angle_table(found, "other")
-    for curve, message in (([0, 1], "2 angles and 3 torques"), ([0, 0, 0], "do not rise")):
+    for curve, message in (([0, 1], "angle_deg and torque differ in length"), ([0, 0, 0], "0 stands behind 0")):
         with pytest.raises(ValueError, match=message):
             fitted(FULL, K * FULL, desired={"design": {"angle_deg": curve, "torque": [0, 1, 2]}})
     with pytest.raises(ValueError, match="not below the value"):

@@ -11,14 +11,17 @@ from conftest import ROOT
 from pydantic import Field
 
 from osl_analysis.bench.settings import DynamometerAnalysis
-from osl_analysis.campaign.campaign import check_files
-from osl_analysis.campaign.configuration import campaign_config, read_config, read_section
+from osl_analysis.campaign.campaign import check_files, open_campaign, time_series_example
+from osl_analysis.campaign.configuration import campaign_config, overriding, read_config, read_section
+from osl_analysis.commands.run import check_start
 from osl_analysis.commands.simulate import laboratory_of, read_simulation, settings_files, simulate_trial
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.config.sheet import read_sheet
 from osl_analysis.errors import InputError
 from osl_analysis.model.compensator import Weight, select_gains
 from osl_analysis.model.parameters import read_parameters
+from osl_analysis.simulator.plan import plan_trials
+from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.yaml_settings import Settings, read_mapping, read_yaml
 
 SHIPPED_FILE = ROOT / "config/config.yaml"
@@ -126,6 +129,51 @@ def test_truth_values_are_kept_where_they_are_allowed_and_keys_of_two_mappings_m
 def test_a_configuration_that_cannot_be_run_is_one_line_before_any_job(in_root, section, change, message):
     with pytest.raises(InputError, match=message):
         check_files(campaign_config(SHIPPED | {section: change}, [SHIPPED_FILE]))
+
+
+@pytest.mark.parametrize(("place", "value", "said"), [
+    ("walking.load_off_n", 30, "load_off_n = 30 is not below load_on_n = 30, .*; lower load_off_n, or raise load_on_n"),
+    ("walking.window_s", 0.21, "window_s .* = 0.31 is not below shortest_stance_s = 0.3, which must hold"),
+    ("walking.longest_fitted_gap_s", 0.3, "longest_fitted_gap_s = 0.3 is not below longest_gap_s = 0.2"),
+    ("walking.load_of_weight", [1.25, 0.7], "load_of_weight: 0.7 stands behind 1.25"),
+    ("walking.markers.foot", ["A", "B", "A"], "foot: 'A' stands twice"),
+    ("walking.plate", 99, "one force plate; write 1"),
+    ("walking.markers.foot", ["A", "B", "PLAT1"], "a marker stands in two of foot, shank and platform"),
+    ("walking", {"group_by": ["side"], "pool": ["side"]}, "group_by: group_by and pool share a condition"),
+    ("dynamometer.cutoff_hz", 5, "cutoff_hz = 5 takes out some of frequencies_hz"),
+    ("dynamometer.amplitudes_deg", [70], "amplitudes_deg goes beyond largest_angle = 1.2 rad"),
+    ("dynamometer.windows", "2-30 20-40", "windows: .* overlap, or are not in the order of time"),
+    ("dynamometer.windows", "30-2", "windows: .* are not from-to in s"),
+    ("study.cycles", 2, "settle_cycles = 2 is not be"),
+    ("doubtful.belt.above", {"condition_nunber": 1}, "no number of this name; .*mean 'condition_number'"),
+    ("doubtful.belt.above", {"trial": 1}, "no number of this name"), ("doubtful.belts", {}, "did you mean 'belt'"),
+    ("doubtful.belt.above", {"K_s_ratio": 0.5}, "a limit above the upper one of its column"),
+    ("doubtful.belt.above", {"VAF": -1}, "above.VAF: -1 is not allowed"),
+    ("recorded", "2026-02-30", "write a date, as"), ("recorded", "2026-03-14 to 2026-03-01", "write a date, as"),
+    ("figures.time_series.controller", "compensatd", "did you mean 'compensated'"),
+    ("impedance_trajectory", "README.md", "no column 'phase'"), ("parameters", "config/config.yaml", "unknown field"),
+    ("quality.jiter", {"threshold": "1 s", "on_failure": "flag"}, "did you mean 'jitter'"),
+])  # fmt: skip
+def test_settings_that_contradict_each_other_are_a_line_with_the_remedy(in_root, place, value, said):
+    override = value
+    for key in reversed(place.split(".")):
+        override = {key: override}
+    with pytest.raises(InputError, match=said) as refusal:
+        started(overriding(SHIPPED, override))
+    assert "\n" not in str(refusal.value)
+
+
+def test_settings_at_their_bounds_and_two_dates_are_allowed(in_root):
+    own = {"walking": {"window_s": 0.2}, "recorded": "2026-03-14 to 2026-03-16"}
+    started(overriding(SHIPPED, own | {"doubtful": {"belt": {"above": {"VAF": None}}}}))
+
+
+def started(content):
+    """What the workflow does with a configuration before any job."""
+    config = campaign_config(content, [SHIPPED_FILE])
+    opened = open_campaign(config, plan_trials(read_yaml(config.simulation, SimulationSettings)))
+    check_start(opened)
+    time_series_example(opened)
 
 
 def test_seconds_per_frequency_replace_the_cycles():

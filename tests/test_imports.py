@@ -14,7 +14,7 @@ HOUSE = {
     "formats": set(), "model": set(), "signals": set(), "dictionary": set(), "stats": {"signals"},
     "config": {"formats", "model"}, "ingest": {"formats", "signals"}, "protocol": {"signals", "stats"},
     "spectral": {"model", "signals", "stats"}, "walking": {"signals", "stats"}, "simulator": {"config", "model"},
-    "judge": {"config", "model", "protocol", "signals", "stats"},
+    "judge": {"config", "dictionary", "model", "protocol", "signals", "stats"},
     "bench": {"judge", "model", "protocol", "signals", "spectral", "stats"}, "figures": {"dictionary", "judge"},
     "jobs": {"judge"}, "campaign": {"bench", "config", "formats", "judge", "model", "walking"},
     "design": {"bench", "model", "signals", "spectral", "stats"},

@@ -358,6 +358,24 @@ def test_what_was_not_examined_before_a_restart_is_examined_then_and_no_more(tmp
     assert module.read_notes(bench.output / "examined.json") == {}
 
 
+def test_a_refused_recording_is_tried_again_when_what_it_is_read_by_changes(tmp_path, bench, monkeypatch):
+    (tmp_path / "in").mkdir()
+    for name in ("a.csv", "b.csv"):
+        touch(tmp_path / f"in/{name}", "text", 1)
+    clock = iter(range(0, 1000, 5))
+    monkeypatch.setattr(module.time, "monotonic", lambda: float(next(clock)))
+    monkeypatch.setattr(module.time, "sleep", lambda _: None)
+    monkeypatch.setattr(
+        module, "recording_line", lambda path, *_: f"{path.name}: {'REFUSED' if path.stem == 'a' else 'K'}: x"
+    )
+    state = iter([1, 1, 1, 1, 2, 2, 2, 2, 2, 2])
+    monkeypatch.setattr(module.WatchedBench, "files_state", lambda _: next(state))
+    bench.read = 1
+    lines = module.watched_lines(tmp_path / "in", bench)
+    assert [next(lines)[:5] for _ in range(3)] == ["a.csv", "b.csv", "a.csv"]
+    lines.close()
+
+
 def test_a_fault_in_one_recording_does_not_end_the_watch(tmp_path, bench, monkeypatch):
     write_joint(path := tmp_path / "in/k120_b2.csv")
     bench.output.write_text("a file in place of the folder")  # and no picture takes the numbers away

@@ -34,7 +34,15 @@ from osl_analysis.judge import findings
 from osl_analysis.judge.findings import Judge, exclusions, without_excluded
 from osl_analysis.judge.recording import examine, measured_table
 from osl_analysis.judge.table import Commanded, QualityRules
-from osl_analysis.refusal import Refusal, is_refused, read_refusals, refusal_report, refused_trials, write_refusals
+from osl_analysis.refusal import (
+    Refusal,
+    alike,
+    is_refused,
+    read_refusals,
+    refusal_report,
+    refused_trials,
+    write_refusals,
+)
 from osl_analysis.table import read_table, write_table, write_tables
 from osl_analysis.trial import Trial, read_trial
 from osl_analysis.walking.bodies import StaticCalibration
@@ -235,6 +243,22 @@ def test_the_list_has_a_line_per_cause_with_trial_file_reason_and_remedy(tmp_pat
     del recordings["b_3"]
     assert "\nNOT ANALYSED: 2 of 2 trials.\n" in refusal_report(files, recordings, accept=True)
     assert refusal_report([tmp_path], recordings, accept=False) == ""
+
+
+def test_the_same_cause_in_many_trials_is_one_line_and_another_its_own(tmp_path):
+    files = [(name, f"raw/{name}.c3d", f"trial {name}: {n}.5 N") for n, name in enumerate(("heel", "knee", "toe"))]
+    rest = [Refusal(trial, file, "j", "refused", f"{said} in {file}", "zero it") for trial, file, said in files]
+    other = Refusal("walk", "raw/walk.c3d", "j", "refused", "no plate", "zero it")
+    recordings = {name: [f"raw/{name}.c3d"] for name in ("heel", "knee", "toe", "walk", "run")}
+    told = refusal_report([record(tmp_path / "a.csv", *rest, other)], recordings, accept=False).splitlines()
+    also = ", and 2 more trials with the same cause, knee, toe"
+    assert told[2:4] == [
+        f"  trial heel, file raw/heel.c3d{also}: 0.5 N in raw/heel.c3d; remedy: zero it",
+        "  trial walk, file raw/walk.c3d: no plate; remedy: zero it",
+    ]
+    assert (
+        alike("a.csv: no 'knee' at 1.5e3", "knee") == alike("a.csv: no 'toe' at -2", "toe") == "a.csv: no 'TRIAL' at #"
+    )
 
 
 def test_the_list_says_what_else_has_no_result(tmp_path):

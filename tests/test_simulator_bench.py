@@ -409,7 +409,7 @@ SLIPS = {"K": 100, "slipping": [{"stiffness": 500, "limit": 90}], "cycles": CYCL
     ("joint", JOINT | {"I": 0, "backlash": on(1e-3, "rad")}, "inertia"),
     ("protocol", {"seconds": 2.0}, "cycles or seconds"), ("recorder", {"sensors": {"torque": {}}}, "joint_angle"),
     ("protocol", {"cycles": [1, 2, 3]}, "3 numbers of cycles for 2 frequencies"),
-    ("excitations", [{"name": "x", "kind": "noise", "rms_deg": 1, "band_hz": [6, 2]}], "from 6 to 2 Hz; write"),
+    ("excitations", [{"name": "x", "kind": "noise", "rms_deg": 1, "band_hz": [6, 2]}], "2.0 stands behind 6.0; write"),
     ("excitations", 2 * [{"name": "x", "kind": "noise", "rms_deg": 1}], "x, x; give each a name of its own"),
     ("effects", {"dynamometer_bandwidth": on(500, "Hz")}, "of 500 Hz does not show in a log of 1000 Hz"),
     ("actuator", {"duration_s": 3, "fade_s": 1, "velocity": TONES, "current": TONES}, "at least four times fade_s"),

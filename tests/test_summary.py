@@ -110,7 +110,7 @@ def test_a_limit_on_what_is_no_column_of_numbers_or_no_table_is_one_line_that_na
         with pytest.raises(InputError, match=message):
             marked(fits(VAF=[80.0, 99.0]), Doubt(below={column: 1}), "belt")
     (tmp_path / "c.yaml").write_text(yaml.safe_dump({"doubtful": {"belts": {"below": {"VAF": 1}}}}))
-    with pytest.raises(InputError, match=r"unknown table 'belts'; limits may stand on belt, transmission"):
+    with pytest.raises(InputError, match=r"belts: .*unknown table; limits may stand on belt, transmission"):
         read_section(tmp_path / "c.yaml", "doubtful", DoubtfulFits)
 
 

@@ -190,7 +190,7 @@ def test_conditions_serve_every_value_where_unstated_and_are_refused_where_they_
     both = settings(group_by=["timing", "direction"])
     (one,) = places([replace(walked("p0", MIDSTANCE), turn=None)], {"p0": {"perturbed": True}}, both).values()
     assert one["group"] == "timing 40 %, direction unknown"
-    with pytest.raises(ValidationError, match="'K_d' stands in group_by and in pool; remove it from one of them"):
+    with pytest.raises(ValidationError, match="group_by and pool share a condition; remove it from one of them"):
         settings(group_by=["K_d"], pool=["K_d"])
 
 

@@ -4,12 +4,10 @@ What differs from one motion to another is here, in three makers of groups: the 
 periods of a motion that repeats itself, and stretches of any other one. What comes after knows groups only.
 """
 
-import re
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import pairwise
 from typing import Literal
 
 import numpy as np
@@ -27,6 +25,7 @@ from osl_analysis.bench.settings import (
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.protocol import stepped_sine
 from osl_analysis.protocol.stepped_sine import Likeness, whole_rows
+from osl_analysis.relations import stretches
 from osl_analysis.signals import LowPass, Motion, filtered_motion, runs
 from osl_analysis.signals.grid import GapLimits, UniformSignals, on_one_grid, origin, resampled, uniform_signals
 from osl_analysis.spectral.periods import PeriodicMotion, periodic_motion
@@ -532,13 +531,7 @@ def stated_windows(text: str, duration: float) -> list[tuple[float, float]]:
 
     Raises InputError if they are not windows, overlap, or lie beyond the record.
     """
-    parts = [re.fullmatch(r"(\d+\.?\d*)-(\d+\.?\d*)", word) for word in text.split()]
-    windows = [(float(part[1]), float(part[2])) for part in parts if part]
-    if len(windows) < len(parts) or any(start >= stop for start, stop in windows):
-        raise InputError(f"windows '{text}' are not from-to in s, as in '2-30 40-62'; correct the sheet")
-    for (_, stop), (start, _) in pairwise(windows):
-        if start < stop:
-            raise InputError(f"windows '{text}' overlap, or are not in the order of time; correct the sheet")
+    windows = stretches(text)
     if windows[-1][1] > duration + 1.0:
         raise InputError(f"windows '{text}' end at {windows[-1][1]:g} s, the record after {duration:.1f} s")
     return windows

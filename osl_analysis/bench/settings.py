@@ -3,15 +3,17 @@
 from typing import Annotated, ClassVar, Literal, Self
 
 import numpy as np
-from pydantic import Field, field_validator, model_validator
+from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from osl_analysis.protocol.stepped_sine import SteppedSineProtocol
+from osl_analysis.relations import refused, rising, stretches
 from osl_analysis.signals import LowPass
 from osl_analysis.signals.grid import GapLimits
 from osl_analysis.trial import Array
 from osl_analysis.yaml_settings import Degrees, NotNegative, Positive, Settings
 
 CycleCount = Annotated[int, Field(ge=1, le=10_000)]
+Windows = Annotated[str, AfterValidator(lambda text: stretches(text) and text)]
 UncertainShare = Annotated[float, Field(ge=0, lt=0.5)]  # a standard uncertainty; what is larger is a percentage
 
 
@@ -68,11 +70,9 @@ class BenchStiffness(Settings):
             in_newton_metres_per_rad(value)
         return value
 
-    @model_validator(mode="after")
-    def _known(self) -> Self:
-        if not self.compliance_error < self.compliance:
-            raise ValueError("the standard error is not below the value; check the units")
-        return self
+    _known = refused(
+        lambda s: not s.compliance_error < s.compliance, "the standard error is not below the value; check the units"
+    )
 
     @property
     def compliance(self) -> float:
@@ -96,7 +96,7 @@ class Calibration(Settings):
     """Angle [deg] between the axes of joint and load cell, whose torque is low by 1 - cos."""
     hysteresis: UncertainShare = 0.0
     """Of the load cell: largest distance between rising and falling readings, over the range of torque of a trial."""
-    delay: NotNegative = 0.0  # time [s] by which the torque may be late, or early, beyond a stated `delay`
+    delay: UncertainShare = 0.0  # time [s] by which the torque may be late, or early, beyond a stated `delay`
 
     @property
     def torque(self) -> float:
@@ -180,7 +180,7 @@ class ImpedanceAnalysis(SteppedSineAnalysis):
 
     excitation: Literal["auto", "stepped_sine", "any"] = "auto"
     """What moves the joint in impedance trials: the stepped sine, any other motion, or what each recording shows."""
-    windows: Annotated[str, Field(pattern=r"^\d+\.?\d*-\d+\.?\d*(\s+\d+\.?\d*-\d+\.?\d*)*$")] | None = None
+    windows: Windows | None = None
     """Stretches [s] of a recording that are fitted, from its start, as `2-30 40-62`, where the motion is no stepped
     sine and the sample sheet states none; null: from the first to the last motion."""
     largest_inertia_error: Positive | None = 0.01
@@ -188,6 +188,15 @@ class ImpedanceAnalysis(SteppedSineAnalysis):
     null: no limit."""
     rated_torque: Positive | None = None
     """Of the joint [N*m]: torque errors are given as shares of it; null: not stated."""
+
+    _passes = refused(
+        lambda s: s.excitation != "any" and max(s.frequencies_hz) >= s.cutoff_hz,
+        "cutoff_hz = {s.cutoff_hz:g} takes out some of frequencies_hz; raise it, or correct frequencies_hz",
+    )
+    _turns = refused(
+        lambda s: s.excitation != "any" and max(s.amplitudes) > s.largest_angle,
+        "amplitudes_deg goes beyond largest_angle = {s.largest_angle:g} rad, where a recording is refused; correct it",
+    )
 
 
 class DynamometerAnalysis(ImpedanceAnalysis, BeltAnalysis):
@@ -213,16 +222,12 @@ class ModelComparison(Settings):
 class DesiredCurve(Settings):
     """A torque-angle curve that a device was designed for, as points of a broken line."""
 
-    angle_deg: Annotated[tuple[float, ...], Field(min_length=2)]  # angles [deg] of the points, rising
+    angle_deg: Annotated[tuple[float, ...], Field(min_length=2), AfterValidator(rising)]  # of the points [deg]
     torque: Annotated[tuple[float, ...], Field(min_length=2)]  # torques [N*m] there; they resist the motion
 
-    @model_validator(mode="after")
-    def _is_a_function(self) -> Self:
-        if len(self.angle_deg) != len(self.torque):
-            raise ValueError(f"{len(self.angle_deg)} angles and {len(self.torque)} torques; give one torque per angle")
-        if not (np.diff(self.angle_deg) > 0).all():
-            raise ValueError("the angles do not rise from point to point; sort them, each once")
-        return self
+    _is_a_function = refused(
+        lambda s: len(s.angle_deg) != len(s.torque), "angle_deg and torque differ in length; give one torque per angle"
+    )
 
     def at(self, angle_deg: Array) -> Array:
         """Torques [N*m] at angles (n,) [deg]; NaN beyond the ends of the curve."""
@@ -239,7 +244,7 @@ class TorqueAngleAnalysis(BenchAnalysis):
     angle_step_deg: Positive  # step [deg] of the angles at which the curves stand
     window_share: Annotated[float, Field(gt=0, le=0.25)]
     """Angle to each side of a point, as a share of the range of motion, over which its torque and slope are fitted."""
-    smallest_motion_deg: Positive  # range of motion [deg] below which a trial is refused
+    smallest_motion_deg: Degrees  # range of motion [deg] below which a trial is refused
     settle_cycles: Annotated[int, Field(ge=0, le=1000)] | None
     """Number of first cycles that are not analysed: a device with hysteresis begins another way than it goes on. None:
     the first one, where its torque does not come back and that of later ones does."""

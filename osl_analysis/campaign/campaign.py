@@ -11,16 +11,18 @@ from functools import cached_property
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
+from warnings import catch_warnings
 
 from osl_analysis.campaign.configuration import Config, FrequencyResponseFigure
 from osl_analysis.config.experiments import EXPERIMENTS, ResultTable
+from osl_analysis.config.shared_choices import read_impedance_trajectory
 from osl_analysis.config.sheet import FIXTURE, SheetRows, read_sheet
-from osl_analysis.errors import InputError
+from osl_analysis.errors import InputError, listing, nearest
 from osl_analysis.files import default_config, digest
 from osl_analysis.formats.rosbag import recorded_files
 from osl_analysis.judge.recording import CHECKS, unknown_check, validate_rules
 from osl_analysis.model.compensator import CONTROLLERS
-from osl_analysis.model.parameters import joint_of
+from osl_analysis.model.parameters import joint_of, known_parameters
 from osl_analysis.table import MEASURED, SIMULATED
 from osl_analysis.walking.groups import IS_PERTURBED, STATED, side_of, split_keys, static_of
 from osl_analysis.yaml_settings import read_mapping
@@ -182,6 +184,10 @@ def check_campaign(campaign: Campaign) -> None:
         for name in campaign.accepted(trial):
             if name not in CHECKS:
                 raise InputError(f"{campaign.config.sheet}: trial '{trial}', accept: {unknown_check(name)}")
+        curve, curves = campaign.row(trial)["desired"], campaign.config.torque_angle.desired
+        if curve and curve not in curves:
+            there = f"torque_angle.desired in the configuration has {listing([*curves])}{nearest(curve, curves)}"
+            raise InputError(f"{campaign.config.sheet}: trial '{trial}', desired '{curve}' is no curve; {there}")
     if campaign.trials("walking"):
         check_walking(campaign)
 
@@ -198,6 +204,10 @@ def check_files(config: Config) -> None:
         if path is not None and not path.is_file():
             none = ", or write null for none" if field in named else ""
             raise InputError(f"{path}: no such file; correct {field} in the configuration{none}")
+    with catch_warnings(action="ignore"):  # the jobs that use the parameters give them
+        known_parameters(config.parameters)
+    if config.impedance_trajectory is not None:
+        read_impedance_trajectory(config.impedance_trajectory)
 
 
 def check_walking(campaign: Campaign) -> None:
@@ -266,7 +276,7 @@ def matching(campaign: Campaign, asked: dict[str, Any], figure: str = "") -> lis
         what = f"{asked.get('controller') or 'impedance'} trial with {said or 'these empty cells'}"
         raise InputError(
             f"{campaign.config.sheet}: no {what}; choose another one under figures.{figure} in the configuration, or "
-            "null to have one chosen from the sheet"
+            f"null to have one chosen from the sheet{nearest(asked.get('controller') or '', CONTROLLERS)}"
         )
     return found
 

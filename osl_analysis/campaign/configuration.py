@@ -5,7 +5,7 @@ from datetime import date
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from osl_analysis.bench.settings import ActuatorAnalysis, DynamometerAnalysis, ModelComparison, TorqueAngleAnalysis
 from osl_analysis.config.shared_choices import FOLLOWED, SharedChoices
@@ -14,8 +14,19 @@ from osl_analysis.files import default_config
 from osl_analysis.judge.claims import Claims
 from osl_analysis.judge.table import DoubtfulFits, QualityRules
 from osl_analysis.model.compensator import Weight
+from osl_analysis.relations import below, refused, rising
 from osl_analysis.walking.settings import OvergroundAnalysis, WalkingAnalysis
 from osl_analysis.yaml_settings import AnySettings, Degrees, Positive, Settings, ShippedPath, read_mapping, validated
+
+
+def dates(value: date | str) -> date | str:
+    """One date, or the first and the last one, as `2026-03-14 to 2026-03-16`."""
+    try:
+        rising(tuple(map(date.fromisoformat, str(value).split(" to "))))
+    except ValueError as error:
+        raise ValueError("write a date, as 2026-03-14, or two, as 2026-03-14 to 2026-03-16") from error
+    return value
+
 
 Some = Annotated[int, Field(ge=0, le=1_000_000)]  # trials, campaigns or crossings; more is a slip of the keyboard
 
@@ -96,7 +107,7 @@ class Config(Settings):
     simulation: ShippedPath | None  # Settings of the simulator that makes the recordings; null: they are real.
     data: Literal["simulated", "measured"] | None = None
     """What the recordings are, as figures, tables and summary say; null: simulated where the simulator made them."""
-    recorded: date | str | None = None
+    recorded: Annotated[date | str, AfterValidator(dates)] | None = None
     """Date of the recordings, as the figures say, such as 2026-03-14; null: the dates of the files."""
     parameters: ShippedPath | None
     """Parameter file of the device; null: none, it is analysed without predictions and without ratios to a file."""
@@ -118,6 +129,12 @@ class Config(Settings):
     figures: FigureChoices  # What the figures show.
     report: ReportChoices = ReportChoices()  # The page `report.html`.
     study: StudySettings  # The Monte Carlo study.
+
+    _study_is_fitted = below("dynamometer.settle_cycles", "study.cycles", "and none of the study's would be fitted")
+    _one_plate = refused(
+        lambda s: s.simulation and s.walking.plate != 1,
+        "walking.plate = {s.walking.plate}: the simulated laboratory has one force plate; write 1",
+    )
 
     def shared(self, experiment: str | None = None) -> SharedChoices:
         """What the simulator follows in the trials of one experiment, or in all (None)."""

@@ -37,6 +37,7 @@ from osl_analysis.stats.regression import variance_accounted_for
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import read_trial
 
+FAR = "warning: this K is far from {:g}: the leg renders K_d at rest alone; ask for more damping, or lower --weight-hz"
 TESTED_HZ = (1.0, 2.0, 3.0, 4.0, 5.0)  # frequencies of Section III-B, at which the fit of Eq. 15 is predicted
 
 
@@ -129,6 +130,7 @@ def gains_text(table: pl.DataFrame) -> str:
         lines += [
             f"predicted fit over 1 to 5 Hz: K {row['K_predicted']:.4g} N·m/rad, B {row['B_predicted']:.4g} N·m·s/rad, "
             f"I {row['I_predicted']:.3g} kg·m² (friction cancelled)",
+            *[FAR.format(row["K_d"])] * bool(abs(row["K_predicted"] / row["K_d"] - 1) > 0.25),
             f"within 10 % of the desired impedance up to {row['faithful_to_hz']:.3g} Hz; passive",
             f"the slowest mode decays with {row['decay_rate']:.3g} 1/s; with the joint held, "
             f"{1e3 * row['delay_margin']:.3g} ms of delay in the loop make it unstable",

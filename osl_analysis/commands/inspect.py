@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
+from zlib import crc32
 
 import polars as pl
 
@@ -302,7 +303,7 @@ def drafted_text(draft: Draft) -> str:
     return "\n".join([*lines, *(f"not read: {text}" for text in draft.refused)])
 
 
-State = tuple[int, int]  # size [bytes] and date of the last change [ns] of all files of a recording
+State = tuple[int, ...]  # size [bytes] and date [ns] of a recording's files; of a refused one what it was read by
 
 
 @dataclass
@@ -316,7 +317,7 @@ class Arrivals:
     def complete(self, now: float) -> list[tuple[Path, State]]:
         """Recordings that are new, or other than when they were examined, and have rested for 4 s; for 20 s if they
         grew after they had rested before. The caller enters them in `seen` once they are examined."""
-        found = []
+        found: list[tuple[Path, State]] = []
         for path in recordings_in(self.folder):
             name = path.relative_to(self.folder).as_posix()
             try:
@@ -324,7 +325,7 @@ class Arrivals:
             except OSError:  # it is gone
                 continue
             state = (sum(stat.st_size for stat in stats), max((stat.st_mtime_ns for stat in stats), default=0))
-            if not state[0] or self.seen.get(name) == state:
+            if not state[0] or self.seen.get(name, ())[:2] == state:
                 continue
             before, since = self.growing.get(name, (None, now))
             if before != state:
@@ -338,7 +339,7 @@ def read_notes(path: Path) -> dict[str, State]:
     """The recordings that were examined before; none without notes, or with damaged ones."""
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
-        return {str(name): (int(size), int(date)) for name, (size, date) in content.items()}
+        return {str(name): (int(size), int(date), *map(int, by)) for name, (size, date, *by) in content.items()}
     except (OSError, ValueError, AttributeError, TypeError):
         return {}
 
@@ -350,12 +351,19 @@ class WatchedBench:
 
     def __init__(self, config_path: Path, source: Path | None, output: Path) -> None:
         self.config_path, self.config, self.output = config_path, read_config(config_path), output
+        self.stated = source  # by the user
         self.source = None if source is None else source.stem
         if source is not None:
             read_source(source)
             self.config = self.config.model_copy(update={"sources": source.parent})
         has_sheet = self.config.simulation is None and self.config.sheet.is_file()
         self.campaign = open_campaign(self.config, None) if has_sheet else None
+        self.read = self.files_state()
+
+    def files_state(self) -> int:
+        """A number for configuration, sheet and source files as they are now."""
+        files = sorted({self.config_path, self.config.sheet, *self.config.sources.glob("*.yaml")})
+        return crc32(str([self.stated, *((one, one.stat().st_mtime_ns) for one in files if one.is_file())]).encode())
 
 
 def watched_lines(folder: Path, bench: WatchedBench) -> Iterator[str]:
@@ -365,9 +373,14 @@ def watched_lines(folder: Path, bench: WatchedBench) -> Iterator[str]:
     notes = bench.output / "examined.json"
     arrivals = Arrivals(folder, read_notes(notes))
     while True:
+        if bench.files_state() != bench.read:
+            with suppress(OslAnalysisError):  # a file that is being edited
+                bench = WatchedBench(bench.config_path, bench.stated, bench.output)
+        arrivals.seen = {name: one for name, one in arrivals.seen.items() if one[2:] in ((), (bench.read,))}
         for path, state in arrivals.complete(time.monotonic()):
             said = recording_line(path, folder, bench)
-            arrivals.seen[path.relative_to(folder).as_posix()] = state
+            refused = re.search(": (REFUSED|FAILED): ", said) is not None
+            arrivals.seen[path.relative_to(folder).as_posix()] = (*state, *[bench.read] * refused)
             with atomic_path(notes) as temporary:  # a restart does not repeat what was examined
                 temporary.write_text(json.dumps(arrivals.seen, indent=1) + "\n", encoding="utf-8")
             yield said
@@ -447,7 +460,8 @@ def row_of_recording(
         (place / "draft.yaml").write_text(text, encoding="utf-8")
         still_open = [f"`{dotted(one)}`" for one in open_places(read_mapping(place / "draft.yaml"))]
         if still_open:
-            questions = "; ".join(printable(one) for one in overview.open) or f"open are {listing(still_open, 4)}"
+            cut = [one for one in overview.remarks if re.search("not complete|truncated|cut off|missing|damaged", one)]
+            questions = "; ".join(map(printable, [*cut, *overview.open])) or f"open are {listing(still_open, 4)}"
             raise InputError(
                 f"{path}: its channels cannot be guessed: {questions}; edit the draft of `osl-analysis inspect`, and "
                 "name it by --source"

@@ -8,8 +8,11 @@ from importlib.metadata import PackageNotFoundError, version
 from itertools import pairwise
 from pathlib import Path
 
+from osl_analysis.campaign.campaign import Campaign, check_campaign, open_campaign
+from osl_analysis.campaign.configuration import read_config
 from osl_analysis.errors import InputError, OslAnalysisError, nearest
 from osl_analysis.files import CAMPAIGN, check_working_folder, root, shipped
+from osl_analysis.ingest.raw_files import read_source
 from osl_analysis.yaml_settings import read_mapping
 
 CONFIGURED_BY = ("--configfile", "--configfiles")  # options of Snakemake that name a configuration
@@ -75,11 +78,15 @@ def looked_at(folder: Path) -> Iterator[tuple[str, str, str]]:
     yield "campaign", *campaign(folder / CAMPAIGN)
 
 
+def check_start(opened: Campaign) -> None:
+    """Refuse, before any job, what `check_campaign` does, and a source file that is missing or wrong."""
+    check_campaign(opened)
+    for path in sorted({source for trial in opened.trials() for source in opened.sources(trial)}):
+        read_source(path)
+
+
 def campaign(path: Path) -> tuple[str, str]:
     """What a campaign's configuration and sheet tell, and what to correct."""
-    from osl_analysis.campaign.campaign import check_campaign, open_campaign
-    from osl_analysis.campaign.configuration import read_config
-
     if not path.is_file():
         return "none in this folder", ""
     try:
@@ -87,7 +94,7 @@ def campaign(path: Path) -> tuple[str, str]:
         if config.simulation is not None:
             return f"{config.campaign}, simulated", ""
         opened = open_campaign(config, None)
-        check_campaign(opened)
+        check_start(opened)
     except OslAnalysisError as error:
         return str(error), "correct it"
     missing = [trial for trial in opened.trials() if not all(log.exists() for log in opened.logs(trial))]

@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from osl_analysis.config.experiments import EXPERIMENTS
-from osl_analysis.errors import InputError, nearest
+from osl_analysis.errors import InputError, listing, nearest
 from osl_analysis.formats.other_formats import refuse_others
 from osl_analysis.model.compensator import CONTROLLERS
+from osl_analysis.relations import stretches
 
 JOINT = "ankle"  # The joint of a trial whose row names none. The walkway measures this one.
 CONDITIONS = ("group", "subject", "session", "speed", "side", "direction")
@@ -71,6 +72,10 @@ def read_sheet(path: Path) -> SheetRows:
         seen["trial", row["trial"]] = number
         for column, unnamed in (("joint", JOINT), ("controller", CONTROLLERS[0])):
             name = row[column] or unnamed
+            is_own = column == "controller" and name.isalpha() and name.lower() not in CONTROLLERS
+            if like := nearest(name, CONTROLLERS, 0.9) if is_own else "":
+                said = "has no known gains; give a controller of your own a name that differs more"
+                raise InputError(f"{where}: controller '{name}' {said}{like}")
             before = seen.setdefault((column, unicodedata.normalize("NFKC", name).casefold()), name)
             if before != name:  # two equal names that capitals, or Unicode's ways to write a letter, tell apart
                 raise InputError(
@@ -128,8 +133,9 @@ def problems_in(row: Mapping[str, str]) -> Iterator[str]:
         is_decimal = re.fullmatch(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", row[column])
         if row[column] and not (is_decimal and math.isfinite(float(row[column]))):
             yield f"{column} '{row[column]}' is not a number; give it in SI units, without the unit"
-    if row["body_mass_kg"] and not float(row["body_mass_kg"]) > 0:
-        yield f"body_mass_kg '{row['body_mass_kg']}' must be above 0, or empty"
+    for column, most in {"body_mass_kg": 500, "known_K": 1e6, "known_I": 1e3, "known_percent": 50}.items():
+        if row[column] and not 0 < float(row[column]) < most:
+            yield f"{column} '{row[column]}' must be above 0 and below {most:g}, or empty"
     if (stated := [column for column in FIXTURE if row[column]]) and EXPERIMENTS[experiment].motion != "theta":
         yield f"{stated[0]} of experiment '{experiment}', which turns no joint under a load cell; leave the cell empty"
     if least := [column for column in stated if column != "fixture_rest_deg" and float(row[column]) < 0]:
@@ -165,11 +171,18 @@ def problems_in(row: Mapping[str, str]) -> Iterator[str]:
             yield f"{column}_source is empty; name the file in config/sources that describes {row[column]}"
         if source.endswith((".yaml", ".yml")):
             yield f"{column}_source '{source}' names a file; write its name without the ending"
-    if row["windows"] and experiment not in ("impedance", "walking"):
-        yield f"windows '{row['windows']}' of experiment '{experiment}'; only 'impedance' fits windows, leave it"
+    users = {"windows": ("impedance", "walking"), "desired": ("torque_angle",)}
+    for column in (column for column in ("windows", "desired", *KNOWN_COLUMNS) if row[column]):
+        if experiment not in (user := users.get(column, ("calibration",))):
+            said = listing([f"'{one}'" for one in user])
+            yield f"{column} '{row[column]}' of experiment '{experiment}'; only {said} uses it, clear the cell"
+    if experiment == "calibration" and not row["known_K"] and not row["known_I"]:
+        yield "known_K and known_I are empty; state the spring [N*m/rad] or the inertia [kg*m^2] of this calibration"
     if row["windows"] and experiment == "walking" and len(row["windows"].split()) > 1:
         yield f"windows '{row['windows']}' of a crossing; write one, and a row of the sheet for each crossing of a log"
-    if row["windows"] and not re.fullmatch(r"\d+\.?\d*-\d+\.?\d*(\s+\d+\.?\d*-\d+\.?\d*)*", row["windows"]):
-        yield f"windows '{row['windows']}' are not from-to in s; write them as 2-30 40-62"
+    try:
+        stretches(row["windows"] or "0-1")
+    except InputError as error:
+        yield str(error)
     if row["log_part"] and not row["log"]:
         yield f"log_part '{row['log_part']}' without a log; fill in log, or clear log_part"

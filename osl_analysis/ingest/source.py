@@ -24,11 +24,12 @@ from pydantic import (
     field_validator,
     model_validator,
 )
-from pydantic_core import PydanticCustomError, PydanticUndefined
+from pydantic_core import PydanticUndefined
 
 from osl_analysis.errors import InputError, nearest
 from osl_analysis.formats.mat import checked_address
 from osl_analysis.ingest.units import ForceUnit, LengthUnit, MomentUnit, TimeUnit, Unit, quantity, si_factor
+from osl_analysis.relations import distinct, misplaced, rising
 from osl_analysis.trial import AXES, COLUMNS, Array, unit_of
 from osl_analysis.yaml_settings import Settings, field_line
 
@@ -39,11 +40,6 @@ AddressText = Annotated[str, AfterValidator(checked_address)]
 Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
 Axes = tuple[Axis, Axis, Axis]
 Corner = tuple[float, float, float]
-
-
-def misplaced(reason: str, *place: str) -> PydanticCustomError:
-    """An error of a check that sees several fields; `place` is the field below them that is wrong."""
-    return PydanticCustomError("misplaced", "{reason}", {"reason": reason, "place": place})
 
 
 class SensorFilter(Settings):
@@ -79,8 +75,8 @@ class Conversion(Settings):
     @field_validator("delay", "scale")
     @classmethod
     def _possible(cls, value: Any) -> Any:
-        if isinstance(value, str):
-            quantity(value, "s")
+        if isinstance(value, str) and abs(quantity(value, "s")) > 10:
+            raise ValueError("a delay of more than 10 s is none of a sensor; correct its unit")
         if value == 0:
             raise ValueError("a scale of zero makes every number zero; write the size of one count")
         return value
@@ -225,7 +221,8 @@ class SharedAngle(Settings):
     """An angle that log and motion capture both recorded, which aligns their clocks where no sync edges do."""
 
     column: str  # Column of the log with the angle. Its scale, sign and offset do not matter.
-    markers: tuple[str, str, str]  # Three markers of motion capture. The angle is at the second marker.
+    markers: Annotated[tuple[str, str, str], AfterValidator(distinct)]
+    """Three markers of motion capture. The angle is at the second marker."""
 
 
 class ModelOutput(Conversion):
@@ -309,6 +306,9 @@ class SourceFile(Settings):
         if "axes" in has and round(float(np.linalg.det(self.rotation))) != 1:
             said = "forward, left and up must be three different axes of a right-handed laboratory"
             raise misplaced(f"{list(stated.axes)} is not allowed: {said}", "axes")
+        if "clock" in has and stated.clock == "shared" and "sync" in stated.channels:
+            said = "a log with the mapped column sync is aligned by its edges; write clock: sync, or remove sync"
+            raise misplaced(said, "clock")
         if "clock" in has and stated.clock == "sync" and "sync" not in stated.channels:
             raise misplaced("sync needs the column sync under channels; map it, or write clock: master", "clock")
         if "units_row" in has and stated.units_row and stated.header != "row":
@@ -355,7 +355,7 @@ class Source(SourceFile):
     point_unit: LengthUnit | None = None  # Unit of length, where the file's own is absent or wrong.
     plates: Any = Field(default={})  # Force plates by number, from 1; in C3D those to read: all, none or a list.
     plate_units: PlateUnits | None = None  # Units of the plates' channels, where the file's are absent or wrong.
-    plate_zero: Literal["none", "file"] | tuple[PositiveInt, PositiveInt] = "none"
+    plate_zero: Literal["none", "file"] | Annotated[tuple[PositiveInt, PositiveInt], AfterValidator(rising)] = "none"
     """Baseline of the plates: none, file (FORCE_PLATFORM:ZERO) or two frames, from 1, between which they are empty."""
 
 
@@ -443,7 +443,7 @@ KEYS: Mapping[str, tuple[Any, ...]] = {
     ),
     "c3d": (
         *(f"{OF_DEVICES} point_unit plates plate_units plate_zero", "channel", "", ""),
-        {"plates": (Annotated[Literal["all"] | tuple[int, ...], BeforeValidator(all_none_or_list)], "all")},
+        {"plates": (Annotated[Literal["all"] | tuple[PositiveInt, ...], BeforeValidator(all_none_or_list)], "all")},
     ),
     "nexus_csv": (
         *(f"{OF_DEVICES} delimiter decimal plates", "device component", "", "device corners moment_about sign"),

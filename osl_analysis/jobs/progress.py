@@ -15,6 +15,7 @@ from snakemake_interface_logger_plugins.common import LogEvent
 
 from osl_analysis.errors import printable
 from osl_analysis.jobs.job_log import read_log
+from osl_analysis.refusal import alike
 
 STAGES = {
     "simulate": r"simulate_|trial_sheet",
@@ -49,6 +50,7 @@ class LogHandler(LogHandlerBase):
         self.total, self.done = Counter[str](), Counter[str]()  # jobs by stage
         self.started: dict[str, float] = {}  # when the first job of a stage began [s]
         self.jobs: dict[int, tuple[str, list[str]]] = {}  # stage and logs of the jobs that run, by their numbers
+        self.told = set[tuple[str, str]]()  # causes of refusals that stand above
         self.last = time.monotonic()  # when something was written last [s]
 
     @property
@@ -87,7 +89,10 @@ class LogHandler(LogHandlerBase):
         for log in logs:
             ended = read_log(Path(log))
             if ended is not None and ended["outcome"] in ("refused", "failed", "died"):
-                self.line(f"{ended['outcome']}: {Path(log).stem}: {printable(ended['error'])}")
+                kind = ended["outcome"], alike(ended["error"], Path(log).stem)
+                if kind not in self.told:  # the list at the end of the run names the others with this cause
+                    self.line(f"{ended['outcome']}: {Path(log).stem}: {printable(ended['error'])}")
+                self.told.add(kind)
         done, total, now = self.done[name], self.total[name], time.monotonic()
         spent = max(now - self.started[name], 1e-3)
         if done == total:

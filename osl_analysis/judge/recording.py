@@ -12,7 +12,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from osl_analysis.config.experiments import EXPERIMENTS
-from osl_analysis.errors import InputError
+from osl_analysis.errors import InputError, nearest
 from osl_analysis.judge.table import TABLE, Cause, CheckResult, Commanded, Examined, Judgement, QualityRules
 from osl_analysis.measured import factor_of, usual_size
 from osl_analysis.plate_surface import beside, plate_axes
@@ -555,7 +555,7 @@ config/config.yaml, and its test."""
 
 
 def unknown_check(name: str) -> str:
-    return f"'{name}' is no quality check; the checks are {', '.join(CHECKS)}"
+    return f"'{name}' is no quality check; the checks are {', '.join(CHECKS)}{nearest(name, CHECKS)}"
 
 
 def validate_rules(rules: QualityRules) -> None:

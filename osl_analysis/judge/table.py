@@ -12,9 +12,12 @@ import numpy as np
 from pydantic import ConfigDict, Field, model_validator
 
 from osl_analysis.config.experiments import Experiment, judged_tables
+from osl_analysis.dictionary import described_tables
+from osl_analysis.errors import nearest
 from osl_analysis.protocol.stepped_sine import SteppedSineProtocol
+from osl_analysis.relations import misplaced, refused
 from osl_analysis.trial import Trial
-from osl_analysis.yaml_settings import Settings, read_mapping
+from osl_analysis.yaml_settings import NotNegative, Settings, read_mapping
 
 
 @dataclass(frozen=True)
@@ -121,10 +124,15 @@ class QualityRules(Settings):
 class Doubt(Settings):
     """Limits of one table, by column. Null: no limit."""
 
-    above: dict[str, float | None] = Field(default_factory=dict)
+    above: dict[str, NotNegative | None] = Field(default_factory=dict)
     """Upper limits, by column. A fit is doubtful if the absolute value is above its limit."""
     below: dict[str, float | None] = Field(default_factory=dict)
     """Lower limits, by column. A fit is doubtful if the value is below its limit."""
+
+    _in_order = refused(
+        lambda s: any((s.below[one] or -np.inf) > (s.above.get(one) or np.inf) for one in s.below),
+        "below stands a limit above the upper one of its column, and every fit would be doubtful; correct one of them",
+    )
 
 
 class DoubtfulFits(Settings):
@@ -135,9 +143,16 @@ class DoubtfulFits(Settings):
 
     @model_validator(mode="after")
     def _tables_are_judged(self) -> Self:
-        unknown = [name for name in self.__pydantic_extra__ if name not in judged_tables()]
-        if unknown:
-            raise ValueError(f"unknown table '{unknown[0]}'; limits may stand on {', '.join(judged_tables())}")
+        tables = {table.place.removeprefix("tables/"): table.columns for table in described_tables()}
+        for name, limits in self.__pydantic_extra__.items():
+            if name not in judged_tables():
+                known = f"limits may stand on {', '.join(judged_tables())}"
+                raise misplaced(f"unknown table; {known}{nearest(name, judged_tables())}", name)
+            numbers = [column.name for column in tables[name].values() if column.unit != "text"]
+            for end, column in [("above", one) for one in limits.above] + [("below", one) for one in limits.below]:
+                if column not in numbers:
+                    said = f"tables/{name}.csv has no number of this name; correct it{nearest(column, numbers)}"
+                    raise misplaced(said, name, end, column)
         return self
 
     def of(self, table: str) -> Doubt:

@@ -6,25 +6,14 @@ size and the unit of the size. All effects of recorders and sensors are off unle
 
 import math
 import zlib
-from collections.abc import Callable
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import Field, ValidationInfo, field_validator, model_validator
+from pydantic import AfterValidator, Field, ValidationInfo, field_validator, model_validator
 
 from osl_analysis.model.compensator import PAPER_WEIGHT, Weight
+from osl_analysis.relations import below, distinct, refused, rising
 from osl_analysis.yaml_settings import Degrees, NotNegative, Positive, Settings, ShippedPath
-
-
-def refused(wrong: Callable[[Any], Any], reason: str) -> Any:
-    """A check of settings, which are refused for a reason, whose `{s.field}` are theirs, where they are wrong."""
-
-    def check(settings: Any) -> Any:
-        if wrong(settings):
-            raise ValueError(reason.format(s=settings))
-        return settings
-
-    return model_validator(mode="after")(check)
 
 
 class Effect(Settings):
@@ -269,6 +258,7 @@ class SensorSettings(Switches):
     )
 
 
+Band = Annotated[tuple[Positive, Positive], AfterValidator(rising)]
 BenchChannel = Literal[
     "joint_angle", "actuator_angle", "commanded_angle", "motor_current", "load_cell_torque", "output_torque"
 ]
@@ -290,7 +280,7 @@ class Excitation(Settings):
     name: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9]{0,30}$")]  # a part of the names of its trials
     kind: Literal["multisine", "chirp", "noise", "prbs", "ramps", "hand"]
     rms_deg: Degrees  # of a binary sequence half its step, of ramps a third of their range
-    band_hz: tuple[Positive, Positive] = (0.5, 6.0)  # a binary sequence and ramps have none
+    band_hz: Band = (0.5, 6.0)  # a binary sequence and ramps have none
     duration_s: Positive = 60.0  # at full size; of a multisine see `periods`
     period_s: Positive = 8.0  # of a multisine
     periods: Annotated[int, Field(ge=1, le=1000)] = 5  # of each realisation of a multisine
@@ -301,10 +291,7 @@ class Excitation(Settings):
     fade_s: Positive = 1.0  # in which the motion grows, and goes back to rest, in addition to its duration
     rest_s: NotNegative = 1.5  # before and after each motion
 
-    _band_rises = refused(
-        lambda s: s.band_hz[0] >= s.band_hz[1],
-        "band_hz goes from {s.band_hz[0]:g} to {s.band_hz[1]:g} Hz; write the lower one first",
-    )
+    _fades = below("fade_s + clock_s", "full_s", "and the motion would never be at full size")
 
     @property
     def full_s(self) -> float:
@@ -360,8 +347,8 @@ class Experiments(Settings):
     transmission: Count
     actuator: Count = 0
     torque_angle: Count = 0  # of a passive foot
-    K_d: tuple[Positive, ...]
-    B_d: tuple[NotNegative, ...]
+    K_d: Annotated[tuple[Positive, ...], AfterValidator(distinct)]
+    B_d: Annotated[tuple[NotNegative, ...], AfterValidator(distinct)]
     controllers: tuple[Literal["compensated", "uncompensated"], ...]
     static: Count = 0
     plate: Count = 0  # a perturbation of the unloaded platform

@@ -2,12 +2,13 @@
 The imperfections of the leg's controller are in the campaign's simulation settings."""
 
 import math
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field
 
 from osl_analysis.model.compensator import PAPER_WEIGHT, Weight
-from osl_analysis.simulator.settings import Count, Effect, Switches, effect, refused
+from osl_analysis.relations import below, refused, rising
+from osl_analysis.simulator.settings import Count, Effect, Switches, effect
 from osl_analysis.yaml_settings import Degrees, NotNegative, Positive, Settings, ShippedPath
 
 
@@ -27,6 +28,7 @@ class CaptureSettings(Settings):
 
 Percent = Annotated[float, Field(gt=-50, lt=100)]
 Share = Annotated[float, Field(ge=0, le=1)]
+PhaseRange = Annotated[tuple[Share, Share], AfterValidator(rising)]
 
 
 class StepChange(Settings):
@@ -124,11 +126,7 @@ class Gait(Settings):
     stance_s: Positive  # duration of stance on the platform
     stride_m: Positive
 
-    @model_validator(mode="after")
-    def _step_is_recorded(self) -> Self:
-        if self.recording_s <= (end := self.heel_strike_s + self.stance_s):
-            raise ValueError(f"recording_s must be longer than heel_strike_s + stance_s = {end:g} s")
-        return self
+    _step_is_recorded = below("heel_strike_s + stance_s", "recording_s", "and the step would not be recorded")
 
 
 class Perturbation(Settings):
@@ -137,7 +135,7 @@ class Perturbation(Settings):
     angle_deg: Degrees
     rise_s: Positive
     latency_s: NotNegative  # from the command to the start of the ramp
-    stance_phase: tuple[Share, Share]  # first and last at which the ramp is commanded, drawn evenly
+    stance_phase: PhaseRange  # first and last at which the ramp is commanded, drawn evenly
     hold_s: NotNegative  # after toe-off, when the platform starts to return
     return_s: Positive
     axis_depth_m: float | None = None  # below the plate's surface; null: the axis passes through the nominal ankle

@@ -1,17 +1,20 @@
 """Choices of the walking analysis in `config.yaml`, each with its unit."""
 
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field
 
+from osl_analysis.relations import below, distinct, refused, rising
 from osl_analysis.signals import LowPass
-from osl_analysis.yaml_settings import NotNegative, Positive, Settings
+from osl_analysis.yaml_settings import Degrees, NotNegative, Positive, Settings
 
-Names = tuple[str, ...]
+Names = Annotated[tuple[str, ...], AfterValidator(distinct)]
 Cluster = Annotated[Names, Field(min_length=3)]
 Side = Literal["left", "right"]
 StanceSource = Literal["own", "unperturbed", "matched"]
 
+Seconds = Annotated[float, Field(gt=0, le=10)]  # of a crossing; what is longer is in ms
+LoadRange = Annotated[tuple[Seconds, Seconds], AfterValidator(rising)]
 PoolKey = Literal["group", "subject", "session", "side", "speed", "K_d", "B_d", "timing"]
 GroupKey = PoolKey | Literal["direction"]
 
@@ -24,6 +27,11 @@ class Markers(Settings):
     platform: Cluster | tuple[()]  # empty for a belt without markers
     ankle_medial: str
     ankle_lateral: str
+
+    _are_apart = refused(
+        lambda s: len({*(own := (*s.foot, *s.shank, *s.platform))}) < len(own) or s.ankle_medial == s.ankle_lateral,
+        "a marker stands in two of foot, shank and platform, or is medial and lateral; remove it from one",
+    )
 
 
 class FootSettings(Settings):
@@ -83,9 +91,11 @@ class PlatformSettings(MarkerSettings, WalkingFilter):
     leg wears; or the powered `leg`. Of the latter two the log has command, motion and torque."""
     plate: Annotated[int, Field(ge=1)]  # Number of the force plate on the platform, counted from 1
     largest_zero_n: Positive  # Largest vertical force [N] of an unloaded plate. A plate that reads more is refused.
-    perturbation_deg: Positive  # Smallest rotation [deg] of the platform that counts as a perturbation
+    perturbation_deg: Degrees  # Smallest rotation [deg] of the platform that counts as a perturbation
     largest_shift_mm: Positive = 10.0  # of a platform that does not turn; further is refused, of a `belt` it perturbs
     longest_fitted_gap_s: NotNegative  # Longest gap [s] where the motion is fitted: after an onset, in an unloaded turn
+
+    _gaps = below("longest_fitted_gap_s", "longest_gap_s", "up to which gaps are interpolated at all", True)
 
     @property
     def by_log(self) -> bool:
@@ -125,16 +135,19 @@ class CrossingSettings(PlatformMotionSettings):
 
     load_on_n: Positive  # Vertical force [N] above which a stance begins
     load_off_n: Positive  # Vertical force [N] below which a stance ends
-    shortest_stance_s: Positive  # Shortest stance [s]; shorter contacts are ignored
-    unloaded_s: Positive | None  # Length [s] before the step from which the plate's zero is read; null: none is removed
+    shortest_stance_s: Seconds  # Shortest stance [s]; shorter contacts are ignored
+    unloaded_s: Seconds | None  # Length [s] before the step from which the plate's zero is read; null: none is removed
     foot: FootSettings | None = None  # Null: the foot's weight and inertia stay in the torque, so that I includes them
+
+    _loads = below("load_off_n", "load_on_n", "and noise would end a stance in which it begins")
+    _fits = below("window_s + baseline_s + guard_s", "shortest_stance_s", "which must hold a whole response", True)
 
 
 class SelectionSettings(TimingSettings):
     """Which crossings are excluded, and to which group, with a result of its own, each belongs."""
 
     outliers: OutlierRule | None  # Rule by which crossings are compared and excluded; null: they are not compared
-    load_of_weight: tuple[Positive, Positive]  # Bounds of the mean load in single support, as a share of the weight
+    load_of_weight: LoadRange  # Bounds of the mean load in single support, as a share of the weight
     largest_outside_m: NotNegative  # Largest distance [m] of a foot marker from the plate while the foot is flat
     group_by: tuple[GroupKey, ...] = ()
     """Conditions by which results are always split, as by any other in which crossings differ and that `pool` does not
@@ -142,12 +155,9 @@ class SelectionSettings(TimingSettings):
     pool: tuple[PoolKey, ...] = ()  # Conditions in which crossings of one result may differ
     timing_scatter: Positive = 0.05  # Largest SD of the onset's phase, as a share of stance, of one timing
 
-    @model_validator(mode="after")
-    def _split_or_pooled(self) -> Self:
-        both = sorted(set(self.group_by) & set(self.pool))
-        if both:
-            raise ValueError(f"'{both[0]}' stands in group_by and in pool; remove it from one of them")
-        return self
+    _split_or_pooled = refused(
+        lambda s: {*s.group_by} & {*s.pool}, "group_by and pool share a condition; remove it from one of them"
+    )
 
 
 class UnperturbedSettings(Settings):

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from osl_analysis.config.experiments import EXPERIMENTS
-from osl_analysis.errors import InputError, listing, nearest
+from osl_analysis.errors import InputError, nearest
 from osl_analysis.formats.other_formats import refuse_others
 from osl_analysis.model.compensator import CONTROLLERS
 from osl_analysis.relations import stretches
@@ -174,8 +174,8 @@ def problems_in(row: Mapping[str, str]) -> Iterator[str]:
     users = {"windows": ("impedance", "walking"), "desired": ("torque_angle",)}
     for column in (column for column in ("windows", "desired", *KNOWN_COLUMNS) if row[column]):
         if experiment not in (user := users.get(column, ("calibration",))):
-            said = listing([f"'{one}'" for one in user])
-            yield f"{column} '{row[column]}' of experiment '{experiment}'; only {said} uses it, clear the cell"
+            said = " or ".join(f"'{one}'" for one in user)
+            yield f"{column} '{row[column]}' of experiment '{experiment}'; it is for {said} alone, clear the cell"
     if experiment == "calibration" and not row["known_K"] and not row["known_I"]:
         yield "known_K and known_I are empty; state the spring [N*m/rad] or the inertia [kg*m^2] of this calibration"
     if row["windows"] and experiment == "walking" and len(row["windows"].split()) > 1:

@@ -189,13 +189,11 @@ class WalkingAnalysis(
 ):
     """All choices of the walking analysis. Each job uses one of the groups above."""
 
-    @model_validator(mode="after")
-    def _moving_plates_have_markers(self) -> Self:
-        rests = self.perturbed_by == "belt" and self.plate_inertia == "none"
-        if not (self.markers.platform or rests or self.by_log):
-            belt = "perturbed_by: belt and plate_inertia: none, of a belt over a plate that rests"
-            raise ValueError(f"markers.platform is empty; name the markers of the platform, or state {belt}")
-        return self
+    _moving_plates_have_markers = refused(
+        lambda s: not (s.markers.platform or s.by_log or (s.perturbed_by == "belt" and s.plate_inertia == "none")),
+        "markers.platform is empty; name the markers of the platform, or state perturbed_by: belt and plate_inertia: "
+        "none, of a belt over a plate that rests",
+    )
 
 
 class OvergroundAnalysis(Settings):

@@ -76,7 +76,8 @@ def test_a_wrong_cell_is_named_with_line_and_remedy(tmp_path, line, message):
     (f"{PLACED}a,static,knee,,a,s\n", "joint 'knee' of experiment 'static': the walkway measures the ankle; leave"),
     *((f"{PLACED}a,belt,knee,{side},a,s\n", f"side '{side}' must be left or right") for side in ("both", "Left")),
     *((f"trial,experiment,log,log_source,{name}\na,{kind},a,s,{cell}\n", said) for name, kind, cell, said in (
-        ("windows", "belt", "2-30", "it is for 'impedance' or 'walking' alone"), ("windows", "impedance", "2-", "are not from-to"),
+        ("windows", "belt", "2-30", "it is for 'impedance' or 'walking' alone"),
+        ("windows", "impedance", "2-", "are not from-to"),
         ("fixture_inertia", "belt", "-1", "fixture_inertia '-1' is below 0"),
         ("fixture_weight", "actuator", "1", "turns no joint under a load cell"),
         ("fixture_rest_deg", "belt", "9", "fixture_rest_deg without fixture_weight"),

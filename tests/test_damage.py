@@ -248,7 +248,7 @@ def cases(count: int, seed: int, folder: Path) -> Iterator[tuple[str, str]]:
 
 
 def test_whatever_is_read_of_a_damaged_file_was_written_or_its_loss_is_told(tmp_path: Path) -> None:
-    found = list(cases(15 * len(KINDS), 7, tmp_path))
+    found = list(cases(10 * len(KINDS), 7, tmp_path))
     assert not [one for one in found if "WRONG" in one[1]]
     became = [result for _, result in found]
     assert min(became.count(result) for result in ("refused", "told", "whole")) > 20

@@ -327,11 +327,11 @@ def test_every_worked_example_of_the_page_is_read_by_the_models_of_sheet_source_
     """`(kind, text)` of the blocks of "Who perturbs", and of the sheet of "Setting up"."""
     page = (ROOT / "docs/walking.md").read_text()
     chapter = page[page.index("## Who perturbs") : page.index("## Stance and phase")]
-    blocks = re.findall(r"```(csv|yaml)\n(.*?)```", chapter, re.DOTALL)
+    blocks = re.findall(r"```(text|yaml)\n(.*?)```", chapter, re.DOTALL)
     seen = []
     for kind, text in blocks:
         (tmp_path / "block").write_text(text)
-        if kind == "csv":
+        if kind == "text":
             rows = read_sheet(tmp_path / "block")
             assert {bool(row["perturbed"]) for row in rows.values() if row["experiment"] == "walking"} == {True, False}
         elif text.startswith("# config.yaml"):

@@ -29,7 +29,7 @@ from pydantic_core import PydanticUndefined
 from osl_analysis.errors import InputError, nearest
 from osl_analysis.formats.mat import checked_address
 from osl_analysis.ingest.units import ForceUnit, LengthUnit, MomentUnit, TimeUnit, Unit, quantity, si_factor
-from osl_analysis.relations import distinct, misplaced, rising
+from osl_analysis.relations import distinct, misplaced
 from osl_analysis.trial import AXES, COLUMNS, Array, unit_of
 from osl_analysis.yaml_settings import Settings, field_line
 
@@ -355,7 +355,7 @@ class Source(SourceFile):
     point_unit: LengthUnit | None = None  # Unit of length, where the file's own is absent or wrong.
     plates: Any = Field(default={})  # Force plates by number, from 1; in C3D those to read: all, none or a list.
     plate_units: PlateUnits | None = None  # Units of the plates' channels, where the file's are absent or wrong.
-    plate_zero: Literal["none", "file"] | Annotated[tuple[PositiveInt, PositiveInt], AfterValidator(rising)] = "none"
+    plate_zero: Literal["none", "file"] | tuple[PositiveInt, PositiveInt] = "none"
     """Baseline of the plates: none, file (FORCE_PLATFORM:ZERO) or two frames, from 1, between which they are empty."""
 
 

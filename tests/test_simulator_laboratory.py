@@ -429,10 +429,13 @@ def test_a_bad_impedance_trajectory_and_a_wrong_duration_or_rate_are_refused(tmp
     for right, wrong, said in (
         ("recording_s: 3.0", "recording_s: 1.5", r"gait.*stance_s = .* is not below recording_s = 1.5"),
         ("analogs_hz: 1500", "analogs_hz: 1000", r"analogs_hz must be a multiple of points_hz \(300\)"),
+        ("[0.38, 0.40]", "[0.41, 0.40]", "stance_phase falls; write the lower first"),
     ):
         (tmp_path / "walking.yaml").write_text(text.replace(right, wrong))
         with pytest.raises(InputError, match=said):
             read_yaml(tmp_path / "walking.yaml", WalkingSettings)
+    (tmp_path / "walking.yaml").write_text(text.replace("[0.38, 0.40]", "[0.40, 0.40]"))  # every time the same
+    read_yaml(tmp_path / "walking.yaml", WalkingSettings)
 
 
 def test_a_given_equilibrium_and_a_weight_of_the_gains_are_used(shipped, tmp_path):

@@ -4,10 +4,10 @@ The imperfections of the leg's controller are in the campaign's simulation setti
 import math
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, Field
+from pydantic import Field
 
 from osl_analysis.model.compensator import PAPER_WEIGHT, Weight
-from osl_analysis.relations import below, refused, rising
+from osl_analysis.relations import below, refused
 from osl_analysis.simulator.settings import Count, Effect, Switches, effect
 from osl_analysis.yaml_settings import Degrees, NotNegative, Positive, Settings, ShippedPath
 
@@ -28,7 +28,6 @@ class CaptureSettings(Settings):
 
 Percent = Annotated[float, Field(gt=-50, lt=100)]
 Share = Annotated[float, Field(ge=0, le=1)]
-PhaseRange = Annotated[tuple[Share, Share], AfterValidator(rising)]
 
 
 class StepChange(Settings):
@@ -135,16 +134,17 @@ class Perturbation(Settings):
     angle_deg: Degrees
     rise_s: Positive
     latency_s: NotNegative  # from the command to the start of the ramp
-    stance_phase: PhaseRange  # first and last at which the ramp is commanded, drawn evenly
+    stance_phase: tuple[Share, Share]  # first and last at which the ramp is commanded, drawn evenly
     hold_s: NotNegative  # after toe-off, when the platform starts to return
     return_s: Positive
     axis_depth_m: float | None = None  # below the plate's surface; null: the axis passes through the nominal ankle
     shift_mm: Positive | None = None
-    driven: bool = False  # by a boot or the leg: the ankle turns and the platform rests; the log has torque and command
     """Distance by which the platform shifts in place of a turn: backward for `up`, which dorsiflexes the ankle, as the
     hip stays where it is. Null: it turns."""
     leg_length_m: Positive = 0.9  # ankle to hip, which converts a shift of the platform to an angle of the shank
     same_unloaded: bool = False  # else size and duration of the ramp in plate trials vary by 15 and 30 %
+    driven: bool = False  # by a boot or the leg: the ankle turns and the platform rests; the log has torque and command
+    _in_order = refused(lambda s: s.stance_phase[0] > s.stance_phase[1], "stance_phase falls; write the lower first")
 
 
 class Body(Settings):

@@ -410,7 +410,7 @@ def test_errors_of_the_laboratory_change_the_fit_as_the_table_says_and_witnesses
     assert (
         f"takes {100 * group['shoe_share']:.3g} % off K, by the encoder K would be {group['K_by_encoder']:.3g}" in said
     )
-    assert "the corners are 0.02 m too high, which changes K by -0.03" in said
+    assert "the corners are 0.02 m too high, by which K falls by 4 %" in said
     assert "they differ by 0.7 deg in stance" in said
     assert "shoe" not in group["not_checked"]
     assert "corners" not in group["not_checked"]

@@ -301,20 +301,27 @@ def test_each_reaction_comes_out_with_its_size_and_the_joint_without_it(window_s
     late = norm.cdf((time - half) / (window_s / 10) - 1.5)
     ramp = np.array([np.trapezoid(norm.cdf((x := np.linspace(-1, t, 9999)) - half, 0, window_s / 10), x) for t in time])
     shapes = bump(time - half, LEAD, RISE)[1], late * theta, ramp, theta * np.maximum(time, 0)
-    window = slice(40, 40 + round(window_s * RATE))
+    window, wander = slice(40, 40 + round(window_s * RATE)), np.random.default_rng(3).standard_normal((2, 12))
+    gait = np.column_stack([np.zeros_like(time), np.vander(time, 2) @ wander])  # of resamples; the mean has none
     for name, shape, size in zip(fitting.REACTIONS, shapes, (4.0, 136.0, 120.0, 667.0), strict=True):
-        torque = K * theta + B * omega + I * alpha + 7.0 + 30.0 * time + size * shape  # gait drifts
-        found = fitting.reactions(time, window, theta[:, None], torque[:, None])
-        assert found[name] == pytest.approx(size, rel=0.02)
-        assert found[f"K with {name}"] == pytest.approx(K, rel=0.01)
-        assert found[f"B with {name}"] == pytest.approx(B, rel=0.02)
+        torque = K * theta + B * omega + I * alpha + size * shape
+        found = fitting.reactions(time, window, np.tile(theta[:, None], 13), torque[:, None] + gait)
+        for kind in ("", " and jerk"):
+            assert found[f"{name}{kind}"][0] == pytest.approx(size, rel=0.02)
+            assert found[f"{name}{kind}"][1] < 0.1 * size  # a drift before the onset tells the one after it
+        if name == fitting.SLOPE:
+            assert found["B with slope"][0] == pytest.approx(B, rel=0.02)
+        else:  # little has set in yet
+            assert found["K early"][0] == pytest.approx(K, rel=0.2)
 
 
 def test_a_reaction_within_the_window_is_certain_and_named_and_a_sound_campaign_has_none() -> None:
     sound = facts(perturbed())
     assert [sound[name] for name in ("reaction", "reaction_share", "slope_share")] == [None] * 3
     assert sound["K_slope_low"] < 0 < sound["K_slope_high"]
-    assert "whether a voluntary torque or a change of pace is in K: all turns go one way" in sound["not_checked"]
+    assert (
+        "whether a voluntary torque or a change of pace is in K: all perturbations go one way" in sound["not_checked"]
+    )
     turn = walked("g", 1.0, 0.0, ONSET, (1.0, 0.0, 0.0)).torque - walked("g", 1.0, 0.0, ONSET, (0.0, 0.0, 0.0)).torque
     for c, at, size in ((4.0, 0.05, 1), (-4.0, 0.05, 0)):  # a reflex resists: that of the other sign is none
         speed = np.interp(perturbed()[0].time - at, perturbed()[0].time, np.gradient(turn, 1 / RATE))
@@ -324,7 +331,7 @@ def test_a_reaction_within_the_window_is_certain_and_named_and_a_sound_campaign_
             assert found["reaction_share"] > 0.02
             (said,) = marked(pl.DataFrame([found]), Doubt(above={"reaction_share": 0.02}), "walking_groups")["doubtful"]
             assert said.startswith("person reacts: ")
-            assert "as a column K would be 3" in said
+            assert f"by the first {60} ms alone K would be 3" in said
             assert ";" not in said
 
 

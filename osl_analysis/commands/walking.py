@@ -284,9 +284,7 @@ def group_result(
         known | row | {"commanded": fact.get(f"{row['quantity']}_d"), "reason": None}
         for row in tables.headline_rows(headline, own, doubtful_row(own))
     ]
-    sensitivity = tables.sensitivity_table(fact["group"], headline)
-    if turned[0].platform is None:  # angle and torque are those of a log
-        sensitivity = sensitivity.clear()
+    sensitivity = tables.sensitivity_table(fact["group"], headline, by_log=turned[0].platform is None)
     facts = tables.group_facts(headline)
     facts |= tables.witness_facts(turned, facts, sensitivity)
     return rows, fact | facts, (tables.response_table(fact["group"], headline), sensitivity)
@@ -410,7 +408,10 @@ def summarise_perturbations(
         sides[fact["group"]] = {"side": of.pop() if len(of) == 1 else None}
         own = fitted.filter(pl.col("trial").is_in(trials))
         results.append(group_result(fact, own, files, gaits.get(fact["gait"]), settings))
-    facts, curves = [fact for _, fact, _ in results], [curve for _, _, curve in results if curve is not None]
+    facts, curves = (
+        tables.with_slopes([fact for _, fact, _ in results]),
+        [one for *_, one in results if one is not None],
+    )
     if not curves:
         why = {fact["group"]: fact["reason"] for fact in facts}
         said = "; ".join(reason if name == ALL else f"{name}: {reason}" for name, reason in why.items())
@@ -439,6 +440,9 @@ def compare_ankle_moment(
     sheet's `body_mass_kg`."""
     rows = overground_rows(trial, settings, (condition or {}).get("body_mass_kg"))
     table = pl.DataFrame(rows, infer_schema_length=None)
+    for row in table.drop_nulls("excluded").iter_rows(named=True):
+        where = f"trial {trial.name}: the {row['side']} stance at {row['heel_strike_s']:.2f} s on plate {row['plate']}"
+        warnings.warn(f"{where} is excluded: {row['excluded']}", stacklevel=2)
     used = table.filter(pl.col("excluded").is_null()).with_columns(pl.col(CURVES).cast(pl.List(pl.Float64)))
     curves = used.select("trial", "side", "plate", "heel_strike_s", *CURVES).explode(CURVES).fill_nan(None)
     return {"ankle_moment": table.drop(CURVES), "ankle_moment_curves": curves}

@@ -8,7 +8,6 @@ explains, as a low VAF under friction, is no doubt of its own.
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 import polars as pl
@@ -148,8 +147,7 @@ def cause_in(name: str, value: float, row: AnyRow) -> Cause:
     if suspected_unit(name, value, row):
         return CAUSES["another unit"]
     if name == "residual_over_gait" and cell_number(row, "plate_ringing_hz"):
-        rings = CAUSES["plate that rings"]
-        return replace(rings, says=f"at {row['plate_ringing_hz']:.0f} Hz: {rings.says}")
+        return CAUSES["plate that rings"]
     if name == "rate_change" and value < 0:
         return CAUSES["loss that falls with speed"]
     if name == "K_change" and (value > 0 or (cell_number(row, "stiffening") or 0.0) < 0):
@@ -180,7 +178,8 @@ def doubts(row: AnyRow, found: Found, of_trial: Cause | None, single: bool) -> I
     itself has no cause, `single`: there are rows of single amplitudes. An unknown column speaks for itself."""
     misfit_by = explaining(row, found) or of_trial
     by_cause: dict[Cause, list[str]] = {}
-    units = CAUSES["another unit"], CAUSES["unlikely size"]  # first: a wrong unit makes others of these
+    # first: a wrong unit or sign makes others of these
+    units = CAUSES["another unit"], CAUSES["unlikely size"], CAUSES["impossible estimate"]
     for name in sorted(filter(EVIDENCE.__contains__, found), key=lambda name: EVIDENCE[name].cause not in units):
         cause = cause_in(name, found[name][0], row)
         by_cause.setdefault(misfit_by if misfit_by and EVIDENCE[name].misfit else cause, []).append(name)

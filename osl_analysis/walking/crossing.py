@@ -35,7 +35,9 @@ LABORATORY_ERRORS = (
     ("cameras pitched, so that all markers turn toes down about the laboratory's origin", 1.0, "deg"),
     ("plate later than it is corrected for", 1.0, "ms"),
 )  # fmt: skip
-"""What a laboratory can have wrong without a sign of it, the size and unit of each row of `Crossing.lab_errors`."""
+LOG_ERRORS = (("torque later than the angle", 1.0, "ms"), ("torque too large", 1.0, "%"))
+"""What a laboratory, or a log of boot or leg, can have wrong without a sign of it: the size and unit of each row of
+`Crossing.lab_errors`."""
 
 
 @dataclass(frozen=True)
@@ -267,7 +269,8 @@ def crossing_of_log(trial: Trial, perturbed: bool, settings: CrossingSettings) -
     theta, torque = scipy.interpolate.make_interp_spline(found.time, both, k=3)(time).T
     window = (time >= (onset or 0.0)) & (time <= (onset or 0.0) + settings.window_s)
     turn, errors = None if onset is None else sign * float(np.ptp(theta[window])), np.zeros((0, len(time)))
-    return Crossing(trial.name, time, theta, torque, None, stance, onset, 0.0, errors, turn=turn)
+    wrong = np.array([-1e-3 * np.gradient(torque, time), 0.01 * torque])  # by `LOG_ERRORS`
+    return Crossing(trial.name, time, theta, torque, None, stance, onset, 0.0, errors, wrong, turn=turn)
 
 
 def commanded_onset(trial: Trial, stance: Stance) -> tuple[float | None, int]:

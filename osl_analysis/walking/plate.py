@@ -144,6 +144,12 @@ def recorded_corners(trial: Trial, plate: int) -> Array:
             "`plate` in the configuration"
         )
     found = np.asarray(corners, dtype=float)
+    size = float(np.linalg.norm(found[0] - found[2]))
+    if not 0.1 < size < 5:
+        raise InputError(
+            f"trial {trial.name}: force plate {plate} is {size:.3g} m from corner to corner, expected 0.1 to 5 m; "
+            "correct the unit of its corners"
+        )
     across = np.abs(plate_axes(found)[:, 2])
     if across[2] < 0.8:  # ramps and stairs are less steep
         axis = AXES[int(np.argmax(across))]
@@ -380,16 +386,20 @@ def moments_below(pairs: Sequence[tuple[Array, Array]], names: Sequence[str]) ->
 
 def ringing(time: Array, wrench: Array, track: platform.PlatformTrack) -> tuple[float, float]:
     """Frequency [Hz] above 25 Hz at which the wrench (n, 6) grows most from before the first motion of the track to
-    after it, and the ratio of its power; 0 where it rests for less than 0.15 s."""
+    after it, and the ratio of its power; 0 where it rests for less than 0.15 s, or without any noise."""
     first = next(iter(runs(track.moving)), slice(0, 0))
-    rest = next((run for run in runs(~track.moving) if run.start >= first.stop), slice(0, 0))
+    later = [run for run in runs(~track.moving) if run.start >= first.stop]
+    rest = max(later, key=lambda run: run.stop - run.start, default=slice(0, 0))
     n = min(first.start, rest.stop - rest.start, round(0.4 * track.rate))
     if n < 0.15 * track.rate:
         return 0.0, 0.0
     starts = np.searchsorted(time, track.time[[first.start - n, rest.start]])
     pieces = scipy.signal.detrend([wrench[start : start + n] for start in starts], axis=1) * np.hanning(n)[:, None]
     power = np.abs(np.fft.rfft(pieces, axis=1)) ** 2
-    before, after = np.sum(power / np.maximum(power[0].mean(axis=0), np.finfo(float).tiny), axis=2)
+    noise = power[0].mean(axis=0)
+    if not noise.all():
+        return 0.0, 0.0
+    before, after = np.sum(power / noise, axis=2)
     hz = np.fft.rfftfreq(n, 1 / track.rate)
     ratio = np.where((hz > 25) & (hz < track.rate / 3), after / (before + before.mean()), 0.0)
     return float(hz[np.argmax(ratio)]), float(ratio.max())
@@ -468,7 +478,7 @@ def unloaded_recording(trial: Trial, calibration: StaticCalibration, settings: P
             found, least = f"shifts by {1e3 * largest:.1f} mm", f"{settings.largest_shift_mm:g} mm"
         raise InputError(
             f"trial {trial.name}: the platform {found} only, expected {least} or more; record a perturbation of the "
-            "unloaded plate"
+            f"unloaded plate, or correct perturbed_by: {settings.perturbed_by}"
         )
     elif largest < threshold or any(
         # At rest noise gives 0.03 deg; 11 interpolated frames at 300 Hz change the lag by 2 ms

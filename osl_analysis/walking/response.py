@@ -9,7 +9,7 @@ The unperturbed crossings tell how: their deviations in the window are regressed
 torque before the onset. Which of these count, or none, is decided by cross-validation over unperturbed crossings."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -226,11 +226,12 @@ class EnsembleResponse:
 
 @dataclass(frozen=True)
 class Bootstrap:
-    """Estimates of resampled ensembles: of K, B, I, VAF [percent] and `reactions` one for each sample, and the degrees
-    of freedom, the smaller of those of the perturbations and of the unperturbed crossings."""
+    """Estimates of resampled ensembles: of K, B, I and VAF [percent] one for each sample, and the degrees of freedom,
+    the smaller of those of the perturbations and of the unperturbed crossings; `reactions`, unless of one direction."""
 
     draws: Mapping[str, Array]
     degrees_of_freedom: float
+    reactions: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     def se(self, name: str) -> float:
         """Standard error of a quantity, in its unit."""
@@ -265,6 +266,7 @@ def resampling_weights(random: np.random.Generator, samples: int, n: int) -> Arr
 
 SLOPE, RAMP = "a stiffness that changes with stance", "a voluntary torque or another pace"
 REACTIONS = ("a reflex", "co-contraction", RAMP, SLOPE)  # from half the window on; the last one from the onset on
+EARLY = 0.6  # share of the window in which a reaction from its half on is hardly seen yet
 
 
 def reaction_columns(time: Array, window_s: float, motion: Motion) -> list[Array]:
@@ -280,24 +282,42 @@ def reaction_columns(time: Array, window_s: float, motion: Motion) -> list[Array
     return [reflex, motion.theta * ndtr(since / width - 1.5), ramp, motion.theta * now]
 
 
-def reactions(time: Array, window: slice, theta: Array, torque: Array) -> dict[str, Array]:
-    """Size, K and B (samples,) with each of `REACTIONS` as a column beside Eq. 15, of mean responses (k, samples).
+def reactions(time: Array, window: slice, theta: Array, torque: Array) -> dict[str, tuple[float, float]]:
+    """What sets in beside Eq. 15, with standard errors, from a mean response, the first column of theta and torque (k,
+    1 + samples), and its resamples: the size of each of `REACTIONS` as a column, `and jerk` with that column of a leg's
+    drivetrain, which is of third order; B with `SLOPE`; and K and B of the first part of the window, `EARLY`.
 
-    Paired with the fit without it: the same crossings. Two more columns, a drift from 0.4 windows before the onset on,
-    take what gait adds, and the jerk what a drivetrain of third order does: neither is then read as a reaction."""
-    motion, window_s = differentiate(time, theta), window.stop - window.start
-    window_s *= time[1] - time[0]
-    rows = slice(int(np.searchsorted(time, -0.4 * window_s - 1e-9)), window.stop)
-    drift = np.broadcast_to(np.array([np.ones_like(time), time])[..., None], (2, *theta.shape))
-    jerk = make_interp_spline(time, theta, k=5).derivative(3)(time)
-    sound, y, found = [motion.theta, motion.omega, motion.alpha, jerk, *drift], torque[rows].T, dict[str, Array]()
+    By generalised least squares from 0.6 windows before the onset on: residuals are weighed by their covariance over
+    the resamples, so that what gait did before the onset tells what it does after it (Aitken). The covariance of few
+    crossings is singular: 3 % of its mean variance is added."""
+    motion, window_s = differentiate(time, theta), (window.stop - window.start) * float(time[1] - time[0])
+    first = max(MARGIN, int(np.searchsorted(time, -0.6 * window_s - 1e-9)))
+    sound = [motion.theta, motion.omega, motion.alpha]
+    jerk = np.asarray(make_interp_spline(time, theta, k=5).derivative(3)(time))
+    plain = np.linalg.lstsq(np.stack(sound, -1)[window, 0], torque[window, 0])[0]
+    noise = np.cov((torque - np.tensordot(plain, sound, 1))[:, 1:])
+
+    def fitted(columns: Sequence[Array], share: float = 1.0) -> Array:
+        """Estimates (columns, 2), with standard errors, of the fit to the first share of the window."""
+        rows = slice(first, window.start + round(share * (window.stop - window.start)))
+        own, least = noise[rows, rows], 1e-12 * float(np.mean(torque[rows, 0] ** 2)) + np.finfo(float).tiny
+        root = np.linalg.cholesky(own + (0.03 * np.trace(own) / len(own) + least) * np.eye(len(own)))
+        X = np.linalg.solve(root, np.stack(columns)[:, rows]).transpose(2, 1, 0)
+        y = np.linalg.solve(root, torque[rows]).T[..., None]
+        sizes = np.linalg.norm(X, axis=1, keepdims=True)
+        X = X / np.where(sizes > 0, sizes, 1.0)
+        estimates = np.linalg.pinv(X.swapaxes(1, 2) @ X, hermitian=True) @ (X.swapaxes(1, 2) @ y)
+        estimates = (estimates / np.where(sizes > 0, sizes, 1.0).swapaxes(1, 2))[..., 0]
+        return np.column_stack([estimates[0], estimates[1:].std(axis=0, ddof=1)])
+
+    found = dict[str, tuple[float, float]]()
     for name, column in zip(REACTIONS, reaction_columns(time, window_s, motion), strict=True):
-        columns = np.stack([one[rows].T for one in (*sound, column)], axis=-1)
-        sizes = np.linalg.norm(columns, axis=1, keepdims=True)
-        sizes = np.where(sizes > 0, sizes, 1.0)
-        estimates = (np.linalg.pinv(columns / sizes) @ y[..., None] / sizes.swapaxes(1, 2))[..., 0]
-        found |= {name: estimates[:, -1], f"K with {name}": estimates[:, 0], f"B with {name}": estimates[:, 1]}
-    return found
+        alone = fitted([*sound, column])
+        found |= {name: tuple(alone[-1]), f"{name} and jerk": tuple(fitted([*sound, jerk, column])[-1])}
+        if name == SLOPE:
+            found["B with slope"] = tuple(alone[1])
+    early = fitted(sound, EARLY)
+    return found | {"K early": tuple(early[0]), "B early": tuple(early[1])}
 
 
 class Ensemble:
@@ -390,7 +410,11 @@ class Ensemble:
         rounding = EXACT_FIT_SHARE * np.mean(y**2, axis=1)
         share = np.divide(left, variance, out=(left > rounding).astype(float), where=variance > rounding)
         draws = dict(zip("KBI", estimates[:, :, 0].T, strict=True)) | {"VAF": 100 * (1 - share)}
-        return Bootstrap(draws | ({} if sign else reactions(self.time, self.window, angles, torques)), freedom)
+        if sign:
+            return Bootstrap(draws, freedom)
+        mean = self.fitted(predictors)
+        both = np.column_stack([mean.motion.theta, angles]), np.column_stack([mean.torque, torques])
+        return Bootstrap(draws, freedom, reactions(self.time, self.window, *both))
 
 
 def cross_validated(responses: Sequence[PerturbationResponse], fit: LinearFit) -> tuple[Predictors, float]:

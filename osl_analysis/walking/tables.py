@@ -20,7 +20,7 @@ from osl_analysis.stats.regression import LinearFit
 from osl_analysis.stats.repeats import over_repeats
 from osl_analysis.trial import Array
 from osl_analysis.walking import response as isolation
-from osl_analysis.walking.crossing import DOWN, LABORATORY_ERRORS, Crossing
+from osl_analysis.walking.crossing import DOWN, LABORATORY_ERRORS, LOG_ERRORS, Crossing
 from osl_analysis.walking.gait import PHASES, UnperturbedGait
 from osl_analysis.walking.groups import ALL, SEPARATOR, STATED, Sheet, cells_said
 from osl_analysis.walking.response import Bootstrap, EnsembleResponse, GroupHeadline, PerturbationResponse
@@ -129,7 +129,7 @@ def moment_error(crossings: pl.DataFrame) -> float | None:
     size = float(np.sum(foot**2)) or 1.0
     error = float(np.sum(foot * pressure)) / size
     se = float(np.sqrt(np.sum((pressure - error * foot) ** 2) / (2 * len(used) - 3) / size))
-    return float(np.sign(error) * max(abs(error) - 3 * se, 0.0))
+    return float(np.sign(error) * max(abs(error) - 4 * se, 0.0))
 
 
 def fitted_time(headline: GroupHeadline) -> float:
@@ -216,6 +216,7 @@ def group_facts(headline: GroupHeadline) -> dict[str, object]:
         "estimator_difference": max(distances),
         "heterogeneity": heterogeneity,
         "K": fit["K"],
+        "B": fit["B"],
         "K_se_share": headline.resampled.se("K") / abs(fit["K"]) if fit["K"] else None,
         "B_high": intervals["B"][1],
         "I_high": intervals["I"][1],
@@ -227,50 +228,88 @@ def group_facts(headline: GroupHeadline) -> dict[str, object]:
 
 def reaction_facts(headline: GroupHeadline) -> dict[str, object]:
     """Columns of `walking_groups.csv` on what Eq. 15 does not know: the person reacts within the window, or K changes
-    with stance. A reaction counts if its t is beyond Student's at 0.25 % and its torque above 6 % of the response's. A
-    reflex and co-contraction resist: a negative one is none. Those that count are named, the largest t first."""
+    with stance. Certain is what is beyond Student's t at 0.5 %, likeliest first. A negative reflex or co-contraction is
+    none. A leg's drivetrain reads as a torque that yields: such a one must be certain beside the jerk too."""
     first, fit, drawn = headline.responses[0], headline.ensemble.fit, headline.resampled
-    time, rows, motion, torque = first.time, first.window, headline.ensemble.motion, headline.ensemble.torque
-    one = isolation.reactions(time, rows, motion.theta[:, None], torque[:, None])
-    K, B = ({name: float(one[f"{symbol} with {name}"][0]) for name in isolation.REACTIONS} for symbol in "KB")
-    window_s = (rows.stop - rows.start) * float(time[1] - time[0])
-    shapes = isolation.reaction_columns(
-        time, window_s, Motion(*(np.c_[x] for x in (motion.theta, motion.omega, motion.alpha)))
-    )
-    found, limit = list[tuple[float, str]](), float(stdtrit(drawn.degrees_of_freedom, 0.9975))
-    for name, shape in zip(isolation.REACTIONS, shapes, strict=True):
-        size, se = float(one[name][0]), drawn.se(name)
-        resists = size > 0 or name in (isolation.RAMP, isolation.SLOPE)
-        if resists and abs(size) > limit * se and rms(size * shape[rows]) > 0.06 * rms(torque[rows]):
-            found.append((-abs(size) / max(se, 1e-300), name))
-    certain = [name for _, name in sorted(found)]
-    said = [f"with {name} as a column K would be {K[name]:.3g} and B {B[name]:.2g}" for name in certain]
+    rows, found = first.window, drawn.reactions
+    motion, torque = headline.ensemble.motion, headline.ensemble.torque
+    t = {name: size / max(se, 1e-9 * abs(size), np.finfo(float).tiny) for name, (size, se) in found.items()}
+    strength = dict[str, float]()
+    for name in isolation.REACTIONS:
+        alone, beside = t[name], t[f"{name} and jerk"]
+        either = name in (isolation.RAMP, isolation.SLOPE)
+        strength[name] = (alone if alone > 0 else min(max(alone, beside), 0.0)) if either else max(alone, beside, 0.0)
+    limit, half = (float(stdtrit(drawn.degrees_of_freedom, p)) for p in (0.995, 0.975))
+    certain = sorted((name for name in strength if abs(strength[name]) > limit), key=lambda name: -abs(strength[name]))
     likely, per_stance = certain[0] if certain else None, float(np.mean([r.stance for r in headline.responses]))
-    slope, half = (
-        float(one[isolation.SLOPE][0]),
-        float(stdtrit(drawn.degrees_of_freedom, 0.975)) * drawn.se(isolation.SLOPE),
+    window_s = (rows.stop - rows.start) * float(first.time[1] - first.time[0])
+    columns = Motion(*(np.c_[x] for x in (motion.theta, motion.omega, motion.alpha)))
+    shapes = dict(zip(isolation.REACTIONS, isolation.reaction_columns(first.time, window_s, columns), strict=True))
+    (K, K_se), (B, B_se) = found["K early"], found["B early"]
+    said = (
+        f"it is like {' or '.join(certain)}, and by the first {1e3 * isolation.EARLY * window_s:.0f} ms alone K would "
+        f"be {K:.3g} ± {half * K_se:.2g} and B {B:.2g} ± {half * B_se:.1g}"
     )
-    K_slope, low, high = (per_stance * value for value in (slope, slope - half, slope + half))
-    ramp = shapes[2][rows, 0]
-    per_nm = float(np.linalg.pinv(isolation.motion_columns(motion[rows]))[0] @ ramp / ramp[-1])
-    both, unchecked = headline.directions.get("up minus down"), None
+    share, ramp = None, shapes[isolation.RAMP][rows, 0]
+    if likely not in (None, isolation.SLOPE):
+        share = rms(found[likely][0] * shapes[likely][rows]) / rms(torque[rows])
+    slope, error = (per_stance * one for one in found[isolation.SLOPE])
+    low, high = slope - half * error, slope + half * error
+    B_with_slope = found["B with slope"][0]
+    inverse = np.linalg.pinv(isolation.motion_columns(motion[rows]))
+    per_slope = float(inverse[1] @ (motion.theta * first.time)[rows]) / per_stance
+    both, unchecked = headline.directions.get("up minus down"), list[str]()
+    if isolation.SLOPE not in certain:
+        unchecked.append(
+            f"whether B holds a change of K with stance: the window shows {low:.2g} to {high:.2g} N*m/rad per stance, "
+            f"and each 100 would add {100 * per_slope:.2g} N*m*s/rad to B = {fit['B']:.3g}, perturb at several timings"
+        )
     if both is None:
-        unchecked = (
-            "whether a voluntary torque or a change of pace is in K: all turns go one way, and what follows them is "
-            f"then read as K, B and I, {per_nm:.2g} N*m/rad for each N*m that it has gained at the end of the window, "
-            "turn the platform up and down, half the difference is free of it"
+        unchecked.append(
+            "whether a voluntary torque or a change of pace is in K: all perturbations go one way, what follows is "
+            f"then read as K, B and I, {inverse[0] @ ramp / ramp[-1]:.2g} N*m/rad for each N*m that it has gained at "
+            "the end of the window, perturb in both directions, half the difference is free of it"
         )
     return {
-        "reaction": ", ".join(said) or None,
-        "reaction_share": 1 - K[likely] / fit["K"] if likely not in (None, isolation.SLOPE) and fit["K"] else None,
-        "slope_share": 1 - B[isolation.SLOPE] / fit["B"] if likely == isolation.SLOPE and fit["B"] else None,
-        "K_slope": K_slope,
+        "reaction": said if certain else None,
+        "reaction_share": share,
+        "slope_share": 1 - B_with_slope / fit["B"] if likely == isolation.SLOPE and fit["B"] else None,
+        "K_slope": slope,
         "K_slope_low": low,
         "K_slope_high": high,
-        "B_with_slope": B[isolation.SLOPE],
+        "B_with_slope": B_with_slope,
+        "B_per_slope": per_slope,
         **{f"common_K{end}": value for end, value in zip(("", "_low", "_high"), common_stiffness(both), strict=True)},
-        "not_checked": unchecked,
+        "not_checked": "; ".join(unchecked) or None,
     }
+
+
+def series_of(group: str) -> str:
+    """The name of a group without its timing."""
+    return re.sub(r"timing [-\d]+ %(, )?", "", group).removesuffix(", ") or ALL
+
+
+def with_slopes(facts: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Rows of `walking_groups.csv` with the slope of K over stance between the neighbours of a group in timing, and the
+    share of B that it makes, where it is certain (twice its standard error)."""
+    rows = []
+    for fact in facts:
+        slope, share = None, None
+        alike = [
+            one for one in facts if one.get("K") is not None and series_of(one["group"]) == series_of(fact["group"])
+        ]
+        alike = sorted(alike, key=lambda one: one["fitted_phase"])
+        if fact in alike and len(alike) > 1:
+            at = alike.index(fact)
+            before, after = alike[max(at - 1, 0)], alike[min(at + 1, len(alike) - 1)]
+            apart = after["fitted_phase"] - before["fitted_phase"]
+            slope = (after["K"] - before["K"]) / apart if apart > 0 else None
+            se = np.hypot(*(one["K"] * (one["K_se_share"] or 0.0) for one in (before, after))) / max(apart, 1e-9)
+            if slope is not None and abs(slope) > 2 * se and fact["B"]:
+                share = slope * fact["B_per_slope"] / fact["B"]
+        known = {"K_slope_timings": slope, "slope_share_timings": share}
+        rows.append(fact | (known | {"B_without_slope": share and fact["B"] * (1 - share)} if "K" in fact else {}))
+    return rows
 
 
 def common_stiffness(both: tuple[Mapping[str, float], Bootstrap, int] | None) -> tuple[float | None, ...]:
@@ -284,39 +323,47 @@ def common_stiffness(both: tuple[Mapping[str, float], Bootstrap, int] | None) ->
 SHOE = 60.0  # N*m/deg, a stiffness of the foot in its shoe, of which the table of sensitivity says what it does
 
 
-def sensitivity_table(group: str, headline: GroupHeadline) -> pl.DataFrame:
-    """Rows of `walking_sensitivity.csv`: what each of `LABORATORY_ERRORS`, and a shoe in series, changes in the fit to
-    the mean response, to first order: Eq. 15 fitted to the change of the torque."""
+def sensitivity_table(group: str, headline: GroupHeadline, by_log: bool = False) -> pl.DataFrame:
+    """Rows of `walking_sensitivity.csv`: what each of `LABORATORY_ERRORS`, and a shoe in series, or of `LOG_ERRORS`
+    changes in the fit to the mean response, to first order: Eq. 15 fitted to the change of the torque."""
     responses, fit, window = headline.responses, headline.ensemble.fit, headline.responses[0].window
     weights = isolation.joining_weights(isolation.signs_of(responses))
     torques = np.tensordot(weights, [r.lab_errors[:, window] for r in responses], 1)
     columns = isolation.motion_columns(headline.ensemble.motion[window])
     changes = np.linalg.lstsq(columns, torques.T)[0].T
     rows = [dict(zip("KBI", change, strict=True)) for change in changes]
-    of = [dict(zip(("error", "size", "unit"), error, strict=True)) for error in LABORATORY_ERRORS[: len(rows)]]
-    (K, B, I), k = (fit[name] for name in "KBI"), np.rad2deg(SHOE)
-    left = 1 - K / k  # of 1/(1/Z - 1/k) with the fit's Z = K + B s + I s^2, the joint's, to the second power of s
-    rows.append({"K": K - K / left, "B": B - B / left**2, "I": I - I / left**2 - B**2 / (k * left**3)})
-    of.append({"error": "foot that yields in the shoe", "size": SHOE, "unit": "N*m/deg"})
+    errors = list(LOG_ERRORS if by_log else LABORATORY_ERRORS)[: len(rows)]
+    if not by_log:
+        (K, B, I), k = (fit[name] for name in "KBI"), np.rad2deg(SHOE)
+        left = 1 - K / k  # of 1/(1/Z - 1/k) with the fit's Z = K + B s + I s^2, the joint's, to the second power of s
+        rows.append({"K": K - K / left, "B": B - B / left**2, "I": I - I / left**2 - B**2 / (k * left**3)})
+        errors.append(("foot that yields in the shoe", SHOE, "N*m/deg"))
+    of = [dict(zip(("error", "size", "unit"), error, strict=True)) for error in errors]
     return pl.DataFrame([{"group": group} | error | row for error, row in zip(of, rows, strict=True)])
 
 
 def witness_facts(turned: Sequence[Crossing], facts: Mapping[str, Any], sensitivity: pl.DataFrame) -> dict[str, Any]:
     """Columns of `walking_groups.csv`: what the joint's encoder and the unloaded plate say of the stiffness of these
     crossings, whose angle is that of the markers, and beside what its `facts` have, what no witness was there for."""
-    names = ("encoder_rms_deg", "shoe_compliance", "plate_height_m", "plate_ringing_hz")
+    names = ("encoder_rms_deg", "encoder_delay_ms", "shoe_compliance", "plate_height_m", "plate_ringing_hz")
     values = {name: [v for c in turned if (v := c.quality.get(name)) is not None] for name in names}
     known = {name: float(np.mean(some)) if some else None for name, some in values.items()}
     compliance, height, unknown = known.pop("shoe_compliance"), known["plate_height_m"], list[str]()
-    K, per_m = facts["K"], 100 * float(sensitivity["K"][0]) if len(sensitivity) else 0.0
+    K, per_m, by_log = facts["K"], 100 * float(sensitivity["K"][0]), turned[0].platform is None
     share = None if compliance is None else K * compliance
-    if share is None and len(sensitivity):
+    if by_log:
+        (of_K, of_B), B = (float(sensitivity[name][0]) for name in "KB"), facts["B"]
+        unknown.append(
+            f"whether the torque is late: nothing in the log shows it, and each ms would add {of_B:.2g} N*m*s/rad to "
+            f"B = {B:.3g} and {of_K:.2g} N*m/rad to K = {K:.3g}, measure it on a bench"
+        )
+    elif share is None:
         unknown.append(
             "whether K is that of the joint alone: no log has the joint's encoder, so that K is that of joint and shoe "
             f"in series, K_joint = K/(1 - K/k), and a shoe of k = {SHOE:g} N*m/deg ({np.rad2deg(SHOE):.0f} N*m/rad) "
             f"would take {-sensitivity['K'][-1]:.2g} N*m/rad off K = {K:.3g}"
         )
-    if height is None and len(sensitivity) > 1:
+    if height is None and not by_log and len(sensitivity) > 1:
         unknown.append(
             "the height of the plate's corners and ORIGIN: the unloaded plate is too light or moved too little to show "
             f"it, and each 10 mm too high would change K by {0.01 * per_m:.2g} N*m/rad, measure it"
@@ -426,8 +473,7 @@ def impedance_over_stance(summary: pl.DataFrame, groups: pl.DataFrame) -> pl.Dat
     wanted = pl.col("quantity").is_in(["K", "B", "I"]) & pl.col("mean").is_not_null()
     ensemble = summary.filter((pl.col("estimator") == ENSEMBLE) & wanted)
     rows = ensemble.join(groups.select(FACTS), on="group", how="left", maintain_order="left")
-    named = [re.sub(r"timing [-\d]+ %(, )?", "", name).removesuffix(", ") or ALL for name in rows["group"]]
-    series = pl.Series("series", named, dtype=pl.String)  # groups without their timing
+    series = pl.Series("series", [series_of(name) for name in rows["group"]], dtype=pl.String)
     order = pl.col("quantity").replace_strict({"K": 0, "B": 1, "I": 2}, return_dtype=pl.Int64)
     table = rows.with_columns(series).sort(order, "series", "fitted_phase", maintain_order=True)
     place = [name for name in ("joint", "side") if name in table.columns]

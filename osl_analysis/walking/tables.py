@@ -228,19 +228,17 @@ def group_facts(headline: GroupHeadline) -> dict[str, object]:
 
 def reaction_facts(headline: GroupHeadline) -> dict[str, object]:
     """Columns of `walking_groups.csv` on what Eq. 15 does not know: the person reacts within the window, or K changes
-    with stance. Certain is what is beyond Student's t at 0.5 %, likeliest first. A negative reflex or co-contraction is
-    none. A leg's drivetrain reads as a torque that yields: such a one must be certain beside the jerk too."""
+    with stance. Certain is what is beyond Student's t at 0.5 %, likeliest first. What yields does not count, as a leg's
+    drivetrain reads as that, nor does co-contraction that its jerk explains. A small reflex may hide behind it."""
     first, fit, drawn = headline.responses[0], headline.ensemble.fit, headline.resampled
     rows, found = first.window, drawn.reactions
     motion, torque = headline.ensemble.motion, headline.ensemble.torque
     t = {name: size / max(se, 1e-9 * abs(size), np.finfo(float).tiny) for name, (size, se) in found.items()}
-    strength = dict[str, float]()
-    for name in isolation.REACTIONS:
-        alone, beside = t[name], t[f"{name} and jerk"]
-        either = name in (isolation.RAMP, isolation.SLOPE)
-        strength[name] = (alone if alone > 0 else min(max(alone, beside), 0.0)) if either else max(alone, beside, 0.0)
+    strength = {name: t[name] for name in isolation.REACTIONS}
+    for name, counts in zip(isolation.REACTIONS[:2], (max, min), strict=True):
+        strength[name] = counts(t[name], t[f"{name} and jerk"])
     limit, half = (float(stdtrit(drawn.degrees_of_freedom, p)) for p in (0.995, 0.975))
-    certain = sorted((name for name in strength if abs(strength[name]) > limit), key=lambda name: -abs(strength[name]))
+    certain = sorted((name for name in strength if strength[name] > limit), key=lambda name: -strength[name])
     likely, per_stance = certain[0] if certain else None, float(np.mean([r.stance for r in headline.responses]))
     window_s = (rows.stop - rows.start) * float(first.time[1] - first.time[0])
     columns = Motion(*(np.c_[x] for x in (motion.theta, motion.omega, motion.alpha)))
@@ -253,8 +251,9 @@ def reaction_facts(headline: GroupHeadline) -> dict[str, object]:
     share, ramp = None, shapes[isolation.RAMP][rows, 0]
     if likely not in (None, isolation.SLOPE):
         share = rms(found[likely][0] * shapes[likely][rows]) / rms(torque[rows])
-    slope, error = (per_stance * one for one in found[isolation.SLOPE])
-    low, high = slope - half * error, slope + half * error
+    either = np.array([found[isolation.SLOPE], found[f"{isolation.SLOPE} and jerk"]]) * per_stance
+    slope, (low, high) = float(either[0, 0]), (either @ [[1, 1], [-half, half]]).T
+    low, high = float(low.min()), float(high.max())
     B_with_slope = found["B with slope"][0]
     inverse = np.linalg.pinv(isolation.motion_columns(motion[rows]))
     per_slope = float(inverse[1] @ (motion.theta * first.time)[rows]) / per_stance

@@ -3,6 +3,7 @@
 import json
 import re
 import shutil
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
@@ -462,6 +463,9 @@ def test_two_feet_on_one_plate_are_excluded_with_the_reason_and_a_foot_that_swin
         return [row["excluded"] for row in rows]
 
     both, long = ONE_FOOT | {"R": (-0.15, 1.5, 2.2)}, ((1.0, 2.2),)
+    with warnings.catch_warnings(record=True, action="always") as told:
+        compare_ankle_moment(steps(both, long, QTM), KNOWN)
+    assert re.search(r"the left stance at 1\.\d\d s on plate 1 is excluded: the right foot", str(told[0].message))
     first, *_ = reasons(steps(both, long, QTM))
     assert first == "the right foot stands on the same plate in 58 % of the contact"
     assert "the right foot stands" in reasons(steps(both, long, "?ANK"))[0]  # the ankle alone shows it

@@ -33,7 +33,7 @@ from osl_analysis.walking.gait import unperturbed_gait
 from osl_analysis.walking.groups import crossing_features, places, selection_rows, split_keys, timings
 from osl_analysis.walking.plate import Stance
 from osl_analysis.walking.response import fit_response, group_headline
-from osl_analysis.walking.tables import fitted_time, left_out, moment_error, with_trajectory
+from osl_analysis.walking.tables import fitted_time, left_out, moment_error, with_slopes, with_trajectory
 
 RULE, MIDSTANCE = settings().outliers, Walk(0.4)
 BOTH = several("up", 6, MIDSTANCE, common=12.0) | several("down", 4, MIDSTANCE, common=12.0, sign=-1)
@@ -431,6 +431,25 @@ def test_moments_too_large_show_in_the_pressure_of_a_foot_that_stands_elsewhere(
         pressure = gain * (foot + np.array([0.03, 0.0]) + own) - foot
         columns = ["foot_forward_m", "foot_left_m", "pressure_ahead_m", "pressure_beside_m"]
         table = pl.DataFrame(np.hstack([foot, pressure]), columns)
-        table = table.with_columns(perturbed=False, reason=pl.lit(None, pl.String))
-        assert moment_error(table) == pytest.approx(certain, abs=0.025)
-        assert moment_error(table[:5]) is None
+        table = table.with_columns(onset_phase=pl.lit(None, pl.Float64), reason=pl.lit(None, pl.String))
+        found = moment_error(table)
+        assert found["certain_moment_error"] == pytest.approx(certain, abs=0.03)
+        assert 0 < found["moment_error_half"] < 0.05
+        assert moment_error(table[:5])["certain_moment_error"] is None
+
+
+def test_a_slope_of_k_between_timings_tells_the_damping_without_it() -> None:
+    """K rises by 500 over stance: that alone makes 500 x 0.001 of B at every timing, if it is certain."""
+    facts = [
+        {"group": f"K_d 300, timing {p} %", "K": 250 + 5 * p, "B": 3.0, "K_se_share": se, "B_per_slope": 1e-3,
+         "fitted_phase": p / 100} for p, se in ((30, 0.01), (40, 0.01), (60, 0.01))
+    ]  # fmt: skip
+    unlike = {**facts[0], "group": "K_d 200, timing 30 %"}
+    *rows, alone, none = with_slopes([*facts, unlike, {"group": "x", "reason": "too few"}])
+    assert [row["K_slope_timings"] for row in rows] == pytest.approx([500] * 3)
+    assert [row["slope_share_timings"] for row in rows] == pytest.approx([0.5 / 3] * 3)
+    assert [row["B_without_slope"] for row in rows] == pytest.approx([2.5] * 3)
+    assert (alone["K_slope_timings"], alone["B_without_slope"]) == (None, None)
+    assert "K_slope_timings" not in none
+    uncertain = with_slopes([{**fact, "K_se_share": 0.3} for fact in facts])
+    assert [row["slope_share_timings"] for row in uncertain] == [None] * 3

@@ -135,6 +135,10 @@ def test_a_crossing_of_a_log_has_its_signals_through_the_one_low_pass_and_its_on
             exact = BOOT.low_pass(trial.samples[name].to_numpy(), RATE)
             wanted = np.interp(found.time[inside], trial.samples["time"].to_numpy(), exact)
             np.testing.assert_allclose(getattr(found, name)[inside], wanted, atol=2e-3 * np.ptp(wanted))
+        later = np.interp(found.time - 1e-3, found.time, found.torque) - found.torque  # of a torque that is 1 ms late
+        assert np.corrcoef(found.lab_errors[0, 1:], later[1:])[0, 1] > 0.99
+        assert np.ptp(found.lab_errors[0]) == pytest.approx(np.ptp(later), rel=0.05)
+        np.testing.assert_allclose(found.lab_errors[1], 0.01 * found.torque)
     plate = changed(up, pl.col("load").alias("plate1_force_z")).samples.drop("load")
     by_plate = crossing_of_log(replace(up, samples=plate), True, BOOT)
     assert by_plate.stance == crossing_of_log(up, True, BOOT).stance

@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -338,3 +339,18 @@ def test_a_load_that_does_not_roll_over_the_foot_is_refused_by_its_cause() -> No
         check_roll(PHASE, np.vstack([weight * (1 + 0.5 * (PHASE > 0.5)), forward]), push, -torque)
     with pytest.raises(InputError, match=r"90 deg from forward, though the foot pushes off forward: another foot"):
         check_roll(PHASE, quarter, push, None)
+
+
+@pytest.mark.parametrize(("pauses", "noise"), [((), 0.02), ((101,), 0.02), ((), 0.0)])
+def test_a_plate_that_rings_after_its_turn_is_named_with_its_frequency(pauses: tuple[int, ...], noise: float) -> None:
+    """A turn within frames 80 to 110, in which the platform may seem to rest for a frame, and a decaying 40 Hz."""
+    time = np.arange(300) / RATE
+    moving = (np.arange(300) >= 80) & (np.arange(300) < 110)
+    moving[list(pauses)] = False
+    white = noise * np.random.default_rng(1).standard_normal((300, 6))
+    since = np.maximum(time - time[100], 0)
+    ring = np.where(since > 0, np.exp(-8 * since) * np.sin(2 * np.pi * 40 * since), 0)[:, None]
+    track = SimpleNamespace(moving=moving, rate=RATE, time=time)
+    hz, growth = plate.ringing(time, white + ring, track)
+    assert (hz == pytest.approx(40, abs=1.5) and growth > 100) if noise else (hz, growth) == (0, 0)
+    assert plate.ringing(time, white, track)[1] < 20

@@ -308,7 +308,7 @@ def test_each_reaction_comes_out_with_its_size_and_the_joint_without_it(window_s
         found = fitting.reactions(time, window, np.tile(theta[:, None], 13), torque[:, None] + gait)
         for kind in ("", " and jerk"):
             assert found[f"{name}{kind}"][0] == pytest.approx(size, rel=0.02)
-            assert found[f"{name}{kind}"][1] < 0.1 * size  # a drift before the onset tells the one after it
+        assert found[name][1] < 0.005 * size  # a drift before the onset tells the one after it
         if name == fitting.SLOPE:
             assert found["B with slope"][0] == pytest.approx(B, rel=0.02)
         else:  # little has set in yet

@@ -285,9 +285,9 @@ def group_result(
         for row in tables.headline_rows(headline, own, doubtful_row(own))
     ]
     sensitivity = tables.sensitivity_table(fact["group"], headline, by_log=turned[0].platform is None)
-    facts = tables.group_facts(headline)
+    facts = fact | tables.group_facts(headline)
     facts |= tables.witness_facts(turned, facts, sensitivity)
-    return rows, fact | facts, (tables.response_table(fact["group"], headline), sensitivity)
+    return rows, facts, (tables.response_table(fact["group"], headline), sensitivity)
 
 
 def select_crossings(

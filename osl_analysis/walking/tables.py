@@ -66,7 +66,7 @@ def group_rows(
             "n_unperturbed": len(stances),
             "stance_s": stance,
             "unperturbed_stance_sd": float(np.std(stances, ddof=1) / np.mean(stances)) if len(stances) > 1 else None,
-            "certain_moment_error": moment_error(of_gait),
+            **moment_error(of_gait),
             "onset_phase": onset,
             "onset_phase_sd": float(np.std(phases, ddof=1)) if len(phases) > 1 else None,
             "end_phase": onset + window / stance if onset is not None and stance else None,
@@ -117,19 +117,24 @@ def left_out(rows: pl.DataFrame, sheet: Sheet) -> dict[str, object]:
     return {"left_out_share": share, "left_out_by": by or otherwise}
 
 
-def moment_error(crossings: pl.DataFrame) -> float | None:
-    """How much too large the plate's moments certainly are, as a share: the foot stands elsewhere on the plate in each
-    unperturbed crossing, and the centre of pressure must move with it. Null without six of them, 0 if not certain."""
+def moment_error(crossings: pl.DataFrame) -> dict[str, float | None]:
+    """How much too large the plate's moments are, certainly (beyond 4 standard errors) and at most (half a 95 %
+    interval), as shares: the foot stands elsewhere in each crossing, and the centre of pressure must move with it. Null
+    without six crossings that no turn has changed until 38 % of stance."""
     columns = ["foot_forward_m", "foot_left_m", "pressure_ahead_m", "pressure_beside_m"]
-    used = crossings.filter(~pl.col("perturbed"), pl.col("reason").is_null())
-    if not set(columns) <= set(used.columns) or len(used := used.drop_nulls(columns)) < 6:
-        return None
+    none: dict[str, float | None] = {"certain_moment_error": None, "moment_error_half": None}
+    if not {*columns, "onset_phase"} <= set(crossings.columns):
+        return none
+    still = pl.col("onset_phase").cast(pl.Float64).fill_null(1.0) > 0.38
+    used = crossings.filter(pl.col("reason").is_null(), still).drop_nulls(columns)
+    if len(used) < 6:
+        return none
     values = used.select(columns).to_numpy()
     foot, pressure = np.hsplit(values - values.mean(axis=0), 2)
     size = float(np.sum(foot**2)) or 1.0
     error = float(np.sum(foot * pressure)) / size
     se = float(np.sqrt(np.sum((pressure - error * foot) ** 2) / (2 * len(used) - 3) / size))
-    return float(np.sign(error) * max(abs(error) - 4 * se, 0.0))
+    return {"certain_moment_error": float(np.sign(error) * max(abs(error) - 4 * se, 0.0)), "moment_error_half": 2 * se}
 
 
 def fitted_time(headline: GroupHeadline) -> float:
@@ -196,9 +201,10 @@ def group_facts(headline: GroupHeadline) -> dict[str, object]:
             distances.append(2 * abs(fit[name] - mean.mean) / width)
     # Cochran's Q of single stiffnesses over its degrees of freedom; standard errors of at least 3 % of the mean
     K, se = np.array([(one["K"], one.se("K")) for one in singles]).T
-    variance, heterogeneity = se**2 + (0.03 * K.mean()) ** 2, None
-    if np.isfinite(se).all() and (variance > 0).all():
-        heterogeneity = float(np.sum((K - np.average(K, weights=1 / variance)) ** 2 / variance) / (len(K) - 1))
+    variance, heterogeneity, ways = se**2 + (0.03 * K.mean()) ** 2, None, np.unique(signs)
+    if np.isfinite(se).all() and (variance > 0).all():  # a torque after any turn parts both directions
+        mean = np.sum([np.average(K, weights=(signs == way) / variance) * (signs == way) for way in ways], axis=0)
+        heterogeneity = float(np.sum((K - mean) ** 2 / variance) / (len(K) - len(ways)))
     angles = np.array([r.sign * r.fitted_motion.theta for r in responses])
     # How far the stance by which phase is computed differs from the one that was to be expected, if that is certain
     known = np.array([(r.stance_change, r.stance_error) for r in responses if np.isfinite(r.stance_change)])
@@ -361,6 +367,12 @@ def witness_facts(turned: Sequence[Crossing], facts: Mapping[str, Any], sensitiv
             "whether K is that of the joint alone: no log has the joint's encoder, so that K is that of joint and shoe "
             f"in series, K_joint = K/(1 - K/k), and a shoe of k = {SHOE:g} N*m/deg ({np.rad2deg(SHOE):.0f} N*m/rad) "
             f"would take {-sensitivity['K'][-1]:.2g} N*m/rad off K = {K:.3g}"
+        )
+    half, per_percent = facts.get("moment_error_half"), 0.0 if by_log or len(sensitivity) < 3 else sensitivity["K"][2]
+    if half is not None and abs(100 * half * per_percent) > 0.02 * abs(K):
+        unknown.append(
+            f"whether the plate's moments are right: the places of the foot show their gain to {100 * half:.2g} %, "
+            f"and each 1 % too much would add {per_percent:.2g} N*m/rad to K = {K:.3g}, load the plate at known places"
         )
     if height is None and not by_log and len(sensitivity) > 1:
         unknown.append(

@@ -354,3 +354,12 @@ def test_a_plate_that_rings_after_its_turn_is_named_with_its_frequency(pauses: t
     hz, growth = plate.ringing(time, white + ring, track)
     assert (hz == pytest.approx(40, abs=1.5) and growth > 100) if noise else (hz, growth) == (0, 0)
     assert plate.ringing(time, white, track)[1] < 20
+
+
+@pytest.mark.parametrize(("growths", "hz"), [((5.0, 30.0, 30.0), 41.0), ((5.0, 5.0, 30.0), None)])
+def test_a_plate_rings_if_most_of_its_trials_do(
+    monkeypatch: pytest.MonkeyPatch, growths: Any, hz: float | None
+) -> None:
+    seen = iter(zip((40.0, 41.0, 42.0), growths, strict=True))
+    monkeypatch.setattr(plate, "ringing", lambda *_: next(seen))
+    assert model_of(*(unloaded(f"plate_{k}") for k in range(3))).ringing_hz == hz

@@ -388,10 +388,10 @@ def ringing(time: Array, wrench: Array, track: platform.PlatformTrack) -> tuple[
     """Frequency [Hz] above 25 Hz at which the wrench (n, 6) grows most from before the first motion of the track to
     after it, and the ratio of its power; 0 where it rests for less than 0.15 s, or without any noise."""
     first = next(iter(runs(track.moving)), slice(0, 0))
-    later = [run for run in runs(~track.moving) if run.start >= first.stop]
-    rest = max(later, key=lambda run: run.stop - run.start, default=slice(0, 0))
+    least, later = round(0.15 * track.rate), [run for run in runs(~track.moving) if run.start >= first.stop]
+    rest = next((run for run in later if run.stop - run.start >= least), slice(0, 0))
     n = min(first.start, rest.stop - rest.start, round(0.4 * track.rate))
-    if n < 0.15 * track.rate:
+    if n < least:
         return 0.0, 0.0
     starts = np.searchsorted(time, track.time[[first.start - n, rest.start]])
     pieces = scipy.signal.detrend([wrench[start : start + n] for start in starts], axis=1) * np.hanning(n)[:, None]

@@ -300,7 +300,7 @@ def reactions(time: Array, window: slice, theta: Array, torque: Array) -> dict[s
     def fitted(columns: Sequence[Array], share: float = 1.0) -> Array:
         """Estimates (columns, 2), with standard errors, of the fit to the first share of the window."""
         rows = slice(first, window.start + round(share * (window.stop - window.start)))
-        own, least = noise[rows, rows], 1e-12 * float(np.mean(torque[rows, 0] ** 2)) + np.finfo(float).tiny
+        own, least = noise[rows, rows], 1e-12 * float(np.mean(torque[rows, 0] ** 2)) + 1e-24  # [(N*m)^2]
         root = np.linalg.cholesky(own + (0.03 * np.trace(own) / len(own) + least) * np.eye(len(own)))
         X = np.linalg.solve(root, np.stack(columns)[:, rows]).transpose(2, 1, 0)
         y = np.linalg.solve(root, torque[rows]).T[..., None]

@@ -356,7 +356,7 @@ def test_a_plate_that_rings_after_its_turn_is_named_with_its_frequency(pauses: t
     assert plate.ringing(time, white, track)[1] < 20
 
 
-@pytest.mark.parametrize(("growths", "hz"), [((5.0, 30.0, 30.0), 41.0), ((5.0, 5.0, 30.0), None)])
+@pytest.mark.parametrize(("growths", "hz"), [((5.0, 600.0, 600.0), 41.0), ((5.0, 400.0, 600.0), None)])
 def test_a_plate_rings_if_most_of_its_trials_do(
     monkeypatch: pytest.MonkeyPatch, growths: Any, hz: float | None
 ) -> None:

@@ -533,7 +533,7 @@ def identify_plate_model(pairs: Sequence[tuple[Trial, StaticCalibration]], setti
     reason = None if np.isfinite(lags).any() else "the unloaded plate is too light to show it"
     reason = reason if settings.correct_plate_lag else "not estimated: correct_plate_lag is false"
     hz, growth = np.median([r.rings for r in seen], axis=0).tolist()
-    model = replace(plate_model(seen, lags), lag_reason=reason, ringing_hz=hz if growth > 20 else None)
+    model = replace(plate_model(seen, lags), lag_reason=reason, ringing_hz=hz if growth > 500 else None)
     if len(seen) == 1:
         return model
     each = range(len(seen))

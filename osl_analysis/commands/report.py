@@ -9,7 +9,7 @@ from typing import Any
 import polars as pl
 
 from osl_analysis.campaign.campaign import sentence
-from osl_analysis.commands.figure import caption_of, draw_figure
+from osl_analysis.commands.figure import NOT_DRAWN, caption_of, draw_figure
 from osl_analysis.commands.tables import read_summary
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.dictionary import described_tables
@@ -76,9 +76,12 @@ def write_report(
     pages = {one.name: (trial_content(one, described), one.pictures.tables) for one in reported}
     found = {} if is_refused(summary) else read_summary(summary)
     said = captions_by_title(captions.read_text(encoding="utf-8")) if captions and not is_refused(captions) else {}
-    shown = []
+    shown, absent = [], {}
     for name, path in figures.items():
         title = figure_title(name)
+        if (why := str(said.get(title, ""))).startswith(NOT_DRAWN):
+            absent[title] = why.removeprefix(NOT_DRAWN).strip()
+            continue
         drawn = inline_svg(path.read_text(encoding="utf-8"), name, title)
         shown.append({"name": name, "title": title, "caption": said.get(title, ""), "drawing": drawn})
     content = {
@@ -93,6 +96,7 @@ def write_report(
         "intervals": found.get("intervals", ""),
         "findings": found.get("findings", []),
         "figures": shown,
+        "absent_figures": absent,
         "sensitivity": written.get("walking_sensitivity", pl.DataFrame()).to_dicts(),
         "not_made": [one for one in refused if not one.trial],
     }

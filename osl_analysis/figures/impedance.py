@@ -80,13 +80,12 @@ def fig5_points(impedance: pl.DataFrame) -> pl.DataFrame:
 
 @style.paper_style()
 def draw_fig5(table: pl.DataFrame) -> Figure:
-    """(a) stiffness, (b) damping. Each desired impedance has a place of its own on the axis, which is no scale; its
-    trials stand side by side there."""
+    """Stiffness and damping, and below each its error in percent where a value was asked for. Each desired impedance
+    has a place of its own on the axis, which is no scale; its trials stand side by side there."""
     parts, looks = names.placed_rows(table), names.looks_in(table)
-    titles = [name for name, _ in parts for _ in range(2)]
-    figure, axes = style.panels(style.DOUBLE_COLUMN, 0.5 + 3.2 * len(parts), rows=2 * len(parts), names=titles)
     order = {controller: number for number, controller in enumerate(looks)}
-    for (_, part), stiffness, damping in zip(parts, axes[::2], axes[1::2], strict=True):
+    drawn = []  # name of the joint, rows, quantity, and whether its error is drawn
+    for name, part in parts:
         ranks = pl.Series("rank", [order[controller] for controller in part["controller"]])
         rows = part.with_columns(ranks).sort("K_d", "B_d", "rank", nulls_last=True, maintain_order=True)
         # trials of one condition are 1 apart, those of another B_d 0.7 more, and of another K_d 1.6 more
@@ -94,30 +93,81 @@ def draw_fig5(table: pl.DataFrame) -> Figure:
         for before, after in pairwise(rows.select("K_d", "B_d").rows()):
             steps.append(1 + (1.6 if before[0] != after[0] else 0.7 if before[1] != after[1] else 0.0))
         rows = rows.with_columns(x=pl.Series(np.cumsum(steps)))
-        for ax, symbol in ((stiffness, "K"), (damping, "B")):
-            draw_quantity(ax, rows, symbol, looks)
-        stiffness.set_xticks([])
-        letter_conditions(damping, rows)
-        stiffness.set_ylabel(r"Stiffness $\hat{K}$ (N·m/rad)")
-        damping.set_ylabel(r"Damping $\hat{B}$ (N·m·s/rad)")
+        for symbol in "KB":
+            drawn.append((name, rows, symbol, False))
+            if errors_of(rows, symbol)[symbol].count():
+                drawn.append((name, rows, symbol, True))
+    titles, heights = [name for name, *_ in drawn], [0.9 if error else 1.0 for *_, error in drawn]
+    height = 0.5 + 1.5 * sum(heights)
+    figure, axes = style.panels(style.DOUBLE_COLUMN, height, rows=len(drawn), names=titles, heights=heights)
+    for k, (ax, (_, rows, symbol, error)) in enumerate(zip(axes, drawn, strict=True)):
+        draw_quantity(ax, errors_of(rows, symbol) if error else rows, symbol, looks)
+        if k + 1 < len(drawn) and drawn[k + 1][1] is rows:
+            ax.set_xticks([])
+        else:
+            letter_conditions(ax, rows)
+        if error:
+            label_percent_axis(ax)
+            ax.set_ylabel(rf"$\hat{{{symbol}}}/{symbol}_d - 1$ (%)")
+            continue
+        ax.set_ylabel(QUANTITY_LABELS[symbol])
+        for wanted in rows.drop_nulls(f"{symbol}_d").partition_by("K_d", "B_d", maintain_order=True):
+            ends = wanted["x"][0] - 0.6, wanted["x"][-1] + 0.6
+            ax.hlines(wanted[f"{symbol}_d"][0], *ends, color=style.BLACK, linewidth=0.8)
     entries = {o.label: style.key(o.label, marker=o.marker, color=o.colour, markersize=o.size) for o in looks.values()}
     entries |= style.open_entry(table)
     for label, column, line in (
         ("Desired", "{}_d", {"color": style.BLACK, "linewidth": 0.8}),
         ("Linear model", "{}_predicted", {"marker": "_", "color": style.GREY, "markersize": 7, "mew": 0.7}),
+        ("Viscous part", "{}_viscous", {"marker": "x", "color": style.GREY, "markersize": 3.2, "mew": 0.9}),
     ):
-        if any(table[column.format(symbol)].count() for symbol in "KB"):
+        columns = [column.format(symbol) for symbol in "KB"]
+        if any(table[name].count() for name in columns if name in table.columns):
             entries[label] = style.key(label, **line)
     style.legend_above(figure, entries, 6, 0.9 * style.DOUBLE_COLUMN, columnspacing=1.4)
     figure.align_ylabels()
     return figure
 
 
+QUANTITY_LABELS = {"K": r"Stiffness $\hat{K}$ (N·m/rad)", "B": r"Damping $\hat{B}$ (N·m·s/rad)"}
+
+
+def errors_of(rows: pl.DataFrame, symbol: str) -> pl.DataFrame:
+    """The same rows with all that is drawn of one quantity in percent of its desired value, less 100; null where none
+    is above zero."""
+    desired, kinds = pl.col(f"{symbol}_d"), ("", "_low", "_high", "_amplitudes_low", "_amplitudes_high", "_predicted")
+    drawn = [f"{symbol}{kind}" for kind in (*kinds, "_viscous") if f"{symbol}{kind}" in rows.columns]
+    return rows.with_columns(
+        pl.when(desired > 0).then(100 * (pl.col(name) / desired - 1)).alias(name) for name in drawn
+    )
+
+
+def label_percent_axis(ax: Axes) -> None:
+    """Errors [percent] on an axis that is even up to 2 % and logarithmic beyond: 1 % is seen beside 50 %."""
+    even = 2.0  # [percent]
+    low, high = np.arcsinh(np.array(ax.dataLim.intervaly) / even)
+    room = 0.08 * (max(high, 0.5) - min(low, -0.5))
+    ends = min(low, -0.5) - room, max(high, 0.5) + room
+    ax.set_yscale("asinh", linear_width=even)
+    shown, apart = [0.0], float(np.ptp(ends)) / 11  # labels of eleven lines do not touch
+    for side in (1, -1):
+        last = 0.0
+        for size in (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000):
+            place = float(np.arcsinh(size / even))
+            if place - last > apart and ends[0] < side * place < ends[1]:
+                shown.append(side * size)
+                last = place
+    ax.set_yticks(shown, [f"{tick:+g}".replace("-", "−") if tick else "0" for tick in shown])
+    ax.set_yticks([], minor=True)
+    ax.set_ylim(*even * np.sinh(ends))
+    ax.grid(axis="y", color="#E4E4E4", linewidth=0.4)
+    ax.axhline(0, color=style.BLACK, linewidth=0.8)
+    ax.set_axisbelow(True)
+
+
 def draw_quantity(ax: Axes, rows: pl.DataFrame, symbol: str, looks: dict[str | None, style.Look]) -> None:
-    """Estimates of one quantity at their places `x`, lines at the desired values, and between values of K_d."""
-    for wanted in rows.drop_nulls(f"{symbol}_d").partition_by("K_d", "B_d", maintain_order=True):
-        ends = wanted["x"][0] - 0.6, wanted["x"][-1] + 0.6
-        ax.hlines(wanted[f"{symbol}_d"][0], *ends, color=style.BLACK, linewidth=0.8)
+    """Estimates of one quantity at their places `x`, and lines between values of K_d; a cross is the part of the
+    damping that is no friction."""
     last = float(rows["x"][-1])
     # at this share of their usual size, and not below 0.3, the markers of neighbours do not touch
     share = float(np.clip(72 * ax.figure.figure.get_figwidth() / (last + 8) / 4.5, 0.3, 1.0))
@@ -125,7 +175,8 @@ def draw_quantity(ax: Axes, rows: pl.DataFrame, symbol: str, looks: dict[str | N
         fits = names.of_controller(rows, controller)
         style.draw_estimates(ax, fits, "x", symbol, symbol, look, share, zorder=3)
         ax.plot(fits["x"], fits[f"{symbol}_predicted"], "_", color=look.colour, markersize=7 * share, mew=0.7)
-    ax.ticklabel_format(axis="y", useOffset=False)
+        if symbol == "B":
+            ax.plot(fits["x"], fits["B_viscous"], "x", color=look.colour, markersize=3.2 * share, mew=0.9, zorder=4)
     edge = max(1.0, (8 - last) / 2)  # an axis has room for eight trials at least
     ax.set_xlim(-edge, last + edge)
     for left, right in pairwise(rows.partition_by("K_d", maintain_order=True)):
@@ -156,6 +207,8 @@ def fig5_caption(table: pl.DataFrame) -> str:
     said = [FIGURES["fig5"].caption, f"The fit also has I, the {apparent_inertia()}."]
     if table["K_predicted"].count() or table["B_predicted"].count():
         said.append("A short line in the colour of a marker is what linear theory predicts for its gains.")
+    if table["B_viscous"].count():
+        said.append("A cross is the damping without the Coulomb friction, where this is certain.")
     if table["K_amplitudes_low"].count() or table["B_amplitudes_low"].count():
         said.append("Thin bars are the range of the fits to single amplitudes.")
     widths = {symbol: (table[f"{symbol}_high"] - table[f"{symbol}_low"]).drop_nulls() for symbol in "KB"}

@@ -12,7 +12,8 @@ from matplotlib.figure import Figure
 from osl_analysis.figures import FIGURES, columns_of, names, style
 from osl_analysis.judge.doubts import IS_DOUBTFUL
 
-MOST_LOOPS = 12  # trials of a panel of Fig. 3 that have their names at the ends of their loops
+OUTLIER = style.ORANGE
+OUTLYING = 3.5  # robust standard deviations (Iglewicz and Hoaglin, How to Detect and Handle Outliers, 1993)
 MEAN_SLOPE = "mean slope"  # name that takes the place of the trial in the two rows that carry the mean slope
 BRANCHES: dict[str, style.Dash] = {"loading": "-", "unloading": (0, (6, 3))}  # with the line styles of sound trials
 GREY_TRIAL: dict[str, Any] = {"color": "#B4B4B4", "linewidth": 0.9}
@@ -24,8 +25,9 @@ def fig3_caption(table: pl.DataFrame) -> str:
     fits = table.filter(pl.col("trial") != MEAN_SLOPE).unique("trial", maintain_order=True)
     said = [FIGURES["fig3"].caption]
     parts = names.placed_rows(table)
-    if max(part["trial"].n_unique() for _, part in parts) <= MOST_LOOPS + 1:
-        said.append("The names of the trials stand at the ends of their loops.")
+    named = names.listed_text(name for _, part in parts for name in outlying(far_ends(trials_of(part))))
+    rule = f"{OUTLYING:g} robust standard deviations from the median of the loops' ends"
+    said.append(f"Beyond {rule}, and named: {named}." if named else f"No loop ends more than {rule}.")
     for name, part in parts:
         for row in part.filter(pl.col("trial") == MEAN_SLOPE).head(1).iter_rows(named=True):
             K_s, loop = (
@@ -49,7 +51,7 @@ def draw_fig3(table: pl.DataFrame) -> Figure:
     for number, (name, part) in enumerate(parts):
         above = 2 * across * (number // across) + number % across
         belts, loops = axes[above], axes[above + across]
-        trials = part.filter(pl.col("trial") != MEAN_SLOPE).partition_by("trial", maintain_order=True)
+        trials = trials_of(part)
         mean, dotted = part.filter(pl.col("trial") == MEAN_SLOPE), list(filter(style.has_doubtful, trials))
         for drawn, look in ((trials, GREY_TRIAL), (dotted, DOUBTFUL_TRIAL), ([mean], MEAN_LINE)):
             for one in drawn:
@@ -60,7 +62,9 @@ def draw_fig3(table: pl.DataFrame) -> Figure:
             text = rf"$\hat{{K}}_s = {K_s:.1f}$ N·m/rad"
             text += "" if low is None or high is None else f"\n95 % interval {low:.1f} to {high:.1f} N·m/rad"
             belts.text(0.99, 0.04, text, transform=belts.transAxes, ha="right", va="bottom", linespacing=1.4)
-        named.append((loops, draw_loops(loops, trials, part["hysteresis_area"].drop_nulls())))
+        draw_loops(loops, trials, part["hysteresis_area"].drop_nulls())
+        ends = far_ends(trials)
+        named.append((loops, [(name, names.drawn_name(name, 12), OUTLIER, ends[name]) for name in outlying(ends)]))
         belts.set_title(f"{belts.get_title(loc='left')} {name}", loc="left", y=1)
         loops.sharex(belts)
     for ax in axes:
@@ -76,32 +80,44 @@ def draw_fig3(table: pl.DataFrame) -> Figure:
         entries.append(style.key(branch.capitalize(), color=style.BLACK, linestyle=dash, linewidth=0.5))
     figure.legend(handles=entries, loc="outside upper center", ncols=2 if len(figure.axes) == 2 else len(entries))
     for loops, ends in named:
-        if len(ends) <= MOST_LOOPS:
+        if ends:
             style.name_ends(loops, ends)
     return figure
 
 
-def draw_loops(
-    ax: Axes, trials: list[pl.DataFrame], areas: pl.Series
-) -> list[tuple[str, str, str, tuple[float, float]]]:
-    """The far end of each trial's loop. Trials with ends beside each other differ in colour, whose lightness is 0, 57
-    and 30 of 100."""
-    ax.axhline(0, **MEAN_LINE)
-    named, colours = [], (style.BLACK, "#3F8FBF", "#6B3A0A")
+def trials_of(part: pl.DataFrame) -> list[pl.DataFrame]:
+    return part.filter(pl.col("trial") != MEAN_SLOPE).partition_by("trial", maintain_order=True)
+
+
+def far_ends(trials: list[pl.DataFrame]) -> dict[str, tuple[float, float]]:
+    """Deflection [deg] at the far end of each trial's loop, and its torque [N*m] less that of the mean slope."""
     far = [trial.row(int(trial["theta_s_deg"].abs().arg_max() or 0), named=True) for trial in trials]
-    for number, k in enumerate(sorted(range(len(far)), key=lambda k: far[k]["deviation"])):
-        colour, doubtful = colours[number % len(colours)], style.has_doubtful(trials[k])
+    return {row["trial"]: (row["theta_s_deg"], row["deviation"]) for row in far}
+
+
+def outlying(ends: dict[str, tuple[float, float]]) -> list[str]:
+    """The trials whose loops end more than `OUTLYING` standard deviations from the median; these are 1.4826 median
+    absolute deviations."""
+    away = np.array([deviation for _, deviation in ends.values()])
+    away = np.abs(away - np.median(away))
+    return [name for name, size in zip(ends, away, strict=True) if size > OUTLYING * 1.4826 * np.median(away) > 0]
+
+
+def draw_loops(ax: Axes, trials: list[pl.DataFrame], areas: pl.Series) -> None:
+    """Every loop in grey, doubtful ones dotted, outliers in a colour; each leads to its trial."""
+    ax.axhline(0, **MEAN_LINE)
+    outliers = outlying(far_ends(trials))
+    for trial in sorted(trials, key=lambda one: one["trial"][0] in outliers):
+        doubtful, colour = style.has_doubtful(trial), OUTLIER if trial["trial"][0] in outliers else style.GREY
         for branch, dash in BRANCHES.items():
-            rows = trials[k].filter(pl.col("branch") == branch)
+            rows = trial.filter(pl.col("branch") == branch)
             line = style.DOTTED if doubtful else dash
-            ax.plot(rows["theta_s_deg"], rows["deviation"], color=colour, linestyle=line, linewidth=0.5)
-        name, end = far[k]["trial"], (far[k]["theta_s_deg"], far[k]["deviation"])
-        named.append((name, names.drawn_name(name, 12), colour, end))
+            (drawn,) = ax.plot(rows["theta_s_deg"], rows["deviation"], color=colour, linestyle=line, linewidth=0.5)
+            drawn.set_url(style.place_in_report(trial["trial"][0]))
     for area in areas.head(1):
         ax.text(0.02, 0.04, f"Mean loop area {area:.3g} J", transform=ax.transAxes, va="bottom")
     ax.set_xlabel(r"Transmission deflection $\theta_s$ (deg)")
     ax.set_ylabel("Torque minus\nmean slope (N·m)")
-    return named
 
 
 CURVE_COLUMNS = [name for name in columns_of("torque_angle") if name not in (*names.JOINT_SIDE, "doubtful")]

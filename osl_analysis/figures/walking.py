@@ -120,7 +120,8 @@ def fig9_caption(table: pl.DataFrame) -> str:
     several = "" if len(groups) == 1 else f" in {len(groups)} groups, whose numbers stand in brackets"
     said = [
         r"Stiffness $\hat{K}$ (a), damping $\hat{B}$ (b) and $\hat{I}$ (c) of the ankle while walking, Eq. 15. "
-        rf"$\hat{{I}}$ is the {apparent_inertia()}. "
+        rf"$\hat{{I}}$ is the {apparent_inertia()}; the actuator behind its gains adds to the joint's own inertia, or "
+        "takes off it, so that it is no mass. "
         f"Points: {count_of(len(fits), 'perturbation')}{several}. Squares: their mean ± SD. Diamonds: the fit to the "
         "mean response with its 95 % interval (bootstrap)."
     ]
@@ -247,10 +248,12 @@ COMMANDED_SERIES = "commanded"  # series of the curve that the controller comman
 
 
 def over_stance_caption(table: pl.DataFrame) -> str:
+    meant = {"K": "stiffness", "B": "damping", "I": apparent_inertia()}
+    drawn = [meant[quantity] for quantity in ESTIMATES if quantity in table["quantity"]]
+    panels = drawn if len(drawn) == 1 else [f"({letter}) {one}" for letter, one in zip("abc", drawn, strict=False)]
     said = [
-        f"Impedance of the ankle over stance: (a) stiffness, (b) damping, (c) {apparent_inertia()}. A marker is the "
-        "fit to the mean response of a group, at the phase that the fit reads. Upright bars are 95 % intervals, level "
-        "ones the windows of the fits."
+        f"Impedance of the ankle over stance: {', '.join(panels)}. A marker is the fit to the mean response of a "
+        "group, at the phase that the fit reads. Upright bars are 95 % intervals, level ones the windows of the fits."
     ]
     if table["commanded"].count():
         said.append("Dashed, and short black lines at the groups: what the controller commands.")
@@ -270,13 +273,16 @@ def over_stance_caption(table: pl.DataFrame) -> str:
 
 @style.paper_style()
 def draw_over_stance(table: pl.DataFrame) -> Figure:
-    """(a) K, (b) B, (c) I: the fit of each group at the phase that it reads, its fitted window as a horizontal bar, its
-    95 % interval as a vertical one. The commanded impedance is dashed, and a short line at each group."""
-    figure, axes = style.panels(style.DOUBLE_COLUMN, 2.6, columns=3)
+    """K, B and I, those that the table has: the fit of each group at the phase that it reads, its fitted window as a
+    horizontal bar, its 95 % interval as a vertical one. The commanded impedance is dashed, and a short line at each
+    group."""
+    drawn = [quantity for quantity in ESTIMATES if quantity in table["quantity"]]
+    width = style.SINGLE_COLUMN if len(drawn) == 1 else style.DOUBLE_COLUMN
+    figure, axes = style.panels(width, 2.6, columns=len(drawn))
     series = [name for name in table["series"].unique(maintain_order=True) if name != COMMANDED_SERIES]
     looks = ((style.PURPLE, "o"), (style.ORANGE, "D"), ("#3F8FBF", "s"), ("#6B3A0A", "^"))  # colours and markers
     interval, window = 1.2, 0.6  # widths of lines [pt]
-    for ax, quantity in zip(axes, ESTIMATES, strict=True):
+    for ax, quantity in zip(axes, drawn, strict=True):
         rows = table.filter(pl.col("quantity") == quantity)
         given = rows.filter(pl.col("series") == COMMANDED_SERIES)
         if len(given):
@@ -310,4 +316,5 @@ IMPEDANCE_OVER_STANCE = style.Drawing(
     ("series", "quantity", "phase", "onset_phase", "end_phase", "estimate", "low", "high", "commanded"),
     draw_over_stance,
     over_stance_caption,
+    nothing="all perturbations are at one phase of stance, and no curve is commanded; Fig. 9 shows them",
 )

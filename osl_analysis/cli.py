@@ -391,6 +391,10 @@ def doctor(look: bool) -> None:
 def watch(folder: Path, source: Path | None, output: Path, config_path: Path) -> None:
     """Examine every recording in FOLDER as soon as it is complete: a line with quality, K, B, I, doubts, and a picture.
 
+    From the fourth of a kind on (experiment, joint, side, controller; K and B of the same K_d and B_d) the line says
+    whether it is like those before it: by their median, within four standard deviations (from the median absolute
+    deviation, at least 1 % of an estimate and 5 % of duration, rate and range of the angle).
+
     Ctrl-C ends it. A recording that was examined is not examined again until it changes.
     """
     from osl_analysis.commands.inspect import WatchedBench, watched_lines

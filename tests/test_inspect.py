@@ -26,6 +26,7 @@ from osl_analysis.ingest.draft import draft_source, likely_column
 from osl_analysis.ingest.overview import Overview, RecordedChannel, likely_clock
 from osl_analysis.ingest.raw_files import FORMATS, read_source
 from osl_analysis.ingest.source import open_places
+from osl_analysis.trial import Trial
 
 NASTY = 'a\x1b[2J": {x\n# y\u202eb'
 LATIN = NASTY.replace("\u202e", "\x9b")
@@ -408,7 +409,8 @@ def test_a_recording_of_an_unknown_recorder_gives_its_joint_and_what_was_guessed
     assert re.search(r"rec7.csv: REFUSED: .*turn the `sign` of the torque", turned)
     assert re.search(r"x.csv: REFUSED: no rows", junk)
     assert "\n" not in sound + turned + junk
-    assert {*paths, tmp_path / "pictures/k120_b2.png"} == {path for path in tmp_path.rglob("*") if path.is_file()}
+    written = (tmp_path / f"pictures/{name}" for name in ("k120_b2.png", "measured.json"))
+    assert {*paths, *written} == {path for path in tmp_path.rglob("*") if path.is_file()}
 
 
 def test_the_stated_source_file_decides(tmp_path):
@@ -450,3 +452,17 @@ def test_a_failed_check_that_the_sheet_accepts_is_not_repeated(bench):
     spoilt = replace(trial, samples=trial.samples.with_columns(torque=pl.col("torque").clip(-4, 4)))
     assert "saturation" in module.quality_text(spoilt, "impedance", bench.config, ())
     assert "saturation" not in module.quality_text(spoilt, "impedance", bench.config, ("saturation",))
+
+
+def test_a_recording_is_held_against_its_siblings_of_which_a_wrong_gain_is_told(tmp_path):
+    def said(name, K, kind=("impedance", "ankle", "", "pd")):
+        row, samples = {"K_d": 300.0, "B_d": 5.0}, pl.DataFrame({"time": [0.0, 1.0, 2.0], "theta": [0.0, 0.1, 0.2]})
+        numbers = module.comparable(Trial(name, samples), row, {"K": K, "K_se": 1.0, "B": 5.0, "B_se": 0.1})
+        return list(module.beside_siblings(name, kind, numbers, tmp_path / "measured.json"))
+
+    assert [said(name, K) for name, K in zip("abc", (299.0, 301.0, 303.0), strict=True)] == [[], [], []]
+    assert said("d", 300.0) == ["like its 3 siblings"]
+    (differs,) = said("e", 340.0)
+    assert differs.startswith("DIFFERS from its 4 siblings: K of K_d 300 is 340, theirs 300 ± 3: look")
+    assert said("e", 301.0) == ["like its 4 siblings"], "a recording made again is no sibling of itself"
+    assert said("f", 340.0, ("impedance", "knee", "", "pd")) == [], "another joint has siblings of its own"

@@ -16,7 +16,9 @@ from tempfile import TemporaryDirectory
 from typing import Any
 from zlib import crc32
 
+import numpy as np
 import polars as pl
+from scipy.stats import median_abs_deviation
 
 from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.campaign.campaign import open_campaign
@@ -423,6 +425,9 @@ def examined(path: Path, folder: Path, bench: WatchedBench) -> Iterator[str]:
         yield f"DOUBTFUL: {estimates['doubtful']}"
     if far := off_desired(fitted.table, row):
         yield f"LOOK AT IT: {far}"
+    kind = [str(row[name]) if row.get(name) else "" for name in ("experiment", "joint", "side", "controller")]
+    name = path.relative_to(folder).as_posix()
+    yield from beside_siblings(name, kind, comparable(trial, row, estimates), bench.output / "measured.json")
     yield from [*said, *filter(None, [not_checked_line(fitted.table)])]
     if not fitted.series.is_empty():
         picture = bench.output / f"{row['trial']}.png"
@@ -431,6 +436,57 @@ def examined(path: Path, folder: Path, bench: WatchedBench) -> Iterator[str]:
             yield str(picture)
         except OslAnalysisError as error:
             yield f"no picture: {error}"
+
+
+FEWEST_SIBLINGS, FAR = 3, 4.0  # recordings, and standard deviations beyond which one differs from these
+
+
+def comparable(trial: Trial, row: Mapping[str, Any], estimates: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
+    """Numbers that are alike in recordings of one kind, each with the smallest standard deviation that it is granted:
+    1 % of an estimate or its standard error, 5 % of duration, rate and range. An impedance that was asked for counts
+    beside the same one, and K/K_d, with 5 %, beside all."""
+    found = dict[str, tuple[float, float]]()
+    K_d, B_d = (None if row.get(name) is None else float(row[name]) for name in ("K_d", "B_d"))
+    condition = "" if K_d is None else f" of K_d {K_d:g}"
+    for name in (n for n in estimated(estimates) if n not in ("offset", "drift")):
+        value, se = float(estimates[name]), float(estimates.get(f"{name}_se") or 0.0)
+        of = condition if name == "K" or not condition or B_d is None else f"{condition}, B_d {B_d:g}"
+        found[name + of] = value, max(se, 0.01 * abs(value))
+    if K_d:
+        found["K/K_d"] = estimates["K"] / K_d, 0.05 * estimates["K"] / K_d
+    time_s = trial.samples["time"].to_numpy()
+    extents = {"duration in s": time_s[-1] - time_s[0], "rate in Hz": (len(time_s) - 1) / (time_s[-1] - time_s[0])}
+    if "theta" in trial.samples.columns:
+        low, high = np.nanquantile(trial.samples["theta"].to_numpy(), (0.01, 0.99))
+        extents["range of the angle in deg"] = np.rad2deg(high - low)
+    return found | {name: (float(value), 0.05 * float(value)) for name, value in extents.items()}
+
+
+def beside_siblings(
+    name: str, kind: Sequence[str], numbers: Mapping[str, tuple[float, float]], notes: Path
+) -> Iterator[str]:
+    """Whether a recording is like those of its kind before it, by median and median absolute deviation of each number.
+    What it has is added to the notes."""
+    try:
+        known: dict[str, Any] = json.loads(notes.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        known = {}
+    siblings = [one["numbers"] for other, one in known.items() if other != name and one["kind"] == list(kind)]
+    known[name] = {"kind": list(kind), "numbers": {key: value for key, (value, _) in numbers.items()}}
+    with suppress(OslAnalysisError), atomic_path(notes) as temporary:  # the picture says why nothing is written there
+        temporary.write_text(json.dumps(known, indent=1) + "\n", encoding="utf-8")
+    far, most = list[str](), 0
+    for key, (value, least) in numbers.items():
+        others = [one[key] for one in siblings if key in one]
+        if len(others) >= FEWEST_SIBLINGS:
+            most = max(most, len(others))
+            middle, spread = float(np.median(others)), max(median_abs_deviation(others, scale="normal"), least)
+            if abs(value - middle) > FAR * spread:
+                far.append(f"{key} is {value:.3g}, theirs {middle:.3g} ± {spread:.1g}")
+    if far:
+        yield f"DIFFERS from its {most} siblings: {listing(far, 4)}: look for what changed on the bench"
+    elif most:
+        yield f"like its {most} siblings"
 
 
 def device_of_row(row: Mapping[str, Any], config: Config) -> Path | None:

@@ -76,11 +76,11 @@ def write_report(
     pages = {one.name: (trial_content(one, described), one.pictures.tables) for one in reported}
     found = {} if is_refused(summary) else read_summary(summary)
     said = captions_by_title(captions.read_text(encoding="utf-8")) if captions and not is_refused(captions) else {}
-    shown, absent = [], {}
+    shown, absent = [], dict[str, str]()
     for name, path in figures.items():
         title = figure_title(name)
-        if (why := str(said.get(title, ""))).startswith(NOT_DRAWN):
-            absent[title] = why.removeprefix(NOT_DRAWN).strip()
+        if (reason := str(said.get(title, ""))).startswith(NOT_DRAWN):
+            absent[title] = reason.removeprefix(NOT_DRAWN).strip()
             continue
         drawn = inline_svg(path.read_text(encoding="utf-8"), name, title)
         shown.append({"name": name, "title": title, "caption": said.get(title, ""), "drawing": drawn})

@@ -8,6 +8,7 @@ import polars as pl
 from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
+from scipy.stats import median_abs_deviation
 
 from osl_analysis.figures import FIGURES, columns_of, names, style
 from osl_analysis.judge.doubts import IS_DOUBTFUL
@@ -63,8 +64,8 @@ def draw_fig3(table: pl.DataFrame) -> Figure:
             text += "" if low is None or high is None else f"\n95 % interval {low:.1f} to {high:.1f} N·m/rad"
             belts.text(0.99, 0.04, text, transform=belts.transAxes, ha="right", va="bottom", linespacing=1.4)
         draw_loops(loops, trials, part["hysteresis_area"].drop_nulls())
-        ends = far_ends(trials)
-        named.append((loops, [(name, names.drawn_name(name, 12), OUTLIER, ends[name]) for name in outlying(ends)]))
+        far = far_ends(trials)
+        named.append((loops, [(name, names.drawn_name(name, 12), OUTLIER, far[name]) for name in outlying(far)]))
         belts.set_title(f"{belts.get_title(loc='left')} {name}", loc="left", y=1)
         loops.sharex(belts)
     for ax in axes:
@@ -96,11 +97,10 @@ def far_ends(trials: list[pl.DataFrame]) -> dict[str, tuple[float, float]]:
 
 
 def outlying(ends: dict[str, tuple[float, float]]) -> list[str]:
-    """The trials whose loops end more than `OUTLYING` standard deviations from the median; these are 1.4826 median
-    absolute deviations."""
-    away = np.array([deviation for _, deviation in ends.values()])
-    away = np.abs(away - np.median(away))
-    return [name for name, size in zip(ends, away, strict=True) if size > OUTLYING * 1.4826 * np.median(away) > 0]
+    """The trials whose loops end more than `OUTLYING` standard deviations from the median."""
+    far = np.array([deviation for _, deviation in ends.values()])
+    away, spread = np.abs(far - np.median(far)), median_abs_deviation(far, scale="normal")
+    return [name for name, size in zip(ends, away, strict=True) if size > OUTLYING * spread > 0]
 
 
 def draw_loops(ax: Axes, trials: list[pl.DataFrame], areas: pl.Series) -> None:

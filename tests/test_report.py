@@ -91,6 +91,7 @@ def page_of(trials, largest_mb=40.0, tables=None):
         "intervals": "",
         "not_made": [],
         "sensitivity": [],
+        "absent_figures": {"Response": "No trial has one."},
     }
     packed = {one.name: (trial_content(one, {"impedance": IMPEDANCE}), tables or {}) for one in trials}
     return written_page(content, packed, largest_mb)

@@ -36,7 +36,7 @@ from osl_analysis.walking.tables import trajectory_points, walking_page_points
 # Formats, each with the entries of its metadata for what the data are, and for the time: equal numbers give equal files
 METADATA = {".pdf": ("Subject", "CreationDate"), ".svg": ("Description", "Date"), ".png": ("Description", "Date")}
 
-NOT_DRAWN = "This figure is not drawn."  # how the caption of one begins that has nothing to show
+UNDRAWN = "This figure is not drawn."  # how the caption of one begins that has nothing to show
 
 
 def plot_numbers(
@@ -110,11 +110,11 @@ def write_captions(
 def caption_of(name: str, table_csv: Path, missing: Sequence[str] = ()) -> str:
     """The caption of one figure from its plotted numbers, with the trials that it lacks; or why it is not drawn."""
     if causes := [f"{cause.trial or cause.file}: {cause.reason}" for cause in read_refusals(table_csv)]:
-        return f"{NOT_DRAWN} {names.listed_text(causes)}."
+        return f"{UNDRAWN} {names.listed_text(causes)}."
     figure = drawing_of(name)
     table = read_table(table_csv, required=figure.columns)
     if table.is_empty():
-        return f"{NOT_DRAWN} {names.as_text(figure.nothing[:1].upper() + figure.nothing[1:])}."
+        return f"{UNDRAWN} {names.as_text(figure.nothing[:1].upper() + figure.nothing[1:])}."
     lacks = f" Without {names.count_of(len(missing), 'trial')} whose recordings or fits were refused: "
     return f"{figure.caption(table)}{f'{lacks}{names.listed_text(missing)}.' if missing else ''}"
 

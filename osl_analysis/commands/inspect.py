@@ -438,7 +438,7 @@ def examined(path: Path, folder: Path, bench: WatchedBench) -> Iterator[str]:
             yield f"no picture: {error}"
 
 
-FEWEST_SIBLINGS, FAR = 3, 4.0  # recordings, and standard deviations beyond which one differs from these
+FEWEST_SIBLINGS, UNLIKE = 3, 4.0  # recordings, and standard deviations beyond which one differs from these
 
 
 def comparable(trial: Trial, row: Mapping[str, Any], estimates: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
@@ -481,7 +481,7 @@ def beside_siblings(
         if len(others) >= FEWEST_SIBLINGS:
             most = max(most, len(others))
             middle, spread = float(np.median(others)), max(median_abs_deviation(others, scale="normal"), least)
-            if abs(value - middle) > FAR * spread:
+            if abs(value - middle) > UNLIKE * spread:
                 far.append(f"{key} is {value:.3g}, theirs {middle:.3g} ± {spread:.1g}")
     if far:
         yield f"DIFFERS from its {most} siblings: {listing(far, 4)}: look for what changed on the bench"

@@ -9,7 +9,7 @@ from typing import Any
 import polars as pl
 
 from osl_analysis.campaign.campaign import sentence
-from osl_analysis.commands.figure import NOT_DRAWN, caption_of, draw_figure
+from osl_analysis.commands.figure import UNDRAWN, caption_of, draw_figure
 from osl_analysis.commands.tables import read_summary
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.dictionary import described_tables
@@ -79,8 +79,8 @@ def write_report(
     shown, absent = [], dict[str, str]()
     for name, path in figures.items():
         title = figure_title(name)
-        if (reason := str(said.get(title, ""))).startswith(NOT_DRAWN):
-            absent[title] = reason.removeprefix(NOT_DRAWN).strip()
+        if (reason := str(said.get(title, ""))).startswith(UNDRAWN):
+            absent[title] = reason.removeprefix(UNDRAWN).strip()
             continue
         drawn = inline_svg(path.read_text(encoding="utf-8"), name, title)
         shown.append({"name": name, "title": title, "caption": said.get(title, ""), "drawing": drawn})

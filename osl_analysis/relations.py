@@ -1,7 +1,7 @@
 """Relations between settings, checked where these are read. Each is a line of its model, a breach a wrong field."""
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from itertools import pairwise
 from operator import attrgetter
 from typing import Any
@@ -9,7 +9,7 @@ from typing import Any
 from pydantic import model_validator
 from pydantic_core import PydanticCustomError
 
-from osl_analysis.errors import InputError
+from osl_analysis.errors import InputError, listing, nearest
 
 
 def misplaced(reason: str, *place: str) -> PydanticCustomError:
@@ -23,8 +23,8 @@ def refused(wrong: Callable[[Any], Any], reason: str) -> Any:
 
     def check(settings: Any) -> Any:
         if wrong(settings):
-            name = reason.split()[0]
-            raise misplaced(reason.format(s=settings), *[name] * (name in type(settings).model_fields))
+            name = reason.split()[0].strip(",:").split(".")
+            raise misplaced(reason.format(s=settings), *name * (name[0] in type(settings).model_fields))
         return settings
 
     return model_validator(mode="after")(check)
@@ -54,6 +54,13 @@ def distinct(values: tuple[Any, ...]) -> tuple[Any, ...]:
     if twice := [one for one in values if values.count(one) > 1]:
         raise ValueError(f"'{twice[0]}' stands twice; name each once")
     return values
+
+
+def one_of(known: Collection[str], what: str, name: str) -> str:
+    """A check of a name, which is one of the known ones; `what` says of what."""
+    if name in known:
+        return name
+    raise InputError(f"'{name}' is no {what}; write one of {listing([*known], 14)}{nearest(name, known)}")
 
 
 def stretches(text: str) -> list[tuple[float, float]]:

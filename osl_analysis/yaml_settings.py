@@ -28,6 +28,8 @@ from osl_analysis.files import shipped
 Positive = Annotated[float, Field(gt=0)]  # A number above zero.
 NotNegative = Annotated[float, Field(ge=0)]  # A number of zero or more.
 Degrees = Annotated[float, Field(gt=0, le=180)]  # An angle above zero, of half a turn at most.
+Seconds = Annotated[float, Field(gt=0, le=10)]  # A time of a crossing; what is longer is in ms.
+Metres = Annotated[float, Field(gt=0, le=10)]  # A length in a laboratory; what is longer is in mm.
 ShippedPath = Annotated[Path, AfterValidator(shipped)]
 """A path of the campaign's folder or, where that has none, of a shipped file such as `config/config.yaml`."""
 Place = tuple[int | str, ...]  # Keys and numbers of list entries that lead to a field, from the outermost.

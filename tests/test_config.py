@@ -5,8 +5,10 @@ from pathlib import Path
 from typing import Annotated, ClassVar, Literal
 from unittest.mock import Mock
 
+import numpy as np
 import pytest
 import yaml
+from c3d_builder import write_c3d
 from conftest import ROOT
 from pydantic import Field
 
@@ -22,7 +24,8 @@ from osl_analysis.model.compensator import Weight, select_gains
 from osl_analysis.model.parameters import read_parameters
 from osl_analysis.simulator.plan import plan_trials
 from osl_analysis.simulator.settings import SimulationSettings
-from osl_analysis.yaml_settings import Settings, read_mapping, read_yaml
+from osl_analysis.simulator.walking_settings import WalkingSettings
+from osl_analysis.yaml_settings import Settings, read_mapping, read_yaml, validated
 
 SHIPPED_FILE = ROOT / "config/config.yaml"
 SHIPPED = yaml.safe_load(SHIPPED_FILE.read_text())
@@ -160,6 +163,80 @@ def test_settings_that_contradict_each_other_are_a_line_with_the_remedy(in_root,
         override = {key: override}
     with pytest.raises(InputError, match=said) as refusal:
         started(overriding(SHIPPED, override))
+    assert "\n" not in str(refusal.value)
+
+
+@pytest.mark.parametrize(("change", "said"), [
+    ({"changes": [{"load": 0.7}, {"of": ["walking_01", "waking_03"]}]},
+     r"line \d+: changes\.1\.of: 'waking_03' is no trial of the gait lab.*; did you mean 'walking_03'\?"),
+    ({"capture": {"swapped_in": ["static_1", "walking_999"]}}, "swapped_in: 'walking_999' is no"),
+    ({"capture": {"swapped_labels": [["FOOT1", "FOOT9"]]}}, r"labels\.0\.1: .*'FOOT9' is no marker .*mean 'FOOT\d'"),
+    ({"capture": {"swapped_labels": [["FOOT1", "FOOT1"]]}}, "labels.0: 'FOOT1' stands twice"),
+    ({"capture": {"dead_channels": {"Mx9": 0}}}, "dead_channels: 'Mx9' is no channel of .*mean 'Mx1'"),
+    ({"capture": {"dead_channels": {"Mx1": 0}, "plate_type": 3}}, "'Mx1' is no channel of this type of plate"),
+    ({"capture": {"moment_label": "Nmmm"}}, "moment_label: 'Nmmm' .*did you mean 'Nmm'"),
+    ({"perturbation": {"stance_phase": [0.87, 0.88]}}, "rise_s: .* behind toe-off; lower one of"),
+    ({"perturbation": {"latency_s": 0.35}}, "rise_s ends a ramp, after stance_phase and latency_s"),
+    ({"perturbation": {"hold_s": 350}}, "hold_s: 350 is not"), ({"perturbation": {"angle_deg": 61}}, "angle_deg: 61"),
+    ({"gait": {"heel_strike_s": 0.09}}, "heel_strike_s: 0.09"), ({"gait": {"stride_m": 11}}, "stride_m: 11"),
+    ({"rates": {"controller_hz": 1001}}, "controller_hz: .* least common multiple 1501500;"),
+    ({"plate": {"size_m": [600, 500]}}, "size_m.0: 600"), ({"plate": {"nominal_ankle_m": [0.31, 0]}}, "beyond half of"),
+    ({"plate": {"sensor_offset_m": [0, -0.26]}}, r"beyond half of size_m = \(0\.6, 0\.5\)"),
+    ({"impedance": "no.csv"}, r"line \d+: impedance: no\.csv: no such impedance"),
+])  # fmt: skip
+def test_a_simulated_laboratory_that_cannot_be_is_a_line_with_the_remedy(in_root, tmp_path, change, said):
+    simulation, gait = (read_mapping(ROOT / f"config/simulation/{name}.yaml") for name in ("default", "walking"))
+    (tmp_path / "gait.yaml").write_text(yaml.safe_dump(overriding(gait, change)))
+    (tmp_path / "own.yaml").write_text(yaml.safe_dump(simulation | {"walking": str(tmp_path / "gait.yaml")}))
+    with pytest.raises(InputError, match=rf"gait\.yaml: .*{said}") as refusal:
+        settings_files(tmp_path / "own.yaml")
+    assert "\n" not in str(refusal.value)
+
+
+def test_a_simulated_laboratory_at_its_bounds_is_allowed(in_root, tmp_path):
+    gait = read_mapping(ROOT / "config/simulation/walking.yaml")
+    ends = {"stance_phase": [0.86, 0.87], "hold_s": 10, "angle_deg": 60}  # 0.87 x 0.72 + 0.089 = 0.715 s
+    own = {"perturbation": ends, "gait": {"heel_strike_s": 0.1}, "capture": {"dead_channels": {"Mz1": 0}}}
+    own |= {"plate": {"nominal_ankle_m": [0.3, -0.25]}, "rates": {"controller_hz": 700}}
+    read = validated(overriding(gait, own), WalkingSettings, tmp_path)
+    assert read.rates.motion_hz == 10500
+
+
+CSV = {"format": "csv", "time": {"column": "t", "unit": "s"}, "clock": "master"}
+CSV |= {"channels": {"theta": {"column": "a", "unit": "deg"}, "sync": {"column": "s", "unit": "V"}}}
+C3D = {"format": "c3d", "analogs": {"sync": {"channel": "Sync"}}}
+BY_ANGLE = {"shared": {"column": "torque", "markers": ["A", "B", "C"]}}
+
+
+@pytest.mark.parametrize(("log", "mocap", "plate", "said"), [
+    ({}, {}, 2, "log.yaml, line 8: 'master' does not align the log with motion capture of this trial; write"),
+    ({"clock": "sync"}, {"analogs": {}}, 2, "line 8: 'sync' does not align"),
+    ({"clock": "sync"}, BY_ANGLE | {"analogs": {}}, 2, "line 8: 'sync' does not align"),  # the log has no torque
+    ({"clock": "sync"}, {}, 3, r"`walking\.plate` in the configuration: no force plate 3; .*/b\.c3d has 2, counted"),
+    ({"clock": "sync"}, {"plates": [1, 99]}, 2, r"`plates` in .*mocap\.yaml, line 5: no force plate 99; .* has 2, co"),
+    ({"clock": "sync"}, {}, 2, ""),
+])  # fmt: skip
+def test_clocks_that_two_source_files_do_not_align_and_a_plate_that_no_capture_has_are_told_before_any_job(
+    in_root, tmp_path, log, mocap, plate, said
+):
+    """The first capture has no plate, the second has two: what one lacks alone is for its job to tell."""
+    own = {"raw_data": str(tmp_path), "sheet": str(tmp_path / "trials.csv"), "sources": str(tmp_path)}
+    own |= {"simulation": None, "walking": {"plate": plate, "plate_inertia": "none"}}
+    for name, described in (("log", CSV | log), ("mocap", C3D | mocap), ("bench", CSV)):
+        (tmp_path / f"{name}.yaml").write_text(yaml.safe_dump(described))
+    write_c3d(tmp_path / "a.c3d", np.ones((2, 1, 4)))
+    write_c3d(tmp_path / "b.c3d", np.ones((2, 1, 4)), FORCE_PLATFORM__USED=np.array([2]))
+    (tmp_path / "c.c3d").write_bytes(b"no capture")
+    rows = [f"w{n},walking,{str(n > 5).lower()},a.csv,log,{'abc'[n % 3]}.c3d,mocap" for n in range(9)]
+    rows += ["s,static,,,bench,a.c3d,mocap"]  # whose cell of the log's source is filled in, but has no log
+    head = "trial,experiment,perturbed,log,log_source,mocap,mocap_source"
+    (tmp_path / "trials.csv").write_text("\n".join([head, *rows]))
+    opened = open_campaign(campaign_config(overriding(SHIPPED, own), [SHIPPED_FILE]), None)
+    if not said:
+        check_start(opened)
+        return
+    with pytest.raises(InputError, match=said) as refusal:
+        check_start(opened)
     assert "\n" not in str(refusal.value)
 
 

@@ -18,22 +18,29 @@ import test_ingest_mcap_log as mcap
 import test_ingest_opensim as opensim
 import yaml
 from c3d_builder import write_c3d
-from mcap_builder import SAMPLE, stamped, write_log
+from mcap_builder import HEADER, SAMPLE, SAMPLE_NAME, stamped, write_log, write_topics
 from nptdms import ChannelObject, TdmsWriter
 from recognised_files import refusal_by
 from scipy.interpolate import make_interp_spline
 from test_formats_mat import write_mat, write_mat73
 from test_formats_rosbags import CHANNELS, write_bag1, write_bag2
+from test_report import Page, page_of
 
+from osl_analysis.campaign.configuration import campaign_config
 from osl_analysis.commands.inspect import inspect_file, overview_text
-from osl_analysis.commands.trials import ingest_trial
+from osl_analysis.commands.trials import ingest_and_check, ingest_trial
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import InputError
+from osl_analysis.files import default_config
 from osl_analysis.ingest.clock import ClockFit, aligned_clock
 from osl_analysis.ingest.draft import draft_source
 from osl_analysis.ingest.raw_files import FORMATS, merged, read_source
 from osl_analysis.ingest.source import LARGEST_MEASURED, Recording, SharedAngle
+from osl_analysis.judge.findings import Judge
+from osl_analysis.judge.table import Commanded
+from osl_analysis.report.trial_page import ReportedTrial, trial_content
 from osl_analysis.trial import COLUMNS, FAMILIES, Trial, plate_columns, read_trial, unit_of, write_trial
+from osl_analysis.yaml_settings import read_mapping
 
 SOURCES = Path(__file__).parents[1] / "config" / "sources"
 THETA, SYNC = ({"topic": "/lab", "field": name, "unit": unit} for name, unit in (("angle", "deg"), ("sync", "V")))
@@ -182,7 +189,7 @@ def stating(name: str, content: dict[str, Any]) -> Callable[[Path], object]:
 MISTAKES: dict[str, tuple[Callable[[Path], object] | None, dict[str, object], str]] = {
     "one column of both": (stating("vicon.yaml", BOTH), {},
      "trial walk_1 (leg.mcap, vicon.c3d): column 'theta' is mapped in log and motion capture"),
-    "no sync": (stating("vicon.yaml", {"format": "c3d"}), {}, "no column 'sync' from motion capture: the clocks can"),
+    "no sync": (stating("vicon.yaml", {"format": "c3d"}), {}, "'sync' does not align the log with motion capture of"),
     "a clock of its own": (stating("leg.yaml", {**LEG, "clock": "master"}), {}, "write clock: sync"),
     "two trials": (lambda folder: write_log(folder / "leg.mcap", PERIODIC), {}, "trial walk_1 (leg.mcap, vicon.c3d): "),
     "no such log": (None, {"log": "elsewhere/none.bin"}, "elsewhere/none.bin: no such file; correct the sample sheet"),
@@ -519,3 +526,51 @@ def test_a_mutilated_file_is_samples_or_a_sentence(tmp_path: Path, what: str) ->
                 assert message.startswith(str(path))
                 assert len(message.splitlines()) == 1
                 assert len(message) < 1500
+
+
+ESCAPE, HARMLESS = "\x1b[31m\n\x07", r"\x1b[31m\n\x07"
+JOINTS = "std_msgs/Header header\nstring[] name\nfloat64[] position\n" + HEADER
+
+
+def test_control_characters_in_the_names_of_topic_joint_channel_and_marker_are_harmless_wherever_they_are_told(
+    laboratory,
+):
+    """In refusals, in `quality.csv` and on the page; the files are read by the names that they have."""
+    topic, joint, label = (f"{name}{ESCAPE}" for name in ("/lab", "ankle", "A1"))
+    theta = {"topic": topic, "field": f"position[name={joint}]", "unit": "rad"}
+    times, edges = range(0, 5_000_000_000, 2_000_000), level(np.arange(0, 5, 0.002)) > 0
+    joints = [stamped(t, name=[joint], position=[0.1 * np.sin(k / 50)]) for k, t in enumerate(times)]
+    pulses = [stamped(t, angle=0.0, torque=0.0, sync=s) for t, s in zip(times, edges.tolist(), strict=True)]
+    kinds = {topic: ("sensor_msgs/msg/JointState", JOINTS, joints), "/sync": (SAMPLE_NAME, SAMPLE, pulses)}
+    numbers = [n + (n > 99) for n in range(len(times))]  # the recorder dropped one message
+    write_topics(laboratory / "leg.mcap", kinds, numbers)
+    points, analogs = np.ones((1500, 1, 4)), 5.0 * level(np.arange(7500) / 1500)[:, None]
+    names: dict[str, Any] = {"ANALOG__LABELS": [label], "POINT__LABELS": [f"M1{ESCAPE}"]}
+    write_c3d(laboratory / "vicon.c3d", points, analogs, rate=300.0, **names)
+
+    def described(channel: str = label, **fields: str) -> None:
+        sync = {"topic": "/sync", "field": "sync", "unit": "V"}
+        stating("leg.yaml", LEG | {"channels": {"theta": theta | fields, "sync": sync}})(laboratory)
+        stating("vicon.yaml", {"format": "c3d", "analogs": {"sync": {"channel": channel}}})(laboratory)
+
+    refusals = []
+    for wrong, said in (
+        ({"topic": "/none"}, f"the file has /lab{HARMLESS}, /sync"), ({"channel": "A2"}, f"the file has A1{HARMLESS};"),
+        ({"field": "x"}, f"position[name=ankle{HARMLESS}]"), ({"field": "position"}, f"topic '/lab{HARMLESS}': field"),
+    ):  # fmt: skip
+        described(**wrong)
+        refusals.append(refused(laboratory))
+        assert said in refusals[-1]
+    described()
+    commanded, measured = Commanded((2.0,), (1.0,), 20), laboratory / "measured.csv"
+    ingest_and_check(row(experiment="ingest_only"), laboratory, laboratory, (), commanded, laboratory / OUT, measured)
+    rules = campaign_config(read_mapping(default_config()), [default_config()]).quality
+    verdicts, trial = Judge(rules, {}).verdicts([measured]), read_trial(laboratory / OUT)
+    remarks = dict(verdicts.select("check", "remark").iter_rows())
+    assert f"topic '/lab{HARMLESS}' say that 1 messages" in remarks["damage"]
+    assert f"marker_M1{HARMLESS}_x 300 Hz" in remarks["rate"]
+    shown = ReportedTrial("walk_1", row(experiment="impedance"), {}, verdicts, trial.provenance, refusals)
+    assert any(f"topic '/lab{HARMLESS}'" in value for _, value in trial_content(shown, {})["provenance"]["facts"])
+    texts = [*refusals, *verdicts["remark"], *trial.columns, *trial.provenance["warnings"]]
+    assert [text for text in texts if not text.isprintable()] == []
+    assert not {"\x1b", "\x07"} & {*Page(page_of([shown])).text}

@@ -164,7 +164,7 @@ PLATES_THAT_CANNOT_BE: list[tuple[dict[str, Any], dict[str, Any], str]] = [
     ({"FORCE_PLATFORM__ZERO": [1, 7]}, {"plate_zero": "file"}, "of the plates is frames 1 to 7 of 6"),
     *(({"FORCE_PLATFORM__ZERO": zero}, {"plate_zero": "file"}, "frames 0 to 0 of 6") for zero in ([2], [np.nan, 7])),
     ({"FORCE_PLATFORM__CHANNEL": np.arange(6)[:, None]}, {}, "FORCE_PLATFORM:CHANNEL gives [0, 1, 2, 3, 4, 5] of"),
-    ({}, {"plate_zero": [3, 2]}, "of the plates is frames 3 to 2 of 6"),
+    ({}, {"plate_zero": [3, 7]}, "of the plates is frames 3 to 7 of 6"),
     ({}, {"plates": [2]}, "no force plate 2; the file has 1, counted from 1"),
     ({"FORCE_PLATFORM__TYPE": [5]}, {}, "plate 1 is of type 5; types 1 to 4 are read"),
     ({"FORCE_PLATFORM__CORNERS": np.zeros((3, 4, 1))}, {}, "plate 1: its corners span no plane"),

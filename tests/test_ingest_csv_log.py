@@ -1,6 +1,7 @@
 """CSV logs and units: what others' loggers write is read, repaired by a stated rule, or refused by its line."""
 
 import contextlib
+import json
 import math
 import re
 from pathlib import Path
@@ -12,6 +13,7 @@ import yaml
 from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from mcap_builder import HEADER, stamped, write_log
 from recognised_files import refusal_by
 
 from osl_analysis.cli import main
@@ -55,7 +57,7 @@ UNITLESS: dict[str, object] = {
 }  # fmt: skip
 NUMBERED = {"theta": {"column": 2, "unit": "rad"}, "torque": {"column": 3, "unit": "Nm"}}
 PATTERNS = {"theta": {"column": "ang*e"}, "torque": {"column": "load"}}
-TWICE = {"theta": {"column": "angle", "unit": "rad"}, "torque": {"column": "angle", "unit": "Nm"}}
+TWICE = {"theta": {"column": "angle", "unit": "rad"}, "torque": {"column": 2, "unit": "Nm"}}
 LOG = "t,angle,load\n10.0,0,1\n10.5,90,2\n11.0,-180,+3.5\n"
 
 
@@ -100,7 +102,7 @@ def test_one_log_in_any_dress_is_one_log(tmp_path: Path, text: str | bytes, fiel
     (LOG.replace("t,angle,load", "t;angle;load"), {}, "every row has 2 more cells than the header has names"),
     ("sep=;\n" + LOG.replace(",", ";"), {}, "seem to stand in line 2; delete the lines above it"),
     (LOG + LOG, {}, "line 5, column 't': 't' is not a number; the header stands here again"),
-    (LOG, {"channels": TWICE}, "column 'angle' is theta and torque in the source file; correct"),
+    (LOG, {"channels": TWICE}, "column '2' is theta and torque in the source file; correct"),
     (LOG.replace("90", '"90'), {}, "line 3: a quote is not closed"),
     (LOG.replace("90", "9" * 200_000), {}, "line 3: field larger than field limit"),
     (b"t,angle\n\0\0\0", {}, "line 2 holds zero bytes"),
@@ -163,7 +165,7 @@ def test_a_last_line_that_is_cut_off_and_a_unit_that_the_source_file_overrules_a
     trial = ingested(tmp_path, text)
     assert_log(trial)
     assert trial.provenance["warnings"] == [warning]
-    damage = trial.provenance.get("damage", {})
+    damage = trial.provenance.get("damage", {}).get("log", {})
     told = [None] * 3 if "rad" in warning else ["cut off" in warning, 3, None]
     assert [damage.get(one) for one in ("end_missing", "read", "lost")] == told
     # above the table a program of Xsens, below it no line break, but decimals that tell that the number is whole
@@ -277,6 +279,8 @@ def load(**stated: object) -> dict[str, object]:
     ({"units_row": True, "header": "none"}, "needs a header row"), ({"clock": "sync"}, "needs the column sync"),
     ({"channels": {"plate": {"column": "a", "unit": "N"}}}, "'plate' is not a canonical column"),
     ({"channels": {"Torque": {"column": "a", "unit": "Nm"}}}, "; did you mean 'torque'?"),
+    ({"channels": dict.fromkeys(("theta", "theta_m"), TWICE["theta"])}, "theta_m.column: column 'angle' is theta al"),
+    (load(column="t"), "column 't' is time already"), (load(column=""), "torque.column: '' is not allowed: write at"),
     (load(scale=0), "scale of zero"), (load(sign=True), "sign: 'true' is not allowed: write 1 or -1"),
     (load(delay="2"), "the unit is empty; write one of s, ms"),
     *((load(delay=text), f"'{text}' is not a number with a unit; write it as in `2 s`") for text in ("soon", "inf s")),
@@ -318,13 +322,27 @@ def test_a_draft_knows_clocks_and_units_by_their_names_and_says_that_it_guessed(
 
 def test_a_draft_does_not_offer_a_torque_that_is_the_motors_current_times_a_constant(tmp_path: Path) -> None:
     rows = np.random.default_rng(1).standard_normal((200, 3)).round(3)
-    for of_current, offered in ((1.0, False), (0.0, True)):
+    for of_current, offered in ((1.0, False), (0.0, True)):  # one reading of the current failed
         torque = 0.14 * (of_current * rows[:, 1] + (1 - of_current) * rows[:, 2])
         lines = [f"{k / 1000},{a},{i},{t:.5f}" for k, (a, i, t) in enumerate(zip(*rows.T[:2], torque, strict=True))]
+        lines[9] = f"0.009,{rows[9, 0]},None,{torque[9]}"
         (tmp_path / "a.csv").write_text("\n".join(["time_s,joint_angle_rad,motor_current_A,joint_torque_Nm", *lines]))
-        drafted = draft_source(inspect_file(tmp_path / "a.csv"), "a.csv", named=True)
-        assert ("\n  torque: " in drafted, "\n  current: " in drafted) == (offered, True)
-        assert ('"motor_current_A" times 0.14, to within rounding: computed from the current' in drafted) != offered
+        names = ("joint_angle", "motor_current", "joint_torque")
+        signals = [
+            dict(zip(names, (*row[:2], tau), strict=True)) for row, tau in zip(rows.tolist(), torque, strict=True)
+        ]
+        said = [
+            json.dumps({"t": k / 1000, **one} | ({"motor_current": None} if k == 9 else {}))
+            for k, one in enumerate(signals)
+        ]
+        (tmp_path / "a.jsonl").write_text("\n".join(said))
+        messages = [stamped(k * 1_000_000, **one) for k, one in enumerate(signals)]
+        schema = "std_msgs/Header header\n" + "".join(f"float64 {name}\n" for name in names) + HEADER
+        write_log(tmp_path / "a.mcap", messages, schema)
+        for ending, current in (("csv", "motor_current_A"), ("jsonl", "motor_current"), ("mcap", "motor_current")):
+            drafted = draft_source(inspect_file(tmp_path / f"a.{ending}"), "a", named=True)
+            assert (f'"{current}" times 0.14, to within rounding: computed from the current' in drafted) != offered
+            assert ("torque?" in drafted or "\n  torque: " in drafted, "current" in drafted) == (offered, True), drafted
 
 
 def test_a_draft_that_was_not_edited_is_refused_with_the_places_and_reads_the_log_once_they_are(tmp_path: Path) -> None:

@@ -22,7 +22,7 @@ from osl_analysis.ingest import logs
 from osl_analysis.ingest.draft import draft_source
 from osl_analysis.ingest.overview import Overview, RecordedChannel
 from osl_analysis.ingest.raw_files import FORMATS, KnownFormat, read_source, recognise, trial_from_files
-from osl_analysis.ingest.source import Recording, Source, model_of
+from osl_analysis.ingest.source import SOURCES, Recording, Source, model_of
 from osl_analysis.trial import Trial, read_trial
 
 ROOT, LOG = Path(__file__).parents[1], {"format": "mcap", "time": {"source": "header"}, "channels": {}}
@@ -42,19 +42,28 @@ def channel(column: str, **fields: object) -> dict[str, object]:
     return {**LOG, "channels": {column: {"topic": "/lab", "field": "angle", **fields}}}
 
 
+TWO = (("theta", "rad"), ("torque", "N*m"), ("sync", "V"))
 OUTPUT = {"label": "LAnkleMoment", "component": "x", "unit": "N*mm"}
 MISTAKES: list[tuple[dict[str, object], str]] = [
     (channel("torque", unit="deg"), "source.yaml: line 5: channels.torque.unit: 'deg' is not allowed: unit 'deg' m"),
+    ({**LOG, "channels": {name: {"topic": "/lab", "field": "a", "unit": unit} for name, unit in TWO}}, "is theta al"),
     (channel("time", unit="s"), "time is not a channel"), (channel("theta", unit="deg", sign=0), "sign"),
     ({"format": "xlsx"}, "format: 'xlsx' is not allowed"), (LOG, "channels: name at least one"),
     ({"format": "c3d", "plates": "first"}, "plates: 'first' is not allowed: write all, none or a list"),
     ({"format": "c3d", "plate_units": {"force": "N", "moment": "mm"}}, "unit 'mm' measures [m]"),
+    ({"format": "c3d", "plates": [1, 1]}, "line 2: plates: '1' stands twice; name each once"),
+    ({"format": "c3d", "markers": ["A", "A"]}, "line 2: markers: 'A' stands twice"),
+    ({"format": "c3d", "plate_zero": [3, 2]}, "line 2: plate_zero: [3, 2] ends before it begins; write the first"),
+    ({"format": "trc", "shared": {"column": "thta", "markers": ["A", "B", "C"]}}, "; did you mean 'theta'?"),
     ({"format": "c3d", "outputs": {"reference_ankle_moment_left": OUTPUT}}, "unit 'N*mm' measures [N*m]"),
 ]  # fmt: skip
 
 
 @pytest.mark.parametrize(("content", "told"), MISTAKES)
 def test_a_mistake_in_a_source_is_refused_by_its_field(tmp_path: Path, content: dict[str, object], told: str) -> None:
+    load = {name: {"device": "Amplifier", "component": name, "unit": "V"} for name in ("sync", "trigger")}
+    load |= {name: {"device": "Amplifier", "component": name, "unit": "N*m"} for name in ("torque", "torque_m")}
+    SOURCES["nexus_csv"].model_validate({"format": "nexus_csv", "analogs": load})  # two outputs of one device
     (tmp_path / "source.yaml").write_text(yaml.safe_dump(content))
     assert told in refusal_by(read_source, tmp_path / "source.yaml")
 

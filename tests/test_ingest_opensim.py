@@ -15,10 +15,9 @@ from recognised_files import refusal_of as refused
 from osl_analysis.commands.inspect import inspect_file
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.captures import vertical_axis
-from osl_analysis.ingest.clock import aligned_clock
 from osl_analysis.ingest.draft import draft_source
-from osl_analysis.ingest.raw_files import trial_from_files
-from osl_analysis.ingest.source import Recording
+from osl_analysis.ingest.raw_files import check_clocks, trial_from_files
+from osl_analysis.ingest.source import SOURCES
 from osl_analysis.trial import Array
 
 FRAMES, LABELS, HEIGHTS = 40, ["HEAD", "HIP", "KNEE", "TOE"], np.array([1700.0, 900.0, 500.0, 50.0])
@@ -233,9 +232,10 @@ def test_the_draft_of_ground_reactions_proposes_their_plates(tmp_path: Path, ste
 def test_plates_that_cannot_be_read_are_refused(tmp_path: Path) -> None:
     path, _ = write_forces(tmp_path / "grf.mot")
     assert "column 'L_vx' is missing" in refused(path, plates={1: {**PLATE, "force": "L_v"}})
-    log = read(path, plates={1: PLATE}, clock="common")
-    with pytest.raises(InputError, match="the capture's file states no times, as only TRC does"):
-        aligned_clock(log, Recording(log.samples, {}, {}), None)
+    common = SOURCES["opensim"].model_validate({**MOT, "clock": "common"})
+    check_clocks(common, SOURCES["trc"](format="trc"))
+    with pytest.raises(InputError, match="'common' does not align the log"):  # only TRC states times
+        check_clocks(common, SOURCES["c3d"](format="c3d"))
     path.write_text(path.read_text().replace("0.005000000", "0.000000000", 1).replace("700.000000000", "nan", 1))
     assert "plates need all; remove `repeated: drop`" in refused(path, plates={1: PLATE}, time={"repeated": "drop"})
     assert "column 'R_vy': nan in sample 1 of 80" in refused(path, plates={1: PLATE})

@@ -104,7 +104,7 @@ def test_an_empty_campaign_names_what_is_to_be_done(tmp_path, monkeypatch):
     assert "'gapp' is no quality check" in [*looked_at(Path())][-1][1]
     Path("trials.csv").write_text(f"{sheet}\n")
     assert "vicon.yaml: no such file" in [*looked_at(Path())][-1][1]
-    Path("sources/vicon.yaml").write_text("format: c3d\n")
+    Path("sources/vicon.yaml").write_text("format: c3d\nanalogs: {sync: {channel: Sync}}\n")
     lacks = "files of 1 are missing, first of a: correct the sheet"
     assert [*looked_at(Path())][-1] == ("campaign", "mine, 1 trials", lacks)
 

@@ -269,13 +269,17 @@ def test_clocks_that_fit_badly_and_a_damaged_log_are_told_from_the_provenance():
         "remarks": ["chunk 3"],
     }
     damage["chunks_lost"] = 2
-    found = results(bench(), clock=clock, damage=damage)
+    found = results(bench(), clock=clock, damage={"log": damage})
     assert failed(found) == {"clock_residual", "damage", "truncated"}
     assert found["clock_residual"].remark.startswith(
         "drift 50.0 +- 1.0 ppm; 20 matched and 1 excluded by edges; 3 and 0 rows"
     )
     said = CheckResult(4.0, "2 chunks lost; 130 lost; the file is not complete; CRC checked; chunk 3")
     assert found["damage"] == said
+    frames = {"complete": False, "end_missing": False, "lost": 3, "share_lost": 0.05, "remarks": ["no numbers"]}
+    both = results(bench(), damage={"log": damage, "mocap": frames})
+    told = f"log: {said.remark}; mocap: 3 lost; the file is not complete; no numbers"
+    assert (both["damage"], both["truncated"].value) == (CheckResult(5.0, told), 1.0)
 
 
 @pytest.mark.parametrize(("really", "missing", "remark"), [

@@ -12,7 +12,7 @@ from osl_analysis.campaign.campaign import Campaign, check_campaign, open_campai
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.errors import InputError, OslAnalysisError, nearest
 from osl_analysis.files import CAMPAIGN, check_working_folder, root, shipped
-from osl_analysis.ingest.raw_files import read_source
+from osl_analysis.ingest.raw_files import check_clocks, check_plates, read_source
 from osl_analysis.yaml_settings import read_mapping
 
 CONFIGURED_BY = ("--configfile", "--configfiles")  # options of Snakemake that name a configuration
@@ -79,10 +79,19 @@ def looked_at(folder: Path) -> Iterator[tuple[str, str, str]]:
 
 
 def check_start(opened: Campaign) -> None:
-    """Refuse, before any job, what `check_campaign` does, and a source file that is missing or wrong."""
+    """Refuse, before any job, what `check_campaign` does, and source files that are wrong or do not fit captures."""
     check_campaign(opened)
-    for path in sorted({source for trial in opened.trials() for source in opened.sources(trial)}):
-        read_source(path)
+    config, groups = opened.config, dict[tuple[Path, ...], list[str]]()
+    on_plate = () if config.walking.by_log else opened.trials("walking", "plate")
+    for trial in (*on_plate, *opened.trials()):
+        groups.setdefault(tuple(opened.sources(trial)), []).append(trial)
+    read = {path: read_source(path) for path in sorted({path for paths in groups for path in paths})}
+    for paths, trials in groups.items():
+        rows = [opened.row(trial) for trial in trials[:3]]
+        if rows[0]["log"] and rows[0]["mocap"]:
+            check_clocks(*(read[path] for path in paths))
+        captures = [config.raw_data / row["mocap"] for row in rows if row["mocap"]]
+        check_plates(read[paths[-1]], captures, config.walking.plate * (trials[0] in on_plate))
 
 
 def campaign(path: Path) -> tuple[str, str]:

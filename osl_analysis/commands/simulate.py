@@ -1,19 +1,20 @@
 """Simulate a campaign, or one trial of it, into a raw-data folder."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from osl_analysis.config.experiments import EXPERIMENTS
-from osl_analysis.config.shared_choices import SharedChoices
+from osl_analysis.config.shared_choices import SharedChoices, read_impedance_trajectory
 from osl_analysis.config.sheet import SHEET_COLUMNS, SheetRows
 from osl_analysis.errors import InputError
 from osl_analysis.files import atomic_path, check_output
 from osl_analysis.model.parameters import read_parameters
+from osl_analysis.relations import one_of
 from osl_analysis.simulator.plan import plan_trials
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.simulator.walking_settings import WalkingSettings
-from osl_analysis.yaml_settings import read_yaml, validated
+from osl_analysis.yaml_settings import Place, dotted, located, read_yaml, validated
 
 TRUTH = "truth"
 NOTHING = SharedChoices()  # No configuration to follow: the settings alone decide.
@@ -58,8 +59,20 @@ def settings_files(settings_path: Path, followed: SharedChoices = NOTHING) -> li
     """The files that decide what is simulated: the settings and those that they, or the `followed` choices, name."""
     settings = read_simulation(settings_path, followed)
     laboratory = laboratory_of(settings, followed)
-    of_gait = [settings.walking, laboratory.impedance] if settings.walking and laboratory else []
-    return [settings_path, settings.parameters, *of_gait]
+    if laboratory is None or settings.walking is None:
+        return [settings_path, settings.parameters]
+    named: dict[Place, Sequence[str]] = {("capture", "swapped_in"): laboratory.capture.swapped_in or ()}
+    named |= {("changes", i, "of"): one.of for i, one in enumerate(laboratory.changes) if isinstance(one.of, tuple)}
+    planned, place = plan_trials(settings) if any(named.values()) else {}, Place()
+    try:
+        for place in named:
+            for name in named[place]:
+                one_of([one for one, row in planned.items() if row["mocap"]], "trial of the gait laboratory", name)
+        place = ("impedance",)
+        read_impedance_trajectory(laboratory.impedance)
+    except InputError as error:
+        raise InputError(f"{settings.walking}: {located([settings.walking], place)}{dotted(place)}: {error}") from error
+    return [settings_path, settings.parameters, settings.walking, laboratory.impedance]
 
 
 def read_simulation(settings_path: Path, followed: SharedChoices) -> SimulationSettings:
@@ -99,6 +112,7 @@ def simulate_trial(settings_path: Path, campaign_folder: Path, trial: str, follo
 def simulate_campaign(settings_path: Path, campaign_folder: Path, followed: SharedChoices = NOTHING) -> None:
     """Write the sample sheet and simulate all of its trials, one after the other."""
     settings = read_simulation(settings_path, followed)
+    settings_files(settings_path, followed)
     write_sheet(settings_path, campaign_folder / "trials.csv")
     for row in plan_trials(settings).values():
         record_trial(row, settings, followed, campaign_folder)

@@ -16,6 +16,7 @@ from osl_analysis.config.sheet import JOINT
 from osl_analysis.errors import InputError, OslAnalysisError
 from osl_analysis.files import atomic_path
 from osl_analysis.judge.doubts import DOUBTFUL, EXCLUDED, doubtful_row, marked
+from osl_analysis.judge.recording import check_own_torque
 from osl_analysis.judge.table import Doubt
 from osl_analysis.refusal import check_not_refused
 from osl_analysis.table import MEASURED, Places, read_table, with_places, write_table
@@ -235,6 +236,7 @@ def analyse(
         walked = replace(walked, samples=walked.samples.filter(pl.col("time").is_between(first, last)))
     try:
         if static is None or model is None:
+            check_own_torque(walked)
             crossing = crossing_of_log(walked, perturbed, settings)
         else:
             crossing = analyse_crossing(walked, static, model, perturbed, settings, shared)

@@ -16,7 +16,7 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.errors import InputError, listing, nearest, printable
-from osl_analysis.formats.c3d import C3DRecording, read_c3d
+from osl_analysis.formats.c3d import C3DHeader, C3DRecording, read_c3d
 from osl_analysis.formats.gait_text import NexusSection, read_sections, read_trc, without_subject
 from osl_analysis.formats.table import Table
 from osl_analysis.ingest.source import Plate, Recording, Source, check_values
@@ -150,7 +150,7 @@ def place_of_label(label: str, labels: Sequence[str], what: str) -> int:
 def read_c3d_capture(path: Path, source: Source) -> Recording:
     """The columns that the source file asks for, in SI units; frame 0 and analog sample 0 are at 0 s."""
     recording = read_c3d(path)
-    count = plate_count(recording)
+    count = plate_count(recording.header)
     used = [number for number in (range(1, count + 1) if source.plates == "all" else source.plates) if number <= count]
     with suppress(InputError):  # told below
         stated = np.concatenate(
@@ -228,8 +228,8 @@ def wrench(
     return force @ axes.T, (moment - np.cross(centre, force)) @ axes.T
 
 
-def plate_count(recording: C3DRecording) -> int:
-    used = recording.header.numbers("FORCE_PLATFORM:USED")
+def plate_count(header: C3DHeader) -> int:
+    used = header.numbers("FORCE_PLATFORM:USED")
     if used.size and not 0 <= used[0] <= 99:
         raise InputError(f"FORCE_PLATFORM:USED is {used[0]:g}; correct it, or write plates: none")
     return int(used[0]) if used.size else 0
@@ -237,7 +237,7 @@ def plate_count(recording: C3DRecording) -> int:
 
 def plate_loads(recording: C3DRecording, source: Source) -> list[PlateRecord]:
     """What the plates that the source file asks for recorded."""
-    count, loads = plate_count(recording), []
+    count, loads = plate_count(recording.header), []
     for number in range(1, count + 1) if source.plates == "all" else source.plates:
         if not 1 <= number <= count:
             raise InputError(

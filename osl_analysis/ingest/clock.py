@@ -238,13 +238,7 @@ def aligned_clock(log: Recording, mocap: Recording, shared: SharedAngle | None) 
     motion capture's source file names under `shared`. A log that says `clock: common` has the capture's times."""
     pair = (log, "log"), (mocap, "motion capture")
     if log.facts.get("clock") == "common":
-        starts = [one.facts.get("time", {}).get("start") for one, _ in pair]
-        if None in starts:
-            raise InputError(
-                "the log says `clock: common`, but the capture's file states no times, as only TRC does; write `clock: "
-                "sync` and map the column sync"
-            )
-        return ClockFit(starts[0] - starts[1], method="common"), []
+        return ClockFit(log.facts["time"]["start"] - mocap.facts["time"]["start"], method="common"), []
     try:
         end = "the clocks cannot be aligned; map the channel in its source file"
         return fit_clock(*(find_edges(*values_of(one, "sync", f"{who}: {end}")) for one, who in pair)), []

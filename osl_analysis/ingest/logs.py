@@ -26,7 +26,7 @@ from osl_analysis.formats.rosbag import read_rosbag1, read_rosbag2, siblings
 from osl_analysis.formats.table import Table
 from osl_analysis.formats.tdms import read_tdms
 from osl_analysis.ingest.captures import exported_columns, exported_plates
-from osl_analysis.ingest.source import Channel, Recording, Source, check_values
+from osl_analysis.ingest.source import LEVEL_UNIT, Channel, Recording, Source, check_values
 from osl_analysis.ingest.units import is_unit, si_factor
 from osl_analysis.signals import runs
 from osl_analysis.trial import Array, check_time, counter_column, unit_of
@@ -42,11 +42,11 @@ def read_table_log(path: Path, source: Source) -> Recording:
     table.damage.read[0] = table.rows
     time, start = time_of(table, source)
     first_by: dict[int, str] = {}
-    for column, channel in source.channels.items():  # two of different units, such as angle and torque, of one column
+    for column, channel in source.channels.items():  # one column under two names, as its own and by its number
         other = first_by.setdefault(id(table.columns[channel.name]), column)
-        if unit_of(other) != unit_of(column):
-            place = source.place("channels", column, channel.ADDRESS)
-            raise InputError(f"{channel.title} is {other} and {column} in the source file; correct {place}")
+        if other != column and LEVEL_UNIT not in (unit_of(other), unit_of(column)):
+            where = source.place("channels", column, channel.ADDRESS)
+            raise InputError(f"{channel.title} is {other} and {column} in the source file; correct {where}")
     columns, said = canonical_columns(table, source.channels, time, source)
     samples = pl.DataFrame([pl.Series("time", time), *columns])
     missing, origins = {column: int(samples[column].is_nan().sum()) for column in source.channels}, {}
@@ -167,7 +167,6 @@ def time_of(table: Table, source: Source) -> tuple[Array, float]:
     return time, float(raw[0])
 
 
-LEVEL_UNIT = "V"  # of the columns that may be read from truth values: levels of `sync` and `trigger`
 TRUTHS = {"true": "1", "false": "0"}
 
 

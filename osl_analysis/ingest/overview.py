@@ -21,7 +21,7 @@ from osl_analysis.formats.gait_text import read_opensim, read_sections, read_trc
 from osl_analysis.formats.json_lines import MOST_ELEMENTS, addresses_of, decode_lines, read_json_lines
 from osl_analysis.formats.mat import Value, open_mat
 from osl_analysis.formats.message_fields import FieldDescription, describe_message, last_name
-from osl_analysis.formats.messages import ChannelLog, read_channels
+from osl_analysis.formats.messages import ChannelLog, decode_topics, read_channels
 from osl_analysis.formats.tdms import read_tdms
 from osl_analysis.ingest import logs
 from osl_analysis.ingest.captures import plate_count, plate_loads, plate_parameter, vertical_axis
@@ -212,8 +212,8 @@ def inspect_csv(path: Path) -> Overview:
         lasting = pattern if pattern != name and len(csv_table.places_of(pattern, titles)) == 1 else name
         words = Counter(text.filter(numbers.is_null()).to_list()).most_common(5)
         also = "".join(f", {count} x '{word}'" for word, count in words)
-        known_numbers = numbers.drop_nulls().to_numpy()
-        channels.append(listed({"column": lasting}, title, known_numbers, title == clock, unit, also=also))
+        one = listed({"column": lasting}, title, numbers.drop_nulls().to_numpy(), title == clock, unit, also=also)
+        channels.append(replace(one, numbers=numbers.fill_null(np.nan).to_numpy()))
     settings = {
         "clock": "master",
         "delimiter": {sign: word for word, sign in csv_table.DELIMITERS.items()}.get(delimiter, delimiter),
@@ -246,7 +246,8 @@ def inspect_json(path: Path) -> Overview:
     for name, one in numbers.items():
         also = f", in {one.size} of {decoded.rows.size} lines" * (one.size < decoded.rows.size)
         own, of_type = last_name(name), one.dtype.name
-        channels[name] = listed({"field": name}, own, one, name == clock, kind=of_type, also=also)
+        shown = listed({"field": name}, own, one, name == clock, kind=of_type, also=also)
+        channels[name] = replace(shown, numbers=np.ma.filled(decoded.values[name].astype(np.float64), np.nan))
     remarks = lines.damage.remarks
     remarks += [f"{name} has {size} elements; only the first {MOST_ELEMENTS} are listed" for name, size in long.items()]
     remarks += guesses({name: one.likely_unit for name, one in channels.items() if likely_unit(last_name(name))})
@@ -413,6 +414,15 @@ def inspect_messages(name: str, path: Path) -> Overview:
             remarks.append(f"topic '{survey.channel.topic}': its fields cannot be listed: {reason}")
         channels += topic_channels(survey, fields)
         source = "header" if any(one.path.startswith("header.stamp") for one in fields) else source
+    efforts = re.compile(r"torque|moment|tau|effort|current|amps|\bi_?q\b", re.IGNORECASE)
+    of_motor = [one for one in channels if one.count and efforts.search(one.address.get("field", ""))]
+    topics = {one.address["topic"] for one in of_motor}
+    wanted = {topic: [one.address["field"] for one in of_motor if one.address["topic"] == topic] for topic in topics}
+    with suppress(InputError):  # without readings the user decides what was computed
+        found = decode_topics(logs.OPENERS[name](path), wanted, {one.address["field"] for one in of_motor})
+        for one in of_motor:
+            values = found[one.address["topic"]].values[one.address["field"]]
+            channels[channels.index(one)] = replace(one, numbers=np.ma.filled(values.astype(np.float64), np.nan))
     damage, lost = file.damage, file.damage.lost()
     facts = {"bytes": str(file.size), "chunks": str(damage.chunks), "messages": str(damage.messages)}
     facts |= {"messages lost": "the file does not tell" if lost is None else str(lost), "checksums": damage.crc()}
@@ -449,7 +459,7 @@ def inspect_c3d(path: Path) -> Overview:
         low, high, own = values.min(), values.max(), recording.analog_unit(place)
         note = f"from {low:.6g} to {high:.6g}" if low != high else f"always {low:.6g}"
         channels.append(RecordedChannel("analog", {"channel": label}, own, values.size, rate, note))
-    plates = plate_count(recording)
+    plates = plate_count(header)
     channels += [plate_channel(recording, number) for number in range(1, plates + 1)]
     facts = {
         "frames": f"{header.frames}, from {header.first_frame} on, at {header.rate:g} Hz",

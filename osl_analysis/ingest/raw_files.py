@@ -2,18 +2,17 @@
 
 import hashlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import polars as pl
 
 from osl_analysis.errors import InputError, listing, nearest, printable
-from osl_analysis.formats.c3d import is_c3d
+from osl_analysis.formats.c3d import BLOCK, is_c3d, parse_header
 from osl_analysis.formats.csv_table import is_text
 from osl_analysis.formats.gait_text import is_nexus, is_opensim, is_trc
 from osl_analysis.formats.json_lines import is_json_lines
@@ -23,7 +22,7 @@ from osl_analysis.formats.other_formats import FIRST_BYTES, refuse_others
 from osl_analysis.formats.rosbag import ANY_BAG1, SQLITE, files_in
 from osl_analysis.formats.tdms import is_tdms
 from osl_analysis.ingest import overview
-from osl_analysis.ingest.captures import read_c3d_capture, read_nexus_capture, read_trc_capture
+from osl_analysis.ingest.captures import plate_count, read_c3d_capture, read_nexus_capture, read_trc_capture
 from osl_analysis.ingest.clock import ClockFit, aligned_clock
 from osl_analysis.ingest.logs import read_message_log, read_table_log
 from osl_analysis.ingest.overview import Overview, inspect_messages
@@ -117,6 +116,34 @@ def read_source(path: Path) -> Source:
     return source
 
 
+def check_clocks(log: Source, mocap: Source) -> None:
+    """Refuse source files of a log and of motion capture that do not tell how the log's clock is aligned."""
+    clocks = {one.clock for one in (log, mocap) if "clock" in type(one).model_fields}
+    shared, maps = getattr(mocap, "shared", None), getattr(log, "channels", {})
+    angle, edges = shared is not None and shared.column in maps, "sync" in getattr(mocap, "analogs", clocks)
+    aligns = {"sync": edges or angle, "shared": angle, "common": mocap.format == "trc", "master": False}
+    if not all(aligns[one] for one in clocks):
+        raise InputError(
+            f"{log.place('clock')}: '{', '.join(clocks)}' does not align the log with motion capture of this trial; "
+            "write clock: sync and map the column sync in both source files, or clock: shared and name an angle of the "
+            "log under `shared` in that of motion capture"
+        )
+
+
+def check_plates(source: Source, captures: Sequence[Path], of_walking: int) -> None:
+    """Refuse a force plate, of a source file or of the walking analysis (0: none), that none of some captures in C3D
+    has by their headers. What one of many lacks, or cannot be read, its ingest tells."""
+    counts, stated = dict[int, Path](), getattr(source, "plates", ())
+    for path in captures:
+        with suppress(OSError, InputError), path.open("rb") as file:  # header and parameters end before block 512
+            counts[plate_count(parse_header(file.read(512 * BLOCK)))] = path
+    most = max(counts, default=0)
+    asked = [(one, source.place("plates")) for one in (stated if isinstance(stated, tuple) else ())]
+    for number, place in (*asked, (of_walking, "`walking.plate` in the configuration")):
+        if counts and number > most:
+            raise InputError(f"{place}: no force plate {number}; {counts[most]} has {most}, counted from 1; correct it")
+
+
 def recognise(path: Path) -> str:
     """Name of a file's format, by what it begins with, or else by its ending; other text is CSV."""
     begin, found = formats_of(path)
@@ -150,7 +177,7 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
     name, files = said.get("trial", ""), {role: said[role] for role in ("log", "mocap") if said.get(role)}
     if not files:
         raise InputError(f"trial {name}: the sheet names no file; fill in log or mocap, or exclude the trial")
-    recordings, identities, shared = {}, {}, None
+    recordings, identities, sources = {}, {}, dict[str, Source]()
     for role, given in files.items():
         path, source = raw_folder / given, said.get(f"{role}_source", "")
         if not source:
@@ -158,7 +185,9 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
         check_file(path)
         parts = files_in(path) if path.is_dir() else [path]
         every, described = [identity_of(part) for part in parts], read_source(sources_folder / f"{source}.yaml")
-        known = FORMATS[described.format]
+        known, sources[role] = FORMATS[described.format], described
+        if len(sources) == 2:
+            check_clocks(sources["log"], sources["mocap"])
         if not known.is_capture:
             described = described.of_part(said.get("log_part", ""))
         begin, found = formats_of(path, described.format)
@@ -168,11 +197,6 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
             if path.is_dir():
                 what, remedy = f"a folder with a recording in {found[0]}", f"{remedy}, or name a file in it"
             raise InputError(f"{path}: {what}, its source file says {described.format}; {remedy}")
-        if len(files) == 2 and not known.is_capture and described.clock == "master":
-            raise InputError(
-                f"{sources_folder / f'{source}.yaml'}: clock: master, but the trial has motion capture too; write "
-                "clock: sync and map the column sync (or clock: shared, with `shared` in motion capture's source file)"
-            )
         try:
             recordings[role] = known.read(path, described)
             with named(path):
@@ -182,13 +206,12 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
                 if not part.is_file() or identity_of(part) != before:
                     what = "the file changed while it was read"
                     raise InputError(f"{part}: {what}; wait until it is recorded or copied, then run again")
-        shared = described.shared if known.is_capture else shared
         if path.is_dir():  # of a folder size and hash of all files together, and those of each
             together = hashlib.sha256("".join(one["sha256"] for one in every).encode()).hexdigest()
             every = [{"bytes": sum(one["bytes"] for one in every), "sha256": together, "parts": every}]
         identities[role] = {**every[0], "path": given, "source": source}
     try:
-        trial = assemble(name, recordings, identities, shared)
+        trial = assemble(name, recordings, identities, getattr(sources.get("mocap"), "shared", None))
     except InputError as error:
         raise InputError(f"trial {name} ({', '.join(files.values())}): {error}") from error
     fixture = {column.removeprefix("fixture_"): x for column, x in row.items() if column.startswith("fixture_")}
@@ -204,22 +227,6 @@ def check_columns(trial: Trial, experiment: str | None, needed: Sequence[str]) -
         raise InputError(
             f"trial {trial.name}: no column {', '.join(missing)}, which a trial of experiment '{experiment}' needs; "
             "map it to its channel under `channels` in the source file, or correct `experiment` in the sheet"
-        )
-
-
-def check_own_torque(name: str, samples: pl.DataFrame) -> None:
-    """Refuse a torque that is the motor's current times a constant: the drive's own estimate, which tells nothing of
-    the joint, and which the fit of the actuator would find to be perfect."""
-    if not {"torque", "current"} <= {*samples.columns}:
-        return
-    torque, current = (
-        samples.select("torque", "current").drop_nulls().drop_nans()[one].to_numpy() for one in ("torque", "current")
-    )
-    constant = float(torque @ current / max(current @ current, 1e-300)) if torque.size > 10 else 0.0
-    if constant and np.ptp(torque) > 0 and np.abs(torque - constant * current).max() < 1e-6 * np.abs(torque).max():
-        raise InputError(
-            f"trial {name}: torque is {constant:.6g} N*m/A times current in every row: computed from it, not "
-            "measured; map a load cell as torque in the source file, or leave torque out"
         )
 
 
@@ -268,18 +275,16 @@ def assemble(
     columns = {
         column: {"file": role, **origin} for role in facts for column, origin in recordings[role].columns.items()
     }
-    damage = [one.pop("damage") for one in facts.values() if "damage" in one]
+    damage = {role: one.pop("damage") for role, one in facts.items() if "damage" in one}
     provenance: dict[str, Any] = {
         "software": {"name": "osl-analysis", "version": version("osl-analysis")},
         "files": dict(files),
         "columns": columns,
         "plates": [plate for one in facts.values() for plate in one.pop("plates", [])],
         "warnings": [printable(warning) for role in facts for warning in recordings[role].warnings],
-        **({"damage": max(damage, key=lambda one: (one["complete"] is not True, one["share_lost"]))} if damage else {}),
+        **({"damage": damage} if damage else {}),
         **facts,
     }
-    for one in recordings.values():
-        check_own_torque(name, one.samples)
     if len(recordings) == 1:
         return Trial(name, recordings[next(iter(facts))].samples, provenance)
     log, mocap = recordings["log"], recordings["mocap"]

@@ -29,13 +29,15 @@ from pydantic_core import PydanticUndefined
 from osl_analysis.errors import InputError, nearest
 from osl_analysis.formats.mat import checked_address
 from osl_analysis.ingest.units import ForceUnit, LengthUnit, MomentUnit, TimeUnit, Unit, quantity, si_factor
-from osl_analysis.relations import distinct, misplaced
+from osl_analysis.relations import distinct, misplaced, one_of
 from osl_analysis.trial import AXES, COLUMNS, Array, unit_of
 from osl_analysis.yaml_settings import Settings, field_line
 
 SampleShare = Annotated[float, Field(ge=0, le=1)]
+LEVEL_UNIT = "V"  # of the columns that may be read from truth values: levels of `sync` and `trigger`
 NoSlip = Annotated[float, Field(ge=-1e12, le=1e12)]  # a scale or an offset: what is larger is a slip
-ColumnName = Annotated[str, BeforeValidator(lambda given: str(given) if type(given) is int else given)]
+Name = Annotated[str, Field(min_length=1)]
+ColumnName = Annotated[Name, BeforeValidator(lambda given: str(given) if type(given) is int else given)]
 AddressText = Annotated[str, AfterValidator(checked_address)]
 Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
 Axes = tuple[Axis, Axis, Axis]
@@ -147,19 +149,19 @@ class Addressed(Settings):
 class Channel(Conversion, Addressed):
     """Where a recording has a canonical column, and the conversion."""
 
-    topic: str  # Name of the topic.
-    field: str
+    topic: Name  # Name of the topic.
+    field: Name
     """Dotted path of the number, with an index or a name where it passes an array: `wrench.force.x`, `position[0]`,
     `position[name=ankle]`; in JSON a name with a dot in it in quotes, `functions["loadcell.mz"]`."""
     column: ColumnName
     """Name in the header, with or without its unit (`torque` finds `torque [Nm]`); a pattern in which `*` stands for
     any text, which must fit one column (`"*.output_position"`); or the column's number, counted from 1."""
-    channel: str  # Its label; in TDMS group and name, as `Measured Data/Torque`, or the name where one group has it.
+    channel: Name  # Its label; in TDMS group and name, as `Measured Data/Torque`, or the name where one group has it.
     variable: AddressText
     """Its address in MATLAB's notation: `torque`, `Test.run(2).torque`, `data(:,3)`, `runs{2}.torque`. It is within
     `log_part`, unless it begins with `/`."""
-    device: str  # Name of the device's output, such as `EMG2000 - Voltage`.
-    component: str  # Name of the column under it.
+    device: Name  # Name of the device's output, such as `EMG2000 - Voltage`.
+    component: Name  # Name of the column under it.
     counter: ColumnName | None = None  # Where the device counts its samples, which tells the missing ones.
 
 
@@ -220,7 +222,8 @@ class PlateUnits(Settings):
 class SharedAngle(Settings):
     """An angle that log and motion capture both recorded, which aligns their clocks where no sync edges do."""
 
-    column: str  # Column of the log with the angle. Its scale, sign and offset do not matter.
+    column: Annotated[str, AfterValidator(partial(one_of, COLUMNS, "canonical column of a log"))]
+    """Column of the log with the angle. Its scale, sign and offset do not matter."""
     markers: Annotated[tuple[str, str, str], AfterValidator(distinct)]
     """Three markers of motion capture. The angle is at the second marker."""
 
@@ -228,7 +231,7 @@ class SharedAngle(Settings):
 class ModelOutput(Conversion):
     """One component of a model output, such as a joint moment of Plug-in Gait, that is stored like a marker."""
 
-    label: str  # Label of the output in the file.
+    label: Name  # Label of the output in the file.
     component: Literal["x", "y", "z"]  # Component of the output.
     unit: Unit  # In which the software computes; the file may misstate it: moments of Plug-in Gait are N*mm/kg.
 
@@ -237,7 +240,7 @@ def all_none_or_list(value: Any) -> Any:
     """A choice among a file's things: `none` is the empty list."""
     if value not in ("all", "none") and not isinstance(value, list | tuple):
         raise ValueError("write all, none or a list")
-    return () if value == "none" else value
+    return () if value == "none" else value if value == "all" else distinct(tuple(value))
 
 
 class SourceFile(Settings):
@@ -313,6 +316,15 @@ class SourceFile(Settings):
             raise misplaced("sync needs the column sync under channels; map it, or write clock: master", "clock")
         if "units_row" in has and stated.units_row and stated.header != "row":
             raise ValueError("a row of units needs a header row above it")
+        if "plate_zero" in has and isinstance(stated.plate_zero, tuple) and stated.plate_zero[0] > stated.plate_zero[1]:
+            raise misplaced(f"{[*stated.plate_zero]} ends before it begins; write the first frame first", "plate_zero")
+        named = {("", stated.time.name, ""): "time"} if "time" in has and stated.time.name else {}
+        for key in {"channels", "analogs"} & {*has}:
+            signals = {name: one for name, one in getattr(stated, key).items() if unit_of(name) != LEVEL_UNIT}
+            for column, channel in signals.items():
+                address = getattr(channel, "topic", ""), channel.name, getattr(channel, "component", "")
+                if (other := named.setdefault(address, column)) != column:
+                    raise misplaced(f"{channel.title} is {other} already; correct one", key, column, channel.ADDRESS)
         if {"channels", "plates"} <= {*has} and not stated.channels and not stated.plates:
             raise misplaced("name the columns to read under `channels`, or plates under `plates`", "channels")
         if "clock" in has and str(stated.clock) == "common" and (not stated.time.name or stated.time.unit != "s"):

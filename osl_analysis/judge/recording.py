@@ -111,22 +111,21 @@ def measure_clock(examined: Examined) -> CheckResult:
 
 
 def measure_damage(examined: Examined) -> CheckResult:
-    if not (damage := examined.trial.provenance.get("damage")):
+    if not (reports := examined.trial.provenance.get("damage")):
         return not_applicable("no damage report")
-    said = [f"{damage[key]} {key.replace('_', ' ')}" for key in ("chunks_lost", "lost") if damage.get(key)]
-    unknown = "whether it is complete is not known"
-    said += {True: [], None: [unknown], False: ["the file is not complete"]}[damage.get("complete", True)]
-    said += [f"CRC {damage['crc']}"] if damage.get("crc") else []
-    said += damage.get("remarks") or []
-    return CheckResult(100 * float(damage.get("share_lost") or 0.0), "; ".join(said))
+    states, said = {None: "whether it is complete is not known", False: "the file is not complete"}, list[str]()
+    for role, damage in reports.items():
+        told = [f"{damage[key]} {key.replace('_', ' ')}" for key in ("chunks_lost", "lost") if damage.get(key)]
+        told += [states.get(damage.get("complete", True), ""), f"CRC {damage.get('crc')}" * ("crc" in damage)]
+        said.append(f"{role}: " * (len(reports) > 1) + "; ".join(filter(None, [*told, *(damage.get("remarks") or [])])))
+    return CheckResult(100 * max(float(one.get("share_lost") or 0.0) for one in reports.values()), "; ".join(said))
 
 
 def measure_truncation(examined: Examined) -> CheckResult:
-    if not (damage := examined.trial.provenance.get("damage")):
-        return not_applicable("no damage report")
-    if not damage.get("end_missing"):
-        return CheckResult(0.0)
-    return CheckResult(1.0, "no end: see whether the trial lasts as long as it should")
+    reports = examined.trial.provenance.get("damage", {})
+    if any(damage.get("end_missing") for damage in reports.values()):
+        return CheckResult(1.0, "no end: see whether the trial lasts as long as it should")
+    return CheckResult(0.0) if reports else not_applicable("no damage report")
 
 
 # The motion that was commanded.
@@ -493,10 +492,22 @@ def measure_pressure_travel(examined: Examined) -> CheckResult:
 # What a recording of a bench cannot be is refused, before a fit.
 
 
+def check_own_torque(trial: Trial, torque: str = "torque") -> None:
+    """Refuse a torque that is the motor's current times a constant, of which a fit would be circular."""
+    if {torque, "current"} <= set(trial.columns):
+        both = trial.samples.select(torque, "current").drop_nulls().to_numpy()
+        if (factor := factor_of(both[:, 0], both[:, 1])) is not None:
+            raise InputError(
+                f"trial {trial.name}: {torque} is current times {factor:.4g} {unit_of(torque)}/A, to within rounding: "
+                "it is computed from the motor's current, not measured, so that a fit gives what it was computed with; "
+                f"name the channel of a load cell as {torque} in the source file, or state the experiment ingest_only"
+            )
+
+
 def check_recording(trial: Trial, limits: Any, torque: str = "torque", angle: str | None = "theta") -> None:
     """Refuse an angle beyond `largest_angle` [rad] of the settings `limits`, a torque beyond `load_cell_range` [N*m],
-    one that never changes while the joint turns or is the motor's current times a constant, of which a fit would be
-    circular, and samples so close that the unit of time must be wrong."""
+    one that never changes while the joint turns or is the motor's own (`check_own_torque`), and samples so close that
+    the unit of time must be wrong."""
     who, time = f"trial {trial.name}:", trial.arrays()[0]
     # stamps of a late host come in clusters, most of them microseconds apart, of which the mean step knows nothing
     step = float(np.ptp(time)) / (len(time) - 1) if len(time) > 1 else 0.0
@@ -505,14 +516,7 @@ def check_recording(trial: Trial, limits: Any, torque: str = "torque", angle: st
             f"{who} its samples are {step:.2g} s apart, {1 / step:.3g} in a second: is its time recorded in another "
             "unit than it is declared in? Correct the unit of `time` in the source file"
         )
-    if {torque, "current"} <= set(trial.columns):
-        both = trial.samples.select(torque, "current").drop_nulls().to_numpy()
-        if (factor := factor_of(both[:, 0], both[:, 1])) is not None:
-            raise InputError(
-                f"{who} {torque} is current times {factor:.4g} {unit_of(torque)}/A, to within rounding: it is computed "
-                "from the motor's current and not measured, so that a fit gives what it was computed with; name the "
-                f"channel of a load cell as {torque} in the source file, or state the experiment ingest_only"
-            )
+    check_own_torque(trial, torque)
     turned, measured = (x[np.isfinite(x)] for x in (recorded(trial, angle)[1], recorded(trial, torque)[1]))
     turn, change = (float(np.ptp(x)) if x.size else 0.0 for x in (turned, measured))
     if turn and measured.size > 1 and not change:

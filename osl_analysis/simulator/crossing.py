@@ -25,7 +25,7 @@ from osl_analysis.simulator.plan import Condition, condition_of
 from osl_analysis.simulator.recorder import rounded_to, write_truth
 from osl_analysis.simulator.rigid_body import GRAVITY, Pose, TrueWrench, interpolated_at, rotation_about
 from osl_analysis.simulator.settings import SimulationSettings
-from osl_analysis.simulator.walking_settings import WalkingSettings
+from osl_analysis.simulator.walking_settings import ANKLE_AXIS, WalkingSettings
 from osl_analysis.trial import Array
 
 
@@ -277,7 +277,7 @@ def simulate_walking_trial(
     # quiet standing: foot flat, shank upright, half the body weight vertically above the ankle
     leg = Pose(platform.pose.rotation, np.tile(gait.nominal_ankle(walking), (len(trial.time), 1)))
     weight = TrueWrench(np.tile(-0.5 * trial.body_mass * GRAVITY, (len(trial.time), 1)), nothing, leg.origin)
-    markers = vicon.leg_markers(leg, leg, trial) | vicon.on_body(leg, vicon.ANKLE_AXIS)
+    markers = vicon.leg_markers(leg, leg, trial) | vicon.on_body(leg, ANKLE_AXIS)
     vicon.write_capture(raw, trial, markers, platform, weight)
 
 

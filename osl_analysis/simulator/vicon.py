@@ -15,39 +15,11 @@ from osl_analysis.files import atomic_path
 from osl_analysis.simulator.rigid_body import GRAVITY, Point, Pose, TrueWrench, interpolated_at, support
 from osl_analysis.simulator.settings import stream
 from osl_analysis.simulator.step import GaitTrial, PlatformMotion
-from osl_analysis.simulator.walking_settings import WalkingSettings
+from osl_analysis.simulator.walking_settings import FOOT, PLATE_CHANNELS, PLATFORM, SHANK, WalkingSettings
 from osl_analysis.trial import Array
 
 MM = 1e3
-# from the ankle's centre, in the axes of foot and shank when standing [m]; the right leg's outer side is -y
-FOOT = {
-    "FOOT1": (-0.075, 0.012, -0.030),
-    "FOOT2": (0.160, 0.020, -0.050),
-    "FOOT3": (0.105, -0.050, -0.045),
-    "FOOT4": (0.060, 0.008, 0.035),
-}
-SHANK = {
-    "SHANK1": (0.055, -0.020, 0.100),
-    "SHANK2": (0.010, -0.065, 0.190),
-    "SHANK3": (-0.035, 0.050, 0.255),
-    "SHANK4": (0.060, 0.025, 0.330),
-}
-# from the centre of the plate's surface [m]; one is on a post, so that the four do not lie in a plane
-PLATFORM = {
-    "PLAT1": (0.285, 0.235, 0.004),
-    "PLAT2": (-0.285, 0.230, 0.004),
-    "PLAT3": (-0.280, -0.235, 0.060),
-    "PLAT4": (0.285, -0.230, 0.004),
-}
-ANKLE_AXIS = {"ANKLE_MED": (0.0, 0.042, 0.0), "ANKLE_LAT": (0.0, -0.042, 0.0)}
 PLATE_AXES = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
-PLATE_CHANNELS = {
-    1: {"Fx1": "N", "Fy1": "N", "Fz1": "N", "Px1": "mm", "Py1": "mm", "Tz1": "Nmm"},
-    2: {"Fx1": "N", "Fy1": "N", "Fz1": "N", "Mx1": "Nmm", "My1": "Nmm", "Mz1": "Nmm"},
-    3: dict.fromkeys(("fx12", "fx34", "fy14", "fy23", "fz1", "fz2", "fz3", "fz4"), "N"),
-    4: dict.fromkeys(("C1", "C2", "C3", "C4", "C5", "C6"), "V"),
-}
-"""Labels and units of the channels of each type of plate."""
 
 
 def write_c3d(path: Path, points: Array, analogs: Array, groups: Mapping[str, Mapping[str, Any]]) -> None:

@@ -2,28 +2,65 @@
 The imperfections of the leg's controller are in the campaign's simulation settings."""
 
 import math
+from functools import partial
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import AfterValidator, Field, ValidationInfo, field_validator
 
 from osl_analysis.model.compensator import PAPER_WEIGHT, Weight
-from osl_analysis.relations import below, refused
+from osl_analysis.relations import below, distinct, one_of, refused
 from osl_analysis.simulator.settings import Count, Effect, Switches, effect
-from osl_analysis.yaml_settings import Degrees, NotNegative, Positive, Settings, ShippedPath
+from osl_analysis.yaml_settings import Metres, NotNegative, Positive, Seconds, Settings, ShippedPath
+
+# from the ankle's centre, in the axes of foot and shank when standing [m]; the right leg's outer side is -y
+FOOT = {
+    "FOOT1": (-0.075, 0.012, -0.030),
+    "FOOT2": (0.160, 0.020, -0.050),
+    "FOOT3": (0.105, -0.050, -0.045),
+    "FOOT4": (0.060, 0.008, 0.035),
+}
+SHANK = {
+    "SHANK1": (0.055, -0.020, 0.100),
+    "SHANK2": (0.010, -0.065, 0.190),
+    "SHANK3": (-0.035, 0.050, 0.255),
+    "SHANK4": (0.060, 0.025, 0.330),
+}
+# from the centre of the plate's surface [m]; one is on a post, so that the four do not lie in a plane
+PLATFORM = {
+    "PLAT1": (0.285, 0.235, 0.004),
+    "PLAT2": (-0.285, 0.230, 0.004),
+    "PLAT3": (-0.280, -0.235, 0.060),
+    "PLAT4": (0.285, -0.230, 0.004),
+}
+ANKLE_AXIS = {"ANKLE_MED": (0.0, 0.042, 0.0), "ANKLE_LAT": (0.0, -0.042, 0.0)}
+PLATE_CHANNELS = {
+    1: {"Fx1": "N", "Fy1": "N", "Fz1": "N", "Px1": "mm", "Py1": "mm", "Tz1": "Nmm"},
+    2: {"Fx1": "N", "Fy1": "N", "Fz1": "N", "Mx1": "Nmm", "My1": "Nmm", "Mz1": "Nmm"},
+    3: dict.fromkeys(("fx12", "fx34", "fy14", "fy23", "fz1", "fz2", "fz3", "fz4"), "N"),
+    4: dict.fromkeys(("C1", "C2", "C3", "C4", "C5", "C6"), "V"),
+}
+"""Labels and units of the channels of each type of plate."""
+MarkerName = Annotated[str, AfterValidator(partial(one_of, [*FOOT, *SHANK, *PLATFORM, *ANKLE_AXIS], "marker of it"))]
 
 
 class CaptureSettings(Settings):
     """The C3D file. The defaults are what Vicon Nexus writes."""
 
     plate_type: Literal[1, 2, 3, 4] = 2  # with a centre of pressure; force and moment; eight of Kistler; six voltages
-    sensor_span_m: tuple[Positive, Positive] = (0.21, 0.26)  # of type 3 from the centre, along the plate's x and y
+    sensor_span_m: tuple[Metres, Metres] = (0.21, 0.26)  # of type 3 from the centre, along the plate's x and y
     dead_channels: dict[str, float] = Field(default_factory=dict)  # what they show, by label, such as `Mx1`
-    moment_label: str | None = None  # unit that the file states for the plate's moments; null: the true one, Nmm
-    swapped_labels: tuple[tuple[str, str], ...] = ()  # pairs of markers
+    moment_label: Literal["N*m", "Nm", "N*cm", "N*mm", "Nmm"] | None = None  # that the file states; null: the true Nmm
+    swapped_labels: tuple[Annotated[tuple[MarkerName, MarkerName], AfterValidator(distinct)], ...] = ()  # pairs
     swapped_in: tuple[str, ...] | None = None  # trials whose labels are exchanged; null: all
     up_axis: Literal["z", "y"] = "z"  # with `y`, z points to the right
     states_axes: bool = True  # POINT:X_SCREEN and Y_SCREEN
     states_body_mass: bool = False  # PROCESSING:BODYMASS
+
+    @field_validator("dead_channels")
+    @classmethod
+    def _are_of_the_plate(cls, value: dict[str, float], info: ValidationInfo) -> dict[str, float]:
+        known = PLATE_CHANNELS[info.data.get("plate_type", 2)]
+        return {one_of(known, "channel of this type of plate", name): shown for name, shown in value.items()}
 
 
 Percent = Annotated[float, Field(gt=-50, lt=100)]
@@ -43,7 +80,7 @@ class StepChange(Settings):
     second_foot_percent: NotNegative = 0.0  # largest load [% of body weight] of the other foot, at mid-stance
     overhang_mm: Annotated[float, Field(ge=0, lt=90)] = 0.0  # of the foot's 90 mm, carried by the floor beside
     # What the person does after a perturbation, from a delay on, beside what the leg renders; off by default
-    reaction_delay_s: Positive = 0.05  # from the onset; of several changes the last one's
+    reaction_delay_s: Seconds = 0.05  # from the onset; of several changes the last one's
     reflex: float = 0.0  # torque [N*m*s/rad] per velocity that the perturbation had so long ago
     co_contraction: Positive = 1.0  # factor of the stiffness `co_contracted`, reached 30 ms later
     co_contracted: NotNegative = 340.0  # stiffness [N*m/rad] that it multiplies
@@ -109,6 +146,10 @@ class Rates(Settings):
         lambda s: s.analogs_hz % s.points_hz,
         "analogs_hz must be a multiple of points_hz ({s.points_hz}), not {s.analogs_hz}: C3D needs that",
     )
+    _are_computable = refused(
+        lambda s: s.motion_hz > 100_000,
+        "controller_hz has with the others the least common multiple {s.motion_hz}; choose 100000 or less, as of 1000",
+    )
 
     @property
     def motion_hz(self) -> int:
@@ -121,9 +162,9 @@ class Gait(Settings):
 
     body_mass_kg: Positive
     recording_s: Positive  # duration
-    heel_strike_s: Positive  # time of the heel strike on the platform
-    stance_s: Positive  # duration of stance on the platform
-    stride_m: Positive
+    heel_strike_s: Annotated[float, Field(ge=0.1)]  # time of the heel strike on the platform
+    stance_s: Seconds  # duration of stance on the platform
+    stride_m: Metres
 
     _step_is_recorded = below("heel_strike_s + stance_s", "recording_s", "and the step would not be recorded")
 
@@ -131,17 +172,17 @@ class Gait(Settings):
 class Perturbation(Settings):
     """Ramp of the platform about a mediolateral axis; toes up, if the conditions of the campaign do not say more."""
 
-    angle_deg: Degrees
-    rise_s: Positive
+    angle_deg: Annotated[float, Field(gt=0, le=60)]
+    rise_s: Seconds
     latency_s: NotNegative  # from the command to the start of the ramp
     stance_phase: tuple[Share, Share]  # first and last at which the ramp is commanded, drawn evenly
-    hold_s: NotNegative  # after toe-off, when the platform starts to return
-    return_s: Positive
+    hold_s: Annotated[float, Field(ge=0, le=10)]  # after toe-off, when the platform starts to return
+    return_s: Seconds
     axis_depth_m: float | None = None  # below the plate's surface; null: the axis passes through the nominal ankle
     shift_mm: Positive | None = None
     """Distance by which the platform shifts in place of a turn: backward for `up`, which dorsiflexes the ankle, as the
     hip stays where it is. Null: it turns."""
-    leg_length_m: Positive = 0.9  # ankle to hip, which converts a shift of the platform to an angle of the shank
+    leg_length_m: Metres = 0.9  # ankle to hip, which converts a shift of the platform to an angle of the shank
     same_unloaded: bool = False  # else size and duration of the ramp in plate trials vary by 15 and 30 %
     driven: bool = False  # by a boot or the leg: the ankle turns and the platform rests; the log has torque and command
     _in_order = refused(lambda s: s.stance_phase[0] > s.stance_phase[1], "stance_phase falls; write the lower first")
@@ -151,18 +192,23 @@ class Body(Settings):
     """The inertia of a body. Its mass is the size of an effect (`foot_inertia` or `plate_inertia`)."""
 
     centre_of_mass_m: tuple[float, float, float]  # in the body's axes
-    gyration_m: tuple[Positive, Positive, Positive]  # principal radii about the centre of mass
+    gyration_m: tuple[Metres, Metres, Metres]  # principal radii about the centre of mass
 
 
 class MovingPlate(Body):
     """The force plate. Its centre of mass is given from the centre of its surface."""
 
     centre_m: tuple[float, float, float]  # of the surface at rest, in laboratory axes
-    size_m: tuple[Positive, Positive]  # of the surface along the plate's x and y
-    sensor_depth_m: Positive  # of the sensor origin below the surface
+    size_m: tuple[Metres, Metres]  # of the surface along the plate's x and y
+    sensor_depth_m: Metres  # of the sensor origin below the surface
     sensor_offset_m: tuple[float, float]  # sensor origin from the surface's centre, along laboratory x and y
     nominal_ankle_m: tuple[float, float]  # point of the surface above which participants put the ankle
     full_motion_every: Count  # plate trial also shifts and tilts, to identify all inertial parameters; 0: none
+
+    _lie_on_it = refused(
+        lambda s: any(2 * abs(x) > s.size_m[k % 2] for k, x in enumerate(s.nominal_ankle_m + s.sensor_offset_m)),
+        "nominal_ankle_m or sensor_offset_m is beyond half of size_m = {s.size_m}; correct it, in m from the centre",
+    )
 
 
 class WalkingSettings(Settings):
@@ -178,3 +224,8 @@ class WalkingSettings(Settings):
     changes: tuple[StepChange, ...] = ()  # what makes some crossings differ from the others
     capture: CaptureSettings = CaptureSettings()
     gain_weight: Weight = PAPER_WEIGHT  # that of the simulated campaign replaces it
+
+    _ramps_end_in_stance = refused(
+        lambda s: (one := s.perturbation).latency_s + one.rise_s > (1 - one.stance_phase[1]) * s.gait.stance_s,
+        "perturbation.rise_s ends a ramp, after stance_phase and latency_s, behind toe-off; lower one of the three",
+    )

@@ -6,14 +6,13 @@ from pydantic import AfterValidator, Field
 
 from osl_analysis.relations import below, distinct, refused, rising
 from osl_analysis.signals import LowPass
-from osl_analysis.yaml_settings import Degrees, NotNegative, Positive, Settings
+from osl_analysis.yaml_settings import Degrees, NotNegative, Positive, Seconds, Settings
 
 Names = Annotated[tuple[str, ...], AfterValidator(distinct)]
 Cluster = Annotated[Names, Field(min_length=3)]
 Side = Literal["left", "right"]
 StanceSource = Literal["own", "unperturbed", "matched"]
 
-Seconds = Annotated[float, Field(gt=0, le=10)]  # of a crossing; what is longer is in ms
 LoadRange = Annotated[tuple[Seconds, Seconds], AfterValidator(rising)]
 PoolKey = Literal["group", "subject", "session", "side", "speed", "K_d", "B_d", "timing"]
 GroupKey = PoolKey | Literal["direction"]

@@ -6,7 +6,7 @@ from importlib import import_module
 from importlib.util import find_spec
 from typing import Any, ParamSpec, TypeVar, cast
 
-from osl_analysis.errors import InputError
+from osl_analysis.errors import not_installed
 
 numba: Any = import_module("numba") if find_spec("numba") else None
 P = ParamSpec("P")
@@ -34,4 +34,4 @@ def fused(function: Callable[P, R]) -> Callable[P, R]:
 def require_compiler() -> None:
     """Refuse to simulate without numba, which takes a hundredth of the time of plain Python."""
     if numba is None:
-        raise InputError("the simulator needs numba, which is not installed; pip install 'osl-analysis[simulator]'")
+        raise not_installed("the simulator", "numba")

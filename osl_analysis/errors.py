@@ -2,6 +2,8 @@
 
 from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
+from importlib import import_module
+from typing import Any
 
 
 def printable(text: str) -> str:
@@ -48,6 +50,28 @@ class WriteError(InputError):
 
 class MemoryLimitError(WriteError):
     """A file needs more memory than the job may have: as with a full disk, the next run tries again."""
+
+
+EXTRAS = {
+    "ezc3d": "simulator", "h5py": "mat73", "mujoco": "mujoco", "nptdms": "tdms", "numba": "simulator", "rosbags": "ros",
+    "statsmodels": "compare",
+}  # fmt: skip
+"""The extra of the package that installs a library which most campaigns do not need."""
+
+
+def optional_module(name: str, what: str) -> Any:
+    """The module `name` of a library in `EXTRAS`. Raises InputError where `what` needs it and it is not installed."""
+    library = name.partition(".")[0]
+    try:
+        return import_module(name)
+    except ModuleNotFoundError as error:
+        if (error.name or "").partition(".")[0] != library:
+            raise
+        raise not_installed(what, library) from None
+
+
+def not_installed(what: str, library: str) -> InputError:
+    return InputError(f"{what} needs {library}, which is not installed; pip install 'osl-analysis[{EXTRAS[library]}]'")
 
 
 class IdentifiabilityError(OslAnalysisError):

@@ -1,6 +1,7 @@
 """Two campaigns side by side: differences, their intervals, and the verdicts of equivalence."""
 
 import math
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import scipy
 from click.testing import CliRunner
 
 from osl_analysis.cli import main
+from osl_analysis.errors import InputError
 from osl_analysis.figures.comparison import draw_comparison
 from osl_analysis.judge.two_campaigns import compared, label_of
 from osl_analysis.report.headlines import Headline, to_json
@@ -49,6 +51,9 @@ def test_paired_mixed_and_welch_intervals_are_those_of_scipy_and_repeats_count_a
     assert difference(*apart)[:3] == pytest.approx(part, rel=0.02)  # far apart they tell nothing without a partner
     trials = welch(y, x[:4], equal_var=False).confidence_interval()
     assert difference({0: x[:4]}, {0: y})[1:] == (*map(pytest.approx, trials), "Welch's t, trials")
+    monkeypatch.setitem(sys.modules, "statsmodels.regression.mixed_linear_model", None)
+    with pytest.raises(InputError, match=r"needs statsmodels, .*; pip install 'osl-analysis\[compare\]'"):
+        difference(*apart)
     monkeypatch.setattr(differences, "mixed_effects", lambda *_: None)
     assert difference(*apart)[:3] == pytest.approx(part)
     assert "did not converge" in difference(*apart).method

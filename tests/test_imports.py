@@ -1,10 +1,13 @@
 """The house: data flow one way, and the simulator shares nothing with what it is used to check."""
 
 import re
+import tomllib
+from collections import defaultdict
 
 import pytest
 from conftest import ROOT
 
+from osl_analysis.errors import EXTRAS
 from osl_analysis.jobs.request import imported_names
 
 PACKAGE, DOORS = ROOT / "osl_analysis", {"cli", "notebook"}
@@ -71,3 +74,14 @@ def test_matplotlib_stays_in_the_figures():
     drawing = re.compile(r"^\s*(import|from) matplotlib", re.MULTILINE)
     found = {path.relative_to(PACKAGE).parts[0] for path in PACKAGE.rglob("*.py") if drawing.search(path.read_text())}
     assert found == {"figures"}
+
+
+def test_a_library_of_an_extra_is_imported_where_one_line_says_what_to_install():
+    asked = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    of_extra = defaultdict(set)
+    for library, extra in EXTRAS.items():
+        of_extra[extra].add(library)
+    named = {extra: {re.match(r"[\w-]+", one)[0].lower() for one in needs} for extra, needs in asked.items()}
+    assert {extra: named[extra] for extra in named.keys() - {"cluster", "dev", "docs"}} == of_extra
+    plain = re.compile(rf"^\s*(?:import|from) (?:{'|'.join(EXTRAS)})\b", re.MULTILINE)
+    assert [path for path in PACKAGE.rglob("*.py") if plain.search(path.read_text())] == []

@@ -11,7 +11,10 @@ import pytest
 from bench_synthetic import FIVE, RATE, component_tables, stepped_sine, table_of
 from conftest import ROOT
 from scipy import stats
+from statsmodels.robust.norms import HuberT
+from statsmodels.robust.robust_linear_model import RLM
 
+from osl_analysis.bench import prediction
 from osl_analysis.bench.compensation import compensation_table
 from osl_analysis.bench.impedance import DesiredImpedance, rendered_impedance, torque_error
 from osl_analysis.bench.phasors import ComplexEstimate, damping_row
@@ -118,6 +121,17 @@ def test_a_component_that_is_not_as_its_trials_say_is_named_with_its_size(name, 
     assert row["change"] / row["value"] == pytest.approx(factor - 1, rel=LINEAR.get(name, 0.1))
     (said,) = findings(NONE, {"prediction": table, "prediction_causes": causes})
     assert said["line"].startswith(f"doubtful, 8 of 8 predicted trials: component {name}: the recorded torque is as if")
+
+
+def test_the_robust_regression_is_that_of_statsmodels():
+    rng = np.random.default_rng(1)
+    A = 0.01 * rng.standard_normal((12, len(prediction.TERMS), 3))
+    A[:, 0] += 0.5 * A[:, 1]
+    A[0, 0] += 3  # a trial that rings
+    y, X = A[:, 0].ravel(), A[:, 1:4].transpose(0, 2, 1).reshape(-1, 3)
+    expected = RLM(y, 1e2 * X, HuberT(1.5)).fit().params * 1e2
+    found, left = prediction.robust_fit(A, prediction.TERMS[1:4])
+    assert (found, left) == (pytest.approx(expected, rel=1e-9), pytest.approx(np.mean(np.abs(y - X @ expected))))
 
 
 def test_two_faults_at_once_are_said_and_none_of_them_is_named():

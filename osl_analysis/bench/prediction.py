@@ -6,16 +6,14 @@ in the other trials of the campaign, and a misfit that is alike in all trials na
 measured, or a controller that acts late.
 """
 
-import warnings
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import polars as pl
 from scipy.optimize import brentq
-from scipy.special import stdtrit
+from scipy.special import ndtri, stdtrit
 
 from osl_analysis.bench.components import ACTUATOR_PARAMETERS, LOSSES, PLACE
 from osl_analysis.bench.record import Record
@@ -285,17 +283,19 @@ def beside_delays(A: Array, *names: str) -> tuple[dict[str, float], float]:
 def robust_fit(A: Array, names: Sequence[str]) -> tuple[Array, float]:
     """Coefficients of some terms in what the predictions leave, and the mean absolute value of what then is left; A is
     (trials, terms, 3), as shares of the torque. By Huber's M-estimator, with a scale by the median."""
-    from statsmodels.robust.norms import HuberT
-    from statsmodels.robust.robust_linear_model import RLM
-
     y = A[:, 0].ravel()
     if not names:
         return np.empty(0), float(np.mean(np.abs(y)))
     X = A[:, [TERMS.index(name) for name in names]].transpose(0, 2, 1).reshape(-1, len(names))
     scale = np.maximum(np.abs(X).max(axis=0), np.finfo(float).tiny)
     x = np.linalg.lstsq(X / scale, y, rcond=None)[0]
-    with suppress(ZeroDivisionError), np.errstate(all="ignore"), warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # where half of the numbers are explained exactly, their scale is 0
-        x = np.asarray(RLM(y, X / scale, HuberT(1.5)).fit().params)
+    for _ in range(49):  # iteratively reweighted least squares
+        left = np.abs(y - X / scale @ x)
+        if not (spread := np.median(left) / ndtri(0.75)):
+            break  # half of the numbers are explained exactly
+        weight = np.sqrt(np.minimum(1, 1.5 * spread / np.maximum(left, np.finfo(float).tiny)))
+        before, x = x, np.linalg.lstsq(weight[:, None] * X / scale, weight * y, rcond=None)[0]
+        if np.allclose(x, before, rtol=1e-13, atol=0):
+            break
     x = x / scale
     return x, float(np.mean(np.abs(y - X @ x)))

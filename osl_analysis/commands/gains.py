@@ -24,10 +24,9 @@ from osl_analysis.commands.bench import rows_json
 from osl_analysis.commands.figure import draw_table
 from osl_analysis.commands.tables import read_summary
 from osl_analysis.config.shared_choices import read_impedance_trajectory
-from osl_analysis.errors import InputError, UnreachableImpedanceError, listing, nearest
+from osl_analysis.errors import InputError, UnreachableImpedanceError, listing, nearest, optional_module
 from osl_analysis.figures import drawing_of
 from osl_analysis.files import atomic_path
-from osl_analysis.formats import optional_module
 from osl_analysis.model import compensator, mjcf
 from osl_analysis.model.compensator import Weight
 from osl_analysis.model.drivetrain import desired_admittance, joint_admittance
@@ -224,7 +223,7 @@ def exported_trials(folder: Path, names: Sequence[str], joint: str) -> pl.DataFr
 def proof_of(folder: Path, laws: Mapping[str, Controller], config: Config, p: DrivetrainParameters) -> dict[str, Any]:
     """The round trip of the leg `p` over the trials by name; `says` is the result in words, or why there is none."""
     try:
-        engine = f"MuJoCo {optional_module('mujoco', 'mujoco', 'the round trip').__version__}"
+        engine = f"MuJoCo {optional_module('mujoco', 'the round trip').__version__}"
     except (InputError, ImportError) as error:  # also where only a part of it is installed
         return {"says": f"not proven: {' '.join(str(error).split())}"}
     if not laws:

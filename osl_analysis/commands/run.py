@@ -10,7 +10,7 @@ from pathlib import Path
 
 from osl_analysis.campaign.campaign import Campaign, check_campaign, open_campaign
 from osl_analysis.campaign.configuration import read_config
-from osl_analysis.errors import InputError, OslAnalysisError, nearest
+from osl_analysis.errors import EXTRAS, InputError, OslAnalysisError, nearest
 from osl_analysis.files import CAMPAIGN, check_working_folder, root, shipped
 from osl_analysis.ingest.raw_files import check_clocks, check_plates, read_source
 from osl_analysis.yaml_settings import read_mapping
@@ -61,13 +61,14 @@ def looked_at(folder: Path) -> Iterator[tuple[str, str, str]]:
     at, what was found, and what to do, if anything."""
     yield "Python", platform.python_version(), ""
     yield "osl-analysis", f"{version('osl-analysis')}, workflow in {root()}", ""
-    files = {"h5py": "MATLAB 7.3", "rosbags": "ROS bags", "npTDMS": "TDMS"}  # optional
-    for name in ("snakemake", "numpy", *files):
+    for name in ("snakemake", "numpy", *EXTRAS):
         try:
             yield name, version(name), ""
         except PackageNotFoundError:
-            only = f", only for {files[name]}" if name in files else ""
-            yield name, f"not installed{only}", "" if only else f"pip install {name}"
+            if name in EXTRAS:
+                yield name, f"not installed, optional: pip install 'osl-analysis[{EXTRAS[name]}]'", ""
+            else:
+                yield name, "not installed", f"pip install {name}"
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     yield "cores", f"{cores}", ""
     free = shutil.disk_usage(folder).free / 1e9  # the default campaign takes 0.4 GB, recordings not counted

@@ -18,8 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from osl_analysis.errors import InputError, listing, nearest
-from osl_analysis.formats import optional_module
+from osl_analysis.errors import InputError, listing, nearest, optional_module
 from osl_analysis.formats.table import Ledger
 from osl_analysis.trial import Array
 
@@ -204,7 +203,7 @@ def value5(raw: Any) -> Value:
 
 def opened73(path: Path) -> Any:
     """A file of version 7.3, open; h5py is an optional extra and takes a fifth of a second to import."""
-    return optional_module("h5py", "mat73", "a MATLAB file of version 7.3 (not one saved with `-v7`)").File(path, "r")
+    return optional_module("h5py", "a MATLAB file of version 7.3 (not one saved with `-v7`)").File(path, "r")
 
 
 def value73(item: Any) -> Value:
@@ -243,8 +242,7 @@ def value73(item: Any) -> Value:
 
 def holds_references(item: Any) -> bool:
     """Whether an item is a dataset of references to others; texts of any length have the same type for numpy."""
-    import h5py
-
+    h5py = optional_module("h5py", "a MATLAB file of version 7.3")
     return isinstance(item, h5py.Dataset) and h5py.check_ref_dtype(item.dtype) is h5py.Reference
 
 

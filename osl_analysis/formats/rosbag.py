@@ -16,8 +16,7 @@ import yaml
 import zstandard
 from mcap.records import Channel, Schema
 
-from osl_analysis.errors import InputError, listing
-from osl_analysis.formats import optional_module
+from osl_analysis.errors import InputError, listing, optional_module
 from osl_analysis.formats.mcap import MAGIC as MCAP
 from osl_analysis.formats.mcap import read_mcap
 from osl_analysis.formats.message_fields import NOT_DEFINED, message_type, numbers_at, short_name
@@ -37,7 +36,7 @@ def read_rosbag1(path: Path) -> MessageFile:
         raise InputError(f"{path}: not a ROS 1 bag of version 2.0 (it begins with {data[:12]!r}); {advice}")
     if (second := data.find(BAG1, 1)) > 0:
         raise InputError(f"{path}: two bags were joined: a second one begins at byte {second}; give each a file")
-    library = optional_module("rosbags.rosbag1", "ros", "a bag of ROS 1")
+    library = optional_module("rosbags.rosbag1", "a bag of ROS 1")
     bag, number_of = MessageFile(path, len(data)), dict[int, int]()
     # of each message of the chunk at a byte: place in the chunk, channel and time [ns]
     index: dict[int, list[tuple[int, int, int]]] = defaultdict(list)
@@ -262,7 +261,7 @@ def definition_of(kind: str, own: Mapping[str, tuple[str, str]]) -> bytes:
         raise InputError(f"type '{kind}' is defined in IDL, which is not read; {convert}")
     lacking = f"the bag has no definition of type '{kind}'"
     try:
-        library = optional_module("rosbags.typesys", "ros", "a bag without definitions of its messages")
+        library = optional_module("rosbags.typesys", "a bag without definitions of its messages")
     except InputError as error:
         raise InputError(f"{lacking}: {error}") from error
     found = {}  # by what they mean: comments differ

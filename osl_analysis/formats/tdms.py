@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from osl_analysis.errors import InputError, listing, nearest
-from osl_analysis.formats import optional_module
+from osl_analysis.errors import InputError, listing, nearest, optional_module
 from osl_analysis.formats.csv_table import CONTROL
 from osl_analysis.formats.table import Ledger
 
@@ -97,8 +96,8 @@ def library() -> Iterator[tuple[Any, list[str]]]:
         said.append(record.getMessage())
         return False
 
-    nptdms = optional_module("nptdms", "tdms", "a TDMS file")
-    handler = optional_module("nptdms.log", "tdms", "a TDMS file").log_manager.console_handler
+    nptdms = optional_module("nptdms", "a TDMS file")
+    handler = optional_module("nptdms.log", "a TDMS file").log_manager.console_handler
     handler.addFilter(keep)
     try:
         yield nptdms.TdmsFile, said

@@ -10,6 +10,7 @@ import re
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
+from osl_analysis.errors import optional_module
 from osl_analysis.model.drivetrain_response import Controller
 from osl_analysis.model.parameters import DrivetrainParameters
 from osl_analysis.trial import Array
@@ -62,9 +63,8 @@ def mujoco_torque(
 ) -> Array:
     """Resisting torque [N*m] of the leg `p` in MuJoCo, (n,), whose joint is turned and whose actuator is under a
     controller without delay: theta [rad], omega [rad/s] and alpha [rad/s^2], (n,) each, at `rate_hz`. The actuator
-    starts at rest, in equilibrium with the first angle. All NaN where it runs away. Raises ImportError: no MuJoCo."""
-    import mujoco
-
+    starts at rest, in equilibrium with the first angle. All NaN where it runs away. Raises InputError: no MuJoCo."""
+    mujoco = optional_module("mujoco", "the round trip")
     every, gains = math.ceil(1 / (rate_hz * STEP_S) - 1e-6), law.gains  # steps per sample
     model = mujoco.MjModel.from_xml_string(mjcf_text(p))
     model.opt.timestep = 1 / (rate_hz * every)

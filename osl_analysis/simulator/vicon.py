@@ -8,9 +8,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import ezc3d
 import numpy as np
 
+from osl_analysis.errors import optional_module
 from osl_analysis.files import atomic_path
 from osl_analysis.simulator.rigid_body import GRAVITY, Point, Pose, TrueWrench, interpolated_at, support
 from osl_analysis.simulator.settings import stream
@@ -26,7 +26,7 @@ def write_c3d(path: Path, points: Array, analogs: Array, groups: Mapping[str, Ma
     """Write markers [m], (frames, labels, 3), NaN where hidden, and analogs, (samples, channels), with groups of
     parameters; the file appears whole or not at all. A hidden marker is stored as Nexus does it: coordinates 0 and
     residual -1. That of a seen one is 0, because readers disagree about the byte of a positive residual."""
-    file: Any = ezc3d.c3d()
+    file: Any = optional_module("ezc3d", "the simulator of walking").c3d()
     seen = np.isfinite(points).all(axis=2).T
     homogeneous = np.ones((4, *seen.shape))
     homogeneous[:3] = np.where(seen, points.transpose(2, 1, 0) * MM, 0.0)

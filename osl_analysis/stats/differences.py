@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy
 
+from osl_analysis.errors import optional_module
 from osl_analysis.measured import varies
 from osl_analysis.stats.covariance import welch_satterthwaite
 from osl_analysis.stats.repeats import over_repeats
@@ -63,10 +64,9 @@ def mixed_effects(a: Sample, b: Sample, gaps: Array) -> Difference | None:
     """B - A of the means of conditions: campaign as fixed effect, condition as random effect (REML). `gaps` (n,) is B -
     A of the shared conditions, two or more. With n - 1 degrees of freedom it is the paired interval where no condition
     is missing. None where the model does not converge."""
-    from statsmodels.regression.mixed_linear_model import MixedLM  # takes a second to import
-
     if not varies(gaps):  # the likelihood has no largest value
         return student(float(np.mean(gaps)), 0.0, len(gaps) - 1, "mixed effects")
+    library = optional_module("statsmodels.regression.mixed_linear_model", "a comparison of unequal campaigns")
     cells = [(one, k, np.mean(trials)) for k, sample in enumerate((a, b)) for one, trials in sample.items()]
     names, campaign, y = zip(*cells, strict=True)
     known, unit = list(dict.fromkeys(names)), float(np.std(gaps))  # the optimiser needs numbers near 1
@@ -74,7 +74,7 @@ def mixed_effects(a: Sample, b: Sample, gaps: Array) -> Difference | None:
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")  # `converged` says it too; a variance of zero between conditions is no failure
         try:
-            fit = MixedLM((np.array(y) - np.mean(y)) / unit, X, groups).fit(reml=True)
+            fit = library.MixedLM((np.array(y) - np.mean(y)) / unit, X, groups).fit(reml=True)
             estimate, se = unit * float(fit.fe_params[1]), unit * float(fit.bse_fe[1])
         except (np.linalg.LinAlgError, ValueError):
             return None

@@ -5,7 +5,7 @@ READY := $(VENV)/ready
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 unexport PYTHONDONTWRITEBYTECODE # each process would compile anew what the tests have changed, which takes 10 s
 
-.PHONY: reproduce-all test test-kernels test-browser test-package test-slurm net setup check docs lock dist
+.PHONY: reproduce-all test test-kernels test-browser test-package test-slurm net setup check docs lock dist pictures release
 
 reproduce-all: $(READY)
 	$(BIN)/snakemake reproduce-all
@@ -32,6 +32,15 @@ test-package: $(READY)
 dist: $(READY)
 	rm -rf dist
 	$(BIN)/python -m build --no-isolation --outdir dist
+
+# The pictures that README.md opens with, from the results of the default campaign (Debian: apt-get install chromium).
+pictures: reproduce-all
+	$(BIN)/python docs/make_pictures.py
+
+# All that a release has, in dist/: wheel, sdist, the page of the default campaign, the documentation, checksums. It needs
+# no network, attaches nothing, and says what does.
+release: dist docs reproduce-all
+	$(BIN)/python docs/make_release.py
 
 # The documentation site in build/docs, without a network. Warnings are errors, and every link is followed.
 docs: $(READY)

@@ -4,7 +4,7 @@ jobs of a campaign call: their numbers are those of its tables."""
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import polars as pl
@@ -19,7 +19,7 @@ from osl_analysis.commands.gains import requested_gains
 from osl_analysis.commands.trials import checked_trial
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
 from osl_analysis.errors import InputError, listing, nearest
-from osl_analysis.figures import drawing_of
+from osl_analysis.figures import drawing_of, drawn
 from osl_analysis.files import config_here, shipped
 from osl_analysis.ingest.raw_files import FORMATS, read_source
 from osl_analysis.judge.doubts import marked, with_doubts_of
@@ -28,10 +28,13 @@ from osl_analysis.judge.table import Commanded, DoubtfulFits, QualityRules
 from osl_analysis.model.compensator import Weight
 from osl_analysis.model.parameters import joint_of
 from osl_analysis.table import read_table as read_table
+from osl_analysis.table import to_pandas as to_pandas
 from osl_analysis.trial import Trial
 from osl_analysis.trial import read_trial as read_trial
 
 if TYPE_CHECKING:
+    import pandas
+
     from osl_analysis.figures.style import NotebookFigure
 
 File = str | Path
@@ -140,6 +143,10 @@ class Response:
     table: pl.DataFrame
     models: pl.DataFrame
     plotted: pl.DataFrame
+
+    def to_pandas(self) -> "pandas.DataFrame":
+        """`table` as a pandas data frame."""
+        return to_pandas(self.table)
 
 
 def frequency_response(
@@ -262,14 +269,6 @@ def read_summary(folder: File = "results") -> pl.DataFrame:
     no summary, or it is damaged."""
     numbers = tables_of_campaign.read_summary(Path(folder, "summary.json"))["numbers"]
     return pl.DataFrame([{"quantity": name, **entry} for name, entry in numbers.items()], infer_schema_length=None)
-
-
-def drawn(name: str, table: pl.DataFrame) -> "NotebookFigure":
-    from osl_analysis.figures.style import NotebookFigure  # matplotlib takes half a second
-
-    figure = drawing_of(name).draw(table)
-    figure.__class__ = NotebookFigure
-    return cast(NotebookFigure, figure)
 
 
 def plot_torque(fit: Fit) -> "NotebookFigure":

@@ -6,13 +6,16 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import polars as pl
 
 from osl_analysis.errors import InputError
 from osl_analysis.files import atomic_path
 from osl_analysis.refusal import check_not_refused
+
+if TYPE_CHECKING:
+    import pandas
 
 SUFFIX = ".zip"  # Of an archive of several tables.
 TEXT_COLUMNS = (
@@ -126,3 +129,10 @@ def finite_or_null(row: Mapping[str, Any]) -> dict[str, Any]:
         key: None if isinstance(value, float) and not math.isfinite(value) else value for key, value in row.items()
     }
     return {key: finite_or_null(value) if isinstance(value, Mapping) else value for key, value in finite.items()}
+
+
+def to_pandas(table: pl.DataFrame) -> "pandas.DataFrame":
+    """A table as a pandas data frame, null as NaN or None. The method of polars needs pyarrow."""
+    import pandas as pd  # 0.3 s
+
+    return pd.DataFrame({one.name: one.to_numpy() if one.dtype.is_numeric() else one.to_list() for one in table})

@@ -1,6 +1,7 @@
 """The configuration: what is wrong in it is one line, and the simulator follows it."""
 
 import json
+import sys
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal
 from unittest.mock import Mock
@@ -243,6 +244,15 @@ def test_clocks_that_two_source_files_do_not_align_and_a_plate_that_no_capture_h
 def test_settings_at_their_bounds_and_two_dates_are_allowed(in_root):
     own = {"walking": {"window_s": 0.2}, "recorded": "2026-03-14 to 2026-03-16"}
     started(overriding(SHIPPED, own | {"doubtful": {"belt": {"above": {"VAF": None}}}}))
+
+
+def test_a_simulation_without_its_libraries_is_refused_before_any_job_but_where_all_is_recorded(monkeypatch, in_root):
+    monkeypatch.setitem(sys.modules, "ezc3d", None)
+    monkeypatch.setattr(Path, "exists", lambda path: path.suffix != ".c3d")
+    with pytest.raises(InputError, match=r"the simulator needs ezc3d, .*; pip install 'osl-analysis\[simulator\]'$"):
+        started(SHIPPED)
+    monkeypatch.setattr(Path, "exists", lambda _: True)
+    started(SHIPPED)
 
 
 def started(content):

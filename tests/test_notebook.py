@@ -1,9 +1,12 @@
 """`import osl_analysis as osl`: the numbers of a campaign's tables, results that cannot change, errors of one line."""
 
+import base64
 import importlib.util
+import math
 import pickle
 from dataclasses import FrozenInstanceError, replace
 from functools import cache
+from html import escape
 
 import matplotlib as mpl
 import numpy as np
@@ -192,12 +195,30 @@ def test_text_and_page_of_a_fit_say_interval_unit_and_doubts_and_run_no_script_o
     doubtful = osl.fit_impedance(bench_trial("friction"), config=short)
     assert "is Coulomb friction and not damping" in doubtful.doubtful
     assert f"doubtful: {doubtful.doubtful}" in repr(doubtful)
-    assert "Doubtful: " in doubtful._repr_html_()
+    shown = doubtful._repr_html_()
+    for doubt in doubtful.doubtful.split("; "):  # cause, size and remedy
+        assert f"<li>{escape(doubt)}</li>" in shown
+    low, high = doubtful.B_interval
+    digits = 1 - math.floor(math.log10((high - low) / 2))  # two of the half width
+    b, low, high = (f"{number:.{digits}f}" for number in (doubtful.B, low, high))
+    assert f"<tr><td>B</td><td>{b}</td><td>{low} to {high}</td><td>N·m·s/rad</td></tr>" in shown
+    picture = base64.b64decode(shown.partition("data:image/png;base64,")[2].partition('"')[0])
+    assert (picture[:4], int.from_bytes(picture[16:20])) == (b"\x89PNG", 716)
+    assert "<img" not in replace(doubtful, series=doubtful.series.clear())._repr_html_()
     fit = osl.fit_transmission(replace(bench_trial("transmission"), name="<script>a\x1b[2J</script>"), short)
-    page, (low, high) = fit._repr_html_(), fit.B_j_interval
+    page = fit._repr_html_()
     assert "oubtful" not in repr(fit) + page
-    assert f"<td>B_j</td><td>{fit.B_j:.5g}</td><td>{low:.5g} to {high:.5g}</td><td>N·m·s/rad</td>" in page
+    assert f"<summary>Not checked: {len(fit.not_checked.splitlines())}</summary>" in page
     assert ("<script" in page, "&lt;script&gt;" in page, "\x1b" in page + repr(fit)) == (False, True, False)
+
+
+def test_a_result_is_a_table_of_pandas_without_pyarrow(short):
+    fit = osl.fit_impedance(bench_trial("any motion"), config=short)
+    frame = fit.to_pandas()
+    assert (list(frame.columns), frame["K"].iloc[-1]) == (fit.table.columns, fit.K)
+    made = osl.to_pandas(pl.DataFrame({"a": [1, None], "b": ["x", None], "c": [True, False]}))
+    assert [str(dtype) for dtype in made.dtypes[["a", "c"]]] == ["float64", "bool"]
+    assert (made["a"].isna().to_list(), made["b"].isna().to_list()) == ([False, True], [False, True])
 
 
 def test_a_figure_shows_itself_in_the_style_of_the_paper_and_a_result_cannot_be_changed(tmp_path, short):

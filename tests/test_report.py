@@ -10,6 +10,7 @@ import zlib
 from dataclasses import replace
 from html.parser import HTMLParser
 from importlib import import_module
+from importlib.metadata import version
 from itertools import pairwise
 
 import numpy as np
@@ -367,6 +368,19 @@ def test_every_equation_of_the_method_leads_to_its_function():
 def test_the_page_of_functions_finds_every_function_that_it_names(site):
     names = re.findall(r":: ([\w.]+)", site["pages"].functions_page())
     assert {f"osl_analysis.{name}" for part in site["pages"].FUNCTIONS.values() for name in part} <= set(names)
+
+
+def test_the_pictures_of_the_readme_are_of_this_version_and_configuration_and_of_this_page(in_root, monkeypatch):
+    monkeypatch.syspath_prepend(ROOT / "docs")
+    pictures = import_module("make_pictures")
+    of_now = pictures.sources()
+    assert {name: pictures.taken(ROOT / "docs" / name) for name in of_now} == of_now, "run `make pictures`"
+    monkeypatch.setattr(pictures, "default_config", lambda: ROOT / "config/campaigns/excitations/config.yaml")
+    assert not pictures.sources().items() & of_now.items(), "another configuration"
+    readme = (ROOT / "README.md").read_text()
+    assert f"osl_analysis-{version('osl-analysis')}-py3-none-any.whl" in readme
+    assert [name for name in of_now if f"](docs/{name})" not in readme.partition("\n## ")[0]] == []
+    assert len(readme.splitlines()) <= 150
 
 
 IMPERFECTIONS = (ROOT / "docs/bench_validation.md").read_text(encoding="utf-8")

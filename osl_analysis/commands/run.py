@@ -5,12 +5,13 @@ import platform
 import shutil
 from collections.abc import Iterator, Sequence
 from importlib.metadata import PackageNotFoundError, version
+from importlib.util import find_spec
 from itertools import pairwise
 from pathlib import Path
 
 from osl_analysis.campaign.campaign import Campaign, check_campaign, open_campaign
 from osl_analysis.campaign.configuration import read_config
-from osl_analysis.errors import EXTRAS, InputError, OslAnalysisError, nearest
+from osl_analysis.errors import EXTRAS, InputError, OslAnalysisError, nearest, not_installed
 from osl_analysis.files import CAMPAIGN, check_working_folder, root, shipped
 from osl_analysis.ingest.raw_files import check_clocks, check_plates, read_source
 from osl_analysis.yaml_settings import read_mapping
@@ -80,8 +81,12 @@ def looked_at(folder: Path) -> Iterator[tuple[str, str, str]]:
 
 
 def check_start(opened: Campaign) -> None:
-    """Refuse, before any job, what `check_campaign` does, and source files that are wrong or do not fit captures."""
+    """Refuse, before any job, what `check_campaign` does, source files that are wrong or do not fit captures, and
+    to simulate without the libraries of the simulator."""
     check_campaign(opened)
+    if opened.config.simulation and not all(log.exists() for trial in opened.trials() for log in opened.logs(trial)):
+        for library in (name for name, extra in EXTRAS.items() if extra == "simulator" and find_spec(name) is None):
+            raise not_installed("the simulator", library)
     config, groups = opened.config, dict[tuple[Path, ...], list[str]]()
     on_plate = () if config.walking.by_log else opened.trials("walking", "plate")
     for trial in (*on_plate, *opened.trials()):

@@ -263,9 +263,9 @@ def swarm_offsets(heights: Array, width: float, inches: float, reach: float) -> 
 class NotebookFigure(Figure):
     """A matplotlib `Figure` that a notebook shows without `pyplot`, and saves in the style of the paper."""
 
-    def _repr_png_(self) -> bytes:
+    def _repr_png_(self, dpi: int = 150) -> bytes:
         page = BytesIO()
-        self.savefig(page, format="png", dpi=150)
+        self.savefig(page, format="png", dpi=dpi)
         return page.getvalue()
 
     def savefig(self, fname: Any, **kwargs: Any) -> None:

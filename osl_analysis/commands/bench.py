@@ -1,14 +1,12 @@
 """The fits of bench trials, the same at every door: workflow, command line, `watch`, notebooks; the benches' jobs."""
 
 import json
-from base64 import b64encode
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from html import escape
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import polars as pl
 
@@ -37,22 +35,17 @@ from osl_analysis.bench.settings import (
 )
 from osl_analysis.campaign.configuration import Config, read_section
 from osl_analysis.config.experiments import EXPERIMENTS, FitJob
-from osl_analysis.errors import InputError, nearest, printable, printable_lines
-from osl_analysis.figures import drawn
+from osl_analysis.errors import InputError, nearest, printable_lines
 from osl_analysis.files import default_config, shipped
-from osl_analysis.judge.doubts import marked, not_checked_of, plausible, reasons_in
+from osl_analysis.judge.doubts import marked, not_checked_of, plausible
 from osl_analysis.judge.recording import check_recording, saturated
 from osl_analysis.judge.table import DoubtfulFits
 from osl_analysis.model.compensator import Weight
 from osl_analysis.model.drivetrain_response import Controller
 from osl_analysis.model.parameters import FileOrNone, known_parameters, read_parameters
-from osl_analysis.report.headlines import decimals, fixed
-from osl_analysis.table import finite_or_null, read_table, to_pandas, write_table
+from osl_analysis.table import finite_or_null, read_table, write_table
 from osl_analysis.trial import Trial, read_trial
 from osl_analysis.yaml_settings import read_mapping
-
-if TYPE_CHECKING:
-    import pandas
 
 
 def fit_belt_trial(trial: Trial, parameters: FileOrNone, settings: BeltAnalysis) -> Mapping[str, pl.DataFrame]:
@@ -305,38 +298,6 @@ class Fit:
     def __repr__(self) -> str:
         estimates = f"{self.experiment}, {estimates_text(self.table.tail(1))}"
         return printable_lines("\n".join(filter(None, [estimates, self.not_checked])))
-
-    def _repr_html_(self) -> str:
-        """The fit to all data for a notebook: estimates, doubts with remedies, what is not checked, and the torque, in
-        the notebook's own colours. Text of the recording is escaped."""
-        row, rows = self.row, []
-        for name in estimated(row):
-            low, high = (row.get(f"{name}_{end}") for end in ("low", "high"))
-            digits = decimals(row[name], low, high, None)
-            cells = ["–" if cell is None else fixed(cell, digits) for cell in (row[name], low, high)]
-            unit = UNIT_OF.get(name, "")
-            rows.append(f"<tr><td>{name}</td><td>{cells[0]}</td><td>{cells[1]} to {cells[2]}</td><td>{unit}</td></tr>")
-        quality = f": VAF {row['VAF']:.2f} %" if row.get("VAF") is not None else ""
-        head = "<tr><th></th><th>estimate</th><th>95 % interval</th><th>unit</th></tr>"
-        shown = [f"<p><b>{self.experiment}</b>, {as_html(self.trial)}{quality}</p><table>{head}{''.join(rows)}</table>"]
-        if doubts := [text for _, text, _ in reasons_in(self.doubtful)]:
-            shown.append(f"<p><b>Doubtful:</b></p><ul>{''.join(f'<li>{as_html(text)}</li>' for text in doubts)}</ul>")
-        if lines := self.not_checked.splitlines():
-            said = "".join(f"<li>{as_html(line.removeprefix('not checked: '))}</li>" for line in lines)
-            shown.append(f"<details><summary>Not checked: {len(lines)}</summary><ul>{said}</ul></details>")
-        if not self.series.is_empty():
-            picture = b64encode(drawn("torque", self.series)._repr_png_(100)).decode()
-            said = "Measured and fitted torque over time, above the residual"
-            shown.append(f'<img alt="{said}" style="max-width: 100%" src="data:image/png;base64,{picture}">')
-        return f"<div>{''.join(shown)}</div>"
-
-    def to_pandas(self) -> "pandas.DataFrame":
-        """`table` as a pandas data frame."""
-        return to_pandas(self.table)
-
-
-def as_html(text: str) -> str:
-    return escape(printable(text))
 
 
 def job_of(experiment: str) -> FitJob:

@@ -7,15 +7,10 @@ its test. Captions are said by the words of `names.py`.
 from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, cast
-
-import polars as pl
+from typing import Any, NamedTuple
 
 from osl_analysis.dictionary import described_tables, own_yaml
 from osl_analysis.errors import InputError
-
-if TYPE_CHECKING:
-    from osl_analysis.figures.style import NotebookFigure
 
 
 class CampaignFigure(NamedTuple):
@@ -53,12 +48,3 @@ def drawing_of(name: str) -> Any:
     if name not in known:
         raise InputError(f"no figure '{name}'; there are {', '.join(known)}")
     return getattr(import_module(f"osl_analysis.figures.{known[name]}"), name.upper())
-
-
-def drawn(name: str, table: pl.DataFrame) -> "NotebookFigure":
-    """A figure of these numbers that a notebook shows."""
-    from osl_analysis.figures.style import NotebookFigure  # matplotlib takes half a second
-
-    figure = drawing_of(name).draw(table)
-    figure.__class__ = NotebookFigure
-    return cast(NotebookFigure, figure)

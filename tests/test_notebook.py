@@ -198,10 +198,11 @@ def test_text_and_page_of_a_fit_say_interval_unit_and_doubts_and_run_no_script_o
     shown = doubtful._repr_html_()
     for doubt in doubtful.doubtful.split("; "):  # cause, size and remedy
         assert f"<li>{escape(doubt)}</li>" in shown
-    low, high = doubtful.B_interval
-    digits = 1 - math.floor(math.log10((high - low) / 2))  # two of the half width
-    b, low, high = (f"{number:.{digits}f}" for number in (doubtful.B, low, high))
-    assert f"<tr><td>B</td><td>{b}</td><td>{low} to {high}</td><td>N·m·s/rad</td></tr>" in shown
+    for name, unit in (("K", "N·m/rad"), ("B", "N·m·s/rad"), ("offset", "N·m")):
+        low, high = getattr(doubtful, f"{name}_interval")
+        digits = max(1 - math.floor(math.log10((high - low) / 2)), 0)  # two of the half width
+        value, low, high = (f"{number:.{digits}f}" for number in (getattr(doubtful, name), low, high))
+        assert f"<tr><td>{name}</td><td>{value}</td><td>{low} to {high}</td><td>{unit}</td></tr>" in shown
     picture = base64.b64decode(shown.partition("data:image/png;base64,")[2].partition('"')[0])
     assert (picture[:4], int.from_bytes(picture[16:20])) == (b"\x89PNG", 716)
     assert "<img" not in replace(doubtful, series=doubtful.series.clear())._repr_html_()
@@ -216,8 +217,9 @@ def test_a_result_is_a_table_of_pandas_without_pyarrow(short):
     fit = osl.fit_impedance(bench_trial("any motion"), config=short)
     frame = fit.to_pandas()
     assert (list(frame.columns), frame["K"].iloc[-1]) == (fit.table.columns, fit.K)
-    made = osl.to_pandas(pl.DataFrame({"a": [1, None], "b": ["x", None], "c": [True, False]}))
-    assert [str(dtype) for dtype in made.dtypes[["a", "c"]]] == ["float64", "bool"]
+    table = pl.DataFrame({"a": [1, None], "b": ["x", None], "c": [True, False], "d": [None, None]})
+    made = osl.to_pandas(table.cast({"d": pl.Float64}))
+    assert [str(made.dtypes[name]) for name in ("a", "c", "d")] == ["float64", "bool", "float64"]
     assert (made["a"].isna().to_list(), made["b"].isna().to_list()) == ([False, True], [False, True])
 
 

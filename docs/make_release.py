@@ -19,7 +19,8 @@ def missing(version: str) -> list[str]:
     tag, found = f"v{version}", []
     if said("git", "status", "--porcelain"):
         found.append("there are changes that are not committed; commit them and run again")
-    if (at := said("git", "rev-list", "-1", tag)) != said("git", "rev-parse", "HEAD"):
+    at = said("git", "rev-list", "-1", tag)
+    if not at or at != said("git", "rev-parse", "HEAD"):
         found.append(f"{'the tag is of another commit' if at else 'there is no tag'}; git tag --annotate {tag}")
     if not said("git", "remote"):
         found.append("there is no remote; git remote add origin ADDRESS, and git push --tags")

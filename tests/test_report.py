@@ -12,6 +12,7 @@ from html.parser import HTMLParser
 from importlib import import_module
 from importlib.metadata import version
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import polars as pl
@@ -381,6 +382,23 @@ def test_the_pictures_of_the_readme_are_of_this_version_and_configuration_and_of
     assert f"osl_analysis-{version('osl-analysis')}-py3-none-any.whl" in readme
     assert [name for name in of_now if f"](docs/{name})" not in readme.partition("\n## ")[0]] == []
     assert len(readme.splitlines()) <= 150
+
+
+def test_a_release_has_the_demo_report_and_checksums_of_all_and_says_what_attaches_it(tmp_path, monkeypatch, capsys):
+    monkeypatch.syspath_prepend(ROOT / "docs")
+    monkeypatch.chdir(tmp_path)
+    wheel, page = "osl_analysis-9.8.7-py3-none-any.whl", "osl-analysis-9.8.7-demo-report.html"
+    written = {f"dist/{wheel}": "w", "results/report.html": "page", "build/docs/index.html": "d", "pyproject.toml": ""}
+    for name, text in written.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(text)
+    import_module("make_release").main()
+    sums = dict(line.split("  ")[::-1] for line in Path("dist/SHA256SUMS").read_text().splitlines())
+    assert sums.keys() == {wheel, page, "osl-analysis-9.8.7-docs.zip"}
+    assert sums[page] == hashlib.sha256(b"page").hexdigest()
+    said = capsys.readouterr().out
+    assert ("there is no tag; git tag --annotate v9.8.7" in said, "gh release create v9.8.7 " in said) == (True, True)
+    assert "has no [project.urls]" in said
 
 
 IMPERFECTIONS = (ROOT / "docs/bench_validation.md").read_text(encoding="utf-8")

@@ -15,6 +15,11 @@ EXACT_FIT_SHARE = 1e-24
 depends on the processor's kernels; nothing may depend on which."""
 
 
+def significant(value: float, digits: int = 2) -> str:
+    """A number with so many significant digits for a sentence: -720 and 0.00012, never -7.2e+02."""
+    return np.format_float_positional(value, digits, unique=False, fractional=False, trim="-")
+
+
 def check_finite(name: str, values: ArrayLike, limit: float = 1e30, least: float = 0.0) -> None:
     """Refuse numbers, of any shape, of which one is not finite or beyond the limit, or all are below `least` without
     being 0 throughout. `name` is for the message."""

@@ -179,7 +179,7 @@ def test_what_was_not_checked_is_said_with_the_number_of_trials(tmp_path):
     table = pl.DataFrame(rows, ["trial", "amplitude_deg", "K", "not_checked"], orient="row").with_columns(B=5.0, I=0.02)
     found = findings(pl.DataFrame(schema=["check", "verdict"]), {"impedance": marked(table, Doubt(), "impedance")})
     assert found[0]["line"] == "not checked, 2 of 3 impedance trials: K: no file [a, b]"
-    taken = "each ms of delay would take 0.2 to 0.3 N*m*s/rad off B = 5 and 0.005 kg*m^2 off I = 0.02"
+    taken = "unseen. Each ms of delay would take 0.2 to 0.3 N*m*s/rad off B = 5 and 0.005 kg*m^2 off I = 0.02"
     assert taken in found[1]["says"]
 
 

@@ -193,7 +193,7 @@ def test_gains_are_those_of_the_command_with_weight_and_device_of_the_configurat
 
 def test_text_and_page_of_a_fit_say_interval_unit_and_doubts_and_run_no_script_of_a_name(short):
     doubtful = osl.fit_impedance(bench_trial("friction"), config=short)
-    assert "is Coulomb friction and not damping" in doubtful.doubtful
+    assert "part of what reads as damping is friction" in doubtful.doubtful
     assert f"doubtful: {doubtful.doubtful}" in repr(doubtful)
     shown = doubtful._repr_html_()
     for doubt in doubtful.doubtful.split("; "):  # cause, size and remedy

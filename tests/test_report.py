@@ -33,6 +33,7 @@ from osl_analysis.campaign.campaign import ABOUT_MEANING, sentence
 from osl_analysis.cli import main
 from osl_analysis.commands import report
 from osl_analysis.dictionary import described_tables
+from osl_analysis.judge.doubts import CAUSES
 from osl_analysis.refusal import Refusal
 from osl_analysis.report import panels, trial_page
 from osl_analysis.report.headlines import COUNT
@@ -157,6 +158,7 @@ def test_signals_are_thinned_out_for_a_small_page_which_says_so_and_keeps_the_en
 
 def test_verdicts_and_counts_sorting_by_the_unrounded_value_and_conditions_that_differ():
     checks = pl.DataFrame({"trial": ["e"], "check": ["gap"], "verdict": ["flag"], "remark": ["torque"]})
+    checks = checks.with_columns(value=0.095, threshold=pl.lit("0.05 s"))
     trials = [
         trial("a"), trial("e", quality=checks), trial("b", "VAF 3 is below 90", quality=checks),
         trial("c", left_out=["gap 1 s"]), trial("d", left_out=["x"], refused=True),
@@ -165,7 +167,7 @@ def test_verdicts_and_counts_sorting_by_the_unrounded_value_and_conditions_that_
     assert content["counts"] == dict.fromkeys(("used", "flagged", "doubtful", "excluded", "refused"), 1)
     assert [row["verdict"] for row in content["trials"]] == list(content["counts"])
     _, flagged, doubtful, *_ = content["trials"]
-    assert flagged["doubt"].startswith("gap in the recording: torque. look for a")
+    assert re.match("gap in the recording: samples .* used: 0.095 s, torque. look for a", flagged["doubt"])
     assert doubtful["doubt"] == "all amplitudes: VAF 3 is below 90"
     number = {"sort": "299.5123", "text": "299.5", "interval": "[299.2, 299.8]", "column": "K"}
     assert (doubtful["numbers"][1], [one["name"] for one in content["left_out"]]) == (number, ["c", "d"])
@@ -176,18 +178,21 @@ def test_verdicts_and_counts_sorting_by_the_unrounded_value_and_conditions_that_
 
 
 def test_doubts_are_split_and_explained_and_say_whether_they_are_about_the_whole_trial():
-    friction = "friction: it does. Use this [odd_harmonics 0.291 is above 0.25, coulomb_share 1.03 is above 0.5]"
+    friction = f"friction: {CAUSES['friction'].says}: without it B is 1.05. Use this"
+    friction += " [odd_harmonics 0.291 is above 0.25, coulomb_share 1.03 is above 0.5]"
     part, whole = "R2 0.1 is below 0.9", f"{friction}; R2 is not a number"
     table = fitted_rows().with_columns(doubtful=pl.Series([part, whole]))
     cell = f"x 2 is above 1; impedance.csv: {part}; impedance.csv: VAF 3 is below 90"
     phasors = pl.DataFrame({"amplitude_deg": [2.0], "frequency_hz": [3.0], "doubtful": [cell]})
     found = trial_page.doubts_of({"impedance": table, "phasors": phasors}, {"impedance": IMPEDANCE})
-    assert [(one["where"], one["of"], one["text"]) for one in found] == [
-        ("4 deg", "part", part), ("all amplitudes", "all", friction),
-        ("all amplitudes", "all", "R2 is not a number"), ("phasors.csv, 2 deg, 3 Hz", "other", "x 2 is above 1"),
+    assert [(one["where"], one["of"], one["says"]) for one in found] == [
+        ("4 deg", "part", part), ("all amplitudes", "all", CAUSES["friction"].says),
+        ("all amplitudes", "all", "R2 is not a number"), ("phasors, 2 deg, 3 Hz", "other", "x 2 is above 1"),
     ]  # fmt: skip
-    said = [f"{name} is {IMPEDANCE.columns[name].meaning}" for name in ("odd_harmonics", "coulomb_share", "R2")]
-    assert [one["meaning"] for one in found] == [said[2], "; ".join(said[:2]), said[2], ""]
+    assert [found[1][name] for name in ("cause", "size", "remedy")] == ["friction", "without it B is 1.05", "Use this"]
+    said = [IMPEDANCE.columns[name].meaning for name in ("odd_harmonics", "coulomb_share")]
+    limits = ("odd_harmonics", "0.291", "above 0.25"), ("coulomb_share", "1.03", "above 0.5")
+    assert found[1]["numbers"] == [[*limit, meaning] for limit, meaning in zip(limits, said, strict=True)]
 
 
 def test_provenance_says_file_hash_channel_and_conversion():

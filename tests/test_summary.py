@@ -51,14 +51,21 @@ def test_a_fit_is_doubtful_for_every_limit_that_it_passes_and_says_which():
 def test_a_doubt_begins_with_its_cause_and_a_misfit_that_this_explains_is_no_doubt_of_its_own():
     row = {"coulomb_share": 0.6, "VAF": 80.0, "odd_harmonics": 0.3}
     said = doubts(row, {"coulomb_share": 0.5, "odd_harmonics": 0.25}, {"VAF": 90})
-    assert said.startswith("friction: it does not grow with the motion")
-    assert "60 % of B is Coulomb friction and not damping" in said
+    assert said.startswith("friction: part of what reads as damping is friction, so that B ")
+    assert "amplitude: it is 60 % of the damping, odd harmonics, which damping does not make, are 30 % of" in said
+    sized = doubts(row | {"B": 2.264, "B_viscous": 1.0465, "f_C": 1.4}, {"coulomb_share": 0.5}, {"VAF": 90})
+    whole = (
+        "B is 1.05 N*m*s/rad without friction and 2.26 with it, friction is 1.4 N*m. Use the damping without friction ["
+    )
+    assert (f"amplitude: {whole}" in sized, sized.count(";")) == (True, 0), "in units of B, and once"
+    assert "friction makes 1.4 N*m*s/rad of B = 2.26" in doubts(row | {"B": 2.264}, {"coulomb_share": 0.5}, {})
     assert said.endswith("[coulomb_share 0.6 is above 0.5, odd_harmonics 0.3 is above 0.25, VAF 80 is below 90]")
-    assert doubts(row, {}, {"VAF": 90}).startswith("model that does not fit: ")
+    alone = doubts(row, {}, {"VAF": 90})
+    assert re.match("model that does not fit: .* it explains 80 % of the torque's variance. Look at", alone)
     assert "single amplitudes" not in said, "there are none"
     rows = pl.DataFrame({"trial": "a", "amplitude_deg": [2.0, None], "coulomb_share": [0.1, 0.6], "VAF": [80.0, 95.0]})
     said = marked(rows, Doubt(above={"coulomb_share": 0.5}, below={"VAF": 90}), "impedance")["doubtful"].to_list()
-    assert all("Use the rows of single amplitudes, or the damping" in text for text in said)
+    assert all("Use the damping without friction, or the fits to single amplitudes" in text for text in said)
 
 
 def test_a_fault_of_the_recording_that_one_amplitude_alone_shows_accuses_nobody():
@@ -77,7 +84,7 @@ def test_what_was_not_checked_has_a_row_each_and_a_certainly_negative_inertia_ha
     row = {"trial": "a", "K": 300.0, "B": 5.0, "I": -0.02, "I_high": -0.01}
     row |= {"not_checked": "K: no file; frame: no file; whether the torque is late: unseen"}
     line = not_checked_line(marked(pl.DataFrame([row]), Doubt(), "impedance"))
-    begins = "NOT CHECKED: K, frame (no file); whether the torque is late (unseen, each ms of delay would "
+    begins = "NOT CHECKED: K, frame (no file); whether the torque is late (unseen. Each ms of delay would "
     assert line.startswith(begins)
     assert "0.3 N*m*s/rad off B = 5 and 0.005 kg*m^2 off I = -0.02" in line
     assert "; whether I is an inertia (it is certainly negative, as no mass is" in line
@@ -87,7 +94,7 @@ def test_what_was_not_checked_has_a_row_each_and_a_certainly_negative_inertia_ha
 
 
 def test_a_lag_at_the_end_of_those_that_were_tried_is_said_as_a_bound():
-    for lag, signal, said in ((-0.01, "angle", "10000 us or more"), (0.0101, "torque", "10100 us")):
+    for lag, signal, said in ((-0.01, "angle", "10 ms or more"), (0.0101, "torque", "10.1 ms")):
         row = {"lag_s": lag, "lag_share": 0.5, "lag_inertia_share": None, "band_high_hz": 5.0}
         assert f"a delay of the {signal} by {said} would explain it" in doubts(row, {"lag_share": 0.05}, {})
 
@@ -133,24 +140,35 @@ def test_gathered_tables_carry_the_mark_and_the_end_of_the_run_says_so(tmp_path)
 
 def test_causes_and_trials_are_counted_and_not_the_rows_that_inherit_them():
     """Two of three trials have friction, one of them in four rows of two tables; one has a doubt of its own beside."""
-    friction, late = "friction: it is [coulomb_share 0.6 is above 0.5]", "late torque: it is [lag_share 0.1]"
-    fit = pl.DataFrame({"trial": ["a", "a", "b", "c"], "doubtful": [friction, friction, f"{friction}; {late}", ""]})
+    says, late = judgements.CAUSES["friction"].says, "late torque: it is [lag_share 0.1]"
+    friction, more = (
+        f"friction: {says}: it is {x}. Use it [coulomb_share {x} is above 0.5, VAF 80 is below 90]" for x in (0.6, 0.7)
+    )
+    fit = pl.DataFrame({"trial": ["a", "a", "b", "c"], "doubtful": [more, friction, f"{more}; {late}", ""]})
     inherited = pl.DataFrame({"trial": ["a", "a", "c"], "doubtful": [friction, f"impedance.csv: {friction}", late]})
     found = findings(NO_CHECKS, {"impedance": fit, "phasors": inherited})
     counts = [(one["cause"], one["trials"], one["n"]) for one in found]
     assert counts == [("friction", ["a", "b"], 3), ("late torque", ["b"], 3), ("late torque", ["c"], 2)]
-    assert "3 impedance trials: friction: it does not grow" in found[0]["line"]
-    assert found[2]["of"] == "impedance trials, in phasors.csv alone"
+    line = f"2 of 3 impedance trials: friction: {says}: it is 0.7, most in b. Use the damping without friction [a, b]"
+    assert line in found[0]["line"], "the worst trial gives the size, each by the row of all of it"
+    assert (found[0]["measure"], found[0]["limit"]) == ("coulomb_share, VAF", "above 0.5, below 90")
+    assert found[2]["of"] == "impedance trials, in phasors alone"
     causes = judgements.CAUSES["friction"], judgements.CAUSES["late torque"]
     assert [one["remedy"] for one in found[:2]] == [causes[0].otherwise, causes[1].remedy]
 
 
 def test_a_check_that_flags_trials_is_said_with_its_cause_its_value_and_what_to_do():
-    checks = {"trial": ["a", "b"], "check": ["gap"] * 2, "value": [0.0, 0.095], "unit": ["s"] * 2}
+    checks = {
+        "trial": ["a", "b"],
+        "check": ["gap"] * 2,
+        "value": [0.0, 0.095],
+        "unit": ["s"] * 2,
+        "threshold": "0.05 s",
+    }
     table = pl.DataFrame(checks | {"verdict": ["pass", "flag"], "remark": ["", "torque"]})
     (said,) = findings_report(table, []).splitlines()
     assert said.startswith("flagged, 1 of 2 trials: gap in the recording: ")
-    assert "as 0.095 s in b (torque). Look for a recorder" in said
+    assert ": 0.095 s in b (torque). Look for a recorder" in said
     both = findings(table, {"belt": fits(doubtful=["", "x 2 is above 1"])})
     assert [one["verdict"] for one in both] == ["doubtful", "flagged"]
 

@@ -20,6 +20,7 @@ from osl_analysis.bench.record import Groups, Label, Record, Stratum, joint_angl
 from osl_analysis.bench.settings import ActuatorAnalysis, BeltAnalysis
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.judge.doubts import LATENESS, SIZED, check_changes, summary_of_trials
+from osl_analysis.measured import significant
 from osl_analysis.model.drivetrain import belt_deflection
 from osl_analysis.model.parameters import DrivetrainParameters
 from osl_analysis.signals import Motion, differentiate, filtered_motion, runs
@@ -301,8 +302,9 @@ def lateness_of(lag: effects.Fault | None, fit: GroupFit) -> Row:
     elif lag is not None and lag.possible * per_J_j < 0.1:
         share = 0.0
     else:
-        said = f"{LATENESS}: a late torque would look like less inertia{SIZED} {1e-3 * fit['B_j']:.2g} kg*m^2 off "
-        said += f"J_j = {fit['J_j']:.2g}, measure it by a `calibration` of this bench"
+        size, J_j = significant(1e-3 * fit["B_j"]), significant(fit["J_j"])
+        said = f"{LATENESS}: a late torque would look like less inertia{SIZED} {size} kg*m^2 off J_j = {J_j}. "
+        said += "Measure it by a `calibration` of this bench"
     size, se = (lag.size, lag.se) if lag else (None, None)
     return {"lag_s": size, "lag_se_s": se, "lag_inertia_share": share, "not_checked": said}
 

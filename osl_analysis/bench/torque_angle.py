@@ -19,6 +19,7 @@ from osl_analysis.bench.record import joint_angle
 from osl_analysis.bench.settings import NOT_STATED, TorqueAngleAnalysis
 from osl_analysis.errors import InputError
 from osl_analysis.judge.doubts import LATENESS, check_changes
+from osl_analysis.measured import significant
 from osl_analysis.signals.grid import UniformSignals, uniform_signals
 from osl_analysis.stats.fit_row import Row
 from osl_analysis.stats.regression import CONDITION_LIMIT, variance_accounted_for
@@ -426,8 +427,9 @@ def torque_angle_table(trial: TorqueAngleTrial, desired: str | None = None) -> p
         "desired_ratio": float(np.polyfit(wanted[both], middle[both], 1)[0]) if np.count_nonzero(both) > 2 else None,
     }
     if rate_change is None:
-        unseen = f"{LATENESS}: all cycles have one speed, each ms of delay would take {row['energy_per_ms']:.2g} J off "
-        unseen += f"energy_lost = {row['energy_lost']:.3g} and half as much off energy_stored, record it slower too"
+        taken, lost = significant(row["energy_per_ms"]), significant(row["energy_lost"], 3)
+        unseen = f"{LATENESS}: all cycles have one speed. Each ms of delay would take {taken} J off the {lost} J that "
+        unseen += "are lost and half as much off the energy stored. Record it slower too"
         row["not_checked"] = "; ".join(filter(None, [str(row["not_checked"] or ""), unseen]))
     texts = dict.fromkeys(("interval_method", "desired", "not_checked"), pl.String)
     empty = {name: texts.get(name, pl.Float64) for name, value in row.items() if value is None}
@@ -479,8 +481,7 @@ def zero_row(trial: TorqueAngleTrial, widest: float) -> Row:
     reasons, torque_range, middle = [], float(np.ptp(torque)), None
     if trial.facts["smaller_cycles"]:
         reasons.append(
-            "smaller_cycles, whole but smaller than the largest, are not analysed: record each amplitude as its own "
-            "trial"
+            "cycles that are smaller than the largest: they are not analysed. Record each amplitude as its own trial"
         )
     if angle[0] <= rest <= angle[-1]:
         one, other = (float(np.interp(rest, angle, curve["torque"].to_numpy())) for curve in trial.curves)
@@ -490,8 +491,9 @@ def zero_row(trial: TorqueAngleTrial, widest: float) -> Row:
         left = widest > 0.02 * torque_range and abs(trial.zero) > 0.1 * widest
     if left and settings.zero != "none":
         reasons.append(
-            "whether the torque at rest is the load cell's offset or what hysteresis leaves in the device "
-            "(zero_off_middle): torque_min, torque_max, energy_stored and energy_returned depend on it"
+            "whether the torque at rest is the load cell's offset or what hysteresis leaves in the device: the "
+            f"largest torques depend on it, by {significant(abs(middle or trial.zero))} N*m, and so do the energies. "
+            "Record it at rest without load"
         )
     count = max(round(settings.rest_s * trial.uniform.rate_hz), 1)
     ends = np.concatenate([trial.bench_theta[:count], trial.bench_theta[-count:]])

@@ -8,13 +8,14 @@ explains, as a low VAF under friction, is no doubt of its own.
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 import polars as pl
 
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.judge.table import TABLE, Cause, Doubt, Judgement
-from osl_analysis.measured import check_measured, rms
+from osl_analysis.measured import check_measured, rms, significant
 from osl_analysis.model.parameters import DrivetrainParameters
 from osl_analysis.stats.repeats import summary_row
 from osl_analysis.trial import Array
@@ -97,21 +98,22 @@ def number_said(name: str, value: float, row: AnyRow) -> str:
     makes of B and I."""
     late, factor = "", suspected_unit(name, value, row) or known_factor(value, EVIDENCE[name].of)
     lag, of_damping, of_inertia = (cell_number(row, name) for name in ("lag_s", "lag_share", "lag_inertia_share"))
-    shares = [f"{100 * of_damping:.1f} % of B"] if of_damping is not None else []
-    shares += [f"{100 * of_inertia:.0f} % of {'J_j' if 'J_j' in row else 'I'}"] if of_inertia is not None else []
+    shares = [f"B by {significant(100 * of_damping)} %"] if of_damping is not None else []
+    inertia = "J_j" if "J_j" in row else "I"
+    shares += [f"{inertia} by {significant(100 * of_inertia)} %"] if of_inertia is not None else []
     if lag is not None and shares:
         makes = " and ".join(shares)
-        signal, size = "the angle" if lag < 0 else "the torque", f"{1e6 * abs(lag):.0f} us"
+        signal, size = "the angle" if lag < 0 else "the torque", f"{significant(1e3 * abs(lag), 3)} ms"
         if lag and abs(lag / 5e-3 - round(lag / 5e-3)) < 1e-6:  # the end of a range of delays that were tried
             size += " or more"
-        late = f"{signal} is late by {size}, which make {makes}"
+        late = f"{signal} is late by {size}, which moves {makes}"
         if turns_far(row):
-            late = f"a delay of {signal} by {size} would explain it, and make {makes}"
+            late = f"a delay of {signal} by {size} would explain it, and move {makes}"
     behind, per_ms, lost = (cell_number(row, name) or 0.0 for name in ("late_s", "energy_per_ms", "energy_lost"))
     loop, taken = "", 1e3 * behind * per_ms  # off the energy lost [J]
     if taken > 0:
         share = 100 * taken / abs(lost + taken)
-        loop = f"a torque late by {1e3 * behind:.2g} ms would make it so, and take {share:.0f} % off energy_lost"
+        loop = f"a torque late by {1e3 * behind:.2g} ms would make it so, and take {share:.0f} % off the energy lost"
     known, ends = "", [cell_number(row, one) or 0.0 for one in ("lag_s", "lag_s_high", "gain", "gain_high")]
     if name == "certain_lag_s":
         half = ends[1] - ends[0]
@@ -124,11 +126,12 @@ def number_said(name: str, value: float, row: AnyRow) -> str:
         known = f"{said}, divide the torque's `scale` by {ends[2]:.5g} and write `{row['to_state']}`"
     frame = " (state `bench_stiffness` in the configuration if the bench's frame yields)"
     return EVIDENCE[name].shows.format(
-        percent=f"{100 * abs(value):.3g} %",
-        value=f"{value:.3g}",
+        percent=f"{significant(100 * abs(value))} %",
+        value=significant(value, 3),
         moves=f"{'rises' if value > 0 else 'falls'} by {100 * abs(value):.0f} %",
         symbol=name.removesuffix("_ratio").removesuffix("_high"),
-        damping="B_j" if "B_j_viscous" in row else "B",
+        rubs=friction_said(row) or f"it is {significant(100 * abs(value))} % of the damping",
+        gap=damping_gap_said(row),
         factor=factor and f", {factor}",
         frame=frame if 0.5 < value < 1 else "",  # a frame that yields lowers K, and hardly to a half
         late=late,
@@ -138,6 +141,26 @@ def number_said(name: str, value: float, row: AnyRow) -> str:
         left_out_by=row.get("left_out_by"),
         row=row,
     )
+
+
+def friction_said(row: AnyRow) -> str:
+    """What friction makes of the damping, in units of the result; empty where that is not known."""
+    B, f_C = ("B_j", "T_C") if "B_j_viscous" in row else ("B", "f_C")
+    damping, viscous, friction, share = (cell_number(row, one) for one in (B, f"{B}_viscous", f_C, "coulomb_share"))
+    if damping is not None and viscous is not None and friction is not None:
+        without, all_of_it = significant(viscous, 3), significant(damping, 3)
+        return f"{B} is {without} N*m*s/rad without friction and {all_of_it} with it, friction is {friction:.2g} N*m"
+    if damping is not None and share:
+        return f"friction makes {significant(share * damping)} N*m*s/rad of {B} = {significant(damping, 3)}"
+    return ""
+
+
+def damping_gap_said(row: AnyRow) -> str:
+    """How far B is from what the gains should give."""
+    B, given, late = (cell_number(row, name) for name in ("B", "B_predicted", "B_gap_s"))
+    less = f"{significant(1e3 * (late or 0))} ms"
+    known = f"B is {significant(B, 3)} N*m*s/rad and not {significant(given, 3)}" if B and given else "B differs"
+    return f"{known}, as where the torque is late by {less}"
 
 
 def cause_in(name: str, value: float, row: AnyRow) -> Cause:
@@ -184,14 +207,11 @@ def doubts(row: AnyRow, found: Found, of_trial: Cause | None, single: bool) -> I
         cause = cause_in(name, found[name][0], row)
         by_cause.setdefault(misfit_by if misfit_by and EVIDENCE[name].misfit else cause, []).append(name)
     for cause, names in by_cause.items():
-        details = [number_said(name, found[name][0], row) for name in names]
+        said_of = [name for name in names if cause_in(name, found[name][0], row) is cause]  # of itself, not of a misfit
+        details = [friction_said(row)] * (cause.name == "friction")
+        details += [number_said(name, found[name][0], row) for name in said_of]
         if "yielding" in cause.name:
-            details.append(f"a spring of {cell_number(row, 'frame_stiffness'):.3g} N*m/rad in series would explain it")
-        B, f_C = ("B_j", "T_C") if "B_j_viscous" in row else ("B", "f_C")
-        viscous, friction = cell_number(row, f"{B}_viscous"), cell_number(row, f_C)
-        if cause.name == "friction" and viscous is not None and friction is not None:
-            words = f"without it {B} is {viscous:.3g} N*m*s/rad ({B}_viscous), and the friction is {friction:.2g} N*m"
-            details.append(f"{words} ({f_C})")
+            details.append(f"a spring of {significant(row['frame_stiffness'], 3)} N*m/rad in series would explain it")
         said = ": ".join(filter(None, [cause.says, ", ".join(dict.fromkeys(filter(None, details)))]))
         remedy = cause.remedy if single else cause.otherwise or cause.remedy
         how = ", ".join(found[name][1] for name in names)
@@ -245,13 +265,13 @@ def with_doubts_of(table: pl.DataFrame, fits: pl.DataFrame, limits: Doubt, name:
 
 # What could not be checked: "what: why" for each, with its size in units of the result.
 
-LATENESS, SIZED = "whether the torque is late", ", each ms of delay would take"
+LATENESS, SIZED = "whether the torque is late", ". Each ms of delay would take"
 EFFECTS: Mapping[str, str] = TABLE["effects"]  # what an effect of `bench.effects` is, for the column `explained_by`
 
 
 def size_of_lateness(of_B: str, B: str, of_I: str, I: str) -> str:
     taken = f"{SIZED} {of_B} N*m*s/rad off B = {B} and {of_I} kg*m^2 off I = {I}"
-    return f"{taken}, measure it by a `calibration` of this bench"
+    return f"{taken}. Measure it by a `calibration` of this bench"
 
 
 def with_size(row: AnyRow) -> str | None:
@@ -259,12 +279,11 @@ def with_size(row: AnyRow) -> str | None:
     items = str(row.get("not_checked") or "").split("; ")
     K, B, I = (cell_number(row, name) for name in "KBI")
     if K is not None and B is not None and I is not None:
-        size = size_of_lateness(f"{1e-3 * K:.2g}", f"{B:.3g}", f"{1e-3 * B:.2g}", f"{I:.2g}")
+        size = size_of_lateness(*map(significant, (1e-3 * K, B, 1e-3 * B, I)))
         items = [f"{item}{size}" if LATENESS in item else item for item in items]
     items += [
-        f"whether {name} is an inertia: it is certainly negative, as no mass is, because a drivetrain behind its gains "
-        "(docs/method.md#apparent-inertia), or a torque that is late, takes more off it than the joint has, use the "
-        "other estimates"
+        f"whether {name} is an inertia: it is certainly negative, as no mass is. A motor behind its gains takes so "
+        "much off it (the apparent inertia), and so does a torque that is late. Use the other estimates"
         for name in ("I", "J_j")
         if (cell_number(row, f"{name}_high") or 0.0) < 0
     ]
@@ -288,28 +307,53 @@ def not_checked_line(table: pl.DataFrame) -> str:
     return said and f"NOT CHECKED: {said}"
 
 
-def reasons_in(cell: str | None) -> Iterator[tuple[str, str, bool]]:
-    """The doubts of a cell of the column `DOUBTFUL`: the name of the cause, or the column where that is all that is
-    known; the text; and whether it is from another table of the same trial. One of a mean of phasors begins with that
-    which it is about."""
+class Reason(NamedTuple):
+    """A doubt of a cell of the column `DOUBTFUL`."""
+
+    cause: str  # its name, or the column where that is all that is known
+    text: str  # for a reader: cause, size and remedy
+    inherited: bool  # whether it is from another table of the same trial
+    beyond: tuple[tuple[str, str, str], ...] = ()
+    """What is beyond its limit: column, value, limit with its side, as ("VAF", "80", "below 90")."""
+
+    @property
+    def parts(self) -> tuple[str, str, str]:
+        """What is wrong, its size, and what to do; of an unknown column the text alone."""
+        if (known := CAUSES.get(self.cause)) is None:
+            return self.text, "", ""
+        size, _, remedy = self.text.partition(known.says)[2].removeprefix(": ").rpartition(". ")
+        return known.says, size, remedy
+
+    @property
+    def excess(self) -> float:
+        """By which factor the farthest of them is beyond its limit."""
+        pairs = ((float(value), float(limit.split()[-1])) for _, value, limit in self.beyond)
+        return max((max(abs(a / b), abs(b / a)) for a, b in pairs if a * b), default=0.0)
+
+
+def reasons_in(cell: str | None) -> Iterator[Reason]:
+    """The doubts of a cell of the column `DOUBTFUL`. One of a mean of phasors begins with that which it is about."""
     of_table = re.compile(r"\w+\.csv: ")
-    for text in (cell or "").split("; ") if cell else ():
+    for item in (cell or "").split("; ") if cell else ():
+        text = re.sub(r" \[[^\[]*\]$", "", item)
         own = of_table.sub("", re.sub(r"at \S+ deg: ", "", text, count=1), count=1)
         name = own.partition(": ")[0]
-        yield name if name in CAUSES else own.partition(" ")[0], text, bool(of_table.search(text))
+        cause = name if name in CAUSES else own.partition(" ")[0]
+        found = re.findall(r"(\w+) (\S+) is ((?:above|below) [^\s,\]]+)", item)
+        yield Reason(cause, of_table.sub("", text), bool(of_table.search(item)), tuple(found))
 
 
-def causes_by_trial(table: pl.DataFrame, of: pl.DataFrame | None = None) -> dict[object, dict[str, str]]:
-    """Per trial, or group, with a fit its causes of doubt, each with a text; without those that the table `of`, whose
-    doubts its rows share, has for the same trial."""
+def causes_by_trial(table: pl.DataFrame, of: pl.DataFrame | None = None) -> dict[object, dict[str, Reason]]:
+    """Per trial, or group, with a fit its causes of doubt, each as the last row that has it says it, which is that of
+    all of the trial; without those that the table `of`, whose doubts its rows share, has for the same trial."""
     known = {} if of is None else causes_by_trial(of)
     key = next((name for name in ("trial", "group") if name in table.columns), None)
-    found: dict[object, dict[str, str]] = {}
+    found: dict[object, dict[str, Reason]] = {}
     for number, row in enumerate(table.iter_rows(named=True)):
         if row[DOUBTFUL] is not None:
             trial = number if key is None else row[key]
-            causes = {cause: text for cause, text, _ in reasons_in(row[DOUBTFUL]) if cause not in known.get(trial, {})}
-            found[trial] = causes | found.get(trial, {})
+            causes = {one.cause: one for one in reasons_in(row[DOUBTFUL]) if one.cause not in known.get(trial, {})}
+            found[trial] = found.get(trial, {}) | causes
     return found
 
 

@@ -18,6 +18,7 @@ from osl_analysis.files import atomic_path
 from osl_analysis.judge import doubts
 from osl_analysis.judge.recording import CHECKS, judged_table
 from osl_analysis.judge.table import Cause, QualityRules
+from osl_analysis.measured import significant
 from osl_analysis.refusal import Refusal, distinct_causes, is_refused, read_refusals
 from osl_analysis.table import read_table
 
@@ -111,18 +112,21 @@ def without_excluded(inputs: Mapping[str, Any], reasons: Mapping[str, str]) -> d
 
 
 def finding(
-    verdict: str, of: str, cause: str, says: str, remedy: str, trials: Sequence[str], judged: Sequence[str]
-) -> dict[str, Any]:
+    verdict: str, of: str, cause: str, says: str, remedy: str, trials: Sequence[str], judged: Sequence[str],
+    size: str = "", limits: Mapping[str, str] | None = None,
+) -> dict[str, Any]:  # fmt: skip
     """One cause, or one thing that could not be checked, as `summary.json` has it: what was judged, as `impedance
-    trials`, the trials that it concerns and the number of all that were `judged`, and a `line` that says it."""
+    trials`, the trials that it concerns and the number of all that were `judged`, its `size` in the worst of them, a
+    `line` that says it, and the `limits` that are passed, by check or column, as `measure` and `limit`."""
     others = [trial for trial in judged if trial not in trials]
     few = len(others) <= MOST_NAMED < len(trials)
     names = others if few else trials
     more = ", ..." if len(names) > MOST_NAMED else ""
     named = f" [{'all but ' if few else ''}{', '.join(names[:MOST_NAMED])}{more}]" if others else ""
     what_to_do = f". {remedy[0].upper()}{remedy[1:]}" if remedy else ""
-    line = f"{verdict}, {len(trials)} of {len(judged)} {of}: {cause}: {says}{what_to_do}{named}"
-    said = {"verdict": verdict, "of": of, "cause": cause, "says": says, "remedy": remedy}
+    line = f"{verdict}, {len(trials)} of {len(judged)} {of}: {cause}: {says}{size and f': {size}'}{what_to_do}{named}"
+    said = {"verdict": verdict, "of": of, "cause": cause, "says": says, "size": size, "remedy": remedy}
+    said |= {"measure": ", ".join(limits or ()), "limit": ", ".join((limits or {}).values())}
     return {**said, "n": len(judged), "trials": list(trials), "line": line}
 
 
@@ -134,10 +138,11 @@ def findings(verdicts: pl.DataFrame, tables: Mapping[str, pl.DataFrame]) -> list
         own = verdicts.filter(pl.col("check") == name)
         if len(failed := own.filter(pl.col("verdict") == "flag")):
             row, cause = failed.row(0, named=True), check.cause
-            example = f"{cause.says}, as {row['value']:.4g} {row['unit']} in {row['trial']}"
-            example += f" ({row['remark']})" if row["remark"] else ""
+            size = f"{significant(row['value'], 3)} {row['unit']} in {row['trial']}"
+            size += f" ({row['remark']})" if row["remark"] else ""
             trials = [*failed["trial"]], [*own["trial"]]
-            flags.append(finding("flagged", "trials", cause.name, example, cause.remedy, *trials))
+            limit = {name: f"{check.fails} {row['threshold']}" if "threshold" in row else ""}
+            flags.append(finding("flagged", "trials", cause.name, cause.says, cause.remedy, *trials, size, limit))
     parts = ([*doubts_in(tables), *causes_of_misfit(tables)], flags, unchecked_in(tables))
     return [one for part in parts for one in sorted(part, key=lambda one: -len(one["trials"]))]
 
@@ -150,19 +155,21 @@ def doubts_in(tables: Mapping[str, pl.DataFrame]) -> Iterator[dict[str, Any]]:
             if doubts.DOUBTFUL not in tables.get(table, pl.DataFrame()).columns:
                 continue
             causes = doubts.causes_by_trial(tables[table], tables.get(of))
-            by_cause: dict[str, dict[str, str]] = {}
-            for trial, texts in causes.items():
-                for cause, text in texts.items():
-                    by_cause.setdefault(cause, {})[str(trial)] = text
+            by_cause: dict[str, dict[str, doubts.Reason]] = {}
+            for trial, reasons in causes.items():
+                for cause, reason in reasons.items():
+                    by_cause.setdefault(cause, {})[str(trial)] = reason
             judged = f"{name} trials" if table in fitted else table.replace("_", " ")
-            judged += f", in {table}.csv alone" if of else ""
+            judged += f", in {table.replace('_', ' ')} alone" if of else ""
             for cause, trials in by_cause.items():
-                known = doubts.CAUSES.get(cause) or Cause(cause, next(iter(trials.values())), "")
-                single = not known.otherwise or any(known.remedy[1:] in text for text in trials.values())
-                remedy, says = known.remedy if single else known.otherwise, known.says
-                if name == "calibration":  # its numbers are what to write
-                    says = next(iter(trials.values())).partition(": ")[2].rpartition(". ")[0]
-                yield finding("doubtful", judged, cause, says, remedy, [*trials], [*map(str, causes)])
+                worst = max(trials, key=lambda trial: trials[trial].excess)
+                known = doubts.CAUSES.get(cause) or Cause(cause, trials[worst].text, "")
+                single = not known.otherwise or any(known.remedy[1:] in one.text for one in trials.values())
+                remedy, size = known.remedy if single else known.otherwise, trials[worst].parts[1]
+                size += f", most in {worst}" if size and len(trials) > 1 else ""
+                limits = {column: limit for one in trials.values() for column, _, limit in one.beyond}
+                about = cause, known.says, remedy, [*trials], [*map(str, causes)]
+                yield finding("doubtful", judged, *about, size, limits)
 
 
 def causes_of_misfit(tables: Mapping[str, pl.DataFrame]) -> Iterator[dict[str, Any]]:
@@ -219,7 +226,7 @@ def unchecked_in(tables: Mapping[str, pl.DataFrame]) -> Iterator[dict[str, Any]]
                 numbers = []
                 for scale, symbol in ((1e-3, "K"), (1, "B"), (1e-3, "B"), (1, "I")):
                     values = [scale * row[symbol] for row in whole]
-                    numbers.append(" to ".join(dict.fromkeys(f"{x:.2g}" for x in (min(values), max(values)))))
+                    numbers.append(" to ".join(dict.fromkeys(map(significant, (min(values), max(values))))))
                 why = why.partition(doubts.SIZED)[0] + doubts.size_of_lateness(*numbers)
             judged = [*table[of].unique(maintain_order=True)]
             judged_are = f"{name.replace('_', ' ').removesuffix(' groups')} {of}s"

@@ -1,7 +1,6 @@
 """What the page shows of each trial (conditions, verdict, estimates, doubts, provenance) and of a whole campaign."""
 
 import math
-import re
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -63,11 +62,21 @@ class ReportedTrial:
         return self.main.filter(IS_DOUBTFUL).to_dicts() if "doubtful" in self.main.columns else []
 
     @property
+    def flagged(self) -> list[dict[str, Any]]:
+        """The checks of its recording that it does not pass although it is used, as `doubts_of` has doubts."""
+        found = []
+        for row in self.quality.filter(pl.col("verdict") == "flag").to_dicts() if self.quality is not None else ():
+            check, value = CHECKS[row["check"]], cell_text(row["value"])
+            size = ", ".join(filter(None, [f"{value} {printed(check.unit)}".strip(), row["remark"]]))
+            told = {"cause": check.cause.name, "says": check.cause.says, "size": size, "remedy": check.cause.remedy}
+            numbers = [[check.name, value, f"{check.fails} {cell_text(row['threshold'])}", check.meaning]]
+            found.append({"where": "its recording", "of": "all"} | told | {"numbers": numbers})
+        return found
+
+    @property
     def flags(self) -> list[str]:
-        """The checks of its recording that it does not pass although it is used, each with its cause and what to do."""
-        rows = self.quality.filter(pl.col("verdict") == "flag").to_dicts() if self.quality is not None else []
-        flagged = [(CHECKS[row["check"]].cause, row["remark"]) for row in rows]
-        return [f"{cause.name}: {remark or cause.says}. {cause.remedy}" for cause, remark in flagged]
+        """The same in a sentence each, which begins with the cause."""
+        return ["{cause}: {says}: {size}. {remedy}".format_map(one) for one in self.flagged]
 
     @property
     def verdict(self) -> str:
@@ -115,7 +124,7 @@ def trial_content(trial: ReportedTrial, described: Mapping[str, DescribedTable])
         "verdict": trial.verdict,
         "left_out": list(trial.left_out),
         "doubts": doubts_of(tables, described),
-        "flags": trial.flags,
+        "flags": trial.flagged,
         "not_checked": [f"{what}: {why}" for what, why in not_checked_of(trial.main).items()],
         "table": name,
         "estimates": estimate_rows(tables[name], described.get(name)) if tables else None,
@@ -174,8 +183,9 @@ def estimate_rows(table: pl.DataFrame, described: DescribedTable | None) -> dict
 
 
 def doubts_of(tables: Mapping[str, pl.DataFrame], described: Mapping[str, DescribedTable]) -> list[dict[str, Any]]:
-    """Each doubt about one trial: `where` in it, `of` all of its fit, a part, or an other table, `text`, `meaning`.
-    `tables` has its rows of each table, that of its fit first. Doubts that other tables only repeat are left out."""
+    """Each doubt about one trial: `where` in it, `of` all of its fit, a part, or an other table, `cause`, what that
+    `says`, its `size` and `remedy`, and the `numbers` behind it: column, value, limit, meaning. `tables` has its rows
+    of each table, that of its fit first. Doubts that other tables only repeat are left out."""
     found = []
     rows = ((number, name, row) for number, (name, table) in enumerate(tables.items()) for row in table.to_dicts())
     for number, name, row in rows:
@@ -183,13 +193,13 @@ def doubts_of(tables: Mapping[str, pl.DataFrame], described: Mapping[str, Descri
         at = ", ".join(f"{row[column]:g} {unit}" for column, unit in parts.items() if row.get(column) is not None)
         place = at or ("all amplitudes" if "amplitude_deg" in row else "whole trial")
         of = "other" if number else "part" if row.get("amplitude_deg") is not None else "all"
-        for _, text, inherited in reasons_in(row.get("doubtful")):
-            if not (number and inherited):
-                columns = re.findall(r"(\w+) (?:\S+ is (?:above|below) |is not a number)", text)
-                meanings = {one: unit_and_meaning(one, described.get(name))["meaning"] for one in columns}
-                said = "; ".join(f"{one} is {meaning}" for one, meaning in meanings.items() if meaning)
-                where = f"{name}.csv, {place}" if number else place
-                found.append({"where": where, "of": of, "text": text, "meaning": said})
+        for reason in reasons_in(row.get("doubtful")):
+            if not (number and reason.inherited):
+                said = dict(zip(("says", "size", "remedy"), reason.parts, strict=True))
+                meanings = (unit_and_meaning(one, described.get(name))["meaning"] for one, *_ in reason.beyond)
+                numbers = [[*one, meaning] for one, meaning in zip(reason.beyond, meanings, strict=True)]
+                where = f"{name.replace('_', ' ')}, {place}" if number else place
+                found.append({"where": where, "of": of, "cause": reason.cause} | said | {"numbers": numbers})
     return found
 
 
@@ -263,7 +273,7 @@ def trial_row(trial: ReportedTrial, differing: Collection[str]) -> dict[str, Any
     by_cause: dict[str, tuple[str, list[str]]] = {}  # the text of the last row, which is of all of the trial, and where
     for row in trial.doubtful:
         part = "all amplitudes" if row.get("amplitude_deg") is None else f"{row['amplitude_deg']:g} deg"
-        for cause, text, _ in reasons_in(row["doubtful"]):
+        for cause, text, *_ in reasons_in(row["doubtful"]):
             places = by_cause.get(cause, ("", []))[1]
             by_cause[cause] = (text, [*places, part if "amplitude_deg" in row else "whole trial"])
     doubts = [f"{', '.join(places)}: {text}" for text, places in by_cause.values()] or trial.flags

@@ -13,7 +13,7 @@ import numpy as np
 import polars as pl
 from scipy.special import stdtrit
 
-from osl_analysis.measured import rms
+from osl_analysis.measured import rms, significant
 from osl_analysis.signals import Motion
 from osl_analysis.stats import fit_row
 from osl_analysis.stats.regression import LinearFit
@@ -266,14 +266,16 @@ def reaction_facts(headline: GroupHeadline) -> dict[str, object]:
     both, unchecked = headline.directions.get("up minus down"), list[str]()
     if isolation.SLOPE not in certain:
         unchecked.append(
-            f"whether B holds a change of K with stance: the window shows {low:.2g} to {high:.2g} N*m/rad per stance, "
-            f"and each 100 would add {100 * per_slope:.2g} N*m*s/rad to B = {fit['B']:.3g}, perturb at several timings"
+            "whether B holds a change of K with stance: unseen, K may rise by "
+            f"{significant(low)} to {significant(high)} N*m/rad per stance, which would add "
+            f"{significant(low * per_slope)} to {significant(high * per_slope)} N*m*s/rad to B = {fit['B']:.3g}. "
+            "Perturb at several timings"
         )
     if both is None:
         unchecked.append(
-            "whether a voluntary torque or a change of pace is in K: all perturbations go one way, what follows is "
-            f"then read as K, B and I, {inverse[0] @ ramp / ramp[-1]:.2g} N*m/rad for each N*m that it has gained at "
-            "the end of the window, perturb in both directions, half the difference is free of it"
+            "whether a voluntary torque or a change of pace is in K: all perturbations go one way, so that each N*m "
+            f"which such a torque gains by the end of the window adds {significant(inverse[0] @ ramp / ramp[-1])} "
+            f"N*m/rad to K = {fit['K']:.3g}. Perturb in both directions, half the difference is free of it"
         )
     return {
         "reaction": said if certain else None,
@@ -359,25 +361,25 @@ def witness_facts(turned: Sequence[Crossing], facts: Mapping[str, Any], sensitiv
     if by_log:
         (of_K, of_B), B = (float(sensitivity[name][0]) for name in "KB"), facts["B"]
         unknown.append(
-            f"whether the torque is late: nothing in the log shows it, and each ms would add {of_B:.2g} N*m*s/rad to "
-            f"B = {B:.3g} and {of_K:.2g} N*m/rad to K = {K:.3g}, measure it on a bench"
+            f"whether the torque is late: nothing in the log shows it, and each ms would add {significant(of_B)} "
+            f"N*m*s/rad to B = {B:.3g} and {significant(of_K)} N*m/rad to K = {K:.3g}. Measure it on a bench"
         )
     elif share is None:
         unknown.append(
             "whether K is that of the joint alone: no log has the joint's encoder, so that K is that of joint and shoe "
-            f"in series, K_joint = K/(1 - K/k), and a shoe of k = {SHOE:g} N*m/deg ({np.rad2deg(SHOE):.0f} N*m/rad) "
-            f"would take {-sensitivity['K'][-1]:.2g} N*m/rad off K = {K:.3g}"
+            f"in series. A shoe of {SHOE:g} N*m/deg would take {significant(-sensitivity['K'][-1])} N*m/rad off "
+            f"K = {K:.3g}. Record the joint's encoder"
         )
     half, per_percent = facts.get("moment_error_half"), 0.0 if by_log or len(sensitivity) < 3 else sensitivity["K"][2]
     if half is not None and abs(100 * half * per_percent) > 0.02 * abs(K):
         unknown.append(
             f"whether the plate's moments are right: the places of the foot show their gain to {100 * half:.2g} %, "
-            f"and each 1 % too much would add {per_percent:.2g} N*m/rad to K = {K:.3g}, load the plate at known places"
+            f"which is {significant(100 * half * per_percent)} N*m/rad of K = {K:.3g}. Load the plate at known places"
         )
     if height is None and not by_log and len(sensitivity) > 1:
         unknown.append(
             "the height of the plate's corners and ORIGIN: the unloaded plate is too light or moved too little to show "
-            f"it, and each 10 mm too high would change K by {0.01 * per_m:.2g} N*m/rad, measure it"
+            f"it, and each 10 mm too high would change K by {significant(0.01 * per_m)} N*m/rad. Measure it"
         )
     return known | {
         "shoe_share": share,

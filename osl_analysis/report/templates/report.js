@@ -119,7 +119,7 @@
   function drawPanel(panel, sources, ranges) {
     const shared = panel.linked ? ranges[panel.linked] : undefined;
     const plot = Bokeh.Plotting.figure({
-      height: panel.square ? 420 : panel.log_x ? 300 : 230,
+      height: panel.square ? 420 : 300,
       sizing_mode: "stretch_width",
       tools: panel.square || panel.log_x ? "box_zoom,pan,wheel_zoom,reset,save" : "xbox_zoom,pan,xwheel_zoom,reset,save",
       active_scroll: null,
@@ -178,10 +178,10 @@
     };
     return element(
       "div", { class: "steps", role: "group", "aria-label": "Zoom of all panels over time" },
-      button("＋", "Zoom in", (start, width) => [start + width / 4, start + (3 * width) / 4]),
-      button("－", "Zoom out", (start, width) => [start - width / 2, start + (3 * width) / 2]),
-      button("◀", "Earlier", (start, width) => [start - width / 2, start + width / 2]),
-      button("▶", "Later", (start, width) => [start + width / 2, start + (3 * width) / 2]),
+      button("+", "Zoom in", (start, width) => [start + width / 4, start + (3 * width) / 4]),
+      button("−", "Zoom out", (start, width) => [start - width / 2, start + (3 * width) / 2]),
+      button("‹", "Earlier", (start, width) => [start - width / 2, start + width / 2]),
+      button("›", "Later", (start, width) => [start + width / 2, start + (3 * width) / 2]),
       button("Whole", "Show all", () => whole),
       element("span", { class: "note" }, "Or drag in a panel: all panels over time follow."),
     );
@@ -233,22 +233,49 @@
 
   // --- one trial
 
-  function doubtList(content) {
-    if (!content.doubts.length) return null;
-    const items = (doubts) => element("ul", { class: "doubts" }, ...doubts.map((doubt) => element(
-      "li", {}, element("b", {}, `${doubt.where}: `), doubt.text,
-      doubt.meaning ? element("span", { class: "meaning" }, `What the numbers are: ${doubt.meaning}`) : null,
-    )));
-    const whole = content.doubts.filter((doubt) => doubt.of === "all");
-    const single = content.doubts.filter((doubt) => doubt.of === "part");
-    const other = content.doubts.filter((doubt) => doubt.of === "other");
-    return section(
-      content.verdict === "doubtful" ? "Why it is doubtful" : "Doubts",
-      whole.length ? items(whole) : null,
-      !whole.length && single.length ? element("p", {}, "The fit to all of the trial is not doubtful; fits to single amplitudes are.") : null,
-      single.length && whole.length ? folded(`Doubts about single amplitudes (${single.length})`, items(single)) : null,
-      single.length && !whole.length ? items(single) : null,
-      other.length ? folded(`Doubts in its other tables (${other.length})`, items(other)) : null,
+  const sentence = (text) => (text ? text[0].toUpperCase() + text.slice(1) + (/[.!?]$/.test(text) ? "" : ".") : "");
+  const units = (text) => text.replace(/\b(N|kg|m)\*(?=[ms])/g, "$1·").replace(/\bm\*(?=s)/g, "m·").replace(/\^2\b/g, "²");
+
+  // cause, size and remedy as sentences; columns, values and limits behind a fold
+  function doubtList(doubts) {
+    return element("ul", { class: "doubts" }, ...doubts.map((doubt) => {
+      const numbers = table(["number", "value", "its limit", "what it is"], doubt.numbers, { caption: "Limits" });
+      const about = doubt.of === "all" ? null : element("span", { class: "where" }, `At ${doubt.where}: `);
+      const line = (name, text) => (text ? element("p", {}, element("b", {}, `${name}: `), sentence(units(text))) : null);
+      return element(
+        "li", {}, element("p", { class: "cause" }, about, element("b", {}, sentence(doubt.cause).replace(/\.$/, ""))),
+        doubt.says === doubt.cause ? null : element("p", {}, sentence(units(doubt.says))),
+        line("Size", doubt.size), line("What to do", doubt.remedy),
+        doubt.numbers.length ? folded("Numbers and limits", numbers) : null,
+      );
+    }));
+  }
+
+  const OUTCOMES = {
+    used: "Used in every table and figure. No check and no limit speaks against it.",
+    flagged: "Used, though its recording does not pass a check.",
+    doubtful: "Used and marked, because the fit to all of it is beyond a limit. Causes first:",
+    excluded: "Excluded: in no table and no figure.",
+    refused: "Refused: it has no result.",
+  };
+
+  function verdict(content) {
+    const { doubts, flags } = content;
+    const [whole, single, other] = ["all", "part", "other"].map((of) => doubts.filter((doubt) => doubt.of === of));
+    const partly = content.verdict === "doubtful" && !whole.length;
+    return element(
+      "section", { class: `judged ${content.verdict}` },
+      element("p", { class: "outcome" }, partly ? "The fit to all of it is sound; fits to single amplitudes are doubtful. Causes first:" : OUTCOMES[content.verdict]),
+      ...content.left_out.flatMap((reason) => {
+        const [why, remedy] = units(reason).split(/; (?!.*; )/);
+        return [element("p", {}, sentence(why)), remedy ? element("p", {}, element("b", {}, "What to do: "), sentence(remedy)) : null];
+      }),
+      whole.length || flags.length ? doubtList([...whole, ...flags]) : null,
+      partly ? doubtList(single) : null,
+      single.length && !partly ? folded(`Doubts about single amplitudes (${single.length})`, doubtList(single)) : null,
+      other.length ? folded(`Doubts in its other tables (${other.length})`, doubtList(other)) : null,
+      content.not_checked.length ? folded(`What could not be checked (${content.not_checked.length})`, element("ul", {},
+        ...content.not_checked.map((what) => element("li", {}, sentence(units(what)))))) : null,
     );
   }
 
@@ -264,21 +291,22 @@
     if (!content.estimates) return section("Estimates", element("p", {}, "This trial has no fit of its own."));
     const { columns, rows: lines } = content.estimates;
     const head = columns.map(({ name, unit }) => (unit && unit !== "1" ? `${name} [${unit}]` : name));
-    const inertia = columns.filter(({ name, meaning }) => name === "I" && meaning);
+    const explained = columns.filter(({ name, meaning }) => meaning && /^I$|viscous$|^[fT]_C$/.test(name));
     return section(
       "Estimates with 95 % intervals",
       table(head, lines, { caption: `Estimates of ${content.name}` }),
-      ...inertia.map(({ meaning }) => element("p", { class: "note" }, `I: ${meaning} (docs/method.md#apparent-inertia).`)),
+      element("p", { class: "note" }, explained.map(({ name, meaning }) => `${name}: ${sentence(meaning)}`).join(" ")),
       folded(`Every column of its row in tables/${content.table}.csv`, table(["column", "value", "unit", "meaning"], content.columns, { caption: "Columns" })),
     );
   }
 
   function quality(content) {
     if (!content.quality.length) return section("Quality", element("p", {}, "Quality control did not see this trial."));
-    return section("Quality", table(
+    const failed = content.quality.filter((cells) => cells[4] !== "pass").length;
+    return section("Quality", folded(`Checks of its recording (${content.quality.length}, ${failed} not passed)`, table(
       ["check", "what its value is", "value", "threshold", "verdict", "remark"], content.quality,
       { fails: (cells) => cells[4] !== "pass", caption: "Checks of quality control" },
-    ));
+    )));
   }
 
   function provenance(content) {
@@ -326,11 +354,8 @@
       element("h1", {}, name, " ", element("span", { class: `verdict ${content.verdict}` }, content.verdict)),
       element("p", { class: "about" }, `${content.experiment}: ${content.description}`),
       content.condition ? element("p", {}, content.condition) : null,
-      ...content.left_out.map((reason) => element("p", {}, element("b", {}, `${content.verdict}: `), reason)),
-      doubtList(content),
-      ...content.flags.map((flag) => element("p", {}, element("b", {}, "Flagged: "), flag)),
+      verdict(content),
       estimates(content),
-      ...content.not_checked.map((what) => element("p", { class: "note" }, `Not checked: ${what}`)),
       content.panels.length ? section("Signals", element("p", { class: "note" }, content.remark), plots) : null,
       quality(content),
       provenance(content),

@@ -2,6 +2,7 @@
 
 import base64
 import hashlib
+import html
 import importlib.util
 import json
 import re
@@ -30,6 +31,7 @@ from osl_analysis.bench.analysis import Series
 from osl_analysis.bench.components import belt_table, fit_branches, transmission_of, transmission_table
 from osl_analysis.bench.impedance import impedance_table, rendered_impedance
 from osl_analysis.campaign.campaign import ABOUT_MEANING, sentence
+from osl_analysis.campaign.configuration import read_config
 from osl_analysis.cli import main
 from osl_analysis.commands import report
 from osl_analysis.dictionary import described_tables
@@ -37,9 +39,17 @@ from osl_analysis.judge.doubts import CAUSES
 from osl_analysis.refusal import Refusal
 from osl_analysis.report import panels, trial_page
 from osl_analysis.report.headlines import COUNT
-from osl_analysis.report.page import caption_html, captions_by_title, every_kth, inline_svg, packed_table, written_page
+from osl_analysis.report.page import (
+    caption_html,
+    captions_by_title,
+    every_kth,
+    inline_svg,
+    packed_table,
+    template,
+    written_page,
+)
 from osl_analysis.report.panels import crossing_pictures, isolated_pictures, phasor_pictures
-from osl_analysis.report.trial_page import ReportedTrial, trial_content, trials_content
+from osl_analysis.report.trial_page import ReportedTrial, methods_content, trial_content, trials_content
 from osl_analysis.table import write_table
 
 DRAWN = ("torque", "torque_model", "residual_low", "residual_high", "theta_deg")
@@ -76,6 +86,10 @@ def test_a_packed_signal_is_off_by_no_more_than_half_a_count_and_keeps_its_holes
 ABOUT = dict(zip(ABOUT_MEANING, (HOSTILE, "simulated", "1.2", "abc", "made with seed 1"), strict=True))
 
 
+FINDING = {"verdict": "doubtful", "trials": ["a"], "n": 2, "of": "impedance trials", "cause": HOSTILE}
+SETTINGS = read_config(ROOT / "config/config.yaml").model_dump(mode="json")
+
+
 def fitted_rows(doubtful=""):
     rows = {"amplitude_deg": [4.0, None], "K": [301.26, 299.5123], "K_low": [300.9, 299.2], "K_high": [301.6, 299.8]}
     rows |= {"VAF": [99.0, 98.0], "R2": [0.5, None], "doubtful": ["", doubtful]}
@@ -90,7 +104,8 @@ def trial(name="t", doubtful="", **facts):
 def page_of(trials, largest_mb=40.0, tables=None):
     content = {"about": ABOUT, "made_of": sentence(ABOUT), **trials_content(trials), "headlines": [], "figures": []}
     content |= {
-        "findings": [{"verdict": "doubtful", "line": f"doubtful, 1 of 2: {HOSTILE}"}],
+        "findings": [FINDING | {"line": f"doubtful, 1 of 2: {HOSTILE}"}],
+        "methods": methods_content(SETTINGS, {}, trials),
         "intervals": "",
         "not_made": [],
         "sensitivity": [],
@@ -139,6 +154,68 @@ def test_names_from_files_are_text_and_no_script_runs_but_the_two_of_the_page():
     named = ["amplitude_deg deg", "K N·m/rad", "VAF %", "R2 "]
     assert (shown["rows"], [f"{one['name']} {one['unit']}" for one in shown["columns"]]) == (rows, named)
     assert [" ".join(cells[:3]) for cells in content["columns"]][:2] == ["trial t text", "K 299.512 N·m/rad"]
+
+
+def methods_of(trials, tables, settings, **about):
+    """The text of the methods paragraph, and its BibTeX, as they are copied."""
+    content = trials_content(trials) | {"about": ABOUT | about, "findings": [FINDING]}
+    page = template("methods.html.j2").render(content, methods=methods_content(settings, tables, trials))
+    found = re.findall(r'(?s)class="copied">(.*?)</(?:div|pre)>', page)
+    return [html.unescape(re.sub(r"\s+", " ", re.sub("<[^>]+>", "", part))) for part in found]
+
+
+def test_the_methods_say_what_settings_sheet_and_tables_have_and_nothing_that_was_not_done():
+    checks = pl.DataFrame({"check": ["rate", "gap"], "value": [249.96, 0.0], "verdict": "pass"})
+    origin = {"files": {"log": {"path": "a/b.mcap", "source": "my_bench"}}}
+    bench = [trial("a", quality=checks, provenance=origin), trial("b", left_out=["gap 1 s; torque"])]
+    table = {"excitation": ["stepped sine"] * 2, "commanded_deg": [2.0, 7.0], "interval_method": ["units"] * 2}
+    tables = {"impedance": pl.DataFrame(table), "phasors": pl.DataFrame({"frequency_hz": [1.0, 4.0]})}
+    said, sources = methods_of(bench, tables | {"belt": pl.DataFrame(schema=["group"])}, SETTINGS)
+    for words in (
+        "there were 2 trials of rendered impedance, sampled at 250 Hz, read from MCAP files (described by my_bench). ",
+        "a stepped sine of 2 and 7° at 1 and 4 Hz", "order 4, run forwards and backwards, cut-off 15 Hz",
+        "quintic spline", "the first 2 cycles at each frequency", "left out one at a time [1], with",
+        "No calibration uncertainty", "Of 2 trials 1 was not used: b (gap 1 s, torque). ",
+        f"were 1 of 2 impedance trials, for {HOSTILE}. ",
+        "osl-analysis 1.2 (configuration abc) [2], with NumPy [3], SciPy [4], Polars [5] and Snakemake [6].",
+    ):  # fmt: skip
+        assert words in said
+    absent = "belt|transmission|actuator|walkway|platform|crossing|bootstrap|predicted|seven samples"
+    assert not re.search(absent, said), "this campaign has none"
+    assert "[2] The osl-analysis developers. osl-analysis: from" in said
+    assert re.findall(r"@\w+{(\w+),", sources)[:3] == ["efron1981jackknife", "osl_analysis", "harris2020numpy"]
+    cff = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    own = ("author", f"{{{cff['authors'][0]['name']}}}"), ("title", cff["title"]), ("year", cff["date-released"].year)
+    assert ", ".join(f"{field} = {{{value}}}" for field, value in own) in sources
+
+    other = json.loads(json.dumps(SETTINGS))
+    other["dynamometer"] |= {"cutoff_hz": 12.5, "settle_cycles": 3, "bench_stiffness": {"value": "218 N*m/deg"}}
+    other["dynamometer"]["calibration"]["torque_gain"] = 0.001
+    said, _ = methods_of([replace(bench[0], quality=checks.with_columns(value=1000.04))], tables, other)
+    for words in (
+        "at 1000 Hz",
+        "cut-off 12.5 Hz",
+        "first 3 cycles",
+        "seven samples [1]",
+        "torque gain 0.001",
+        "218 N*m",
+    ):
+        assert words in said
+    assert not re.search("taken for rigid|No calibration", said)
+
+    other["walking"] |= {"window_s": 0.08, "guard_s": 0.03, "bootstrap_samples": 200}
+    rows = [{"experiment": "walking", "perturbed": k < 3} for k in range(7)]
+    crossings = [ReportedTrial(f"w{k}", row, left_out=["far"] * (k == 0)) for k, row in enumerate(rows)]
+    walked = {"walking": pl.DataFrame({"interval_method": ["unperturbed crossings"]})}
+    walked["walking_groups"] = pl.DataFrame({"group": ["a", "b"]})
+    said, _ = methods_of(crossings, walked, other, data="measured")
+    for words in (
+        "Data were measured (made with seed 1). A person crossed the walkway 7 times, 3 times perturbed by a platform",
+        "(4 unperturbed crossings) was subtracted from each of 2 perturbed ones, in 2 groups, and",
+        "to the 80 ms after", "end 30 ms before", "bootstrap over crossings (200 samples) [2]", "No inertia",
+    ):  # fmt: skip
+        assert words in said
+    assert not re.search("bench|belt|load cell|plate trials|Student", said), "it has walking alone"
 
 
 def test_signals_are_thinned_out_for_a_small_page_which_says_so_and_keeps_the_ends_of_ranges():
@@ -266,7 +343,7 @@ def test_a_report_says_of_each_trial_what_became_of_it_and_leaves_out_counts(tmp
     given = {name: tmp_path / f"{name}.csv" for name in (*made, "series", "summary", "output")}
     given |= {"series": {"b_1": given["series"]}, "tables": {"belt": given.pop("belt")}}
     of_table, seen = Refusal("", "t.csv", "j", "refused", "why", "what"), []
-    given |= {"trials": {}, "crossings": {}, "figures": {}, "about": ABOUT, "largest_mb": 4}
+    given |= {"trials": {}, "crossings": {}, "figures": {}, "about": ABOUT, "largest_mb": 4, "settings": SETTINGS}
     given["refused"] = [of_table, replace(of_table, trial="b_2")]
     monkeypatch.setattr(report, "written_page", lambda *content: seen.extend(content) or "")
     kinds = {"b_1": "belt", "b_2": "belt", "b_3": "belt", "w": "walking", "s": "static"}
@@ -274,6 +351,9 @@ def test_a_report_says_of_each_trial_what_became_of_it_and_leaves_out_counts(tmp
     said = {row["name"]: (row["verdict"], row["doubt"][:40]) for row in seen[0]["trials"]}
     none = ("refused", "it has no result, because b_2 was refuse")
     assert said.pop("b_1") == ("flagged", "gap in the recording: samples are missing"[:40])
+    assert seen[0]["methods"]["recorded"]["belt"] | {"rates": 0, "files": 0} == {
+        "n": 3, "used": 1, "perturbed": 0, "perturbed_used": 0, "rates": 0, "files": 0,
+    }  # fmt: skip
     assert said == {"b_2": ("refused", "no footer"), "b_3": none, "w": none, "s": ("used", "")}
     said = ("K", "1.50", "N·m", "1.00 to 2.50 (range)", "holds", "1, 1 of them doubtful", "1.25")
     assert ([tuple(row.values()) for row in seen[0]["headlines"]], seen[0]["not_made"]) == ([said], [of_table])

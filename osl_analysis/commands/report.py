@@ -30,6 +30,7 @@ def write_report(
     *,
     about: Mapping[str, str],
     sheet: Mapping[str, Mapping[str, Any]],
+    settings: Mapping[str, Any],
     largest_mb: float,
     trials: Mapping[str, Path],
     series: Mapping[str, Path],
@@ -45,7 +46,8 @@ def write_report(
 ) -> None:
     """Write the page `report.html`, of about `largest_mb` [MB] at most where thinning out its signals allows it.
 
-    `sheet` has the row of every trial, also of those that it excludes; `trials`, `series` and `crossings` the files of
+    `sheet` has the row of every trial, also of those that it excludes, `settings` the sections of the configuration by
+    which the experiments are analysed; `trials`, `series` and `crossings` the files of
     each that has them, `tables` the result tables and `figures` the SVG files by name. `verdicts` is `quality.csv`,
     `excluded` the trials that are not used, `summary` `summary.json`, `refused` the causes of all that is missing.
     """
@@ -94,6 +96,7 @@ def write_report(
             if not name.startswith("doubtful_")  # the findings say it, with the causes
         ],
         "intervals": found.get("intervals", ""),
+        "methods": trial_page.methods_content(settings, written, reported),
         "findings": found.get("findings", []),
         "figures": shown,
         "absent_figures": absent,

@@ -1,7 +1,7 @@
 """What the page shows of each trial (conditions, verdict, estimates, doubts, provenance) and of a whole campaign."""
 
 import math
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -260,6 +260,31 @@ def trials_content(trials: Sequence[ReportedTrial]) -> dict[str, Any]:
         "left_out": [{"name": t.name, "verdict": t.verdict, "reason": why} for t in trials for why in t.left_out],
         "experiments": {name: facts.description for name, facts in EXPERIMENTS.items()},
     }
+
+
+def methods_content(
+    config: Mapping[str, Any], tables: Mapping[str, pl.DataFrame], trials: Sequence[ReportedTrial]
+) -> dict[str, Any]:
+    """What `methods.html.j2` says of how results were made: settings, the values of some columns of the result tables,
+    and by experiment how many trials were recorded and used, their lowest rates [Hz] and what they were read from."""
+    columns = "excitation commanded_deg frequency_hz band_low_hz band_high_hz controller group plate_inertia"
+    said: defaultdict[str, defaultdict[str, list[Any]]] = defaultdict(lambda: defaultdict(list))
+    recorded = dict[str, dict[str, Any]]()
+    for name, table in tables.items():
+        for one in (column for column in (*columns.split(), "interval_method") if column in table.columns):
+            if len(table):
+                said[name][one] = table[one].drop_nulls().unique().sort().to_list()
+    for trial in trials:
+        own = recorded.setdefault(trial.row["experiment"], {"rates": [], "files": []})
+        used, perturbed = not trial.left_out, bool(trial.row.get("perturbed"))
+        counts = {"n": 1, "used": used, "perturbed": perturbed, "perturbed_used": perturbed and used}
+        own |= {count: own.get(count, 0) + more for count, more in counts.items()}
+        if trial.quality is not None:
+            rates = trial.quality.filter(pl.col("check") == "rate")["value"].drop_nulls()
+            own["rates"] += rates.round_sig_figs(3).to_list()
+        for file in trial.provenance.get("files", {}).values():
+            own["files"].append((str(file["path"]).rpartition(".")[2].upper(), str(file.get("source"))))
+    return {"config": config, "tables": said, "recorded": recorded}
 
 
 def trial_row(trial: ReportedTrial, differing: Collection[str]) -> dict[str, Any]:

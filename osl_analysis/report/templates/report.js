@@ -239,7 +239,7 @@
   // cause, size and remedy as sentences; columns, values and limits behind a fold
   function doubtList(doubts) {
     return element("ul", { class: "doubts" }, ...doubts.map((doubt) => {
-      const numbers = table(["number", "value", "its limit", "what it is"], doubt.numbers, { caption: "Limits" });
+      const numbers = table(["number", "value", "beyond", "what it is"], doubt.numbers, { caption: "Limits" });
       const about = doubt.of === "all" ? null : element("span", { class: "where" }, `At ${doubt.where}: `);
       const line = (name, text) => (text ? element("p", {}, element("b", {}, `${name}: `), sentence(units(text))) : null);
       return element(
@@ -439,6 +439,24 @@
       document.querySelector('[data-filter="verdict"]').value = count.dataset.verdict;
       filter();
       document.getElementById("trials").scrollIntoView();
+    });
+  }
+
+  // --- text to copy: where the browser does not let a page copy, it stays selected
+
+  for (const button of document.querySelectorAll("button.copy")) {
+    const label = button.textContent;
+    button.hidden = false;
+    button.addEventListener("click", async () => {
+      const text = document.getElementById(button.dataset.of);
+      getSelection().selectAllChildren(text);
+      let done = false;
+      try {
+        await navigator.clipboard.writeText(text.innerText);
+        done = true;
+      } catch { done = document.execCommand("copy"); }
+      button.textContent = done ? "Copied" : "Selected: copy it with Ctrl+C";
+      setTimeout(() => { button.textContent = label; }, 3000);
     });
   }
 

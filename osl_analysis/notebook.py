@@ -102,7 +102,7 @@ class NotebookFit(Fit):
         quality = f": VAF {row['VAF']:.2f} %" if row.get("VAF") is not None else ""
         head = "<tr><th></th><th>estimate</th><th>95 % interval</th><th>unit</th></tr>"
         shown = [f"<p><b>{self.experiment}</b>, {as_html(self.trial)}{quality}</p><table>{head}{''.join(rows)}</table>"]
-        if doubts := [text for _, text, _ in reasons_in(self.doubtful)]:
+        if doubts := [one.text for one in reasons_in(self.doubtful)]:
             shown.append(f"<p><b>Doubtful:</b></p><ul>{''.join(f'<li>{as_html(text)}</li>' for text in doubts)}</ul>")
         if lines := self.not_checked.splitlines():
             said = "".join(f"<li>{as_html(line.removeprefix('not checked: '))}</li>" for line in lines)

@@ -160,7 +160,7 @@ def test_a_late_torque_of_a_transmission_is_found_and_where_it_hides_its_size_is
     assert (late_by(0.0, 0.01)["lag_inertia_share"], late_by(0.0, 0.01)["not_checked"]) == (0, None)
     hidden = late_by(0.0, 3.0)
     assert hidden["lag_inertia_share"] is None
-    assert f"would take {1e-3 * hidden['B_j']:.2g} kg*m^2 off J_j = {hidden['J_j']:.2g}, " in hidden["not_checked"]
+    assert f"would take {1e-3 * hidden['B_j']:.2g} kg*m^2 off J_j = {hidden['J_j']:.2g}. " in hidden["not_checked"]
 
 
 def test_transmission_tells_how_much_of_its_damping_is_coulomb_friction_and_predicts_the_amplitude_not_seen():

@@ -105,7 +105,7 @@ def test_the_weight_of_a_foot_is_a_column_of_the_transmission_and_a_doubt_about_
     assert row["weight_low"] < 0.5 < row["weight_high"]
     assert row["J_j_weightless"] == pytest.approx(sound["J_j"], rel=0.01)
     assert 1 - row["weight_share"] == pytest.approx(row["J_j"] / row["J_j_weightless"])
-    assert re.match(r"weight on the joint: .* which falsifies J_j: it takes [\d.]+ % off J_j", row["doubtful"])
+    assert re.match(r"weight on the joint: .* which makes J_j wrong: it takes [\d.]+ % off J_j", row["doubtful"])
     assert sound["weight_share"] == 0
 
 

@@ -198,7 +198,7 @@ def test_the_methods_say_what_settings_sheet_and_tables_have_and_nothing_that_wa
         "first 3 cycles",
         "seven samples [1]",
         "torque gain 0.001",
-        "218 N*m",
+        "218 N·m",
     ):
         assert words in said
     assert not re.search("taken for rigid|No calibration", said)

@@ -159,7 +159,7 @@ def damping_gap_said(row: AnyRow) -> str:
     """How far B is from what the gains should give; a delay explains less, and never more."""
     B, given, late = (cell_number(row, name) or 0.0 for name in ("B", "B_predicted", "B_gap_s"))
     said = f"B is {significant(B, 3)} N*m*s/rad and not {significant(given, 3)}"
-    return f"{said}, which a delay of {significant(1e3 * late)} ms would explain" if late > 0 else said
+    return f"{said}, which a delay of {significant(1e3 * late)} ms would explain" if 0 < late < 0.02 else said
 
 
 def cause_in(name: str, value: float, row: AnyRow) -> Cause:

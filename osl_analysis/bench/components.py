@@ -302,8 +302,8 @@ def lateness_of(lag: effects.Fault | None, fit: GroupFit) -> Row:
     elif lag is not None and lag.possible * per_J_j < 0.1:
         share = 0.0
     else:
-        size, J_j = significant(1e-3 * fit["B_j"]), significant(fit["J_j"])
-        said = f"{LATENESS}: a late torque would look like less inertia{SIZED} {size} kg*m^2 off J_j = {J_j}. "
+        taken, J_j = significant(1e-3 * fit["B_j"]), significant(fit["J_j"])
+        said = f"{LATENESS}: a late torque would look like less inertia{SIZED} {taken} kg*m^2 off J_j = {J_j}. "
         said += "Measure it by a `calibration` of this bench"
     size, se = (lag.size, lag.se) if lag else (None, None)
     return {"lag_s": size, "lag_se_s": se, "lag_inertia_share": share, "not_checked": said}

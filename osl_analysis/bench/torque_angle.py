@@ -427,7 +427,7 @@ def torque_angle_table(trial: TorqueAngleTrial, desired: str | None = None) -> p
         "desired_ratio": float(np.polyfit(wanted[both], middle[both], 1)[0]) if np.count_nonzero(both) > 2 else None,
     }
     if rate_change is None:
-        taken, lost = significant(row["energy_per_ms"]), significant(row["energy_lost"], 3)
+        taken, lost = (significant(float(row[name] or 0), n) for name, n in (("energy_per_ms", 2), ("energy_lost", 3)))
         unseen = f"{LATENESS}: all cycles have one speed. Each ms of delay would take {taken} J off the {lost} J that "
         unseen += "are lost and half as much off the energy stored. Record it slower too"
         row["not_checked"] = "; ".join(filter(None, [str(row["not_checked"] or ""), unseen]))

@@ -210,7 +210,8 @@ def doubts(row: AnyRow, found: Found, of_trial: Cause | None, single: bool) -> I
         details = [friction_said(row)] * (cause.name == "friction")
         details += [number_said(name, found[name][0], row) for name in said_of]
         if "yielding" in cause.name:
-            details.append(f"a spring of {significant(row['frame_stiffness'], 3)} N*m/rad in series would explain it")
+            k = significant(cell_number(row, "frame_stiffness") or 0.0, 3)
+            details.append(f"a spring of {k} N*m/rad in series would explain it")
         said = ": ".join(filter(None, [cause.says, ", ".join(dict.fromkeys(filter(None, details)))]))
         remedy = cause.remedy if single else cause.otherwise or cause.remedy
         how = ", ".join(found[name][1] for name in names)

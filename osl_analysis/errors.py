@@ -1,6 +1,7 @@
 """Errors that the user can correct. Every message is one line with the cause and the remedy."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from difflib import get_close_matches
 from importlib import import_module
 from typing import Any
@@ -38,6 +39,15 @@ class OslAnalysisError(ValueError):
 
     def __init__(self, message: str) -> None:
         super().__init__(printable(message))
+
+
+@contextmanager
+def naming(what: object) -> Iterator[None]:
+    """Within the block an error of the user begins with the file or setting that is at fault."""
+    try:
+        yield
+    except OslAnalysisError as error:
+        raise type(error)(f"{what}: {error}") from error
 
 
 class InputError(OslAnalysisError):

@@ -51,7 +51,8 @@ def rising(values: tuple[Any, ...]) -> tuple[Any, ...]:
 
 
 def distinct(values: tuple[Any, ...]) -> tuple[Any, ...]:
-    if twice := [one for one in values if values.count(one) > 1]:
+    names = [getattr(one, "name", one) for one in values]
+    if twice := [one for one in names if names.count(one) > 1]:
         raise ValueError(f"'{twice[0]}' stands twice; name each once")
     return values
 

@@ -28,8 +28,11 @@ from osl_analysis.files import shipped
 Positive = Annotated[float, Field(gt=0)]  # A number above zero.
 NotNegative = Annotated[float, Field(ge=0)]  # A number of zero or more.
 Degrees = Annotated[float, Field(gt=0, le=180)]  # An angle above zero, of half a turn at most.
-Seconds = Annotated[float, Field(gt=0, le=10)]  # A time of a crossing; what is longer is in ms.
+JointDegrees = Annotated[float, Field(gt=0, le=60)]  # One by which an ankle can be turned.
+Seconds = Annotated[float, Field(gt=0, le=10)]  # A time of a crossing, or a gap; what is longer is in ms.
 Metres = Annotated[float, Field(gt=0, le=10)]  # A length in a laboratory; what is longer is in mm.
+Newtons = Annotated[float, Field(gt=0, le=1000)]  # A vertical force that begins a contact, or is none.
+Stiffness = Annotated[float, Field(gt=0, le=10_000)]  # That of a joint; what is larger is per 1000 rad, or in N*mm.
 ShippedPath = Annotated[Path, AfterValidator(shipped)]
 """A path of the campaign's folder or, where that has none, of a shipped file such as `config/config.yaml`."""
 Place = tuple[int | str, ...]  # Keys and numbers of list entries that lead to a field, from the outermost.
@@ -235,6 +238,9 @@ def problem_place(problem: Mapping[str, Any], content: Any) -> Place:
     return (*place, *problem.get("ctx", {}).get("place", ()))
 
 
+UNITS = {"_deg": "deg", "_hz": "Hz", "_s": "s", "_m": "m", "_mm": "mm", "_kg": "kg", "_n": "N", "K_d": "N*m/rad",
+         "largest_angle": "rad"}  # fmt: skip
+"""Units of settings, by the ends of their names."""
 ADVICE = {
     "string_type": "text, in quotes if it looks like a number, a list or nothing",
     "float_type": "a number, without a unit",
@@ -258,7 +264,9 @@ def plain_reason(problem: Mapping[str, Any]) -> str:
     if kind == "string_pattern_mismatch":
         return f"write text of the form {problem['ctx']['pattern']}"
     if kind.startswith(("greater_than", "less_than")):
-        return text.replace("write", "write a number")
+        name = next((str(one) for one in reversed(problem["loc"]) if isinstance(one, str)), "")
+        unit = next((f" {unit}" for end, unit in UNITS.items() if name.endswith(end) and text.split()[-1] != "0"), "")
+        return text.replace("write", "write a number") + unit
     if kind == "too_short":
         return "name at least one"
     return f"write {ADVICE[kind]}" if kind in ADVICE else text

@@ -148,7 +148,7 @@ def test_a_configuration_that_cannot_be_run_is_one_line_before_any_job(in_root, 
     ("dynamometer.amplitudes_deg", [70], "amplitudes_deg goes beyond largest_angle = 1.2 rad"),
     ("dynamometer.windows", "2-30 20-40", "windows: .* overlap, or are not in the order of time"),
     ("dynamometer.windows", "30-2", "windows: .* are not from-to in s"),
-    ("study.cycles", 2, "settle_cycles = 2 is not be"),
+    ("study.cycles", 3, "cycles = 3 are .*settle_cycles and the last, which"),
     ("doubtful.belt.above", {"condition_nunber": 1}, "no number of this name; .*mean 'condition_number'"),
     ("doubtful.belt.above", {"trial": 1}, "no number of this name"), ("doubtful.belts", {}, "did you mean 'belt'"),
     ("doubtful.belt.above", {"K_s_ratio": 0.5}, "a limit above the upper one of its column"),
@@ -157,6 +157,37 @@ def test_a_configuration_that_cannot_be_run_is_one_line_before_any_job(in_root, 
     ("figures.time_series.controller", "compensatd", "did you mean 'compensated'"),
     ("impedance_trajectory", "README.md", "no column 'phase'"), ("parameters", "config/config.yaml", "unknown field"),
     ("quality.jiter", {"threshold": "1 s", "on_failure": "flag"}, "did you mean 'jitter'"),
+    # in ms, mm, deg, percent, N*mm
+    ("dynamometer.cutoff_hz", 15000, "cutoff_hz: 15000 is not allowed: .* 1000 Hz$"),
+    ("dynamometer.largest_angle", 69, "equal to 3.2 rad$"), ("study.K_d", 300000, "equal to 10000 N\\*m/rad$"),
+    ("dynamometer.time_base.longest_gap_s", 500, "equal to 10 s$"), ("walking.largest_outside_m", 20, "to 1 m$"),
+    ("walking.foot", {"mass_kg": 1, "centre_of_mass_m": [0, -45, 0], "inertia_kg_m2": 0.01}, "to -1 m$"),
+    ("walking.foot", {"mass_kg": 1000, "centre_of_mass_m": [0, 0, 0], "inertia_kg_m2": 0.01}, "to 20 kg$"),
+    ("overground.body_mass_kg", 80000, "than 500 kg$"), ("overground.load_on_n", 2e5, "equal to 1000 N$"),
+    ("study.amplitudes_deg", [90], "to 60 deg$"), ("torque_angle.angle_step_deg", 90, "equal to 10 deg$"),
+    ("torque_angle.desired", {"a": {"angle_deg": [0, 1e4], "torque": [0, 1]}}, "angle_deg.1: .* to 180 deg$"),
+    ("walking.cutoff_hz", 500, "to 200 Hz$"), ("walking.timing_scatter", 5, "timing_scatter: 5 is not allowed"),
+    ("walking.load_of_weight", [70, 125], "equal to 10 "), ("figures.time_series.duration_s", 1e4, "to 3600 s$"),
+    ("doubtful.impedance.below", {"VAF": 0.9}, "below.VAF: 0.9 is no limit of a percentage.* write one as 90$"),
+    ("doubtful.belt.below", {"VAF": 101}, "101 is no limit of a percentage, which is at most 100"),
+    ("doubtful.impedance.above", {"largest_correlation": 95}, "95 is no limit of a share.* at most 1; .* 0.9$"),
+    # of two settings
+    ("dynamometer.time_base.longest_gap_s", 0.01, "highest_hz = 5 bridges 0.1/highest_hz s, beyond longest_gap_s"),
+    ("dynamometer.time_base.highest_hz", 50, "highest_hz = 50 is not below cutoff_hz = 15"),
+    ("dynamometer.seconds_per_frequency", 0.5, "settle_cycles = 2 leaves none of 0.5 .* or seconds_per_frequency$"),
+    ("actuator.slowest", 0.001, "slowest = 0.001 is not above sign_width = 0.002"),
+    ("torque_angle.cutoff_hz", 0.5, "cutoff_hz = 0.5 takes out cycles of shortest_cycle_s = 2"),
+    ("torque_angle.time_base.longest_gap_s", 3, "longest_gap_s = 3 is not below shortest_cycle_s = 2"),
+    ("walking.markers.ankle_medial", "ANKLE_LAT", "is ankle_medial and ankle_lateral; remove it"),
+    ("walking.markers.ankle_lateral", "", "ankle_lateral: '' is not allowed"), ("data", "measured", "data: data = mea"),
+    ("walking.fewest_unperturbed", 900, "crossings, walking needs 900 or more; .*or lower walking.fewest_unperturbed"),
+    ("figures.time_series.amplitude_deg", 5, "amplitude_deg = 5 is none of dynamometer.amplitudes_deg \\(2, 4, 6"),
+    # of files and folders
+    ("study.simulation", "config/config.yaml", "is no simulation; correct study.simulation"),
+    ("results", "raw_data", "results = raw_data is or holds raw_data = raw_data/default; name another"),
+    ("results", "config/sources", "is or holds sources"), ("sheet", "results/trials.csv", "is or holds sheet"),
+    ("sources", "config/config.yaml", "config.yaml: is a file; name a folder under `sources`"),
+    ("impedance_trajectory", "README.md", "^impedance_trajectory: README.md: no column"),
 ])  # fmt: skip
 def test_settings_that_contradict_each_other_are_a_line_with_the_remedy(in_root, place, value, said):
     override = value
@@ -243,6 +274,9 @@ def test_clocks_that_two_source_files_do_not_align_and_a_plate_that_no_capture_h
 
 def test_settings_at_their_bounds_and_two_dates_are_allowed(in_root):
     own = {"walking": {"window_s": 0.2}, "recorded": "2026-03-14 to 2026-03-16"}
+    own |= {"study": {"cycles": 4}, "actuator": {"slowest": 0}}  # which fits all samples
+    own |= {"dynamometer": {"frequencies_hz": [1, 3, 5, 3, 1], "time_base": {"longest_gap_s": 0.02}}}  # up and down
+    own |= {"figures": {"time_series": {"amplitude_deg": None}}, "raw_data": "results_of_others"}
     started(overriding(SHIPPED, own | {"doubtful": {"belt": {"above": {"VAF": None}}}}))
 
 

@@ -337,6 +337,7 @@ def test_an_earlier_trial_states_the_distortion(tmp_path):
     (("--rms", "3"), "a stepped-sine has no --rms"), (("--rate", "25"), "twice the cut-off"),
     (("--trial", "a"), "give --earlier too"), (("--stiffness-within", "0"), "no percentage"),
     (("--damping-within", "100%"), "no percentage"), (("--frequencies", "1,nan"), "give a finite number"),
+    (("--inertia", "0", "--inertia-within", "5%"), "--inertia-within is a share of an expected I of 0; give --inertia"),
     (("--amplitudes", "2,0"), "frequencies and amplitudes of a stepped sine are above 0"),
     (("--excitation", "chirp", "--band", "1"), "--band has the lowest and the highest frequency"),
     (("--earlier", "tests/planned_trials.csv"), "no columns of response.csv"),

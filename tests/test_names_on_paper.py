@@ -137,7 +137,7 @@ def test_examples_are_those_of_the_configuration_or_chosen_and_said(tmp_path):
     assert response_example(campaign(tmp_path, knee)) is None
     assert time_series_example(campaign(tmp_path, knee, figures="{time_series: null}"))["duration_s"] == 10
     wrong = "{time_series: {K_d: 250, B_d: 5, controller: compensated}, frequency_response: {K_d: 1, B_d: 1}}"
-    with pytest.raises(InputError, match="no compensated trial with K_d = 250, B_d = 5; choose another one under"):
+    with pytest.raises(InputError, match="no impedance trial with controller = compensated, K_d = 250, B_d = 5; "):
         time_series_example(campaign(tmp_path, knee, figures=wrong))
     with pytest.raises(InputError, match="no impedance trial with K_d = 1, B_d = 1"):
         response_example(campaign(tmp_path, knee, figures=wrong))

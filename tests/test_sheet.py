@@ -2,6 +2,7 @@
 
 import itertools
 import re
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -10,9 +11,9 @@ from conftest import ROOT
 
 from osl_analysis.campaign.campaign import Campaign, check_campaign, open_campaign
 from osl_analysis.campaign.configuration import read_config
-from osl_analysis.commands.simulate import simulate_trial, write_sheet
+from osl_analysis.commands.simulate import planned_sheet, settings_files, simulate_trial, write_sheet
 from osl_analysis.config.sheet import read_sheet
-from osl_analysis.errors import InputError
+from osl_analysis.errors import InputError, UnreachableImpedanceError
 from osl_analysis.model.compensator import CONTROLLERS
 from osl_analysis.simulator.plan import plan_trials
 from osl_analysis.simulator.settings import SimulationSettings
@@ -87,6 +88,8 @@ def test_a_wrong_cell_is_named_with_line_and_remedy(tmp_path, line, message):
     ("trial,experiment,log,direction\nb,belt,b.mcap,up\n", "direction 'up' of a trial that is not perturbed"),
     ("", "not a CSV table"), (HEADER, "no trials"), ("trial,log\nb,b.mcap\n", "no column 'experiment'"),
     ("trial,experiment,log,log\nb,belt,a,b\n", "line 1: column 'log' stands twice"),
+    ("trial,experiment,log,log_source,joint\na,belt,a.csv,b,ankel\n", "joint 'ankel' is no.* did you mean 'ankle'"),
+    ("trial,experiment,log,log_source,static\na,belt,a.csv,b,x\n", "static 'x' of experiment 'belt'; it is for 'sta"),
     ("trial,experimnt,log\n", "unknown column 'experimnt'; .*; did you mean 'experiment'"),
     *((f"trial{sign}experiment\na{sign}belt\n", f"its cells are separated by '{said}'; save the sheet with commas")
       for sign, said in ((";", ";"), ("\t", r"\\t"), ("|", r"\|"))),
@@ -106,6 +109,7 @@ def test_joint_controller_desired_impedance_and_conditions_are_free(tmp_path):
     rows = (
         "a,impedance,PD $x_1$ 50 %,300,,a.csv,bench_csv,knee,left,\n"
         "b,impedance,,,2,b.csv,bench_csv,éxo \\alpha,,slow walk\n"
+        "d,impedance,,,,d.csv,bench_csv,kneeL,,\n"
         f"{'c' * 100},belt,,,,c.csv,bench_csv,,right,{'g' * 40}\n"
     )
     table = read_sheet(sheet(tmp_path, "trial,experiment,controller,K_d,B_d,log,log_source,joint,side,group\n" + rows))
@@ -113,6 +117,7 @@ def test_joint_controller_desired_impedance_and_conditions_are_free(tmp_path):
     assert [tuple(row[name] for name in columns) for row in table.values()] == [
         ("knee", "PD $x_1$ 50 %", 300, None, "left", None),
         ("éxo \\alpha", None, None, 2, None, "slow walk"),
+        ("kneeL", None, None, None, None, None),
         ("ankle", None, None, None, "right", "g" * 40),
     ]
 
@@ -174,7 +179,7 @@ def settings_with(tmp_path, place, value):
     content = inner = yaml.safe_load(TINY.read_text())
     *parents, last = place.split(".")
     for parent in parents:
-        inner = inner[parent]
+        inner = inner.setdefault(parent, {})
     inner[last] = value
     path = tmp_path / "settings.yaml"
     path.write_text(yaml.safe_dump(content))
@@ -207,12 +212,28 @@ def test_the_written_sheet_is_the_plan_and_a_crossing_s_perturbation_does_not_de
     assert few == many[:9]
 
 
+TONE = {"frequency_hz": 200, "size": 1}
+PRBS = {"name": "a", "kind": "prbs", "rms_deg": 2}
+
+
 @pytest.mark.parametrize(("place", "value", "match"), [
     ("effects.load_cell_noise.unit", "mN*m", r"effects.load_cell_noise.*unit must be 'N\*m'"),
     ("effects.control_delay.size", 1.5, "effects.control_delay.*whole number"),
     ("drivetrain.control_updates", 3, "drivetrain.*control_updates must divide substeps"),
     ("experiments.walking", 3, "'walking' names no settings file"),
     ("dynamometer.rate_hz", 1, r"dynamometer\.rate_hz = 1 Hz takes 0\.2 samples of a cycle at 5 Hz; take 50 Hz"),
+    ("actuator", {"duration_s": 9, "fade_s": 1, "velocity": [TONE], "current": [TONE]}, "2000 Hz or .* actuator.veloc"),
+    ("excitations", [PRBS | {"clock_s": 1e-5}], "at 50000 Hz; .*or correct excitations"),
+    ("excitations", [PRBS | {"rms_deg": 120}], "excitations.0.rms_deg: 120 is not allowed: .* 60 deg"),
+    ("excitations", [PRBS, PRBS], "excitations: 'a' stands twice"),
+    ("excitations", [PRBS | {"kind": "multisine", "band_hz": [0.1, 0.5]}], "0: 2 odd lines of a period of 8 s lie"),
+    ("experiments.conditions.subjects", [{"name": "A"}, {"name": "A"}], "subjects: 'A' stands twice"),
+    ("experiments.conditions.K_d", [300, 300], "K_d: '300.0' stands twice"),
+    ("experiments.conditions.stance_phases", [0.95], "stance_phases.0: 0.95 is not allowed"),
+    ("belt.amplitude_deg", 120, "belt.amplitude_deg: 120 is not allowed: .* 60 deg"),
+    ("effects.actuator_encoder", {"enabled": True, "size": 200, "unit": "bit"}, "its size is 200 bit; give at most 32"),
+    ("effects.dynamometer_bandwidth.size", 600, "dynamometer_bandwidth.size: 600 Hz do not show in a log of 1000 Hz"),
+    ("recorder.torque_node.rate", {"enabled": True, "size": 10, "unit": "Hz"}, "torque_node.rate.size: 10 Hz do not"),
 ])  # fmt: skip
 def test_a_wrong_setting_is_named_with_its_place(tmp_path, place, value, match):
     path = settings_with(tmp_path, place, value)
@@ -227,6 +248,10 @@ def test_an_unstable_loop_or_a_missing_file_is_refused_and_nothing_is_written(tm
     with pytest.raises(InputError, match=r"runs away, beyond 100 rad.* lower effects\.control_delay"):
         simulate_trial(path, tmp_path / "raw", "impedance_K300_B5.0_compensated")
     assert not (tmp_path / "raw").exists()
+    with pytest.raises(UnreachableImpedanceError, match=r"yaml: experiments: K_d = 3000 N\*m/rad cannot be rendered"):
+        settings_files(settings_with(tmp_path, "experiments.K_d", [300, 3000]))
+    with pytest.raises(InputError, match=r"simulation: no\.yaml: no such file"):
+        planned_sheet(Path("no.yaml"), tmp_path / "raw/trials.csv")
     missing = settings_with(tmp_path, "walking", "none.yaml")  # of the gait laboratory, for a trial of the bench
     with pytest.raises(InputError, match=r"walking: none\.yaml is no file; correct it, or write null"):
         simulate_trial(missing, tmp_path / "raw", "belt_01")

@@ -6,12 +6,13 @@ import numpy as np
 from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from osl_analysis.protocol.stepped_sine import SteppedSineProtocol
-from osl_analysis.relations import refused, rising, stretches
+from osl_analysis.relations import below, misplaced, refused, rising, stretches
 from osl_analysis.signals import LowPass
 from osl_analysis.signals.grid import GapLimits
 from osl_analysis.trial import Array
-from osl_analysis.yaml_settings import Degrees, NotNegative, Positive, Settings
+from osl_analysis.yaml_settings import Degrees, NotNegative, Positive, Seconds, Settings
 
+Angle = Annotated[float, Field(ge=-180, le=180)]
 CycleCount = Annotated[int, Field(ge=1, le=10_000)]
 Windows = Annotated[str, AfterValidator(lambda text: stretches(text) and text)]
 UncertainShare = Annotated[float, Field(ge=0, lt=0.5)]  # a standard uncertainty; what is larger is a percentage
@@ -22,15 +23,19 @@ class TimeBase(Settings):
 
     highest_hz: Positive = 5.0
     """Fastest motion [Hz] of the bench; gaps up to a tenth of its period are bridged and count as data."""
-    longest_gap_s: Positive = 0.5
+    longest_gap_s: Seconds = 0.5
     """Longest gap [s]; between the two a gap is bridged and its rows are not fitted, beyond it a trial is refused."""
     largest_drift_ppm: Positive = 2.0  # drift [ppm] between the clocks of angle and torque beyond which it is refused
+    _bridges = refused(
+        lambda s: 0.1 / s.highest_hz > s.longest_gap_s,
+        "highest_hz = {s.highest_hz:g} bridges 0.1/highest_hz s, beyond longest_gap_s = {s.longest_gap_s:g}; raise one",
+    )
 
 
 class FilterSettings(Settings):
     """The time base and the one zero-phase Butterworth filter of all signals of a trial."""
 
-    cutoff_hz: Positive  # cut-off [Hz] of one run of the filter
+    cutoff_hz: Annotated[float, Field(gt=0, le=1000)]  # cut-off [Hz] of one run of the filter
     order: Annotated[int, Field(ge=1, le=10)]  # of one run
     time_base: TimeBase = TimeBase()  # the uniform grid on which the signals are filtered
 
@@ -122,7 +127,7 @@ class BenchAnalysis(FilterSettings):
 
     bench_stiffness: BenchStiffness | None = None  # null: the bench does not yield
     calibration: Calibration = NOT_STATED  # what is not known of torque and angle
-    largest_angle: Positive = 1.2  # angle [rad] by which a joint turns at most, to each side of its middle
+    largest_angle: Annotated[float, Field(gt=0, le=3.2)] = 1.2  # [rad] by which a joint turns at most, to each side
     load_cell_range: Positive | None = None  # largest torque [N*m] that the load cell measures; null: not stated
 
 
@@ -147,6 +152,7 @@ class SteppedSineAnalysis(BenchAnalysis):
     """Time [s] at each frequency in place of `cycles`, which does not count then; null: see `cycles`."""
     settle_cycles: Annotated[int, Field(ge=0, le=10_000)]
     """Number of cycles at the start of each segment that are not fitted."""
+    _is_bridged = below("time_base.highest_hz", "cutoff_hz", "and the filter takes out so fast a motion", True)
 
     @model_validator(mode="after")
     def _some_cycles_are_settled(self) -> Self:
@@ -157,10 +163,9 @@ class SteppedSineAnalysis(BenchAnalysis):
             )
         fewest = min(self.protocol.cycles_at)
         if self.settle_cycles >= fewest:
-            raise ValueError(
-                f"settle_cycles = {self.settle_cycles} leaves none of {fewest:g} cycles; lower it, at most to "
-                f"{max(int(np.ceil(fewest)) - 1, 0)}"
-            )
+            said = f"settle_cycles = {self.settle_cycles} leaves none of {fewest:g} cycles; lower it, at most to "
+            said += f"{max(int(np.ceil(fewest)) - 1, 0)}, or raise cycles or seconds_per_frequency"
+            raise misplaced(said, "settle_cycles")
         return self
 
     @property
@@ -209,7 +214,11 @@ class ActuatorAnalysis(BenchAnalysis):
     """Filter and treatment of friction on the actuator's bench."""
 
     sign_width: Positive  # velocity [rad/s] over which its sign is smoothed: tanh(omega_m/sign_width)
-    slowest: NotNegative  # velocity [rad/s] below which samples are not fitted
+    slowest: NotNegative  # velocity [rad/s] below which samples are not fitted; 0: all are
+    _sign_is_known = refused(
+        lambda s: 0 < s.slowest <= s.sign_width,
+        "slowest = {s.slowest:g} is not above sign_width = {s.sign_width:g}, which smooths friction; correct one",
+    )
 
 
 class ModelComparison(Settings):
@@ -222,7 +231,7 @@ class ModelComparison(Settings):
 class DesiredCurve(Settings):
     """A torque-angle curve that a device was designed for, as points of a broken line."""
 
-    angle_deg: Annotated[tuple[float, ...], Field(min_length=2), AfterValidator(rising)]  # of the points [deg]
+    angle_deg: Annotated[tuple[Angle, ...], Field(min_length=2), AfterValidator(rising)]  # of the points [deg]
     torque: Annotated[tuple[float, ...], Field(min_length=2)]  # torques [N*m] there; they resist the motion
 
     _is_a_function = refused(
@@ -241,7 +250,7 @@ class TorqueAngleAnalysis(BenchAnalysis):
     """Where the torque's zero is: its mean over `rest_s` at the end or at the start of the recording, where the joint
     rests; none: the torque is as recorded."""
     rest_s: Positive  # duration [s] of this rest
-    angle_step_deg: Positive  # step [deg] of the angles at which the curves stand
+    angle_step_deg: Annotated[float, Field(gt=0, le=10)]  # step [deg] of the angles at which the curves stand
     window_share: Annotated[float, Field(gt=0, le=0.25)]
     """Angle to each side of a point, as a share of the range of motion, over which its torque and slope are fitted."""
     smallest_motion_deg: Degrees  # range of motion [deg] below which a trial is refused
@@ -252,3 +261,8 @@ class TorqueAngleAnalysis(BenchAnalysis):
     """Duration [s] of a cycle below which a trial is refused: inertia and damping are in its torque."""
     desired: dict[str, DesiredCurve] = Field(default_factory=dict)
     """Desired curves by name. The column `desired` of the sample sheet says which one a trial should follow."""
+    _passes = refused(
+        lambda s: s.cutoff_hz * s.shortest_cycle_s <= 1,
+        "cutoff_hz = {s.cutoff_hz:g} takes out cycles of shortest_cycle_s = {s.shortest_cycle_s:g}; raise one of them",
+    )
+    _cycles_are_seen = below("time_base.longest_gap_s", "shortest_cycle_s", "and a gap would hide a cycle", True)

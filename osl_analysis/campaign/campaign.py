@@ -3,8 +3,7 @@
 import hashlib
 import json
 import re
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import cached_property
@@ -17,7 +16,7 @@ from osl_analysis.campaign.configuration import Config, FrequencyResponseFigure
 from osl_analysis.config.experiments import EXPERIMENTS, ResultTable
 from osl_analysis.config.shared_choices import read_impedance_trajectory
 from osl_analysis.config.sheet import FIXTURE, SheetRows, read_sheet
-from osl_analysis.errors import InputError, listing, nearest
+from osl_analysis.errors import InputError, listing, naming, nearest
 from osl_analysis.files import default_config, digest
 from osl_analysis.formats.rosbag import recorded_files
 from osl_analysis.judge.recording import CHECKS, unknown_check, validate_rules
@@ -55,16 +54,8 @@ class Campaign:
 
     def static(self, trial: str) -> str:
         """The static trial that calibrates a crossing or plate trial."""
-        with self.named():
+        with naming(self.config.sheet):
             return static_of(trial, self.row(trial), {name: self.row(name) for name in self.trials("static")})
-
-    @contextmanager
-    def named(self) -> Iterator[None]:
-        """Within the block a refusal begins with the sheet's name."""
-        try:
-            yield
-        except InputError as error:
-            raise InputError(f"{self.config.sheet}: {error}") from error
 
     def plate_trials(self) -> list[str]:
         """Names of the plate trials from which the plate's inertia is identified; none if it is not."""
@@ -83,7 +74,7 @@ class Campaign:
     def calibration_settings(self, static: str) -> dict[str, Any]:
         """Settings for the calibration by a static trial: those of the configuration, with the side of the sheet."""
         served = {trial: self.row(trial) for trial in self.statics.get(static, [])}
-        with self.named():
+        with naming(self.config.sheet):
             side = side_of(static, self.row(static), served, self.config.walking.side)
         return self.config.walking.part("CalibrationSettings") | {"side": side}
 
@@ -194,11 +185,15 @@ def check_campaign(campaign: Campaign) -> None:
 
 def check_files(config: Config) -> None:
     """Refuse a missing file, or a file for the results' folder. Raw files are checked when they are ingested."""
-    for folder in (config.results, *config.results.parents):
-        if folder.exists() and not folder.is_dir():
-            raise InputError(f"{folder}: is a file; name a folder under `results` in the configuration")
     if config.results == Path():
         raise InputError("configuration: results is empty, or this very folder; name a folder, as `results: results`")
+    for field in ("results", "raw_data", "sources", "sheet"):
+        path = getattr(config, field)
+        for folder in path.parents if field == "sheet" else (path, *path.parents):
+            if folder.exists() and not folder.is_dir():
+                raise InputError(f"{folder}: is a file; name a folder under `{field}` in the configuration")
+        if field != "results" and path.resolve().is_relative_to(config.results.resolve()):
+            raise InputError(f"configuration: results = {config.results} is or holds {field} = {path}; name another")
     named = {"parameters": config.parameters, "impedance_trajectory": config.impedance_trajectory}
     for field, path in (named | {"study.simulation": config.study.simulation}).items():
         if path is not None and not path.is_file():
@@ -207,12 +202,17 @@ def check_files(config: Config) -> None:
     with catch_warnings(action="ignore"):  # the jobs that use the parameters give them
         known_parameters(config.parameters)
     if config.impedance_trajectory is not None:
-        read_impedance_trajectory(config.impedance_trajectory)
+        with naming("impedance_trajectory"):
+            read_impedance_trajectory(config.impedance_trajectory)
+    if "experiments" not in read_mapping(config.study.simulation):
+        raise InputError(f"{config.study.simulation}: is no simulation; correct study.simulation in the configuration")
 
 
 def check_walking(campaign: Campaign) -> None:
     """Refuse walking trials without the files, and the static, plate and other trials, that their analysis needs."""
     walking, add = campaign.config.walking, "add them, or exclude the walking trials"
+    if campaign.config.simulation is not None:
+        add += ", or correct experiments.walking or perturbed_share of the simulation"
     by, file = walking.perturbed_by, "log" if walking.by_log else "mocap"
     for trial in campaign.trials("walking"):
         where, row = f"{campaign.config.sheet}: trial '{trial}'", campaign.row(trial)
@@ -220,8 +220,9 @@ def check_walking(campaign: Campaign) -> None:
             raise InputError(f"{where}: {file} is empty; a trial of experiment 'walking' needs it (perturbed_by: {by})")
         if row["windows"] and not walking.by_command:
             raise InputError(f"{where}: windows cut no capture with a moving platform; export each crossing alone")
+    few = f"{add}, or lower walking.fewest_unperturbed, to 3 at least"
     needed = [
-        (campaign.crossings(perturbed=False), "unperturbed crossings", walking.fewest_unperturbed, add),
+        (campaign.crossings(perturbed=False), "unperturbed crossings", walking.fewest_unperturbed, few),
         (campaign.crossings(perturbed=True), "perturbed crossings", 2, add),
     ]
     if not walking.by_log:
@@ -235,7 +236,7 @@ def check_walking(campaign: Campaign) -> None:
             raise InputError(f"{campaign.config.sheet}: {len(there)} {what}, walking needs {least} or more; {remedy}")
     for static in campaign.statics:
         campaign.calibration_settings(static)
-    with campaign.named():
+    with naming(campaign.config.sheet):
         split_keys(campaign.conditions(), walking)
 
 
@@ -251,6 +252,11 @@ def time_series_example(campaign: Campaign) -> dict[str, Any] | None:
         asked = {"controller": stated.controller, "K_d": stated.K_d, "B_d": stated.B_d}
         if found := matching(campaign, asked, "time_series"):
             name, amplitude_deg, chosen = found[0], stated.amplitude_deg, ""
+            known, of = campaign.config.dynamometer.amplitudes_deg, "figures.time_series.amplitude_deg"
+            is_known = any(abs(one / (amplitude_deg or one) - 1) < 0.1 for one in known)
+            if not is_known and campaign.config.dynamometer.excitation != "any":
+                said = f"is none of dynamometer.amplitudes_deg ({', '.join(f'{one:g}' for one in known)})"
+                raise InputError(f"configuration: {of} = {amplitude_deg:g} {said}; choose one of them, or null")
         else:
             chosen += "; the example of the configuration is not in this campaign"
     shown = {"amplitude_deg": amplitude_deg, "duration_s": stated.duration_s if stated else 10.0, "chosen": chosen}
@@ -272,11 +278,10 @@ def matching(campaign: Campaign, asked: dict[str, Any], figure: str = "") -> lis
     found = [name for name in trials if all(campaign.row(name)[cell] == value for cell, value in asked.items())]
     default = read_mapping(default_config())["figures"].get(figure) or {}
     if figure and not found and not all(default.get(name) == value for name, value in asked.items()):
-        said = ", ".join(f"{name} = {value:g}" for name, value in asked.items() if isinstance(value, float))
-        what = f"{asked.get('controller') or 'impedance'} trial with {said or 'these empty cells'}"
+        said = ", ".join(f"{k} = {v:{'g' * (not isinstance(v, str))}}" for k, v in asked.items() if v is not None)
         raise InputError(
-            f"{campaign.config.sheet}: no {what}; choose another one under figures.{figure} in the configuration, or "
-            f"null to have one chosen from the sheet{nearest(asked.get('controller') or '', CONTROLLERS)}"
+            f"{campaign.config.sheet}: no impedance trial with {said or 'these empty cells'}; choose another one under "
+            f"figures.{figure}, or null to have one chosen{nearest(asked.get('controller') or '', CONTROLLERS)}"
         )
     return found
 

@@ -14,9 +14,9 @@ from osl_analysis.files import default_config
 from osl_analysis.judge.claims import Claims
 from osl_analysis.judge.table import DoubtfulFits, QualityRules
 from osl_analysis.model.compensator import Weight
-from osl_analysis.relations import below, refused, rising
+from osl_analysis.relations import refused, rising
 from osl_analysis.walking.settings import OvergroundAnalysis, WalkingAnalysis
-from osl_analysis.yaml_settings import AnySettings, Degrees, Positive, Settings, ShippedPath, read_mapping, validated
+from osl_analysis.yaml_settings import AnySettings, Degrees, Settings, ShippedPath, Stiffness, read_mapping, validated
 
 
 def dates(value: date | str) -> date | str:
@@ -34,7 +34,7 @@ Some = Annotated[int, Field(ge=0, le=1_000_000)]  # trials, campaigns or crossin
 class FrequencyResponseFigure(Settings):
     """A desired impedance: Fig. 7 shows all trials that have it."""
 
-    K_d: Positive | None = None  # Desired stiffness [N*m/rad]; null: of trials without one.
+    K_d: Stiffness | None = None  # Desired stiffness [N*m/rad]; null: of trials without one.
     B_d: Annotated[float, Field(ge=0)] | None = None  # Desired damping [N*m*s/rad]; null: of trials without one.
 
 
@@ -43,7 +43,7 @@ class TimeSeriesFigure(FrequencyResponseFigure):
 
     controller: str | None = None  # Controller of the trial; null: a trial without one.
     amplitude_deg: Degrees | None = None  # Amplitude of the sines [deg]; null: the largest.
-    duration_s: Positive = 10.0  # Length of the part [s], which ends with the block of that amplitude.
+    duration_s: Annotated[float, Field(gt=0, le=3600)] = 10.0  # Length of the part [s], which ends with that block.
 
 
 class FigureChoices(Settings):
@@ -55,7 +55,7 @@ class FigureChoices(Settings):
     """The trial of Fig. 4, whose estimates are headline numbers too; null: the first trial."""
     frequency_response: FrequencyResponseFigure | None = None
     """The desired impedance of Fig. 7; null: the one with the most trials."""
-    midstance_stiffness: Positive | None
+    midstance_stiffness: Stiffness | None
     """Stiffness that the walking controller commands in midstance [N*m/rad], marked in Fig. 9 where the sheet states no
     K_d and the campaign has one group; null: no mark."""
     stance_share: Annotated[float, Field(gt=0, le=1)] = 0.62
@@ -66,7 +66,7 @@ class FigureChoices(Settings):
 class ReportChoices(Settings):
     """The page `report.html` of a run."""
 
-    largest_mb: Positive = 40.0
+    largest_mb: Annotated[float, Field(gt=0)] = 40.0
     """Largest size of the page [MB]; signals are thinned out to keep it, and the page says so."""
 
 
@@ -78,9 +78,9 @@ class StudyTrials(Settings):
     seed: Annotated[int, Field(ge=0)]  # Seed of every random number.
     crossings: Annotated[Some, Field(ge=3)]
     """Number of perturbed crossings in a campaign, which has the same number of unperturbed crossings."""
-    amplitudes_deg: Annotated[tuple[Degrees, ...], Field(min_length=1)]  # Amplitudes [deg] of the short protocol.
+    amplitudes_deg: Annotated[tuple[Annotated[Degrees, Field(le=60)], ...], Field(min_length=1)]  # of the protocol
     cycles: Annotated[int, Field(ge=1, le=10_000)]  # Cycles at each frequency of the short protocol.
-    K_d: Positive  # Desired stiffness [N*m/rad].
+    K_d: Stiffness  # Desired stiffness [N*m/rad].
     B_d: Annotated[float, Field(ge=0)]  # Desired damping [N*m*s/rad].
     I: Annotated[float, Field(ge=0)]  # Inertia [kg*m^2] of the second-order joint.
 
@@ -130,7 +130,14 @@ class Config(Settings):
     report: ReportChoices = ReportChoices()  # The page `report.html`.
     study: StudySettings  # The Monte Carlo study.
 
-    _study_is_fitted = below("dynamometer.settle_cycles", "study.cycles", "and none of the study's would be fitted")
+    _study_is_fitted = refused(
+        lambda s: s.study.cycles < s.dynamometer.settle_cycles + 2,
+        "study.cycles = {s.study.cycles} are dynamometer.settle_cycles and the last, which are not fitted; raise it",
+    )
+    _is_simulated = refused(
+        lambda s: s.simulation and s.data == "measured",
+        "data = measured, but the recordings are those of `simulation`; write data: null, or simulation: null",
+    )
     _one_plate = refused(
         lambda s: s.simulation and s.walking.plate != 1,
         "walking.plate = {s.walking.plate}: the simulated laboratory has one force plate; write 1",

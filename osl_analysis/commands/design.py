@@ -58,6 +58,9 @@ def designed(chosen: Mapping[str, Any], config: Config) -> Design:
     joint = np.array(list(expected.values()), dtype=float)
     within = {name: chosen[f"{option}_within"] for name, option in zip(KBI, expected, strict=True)}
     within = {name: share for name, share in within.items() if share is not None}
+    for name, option in zip(KBI, expected, strict=True):
+        if name in within and not expected[option]:
+            raise InputError(f"--{option}-within is a share of an expected {name} of 0; give --{option} above 0")
     distortion = Distortion() if chosen["earlier"] is None else earlier_distortion(chosen["earlier"], chosen["trial"])
     if chosen["friction"] is not None and distortion != Distortion():  # it counts once
         raise InputError("--friction and --earlier state the same distortion twice; give one of them")

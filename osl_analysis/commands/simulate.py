@@ -3,12 +3,14 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
+from warnings import catch_warnings
 
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.config.shared_choices import SharedChoices, read_impedance_trajectory
 from osl_analysis.config.sheet import SHEET_COLUMNS, SheetRows
-from osl_analysis.errors import InputError
+from osl_analysis.errors import InputError, naming
 from osl_analysis.files import atomic_path, check_output
+from osl_analysis.model.compensator import check_request
 from osl_analysis.model.parameters import read_parameters
 from osl_analysis.relations import one_of
 from osl_analysis.simulator.plan import plan_trials
@@ -29,7 +31,8 @@ def check_folder(folder: Path) -> None:
     if path is not None and not (folder / TRUTH).is_dir():  # another job makes it before its first log
         raise InputError(
             f"{path}: the simulator did not make it (there is no folder '{TRUTH}' in {folder}); for real recordings "
-            "write `simulation: null` in the configuration, for a simulation choose an empty folder"
+            "write `simulation: null` in the configuration, for a simulation choose an empty folder for `sheet` and "
+            "`raw_data`"
         )
 
 
@@ -37,7 +40,8 @@ def planned_sheet(settings_path: Path, sheet: Path) -> SheetRows | None:
     """The plan of a simulated campaign; None where the sheet on disk is newer than the settings and is to be read
     instead, so that trials can be excluded or added by hand."""
     check_folder(sheet.parent)
-    settings = read_yaml(settings_path, SimulationSettings)
+    with naming("simulation"):
+        settings = read_yaml(settings_path, SimulationSettings)
     kept = sheet.is_file() and sheet.stat().st_mtime >= settings_path.stat().st_mtime
     return None if kept else plan_trials(settings)
 
@@ -59,6 +63,10 @@ def settings_files(settings_path: Path, followed: SharedChoices = NOTHING) -> li
     """The files that decide what is simulated: the settings and those that they, or the `followed` choices, name."""
     settings = read_simulation(settings_path, followed)
     laboratory = laboratory_of(settings, followed)
+    with catch_warnings(action="ignore"), naming(f"{settings_path}: experiments"):  # the jobs give the warnings
+        wanted, p = settings.experiments, read_parameters(settings.parameters)
+        rendered = wanted.K_d if "compensated" in wanted.controllers and settings.joint is None else ()
+        check_request([*rendered, *wanted.conditions.K_d], [*wanted.B_d, *wanted.conditions.B_d], p)
     if laboratory is None or settings.walking is None:
         return [settings_path, settings.parameters]
     named: dict[Place, Sequence[str]] = {("capture", "swapped_in"): laboratory.capture.swapped_in or ()}

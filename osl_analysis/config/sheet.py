@@ -70,12 +70,13 @@ def read_sheet(path: Path) -> SheetRows:
             said = f"trial '{row['trial']}' stands twice, first in line {before}; give each row its own name"
             raise InputError(f"{where}: {said}")
         seen["trial", row["trial"]] = number
-        for column, unnamed in (("joint", JOINT), ("controller", CONTROLLERS[0])):
-            name = row[column] or unnamed
-            is_own = column == "controller" and name.isalpha() and name.lower() not in CONTROLLERS
-            if like := nearest(name, CONTROLLERS, 0.9) if is_own else "":
-                said = "has no known gains; give a controller of your own a name that differs more"
-                raise InputError(f"{where}: controller '{name}' {said}{like}")
+        for column, usual, alike in (("joint", (JOINT, "knee", "hip"), 0.8), ("controller", CONTROLLERS, 0.9)):
+            name = row[column] or usual[0]
+            known = [one for one in usual if column == "controller" or len(one) >= len(name)]  # kneeL is a name
+            is_own = name.isalpha() and name.lower() not in usual
+            if like := nearest(name, known, alike) if is_own else "":
+                said = f"is not a usual one; give a {column} of your own a name that differs more"
+                raise InputError(f"{where}: {column} '{name}' {said}{like}")
             before = seen.setdefault((column, unicodedata.normalize("NFKC", name).casefold()), name)
             if before != name:  # two equal names that capitals, or Unicode's ways to write a letter, tell apart
                 raise InputError(
@@ -172,7 +173,8 @@ def problems_in(row: Mapping[str, str]) -> Iterator[str]:
         if source.endswith((".yaml", ".yml")):
             yield f"{column}_source '{source}' names a file; write its name without the ending"
     users = {"windows": ("impedance", "walking"), "desired": ("torque_angle",)}
-    for column in (column for column in ("windows", "desired", *KNOWN_COLUMNS) if row[column]):
+    users["static"] = tuple(name for name, facts in EXPERIMENTS.items() if facts.place != "bench")
+    for column in (column for column in ("windows", "desired", "static", *KNOWN_COLUMNS) if row[column]):
         if experiment not in (user := users.get(column, ("calibration",))):
             said = " or ".join(f"'{one}'" for one in user)
             yield f"{column} '{row[column]}' of experiment '{experiment}'; it is for {said} alone, clear the cell"

@@ -121,6 +121,9 @@ class QualityRules(Settings):
         return self.__pydantic_extra__
 
 
+BOUNDED = {"VAF": 100, "R2": 1, "correlation": 1, "coherence": 1}  # largest values, by a part of a column's name
+
+
 class Doubt(Settings):
     """Limits of one table, by column. Null: no limit."""
 
@@ -153,6 +156,10 @@ class DoubtfulFits(Settings):
                 if column not in numbers:
                     said = f"tables/{name}.csv has no number of this name; correct it{nearest(column, numbers)}"
                     raise misplaced(said, name, end, column)
+                limit, most = getattr(limits, end)[column], next((n for one, n in BOUNDED.items() if one in column), 0)
+                if limit and most and (abs(limit) > most or (end == "below" and 0 < limit < most / 100)):
+                    of = f"a {'percentage' if most == 100 else 'share'}, which is at most {most}"
+                    raise misplaced(f"{limit:g} is no limit of {of}; write one as {0.9 * most:g}", name, end, column)
         return self
 
     def of(self, table: str) -> Doubt:

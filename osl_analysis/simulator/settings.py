@@ -12,8 +12,9 @@ import numpy as np
 from pydantic import AfterValidator, Field, ValidationInfo, field_validator, model_validator
 
 from osl_analysis.model.compensator import PAPER_WEIGHT, Weight
-from osl_analysis.relations import below, distinct, refused, rising
-from osl_analysis.yaml_settings import Degrees, NotNegative, Positive, Settings, ShippedPath
+from osl_analysis.model.multisine import odd_lines
+from osl_analysis.relations import below, distinct, misplaced, refused, rising
+from osl_analysis.yaml_settings import Degrees, JointDegrees, NotNegative, Positive, Settings, ShippedPath, Stiffness
 
 
 class Effect(Settings):
@@ -80,6 +81,8 @@ class Switches(Settings):
             return value
         if value.unit not in rules["units"]:
             raise ValueError(f"its unit must be {' or '.join(map(repr, rules['units']))}, not '{value.unit}'")
+        if value.unit in (most := {"bit": 32, "rad": math.pi}) and value.size > most[value.unit]:
+            raise ValueError(f"its size is {value.size:g} {value.unit}; give at most {most[value.unit]:.3g}")
         if "whole" in rules and value.size != int(value.size):
             raise ValueError(f"its size is {value.size:g}; give a whole number")
         if "above_0" in rules and value.size == 0:
@@ -92,6 +95,11 @@ class Switches(Settings):
         """These effects with the named ones off, or with all off if none is named."""
         names = names or tuple(type(self).model_fields)
         return self.model_copy(update={n: getattr(self, n).model_copy(update={"enabled": False}) for n in names})
+
+
+Phases = Annotated[tuple[Annotated[float, Field(ge=0, le=0.9)], ...], AfterValidator(distinct)]  # of stance
+Stiffnesses = Annotated[tuple[Stiffness, ...], AfterValidator(distinct)]  # [N*m/rad]
+Dampings = Annotated[tuple[NotNegative, ...], AfterValidator(distinct)]  # [N*m*s/rad]
 
 
 class Subject(Settings):
@@ -108,10 +116,10 @@ class Conditions(Settings):
     occurs once, in a random order. Subjects and sessions follow each other in equal blocks."""
 
     directions: Annotated[tuple[Literal["up", "down"], ...], Field(min_length=1)] = ("up",)  # up: toes up, dorsiflexion
-    K_d: tuple[Positive, ...] = ()  # largest desired stiffness [N*m/rad]; the whole trajectory is scaled
-    B_d: tuple[NotNegative, ...] = ()  # largest desired damping [N*m*s/rad]; the whole trajectory is scaled
-    stance_phases: tuple[Annotated[float, Field(ge=0, lt=1)], ...] = ()  # mean phase at which the ramp is commanded
-    subjects: tuple[Subject, ...] = ()
+    K_d: Stiffnesses = ()  # largest desired stiffness [N*m/rad]; the whole trajectory is scaled
+    B_d: Dampings = ()  # largest desired damping [N*m*s/rad]; the whole trajectory is scaled
+    stance_phases: Phases = ()  # mean phase at which the ramp is commanded; the response is within the stance
+    subjects: Annotated[tuple[Subject, ...], AfterValidator(distinct)] = ()
     sessions: Annotated[int, Field(ge=1)] = 1  # of each person, with markers attached anew (`marker_placement`)
     side: Literal["left", "right"] = "right"  # that the sheet states; the simulated leg is the right one
     stated: tuple[
@@ -197,7 +205,7 @@ class SteppedSineSchedule(Switches):
 class BeltMotion(Settings):
     """The motion of the belt experiment: a rest, a turn and back, and a rest."""
 
-    amplitude_deg: Degrees
+    amplitude_deg: JointDegrees
     ramp_s: Positive  # of the turn, and of the return
     rest_s: NotNegative
 
@@ -279,7 +287,7 @@ class Excitation(Settings):
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9]{0,30}$")]  # a part of the names of its trials
     kind: Literal["multisine", "chirp", "noise", "prbs", "ramps", "hand"]
-    rms_deg: Degrees  # of a binary sequence half its step, of ramps a third of their range
+    rms_deg: JointDegrees  # of a binary sequence half its step, of ramps a third of their range
     band_hz: Band = (0.5, 6.0)  # a binary sequence and ramps have none
     duration_s: Positive = 60.0  # at full size; of a multisine see `periods`
     period_s: Positive = 8.0  # of a multisine
@@ -292,6 +300,7 @@ class Excitation(Settings):
     rest_s: NotNegative = 1.5  # before and after each motion
 
     _fades = below("fade_s + clock_s", "full_s", "and the motion would never be at full size")
+    _has_lines = refused(lambda s: s.kind == "multisine" and not odd_lines(s.period_s, s.band_hz, 0), "no lines")
 
     @property
     def full_s(self) -> float:
@@ -347,8 +356,8 @@ class Experiments(Settings):
     transmission: Count
     actuator: Count = 0
     torque_angle: Count = 0  # of a passive foot
-    K_d: Annotated[tuple[Positive, ...], AfterValidator(distinct)]
-    B_d: Annotated[tuple[NotNegative, ...], AfterValidator(distinct)]
+    K_d: Stiffnesses
+    B_d: Dampings
     controllers: tuple[Literal["compensated", "uncompensated"], ...]
     static: Count = 0
     plate: Count = 0  # a perturbation of the unloaded platform
@@ -398,7 +407,7 @@ class SimulationSettings(Settings):
     effects: Effects
     recorder: RecorderSettings = RecorderSettings()
     joint: SecondOrderJoint | None = None  # replaces the drivetrain in every impedance trial
-    excitations: tuple[Excitation, ...] = ()  # motions of the impedance trials in place of `protocol`
+    excitations: Annotated[tuple[Excitation, ...], AfterValidator(distinct)] = ()  # motions in place of `protocol`
     actuator: ActuatorBench | None = None
     foot: PassiveFoot | None = None  # of torque-angle trials, and its motion
     walking: ShippedPath | None = None  # settings file of the gait laboratory
@@ -406,9 +415,7 @@ class SimulationSettings(Settings):
 
     @model_validator(mode="after")
     def _what_is_planned_is_described(self) -> Self:
-        names, wanted = [one.name for one in self.excitations], self.experiments
-        if len(set(names)) < len(names):
-            raise ValueError(f"excitations have the names {', '.join(names)}; give each a name of its own")
+        wanted = self.experiments
         for planned, kind, description, lacks in (
             (wanted.actuator, "actuator", self.actuator, "'actuator' has no schedule"),
             (wanted.torque_angle, "torque-angle", self.foot, "there is no 'foot'"),
@@ -422,20 +429,24 @@ class SimulationSettings(Settings):
     @model_validator(mode="after")
     def _is_sampled_fast_enough(self) -> Self:
         rate, bandwidth = self.dynamometer.rate_hz, self.effects.dynamometer_bandwidth
-        tones = () if self.actuator is None else (*self.actuator.velocity, *self.actuator.current)
-        bands = (one.band_hz[1] for one in self.excitations)
-        fastest = max((*self.protocol.frequencies_hz, *(tone.frequency_hz for tone in tones), *bands))
-        fewest = 10  # samples of the log in one cycle
+        asked = [(hz, "protocol.frequencies_hz") for hz in self.protocol.frequencies_hz]
+        for one in self.excitations:
+            asked += [(0.5 / one.clock_s if one.kind in ("prbs", "ramps") else one.band_hz[1], "excitations")]
+        for name in ("velocity", "current") if self.actuator else ():
+            asked += [(tone.frequency_hz, f"actuator.{name}") for tone in getattr(self.actuator, name)]
+        (fastest, where), fewest = max(asked), 10  # samples of the log in one cycle
         if rate < fewest * fastest:
-            raise ValueError(
-                f"dynamometer.rate_hz = {rate:g} Hz takes {rate / fastest:g} samples of a cycle at {fastest:g} Hz; "
-                f"take {fewest * fastest:g} Hz or more"
-            )
+            said = f"dynamometer.rate_hz = {rate:g} Hz takes {rate / fastest:g} samples of a cycle at {fastest:g} Hz"
+            said += f"; take {fewest * fastest:g} Hz or more, or correct {where}"
+            raise misplaced(said, "dynamometer", "rate_hz")
+        nodes = {"node": self.recorder.node, "torque_node": self.recorder.torque_node or self.recorder.node}
+        for name, slow in ((name, one.rate.value) for name, one in nodes.items() if 0 < one.rate.value <= 2 * fastest):
+            said = f"{slow:g} Hz do not show a motion of {fastest:g} Hz; raise it, or correct {where}"
+            raise misplaced(said, "recorder", name, "rate", "size")
         if bandwidth.value >= rate / 2:
-            raise ValueError(
-                f"effects.dynamometer_bandwidth of {bandwidth.value:g} Hz does not show in a log of {rate:g} Hz; "
-                f"choose less than {rate / 2:g} Hz, or enabled: false for a bench that follows exactly"
-            )
+            said = f"{bandwidth.value:g} Hz do not show in a log of {rate:g} Hz; choose less than {rate / 2:g} Hz, or "
+            said += "enabled: false for a bench that follows exactly"
+            raise misplaced(said, "effects", "dynamometer_bandwidth", "size")
         return self
 
 

@@ -6,14 +6,18 @@ from pydantic import AfterValidator, Field
 
 from osl_analysis.relations import below, distinct, refused, rising
 from osl_analysis.signals import LowPass
-from osl_analysis.yaml_settings import Degrees, NotNegative, Positive, Seconds, Settings
+from osl_analysis.yaml_settings import Degrees, Newtons, NotNegative, Positive, Seconds, Settings
 
-Names = Annotated[tuple[str, ...], AfterValidator(distinct)]
+Marker = Annotated[str, Field(min_length=1)]
+Names = Annotated[tuple[Marker, ...], AfterValidator(distinct)]
 Cluster = Annotated[Names, Field(min_length=3)]
 Side = Literal["left", "right"]
 StanceSource = Literal["own", "unperturbed", "matched"]
 
-LoadRange = Annotated[tuple[Seconds, Seconds], AfterValidator(rising)]
+Coordinate = Annotated[float, Field(ge=-1, le=1)]  # [m] of a point of the foot
+Cutoff = Annotated[float, Field(gt=0, le=200)]  # [Hz], half the rate of fast cameras
+Load = Annotated[float, Field(gt=0, le=10)]  # a share of the weight; what is larger is in percent
+LoadRange = Annotated[tuple[Load, Load], AfterValidator(rising)]
 PoolKey = Literal["group", "subject", "session", "side", "speed", "K_d", "B_d", "timing"]
 GroupKey = PoolKey | Literal["direction"]
 
@@ -24,20 +28,20 @@ class Markers(Settings):
     foot: Cluster
     shank: Cluster
     platform: Cluster | tuple[()]  # empty for a belt without markers
-    ankle_medial: str
-    ankle_lateral: str
+    ankle_medial: Marker
+    ankle_lateral: Marker
 
     _are_apart = refused(
         lambda s: len({*(own := (*s.foot, *s.shank, *s.platform))}) < len(own) or s.ankle_medial == s.ankle_lateral,
-        "a marker stands in two of foot, shank and platform, or is medial and lateral; remove it from one",
+        "a marker stands in two of foot, shank and platform, or is ankle_medial and ankle_lateral; remove it from one",
     )
 
 
 class FootSettings(Settings):
     """Inertial parameters of all that moves below the ankle."""
 
-    mass_kg: Positive  # Mass [kg]
-    centre_of_mass_m: tuple[float, float, float]
+    mass_kg: Annotated[float, Field(gt=0, le=20)]  # Mass [kg]
+    centre_of_mass_m: tuple[Coordinate, Coordinate, Coordinate]
     """Centre of mass [m] from the ankle centre in the static pose: x forward, y to the left, z up."""
     inertia_kg_m2: NotNegative  # Moment of inertia [kg*m^2] about the mediolateral axis through the centre of mass
 
@@ -66,7 +70,7 @@ class MarkerSettings(Settings):
 class WalkingFilter(Settings):
     """The one zero-phase Butterworth low-pass of markers and wrench."""
 
-    cutoff_hz: Positive  # Cut-off [Hz] of one run of the filter
+    cutoff_hz: Cutoff  # Cut-off [Hz] of one run of the filter
     order: Annotated[int, Field(ge=1, le=10)]  # Order of one run of the filter
 
     @property
@@ -89,7 +93,7 @@ class PlatformSettings(MarkerSettings, WalkingFilter):
     """Who perturbs: a `platform` that turns; a `belt`, or a platform, that shifts; a `boot`, or another device that the
     leg wears; or the powered `leg`. Of the latter two the log has command, motion and torque."""
     plate: Annotated[int, Field(ge=1)]  # Number of the force plate on the platform, counted from 1
-    largest_zero_n: Positive  # Largest vertical force [N] of an unloaded plate. A plate that reads more is refused.
+    largest_zero_n: Newtons  # Largest vertical force [N] of an unloaded plate. A plate that reads more is refused.
     perturbation_deg: Degrees  # Smallest rotation [deg] of the platform that counts as a perturbation
     largest_shift_mm: Positive = 10.0  # of a platform that does not turn; further is refused, of a `belt` it perturbs
     longest_fitted_gap_s: NotNegative  # Longest gap [s] where the motion is fitted: after an onset, in an unloaded turn
@@ -117,7 +121,7 @@ class PlateModelSettings(PlatformSettings):
     """How the plate's own inertia and lag are identified, or `none`: the plate is light or compensates them itself."""
 
     plate_inertia: Literal["identified", "none"] = "identified"
-    plate_cutoff_hz: Positive  # Cut-off [Hz] with which it is identified: 12 kg are 10.8 kg at 20 Hz, 12.0 kg at 8 Hz
+    plate_cutoff_hz: Cutoff  # Cut-off [Hz] with which it is identified: 12 kg are 10.8 kg at 20 Hz, 12.0 kg at 8 Hz
     correct_plate_lag: bool  # Whether the plate's lag is estimated and corrected
 
     @property
@@ -132,7 +136,7 @@ class PlatformMotionSettings(PlatformSettings, TimingSettings):
 class CrossingSettings(PlatformMotionSettings):
     """How angle and torque of a crossing are computed."""
 
-    load_on_n: Positive  # Vertical force [N] above which a stance begins
+    load_on_n: Newtons  # Vertical force [N] above which a stance begins
     load_off_n: Positive  # Vertical force [N] below which a stance ends
     shortest_stance_s: Seconds  # Shortest stance [s]; shorter contacts are ignored
     unloaded_s: Seconds | None  # Length [s] before the step from which the plate's zero is read; null: none is removed
@@ -147,12 +151,12 @@ class SelectionSettings(TimingSettings):
 
     outliers: OutlierRule | None  # Rule by which crossings are compared and excluded; null: they are not compared
     load_of_weight: LoadRange  # Bounds of the mean load in single support, as a share of the weight
-    largest_outside_m: NotNegative  # Largest distance [m] of a foot marker from the plate while the foot is flat
+    largest_outside_m: Annotated[float, Field(ge=0, le=1)]  # of a foot marker [m] from the plate while the foot is flat
     group_by: tuple[GroupKey, ...] = ()
     """Conditions by which results are always split, as by any other in which crossings differ and that `pool` does not
     name. Opposite directions are joined by half their difference, unless they are named here."""
     pool: tuple[PoolKey, ...] = ()  # Conditions in which crossings of one result may differ
-    timing_scatter: Positive = 0.05  # Largest SD of the onset's phase, as a share of stance, of one timing
+    timing_scatter: Annotated[float, Field(gt=0, le=0.5)] = 0.05  # Largest SD of the onset, in shares of stance
 
     _split_or_pooled = refused(
         lambda s: {*s.group_by} & {*s.pool}, "group_by and pool share a condition; remove it from one of them"
@@ -199,9 +203,9 @@ class OvergroundAnalysis(Settings):
     """How the ankle moment of overground gait is computed. Of the names of a marker, with L or R in place of `?`, the
     first that the recording has is used: those of Plug-in Gait, QTM, OpenSim, CAST and others."""
 
-    load_on_n: Positive  # Vertical force [N] above which a frame counts
-    body_mass_kg: Positive | None = None  # Body mass [kg] of trials for which neither sheet nor recording states one
-    largest_zero_n: Positive = 100  # Largest downward reading [N] of a plate in most of the recording; more is refused
+    load_on_n: Newtons  # Vertical force [N] above which a frame counts
+    body_mass_kg: Annotated[float, Field(gt=0, lt=500)] | None = None  # [kg], where neither sheet nor recording has it
+    largest_zero_n: Newtons = 100  # Largest downward reading [N] of a plate in most of the recording; more is refused
     lateral_malleolus: Names = ("?ANK", "?_FAL", "?.Ankle.Lat", "?LM", "?LMA", "?LMAL", "?AL", "?.Ankle")
     medial_malleolus: Names = ("?MED", "?_TAM", "?.Ankle.Med", "?.Ankle.Medial", "?MM", "?MMA", "?MMAL", "?AM", "?TIO")
     heel: Names = ("?HEE", "?_FCC", "?.Heel", "?CA", "?CAL", "?H")

@@ -190,7 +190,7 @@ def check_files(config: Config) -> None:
     for field in ("results", "raw_data", "sources", "sheet"):
         path = getattr(config, field)
         for folder in path.parents if field == "sheet" else (path, *path.parents):
-            if folder.exists() and not folder.is_dir():
+            if folder.is_file():
                 raise InputError(f"{folder}: is a file; name a folder under `{field}` in the configuration")
         if field != "results" and path.resolve().is_relative_to(config.results.resolve()):
             raise InputError(f"configuration: results = {config.results} is or holds {field} = {path}; name another")

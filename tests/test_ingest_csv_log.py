@@ -321,7 +321,7 @@ def test_a_draft_knows_clocks_and_units_by_their_names_and_says_that_it_guessed(
 
 
 def test_a_draft_does_not_offer_a_torque_that_is_the_motors_current_times_a_constant(tmp_path: Path) -> None:
-    rows = np.random.default_rng(1).standard_normal((200, 3)).round(3)
+    rows = np.random.default_rng(1).standard_normal((200, 3)).cumsum(axis=0).round(3)
     for of_current, offered in ((1.0, False), (0.0, True)):  # one reading of the current failed
         torque = 0.14 * (of_current * rows[:, 1] + (1 - of_current) * rows[:, 2])
         lines = [f"{k / 1000},{a},{i},{t:.5f}" for k, (a, i, t) in enumerate(zip(*rows.T[:2], torque, strict=True))]

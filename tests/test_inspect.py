@@ -406,10 +406,10 @@ def test_a_recording_of_an_unknown_recorder_gives_its_joint_and_what_was_guessed
     assert found == pytest.approx({"K": STIFFNESS, "B": DAMPING, "I": INERTIA}, rel=0.02)
     assert 'channels are guessed: theta: {column: "ankle_angle_deg"' in sound
     assert (tmp_path / "pictures/k120_b2.png").stat().st_size > 10_000
-    assert re.search(r"rec7.csv: REFUSED: .*turn the `sign` of the torque", turned)
+    assert re.search(r"rec7.csv: K 1[12]\d.* channels are guessed: .*, torque: {[^}]*, sign: -1}", turned)
     assert re.search(r"x.csv: REFUSED: no rows", junk)
     assert "\n" not in sound + turned + junk
-    written = (tmp_path / f"pictures/{name}" for name in ("k120_b2.png", "measured.json"))
+    written = (tmp_path / f"pictures/{name}" for name in ("k120_b2.png", "rec7.png", "measured.json"))
     assert {*paths, *written} == {path for path in tmp_path.rglob("*") if path.is_file()}
 
 

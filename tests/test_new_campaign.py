@@ -56,14 +56,23 @@ def test_a_channel_that_may_be_another_quantity_is_left_to_the_user(tmp_path, co
     ("2026-11-21_K300_B7.5_uncomp", "impedance", {"K_d": "300", "B_d": "7.5", "controller": "uncompensated"}),
     ("imp_K300_B5_non-comp", "impedance", {"K_d": "300", "B_d": "5", "controller": "uncompensated"}),
     ("quasi-static 2", "torque_angle", {}), ("belt_motor", "ingest_only", {}), ("drivetrain", "transmission", {}),
-    ("gait_baseline", "walking", {"perturbed": "false"}), ("calib", "static", {}), ("unloaded", "plate", {}),
+    ("gait_baseline", "walking", {"perturbed": "false"}), ("calib", "static", {}), ("calibration", "ingest_only", {}),
+    ("unloaded", "plate", {}),
     ("_-.motor", "actuator", {}), ("walking 3", "ingest_only", {}),
 ])  # fmt: skip
 def test_the_name_of_a_file_tells_its_trial_and_nothing_more(name, experiment, told):
-    ((cells, still_open),) = draft_trials([(Path(f"{name}.csv"), "csv", False)])
+    is_capture = experiment in ("static", "plate")
+    ((cells, still_open),) = draft_trials([(Path(f"{name}.csv"), "csv", is_capture)])
     assert (cells["experiment"], cells["trial"][0] in "_-.") == (experiment, False)
     assert {k: v for k, v in cells.items() if k in ("K_d", "B_d", "controller", "perturbed")} == told
     assert bool(still_open) != (experiment not in ("ingest_only", "impedance") or {"K_d", "B_d"} <= told.keys())
+
+
+def test_what_moves_tells_a_log_whose_name_tells_nothing_and_a_capture_that_is_a_trial_with_its_log():
+    moved = {Path(name): {"experiment": "impedance"} for name in ("a.csv", "walk 3.csv", "belt_motor.csv", "b.csv")}
+    files = [(path, "s", False) for path in moved] + [(Path("b.c3d"), "c", True)]
+    told = draft_trials(files, moved | {Path("b.c3d"): {"experiment": "static"}})
+    assert [cells["experiment"] for cells, _ in told] == ["impedance", "static", "ingest_only", "ingest_only"]
 
 
 def test_a_log_and_a_capture_of_one_name_are_one_trial_and_two_logs_are_two():

@@ -219,7 +219,7 @@ def draft_campaign(folder: Path) -> Draft:
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder of recordings; check the path")
     draft, layouts = Draft(), dict[tuple[object, ...], str]()
-    overviews: dict[str, tuple[Overview, str]] = {}
+    overviews: dict[str, tuple[tuple[int, int], Overview, str]] = {}
     recordings, captures = [], dict[Path, Overview]()
     for path in recordings_in(folder):
         try:
@@ -231,23 +231,30 @@ def draft_campaign(folder: Path) -> Draft:
         # What files share that one source file can describe: format, clock, and the channels of a log. Captures of one
         # laboratory have other markers in each trial, and may lack a pulse.
         channels = tuple((*channel.address.values(), channel.unit) for channel in overview.channels)
-        same = drafts.pulse_channels(overview) if is_capture else (repr(overview.settings), channels)
+        settings = repr({key: value for key, value in overview.settings.items() if key != "missing"})
+        same = drafts.pulse_channels(overview) if is_capture else (settings, channels)
         layout, number = (name, *same), 1 + sum(one[0] == name for one in layouts)
         known = "" if is_capture else known_recorder(overview)
         source = layouts.setdefault(layout, known or (name if number == 1 else f"{name}_{number}"))
-        if source not in overviews or len(overview.channels) > len(overviews[source][0].channels):
-            overviews[source] = (overview, path.name)
+        moving = 0 if is_capture else sum(not drafts.no_signal(channel) for channel in overview.channels)
+        if source not in overviews or (len(channels), moving) > overviews[source][0]:  # what tells most
+            overviews[source] = ((len(channels), moving), overview, path.name)
         draft.open += [(file, text) for text in overview.open]
         recordings.append((file, source, is_capture))
         captures |= {file: overview} if is_capture else {}
     if not recordings:
         why = f", as {draft.refused[0]}" if draft.refused else f" ({', '.join(sorted(SUFFIXES))})"
         raise InputError(f"{folder}: no recording in it that can be read{why}; name the folder of the recordings")
-    for name, (overview, file_name) in overviews.items():
-        own, of = shipped(f"config/sources/{name}.yaml"), (overview, file_name, True)
-        draft.sources[name] = own.read_text(encoding="utf-8") if own.is_file() else drafts.draft_source(*of)
+    for name, (_, overview, file_name) in overviews.items():
+        text, own = drafts.draft_source(overview, file_name, True), shipped(f"config/sources/{name}.yaml")
+        if own.is_file():  # a recorder that is known, and what else it has recorded
+            known, named = own.read_text(encoding="utf-8"), re.findall(r"^(  ([a-z]\w*): .*\n)", text, re.MULTILINE)
+            text = known + "".join(line for line, column in named if f"\n  {column}: " not in known)
+        draft.sources[name] = text
+    joints = [name for name, text in draft.sources.items() if "\n  theta: {" in text and "\n  torque: {" in text]
     platform, _ = drafts.platform_in([drafts.tracks_of(one) for one in captures.values()])
     moved = {file: drafts.told_by_motion(one, platform) for file, one in captures.items()}
+    moved |= {file: {"experiment": "impedance"} for file, source, _ in recordings if source in joints}
     draft.trials = drafts.draft_trials(recordings, moved)
     if any(cells["experiment"] == "walking" for cells, _ in draft.trials):
         draft.walking = "\n".join([*drafts.draft_walking([*captures.values()]), ""])
@@ -296,8 +303,9 @@ def drafted_text(draft: Draft) -> str:
         named = ", ".join(files[:4]) + ", ..." * (len(files) > 4)
         lines.append(f"sources/{name}.yaml: {len(files)} recordings, {named}")
         lines += [f"    {line}" for line in drafts.guessed_lines(text)]
+        lines += [f"    {line}" for line in text.splitlines() if "# left out: " in line]
     lines += ["config.yaml:", *(f"    {line}" for line in draft.walking.splitlines())] * bool(draft.walking)
-    lines.append("trials.csv, from the names of the files, else from the motion of the markers:")
+    lines.append("trials.csv, from the names of the files, else from what moves in them:")
     for cells, _ in draft.trials[:most]:
         more = [f"{name} {cells[name]}" for name in ("controller", "K_d", "B_d", "perturbed") if name in cells]
         lines.append("    " + ", ".join([f"{cells['trial']}: {cells['experiment']}", *more]))

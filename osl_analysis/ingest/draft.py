@@ -3,11 +3,12 @@ files are quoted as JSON, which is valid YAML. Nothing is taken as told that is 
 
 import json
 import re
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
-from itertools import combinations
+from dataclasses import dataclass, replace
+from itertools import combinations, permutations
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -16,16 +17,16 @@ from osl_analysis.ingest.overview import Overview, RecordedChannel
 from osl_analysis.ingest.raw_files import FORMATS
 from osl_analysis.ingest.source import NAME_OF_TIME, UNKNOWN
 from osl_analysis.ingest.units import base_units, dimension, is_unit, normalised
-from osl_analysis.measured import factor_of
-from osl_analysis.signals import runs
+from osl_analysis.measured import factor_of, rms, varies
+from osl_analysis.signals import LowPass, runs
 from osl_analysis.trial import COLUMNS, Array
 
 COMPUTED = "computed from the current, no measured torque"
 MOTOR = r"\b(motor|actuator|act|output|gear|mot)\b"
 COMMAND = r"\b(command|commanded|cmd|desired|des|ref|reference|target|setpoint|goal)\b"
-ANGLE = r"(angle|position|pos|theta|encoder)"
-SPEED = r"(velocity|vel|speed|omega)"
-EFFORT = r"(torque|moment|tau|effort)"
+ANGLE = r"(angle|position|pos|theta|encoder|winkel|hoek)"
+SPEED = r"(velocity|vel|speed|omega|geschwindigkeit|snelheid)"
+EFFORT = r"(torque|moment|tau|effort|drehmoment|koppel)"
 PATTERNS = {
     "sync": (r"\b(sync|ttl)", "", "sync"),
     "trigger": (r"\btrig(ger)?\b", "", "trigger trig"),
@@ -56,9 +57,7 @@ PATTERNS = {
 def likely_column(channel: RecordedChannel) -> str:
     """The canonical column that a channel may be; empty where name and unit tell none. A stated or likely unit must be
     one of the column's; where the name tells nothing, what the unit measures is the guess."""
-    words = words_of(" ".join(value for key, value in channel.address.items() if key != "topic"))
-    unit = channel.unit or channel.likely_unit
-    _, measured = (base_units(normalised(unit)) if unit else None) or (1.0, "")
+    words, (_, measured) = words_of(name_of(channel)), measure_of(channel)
     for column, (wanted, unwanted, _) in PATTERNS.items():
         fits = column in ("sync", "trigger") or not measured or measured == dimension(COLUMNS[column])
         if fits and re.search(wanted, words) and not (unwanted and re.search(unwanted, words)):
@@ -67,6 +66,11 @@ def likely_column(channel: RecordedChannel) -> str:
     tell_too_little = rf"\b(ground|battery|supply|imu|roll|pitch|yaw|phase|current|{ANGLE}|{SPEED}|{EFFORT})\b"
     unwanted = f"{COMMAND}|{tell_too_little}" + f"|{MOTOR}" * (known != "current")
     return "" if re.search(unwanted, words) else known
+
+
+def measure_of(channel: RecordedChannel) -> tuple[float, str]:
+    """Factor of a channel's stated or likely unit to base units, and their product; empty where it has none."""
+    return base_units(normalised(channel.unit or channel.likely_unit)) or (1.0, "")
 
 
 def words_of(name: str) -> str:
@@ -92,8 +96,10 @@ def draft_source(overview: Overview, name: str, named: bool = False) -> str:
         channels = [c for c in overview.channels if c.kind in kinds]
         pulses = pulse_channels(overview) if key == "analogs" else {}
         lines += [f"{key}:" if pulses else f"# {key}:"] * bool(channels)
-        lines += [channel_line(0, channel, column, True) for column, channel in pulses.items()]
-        lines += [f"# {channel_line(n, c)}" for n, c in enumerate(channels, start=1) if c not in pulses.values()]
+        lines += [channel_line(0, one, Guess(column, True, "guessed from its name")) for column, one in pulses.items()]
+        lines += [
+            f"# {channel_line(n, c, Guess())}" for n, c in enumerate(channels, start=1) if c not in pulses.values()
+        ]
     return "\n".join([*lines, *(f"# {line}" for line in ([] if named else draft_walking([overview])))]) + "\n"
 
 
@@ -106,14 +112,15 @@ def pulse_channels(overview: Overview) -> dict[str, RecordedChannel]:
 
 def guessed_lines(draft: str) -> list[str]:
     """The lines of a drafted source file that give a channel the name of a column by a guess."""
-    return [line.strip() for line in draft.splitlines() if "# guessed" in line and not line.startswith("#")]
+    return [line.strip() for line in draft.splitlines() if re.search("# (a )?guess", line) and not line.startswith("#")]
 
 
 def log_lines(overview: Overview, named: bool) -> Iterator[str]:
     """An entry for every channel but the clock, for the user to name; topics without messages and empty arrays are left
-    out. Of more than eight, those that are like no canonical column by name and unit are comments. named: an entry has
-    its column's name where only this channel is like it and its name leaves no doubt. One that may be another quantity,
-    as a command or another joint's angle, is left to the user."""
+    out, and what is no signal is a comment. Of more than eight, so are those that are like no canonical column. named:
+    an entry has its column's name where only this channel is like it and its name, or how it moves, leaves no doubt.
+    One that may be another quantity, as a command or another joint's angle, is left to the user; where angle and torque
+    are known, as a comment."""
     time: Any = overview.settings.get("time", {})
     clock = next((time[key] for key in ("column", "variable", "field", "channel") if key in time), "")
     listed = overview.channels if overview.drafted is None else overview.drafted
@@ -128,20 +135,167 @@ def log_lines(overview: Overview, named: bool) -> Iterator[str]:
     yield "channels:"
     channels = [c for c in listed if not clock or clock not in c.address.values()]
     channels = [c for c in channels if "topic" not in c.address or ("field" in c.address and c.count)]
-    guesses = [likely_column(channel) for channel in channels]
-    currents = [c for c, guess in zip(channels, guesses, strict=True) if guess == "current"]
-    for k, (channel, guess) in enumerate(zip(channels, guesses, strict=True)):
-        if guess in ("torque", "torque_m") and (said := made_of(channel, currents)):
-            channels[k], guesses[k] = replace(channel, note=said), ""
-    comment_others = any(guesses) and (named or len(channels) > 8)
+    guesses = guessed_columns(channels, next((c for c in listed if clock and clock in c.address.values()), None))
+    comment_others = any(guess.column for guess in guesses) and (named or len(channels) > 8)
+    complete = named and {"theta", "torque"} <= {guess.column for guess in guesses if guess.sure}
     for number, (channel, guess) in enumerate(zip(channels, guesses, strict=True), start=1):
-        name = " ".join(value for key, value in channel.address.items() if key != "topic")
-        words, unit = words_of(name).split(), words_of(channel.likely_unit).split()
-        if unit and not channel.unit and words[-len(unit) :] == unit:  # the words of its unit do not count
-            words = words[: -len(unit)]
-        certain = bool(words) and guess != "" and set(words) <= set(PATTERNS[guess][2].split())
-        line = channel_line(number, channel, guess, named and guesses.count(guess) == 1 and certain)
-        yield f"# {line}" if comment_others and not guess else line
+        line, is_needed = channel_line(number, channel, guess, named), guess.sure or (guess.column and not complete)
+        yield f"# {line}" if guess.no_signal or (comment_others and not is_needed) else line
+
+
+@dataclass(frozen=True)
+class Guess:
+    """What a channel may be, and why."""
+
+    column: str = ""  # canonical column; empty where nothing tells one
+    sure: bool = False  # whether no other channel is as likely, and its name or how it moves leaves no doubt
+    said: str = ""  # the evidence, in words
+    sign: int = 1  # by which it would be turned
+    no_signal: bool = False  # whether it stands still, is noise, or is computed from another
+
+
+FEWEST_READINGS, LARGEST = 100, 1e30  # number of readings that tell how a channel moves; beyond, none is a reading
+FOLLOWS = 0.9  # correlation from which one signal follows another: a fifth of its power may be noise or friction
+AS_LIKELY = (
+    4.0  # factor between what is unexplained, of a torque by an angle and the reverse, up to which either may be
+)
+UNITS_BY_SIZE = {
+    "rad": (("rad", 0.0, 0.9), ("deg", 2.5, 200.0)), "N*m": (("N*m", 0.0, 300.0), ("N*mm", 1500.0, np.inf)),
+    "A": (("A", 0.0, 60.0), ("mA", 300.0, np.inf)),
+}  # fmt: skip
+"""By the unit of a column: units of a channel that states none, and the ranges of readings that tell them. On a bench a
+joint turns by 2.5 degrees to 0.9 rad, and its torque changes by 1.5 to 300 N*m."""
+
+
+def name_of(channel: RecordedChannel) -> str:
+    return " ".join(value for key, value in channel.address.items() if key != "topic")
+
+
+def readings(channel: RecordedChannel) -> Array:
+    """The readings (n,) that are numbers of a sensor, in the unit of the channel; none where they were not read."""
+    return np.empty(0) if channel.numbers is None else channel.numbers[np.abs(channel.numbers) < LARGEST]
+
+
+def unit_by_size(channel: RecordedChannel, column: str) -> str:
+    """The unit that the range of a channel's readings tells, for a column; empty where it tells none."""
+    known = readings(channel)
+    size = float(np.ptp(known)) if known.size >= FEWEST_READINGS else 0.0
+    units = UNITS_BY_SIZE.get(COLUMNS.get(column, ""), ())
+    return next((unit for unit, low, high in units if low < size <= high), "")
+
+
+def no_signal(channel: RecordedChannel) -> str:
+    """Why a channel is no signal, in words; empty if it may be one. Of few readings nothing is said."""
+    known = readings(channel)
+    if known.size < FEWEST_READINGS:
+        return ""
+    if not varies(known):
+        return "it does not move"
+    about = (known - known.mean()) / np.ptp(known)
+    tells_next = about[1:] @ about[:-1] > 0.2 * (about @ about)  # one reading of the next: their correlation
+    return "" if tells_next or np.unique(known).size == 2 else "it is noise"  # the other is a level
+
+
+def on_a_grid(channels: Mapping[int, RecordedChannel], clock: RecordedChannel | None) -> tuple[dict[int, Array], float]:
+    """Readings of channels at common times, without what is faster than 15 Hz, by number, and their rate [Hz]; of long
+    recordings the middle. `clock` is that of rows; for those without times any rate is as good."""
+    factor, measured = measure_of(clock) if clock else (1.0, "")
+    rows = factor * np.asarray(clock.numbers) if clock and measured == dimension("s") else None
+    stamped = dict[int, tuple[Array, Array]]()
+    for number, one in channels.items():
+        own, numbers = rows if one.times is None else one.times, np.asarray(one.numbers)
+        times = np.arange(numbers.size) / 250 if own is None or own.size != numbers.size else own
+        known = (np.abs(numbers) < LARGEST) & np.isfinite(times)
+        stamped[number] = times[known], numbers[known]
+    first, last = max(t[0] for t, _ in stamped.values()), min(t[-1] for t, _ in stamped.values())
+    step = float(np.median([np.median(np.diff(t)) for t, _ in stamped.values()]))
+    count = min(int((last - first) / step), 30_000) if step > 0 else 0
+    if count * step < 1.0 or 1 / step < 40:  # [s, Hz]
+        return {}, 0.0
+    grid = (first + last) / 2 + step * (np.arange(count) - count / 2)
+    return {k: LowPass(15)(np.interp(grid, *pair), 1 / step) for k, pair in stamped.items()}, 1 / step
+
+
+def following(x: Array, y: Array, rate: float) -> tuple[float, float, float]:
+    """How y (n,) follows x (n,) and its derivatives, as a joint's torque follows its angle (Eq. 15): the multiple
+    correlation, the slope of x, and the largest correlation with one of the derivatives alone."""
+    velocity = np.gradient(x) * rate
+    columns, about = np.stack([x, velocity, np.gradient(velocity) * rate], axis=1), y - y.mean()
+    columns -= columns.mean(axis=0)
+    size = np.sqrt(np.mean(columns**2, axis=0))
+    slopes = np.linalg.lstsq(columns / size, about, rcond=None)[0]
+    left = rms(about - columns / size @ slopes) / rms(about)
+    alone = np.abs(about @ columns) / (len(y) * rms(about) * size)
+    return float(np.sqrt(max(1 - left**2, 0.0))), float(slopes[0] / size[0]), float(alone[1:].max())
+
+
+class Pair(NamedTuple):
+    """Two channels, by number, of which one follows the other as a joint's torque follows its angle (`following`)."""
+
+    told: int  # how much of it names and units tell
+    r: float
+    slope: float
+    theta: int
+    torque: int
+
+
+def may_be(channel: RecordedChannel, column: str) -> bool:
+    """Whether neither unit nor name of a channel say that it is another quantity than a column, theta or torque."""
+    (_, measured), other = measure_of(channel), EFFORT if column == "theta" else ANGLE
+    told = rf"{PATTERNS[column][1]}|\b({SPEED}|{other}|current|amps|imu|roll|pitch|yaw|battery|force)\b"
+    is_like = measured == dimension(COLUMNS[column]) if measured else unit_by_size(channel, column) and not channel.unit
+    is_read = readings(channel).size >= FEWEST_READINGS
+    return is_read and bool(is_like) and not re.search(told, words_of(name_of(channel)))
+
+
+def guessed_columns(channels: Sequence[RecordedChannel], clock: RecordedChannel | None) -> list[Guess]:
+    """What each channel of a log may be, the same for every recorder: by its name and unit (`likely_column`), and where
+    one channel follows another as a joint's torque follows its angle, and no other pair that names and units tell as
+    little. What does not move, is noise, or a torque computed from a current is no signal. `clock` is that of rows."""
+    named = [likely_column(one) for one in channels]
+    currents = [one for one, column in zip(channels, named, strict=True) if column == "current"]
+    without, guesses = list[str](), list[Guess]()
+    for channel, column in zip(channels, named, strict=True):
+        is_torque = column in ("torque", "torque_m") or may_be(channel, "torque")
+        without.append(no_signal(channel) or (made_of(channel, currents) if is_torque else ""))
+    known = Counter(column for column, why in zip(named, without, strict=True) if not why)
+    for channel, column, why in zip(channels, named, without, strict=True):
+        unit = "" if channel.unit else words_of(channel.likely_unit)  # its words do not count
+        words = words_of(name_of(channel)).removesuffix(unit).split()
+        sure = bool(words) and column != "" and set(words) <= set(PATTERNS[column][2].split())
+        by_name = Guess(column, sure and known[column] == 1, "guessed from its name" * sure)
+        guesses.append(Guess(said=why, no_signal=True) if why else by_name)
+    moving = {k: c for k, c in enumerate(channels) if not without[k] and (may_be(c, "theta") or may_be(c, "torque"))}
+    signals, rate = on_a_grid(moving, clock) if len(moving) > 1 else ({}, 0.0)
+    pairs = list[Pair]()
+    for k, m in permutations(signals, 2):
+        if may_be(channels[k], "theta") and may_be(channels[m], "torque"):
+            r, slope, alone = following(signals[k], signals[m], rate)
+            told = (named[k] == "theta") + (named[m] == "torque") + bool(guesses[k].said) + bool(guesses[m].said)
+            is_derivative = alone > 0.99 and named[m] != "torque"
+            if r > FOLLOWS and not is_derivative and factor_of(signals[m], signals[k]) is None:
+                pairs.append(Pair(told, r, slope, k, m))
+    if not pairs:
+        return guesses
+    most, units = max(pairs), {channels[one.torque].unit or channels[one.torque].likely_unit for one in pairs}
+    alike = sorted(one for one in pairs if one.told == most.told)
+    alike = [one for one in alike if one[:2:-1] != most[3:] or 1 - one.r**2 <= AS_LIKELY * (1 - most.r**2)]
+    if "" not in units:  # what leaks into other directions of a load cell is smaller
+        largest = max(np.std(signals[one.torque]) for one in alike)
+        alike = [one for one in alike if np.std(signals[one.torque]) > largest / 3]
+    for column, other, how in (("theta", "torque", "{} follows it"), ("torque", "theta", "it follows {}")):
+        best = {getattr(one, column): one for one in alike}
+        for place, one in best.items():
+            rivals = ", ".join(json.dumps(name_of(channels[n])) for n in best if n != place)
+            said = "guessed from its name" if guesses[place].sure else "a guess"
+            said += f": {how.format(json.dumps(name_of(channels[getattr(one, other)])))} as a spring, r = {one.r:.3f}"
+            said += f"; as likely is {rivals}" * bool(rivals)
+            guesses[place] = Guess(column, not rivals, said, -1 if column == "torque" and one.slope < 0 else 1)
+    for column in ("theta", "torque"):  # a name and a motion may tell different channels
+        several = [n for n, guess in enumerate(guesses) if guess.sure and guess.column == column]
+        for n in several:
+            guesses[n] = replace(guesses[n], sure=len(several) == 1)
+    return guesses
 
 
 def made_of(channel: RecordedChannel, currents: Sequence[RecordedChannel]) -> str:
@@ -155,18 +309,19 @@ def made_of(channel: RecordedChannel, currents: Sequence[RecordedChannel]) -> st
     return ""
 
 
-def channel_line(number: int, channel: RecordedChannel, guess: str = "", sure: bool = False) -> str:
-    """One entry under `channels`; `guess` is the canonical column that it may be, or if that is `sure` is."""
+def channel_line(number: int, channel: RecordedChannel, guess: Guess, named: bool = True) -> str:
+    """One entry under `channels`, by what it may be; named: it has the column's name where that is sure."""
     stated, is_guessed = channel.unit or channel.likely_unit, bool(channel.likely_unit and not channel.unit)
-    unit = stated if stated and is_unit(stated) else "V" if guess in ("sync", "trigger") else UNKNOWN
-    sure = sure and bool(guess) and unit != UNKNOWN
-    said = [("guessed from its name" + ";" * is_guessed) if sure else f"{guess}?"] * bool(guess)
-    said += [channel.note] * channel.note.endswith(COMPUTED)
+    by_size = unit_by_size(channel, guess.column) if guess.sure and not stated else ""
+    unit = stated if stated and is_unit(stated) else "V" if guess.column in ("sync", "trigger") else by_size or UNKNOWN
+    sure = named and guess.sure and unit != UNKNOWN
+    said = [*[f"{guess.column}?"] * (bool(guess.column) and not sure), f"{'left out: ' * guess.no_signal}{guess.said}"]
     said += [f"no known unit: {json.dumps(channel.unit)}"] * (bool(channel.unit) and unit == UNKNOWN)
-    said += ["the unit is guessed: check it"] * is_guessed
-    entry = ", ".join(f"{key}: {json.dumps(value)}" for key, value in {**channel.address, "unit": unit}.items())
-    comment = f"  # {' '.join(said)}" if said else ""
-    return f"  {guess if sure else f'NAME_{number}'}: {{{entry}}}{comment}"
+    said += [f"the unit is guessed{' from its size' * bool(by_size)}: check it"] * (is_guessed or bool(by_size))
+    fields = {**channel.address, "unit": unit} | ({"sign": guess.sign} if guess.sign < 0 else {})
+    entry = ", ".join(f"{key}: {json.dumps(value)}" for key, value in fields.items())
+    comment = f"  # {'; '.join(filter(None, said))}" if any(said) else ""
+    return f"  {guess.column if sure else f'NAME_{number}'}: {{{entry}}}{comment}"
 
 
 SEGMENTS = {
@@ -299,6 +454,7 @@ WORDS_OF_EXPERIMENTS = {
     "torque_angle": r"\b(torque angle|quasi ?static)\b",
     "plate": r"\b(plate|unloaded)\b",
     "static": r"(?<!quasi )\b(static|standing|stand|calibration|calib)\b",
+    "calibration": r"\b(calibration|calib)\b",
     "walking": r"\b(walk|walking|cross|crossing|perturb|perturbed|perturbation|pert|unperturbed|unpert|gait)\b",
     "belt": r"\bbelt\b",
     "transmission": r"\b(transmission|drivetrain)\b",
@@ -342,18 +498,23 @@ def draft_trials(
             found = set(re.findall(rf"{begin}{letter}_?d?[_=-]?(\d+(?:\.\d+)?){behind}", said, re.IGNORECASE))
             if len(found) == 1 and float(*found) >= smallest:
                 (numbers[column],) = found
-        told = [known for known, wanted in WORDS_OF_EXPERIMENTS.items() if re.search(wanted, words)]
-        told += ["impedance"] * ("K_d" in numbers and not {"walking", "impedance"} & {*told})
+        wrong = {"static", "plate"} if "mocap" not in files else set()  # a log alone is of a bench, a boot or a leg
+        wrong |= {*WORDS_OF_EXPERIMENTS} - {"static", "plate", "walking"} if "log" not in files else set()
+        told = [known for known, word in WORDS_OF_EXPERIMENTS.items() if known not in wrong and re.search(word, words)]
+        told += ["impedance"] * ("K_d" in numbers and not {"walking", "impedance"} & {*told, *wrong})
         experiment = told[0] if len(told) == 1 else UNNAMED
         calm = re.search(r"\b(unperturbed|unpert|baseline|normal|level|free|no ?pert)\b", words)
         perturbed = "false" if calm else "true" * bool(re.search(r"\b(perturb|perturbed|perturbation|pert)\b", words))
-        motion = (moved or {}).get(files["mocap"][0], {}) if "mocap" in files else {}
-        if motion and (experiment == UNNAMED or (experiment == "walking" and not perturbed)):
+        role = "mocap" if "mocap" in files else "log"
+        motion = (moved or {}).get(files[role][0], {})
+        is_open = experiment == UNNAMED or (experiment == "walking" and not perturbed)
+        if motion and is_open and (role == "mocap" or not told):
             experiment, guessed = motion["experiment"], " and ".join(map(" ".join, motion.items()))
             if experiment == "overground" and "log" in files:
                 guessed += "; if a belt, a boot or the leg perturbs: walking, with `walking.perturbed_by`"
             cells |= motion
-            still_open.append(f"to be confirmed, guessed from the motion of markers and plates: {guessed}")
+            by = "the motion of markers and plates" if role == "mocap" else "angle and torque"
+            still_open.append(f"to be confirmed, guessed from {by}: {guessed}")
         elif experiment == UNNAMED:
             what = f"the name may tell {' or '.join(told)}" if told else "the name tells none"
             still_open.append(f"experiment: {what}; it stands as {UNNAMED}, which is not analysed")
@@ -365,6 +526,11 @@ def draft_trials(
             controller = re.search(rf"{begin}(un|non[-_]?)?comp(?:ensated)?(?![A-Za-z])", said, re.IGNORECASE)
             if controller:
                 cells["controller"] = "uncompensated" if controller[1] else "compensated"
+        elif experiment == "calibration":
+            experiment, remedy = UNNAMED, "write calibration, and its known_K or known_I"
+            still_open.append(
+                f"experiment: a calibration whose spring or inertia is not told stands as {UNNAMED}: {remedy}"
+            )
         elif experiment == "walking" and perturbed:
             cells["perturbed"] = perturbed
         elif experiment == "walking":

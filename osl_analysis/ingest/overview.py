@@ -26,7 +26,7 @@ from osl_analysis.formats.tdms import read_tdms
 from osl_analysis.ingest import logs
 from osl_analysis.ingest.captures import plate_count, plate_loads, plate_parameter, vertical_axis
 from osl_analysis.ingest.source import NAME_OF_TIME, SOURCES, UNKNOWN
-from osl_analysis.ingest.units import is_unit
+from osl_analysis.ingest.units import is_unit, normalised
 from osl_analysis.trial import Array, plate_columns
 
 
@@ -44,6 +44,7 @@ class RecordedChannel:
     likely_unit: str = ""  # unit that the channel's name ends with; a guess, for the user to check
     load: float | None = None  # range of the force on a plate [N], where it can be computed
     numbers: Array | None = field(default=None, compare=False, repr=False)  # readings, positions, size of a force [N]
+    times: Array | None = field(default=None, compare=False, repr=False)  # of its readings [s]; None: those of the rows
     centre: tuple[float, ...] = ()  # mean position of a marker, or of a plate's corners, (3,); empty if unknown
 
 
@@ -110,12 +111,28 @@ def likely_clock(readings: Mapping[str, NDArray[Any]], what: str = "columns") ->
 
 
 def clock_of(
-    what: str, readings: Mapping[str, NDArray[Any]], own: Callable[[str], str]
+    what: str, readings: Mapping[str, NDArray[Any]], called: Callable[[str], bool], units: Mapping[str, str]
 ) -> tuple[str | None, list[str]]:
-    """The likely clock of a table's columns by address, the shortest first, and what the user has to decide; `own` is
-    the part of an address that is the column's name."""
-    called = [name for name in sorted(readings, key=lambda name: name.count(".")) if is_clock(own(name))]
-    return likely_clock({name: readings[name] for name in called}, what)
+    """The likely clock of a table's columns by address, the shortest first, and what the user has to decide: among
+    those that are `called` a clock, or else among those that rise as one, a guess. `units` are those that it states."""
+    shortest = sorted(readings, key=lambda name: name.count("."))
+    if named := {name: readings[name] for name in shortest if called(name)}:
+        return likely_clock(named, what)
+    rising = {name: readings[name] for name in shortest if ticks(readings[name], units.get(name, ""))}
+    clock, left_open = likely_clock(rising, what)
+    if clock is not None and not left_open:
+        step, unit = float(np.median(np.diff(rising[clock]))), units.get(clock) or time_unit(rising[clock])
+        left_open = [f"time is a guess: {printable(clock)} rises by {step:.4g} {unit} a row"]
+    return clock, left_open
+
+
+def ticks(values: NDArray[Any], unit: str) -> bool:
+    """Whether readings (n,) rise as those of a clock do: never back, by steps of which four in five are within a fifth
+    of their median, in a unit of time, or in none and as fast as a recorder of joints in one unit only."""
+    steps = np.diff(np.nan_to_num(values.astype(np.float64), posinf=0.0, neginf=0.0))
+    usual = float(np.median(steps)) if steps.size >= 20 and (steps >= 0).all() else 0.0
+    even = usual > 0 and float(np.mean(np.abs(steps / usual - 1) < 0.2)) > 0.8
+    return even and bool(normalised(unit) in ("s", "ms", "us", "ns") if unit else time_unit(values))
 
 
 def span_of(values: Array) -> float:
@@ -142,6 +159,17 @@ def gaps_text(time: Array) -> str:
     return ", ".join([*oddities, *(f"{count} stamps {what}" for what, count in counts.items() if count)])
 
 
+def time_unit(clock: Array) -> str:
+    """The unit of the readings (n,) of a clock, where one only is likely; else empty. Recorders of joints have rates
+    from 50 to 5000 Hz, less than a factor of 1000 apart: a reading fits them in one unit only. Readings that rise by
+    one may count rows, or be the whole seconds of stamps in two parts."""
+    rate = rate_of(clock)
+    if rate is None or clock.size < 20 or np.isin(np.diff(clock), (0, 1)).all():
+        return ""
+    units = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
+    return next((unit for unit, in_s in units.items() if 50.0 <= rate * in_s <= 5000.0), "")
+
+
 def listed(
     at: Mapping[str, str], own: str, values: NDArray[Any], is_time: bool, unit: str = "", kind: str = "", also: str = ""
 ) -> RecordedChannel:
@@ -154,11 +182,7 @@ def listed(
     if is_time:
         note, gaps = f"a clock, {rate:g} per unit" if rate else "a clock that stands still", gaps_text(known)
         note += f", {gaps}" * bool(gaps)
-    if rate and not unit and not guess and known.size >= 20 and not np.isin(np.diff(known), (0, 1)).all():
-        # Recorders of joints have rates from 50 to 5000 Hz, less than a factor of 1000 apart: a reading fits them in
-        # one unit only. Readings that rise by one may count rows, or be the whole seconds of stamps in two parts.
-        units = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
-        guess = next((unit for unit, in_s in units.items() if 50.0 <= rate * in_s <= 5000.0), "")
+    guess = guess or (time_unit(known) if is_time and not unit else "")
     lost = f", {numbers.size - known.size} x NaN or infinity" * (known.size < numbers.size)
     count, said = int(known.size), f"{note}{lost}{also}"
     return RecordedChannel(next(iter(at)), at, unit, count, None, said, kind, guess, numbers=numbers)
@@ -202,8 +226,8 @@ def inspect_csv(path: Path) -> Overview:
     titles, cells = table.names, table.body.get_columns()
     values = [one.str.replace(",", ".", literal=True).cast(pl.Float64, strict=False) for one in cells]
     readings = {title: one.drop_nulls().to_numpy() for title, one in zip(titles, values, strict=True)}
-    clock, left_open = clock_of("columns", readings, str)
-    channels = []
+    clock, left_open = clock_of("columns", readings, is_clock, dict(zip(titles, table.units, strict=True)))
+    channels, failed = [], dict.fromkeys(csv_table.CsvLayout.missing)
     for title, unit, text, numbers in zip(titles, table.units, cells, values, strict=True):
         # of an object without a name Python prints its number, which changes from run to run; the pattern fits the next
         # recording too, where only this column of the file fits it
@@ -212,14 +236,16 @@ def inspect_csv(path: Path) -> Overview:
         lasting = pattern if pattern != name and len(csv_table.places_of(pattern, titles)) == 1 else name
         words = Counter(text.filter(numbers.is_null()).to_list()).most_common(5)
         also = "".join(f", {count} x '{word}'" for word, count in words)
-        one = listed({"column": lasting}, title, numbers.drop_nulls().to_numpy(), title == clock, unit, also=also)
-        channels.append(replace(one, numbers=numbers.fill_null(np.nan).to_numpy()))
+        failed |= {str(word): None for word, count in words if count < len(text) / 100}  # of readings that failed
+        found = listed({"column": lasting}, title, readings[title], title == clock, unit, also=also)
+        channels.append(replace(found, numbers=numbers.fill_null(np.nan).to_numpy()))
     settings = {
         "clock": "master",
         "delimiter": {sign: word for word, sign in csv_table.DELIMITERS.items()}.get(delimiter, delimiter),
         **({} if headed else {"header": "none"}),
         **({"units_row": True} if has_units else {}),
         **({"decimal": ","} if delimiter != "," and any("," in c for _, row in body[:5] for c in row) else {}),
+        **({"missing": [*failed]} if len(failed) > len(csv_table.CsvLayout.missing) else {}),
         "time": time_setting("column", None if clock is None else channels[titles.index(clock)]),
     }
     facts = {"rows": str(len(table.lines)), "delimiter": repr(delimiter), "header": "yes" if headed else "none"}
@@ -241,13 +267,13 @@ def inspect_json(path: Path) -> Overview:
     stamps = {stamp: pair for stamp, likely in pairs for pair in likely if {*pair} <= {*names}}
     stamp = min(stamps, key=lambda name: name.count("."), default="")
     drafted = [name for name in numbers if name not in stamps.get(stamp, ())]
-    clock, left_open = clock_of("fields", {name: numbers[name] for name in drafted}, last_name)
+    own = {name: numbers[name] for name in drafted if not stamp or is_clock(last_name(name))}
+    clock, left_open = clock_of("fields", own, lambda name: is_clock(last_name(name)), {})
     channels = {}
     for name, one in numbers.items():
         also = f", in {one.size} of {decoded.rows.size} lines" * (one.size < decoded.rows.size)
-        own, of_type = last_name(name), one.dtype.name
-        shown = listed({"field": name}, own, one, name == clock, kind=of_type, also=also)
-        channels[name] = replace(shown, numbers=np.ma.filled(decoded.values[name].astype(np.float64), np.nan))
+        found = listed({"field": name}, last_name(name), one, name == clock, kind=one.dtype.name, also=also)
+        channels[name] = replace(found, numbers=np.ma.filled(decoded.values[name].astype(np.float64), np.nan))
     remarks = lines.damage.remarks
     remarks += [f"{name} has {size} elements; only the first {MOST_ELEMENTS} are listed" for name, size in long.items()]
     remarks += guesses({name: one.likely_unit for name, one in channels.items() if likely_unit(last_name(name))})
@@ -292,21 +318,22 @@ def inspect_mat(path: Path) -> Overview:
         groups.setdefault(tuple(own), {})[part] = own
     alike = max(groups.values(), key=lambda group: sum(map(len, group.values())), default={})
     drafted, part = next(iter(alike.values()), {}), next(iter(alike), "") if len(alike) == 1 else ""
-    clocks = {name: value for name, value in drafted.items() if seems_clock(name, value) and 1 in value.shape}
-    readings = {name: value.numbers.ravel() for name, value in clocks.items() if value.numbers is not None}
-    clock, left_open = likely_clock(readings, "variables")
+    single = {name: one.numbers.ravel() for name, one in drafted.items() if one.numbers is not None and 1 in one.shape}
+    clock, left_open = clock_of("variables", single, lambda name: seems_clock(name, drafted[name]), {})
     if len(alike) > 1:
         parts = listing([printable(one) for one in alike], 40)
         what = f"{len(alike)} parts hold the same variables: name one per trial in the column `log_part` of the sheet"
         left_open = [f"{what}: {parts}", *left_open]
-    time = time_setting("variable", variable_channel(clock, clock, clocks[clock]) if clock else None)
+    time = time_setting("variable", variable_channel(clock, clock, drafted[clock], True) if clock else None)
     settings = {"clock": "master", **({"log_part": part} if part else {}), "time": time}
     channels, signals = [variable_channel(address, name, value) for _, name, address, value in variables[:most]], []
     for name, value in drafted.items():  # each column of a matrix, or row if it has more columns
         rows, columns = value.shape
         lines = [f"(:,{k + 1})" for k in range(columns)] if rows >= columns else [f"({k + 1},:)" for k in range(rows)]
-        for line in lines if min(rows, columns) > 1 else [""]:
-            signals.append(variable_channel(f"{name}{line}", name, value))
+        for place, line in enumerate(lines if min(rows, columns) > 1 else [""]):
+            numbers = np.empty(0) if value.numbers is None else value.numbers.astype(np.float64)
+            each = numbers.ravel() if not line else numbers[:, place] if rows >= columns else numbers[place]
+            signals.append(replace(variable_channel(f"{name}{line}", name, value, name == clock), numbers=each))
     return Overview("mat", facts, channels, remarks, settings, signals, left_open)
 
 
@@ -321,9 +348,10 @@ def seems_clock(name: str, value: Value) -> bool:
     return is_signal(value) and (is_clock(name) or likely is not None)
 
 
-def variable_channel(address: str, name: str, value: Value) -> RecordedChannel:
+def variable_channel(address: str, name: str, value: Value, is_time: bool | None = None) -> RecordedChannel:
     readings = np.empty(0) if value.numbers is None else value.numbers.ravel()
-    found = listed({"variable": address}, name, readings, seems_clock(name, value), kind=value.described())
+    is_time = seems_clock(name, value) if is_time is None else is_time
+    found = listed({"variable": address}, name, readings, is_time, kind=value.described())
     return replace(found, count=value.size, note=found.note if readings.size else f"'{value.text}'" * bool(value.text))
 
 
@@ -338,7 +366,8 @@ def inspect_tdms(path: Path) -> Overview:
             remarks.append(str(error))
     stamps = [one.address for one in file.channels if one.holds_times and one.count]
     timed, names = any(one.step is not None for one in file.channels), {one.address: one.name for one in file.channels}
-    clock, left_open = (None, []) if timed else clock_of("channels", numbers, names.__getitem__)
+    units = {one.address: one.unit for one in file.channels}
+    clock, left_open = (None, []) if timed else clock_of("channels", numbers, lambda name: is_clock(names[name]), units)
     if not timed and not left_open:
         clock = clock or next(iter(stamps), None)
     channels = {}
@@ -346,7 +375,8 @@ def inspect_tdms(path: Path) -> Overview:
         unit, values = "s" if one.address in stamps else one.unit, numbers.get(one.address, np.empty(0))
         address, is_time = {"channel": one.address}, one.address == clock
         found = listed(address, one.name, values, is_time, unit, np.dtype(one.kind).name)
-        channels[one.address] = replace(found, count=one.count, rate=1 / one.step if one.step else None)
+        rate, times = (1 / one.step, one.step * np.arange(values.size, dtype=np.float64)) if one.step else (None, None)
+        channels[one.address] = replace(found, count=one.count, rate=rate, times=times)
     time = {} if timed else {"time": time_setting("channel", channels[clock] if clock else None)}
     facts = {"channels": str(len(file.channels)), "own timing": "yes" if timed else "no", **file.properties}
     drafted = [channels[one.address] for one in file.channels if one.count and one.holds_numbers]
@@ -362,7 +392,7 @@ def inspect_opensim(path: Path) -> Overview:
             numbers[name] = table.column(name)
         except InputError as error:
             remarks.append(str(error))
-    clock, left_open = clock_of("columns", numbers, lambda name: name.rpartition(".")[2])
+    clock, left_open = clock_of("columns", numbers, lambda name: is_clock(name.rpartition(".")[2]), {})
     endings = {"force.*_v[xyz]": "N", "force.*_p[xyz]": "m", "(torque|moment).*_[xyz]|_moment": "N*m", "_t[xyz]": "m"}
     channels = {}
     for name, values in numbers.items():
@@ -397,7 +427,7 @@ ROS_UNITS = {
 
 
 def inspect_messages(name: str, path: Path) -> Overview:
-    """Topics with schema, encoding, rate and gaps by log time, every field of each, and what is damaged."""
+    """Topics with schema, encoding, rate, gaps and readings by log time, every field of each, and what is damaged."""
     file = logs.OPENERS[name](path)
     surveys, remarks = read_channels(file), list(file.damage.all_remarks())
     channels, source = list[RecordedChannel](), "log"
@@ -414,18 +444,19 @@ def inspect_messages(name: str, path: Path) -> Overview:
             remarks.append(f"topic '{survey.channel.topic}': its fields cannot be listed: {reason}")
         channels += topic_channels(survey, fields)
         source = "header" if any(one.path.startswith("header.stamp") for one in fields) else source
-    efforts = re.compile(r"torque|moment|tau|effort|current|amps|\bi_?q\b", re.IGNORECASE)
-    of_motor = [one for one in channels if one.count and efforts.search(one.address.get("field", ""))]
-    topics = {one.address["topic"] for one in of_motor}
-    wanted = {topic: [one.address["field"] for one in of_motor if one.address["topic"] == topic] for topic in topics}
-    with suppress(InputError):  # without readings the user decides what was computed
-        found = decode_topics(logs.OPENERS[name](path), wanted, {one.address["field"] for one in of_motor})
-        for one in of_motor:
-            values = found[one.address["topic"]].values[one.address["field"]]
-            channels[channels.index(one)] = replace(one, numbers=np.ma.filled(values.astype(np.float64), np.nan))
     damage, lost = file.damage, file.damage.lost()
     facts = {"bytes": str(file.size), "chunks": str(damage.chunks), "messages": str(damage.messages)}
     facts |= {"messages lost": "the file does not tell" if lost is None else str(lost), "checksums": damage.crc()}
+    wanted = dict[str, list[str]]()
+    for one in (one for one in channels if "field" in one.address and one.count):
+        wanted.setdefault(one.address["topic"], []).append(one.address["field"])
+    with suppress(InputError):  # where a field of some message is no number, none has readings
+        decoded = decode_topics(logs.OPENERS[name](path), wanted, [field for own in wanted.values() for field in own])
+        for place, one in enumerate(channels):
+            topic, field = (*one.address.values(), "")[:2]
+            if topic in decoded and field in decoded[topic].values:
+                numbers = np.ma.filled(decoded[topic].values[field].astype(np.float64), np.nan)
+                channels[place] = replace(one, numbers=numbers, times=decoded[topic].log_time / logs.SECOND)
     return Overview(name, facts, channels, remarks, {"clock": "master", "time": {"source": source}})
 
 

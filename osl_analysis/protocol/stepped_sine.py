@@ -314,8 +314,9 @@ def find_segments(known: "Likeness") -> list[Segment]:
 
 
 def meant_runs(known: "Likeness") -> list[tuple[Run, float]]:
-    """The runs that follow a commanded amplitude [rad], with it. Refused is an angle without a sine, and a run of
-    another amplitude where not all of the commanded ones were recorded."""
+    """The runs that follow a commanded amplitude [rad], with it. Where not all of the commanded ones were recorded,
+    another protocol may have been: a run of another amplitude then counts, too, with its own to a tenth of a degree.
+    Refused is an angle without a sine, and an amplitude ten times as large or small as any that was commanded."""
     followed_by = [(run, known.protocol.amplitude_near(run.amplitude)) for run in known.runs]
     commanded = ", ".join(f"{np.rad2deg(a):g}" for a in known.protocol.amplitudes)
     if not followed_by:
@@ -324,15 +325,19 @@ def meant_runs(known: "Likeness") -> list[tuple[Run, float]]:
             f"protocol says sines of {commanded} deg; check the channel and the unit of theta in the source file, and "
             "that the trial is a stepped sine"
         )
-    others = [run for run, amplitude in followed_by if amplitude is None]
-    if others and {amplitude for _, amplitude in followed_by} - {None} < set(known.protocol.amplitudes):
-        run = others[0]
+    all_recorded = {*known.protocol.amplitudes} <= {amplitude for _, amplitude in followed_by}
+    low, high, own = min(known.protocol.amplitudes) / 10, max(known.protocol.amplitudes) * 10, list[float]()
+    others = [] if all_recorded else [run for run, amplitude in followed_by if amplitude is None]
+    if run := next((run for run in others if not low < run.amplitude < high), None):
         raise InputError(
             f"the sine of {run.frequency_hz:.4g} Hz at {run.start + float(known.recorded[0]):.1f} s has an amplitude "
             f"of {np.rad2deg(run.amplitude):.2f} deg, the protocol says {commanded} deg; correct `amplitudes_deg` in "
             "the configuration, or the angle's unit in the source file"
         )
-    return [(run, amplitude) for run, amplitude in followed_by if amplitude is not None]
+    for size in sorted((run.amplitude for run in others), reverse=True):  # a bench loses some of one
+        own += [float(np.deg2rad(round(np.rad2deg(size), 1)))] * (followed(size, own, 0.25) is None)
+    meant = [(run, amplitude or followed(run.amplitude, own, 0.25)) for run, amplitude in followed_by]
+    return [(run, amplitude) for run, amplitude in meant if amplitude is not None]
 
 
 def common_frequencies(found: Sequence[Run], protocol: SteppedSineProtocol) -> list[float]:

@@ -1,0 +1,297 @@
+"""Five people with recordings of their own, written by plain writers: `init --from` and at most two edited lines give
+the numbers that the files were made of. What a draft guesses it says, with its evidence, beside the guess."""
+
+import difflib
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+import walking_synthetic as walk
+from any_motion import faded
+from c3d_builder import write_c3d
+from mcap_builder import HEADER, stamped, write_topics
+from nptdms import ChannelObject, TdmsWriter
+from scipy.interpolate import CubicSpline
+from test_formats_mat import write_mat
+
+from osl_analysis.campaign.campaign import open_campaign
+from osl_analysis.campaign.configuration import read_config
+from osl_analysis.commands import inspect as module
+from osl_analysis.commands.trials import checked_trial
+from osl_analysis.ingest.draft import draft_source
+from osl_analysis.walking.bodies import static_calibration
+from osl_analysis.walking.crossing import analyse_crossing
+from osl_analysis.walking.gait import unperturbed_gait
+from osl_analysis.walking.plate import identify_plate_model
+from osl_analysis.walking.platform import identify_platform
+from osl_analysis.walking.response import group_headline
+
+TRUE = {"K": 80.0, "B": 1.5, "I": 0.03}  # N*m/rad, N*m*s/rad, kg*m^2
+NOISE = np.random.default_rng(5).standard_normal((6, 20_000))
+
+
+def joint(rate, motion):
+    """Time [s], angle, velocity and torque of a joint, with 0.05 N*m of noise, by its motion and two derivatives."""
+    theta, omega, alpha = motion
+    time = np.arange(len(theta)) / rate
+    torque = TRUE["K"] * theta + TRUE["B"] * omega + TRUE["I"] * alpha + 0.05 * NOISE[0, : len(theta)]
+    return time, theta, omega, torque
+
+
+def sines(runs, amplitude_deg, rate=250):
+    """A joint that is moved by runs of (Hz, cycles), with rests of 1 s."""
+    pieces = [np.zeros((3, rate))]
+    for hz, cycles in runs:
+        t, w, a = np.arange(round(cycles / hz * rate)) / rate, 2 * np.pi * hz, np.radians(amplitude_deg)
+        pieces += [[a * np.sin(w * t), a * w * np.cos(w * t), -a * w * w * np.sin(w * t)], np.zeros((3, rate))]
+    return joint(rate, np.hstack(pieces))
+
+
+def chirp(rate=200, duration=20.0):
+    """A joint that is swept from 0.5 to 5.5 Hz at 5 degrees."""
+    time = np.arange(round((duration + 3) * rate)) / rate
+    t = time - 1.5
+    phase, w = 2 * np.pi * (0.5 * t + 0.125 * t**2), 2 * np.pi * (0.5 + 0.25 * t)
+    motion = np.sin(phase), w * np.cos(phase), np.pi / 2 * np.cos(phase) - w**2 * np.sin(phase)
+    return joint(rate, faded(time, duration, tuple(np.radians(5) * x for x in motion)))
+
+
+def write_csv(path, columns, sign=",", decimal="."):
+    rows = [sign.join(f"{x:.6f}".replace(".", decimal) for x in row) for row in zip(*columns.values(), strict=True)]
+    path.write_text("\n".join([sign.join(columns), *rows]) + "\n", encoding="utf-8")
+
+
+class Journey:
+    """A campaign that is drafted from a folder of recordings, and edited."""
+
+    def __init__(self, folder: Path) -> None:
+        self.recordings, self.made = folder / "recordings", folder / "mine"
+        self.recordings.mkdir()
+
+    def drafted(self):
+        """What `init` prints, and the source file."""
+        draft = module.new_campaign(self.made, recordings=self.recordings)
+        self.before = self.texts()
+        said = [module.drafted_text(draft), *module.left_to_decide(self.made, draft)]
+        return "\n".join(said), next((self.made / "sources").glob("*.yaml")).read_text()
+
+    def texts(self):
+        files = [self.made / "config.yaml", self.made / "trials.csv", *(self.made / "sources").glob("*.yaml")]
+        return [line for path in files for line in path.read_text().splitlines()]
+
+    def edited(self):
+        return sum(line.startswith("+ ") for line in difflib.ndiff(self.before, self.texts()))
+
+    def opened(self, monkeypatch):
+        monkeypatch.chdir(self.made)
+        config = read_config(Path("config.yaml"))
+        campaign = open_campaign(config, None)
+        for name, row in campaign.rows.items():
+            yield name, row, checked_trial(campaign.recording(name), config.raw_data, config.sources), config
+
+    def fits(self, monkeypatch):
+        """The fit to all amplitudes of each trial, and what the checks say of it."""
+        for name, row, trial, config in self.opened(monkeypatch):
+            fitted = module.fit_of_row(trial, row, None, Path("config.yaml"))
+            yield name, fitted.table.row(-1, named=True), module.quality_text(trial, row["experiment"], config, ())
+
+
+def is_right(fit):
+    return {name: fit[name] for name in TRUE} == pytest.approx(TRUE, rel=0.02)
+
+
+def test_a_bench_log_with_names_of_another_language(tmp_path, monkeypatch):
+    """A clock in ms, decimal commas, a load cell that counts the other way, a channel that is not connected and one of
+    noise. The first recording is of a bench at rest."""
+    journey = Journey(tmp_path)
+    time, theta, omega, torque = sines([(1, 8), (2, 10), (4, 16)], 4)
+    for name, moves in (("meting 1", 0), ("meting 2", 1), ("meting 3", 1)):
+        noise = NOISE[1:, : time.size]
+        angle, load, speed = (
+            np.where(moves, x, 0.01 * n) for x, n in zip((theta, -torque, omega), noise, strict=False)
+        )
+        columns = {"Tijd [ms]": 1e3 * time, "Stand arm [°]": np.degrees(angle), "Koppel [Nm]": load}
+        columns |= {"Kanaal 5": 0 * time + 3.1, "Kanaal 6": noise[4], "Snelheid": np.degrees(speed)}
+        write_csv(journey.recordings / f"{name}.csv", columns, ";", ",")
+    said, source = journey.drafted()
+    for line in (
+        "time is a guess: Tijd \\[ms\\] rises by 4 ms a row", '# .*"Kanaal 5".*left out: it does not move',
+        '# .*"Kanaal 6".*left out: it is noise', 'theta: {column: "Stand arm".*# a guess: "Koppel" follows it',
+        'torque: {column: "Koppel", .*sign: -1}  # a guess: it follows "Stand arm" as a spring, r = 1.000',
+    ):  # fmt: skip
+        assert re.search(line, source)
+        assert re.search(line, said)
+    assert "to be confirmed, guessed from angle and torque: experiment impedance (meting_1, meting_2, meting_3)" in said
+    (journey.made / "trials.csv").write_text(
+        (journey.made / "trials.csv").read_text().replace("meting_1,", "# meting_1,")
+    )
+    assert [is_right(fit) for _, fit, _ in journey.fits(monkeypatch)] == [True, True]
+    assert journey.edited() == 1
+
+
+VECTORS = "geometry_msgs/Vector3 force\ngeometry_msgs/Vector3 torque\n", "float64 x\nfloat64 y\nfloat64 z\n"
+JOINTS = f"std_msgs/Header header\nstring[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort\n{HEADER}"
+WRENCH = f"std_msgs/Header header\ngeometry_msgs/Wrench wrench\n{HEADER}"
+for kind, own in zip(("Wrench", "Vector3"), VECTORS, strict=True):
+    WRENCH += f"{'=' * 80}\nMSG: geometry_msgs/{kind}\n{own}"
+
+
+def test_a_bench_that_logs_joint_states_and_a_wrench(tmp_path, monkeypatch):
+    """Of the motor's and the load cell's torques, which leaks from z into x; two rates, any motion."""
+    journey = Journey(tmp_path)
+    time, theta, omega, torque = chirp()
+    late = CubicSpline(time, torque)(time + 0.001)
+    drive, noise = 9 * (theta + torque / 2000), 0.3 * NOISE[1:, : time.size].T
+    joints = [
+        stamped(round(t * 1e9), name=["ankle", "motor"], position=[a, m], velocity=[v, 9 * v], effort=[0.0, e])
+        for t, a, m, v, e in zip(*(x.tolist() for x in (time, theta, drive, omega, torque / 9)), strict=True)
+    ]
+    wrench = [
+        stamped(round(t * 1e9) + 1_000_000, wrench={
+            "force": dict(zip("xyz", n[:3], strict=True)), "torque": {"x": 0.06 * m + 0.01 * n[3], "y": n[4], "z": m}})
+        for t, m, n in zip(*(x[::2].tolist() for x in (time, late, noise)), strict=True)
+    ]  # fmt: skip
+    topics = {"/joint_states": ("sensor_msgs/msg/JointState", JOINTS, joints)}
+    write_topics(
+        journey.recordings / "run_0.mcap", topics | {"/cell": ("geometry_msgs/msg/WrenchStamped", WRENCH, wrench)}
+    )
+    _, source = journey.drafted()
+    assert [line.split(":")[0] for line in source.splitlines() if line.startswith("  ")] == ["  theta", "  torque"]
+    assert re.search(
+        '# .*"effort.name=motor.".*\n(.*\n)*  torque: {.*"wrench.torque.z".*follows "position.name=ankle."', source
+    )
+    ((_, fit, _),) = journey.fits(monkeypatch)
+    assert (is_right(fit), journey.edited()) == (True, 0)
+
+
+def leg_columns(amps, theta, torque, time):
+    return {
+        "loop_time": time + 17.0, "<__main__.Leg object at 0x7fe6>.output_position": theta + torque / 2000,
+        "output_velocity": np.gradient(theta + torque / 2000, time), "joint_position": theta,
+        "motor_current": 1e3 * amps, "joint_torque": 0.11 * amps, "loadcell_mz": torque, "genvar_0": 0 * time,
+    }  # fmt: skip
+
+
+def test_a_log_of_the_leg_with_a_load_cell(tmp_path, monkeypatch):
+    """opensourceleg's logger states no units, names an object, fails at times, and writes the drive's own torque beside
+    the load cell's."""
+    journey = Journey(tmp_path)
+    time, theta, _, torque = sines([(0.5, 4), (1.5, 10), (3, 20)], 5)
+    amps = (-torque / 0.9 + 0.3 * NOISE[1, : time.size]).round(2)
+    path = journey.recordings / "leg_1.csv"
+    write_csv(path, leg_columns(amps, theta, torque, time))
+    lines = path.read_text().splitlines()
+    cells = lines[700].split(",")
+    path.write_text("\n".join([*lines[:700], ",".join([*cells[:6], "ERROR", cells[7]]), *lines[701:]]))
+    _, source = journey.drafted()
+    for line in (
+        r'  theta_m: {column: "\*.output_position", unit: "rad"}  # guessed from its name; the unit is guessed from',
+        '  theta: {column: "joint_position", unit: "rad"}', '  current: {column: "motor_current", unit: "mA"}',
+        '#   .*"joint_torque".* # left out: "motor_current" times 0.00011, .*no measured torque',
+        '  torque: {column: "loadcell_mz", unit: "N\\*m"}  # .* it follows "joint_position" as a spring',
+    ):  # fmt: skip
+        assert re.search(f"\n{line}", source), line
+    ((_, fit, _),) = journey.fits(monkeypatch)
+    assert (is_right(fit), journey.edited()) == (True, 0)
+
+
+def test_a_log_of_an_actuator_that_is_known_and_a_load_cell(tmp_path, monkeypatch):
+    """Dephy's names and counts are those of the shipped source file, which is completed by what follows its angle."""
+    journey = Journey(tmp_path)
+    time, theta, _, torque = sines([(0.5, 4), (1.5, 10), (3, 20)], 5)
+    columns = {"state_time": 1e3 * time, "mot_ang": 16384 * 9 / (2 * np.pi) * (theta + torque / 2000)}
+    columns |= {"ank_ang": 100 * np.degrees(theta), "mot_cur": 1e3 * torque + 300 * NOISE[1, : time.size]}
+    write_csv(journey.recordings / "act_1.csv", {**columns, "loadcell": torque})
+    said, source = journey.drafted()
+    assert "sources/dephy_actpack.yaml: 1 recordings" in said
+    assert re.search(r'scale: 0.01}\n(.*\n)*  torque: {column: "loadcell", unit: "N\*m"}  # guessed', source)
+    ((_, fit, _),) = journey.fits(monkeypatch)
+    assert (is_right(fit), journey.edited()) == (True, 0)
+
+
+def test_a_walkway_of_vicon(tmp_path, monkeypatch):
+    journey, rig, ramp = Journey(tmp_path), walk.Rig(), walk.Ramp()
+    names = dict(zip((f"FOOT{k}" for k in (1, 2, 3, 4)), ("RHEE", "RTOE", "R_FM1", "R_FM5"), strict=True))
+    names |= dict(zip((f"SHANK{k}" for k in (1, 2, 3, 4)), ("RTIB", "R_SK1", "R_SK2", "R_SK3"), strict=True))
+    names |= {"ANKLE_MED": "RMMA", "ANKLE_LAT": "RANK"}
+
+    def record(name, trial):
+        columns = [c for c in trial.columns if c.startswith("marker_")]
+        labels = list(dict.fromkeys(c[7:-2] for c in columns))
+        frame = trial.samples.select(columns).drop_nulls().to_numpy() * 1e3
+        points = np.concatenate([frame.reshape(len(frame), -1, 3), np.zeros((len(frame), len(labels), 1))], axis=2)
+        wrench = trial.samples.select("^plate1_.*$").to_numpy() * np.repeat([1.0, 1e3], 3)
+        corners = 250.0 * np.array([[1.0, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0]])
+        plate = {
+            "USED": np.array([1]), "TYPE": np.array([2]), "ORIGIN": np.zeros((3, 1)), "CORNERS": corners.T[:, :, None],
+            "CHANNEL": np.arange(1, 7)[:, None],
+        }  # fmt: skip
+        parameters = {f"FORCE_PLATFORM__{key}": value for key, value in plate.items()}
+        parameters |= {"POINT__LABELS": [names.get(label, label) for label in labels]}
+        parameters |= {"ANALOG__UNITS": ["N"] * 3 + ["Nmm"] * 3}
+        write_c3d(journey.recordings / name, points, wrench, rate=300.0, **parameters)
+
+    record("Cal 01.c3d", walk.static_trial())
+    for k, trial in enumerate(walk.plate_trials(rig, ramp, 1, 3)):
+        record(f"Empty{k}.c3d", trial)
+    for k in range(6):
+        record(f"Trial{k:02d}.c3d", walk.walked_over("x", ramp if k < 3 else None, rig, 40 + k))
+    said, _ = journey.drafted()
+    assert said.count("to be confirmed, guessed from the motion of markers and plates") == 4
+    # before the platform turns, the ankle of these steps is still: a refusal of their pace asks for this line
+    config = journey.made / "config.yaml"
+    config.write_text(config.read_text().replace("  side: right", "  perturbed_stance: own\n  side: right"))
+    of, chosen = {}, None
+    for _, row, trial, campaign in journey.opened(monkeypatch):
+        of.setdefault((row["experiment"], row["perturbed"]), []).append(trial)
+        chosen = campaign.walking.model_copy(update={"bootstrap_samples": 200})
+    assert {key: len(own) for key, own in of.items()} == {
+        ("static", None): 1, ("plate", None): 3, ("walking", True): 3, ("walking", False): 3,
+    }  # fmt: skip
+    static = static_calibration(*of["static", None], chosen)
+    plate = identify_plate_model([(trial, static) for trial in of["plate", None]], chosen)
+    platform = identify_platform([(trial, static) for trial in of["walking", True]], chosen)
+    crossings = [
+        analyse_crossing(trial, static, plate, p, chosen, platform) for p in (True, False) for trial in of["walking", p]
+    ]
+    found = group_headline(crossings[:3], unperturbed_gait(crossings[3:], 3), chosen)
+    low, high = found.resampled.interval("K")
+    assert (low < 340 < high, found.ensemble.estimates()["K"]) == (True, pytest.approx(340, rel=0.1))
+    assert journey.edited() == 1
+
+
+@pytest.mark.parametrize("kind", ["tdms", "mat"])
+def test_a_dynamometer_with_a_protocol_of_its_own(tmp_path, monkeypatch, kind):
+    """Other frequencies, cycles and amplitude than the draft's, N*mm, and no unit anywhere."""
+    journey = Journey(tmp_path)
+    time, theta, _, torque = sines([(0.5, 6), (1.5, 12), (3.5, 12)], 3)
+    if kind == "mat":
+        write_mat(journey.recordings / "proef3.mat", x=time, q=theta, m=1e3 * torque, aux=np.zeros_like(time))
+    else:
+        with TdmsWriter(journey.recordings / "proef3.tdms") as writer:
+            named = {"Hoek": np.degrees(theta), "Last": 1e3 * torque, "Aux": np.zeros_like(time)}
+            timing = {"wf_increment": 1 / 250, "wf_start_offset": 0.0}
+            writer.write_segment([ChannelObject("Meting", name, one, timing) for name, one in named.items()])
+    _, source = journey.drafted()
+    assert re.search('  torque: {[^}]*, unit: "N\\*mm"}  # a guess: .*the unit is guessed from its size', source)
+    ((_, fit, quality),) = journey.fits(monkeypatch)
+    assert (is_right(fit), fit["excitation"], journey.edited()) == (True, "stepped sine", 0)
+    assert "flag protocol: another motion than stated" in quality
+
+
+def test_what_is_equally_likely_is_asked(tmp_path):
+    """A command and the angle that follows it; a joint and its motor; an angle whose torque might be one, too."""
+    time, theta, _, torque = sines([(1, 8), (2, 10), (4, 16)], 4)
+    command, motor, noise = np.interp(time + 0.01, time, theta), theta + torque / 2000, 1e-5 * NOISE[1, : time.size]
+    for number, (columns, open_ones) in enumerate((
+        ({"a [rad]": theta + noise, "b [rad]": command, "c [Nm]": torque}, ["a", "b"]),
+        ({"a": theta + noise, "b": motor, "c": torque}, ["a", "b", "c"]),
+        ({"a": np.degrees(theta) + noise, "b": torque, "c": 0 * time}, ["a", "b"]),
+        ({"ankle_angle_deg": np.degrees(theta), "b": 1.1 * torque, "torque_Nm": np.cumsum(noise)}, ["b", "torque_Nm"]),
+    )):  # fmt: skip
+        write_csv(tmp_path / f"{number}.csv", {"time_s": time, **columns})
+        source = draft_source(module.inspect_file(tmp_path / f"{number}.csv"), "", named=True)
+        found = re.findall(r'\n  NAME_\d: {column: "(\w+)"', source)
+        assert found == open_ones, source
+        assert source.count("as likely is") == (len(open_ones) if number < 3 else 0)

@@ -56,7 +56,7 @@ def test_a_channel_that_may_be_another_quantity_is_left_to_the_user(tmp_path, co
     ("2026-11-21_K300_B7.5_uncomp", "impedance", {"K_d": "300", "B_d": "7.5", "controller": "uncompensated"}),
     ("imp_K300_B5_non-comp", "impedance", {"K_d": "300", "B_d": "5", "controller": "uncompensated"}),
     ("quasi-static 2", "torque_angle", {}), ("belt_motor", "ingest_only", {}), ("drivetrain", "transmission", {}),
-    ("gait_baseline", "walking", {"perturbed": "false"}), ("calib", "static", {}), ("calibration", "ingest_only", {}),
+    ("gait_baseline", "walking", {"perturbed": "false"}), ("calib", "static", {}), ("calibration", "ingest_only", {}), ("static 2", "ingest_only", {}),
     ("unloaded", "plate", {}),
     ("_-.motor", "actuator", {}), ("walking 3", "ingest_only", {}),
 ])  # fmt: skip
@@ -65,6 +65,7 @@ def test_the_name_of_a_file_tells_its_trial_and_nothing_more(name, experiment, t
     ((cells, still_open),) = draft_trials([(Path(f"{name}.csv"), "csv", is_capture)])
     assert (cells["experiment"], cells["trial"][0] in "_-.") == (experiment, False)
     assert {k: v for k, v in cells.items() if k in ("K_d", "B_d", "controller", "perturbed")} == told
+    assert ("write calibration" in "".join(still_open)) == (name == "calibration")
     assert bool(still_open) != (experiment not in ("ingest_only", "impedance") or {"K_d", "B_d"} <= told.keys())
 
 

@@ -56,7 +56,8 @@ def test_a_channel_that_may_be_another_quantity_is_left_to_the_user(tmp_path, co
     ("2026-11-21_K300_B7.5_uncomp", "impedance", {"K_d": "300", "B_d": "7.5", "controller": "uncompensated"}),
     ("imp_K300_B5_non-comp", "impedance", {"K_d": "300", "B_d": "5", "controller": "uncompensated"}),
     ("quasi-static 2", "torque_angle", {}), ("belt_motor", "ingest_only", {}), ("drivetrain", "transmission", {}),
-    ("gait_baseline", "walking", {"perturbed": "false"}), ("calib", "static", {}), ("calibration", "ingest_only", {}), ("static 2", "ingest_only", {}),
+    ("gait_baseline", "walking", {"perturbed": "false"}), ("calib", "static", {}),
+    ("calibration", "ingest_only", {}), ("static 2", "ingest_only", {}),
     ("unloaded", "plate", {}),
     ("_-.motor", "actuator", {}), ("walking 3", "ingest_only", {}),
 ])  # fmt: skip

@@ -154,7 +154,10 @@ class Guess:
     no_signal: bool = False  # whether it stands still, is noise, or is computed from another
 
 
-FEWEST_READINGS, LARGEST = 100, 1e30  # number of readings that tell how a channel moves; beyond, none is a reading
+FEWEST_READINGS, LARGEST_READING = (
+    100,
+    1e30,
+)  # number of readings that tell how a channel moves; beyond, none is a reading
 FOLLOWS = 0.9  # correlation from which one signal follows another: a fifth of its power may be noise or friction
 AS_LIKELY = (
     4.0  # factor between what is unexplained, of a torque by an angle and the reverse, up to which either may be
@@ -173,7 +176,7 @@ def name_of(channel: RecordedChannel) -> str:
 
 def readings(channel: RecordedChannel) -> Array:
     """The readings (n,) that are numbers of a sensor, in the unit of the channel; none where they were not read."""
-    return np.empty(0) if channel.numbers is None else channel.numbers[np.abs(channel.numbers) < LARGEST]
+    return np.empty(0) if channel.numbers is None else channel.numbers[np.abs(channel.numbers) < LARGEST_READING]
 
 
 def unit_by_size(channel: RecordedChannel, column: str) -> str:
@@ -205,7 +208,7 @@ def on_a_grid(channels: Mapping[int, RecordedChannel], clock: RecordedChannel | 
     for number, one in channels.items():
         own, numbers = rows if one.times is None else one.times, np.asarray(one.numbers)
         times = np.arange(numbers.size) / 250 if own is None or own.size != numbers.size else own
-        known = (np.abs(numbers) < LARGEST) & np.isfinite(times)
+        known = (np.abs(numbers) < LARGEST_READING) & np.isfinite(times)
         stamped[number] = times[known], numbers[known]
     first, last = max(t[0] for t, _ in stamped.values()), min(t[-1] for t, _ in stamped.values())
     step = float(np.median([np.median(np.diff(t)) for t, _ in stamped.values()]))

@@ -154,14 +154,9 @@ class Guess:
     no_signal: bool = False  # whether it stands still, is noise, or is computed from another
 
 
-FEWEST_READINGS, LARGEST_READING = (
-    100,
-    1e30,
-)  # number of readings that tell how a channel moves; beyond, none is a reading
+FEWEST_READINGS, LARGEST_READING = 100, 1e30  # how many tell how a channel moves; beyond the other, none is one
 FOLLOWS = 0.9  # correlation from which one signal follows another: a fifth of its power may be noise or friction
-AS_LIKELY = (
-    4.0  # factor between what is unexplained, of a torque by an angle and the reverse, up to which either may be
-)
+AS_LIKELY = 4.0  # factor between what a pair and its reverse leave unexplained up to which both may be
 UNITS_BY_SIZE = {
     "rad": (("rad", 0.0, 0.9), ("deg", 2.5, 200.0)), "N*m": (("N*m", 0.0, 300.0), ("N*mm", 1500.0, np.inf)),
     "A": (("A", 0.0, 60.0), ("mA", 300.0, np.inf)),

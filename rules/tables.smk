@@ -178,7 +178,7 @@ def headline_numbers(_):
     row = CAMPAIGN.row(TIME_SERIES["trial"]) if TIME_SERIES else {}
     example = {"K_d": row["K_d"], "B_d": row["B_d"], "chosen": TIME_SERIES["chosen"]} if row else None
     trials = {name: CAMPAIGN.trials(name) for name in EXPERIMENTS if CAMPAIGN.trials(name)}
-    settings = {"about": ABOUT, "example": example, "trials": trials}
+    settings = {"about": ABOUT, "example": example, "trials": trials, "beside_draft": CAMPAIGN.beside_draft}
     inputs = {"input": {"excluded": tabled("excluded"), "verdicts": tabled("quality")}}
     tables = {"after": result_tables(), "read": {"table_paths": by_stem(result_tables())}}
     return {**inputs, **tables, "settings": settings}

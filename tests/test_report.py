@@ -43,7 +43,10 @@ from osl_analysis.report.page import (
     caption_html,
     captions_by_title,
     every_kth,
+    heat_map,
     inline_svg,
+    judged_cells,
+    overview,
     packed_table,
     template,
     written_page,
@@ -102,15 +105,12 @@ def trial(name="t", doubtful="", **facts):
 
 
 def page_of(trials, largest_mb=40.0, tables=None):
-    content = {"about": ABOUT, "made_of": sentence(ABOUT), **trials_content(trials), "headlines": [], "figures": []}
-    content |= {
-        "findings": [FINDING | {"line": f"doubtful, 1 of 2: {HOSTILE}"}],
-        "methods": methods_content(SETTINGS, {}, trials),
-        "intervals": "",
-        "not_made": [],
-        "sensitivity": [],
-        "absent_figures": {"Response": "No trial has one."},
-    }
+    facts = {"verdict": "doubtful", "cause": HOSTILE, "says": "x", "remedy": "", "of": "trials", "n": 2}
+    summary = {"findings": [{**facts, "trials": [one.name for one in trials]}]}
+    content = {"about": ABOUT, "made_of": sentence(ABOUT), **trials_content(trials)}
+    content |= {**overview(trials, summary, [], ABOUT), "intervals": "", "not_made": [], "sensitivity": []}
+    content["methods"] = methods_content(SETTINGS, {}, trials)
+    content["absent_figures"] = {"Response": "No trial has one."}
     packed = {one.name: (trial_content(one, {"impedance": IMPEDANCE}), tables or {}) for one in trials}
     return written_page(content, packed, largest_mb)
 
@@ -254,6 +254,89 @@ def test_verdicts_and_counts_sorting_by_the_unrounded_value_and_conditions_that_
     assert [row["condition"] for row in trials_content(two)["trials"]] == ["K_d 1", "K_d 2"]
 
 
+def checked(trial, **verdicts):
+    """Rows of `quality.csv`: of each check the verdict, beyond or within its limit of 0.05."""
+    values = {"pass": 0.01, "flag": 0.2, "exclude": 0.3, "none": None}
+    rows = [(trial, check, values[verdict], "s", 0.05, verdict, "") for check, verdict in verdicts.items()]
+    return pl.DataFrame(rows, ["trial", "check", "value", "unit", "threshold", "verdict", "remark"], orient="row")
+
+
+def test_the_map_has_a_row_for_what_one_trial_does_not_pass_and_names_the_nearest_to_each_other_limit():
+    friction = "friction: it does: 3 %. Use this [odd_harmonics 0.3 is above 0.25]"
+    phasors = pl.DataFrame({"trial": ["b"], "doubtful": [f"{friction}; impedance.csv: late torque: x"]})
+    late = "late torque: x [lag_damping 1 is above 0.1]"
+    trials = [
+        trial(
+            "a",
+            f"{friction}; {late}; clipped signal: x",
+            quality=checked("a", gap="flag", saturation="flag", stuck="pass", rate="none"),
+        ),
+        trial("b", quality=checked("b", gap="pass", stuck="pass", rate="none")),
+        trial("c", left_out=["no footer"], refused=True, quality=None),
+    ]
+    trials[1] = replace(trials[1], tables=trials[1].tables | {"phasors": phasors})
+    trials[2] = replace(trials[2], tables={})
+    nearest = trials[1].quality.with_columns(value=pl.when(pl.col("check") == "stuck").then(0.04).otherwise("value"))
+    trials[1] = replace(trials[1], quality=nearest)
+    cells = {one.name: judged_cells(one) for one in trials}
+    found = heat_map(trials, cells)
+    (group,) = found["groups"]
+    whole = [
+        ("a", "doubtful", "clipped signal; friction; late torque; gap in the recording"),
+        ("b", "used", "friction in a part of it"),
+    ]
+    assert group["trials"] == [*whole, ("c", "refused", "no footer")]
+    states = {row["check"]: [state for _, state, _ in row["cells"]] for row in group["rows"]}
+    assert states == {
+        "gap in the recording": ["flagged", "passed", "does not apply"],
+        "clipped signal": ["doubtful", "passed", "does not apply"],  # of its flag and its doubt the worse
+        "friction": ["doubtful", "doubtful in part", "does not apply"],
+        "late torque": ["doubtful", "passed", "does not apply"],
+    }
+    assert cells["a"]["friction"][1] == friction.removeprefix("friction: ")
+    assert cells["a"]["gap in the recording"][1].startswith("0.2 s, limit 0.05 s. samples are missing")
+    (passed,) = found["passed"]  # a rate that does not apply is not passed
+    assert [passed[key] for key in ("check", "trial", "said", "n")] == ["frozen signal", "b", "0.04 s, limit 0.05 s", 2]
+    assert found["states"] == ["used", "passed", "doubtful in part", "flagged", "doubtful", "refused"]
+    counts = trials_content(trials)["counts"]
+    assert sum(counts.values()) == 3, "each trial is counted once, for the worst that is known of it"
+
+
+def test_the_page_begins_with_what_was_done_its_verdict_and_the_figure_that_matters():
+    rows = [
+        {"experiment": "walking", "perturbed": up, "joint": "knee", "log": "a.mcap", "mocap": "a.c3d"} for up in (0, 1)
+    ]
+    walks = [ReportedTrial(f"w{k}", {"trial": f"w{k}", **row}) for k, row in enumerate(rows)]
+    trials = [*walks, trial("t", "friction: it does [x 2 is above 1]"), trial("r", left_out=["x"], refused=True)]
+    figures = [{"name": name} for name in ("fig3", "fig5", "walking_page")]
+    number = {
+        "n": 4,
+        "value": 2.0,
+        "unit": "%",
+        "low": None,
+        "high": None,
+        "interval": None,
+        "draft": None,
+        "doubt": None,
+    }
+    number |= {"question": "Does the joint render what was asked for?", "of": "", "meaning": "x", "answers": "It is"}
+    line = {"cause": "friction", "says": "it does", "remedy": "use it", "trials": ["t", "all"]}
+    found = overview(trials, {"numbers": {"K": number}, "findings": [line]}, figures, ABOUT)
+    assert found["done"] == (
+        "The impedance that the joint renders, identified from 4 simulated trials of the knee: 2 walking (1 perturbed) "
+        "and 2 impedance (MCAP and C3D files, made with seed 1)."
+    )
+    assert found["state"] == "1 of 4 trials is doubtful: friction. 1 was refused."
+    assert found["questions"][0]["answer"] == "It is 2.00 % (n = 4)."
+    drawn = [[one["name"] for one in found[key]] for key in ("first", "figures")]
+    assert drawn == [["fig5"], ["fig3", "walking_page"]]
+    assert overview(walks, {}, figures, ABOUT)["first"][0]["name"] == "walking_page", "nothing was desired"
+    alone = overview(walks[:1], {}, [], ABOUT)
+    assert (alone["first"], alone["state"]) == ([], "No trial is doubtful. Nothing was refused or excluded.")
+    assert alone["done"].startswith("Ingested and checked: 1 simulated walking trial of the knee (MCAP and C3D files")
+    assert found["findings"][0]["named"] == [("t", "it does [x 2 is above 1]")], "a group is no trial"
+
+
 def test_doubts_are_split_and_explained_and_say_whether_they_are_about_the_whole_trial():
     friction = f"friction: {CAUSES['friction'].says}: without it B is 1.05. Use this"
     friction += " [odd_harmonics 0.291 is above 0.25, coulomb_share 1.03 is above 0.5]"
@@ -299,6 +382,10 @@ def test_a_figure_keeps_to_its_own_identifiers_and_opens_trials():
     parts = ('id="fig5-p1"', 'xlink:href="#fig5-p1"', "url(#fig5-c)", 'xlink:href="#trial=a%26b%3C"', 'tabindex="-1"')
     assert [part for part in (*parts, "<title>a&amp;b&lt;</title>") if part not in found] == []
     assert ("target" in found, "metadata" in found, 'viewBox="0 0 252 100"' in found) == (False, False, True)
+    assert [
+        f'class="{word}"' in inline_svg(svg.replace("252", pt), "x", "")
+        for pt, word in (("252", "narrow"), ("515", "wide"))
+    ] == [True] * 2
 
 
 def test_a_caption_is_text_with_indices():
@@ -330,9 +417,9 @@ def test_the_model_of_a_series_is_that_of_the_fit_in_the_samples_that_the_fit_us
 def test_a_report_says_of_each_trial_what_became_of_it_and_leaves_out_counts(tmp_path, monkeypatch):
     """One is flagged, one refused, one has no result though a fit belongs to it, as one has no crossing; one stood."""
     number = dict.fromkeys(("n", "low", "n_doubtful"), 1) | {"value": 1.5, "unit": "N*m", "high": 2.5, "draft": 1.25}
-    number |= {"n_left_out": 0, "verdict": "holds"}
-    kinds = {"K": "range", "doubtful_n": COUNT}
-    numbers = {name: number | {"meaning": name, "interval": kind} for name, kind in kinds.items()}
+    number |= {"n_left_out": 0, "doubt": None}
+    kinds = {"K": ("range", "holds"), "doubtful_n": (COUNT, None)}
+    numbers = {one: number | {"meaning": one, "interval": kind, "verdict": said} for one, (kind, said) in kinds.items()}
     (tmp_path / "summary.csv").write_text(json.dumps({"numbers": numbers}))
     lost = dict.fromkeys(("value", "unit", "threshold")) | {"trial": "b_2", "check": "refused", "remark": "no footer"}
     gap = {"trial": "b_1", "check": "gap", "value": 1.0, "unit": "s", "threshold": 0.5, "remark": "", "verdict": "flag"}
@@ -355,8 +442,10 @@ def test_a_report_says_of_each_trial_what_became_of_it_and_leaves_out_counts(tmp
         "n": 3, "used": 1, "perturbed": 0, "perturbed_used": 0, "rates": 0, "files": 0,
     }  # fmt: skip
     assert said == {"b_2": ("refused", "no footer"), "b_3": none, "w": none, "s": ("used", "")}
-    said = ("K", "1.50", "N·m", "1.00 to 2.50 (range)", "holds", "1, 1 of them doubtful", "1.25")
-    assert ([tuple(row.values()) for row in seen[0]["headlines"]], seen[0]["not_made"]) == ([said], [of_table])
+    keys = ("meaning", "text", "unit", "ends", "kind", "verdict", "behind")
+    said = ("K", "1.50", "N·m", "1.00 to 2.50", "range", "holds", "1, doubtful")
+    assert ([tuple(row[key] for key in keys) for row in seen[0]["claims"]], seen[0]["questions"]) == ([said], [])
+    assert seen[0]["not_made"] == [of_table]
     own, other = (seen[1][name][0] for name in ("b_1", "b_2"))
     assert (len(own["quality"]), other["quality"], own["remark"][:24]) == (1, [], "5 samples a second are d")
     assert [one["title"] for one in own["panels"]][2:] == ["Belt deflection", "Torque against belt deflection"]

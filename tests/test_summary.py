@@ -3,14 +3,16 @@
 import json
 import os
 import re
+from dataclasses import replace
 
 import polars as pl
 import pytest
 import yaml
+from conftest import ROOT
 
 import osl_analysis
-from osl_analysis.campaign.campaign import ABOUT_MACROS
-from osl_analysis.campaign.configuration import read_section
+from osl_analysis.campaign.campaign import ABOUT_MACROS, Campaign
+from osl_analysis.campaign.configuration import read_config, read_section
 from osl_analysis.commands import tables
 from osl_analysis.commands.tables import format_results_table, gather, read_summary, write_summary
 from osl_analysis.errors import InputError
@@ -297,6 +299,44 @@ def test_the_example_says_how_far_the_single_amplitudes_spread_and_is_rounded_to
     assert (K["interval"], headlines.numbers_said(K)[0]) == (headlines.FEW, "303.0")  # not 303.00, as by the range
 
 
+def test_numbers_answer_questions_side_by_side_with_a_true_minus_and_none_that_its_interval_has_0_in():
+    tables = all_tables() | {"walking_summary": walked(K=338.0, I=-2e-6)}
+    asked = {
+        one["asks"][:17]: one for one in headlines.answered([*written(headline_numbers(tables))["numbers"].values()])
+    }
+    rendered, walk = asked["Does the joint re"], asked["What does the ank"]
+    said = "asked for by 2.00 % with compensation (n = 2), 30.0 % without it (n = 1, doubtful)."
+    assert (rendered["columns"], rendered["answer"][-len(said) :]) == (["compensated", "uncompensated"], said)
+    row = next(row for row in rendered["rows"] if row["meaning"] == "mean |K/K_d − 1| of trials")
+    assert [row["cells"][of]["text"] for of in rendered["columns"]] == ["2.00", "30.0"]
+    assert walk["rows"][1]["cells"][""]["text"] == "−2.000·10⁻⁶"
+    assert (walk["rows"][0]["draft"], walk["columns"]) == ("340 N·m/rad", [""])
+    assert walk["answer"] == "Its stiffness is 338.0 N·m/rad (334.6 to 341.4; n = 10)."
+    nothing = NOTHING | {"value": 1e-4, "low": -1e-5, "high": 2e-4, "interval": STUDENT, "doubt": "late: x [y 3]"}
+    assert list(headlines.said_number(nothing).values()) == [
+        "≈ 0", "−1·10⁻⁵ to 2.0·10⁻⁴", STUDENT, "", "3, doubtful: late",
+    ]  # fmt: skip
+    assert headlines.signed("-0.00500 to 0.012") == "−0.00500 to 0.012"
+    assert headlines.said_number(nothing | {"interval": RANGE})["text"] == "1.00·10⁻⁴", "a range has it by chance"
+    foot = headlines.LABELS["torque_angle"]["K"]
+    stiffness = {"a": 5.0, "b": 4.0, "c": 9.0, "d": 6.0}
+    one = [headlines.of_group(replace(foot, value=K, n=3), trial) for trial, K in stiffness.items()]
+    found = headlines.answered([*written(one)["numbers"].values()])[0]
+    assert found["answer"] == "The stiffness while loading is 4.00 N·m/rad (b) to 9.00 N·m/rad (c)."
+    assert (found["columns"], len(found["rows"])) == ([""], 4), "more than three stand below one another"
+
+
+def test_only_a_campaign_that_simulates_the_draft_s_device_or_asks_for_it_is_held_against_the_draft():
+    assert {one.draft for one in headline_numbers(all_tables(), beside_draft=False)} == {None}
+    config = read_config(ROOT / "config/config.yaml")
+    for changes, expected in (({}, True), ({"simulation": None}, False), ({"parameters": None}, False)):
+        campaign = Campaign(config.model_copy(update=changes), {}, {})
+        assert campaign.beside_draft is expected, changes
+        for asked in (True, False):
+            report = config.report.model_copy(update={"beside_draft": asked})
+            assert Campaign(campaign.config.model_copy(update={"report": report}), {}, {}).beside_draft is asked
+
+
 def test_doubtful_fits_are_counted_by_table_and_rows_without_a_fit_are_none():
     found = by_name(all_tables())
     counted = [found[f"doubtful_{name}"] for name in ("impedance", "walking")]
@@ -409,7 +449,7 @@ def test_missing_trials_are_counted_and_named_with_the_reason_in_every_form_of_t
     assert "% 1 of 2 belt trials; without b_1\n% 2 of 3 impedance trials; without i_2\n% no t/walking.csv" in macros
 
 
-NOTHING = dict.fromkeys(("low", "high", "interval", "draft")) | {"unit": "", "n": 3, "meaning": "x"}
+NOTHING = dict.fromkeys(("low", "high", "interval", "draft", "doubt")) | {"unit": "", "n": 3, "meaning": "x"}
 NUMBER = json.dumps({"campaign": "made", "numbers": {"K_s": {"value": 1.5} | NOTHING}})
 
 
@@ -442,7 +482,7 @@ def test_headline_means_say_how_many_doubtful_trials_they_leave_out_or_contain()
     number = by_name({"impedance": pl.concat([made.with_columns(trial=pl.lit("a")), alone])})["VAF_mean_compensated"]
     assert (number.n, number.value) == (4, 96.0)
     said = format_results_table(written(found.values())) + to_tex(MADE, list(found.values()))
-    for words in ("| 2 of 3, 1 doubtful left out |", "| 1, 1 of them doubtful |", "n = 2 of 3, 1 doubtful left out"):
+    for words in ("| 2 of 3, 1 doubtful left out |", "| 1, doubtful |", "n = 2 of 3, 1 doubtful left out"):
         assert words in said
     belts = summary_rows(K_s=686.2).with_columns(n_doubtful=pl.lit(2), n_left_out=pl.lit(2), doubt=pl.lit("late"))
     one = by_name({"belt_summary": belts})["K_s"]

@@ -17,7 +17,7 @@ from osl_analysis.config.experiments import EXPERIMENTS, ResultTable
 from osl_analysis.config.shared_choices import read_impedance_trajectory
 from osl_analysis.config.sheet import FIXTURE, SheetRows, read_sheet
 from osl_analysis.errors import InputError, listing, naming, nearest
-from osl_analysis.files import default_config, digest
+from osl_analysis.files import default_config, digest, shipped
 from osl_analysis.formats.rosbag import recorded_files
 from osl_analysis.judge.recording import CHECKS, unknown_check, validate_rules
 from osl_analysis.model.compensator import CONTROLLERS
@@ -111,6 +111,13 @@ class Campaign:
         """`simulated` or `measured`, as the configuration says, or where the simulator's truth lies beside the data."""
         made = self.config.simulation is not None or (self.config.raw_data / "truth").is_dir()
         return self.config.data or (SIMULATED if made else MEASURED)
+
+    @property
+    def beside_draft(self) -> bool:
+        """Whether the numbers of the paper's draft stand beside the campaign's, as `report` of the configuration says;
+        by default only where its device is simulated: recordings of others are held against them if that is asked."""
+        asked, of_draft = self.config.report.beside_draft, shipped("config/parameters/default.yaml")
+        return self.config.simulation is not None and self.config.parameters == of_draft if asked is None else asked
 
     def device(self, trial: str) -> Path | None:
         """The parameter file of a trial's device; None where there is none for its joint."""

@@ -68,6 +68,9 @@ class ReportChoices(Settings):
 
     largest_mb: Annotated[float, Field(gt=0)] = 40.0
     """Largest size of the page [MB]; signals are thinned out to keep it, and the page says so."""
+    beside_draft: bool | None = None
+    """Whether page and summary have the numbers of the paper's draft beside the campaign's; null: if it simulates the
+    draft's device."""
 
 
 class StudyTrials(Settings):

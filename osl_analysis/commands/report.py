@@ -18,7 +18,7 @@ from osl_analysis.figures.names import figure_title
 from osl_analysis.files import atomic_path
 from osl_analysis.judge.two_campaigns import QUANTITIES, compared, label_of, verdicts_said
 from osl_analysis.refusal import Refusal, is_refused
-from osl_analysis.report import panels, trial_page
+from osl_analysis.report import page, panels, trial_page
 from osl_analysis.report.headlines import aligned, decimals, fixed, missing_lines, told_apart, trials_text
 from osl_analysis.report.page import caption_html, captions_by_title, comparison_page, inline_svg, written_page
 from osl_analysis.report.trial_page import ReportedTrial, left_out_trials, trial_content
@@ -90,15 +90,9 @@ def write_report(
         "about": about,
         "made_of": sentence(about),
         **trial_page.trials_content(reported),
-        "headlines": [
-            trial_page.headline_row(number)
-            for name, number in found.get("numbers", {}).items()
-            if not name.startswith("doubtful_")  # the findings say it, with the causes
-        ],
+        **page.overview(reported, found, shown, about),
         "intervals": found.get("intervals", ""),
         "methods": trial_page.methods_content(settings, written, reported),
-        "findings": found.get("findings", []),
-        "figures": shown,
         "absent_figures": absent,
         "sensitivity": written.get("walking_sensitivity", pl.DataFrame()).to_dicts(),
         "not_made": [one for one in refused if not one.trial],

@@ -171,13 +171,14 @@ def write_summary(
     verdicts: Path | None = None,
     refused: Sequence[Refusal] = (),
     example: headlines.Example | None = None,
+    beside_draft: bool = True,
 ) -> None:
-    """Write headline numbers of a campaign from the tables that it has, by their names. `example` is the desired
-    impedance of Fig. 4, `trials` has those of each experiment, `excluded` is the table of those that are not used,
-    `verdicts` is `quality.csv`, `refused` are the causes of missing tables."""
+    """Write headline numbers of a campaign from the tables that it has, by their names, with those of the paper's draft
+    if `beside_draft`. `example` is the desired impedance of Fig. 4, `trials` has those of each experiment, `excluded`
+    is the table of those that are not used, `verdicts` is `quality.csv`, `refused` are the causes of missing tables."""
     read = {*headlines.LABELS, *judged_tables(), "prediction_causes"}
     tables = {name: read_table(path) for name, path in table_paths.items() if name in read}
-    numbers = headlines.headline_numbers(tables, example)
+    numbers = headlines.headline_numbers(tables, example, beside_draft)
     of_excluded = ("trial", "check", "value", "unit", "threshold", "remark")
     judged = read_table(verdicts) if verdicts else pl.DataFrame(schema=["check", "verdict"])
     missing = {

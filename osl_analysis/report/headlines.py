@@ -48,6 +48,9 @@ class Headline:
     verdict: str | None = None  # on what the paper's text claims; None if it claims nothing of this number
     amplitudes_low: float | None = None  # lowest result of the fits to single amplitudes; None if there are none
     amplitudes_high: float | None = None  # highest result of the fits to single amplitudes; None if there are none
+    of: str = ""  # the controller, group or joint that it is of, with which `meaning` ends; empty: of all
+    question: str = ""  # one of `QUESTIONS`; empty for a claim or a count of doubts
+    answers: str = ""  # how the sentence begins that answers the question by this number; empty: others answer it
 
 
 @dataclass(frozen=True)
@@ -64,9 +67,13 @@ class Example:
         return f"{words} (that of {self.chosen})" if self.chosen else words
 
 
+WORDS: dict[str, Any] = read_mapping(Path(__file__).with_suffix(".yaml"))
+QUESTIONS: dict[str, dict[str, Any]] = WORDS.pop("questions")
+"""The questions of a reader, the first ones first: the `tables` that answer each, and what they `identify`."""
+QUESTION_OF = {table: question for question, facts in QUESTIONS.items() for table in facts["tables"]}
 LABELS = {
-    table: {quantity: Headline(**label) for quantity, label in labels.items()}
-    for table, labels in read_mapping(Path(__file__).with_suffix(".yaml")).items()
+    table: {quantity: Headline(**label, question=QUESTION_OF.get(table, "")) for quantity, label in labels.items()}
+    for table, labels in WORDS.items()
 }
 """The labels by table and quantity, in the order of the summary."""
 
@@ -74,15 +81,19 @@ LABELS = {
 def with_controller(label: Headline, controller: str | None, example: Example) -> Headline:
     known, meaning = controller or "no controller", label.meaning.format(example=example.meaning())
     name, macro = f"{label.name}_{known.replace(' ', '_')}", letters(known)[:32] + label.macro
-    return replace(label, name=name, macro=macro, meaning=f"{meaning}, {known}")
+    return replace(label, name=name, macro=macro, meaning=f"{meaning}, {known}", of=known)
 
 
 def of_group(number: Headline, group: str) -> Headline:
     """The number of one group, as of crossings; that of a campaign of one group, as the draft's, is unchanged."""
     if group == "all":
         return number
-    name, macro = f"{number.name} ({group})", number.macro + letters(group)
-    return replace(number, name=name, draft=None, macro=macro, meaning=f"{number.meaning}, {group}")
+    named = replace(number, name=f"{number.name} ({group})", draft=None, macro=number.macro + letters(group))
+    return with_end(named, group)
+
+
+def with_end(number: Headline, end: str) -> Headline:
+    return replace(number, meaning=f"{number.meaning}, {end}", of=", ".join(filter(None, [number.of, end])))
 
 
 def letters(text: str) -> str:
@@ -253,11 +264,13 @@ def numbers_of(name: str, table: pl.DataFrame, example: Example) -> Iterator[Hea
         yield from summary_means(table, labels)
 
 
-def headline_numbers(tables: Mapping[str, pl.DataFrame], example: Example | None = None) -> list[Headline]:
+def headline_numbers(
+    tables: Mapping[str, pl.DataFrame], example: Example | None = None, beside_draft: bool = True
+) -> list[Headline]:
     """Headline numbers of the experiments that the campaign has; `tables` by name, `example` of Fig. 4. The bench's are
-    of one joint and side each, told apart where there are several; the draft's are of an ankle. No two have the same
-    name or macro: the second `PD 1` and `PD-1` becomes `PDOneB`, as macros have letters alone. Raises InputError: a
-    summary table has no finite mean for a quantity that it lists."""
+    of one joint and side each, told apart where there are several; the draft's are of an ankle, and None unless the
+    campaign is held against it. No two have the same name or macro: the second `PD 1` and `PD-1` becomes `PDOneB`, as
+    macros have letters alone. Raises InputError: a summary table has no finite mean for a quantity that it lists."""
     numbers: list[Headline] = []
     for name, table in ((name, tables[name]) for name in LABELS if name in tables):
         places = ("joint", "side")
@@ -269,8 +282,8 @@ def headline_numbers(tables: Mapping[str, pl.DataFrame], example: Example | None
             joint, side = part.select(places).row(0)
             where = ", ".join(filter(None, [joint or DRAFT_JOINT, side]))
             for number in numbers_of(name, part, example or Example()):
-                said = number.meaning + f", {where}" * (where != DRAFT_JOINT)
-                named = of_group(number, where) if len(parts) > 1 else replace(number, meaning=said)
+                alone = with_end(number, where) if where != DRAFT_JOINT else number
+                named = of_group(number, where) if len(parts) > 1 else alone
                 draft = number.draft if (joint or DRAFT_JOINT) == DRAFT_JOINT else None
                 numbers.append(replace(named, draft=draft))
     for name in (name for name in tables if name in judged_tables()):
@@ -285,7 +298,7 @@ def headline_numbers(tables: Mapping[str, pl.DataFrame], example: Example | None
         own = next(free for free in tried if macros.isdisjoint(free))
         names.add(name)
         macros.update(own)
-        found.append(replace(number, name=name, macro=own[0]))
+        found.append(replace(number, name=name, macro=own[0], draft=number.draft if beside_draft else None))
     return found
 
 
@@ -345,7 +358,7 @@ def to_json(about: Mapping[str, str], headlines: Sequence[Headline], missing: Ma
     Null where there is no interval or the draft has no value; only numbers with a range over single amplitudes have
     it."""
     kept = ["value", "unit", "low", "high", "interval", "n", "sd", "n_doubtful", "n_left_out", "doubt", "draft"]
-    kept += ["verdict", "meaning"]
+    kept += ["verdict", "meaning", "of", "question", "answers"]
     numbers = {
         h.name: {key: getattr(h, key) for key in (*kept, *(AMPLITUDES if h.amplitudes_low is not None else ()))}
         for h in headlines
@@ -428,6 +441,71 @@ def numbers_said(number: Mapping[str, Any]) -> tuple[str, str, str]:
     return fixed(number["value"], digits), parts[0], parts[1]
 
 
+MOST_COLUMNS = 3  # controllers, groups or joints that stand side by side
+WITH = {"compensated": "with compensation", "uncompensated": "without it"}
+
+
+def answered(numbers: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """The numbers of a summary for the page, by question: the `answer` in a sentence, the `columns`, which are what
+    numbers are of where that is few, and `rows` with their meaning, a cell for each column, one for all of them under
+    the empty name, and what the draft has."""
+    found = []
+    for asks, facts in QUESTIONS.items():
+        own = [{**number, **said_number(number)} for number in numbers if number.get("question") == asks]
+        columns = list(dict.fromkeys(number["of"] for number in own if number["of"]))
+        columns, rows = columns if len(columns) <= MOST_COLUMNS else [], dict[str, dict[str, Any]]()
+        for number in own:
+            of = number["of"] if number["of"] in columns else ""
+            meaning = number["meaning"].removesuffix(f", {of}").replace(" - ", " − ")
+            row = rows.setdefault(meaning, {"meaning": meaning, "cells": {}, "draft": ""})
+            row["cells"][of] = number
+            row["draft"] = row["draft"] or ("" if number["draft"] is None else f"{number['draft']:g} {number['unit']}")
+        said = {"asks": asks, "identified": facts["identified"], "answer": answer(own)}
+        found += [{**said, "columns": columns or [""], "rows": [*rows.values()]}] * bool(own)
+    return found
+
+
+def answer(numbers: Sequence[Mapping[str, Any]]) -> str:
+    """The sentence that answers a question by its first number that does, for each that it is of; of many the range."""
+    begins = next((number["answers"] for number in numbers if number["answers"]), "")
+    parts, own = [], [number for number in numbers if begins and number["answers"] == begins]
+    if len(own) > MOST_COLUMNS:
+        least, most = (pick(own, key=lambda one: float(one["value"])) for pick in (min, max))
+        return f"{begins} {' to '.join('{text} {unit} ({of})'.format(**one) for one in (least, most))}."
+    for one in own:
+        # a range shows no precision, and the table has it
+        ends = one["ends"] if one["interval"] not in (RANGE, COUNT) else ""
+        more = "; ".join(filter(None, [one["of"] * (one["of"] not in WITH), ends, f"n = {one['behind']}"]))
+        parts.append(" ".join(filter(None, [one["text"], one["unit"], WITH.get(one["of"]), f"({more})"])))
+    return f"{begins} {', '.join(parts)}." if parts else ""
+
+
+def said_number(number: Mapping[str, Any]) -> dict[str, str]:
+    """`text` and `ends` of a number for a reader, and the trials `behind` it: a true minus, what is small with a power
+    of ten, no digits where the interval has 0 in it, of a doubt its cause alone."""
+    value, ends, single = numbers_said(number)
+    low, high, known = number["low"], number["high"], number["interval"] not in (None, RANGE, COUNT)
+    value = "≈ 0" if known and low is not None and low <= 0 <= high else value
+    kind = number["interval"] or "" if ends else "single amplitudes" * bool(single)
+    behind = trials_text(number).replace("DOUBTFUL", "doubtful")
+    behind = ": ".join(behind.split(": ")[:2]) if number["doubt"] else behind
+    unit = number["unit"].replace("*", "·").replace("^2", "²")
+    return {"text": signed(value), "ends": signed(ends or single), "kind": kind, "unit": unit, "behind": behind}
+
+
+def signed(text: str) -> str:
+    """Decimal numbers in a text with a true minus, those below a thousandth with a power of ten."""
+
+    def one(found: re.Match[str]) -> str:
+        digits = found[2].replace(".", "").lstrip("0")
+        power = len(digits) - 1 - len(found[2].partition(".")[2])
+        short = f"{digits[0]}.{digits[1:]}".rstrip(".") if digits else ""
+        tens = f"{short}·10⁻{str(-power).translate(str.maketrans('0123456789', '⁰¹²³⁴⁵⁶⁷⁸⁹'))}"
+        return "−" * bool(found[1]) + (tens if digits and power < -3 else found[2])
+
+    return re.sub(r"(-?)(\d+(?:\.\d+)?)", one, text)
+
+
 def trials_text(number: Mapping[str, Any]) -> str:
     """Number of trials or fits behind a number, and how many doubtful ones are among them or were left out; or why the
     number itself is doubtful."""
@@ -436,7 +514,7 @@ def trials_text(number: Mapping[str, Any]) -> str:
     n, doubtful, left_out = (int(number.get(key) or 0) for key in ("n", "n_doubtful", "n_left_out"))
     if left_out:
         return f"{n} of {n + left_out}, {left_out} doubtful left out"
-    return f"{n}, {doubtful} of them doubtful" if doubtful else str(n)
+    return f"{n}, {f'{doubtful} of them ' * (n > 1)}doubtful" if doubtful else str(n)
 
 
 def rounded_by(number: Mapping[str, Any]) -> tuple[float | None, float | None, str | None, float | None]:

@@ -6,8 +6,10 @@ import math
 import re
 import zlib
 from base64 import b64encode
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from html import escape
+from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
 from xml.etree import ElementTree
@@ -19,7 +21,17 @@ from bokeh.resources import Resources
 from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 from markupsafe import Markup
 
+from osl_analysis.config.experiments import EXPERIMENTS
+from osl_analysis.judge.doubts import DOUBTFUL, not_checked_of, reasons_in
+from osl_analysis.judge.recording import CHECKS
 from osl_analysis.report import TEMPLATES
+from osl_analysis.report.headlines import answered, said_number
+from osl_analysis.report.trial_page import ReportedTrial, cell_text, printed
+
+STATES = ("refused", "excluded", "doubtful", "flagged", "doubtful in part", "not checked", "passed", "does not apply")
+"""Of a trial before a check, the worst one first; beside these a trial as a whole is `used`."""
+FIRST_FIGURES = ("fig5", "walking_page", "torque_angle", "response", "fig3")
+"""Of these the first one that the campaign has stands on the first screen; Fig. 5 where something was desired."""
 
 
 def written_page(
@@ -61,9 +73,154 @@ def written_page(
     )
 
 
+JudgedCells = Mapping[
+    str, tuple[str, str]
+]  # of a trial, by check or cause of doubt: one of `STATES`, and the sentence on it
+
+
+def judged_cells(trial: ReportedTrial) -> JudgedCells:
+    """What was judged of a trial, with value and limit. A cause that its recording and its fit show is one."""
+    found: dict[str, tuple[str, str]] = {}
+
+    def add(name: str, state: str, said: str) -> None:
+        if name not in found or STATES.index(state) < STATES.index(found[name][0]):
+            found[name] = (state, said)
+
+    for row in trial.quality.to_dicts() if trial.quality is not None else ():
+        check, remark = CHECKS[row["check"]], row["remark"] or ""
+        if row["value"] is None:
+            add(check.cause.name, "does not apply", remark)
+            continue
+        state = {"flag": "flagged", "exclude": "excluded"}.get(row["verdict"], "passed")
+        value, limit = (f"{cell_text(row[one])} {printed(check.unit)}".strip() for one in ("value", "threshold"))
+        what_to_do = f". {remark or check.cause.says}. {check.cause.remedy}" * (state != "passed")
+        add(check.cause.name, state, f"{value}, limit {limit}{what_to_do}")
+    for number, (name, table) in enumerate(trial.tables.items()):
+        for cell in reversed(table[DOUBTFUL].to_list() if DOUBTFUL in table.columns else []):  # that of all of it first
+            for one in reasons_in(cell):
+                decided = ", ".join(f"{column} {value} is {limit}" for column, value, limit in one.beyond)
+                said = f"{name}.csv: " * bool(number) + one.text.removeprefix(f"{one.cause}: ")
+                if not (number and one.inherited):
+                    state = "doubtful in part" if number else "doubtful"
+                    add(one.cause, state, f"{said} [{decided}]" if decided else said)
+    for what, why in not_checked_of(trial.main).items():
+        add(what, "not checked", why)
+    return found
+
+
+def heat_map(trials: Sequence[ReportedTrial], cells: Mapping[str, JudgedCells]) -> dict[str, Any]:
+    """Trials and checks for the page: `groups` of one experiment each, with a cell per trial and a row for each check
+    that one of them does not pass, the `states` that these have, and `passed`, the checks that no trial fails, with the
+    trial that is nearest to the limit."""
+    good, groups, seen = STATES[STATES.index("passed") :], [], set[str]()
+    for experiment in dict.fromkeys(trial.row["experiment"] for trial in trials):
+        own, rows = [trial for trial in trials if trial.row["experiment"] == experiment], []
+        for check in dict.fromkeys(check for trial in own for check in cells[trial.name]):
+            # a fit without the cause of another passes; without a fit that is judged it does not apply
+            absent = [(good[DOUBTFUL not in trial.main.columns], "") for trial in own]
+            row = [(one.name, *cells[one.name].get(check, none)) for one, none in zip(own, absent, strict=True)]
+            if any(state not in good for _, state, _ in row):
+                rows.append({"check": check, "cells": row})
+        whole = [(one.name, one.verdict, "; ".join([*one.left_out, *named_causes(cells[one.name])])) for one in own]
+        seen |= {state for row in [whole, *(row["cells"] for row in rows)] for _, state, _ in row}
+        groups.append({"experiment": experiment, "says": EXPERIMENTS[experiment].description})
+        groups[-1] |= {"trials": whole, "rows": rows}
+    failed = {row["check"] for group in groups for row in group["rows"]}
+    measured, passed = [one.quality for one in trials if one.quality is not None], []
+    for key, judged in CHECKS.items():
+        of_key = (row for table in measured for row in table.to_dicts() if row["check"] == key)
+        if (applies := [one for one in of_key if one["value"] is not None]) and judged.cause.name not in failed:
+            nearest = (min if judged.fails == "below" else max)(applies, key=lambda one: float(one["value"]))["trial"]
+            facts = {"trial": nearest, "said": cells[nearest][judged.cause.name][1], "n": len(applies)}
+            passed.append({"check": judged.cause.name, "meaning": judged.meaning, **facts})
+    states = [state for state in ("used", "passed", *reversed(STATES[:6])) if state in seen]
+    return {"groups": groups, "passed": passed, "states": states}
+
+
+def named_causes(cells: JudgedCells) -> list[str]:
+    """What a trial does not pass, in words, the worst first."""
+    of_state = ((state, check) for state in STATES[:5] for check, (its, _) in cells.items() if its == state)
+    return [check if state in STATES[:4] else f"{check} in a part of it" for state, check in of_state]
+
+
+def what_was_done(
+    trials: Sequence[ReportedTrial], questions: Sequence[Mapping[str, Any]], about: Mapping[str, str]
+) -> str:
+    """The campaign in a sentence: how many trials of which joints and experiments, and what they identify."""
+    rows = [trial.row for trial in trials]
+    numbers = Counter(row["experiment"] for row in rows)
+    perturbed = sum(row["experiment"] == "walking" and bool(row.get("perturbed")) for row in rows)
+    counts = [
+        f"{n} {name.replace('_', ' ')}" + f" ({perturbed} perturbed)" * (name == "walking" and 0 < perturbed < n)
+        for name, n in numbers.items()
+    ]
+    joints = [*dict.fromkeys(" ".join(filter(None, [row.get("side"), row.get("joint")])) for row in rows)]
+    of = f" of the {in_words(joints)}" if any(joints) else ""
+    suffixes = dict.fromkeys(Path(row.get(role) or "").suffix for row in rows for role in ("log", "mocap"))
+    files = in_words([suffix[1:].upper() for suffix in suffixes if suffix])
+    done = in_words([one["identified"] for one in questions if one["identified"]])
+    done = f"{done[0].upper()}{done[1:]}, identified from" if done else "Ingested and checked:"
+    only = f"{counts[0].partition(' ')[2]} " * (len(counts) == 1)
+    said = f"{done} {len(trials)} {about['data']} {only}{'trial' if len(trials) == 1 else 'trials'}{of}"
+    made_of = f"{files} files, " * bool(files) + about["recorded"]
+    return f"{said}{f': {in_words(counts)}' * (not only)} ({made_of})."
+
+
+def in_words(parts: Sequence[str]) -> str:
+    return " and ".join(filter(None, [", ".join(parts[:-1]), *parts[-1:]]))
+
+
+def state_of(trials: Sequence[ReportedTrial], cells: Mapping[str, JudgedCells]) -> str:
+    """How many trials are doubtful or not used, and why, in a sentence or two."""
+    said = []
+    for verdict in ("doubtful", "flagged"):
+        own = [trial.name for trial in trials if trial.verdict == verdict]
+        why = Counter(check for name in own for check, (state, _) in cells[name].items() if state == verdict)
+        causes = [cause if n == len(own) else f"{cause} ({n})" for cause, n in why.most_common(3)]
+        are = "is" if len(own) == 1 else "are"
+        said += [f"{len(own)} of {len(trials)} trials {are} {verdict}: {', '.join(causes)}."] * bool(own)
+    lost = Counter(trial.verdict for trial in trials if trial.left_out)
+    gone = [f"{n} {'was' if n == 1 else 'were'} {verdict}" for verdict, n in lost.items()]
+    said = said or ["No trial is doubtful."] * (len(trials) > sum(lost.values()))
+    return " ".join([*said, f"{in_words(gone)}." if gone else "Nothing was refused or excluded."])
+
+
+def overview(
+    trials: Sequence[ReportedTrial],
+    summary: Mapping[str, Any],
+    figures: Sequence[Mapping[str, Any]],
+    about: Mapping[str, str],
+) -> dict[str, Any]:
+    """What the first screen says, with the figure that matters most, the heat map, the numbers of a `summary`
+    (`summary.json`) by question, its claims, and its findings with what decided on each trial."""
+    cells = {trial.name: judged_cells(trial) for trial in trials}
+    numbers = [*summary.get("numbers", {}).values()]
+    questions, known = answered(numbers), []
+    desired = any(trial.row.get(name) is not None for trial in trials for name in ("controller", "K_d"))
+    names = [figure["name"] for figure in figures]
+    first = next((name for name in (*FIRST_FIGURES[not desired :], *names) if name in names), "")
+    for one in summary.get("findings", ()):
+        common = f"{one['says']}: ", f". {one['remedy'][:1].upper()}{one['remedy'][1:]}"  # stands above the trials
+        named = [(name, cells[name].get(one["cause"], ("", ""))[1]) for name in one["trials"] if name in cells]
+        short = [(name, said.replace(common[0], "").replace(common[1], "")) for name, said in named]
+        known.append({**one, "named": short})
+    return {
+        "done": what_was_done(trials, questions, about),
+        "state": state_of(trials, cells),
+        "questions": questions,
+        "claims": [{**number, **said_number(number)} for number in numbers if number.get("verdict")],
+        "findings": known,
+        "heat": heat_map(trials, cells),
+        "first": [one for one in figures if one["name"] == first],
+        "figures": [one for one in figures if one["name"] != first],
+    }
+
+
 def template(name: str) -> Template:
     known = FileSystemLoader(TEMPLATES)
-    return Environment(loader=known, autoescape=True, undefined=StrictUndefined, trim_blocks=True).get_template(name)
+    found = Environment(loader=known, autoescape=True, undefined=StrictUndefined, trim_blocks=True)
+    found.filters["printed"] = printed
+    return found.get_template(name)
 
 
 def comparison_page(content: Mapping[str, Any]) -> str:
@@ -143,8 +300,9 @@ def inline_svg(text: str, name: str, label: str) -> Markup:
             title.text = unquote(trial)
             element.insert(0, title)
     width, height = (float(root.attrib.pop(key, "0").removesuffix("pt")) for key in ("width", "height"))
-    box, size = f"0 0 {width:g} {height:g}", f"width: min(100vw - 4rem, {1.9 * width:.0f}px)"
+    box, size = f"0 0 {width:g} {height:g}", f"width: {1.6 * width:.0f}px"
     root.attrib.update({"viewBox": root.get("viewBox", box), "style": size, "role": "img", "aria-label": label})
+    root.set("class", "wide" if width > 300 else "narrow")  # [pt], on a phone
     return Markup(ElementTree.tostring(root, encoding="unicode"))
 
 

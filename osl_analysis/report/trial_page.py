@@ -13,7 +13,7 @@ from osl_analysis.dictionary import DescribedTable, apparent_inertia
 from osl_analysis.judge.doubts import IS_DOUBTFUL, not_checked_of, reasons_in
 from osl_analysis.judge.findings import exclusion_said
 from osl_analysis.judge.recording import CHECKS
-from osl_analysis.report.headlines import decimals, fixed, numbers_said, told_apart, trials_text
+from osl_analysis.report.headlines import decimals, fixed, told_apart
 from osl_analysis.report.panels import Pictures
 
 NO_VALUE = "–"
@@ -308,20 +308,6 @@ def trial_row(trial: ReportedTrial, differing: Collection[str]) -> dict[str, Any
         "condition": trial.condition(differing),
         "verdict": trial.verdict,
         "doubt": next(iter(trial.left_out), "; ".join(doubts)),
+        "causes": [*by_cause] or [text.partition(":")[0] for text in trial.flags],
         "numbers": numbers,
-    }
-
-
-def headline_row(number: Mapping[str, Any]) -> dict[str, str]:
-    """A headline number of a summary (`summary.json`) beside that which the paper's draft prints."""
-    value, interval, single = numbers_said(number)
-    shown = f"{interval} ({number['interval']})" if interval else f"{single} (single amplitudes)" * bool(single)
-    return {
-        "meaning": number["meaning"],
-        "value": value,
-        "unit": printed(number["unit"]),
-        "interval": shown or NO_VALUE,
-        "verdict": number.get("verdict") or "",
-        "n": trials_text(number),
-        "draft": NO_VALUE if number["draft"] is None else f"{number['draft']:g}",
     }

@@ -57,6 +57,8 @@ def chromium():
 def page(chromium, results):
     """The page as it opens, and nothing in its console or on the network when a test is done with it."""
     chromium.get("about:blank")
+    chromium.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+    chromium.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": []})
     for log in ("browser", "performance"):
         chromium.get_log(log)
     address = (results / "report.html").as_uri()
@@ -98,6 +100,70 @@ def test_the_overview_shows_figures_and_every_trial_and_names_from_files_are_tex
     open_trial(page, "impedance_K300_B5.0_uncompensated")
     assert HOSTILE in page.find_element(By.ID, "trial").text
     assert page.find_elements(By.TAG_NAME, "img") == []
+
+
+LEAST_CONTRAST = """
+const linear = (x) => (x <= 0.04045 ? x / 12.92 : ((x + 0.055) / 1.055) ** 2.4);
+const light = ([r, g, b]) => 0.2126 * linear(r / 255) + 0.7152 * linear(g / 255) + 0.0722 * linear(b / 255);
+const parts = (text) => text.match(/[\\d.]+/g).map(Number);
+const ground = (one) => { for (; one; one = one.parentElement) {
+  const rgb = parts(getComputedStyle(one).backgroundColor); if (rgb[3] !== 0) return rgb; } return [255, 255, 255]; };
+let least = [99, ""];
+for (const one of document.querySelectorAll("#overview *:not(svg, svg *)")) {
+  const said = [...one.childNodes].some((child) => child.nodeType === 3 && child.data.trim());
+  if (!said || !one.checkVisibility() || one.closest(".hidden, svg")) continue;
+  const [a, b] = [light(parts(getComputedStyle(one).color)), light(ground(one))].sort((x, y) => y - x);
+  if ((a + 0.05) / (b + 0.05) < least[0]) least = [(a + 0.05) / (b + 0.05), one.outerHTML.slice(0, 200)];
+}
+return least;
+"""
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize(("width", "height"), [(1440, 900), (1280, 800), (390, 844)])
+def test_the_first_screen_says_what_was_done_and_found_beside_a_figure_and_nothing_is_wider(
+    page, results, width, height, scheme
+):
+    """Its pictures lie beside the results. The campaign simulates nothing: nothing is held against the draft."""
+    screen = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 500}
+    page.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", screen)
+    page.execute_cdp_cmd(
+        "Emulation.setEmulatedMedia", {"features": [{"name": "prefers-color-scheme", "value": scheme}]}
+    )
+    picture = results.parent / f"page_{width}_{scheme}.png"
+    assert page.save_screenshot(str(picture))
+    assert picture.stat().st_size > 10_000
+    said = page.find_element(By.ID, "summary").text
+    for words in ("identified from", "simulated trials of the ankle: 2 belt, ", "K is off what was asked for by"):
+        assert words in said
+    assert "1 was refused" in page.find_element(By.ID, "state").text
+    shown = page.find_elements(By.CSS_SELECTOR, ".done, #state, .counts, .first figure svg")
+    bottoms = [one.location["y"] + one.size["height"] for one in shown]
+    assert len(bottoms) == 4
+    assert width < 500 or max(bottoms) < height, bottoms
+    assert page.execute_script("return document.documentElement.scrollWidth") <= width
+    for fold in page.find_elements(By.CSS_SELECTOR, "#overview details"):
+        page.execute_script("arguments[0].open = true", fold)
+    assert page.execute_script("return document.documentElement.scrollWidth") <= width
+    assert "Draft" not in {one.text for one in page.find_elements(By.CSS_SELECTOR, "#numbers th")}
+    contrast, where = page.execute_script(LEAST_CONTRAST)
+    assert contrast >= 4.5, where
+
+
+def test_a_cell_of_the_map_says_what_it_stands_for_and_leads_to_its_trial(page):
+    cell = page.find_element(By.CSS_SELECTOR, ".map tr:not(.whole) .doubtful")
+    name = cell.get_attribute("aria-label").split(", ")[0]
+    assert cell.text == "?", "not by its colour alone"
+    cell.send_keys("")  # as with the Tab key
+    shown = page.execute_script("return getComputedStyle(document.activeElement, '::after').content")
+    assert all(words in shown for words in (name, "doubtful", " is "))
+    cells = {
+        one.get_attribute("aria-label").split(",")[0].split(":")[0]
+        for one in page.find_elements(By.CSS_SELECTOR, ".whole a")
+    }
+    assert cells == set(visible(page)), "every trial has one"
+    cell.click()
+    wait(page, lambda: page.find_element(By.ID, "trial").get_attribute("data-drawn") == name)
 
 
 def test_it_sorts_by_numbers_both_ways_with_missing_ones_last(page):

@@ -438,7 +438,6 @@
     count.addEventListener("click", () => {
       document.querySelector('[data-filter="verdict"]').value = count.dataset.verdict;
       filter();
-      document.getElementById("trials").scrollIntoView();
     });
   }
 

@@ -105,7 +105,7 @@ def trial(name="t", doubtful="", **facts):
 
 
 def page_of(trials, largest_mb=40.0, tables=None):
-    facts = {"verdict": "doubtful", "cause": HOSTILE, "says": "x", "remedy": "", "of": "trials", "n": 2}
+    facts = {"verdict": "doubtful", "cause": HOSTILE, "says": "x", "size": "y", "remedy": "", "of": "trials", "n": 2}
     summary = {"findings": [{**facts, "trials": [one.name for one in trials]}]}
     content = {"about": ABOUT, "made_of": sentence(ABOUT), **trials_content(trials)}
     content |= {**overview(trials, summary, [], ABOUT), "intervals": "", "not_made": [], "sensitivity": []}

@@ -10,6 +10,7 @@ import ctypes
 import gc
 import importlib
 import os
+import select
 import signal
 import socket
 import subprocess
@@ -80,29 +81,43 @@ def run_job(request: str) -> None:
 
 
 def serve(number: int) -> NoReturn:
-    """Take jobs at the socket with this number until its other end is closed. Each is a process below one that is
-    forked from this one, waits for it, and says which it was and how it ended."""
-    control = socket.socket(fileno=number)
+    """Take jobs at the socket with this number until its other end is closed. Each is a process forked from this one,
+    which says at the job's own socket which it was and how it ended."""
+    control, (ended, wakes) = socket.socket(fileno=number), socket.socketpair()
+    wakes.setblocking(False)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # nobody waits for those that wait
     gc.disable()
     for module in PRELOADED:
         with suppress(ImportError):  # a job that needs it will say so
             importlib.import_module(module)
     gc.freeze()  # jobs share this process's memory: no garbage collection of theirs looks (and writes) there
+    signal.signal(signal.SIGCHLD, lambda *_: None)  # each end of a job wakes `select`
+    signal.set_wakeup_fd(wakes.fileno(), warn_on_full_buffer=False)
+    jobs: dict[int, socket.socket] = {}
     while True:
+        ready, _, _ = select.select([control, ended], [], [])
+        if ended in ready:
+            ended.recv(4096)
+            while jobs and (found := os.waitpid(-1, os.WNOHANG))[0]:
+                with jobs.pop(found[0]) as link, suppress(OSError):  # nobody may listen any more
+                    link.sendall(str(os.waitstatus_to_exitcode(found[1])).encode())
+        if control not in ready:
+            continue
         head, files, _, _ = socket.recv_fds(control, 1, 3)
         if not head:
             os._exit(0)
-        with socket.socket(fileno=files[0]) as link, link.makefile("rb") as said:
+        link = socket.socket(fileno=files[0])
+        with link.makefile("rb") as said:
             folder, request = said.read().decode().split("\0")
-            if not fork():
-                signal.signal(signal.SIGCHLD, signal.SIG_DFL)
-                if pid := fork():
-                    link.sendall(f"{pid} ".encode())
-                    link.sendall(str(os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])).encode())
-                    os._exit(0)
-                do(folder, request, files[1:])
+        if not (pid := fork()):
+            signal.set_wakeup_fd(-1)
+            signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+            for other in (control, ended, wakes, link, *jobs.values()):
+                other.close()  # who listens there waits until nobody holds it
+            do(folder, request, files[1:])
+        jobs[pid] = link
+        with suppress(OSError):
+            link.sendall(f"{pid} ".encode())
         for file in files[1:]:
             os.close(file)
 

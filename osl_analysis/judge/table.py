@@ -12,12 +12,12 @@ import numpy as np
 from pydantic import ConfigDict, Field, model_validator
 
 from osl_analysis.config.experiments import Experiment, judged_tables
-from osl_analysis.dictionary import described_tables
+from osl_analysis.dictionary import described_tables, own_yaml
 from osl_analysis.errors import nearest
 from osl_analysis.protocol.stepped_sine import SteppedSineProtocol
 from osl_analysis.relations import misplaced, refused
 from osl_analysis.trial import Trial
-from osl_analysis.yaml_settings import NotNegative, Settings, read_mapping
+from osl_analysis.yaml_settings import NotNegative, Settings
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ class Judgement:
         return not (value >= limit - slack if self.fails == "below" else value <= limit + slack)
 
 
-TABLE: dict[str, dict[str, Any]] = read_mapping(Path(__file__).with_suffix(".yaml"))
+TABLE: dict[str, dict[str, Any]] = own_yaml(Path(__file__).with_suffix(".yaml"))
 """The words of the table: `checks` of recordings, `columns` of result tables with their `causes`, and others."""
 
 

@@ -6,7 +6,12 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
+from contextlib import chdir
 from pathlib import Path
+
+from click.testing import CliRunner
+
+from osl_analysis.cli import main
 
 DOCS = Path(__file__).parent.parent / "docs"
 PAGE, FIGURE = DOCS / "tutorial.md", "my_campaign/results/figures/fig5.png"
@@ -16,7 +21,6 @@ BLOCK, LEFT_OUT = re.compile(r"```(\w*)\n(.*?)```\n", re.DOTALL), "…"
 
 def said_by_page(folder: Path) -> Iterator[tuple[str, list[str], list[str]]]:
     """Each command of the page, the lines that it shows, and those printed; files are written as the page says."""
-    environment = os.environ | {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
     here = folder
     for kind, text in BLOCK.findall(PAGE.read_text(encoding="utf-8")):
         if kind == "python":
@@ -29,9 +33,17 @@ def said_by_page(folder: Path) -> Iterator[tuple[str, list[str], list[str]]]:
                 if command.startswith("cd "):
                     here = here / command.split()[1]
                 else:
-                    run = subprocess.run(command.split(), cwd=here, env=environment, text=True, check=True,
-                                         stdout=subprocess.PIPE, stderr=subprocess.STDOUT)  # fmt: skip
-                    yield command, shown, run.stdout.strip().splitlines()
+                    yield command, shown, printed_by(command.split(), here).strip().splitlines()
+
+
+def printed_by(command: list[str], folder: Path) -> str:
+    """What a command prints. Those that ask for no configuration of the folder run in this process, with its imports."""
+    if command[:2] in (["osl-analysis", "init"], ["osl-analysis", "ingest"]):
+        with chdir(folder):
+            return CliRunner().invoke(main, command[1:], catch_exceptions=False, standalone_mode=False).output
+    path = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
+    return subprocess.run(command, cwd=folder, env=os.environ | {"PATH": path}, text=True, check=True,
+                          stdout=subprocess.PIPE, stderr=subprocess.STDOUT).stdout  # fmt: skip
 
 
 def edit(campaign: Path, text: str) -> None:

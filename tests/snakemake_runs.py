@@ -25,14 +25,19 @@ OVERRIDES = {
 FORKING = """
 import gc, json, os, sys, time
 import snakemake.cli, snakemake.api, snakemake.workflow, snakemake.dag
-import osl_analysis.judge.findings, osl_analysis.refusal
-import osl_analysis.commands.simulate, osl_analysis.campaign.campaign, osl_analysis.figures, osl_analysis.study
 from osl_analysis.jobs import request, run
 
-snakemake.cli.get_argument_parser()  # imports the plug-ins
-for path in request.PACKAGE.rglob("*.py"):
-    request.imported_names(path)
 run.job_server()
+import osl_analysis.judge.findings, osl_analysis.refusal, osl_analysis.commands.run
+import osl_analysis.commands.simulate, osl_analysis.campaign.campaign, osl_analysis.figures, osl_analysis.study
+from osl_analysis.files import default_config
+from osl_analysis.yaml_settings import read_mapping
+
+snakemake.cli.get_argument_parser()  # imports the plug-ins
+read_mapping(default_config())
+for path in request.PACKAGE.rglob("*.py"):
+    for name in request.imported_names(path):
+        request.module_file(name)
 gc.freeze()
 
 for line in sys.stdin:

@@ -75,9 +75,9 @@ class Workspace:
 @pytest.fixture(scope="module")
 def workspace(tmp_path_factory):
     space = Workspace(tmp_path_factory.mktemp("campaign"))
-    result = space.start("reproduce-all")
-    space.said = result.stdout + result.stderr
-    assert result.returncode == 0, result.stderr
+    result = space.run("reproduce-all")
+    space.said = result.stdout
+    assert result.returncode == 0, result.stdout
     return space
 
 

@@ -18,8 +18,9 @@ from osl_analysis.trial import Array
 
 ROOT = Path(__file__).parents[1]
 LONGEST = (
-    "test_workflow", "test_study", "test_figures", "test_drivetrain", "test_walking_platform",
-    "test_walking_commands", "test_adding", "test_walking_groups", "test_simulator_bench",
+    "test_workflow", "test_figures", "test_study", "test_walking_platform", "test_report", "test_prediction",
+    "test_bench_any_excitation", "test_walking_commands", "test_bench_rounding", "test_adding", "test_cli",
+    "test_walking_response", "test_notebook", "test_free_names", "test_timebase",
 )  # fmt: skip
 """Modules that take more than 7 s of a core, the longest first."""
 

@@ -37,7 +37,7 @@ def said_by_page(folder: Path) -> Iterator[tuple[str, list[str], list[str]]]:
 
 
 def printed_by(command: list[str], folder: Path) -> str:
-    """What a command prints. Those that ask for no configuration of the folder run in this process, with its imports."""
+    """What a command prints. Those that ask for no file of the folder run in this process, which has the imports."""
     if command[:2] in (["osl-analysis", "init"], ["osl-analysis", "ingest"]):
         with chdir(folder):
             return CliRunner().invoke(main, command[1:], catch_exceptions=False, standalone_mode=False).output

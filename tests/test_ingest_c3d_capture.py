@@ -1,6 +1,7 @@
 """C3D, of others too, and exports of Nexus: what the file means comes out; what cannot be trusted is refused."""
 
 import re
+import struct
 import warnings
 from pathlib import Path
 from typing import Any
@@ -153,6 +154,11 @@ def test_an_absurd_header_a_pointer_past_a_record_or_other_counts_are_refused(tm
     for name, count in (("POINT__USED", 3), ("ANALOG__USED", 2)):
         write_c3d(path, points(200), analogs(800), **{name: np.array([9])})
         assert f"the header counts {count}, {name.replace('__', ':')} is 9" in refused(path)
+    whole = write_c3d(path, points(200), analogs(800)).read_bytes()
+    path.write_bytes(whole[:12] + struct.pack("<f", 1.0) + whole[16:])
+    assert "the scale of points is 1 in its header, -0.1 in POINT:SCALE (above zero: integers)" in refused(path)
+    write_c3d(path, points(200), analogs(800), POINT__SCALE=np.array([-1.0]))  # another size of reals says nothing
+    assert read_c3d(path).damage.report()["complete"]
 
 
 PLATES_THAT_CANNOT_BE: list[tuple[dict[str, Any], dict[str, Any], str]] = [

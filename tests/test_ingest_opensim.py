@@ -112,12 +112,19 @@ def test_a_header_that_contradicts_the_rows_and_rows_that_cannot_be_right_are_re
     assert (vertical_axis(walk() / 1000), vertical_axis(walk()[:, :3])) == ("y", "")  # of four markers at least
 
 
-def test_times_may_be_printed_with_more_decimals_than_they_have(tmp_path: Path) -> None:
-    path = write_trc(tmp_path / "walk.trc", walk(), rate=60)  # rounded to milliseconds
-    text = re.sub(r"(?m)^(\d+\t\d+\.\d{3})\t", r"\g<1>000\t", path.read_text())
-    path.write_text(text)
-    assert "\t0.017000\t" in text
-    assert len(read(path).samples) == FRAMES
+@pytest.mark.parametrize("rate", [60, 120, 300, 1000])
+def test_times_may_be_printed_with_more_decimals_than_they_have(tmp_path: Path, rate: float) -> None:
+    for start in (0, 9.4937):  # whose rounding is not that of the others
+        path = write_trc(tmp_path / "walk.trc", walk(), rate, start)  # rounded to milliseconds
+        path.write_text(text := re.sub(r"(?m)^(\d+\t\d+\.\d{3})\t", r"\g<1>000\t", path.read_text()))
+        assert len(read(path).samples) == FRAMES
+    line = text.splitlines()[25]
+    time = float(line.split("\t")[1])
+    for off in (-0.002, 0.002):  # more than rounding to milliseconds can do
+        path.write_text(text.replace(line, re.sub(r"\t[\d.]+", f"\t{time + off:.3f}000", line, count=1)))
+        assert f"line 26: time {time + off:.3f}"[:-1] in refused(path)
+    path.write_text(re.sub(r"(?m)^(\d+\t)\d+\.\d{6}\t", r"\g<1>9.494000\t", text))
+    assert f"time 9.494 s does not fit DataRate {rate:g} Hz from 9.494 s on" in refused(path)
 
 
 def test_rows_of_a_table_that_cannot_be_right_are_refused(tmp_path: Path) -> None:

@@ -228,6 +228,11 @@ def read_c3d(path: Path) -> C3DRecording:
         )
     end, damage = header.data_start + frames * frame, Ledger(read=Counter({0: frames}))
     if len(data) != end and (len(data) % BLOCK or len(data) - end >= 2 * BLOCK):  # some writers add a block
+        if (stated := header.numbers("POINT:SCALE")[:1]).size and (stated[0] > 0) != integers:
+            raise InputError(
+                f"the scale of points is {header.scale:g} in its header, {stated[0]:g} in POINT:SCALE (above zero: "
+                f"integers), and as the header says {frames} frames end at byte {end} of {len(data)}; export it again"
+            )
         damage.lose(f"it has {len(data)} bytes, and its frames end at byte {end}", 0, None, 0)
     content = data[header.data_start : end]
     raw = np.frombuffer(content, f"{ENDIAN[header.processor]}i2") if integers else reals(content, header.processor)

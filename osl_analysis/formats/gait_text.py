@@ -192,7 +192,7 @@ def read_trc(path: Path) -> TrcFile:
         )
     printed = [row[1].partition(".")[2] for _, row in rows]  # OpenSim prints more decimals than its times have
     has, fine = (max(map(len, cells)) for cells in (printed, [cell.rstrip("0") for cell in printed]))
-    decimals = min(has, max(fine, math.ceil(math.log10(10 * rate))))  # a tenth of a frame at most is rounding
+    decimals = min(has, max(fine, math.ceil(math.log10(rate))))  # with fewer, no frame is told from the next
     rounding = 0.6 * 10.0**-decimals  # half of the last decimal, and a little for sums in single precision
     wrong = np.abs(time - time[0] - count_up / rate) > 2 * rounding + (1e-3 + 1e-4 * count_up) / rate
     for row in np.flatnonzero(wrong).tolist():

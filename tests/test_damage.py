@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import h5py
 import numpy as np
 import polars as pl
+import pytest
 from c3d_builder import write_c3d
 from mcap.writer import CompressionType
 from mcap_builder import stamped, write_log
@@ -252,6 +253,26 @@ def test_whatever_is_read_of_a_damaged_file_was_written_or_its_loss_is_told(tmp_
     assert not [one for one in found if "WRONG" in one[1]]
     became = [result for _, result in found]
     assert min(became.count(result) for result in ("refused", "told", "whole")) > 20
+
+
+def test_chunks_that_were_never_written_are_lost_and_not_zeros(tmp_path: Path) -> None:
+    written, source = signals(0), {"format": "mat", **columns_as("variable")}
+    for name, time, first in (("end.mat", {}, 0), ("middle.mat", {}, 30), ("rate.mat", {"time": {"rate": 100}}, 30)):
+        write_mat73(tmp_path / name, 0)
+        with h5py.File(tmp_path / name, "a") as file:
+            del file["f"]
+            kept = np.r_[:first, first + 20 : ROWS] if first else np.arange(100)
+            torque = file.create_dataset("f", (1, ROWS), "f8", chunks=(1, 10))
+            torque[0, kept] = written["f"][kept]
+        described = FORMATS["mat"].source.model_validate(source | time)
+        if time:
+            with pytest.raises(InputError, match="20 of 120 samples of f were never written .*, or name its time"):
+                FORMATS["mat"].read(tmp_path / name, source=described)
+            continue
+        recording = FORMATS["mat"].read(tmp_path / name, source=described)
+        np.testing.assert_array_equal(recording.samples["torque"], written["f"][kept])
+        assert [recording.facts["damage"][key] for key in ("expected", "read", "lost")] == [120, 100, 20]
+        assert any("20 of 120 samples of f were never written" in text for text in recording.warnings)
 
 
 if __name__ == "__main__":

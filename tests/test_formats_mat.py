@@ -216,6 +216,12 @@ def test_a_cut_behind_the_wanted_variables_and_what_has_no_numbers_beside_them_a
     assert at(named, "x").size == RISING.size
     assert "kind is a 1x1 object, not real numbers" in refusal(named, "kind")
     assert "nothing is empty" in refusal(named, "nothing")
+    with h5py.File(named, "a") as file:
+        file["outside"], file["circle"] = h5py.ExternalLink("none.mat", "/x"), h5py.SoftLink("/circle")
+        file.create_dataset("huge", (1, 10**12), "f8", chunks=(1, 10**6))
+    assert "outside is a link to /x and cannot be read (" in refusal(named, "outside")
+    assert "circle is a link to /circle and cannot be read (" in refusal(named, "circle")
+    assert "huge is a 1000000000000x1 array that was never written, not real numbers; rec" in refusal(named, "huge")
     assert not open_mat(named).damage.remarks
     named.write_bytes(named.read_bytes() + bytes(100))
     assert "100 bytes stand behind its end" in open_mat(named).damage.remarks[0]

@@ -22,7 +22,7 @@ from osl_analysis.errors import InputError, listing, nearest, optional_module
 from osl_analysis.formats.table import Ledger
 from osl_analysis.trial import Array
 
-DAMAGED = "copy the file again, or save it again in MATLAB"
+DAMAGED = "copy the file again, or save it again in MATLAB, with the numbers in it"
 REMEDIES = {
     "table": "save it as a struct: `s = table2struct(t, 'ToScalar', true)`",
     "timetable": "save it as a struct: `s = table2struct(timetable2table(t), 'ToScalar', true)`, its times as seconds",
@@ -30,6 +30,7 @@ REMEDIES = {
     "datetime": "save it as numbers: `seconds(t - t(1))`",
     "sparse": "save it as `full(x)`",
     "char": "save it as numbers: `str2double(x)`",
+    "array that was never written": "record the trial again, or name another variable",
 }
 """What to do in MATLAB about a class that is not read, or is no number."""
 
@@ -40,7 +41,7 @@ class Value:
 
     kind: str  # its class in MATLAB, such as `double`, `struct`, `cell`, `table`; `sparse` for a sparse matrix
     shape: tuple[int, ...] = (1, 1)
-    numbers: Array | None = None  # of its shape; None for anything but real numbers
+    numbers: Array | None = None  # of its shape, masked where never written; None for anything but real numbers
     is_complex: bool = False
     text: str = ""  # its text, for one row of characters
     elements: Sequence[Mapping[str, "Value"]] = ()  # fields of each element of a struct, in MATLAB's order
@@ -96,8 +97,12 @@ class MatFile:
         """The wanted variables that it has; InputError if one is damaged."""
         known, found = [name for name in self.names if name in wanted], dict[str, Value]()
         if self.version == "7.3":
-            with in_one_sentence(), opened73(self.path) as file:
-                return {name: value73(file[name]) for name in known}
+            with opened73(self.path) as file:
+                for name in known:
+                    link = getattr(file.get(name, getlink=True), "path", "")
+                    with in_one_sentence(f"{name} {f'is a link to {link} and ' * bool(link)}"):
+                        found[name] = value73(file[name])
+            return found
         from scipy.io import loadmat  # half a second, which other commands need not wait for
 
         for name in known:
@@ -236,8 +241,16 @@ def value73(item: Any) -> Value:
         return Value(kind or "double", shape, is_complex=True)
     if item.dtype.kind not in "fiub":
         return Value(kind or "object", shape)
+    if item.size and not item.is_virtual and not item.id.get_storage_size():
+        return Value("array that was never written", shape)
     is_known = re.fullmatch("double|single|logical|u?int(8|16|32|64)", kind)
-    return Value(kind if is_known else "double", shape, np.asarray(np.atleast_2d(item[()]).T, dtype=np.float64))
+    numbers, size = np.asarray(np.atleast_2d(item[()]).T, dtype=np.float64), item.chunks
+    if size and item.id.get_num_chunks() < math.prod(-(-n // one) for n, one in zip(item.shape, size, strict=True)):
+        lacking = np.ones(item.shape, bool)  # the recorder was killed: HDF5 gives its fill value there
+        for first in (item.id.get_chunk_info(number).chunk_offset for number in range(item.id.get_num_chunks())):
+            lacking[tuple(slice(n, n + one) for n, one in zip(first, size, strict=True))] = False
+        numbers = np.ma.array(numbers, mask=np.atleast_2d(lacking).T)
+    return Value(kind if is_known else "double", shape, numbers)
 
 
 def holds_references(item: Any) -> bool:

@@ -3,7 +3,7 @@ topic, in MCAP or a bag of ROS, in the order of their stamps. Nothing is interpo
 
 import json
 import re
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
 from functools import reduce
@@ -14,7 +14,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from osl_analysis.errors import InputError
+from osl_analysis.errors import InputError, listing
 from osl_analysis.formats import csv_table
 from osl_analysis.formats.gait_text import read_opensim
 from osl_analysis.formats.json_lines import addresses_of, decode_lines, read_json_lines
@@ -297,6 +297,14 @@ def mat_log(path: Path, source: Source) -> Table:
                 f"{text} has {values.size} numbers and {reference} has {vectors[reference].size}; name variables of "
                 "one recording, or cut them to one length in MATLAB"
             )
+    lacking = reduce(np.logical_or, map(np.ma.getmaskarray, vectors.values()))
+    if lost := int(lacking.sum()):
+        of = [text for text, values in vectors.items() if np.ma.getmaskarray(values).any()]
+        said = f"{lost} of {lacking.size} samples of {listing(of)} were never written and are left out"
+        if lost == lacking.size or (not source.time.name and lacking[:-lost].any()):  # what is left has no time
+            raise InputError(f"{said}; record the trial again, or name its time")
+        file.damage.lose(said, 0, Counter({0: lost}), 0)
+        vectors = {text: np.ma.getdata(values)[~lacking] for text, values in vectors.items()}
     facts = {"version": file.version, "header": file.header, "log_part": source.log_part}
     found = {text: {"variable": address} for text, (address, _) in signals.items()}
     return Table(vectors[reference].size, vectors, damage=file.damage, facts=facts, found=found, noun="sample")

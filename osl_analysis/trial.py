@@ -150,7 +150,7 @@ def check_time(name: str, time: Array) -> None:
     if span[0] > 1e20 or 0 < span[1] < 1e-9:  # later than ns since 1970 taken for s; shorter than any log
         raise InputError(
             f"{name}: time reaches {span[0]:.3g} s and spans {span[1]:.3g} s; correct its `unit` in the source file, "
-            "or take another time source"
+            "take another time source, or, if bytes are damaged or in another order, copy the file or ingest it again"
         )
     step = np.diff(time)
     if (step < 0).any():

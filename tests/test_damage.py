@@ -266,7 +266,7 @@ def test_chunks_that_were_never_written_are_lost_and_not_zeros(tmp_path: Path) -
             torque[0, kept] = written["f"][kept]
         described = FORMATS["mat"].source.model_validate(source | time)
         if time:
-            with pytest.raises(InputError, match="20 of 120 samples of f were never written .*, or name its time"):
+            with pytest.raises(InputError, match=r"20 of 120 samples of f were never written .*, or name its time"):
                 FORMATS["mat"].read(tmp_path / name, source=described)
             continue
         recording = FORMATS["mat"].read(tmp_path / name, source=described)

@@ -132,7 +132,11 @@ def test_every_processors_numbers_are_read(tmp_path: Path, processor: int, integ
     assert (recording.header.rate, recording.header.samples_per_frame) == (120.0, 4)
     write_c3d(path, raw, None, 120.0, integers, processor, POINT__RATE=np.array([0.0]))  # that of the header stands
     assert read_c3d(path).header.rate == 120.0
-    assert "at 0.0 Hz: nothing to read; export the trial again" in refused(write_c3d(path, raw, rate=0.0))
+    assert "at 0.0 Hz, in the byte order of Intel: nothing to read;" in refused(write_c3d(path, raw, rate=0.0))
+    content, other = write_c3d(path, raw, None, 120.0, integers, processor).read_bytes(), {84: 85, 85: 84}
+    if processor in other:  # whole numbers are alike, real ones are not
+        path.write_bytes(content[:515] + bytes([other[processor]]) + content[516:])
+        assert re.search("at [^ ]*e[^ ]* Hz, in the byte order of (DEC|Intel): nothing to read", refused(path))
 
 
 def test_an_absurd_header_a_pointer_past_a_record_or_other_counts_are_refused(tmp_path: Path) -> None:
@@ -156,7 +160,7 @@ def test_an_absurd_header_a_pointer_past_a_record_or_other_counts_are_refused(tm
         assert f"the header counts {count}, {name.replace('__', ':')} is 9" in refused(path)
     whole = write_c3d(path, points(200), analogs(800)).read_bytes()
     path.write_bytes(whole[:12] + struct.pack("<f", 1.0) + whole[16:])
-    assert "the scale of points is 1 in its header, -0.1 in POINT:SCALE (above zero: integers)" in refused(path)
+    assert "scale of points is 1 in the header, -0.1 in POINT:SCALE (above 0: integers), and its" in refused(path)
     write_c3d(path, points(200), analogs(800), POINT__SCALE=np.array([-1.0]))  # another size of reals says nothing
     assert read_c3d(path).damage.report()["complete"]
 
@@ -554,4 +558,4 @@ def test_frames_beyond_those_that_the_header_can_count_are_all_read(tmp_path: Pa
     for shape, more in (((65540, 1), words), ((65540, 1), long), ((1, 40000), many)):
         assert read_c3d(write_c3d(tmp_path / "a.c3d", np.ones((*shape, 4)), **more)).points.shape == (*shape, 3)
     path = write_c3d(tmp_path / "a.c3d", np.ones((65600, 1, 4)))  # nothing says how many
-    assert "holds 65600 frames, more than the 65535 that a C3D header can count; export it in parts" in refused(path)
+    assert "holds 65600 frames, more than the 65535 that a C3D header counts; export it in parts" in refused(path)

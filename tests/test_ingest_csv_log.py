@@ -212,12 +212,26 @@ def assert_samples(trial: Trial, **columns: list[float]) -> None:
     (TABLE.replace("2,6", ",6"), {}, "missing in 1 of 4 rows", {"theta": [1, np.nan, 3, 4]}),
     (TABLE.replace(",", ";").replace(".", ","), {}, "if the comma is the decimal sign", SAMPLES),
     (TABLE.replace("load\n", "load\n[s],[rad],(Nm)\n"), {}, "if this line holds units", SAMPLES),
-    (re.sub(r"^0\.0\d", "0", TABLE, flags=re.M), {}, "time stands still at 0 in all 4 rows; take another", SAMPLES),
+    (re.sub(r"^0\.0\d", "0", TABLE, flags=re.M), {}, "time stands still at 0 in 4 of 4 rows, from line 2 on", SAMPLES),
 ])  # fmt: skip
 def test_the_log_is_read_as_the_refusal_says(tmp_path, text, stated, told, samples):
     message = refused(tmp_path, text, **stated)
     assert told in message
     assert_samples(ingested(tmp_path, text, **stated | advised(message)), **samples)
+
+
+def test_one_row_a_clock_that_stops_and_one_too_coarse_are_no_log(tmp_path):
+    time = np.arange(200) * 0.004
+    for stamps, told in (
+        (time[:1], "holds one row of data"),
+        (np.minimum(time, time[150]), "stands still at 0.6 in 50 of 200 rows, from line 152 on: it stopped, or"),
+        (1.773e9 + 128 * (time > 0.5), "time stands still at 1773000000 in 126 of 200 rows"),
+    ):
+        text = "t,angle,load\n" + "".join(f"{t},{k},{k % 7}\n" for k, t in enumerate(stamps.tolist()))
+        assert told in refused(tmp_path, text)
+    whole = "t,angle,load\n" + "".join(f"{t},{k},{k % 7}\n" for k, t in enumerate((time // 0.05).tolist()))
+    assert ingested(tmp_path, whole).samples.height == 200  # rounded to twelve or thirteen samples
+    assert "is no text (it begins with b'\\x89PNG" in refused(tmp_path, b"\x89PNG\r\n\x1a\n" + bytes(range(256)))
 
 
 LOGGER = "time,<__main__.Joint object at 0x7fe6c0>.output_position,<__main__.Joint object at 0x7fe6c0>.current\n0,1,5\n"

@@ -114,7 +114,7 @@ class C3DHeader:
 
 
 def is_c3d(begin: bytes) -> bool:
-    return begin[1:2] == b"P" and b"\0" in begin
+    return begin[1:2] == b"P" and begin[:1] < b" " and b"\0" in begin  # a PNG image has an 0x89 before its P
 
 
 def parse_header(data: bytes) -> C3DHeader:
@@ -171,12 +171,8 @@ class C3DRecording:
             return self
         lost = self.header.frames - frames
         self.damage.read[0] = frames
-        self.damage.lose(
-            f"the plates' samples are no numbers in the last {lost} frames, which are left out",
-            0,
-            Counter({0: lost}),
-            0,
-        )
+        said = f"the plates' samples are no numbers in the last {lost} frames, which are left out"
+        self.damage.lose(said, 0, Counter({0: lost}), 0)
         header = replace(self.header, frames=frames)
         return replace(self, header=header, points=self.points[:frames], analogs=self.analogs[: frames * ratio])
 
@@ -215,24 +211,21 @@ def read_c3d(path: Path) -> C3DRecording:
             raise InputError(f"the header counts {count}, {group}:USED is {used[0]:g}; export the trial again")
     frames, integers = header.frames, header.scale > 0
     frame = (2 if integers else 4) * (4 * header.points + header.channels * header.samples_per_frame)  # [bytes]
-    if frames < 1 or frame == 0 or not 0 < header.rate < math.inf:
-        raise InputError(
-            f"declares {frames} frames of {frame} bytes at {header.rate} Hz: nothing to read; export the trial again"
-        )
+    if frames < 1 or frame == 0 or not 1e-6 < header.rate < 1e9:  # or a processor of another byte order wrote it
+        said = f"declares {frames} frames of {frame} bytes at {header.rate} Hz, in the byte order of {header.processor}"
+        raise InputError(f"{said}: nothing to read; export the trial again")
     there = max(len(data) - header.data_start, 0) // frame
     if there < frames:
         raise InputError(f"truncated: it declares {frames} frames and holds {there}; copy or export it again")
     if header.first_frame + frames > 0xFFFF and there > frames + BLOCK // frame:
-        raise InputError(
-            f"holds {there} frames, more than the {0xFFFF} that a C3D header can count; export it in parts"
-        )
+        raise InputError(f"holds {there} frames, more than the {0xFFFF} that a C3D header counts; export it in parts")
     end, damage = header.data_start + frames * frame, Ledger(read=Counter({0: frames}))
     if len(data) != end and (len(data) % BLOCK or len(data) - end >= 2 * BLOCK):  # some writers add a block
         if (stated := header.numbers("POINT:SCALE")[:1]).size and (stated[0] > 0) != integers:
-            raise InputError(
-                f"the scale of points is {header.scale:g} in its header, {stated[0]:g} in POINT:SCALE (above zero: "
-                f"integers), and as the header says {frames} frames end at byte {end} of {len(data)}; export it again"
+            said = (
+                f"scale of points is {header.scale:g} in its header, {stated[0]:g} in POINT:SCALE (above 0: integers)"
             )
+            raise InputError(f"{said}, and its frames end at byte {end} of {len(data)} by the header; export it again")
         damage.lose(f"it has {len(data)} bytes, and its frames end at byte {end}", 0, None, 0)
     content = data[header.data_start : end]
     raw = np.frombuffer(content, f"{ENDIAN[header.processor]}i2") if integers else reals(content, header.processor)

@@ -97,7 +97,7 @@ class MatFile:
         """The wanted variables that it has; InputError if one is damaged."""
         known, found = [name for name in self.names if name in wanted], dict[str, Value]()
         if self.version == "7.3":
-            with opened73(self.path) as file:
+            with in_one_sentence(), opened73(self.path) as file:
                 for name in known:
                     link = getattr(file.get(name, getlink=True), "path", "")
                     with in_one_sentence(f"{name} {f'is a link to {link} and ' * bool(link)}"):
@@ -150,10 +150,8 @@ def open_mat(path: Path) -> MatFile:
         if begin.startswith(b"MATLAB 7."):
             with opened73(path) as file:  # some of its groups are no variables
                 (stated,) = struct.unpack_from("<Q", start, 40 if start[8] < 2 else 28)  # end of file in the superblock
-                if stated < path.stat().st_size:
-                    damage.lose(
-                        f"{path.stat().st_size - stated} bytes stand behind its end, and are not read", 0, None, 0
-                    )
+                if (behind := path.stat().st_size - stated) > 0:
+                    damage.lose(f"{behind} bytes stand behind its end, and are not read", 0, None, 0)
                 found = {name: None for name in file if name not in ("#refs#", "#subsystem#")}
             return MatFile(path, "7.3", header, found, damage)
         from scipy.io.matlab import MatlabOpaque, loadmat, varmats_from_mat

@@ -40,6 +40,8 @@ def read_table_log(path: Path, source: Source) -> Recording:
     the log is not what that file says."""
     table = TABLES[source.format](path, source)
     table.damage.read[0] = table.rows
+    if table.rows < 2:
+        raise InputError(f"holds one {table.noun} of data: nothing to analyse; record the trial again, or exclude it")
     time, start = time_of(table, source)
     first_by: dict[int, str] = {}
     for column, channel in source.channels.items():  # one column under two names, as its own and by its number
@@ -59,12 +61,9 @@ def read_table_log(path: Path, source: Source) -> Recording:
     fresh = np.concatenate([[True], np.diff(time) != 0])  # rows whose stamp is not that of the row before
     kept = fresh if source.time.repeated == "drop" else np.ones_like(fresh)
     if repeated := int((~fresh).sum()):
-        did = (
-            "were left out"
-            if source.time.repeated == "drop"
-            else "are taken for samples whose stamps were rounded; if the device was read faster than it sampled, "
-            f"write `repeated: drop` under {source.place('time')}"
-        )
+        did = "are taken for samples whose stamps were rounded; if the device was read faster than it sampled, "
+        did += f"write `repeated: drop` under {source.place('time')}"
+        did = "were left out" if source.time.repeated == "drop" else did
         said.append(f"{repeated} of {fresh.size} {table.noun}s repeat the stamp of the {table.noun} before and {did}")
     facts = {
         "time": {**source.time.model_dump(exclude_none=True), "start": start},
@@ -162,8 +161,11 @@ def time_of(table: Table, source: Source) -> tuple[Array, float]:
     raw = raw.astype(np.float64) if raw.dtype.kind == "f" else raw  # single precision would round what follows
     time = np.asarray((raw - raw[0]) * factor, dtype=np.float64)
     check_time(what, time)
-    if time.size > 1 and time[0] == time[-1]:
-        raise InputError(f"{what}: time stands still at {raw[0]:g} in all {time.size} {table.noun}s; {other}")
+    _, first, counts = np.unique(time, return_index=True, return_counts=True)
+    most, row = int(counts.max()), int(first[counts.argmax()])
+    if most == time.size or (most > max(20, 0.1 * time.size) and stated.repeated != "drop"):  # no rounding does that
+        which = f"at {raw[row]:.15g} in {most} of {time.size} {table.noun}s, from {table.place(row)} on"
+        raise InputError(f"{what}: time stands still {which}: it stopped, or tells no less; cut the log, {other}")
     return time, float(raw[0])
 
 

@@ -163,7 +163,7 @@ def formats_of(path: Path, stated: str = "csv") -> tuple[bytes, list[str]]:
         return b"", ["rosbag2"]
     with path.open("rb") as file:
         begin = file.read(FIRST_BYTES)
-    refuse_others(path, begin)  # first: a PNG image begins like C3D
+    refuse_others(path, begin)
     asked = [stated] if stated != "csv" and FORMATS[stated].begins(begin) else FORMATS
     return begin, [name for name in asked if name != "csv" and FORMATS[name].begins(begin)]
 

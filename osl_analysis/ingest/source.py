@@ -537,5 +537,5 @@ def check_sizes(recording: Recording) -> None:
             raise InputError(
                 f"{column} is {values[row]:.4g} {unit_of(column)} at {time[row]:.3f} s, and beyond ±{bound:g} in "
                 f"{beyond.sum()} of {np.count_nonzero(~np.isnan(values))} samples: nothing here can be so large; "
-                "correct its unit or scale in the source file, or repair the recording"
+                "correct its unit or scale in the source file, or repair the recording or the byte order it states"
             )

@@ -160,7 +160,7 @@ def test_an_absurd_header_a_pointer_past_a_record_or_other_counts_are_refused(tm
         assert f"the header counts {count}, {name.replace('__', ':')} is 9" in refused(path)
     whole = write_c3d(path, points(200), analogs(800)).read_bytes()
     path.write_bytes(whole[:12] + struct.pack("<f", 1.0) + whole[16:])
-    assert "scale of points is 1 in the header, -0.1 in POINT:SCALE (above 0: integers), and its" in refused(path)
+    assert "the scale is 1 in the header, -0.1 in POINT:SCALE (above 0: integers), and its" in refused(path)
     write_c3d(path, points(200), analogs(800), POINT__SCALE=np.array([-1.0]))  # another size of reals says nothing
     assert read_c3d(path).damage.report()["complete"]
 

@@ -114,7 +114,7 @@ class C3DHeader:
 
 
 def is_c3d(begin: bytes) -> bool:
-    return begin[1:2] == b"P" and begin[:1] < b" " and b"\0" in begin  # a PNG image has an 0x89 before its P
+    return begin[1:2] == b"P" and begin[:1] < b" " and b"\0" in begin
 
 
 def parse_header(data: bytes) -> C3DHeader:
@@ -222,9 +222,7 @@ def read_c3d(path: Path) -> C3DRecording:
     end, damage = header.data_start + frames * frame, Ledger(read=Counter({0: frames}))
     if len(data) != end and (len(data) % BLOCK or len(data) - end >= 2 * BLOCK):  # some writers add a block
         if (stated := header.numbers("POINT:SCALE")[:1]).size and (stated[0] > 0) != integers:
-            said = (
-                f"scale of points is {header.scale:g} in its header, {stated[0]:g} in POINT:SCALE (above 0: integers)"
-            )
+            said = f"the scale is {header.scale:g} in the header, {stated[0]:g} in POINT:SCALE (above 0: integers)"
             raise InputError(f"{said}, and its frames end at byte {end} of {len(data)} by the header; export it again")
         damage.lose(f"it has {len(data)} bytes, and its frames end at byte {end}", 0, None, 0)
     content = data[header.data_start : end]

@@ -23,6 +23,7 @@ OTHERS = (
     ("a LabVIEW measurement (.lvm)", r"\A\s*LabVIEW Measurement", LVM),
     ("a document of JSON", JSON, "write JSON lines, an object per line and sample"),
     ("nothing but zero bytes", r"\A\0+\Z", "copy or record it again"),
+    ("a PNG image", r"\A\x89PNG", "name the recording itself"),
     ("an Excel workbook", EXCEL, "save its sheet as 'CSV UTF-8'"),
     ("an HDF5 file", HDF5, "if it is MATLAB's, copy it again; else export its table as CSV in UTF-8"),
     ("compressed (such as ZIP or gzip)", PACKED, "unpack it and name the recording inside"),

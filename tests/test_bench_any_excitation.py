@@ -1,5 +1,6 @@
 """Impedance from motions that are no stepped sine, against joints whose torque is a formula."""
 
+import re
 from itertools import product
 
 import numpy as np
@@ -22,7 +23,7 @@ from osl_analysis.bench.impedance import (
 )
 from osl_analysis.bench.record import record_of_trial, stated_windows
 from osl_analysis.bench.response_tables import response_tables
-from osl_analysis.bench.settings import BenchStiffness, DynamometerAnalysis, TimeBase
+from osl_analysis.bench.settings import BenchStiffness, DynamometerAnalysis, HumanJoint, TimeBase
 from osl_analysis.campaign.configuration import read_section
 from osl_analysis.commands.bench import compare_impedance_models
 from osl_analysis.config.experiments import EXPERIMENTS
@@ -79,8 +80,8 @@ def test_every_motion_has_the_same_columns_and_leaves_none_empty_but_those_that_
         assert table.schema == sines.schema
         own = {column for column in table.columns if table[column].is_null().all()}
         assert own - empty == (OF_SINES if name == "multisine" else OF_SINES | OF_PERIODS)
-        of_periods = {"period_s", "periods", "realisations"} if name == "multisine" else set()
-        assert empty - own == {"torque_at_peaks", "alias_share"} | of_periods
+        of_motion = {"period_s", "periods", "realisations"} if name == "multisine" else {"reflex_p"}
+        assert empty - own == {"torque_at_peaks", "alias_share"} | of_motion
 
 
 @pytest.mark.parametrize("name", MOTIONS)
@@ -302,16 +303,64 @@ HUMAN = ROOT.parent / "shared/real_data/human/human_ankles.npz"  # REKLAB, McGil
 
 
 @pytest.mark.skipif(not HUMAN.is_file(), reason="real data are not here")
-def test_six_human_ankles_give_a_stiffness_with_an_interval():
+def test_human_ankles_give_a_stiffness_and_what_their_reflexes_leave_of_it():
+    """All but the pilot's, whose angle moves, are explained but for noise."""
     found = {}
     with np.load(HUMAN) as records:
-        for name in ("z_df", "z_pf", "z_df2", "z_df3", "z_pf2", "pilot"):
+        for name in ("z_pf", "z_df2", "pilot"):
             theta, torque = records[name].astype(float).T
-            row = row_of(
-                Trial(name, pl.DataFrame({"time": np.arange(len(theta)) / 1e3, "theta": theta, "torque": -torque}))
-            )
-            found[name] = row["K_low"] < row["K"] < row["K_high"] and 30 < row["K"] < 200
+            samples = {"time": np.arange(len(theta)) / 1e3, "theta": theta, "torque": -torque}
+            trial = Trial(name, pl.DataFrame(samples))
+            alone, row = row_of(trial), row_of(trial, cutoff_hz=40.0, human=HumanJoint())
+            found[name] = row["K_low"] < row["K"] < row["K_high"] and 20 < row["K"] < 200
+            found[name] &= name == "pilot" or (alone["reflex_p"] < 1e-9 and row["VAF_held_out"] > 87)
+            found[name] &= row["reflex_delay_ms"] in HumanJoint().delays_ms and 0.5 < row["reflex_share"] < 60
     assert all(found.values()), found
+
+
+def reflexive(rng, gain, noise_nm=0.3, rate=500.0, delay=0.045, **impedance):
+    """A joint of 45 s whose torque has, beside Eq. 15, `gain` [N*m*s/rad] times the rising speed, 45 ms late behind a
+    low-pass of second order at 20 rad/s, and slow noise as of a person's will. It is made of none of our columns."""
+    time, motion = noise(rng, (0.3, 8.0), 1.2, 45.0, rate)
+    late = np.concatenate([np.zeros(round(delay * rate)), np.maximum(motion[1], 0)])[: len(time)]
+    top, bottom, _ = cont2discrete(([400.0], [1, 36.0, 400.0]), 1 / rate)
+    will = lfilter(*butter(1, 2 / (rate / 2)), rng.standard_normal(len(time)))
+    more = gain * lfilter(top[0], bottom, late) + noise_nm * will / will.std()
+    return made_trial(rng, (time, motion), more=more, **{"K": 90.0, "B": 1.0, "I": 0.016} | impedance)
+
+
+def test_a_reflex_is_a_doubt_of_a_device_and_columns_of_a_person():
+    """Eq. 15 alone takes the reflex for stiffness; what it says of K with the reflex is what a person's fit finds."""
+    z = []
+    for seed in range(4):
+        trial, true = reflexive(np.random.default_rng(seed), 6.0), {"K": 90.0, "B": 1.0, "I": 0.016}
+        records = moving_record(trial, human=HumanJoint()), moving_record(trial, human=None)
+        tables = (judged_impedance(record, saturated(trial), None, None)[1] for record in records)
+        row, alone = (marked(table, LIMITS, "impedance").row(0, named=True) for table in tables)
+        z += [(row[name] - value) / row[f"{name}_se"] for name, value in true.items()]
+        assert row["K"] == pytest.approx(90, rel=0.06)
+        assert abs(alone["K"] - 90) > 2 * abs(row["K"] - 90) + 3
+        assert alone["K_with_reflex"] == pytest.approx(row["K"], rel=1e-9)
+        assert row["reflex_p"] > 3e-4 > alone["reflex_p"]
+        words = rf"reflex: .*K would be {row['K']:.3g} N\*m/rad .*State `human: true`"
+        assert re.search(words, alone["doubtful"].replace("[", ""))
+        assert "model that does not fit" not in alone["doubtful"]
+        assert row["doubtful"] == ""
+        assert row["lag_s"] is row["coulomb_share"] is row["K_drift"] is None
+    assert 0.5 < np.sqrt(np.mean(np.square(z))) < 1.6
+
+
+@pytest.mark.parametrize("even", [
+    lambda t, motion: 1.5 * np.tanh(motion[1] / 0.003),
+    lambda t, motion: 0.5 * np.tanh(motion[1] / 0.01) * (1 + 0.5 * np.sign(motion[1])),
+    lambda t, motion: 400.0 * motion[0] ** 2,
+    lambda t, motion: np.maximum(300.0 * motion[0], -8.0) - 300.0 * motion[0],
+], ids=["friction", "friction of one side", "spring of one side", "end stop"])  # fmt: skip
+@pytest.mark.parametrize("move", [noise, chirp, multisine])
+def test_what_differs_between_the_directions_at_once_is_no_reflex(move, even):
+    motion = move(rng := np.random.default_rng(3))
+    row = row_of(made_trial(rng, motion, more=even(motion[0], motion[1])))
+    assert (row["reflex_p"] is None) if move is multisine else row["reflex_p"] > 3e-4
 
 
 @pytest.mark.parametrize(("move", "seconds", "made", "seeds", "low", "high"), [

@@ -15,8 +15,8 @@ from statsmodels.robust.norms import HuberT
 from statsmodels.robust.robust_linear_model import RLM
 
 from osl_analysis.bench import prediction
-from osl_analysis.bench.compensation import compensation_table
 from osl_analysis.bench.impedance import DesiredImpedance, rendered_impedance, torque_error
+from osl_analysis.bench.model_comparison import compensation_table
 from osl_analysis.bench.phasors import ComplexEstimate, damping_row
 from osl_analysis.bench.prediction import COMPONENTS, components_of, model_variance, prediction_table, prediction_terms
 from osl_analysis.errors import InputError

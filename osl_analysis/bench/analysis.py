@@ -82,7 +82,8 @@ class Analysis:
 
     def shared(self, label: Label, *names: str) -> Row:
         """VAF on data held out, the drift that was subtracted [N*m/min], and the change by another time base."""
-        told = {"VAF_held_out": held_out_vaf(self.sums, self.model, label), "load_cell_drift": 60 * self.record.drift}
+        told = {"VAF_held_out": held_out_vaf(self.sums, self.model, label)}
+        told["load_cell_drift"] = 60 * self.record.drift if self.record.reflex_delay is None else None
         return told | self.time_base_row(label, names)
 
     def time_base_row(self, label: Label, names: Sequence[str]) -> Row:
@@ -202,9 +203,12 @@ def friction_rows(s: Sums, analysis: Analysis) -> dict[Label, Row]:
     damping = next(name for name, column in model.items() if column == "omega")
     own = (f"{damping}_viscous", "f_C" if damping == "B" else "T_C")
     names = [f"{name}{end}" for name in own for end in ("", "_se", "_low", "_high")]
-    rows, whole_has, own_columns = dict[Label, Row](), False, s.index([*model.values(), "sign"])
+    rows, whole_has = dict[Label, Row](), False
+    own_columns = s.index([*model.values(), "sign"]) if "sign" in s.names else []
     for label, fit in sorted(fits.items(), key=lambda item: item[0] is not None):  # first that of all of the trial
         rows[label] = dict.fromkeys(("coulomb_torque", "coulomb_damping", "coulomb_share", *names))
+        if not own_columns:  # of a person's joint
+            continue
         try:
             beside, alone = with_friction(s, model, label), estimates_of(s.over(label), own_columns, s.torque)
         except IdentifiabilityError:

@@ -54,6 +54,11 @@ BELT_ERROR = 80e-6  # s by which hysteresis that is not made of these shifts a l
 CANNOT_TELL = (IdentifiabilityError, InputError, np.linalg.LinAlgError)  # a motion does not tell effects apart
 
 
+def model_of(record: Record) -> Model:
+    """Eq. 15, with what is fitted beside it."""
+    return {**IMPEDANCE, **{name: name for name in record.also}}
+
+
 def plain_sums(record: Record, model: Model) -> Sums:
     """The sums of a record without effects."""
     columns, centre = columns_of(record)
@@ -65,14 +70,13 @@ def columns_of(record: Record) -> tuple[dict[str, Array], float]:
     motion, centre = record.motion, float(record.part(record.motion.theta).mean())
     columns = {"theta": motion.theta - centre, "omega": motion.omega, "alpha": motion.alpha}
     columns |= {"one": np.ones_like(motion.theta), "ramp": record.time - record.time.mean()}
-    return columns, centre
+    return {**columns, **record.also}, centre
 
 
 def sums_of(record: Record, model: Model, expected: Admittance | None = None) -> Sums:
-    """The sums of a record with all effects, at 250 Hz, eight cut-offs or more: the signals have nothing faster.
+    """The sums of a coarse record with all effects.
     `expected` is the admittance of the linear model, where the gains are known."""
-    at_least = max(250.0, 8 * record.low_pass.cutoff_hz)
-    few = record.thinned(max(int(record.rate_hz / at_least + 1e-6), 1))  # a rate is known to rounding
+    few = record.coarse
     columns, centre = columns_of(few)
     theta, omega, alpha, one, ramp = columns.values()
     size = float(few.part(few.motion.theta).std())
@@ -381,7 +385,7 @@ def belt_of_leg(record: Record, p: DrivetrainParameters | None) -> Belt | None:
     """
     if p is None or record.theta_m is None:
         return None
-    few = record.thinned(max(int(record.rate_hz / max(250.0, 8 * record.low_pass.cutoff_hz) + 1e-6), 1))
+    few = record.coarse
     assert few.theta_m is not None
     columns = {name: column for name, column in columns_of(few)[0].items() if name not in ("theta", "alpha")}
     wound = belt_deflection(few.motion.theta, few.theta_m, p)

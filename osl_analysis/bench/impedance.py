@@ -15,6 +15,7 @@ from osl_analysis.bench import effects
 from osl_analysis.bench.analysis import Analysis, analysed, check_stiffer, friction_rows, widened
 from osl_analysis.bench.effects import IMPEDANCE, Causes, Fault
 from osl_analysis.bench.gram import FEWEST_UNITS, GroupFit, Sums, combined, estimates_of, solved
+from osl_analysis.bench.human import reflex_row, with_reflex
 from osl_analysis.bench.phasors import SegmentPhasors, harmonic_shares, phasors_of_record
 from osl_analysis.bench.record import SHORTEST_S, Label, Record
 from osl_analysis.errors import IdentifiabilityError, InputError, nearest
@@ -32,6 +33,7 @@ from osl_analysis.model.compensator import CONTROLLERS, Gains, Weight, select_ga
 from osl_analysis.model.drivetrain import joint_admittance
 from osl_analysis.model.parameters import DrivetrainParameters
 from osl_analysis.protocol.stepped_sine import moving_bins
+from osl_analysis.signals.samples import NO_DRIFT
 from osl_analysis.spectral.periods import distinct
 from osl_analysis.spectral.response import periodic_response
 from osl_analysis.stats.fit_row import Row, estimates_row, lag_damping_row
@@ -82,6 +84,7 @@ class DesiredImpedance:
 class Rendered:
     """Eq. 15 of an impedance trial, with the phasors of its sines."""
 
+    raw: Record  # of a person's joint with its slow part
     analysis: Analysis
     phasors: Sequence[SegmentPhasors]  # none where no sines moved the joint
     sums: Sums  # with the columns of all effects
@@ -92,12 +95,14 @@ class Rendered:
         return self.analysis.record
 
 
-def rendered_impedance(record: Record, expected: effects.Admittance | None = None) -> Rendered:
-    """Eq. 15 of a record. `expected` is the admittance of the linear model, where the gains are known.
+def rendered_impedance(raw: Record, expected: effects.Admittance | None = None) -> Rendered:
+    """Eq. 15 of a record, of a person's joint with its reflex. `expected` is the admittance of the linear model, where
+    the gains are known.
 
     Raises InputError: the joint hardly moves. Raises IdentifiabilityError: the motion cannot tell K from I; the message
     names the band that is missing.
     """
+    record = with_reflex(raw)
     sums, of, (low, high) = effects.plain_sums(record, IMPEDANCE), record.groups, record.band_hz
     moving_s = np.inf
     if not record.is_stepped_sine:
@@ -106,7 +111,7 @@ def rendered_impedance(record: Record, expected: effects.Admittance | None = Non
     try:
         if moving_s < SHORTEST_S:
             raise IdentifiabilityError("K, B and I cannot be told from so little")
-        analysis = analysed(record, sums, IMPEDANCE)
+        analysis = analysed(record, sums, effects.model_of(record))
     except IdentifiabilityError as error:
         if record.is_stepped_sine:  # what its poorest amplitude has, and which band is missing
             found = {x: sorted({one.frequency_hz for one in of.strata if one.label == x}) for x in of.labels}
@@ -130,8 +135,10 @@ def rendered_impedance(record: Record, expected: effects.Admittance | None = Non
         check_told(f"trial {record.name}", record.band_hz, *told, limit)
     for fit in analysis.fits.values():
         check_stiffer(record.name, "K", fit["K"], record.bench)
+    if record.reflex_delay is not None:  # faults of a device are not told from what a person does
+        return Rendered(raw, analysis, (), sums, Causes((), analysis.whole, only_noise=False))
     s = effects.sums_of(record, IMPEDANCE, expected)
-    return Rendered(analysis, phasors_of_record(record), s, effects.causes(record, s, IMPEDANCE))
+    return Rendered(raw, analysis, phasors_of_record(record), s, effects.causes(record, s, IMPEDANCE))
 
 
 def check_moves(record: Record, sums: Sums) -> None:
@@ -238,10 +245,12 @@ def impedance_table(rendered: Rendered, p: DrivetrainParameters | None = None) -
     that is no second-order system depend on band and weights. With the parameters of the device and theta_m the belt
     shows a lag, which what Eq. 15 misses of a drivetrain would hide."""
     analysis, record, s, found = rendered.analysis, rendered.record, rendered.sums, rendered.found
-    change, belt = effects.stiffness_change(s, IMPEDANCE, found), effects.belt_of_leg(record, p)
+    device = record.reflex_delay is None
+    change = effects.stiffness_change(s, IMPEDANCE, found) if device else None
+    belt = effects.belt_of_leg(record, p) if device else None
     late_motor, by_belt = (belt.theta_m, belt.torque) if belt else (None, None)
-    lag = by_belt or effects.lag_of(record, s, IMPEDANCE, found)
-    clocks = effects.clocks_row(record, s, IMPEDANCE, found)
+    lag = by_belt or (effects.lag_of(record, s, IMPEDANCE, found) if device else None)
+    clocks = effects.clocks_row(record, s, IMPEDANCE, found) if device else NO_DRIFT
     frame = effects.frame_stiffness(s, IMPEDANCE, found) if lag and lag.found and not by_belt else None
     # what explains the misfit, the best explanation first, as far as it is no fault that was not found
     faults = {"lag_s": lag, "K_change": change}
@@ -268,6 +277,7 @@ def impedance_table(rendered: Rendered, p: DrivetrainParameters | None = None) -
         "explained_by": ", ".join(EFFECTS[effect].format(f"{size:.3g}") for effect, size in sure.items()) or None,
     }
     friction, rows = friction_rows(s, analysis), list[Row]()
+    facts |= reflex_row(analysis, rendered.raw)
     for label, fit in analysis.fits.items():
         rows.append(
             {
@@ -505,6 +515,9 @@ def left_unchecked(
     row: Mapping[str, Any], p: DrivetrainParameters | None, desired: DesiredImpedance | None, two_clocks: bool
 ) -> str | None:
     """What a row of the table is not checked for, each with its reason; None if it is checked for all."""
+    if row["reflex_delay_ms"] is not None:
+        why = "a person's reflex would hide it"
+        return f"{LATENESS}: {why}; whether the fixture rubs, or has play: {why}"
     if desired is None:
         reasons = {"K against the belt's K_s": "" if p else "no parameter file is named"}
     else:

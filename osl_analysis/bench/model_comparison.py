@@ -1,10 +1,12 @@
 """Rival models of belt, transmission and rendered impedance: scores per trial, and a comparison over trials.
 
-A linear rival is a choice of columns. The drivetrain of Eq. 9 predicts the torque from the measured angle.
+A linear rival is a choice of columns. The drivetrain of Eq. 9 predicts the torque from the measured angle. Compensated
+beside uncompensated, every difference is that of two trials that were asked for the same impedance.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -14,7 +16,7 @@ from scipy.optimize import least_squares
 from osl_analysis.bench.components import PLACE, loaded_rows
 from osl_analysis.bench.prediction import predicted_torque
 from osl_analysis.bench.record import Record
-from osl_analysis.model.compensator import Gains
+from osl_analysis.model.compensator import CONTROLLERS, Gains
 from osl_analysis.model.drivetrain_response import Controller
 from osl_analysis.model.parameters import DrivetrainParameters
 from osl_analysis.stats.regression import linear_fit
@@ -253,3 +255,46 @@ def mean_with_bounds(name: str, values: Array, shared: bool = False) -> dict[str
     mean = mean_over_trials(values, shared)
     numbers = {name: mean.mean, f"{name}_low": mean.low, f"{name}_high": mean.high}
     return {key: float(value) if np.isfinite(value) else None for key, value in numbers.items()}
+
+
+COMPARED: Mapping[str, tuple[str, pl.Expr]] = {
+    "torque_error": ("N*m", pl.col("torque_error")),
+    "K_error": ("%", 100 * (pl.col("K") / pl.col("K_d") - 1).abs()),
+    "B_error": ("N*m*s/rad", (pl.col("B") - pl.col("B_d")).abs()),
+    "VAF": ("%", pl.col("VAF")),
+}
+"""Unit and value of what is compared; of all but the VAF less is better."""
+ASKED = (*PLACE, "K_d", "B_d")
+
+
+def compensation_table(impedance: pl.DataFrame) -> pl.DataFrame:
+    """`compensation.csv` from the rows of `impedance.csv`. Repeats of a condition count as their mean. The interval of
+    a difference is Student's over pairs of trials: amplitudes of one trial are no independent pairs."""
+    known = impedance.drop_nulls(["K_d", "B_d"]).filter(pl.col("K_d") != 0)
+    values = {name: value.mean() for name, (_, value) in COMPARED.items()}
+    means = known.group_by(*ASKED, "commanded_deg", "controller").agg(**values)
+    sides = [means.filter(pl.col("controller") == name).drop("controller") for name in CONTROLLERS]
+    both = sides[0].join(sides[1], on=[*ASKED, "commanded_deg"], nulls_equal=True).sort(*ASKED, "commanded_deg")
+    whole, single = (both.filter(pl.col("commanded_deg").is_null() == of_whole) for of_whole in (True, False))
+    sets = [("trials", None, whole), ("amplitudes", None, single)]
+    for by, rows in (("K_d", whole), ("B_d", whole), ("commanded_deg", single)):
+        sets += [(by, at, rows.filter(pl.col(by) == at)) for at in rows[by].unique().sort()]
+    found = []
+    for by, at, rows in sets:
+        for of_place in rows.partition_by(PLACE, maintain_order=True):
+            place = of_place.select(PLACE).row(0, named=True)
+            found += [{**place, **paired(of_place, name), "by": by, "at": at} for name in COMPARED]
+    types: dict[str, Any] = dict.fromkeys((*PLACE, "quantity", "unit", "by"), pl.String) | {"at": pl.Float64}
+    types |= {"pairs": pl.Int64, "better": pl.Int64} | dict.fromkeys(("compensated", "uncompensated"), pl.Float64)
+    types |= dict.fromkeys(("difference", "difference_low", "difference_high"), pl.Float64)
+    return pl.DataFrame(found, schema=types)
+
+
+def paired(pairs: pl.DataFrame, name: str) -> dict[str, Any]:
+    """One quantity in some pairs."""
+    difference = pairs[name] - pairs[f"{name}_right"]
+    by_trial = pairs.select("K_d", "B_d", difference=difference).group_by("K_d", "B_d").agg(pl.col("difference").mean())
+    better = int((difference > 0 if name == "VAF" else difference < 0).sum())
+    row = {"quantity": name, "unit": COMPARED[name][0], "pairs": len(pairs), "better": better}
+    row |= {"compensated": pairs[name].mean(), "uncompensated": pairs[f"{name}_right"].mean()}
+    return row | mean_with_bounds("difference", np.sort(by_trial["difference"].to_numpy()))

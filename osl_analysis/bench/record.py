@@ -4,9 +4,9 @@ What differs from one motion to another is here, in three makers of groups: the 
 periods of a motion that repeats itself, and stretches of any other one. What comes after knows groups only.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal
 
@@ -128,6 +128,9 @@ class Record:
     softer: "Record | None" = None  # the same with a bench that is softer by one standard error; None: it is exact
     settings: BenchAnalysis | None = None  # the bench, and limits of what a motion must tell
     theta_m: Array | None = None  # the actuator's angle [rad] behind the filter, where it was asked for
+    slow: Array | None = None  # slow signal (n,) that K and B change with; None: they do not, or it is asked for later
+    reflex_delay: float | None = None  # delay [s] of the reflex of a person's joint; None of a device
+    also: Mapping[str, Array] = field(default_factory=dict)  # columns (n,) that are fitted beside those of Eq. 15
 
     @property
     def bench(self) -> BenchStiffness | None:
@@ -223,8 +226,16 @@ class Record:
             filtered_torque=self.filtered_torque[rows],
             usable=self.usable[rows],
             theta_m=None if self.theta_m is None else self.theta_m[rows],
+            slow=None if self.slow is None else self.slow[rows],
+            also={name: column[rows] for name, column in self.also.items()},
             groups=replace(groups, first=first, stop=stop),
         )
+
+    @property
+    def coarse(self) -> "Record":
+        """The record at 250 Hz, eight cut-offs or more: its filtered signals have nothing faster."""
+        at_least = max(250.0, 8 * self.low_pass.cutoff_hz)
+        return self.thinned(max(int(self.rate_hz / at_least + 1e-6), 1))  # a rate is known to rounding
 
     def rows(self, label: Label = None) -> NDArray[np.intp]:
         """The rows that are fitted (m,), of a label or of all, each once."""
@@ -345,6 +356,7 @@ def record_of_trial(
     known = Likeness(signals.time, signals["theta"], settings.protocol)
     auto, is_other = excitation == "auto", excitation == "any"
     is_other |= auto and (bool(windows) or known.kind == "other")
+    is_other |= isinstance(settings, ImpedanceAnalysis) and settings.human is not None
 
     def parts_of(one: UniformSignals) -> Parts:
         if is_other:
@@ -386,7 +398,9 @@ def record_of_trial(
             f"trial {trial.name}: theta has the commanded frequencies, but is no stepped sine; look for spikes, hum "
             f"and a mount that turns; {meant}, or `excitation: stepped_sine` to fit what there is"
         )
-    return replace(made, periodic=periodic, steps=(steps[0], steps[1]))
+    made = replace(made, periodic=periodic, steps=(steps[0], steps[1]))
+    over = settings.human.over if isinstance(settings, ImpedanceAnalysis) and settings.human else None
+    return made if over in (None, "angle", "time") else replace(made, slow=logged(made, trial, over))
 
 
 def with_actuator(record: Record, trial: Trial) -> Record:
@@ -395,11 +409,17 @@ def with_actuator(record: Record, trial: Trial) -> Record:
     if "theta_m" not in trial.columns or record.settings is None:
         return record
     with suppress(InputError):
-        found = uniform_signals(trial, ("theta", "theta_m", "torque"), record.settings.gap_limits)
-        step = 1 / found.rate_hz
-        filtered = {"theta_m": record.low_pass(found["theta_m"], found.rate_hz)}
-        return replace(record, theta_m=resampled(found.time, filtered, record.time, step)["theta_m"])
+        return replace(record, theta_m=logged(record, trial, "theta_m"))
     return record
+
+
+def logged(record: Record, trial: Trial, name: str) -> Array:
+    """A further column of a trial, behind the filter, at the times of its record. Raises InputError: it is not there,
+    or does not come to a time base together with angle and torque."""
+    assert record.settings is not None
+    found = uniform_signals(trial, ("theta", name, "torque"), record.settings.gap_limits)
+    filtered = {name: record.low_pass(found[name], found.rate_hz)}
+    return resampled(found.time, filtered, record.time, 1 / found.rate_hz)[name]
 
 
 def motion_parts(signals: UniformSignals, settings: ImpedanceAnalysis, windows: str | None) -> Parts:

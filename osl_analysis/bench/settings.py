@@ -3,7 +3,7 @@
 from typing import Annotated, ClassVar, Literal, Self
 
 import numpy as np
-from pydantic import AfterValidator, Field, field_validator, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, field_validator, model_validator
 
 from osl_analysis.protocol.stepped_sine import SteppedSineProtocol
 from osl_analysis.relations import below, misplaced, refused, rising, stretches
@@ -180,6 +180,23 @@ class SteppedSineAnalysis(BenchAnalysis):
         return tuple(float(a) for a in np.deg2rad(self.amplitudes_deg))
 
 
+class HumanJoint(Settings):
+    """How a person's joint is fitted: its reflexes are columns beside Eq. 15 (docs/human_joint.md)."""
+
+    slow_hz: Positive = 1.0
+    """Frequency [Hz] below which torque and columns are not fitted: there the person pushes as he likes."""
+    delays_ms: Annotated[tuple[Positive, ...], Field(min_length=1)] = (30, 35, 40, 45, 50, 55, 60)
+    """Delays [ms] of the reflex that are tried."""
+    memory_s: Annotated[float, Field(ge=0.1, le=2)] = 0.5  # for how long [s] the reflex answers a movement
+    over: str | None = None
+    """What K and B change with: `angle` (its slow part), `time`, or a column of the trials; null: they do not."""
+
+
+def human_or_none(stated: object) -> object:
+    """`true` is a person's joint with the default choices, `false` none."""
+    return {"true": {}, "false": None}.get(stated, stated) if isinstance(stated, str) else stated
+
+
 class ImpedanceAnalysis(SteppedSineAnalysis):
     """Choices for an impedance trial, whose motion may be another one than the stepped sine."""
 
@@ -191,6 +208,8 @@ class ImpedanceAnalysis(SteppedSineAnalysis):
     largest_inertia_error: Positive | None = 0.01
     """Change of I [kg*m^2] by a torque error of 0.1 %, from which a motion is refused because it cannot tell K from I;
     null: no limit."""
+    human: Annotated[HumanJoint | None, BeforeValidator(human_or_none)] = None
+    """Whether the joint is a person's, whose reflexes are fitted beside K, B and I; null: a device."""
     rated_torque: Positive | None = None
     """Of the joint [N*m]: torque errors are given as shares of it; null: not stated."""
 

@@ -132,6 +132,9 @@ class Campaign:
 
     def rows_of(self, experiment: str, table: ResultTable) -> list[str]:
         """Names of the trials of an experiment that have rows in one of its tables."""
+        human = self.config.dynamometer.human
+        if table.scheduled_only and (human is None or human.over is None):
+            return []
         return self.crossings(perturbed=True) if table.perturbed_only else self.trials(experiment)
 
     def needed_columns(self, trial: str) -> tuple[str, ...]:

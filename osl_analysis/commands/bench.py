@@ -10,10 +10,11 @@ from typing import Any
 
 import polars as pl
 
-from osl_analysis.bench import compensation, components, model_comparison, torque_angle
+from osl_analysis.bench import components, model_comparison, torque_angle
 from osl_analysis.bench.analysis import FitTables, analysed
 from osl_analysis.bench.components import PLACE
 from osl_analysis.bench.effects import IMPEDANCE, plain_sums
+from osl_analysis.bench.human import over_table
 from osl_analysis.bench.impedance import (
     QUANTITIES,
     DesiredImpedance,
@@ -92,7 +93,8 @@ def fit_impedance_trial(
     stated = condition.columns() if condition else {}
 
     def further() -> dict[str, pl.DataFrame]:
-        frames = {"phasors": phasor_table(trial.name, rendered.phasors), **response_tables(rendered.record, p)}
+        frames = {"phasors": phasor_table(trial.name, rendered.phasors), **response_tables(rendered.raw, p)}
+        frames["impedance_over"] = over_table(rendered.analysis)
         of_condition = {name: frame.with_columns(**stated) for name, frame in frames.items()}
         return of_condition | {"timebase": rendered.analysis.time_base(QUANTITIES)}
 
@@ -158,7 +160,7 @@ def summarise(table: Path, output: Path) -> None:
 def compare_controllers(table: Path, output: Path) -> None:
     """Compensated beside uncompensated trials of the same desired impedance."""
     needed = ("commanded_deg", "controller", "K_d", "B_d", "K", "B", "VAF", "torque_error")
-    write_table(compensation.compensation_table(read_table(table, needed)), output)
+    write_table(model_comparison.compensation_table(read_table(table, needed)), output)
 
 
 def predict_trial(

@@ -10,7 +10,8 @@ import polars as pl
 
 from osl_analysis.bench.analysis import analysed
 from osl_analysis.bench.components import PLACE, belt_figure_points
-from osl_analysis.bench.effects import IMPEDANCE, plain_sums
+from osl_analysis.bench.effects import model_of, plain_sums
+from osl_analysis.bench.human import with_reflex
 from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.bench.record import record_of_trial
 from osl_analysis.bench.settings import ImpedanceAnalysis
@@ -138,11 +139,13 @@ def fig4(
     """The numbers of Fig. 4: the last seconds of one amplitude, or of a motion that is no stepped sine, measured and by
     the best second-order fit. `choice` is that of `time_series_example`, `fit` the trial's own table of fits, by whose
     `limits` this fit may be doubtful, `windows` as in `bench.fit_impedance_trial`."""
-    record = record_of_trial(read_trial(trial), settings, windows)
+    record = with_reflex(record_of_trial(read_trial(trial), settings, windows))
     label = record.label_near(choice["amplitude_deg"])
     amplitude = pl.col("amplitude_deg")
     shown = amplitude.is_null() if label is None else (amplitude - label).abs() < 1e-6
-    series = analysed(record, plain_sums(record, IMPEDANCE), IMPEDANCE).last_seconds(label, choice["duration_s"])
+    series = analysed(record, plain_sums(record, model_of(record)), model_of(record)).last_seconds(
+        label, choice["duration_s"]
+    )
     doubtful = marked(read_table(fit), limits, "impedance").filter(shown)["doubtful"][0]
     said = {name: choice[name] or None for name in ("trial", "joint", "side", "chosen")}
     constant = (pl.lit(value, pl.String).alias(name) for name, value in (said | {"doubtful": doubtful}).items())

@@ -22,6 +22,7 @@ class ResultTable:
     derived: Mapping[str, str] = field(default_factory=dict)  # computed from it alone: the job of each
     doubts_of: str = ""  # the table of the same trials whose doubts its rows share; empty for none
     perturbed_only: bool = False  # only the perturbed crossings have rows
+    scheduled_only: bool = False  # trials have rows only where dynamometer.human states what K changes with
     published: bool = True  # False if only the files of the single trials are used and no common table is written
 
 
@@ -114,7 +115,8 @@ EXPERIMENTS: dict[str, Experiment] = {
                 derived={"impedance_repeats": "bench.summarise", "compensation": "bench.compare_controllers"}),
             ResultTable("phasors", doubts_of="impedance", derived={"frequency_response": "bench.summarise"}),
             ResultTable("response", doubts_of="impedance"), ResultTable("response_models", doubts_of="impedance"),
-            ResultTable("response_lines", judged=False, published=False), *OF_ALL),
+            ResultTable("response_lines", judged=False, published=False),
+            ResultTable("impedance_over", doubts_of="impedance", scheduled_only=True), *OF_ALL),
         further_tables=("response_pooled", "response_models_pooled"),
         fit=FitJob("bench.fit_impedance_trial",
             {"settings": ("dynamometer", "ImpedanceAnalysis"), "weight": ("gain_weight", "Weight")},

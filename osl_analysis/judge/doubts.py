@@ -45,12 +45,14 @@ def of_whole_trial(row: AnyRow) -> bool:
 
 
 def beyond(row: AnyRow, limits: Doubt) -> Found:
-    """What of a row is beyond its limit or NaN, and how, by column; a null is not checked."""
+    """What of a row is beyond its limit or NaN, and how, by column; a null is not checked, nor is what the model leaves
+    of a person's torque: he pushes as he likes, which the interval contains."""
     found: Found = {}
+    of_person = row.get("reflex_delay_ms") is not None
     for side, word in ((limits.above, "above"), (limits.below, "below")):
         for name, limit in side.items():
             value = cell_number(row, name)
-            if limit is None or value is None:
+            if limit is None or value is None or (of_person and name in EVIDENCE and EVIDENCE[name].misfit):
                 continue
             if math.isnan(value):
                 found[name] = (value, f"{name} is not a number")

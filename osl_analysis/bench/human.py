@@ -1,0 +1,201 @@
+"""A person's joint: the stretch reflex is columns beside Eq. 15, and what is slow counts for the person's own will.
+
+The reflex is the parallel pathway of Kearney, Stein and Parameswaran (IEEE Trans. Biomed. Eng. 44, 1997): half-wave
+rectified velocity, some 40 ms late, through an impulse response of half a second; here of both directions.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import polars as pl
+from scipy.interpolate import BSpline
+from scipy.signal import fftconvolve
+from scipy.special import fdtrc, stdtrit
+
+from osl_analysis.bench import gram
+from osl_analysis.bench.analysis import Analysis
+from osl_analysis.bench.effects import IMPEDANCE, columns_of, model_of, plain_sums, with_effects
+from osl_analysis.bench.record import Record, stretches_of
+from osl_analysis.bench.settings import HumanJoint, ImpedanceAnalysis
+from osl_analysis.signals import LowPass, Motion
+from osl_analysis.stats.covariance import products_between
+from osl_analysis.stats.fit_row import Row
+from osl_analysis.trial import Array
+
+COSINES = 8  # in which an impulse response is described; each next one is broader
+EARLY_S = 0.04  # lag [s] from which on there are equally many for each doubling of it
+BLOCKS, SHORTEST_BLOCK_S = 30, 2.0  # stretches whose scores make the intervals: number, and least duration [s]
+TESTED_BLOCKS, SHORTEST_TESTED_S, FEWEST_TESTED = 48, 1.0, 20  # the same of the test for a reflex
+USUAL_DELAY_S = 0.04  # of a stretch reflex of the ankle [s]
+BEFORE_OVER_AFTER = 1.75  # how much more past speed must explain than the speed to come; sound joints: 1.5
+
+
+def human_of(record: Record) -> HumanJoint | None:
+    """How a person's joint is fitted; None of a device."""
+    return record.settings.human if isinstance(record.settings, ImpedanceAnalysis) else None
+
+
+def through_memory(signals: Array, rate_hz: float, memory_s: float) -> Array:
+    """Signals (n, k) through raised cosines on the logarithm of the lag, (n, 8 k): what impulse responses are made of,
+    up to two thirds of the memory [s], in units of the signal times seconds."""
+    log_lag = np.log(np.arange(round(memory_s * rate_hz)) / rate_hz + EARLY_S)
+    middle = np.linspace(np.log(EARLY_S), np.log(0.7 * memory_s + EARLY_S), COSINES + 2)[2:]
+    away = (log_lag[:, None] - middle) / (middle[1] - middle[0])
+    responses = (1 + np.cos(np.pi * np.clip(away / 2, -1, 1))) / 2 / rate_hz
+    return np.concatenate([fftconvolve(one[:, None], responses, axes=0)[: len(one)] for one in signals.T], axis=1)
+
+
+def late_by(columns: Array, rate_hz: float, delay_s: float) -> Array:
+    """Columns (n, k) late by a delay, with rest before them."""
+    return np.pad(columns, ((round(delay_s * rate_hz), 0), (0, 0)))[: len(columns)]
+
+
+def without_slow(record: Record, signals: Array, slow_hz: float) -> Array:
+    """Signals (n, ...) of a record without what is slower than some frequency [Hz], by a zero-phase filter."""
+    return np.asarray(signals - LowPass(slow_hz, 2)(signals, record.rate_hz))
+
+
+def without_will(record: Record, human: HumanJoint) -> Record:
+    """The record without the slow part of angle and torque, about their means, in stretches of a thirtieth."""
+    signals = [record.motion.theta, record.motion.omega, record.motion.alpha, record.filtered_torque]
+    theta, omega, alpha, torque = without_slow(record, np.array(signals).T, human.slow_hz).T
+    angle, level = (float(record.part(signals[k]).mean()) for k in (0, 3))
+    groups = stretches_of(record.pieces, record.rate_hz, max(record.seconds / BLOCKS, SHORTEST_BLOCK_S))
+    motion = Motion(theta + angle, omega, alpha)
+    return replace(record, motion=motion, filtered_torque=torque + level, groups=groups, periodic=None)
+
+
+def with_reflex(record: Record, human: HumanJoint | None = None) -> Record:
+    """The record of a person's joint, without its slow part and with the columns of the reflex; any other record as it
+    is. The delay of the reflex is the one of those in the settings with which the other stretches predict each stretch
+    best. `human` is that of the settings unless it is given."""
+    human = human or human_of(record)
+    if human is None:
+        return record
+    omega, rate, slow = record.motion.omega, record.rate_hz, record.slow
+    if human.over in ("angle", "time"):
+        slow = LowPass(human.slow_hz, 2)(record.motion.theta, rate) if human.over == "angle" else record.time
+    both = np.column_stack([np.maximum(omega, 0), np.minimum(omega, 0)])
+    columns, made = through_memory(both, rate, human.memory_s), replace(without_will(record, human), slow=slow)
+    if slow is not None:
+        shares = over_basis(made, slow) - over_basis(made, made.part(slow)).mean(axis=0)
+        moved = {"K": made.motion.theta - made.part(made.motion.theta).mean(), "B": made.motion.omega}
+        made = replace(
+            made,
+            also={
+                f"{name}_over_{k}": column
+                for name, signal in moved.items()
+                for k, column in enumerate(without_slow(record, signal[:, None] * shares[:, 1:], human.slow_hz).T, 1)
+            },
+        )
+    few, quick = made.coarse, without_slow(record, columns, human.slow_hz)[:: round(rate / made.coarse.rate_hz)]
+    left = list[float]()
+    for delay in human.delays_ms:
+        s = plain_sums(replace(few, also={**few.also, **named(late_by(quick, few.rate_hz, 1e-3 * delay))}), IMPEDANCE)
+        rest = s.total - s.gram
+        estimates = gram.solved(rest[:, :-2, :-2], rest[:, :-2, s.torque])[0]
+        error = np.column_stack([estimates, -np.ones(len(rest))])
+        left.append(float(np.einsum("mp,mpq,mq->", error, s.gram[:, :-1, :-1], error)))
+    delay_s = 1e-3 * human.delays_ms[int(np.argmin(left))]
+    also = {**made.also, **named(without_slow(record, late_by(columns, rate, delay_s), human.slow_hz))}
+    other, softer = (
+        one and with_reflex(replace(one, slow=record.slow), human) for one in (record.other, record.softer)
+    )
+    return replace(made, also=also, reflex_delay=delay_s, other=other, softer=softer)
+
+
+def over_basis(record: Record, values: Array) -> Array:
+    """Cubic B-splines (m, 6) at values (m,) of the slow signal of a record, with knots at its thirds; they sum to 1."""
+    assert record.slow is not None
+    fitted = record.part(record.slow)
+    low, *thirds, high = np.quantile(fitted, [0.0, 1 / 3, 2 / 3, 1.0])
+    knots = np.r_[[low] * 4, thirds, [high] * 4]
+    return np.asarray(BSpline.design_matrix(np.clip(values, low, high), knots, 3).toarray())
+
+
+OVER: dict[str, type[pl.DataType]] = {"trial": pl.String, "over": pl.String, "share": pl.Float64, "at": pl.Float64}
+OVER |= {f"{name}{end}": pl.Float64 for name in "KB" for end in ("", "_se", "_low", "_high")}
+
+
+def over_table(analysis: Analysis) -> pl.DataFrame:
+    """The trial's rows of `impedance_over.csv`: K and B at 5 to 95 % of the signal that they change with; none where
+    nothing is asked for."""
+    record, fit, rows, human = analysis.record, analysis.whole, list[Row](), human_of(analysis.record)
+    if record.slow is None or human is None:
+        return pl.DataFrame(schema=OVER)
+    fitted, shares = record.part(record.slow), np.linspace(0.05, 0.95, 19)
+    at = np.quantile(fitted, shares)
+    weights = over_basis(record, at) - over_basis(record, fitted).mean(axis=0)
+    shown = np.rad2deg(at) if human.over == "angle" else at - record.time[0] if human.over == "time" else at
+    for share, value, weight in zip(shares, shown, weights, strict=True):
+        row: Row = {"trial": record.name, "over": human.over, "share": float(share), "at": float(value)}
+        for name in "KB":
+            turn, own = np.zeros(len(fit.names)), [name, *(f"{name}_over_{k}" for k in range(1, len(weight)))]
+            turn[[fit.names.index(one) for one in own]] = [1.0, *weight[1:]]
+            se, free = float(np.sqrt(turn @ fit.covariance @ turn)), min(map(fit.freedom, own))
+            half, best = float(stdtrit(free, 0.975)) * se, float(turn @ fit.estimates)
+            row |= {name: best, f"{name}_se": se, f"{name}_low": best - half, f"{name}_high": best + half}
+        rows.append(row)
+    return pl.DataFrame(rows, schema=OVER)
+
+
+def named(columns: Array) -> dict[str, Array]:
+    """The columns (n, k) of a reflex by name."""
+    return {f"reflex_{k}": column for k, column in enumerate(columns.T)}
+
+
+def reflex_row(analysis: Analysis, raw: Record) -> Row:
+    """What a fit has of a reflex, and whether the torque has one that the model has not; `raw` is the record with its
+    slow part. `K_with_reflex` is K with that one in the model."""
+    record, human, fit = analysis.record, human_of(raw), analysis.whole
+    row: Row = dict.fromkeys(("reflex_share", "reflex_delay_ms", "reflex_p", "K_with_reflex"))
+    if record.reflex_delay is not None:
+        columns = {name: column for name, column in record.also.items() if name.startswith("reflex")}
+        reflex = sum(fit[name] * record.part(column) for name, column in columns.items())
+        share = 100 * float(np.var(reflex) / np.var(record.part(record.filtered_torque)))
+        row |= {"reflex_share": share, "reflex_delay_ms": 1e3 * record.reflex_delay}
+    memory = human.memory_s if human else 0.0  # the reflex that the model has ends there
+    row["reflex_p"] = p = reflex_test(record, raw, USUAL_DELAY_S + memory)
+    if p is not None and p < 1e-2:
+        longer = HumanJoint() if human is None else human.model_copy(update={"memory_s": 2 * human.memory_s})
+        with_it = with_reflex(raw, longer)
+        row["K_with_reflex"] = with_effects(plain_sums(with_it, model_of(with_it)), model_of(with_it))["K"]
+    return row
+
+
+def reflex_test(record: Record, raw: Record, delay_s: float) -> float | None:
+    """Probability of what the speed, late by a delay or more, explains of the torque, if it were chance (Wald's test by
+    the scores of stretches); None where a record, or the period after which its motion repeats itself, is too short.
+
+    The speed is the even part of a half-wave: no linear dynamics and no friction makes it. Springs, stops and friction
+    that differ between the directions do, but at once: their even columns compete, and what they leave goes along with
+    the speed to come as well as with the past one. It is 1 where past speed explains little more.
+    """
+    few, human = raw.coarse, human_of(raw) or HumanJoint()
+    groups = stretches_of(few.pieces, few.rate_hz, max(few.seconds / TESTED_BLOCKS, SHORTEST_TESTED_S))
+    blocks = len(groups.first)
+    new_s = few.seconds if raw.periodic is None else raw.periodic.period
+    if record.is_stepped_sine or min(blocks, new_s / SHORTEST_TESTED_S) < FEWEST_TESTED:
+        return None
+    columns, _ = columns_of(replace(record.coarse, motion=few.motion))
+    theta, omega, one, ramp = (columns.pop(name) for name in ("theta", "omega", "one", "ramp"))
+    even = [theta**2, np.abs(theta), theta**4, omega**2, np.abs(omega)]
+    base, speed = [theta, omega, *columns.values(), *even], np.abs(omega)[:, None]
+    explained, scores, found = list[float](), np.empty(0), np.empty(0)
+    for way in (-1, 1):  # the speed to come, then the past one
+        late = late_by(through_memory(speed[::way], few.rate_hz, human.memory_s), few.rate_hz, delay_s)[::way]
+        signals = without_slow(few, np.column_stack([*base, late, few.filtered_torque]), human.slow_hz)
+        Z = np.column_stack([one, ramp, signals])
+        each = products_between(Z, Z, groups.first, groups.stop)
+        total, less = each.sum(axis=0), np.r_[: len(base) + 2, -1]
+        explained.append(float(gram.least_left(total[np.ix_(less, less)]) - gram.least_left(total)))
+        estimates, inverse = gram.solved(total[:-1, :-1], total[:-1, -1])
+        scores, found = (
+            ((each[:, :-1, -1] - each[:, :-1, :-1] @ estimates) @ inverse)[:, -COSINES:],
+            estimates[-COSINES:],
+        )
+    if explained[1] < BEFORE_OVER_AFTER * explained[0]:
+        return 1.0
+    size = found @ np.linalg.pinv(scores.T @ scores * blocks / (blocks - 1)) @ found
+    free = blocks - COSINES
+    return float(fdtrc(COSINES, free, size * free / (COSINES * (blocks - 1))))

@@ -146,7 +146,7 @@ def named(columns: Array) -> dict[str, Array]:
 
 def reflex_row(analysis: Analysis, raw: Record) -> Row:
     """What a fit has of a reflex, and whether the torque has one that the model has not; `raw` is the record with its
-    slow part. `K_with_reflex` is K with that one in the model."""
+    slow part. `K_with_reflex` is K with that one in the model; of a person it must be beyond the interval of K."""
     record, human, fit = analysis.record, human_of(raw), analysis.whole
     row: Row = dict.fromkeys(("reflex_share", "reflex_delay_ms", "reflex_p", "K_with_reflex"))
     if record.reflex_delay is not None:
@@ -159,7 +159,9 @@ def reflex_row(analysis: Analysis, raw: Record) -> Row:
     if p is not None and p < 1e-2:
         longer = HumanJoint() if human is None else human.model_copy(update={"memory_s": 2 * human.memory_s})
         with_it = with_reflex(raw, longer)
-        row["K_with_reflex"] = with_effects(plain_sums(with_it, model_of(with_it)), model_of(with_it))["K"]
+        K = with_effects(plain_sums(with_it, model_of(with_it)), model_of(with_it))["K"]
+        low, high = fit.interval("K")
+        row |= {"reflex_p": 1.0} if human and low < K < high else {"K_with_reflex": K}
     return row
 
 
@@ -177,17 +179,17 @@ def reflex_test(record: Record, raw: Record, delay_s: float) -> float | None:
     new_s = few.seconds if raw.periodic is None else raw.periodic.period
     if record.is_stepped_sine or min(blocks, new_s / SHORTEST_TESTED_S) < FEWEST_TESTED:
         return None
-    columns, _ = columns_of(replace(record.coarse, motion=few.motion))
-    theta, omega, one, ramp = (columns.pop(name) for name in ("theta", "omega", "one", "ramp"))
-    even = [theta**2, np.abs(theta), theta**4, omega**2, np.abs(omega)]
-    base, speed = [theta, omega, *columns.values(), *even], np.abs(omega)[:, None]
+    quick = (record if human_of(raw) else without_will(raw, human)).coarse
+    theta, omega = few.motion.theta - few.part(few.motion.theta).mean(), few.motion.omega
+    even = np.array([theta**2, np.abs(theta), theta**4, omega**2, np.abs(omega)]).T
+    base = [*columns_of(quick)[0].values(), *without_slow(few, even, human.slow_hz).T]
+    speed = np.abs(omega)[:, None]
     explained, scores, found = list[float](), np.empty(0), np.empty(0)
     for way in (-1, 1):  # the speed to come, then the past one
         late = late_by(through_memory(speed[::way], few.rate_hz, human.memory_s), few.rate_hz, delay_s)[::way]
-        signals = without_slow(few, np.column_stack([*base, late, few.filtered_torque]), human.slow_hz)
-        Z = np.column_stack([one, ramp, signals])
+        Z = np.column_stack([*base, without_slow(few, late, human.slow_hz), quick.filtered_torque])
         each = products_between(Z, Z, groups.first, groups.stop)
-        total, less = each.sum(axis=0), np.r_[: len(base) + 2, -1]
+        total, less = each.sum(axis=0), np.r_[: len(base), -1]
         explained.append(float(gram.least_left(total[np.ix_(less, less)]) - gram.least_left(total)))
         estimates, inverse = gram.solved(total[:-1, :-1], total[:-1, -1])
         scores, found = (

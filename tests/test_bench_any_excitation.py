@@ -13,6 +13,7 @@ from scipy.signal import butter, cont2discrete, lfilter, lsim, sosfilt
 
 from osl_analysis.bench.analysis import analysed, timebase_table
 from osl_analysis.bench.effects import IMPEDANCE, causes, lag_of, plain_sums, stiffness_change, sums_of, with_effects
+from osl_analysis.bench.human import over_table
 from osl_analysis.bench.impedance import (
     DesiredImpedance,
     angle_noise_bias,
@@ -348,6 +349,25 @@ def test_a_reflex_is_a_doubt_of_a_device_and_columns_of_a_person():
         assert row["doubtful"] == ""
         assert row["lag_s"] is row["coulomb_share"] is row["K_drift"] is None
     assert 0.5 < np.sqrt(np.mean(np.square(z))) < 1.6
+
+
+def test_stiffness_that_a_logged_signal_schedules_is_found_over_it():
+    """K of 40 to 140 N*m/rad over a slow sine; the splines' bands hold it, and a signal that is not there is named."""
+    motion = noise(rng := np.random.default_rng(2), (1.5, 8.0), 1.2, 45.0)
+    tilt = np.sin(2 * np.pi * 0.07 * motion[0])
+    trial = made_trial(rng, motion, more=50 * tilt * motion[1][0], K=90.0, B=1.0, I=0.016)
+    trial = Trial("made", trial.samples.with_columns(tilt=tilt))
+    person = HumanJoint(over="tilt")
+    table = over_table(rendered_impedance(moving_record(trial, human=person)).analysis)
+    assert table["share"].to_list() == pytest.approx(np.arange(0.05, 0.96, 0.05))
+    z = (table["K"] - 90 - 50 * table["at"]) / table["K_se"]
+    assert np.ptp(table["K"].to_numpy()) > 85
+    assert np.sqrt(np.mean(np.square(z.to_numpy()))) < 2.2
+    assert (table["K_high"] - table["K_low"]).max() < 20
+    assert ((table["B_low"] < 1) & (table["B_high"] > 1)).mean() > 0.7
+    assert over_table(rendered_impedance(moving_record(trial, human=HumanJoint())).analysis).is_empty()
+    with pytest.raises(InputError, match="tillt"):
+        moving_record(trial, human=HumanJoint(over="tillt"))
 
 
 @pytest.mark.parametrize("even", [

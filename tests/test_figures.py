@@ -66,13 +66,23 @@ def response_tables():
     return single, single.clear().rename({"trial": "trials"})
 
 
+def over_angle():
+    """Two ankles whose stiffness rises with the angle, the second is doubtful."""
+    at = np.linspace(-15, 10, 19)
+    rows = [{"K": 60 + 2 * at + 10 * k, "B": 1 + 0 * at, "at": at, "trial": f"walker_{k}"} for k in range(2)]
+    table = pl.concat([pl.DataFrame(row) for row in rows]).with_columns(over=pl.lit("angle"), share=0.5)
+    ends = {f"{q}_{end}": pl.col(q) + sign for q in "KB" for end, sign in (("low", -0.5), ("high", 0.5))}
+    doubtful = pl.when(trial="walker_1").then(pl.lit("reflex: it has one")).otherwise(pl.lit(""))
+    return drawing_of("impedance_over").points(table.with_columns(**ends, doubtful=doubtful))
+
+
 PLACE, CAMS = (None, None), [f"both_cams_{5 * number:02d}mm" for number in range(11)]
 PLOTTED = {
     "fig4": time_series, "torque": time_series, "fig7": response_table, "torque_angle": torque_angle_table,
     "fig5": lambda: fig5.points(stored("impedance")), "fig6": lambda: fig6.points(stored("impedance")),
     "fig8": lambda: fig8.points(stored("gains")), "fig9": lambda: fig9_points(340.0, commanded_B=4.5),
     "gain_grid": lambda: stored("impedance").select("K_d", "B_d", B_1_joint=pl.col("K") / 9),
-    "response": lambda: response.points(*response_tables()),
+    "impedance_over": over_angle, "response": lambda: response.points(*response_tables()),
     "model_comparison": lambda: model_comparison.points(stored("model_comparison")),
 }  # fmt: skip
 
@@ -186,6 +196,7 @@ SHOWN = [
        100 * pl.col("phase"), ("estimate", "low", "high", "commanded")) for k, q in enumerate("KBI")),
     *(("impedance_over_stance", None, 0, pl.col("quantity") == "K",
        100 * pl.col(end), ("estimate",)) for end in ("onset_phase", "end_phase")),
+    *(("impedance_over", None, k, True, "at", (q, f"{q}_low", f"{q}_high")) for k, q in enumerate("KB")),
     ("torque_angle", torque_angle_table, 0, True, "angle_deg", ("torque", "desired_torque")),
     ("torque_angle", torque_angle_table, 1, pl.col("branch") == "loading", "angle_deg",
      ("stiffness", "stiffness_low", "stiffness_high")),
@@ -267,6 +278,8 @@ SAID = [
      "at the onset the mean response is −1.50 deg (SD 0.71) and −1.50 N·m (SD 0.71)"], ["Doubtful fit"]),
     ("impedance_over_stance", None, {"n": pl.lit(7)}, ["Fit of mean response",
      "all at 25 % of stance, 7 perturbations: $K$ 75.0 N·m/rad (95 % interval 67.5 to 82.5)"], []),
+    ("impedance_over", None, {}, ["Slow part of the joint angle", r"walker\_0: $\hat{K}$ goes from 30.00 N·m/rad (95 %",
+     " to 80.00 N·m/rad (95 % interval 79.50 to 80.50).", r"1 of 2 fits (walker\_1), for reflex"], []),
     ("torque_angle", torque_angle_table, {"stiffness": SLOPE}, [r"1 of 11 trials (both\_cams\_15mm)", "Doubtful trial",
      r"both\_cams\_00mm: −4 to 6 N·m, steepest 62 N·m/rad.", "Desired", "both cams 15mm"], []),
     ("model_comparison", None, {}, ["(a) Belt", "(b) Rendered impedance",

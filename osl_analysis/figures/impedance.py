@@ -3,6 +3,7 @@
 import textwrap
 from itertools import pairwise
 
+import matplotlib as mpl
 import numpy as np
 import polars as pl
 from matplotlib.axes import Axes
@@ -360,9 +361,50 @@ def fig6_caption(table: pl.DataFrame) -> str:
     return " ".join([*said, names.doubtful_said(table, "drawn open")])
 
 
+@style.paper_style()
+def draw_over(table: pl.DataFrame) -> Figure:
+    """(a) Stiffness, (b) damping over the slow signal that they change with, each trial with its 95 % interval."""
+    parts, signal = names.placed_rows(table), table["over"][0]
+    titles = [name for name, _ in parts for _ in range(2)]
+    figure, axes = style.panels(style.DOUBLE_COLUMN, 2.5 * len(parts) + 0.3, rows=len(parts), columns=2, names=titles)
+    where = {"angle": "Slow part of the joint angle (deg)", "time": "Time (s)"}.get(signal, names.drawn_name(signal))
+    shades = mpl.colormaps["viridis"](np.linspace(0, 0.6, table["trial"].n_unique()))
+    colours = dict(zip(table["trial"].unique(maintain_order=True), shades, strict=True))
+    for number, ax in enumerate(axes):
+        name, label = (("K", "Stiffness (N·m/rad)"), ("B", "Damping (N·m·s/rad)"))[number % 2]
+        for trial in parts[number // 2][1].partition_by("trial", maintain_order=True):
+            (own,) = trial["trial"].unique()
+            line = style.DOTTED if style.has_doubtful(trial) else "-"
+            ax.fill_between(
+                trial["at"], trial[f"{name}_low"], trial[f"{name}_high"], color=colours[own], alpha=0.25, lw=0
+            )
+            ax.plot(trial["at"], trial[name], color=colours[own], linestyle=line, label=names.drawn_name(own))
+        ax.set_xlabel(where)
+        ax.set_ylabel(label)
+    style.legend_above(figure, style.legend_entries(axes[::2]), 4)
+    return figure
+
+
+def over_caption(table: pl.DataFrame) -> str:
+    said = [FIGURES["impedance_over"].caption]
+    for trial in table.partition_by("trial", maintain_order=True):
+        ends = (
+            names.with_interval(row["K"], row["K_low"], row["K_high"], "N·m/rad")
+            for row in (trial.row(k, named=True) for k in (0, -1))
+        )
+        said.append(f"{names.as_text(trial['trial'][0])}: $\\hat{{K}}$ goes from {' to '.join(ends)}.")
+    return " ".join([*said, names.doubtful_said(table.unique("trial", maintain_order=True), "drawn dotted")])
+
+
 OF_FITS = ("trial", "controller", "K_d", "B_d", "amplitude_deg")
 FIG4 = style.Drawing(columns_of("fig4"), draw_fig4, fig4_caption)
 FIG5 = style.Drawing(
     columns_of("fig5"), draw_fig5, fig5_caption, fig5_points, (*OF_FITS, "K", "K_low", "K_high", "B", "B_low", "B_high")
+)
+IMPEDANCE_OVER = style.Drawing(
+    columns_of("impedance_over"),
+    draw_over,
+    over_caption,
+    lambda table: names.completed(table, columns_of("impedance_over"), True),
 )
 FIG6 = style.Drawing(columns_of("fig6"), draw_fig6, fig6_caption, fig6_points, (*OF_FITS, "VAF"))

@@ -54,7 +54,7 @@ BELT_ERROR = 80e-6  # s by which hysteresis that is not made of these shifts a l
 CANNOT_TELL = (IdentifiabilityError, InputError, np.linalg.LinAlgError)  # a motion does not tell effects apart
 
 
-def model_of(record: Record) -> Model:
+def eq15_of(record: Record) -> Model:
     """Eq. 15, with what is fitted beside it."""
     return {**IMPEDANCE, **{name: name for name in record.also}}
 

@@ -29,7 +29,7 @@ from osl_analysis.trial import Array
 
 FEWEST_UNITS = 4  # strata from which on these are the units that are left out; below, each group is one
 FEWEST_GROUPS = 8  # groups that do not repeat from whose scores an interval comes
-BESIDE = ("reflex_", "K_over_", "B_over_")
+NO_ESTIMATES = ("reflex_", "K_over_", "B_over_")
 """How columns of a person's joint begin that are like one another, and are no estimates."""
 NEXT = {"theta": "omega", "omega": "alpha", "alpha": "jerk", "jerk": "snap"}  # derivatives
 NEXT |= {"linear": "linear_rate", "sign": "sign_rate"}
@@ -331,7 +331,7 @@ def identified(model: Mapping[str, str], A: Array, b: Array, limit: float) -> tu
     of the columns, beside an offset; and their scaled condition number. Raises IdentifiabilityError: it is above the
     limit, or a column is 0."""
     estimates, inverse = solved(A, b)
-    varies = [k for k, column in enumerate(model.values()) if not column.startswith(("one", *BESIDE))]
+    varies = [k for k, column in enumerate(model.values()) if not column.startswith(("one", *NO_ESTIMATES))]
     about_means = inverse[np.ix_(varies, varies)]
     scale = np.sqrt(regression.check_not_zero(tuple(model), np.diag(A)))
     values, vectors = np.linalg.eigh(A / np.outer(scale, scale))

@@ -14,7 +14,7 @@ from scipy.special import fdtrc, stdtrit
 
 from osl_analysis.bench import gram
 from osl_analysis.bench.analysis import Analysis
-from osl_analysis.bench.effects import IMPEDANCE, columns_of, model_of, plain_sums, with_effects
+from osl_analysis.bench.effects import IMPEDANCE, columns_of, eq15_of, plain_sums, with_effects
 from osl_analysis.bench.record import Record, stretches_of
 from osl_analysis.bench.settings import HumanJoint, ImpedanceAnalysis
 from osl_analysis.signals import LowPass, Motion
@@ -91,13 +91,15 @@ def with_reflex(record: Record, human: HumanJoint | None = None) -> Record:
     few, quick = made.coarse, without_slow(record, columns, human.slow_hz)[:: round(rate / made.coarse.rate_hz)]
     left = list[float]()
     for delay in human.delays_ms:
-        s = plain_sums(replace(few, also={**few.also, **named(late_by(quick, few.rate_hz, 1e-3 * delay))}), IMPEDANCE)
+        s = plain_sums(
+            replace(few, also={**few.also, **reflex_columns(late_by(quick, few.rate_hz, 1e-3 * delay))}), IMPEDANCE
+        )
         rest = s.total - s.gram
         estimates = gram.solved(rest[:, :-2, :-2], rest[:, :-2, s.torque])[0]
         error = np.column_stack([estimates, -np.ones(len(rest))])
         left.append(float(np.einsum("mp,mpq,mq->", error, s.gram[:, :-1, :-1], error)))
     delay_s = 1e-3 * human.delays_ms[int(np.argmin(left))]
-    also = {**made.also, **named(without_slow(record, late_by(columns, rate, delay_s), human.slow_hz))}
+    also = {**made.also, **reflex_columns(without_slow(record, late_by(columns, rate, delay_s), human.slow_hz))}
     other, softer = (
         one and with_reflex(replace(one, slow=record.slow), human) for one in (record.other, record.softer)
     )
@@ -139,7 +141,7 @@ def over_table(analysis: Analysis) -> pl.DataFrame:
     return pl.DataFrame(rows, schema=OVER)
 
 
-def named(columns: Array) -> dict[str, Array]:
+def reflex_columns(columns: Array) -> dict[str, Array]:
     """The columns (n, k) of a reflex by name."""
     return {f"reflex_{k}": column for k, column in enumerate(columns.T)}
 
@@ -159,7 +161,7 @@ def reflex_row(analysis: Analysis, raw: Record) -> Row:
     if p is not None and p < 1e-2:
         longer = HumanJoint() if human is None else human.model_copy(update={"memory_s": 2 * human.memory_s})
         with_it = with_reflex(raw, longer)
-        K = with_effects(plain_sums(with_it, model_of(with_it)), model_of(with_it))["K"]
+        K = with_effects(plain_sums(with_it, eq15_of(with_it)), eq15_of(with_it))["K"]
         low, high = fit.interval("K")
         row |= {"reflex_p": 1.0} if human and low < K < high else {"K_with_reflex": K}
     return row

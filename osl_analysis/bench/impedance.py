@@ -111,7 +111,7 @@ def rendered_impedance(raw: Record, expected: effects.Admittance | None = None) 
     try:
         if moving_s < SHORTEST_S:
             raise IdentifiabilityError("K, B and I cannot be told from so little")
-        analysis = analysed(record, sums, effects.model_of(record))
+        analysis = analysed(record, sums, effects.eq15_of(record))
     except IdentifiabilityError as error:
         if record.is_stepped_sine:  # what its poorest amplitude has, and which band is missing
             found = {x: sorted({one.frequency_hz for one in of.strata if one.label == x}) for x in of.labels}

@@ -10,7 +10,7 @@ import polars as pl
 
 from osl_analysis.bench.analysis import analysed
 from osl_analysis.bench.components import PLACE, belt_figure_points
-from osl_analysis.bench.effects import model_of, plain_sums
+from osl_analysis.bench.effects import eq15_of, plain_sums
 from osl_analysis.bench.human import with_reflex
 from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.bench.record import record_of_trial
@@ -143,7 +143,7 @@ def fig4(
     label = record.label_near(choice["amplitude_deg"])
     amplitude = pl.col("amplitude_deg")
     shown = amplitude.is_null() if label is None else (amplitude - label).abs() < 1e-6
-    series = analysed(record, plain_sums(record, model_of(record)), model_of(record)).last_seconds(
+    series = analysed(record, plain_sums(record, eq15_of(record)), eq15_of(record)).last_seconds(
         label, choice["duration_s"]
     )
     doubtful = marked(read_table(fit), limits, "impedance").filter(shown)["doubtful"][0]

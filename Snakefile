@@ -35,7 +35,6 @@ from osl_analysis.report import TEMPLATES
 from osl_analysis.study import BENCH_EXPERIMENTS, REPEATED as STUDY_OF_REPEATS, WALKING_EXPERIMENTS, study_batches
 
 try:
-    check_working_folder()
     list(with_shipped_profile(sys.argv))  # a mistyped profile is refused
     DEFAULT = default_config()
     FILES = [DEFAULT, *(Path(os.path.relpath(file)) for file in reversed(workflow.configfiles))]
@@ -43,6 +42,7 @@ try:
     if CONFIG.simulation:
         from osl_analysis.commands.simulate import planned_sheet, settings_files  # it loads the simulator
     CAMPAIGN = open_campaign(CONFIG, planned_sheet(CONFIG.simulation, CONFIG.sheet) if CONFIG.simulation else None)
+    check_working_folder(CONFIG.results)
     check_start(CAMPAIGN)
     TIME_SERIES, RESPONSE = time_series_example(CAMPAIGN), response_example(CAMPAIGN)
     SIMULATION_FILES = settings_files(CONFIG.simulation, CONFIG.shared()) if CONFIG.simulation else []

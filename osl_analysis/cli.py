@@ -2,6 +2,7 @@
 
 import errno
 import math
+import os
 import shlex
 import signal
 import sys
@@ -110,6 +111,7 @@ class OneLineErrors(click.Group):
             return super().invoke(ctx)
         except KeyboardInterrupt:
             click.echo("interrupted", err=True)
+            sys.stderr = open(os.devnull, "w")  # noqa: SIM115  # Snakemake's coroutines say that nobody waited for them
             sys.exit(130)
         except click.UsageError as error:
             raise click.UsageError(printable(error.format_message()), error.ctx) from error

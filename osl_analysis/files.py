@@ -45,10 +45,13 @@ def atomic_path(path: Path) -> Iterator[Path]:
             temporary.unlink(missing_ok=True)
 
 
-def check_working_folder() -> None:
-    """Refuse a working folder in which Snakemake cannot keep its notes: it would end with a traceback."""
-    if not os.access(Path(), os.W_OK):
-        raise InputError(f"{Path.cwd()}: cannot be written to; copy the campaign to a folder that can")
+def check_working_folder(results: Path = Path(".snakemake")) -> None:
+    """Refuse folders in which a run cannot write results or Snakemake its notes: it would end with a traceback."""
+    for folder in (Path(), *(one for top in {Path(".snakemake"), results} for one in (top, *top.glob("*/")))):
+        if folder.is_dir() and not os.access(folder, os.W_OK):
+            raise InputError(f"{folder.absolute()}: cannot be written to; make it writable, or copy the campaign")
+    if (disk := os.statvfs(results if results.is_dir() else Path())).f_blocks and disk.f_bavail * disk.f_frsize < 10e6:
+        raise InputError(f"{results.absolute()}: less than 10 MB free on its disk; make room, or work on another one")
 
 
 def check_target(path: Path) -> None:

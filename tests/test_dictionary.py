@@ -1,5 +1,9 @@
 """Tables read back as they were written, and every column has a unit and a meaning in the data dictionary."""
 
+from contextlib import nullcontext
+from pathlib import Path
+from types import SimpleNamespace
+
 import polars as pl
 import pytest
 from hypothesis import given
@@ -88,10 +92,21 @@ def test_a_failure_while_writing_leaves_the_old_file_and_nothing_else(tmp_path, 
         temporary.write_text(f"half {1 / 0}")
     assert [path.read_text() for path in tmp_path.iterdir()] == ["old"]
     assert (file_state(tmp_path / "none"), digest(tmp_path / "none")) == (None, None)
-    check_working_folder()
-    monkeypatch.setattr("os.access", lambda path, mode: False)
-    with pytest.raises(InputError, match="cannot be written to; copy the campaign to a folder that can"):
-        check_working_folder()
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "raw_data").mkdir()
+    for name in (".snakemake/log", "results/tables"):
+        (tmp_path / name).mkdir(parents=True)
+        check_working_folder(Path("results"))
+        monkeypatch.setattr("os.access", lambda path, mode, name=name: str(path) not in (name, "raw_data"))
+        with pytest.raises(InputError, match=f"{tmp_path}/{name}: cannot be written to; make it writable, or copy"):
+            check_working_folder(Path("results"))
+        monkeypatch.undo()
+        monkeypatch.chdir(tmp_path)
+    for free in (9, 10):  # MB
+        room = SimpleNamespace(f_blocks=1, f_frsize=10**6, f_bavail=free)
+        monkeypatch.setattr("os.statvfs", lambda path, room=room: room)
+        with pytest.raises(InputError, match="less than 10 MB free") if free < 10 else nullcontext():
+            check_working_folder()
 
 
 @pytest.mark.parametrize(("content", "message"), [

@@ -15,6 +15,7 @@ import numpy as np
 import polars as pl
 import pytest
 from conftest import ROOT
+from snakemake.exceptions import LockException, format_exception_to_string
 from snakemake_interface_logger_plugins.common import LogEvent
 
 from osl_analysis.campaign.configuration import read_section
@@ -405,14 +406,25 @@ def test_a_run_has_a_line_now_and_then_one_per_stage_and_what_is_refused_at_once
         tell(lines, LogEvent.JOB_INFO, jobid=job, rule_name="ingest", log=logs if job == 39 else None)
         clock.now += 0.5
         tell(lines, LogEvent.JOB_FINISHED, job_id=job)
-    tell(lines, LogEvent.ERROR, "Error: Directory cannot be locked.", logging.ERROR)
+    tell(lines, LogEvent.ERROR, format_exception_to_string(LockException()), logging.ERROR)
+    disk, full = "Read-only file system: 'results/t.csv'", "a.json: cannot be written (No space left); make room"
+    for text in (
+        f"Traceback (most recent call last):\n  File\n\nOSError: [Errno 30] {disk}\n",
+        f"InputFunctionException in rule a:\nError:\n  WriteError: {full}\nWildcards:\n\nTraceback:\n  File",
+        "RuleException:\nOslAnalysisError in file: see above, and run again",
+    ):
+        tell(lines, LogEvent.ERROR, text, logging.ERROR)
+    tell(lines, LogEvent.JOB_ERROR, "Error in rule a", logging.ERROR, rule_msg=None)
     for settings in ((True, False), (False, True)):  # verbose and dry runs have the lines of Snakemake
         tell(LogHandler(SimpleNamespace(verbose=settings[0], dryrun=settings[1]), None), text="Unlocked.")
     assert lines.total.total() == 40
     assert capsys.readouterr().err.splitlines() == [
         "Unlocked.", "read and check recordings 21/40, 2/s, 10 s left",
         *(rf"{outcome}: {outcome}: b.mcap: no such file\x1b[31m" for outcome in outcomes[:3]),
-        "read and check recordings 40/40 in 20 s", "Error: Directory cannot be locked.",
+        "read and check recordings 40/40 in 20 s",
+        f"error: {Path.cwd()}: another run is at work here: wait for it; or a killed one left its lock: remove it with "
+        "`osl-analysis run --unlock` (in a clone `snakemake --unlock`), and run again",
+        f"error: {disk}; make room, or make it writable, and run again", f"error: {full}",
     ]  # fmt: skip
 
 

@@ -28,9 +28,16 @@ STAGES = {
 """By stage: what the names of its rules begin with, behind the prefix of a module. The first that fits counts."""
 NOT_TOLD = re.compile(
     r"Building DAG|Assuming unrestricted|Using |Provided cores|Rules claiming|Select jobs|Execute \d|Complete log|"
-    r"Elapsed time|host: |Finished job|SNAKEMAKE|\s*$"
+    r"Elapsed time|host: |Finished job|SNAKEMAKE|RuleException:\s+OslAnalysisError|\s*$"
 )
-"""What lines of Snakemake begin with that tell a user nothing."""
+"""What lines of Snakemake begin with that tell a user nothing, or what a job has told."""
+CANNOT_GO_ON = {
+    r"LockException.*directory:\n(.+?)\n.*": r"\1: another run is at work here: wait for it; or a killed one left its "
+    "lock: remove it with `osl-analysis run --unlock` (in a clone `snakemake --unlock`), and run again",
+    r".*(?:Write|Input)Error(?: in file [^\n]+)?:\s+([^\n]+).*": r"\1",
+    r".*Error: \[Errno (?:5|13|2[78]|30|122)\] ([^\n]+).*": r"\1; make room, or make it writable, and run again",
+}
+"""By many lines with which a run of Snakemake ends: what our line says. The numbers are those of a disk's errors."""
 
 
 def stage_of(rule: str) -> str:
@@ -61,7 +68,7 @@ class LogHandler(LogHandlerBase):
     def emit(self, record: LogRecord) -> None:
         """Take one record. A line that cannot be written must not end the thread that takes them."""
         event, known = getattr(record, "event", None), record.__dict__
-        if not self.is_quiet:
+        if not self.is_quiet or (event == LogEvent.JOB_ERROR and not known["rule_msg"]):  # the job has told its error
             return
         try:
             if event == LogEvent.RUN_INFO:
@@ -76,6 +83,8 @@ class LogHandler(LogHandlerBase):
                 self.finish(*self.jobs.pop(known["job_id"], ("", [])))
             elif record.levelno >= WARNING or (event is None and record.levelno >= INFO):
                 text = self.format(record)
+                for many, ours in CANNOT_GO_ON.items():
+                    text = re.sub(rf"\A{many}\Z", f"error: {ours}", text, flags=re.DOTALL)
                 if not NOT_TOLD.match(text):
                     self.line(text)
         except Exception:
@@ -86,12 +95,11 @@ class LogHandler(LogHandlerBase):
         if name not in self.total:
             return
         self.done[name] += 1
-        for log in logs:
-            ended = read_log(Path(log))
-            if ended is not None and ended["outcome"] in ("refused", "failed", "died"):
-                kind = ended["outcome"], alike(ended["error"], Path(log).stem)
+        for log in map(Path, logs):
+            if (ended := read_log(log)) and ended["outcome"] in ("refused", "failed", "died"):
+                kind = ended["outcome"], alike(ended["error"], log.stem)
                 if kind not in self.told:  # the list at the end of the run names the others with this cause
-                    self.line(f"{ended['outcome']}: {Path(log).stem}: {printable(ended['error'])}")
+                    self.line(f"{ended['outcome']}: {log.stem}: {printable(ended['error'])}")
                 self.told.add(kind)
         done, total, now = self.done[name], self.total[name], time.monotonic()
         spent = max(now - self.started[name], 1e-3)

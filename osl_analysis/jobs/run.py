@@ -185,3 +185,5 @@ def at_end_of_run(workflow: Any, logs: Path, said: Callable[[Sequence[str]], str
             os._exit(1)  # at the exit of Python there is no other way
 
     atexit.register(end)
+    if signal.getsignal(signal.SIGHUP) == signal.SIG_DFL:  # a closed terminal leaves no lock, as after SIGTERM
+        signal.signal(signal.SIGHUP, lambda *_: signal.raise_signal(signal.SIGTERM))

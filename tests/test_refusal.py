@@ -4,6 +4,7 @@ import json
 import logging
 import os
 import re
+import signal
 import warnings
 import zipfile
 from contextlib import nullcontext
@@ -443,5 +444,14 @@ def test_files_that_a_killed_run_has_not_made_are_named_at_its_end(tmp_path, mon
     monkeypatch.chdir(tmp_path)
     dag = SimpleNamespace(jobs=[SimpleNamespace(output=[__file__, "lost.csv"])])
     stub = SimpleNamespace(dryrun=False, scheduler=1, is_main_process=True, dag=dag)
-    jobs_run.at_end_of_run(stub, tmp_path, lambda _: "", True)
+    ended: list[int] = []
+    before = [(one, signal.getsignal(one)) for one in (signal.SIGHUP, signal.SIGTERM)]
+    signal.signal(signal.SIGTERM, lambda number, _: ended.append(number))
+    for set_to in (signal.SIG_IGN, signal.SIG_DFL):  # as under nohup, which a closed terminal does not end
+        signal.signal(signal.SIGHUP, set_to)
+        jobs_run.at_end_of_run(stub, tmp_path, lambda _: "", True)
+        signal.raise_signal(signal.SIGHUP)
+    for one in before:
+        signal.signal(*one)
+    assert ended == [signal.SIGTERM]
     assert "not made: lost.csv; run again, what is finished stays" in capsys.readouterr().err

@@ -1,8 +1,8 @@
 """The command line `osl-analysis`: one trial, or one pair of gains, at a time; `snakemake` runs whole campaigns."""
 
 import errno
+import io
 import math
-import os
 import shlex
 import signal
 import sys
@@ -111,7 +111,7 @@ class OneLineErrors(click.Group):
             return super().invoke(ctx)
         except KeyboardInterrupt:
             click.echo("interrupted", err=True)
-            sys.stderr = open(os.devnull, "w")  # noqa: SIM115  # Snakemake's coroutines say that nobody waited for them
+            sys.stderr = io.StringIO()  # for coroutines of Snakemake, which say that nobody has waited for them
             sys.exit(130)
         except click.UsageError as error:
             raise click.UsageError(printable(error.format_message()), error.ctx) from error

@@ -179,6 +179,14 @@ def test_a_stiffness_far_from_what_the_gains_should_give_is_doubtful():
         row = judged("impedance", changed("impedance", torque=factor), asked=KNOWN)
         assert re.search(words, row["doubtful"]), row["doubtful"]
         assert row["doubtful"].lower().count("check unit") == 1, "what to do is said once"
+    own = DesiredImpedance("own", 200, None)  # whose gains are not known
+    for factor, words in (
+        (1e-3, r"^stiffness unlike K_d: .*K is 0\.001 times K_d, 1e\+03 is the factor .*N\*mm.*K_over_K_d 0\.001 is below"),
+        (2.5, r"K_over_K_d 2\.\d+ is above 2\]"), (0.7, "^$"), (1.5, "^$"),
+    ):  # fmt: skip
+        row = judged("impedance", changed("impedance", torque=factor), asked=own)
+        assert re.search(words, row["doubtful"]), row["doubtful"]
+    assert judged("impedance", RECORDINGS["impedance"], asked=KNOWN)["K_over_K_d"] is None, "K_ratio judges it"
 
 
 def test_an_impedance_trial_with_the_actuators_angle_holds_torque_and_angles_against_the_belt():

@@ -461,7 +461,8 @@ def judged_impedance(
     expected = joint_admittance(gains.K_1, gains.B_1, p, p.J_j) if p and gains else None
     rendered = rendered_impedance(record, expected)
     predicted = linear_estimates(rendered.sums).tolist() if expected else None
-    table = plausible_impedance(impedance_table(rendered, p), rails, p, predicted[0] if predicted else None)
+    K_given, K_d = predicted[0] if predicted else None, desired.K_d if desired else None
+    table = plausible_impedance(impedance_table(rendered, p), rails, p, K_given, K_d)
     gap = pl.lit(None, pl.Float64)
     if predicted and gains and gains.cancels_friction:
         sizes = pl.Series([torque_per_angle(rendered.sums, label) for label in rendered.analysis.fits])

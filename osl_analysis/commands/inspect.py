@@ -59,29 +59,14 @@ def first_look(folder: Path) -> Iterator[str]:
             try:
                 recorded = checked_trial(campaign.recording(trial), config.raw_data, config.sources)
                 fitted = fit_of_row(recorded, row, campaign.device(trial), CAMPAIGN).table
-                far = off_desired(fitted, row)
-                is_sound = not far and not ("doubtful" in fitted and any(fitted["doubtful"].to_list()))
-                said = "\n".join([far] * bool(far) + [estimates_text(fitted)])
+                is_sound = not ("doubtful" in fitted and any(fitted["doubtful"].to_list()))
+                said = estimates_text(fitted)
             except OslAnalysisError as error:
                 said = str(error)
             except Exception as fault:  # a fault of the program in one recording must not hide the others
                 said = unexpected(fault)
             title = f"first trial of experiment {experiment}, {trial}: {'ok' if is_sound else 'LOOK AT IT'}"
             yield "\n  ".join([title, *said.splitlines()])
-
-
-def off_desired(estimates: pl.DataFrame, row: Mapping[str, Any]) -> str:
-    """What a stiffness far from the K_d of an impedance trial may mean; empty if it is near, or no K_d is known."""
-    K_d = row["K_d"]
-    if row["experiment"] != "impedance" or K_d is None:
-        return ""
-    ratio = float(estimates["K"][-1]) / float(K_d)
-    if 0.6 <= ratio <= 1.67:  # beyond, a unit or K_d is probably wrong: a joint renders K_d to some 20 %
-        return ""
-    return (
-        f"K is {ratio:.3g} times the K_d = {float(K_d):g} N*m/rad of this trial: are K_d and the units of torque and "
-        "angle right?"
-    )
 
 
 def fit_of_row(trial: Trial, row: Mapping[str, Any], device: Path | None, config: Path) -> Fit:
@@ -431,8 +416,6 @@ def examined(path: Path, folder: Path, bench: WatchedBench) -> Iterator[str]:
         yield f"VAF {estimates['VAF']:.2f} %"
     if estimates.get("doubtful"):
         yield f"DOUBTFUL: {estimates['doubtful']}"
-    if far := off_desired(fitted.table, row):
-        yield f"LOOK AT IT: {far}"
     kind = [str(row[name]) if row.get(name) else "" for name in ("experiment", "joint", "side", "controller")]
     name = path.relative_to(folder).as_posix()
     yield from beside_siblings(name, kind, comparable(trial, row, estimates), bench.output / "measured.json")

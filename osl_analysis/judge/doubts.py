@@ -203,7 +203,7 @@ def doubts(row: AnyRow, found: Found, of_trial: Cause | None, single: bool) -> I
     misfit_by = explaining(row, found) or of_trial
     by_cause: dict[Cause, list[str]] = {}
     # first: a wrong unit or sign makes others of these
-    units = CAUSES["another unit"], CAUSES["unlikely size"], CAUSES["impossible estimate"]
+    units = [CAUSES[name] for name in ("another unit", "unlikely size", "stiffness unlike K_d", "impossible estimate")]
     for name in sorted(filter(EVIDENCE.__contains__, found), key=lambda name: EVIDENCE[name].cause not in units):
         cause = cause_in(name, found[name][0], row)
         by_cause.setdefault(misfit_by if misfit_by and EVIDENCE[name].misfit else cause, []).append(name)
@@ -431,10 +431,15 @@ def plausible(table: pl.DataFrame, rails: pl.Expr, p: DrivetrainParameters | Non
 
 
 def plausible_impedance(
-    table: pl.DataFrame, rails: pl.Expr, p: DrivetrainParameters | None, predicted: float | None = None
+    table: pl.DataFrame,
+    rails: pl.Expr,
+    p: DrivetrainParameters | None,
+    predicted: float | None = None,
+    K_d: float | None = None,
 ) -> pl.DataFrame:
     """The rows of Eq. 15 with `saturated_samples`, `K_over_K_s` and `K_ratio`: K over `predicted`, by linear theory
-    [N*m/rad], if the gains are known, of the largest amplitude in every row, since friction changes K least there.
+    [N*m/rad], if the gains are known, else `K_over_K_d`, over K_d [N*m/rad] if that is stated. Both are of the largest
+    amplitude in every row, since friction changes K least there.
     Raises InputError: K is negative, its interval too, or larger than that of the belt through which the motor acts."""
     last = table.row(-1, named=True)
     check_resists(last["trial"], "K", K := last["K"], last["K_high"])
@@ -448,9 +453,11 @@ def plausible_impedance(
             f"{factor and f'{factor}: '}{what} in the source file"
         )
     largest = pl.lit(table.sort("amplitude_deg", nulls_last=False)["K"][-1])
-    of_gains = (largest / predicted if predicted else pl.lit(None, pl.Float64)).alias("K_ratio")
-    of_belt = (pl.col("K") / p.K_s if p and p.K_s else pl.lit(None, pl.Float64)).alias("K_over_K_s")
-    return table.with_columns(rails, of_belt, of_gains)
+    none = pl.lit(None, pl.Float64)
+    of_gains = (largest / predicted if predicted else none).alias("K_ratio")
+    of_sheet = (none if predicted or not K_d else largest / K_d).alias("K_over_K_d")
+    of_belt = (pl.col("K") / p.K_s if p and p.K_s else none).alias("K_over_K_s")
+    return table.with_columns(rails, of_belt, of_gains, of_sheet)
 
 
 def check_told(

@@ -46,6 +46,7 @@ class Settings(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
     REMOVED: ClassVar[Mapping[str, str]] = {}
+    OF: ClassVar[str] = ""  # of what its known fields are, for messages, as ` of format csv`
 
     @model_validator(mode="before")
     @classmethod
@@ -55,7 +56,8 @@ class Settings(BaseModel):
             raise ValueError(f"write its fields below it, as `name: value`; the known ones are {known}")
         allowed = cls.model_fields if cls.model_config.get("extra") == "forbid" else content
         for name in (name for name in content if name not in allowed) if isinstance(content, dict) else ():
-            said = f"unknown field '{{field}}'; the known ones are {known}{nearest(str(name), cls.model_fields)}"
+            like = nearest(str(name), cls.model_fields)
+            said = f"unknown field '{{field}}'; the known ones{cls.OF} are {known}{like}"
             if name in cls.REMOVED:
                 said = f"field '{{field}}' is gone: {cls.REMOVED[name]}"
             raise PydanticCustomError("unknown_field", "{reason}", {"reason": said, "place": (name,)})
@@ -117,6 +119,8 @@ def read_mapping(path: Path, by_snakemake: bool = False) -> dict[str, Any]:
             said = " ".join(what + place for what, place in at)
         if "cannot start any token" in said or "tab character" in said:
             remedy = "indent with blanks, not with tabs, and put text that begins with a sign such as % or @"
+        if re.search(r"(?m)^\s*//", text):
+            remedy = "begin comments with #, not with //, and put text with such signs"
         raise InputError(f"{path}: not YAML: {said}; {remedy} in quotes") from error
     if not isinstance(content, dict):
         raise InputError(f"{path}: has no fields; write `name: value` lines as in the shipped files")

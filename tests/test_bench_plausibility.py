@@ -181,7 +181,7 @@ def test_a_stiffness_far_from_what_the_gains_should_give_is_doubtful():
         assert row["doubtful"].lower().count("check unit") == 1, "what to do is said once"
     own = DesiredImpedance("own", 200, None)  # whose gains are not known
     for factor, words in (
-        (1e-3, r"^stiffness unlike K_d: .*K is 0\.001 times K_d, 1e\+03 is the factor .*N\*mm.*K_over_K_d 0\.001 is below"),
+        (1e-3, r"^stiffness unlike K_d: .*K is 0\.001 times K_d, 1e\+03 is the .*N\*mm.*K_over_K_d 0\.001 is below"),
         (2.5, r"K_over_K_d 2\.\d+ is above 2\]"), (0.7, "^$"), (1.5, "^$"),
     ):  # fmt: skip
         row = judged("impedance", changed("impedance", torque=factor), asked=own)

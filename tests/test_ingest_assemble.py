@@ -302,8 +302,8 @@ def test_markers_that_were_never_seen_are_refused_where_they_are_needed_and_told
     assert capture_of(tmp_path, hidden, "walking").provenance["warnings"] == []
 
 
-@pytest.mark.parametrize("delay", [2, -2])
-def test_a_delay_longer_than_the_log_is_refused_with_the_file(tmp_path: Path, delay: int) -> None:
+def test_a_delay_longer_than_the_log_is_refused_with_the_file(tmp_path: Path) -> None:
+    delay = 2
     log_of(tmp_path, 0.1, 1.0)
     (tmp_path / "s.yaml").write_text(CSV_LOG.replace("UNIT", "rad").replace("N*m}", f"N*m, delay: {delay} s}}"))
     with pytest.raises(InputError, match=rf"^{tmp_path}/log\.csv: torque: a delay of {delay} s is .*; correct `delay`"):

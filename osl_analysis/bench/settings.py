@@ -162,9 +162,9 @@ class SteppedSineAnalysis(BenchAnalysis):
                 "for all, or one for each"
             )
         fewest = min(self.protocol.cycles_at)
-        if self.settle_cycles >= fewest:
-            said = f"settle_cycles = {self.settle_cycles} leaves none of {fewest:g} cycles; lower it, at most to "
-            said += f"{max(int(np.ceil(fewest)) - 1, 0)}, or raise cycles or seconds_per_frequency"
+        if self.settle_cycles + 1 >= max(fewest, 2):  # the last is fitted where it is the only one
+            said = f"settle_cycles = {self.settle_cycles} and the last leave none of {fewest:g} cycles; lower it, at "
+            said += f"most to {max(int(np.ceil(fewest)) - 2, 0)}, or raise cycles or seconds_per_frequency"
             raise misplaced(said, "settle_cycles")
         return self
 

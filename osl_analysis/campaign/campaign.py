@@ -22,6 +22,7 @@ from osl_analysis.formats.rosbag import recorded_files
 from osl_analysis.judge.recording import CHECKS, unknown_check, validate_rules
 from osl_analysis.model.compensator import CONTROLLERS
 from osl_analysis.model.parameters import joint_of, known_parameters
+from osl_analysis.relations import stretches
 from osl_analysis.table import MEASURED, SIMULATED
 from osl_analysis.walking.groups import IS_PERTURBED, STATED, side_of, split_keys, static_of
 from osl_analysis.yaml_settings import read_mapping
@@ -181,10 +182,18 @@ def check_campaign(campaign: Campaign) -> None:
     and walking trials whose analysis lacks other trials."""
     check_files(campaign.config)
     validate_rules(campaign.config.quality)
+    taken = dict[tuple[Any, ...], list[tuple[float, float, str]]]()
     for trial in campaign.rows:
         for name in campaign.accepted(trial):
             if name not in CHECKS:
                 raise InputError(f"{campaign.config.sheet}: trial '{trial}', accept: {unknown_check(name)}")
+        row, cells = campaign.row(trial), ("experiment", "log", "log_source", "log_part", "mocap")
+        mine = taken.setdefault(tuple(row[cell] for cell in cells), [])
+        for start, stop in stretches(row["windows"] or "0-1000000") if row["log"] else ():
+            if other := next((one for begin, end, one in mine if start < end and begin < stop), ""):
+                said = f"log '{row['log']}' is that of trial '{other}'; correct one, or give each its own `windows`"
+                raise InputError(f"{campaign.config.sheet}: trial '{trial}': {said}")
+            mine.append((start, stop, trial))
         curve, curves = campaign.row(trial)["desired"], campaign.config.torque_angle.desired
         if curve and curve not in curves:
             there = f"torque_angle.desired in the configuration has {listing([*curves])}{nearest(curve, curves)}"
@@ -202,6 +211,8 @@ def check_files(config: Config) -> None:
         for folder in path.parents if field == "sheet" else (path, *path.parents):
             if folder.is_file():
                 raise InputError(f"{folder}: is a file; name a folder under `{field}` in the configuration")
+        if field in ("sources", "raw_data")[: 1 + (config.simulation is None)] and not path.is_dir():
+            raise InputError(f"{path}: no such folder; correct `{field}` in the configuration")
         if field != "results" and path.resolve().is_relative_to(config.results.resolve()):
             raise InputError(f"configuration: results = {config.results} is or holds {field} = {path}; name another")
     named = {"parameters": config.parameters, "impedance_trajectory": config.impedance_trajectory}
@@ -209,7 +220,7 @@ def check_files(config: Config) -> None:
         if path is not None and not path.is_file():
             none = ", or write null for none" if field in named else ""
             raise InputError(f"{path}: no such file; correct {field} in the configuration{none}")
-    with catch_warnings(action="ignore"):  # the jobs that use the parameters give them
+    with naming("parameters"), catch_warnings(action="ignore"):  # the jobs that use the parameters give them
         known_parameters(config.parameters)
     if config.impedance_trajectory is not None:
         with naming("impedance_trajectory"):

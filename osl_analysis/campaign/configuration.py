@@ -1,7 +1,7 @@
 """The configuration of a campaign: choices with their units, validated when they are read."""
 
 from collections.abc import Sequence
-from datetime import date
+from datetime import date, timedelta
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -22,9 +22,9 @@ from osl_analysis.yaml_settings import AnySettings, Degrees, Settings, ShippedPa
 def dates(value: date | str) -> date | str:
     """One date, or the first and the last one, as `2026-03-14 to 2026-03-16`."""
     try:
-        rising(tuple(map(date.fromisoformat, str(value).split(" to "))))
+        rising((date(1989, 12, 31), *map(date.fromisoformat, str(value).split(" to ")), date.today() + timedelta(2)))
     except ValueError as error:
-        raise ValueError("write a date, as 2026-03-14, or two, as 2026-03-14 to 2026-03-16") from error
+        raise ValueError("write a date, 1990 to today, as 2026-03-14, or two, as 2026-03-14 to 2026-03-16") from error
     return value
 
 

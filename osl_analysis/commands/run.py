@@ -11,7 +11,7 @@ from pathlib import Path
 
 from osl_analysis.campaign.campaign import Campaign, check_campaign, open_campaign
 from osl_analysis.campaign.configuration import read_config
-from osl_analysis.errors import EXTRAS, InputError, OslAnalysisError, nearest, not_installed
+from osl_analysis.errors import EXTRAS, InputError, OslAnalysisError, naming, nearest, not_installed
 from osl_analysis.files import CAMPAIGN, check_working_folder, root, shipped
 from osl_analysis.ingest.raw_files import check_clocks, check_plates, read_source
 from osl_analysis.yaml_settings import read_mapping
@@ -93,6 +93,9 @@ def check_start(opened: Campaign) -> None:
         groups.setdefault(tuple(opened.sources(trial)), []).append(trial)
     read = {path: read_source(path) for path in sorted({path for paths in groups for path in paths})}
     for paths, trials in groups.items():
+        for row in filter(lambda row: row["log_part"], map(opened.row, trials)):
+            with naming(f"{config.sheet}: trial '{row['trial']}'"):
+                read[paths[0]].of_part(row["log_part"])
         rows = [opened.row(trial) for trial in trials[:3]]
         if rows[0]["log"] and rows[0]["mocap"]:
             check_clocks(*(read[path] for path in paths))

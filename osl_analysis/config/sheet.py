@@ -66,10 +66,9 @@ def read_sheet(path: Path) -> SheetRows:
         row = dict.fromkeys(SHEET_COLUMNS, "") | dict(zip(columns, cells, strict=False))
         if problem := next(problems_in(row), ""):
             raise InputError(f"{where}: {problem}")
-        if before := seen.get(("trial", row["trial"])):
-            said = f"trial '{row['trial']}' stands twice, first in line {before}; give each row its own name"
-            raise InputError(f"{where}: {said}")
-        seen["trial", row["trial"]] = number
+        if (before := seen.setdefault(("trial", row["trial"].casefold()), number)) != number:
+            said = f"stands twice, first in line {before}; give each row a name that differs by more than capitals"
+            raise InputError(f"{where}: trial '{row['trial']}' {said}")
         for column, usual, alike in (("joint", (JOINT, "knee", "hip"), 0.8), ("controller", CONTROLLERS, 0.9)):
             name = row[column] or usual[0]
             known = [one for one in usual if column == "controller" or len(one) >= len(name)]  # kneeL is a name
@@ -143,9 +142,11 @@ def problems_in(row: Mapping[str, str]) -> Iterator[str]:
         yield f"{least[0]} '{row[least[0]]}' is below 0; a centre above the axis has a fixture_rest_deg of 180"
     if row["fixture_rest_deg"] and not row["fixture_weight"]:
         yield "fixture_rest_deg without fixture_weight; give the weight's largest torque [N*m], or clear the cell"
-    if float(row["K_d"] or 1) <= 0 or float(row["B_d"] or 0) < 0:
+    if not 0 < float(row["K_d"] or 1) <= 1e4 or not 0 <= float(row["B_d"] or 0) <= 1e3:
         said = ", ".join(f"{column} = {row[column]}" for column in ("K_d", "B_d") if row[column])
-        yield f"{said} is not the impedance of a joint; give K_d > 0 and B_d >= 0"
+        yield f"{said} is not the impedance of a joint; give K_d > 0, up to 10000 N*m/rad, and B_d >= 0, up to 1000"
+    if row["exclude"].lower() in ("0", "no", "false", "none"):
+        yield f"exclude '{row['exclude']}' is no reason; clear the cell to analyse the trial, or say why not"
     if walks not in ("", "true", "false"):
         yield f"perturbed '{row['perturbed']}' must be true or false"
     for column, allowed in (("side", ("left", "right")), ("direction", ("up", "down"))):
@@ -178,8 +179,8 @@ def problems_in(row: Mapping[str, str]) -> Iterator[str]:
         if experiment not in (user := users.get(column, ("calibration",))):
             said = " or ".join(f"'{one}'" for one in user)
             yield f"{column} '{row[column]}' of experiment '{experiment}'; it is for {said} alone, clear the cell"
-    if experiment == "calibration" and not row["known_K"] and not row["known_I"]:
-        yield "known_K and known_I are empty; state the spring [N*m/rad] or the inertia [kg*m^2] of this calibration"
+    if experiment == "calibration" and not (row["known_percent"] and (row["known_K"] or row["known_I"])):
+        yield "a calibration needs known_K [N*m/rad] or known_I [kg*m^2], and known_percent, its standard uncertainty"
     if row["windows"] and experiment == "walking" and len(row["windows"].split()) > 1:
         yield f"windows '{row['windows']}' of a crossing; write one, and a row of the sheet for each crossing of a log"
     try:

@@ -37,7 +37,15 @@ SampleShare = Annotated[float, Field(ge=0, le=1)]
 LEVEL_UNIT = "V"  # of the columns that may be read from truth values: levels of `sync` and `trigger`
 NoSlip = Annotated[float, Field(ge=-1e12, le=1e12)]  # a scale or an offset: what is larger is a slip
 Name = Annotated[str, Field(min_length=1)]
-ColumnName = Annotated[Name, BeforeValidator(lambda given: str(given) if type(given) is int else given)]
+
+
+def column_name(given: Any) -> Any:
+    if type(given) is int and given < 1:
+        raise ValueError("columns are counted from 1; write its number, or a name of digits in quotes")
+    return str(given) if type(given) is int else given
+
+
+ColumnName = Annotated[Name, BeforeValidator(column_name)]
 AddressText = Annotated[str, AfterValidator(checked_address)]
 Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
 Axes = tuple[Axis, Axis, Axis]
@@ -77,8 +85,8 @@ class Conversion(Settings):
     @field_validator("delay", "scale")
     @classmethod
     def _possible(cls, value: Any) -> Any:
-        if isinstance(value, str) and abs(quantity(value, "s")) > 10:
-            raise ValueError("a delay of more than 10 s is none of a sensor; correct its unit")
+        if isinstance(value, str) and not 0 <= quantity(value, "s") <= 10:
+            raise ValueError("a delay is the age of a sample, from 0 to 10 s; correct its sign or its unit")
         if value == 0:
             raise ValueError("a scale of zero makes every number zero; write the size of one count")
         return value
@@ -396,7 +404,7 @@ def model_of(
         fields |= {} if part else below
         title = f"{name}_{part.rstrip('.') or 'source'}"
         model = cast(Any, create_model)(title, __base__=base, __doc__=catalogue.__doc__, **fields)
-        model.CATALOGUE = catalogue
+        model.CATALOGUE, model.OF = catalogue, f" of format {name}"
         return model
 
     address = next(iter(of_channel.split()), "")

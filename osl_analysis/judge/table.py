@@ -15,7 +15,7 @@ from osl_analysis.config.experiments import Experiment, judged_tables
 from osl_analysis.dictionary import described_tables, own_yaml
 from osl_analysis.errors import nearest
 from osl_analysis.protocol.stepped_sine import SteppedSineProtocol
-from osl_analysis.relations import misplaced, refused
+from osl_analysis.relations import misplaced
 from osl_analysis.trial import Trial
 from osl_analysis.yaml_settings import NotNegative, Settings
 
@@ -132,11 +132,6 @@ class Doubt(Settings):
     below: dict[str, float | None] = Field(default_factory=dict)
     """Lower limits, by column. A fit is doubtful if the value is below its limit."""
 
-    _in_order = refused(
-        lambda s: any((s.below[one] or -np.inf) > (s.above.get(one) or np.inf) for one in s.below),
-        "below stands a limit above the upper one of its column, and every fit would be doubtful; correct one of them",
-    )
-
 
 class DoubtfulFits(Settings):
     """Limits by table. The tables of `judged_tables` can have limits on every numeric column."""
@@ -157,6 +152,9 @@ class DoubtfulFits(Settings):
                     said = f"tables/{name}.csv has no number of this name; correct it{nearest(column, numbers)}"
                     raise misplaced(said, name, end, column)
                 limit, most = getattr(limits, end)[column], next((n for one, n in BOUNDED.items() if one in column), 0)
+                if end == "below" and limit is not None and limit > (high := limits.above.get(column) or np.inf):
+                    said = f"{limit:g} is above the upper limit {high:g}, and every fit would be doubtful; correct one"
+                    raise misplaced(said, name, end, column)
                 if limit and most and (abs(limit) > most or (end == "below" and 0 < limit < most / 100)):
                     of = f"a {'percentage' if most == 100 else 'share'}, which is at most {most}"
                     raise misplaced(f"{limit:g} is no limit of {of}; write one as {0.9 * most:g}", name, end, column)

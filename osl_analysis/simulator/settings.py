@@ -443,9 +443,10 @@ class SimulationSettings(Settings):
         for name, slow in ((name, one.rate.value) for name, one in nodes.items() if 0 < one.rate.value <= 2 * fastest):
             said = f"{slow:g} Hz do not show a motion of {fastest:g} Hz; raise it, or correct {where}"
             raise misplaced(said, "recorder", name, "rate", "size")
-        if bandwidth.value >= rate / 2:
-            said = f"{bandwidth.value:g} Hz do not show in a log of {rate:g} Hz; choose less than {rate / 2:g} Hz, or "
-            said += "enabled: false for a bench that follows exactly"
+        least = max(self.protocol.frequencies_hz)
+        if bandwidth.enabled and not least <= bandwidth.value < rate / 2:
+            said = f"{bandwidth.value:g} Hz do not show in a log of {rate:g} Hz, or do not follow {least:g} Hz; choose "
+            said += f"{least:g} to {rate / 2:g} Hz, or enabled: false for a bench that follows exactly"
             raise misplaced(said, "effects", "dynamometer_bandwidth", "size")
         return self
 

@@ -1,12 +1,12 @@
 """Choices of the walking analysis in `config.yaml`, each with its unit."""
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, Field, model_validator
 
 from osl_analysis.relations import below, distinct, refused, rising
 from osl_analysis.signals import LowPass
-from osl_analysis.yaml_settings import Degrees, Newtons, NotNegative, Positive, Seconds, Settings
+from osl_analysis.yaml_settings import JointDegrees, Newtons, NotNegative, Positive, Seconds, Settings
 
 Marker = Annotated[str, Field(min_length=1)]
 Names = Annotated[tuple[Marker, ...], AfterValidator(distinct)]
@@ -31,10 +31,11 @@ class Markers(Settings):
     ankle_medial: Marker
     ankle_lateral: Marker
 
-    _are_apart = refused(
-        lambda s: len({*(own := (*s.foot, *s.shank, *s.platform))}) < len(own) or s.ankle_medial == s.ankle_lateral,
-        "a marker stands in two of foot, shank and platform, or is ankle_medial and ankle_lateral; remove it from one",
-    )
+    @model_validator(mode="after")
+    def _are_apart(self) -> Self:
+        distinct((self.ankle_medial, self.ankle_lateral))
+        distinct((*self.foot, *self.shank, *self.platform))
+        return self
 
 
 class FootSettings(Settings):
@@ -94,7 +95,7 @@ class PlatformSettings(MarkerSettings, WalkingFilter):
     leg wears; or the powered `leg`. Of the latter two the log has command, motion and torque."""
     plate: Annotated[int, Field(ge=1)]  # Number of the force plate on the platform, counted from 1
     largest_zero_n: Newtons  # Largest vertical force [N] of an unloaded plate. A plate that reads more is refused.
-    perturbation_deg: Degrees  # Smallest rotation [deg] of the platform that counts as a perturbation
+    perturbation_deg: JointDegrees  # Smallest rotation [deg] of the platform that counts as a perturbation
     largest_shift_mm: Positive = 10.0  # of a platform that does not turn; further is refused, of a `belt` it perturbs
     longest_fitted_gap_s: NotNegative  # Longest gap [s] where the motion is fitted: after an onset, in an unloaded turn
 

@@ -303,7 +303,7 @@ def load(**stated: object) -> dict[str, object]:
     *((load(column=number), "columns are counted from 1") for number in (0, -1)),
     (load(delay="2"), "the unit is empty; write one of s, ms"),
     *((load(delay=text), f"'{text}' is not a number with a unit; write it as in `2 s`") for text in ("soon", "inf s")),
-    *((load(low_pass={"cutoff": f"{cutoff} Hz"}), "a cut-off must be above zero") for cutoff in (0, -5)),
+    *((load(low_pass={"cutoff": f"{cutoff} Hz"}), "a cut-off below 0.5 Hz would") for cutoff in (0, -5, 0.4)),
     (load(resolution="0.1 deg"), "'0.1 deg' is not allowed: unit 'deg' measures [rad]"),
     (load(resolution="1 N*m", bits=14), "state `resolution` or `bits`, not both"),
     (load(range=["5 N*m", "5 N*m"]), "a range from 5 to 5 N*m is empty"),

@@ -60,9 +60,9 @@ class SensorFilter(Settings):
 
     @field_validator("cutoff")
     @classmethod
-    def _positive(cls, value: str) -> str:
-        if quantity(value, "Hz") <= 0:
-            raise ValueError("a cut-off must be above zero, as `100 Hz`")
+    def _above_the_motion(cls, value: str) -> str:
+        if quantity(value, "Hz") < 0.5:
+            raise ValueError("a cut-off below 0.5 Hz would hide the motion; correct its unit, as `100 Hz`")
         return value
 
 

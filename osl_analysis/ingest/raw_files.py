@@ -193,11 +193,8 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
         begin, found = formats_of(path, described.format)
         if (found and described.format not in found) or (described.format == "csv" and not is_text(begin)):
             what = f"is {found[0]}" if found else f"is no text (it begins with {begin[:8]!r})"
-            remedy = (
-                f"name one of `format: {found[0]}` under {role}_source in the sheet"
-                if found
-                else "name the recording itself"
-            )
+            other = f"write `format: {found[0]}`, or correct {role}_source in the sheet" if found else ""
+            remedy = other or "name the recording itself"
             if path.is_dir():
                 what, remedy = f"a folder with a recording in {found[0]}", f"{remedy}, or name a file in it"
             raise InputError(f"{path}: {what}, its source file says {described.format}; {remedy}")

@@ -2,6 +2,7 @@
 
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal
 from unittest.mock import Mock
@@ -275,6 +276,9 @@ def test_clocks_that_two_source_files_do_not_align_and_a_plate_that_no_capture_h
     opened = open_campaign(campaign_config(overriding(SHIPPED, own), [SHIPPED_FILE]), None)
     if not said:
         check_start(opened)
+        gone = opened.config.model_copy(update={"raw_data": Path("gone")})
+        with pytest.raises(InputError, match=r"^gone: no such folder; correct `raw_data` in the configuration$"):
+            check_start(replace(opened, config=gone))
         return
     with pytest.raises(InputError, match=said) as refusal:
         check_start(opened)

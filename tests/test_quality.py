@@ -358,7 +358,7 @@ def test_rules_and_checks_are_the_same_list_and_a_threshold_has_the_unit_of_its_
 
 def test_the_sheet_may_accept_only_checks_that_there_are(tmp_path):
     (tmp_path / "trials.csv").write_text("trial,experiment,log,log_source,accept\nb,belt,b.mcap,dynamometer,gap gaps\n")
-    changes = {"sheet": tmp_path / "trials.csv", "simulation": None, "raw_data": tmp_path}
+    changes = {"sheet": tmp_path / "trials.csv", "simulation": None}
     config = campaign_config(yaml.safe_load(CONFIG.read_text()) | changes, [CONFIG])
     with pytest.raises(InputError, match="trial 'b', accept: 'gaps' is no quality check; the checks are rate, jitter"):
         check_campaign(open_campaign(config, None))

@@ -166,8 +166,6 @@ def test_a_crossing_and_a_plate_trial_have_the_side_of_their_static_trial_and_wa
         ):
             check_campaign(open_campaign(config, bench | {"j": bench["j"] | {"windows": windows}}))
     check_campaign(open_campaign(config, bench | {"j": bench["j"] | {"windows": None, "log_part": "b"}}))
-    with pytest.raises(InputError, match=r"^gone: no such folder; correct `raw_data` in the configuration"):
-        check_campaign(open_campaign(config.model_copy(update={"simulation": None, "raw_data": Path("gone")}), bench))
     for gone, said in (("[lr]", "static', walking needs 1"), ("p", "plate' .unloaded .*, walking needs 1")):
         bare = read_sheet(sheet(tmp_path, re.sub(f"^{gone},.*\n", "", enough, flags=re.MULTILINE)))
         with pytest.raises(InputError, match=f"0 trial of experiment '{said}"):

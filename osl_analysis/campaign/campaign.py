@@ -211,8 +211,6 @@ def check_files(config: Config) -> None:
         for folder in path.parents if field == "sheet" else (path, *path.parents):
             if folder.is_file():
                 raise InputError(f"{folder}: is a file; name a folder under `{field}` in the configuration")
-        if field in ("sources", "raw_data")[: 1 + (config.simulation is None)] and not path.is_dir():
-            raise InputError(f"{path}: no such folder; correct `{field}` in the configuration")
         if field != "results" and path.resolve().is_relative_to(config.results.resolve()):
             raise InputError(f"configuration: results = {config.results} is or holds {field} = {path}; name another")
     named = {"parameters": config.parameters, "impedance_trajectory": config.impedance_trajectory}

@@ -88,6 +88,9 @@ def check_start(opened: Campaign) -> None:
         for library in (name for name, extra in EXTRAS.items() if extra == "simulator" and find_spec(name) is None):
             raise not_installed("the simulator", library)
     config, groups = opened.config, dict[tuple[Path, ...], list[str]]()
+    for field in ("sources", "raw_data")[: 1 + (config.simulation is None)]:
+        if not getattr(config, field).is_dir():
+            raise InputError(f"{getattr(config, field)}: no such folder; correct `{field}` in the configuration")
     on_plate = () if config.walking.by_log else opened.trials("walking", "plate")
     for trial in (*on_plate, *opened.trials()):
         groups.setdefault(tuple(opened.sources(trial)), []).append(trial)

@@ -307,7 +307,8 @@ def checked(folder: Path, rows: str, **walking: Any) -> None:
 def test_a_campaign_asks_for_what_its_perturbation_needs_and_for_nothing_else(tmp_path: Path) -> None:
     head = "trial,experiment,perturbed,log,log_source,mocap,mocap_source,windows\n"
     walks = [f"w{k},walking,{str(k < 3).lower()}" for k in range(6)]
-    logs, captures = ("".join(f"{walk},{files}\n" for walk in walks) for files in ("a,b,,,1-2", ",,a,b,"))
+    logs = "".join(f"{walk},a,b,,,{k}-{k + 1}\n" for k, walk in enumerate(walks))
+    captures = "".join(f"{walk},,,a,b,\n" for walk in walks)
     static = "s,static,,,,a,b,\n"
     for kind in ("boot", "leg"):
         checked(tmp_path, head + logs, perturbed_by=kind)
@@ -324,7 +325,7 @@ def test_a_campaign_asks_for_what_its_perturbation_needs_and_for_nothing_else(tm
         with pytest.raises(InputError, match="windows cut no capture"):
             checked(tmp_path, head + static + captures.replace("a,b,", "a,b,1-2"), perturbed_by=kind)
     with pytest.raises(InputError, match="windows '1-2 3-4' of a crossing; write one"):
-        checked(tmp_path, head + logs.replace("1-2", "1-2 3-4"), perturbed_by="boot")
+        checked(tmp_path, head + logs.replace(",1-2\n", ",1-2 3-4\n"), perturbed_by="boot")
 
 
 def test_every_worked_example_of_the_page_is_read_by_the_models_of_sheet_source_and_settings(tmp_path: Path) -> None:

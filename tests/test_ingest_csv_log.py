@@ -90,6 +90,7 @@ def test_one_log_in_any_dress_is_one_log(tmp_path: Path, text: str | bytes, fiel
 
 @pytest.mark.parametrize(("text", "fields", "problem"), [
     ("\n", {}, "holds no rows"), ("t,angle,load\n", {}, "no rows of data"),
+    (LOG, {"time": {"rate": 4.0}}, "`rate: 4` of time, but column 't' rises evenly by 0.5 a row; write"),
     (LOG.partition("\n")[2], {}, "line 1 holds numbers, not the columns' names; write `header: none`"),
     (LOG.replace("angle", "winkel"), {}, "column 'angle' is missing; the file has t, winkel, load"),
     (LOG.replace("load", "angle"), {}, "column 'angle' occurs 2 times"),

@@ -21,6 +21,7 @@ from osl_analysis.cli import main
 from osl_analysis.commands import inspect as module
 from osl_analysis.errors import InputError
 from osl_analysis.files import default_config
+from osl_analysis.formats.csv_table import is_clock
 from osl_analysis.ingest import overview as about
 from osl_analysis.ingest.draft import draft_source, likely_column
 from osl_analysis.ingest.overview import Overview, RecordedChannel, likely_clock
@@ -242,7 +243,7 @@ def test_names_tell_clocks_and_units_and_stamps_tell_rate_span_and_gaps():
     assert {name: about.likely_unit(name) for name in [*units, "theta_m", "deg"]} == units | {"theta_m": "", "deg": ""}
     clocks = "time T timestamp stamp state_time loop_time pi_time sys_time ROS_time elapsed_time elapsed clock seconds"
     clocks += " time_since_start t_us t_ns time_ms Time_sec t_s stance_time t0 time_to_peak times theta t_m"
-    assert [about.is_clock(name) for name in re.split(" ", clocks)] == [True] * 19 + [False] * 6
+    assert [is_clock(name) for name in re.split(" ", clocks)] == [True] * 19 + [False] * 6
     for time, said, rate in (
         ([0, 1, 2, 3.4, 5, 5.5], "1 gaps, the longest 1.600 s", 1), ([0, 1, 2, 2, 2, 3, 4], "2 stamps twice", 1),
         ([0, 0.5, 1, 0.75, 1.5, 2], "1 stamps out of order", 2), ([4], "", None), ([0, 2, 2, 2], "2 stamps twice", 0.5),

@@ -172,6 +172,13 @@ def places_of(name: str, names: Sequence[str]) -> list[int]:
     return [int(name) - 1] if number_given else []
 
 
+def is_clock(title: str) -> bool:
+    """Whether a column is called like a clock: `time`, `t_s`, `loop_time [ms]`."""
+    name = name_and_unit(title)[0].strip()
+    words = "time|t|timestamp|stamp|(state|loop|pi|sys|ros|elapsed)_time|elapsed|clock|seconds|time_since_start"
+    return re.fullmatch(f"({words})(_(s|sec|ms|us|ns))?", name, re.IGNORECASE) is not None
+
+
 def read_csv_table(path: Path, layout: CsvLayout) -> CsvTable:
     """The rows of a log in CSV; InputError if it has no header, or rows that the layout does not allow."""
     lines, ends = read_lines(path), ends_whole(path)

@@ -5,6 +5,7 @@ import json
 import re
 from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import fields, replace
 from functools import reduce
 from pathlib import Path
@@ -178,6 +179,8 @@ def csv_log(path: Path, source: Source) -> Table:
     places = {name: csv_table.place_of(name, text.names) for name in wanted(source)}
     levels = {places[one.name] for column, one in source.channels.items() if unit_of(column) == LEVEL_UNIT}
     clock = places.get(source.time.name)
+    if source.time.rate is not None:
+        check_rate(text, source, source.time.rate)
     values = {place: cells_of(text, place, source, place in levels, place == clock) for place in {*places.values()}}
     found = {}
     for name, place in places.items():
@@ -193,6 +196,21 @@ def csv_log(path: Path, source: Source) -> Table:
         lines=text.lines,
         failed="missing",
     )
+
+
+def check_rate(text: csv_table.CsvTable, source: Source, rate: float) -> None:
+    """Refuse a stated rate [Hz] beside a column that is called like a clock and runs evenly at another, in s, ms, us or
+    ns: the rate is meant for logs without a clock, or with one that is broken."""
+    for place in (place for place, name in enumerate(text.names) if csv_table.is_clock(name)):
+        with suppress(csv_table.UnreadableCellError):
+            steps = np.diff(csv_table.cell_numbers(text.body.to_series(place), source.missing, source.decimal))
+            step = float(steps.mean()) if len(steps) else 0.0
+            rows_per_step = step * rate * 10.0 ** np.array([0, -3, -6, -9])
+            if step > 0 and np.abs(steps - step).max() < 0.5 * step and (np.abs(rows_per_step - 1) > 0.05).all():
+                raise InputError(
+                    f"`rate: {rate:g}` of time, but column '{text.names[place]}' rises evenly by {step:.4g} a row; "
+                    f"write `time: {{{source.time.ADDRESS}: {text.names[place]}}}` with its unit, or correct the rate"
+                )
 
 
 def cells_of(text: csv_table.CsvTable, place: int, source: Source, level: bool, is_time: bool) -> NDArray[Any]:

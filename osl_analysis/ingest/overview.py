@@ -76,13 +76,6 @@ def guesses(units: Mapping[str, str]) -> list[str]:
     return [f"units guessed from the names, to be checked: {named}"] * bool(named)
 
 
-def is_clock(title: str) -> bool:
-    """Whether a column is called like a clock: `time`, `t_s`, `loop_time [ms]`."""
-    name = csv_table.name_and_unit(title)[0].strip()
-    words = "time|t|timestamp|stamp|(state|loop|pi|sys|ros|elapsed)_time|elapsed|clock|seconds|time_since_start"
-    return re.fullmatch(f"({words})(_(s|sec|ms|us|ns))?", name, re.IGNORECASE) is not None
-
-
 def likely_clock(readings: Mapping[str, NDArray[Any]], what: str = "columns") -> tuple[str | None, list[str]]:
     """The clock that a draft names, and what the user has to decide, from the readings (n,) of all that are called so.
     The first of several, if they span the same time in s, ms, us or ns: within 0.5 %, which puts I wrong by 1 %. None
@@ -226,7 +219,7 @@ def inspect_csv(path: Path) -> Overview:
     titles, cells = table.names, table.body.get_columns()
     values = [one.str.replace(",", ".", literal=True).cast(pl.Float64, strict=False) for one in cells]
     readings = {title: one.drop_nulls().to_numpy() for title, one in zip(titles, values, strict=True)}
-    clock, left_open = clock_of("columns", readings, is_clock, dict(zip(titles, table.units, strict=True)))
+    clock, left_open = clock_of("columns", readings, csv_table.is_clock, dict(zip(titles, table.units, strict=True)))
     channels, failed = [], dict.fromkeys(csv_table.CsvLayout.missing)
     for title, unit, text, numbers in zip(titles, table.units, cells, values, strict=True):
         # of an object without a name Python prints its number, which changes from run to run; the pattern fits the next
@@ -267,8 +260,8 @@ def inspect_json(path: Path) -> Overview:
     stamps = {stamp: pair for stamp, likely in pairs for pair in likely if {*pair} <= {*names}}
     stamp = min(stamps, key=lambda name: name.count("."), default="")
     drafted = [name for name in numbers if name not in stamps.get(stamp, ())]
-    own = {name: numbers[name] for name in drafted if not stamp or is_clock(last_name(name))}
-    clock, left_open = clock_of("fields", own, lambda name: is_clock(last_name(name)), {})
+    own = {name: numbers[name] for name in drafted if not stamp or csv_table.is_clock(last_name(name))}
+    clock, left_open = clock_of("fields", own, lambda name: csv_table.is_clock(last_name(name)), {})
     channels = {}
     for name, one in numbers.items():
         also = f", in {one.size} of {decoded.rows.size} lines" * (one.size < decoded.rows.size)
@@ -345,7 +338,7 @@ def is_signal(value: Value) -> bool:
 def seems_clock(name: str, value: Value) -> bool:
     """Whether the name of a signal is or begins as that of a clock: `t`, `time_ms`, `timeJIM`."""
     likely = re.match(r"(time|t|stamp|clock)(?![a-z])|time", name, re.IGNORECASE)
-    return is_signal(value) and (is_clock(name) or likely is not None)
+    return is_signal(value) and (csv_table.is_clock(name) or likely is not None)
 
 
 def variable_channel(address: str, name: str, value: Value, is_time: bool | None = None) -> RecordedChannel:
@@ -367,7 +360,9 @@ def inspect_tdms(path: Path) -> Overview:
     stamps = [one.address for one in file.channels if one.holds_times and one.count]
     timed, names = any(one.step is not None for one in file.channels), {one.address: one.name for one in file.channels}
     units = {one.address: one.unit for one in file.channels}
-    clock, left_open = (None, []) if timed else clock_of("channels", numbers, lambda name: is_clock(names[name]), units)
+    clock, left_open = (
+        (None, []) if timed else clock_of("channels", numbers, lambda one: csv_table.is_clock(names[one]), units)
+    )
     if not timed and not left_open:
         clock = clock or next(iter(stamps), None)
     channels = {}
@@ -392,7 +387,7 @@ def inspect_opensim(path: Path) -> Overview:
             numbers[name] = table.column(name)
         except InputError as error:
             remarks.append(str(error))
-    clock, left_open = clock_of("columns", numbers, lambda name: is_clock(name.rpartition(".")[2]), {})
+    clock, left_open = clock_of("columns", numbers, lambda name: csv_table.is_clock(name.rpartition(".")[2]), {})
     endings = {"force.*_v[xyz]": "N", "force.*_p[xyz]": "m", "(torque|moment).*_[xyz]|_moment": "N*m", "_t[xyz]": "m"}
     channels = {}
     for name, values in numbers.items():

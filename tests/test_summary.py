@@ -66,8 +66,21 @@ def test_a_doubt_begins_with_its_cause_and_a_misfit_that_this_explains_is_no_dou
     assert re.match("model that does not fit: .* it explains 80 % of the torque's variance. Look at", alone)
     assert "single amplitudes" not in said, "there are none"
     rows = pl.DataFrame({"trial": "a", "amplitude_deg": [2.0, None], "coulomb_share": [0.1, 0.6], "VAF": [80.0, 95.0]})
-    said = marked(rows, Doubt(above={"coulomb_share": 0.5}, below={"VAF": 90}), "impedance")["doubtful"].to_list()
-    assert all("Use the damping without friction, or the fits to single amplitudes" in text for text in said)
+    limits = Doubt(above={"coulomb_share": 0.5}, below={"VAF": 90, "B_change": -0.1})
+    rows = rows.with_columns(B_change=-0.36, B_amplitudes_low=1.96, B_amplitudes_high=4.1)
+    said = marked(rows, limits, "impedance")["doubtful"].to_list()
+    assert all("Use the damping without friction of the fit to all amplitudes, and quote" in text for text in said)
+    assert "B of single amplitudes is 1.96 to 4.1, and falls with the amplitude. " in said[1], "no test statistic"
+    least = marked(rows.with_columns(B_amplitudes_low=None), limits, "impedance")["doubtful"][1]
+    assert "B falls by at least 36 % up to the largest amplitude. " in least
+    sound = rows.with_columns(coulomb_share=pl.Series([0.6, 0.1]), B_change=0.0)
+    said = marked(sound, limits, "impedance")["doubtful"].to_list()
+    assert "Use the fit to all of the trial [" in said[0]
+    assert said[1] == "", "a doubt of one amplitude alone sends to the fit to all"
+    found = findings(NO_CHECKS, {"impedance": sound.with_columns(doubtful=pl.Series(said))})
+    assert [(one["verdict"], one["remedy"]) for one in found] == [("doubtful in part", "use the fit to all of the trial")]
+    one_frequency = marked(sound.with_columns(frequency_hz=5.0), limits, "impedance")["doubtful"][0]
+    assert "Leave out this frequency at this amplitude [" in one_frequency
 
 
 def test_a_fault_of_the_recording_that_one_amplitude_alone_shows_accuses_nobody():
@@ -89,9 +102,9 @@ def test_what_was_not_checked_has_a_row_each_and_a_certainly_negative_inertia_ha
     begins = "NOT CHECKED: K, frame (no file); whether the torque is late (unseen. Each ms of delay would "
     assert line.startswith(begins)
     assert "0.3 N*m*s/rad off B = 5 and 0.005 kg*m^2 off I = -0.02" in line
-    assert "; whether I is an inertia (it is certainly negative, as no mass is" in line
+    assert ". REMARK: I is certainly negative (it is no inertia of a mass, " in line
     line = not_checked_line(marked(pl.DataFrame([row | {"I_high": 0.01, "J_j_high": -0.01}]), Doubt(), "impedance"))
-    assert ("whether I is" in line, "whether J_j is an inertia" in line) == (False, True)
+    assert ("I is certainly" in line, "J_j is certainly negative" in line) == (False, True)
     assert not_checked_line(marked(pl.DataFrame([row | {"I_high": 1.0, "not_checked": None}]), Doubt(), "x")) == ""
 
 

@@ -126,11 +126,18 @@ def number_said(name: str, value: float, row: AnyRow) -> str:
     if name == "certain_gain_error":
         said = f"torque over angle is {100 * (ends[2] - 1):+.3g} ± {100 * (ends[3] - ends[2]):.2g} % off"
         known = f"{said}, divide the torque's `scale` by {ends[2]:.5g} and write `{row['to_state']}`"
+    symbol, moves = name.removesuffix("_change"), "rises" if value > 0 else "falls"
+    span = [cell_number(row, f"{symbol}_amplitudes_{end}") for end in ("low", "high")]
+    over_amplitudes = f"{symbol} {moves} by at least {100 * abs(value):.0f} % up to the largest amplitude"
+    if None not in span:
+        ends = " to ".join(significant(one or 0.0, 3) for one in span)
+        over_amplitudes = f"{symbol} of single amplitudes is {ends}, and {moves} with the amplitude"
     frame = " (state `bench_stiffness` in the configuration if the bench's frame yields)"
     return EVIDENCE[name].shows.format(
         percent=f"{significant(100 * abs(value))} %",
         value=significant(value, 3),
-        moves=f"{'rises' if value > 0 else 'falls'} by {100 * abs(value):.0f} %",
+        moves=f"{moves} by {100 * abs(value):.0f} %",
+        over_amplitudes=over_amplitudes,
         symbol=name.removesuffix("_ratio").removesuffix("_high"),
         rubs=friction_said(row) or f"it is {significant(100 * abs(value))} % of the damping",
         gap=damping_gap_said(row),
@@ -197,9 +204,9 @@ def explaining(row: AnyRow, found: Found) -> Cause | None:
     return next((cause for cause in causes if cause.explains), None)
 
 
-def doubts(row: AnyRow, found: Found, of_trial: Cause | None, single: bool) -> Iterator[str]:
+def doubts(row: AnyRow, found: Found, of_trial: Cause | None, scope: str) -> Iterator[str]:
     """The doubts about a row for what was `found` in it, one per cause. `of_trial` explains a misfit for which the row
-    itself has no cause, `single`: there are rows of single amplitudes. An unknown column speaks for itself."""
+    itself has no cause, `scope` is that of `Cause.remedy_for`. An unknown column speaks for itself."""
     misfit_by = explaining(row, found) or of_trial
     by_cause: dict[Cause, list[str]] = {}
     # first: a wrong unit or sign makes others of these
@@ -215,7 +222,7 @@ def doubts(row: AnyRow, found: Found, of_trial: Cause | None, single: bool) -> I
             k = significant(cell_number(row, "frame_stiffness") or 0.0, 3)
             details.append(f"a spring of {k} N*m/rad in series would explain it")
         said = ": ".join(filter(None, [cause.says, ", ".join(dict.fromkeys(filter(None, details)))]))
-        remedy = cause.remedy if single else cause.otherwise or cause.remedy
+        remedy = cause.remedy_for(scope)
         how = ", ".join(found[name][1] for name in names)
         yield f"{cause.name}: {said}. {remedy[0].upper()}{remedy[1:]} [{how}]"
     yield from (how for name, (_, how) in found.items() if name not in EVIDENCE)
@@ -245,7 +252,14 @@ def marked(table: pl.DataFrame, limits: Doubt, name: str) -> pl.DataFrame:
             if column not in whole.get(trial, found):
                 del found[column]  # at one amplitude friction passes for it
         of_trial[trial] = of_trial.get(trial) or explaining(row, found)
-    said = ["; ".join(doubts(row, found, of_trial[trial], trial in single)) for trial, row, found in rows]
+
+    def scope(trial: object, row: AnyRow) -> str:
+        if row.get("frequency_hz") is not None:
+            return "of_frequency"
+        alone = row.get("amplitude_deg") is not None and not whole.get(trial, True)
+        return "of_amplitude" if alone else "" if trial in single else "otherwise"
+
+    said = ["; ".join(doubts(row, found, of_trial[trial], scope(trial, row))) for trial, row, found in rows]
     judged = table.with_columns(pl.when(fitted).then(pl.Series(said, dtype=pl.String)).alias(DOUBTFUL))
     if "not_checked" in table.columns:
         judged = judged.with_columns(pl.Series("not_checked", [with_size(row) for _, row, _ in rows], dtype=pl.String))
@@ -268,6 +282,7 @@ def with_doubts_of(table: pl.DataFrame, fits: pl.DataFrame, limits: Doubt, name:
 # What could not be checked: "what: why" for each, with its size in units of the result.
 
 LATENESS, SIZED = "whether the torque is late", ". Each ms of delay would take"
+NEGATIVE = "is certainly negative"  # of an inertia: checked, and a remark
 EFFECTS: Mapping[str, str] = TABLE["effects"]  # what an effect of `bench.effects` is, for the column `explained_by`
 
 
@@ -284,8 +299,8 @@ def with_size(row: AnyRow) -> str | None:
         size = size_of_lateness(*map(significant, (1e-3 * K, B, 1e-3 * B, I)))
         items = [f"{item}{size}" if LATENESS in item else item for item in items]
     items += [
-        f"whether {name} is an inertia: it is certainly negative, as no mass is. A motor behind its gains takes so "
-        "much off it (the apparent inertia), and so does a torque that is late. Use the other estimates"
+        f"{name} {NEGATIVE}: it is no inertia of a mass, since a motor behind its gains takes so much off it (the "
+        "apparent inertia), and so does a torque that is late. Use the other estimates"
         for name in ("I", "J_j")
         if (cell_number(row, f"{name}_high") or 0.0) < 0
     ]
@@ -305,8 +320,15 @@ def not_checked_of(table: pl.DataFrame) -> dict[str, str]:
 
 def not_checked_line(table: pl.DataFrame) -> str:
     """The same on one line, of the fit to all data; empty if all was checked."""
-    said = "; ".join(f"{what} ({why})" for what, why in not_checked_of(table.tail(1)).items())
-    return said and f"NOT CHECKED: {said}"
+    by_kind: dict[str, list[str]] = {}
+    for what, why in not_checked_of(table.tail(1)).items():
+        by_kind.setdefault(unchecked_kind(what).upper(), []).append(f"{what} ({why})")
+    return ". ".join(f"{kind}: {'; '.join(said)}" for kind, said in by_kind.items())
+
+
+def unchecked_kind(what: str) -> str:
+    """Whether this of the column `not_checked` was checked after all, and is to be known: `remark`."""
+    return "remark" if what.endswith(NEGATIVE) else "not checked"
 
 
 class Reason(NamedTuple):

@@ -67,6 +67,12 @@ class Cause:
     of_recording: bool = False
     """A fault of the recording does not come and go with the amplitude: the fit to all of a trial must show it, too."""
     otherwise: str = ""  # what to do in place of `remedy` where there are no rows of single amplitudes
+    of_amplitude: str = ""  # the same where the fit to all of the trial is sound, and that to one amplitude is not
+    of_frequency: str = ""  # the same in a row of one frequency
+
+    def remedy_for(self, scope: str) -> str:
+        """What to do, by what the row is of: one of `otherwise`, `of_amplitude`, `of_frequency`; empty: the trial."""
+        return (getattr(self, scope) if scope else "") or self.remedy
 
 
 @dataclass(frozen=True)

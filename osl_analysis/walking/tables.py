@@ -266,7 +266,7 @@ def reaction_facts(headline: GroupHeadline) -> dict[str, object]:
     both, unchecked = headline.directions.get("up minus down"), list[str]()
     if isolation.SLOPE not in certain:
         unchecked.append(
-            "whether B holds a change of K with stance: unseen, K may rise by "
+            "whether B holds a change of K with stance: unseen, K may change by "
             f"{significant(low)} to {significant(high)} N*m/rad per stance, which would add "
             f"{significant(low * per_slope)} to {significant(high * per_slope)} N*m*s/rad to B = {fit['B']:.3g}. "
             "Perturb at several timings"

@@ -241,7 +241,7 @@ def test_verdicts_and_counts_sorting_by_the_unrounded_value_and_conditions_that_
         trial("c", left_out=["gap 1 s"]), trial("d", left_out=["x"], refused=True),
     ]  # fmt: skip
     content = trials_content(trials)
-    assert content["counts"] == dict.fromkeys(("used", "flagged", "doubtful", "excluded", "refused"), 1)
+    assert content["counts"] == dict.fromkeys(("clear", "flagged", "doubtful", "excluded", "refused"), 1) | {"doubtful in part": 0}
     assert [row["verdict"] for row in content["trials"]] == list(content["counts"])
     _, flagged, doubtful, *_ = content["trials"]
     assert re.match("gap in the recording: samples .* used: 0.095 s, torque. look for a", flagged["doubt"])
@@ -283,7 +283,7 @@ def test_the_map_has_a_row_for_what_one_trial_does_not_pass_and_names_the_neares
     (group,) = found["groups"]
     whole = [
         ("a", "doubtful", "clipped signal; friction; late torque; gap in the recording"),
-        ("b", "used", "friction in a part of it"),
+        ("b", "doubtful in part", "friction in a part of it"),
     ]
     assert group["trials"] == [*whole, ("c", "refused", "no footer")]
     states = {row["check"]: [state for _, state, _ in row["cells"]] for row in group["rows"]}
@@ -297,7 +297,7 @@ def test_the_map_has_a_row_for_what_one_trial_does_not_pass_and_names_the_neares
     assert cells["a"]["gap in the recording"][1].startswith("0.2 s, limit 0.05 s. samples are missing")
     (passed,) = found["passed"]  # a rate that does not apply is not passed
     assert [passed[key] for key in ("check", "trial", "said", "n")] == ["frozen signal", "b", "0.04 s, limit 0.05 s", 2]
-    assert found["states"] == ["used", "passed", "doubtful in part", "flagged", "doubtful", "refused"]
+    assert found["states"] == ["passed", "doubtful in part", "flagged", "doubtful", "refused"]
     counts = trials_content(trials)["counts"]
     assert sum(counts.values()) == 3, "each trial is counted once, for the worst that is known of it"
 
@@ -441,7 +441,7 @@ def test_a_report_says_of_each_trial_what_became_of_it_and_leaves_out_counts(tmp
     assert seen[0]["methods"]["recorded"]["belt"] | {"rates": 0, "files": 0} == {
         "n": 3, "used": 1, "perturbed": 0, "perturbed_used": 0, "rates": 0, "files": 0,
     }  # fmt: skip
-    assert said == {"b_2": ("refused", "no footer"), "b_3": none, "w": none, "s": ("used", "")}
+    assert said == {"b_2": ("refused", "no footer"), "b_3": none, "w": none, "s": ("clear", "")}
     keys = ("meaning", "text", "unit", "ends", "kind", "verdict", "behind")
     said = ("K", "1.50", "N·m", "1.00 to 2.50", "range", "holds", "1, doubtful")
     assert ([tuple(row[key] for key in keys) for row in seen[0]["claims"]], seen[0]["questions"]) == ([said], [])

@@ -70,9 +70,7 @@ def test_a_doubt_begins_with_its_cause_and_a_misfit_that_this_explains_is_no_dou
     rows = rows.with_columns(B_change=-0.36, B_amplitudes_low=1.96, B_amplitudes_high=4.1)
     said = marked(rows, limits, "impedance")["doubtful"].to_list()
     assert all("Use the damping without friction of the fit to all amplitudes, and quote" in text for text in said)
-    assert "B of single amplitudes is 1.96 to 4.1, and falls with the amplitude. " in said[1], "no test statistic"
-    least = marked(rows.with_columns(B_amplitudes_low=None), limits, "impedance")["doubtful"][1]
-    assert "B falls by at least 36 % up to the largest amplitude. " in least
+    assert "B of single amplitudes is 1.96 to 4.1 and falls with the amplitude. " in said[1], "no test statistic"
     sound = rows.with_columns(coulomb_share=pl.Series([0.6, 0.1]), B_change=0.0)
     said = marked(sound, limits, "impedance")["doubtful"].to_list()
     assert "Use the fit to all of the trial [" in said[0]

@@ -126,18 +126,12 @@ def number_said(name: str, value: float, row: AnyRow) -> str:
     if name == "certain_gain_error":
         said = f"torque over angle is {100 * (ends[2] - 1):+.3g} ± {100 * (ends[3] - ends[2]):.2g} % off"
         known = f"{said}, divide the torque's `scale` by {ends[2]:.5g} and write `{row['to_state']}`"
-    symbol, moves = name.removesuffix("_change"), "rises" if value > 0 else "falls"
-    span = [cell_number(row, f"{symbol}_amplitudes_{end}") for end in ("low", "high")]
-    over_amplitudes = f"{symbol} {moves} by at least {100 * abs(value):.0f} % up to the largest amplitude"
-    if None not in span:
-        ends = " to ".join(significant(one or 0.0, 3) for one in span)
-        over_amplitudes = f"{symbol} of single amplitudes is {ends}, and {moves} with the amplitude"
     frame = " (state `bench_stiffness` in the configuration if the bench's frame yields)"
     return EVIDENCE[name].shows.format(
         percent=f"{significant(100 * abs(value))} %",
         value=significant(value, 3),
-        moves=f"{moves} by {100 * abs(value):.0f} %",
-        over_amplitudes=over_amplitudes,
+        moves=f"{(moves := 'rises' if value > 0 else 'falls')} by {100 * abs(value):.0f} %",
+        way=moves,
         symbol=name.removesuffix("_ratio").removesuffix("_high"),
         rubs=friction_said(row) or f"it is {significant(100 * abs(value))} % of the damping",
         gap=damping_gap_said(row),
@@ -206,7 +200,7 @@ def explaining(row: AnyRow, found: Found) -> Cause | None:
 
 def doubts(row: AnyRow, found: Found, of_trial: Cause | None, scope: str) -> Iterator[str]:
     """The doubts about a row for what was `found` in it, one per cause. `of_trial` explains a misfit for which the row
-    itself has no cause, `scope` is that of `Cause.remedy_for`. An unknown column speaks for itself."""
+    itself has no cause, `scope` the field of `Cause` with the remedy for it. An unknown column speaks for itself."""
     misfit_by = explaining(row, found) or of_trial
     by_cause: dict[Cause, list[str]] = {}
     # first: a wrong unit or sign makes others of these
@@ -222,7 +216,7 @@ def doubts(row: AnyRow, found: Found, of_trial: Cause | None, scope: str) -> Ite
             k = significant(cell_number(row, "frame_stiffness") or 0.0, 3)
             details.append(f"a spring of {k} N*m/rad in series would explain it")
         said = ": ".join(filter(None, [cause.says, ", ".join(dict.fromkeys(filter(None, details)))]))
-        remedy = cause.remedy_for(scope)
+        remedy = getattr(cause, scope) or cause.remedy
         how = ", ".join(found[name][1] for name in names)
         yield f"{cause.name}: {said}. {remedy[0].upper()}{remedy[1:]} [{how}]"
     yield from (how for name, (_, how) in found.items() if name not in EVIDENCE)
@@ -252,14 +246,12 @@ def marked(table: pl.DataFrame, limits: Doubt, name: str) -> pl.DataFrame:
             if column not in whole.get(trial, found):
                 del found[column]  # at one amplitude friction passes for it
         of_trial[trial] = of_trial.get(trial) or explaining(row, found)
-
-    def scope(trial: object, row: AnyRow) -> str:
-        if row.get("frequency_hz") is not None:
-            return "of_frequency"
+    said = []
+    for trial, row, found in rows:
         alone = row.get("amplitude_deg") is not None and not whole.get(trial, True)
-        return "of_amplitude" if alone else "" if trial in single else "otherwise"
-
-    said = ["; ".join(doubts(row, found, of_trial[trial], scope(trial, row))) for trial, row, found in rows]
+        scope = "of_amplitude" if alone else "remedy" if trial in single else "otherwise"
+        scope = "of_frequency" if row.get("frequency_hz") is not None else scope
+        said.append("; ".join(doubts(row, found, of_trial[trial], scope)))
     judged = table.with_columns(pl.when(fitted).then(pl.Series(said, dtype=pl.String)).alias(DOUBTFUL))
     if "not_checked" in table.columns:
         judged = judged.with_columns(pl.Series("not_checked", [with_size(row) for _, row, _ in rows], dtype=pl.String))

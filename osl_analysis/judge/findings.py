@@ -156,12 +156,13 @@ def doubts_in(tables: Mapping[str, pl.DataFrame]) -> Iterator[dict[str, Any]]:
                 continue
             rows, part = tables[table], "amplitude_deg" in tables[table].columns
             causes = doubts.causes_by_trial(rows, tables.get(of))
-            whole = doubts.causes_by_trial(rows.filter(pl.col("amplitude_deg").is_null())) if part and not of else causes
+            whole = (
+                doubts.causes_by_trial(rows.filter(pl.col("amplitude_deg").is_null())) if part and not of else causes
+            )
             by_cause: dict[tuple[str, bool], dict[str, doubts.Reason]] = {}
             for trial, reasons in causes.items():
                 for cause, reason in reasons.items():
-                    in_part = bool(of) or cause not in whole.get(trial, ())
-                    by_cause.setdefault((cause, in_part), {})[str(trial)] = reason
+                    by_cause.setdefault((cause, cause not in whole.get(trial, ())), {})[str(trial)] = reason
             judged = f"{name} trials" if table in fitted else table.replace("_", " ")
             judged += f", in {table.replace('_', ' ')} alone" if of else ""
             for (cause, in_part), trials in by_cause.items():
@@ -174,7 +175,9 @@ def doubts_in(tables: Mapping[str, pl.DataFrame]) -> Iterator[dict[str, Any]]:
                 limits = {column: limit for one in trials.values() for column, _, limit in one.beyond}
                 about = cause, known.says, remedy, [*trials], [*map(str, causes)]
                 of_amplitude = ", at single amplitudes alone" * (in_part and not of)
-                yield finding("doubtful in part" if in_part else "doubtful", judged + of_amplitude, *about, size, limits)
+                yield finding(
+                    "doubtful in part" if in_part else "doubtful", judged + of_amplitude, *about, size, limits
+                )
 
 
 def causes_of_misfit(tables: Mapping[str, pl.DataFrame]) -> Iterator[dict[str, Any]]:

@@ -70,10 +70,6 @@ class Cause:
     of_amplitude: str = ""  # the same where the fit to all of the trial is sound, and that to one amplitude is not
     of_frequency: str = ""  # the same in a row of one frequency
 
-    def remedy_for(self, scope: str) -> str:
-        """What to do, by what the row is of: one of `otherwise`, `of_amplitude`, `of_frequency`; empty: the trial."""
-        return (getattr(self, scope) if scope else "") or self.remedy
-
 
 @dataclass(frozen=True)
 class Judgement:

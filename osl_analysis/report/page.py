@@ -22,14 +22,15 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 from markupsafe import Markup
 
 from osl_analysis.config.experiments import EXPERIMENTS
-from osl_analysis.judge.doubts import DOUBTFUL, not_checked_of, reasons_in
+from osl_analysis.judge.doubts import DOUBTFUL, not_checked_of, reasons_in, unchecked_kind
 from osl_analysis.judge.recording import CHECKS
 from osl_analysis.report import TEMPLATES
 from osl_analysis.report.headlines import answered, said_number
 from osl_analysis.report.trial_page import ReportedTrial, cell_text, printed
 
-STATES = ("refused", "excluded", "doubtful", "flagged", "doubtful in part", "not checked", "passed", "does not apply")
-"""Of a trial before a check, the worst one first; beside these a trial as a whole is `used`."""
+STATES = ("refused", "excluded", "doubtful", "flagged", "doubtful in part", "not checked", "remark", "passed")
+STATES += ("does not apply",)
+"""Of a trial before a check, the worst one first; beside these a trial as a whole is `clear`."""
 FIRST_FIGURES = ("fig5", "walking_page", "torque_angle", "response", "fig3")
 """Of these the first one that the campaign has stands on the first screen; Fig. 5 where something was desired."""
 
@@ -73,13 +74,13 @@ def written_page(
     )
 
 
-JudgedCells = Mapping[
-    str, tuple[str, str]
-]  # of a trial, by check or cause of doubt: one of `STATES`, and the sentence on it
+Finding = Mapping[str, Any]  # of `judge.findings`
+JudgedCells = Mapping[str, tuple[str, str]]  # of a trial, by check or cause of doubt: its state, and the sentence on it
 
 
-def judged_cells(trial: ReportedTrial) -> JudgedCells:
-    """What was judged of a trial, with value and limit. A cause that its recording and its fit show is one."""
+def judged_cells(trial: ReportedTrial, groups: Sequence[Finding] = ()) -> JudgedCells:
+    """What was judged of a trial, with value and limit, and of the mean response of its group by the findings on
+    `groups`. A cause that its recording and its fit show is one."""
     found: dict[str, tuple[str, str]] = {}
 
     def add(name: str, state: str, said: str) -> None:
@@ -96,15 +97,19 @@ def judged_cells(trial: ReportedTrial) -> JudgedCells:
         what_to_do = f". {remark or check.cause.says}. {check.cause.remedy}" * (state != "passed")
         add(check.cause.name, state, f"{value}, limit {limit}{what_to_do}")
     for number, (name, table) in enumerate(trial.tables.items()):
-        for cell in reversed(table[DOUBTFUL].to_list() if DOUBTFUL in table.columns else []):  # that of all of it first
-            for one in reasons_in(cell):
+        for row in reversed(table.to_dicts() if DOUBTFUL in table.columns else []):  # that of all of it first
+            for one in reasons_in(row[DOUBTFUL]):
                 decided = ", ".join(f"{column} {value} is {limit}" for column, value, limit in one.beyond)
                 said = f"{name}.csv: " * bool(number) + one.text.removeprefix(f"{one.cause}: ")
                 if not (number and one.inherited):
-                    state = "doubtful in part" if number else "doubtful"
+                    in_part = number or row.get("amplitude_deg") is not None
+                    state = "doubtful in part" if in_part else "doubtful"
                     add(one.cause, state, f"{said} [{decided}]" if decided else said)
     for what, why in not_checked_of(trial.main).items():
-        add(what, "not checked", why)
+        add(what, unchecked_kind(what), why)
+    for one in groups if "group" in trial.main.columns else ():
+        if trial.main["group"].first() in one["trials"]:
+            add(f"mean response: {one['cause']}", one["verdict"], one["says"])
     return found
 
 
@@ -133,7 +138,7 @@ def heat_map(trials: Sequence[ReportedTrial], cells: Mapping[str, JudgedCells]) 
             nearest = (min if judged.fails == "below" else max)(applies, key=lambda one: float(one["value"]))["trial"]
             facts = {"trial": nearest, "said": cells[nearest][judged.cause.name][1], "n": len(applies)}
             passed.append({"check": judged.cause.name, "meaning": judged.meaning, **facts})
-    states = [state for state in ("used", "passed", *reversed(STATES[:6])) if state in seen]
+    states = [state for state in ("clear", "passed", *reversed(STATES[:-2])) if state in seen]
     return {"groups": groups, "passed": passed, "states": states}
 
 
@@ -170,10 +175,12 @@ def in_words(parts: Sequence[str]) -> str:
     return " and ".join(filter(None, [", ".join(parts[:-1]), *parts[-1:]]))
 
 
-def state_of(trials: Sequence[ReportedTrial], cells: Mapping[str, JudgedCells]) -> str:
-    """How many trials are doubtful or not used, and why, in a sentence or two."""
+def state_of(
+    trials: Sequence[ReportedTrial], cells: Mapping[str, JudgedCells], groups: Sequence[Mapping[str, Any]]
+) -> str:
+    """How many trials are doubtful or not used, and why, in a sentence or two; and the findings on walking `groups`."""
     said = []
-    for verdict in ("doubtful", "flagged"):
+    for verdict in ("doubtful", "doubtful in part", "flagged"):
         own = [trial.name for trial in trials if trial.verdict == verdict]
         why = Counter(check for name in own for check, (state, _) in cells[name].items() if state == verdict)
         causes = [cause if n == len(own) else f"{cause} ({n})" for cause, n in why.most_common(3)]
@@ -182,7 +189,14 @@ def state_of(trials: Sequence[ReportedTrial], cells: Mapping[str, JudgedCells]) 
     lost = Counter(trial.verdict for trial in trials if trial.left_out)
     gone = [f"{n} {'was' if n == 1 else 'were'} {verdict}" for verdict, n in lost.items()]
     said = said or ["No trial is doubtful."] * (len(trials) > sum(lost.values()))
-    return " ".join([*said, f"{in_words(gone)}." if gone else "Nothing was refused or excluded."])
+    said.append(f"{in_words(gone)}." if gone else "Nothing was refused or excluded.")
+    said += [f"The walking K is doubtful: {one['line']}." for one in groups if one["verdict"] == "doubtful"]
+    if unsure := [one for one in groups if one["verdict"] == "not checked"]:
+        worst = max(unsure, key=lambda one: " of K = " in one["says"])  # the first whose size is known
+        things = "1 thing" if len(unsure) == 1 else f"{len(unsure)} things, which its interval does not contain,"
+        why = worst["says"].partition(". ")[0]
+        said.append(f"Of the walking K, {things} could not be checked, such as {worst['cause']}: {why}.")
+    return printed(" ".join(said))
 
 
 def overview(
@@ -193,20 +207,21 @@ def overview(
 ) -> dict[str, Any]:
     """What the first screen says, with the figure that matters most, the heat map, the numbers of a `summary`
     (`summary.json`) by question, its claims, and its findings with what decided on each trial."""
-    cells = {trial.name: judged_cells(trial) for trial in trials}
+    groups = [one for one in summary.get("findings", ()) if one.get("of") == "walking groups"]
+    cells = {trial.name: judged_cells(trial, groups) for trial in trials}
     numbers = [*summary.get("numbers", {}).values()]
     questions, known = answered(numbers), []
     desired = any(trial.row.get(name) is not None for trial in trials for name in ("controller", "K_d"))
     names = [figure["name"] for figure in figures]
     first = next((name for name in (*FIRST_FIGURES[not desired :], *names) if name in names), "")
     for one in summary.get("findings", ()):
-        common = f"{one['says']}: ", f". {one['remedy'][:1].upper()}{one['remedy'][1:]}"  # stands above the trials
+        remedy = one["remedy"] and f". {one['remedy'][0].upper()}{one['remedy'][1:]}"  # it stands above the trials
         named = [(name, cells[name].get(one["cause"], ("", ""))[1]) for name in one["trials"] if name in cells]
-        short = [(name, said.replace(common[0], "").replace(common[1], "")) for name, said in named]
+        short = [(name, said.replace(f"{one['says']}: ", "").replace(remedy, "")) for name, said in named]
         known.append({**one, "named": short})
     return {
         "done": what_was_done(trials, questions, about),
-        "state": state_of(trials, cells),
+        "state": state_of(trials, cells, groups),
         "questions": questions,
         "claims": [{**number, **said_number(number)} for number in numbers if number.get("verdict")],
         "findings": known,

@@ -1,23 +1,27 @@
 """What the page shows of each trial (conditions, verdict, estimates, doubts, provenance) and of a whole campaign."""
 
 import math
+import re
 from collections import Counter, defaultdict
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import polars as pl
 
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.dictionary import DescribedTable, apparent_inertia
-from osl_analysis.judge.doubts import IS_DOUBTFUL, not_checked_of, reasons_in
+from osl_analysis.judge.doubts import not_checked_of, reasons_in
 from osl_analysis.judge.findings import exclusion_said
 from osl_analysis.judge.recording import CHECKS
+from osl_analysis.judge.table import TABLE
 from osl_analysis.report.headlines import decimals, fixed, told_apart
 from osl_analysis.report.panels import Pictures
 
 NO_VALUE = "–"
-VERDICTS = ("used", "flagged", "doubtful", "excluded", "refused")
+VERDICTS = ("clear", "doubtful in part", "flagged", "doubtful", "excluded", "refused")
+"""Of a trial: `doubtful` by its fit to all of it, `doubtful in part` by other rows. All but the last two are used."""
 
 
 def left_out_trials(
@@ -57,11 +61,6 @@ class ReportedTrial:
         return next(iter(self.tables.values()), pl.DataFrame())
 
     @property
-    def doubtful(self) -> list[dict[str, Any]]:
-        """Those of these rows that are doubtful."""
-        return self.main.filter(IS_DOUBTFUL).to_dicts() if "doubtful" in self.main.columns else []
-
-    @property
     def flagged(self) -> list[dict[str, Any]]:
         """The checks of its recording that it does not pass although it is used, as `doubts_of` has doubts."""
         found = []
@@ -78,12 +77,14 @@ class ReportedTrial:
         """The same in a sentence each, which begins with the cause."""
         return ["{cause}: {says}: {size}. {remedy}".format_map(one) for one in self.flagged]
 
-    @property
+    @cached_property
     def verdict(self) -> str:
         """One of `VERDICTS`."""
         if self.left_out:
             return "refused" if self.refused else "excluded"
-        return "doubtful" if self.doubtful else "flagged" if self.flags else "used"
+        found = {one["of"] for one in doubts_of(self.tables, {})}
+        sound = "doubtful in part" if found else "clear"
+        return "doubtful" if "all" in found else "flagged" if self.flags else sound
 
     def condition(self, columns: Collection[str] | None = None) -> str:
         """Its conditions in one line, or those of them in these columns of the sheet."""
@@ -122,10 +123,10 @@ def trial_content(trial: ReportedTrial, described: Mapping[str, DescribedTable])
         "description": EXPERIMENTS[experiment].description,
         "condition": trial.condition(),
         "verdict": trial.verdict,
-        "left_out": list(trial.left_out),
+        "left_out": [*map(printed, trial.left_out)],
         "doubts": doubts_of(tables, described),
         "flags": trial.flagged,
-        "not_checked": [f"{what}: {why}" for what, why in not_checked_of(trial.main).items()],
+        "not_checked": [printed(f"{what}: {why}") for what, why in not_checked_of(trial.main).items()],
         "table": name,
         "estimates": estimate_rows(tables[name], described.get(name)) if tables else None,
         "columns": [
@@ -144,12 +145,17 @@ def trial_content(trial: ReportedTrial, described: Mapping[str, DescribedTable])
 def cell_text(value: Any) -> str:
     """A cell of a table as the page has it: numbers with six digits, text as it is."""
     if isinstance(value, float):
-        return f"{value:.6g}" if math.isfinite(value) else NO_VALUE
+        return printed(f"{value:.6g} ").rstrip() if math.isfinite(value) else NO_VALUE
     return NO_VALUE if value is None else str(value)
 
 
-def printed(unit: str) -> str:
-    return "" if unit == "1" else unit.replace("*", "·").replace("^2", "²")
+def printed(text: str) -> str:
+    """A text with its units, symbols, powers and minus signs as the page sets them; of the unit 1 nothing."""
+    for pattern, sign in TABLE["signs"].items():
+        text = re.sub(pattern, sign, text)
+    tens = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+    text = re.sub(r"(?<=\d)e([+-]\d+)\b", lambda power: f"·10{str(int(power[1])).translate(tens)}", text)
+    return "" if text == "1" else text
 
 
 def unit_and_meaning(column: str, described: DescribedTable | None) -> dict[str, str]:
@@ -166,7 +172,7 @@ def value_and_interval(row: Mapping[str, Any], column: str) -> tuple[str, str]:
         return f"{value:.4g}", ""
     digits = decimals(value, low, high, None)
     finer = told_apart(low, high, digits)
-    return fixed(value, digits), f"[{fixed(low, finer)}, {fixed(high, finer)}]"
+    return printed(fixed(value, digits)), printed(f"[{fixed(low, finer)}, {fixed(high, finer)}]")
 
 
 def estimate_rows(table: pl.DataFrame, described: DescribedTable | None) -> dict[str, Any]:
@@ -195,9 +201,11 @@ def doubts_of(tables: Mapping[str, pl.DataFrame], described: Mapping[str, Descri
         of = "other" if number else "part" if row.get("amplitude_deg") is not None else "all"
         for reason in reasons_in(row.get("doubtful")):
             if not (number and reason.inherited):
-                said = dict(zip(("says", "size", "remedy"), reason.parts, strict=True))
+                said = dict(
+                    zip(("says", "size", "remedy", "text"), map(printed, (*reason.parts, reason.text)), strict=True)
+                )
                 meanings = (unit_and_meaning(one, described.get(name))["meaning"] for one, *_ in reason.beyond)
-                numbers = [[*one, meaning] for one, meaning in zip(reason.beyond, meanings, strict=True)]
+                numbers = [[*map(printed, one), meaning] for one, meaning in zip(reason.beyond, meanings, strict=True)]
                 where = f"{name.replace('_', ' ')}, {place}" if number else place
                 found.append({"where": where, "of": of, "cause": reason.cause} | said | {"numbers": numbers})
     return found
@@ -296,11 +304,9 @@ def trial_row(trial: ReportedTrial, differing: Collection[str]) -> dict[str, Any
         text, interval = value_and_interval(estimates, column) if known else (NO_VALUE, "")
         numbers.append({"column": column, "sort": repr(value) if known else "", "text": text, "interval": interval})
     by_cause: dict[str, tuple[str, list[str]]] = {}  # the text of the last row, which is of all of the trial, and where
-    for row in trial.doubtful:
-        part = "all amplitudes" if row.get("amplitude_deg") is None else f"{row['amplitude_deg']:g} deg"
-        for cause, text, *_ in reasons_in(row["doubtful"]):
-            places = by_cause.get(cause, ("", []))[1]
-            by_cause[cause] = (text, [*places, part if "amplitude_deg" in row else "whole trial"])
+    found = doubts_of(trial.tables, {})
+    for one in [one for one in found if one["of"] != "other"] or found:
+        by_cause[one["cause"]] = one["text"], [*by_cause.get(one["cause"], ("", []))[1], one["where"]]
     doubts = [f"{', '.join(places)}: {text}" for text, places in by_cause.values()] or trial.flags
     return {
         "name": trial.name,

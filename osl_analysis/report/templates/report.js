@@ -23,7 +23,7 @@
 
   // a number stays in one line, a hash or path breaks anywhere, and text between words
   function kindOf(text) {
-    if (/^[-+\d.]/.test(text) && text.length < 16) return "number";
+    if (/^[-−+\d.]/.test(text) && text.length < 16) return "number";
     return /\S{30}/.test(text) ? "wrap" : "";
   }
 
@@ -234,17 +234,16 @@
   // --- one trial
 
   const sentence = (text) => (text ? text[0].toUpperCase() + text.slice(1) + (/[.!?]$/.test(text) ? "" : ".") : "");
-  const units = (text) => text.replace(/\b(N|kg|m)\*(?=[ms])/g, "$1·").replace(/\bm\*(?=s)/g, "m·").replace(/\^2\b/g, "²");
 
   // cause, size and remedy as sentences; columns, values and limits behind a fold
   function doubtList(doubts) {
     return element("ul", { class: "doubts" }, ...doubts.map((doubt) => {
       const numbers = table(["number", "value", "beyond", "what it is"], doubt.numbers, { caption: "Limits" });
       const about = doubt.of === "all" ? null : element("span", { class: "where" }, `At ${doubt.where}: `);
-      const line = (name, text) => (text ? element("p", {}, element("b", {}, `${name}: `), sentence(units(text))) : null);
+      const line = (name, text) => (text ? element("p", {}, element("b", {}, `${name}: `), sentence(text)) : null);
       return element(
         "li", {}, element("p", { class: "cause" }, about, element("b", {}, sentence(doubt.cause).replace(/\.$/, ""))),
-        doubt.says === doubt.cause ? null : element("p", {}, sentence(units(doubt.says))),
+        doubt.says === doubt.cause ? null : element("p", {}, sentence(doubt.says)),
         line("Size", doubt.size), line("What to do", doubt.remedy),
         doubt.numbers.length ? folded("Numbers and limits", numbers) : null,
       );
@@ -252,9 +251,10 @@
   }
 
   const OUTCOMES = {
-    used: "Used in every table and figure. No check and no limit speaks against it.",
+    clear: "Used in every table and figure. No check and no limit speaks against it.",
+    "doubtful in part": "Used. The fit to all of it is sound; doubtful are",
     flagged: "Used, though its recording does not pass a check.",
-    doubtful: "Used and marked, because the fit to all of it is beyond a limit. Causes first:",
+    doubtful: "Used and marked as doubtful, because the fit to all of it is beyond a limit. Causes first:",
     excluded: "Excluded: in no table and no figure.",
     refused: "Refused: it has no result.",
   };
@@ -262,20 +262,21 @@
   function verdict(content) {
     const { doubts, flags } = content;
     const [whole, single, other] = ["all", "part", "other"].map((of) => doubts.filter((doubt) => doubt.of === of));
-    const partly = content.verdict === "doubtful" && !whole.length;
+    const partly = content.verdict === "doubtful in part";
+    const parts = [single.length ? "fits to single amplitudes" : null, other.length ? "other tables of it" : null].filter((part) => part);
     return element(
-      "section", { class: `judged ${content.verdict}` },
-      element("p", { class: "outcome" }, partly ? "The fit to all of it is sound; fits to single amplitudes are doubtful. Causes first:" : OUTCOMES[content.verdict]),
+      "section", { class: `judged ${content.verdict.replaceAll(" ", "-")}` },
+      element("p", { class: "outcome" }, OUTCOMES[content.verdict] + (partly ? ` ${parts.join(" and ")}. Causes first:` : "")),
       ...content.left_out.flatMap((reason) => {
-        const [why, remedy] = units(reason).split(/; (?!.*; )/);
+        const [why, remedy] = reason.split(/; (?!.*; )/);
         return [element("p", {}, sentence(why)), remedy ? element("p", {}, element("b", {}, "What to do: "), sentence(remedy)) : null];
       }),
       whole.length || flags.length ? doubtList([...whole, ...flags]) : null,
-      partly ? doubtList(single) : null,
+      partly ? doubtList(single.length ? single : other) : null,
       single.length && !partly ? folded(`Doubts about single amplitudes (${single.length})`, doubtList(single)) : null,
-      other.length ? folded(`Doubts in its other tables (${other.length})`, doubtList(other)) : null,
-      content.not_checked.length ? folded(`What could not be checked (${content.not_checked.length})`, element("ul", {},
-        ...content.not_checked.map((what) => element("li", {}, sentence(units(what)))))) : null,
+      other.length && (single.length || !partly) ? folded(`Doubts in its other tables (${other.length})`, doubtList(other)) : null,
+      content.not_checked.length ? folded(`What could not be checked, or is to be known (${content.not_checked.length})`, element("ul", {},
+        ...content.not_checked.map((what) => element("li", {}, sentence(what))))) : null,
     );
   }
 
@@ -351,7 +352,7 @@
     const plots = element("div");
     view.replaceChildren(...[
       steps(name),
-      element("h1", {}, name, " ", element("span", { class: `verdict ${content.verdict}` }, content.verdict)),
+      element("h1", {}, name, " ", element("span", { class: `verdict ${content.verdict.replaceAll(" ", "-")}` }, content.verdict)),
       element("p", { class: "about" }, `${content.experiment}: ${content.description}`),
       content.condition ? element("p", {}, content.condition) : null,
       verdict(content),

@@ -241,10 +241,13 @@ def test_verdicts_and_counts_sorting_by_the_unrounded_value_and_conditions_that_
         trial("c", left_out=["gap 1 s"]), trial("d", left_out=["x"], refused=True),
     ]  # fmt: skip
     content = trials_content(trials)
-    assert content["counts"] == dict.fromkeys(("clear", "flagged", "doubtful", "excluded", "refused"), 1) | {"doubtful in part": 0}
-    assert [row["verdict"] for row in content["trials"]] == list(content["counts"])
+    kinds = ["clear", "flagged", "doubtful", "excluded", "refused"]
+    assert content["counts"] == dict.fromkeys(kinds, 1) | {"doubtful in part": 0}
+    assert [row["verdict"] for row in content["trials"]] == kinds
     _, flagged, doubtful, *_ = content["trials"]
-    assert re.match("gap in the recording: samples .* used: 0.095 s, torque. look for a", flagged["doubt"])
+    assert re.match(
+        "its recording: gap in the recording: samples .* used: 0.095 s, torque. look for a", flagged["doubt"]
+    )
     assert doubtful["doubt"] == "all amplitudes: VAF 3 is below 90"
     number = {"sort": "299.5123", "text": "299.5", "interval": "[299.2, 299.8]", "column": "K"}
     assert (doubtful["numbers"][1], [one["name"] for one in content["left_out"]]) == (number, ["c", "d"])
@@ -331,6 +334,18 @@ def test_the_page_begins_with_what_was_done_its_verdict_and_the_figure_that_matt
     drawn = [[one["name"] for one in found[key]] for key in ("first", "figures")]
     assert drawn == [["fig5"], ["fig3", "walking_page"]]
     assert overview(walks, {}, figures, ABOUT)["first"][0]["name"] == "walking_page", "nothing was desired"
+    group, moments = pl.DataFrame({"group": ["all"]}), "whether the plate's moments are right"
+    unsure = {"verdict": "not checked", "of": "walking groups", "trials": ["all"], "remedy": ""}
+    unsure |= {"cause": moments, "says": "they show it to 3 %, which is 11 N*m/rad of K = 337. Load it"}
+    slope = unsure | {"cause": "whether B holds a change", "says": "K may change by -720 to 160 N*m/rad. Perturb it"}
+    of_group = [replace(walks[0], tables={"walking": group}), walks[1]]
+    mean = overview(of_group, {"findings": [slope, unsure]}, [], ABOUT)
+    assert mean["state"].endswith(
+        "Of the walking K, 2 things, which its interval does not contain, could not be checked, such as "
+        f"{moments}: they show it to 3 %, which is 11 N·m/rad of K = 337."
+    )
+    rows = {row["check"]: [cell[1] for cell in row["cells"]] for row in mean["heat"]["groups"][0]["rows"]}
+    assert rows[f"mean response: {moments}"] == ["not checked", "does not apply"]
     alone = overview(walks[:1], {}, [], ABOUT)
     assert (alone["first"], alone["state"]) == ([], "No trial is doubtful. Nothing was refused or excluded.")
     assert alone["done"].startswith("Ingested and checked: 1 simulated walking trial of the knee (MCAP and C3D files")

@@ -76,7 +76,9 @@ def test_a_doubt_begins_with_its_cause_and_a_misfit_that_this_explains_is_no_dou
     assert "Use the fit to all of the trial [" in said[0]
     assert said[1] == "", "a doubt of one amplitude alone sends to the fit to all"
     found = findings(NO_CHECKS, {"impedance": sound.with_columns(doubtful=pl.Series(said))})
-    assert [(one["verdict"], one["remedy"]) for one in found] == [("doubtful in part", "use the fit to all of the trial")]
+    assert [(one["verdict"], one["remedy"]) for one in found] == [
+        ("doubtful in part", "use the fit to all of the trial")
+    ]
     one_frequency = marked(sound.with_columns(frequency_hz=5.0), limits, "impedance")["doubtful"][0]
     assert "Leave out this frequency at this amplitude [" in one_frequency
 
@@ -97,10 +99,10 @@ def test_what_was_not_checked_has_a_row_each_and_a_certainly_negative_inertia_ha
     row = {"trial": "a", "K": 300.0, "B": 5.0, "I": -0.02, "I_high": -0.01}
     row |= {"not_checked": "K: no file; frame: no file; whether the torque is late: unseen"}
     line = not_checked_line(marked(pl.DataFrame([row]), Doubt(), "impedance"))
-    begins = "NOT CHECKED: K, frame (no file); whether the torque is late (unseen. Each ms of delay would "
+    begins = "NOT CHECKED: K, frame (no file); NOT CHECKED: whether the torque is late (unseen. Each ms of delay would "
     assert line.startswith(begins)
     assert "0.3 N*m*s/rad off B = 5 and 0.005 kg*m^2 off I = -0.02" in line
-    assert ". REMARK: I is certainly negative (it is no inertia of a mass, " in line
+    assert "; REMARK: I is certainly negative (it is no inertia of a mass, " in line
     line = not_checked_line(marked(pl.DataFrame([row | {"I_high": 0.01, "J_j_high": -0.01}]), Doubt(), "impedance"))
     assert ("I is certainly" in line, "J_j is certainly negative" in line) == (False, True)
     assert not_checked_line(marked(pl.DataFrame([row | {"I_high": 1.0, "not_checked": None}]), Doubt(), "x")) == ""
@@ -155,7 +157,8 @@ def test_causes_and_trials_are_counted_and_not_the_rows_that_inherit_them():
     """Two of three trials have friction, one of them in four rows of two tables; one has a doubt of its own beside."""
     says, late = judgements.CAUSES["friction"].says, "late torque: it is [lag_share 0.1]"
     friction, more = (
-        f"friction: {says}: it is {x}. Use it [coulomb_share {x} is above 0.5, VAF 80 is below 90]" for x in (0.6, 0.7)
+        f"friction: {says}: it is {x}. Use the damping without friction [coulomb_share {x} is above 0.5, VAF 80 is below 90]"
+        for x in (0.6, 0.7)
     )
     fit = pl.DataFrame({"trial": ["a", "a", "b", "c"], "doubtful": [more, friction, f"{more}; {late}", ""]})
     inherited = pl.DataFrame({"trial": ["a", "a", "c"], "doubtful": [friction, f"impedance.csv: {friction}", late]})

@@ -130,8 +130,7 @@ def number_said(name: str, value: float, row: AnyRow) -> str:
     return EVIDENCE[name].shows.format(
         percent=f"{significant(100 * abs(value))} %",
         value=significant(value, 3),
-        moves=f"{(moves := 'rises' if value > 0 else 'falls')} by {100 * abs(value):.0f} %",
-        way=moves,
+        moves=f"{'rises' if value > 0 else 'falls'} by {100 * abs(value):.0f} %",
         symbol=name.removesuffix("_ratio").removesuffix("_high"),
         rubs=friction_said(row) or f"it is {significant(100 * abs(value))} % of the damping",
         gap=damping_gap_said(row),
@@ -312,10 +311,8 @@ def not_checked_of(table: pl.DataFrame) -> dict[str, str]:
 
 def not_checked_line(table: pl.DataFrame) -> str:
     """The same on one line, of the fit to all data; empty if all was checked."""
-    by_kind: dict[str, list[str]] = {}
-    for what, why in not_checked_of(table.tail(1)).items():
-        by_kind.setdefault(unchecked_kind(what).upper(), []).append(f"{what} ({why})")
-    return ". ".join(f"{kind}: {'; '.join(said)}" for kind, said in by_kind.items())
+    said = not_checked_of(table.tail(1)).items()
+    return "; ".join(f"{unchecked_kind(what).upper()}: {what} ({why})" for what, why in said)
 
 
 def unchecked_kind(what: str) -> str:

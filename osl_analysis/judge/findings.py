@@ -154,30 +154,26 @@ def doubts_in(tables: Mapping[str, pl.DataFrame]) -> Iterator[dict[str, Any]]:
         for table, of in (fitted | dict.fromkeys(facts.judged_further, "")).items():
             if doubts.DOUBTFUL not in tables.get(table, pl.DataFrame()).columns:
                 continue
-            rows, part = tables[table], "amplitude_deg" in tables[table].columns
-            causes = doubts.causes_by_trial(rows, tables.get(of))
-            whole = (
-                doubts.causes_by_trial(rows.filter(pl.col("amplitude_deg").is_null())) if part and not of else causes
-            )
+            rows = tables[table]
+            of_all = rows.filter(pl.col("amplitude_deg").is_null()) if "amplitude_deg" in rows.columns else rows
+            causes, whole = doubts.causes_by_trial(rows, tables.get(of)), doubts.causes_by_trial(of_all)
             by_cause: dict[tuple[str, bool], dict[str, doubts.Reason]] = {}
             for trial, reasons in causes.items():
                 for cause, reason in reasons.items():
-                    by_cause.setdefault((cause, cause not in whole.get(trial, ())), {})[str(trial)] = reason
+                    in_part = bool(of) or cause not in whole.get(trial, ())
+                    by_cause.setdefault((cause, in_part), {})[str(trial)] = reason
             judged = f"{name} trials" if table in fitted else table.replace("_", " ")
             judged += f", in {table.replace('_', ' ')} alone" if of else ""
             for (cause, in_part), trials in by_cause.items():
                 worst = max(trials, key=lambda trial: trials[trial].excess)
                 known = doubts.CAUSES.get(cause) or Cause(cause, trials[worst].text, "")
-                remedies, size = (known.remedy, known.of_amplitude, known.of_frequency), trials[worst].parts[1]
-                said = (one for one in remedies if one and one[1:] in trials[worst].text)
-                remedy = next(said, known.otherwise or known.remedy)
+                size, remedy = trials[worst].parts[1:]
+                remedy = remedy[:1].lower() + remedy[1:] or known.otherwise or known.remedy
                 size += f", most in {worst}" if size and len(trials) > 1 else ""
                 limits = {column: limit for one in trials.values() for column, _, limit in one.beyond}
                 about = cause, known.says, remedy, [*trials], [*map(str, causes)]
-                of_amplitude = ", at single amplitudes alone" * (in_part and not of)
-                yield finding(
-                    "doubtful in part" if in_part else "doubtful", judged + of_amplitude, *about, size, limits
-                )
+                where = judged + ", at single amplitudes alone" * (in_part and not of)
+                yield finding("doubtful" + " in part" * in_part, where, *about, size, limits)
 
 
 def causes_of_misfit(tables: Mapping[str, pl.DataFrame]) -> Iterator[dict[str, Any]]:

@@ -79,8 +79,7 @@ JudgedCells = Mapping[str, tuple[str, str]]  # of a trial, by check or cause of 
 
 
 def judged_cells(trial: ReportedTrial, groups: Sequence[Finding] = ()) -> JudgedCells:
-    """What was judged of a trial, with value and limit, and of the mean response of its group by the findings on
-    `groups`. A cause that its recording and its fit show is one."""
+    """What was judged of a trial and, by findings on `groups`, of its mean response. A cause is named once."""
     found: dict[str, tuple[str, str]] = {}
 
     def add(name: str, state: str, said: str) -> None:
@@ -102,8 +101,7 @@ def judged_cells(trial: ReportedTrial, groups: Sequence[Finding] = ()) -> Judged
                 decided = ", ".join(f"{column} {value} is {limit}" for column, value, limit in one.beyond)
                 said = f"{name}.csv: " * bool(number) + one.text.removeprefix(f"{one.cause}: ")
                 if not (number and one.inherited):
-                    in_part = number or row.get("amplitude_deg") is not None
-                    state = "doubtful in part" if in_part else "doubtful"
+                    state = "doubtful" + " in part" * bool(number or row.get("amplitude_deg") is not None)
                     add(one.cause, state, f"{said} [{decided}]" if decided else said)
     for what, why in not_checked_of(trial.main).items():
         add(what, unchecked_kind(what), why)
@@ -175,9 +173,7 @@ def in_words(parts: Sequence[str]) -> str:
     return " and ".join(filter(None, [", ".join(parts[:-1]), *parts[-1:]]))
 
 
-def state_of(
-    trials: Sequence[ReportedTrial], cells: Mapping[str, JudgedCells], groups: Sequence[Mapping[str, Any]]
-) -> str:
+def state_of(trials: Sequence[ReportedTrial], cells: Mapping[str, JudgedCells], groups: Sequence[Finding]) -> str:
     """How many trials are doubtful or not used, and why, in a sentence or two; and the findings on walking `groups`."""
     said = []
     for verdict in ("doubtful", "doubtful in part", "flagged"):
@@ -193,9 +189,10 @@ def state_of(
     said += [f"The walking K is doubtful: {one['line']}." for one in groups if one["verdict"] == "doubtful"]
     if unsure := [one for one in groups if one["verdict"] == "not checked"]:
         worst = max(unsure, key=lambda one: " of K = " in one["says"])  # the first whose size is known
-        things = "1 thing" if len(unsure) == 1 else f"{len(unsure)} things, which its interval does not contain,"
-        why = worst["says"].partition(". ")[0]
-        said.append(f"Of the walking K, {things} could not be checked, such as {worst['cause']}: {why}.")
+        things = f"{len(unsure)} thing{'s' * (len(unsure) > 1)}, which its interval does not contain, could not be"
+        said.append(
+            f"Of the walking K, {things} checked, such as {worst['cause']}: {worst['says'].partition('. ')[0]}."
+        )
     return printed(" ".join(said))
 
 

@@ -69,13 +69,9 @@ class ReportedTrial:
             size = ", ".join(filter(None, [f"{value} {printed(check.unit)}".strip(), row["remark"]]))
             told = {"cause": check.cause.name, "says": check.cause.says, "size": size, "remedy": check.cause.remedy}
             numbers = [[check.name, value, f"{check.fails} {cell_text(row['threshold'])}", check.meaning]]
+            told |= {"text": "{cause}: {says}: {size}. {remedy}".format_map(told)}
             found.append({"where": "its recording", "of": "all"} | told | {"numbers": numbers})
         return found
-
-    @property
-    def flags(self) -> list[str]:
-        """The same in a sentence each, which begins with the cause."""
-        return ["{cause}: {says}: {size}. {remedy}".format_map(one) for one in self.flagged]
 
     @cached_property
     def verdict(self) -> str:
@@ -83,8 +79,7 @@ class ReportedTrial:
         if self.left_out:
             return "refused" if self.refused else "excluded"
         found = {one["of"] for one in doubts_of(self.tables, {})}
-        sound = "doubtful in part" if found else "clear"
-        return "doubtful" if "all" in found else "flagged" if self.flags else sound
+        return "doubtful" if "all" in found else "flagged" if self.flagged else "doubtful in part" if found else "clear"
 
     def condition(self, columns: Collection[str] | None = None) -> str:
         """Its conditions in one line, or those of them in these columns of the sheet."""
@@ -201,13 +196,12 @@ def doubts_of(tables: Mapping[str, pl.DataFrame], described: Mapping[str, Descri
         of = "other" if number else "part" if row.get("amplitude_deg") is not None else "all"
         for reason in reasons_in(row.get("doubtful")):
             if not (number and reason.inherited):
-                said = dict(
-                    zip(("says", "size", "remedy", "text"), map(printed, (*reason.parts, reason.text)), strict=True)
-                )
+                said = dict(zip(("says", "size", "remedy"), map(printed, reason.parts), strict=True))
                 meanings = (unit_and_meaning(one, described.get(name))["meaning"] for one, *_ in reason.beyond)
                 numbers = [[*map(printed, one), meaning] for one, meaning in zip(reason.beyond, meanings, strict=True)]
                 where = f"{name.replace('_', ' ')}, {place}" if number else place
-                found.append({"where": where, "of": of, "cause": reason.cause} | said | {"numbers": numbers})
+                found.append({"where": where, "of": of, "cause": reason.cause, "text": printed(reason.text)} | said)
+                found[-1]["numbers"] = numbers
     return found
 
 
@@ -305,15 +299,15 @@ def trial_row(trial: ReportedTrial, differing: Collection[str]) -> dict[str, Any
         numbers.append({"column": column, "sort": repr(value) if known else "", "text": text, "interval": interval})
     by_cause: dict[str, tuple[str, list[str]]] = {}  # the text of the last row, which is of all of the trial, and where
     found = doubts_of(trial.tables, {})
-    for one in [one for one in found if one["of"] != "other"] or found:
+    for one in [one for one in found if one["of"] != "other"] or trial.flagged or found:
         by_cause[one["cause"]] = one["text"], [*by_cause.get(one["cause"], ("", []))[1], one["where"]]
-    doubts = [f"{', '.join(places)}: {text}" for text, places in by_cause.values()] or trial.flags
+    doubts = [f"{', '.join(places)}: {text}" for text, places in by_cause.values()]
     return {
         "name": trial.name,
         "experiment": trial.row["experiment"],
         "condition": trial.condition(differing),
         "verdict": trial.verdict,
         "doubt": next(iter(trial.left_out), "; ".join(doubts)),
-        "causes": [*by_cause] or [text.partition(":")[0] for text in trial.flags],
+        "causes": [*by_cause],
         "numbers": numbers,
     }

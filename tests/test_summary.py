@@ -157,7 +157,8 @@ def test_causes_and_trials_are_counted_and_not_the_rows_that_inherit_them():
     """Two of three trials have friction, one of them in four rows of two tables; one has a doubt of its own beside."""
     says, late = judgements.CAUSES["friction"].says, "late torque: it is [lag_share 0.1]"
     friction, more = (
-        f"friction: {says}: it is {x}. Use the damping without friction [coulomb_share {x} is above 0.5, VAF 80 is below 90]"
+        f"friction: {says}: it is {x}. Use the damping without friction [coulomb_share {x} is above 0.5, "
+        "VAF 80 is below 90]"
         for x in (0.6, 0.7)
     )
     fit = pl.DataFrame({"trial": ["a", "a", "b", "c"], "doubtful": [more, friction, f"{more}; {late}", ""]})

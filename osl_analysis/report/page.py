@@ -74,11 +74,10 @@ def written_page(
     )
 
 
-Finding = Mapping[str, Any]  # of `judge.findings`
 JudgedCells = Mapping[str, tuple[str, str]]  # of a trial, by check or cause of doubt: its state, and the sentence on it
 
 
-def judged_cells(trial: ReportedTrial, groups: Sequence[Finding] = ()) -> JudgedCells:
+def judged_cells(trial: ReportedTrial, groups: Sequence[Any] = ()) -> JudgedCells:
     """What was judged of a trial and, by findings on `groups`, of its mean response. A cause is named once."""
     found: dict[str, tuple[str, str]] = {}
 
@@ -173,7 +172,7 @@ def in_words(parts: Sequence[str]) -> str:
     return " and ".join(filter(None, [", ".join(parts[:-1]), *parts[-1:]]))
 
 
-def state_of(trials: Sequence[ReportedTrial], cells: Mapping[str, JudgedCells], groups: Sequence[Finding]) -> str:
+def state_of(trials: Sequence[ReportedTrial], cells: Mapping[str, JudgedCells], groups: Sequence[Any]) -> str:
     """How many trials are doubtful or not used, and why, in a sentence or two; and the findings on walking `groups`."""
     said = []
     for verdict in ("doubtful", "doubtful in part", "flagged"):
@@ -188,11 +187,9 @@ def state_of(trials: Sequence[ReportedTrial], cells: Mapping[str, JudgedCells], 
     said.append(f"{in_words(gone)}." if gone else "Nothing was refused or excluded.")
     said += [f"The walking K is doubtful: {one['line']}." for one in groups if one["verdict"] == "doubtful"]
     if unsure := [one for one in groups if one["verdict"] == "not checked"]:
-        worst = max(unsure, key=lambda one: " of K = " in one["says"])  # the first whose size is known
-        things = f"{len(unsure)} thing{'s' * (len(unsure) > 1)}, which its interval does not contain, could not be"
-        said.append(
-            f"Of the walking K, {things} checked, such as {worst['cause']}: {worst['says'].partition('. ')[0]}."
-        )
+        worst = max(unsure, key=lambda one: " of K = " in one["says"])  # of a known size
+        things = f"{len(unsure)} thing{'s' * (len(unsure) > 1)}, which its interval does not contain, could not"
+        said.append(f"Of the walking K, {things} be checked, as {worst['cause']}: {worst['says'].partition('. ')[0]}.")
     return printed(" ".join(said))
 
 

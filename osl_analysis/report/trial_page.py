@@ -269,11 +269,16 @@ def methods_content(
 ) -> dict[str, Any]:
     """What `methods.html.j2` says of how results were made: settings, the values of some columns of the result tables,
     and by experiment how many trials were recorded and used, their lowest rates [Hz] and what they were read from."""
-    columns = "excitation commanded_deg frequency_hz band_low_hz band_high_hz controller group plate_inertia"
+    columns = """excitation commanded_deg frequency_hz band_low_hz band_high_hz controller group plate_inertia K_d B_d
+        B_viscous direction onset_phase interval_method"""
     said: defaultdict[str, defaultdict[str, list[Any]]] = defaultdict(lambda: defaultdict(list))
     recorded = dict[str, dict[str, Any]]()
     for name, table in tables.items():
-        for one in (column for column in (*columns.split(), "interval_method") if column in table.columns):
+        for one in (
+            column
+            for column in (*columns.split(), "interval_method", "direction", "onset_phase")
+            if column in table.columns
+        ):
             if len(table):
                 said[name][one] = table[one].drop_nulls().unique().sort().to_list()
     for trial in trials:

@@ -234,6 +234,12 @@ def test_signals_are_thinned_out_for_a_small_page_which_says_so_and_keeps_the_en
     assert re.search(r"every \d+th sample", Page(small).text)
 
 
+def test_units_symbols_powers_and_minus_signs_are_set_in_one_way_and_names_are_left():
+    said = trial_page.printed("-0.2 N*m*s/rad, [-720, +1e-07] kg*m^2, `delay`, K_d theta + B_d omega, a-1, theta_m")
+    assert said == "−0.2 N·m·s/rad, [−720, +1·10⁻⁷] kg·m², “delay”, K_d θ + B_d ω, a-1, theta_m"
+    assert [trial_page.printed(one) for one in ("1", "N*m/deg", "torque - model")] == ["", "N·m/deg", "torque − model"]
+
+
 def test_verdicts_and_counts_sorting_by_the_unrounded_value_and_conditions_that_differ():
     checks = pl.DataFrame({"trial": ["e"], "check": ["gap"], "verdict": ["flag"], "remark": ["torque"]})
     checks = checks.with_columns(value=0.095, threshold=pl.lit("0.05 s"))

@@ -311,8 +311,7 @@ def not_checked_of(table: pl.DataFrame) -> dict[str, str]:
 
 def not_checked_line(table: pl.DataFrame) -> str:
     """The same on one line, of the fit to all data; empty if all was checked."""
-    said = not_checked_of(table.tail(1)).items()
-    return "; ".join(f"{unchecked_kind(what).upper()}: {what} ({why})" for what, why in said)
+    return "; ".join(f"{unchecked_kind(a).upper()}: {a} ({why})" for a, why in not_checked_of(table.tail(1)).items())
 
 
 def unchecked_kind(what: str) -> str:

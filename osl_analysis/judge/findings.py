@@ -152,9 +152,8 @@ def doubts_in(tables: Mapping[str, pl.DataFrame]) -> Iterator[dict[str, Any]]:
     for name, facts in EXPERIMENTS.items():
         fitted = {table.name: table.doubts_of for table in facts.tables if table.judged}
         for table, of in (fitted | dict.fromkeys(facts.judged_further, "")).items():
-            if doubts.DOUBTFUL not in tables.get(table, pl.DataFrame()).columns:
+            if doubts.DOUBTFUL not in (rows := tables.get(table, pl.DataFrame())).columns:
                 continue
-            rows = tables[table]
             of_all = rows.filter(pl.col("amplitude_deg").is_null()) if "amplitude_deg" in rows.columns else rows
             causes, whole = doubts.causes_by_trial(rows, tables.get(of)), doubts.causes_by_trial(of_all)
             by_cause: dict[tuple[str, bool], dict[str, doubts.Reason]] = {}

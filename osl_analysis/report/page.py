@@ -26,10 +26,9 @@ from osl_analysis.judge.doubts import DOUBTFUL, not_checked_of, reasons_in, unch
 from osl_analysis.judge.recording import CHECKS
 from osl_analysis.report import TEMPLATES
 from osl_analysis.report.headlines import answered, said_number
-from osl_analysis.report.trial_page import ReportedTrial, cell_text, printed
+from osl_analysis.report.trial_page import VERDICTS, ReportedTrial, cell_text, printed
 
-STATES = ("refused", "excluded", "doubtful", "flagged", "doubtful in part", "not checked", "remark", "passed")
-STATES += ("does not apply",)
+STATES = (*VERDICTS[:0:-1], "not checked", "remark", "passed", "does not apply")
 """Of a trial before a check, the worst one first; beside these a trial as a whole is `clear`."""
 FIRST_FIGURES = ("fig5", "walking_page", "torque_angle", "response", "fig3")
 """Of these the first one that the campaign has stands on the first screen; Fig. 5 where something was desired."""

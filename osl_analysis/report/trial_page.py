@@ -5,7 +5,6 @@ import re
 from collections import Counter, defaultdict
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import Any
 
 import polars as pl
@@ -73,7 +72,7 @@ class ReportedTrial:
             found.append({"where": "its recording", "of": "all"} | told | {"numbers": numbers})
         return found
 
-    @cached_property
+    @property
     def verdict(self) -> str:
         """One of `VERDICTS`."""
         if self.left_out:
@@ -148,8 +147,6 @@ def printed(text: str) -> str:
     """A text with its units, symbols, powers and minus signs as the page sets them; of the unit 1 nothing."""
     for pattern, sign in TABLE["signs"].items():
         text = re.sub(pattern, sign, text)
-    tens = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-    text = re.sub(r"(?<=\d)e([+-]\d+)\b", lambda power: f"·10{str(int(power[1])).translate(tens)}", text)
     return "" if text == "1" else text
 
 
@@ -187,7 +184,7 @@ def doubts_of(tables: Mapping[str, pl.DataFrame], described: Mapping[str, Descri
     """Each doubt about one trial: `where` in it, `of` all of its fit, a part, or an other table, `cause`, what that
     `says`, its `size` and `remedy`, and the `numbers` behind it: column, value, limit, meaning. `tables` has its rows
     of each table, that of its fit first. Doubts that other tables only repeat are left out."""
-    found = []
+    found = list[dict[str, Any]]()
     rows = ((number, name, row) for number, (name, table) in enumerate(tables.items()) for row in table.to_dicts())
     for number, name, row in rows:
         parts = {"amplitude_deg": "deg", "frequency_hz": "Hz"}

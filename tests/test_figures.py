@@ -277,7 +277,7 @@ SAID = [
      "hatched baseline, −100 to −40 ms from the onset, and not at the onset", "Unperturbed ($n$ = 7)",
      "at the onset the mean response is −1.50 deg (SD 0.71) and −1.50 N·m (SD 0.71)"], ["Doubtful fit"]),
     ("impedance_over_stance", None, {"n": pl.lit(7)}, ["Fit of mean response",
-     "all at 25 % of stance, 7 perturbations: $K$ 75.0 N·m/rad (95 % interval 67.5 to 82.5)"], []),
+     "All perturbations, at 25 % of stance, 7 perturbations: $K$ 75.0 N·m/rad (95 % interval 67.5 to 82.5)"], []),
     ("impedance_over", None, {}, ["Slow part of the joint angle", r"walker\_0: $\hat{K}$ goes from 30.00 N·m/rad (95 %",
      " to 80.00 N·m/rad (95 % interval 79.50 to 80.50).", r"1 of 2 fits (walker\_1), for reflex"], []),
     ("torque_angle", torque_angle_table, {"stiffness": SLOPE}, [r"1 of 11 trials (both\_cams\_15mm)", "Doubtful trial",

@@ -22,6 +22,7 @@ import yaml
 from any_motion import made_trial, noise
 from bench_synthetic import belt_record, second_order, stepped_sine
 from conftest import ROOT
+from markupsafe import Markup
 from numpy.testing import assert_allclose
 from test_bench_any_excitation import moving_record
 from test_bench_belt import belt_cycle
@@ -310,6 +311,12 @@ def test_the_map_has_a_row_for_what_one_trial_does_not_pass_and_names_the_neares
     assert found["states"] == ["passed", "doubtful in part", "flagged", "doubtful", "refused"]
     counts = trials_content(trials)["counts"]
     assert sum(counts.values()) == 3, "each trial is counted once, for the worst that is known of it"
+    asked = [{"controller": name, "K_d": K_d, "B_d": 0.0} for K_d in (200.0, 100.0) for name in ("on", None, "on")]
+    mixed = [replace(trials[1], name=f"t{k}", row=trials[1].row | one, quality=None) for k, one in enumerate(asked)]
+    (group,) = heat_map(mixed, {one.name: {} for one in mixed})["groups"]
+    assert [name for name, *_ in group["trials"]] == ["t4", "t1", "t3", "t5", "t0", "t2"]
+    heads = [("controller", [(None, 2), ("on", 4)]), ("K_d", [(100.0, 1), (200.0, 1), (100.0, 2), (200.0, 2)])]
+    assert group["heads"][:2] == heads
 
 
 def test_the_page_begins_with_what_was_done_its_verdict_and_the_figure_that_matters():
@@ -500,6 +507,44 @@ def test_the_fitted_line_of_phasors_is_the_admittance_of_a_second_order_system()
     assert found == [(True, *ends[0]), (False, *ends[1])]
     drawn = [[one["y"] for one in each["drawn"]] for each in panels.response_pictures(phasors).panels]
     assert drawn == [[y, f"{y}_eq15"] for y in ("magnitude", "phase_deg")]
+
+
+def test_a_claim_stands_with_its_limit_and_a_long_caption_is_folded_behind_two_sentences():
+    number = {
+        "n": 5,
+        "low": 6.0,
+        "high": 7.0,
+        "interval": "95 %",
+        "draft": None,
+        "doubt": None,
+        "value": 6.5,
+        "unit": "%",
+    }
+    number |= {"question": "", "of": "", "meaning": "it is negligible, x/y", "answers": "", "verdict": "holds"}
+    fails = {**number, "meaning": "z matters, f, x", "verdict": "fails"}
+    figure = {
+        "name": "fig5",
+        "title": "Fig. 5",
+        "caption": Markup("By Eq. 15 this. That. " + 99 * "Long. "),
+        "drawing": "",
+    }
+    found = overview([trial()], {"numbers": {"a": number, "b": fails}}, [figure], ABOUT)
+    limits = {
+        "it is negligible, x/y": {"target": 10.0, "margin": None},
+        "z matters, f, x": {"target": 9.0, "margin": None},
+    }
+    content = {"about": ABOUT, "made_of": "", **trials_content([trial()]), **found, "limits": limits, "intervals": ""}
+    content |= {
+        "not_made": [],
+        "sensitivity": [],
+        "methods": methods_content(SETTINGS, {}, [trial()]),
+        "absent_figures": {},
+    }
+    said = " ".join(Page(written_page(content, {}, 40.0)).text.split())
+    assert re.search(
+        r"It is negligible ?x/y 6.50 %.{,40} below 10 % holds Z matters, f ?x 6.50 %.{,40} above 9 % fails", said
+    )
+    assert "By Eq. 15 this. That. How to read it, and its numbersLong. Long." in said.replace("\xa0", " ")
 
 
 def test_a_trial_is_left_out_by_what_became_of_it():

@@ -92,6 +92,7 @@ def write_report(
         **trial_page.trials_content(reported),
         **page.overview(reported, found, shown, about),
         "intervals": found.get("intervals", ""),
+        "limits": {one["claim"]: one for one in written.get("claims", pl.DataFrame()).to_dicts()},
         "methods": trial_page.methods_content(settings, written, reported),
         "absent_figures": absent,
         "sensitivity": written.get("walking_sensitivity", pl.DataFrame()).to_dicts(),

@@ -9,7 +9,6 @@ import polars as pl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from osl_analysis.dictionary import apparent_inertia
 from osl_analysis.errors import InputError
 from osl_analysis.figures import FIGURES, columns_of, names, style
 from osl_analysis.trial import Array
@@ -205,7 +204,8 @@ def letter_conditions(ax: Axes, rows: pl.DataFrame) -> None:
 
 
 def fig5_caption(table: pl.DataFrame) -> str:
-    said = [FIGURES["fig5"].caption, f"The fit also has I, the {apparent_inertia()}."]
+    marker = "Orange" if (table["controller"] == "compensated").any() else "A marker"  # the colour of `style.LOOKS`
+    said = [f"{marker} on the black line: rendered as asked.", FIGURES["fig5"].caption]
     if table["K_predicted"].count() or table["B_predicted"].count():
         said.append("A short line in the colour of a marker is what linear theory predicts for its gains.")
     if table["B_viscous"].count():

@@ -266,7 +266,8 @@ def over_stance_caption(table: pl.DataFrame) -> str:
         counts = rows["n"].drop_nulls() if "n" in rows.columns else rows["phase"].clear()
         of = f", {count_of(int(counts[0]), 'perturbation')}" if len(counts) else ""
         if told:
-            at = f"{as_text(rows['series'][0])} at {100 * rows['phase'][0]:.0f} % of stance"
+            name = "All perturbations" if rows["series"][0] == "all" else as_text(rows["series"][0])
+            at = f"{name}, at {100 * rows['phase'][0]:.0f} % of stance"
             said.append(f"{at}{of}: {'; '.join(told)}.")
     return " ".join(said)
 

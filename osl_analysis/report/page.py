@@ -9,6 +9,7 @@ from base64 import b64encode
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from html import escape
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
@@ -30,6 +31,7 @@ from osl_analysis.report.trial_page import VERDICTS, ReportedTrial, cell_text, p
 
 STATES = (*VERDICTS[:0:-1], "not checked", "remark", "passed", "does not apply")
 """Of a trial before a check, the worst one first; beside these a trial as a whole is `clear`."""
+MAP_ORDER = ("controller", "K_d", "B_d")  # by these the trials of an experiment stand beside one another
 FIRST_FIGURES = ("fig5", "walking_page", "torque_angle", "response", "fig3")
 """Of these the first one that the campaign has stands on the first screen; Fig. 5 where something was desired."""
 
@@ -57,7 +59,8 @@ def written_page(
         return found
 
     whole = packed(1)
-    size, room = sum(map(len, whole.values())), max(1e6 * largest_mb - len(bokeh_js) - len(str(content)), 1.0)
+    around_them = sum(map(len, (bokeh_js, report_js, style, str(content))))
+    size, room = sum(map(len, whole.values())), max(1e6 * largest_mb - around_them, 1.0)
     every = math.ceil(1.3 * size / room) if size > room else 1  # noise deflates worse once it is thinned
     return around.render(
         **content,
@@ -116,6 +119,10 @@ def heat_map(trials: Sequence[ReportedTrial], cells: Mapping[str, JudgedCells]) 
     good, groups, seen = STATES[STATES.index("passed") :], [], set[str]()
     for experiment in dict.fromkeys(trial.row["experiment"] for trial in trials):
         own, rows = [trial for trial in trials if trial.row["experiment"] == experiment], []
+        own.sort(key=lambda one: [(one.row.get(name) is not None, one.row.get(name) or 0) for name in MAP_ORDER])
+        asked = [[one.row.get(name) for name in MAP_ORDER] for one in own]
+        nested = [groupby([values[: n + 1] for values in asked]) for n in range(len(MAP_ORDER))]
+        heads = [[(values[-1], len([*same])) for values, same in level] for level in nested]
         for check in dict.fromkeys(check for trial in own for check in cells[trial.name]):
             # a fit without the cause of another passes; without a fit that is judged it does not apply
             absent = [(good[DOUBTFUL not in trial.main.columns], "") for trial in own]
@@ -125,7 +132,8 @@ def heat_map(trials: Sequence[ReportedTrial], cells: Mapping[str, JudgedCells]) 
         whole = [(one.name, one.verdict, "; ".join([*one.left_out, *named_causes(cells[one.name])])) for one in own]
         seen |= {state for row in [whole, *(row["cells"] for row in rows)] for _, state, _ in row}
         groups.append({"experiment": experiment, "says": EXPERIMENTS[experiment].description})
-        groups[-1] |= {"trials": whole, "rows": rows}
+        differing = [(name, head) for name, head in zip(MAP_ORDER, heads, strict=True) if head[1:]]
+        groups[-1] |= {"trials": whole, "rows": rows, "heads": differing}
     failed = {row["check"] for group in groups for row in group["rows"]}
     measured, passed = [one.quality for one in trials if one.quality is not None], []
     for key, judged in CHECKS.items():
@@ -155,8 +163,7 @@ def what_was_done(
         f"{n} {name.replace('_', ' ')}" + f" ({perturbed} perturbed)" * (name == "walking" and 0 < perturbed < n)
         for name, n in numbers.items()
     ]
-    joints = [*dict.fromkeys(" ".join(filter(None, [row.get("side"), row.get("joint")])) for row in rows)]
-    of = f" of the {in_words(joints)}" if any(joints) else ""
+    of = f" of the {joints}" if (joints := joints_of(trials)) else ""
     suffixes = dict.fromkeys(Path(row.get(role) or "").suffix for row in rows for role in ("log", "mocap"))
     files = in_words([suffix[1:].upper() for suffix in suffixes if suffix])
     done = in_words([one["identified"] for one in questions if one["identified"]])
@@ -165,6 +172,11 @@ def what_was_done(
     said = f"{done} {len(trials)} {about['data']} {only}{'trial' if len(trials) == 1 else 'trials'}{of}"
     made_of = f"{files} files, " * bool(files) + about["recorded"]
     return f"{said}{f': {in_words(counts)}' * (not only)} ({made_of})."
+
+
+def joints_of(trials: Sequence[ReportedTrial]) -> str:
+    found = dict.fromkeys(" ".join(filter(None, map(one.row.get, ("side", "joint")))) for one in trials)
+    return in_words([joint for joint in found if joint])
 
 
 def in_words(parts: Sequence[str]) -> str:
@@ -213,6 +225,7 @@ def overview(
         short = [(name, said.replace(f"{one['says']}: ", "").replace(remedy, "")) for name, said in named]
         known.append({**one, "named": short})
     return {
+        "joints": joints_of(trials),
         "done": what_was_done(trials, questions, about),
         "state": state_of(trials, cells, groups),
         "questions": questions,

@@ -516,7 +516,7 @@ def left_unchecked(
     row: Mapping[str, Any], p: DrivetrainParameters | None, desired: DesiredImpedance | None, two_clocks: bool
 ) -> str | None:
     """What a row of the table is not checked for, each with its reason; None if it is checked for all."""
-    if row["reflex_delay_ms"] is not None:
+    if row.get("reflex_delay_ms") is not None:
         why = "a person's reflex would hide it"
         return f"{LATENESS}: {why}; whether the fixture rubs, or has play: {why}"
     if desired is None:

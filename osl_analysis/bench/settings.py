@@ -208,7 +208,9 @@ class ImpedanceAnalysis(SteppedSineAnalysis):
     largest_inertia_error: Positive | None = 0.01
     """Change of I [kg*m^2] by a torque error of 0.1 %, from which a motion is refused because it cannot tell K from I;
     null: no limit."""
-    human: Annotated[HumanJoint | None, BeforeValidator(human_or_none)] = None
+    human: Annotated[
+        HumanJoint | None, BeforeValidator(human_or_none, json_schema_input_type=HumanJoint | bool | None)
+    ] = None
     """Whether the joint is a person's, whose reflexes are fitted beside K, B and I; null: a device."""
     rated_torque: Positive | None = None
     """Of the joint [N*m]: torque errors are given as shares of it; null: not stated."""

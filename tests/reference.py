@@ -69,6 +69,7 @@ def requests_of(space, campaign: str) -> set[tuple[str, ...]]:
     """Campaign, job, and the first digits of the SHA-256 of what it waits for, of what it is given, of its settings."""
     changes, trials = PLANNED[campaign].values()
     (space.folder / "trials.csv").write_text("".join(row for row in SHEET if re.match(trials, row)))
+    (space.folder / "raw").mkdir(exist_ok=True)
     space.configure(changes)
     targets, found = ["reproduce-all", "study"][: 1 + ("study" in changes)], set()
     planned = space.run("-n", *targets, "--quiet", "host").stdout
@@ -79,6 +80,7 @@ def requests_of(space, campaign: str) -> set[tuple[str, ...]]:
         given = {name: sorted(value) if name in ("made_of", "recorded") else value for name, value in said.items()}
         parts = (json.dumps(part).replace(version("osl-analysis"), "") for part in (waits, given, settings))
         found.add((campaign, f"{rule} {request.parent.name}", *(sha256(p.encode()).hexdigest()[:8] for p in parts)))
+    assert found, planned
     return found
 
 

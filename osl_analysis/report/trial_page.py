@@ -249,13 +249,14 @@ def trials_content(trials: Sequence[ReportedTrial]) -> dict[str, Any]:
     row."""
     differing = {name for trial in trials for name in trial.row if trial.row[name] != trials[0].row.get(name)}
     found = Counter(trial.verdict for trial in trials)
+    worst_first = sorted(trials, key=lambda trial: -VERDICTS.index(trial.verdict))
     experiments = dict.fromkeys(cell_text(trial.row["experiment"]) for trial in trials)
     return {
         "counts": {verdict: found[verdict] for verdict in VERDICTS},
         "choices": {"experiment": [*experiments], "verdict": [verdict for verdict in VERDICTS if found[verdict]]},
         "quantities": ["VAF", "K", "B", "I"],
         "apparent_inertia": apparent_inertia(),
-        "trials": [trial_row(trial, differing) for trial in trials],
+        "trials": [trial_row(trial, differing) for trial in worst_first],
         "left_out": [{"name": t.name, "verdict": t.verdict, "reason": why} for t in trials for why in t.left_out],
         "experiments": {name: facts.description for name, facts in EXPERIMENTS.items()},
     }

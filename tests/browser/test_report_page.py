@@ -13,6 +13,7 @@ from selenium.webdriver.common.by import By
 from selenium.webdriver.support.ui import WebDriverWait
 from test_workflow import Workspace
 
+from osl_analysis.report.trial_page import VERDICTS
 from osl_analysis.table import read_table
 
 pytestmark, DRIVER = pytest.mark.browser, shutil.which("chromedriver")
@@ -91,7 +92,7 @@ def test_the_overview_shows_figures_and_every_trial_and_names_from_files_are_tex
     sheet = pl.read_csv(results.parents[1] / "raw_data/small/trials.csv", infer_schema_length=None)
     assert sorted(visible(page)) == sorted(sheet["trial"])
     verdicts = [one.text for one in page.find_elements(By.CSS_SELECTOR, "#table td:nth-child(2)")]
-    assert (verdicts[0], verdicts) == ("doubtful", sorted(verdicts))
+    assert (verdicts[0], verdicts) == ("refused", sorted(verdicts, key=VERDICTS.index, reverse=True))
     figures = {figure.get_attribute("id") for figure in page.find_elements(By.TAG_NAME, "figure")}
     assert {f"figure-fig{k}" for k in range(3, 10)} - {"figure-fig8"} <= figures
     drawn = page.find_elements(By.CSS_SELECTOR, "figure svg")
@@ -185,7 +186,7 @@ def test_it_sorts_by_numbers_both_ways_with_missing_ones_last(page):
 
 def test_it_filters_by_words_and_verdict_and_says_why_a_trial_was_left_out(page):
     page.find_element(By.ID, "search").send_keys("belt_0")
-    assert visible(page) == ["belt_02", "belt_01"], "used ones last"
+    assert visible(page) == ["belt_02", "belt_01"], "clear ones last"
     page.find_element(By.CSS_SELECTOR, "#filters button[type=reset]").click()
     wait(page, lambda: len(visible(page)) > 10)
     page.execute_script("window.scrollTo(0, 0)")
@@ -218,7 +219,7 @@ def test_the_numbers_and_signals_of_a_trial_are_those_of_the_results(page, resul
         cells = [cell.text for cell in line.find_elements(By.CSS_SELECTOR, "th, td")]
         assert cells[0] == ("all" if row["amplitude_deg"] is None else f"{row['amplitude_deg']:g}")
         for quantity, cell in zip(("K", "B", "I"), cells[1:4], strict=True):
-            value, low, high = (float(part.strip("[],")) for part in cell.split())
+            value, low, high = (float(part.strip("[],")) for part in cell.replace("−", "-").split())
             half = (row[f"{quantity}_high"] - row[f"{quantity}_low"]) / 2
             for shown, true in ((value, row[quantity]), (low, row[f"{quantity}_low"]), (high, row[f"{quantity}_high"])):
                 assert shown == pytest.approx(true, abs=max(0.06 * half, 5e-4 * abs(row[quantity])))  # four digits

@@ -1,26 +1,10 @@
-"""Recordings of human ankles (REKLAB, GPL-2): `convert FILE` writes the CSV files of the campaign, `table` its fits.
+"""Recordings of human ankles (REKLAB, GPL-2): prints the fits of their campaign as a table (docs/human_joint.md)."""
 
-FILE is an .npz with an array (n, 2) of angle [rad] and torque [N*m] at 1 kHz per record (docs/human_joint.md).
-"""
-
-import sys
 from pathlib import Path
 
-import numpy as np
 import polars as pl
 
-RAW, TABLE = Path("raw_data/human_ankle"), Path("results/human_ankle/tables/impedance.csv")
-RATE_HZ = 1000.0
-
-
-def convert(path):
-    RAW.mkdir(parents=True, exist_ok=True)
-    with np.load(path) as found:
-        for name in (name for name in found.files if found[name].ndim == 2 and found[name].shape[1] == 2):
-            samples = found[name]
-            columns = {"time": np.arange(len(samples)) / RATE_HZ, "theta": samples[:, 0], "torque": samples[:, 1]}
-            pl.DataFrame(columns).write_csv(RAW / f"{name}.csv")
-            print(RAW / f"{name}.csv", f"{len(samples) / RATE_HZ:.1f} s")
+TABLE = Path("results/human_ankle/tables/impedance.csv")
 
 
 def table():
@@ -35,4 +19,4 @@ def table():
 
 
 if __name__ == "__main__":
-    convert(sys.argv[2]) if sys.argv[1:2] == ["convert"] else table()
+    table()

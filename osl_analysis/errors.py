@@ -63,8 +63,8 @@ class MemoryLimitError(WriteError):
 
 
 EXTRAS = {
-    "ezc3d": "simulator", "h5py": "mat73", "mujoco": "mujoco", "nptdms": "tdms", "numba": "simulator", "rosbags": "ros",
-    "statsmodels": "compare",
+    "ezc3d": "simulator", "h5py": "mat73", "mat-io": "matlab", "mujoco": "mujoco", "nptdms": "tdms",
+    "numba": "simulator", "rosbags": "ros", "statsmodels": "compare",
 }  # fmt: skip
 """The extra of the package that installs a library which most campaigns do not need."""
 

@@ -24,6 +24,7 @@ COLUMNS: dict[str, str] = {
     "theta": "rad",  # [θ_j] joint angle from the bench's or the leg's joint encoder, dorsiflexion positive
     "theta_m": "rad",  # [θ_m] actuator output angle, after the gear and before the belt
     "omega_m": "rad/s",  # [dθ_m/dt] actuator output velocity, for the actuator's own bench where that logs no theta_m
+    "theta_slow": "rad",  # slow angle that a person's stiffness changes with, where it was recorded beside theta
     "theta_command": "rad",  # [θ_j*] joint angle that the dynamometer was told to follow
     "current": "A",  # [I_q] q-axis motor current
     "torque": "N*m",  # [τ] resisting joint torque, minus the τ_j of Eq. 4; internal plantarflexion moment

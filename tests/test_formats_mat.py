@@ -1,16 +1,20 @@
 """MATLAB files: scipy's and h5py's files are read as written, and no file gets more than its size justifies."""
 
 import struct
+import sys
 import zlib
 from collections.abc import Iterable
 from contextlib import suppress
+from datetime import UTC, datetime
 from pathlib import Path
 
 import h5py
 import numpy as np
+import pandas as pd
 import pytest
 import scipy.io
 
+from osl_analysis.commands.inspect import inspect_file
 from osl_analysis.errors import InputError
 from osl_analysis.formats.mat import checked_address, open_mat
 
@@ -165,14 +169,77 @@ def test_what_is_no_address_is_refused():
             checked_address(text, inside=False)
 
 
-def test_what_matlab_alone_can_read_is_named_with_the_command_that_saves_it(tmp_path):
+def test_an_object_whose_content_is_not_read_is_named_with_its_class(tmp_path, monkeypatch):
     when = zlib.compress(opaque("when", "datetime"), 9)  # not padded
     path = write_parts(tmp_path / "a.mat", opaque("results", "table"), struct.pack("<II", 15, len(when)) + when)
-    saved = "save it as a struct: `s = table2struct(t, 'ToScalar'"
-    assert f"results is a 1x1 table, not real numbers; {saved}" in refusal(path, "results")
-    assert saved in refusal(path, "results.torque")
-    assert "seconds(t - t(1))" in refusal(path, "when")
+    assert "results is a 1x1 table, not real numbers; save its numbers in a struct" in refusal(path, "results")
+    assert "results is a 1x1 table and has no torque; save its" in refusal(path, "results.torque")
     assert open_mat(path).header == "MATLAB 5.0 MAT-file, made for a test"
+    old_style = np.array([[(RISING,)]], dtype=[("x", object)])
+    fields = write_mat(tmp_path / "b.mat", z=scipy.io.matlab.MatlabObject(old_style, "iddata"))
+    np.testing.assert_array_equal(at(fields, "z.x"), RISING)
+    assert "z is a 1x1 iddata, not numbers; name one of its fields (x)" in refusal(fields, "z")
+    monkeypatch.setitem(sys.modules, "matio", None)
+    said = "when is a 1x1 datetime, not real numbers; pip install 'osl-analysis[matlab]', which reads it, or save its"
+    assert said in refusal(path, "when")
+
+
+def written_by_matio(path: Path, version: str) -> Path:
+    """Tables, timetables and other objects, as MATLAB stores them. mat-io writes the times of a timetable and no units:
+    a rate, a step, units and what a time has below the ms are put in by hand."""
+    from matio import save_to_mat
+    from matio.utils.matclass import MatlabOpaque, MatlabOpaqueArray
+    from matio.utils.matconvert import convert_py_to_mat
+
+    late = (datetime(2026, 11, 23, 8, tzinfo=UTC).timestamp() * 1e3 + 2 * RISING + 0.25j).reshape(-1, 1)
+    columns = pd.DataFrame({"torque": RISING, "theta": -(RISING**2)}, index=pd.to_timedelta(RISING, unit="ms"))
+    by_rate, by_step = (convert_py_to_mat(columns, "timetable") for _ in range(2))
+    table = convert_py_to_mat(columns.reset_index(names="late"), "table")
+    for timetable, is_rate in ((by_rate, True), (by_step, False)):
+        inside, second = timetable.properties["any"][0, 0], np.array([[np.timedelta64(1, "s")]])
+        rule = {"origin": 3 * second, "specifiedAsRate": is_rate, "stepSize": 2 * second, "sampleRate": 800.0}
+        inside["rowTimes"], inside["varUnits"] = rule, np.array([["N*m", "deg"]], dtype=object)
+    table.properties["data"][0, 2] = np.column_stack([RISING, 2 * RISING])
+    table.properties["props"][0, 0]["VariableUnits"] = np.array([["", "N*m", "deg"]], dtype=object)
+    note = np.array([["left"]], np.dtypes.StringDType())
+    several = np.array([MatlabOpaque({"x": factor * RISING}, "run") for factor in (1, 2)]).reshape(1, 2)
+    content = {
+        "z": MatlabOpaque({"dataSet": np.column_stack([RISING, -RISING]), "chanNames": "x1", "own": columns}, "nldat"),
+        "Test": {"when": MatlabOpaque({"data": late}, "datetime"), "plain": RISING, "note": note},
+        "times": columns, "rate": by_rate, "step": by_step, "table": table,
+        "runs": MatlabOpaqueArray(several, "run"), "unlike": MatlabOpaque({"data": 1.0}, "table"),
+    }  # fmt: skip
+    save_to_mat(path, content, version=version)
+    if version == "v7.3":  # a struct without fields, as MATLAB writes it
+        with h5py.File(path, "a") as file:
+            del file["Test"].attrs["MATLAB_fields"]
+            file["Test"]["bare"] = np.ones(2, np.uint64)
+            file["Test"]["bare"].attrs.update(MATLAB_class=np.bytes_("struct"), MATLAB_empty=1)
+    return path
+
+
+OBJECTS = {
+    "z.dataSet(:,2)": -RISING, "z.own.Time": RISING / 1e3, "z.own.torque": RISING, "Test.plain": RISING,
+    "Test.when": 1795420800.00025 + RISING * 2e-3, "times.Time": RISING / 1e3, "times.theta": -(RISING**2),
+    "rate.Time": 3 + RISING / 800, "rate.torque": RISING, "step.Time": 3 + 2 * RISING,
+    "table.late": RISING / 1e3, "table.torque": RISING, "table.theta(:,2)": 2 * RISING, "runs(2).x": 2 * RISING,
+}  # fmt: skip
+
+
+@pytest.mark.filterwarnings("ignore:duration_to_mat", "ignore:The 'future.infer_string' option")  # of its import
+@pytest.mark.parametrize("version", ["v7", "v7.3"])
+def test_tables_their_clocks_and_the_properties_of_objects_are_read_as_written(version, tmp_path):
+    path = written_by_matio(tmp_path / "a.mat", version)
+    units = {"rate.torque": "N*m", "rate.Time": "s", "step.Time": "s", "table.torque": "N*m", "table.theta(:,2)": "deg"}
+    units |= {"table.late": "s", "z.own.Time": "s", "times.Time": "s", "Test.when": "s"}
+    for address, (_, values, unit) in open_mat(path).signals([*OBJECTS]).items():
+        np.testing.assert_allclose(values, OBJECTS[address], rtol=1e-15, atol=1e-12, err_msg=address)
+        assert unit == units.get(address, "")
+    assert "z is a 1x1 nldat, not numbers; name one of its fields (dataSet, chanNames, own)" in refusal(path, "z")
+    assert "Test.note is a 1x1 string, not real numbers; save it as numbers, or" in refusal(path, "Test.note")
+    assert "unlike is a 1x1 table, not real numbers; save its numbers in a struct" in refusal(path, "unlike")
+    listed = {one.address["variable"]: one.unit for one in inspect_file(path).channels}
+    assert {"table.theta": "deg", "rate.Time": "s", "Test.when": "s", "z.dataSet": ""}.items() <= listed.items()
 
 
 @pytest.mark.parametrize("write", [write_mat, write_mat73])
@@ -186,7 +253,7 @@ def test_what_is_no_real_number_is_refused_with_the_command_that_saves_it(write,
             file["results"].attrs["MATLAB_class"] = np.bytes_("timetable")
             file["results"].attrs["MATLAB_object_decode"] = 3
         assert "text is a 2 object, not real numbers" in refusal(path, "text")
-        assert "results is a 1x1 timetable, not real numbers; save it as a struct" in refusal(path, "results")
+        assert "results is a 1x1 timetable, not real numbers; save its numbers" in refusal(path, "results")
     else:
         write(path, sparse=scipy.sparse.eye(3), empty=np.zeros((0, 3)))
         assert "save it as `full(x)`" in refusal(path, "sparse")

@@ -1,4 +1,4 @@
-"""MATLAB files of version 5 (by scipy) and 7.3 (HDF5, by h5py), and the addresses of numbers in them.
+"""MATLAB files of version 5 (by scipy) and 7.3 (HDF5, by h5py), objects in them (by mat-io), and addresses of numbers.
 
 An address is written as in MATLAB: `Test.Slow(2).data(:,3)`, `runs{2}.torque`.
 MATLAB writes into HDF5 arrays transposed, text as 16-bit numbers, and the elements of cells and of struct arrays as
@@ -9,25 +9,24 @@ import io
 import math
 import re
 import struct
+import warnings
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, replace
 from functools import reduce
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from osl_analysis.errors import InputError, listing, nearest, optional_module
+from osl_analysis.errors import EXTRAS, InputError, listing, nearest, optional_module
 from osl_analysis.formats.table import Ledger
 from osl_analysis.trial import Array
 
 DAMAGED = "copy the file again, or save it again in MATLAB, with the numbers in it"
 REMEDIES = {
-    "table": "save it as a struct: `s = table2struct(t, 'ToScalar', true)`",
-    "timetable": "save it as a struct: `s = table2struct(timetable2table(t), 'ToScalar', true)`, its times as seconds",
     "string": "save it as numbers, or as text with `char(s)`",
-    "datetime": "save it as numbers: `seconds(t - t(1))`",
     "sparse": "save it as `full(x)`",
     "char": "save it as numbers: `str2double(x)`",
     "array that was never written": "record the trial again, or name another variable",
@@ -39,13 +38,15 @@ REMEDIES = {
 class Value:
     """One value of a MATLAB file."""
 
-    kind: str  # its class in MATLAB, such as `double`, `struct`, `cell`, `table`; `sparse` for a sparse matrix
+    kind: str  # its class in MATLAB, such as `double`, `struct`, `cell`, `nldat`; `sparse` for a sparse matrix
     shape: tuple[int, ...] = (1, 1)
     numbers: Array | None = None  # of its shape, masked where never written; None for anything but real numbers
     is_complex: bool = False
     text: str = ""  # its text, for one row of characters
-    elements: Sequence[Mapping[str, "Value"]] = ()  # fields of each element of a struct, in MATLAB's order
+    elements: Sequence[Mapping[str, "Value"]] = ()  # fields of each element of a struct or object, in MATLAB's order
     cells: Sequence["Value"] = ()  # elements of a cell, in MATLAB's order
+    unit: str = ""  # of its numbers, where a table states it; `s` of times
+    is_opaque: bool = False  # an object of a class whose content is not read
 
     @property
     def fields(self) -> list[str]:
@@ -60,7 +61,13 @@ class Value:
         return f"{'x'.join(map(str, self.shape))} {'complex ' if self.is_complex else ''}{self.kind}"
 
     def remedy(self) -> str:
-        return "save `real(x)`" if self.is_complex else REMEDIES.get(self.kind, "save its numbers in a struct")
+        install = f"pip install 'osl-analysis[{EXTRAS['mat-io']}]', which reads it, or "
+        saved = "save `real(x)`" if self.is_complex else REMEDIES.get(self.kind, "save its numbers in a struct")
+        return install * (self.is_opaque and not find_spec("matio")) + saved
+
+    def holds_opaque(self) -> bool:
+        inside = [*self.cells, *(value for fields in self.elements for value in fields.values())]
+        return self.is_opaque or any(one.holds_opaque() for one in inside)
 
 
 def is_mat(begin: bytes) -> bool:
@@ -102,19 +109,26 @@ class MatFile:
                     link = getattr(file.get(name, getlink=True), "path", "")
                     with in_one_sentence(f"{name} {f'is a link to {link} and ' * bool(link)}"):
                         found[name] = value73(file[name])
-            return found
-        from scipy.io import loadmat  # half a second, which other commands need not wait for
+        else:
+            from scipy.io import loadmat  # half a second, which other commands need not wait for
 
-        for name in known:
-            with in_one_sentence(f"{name} "):
-                raw: Any = loadmat(self.variables[name], spmatrix=False)
-                found[name] = value5(next(one for key, one in raw.items() if not key.startswith("__")))
+            for name in known:
+                with in_one_sentence(f"{name} "):
+                    raw: Any = loadmat(self.variables[name], spmatrix=False)
+                    found[name] = value5(next(one for key, one in raw.items() if not key.startswith("__")))
+        opaque = [name for name, value in found.items() if value.holds_opaque()]
+        if opaque and find_spec("matio"):
+            with suppress(InputError), in_one_sentence(), warnings.catch_warnings(action="ignore"):
+                from matio import load_from_mat
+
+                raw = load_from_mat(self.path, variable_names=[*opaque], raw_data=True, spmatrix=False)
+                found |= {name: with_objects(found[name], value5(raw[name])) for name in opaque}
         return found
 
-    def signals(self, texts: Sequence[str], part: str = "") -> dict[str, tuple[str, Array]]:
-        """The numbers (n,) at addresses, each with its whole address; those without `/` before them are within `part`.
+    def signals(self, texts: Sequence[str], part: str = "") -> dict[str, tuple[str, Array, str]]:
+        """The numbers (n,) at addresses, each with its whole address and stated unit; those without `/` are in `part`.
         InputError if there is nothing, or something else than a row or a column of real numbers."""
-        found, above = dict[str, tuple[str, Array]](), steps_in(part) if part else ()
+        found, above = dict[str, tuple[str, Array, str]](), steps_in(part) if part else ()
         within = {text: bool(above) and not text.startswith("/") for text in texts}
         ways = {text: (*above, *steps_in(text, inside=True)) if within[text] else steps_in(text) for text in texts}
         variables = self.read({way[0] for way in ways.values()})
@@ -135,7 +149,7 @@ class MatFile:
                     what = f"{place} is a {value.described()} and" if place else "the file"
                     raise InputError(f"{address}: {what} has no {step}; {has}")
                 value, place = below[step], address_with(place, step)
-            found[text] = address, vector(address, value)
+            found[text] = address, vector(address, value), value.unit
         return found
 
 
@@ -147,7 +161,7 @@ def open_mat(path: Path) -> MatFile:
         raise InputError(f"{path}: no MATLAB file of version 5 or 7.3; save it again in MATLAB with `-v7`")
     header, damage = begin[:116].split(b"\0")[0].decode("latin-1").strip(), Ledger()
     with in_one_sentence():
-        if begin.startswith(b"MATLAB 7."):
+        if begin.startswith(b"MATLAB 7.") or 2 in begin[124:126]:
             with opened73(path) as file:  # some of its groups are no variables
                 (stated,) = struct.unpack_from("<Q", start, 40 if start[8] < 2 else 28)  # end of file in the superblock
                 if (behind := path.stat().st_size - stated) > 0:
@@ -174,27 +188,33 @@ def open_mat(path: Path) -> MatFile:
 
 
 def value5(raw: Any) -> Value:
-    from scipy.io.matlab import MatlabFunction, MatlabObject, MatlabOpaque
+    """A value as scipy, or mat-io as its like, gives it."""
+    from scipy.io.matlab import MatlabOpaque
     from scipy.sparse import issparse
 
     if raw is None:  # an element of a struct without fields
         return Value("struct")
     if isinstance(raw, MatlabOpaque):
         class_name = raw.flat[0][-2]  # bytes before scipy 1.18
-        return Value((class_name.decode("latin-1") if isinstance(class_name, bytes) else class_name) or "object")
-    if isinstance(raw, MatlabFunction):
+        kind = class_name.decode("latin-1") if isinstance(class_name, bytes) else class_name
+        return Value(kind or "object", is_opaque=True)
+    if type(raw).__name__ == "MatlabFunction":
         return Value("function_handle")
+    if hasattr(raw, "properties"):
+        with suppress(AttributeError, IndexError, KeyError, TypeError, ValueError):  # none, or of no known release
+            return object_of(raw.classname, raw.properties)
+        return Value(raw.classname or "object", is_opaque=True)
     if issparse(raw):
         return Value("sparse")
-    if isinstance(raw, MatlabObject):
-        return Value(str(raw.classname), raw.shape)
-    array: np.ndarray[Any, np.dtype[Any]] = np.asarray(raw)
-    in_order = array.ravel(order="F")
+    array: np.ndarray[Any, np.dtype[Any]] = np.atleast_2d(np.asarray(raw))
+    in_order, of_class = array.ravel(order="F"), getattr(raw, "classname", "")
     if array.dtype.names is not None:
         elements = [{name: value5(one[name]) for name in array.dtype.names} for one in in_order]
-        return Value("struct", array.shape, elements=elements)
+        return Value(of_class or "struct", array.shape, elements=elements)
     if array.dtype == object:
-        return Value("cell", array.shape, cells=[value5(one) for one in in_order])
+        cells = [value5(one) for one in in_order]
+        inside: Any = {"elements": [dict(*one.elements) for one in cells]} if of_class else {"cells": cells}
+        return Value(of_class or "cell", array.shape, **inside)
     if array.dtype.kind == "U":
         rows = array.ravel().tolist()
         width = max((len(row) for row in rows), default=0)
@@ -202,6 +222,44 @@ def value5(raw: Any) -> Value:
     names = {"float64": "double", "float32": "single", "bool": "logical", "complex128": "double", "complex64": "single"}
     kind, is_complex = names.get(array.dtype.name, array.dtype.name), array.dtype.kind == "c"
     return Value(kind, array.shape, None if is_complex else np.asarray(array, dtype=np.float64), is_complex)
+
+
+def with_objects(own: Value, read: Value) -> Value:
+    """A value with the objects in it as mat-io read them; of those that it cannot read it gives their numbers there."""
+    if own.is_opaque:
+        return own if read.is_opaque or read.kind in ("uint32", "char") else read
+    if not own.holds_opaque():
+        return own
+    cells = [with_objects(*pair) for pair in zip(own.cells, read.cells, strict=True)]
+    pairs = zip(own.elements, read.elements, strict=True)
+    elements = [{name: with_objects(one, there[name]) for name, one in fields.items()} for fields, there in pairs]
+    return replace(own, cells=cells, elements=elements)
+
+
+def object_of(kind: str, properties: Mapping[str, Any]) -> Value:
+    """An object of a class by what is stored of it: times in s (those of a `datetime` since 1970, in UTC if it has a
+    zone), tables as structs of their columns, by the names that MATLAB makes valid, others as structs of properties."""
+    if kind in ("duration", "datetime"):  # in ms; the imaginary part is what the real one lost by rounding
+        stored = np.atleast_2d(properties["millis" if kind == "duration" else "data"])
+        return Value(kind, stored.shape, (stored.real + stored.imag) / 1e3, unit="s")
+    if kind == "string":  # version, number of dimensions, these, lengths, text
+        return Value(kind, tuple(np.ravel(properties["any"])[2:4].tolist()))
+    fields = {name: value5(one) for name, one in properties.items()}
+    if kind not in ("table", "timetable"):
+        return Value(kind, elements=[fields])
+    inside = fields["any"].elements[0] if kind == "timetable" else {**fields["props"].elements[0], **fields}
+    keys = ("varNames", "varUnits") if kind == "timetable" else ("varnames", "VariableUnits")
+    names, units = ([one.text for one in inside[key].cells] for key in keys)
+    values = zip(inside["data"].cells, units or [""] * len(names), strict=True)
+    columns = dict(zip(names, [replace(one, unit=one.unit or unit) for one, unit in values], strict=True))
+    if kind == "timetable":
+        times, rows = inside["rowTimes"], np.arange(float(inside["data"].cells[0].shape[0]))[:, None]
+        if times.kind == "struct":  # the first one, with a step or a rate
+            rule: dict[str, Any] = {name: value.numbers for name, value in times.elements[0].items()}
+            step = 1 / rule["sampleRate"] if rule["specifiedAsRate"].any() else rule["stepSize"]
+            times = replace(times.elements[0]["origin"], shape=rows.shape, numbers=rule["origin"] + rows * step)
+        columns = {inside["dimNames"].cells[0].text: times} | columns
+    return Value(kind, elements=[columns])
 
 
 def opened73(path: Path) -> Any:
@@ -214,7 +272,7 @@ def value73(item: Any) -> Value:
     kind = item.attrs.get("MATLAB_class", "")
     kind = kind.decode("latin-1") if isinstance(kind, bytes) else str(kind)
     if "MATLAB_object_decode" in item.attrs or (hasattr(item, "dtype") and not hasattr(item, "shape")):
-        return Value(kind or "object")  # of what only MATLAB can read, such as tables, and types that have a name
+        return Value(kind or "object", is_opaque=item.attrs.get("MATLAB_object_decode", 1) > 1)  # 1: a function
     if not hasattr(item, "dtype"):  # a group: a struct, or an array of them if all members are bare references
         members = [one for one in item.values() if holds_references(one) and "MATLAB_class" not in one.attrs]
         if "MATLAB_sparse" in item.attrs:
@@ -289,7 +347,7 @@ def parts_of(value: Value) -> dict[str, Value]:
     if value.numbers is not None and value.numbers.ndim == 2:
         lines = [(f"(:,{n})", one) for n, one in enumerate(value.numbers.T, 1)]
         lines += [(f"({n},:)", one) for n, one in enumerate(value.numbers, 1)]
-        return {step: Value(value.kind, (one.size, 1), one.reshape(-1, 1)) for step, one in lines}
+        return {step: Value(value.kind, (one.size, 1), one.reshape(-1, 1), unit=value.unit) for step, one in lines}
     parts = dict(value.elements[0]) if len(value.elements) == 1 else {}
     parts |= {f"{{{number}}}": one for number, one in enumerate(value.cells, 1)}
     parts |= {f"({number})": Value("struct", elements=[one]) for number, one in enumerate(value.elements, 1)}
@@ -299,7 +357,7 @@ def parts_of(value: Value) -> dict[str, Value]:
 def vector(address: str, value: Value) -> Array:
     """The real numbers (n,) of a signal; refused if it is empty or something else."""
     numbers, is_a = value.numbers, f"{address} is a {value.described()}"
-    if value.kind == "struct":
+    if value.elements or value.kind == "struct":
         raise InputError(f"{is_a}, not numbers; name one of its fields ({listing(value.fields, 8)})")
     if value.kind == "cell":
         raise InputError(f"{is_a}, not numbers; name one of its cells, as `{{1}}`")

@@ -15,7 +15,7 @@ AS_C3D = "export the trial as C3D"
 LVM = "delete its lines down to the last `***End_of_Header***` and save the rest as CSV"
 JSON = r"\A\s*(\{\s*[\"'}]|\[\s*\{|\[[^\[\]]*\d\s*\]\s*$)"  # or a dictionary as Python prints it
 EXCEL = r"(?s)\A(\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1|PK\x03\x04.*(xl/|\[Content_Types\]\.xml))"
-HDF5 = r"(?s)\A(?!MATLAB 7\.)(.{512}|.{1024}|.{2048})?\x89HDF\r\n\x1a\n"
+HDF5 = r"(?s)\A(?!MATLAB [57]\.)(.{512}|.{1024}|.{2048})?\x89HDF\r\n\x1a\n"
 PACKED = r"\A(PK\x03\x04|\x1f\x8b|BZh|\xfd7zXZ\0|\x28\xb5\x2f\xfd|7z\xbc\xaf\x27\x1c|Rar!)"
 OTHERS = (
     ("an export of Qualisys Track Manager in TSV", r"\A\s*NO_OF_(FRAMES|SAMPLES|CAMERAS)\b", AS_C3D),

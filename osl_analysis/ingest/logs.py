@@ -309,7 +309,7 @@ def whole_stamps(table: Table, parts: Sequence[str], remedy: str) -> NDArray[Any
 def mat_log(path: Path, source: Source) -> Table:
     file = open_mat(path)
     signals = file.signals(wanted(source), source.log_part)
-    vectors = {text: values for text, (_, values) in signals.items()}
+    vectors = {text: values for text, (_, values, _) in signals.items()}
     reference = source.time.name or next(iter(vectors))
     for text, values in vectors.items():
         if values.size != vectors[reference].size:
@@ -326,8 +326,9 @@ def mat_log(path: Path, source: Source) -> Table:
         file.damage.lose(said, 0, Counter({0: lost}), 0)
         vectors = {text: np.ma.getdata(values)[~lacking] for text, values in vectors.items()}
     facts = {"version": file.version, "header": file.header, "log_part": source.log_part}
-    found = {text: {"variable": address} for text, (address, _) in signals.items()}
-    return Table(vectors[reference].size, vectors, damage=file.damage, facts=facts, found=found, noun="sample")
+    found = {text: {"variable": address} for text, (address, _, _) in signals.items()}
+    units = {text: unit for text, (_, _, unit) in signals.items()}
+    return Table(vectors[reference].size, vectors, units, damage=file.damage, facts=facts, found=found, noun="sample")
 
 
 def tdms_log(path: Path, source: Source) -> Table:

@@ -279,10 +279,10 @@ def inspect_json(path: Path) -> Overview:
 def variables_in(part: str, name: str, value: Value) -> Iterator[tuple[str, str, str, Value]]:
     """What is no struct and no cell in a variable: the address of what it is in, its name, its address, its value."""
     address = f"{part}{'.' * (bool(part) and not name.startswith('{'))}{name}"
-    if value.kind == "struct" and value.elements:
+    if value.elements:
         for number, fields in enumerate(value.elements, start=1):
             inside = f"{address}({number})" if len(value.elements) > 1 else address
-            for own in value.fields:
+            for own in fields:
                 yield from variables_in(inside, own, fields[own])
     elif value.kind == "cell" and value.cells:
         for number, cell in enumerate(value.cells, start=1):
@@ -344,7 +344,7 @@ def seems_clock(name: str, value: Value) -> bool:
 def variable_channel(address: str, name: str, value: Value, is_time: bool | None = None) -> RecordedChannel:
     readings = np.empty(0) if value.numbers is None else value.numbers.ravel()
     is_time = seems_clock(name, value) if is_time is None else is_time
-    found = listed({"variable": address}, name, readings, is_time, kind=value.described())
+    found = listed({"variable": address}, name, readings, is_time, value.unit, kind=value.described())
     return replace(found, count=value.size, note=found.note if readings.size else f"'{value.text}'" * bool(value.text))
 
 

@@ -19,7 +19,7 @@ from click.core import ParameterSource
 
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import OslAnalysisError, printable, printable_lines
-from osl_analysis.files import atomic_path, check_output, config_here, shipped
+from osl_analysis.files import check_output, config_here, shipped, write_text
 from osl_analysis.memory import limited_memory
 
 
@@ -76,8 +76,7 @@ def options_given() -> set[str]:
 
 def print_or_write(text: str, output: Path | None) -> None:
     if output is not None:
-        with atomic_path(output) as temporary:
-            temporary.write_text(text, encoding="utf-8")
+        write_text(output, text)
     say(text if output is None else f"wrote {output}")
 
 
@@ -177,7 +176,6 @@ def simulate(folder: Path, settings: Path, trial: str | None, config_path: Path 
 def ingest(sources: Path, output: Path, **given: Any) -> None:
     """Convert the raw logs of one trial into one canonical Parquet file, with provenance inside."""
     from osl_analysis.commands.trials import ingest_trial
-    from osl_analysis.trial import read_trial
 
     for role in ("log", "mocap"):
         if (given[role] is None) != (given[f"{role}_source"] is None):
@@ -186,8 +184,8 @@ def ingest(sources: Path, output: Path, **given: Any) -> None:
         raise click.UsageError("give --log, --mocap or both")
     files = {name: value and str(value) for name, value in given.items()}
     row = {"trial": output.stem, "experiment": "ingest_only", **files}
-    ingest_trial(row=row, raw_folder=Path(), sources_folder=sources, output=output)
-    for warning in read_trial(output).provenance.get("warnings", []):
+    trial = ingest_trial(row=row, raw_folder=Path(), sources_folder=sources, output=output)
+    for warning in trial.provenance.get("warnings", []):
         say(f"warning: {warning}", err=True)
     say(f"wrote {output}")
 

@@ -4,6 +4,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from difflib import get_close_matches
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 
@@ -42,12 +43,15 @@ class OslAnalysisError(ValueError):
 
 
 @contextmanager
-def naming(what: object) -> Iterator[None]:
-    """Within the block an error of the user begins with the file or setting that is at fault."""
+def naming(what: object, behind: str = "") -> Iterator[None]:
+    """Within the block an error of the user begins with the file or setting that is at fault, but for a file that it
+    names already, and ends with what is to stand `behind`."""
     try:
         yield
     except OslAnalysisError as error:
-        raise type(error)(f"{what}: {error}") from error
+        if isinstance(what, Path) and printable(str(what)) in str(error):
+            raise
+        raise type(error)(f"{what}: {error}{behind}") from error
 
 
 class InputError(OslAnalysisError):

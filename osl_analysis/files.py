@@ -45,6 +45,12 @@ def atomic_path(path: Path) -> Iterator[Path]:
             temporary.unlink(missing_ok=True)
 
 
+def write_text(path: Path, text: str) -> None:
+    """Write a file of text in UTF-8. Raises as `atomic_path`."""
+    with atomic_path(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
 def check_working_folder(results: Path = Path(".snakemake")) -> None:
     """Refuse folders in which a run cannot write results or Snakemake its notes: it would end with a traceback."""
     for folder in (Path(), *(one for top in {Path(".snakemake"), results} for one in (top, *top.glob("*/")))):

@@ -15,8 +15,7 @@ VARIABLE = "OSL_MEMORY_MB"  # memory that one job, or one call of the command li
 def limited_memory(files: Sequence[Path | str]) -> Iterator[None]:
     """Within the block this process gets no more memory than `OSL_MEMORY_MB` says, else 0.8 of that of the machine or
     of its batch job (the rest is others'), or ends with MemoryLimitError; `files` are what it reads. A lower limit of
-    before stays. Only Linux has such a limit.
-    """
+    before stays. Only Linux has such a limit."""
     if sys.platform != "linux":
         yield
         return

@@ -84,8 +84,7 @@ def refused_trials(refusals: Sequence[Refusal]) -> dict[str, Refusal]:
 
 def refusal_report(records: Collection[Path | str], recordings: Mapping[str, Sequence[str]], accept: bool) -> str:
     """A line per cause in refusal records with trial, file, reason and remedy, what else has no result, and what to do;
-    empty without records. `recordings` has the raw files of every trial of the campaign.
-    """
+    empty without records. `recordings` has the raw files of every trial of the campaign."""
     causes = distinct_causes(refusal for record in records for refusal in read_refusals(record))
     if not causes:
         return ""

@@ -6,15 +6,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, TypeVar
 
-from pydantic import (
-    AfterValidator,
-    BaseModel,
-    ConfigDict,
-    Field,
-    ValidationError,
-    field_validator,
-    model_validator,
-)
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 from ruamel.yaml import YAML
 from ruamel.yaml.constructor import DuplicateKeyError
@@ -39,13 +31,10 @@ Place = tuple[int | str, ...]  # Keys and numbers of list entries that lead to a
 
 
 class Settings(BaseModel):
-    """Base of every validated file. The settings are immutable, and an unknown field is an error.
-
-    REMOVED: fields that are gone, with what to write or do now: the message is "field 'NAME' is gone: SENTENCE".
-    """
+    """Base of every validated file. The settings are immutable, and an unknown field is an error."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-    REMOVED: ClassVar[Mapping[str, str]] = {}
+    REMOVED: ClassVar[Mapping[str, str]] = {}  # fields that are gone, each with a sentence on what to write or do now
     OF: ClassVar[str] = ""  # of what its known fields are, for messages, as ` of format csv`
 
     @model_validator(mode="before")

@@ -83,10 +83,8 @@ def report_page(_):
     ends |= {"captions": RESULTS / "figures/captions.md"} if drawn else {}
     shown = {"tables": tables, "figures": drawn, "series": rows("series"), "crossings": crossings(WALKED)}
     shown["trials"] = [trial_file(trial) for trial in CAMPAIGN.trials()]
-    config = CONFIG.model_dump(
-        mode="json", include={"dynamometer", "actuator", "torque_angle", "walking", "overground"}
-    )
-    settings = {"about": ABOUT, "largest_mb": CONFIG.report.largest_mb, "settings": config}
+    told = {name: setting(name) for name in ("dynamometer", "actuator", "torque_angle", "walking", "overground")}
+    settings = {"about": ABOUT, "largest_mb": CONFIG.report.largest_mb, "settings": told}
     inputs = {"input": {"tables": tables, "figures": drawn, **ends}, "made_of": sorted(TEMPLATES.iterdir())}
     read = {name: by_stem(files) for name, files in shown.items()}
     return {**inputs, "read": read, "settings": settings | {"sheet": CAMPAIGN.rows | CAMPAIGN.unused}}

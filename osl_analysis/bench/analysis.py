@@ -1,6 +1,5 @@
 """What all fits of a trial on the dynamometer share: the fits by label, their rows of a table, the series for a report,
-the time base, and what an estimate cannot be.
-"""
+the time base, and what an estimate cannot be."""
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
@@ -136,10 +135,8 @@ class Analysis:
 
 
 def analysed(record: Record, sums: Sums, model: Model) -> Analysis:
-    """Fit a model to each label of a record with its sums, and to all of it.
-
-    Raises InputError, IdentifiabilityError: as `fit_groups`.
-    """
+    """Fit a model to each label of a record with its sums, and to all of it. Raises InputError,
+    IdentifiabilityError: as `fit_groups`."""
 
     def fitted(own: Sums) -> dict[Label, GroupFit]:
         labels = dict.fromkeys((*own.groups.labels, None))

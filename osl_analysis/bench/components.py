@@ -18,7 +18,7 @@ from osl_analysis.bench.gram import GroupFit, fit_groups, gram_sums
 from osl_analysis.bench.phasors import harmonic_shares, phasors_of_record
 from osl_analysis.bench.record import Groups, Label, Record, Stratum, joint_angle, stretches_of
 from osl_analysis.bench.settings import ActuatorAnalysis, BeltAnalysis
-from osl_analysis.errors import IdentifiabilityError, InputError
+from osl_analysis.errors import InputError, naming
 from osl_analysis.judge.doubts import LATENESS, SIZED, check_changes, summary_of_trials
 from osl_analysis.measured import significant
 from osl_analysis.model.drivetrain import belt_deflection
@@ -55,15 +55,13 @@ def belt_trial(trial: Trial, p: DrivetrainParameters | None, settings: BeltAnaly
     the message names the trial."""
     signals = uniform_signals(trial, ("theta", "theta_m", "torque"), settings.gap_limits)
     other, bench = signals.other(), settings.bench_stiffness
-    try:
+    with naming(f"trial {trial.name}"):
         belt = belt_of(signals, p, settings)
         if bench is not None:  # the error of its stiffness is in the intervals, as type B
             softer = belt_of(signals, p, settings, bench.compliance_error).fits
             fits = {x: widened(fit, softer[x].estimates - fit.estimates, shared=True) for x, fit in belt.fits.items()}
             belt = replace(belt, fits=fits)
         return belt if other is None else replace(belt, others=belt_of(other, p, settings).fits)
-    except (InputError, IdentifiabilityError) as error:
-        raise type(error)(f"trial {trial.name}: {error}") from error
 
 
 def belt_of(
@@ -321,11 +319,9 @@ def actuator_trial(trial: Trial, settings: ActuatorAnalysis) -> Analysis:
     apart. The message names the trial."""
     moved = [name for name in ("theta_m", "omega_m") if name in trial.samples.columns][:1]
     uniform = uniform_signals(trial, (*moved, "current", "torque_m"), settings.gap_limits)
-    try:
+    with naming(f"trial {trial.name}"):
         found, other = actuator_of(uniform, settings), uniform.other()
         return found if other is None else replace(found, others=actuator_of(other, settings).fits)
-    except (InputError, IdentifiabilityError) as error:
-        raise type(error)(f"trial {trial.name}: {error}") from error
 
 
 def actuator_of(signals: UniformSignals, settings: ActuatorAnalysis) -> Analysis:

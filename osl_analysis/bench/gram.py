@@ -188,9 +188,7 @@ class GroupFit(LinearFit):
 
 def gram_sums(record: Record, columns: Mapping[str, Array], rich: Sequence[str], centre: float = 0.0) -> Sums:
     """The sums of columns (n,) and of the record's torque; noise is that of the raw torque, before the filter.
-
-    Raises InputError: a column cannot be measured.
-    """
+    Raises InputError: a column cannot be measured."""
     Y = [record.filtered_torque, record.torque]
     Z = np.array([*columns.values(), *Y])
     for name, row in zip([*(f"column '{name}'" for name in columns), "column 'y'", "the torque"], Z, strict=True):

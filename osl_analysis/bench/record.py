@@ -181,8 +181,7 @@ class Record:
     def rounding(self) -> tuple[float, float]:
         """Variances of the rounding of angle [rad^2] and torque [N^2 m^2] that cycles repeat; 0 where no step is known.
         Noise of s steps before it, which cycles with samples at the same phases show, leaves exp(-(2 pi s)^2) of it
-        (Widrow and Kollar, Quantization Noise, 2008, ch. 5).
-        """
+        (Widrow and Kollar, Quantization Noise, 2008, ch. 5)."""
         found, groups = list[float](), self.groups
         for step, signal in zip(self.steps, (self.bench_angle, self.torque), strict=True):
             seen = list[float]()
@@ -252,9 +251,7 @@ class Record:
 
     def label_near(self, amplitude_deg: float | None) -> Label:
         """The label of the amplitude [deg] that is meant, as commanded or as measured; None for the largest one.
-
-        Raises InputError: no amplitude is near it.
-        """
+        Raises InputError: no amplitude is near it."""
         of = {x: one.commanded_deg or x for one in self.groups.strata if isinstance(x := one.label, float)}
         if not of:
             return None
@@ -547,10 +544,8 @@ def fitted_pieces(
 
 
 def stated_windows(text: str, duration: float) -> list[tuple[float, float]]:
-    """Windows [s] from the start of a record of some duration [s], stated as `2-30 40-62`.
-
-    Raises InputError if they are not windows, overlap, or lie beyond the record.
-    """
+    """Windows [s] from the start of a record of some duration [s], stated as `2-30 40-62`. Raises InputError if
+    they are not windows, overlap, or lie beyond the record."""
     windows = stretches(text)
     if windows[-1][1] > duration + 1.0:
         raise InputError(f"windows '{text}' end at {windows[-1][1]:g} s, the record after {duration:.1f} s")

@@ -3,7 +3,7 @@
 from typing import Annotated, ClassVar, Literal, Self
 
 import numpy as np
-from pydantic import AfterValidator, BeforeValidator, Field, field_validator, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from osl_analysis.protocol.stepped_sine import SteppedSineProtocol
 from osl_analysis.relations import below, misplaced, refused, rising, stretches
@@ -62,18 +62,14 @@ def in_newton_metres_per_rad(text: str) -> float:
     return value
 
 
+StiffnessText = Annotated[str, AfterValidator(lambda text: in_newton_metres_per_rad(text) and text)]
+
+
 class BenchStiffness(Settings):
     """Torsional stiffness of what yields between the bench's encoder and the joint: frame, mount and coupling."""
 
-    value: str  # stiffness with its unit, as `12500 N*m/rad` or `218 N*m/deg`
-    standard_error: str | None = None  # with its unit; null: not known, and not in the intervals
-
-    @field_validator("value", "standard_error")
-    @classmethod
-    def _stiffness(cls, value: str | None) -> str | None:
-        if value is not None:
-            in_newton_metres_per_rad(value)
-        return value
+    value: StiffnessText  # stiffness with its unit, as `12500 N*m/rad` or `218 N*m/deg`
+    standard_error: StiffnessText | None = None  # with its unit; null: not known, and not in the intervals
 
     _known = refused(
         lambda s: not s.compliance_error < s.compliance, "the standard error is not below the value; check the units"

@@ -17,7 +17,7 @@ from scipy.special import stdtrit
 from osl_analysis.bench.analysis import Series, check_stiffer, timebase_table, torque_errors
 from osl_analysis.bench.record import joint_angle
 from osl_analysis.bench.settings import NOT_STATED, TorqueAngleAnalysis
-from osl_analysis.errors import InputError
+from osl_analysis.errors import InputError, naming
 from osl_analysis.judge.doubts import LATENESS, check_changes
 from osl_analysis.measured import significant
 from osl_analysis.signals.grid import UniformSignals, uniform_signals
@@ -89,10 +89,8 @@ def torque_angle_trial(trial: Trial, settings: TorqueAngleAnalysis) -> TorqueAng
     the angle or drives it, or the joint is stiffer than the bench; the message names the trial."""
     signals = uniform_signals(trial, ("theta", "torque"), settings.gap_limits)
     bench = settings.bench_stiffness
-    try:
+    with naming(f"trial {trial.name}"):
         found = torque_angle_of(signals, settings, bench.compliance if bench else 0.0)
-    except InputError as error:
-        raise InputError(f"trial {trial.name}: {error}") from error
     check_stiffer(trial.name, "K", float(cycle_table(found)["K"].to_numpy().mean()), bench)
     return found
 

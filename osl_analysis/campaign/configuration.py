@@ -48,8 +48,7 @@ class TimeSeriesFigure(FrequencyResponseFigure):
 
 class FigureChoices(Settings):
     """What the figures show. What is null, or is the default campaign's and not in this one, is chosen from the data.
-    The figure says so.
-    """
+    The figure says so."""
 
     time_series: TimeSeriesFigure | None = None
     """The trial of Fig. 4, whose estimates are headline numbers too; null: the first trial."""
@@ -100,8 +99,7 @@ class StudySettings(StudyTrials):
 
 class Config(Settings):
     """One campaign, as in `config/config.yaml`. Paths are relative to the folder in which the pipeline runs. A file
-    that is not there may be a shipped one, such as `config/parameters/default.yaml`.
-    """
+    that is not there may be a shipped one, such as `config/parameters/default.yaml`."""
 
     campaign: Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]+$")]  # Name of the campaign, as written in its summary.
     raw_data: Path  # Folder of the recordings.

@@ -21,7 +21,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.figures import drawing_of, names
 from osl_analysis.figures.frequency import DESIRED, FIG7, LINEAR_MODEL, response_curve
 from osl_analysis.figures.names import completed, look_numbers
-from osl_analysis.files import atomic_path, digest
+from osl_analysis.files import atomic_path, digest, write_text
 from osl_analysis.judge.doubts import DOUBTFUL, marked
 from osl_analysis.judge.table import Doubt
 from osl_analysis.model.compensator import Weight
@@ -104,8 +104,7 @@ def write_captions(
     for name, table in tables.items():
         refused = (cause.trial for file in shown.get(name, ()) for cause in read_refusals(file) if cause.trial)
         said.append(f"## {names.figure_title(name)}\n\n{caption_of(name, table, list(dict.fromkeys(refused)))}\n")
-    with atomic_path(output) as path:
-        path.write_text("\n".join(said), encoding="utf-8")
+    write_text(output, "\n".join(said))
 
 
 def caption_of(name: str, table_csv: Path, missing: Sequence[str] = ()) -> str:
@@ -143,9 +142,8 @@ def fig4(
     label = record.label_near(choice["amplitude_deg"])
     amplitude = pl.col("amplitude_deg")
     shown = amplitude.is_null() if label is None else (amplitude - label).abs() < 1e-6
-    series = analysed(record, plain_sums(record, eq15_of(record)), eq15_of(record)).last_seconds(
-        label, choice["duration_s"]
-    )
+    analysis = analysed(record, plain_sums(record, eq15_of(record)), eq15_of(record))
+    series = analysis.last_seconds(label, choice["duration_s"])
     doubtful = marked(read_table(fit), limits, "impedance").filter(shown)["doubtful"][0]
     said = {name: choice[name] or None for name in ("trial", "joint", "side", "chosen")}
     constant = (pl.lit(value, pl.String).alias(name) for name, value in (said | {"doubtful": doubtful}).items())

@@ -1,6 +1,5 @@
 """Gain selection for one pair, a grid or a trajectory of desired impedances, and the behaviour that theory predicts.
-Export of the identified leg and its gains to other programs, with a round trip in MuJoCo.
-"""
+Export of the identified leg and its gains to other programs, with a round trip in MuJoCo."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -24,9 +23,9 @@ from osl_analysis.commands.bench import rows_json
 from osl_analysis.commands.figure import draw_table
 from osl_analysis.commands.tables import read_summary
 from osl_analysis.config.shared_choices import read_impedance_trajectory
-from osl_analysis.errors import InputError, UnreachableImpedanceError, listing, nearest, optional_module
+from osl_analysis.errors import InputError, listing, naming, nearest, optional_module
 from osl_analysis.figures import drawing_of
-from osl_analysis.files import atomic_path
+from osl_analysis.files import write_text
 from osl_analysis.model import compensator, mjcf
 from osl_analysis.model.compensator import Weight
 from osl_analysis.model.drivetrain import desired_admittance, joint_admittance
@@ -80,14 +79,12 @@ def trajectory_table(trajectory: Path, p: DrivetrainParameters | None, weight: W
     """The table of gains for every row of a trajectory file, `phase` first; a refusal names the file. `trajectory` is
     what the file says of itself, as synthetic. Without parameters there are no gains."""
     desired = read_impedance_trajectory(trajectory)
-    try:
+    with naming(trajectory):
         if p is None:
             none = dict.fromkeys(("K_1_joint", "B_1_joint"), pl.lit(None, pl.Float64))
             table = pl.DataFrame({"K_d": desired.K_d, "B_d": desired.B_d}).with_columns(**none)
         else:
             table = gain_table(desired.K_d, desired.B_d, p, weight, TESTED_HZ)
-    except UnreachableImpedanceError as error:
-        raise UnreachableImpedanceError(f"{trajectory}: {error}") from error
     kind = pl.lit(desired.kind, pl.String).alias("trajectory")
     return table.select(pl.Series("phase", desired.phase), kind, pl.all())
 
@@ -101,8 +98,7 @@ def write_gains(table: pl.DataFrame, output: Path) -> None:
     if output.suffix == ".csv":
         write_table(table, output)
     elif output.suffix == ".json":
-        with atomic_path(output) as temporary:
-            temporary.write_text(rows_json(table) + "\n", encoding="utf-8")
+        write_text(output, rows_json(table) + "\n")
     else:
         raise InputError(f"{output}: gains are written as .csv or .json; choose one of these suffixes")
 
@@ -201,9 +197,7 @@ def export_leg(folder: Path, kind: str, names: Sequence[str], config: Config, ou
     leg |= {"controller": constants | {"sign_width": width, "gains": of_pairs}}
     leg |= {"equations": mjcf.EQUATIONS, "mjcf_cannot_say": mjcf.CANNOT, "proof": proof}
     text = json.dumps(leg, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
-    with atomic_path(output) as temporary:
-        written = text if kind == "json" else mjcf.mjcf_text(components.p, "\n".join(leg_lines(leg)))
-        temporary.write_text(written, encoding="utf-8")
+    write_text(output, text if kind == "json" else mjcf.mjcf_text(components.p, "\n".join(leg_lines(leg))))
     return str(proof["says"])
 
 

@@ -30,7 +30,7 @@ from osl_analysis.commands.trials import checked_trial
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
 from osl_analysis.config.sheet import JOINT
 from osl_analysis.errors import InputError, OslAnalysisError, listing, nearest, printable, unexpected
-from osl_analysis.files import CAMPAIGN, atomic_path, shipped
+from osl_analysis.files import CAMPAIGN, shipped, write_text
 from osl_analysis.formats.rosbag import DESCRIPTION as BAG_DESCRIPTION
 from osl_analysis.formats.rosbag import recorded_files
 from osl_analysis.ingest import draft as drafts
@@ -376,8 +376,7 @@ def watched_lines(folder: Path, bench: WatchedBench) -> Iterator[str]:
             said = recording_line(path, folder, bench)
             refused = re.search(": (REFUSED|FAILED): ", said) is not None
             arrivals.seen[path.relative_to(folder).as_posix()] = (*state, *[bench.read] * refused)
-            with atomic_path(notes) as temporary:  # a restart does not repeat what was examined
-                temporary.write_text(json.dumps(arrivals.seen, indent=1) + "\n", encoding="utf-8")
+            write_text(notes, json.dumps(arrivals.seen, indent=1) + "\n")  # a restart does not repeat these
             yield said
         time.sleep(0.5)
 
@@ -464,8 +463,8 @@ def beside_siblings(
         known = {}
     siblings = [one["numbers"] for other, one in known.items() if other != name and one["kind"] == list(kind)]
     known[name] = {"kind": list(kind), "numbers": {key: value for key, (value, _) in numbers.items()}}
-    with suppress(OslAnalysisError), atomic_path(notes) as temporary:  # the picture says why nothing is written there
-        temporary.write_text(json.dumps(known, indent=1) + "\n", encoding="utf-8")
+    with suppress(OslAnalysisError):  # the picture says why nothing is written there
+        write_text(notes, json.dumps(known, indent=1) + "\n")
     far, most = list[str](), 0
     for key, (value, least) in numbers.items():
         others = [one[key] for one in siblings if key in one]

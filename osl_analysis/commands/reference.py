@@ -16,7 +16,7 @@ from pydantic_core.core_schema import ModelSchema
 
 from osl_analysis.campaign.configuration import Config
 from osl_analysis.dictionary import HERE, described_tables
-from osl_analysis.files import atomic_path
+from osl_analysis.files import write_text
 from osl_analysis.ingest.raw_files import FORMATS
 from osl_analysis.judge.recording import CHECKS
 from osl_analysis.model.parameters import ParameterFile
@@ -122,5 +122,4 @@ def explanations(model: type[BaseModel]) -> dict[str, str]:
 
 def write_schemas(folder: Path) -> None:
     for name, schema in schemas().items():
-        with atomic_path(folder / f"{name}.schema.json") as path:
-            path.write_text(json.dumps(schema, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+        write_text(folder / f"{name}.schema.json", json.dumps(schema, indent=1, ensure_ascii=False) + "\n")

@@ -15,7 +15,7 @@ from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.dictionary import described_tables
 from osl_analysis.errors import InputError, listing
 from osl_analysis.figures.names import figure_title
-from osl_analysis.files import atomic_path
+from osl_analysis.files import atomic_path, write_text
 from osl_analysis.judge.two_campaigns import QUANTITIES, compared, label_of, verdicts_said
 from osl_analysis.refusal import Refusal, is_refused
 from osl_analysis.report import page, panels, trial_page
@@ -98,8 +98,7 @@ def write_report(
         "sensitivity": written.get("walking_sensitivity", pl.DataFrame()).to_dicts(),
         "not_made": [one for one in refused if not one.trial],
     }
-    with atomic_path(output) as temporary:
-        temporary.write_text(written_page(content, pages, largest_mb), encoding="utf-8")
+    write_text(output, written_page(content, pages, largest_mb))
 
 
 def pictures(experiment: str, tables: Mapping[str, pl.DataFrame], files: Mapping[str, Path]) -> panels.Pictures:

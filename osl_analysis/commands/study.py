@@ -17,7 +17,7 @@ from osl_analysis.campaign.configuration import StudyTrials
 from osl_analysis.commands.bench import fit_tables, job_of
 from osl_analysis.compiled import require_compiler
 from osl_analysis.errors import InputError
-from osl_analysis.files import atomic_path
+from osl_analysis.files import write_text
 from osl_analysis.model.parameters import read_parameters
 from osl_analysis.refusal import Refusal
 from osl_analysis.simulator.settings import SimulationSettings
@@ -82,8 +82,7 @@ def run_batch(
 
 def write_page(table: Path, output: Path) -> None:
     """The study's table in Markdown, as docs/study.md has it, and what of it lies outside the aim."""
-    with atomic_path(output) as temporary:
-        temporary.write_text(study_page(read_table(table)), encoding="utf-8")
+    write_text(output, study_page(read_table(table)))
 
 
 def summarise_study(batches: Sequence[Path], output: Path, refused: Sequence[Refusal] = ()) -> None:

@@ -14,7 +14,7 @@ from osl_analysis.bench.torque_angle import compared_with_repeats
 from osl_analysis.campaign.campaign import sentence
 from osl_analysis.config.experiments import judged_tables
 from osl_analysis.errors import InputError
-from osl_analysis.files import atomic_path
+from osl_analysis.files import atomic_path, write_text
 from osl_analysis.jobs.job_log import read_log
 from osl_analysis.judge.claims import Claims, claims_table
 from osl_analysis.judge.doubts import marked, with_doubts_of
@@ -56,9 +56,8 @@ def list_fits(fits: Sequence[Path], output: Path, refused: Sequence[Refusal] = (
     """Write which trials of an experiment were fitted, and why the others were not, as JSON. `fits` has one file of
     each. Whatever uses the results of all of them is made again with it."""
     reasons = {trial: cause.reason for trial, cause in refused_trials(refused).items()}
-    with atomic_path(output) as temporary:
-        said = {"fitted": [path.stem for path in fits], "refused": reasons}
-        temporary.write_text(json.dumps(said, indent=1) + "\n", encoding="utf-8")
+    said = {"fitted": [path.stem for path in fits], "refused": reasons}
+    write_text(output, json.dumps(said, indent=1) + "\n")
 
 
 CONDITION_TYPES: dict[str, type[pl.DataType]] = {
@@ -189,9 +188,8 @@ def write_summary(
     said = {"intervals": intervals, "findings": findings(judged, tables)}
     with atomic_path(summary_json) as json_path, atomic_path(numbers_tex) as tex_path:
         json_path.write_text(headlines.to_json(about, numbers, missing | said), encoding="utf-8")
-        tex_path.write_text(
-            headlines.to_tex(about, numbers, [intervals, *lacks] if intervals else lacks), encoding="utf-8"
-        )
+        remarks = [intervals, *lacks] if intervals else lacks
+        tex_path.write_text(headlines.to_tex(about, numbers, remarks), encoding="utf-8")
 
 
 def write_table_metadata(about: Mapping[str, str], tables: Sequence[str], output: Path) -> None:
@@ -206,8 +204,7 @@ def write_table_metadata(about: Mapping[str, str], tables: Sequence[str], output
     if any(table.startswith("figures/") for table in tables):
         content["rdfs:seeAlso"] = {"@id": "figures/captions.md"}
     content["tables"] = [{"url": table} for table in tables]
-    with atomic_path(output) as path:
-        path.write_text(json.dumps(content, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+    write_text(output, json.dumps(content, indent=2, ensure_ascii=False) + "\n")
 
 
 def read_summary(summary_json: Path) -> dict[str, Any]:

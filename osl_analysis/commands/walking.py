@@ -14,7 +14,7 @@ import polars as pl
 from osl_analysis.config.shared_choices import SYNTHETIC, read_impedance_trajectory
 from osl_analysis.config.sheet import JOINT
 from osl_analysis.errors import InputError, OslAnalysisError
-from osl_analysis.files import atomic_path
+from osl_analysis.files import atomic_path, write_text
 from osl_analysis.judge.doubts import DOUBTFUL, EXCLUDED, doubtful_row, marked
 from osl_analysis.judge.recording import check_own_torque
 from osl_analysis.judge.table import Doubt
@@ -53,8 +53,7 @@ SheetCells = Mapping[str, Mapping[str, Any]]  # Cells of the sheet of each cross
 def write_model(model: Any, path: Path) -> None:
     """Write a calibration, the plate's model or the platform's as JSON; arrays are lists, NaN is null."""
     finite = json.loads(json.dumps(asdict(model), default=np.ndarray.tolist), parse_constant=lambda _: None)
-    with atomic_path(path) as temporary:
-        temporary.write_text(json.dumps(finite, indent=1) + "\n", encoding="utf-8")
+    write_text(path, json.dumps(finite, indent=1) + "\n")
 
 
 def read_model(path: Path, kind: type[Built]) -> Built:
@@ -130,9 +129,8 @@ def read_crossing_file(path: Path) -> Crossing | RefusedCrossing:
     if "stance" not in trial.provenance:
         raise InputError(f"{path}: a trial without events; run the step 'analyse' and use its crossing")
     names = [name for name in CROSSING_SIGNALS if name in trial.columns]
-    curves: dict[str, Any] = dict.fromkeys(CROSSING_SIGNALS) | dict(
-        zip(("time", *names), trial.signals(*names), strict=True)
-    )
+    recorded = zip(("time", *names), trial.signals(*names), strict=True)
+    curves: dict[str, Any] = dict.fromkeys(CROSSING_SIGNALS) | dict(recorded)
     return Crossing(
         trial.name,
         **curves,
@@ -157,8 +155,7 @@ def read_unperturbed_gaits(path: Path) -> dict[str, UnperturbedGait]:
     gaits = {}
     for frame in pl.read_parquet(path).partition_by("gait", maintain_order=True):
         names = frame["trial"].unique(maintain_order=True).to_list()
-        columns = (frame[c].to_numpy().reshape(len(names), -1) for c in ("theta", "torque", "stance_s"))
-        theta, torque, stance = columns
+        theta, torque, stance = (frame[c].to_numpy().reshape(len(names), -1) for c in ("theta", "torque", "stance_s"))
         errors = (errors_in(frame, prefix, *theta.shape) for prefix in (PLATE_ERROR, LAB_ERROR))
         gaits[str(frame["gait"][0])] = UnperturbedGait(tuple(names), theta, torque, stance[:, 0], *errors)
     return gaits
@@ -192,9 +189,8 @@ def identify_plate(
     else:
         model = identify_plate_model(calibrated_trials(trials, calibrations, statics), settings)
     write_model(model, output)
-    write_table(
-        plate_table(model).fill_nan(None).with_columns(plate_inertia=pl.lit(settings.plate_inertia)), comparison
-    )
+    table = plate_table(model).fill_nan(None)
+    write_table(table.with_columns(plate_inertia=pl.lit(settings.plate_inertia)), comparison)
 
 
 def measure_platform(
@@ -293,11 +289,7 @@ def group_result(
 
 
 def select_crossings(
-    crossings: Paths,
-    settings: choices.SelectionSettings,
-    output: Path,
-    sheet: SheetCells,
-    places: Places | None = None,
+    crossings: Paths, settings: choices.SelectionSettings, output: Path, sheet: SheetCells, places: Places | None = None
 ) -> None:
     """One row per crossing, in the order of the files: quality, group and, if it is excluded, the reason. A warning
     names the conditions of the `sheet` that split results although nobody asked for it."""
@@ -410,10 +402,8 @@ def summarise_perturbations(
         sides[fact["group"]] = {"side": of.pop() if len(of) == 1 else None}
         own = fitted.filter(pl.col("trial").is_in(trials))
         results.append(group_result(fact, own, files, gaits.get(fact["gait"]), settings))
-    facts, curves = (
-        tables.with_slopes([fact for _, fact, _ in results]),
-        [one for *_, one in results if one is not None],
-    )
+    facts = tables.with_slopes([fact for _, fact, _ in results])
+    curves = [one for *_, one in results if one is not None]
     if not curves:
         why = {fact["group"]: fact["reason"] for fact in facts}
         said = "; ".join(reason if name == ALL else f"{name}: {reason}" for name, reason in why.items())

@@ -54,9 +54,7 @@ class ImpedanceTrajectory:
 @lru_cache(maxsize=8)
 def read_impedance_trajectory(path: Path) -> ImpedanceTrajectory:
     """Read a CSV table with columns phase, K_d [N*m/rad], B_d [N*m*s/rad] and, optionally, theta_eq_rad [rad].
-
-    Lines that begin with `#` are comments. One of them, `# kind: synthetic`, may say what the trajectory is.
-    """
+    Lines that begin with `#` are comments. One of them, `# kind: synthetic`, may say what the trajectory is."""
     if not path.is_file():
         remedy = "correct its path in the configuration or the walking settings"
         raise InputError(f"{path}: no such impedance trajectory; {remedy}")

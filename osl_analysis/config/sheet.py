@@ -34,10 +34,8 @@ OUTER_BLANKS = re.compile(r"^[\s\u200b-\u200f\u2060\ufeff]+|[\s\u200b-\u200f\u20
 def read_sheet(path: Path) -> SheetRows:
     """Read and validate a sample sheet, CSV in UTF-8; docs/own_data.md explains its columns. Empty lines and lines that
     begin with `#` are skipped; elsewhere `#` is text, and so is `NA`. An empty cell says nothing, nor do blanks around
-    one. K_d and B_d are in N*m/rad and N*m*s/rad; a joint that is not named is the ankle.
-
-    Raises InputError where the sheet is missing or empty, a column is unknown, or a value is not allowed.
-    """
+    one. K_d and B_d are in N*m/rad and N*m*s/rad; a joint that is not named is the ankle. Raises
+    InputError where the sheet is missing or empty, a column is unknown, or a value is not allowed."""
     if not path.is_file():
         raise InputError(f"{path}: no such sample sheet; write one (README, 'Your own data') or set `sheet`")
     lines = [(number, [OUTER_BLANKS.sub("", cell) for cell in row]) for number, row in numbered_rows(path)]

@@ -25,9 +25,7 @@ class CampaignFigure(NamedTuple):
 
 
 FIGURES = {
-    place.removeprefix("figures/"): CampaignFigure(
-        **{field: one[field] for field in CampaignFigure._fields if field in one}
-    )
+    place.removeprefix("figures/"): CampaignFigure(**{key: one[key] for key in CampaignFigure._fields if key in one})
     for place, one in own_yaml(Path(__file__).with_name("figures.yaml")).items()
 }
 
@@ -41,10 +39,7 @@ def columns_of(figure: str) -> list[str]:
 def drawing_of(name: str) -> Any:
     """The `style.Drawing` of a figure, imported only when it is needed: importing matplotlib takes half a second."""
     known = {figure: one.module for figure, one in FIGURES.items()}
-    known |= {
-        **dict.fromkeys(("torque", "gain_grid", "not_drawn"), "others"),
-        "comparison": "comparison",
-    }  # no campaign's
+    known |= {"comparison": "comparison", **dict.fromkeys(("torque", "gain_grid", "not_drawn"), "others")}
     if name not in known:
         raise InputError(f"no figure '{name}'; there are {', '.join(known)}")
     return getattr(import_module(f"osl_analysis.figures.{known[name]}"), name.upper())

@@ -21,7 +21,7 @@ from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.records import Channel, Schema
 
-from osl_analysis.errors import InputError
+from osl_analysis.errors import InputError, naming
 from osl_analysis.formats.message_fields import numbers_at
 from osl_analysis.formats.messages import MessageBlock, MessageFile, RefusedFileError
 
@@ -311,10 +311,8 @@ def read_mcap(path: Path) -> McapFile:
     opened = McapFile(path, len(data), "MCAP", data=data)
     opened.blocks = opened.intact_blocks()
     opened.damage.remarks += ["the magic at the beginning is damaged"] * (data[:8] != MAGIC)
-    try:
+    with naming(path):
         opened.scan()
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from error
     return opened
 
 

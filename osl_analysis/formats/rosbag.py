@@ -16,7 +16,7 @@ import yaml
 import zstandard
 from mcap.records import Channel, Schema
 
-from osl_analysis.errors import InputError, listing, optional_module
+from osl_analysis.errors import InputError, listing, naming, optional_module
 from osl_analysis.formats.mcap import MAGIC as MCAP
 from osl_analysis.formats.mcap import read_mcap
 from osl_analysis.formats.message_fields import NOT_DEFINED, message_type, numbers_at, short_name
@@ -260,10 +260,8 @@ def definition_of(kind: str, own: Mapping[str, tuple[str, str]]) -> bytes:
     if encoding == "ros2idl" and text.strip():
         raise InputError(f"type '{kind}' is defined in IDL, which is not read; {convert}")
     lacking = f"the bag has no definition of type '{kind}'"
-    try:
+    with naming(lacking):
         library = optional_module("rosbags.typesys", "a bag without definitions of its messages")
-    except InputError as error:
-        raise InputError(f"{lacking}: {error}") from error
     found = {}  # by what they mean: comments differ
     for one in (one for one in library.Stores if one.name.startswith("ROS2_")):
         store = library.get_typestore(one)

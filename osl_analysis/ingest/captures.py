@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from osl_analysis.errors import InputError, listing, nearest, printable
+from osl_analysis.errors import InputError, listing, naming, nearest, printable
 from osl_analysis.formats.c3d import C3DHeader, C3DRecording, read_c3d
 from osl_analysis.formats.gait_text import NexusSection, read_sections, read_trc, without_subject
 from osl_analysis.formats.table import Table
@@ -99,7 +99,7 @@ def captured(
         fast |= values_of_plate
         origins |= origins_of_plate
     for column, (values, unit) in (analogs or {}).items():
-        with source.naming(column, "analogs", column, "unit"):
+        with naming(column, f", as {source.place('analogs', column, 'unit')}"):
             fast[column] = source.analogs[column].to_si(values, unit_of(column), unit)
         origins[column] = source.analogs[column].origin(column, unit)
     if not fast and not slow:
@@ -129,7 +129,7 @@ def is_labelled(name: str) -> bool:
 def checked_length(unit: str, what: str, source: Source) -> str:
     """The source file's unit of length, or else the recording's."""
     unit = source.point_unit or unit
-    with source.naming(what, "point_unit"):
+    with naming(what, f", as {source.place('point_unit')}"):
         si_factor(unit, "m")
     return unit
 
@@ -153,9 +153,8 @@ def read_c3d_capture(path: Path, source: Source) -> Recording:
     count = plate_count(recording.header)
     used = [number for number in (range(1, count + 1) if source.plates == "all" else source.plates) if number <= count]
     with suppress(InputError):  # told below
-        stated = np.concatenate(
-            [plate_parameter(recording, "CHANNEL", number, (0,)) for number in used] or [np.zeros(0)]
-        )
+        own = [plate_parameter(recording, "CHANNEL", number, (0,)) for number in used]
+        stated = np.concatenate(own or [np.zeros(0)])
         recording = recording.without_end([int(one) - 1 for one in stated if 1 <= one <= recording.header.channels])
     header, points, labels = recording.header, recording.points, recording.point_labels
     plates = plate_loads(recording, source)

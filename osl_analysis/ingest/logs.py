@@ -15,7 +15,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from osl_analysis.errors import InputError, listing
+from osl_analysis.errors import InputError, listing, naming
 from osl_analysis.formats import csv_table
 from osl_analysis.formats.gait_text import read_opensim
 from osl_analysis.formats.json_lines import addresses_of, decode_lines, read_json_lines
@@ -139,7 +139,7 @@ def canonical_column(column: str, table: Table, time: Array, source: Source) -> 
             f"{source.most_missing:.1%} may be: repair the recording, or write `most_missing: "
             f"{csv_table.share_above(count, values.size):g}` in the source file"
         )
-    with source.naming(what, "channels", column, "unit"):
+    with naming(what, f", as {source.place('channels', column, 'unit')}"):
         series = pl.Series(column, channel.to_si(values, unit_of(column), table.units.get(channel.name, "")))
     return series.set(pl.Series(lacking), None) if lacking.any() else series
 
@@ -157,7 +157,7 @@ def time_of(table: Table, source: Source) -> tuple[Array, float]:
     if raw.dtype == bool or lacking.any():
         where = "but truth values" if raw.dtype == bool else f"in {table.place(int(np.argmax(lacking)))}"
         raise InputError(f"{what}: no time {where}; remove it there, {other}")
-    with source.naming(what, "time", "unit"):
+    with naming(what, f", as {source.place('time', 'unit')}"):
         factor = si_factor(table.units.get(stated.name, "") if stated.unit is None else stated.unit, "s")
     raw = raw.astype(np.float64) if raw.dtype.kind == "f" else raw  # single precision would round what follows
     time = np.asarray((raw - raw[0]) * factor, dtype=np.float64)
@@ -409,7 +409,7 @@ def read_message_log(path: Path, source: Source) -> Recording:
     decoded = decode_wanted(file, by_topic, source)
     tables, orders, absent = dict[str, pl.DataFrame](), dict[str, dict[str, int]](), list[str]()
     for topic, one in decoded.items():
-        with source.naming(f"topic '{topic}'"):
+        with naming(f"topic '{topic}'"):
             tables[topic], orders[topic], lacking = read_topic(by_topic[topic], one, source)
         absent += [f"topic '{topic}': {text}" for text in lacking]
     joined = joined_on_stamp([*tables.values()])

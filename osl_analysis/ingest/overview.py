@@ -360,11 +360,10 @@ def inspect_tdms(path: Path) -> Overview:
     stamps = [one.address for one in file.channels if one.holds_times and one.count]
     timed, names = any(one.step is not None for one in file.channels), {one.address: one.name for one in file.channels}
     units = {one.address: one.unit for one in file.channels}
-    clock, left_open = (
-        (None, []) if timed else clock_of("channels", numbers, lambda one: csv_table.is_clock(names[one]), units)
-    )
-    if not timed and not left_open:
-        clock = clock or next(iter(stamps), None)
+    clock, left_open = None, list[str]()
+    if not timed:
+        clock, left_open = clock_of("channels", numbers, lambda one: csv_table.is_clock(names[one]), units)
+        clock = clock or (None if left_open else next(iter(stamps), None))
     channels = {}
     for one in file.channels:
         unit, values = "s" if one.address in stamps else one.unit, numbers.get(one.address, np.empty(0))

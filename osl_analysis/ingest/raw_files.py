@@ -1,8 +1,8 @@
 """The raw files of one trial: recognised, read by their source files, and put together to canonical samples."""
 
 import hashlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from functools import partial
 from importlib.metadata import version
@@ -11,7 +11,7 @@ from typing import Any
 
 import polars as pl
 
-from osl_analysis.errors import InputError, listing, nearest, printable
+from osl_analysis.errors import InputError, listing, naming, nearest, printable
 from osl_analysis.formats.c3d import BLOCK, is_c3d, parse_header
 from osl_analysis.formats.csv_table import is_text
 from osl_analysis.formats.gait_text import is_nexus, is_opensim, is_trc
@@ -29,18 +29,6 @@ from osl_analysis.ingest.overview import Overview, inspect_messages
 from osl_analysis.ingest.source import SOURCES, UNKNOWN, Recording, SharedAngle, Source, check_sizes, open_places
 from osl_analysis.trial import COLUMNS, Trial
 from osl_analysis.yaml_settings import dotted, field_line, read_mapping, read_yaml
-
-
-@contextmanager
-def named(path: Path) -> Iterator[None]:
-    """Every refusal names the file."""
-    try:
-        yield
-    except InputError as error:
-        if printable(str(path)) in str(error):
-            raise
-        raise InputError(f"{path}: {error}") from error
-
 
 FileReader = Callable[[Path, Source], Recording]  # reads a file by its source file
 FileLister = Callable[[Path], Overview]  # lists what a file holds, without a source file
@@ -64,12 +52,12 @@ class KnownFormat:
 
     def read(self, path: Path, source: Source) -> Recording:
         """A file as canonical columns in SI units, by its source file. Raises InputError, which names the file."""
-        with named(path):
+        with naming(path):
             return self.reader(path, source)
 
     def inspect(self, path: Path) -> Overview:
         """What a file holds. Raises InputError, which names the file."""
-        with named(path):
+        with naming(path):
             return self.lister(path)
 
 
@@ -77,23 +65,20 @@ def begins_with(mark: bytes) -> Callable[[bytes], bool]:
     return lambda begin: begin.startswith(mark)
 
 
-KNOWN: Sequence[tuple[str, Callable[[bytes], bool], tuple[str, ...], FileReader, FileLister]] = (
-    ("mcap", begins_with(MAGIC), (".mcap",), read_message_log, partial(inspect_messages, "mcap")),
-    ("rosbag1", begins_with(ANY_BAG1), (".bag",), read_message_log, partial(inspect_messages, "rosbag1")),
-    ("rosbag2", begins_with(SQLITE), (".db3",), read_message_log, partial(inspect_messages, "rosbag2")),
-    ("c3d", is_c3d, (".c3d",), read_c3d_capture, overview.inspect_c3d),
-    ("nexus_csv", is_nexus, (), read_nexus_capture, overview.inspect_nexus),
-    ("mat", is_mat, (".mat",), read_table_log, overview.inspect_mat),
-    ("tdms", is_tdms, (".tdms",), read_table_log, overview.inspect_tdms),
-    ("trc", is_trc, (".trc",), read_trc_capture, overview.inspect_trc),
-    ("opensim", is_opensim, (".mot", ".sto"), read_table_log, overview.inspect_opensim),
-    ("json_lines", is_json_lines, (".jsonl", ".ndjson"), read_table_log, overview.inspect_json),
-    ("csv", is_text, (".csv",), read_table_log, overview.inspect_csv),
-)
-FORMATS = {
-    name: KnownFormat(SOURCES[name], begins, suffixes, reader, lister)
-    for name, begins, suffixes, reader, lister in KNOWN
+KNOWN: Mapping[str, tuple[Callable[[bytes], bool], tuple[str, ...], FileReader, FileLister]] = {
+    "mcap": (begins_with(MAGIC), (".mcap",), read_message_log, partial(inspect_messages, "mcap")),
+    "rosbag1": (begins_with(ANY_BAG1), (".bag",), read_message_log, partial(inspect_messages, "rosbag1")),
+    "rosbag2": (begins_with(SQLITE), (".db3",), read_message_log, partial(inspect_messages, "rosbag2")),
+    "c3d": (is_c3d, (".c3d",), read_c3d_capture, overview.inspect_c3d),
+    "nexus_csv": (is_nexus, (), read_nexus_capture, overview.inspect_nexus),
+    "mat": (is_mat, (".mat",), read_table_log, overview.inspect_mat),
+    "tdms": (is_tdms, (".tdms",), read_table_log, overview.inspect_tdms),
+    "trc": (is_trc, (".trc",), read_trc_capture, overview.inspect_trc),
+    "opensim": (is_opensim, (".mot", ".sto"), read_table_log, overview.inspect_opensim),
+    "json_lines": (is_json_lines, (".jsonl", ".ndjson"), read_table_log, overview.inspect_json),
+    "csv": (is_text, (".csv",), read_table_log, overview.inspect_csv),
 }
+FORMATS = {name: KnownFormat(SOURCES[name], *facts) for name, facts in KNOWN.items()}
 SUFFIXES = tuple(suffix for known in FORMATS.values() for suffix in known.suffixes)  # of recordings that are read
 
 
@@ -200,7 +185,7 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
             raise InputError(f"{path}: {what}, its source file says {described.format}; {remedy}")
         try:
             recordings[role] = known.read(path, described)
-            with named(path):
+            with naming(path):
                 check_sizes(recordings[role])
         finally:  # also where it cannot be read: it may have changed in between
             for part, before in zip(parts, every, strict=True):
@@ -211,10 +196,8 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
             together = hashlib.sha256("".join(one["sha256"] for one in every).encode()).hexdigest()
             every = [{"bytes": sum(one["bytes"] for one in every), "sha256": together, "parts": every}]
         identities[role] = {**every[0], "path": given, "source": source}
-    try:
+    with naming(f"trial {name} ({', '.join(files.values())})"):
         trial = assemble(name, recordings, identities, getattr(sources.get("mocap"), "shared", None))
-    except InputError as error:
-        raise InputError(f"trial {name} ({', '.join(files.values())}): {error}") from error
     fixture = {column.removeprefix("fixture_"): x for column, x in row.items() if column.startswith("fixture_")}
     if any(fixture.values()) and "torque" in trial.columns:  # the time base takes its torque off
         trial.provenance["columns"]["torque"]["fixture"] = {name: x for name, x in fixture.items() if x is not None}

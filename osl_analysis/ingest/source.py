@@ -4,7 +4,6 @@ the model from it, so that a key of another format is refused by name. A file as
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -265,14 +264,6 @@ class SourceFile(Settings):
             return f"`{'.'.join(keys)}` in the source file"
         line = field_line(self._path, keys)
         return f"`{'.'.join(keys)}` in {self._path}{f', line {line}' if line else ''}"
-
-    @contextmanager
-    def naming(self, what: str, *keys: str) -> Iterator[None]:
-        """A refusal within names what is refused, and the field that is to be corrected, if one is given."""
-        try:
-            yield
-        except InputError as error:
-            raise InputError(f"{what}: {error}{f', as {self.place(*keys)}' if keys else ''}") from error
 
     def of_part(self, part: str) -> Self:
         """The source file for one part of a log that holds several trials, as the sample sheet names it."""

@@ -15,7 +15,7 @@ from typing import Any
 from pydantic import ConfigDict, validate_call
 
 from osl_analysis.errors import OslAnalysisError, WriteError, printable, unexpected
-from osl_analysis.files import atomic_path, temporary_path
+from osl_analysis.files import temporary_path, write_text
 from osl_analysis.jobs.job_log import write_log
 from osl_analysis.jobs.request import read_request
 from osl_analysis.judge.findings import Judge, exclusions, without_excluded, without_refused
@@ -72,10 +72,8 @@ def perform(job: Job) -> None:
 
 def call(job: Job) -> Sequence[Refusal]:
     """Call the command with the named values of its rule, each converted to the type that the command declares.
-
     What was refused is told to a command that has an argument `refused`; another one that needs it cannot run: its
-    causes are returned. A fit takes the trial itself and gives its tables, which are written here.
-    """
+    causes are returned. A fit takes the trial itself and gives its tables, which are written here."""
     module, _, name = job["command"].partition(".")
     function = getattr(importlib.import_module(f"osl_analysis.commands.{module}"), name)
     reasons: dict[str, str] = {}
@@ -84,8 +82,7 @@ def call(job: Job) -> Sequence[Refusal]:
         if job["excluded"] != list(reasons):
             # Some were not measured yet when the request was written: the next run would take it for changed.
             said = json.loads(job["path"].read_text(encoding="utf-8")) | {"excluded": list(reasons)}
-            with atomic_path(job["path"]) as temporary:
-                temporary.write_text(json.dumps(said, indent=1) + "\n", encoding="utf-8")
+            write_text(job["path"], json.dumps(said, indent=1) + "\n")
     usable, refused, missing = without_refused(job["input"], job["needs"])
     told: dict[str, Any] = {}
     if "refused" in inspect.signature(function).parameters:

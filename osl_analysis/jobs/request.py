@@ -13,7 +13,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from osl_analysis.files import PACKAGE, atomic_path, digest, file_state, root
+from osl_analysis.files import PACKAGE, digest, file_state, root, write_text
 from osl_analysis.jobs.job_log import plain
 from osl_analysis.judge.findings import Judge, exclusions
 from osl_analysis.refusal import TRIED_AGAIN, is_refused, read_refusals
@@ -56,8 +56,7 @@ def write_request(path: Path, content: Mapping[str, Any]) -> None:
     for name, place in PLACES.items():
         text = text.replace(place, name)
     if text != old:
-        with atomic_path(path) as temporary:
-            temporary.write_text(text, encoding="utf-8")
+        write_text(path, text)
 
 
 def same_recordings(recorded: Iterable[str], trial: Path) -> bool:

@@ -223,10 +223,8 @@ def doubts(row: AnyRow, found: Found, of_trial: Cause | None, scope: str) -> Ite
 
 def marked(table: pl.DataFrame, limits: Doubt, name: str) -> pl.DataFrame:
     """The table `name` with the column `DOUBTFUL`, which lists the causes of doubt with each value beyond its limit,
-    and with the size of what could not be checked.
-
-    Raises InputError: a limit is set on a column that the table does not have or that is not numeric.
-    """
+    and with the size of what could not be checked. Raises InputError: a limit is set on a column that the table does
+    not have or that is not numeric."""
     fitted = pl.col(EXCLUDED).is_null() if EXCLUDED in table.columns else pl.lit(True)
     numeric = {column for column, dtype in table.schema.items() if dtype.is_numeric() or dtype == pl.Null}
     for column, limit in (*limits.above.items(), *limits.below.items()) if len(table.filter(fitted)) else ():

@@ -1,7 +1,6 @@
 """Which trials a job uses: not those that quality control excludes, nor those without a result (`refusal`); and
 what a reader must know of a campaign, in the same words at the end of a run, by `results` and on the page: causes and
-the trials that they concern, not the rows of tables that inherit them.
-"""
+the trials that they concern, not the rows of tables that inherit them."""
 
 import json
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
@@ -14,7 +13,7 @@ import polars as pl
 
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import InputError, listing
-from osl_analysis.files import atomic_path
+from osl_analysis.files import write_text
 from osl_analysis.judge import doubts
 from osl_analysis.judge.recording import CHECKS, judged_table
 from osl_analysis.judge.table import Cause, QualityRules
@@ -64,8 +63,7 @@ class Judge:
 
     def write(self, path: Path) -> None:
         accept = {trial: list(names) for trial, names in self.accept.items() if names}
-        with atomic_path(path) as temporary:
-            temporary.write_text(json.dumps({"rules": self.rules.model_dump(mode="json"), "accept": accept}))
+        write_text(path, json.dumps({"rules": self.rules.model_dump(mode="json"), "accept": accept}))
 
     @classmethod
     def read(cls, path: Path) -> Self:

@@ -242,12 +242,8 @@ def longest_clipped_angle(time: Array, theta: Array, torque: tuple[Array, Array]
     when, values = torque
     if not theta.size or not np.ptp(theta) or not when.size or not np.isfinite(values).all() or not np.ptp(values):
         return 0
-    changes, longest, step, noise = (
-        0.02 * float(np.ptp(values)),
-        0,
-        np.nan,
-        np.nan,
-    )  # more than the creep of a joint that rests
+    changes = 0.02 * float(np.ptp(values))  # more than the creep of a joint that rests
+    longest, step, noise = 0, np.nan, np.nan
     for end in (theta.min(), theta.max()):
         for run in runs(theta == end):
             count = run.stop - run.start

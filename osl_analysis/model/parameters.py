@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Annotated
 
 from pydantic import BeforeValidator, Field, WithJsonSchema, field_validator
-from pydantic_core import PydanticCustomError
 
 from osl_analysis.errors import InputError, nearest
+from osl_analysis.relations import misplaced
 from osl_analysis.yaml_settings import Settings, located, read_yaml
 
 PARAMETER_UNITS = {
@@ -76,15 +76,14 @@ class ParameterFile(Settings):
     @field_validator("parameters")
     @classmethod
     def _complete(cls, quantities: dict[str, Quantity]) -> dict[str, Quantity]:
-        def wrong(reason: str, *place: str) -> PydanticCustomError:  # it names the line, by the place within these
-            return PydanticCustomError("wrong", "{reason}", {"reason": reason, "place": place})
-
         for name, quantity in quantities.items():
             if name not in PARAMETER_UNITS:
                 like = nearest(name, set(PARAMETER_UNITS) - set(quantities)) or "; remove it"
-                raise wrong(f"unknown parameter {name}; the known ones are {', '.join(PARAMETER_UNITS)}{like}", name)
+                known = f"the known ones are {', '.join(PARAMETER_UNITS)}{like}"
+                raise misplaced(f"unknown parameter {name}; {known}", name)
             if quantity.unit != (unit := PARAMETER_UNITS[name]):
-                raise wrong(f"{name} has unit '{quantity.unit}', expected '{unit}'; convert its value", name, "unit")
+                said = f"{name} has unit '{quantity.unit}', expected '{unit}'; convert its value"
+                raise misplaced(said, name, "unit")
         for name in PARAMETER_UNITS:
             if name not in quantities and name != "K_s2":
                 raise ValueError(f"{name} [{PARAMETER_UNITS[name]}] is missing; add it, with value, unit and source")

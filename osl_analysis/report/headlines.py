@@ -1,6 +1,5 @@
 """Headline numbers of a campaign, computed from its result tables, each with its label and its interval; and how they
-are written, as JSON, as LaTeX macros and as tables.
-"""
+are written, as JSON, as LaTeX macros and as tables."""
 
 import json
 import math

@@ -272,12 +272,8 @@ def methods_content(
     said: defaultdict[str, defaultdict[str, list[Any]]] = defaultdict(lambda: defaultdict(list))
     recorded = dict[str, dict[str, Any]]()
     for name, table in tables.items():
-        for one in (
-            column
-            for column in (*columns.split(), "interval_method", "direction", "onset_phase")
-            if column in table.columns
-        ):
-            if len(table):
+        for one in columns.split():
+            if one in table.columns and len(table):
                 said[name][one] = table[one].drop_nulls().unique().sort().to_list()
     for trial in trials:
         own = recorded.setdefault(trial.row["experiment"], {"rates": [], "files": []})

@@ -10,7 +10,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from osl_analysis.errors import InputError
+from osl_analysis.errors import InputError, naming
 from osl_analysis.signals import LowPass, differentiate
 from osl_analysis.signals.samples import Taken, take
 from osl_analysis.signals.stream import FEWEST_STAMPS, LONG_STEP, SensorLowPass, Stream
@@ -42,21 +42,17 @@ class GapLimits:
         return 3 / self.cutoff_hz
 
 
-@dataclass(frozen=True)
-class Fixture:
-    """What turns with the joint and is not the joint: a foot, a clamp, what lies between load cell and joint."""
-
-    inertia: float = 0.0  # about the joint's axis [kg*m^2]
-    weight: float = 0.0  # m g r, its torque [N*m] where its centre is beside the axis
-    rest_deg: float = 0.0  # angle [deg] at which its centre is straight below the axis
-
-    def torque(self, time: Array, theta: Array, cutoff_hz: float) -> Array:
-        """The resisting torque (n,) [N*m] of its inertia and weight at angles (n,) [rad], behind a low-pass of twice
-        the cut-off of the fit's filter: of an acceleration at a third of that it loses 1e-6, and no noise grows."""
-        rate = (len(time) - 1) / float(time[-1] - time[0])
-        smooth = LowPass(min(2 * cutoff_hz, 0.45 * rate))(theta, rate)
-        inertial = self.inertia * differentiate(time, smooth).alpha if self.inertia else 0.0
-        return np.asarray(inertial + self.weight * np.sin(theta - np.deg2rad(self.rest_deg)))
+def fixture_torque(
+    time: Array, theta: Array, cutoff_hz: float, inertia: float = 0.0, weight: float = 0.0, rest_deg: float = 0.0
+) -> Array:
+    """Resisting torque (n,) [N*m] at angles (n,) [rad] of what turns with the joint and is not the joint, as a clamp:
+    its inertia [kg*m^2], and its weight m g r [N*m], whose centre is straight below the axis at `rest_deg` [deg]. It is
+    behind a low-pass of twice the cut-off of the fit's filter: of an acceleration at a third of that it loses 1e-6, and
+    no noise grows."""
+    rate = (len(time) - 1) / float(time[-1] - time[0])
+    smooth = LowPass(min(2 * cutoff_hz, 0.45 * rate))(theta, rate)
+    inertial = inertia * differentiate(time, smooth).alpha if inertia else 0.0
+    return np.asarray(inertial + weight * np.sin(theta - np.deg2rad(rest_deg)))
 
 
 @dataclass(frozen=True)
@@ -134,7 +130,7 @@ def on_one_grid(taken: Sequence[Taken], limits: GapLimits, trial: str = "") -> U
                     signals[column] = low_pass(signals[column], rate)
     fixture = next((part.stream.fixture for part in taken if part.stream.fixture), None)
     if fixture and signals.keys() >= {"theta", "torque"}:
-        load = Fixture(**fixture).torque(time, signals["theta"], limits.cutoff_hz)
+        load = fixture_torque(time, signals["theta"], limits.cutoff_hz, **fixture)
         signals["torque"] = signals["torque"] - load
     streams = [stream_row(part, *found, time, limits) for part, found in zip(taken, gaps, strict=True)]
     return UniformSignals(time, rate, signals, usable, farthest, streams, tuple(taken), limits, trial)
@@ -219,10 +215,8 @@ def uniform_signals(
     `computed` are columns without a sensor, such as a command, which say nothing about the stamps that they share.
     Raises InputError: A column is missing, or its stamps cannot be brought on a grid; the message names the trial."""
     devices = devices_of(trial, columns, computed)
-    try:
+    with naming(f"trial {trial.name}"):
         return on_one_grid(take(streams(trial, devices, frozenset(computed))), limits, trial.name)
-    except InputError as error:
-        raise InputError(f"trial {trial.name}: {error}") from error
 
 
 def devices_of(trial: Trial, columns: Sequence[str], computed: Sequence[str] = ()) -> list[list[str]]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.signal import butter, cont2discrete, lfilter, lfilter_zi
 
-from osl_analysis.files import atomic_path
+from osl_analysis.files import atomic_path, write_text
 from osl_analysis.simulator.settings import NodeSettings, Scatter, SensorSettings, SimulationSettings, stream
 from osl_analysis.trial import Array
 
@@ -187,5 +187,4 @@ def write_truth(
     if curves is not None:
         with atomic_path(folder / "truth" / f"{trial}.parquet") as path:
             pl.DataFrame(curves).write_parquet(path)
-    with atomic_path(folder / "truth" / f"{trial}.json") as path:
-        path.write_text(json.dumps(truth, indent=1) + "\n", encoding="utf-8")
+    write_text(folder / "truth" / f"{trial}.json", json.dumps(truth, indent=1) + "\n")

@@ -57,11 +57,10 @@ def unperturbed_gait(
             f"{f' ({used})' if used else ''}, expected {fewest} or more; {count} times"
             f"{named}{others if count < len(lost) else ''}, as in {alike[0]}: {said[alike[0]]}"
         )
-    curves = (
+    theta, torque, *errors = (
         np.stack([signal_at(c, getattr(c, signal), stance_times(c)) for c in crossings], axis=-2)
         for signal in ("theta", "torque", "plate_errors", "lab_errors")
     )
-    theta, torque, *errors = curves
     stance = np.array([c.stance.duration for c in crossings])
     return UnperturbedGait(tuple(c.name for c in crossings), theta, torque, stance, *errors)
 

@@ -21,7 +21,7 @@ import numpy as np
 import polars as pl
 import scipy
 
-from osl_analysis.errors import IdentifiabilityError, InputError
+from osl_analysis.errors import IdentifiabilityError, InputError, naming
 from osl_analysis.plate_surface import plate_axes
 from osl_analysis.signals import LowPass, longest_run, runs, sampling_rate
 from osl_analysis.stats.regression import linear_fit
@@ -526,10 +526,8 @@ def identify_plate_model(pairs: Sequence[tuple[Trial, StaticCalibration]], setti
             warnings.warn(f"trial {r.track.name}: excluded from the plate's model: {r.unusable}", stacklevel=2)
     motions, lags = shared_motions(seen), [float("nan")] * len(seen)
     for i, r in enumerate(seen if settings.correct_plate_lag else ()):
-        try:
+        with naming(f"trial {r.track.name}"):
             lags[i] = plate_lag(motions[i][0], r.wrench_at, r.smooth, r.fewest)
-        except InputError as error:
-            raise InputError(f"trial {r.track.name}: {error}") from error
     reason = None if np.isfinite(lags).any() else "the unloaded plate is too light to show it"
     reason = reason if settings.correct_plate_lag else "not estimated: correct_plate_lag is false"
     hz, growth = np.median([r.rings for r in seen], axis=0).tolist()

@@ -319,10 +319,10 @@ def test_human_ankles_give_a_stiffness_and_what_their_reflexes_leave_of_it():
     assert all(found.values()), found
 
 
-def reflexive(rng, gain, noise_nm=0.15, rate=500.0, delay=0.045, **impedance):
+def reflexive(rng, gain, noise_nm=0.15, rate=500.0, delay=0.045, band=(0.3, 8.0), **impedance):
     """A joint of 45 s whose torque has, beside Eq. 15, `gain` [N*m*s/rad] times the rising speed, 45 ms late behind a
     low-pass of second order at 20 rad/s, and slow noise as of a person's will. It is made of none of our columns."""
-    time, motion = noise(rng, (0.3, 8.0), 1.2, 45.0, rate)
+    time, motion = noise(rng, band, 1.2, 45.0, rate)
     late = np.concatenate([np.zeros(round(delay * rate)), np.maximum(motion[1], 0)])[: len(time)]
     top, bottom, _ = cont2discrete(([400.0], [1, 36.0, 400.0]), 1 / rate)
     will = lfilter(*butter(1, 2 / (rate / 2)), rng.standard_normal(len(time)))
@@ -348,23 +348,54 @@ def test_a_reflex_is_a_doubt_of_a_device_and_columns_of_a_person():
         assert "model that does not fit" not in alone["doubtful"]
         assert row["doubtful"] == ""
         assert row["lag_s"] is row["coulomb_share"] is row["K_drift"] is None
+        tried = [row[f"reflex_delay_{end}ms"] for end in ("low_", "", "high_")]
+        assert tried == sorted(tried)
+        assert 45 - 15 <= tried[0] <= 45 <= tried[-1] + 15 < 70
+        assert 0 <= row["K_over_delays"] < row["K_high"] - row["K"]
+        assert (row["untold_share"], alone["untold_share"]) == (pytest.approx(0.25, abs=0.2), None)
+    tables = response_tables(records[0], None)
+    assert tables["response"]["magnitude_eq15"].is_null().all()
+    assert tables["response"]["magnitude"].is_between(20, 400).all()
+    assert "reflex" in tables["response_models"]["excluded"][0]
     assert 0.5 < np.sqrt(np.mean(np.square(z))) < 1.6
 
 
+@pytest.mark.parametrize(("band", "clip", "doubt"), [
+    ((0.3, 14.0), np.inf, ""),
+    ((0.3, 14.0), 4.0, "clipped signal"),
+    ((0.1, 2.0), np.inf, "motion that tells too little"),
+])  # fmt: skip
+def test_a_persons_own_torque_is_no_doubt_and_a_clipped_torque_and_a_slow_motion_are(band, clip, doubt):
+    """It takes a third of the variance; noise lies on the plateau of the clipped torque, as behind an amplifier."""
+    rng = np.random.default_rng(4)
+    trial = reflexive(rng, 4.0, 1.5, band=band)
+    torque = np.clip(trial.samples["torque"].to_numpy(), -clip, clip) + 0.02 * rng.standard_normal(len(trial.samples))
+    trial = Trial("made", trial.samples.with_columns(torque=torque))
+    _, table = judged_impedance(moving_record(trial, human=HumanJoint()), saturated(trial), None, None)
+    row = marked(table, LIMITS, "impedance").row(0, named=True)
+    assert row["VAF"] < 80
+    assert row["doubtful"].partition(":")[0] == doubt
+
+
 def test_stiffness_that_a_logged_signal_schedules_is_found_over_it():
-    """K of 40 to 140 N*m/rad over a slow sine; the splines' bands hold it, and a signal that is not there is named."""
-    motion = noise(rng := np.random.default_rng(2), (1.5, 8.0), 1.2, 45.0)
+    """K of 40 to 140 N*m/rad over a slow sine; the splines' bands hold it, and a signal that is not there is named. The
+    angle is as slow in part: without noise the band is narrow and right."""
+    motion = noise(rng := np.random.default_rng(2), (0.2, 8.0), 1.2, 45.0)
     tilt = np.sin(2 * np.pi * 0.07 * motion[0])
     trial = made_trial(rng, motion, more=50 * tilt * motion[1][0], K=90.0, B=1.0, I=0.016)
     trial = Trial("made", trial.samples.with_columns(tilt=tilt))
     person = HumanJoint(over="tilt")
     table = over_table(rendered_impedance(moving_record(trial, human=person)).analysis)
-    assert table["share"].to_list() == pytest.approx(np.arange(0.05, 0.96, 0.05))
+    assert np.diff(table["at"].to_numpy()) == pytest.approx(np.ptp(table["at"].to_numpy()) / 18)
+    assert table["share"].to_numpy()[[0, -1]] == pytest.approx([0.05, 0.95], abs=1e-3)
     z = (table["K"] - 90 - 50 * table["at"]) / table["K_se"]
     assert np.ptp(table["K"].to_numpy()) > 85
     assert np.sqrt(np.mean(np.square(z.to_numpy()))) < 2.2
-    assert (table["K_high"] - table["K_low"]).max() < 20
+    assert (table["K_high"] - table["K_low"]).max() < 4
     assert ((table["B_low"] < 1) & (table["B_high"] > 1)).mean() > 0.7
+    by_time = rendered_impedance(moving_record(trial, human=HumanJoint(over="time"))).analysis
+    assert by_time.shared(None)["VAF_held_out"] == pytest.approx(by_time.whole.vaf, abs=10)  # nothing is extrapolated
+    assert over_table(by_time)["at"].is_between(2, 46).all()
     assert over_table(rendered_impedance(moving_record(trial, human=HumanJoint())).analysis).is_empty()
     with pytest.raises(InputError, match="tillt"):
         moving_record(trial, human=HumanJoint(over="tillt"))

@@ -46,8 +46,9 @@ def time_series():
     time = np.arange(0, 10, 0.01)
     torque = 30 * np.sin(8 * time)
     table = pl.DataFrame({"time": time, "theta_deg": torque / 5, "torque": torque, "torque_model": 0.99 * torque})
-    none = pl.lit(None, pl.String)
-    return table.with_columns(doubtful=pl.lit(""), trial=pl.lit("k300"), chosen=none, joint=pl.lit("ankle"), side=none)
+    none, model = pl.lit(None, pl.String), pl.lit("second-order system")
+    table = table.with_columns(doubtful=pl.lit(""), trial=pl.lit("k300"), model=model)
+    return table.with_columns(chosen=none, joint=pl.lit("ankle"), side=none)
 
 
 def response_table():
@@ -259,11 +260,14 @@ SAID = [
     ("fig4", left_out, {}, ["trial k300", "Not fitted", "0.21 N·m and the VAF 99.99 %", "leaves out"], ["(doubtful)"]),
     ("fig4", time_series, {"doubtful": NOTE, "theta_deg": -pl.col("torque").abs() / 5, "time": pl.col("time") + 5},
      ["system (doubtful)", "the last 9.99 s of one amplitude, at most 6 deg"], ["Not fitted"]),
+    ("fig4", time_series, {"model": pl.lit("spring")}, ["Best-fit spring", "dashed the best fit of a spr"], ["order"]),
     ("fig5", in_amplitudes, {}, ["Thin bars are the range of the fits to single amplitudes", "Linear model",
      "at most ±0.98 N·m/rad and ±0.1 N·m·s/rad", "2 of 32 fits (impedance\\_K100\\_B0.0\\_comp", "Open: doubtful"], []),
     ("fig5", None, {"K": pl.col("K_d") + 2 * (pl.col("B_d") > 0)},
      [r"Compensated ($n$ = 16): $\hat{K} - K_d$ is 1.50 ± 0.89 N·m/rad, 0.00 to 2.00"], []),
     ("fig5", None, {"K_d": NONE, "B": NONE}, [r"Compensated ($n$ = 16): $\hat{K}$ is 250 ± 114 N·m/rad, 99 to"], []),
+    ("fig5", lambda: plotted("fig5").head(4), {"K_d": NONE, "B_d": NONE, "trial": pl.format("w{}", pl.col("K").rank())},
+     ["w1.0", "w4.0", "by a fit to all of the motion of each trial"], ["Desired", "not stated", "rendered as asked"]),
     ("fig6", None, {"doubtful": NOTE}, ["Open: doubtful"], []),
     ("fig9", None, {"mean": pl.when(quantity="I").then(NONE).otherwise("mean")}, ["no mean of several"], ["$ is − "]),
     ("fig6", None, {}, ["48 fits of 16 trials", "log scale of 100 − VAF"], ["Open"]),
@@ -280,6 +284,7 @@ SAID = [
      "All perturbations, at 25 % of stance, 7 perturbations: $K$ 75.0 N·m/rad (95 % interval 67.5 to 82.5)"], []),
     ("impedance_over", None, {}, ["Slow part of the joint angle", r"walker\_0: $\hat{K}$ goes from 30.00 N·m/rad (95 %",
      " to 80.00 N·m/rad (95 % interval 79.50 to 80.50).", r"1 of 2 fits (walker\_1), for reflex"], []),
+    ("impedance_over", None, {"over": pl.lit("theta_slow")}, ["Slow angle (deg)"], ["Slow part"]),
     ("torque_angle", torque_angle_table, {"stiffness": SLOPE}, [r"1 of 11 trials (both\_cams\_15mm)", "Doubtful trial",
      r"both\_cams\_00mm: −4 to 6 N·m, steepest 62 N·m/rad.", "Desired", "both cams 15mm"], []),
     ("model_comparison", None, {}, ["(a) Belt", "(b) Rendered impedance",

@@ -16,6 +16,7 @@ import numpy as np
 import polars as pl
 import pytest
 import yaml
+from any_motion import noise
 from conftest import ROOT
 from reference import PLANNED, REQUESTS, changed, requests_of
 from reference import SHEET as EVERY_TRIAL
@@ -493,3 +494,27 @@ def test_a_study_runs_through_its_jobs_and_more_trials_leave_those_that_are_done
     assert not any(is_refused(space.folder / file) for file in files)
     space.configure({"study": study | {"trials": 4}})
     assert space.planned(first) == {}
+
+
+def test_a_persons_stiffness_over_a_recorded_angle_is_a_table_and_a_figure(tmp_path):
+    """K rises by 4 N*m/rad per degree."""
+    time, (theta, omega, alpha) = noise(rng := np.random.default_rng(1), (0.5, 12.0), 1.2, 30.0)
+    slow = np.deg2rad(8) * np.sin(2 * np.pi * 0.11 * time)
+    torque = (70 + 4 * np.rad2deg(slow)) * theta + 1.0 * omega + 0.016 * alpha + 0.05 * rng.standard_normal(len(time))
+    signals = {"theta": theta, "theta_slow": slow, "torque": torque}
+    (tmp_path / "config/sources").mkdir(parents=True)
+    pl.DataFrame({"time": time, **signals}).write_csv(tmp_path / "w.csv")
+    channels = {name: {"column": name, "unit": "N*m" if name == "torque" else "rad"} for name in signals}
+    source = {"format": "csv", "clock": "master", "time": {"column": "time", "unit": "s"}, "channels": channels}
+    (tmp_path / "config/sources/w.yaml").write_text(yaml.safe_dump(source))
+    (tmp_path / "sheet.csv").write_text("trial,experiment,log,log_source\nw,impedance,w.csv,w\n")
+    of_person = {"raw_data": ".", "sheet": "sheet.csv", "dynamometer": {"human": {"over": "theta_slow"}}}
+    absent = dict.fromkeys(("simulation", "parameters", "impedance_trajectory"))
+    (tmp_path / "config/small.yaml").write_text(yaml.safe_dump({"campaign": "small", **of_person, **absent}))
+    made = [tmp_path / f"results/{name}" for name in ("tables/impedance_over.csv", "figures/impedance_over.png")]
+    ran = run_snakemake([*FILES, "--", *(str(path.relative_to(tmp_path)) for path in made)], tmp_path)
+    assert ran.returncode == 0, ran.stdout
+    table = pl.read_csv(made[0])
+    assert np.ptp(table["at"].to_numpy()) == pytest.approx(16, abs=0.4)
+    assert table["K"].to_numpy() == pytest.approx(70 + 4 * table["at"].to_numpy(), abs=2.5)
+    assert made[1].stat().st_size > 20_000

@@ -81,8 +81,9 @@ class Analysis:
 
     def shared(self, label: Label, *names: str) -> Row:
         """VAF on data held out, the drift that was subtracted [N*m/min], and the change by another time base."""
-        told = {"VAF_held_out": held_out_vaf(self.sums, self.model, label)}
-        told["load_cell_drift"] = 60 * self.record.drift if self.record.reflex_delay is None else None
+        person = bool(self.record.reflex_delays)
+        told = {"VAF_held_out": held_out_vaf(self.sums, self.model, label, interleaved=person)}
+        told["load_cell_drift"] = None if person else 60 * self.record.drift
         return told | self.time_base_row(label, names)
 
     def time_base_row(self, label: Label, names: Sequence[str]) -> Row:

@@ -29,7 +29,7 @@ from osl_analysis.trial import Array
 
 FEWEST_UNITS = 4  # strata from which on these are the units that are left out; below, each group is one
 FEWEST_GROUPS = 8  # groups that do not repeat from whose scores an interval comes
-NO_ESTIMATES = ("reflex_", "K_over_", "B_over_")
+NO_ESTIMATES = ("reflex_", "K_over_", "B_over_", "level_over_")
 """How columns of a person's joint begin that are like one another, and are no estimates."""
 NEXT = {"theta": "omega", "omega": "alpha", "alpha": "jerk", "jerk": "snap"}  # derivatives
 NEXT |= {"linear": "linear_rate", "sign": "sign_rate"}
@@ -393,12 +393,12 @@ def noise_of_scores(scores: Array, columns: int) -> tuple[Array, Array]:
     return np.asarray(found), np.full(p, max(m / 1.5 - used / 2, 1.0))
 
 
-def held_out_vaf(s: Sums, model: Mapping[str, str], label: Label = None) -> float | None:
+def held_out_vaf(s: Sums, model: Mapping[str, str], label: Label = None, interleaved: bool = False) -> float | None:
     """Lowest VAF [percent] of groups that a fit did not use; None where there are none, or nothing can be fitted. An
     offset of theirs does not count.
 
     Of a label: of the other labels, by its fit. Of all: of each label by the fit to the others, with one label of each
-    third of the groups.
+    third of the groups: consecutive ones, or every third one where something may change over the record.
     """
     labels, at, q, one = s.groups.labels, s.index(list(model.values())), s.torque, s.index(["one"])[0]
     if label is not None:
@@ -407,7 +407,7 @@ def held_out_vaf(s: Sums, model: Mapping[str, str], label: Label = None) -> floa
         pairs = [(~s.groups.of(x), [s.groups.of(x)]) for x in labels]
     else:
         place = np.argsort(np.argsort(s.groups.first, kind="stable"), kind="stable")
-        part = 3 * place // len(place)  # consecutive thirds
+        part = place % 3 if interleaved else 3 * place // len(place)
         pairs = [(part != k, [part == k]) for k in np.unique(part)] if len(place) > 1 else []
     found = []
     for fitted, held in pairs:

@@ -68,7 +68,8 @@ def without_will(record: Record, human: HumanJoint) -> Record:
 def with_reflex(record: Record, human: HumanJoint | None = None) -> Record:
     """The record of a person's joint, without its slow part and with the columns of the reflex; any other record as it
     is. The delay of the reflex is the one of those in the settings with which the other stretches predict each stretch
-    best. `human` is that of the settings unless it is given."""
+    best; beside it stand those that do so as well within chance, by the scatter of what they leave in the stretches.
+    `human` is that of the settings unless it is given."""
     human = human or human_of(record)
     if human is None:
         return record
@@ -79,7 +80,9 @@ def with_reflex(record: Record, human: HumanJoint | None = None) -> Record:
     columns, made = through_memory(both, rate, human.memory_s), replace(without_will(record, human), slow=slow)
     if slow is not None:
         shares = over_basis(made, slow) - over_basis(made, made.part(slow)).mean(axis=0)
-        moved = {"K": made.motion.theta - made.part(made.motion.theta).mean(), "B": made.motion.omega}
+        moved = {"K": record.motion.theta - record.part(record.motion.theta).mean(), "B": omega}
+        if human.over != "time":  # the torque without motion changes with the signal, too
+            moved["level"] = np.ones_like(omega)
         made = replace(
             made,
             also={
@@ -89,7 +92,7 @@ def with_reflex(record: Record, human: HumanJoint | None = None) -> Record:
             },
         )
     few, quick = made.coarse, without_slow(record, columns, human.slow_hz)[:: round(rate / made.coarse.rate_hz)]
-    left = list[float]()
+    left, stiffness = list[Array](), list[float]()
     for delay in human.delays_ms:
         s = plain_sums(
             replace(few, also={**few.also, **reflex_columns(late_by(quick, few.rate_hz, 1e-3 * delay))}), IMPEDANCE
@@ -97,13 +100,18 @@ def with_reflex(record: Record, human: HumanJoint | None = None) -> Record:
         rest = s.total - s.gram
         estimates = gram.solved(rest[:, :-2, :-2], rest[:, :-2, s.torque])[0]
         error = np.column_stack([estimates, -np.ones(len(rest))])
-        left.append(float(np.einsum("mp,mpq,mq->", error, s.gram[:, :-1, :-1], error)))
-    delay_s = 1e-3 * human.delays_ms[int(np.argmin(left))]
-    also = {**made.also, **reflex_columns(without_slow(record, late_by(columns, rate, delay_s), human.slow_hz))}
+        left.append(np.einsum("mp,mpq,mq->m", error, s.gram[:, :-1, :-1], error))
+        stiffness.append(float(gram.solved(s.total[:-2, :-2], s.total[:-2, s.torque])[0][s.names.index("theta")]))
+    more = np.array(left) - min(left, key=np.sum)
+    chance = stdtrit(len(rest) - 1, 0.975) * np.sqrt(len(rest)) * more.std(axis=1, ddof=1)
+    order = [k for k in np.argsort(more.sum(axis=1)) if more[k].sum() <= chance[k]]
+    delays = {1e-3 * human.delays_ms[k]: stiffness[k] for k in order}
+    quick = without_slow(record, late_by(columns, rate, next(iter(delays))), human.slow_hz)
+    also = {**made.also, **reflex_columns(quick)}
     other, softer = (
         one and with_reflex(replace(one, slow=record.slow), human) for one in (record.other, record.softer)
     )
-    return replace(made, also=also, reflex_delay=delay_s, other=other, softer=softer)
+    return replace(made, also=also, reflex_delays=delays, other=other, softer=softer)
 
 
 def over_basis(record: Record, values: Array) -> Array:
@@ -120,15 +128,18 @@ OVER |= {f"{name}{end}": pl.Float64 for name in "KB" for end in ("", "_se", "_lo
 
 
 def over_table(analysis: Analysis) -> pl.DataFrame:
-    """The trial's rows of `impedance_over.csv`: K and B at 5 to 95 % of the signal that they change with; none where
-    nothing is asked for."""
+    """The trial's rows of `impedance_over.csv`: K and B at even values of the signal that they change with, from that
+    which 5 % of the rows are below to that of 95 %; none where nothing is asked for."""
     record, fit, rows, human = analysis.record, analysis.whole, list[Row](), human_of(analysis.record)
     if record.slow is None or human is None:
         return pl.DataFrame(schema=OVER)
-    fitted, shares = record.part(record.slow), np.linspace(0.05, 0.95, 19)
-    at = np.quantile(fitted, shares)
+    fitted = record.part(record.slow)
+    at = np.linspace(*np.quantile(fitted, [0.05, 0.95]), 19)
+    shares = np.searchsorted(np.sort(fitted), at) / len(fitted)
     weights = over_basis(record, at) - over_basis(record, fitted).mean(axis=0)
-    shown = np.rad2deg(at) if human.over == "angle" else at - record.time[0] if human.over == "time" else at
+    shown = (
+        np.rad2deg(at) if human.over in ("angle", "theta_slow") else at - record.time[0] if human.over == "time" else at
+    )
     for share, value, weight in zip(shares, shown, weights, strict=True):
         row: Row = {"trial": record.name, "over": human.over, "share": float(share), "at": float(value)}
         for name in "KB":
@@ -150,12 +161,16 @@ def reflex_row(analysis: Analysis, raw: Record) -> Row:
     """What a fit has of a reflex, and whether the torque has one that the model has not; `raw` is the record with its
     slow part. `K_with_reflex` is K with that one in the model; of a person it must be beyond the interval of K."""
     record, human, fit = analysis.record, human_of(raw), analysis.whole
-    row: Row = dict.fromkeys(("reflex_share", "reflex_delay_ms", "reflex_p", "K_with_reflex"))
-    if record.reflex_delay is not None:
+    delays = [f"reflex_delay_{end}ms" for end in ("", "low_", "high_")]
+    row: Row = dict.fromkeys(("reflex_share", *delays, "K_over_delays", "untold_share", "reflex_p", "K_with_reflex"))
+    if record.reflex_delays:
         columns = {name: column for name, column in record.also.items() if name.startswith("reflex")}
         reflex = sum(fit[name] * record.part(column) for name, column in columns.items())
         share = 100 * float(np.var(reflex) / np.var(record.part(record.filtered_torque)))
-        row |= {"reflex_share": share, "reflex_delay_ms": 1e3 * record.reflex_delay}
+        tried, (K, *others) = list(record.reflex_delays), record.reflex_delays.values()
+        row |= dict(zip(delays, (1e3 * one for one in (tried[0], min(tried), max(tried))), strict=True))
+        row["untold_share"] = max((fit.interval(name)[1] - fit[name]) / abs(fit[name]) for name in "KBI")
+        row |= {"reflex_share": share, "K_over_delays": max((abs(other - K) for other in others), default=0.0)}
     memory = human.memory_s if human else 0.0  # the reflex that the model has ends there
     row["reflex_p"] = p = reflex_test(record, raw, USUAL_DELAY_S + memory)
     if p is not None and p < 1e-2:

@@ -135,7 +135,7 @@ def rendered_impedance(raw: Record, expected: effects.Admittance | None = None) 
         check_told(f"trial {record.name}", record.band_hz, *told, limit)
     for fit in analysis.fits.values():
         check_stiffer(record.name, "K", fit["K"], record.bench)
-    if record.reflex_delay is not None:  # faults of a device are not told from what a person does
+    if record.reflex_delays:  # faults of a device are not told from what a person does
         return Rendered(raw, analysis, (), sums, Causes((), analysis.whole, only_noise=False))
     s = effects.sums_of(record, IMPEDANCE, expected)
     return Rendered(raw, analysis, phasors_of_record(record), s, effects.causes(record, s, IMPEDANCE))
@@ -245,7 +245,7 @@ def impedance_table(rendered: Rendered, p: DrivetrainParameters | None = None) -
     that is no second-order system depend on band and weights. With the parameters of the device and theta_m the belt
     shows a lag, which what Eq. 15 misses of a drivetrain would hide."""
     analysis, record, s, found = rendered.analysis, rendered.record, rendered.sums, rendered.found
-    device = record.reflex_delay is None
+    device = not record.reflex_delays
     change = effects.stiffness_change(s, IMPEDANCE, found) if device else None
     belt = effects.belt_of_leg(record, p) if device else None
     late_motor, by_belt = (belt.theta_m, belt.torque) if belt else (None, None)
@@ -390,7 +390,8 @@ def torque_at_peaks(rendered: Rendered) -> float | None:
     """
     record = rendered.record
     rows = record.rows()[:: max(int(record.rate_hz / (8.0 * record.low_pass.cutoff_hz)), 1)]  # nothing is faster
-    measured, modelled = record.filtered_torque[rows], rendered.analysis.modelled(None, rows)
+    measured = rendered.raw.filtered_torque[rows]
+    modelled = rendered.analysis.modelled(None, rows) + measured - record.filtered_torque[rows]
     middle, found = float(np.median(modelled)), list[float]()
     for top, highest in ((float(modelled.max()), True), (float(modelled.min()), False)):
         for share in (0.005, 0.01, 0.02, 0.05, 0.1, 0.2):
@@ -518,7 +519,8 @@ def left_unchecked(
     """What a row of the table is not checked for, each with its reason; None if it is checked for all."""
     if row.get("reflex_delay_ms") is not None:
         why = "a person's reflex would hide it"
-        return f"{LATENESS}: {why}; whether the fixture rubs, or has play: {why}"
+        no_response = "whether a linear response is one of K, B and I: it contains the reflex"
+        return f"{LATENESS}: {why}; whether the fixture rubs, or has play: {why}; {no_response}"
     if desired is None:
         reasons = {"K against the belt's K_s": "" if p else "no parameter file is named"}
     else:

@@ -129,7 +129,9 @@ class Record:
     settings: BenchAnalysis | None = None  # the bench, and limits of what a motion must tell
     theta_m: Array | None = None  # the actuator's angle [rad] behind the filter, where it was asked for
     slow: Array | None = None  # slow signal (n,) that K and B change with; None: they do not, or it is asked for later
-    reflex_delay: float | None = None  # delay [s] of the reflex of a person's joint; None of a device
+    reflex_delays: Mapping[float, float] = field(default_factory=dict)
+    """K [N*m/rad] by delay [s] of the reflex of a person's joint, the best one first, then those that predict as well
+    within chance; empty of a device."""
     also: Mapping[str, Array] = field(default_factory=dict)  # columns (n,) that are fitted beside those of Eq. 15
 
     @property

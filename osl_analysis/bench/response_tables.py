@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import polars as pl
 
+from osl_analysis.bench.human import human_of
 from osl_analysis.bench.record import Record
 from osl_analysis.bench.settings import Calibration
 from osl_analysis.errors import OslAnalysisError
@@ -50,7 +51,7 @@ def response_tables(record: Record, p: DrivetrainParameters | None) -> dict[str,
     """Rows of `response.csv` and `response_models.csv` of one trial, and the lines of its periods; Eq. 9 where the
     device has parameters. None of a stepped sine, whose response is in `phasors.csv`. The lines are of unfiltered
     signals: of the periods up to the filter's cut-off, else of the longest stretch. What cannot be fitted has a row
-    with the reason."""
+    with the reason; of a person's joint, whose response contains the reflex, no structure is fitted."""
     schemas = {"response": RESPONSE_COLUMNS, "response_models": MODELS, "response_lines": LINES}
     nothing = {name: pl.DataFrame(schema=schema) for name, schema in schemas.items()}
     if record.is_stepped_sine:
@@ -62,17 +63,22 @@ def response_tables(record: Record, p: DrivetrainParameters | None) -> dict[str,
             steps = record.steps
             realisations = [replace(one, spectra=one.spectra[..., band], steps=steps) for one in found.realisations]
             of = record.low_pass, p, record.calibration, found.period_error_ppm
-            return periodic_tables(record.name, realisations, *of)
-        longest = max(record.pieces, key=lambda piece: piece.stop - piece.start)
-        signals = record.theta[longest], record.torque[longest]
-        spectrum = record_spectrum(*signals, record.rate_hz, record.low_pass.cutoff_hz)
-        response = local_response(spectrum)
+            tables = periodic_tables(record.name, realisations, *of)
+        else:
+            longest = max(record.pieces, key=lambda piece: piece.stop - piece.start)
+            signals = record.theta[longest], record.torque[longest]
+            spectrum = record_spectrum(*signals, record.rate_hz, record.low_pass.cutoff_hz)
+            facts: Row = {"method": "local polynomial", "realisations": 1}
+            lines = lines_of_record(spectrum, record.low_pass)
+            tables = frames_of(record.name, local_response(spectrum), lines, p, facts, record.calibration)
+        if human_of(record) is None:
+            return nothing | tables
+        curves = (pl.lit(None, pl.Float64).alias(name) for name in RESPONSE_COLUMNS if "_eq" in name)
+        nothing["response"], reason = tables["response"].with_columns(curves), "a person's reflex is in the response"
     except OslAnalysisError as error:
-        reason = {"trial": record.name, "model": SecondOrder.name, "excluded": str(error)}
-        return nothing | {"response_models": pl.DataFrame([reason], schema=MODELS)}
-    facts: Row = {"method": "local polynomial", "realisations": 1}
-    lines = lines_of_record(spectrum, record.low_pass)
-    return nothing | frames_of(record.name, response, lines, p, facts, record.calibration)
+        reason = str(error)
+    row = {"trial": record.name, "model": SecondOrder.name, "excluded": reason}
+    return nothing | {"response_models": pl.DataFrame([row], schema=MODELS)}
 
 
 def periodic_tables(

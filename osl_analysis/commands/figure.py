@@ -146,7 +146,9 @@ def fig4(
     series = analysis.last_seconds(label, choice["duration_s"])
     doubtful = marked(read_table(fit), limits, "impedance").filter(shown)["doubtful"][0]
     said = {name: choice[name] or None for name in ("trial", "joint", "side", "chosen")}
-    constant = (pl.lit(value, pl.String).alias(name) for name, value in (said | {"doubtful": doubtful}).items())
+    reflex = f" with a reflex (torque above {settings.human.slow_hz:g} Hz)" if settings.human else ""
+    said |= {"doubtful": doubtful, "model": f"second-order system{reflex}"}
+    constant = (pl.lit(value, pl.String).alias(name) for name, value in said.items())
     write_table(series.with_columns(constant), output)
 
 

@@ -21,7 +21,7 @@ def fig4_caption(table: pl.DataFrame) -> str:
         f"{names.as_text(names.place_name(joint, side))}, trial {names.as_text(trial)}{why}: the last "
         f"{np.ptp(table['time'].to_numpy()):.3g} s of one amplitude, at most "
         f"{np.max(np.abs(table['theta_deg'].to_numpy())):.2g} deg. (a) Measured angle. (b) Torque: grey as measured, "
-        "dashed by the second-order system that fits best (Eq. 15). (c) Measured minus modelled torque."
+        f"dashed the best fit of a {names.as_text(table['model'][0])} (Eq. 15). (c) Measured minus modelled torque."
     ]
     if len(fitted) < len(table):
         said.append("Grey ground: samples that the fit leaves out, such as the first cycles at a frequency.")
@@ -43,7 +43,7 @@ def draw_fig4(table: pl.DataFrame) -> Figure:
     rows = table.with_row_index("row")  # with one of NaN before each step that is longer than two ordinary ones
     breaks = rows.filter(step > 2 * step.median()).with_columns(pl.lit(np.nan).alias(name) for name in drawn)
     lines = pl.concat([breaks, rows]).sort("row", maintain_order=True)
-    time, label = lines["time"], "Best-fit second-order system" + " (doubtful)" * style.has_doubtful(table)
+    time, label = lines["time"], f"Best-fit {table['model'][0]}" + " (doubtful)" * style.has_doubtful(table)
     angle.plot(time, lines["theta_deg"], color=style.BLACK, linewidth=0.9)
     torque.plot(time, lines["torque"], color="#B4B4B4", linewidth=2.2, label="Measured")
     torque.plot(time, lines["torque_model"], color=style.MAGENTA, linestyle=(0, (2.5, 1.5)), linewidth=1.0, label=label)
@@ -184,8 +184,13 @@ def draw_quantity(ax: Axes, rows: pl.DataFrame, symbol: str, looks: dict[str | N
 
 
 def letter_conditions(ax: Axes, rows: pl.DataFrame) -> None:
-    """Below the axis the desired dampings, and below these the stiffnesses; as many as there is room for."""
+    """Below the axis the desired dampings, and below these the stiffnesses; as many as there is room for. A few trials
+    for which none is stated have their names."""
     inches = (ax.figure.figure.get_figwidth() - 0.6) / float(np.ptp(ax.get_xlim()))
+    if not rows["K_d"].count() + rows["B_d"].count() and inches > 0.5:
+        ax.set_xticks(rows["x"], [names.drawn_name(trial, 10) for trial in rows["trial"]], fontsize="small")
+        ax.tick_params(axis="x", length=0)
+        return
     for minor, keys in ((False, ["K_d", "B_d"]), (True, ["K_d"])):
         places = rows.group_by(keys, maintain_order=True).agg(pl.col("x").mean())
         name, equals = ("$K_d$ ", "= ") if minor else ("", "")
@@ -206,6 +211,8 @@ def letter_conditions(ax: Axes, rows: pl.DataFrame) -> None:
 def fig5_caption(table: pl.DataFrame) -> str:
     marker = "Orange" if (table["controller"] == "compensated").any() else "A marker"  # the colour of `style.LOOKS`
     said = [f"{marker} on the black line: rendered as asked.", FIGURES["fig5"].caption]
+    if not table["K_d"].count() + table["B_d"].count():
+        said = [r"Stiffness $\hat{K}$ and damping $\hat{B}$ of the joint, by a fit to all of the motion of each trial."]
     if table["K_predicted"].count() or table["B_predicted"].count():
         said.append("A short line in the colour of a marker is what linear theory predicts for its gains.")
     if table["B_viscous"].count():
@@ -367,7 +374,8 @@ def draw_over(table: pl.DataFrame) -> Figure:
     parts, signal = names.placed_rows(table), table["over"][0]
     titles = [name for name, _ in parts for _ in range(2)]
     figure, axes = style.panels(style.DOUBLE_COLUMN, 2.5 * len(parts) + 0.3, rows=len(parts), columns=2, names=titles)
-    over = {"angle": "Slow part of the joint angle (deg)", "theta_slow": "Slow angle (rad)", "time": "Time (s)"}
+    known = {"angle": "Slow part of the joint angle (deg)", "theta_slow": "Slow angle (deg)", "time": "Time (s)"}
+    where = known.get(signal, names.drawn_name(signal))
     shades = mpl.colormaps["viridis"](np.linspace(0, 0.6, table["trial"].n_unique()))
     colours = dict(zip(table["trial"].unique(maintain_order=True), shades, strict=True))
     for number, ax in enumerate(axes):
@@ -379,7 +387,7 @@ def draw_over(table: pl.DataFrame) -> Figure:
                 trial["at"], trial[f"{name}_low"], trial[f"{name}_high"], color=colours[own], alpha=0.25, lw=0
             )
             ax.plot(trial["at"], trial[name], color=colours[own], linestyle=line, label=names.drawn_name(own))
-        ax.set_xlabel(over.get(signal, names.drawn_name(signal)))
+        ax.set_xlabel(where)
         ax.set_ylabel(label)
     style.legend_above(figure, style.legend_entries(axes[::2]), 4)
     return figure

@@ -134,7 +134,8 @@ def over_table(analysis: Analysis) -> pl.DataFrame:
     if record.slow is None or human is None:
         return pl.DataFrame(schema=OVER)
     fitted = record.part(record.slow)
-    at = np.linspace(*np.quantile(fitted, [0.05, 0.95]), 19)
+    low, high = np.quantile(fitted, [0.05, 0.95]).tolist()
+    at = np.linspace(low, high, 19)
     shares = np.searchsorted(np.sort(fitted), at) / len(fitted)
     weights = over_basis(record, at) - over_basis(record, fitted).mean(axis=0)
     shown = (

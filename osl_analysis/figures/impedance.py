@@ -374,8 +374,7 @@ def draw_over(table: pl.DataFrame) -> Figure:
     parts, signal = names.placed_rows(table), table["over"][0]
     titles = [name for name, _ in parts for _ in range(2)]
     figure, axes = style.panels(style.DOUBLE_COLUMN, 2.5 * len(parts) + 0.3, rows=len(parts), columns=2, names=titles)
-    known = {"angle": "Slow part of the joint angle (deg)", "theta_slow": "Slow angle (deg)", "time": "Time (s)"}
-    where = known.get(signal, names.drawn_name(signal))
+    over = {"angle": "Slow part of the joint angle (deg)", "theta_slow": "Slow angle (deg)", "time": "Time (s)"}
     shades = mpl.colormaps["viridis"](np.linspace(0, 0.6, table["trial"].n_unique()))
     colours = dict(zip(table["trial"].unique(maintain_order=True), shades, strict=True))
     for number, ax in enumerate(axes):
@@ -387,7 +386,7 @@ def draw_over(table: pl.DataFrame) -> Figure:
                 trial["at"], trial[f"{name}_low"], trial[f"{name}_high"], color=colours[own], alpha=0.25, lw=0
             )
             ax.plot(trial["at"], trial[name], color=colours[own], linestyle=line, label=names.drawn_name(own))
-        ax.set_xlabel(where)
+        ax.set_xlabel(over.get(signal, names.drawn_name(signal)))
         ax.set_ylabel(label)
     style.legend_above(figure, style.legend_entries(axes[::2]), 4)
     return figure

@@ -37,6 +37,7 @@ COLUMNS: dict[str, str] = {
 }
 
 AXES = ("x", "y", "z")
+REFLEX_DELAYS_MS = (30, 35, 40, 45, 50, 55, 60)  # of a stretch reflex [ms], of which the one that fits best is taken
 
 # units of columns that exist once per marker, plate or side of the laboratory
 FAMILIES = {

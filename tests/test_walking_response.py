@@ -1,5 +1,6 @@
 """Stance, onset and the phase of gait; a response is isolated and predicted, its impedance is the one that made it."""
 
+import re
 import zlib
 from dataclasses import replace
 from functools import partial
@@ -14,7 +15,7 @@ from walking_synthetic import RATE, bump, settings, step
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.judge.doubts import marked
 from osl_analysis.judge.table import Doubt
-from osl_analysis.signals import LowPass
+from osl_analysis.signals import LowPass, Motion
 from osl_analysis.trial import Array
 from osl_analysis.walking import response as fitting
 from osl_analysis.walking.crossing import Crossing
@@ -23,7 +24,14 @@ from osl_analysis.walking.plate import Stance, find_stances
 from osl_analysis.walking.platform import find_onset
 from osl_analysis.walking.response import Ensemble, PerturbationResponse, fit_response, group_headline, isolate_response
 from osl_analysis.walking.settings import TimingSettings
-from osl_analysis.walking.tables import group_facts, headline_rows, response_table, single_facts, walking_page_points
+from osl_analysis.walking.tables import (
+    group_facts,
+    headline_rows,
+    reflex_facts,
+    response_table,
+    single_facts,
+    walking_page_points,
+)
 
 K, B, I, TIMING, ONSET = 340.0, 5.0, 0.03, TimingSettings(window_s=0.1, baseline_s=0.06, guard_s=0.04), 0.6
 response_of, EARLY, TIME = partial(isolate_response, timing=TIMING), PHASES[PHASES <= 0.36], np.arange(900) / 300
@@ -293,46 +301,112 @@ def test_sound_crossings_are_far_from_every_limit_and_faults_are_beyond() -> Non
     assert facts(dropped)["residual_over_gait"] > 6
 
 
-@pytest.mark.parametrize("window_s", [0.1, 0.14])
-def test_each_reaction_comes_out_with_its_size_and_the_joint_without_it(window_s: float) -> None:
-    """Of half a window: velocity so long ago, a step of the stiffness, a ramp; and a stiffness that grows at once."""
+@pytest.mark.parametrize(("window_s", "delay"), [(0.1, 0.045), (0.14, 0.055)])
+def test_each_reaction_comes_out_with_its_size_and_the_joint_without_it(window_s: float, delay: float) -> None:
+    """A reflex, late velocity; from half the window on a step of the stiffness and a ramp; a K that grows at once."""
     time = np.arange(-40, 51) / RATE
     half, (theta, omega, alpha) = window_s / 2, bump(time, LEAD, RISE)
     late = norm.cdf((time - half) / (window_s / 10) - 1.5)
     ramp = np.array([np.trapezoid(norm.cdf((x := np.linspace(-1, t, 9999)) - half, 0, window_s / 10), x) for t in time])
-    shapes = bump(time - half, LEAD, RISE)[1], late * theta, ramp, theta * np.maximum(time, 0)
+    shapes = bump(time - delay, LEAD, RISE)[1], late * theta, ramp, theta * np.maximum(time, 0)
     window, wander = slice(40, 40 + round(window_s * RATE)), np.random.default_rng(3).standard_normal((2, 12))
     gait = np.column_stack([np.zeros_like(time), np.vander(time, 2) @ wander])  # of resamples; the mean has none
     for name, shape, size in zip(fitting.REACTIONS, shapes, (4.0, 136.0, 120.0, 667.0), strict=True):
         torque = K * theta + B * omega + I * alpha + size * shape
         found = fitting.reactions(time, window, np.tile(theta[:, None], 13), torque[:, None] + gait)
-        for kind in ("", " and jerk"):
+        for kind in ("",) if name == fitting.REFLEX else ("", " and jerk"):
             assert found[f"{name}{kind}"][0] == pytest.approx(size, rel=0.02)
         assert found[name][1] < 0.005 * size  # a drift before the onset tells the one after it
         if name == fitting.SLOPE:
             assert found["B with slope"][0] == pytest.approx(B, rel=0.02)
         else:  # little has set in yet
             assert found["K early"][0] == pytest.approx(K, rel=0.2)
+        if name == fitting.REFLEX:
+            assert found["delay"] == (pytest.approx(1e3 * delay), 0)
+            assert found[f"K with {name} {1e3 * delay:.0f}"][0] == pytest.approx(K, rel=0.01)
+            assert found[f"{name} {1e3 * delay:.0f}"] == found[name]
+            assert len([key for key in found if key.startswith("K with")]) == 1  # the other delays fit worse
+
+
+@pytest.mark.parametrize("way", [1, -1])
+def test_a_muscle_answers_to_what_stretches_it_and_not_to_the_way_back(way: int) -> None:
+    """A turn to and a third of it fro; below a fifth of the peak the muscle still feels the gait's own velocity."""
+    time = np.arange(-40, 51) / RATE
+    there, back = bump(time, 0.03, 0.012), bump(time, 0.075, 0.012)
+    motion = Motion(*(way * (one - other / 3)[:, None] for one, other in zip(there, back, strict=True)))
+    column = way * fitting.reflex_column(time, slice(40, 76), motion, 0.04)[:, 0]
+    peak = there[1].max()
+    np.testing.assert_allclose(column[time < 0.085], bump(time - 0.04, 0.03, 0.012)[1][time < 0.085], atol=0.01 * peak)
+    assert column.min() == pytest.approx(-0.2 * peak, rel=0.02)
 
 
 def test_a_reaction_within_the_window_is_certain_and_named_and_a_sound_campaign_has_none() -> None:
     sound = facts(perturbed())
-    assert [sound[name] for name in ("reaction", "reaction_share", "slope_share")] == [None] * 3
+    none = ("reaction", "reaction_share", "slope_share", "K_with_reflex", "reflex_delay_ms", "reflex_share")
+    assert [sound[name] for name in none] == [None] * 6
     assert sound["K_slope_low"] < 0 < sound["K_slope_high"]
     assert (
         "whether a voluntary torque or a change of pace is in K: all perturbations go one way" in sound["not_checked"]
     )
+    still = walked("g").theta, walked("g").torque
     turn = walked("g", 1.0, 0.0, ONSET, (1.0, 0.0, 0.0)).torque - walked("g", 1.0, 0.0, ONSET, (0.0, 0.0, 0.0)).torque
-    for c, at, size in ((4.0, 0.05, 1), (-4.0, 0.05, 0)):  # a reflex resists: that of the other sign is none
+    # a reflex resists a turn in either direction: that of the other sign is none
+    for c, at, way in ((4.0, 0.05, 1), (4.0, 0.035, -1), (-4.0, 0.05, 1)):
         speed = np.interp(perturbed()[0].time - at, perturbed()[0].time, np.gradient(turn, 1 / RATE))
-        found = facts([replace(one, torque=one.torque + c * speed) for one in perturbed()])
-        assert ("a reflex" in (found["reaction"] or "")) == bool(size)
-        if size:
+        walks = [replace(one, torque=one.torque + c * speed) for one in perturbed()]
+        if way < 0:
+            walks = [replace(one, theta=2 * still[0] - one.theta, torque=2 * still[1] - one.torque) for one in walks]
+        found = facts(walks)
+        assert ("a reflex" in (found["reaction"] or "")) == (c > 0)
+        if c > 0:
             assert found["reaction_share"] > 0.02
+            assert found["reflex_delay_ms"] == pytest.approx(1e3 * at)
+            torque, rows = 340 * turn + c * speed, np.searchsorted(walks[0].time, [ONSET, ONSET + 0.1])
+            share = np.var((c * speed)[slice(*rows)]) / np.var(torque[slice(*rows)])
+            assert found["reflex_share"] == pytest.approx(100 * share, rel=0.2)
+            assert found["K_with_reflex"] == pytest.approx(340, abs=12)
+            assert found["K_with_reflex_low"] < found["K_with_reflex"] < found["K_with_reflex_high"] < found["K"] - 20
             (said,) = marked(pl.DataFrame([found]), Doubt(above={"reaction_share": 0.02}), "walking_groups")["doubtful"]
             assert said.startswith("person reacts: ")
-            assert f"by the first {60} ms alone K would be 3" in said
+            size = re.search(rf"with a reflex of (.*) N\*m\*s/rad, {1e3 * at:.0f} ms late, K would be 3", said)
+            assert float(size[1]) == pytest.approx(c, rel=0.1)
             assert ";" not in said
+            (said,) = marked(pl.DataFrame([found]), Doubt(below={"VAF": 101}), "walking_groups")["doubtful"]
+            assert "VAF" in said  # what a model leaves of a person's torque on the bench is no doubt, here it is one
+
+
+def test_what_the_window_cannot_tell_of_a_reflex_has_its_size() -> None:
+    headline = group_headline(perturbed(), USUAL, SETTINGS)
+
+    def told(**found: tuple[float, float]) -> tuple[dict[str, float | None], str | None, str | None]:
+        known = headline.resampled.reactions | {name.replace("_", " "): pair for name, pair in found.items()}
+        return reflex_facts(replace(headline, resampled=replace(headline.resampled, reactions=known)), certain)
+
+    def unseen(**found: tuple[float, float]) -> str | None:
+        return told(**found)[2]
+
+    certain, half = False, t.ppf(0.975, headline.resampled.degrees_of_freedom)
+    assert unseen() is None
+    said, of = unseen(a_reflex_45=(1.0, 1.0)), headline.ensemble
+    time, rows, most = headline.responses[0].time, headline.responses[0].window, 1 + half
+    reflex = most * np.interp(time - 0.045, time, of.motion.omega)
+    added = fitting.fit_without_offset(of.motion[rows], (of.torque + reflex)[rows])["K"] - of.fit["K"]
+    size = re.match(
+        r"whether a reflex is in K: unseen, up to (.*) N\*m\*s/rad, 45 ms late, may add (.*) N\*m/rad", said
+    )
+    assert [float(one) for one in size.groups()] == pytest.approx([most, added], rel=0.02)
+    assert "Set walking.window_s to 0.12 if stance allows" in said
+    low, high = headline.resampled.interval("K")
+    for share in (0.9, 1.1):  # of what would add half the interval
+        assert bool(unseen(a_reflex_45=(share * (high - low) / 2 * most / added, 0.0))) == (share > 1)
+    certain, near = True, {"delay": (45.0, 0.0), "a_reflex": (2.0, 0.1), "K_with_a_reflex_45": (330.0, 1.0)}
+    assert unseen(**near) is None
+    near |= {f"K_with_a_reflex_{ms}": pair for ms, pair in ((40, (322.0, 30.0)), (50, (350.0, 2.0)))}  # fit as well
+    columns, words, open_question = told(**near)
+    ends = [columns[f"K_with_reflex{end}"] for end in ("", "_low", "_high")]
+    assert ends == pytest.approx([330, 322 - 30 * half, 322 + 30 * half])
+    assert f"with a reflex of 2 N*m*s/rad, 45 ms late, K would be 330 ({ends[1]:.3g} to {ends[2]:.3g}) N*m/rad" in words
+    assert f"how much of K a reflex is: {words} in place of 339" in open_question
 
 
 def test_a_stance_that_the_perturbation_shortens_is_seen_unless_phase_is_matched() -> None:

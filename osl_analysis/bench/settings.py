@@ -9,7 +9,7 @@ from osl_analysis.protocol.stepped_sine import SteppedSineProtocol
 from osl_analysis.relations import below, misplaced, refused, rising, stretches
 from osl_analysis.signals import LowPass
 from osl_analysis.signals.grid import GapLimits
-from osl_analysis.trial import Array
+from osl_analysis.trial import REFLEX_DELAYS_MS, Array
 from osl_analysis.yaml_settings import Degrees, NotNegative, Positive, Seconds, Settings
 
 Angle = Annotated[float, Field(ge=-180, le=180)]
@@ -181,7 +181,7 @@ class HumanJoint(Settings):
 
     slow_hz: Positive = 1.0
     """Frequency [Hz] below which torque and columns are not fitted: there the person pushes as he likes."""
-    delays_ms: Annotated[tuple[Positive, ...], Field(min_length=1)] = (30, 35, 40, 45, 50, 55, 60)
+    delays_ms: Annotated[tuple[Positive, ...], Field(min_length=1)] = REFLEX_DELAYS_MS
     """Delays [ms] of the reflex that are tried."""
     memory_s: Annotated[float, Field(ge=0.1, le=2)] = 0.5  # for how long [s] the reflex answers a movement
     over: str | None = None

@@ -48,7 +48,7 @@ def beyond(row: AnyRow, limits: Doubt) -> Found:
     """What of a row is beyond its limit or NaN, and how, by column; a null is not checked, nor is what the model leaves
     of a person's torque: he pushes as he likes, which the interval contains."""
     found: Found = {}
-    of_person = row.get("reflex_delay_ms") is not None
+    of_person = row.get("reflex_delay_ms") is not None and "reaction" not in row
     for side, word in ((limits.above, "above"), (limits.below, "below")):
         for name, limit in side.items():
             value = cell_number(row, name)

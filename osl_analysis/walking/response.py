@@ -23,7 +23,7 @@ from osl_analysis.signals import Motion, differentiate, sampling_rate
 from osl_analysis.stats.covariance import welch_satterthwaite
 from osl_analysis.stats.regression import LinearFit, linear_fit
 from osl_analysis.stats.repeats import CommonError
-from osl_analysis.trial import Array
+from osl_analysis.trial import REFLEX_DELAYS_MS, Array
 from osl_analysis.walking.crossing import DOWN, UP, Crossing
 from osl_analysis.walking.gait import BEFORE_ONSET_S, UnperturbedGait, aligned_gait, at_phases, signal_at
 from osl_analysis.walking.settings import EnsembleSettings, StanceSource, TimingSettings
@@ -265,27 +265,42 @@ def resampling_weights(random: np.random.Generator, samples: int, n: int) -> Arr
 
 
 SLOPE, RAMP = "a stiffness that changes with stance", "a voluntary torque or another pace"
-REACTIONS = ("a reflex", "co-contraction", RAMP, SLOPE)  # from half the window on; the last one from the onset on
+REFLEX, STIFFER = "a reflex", "co-contraction"
+REACTIONS = (REFLEX, STIFFER, RAMP, SLOPE)  # the first from its delay on, two from half the window on, one at once
 EARLY = 0.6  # share of the window in which a reaction from its half on is hardly seen yet
+RETURN = 0.2  # of the largest velocity, which the gait's own has, and below which the low-pass swings back
+YIELDS = 16.0  # by how much, four standard deviations, the misfit of a reflex that yields must be below that of others
+NEARLY = 4.0  # by how much, two standard deviations, that of a delay that the interval of K includes may be above
 
 
-def reaction_columns(time: Array, window_s: float, motion: Motion) -> list[Array]:
-    """What each of `REACTIONS` adds to the torque, (k, samples) each, per unit: the velocity half a window ago
-    [N*m*s/rad], the angle from then on [N*m/rad], a ramp from then on [N*m/s], and the angle times time [N*m/rad/s].
-    Steps and ramps are as smooth as a low-pass leaves them."""
-    half, width = 0.5 * window_s, 0.1 * window_s
-    since, now = (time - half)[:, None], np.maximum(time, 0.0)[:, None]
+def reflex_column(time: Array, window: slice, motion: Motion, delay_s: float) -> Array:
+    """Velocity (k, samples) [rad/s] a delay [s] ago with which the turn stretches a muscle: the half-wave of its
+    direction. The muscle feels that of gait too, so that what turns back is cut off beyond `RETURN` of the largest."""
+    way = np.sign(motion.theta[window.stop - 1, 0])
+    before = np.maximum(time - delay_s, time[0])
+    past = way * np.asarray(make_interp_spline(time, motion.omega, k=3)(before))
+    return np.asarray(way * np.maximum(past, -RETURN * past.max(axis=0)))
+
+
+def reaction_columns(time: Array, window: slice, motion: Motion, delay_s: float) -> list[Array]:
+    """What each of `REACTIONS` adds to the torque, (k, samples) each, per unit: `reflex_column` [N*m*s/rad], the angle
+    from half the window on [N*m/rad], a ramp from then on [N*m/s], and the angle times time [N*m/rad/s]. Steps and
+    ramps are as smooth as a low-pass leaves them."""
+    half = 0.5 * (window.stop - window.start) * float(time[1] - time[0])
+    width, since, now = 0.2 * half, (time - half)[:, None], np.maximum(time, 0.0)[:, None]
     step, density = ndtr(since / width), np.exp(-0.5 * (since / width) ** 2) / np.sqrt(2 * np.pi)
-    before = np.maximum(time - half, time[0])
-    reflex = np.asarray(make_interp_spline(time, motion.omega, k=3)(before))
     ramp = np.broadcast_to(since * step + width * density, motion.theta.shape)
-    return [reflex, motion.theta * ndtr(since / width - 1.5), ramp, motion.theta * now]
+    stiffer = motion.theta * ndtr(since / width - 1.5)
+    return [reflex_column(time, window, motion, delay_s), stiffer, ramp, motion.theta * now]
 
 
 def reactions(time: Array, window: slice, theta: Array, torque: Array) -> dict[str, tuple[float, float]]:
     """What sets in beside Eq. 15, with standard errors, from a mean response, the first column of theta and torque (k,
     1 + samples), and its resamples: the size of each of `REACTIONS` as a column, `and jerk` with that column of a leg's
     drivetrain, which is of third order; B with `SLOPE`; and K and B of the first part of the window, `EARLY`.
+
+    A reflex stands beside the jerk: `REFLEX` by each of `REFLEX_DELAYS_MS`, and by the `delay` [ms] that fits best, of
+    those with which it resists unless it certainly yields; K with it by each delay that fits nearly as well.
 
     By generalised least squares from 0.6 windows before the onset on: residuals are weighed by their covariance over
     the resamples, so that what gait did before the onset tells what it does after it (Aitken). The covariance of few
@@ -297,8 +312,9 @@ def reactions(time: Array, window: slice, theta: Array, torque: Array) -> dict[s
     plain = np.linalg.lstsq(np.stack(sound, -1)[window, 0], torque[window, 0])[0]
     noise = np.cov((torque - np.tensordot(plain, sound, 1))[:, 1:])
 
-    def fitted(columns: Sequence[Array], share: float = 1.0) -> Array:
-        """Estimates (columns, 2), with standard errors, of the fit to the first share of the window."""
+    def fitted(columns: Sequence[Array], share: float = 1.0) -> tuple[Array, float]:
+        """Estimates (1 + samples, columns) of the fit to the first share of the window, and the mean's misfit, a sum of
+        squares that the covariance weighs."""
         rows = slice(first, window.start + round(share * (window.stop - window.start)))
         own, least = noise[rows, rows], 1e-12 * float(np.mean(torque[rows, 0] ** 2)) + 1e-24  # [(N*m)^2]
         root = np.linalg.cholesky(own + (0.03 * np.trace(own) / len(own) + least) * np.eye(len(own)))
@@ -307,17 +323,31 @@ def reactions(time: Array, window: slice, theta: Array, torque: Array) -> dict[s
         sizes = np.linalg.norm(X, axis=1, keepdims=True)
         X = X / np.where(sizes > 0, sizes, 1.0)
         estimates = np.linalg.pinv(X.swapaxes(1, 2) @ X, hermitian=True) @ (X.swapaxes(1, 2) @ y)
-        estimates = (estimates / np.where(sizes > 0, sizes, 1.0).swapaxes(1, 2))[..., 0]
-        return np.column_stack([estimates[0], estimates[1:].std(axis=0, ddof=1)])
+        left = float(np.sum((y[0] - X[0] @ estimates[0]) ** 2))
+        return (estimates / np.where(sizes > 0, sizes, 1.0).swapaxes(1, 2))[..., 0], left
 
-    found = dict[str, tuple[float, float]]()
-    for name, column in zip(REACTIONS, reaction_columns(time, window_s, motion), strict=True):
-        alone = fitted([*sound, column])
-        found |= {name: tuple(alone[-1]), f"{name} and jerk": tuple(fitted([*sound, jerk, column])[-1])}
+    def told(estimates: Array) -> tuple[float, float]:
+        """The estimate, the first of (1 + samples,), and its standard error."""
+        return float(estimates[0]), float(estimates[1:].std(ddof=1))
+
+    found, misfits = dict[str, tuple[float, float]](), dict[int, float]()
+    for delay in REFLEX_DELAYS_MS:
+        late, left = fitted([*sound, jerk, reflex_column(time, window, motion, 1e-3 * delay)])
+        found |= {f"{REFLEX} {delay}": told(late[:, -1]), f"K with {REFLEX} {delay}": told(late[:, 0])}
+        misfits[delay] = left if late[0, -1] > 0 else left + YIELDS
+    best = min(misfits, key=lambda delay: misfits[delay])
+    found |= {REFLEX: found[f"{REFLEX} {best}"], "delay": (float(best), 0.0)}
+    for delay in misfits:
+        if misfits[delay] > misfits[best] + NEARLY:
+            del found[f"K with {REFLEX} {delay}"]
+    columns = reaction_columns(time, window, motion, 1e-3 * best)
+    for name, column in zip(REACTIONS[1:], columns[1:], strict=True):
+        alone, beside = fitted([*sound, column])[0], fitted([*sound, jerk, column])[0]
+        found |= {name: told(alone[:, -1]), f"{name} and jerk": told(beside[:, -1])}
         if name == SLOPE:
-            found["B with slope"] = tuple(alone[1])
-    early = fitted(sound, EARLY)
-    return found | {"K early": tuple(early[0]), "B early": tuple(early[1])}
+            found["B with slope"] = told(alone[:, 1])
+    early = fitted(sound, EARLY)[0]
+    return found | {"K early": told(early[:, 0]), "B early": told(early[:, 1])}
 
 
 class Ensemble:

@@ -18,7 +18,7 @@ from osl_analysis.signals import Motion
 from osl_analysis.stats import fit_row
 from osl_analysis.stats.regression import LinearFit
 from osl_analysis.stats.repeats import over_repeats
-from osl_analysis.trial import Array
+from osl_analysis.trial import REFLEX_DELAYS_MS, Array
 from osl_analysis.walking import response as isolation
 from osl_analysis.walking.crossing import DOWN, LABORATORY_ERRORS, LOG_ERRORS, Crossing
 from osl_analysis.walking.gait import PHASES, UnperturbedGait
@@ -234,25 +234,27 @@ def group_facts(headline: GroupHeadline) -> dict[str, object]:
 
 def reaction_facts(headline: GroupHeadline) -> dict[str, object]:
     """Columns of `walking_groups.csv` on what Eq. 15 does not know: the person reacts within the window, or K changes
-    with stance. Certain is what is beyond Student's t at 0.5 %, likeliest first. What yields does not count, as a leg's
-    drivetrain reads as that, nor does co-contraction that its jerk explains. A small reflex may hide behind it."""
+    with stance. Certain is what is beyond Student's t at 0.5 %, a reflex, of which several delays are tried, at 0.1 %,
+    likeliest first. What yields does not count, as a leg's drivetrain reads as that, nor does co-contraction that its
+    jerk explains."""
     first, fit, drawn = headline.responses[0], headline.ensemble.fit, headline.resampled
     rows, found = first.window, drawn.reactions
     motion, torque = headline.ensemble.motion, headline.ensemble.torque
     t = {name: size / max(se, 1e-9 * abs(size), np.finfo(float).tiny) for name, (size, se) in found.items()}
     strength = {name: t[name] for name in isolation.REACTIONS}
-    for name, counts in zip(isolation.REACTIONS[:2], (max, min), strict=True):
-        strength[name] = counts(t[name], t[f"{name} and jerk"])
-    limit, half = (float(stdtrit(drawn.degrees_of_freedom, p)) for p in (0.995, 0.975))
-    certain = sorted((name for name in strength if strength[name] > limit), key=lambda name: -strength[name])
+    strength[isolation.STIFFER] = min(t[isolation.STIFFER], t[f"{isolation.STIFFER} and jerk"])
+    limit, tried, half = (float(stdtrit(drawn.degrees_of_freedom, p)) for p in (0.995, 0.999, 0.975))
+    sure = (name for name in strength if strength[name] > (tried if name == isolation.REFLEX else limit))
+    certain = sorted(sure, key=lambda name: -strength[name])
     likely, per_stance = certain[0] if certain else None, float(np.mean([r.stance for r in headline.responses]))
     window_s = (rows.stop - rows.start) * float(first.time[1] - first.time[0])
     columns = Motion(*(np.c_[x] for x in (motion.theta, motion.omega, motion.alpha)))
-    shapes = dict(zip(isolation.REACTIONS, isolation.reaction_columns(first.time, window_s, columns), strict=True))
-    (K, K_se), (B, B_se) = found["K early"], found["B early"]
-    said = (
-        f"it is like {' or '.join(certain)}, and by the first {1e3 * isolation.EARLY * window_s:.0f} ms alone K would "
-        f"be {K:.3g} ± {half * K_se:.2g} and B {B:.2g} ± {half * B_se:.1g}"
+    (K, K_se), (B, B_se), (delay, _) = found["K early"], found["B early"], found["delay"]
+    drawn_as = isolation.reaction_columns(first.time, rows, columns, 1e-3 * delay)
+    shapes = dict(zip(isolation.REACTIONS, drawn_as, strict=True))
+    without = (
+        f"by the first {1e3 * isolation.EARLY * window_s:.0f} ms alone K would be {K:.3g} ± {half * K_se:.2g} and "
+        f"B {B:.2g} ± {half * B_se:.1g}"
     )
     share, ramp = None, shapes[isolation.RAMP][rows, 0]
     if likely not in (None, isolation.SLOPE):
@@ -264,6 +266,9 @@ def reaction_facts(headline: GroupHeadline) -> dict[str, object]:
     inverse = np.linalg.pinv(isolation.motion_columns(motion[rows]))
     per_slope = float(inverse[1] @ (motion.theta * first.time)[rows]) / per_stance
     both, unchecked = headline.directions.get("up minus down"), list[str]()
+    of_reflex, with_reflex, unseen = reflex_facts(headline, isolation.REFLEX in certain)
+    if unseen:
+        unchecked.append(unseen)
     if isolation.SLOPE not in certain:
         unchecked.append(
             "whether B holds a change of K with stance: unseen, K may change by "
@@ -278,8 +283,9 @@ def reaction_facts(headline: GroupHeadline) -> dict[str, object]:
             f"N*m/rad to K = {fit['K']:.3g}. Perturb in both directions, half the difference is free of it"
         )
     return {
-        "reaction": said if certain else None,
+        "reaction": f"it is like {' or '.join(certain)}, and {with_reflex or without}" if certain else None,
         "reaction_share": share,
+        **of_reflex,
         "slope_share": 1 - B_with_slope / fit["B"] if likely == isolation.SLOPE and fit["B"] else None,
         "K_slope": slope,
         "K_slope_low": low,
@@ -289,6 +295,46 @@ def reaction_facts(headline: GroupHeadline) -> dict[str, object]:
         **{f"common_K{end}": value for end, value in zip(("", "_low", "_high"), common_stiffness(both), strict=True)},
         "not_checked": "; ".join(unchecked) or None,
     }
+
+
+def reflex_facts(headline: GroupHeadline, certain: bool) -> tuple[Facts, str | None, str | None]:
+    """Columns of `walking_groups.csv` on a certain reflex, null of another one; what K is with it in the model, in
+    words; and what the window cannot tell: K with it, to three times the interval of K, or whether there is one that
+    would take more off K than half that interval."""
+    first, fit, drawn = headline.responses[0], headline.ensemble.fit, headline.resampled
+    rows, found, names = first.window, drawn.reactions, [f"K_with_reflex{end}" for end in ("", "_low", "_high")]
+    half, (low, high) = float(stdtrit(drawn.degrees_of_freedom, 0.975)), drawn.interval("K")
+    motion = Motion(*(np.c_[x] for x in vars(headline.ensemble.motion).values()))
+    past = {ms: isolation.reflex_column(first.time, rows, motion, 1e-3 * ms)[rows, 0] for ms in REFLEX_DELAYS_MS}
+    facts: Facts = dict.fromkeys(("reflex_delay_ms", "reflex_share", *names))
+    with_it, unseen = None, None
+    if certain:
+        (gain, _), (delay, _) = (found[name] for name in (isolation.REFLEX, "delay"))
+        K, each = found[f"K with {isolation.REFLEX} {delay:.0f}"][0], [v for k, v in found.items() if "K with" in k]
+        ends = min(one - half * se for one, se in each), max(one + half * se for one, se in each)
+        share = 100 * float(np.var(gain * past[round(delay)]) / np.var(headline.ensemble.torque[rows]))
+        facts |= {"reflex_delay_ms": delay, "reflex_share": share} | dict(zip(names, (K, *ends), strict=True))
+        with_it = (
+            f"with a reflex of {gain:.2g} N*m*s/rad, {delay:.0f} ms late, K would be {K:.3g} ({ends[0]:.3g} to "
+            f"{ends[1]:.3g}) N*m/rad"
+        )
+        if ends[1] - ends[0] > 3 * (high - low):
+            unseen = f"how much of K a reflex is: {with_it} in place of {fit['K']:.3g}"
+    else:
+        leak = np.linalg.pinv(isolation.motion_columns(headline.ensemble.motion[rows]))[0]  # of a torque into K
+        most = {ms: size + half * se for ms in past for size, se in [found[f"{isolation.REFLEX} {ms}"]]}
+        added, ms = max((most[ms] * float(leak @ past[ms]), ms) for ms in past)
+        if added > 0.5 * (high - low):
+            unseen = (
+                f"whether a reflex is in K: unseen, up to {significant(most[ms])} N*m*s/rad, {ms} ms late, may add "
+                f"{significant(added)} N*m/rad to K = {fit['K']:.3g}"
+            )
+    if unseen:
+        enough_s = 2e-3 * REFLEX_DELAYS_MS[-1]
+        short = first.time[rows.stop] < enough_s - 1e-9
+        remedy = f"Set walking.window_s to {enough_s:g} if stance allows" if short else "Record more crossings"
+        unseen += f". {remedy} (turns in both directions do not cancel a reflex)"
+    return facts, with_it, unseen
 
 
 def series_of(group: str) -> str:

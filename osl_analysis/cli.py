@@ -48,16 +48,16 @@ def percent(value: str) -> float:
     raise click.BadParameter(f"'{value}' is no percentage between 0 and 100; write 1%")
 
 
-FILE = click.Path(path_type=Path)
+FILE, FOLDER = click.Path(path_type=Path), click.Path(path_type=Path, file_okay=False)
 WRITTEN_SUFFIXES = {"ingest": ".parquet", "samples": ".md", "describe-tables": ".md", "design": ".csv"}
 """Suffix of what a command writes, where it writes one kind of file."""
-FOLDER = click.Path(path_type=Path, file_okay=False)
 POSITIVE, NOT_NEGATIVE = click.FloatRange(0, min_open=True), click.FloatRange(0)
 file_option = partial(option, type=FILE)
 CONFIG = file_option(
     "--config",
     "config_path",
-    default=config_here(),
+    default=config_here,
+    show_default="config.yaml here, else the shipped one",
     help="Configuration with the filter [Hz] and the stepped-sine protocol [deg, Hz].",
 )
 AS_JSON = option("--json", "as_json", is_flag=True, help="Print JSON in SI units instead of a table.")

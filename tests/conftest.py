@@ -1,5 +1,6 @@
 """What several tests share: the shipped parameters, and motions with derivatives written by hand."""
 
+import gc
 import os
 from fnmatch import fnmatch
 from pathlib import Path
@@ -18,11 +19,11 @@ from osl_analysis.trial import Array
 
 ROOT = Path(__file__).parents[1]
 LONGEST = (
-    "test_workflow", "test_figures", "test_study", "test_walking_platform", "test_report", "test_prediction",
-    "test_bench_any_excitation", "test_walking_commands", "test_bench_rounding", "test_adding", "test_cli",
-    "test_walking_response", "test_notebook", "test_free_names", "test_timebase",
+    "test_workflow", "test_study", "test_walking_platform", "test_bench_any_excitation", "test_figures", "test_report",
+    "test_prediction", "test_bench_rounding", "test_walking_commands", "test_walking_response", "test_free_names",
+    "test_adding", "test_cli", "test_notebook", "test_timebase", "test_simulator_laboratory",
 )  # fmt: skip
-"""Modules that take more than 7 s of a core, the longest first."""
+"""Modules that take more than 6 s of a core, the longest first."""
 
 # without a deadline: a busy machine is no fault of the code; other seeds: pytest --hypothesis-profile default
 settings.register_profile("seeded", derandomize=True, database=None, deadline=None)
@@ -35,6 +36,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         if any(fnmatch(item.path.stem, pattern) for pattern in NUMERICAL):
             item.add_marker(pytest.mark.numerics)
+    gc.freeze()  # what collecting has made stays, and looking through it again and again takes a tenth of a run
+    gc.set_threshold(20_000)
 
 
 @pytest.fixture

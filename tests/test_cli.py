@@ -353,7 +353,7 @@ def test_what_needs_more_memory_than_a_job_may_have_is_refused_with_file_limit_a
     path = tmp_path / "bomb.mat"
     with h5py.File(path, "w", userblock_size=512) as file:
         for name in "ta":
-            stored = file.create_dataset(name, (1, 10**9), "f8", chunks=(1, 10**8), compression="gzip")
+            stored = file.create_dataset(name, (1, 10**9), "f8", chunks=(1, 10**5), compression="gzip")
             stored[0, 0] = 1.0
             stored.attrs["MATLAB_class"] = np.bytes_("double")
     with path.open("r+b") as file:

@@ -37,8 +37,8 @@ def said_by_page(folder: Path) -> Iterator[tuple[str, list[str], list[str]]]:
 
 
 def printed_by(command: list[str], folder: Path) -> str:
-    """What a command prints. Those that ask for no file of the folder run in this process, which has the imports."""
-    if command[:2] in (["osl-analysis", "init"], ["osl-analysis", "ingest"]):
+    """What a command prints. All but a run of the workflow are called in this process, which has the imports."""
+    if command[0] == "osl-analysis" and command[1] != "run":
         with chdir(folder):
             return CliRunner().invoke(main, command[1:], catch_exceptions=False, standalone_mode=False).output
     path = f"{Path(sys.executable).parent}:{os.environ['PATH']}"

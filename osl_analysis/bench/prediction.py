@@ -295,7 +295,7 @@ def robust_fit(A: Array, names: Sequence[str]) -> tuple[Array, float]:
             break  # half of the numbers are explained exactly
         weight = np.sqrt(np.minimum(1, 1.5 * spread / np.maximum(left, np.finfo(float).tiny)))
         before, x = x, np.linalg.lstsq(weight[:, None] * X / scale, weight * y, rcond=None)[0]
-        if np.allclose(x, before, rtol=1e-13, atol=0):
+        if (np.abs(x - before) <= 1e-13 * np.abs(before)).all():
             break
     x = x / scale
     return x, float(np.mean(np.abs(y - X @ x)))

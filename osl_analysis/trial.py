@@ -39,12 +39,13 @@ COLUMNS: dict[str, str] = {
 AXES = ("x", "y", "z")
 REFLEX_DELAYS_MS = (30, 35, 40, 45, 50, 55, 60)  # of a stretch reflex [ms], of which the one that fits best is taken
 
-# units of columns that exist once per marker, plate or side of the laboratory
+# units of columns that exist once per marker, plate, side of the laboratory or further signal
 FAMILIES = {
     re.compile(r"marker_.+_[xyz]", re.DOTALL): "m",  # a label is the laboratory's own
     re.compile(r"plate[1-9][0-9]*_force_[xyz]"): "N",
     re.compile(r"plate[1-9][0-9]*_moment_[xyz]"): "N*m",
     re.compile(r"reference_ankle_moment_(left|right)"): "N*m/kg",
+    re.compile(r"signal_\w+"): "1",  # any other that a person's stiffness may change with, as an EMG
 }
 
 

@@ -377,14 +377,35 @@ def test_a_persons_own_torque_is_no_doubt_and_a_clipped_torque_and_a_slow_motion
     assert row["doubtful"].partition(":")[0] == doubt
 
 
+def test_a_stepped_sine_of_a_persons_joint_is_refused_by_this_name():
+    time = np.arange(30 * 200) / 200
+    theta = 0.04 * np.sin(2 * np.pi * np.cumsum(1 + time // 10) / 200)
+    trial = Trial("made", pl.DataFrame({"time": time, "theta": theta, "torque": 90 * theta}))
+    with pytest.raises(InputError, match=r"theta is a stepped sine.* leave out `human`"):
+        moving_record(trial, human=HumanJoint())
+
+
+@pytest.mark.parametrize("turns", [0.0, 0.9])
+def test_a_reflex_whose_gain_changes_with_the_angle_is_a_doubt_with_k_of_it(turns):
+    """The gain is 1 + turns times the angle by twice its SD; K is then 120 for 90 N*m/rad, and 90.8 with the gain."""
+    time, motion = noise(rng := np.random.default_rng(5), (0.3, 8.0), 1.2, 45.0)
+    late = np.concatenate([np.zeros(11), np.maximum(motion[1], 0)])[: len(time)]  # 44 ms
+    reflex = 6 * (1 + turns * motion[0] / motion[0].std() / 2) * lfilter(*butter(2, 4 / (RATE / 2)), late)
+    trial = made_trial(rng, (time, motion), more=reflex, K=90.0, B=1.0, I=0.016)
+    _, table = judged_impedance(moving_record(trial, human=HumanJoint(), cutoff_hz=40.0), saturated(trial), None, None)
+    row = marked(table, LIMITS, "impedance").row(0, named=True)
+    found = row["reflex_gain_p"] < 3e-4, row["K_with_gain"], "changes with the angle: " in row["doubtful"]
+    assert found == ((True, pytest.approx(90, rel=0.02), True) if turns else (False, None, False))
+
+
 def test_stiffness_that_a_logged_signal_schedules_is_found_over_it():
     """K of 40 to 140 N*m/rad over a slow sine; the splines' bands hold it, and a signal that is not there is named. The
-    angle is as slow in part: without noise the band is narrow and right."""
+    angle is as slow in part: without noise the band is narrow and right. A reflex may rise with the signal, too."""
     motion = noise(rng := np.random.default_rng(2), (0.2, 8.0), 1.2, 45.0)
     tilt = np.sin(2 * np.pi * 0.07 * motion[0])
     trial = made_trial(rng, motion, more=50 * tilt * motion[1][0], K=90.0, B=1.0, I=0.016)
-    trial = Trial("made", trial.samples.with_columns(tilt=tilt))
-    person = HumanJoint(over="tilt")
+    trial = Trial("made", trial.samples.with_columns(signal_tilt=tilt))
+    person = HumanJoint(over="signal_tilt")
     table = over_table(rendered_impedance(moving_record(trial, human=person)).analysis)
     assert np.diff(table["at"].to_numpy()) == pytest.approx(np.ptp(table["at"].to_numpy()) / 18)
     assert table["share"].to_numpy()[[0, -1]] == pytest.approx([0.05, 0.95], abs=1e-3)
@@ -398,7 +419,12 @@ def test_stiffness_that_a_logged_signal_schedules_is_found_over_it():
     assert over_table(by_time)["at"].is_between(2, 46).all()
     assert over_table(rendered_impedance(moving_record(trial, human=HumanJoint())).analysis).is_empty()
     with pytest.raises(InputError, match="tillt"):
-        moving_record(trial, human=HumanJoint(over="tillt"))
+        moving_record(trial, human=HumanJoint(over="signal_tillt"))
+    late = np.concatenate([np.zeros(12), np.maximum(motion[1][1], 0)])[: len(tilt)]  # 48 ms
+    reflex = 5 * (1 + 0.8 * tilt) * lfilter(*butter(2, 4 / (RATE / 2)), late)
+    trial = Trial("made", trial.samples.with_columns(pl.col("torque") + reflex))
+    also = over_table(rendered_impedance(moving_record(trial, human=person, cutoff_hz=40.0)).analysis)
+    assert also["K"].to_numpy() == pytest.approx(90 + 50 * also["at"].to_numpy(), rel=0.02)
 
 
 @pytest.mark.parametrize("even", [

@@ -14,6 +14,7 @@ import numpy as np
 import polars as pl
 import pytest
 from conftest import ROOT
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
@@ -668,3 +669,12 @@ def test_greys_stay_and_published_numbers_of_lightness_and_colour_distance_are_m
     assert views.lightness("#777777") == pytest.approx(50.03, abs=0.01)
     np.testing.assert_allclose(views.lab(np.array([1.0, 0, 0])), [53.24, 80.09, 67.20], atol=0.02)
     assert views.distance("#C04040", "#3F8840") < 15, "a red and a green of one lightness"
+
+
+def test_the_lines_of_ten_trials_over_a_signal_differ_in_colour():
+    """By more than neighbours of one scale do: a distance of 0.3 of RGB is seen."""
+    table = pl.concat([over_angle().filter(trial="walker_0").with_columns(trial=pl.lit(f"w{k}")) for k in range(10)])
+    lines = drawing_of("impedance_over").draw(table).axes[0].lines
+    colours = np.array([to_rgb(line.get_color()) for line in lines])
+    apart = np.linalg.norm(colours[:, None] - colours, axis=2) + np.eye(10)
+    assert apart.min() > 0.2

@@ -398,6 +398,20 @@ def test_a_joint_that_comes_to_rest_at_its_ends_is_not_clipped_though_its_torque
     assert samples_at_rail(trial, "theta", "torque") == 0
 
 
+def test_a_person_who_pushes_while_the_joint_is_held_at_coarse_steps_is_not_clipped_and_a_cut_motion_is():
+    time, step = np.arange(20_000) / 1000, 2 * np.pi / 2**13
+    rng = np.random.default_rng(3)
+    way = np.sign(rng.standard_normal(80))
+    held = np.deg2rad(1.5) * way - step * way * (rng.uniform(size=80) > 0.3)  # at the value beside the extreme, mostly
+    theta = signal.sosfilt(signal.butter(1, 20, fs=1000, output="sos"), np.repeat(held, 250))
+    torque = 100 * theta + 2 * np.sin(9 * time) + 0.01 * rng.standard_normal(20_000)
+    found = []
+    for end in (np.inf, 0.8 * theta.max()):
+        rounded = step * np.rint(np.minimum(theta, end) / step)
+        found.append(recording.longest_clipped_angle(time, rounded, (time, torque)))
+    assert found[0] == 0 < 200 < found[1]
+
+
 def test_a_command_at_its_level_is_no_rail_a_clipped_current_and_a_stated_end_are():
     time, levels = np.arange(2000) / 500.0, np.repeat([3.0, -2.0, 3.0, 1.0], 500)
     measured = np.minimum(4 * np.sin(7 * time) + 0.02 * np.random.default_rng(1).standard_normal(2000), 3.0)

@@ -347,6 +347,8 @@ def test_the_page_begins_with_what_was_done_its_verdict_and_the_figure_that_matt
     assert found["questions"][0]["answer"] == "It is 2.00 % (n = 4)."
     drawn = [[one["name"] for one in found[key]] for key in ("first", "figures")]
     assert drawn == [["fig5"], ["fig3", "walking_page"]]
+    undesired = overview(walks, {"numbers": {"K": number}}, figures, ABOUT)["questions"][0]["asks"]
+    assert (found["questions"][0]["asks"][:20], undesired[:15]) == ("Does the joint rende", "What impedance ")
     assert overview(walks, {}, figures, ABOUT)["first"][0]["name"] == "walking_page", "nothing was desired"
     group, moments = pl.DataFrame({"group": ["all"]}), "whether the plate's moments are right"
     unsure = {"verdict": "not checked", "of": "walking groups", "trials": ["all"], "remedy": ""}

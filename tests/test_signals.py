@@ -37,7 +37,7 @@ def test_derivatives_of_a_filtered_angle_are_those_of_its_sine_at_any_rate(rate)
 @pytest.mark.parametrize(("make", "message"), [
     (lambda t: sampling_rate(np.where(t < 0.5, t, t + 0.02)), r"the step at 0\.4900 s is 30\.000 ms"),
     (lambda t: LowPass(60.0)(t, 100.0), "60 Hz must lie between 0 and half the sampling rate of 100 Hz"),
-    (lambda t: LowPass(5.0)(t[:60], 100.0), "60 samples are too few for a 5 Hz filter; it needs more than 60"),
+    (lambda t: LowPass(5.0)(t[:60], 100.0), "60 samples cannot be filtered at 5 Hz; record over 0.6 s"),
     (lambda t: sampling_rate(np.where(t < 0.5, t, t - 0.003)), r"the step at 0\.4900 s is 7\.000 ms"),
     (lambda t: differentiate(t[[0, 1, 2, 3, 4, 4, 5]], t[:7]), "each later than the one before"),
 ])  # fmt: skip

@@ -503,8 +503,9 @@ def test_a_persons_stiffness_over_a_recorded_angle_is_a_table_and_a_figure(tmp_p
     torque = (70 + 4 * np.rad2deg(slow)) * theta + 1.0 * omega + 0.016 * alpha + 0.05 * rng.standard_normal(len(time))
     signals = {"theta": theta, "theta_slow": slow, "torque": torque}
     (tmp_path / "config/sources").mkdir(parents=True)
-    pl.DataFrame({"time": time, **signals}).write_csv(tmp_path / "w.csv")
+    pl.DataFrame({"time": time, **signals, "emg": 100 * slow}).write_csv(tmp_path / "w.csv")
     channels = {name: {"column": name, "unit": "N*m" if name == "torque" else "rad"} for name in signals}
+    channels["signal_emg"] = {"column": "emg", "unit": "%"}
     source = {"format": "csv", "clock": "master", "time": {"column": "time", "unit": "s"}, "channels": channels}
     (tmp_path / "config/sources/w.yaml").write_text(yaml.safe_dump(source))
     (tmp_path / "sheet.csv").write_text("trial,experiment,log,log_source\nw,impedance,w.csv,w\n")
@@ -517,4 +518,6 @@ def test_a_persons_stiffness_over_a_recorded_angle_is_a_table_and_a_figure(tmp_p
     table = pl.read_csv(made[0])
     assert np.ptp(table["at"].to_numpy()) == pytest.approx(16, abs=0.4)
     assert table["K"].to_numpy() == pytest.approx(70 + 4 * table["at"].to_numpy(), abs=2.5)
+    made_trial = pl.read_parquet(tmp_path / "results/trials/w.parquet")
+    assert made_trial["signal_emg"].to_numpy() == pytest.approx(slow, abs=1e-9)
     assert made[1].stat().st_size > 20_000

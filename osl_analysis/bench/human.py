@@ -10,11 +10,11 @@ import numpy as np
 import polars as pl
 from scipy.interpolate import BSpline
 from scipy.signal import fftconvolve
-from scipy.special import fdtrc, stdtrit
+from scipy.special import fdtrc, stdtr, stdtrit
 
 from osl_analysis.bench import gram
 from osl_analysis.bench.analysis import Analysis
-from osl_analysis.bench.effects import IMPEDANCE, columns_of, eq15_of, plain_sums, with_effects
+from osl_analysis.bench.effects import IMPEDANCE, columns_of, eq15_of, plain_sums
 from osl_analysis.bench.record import Record, stretches_of
 from osl_analysis.bench.settings import HumanJoint, ImpedanceAnalysis
 from osl_analysis.signals import LowPass, Motion
@@ -43,6 +43,12 @@ def through_memory(signals: Array, rate_hz: float, memory_s: float) -> Array:
     away = (log_lag[:, None] - middle) / (middle[1] - middle[0])
     responses = (1 + np.cos(np.pi * np.clip(away / 2, -1, 1))) / 2 / rate_hz
     return np.concatenate([fftconvolve(one[:, None], responses, axes=0)[: len(one)] for one in signals.T], axis=1)
+
+
+def half_waves(record: Record, memory_s: float) -> Array:
+    """The velocity of a record, half-wave rectified in each direction, through the memory [s]: (n, 16) [rad]."""
+    omega = record.motion.omega
+    return through_memory(np.column_stack([np.maximum(omega, 0), np.minimum(omega, 0)]), record.rate_hz, memory_s)
 
 
 def late_by(columns: Array, rate_hz: float, delay_s: float) -> Array:
@@ -76,9 +82,10 @@ def with_reflex(record: Record, human: HumanJoint | None = None) -> Record:
     omega, rate, slow = record.motion.omega, record.rate_hz, record.slow
     if human.over in ("angle", "time"):
         slow = LowPass(human.slow_hz, 2)(record.motion.theta, rate) if human.over == "angle" else record.time
-    both = np.column_stack([np.maximum(omega, 0), np.minimum(omega, 0)])
-    columns, made = through_memory(both, rate, human.memory_s), replace(without_will(record, human), slow=slow)
+    columns, made = half_waves(record, human.memory_s), replace(without_will(record, human), slow=slow)
     if slow is not None:
+        turned = slow - made.part(slow).mean()  # the reflex's gain changes with the signal in a straight line
+        columns = np.hstack([columns, columns * (turned / np.abs(turned).max())[:, None]])
         shares = over_basis(made, slow) - over_basis(made, made.part(slow)).mean(axis=0)
         moved = {"K": record.motion.theta - record.part(record.motion.theta).mean(), "B": omega}
         if human.over != "time":  # the torque without motion changes with the signal, too
@@ -158,13 +165,22 @@ def reflex_columns(columns: Array) -> dict[str, Array]:
     return {f"reflex_{k}": column for k, column in enumerate(columns.T)}
 
 
+def fit_beside(record: Record, columns: Array) -> gram.GroupFit:
+    """Eq. 15 of a record with columns (n, k) beside those that it has, as `gain_0`."""
+    made = replace(record, also={**record.also, **{f"gain_{k}": column for k, column in enumerate(columns.T)}})
+    return gram.fit_groups(plain_sums(made, eq15_of(made)), eq15_of(made), limit=np.inf)
+
+
 def reflex_row(analysis: Analysis, raw: Record) -> Row:
     """What a fit has of a reflex, and whether the torque has one that the model has not; `raw` is the record with its
-    slow part. `K_with_reflex` is K with that one in the model; of a person it must be beyond the interval of K."""
+    slow part. `K_with_reflex` is K with that one in the model; of a person it must be beyond the interval of K, and so
+    must K with a gain that changes with the angle, for which the fitted reflex times the angle is asked (t)."""
     record, human, fit = analysis.record, human_of(raw), analysis.whole
     delays = [f"reflex_delay_{end}ms" for end in ("", "low_", "high_")]
     row: Row = dict.fromkeys(("reflex_share", *delays, "K_over_delays", "untold_share", "reflex_p", "K_with_reflex"))
-    if record.reflex_delays:
+    row |= {"reflex_gain_p": None, "K_with_gain": None}
+    low, high = fit.interval("K")
+    if human:
         columns = {name: column for name, column in record.also.items() if name.startswith("reflex")}
         reflex = sum(fit[name] * record.part(column) for name, column in columns.items())
         share = 100 * float(np.var(reflex) / np.var(record.part(record.filtered_torque)))
@@ -172,13 +188,19 @@ def reflex_row(analysis: Analysis, raw: Record) -> Row:
         row |= dict(zip(delays, (1e3 * one for one in (tried[0], min(tried), max(tried))), strict=True))
         row["untold_share"] = max((fit.interval(name)[1] - fit[name]) / abs(fit[name]) for name in "KBI")
         row |= {"reflex_share": share, "K_over_delays": max((abs(other - K) for other in others), default=0.0)}
+        late = late_by(half_waves(raw, human.memory_s), raw.rate_hz, tried[0])
+        angle = raw.motion.theta - raw.part(raw.motion.theta).mean()
+        moved = without_slow(raw, late * angle[:, None], human.slow_hz)
+        one = fit_beside(record, moved @ [[fit[f"reflex_{k}"]] for k in range(len(moved.T))])
+        row["reflex_gain_p"] = chance = 2 * float(stdtr(one.freedom("gain_0"), -abs(one["gain_0"]) / one.se("gain_0")))
+        if chance < 1e-2:
+            K = fit_beside(record, moved)["K"]
+            row |= {"reflex_gain_p": 1.0} if low < K < high else {"K_with_gain": K}
     memory = human.memory_s if human else 0.0  # the reflex that the model has ends there
     row["reflex_p"] = p = reflex_test(record, raw, USUAL_DELAY_S + memory)
     if p is not None and p < 1e-2:
         longer = HumanJoint() if human is None else human.model_copy(update={"memory_s": 2 * human.memory_s})
-        with_it = with_reflex(raw, longer)
-        K = with_effects(plain_sums(with_it, eq15_of(with_it)), eq15_of(with_it))["K"]
-        low, high = fit.interval("K")
+        K = fit_beside(with_reflex(raw, longer), np.empty((len(raw.time), 0)))["K"]
         row |= {"reflex_p": 1.0} if human and low < K < high else {"K_with_reflex": K}
     return row
 

@@ -355,7 +355,13 @@ def record_of_trial(
     known = Likeness(signals.time, signals["theta"], settings.protocol)
     auto, is_other = excitation == "auto", excitation == "any"
     is_other |= auto and (bool(windows) or known.kind == "other")
-    is_other |= isinstance(settings, ImpedanceAnalysis) and settings.human is not None
+    human = settings.human if isinstance(settings, ImpedanceAnalysis) else None
+    if human and known.kind == "stepped sine":
+        raise InputError(
+            f"trial {trial.name}: theta is a stepped sine, in which a reflex is hardly told from K, B and I; move a "
+            "person's joint at random, as in binary steps, or leave out `human` under `dynamometer`"
+        )
+    is_other |= human is not None
 
     def parts_of(one: UniformSignals) -> Parts:
         if is_other:
@@ -398,7 +404,7 @@ def record_of_trial(
             f"and a mount that turns; {meant}, or `excitation: stepped_sine` to fit what there is"
         )
     made = replace(made, periodic=periodic, steps=(steps[0], steps[1]))
-    over = settings.human.over if isinstance(settings, ImpedanceAnalysis) and settings.human else None
+    over = human.over if human else None
     return made if over in (None, "angle", "time") else replace(made, slow=logged(made, trial, over))
 
 

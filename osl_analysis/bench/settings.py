@@ -186,6 +186,14 @@ class HumanJoint(Settings):
     memory_s: Annotated[float, Field(ge=0.1, le=2)] = 0.5  # for how long [s] the reflex answers a movement
     over: str | None = None
     """What K and B change with: `angle` (its slow part), `time`, or a column of the trials; null: they do not."""
+    _changes = refused(
+        lambda s: s.over in ("theta", "torque"),
+        "over = {s.over} is what K is of; write angle for the slow part of theta, time or another column of trials",
+    )
+    _are_milliseconds = refused(
+        lambda s: min(s.delays_ms) < 1 or max(s.delays_ms) >= 1e3 * s.memory_s,
+        "delays_ms must be from 1 ms to below memory_s = {s.memory_s:g} s; write them in ms, as 30, or raise memory_s",
+    )
 
 
 def human_or_none(stated: object) -> object:
@@ -214,6 +222,10 @@ class ImpedanceAnalysis(SteppedSineAnalysis):
     _passes = refused(
         lambda s: s.excitation != "any" and max(s.frequencies_hz) >= s.cutoff_hz,
         "cutoff_hz = {s.cutoff_hz:g} takes out some of frequencies_hz; raise it, or correct frequencies_hz",
+    )
+    _will_is_slow = refused(
+        lambda s: s.human is not None and 4 * s.human.slow_hz > s.cutoff_hz,
+        "human.slow_hz = {s.human.slow_hz:g} is above a quarter of cutoff_hz = {s.cutoff_hz:g}; lower it or raise that",
     )
     _turns = refused(
         lambda s: s.excitation != "any" and max(s.amplitudes) > s.largest_angle,

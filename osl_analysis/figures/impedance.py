@@ -1,7 +1,7 @@
 """Figs. 4, 5 and 6: measured and modelled torque, estimated stiffness and damping, and the VAF, of impedance trials."""
 
 import textwrap
-from itertools import pairwise
+from itertools import cycle, pairwise
 
 import matplotlib as mpl
 import numpy as np
@@ -375,8 +375,8 @@ def draw_over(table: pl.DataFrame) -> Figure:
     titles = [name for name, _ in parts for _ in range(2)]
     figure, axes = style.panels(style.DOUBLE_COLUMN, 2.5 * len(parts) + 0.3, rows=len(parts), columns=2, names=titles)
     over = {"angle": "Slow part of the joint angle (deg)", "theta_slow": "Slow angle (deg)", "time": "Time (s)"}
-    shades = mpl.colormaps["viridis"](np.linspace(0, 0.6, table["trial"].n_unique()))
-    colours = dict(zip(table["trial"].unique(maintain_order=True), shades, strict=True))
+    ten = cycle(mpl.color_sequences["petroff10"])
+    colours = dict(zip(table["trial"].unique(maintain_order=True), ten, strict=False))
     for number, ax in enumerate(axes):
         name, label = (("K", "Stiffness (N·m/rad)"), ("B", "Damping (N·m·s/rad)"))[number % 2]
         for trial in parts[number // 2][1].partition_by("trial", maintain_order=True):

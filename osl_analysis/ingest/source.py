@@ -289,7 +289,7 @@ class SourceFile(Settings):
             try:
                 canonical = unit_of(column)
             except KeyError:
-                advice = f"the columns are {', '.join(names)}{nearest(column, names)}"
+                advice = f"the columns are {', '.join(names)}, signal_NAME{nearest(column, names)}"
                 raise misplaced(f"'{column}' is not a canonical column; {advice}", column) from None
             if column == "time":
                 raise misplaced("time is not a channel; state its source under `time`", column)
@@ -522,6 +522,7 @@ LARGEST_MEASURED = {  # largest size of a value in its SI unit, by kind of quant
     "N*m/rad": 1e8,
     "N*m*s/rad": 1e8,
     "N*m/kg": 1e6,
+    "1": 1e9,  # counts of a converter
 }
 
 

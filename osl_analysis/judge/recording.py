@@ -238,7 +238,8 @@ def is_command(values: Array) -> bool:
 def longest_clipped_angle(time: Array, theta: Array, torque: tuple[Array, Array]) -> int:
     """Longest run [samples] of an angle (n,) at its lowest or highest value while the torque changes. `torque` are
     times [s] and values. The angle must come to the extreme, and leave it, with a corner; and the torque must change in
-    the middle of the run too, as of a joint that turns on, not at its ends alone, as of one that comes to rest."""
+    the middle of the run too, as of a joint that turns on, not at its ends alone, as of one that comes to rest. One
+    that is held near an extreme, behind coarse steps, is as often at the value beside it."""
     when, values = torque
     if not theta.size or not np.ptp(theta) or not when.size or not np.isfinite(values).all() or not np.ptp(values):
         return 0
@@ -259,7 +260,9 @@ def longest_clipped_angle(time: Array, theta: Array, torque: tuple[Array, Array]
                 # within half of its standing time a sine that is rounded to steps moves by four of them at most
                 corner = moved and min(moved) > 8 * step
                 turns_on = np.ptp(within[within.size // 4 : -(within.size // 4) or None]) > max(changes / 4, 10 * noise)
-                longest = count if corner and np.ptp(within) > changes and turns_on else longest
+                beside = theta[np.abs(theta - end) > 0.5 * step]
+                often = np.sum(theta == end) > np.sum(np.abs(beside - end) < 1.5 * step)
+                longest = count if corner and often and np.ptp(within) > changes and turns_on else longest
     return longest
 
 

@@ -444,7 +444,7 @@ MOST_COLUMNS = 3  # controllers, groups or joints that stand side by side
 WITH = {"compensated": "with compensation", "uncompensated": "without it"}
 
 
-def answered(numbers: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+def answered(numbers: Sequence[Mapping[str, Any]], desired: bool = True) -> list[dict[str, Any]]:
     """The numbers of a summary for the page, by question: the `answer` in a sentence, the `columns`, which are what
     numbers are of where that is few, and `rows` with their meaning, a cell for each column, one for all of them under
     the empty name, and what the draft has."""
@@ -459,8 +459,8 @@ def answered(numbers: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
             row = rows.setdefault(meaning, {"meaning": meaning, "cells": {}, "draft": ""})
             row["cells"][of] = number
             row["draft"] = row["draft"] or ("" if number["draft"] is None else f"{number['draft']:g} {number['unit']}")
-        said = {"asks": asks, "identified": facts["identified"], "answer": answer(own)}
-        found += [{**said, "columns": columns or [""], "rows": [*rows.values()]}] * bool(own)
+        said = {"asks": asks, "identified": facts["identified"]} | ({} if desired else facts.get("undesired", {}))
+        found += [{**said, "answer": answer(own), "columns": columns or [""], "rows": [*rows.values()]}] * bool(own)
     return found
 
 

@@ -215,8 +215,8 @@ def overview(
     groups = [one for one in summary.get("findings", ()) if one.get("of") == "walking groups"]
     cells = {trial.name: judged_cells(trial, groups) for trial in trials}
     numbers = [*summary.get("numbers", {}).values()]
-    questions, known = answered(numbers), []
     desired = any(trial.row.get(name) is not None for trial in trials for name in ("controller", "K_d"))
+    questions, known = answered(numbers, desired), []
     names = [figure["name"] for figure in figures]
     first = next((name for name in (*FIRST_FIGURES[not desired :], *names) if name in names), "")
     for one in summary.get("findings", ()):

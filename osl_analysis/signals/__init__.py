@@ -46,7 +46,7 @@ class LowPass:
         edge = int(np.ceil(3 * rate_hz / self.cutoff_hz))
         if len(signal) <= edge:
             raise InputError(
-                f"{len(signal)} samples are too few for a {self.cutoff_hz:g} Hz filter; it needs more than {edge}"
+                f"{len(signal)} samples cannot be filtered at {self.cutoff_hz:g} Hz; record over {edge / rate_hz:.3g} s"
             )
         sections = scipy.signal.butter(self.order, self.cutoff_hz, fs=rate_hz, output="sos")
         return np.asarray(scipy.signal.sosfiltfilt(sections, signal, axis=0, padlen=edge))

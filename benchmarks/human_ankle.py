@@ -30,7 +30,8 @@ def recorded(campaign=CAMPAIGNS[0]):
 
 def table():
     head = ["trial", "K, N·m/rad", "B, N·m·s/rad", "I, kg·m²", "reflex, % of variance", "delay, ms", "VAF, %"]
-    print(f"| {' | '.join([*head, 'held out, %', 'doubtful'])} |\n{'|---' * (len(head) + 2)}|")
+    head += ["held out, %", "late, ms", "K, B without it", "doubtful"]
+    print(f"| {' | '.join(head)} |\n{'|---' * len(head)}|")
     tables = [campaign / "tables" for campaign in CAMPAIGNS]
     fits = [pl.read_csv(tables[0] / "impedance.csv"), pl.read_csv(tables[1] / "impedance.csv")]
     fits[1] = fits[1].with_columns(trial=pl.col("trial") + ", K over its slow angle")
@@ -39,6 +40,8 @@ def table():
         ends = [f"{row[f'reflex_delay_{end}ms']:.0f}" for end in ("", "low_", "high_")]
         cells += [f"{row['reflex_share']:.1f}", f"{ends[0]} ({ends[1]} to {ends[2]})"]
         cells += [f"{row[k]:.1f}" for k in ("VAF", "VAF_held_out")]
+        cells.append("" if row["lag_s"] is None else f"{1e3 * row['lag_s']:.2f} ± {1e3 * row['lag_se_s']:.2f}")
+        cells.append(f"{row['K_without_lag']:.0f}, {row['B_without_lag']:.2f}" if row["lag_shift"] else "")
         doubts = [one.partition(":")[0] for one in (row["doubtful"] or "").split("; ") if one]
         print(f"| {row['trial']} | {' | '.join(cells)} | {', '.join(doubts) or 'no'} |")
     print()

@@ -9,7 +9,7 @@ import pytest
 from any_motion import LEAD, RATE, TRUE, chirp, made_trial, multisine, noise
 from bench_synthetic import second_order, stepped_sine, table_of
 from conftest import ROOT
-from scipy.signal import butter, cont2discrete, lfilter, lsim, sosfilt
+from scipy.signal import butter, cont2discrete, lfilter, lsim, sosfilt, sosfiltfilt
 
 from osl_analysis.bench.analysis import analysed, timebase_table
 from osl_analysis.bench.effects import IMPEDANCE, causes, lag_of, plain_sums, stiffness_change, sums_of, with_effects
@@ -353,11 +353,37 @@ def test_a_reflex_is_a_doubt_of_a_device_and_columns_of_a_person():
         assert 45 - 15 <= tried[0] <= 45 <= tried[-1] + 15 < 70
         assert 0 <= row["K_over_delays"] < row["K_high"] - row["K"]
         assert (row["untold_share"], alone["untold_share"]) == (pytest.approx(0.25, abs=0.2), None)
+    late = row_of(reflexive(np.random.default_rng(3), 6.0, late=1e-3), human=HumanJoint())
+    said = re.search(r"torque is late: .*would change K = .* by (\S+) and B = .* by (\S+); ", row["not_checked"])
+    assert float(said[1]) == pytest.approx(late["K"] - row["K"], abs=0.3)
+    assert float(said[2]) == pytest.approx(late["B"] - row["B"], abs=0.04)
     tables = response_tables(records[0], None)
     assert tables["response"]["magnitude_eq15"].is_null().all()
     assert tables["response"]["magnitude"].is_between(20, 400).all()
     assert "reflex" in tables["response_models"]["excluded"][0]
     assert 0.5 < np.sqrt(np.mean(np.square(z))) < 1.6
+
+
+@pytest.mark.parametrize("late", [0.0, 1.5e-3, 5e-3])
+def test_a_late_torque_of_a_person_is_told_from_the_reflex_and_doubted_with_k_and_b_without_it(late):
+    """Friction, which damps as an early torque does, is none."""
+    motion = noise(rng := np.random.default_rng(5), (0.3, 20.0), 1.2, 45.0, 500.0)
+    past = np.maximum(np.roll(motion[1][1], 22), 0)
+    more = 3 * sosfilt(butter(2, 3, fs=500.0, output="sos"), past) + 0.2 * np.tanh(motion[1][1] / 0.02)
+    trial = made_trial(rng, motion, late=late, more=more, K=90.0, B=1.0, I=0.016)
+    record = moving_record(trial, human=HumanJoint(), cutoff_hz=40.0)
+    _, table = judged_impedance(record, saturated(trial), None, None)
+    row = marked(table, LIMITS, "impedance").row(0, named=True)
+    assert row["lag_s"] == pytest.approx(late, abs=2.5e-4)
+    assert "whether the torque is late" not in row["not_checked"]
+    if not late:
+        assert (row["doubtful"], row["lag_shift"], row["K_without_lag"]) == ("", 0.0, None)
+        return
+    assert row["lag_shift"] > 1
+    said = rf"late torque: .* late by {1e3 * row['lag_s']:.3g} ms, which moves K from {row['K_without_lag']:.3g} to "
+    assert re.match(said, row["doubtful"]), row["doubtful"]
+    assert row["K_without_lag"] == pytest.approx(90, rel=0.1)
+    assert row["B"] - 0.03 > row["B_without_lag"] == pytest.approx(1.1, abs=0.05)
 
 
 @pytest.mark.parametrize(("band", "clip", "doubt"), [
@@ -438,6 +464,21 @@ def test_what_differs_between_the_directions_at_once_is_no_reflex(move, even):
     motion = move(rng := np.random.default_rng(3))
     row = row_of(made_trial(rng, motion, more=even(motion[0], motion[1])))
     assert (row["reflex_p"] is None) if move is multisine else row["reflex_p"] > 3e-4
+
+
+def test_friction_of_a_joint_that_creeps_one_way_after_each_step_is_no_reflex():
+    """An actuator that yields to a reflex creeps so; friction, alike both ways, then follows the past speed."""
+    rng, rate = np.random.default_rng(2), 500.0
+    time = np.arange(int(45 * rate)) / rate
+    steps = sosfiltfilt(butter(2, 12, fs=rate, output="sos"), rng.choice([-0.02, 0.02], 225).repeat(int(0.2 * rate)))
+    past = np.roll(np.abs(np.gradient(steps, 1 / rate)), int(0.06 * rate))
+    theta = steps + 0.02 * sosfilt(butter(2, 3, fs=rate, output="sos"), past)
+    omega = np.gradient(theta, 1 / rate)
+    motion, friction = (theta, omega, np.gradient(omega, 1 / rate)), 0.3 * np.tanh(omega / 0.005)
+    joint = {"K": 90.0, "B": 1.0, "I": 0.016}
+    assert row_of(made_trial(rng, (time, motion), more=friction, **joint))["reflex_p"] > 1e-2
+    row = row_of(made_trial(rng, (time, motion), more=friction + 2 * np.maximum(past, 0), **joint))
+    assert row["reflex_p"] < 1e-6
 
 
 @pytest.mark.parametrize(("move", "seconds", "made", "seeds", "low", "high"), [

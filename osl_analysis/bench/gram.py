@@ -29,7 +29,7 @@ from osl_analysis.trial import Array
 
 FEWEST_UNITS = 4  # strata from which on these are the units that are left out; below, each group is one
 FEWEST_GROUPS = 8  # groups that do not repeat from whose scores an interval comes
-NO_ESTIMATES = ("reflex_", "K_over_", "B_over_", "level_over_")
+NO_ESTIMATES = ("reflex_", "friction_", "K_over_", "B_over_", "level_over_")
 """How columns of a person's joint begin that are like one another, and are no estimates."""
 NEXT = {"theta": "omega", "omega": "alpha", "alpha": "jerk", "jerk": "snap"}  # derivatives
 NEXT |= {"linear": "linear_rate", "sign": "sign_rate"}

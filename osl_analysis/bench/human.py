@@ -12,12 +12,12 @@ from scipy.interpolate import BSpline
 from scipy.signal import fftconvolve
 from scipy.special import fdtrc, stdtr, stdtrit
 
-from osl_analysis.bench import gram
+from osl_analysis.bench import effects, gram
 from osl_analysis.bench.analysis import Analysis
 from osl_analysis.bench.effects import IMPEDANCE, columns_of, eq15_of, plain_sums
 from osl_analysis.bench.record import Record, stretches_of
 from osl_analysis.bench.settings import HumanJoint, ImpedanceAnalysis
-from osl_analysis.signals import LowPass, Motion
+from osl_analysis.signals import LowPass, Motion, seven_point_motion
 from osl_analysis.stats.covariance import products_between
 from osl_analysis.stats.fit_row import Row
 from osl_analysis.trial import Array
@@ -27,7 +27,11 @@ EARLY_S = 0.04  # lag [s] from which on there are equally many for each doubling
 BLOCKS, SHORTEST_BLOCK_S = 30, 2.0  # stretches whose scores make the intervals: number, and least duration [s]
 TESTED_BLOCKS, SHORTEST_TESTED_S, FEWEST_TESTED = 48, 1.0, 20  # the same of the test for a reflex
 USUAL_DELAY_S = 0.04  # of a stretch reflex of the ankle [s]
-BEFORE_OVER_AFTER = 1.75  # how much more past speed must explain than the speed to come; sound joints: 1.5
+SIGN_WIDTHS = (0.005, 0.02, 0.1)  # speeds [rad/s] over which friction turns its sign
+BEFORE_OVER_AFTER = 1.7  # how much more past speed must explain than the speed to come; sound joints: 1.5
+
+ABOVE_HZ = 10.0  # frequencies by which a late torque is told from a reflex, which is slow
+REFLEX_ERROR = 60e-6  # s by which a reflex that is not made of the columns shifts a lag (SD)
 
 
 def human_of(record: Record) -> HumanJoint | None:
@@ -121,6 +125,45 @@ def with_reflex(record: Record, human: HumanJoint | None = None) -> Record:
     return replace(made, also=also, reflex_delays=delays, other=other, softer=softer)
 
 
+def lag_of_person(record: Record) -> effects.Fault | None:
+    """By how much the torque of a person's joint lags the angle [s], by what is quick, beside reflex and friction; None
+    where the motion does not tell. `record` has the columns of the reflex."""
+    quick, lag = without_will(record, HumanJoint(slow_hz=ABOVE_HZ)).coarse, 2e-3
+    also = {**quick.also, **{f"friction_{k}": one for k, one in enumerate(friction_columns(record, 160.0).T)}}
+    quick = replace(quick, also={name: without_slow(quick, one, ABOVE_HZ) for name, one in also.items()})
+    columns, centre = columns_of(quick)
+    higher = seven_point_motion(quick.time, quick.motion.alpha, quick.rate_hz)
+    columns |= {"jerk": higher.omega, "snap": higher.alpha}
+    try:
+        for _ in range(5):  # from 2 ms on; the series in the lag is short about 0
+            earlier = replace(quick, filtered_torque=np.interp(quick.time + lag, quick.time, quick.filtered_torque))
+            fit = effects.near_lag(gram.gram_sums(earlier, columns, list(columns), centre), eq15_of(quick), 0.0)
+            lag += fit["lag_s"]
+    except effects.CANNOT_TELL:
+        return None
+    se = float(np.hypot(fit.se("lag_s"), REFLEX_ERROR))
+    sure = abs(fit["lag_s"]) < se and effects.is_certain(lag, se, fit.freedom("lag_s"))
+    return effects.Fault(lag, se, sure, abs(lag) + effects.POSSIBLE * se)
+
+
+def person_lag_row(analysis: Analysis, raw: Record, hidden: float) -> Row:
+    """The lag of a person's torque, and K and B without it, or without 1 ms of lag where one might change K, B or I by
+    more than the share that may be `hidden`. `raw` is the record with its slow part."""
+    lag, fit = lag_of_person(analysis.record), analysis.whole
+    taken = lag.size if lag and lag.found else 1e-3
+    earlier = np.interp(raw.time + taken, raw.time, raw.filtered_torque)
+    made = with_reflex(replace(raw, filtered_torque=earlier, other=None, softer=None))
+    without = effects.with_effects(plain_sums(made, eq15_of(made)), eq15_of(made))
+    moved = {name: abs(without[name] - fit[name]) for name in "KBI"}
+    row: Row = {f"{name}_without_lag": without[name] for name in "KB"}
+    share = max(by / abs(fit[name]) for name, by in moved.items())
+    if lag is None or (not lag.found and lag.possible / taken * share > hidden):
+        return row
+    shift = max(by / (fit.interval(name)[1] - fit[name]) for name, by in moved.items()) if lag.found else 0.0
+    told: Row = {"lag_s": lag.size, "lag_se_s": lag.se, "lag_shift": shift, "lag_by": "Eq. 15 with a reflex"}
+    return told | row if lag.found else told
+
+
 def over_basis(record: Record, values: Array) -> Array:
     """Cubic B-splines (m, 6) at values (m,) of the slow signal of a record, with knots at its thirds; they sum to 1."""
     assert record.slow is not None
@@ -158,6 +201,15 @@ def over_table(analysis: Analysis) -> pl.DataFrame:
             row |= {name: best, f"{name}_se": se, f"{name}_low": best - half, f"{name}_high": best + half}
         rows.append(row)
     return pl.DataFrame(rows, schema=OVER)
+
+
+def friction_columns(record: Record, *cutoffs_hz: float) -> Array:
+    """Friction (n, 3 k) in the rows of the coarse record, which turns its sign over three speeds. It follows the speed
+    below each of k cut-offs, before the record's filter: of a creeping joint both differ, of a coarse encoder too."""
+    rate, theta = record.rate_hz, record.theta
+    speeds = [np.gradient(LowPass(min(hz, 0.45 * rate), 2)(theta, rate), 1 / rate) for hz in cutoffs_hz]
+    signs = np.tanh(np.array([speed / width for speed in speeds for width in SIGN_WIDTHS]).T)
+    return record.low_pass(signs, rate)[:: round(rate / record.coarse.rate_hz)]
 
 
 def reflex_columns(columns: Array) -> dict[str, Array]:
@@ -209,9 +261,9 @@ def reflex_test(record: Record, raw: Record, delay_s: float) -> float | None:
     """Probability of what the speed, late by a delay or more, explains of the torque, if it were chance (Wald's test by
     the scores of stretches); None where a record, or the period after which its motion repeats itself, is too short.
 
-    The speed is the even part of a half-wave: no linear dynamics and no friction makes it. Springs, stops and friction
-    that differ between the directions do, but at once: their even columns compete, and what they leave goes along with
-    the speed to come as well as with the past one. It is 1 where past speed explains little more.
+    The speed is the even part of a half-wave: no linear dynamics makes it. Springs and stops that differ between the
+    directions do, and friction of a joint that creeps after stretches, but at once: their columns compete, and what
+    they leave goes along with the speed to come as much as with the past one. It is 1 where that explains little more.
     """
     few, human = raw.coarse, human_of(raw) or HumanJoint()
     groups = stretches_of(few.pieces, few.rate_hz, max(few.seconds / TESTED_BLOCKS, SHORTEST_TESTED_S))
@@ -222,7 +274,8 @@ def reflex_test(record: Record, raw: Record, delay_s: float) -> float | None:
     quick = (record if human_of(raw) else without_will(raw, human)).coarse
     theta, omega = few.motion.theta - few.part(few.motion.theta).mean(), few.motion.omega
     even = np.array([theta**2, np.abs(theta), theta**4, omega**2, np.abs(omega)]).T
-    base = [*columns_of(quick)[0].values(), *without_slow(few, even, human.slow_hz).T]
+    at_once = np.column_stack([even, friction_columns(raw, 80.0, 25.0)])
+    base = [*columns_of(quick)[0].values(), *without_slow(few, at_once, human.slow_hz).T]
     speed = np.abs(omega)[:, None]
     explained, scores, found = list[float](), np.empty(0), np.empty(0)
     for way in (-1, 1):  # the speed to come, then the past one

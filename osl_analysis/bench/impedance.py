@@ -15,7 +15,7 @@ from osl_analysis.bench import effects
 from osl_analysis.bench.analysis import Analysis, analysed, check_stiffer, friction_rows, widened
 from osl_analysis.bench.effects import IMPEDANCE, Causes, Fault
 from osl_analysis.bench.gram import FEWEST_UNITS, GroupFit, Sums, combined, estimates_of, solved
-from osl_analysis.bench.human import reflex_row, with_reflex
+from osl_analysis.bench.human import person_lag_row, reflex_row, with_reflex
 from osl_analysis.bench.phasors import SegmentPhasors, harmonic_shares, phasors_of_record
 from osl_analysis.bench.record import SHORTEST_S, Label, Record
 from osl_analysis.errors import IdentifiabilityError, InputError, nearest
@@ -277,7 +277,8 @@ def impedance_table(rendered: Rendered, p: DrivetrainParameters | None = None) -
         "explained_by": ", ".join(EFFECTS[effect].format(f"{size:.3g}") for effect, size in sure.items()) or None,
     }
     friction, rows = friction_rows(s, analysis), list[Row]()
-    facts |= reflex_row(analysis, rendered.raw)
+    facts |= reflex_row(analysis, rendered.raw) | dict.fromkeys(("lag_shift", "K_without_lag", "B_without_lag"))
+    facts |= {} if device else person_lag_row(analysis, rendered.raw, HIDDEN)
     for label, fit in analysis.fits.items():
         rows.append(
             {
@@ -519,8 +520,11 @@ def left_unchecked(
     """What a row of the table is not checked for, each with its reason; None if it is checked for all."""
     if row.get("reflex_delay_ms") is not None:
         why = "a person's reflex would hide it"
-        no_response = "whether a linear response is one of K, B and I: it contains the reflex"
-        return f"{LATENESS}: {why}; whether the fixture rubs, or has play: {why}; {no_response}"
+        said = f"whether the fixture rubs, or has play: {why}"
+        if row["lag_s"] is None:
+            by = (f"{name} = {row[name]:.3g} by {row[name] - row[f'{name}_without_lag']:+.2g}" for name in "KB")
+            said = f"{LATENESS}: {why} here. Each ms of delay would change {' and '.join(by)}; {said}"
+        return f"{said}; whether a linear response is one of K, B and I: it contains the reflex"
     if desired is None:
         reasons = {"K against the belt's K_s": "" if p else "no parameter file is named"}
     else:

@@ -90,9 +90,9 @@ def suspected_unit(name: str, ratio: float, row: AnyRow) -> str:
 
 
 def turns_far(row: AnyRow) -> bool:
-    """Whether a lag turns the highest frequency by more than `LARGEST_TURN`, and the belt does not show it."""
+    """Whether a lag turns the highest frequency by more than `LARGEST_TURN`, and only Eq. 15 shows it."""
     lag, highest = (cell_number(row, name) or 0.0 for name in ("lag_s", "band_high_hz"))
-    return 2 * math.pi * highest * abs(lag) > LARGEST_TURN and row.get("lag_by") != "theta_m"
+    return 2 * math.pi * highest * abs(lag) > LARGEST_TURN and row.get("lag_by") in (None, "Eq. 15")
 
 
 def number_said(name: str, value: float, row: AnyRow) -> str:
@@ -103,6 +103,8 @@ def number_said(name: str, value: float, row: AnyRow) -> str:
     shares = [f"B by {significant(100 * of_damping)} %"] if of_damping is not None else []
     inertia = "J_j" if "J_j" in row else "I"
     shares += [f"{inertia} by {significant(100 * of_inertia)} %"] if of_inertia is not None else []
+    without = {one: cell_number(row, f"{one}_without_lag") for one in "KB"}  # of a person's joint
+    shares += [f"{one} from {value:.3g} to {row[one]:.3g}" for one, value in without.items() if value is not None]
     if lag is not None and shares:
         makes = " and ".join(shares)
         signal, size = "the angle" if lag < 0 else "the torque", f"{significant(1e3 * abs(lag), 3)} ms"
@@ -284,7 +286,7 @@ def with_size(row: AnyRow) -> str | None:
     """What could not be checked on a row, a torque that comes late with what it would do to the estimates."""
     items = str(row.get("not_checked") or "").split("; ")
     K, B, I = (cell_number(row, name) for name in "KBI")
-    if K is not None and B is not None and I is not None:
+    if K is not None and B is not None and I is not None and row.get("reflex_delay_ms") is None:
         size = size_of_lateness(*map(significant, (1e-3 * K, B, 1e-3 * B, I)))
         items = [f"{item}{size}" if LATENESS in item else item for item in items]
     items += [

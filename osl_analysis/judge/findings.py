@@ -223,7 +223,7 @@ def unchecked_in(tables: Mapping[str, pl.DataFrame]) -> Iterator[dict[str, Any]]
         for what, reasons in found.items():
             why = next(iter(reasons.values()))
             whole = [row for row in table.to_dicts() if doubts.of_whole_trial(row) and row["trial"] in reasons]
-            if doubts.LATENESS in what and whole and {"K", "B", "I"} <= set(table.columns):
+            if doubts.LATENESS in what and "change" not in why and whole and {"K", "B", "I"} <= set(table.columns):
                 numbers = []
                 for scale, symbol in ((1e-3, "K"), (1, "B"), (1e-3, "B"), (1, "I")):
                     values = [scale * row[symbol] for row in whole]

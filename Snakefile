@@ -15,6 +15,7 @@ from pathlib import Path
 from osl_analysis.jobs.run import at_end_of_run, job_server, run_job
 
 gc.set_threshold(50_000)  # what planning makes stays: looking through it at every 700th object took a sixth of it
+os.environ["TMPDIR"] = str(workflow.snakemake_tmp_dir)  # for jobs: what a killed one leaves goes with the run's own
 if not {"-n", "--dry-run", "--dryrun"} & {*sys.argv}:
     job_server()  # its imports take the other core while this one does those below
 
@@ -30,7 +31,8 @@ from osl_analysis.files import check_working_folder, default_config
 from osl_analysis.refusal import is_refused, refusal_report
 from osl_analysis.jobs.request import Requests
 from osl_analysis.judge.claims import CLAIMED
-from osl_analysis.judge.findings import Judge, exclusion_report, findings_report, left_behind_report
+from osl_analysis.judge.campaign import JUDGED_FURTHER, exclusion_report, findings_report
+from osl_analysis.judge.used import Judge, left_behind_report
 from osl_analysis.report import TEMPLATES
 from osl_analysis.study import BENCH_EXPERIMENTS, REPEATED as STUDY_OF_REPEATS, WALKING_EXPERIMENTS, study_batches
 
@@ -52,7 +54,7 @@ except OslAnalysisError as error:
 ABOUT = about(CAMPAIGN, SIMULATION_FILES)
 RESULTS, RAW, PLACES = CONFIG.results, CONFIG.raw_data, CAMPAIGN.places
 JUDGE = Judge(CONFIG.quality, {trial: CAMPAIGN.accepted(trial) for trial in CAMPAIGN.trials()})
-REQUESTS = Requests(RESULTS, CAMPAIGN.data, JUDGE, workflow)
+REQUESTS = Requests(RESULTS, CAMPAIGN.data, JUDGE, workflow, [RAW] if CONFIG.simulation else [])
 
 
 def tabled(name: str) -> Path:
@@ -124,7 +126,7 @@ rule:
         [CONFIG.sheet, *(log for trial in CAMPAIGN.trials() for log in CAMPAIGN.logs(trial))] * bool(CONFIG.simulation),
         result_tables(),
         drawn_files(),
-        [tabled("quality"), tabled("excluded")],
+        [tabled("quality"), tabled("excluded"), tabled("findings")],
         [RESULTS / name for name in ("summary.json", "numbers.tex", "csv-metadata.json", "report.html")],
 
 
@@ -134,7 +136,7 @@ def end_of_run(records) -> str:
     page, verdicts = RESULTS / "report.html", JUDGE.verdicts(checked(CAMPAIGN.trials()))
     said = [
         f"open {page} in a browser: every number, figure and trial" if page.is_file() and not is_refused(page) else "",
-        findings_report(verdicts, result_tables()),
+        findings_report(tabled("findings"), result_tables(), verdicts),
         exclusion_report(verdicts, CAMPAIGN.excluded),
         left_behind_report((RESULTS / "trials").glob("*.parquet"), {*CAMPAIGN.trials(), *CAMPAIGN.excluded}),
         refusal_report(records, recordings, ACCEPT),

@@ -26,8 +26,9 @@ from osl_analysis.commands.simulate import simulate_trial
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
 from osl_analysis.errors import OslAnalysisError
 from osl_analysis.jobs.job import call
-from osl_analysis.judge.doubts import marked
-from osl_analysis.judge.findings import Judge
+from osl_analysis.judge.judging import judged as judged_rows
+from osl_analysis.judge.judging import marked
+from osl_analysis.judge.used import Judge
 from osl_analysis.model.parameters import read_parameters
 from osl_analysis.refusal import is_refused, read_refusals
 from osl_analysis.table import read_table
@@ -393,7 +394,8 @@ def analysed(row: Mapping[str, Any], config: Config, sources: Path, folder: Path
     fitted = {"input": inputs, "output": {"tables": tables}, "settings": parts | condition}
     call({"command": facts.fit.job, **fitted, **plain})
     name = facts.tables[0].name
-    return marked(read_table(tables[name]), config.doubtful.of(name), name), failed
+    table = read_table(tables[name])
+    return marked(table, judged_rows(table, config.doubtful.of(name), name)), failed
 
 
 def truth(experiment: str, config: Config) -> dict[str, float]:

@@ -33,7 +33,7 @@ def table():
     head += ["held out, %", "late, ms", "K, B without it", "doubtful"]
     print(f"| {' | '.join(head)} |\n{'|---' * len(head)}|")
     tables = [campaign / "tables" for campaign in CAMPAIGNS]
-    fits = [pl.read_csv(tables[0] / "impedance.csv"), pl.read_csv(tables[1] / "impedance.csv")]
+    fits = [pl.read_csv(tables[0] / "human_joint.csv"), pl.read_csv(tables[1] / "human_joint.csv")]
     fits[1] = fits[1].with_columns(trial=pl.col("trial") + ", K over its slow angle")
     for row in pl.concat(fits, how="diagonal_relaxed").iter_rows(named=True):
         cells = [f"{row[k]:.{d}f} ± {row[f'{k}_high'] - row[k]:.{d}f}" for k, d in (("K", 0), ("B", 2), ("I", 4))]
@@ -73,12 +73,12 @@ def bands(seed):
     with tempfile.TemporaryDirectory() as folder:
         config = Path(folder, "person.yaml")
         config.write_text(PERSON.replace("true", "{over: theta_slow}"))
-        settings, _ = fit_settings("impedance", config)
+        settings, _ = fit_settings("human_joint", config)
         for _ in range(20):
             low, rise, middle, width = rng.uniform([0.1, 0.2, -10, 3], [0.6, 1.2, 8, 8])
             factor = lambda deg: low + rise / (1 + np.exp((middle - deg) / width))  # noqa: B023, E731 - used at once
             true, _, trial = known_joint(rng, theta, factor(np.rad2deg(slow)), theta_slow=slow)
-            found = fit_tables("impedance", trial, None, settings)["impedance_over"]
+            found = fit_tables("human_joint", trial, None, settings)["impedance_over"]
             K = true["K"] * factor(found["at"].to_numpy())
             held.append((found["K_low"].to_numpy() < K) & (found["K_high"].to_numpy() > K))
             wide.append((found["K_high"] - found["K"]).to_numpy() / K)

@@ -31,7 +31,7 @@ from osl_analysis.campaign.configuration import read_section
 from osl_analysis.commands.simulate import row_of_trial, simulate_trial
 from osl_analysis.commands.trials import ingest_trial
 from osl_analysis.files import default_config
-from osl_analysis.judge.recording import check_recording, saturated
+from osl_analysis.ingest.examine import check_recording, saturated
 from osl_analysis.model.compensator import PAPER_WEIGHT
 from osl_analysis.model.parameters import DrivetrainParameters, read_parameters
 from osl_analysis.protocol.stepped_sine import Likeness, find_segments

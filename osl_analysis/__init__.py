@@ -32,12 +32,16 @@ __all__ = [
     "read_recording", "read_summary", "read_table", "read_trial", "simulate_trial", "to_pandas",
 ]  # fmt: skip
 
+HOMES = {**dict.fromkeys(("Trial", "read_trial"), "trial"), **dict.fromkeys(("read_table", "to_pandas"), "table")}
+"""Modules of names that do without the fits."""
+
 
 def __getattr__(name: str) -> Any:
     """A public name, imported when it is first used: the command line imports this package, and begins at once."""
     if name not in __all__:
         raise AttributeError(f"module 'osl_analysis' has no attribute '{name}'")
-    return getattr(import_module(f"osl_analysis.{'errors' if name.endswith('Error') else 'notebook'}"), name)
+    home = "errors" if name.endswith("Error") else HOMES.get(name, "notebook")
+    return getattr(import_module(f"osl_analysis.{home}"), name)
 
 
 def __dir__() -> list[str]:

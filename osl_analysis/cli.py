@@ -20,7 +20,7 @@ from click.core import ParameterSource
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import OslAnalysisError, printable, printable_lines
 from osl_analysis.files import check_output, config_here, shipped, write_text
-from osl_analysis.memory import limited_memory
+from osl_analysis.jobs.memory import limited_memory
 
 
 def numbers(value: str) -> list[float]:
@@ -245,6 +245,7 @@ def fit(trial: Path, model: str, config_path: Path, as_json: bool, plot: Path | 
             raise click.UsageError(said)
     device = parameters or command.campaign_parameters(config_path)
     device = None if device == Path("none") else device
+    model = command.experiment_of(model, config_path)
     fitted = command.fit_trial(model, read_trial(trial), device, *command.fit_settings(model, config_path), desired)
     if model == "impedance" and desired is None:
         said = "whether the torque is late or the bench's frame yields, and whether K is what the gains should give"
@@ -257,7 +258,11 @@ def fit(trial: Path, model: str, config_path: Path, as_json: bool, plot: Path | 
         if fitted.series.is_empty():
             raise click.UsageError(f"a fit of {model} has no modelled torque to draw; leave out --plot")
         draw_table("torque", fitted.series, [plot])
-    say(command.rows_json(fitted.table) if as_json else command.estimates_text(fitted.table))
+    say(
+        command.rows_json(fitted.table, fitted.findings)
+        if as_json
+        else command.estimates_text(fitted.table, fitted.findings)
+    )
 
 
 @main.command(epilog="Example: osl-analysis samples ../shared/real_data --output docs/real_samples.md")
@@ -357,8 +362,12 @@ def run_campaign(arguments: tuple[str, ...]) -> None:
     from snakemake.cli import main as snakemake
 
     from osl_analysis.commands.run import snakemake_arguments
+    from osl_analysis.jobs.run import locked_by_killed_run
 
-    snakemake(snakemake_arguments(arguments))
+    given = snakemake_arguments(arguments)
+    if locked_by_killed_run():
+        say("the last run here was killed; its lock is taken over", err=True)
+    snakemake(given)
 
 
 @main.command(cls=click.Command, epilog="Example: osl-analysis doctor --look")
@@ -530,6 +539,14 @@ def export(folder: Path, kind: str, output: Path, trials: str, config_path: Path
 @option("--stiffness-within", type=percent, help="Half width of the interval that is asked for, of K [percent].")
 @option("--damping-within", type=percent, help="The same of B.")
 @option("--inertia-within", type=percent, help="The same of I.")
+@option("--walking", is_flag=True, help="Instead: how many crossings of the walkway, from a pilot's unperturbed ones.")
+@option("--from", "folder", type=FOLDER, default=Path("results"), help="Of --walking: the pilot's results.")
+@option("--crossings", type=numbers, help="Of --walking: numbers of perturbed ones; default: 4 to 40.")
+@option("--turn", type=POSITIVE, default=5.0, help="Of --walking: size of the platform's turn [deg].")
+@option("--ramp", type=POSITIVE, default=80.0, help="Of --walking: its duration [ms].")
+@option("--phase", type=percent, default="40", help="Of --walking: its onset [percent of stance].")
+@option("--both", is_flag=True, help="Of --walking: turns in both directions, of half their difference.")
+@file_option("--plot", help="Of --walking: draw the half-widths to this file (.pdf, .svg or .png).")
 @file_option("--write", "output", help="Write the multisine (the recommended one) to this CSV file.")
 @CONFIG
 @AS_JSON
@@ -537,8 +554,12 @@ def design(config_path: Path, output: Path | None, as_json: bool, **chosen: Any)
     """Say what 95 % intervals of K, B and I to expect from a protocol, and how long to record.
 
     For a stepped sine, an odd random-phase multisine, a chirp or band-limited noise, with the noise of the load cell,
-    the rounding of the encoder, and the distortion of a joint that is not linear.
+    the rounding of the encoder, and the distortion of a joint that is not linear. With --walking for perturbed
+    crossings of the walkway, from the scatter of a pilot's unperturbed ones.
     """
+    if chosen["walking"]:
+        design_walking(config_path, as_json, **chosen)
+        return
     from osl_analysis.campaign.configuration import read_config
     from osl_analysis.commands.design import design_json, design_text, designed, write_command
 
@@ -553,8 +574,34 @@ def design(config_path: Path, output: Path | None, as_json: bool, **chosen: Any)
         raise click.UsageError("--trial is that of an earlier table: give --earlier too")
     if chosen["band"] is not None and len(chosen["band"]) != 2:
         raise click.UsageError("--band has the lowest and the highest frequency, as 0.5,6")
+    if of_walking := sorted(given & {"folder", "crossings", "turn", "ramp", "phase", "both", "plot"}):
+        raise click.UsageError(f"--{of_walking[0].replace('folder', 'from')} is of --walking: give that too")
     made = designed(chosen, read_config(config_path))
     if output is not None:
         write_command(made.recommended[0] if made.recommended else made.plan, made.sensors.rate_hz, output)
         say(f"wrote {output}", err=True)
     say(design_json(made) if as_json else design_text(made))
+
+
+def design_walking(config_path: Path, as_json: bool, **chosen: Any) -> None:
+    import numpy as np
+
+    from osl_analysis.campaign.configuration import read_config
+    from osl_analysis.commands.bench import rows_json
+    from osl_analysis.commands.walking import planned_crossings
+    from osl_analysis.figures.walking import draw_half_widths
+    from osl_analysis.walking.power import PlannedTurn
+
+    config, counts = read_config(config_path), [round(n) for n in chosen["crossings"] or (4, 6, 8, 12, 16, 20, 30, 40)]
+    asked = (chosen["stiffness"] or config.study.K_d, chosen["damping"] or config.study.B_d)
+    joint = (*asked, chosen["inertia"] or config.study.I)
+    turn = PlannedTurn(float(np.deg2rad(chosen["turn"])), 1e-3 * chosen["ramp"], chosen["phase"], joint)
+    table = planned_crossings(chosen["folder"], counts, turn, chosen["both"], config.walking)
+    if chosen["plot"] is not None:
+        draw_half_widths(table).savefig(chosen["plot"])
+        say(f"wrote {chosen['plot']}", err=True)
+    lines = ["n perturbed  unperturbed  K ± [N·m/rad]  B ± [N·m·s/rad]  I ± [kg·m²]"]
+    for row in table.iter_rows(named=True):
+        numbers_of_row = f"{row['K']:>13.3g}  {row['B']:>15.2g}  {row['I']:>11.2g}"
+        lines.append(f"{row['n']:>11}  {row['n_unperturbed']:>11}  {numbers_of_row}  {row['gait']}")
+    say(rows_json(table) if as_json else "\n".join(lines))

@@ -1,5 +1,6 @@
 """Errors that the user can correct. Every message is one line with the cause and the remedy."""
 
+import re
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from difflib import get_close_matches
@@ -36,10 +37,17 @@ def unexpected(fault: BaseException) -> str:
 
 
 class OslAnalysisError(ValueError):
-    """A mistake or a limit that the user can correct. The message is made printable."""
+    """A mistake or a limit that the user can correct. The message is made printable. It is what is wrong, the `reason`,
+    and behind the first semicolon outside brackets what is known, and what to do, the `remedy`; empty without one."""
 
     def __init__(self, message: str) -> None:
         super().__init__(printable(message))
+        self.reason, self.remedy = str(self), ""
+        for found in re.finditer("; ", self.reason):
+            before = self.reason[: found.start()]
+            if all(before.count(left) == before.count(right) for left, right in ("()", "[]")):
+                self.reason, self.remedy = before, self.reason[found.end() :]
+                break
 
 
 @contextmanager
@@ -67,8 +75,8 @@ class MemoryLimitError(WriteError):
 
 
 EXTRAS = {
-    "ezc3d": "simulator", "h5py": "mat73", "mat-io": "matlab", "mujoco": "mujoco", "nptdms": "tdms",
-    "numba": "simulator", "rosbags": "ros", "statsmodels": "compare",
+    "ezc3d": "simulator", "fastexcel": "excel", "h5py": "mat73", "mat-io": "matlab", "mujoco": "mujoco",
+    "nptdms": "tdms", "numba": "simulator", "rosbags": "ros", "statsmodels": "compare",
 }  # fmt: skip
 """The extra of the package that installs a library which most campaigns do not need."""
 

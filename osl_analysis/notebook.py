@@ -21,6 +21,7 @@ from osl_analysis.commands.bench import (
     Fit,
     campaign_parameters,
     estimated,
+    experiment_of,
     fit_settings,
     fit_tables,
     fit_trial,
@@ -31,10 +32,13 @@ from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
 from osl_analysis.errors import InputError, listing, nearest, printable
 from osl_analysis.figures import drawing_of
 from osl_analysis.files import config_here, shipped
+from osl_analysis.ingest.examine import UNITS, Commanded, examine, measured_table
 from osl_analysis.ingest.raw_files import FORMATS, read_source
-from osl_analysis.judge.doubts import marked, reasons_in, with_doubts_of
-from osl_analysis.judge.recording import examine, judged_table, measured_table, validate_rules
-from osl_analysis.judge.table import Commanded, DoubtfulFits, QualityRules
+from osl_analysis.judge.checks import judged_table, validate_rules
+from osl_analysis.judge.finding import Grade
+from osl_analysis.judge.judging import judged, marked, with_inherited
+from osl_analysis.judge.limits import DoubtfulFits, QualityRules
+from osl_analysis.judge.words import sentence_of, words_of
 from osl_analysis.model.compensator import Weight
 from osl_analysis.model.parameters import joint_of
 from osl_analysis.report.headlines import decimals, fixed
@@ -76,8 +80,9 @@ def asked(
     experiment: str, trial: Trial | File, config: File | None, parameters: File | None
 ) -> tuple[str, Trial, Path | None, dict[str, Any], DoubtfulFits]:
     """The arguments of `fit_trial`, from those of the functions below."""
-    device = device_of(parameters, config)
-    return experiment, as_trial(trial), device, *fit_settings(experiment, Path(config or config_here()))
+    device, file = device_of(parameters, config), Path(config or config_here())
+    experiment = experiment_of(experiment, file)
+    return experiment, as_trial(trial), device, *fit_settings(experiment, file)
 
 
 def known(desired: DesiredImpedance | None) -> DesiredImpedance:
@@ -102,11 +107,12 @@ class NotebookFit(Fit):
         quality = f": VAF {row['VAF']:.2f} %" if row.get("VAF") is not None else ""
         head = "<tr><th></th><th>estimate</th><th>95 % interval</th><th>unit</th></tr>"
         shown = [f"<p><b>{self.experiment}</b>, {as_html(self.trial)}{quality}</p><table>{head}{''.join(rows)}</table>"]
-        if doubts := [one.text for one in reasons_in(self.doubtful)]:
+        findings = self.findings[-1] if self.findings else ()
+        if doubts := [sentence_of(words_of(one, row), one.cause) for one in findings if one.grade is Grade.DOUBTS]:
             shown.append(f"<p><b>Doubtful:</b></p><ul>{''.join(f'<li>{as_html(text)}</li>' for text in doubts)}</ul>")
-        if lines := self.not_checked.splitlines():
-            said = "".join(f"<li>{as_html(line.removeprefix('not checked: '))}</li>" for line in lines)
-            shown.append(f"<details><summary>Not checked: {len(lines)}</summary><ul>{said}</ul></details>")
+        if others := self.said(Grade.UNCHECKED, Grade.NOTES):
+            items = "".join(f"<li>{as_html(text)}</li>" for text in others)
+            shown.append(f"<details><summary>Not checked: {len(others)}</summary><ul>{items}</ul></details>")
         if not self.series.is_empty():
             picture = b64encode(plot_torque(self)._repr_png_(100)).decode()
             said = "Measured and fitted torque over time, above the residual"
@@ -217,10 +223,12 @@ def frequency_response(
 
     experiment, read, device, settings, limits = asked("impedance", trial, config, parameters)
     tables, found = fit_tables(experiment, read, device, settings, known(desired), windows), {}
-    for name in ("phasors", "response", "response_models"):
-        own = marked(tables[name], limits.of(name), name)
-        found[name] = with_doubts_of(own, tables["impedance"], limits.of("impedance"), "impedance")
-    if found["phasors"].is_empty():  # the motion is no stepped sine
+    fits = tables[experiment]
+    of_fits = judged(fits, limits.of(experiment), experiment)
+    for name in {table.name for table in EXPERIMENTS[experiment].tables} & {"phasors", "response", "response_models"}:
+        own = judged(tables[name], limits.of(name), name)
+        found[name] = marked(tables[name], with_inherited(name, tables[name], own, fits, of_fits), name)
+    if "phasors" not in found or found["phasors"].is_empty():  # the motion is no stepped sine
         plotted = drawing_of("response").points(found["response"], pl.DataFrame(schema=pooled_schema()))
         return Response(read.name, "response", found["response"], found["response_models"], plotted)
     table = frequency_response_table(found["phasors"])
@@ -268,7 +276,7 @@ def check(trial: Trial | File, experiment: str = "impedance", config: File | Non
         raise InputError(f"no experiment '{experiment}'; it is one of {known}{nearest(experiment, EXPERIMENTS)}")
     read, path = as_trial(trial), Path(config or config_here())
     rules = read_section(path, "quality", QualityRules)
-    validate_rules(rules)
+    validate_rules(rules, UNITS)
     bench = read_section(path, "dynamometer", DynamometerAnalysis)
     commanded = Commanded(**{name: getattr(bench, name) for name in PROTOCOL})
     return judged_table(measured_table(read.name, examine(read, experiment, commanded)), rules, {})

@@ -17,14 +17,13 @@ def misplaced(reason: str, *place: str) -> PydanticCustomError:
     return PydanticCustomError("misplaced", "{reason}", {"reason": reason, "place": place})
 
 
-def refused(wrong: Callable[[Any], Any], reason: str) -> Any:
-    """A check of settings, which are refused for a reason, whose `{s.field}` are theirs, where they are wrong. A field
-    with whose name the reason begins is to be corrected."""
+def refused(wrong: Callable[[Any], Any], reason: str, field: str = "") -> Any:
+    """A check of settings, which are refused for a reason, whose `{s.field}` are theirs, where they are wrong. `field`
+    is the one to be corrected, if there is one, by its dotted name."""
 
     def check(settings: Any) -> Any:
         if wrong(settings):
-            name = reason.split()[0].strip(",:").split(".")
-            raise misplaced(reason.format(s=settings), *name * (name[0] in type(settings).model_fields))
+            raise misplaced(reason.format(s=settings), *filter(None, field.split(".")))
         return settings
 
     return model_validator(mode="after")(check)

@@ -23,7 +23,8 @@ TEXT_COLUMNS = (
     "excluded", "panel", "curve", "interval_method", "doubtful", "experiment", "model", "terms", "by_VAF", "by_BIC",
     "motion", "group", "gait", "direction", "subject", "session", "side", "speed", "pooled", "series", "group_stated",
     "not_checked", "excitation", "weighting", "desired", "loading", "method", "weights", "trials", "joint", "data",
-    "chosen", "trajectory", "axis_from", "over",
+    "chosen", "trajectory", "axis_from", "over", "missing_components", "table", "grade", "cause", "inherited",
+    "evidence", "side", "says", "size", "remedy", "reaction", "explained_by",
 )  # fmt: skip
 """Columns that are text even where every entry looks like a number (a trial named `01`)."""
 

@@ -1,6 +1,7 @@
 """A trial: the canonical samples of one recording, checked at construction, and its file (Parquet)."""
 
 import json
+import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -203,3 +204,37 @@ def told_as_parquet(path: Path) -> Iterator[None]:
     except (pl.exceptions.PolarsError, OSError) as error:
         reason = str(error).splitlines()[0]
         raise InputError(f"{path}: not a Parquet file ({reason}); ingest the trial again") from error
+
+
+UNIT_FACTORS: dict[str, dict[str, float]] = {
+    "torque": {
+        "between lbf*ft and N*m": 1.3558,
+        "between lbf and N": 4.4482,
+        "between lbf*in and N*m": 8.8507,
+        "between kgf*m and N*m": 9.8067,
+        "between N*m and kgf*cm": 10.1972,
+        "between N*cm and N*m": 100.0,
+        "between N*mm and N*m": 1000.0,
+    },
+    "angle": {
+        "between rpm and rad/s": 9.5493,
+        "between degrees and radians": 57.29577951308232,
+        "between mrad and rad": 1000.0,
+    },
+    "current": {
+        "between q-axis currents of equal power and of equal amplitude": 1.224744871391589,
+        "between peak and RMS current": 1.4142135623730951,
+        "between line and phase": 1.7320508075688772,
+        "between mA and A": 1000.0,
+    },
+}
+"""Between units, and between ways to state a current, that are taken for one another, by the signal that has them."""
+
+
+def known_factor(ratio: float, signals: Sequence[str] = ("torque", "angle"), near: float = 0.08) -> tuple[str, float]:
+    """The factor between two units of some signals that may make a number `ratio` times too large, and its size; ("",
+    1) if none is `near`."""
+    size = max(abs(ratio), 1 / abs(ratio)) if ratio else math.inf
+    factors: dict[str, float] = {name: x for signal in signals for name, x in UNIT_FACTORS[signal].items()}
+    name = min(factors, key=lambda known: abs(math.log(size / factors[known])), default="")
+    return (name, factors[name]) if name and abs(size / factors[name] - 1) < near else ("", 1.0)

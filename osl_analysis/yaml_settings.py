@@ -1,7 +1,9 @@
 """Validated YAML files (YAML 1.2): a wrong field becomes one line that names file, line, field, value and remedy."""
 
+import hashlib
 import re
 from collections.abc import Mapping, Sequence
+from datetime import date
 from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, TypeVar
@@ -15,7 +17,7 @@ from ruamel.yaml.nodes import MappingNode, Node, SequenceNode
 from ruamel.yaml.tokens import ScalarToken
 
 from osl_analysis.errors import InputError, nearest
-from osl_analysis.files import shipped
+from osl_analysis.files import digest, shipped
 
 Positive = Annotated[float, Field(gt=0)]  # A number above zero.
 NotNegative = Annotated[float, Field(ge=0)]  # A number of zero or more.
@@ -143,6 +145,25 @@ def parsed_yaml(text: str) -> tuple[Node | None, Any]:
     return node, yaml.constructor.construct_document(node) if node is not None else None
 
 
+def content_digest(path: Path) -> str | None:
+    """SHA-256 of what a file says: of YAML without comments, and in any order of its keys; of another file, or a YAML
+    file that cannot be read, of its bytes. None without the file."""
+    if path.suffix != ".yaml" or not path.is_file():
+        return digest(path)
+    try:
+        content = parsed_yaml(path.read_text(encoding="utf-8-sig"))[1]
+    except (OSError, ValueError, AttributeError, KeyError, TypeError, RecursionError, YAMLError):
+        return digest(path)
+    return hashlib.sha256(repr(in_order(content)).encode()).hexdigest()
+
+
+def in_order(content: Any) -> Any:
+    """Nested mappings and lists with the keys of each mapping in order."""
+    if isinstance(content, dict):
+        return {key: in_order(content[key]) for key in sorted(content, key=repr)}
+    return [in_order(one) for one in content] if isinstance(content, list) else content
+
+
 def field_line(path: Path, place: Place) -> int | None:
     """Line, counted from 1, of a field or of the innermost field above it in the file; None where there is none."""
     try:
@@ -204,7 +225,7 @@ def explain(error: ValidationError, content: Any, above: Place) -> tuple[str, Pl
     else:
         reason, *others = sorted(dict.fromkeys(map(plain_reason, each)), key=lambda one: ";" in one)  # questions last
         reason = ", or ".join([reason, *(other.removeprefix("write ") for other in others)])
-        shown = "null" if value is None else repr(value)
+        shown = "null" if value is None else str(value) if isinstance(value, date) else repr(value)
         wrong = f" {shown if len(shown) <= 60 else f'{shown[:60]}...'} is not allowed:"
         text = f"{field}:{'' if isinstance(value, dict | list | BaseModel) else wrong} {reason}"
     further = len(problems) - 1
@@ -255,7 +276,11 @@ def plain_reason(problem: Mapping[str, Any]) -> str:
     if kind == "literal_error":
         return text + nearest(str(problem["input"]), re.findall(r"'([^']+)'", text))
     if kind == "string_pattern_mismatch":
-        return f"write text of the form {problem['ctx']['pattern']}"
+        return (
+            "write letters, digits, _ and - alone"
+            if "_-" in problem["ctx"]["pattern"]
+            else ("write letters and digits alone, a letter first, 31 at most")
+        )
     if kind.startswith(("greater_than", "less_than")):
         name = next((str(one) for one in reversed(problem["loc"]) if isinstance(one, str)), "")
         unit = next((f" {unit}" for end, unit in UNITS.items() if name.endswith(end) and text.split()[-1] != "0"), "")

@@ -61,7 +61,11 @@ def plot_numbers(wildcards):
 @step("figure.draw_figure", [f"figures/{{figure}}.{suffix}" for suffix in SUFFIXES])
 def draw_figure(wildcards):
     name, settings = wildcards.figure, {"name": wildcards.figure, "footer": sentence(ABOUT, below_figure=True)}
-    modules, table_csv = ("figures.names", f"figures.{FIGURES[name].module}"), RESULTS / f"figures/{name}.csv"
+    modules, table_csv = (
+        "figures.names",
+        "figures.others",
+        f"figures.{FIGURES[name].module}",
+    ), RESULTS / f"figures/{name}.csv"
     inputs = {"input": {"table_csv": table_csv}, "read": {"fitted": shown_rows(name)}}
     return {"modules": modules, **inputs, "settings": settings}
 
@@ -79,7 +83,12 @@ def captions(_):
 def report_page(_):
     tables = [*result_tables(), *[tabled("walking_responses")] * bool(WALKED)]
     drawn = [RESULTS / f"figures/{name}.svg" for name in drawn_names()]
-    ends = {"verdicts": tabled("quality"), "excluded": tabled("excluded"), "summary": RESULTS / "summary.json"}
+    ends = {
+        "verdicts": tabled("quality"),
+        "excluded": tabled("excluded"),
+        "findings": tabled("findings"),
+        "summary": RESULTS / "summary.json",
+    }
     ends |= {"captions": RESULTS / "figures/captions.md"} if drawn else {}
     shown = {"tables": tables, "figures": drawn, "series": rows("series"), "crossings": crossings(WALKED)}
     shown["trials"] = [trial_file(trial) for trial in CAMPAIGN.trials()]

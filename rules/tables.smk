@@ -12,13 +12,8 @@ COMPONENTS = {trial: [part for part in PARTS if PLACES[trial] in MEASURED_AT[par
 """Of each impedance trial with known gains, the experiments that measured components of its joint and side."""
 PREDICTED = [trial for trial, found in COMPONENTS.items() if len(found) == len(PARTS)]
 MISSING = {trial: [part for part in PARTS if part not in found] for trial, found in COMPONENTS.items() if found}
-ITS_JOINT = {trial: " ".join(filter(None, [PLACES[trial]["side"], PLACES[trial]["joint"]])) for trial in MISSING}
-UNPREDICTED = {
-    trial: f"prediction of the {ITS_JOINT[trial]} by components: the campaign has no {' and no '.join(parts)} trials of it"
-    for trial, parts in MISSING.items()
-    if parts
-}
-"""Why other trials have no prediction; not said where no component was measured."""
+UNPREDICTED = {trial: " and ".join(parts) for trial, parts in MISSING.items() if parts}
+"""Of other trials the components that were not measured; not said where none was."""
 AMPLITUDES = KNOWN_GAINS if len(CONFIG.dynamometer.amplitudes_deg) > 1 else []
 """Trials whose rendered impedance at an amplitude is predicted from the others."""
 TABLES = [(name, table) for name in EXPERIMENTS for table in EXPERIMENTS[name].tables]
@@ -48,7 +43,8 @@ def rows(table: str, trials=None) -> list[Path]:
 
 def behind(table: str) -> list[Path]:
     """What was made when all results behind a table were: the lists of its experiments, or the results themselves."""
-    return fitted(*(name for name, one in TABLES if one.name == table)) or rows(table)
+    lists = fitted(*(name for name, one in TABLES if one.name == table))
+    return [*lists, *(row for row in rows(table) if not lists or row.stem in REPEATS)]
 
 
 def verdicts_on(table: str) -> list[Path]:
@@ -86,38 +82,26 @@ def rows_behind(table: str) -> list[Path]:
     return rows(source) if source in PER_TRIAL else []
 
 
-for kind, section in (("belt", "Belt"), ("transmission", "SteppedSine"), ("impedance", "Impedance")):
-    names = "(?!(belt|transmission)_trials).*" if kind == "impedance" else f"{kind}_trials(_[0-9]+)?"
-    of_kind = {"log": f"model_comparison/{{{kind}}}", "name": f"compare_{kind}_models", kind: names}
+for kind, section in (("belt", "Belt"), ("transmission", "SteppedSine")):
+    of_kind = {"log": f"model_comparison/{{{kind}}}", kind: f"{kind}_trials(_[0-9]+)?"}
 
-    @step(f"bench.compare_{kind}_models", f"fits/model_comparison/{{{kind}}}.csv", **of_kind)
+    @step(
+        f"bench.compare_{kind}_models",
+        f"fits/model_comparison/{{{kind}}}.csv",
+        name=f"compare_{kind}_models",
+        **of_kind,
+    )
     def compare_models(wildcards, kind=kind, section=section):
-        """Trials predict other trials, in the rendered impedance amplitudes predict other amplitudes."""
-        trials = REPEATS.get(wildcards[0], [wildcards[0]])
+        """Trials predict other trials."""
+        trials = REPEATS[wildcards[0]]
         settings = {"settings": CONFIG.dynamometer.part(f"{section}Analysis")}
         settings |= {} if kind == "belt" else {"sign_width": CONFIG.model_comparison.sign_width}
         read = {"trials": [trial_file(trial) for trial in trials], "quality": checked(trials)}
-        if kind == "impedance":
-            read = {"trial": trial_file(trials[0])}
-            settings |= {"weight": setting("gain_weight"), "windows": CAMPAIGN.row(trials[0])["windows"]}
-            settings |= condition(trials[0], ("controller", "K_d", "B_d"))
         files = {} if kind == "transmission" else {"parameters": CAMPAIGN.device(trials[0]) or []}
         return {"input": {"fitted": rows(kind, trials)}, "read": read, "files": files, "settings": settings}
 
 
-@step("bench.predict_trial", "fits/prediction/{predicted}.csv", "prediction/{predicted}")
-def predict_trial(wildcards):
-    """What the components, which are measured alone, predict for a trial."""
-    trial = wildcards.predicted
-    read = {"trial": trial_file(trial), "components": {part: tabled(part) for part in PARTS}}
-    settings = {"settings": CONFIG.dynamometer.part("ImpedanceAnalysis"), "windows": CAMPAIGN.row(trial)["windows"]}
-    settings |= {"weight": setting("gain_weight"), "sign_width": CONFIG.model_comparison.sign_width}
-    settings |= {"place": [*PLACES[trial].values()], **condition(trial, ("controller", "K_d", "B_d"))}
-    parts = {"input": {"fitted": rows("impedance", [trial])}, "needs": [tabled(part) for part in PARTS], "read": read}
-    return {**parts, "files": {"parameters": CAMPAIGN.device(trial)}, "settings": settings}
-
-
-TERMS = [RESULTS / f"fits/prediction/{trial}.csv" for trial in PREDICTED]
+TERMS = [fit_file("impedance", "prediction_terms", trial) for trial in PREDICTED]
 MEASURED = {part: tabled(part) for part in PARTS} if PREDICTED else {}
 PREDICTIONS = {"input": {"table": tabled("impedance"), "terms": TERMS}, "read": {"components": MEASURED}}
 PREDICTIONS |= {"files": {"parameters": CONFIG.parameters or []}, "settings": {"unpredicted": UNPREDICTED}}
@@ -137,8 +121,10 @@ def check_claims(_):
 @step("tables.gather", tabled("{table}"), table="|".join(PER_TRIAL.keys() - {"quality"}))
 def table(wildcards):
     of = wildcards.table
-    judged = next((one.doubts_of for _, one in TABLES if one.name == of), "")
-    settings = {"limits": limits_of(of), "limits_of_fits": limits_of(judged), "places": PLACES}
+    judged = next((one.doubts_of for name, one in TABLES if one.name == of and CAMPAIGN.trials(name)), "")
+    trials = {trial for name in PER_TRIAL[of] for trial in REPEATS.get(name, [name])}
+    settings = {"limits": limits_of(of), "limits_of_fits": limits_of(judged)}
+    settings["places"] = {trial: place for trial, place in PLACES.items() if trial in trials}
     read = {"rows": rows(of), "quality": verdicts_on(of)} | ({"fits": rows(judged)} if judged else {})
     return {"after": behind(of), "read": read, "settings": settings}
 
@@ -151,7 +137,17 @@ step("", tabled("{derived}"), name="derived_table", derived="|".join(DERIVED))(
 @step("tables.pool_responses", {n: tabled(n) for n in ("response_pooled", "response_models_pooled")})
 def pool_responses(_):
     table, settings = "response_lines", {"settings": CONFIG.dynamometer.part("BenchAnalysis")}
-    settings["conditions"] = {trial: CAMPAIGN.row(trial) for trial in PER_TRIAL[table]}
+    stated = (
+        "joint",
+        "side",
+        "subject",
+        "session",
+        "group",
+        "controller",
+        "K_d",
+        "B_d",
+    )  # in which pooled trials agree
+    settings["conditions"] = {trial: {name: CAMPAIGN.row(trial)[name] for name in stated} for trial in PER_TRIAL[table]}
     inputs = {"files": {"parameters": CONFIG.parameters or []}, "after": behind(table)}
     return {**inputs, "read": {"lines": rows(table), "quality": verdicts_on(table)}, "settings": settings}
 
@@ -172,6 +168,13 @@ def excluded_trials(_):
     return {**after, "read": read, "settings": {"by_sheet": dict(CAMPAIGN.excluded), "places": PLACES}}
 
 
+@step("tables.write_findings", tabled("findings"))
+def findings(_):
+    tables = [path for path in result_tables() if path.stem in (*judged_tables(), *JUDGED_FURTHER)]
+    inputs = {"input": {"verdicts": tabled("quality")}, "after": tables, "read": {"tables": by_stem(tables)}}
+    return {**inputs, "settings": {"limits": CONFIG.doubtful.model_dump(mode="json"), "places": PLACES}}
+
+
 @step("tables.write_summary", {"summary_json": "summary.json", "numbers_tex": "numbers.tex"})
 def headline_numbers(_):
     """Those of the desired impedance of Fig. 4 are among them."""
@@ -179,13 +182,13 @@ def headline_numbers(_):
     example = {"K_d": row["K_d"], "B_d": row["B_d"], "chosen": TIME_SERIES["chosen"]} if row else None
     trials = {name: CAMPAIGN.trials(name) for name in EXPERIMENTS if CAMPAIGN.trials(name)}
     settings = {"about": ABOUT, "example": example, "trials": trials, "beside_draft": CAMPAIGN.beside_draft}
-    inputs = {"input": {"excluded": tabled("excluded"), "verdicts": tabled("quality")}}
+    inputs = {"input": {name: tabled(name) for name in ("excluded", "findings")} | {"verdicts": tabled("quality")}}
     tables = {"after": result_tables(), "read": {"table_paths": by_stem(result_tables())}}
     return {**inputs, **tables, "settings": settings}
 
 
 @step("tables.write_table_metadata", "csv-metadata.json", "csv_metadata")
 def describe_tables(_):
-    published = [*result_tables(), tabled("quality"), tabled("excluded"), *drawn_files()]
+    published = [*result_tables(), *map(tabled, ("quality", "excluded", "findings")), *drawn_files()]
     tables = [str(path.relative_to(RESULTS)) for path in published if path.suffix == ".csv"]
     return {"settings": {"about": ABOUT, "tables": tables}}

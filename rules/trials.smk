@@ -32,10 +32,11 @@ if CONFIG.simulation:
 @step("trials.ingest_and_check", {"trial": trial_file("{trial}"), "quality": checked(["{trial}"])[0]}, "ingest/{trial}")
 def ingest(wildcards):
     """A trial's simulated logs are needed, which other jobs write. Real recordings are no inputs: see `recordings`."""
-    trial = wildcards.trial
+    trial, commanded = wildcards.trial, {"amplitudes_deg": [], "frequencies_hz": [], "cycles": 1}
+    if EXPERIMENTS[CAMPAIGN.row(trial)["experiment"]].stepped_sine:
+        commanded = {name: setting("dynamometer")[name] for name in PROTOCOL}
     settings = {"row": CAMPAIGN.recording(trial), "raw_folder": RAW, "sources_folder": CONFIG.sources}
-    settings["needed_columns"] = CAMPAIGN.needed_columns(trial)
-    settings["commanded"] = {name: setting("dynamometer")[name] for name in PROTOCOL}
+    settings |= {"needed_columns": CAMPAIGN.needed_columns(trial), "commanded": commanded}
     logs = {"needs" if CONFIG.simulation else "recordings": CAMPAIGN.logs(trial)}
     return {**logs, "made_of": CAMPAIGN.sources(trial), "settings": settings}
 
@@ -70,6 +71,12 @@ for experiment, facts in EXPERIMENTS.items():
         files = {"parameters": CAMPAIGN.device(trial) or []} if fit.parameters else {}
         tables = {name: file / f"{name}.csv" if file.suffix == ".zip" else file for name, file in places.items()}
         inputs = {"input": {"trial": trial_file(trial)}, "files": files}
+        if trial in KNOWN_GAINS:  # rival models, and what the components that are measured alone predict
+            settings |= {"sign_width": CONFIG.model_comparison.sign_width}
+        if trial in PREDICTED:
+            parts = [tabled(part) for part in PARTS]
+            inputs |= {"after": parts, "read": {"components": by_stem(parts)}}
+            settings["place"] = [*PLACES[trial].values()]
         return {**inputs, "settings": settings, "output": {"tables": tables}}
 
 

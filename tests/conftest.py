@@ -9,10 +9,14 @@ from pathlib import Path
 os.environ.update({f"{one}_THREADS": "1" for one in ("OMP_NUM", "OPENBLAS_NUM", "MKL_NUM", "NUMBA_NUM", "POLARS_MAX")})
 
 import numpy as np
+import polars as pl
 import pytest
 from hypothesis import settings
 from kernels import NUMERICAL
 
+from osl_analysis.judge import judging
+from osl_analysis.judge.finding import Finding
+from osl_analysis.judge.limits import Limits
 from osl_analysis.model.parameters import DrivetrainParameters, read_parameters
 from osl_analysis.signals import LowPass, Motion
 from osl_analysis.trial import Array
@@ -61,3 +65,18 @@ def multisine(*frequencies_hz: float, amplitude: float = 0.1, duration: float = 
 def filtered_noise(rng: np.random.Generator, n: int = 3000, size: float = 0.05) -> Array:
     """White noise of standard deviation `size` at 1000 Hz through the 15 Hz low-pass, shape (n,), without its edges."""
     return LowPass(15)(size * rng.standard_normal(n + 1000), 1000.0)[500:-500]
+
+
+def marked(table: pl.DataFrame, limits: Limits, name: str) -> pl.DataFrame:
+    """A table with the names of the causes of doubt about its rows, and of what could not be checked."""
+    return judging.marked(table, judging.judged(table, limits, name), name)
+
+
+def findings_of(row: dict[str, object], limits: Limits, name: str) -> list[Finding]:
+    """The findings about one row of a table."""
+    return judging.judged(pl.DataFrame([row], infer_schema_length=None), limits, name)[0]
+
+
+def beyond_in(findings: list[Finding]) -> dict[str, str]:
+    """The side of its limit on which each number of evidence is, by column."""
+    return {one.column: one.side for finding in findings for one in finding.evidence}

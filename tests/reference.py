@@ -1,6 +1,6 @@
-"""What the last commit left, right or not, so that nothing changes unnoticed: reference_numbers.csv has the numbers of
-two small campaigns, reference_requests.csv what rules hand to their jobs, and let them wait for, in planned campaigns.
-`python tests/reference.py` writes both anew, and the commit shows what changed."""
+"""What the last commit left, right or not, so that nothing changes unnoticed. reference_numbers.csv has a row for each
+headline, table, figure and text of two small campaigns; reference_requests.csv one for each rule of planned campaigns:
+what its jobs are given and wait for. `python tests/reference.py` writes both anew; the commit shows what changed."""
 
 import json
 import re
@@ -9,6 +9,7 @@ from hashlib import sha256
 from importlib.metadata import version
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from zlib import crc32
 
 import numpy as np
 import polars as pl
@@ -27,61 +28,94 @@ NOT_COMPARED = re.compile(
 """What comes from other packages, or depends on the hash of the configuration, which pictures show letter by letter."""
 UNDETERMINED = re.compile("lag_|noise_share")
 """Columns of what a recording does not determine, where other matrix kernels give other numbers."""
+HEADLINE, SUMS = ("value", "low", "high", "n"), ("size", "mean", "trend")
+NEAR = 2e-6
+"""How far a number may be off, as a part of it, and a sum over columns as it is: other matrix kernels give 4e-8."""
 
 
-def size_and_shape(x: np.ndarray) -> list[float]:
-    """How many numbers, their mean, spread and trend, and the largest."""
-    trend = np.arange(1, (x := x[np.isfinite(x)]).size + 1) @ x / max(x.size * (x.size + 1) / 2, 1)
-    return [x.size, x.mean(), x.std(), trend, np.abs(x).max()] if x.size else [0]
+def as_number(cell) -> float:
+    """A name has a number of its own, a sentence 1: new wording changes nothing, a verdict gained or lost does."""
+    if not isinstance(cell, str):
+        return float(cell)
+    return 1.0 if " " in cell else crc32(cell.encode()) / 2**32
 
 
-def numbers_of(results: Path) -> dict[str, list[float]]:
-    """Those of every column, headline, text and picture of a campaign, by place. Of texts the letters count."""
-    columns: dict[str, list[float]] = {}
+def row_of(columns: dict[str, list]) -> dict[str, float]:
+    """The numbers of a table, each the sum over its columns with weights of 1 to 2 by name: `size` of the decimal
+    logarithm of the largest (a factor, a unit), `mean` and `trend` (sign, order) of the values over the largest."""
+    row = {"columns": len(columns), "cells": sum(map(len, columns.values())), **dict.fromkeys(SUMS, 0.0)}
+    for name, cells in columns.items():
+        x = np.array([as_number(cell) for cell in cells])
+        x = x[np.isfinite(x)]
+        if (largest := np.abs(x).max(initial=0)) > 1e-9:  # else it is rounding
+            weight, rank = 1 + crc32(name.encode()) / 2**32, np.arange(1, x.size + 1)
+            row["size"] += weight * np.log10(largest)
+            row["mean"] += weight * x.mean() / largest
+            row["trend"] += weight * (rank @ x) / rank.sum() / largest
+    return row
+
+
+def numbers_of(results: Path) -> dict[str, dict[str, float]]:
+    """Those of every headline, table, figure and text of a campaign, by place. The trials of an experiment are one."""
+    columns: dict[str, dict[str, list]] = {}
     for path in sorted(path for pattern in TABLES for path in results.glob(pattern)):
-        one = path.suffix == ".csv"  # or one of several trials of an experiment
-        table = pl.read_csv(path, infer_schema_length=None) if one else pl.read_parquet(path)
-        place = path.name if one else re.match("[a-z]+", path.name)[0]
+        is_table = path.suffix == ".csv"
+        table = pl.read_csv(path, infer_schema_length=None) if is_table else pl.read_parquet(path)
+        place = f"{path.parent.name}/{path.name if is_table else re.match('[a-z]+', path.name)[0]}"
         for column in (column.drop_nulls() for column in table if not UNDETERMINED.search(column.name)):
-            letters = [sum(map(str.isalpha, text)) for text in column] if column.dtype == pl.String else column
-            columns.setdefault(f"{path.parent.name}/{place} {column.name}", []).extend(letters)
-    found = {place: size_and_shape(np.array(each, dtype=float)) for place, each in columns.items()}
+            columns.setdefault(place, {}).setdefault(column.name, []).extend(column)
     for path in sorted(path for pattern in TEXTS for path in results.glob(pattern)):
         text = NOT_COMPARED.sub("", path.read_text(encoding="utf-8"))
-        found[str(path.relative_to(results))] = size_and_shape(np.array([*map(float, NUMBER.findall(text))]))
-    for name, headline in json.loads((results / "summary.json").read_text())["numbers"].items():
-        each = {key: value for key, value in headline.items() if isinstance(value, int | float)}
-        found |= {f"summary.json {name} {key}": [0, float(value)] for key, value in each.items()}
-    return found
+        columns[str(path.relative_to(results))] = {"numbers": [*map(float, NUMBER.findall(text))]}
+    headlines = json.loads((results / "summary.json").read_text())["numbers"]
+    values = {
+        name: {key: float(each[key]) for key in HEADLINE if each.get(key) is not None}
+        for name, each in headlines.items()
+    }
+    return values | {place: row_of(each) for place, each in columns.items()}
+
+
+def kept_numbers(campaign: str) -> dict[str, dict[str, float]]:
+    """As the file has them."""
+    rows = pl.read_csv(NUMBERS).filter(campaign=campaign).select("place", "numbers").rows()
+    pairs = {place: re.findall(r"(\w+) (\S+)", numbers) for place, numbers in rows}
+    return {place: {name: float(number) for name, number in each} for place, each in pairs.items()}
 
 
 def changed(campaign: str, results: Path) -> list[str]:
-    """Where the numbers of a campaign are no longer those of the file: by more than 2e-6 of the largest."""
-    table = pl.read_csv(NUMBERS).filter(campaign=campaign)
-    kept = {place: np.array(numbers.split(), dtype=float) for place, numbers in table.select("place", "numbers").rows()}
-    now = {place: np.array(numbers) for place, numbers in numbers_of(results).items()}
-    same = {place for place in kept.keys() & now.keys() if kept[place].shape == now[place].shape}
-    near = {p for p in same if np.all(np.abs(now[p] - kept[p]) <= 2e-6 * np.abs([*kept[p][1:], 0]).max())}
-    return sorted((kept.keys() | now.keys()) - near)
+    """Where the numbers of a campaign are no longer those of the file, and both."""
+    kept, now = kept_numbers(campaign), numbers_of(results)
+    near = {
+        place
+        for place in kept.keys() & now.keys()
+        if kept[place].keys() == now[place].keys()
+        and all(abs(now[place][k] - x) <= NEAR * (1 if k in SUMS else abs(x)) for k, x in kept[place].items())
+    }
+    return sorted(f"{place}: {kept.get(place)} -> {now.get(place)}" for place in (kept.keys() | now.keys()) - near)
 
 
 def requests_of(space, campaign: str) -> set[tuple[str, ...]]:
-    """Campaign, job, and the first digits of the SHA-256 of what it waits for, of what it is given, of its settings."""
+    """Campaign, rule, how many jobs, and the first digits of the SHA-256 of what they wait for, are given, and set."""
     changes, trials = PLANNED[campaign].values()
     (space.folder / "trials.csv").write_text("".join(row for row in SHEET if re.match(trials, row)))
     (space.folder / "raw").mkdir(exist_ok=True)
     space.configure(changes)
-    targets, found = ["reproduce-all", "study"][: 1 + ("study" in changes)], set()
-    planned = space.run("-n", *targets, "--quiet", "host").stdout
+    jobs: dict[str, list[tuple[str, ...]]] = {}
+    planned = space.run("-n", *["reproduce-all", "study"][: 1 + ("study" in changes)], "--quiet", "host").stdout
     for rule, waits in re.findall(r"^rule (\S+):\n    input: (.*)$", planned, re.MULTILINE):
-        request = next((Path(file) for file in waits.split(", ") if file.endswith("job.json")), Path(rule))
-        said = json.loads((space.folder / request).read_text()) if request.suffix else {}
-        settings, _ = said.pop("settings", {}), said.pop("code", "")
-        given = {name: sorted(value) if name in ("made_of", "recorded") else value for name, value in said.items()}
+        request = next((Path(file) for file in waits.split(", ") if file.endswith("job.json")), None)
+        waits = waits.replace(f"{space.folder}/planned/", "results/requests/")
+        given = json.loads(request.read_text()) if request else {}
+        settings, _ = given.pop("settings", {}), given.pop("code", "")
+        given |= {name: sorted(given[name]) for name in ("made_of", "recorded") if name in given}
         parts = (json.dumps(part).replace(version("osl-analysis"), "") for part in (waits, given, settings))
-        found.add((campaign, f"{rule} {request.parent.name}", *(sha256(p.encode()).hexdigest()[:8] for p in parts)))
-    assert found, planned
-    return found
+        jobs.setdefault(rule, []).append(tuple(parts))
+    assert jobs, planned
+    digests = {
+        rule: (sha256("".join(sorted(part)).encode()).hexdigest()[:8] for part in zip(*each, strict=True))
+        for rule, each in jobs.items()
+    }
+    return {(campaign, rule, str(len(jobs[rule])), *digest) for rule, digest in digests.items()}
 
 
 if __name__ == "__main__":
@@ -94,9 +128,10 @@ if __name__ == "__main__":
             space = Workspace(Path(folder), settings)
             assert space.start("reproduce-all").returncode == 0
             every = numbers_of(space.folder / "results")
-        rows += [(campaign, place, " ".join(f"{x:.7g}" for x in numbers)) for place, numbers in every.items()]
+        texts = {place: " ".join(f"{k} {x:.10g}" for k, x in each.items()) for place, each in every.items()}
+        rows += [(campaign, *item) for item in texts.items()]
     for campaign in PLANNED:
         with TemporaryDirectory() as folder:
             jobs += sorted(requests_of(Workspace(Path(folder)), campaign))
     pl.DataFrame(rows, ["campaign", "place", "numbers"], orient="row").write_csv(NUMBERS)
-    pl.DataFrame(jobs, ["campaign", "job", "waits_for", "given", "settings"], orient="row").write_csv(REQUESTS)
+    pl.DataFrame(jobs, ["campaign", "rule", "jobs", "waits_for", "given", "settings"], orient="row").write_csv(REQUESTS)

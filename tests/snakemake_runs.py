@@ -24,20 +24,22 @@ OVERRIDES = {
 
 FORKING = """
 import gc, json, os, sys, time
+from pathlib import Path
 import snakemake.cli, snakemake.api, snakemake.workflow, snakemake.dag
-from osl_analysis.jobs import request, run
+from functools import cache
+from osl_analysis.jobs import code, request, run
 
 run.job_server()
-import osl_analysis.judge.findings, osl_analysis.refusal, osl_analysis.commands.run
+import osl_analysis.judge.campaign, osl_analysis.refusal, osl_analysis.commands.run
 import osl_analysis.commands.simulate, osl_analysis.campaign.campaign, osl_analysis.figures, osl_analysis.study
 from osl_analysis.files import default_config
 from osl_analysis.yaml_settings import read_mapping
 
 snakemake.cli.get_argument_parser()  # imports the plug-ins
 read_mapping(default_config())
+code.parsed = cache(code.parsed)
 for path in request.PACKAGE.rglob("*.py"):
-    for name in request.imported_names(path):
-        request.module_file(name)
+    code.Sources().module(".".join(path.relative_to(request.PACKAGE).with_suffix("").parts).removesuffix(".__init__"))
 gc.freeze()
 
 for line in sys.stdin:
@@ -45,6 +47,7 @@ for line in sys.stdin:
     pid = os.fork()
     if not pid:
         run.STARTED = time.time()
+        run.planned_folder = request.planned_folder = lambda: Path(folder, "planned")
         os.chdir(folder)
         os.dup2(os.open(said, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), 1)
         os.dup2(1, 2)
@@ -55,6 +58,8 @@ for line in sys.stdin:
     print(os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]), flush=True)
 """
 
+
+PLANNED_IN = "planned"  # where a dry run of these tests keeps the requests that differ
 
 SMALL = {
     "experiments": {"K_d": [200, 300], "B_d": [5.0], "belt": 2, "transmission": 2, "actuator": 2, "plate": 3,
@@ -85,6 +90,7 @@ def forking() -> subprocess.Popen[str]:
 def run_snakemake(arguments: list[str], folder: Path) -> subprocess.CompletedProcess[str]:
     """Run Snakemake in a folder; both of its streams are in `stdout`."""
     said, server = folder / "said.txt", forking()
+    shutil.rmtree(folder / PLANNED_IN, ignore_errors=True)
     assert server.stdin is not None
     assert server.stdout is not None
     server.stdin.write(json.dumps([arguments, str(folder), str(said)]) + "\n")

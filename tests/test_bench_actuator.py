@@ -17,6 +17,7 @@ from osl_analysis.bench.settings import ActuatorAnalysis
 from osl_analysis.cli import main
 from osl_analysis.commands.bench import fit_actuator_trial, fit_settings, fit_trial
 from osl_analysis.errors import IdentifiabilityError, InputError
+from osl_analysis.judge.unchecked import unchecked_in
 from osl_analysis.model.parameters import read_parameters
 from osl_analysis.simulator.bench import simulate_bench_trial
 from osl_analysis.simulator.settings import RecorderSettings, SimulationSettings
@@ -172,7 +173,7 @@ def test_current_in_steps_at_standstill_gives_the_torque_per_current_alone_and_c
         row = fit_actuator_trial(trial, DEVICE, ANALYSIS)["actuator"].to_dicts()[0]
         assert row["k_tau_n_m_low"] < 0.648 < row["k_tau_n_m_high"]
         assert [row[name] for name in NAMES[1:]] == [None] * 4
-        assert "f_C, f_G, B_m and J_m: the actuator stands" in row["not_checked"]
+        assert "f_C, f_G, B_m and J_m" in [one.cause for one in unchecked_in("actuator", row)]
     with pytest.raises(InputError, match=r"its current has 4 plateaus of 0\.3 s or more, 8 are needed"):
         actuator_trial(staircase(1, levels=(0, 5, 10, 0)), ANALYSIS)
 

@@ -1,6 +1,5 @@
 """Impedance from motions that are no stepped sine, against joints whose torque is a formula."""
 
-import re
 from itertools import product
 
 import numpy as np
@@ -8,12 +7,12 @@ import polars as pl
 import pytest
 from any_motion import LEAD, RATE, TRUE, chirp, made_trial, multisine, noise
 from bench_synthetic import second_order, stepped_sine, table_of
-from conftest import ROOT
+from conftest import ROOT, beyond_in, findings_of, marked
 from scipy.signal import butter, cont2discrete, lfilter, lsim, sosfilt, sosfiltfilt
 
 from osl_analysis.bench.analysis import analysed, timebase_table
 from osl_analysis.bench.effects import IMPEDANCE, causes, lag_of, plain_sums, stiffness_change, sums_of, with_effects
-from osl_analysis.bench.human import over_table
+from osl_analysis.bench.human_joint import fit_person, human_joint_table, over_table
 from osl_analysis.bench.impedance import (
     DesiredImpedance,
     angle_noise_bias,
@@ -26,21 +25,31 @@ from osl_analysis.bench.record import record_of_trial, stated_windows
 from osl_analysis.bench.response_tables import response_tables
 from osl_analysis.bench.settings import BenchStiffness, DynamometerAnalysis, HumanJoint, TimeBase
 from osl_analysis.campaign.configuration import read_section
-from osl_analysis.commands.bench import compare_impedance_models
+from osl_analysis.commands.bench import fit_impedance_trial
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import IdentifiabilityError, InputError
-from osl_analysis.judge.doubts import marked
-from osl_analysis.judge.recording import check_recording, measure_protocol, samples_at_rail, saturated
-from osl_analysis.judge.table import Commanded, Doubt, DoubtfulFits, Examined
+from osl_analysis.ingest.examine import (
+    Commanded,
+    Examined,
+    check_recording,
+    measure_protocol,
+    samples_at_rail,
+    saturated,
+)
+from osl_analysis.judge.limits import DoubtfulFits, Limits
+from osl_analysis.judge.unchecked import LATENESS, unchecked_in
+from osl_analysis.judge.words import finding_said
 from osl_analysis.model.compensator import PAPER_WEIGHT
 from osl_analysis.model.drivetrain import joint_admittance
 from osl_analysis.model.parameters import read_parameters
 from osl_analysis.spectral.periods import periodic_motion
-from osl_analysis.trial import Trial, write_trial
+from osl_analysis.trial import Trial
 
 CONFIG = ROOT / "config/config.yaml"
 SETTINGS = read_section(CONFIG, "dynamometer", DynamometerAnalysis)
-LIMITS = read_section(CONFIG, "doubtful", DoubtfulFits).of("impedance")
+LIMITS, LIMITS_OF_PERSON = (
+    read_section(CONFIG, "doubtful", DoubtfulFits).of(name) for name in ("impedance", "human_joint")
+)
 MOTIONS = {"multisine": multisine, "noise": noise, "chirp": chirp}
 LIGHT = {"torque_noise": 0.002, "bits": 24, "K": 1.0, "B": 0.5, "I": 0.05}
 
@@ -54,6 +63,13 @@ def moving_record(trial, windows=None, **settings):
 def row_of(trial, windows=None, **settings):
     record = moving_record(trial, windows, **{"excitation": "auto", **settings})
     return impedance_table(rendered_impedance(record)).to_dicts()[0]
+
+
+def person(trial, human=None, **settings):
+    """The fit of a person's joint, and its judged row."""
+    fit = fit_person(trial, SETTINGS.model_copy(update={"human": human, **settings}))
+    table = human_joint_table(fit).with_columns(saturated(trial))
+    return fit, marked(table, LIMITS_OF_PERSON, "human_joint").row(0, named=True)
 
 
 def fit_of(record):
@@ -107,7 +123,7 @@ def test_any_motion_gives_the_impedance_that_made_the_torque_wherever_the_zero_o
     assert 5 < row["band_high_hz"] < 6.6
 
 
-def test_windows_are_fitted_and_nothing_else(tmp_path):
+def test_windows_are_fitted_and_nothing_else():
     motion = noise(rng := np.random.default_rng(1), duration=40.0)
     disturbed = np.where((motion[0] > 15) & (motion[0] < 25), 30 * np.sin(9 * motion[0]), 0.0)
     trial = made_trial(rng, motion, more=disturbed)
@@ -119,11 +135,12 @@ def test_windows_are_fitted_and_nothing_else(tmp_path):
     own = SETTINGS.model_copy(update={"excitation": "any", "windows": "25.5-40"})
     seconds = [record_of_trial(trial, own, stated).seconds for stated in (None, "2-14.5")]
     assert seconds == pytest.approx([14.5 - 4 / 15, 12.5 - 4 / 15], abs=0.02)
-    write_trial(trial, tmp_path / "windows.parquet")
-    files = tmp_path / "windows.parquet", ROOT / "config/parameters/default.yaml"
-    asked = DesiredImpedance("compensated", 300, 5)
-    compare_impedance_models(*files, asked, PAPER_WEIGHT, SETTINGS, 0.05, tmp_path / "scores.csv", "2-14.5 25.5-40")
-    assert pl.read_csv(tmp_path / "scores.csv").filter(model="M1")["VAF"].item() > 99.9
+    device, asked = ROOT / "config/parameters/default.yaml", DesiredImpedance("compensated", 300, 5)
+    windows, lacking = "2-14.5 25.5-40", {"components": {}, "place": ("ankle", None)}
+    fitted = fit_impedance_trial(trial, device, asked, PAPER_WEIGHT, SETTINGS, windows, 0.05, **lacking)
+    assert fitted["model_comparison"].filter(model="M1")["VAF"].item() > 99.9
+    assert "no actuator and no belt" in fitted["prediction_terms"]["not_made"].item()  # and the fit is there
+    assert fitted["impedance"]["fitted_s"].item() == pytest.approx(sum(seconds[1:]) + 14.5 - 4 / 15, abs=0.05)
     both, longest = (response_tables(moving_record(trial, x), None)["response"] for x in ("2-9 26-40", "26-40"))
     assert both["frequency_hz"].to_list() == longest["frequency_hz"].to_list() != []
 
@@ -277,10 +294,11 @@ def test_binary_steps_give_k_and_a_doubt_about_b_and_i_unless_a_low_pass_comes_b
     assert told["alias_share"] < seen["alias_share"] < 0.3 * plain["alias_share"]
     share = ((1 + 5**4) / (1 + (10 / 3) ** 4)) ** 0.5  # of what passes at 1 kHz
     assert more["alias_share"] == pytest.approx(share * told["alias_share"], rel=1e-6)
-    limit = Doubt(above={"alias_share": LIMITS.above["alias_share"]})
-    words = marked(pl.DataFrame([plain, told]), limit, "impedance")["doubtful"].to_list()
-    assert ["acceleration that jumps: the acceleration jumps between two samples" in one for one in words] == [1, 0]
-    assert "`low_pass` in the source file" in words[0]
+    limit = Limits(above={"alias_share": LIMITS.above["alias_share"]})
+    assert marked(pl.DataFrame([plain, told]), limit, "phasors")["doubtful"].to_list() == [
+        "acceleration that jumps",
+        "",
+    ]
 
 
 def test_a_multisine_that_stops_in_the_middle_of_a_period_tells_its_lag_by_whole_periods():
@@ -312,11 +330,15 @@ def test_human_ankles_give_a_stiffness_and_what_their_reflexes_leave_of_it():
             theta, torque = records[name].astype(float).T
             samples = {"time": np.arange(len(theta)) / 1e3, "theta": theta, "torque": -torque}
             trial = Trial(name, pl.DataFrame(samples))
-            alone, row = row_of(trial), row_of(trial, cutoff_hz=40.0, human=HumanJoint())
+            alone, (_, row) = row_of(trial), person(trial, cutoff_hz=40.0)
             found[name] = row["K_low"] < row["K"] < row["K_high"] and 20 < row["K"] < 200
             found[name] &= name == "pilot" or (alone["reflex_p"] < 1e-9 and row["VAF_held_out"] > 87)
             found[name] &= row["reflex_delay_ms"] in HumanJoint().delays_ms and 0.5 < row["reflex_share"] < 60
     assert all(found.values()), found
+
+
+def causes_not_checked(table):
+    return [finding.cause for finding in unchecked_in("impedance", table.row(-1, named=True))]
 
 
 def reflexive(rng, gain, noise_nm=0.15, rate=500.0, delay=0.045, band=(0.3, 8.0), **impedance):
@@ -330,34 +352,40 @@ def reflexive(rng, gain, noise_nm=0.15, rate=500.0, delay=0.045, band=(0.3, 8.0)
     return made_trial(rng, (time, motion), more=more, **{"K": 90.0, "B": 1.0, "I": 0.016} | impedance)
 
 
+def test_a_limit_on_a_reflex_that_sound_random_motion_passes_gives_a_finding_with_words():
+    """There is no K with a reflex to be said."""
+    row = row_of(made_trial(rng := np.random.default_rng(0), noise(rng)))
+    assert (row["reflex_p"], row["K_with_reflex"]) == (1.0, None)
+    (finding,) = findings_of(row, Limits(above={"reflex_p": 0.7}), "phasors")
+    assert (finding.cause, beyond_in([finding]), finding.evidence[0].limit) == ("reflex", {"reflex_p": "above"}, 0.7)
+    assert finding_said(finding, row)
+
+
 def test_a_reflex_is_a_doubt_of_a_device_and_columns_of_a_person():
     """Eq. 15 alone takes the reflex for stiffness; what it says of K with the reflex is what a person's fit finds."""
     z = []
     for seed in range(4):
         trial, true = reflexive(np.random.default_rng(seed), 6.0), {"K": 90.0, "B": 1.0, "I": 0.016}
-        records = moving_record(trial, human=HumanJoint()), moving_record(trial, human=None)
-        tables = (judged_impedance(record, saturated(trial), None, None)[1] for record in records)
-        row, alone = (marked(table, LIMITS, "impedance").row(0, named=True) for table in tables)
+        (fit, row), (_, table) = person(trial), judged_impedance(moving_record(trial), saturated(trial), None, None)
+        alone = marked(table, LIMITS, "impedance").row(0, named=True)
         z += [(row[name] - value) / row[f"{name}_se"] for name, value in true.items()]
         assert row["K"] == pytest.approx(90, rel=0.06)
         assert abs(alone["K"] - 90) > 2 * abs(row["K"] - 90) + 3
         assert alone["K_with_reflex"] == pytest.approx(row["K"], rel=1e-9)
         assert row["reflex_p"] > 3e-4 > alone["reflex_p"]
-        words = rf"reflex: .*K would be {row['K']:.3g} N\*m/rad .*State `human: true`"
-        assert re.search(words, alone["doubtful"].replace("[", ""))
-        assert "model that does not fit" not in alone["doubtful"]
-        assert row["doubtful"] == ""
-        assert row["lag_s"] is row["coulomb_share"] is row["K_drift"] is None
+        causes = alone["doubtful"].split("; ")
+        assert ("reflex" in causes, "model that does not fit" in causes, row["doubtful"]) == (True, False, "")
+        assert row["lag_s"] is None
         tried = [row[f"reflex_delay_{end}ms"] for end in ("low_", "", "high_")]
         assert tried == sorted(tried)
         assert 45 - 15 <= tried[0] <= 45 <= tried[-1] + 15 < 70
         assert 0 <= row["K_over_delays"] < row["K_high"] - row["K"]
-        assert (row["untold_share"], alone["untold_share"]) == (pytest.approx(0.25, abs=0.2), None)
-    late = row_of(reflexive(np.random.default_rng(3), 6.0, late=1e-3), human=HumanJoint())
-    said = re.search(r"torque is late: .*would change K = .* by (\S+) and B = .* by (\S+); ", row["not_checked"])
-    assert float(said[1]) == pytest.approx(late["K"] - row["K"], abs=0.3)
-    assert float(said[2]) == pytest.approx(late["B"] - row["B"], abs=0.04)
-    tables = response_tables(records[0], None)
+        assert row["untold_share"] == pytest.approx(0.25, abs=0.2)
+    _, late = person(reflexive(np.random.default_rng(3), 6.0, late=1e-3))
+    assert LATENESS in row["not_checked"].split("; ")
+    assert row["K"] - row["K_without_lag"] == pytest.approx(late["K"] - row["K"], abs=0.3)
+    assert row["B"] - row["B_without_lag"] == pytest.approx(late["B"] - row["B"], abs=0.04)
+    tables = response_tables(fit.person.raw, None, reflexive=True)
     assert tables["response"]["magnitude_eq15"].is_null().all()
     assert tables["response"]["magnitude"].is_between(20, 400).all()
     assert "reflex" in tables["response_models"]["excluded"][0]
@@ -371,17 +399,14 @@ def test_a_late_torque_of_a_person_is_told_from_the_reflex_and_doubted_with_k_an
     past = np.maximum(np.roll(motion[1][1], 22), 0)
     more = 3 * sosfilt(butter(2, 3, fs=500.0, output="sos"), past) + 0.2 * np.tanh(motion[1][1] / 0.02)
     trial = made_trial(rng, motion, late=late, more=more, K=90.0, B=1.0, I=0.016)
-    record = moving_record(trial, human=HumanJoint(), cutoff_hz=40.0)
-    _, table = judged_impedance(record, saturated(trial), None, None)
-    row = marked(table, LIMITS, "impedance").row(0, named=True)
+    _, row = person(trial, cutoff_hz=40.0)
     assert row["lag_s"] == pytest.approx(late, abs=2.5e-4)
-    assert "whether the torque is late" not in row["not_checked"]
+    assert LATENESS not in row["not_checked"].split("; ")
     if not late:
         assert (row["doubtful"], row["lag_shift"], row["K_without_lag"]) == ("", 0.0, None)
         return
     assert row["lag_shift"] > 1
-    said = rf"late torque: .* late by {1e3 * row['lag_s']:.3g} ms, which moves K from {row['K_without_lag']:.3g} to "
-    assert re.match(said, row["doubtful"]), row["doubtful"]
+    assert row["doubtful"].split("; ")[0] == "late torque"
     assert row["K_without_lag"] == pytest.approx(90, rel=0.1)
     assert row["B"] - 0.03 > row["B_without_lag"] == pytest.approx(1.1, abs=0.05)
 
@@ -397,10 +422,9 @@ def test_a_persons_own_torque_is_no_doubt_and_a_clipped_torque_and_a_slow_motion
     trial = reflexive(rng, 4.0, 1.5, band=band)
     torque = np.clip(trial.samples["torque"].to_numpy(), -clip, clip) + 0.02 * rng.standard_normal(len(trial.samples))
     trial = Trial("made", trial.samples.with_columns(torque=torque))
-    _, table = judged_impedance(moving_record(trial, human=HumanJoint()), saturated(trial), None, None)
-    row = marked(table, LIMITS, "impedance").row(0, named=True)
+    _, row = person(trial)
     assert row["VAF"] < 80
-    assert row["doubtful"].partition(":")[0] == doubt
+    assert row["doubtful"].partition(";")[0] == doubt
 
 
 def test_a_stepped_sine_of_a_persons_joint_is_refused_by_this_name():
@@ -408,7 +432,7 @@ def test_a_stepped_sine_of_a_persons_joint_is_refused_by_this_name():
     theta = 0.04 * np.sin(2 * np.pi * np.cumsum(1 + time // 10) / 200)
     trial = Trial("made", pl.DataFrame({"time": time, "theta": theta, "torque": 90 * theta}))
     with pytest.raises(InputError, match=r"theta is a stepped sine.* leave out `human`"):
-        moving_record(trial, human=HumanJoint())
+        person(trial)
 
 
 @pytest.mark.parametrize("turns", [0.0, 0.9])
@@ -418,9 +442,8 @@ def test_a_reflex_whose_gain_changes_with_the_angle_is_a_doubt_with_k_of_it(turn
     late = np.concatenate([np.zeros(11), np.maximum(motion[1], 0)])[: len(time)]  # 44 ms
     reflex = 6 * (1 + turns * motion[0] / motion[0].std() / 2) * lfilter(*butter(2, 4 / (RATE / 2)), late)
     trial = made_trial(rng, (time, motion), more=reflex, K=90.0, B=1.0, I=0.016)
-    _, table = judged_impedance(moving_record(trial, human=HumanJoint(), cutoff_hz=40.0), saturated(trial), None, None)
-    row = marked(table, LIMITS, "impedance").row(0, named=True)
-    found = row["reflex_gain_p"] < 3e-4, row["K_with_gain"], "changes with the angle: " in row["doubtful"]
+    _, row = person(trial, cutoff_hz=40.0)
+    found = row["reflex_gain_p"] < 3e-4, row["K_with_gain"], "reflex that changes with the angle" in row["doubtful"]
     assert found == ((True, pytest.approx(90, rel=0.02), True) if turns else (False, None, False))
 
 
@@ -431,8 +454,8 @@ def test_stiffness_that_a_logged_signal_schedules_is_found_over_it():
     tilt = np.sin(2 * np.pi * 0.07 * motion[0])
     trial = made_trial(rng, motion, more=50 * tilt * motion[1][0], K=90.0, B=1.0, I=0.016)
     trial = Trial("made", trial.samples.with_columns(signal_tilt=tilt))
-    person = HumanJoint(over="signal_tilt")
-    table = over_table(rendered_impedance(moving_record(trial, human=person)).analysis)
+    tilted = HumanJoint(over="signal_tilt")
+    table = over_table(person(trial, tilted)[0])
     assert np.diff(table["at"].to_numpy()) == pytest.approx(np.ptp(table["at"].to_numpy()) / 18)
     assert table["share"].to_numpy()[[0, -1]] == pytest.approx([0.05, 0.95], abs=1e-3)
     z = (table["K"] - 90 - 50 * table["at"]) / table["K_se"]
@@ -440,16 +463,16 @@ def test_stiffness_that_a_logged_signal_schedules_is_found_over_it():
     assert np.sqrt(np.mean(np.square(z.to_numpy()))) < 2.2
     assert (table["K_high"] - table["K_low"]).max() < 4
     assert ((table["B_low"] < 1) & (table["B_high"] > 1)).mean() > 0.7
-    by_time = rendered_impedance(moving_record(trial, human=HumanJoint(over="time"))).analysis
-    assert by_time.shared(None)["VAF_held_out"] == pytest.approx(by_time.whole.vaf, abs=10)  # nothing is extrapolated
+    by_time, row = person(trial, HumanJoint(over="time"))
+    assert row["VAF_held_out"] == pytest.approx(row["VAF"], abs=10)  # nothing is extrapolated
     assert over_table(by_time)["at"].is_between(2, 46).all()
-    assert over_table(rendered_impedance(moving_record(trial, human=HumanJoint())).analysis).is_empty()
+    assert over_table(person(trial)[0]).is_empty()
     with pytest.raises(InputError, match="tillt"):
-        moving_record(trial, human=HumanJoint(over="signal_tillt"))
+        person(trial, HumanJoint(over="signal_tillt"))
     late = np.concatenate([np.zeros(12), np.maximum(motion[1][1], 0)])[: len(tilt)]  # 48 ms
     reflex = 5 * (1 + 0.8 * tilt) * lfilter(*butter(2, 4 / (RATE / 2)), late)
     trial = Trial("made", trial.samples.with_columns(pl.col("torque") + reflex))
-    also = over_table(rendered_impedance(moving_record(trial, human=person, cutoff_hz=40.0)).analysis)
+    also = over_table(person(trial, tilted, cutoff_hz=40.0)[0])
     assert also["K"].to_numpy() == pytest.approx(90 + 50 * also["at"].to_numpy(), rel=0.02)
 
 
@@ -525,7 +548,7 @@ def test_clocks_of_two_devices_do_not_drift_or_are_said_to_be_unchecked_where_th
     assert abs(row["lag_s"] - 1e-3) < 4 * row["lag_se_s"]
     table = judged_impedance(moving_record(hidden), saturated(hidden), None, None)[1]
     assert table["clock_drift_ppm"][0] is None
-    assert "whether the clocks of angle and torque drift apart" in table["not_checked"][0]
+    assert "whether the clocks of angle and torque drift apart" in causes_not_checked(table)
 
 
 def test_repeats_of_one_motion_are_averaged_and_other_motions_kept_apart():
@@ -648,7 +671,7 @@ def changing(motion, share):
 
 def doubts_of(row):
     limits = LIMITS.model_copy(update={"above": {k: v for k, v in LIMITS.above.items() if k in row}, "below": {}})
-    return marked(pl.DataFrame([row]), limits, "impedance")["doubtful"][0]
+    return [one.cause for one in findings_of(row, limits, "phasors")]
 
 
 @pytest.mark.parametrize("name", MOTIONS)
@@ -660,7 +683,7 @@ def test_a_change_of_the_stiffness_has_its_size_in_any_motion_and_is_doubtful(na
     row = row_of(trial, excitation="any")
     assert row["K_drift"] == pytest.approx(share * row["fitted_s"] / 30.0 / (1 + share / 2), abs=0.004)
     assert abs(row["K_drift"]) < abs(share)
-    assert "K_drift" in doubts_of(row)
+    assert "stiffness that changes" in doubts_of(row)
 
 
 def test_sound_joints_show_no_change_and_the_smaller_of_two_lags_that_explain_the_torque():
@@ -688,13 +711,14 @@ def test_beside_friction_a_change_is_told_and_where_nothing_explains_the_rest_it
         motion = made(rng := np.random.default_rng(3))
         more = 0.5 * np.tanh(motion[1][1] / 0.02) if explained else np.sin(300 * motion[1][0])
         trial = made_trial(rng, motion, more=more + changing(motion, -0.04))
-        row = judged_impedance(moving_record(trial), saturated(trial), None, None)[1].row(0, named=True)
-        assert ("whether K changes while it is recorded" in row["not_checked"]) == (not explained)
+        table = judged_impedance(moving_record(trial), saturated(trial), None, None)[1]
+        row, causes = table.row(0, named=True), causes_not_checked(table)
+        assert ("whether K changes while it is recorded" in causes) == (not explained)
         if explained:
             assert row["K_drift"] == pytest.approx(-0.04, abs=0.015)
         else:
             assert row["K_drift"] is row["drift_inertia_share"] is None
-            assert "no parameter file" in row["not_checked"]
+            assert "K against the belt's K_s" in causes
 
 
 def test_a_stiffness_that_grows_with_the_frequency_is_no_change_in_a_sweep():
@@ -730,8 +754,10 @@ def test_a_torque_clipped_by_an_amplifier_before_the_noise_is_doubtful_and_frict
     trial = Trial("made", trial.samples.with_columns(torque=noisy))
     assert samples_at_rail(trial, "torque") < 5
     lowest = LIMITS.below["torque_at_peaks"]
-    table, limits = pl.DataFrame([row_of(trial, excitation="any")]), Doubt(below={"torque_at_peaks": lowest})
-    assert marked(table, limits, "impedance")["doubtful"][0].startswith("clipped signal: ")
+    row = row_of(trial, excitation="any")
+    assert [one.cause for one in findings_of(row, Limits(below={"torque_at_peaks": lowest}), "phasors")] == [
+        "clipped signal"
+    ]
     motion = MOTIONS[name](rng)
     rubbing = made_trial(rng, motion, more=0.5 * np.tanh(motion[1][1] / 0.01))
     assert row_of(rubbing, excitation="any")["torque_at_peaks"] > lowest + 0.15

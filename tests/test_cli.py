@@ -20,7 +20,6 @@ import yaml
 from click.testing import CliRunner
 from conftest import ROOT
 
-from osl_analysis import memory
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.cli import main
 from osl_analysis.commands import gains as gains_command
@@ -30,7 +29,8 @@ from osl_analysis.commands import tables as tables_command
 from osl_analysis.commands.figure import draw_table
 from osl_analysis.errors import InputError, MemoryLimitError
 from osl_analysis.files import atomic_path
-from osl_analysis.memory import limited_memory
+from osl_analysis.jobs import memory
+from osl_analysis.jobs.memory import limited_memory
 from osl_analysis.table import write_table
 from osl_analysis.trial import Trial, write_trial
 
@@ -353,7 +353,7 @@ def test_what_needs_more_memory_than_a_job_may_have_is_refused_with_file_limit_a
     path = tmp_path / "bomb.mat"
     with h5py.File(path, "w", userblock_size=512) as file:
         for name in "ta":
-            stored = file.create_dataset(name, (1, 10**9), "f8", chunks=(1, 10**5), compression="gzip")
+            stored = file.create_dataset(name, (1, 3 * 10**8), "f8", chunks=(1, 10**5), compression="gzip")
             stored[0, 0] = 1.0
             stored.attrs["MATLAB_class"] = np.bytes_("double")
     with path.open("r+b") as file:

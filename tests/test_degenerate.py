@@ -226,7 +226,7 @@ def single(gait, perturbed):
 def headline(gait, perturbed):
     """A group's rows and doubts."""
     found = response.group_headline(perturbed, unperturbed_gait(gait, 2), CHOICES)
-    return tables.ensemble_rows(found.ensemble, found.resampled), tables.group_facts(found)
+    return tables.ensemble_rows(found.ensemble, found.resampled, dict.fromkeys("KBI", 0.0)), tables.group_facts(found)
 
 
 def selection(gait, perturbed):

@@ -277,7 +277,9 @@ SAID = [
     ("fig8", None, {}, ["first 60 % of the gait cycle", "100 to 340 N·m/rad and 2 to 2.6 N·m·s/rad"], []),
     ("fig9", None, {}, ["31 perturbations. Squares", r"1 of 31 fits (walk\_2)",
      r"$\hat{K}$ is 338 ± 20 N·m/rad, of the mean response 371.8 N·m/rad (95 % interval 368.4 to 378.6)",
-     "(95 % interval 4.687 to 4.816), commanded 4.5;", "Open"], []),
+     "(95 % interval 4.687 to 4.816), commanded 4.5;", "Open"], ["turn the toes"]),
+    ("fig9", None, {"n_down": pl.lit(12), "doubtful": pl.lit("offset")}, ["19 turn the toes up and 12 down: the square",
+     "The fit to the mean response is doubtful, for offset.", "31 of 31 single fits"], []),
     ("walking_page", None, {"mean": SHIFT}, ["7 unperturbed crossings and 5 perturbed",
      "hatched baseline, −100 to −40 ms from the onset, and not at the onset", "Unperturbed ($n$ = 7)",
      "at the onset the mean response is −1.50 deg (SD 0.71) and −1.50 N·m (SD 0.71)"], ["Doubtful fit"]),
@@ -554,7 +556,7 @@ def test_numbers_have_the_digits_that_their_intervals_leave_and_of_many_names_th
     table = pl.DataFrame({"trial": [f"t_{k}" for k in range(12)], "doubtful": ["VAF 80"] * 10 + ["", None]})
     names = ", ".join(rf"t\_{k}" for k in range(6))
     for rows, said in ((table, f"10 of 12 fits ({names} and 4 more)"), (table.head(6), f"6 of 6 fits ({names})")):
-        assert doubtful_said(rows, "open") == f"Doubtful, open: {said}, for VAF."
+        assert doubtful_said(rows, "open") == f"Doubtful, open: {said}, for VAF 80."
 
 
 def test_each_figure_has_a_section_a_missing_one_its_reason_and_the_kind_of_data_stands_there_once(tmp_path):

@@ -83,8 +83,8 @@ def chunk(content: bytes, packing: str = "zstd", crc: bool = True) -> bytes:
     return raw(records.Chunk(packing, PACKINGS[packing](content), 1 << 62, 0, zlib.crc32(content) * crc, len(content)))
 
 
-def index(count: int) -> bytes:
-    return raw(records.MessageIndex(1, [(0, 0)] * count))
+def index(count: int, *places: int) -> bytes:
+    return raw(records.MessageIndex(1, [(0, place) for place in places] or [(0, 0)] * count))
 
 
 def statistics(counts: dict[int, int], chunks: int, total: int = 0) -> bytes:
@@ -102,8 +102,9 @@ def log(*parts: bytes, summary: bytes = b"", shift: int = 0, crc: bool = True) -
 
 
 LAB, TEN, TWENTY = schema() + channel(1, "/lab"), messages(1, range(10)), messages(1, range(10, 20))
-THREE, FIVE = len(TEN) * 3 // 10, len(TEN) // 2
+THREE, FIVE, LAST = len(TEN) * 3 // 10, len(TEN) // 2, len(TEN) * 9 // 10
 PRIVATE = longer(HEAD, 0x85) + longer(HEAD, 0x40)  # and one of a later version
+ENVELOPE = struct.pack("<BQ", 0x85, len(TEN)) + TEN  # a private record that holds messages, which are not of the log
 ALL = statistics({1: 20}, 2)
 FIRST, ANY_PACKING = log(LAB, chunk(TEN), chunk(TWENTY), summary=ALL), pytest.mark.parametrize("packing", PACKINGS)
 
@@ -216,6 +217,7 @@ CUT_OUT = chunk(TWENTY)
 TWO = (LAB + channel(2, "/rare"), chunk(TEN + message(2, 0, cdr(1.0)) + message(2, 15 * MILLISECOND, cdr(2.0))))
 OF_TWO = statistics({1: 20, 2: 2}, 2)
 TURNED = TEN[:FIVE] + b"\x85" + TEN[FIVE + 1 :]  # without a checksum, a message may pass for a private record
+TOO_LONG = TEN[: LAST + 1] + struct.pack("<Q", len(TEN)) + TEN[LAST + 9 :]  # by what its last message declares
 LEGAL = {
     "longer records": log(*map(longer, (schema(), channel(1, "/lab"), chunk(TEN), index(10), chunk(TWENTY, crc=False))),
         summary=longer(ALL)),
@@ -227,11 +229,18 @@ LEGAL = {
         LAB, chunk(TEN), index(10), TWENTY[:FIVE], PRIVATE, TWENTY[FIVE:], summary=statistics({1: 20}, 1)
     ), "no statistics": log(LAB, chunk(TEN), chunk(TWENTY)),
     "an index with more than the checksum covers": log(LAB, chunk(TEN), index(11), chunk(TWENTY)),
+    "an index that is right but for one message": log(
+        LAB, chunk(TEN), index(10, *(k * len(TEN) // 10 for k in (9, 0, 1, 2, 3, 5, 6, 7, 8, 8))), chunk(TWENTY)),
+    "an index that points elsewhere": log(
+        LAB, chunk(ENVELOPE + TEN), index(10, 0, *range(9, 9 + len(TEN), len(TEN) // 10)), chunk(TWENTY),
+        index(10, 1, len(TWENTY) - 8, 10**9, 2**63, 2**64 - 1, 2, 3, 4, 5, len(TWENTY))),
     "no channels": log(LAB, chunk(TEN), chunk(TWENTY), summary=statistics({}, 2, 20)),
 }  # fmt: skip
 LOSSES = {  # complete or not, chunks and messages lost, messages of the topic and those lost of it
     "fewer declared": (log(LAB, chunk(TEN), chunk(TWENTY), summary=statistics({1: 10}, 2)), (False, 0, None, 20, None)),
     "in the index of a chunk": (log(LAB, chunk(TURNED, crc=False), index(10), chunk(TWENTY)), (False, 0, 1, 19, 1)),
+    "beyond the chunk": (log(LAB, chunk(TOO_LONG, crc=False), index(10, *range(0, len(TEN), len(TEN) // 10)),
+        chunk(TWENTY)), (False, 1, 10, 10, 10)),
     "of no channel": (log(LAB, chunk(TEN + message(7, 9, cdr(1.0))), chunk(TWENTY)), (False, 0, 1, 20, 0)),
     "cut out": (log(*TWO, summary=OF_TWO, shift=len(CUT_OUT), crc=False), (False, 1, 10, 10, 10)),
     # the recorder's checksum was computed with the summary where it was

@@ -1,38 +1,44 @@
 """The house: data flow one way, and the simulator shares nothing with what it is used to check."""
 
+import ast
 import re
+import subprocess
+import sys
 import tomllib
 from collections import defaultdict
+from functools import cache
 
 import pytest
 from conftest import ROOT
 
 from osl_analysis.errors import EXTRAS
-from osl_analysis.jobs.request import imported_names
+from osl_analysis.jobs.code import imported
 
 PACKAGE, DOORS = ROOT / "osl_analysis", {"cli", "notebook"}
 GROUND = {path.stem for path in PACKAGE.glob("*.py")} - DOORS - {"__init__"}
 """Modules that every package may import."""
 HOUSE = {
     "formats": set(), "model": set(), "signals": set(), "dictionary": set(), "stats": {"signals"},
-    "config": {"formats", "model"}, "ingest": {"formats", "signals"}, "protocol": {"signals", "stats"},
-    "spectral": {"model", "signals", "stats"}, "walking": {"signals", "stats"}, "simulator": {"config", "model"},
-    "judge": {"config", "dictionary", "model", "protocol", "signals", "stats"},
-    "bench": {"judge", "model", "protocol", "signals", "spectral", "stats"}, "figures": {"dictionary", "judge"},
-    "jobs": {"judge"}, "campaign": {"bench", "config", "formats", "judge", "model", "walking"},
+    "config": {"formats", "model"}, "protocol": {"signals", "stats"}, "spectral": {"model", "signals", "stats"},
+    "ingest": {"config", "formats", "protocol", "signals"}, "walking": {"signals", "stats"},
+    "bench": {"model", "protocol", "signals", "spectral", "stats"}, "simulator": {"config", "model"},
+    "judge": {"config", "dictionary", "model", "stats"}, "figures": {"dictionary", "judge", "stats"},
+    "jobs": {"judge"}, "campaign": {"bench", "config", "formats", "ingest", "judge", "model", "walking"},
     "design": {"bench", "model", "signals", "spectral", "stats"},
-    "report": {"campaign", "config", "dictionary", "judge", "model"},
+    "report": {"campaign", "config", "dictionary", "judge", "model", "stats"},
     "study": {"bench", "campaign", "ingest", "model", "signals", "simulator", "stats", "walking"},
 }  # fmt: skip
 """What a package imports beside itself and the ground, from the lowest floor up."""
 
 
+@cache
 def imports(folder: str) -> set[tuple[str, str]]:
     """(module, package or module of the ground that it imports) for every module of ours in a folder."""
     return {
-        (str(path.relative_to(PACKAGE)), name.split(".")[1])
+        (str(path.relative_to(PACKAGE)), name.split(".")[0])
         for path in (PACKAGE / folder).rglob("*.py")
-        for name in imported_names(path)
+        for node in ast.walk(ast.parse(path.read_text()))
+        for _, name in imported(node)
     }
 
 
@@ -54,7 +60,7 @@ def test_the_house_has_nine_floors_and_no_stair_back():
 
 
 @pytest.mark.parametrize(("name", "known_to"), [
-    ("simulator", {"commands/simulate.py", "commands/study.py", "commands/reference.py"}),
+    ("simulator", {f"commands/{name}.py" for name in ("simulate", "study", "reference", "preloaded")}),
     ("study", {"commands/study.py"}), ("commands", {"cli.py", "notebook.py", "__init__.py"}),
     ("notebook", {"__init__.py"}),
 ])  # fmt: skip
@@ -85,3 +91,18 @@ def test_a_library_of_an_extra_is_imported_where_one_line_says_what_to_install()
     assert {extra: named[extra] for extra in named.keys() - {"cluster", "dev", "docs"}} == of_extra
     plain = re.compile(rf"^\s*(?:import|from) (?:{'|'.join(EXTRAS)})\b", re.MULTILINE)
     assert [path for path in PACKAGE.rglob("*.py") if plain.search(path.read_text())] == []
+
+
+SLOW = ("scipy.special", "scipy.signal", "scipy.stats", "matplotlib", "numba", "pint", "pandas", "bokeh", "snakemake")
+
+
+@pytest.mark.parametrize(("modules", "more"), [
+    ("cli", ["numpy", "polars", "pydantic", "ruamel"]), ("trial table", ["pydantic", "scipy"]),
+    ("notebook commands.inspect commands.run commands.simulate commands.tables commands.bench commands.walking", []),
+])  # fmt: skip
+def test_a_door_opens_without_what_only_some_of_its_rooms_need(modules, more):
+    """What takes tenths of a second to import is imported where it is used."""
+    code = "; ".join(f"import osl_analysis.{name}" for name in modules.split())
+    code += f"; import sys; print([name for name in {[*SLOW, *more]} if name in sys.modules])"
+    told = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert told.stdout.strip() == "[]"

@@ -35,10 +35,10 @@ from osl_analysis.errors import InputError
 from osl_analysis.files import default_config
 from osl_analysis.ingest.clock import ClockFit, aligned_clock
 from osl_analysis.ingest.draft import draft_source
+from osl_analysis.ingest.examine import Commanded
 from osl_analysis.ingest.raw_files import FORMATS, merged, read_source
 from osl_analysis.ingest.source import LARGEST_MEASURED, Recording, SharedAngle
-from osl_analysis.judge.findings import Judge
-from osl_analysis.judge.table import Commanded
+from osl_analysis.judge.used import Judge
 from osl_analysis.report.trial_page import ReportedTrial, trial_content
 from osl_analysis.trial import COLUMNS, FAMILIES, Trial, plate_columns, read_trial, unit_of, write_trial
 from osl_analysis.yaml_settings import read_mapping
@@ -303,14 +303,6 @@ def test_markers_that_were_never_seen_are_refused_where_they_are_needed_and_told
     assert capture_of(tmp_path, hidden, "walking").provenance["warnings"] == []
 
 
-def test_a_delay_longer_than_the_log_is_refused_with_the_file(tmp_path: Path) -> None:
-    delay = 2
-    log_of(tmp_path, 0.1, 1.0)
-    (tmp_path / "s.yaml").write_text(CSV_LOG.replace("UNIT", "rad").replace("N*m}", f"N*m, delay: {delay} s}}"))
-    with pytest.raises(InputError, match=rf"^{tmp_path}/log\.csv: torque: a delay of {delay} s is .*; correct `delay`"):
-        trial_of(tmp_path, log="log.csv", log_source="s")
-
-
 TIME = np.arange(40) / 500
 ANGLE, TORQUE = np.sin(40 * TIME), 30 * np.sin(40 * TIME)
 LOG = {"t": 1e3 * TIME + 7, "angle": np.rad2deg(ANGLE), "torque": -1e3 * TORQUE}
@@ -416,7 +408,7 @@ def test_a_library_that_is_not_installed_is_named_with_its_extra(tmp_path, monke
     ("mat", b"t\n1\n", "no MATLAB file of version 5 or 7.3; save it"), ("opensim", b"t\n1\n", "no line `endheader`"),
     ("tdms", b"t\n1\n", "no TDMS file (it begins with b't\\n1\\n'); check the path and the source's format"),
     (None, b"\1\0\2", "neither MCAP, C3D nor text (it begins with b'\\x01\\x00\\x02'); export it as one of these"),
-    (None, b"# a\n", "holds no rows; check that it"), (None, b'{"a": "b"}\n' * 2, "no line holds a number; name a"),
+    (None, b"# a\n", "holds no rows; record it again"), (None, b'{"a": "b"}\n' * 2, "no line holds a number; name a"),
 ])  # fmt: skip
 def test_a_file_that_is_no_log_of_the_stated_format_or_of_any_is_refused(tmp_path, what, content, told):
     (path := tmp_path / "log").write_bytes(content)
@@ -591,7 +583,7 @@ def test_control_characters_in_the_names_of_topic_joint_channel_and_marker_are_h
     remarks = dict(verdicts.select("check", "remark").iter_rows())
     assert f"topic '/lab{HARMLESS}' say that 1 messages" in remarks["damage"]
     assert f"marker_M1{HARMLESS}_x 300 Hz" in remarks["rate"]
-    shown = ReportedTrial("walk_1", row(experiment="impedance"), {}, verdicts, trial.provenance, refusals)
+    shown = ReportedTrial("walk_1", row(experiment="impedance"), {}, (), verdicts, trial.provenance, refusals)
     assert any(f"topic '/lab{HARMLESS}'" in value for _, value in trial_content(shown, {})["provenance"]["facts"])
     texts = [*refusals, *verdicts["remark"], *trial.columns, *trial.provenance["warnings"]]
     assert [text for text in texts if not text.isprintable()] == []

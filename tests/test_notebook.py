@@ -25,8 +25,9 @@ from osl_analysis.commands import bench, figure, tables
 from osl_analysis.commands.gains import requested_gains
 from osl_analysis.commands.trials import ingest_trial
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
-from osl_analysis.judge.recording import examine, measured_table
-from osl_analysis.judge.table import Commanded
+from osl_analysis.ingest.examine import Commanded, examine, measured_table
+from osl_analysis.judge.finding import Grade
+from osl_analysis.judge.words import finding_said
 from osl_analysis.model.compensator import Weight
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import write_trial
@@ -108,7 +109,7 @@ def test_the_fit_of_a_trial_is_the_row_of_the_campaign_to_the_last_digit(experim
         assert_same(fit.curves, next(path for name, path in files.items() if name.endswith("curves")), tmp_path)
     from_file = FITS[experiment](str(tmp_path / "made.parquet"), str(short))
     assert_frame_equal(pickle.loads(pickle.dumps(from_file)).table, fit.table, check_exact=True)
-    last = fit.table.drop("doubtful", "not_checked").to_dicts()[-1]  # over all amplitudes
+    last = fit.table.drop("doubtful", "not_checked", strict=False).to_dicts()[-1]  # over all amplitudes
     assert {name: getattr(fit, name) for name in last} == last
     for name in (one for one in last if f"{one}_low" in last):
         assert getattr(fit, f"{name}_interval") == (last[f"{name}_low"], last[f"{name}_high"])
@@ -136,7 +137,7 @@ def test_the_frequency_response_of_a_stepped_sine_is_that_of_the_campaign_and_of
 def test_the_frequency_response_of_any_motion_is_that_of_the_campaign(experiment, tmp_path, short):
     files, limits = of_campaign(experiment, tmp_path, short), read_config(short).doubtful
     found = osl.frequency_response(bench_trial(experiment), DESIRED, config=short)
-    assert ("impedance.csv: friction" in found.table["doubtful"][0]) == (experiment == "friction")
+    assert ("friction" in found.table["doubtful"][0]) == (experiment == "friction")
     for name, table in (("response", found.table), ("response_models", found.models)):
         path = tmp_path / f"tables/{name}.csv"
         tables.gather([files[name]], path, limits.of(name), [files["impedance"]], limits.of("impedance"))
@@ -193,11 +194,13 @@ def test_gains_are_those_of_the_command_with_weight_and_device_of_the_configurat
 
 def test_text_and_page_of_a_fit_say_interval_unit_and_doubts_and_run_no_script_of_a_name(short):
     doubtful = osl.fit_impedance(bench_trial("friction"), config=short)
-    assert "part of what reads as damping is friction" in doubtful.doubtful
-    assert f"doubtful: {doubtful.doubtful}" in repr(doubtful)
+    assert "friction" in [one.cause for one in doubtful.findings[-1]]
+    said = [finding_said(one, doubtful.row) for one in doubtful.findings[-1] if one.grade is Grade.DOUBTS]
+    assert doubtful.doubtful.splitlines() == said
+    assert all(f"doubtful: {doubt}" in repr(doubtful) for doubt in said)
     shown = doubtful._repr_html_()
-    for doubt in (one.partition(" [")[0] for one in doubtful.doubtful.split("; ")):  # no column stands in it
-        assert f"<li>{escape(doubt)}</li>" in shown
+    for doubt in said:
+        assert f"<li>{escape(doubt.partition(' [')[0])}</li>" in shown, "without numbers of columns"
     for name, unit in (("K", "N·m/rad"), ("B", "N·m·s/rad"), ("offset", "N·m")):
         low, high = getattr(doubtful, f"{name}_interval")
         digits = max(1 - math.floor(math.log10((high - low) / 2)), 0)  # two of the half width

@@ -22,11 +22,22 @@ from osl_analysis.campaign.configuration import campaign_config, read_section
 from osl_analysis.commands.trials import ingest_trial
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import InputError
+from osl_analysis.ingest.examine import (
+    UNITS,
+    CheckResult,
+    Commanded,
+    check_ranges,
+    examine,
+    held,
+    longest_clipped_angle,
+    measured_table,
+    samples_at_rail,
+    travel,
+)
 from osl_analysis.ingest.raw_files import FORMATS
 from osl_analysis.ingest.source import Conversion
-from osl_analysis.judge import recording
-from osl_analysis.judge.recording import CHECKS, examine, samples_at_rail, travel
-from osl_analysis.judge.table import CheckResult, Commanded, QualityRules
+from osl_analysis.judge.checks import CHECKS, judged_table, validate_rules
+from osl_analysis.judge.limits import QualityRules
 from osl_analysis.signals import longest_run, run_at_extreme
 from osl_analysis.trial import Array, Trial
 from osl_analysis.yaml_settings import validated
@@ -94,7 +105,7 @@ def results(samples, experiment="impedance", **provenance):
 
 def judged(found, *accepted):
     """The verdicts of the shipped rules."""
-    return recording.judged_table(recording.measured_table("t", found), RULES, {"t": accepted})
+    return judged_table(measured_table("t", found), RULES, {"t": accepted})
 
 
 def failed(found):
@@ -350,10 +361,10 @@ def test_a_value_at_its_threshold_passes_and_no_number_fails(name, value, fails)
     ({"gaps": {"threshold": "0 s", "on_failure": "flag"}}, "'gaps' is no quality check; the checks are rate,"),
 ])  # fmt: skip
 def test_rules_and_checks_are_the_same_list_and_a_threshold_has_the_unit_of_its_check(changed, message):
-    recording.validate_rules(RULES)
+    validate_rules(RULES, UNITS)
     content = yaml.safe_load(CONFIG.read_text())["quality"] | changed
     with pytest.raises(InputError, match=re.escape(message)):
-        recording.validate_rules(QualityRules.model_validate({name: rule for name, rule in content.items() if rule}))
+        validate_rules(QualityRules.model_validate({name: rule for name, rule in content.items() if rule}), UNITS)
 
 
 def test_the_sheet_may_accept_only_checks_that_there_are(tmp_path):
@@ -372,7 +383,7 @@ def test_a_rounded_sine_is_not_clipped_and_one_that_sticks_at_an_end_is(bits):
     record, step = sines(second_order, 0.05), 2 * np.pi / 2**bits
     for end in (np.inf, 0.09, 0.07):
         theta = np.rint(np.minimum(record.theta, end) / step) * step
-        clipped = recording.longest_clipped_angle(record.time, theta, (record.time, record.torque))
+        clipped = longest_clipped_angle(record.time, theta, (record.time, record.torque))
         flat = 0 if end > 1 else 2 * np.arccos(end / 0.1) / (2 * np.pi) * 500  # of the slowest sine, 1 Hz
         assert clipped == pytest.approx(flat, rel=0.02, abs=2 if flat else 0)
 
@@ -383,7 +394,7 @@ def test_a_channel_is_held_while_its_reference_changes_but_for_the_ends_of_the_r
     values = np.where((time >= 0.2) & (time < 0.8), 1.0, time + 2)
     for first, last, seconds in ((0.2, 0.28, 0.0), (0.72, 0.8, 0.0), (0.2, 0.4, 0.59), (0.6, 0.8, 0.59)):
         reference = (time, np.where((time >= first) & (time < last), np.sin(1000 * time), 0.0))
-        assert recording.held(time, values, reference, 0.1, 0.1) == pytest.approx(seconds), (first, last)
+        assert held(time, values, reference, 0.1, 0.1) == pytest.approx(seconds), (first, last)
 
 
 def test_a_joint_that_comes_to_rest_at_its_ends_is_not_clipped_though_its_torque_settles_there():
@@ -408,7 +419,7 @@ def test_a_person_who_pushes_while_the_joint_is_held_at_coarse_steps_is_not_clip
     found = []
     for end in (np.inf, 0.8 * theta.max()):
         rounded = step * np.rint(np.minimum(theta, end) / step)
-        found.append(recording.longest_clipped_angle(time, rounded, (time, torque)))
+        found.append(longest_clipped_angle(time, rounded, (time, torque)))
     assert found[0] == 0 < 200 < found[1]
 
 
@@ -426,7 +437,7 @@ def test_a_command_at_its_level_is_no_rail_a_clipped_current_and_a_stated_end_ar
     for low, high in ((-61.1, 61.1), (-61.3, 0.0), (0.0, 61.3)):  # electronics reach a hundredth of the range further
         trial = Trial("a", pl.DataFrame({"time": [0.0, 1.0], "torque": [low, high]}), origin)
         with pytest.raises(InputError, match="beyond") if low + high else nullcontext():
-            recording.check_ranges(trial)
+            check_ranges(trial)
 
 
 def test_a_stated_range_is_that_of_the_sensor_whatever_its_sign_and_offset():

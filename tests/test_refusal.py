@@ -24,18 +24,18 @@ from osl_analysis.commands import study, trials
 from osl_analysis.commands.tables import gather, judge, list_excluded, read_summary
 from osl_analysis.commands.walking import read_crossing_file, read_model, read_unperturbed_gaits
 from osl_analysis.errors import InputError, WriteError
-from osl_analysis.files import temporary_path
+from osl_analysis.files import digest, file_state, temporary_path
+from osl_analysis.ingest.examine import Commanded, examine, measured_table
 from osl_analysis.jobs import progress
 from osl_analysis.jobs import run as jobs_run
-from osl_analysis.jobs.job import died, perform, reason_and_remedy, refusal
+from osl_analysis.jobs.job import died, perform, refusal
 from osl_analysis.jobs.job_log import read_log, run_report, write_log
 from osl_analysis.jobs.progress import LogHandler, stage_of
-from osl_analysis.jobs.request import write_request
+from osl_analysis.jobs.request import request_text
 from osl_analysis.jobs.run import job_server, run_job
-from osl_analysis.judge import findings
-from osl_analysis.judge.findings import Judge, exclusions, without_excluded
-from osl_analysis.judge.recording import examine, measured_table
-from osl_analysis.judge.table import Commanded, QualityRules
+from osl_analysis.judge.campaign import campaign_findings, exclusion_report
+from osl_analysis.judge.limits import DoubtfulFits, QualityRules
+from osl_analysis.judge.used import Judge, exclusions, left_behind_report, without_excluded, without_refused
 from osl_analysis.refusal import (
     Refusal,
     alike,
@@ -46,7 +46,7 @@ from osl_analysis.refusal import (
     write_refusals,
 )
 from osl_analysis.table import read_table, write_table, write_tables
-from osl_analysis.trial import Trial, read_trial
+from osl_analysis.trial import Trial, read_trial, write_trial
 from osl_analysis.walking.bodies import StaticCalibration
 
 LOST = Refusal("b_1", "raw/b_1.mcap", "ingest.ingest_trial", "refused", "raw/b_1.mcap: no such file", "copy it there")
@@ -85,14 +85,14 @@ def test_a_trial_refused_in_one_list_is_missing_from_every_list_and_the_job_goes
     bad = [result(tmp_path / "trials/b_1.csv"), record(tmp_path / "fits/b_1.csv", LOST)]
     inputs = {"trials": [bad[0], good[0]], "fitted": [bad[1], good[1]], "quality": [good[2]]}
     used = {"trials": [good[0]], "fitted": [good[1]], "quality": [good[2]]}
-    assert findings.without_refused(inputs) == (used, (LOST,), ())
+    assert without_refused(inputs) == (used, (LOST,), ())
     for given, kept, missing in (
         ({"shown": {"b_1": bad[1], "b_2": good[1]}}, {"shown": {"b_2": good[1]}}, ()),
         ({"rows": bad[1:]}, {"rows": []}, (LOST,)), ({"rows": bad[1:], "trial": good[0]}, {"rows": []}, ()),
         ({"rows": good, "quality": bad[1:]}, {"quality": []}, ()), ({"f": bad[1:], "trial": bad[0]}, {"f": []}, (LOST,))
     ):  # fmt: skip
-        assert findings.without_refused(given) == ({**given, **kept}, (LOST,), missing)
-    assert findings.without_refused({"rows": good}, bad[1:])[1:] == ((LOST,), (LOST,))
+        assert without_refused(given) == ({**given, **kept}, (LOST,), missing)
+    assert without_refused({"rows": good}, bad[1:])[1:] == ((LOST,), (LOST,))
     assert without_excluded({"table": good[1], "fitted": [good[1]], "quality": []}, {}) == {"table": good[1]}
     assert Judge(QualityRules(), {}).verdicts([Path(bad[1])]).is_empty()  # a record is no verdict
 
@@ -161,7 +161,9 @@ def written(tmp_path, **more):
     path, made = tmp_path / "requests/b_7.json", [str(tmp_path / "fits/b_7.csv")]
     content = {"command": "bench.fit", "data": "", "log": str(tmp_path / "b_7.log"), "files": made, "needs": []}
     content |= {"input": {"trial": "results/trials/b_7.parquet"}, "output": {}, "settings": {}, "recorded": {}}
-    write_request(path, content | {"judge": ""} | more)
+    path.parent.mkdir(exist_ok=True)
+    if (text := request_text(path, content | {"judge": ""} | more)) != (path.is_file() and path.read_text()):
+        path.write_text(text)
     return path, json.loads(path.read_text())["tried"]
 
 
@@ -175,7 +177,7 @@ def test_a_killed_job_leaves_nothing_half(tmp_path):
     assert [(cause.trial, cause.outcome) for cause in read_refusals(output)] == [("b_7", "died")]
 
 
-def test_the_jobs_of_a_server_that_was_killed_are_named_and_snakemake_goes_on(tmp_path, monkeypatch):
+def test_a_job_that_a_killed_server_had_not_begun_is_done_by_a_new_one_and_one_that_ran_is_named(tmp_path, monkeypatch):
     request, _ = written(tmp_path)
     monkeypatch.chdir(tmp_path)
     job_server.cache_clear()
@@ -188,9 +190,24 @@ def test_the_jobs_of_a_server_that_was_killed_are_named_and_snakemake_goes_on(tm
     server.kill()
     server.wait()
     run_job(str(request))
-    assert read_refusals(tmp_path / "fits/b_7.csv")[0].reason.endswith("was killed (signal 9, SIGKILL)")
+    (cause,) = read_refusals(tmp_path / "fits/b_7.csv")
+    assert cause.outcome == "failed", "a new server did it: there is no such trial"
     link.close()
+    monkeypatch.setattr(jobs_run, "asked", lambda *_: b"12345 ")  # it had begun
+    run_job(str(request))
+    with job_server()[0], job_server()[1] as second:
+        second.kill()
+    assert read_refusals(tmp_path / "fits/b_7.csv")[0].reason.endswith("was killed (signal 9, SIGKILL)")
     job_server.cache_clear()
+
+
+def test_a_job_that_crashes_on_its_recording_is_refused_with_the_file_and_one_that_is_killed_is_tried_again(tmp_path):
+    of_raw = {"raw_folder": "raw", "row": {"trial": "b_7", "log": "b_7.mat"}}
+    request, _ = written(tmp_path, settings=of_raw)
+    for number, outcome in ((signal.SIGSEGV, "refused"), (signal.SIGKILL, "died")):
+        died(request, 12345, number)
+        (cause,) = read_refusals(tmp_path / "fits/b_7.csv")
+        assert (cause.outcome, cause.file) == (outcome, "raw/b_7.mat")
 
 
 def test_failed_killed_and_deleted_results_are_tried_again_and_refused_ones_stay(tmp_path):
@@ -205,14 +222,28 @@ def test_failed_killed_and_deleted_results_are_tried_again_and_refused_ones_stay
     assert written(tmp_path, settings={"cutoff_hz": 20})[1] == tried
 
 
-def test_a_remedy_says_what_to_do_and_nothing_of_the_reason_is_lost():
-    for reason, remedy in (
-        ("x.csv: no such file", "correct the sheet, or copy it there"),
-        ("no field 'a[name=b]'; it has position[name=left], position[name=right]", ""),
-        ("x.mcap: no topic '/a' (no footer; record again)", ""),
-        ("x.mcap: is short; the least is 2 s", "for a spring, take a longer one"),
-    ):
-        assert reason_and_remedy("; ".join(filter(None, [reason, remedy]))) == (reason, remedy)
+def test_a_recording_of_another_date_with_the_same_bytes_is_the_same_and_other_bytes_of_any_date_are_not(tmp_path):
+    log, made = tmp_path / "b_7.mcap", tmp_path / "trials/b_7.parquet"
+    log.write_bytes(b"a recording")
+    provenance = {"files": {"log": {"sha256": digest(log)}}}
+    write_trial(Trial("b_7", pl.DataFrame({"time": [0.0, 0.1]}), provenance), made)
+    of_log = {"files": [str(made)]}
+    before = written(tmp_path, recorded={str(log): file_state(log)}, **of_log)[0].read_text()
+    os.utime(log, (10**9, 10**9))
+    assert written(tmp_path, recorded={str(log): file_state(log)}, **of_log)[0].read_text() == before
+    log.write_bytes(b"another one")
+    os.utime(log, (10**9, 10**9))
+    assert written(tmp_path, recorded={str(log): [*file_state(log)[:2], 0]}, **of_log)[0].read_text() != before
+
+
+@pytest.mark.parametrize(("reason", "remedy"), [
+    ("x.csv: no such file", "correct the sheet; or copy it there"),
+    ("no field 'a[name=b]'", "it has position[name=left], position[name=right]"),
+    ("x.mcap: no topic '/a' (no footer; record again)", ""),
+])  # fmt: skip
+def test_the_remedy_of_an_error_stands_behind_the_first_semicolon_outside_brackets(reason, remedy):
+    fault = InputError("; ".join(filter(None, [reason, remedy])))
+    assert (fault.reason, fault.remedy) == (reason, remedy)
 
 
 @pytest.mark.parametrize(("remedy", "outcome", "trial", "traceback"), [
@@ -277,16 +308,16 @@ def test_the_list_says_what_else_has_no_result(tmp_path):
 def test_what_a_renaming_leaves_among_the_results_is_named_at_the_end_of_a_run():
     stored = [Path(f"results/trials/{trial}.parquet") for trial in ("b_1", "old_2", "b_3", "old_1", "b_2", "old_0")]
     said = "not in the sample sheet, and in no table or figure: old_0, old_1, old_2; files of theirs"
-    assert findings.left_behind_report(stored, ["b_1", "b_2", "b_3"]).startswith(said)
-    assert findings.left_behind_report(stored[::2], ["b_1", "b_2", "b_3"]) == ""
+    assert left_behind_report(stored, ["b_1", "b_2", "b_3"]).startswith(said)
+    assert left_behind_report(stored[::2], ["b_1", "b_2", "b_3"]) == ""
 
 
 def test_a_trial_that_is_used_without_its_end_is_named_at_the_end_of_a_run():
     said = {"check": "truncated", "value": 1.0, "unit": "logs", "remark": ""}
     rows = [{"trial": f"b_{n}", "verdict": verdict, **said} for n, verdict in enumerate(("flag", "pass", "exclude"))]
-    (told,) = findings.findings_report(pl.DataFrame(rows), []).splitlines()
-    assert re.fullmatch(r"flagged, 1 of 3 trials: log without its end: .*`truncated` under `accept`.*\[b_0\]", told)
-    assert findings.findings_report(pl.DataFrame(rows[1:]), []) == ""
+    for some, named in ((rows, ["b_0"]), (rows[1:], [])):
+        found = campaign_findings({}, pl.DataFrame(some), DoubtfulFits()).filter(grade="doubts")
+        assert found.select("trial", "cause").rows() == [(trial, "log without its end") for trial in named]
     twice = pl.DataFrame([rows[2] | {"threshold": 0.0}, rows[2] | {"check": "gap", "threshold": 0.0}])
     assert exclusions(twice) == {"b_2": "truncated 1 logs, threshold 0.0; gap 1 logs, threshold 0.0"}
 
@@ -374,7 +405,7 @@ def test_who_was_left_out_or_not_judged_is_listed_and_told_with_value_threshold_
     assert judged.select("trial", "verdict").rows() == outcomes
     assert judged["value"].to_list()[1:] == [pytest.approx(80, abs=0.5), None]
     assert listed["check"].to_list() == ["refused", "unzeroed_plate", "sample sheet"]
-    said = findings.exclusion_report(JUDGE.verdicts([*checked, folder / "missing.csv"]), {"b_2": "stumbled"})
+    said = exclusion_report(JUDGE.verdicts([*checked, folder / "missing.csv"]), {"b_2": "stumbled"})
     assert "excluded by the sample sheet: b_2 (stumbled)" in said
     assert re.search(r"plate_2 \(unzeroed_plate (80\.0|79\.9)\S* N, threshold 20\.0: plate1 -(80\.0|79\.9) N\)", said)
 
@@ -413,6 +444,7 @@ def test_a_run_has_a_line_now_and_then_one_per_stage_and_what_is_refused_at_once
         f"Traceback (most recent call last):\n  File\n\nOSError: [Errno 30] {disk}\n",
         f"InputFunctionException in rule a:\nError:\n  WriteError: {full}\nWildcards:\n\nTraceback:\n  File",
         "RuleException:\nOslAnalysisError in file: see above, and run again",
+        "MissingRuleException:\nNo rule to produce x/no.csv (if you use input functions make sure).",
     ):
         tell(lines, LogEvent.ERROR, text, logging.ERROR)
     tell(lines, LogEvent.JOB_ERROR, "Error in rule a", logging.ERROR, rule_msg=None)
@@ -423,9 +455,11 @@ def test_a_run_has_a_line_now_and_then_one_per_stage_and_what_is_refused_at_once
         "Unlocked.", "read and check recordings 21/40, 2/s, 10 s left",
         *(rf"{outcome}: {outcome}: b.mcap: no such file\x1b[31m" for outcome in outcomes[:3]),
         "read and check recordings 40/40 in 20 s",
-        f"error: {Path.cwd()}: another run is at work here: wait for it; or a killed one left its lock: remove it with "
-        "`osl-analysis run --unlock` (in a clone `snakemake --unlock`), and run again",
+        f"error: {Path.cwd()}: another run is at work here: wait for it; or one that was killed left its lock: "
+        "`osl-analysis run` takes it over on the same machine, else `--unlock` removes it",
         f"error: {disk}; make room, or make it writable, and run again", f"error: {full}",
+        "error: x/no.csv: no result of this campaign has this name; compare it with the files below its results, "
+        "or leave it out to make all of them",
     ]  # fmt: skip
 
 

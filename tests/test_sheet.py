@@ -80,7 +80,7 @@ def test_a_wrong_cell_is_named_with_line_and_remedy(tmp_path, line, message):
     (f"{PLACED}a,static,knee,,a,s\n", "joint 'knee' of experiment 'static': the walkway measures the ankle; leave"),
     *((f"{PLACED}a,belt,knee,{side},a,s\n", f"side '{side}' must be left or right") for side in ("both", "Left")),
     *((f"trial,experiment,log,log_source,{name}\na,{kind},a,s,{cell}\n", said) for name, kind, cell, said in (
-        ("windows", "belt", "2-30", "it is for 'impedance' or 'walking' alone"),
+        ("windows", "belt", "2-30", "it is for 'impedance' or 'human_joint' or 'walking' alone"),
         ("windows", "impedance", "2-", "are not from-to"),
         *((name, "calibration", "9", "needs known_K .* and known_percent") for name in ("known_K", "known_I")),
         ("fixture_inertia", "belt", "-1", "fixture_inertia '-1' is below 0"),
@@ -99,7 +99,7 @@ def test_a_wrong_cell_is_named_with_line_and_remedy(tmp_path, line, message):
       for sign, said in ((";", ";"), ("\t", r"\\t"), ("|", r"\|"))),
     (f"{HEADER}{BELT}Fuß\n".encode("latin-1"), "line 2: byte 0xdf is not UTF-8; save the sheet as 'CSV UTF-8'"),
     (HEADER.encode("utf-16-le"), "its header holds zero bytes, it is not UTF-8; save the sheet as"),
-    (b"PK\x03\x04xl/\0\0", "an Excel workbook, which is not read; save its sheet as 'CSV UTF-8'"),
+    (b"PK\x03\x04xl/\0\0", "a workbook, or another binary table, which no sheet is; save it as 'CSV UTF-8'"),
 ])  # fmt: skip
 def test_a_wrong_sheet_is_refused_with_what_to_do(tmp_path, text, message):
     with pytest.raises(InputError, match=message):

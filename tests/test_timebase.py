@@ -490,6 +490,16 @@ def test_any_offset_and_drift_come_back_to_a_tenth_of_a_sample_with_a_twentieth_
     assert fit_clock((slave[0] + rng.normal(0, 1e-3, slave[0].size), *slave[1:]), master).residual < 1 / SLAVE_RATE
 
 
+def test_edges_that_are_a_few_standard_deviations_late_take_no_part_in_the_clock() -> None:
+    """One edge in ten by two samples, seven standard deviations: with them the offset is wrong by 0.4 ms."""
+    changes = irregular(30.0)
+    (time, *levels), master = slave_edges(changes, 30.0), master_edges(changes, 30.0)
+    late = time + np.where(np.arange(time.size) % 10 == 5, 2.1 / SLAVE_RATE, 0.0)
+    fit, sound = fit_clock((late, *levels), master), fit_clock((time, *levels), master)
+    assert fit.excluded_edges == pytest.approx(time.size / 10, abs=2)  # but those at its ends
+    assert fit.to_master(15.0) == pytest.approx(sound.to_master(15.0), abs=2e-4)
+
+
 def test_edges_are_found_between_samples_and_noise_at_the_mid_level_makes_none() -> None:
     time = np.arange(0, 1, 1e-3)
     at, rising, _ = find_edges(time, np.clip((time - 0.4003) / 0.02 + 0.5, 0, 1) * 5)

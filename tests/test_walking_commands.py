@@ -14,7 +14,7 @@ import numpy as np
 import polars as pl
 import pytest
 import yaml
-from conftest import ROOT
+from conftest import ROOT, beyond_in, findings_of
 from walking_crossings import Tables, run_jobs
 from walking_setup import Setup, load_setup
 from walking_synthetic import CORNERS, PLATE_RATE, RATE, changed, hidden, recording, settings
@@ -24,8 +24,7 @@ from osl_analysis.commands.figure import plot_walking_page
 from osl_analysis.commands.trials import ingest_trial
 from osl_analysis.commands.walking import compare_ankle_moment
 from osl_analysis.errors import InputError, WriteError
-from osl_analysis.judge.doubts import marked
-from osl_analysis.judge.table import Doubt
+from osl_analysis.judge.limits import Limits
 from osl_analysis.table import read_table
 from osl_analysis.trial import Trial, plate_columns, read_trial, write_trial
 from osl_analysis.walking.crossing import Crossing, RefusedCrossing, body_mass
@@ -85,7 +84,7 @@ class Session:
         self.summarised(chosen)
         return self
 
-    def summarised(self, chosen: WalkingAnalysis, limits: Doubt | None = None) -> Tables:
+    def summarised(self, chosen: WalkingAnalysis, limits: Limits | None = None) -> Tables:
         """The jobs from the crossings to the summary."""
         return run_jobs(self.folder, self.perturbed, self.unperturbed, chosen, limits=limits)
 
@@ -214,7 +213,7 @@ def test_what_cannot_be_used_is_named_and_listed_and_the_rest_goes_on(real: Sess
     moved = replace(outlier, quality=outlier.quality | {"foot_forward_m": 0.2})
     jobs.write_crossing(moved, copied.crossings(elsewhere)[0])
     chosen = settings(foot=FOOT)
-    tables = copied.summarised(chosen, Doubt(above={"offset_share": 0.06}))
+    tables = copied.summarised(chosen, Limits(above={"offset_share": 0.06}))
     listed = dict(tables["excluded"].select("trial", "reason").iter_rows())
     reasons = {blind: "foot markers cannot be followed", still: "does not turn but the sheet says perturbed"}
     reasons |= {elsewhere: "foot forward 0.2 m lies", cut: "Fz stays at 600 N"}
@@ -480,20 +479,21 @@ def test_two_feet_on_one_plate_are_excluded_with_the_reason_and_a_foot_that_swin
     assert reasons(again, longest_contact=2.5) == [None, None]
 
 
-def test_a_moment_unlike_walking_is_doubtful_and_says_why() -> None:
-    limits = Doubt.model_validate(yaml.safe_load((ROOT / "config/config.yaml").read_text())["doubtful"]["ankle_moment"])
+def test_a_moment_unlike_walking_is_doubtful() -> None:
+    limits = Limits.model_validate(
+        yaml.safe_load((ROOT / "config/config.yaml").read_text())["doubtful"]["ankle_moment"]
+    )
 
-    def doubt(force: float) -> Any:
+    def doubts(force: float) -> list[tuple[str, dict[str, str]]]:
         trial = steps(ONE_FOOT, CONTACT, "?ANK ?MED")
         turned = changed(trial, *(pl.col(name) * force for name in plate_columns(1, "moment")))
         found = compare_ankle_moment(turned, KNOWN)["ankle_moment"]
         late = found.with_columns(peak_phase=pl.lit(0.8))
-        return marked(late, limits, "ankle_moment")["doubtful"][0]
+        return [(one.cause, beyond_in([one])) for one in findings_of(late.row(0, named=True), limits, "ankle_moment")]
 
-    assert doubt(1.0) == ""
-    assert "below 0.8" in doubt(-1.0)
-    assert doubt(-1.0).startswith("moment unlike walking: ")
-    assert "above 2.5" in doubt(3.0)
+    assert doubts(1.0) == []
+    for force, side in ((-1.0, "below"), (3.0, "above")):
+        assert doubts(force) == [("moment unlike walking", {"peak_moment": side})]
 
 
 def test_markers_and_forces_of_opensim_give_the_moment_of_the_foot_that_the_forces_are_of(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from walking_synthetic import RATE, bump, settings
 
 from osl_analysis.commands import walking as jobs
 from osl_analysis.commands.tables import gather
-from osl_analysis.judge.table import Doubt
+from osl_analysis.judge.limits import Limits
 from osl_analysis.table import read_table
 from osl_analysis.walking.crossing import Crossing
 from osl_analysis.walking.groups import selection_rows
@@ -93,8 +93,8 @@ class Tables:
 
 def run_jobs(
     folder: Path, perturbed: Sequence[str], unperturbed: Sequence[str], chosen: WalkingAnalysis,
-    sheet: Mapping[str, Mapping[str, object]] | None = None, limits: Doubt | None = None,
-    of_groups: Doubt | None = None,
+    sheet: Mapping[str, Mapping[str, object]] | None = None, limits: Limits | None = None,
+    of_groups: Limits | None = None,
 ) -> Tables:  # fmt: skip
     """Every job from the crossings in a folder to the summary. `sheet` has their conditions, in its order."""
     files = {name: folder / f"crossings/{name}.parquet" for name in (*perturbed, *unperturbed)}

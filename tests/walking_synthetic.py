@@ -11,6 +11,7 @@ import numpy as np
 import polars as pl
 import yaml
 from conftest import ROOT
+from scipy.interpolate import CubicSpline
 from scipy.special import erf
 
 from osl_analysis.trial import Array, Trial, marker_columns, plate_columns
@@ -73,6 +74,31 @@ def hidden(trial: Trial, markers: Sequence[str], start: float, end: float) -> Tr
     return changed(
         trial, *(pl.when(gone & pl.col(c).is_not_null()).then(float("nan")).otherwise(c).alias(c) for c in columns)
     )
+
+
+def filled(trial: Trial, markers: Sequence[str], start: float, end: float) -> Trial:
+    """The trial with markers filled between two times [s] by a cubic through 20 frames on either side."""
+    columns, time = [], trial.samples["time"].to_numpy()
+    for column in (column for marker in markers for column in marker_columns(marker)):
+        values = trial.samples[column].to_numpy().copy()
+        frames = np.flatnonzero(np.isfinite(values))
+        gone = (time[frames] >= start) & (time[frames] <= end)
+        first, last = np.flatnonzero(gone)[[0, -1]]
+        beside = frames[np.r_[first - 20 : first, last + 1 : last + 21]]
+        values[frames[gone]] = CubicSpline(time[beside], values[beside])(time[frames[gone]])
+        columns.append(pl.Series(column, values).fill_nan(None))  # the wrench has other rows
+    return replace(trial, samples=trial.samples.with_columns(columns))
+
+
+def headed(trial: Trial, heading: float) -> Trial:
+    """The trial in a laboratory whose axes stand turned by a heading [rad] about the vertical."""
+    (c, s), columns = (np.cos(heading), np.sin(heading)), []
+    for name in (name.removesuffix("_x") for name in trial.samples.columns if name.endswith("_x")):
+        x, y = pl.col(f"{name}_x"), pl.col(f"{name}_y")
+        columns += [(c * x - s * y).alias(f"{name}_x"), (s * x + c * y).alias(f"{name}_y")]
+    corners = np.array(CORNERS) @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
+    plates = [facts | {"corners": corners.tolist()} for facts in trial.provenance["plates"]]
+    return replace(changed(trial, *columns), provenance=trial.provenance | {"plates": plates})
 
 
 def static_trial(ankle: Array = ANKLE) -> Trial:

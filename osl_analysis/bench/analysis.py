@@ -9,16 +9,19 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from osl_analysis.bench.effects import FALSE_ALARM, Model, plain_sums, with_effects
+from osl_analysis.bench.effects import FALSE_ALARM, Model, noise_of_angle, plain_sums, with_effects
 from osl_analysis.bench.gram import GroupFit, Sums, estimates_of, held_out_vaf, solved
-from osl_analysis.bench.record import Label, Record
+from osl_analysis.bench.plausible import check_told
+from osl_analysis.bench.record import SHORTEST_S, Label, Record
 from osl_analysis.bench.settings import NOT_STATED, BenchStiffness, Calibration
 from osl_analysis.errors import IdentifiabilityError, InputError
+from osl_analysis.protocol.stepped_sine import moving_bins
 from osl_analysis.signals.grid import UniformSignals
 from osl_analysis.stats.fit_row import Row, covariance_row, diagnostics_row, estimates_row, thinned_rows, whiteness_row
 from osl_analysis.stats.regression import LinearFit, with_shared_error
 from osl_analysis.trial import Array
 
+SumsOf = Callable[[Record, Model], Sums]
 PER_ANGLE = dict.fromkeys(("K", "B", "I", "K_s", "B_j", "J_j", "B_m", "J_m", "weight"), 1) | {"K_s2": 2}
 """Powers of the angle by which estimates are torques."""
 ALSO = {"K_s2": "square", "weight": "theta"}  # columns of estimates beside a model
@@ -81,9 +84,7 @@ class Analysis:
 
     def shared(self, label: Label, *names: str) -> Row:
         """VAF on data held out, the drift that was subtracted [N*m/min], and the change by another time base."""
-        person = bool(self.record.reflex_delays)
-        told = {"VAF_held_out": held_out_vaf(self.sums, self.model, label, interleaved=person)}
-        told["load_cell_drift"] = None if person else 60 * self.record.drift
+        told = {"VAF_held_out": held_out_vaf(self.sums, self.model, label), "load_cell_drift": 60 * self.record.drift}
         return told | self.time_base_row(label, names)
 
     def time_base_row(self, label: Label, names: Sequence[str]) -> Row:
@@ -135,9 +136,93 @@ class Analysis:
         )
 
 
-def analysed(record: Record, sums: Sums, model: Model) -> Analysis:
-    """Fit a model to each label of a record with its sums, and to all of it. Raises InputError,
-    IdentifiabilityError: as `fit_groups`."""
+def fitted_motion(record: Record, sums: Sums, model: Model, again: SumsOf = plain_sums) -> Analysis:
+    """Eq. 15, with what the `model` has beside it, of any motion; the arguments are those of `analysed`.
+
+    Raises InputError: the joint hardly moves. Raises IdentifiabilityError: the motion cannot tell K from I; the message
+    names the band that is missing.
+    """
+    of, (low, high), moving_s = record.groups, record.band_hz, np.inf
+    if not record.is_stepped_sine:
+        check_moves(record, sums)
+        moving_s = np.count_nonzero(moving_bins(record.time, record.theta)[record.rows()]) / record.rate_hz
+    try:
+        if moving_s < SHORTEST_S:
+            raise IdentifiabilityError("K, B and I cannot be told from so little")
+        analysis = analysed(record, sums, model, again)
+    except IdentifiabilityError as error:
+        if record.is_stepped_sine:  # what its poorest amplitude has, and which band is missing
+            found = {x: sorted({one.frequency_hz for one in of.strata if one.label == x}) for x in of.labels}
+            amplitude, hz = min(found.items(), key=lambda item: (len(item[1]), item[1][-1] / item[1][0]))
+            words = (
+                f"K and I cannot be told apart: the sines of {amplitude:g} deg are of "
+                f"{', '.join(f'{f:g}' for f in hz)} Hz alone, and at one frequency K - I w^2 is one number; the band "
+                f"below {hz[0] / 2:.2g} Hz or from {2 * hz[-1]:.2g} Hz is missing, excite it as well"
+            )
+        else:
+            words = (
+                f"the joint moves for {moving_s:.2g} of the {record.seconds:.3g} s that are fitted, at {low:.2g} to "
+                f"{high:.2g} Hz: {str(error).partition(';')[0]}; keep it moving by 0.5 to 6 Hz, or take the stiffness "
+                "alone by experiment 'torque_angle'"
+            )
+        raise IdentifiabilityError(f"trial {record.name}: {words}") from error
+    if not record.is_stepped_sine:
+        fit, X = analysis.whole, motion_in(record)
+        torque, limit = record.part(record.filtered_torque), getattr(record.settings, "largest_inertia_error", None)
+        told = (X - X.mean(axis=0)).T, float(np.std(torque)), (fit["K"], fit.se("K"))
+        check_told(f"trial {record.name}", record.band_hz, *told, limit)
+    for fit in analysis.fits.values():
+        check_stiffer(record.name, "K", fit["K"], record.bench)
+    return analysis
+
+
+def check_moves(record: Record, sums: Sums) -> None:
+    """Refuse a record that hardly moves: the rounding of an angle of a few steps of the encoder is no noise but a part
+    of the motion. Or one that moves slowly: noise of the encoder makes its acceleration, by a tenth or more of the
+    power of the part of it that is not proportional to angle and velocity."""
+    measured, step, fewest, slow, most = record.part(record.bench_angle), record.steps[0], 20.0, 200, 0.1
+    values = len(np.unique(measured))
+    levels = values if values <= slow else np.inf  # there are more where the motion is slow
+    steps = float(levels if step is None else min(np.ptp(measured) / step, levels))
+    if steps < fewest:
+        raise InputError(
+            f"trial {record.name}: the joint hardly moves: theta turns by {steps:.0f} steps of its encoder, "
+            f"{fewest:g} are needed; move it by more, and check the unit of theta in the source file"
+        )
+    A, own, one = sums.total, sums.names.index("alpha"), sums.names.index("one")
+    at = sums.index(("theta", "omega", "one"))
+    left = A[own, own] - A[own, at] @ np.linalg.lstsq(A[np.ix_(at, at)], A[at, own], rcond=1e-14)[0]
+    share = noise_of_angle(record)[2] / max(float(left / A[one, one]), np.finfo(float).tiny)
+    if share <= most:
+        return
+    how, remedy = "hardly moves", "move it by more, or faster, and check the unit of theta in the source file"
+    if steps >= slow:  # no small motion
+        how = "moves too slowly"
+        remedy = "move it faster, by 0.5 to 6 Hz, or take the stiffness alone by experiment 'torque_angle'"
+    raise InputError(
+        f"trial {record.name}: the joint {how}: theta turns by "
+        f"{turn_deg(sums):.2g} deg RMS, and noise of the encoder has {share:.2g} times the power of the acceleration's "
+        f"own part behind the filter, at most {most:g} is allowed; {remedy}"
+    )
+
+
+def motion_in(record: Record) -> Array:
+    """Angle, velocity and acceleration in the fitted rows of a record, (m, 3)."""
+    motion = record.motion
+    return np.column_stack([record.part(x) for x in (motion.theta, motion.omega, motion.alpha)])
+
+
+def turn_deg(sums: Sums, label: Label = None) -> float:
+    """RMS [deg] of the filtered angle about its mean in the rows of a label."""
+    A = sums.over(label)
+    theta, one = sums.index(["theta", "one"])
+    n = A[one, one]
+    return float(np.rad2deg(np.sqrt(max(A[theta, theta] / n - (A[theta, one] / n) ** 2, 0.0))))
+
+
+def analysed(record: Record, sums: Sums, model: Model, again: SumsOf = plain_sums) -> Analysis:
+    """Fit a model to each label of a record with its sums, and to all of it; `again` gives those of the same record on
+    a softer bench or with other stamps. Raises InputError, IdentifiabilityError: as `fit_groups`."""
 
     def fitted(own: Sums) -> dict[Label, GroupFit]:
         labels = dict.fromkeys((*own.groups.labels, None))
@@ -148,9 +233,9 @@ def analysed(record: Record, sums: Sums, model: Model) -> Analysis:
         for label in (size, None):
             fits[label] = widened(fits[label], gain * scaled(sums, model, fits[label], size, label))
     if record.softer is not None:
-        softer = fitted(plain_sums(record.softer, model))
+        softer = fitted(again(record.softer, model))
         fits = {x: widened(fit, softer[x].estimates - fit.estimates, shared=True) for x, fit in fits.items()}
-    others = {} if record.other is None else fitted(plain_sums(record.other, model))
+    others = {} if record.other is None else fitted(again(record.other, model))
     return Analysis(record, sums, model, fits, others)
 
 
@@ -202,11 +287,9 @@ def friction_rows(s: Sums, analysis: Analysis) -> dict[Label, Row]:
     own = (f"{damping}_viscous", "f_C" if damping == "B" else "T_C")
     names = [f"{name}{end}" for name in own for end in ("", "_se", "_low", "_high")]
     rows, whole_has = dict[Label, Row](), False
-    own_columns = s.index([*model.values(), "sign"]) if "sign" in s.names else []
+    own_columns = s.index([*model.values(), "T_C"])
     for label, fit in sorted(fits.items(), key=lambda item: item[0] is not None):  # first that of all of the trial
         rows[label] = dict.fromkeys(("coulomb_torque", "coulomb_damping", "coulomb_share", *names))
-        if not own_columns:  # of a person's joint
-            continue
         try:
             beside, alone = with_friction(s, model, label), estimates_of(s.over(label), own_columns, s.torque)
         except IdentifiabilityError:

@@ -16,16 +16,16 @@ from osl_analysis.bench.analysis import Analysis, analysed, check_stiffer, frict
 from osl_analysis.bench.effects import TRANSMISSION, Model
 from osl_analysis.bench.gram import GroupFit, fit_groups, gram_sums
 from osl_analysis.bench.phasors import harmonic_shares, phasors_of_record
+from osl_analysis.bench.plausible import check_changes
 from osl_analysis.bench.record import Groups, Label, Record, Stratum, joint_angle, stretches_of
 from osl_analysis.bench.settings import ActuatorAnalysis, BeltAnalysis
 from osl_analysis.errors import InputError, naming
-from osl_analysis.judge.doubts import LATENESS, SIZED, check_changes, summary_of_trials
-from osl_analysis.measured import significant
 from osl_analysis.model.drivetrain import belt_deflection
 from osl_analysis.model.parameters import DrivetrainParameters
 from osl_analysis.signals import Motion, differentiate, filtered_motion, runs
 from osl_analysis.signals.grid import BRIDGE_MORE, UniformSignals, uniform_signals
 from osl_analysis.stats.fit_row import Row, covariance_row, estimates_row
+from osl_analysis.stats.repeats import summary_of_trials
 from osl_analysis.trial import Array, Trial
 
 PLACE = ("joint", "side")
@@ -288,23 +288,19 @@ def transmission_table(analysis: Analysis) -> pl.DataFrame:
                 **lateness_of(lag, fit),
             }
         )
-    table = pl.DataFrame(rows, infer_schema_length=None, schema_overrides={"not_checked": pl.String})
+    table = pl.DataFrame(rows, infer_schema_length=None)
     return table.with_columns(pl.col(pl.Null).cast(pl.Float64))
 
 
 def lateness_of(lag: effects.Fault | None, fit: GroupFit) -> Row:
     """Lag of the torque, and the share of J_j that it makes: 0 of one that was not found, null where a tenth may be."""
-    per_J_j, share, said = fit["B_j"] / abs(fit["J_j"]), None, None
+    per_J_j, share = fit["B_j"] / abs(fit["J_j"]), None
     if lag is not None and lag.found:
         share = abs(lag.size) * per_J_j
     elif lag is not None and lag.possible * per_J_j < 0.1:
         share = 0.0
-    else:
-        taken, J_j = significant(1e-3 * fit["B_j"]), significant(fit["J_j"])
-        said = f"{LATENESS}: a late torque would look like less inertia{SIZED} {taken} kg*m^2 off J_j = {J_j}. "
-        said += "Measure it by a `calibration` of this bench"
     size, se = (lag.size, lag.se) if lag else (None, None)
-    return {"lag_s": size, "lag_se_s": se, "lag_inertia_share": share, "not_checked": said}
+    return {"lag_s": size, "lag_se_s": se, "lag_inertia_share": share}
 
 
 ACTUATOR_ALONE: Model = {**{name: name for name in ACTUATOR_PARAMETERS}, "offset": "one", "drift": "drift"}
@@ -367,7 +363,6 @@ def actuator_of(signals: UniformSignals, settings: ActuatorAnalysis) -> Analysis
 INTERVAL_ENDS = ("", "_se", "_low", "_high")  # of a column with an interval
 FEWEST_LEVELS = 8  # plateaus of the current, each of which is left out once for the interval
 LEVEL_S = 0.05  # time [s] over which a current is averaged to see its plateaus
-STALLED = "f_C, f_G, B_m and J_m: the actuator stands throughout, and only a motion shows them"
 
 
 def levels_of(current: Array, rate_hz: float, usable: NDArray[np.bool_]) -> list[slice]:
@@ -443,8 +438,6 @@ def actuator_table(actuator: Analysis) -> pl.DataFrame:
         **actuator.judged(),
         "correlation_k_f_G": fit.correlation("k_tau_n_m", "f_G") if "f_G" in told else None,
         **actuator.time_base_row(None, told),
-        "not_checked": None if "B_m" in told else STALLED,
     }
-    texts = {"motion": pl.String, "not_checked": pl.String}
-    table = pl.DataFrame([row], schema_overrides=texts | {"time_base_shift": pl.Float64})
+    table = pl.DataFrame([row], schema_overrides={"motion": pl.String, "time_base_shift": pl.Float64})
     return table.with_columns(pl.col(pl.Null).cast(pl.Float64))

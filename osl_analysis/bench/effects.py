@@ -1,7 +1,7 @@
 """Every fault is a column: lag, clocks that drift apart, a stiffness that changes, beside the physics of the joint.
 
-A model (Eq. 15, Eq. 4) names its columns; each effect names the columns of `sums_of` that it adds, and with what
-weight, given the estimates. All of it is algebra on the Gram matrices of groups (gram.py).
+A model (Eq. 15, Eq. 4) names its columns; an effect is one more, and all that is known of it is one object (`EFFECTS`).
+All of it is algebra on the Gram matrices of groups (gram.py).
 
 Friction passes for a lag and for a changing stiffness as long as it is left out. So physics of the joint and faults of
 the recording compete, and a fault is found only beside all of the physics.
@@ -12,16 +12,13 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.interpolate import make_interp_spline
-from scipy.special import chdtrc, chdtri, stdtrit
-from scipy.stats import spearmanr
 
 from osl_analysis.bench import gram
 from osl_analysis.bench.gram import GroupFit, Sums
 from osl_analysis.bench.record import Label, Record
 from osl_analysis.errors import IdentifiabilityError, InputError
-from osl_analysis.judge.doubts import LARGEST_TURN
 from osl_analysis.model.drivetrain import belt_deflection
 from osl_analysis.model.parameters import DrivetrainParameters
 from osl_analysis.signals import seven_point_motion
@@ -38,25 +35,68 @@ Keep = NDArray[np.bool_] | Label
 """Groups: those to keep (m,), those of a label, or all (None)."""
 IMPEDANCE: Model = {"K": "theta", "B": "omega", "I": "alpha", "offset": "one", "drift": "ramp"}  # Eq. 15
 TRANSMISSION: Model = {"B_j": "omega", "J_j": "alpha", "offset": "one", "drift": "ramp"}  # Eq. 4 without a belt
-STOPS = {"hysteresis": 0.05, "hysteresis_2": 0.15, "hysteresis_3": 0.4}
-"""Half-widths of springs that slip, as shares of the motion's RMS: presliding friction, a belt that winds up."""
-PHYSICS = ("T_C", "T_G", *STOPS, "cubic", "gap", "linear")
-"""What a joint may have beside the model: Coulomb friction, friction that grows with the angle, springs that slip, a
-spring that stiffens, play, the higher dynamics of the linear model with its gains."""
-FAULTS = ("lag_s", "K_change")  # what a recording may have
-COLUMN = {"weight": "theta", "T_C": "sign", "T_C_sharp": "sharp_sign", "T_G": "load_sign", "K_change": "u_theta"}
-"""Columns of effects that are not named alike."""
+LARGEST_TURN = 0.2
+"""Phase [rad] by which a lag turns the highest frequency, 6 ms at 5 Hz, beyond which a drivetrain may make it."""
 FALSE_ALARM = 1e-3  # probability of a false alarm for one effect
 POSSIBLE = 2.0  # standard errors by which an effect may be larger than it is found
 WOUND_UP = (0.5e-3, 1.5e-3, 4e-3)  # half-widths [rad] of springs that slip, of which a belt's hysteresis is made
-FRICTION_ERROR = 60e-6  # s by which friction that is not made of `PHYSICS` shifts a lag beside it (SD)
+FRICTION_ERROR = 60e-6  # s by which friction that is not made of `EFFECTS` shifts a lag beside it (SD)
 BELT_ERROR = 80e-6  # s by which hysteresis that is not made of these shifts a lag (SD); of simulated legs 10 to 150
 CANNOT_TELL = (IdentifiabilityError, InputError, np.linalg.LinAlgError)  # a motion does not tell effects apart
 
 
-def eq15_of(record: Record) -> Model:
-    """Eq. 15, with what is fitted beside it."""
-    return {**IMPEDANCE, **{name: name for name in record.also}}
+@dataclass(frozen=True)
+class Moved:
+    """The motion of a joint (n,) and its Eq. 15, of which the columns of effects are made."""
+
+    theta: Array  # angle [rad] about its mean
+    omega: Array
+    size: float  # RMS [rad] of the fitted angle
+    torque: Array  # of Eq. 15 without its offset [N*m]
+    passed: Array  # share of the record that has passed, about its middle
+
+
+@dataclass(frozen=True)
+class Effect:
+    """What a joint has beside a model, or a recording may have: a column beside those of the model. Its estimate and
+    its column have its name, and so have its words in the table of judgements."""
+
+    name: str
+    made: Callable[[Moved], Array] | None = None  # its column (n,); None: it is one of the model's, or of `sums_of`
+    is_filtered: bool = True  # whether the column passes the filter of the torque
+    has_rate: bool = False  # whether NAME_rate, its derivative, is a column: a late torque has it
+    is_fault: bool = False  # of the recording, and not of the joint
+    is_tried: bool = True  # whether it competes for the misfit of any model
+    of_spring: bool = False  # a model without stiffness has none
+    is_friction: bool = False
+    is_rich: bool = True  # whether the richest model has it, which leaves noise
+
+
+def slipping(name: str, share: float) -> Effect:
+    """A spring that slips, of a half-width that is a share of the motion's RMS: presliding friction, a belt that winds
+    up."""
+    return Effect(name, lambda moved: spring_that_slips(moved.theta, share * moved.size), is_friction=True)
+
+
+EFFECTS = (
+    Effect("K_change", lambda moved: moved.passed * moved.theta, is_filtered=False, is_fault=True, of_spring=True),
+    # Coulomb friction; 0.01 rad/s are ten times the velocity noise of 14 bits
+    Effect("T_C", lambda moved: np.tanh(moved.omega / 0.01), has_rate=True, is_friction=True),
+    Effect("T_C_sharp", lambda moved: np.tanh(moved.omega / 0.001), is_tried=False, is_rich=False),
+    # friction that grows with the angle
+    Effect("T_G", lambda moved: np.abs(moved.theta) * np.tanh(moved.omega / 0.01), is_friction=True),
+    slipping("hysteresis", 0.05),
+    slipping("hysteresis_2", 0.15),
+    slipping("hysteresis_3", 0.4),
+    Effect("cubic", lambda moved: moved.theta**3, of_spring=True),  # a spring that stiffens
+    # play opens where the torque of Eq. 15 is 0, without its offset
+    Effect("gap", lambda moved: -np.sign(moved.torque), of_spring=True, is_rich=False),
+    Effect("linear", has_rate=True, is_rich=False),  # the higher dynamics of the linear model with its gains
+    Effect("lag_s", is_fault=True, is_rich=False),  # its columns hang on the estimates (`told_lag`)
+)
+FAULTS = frozenset(effect.name for effect in EFFECTS if effect.is_fault)
+FRICTION = frozenset(effect.name for effect in EFFECTS if effect.is_friction)
+COLUMN = {"weight": "theta"}  # of an estimate beside a model that is not named like its column
 
 
 def plain_sums(record: Record, model: Model) -> Sums:
@@ -70,7 +110,7 @@ def columns_of(record: Record) -> tuple[dict[str, Array], float]:
     motion, centre = record.motion, float(record.part(record.motion.theta).mean())
     columns = {"theta": motion.theta - centre, "omega": motion.omega, "alpha": motion.alpha}
     columns |= {"one": np.ones_like(motion.theta), "ramp": record.time - record.time.mean()}
-    return {**columns, **record.also}, centre
+    return columns, centre
 
 
 def sums_of(record: Record, model: Model, expected: Admittance | None = None) -> Sums:
@@ -79,27 +119,26 @@ def sums_of(record: Record, model: Model, expected: Admittance | None = None) ->
     few = record.coarse
     columns, centre = columns_of(few)
     theta, omega, alpha, one, ramp = columns.values()
-    size = float(few.part(few.motion.theta).std())
     higher = seven_point_motion(few.time, alpha, few.rate_hz)
     duration = np.concatenate([few.time[[p.start, p.stop - 1]] for p in few.pieces])
-    u = ramp / max(float(np.ptp(duration)), np.finfo(float).tiny)
-    sign = np.tanh(omega / 0.01)  # rad/s: ten times the velocity noise of 14 bits
-    shaped = {"sign": sign, "sharp_sign": np.tanh(omega / 0.001), "load_sign": np.abs(theta) * sign, "cubic": theta**3}
-    shaped |= {name: spring_that_slips(theta, share * size) for name, share in STOPS.items()}
-    # play opens where the torque of Eq. 15 is 0, without its offset
     X = np.array([few.part(x) for x in (theta, omega, alpha, one)])
     K, B, I, _ = np.linalg.lstsq(X @ X.T, X @ few.part(few.filtered_torque), rcond=1e-12)[0]
-    shaped["gap"] = -np.sign(K * theta + B * omega + I * alpha)
-    smooth = few.low_pass(np.array(list(shaped.values())).T, few.rate_hz).T
-    columns |= {"jerk": higher.omega, "snap": higher.alpha, "u_theta": u * theta}
+    size, linear_part = float(few.part(few.motion.theta).std()), K * theta + B * omega + I * alpha
+    moved = Moved(theta, omega, size, linear_part, ramp / max(float(np.ptp(duration)), np.finfo(float).tiny))
+    columns |= {"jerk": higher.omega, "snap": higher.alpha}
     if record.two_clocks and not record.groups.repeat:
         columns |= {f"ramp_{name}": ramp * columns[name] for name in ("omega", "alpha", "jerk")}
-    columns |= dict(zip(shaped, smooth, strict=True))
-    columns["sign_rate"] = np.gradient(columns["sign"], 1 / few.rate_hz)
+    shaped = {effect: effect.made(moved) for effect in EFFECTS if effect.made}
+    sharp = [effect for effect in shaped if effect.is_filtered]
+    smooth = few.low_pass(np.array([shaped[effect] for effect in sharp]).T, few.rate_hz).T
+    shaped |= dict(zip(sharp, smooth, strict=True))
+    columns |= {effect.name: column for effect, column in shaped.items()}
     if expected is not None:
-        linear = linear_torque(few, expected)
-        columns |= {"linear": linear, "linear_rate": np.gradient(linear, 1 / few.rate_hz)}
-    rich = [*model.values(), "jerk", "snap", "u_theta", "sign", "load_sign", *STOPS, "cubic"]
+        columns["linear"] = linear_torque(few, expected)
+    for effect in EFFECTS:
+        if effect.has_rate and effect.name in columns:
+            columns[f"{effect.name}_rate"] = np.gradient(columns[effect.name], 1 / few.rate_hz)
+    rich = [*model.values(), "jerk", "snap", *(effect.name for effect in EFFECTS if effect.is_rich)]
     return gram.gram_sums(few, columns, rich, centre)
 
 
@@ -174,7 +213,7 @@ def told_lag(s: Sums, model: Model, effects: Sequence[str], keep: Keep = None) -
     if not tried:
         return near, s
     least = tried[0][0]
-    more = float(chdtri(1, FALSE_ALARM)) * least.left / least.samples * s.independent
+    more = float(scipy.special.chdtri(1, FALSE_ALARM)) * least.left / least.samples * s.independent
     equal = [both for both in tried if both[0].left < least.left + more]
     equal.sort(key=lambda both: both[1].noise_gain > 1)
     return next((both for both in equal if possible_joint(both[0], model)), tried[0])
@@ -245,7 +284,7 @@ def causes(record: Record, s: Sums, model: Model) -> Causes:
     """Physics of the joint and faults of the recording compete step by step: the one that leaves least is taken, as
     long as it is certain, and takes a thousandth of what is left or more. Of few units nothing is asked."""
     physics = physics_of(s, model)
-    effects = [*physics, *(fault for fault in FAULTS if fault != "K_change" or "theta" in model.values())]
+    effects = [*physics, *(e.name for e in EFFECTS if e.is_fault and (not e.of_spring or "theta" in model.values()))]
     chosen: list[str] = []
     now, at, lag = with_effects(s, model), s, None
     wide = not (leaves_noise(record, now) and possible_joint(now, model))
@@ -286,8 +325,9 @@ def leaves_noise(record: Record, fit: GroupFit, more: float = 1.5) -> bool:
 
 def physics_of(s: Sums, model: Model) -> tuple[str, ...]:
     """The physics that a model may lack and the columns have; without a stiffness neither a spring nor play."""
-    of_spring = () if "theta" in model.values() else ("cubic", "gap")
-    return tuple(e for e in PHYSICS if COLUMN.get(e, e) in s.names and e not in of_spring)
+    elastic = "theta" in model.values()
+    joint = (e for e in EFFECTS if e.is_tried and not e.is_fault)
+    return tuple(e.name for e in joint if e.name in s.names and (elastic or not e.of_spring))
 
 
 def tried_fit(
@@ -318,7 +358,7 @@ def is_alike(s: Sums, model: Model, fault: str, found: Causes, lag: float | None
         return True
     estimates, variances = np.array(known).T
     mean = np.sum(estimates / variances) / np.sum(1 / variances)
-    return bool(chdtrc(len(known) - 1, float(np.sum((estimates - mean) ** 2 / variances))) > 0.01)
+    return bool(scipy.special.chdtrc(len(known) - 1, float(np.sum((estimates - mean) ** 2 / variances))) > 0.01)
 
 
 @dataclass(frozen=True)
@@ -333,7 +373,7 @@ class Fault:
 
 def is_certain(size: float, se: float, freedom: float) -> bool:
     """Whether a size differs from 0 by more than chance does once in `FALSE_ALARM` (two-sided)."""
-    return abs(size) > float(stdtrit(freedom, 1 - FALSE_ALARM / 2)) * se
+    return abs(size) > float(scipy.special.stdtrit(freedom, 1 - FALSE_ALARM / 2)) * se
 
 
 def lag_of(record: Record, s: Sums, model: Model, found: Causes) -> Fault | None:
@@ -348,7 +388,7 @@ def lag_of(record: Record, s: Sums, model: Model, found: Causes) -> Fault | None
         fit, about = told_lag(s, model, (*others, "lag_s"))
     except CANNOT_TELL:
         return None
-    size, beside = fit["lag_s"], FRICTION_ERROR if {"T_C", "T_G", *STOPS}.intersection(others) else 0.0
+    size, beside = fit["lag_s"], FRICTION_ERROR if FRICTION.intersection(others) else 0.0
     se = float(np.hypot(fit.se("lag_s"), beside))
     sure = is_certain(size, se, fit.freedom("lag_s")) and (
         "lag_s" in found.chosen or not possible_joint(found.fit, model)
@@ -361,7 +401,8 @@ def lag_of(record: Record, s: Sums, model: Model, found: Causes) -> Fault | None
         at = [*about.index(names), about.torque]
         least = float(gram.least_left(about.total[np.ix_(at, at)])) / about.noise_gain
         free = max(len(names) - len(fit.names), 1)
-        explained = fit.left - least > float(chdtri(free, FALSE_ALARM)) * fit.left / fit.samples * about.independent
+        beyond_noise = float(scipy.special.chdtri(free, FALSE_ALARM)) * fit.left / fit.samples
+        explained = fit.left - least > beyond_noise * about.independent
         sure = leaves_noise(record, fit, 2.0) and not explained
     return Fault(size, se, sure and is_alike(about, model, "lag_s", found, size), abs(size) + POSSIBLE * se)
 
@@ -394,7 +435,7 @@ def belt_of_leg(record: Record, p: DrivetrainParameters | None) -> Belt | None:
         return None
     slips = few.low_pass(np.array([spring_that_slips(wound, width) for width in WOUND_UP]).T, few.rate_hz).T
     columns |= {"wound": wound - wound.mean(), **{f"slips_{k}": column for k, column in enumerate(slips)}}
-    torque, first, last = make_interp_spline(few.time, few.filtered_torque, 5), *few.time[[0, -1]]
+    torque, first, last = scipy.interpolate.make_interp_spline(few.time, few.filtered_torque, 5), *few.time[[0, -1]]
 
     def fitted(known: float) -> tuple[float, GroupFit]:
         """The torque's lag, and the last step of the iteration; `omega` is the torque per velocity beside a known B_j,
@@ -438,7 +479,7 @@ def stiffness_change(s: Sums, model: Model, found: Causes) -> Fault | None:
     def beyond_noise(fit: GroupFit, name: str, sure: bool, duration: float = 1.0) -> Fault:
         """A change in a `duration` of the estimate's unit of time; 0 if it is no more than noise."""
         change, se = duration * fit[name], duration * fit.se(name)
-        noise = float(stdtrit(fit.freedom(name), 1 - FALSE_ALARM)) * se  # one-sided
+        noise = float(scipy.special.stdtrit(fit.freedom(name), 1 - FALSE_ALARM)) * se  # one-sided
         return Fault(float(np.sign(change)) * (abs(change) - noise), se, sure and abs(change) > noise, noise)
 
     tried: list[Fault] = []
@@ -454,7 +495,7 @@ def stiffness_change(s: Sums, model: Model, found: Causes) -> Fault | None:
             # in a sweep, whose frequency rises or falls with time, dynamics pass for a change over time
             theta, omega = s.index(["theta", "omega"])
             speed = s.gram[:, omega, omega] / np.maximum(s.gram[:, theta, theta], np.finfo(float).tiny)
-            sweeps = abs(float(spearmanr(s.groups.first, speed).statistic)) > 0.5
+            sweeps = abs(float(scipy.stats.spearmanr(s.groups.first, speed).statistic)) > 0.5
             sure = rich is not None and rich.certain("K_change", FALSE_ALARM**2) and not sweeps
         tried.append(beyond_noise(full, "K_change", sure and is_alike(s, model, "K_change", found)))
     return min(tried, key=lambda fault: fault.possible if not fault.found else fault.se, default=None)
@@ -515,7 +556,7 @@ def clocks_row(record: Record, s: Sums, model: Model, found: Causes) -> Row:
             seen = changes_of_repeats(s, model, {"K_within": {"theta": 1.0}, "ppm": slope})
         else:
             seen, drifting = None, {f"ramp_{name}": weight for name, weight in slope.items()}
-            for effects in ([e for e in found.chosen if e not in (*FAULTS, "linear")], physics_of(s, model)):
+            for effects in ([e for e in found.chosen if e not in FAULTS | {"linear"}], physics_of(s, model)):
                 base = with_columns(model, effects)
                 turn = s.turned(s.combinations([*({column: 1.0} for column in base.values()), drifting]))
                 fit = gram.fit_groups(s, {**base, "ppm": "one"}, None, turn, gram.EFFECTS_LIMIT)

@@ -15,8 +15,8 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import stdtrit
 
 from osl_analysis.bench.record import Groups, Label, Record
 from osl_analysis.errors import IdentifiabilityError, InputError
@@ -29,10 +29,7 @@ from osl_analysis.trial import Array
 
 FEWEST_UNITS = 4  # strata from which on these are the units that are left out; below, each group is one
 FEWEST_GROUPS = 8  # groups that do not repeat from whose scores an interval comes
-NO_ESTIMATES = ("reflex_", "friction_", "K_over_", "B_over_", "level_over_")
-"""How columns of a person's joint begin that are like one another, and are no estimates."""
-NEXT = {"theta": "omega", "omega": "alpha", "alpha": "jerk", "jerk": "snap"}  # derivatives
-NEXT |= {"linear": "linear_rate", "sign": "sign_rate"}
+NEXT = {"theta": "omega", "omega": "alpha", "alpha": "jerk", "jerk": "snap"}  # derivatives; of others NAME_rate
 SPACING = 5e-3  # at most between delays that are tried [s]; Gauss and Newton's steps go as far to each side
 EFFECTS_LIMIT = 1e5  # largest scaled condition number of a fit with effects, whose columns are alike at times
 BY_UNITS, BY_REPEATS = "units", "repeats"
@@ -56,6 +53,7 @@ class Sums:
     late: float = 0.0  # lag [s] that was taken off the torque
     noise_gain: float = 1.0  # power of the torque's noise over that of the measured one, beyond 1 without a low-pass
     rounding: tuple[float, float] = (0.0, 0.0)  # variances of the rounding of angle and torque, `Record.rounding`
+    no_estimates: frozenset[str] = frozenset()  # columns that are like one another, whose sizes nobody asks for
 
     def index(self, names: Sequence[str]) -> list[int]:
         return [self.names.index(name) for name in names]
@@ -82,8 +80,8 @@ class Sums:
         the power of the lag d [s]."""
         slower = np.zeros((len(self.names), len(self.names)))
         for k, name in enumerate(self.names):
-            if NEXT.get(name) in self.names:
-                slower[self.names.index(NEXT[name]), k] = -1.0
+            if (rate := NEXT.get(name, f"{name}_rate")) in self.names:
+                slower[self.names.index(rate), k] = -1.0
         found = [np.eye(len(self.names))]
         for order in range(1, 5):
             found.append(slower @ found[-1] / order)
@@ -183,10 +181,16 @@ class GroupFit(LinearFit):
 
     def certain(self, name: str, once_in: float) -> bool:
         """Whether an estimate differs from 0 by more than chance does `once_in` (two-sided)."""
-        return abs(self[name]) > float(stdtrit(self.freedom(name), 1 - once_in / 2)) * self.se(name)
+        return abs(self[name]) > float(scipy.special.stdtrit(self.freedom(name), 1 - once_in / 2)) * self.se(name)
 
 
-def gram_sums(record: Record, columns: Mapping[str, Array], rich: Sequence[str], centre: float = 0.0) -> Sums:
+def gram_sums(
+    record: Record,
+    columns: Mapping[str, Array],
+    rich: Sequence[str],
+    centre: float = 0.0,
+    no_estimates: frozenset[str] = frozenset(),
+) -> Sums:
     """The sums of columns (n,) and of the record's torque; noise is that of the raw torque, before the filter.
     Raises InputError: a column cannot be measured."""
     Y = [record.filtered_torque, record.torque]
@@ -208,6 +212,7 @@ def gram_sums(record: Record, columns: Mapping[str, Array], rich: Sequence[str],
         np.array(Y),
         independent=max(record.rate_hz / (2 * record.low_pass.noise_bandwidth_hz), 1.0),
         rounding=record.rounding,
+        no_estimates=no_estimates,
     )
 
 
@@ -257,19 +262,15 @@ def fit_groups(
         turn = turn[used]
         own = turn.T @ (s.gram[:, used[:, None], used][groups] @ turn)
     one = columns.index("one")
-    if "ramp" in columns:  # time about the middle of what is fitted: a drift and an offset are then told apart
-        ramp, total = columns.index("ramp"), own[:, one].sum(axis=0)
-        middle = total[ramp] / total[one]
-        own[:, ramp] -= middle * own[:, one]
-        own[:, :, ramp] -= middle * own[:, :, one]
-        turn[:, ramp] -= middle * turn[:, one]
+    if "ramp" in columns:
+        centre_ramp(own, turn, columns.index("ramp"), one)
     total = own.sum(axis=0)
     n = float(total[one, one])
     # noise is independent from row to row before the filter; but where nothing repeats, what the filter takes off the
     # signal itself would count as noise
     A_g, b_g, raw_g = own[:, :p, :p], own[:, :p, p], own[:, :p, p + 1 if s.groups.repeat else p]
     A, b, square = total[:p, :p], total[:p, p], float(total[p, p])
-    estimates, inverse, about_means, condition = identified(model, A, b, limit)
+    estimates, inverse, about_means, condition = identified(model, A, b, limit, s.no_estimates)
     if n <= len(names):
         raise InputError(f"{n:.0f} samples cannot determine {len(names)} parameters; record for longer")
     left = max(float(square - 2 * estimates @ b + estimates @ A @ estimates), 0.0)
@@ -284,26 +285,16 @@ def fit_groups(
         left_free = max(n / s.independent - len(names), 1.0)
         noise, freedom = inverse * left / left_free, np.full(len(names), left_free)
     else:
-        # what the richest model leaves is the noise
-        mine = [s.names[k] for k, row in zip(used, turn, strict=True) if row[:p].any()]
-        rich = np.array(s.index(list(dict.fromkeys([*s.rich, *mine]))))
-        across = s.gram[np.ix_(groups, rich, used)] @ turn
-        coefficients = solved(s.over(keep)[np.ix_(rich, rich)], across[:, :, p].sum(axis=0))[0]
-        modelled = np.einsum("mrp,r->mp", across[:, :, :p], coefficients)
-        noise, freedom = noise_of_scores(np.asarray((raw_g - modelled) @ inverse), len(rich))
+        modelled, columns_of_rich = richest_products(s, keep, groups, used, turn)
+        noise, freedom = noise_of_scores(np.asarray((raw_g - modelled) @ inverse), columns_of_rich)
     unit = stratum if stratum.max() + 1 >= FEWEST_UNITS else np.arange(len(stratum))
     units = int(unit.max()) + 1
     told = repeats or unit is stratum or len(stratum) >= FEWEST_GROUPS
     misfit = jackknife(A_g, b_g, A, b, unit) if told else np.zeros_like(inverse)
-    known = np.zeros(len(names))
     # ten units show the rounding that cycles repeat; of fewer its known size counts, if it is larger
-    if s.groups.kind == "cycles" and (unit is not stratum or units < 10) and any(s.rounding):
-        of_theta, of_torque = s.rounding
-        stiffness = estimates[names.index("K")] if "K" in names else 0.0
-        repeated = np.tensordot(s.groups.alike[groups], A_g, axes=1) * (stiffness**2 * of_theta + of_torque)
-        # where the joint turns round, many rows share a step: the variance of what rounding does is 0.4 to 2.5 times
-        # that of errors that are independent from row to row, by how an amplitude lies between steps (simulated)
-        known = np.diag(inverse @ (2.0 * repeated) @ inverse)
+    hides = s.groups.kind == "cycles" and (unit is not stratum or units < 10) and any(s.rounding)
+    stiffness = estimates[names.index("K")] if "K" in names else 0.0
+    known = rounding_variances(s, groups, A_g, inverse, stiffness) if hides else np.zeros(len(names))
     covariance, freedom = combined(noise, freedom, misfit, units, known)
     return GroupFit(
         names,
@@ -324,12 +315,46 @@ def fit_groups(
     )
 
 
-def identified(model: Mapping[str, str], A: Array, b: Array, limit: float) -> tuple[Array, Array, Array, float]:
+def centre_ramp(own: Array, turn: Array, ramp: int, one: int) -> None:
+    """Take time in sums (m, c, c), and in the combinations that these are of, about the middle of what is fitted: a
+    drift and an offset are then told apart."""
+    total = own[:, one].sum(axis=0)
+    middle = total[ramp] / total[one]
+    own[:, ramp] -= middle * own[:, one]
+    own[:, :, ramp] -= middle * own[:, :, one]
+    turn[:, ramp] -= middle * turn[:, one]
+
+
+def richest_products(
+    s: Sums, keep: "NDArray[np.bool_] | Label", groups: NDArray[np.intp], used: NDArray[np.intp], turn: Array
+) -> tuple[Array, int]:
+    """Products (m, p) of the columns of some groups with what the richest model explains, and its number of columns:
+    what it leaves is the noise."""
+    p = turn.shape[1] - 2
+    mine = [s.names[k] for k, row in zip(used, turn, strict=True) if row[:p].any()]
+    rich = np.array(s.index(list(dict.fromkeys([*s.rich, *mine]))))
+    across = s.gram[np.ix_(groups, rich, used)] @ turn
+    coefficients = solved(s.over(keep)[np.ix_(rich, rich)], across[:, :, p].sum(axis=0))[0]
+    return np.einsum("mrp,r->mp", across[:, :, :p], coefficients), len(rich)
+
+
+def rounding_variances(s: Sums, groups: NDArray[np.intp], A_g: Array, inverse: Array, stiffness: float) -> Array:
+    """Variances (p,) of the estimates by the rounding that cycles repeat. Where the joint turns round, many rows share
+    a step: the variance of what rounding does is 0.4 to 2.5 times that of errors that are independent from row to row,
+    by how an amplitude lies between steps (simulated)."""
+    of_theta, of_torque = s.rounding
+    repeated = np.tensordot(s.groups.alike[groups], A_g, axes=1) * (stiffness**2 * of_theta + of_torque)
+    return np.diag(inverse @ (2.0 * repeated) @ inverse)
+
+
+def identified(
+    model: Mapping[str, str], A: Array, b: Array, limit: float, no_estimates: frozenset[str] = frozenset()
+) -> tuple[Array, Array, Array, float]:
     """Estimates (p,) of a model and the inverse (p, p) of its normal equations; the part of it that is about the means
     of the columns, beside an offset; and their scaled condition number. Raises IdentifiabilityError: it is above the
     limit, or a column is 0."""
     estimates, inverse = solved(A, b)
-    varies = [k for k, column in enumerate(model.values()) if not column.startswith(("one", *NO_ESTIMATES))]
+    varies = [k for k, column in enumerate(model.values()) if column != "one" and column not in no_estimates]
     about_means = inverse[np.ix_(varies, varies)]
     scale = np.sqrt(regression.check_not_zero(tuple(model), np.diag(A)))
     values, vectors = np.linalg.eigh(A / np.outer(scale, scale))
@@ -415,7 +440,7 @@ def held_out_vaf(s: Sums, model: Mapping[str, str], label: Label = None, interle
         if total[one, one] <= len(model):
             return None
         try:
-            x, *_ = identified(model, total[np.ix_(at, at)], total[at, q], CONDITION_LIMIT)
+            x, *_ = identified(model, total[np.ix_(at, at)], total[at, q], CONDITION_LIMIT, s.no_estimates)
         except IdentifiabilityError:
             return None
         for own in map(s.over, held):

@@ -4,40 +4,29 @@ should give, and what judges the estimates.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import polars as pl
+import scipy
 from numpy.typing import NDArray
-from scipy.special import stdtrit
 
 from osl_analysis.bench import effects
-from osl_analysis.bench.analysis import Analysis, analysed, check_stiffer, friction_rows, widened
+from osl_analysis.bench.analysis import Analysis, fitted_motion, friction_rows, motion_in, turn_deg, widened
 from osl_analysis.bench.effects import IMPEDANCE, Causes, Fault
 from osl_analysis.bench.gram import FEWEST_UNITS, GroupFit, Sums, combined, estimates_of, solved
-from osl_analysis.bench.human import person_lag_row, reflex_row, with_reflex
 from osl_analysis.bench.phasors import SegmentPhasors, harmonic_shares, phasors_of_record
-from osl_analysis.bench.record import SHORTEST_S, Label, Record
-from osl_analysis.errors import IdentifiabilityError, InputError, nearest
-from osl_analysis.judge.doubts import (
-    EFFECTS,
-    LATENESS,
-    check_resists,
-    check_told,
-    counted,
-    doubtful_row,
-    plausible_impedance,
-)
+from osl_analysis.bench.plausible import check_resists, plausible_impedance
+from osl_analysis.bench.record import Label, Record
+from osl_analysis.bench.reflex import unstated_reflex_row
+from osl_analysis.errors import InputError, nearest
 from osl_analysis.measured import usual_size
 from osl_analysis.model.compensator import CONTROLLERS, Gains, Weight, select_gains
 from osl_analysis.model.drivetrain import joint_admittance
 from osl_analysis.model.parameters import DrivetrainParameters
-from osl_analysis.protocol.stepped_sine import moving_bins
-from osl_analysis.signals.samples import NO_DRIFT
 from osl_analysis.spectral.periods import distinct
 from osl_analysis.spectral.response import periodic_response
 from osl_analysis.stats.fit_row import Row, estimates_row, lag_damping_row
-from osl_analysis.stats.repeats import summary_row
+from osl_analysis.stats.repeats import counted, doubtful_row, summary_row
 from osl_analysis.trial import Array
 
 QUANTITIES = ("K", "B", "I")  # parameters of Eq. 15
@@ -84,7 +73,6 @@ class DesiredImpedance:
 class Rendered:
     """Eq. 15 of an impedance trial, with the phasors of its sines."""
 
-    raw: Record  # of a person's joint with its slow part
     analysis: Analysis
     phasors: Sequence[SegmentPhasors]  # none where no sines moved the joint
     sums: Sums  # with the columns of all effects
@@ -95,94 +83,12 @@ class Rendered:
         return self.analysis.record
 
 
-def rendered_impedance(raw: Record, expected: effects.Admittance | None = None) -> Rendered:
-    """Eq. 15 of a record, of a person's joint with its reflex. `expected` is the admittance of the linear model, where
-    the gains are known.
-
-    Raises InputError: the joint hardly moves. Raises IdentifiabilityError: the motion cannot tell K from I; the message
-    names the band that is missing.
-    """
-    record = with_reflex(raw)
-    sums, of, (low, high) = effects.plain_sums(record, IMPEDANCE), record.groups, record.band_hz
-    moving_s = np.inf
-    if not record.is_stepped_sine:
-        check_moves(record, sums)
-        moving_s = np.count_nonzero(moving_bins(record.time, record.theta)[record.rows()]) / record.rate_hz
-    try:
-        if moving_s < SHORTEST_S:
-            raise IdentifiabilityError("K, B and I cannot be told from so little")
-        analysis = analysed(record, sums, effects.eq15_of(record))
-    except IdentifiabilityError as error:
-        if record.is_stepped_sine:  # what its poorest amplitude has, and which band is missing
-            found = {x: sorted({one.frequency_hz for one in of.strata if one.label == x}) for x in of.labels}
-            amplitude, hz = min(found.items(), key=lambda item: (len(item[1]), item[1][-1] / item[1][0]))
-            words = (
-                f"K and I cannot be told apart: the sines of {amplitude:g} deg are of "
-                f"{', '.join(f'{f:g}' for f in hz)} Hz alone, and at one frequency K - I w^2 is one number; the band "
-                f"below {hz[0] / 2:.2g} Hz or from {2 * hz[-1]:.2g} Hz is missing, excite it as well"
-            )
-        else:
-            words = (
-                f"the joint moves for {moving_s:.2g} of the {record.seconds:.3g} s that are fitted, at {low:.2g} to "
-                f"{high:.2g} Hz: {str(error).partition(';')[0]}; keep it moving by 0.5 to 6 Hz, or take the stiffness "
-                "alone by experiment 'torque_angle'"
-            )
-        raise IdentifiabilityError(f"trial {record.name}: {words}") from error
-    if not record.is_stepped_sine:
-        fit, X = analysis.whole, motion_in(record)
-        torque, limit = record.part(record.filtered_torque), getattr(record.settings, "largest_inertia_error", None)
-        told = (X - X.mean(axis=0)).T, float(np.std(torque)), (fit["K"], fit.se("K"))
-        check_told(f"trial {record.name}", record.band_hz, *told, limit)
-    for fit in analysis.fits.values():
-        check_stiffer(record.name, "K", fit["K"], record.bench)
-    if record.reflex_delays:  # faults of a device are not told from what a person does
-        return Rendered(raw, analysis, (), sums, Causes((), analysis.whole, only_noise=False))
+def rendered_impedance(record: Record, expected: effects.Admittance | None = None) -> Rendered:
+    """Eq. 15 of a record. `expected` is the admittance of the linear model, where the gains are known. Raises as
+    `fitted_motion`."""
+    analysis = fitted_motion(record, effects.plain_sums(record, IMPEDANCE), IMPEDANCE)
     s = effects.sums_of(record, IMPEDANCE, expected)
-    return Rendered(raw, analysis, phasors_of_record(record), s, effects.causes(record, s, IMPEDANCE))
-
-
-def check_moves(record: Record, sums: Sums) -> None:
-    """Refuse a record that hardly moves: the rounding of an angle of a few steps of the encoder is no noise but a part
-    of the motion. Or one that moves slowly: noise of the encoder makes its acceleration, by a tenth or more of the
-    power of the part of it that is not proportional to angle and velocity."""
-    measured, step, fewest, slow, most = record.part(record.bench_angle), record.steps[0], 20.0, 200, 0.1
-    values = len(np.unique(measured))
-    levels = values if values <= slow else np.inf  # there are more where the motion is slow
-    steps = float(levels if step is None else min(np.ptp(measured) / step, levels))
-    if steps < fewest:
-        raise InputError(
-            f"trial {record.name}: the joint hardly moves: theta turns by {steps:.0f} steps of its encoder, "
-            f"{fewest:g} are needed; move it by more, and check the unit of theta in the source file"
-        )
-    A, own, one = sums.total, sums.names.index("alpha"), sums.names.index("one")
-    at = sums.index(("theta", "omega", "one"))
-    left = A[own, own] - A[own, at] @ np.linalg.lstsq(A[np.ix_(at, at)], A[at, own], rcond=1e-14)[0]
-    share = effects.noise_of_angle(record)[2] / max(float(left / A[one, one]), np.finfo(float).tiny)
-    if share <= most:
-        return
-    how, remedy = "hardly moves", "move it by more, or faster, and check the unit of theta in the source file"
-    if steps >= slow:  # no small motion
-        how = "moves too slowly"
-        remedy = "move it faster, by 0.5 to 6 Hz, or take the stiffness alone by experiment 'torque_angle'"
-    raise InputError(
-        f"trial {record.name}: the joint {how}: theta turns by "
-        f"{turn_deg(sums):.2g} deg RMS, and noise of the encoder has {share:.2g} times the power of the acceleration's "
-        f"own part behind the filter, at most {most:g} is allowed; {remedy}"
-    )
-
-
-def turn_deg(sums: Sums, label: Label = None) -> float:
-    """RMS [deg] of the filtered angle about its mean in the rows of a label."""
-    A = sums.over(label)
-    theta, one = sums.index(["theta", "one"])
-    n = A[one, one]
-    return float(np.rad2deg(np.sqrt(max(A[theta, theta] / n - (A[theta, one] / n) ** 2, 0.0))))
-
-
-def motion_in(record: Record) -> Array:
-    """Angle, velocity and acceleration in the fitted rows of a record, (m, 3)."""
-    motion = record.motion
-    return np.column_stack([record.part(x) for x in (motion.theta, motion.omega, motion.alpha)])
+    return Rendered(analysis, phasors_of_record(record), s, effects.causes(record, s, IMPEDANCE))
 
 
 def alias_share(record: Record, fit: GroupFit) -> float:
@@ -245,40 +151,19 @@ def impedance_table(rendered: Rendered, p: DrivetrainParameters | None = None) -
     that is no second-order system depend on band and weights. With the parameters of the device and theta_m the belt
     shows a lag, which what Eq. 15 misses of a drivetrain would hide."""
     analysis, record, s, found = rendered.analysis, rendered.record, rendered.sums, rendered.found
-    device = not record.reflex_delays
-    change = effects.stiffness_change(s, IMPEDANCE, found) if device else None
-    belt = effects.belt_of_leg(record, p) if device else None
-    late_motor, by_belt = (belt.theta_m, belt.torque) if belt else (None, None)
-    lag = by_belt or (effects.lag_of(record, s, IMPEDANCE, found) if device else None)
-    clocks = effects.clocks_row(record, s, IMPEDANCE, found) if device else NO_DRIFT
+    change, belt = effects.stiffness_change(s, IMPEDANCE, found), effects.belt_of_leg(record, p)
+    by_belt = belt.torque if belt else None
+    lag = by_belt or effects.lag_of(record, s, IMPEDANCE, found)
+    clocks = effects.clocks_row(record, s, IMPEDANCE, found)
     frame = effects.frame_stiffness(s, IMPEDANCE, found) if lag and lag.found and not by_belt else None
-    # what explains the misfit, the best explanation first, as far as it is no fault that was not found
-    faults = {"lag_s": lag, "K_change": change}
-    sure = {e: found.fit[e] for e in found.chosen if e not in faults or ((fault := faults[e]) and fault.found)}
-    sure |= {"lag_s": lag.size} if lag and lag.found else {}
-    kinds = {"cycles": "stepped sine", "periods": "periodic", "stretches": "other"}
-    (low, high), periodic = record.band_hz, record.periodic
-    facts: Row = {
-        "excitation": kinds[record.groups.kind] if periodic is None else "periodic",
-        "band_low_hz": low,
-        "band_high_hz": high,
-        "weighting": "power of the filtered motion",  # as in every least-squares fit of filtered signals
-        "K_s_ratio": belt.K_s / p.K_s if belt and p else None,
-        "lag_by": "theta_m" if by_belt else "Eq. 15" if lag else None,
-        "theta_m_lag_s": late_motor.size if late_motor else None,
-        "theta_m_lag_se_s": late_motor.se if late_motor else None,
-        "certain_theta_m_lag_s": late_motor.size * late_motor.found if late_motor else None,
-        "torque_at_peaks": None if record.is_stepped_sine else torque_at_peaks(rendered),
-        "alias_share": None if record.is_stepped_sine else alias_share(record, analysis.whole),
-        "fitted_s": record.seconds,
-        "period_s": None if periodic is None else periodic.period,
-        "periods": None if periodic is None else float(sum(one.periods for one in periodic.realisations)),
-        "realisations": None if periodic is None else float(len(distinct(periodic.realisations))),
-        "explained_by": ", ".join(EFFECTS[effect].format(f"{size:.3g}") for effect, size in sure.items()) or None,
-    }
     friction, rows = friction_rows(s, analysis), list[Row]()
-    facts |= reflex_row(analysis, rendered.raw) | dict.fromkeys(("lag_shift", "K_without_lag", "B_without_lag"))
-    facts |= {} if device else person_lag_row(analysis, rendered.raw, HIDDEN)
+    facts = motion_row(record) | belt_row(belt, p) | explained_row(found, {"lag_s": lag, "K_change": change})
+    facts |= {"lag_by": "theta_m" if by_belt else "Eq. 15" if lag else None, **unstated_reflex_row(record)}
+    if not record.is_stepped_sine:
+        facts |= {
+            "torque_at_peaks": torque_at_peaks(analysis, record),
+            "alias_share": alias_share(record, analysis.whole),
+        }
     for label, fit in analysis.fits.items():
         rows.append(
             {
@@ -300,6 +185,46 @@ def impedance_table(rendered: Rendered, p: DrivetrainParameters | None = None) -
     texts = dict.fromkeys(("explained_by", "lag_by"), pl.String)
     table = pl.DataFrame(rows, infer_schema_length=None, schema_overrides=texts)
     return table.with_columns(pl.col(pl.Null).cast(pl.Float64))
+
+
+def motion_row(record: Record) -> Row:
+    """What moved the joint."""
+    (low, high), periodic = record.band_hz, record.periodic
+    kinds = {"cycles": "stepped sine", "periods": "periodic", "stretches": "other"}
+    row: Row = {
+        "excitation": kinds[record.groups.kind] if periodic is None else "periodic",
+        "band_low_hz": low,
+        "band_high_hz": high,
+        "weighting": "power of the filtered motion",  # as in every least-squares fit of filtered signals
+        "fitted_s": record.seconds,
+        **dict.fromkeys(("torque_at_peaks", "alias_share", "period_s", "periods", "realisations")),
+    }
+    if periodic is not None:
+        row |= {"period_s": periodic.period, "realisations": float(len(distinct(periodic.realisations)))}
+        row["periods"] = float(sum(one.periods for one in periodic.realisations))
+    return row
+
+
+def belt_row(belt: effects.Belt | None, p: DrivetrainParameters | None) -> Row:
+    """What the belt of a leg shows; null without one."""
+    row: Row = dict.fromkeys(("K_s_ratio", "theta_m_lag_s", "theta_m_lag_se_s", "certain_theta_m_lag_s"))
+    if belt and p:
+        row["K_s_ratio"] = belt.K_s / p.K_s
+    if belt and (late := belt.theta_m):
+        row |= {
+            "theta_m_lag_s": late.size,
+            "theta_m_lag_se_s": late.se,
+            "certain_theta_m_lag_s": late.size * late.found,
+        }
+    return row
+
+
+def explained_row(found: Causes, faults: Mapping[str, Fault | None]) -> Row:
+    """What explains the misfit, the best explanation first, as far as it is no fault that was not found."""
+    sure = {e: found.fit[e] for e in found.chosen if e not in faults or ((fault := faults[e]) and fault.found)}
+    lag = faults["lag_s"]
+    sure |= {"lag_s": lag.size} if lag and lag.found else {}
+    return {"explained_by": ", ".join(f"{effect} {size:.3g}" for effect, size in sure.items()) or None}
 
 
 def share_of_inertia(fit: GroupFit) -> float:
@@ -358,7 +283,7 @@ def change_row(change: Fault | None, s: Sums, fit: GroupFit, label: Label) -> Ro
     of I that it makes. Null where noise, or what Eq. 15 misses, hides a change that would spoil I."""
     if change is None:
         return {"K_drift": None, "drift_inertia_share": None}
-    taken = abs(effects.taken_by(s, IMPEDANCE, "u_theta", label)["I"]) / share_of_inertia(fit)
+    taken = abs(effects.taken_by(s, IMPEDANCE, "K_change", label)["I"]) / share_of_inertia(fit)
     if change.found:
         made = taken * (abs(change.size) + change.possible)
         return {"K_drift": change.size / fit["K"], "drift_inertia_share": made}
@@ -381,18 +306,18 @@ def angle_noise_bias(record: Record, s: Sums, fit: GroupFit, label: Label = None
     return float(-np.linalg.solve(X, S @ [fit["K"], fit["B"], fit["I"]])[2])
 
 
-def torque_at_peaks(rendered: Rendered) -> float | None:
+def torque_at_peaks(analysis: Analysis, raw: Record) -> float | None:
     """Smallest SD of the measured torque over that of the modelled one, where the latter is at its peaks.
 
     Both are filtered alike. The peaks are the highest and the lowest rows of the modelled torque, by shares from sharp
     peaks of noise to sines. The ratio is 1 for a joint of Eq. 15; noise and distortion raise it, friction lowers it to
     0.7. It is near 0 where the torque is clipped, however noisy the plateau is. None where no peak has the range for a
-    comparison: the top of a sine is flat and noisy.
+    comparison: the top of a sine is flat and noisy. Of a person's joint the `raw` record has the slow part.
     """
-    record = rendered.record
+    record = analysis.record
     rows = record.rows()[:: max(int(record.rate_hz / (8.0 * record.low_pass.cutoff_hz)), 1)]  # nothing is faster
-    measured = rendered.raw.filtered_torque[rows]
-    modelled = rendered.analysis.modelled(None, rows) + measured - record.filtered_torque[rows]
+    measured = raw.filtered_torque[rows]
+    modelled = analysis.modelled(None, rows) + measured - record.filtered_torque[rows]
     middle, found = float(np.median(modelled)), list[float]()
     for top, highest in ((float(modelled.max()), True), (float(modelled.min()), False)):
         for share in (0.005, 0.01, 0.02, 0.05, 0.1, 0.2):
@@ -417,10 +342,21 @@ def over_amplitudes(analysis: Analysis) -> Row:
     labels = sorted(label for label in analysis.fits if isinstance(label, float))
     if len(labels) < 2:
         return row
-    s, model, ends_of = analysis.sums, analysis.model, (labels[0], labels[-1])
+    model, (small, large) = analysis.model, (analysis.fits[labels[k]] for k in (0, -1))
     for name in QUANTITIES:
         single = [analysis.fits[label][name] for label in labels]
         row |= {f"{name}_amplitudes_low": min(single), f"{name}_amplitudes_high": max(single)}
+    halves = difference_halves(analysis, labels[0], labels[-1])
+    for name in "KB":
+        difference = large[name] - small[name]
+        certain = float(np.sign(difference)) * max(abs(difference) - float(halves[list(model).index(name)]), 0.0)
+        row[f"{name}_change"] = certain / float(np.hypot(analysis.whole[name], LITTLE[name]))
+    return row
+
+
+def difference_halves(analysis: Analysis, *ends_of: Label) -> Array:
+    """Half-widths (p,) of the 95 % intervals of the differences between the estimates of two amplitudes."""
+    s, model = analysis.sums, analysis.model
     small, large = (analysis.fits[label] for label in ends_of)
     halves = np.linalg.norm([[fit.interval(name)[1] - fit[name] for name in model] for fit in (small, large)], axis=0)
     strata = [(one.label, round(one.frequency_hz, 1), k) for k, one in enumerate(s.groups.strata)]
@@ -438,12 +374,8 @@ def over_amplitudes(analysis: Analysis) -> Row:
         m, apart = len(differences), np.array(differences) - np.mean(differences, axis=0)
         noise, never = small.repeat + large.repeat, np.full(len(model), np.inf)
         covariance, freedom = combined(noise, never, apart.T @ apart * (m - 1) / m, m)
-        halves = stdtrit(freedom, 0.975) * np.sqrt(np.diag(covariance))
-    for name in "KB":
-        difference = large[name] - small[name]
-        certain = float(np.sign(difference)) * max(abs(difference) - float(halves[list(model).index(name)]), 0.0)
-        row[f"{name}_change"] = certain / float(np.hypot(analysis.whole[name], LITTLE[name]))
-    return row
+        halves = scipy.special.stdtrit(freedom, 0.975) * np.sqrt(np.diag(covariance))
+    return np.asarray(halves)
 
 
 def judged_impedance(
@@ -454,8 +386,7 @@ def judged_impedance(
     weight: Weight | None = None,
 ) -> tuple[Rendered, pl.DataFrame]:
     """Eq. 15 of a record, and its rows with all that judges them. What the gains, selected with the `weight` W of
-    Eq. 14, should give is known only with a parameter file (`p`), a controller of the draft, K_d and B_d. The column
-    `not_checked` says what a row is not checked for.
+    Eq. 14, should give is known only with a parameter file (`p`), a controller of the draft, K_d and B_d.
 
     Raises InputError, UnreachableImpedanceError: As `plausible_impedance`, and as `DesiredImpedance.gains`.
     """
@@ -483,8 +414,7 @@ def judged_impedance(
             "torque_error_share": pl.lit(error * (100 / rated if rated else None)),
         }
         table = table.with_columns(**desired.columns(), **should_be)
-    said = [left_unchecked(row, p, desired, record.two_clocks) for row in table.iter_rows(named=True)]
-    return rendered, table.with_columns(not_checked=pl.Series(said, dtype=pl.String))
+    return rendered, table.with_columns(clocks=pl.lit(2 if record.two_clocks else 1))
 
 
 def linear_estimates(s: Sums) -> Array:
@@ -512,40 +442,6 @@ def torque_error(s: Sums, label: Label, desired: DesiredImpedance) -> float | No
     across = (total @ w)[[one, ramp]]
     left = float(w @ total @ w - across @ solved(total[own], across)[0])
     return float(np.sqrt(max(left, 0.0) / total[one, one]))
-
-
-def left_unchecked(
-    row: Mapping[str, Any], p: DrivetrainParameters | None, desired: DesiredImpedance | None, two_clocks: bool
-) -> str | None:
-    """What a row of the table is not checked for, each with its reason; None if it is checked for all."""
-    if row.get("reflex_delay_ms") is not None:
-        why = "a person's reflex would hide it"
-        said = f"whether the fixture rubs, or has play: {why}"
-        if row["lag_s"] is None:
-            by = (f"{name} = {row[name]:.3g} by {row[name] - row[f'{name}_without_lag']:+.2g}" for name in "KB")
-            said = f"{LATENESS}: {why} here. Each ms of delay would change {' and '.join(by)}; {said}"
-        return f"{said}; whether a linear response is one of K, B and I: it contains the reflex"
-    if desired is None:
-        reasons = {"K against the belt's K_s": "" if p else "no parameter file is named"}
-    else:
-        no_file = "" if p else "the configuration names no parameter file"
-        unknown = no_file or desired.unknown_gains()
-        reasons = {"K against the belt's K_s": no_file}
-        reasons |= dict.fromkeys(
-            ("whether K is what the gains should give", "whether the bench's frame yields"), unknown
-        )
-        if row["lag_inertia_share"] is None:
-            reasons[LATENESS] = "a delay that matters would look like noise or friction in this recording"
-    if late := row.get("certain_theta_m_lag_s"):
-        reasons["whether theta_m or B_j is wrong"] = (
-            f"theta_m is {'late' if late > 0 else 'early'} by {1e3 * abs(late):.2g} ms, or B_j is not that of the "
-            "parameter file, which K, B and I do not use"
-        )
-    if row["K_drift"] is None:
-        reasons["whether K changes while it is recorded"] = "noise, or what Eq. 15 misses, may hide it"
-    if two_clocks and row["clock_drift_ppm"] is None:
-        reasons["whether the clocks of angle and torque drift apart"] = "what the fit leaves does not show it"
-    return "; ".join(f"{what}: {why}" for what, why in reasons.items() if why) or None
 
 
 @dataclass(frozen=True)
@@ -620,7 +516,7 @@ def repeated_trials_table(impedance: pl.DataFrame) -> pl.DataFrame:
     trial, as the distortion that friction makes of another realisation of a random motion; the intervals of the single
     trials may not. Doubtful fits are left out where half of the trials or more are sound.
     """
-    whole = impedance.filter(pl.col("amplitude_deg").is_null())
+    whole = impedance.filter(pl.col("amplitude_deg").is_null()) if "amplitude_deg" in impedance.columns else impedance
     same = ("joint", "side", "controller", "K_d", "B_d", "group", "excitation")
     keys, rows = [name for name in same if name in whole.columns], list[dict[str, object]]()
     sizes = [name for name in ("band_high_hz", "period_s", "theta_rms_deg") if name in whole.columns]

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 import polars as pl
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from osl_analysis.bench.components import PLACE, loaded_rows
 from osl_analysis.bench.prediction import predicted_torque
@@ -137,7 +137,7 @@ def drivetrain_rivals(trial: DrivetrainTrial) -> list[Candidate]:
     given = trial.residuals(GIVEN)
     lowest = np.array([0.1, 1 - 0.99 * (trial.p.B_m + trial.gains.B_1) / trial.unit_damping, 0.0])
     # because friction stops and starts, the torque is rough at steps below a hundredth
-    best = least_squares(
+    best = scipy.optimize.least_squares(
         trial.residuals, GIVEN, bounds=(lowest, np.inf), diff_step=[1e-2] * 3, xtol=1e-3, ftol=1e-4, max_nfev=10
     )
     x, jacobian, residual = (np.asarray(u, dtype=float) for u in (best.x, best.jac, best.fun))

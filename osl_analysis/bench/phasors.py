@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 import polars as pl
+import scipy
 from numpy.typing import NDArray
-from scipy.special import stdtrit
 
 from osl_analysis.bench.record import Label, Record
 from osl_analysis.errors import InputError
@@ -129,7 +129,7 @@ def complex_row(name: str, number: ComplexEstimate) -> dict[str, float]:
 
 def polar_row(number: ComplexEstimate) -> dict[str, float]:
     """The columns `POLAR`."""
-    quantile, values = float(stdtrit(number.degrees_of_freedom, 0.975)), list[float]()
+    quantile, values = float(scipy.special.stdtrit(number.degrees_of_freedom, 0.975)), list[float]()
     angle, angle_se = float(np.rad2deg(number.phase)), float(np.rad2deg(number.phase_se))
     for value, se in ((number.magnitude, number.magnitude_se), (angle, angle_se)):
         values += [value, se, value - quantile * se, value + quantile * se]
@@ -277,7 +277,7 @@ def frequency_response_table(phasors: pl.DataFrame) -> pl.DataFrame:
 
     The intervals contain the noise of the phasors only. `_min` and `_max` are the values of the single amplitudes.
     Their phases are computed relative to that of the mean, so that they do not jump at 180 degrees. `doubtful` lists
-    the reasons of doubtful phasors with their amplitudes.
+    the causes of doubt about them.
     """
     types: dict[str, Any] = dict.fromkeys(("trial", "joint", "side", "controller"), pl.String)
     types |= dict.fromkeys(("K_d", "B_d", "frequency_hz"), pl.Float64)
@@ -294,7 +294,7 @@ def frequency_response_table(phasors: pl.DataFrame) -> pl.DataFrame:
             responses.append(ComplexEstimate(complex(re, im), own, freedom))
         mean = with_shared_error(complex_mean(responses), shared)
         phases = [np.rad2deg(mean.phase + np.angle(r.value / mean.value)) for r in responses]
-        reasons = amplitudes.select("amplitude_deg", "doubtful").drop_nulls().filter(pl.col("doubtful") != "").rows()
+        reasons = amplitudes["doubtful"].drop_nulls().unique(maintain_order=True).replace("", None).drop_nulls()
         rows.append(
             {
                 **dict(zip(keys, values, strict=True)),
@@ -307,7 +307,7 @@ def frequency_response_table(phasors: pl.DataFrame) -> pl.DataFrame:
                 "phase_min_deg": float(min(phases)),
                 "phase_max_deg": float(max(phases)),
                 "n_amplitudes": len(responses),
-                "doubtful": "; ".join(f"at {amplitude:g} deg: {reason}" for amplitude, reason in reasons),
+                "doubtful": "; ".join(reasons),
             }
         )
     ranges = ("magnitude_min", "magnitude_max", "phase_min_deg", "phase_max_deg")
@@ -326,7 +326,7 @@ def damping_row(Y: ComplexEstimate, frequency_hz: float) -> Row:
     turned = -(Z**2)  # dZ = turned dY
     along = np.array([turned.imag, turned.real]) / w
     variance = max(float(along @ Y.covariance @ along), 0.0)
-    half = float(stdtrit(Y.degrees_of_freedom, 0.975) * np.sqrt(variance))
+    half = float(scipy.special.stdtrit(Y.degrees_of_freedom, 0.975) * np.sqrt(variance))
     value = Z.imag / w
     return {"damping": value, "damping_low": value - half, "damping_high": value + half}
 

@@ -12,18 +12,18 @@ from typing import Any
 
 import numpy as np
 import polars as pl
-from scipy.optimize import brentq
-from scipy.special import ndtri, stdtrit
+import scipy
+from numpy.typing import NDArray
 
 from osl_analysis.bench.components import ACTUATOR_PARAMETERS, LOSSES, PLACE
 from osl_analysis.bench.record import Record
 from osl_analysis.errors import InputError
-from osl_analysis.judge.doubts import counted
 from osl_analysis.measured import rms
 from osl_analysis.model.drivetrain_response import Controller, belt_response
 from osl_analysis.model.parameters import PARAMETER_UNITS, DrivetrainParameters
 from osl_analysis.stats.covariance import welch_satterthwaite
 from osl_analysis.stats.regression import variance_accounted_for
+from osl_analysis.stats.repeats import counted
 from osl_analysis.table import finite_or_null
 from osl_analysis.trial import Array
 
@@ -72,7 +72,7 @@ class Components:
         found = []
         for name, value in self.values.items():
             freedom, part, se = self.freedom[name], COMPONENTS[name], self.se(name)
-            half = float(stdtrit(freedom, 0.975)) * se
+            half = float(scipy.special.stdtrit(freedom, 0.975)) * se
             row = {"name": name, "value": value, "unit": PARAMETER_UNITS["k_tau" if name == "k_tau_n_m" else name]}
             row |= {"standard_error": se, "low": value - half, "high": value + half, "degrees_of_freedom": freedom}
             found.append(finite_or_null(row) | {"experiment": part, "trials": self.trials[part]})
@@ -86,13 +86,7 @@ def components_of(
     the trials that count. The variance of a mean is that of the scatter of its trials, or of their fits where this is
     larger; correlations are those of the fits. `file` has the ratios. Raises InputError: a table has no such trial; a
     component is negative beyond its uncertainty."""
-    at, rows = [pl.col(k).eq_missing(pl.lit(v, pl.String)) for k, v in zip(PLACE, place, strict=True)], {}
-    for part in PARTS:
-        own = tables.get(part, pl.DataFrame())
-        whole = [pl.col("amplitude_deg").is_null()] if "amplitude_deg" in own.columns else []  # the fit to all of each
-        rows[part] = counted(own.filter(*at, *whole)) if len(own) else own
-    if missing := [part for part, own in rows.items() if own.is_empty()]:
-        raise InputError(f"the campaign has no {' and no '.join(missing)} trials of this joint and side; record them")
+    rows = component_rows(tables, place)
     values, freedom, covariance = dict[str, float](), dict[str, float](), np.zeros((len(COMPONENTS),) * 2)
     for part, own in rows.items():
         names = [name for name, of in COMPONENTS.items() if of == part]
@@ -112,6 +106,18 @@ def components_of(
             part = COMPONENTS[name]
             raise InputError(f"{part}.csv: {name} = {value:.4g} is negative; look for the cause in the {part} trials")
     return replace(found, p=drivetrain_of(values, file))
+
+
+def component_rows(tables: Mapping[str, pl.DataFrame], place: Sequence[str | None]) -> dict[str, pl.DataFrame]:
+    """The rows of each part that count, of one joint and side; raises as `components_of`."""
+    at, rows = [pl.col(k).eq_missing(pl.lit(v, pl.String)) for k, v in zip(PLACE, place, strict=True)], {}
+    for part in PARTS:
+        own = tables.get(part, pl.DataFrame())
+        whole = [pl.col("amplitude_deg").is_null()] if "amplitude_deg" in own.columns else []  # the fit to all of each
+        rows[part] = counted(own.filter(*at, *whole)) if len(own) else own
+    if missing := [part for part, own in rows.items() if own.is_empty()]:
+        raise InputError(f"the campaign has no {' and no '.join(missing)} trials of this joint and side; record them")
+    return rows
 
 
 def mean_covariance(rows: pl.DataFrame, a: str, b: str) -> float:
@@ -182,38 +188,43 @@ def prediction_table(
     """
     trials = [fits.row(by_predicate=pl.col("trial") == trial, named=True) for trial in terms]
     each = [{row["term"]: row for row in own.to_dicts()} for own in terms.values()]
-    rows = list[dict[str, Any]]()
-    for fit, of in zip(trials, each, strict=True):
-        row = {name: fit[name] for name in ("trial", *PLACE, "controller", "K_d", "B_d")}
-        row |= {name: of["predicted"][name] for name in ("VAF", "rms")}
-        rows.append(row | {"VAF_fitted": fit["VAF"], "doubtful": fit["doubtful"]})
+    rows = [
+        {name: fit[name] for name in ("trial", *PLACE, "controller", "K_d", "B_d")}
+        | {name: of["predicted"][name] for name in ("VAF", "rms")}
+        | {"VAF_fitted": fit["VAF"], "doubtful": fit["doubtful"]}
+        for fit, of in zip(trials, each, strict=True)
+    ]
     of_part = np.array([[of == part for of in COMPONENTS.values()] for part in PARTS])
-    teaches = np.array([fit["VAF"] >= LOWEST_VAF for fit in trials])
+    teachers = [teachers_of(k, trials) for k in range(len(trials))]
+    freedom = [min(components.freedom[n] for n, of in COMPONENTS.items() if of == part) for part in PARTS]
     for quantity in QUANTITIES:
         x = np.array([[of[term][quantity] for term in ("predicted", "left", *COMPONENTS)] for of in each])
         predicted, off = x[:, 0], x[:, 1]
         size = np.hypot(predicted, LITTLE[quantity]) if quantity in LITTLE else np.ones(len(off))  # it errs by shares
         own_se = np.array([fit.get(f"{quantity}_repeat_se") or fit.get(f"{quantity}_se") or 0.0 for fit in trials])
         by_part = np.array([[s @ components.covariance @ s for s in np.where(of_part, own, 0.0)] for own in x[:, 2:]])
-        freedom = [min(components.freedom[n] for n, of in COMPONENTS.items() if of == part) for part in PARTS]
         known = by_part.sum(axis=1) + own_se**2
-        for k, row in enumerate(rows):
-            others = teaches & (np.arange(len(trials)) != k)
-            like = others & [fit["controller"] == row["controller"] for fit in trials]
-            others = like if np.count_nonzero(like) >= FEWEST_OTHERS else others
-            learnt, half = int(np.count_nonzero(others)), None
-            if learnt > 1:
-                lacking = model_variance((off / size)[others], (known / size**2)[others]) * size[k] ** 2
-                variances = np.array([*by_part[k], own_se[k] ** 2, lacking])
-                total = welch_satterthwaite(variances, [*freedom, np.inf, learnt - 1])
-                half = float(stdtrit(total, 0.975) * np.sqrt(variances.sum()))
-            value = float(predicted[k])
-            row |= {} if half is not None else {"not_checked": "the prediction's interval: it needs two other trials"}
+        for k, (row, others) in enumerate(zip(rows, teachers, strict=True)):
+            learnt, value = int(np.count_nonzero(others)), float(predicted[k])
             row |= {quantity: value, f"{quantity}_component_se": float(np.sqrt(by_part[k].sum()))}
-            row |= {f"{quantity}_{end}": None if half is None else value + way * half for end, way in ENDS.items()}
-            row |= {f"{quantity}_measured": value + off[k]}
+            row |= dict.fromkeys(f"{quantity}_{end}" for end in ENDS) | {f"{quantity}_measured": value + off[k]}
+            if learnt < 2:
+                continue
+            lacking = model_variance((off / size)[others], (known / size**2)[others]) * size[k] ** 2
+            variances = np.array([*by_part[k], own_se[k] ** 2, lacking])
+            total = welch_satterthwaite(variances, [*freedom, np.inf, learnt - 1])
+            half = float(scipy.special.stdtrit(total, 0.975) * np.sqrt(variances.sum()))
+            row |= {f"{quantity}_{end}": value + way * half for end, way in ENDS.items()}
     causes = causes_table(each, components, {name: rows[0][name] for name in PLACE})
     return pl.DataFrame(rows, infer_schema_length=None), causes
+
+
+def teachers_of(k: int, trials: Sequence[Mapping[str, Any]]) -> NDArray[np.bool_]:
+    """From which trials what the equations lack in trial k is learnt: others that a fit explains, those with the same
+    controller if there are enough."""
+    others = np.array([fit["VAF"] >= LOWEST_VAF for fit in trials]) & (np.arange(len(trials)) != k)
+    like = others & [fit["controller"] == trials[k]["controller"] for fit in trials]
+    return np.asarray(like if np.count_nonzero(like) >= FEWEST_OTHERS else others)
 
 
 def model_variance(off: Array, known: Array) -> float:
@@ -225,7 +236,7 @@ def model_variance(off: Array, known: Array) -> float:
         return float(np.mean(off**2 / np.maximum(known + v, 1e-12 * most + 1e-300))) - 1
 
     most = float(np.max(off**2))
-    return float(brentq(excess, 0.0, most)) if excess(0.0) > 0 and most > 0 else 0.0
+    return float(scipy.optimize.brentq(excess, 0.0, most)) if excess(0.0) > 0 and most > 0 else 0.0
 
 
 def causes_table(each: Sequence[Mapping[str, Any]], components: Components, place: Mapping[str, Any]) -> pl.DataFrame:
@@ -291,7 +302,7 @@ def robust_fit(A: Array, names: Sequence[str]) -> tuple[Array, float]:
     x = np.linalg.lstsq(X / scale, y, rcond=None)[0]
     for _ in range(49):  # iteratively reweighted least squares
         left = np.abs(y - X / scale @ x)
-        if not (spread := np.median(left) / ndtri(0.75)):
+        if not (spread := np.median(left) / scipy.special.ndtri(0.75)):
             break  # half of the numbers are explained exactly
         weight = np.sqrt(np.minimum(1, 1.5 * spread / np.maximum(left, np.finfo(float).tiny)))
         before, x = x, np.linalg.lstsq(weight[:, None] * X / scale, weight * y, rcond=None)[0]

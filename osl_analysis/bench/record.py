@@ -4,15 +4,15 @@ What differs from one motion to another is here, in three makers of groups: the 
 periods of a motion that repeats itself, and stretches of any other one. What comes after knows groups only.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.signal import welch
 
 from osl_analysis.bench.settings import (
     NOT_STATED,
@@ -128,11 +128,6 @@ class Record:
     softer: "Record | None" = None  # the same with a bench that is softer by one standard error; None: it is exact
     settings: BenchAnalysis | None = None  # the bench, and limits of what a motion must tell
     theta_m: Array | None = None  # the actuator's angle [rad] behind the filter, where it was asked for
-    slow: Array | None = None  # slow signal (n,) that K and B change with; None: they do not, or it is asked for later
-    reflex_delays: Mapping[float, float] = field(default_factory=dict)
-    """K [N*m/rad] by delay [s] of the reflex of a person's joint, the best one first, then those that predict as well
-    within chance; empty of a device."""
-    also: Mapping[str, Array] = field(default_factory=dict)  # columns (n,) that are fitted beside those of Eq. 15
 
     @property
     def bench(self) -> BenchStiffness | None:
@@ -172,7 +167,7 @@ class Record:
         there, that of the angle is its level at the highest frequencies."""
         taken = np.array([self.part(self.theta - self.motion.theta), self.part(self.torque - self.filtered_torque)])
         length = min(round(self.rate_hz), self.samples)
-        f, power = welch(taken, self.rate_hz, nperseg=length, noverlap=0, detrend=False)
+        f, power = scipy.signal.welch(taken, self.rate_hz, nperseg=length, noverlap=0, detrend=False)
         highest = min(4 * self.low_pass.cutoff_hz, 0.45 * self.rate_hz)
         beyond = (f > min(2 * self.low_pass.cutoff_hz, 0.8 * highest)) & (f < highest)
         of_theta, of_torque = np.median(power[:, beyond], axis=1) if beyond.any() else (0.0, 0.0)
@@ -227,8 +222,6 @@ class Record:
             filtered_torque=self.filtered_torque[rows],
             usable=self.usable[rows],
             theta_m=None if self.theta_m is None else self.theta_m[rows],
-            slow=None if self.slow is None else self.slow[rows],
-            also={name: column[rows] for name, column in self.also.items()},
             groups=replace(groups, first=first, stop=stop),
         )
 
@@ -355,13 +348,6 @@ def record_of_trial(
     known = Likeness(signals.time, signals["theta"], settings.protocol)
     auto, is_other = excitation == "auto", excitation == "any"
     is_other |= auto and (bool(windows) or known.kind == "other")
-    human = settings.human if isinstance(settings, ImpedanceAnalysis) else None
-    if human and known.kind == "stepped sine":
-        raise InputError(
-            f"trial {trial.name}: theta is a stepped sine, in which a reflex is hardly told from K, B and I; move a "
-            "person's joint at random, as in binary steps, or leave out `human` under `dynamometer`"
-        )
-    is_other |= human is not None
 
     def parts_of(one: UniformSignals) -> Parts:
         if is_other:
@@ -372,10 +358,6 @@ def record_of_trial(
         hz = [stratum.frequency_hz for stratum in groups.strata]
         return groups, (min(hz), max(hz)), None, one
 
-    meant = (
-        f"{100 * known.sines:.0f} % of the moving time are sines of one frequency: if another motion was meant, "
-        "state `excitation: any` under `dynamometer` in the configuration, or its windows in the sheet"
-    )
     try:
         groups, band, periodic, regular = parts_of(signals)
         made = conditioned(regular, settings, groups, band)
@@ -383,29 +365,39 @@ def record_of_trial(
             groups, band, _, again = parts_of(again)
             made = replace(made, other=conditioned(again, settings, groups, band))
     except (InputError, IdentifiabilityError) as error:
-        words, degrees = str(error), np.rad2deg(np.ptp(signals["theta"]))
-        if auto and not is_other and known.kind == "unclear" and known.moves:
-            words = f"{words}; {meant}"
-        elif auto and not is_other and not known.moves and degrees > 1.0:  # beyond the noise of any encoder
-            words = (
-                f"the joint moves too slowly: theta changes by {degrees:.3g} deg in all, but by no more than "
-                f"{100 * stepped_sine.MOVING_SHARE:g} % of it, or its noise, within {stepped_sine.BIN_S:g} s; move it "
-                "by 0.5 to 6 Hz, or take the stiffness alone by experiment 'torque_angle'"
-            )
-        elif auto and not is_other and not known.moves:
-            words = (
-                f"the joint does not move: theta turns by {degrees:.3g} deg in all; check the channel and the unit of "
-                "theta in the source file, and that this is the recording of the trial"
-            )
+        words = said_of_motion(str(error), known, signals["theta"]) if auto and not is_other else str(error)
         raise type(error)(f"trial {trial.name}: {words}") from error
     if auto and not is_other and known.moves and known.kind == "unclear" and known.sines < stepped_sine.HARDLY:
         raise InputError(
             f"trial {trial.name}: theta has the commanded frequencies, but is no stepped sine; look for spikes, hum "
-            f"and a mount that turns; {meant}, or `excitation: stepped_sine` to fit what there is"
+            f"and a mount that turns; {another_motion(known)}, or `excitation: stepped_sine` to fit what there is"
         )
-    made = replace(made, periodic=periodic, steps=(steps[0], steps[1]))
-    over = human.over if human else None
-    return made if over in (None, "angle", "time") else replace(made, slow=logged(made, trial, over))
+    return replace(made, periodic=periodic, steps=(steps[0], steps[1]))
+
+
+def another_motion(known: Likeness) -> str:
+    """What to state if a motion that is unlike a stepped sine was meant."""
+    return (
+        f"{100 * known.sines:.0f} % of the moving time are sines of one frequency: if another motion was meant, "
+        "state `excitation: any` under `dynamometer` in the configuration, or its windows in the sheet"
+    )
+
+
+def said_of_motion(words: str, known: Likeness, theta: Array) -> str:
+    """The words of an error in a motion that the recording itself was to tell, with its cause where it is known."""
+    degrees = np.rad2deg(np.ptp(theta))
+    if known.moves:
+        return f"{words}; {another_motion(known)}" if known.kind == "unclear" else words
+    if degrees > 1.0:  # beyond the noise of any encoder
+        return (
+            f"the joint moves too slowly: theta changes by {degrees:.3g} deg in all, but by no more than "
+            f"{100 * stepped_sine.MOVING_SHARE:g} % of it, or its noise, within {stepped_sine.BIN_S:g} s; move it "
+            "by 0.5 to 6 Hz, or take the stiffness alone by experiment 'torque_angle'"
+        )
+    return (
+        f"the joint does not move: theta turns by {degrees:.3g} deg in all; check the channel and the unit of "
+        "theta in the source file, and that this is the recording of the trial"
+    )
 
 
 def with_actuator(record: Record, trial: Trial) -> Record:
@@ -567,9 +559,9 @@ def band_of(motion: Motion, rate_hz: float, stretches: Sequence[slice]) -> tuple
     f, low, high = np.empty(0), np.zeros(length // 2 + 1), np.zeros(length // 2 + 1)
     for one in stretches:
         weight = one.stop - one.start
-        f, angle = welch(motion.theta[one], rate_hz, nperseg=length)
+        f, angle = scipy.signal.welch(motion.theta[one], rate_hz, nperseg=length)
         low += weight * angle
-        high += weight * welch(motion.alpha[one], rate_hz, nperseg=length)[1]
+        high += weight * scipy.signal.welch(motion.alpha[one], rate_hz, nperseg=length)[1]
     below, up_to = np.cumsum(low[1:]), np.cumsum(high[1:])
     if not below[-1] > 0 or not up_to[-1] > 0:
         raise InputError(NOT_MOVED)

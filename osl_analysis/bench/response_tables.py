@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import polars as pl
 
-from osl_analysis.bench.human import human_of
 from osl_analysis.bench.record import Record
 from osl_analysis.bench.settings import Calibration
 from osl_analysis.errors import OslAnalysisError
@@ -47,11 +46,11 @@ MODELS: dict[str, type[pl.DataType]] = {
 }  # fmt: skip
 
 
-def response_tables(record: Record, p: DrivetrainParameters | None) -> dict[str, pl.DataFrame]:
+def response_tables(record: Record, p: DrivetrainParameters | None, reflexive: bool = False) -> dict[str, pl.DataFrame]:
     """Rows of `response.csv` and `response_models.csv` of one trial, and the lines of its periods; Eq. 9 where the
     device has parameters. None of a stepped sine, whose response is in `phasors.csv`. The lines are of unfiltered
     signals: of the periods up to the filter's cut-off, else of the longest stretch. What cannot be fitted has a row
-    with the reason; of a person's joint, whose response contains the reflex, no structure is fitted."""
+    with the reason; of a `reflexive` joint, whose response contains the reflex, no structure is fitted."""
     schemas = {"response": RESPONSE_COLUMNS, "response_models": MODELS, "response_lines": LINES}
     nothing = {name: pl.DataFrame(schema=schema) for name, schema in schemas.items()}
     if record.is_stepped_sine:
@@ -71,7 +70,7 @@ def response_tables(record: Record, p: DrivetrainParameters | None) -> dict[str,
             facts: Row = {"method": "local polynomial", "realisations": 1}
             lines = lines_of_record(spectrum, record.low_pass)
             tables = frames_of(record.name, local_response(spectrum), lines, p, facts, record.calibration)
-        if human_of(record) is None:
+        if not reflexive:
             return nothing | tables
         curves = (pl.lit(None, pl.Float64).alias(name) for name in RESPONSE_COLUMNS if "_eq" in name)
         nothing["response"], reason = tables["response"].with_columns(curves), "a person's reflex is in the response"

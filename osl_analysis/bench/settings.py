@@ -29,6 +29,7 @@ class TimeBase(Settings):
     _bridges = refused(
         lambda s: 0.1 / s.highest_hz > s.longest_gap_s,
         "highest_hz = {s.highest_hz:g} bridges 0.1/highest_hz s, beyond longest_gap_s = {s.longest_gap_s:g}; raise one",
+        "highest_hz",
     )
 
 
@@ -189,10 +190,12 @@ class HumanJoint(Settings):
     _changes = refused(
         lambda s: s.over in ("theta", "torque"),
         "over = {s.over} is what K is of; write angle for the slow part of theta, time or another column of trials",
+        "over",
     )
     _are_milliseconds = refused(
         lambda s: min(s.delays_ms) < 1 or max(s.delays_ms) >= 1e3 * s.memory_s,
         "delays_ms must be from 1 ms to below memory_s = {s.memory_s:g} s; write them in ms, as 30, or raise memory_s",
+        "delays_ms",
     )
 
 
@@ -212,28 +215,36 @@ class ImpedanceAnalysis(SteppedSineAnalysis):
     largest_inertia_error: Positive | None = 0.01
     """Change of I [kg*m^2] by a torque error of 0.1 %, from which a motion is refused because it cannot tell K from I;
     null: no limit."""
-    human: Annotated[
-        HumanJoint | None, BeforeValidator(human_or_none, json_schema_input_type=HumanJoint | bool | None)
-    ] = None
-    """Whether the joint is a person's, whose reflexes are fitted beside K, B and I; null: a device."""
     rated_torque: Positive | None = None
     """Of the joint [N*m]: torque errors are given as shares of it; null: not stated."""
 
     _passes = refused(
         lambda s: s.excitation != "any" and max(s.frequencies_hz) >= s.cutoff_hz,
         "cutoff_hz = {s.cutoff_hz:g} takes out some of frequencies_hz; raise it, or correct frequencies_hz",
-    )
-    _will_is_slow = refused(
-        lambda s: s.human is not None and 4 * s.human.slow_hz > s.cutoff_hz,
-        "human.slow_hz = {s.human.slow_hz:g} is above a quarter of cutoff_hz = {s.cutoff_hz:g}; lower it or raise that",
+        "cutoff_hz",
     )
     _turns = refused(
         lambda s: s.excitation != "any" and max(s.amplitudes) > s.largest_angle,
         "amplitudes_deg goes beyond largest_angle = {s.largest_angle:g} rad, where a recording is refused; correct it",
+        "amplitudes_deg",
     )
 
 
-class DynamometerAnalysis(ImpedanceAnalysis, BeltAnalysis):
+class HumanJointAnalysis(ImpedanceAnalysis):
+    """Choices for a trial of a person's joint, which is no stepped sine."""
+
+    human: Annotated[
+        HumanJoint | None, BeforeValidator(human_or_none, json_schema_input_type=HumanJoint | bool | None)
+    ] = None
+    """How a person's joint is fitted; impedance trials are then those of a person. Null: of a device."""
+    _will_is_slow = refused(
+        lambda s: s.human is not None and 4 * s.human.slow_hz > s.cutoff_hz,
+        "human.slow_hz = {s.human.slow_hz:g} is above a quarter of cutoff_hz = {s.cutoff_hz:g}; lower it or raise that",
+        "human.slow_hz",
+    )
+
+
+class DynamometerAnalysis(HumanJointAnalysis, BeltAnalysis):
     """Choices for all trials of the dynamometer."""
 
     REMOVED: ClassVar = {"compare_estimators": "so are the estimators that it compared; remove the line"}
@@ -247,6 +258,7 @@ class ActuatorAnalysis(BenchAnalysis):
     _sign_is_known = refused(
         lambda s: 0 < s.slowest <= s.sign_width,
         "slowest = {s.slowest:g} is not above sign_width = {s.sign_width:g}, which smooths friction; correct one",
+        "slowest",
     )
 
 
@@ -264,7 +276,9 @@ class DesiredCurve(Settings):
     torque: Annotated[tuple[float, ...], Field(min_length=2)]  # torques [N*m] there; they resist the motion
 
     _is_a_function = refused(
-        lambda s: len(s.angle_deg) != len(s.torque), "angle_deg and torque differ in length; give one torque per angle"
+        lambda s: len(s.angle_deg) != len(s.torque),
+        "angle_deg and torque differ in length; give one torque per angle",
+        "angle_deg",
     )
 
     def at(self, angle_deg: Array) -> Array:
@@ -293,5 +307,6 @@ class TorqueAngleAnalysis(BenchAnalysis):
     _passes = refused(
         lambda s: s.cutoff_hz * s.shortest_cycle_s <= 1,
         "cutoff_hz = {s.cutoff_hz:g} takes out cycles of shortest_cycle_s = {s.shortest_cycle_s:g}; raise one of them",
+        "cutoff_hz",
     )
     _cycles_are_seen = below("time_base.longest_gap_s", "shortest_cycle_s", "and a gap would hide a cycle", True)

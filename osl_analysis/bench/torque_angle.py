@@ -11,15 +11,13 @@ from itertools import pairwise
 
 import numpy as np
 import polars as pl
-from scipy.interpolate import make_interp_spline
-from scipy.special import stdtrit
+import scipy
 
 from osl_analysis.bench.analysis import Series, check_stiffer, timebase_table, torque_errors
+from osl_analysis.bench.plausible import check_changes
 from osl_analysis.bench.record import joint_angle
 from osl_analysis.bench.settings import NOT_STATED, TorqueAngleAnalysis
 from osl_analysis.errors import InputError, naming
-from osl_analysis.judge.doubts import LATENESS, check_changes
-from osl_analysis.measured import significant
 from osl_analysis.signals.grid import UniformSignals, uniform_signals
 from osl_analysis.stats.fit_row import Row
 from osl_analysis.stats.regression import CONDITION_LIMIT, variance_accounted_for
@@ -53,7 +51,8 @@ class TorqueAngleTrial:
         model = np.full(len(self.theta), np.nan)
         for cycles, curve in zip(self.branches, self.curves, strict=True):
             at, y = curve["angle_deg"].to_numpy(), curve["torque"].to_numpy()
-            line = make_interp_spline(at, y, k=1, check_finite=False)  # NaN where the curve does not reach
+            # NaN where the curve does not reach
+            line = scipy.interpolate.make_interp_spline(at, y, k=1, check_finite=False)
             for pieces in cycles:
                 rows = np.r_[*pieces]
                 model[rows] = line(np.rad2deg(self.theta[rows]))
@@ -142,16 +141,23 @@ def torque_angle_of(signals: UniformSignals, settings: TorqueAngleAnalysis, comp
     found = TorqueAngleTrial(
         signals, settings, theta, bench_theta, torque, zero, facts, cycles, (loading, unloading), (curves[0], curves[1])
     )
-    table = cycle_table(found)
+    check_slow_and_followed(found)
+    return found
+
+
+def check_slow_and_followed(found: TorqueAngleTrial) -> None:
+    """Refuse a trial that is not quasi-static, whose torque does not follow the angle, or drives it."""
+    table, settings = cycle_table(found), found.settings
     if (shortest := float(table["duration_s"].to_numpy().min())) < settings.shortest_cycle_s:
         raise InputError(
             f"a cycle takes {shortest:.2g} s, which is not quasi-static: below {settings.shortest_cycle_s:g} s "
             "(shortest_cycle_s) inertia and damping are in the torque; record it slower, or take experiment 'impedance'"
         )
     if (vaf := found.vaf()) < 50.0:
+        rows = np.concatenate([np.r_[piece] for branch in found.branches for cycle in branch for piece in cycle])
         raise InputError(
             f"torque does not follow the angle: its curve over angle accounts for {vaf:.3g} % of its variance, and it "
-            f"changes by {np.ptp(torque[np.concatenate(rows)]):.3g} N*m; check the torque's channel and the mounting "
+            f"changes by {np.ptp(found.torque[rows]):.3g} N*m; check the torque's channel and the mounting "
             "of the load cell"
         )
     if (slope := table["K"][0]) < 0:
@@ -159,7 +165,6 @@ def torque_angle_of(signals: UniformSignals, settings: TorqueAngleAnalysis, comp
             f"K = {slope:.4g} N*m/rad is negative, so the torque drives the motion instead of resisting it; turn the "
             "`sign` of the torque, or of the angle, in the source file"
         )
-    return found
 
 
 def torque_zero(theta: Array, torque: Array, rate_hz: float, settings: TorqueAngleAnalysis) -> float:
@@ -303,7 +308,7 @@ def branch_curve(
     at = np.deg2rad(angle_deg)
     points = np.array([[local_parabola(*one, angle, window, independent) for angle in at] for one in cycles])
     if len(cycles) > 1:
-        student = float(stdtrit(len(cycles) - 1, 0.975)) / np.sqrt(len(cycles))
+        student = float(scipy.special.stdtrit(len(cycles) - 1, 0.975)) / np.sqrt(len(cycles))
         half = student * np.std(points[..., :2], axis=0, ddof=1)
     else:
         seen = points[0][np.isfinite(points[0, :, 4])]
@@ -424,12 +429,7 @@ def torque_angle_table(trial: TorqueAngleTrial, desired: str | None = None) -> p
         "desired_rms": None if desired is None else float(np.sqrt(np.nanmean(apart**2))),
         "desired_ratio": float(np.polyfit(wanted[both], middle[both], 1)[0]) if np.count_nonzero(both) > 2 else None,
     }
-    if rate_change is None:
-        taken, lost = (significant(float(row[name] or 0), n) for name, n in (("energy_per_ms", 2), ("energy_lost", 3)))
-        unseen = f"{LATENESS}: all cycles have one speed. Each ms of delay would take {taken} J off the {lost} J that "
-        unseen += "are lost and half as much off the energy stored. Record it slower too"
-        row["not_checked"] = "; ".join(filter(None, [str(row["not_checked"] or ""), unseen]))
-    texts = dict.fromkeys(("interval_method", "desired", "not_checked"), pl.String)
+    texts = dict.fromkeys(("interval_method", "desired"), pl.String)
     empty = {name: texts.get(name, pl.Float64) for name, value in row.items() if value is None}
     return pl.DataFrame([row], schema_overrides=empty)
 
@@ -449,7 +449,7 @@ def compared_with_repeats(table: pl.DataFrame, places: Places) -> pl.DataFrame:
     """The rows of `torque_angle.csv` of a campaign, where trials of one speed have `rate_change` and `late_s` by those
     that repeat them: of the same joint, side and desired curve, alike in K to 3 % and in their range to 2 %."""
     rows, ends = table.to_dicts(), ("angle_min_deg", "angle_max_deg")
-    for row in (one for one in rows if LATENESS in (one["not_checked"] or "")):
+    for row in (one for one in rows if one["rate_change"] is None):
         span = row["angle_max_deg"] - row["angle_min_deg"]
         alike = [
             one
@@ -460,9 +460,6 @@ def compared_with_repeats(table: pl.DataFrame, places: Places) -> pl.DataFrame:
         ]
         of = (np.array([one[name] for one in alike]) for name in ("speed_deg_s", "energy_lost", "energy_per_ms"))
         row["rate_change"], row["late_s"] = change_with_speed(*of)
-        if row["rate_change"] is not None:
-            left = [item for item in row["not_checked"].split("; ") if LATENESS not in item]
-            row["not_checked"] = "; ".join(left) or None
     return pl.DataFrame(rows, schema=table.schema | dict.fromkeys(("rate_change", "late_s"), pl.Float64))
 
 
@@ -476,23 +473,13 @@ def zero_row(trial: TorqueAngleTrial, widest: float) -> Row:
     """
     torque, settings, angle = trial.torque, trial.settings, trial.curves[0]["angle_deg"].to_numpy()
     rest = float(np.rad2deg(trial.theta[0 if settings.zero == "start" else -1]))
-    reasons, torque_range, middle = [], float(np.ptp(torque)), None
-    if trial.facts["smaller_cycles"]:
-        reasons.append(
-            "cycles that are smaller than the largest: they are not analysed. Record each amplitude as its own trial"
-        )
+    torque_range, middle = float(np.ptp(torque)), None
     if angle[0] <= rest <= angle[-1]:
         one, other = (float(np.interp(rest, angle, curve["torque"].to_numpy())) for curve in trial.curves)
         middle = (one + other) / 2
         left = abs(middle) > max(0.25 * abs(one - other), 0.005 * torque_range)
     else:
         left = widest > 0.02 * torque_range and abs(trial.zero) > 0.1 * widest
-    if left and settings.zero != "none":
-        reasons.append(
-            "whether the torque at rest is the load cell's offset or what hysteresis leaves in the device: the "
-            f"largest torques depend on it, by {significant(abs(middle or trial.zero))} N*m, and so do the energies. "
-            "Record it at rest without load"
-        )
     count = max(round(settings.rest_s * trial.uniform.rate_hz), 1)
     ends = np.concatenate([trial.bench_theta[:count], trial.bench_theta[-count:]])
     rests = settings.zero == "end" and float(np.ptp(ends)) <= RESTS * float(np.ptp(trial.bench_theta))
@@ -500,7 +487,7 @@ def zero_row(trial: TorqueAngleTrial, widest: float) -> Row:
         "torque_zero": trial.zero,
         "zero_off_middle": None if settings.zero == "none" or middle is None else -middle,
         "rest_change": float((torque[-count:].mean() - torque[:count].mean()) / torque_range) if rests else None,
-        "not_checked": "; ".join(reasons) or None,
+        "zero_unsure": abs(middle or trial.zero) if left and settings.zero != "none" else None,
     }
 
 

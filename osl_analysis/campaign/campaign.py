@@ -17,15 +17,16 @@ from osl_analysis.config.experiments import EXPERIMENTS, ResultTable
 from osl_analysis.config.shared_choices import read_impedance_trajectory
 from osl_analysis.config.sheet import FIXTURE, SheetRows, read_sheet
 from osl_analysis.errors import InputError, listing, naming, nearest
-from osl_analysis.files import default_config, digest, shipped
+from osl_analysis.files import default_config, shipped
 from osl_analysis.formats.rosbag import recorded_files
-from osl_analysis.judge.recording import CHECKS, unknown_check, validate_rules
+from osl_analysis.ingest.examine import UNITS
+from osl_analysis.judge.checks import CHECKS, unknown_check, validate_rules
 from osl_analysis.model.compensator import CONTROLLERS
 from osl_analysis.model.parameters import joint_of, known_parameters
 from osl_analysis.relations import stretches
 from osl_analysis.table import MEASURED, SIMULATED
 from osl_analysis.walking.groups import IS_PERTURBED, STATED, side_of, split_keys, static_of
-from osl_analysis.yaml_settings import read_mapping
+from osl_analysis.yaml_settings import content_digest, read_mapping
 
 
 @dataclass(frozen=True)
@@ -171,6 +172,9 @@ class Campaign:
 def open_campaign(config: Config, planned: SheetRows | None) -> Campaign:
     """The campaign of a configuration; `planned` is the sheet of a simulation that has not been written yet."""
     sheet = read_sheet(config.sheet) if planned is None else planned
+    if config.dynamometer.human is not None:
+        of_person = {trial for trial, row in sheet.items() if row["experiment"] == "impedance"}
+        sheet = {t: {**row, "experiment": "human_joint"} if t in of_person else row for t, row in sheet.items()}
     used = {trial: row for trial, row in sheet.items() if row["exclude"] is None}
     if not used:
         raise InputError(f"{config.sheet}: every trial is excluded; clear `exclude` of those to analyse")
@@ -181,7 +185,7 @@ def check_campaign(campaign: Campaign) -> None:
     """Refuse a configuration that names a missing file, quality rules and names under `accept` that match no checks,
     and walking trials whose analysis lacks other trials."""
     check_files(campaign.config)
-    validate_rules(campaign.config.quality)
+    validate_rules(campaign.config.quality, UNITS)
     taken = dict[tuple[Any, ...], list[tuple[float, float, str]]]()
     for trial in campaign.rows:
         for name in campaign.accepted(trial):
@@ -334,7 +338,7 @@ def about(campaign: Campaign, simulation: list[Path]) -> dict[str, str]:
     # these say where files are, how a run ends, or what stands beside the hash: others give the same results
     places = {"raw_data", "sheet", "results", "sources", "failed_trials", "data", "recorded"}
     settings = config.model_dump(mode="json", exclude=places)  # with the defaults
-    text = json.dumps([settings, sorted(str(digest(path)) for path in files)], sort_keys=True)
+    text = json.dumps([settings, sorted(str(content_digest(path)) for path in files)], sort_keys=True)
     if config.recorded is not None:
         when = f"recorded {config.recorded}"
     elif config.simulation is not None:

@@ -12,7 +12,7 @@ from osl_analysis.config.shared_choices import FOLLOWED, SharedChoices
 from osl_analysis.errors import InputError
 from osl_analysis.files import default_config
 from osl_analysis.judge.claims import Claims
-from osl_analysis.judge.table import DoubtfulFits, QualityRules
+from osl_analysis.judge.limits import DoubtfulFits, QualityRules
 from osl_analysis.model.compensator import Weight
 from osl_analysis.relations import refused, rising
 from osl_analysis.walking.settings import OvergroundAnalysis, WalkingAnalysis
@@ -134,14 +134,17 @@ class Config(Settings):
     _study_is_fitted = refused(
         lambda s: s.study.cycles < s.dynamometer.settle_cycles + 2,
         "study.cycles = {s.study.cycles} are dynamometer.settle_cycles and the last, which are not fitted; raise it",
+        "study.cycles",
     )
     _is_simulated = refused(
         lambda s: s.simulation and s.data == "measured",
         "data = measured, but the recordings are those of `simulation`; write data: null, or simulation: null",
+        "data",
     )
     _one_plate = refused(
         lambda s: s.simulation and s.walking.plate != 1,
         "walking.plate = {s.walking.plate}: the simulated laboratory has one force plate; write 1",
+        "walking.plate",
     )
 
     def shared(self, experiment: str | None = None) -> SharedChoices:

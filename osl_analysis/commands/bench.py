@@ -2,11 +2,13 @@
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from importlib import import_module
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
+from warnings import warn
 
 import polars as pl
 
@@ -14,7 +16,7 @@ from osl_analysis.bench import components, model_comparison, torque_angle
 from osl_analysis.bench.analysis import FitTables, analysed
 from osl_analysis.bench.components import PLACE
 from osl_analysis.bench.effects import IMPEDANCE, plain_sums
-from osl_analysis.bench.human import over_table
+from osl_analysis.bench.human_joint import fit_person, human_joint_table, over_table
 from osl_analysis.bench.impedance import (
     QUANTITIES,
     DesiredImpedance,
@@ -24,26 +26,31 @@ from osl_analysis.bench.impedance import (
     repeated_trials_table,
 )
 from osl_analysis.bench.phasors import frequency_response_table, phasor_table
+from osl_analysis.bench.plausible import plausible
 from osl_analysis.bench.prediction import NUMBERS, components_of, prediction_table, prediction_terms
 from osl_analysis.bench.record import record_of_trial, sine_record, with_actuator
 from osl_analysis.bench.response_tables import response_tables
 from osl_analysis.bench.settings import (
     ActuatorAnalysis,
     BeltAnalysis,
+    DynamometerAnalysis,
+    HumanJointAnalysis,
     ImpedanceAnalysis,
     SteppedSineAnalysis,
     TorqueAngleAnalysis,
 )
 from osl_analysis.campaign.configuration import Config, read_section
 from osl_analysis.config.experiments import EXPERIMENTS, FitJob
-from osl_analysis.errors import InputError, nearest, printable_lines
+from osl_analysis.errors import InputError, OslAnalysisError, nearest, printable_lines
 from osl_analysis.files import default_config, shipped
-from osl_analysis.judge.doubts import marked, not_checked_of, plausible
-from osl_analysis.judge.recording import check_recording, saturated
-from osl_analysis.judge.table import DoubtfulFits
+from osl_analysis.ingest.examine import check_recording, saturated
+from osl_analysis.judge.finding import Finding, Grade
+from osl_analysis.judge.judging import judged, marked
+from osl_analysis.judge.limits import DoubtfulFits
+from osl_analysis.judge.words import finding_said, unchecked_said, words_of
 from osl_analysis.model.compensator import Weight
 from osl_analysis.model.drivetrain_response import Controller
-from osl_analysis.model.parameters import FileOrNone, known_parameters, read_parameters
+from osl_analysis.model.parameters import FileOrNone, known_parameters
 from osl_analysis.table import finite_or_null, read_table, write_table
 from osl_analysis.trial import Trial, read_trial
 from osl_analysis.yaml_settings import read_mapping
@@ -82,23 +89,66 @@ def fit_impedance_trial(
     weight: Weight,
     settings: ImpedanceAnalysis,
     windows: str | None = None,
+    sign_width: float | None = None,
+    components: Mapping[str, Path] | None = None,
+    place: Sequence[str | None] = (),
 ) -> Mapping[str, pl.DataFrame]:
-    """The rows of Eq. 15. `condition` is what the leg was asked to render, as far as it is known, `weight` W of Eq. 14;
-    `windows` [s] are those of the sheet, which are fitted where the motion is no stepped sine."""
+    """The rows of Eq. 15, and what else one record of the trial tells. `condition` is what the leg was asked to render,
+    as far as it is known, `weight` W of Eq. 14; `windows` [s] are those of the sheet, which are fitted where the motion
+    is no stepped sine. With a `sign_width` [rad/s], over which the drivetrain smooths the sign of the velocity, and
+    known gains, rival models are compared; with `components` (result tables by name) of its joint and side, `place`,
+    the torque is predicted."""
     p = known_parameters(parameters)
     check_recording(trial, settings)
     rails = saturated(trial, "torque", "theta")
     record = record_of_trial(trial, settings, windows)
     rendered, table = judged_impedance(with_actuator(record, trial), rails, p, condition, weight)
-    stated = condition.columns() if condition else {}
+    stated = condition or DesiredImpedance(None, None, None)
 
     def further() -> dict[str, pl.DataFrame]:
-        frames = {"phasors": phasor_table(trial.name, rendered.phasors), **response_tables(rendered.raw, p)}
-        frames["impedance_over"] = over_table(rendered.analysis)
-        of_condition = {name: frame.with_columns(**stated) for name, frame in frames.items()}
-        return of_condition | {"timebase": rendered.analysis.time_base(QUANTITIES)}
+        frames = {"phasors": phasor_table(trial.name, rendered.phasors), **response_tables(rendered.record, p)}
+        columns = stated.columns() if condition else {}
+        of_condition = {name: frame.with_columns(**columns) for name, frame in frames.items()}
+        return of_condition | {"timebase": rendered.analysis.time_base(QUANTITIES), **by_drivetrain()}
+
+    def by_drivetrain() -> dict[str, pl.DataFrame]:
+        """Rival models of the torque, and what the components predict; without rows where that is not asked for."""
+        gains = stated.gains(p, weight)
+        none = {name: pl.DataFrame(schema={"trial": pl.String}) for name in ("model_comparison", "prediction_terms")}
+        if p is None or gains is None or sign_width is None:
+            return none
+        found, law = dict[str, pl.DataFrame](), Controller(gains, p, sign_width)
+        try:
+            if len(settings.amplitudes_deg) > 1:
+                rows = model_comparison.thinned_amplitudes(record)
+                drivetrain = model_comparison.DrivetrainTrial(record, rows, gains, p, sign_width)
+                found["model_comparison"] = model_comparison.impedance_scores(drivetrain, stated.controller)
+        except OslAnalysisError as error:
+            warn(f"no comparison of models: {error}", stacklevel=2)
+        try:
+            if components is not None:
+                measured = components_of({part: read_table(path) for part, path in components.items()}, place, p)
+                found["prediction_terms"] = prediction_terms(record, law, measured)
+        except OslAnalysisError as error:
+            found["prediction_terms"] = pl.DataFrame({"trial": [trial.name], "not_made": [str(error)]})
+        return none | found
 
     return FitTables(rendered.analysis.series(), further, impedance=table)
+
+
+def fit_human_joint_trial(
+    trial: Trial, settings: HumanJointAnalysis, windows: str | None = None
+) -> Mapping[str, pl.DataFrame]:
+    """The row of a person's joint, Eq. 15 beside a reflex; `windows` as in `fit_impedance_trial`."""
+    check_recording(trial, settings)
+    rails = saturated(trial, "torque", "theta")
+    fit = fit_person(trial, settings, windows)
+
+    def further() -> dict[str, pl.DataFrame]:
+        frames = {**response_tables(fit.person.raw, None, reflexive=True), "impedance_over": over_table(fit)}
+        return frames | {"timebase": fit.analysis.time_base(QUANTITIES)}
+
+    return FitTables(fit.analysis.series(), further, human_joint=human_joint_table(fit).with_columns(rails))
 
 
 def fit_actuator_trial(trial: Trial, parameters: FileOrNone, settings: ActuatorAnalysis) -> Mapping[str, pl.DataFrame]:
@@ -150,6 +200,7 @@ def summarise(table: Path, output: Path) -> None:
     by_amplitude = ("amplitude_deg", "doubtful")
     derived: Mapping[str, tuple[Sequence[str], Callable[[pl.DataFrame], pl.DataFrame]]] = {
         "impedance": (by_amplitude, repeated_trials_table),
+        "human_joint": (("doubtful",), repeated_trials_table),
         "phasors": (by_amplitude, frequency_response_table),
         "model_comparison": (model_comparison.SCORE_COLUMNS, model_comparison.comparison_summary),
     }
@@ -163,28 +214,6 @@ def compare_controllers(table: Path, output: Path) -> None:
     write_table(model_comparison.compensation_table(read_table(table, needed)), output)
 
 
-def predict_trial(
-    trial: Path,
-    components: Mapping[str, Path],
-    parameters: Path,
-    place: Sequence[str | None],
-    condition: DesiredImpedance,
-    weight: Weight,
-    settings: ImpedanceAnalysis,
-    sign_width: float,
-    output: Path,
-    windows: str | None = None,
-) -> None:
-    """The torque that the `components` (result tables by name) of a joint and side predict for a trial. The controller
-    was programmed with the parameter file. Other arguments as in `compare_impedance_models`."""
-    p, record = read_parameters(parameters), record_of_trial(read_trial(trial), settings, windows)
-    gains = condition.gains(p, weight)
-    if gains is None:
-        raise InputError(f"trial {trial.stem}: {condition.unknown_gains()}; a prediction needs the controller's gains")
-    measured = components_of({part: read_table(path) for part, path in components.items()}, place, p)
-    write_table(prediction_terms(record, Controller(gains, p, sign_width), measured), output)
-
-
 def gather_predictions(
     terms: Sequence[Path],
     table: Path,
@@ -194,20 +223,25 @@ def gather_predictions(
     causes: Path,
     parameters: FileOrNone = None,
 ) -> None:
-    """The predictions of all trials with their intervals, and what would explain what they leave. `table` is
-    `impedance.csv`, `unpredicted` says of the other trials with known gains why they have none."""
+    """The predictions of all trials with their intervals, and what would explain what they leave. `terms` are the files
+    of their fits, `table` is `impedance.csv`, `unpredicted` says why other trials with known gains have none."""
     fits = read_table(table).filter(pl.col("amplitude_deg").is_null())
     p, measured = known_parameters(parameters), {part: read_table(path) for part, path in components.items()}
-    of_trial = {path.stem: path for path in terms}
-    predicted, found = fits.filter(pl.col("trial").is_in(list(of_trial))), []
+    of_trial = {path.stem: read_table(path, of="prediction_terms") for path in terms}
+    not_made = {trial: own["not_made"][0] for trial, own in of_trial.items() if "not_made" in own.columns}
+    unpredicted = {
+        **unpredicted,
+        **{trial: f"components that predict a torque ({why})" for trial, why in not_made.items()},
+    }
+    predicted, found = fits.filter(pl.col("trial").is_in(of_trial.keys() - not_made.keys())), []
     for own in predicted.partition_by(PLACE, maintain_order=True):
-        each = {trial: read_table(of_trial[trial]) for trial in own["trial"]}
+        each = {trial: of_trial[trial] for trial in own["trial"]}
         assert p is not None  # without a parameter file no gains are known
         found.append(prediction_table(each, own, components_of(measured, own.select(PLACE).row(0), p)))
     without = fits.filter(pl.col("trial").is_in(list(unpredicted)))
     said = pl.col("trial").replace_strict(dict(unpredicted), default=None, return_dtype=pl.String)
     numbers = pl.DataFrame(schema=dict.fromkeys(NUMBERS, pl.Float64))
-    without = without.select("trial", *PLACE, "controller", "K_d", "B_d", not_checked=said)
+    without = without.select("trial", *PLACE, "controller", "K_d", "B_d", missing_components=said)
     without = pl.concat([without, numbers], how="diagonal_relaxed").with_columns(doubtful=pl.lit(None, pl.String))
     write_table(pl.concat([without, *(rows for rows, _ in found)], how="diagonal_relaxed"), output)
     none = pl.DataFrame(schema=[*PLACE, "component"])
@@ -229,28 +263,6 @@ def compare_transmission_models(
     write_table(model_comparison.transmission_scores(records, sign_width), output)
 
 
-def compare_impedance_models(
-    trial: Path,
-    parameters: Path,
-    condition: DesiredImpedance,
-    weight: Weight,
-    settings: ImpedanceAnalysis,
-    sign_width: float,
-    output: Path,
-    windows: str | None = None,
-) -> None:
-    """Eq. 15 and the drivetrain of Eq. 9 on one trial, each amplitude predicted from the others; a motion that is no
-    stepped sine has consecutive parts in their place. Arguments as in `fit_impedance_trial`; the drivetrain smooths the
-    sign of the velocity over `sign_width` [rad/s]."""
-    p, record = read_parameters(parameters), record_of_trial(read_trial(trial), settings, windows)
-    gains = condition.gains(p, weight)
-    if gains is None:
-        raise InputError(f"trial {trial.stem}: {condition.unknown_gains()}; Eq. 9 needs the gains of the controller")
-    rows = model_comparison.thinned_amplitudes(record)
-    drivetrain = model_comparison.DrivetrainTrial(record, rows, gains, p, sign_width)
-    write_table(model_comparison.impedance_scores(drivetrain, condition.controller), output)
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class Fit:
     """A fitted trial. Every column of its table is an attribute, with the value of the fit to all data: `fit.K`,
@@ -261,12 +273,14 @@ class Fit:
     table: those rows: one per amplitude, if there are several, and last the fit to all data
     series: `time` [s] from the start, `torque` and `torque_model` [N*m] of all samples that the fit explains
     curves: torque over angle, rows of `belt_curves` or `torque_angle_curves`; None for another experiment
+    findings: what was judged of each row: doubts, what could not be checked, notes
     """
 
     experiment: str
     table: pl.DataFrame
     series: pl.DataFrame
     curves: pl.DataFrame | None
+    findings: Sequence[Sequence[Finding]] = ()
 
     @property
     def row(self) -> Mapping[str, Any]:
@@ -275,12 +289,20 @@ class Fit:
     @property
     def doubtful(self) -> str:
         """Why the fit to all data is not to be trusted: what is beyond which limit, and what to do. Empty: nothing."""
-        return self.row.get("doubtful") or ""
+        return "\n".join(self.said(Grade.DOUBTS))
 
     @property
     def not_checked(self) -> str:
-        """What could not be checked, and why, a line each; empty if everything was."""
-        return "\n".join(f"not checked: {what}: {why}" for what, why in not_checked_of(self.table).items())
+        """What could not be checked, and why, a line each, and what is to be known; empty if there is nothing."""
+        lines = [f"not checked: {text}" for text in self.said(Grade.UNCHECKED)]
+        return "\n".join([*lines, *(f"remark: {text}" for text in self.said(Grade.NOTES))])
+
+    def said(self, *grades: Grade) -> list[str]:
+        """The findings of some grades about the fit to all data, in words."""
+        last = [finding for finding in (self.findings[-1] if self.findings else ()) if finding.grade in grades]
+        doubts = [finding for finding in last if finding.grade is Grade.DOUBTS]
+        others = [finding for finding in last if finding.grade is not Grade.DOUBTS]
+        return [*(finding_said(one, self.row) for one in doubts), *unchecked_said(others, self.row)]
 
     def __getattr__(self, name: str) -> Any:
         """A column of the table by name, of the fit to all data, or `NAME_interval`."""
@@ -298,7 +320,7 @@ class Fit:
         return sorted({*super().__dir__(), *self.row, *(f"{name}_interval" for name in estimated(self.row))})
 
     def __repr__(self) -> str:
-        estimates = f"{self.experiment}, {estimates_text(self.table.tail(1))}"
+        estimates = f"{self.experiment}, {estimates_text(self.table.tail(1), self.findings[-1:])}"
         return printable_lines("\n".join(filter(None, [estimates, self.not_checked])))
 
 
@@ -307,6 +329,12 @@ def job_of(experiment: str) -> FitJob:
     if (fit := EXPERIMENTS[experiment].fit) is None:
         raise InputError(f"a trial of '{experiment}' is not fitted alone; choose another experiment for it")
     return fit
+
+
+def experiment_of(experiment: str, config: Path) -> str:
+    """The experiment that a trial is fitted by: in a configuration of persons an impedance trial is of a person."""
+    person = experiment == "impedance" and read_section(config, "dynamometer", DynamometerAnalysis).human is not None
+    return "human_joint" if person else experiment
 
 
 def fit_settings(experiment: str, config: Path) -> tuple[dict[str, Any], DoubtfulFits]:
@@ -352,7 +380,8 @@ def fit_trial(
     own = EXPERIMENTS[experiment].tables[0].name
     curves = next((frame for name, frame in found.items() if name.endswith("_curves")), None)
     no_torque = pl.DataFrame(schema=dict.fromkeys(("time", "torque", "torque_model"), pl.Float64))
-    return Fit(experiment, marked(found[own], limits.of(own), own), found.get("torque", no_torque), curves)
+    findings = judged(found[own], limits.of(own), own)
+    return Fit(experiment, marked(found[own], findings, own), found.get("torque", no_torque), curves, findings)
 
 
 UNIT_OF = {
@@ -364,15 +393,25 @@ UNIT_OF = {
 }  # fmt: skip
 
 
-def rows_json(table: pl.DataFrame) -> str:
-    """A table as JSON in SI units: an object per row, null for what is not finite."""
-    return json.dumps([finite_or_null(row) for row in table.to_dicts()], indent=2)
+def rows_json(table: pl.DataFrame, findings: Sequence[Sequence[Finding]] = ()) -> str:
+    """A table as JSON in SI units: an object per row, null for what is not finite, with its `findings`."""
+    rows: list[dict[str, Any]] = [finite_or_null(row) for row in table.to_dicts()]
+    for row, of_row in zip(rows, findings, strict=False):
+        row["findings"] = [
+            {"grade": one.grade.value, "cause": one.cause, "sizes": dict(one.sizes), "without": dict(one.without)}
+            | words_of(one, row)._asdict()
+            | {"evidence": [finite_or_null(asdict(number)) for number in one.evidence]}
+            for one in of_row
+        ]
+    return json.dumps(rows, indent=2)
 
 
-def estimates_text(estimates: pl.DataFrame) -> str:
-    """The estimates as text: a line per fit and quantity, with 95 % interval and VAF."""
+def estimates_text(estimates: pl.DataFrame, findings: Sequence[Sequence[Finding]] = ()) -> str:
+    """The estimates as text: a line per fit and quantity, with 95 % interval and VAF, and the doubts among the
+    `findings` about each row."""
     lines = []
-    for row in estimates.to_dicts():
+    for row, of_row in zip_longest(estimates.to_dicts(), findings, fillvalue=()):
+        assert isinstance(row, dict)
         which = "all amplitudes"
         if "cycles" in row:
             which = f"mean of cycles: {row['cycles']}"
@@ -391,8 +430,7 @@ def estimates_text(estimates: pl.DataFrame) -> str:
             half = f"± {high - row[name]:<10.2g}" if high is not None else f"{'':<12}"
             single = "" if low is None else f", single amplitudes {low:.5g} to {row[f'{name}_amplitudes_high']:.5g}"
             lines.append(f"  {name:<15}{row[name]:>12.5g} {half} {UNIT_OF.get(name, '')}{single}")
-        if row.get("doubtful"):
-            lines.append(f"  doubtful: {row['doubtful']}")
+        lines += [f"  doubtful: {finding_said(one, row)}" for one in of_row if one.grade is Grade.DOUBTS]
     return "\n".join([*lines, "± is the half-width of the 95 % interval, by the method that interval_method names"])
 
 

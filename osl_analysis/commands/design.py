@@ -11,11 +11,12 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.bench.gram import BY_REPEATS, BY_UNITS
+from osl_analysis.bench.plausible import check_told
+from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.campaign.configuration import Config
 from osl_analysis.design import precision as planning
 from osl_analysis.design.precision import KBI, Continuous, Distortion, PeriodicMultisine, Plan, Precision, SteppedSine
 from osl_analysis.errors import IdentifiabilityError, InputError
-from osl_analysis.judge.doubts import check_told
 from osl_analysis.signals import LowPass
 from osl_analysis.spectral.response import ENOUGH_REALISATIONS
 from osl_analysis.table import finite_or_null, read_table, write_table
@@ -48,10 +49,7 @@ def designed(chosen: Mapping[str, Any], config: Config) -> Design:
     """The intervals of a plan from the options by name, how long to record, and what stands in the way. A rate that is
     too low for the filter, frequencies that the filter takes out, and a band that the analysis will refuse are
     refused."""
-    for name, value in chosen.items():
-        numbers = value if isinstance(value, list) else [value]
-        if any(isinstance(one, float) and not np.isfinite(one) for one in numbers):
-            raise InputError(f"--{name.replace('_', '-')} is {value}; give a finite number")
+    check_finite_options(chosen)
     bench, study = config.dynamometer, config.study
     expected = {"stiffness": study.K_d, "damping": study.B_d, "inertia": study.I}
     expected |= {name: chosen[name] for name in expected if chosen[name] is not None}
@@ -66,8 +64,47 @@ def designed(chosen: Mapping[str, Any], config: Config) -> Design:
         raise InputError("--friction and --earlier state the same distortion twice; give one of them")
     distortion = replace(distortion, coulomb=chosen["friction"] or 0.0, level=chosen["distortion"] or 0.0)
     plan = plan_of(chosen, config, bool(within))
+    sensors = sensors_of(chosen, bench)
+    low_pass, sines = bench.low_pass, plan.sines
+    check_band(sines, sensors.rate_hz, low_pass)
+
+    def judged(plan: Plan) -> Precision:
+        return planning.precision(plan, joint, sensors, low_pass, distortion)
+
+    found, Z, alone = judged(plan), joint @ planning.eq15(sines.w), sines.spacing_hz is None
+    torque = np.abs(Z) * sines.size
+    if not isinstance(plan, SteppedSine):  # which the analysis does not judge so
+        check_as_the_analysis(found, torque, joint[0], bench)
+    # of one sine at a time the largest; of many the same multiple of the RMS as the angle
+    crest = plan.peak[0] / float(np.sqrt(np.sum(sines.size**2) / 2))
+    peak_torque = float(torque.max() if alone else crest * np.sqrt(np.sum(torque**2) / 2)) + distortion.coulomb
+    lag_s, recommended = 1e-3 * chosen["lag"], None
+    lag = found.fit.fitted(Z * np.exp(-1j * sines.w * lag_s)) - found.fit.fitted(Z)
+    said = list(warnings(plan, found, sensors, low_pass, distortion))
+    said += refused_sizes(plan.peak[0], peak_torque, bench)
+    if within:
+        best, longest = planning.long_enough(plan, lambda plan: judged(plan).reaches(within))
+        if best is not None:
+            recommended = best, judged(best)
+        else:
+            said.append(beyond_reach(longest, judged(longest), joint, within))
+    added = dict(zip(KBI, lag.tolist(), strict=True))
+    inputs = plan, joint, sensors, low_pass, distortion, lag_s, within
+    return Design(*inputs, found, peak_torque, added, recommended, tuple(said))
+
+
+def check_finite_options(chosen: Mapping[str, Any]) -> None:
+    """Refuse an option that is no finite number."""
+    for name, value in chosen.items():
+        numbers = value if isinstance(value, list) else [value]
+        if any(isinstance(one, float) and not np.isfinite(one) for one in numbers):
+            raise InputError(f"--{name.replace('_', '-')} is {value}; give a finite number")
+
+
+def sensors_of(chosen: Mapping[str, Any], bench: DynamometerAnalysis) -> planning.Sensors:
+    """What the options say of load cell and encoder, in SI units; else the drift of the configuration."""
     step, drift = chosen["encoder_step"], chosen["drift"]
-    sensors = planning.Sensors(
+    return planning.Sensors(
         rate_hz=chosen["rate"],
         torque_noise=chosen["torque_noise"],
         noise_band_hz=chosen["noise_band"],
@@ -76,11 +113,14 @@ def designed(chosen: Mapping[str, Any], config: Config) -> Design:
         angle_noise=float(np.deg2rad(chosen["angle_noise"])),
         drift=(bench.load_cell_drift if drift is None else drift) / 60,
     )
-    low_pass, sines = bench.low_pass, plan.sines
-    cutoff, low, high = low_pass.cutoff_hz, float(sines.frequency_hz.min()), float(sines.frequency_hz.max())
-    if not cutoff < sensors.rate_hz / 2:
+
+
+def check_band(sines: planning.PlannedSines, rate_hz: float, low_pass: LowPass) -> None:
+    """Refuse a rate [Hz] that is too low for the filter, and frequencies that the filter takes out."""
+    cutoff, high = low_pass.cutoff_hz, float(sines.frequency_hz.max())
+    if not cutoff < rate_hz / 2:
         raise InputError(
-            f"--rate {sensors.rate_hz:g} Hz is too low for the filter's cut-off of {cutoff:g} Hz; sample faster than "
+            f"--rate {rate_hz:g} Hz is too low for the filter's cut-off of {cutoff:g} Hz; sample faster than "
             "twice the cut-off"
         )
     if high > cutoff:
@@ -89,59 +129,51 @@ def designed(chosen: Mapping[str, Any], config: Config) -> Design:
             "lower frequencies"
         )
 
-    def judged(plan: Plan) -> Precision:
-        return planning.precision(plan, joint, sensors, low_pass, distortion)
 
-    found, Z, alone = judged(plan), joint @ planning.eq15(sines.w), sines.spacing_hz is None
-    torque = np.abs(Z) * sines.size
-    if not isinstance(plan, SteppedSine):  # which the analysis does not judge so
-        # the analysis judges samples of the filtered motion; the two rows of each sine have the same products
-        n = len(sines.w)
-        fitted_s = float(np.sum(sines.duration_s) if alone else np.max(sines.duration_s))
-        share = np.sqrt(n * found.fit.weight * sines.duration_s / fitted_s)
-        columns = found.fit.columns
-        check_told(
-            "the analysis would refuse this protocol",
-            (low, high),
-            np.concatenate([columns.real, columns.imag], axis=1) * np.tile(share, 2),
-            float(np.sqrt(np.sum((torque * share) ** 2) / (2 * n))),
-            (float(joint[0]), float(found.columns["se"][0])),
-            bench.largest_inertia_error,
-        )
-    # of one sine at a time the largest; of many the same multiple of the RMS as the angle
-    crest = plan.peak[0] / float(np.sqrt(np.sum(sines.size**2) / 2))
-    peak_torque = float(torque.max() if alone else crest * np.sqrt(np.sum(torque**2) / 2)) + distortion.coulomb
-    lag_s, recommended = 1e-3 * chosen["lag"], None
-    lag = found.fit.fitted(Z * np.exp(-1j * sines.w * lag_s)) - found.fit.fitted(Z)
-    said = list(warnings(plan, found, sensors, low_pass, distortion))
-    if plan.peak[0] > bench.largest_angle:
-        said.append(
-            f"the largest angle of {plan.peak[0]:.3g} rad is above dynamometer.largest_angle = "
+def check_as_the_analysis(found: Precision, torque: Array, K: float, bench: DynamometerAnalysis) -> None:
+    """Refuse a band that the analysis would refuse: it judges samples of the filtered motion, where the two rows of
+    each sine have the same products. `torque` is the amplitude (n,) [N*m] at each, K [N*m/rad] what is expected."""
+    sines = found.fit.sines
+    n = len(sines.w)
+    fitted_s = float(np.sum(sines.duration_s) if sines.spacing_hz is None else np.max(sines.duration_s))
+    share = np.sqrt(n * found.fit.weight * sines.duration_s / fitted_s)
+    columns = found.fit.columns
+    check_told(
+        "the analysis would refuse this protocol",
+        (float(sines.frequency_hz.min()), float(sines.frequency_hz.max())),
+        np.concatenate([columns.real, columns.imag], axis=1) * np.tile(share, 2),
+        float(np.sqrt(np.sum((torque * share) ** 2) / (2 * n))),
+        (float(K), float(found.columns["se"][0])),
+        bench.largest_inertia_error,
+    )
+
+
+def refused_sizes(largest_angle: float, peak_torque: float, bench: DynamometerAnalysis) -> Iterator[str]:
+    """The limits of an angle [rad] and a torque [N*m] beyond which the analysis refuses a recording."""
+    if largest_angle > bench.largest_angle:
+        yield (
+            f"the largest angle of {largest_angle:.3g} rad is above dynamometer.largest_angle = "
             f"{bench.largest_angle:g} rad: the recording would be refused"
         )
     if bench.load_cell_range is not None and peak_torque > bench.load_cell_range:
-        said.append(
+        yield (
             f"the torque of about {peak_torque:.3g} N·m is above dynamometer.load_cell_range = "
             f"{bench.load_cell_range:g} N·m: the recording would be refused"
         )
-    if within:
-        best, longest = planning.long_enough(plan, lambda plan: judged(plan).reaches(within))
-        if best is not None:
-            recommended = best, judged(best)
-        else:
-            reached, most = [], judged(longest)
-            for k, name in ((k, name) for k, name in enumerate(KBI) if name in within):
-                cause = max(most.variance, key=lambda one: most.variance[one][k])
-                percent = 100 * most.columns["half_width"][k] / max(abs(joint[k]), TINY)
-                share_of = 100 * most.variance[cause][k] / max(most.columns["se"][k] ** 2, TINY)
-                reached.append(f"{name} ± {percent:.2g} % (variance by {cause} {share_of:.0f} %)")
-            said.append(
-                f"what is asked for is beyond the longest record that is searched, {longest.record_s / 3600:.2g} h, "
-                f"which gives {', '.join(reached)}; move further, widen the band, or ask for less"
-            )
-    added = dict(zip(KBI, lag.tolist(), strict=True))
-    inputs = plan, joint, sensors, low_pass, distortion, lag_s, within
-    return Design(*inputs, found, peak_torque, added, recommended, tuple(said))
+
+
+def beyond_reach(longest: Plan, most: Precision, joint: Array, within: Mapping[str, float]) -> str:
+    """What the longest plan that is searched gives, and what limits it."""
+    reached = []
+    for k, name in ((k, name) for k, name in enumerate(KBI) if name in within):
+        cause = max(most.variance, key=lambda one: most.variance[one][k])
+        percent = 100 * most.columns["half_width"][k] / max(abs(joint[k]), TINY)
+        share_of = 100 * most.variance[cause][k] / max(most.columns["se"][k] ** 2, TINY)
+        reached.append(f"{name} ± {percent:.2g} % (variance by {cause} {share_of:.0f} %)")
+    return (
+        f"what is asked for is beyond the longest record that is searched, {longest.record_s / 3600:.2g} h, "
+        f"which gives {', '.join(reached)}; move further, widen the band, or ask for less"
+    )
 
 
 def warnings(

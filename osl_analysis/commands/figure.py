@@ -10,8 +10,7 @@ import polars as pl
 
 from osl_analysis.bench.analysis import analysed
 from osl_analysis.bench.components import PLACE, belt_figure_points
-from osl_analysis.bench.effects import eq15_of, plain_sums
-from osl_analysis.bench.human import with_reflex
+from osl_analysis.bench.effects import IMPEDANCE, plain_sums
 from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.bench.record import record_of_trial
 from osl_analysis.bench.settings import ImpedanceAnalysis
@@ -22,12 +21,13 @@ from osl_analysis.figures import drawing_of, names
 from osl_analysis.figures.frequency import DESIRED, FIG7, LINEAR_MODEL, response_curve
 from osl_analysis.figures.names import completed, look_numbers
 from osl_analysis.files import atomic_path, digest, write_text
-from osl_analysis.judge.doubts import DOUBTFUL, marked
-from osl_analysis.judge.table import Doubt
+from osl_analysis.judge.judging import judged, marked
+from osl_analysis.judge.limits import Limits
 from osl_analysis.model.compensator import Weight
 from osl_analysis.model.drivetrain import desired_admittance, joint_admittance
 from osl_analysis.model.parameters import FileOrNone, joint_of, read_parameters
 from osl_analysis.refusal import Refusal, read_refusals
+from osl_analysis.stats.repeats import DOUBTFUL
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import read_trial
 from osl_analysis.walking.gait import unperturbed_gait
@@ -131,23 +131,23 @@ def fig4(
     fit: Path,
     settings: ImpedanceAnalysis,
     choice: Mapping[str, Any],
-    limits: Doubt,
+    limits: Limits,
     output: Path,
     windows: str | None = None,
 ) -> None:
     """The numbers of Fig. 4: the last seconds of one amplitude, or of a motion that is no stepped sine, measured and by
     the best second-order fit. `choice` is that of `time_series_example`, `fit` the trial's own table of fits, by whose
     `limits` this fit may be doubtful, `windows` as in `bench.fit_impedance_trial`."""
-    record = with_reflex(record_of_trial(read_trial(trial), settings, windows))
+    record = record_of_trial(read_trial(trial), settings, windows)
     label = record.label_near(choice["amplitude_deg"])
     amplitude = pl.col("amplitude_deg")
     shown = amplitude.is_null() if label is None else (amplitude - label).abs() < 1e-6
-    analysis = analysed(record, plain_sums(record, eq15_of(record)), eq15_of(record))
+    analysis = analysed(record, plain_sums(record, IMPEDANCE), IMPEDANCE)
     series = analysis.last_seconds(label, choice["duration_s"])
-    doubtful = marked(read_table(fit), limits, "impedance").filter(shown)["doubtful"][0]
+    fits = read_table(fit)
+    doubtful = marked(fits, judged(fits, limits, "impedance"), "impedance").filter(shown)["doubtful"][0]
     said = {name: choice[name] or None for name in ("trial", "joint", "side", "chosen")}
-    reflex = f" with a reflex (torque above {settings.human.slow_hz:g} Hz)" if settings.human else ""
-    said |= {"doubtful": doubtful, "model": f"second-order system{reflex}"}
+    said |= {"doubtful": doubtful, "model": "second-order system"}
     constant = (pl.lit(value, pl.String).alias(name) for name, value in said.items())
     write_table(series.with_columns(constant), output)
 

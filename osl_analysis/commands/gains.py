@@ -13,14 +13,14 @@ import numpy as np
 import polars as pl
 from numpy.typing import ArrayLike
 
+from osl_analysis.bench.analysis import motion_in
 from osl_analysis.bench.components import PLACE
-from osl_analysis.bench.impedance import DesiredImpedance, motion_in
+from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.bench.prediction import COMPONENTS, PARTS, components_of
 from osl_analysis.bench.record import Record, record_of_trial
 from osl_analysis.campaign.campaign import sentence
 from osl_analysis.campaign.configuration import Config
 from osl_analysis.commands.bench import rows_json
-from osl_analysis.commands.figure import draw_table
 from osl_analysis.commands.tables import read_summary
 from osl_analysis.config.shared_choices import read_impedance_trajectory
 from osl_analysis.errors import InputError, listing, naming, nearest, optional_module
@@ -136,8 +136,10 @@ def gains_text(table: pl.DataFrame) -> str:
 def plot_gains(table: pl.DataFrame, parameters: Path, output: Path) -> None:
     """Draw the response of one pair over 0.1 to 10 Hz (as Fig. 7), the gains of a grid, or those of a trajectory (as
     Fig. 8)."""
+    from osl_analysis.commands.figure import draw_table  # matplotlib takes half a second
+
     if len(table) == 1:
-        from osl_analysis.figures.frequency import DESIRED, FIG7, LINEAR_MODEL, response_curve  # matplotlib: 0.5 s
+        from osl_analysis.figures.frequency import DESIRED, FIG7, LINEAR_MODEL, response_curve
         from osl_analysis.figures.names import completed
 
         p, row, f = read_parameters(parameters), table.row(0, named=True), np.geomspace(0.1, 10, 201)

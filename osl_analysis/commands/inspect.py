@@ -18,14 +18,21 @@ from zlib import crc32
 
 import numpy as np
 import polars as pl
-from scipy.stats import median_abs_deviation
+import scipy
 
 from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.campaign.campaign import open_campaign
 from osl_analysis.campaign.configuration import Config, read_config
-from osl_analysis.commands.bench import UNIT_OF, Fit, estimated, estimates_text, fit_settings, fit_trial, job_of
-from osl_analysis.commands.figure import draw_table
-from osl_analysis.commands.reference import write_schemas
+from osl_analysis.commands.bench import (
+    UNIT_OF,
+    Fit,
+    estimated,
+    estimates_text,
+    experiment_of,
+    fit_settings,
+    fit_trial,
+    job_of,
+)
 from osl_analysis.commands.trials import checked_trial
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
 from osl_analysis.config.sheet import JOINT
@@ -34,12 +41,13 @@ from osl_analysis.files import CAMPAIGN, shipped, write_text
 from osl_analysis.formats.rosbag import DESCRIPTION as BAG_DESCRIPTION
 from osl_analysis.formats.rosbag import recorded_files
 from osl_analysis.ingest import draft as drafts
+from osl_analysis.ingest.examine import Commanded, examine, measured_table
 from osl_analysis.ingest.overview import Overview
 from osl_analysis.ingest.raw_files import FORMATS, SUFFIXES, check_file, read_source, recognise
 from osl_analysis.ingest.source import UNKNOWN, open_places
-from osl_analysis.judge.doubts import not_checked_line
-from osl_analysis.judge.recording import CHECKS, examine, judged_table, measured_table
-from osl_analysis.judge.table import Commanded
+from osl_analysis.judge.checks import CHECKS, judged_table
+from osl_analysis.judge.finding import Grade
+from osl_analysis.judge.words import check_words
 from osl_analysis.model.parameters import joint_of
 from osl_analysis.trial import Trial
 from osl_analysis.yaml_settings import dotted, read_mapping
@@ -58,9 +66,9 @@ def first_look(folder: Path) -> Iterator[str]:
             row, is_sound = campaign.row(trial), False
             try:
                 recorded = checked_trial(campaign.recording(trial), config.raw_data, config.sources)
-                fitted = fit_of_row(recorded, row, campaign.device(trial), CAMPAIGN).table
-                is_sound = not ("doubtful" in fitted and any(fitted["doubtful"].to_list()))
-                said = estimates_text(fitted)
+                fitted = fit_of_row(recorded, row, campaign.device(trial), CAMPAIGN)
+                is_sound = not any(one.grade is Grade.DOUBTS for of_row in fitted.findings for one in of_row)
+                said = estimates_text(fitted.table, fitted.findings)
             except OslAnalysisError as error:
                 said = str(error)
             except Exception as fault:  # a fault of the program in one recording must not hide the others
@@ -72,7 +80,7 @@ def first_look(folder: Path) -> Iterator[str]:
 def fit_of_row(trial: Trial, row: Mapping[str, Any], device: Path | None, config: Path) -> Fit:
     """The fit of a trial in memory, by what its row of a sheet says, drafted or not, as in the workflow. `device` is
     its parameter file. Raises as `fit_trial`."""
-    experiment = str(row["experiment"])
+    experiment = experiment_of(str(row["experiment"]), config)
     condition: Any = {column: row.get(column) for column in job_of(experiment).sheet}
     if experiment == "impedance":
         K_d, B_d = (None if row[name] is None else float(row[name]) for name in ("K_d", "B_d"))
@@ -182,6 +190,8 @@ def write_campaign(folder: Path, name: str, raw_data: Path, sources: Mapping[str
         path = "'" + path.replace("'", "''") + "'"
     config = template.format(name=allowed, raw_data=path) + (draft.walking if draft else "")
     (folder / "config.yaml").write_text(config, encoding="utf-8")
+    from osl_analysis.commands.reference import write_schemas  # it knows the settings of all commands
+
     write_schemas(folder / "schemas")
     if not raw_data.is_absolute() and ".." not in raw_data.parts:
         (folder / raw_data).mkdir(parents=True)
@@ -231,7 +241,7 @@ def draft_campaign(folder: Path) -> Draft:
         why = f", as {draft.refused[0]}" if draft.refused else f" ({', '.join(sorted(SUFFIXES))})"
         raise InputError(f"{folder}: no recording in it that can be read{why}; name the folder of the recordings")
     for name, (_, overview, file_name) in overviews.items():
-        text, own = drafts.draft_source(overview, file_name, True), shipped(f"config/sources/{name}.yaml")
+        text, own = drafts.draft_source(overview, file_name, walking=False), shipped(f"config/sources/{name}.yaml")
         if own.is_file():  # a recorder that is known, and what else it has recorded
             known, named = own.read_text(encoding="utf-8"), re.findall(r"^(  ([a-z]\w*): .*\n)", text, re.MULTILINE)
             text = known + "".join(line for line, column in named if f"\n  {column}: " not in known)
@@ -413,15 +423,18 @@ def examined(path: Path, folder: Path, bench: WatchedBench) -> Iterator[str]:
     yield ", ".join(values)
     if "VAF" in estimates:
         yield f"VAF {estimates['VAF']:.2f} %"
-    if estimates.get("doubtful"):
-        yield f"DOUBTFUL: {estimates['doubtful']}"
+    yield from (f"DOUBTFUL: {text}" for text in fitted.said(Grade.DOUBTS))
     kind = [str(row[name]) if row.get(name) else "" for name in ("experiment", "joint", "side", "controller")]
     name = path.relative_to(folder).as_posix()
     yield from beside_siblings(name, kind, comparable(trial, row, estimates), bench.output / "measured.json")
-    yield from [*said, *filter(None, [not_checked_line(fitted.table)])]
+    yield from said
+    yield from (f"NOT CHECKED: {text}" for text in fitted.said(Grade.UNCHECKED))
+    yield from (f"REMARK: {text}" for text in fitted.said(Grade.NOTES))
     if not fitted.series.is_empty():
         picture = bench.output / f"{row['trial']}.png"
         try:
+            from osl_analysis.commands.figure import draw_table  # matplotlib takes half a second
+
             draw_table("torque", fitted.series, [picture])
             yield str(picture)
         except OslAnalysisError as error:
@@ -470,7 +483,8 @@ def beside_siblings(
         others = [one[key] for one in siblings if key in one]
         if len(others) >= FEWEST_SIBLINGS:
             most = max(most, len(others))
-            middle, spread = float(np.median(others)), max(median_abs_deviation(others, scale="normal"), least)
+            middle = float(np.median(others))
+            spread = max(scipy.stats.median_abs_deviation(others, scale="normal"), least)
             if abs(value - middle) > UNLIKE * spread:
                 far.append(f"{key} is {value:.3g}, theirs {middle:.3g} ± {spread:.1g}")
     if far:
@@ -502,7 +516,7 @@ def row_of_recording(
                 break
     if source is None:
         overview = inspect_file(path)
-        text, sources, source = drafts.draft_source(overview, path.name, named=True), place, "draft"
+        text, sources, source = drafts.draft_source(overview, path.name), place, "draft"
         (place / "draft.yaml").write_text(text, encoding="utf-8")
         still_open = [f"`{dotted(one)}`" for one in open_places(read_mapping(place / "draft.yaml"))]
         if still_open:
@@ -533,6 +547,7 @@ def quality_text(trial: Trial, experiment: str, config: Config, accepted: Collec
         return "quality ok"
     named = []
     for row in failed.to_dicts():  # key, cause, what was found, and what to do
-        cause, found = CHECKS[row["check"]].cause, row["remark"].replace("; ", ", ")
-        named.append(f"{row['verdict']} {row['check']}: {cause.name}, {', '.join(filter(None, [found, cause.remedy]))}")
+        cause = CHECKS[row["check"]].cause
+        what_to_do = ", ".join(filter(None, [row["remark"], check_words(cause).remedy]))
+        named.append(f"{row['verdict']} {row['check']}: {cause}, {what_to_do}")
     return f"QUALITY {listing(named, 4)}"

@@ -17,8 +17,10 @@ from pydantic_core.core_schema import ModelSchema
 from osl_analysis.campaign.configuration import Config
 from osl_analysis.dictionary import HERE, described_tables
 from osl_analysis.files import write_text
+from osl_analysis.ingest.examine import UNITS
 from osl_analysis.ingest.raw_files import FORMATS
-from osl_analysis.judge.recording import CHECKS
+from osl_analysis.judge.checks import CHECKS
+from osl_analysis.judge.words import WORDS
 from osl_analysis.model.parameters import ParameterFile
 from osl_analysis.report.headlines import all_labels
 from osl_analysis.simulator.settings import SimulationSettings
@@ -35,7 +37,10 @@ def tables_page(command: str) -> str:
         described = markdown("column", "unit", "meaning", rows=columns)
         gathered = f" `{also}` holds the rows of one trial." if table.also else ""
         tables.append(f"## `{place}`\n\nRows: {table.rows}.{gathered}\n\n{described}")
-    checks = [(f"`{c.name}`", c.unit, f"{c.meaning}. Fails {c.fails} its threshold") for c in CHECKS.values()]
+    checks = [
+        (f"`{c.name}`", UNITS[c.name], f"{WORDS['checks'][c.name]}. Fails {c.fails} its threshold")
+        for c in CHECKS.values()
+    ]
     entries = [(f"`{one.name}`", one.unit, one.meaning) for one in all_labels()]
     page = (HERE / "page.md").read_text(encoding="utf-8").rstrip()
     return page.format(
@@ -109,9 +114,8 @@ def explanations(model: type[BaseModel]) -> dict[str, str]:
     for one in reversed(model.__mro__):
         if not issubclass(one, BaseModel) or one is BaseModel:
             continue
-        written = one.__dict__.get("CATALOGUE", one)  # a source file's fields stand in the catalogue of all formats
-        classes, lines = source_of(written.__module__)
-        for field, below in pairwise([*classes[written.__name__].body, None]):
+        classes, lines = source_of(one.__module__)
+        for field, below in pairwise([*classes[one.__name__].body, None]):
             if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name):
                 _, _, said = lines[(field.end_lineno or 1) - 1].partition("  # ")
                 if isinstance(below, ast.Expr):

@@ -16,7 +16,8 @@ from osl_analysis.dictionary import described_tables
 from osl_analysis.errors import InputError, listing
 from osl_analysis.figures.names import figure_title
 from osl_analysis.files import atomic_path, write_text
-from osl_analysis.judge.two_campaigns import QUANTITIES, compared, label_of, verdicts_said
+from osl_analysis.judge.campaign import Entry, entries, read_findings
+from osl_analysis.judge.two_campaigns import COMPARED_QUANTITIES, compared, label_of, verdicts_said
 from osl_analysis.refusal import Refusal, is_refused
 from osl_analysis.report import page, panels, trial_page
 from osl_analysis.report.headlines import aligned, decimals, fixed, missing_lines, told_apart, trials_text
@@ -39,6 +40,7 @@ def write_report(
     figures: Mapping[str, Path],
     verdicts: Path,
     excluded: Path,
+    findings: Path,
     summary: Path,
     output: Path,
     captions: Path | None = None,
@@ -49,7 +51,8 @@ def write_report(
     `sheet` has the row of every trial, also of those that it excludes, `settings` the sections of the configuration by
     which the experiments are analysed; `trials`, `series` and `crossings` the files of
     each that has them, `tables` the result tables and `figures` the SVG files by name. `verdicts` is `quality.csv`,
-    `excluded` the trials that are not used, `summary` `summary.json`, `refused` the causes of all that is missing.
+    `excluded` the trials that are not used, `findings` `findings.csv`,
+    `summary` `summary.json`, `refused` the causes of all that is missing.
     """
     written = {name: read_table(path) for name, path in tables.items()}
     said_of = {one.trial: f"{one.reason}; {one.remedy}" for one in refused if one.trial}
@@ -58,34 +61,18 @@ def write_report(
     described = {Path(table.place).name: table for table in described_tables() if table.place.startswith("tables/")}
     by_role = {"trial": trials, "series": series, "crossing": crossings}
     judged = read_table(verdicts).filter(pl.col("verdict") != "refused").partition_by("trial", as_dict=True)
+    of_trial: dict[str, list[Entry]] = {}
+    for entry in entries(read_findings(findings)):
+        of_trial.setdefault(entry["trial"], []).append(entry)
     reported = []
     for name, row in sheet.items():
         files = {role: paths[name] for role, paths in by_role.items() if name in paths}
-        why = left_out.get(name)
-        facts = EXPERIMENTS[row["experiment"]]
-        names = [*(table.name for table in facts.tables), "walking_responses"]
-        own = {table: written[table].filter(pl.col("trial") == name) for table in names if table in written}
-        own = {table: rows for table, rows in own.items() if len(rows)}
-        # every trial of such an experiment has a result
-        if why is None and (not own if facts.fit else row["experiment"] == "walking" and "crossing" not in files):
-            causes = listing(list(left_out), 3)
-            were = f", because {causes} {'was' if len(left_out) == 1 else 'were'} refused or excluded"
-            why = True, [f"it has no result{were if left_out else ''}"]
-        origin = metadata_of(files["trial"])[1] if "trial" in files else {}
-        missing, reasons = why or (False, [])
-        picture = pictures(row["experiment"], own, files)
-        reported.append(ReportedTrial(name, row, own, judged.get((name,)), origin, reasons, missing, picture))
+        findings_on, judged_checks = of_trial.get(name, []), judged.get((name,))
+        reported.append(reported_trial(row, files, left_out, written, findings_on, judged_checks))
     pages = {one.name: (trial_content(one, described), one.pictures.tables) for one in reported}
     found = {} if is_refused(summary) else read_summary(summary)
     said = captions_by_title(captions.read_text(encoding="utf-8")) if captions and not is_refused(captions) else {}
-    shown, absent = [], dict[str, str]()
-    for name, path in figures.items():
-        title = figure_title(name)
-        if (reason := str(said.get(title, ""))).startswith(UNDRAWN):
-            absent[title] = reason.removeprefix(UNDRAWN).strip()
-            continue
-        drawn = inline_svg(path.read_text(encoding="utf-8"), name, title)
-        shown.append({"name": name, "title": title, "caption": said.get(title, ""), "drawing": drawn})
+    shown, absent = shown_figures(figures, said)
     content = {
         "about": about,
         "made_of": sentence(about),
@@ -99,6 +86,44 @@ def write_report(
         "not_made": [one for one in refused if not one.trial],
     }
     write_text(output, written_page(content, pages, largest_mb))
+
+
+def reported_trial(
+    row: Mapping[str, Any],
+    files: Mapping[str, Path],
+    left_out: Mapping[str, tuple[bool, list[str]]],
+    written: Mapping[str, pl.DataFrame],
+    findings_on: list[Entry],
+    judged_checks: pl.DataFrame | None,
+) -> ReportedTrial:
+    """A trial of the sample sheet from its row there, its files, its rows of the tables, and why it has no result."""
+    name, facts = row["trial"], EXPERIMENTS[row["experiment"]]
+    names = [*(table.name for table in facts.tables), "walking_responses"]
+    own = {table: written[table].filter(pl.col("trial") == name) for table in names if table in written}
+    own = {table: rows for table, rows in own.items() if len(rows)}
+    why = left_out.get(name)
+    # every trial of such an experiment has a result
+    if why is None and (not own if facts.fit else row["experiment"] == "walking" and "crossing" not in files):
+        causes = listing(list(left_out), 3)
+        were = f", because {causes} {'was' if len(left_out) == 1 else 'were'} refused or excluded"
+        why = True, [f"it has no result{were if left_out else ''}"]
+    origin = metadata_of(files["trial"])[1] if "trial" in files else {}
+    missing, reasons = why or (False, [])
+    picture = pictures(row["experiment"], own, files)
+    return ReportedTrial(name, row, own, findings_on, judged_checks, origin, reasons, missing, picture)
+
+
+def shown_figures(figures: Mapping[str, Path], said: Mapping[str, Any]) -> tuple[list[dict[str, Any]], dict[str, str]]:
+    """The figures with their captions, by title, and why each of the others is not drawn."""
+    shown, absent = [], dict[str, str]()
+    for name, path in figures.items():
+        title = figure_title(name)
+        if (reason := str(said.get(title, ""))).startswith(UNDRAWN):
+            absent[title] = reason.removeprefix(UNDRAWN).strip()
+            continue
+        drawn = inline_svg(path.read_text(encoding="utf-8"), name, title)
+        shown.append({"name": name, "title": title, "caption": said.get(title, ""), "drawing": drawn})
+    return shown, absent
 
 
 def pictures(experiment: str, tables: Mapping[str, pl.DataFrame], files: Mapping[str, Path]) -> panels.Pictures:
@@ -145,33 +170,48 @@ def compared_cells(row: Mapping[str, Any]) -> dict[str, str]:
     return cells | {name: row[name] or "" for name in ("verdict", "method", "remark")}
 
 
+def tables_to_compare(folder: Path) -> dict[str, pl.DataFrame]:
+    """The tables of a campaign that are compared, by name, of those that it has."""
+    paths = {name: folder / f"tables/{name}.csv" for name in COMPARED_QUANTITIES}
+    there = {name: path for name, path in paths.items() if path.is_file() and not is_refused(path)}
+    needed = COMPARED_QUANTITIES | {
+        "walking_summary": ("quantity", "estimator", "n", "mean", "low", "high", "commanded")
+    }
+    return {name: read_table(path, needed[name]) for name, path in there.items()}
+
+
+def remarks_on(a: Mapping[str, Any], b: Mapping[str, Any]) -> list[str]:
+    """In what two summaries differ beside their numbers, or whether they may be of one campaign."""
+    apart = [name for name in ("data", "version") if a.get(name) != b.get(name)]
+    remarks = [f"{name}: {a.get(name)} in A, {b.get(name)} in B" for name in apart]
+    if all(a.get(name) == b.get(name) for name in ("configuration", "recorded")):
+        remarks.append("A and B state the same configuration and recordings; one may be a copy of the other")
+    return remarks
+
+
 def compare_campaigns(folders: Sequence[Path], output: Path, margin: float | None = None) -> str:
     """Compare the results in two folders, A and B, by `two_campaigns.compared`: `comparison` as .csv, .pdf, .svg, .png
     and .html in `output`, all or none. Returns what to print. Raises InputError: both are one folder, one has no
     summary or an older table, there is nothing to compare, or a number has two units."""
     if realpath(folders[0]) == realpath(folders[1]):
         raise InputError(f"{folders[1]}: A and B are the same folder; name the results of another campaign")
-    (a, b), tables = (read_summary(folder / "summary.json") for folder in folders), []
+    a, b = (read_summary(folder / "summary.json") for folder in folders)
     for name, number in a["numbers"].items():
         if (unit := b["numbers"].get(name, number)["unit"]) != number["unit"]:
             said = f"'{name}' is in {unit}, but in {number['unit']} in {folders[0]}"
             raise InputError(f"{folders[1] / 'summary.json'}: {said}; run the older campaign again with this version")
-    for folder in folders:
-        paths = {name: folder / f"tables/{name}.csv" for name in QUANTITIES}
-        there = {name: path for name, path in paths.items() if path.is_file() and not is_refused(path)}
-        needed = QUANTITIES | {"walking_summary": ("quantity", "estimator", "n", "mean", "low", "high", "commanded")}
-        tables.append({name: read_table(path, needed[name]) for name, path in there.items()})
+    tables = [tables_to_compare(folder) for folder in folders]
     table = compared(tables[0], tables[1], margin)
     if table.is_empty():
         raise InputError(f"{folders[0]} and {folders[1]}: nothing to compare; run both campaigns to their end")
     units = {(one.place, name): column.unit for one in described_tables() for name, column in one.columns.items()}
     of_rows = [units[f"tables/{where}", what] for where, what in table.select("experiment", "quantity").iter_rows()]
     table.insert_column(2, pl.Series("unit", of_rows))
-    apart = [one for one in ("data", "version") if a.get(one) != b.get(one)]
-    remarks = [f"{one}: {a.get(one)} in A, {b.get(one)} in B" for one in apart]
-    if all(a.get(one) == b.get(one) for one in ("configuration", "recorded")):
-        remarks.append("A and B state the same configuration and recordings; one may be a copy of the other")
-    verdicts, rows = verdicts_said(table), [compared_cells(row) for row in table.iter_rows(named=True)]
+    remarks, verdicts, rows = (
+        remarks_on(a, b),
+        verdicts_said(table),
+        [compared_cells(row) for row in table.iter_rows(named=True)],
+    )
     content: dict[str, Any] = {"verdicts": verdicts, "remarks": remarks, "rows": rows}
     content["campaigns"] = {
         name: (sentence(one), [*(found["line"] for found in one.get("findings", ())), *missing_lines(one, True)])

@@ -8,6 +8,7 @@ from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 from osl_analysis.campaign.campaign import Campaign, check_campaign, open_campaign
 from osl_analysis.campaign.configuration import read_config
@@ -81,29 +82,48 @@ def looked_at(folder: Path) -> Iterator[tuple[str, str, str]]:
 
 
 def check_start(opened: Campaign) -> None:
-    """Refuse, before any job, what `check_campaign` does, source files that are wrong or do not fit captures, and
-    to simulate without the libraries of the simulator."""
+    """Refuse, before any job, what `check_campaign` does, a folder that is missing, a source file that is wrong for
+    every trial, a force plate that no crossing has, and to simulate without the libraries of the simulator. What is
+    wrong for some trials their ingest refuses."""
     check_campaign(opened)
-    if opened.config.simulation and not all(log.exists() for trial in opened.trials() for log in opened.logs(trial)):
+    config = opened.config
+    if config.simulation and not all(log.exists() for trial in opened.trials() for log in opened.logs(trial)):
         for library in (name for name, extra in EXTRAS.items() if extra == "simulator" and find_spec(name) is None):
             raise not_installed("the simulator", library)
-    config, groups = opened.config, dict[tuple[Path, ...], list[str]]()
     for field in ("sources", "raw_data")[: 1 + (config.simulation is None)]:
         if not getattr(config, field).is_dir():
             raise InputError(f"{getattr(config, field)}: no such folder; correct `{field}` in the configuration")
+    problems = source_problems(opened)
+    if len(problems) == len(opened.trials()) and len({*problems.values()}) == 1:
+        raise InputError(next(iter(problems.values())))
     on_plate = () if config.walking.by_log else opened.trials("walking", "plate")
-    for trial in (*on_plate, *opened.trials()):
-        groups.setdefault(tuple(opened.sources(trial)), []).append(trial)
-    read = {path: read_source(path) for path in sorted({path for paths in groups for path in paths})}
-    for paths, trials in groups.items():
-        for row in filter(lambda row: row["log_part"], map(opened.row, trials)):
-            with naming(f"{config.sheet}: trial '{row['trial']}'"):
-                read[paths[0]].of_part(row["log_part"])
-        rows = [opened.row(trial) for trial in trials[:3]]
-        if rows[0]["log"] and rows[0]["mocap"]:
-            check_clocks(*(read[path] for path in paths))
-        captures = [config.raw_data / row["mocap"] for row in rows if row["mocap"]]
-        check_plates(read[paths[-1]], captures, config.walking.plate * (trials[0] in on_plate))
+    for trial in [one for one in on_plate if one not in problems][:1]:
+        check_plates(read_source(opened.sources(trial)[-1]), captures(opened, on_plate), config.walking.plate)
+
+
+def source_problems(opened: Campaign) -> dict[str, str]:
+    """What is wrong with the source files of trials, or does not fit their captures, by trial."""
+    groups, problems = dict[tuple[Any, ...], list[str]](), dict[str, str]()
+    for trial in opened.trials():
+        groups.setdefault((*opened.sources(trial), opened.row(trial)["log_part"] or ""), []).append(trial)
+    for (*paths, part), trials in groups.items():
+        row = opened.row(trials[0])
+        try:
+            read = [read_source(path) for path in paths]
+            with naming(f"{opened.config.sheet}: trial '{trials[0]}'"):
+                read[0].of_part(part)
+            if row["log"] and row["mocap"]:
+                check_clocks(read[0], read[1])
+            check_plates(read[-1], captures(opened, trials), 0)
+        except OslAnalysisError as error:
+            problems |= dict.fromkeys(trials, str(error))
+    return problems
+
+
+def captures(opened: Campaign, trials: Sequence[str]) -> list[Path]:
+    """Captures of the first of these trials."""
+    named = [opened.row(trial)["mocap"] for trial in trials[:3]]
+    return [opened.config.raw_data / name for name in named if name]
 
 
 def campaign(path: Path) -> tuple[str, str]:
@@ -116,6 +136,8 @@ def campaign(path: Path) -> tuple[str, str]:
             return f"{config.campaign}, simulated", ""
         opened = open_campaign(config, None)
         check_start(opened)
+        if problems := [*dict.fromkeys(source_problems(opened).values())]:
+            return " | ".join(problems), "correct it" if len(problems) == 1 else "correct them"
     except OslAnalysisError as error:
         return str(error), "correct it"
     missing = [trial for trial in opened.trials() if not all(log.exists() for log in opened.logs(trial))]

@@ -12,6 +12,7 @@ from osl_analysis.errors import InputError, naming
 from osl_analysis.files import atomic_path, check_output
 from osl_analysis.model.compensator import check_request
 from osl_analysis.model.parameters import read_parameters
+from osl_analysis.refusal import is_refused
 from osl_analysis.relations import one_of
 from osl_analysis.simulator.plan import plan_trials
 from osl_analysis.simulator.settings import SimulationSettings
@@ -27,7 +28,7 @@ def check_folder(folder: Path) -> None:
     if (folder / TRUTH).is_dir():
         return
     held = (p for p in folder.rglob("*") if p.suffix.lower() in (".mcap", ".c3d") or p.name == "trials.csv")
-    path = next(held, None)
+    path = next((one for one in held if not is_refused(one)), None)
     if path is not None and not (folder / TRUTH).is_dir():  # another job makes it before its first log
         raise InputError(
             f"{path}: the simulator did not make it (there is no folder '{TRUTH}' in {folder}); for real recordings "
@@ -42,7 +43,7 @@ def planned_sheet(settings_path: Path, sheet: Path) -> SheetRows | None:
     check_folder(sheet.parent)
     with naming("simulation"):
         settings = read_yaml(settings_path, SimulationSettings)
-    kept = sheet.is_file() and sheet.stat().st_mtime >= settings_path.stat().st_mtime
+    kept = sheet.is_file() and not is_refused(sheet) and sheet.stat().st_mtime >= settings_path.stat().st_mtime
     return None if kept else plan_trials(settings)
 
 

@@ -16,10 +16,12 @@ from osl_analysis.config.experiments import judged_tables
 from osl_analysis.errors import InputError
 from osl_analysis.files import atomic_path, write_text
 from osl_analysis.jobs.job_log import read_log
+from osl_analysis.judge.campaign import campaign_findings, entries, known_of, read_findings
 from osl_analysis.judge.claims import Claims, claims_table
-from osl_analysis.judge.doubts import marked, with_doubts_of
-from osl_analysis.judge.findings import Judge, findings
-from osl_analysis.judge.table import Doubt, QualityRules
+from osl_analysis.judge.finding import findings_frame
+from osl_analysis.judge.judging import judged, marked, with_inherited
+from osl_analysis.judge.limits import DoubtfulFits, Limits, QualityRules
+from osl_analysis.judge.used import Judge
 from osl_analysis.model.compensator import Weight
 from osl_analysis.model.parameters import FileOrNone, joint_of, known_parameters, read_parameters
 from osl_analysis.refusal import Refusal, check_not_refused, refused_trials
@@ -31,9 +33,9 @@ from osl_analysis.table import Places, read_table, with_places, write_table
 def gather(
     rows: Sequence[Path],
     output: Path,
-    limits: Doubt | None = None,
+    limits: Limits | None = None,
     fits: Sequence[Path] = (),
-    limits_of_fits: Doubt | None = None,
+    limits_of_fits: Limits | None = None,
     places: Places | None = None,
 ) -> None:
     """One table from the tables of single trials, in the order given; with `limits`, doubtful fits are marked. `rows`
@@ -45,10 +47,11 @@ def gather(
     if output.stem == "torque_angle":
         table = compared_with_repeats(table, places or {})
     if limits is not None:
-        table = marked(table, limits, output.stem)
-    if limits_of_fits is not None and fits:
-        of = pl.concat([read_table(path) for path in fits], how="diagonal_relaxed")
-        table = with_doubts_of(table, of, limits_of_fits, fits[0].parent.name)
+        findings = judged(table, limits, output.stem)
+        if limits_of_fits is not None and fits:
+            of = pl.concat([read_table(path) for path in fits], how="diagonal_relaxed")
+            findings = with_inherited(output.stem, table, findings, of, judged(of, limits_of_fits, fits[0].parent.name))
+        table = marked(table, findings, output.stem)
     write_table(with_places(table, places or {}), output)
 
 
@@ -136,6 +139,15 @@ def judge(
     write_table(with_places(table, places or {}), output)
 
 
+def write_findings(
+    tables: Mapping[str, Path], verdicts: Path, limits: DoubtfulFits, output: Path, places: Places | None = None
+) -> None:
+    """Write the findings on all trials, from the result `tables` by name and the verdicts on recordings. `places` has
+    joint and side of each trial."""
+    read = {name: read_table(path) for name, path in tables.items()}
+    write_table(with_places(campaign_findings(read, read_table(verdicts), limits), places or {}), output)
+
+
 def refused_rows(refused: Sequence[Refusal]) -> pl.DataFrame:
     """A row per refused trial, with its outcome as check and its reason and remedy as remark."""
     rows = [(one.trial, one.outcome, f"{one.reason}; {one.remedy}") for one in refused_trials(refused).values()]
@@ -168,16 +180,19 @@ def write_summary(
     trials: Mapping[str, Sequence[str]] | None = None,
     excluded: Path | None = None,
     verdicts: Path | None = None,
+    findings: Path | None = None,
     refused: Sequence[Refusal] = (),
     example: headlines.Example | None = None,
     beside_draft: bool = True,
 ) -> None:
     """Write headline numbers of a campaign from the tables that it has, by their names, with those of the paper's draft
     if `beside_draft`. `example` is the desired impedance of Fig. 4, `trials` has those of each experiment, `excluded`
-    is the table of those that are not used, `verdicts` is `quality.csv`, `refused` are the causes of missing tables."""
+    is the table of those that are not used, `verdicts` is `quality.csv`, `findings` is
+    `findings.csv`, `refused` are the causes of missing tables."""
     read = {*headlines.LABELS, *judged_tables(), "prediction_causes"}
     tables = {name: read_table(path) for name, path in table_paths.items() if name in read}
-    numbers = headlines.headline_numbers(tables, example, beside_draft)
+    found = read_findings(findings) if findings else findings_frame([])
+    numbers = headlines.headline_numbers(tables, entries(found), example, beside_draft)
     of_excluded = ("trial", "check", "value", "unit", "threshold", "remark")
     judged = read_table(verdicts) if verdicts else pl.DataFrame(schema=["check", "verdict"])
     missing = {
@@ -185,7 +200,7 @@ def write_summary(
         "missing_results": {one.file: one.reason.removeprefix(f"{one.file}: ") for one in refused if not one.trial},
     }
     intervals, lacks = headlines.calibration_said(tables), headlines.missing_lines(missing, reasons=False)
-    said = {"intervals": intervals, "findings": findings(judged, tables)}
+    said = {"intervals": intervals, "findings": known_of(found, tables, judged)}
     with atomic_path(summary_json) as json_path, atomic_path(numbers_tex) as tex_path:
         json_path.write_text(headlines.to_json(about, numbers, missing | said), encoding="utf-8")
         remarks = [intervals, *lacks] if intervals else lacks

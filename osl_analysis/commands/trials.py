@@ -5,9 +5,8 @@ from pathlib import Path
 from typing import Any
 
 from osl_analysis.config.experiments import EXPERIMENTS
+from osl_analysis.ingest.examine import Commanded, check_ranges, examine, measured_table
 from osl_analysis.ingest.raw_files import check_columns, check_markers, trial_from_files
-from osl_analysis.judge.recording import check_ranges, examine, measured_table
-from osl_analysis.judge.table import Commanded
 from osl_analysis.table import write_table
 from osl_analysis.trial import Trial, write_trial
 

@@ -3,22 +3,23 @@
 import json
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, is_dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from types import UnionType
-from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import Any, TypeVar
 
 import numpy as np
 import polars as pl
+from pydantic import TypeAdapter
 
 from osl_analysis.config.shared_choices import SYNTHETIC, read_impedance_trajectory
 from osl_analysis.config.sheet import JOINT
 from osl_analysis.errors import InputError, OslAnalysisError
 from osl_analysis.files import atomic_path, write_text
-from osl_analysis.judge.doubts import DOUBTFUL, EXCLUDED, doubtful_row, marked
-from osl_analysis.judge.recording import check_own_torque
-from osl_analysis.judge.table import Doubt
+from osl_analysis.ingest.examine import check_own_torque
+from osl_analysis.judge.judging import EXCLUDED, judged, marked
+from osl_analysis.judge.limits import Limits
 from osl_analysis.refusal import check_not_refused
+from osl_analysis.stats.repeats import DOUBTFUL, doubtful_row
 from osl_analysis.table import MEASURED, Places, read_table, with_places, write_table
 from osl_analysis.trial import NAME_KEY, PROVENANCE_KEY, Array, Trial, metadata_of, read_trial, write_trial
 from osl_analysis.walking import bodies, tables
@@ -30,13 +31,9 @@ from osl_analysis.walking.groups import ALL, SEPARATOR, cells_said, selection_ro
 from osl_analysis.walking.overground import CURVES, overground_rows
 from osl_analysis.walking.plate import NO_CORRECTION, NOT_REMOVED, PlateModel, identify_plate_model, plate_table
 from osl_analysis.walking.platform import ALONE, PlatformModel, identify_platform, platform_table
+from osl_analysis.walking.power import PlannedTurn, half_widths, scatter_of_one
 from osl_analysis.walking.response import group_headline
 
-CROSSING_SIGNALS = ("theta", "torque", "platform")
-LOADS = ("load", "pressure_left", "pressure_forward")  # vertical force [N], centre of pressure [m] from the ankle
-PLATE_ERROR = "plate_error_"  # prefix of the columns with the plate's errors (m, rows) [N*m]
-LAB_ERROR = "lab_error_"  # prefix of the columns with changes by errors of the laboratory (6, rows) [N*m]
-EVENTS = ("stance", "onset", "bridged", "quality", "turn", "body_mass")  # in the provenance of a crossing's file
 # The step that writes each model
 WRITTEN_BY = {StaticCalibration: "calibrate", PlateModel: "identify-plate", PlatformModel: "measure-platform"}
 TOO_FEW = "perturbations can be used, expected 2 or more for a scatter; see the reasons in"
@@ -44,7 +41,7 @@ NO_GAIT = (
     "no mean unperturbed gait under the same conditions: fewer unperturbed crossings than fewest_unperturbed are used; "
     "record more, or leave the condition empty in the sheet where unperturbed crossings serve every value"
 )
-Built = TypeVar("Built")
+Model = TypeVar("Model")
 Paths = Sequence[Path]
 Statics = Mapping[str, str]  # The static trial of each trial, which names the file of its calibration
 SheetCells = Mapping[str, Mapping[str, Any]]  # Cells of the sheet of each crossing
@@ -52,62 +49,46 @@ SheetCells = Mapping[str, Mapping[str, Any]]  # Cells of the sheet of each cross
 
 def write_model(model: Any, path: Path) -> None:
     """Write a calibration, the plate's model or the platform's as JSON; arrays are lists, NaN is null."""
-    finite = json.loads(json.dumps(asdict(model), default=np.ndarray.tolist), parse_constant=lambda _: None)
-    write_text(path, json.dumps(finite, indent=1) + "\n")
+    write_text(path, TypeAdapter(type(model)).dump_json(model, indent=1).decode() + "\n")
 
 
-def read_model(path: Path, kind: type[Built]) -> Built:
+def read_model(path: Path, kind: type[Model]) -> Model:
     """Read what `write_model` wrote."""
     check_not_refused(path)
     step = f"run the step '{WRITTEN_BY[kind]}'"
     if not path.is_file():
         raise InputError(f"{path}: no such file; {step} first")
     try:
-        model: Built = built(kind, json.loads(path.read_text(encoding="utf-8")))
-    except (ValueError, TypeError, KeyError, AttributeError) as error:
-        raise InputError(f"{path}: not what this step writes ({error}); delete it and {step}") from error
-    return model
-
-
-def built(kind: Any, content: Any) -> Any:
-    """A value of a type, made of dataclasses, arrays and numbers, from what JSON keeps of it."""
-    inner = get_args(kind)
-    if content is None or get_origin(kind) in (Union, UnionType):
-        return None if content is None else built(inner[0], content)
-    if is_dataclass(kind):
-        types = get_type_hints(kind)
-        return kind(**{name: built(types[name], value) for name, value in content.items()})  # type: ignore[operator]
-    if kind == Array:  # newer NumPy has a type alias, whose origin is not the class
-        return np.array(content, dtype=float)
-    if get_origin(kind) is tuple:
-        return tuple(built(inner[0], value) for value in content)
-    return {name: built(inner[1], value) for name, value in content.items()} if isinstance(content, dict) else content
+        return TypeAdapter(kind).validate_json(path.read_bytes())
+    except ValueError as error:
+        why = " ".join(str(error).split())
+        raise InputError(f"{path}: not what this step writes ({why}); delete it and {step}") from error
 
 
 def write_crossing(crossing: Crossing, path: Path) -> None:
-    """Write a crossing as a trial: its signals and `plate_error_0`, ...; the events in the provenance."""
-    signals = {"time": crossing.time, "phase": crossing.stance.phase(crossing.time)}
-    known = {name: getattr(crossing, name) for name in CROSSING_SIGNALS}
-    signals |= {name: values for name, values in known.items() if values is not None}
-    load = {} if crossing.load is None else dict(zip(LOADS, crossing.load, strict=True))
-    errors = columns_of(PLATE_ERROR, crossing.plate_errors) | columns_of(LAB_ERROR, crossing.lab_errors)
-    samples = pl.DataFrame(signals | load | errors)
-    events = {name: getattr(crossing, name) for name in EVENTS}
-    write_trial(Trial(crossing.name, samples, json.loads(json.dumps(events, default=asdict))), path)
+    """Write a crossing as a trial: its arrays as columns beside the phase of stance, the rest in the provenance."""
+    content = TypeAdapter(Crossing).dump_python(crossing)
+    arrays = {name: content.pop(name) for name, value in list(content.items()) if isinstance(value, np.ndarray)}
+    columns = {"time": arrays.pop("time"), "phase": crossing.stance.phase(crossing.time)}
+    for name, values in arrays.items():
+        columns |= {name: values} if values.ndim == 1 else columns_of(name, values)
+    write_trial(Trial(crossing.name, pl.DataFrame(columns), content), path)
 
 
-def columns_of(prefix: str, errors: Array) -> dict[str, Array]:
-    return {f"{prefix}{i}": error.ravel() for i, error in enumerate(errors)}
+def columns_of(name: str, arrays: Array) -> dict[str, Array]:
+    """Columns `NAME_0`, ... of arrays (m, ...)."""
+    return {f"{name}_{i}": array.ravel() for i, array in enumerate(arrays)}
 
 
-def errors_in(frame: pl.DataFrame, prefix: str, *shape: int) -> Array:
-    return np.asarray(frame.select(f"^{prefix}.*$").to_numpy().T.reshape(-1, *shape))
+def arrays_in(frame: pl.DataFrame, name: str, *shape: int) -> Array:
+    """The arrays (m, *shape) that `columns_of` laid out."""
+    return np.asarray(frame.select(rf"^{name}_\d+$").to_numpy().T.reshape(-1, *shape))
 
 
 def write_refusal(refused: RefusedCrossing, path: Path) -> None:
     """Write a crossing's file without rows, with the reason in its provenance, so that other crossings are analysed."""
     reason = json.dumps({"refused": refused.reason, "perturbed": refused.perturbed})
-    empty = pl.DataFrame(schema=dict.fromkeys(("time", "phase", *CROSSING_SIGNALS), pl.Float64))
+    empty = pl.DataFrame(schema=dict.fromkeys(("time", "phase", "theta", "torque"), pl.Float64))
     with atomic_path(path) as temporary:
         empty.write_parquet(temporary, metadata={NAME_KEY: refused.name, PROVENANCE_KEY: reason})
 
@@ -125,20 +106,15 @@ def read_crossing_file(path: Path) -> Crossing | RefusedCrossing:
     name, facts = metadata_of(path)
     if "refused" in facts:
         return RefusedCrossing(name, facts["perturbed"], facts["refused"])
-    trial, types = read_trial(path), get_type_hints(Crossing)
+    trial = read_trial(path)
     if "stance" not in trial.provenance:
         raise InputError(f"{path}: a trial without events; run the step 'analyse' and use its crossing")
-    names = [name for name in CROSSING_SIGNALS if name in trial.columns]
-    recorded = zip(("time", *names), trial.signals(*names), strict=True)
-    curves: dict[str, Any] = dict.fromkeys(CROSSING_SIGNALS) | dict(recorded)
-    return Crossing(
-        trial.name,
-        **curves,
-        plate_errors=errors_in(trial.samples, PLATE_ERROR, len(trial.samples)),
-        lab_errors=errors_in(trial.samples, LAB_ERROR, len(trial.samples)),
-        load=np.array(trial.signals(*LOADS)[1:]) if LOADS[0] in trial.samples.columns else None,
-        **{name: built(types[name], trial.provenance[name]) for name in EVENTS},
-    )
+    signals = {name: trial.samples[name].to_numpy() for name in trial.samples.columns if name != "phase"}
+    errors = {
+        name: arrays_in(trial.samples, name, len(trial.samples)) for name in ("plate_errors", "lab_errors", "load")
+    }
+    known = {name: values for name, values in errors.items() if values.size}
+    return TypeAdapter(Crossing).validate_python({**signals, **known, **trial.provenance})
 
 
 def on_the_walkway(table: pl.DataFrame, places: Places | None, by: str = "trial") -> pl.DataFrame:
@@ -156,7 +132,7 @@ def read_unperturbed_gaits(path: Path) -> dict[str, UnperturbedGait]:
     for frame in pl.read_parquet(path).partition_by("gait", maintain_order=True):
         names = frame["trial"].unique(maintain_order=True).to_list()
         theta, torque, stance = (frame[c].to_numpy().reshape(len(names), -1) for c in ("theta", "torque", "stance_s"))
-        errors = (errors_in(frame, prefix, *theta.shape) for prefix in (PLATE_ERROR, LAB_ERROR))
+        errors = (arrays_in(frame, name, *theta.shape) for name in ("plate_errors", "lab_errors"))
         gaits[str(frame["gait"][0])] = UnperturbedGait(tuple(names), theta, torque, stance[:, 0], *errors)
     return gaits
 
@@ -278,11 +254,12 @@ def group_result(
         rows = [known | {"quantity": quantity} | none for quantity in tables.GROUP_QUANTITIES]
         return rows, fact | {"reason": str(error)}, None
     fact["fitted_phase"] = float(fact["onset_phase"] + tables.fitted_time(headline) / fact["stance_s"])
+    by_log = turned[0].platform is None
+    sensitivity = tables.sensitivity_table(fact["group"], headline, settings.uncertainty, by_log)
     rows = [
         known | row | {"commanded": fact.get(f"{row['quantity']}_d"), "reason": None}
-        for row in tables.headline_rows(headline, own, doubtful_row(own))
+        for row in tables.headline_rows(headline, own, doubtful_row(own), tables.stated_errors(sensitivity))
     ]
-    sensitivity = tables.sensitivity_table(fact["group"], headline, by_log=turned[0].platform is None)
     facts = fact | tables.group_facts(headline)
     facts |= tables.witness_facts(turned, facts, sensitivity)
     return rows, facts, (tables.response_table(fact["group"], headline), sensitivity)
@@ -318,32 +295,34 @@ def average_unperturbed(crossings: Paths, selection: Path, settings: choices.Unp
     """The unperturbed crossings that the table `selection` does not exclude, on a common grid of stance phase, by gait,
     to a Parquet file. A gait with too few of them is left out with a warning."""
     unperturbed = [crossing for crossing in selected_crossings(crossings, selection) if crossing.onset is None]
-    names_of = {path.stem for path in crossings}
-    table = read_table(selection, ["trial", "gait", "reason"]).filter(pl.col("trial").is_in(names_of))
-    served = {row["trial"]: (row["gait"] or "").split(SEPARATOR) for row in table.iter_rows(named=True)}
-    reasons = {row["trial"]: row["reason"] for row in table.iter_rows(named=True) if row["reason"]}
+    rows = read_table(selection, ["trial", "gait", "reason"])
+    rows = rows.filter(pl.col("trial").is_in([path.stem for path in crossings]))
+    served = dict(zip(rows["trial"], rows["gait"].fill_null("").str.split(SEPARATOR), strict=True))
+    reasons = dict(rows.drop_nulls("reason").select("trial", "reason").iter_rows())
     names = dict.fromkeys(name for gaits in served.values() for name in gaits if name) or {ALL: None}
     gaits, problems = {}, []
     for name in names:
+        of_gait = [crossing for crossing in unperturbed if name in served[crossing.name]]
+        lost = {trial: why for trial, why in reasons.items() if name in (*served[trial], ALL)}
         try:
-            own = [crossing for crossing in unperturbed if name in served[crossing.name]]
-            lost = {trial: why for trial, why in reasons.items() if name in (*served[trial], ALL)}
-            gaits[name] = unperturbed_gait(own, settings.fewest_unperturbed, lost)
+            gaits[name] = unperturbed_gait(of_gait, settings.fewest_unperturbed, lost)
         except InputError as error:
             problems.append(f"{error}" if name == ALL else f"{name}: {error}")
     if not gaits:
         raise InputError("; ".join(problems))
     for problem in problems:
         warnings.warn(problem, stacklevel=2)
-    frames = []
-    for name, gait in gaits.items():  # a row per crossing and phase
-        trials = np.repeat(gait.names, len(PHASES)).tolist()
-        known = {"gait": [name] * len(trials), "trial": trials, "stance_s": np.repeat(gait.stance, len(PHASES))}
-        curves = {"theta": gait.theta.ravel(), "torque": gait.torque.ravel()}
-        curves |= columns_of(PLATE_ERROR, gait.plate_errors) | columns_of(LAB_ERROR, gait.lab_errors)
-        frames.append(pl.DataFrame({**known, "phase": np.tile(PHASES, len(gait.names)), **curves}))
     with atomic_path(output) as temporary:
-        pl.concat(frames).write_parquet(temporary)
+        pl.concat([gait_table(name, gait) for name, gait in gaits.items()]).write_parquet(temporary)
+
+
+def gait_table(name: str, gait: UnperturbedGait) -> pl.DataFrame:
+    """A row per crossing and phase of stance."""
+    trials = np.repeat(gait.names, len(PHASES)).tolist()
+    known = {"gait": [name] * len(trials), "trial": trials, "stance_s": np.repeat(gait.stance, len(PHASES))}
+    curves = {"theta": gait.theta.ravel(), "torque": gait.torque.ravel()}
+    curves |= columns_of("plate_errors", gait.plate_errors) | columns_of("lab_errors", gait.lab_errors)
+    return pl.DataFrame({**known, "phase": np.tile(PHASES, len(gait.names)), **curves})
 
 
 def fit_perturbation(
@@ -379,7 +358,7 @@ def summarise_perturbations(
     groups: Path,
     sensitivity: Path,
     sheet: SheetCells,
-    limits: Doubt | None = None,
+    limits: Limits | None = None,
     places: Places | None = None,
 ) -> None:
     """Per group the mean over perturbations and the ensemble fit to `output`, its conditions to `groups`, responses in
@@ -408,13 +387,14 @@ def summarise_perturbations(
         why = {fact["group"]: fact["reason"] for fact in facts}
         said = "; ".join(reason if name == ALL else f"{name}: {reason}" for name, reason in why.items())
         raise InputError(f"{table}: no result from {len(fits)} perturbations: {said}; see {excluded.name}")
-    judged = marked(pl.DataFrame(facts, infer_schema_length=None), limits or Doubt(), "walking_groups")
-    doubts = dict(zip(judged["group"], judged[DOUBTFUL], strict=True))
+    of_groups = pl.DataFrame(facts, infer_schema_length=None)
+    of_groups = marked(of_groups, judged(of_groups, limits or Limits(), "walking_groups"), "walking_groups")
+    doubts = dict(zip(of_groups["group"], of_groups[DOUBTFUL], strict=True))
     rows = [row for of_group, _, _ in results for row in of_group]
     for row in rows:
         row["doubt"] = doubts[str(row["group"])] if row["estimator"] == tables.ENSEMBLE else None
     write_table(on_the_walkway(pl.DataFrame(rows, infer_schema_length=None), sides, "group"), output)
-    write_table(on_the_walkway(judged.drop("side"), sides, "group"), groups)
+    write_table(on_the_walkway(of_groups.drop("side"), sides, "group"), groups)
     for each, path in zip(zip(*curves, strict=True), (responses, sensitivity), strict=True):
         write_table(on_the_walkway(pl.concat(each), sides, "group"), path)
 
@@ -423,6 +403,25 @@ def selected_crossings(crossings: Paths, selection: Path) -> list[Crossing]:
     """The crossings that the table `selection` does not exclude."""
     excluded = read_table(selection, ["trial", "reason"]).drop_nulls("reason")["trial"].to_list()
     return [read_crossing(path) for path in crossings if path.stem not in excluded]
+
+
+def planned_crossings(
+    folder: Path, counts: Sequence[int], planned: PlannedTurn, both: bool, settings: choices.WalkingAnalysis
+) -> pl.DataFrame:
+    """Expected halves of the 95 % intervals of K, B and I for these numbers of perturbed crossings, from those
+    unperturbed ones that the campaign in `folder` uses, by gait: as many unperturbed ones as it has."""
+    selection = folder / "tables/walking_crossings.csv"
+    table = read_table(selection, ["trial", "gait", "reason"])
+    used = table.filter(~pl.col("perturbed"), pl.col("reason").is_null())
+    frames = []
+    for gait in dict.fromkeys(name for gaits in used["gait"] for name in (gaits or ALL).split(SEPARATOR)):
+        names = [row["trial"] for row in used.iter_rows(named=True) if gait in (row["gait"] or ALL).split(SEPARATOR)]
+        walked = [read_crossing(folder / f"crossings/{name}.parquet") for name in names]
+        table = half_widths(scatter_of_one(walked, planned, settings), counts, len(walked), both)
+        frames.append(table.select(pl.lit(gait).alias("gait"), pl.all()))
+    if not frames:
+        raise InputError(f"{selection}: no unperturbed crossing is used; record some, or see its column reason")
+    return pl.concat(frames)
 
 
 def compare_ankle_moment(

@@ -116,11 +116,21 @@ EXPERIMENTS: dict[str, Experiment] = {
             ResultTable("phasors", doubts_of="impedance", derived={"frequency_response": "bench.summarise"}),
             ResultTable("response", doubts_of="impedance"), ResultTable("response_models", doubts_of="impedance"),
             ResultTable("response_lines", judged=False, published=False),
-            ResultTable("impedance_over", doubts_of="impedance", scheduled_only=True), *OF_ALL),
+            ResultTable("model_comparison", judged=False),
+            ResultTable("prediction_terms", judged=False, published=False), *OF_ALL),
         further_tables=("response_pooled", "response_models_pooled"),
         fit=FitJob("bench.fit_impedance_trial",
             {"settings": ("dynamometer", "ImpedanceAnalysis"), "weight": ("gain_weight", "Weight")},
             parameters=True, windows=True, sheet=("controller", "K_d", "B_d")),
+    ),
+    "human_joint": on_dynamometer(
+        "a person's joint moved at random: K, B, I and the stretch reflex", any_motion=True,
+        tables=(ResultTable("human_joint", derived={"human_joint_repeats": "bench.summarise"}),
+            ResultTable("response", doubts_of="human_joint"), ResultTable("response_models", doubts_of="human_joint"),
+            ResultTable("response_lines", judged=False, published=False),
+            ResultTable("impedance_over", doubts_of="human_joint", scheduled_only=True), *OF_ALL),
+        further_tables=("response_pooled", "response_models_pooled"),
+        fit=FitJob("bench.fit_human_joint_trial", {"settings": ("dynamometer", "HumanJointAnalysis")}, windows=True),
     ),
     "torque_angle": on_dynamometer(
         "slow cycles of a passive foot, spring or elastic element: stiffness over angle, energy, hysteresis",
@@ -165,4 +175,10 @@ EXPERIMENTS: dict[str, Experiment] = {
 def judged_tables() -> tuple[str, ...]:
     """The tables whose fits have limits under `doubtful` in the configuration."""
     fitted = [table.name for facts in EXPERIMENTS.values() for table in facts.tables if table.judged]
-    return (*fitted, *(name for facts in EXPERIMENTS.values() for name in facts.judged_further))
+    return (*dict.fromkeys(fitted), *(name for facts in EXPERIMENTS.values() for name in facts.judged_further))
+
+
+def doubts_of() -> dict[str, str]:
+    """By table, the table of the same trials whose doubts its rows share."""
+    sharing = [one for facts in EXPERIMENTS.values() for one in facts.tables if one.doubts_of]
+    return {one.name: one.doubts_of for one in reversed(sharing)}

@@ -10,8 +10,10 @@ from typing import Any
 
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import InputError, nearest
-from osl_analysis.formats.other_formats import refuse_others
+from osl_analysis.formats.binary_table import is_table_file
+from osl_analysis.formats.other_formats import FIRST_BYTES, refuse_others
 from osl_analysis.model.compensator import CONTROLLERS
+from osl_analysis.refusal import check_not_refused
 from osl_analysis.relations import stretches
 
 JOINT = "ankle"  # The joint of a trial whose row names none. The walkway measures this one.
@@ -38,6 +40,7 @@ def read_sheet(path: Path) -> SheetRows:
     InputError where the sheet is missing or empty, a column is unknown, or a value is not allowed."""
     if not path.is_file():
         raise InputError(f"{path}: no such sample sheet; write one (README, 'Your own data') or set `sheet`")
+    check_not_refused(path)
     lines = [(number, [OUTER_BLANKS.sub("", cell) for cell in row]) for number, row in numbered_rows(path)]
     if not lines:
         raise InputError(f"{path}: not a CSV table, it is empty; write a header and a row per trial")
@@ -94,6 +97,8 @@ def numbered_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
     try:
         content = path.read_bytes()
         refuse_others(path, content)
+        if is_table_file(content[:FIRST_BYTES]):
+            raise InputError(f"{path}: a workbook, or another binary table, which no sheet is; save it as 'CSV UTF-8'")
         if b"\0" in content.partition(b"\n")[0]:
             raise InputError(f"{path}: its header holds zero bytes, it is not UTF-8; save the sheet as 'CSV UTF-8'")
         text = content.decode("utf-8-sig")
@@ -171,7 +176,7 @@ def problems_in(row: Mapping[str, str]) -> Iterator[str]:
             yield f"{column}_source is empty; name the file in config/sources that describes {row[column]}"
         if source.endswith((".yaml", ".yml")):
             yield f"{column}_source '{source}' names a file; write its name without the ending"
-    users = {"windows": ("impedance", "walking"), "desired": ("torque_angle",)}
+    users = {"windows": ("impedance", "human_joint", "walking"), "desired": ("torque_angle",)}
     users["static"] = tuple(name for name, facts in EXPERIMENTS.items() if facts.place != "bench")
     for column in (column for column in ("windows", "desired", "static", *KNOWN_COLUMNS) if row[column]):
         if experiment not in (user := users.get(column, ("calibration",))):

@@ -14,8 +14,8 @@ from fractions import Fraction
 from functools import lru_cache
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.special import stdtrit, zeta
 
 from osl_analysis.bench.effects import IMPEDANCE
 from osl_analysis.bench.gram import BY_REPEATS, BY_UNITS, FEWEST_UNITS
@@ -311,8 +311,8 @@ class Sensors:
         steps = 0.9 * v / (q * self.rate_hz) * (np.array([[2 / 3], [4 / 3]]) if alone else np.ones((2, 1)))
         found = repeating * white / pattern_s * np.minimum(1, steps) + (1 - repeating) * white / sines.duration_s
         if alone:
-            return found, repeating * zeta(3) / np.pi**4 * (q / sines.size) ** 3
-        between_steps = zeta(3) * q**3 / (np.pi**2 * np.sqrt(2 * np.pi) * v) / sines.cycle_s
+            return found, repeating * scipy.special.zeta(3) / np.pi**4 * (q / sines.size) ** 3
+        between_steps = scipy.special.zeta(3) * q**3 / (np.pi**2 * np.sqrt(2 * np.pi) * v) / sines.cycle_s
         return found + repeating * between_steps, np.zeros(len(v))
 
 
@@ -485,8 +485,8 @@ def precision(
         of_noise, freedom = (np.where(each < 1e5, each, np.inf) for each in (of_noise, freedom))
     columns = {
         "expected": joint,
-        "half_width": stdtrit(freedom, 0.975) * np.sqrt(total),
-        "half_width_of_noise": stdtrit(of_noise, 0.975) * np.sqrt(noise),
+        "half_width": scipy.special.stdtrit(freedom, 0.975) * np.sqrt(total),
+        "half_width_of_noise": scipy.special.stdtrit(of_noise, 0.975) * np.sqrt(noise),
         "se": np.sqrt(total),
         "degrees_of_freedom": freedom,
     }

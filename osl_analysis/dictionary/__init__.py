@@ -51,9 +51,15 @@ class DescribedTable:
 @cache
 def described_tables() -> tuple[DescribedTable, ...]:
     """All tables, in the order of the page."""
+    files = [HERE / name for name in ("bench.yaml", "walking.yaml", "campaign.yaml", "../figures/figures.yaml")]
+    return tuple(table for path in files for table in described_in(path))
+
+
+@cache
+def described_in(path: Path) -> tuple[DescribedTable, ...]:
+    """The tables that one file describes."""
     found = []
-    files = [HERE / f"{name}.yaml" for name in ("bench", "walking", "campaign", "../figures/figures")]
-    for place, table in (one for path in files for one in own_yaml(path).items()):
+    for place, table in own_yaml(path).items():
         described: dict[str, DescribedColumn] = {}
         for key, text in [*table["columns"].items(), ("data", None)]:
             described |= {column.name: column for column in described_columns(key, text, described)}

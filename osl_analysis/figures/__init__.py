@@ -9,7 +9,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from osl_analysis.dictionary import described_tables, own_yaml
+from osl_analysis.dictionary import described_in, own_yaml
 from osl_analysis.errors import InputError
 
 
@@ -24,15 +24,16 @@ class CampaignFigure(NamedTuple):
     caption: str = ""
 
 
+DESCRIBED = Path(__file__).with_name("figures.yaml")
 FIGURES = {
     place.removeprefix("figures/"): CampaignFigure(**{key: one[key] for key in CampaignFigure._fields if key in one})
-    for place, one in own_yaml(Path(__file__).with_name("figures.yaml")).items()
+    for place, one in own_yaml(DESCRIBED).items()
 }
 
 
 def columns_of(figure: str) -> list[str]:
     """The columns of a figure's plotted numbers, as figures.yaml describes them."""
-    (table,) = (one for one in described_tables() if one.place == f"figures/{figure}")
+    (table,) = (one for one in described_in(DESCRIBED) if one.place == f"figures/{figure}")
     return [name for name in table.columns if name != "data"]
 
 

@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from osl_analysis.figures import names, style
 from osl_analysis.judge.two_campaigns import RATIO, label_of
 
-LOOKS = {
+VERDICT_LOOKS = {
     "equivalent": style.Look(style.PURPLE, "o", 4.2, "Equivalent"),
     "different": style.Look(style.ORANGE, "D", 3.8, "Different"),
     "undecided": style.Look(style.GREY, "s", 3.8, "Undecided"),
@@ -24,7 +24,7 @@ def draw_comparison(table: pl.DataFrame) -> Figure:
     figure, (ax,) = style.panels(style.DOUBLE_COLUMN, 0.75 + 0.19 * len(rows))
     ax.axvline(0, color=style.BLACK, linewidth=0.6, zorder=1)
     for place, row in enumerate(rows.iter_rows(named=True)):
-        look, (middle, low, high) = LOOKS[row["verdict"]], (row[name] for name in RATIO)
+        look, (middle, low, high) = VERDICT_LOOKS[row["verdict"]], (row[name] for name in RATIO)
         if (margin := row["margin_percent"]) is not None:
             ax.fill_betweenx([place - 0.5, place + 0.5], -margin, margin, color="#E4E4E4", linewidth=0, zorder=0)
         if low is not None:

@@ -1,7 +1,9 @@
 """Figs. 4, 5 and 6: measured and modelled torque, estimated stiffness and damping, and the VAF, of impedance trials."""
 
 import textwrap
+from collections.abc import Iterator
 from itertools import cycle, pairwise
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -78,25 +80,44 @@ def fig5_points(impedance: pl.DataFrame) -> pl.DataFrame:
     return names.completed(table.with_columns(names.look_numbers(table["controller"])), columns_of("fig5"), True)
 
 
-@style.paper_style()
-def draw_fig5(table: pl.DataFrame) -> Figure:
-    """Stiffness and damping, and below each its error in percent where a value was asked for. Each desired impedance
-    has a place of its own on the axis, which is no scale; its trials stand side by side there."""
-    parts, looks = names.placed_rows(table), names.looks_in(table)
-    order = {controller: number for number, controller in enumerate(looks)}
-    drawn = []  # name of the joint, rows, quantity, and whether its error is drawn
-    for name, part in parts:
+def fig5_panels(table: pl.DataFrame) -> list[tuple[str, pl.DataFrame, str, bool]]:
+    """Panel by panel the name of the joint, its trials with their place `x` on the axis, the quantity, and whether its
+    error is drawn. Trials of one condition are 1 apart, those of another B_d 0.7 more, and of another K_d 1.6 more."""
+    order, panels = {controller: number for number, controller in enumerate(names.looks_in(table))}, []
+    for name, part in names.placed_rows(table):
         ranks = pl.Series("rank", [order[controller] for controller in part["controller"]])
         rows = part.with_columns(ranks).sort("K_d", "B_d", "rank", nulls_last=True, maintain_order=True)
-        # trials of one condition are 1 apart, those of another B_d 0.7 more, and of another K_d 1.6 more
         steps = [0.0]
         for before, after in pairwise(rows.select("K_d", "B_d").rows()):
             steps.append(1 + (1.6 if before[0] != after[0] else 0.7 if before[1] != after[1] else 0.0))
         rows = rows.with_columns(x=pl.Series(np.cumsum(steps)))
         for symbol in "KB":
-            drawn.append((name, rows, symbol, False))
+            panels.append((name, rows, symbol, False))
             if errors_of(rows, symbol)[symbol].count():
-                drawn.append((name, rows, symbol, True))
+                panels.append((name, rows, symbol, True))
+    return panels
+
+
+def fig5_entries(table: pl.DataFrame, looks: dict[str | None, style.Look]) -> dict[str, Any]:
+    """What the legend says, of what is drawn."""
+    entries = {o.label: style.key(o.label, marker=o.marker, color=o.colour, markersize=o.size) for o in looks.values()}
+    entries |= style.open_entry(table)
+    for label, column, line in (
+        ("Desired", "{}_d", {"color": style.BLACK, "linewidth": 0.8}),
+        ("Linear model", "{}_predicted", {"marker": "_", "color": style.GREY, "markersize": 7, "mew": 0.7}),
+        ("Viscous part", "{}_viscous", {"marker": "x", "color": style.GREY, "markersize": 3.2, "mew": 0.9}),
+    ):
+        columns = [column.format(symbol) for symbol in "KB"]
+        if any(table[name].count() for name in columns if name in table.columns):
+            entries[label] = style.key(label, **line)
+    return entries
+
+
+@style.paper_style()
+def draw_fig5(table: pl.DataFrame) -> Figure:
+    """Stiffness and damping, and below each its error in percent where a value was asked for. Each desired impedance
+    has a place of its own on the axis, which is no scale; its trials stand side by side there."""
+    looks, drawn = names.looks_in(table), fig5_panels(table)
     titles, heights = [name for name, *_ in drawn], [0.9 if error else 1.0 for *_, error in drawn]
     height = 0.5 + 1.5 * sum(heights)
     figure, axes = style.panels(style.DOUBLE_COLUMN, height, rows=len(drawn), names=titles, heights=heights)
@@ -114,16 +135,7 @@ def draw_fig5(table: pl.DataFrame) -> Figure:
         for wanted in rows.drop_nulls(f"{symbol}_d").partition_by("K_d", "B_d", maintain_order=True):
             ends = wanted["x"][0] - 0.6, wanted["x"][-1] + 0.6
             ax.hlines(wanted[f"{symbol}_d"][0], *ends, color=style.BLACK, linewidth=0.8)
-    entries = {o.label: style.key(o.label, marker=o.marker, color=o.colour, markersize=o.size) for o in looks.values()}
-    entries |= style.open_entry(table)
-    for label, column, line in (
-        ("Desired", "{}_d", {"color": style.BLACK, "linewidth": 0.8}),
-        ("Linear model", "{}_predicted", {"marker": "_", "color": style.GREY, "markersize": 7, "mew": 0.7}),
-        ("Viscous part", "{}_viscous", {"marker": "x", "color": style.GREY, "markersize": 3.2, "mew": 0.9}),
-    ):
-        columns = [column.format(symbol) for symbol in "KB"]
-        if any(table[name].count() for name in columns if name in table.columns):
-            entries[label] = style.key(label, **line)
+    entries = fig5_entries(table, looks)
     style.legend_above(figure, entries, 6, 0.9 * style.DOUBLE_COLUMN, columnspacing=1.4)
     figure.align_ylabels()
     return figure
@@ -230,24 +242,28 @@ def fig5_caption(table: pl.DataFrame) -> str:
     for _, part in parts:
         place = part.select("joint", "side").row(0) if len(parts) > 1 else ()
         for controller, look in names.looks_in(part).items():
-            fits, errors_said = names.of_controller(part, controller), []
-            for symbol in "KB":  # of estimate minus desired value; where that is not stated, of the estimate
-                errors = (fits[symbol] - fits[f"{symbol}_d"]).drop_nulls().to_numpy()
-                name = rf"$\hat{{{symbol}}} - {symbol}_d$"
-                if not len(errors):
-                    errors, name = fits[symbol].drop_nulls().to_numpy(), rf"$\hat{{{symbol}}}$"
-                if not len(errors):
-                    continue
-                mean, sd = float(np.mean(errors)), float(np.std(errors, ddof=1)) if len(errors) > 1 else None
-                digits = names.decimals_of(sd or 0.0, mean)
-                least, most = (names.rounded_number(end, digits) for end in (errors.min(), errors.max()))
-                reach = "" if sd is None else f", {least} to {most}"
-                some = f" of {names.count_of(len(errors), 'fit')}" if len(errors) < len(fits) else ""
-                errors_said.append(f"{name}{some} is {names.with_sd(mean, sd, names.UNIT_SIGN[symbol])}{reach}")
+            fits = names.of_controller(part, controller)
             name = names.capital_text(*place, controller or look.label.lower())
             several = " (mean ± SD, range)" if len(fits) > 1 else ""
-            said.append(f"{name} ($n$ = {len(fits)}): {', '.join(errors_said)}{several}.")
+            said.append(f"{name} ($n$ = {len(fits)}): {', '.join(fig5_errors(fits))}{several}.")
     return " ".join([*said, names.doubtful_said(table, "drawn open")])
+
+
+def fig5_errors(fits: pl.DataFrame) -> Iterator[str]:
+    """Mean, SD and range of estimate minus desired value; where that is not stated, of the estimate."""
+    for symbol in "KB":
+        errors = (fits[symbol] - fits[f"{symbol}_d"]).drop_nulls().to_numpy()
+        name = rf"$\hat{{{symbol}}} - {symbol}_d$"
+        if not len(errors):
+            errors, name = fits[symbol].drop_nulls().to_numpy(), rf"$\hat{{{symbol}}}$"
+        if not len(errors):
+            continue
+        mean, sd = float(np.mean(errors)), float(np.std(errors, ddof=1)) if len(errors) > 1 else None
+        digits = names.decimals_of(sd or 0.0, mean)
+        least, most = (names.rounded_number(end, digits) for end in (errors.min(), errors.max()))
+        reach = "" if sd is None else f", {least} to {most}"
+        some = f" of {names.count_of(len(errors), 'fit')}" if len(errors) < len(fits) else ""
+        yield f"{name}{some} is {names.with_sd(mean, sd, names.UNIT_SIGN[symbol])}{reach}"
 
 
 LEFT, RIGHT, HEIGHT = 0.66, 0.06, 2.08

@@ -15,7 +15,7 @@ from matplotlib.font_manager import FontProperties, findfont, get_font
 from matplotlib.transforms import Bbox
 
 from osl_analysis.figures.style import GREY, LOOKS, PAPER, Dash, Look, paper_style
-from osl_analysis.judge.doubts import IS_DOUBTFUL, reasons_in
+from osl_analysis.stats.repeats import IS_DOUBTFUL
 
 COLOURS = ("#3F8FBF", "#6B3A0A", "#2F5555", "#B98860", "#2B46F0")
 MARKERS = ("s", "^", "v", "P", "X", "p", "h")
@@ -162,7 +162,7 @@ def doubtful_said(table: pl.DataFrame, look: str, fit: str = "fit") -> str:
     found = table.filter(IS_DOUBTFUL)
     if found.is_empty():
         return f"No {fit} is doubtful."
-    causes = dict.fromkeys(cause for cell in found["doubtful"] for cause, *_ in reasons_in(cell))
+    causes = dict.fromkeys(found["doubtful"])
     drawn = f"{len(found)} of {count_of(len(table), fit)} ({listed_text(found['trial'])})"
     return f"Doubtful, {look}: {drawn}, for {as_text(', '.join(causes))}."
 

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from scipy.stats import median_abs_deviation
 
 from osl_analysis.figures import FIGURES, columns_of, names, style
-from osl_analysis.judge.doubts import IS_DOUBTFUL
+from osl_analysis.stats.repeats import IS_DOUBTFUL
 
 OUTLIER = style.ORANGE
 OUTLYING = 3.5  # robust standard deviations (Iglewicz and Hoaglin, How to Detect and Handle Outliers, 1993)

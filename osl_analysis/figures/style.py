@@ -22,7 +22,7 @@ from matplotlib.textpath import TextPath
 from matplotlib.ticker import MaxNLocator, MultipleLocator
 from scipy.optimize import isotonic_regression
 
-from osl_analysis.judge.doubts import IS_DOUBTFUL
+from osl_analysis.stats.repeats import IS_DOUBTFUL
 from osl_analysis.trial import Array
 
 SINGLE_COLUMN, DOUBLE_COLUMN = 3.5, 7.16  # widths [in] of one column and of the text block of an IEEE two-column page

@@ -13,11 +13,12 @@ from osl_analysis.dictionary import apparent_inertia
 from osl_analysis.errors import InputError
 from osl_analysis.figures import names, style
 from osl_analysis.figures.names import UNIT_SIGN, as_text, count_of, doubtful_said, drawn_name, rounded_number
+from osl_analysis.stats.repeats import IS_DOUBTFUL
 
 ESTIMATES = ("K", "B", "I")
 PER_PERTURBATION, BY_ENSEMBLE = "mean of perturbations", "ensemble"  # estimators of mean and scatter, of interval
 FIG9_COLUMNS = (
-    "group", "quantity", "trial", "estimate", "n", "mean", "sd", "n_doubtful", "ensemble", "ensemble_low",
+    "group", "quantity", "trial", "estimate", "n", "n_down", "mean", "sd", "n_doubtful", "ensemble", "ensemble_low",
     "ensemble_high", "commanded", "doubtful",
 )  # fmt: skip
 AXIS_LABELS = {
@@ -42,19 +43,21 @@ def fig9_points(
     trajectory = {(r["group"], r["quantity"]): r["commanded"] for r in over_stance.iter_rows(named=True)}
     found: list[dict[str, Any]] = []
     for group, quantity in product(groups, ESTIMATES):
-        single = fits.filter(group=group).select("group", "trial", "doubtful", pl.col(quantity).alias("estimate"))
+        of_group = fits.filter(group=group)
+        single = of_group.select("group", "trial", "doubtful", pl.col(quantity).alias("estimate"))
         row: dict[str, Any] = {"group": group, "quantity": quantity, "n": len(single)}
+        row["n_down"] = int((of_group["direction"] == "down").sum()) if "direction" in of_group.columns else 0
         stated = None
         if mean := rows.get((group, PER_PERTURBATION, quantity)):
             ensemble = rows[group, BY_ENSEMBLE, quantity]
             row |= {name: mean[name] for name in ("n", "mean", "sd", "n_doubtful")} | {"ensemble": ensemble["mean"]}
             row |= {f"ensemble_{end}": ensemble[end] for end in ("low", "high")}
-            stated = ensemble["commanded"]
+            stated, row["doubtful"] = ensemble["commanded"], ensemble.get("doubt")
         configured = commanded_K if quantity == "K" and len(groups) == 1 else None
         known = (stated, configured, trajectory.get((group, quantity)))
         found.append(row | {"commanded": next((value for value in known if value is not None), None)})
         found += [{"quantity": quantity, **one} for one in single.iter_rows(named=True)]
-    text, counts = ("group", "quantity", "trial", "doubtful"), ("n", "n_doubtful")
+    text, counts = ("group", "quantity", "trial", "doubtful"), ("n", "n_down", "n_doubtful")
     types = dict.fromkeys(FIG9_COLUMNS, pl.Float64) | dict.fromkeys(text, pl.String) | dict.fromkeys(counts, pl.Int64)
     return pl.DataFrame(found, schema=types)
 
@@ -139,7 +142,19 @@ def fig9_caption(table: pl.DataFrame) -> str:
             ensemble = names.with_interval(row["ensemble"], row["ensemble_low"], row["ensemble_high"], unit)
             told.append(f"{name} is {mean}, of the mean response {ensemble}{commanded}")
         said.append(("" if len(groups) == 1 else f"{as_text(group)}: ") + "; ".join(told) + ".")
-    return " ".join([*said, doubtful_said(fits, "drawn open")])
+        n, n_down = rows.filter(group=group).select("n", "n_down").row(0)
+        joined = "the square is the mean of both directions' means, the diamond half the difference of their responses"
+        said += both_ways(n - (n_down or 0), n_down or 0, joined)
+    of_groups = rows.filter(IS_DOUBTFUL).unique("group", maintain_order=True)
+    for group, causes in of_groups.select("group", "doubtful").iter_rows():
+        whose = "" if len(groups) == 1 else f" of {as_text(group)}"
+        said.append(f"The fit to the mean response{whose} is doubtful, for {as_text(causes)}.")
+    return " ".join([*said, doubtful_said(fits, "drawn open", "fit" if of_groups.is_empty() else "single fit")])
+
+
+def both_ways(n_up: int, n_down: int, joined: str) -> list[str]:
+    """What a caption says where perturbations of both directions are `joined`."""
+    return [f"{n_up} turn the toes up and {n_down} down: {joined}."] if n_up and n_down else []
 
 
 GAIT = {"unperturbed": (style.PURPLE, "-", "Unperturbed"), "perturbed": (style.ORANGE, (0, (5, 1.5)), "Perturbed")}
@@ -240,8 +255,11 @@ def walking_page_caption(table: pl.DataFrame) -> str:
             f"{name}{count_of(usual, 'unperturbed crossing')} and {turned} perturbed; at the onset the mean response "
             f"is {' and '.join(told)}."
         )
+        n_down = int(rows["n_down"].drop_nulls().max() or 0) if "n_down" in rows.columns else 0  # type: ignore[arg-type]
+        joined = "their mean over stance is of both, the mean response half the difference"
+        said += both_ways(turned - n_down, n_down, joined)
     fits = table.filter(pl.col("curve") == "each").unique("trial", maintain_order=True)
-    return " ".join([*said, doubtful_said(fits, "dotted")])
+    return " ".join([*said, doubtful_said(fits, "dotted", "single fit")])
 
 
 COMMANDED_SERIES = "commanded"  # series of the curve that the controller commands; all other series are estimates
@@ -306,6 +324,20 @@ def draw_over_stance(table: pl.DataFrame) -> Figure:
     for marker, width, label in (("|", interval, "95 % interval"), ("_", window, "Fitted window")):
         named[label] = style.key(label, color=style.BLACK, marker=marker, markersize=8, mew=width)
     style.legend_above(figure, named, 6)
+    return figure
+
+
+@style.paper_style()
+def draw_half_widths(table: pl.DataFrame) -> Figure:
+    """Half of the 95 % interval of K, B and I that is expected, against the number of perturbed crossings, by gait."""
+    figure, axes = style.panels(style.DOUBLE_COLUMN, 2.4, columns=3)
+    for ax, quantity in zip(axes, ESTIMATES, strict=True):
+        for gait, rows in table.group_by("gait", maintain_order=True):
+            ax.loglog(rows["n"], rows[quantity], "o-", markersize=3, label=drawn_name(str(gait[0])))
+        ax.set_xlabel("Perturbed crossings")
+        ax.set_ylabel(f"Half of the 95 % interval, {AXIS_LABELS[quantity]}")
+    if table["gait"].n_unique() > 1:
+        style.legend_above(figure, style.legend_entries(axes), 4)
     return figure
 
 

@@ -199,6 +199,20 @@ class C3DRecording:
         return (self.header.texts("POINT:UNITS") or [""])[0]
 
 
+def check_end(data: bytes, start: int, frames: int, frame: int, damage: Ledger) -> None:
+    """Note frames that may be shifted by bytes that were lost or doubled, which padding to whole blocks hides: the last
+    frame then ends in padding, as no other does, or its end stands in the padding."""
+    end = start + frames * frame
+    last = frame - len(data[end - frame : end].rstrip(b"\0"))
+    others = (data[at : at + frame] for at in range(start, end - frame, frame))
+    before = max((frame - len(one.rstrip(b"\0")) for one in others), default=0)
+    if frames > 1 and last > max(before, 3):
+        said = f"the last frame ends in {last} zero bytes, others in {before} at most: bytes were lost before it"
+        raise InputError(f"{said}, and frames behind them are shifted; copy or export it again")
+    if data[end:].strip(b"\0"):
+        damage.lose("bytes that are not zero stand behind the last frame: frames may be shifted", 0, None, 0)
+
+
 def read_c3d(path: Path) -> C3DRecording:
     """Decode a C3D file; InputError if it is no C3D, damaged or truncated, or contradicts itself. Analog values are
     (raw - OFFSET) * SCALE * GEN_SCALE, raw without these parameters; NaN where SCALE holds values for some channels
@@ -224,7 +238,11 @@ def read_c3d(path: Path) -> C3DRecording:
         if (stated := header.numbers("POINT:SCALE")[:1]).size and (stated[0] > 0) != integers:
             said = f"the scale is {header.scale:g} in the header, {stated[0]:g} in POINT:SCALE (above 0: integers)"
             raise InputError(f"{said}, and its frames end at byte {end} of {len(data)} by the header; export it again")
+        if len(data) % BLOCK:
+            said = f"it has {len(data)} bytes, and its frames end at byte {end}: bytes were lost or doubled on the way"
+            raise InputError(f"{said}, and frames behind them are shifted; copy or export it again")
         damage.lose(f"it has {len(data)} bytes, and its frames end at byte {end}", 0, None, 0)
+    check_end(data, header.data_start, frames, frame, damage)
     content = data[header.data_start : end]
     raw = np.frombuffer(content, f"{ENDIAN[header.processor]}i2") if integers else reals(content, header.processor)
     # a row per frame: x, y, z, residual per point, then analog samples

@@ -1,12 +1,14 @@
-"""CSV logs: text of any encoding, delimiter and decimal sign to a table of cells, and cells to numbers."""
+"""Tables of numbers as text, whatever program wrote them: encoding, delimiter, decimal sign, header, units, comments
+and footer are found from the content, and cells become numbers and times."""
 
 import csv
 import math
 import re
 from collections import Counter
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
@@ -19,29 +21,61 @@ from osl_analysis.formats.table import Ledger
 from osl_analysis.trial import Array
 
 DELIMITERS = {"tab": "\t", "space": " "}
-CONTROL = re.compile(rb"[\x00-\x08\x0e-\x1a]")  # bytes that no text has
+CONTROL = re.compile(rb"[\x00-\x08\x0e-\x19]")  # bytes that no text has; 26 ended files of CP/M and DOS
 UTF_16_MARKS = (b"\xff\xfe", b"\xfe\xff")
+COMMENTS = ("#", "%", "//")
+MISSING = ("", "nan", "NaN", "NAN", "NA", "N/A", "#N/A", "null", "NULL", "None", "<NA>", "NaT", "-nan", "-nan(ind)")
+"""Cells of readings that failed, as programs write them."""
+NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d{1,3})?", re.ASCII)
+CLOCK = r"(?:(\d+) days?,? )?\+?(\d{1,3}):(\d{2})(?::(\d{1,2}))?(?:[.,:](\d{1,9}))?\d*(?: ?([AaPp])\.?[Mm]\.?)?"
+TIME = rf"^(?:\d{{1,4}}[-/.]\d{{1,2}}[-/.]\d{{1,4}}[T ]\s*)?{CLOCK}\s*(?:Z|UTC|([+-]\d{{2}}):?(\d{{2}}))?$"
+MOST_COLUMNS = 10_000  # of a table; a file with more is transposed, or no recording
+FIRST_LINES, LAST_LINES = 300, 60  # of a long text, by which its dialect is found
 TextLines = list[tuple[int, str]]  # number in the file, counted from 1, and text
 Rows = list[tuple[int, list[str]]]
+IsUnit = Callable[[str], bool]
 
 
-def read_lines(path: Path) -> TextLines:
-    """The lines of a file without blank ones; refused where zero bytes show that it is not text."""
-    text = decoded_text(path.read_bytes())
-    if "\0" in text:
-        line = text.count("\n", 0, text.index("\0")) + 1
+def read_text(path: Path) -> tuple[bytes, bool]:
+    """A text in UTF-8 with plain line breaks, and whether its last line has its break; refused where zero bytes show
+    that it is not text."""
+    data = path.read_bytes()
+    if data[:2] in UTF_16_MARKS or (data[1:2] == b"\0" and data[3:4] == b"\0"):
+        data = decoded_text(data).encode()
+    else:
+        data = data.removeprefix(b"\xef\xbb\xbf")
+        try:
+            data.decode()
+        except UnicodeDecodeError:
+            data = decoded_text(data).encode()
+    data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+    data = data[: len(data.rstrip(b"\x1a"))]
+    if (zero := data.find(b"\0")) >= 0:
+        line = data.count(b"\n", 0, zero) + 1
         raise InputError(
             f"line {line} holds zero bytes, as a loss of power leaves them; delete the file from there on, or "
             "name a text file"
         )
-    lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
-    return [(number, line) for number, line in enumerate(lines, start=1) if line and not line.isspace()]
+    return data, data.rstrip(b" \t").endswith(b"\n")
+
+
+def numbered(data: bytes, first: int = 1) -> TextLines:
+    """The lines of a text without blank ones; `first` is the number of its first one."""
+    lines = data.decode(errors="replace").split("\n")
+    return [(number, line) for number, line in enumerate(lines, start=first) if line and not line.isspace()]
+
+
+def read_lines(path: Path) -> TextLines:
+    """The lines of a file without blank ones; refused where zero bytes show that it is not text."""
+    return numbered(read_text(path)[0])
 
 
 def decoded_text(data: bytes) -> str:
-    """Text in UTF-8, UTF-16 with its mark, or else Windows' western code page."""
+    """Text in UTF-8, UTF-16 with its mark or as ASCII in it, or else Windows' western code page."""
     if data[:2] in UTF_16_MARKS:
         return data.decode("utf-16", errors="replace")
+    if data[1:2] == b"\0" and data[3:4] == b"\0":
+        return data.decode("utf-16-le", errors="replace")
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -50,22 +84,36 @@ def decoded_text(data: bytes) -> str:
 
 def is_text(begin: bytes) -> bool:
     """Whether a file that begins with these bytes is text, by its first line: a loss of power leaves zeros behind."""
-    return begin[:2] in UTF_16_MARKS or CONTROL.search(begin.partition(b"\n")[0]) is None
+    if begin[:2] in UTF_16_MARKS or re.match(rb"([\t\r\n -~]\0){8}", begin):
+        return True
+    return CONTROL.search(begin.partition(b"\n")[0]) is None
 
 
 def delimiter_of(lines: TextLines, given: str) -> str:
-    """The delimiter that is given, or for `auto` the first of tab, `;`, `|`, `,` and blank that every line has."""
+    """The delimiter that is given, or for `auto` that of tab, `;`, `|`, `,` and blank by which most cells are numbers,
+    times or missing; of lines without a number the first that every line has, a blank where none has a comma."""
     if given != "auto":
         return DELIMITERS.get(given, given)
-    sample = [text for _, text in lines if text.strip()][:50]
+    sample = [text for _, text in lines if text.strip()][:FIRST_LINES]
+    scores = dict[str, float]()
+    for sign in "\t;|, ":
+        split = [text.strip().split(None if sign == " " else sign) for text in sample]
+        (width, _), *_ = Counter(map(len, split)).most_common(1) or [(0, 0)]
+        cells = [cell.strip(' "') for one in split if len(one) == width > 1 for cell in one]
+        typical = sum(len(one) == width for one in split) / max(1, len(split))
+        scores[sign] = typical * sum(map(is_value, filter(None, cells))) / max(1, sum(map(bool, cells)))
+    best = max(scores, key=lambda sign: scores[sign])
+    if scores[best] > 0:
+        return best
     everywhere = [sign for sign in "\t;|" if sample and all(sign in text for text in sample)]
-    # the comma may be the decimal sign, the blank may stand in names: it is taken where no line has a comma
     spaced = sample and not any("," in text for text in sample) and all(" " in text.strip() for text in sample)
     return everywhere[0] if everywhere else " " if spaced else ","
 
 
 def split_rows(lines: TextLines, delimiter: str) -> Rows:
     """Cells of every line, stripped, without lines of empty cells; refused where a quote is not closed on its line."""
+    if delimiter == " ":
+        lines = [(number, re.sub(r"\s+", " ", text.strip())) for number, text in lines]
     reader = csv.reader((text for _, text in lines), delimiter=delimiter, skipinitialspace=True)
     rows: Rows = []
     try:
@@ -76,19 +124,23 @@ def split_rows(lines: TextLines, delimiter: str) -> Rows:
             if any(stripped):
                 rows.append((line, stripped))
     except csv.Error as error:
-        raise InputError(f"line {lines[reader.line_num - 1][0]}: {error}; repair it") from error
+        size = csv.field_size_limit()
+        raise InputError(
+            f"line {lines[reader.line_num - 1][0]} has a cell of more than {size} characters; repair it"
+        ) from error
     return rows
 
 
 def name_and_unit(title: str) -> tuple[str, str]:
-    """`torque [Nm]` or `torque (Nm)` as name and unit; the unit is empty where the title has none."""
-    match = re.fullmatch(r"(.*\S)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))", title, re.DOTALL)
-    return (match[1], match[2] or match[3] or "") if match else (title, "")
+    """`torque [Nm]`, `torque (Nm)`, `torque {Nm}` or `torque / Nm` as name and unit; the unit is empty where the title
+    has none."""
+    match = re.fullmatch(r"(.*\S)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\)|\{([^{}]*)\})|(.*\S)\s+/\s+(\S+)", title, re.DOTALL)
+    return (match[1] or match[5], match[2] or match[3] or match[4] or match[6] or "") if match else (title, "")
 
 
 def without_brackets(unit: str) -> str:
     """A unit below a header without the brackets around it: `[deg]` and `(deg)` are `deg`."""
-    return unit[1:-1].strip() if unit[:1] + unit[-1:] in ("[]", "()") else unit
+    return unit[1:-1].strip() if unit[:1] + unit[-1:] in ("[]", "()", "{}") else unit
 
 
 @dataclass
@@ -100,6 +152,8 @@ class UnreadableCellError(Exception):
 
 def cell_numbers(cells: Sequence[str | None] | pl.Series, missing: Collection[str], decimal: str) -> Array:
     """Values (n,): NaN where a cell is None or one of the words in `missing`. Raises UnreadableCellError."""
+    if isinstance(cells, pl.Series) and cells.dtype != pl.String:
+        return cells.cast(pl.Float64).fill_null(np.nan).to_numpy()
     text = pl.Series(cells, dtype=pl.String)
     absent = (text.is_null() | text.is_in(list(missing))).to_numpy()
     plain = text
@@ -107,16 +161,48 @@ def cell_numbers(cells: Sequence[str | None] | pl.Series, missing: Collection[st
         plain = text.str.replace(".", "?", literal=True).str.replace(",", ".", literal=True)
     values = plain.cast(pl.Float64, strict=False).to_numpy().copy()
     values[absent] = np.nan
-    for place in np.flatnonzero(~np.isfinite(values) & ~absent).tolist():  # such as `+1.5`, which polars does not read
+    for place in np.flatnonzero(~np.isfinite(values) & ~absent).tolist():  # `+1.5`, `1.0D-3`: polars does not read them
         if not is_number_cell(str(plain[place])):
             raise UnreadableCellError(place)
-        values[place] = float(plain[place])
+        values[place] = float(re.sub("[dD]", "e", str(plain[place])))
     return values
 
 
 def is_number_cell(cell: str) -> bool:
-    is_number = re.fullmatch(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,3})?", cell, re.ASCII)
-    return is_number is not None and math.isfinite(float(cell))
+    return NUMBER.fullmatch(cell) is not None and math.isfinite(float(re.sub("[dD]", "e", cell)))
+
+
+def is_value(cell: str) -> bool:
+    """Whether a cell may stand in a column of numbers or times."""
+    is_word = cell in MISSING or cell.casefold() in ("true", "false")
+    return is_word or is_number_cell(cell.replace(",", ".", 1)) or re.match(TIME, cell) is not None
+
+
+def cell_stamps(cells: pl.Series) -> NDArray[np.int64] | None:
+    """Times of day (n,) [ns] of cells such as `10:12:13.002`, `2024-05-01T10:12:13Z`, `0 days 00:00:00.002` and
+    `12:13.5` (minutes and seconds), which go on at midnight; None if a cell is none of these. The date tells nothing
+    that the order of the rows does not tell."""
+    if cells.dtype.is_temporal():
+        whole = (
+            cells.cast(pl.Datetime("ns")) if cells.dtype in (pl.Date, pl.Datetime) else cells.cast(pl.Duration("ns"))
+        )
+        return None if whole.null_count() else whole.cast(pl.Int64).to_numpy()
+    if cells.dtype != pl.String or not cells.str.contains(TIME).fill_null(value=False).all():
+        return None
+    part = [cells.str.extract(TIME, group) for group in range(1, 9)]
+    days, hours, minutes = (one.cast(pl.Int64).fill_null(0).to_numpy() for one in part[:3])
+    seconds = part[3].cast(pl.Int64).fill_null(0).to_numpy()
+    if part[3].null_count() == len(cells) and part[4].null_count() < len(cells):  # minutes and seconds
+        hours, minutes, seconds = np.zeros_like(hours), hours, minutes
+    fraction = part[4].fill_null("").str.pad_end(9, "0").cast(pl.Int64).to_numpy()
+    if not part[5].null_count():
+        hours = hours % 12 + 12 * part[5].str.to_lowercase().eq("p").to_numpy()
+    zone = 60 * part[6].cast(pl.Int64).fill_null(0).to_numpy() + part[7].cast(pl.Int64).fill_null(0).to_numpy()
+    total = ((days * 24 + hours) * 60 + minutes - zone) * 60 + seconds
+    stamps = total * 1_000_000_000 + fraction
+    turn = 86_400_000_000_000 if hours.any() else 3_600_000_000_000
+    back = np.diff(stamps, prepend=stamps[:1]) < -turn // 2
+    return np.asarray(stamps + turn * np.cumsum(back))
 
 
 @dataclass(frozen=True)
@@ -124,25 +210,28 @@ class CsvLayout:
     """How a logger writes its table: fields of the source file of a log in CSV, which tells their meaning."""
 
     delimiter: str = "auto"
-    comment: str = "#"
-    header: Literal["row", "comment", "none"] = "row"
-    units_row: bool = False
-    missing: tuple[str, ...] = ("", "nan", "NaN")
+    decimal: str = "auto"
+    comment: str = "auto"
+    header: Literal["auto", "row", "comment", "none"] = "auto"
+    units_row: bool | Literal["auto"] = "auto"
+    missing: tuple[str, ...] = MISSING
     most_missing: float = 0.01
     ragged: Literal["refuse", "skip", "dropped_variable"] = "refuse"
 
 
 @dataclass(frozen=True)
 class CsvTable:
-    """The rows of a log in CSV, as text."""
+    """The rows of a log, as text or, where its format has them, as numbers."""
 
-    names: list[str]  # names of the columns, as in the header
+    names: list[str]  # names of the columns, as in the header; of one without a name its number
     units: list[str]  # of the columns, from a row of units or from brackets behind the name; empty where there is none
     lines: NDArray[np.int64]  # number of each row's line in the file, (rows,)
-    body: pl.DataFrame  # the cells as text, a column each; null in rows in which the logger omitted the column
-    comments: list[str]  # the comment lines without their sign
+    body: pl.DataFrame  # the cells, a column each; null in rows in which the logger omitted the column
+    comments: list[str]  # comments, and what stands above the header and below the rows
     damage: Ledger  # what was repaired or left out
-    delimiter: str
+    delimiter: str = ""
+    decimal: str = "."
+    noun: str = "line"  # what `lines` count
 
 
 def place_of(name: str, names: Sequence[str]) -> int:
@@ -174,37 +263,61 @@ def places_of(name: str, names: Sequence[str]) -> list[int]:
 
 def is_clock(title: str) -> bool:
     """Whether a column is called like a clock: `time`, `t_s`, `loop_time [ms]`."""
-    name = name_and_unit(title)[0].strip()
-    words = "time|t|timestamp|stamp|(state|loop|pi|sys|ros|elapsed)_time|elapsed|clock|seconds|time_since_start"
+    name = re.sub(r"\s+", "_", name_and_unit(title)[0].strip())
+    words = "time|t|timestamp|stamp|(state|loop|pi|sys|ros|elapsed)_time|elapsed|clock|seconds|time_since_start|x_value"
+    words += "|(date_?)?time|datetime|date_and_time|time_of_day|zeit|uhrzeit|tijd|temps|tiempo|tempo"
     return re.fullmatch(f"({words})(_(s|sec|ms|us|ns))?", name, re.IGNORECASE) is not None
 
 
-def read_csv_table(path: Path, layout: CsvLayout) -> CsvTable:
-    """The rows of a log in CSV; InputError if it has no header, or rows that the layout does not allow."""
-    lines, ends = read_lines(path), ends_whole(path)
-    below = [text for _, text in lines[200:] if ends]
-    # lines that are all alike below the first ones are split by polars, in an eighth of the time and of the memory
+def read_csv_table(path: Path, layout: CsvLayout, is_unit: IsUnit, most_rows: int | None = None) -> CsvTable:
+    """The rows of a log as text, of a long one the first `most_rows`; InputError if it has rows that the layout does
+    not allow. `is_unit` tells a unit."""
+    data, ends = read_text(path)
+    first, last, count = 0, len(data), data.count(b"\n")
+    if count < 2 * (FIRST_LINES + LAST_LINES):
+        return table_of(numbered(data), layout, is_unit, ends)
+    for _ in range(FIRST_LINES):
+        first = data.index(b"\n", first) + 1
+    for _ in range(LAST_LINES):
+        last = data.rindex(b"\n", 0, last)
+    middle, behind = data[first : last + 1], count - LAST_LINES + 1  # lines that are alike are split by polars
+    if most_rows is not None and count > most_rows:
+        middle = middle[: middle.rfind(b"\n", 0, most_rows * len(middle) // count) + 1]
     with suppress(InputError):  # the whole file tells what is wrong
-        table = table_of(lines[:200] if below else [], layout)
-        sign, between = table.delimiter, len(table.names) - 1
-        odd = ['"', *[layout.comment] * bool(layout.comment)]
-        alike = (text.count(sign) == between < len(text) and not any(one in text for one in odd) for text in below)
-        if not table.damage.remarks and sign != " " and all(alike):
-            body = "\n".join(below).encode()
-            rest = pl.read_csv(body, has_header=False, separator=sign, quote_char=None, infer_schema=False)
-            rest = rest.with_columns(pl.all().fill_null("").str.strip_chars())
-            rest.columns = table.body.columns
-            if not rest.select(pl.all_horizontal(pl.all() == "").any()).item():
-                numbered = np.concatenate([table.lines, [line for line, _ in lines[200:]]])
-                return replace(table, lines=numbered, body=pl.concat([table.body, rest]))
-    return table_of(lines, layout, ends)
+        begin, end = numbered(data[:first]), numbered(data[last + 1 :], behind + 1)
+        table = table_of([*begin, *end], layout, is_unit, ends)
+        rest = alike_rows(middle, table.delimiter, table.body.columns)
+        if rest is not None and not table.damage.gaps:
+            above = int((table.lines <= FIRST_LINES).sum())
+            between = FIRST_LINES + 1 + np.arange(len(rest))
+            lines = np.concatenate([table.lines[:above], between, table.lines[above:]])
+            body = pl.concat([table.body[:above], rest, table.body[above:]])
+            return replace(table, lines=lines, body=body)
+    return table_of(numbered(data), layout, is_unit, ends)
+
+
+def alike_rows(text: bytes, delimiter: str, names: Sequence[str]) -> pl.DataFrame | None:
+    """The cells of lines that all have a cell per name, in an eighth of the time and of the memory; None if they are
+    not alike, or hold a quote or a comment."""
+    if b'"' in text or b"\n\n" in text or any(sign.encode() in text for sign in COMMENTS):
+        return None
+    if delimiter == " ":
+        text, delimiter = re.sub(rb"[ \t]+", b"\t", re.sub(rb"(?m)^[ \t]+|[ \t]+$", b"", text)), "\t"
+    signs = np.frombuffer(text, np.uint8)
+    counts = np.diff(np.searchsorted(np.flatnonzero(signs == ord(delimiter)), np.flatnonzero(signs == 10)), prepend=0)
+    if (counts != len(names) - 1).any():
+        return None
+    rows = pl.read_csv(text, has_header=False, separator=delimiter, quote_char=None, infer_schema=False)
+    rows = rows.with_columns(pl.all().fill_null("").str.strip_chars())
+    rows.columns = list(names)
+    return None if rows.select(pl.all_horizontal(pl.all() == "").any()).item() else rows
 
 
 def ends_whole(path: Path) -> bool:
     """Whether the last line of a text has its break."""
     with path.open("rb") as file:
         file.seek(-min(64, path.stat().st_size), 2)
-        return file.read().rstrip(b" \t\0")[-1:] in (b"\n", b"\r")  # also in UTF-16
+        return file.read().rstrip(b" \t\0\x1a")[-1:] in (b"\n", b"\r")  # also in UTF-16
 
 
 def is_last_whole(cells: Sequence[str]) -> bool:
@@ -214,57 +327,57 @@ def is_last_whole(cells: Sequence[str]) -> bool:
     return len(cells) > 1 and len(decimals) == 1 and 0 not in decimals
 
 
-def table_of(lines: TextLines, layout: CsvLayout, ends: bool = True) -> CsvTable:
-    # programs of Xsens begin the lines above their table with two slashes
-    sign = "//" if layout.comment == "#" and lines and lines[0][1].startswith("//") else layout.comment
+def table_of(lines: TextLines, layout: CsvLayout, is_unit: IsUnit, ends: bool = True) -> CsvTable:
+    """The table in lines of text; `ends`: the last one has its break."""
+    signs = COMMENTS if layout.comment == "auto" else tuple(filter(None, [layout.comment]))
     comments, content = TextLines(), TextLines()
     for line, text in lines:
-        if sign and text.lstrip().startswith(sign):
-            comments.append((line, text.strip()[len(sign) :].strip()))
-        else:
+        sign = next((one for one in signs if text.lstrip().startswith(one)), None)
+        if sign is None:
             content.append((line, text))
+        else:
+            comments.append((line, text.strip()[len(sign) :].strip()))
+    if content and (stated := re.fullmatch(r"sep=(.)", content[0][1].strip())):  # as Excel reads it
+        layout, content = (
+            replace(layout, delimiter=stated[1] if layout.delimiter == "auto" else layout.delimiter),
+            content[1:],
+        )
     delimiter = delimiter_of(content, layout.delimiter)
-    rows = split_rows(content, delimiter)
-    said, damage = [text for _, text in comments], Ledger()
+    return table_of_rows(split_rows(content, delimiter), comments, layout, is_unit, delimiter, ends)
+
+
+@dataclass
+class Head:
+    """What stands above the rows of data."""
+
+    names: list[str]
+    units: list[str]
+    first: int  # place of the first row of data
+    line: int = 0  # of the names
+    notes: list[str] = field(default_factory=list)  # other text above them
+
+
+def table_of_rows(
+    rows: Rows, comments: TextLines, layout: CsvLayout, is_unit: IsUnit, delimiter: str = "", ends: bool = True
+) -> CsvTable:
+    """The table in rows of cells, of text or of a sheet of numbers."""
+    damage = Ledger()
     if layout.header != "comment" and not rows:
         raise InputError("holds no rows; record it again, or exclude the trial")
-    if layout.header == "comment":
-        named = split_rows(comments[-1:], delimiter)
-        if not named:
-            raise InputError(f"no line begins with '{sign}'; write `header: row` or `header: none`")
-        names = named[0][1]
-    elif layout.header == "none":
-        names = [str(i + 1) for i in range(len(rows[0][1]))]
-    else:
-        (line, first), *rows = rows
-        if all(is_number_cell(cell.replace(",", ".")) for cell in first if cell):
-            raise InputError(
-                f"line {line} holds numbers, not the columns' names; write `header: none` and the columns' numbers"
-            )
-        names = unpadded(first, 0)
-        check_header_place((line, first), rows)
-    units = [name_and_unit(name)[1] for name in names]
+    first_value = first_column_of_values(rows)
+    head = head_of(rows, comments, layout, is_unit, delimiter, first_value)
+    if len(head.names) > MOST_COLUMNS:
+        raise InputError(f"has {len(head.names)} columns, at most {MOST_COLUMNS} are read; write a row per sample")
+    rows, below = without_footer(rows[head.first :], first_value, layout)
+    if below:
+        said = " ".join(below[0][1])[:60]
+        damage.remarks.append(f"{len(below)} lines below the table, from {below[0][0]} on, are no rows: '{said}'")
+    names = [name or str(place) for place, name in enumerate(head.names, start=1)]
     rows = [(line, unpadded(cells, len(names))) for line, cells in rows]
-    lengths = {len(cells) for _, cells in rows}
-    if len(lengths) == 1 and (extra := lengths.pop() - len(names)) > 0:
-        line, cells = rows[0]
-        raise InputError(
-            f"every row has {extra} more cells than the header has names: line {line} begins with '{cells[0][:40]}' "
-            f"and ends with '{cells[-1][:40]}'; write a name for each, and the same sign between names as between cells"
-        )
-    if layout.units_row and rows:
-        units, rows = ([*map(without_brackets, rows[0][1]), *units[len(rows[0][1]) :]], rows[1:])
+    check_width(rows, names)
     if not rows:
         raise InputError("no rows of data; record it again, or exclude the trial")
-    cut = len(rows) > 1 and len(rows[-1][1]) < min(len(names), len(rows[-2][1]))  # as by an interrupted recorder
-    if cut:
-        damage.miss_end(f"the last line, {rows[-1][0]}, is cut off and was skipped")
-        rows = rows[:-1]
-    elif len(rows) > 1 and not ends and not is_last_whole([cells[-1] for _, cells in rows]):
-        damage.remarks.append(
-            f"the last line, {rows[-1][0]}, has no line break, may be cut in a number and was skipped"
-        )
-        damage.uncounted, rows = True, rows[:-1]
+    rows = without_cut_row(rows, len(names), damage, whole=ends or bool(below))
     fitting, repairs = fitting_rows(rows, len(names), layout)
     if skipped := len(rows) - len(fitting):
         damage.lose(repairs.pop(), 0, Counter({0: skipped}), 0)
@@ -272,23 +385,167 @@ def table_of(lines: TextLines, layout: CsvLayout, ends: bool = True) -> CsvTable
     if not fitting:
         raise InputError(f"none of its rows fits the header's {len(names)} names; state `delimiter` or `header`")
     body = [pl.Series(str(k), [row[k] for _, row in fitting], dtype=pl.String) for k in range(len(names))]
-    numbered = np.array([line for line, _ in fitting])
-    return CsvTable(names, units, numbered, pl.DataFrame(body), said, damage, delimiter)
+    lines = np.array([line for line, _ in fitting])
+    notes = [*head.notes, *(text for _, text in comments), *(" ".join(cells) for _, cells in below)]
+    decimal = decimal_of(fitting, delimiter) if layout.decimal == "auto" else layout.decimal
+    return CsvTable(names, head.units, lines, pl.DataFrame(body), notes, damage, delimiter, decimal)
 
 
-def check_header_place(header: tuple[int, list[str]], rows: Rows) -> None:
-    """Refuse a table below other text: most rows have more cells than the first, and the first of them no number."""
-    names = unpadded(header[1], 0)
-    (width, count), *_ = Counter(len(cells) for _, cells in rows).most_common(1) or [(0, 0)]
-    if count <= len(rows) / 2 or width <= len(names) or width < 2:
-        return
-    line, cells = next((line, cells) for line, cells in rows if len(cells) == width)
-    far = rows[0][0] != line or width > len(names) + 1  # else maybe units below a header that lacks a name
-    if far and not any(is_number_cell(cell.replace(",", ".")) for cell in cells):
+def first_column_of_values(rows: Rows) -> int | None:
+    """Place of the first column whose cells are numbers, times or missing in most rows; None if there is none."""
+    sample = rows[: 2 * FIRST_LINES]
+    (width, _), *_ = Counter(len(cells) for _, cells in sample).most_common(1) or [(0, 0)]
+    typical = [cells for _, cells in sample if len(cells) == width]
+    typical = typical[len(typical) // 2 :]  # the first ones may be a header
+    for place in range(width):
+        cells = [cells[place] for cells in typical if cells[place]]
+        if cells and sum(map(is_value, cells)) >= 0.5 * len(cells):
+            return place
+    return None
+
+
+def is_data(cells: Sequence[str], width: int, first_value: int) -> bool:
+    """Whether a row may be one of data: as wide as most, with a number or time where most rows have the first one."""
+    named = [cell for cell in cells if cell]
+    if len(cells) != width or not is_value(cells[first_value]) or not any(map(is_value, named)):
+        return False
+    counts = [str(k) for k in range(len(named))], [str(k + 1) for k in range(len(named))]
+    return bool(cells[0]) or named not in counts  # pandas numbers columns without a name: `,0,1,2`
+
+
+def is_odd_data(cells: Sequence[str], width: int) -> bool:
+    """Whether a row above the data is one of them that lacks cells, or has a word: more than half of it are numbers."""
+    named = [cell for cell in cells if cell]
+    is_count = not cells[0] and named[:1] in (["0"], ["1"])
+    return len(cells) > max(1, width / 2) and sum(map(is_number_cell, named)) > len(named) / 2 and not is_count
+
+
+def head_of(
+    rows: Rows, comments: TextLines, layout: CsvLayout, is_unit: IsUnit, delimiter: str, first_value: int | None
+) -> Head:
+    """Names and units of the columns, and where the rows of data begin."""
+    if layout.header == "comment":
+        named = split_rows(comments[-1:], delimiter)
+        if not named:
+            sign = "#" if layout.comment == "auto" else layout.comment
+            raise InputError(f"no line begins with '{sign}'; write `header: row` or `header: none`")
+        return Head(named[0][1], [name_and_unit(name)[1] for name in named[0][1]], 0)
+    if layout.header == "none":
+        return Head([str(place + 1) for place in range(len(rows[0][1]))], [""] * len(rows[0][1]), 0)
+    if first_value is None:
+        line, cells = rows[len(rows) // 2]
         raise InputError(
-            f"line {header[0]} has {len(names)} cells and most rows have {width}: the names of the columns "
-            f"seem to stand in line {line}; delete the lines above it, or begin each with `#`"
+            f"no table of numbers: most of its {len(rows)} rows hold none, such as line {line}, "
+            f"'{' '.join(cells)[:40]}'; name a recording, or write a header and a row per sample"
+            if len(rows) > 1
+            else "no rows of data; record it again, or exclude the trial"
         )
+    (width, _), *_ = Counter(len(cells) for _, cells in rows[: 2 * FIRST_LINES]).most_common(1)
+    data = partial(is_data, width=width, first_value=first_value)
+    first = next((place for place, (_, cells) in enumerate(rows) if data(cells)), len(rows))
+    if layout.ragged == "dropped_variable":  # such a logger writes its header first
+        first = 1
+    while first and is_odd_data(rows[first - 1][1], width):
+        first -= 1
+    above = rows[:first]
+    heads = above[len(above) - headers_above(above, width) :]
+    units_row = layout.units_row is True or (layout.units_row == "auto" and are_units(heads, is_unit))
+    units = [*map(without_brackets, heads.pop()[1])] if units_row and len(heads) > 1 else []
+    names, line = named_by(heads, above, comments, width, delimiter), heads[-1][0] if heads else 0
+    if not names and layout.header == "row":
+        raise InputError(
+            f"line {rows[0][0]} holds numbers, not the columns' names; write `header: none` and the columns' numbers"
+        )
+    stated = [name_and_unit(name)[1] for name in names] or [""] * width
+    units = [unit or own for unit, own in zip([*units, *[""] * len(stated)], stated, strict=False)]
+    notes = [" ".join(filter(None, cells)) for number, cells in above if number != line]
+    return Head(names or [str(place + 1) for place in range(width)], units, first, line, notes)
+
+
+def headers_above(above: Rows, width: int) -> int:
+    """How many of the rows right above the data, three at most, name columns: they have cells for most of them."""
+    count = 0
+    for _, cells in reversed(above[-3:]):
+        filled = sum(map(bool, cells))
+        if not (width / 2 <= filled and len(unpadded(cells, 0)) <= width + 1 and (width == 1 or filled > 1)):
+            break
+        count += 1
+    return min(count, 1) if width == 1 else count
+
+
+def are_units(heads: Rows, is_unit: IsUnit) -> bool:
+    """Whether the last of several header rows holds units."""
+    cells = (
+        [without_brackets(cell) for cell in heads[-1][1] if cell not in ("", "-", "[]", "()")] if len(heads) > 1 else []
+    )
+    return bool(cells) and sum(is_unit(cell) and cell != "1" for cell in cells) > len(cells) / 2
+
+
+def named_by(heads: Rows, above: Rows, comments: TextLines, width: int, delimiter: str) -> list[str]:
+    """Names of the columns: of the header row nearest to the data, with those above it where names stand there twice;
+    or of a line with other signs between its cells, or a comment. Empty if there are none."""
+    if heads:
+        names = unpadded(heads[-1][1], 0)
+        if len(names) == width + 1 and names[-1].casefold() == "comment":  # LabVIEW's last column, which is empty
+            names = names[:width]
+        if len(heads) > 1 and len({*filter(None, names)}) < len([*filter(None, names)]):
+            upper = [""]
+            for cell in [*heads[-2][1], *[""] * width][:width]:  # a name stands above the first of its columns
+                upper.append(cell or upper[-1])
+            names = [" ".join(filter(None, pair)) for pair in zip(upper[1:], names, strict=False)]
+        return names
+    texts = [delimiter.join(cells) for _, cells in above[-1:]] + [text for _, text in comments[::-1]]
+    for text in texts:
+        for pattern in (re.escape(delimiter or ","), r"\t", ";", ",", r"\|", r"\s{2,}", r"\s+"):
+            cells = [cell.strip(' "') for cell in re.split(pattern, text.strip())]
+            if len(cells) == width and not any(map(is_value, cells)):
+                return cells
+    return []
+
+
+def without_footer(rows: Rows, first_value: int | None, layout: CsvLayout) -> tuple[Rows, Rows]:
+    """Rows, and the last ones that have a word where most have the first number: what a program writes below them."""
+    end, place = len(rows), first_value or 0
+    while end and layout.header in ("auto", "row") and len(rows) - end < LAST_LINES:
+        cells = rows[end - 1][1]
+        if len(cells) <= place or is_value(cells[place]) or is_value(cells[place].split(" ")[0]):
+            break
+        end -= 1
+    return (rows[:end], rows[end:]) if end else (rows, [])
+
+
+def check_width(rows: Rows, names: Sequence[str]) -> None:
+    """Refuse rows that all have more cells than there are names."""
+    lengths = {len(cells) for _, cells in rows}
+    if len(lengths) == 1 and (extra := lengths.pop() - len(names)) > 0:
+        line, cells = rows[0]
+        raise InputError(
+            f"every row has {extra} more cells than the header has names: line {line} begins with '{cells[0][:40]}' "
+            f"and ends with '{cells[-1][:40]}'; write a name for each, and the same sign between names as between cells"
+        )
+
+
+def without_cut_row(rows: Rows, width: int, damage: Ledger, whole: bool) -> Rows:
+    """Rows without a last one that was cut off, or may be, as by an interrupted recorder; `whole`: it has its break."""
+    line, cells = rows[-1]
+    if len(rows) > 1 and len(cells) < min(width, len(rows[-2][1])):
+        damage.miss_end(f"the last line, {line}, is cut off and was skipped")
+        return rows[:-1]
+    if len(rows) > 1 and not whole and not is_last_whole([cells[-1] for _, cells in rows]):
+        damage.remarks.append(f"the last line, {line}, has no line break, may be cut in a number and was skipped")
+        damage.uncounted = True
+        return rows[:-1]
+    return rows
+
+
+def decimal_of(rows: Sequence[tuple[int, Sequence[str | None]]], delimiter: str) -> str:
+    """The decimal sign of the cells: a comma where numbers have one and none has a full stop, unless each may be one
+    between thousands."""
+    cells = [cell for _, row in (*rows[:FIRST_LINES], *rows[-LAST_LINES:]) for cell in row if cell]
+    commas = [cell for cell in cells if re.fullmatch(r"[+-]?\d*,\d+([eE][+-]?\d+)?", cell)]
+    stops = any(re.fullmatch(r"[+-]?\d*\.\d+([eEdD][+-]?\d+)?", cell) for cell in cells)
+    thousands = all(re.fullmatch(r"[+-]?[1-9]\d{0,2},\d{3}", cell) for cell in commas)
+    return "," if delimiter != "," and commas and not stops and not thousands else "."
 
 
 def share_above(count: int, total: int) -> float:

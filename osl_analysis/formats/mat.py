@@ -10,10 +10,10 @@ import math
 import re
 import struct
 import warnings
-from collections.abc import Collection, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Collection, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import reduce
+from functools import partial, reduce
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,10 @@ from typing import Any
 import numpy as np
 
 from osl_analysis.errors import EXTRAS, InputError, listing, nearest, optional_module
-from osl_analysis.formats.table import Ledger
+from osl_analysis.formats.binary_table import never_written
+from osl_analysis.formats.isolated import isolated
+from osl_analysis.formats.table import Ledger, check_memory
+from osl_analysis.formats.table import in_one_sentence as library_errors
 from osl_analysis.trial import Array
 
 DAMAGED = "copy the file again, or save it again in MATLAB, with the numbers in it"
@@ -29,9 +32,12 @@ REMEDIES = {
     "string": "save it as numbers, or as text with `char(s)`",
     "sparse": "save it as `full(x)`",
     "char": "save it as numbers: `str2double(x)`",
+    "timeseries": "save its numbers: `t = x.Time; y = x.Data; save('x.mat', 't', 'y', '-v7')`",
+    "Dataset": "save its numbers: `s = x{1}.Values; t = s.Time; y = s.Data; save('x.mat', 't', 'y', '-v7')`",
     "array that was never written": "record the trial again, or name another variable",
 }
 """What to do in MATLAB about a class that is not read, or is no number."""
+FEWEST_SAMPLES = 10  # structs of single numbers that are taken for the samples of a recording
 
 
 @dataclass(frozen=True)
@@ -62,7 +68,8 @@ class Value:
 
     def remedy(self) -> str:
         install = f"pip install 'osl-analysis[{EXTRAS['mat-io']}]', which reads it, or "
-        saved = "save `real(x)`" if self.is_complex else REMEDIES.get(self.kind, "save its numbers in a struct")
+        own = REMEDIES.get(self.kind.rpartition(".")[2], "save its numbers in a struct")
+        saved = "save `real(x)`" if self.is_complex else own
         return install * (self.is_opaque and not find_spec("matio")) + saved
 
     def holds_opaque(self) -> bool:
@@ -74,16 +81,7 @@ def is_mat(begin: bytes) -> bool:
     return begin.startswith((b"MATLAB 5.0 MAT", b"MATLAB 7.")) and b"\0" in begin[:128]
 
 
-@contextmanager
-def in_one_sentence(what: str = "") -> Iterator[None]:
-    """Whatever the libraries come across in a damaged file, as one refusal."""
-    try:
-        yield
-    except (InputError, MemoryError):
-        raise
-    except Exception as error:
-        reason = " ".join(str(error).split())[:160]
-        raise InputError(f"{what}cannot be read ({reason}); {DAMAGED}") from error
+in_one_sentence = partial(library_errors, remedy=DAMAGED)
 
 
 @dataclass(frozen=True)
@@ -93,7 +91,7 @@ class MatFile:
     path: Path
     version: str
     header: str
-    variables: Mapping[str, Any]  # by name, in order; of version 5 the part of the file that holds it
+    variables: Mapping[str, None]  # by name, in order
     damage: Ledger
 
     @property
@@ -110,20 +108,13 @@ class MatFile:
                     with in_one_sentence(f"{name} {f'is a link to {link} and ' * bool(link)}"):
                         found[name] = value73(file[name])
         else:
-            from scipy.io import loadmat  # half a second, which other commands need not wait for
-
-            for name in known:
-                with in_one_sentence(f"{name} "):
-                    raw: Any = loadmat(self.variables[name], spmatrix=False)
-                    found[name] = value5(next(one for key, one in raw.items() if not key.startswith("__")))
+            found = isolated(partial(read5, self.path, known))
         opaque = [name for name, value in found.items() if value.holds_opaque()]
         if opaque and find_spec("matio"):
-            with suppress(InputError), in_one_sentence(), warnings.catch_warnings(action="ignore"):
-                from matio import load_from_mat
-
-                raw = load_from_mat(self.path, variable_names=[*opaque], raw_data=True, spmatrix=False)
-                found |= {name: with_objects(found[name], value5(raw[name])) for name in opaque}
-        return found
+            with suppress(InputError):
+                read = isolated(partial(read_objects, self.path, opaque))
+                found |= {name: with_objects(found[name], read[name]) for name in opaque}
+        return {name: simplified(value) for name, value in found.items()}
 
     def signals(self, texts: Sequence[str], part: str = "") -> dict[str, tuple[str, Array, str]]:
         """The numbers (n,) at addresses, each with its whole address and stated unit; those without `/` are in `part`.
@@ -168,23 +159,94 @@ def open_mat(path: Path) -> MatFile:
                     damage.lose(f"{behind} bytes stand behind its end, and are not read", 0, None, 0)
                 found = {name: None for name in file if name not in ("#refs#", "#subsystem#")}
             return MatFile(path, "7.3", header, found, damage)
-        from scipy.io.matlab import MatlabOpaque, loadmat, varmats_from_mat
-
         data, end = path.read_bytes(), 128
         while end + 8 <= len(data):  # each element tells its length; scipy is silent about what lies beyond the end
             end += 8 + struct.unpack_from("<I" if begin[126:128] == b"IM" else ">I", data, end + 4)[0]
         if end != len(data):
             damage.miss_end(f"the last variable ends at byte {end}, the file at byte {len(data)}: its end is missing")
-        variables, parts = dict[str, Any](), list[tuple[str, Any]](varmats_from_mat(io.BytesIO(data)))
-        for called, stream in parts:
-            name, raw = called, loadmat(stream)["None"] if called == "None" else None
-            if isinstance(raw, MatlabOpaque):  # of an object that only MATLAB can read, scipy before 1.18 tells no name
-                name = bytes(raw.flat[0]["s0"]).decode("latin-1")
-            if name in variables:
-                raise InputError(f"variable '{name}' stands twice in the file; {DAMAGED}")
-            if name:
-                variables[name] = stream
-        return MatFile(path, "5", header, variables, damage)
+        return MatFile(path, "5", header, dict.fromkeys(isolated(partial(names5, path))), damage)
+
+
+def streams5(path: Path) -> dict[str, Any]:
+    """The part of a file of version 5 that holds each variable."""
+    from scipy.io.matlab import MatlabOpaque, loadmat, varmats_from_mat
+
+    variables, parts = dict[str, Any](), list[tuple[str, Any]](varmats_from_mat(io.BytesIO(path.read_bytes())))
+    for called, stream in parts:
+        name, raw = called, loadmat(stream)["None"] if called == "None" else None
+        if isinstance(raw, MatlabOpaque):  # of an object that only MATLAB can read, scipy before 1.18 tells no name
+            name = bytes(raw.flat[0]["s0"]).decode("latin-1")
+        if name in variables:
+            raise InputError(f"variable '{name}' stands twice in the file; {DAMAGED}")
+        if name:
+            variables[name] = stream
+    return variables
+
+
+def names5(path: Path) -> list[str]:
+    with in_one_sentence():
+        return [*streams5(path)]
+
+
+def read5(path: Path, names: Sequence[str]) -> dict[str, Value]:
+    """Some variables of a file of version 5."""
+    from scipy.io import loadmat
+
+    found, streams = dict[str, Value](), streams5(path)
+    for name in names:
+        with in_one_sentence(f"{name} "):
+            raw: Any = loadmat(streams[name], spmatrix=False)
+            found[name] = value5(next(one for key, one in raw.items() if not key.startswith("__")))
+    return found
+
+
+def read_objects(path: Path, names: Sequence[str]) -> dict[str, Value]:
+    """Some variables with the objects in them as mat-io reads them."""
+    with in_one_sentence(), warnings.catch_warnings(action="ignore"):
+        from matio import load_from_mat
+
+        raw = load_from_mat(path, variable_names=[*names], raw_data=True, spmatrix=False)
+        return {name: value5(raw[name]) for name in names}
+
+
+def simplified(value: Value) -> Value:
+    """A value whose arrays of structs of single numbers, one per sample, are structs of columns, and whose structures
+    with time, as Simulink logs them, have a field per signal, called by its label."""
+    cells = [simplified(one) for one in value.cells]
+    if len(value.elements) >= FEWEST_SAMPLES:
+        names = [name for name in value.fields if all(name in one and is_number(one[name]) for one in value.elements)]
+        if len(names) > 1:
+            fields = {}
+            for name in names:
+                numbers = [one[name].numbers for one in value.elements]
+                column = np.array([float(one.item()) for one in numbers if one is not None])
+                fields[name] = Value("double", (column.size, 1), column[:, None])
+            return replace(value, shape=(1, 1), elements=[fields])
+    elements: list[dict[str, Value]] = [{name: simplified(own) for name, own in one.items()} for one in value.elements]
+    if len(elements) == 1 and {"time", "signals"} <= elements[0].keys():
+        elements = [{**elements[0], **logged_signals(elements[0]["signals"])}]
+    return replace(value, cells=cells, elements=elements)
+
+
+def is_number(value: Value) -> bool:
+    return value.numbers is not None and value.numbers.size == 1
+
+
+def logged_signals(signals: Value) -> dict[str, Value]:
+    """The columns of the field `signals` of a structure with time, by the labels of the signals."""
+    found = dict[str, Value]()
+    for number, one in enumerate(signals.elements, start=1):
+        values = one["values"].numbers if "values" in one else None
+        if values is None or not values.size:
+            continue
+        columns = values.reshape(-1, values.shape[-1]).T if values.ndim > 2 else values  # of a scalar, time is last
+        labels = re.split(r"\s*,\s*", one["label"].text) if "label" in one else []
+        for place, column in enumerate(columns.T):
+            label = labels[place] if len(labels) == columns.shape[1] else f"{(labels or [''])[0]}_{place + 1}"
+            name = re.sub(r"\W+", "_", label).strip("_")
+            name = name if name[:1].isalpha() else f"signal_{number}_{place + 1}"
+            found[name] = Value("double", (column.size, 1), column.reshape(-1, 1))
+    return found
 
 
 def value5(raw: Any) -> Value:
@@ -273,15 +335,23 @@ def value73(item: Any) -> Value:
     kind = kind.decode("latin-1") if isinstance(kind, bytes) else str(kind)
     if "MATLAB_object_decode" in item.attrs or (hasattr(item, "dtype") and not hasattr(item, "shape")):
         return Value(kind or "object", is_opaque=item.attrs.get("MATLAB_object_decode", 1) > 1)  # 1: a function
-    if not hasattr(item, "dtype"):  # a group: a struct, or an array of them if all members are bare references
-        members = [one for one in item.values() if holds_references(one) and "MATLAB_class" not in one.attrs]
-        if "MATLAB_sparse" in item.attrs:
-            return Value("sparse")
-        if not members or len(members) < len(item) or len({one.shape for one in members}) > 1:
-            return Value("struct", elements=[{name: value73(one) for name, one in item.items()}])
-        columns = [[value73(item.file[one]) for one in np.ravel(member[()])] for member in members]
-        elements = [dict(zip(item, row, strict=True)) for row in zip(*columns, strict=True)]
-        return Value("struct", tuple(reversed(members[0].shape)), elements=elements)
+    return dataset73(item, kind) if hasattr(item, "dtype") else group73(item)
+
+
+def group73(item: Any) -> Value:
+    """A struct, or an array of them if all members are bare references."""
+    members = [one for one in item.values() if holds_references(one) and "MATLAB_class" not in one.attrs]
+    if "MATLAB_sparse" in item.attrs:
+        return Value("sparse")
+    if not members or len(members) < len(item) or len({one.shape for one in members}) > 1:
+        return Value("struct", elements=[{name: value73(one) for name, one in item.items()}])
+    columns = [[value73(item.file[one]) for one in np.ravel(member[()])] for member in members]
+    elements = [dict(zip(item, row, strict=True)) for row in zip(*columns, strict=True)]
+    return Value("struct", tuple(reversed(members[0].shape)), elements=elements)
+
+
+def dataset73(item: Any, kind: str) -> Value:
+    """An array by its class in MATLAB."""
     if item.shape is None:
         return Value(kind or "double", (0, 0), np.zeros((0, 0)))
     shape = tuple(reversed(item.shape)) or (1, 1)
@@ -299,13 +369,12 @@ def value73(item: Any) -> Value:
         return Value(kind or "object", shape)
     if item.size and not item.is_virtual and not item.id.get_storage_size():
         return Value("array that was never written", shape)
-    is_known = re.fullmatch("double|single|logical|u?int(8|16|32|64)", kind)
-    numbers, size = np.asarray(np.atleast_2d(item[()]).T, dtype=np.float64), item.chunks
-    if size and item.id.get_num_chunks() < math.prod(-(-n // one) for n, one in zip(item.shape, size, strict=True)):
-        lacking = np.ones(item.shape, bool)  # the recorder was killed: HDF5 gives its fill value there
-        for first in (item.id.get_chunk_info(number).chunk_offset for number in range(item.id.get_num_chunks())):
-            lacking[tuple(slice(n, n + one) for n, one in zip(first, size, strict=True))] = False
+    check_memory(8 * item.size)
+    lacking = never_written(item)
+    numbers = np.asarray(np.atleast_2d(item[()]).T, dtype=np.float64)
+    if lacking is not None:
         numbers = np.ma.array(numbers, mask=np.atleast_2d(lacking).T)
+    is_known = re.fullmatch("double|single|logical|u?int(8|16|32|64)", kind)
     return Value(kind if is_known else "double", shape, numbers)
 
 

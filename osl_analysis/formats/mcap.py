@@ -7,11 +7,12 @@ import re
 import struct
 import zlib
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
+from types import MappingProxyType
 from typing import NamedTuple
 
 import lz4.frame
@@ -20,9 +21,10 @@ import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.records import Channel, Schema
+from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError, naming
-from osl_analysis.formats.message_fields import numbers_at
+from osl_analysis.formats.message_fields import Indices, numbers_at
 from osl_analysis.formats.messages import MessageBlock, MessageFile, RefusedFileError
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -45,6 +47,8 @@ class DamagedChunkError(Exception):
 
 # the messages of a stretch of a file, and opcode and content of the schemas and channels among them
 Stretch = tuple[MessageBlock, list[tuple[int, bytes]]]
+# messages that follow one another to the byte, by the place of the first: their places, and where the last one ends
+Runs = Mapping[int, tuple[list[int], int]]
 
 
 class ChunkHead(NamedTuple):
@@ -67,6 +71,7 @@ class Section:
     head: ChunkHead | None = None  # what a chunk declares of itself
     loose: Stretch | None = None  # the messages outside of chunks
     indexed: Counter[int] = field(default_factory=Counter)  # messages of each channel that its message indexes list
+    places: list[Indices] = field(default_factory=list)  # where in the chunk these say that their messages stand
 
 
 @dataclass
@@ -139,6 +144,7 @@ class McapFile(MessageFile):
             channel, size = struct.unpack_from("<HI", data, start)
             if chunk is not None:
                 chunk.indexed[channel] += size // 16  # each entry has log time and place
+                chunk.places.append(np.frombuffer(data, "<i8", size // 8, start + 6)[1::2])
         elif opcode == Opcode.DATA_END and not self.data_end:
             self.data_end, self.summary_begin = position, end
             (expected,) = struct.unpack_from("<I", data, start)
@@ -234,7 +240,7 @@ class McapFile(MessageFile):
                 try:
                     if section.head.size == 0 and (held := section.end - section.head.begin) > 32:  # a frame of nothing
                         raise DamagedChunkError(f"declares no content and holds {held} bytes")
-                    stretch = self.stretch_of(section.head)
+                    stretch = self.stretch_of(section.head, section.places)
                 except DamagedChunkError as error:
                     if (second := self.data.find(MAGIC + b"\1", section.start, section.end)) > 0:
                         raise two_logs(second) from error  # the chunk was cut off and reaches into another log
@@ -268,8 +274,8 @@ class McapFile(MessageFile):
         is_missed = (damage.declared_chunks or 0) > damage.chunks + damage.chunks_lost
         damage.uncounted |= damage.expected is None and is_missed
 
-    def stretch_of(self, head: ChunkHead) -> Stretch:
-        """The records of a chunk; raises DamagedChunkError."""
+    def stretch_of(self, head: ChunkHead, indexed: Sequence[Indices] = ()) -> Stretch:
+        """The records of a chunk, with the places of its messages by its indexes; raises DamagedChunkError."""
         content = self.data[head.begin : head.end]
         try:
             if head.name == b"zstd":
@@ -285,7 +291,8 @@ class McapFile(MessageFile):
             raise DamagedChunkError(f"holds {len(content)} of {head.size} bytes")
         if head.crc and zlib.crc32(content) != head.crc:
             raise DamagedChunkError("does not match its checksum")
-        stretch, reached = walk_records(content, 0, is_chunk=True)
+        runs = runs_of_messages(content, np.concatenate(indexed)) if indexed else {}
+        stretch, reached = walk_records(content, 0, is_chunk=True, runs=runs)
         if reached != len(content):
             raise DamagedChunkError(f"holds no record at byte {reached} of its {len(content)} bytes")
         return stretch
@@ -324,11 +331,34 @@ def two_logs(place: int) -> RefusedFileError:
     )
 
 
-def walk_records(buffer: bytes, begin: int, *, is_chunk: bool = False) -> tuple[Stretch, int]:
-    """Walk from record to record to what is no record; in a chunk past opcodes that the format does not define. Gives
-    also where the walk ended."""
+def message_heads(buffer: bytes, places: Indices) -> NDArray[np.void]:
+    """The heads of messages (n,) at these places (n,)."""
+    return numbers_at(buffer, places, np.dtype(f"V{MESSAGE.itemsize}")).view(MESSAGE)  # bytes are taken fastest
+
+
+def runs_of_messages(buffer: bytes, places: Indices) -> Runs:
+    """The messages at places (n,) that an index lists, as far as there are messages there."""
+    places = np.sort(places[(places >= 0) & (places <= len(buffer) - MESSAGE.itemsize)])
+    heads = message_heads(buffer, places)
+    lengths = heads["length"].astype(np.int64)
+    within = (lengths >= MESSAGE_HEAD) & (lengths <= len(buffer) - RECORD.size - places)
+    there = within & (heads["opcode"] == Opcode.MESSAGE)
+    places, ends = places[there], (places + RECORD.size + lengths)[there]
+    parts = np.split(np.arange(len(places)), np.flatnonzero(places[1:] != ends[:-1]) + 1)
+    return {int(places[run[0]]): (places[run].tolist(), int(ends[run[-1]])) for run in parts if len(run)}
+
+
+def walk_records(
+    buffer: bytes, begin: int, *, is_chunk: bool = False, runs: Runs = MappingProxyType({})
+) -> tuple[Stretch, int]:
+    """Walk from record to record to what is no record; in a chunk past opcodes that the format does not define. `runs`
+    of messages are passed at one go. Gives also where the walk ended."""
     others, messages, position, end = list[tuple[int, bytes]](), list[int](), begin, len(buffer)
     while position + RECORD.size <= end:
+        if position in runs:
+            run, position = runs[position]
+            messages += run
+            continue
         opcode, length = RECORD.unpack_from(buffer, position)
         start = position + RECORD.size
         if start + length > end:
@@ -341,7 +371,7 @@ def walk_records(buffer: bytes, begin: int, *, is_chunk: bool = False) -> tuple[
             break
         position = start + length
     places = np.array(messages, np.int64)
-    heads = numbers_at(buffer, places, np.dtype(f"V{MESSAGE.itemsize}")).view(MESSAGE)  # bytes are taken fastest
+    heads = message_heads(buffer, places)
     lengths, logged = (heads[name].astype(np.int64) for name in ("length", "log_time"))
     channel, sequence = heads["channel"].astype(np.uint16), heads["sequence"].astype(np.uint32)
     starts = places + MESSAGE.itemsize

@@ -1,15 +1,47 @@
 """One table for every format: columns as the file has them, before any conversion; and one ledger of its losses."""
 
 from collections import Counter
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from osl_analysis.errors import printable
+from osl_analysis.errors import InputError, printable
 from osl_analysis.trial import Array
+
+MOST_BYTES = 4_000_000_000  # of memory that the values of a recording may take
+
+LIBRARY_REMEDY = "copy the file again, or export it anew"
+
+
+@contextmanager
+def in_one_sentence(what: str = "", remedy: str = LIBRARY_REMEDY) -> Iterator[None]:
+    """Whatever a library comes across in a damaged file, as one refusal."""
+    try:
+        yield
+    except (InputError, MemoryError, KeyboardInterrupt, SystemExit, GeneratorExit):
+        raise
+    except BaseException as error:  # also what Rust calls a panic
+        raise InputError(f"{what}cannot be read ({reason_of(error)}); {remedy}") from error
+
+
+def reason_of(error: BaseException) -> str:
+    """What a library says of a damaged file; what Python says of the library's own code tells a user nothing."""
+    of_code = (TypeError, AttributeError, LookupError, AssertionError, NameError, RecursionError)
+    said = "" if isinstance(error, of_code) else " ".join(str(error).split())[:160]
+    return said or "its parts contradict each other"
+
+
+def check_memory(size: int, what: str = "its values") -> None:
+    """Refuse values that take more memory [bytes] than a recording may."""
+    if size > MOST_BYTES:
+        raise InputError(
+            f"{what} take {size / 1e9:.3g} GB of memory, at most {MOST_BYTES / 1e9:g} GB are read: damaged, or no "
+            "recording; save the signals of one trial in a file of their own"
+        )
 
 
 @dataclass
@@ -131,6 +163,7 @@ class Table:
     facts: Mapping[str, Any] = field(default_factory=dict)  # what else the provenance says of the file
     found: Mapping[str, Mapping[str, str]] = field(default_factory=dict)  # what it says of a column, as its full name
     lines: NDArray[np.int64] | None = None  # line of each row in a file of text, counted from 1
+    has_stamps: bool = False  # its column of time held times of day, and holds ns
     noun: str = "row"  # what messages call a row
     failed: str = "NaN"  # what messages call a reading that failed
 

@@ -19,7 +19,17 @@ from osl_analysis.errors import InputError, listing, naming, nearest, printable
 from osl_analysis.formats.c3d import C3DHeader, C3DRecording, read_c3d
 from osl_analysis.formats.gait_text import NexusSection, read_sections, read_trc, without_subject
 from osl_analysis.formats.table import Table
-from osl_analysis.ingest.source import Plate, Recording, Source, check_values
+from osl_analysis.ingest.source import (
+    C3dSource,
+    LaboratorySource,
+    MarkerSource,
+    NexusSource,
+    OpenSimPlate,
+    OpenSimSource,
+    Recording,
+    TrcSource,
+    check_values,
+)
 from osl_analysis.ingest.units import si_factor
 from osl_analysis.plate_surface import own_axes
 from osl_analysis.signals import run_at_extreme, runs
@@ -67,7 +77,7 @@ def plate_record(
 
 
 def captured(
-    source: Source,
+    source: MarkerSource,
     timing: tuple[int, float, int, int],
     markers: Sequence[tuple[str, str, Array, str]] = (),
     outputs: Mapping[str, Array] | None = None,
@@ -91,17 +101,18 @@ def captured(
             slow[column] = factor * positions @ source.rotation[axis]
             origin = {"label": label, "component": source.axes[axis], "unit": unit}
             origins[column] = {**origin, "factor": factor, "si_unit": unit_of(column)}
+    named = source if isinstance(source, LaboratorySource) else LaboratorySource(format=source.format)
     for column, values in (outputs or {}).items():  # in the unit of the source file, never in that of the file
-        slow[column] = source.outputs[column].to_si(values, unit_of(column))
-        origins[column] = source.outputs[column].origin(column)
+        slow[column] = named.outputs[column].to_si(values, unit_of(column))
+        origins[column] = named.outputs[column].origin(column)
     fast = dict[str, Array]()
     for values_of_plate, origins_of_plate, _ in plates:
         fast |= values_of_plate
         origins |= origins_of_plate
     for column, (values, unit) in (analogs or {}).items():
         with naming(column, f", as {source.place('analogs', column, 'unit')}"):
-            fast[column] = source.analogs[column].to_si(values, unit_of(column), unit)
-        origins[column] = source.analogs[column].origin(column, unit)
+            fast[column] = named.analogs[column].to_si(values, unit_of(column), unit)
+        origins[column] = named.analogs[column].origin(column, unit)
     if not fast and not slow:
         raise InputError(
             "the source file names nothing that the file has: no marker, plate, analog channel or model output; name "
@@ -126,7 +137,7 @@ def is_labelled(name: str) -> bool:
     return bool(name) and not name.startswith("*")
 
 
-def checked_length(unit: str, what: str, source: Source) -> str:
+def checked_length(unit: str, what: str, source: C3dSource | TrcSource) -> str:
     """The source file's unit of length, or else the recording's."""
     unit = source.point_unit or unit
     with naming(what, f", as {source.place('point_unit')}"):
@@ -147,7 +158,7 @@ def place_of_label(label: str, labels: Sequence[str], what: str) -> int:
     return labels.index(label)
 
 
-def read_c3d_capture(path: Path, source: Source) -> Recording:
+def read_c3d_capture(path: Path, source: C3dSource) -> Recording:
     """The columns that the source file asks for, in SI units; frame 0 and analog sample 0 are at 0 s."""
     recording = read_c3d(path)
     count = plate_count(recording.header)
@@ -234,7 +245,7 @@ def plate_count(header: C3DHeader) -> int:
     return int(used[0]) if used.size else 0
 
 
-def plate_loads(recording: C3DRecording, source: Source) -> list[PlateRecord]:
+def plate_loads(recording: C3DRecording, source: C3dSource) -> list[PlateRecord]:
     """What the plates that the source file asks for recorded."""
     count, loads = plate_count(recording.header), []
     for number in range(1, count + 1) if source.plates == "all" else source.plates:
@@ -250,7 +261,7 @@ def plate_loads(recording: C3DRecording, source: Source) -> list[PlateRecord]:
     return loads
 
 
-def plate_load(recording: C3DRecording, source: Source, number: int) -> PlateRecord:
+def plate_load(recording: C3DRecording, source: C3dSource, number: int) -> PlateRecord:
     """What one plate recorded, and from which channels. The matrix of a type 4 plate gives moments in N times the
     file's unit of length unless overridden."""
     header, labels = recording.header, recording.analog_labels
@@ -291,7 +302,7 @@ def plate_load(recording: C3DRecording, source: Source, number: int) -> PlateRec
     return plate_record(plate, on_foot, provenance, raw, source.rotation)
 
 
-def channels_in_si(recording: C3DRecording, source: Source, number: int, kind: int, numbers: list[int]) -> Array:
+def channels_in_si(recording: C3DRecording, source: C3dSource, number: int, kind: int, numbers: list[int]) -> Array:
     """The samples (samples, channels) of a plate's channels, counted from 0, in SI units; for type 4 as they are."""
     values = recording.analogs[:, numbers]
     if not np.isfinite(values).all():
@@ -325,7 +336,7 @@ def channels_in_si(recording: C3DRecording, source: Source, number: int, kind: i
     return np.asarray(values * np.array(factors))
 
 
-def baseline_frames(recording: C3DRecording, source: Source) -> tuple[int, int] | None:
+def baseline_frames(recording: C3DRecording, source: C3dSource) -> tuple[int, int] | None:
     """First and last frame, counted from 1, in which the plates are assumed to be unloaded; None without a baseline."""
     if source.plate_zero == "none":
         return None
@@ -354,7 +365,7 @@ def plate_parameter(recording: C3DRecording, name: str, number: int, shape: tupl
     return np.asarray(whole[..., number - 1])
 
 
-def read_nexus_capture(path: Path, source: Source) -> Recording:
+def read_nexus_capture(path: Path, source: NexusSource) -> Recording:
     """The columns that the source file asks for, in SI units; the first frame is at 0 s."""
     sections = read_sections(path, source.delimiter, source.decimal)
     labels = source.markers
@@ -415,7 +426,7 @@ def section_of(sections: Mapping[str, NexusSection], title: str) -> NexusSection
     return sections[title]
 
 
-def read_trc_capture(path: Path, source: Source) -> Recording:
+def read_trc_capture(path: Path, source: TrcSource) -> Recording:
     """The markers that the source file asks for [m]; the first frame is at 0 s."""
     file = read_trc(path)
     unit = checked_length(file.unit, "Units", source)
@@ -441,7 +452,7 @@ def vertical_axis(positions: Array) -> str:
     return "xyz"[candidates[0]] if candidates.size and moved.max() > moved[candidates[0]] else ""
 
 
-def exported_plates(table: Table, recording: Recording, source: Source) -> Recording:
+def exported_plates(table: Table, recording: Recording, source: OpenSimSource) -> Recording:
     """A recording of a table of OpenSim with the plates that the source file names. OpenSim's files of ground reactions
     have, per plate, the force on the foot, the point at which it acts, and the moment about this point."""
     time = recording.samples["time"].to_numpy()
@@ -469,6 +480,6 @@ def exported_plates(table: Table, recording: Recording, source: Source) -> Recor
     return replace(recording, samples=samples, columns=columns, facts={**recording.facts, "plates": facts})
 
 
-def exported_columns(plate: Plate) -> list[str]:
+def exported_columns(plate: OpenSimPlate) -> list[str]:
     """Names of the columns of a plate in a table of OpenSim: force, point of application and moment."""
     return [f"{begin}{axis}" for begin in (plate.force, plate.point, plate.moment) for axis in AXES]

@@ -79,16 +79,16 @@ def words_of(name: str) -> str:
     return " ".join(re.findall(r"[a-z]+|\d+", parted.casefold()))
 
 
-def draft_source(overview: Overview, name: str, named: bool = False) -> str:
-    """A source file for the file `name`, in which the user still has to name the channels. named: those that are the
-    only one like a canonical column, and whose unit is known, have its name, and those like none are comments."""
+def draft_source(overview: Overview, name: str, walking: bool = True) -> str:
+    """A source file for the file `name`. Channels that are the only one like a canonical column, and whose unit is
+    known, have its name; the user names the others. walking: with the section for captures as comments."""
     lines = [
         f"format: {overview.format}",
         f"description: {json.dumps(f'Drafted from {name}; complete it.')}",
         *(f"{key}: {json.dumps(value)}" for key, value in overview.settings.items()),
     ]
     if not FORMATS[overview.format].is_capture:
-        return "\n".join([*lines, *log_lines(overview, named)]) + "\n"
+        return "\n".join([*lines, *log_lines(overview)]) + "\n"
     # all markers; analog channels and model outputs as comments, for the user to name; so is a walking section
     labels = [json.dumps(c.address["label"]) for c in overview.channels if c.kind == "marker"]
     lines += ["markers: all", f"# or some: markers: [{', '.join(dict.fromkeys(labels))}]"]
@@ -100,7 +100,7 @@ def draft_source(overview: Overview, name: str, named: bool = False) -> str:
         lines += [
             f"# {channel_line(n, c, Guess())}" for n, c in enumerate(channels, start=1) if c not in pulses.values()
         ]
-    return "\n".join([*lines, *(f"# {line}" for line in ([] if named else draft_walking([overview])))]) + "\n"
+    return "\n".join([*lines, *(f"# {line}" for line in (draft_walking([overview]) if walking else []))]) + "\n"
 
 
 def pulse_channels(overview: Overview) -> dict[str, RecordedChannel]:
@@ -115,18 +115,18 @@ def guessed_lines(draft: str) -> list[str]:
     return [line.strip() for line in draft.splitlines() if re.search("# (a )?guess", line) and not line.startswith("#")]
 
 
-def log_lines(overview: Overview, named: bool) -> Iterator[str]:
+def log_lines(overview: Overview) -> Iterator[str]:
     """An entry for every channel but the clock, for the user to name; topics without messages and empty arrays are left
-    out, and what is no signal is a comment. Of more than eight, so are those that are like no canonical column. named:
-    an entry has its column's name where only this channel is like it and its name, or how it moves, leaves no doubt.
-    One that may be another quantity, as a command or another joint's angle, is left to the user; where angle and torque
-    are known, as a comment."""
+    out, and what is no signal is a comment. Where a channel is like a canonical column, so are those that are like
+    none. An entry has its column's name where only this channel is like it and its name, or how it moves, leaves no
+    doubt. One that may be another quantity, as a command or another joint's angle, is left to the user; where angle and
+    torque are known, as a comment."""
     time: Any = overview.settings.get("time", {})
     clock = next((time[key] for key in ("column", "variable", "field", "channel") if key in time), "")
     listed = overview.channels if overview.drafted is None else overview.drafted
     yield from (f"# {text}" for text in overview.open)
     if clock == NAME_OF_TIME:
-        yield "# time: name its column and unit, or state the rate of the rows instead, as {rate: 1000}"
+        yield "# time: name its column and unit, or state the rate of the rows instead, as {rate: HZ}"
     if any(c.likely_unit and not c.unit for c in listed if clock in c.address.values()):
         yield "# time: its unit is guessed from its name or from the rate of its readings: check it"
     todo = f"give each signal that you need its canonical name instead of NAME_n, state what is {UNKNOWN}"
@@ -136,10 +136,10 @@ def log_lines(overview: Overview, named: bool) -> Iterator[str]:
     channels = [c for c in listed if not clock or clock not in c.address.values()]
     channels = [c for c in channels if "topic" not in c.address or ("field" in c.address and c.count)]
     guesses = guessed_columns(channels, next((c for c in listed if clock and clock in c.address.values()), None))
-    comment_others = any(guess.column for guess in guesses) and (named or len(channels) > 8)
-    complete = named and {"theta", "torque"} <= {guess.column for guess in guesses if guess.sure}
+    comment_others = any(guess.column for guess in guesses)
+    complete = {"theta", "torque"} <= {guess.column for guess in guesses if guess.sure}
     for number, (channel, guess) in enumerate(zip(channels, guesses, strict=True), start=1):
-        line, is_needed = channel_line(number, channel, guess, named), guess.sure or (guess.column and not complete)
+        line, is_needed = channel_line(number, channel, guess), guess.sure or (guess.column and not complete)
         yield f"# {line}" if guess.no_signal or (comment_others and not is_needed) else line
 
 
@@ -251,36 +251,11 @@ def guessed_columns(channels: Sequence[RecordedChannel], clock: RecordedChannel 
     one channel follows another as a joint's torque follows its angle, and no other pair that names and units tell as
     little. What does not move, is noise, or a torque computed from a current is no signal. `clock` is that of rows."""
     named = [likely_column(one) for one in channels]
-    currents = [one for one, column in zip(channels, named, strict=True) if column == "current"]
-    without, guesses = list[str](), list[Guess]()
-    for channel, column in zip(channels, named, strict=True):
-        is_torque = column in ("torque", "torque_m") or may_be(channel, "torque")
-        without.append(no_signal(channel) or (made_of(channel, currents) if is_torque else ""))
-    known = Counter(column for column, why in zip(named, without, strict=True) if not why)
-    for channel, column, why in zip(channels, named, without, strict=True):
-        unit = "" if channel.unit else words_of(channel.likely_unit)  # its words do not count
-        words = words_of(name_of(channel)).removesuffix(unit).split()
-        sure = bool(words) and column != "" and set(words) <= set(PATTERNS[column][2].split())
-        by_name = Guess(column, sure and known[column] == 1, "guessed from its name" * sure)
-        guesses.append(Guess(said=why, no_signal=True) if why else by_name)
-    moving = {k: c for k, c in enumerate(channels) if not without[k] and (may_be(c, "theta") or may_be(c, "torque"))}
-    signals, rate = on_a_grid(moving, clock) if len(moving) > 1 else ({}, 0.0)
-    pairs = list[Pair]()
-    for k, m in permutations(signals, 2):
-        if may_be(channels[k], "theta") and may_be(channels[m], "torque"):
-            r, slope, alone = following(signals[k], signals[m], rate)
-            told = (named[k] == "theta") + (named[m] == "torque") + bool(guesses[k].said) + bool(guesses[m].said)
-            is_derivative = alone > 0.99 and named[m] != "torque"
-            if r > FOLLOWS and not is_derivative and factor_of(signals[m], signals[k]) is None:
-                pairs.append(Pair(told, r, slope, k, m))
+    guesses = guesses_by_name(channels, named)
+    pairs, signals = following_pairs(channels, named, guesses, clock)
     if not pairs:
         return guesses
-    most, units = max(pairs), {channels[one.torque].unit or channels[one.torque].likely_unit for one in pairs}
-    alike = sorted(one for one in pairs if one.told == most.told)
-    alike = [one for one in alike if one[:2:-1] != most[3:] or 1 - one.r**2 <= AS_LIKELY * (1 - most.r**2)]
-    if "" not in units:  # what leaks into other directions of a load cell is smaller
-        largest = max(np.std(signals[one.torque]) for one in alike)
-        alike = [one for one in alike if np.std(signals[one.torque]) > largest / 3]
+    alike = likeliest(pairs, channels, signals)
     for column, other, how in (("theta", "torque", "{} follows it"), ("torque", "theta", "it follows {}")):
         best = {getattr(one, column): one for one in alike}
         for place, one in best.items():
@@ -296,6 +271,53 @@ def guessed_columns(channels: Sequence[RecordedChannel], clock: RecordedChannel 
     return guesses
 
 
+def guesses_by_name(channels: Sequence[RecordedChannel], named: Sequence[str]) -> list[Guess]:
+    """What names and units tell of channels, of which some are no signals."""
+    currents = [one for one, column in zip(channels, named, strict=True) if column == "current"]
+    without, guesses = list[str](), list[Guess]()
+    for channel, column in zip(channels, named, strict=True):
+        is_torque = column in ("torque", "torque_m") or may_be(channel, "torque")
+        without.append(no_signal(channel) or (made_of(channel, currents) if is_torque else ""))
+    known = Counter(column for column, why in zip(named, without, strict=True) if not why)
+    for channel, column, why in zip(channels, named, without, strict=True):
+        unit = "" if channel.unit else words_of(channel.likely_unit)  # its words do not count
+        words = words_of(name_of(channel)).removesuffix(unit).split()
+        sure = bool(words) and column != "" and set(words) <= set(PATTERNS[column][2].split())
+        by_name = Guess(column, sure and known[column] == 1, "guessed from its name" * sure)
+        guesses.append(Guess(said=why, no_signal=True) if why else by_name)
+    return guesses
+
+
+def following_pairs(
+    channels: Sequence[RecordedChannel], named: Sequence[str], guesses: Sequence[Guess], clock: RecordedChannel | None
+) -> tuple[list[Pair], dict[int, Array]]:
+    """The pairs of channels of which one may be an angle and the other its torque; and the signals of all."""
+    moving = {
+        k: c for k, c in enumerate(channels) if not guesses[k].no_signal and (may_be(c, "theta") or may_be(c, "torque"))
+    }
+    signals, rate = on_a_grid(moving, clock) if len(moving) > 1 else ({}, 0.0)
+    pairs = list[Pair]()
+    for k, m in permutations(signals, 2):
+        if may_be(channels[k], "theta") and may_be(channels[m], "torque"):
+            r, slope, alone = following(signals[k], signals[m], rate)
+            told = (named[k] == "theta") + (named[m] == "torque") + bool(guesses[k].said) + bool(guesses[m].said)
+            is_derivative = alone > 0.99 and named[m] != "torque"
+            if r > FOLLOWS and not is_derivative and factor_of(signals[m], signals[k]) is None:
+                pairs.append(Pair(told, r, slope, k, m))
+    return pairs, signals
+
+
+def likeliest(pairs: Sequence[Pair], channels: Sequence[RecordedChannel], signals: Mapping[int, Array]) -> list[Pair]:
+    """The pairs that are as likely as the one of which names and units tell most."""
+    most, units = max(pairs), {channels[one.torque].unit or channels[one.torque].likely_unit for one in pairs}
+    alike = sorted(one for one in pairs if one.told == most.told)
+    alike = [one for one in alike if one[:2:-1] != most[3:] or 1 - one.r**2 <= AS_LIKELY * (1 - most.r**2)]
+    if "" not in units:  # what leaks into other directions of a load cell is smaller
+        largest = max(np.std(signals[one.torque]) for one in alike)
+        alike = [one for one in alike if np.std(signals[one.torque]) > largest / 3]
+    return alike
+
+
 def made_of(channel: RecordedChannel, currents: Sequence[RecordedChannel]) -> str:
     """Of which current a torque is a constant times, in words; empty of none: that is no torque that was measured."""
     for current in currents:
@@ -307,12 +329,12 @@ def made_of(channel: RecordedChannel, currents: Sequence[RecordedChannel]) -> st
     return ""
 
 
-def channel_line(number: int, channel: RecordedChannel, guess: Guess, named: bool = True) -> str:
-    """One entry under `channels`, by what it may be; named: it has the column's name where that is sure."""
+def channel_line(number: int, channel: RecordedChannel, guess: Guess) -> str:
+    """One entry under `channels`, by what it may be, with the column's name where that is sure."""
     stated, is_guessed = channel.unit or channel.likely_unit, bool(channel.likely_unit and not channel.unit)
     by_size = unit_by_size(channel, guess.column) if guess.sure and not stated else ""
     unit = stated if stated and is_unit(stated) else "V" if guess.column in ("sync", "trigger") else by_size or UNKNOWN
-    sure = named and guess.sure and unit != UNKNOWN
+    sure = guess.sure and unit != UNKNOWN
     said = [*[f"{guess.column}?"] * (bool(guess.column) and not sure), f"{'left out: ' * guess.no_signal}{guess.said}"]
     said += [f"no known unit: {json.dumps(channel.unit)}"] * (bool(channel.unit) and unit == UNKNOWN)
     said += [f"the unit is guessed{' from its size' * bool(by_size)}: check it"] * (is_guessed or bool(by_size))

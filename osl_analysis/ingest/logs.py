@@ -4,7 +4,7 @@ topic, in MCAP or a bag of ROS, in the order of their stamps. Nothing is interpo
 import json
 import re
 from collections import Counter, defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import fields, replace
 from functools import reduce
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError, listing, naming
 from osl_analysis.formats import csv_table
+from osl_analysis.formats.binary_table import read_binary_table
 from osl_analysis.formats.gait_text import read_opensim
 from osl_analysis.formats.json_lines import addresses_of, decode_lines, read_json_lines
 from osl_analysis.formats.mat import open_mat
@@ -25,18 +26,32 @@ from osl_analysis.formats.message_fields import Indices
 from osl_analysis.formats.messages import Decoded, MessageFile, RefusedFileError, WrongFieldError, decode_topics
 from osl_analysis.formats.rosbag import read_rosbag1, read_rosbag2, siblings
 from osl_analysis.formats.table import Table
-from osl_analysis.formats.tdms import read_tdms
+from osl_analysis.formats.tdms import TdmsChannel, read_tdms
 from osl_analysis.ingest.captures import exported_columns, exported_plates
-from osl_analysis.ingest.source import LEVEL_UNIT, Channel, Recording, Source, check_values
+from osl_analysis.ingest.source import (
+    LEVEL_UNIT,
+    JsonSource,
+    LogChannel,
+    LogSource,
+    MatSource,
+    MessageChannel,
+    MessageSource,
+    OpenSimSource,
+    Recording,
+    SheetSource,
+    TableSource,
+    TdmsSource,
+    check_values,
+)
 from osl_analysis.ingest.units import is_unit, si_factor
 from osl_analysis.signals import runs
 from osl_analysis.trial import Array, check_time, counter_column, unit_of
 
-RATE = "state the rate: `time: {rate: 1000}`"
+RATE = "state the rate of the rows in Hz, as `time: {rate: HZ}`"
 SECOND = 1_000_000_000
 
 
-def read_table_log(path: Path, source: Source) -> Recording:
+def read_table_log(path: Path, source: TableSource) -> Recording:
     """The columns that the source file maps, in SI units; time [s] counts from the first row. Raises InputError where
     the log is not what that file says."""
     table = TABLES[source.format](path, source)
@@ -76,17 +91,19 @@ def read_table_log(path: Path, source: Source) -> Recording:
     }
     warnings = [f"{path.name}: {text}" for text in (*table.damage.remarks, *said)]
     recording = Recording(samples.filter(pl.Series(kept)), origins, facts, warnings)
-    return exported_plates(table, recording, source) if source.format == "opensim" and source.plates else recording
+    return (
+        exported_plates(table, recording, source) if isinstance(source, OpenSimSource) and source.plates else recording
+    )
 
 
-def wanted(source: Source) -> list[str]:
+def wanted(source: TableSource) -> list[str]:
     """The addresses of all columns that a source file names, each once: time, signals, counters."""
     named = [name for one in source.channels.values() for name in (one.name, one.counter)]
     return [*dict.fromkeys(name for name in [source.time.name, *named] if name)]
 
 
 def canonical_columns(
-    table: Table, channels: Mapping[str, Channel], time: Array, source: Source
+    table: Table, channels: Mapping[str, LogChannel], time: Array, source: LogSource
 ) -> tuple[list[pl.Series], list[str]]:
     """The channels of a table with times (rows,) [s] as canonical columns, each with its counter if it has one, and a
     sentence for each that lacks values. Refused is a counter that is missing or not whole."""
@@ -116,7 +133,7 @@ def canonical_columns(
     return columns, list(absent)
 
 
-def canonical_column(column: str, table: Table, time: Array, source: Source) -> pl.Series:
+def canonical_column(column: str, table: Table, time: Array, source: LogSource) -> pl.Series:
     """A channel of a table in SI units: NaN where a reading failed, null where it has no value. Refused are truth
     values that are no level, infinity, and more failed readings than `most_missing`."""
     channel, what = source.channels[column], source.channels[column].title
@@ -144,7 +161,7 @@ def canonical_column(column: str, table: Table, time: Array, source: Source) -> 
     return series.set(pl.Series(lacking), None) if lacking.any() else series
 
 
-def time_of(table: Table, source: Source) -> tuple[Array, float]:
+def time_of(table: Table, source: TableSource) -> tuple[Array, float]:
     """Time [s] of every row since the first one, and the reading of the clock in the first row."""
     stated = source.time
     if not stated.name:
@@ -157,31 +174,73 @@ def time_of(table: Table, source: Source) -> tuple[Array, float]:
     if raw.dtype == bool or lacking.any():
         where = "but truth values" if raw.dtype == bool else f"in {table.place(int(np.argmax(lacking)))}"
         raise InputError(f"{what}: no time {where}; remove it there, {other}")
-    with naming(what, f", as {source.place('time', 'unit')}"):
-        factor = si_factor(table.units.get(stated.name, "") if stated.unit is None else stated.unit, "s")
+    if stated.rate is not None:
+        factor = 1 / stated.rate
+        if (raw != np.rint(raw)).any():
+            row = int(np.argmax(raw != np.rint(raw)))
+            said = f"{raw[row]} in {table.place(row)} is no count of samples, which a column beside `rate` is"
+            raise InputError(f"{what}: {said}; state its unit in place of the rate")
+    elif table.has_stamps:
+        factor = 1e-9
+    else:
+        with naming(what, f", as {source.place('time', 'unit')}"):
+            factor = si_factor(table.units.get(stated.name, "") if stated.unit is None else stated.unit, "s")
     raw = raw.astype(np.float64) if raw.dtype.kind == "f" else raw  # single precision would round what follows
+    raw, remark = unwrapped(raw, what)
+    table.damage.remarks.extend(remark)
     time = np.asarray((raw - raw[0]) * factor, dtype=np.float64)
     check_time(what, time)
     _, first, counts = np.unique(time, return_index=True, return_counts=True)
     most, row = int(counts.max()), int(first[counts.argmax()])
     if most == time.size or (most > max(20, 0.1 * time.size) and stated.repeated != "drop"):  # no rounding does that
         which = f"at {raw[row]:.15g} in {most} of {time.size} {table.noun}s, from {table.place(row)} on"
+        if len(first) > 3:  # stamps of whole seconds: how many rows stand between the first change and the last
+            other += f": its stamps tell {(first[-1] - first[1]) / (time[first[-1]] - time[first[1]]):.4g}"
         raise InputError(f"{what}: time stands still {which}: it stopped, or tells no less; cut the log, {other}")
     return time, float(raw[0])
+
+
+def unwrapped(raw: NDArray[Any], what: str) -> tuple[NDArray[Any], list[str]]:
+    """The readings (n,) of a counter that begins anew at a power of two, as one that goes on; and a remark if it did.
+    It did if every step back, made up by that power, is as short as the others."""
+    steps = np.diff(raw.astype(np.float64))
+    back = steps < 0
+    if not back.any() or (raw != np.rint(raw)).any() or not (steps > 0).any():
+        return raw, []
+    usual = float(np.median(steps[steps > 0]))
+    for bits in (16, 24, 32):
+        again = steps[back] + 2.0**bits
+        if (again >= 0).all() and (again <= 10 * usual).all():
+            turns = np.concatenate([[0], np.cumsum(back)])
+            said = f"{what} counts to 2**{bits} and began anew {turns[-1]} times; it is taken to go on"
+            return np.asarray(raw.astype(np.int64) + turns * 2**bits), [said]
+    return raw, []
 
 
 TRUTHS = {"true": "1", "false": "0"}
 
 
-def csv_log(path: Path, source: Source) -> Table:
-    layout = csv_table.CsvLayout(**{one.name: getattr(source, one.name) for one in fields(csv_table.CsvLayout)})
-    text = csv_table.read_csv_table(path, layout)
+def read_any_table(
+    name: str, path: Path, layout: csv_table.CsvLayout, most_rows: int | None = None
+) -> csv_table.CsvTable:
+    """The rows of a table, of text or of a program's own format; of a long one the first `most_rows`."""
+    read = csv_table.read_csv_table if name == "csv" else read_binary_table
+    return read(path, layout, is_unit, most_rows)
+
+
+def csv_log(path: Path, source: SheetSource) -> Table:
+    chosen = {one.name for one in fields(csv_table.CsvLayout)} & {*type(source).model_fields}
+    layout = csv_table.CsvLayout(**{name: getattr(source, name) for name in chosen})
+    text = read_any_table(source.format, path, layout)
     places = {name: csv_table.place_of(name, text.names) for name in wanted(source)}
     levels = {places[one.name] for column, one in source.channels.items() if unit_of(column) == LEVEL_UNIT}
     clock = places.get(source.time.name)
+    stamps = None if clock is None else csv_table.cell_stamps(text.body.to_series(clock))
+    values = {place: cells_of(text, place, source, place in levels) for place in {*places.values()} - {clock}}
+    if clock is not None:
+        values[clock] = clock_cells(text, clock, source) if stamps is None else stamps
     if source.time.rate is not None:
         check_rate(text, source, source.time.rate)
-    values = {place: cells_of(text, place, source, place in levels, place == clock) for place in {*places.values()}}
     found = {}
     for name, place in places.items():
         if csv_table.name_and_unit(text.names[place])[0] != csv_table.name_and_unit(name)[0]:
@@ -193,55 +252,75 @@ def csv_log(path: Path, source: Source) -> Table:
         damage=text.damage,
         facts={"comments": text.comments[:100]},
         found=found,
-        lines=text.lines,
+        lines=text.lines if text.noun == "line" else None,
         failed="missing",
+        has_stamps=stamps is not None,
     )
 
 
-def check_rate(text: csv_table.CsvTable, source: Source, rate: float) -> None:
-    """Refuse a stated rate [Hz] beside a column that is called like a clock and runs evenly at another, in s, ms, us or
-    ns: the rate is meant for logs without a clock, or with one that is broken."""
-    for place in (place for place, name in enumerate(text.names) if csv_table.is_clock(name)):
-        with suppress(csv_table.UnreadableCellError):
-            steps = np.diff(csv_table.cell_numbers(text.body.to_series(place), source.missing, source.decimal))
-            step = float(steps.mean()) if len(steps) else 0.0
-            rows_per_step = step * rate * 10.0 ** np.array([0, -3, -6, -9])
-            if step > 0 and np.abs(steps - step).max() < 0.5 * step and (np.abs(rows_per_step - 1) > 0.05).all():
-                raise InputError(
-                    f"`rate: {rate:g}` of time, but column '{text.names[place]}' rises evenly by {step:.4g} a row; "
-                    f"write `time: {{{source.time.ADDRESS}: {text.names[place]}}}` with its unit, or correct the rate"
-                )
+def check_rate(text: csv_table.CsvTable, source: SheetSource, rate: float) -> None:
+    """Refuse a stated rate [Hz] beside a column of times of day, or one that is called like a clock, that goes on at
+    another, in s, ms, us or ns: the rate is meant for logs without a clock, or with one that is broken."""
+    for place, name in enumerate(text.names):
+        cells = text.body.to_series(place)
+        stamps: NDArray[Any] | None = csv_table.cell_stamps(cells)
+        units = [0, -3, -6, -9] if stamps is None else [-9]
+        if (
+            stamps is None
+            and csv_table.is_clock(name)
+            and source.time.name not in (name, csv_table.name_and_unit(name)[0])
+        ):
+            with suppress(csv_table.UnreadableCellError):
+                stamps = csv_table.cell_numbers(cells, source.missing, text.decimal)
+        steps = np.diff(stamps) if stamps is not None else np.zeros(1)
+        step = float(steps.mean()) if len(steps) else 0.0
+        runs_on = (steps >= 0).all() and float(np.max(steps, initial=0.0)) <= max(3 * step, 0.02 * steps.sum())
+        rows_per_step = step * rate * 10.0 ** np.array(units)
+        if step > 0 and runs_on and (np.abs(rows_per_step - 1) > 0.05).all():
+            raise InputError(
+                f"`rate: {rate:g}` of time, but column '{name}' rises by {step * 10.0 ** units[0]:.4g} a row; "
+                f"write `time: {{{source.time.ADDRESS}: {name}}}` with its unit, or correct the rate"
+            )
 
 
-def cells_of(text: csv_table.CsvTable, place: int, source: Source, level: bool, is_time: bool) -> NDArray[Any]:
+def clock_cells(text: csv_table.CsvTable, place: int, source: SheetSource) -> NDArray[Any]:
+    """Numbers of the column of time, (rows,): whole ones are nanoseconds since 1970, which floats would round."""
+    cells = text.body.to_series(place)
+    whole = cells.cast(pl.Int64, strict=False) if cells.dtype == pl.String or cells.dtype.is_integer() else None
+    if whole is not None and not whole.null_count():
+        return np.asarray(whole.to_numpy())
+    return cells_of(text, place, source, level=False, is_time=True)
+
+
+def cells_of(
+    text: csv_table.CsvTable, place: int, source: SheetSource, level: bool, is_time: bool = False
+) -> NDArray[Any]:
     """Numbers of one column, (rows,), NaN where they are missing. In a `level` the words `True` and `False`, in any
     capitals, are 1 and 0, as Python's loggers write them."""
     cells: Any = text.body.to_series(place)
-    if is_time:
-        whole = cells.cast(pl.Int64, strict=False)
-        if not whole.null_count():  # nanoseconds since 1970, which floats would round
-            return np.asarray(whole.to_numpy())
-    if level:
+    if cells.dtype == pl.Boolean:
+        return np.asarray(cells.to_numpy())
+    if level and cells.dtype == pl.String:
         cells = [TRUTHS.get(cell.casefold(), cell) if cell is not None else None for cell in cells]
     try:
-        return csv_table.cell_numbers(cells, source.missing, source.decimal)
+        return csv_table.cell_numbers(cells, source.missing, text.decimal)
     except csv_table.UnreadableCellError as error:
         cell = str(cells[error.place])
         raise InputError(
-            f"line {text.lines[error.place]}, column '{text.names[place]}': '{cell[:40]}' is not "
-            f"a number; {remedy_for(cell, text.names[place], source, is_time, first=error.place == 0)}"
+            f"{text.noun} {text.lines[error.place]}, column '{text.names[place]}': '{cell[:40]}' is not a number; "
+            f"{remedy_for(cell, text.names[place], text.decimal, is_time, error.place == 0)}"
         ) from error
 
 
-def remedy_for(text: str, name: str, source: Source, is_time: bool, first: bool) -> str:
+def remedy_for(text: str, name: str, decimal: str, is_time: bool, first: bool) -> str:
     """What to do about a cell that is not a number; `first`: it stands in the first row of data."""
     if text.casefold() in TRUTHS:
         return "name a column of numbers; a truth value can only be `sync` or `trigger`"
     if re.search(r"\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}|\d{1,2}:\d{2}", text):  # 2024-05-01T12:00:00, 12:00:00.5
-        return "write time as seconds, or state the rate of the rows in place of the column: `time: {rate: 1000}`"
+        return "write time as seconds, or as `12:00:00.500` in every row"
     if text == name:
         return "the header stands here again: cut the file in two, a log each"
-    if source.decimal == "," and "." in text:
+    if decimal == "," and "." in text:
         return 'write `decimal: "."` in the source file if the full stop is the decimal sign'
     if re.fullmatch(r"[+-]?\d+,\d+", text):
         return 'write `decimal: ","` in the source file if the comma is the decimal sign'
@@ -252,7 +331,7 @@ def remedy_for(text: str, name: str, source: Source, is_time: bool, first: bool)
     return f"correct the cell, or add {json.dumps(text[:40], ensure_ascii=False)} to `missing` in the source file"
 
 
-def json_log(path: Path, source: Source) -> Table:
+def json_log(path: Path, source: JsonSource) -> Table:
     """A line that lacks a field has no sample of it. `null` is no value, `NaN` a reading that failed."""
     lines, field = read_json_lines(path), source.time.field
     names, (found, _) = wanted(source), addresses_of(lines)
@@ -306,7 +385,7 @@ def whole_stamps(table: Table, parts: Sequence[str], remedy: str) -> NDArray[Any
     return np.ma.asarray(whole[0] * SECOND + whole[1])
 
 
-def mat_log(path: Path, source: Source) -> Table:
+def mat_log(path: Path, source: MatSource) -> Table:
     file = open_mat(path)
     signals = file.signals(wanted(source), source.log_part)
     vectors = {text: values for text, (_, values, _) in signals.items()}
@@ -331,7 +410,7 @@ def mat_log(path: Path, source: Source) -> Table:
     return Table(vectors[reference].size, vectors, units, damage=file.damage, facts=facts, found=found, noun="sample")
 
 
-def tdms_log(path: Path, source: Source) -> Table:
+def tdms_log(path: Path, source: TdmsSource) -> Table:
     """Channels by a channel of time, the rate, or the timing in their own properties: where these differ, a channel has
     no value in the rows of another."""
     file = read_tdms(path)
@@ -355,6 +434,8 @@ def tdms_log(path: Path, source: Source) -> Table:
                 f"channel '{other.address}' has {other.count} values and '{one.address}' has {one.count}; name "
                 "channels of one recording, or export those of each length on their own"
             )
+    if by_properties and not file.damage.end_missing:
+        check_alike(by_address, values)
     if by_properties and one.step is not None:
         own = np.asarray(np.arange(max(each.size for each in rows.values())) * one.step, dtype=np.float64)
         if len({(other.begin, other.step) for other in by_address.values()}) > 1:
@@ -376,7 +457,21 @@ def tdms_log(path: Path, source: Source) -> Table:
     return Table(placed[one.address].size, columns, units, own, file.damage, facts)
 
 
-def opensim_log(path: Path, source: Source) -> Table:
+def check_alike(channels: Mapping[str, TdmsChannel], values: Mapping[str, NDArray[Any]]) -> None:
+    """Refuse channels that begin together at one rate and have unequal counts: some have lost values, nothing tells
+    where, and what follows would be early against the others."""
+    longest: dict[tuple[int, float | None], str] = {}
+    for address, channel in channels.items():
+        other = longest.setdefault((channel.begin, channel.step), address)
+        if values[other].size != values[address].size:
+            raise InputError(
+                f"channel '{address}' has {values[address].size} values and '{other}' has {values[other].size}, which "
+                "begin together at one rate: a segment has lost some, nothing tells where; copy the file again, or "
+                "name channels of one length"
+            )
+
+
+def opensim_log(path: Path, source: OpenSimSource) -> Table:
     table = read_opensim(path)
     angles = {"rad": {"deg": "deg", "rad": "rad"}, "rad/s": {"deg": "deg/s", "rad": "rad/s"}}
     for column, channel in source.channels.items():  # a unit of an angle that is not the one of the header's inDegrees
@@ -392,18 +487,25 @@ def opensim_log(path: Path, source: Source) -> Table:
     return Table(len(table.rows), columns, facts={"header": table.header, "clock": source.clock})
 
 
-TABLES = {"csv": csv_log, "json_lines": json_log, "mat": mat_log, "tdms": tdms_log, "opensim": opensim_log}
+TABLES: Mapping[str, Callable[[Path, Any], Table]] = {
+    "csv": csv_log,
+    "table": csv_log,
+    "json_lines": json_log,
+    "mat": mat_log,
+    "tdms": tdms_log,
+    "opensim": opensim_log,
+}
 OPENERS = {"mcap": read_mcap, "rosbag1": read_rosbag1, "rosbag2": read_rosbag2}
 
 
-def read_message_log(path: Path, source: Source) -> Recording:
+def read_message_log(path: Path, source: MessageSource) -> Recording:
     """The columns that the source file maps, in SI units; time [s] counts from the first stamp. Topics with different
     stamps have rows of their own, null in the columns of the others. The losses of the file are in the facts under
     `damage`. Refused is what cannot be decoded, a loss above `largest_loss`, and stamps that contradict each other."""
     file = OPENERS[source.format](path)
     if source.format == "mcap" and (remark := siblings(path)[-1]):
         file.damage.remarks.append(remark)
-    by_topic: dict[str, dict[str, Channel]] = defaultdict(dict)
+    by_topic: dict[str, dict[str, MessageChannel]] = defaultdict(dict)
     for column, channel in source.channels.items():
         by_topic[channel.topic][column] = channel
     decoded = decode_wanted(file, by_topic, source)
@@ -444,7 +546,7 @@ def median_rate(stamps: Array | Indices, second: float = 1.0) -> float | None:
 
 
 def decode_wanted(
-    file: MessageFile, by_topic: Mapping[str, Mapping[str, Channel]], source: Source
+    file: MessageFile, by_topic: Mapping[str, Mapping[str, MessageChannel]], source: MessageSource
 ) -> dict[str, Decoded]:
     """The fields of each topic and of its stamp; refused is a file that has lost a larger share of a topic than
     `largest_loss`, also where this is why it cannot be decoded."""
@@ -480,7 +582,7 @@ def decode_wanted(
 
 
 def read_topic(
-    channels: Mapping[str, Channel], decoded: Decoded, source: Source
+    channels: Mapping[str, MessageChannel], decoded: Decoded, source: MessageSource
 ) -> tuple[pl.DataFrame, dict[str, int], list[str]]:
     """Stamps [ns] and columns of one topic in the order of the stamps, counts of the sorting (`in_order`), and a
     sentence for each field that messages lack."""

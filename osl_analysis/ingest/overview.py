@@ -25,8 +25,8 @@ from osl_analysis.formats.messages import ChannelLog, decode_topics, read_channe
 from osl_analysis.formats.tdms import read_tdms
 from osl_analysis.ingest import logs
 from osl_analysis.ingest.captures import plate_count, plate_loads, plate_parameter, vertical_axis
-from osl_analysis.ingest.source import NAME_OF_TIME, SOURCES, UNKNOWN
-from osl_analysis.ingest.units import is_unit, normalised
+from osl_analysis.ingest.source import NAME_OF_TIME, UNKNOWN, C3dSource
+from osl_analysis.ingest.units import normalised
 from osl_analysis.trial import Array, plate_columns
 
 
@@ -159,26 +159,85 @@ def time_unit(clock: Array) -> str:
     rate = rate_of(clock)
     if rate is None or clock.size < 20 or np.isin(np.diff(clock), (0, 1)).all():
         return ""
-    units = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
+    units = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9, "d": 1 / 86_400}
     return next((unit for unit, in_s in units.items() if 50.0 <= rate * in_s <= 5000.0), "")
 
 
-def listed(
-    at: Mapping[str, str], own: str, values: NDArray[Any], is_time: bool, unit: str = "", kind: str = "", also: str = ""
-) -> RecordedChannel:
-    """A column by those of its readings that are numbers, (n,): its range, or as a clock its rate and gaps. `own` is
-    its name without its place, `unit` what the file states, `also` a remark for the user."""
-    numbers = values.astype(np.float64)
-    known = numbers[np.isfinite(numbers)]
-    note = f"from {known.min():.6g} to {known.max():.6g}" if known.size else "no numbers"
-    rate, guess = rate_of(known) if is_time else None, "" if unit else likely_unit(own)
-    if is_time:
-        note, gaps = f"a clock, {rate:g} per unit" if rate else "a clock that stands still", gaps_text(known)
-        note += f", {gaps}" * bool(gaps)
-    guess = guess or (time_unit(known) if is_time and not unit else "")
-    lost = f", {numbers.size - known.size} x NaN or infinity" * (known.size < numbers.size)
-    count, said = int(known.size), f"{note}{lost}{also}"
-    return RecordedChannel(next(iter(at)), at, unit, count, None, said, kind, guess, numbers=numbers)
+@dataclass(frozen=True)
+class Column:
+    """One column of a table, as its format gives it to an overview."""
+
+    address: Mapping[str, str]  # how a source file names it
+    name: str  # its name without its place, which may tell a clock or a unit
+    values: NDArray[Any]  # its readings (rows,), NaN or masked where there is none
+    unit: str = ""  # as the file states it
+    kind: str = ""  # type of its numbers
+    also: str = ""  # a remark for the user
+    likely_unit: str = ""  # where the name tells none
+    is_time: bool | None = None  # None: by its name, or how it rises
+    count: int | None = None  # of what it holds, where that is not its numbers
+    text: str = ""  # what it holds instead of numbers
+
+    @property
+    def key(self) -> str:
+        return next(iter(self.address.values()))
+
+    @property
+    def numbers(self) -> NDArray[Any]:
+        return np.ma.compressed(self.values)
+
+    def listed(self, is_time: bool) -> RecordedChannel:
+        """A channel by those of its readings that are numbers: its range, or as a clock its rate and gaps."""
+        numbers = self.numbers.astype(np.float64)
+        known = numbers[np.isfinite(numbers)]
+        note = f"from {known.min():.6g} to {known.max():.6g}" if known.size else "no numbers"
+        rate, guess = rate_of(known) if is_time else None, "" if self.unit else likely_unit(self.name)
+        if is_time:
+            note, gaps = f"a clock, {rate:g} per unit" if rate else "a clock that stands still", gaps_text(known)
+            note += f", {gaps}" * bool(gaps)
+        guess = guess or (time_unit(known) if is_time and not self.unit else "" if is_time else self.likely_unit)
+        lost = f", {numbers.size - known.size} x NaN or infinity" * (known.size < numbers.size)
+        note = f"'{self.text}'" if self.text else f"{note}{lost}{self.also}" if self.values.size else ""
+        filled = np.ma.filled(np.ma.asarray(self.values).astype(np.float64), np.nan)
+        count = int(known.size) if self.count is None else self.count
+        kind = next(iter(self.address))
+        return RecordedChannel(kind, self.address, self.unit, count, None, note, self.kind, guess, numbers=filled)
+
+
+def overview_of(
+    name: str,
+    columns: Sequence[Column],
+    what: str,
+    called: Callable[[str], bool] = csv_table.is_clock,
+    drafted: Sequence[Column] | None = None,
+    timing: Mapping[str, object] | None = None,
+    left_open: Sequence[str] = (),
+    facts: Mapping[str, str] | None = None,
+    remarks: Sequence[str] = (),
+    settings: Mapping[str, object] | None = None,
+) -> Overview:
+    """What a table holds, the same for every format: its channels, the likely clock among those that a draft has, what
+    is guessed. `called`: whether a name is that of a clock; timing: the field `time` where the file tells it."""
+    offered = columns if drafted is None else drafted
+    own = {one.key: one for one in offered if one.values.ndim == 1 and one.values.size}
+    clock = next((one.key for one in offered if one.is_time), None)
+    questions = list(left_open)
+    if timing is None and clock is None:
+        names = {key: one.name for key, one in own.items()}
+        units = {key: one.unit for key, one in own.items()}
+        numbers = {key: one.numbers for key, one in own.items()}
+        clock, asked = clock_of(what, numbers, lambda key: called(names[key]), units)
+        questions += asked
+    channels = {one.key: one.listed(one.key == clock) for one in (*offered, *columns)}
+    if timing is None:
+        key = next(iter(columns[0].address)) if columns else "column"
+        timing = {"time": time_setting(key, channels[clock] if clock is not None else None)}
+    found = [channels[one.key] for one in columns]
+    told = {one.key: channels[one.key].likely_unit for one in columns if likely_unit(one.name) or one.likely_unit}
+    remarks = [*remarks, *guesses({key: unit for key, unit in told.items() if key != clock or likely_unit(key)})]
+    signals = None if drafted is None else [channels[one.key] for one in drafted]
+    stated = {"clock": "master", **(settings or {}), **timing}
+    return Overview(name, facts or {}, found, remarks, stated, signals, questions)
 
 
 def time_setting(key: str, clock: RecordedChannel | None) -> dict[str, str]:
@@ -188,64 +247,78 @@ def time_setting(key: str, clock: RecordedChannel | None) -> dict[str, str]:
     return {key: clock.address[key], "unit": clock.unit or clock.likely_unit or UNKNOWN}
 
 
-def inspect_csv(path: Path) -> Overview:
-    """Columns with unit, range and words, read by a guess at the layout: text of which more than half of the rows hold
-    no number is no table."""
+MOST_ROWS = 200_000  # of a long table at which an overview looks
 
-    def seems_number(cell: str) -> bool:
-        return csv_table.is_number_cell(cell.replace(",", "."))
 
-    lines = csv_table.read_lines(path)
-    content = [(line, text) for line, text in lines if not text.lstrip().startswith("#")]
-    delimiter = csv_table.delimiter_of(content, "auto")
-    rows = csv_table.split_rows(content, delimiter)
-    if not rows:
-        raise InputError("holds no rows; check that it is a recording")
-    headed = not all(seems_number(cell) for cell in rows[0][1] if cell)
-    below = rows[1][1] if headed and len(rows) > 1 else []
-    known = [bool(cell) and is_unit(csv_table.without_brackets(cell)) and cell != "1" for cell in below]
-    has_units = not any(map(seems_number, below)) and sum(known) > len(below) / 2
-    body = rows[headed + has_units :]
-    if headed:
-        csv_table.check_header_place(rows[0], body)
-    prose = [row for row in body if not any(map(seems_number, row[1]))]
-    if len(prose) > len(body) / 2:
-        raise InputError(
-            f"no table of numbers: {len(prose)} of {len(body)} rows hold none, such as line {prose[0][0]}, "
-            f"'{' '.join(prose[0][1])[:40]}'; name a recording, or write a header and a row per sample"
-        )
-    layout = csv_table.CsvLayout(delimiter, header="row" if headed else "none", units_row=has_units, most_missing=1.0)
-    table = csv_table.table_of(lines, replace(layout, ragged="skip"))
-    titles, cells = table.names, table.body.get_columns()
-    values = [one.str.replace(",", ".", literal=True).cast(pl.Float64, strict=False) for one in cells]
-    readings = {title: one.drop_nulls().to_numpy() for title, one in zip(titles, values, strict=True)}
-    clock, left_open = clock_of("columns", readings, csv_table.is_clock, dict(zip(titles, table.units, strict=True)))
-    channels, failed = [], dict.fromkeys(csv_table.CsvLayout.missing)
-    for title, unit, text, numbers in zip(titles, table.units, cells, values, strict=True):
-        # of an object without a name Python prints its number, which changes from run to run; the pattern fits the next
-        # recording too, where only this column of the file fits it
-        name = csv_table.name_and_unit(title)[0]
-        pattern = re.sub(r"<[^<>]* object at 0x[0-9a-fA-F]+>", "*", name)
-        lasting = pattern if pattern != name and len(csv_table.places_of(pattern, titles)) == 1 else name
-        words = Counter(text.filter(numbers.is_null()).to_list()).most_common(5)
-        also = "".join(f", {count} x '{word}'" for word, count in words)
-        failed |= {str(word): None for word, count in words if count < len(text) / 100}  # of readings that failed
-        found = listed({"column": lasting}, title, readings[title], title == clock, unit, also=also)
-        channels.append(replace(found, numbers=numbers.fill_null(np.nan).to_numpy()))
-    settings = {
-        "clock": "master",
-        "delimiter": {sign: word for word, sign in csv_table.DELIMITERS.items()}.get(delimiter, delimiter),
-        **({} if headed else {"header": "none"}),
-        **({"units_row": True} if has_units else {}),
-        **({"decimal": ","} if delimiter != "," and any("," in c for _, row in body[:5] for c in row) else {}),
-        **({"missing": [*failed]} if len(failed) > len(csv_table.CsvLayout.missing) else {}),
-        "time": time_setting("column", None if clock is None else channels[titles.index(clock)]),
-    }
-    facts = {"rows": str(len(table.lines)), "delimiter": repr(delimiter), "header": "yes" if headed else "none"}
+def inspect_table(name: str, path: Path) -> Overview:
+    """Columns with unit, range and words. Of a long table the first rows and the last ones are looked at."""
+    layout = csv_table.CsvLayout(ragged="skip", most_missing=1.0)
+    table = logs.read_any_table(name, path, layout, MOST_ROWS)
+    columns, failed, times = [], dict.fromkeys(layout.missing), set[str]()
+    for place, (title, unit) in enumerate(zip(table.names, table.units, strict=True)):
+        cells = table.body.to_series(place)
+        stamps = csv_table.cell_stamps(cells)
+        numbers = readable_numbers(cells, table.decimal) if stamps is None else stamps
+        words = Counter[str]()
+        if cells.dtype == pl.String and stamps is None:
+            words = Counter(cells.filter(pl.Series(np.isnan(numbers))).drop_nulls().to_list())
+        failed |= {word: None for word, count in words.items() if count < len(cells) / 100}  # of readings that failed
+        also = "".join(f", {count} x '{word}'" for word, count in words.most_common(5))
+        address = lasting_address(title, place, table.names)
+        times |= {address} if stamps is not None else set()
+        masked = np.ma.masked_invalid(numbers)
+        columns.append(Column({"column": address}, title, masked, "ns" if stamps is not None else unit, also=also))
+    clock = next((one.key for one in columns if one.key in times and csv_table.is_clock(one.name)), None)
+    clock = clock or (next(iter(times)) if len(times) == 1 else None)
+    rate = stated_rate(table.comments)
+    timing: dict[str, object] | None = {"time": {"column": clock}} if clock else None
+    has_clock = any(csv_table.is_clock(one.name) or ticks(one.numbers, one.unit) for one in columns)
+    if timing is None and rate and not has_clock:
+        timing = {"time": {"rate": rate}}
+    columns = [replace(one, is_time=one.key == clock) if clock else one for one in columns]
+    settings: dict[str, object] = {"missing": [*failed]} if len(failed) > len(layout.missing) else {}
+    if skipped := table.damage.indexed_lost.total():
+        settings |= {"ragged": "skip", "most_missing": csv_table.share_above(skipped, skipped + len(table.lines))}
+    if len(table.lines) >= MOST_ROWS:
+        settings.pop("missing", None)
+    facts = {"rows": f"{len(table.lines)}{', of more' * (len(table.lines) >= MOST_ROWS)}"}
+    facts |= {"delimiter": repr(table.delimiter)} if table.delimiter else {}
     facts |= {f"comment {i + 1}": text for i, text in enumerate(table.comments[:20])}
-    named = {one.address["column"]: one.likely_unit for one in channels}
-    remarks = [*table.damage.remarks, *guesses({name: unit for name, unit in named.items() if likely_unit(name)})]
-    return Overview("csv", facts, channels, remarks, settings, open=left_open)
+    remarks = table.damage.remarks
+    return overview_of(
+        name, columns, "columns", timing=timing, facts=facts, remarks=remarks, settings=settings,
+        left_open=[f"time by the file's own words: {rate} rows a second"] * bool(timing and rate and not clock),
+    )  # fmt: skip
+
+
+def readable_numbers(cells: pl.Series, decimal: str) -> Array:
+    """The cells that are numbers, NaN elsewhere."""
+    if cells.dtype == pl.String:
+        cells = cells.str.replace(decimal, ".", literal=True).str.replace(r"^([+-]?[\d.]+)[dD]([+-]?\d+)$", "${1}e$2")
+        cells = cells.str.strip_prefix("+")
+    return cells.cast(pl.Float64, strict=False).fill_null(np.nan).to_numpy()
+
+
+def lasting_address(title: str, place: int, names: Sequence[str]) -> str:
+    """What a source file calls a column: its name without its unit where only one has it, or else its number. Of an
+    object without a name Python prints its number, which changes from run to run: a pattern fits the next recording."""
+    name = csv_table.name_and_unit(title)[0]
+    pattern = re.sub(r"<[^<>]* object at 0x[0-9a-fA-F]+>", "*", name)
+    for address in (*[pattern] * (pattern != name), name, title):
+        if csv_table.places_of(address, names) == [place]:
+            return address
+    return str(place + 1)
+
+
+def stated_rate(comments: Sequence[str]) -> float | None:
+    """The rate of the rows [Hz] that text beside the table states, as `Sample rate: 500 Hz` or LabVIEW's `Delta_X`."""
+    for text in comments:
+        if found := re.search(r"(?i)\bdelta_x\b\D*?(\d[\d.]*(?:e[+-]?\d+)?)", text):
+            return 1 / float(found[1]) if float(found[1]) > 0 else None
+        words = r"(?i)\b(?:sampl\w*|scan|acquisition|recording|data)[ _]*(?:rate|frequency|freq)\D*?(\d[\d.]*)\s*(k?)hz"
+        if found := re.search(words, text):
+            return float(found[1]) * (1000 if found[2] else 1)
+    return None
 
 
 def inspect_json(path: Path) -> Overview:
@@ -255,25 +328,21 @@ def inspect_json(path: Path) -> Overview:
     if not names:
         raise InputError("no line holds a number; name a recording")
     decoded = decode_lines(lines, names)
-    numbers = {name: np.ma.compressed(values) for name, values in decoded.values.items()}
     pairs = ((name.rpartition(".")[0], logs.stamp_fields(name.rpartition(".")[0])) for name in names if "." in name)
     stamps = {stamp: pair for stamp, likely in pairs for pair in likely if {*pair} <= {*names}}
     stamp = min(stamps, key=lambda name: name.count("."), default="")
-    drafted = [name for name in numbers if name not in stamps.get(stamp, ())]
-    own = {name: numbers[name] for name in drafted if not stamp or csv_table.is_clock(last_name(name))}
-    clock, left_open = clock_of("fields", own, lambda name: csv_table.is_clock(last_name(name)), {})
-    channels = {}
-    for name, one in numbers.items():
-        also = f", in {one.size} of {decoded.rows.size} lines" * (one.size < decoded.rows.size)
-        found = listed({"field": name}, last_name(name), one, name == clock, kind=one.dtype.name, also=also)
-        channels[name] = replace(found, numbers=np.ma.filled(decoded.values[name].astype(np.float64), np.nan))
+    columns = []
+    for name, values in decoded.values.items():
+        count = np.ma.count(values)
+        also = f", in {count} of {decoded.rows.size} lines" * bool(count < decoded.rows.size)
+        columns.append(Column({"field": name}, last_name(name), values, kind=values.dtype.name, also=also))
+    drafted = [one for one in columns if one.key not in stamps.get(stamp, ())]
+    by_stamp = bool(stamp) and not any(csv_table.is_clock(one.name) for one in drafted)
     remarks = lines.damage.remarks
     remarks += [f"{name} has {size} elements; only the first {MOST_ELEMENTS} are listed" for name, size in long.items()]
-    remarks += guesses({name: one.likely_unit for name, one in channels.items() if likely_unit(last_name(name))})
-    time = time_setting("field", channels[clock] if clock else None)
-    settings = {"clock": "master", "time": {"field": stamp} if stamp and not clock and not left_open else time}
-    signals, facts = [channels[name] for name in drafted], {"rows": str(len(lines.texts))}
-    return Overview("json_lines", facts, [*channels.values()], remarks, settings, signals, left_open)
+    timing = {"time": {"field": stamp}} if by_stamp else None
+    facts = {"rows": str(len(lines.texts))}
+    return overview_of("json_lines", columns, "fields", drafted=drafted, timing=timing, facts=facts, remarks=remarks)
 
 
 def variables_in(part: str, name: str, value: Value) -> Iterator[tuple[str, str, str, Value]]:
@@ -282,7 +351,8 @@ def variables_in(part: str, name: str, value: Value) -> Iterator[tuple[str, str,
     if value.elements:
         for number, fields in enumerate(value.elements, start=1):
             inside = f"{address}({number})" if len(value.elements) > 1 else address
-            for own in fields:
+            is_logged = {"time", "signals"} <= fields.keys() and len(fields) > 2  # its signals stand beside them
+            for own in (own for own in fields if own != "signals" or not is_logged):
                 yield from variables_in(inside, own, fields[own])
     elif value.kind == "cell" and value.cells:
         for number, cell in enumerate(value.cells, start=1):
@@ -295,7 +365,6 @@ def inspect_mat(path: Path) -> Overview:
     """Variables, fields and cells with size, range and likely unit; what cannot be read; parts that are alike."""
     file, most = open_mat(path), 500
     variables = [one for name, value in file.read(file.names).items() for one in variables_in("", name, value)]
-    facts = {"version": file.version, "header": file.header, "variables": str(len(file.names))}
     remarks = [
         f"{address} is a {value.described()}, which is not read; {value.remedy()}"
         for _, _, address, value in variables
@@ -310,24 +379,16 @@ def inspect_mat(path: Path) -> Overview:
     for part, own in by_part.items():
         groups.setdefault(tuple(own), {})[part] = own
     alike = max(groups.values(), key=lambda group: sum(map(len, group.values())), default={})
-    drafted, part = next(iter(alike.values()), {}), next(iter(alike), "") if len(alike) == 1 else ""
-    single = {name: one.numbers.ravel() for name, one in drafted.items() if one.numbers is not None and 1 in one.shape}
-    clock, left_open = clock_of("variables", single, lambda name: seems_clock(name, drafted[name]), {})
+    part, left_open = next(iter(alike), "") if len(alike) == 1 else "", list[str]()
     if len(alike) > 1:
         parts = listing([printable(one) for one in alike], 40)
         what = f"{len(alike)} parts hold the same variables: name one per trial in the column `log_part` of the sheet"
-        left_open = [f"{what}: {parts}", *left_open]
-    time = time_setting("variable", variable_channel(clock, clock, drafted[clock], True) if clock else None)
-    settings = {"clock": "master", **({"log_part": part} if part else {}), "time": time}
-    channels, signals = [variable_channel(address, name, value) for _, name, address, value in variables[:most]], []
-    for name, value in drafted.items():  # each column of a matrix, or row if it has more columns
-        rows, columns = value.shape
-        lines = [f"(:,{k + 1})" for k in range(columns)] if rows >= columns else [f"({k + 1},:)" for k in range(rows)]
-        for place, line in enumerate(lines if min(rows, columns) > 1 else [""]):
-            numbers = np.empty(0) if value.numbers is None else value.numbers.astype(np.float64)
-            each = numbers.ravel() if not line else numbers[:, place] if rows >= columns else numbers[place]
-            signals.append(replace(variable_channel(f"{name}{line}", name, value, name == clock), numbers=each))
-    return Overview("mat", facts, channels, remarks, settings, signals, left_open)
+        left_open = [f"{what}: {parts}"]
+    drafted = [one for name, value in next(iter(alike.values()), {}).items() for one in lines_of(name, value)]
+    columns = [variable_column(address, name, value) for _, name, address, value in variables[:most]]
+    facts = {"version": file.version, "header": file.header, "variables": str(len(file.names))}
+    settings = {"log_part": part} if part else {}
+    return overview_of("mat", columns, "variables", seems_clock, drafted, None, left_open, facts, remarks, settings)
 
 
 def is_signal(value: Value) -> bool:
@@ -335,71 +396,95 @@ def is_signal(value: Value) -> bool:
     return value.numbers is not None and len(value.shape) == 2 and max(value.shape) >= 10
 
 
-def seems_clock(name: str, value: Value) -> bool:
+def seems_clock(name: str) -> bool:
     """Whether the name of a signal is or begins as that of a clock: `t`, `time_ms`, `timeJIM`."""
     likely = re.match(r"(time|t|stamp|clock)(?![a-z])|time", name, re.IGNORECASE)
-    return is_signal(value) and (csv_table.is_clock(name) or likely is not None)
+    return csv_table.is_clock(name) or likely is not None
 
 
-def variable_channel(address: str, name: str, value: Value, is_time: bool | None = None) -> RecordedChannel:
+def lines_of(name: str, value: Value) -> Iterator[Column]:
+    """Each column of a matrix, or row if it has more columns."""
+    rows, columns = value.shape
+    upright = rows >= columns
+    for place in range(min(rows, columns) if value.numbers is not None else 0):
+        line = f"(:,{place + 1})" if upright else f"({place + 1},:)"
+        values = np.asarray(value.numbers)[:, place] if upright else np.asarray(value.numbers)[place]
+        address, own = (name, name) if 1 in value.shape else (f"{name}{line}", line)
+        yield Column({"variable": address}, own, values.astype(np.float64), value.unit, value.described())
+
+
+def variable_column(address: str, name: str, value: Value) -> Column:
     readings = np.empty(0) if value.numbers is None else value.numbers.ravel()
-    is_time = seems_clock(name, value) if is_time is None else is_time
-    found = listed({"variable": address}, name, readings, is_time, value.unit, kind=value.described())
-    return replace(found, count=value.size, note=found.note if readings.size else f"'{value.text}'" * bool(value.text))
+    text = value.text if value.numbers is None else ""
+    is_vector = value.numbers is not None and 1 in value.shape
+    at, kind = {"variable": address}, value.described()
+    return Column(at, name if is_vector else "", readings, value.unit, kind, count=value.size, text=text)
 
 
 def inspect_tdms(path: Path) -> Overview:
     """Channels with unit, range and rate by their own timing."""
     file = read_tdms(path)
-    remarks, numbers = list(file.damage.remarks), dict[str, NDArray[Any]]()
+    remarks, columns = list(file.damage.remarks), list[Column]()
     for one in file.channels:
+        values = np.empty(0)
         try:
-            numbers |= file.values([one]) if one.count and (one.holds_numbers or one.holds_times) else {}
+            if one.count and (one.holds_numbers or one.holds_times):
+                values = file.values([one])[one.address]
         except InputError as error:
             remarks.append(str(error))
+        unit = "s" if one.holds_times and one.count else one.unit
+        kind, at = np.dtype(one.kind).name, {"channel": one.address}
+        columns.append(Column(at, one.name, values, unit, kind, count=one.count))
+    timed, by_address = any(one.step is not None for one in file.channels), {one.address: one for one in file.channels}
+    named = any(csv_table.is_clock(one.name) and one.values.size for one in columns)
     stamps = [one.address for one in file.channels if one.holds_times and one.count]
-    timed, names = any(one.step is not None for one in file.channels), {one.address: one.name for one in file.channels}
-    units = {one.address: one.unit for one in file.channels}
-    clock, left_open = None, list[str]()
-    if not timed:
-        clock, left_open = clock_of("channels", numbers, lambda one: csv_table.is_clock(names[one]), units)
-        clock = clock or (None if left_open else next(iter(stamps), None))
-    channels = {}
-    for one in file.channels:
-        unit, values = "s" if one.address in stamps else one.unit, numbers.get(one.address, np.empty(0))
-        address, is_time = {"channel": one.address}, one.address == clock
-        found = listed(address, one.name, values, is_time, unit, np.dtype(one.kind).name)
-        rate, times = (1 / one.step, one.step * np.arange(values.size, dtype=np.float64)) if one.step else (None, None)
-        channels[one.address] = replace(found, count=one.count, rate=rate, times=times)
-    time = {} if timed else {"time": time_setting("channel", channels[clock] if clock else None)}
+    if stamps and not timed and not named:
+        columns = [replace(one, is_time=one.key == stamps[0]) for one in columns]
+    offered = [
+        one for one in columns if one.is_time or (by_address[one.key].count and by_address[one.key].holds_numbers)
+    ]
     facts = {"channels": str(len(file.channels)), "own timing": "yes" if timed else "no", **file.properties}
-    drafted = [channels[one.address] for one in file.channels if one.count and one.holds_numbers]
-    return Overview("tdms", facts, [*channels.values()], remarks, {"clock": "master", **time}, drafted, left_open)
+    found = overview_of(
+        "tdms", columns, "channels", drafted=offered, timing={} if timed else None, facts=facts, remarks=remarks
+    )
+    rated = []
+    for channel in (*found.channels, *(found.drafted or ())):
+        step, count = (
+            by_address[channel.address["channel"]].step,
+            0 if channel.numbers is None else channel.numbers.size,
+        )
+        times = step * np.arange(count, dtype=np.float64) if step else None
+        rated.append(replace(channel, rate=1 / step if step else None, times=times))
+    return replace(found, channels=rated[: len(columns)], drafted=rated[len(columns) :])
 
 
 def inspect_opensim(path: Path) -> Overview:
     """Columns with range and likely unit: by its name, by what OpenSim calls forces, or of an angle by `inDegrees`."""
     table = read_opensim(path)
-    numbers, remarks = dict[str, NDArray[Any]](), list[str]()
+    endings = {"force.*_v[xyz]": "N", "force.*_p[xyz]": "m", "(torque|moment).*_[xyz]|_moment": "N*m", "_t[xyz]": "m"}
+    columns, remarks = list[Column](), list[str]()
     for name in dict.fromkeys(table.names):
+        known = [unit for ending, unit in endings.items() if re.search(f"({ending})$", name, re.IGNORECASE)]
         try:
-            numbers[name] = table.column(name)
+            at, last = {"column": name}, name.rpartition(".")[2]
+            columns.append(Column(at, last, table.column(name), likely_unit=known[0] if known else table.angles))
         except InputError as error:
             remarks.append(str(error))
-    clock, left_open = clock_of("columns", numbers, lambda name: csv_table.is_clock(name.rpartition(".")[2]), {})
-    endings = {"force.*_v[xyz]": "N", "force.*_p[xyz]": "m", "(torque|moment).*_[xyz]|_moment": "N*m", "_t[xyz]": "m"}
-    channels = {}
-    for name, values in numbers.items():
-        known = [unit for ending, unit in endings.items() if re.search(f"({ending})$", name, re.IGNORECASE)]
-        guess = "" if name == clock else likely_unit(name) or (known[0] if known else table.angles)
-        channels[name] = replace(listed({"column": name}, name, values, name == clock), likely_unit=guess)
-    remarks += guesses({name: one.likely_unit for name, one in channels.items()})
+    plates = plates_in(table.names)
+    note = f"these columns are force plates, if you state their corners: plates: {{{', '.join(plates)}}}"
     facts = {"rows": str(len(table.rows))} | {key: value for key, value in table.header.items() if value}
-    settings = {"clock": "master", "time": {"column": clock or NAME_OF_TIME, "unit": "s" if clock else UNKNOWN}}
-    # the plates that the names of columns tell, as a source file has them but for their corners
-    triples = {name[:-1] for name in table.names if {f"{name[:-1]}{axis}" for axis in "xyz"} <= {*table.names}}
+    found = overview_of("opensim", columns, "columns", facts=facts, remarks=remarks)
+    time: Any = found.settings["time"]
+    time = {"column": time["column"], "unit": UNKNOWN if time["column"] == NAME_OF_TIME else "s"}
+    questions = [*found.open, *[printable(note)] * bool(plates)]
+    return replace(found, settings={**found.settings, "time": time}, open=questions)
+
+
+def plates_in(names: Sequence[str]) -> list[str]:
+    """The plates that the names of columns tell, as a source file has them but for their corners."""
+    triples = {name[:-1] for name in names if {f"{name[:-1]}{axis}" for axis in "xyz"} <= {*names}}
     plates: list[str] = []
-    for name in table.names:
+    for name in names:
         force, stem = name[:-1], name[:-2]  # `R_ground_force_v`; of `R_ground_force_` is the moment `R_ground_torque_`
         moments = {re.sub("force", word, stem): None for word in ("torque", "moment")} if name.endswith("vx") else {}
         moment = next((one for one in moments if one != stem and one in triples), None)
@@ -407,9 +492,7 @@ def inspect_opensim(path: Path) -> Overview:
             keys = {"force": force, "point": f"{stem}p", "moment": moment}
             text = ", ".join(f"{key}: {json.dumps(begin)}" for key, begin in keys.items())
             plates.append(f"{len(plates) + 1}: {{{text}, corners: {UNKNOWN}}}")
-    note = f"these columns are force plates, if you state their corners: plates: {{{', '.join(plates)}}}"
-    left_open += [printable(note)] * bool(plates)
-    return Overview("opensim", facts, list(channels.values()), remarks, settings, open=left_open)
+    return plates
 
 
 ROS_UNITS = {
@@ -516,7 +599,7 @@ def plate_channel(recording: C3DRecording, number: int) -> RecordedChannel:
         note = str(error)
     with suppress(InputError):
         corners = plate_parameter(recording, "CORNERS", number, (3, 4)).mean(axis=1)
-        source = SOURCES["c3d"].model_validate({"format": "c3d", "plates": [number]})
+        source = C3dSource(format="c3d", plates=(number,))
         ((columns, _, _),) = plate_loads(recording, source)
         size = np.linalg.norm([columns[name] for name in plate_columns(number, "force")], axis=0)
         load, centre = float(np.ptp(size)), tuple(corners.tolist())

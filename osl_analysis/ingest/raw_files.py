@@ -12,6 +12,7 @@ from typing import Any
 import polars as pl
 
 from osl_analysis.errors import InputError, listing, naming, nearest, printable
+from osl_analysis.formats.binary_table import is_table_file
 from osl_analysis.formats.c3d import BLOCK, is_c3d, parse_header
 from osl_analysis.formats.csv_table import is_text
 from osl_analysis.formats.gait_text import is_nexus, is_opensim, is_trc
@@ -26,11 +27,21 @@ from osl_analysis.ingest.captures import plate_count, read_c3d_capture, read_nex
 from osl_analysis.ingest.clock import ClockFit, aligned_clock
 from osl_analysis.ingest.logs import read_message_log, read_table_log
 from osl_analysis.ingest.overview import Overview, inspect_messages
-from osl_analysis.ingest.source import SOURCES, UNKNOWN, Recording, SharedAngle, Source, check_sizes, open_places
+from osl_analysis.ingest.source import (
+    SOURCES,
+    UNKNOWN,
+    LogSource,
+    Recording,
+    SharedAngle,
+    Source,
+    check_sizes,
+    open_places,
+)
+from osl_analysis.refusal import check_not_refused
 from osl_analysis.trial import COLUMNS, Trial
 from osl_analysis.yaml_settings import dotted, field_line, read_mapping, read_yaml
 
-FileReader = Callable[[Path, Source], Recording]  # reads a file by its source file
+FileReader = Callable[[Path, Any], Recording]  # reads a file by its source file, of the format's class
 FileLister = Callable[[Path], Overview]  # lists what a file holds, without a source file
 
 
@@ -48,7 +59,7 @@ class KnownFormat:
     @property
     def is_capture(self) -> bool:
         """Whether its files come from a motion-capture laboratory."""
-        return "channels" not in self.source.model_fields
+        return not issubclass(self.source, LogSource)
 
     def read(self, path: Path, source: Source) -> Recording:
         """A file as canonical columns in SI units, by its source file. Raises InputError, which names the file."""
@@ -65,6 +76,8 @@ def begins_with(mark: bytes) -> Callable[[bytes], bool]:
     return lambda begin: begin.startswith(mark)
 
 
+TEXT_SUFFIXES = (".csv", ".tsv", ".txt", ".dat", ".lvm", ".asc")
+BINARY_SUFFIXES = (".xlsx", ".xls", ".ods", ".parquet", ".feather", ".arrow", ".npy", ".npz", ".h5", ".hdf5")
 KNOWN: Mapping[str, tuple[Callable[[bytes], bool], tuple[str, ...], FileReader, FileLister]] = {
     "mcap": (begins_with(MAGIC), (".mcap",), read_message_log, partial(inspect_messages, "mcap")),
     "rosbag1": (begins_with(ANY_BAG1), (".bag",), read_message_log, partial(inspect_messages, "rosbag1")),
@@ -76,7 +89,8 @@ KNOWN: Mapping[str, tuple[Callable[[bytes], bool], tuple[str, ...], FileReader, 
     "trc": (is_trc, (".trc",), read_trc_capture, overview.inspect_trc),
     "opensim": (is_opensim, (".mot", ".sto"), read_table_log, overview.inspect_opensim),
     "json_lines": (is_json_lines, (".jsonl", ".ndjson"), read_table_log, overview.inspect_json),
-    "csv": (is_text, (".csv",), read_table_log, overview.inspect_csv),
+    "table": (is_table_file, BINARY_SUFFIXES, read_table_log, partial(overview.inspect_table, "table")),
+    "csv": (is_text, TEXT_SUFFIXES, read_table_log, partial(overview.inspect_table, "csv")),
 }
 FORMATS = {name: KnownFormat(SOURCES[name], *facts) for name, facts in KNOWN.items()}
 SUFFIXES = tuple(suffix for known in FORMATS.values() for suffix in known.suffixes)  # of recordings that are read
@@ -103,7 +117,7 @@ def read_source(path: Path) -> Source:
 
 def check_clocks(log: Source, mocap: Source) -> None:
     """Refuse source files of a log and of motion capture that do not tell how the log's clock is aligned."""
-    clocks = {one.clock for one in (log, mocap) if "clock" in type(one).model_fields}
+    clocks = {one.clock for one in (log, mocap) if isinstance(one, LogSource)}
     shared, maps = getattr(mocap, "shared", None), getattr(log, "channels", {})
     angle, edges = shared is not None and shared.column in maps, "sync" in getattr(mocap, "analogs", clocks)
     aligns = {"sync": edges or angle, "shared": angle, "common": mocap.format == "trc", "master": False}
@@ -170,6 +184,7 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
         check_file(path)
         parts = files_in(path) if path.is_dir() else [path]
         every, described = [identity_of(part) for part in parts], read_source(sources_folder / f"{source}.yaml")
+        check_copies(path, every)
         known, sources[role] = FORMATS[described.format], described
         if len(sources) == 2:
             check_clocks(sources["log"], sources["mocap"])
@@ -235,8 +250,20 @@ def check_file(path: Path) -> None:
         raise InputError(f"{path}: a device or a pipe, not a recording; name a file, or copy its content into one")
     if not path.is_file():
         raise InputError(f"{path}: no such file; correct the sample sheet, or copy the file there")
+    check_not_refused(path)
     if path.stat().st_size == 0:
         raise InputError(f"{path}: the file is empty; copy or record it again, or exclude the trial in the sheet")
+
+
+def check_copies(path: Path, parts: Sequence[Mapping[str, Any]]) -> None:
+    """Refuse a recording of which a part is a copy of another."""
+    first: dict[str, str] = {}
+    for part in parts:
+        if (other := first.setdefault(part["sha256"], part["path"])) != part["path"]:
+            raise InputError(
+                f"{path}: its file {part['path']} is a copy of {other}, so that what it should hold is missing; copy "
+                "the recording again"
+            )
 
 
 def identity_of(path: Path) -> dict[str, Any]:

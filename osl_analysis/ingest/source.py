@@ -1,14 +1,12 @@
-"""The one model of a source file, which describes recordings of one recorder. The fields of `Source`, `Channel`,
-`Time` and `Plate` are those of all formats; `SOURCES` says which of them files of one format have, and `model_of` makes
-the model from it, so that a key of another format is refused by name. A file as read by it is a `Recording`."""
+"""The models of source files, which describe recordings of one recorder: a class per format, with the keys that files
+of this format have, so that another's key is refused by name. A file as read by it is a `Recording`."""
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from types import GenericAlias
-from typing import Annotated, Any, ClassVar, Literal, Self, cast, get_type_hints
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
 import polars as pl
@@ -19,13 +17,12 @@ from pydantic import (
     PositiveFloat,
     PositiveInt,
     PrivateAttr,
-    create_model,
     field_validator,
     model_validator,
 )
-from pydantic_core import PydanticUndefined
 
 from osl_analysis.errors import InputError, nearest
+from osl_analysis.formats.csv_table import MISSING
 from osl_analysis.formats.mat import checked_address
 from osl_analysis.ingest.units import ForceUnit, LengthUnit, MomentUnit, TimeUnit, Unit, quantity, si_factor
 from osl_analysis.relations import distinct, misplaced, one_of
@@ -33,6 +30,7 @@ from osl_analysis.trial import AXES, COLUMNS, Array, unit_of
 from osl_analysis.yaml_settings import Settings, field_line
 
 SampleShare = Annotated[float, Field(ge=0, le=1)]
+LONGEST_DELAY = 0.2  # [s] of a sensor, its amplifier and a bus; K, B and I of a joint would be those of another motion
 LEVEL_UNIT = "V"  # of the columns that may be read from truth values: levels of `sync` and `trigger`
 NoSlip = Annotated[float, Field(ge=-1e12, le=1e12)]  # a scale or an offset: what is larger is a slip
 Name = Annotated[str, Field(min_length=1)]
@@ -84,8 +82,10 @@ class Conversion(Settings):
     @field_validator("delay", "scale")
     @classmethod
     def _possible(cls, value: Any) -> Any:
-        if isinstance(value, str) and not 0 <= quantity(value, "s") <= 10:
-            raise ValueError("a delay is the age of a sample, from 0 to 10 s; correct its sign or its unit")
+        if isinstance(value, str) and not 0 <= quantity(value, "s") <= LONGEST_DELAY:
+            raise ValueError(
+                f"a delay is the age of a sample, from 0 to {LONGEST_DELAY:g} s; correct its sign or its unit"
+            )
         if value == 0:
             raise ValueError("a scale of zero makes every number zero; write the size of one count")
         return value
@@ -140,7 +140,7 @@ class Conversion(Settings):
 class Addressed(Settings):
     """What names one channel of a recording."""
 
-    ADDRESS: ClassVar[str] = ""  # The key that names it: `column`, `field`, `channel` or `variable`.
+    ADDRESS: ClassVar[str] = ""  # The key that names it: `column`, `field`, `channel`, `variable` or `component`.
 
     @property
     def name(self) -> str:
@@ -156,20 +156,84 @@ class Addressed(Settings):
 class Channel(Conversion, Addressed):
     """Where a recording has a canonical column, and the conversion."""
 
+    @property
+    def address(self) -> tuple[str, ...]:
+        """What only one column may be read from."""
+        return (self.name,)
+
+
+class LogChannel(Channel):
+    """That of a log."""
+
+    counter: ColumnName | None = None  # Where the device counts its samples, which tells the missing ones.
+
+
+class MessageChannel(LogChannel):
+    ADDRESS = "field"
+
     topic: Name  # Name of the topic.
     field: Name
     """Dotted path of the number, with an index or a name where it passes an array: `wrench.force.x`, `position[0]`,
     `position[name=ankle]`; in JSON a name with a dot in it in quotes, `functions["loadcell.mz"]`."""
+    unit: Unit  # Unit of the numbers, as laboratories spell it.
+
+    @property
+    def address(self) -> tuple[str, ...]:
+        return self.topic, self.field
+
+
+class FieldChannel(LogChannel):
+    ADDRESS = "field"
+
+    field: Name
+    """Dotted path of the number, with an index or a name where it passes an array: `wrench.force.x`, `position[0]`; a
+    name with a dot in it in quotes, `functions["loadcell.mz"]`."""
+    unit: Unit  # Unit of the numbers, as laboratories spell it.
+
+
+class ColumnChannel(LogChannel):
+    ADDRESS = "column"
+
     column: ColumnName
     """Name in the header, with or without its unit (`torque` finds `torque [Nm]`); a pattern in which `*` stands for
     any text, which must fit one column (`"*.output_position"`); or the column's number, counted from 1."""
-    channel: Name  # Its label; in TDMS group and name, as `Measured Data/Torque`, or the name where one group has it.
+
+
+class OpenSimChannel(ColumnChannel):
+    unit: Unit  # Unit of the numbers, as laboratories spell it.
+
+
+class VariableChannel(LogChannel):
+    ADDRESS = "variable"
+
     variable: AddressText
     """Its address in MATLAB's notation: `torque`, `Test.run(2).torque`, `data(:,3)`, `runs{2}.torque`. It is within
     `log_part`, unless it begins with `/`."""
+    counter: AddressText | None = None  # Where the device counts its samples, which tells the missing ones.
+    unit: Unit  # Unit of the numbers, as laboratories spell it.
+
+
+class TdmsChannel(LogChannel):
+    ADDRESS = "channel"
+
+    channel: Name  # Group and name, as `Measured Data/Torque`, or the name where one group has it.
+
+
+class C3dChannel(Channel):
+    ADDRESS = "channel"
+
+    channel: Name  # Its label.
+
+
+class DeviceChannel(Channel):
+    ADDRESS = "device"
+
     device: Name  # Name of the device's output, such as `EMG2000 - Voltage`.
     component: Name  # Name of the column under it.
-    counter: ColumnName | None = None  # Where the device counts its samples, which tells the missing ones.
+
+    @property
+    def address(self) -> tuple[str, ...]:
+        return self.device, self.component
 
 
 class Time(Addressed):
@@ -177,45 +241,88 @@ class Time(Addressed):
 
     IN_FILE: ClassVar[bool] = False  # Whether the format itself tells when a sample was taken.
 
+    stamps: Literal["auto", "exact", "even"] = "auto"
+    """How the stamps are taken (docs/time_base.md). `exact`: each sample was taken at its stamp. `even`: the device
+    samples evenly, and only the stamps scatter. `auto`: stamps and signals decide."""
+
+
+class MessageTime(Time):
+    ADDRESS = "field"
+
     source: Literal["header", "log"]  # `header`: the stamp in the message. `log`: when the recorder logged it.
+    field: str = "header.stamp"  # Path of a stamp of seconds and nanoseconds.
+
+
+class RowTime(Time):
+    """That of a table of rows."""
+
+    COUNTS: ClassVar[bool] = False  # Whether it may count samples.
+
     unit: TimeUnit | None = None  # Unit of the numbers that are time. Without it, the file's unit is used.
     rate: PositiveFloat | None = None  # Rows per second [Hz], for a file without time.
     repeated: Literal["keep", "drop"] = "keep"
     """Rows whose stamp is that of the row before. `keep`: they are samples whose stamps were rounded. `drop`: the
     recorder read a device faster than it sampled; only the first row of each stamp is used."""
-    stamps: Literal["auto", "exact", "even"] = "auto"
-    """How the stamps are taken (docs/time_base.md). `exact`: each sample was taken at its stamp. `even`: the device
-    samples evenly, and only the stamps scatter. `auto`: stamps and signals decide."""
-    column: ColumnName | None = None  # Name of the column that holds time.
-    field: str | None = None  # Path of the number that is time, or of a stamp of seconds and nanoseconds (no `unit`).
-    channel: str | None = None  # That of time; LabVIEW's stamps need no unit. Without it: the channels' own timing.
-    variable: AddressText | None = None  # Address of the variable that holds time, as in `channels`.
-
-
-class RowTime(Addressed):
-    """Checks of `Time` where a recording is a table of rows."""
 
     @model_validator(mode="after")
     def _one(self) -> Self:
-        stated = cast(Time, self)
-        if (stated.name and stated.rate is not None) or not (stated.name or stated.rate is not None or stated.IN_FILE):
+        counts, rated = self.COUNTS and self.unit is None, self.rate is not None  # samples at the rate
+        if (self.name and rated and not counts) or not (self.name or rated or self.IN_FILE):
             raise ValueError(f"state either the {self.ADDRESS} that holds time or the rate of the rows [Hz]")
-        if stated.unit is not None and not stated.name and self.ADDRESS != "column":
+        if self.unit is not None and not self.name and self.ADDRESS != "column":
             raise ValueError(f"`unit` is that of the {self.ADDRESS} of time; name the {self.ADDRESS}, or remove it")
         return self
 
 
-class Plate(Settings):
+class ColumnTime(RowTime):
+    ADDRESS, COUNTS = "column", True
+
+    column: ColumnName | None = None  # Name of the column that holds time, or beside `rate` counts the samples.
+
+
+class OpenSimTime(RowTime):
+    ADDRESS = "column"
+
+    column: ColumnName | None = "time"  # Name of the column that holds time.
+    unit: TimeUnit | None = "s"  # Unit of the numbers that are time.
+
+
+class FieldTime(RowTime):
+    ADDRESS = "field"
+
+    field: str | None = None  # Path of the number that is time, or of a stamp of seconds and nanoseconds (no `unit`).
+
+
+class VariableTime(RowTime):
+    ADDRESS = "variable"
+
+    variable: AddressText | None = None  # Address of the variable that holds time, as in `channels`.
+
+
+class TdmsTime(RowTime):
+    ADDRESS, IN_FILE = "channel", True
+
+    channel: str | None = None  # That of time; LabVIEW's stamps need no unit. Without it: the channels' own timing.
+
+
+class ExportedPlate(Settings):
     """A force plate that was exported as numbers. The file does not say where it lies."""
 
-    device: str  # The plate's outputs are called `<device> - Force` and `<device> - Moment`.
+    sign: Literal[1, -1] = 1  # -1 if the file has the force on the plate instead of the force on the foot.
+
+
+class OpenSimPlate(ExportedPlate):
     force: str  # Beginning of the names of the force's columns [N]: `R_ground_force_v`.
     point: str  # Beginning of the names of the columns of the point of application [m]: `R_ground_force_p`.
     moment: str  # Beginning of the names of the columns of the moment about this point [N*m]: `R_ground_torque_`.
-    corners: tuple[Corner, Corner, Corner, Corner]  # Of the surface in the file's axes [m], in an export of Nexus [mm].
+    corners: tuple[Corner, Corner, Corner, Corner]  # Of the surface in the file's axes [m].
     foot: Literal["left", "right"] | None = None  # Whose force it is, where the file has one per foot, not per plate.
+
+
+class NexusPlate(ExportedPlate):
+    device: str  # The plate's outputs are called `<device> - Force` and `<device> - Moment`.
+    corners: tuple[Corner, Corner, Corner, Corner]  # Of the surface in the file's axes [mm].
     moment_about: Corner | None = None  # About which the file takes the moment [mm]; without it the corners' centre.
-    sign: Literal[1, -1] = 1  # -1 if the file has the force on the plate instead of the force on the foot.
 
 
 class PlateUnits(Settings):
@@ -250,9 +357,38 @@ def all_none_or_list(value: Any) -> Any:
     return () if value == "none" else value if value == "all" else distinct(tuple(value))
 
 
-class SourceFile(Settings):
-    """What source files of all formats have in common."""
+def canonical(channels: Mapping[str, Conversion]) -> None:
+    """Refuse channels that are not in the nomenclature, and units that cannot become the column's."""
+    names = [name for name in COLUMNS if name != "time"]
+    for column, channel in channels.items():
+        try:
+            si_unit = unit_of(column)
+        except KeyError:
+            advice = f"the columns are {', '.join(names)}, signal_NAME{nearest(column, names)}"
+            raise misplaced(f"'{column}' is not a canonical column; {advice}", column) from None
+        if column == "time":
+            raise misplaced("time is not a channel; state its source under `time`", column)
+        unit, step = partial(si_factor, channel.unit or ""), channel.step
+        for key, check in (("unit", unit), ("resolution", step), ("bits", step), ("range", channel.ends)):
+            try:
+                if getattr(channel, key) is not None:
+                    check(si_unit)
+            except ValueError as error:
+                raise misplaced(f"{getattr(channel, key)!r} is not allowed: {error}", column, key) from None
 
+
+def each_once(key: str, channels: Mapping[str, Channel], named: dict[tuple[str, ...], str]) -> None:
+    """Refuse a channel that is two columns, unless it is a level; `named` are the columns of channels so far."""
+    for column, channel in channels.items():
+        if unit_of(column) != LEVEL_UNIT and (other := named.setdefault(channel.address, column)) != column:
+            raise misplaced(f"{channel.title} is {other} already; correct one", key, column, channel.ADDRESS)
+
+
+class Source(Settings):
+    """A source file: what a recorder's files hold, of a log (with a clock of its own) or of motion capture."""
+
+    format: str  # Format of the file.
+    description: str = ""  # For readers; nothing is computed from it.
     _path: Path | None = PrivateAttr(default=None)
 
     def written_in(self, path: Path) -> None:
@@ -267,202 +403,214 @@ class SourceFile(Settings):
 
     def of_part(self, part: str) -> Self:
         """The source file for one part of a log that holds several trials, as the sample sheet names it."""
-        if not part:
-            return self
-        if "log_part" not in type(self).model_fields:
-            name = cast(Source, self).format
-            raise InputError(f"log_part '{part}' in the sheet: a log in {name} holds one trial; clear the cell")
-        return self.model_copy(update={"log_part": part})
+        if part:
+            said = f"log_part '{part}' in the sheet: a log in {self.format} holds one trial; clear the cell"
+            raise InputError(said)
+        return self
+
+
+class InAxes(Source):
+    """That of a file with positions."""
+
+    axes: Axes = ("x", "y", "z")  # The file's that point forward, left and up: `[x, -z, y]` where y is up.
 
     @property
     def rotation(self) -> Array:
         """From the file's axes to ours, (3, 3): our coordinates are `rotation @ (x, y, z)`."""
-        axes = cast(Source, self).axes  # the file's that point forward, to the left and up
-        return np.array([[(-1.0 if name[0] == "-" else 1.0) * (name[-1] == axis) for axis in AXES] for name in axes])
-
-    @field_validator("channels", "analogs", "outputs", check_fields=False)
-    @classmethod
-    def _canonical(cls, channels: Mapping[str, Conversion]) -> Mapping[str, Conversion]:
-        """In the nomenclature, and of units that can become the column's."""
-        names = [name for name in COLUMNS if name != "time"]
-        for column, channel in channels.items():
-            try:
-                canonical = unit_of(column)
-            except KeyError:
-                advice = f"the columns are {', '.join(names)}, signal_NAME{nearest(column, names)}"
-                raise misplaced(f"'{column}' is not a canonical column; {advice}", column) from None
-            if column == "time":
-                raise misplaced("time is not a channel; state its source under `time`", column)
-            unit, step = partial(si_factor, channel.unit or ""), channel.step
-            for key, check in (("unit", unit), ("resolution", step), ("bits", step), ("range", channel.ends)):
-                try:
-                    if getattr(channel, key) is not None:
-                        check(canonical)
-                except ValueError as error:
-                    raise misplaced(f"{getattr(channel, key)!r} is not allowed: {error}", column, key) from None
-        return channels
+        signs = [-1.0 if name[0] == "-" else 1.0 for name in self.axes]
+        return np.array([[s * (name[-1] == axis) for axis in AXES] for s, name in zip(signs, self.axes, strict=True)])
 
     @model_validator(mode="after")
-    def _consistent(self) -> Self:
-        has, stated = type(self).model_fields, cast(Source, self)
-        if "axes" in has and round(float(np.linalg.det(self.rotation))) != 1:
+    def _right_handed(self) -> Self:
+        if round(float(np.linalg.det(self.rotation))) != 1:
             said = "forward, left and up must be three different axes of a right-handed laboratory"
-            raise misplaced(f"{list(stated.axes)} is not allowed: {said}", "axes")
-        if "clock" in has and stated.clock == "shared" and "sync" in stated.channels:
-            said = "a log with the mapped column sync is aligned by its edges; write clock: sync, or remove sync"
-            raise misplaced(said, "clock")
-        if "clock" in has and stated.clock == "sync" and "sync" not in stated.channels:
-            raise misplaced("sync needs the column sync under channels; map it, or write clock: master", "clock")
-        if "units_row" in has and stated.units_row and stated.header != "row":
-            raise ValueError("a row of units needs a header row above it")
-        if "plate_zero" in has and isinstance(stated.plate_zero, tuple) and stated.plate_zero[0] > stated.plate_zero[1]:
-            raise misplaced(f"{[*stated.plate_zero]} ends before it begins; write the first frame first", "plate_zero")
-        named = {("", stated.time.name, ""): "time"} if "time" in has and stated.time.name else {}
-        for key in {"channels", "analogs"} & {*has}:
-            signals = {name: one for name, one in getattr(stated, key).items() if unit_of(name) != LEVEL_UNIT}
-            for column, channel in signals.items():
-                address = getattr(channel, "topic", ""), channel.name, getattr(channel, "component", "")
-                if (other := named.setdefault(address, column)) != column:
-                    raise misplaced(f"{channel.title} is {other} already; correct one", key, column, channel.ADDRESS)
-        if {"channels", "plates"} <= {*has} and not stated.channels and not stated.plates:
-            raise misplaced("name the columns to read under `channels`, or plates under `plates`", "channels")
-        if "clock" in has and str(stated.clock) == "common" and (not stated.time.name or stated.time.unit != "s"):
-            raise misplaced("`clock: common` needs the column of time in s, as {column: time, unit: s}", "time")
+            raise misplaced(f"{list(self.axes)} is not allowed: {said}", "axes")
         return self
 
 
-class Source(SourceFile):
-    """A source file of a log (the file of a recorder with a clock of its own) or of a motion-capture laboratory."""
+class LogSource(Source):
+    """That of a log."""
 
-    format: str  # Format of the file.
-    description: str = ""  # For readers; nothing is computed from it.
     clock: Literal["master", "sync", "shared"] = "master"
     """How the log's clock is aligned to motion capture's. `master`: not; the log is the only file. `sync`: by the edges
-    of the column `sync`. `shared`: by the signal that motion capture's source file names under `shared`. `common`
-    (OpenSim): its times are those of the capture in TRC, which was exported with it."""
-    channels: dict[str, Channel]  # The recorded channel of each canonical column.
+    of the column `sync`. `shared`: by the signal that motion capture's source file names under `shared`."""
+    channels: Annotated[Mapping[str, LogChannel], Field(min_length=1)]  # The recorded channel of each canonical column.
     time: Time  # Where the time of a row or message comes from.
     most_missing: SampleShare = 0.01  # Largest share of a channel's numbers, and of the rows, that may be missing.
+
+    @field_validator("channels")
+    @classmethod
+    def _canonical(cls, channels: Mapping[str, LogChannel]) -> Mapping[str, LogChannel]:
+        canonical(channels)
+        return channels
+
+    @model_validator(mode="after")
+    def _aligned(self) -> Self:
+        if self.clock == "shared" and "sync" in self.channels:
+            said = "a log with the mapped column sync is aligned by its edges; write clock: sync, or remove sync"
+            raise misplaced(said, "clock")
+        if self.clock == "sync" and "sync" not in self.channels:
+            raise misplaced("sync needs the column sync under channels; map it, or write clock: master", "clock")
+        each_once("channels", self.channels, {(self.time.name,): "time"} if self.time.name else {})
+        return self
+
+
+class MessageSource(LogSource):
+    OF = " of messages"
+
+    channels: Annotated[Mapping[str, MessageChannel], Field(min_length=1)]
+    time: MessageTime
     largest_loss: SampleShare = 0.01  # Largest share of a topic's messages that may be lost, or the log is refused.
-    log_part: Annotated[str, AfterValidator(lambda text: checked_address(text, inside=False) if text else text)] = ""
-    """Address of the struct or cell that holds the trial, where there are several; the sample sheet's replaces it."""
-    delimiter: Literal["auto", ",", ";", "tab", "space", "|"] = "auto"
-    """Sign between cells; `auto` takes the first of tab, `;`, `|` and `,` that all lines have."""
-    decimal: Literal[".", ","] = "."  # Decimal sign.
-    comment: str = "#"  # Sign at the beginning of comment lines; empty if there are none.
-    header: Literal["row", "comment", "none"] = "row"  # Place of the names: first row, last comment line, or none.
-    units_row: bool = False  # Whether a row of units follows the header.
-    missing: tuple[str, ...] = ("", "nan", "NaN")  # Cells that become NaN: what a logger writes if a reading failed.
+
+
+class TableSource(LogSource):
+    """That of a log that is a table of rows."""
+
+    time: RowTime
+
+
+class SheetSource(TableSource):
+    """That of a table of cells with a header, of any program."""
+
+    OF = " of format table"
+
+    channels: Annotated[Mapping[str, ColumnChannel], Field(min_length=1)]
+    time: ColumnTime
+    comment: str = "auto"  # Sign at the beginning of comment lines, of `auto` #, % or //; empty if there are none.
+    header: Literal["auto", "row", "comment", "none"] = "auto"
+    """Place of the names: the row above the numbers, the last comment line, or none; `auto` takes what is there."""
+    units_row: bool | Literal["auto"] = "auto"  # Whether a row of units follows the header; `auto` looks.
+    missing: tuple[str, ...] = MISSING  # Cells that become NaN: what a logger writes if a reading failed.
     ragged: Literal["refuse", "skip", "dropped_variable"] = "refuse"
     """Rows whose length differs from the header's: the file is refused, or `skip` skips and counts them.
     `dropped_variable`, for a logger that omits a variable after it failed: from there on, the columns that were missing
     in the last complete row are NaN; a row that this does not explain is refused."""
+
+    @model_validator(mode="after")
+    def _below_a_header(self) -> Self:
+        if self.units_row is True and self.header not in ("auto", "row"):
+            raise ValueError("a row of units needs a header row above it")
+        return self
+
+
+class CsvSource(SheetSource):
+    OF = " of format csv"
+
+    delimiter: Literal["auto", ",", ";", "tab", "space", "|"] = "auto"
+    """Sign between cells; `auto` takes that of tab, `;`, `|`, `,` and blank by which most cells are numbers."""
+    decimal: Literal["auto", ".", ","] = "auto"  # Decimal sign; `auto` takes the one that the numbers have.
+
+
+class JsonSource(TableSource):
+    OF = " of format json_lines"
+
+    channels: Annotated[Mapping[str, FieldChannel], Field(min_length=1)]
+    time: FieldTime
+
+
+class MatSource(TableSource):
+    OF = " of format mat"
+
+    channels: Annotated[Mapping[str, VariableChannel], Field(min_length=1)]
+    time: VariableTime
+    log_part: Annotated[str, AfterValidator(lambda text: checked_address(text, inside=False) if text else text)] = ""
+    """Address of the struct or cell that holds the trial, where there are several; the sample sheet's replaces it."""
+
+    def of_part(self, part: str) -> Self:
+        return self.model_copy(update={"log_part": part}) if part else self
+
+
+class TdmsSource(TableSource):
+    OF = " of format tdms"
+
+    channels: Annotated[Mapping[str, TdmsChannel], Field(min_length=1)]
+    time: TdmsTime = Field(default_factory=TdmsTime)
+
+
+class OpenSimSource(TableSource, InAxes):
+    OF = " of format opensim"
+
+    clock: Literal["master", "sync", "shared", "common"] = "master"  # type: ignore[assignment]
+    """How the log's clock is aligned to motion capture's, as in other logs. `common`: its times are those of the
+    capture in TRC, which was exported with it."""
+    channels: Mapping[str, OpenSimChannel] = Field(default={})
+    time: OpenSimTime = Field(default_factory=OpenSimTime)
+    plates: Mapping[PositiveInt, OpenSimPlate] = Field(default={})  # Force plates by number, from 1.
+    axes: Axes = ("x", "-z", "y")
+
+    @model_validator(mode="after")
+    def _something(self) -> Self:
+        if not self.channels and not self.plates:
+            raise misplaced("name the columns to read under `channels`, or plates under `plates`", "channels")
+        if str(self.clock) == "common" and (not self.time.name or self.time.unit != "s"):
+            raise misplaced("`clock: common` needs the column of time in s, as {column: time, unit: s}", "time")
+        return self
+
+
+class MarkerSource(InAxes):
+    """That of a capture."""
+
     markers: Annotated[Literal["all"] | tuple[str, ...], BeforeValidator(all_none_or_list)] = "all"
     """The markers to read: all (every labelled point except model outputs), none or a list of labels."""
-    axes: Axes = ("x", "y", "z")  # The file's that point forward, left and up: `[x, -z, y]` where y is up.
     shared: SharedAngle | None = None  # What aligns the clock of a log that says `clock: shared`.
-    analogs: dict[str, Channel] = Field(default={})  # The recorded channel of each canonical column.
-    outputs: dict[str, ModelOutput] = Field(default={})  # The model output of each canonical column.
+
+
+class TrcSource(MarkerSource):
+    OF = " of format trc"
+
     point_unit: LengthUnit | None = None  # Unit of length, where the file's own is absent or wrong.
-    plates: Any = Field(default={})  # Force plates by number, from 1; in C3D those to read: all, none or a list.
+
+
+class LaboratorySource(MarkerSource):
+    """That of a capture with devices."""
+
+    analogs: Mapping[str, Channel] = Field(default={})  # The recorded channel of each canonical column.
+    outputs: Mapping[str, ModelOutput] = Field(default={})  # The model output of each canonical column.
+
+    @field_validator("analogs", "outputs")
+    @classmethod
+    def _canonical(cls, channels: Mapping[str, Conversion]) -> Mapping[str, Conversion]:
+        canonical(channels)
+        return channels
+
+    @model_validator(mode="after")
+    def _each_once(self) -> Self:
+        each_once("analogs", self.analogs, {})
+        return self
+
+
+class C3dSource(LaboratorySource):
+    OF = " of format c3d"
+
+    analogs: Mapping[str, C3dChannel] = Field(default={})
+    point_unit: LengthUnit | None = None  # Unit of length, where the file's own is absent or wrong.
+    plates: Annotated[Literal["all"] | tuple[PositiveInt, ...], BeforeValidator(all_none_or_list)] = "all"
+    """Force plates by number, from 1: all, none or a list."""
     plate_units: PlateUnits | None = None  # Units of the plates' channels, where the file's are absent or wrong.
     plate_zero: Literal["none", "file"] | tuple[PositiveInt, PositiveInt] = "none"
     """Baseline of the plates: none, file (FORCE_PLATFORM:ZERO) or two frames, from 1, between which they are empty."""
 
-
-def model_of(
-    name: str,
-    keys: str,
-    of_channel: str = "",
-    of_time: str = "",
-    of_plate: str = "",
-    kinds: Mapping[str, tuple[Any, Any]] | None = None,
-    time_in_file: bool = False,
-) -> type[Source]:
-    """The model of source files of one format, which have these keys of `Source`, besides `format` and `description`.
-    of_channel: keys of an entry under `channels` or `analogs`; the first names the channel. of_time, of_plate: those of
-    `time` and of a plate. kinds: type and default of a key where they are not those of the catalogue, as of `time.unit`
-    under this name. time_in_file: whether the format itself tells when a sample was taken."""
-    kinds = kinds or {}
-    below: dict[str, Any] = {}
-
-    def narrowed(part: str, base: tuple[type[Settings], ...], catalogue: type[Settings], chosen: str) -> Any:
-        """A model of the chosen keys of a catalogue; `part` is their place, as `time.`."""
-        hints, fields = get_type_hints(catalogue, include_extras=True), dict[str, Any]()
-        for key in chosen.split():
-            kind, default = kinds.get(f"{part}{key}") or (hints[key], catalogue.model_fields[key].default)
-            fields[key] = (kind, ... if default is PydanticUndefined else default)
-        fields |= {} if part else below
-        title = f"{name}_{part.rstrip('.') or 'source'}"
-        model = cast(Any, create_model)(title, __base__=base, __doc__=catalogue.__doc__, **fields)
-        model.CATALOGUE, model.OF = catalogue, f" of format {name}"
-        return model
-
-    address = next(iter(of_channel.split()), "")
-    if of_channel:
-        channel = narrowed("channel.", (Conversion, Addressed), Channel, of_channel)
-        channel.ADDRESS = address
-        many: Any = GenericAlias(dict, (str, channel))
-        if "channels" not in keys.split():
-            below["analogs"] = (many, {})
-        else:
-            below["channels"] = (many, {}) if "channels" in kinds else (Annotated[many, Field(min_length=1)], ...)
-    if of_time:
-        time = narrowed("time.", (Addressed if "source" in of_time.split() else RowTime,), Time, of_time)
-        time.ADDRESS, time.IN_FILE = address, time_in_file
-        below["time"] = (time, Field(default_factory=time) if "time" in kinds else ...)
-    if of_plate:
-        plate = narrowed("plate.", (Settings,), Plate, of_plate)
-        below["plates"] = (GenericAlias(dict, (PositiveInt, plate)), {})
-    return cast(type[Source], narrowed("", (SourceFile,), Source, f"format description {keys}"))
+    @model_validator(mode="after")
+    def _zero_lasts(self) -> Self:
+        if isinstance(self.plate_zero, tuple) and self.plate_zero[0] > self.plate_zero[1]:
+            raise misplaced(f"{[*self.plate_zero]} ends before it begins; write the first frame first", "plate_zero")
+        return self
 
 
-OPTIONAL = (None, None)  # marks `time` and `channels` as keys that a source file may leave out
-NO_UNITS = {"channel.unit": (Unit, ...)}  # of formats that state no units
-OF_ROWS, OF_TABLE = "unit rate repeated stamps", "clock channels most_missing time"
-OF_DEVICES = "markers axes shared analogs outputs"
-OF_MESSAGES = (
-    *(f"{OF_TABLE} largest_loss", "field topic counter unit", "source field stamps", ""),
-    {**NO_UNITS, "time.field": (str, "header.stamp")},
-)
-KEYS: Mapping[str, tuple[Any, ...]] = {
-    "mcap": OF_MESSAGES,
-    "rosbag1": OF_MESSAGES,
-    "rosbag2": OF_MESSAGES,
-    "csv": (
-        f"{OF_TABLE} delimiter decimal comment header units_row missing ragged",
-        *("column counter", f"column {OF_ROWS}"),
-    ),
-    "json_lines": (OF_TABLE, "field counter unit", f"field {OF_ROWS}", "", NO_UNITS),
-    "mat": (
-        *(f"{OF_TABLE} log_part", "variable counter unit", f"variable {OF_ROWS}", ""),
-        {**NO_UNITS, "channel.counter": (AddressText | None, None)},
-    ),
-    "tdms": (OF_TABLE, "channel counter", f"channel {OF_ROWS}", "", {"time": OPTIONAL}, True),
-    "opensim": (
-        *(f"{OF_TABLE} plates axes", "column counter unit", f"column {OF_ROWS}"),
-        "force point moment corners foot sign",
-        {
-            **NO_UNITS,
-            "clock": (Literal["master", "sync", "shared", "common"], "master"),
-            "channels": OPTIONAL,
-            "time": OPTIONAL,
-            "time.column": (ColumnName | None, "time"),
-            "time.unit": (TimeUnit | None, "s"),
-            "axes": (Axes, ("x", "-z", "y")),
-        },
-    ),
-    "c3d": (
-        *(f"{OF_DEVICES} point_unit plates plate_units plate_zero", "channel", "", ""),
-        {"plates": (Annotated[Literal["all"] | tuple[PositiveInt, ...], BeforeValidator(all_none_or_list)], "all")},
-    ),
-    "nexus_csv": (
-        *(f"{OF_DEVICES} delimiter decimal plates", "device component", "", "device corners moment_about sign"),
-    ),
-    "trc": ("markers axes shared point_unit",),
-}
-SOURCES = {name: model_of(name, *keys) for name, keys in KEYS.items()}
+class NexusSource(LaboratorySource):
+    OF = " of format nexus_csv"
 
+    analogs: Mapping[str, DeviceChannel] = Field(default={})
+    plates: Mapping[PositiveInt, NexusPlate] = Field(default={})  # Force plates by number, from 1.
+    delimiter: Literal["auto", ",", ";", "tab", "space", "|"] = "auto"  # Sign between cells.
+    decimal: Literal[".", ","] = "."  # Decimal sign.
+
+
+SOURCES: Mapping[str, type[Source]] = {
+    **dict.fromkeys(("mcap", "rosbag1", "rosbag2"), MessageSource),
+    "csv": CsvSource, "table": SheetSource, "json_lines": JsonSource, "mat": MatSource, "tdms": TdmsSource,
+    "opensim": OpenSimSource, "c3d": C3dSource, "nexus_csv": NexusSource, "trc": TrcSource,
+}  # fmt: skip
 
 UNKNOWN = "UNKNOWN"  # stands in a draft where the file does not tell a value
 NAME_OF_TIME = "NAME_OF_TIME"  # stands for the column of time where no column is called like a clock
@@ -472,7 +620,7 @@ def open_places(content: Any, above: tuple[str, ...] = ()) -> Iterator[tuple[str
     """The places of a draft that are not edited yet: channels without a name, and what is UNKNOWN, which in other
     fields may be a name in the recording."""
     for key, value in content.items() if isinstance(content, dict) else ():
-        place, is_open = (*above, str(key)), value == UNKNOWN and key == "unit"
+        place, is_open = (*above, str(key)), value == UNKNOWN and key in ("unit", "rate")
         if re.fullmatch(r"NAME_\d+", str(key)) or is_open or value == NAME_OF_TIME:
             yield place
         else:
@@ -488,16 +636,6 @@ class Recording:
     columns: Mapping[str, Mapping[str, Any]]  # source channel and conversion of each column
     facts: Mapping[str, Any] = field(default_factory=dict)  # Further facts: rates, source of time, plates, damage.
     warnings: Sequence[str] = ()  # warnings, a sentence each
-
-    def __post_init__(self) -> None:
-        time = self.samples["time"]
-        lasts = float(time[-1] - time[0]) if len(time) else 0.0
-        for column, origin in self.columns.items():
-            if abs(origin.get("delay", 0.0)) > lasts:
-                raise InputError(
-                    f"{column}: a delay of {origin['delay']:g} s is longer than the recording of {lasts:g} s; "
-                    "correct `delay` and its unit in the source file"
-                )
 
 
 def check_values(what: str, values: Array, time: Array) -> None:

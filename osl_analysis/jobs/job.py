@@ -3,7 +3,6 @@
 import importlib
 import inspect
 import json
-import re
 import signal
 import time
 import traceback
@@ -17,9 +16,9 @@ from pydantic import ConfigDict, validate_call
 from osl_analysis.errors import OslAnalysisError, WriteError, printable, unexpected
 from osl_analysis.files import temporary_path, write_text
 from osl_analysis.jobs.job_log import write_log
+from osl_analysis.jobs.memory import limited_memory
 from osl_analysis.jobs.request import read_request
-from osl_analysis.judge.findings import Judge, exclusions, without_excluded, without_refused
-from osl_analysis.memory import limited_memory
+from osl_analysis.judge.used import Judge, exclusions, without_excluded, without_refused
 from osl_analysis.refusal import Refusal, write_refusals
 from osl_analysis.table import tables_of, write_tables
 from osl_analysis.trial import read_trial
@@ -35,15 +34,8 @@ WHAT_TO_DO = {
     "died": "run again; if memory was short, with fewer jobs at once (`--cores 1`)",
 }
 """After each outcome of a job, where its message does not say; `log` is the path of its log."""
-TO_DO = frozenset({
-    "add", "ask", "calibrate", "check", "choose", "clear", "convert", "copy", "correct", "cut", "delete", "drive",
-    "enable", "exclude", "excite", "export", "fill", "find", "fit", "give", "ingest", "keep", "label", "leave",
-    "list", "look", "lower", "make", "map", "mark", "mend", "move", "name", "put", "quote", "raise", "rebuild",
-    "record", "remove", "rename", "repair", "repeat", "replace", "resample", "rewrite", "run", "sample", "save",
-    "see", "select", "set", "shorten", "start", "state", "switch", "synchronise", "synchronize", "take", "turn",
-    "type", "use", "wait", "write", "zero",
-})  # fmt: skip
-"""Verbs with which a remedy begins."""
+CRASHES = ("SIGSEGV", "SIGBUS", "SIGABRT", "SIGILL", "SIGFPE")
+"""Signals by which a library dies of what it reads, or of a fault of its own: the same input ends in the same way."""
 
 
 def perform(job: Job) -> None:
@@ -60,7 +52,8 @@ def perform(job: Job) -> None:
                 said = "; ".join(f"{cause.trial or cause.file}: {cause.reason}" for cause in causes)
                 ended |= {"outcome": "skipped", "error": said}
         except OslAnalysisError as fault:
-            ended |= {"outcome": "failed" if isinstance(fault, WriteError) else "refused", "error": str(fault)}
+            outcome = "failed" if isinstance(fault, WriteError) else "refused"
+            ended |= {"outcome": outcome, "error": fault.reason, "remedy": fault.remedy}
         except OSError as fault:
             said = printable(f"{fault.filename or 'a file'}: {fault.strerror or fault}")
             ended |= {"outcome": "failed", "error": said}
@@ -114,26 +107,12 @@ def refusal(job: Job, ended: Mapping[str, Any]) -> Refusal:
     inputs, settings = job["input"], job["settings"]
     trial = settings.get("trial") or (settings.get("row") or {}).get("trial")
     trial = str(trial or Path(str(inputs.get("trial") or inputs.get("crossing") or "")).stem)
-    outcome, reason, remedy, is_fault = ended["outcome"], ended["error"], "", bool(ended.get("traceback"))
-    if outcome == "refused" or (outcome == "failed" and not is_fault):
-        reason, remedy = reason_and_remedy(reason)
+    outcome, reason, is_fault = ended["outcome"], ended["error"], bool(ended.get("traceback"))
     kind = {"refused": "" if trial else ", of several", "failed": "" if is_fault else ", of the system"}
-    remedy = remedy or WHAT_TO_DO[outcome + kind.get(outcome, "")].format(log=job["log"])
+    remedy = ended.get("remedy") or WHAT_TO_DO[outcome + kind.get(outcome, "")].format(log=job["log"])
     files = [*files_read(job), *job["files"]]  # the first is to blame, unless the reason names another one
     file = next((file for file in files if file in reason), files[0] if files else "")
     return Refusal(trial, file, job["command"], outcome, reason, remedy)
-
-
-def reason_and_remedy(message: str) -> tuple[str, str]:
-    """What a message says is wrong, and what to do, which begins at the first semicolon outside brackets after which a
-    verb of `TO_DO` stands, also after "if ...,"; empty where there is none."""
-    for found in re.finditer("; ", message):
-        reason, rest = message[: found.start()], message[found.end() :]
-        outside = all(reason.count(left) == reason.count(right) for left, right in ("()", "[]"))
-        first = re.match(r"(?:(?:if|for|to) [^;,]*, )?([A-Za-z]+)", rest)
-        if outside and first and first[1].lower() in TO_DO:
-            return reason, rest
-    return message, ""
 
 
 def files_read(job: Job) -> list[str]:
@@ -149,6 +128,16 @@ def died(request: Path, pid: int, number: int) -> None:
     for path in map(Path, job["files"]):
         temporary_path(path, pid).unlink(missing_ok=True)
     known = {int(one): one.name for one in signal.Signals}
-    by = f"signal {number}, {known[number]}" if number in known else "from outside"
-    error = f"the process of this job was killed ({by})"
-    end(job, {"job": job["command"], "outcome": "died", "error": error})
+    name, file = known.get(number, ""), next(iter(files_read(job)), "")
+    ended = {"job": job["command"], "outcome": "died"}
+    if file and name in CRASHES:  # the next run would do the same
+        said = f"{file}: a library that reads it crashed (signal {number}, {name})"
+        ended |= {
+            "outcome": "refused",
+            "error": said,
+            "remedy": "the file may be damaged: copy, export or record it again",
+        }
+    else:
+        by = f"signal {number}, {name}" if name else "from outside"
+        ended["error"] = f"the process of this job was killed ({by})"
+    end(job, ended)

@@ -17,9 +17,10 @@ REQUEST = ("input", "output", "settings")  # The last entries of a log: the requ
 def write_log(path: Path, ended: Mapping[str, Any], request: Mapping[str, Any]) -> None:
     """Write how a job ended, and its request, as YAML, 15 times as fast as with ruamel.yaml, without empty entries.
 
-    `ended` has the command `job`, its `outcome`, wall time `seconds`, the line `error`, `warnings`, and the `traceback`
-    of an error of the program. Outcomes: done; refused, for an input that the user can correct; failed, by an error of
-    the program; died, ended from outside; skipped, for want of a result that was refused or failed.
+    `ended` has the command `job`, its `outcome`, wall time `seconds`, what was wrong in the line `error`, the `remedy`,
+    `warnings`, and the `traceback` of an error of the program. Outcomes: done; refused, for an input that the user can
+    correct; failed, by an error of the program; died, ended from outside; skipped, for want of a result that was
+    refused or failed.
     """
     entries = {**ended, **{name: request.get(name) for name in REQUEST}}
     said = plain({name: value for name, value in entries.items() if value not in ("", (), [], {}, None)})

@@ -32,8 +32,10 @@ NOT_TOLD = re.compile(
 )
 """What lines of Snakemake begin with that tell a user nothing, or what a job has told."""
 CANNOT_GO_ON = {
-    r"LockException.*directory:\n(.+?)\n.*": r"\1: another run is at work here: wait for it; or a killed one left its "
-    "lock: remove it with `osl-analysis run --unlock` (in a clone `snakemake --unlock`), and run again",
+    r"LockException.*directory:\n(.+?)\n.*": r"\1: another run is at work here: wait for it; or one that was killed "
+    "left its lock: `osl-analysis run` takes it over on the same machine, else `--unlock` removes it",
+    r"MissingRuleException[^\n]*\nNo rule to produce (.+?) \(if you use.*": r"\1: no result of this campaign has this "
+    "name; compare it with the files below its results, or leave it out to make all of them",
     r".*(?:Write|Input)Error(?: in file [^\n]+)?:\s+([^\n]+).*": r"\1",
     r".*Error: \[Errno (?:5|13|2[78]|30|122)\] ([^\n]+).*": r"\1; make room, or make it writable, and run again",
 }
@@ -97,9 +99,10 @@ class LogHandler(LogHandlerBase):
         self.done[name] += 1
         for log in map(Path, logs):
             if (ended := read_log(log)) and ended["outcome"] in ("refused", "failed", "died"):
-                kind = ended["outcome"], alike(ended["error"], log.stem)
+                said = "; ".join(filter(None, (ended["error"], ended.get("remedy"))))
+                kind = ended["outcome"], alike(said, log.stem)
                 if kind not in self.told:  # the list at the end of the run names the others with this cause
-                    self.line(f"{ended['outcome']}: {log.stem}: {printable(ended['error'])}")
+                    self.line(f"{ended['outcome']}: {log.stem}: {printable(said)}")
                 self.told.add(kind)
         done, total, now = self.done[name], self.total[name], time.monotonic()
         spent = max(now - self.started[name], 1e-3)

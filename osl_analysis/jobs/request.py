@@ -5,24 +5,23 @@ recording is a changed input of the jobs that use it, and of no others. Snakemak
 has notes of its own (`.snakemake`), else by date.
 """
 
-import hashlib
 import json
-import re
 from collections.abc import Iterable, Mapping, Sequence
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
 
 from osl_analysis.files import PACKAGE, digest, file_state, root, write_text
+from osl_analysis.jobs.code import Sources
 from osl_analysis.jobs.job_log import plain
-from osl_analysis.judge.findings import Judge, exclusions
+from osl_analysis.jobs.run import begin, planned_folder
+from osl_analysis.judge.used import Judge, exclusions
 from osl_analysis.refusal import TRIED_AGAIN, is_refused, read_refusals
+from osl_analysis.yaml_settings import content_digest
 
 PLACES = {"<package>": str(PACKAGE), "<shipped>": str(root())}
 """What stands in requests for folders of the program, so that results hold in another environment with the same."""
-IMPORT = re.compile(
-    r"^[ \t]*(?:from (osl_analysis[\w.]*) import (\([^)]*\)|.*)|import (osl_analysis[\w.]*))", re.MULTILINE
-)
+FITS = ("table.write_tables", "trial.read_trial")  # what a fit uses that takes a trial and gives tables (`jobs.job`)
 
 
 def read_request(path: Path) -> dict[str, Any]:
@@ -33,15 +32,14 @@ def read_request(path: Path) -> dict[str, Any]:
     return {**json.loads(text), "path": path}
 
 
-def write_request(path: Path, content: Mapping[str, Any]) -> None:
-    """Write a request if it differs from the one in its place. A failed or killed job is tried again, and so is one
-    whose results were deleted: its request counts how often."""
+def request_text(path: Path, content: Mapping[str, Any]) -> str:
+    """The text of a request, where another one may be in its place. A failed or killed job is tried again, and so is
+    one whose results were deleted: its request counts how often. What has not changed gives the text that is there."""
     now = plain(content)
     try:
-        old = path.read_text(encoding="utf-8")
-        before = json.loads(old)
+        before = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):
-        old, before = "", {}
+        before = {}
     now["tried"] = before.get("tried", 0)
     if before:
         files = [Path(file) for file in now["files"]]
@@ -55,8 +53,7 @@ def write_request(path: Path, content: Mapping[str, Any]) -> None:
     text = json.dumps(now, indent=1) + "\n"
     for name, place in PLACES.items():
         text = text.replace(place, name)
-    if text != old:
-        write_text(path, text)
+    return text
 
 
 def same_recordings(recorded: Iterable[str], trial: Path) -> bool:
@@ -72,19 +69,37 @@ def same_recordings(recorded: Iterable[str], trial: Path) -> bool:
     return [digest(Path(file)) for file in recorded] == [part["sha256"] for part in parts]
 
 
-digest_of = cache(digest)  # many jobs use the same file
+digest_of = cache(content_digest)  # many jobs use the same file
 
 
 class Requests:
     """The requests of a workflow, among its results; `judge` decides which trials are used. In the process of a single
-    job, as on a cluster, they stay as they are."""
+    job, as on a cluster, they stay as they are. Where jobs are planned and none is run, as by `-n`, those that differ
+    are written elsewhere. `recordings` is the folder of simulated ones."""
 
-    def __init__(self, results: Path, data: str, judge: Judge, workflow: Any) -> None:
-        self.folder, self.logs, self.data = results / "requests", results / "logs", data
+    def __init__(self, results: Path, data: str, judge: Judge, workflow: Any, recordings: Sequence[Path] = ()) -> None:
+        self.folder, self.logs, self.data, self.judge = results / "requests", results / "logs", data, judge
         self.is_excluded = cache(lambda measured: bool(exclusions(judge.verdicts([Path(measured)]))))
-        self.workflow, self.is_written = workflow, workflow.is_main_process
-        if self.is_written:
-            judge.write(self.folder / "judge.json")
+        self.workflow, self.sources = workflow, Sources(self.folder / "code.json")
+        self.written = (results, *recordings)
+        self.code = cache(self.known_code)
+
+    @cached_property
+    def elsewhere(self) -> Path | None:
+        """The folder of requests that differ, where no job is run; None in a run, which begins here."""
+        if self.workflow.executor_plugin is None or self.workflow.dryrun:
+            return planned_folder()
+        if self.workflow.is_main_process:
+            begin(self.workflow.snakemake_tmp_dir, *self.written)
+            self.judge.write(self.folder / "judge.json")
+        return None
+
+    def known_code(self, *roots: str) -> str:
+        """`Sources.code`. What is parsed for it is kept, where jobs are run."""
+        code = self.sources.code(*roots)
+        if self.elsewhere is None:
+            self.sources.write()
+        return code
 
     def job(
         self,
@@ -105,7 +120,8 @@ class Requests:
     ) -> dict[str, Any]:
         """The inputs of one job of a rule for Snakemake, by name; `request` is the file of its request.
 
-        `command` and `modules` are those of `code`. It is called with
+        `command` is `module.function` of `osl_analysis.commands`, `modules` are those that it imports by name. It is
+        called with
         * the inputs by name: those of `input`, those of `read`, which were made when `input` was (planning takes time
           with every file that Snakemake is told of), and the small `files`, which no job writes;
         * the outputs of the rule by their names; without a name, one is `output` and several are `outputs`. Or with
@@ -115,9 +131,6 @@ class Requests:
         those in `after` are not looked at. Of `files` and `made_of` the content counts, of `recordings` state and
         content.
         """
-        if self.workflow.scheduling_settings and self.workflow.local_exec:
-            # For its limit of jobs per second the scheduler looks, after n jobs, at all ready ones n times per second.
-            self.workflow.scheduling_settings.max_jobs_per_timespan = None
         known = dict(wildcards.items())
         made = [str(pattern).format(**known) for pattern in rule.output]
         named = {name: str(pattern).format(**known) for name, pattern in rule.output.items()}
@@ -131,10 +144,10 @@ class Requests:
         log = str(rule.log[0]).format(**known)
         # Each in a folder of its own: what is written beside a file that it has looked for, Snakemake does not see.
         path = self.folder / Path(log).relative_to(self.logs).with_suffix("") / "job.json"
-        if self.is_written or not path.is_file():
+        if self.workflow.is_main_process or not path.is_file():
             content = {
                 "command": command,
-                "code": code(command, *modules),
+                "code": self.code(f"commands.{command}", *modules, *(FITS if "tables" in output else ())),
                 "data": self.data,
                 "log": log,
                 "files": made,
@@ -148,40 +161,14 @@ class Requests:
                 # as inputs, Snakemake would ignore an older date of a recording, and stop where it cannot read one
                 "recorded": {str(file): file_state(file) for file in recordings},
             }
-            write_request(path, content)
+            path = self.placed(path, request_text(path, content))
         return {"request": str(path), **plain({**(input or {}), "after": after, "needs": needs})}
 
-
-@cache
-def code(command: str, *modules: str) -> str:
-    """Fingerprint of a command, `module.function` under `osl_analysis.commands`: of the module's file, of all of ours
-    that it imports, and of `modules` under `osl_analysis` that it imports by name."""
-    files, names = set[Path](), (f"commands.{command.partition('.')[0]}", *modules)
-    new = [module_file(f"osl_analysis.{name}") for name in names]
-    while new:
-        file = new.pop()
-        if file is not None and file not in files:
-            data = "*.yaml" if file.stem == "__init__" else f"{file.stem}.*"  # in a package, or beside a module
-            files |= {file, *file.parent.glob(data)}
-            new += map(module_file, imported_names(file))
-    return hashlib.sha256(b"".join(map(content_of, sorted(files)))).hexdigest()[:16]
-
-
-content_of = cache(Path.read_bytes)  # as it was when it was asked for first
-
-
-@cache
-def imported_names(path: Path) -> tuple[str, ...]:
-    """Dotted names of the package that a source file imports, at any place in it, and some words of comments there.
-    They are found by their text: parsing every module takes 0.8 s, and Snakemake does it anew in each run."""
-    names = []
-    for module, imported, alone in IMPORT.findall(content_of(path).decode()):
-        names += [alone or module, *(f"{module}.{name}" for name in re.findall(r"\w+", imported))]
-    return tuple(name for name in names if name.startswith("osl_analysis."))
-
-
-@cache
-def module_file(name: str) -> Path | None:
-    """File of a dotted module name of the package; None if the name is not a module."""
-    path = PACKAGE.joinpath(*name.split(".")[1:])
-    return next((p for p in (path.with_suffix(".py"), path / "__init__.py") if p.is_file()), None)
+    def placed(self, path: Path, text: str) -> Path:
+        """The file of a request: its own, which is written if it differs, or, where no job is run, one elsewhere."""
+        if path.is_file() and path.read_text(encoding="utf-8") == text:
+            return path
+        if self.elsewhere is not None:
+            path = self.elsewhere / path.relative_to(self.folder)
+        write_text(path, text)
+        return path

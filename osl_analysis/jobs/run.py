@@ -7,21 +7,28 @@ Linux its jobs end with it; elsewhere they come to their end.
 
 import atexit
 import ctypes
+import fcntl
 import gc
 import importlib
+import json
 import os
+import platform
+import re
 import select
+import shutil
 import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
-from typing import Any, NoReturn
+from tempfile import gettempdir, mkdtemp
+from typing import IO, Any, NoReturn
 
 from osl_analysis.errors import OslAnalysisError, listing
 from osl_analysis.files import PACKAGE
@@ -31,14 +38,17 @@ ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "POL
 """Snakemake counts one core per job."""
 PRELOADED = (
     "osl_analysis.jobs.job",
-    *("scipy.signal", "scipy.interpolate", "scipy.ndimage", "scipy.linalg", "scipy.fft"),  # ours name them at their use
+    *("scipy.signal", "scipy.interpolate", "scipy.optimize", "scipy.linalg", "scipy.fft"),  # named at their use
     *(f"osl_analysis.commands.{name}" for name in ("trials", "bench", "tables", "walking", "gains")),
-    *(f"osl_analysis.commands.{name}" for name in ("figure", "report", "simulate", "study")),
-    *(f"osl_analysis.simulator.{name}" for name in ("bench", "crossing", "preloaded")),
+    *(f"osl_analysis.commands.{name}" for name in ("figure", "report", "simulate", "study", "preloaded")),
     *("osl_analysis.figures.names", "fontTools.subset"),
     *(f"matplotlib.backends.backend_{name}" for name in ("pdf", "svg", "agg")),
 )
 """Imported while Snakemake plans: the jobs share it."""
+
+
+MOST_SERVERS = 3  # that a job is sent to, before it counts as killed
+STARTING = threading.Lock()
 
 
 @cache
@@ -59,25 +69,45 @@ def job_server() -> tuple[socket.socket, subprocess.Popen[bytes]]:
 
 
 def run_job(request: str) -> None:
-    """Have the job of a request done. A killed one leaves records, as one does that refuses its input. Raises where
-    there is neither a result nor a record, as on a full disk; the job itself has said why."""
+    """Have the job of a request done. A killed one leaves records, as one does that refuses its input; one that the
+    server had not begun when it was killed is done by a new server. Raises where there is neither a result nor a
+    record, as on a full disk; the job itself has said why."""
     said = b""
-    ours, theirs = socket.socketpair()
-    with ours, suppress(OSError):
-        with theirs:
-            socket.send_fds(job_server()[0], [b"+"], [theirs.fileno(), 1, 2])
-        ours.sendall(f"{os.getcwd()}\0{request}".encode())
-        ours.shutdown(socket.SHUT_WR)
-        with ours.makefile("rb") as answer:
-            said = answer.read()
+    for _ in range(MOST_SERVERS):
+        link, server = running_server()
+        if said := asked(link, request):
+            break
+        with suppress(subprocess.TimeoutExpired):
+            server.wait(10)
     pid, _, ended = said.decode().partition(" ")
-    code = int(ended or -signal.SIGKILL)  # a server that was killed says nothing: its jobs die with it
+    code = int(ended or -signal.SIGKILL)  # a server that was killed says no end: its jobs die with it
     if code < 0:
         from osl_analysis.jobs.job import died
 
         died(Path(request), int(pid or 0), -code)
     elif code:
         raise OslAnalysisError(f"{request}: this job could write no result; see above, and run again")
+
+
+def running_server() -> tuple[socket.socket, subprocess.Popen[bytes]]:
+    """The server of this run; a new one where it has ended."""
+    with STARTING:
+        if job_server()[1].poll() is not None:
+            job_server.cache_clear()
+        return job_server()
+
+
+def asked(server: socket.socket, request: str) -> bytes:
+    """What the server says of a job: `pid exit_code`, only the first if it was killed meanwhile, or nothing."""
+    ours, theirs = socket.socketpair()
+    with ours, suppress(OSError):
+        with theirs:
+            socket.send_fds(server, [b"+"], [theirs.fileno(), 1, 2])
+        ours.sendall(f"{os.getcwd()}\0{request}".encode())
+        ours.shutdown(socket.SHUT_WR)
+        with ours.makefile("rb") as answer:
+            return answer.read()
+    return b""
 
 
 def serve(number: int) -> NoReturn:
@@ -157,6 +187,88 @@ def do(folder: str, request: str, output: Sequence[int]) -> NoReturn:
         os._exit(code)
 
 
+RUNS = Path(".snakemake/osl_runs")
+"""A line of JSON for each run since one was alone in this folder: host, process, temporary folder. Every run holds a
+shared lock of this file, which ends with its process, however that ends."""
+
+
+def runs_before(file: IO[str]) -> list[dict[str, Any]] | None:
+    """The runs that ended before this one, if none is at work; the file is then locked. None if one is."""
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return None
+    file.seek(0)
+    with suppress(ValueError):
+        return [json.loads(line) for line in file]
+    return []
+
+
+@cache
+def begin(temporary: Path, *folders: Path) -> IO[str]:
+    """Begin a run with this temporary folder, and say that it is at work: clean what a killed one on this machine left,
+    also in the `folders`."""
+    RUNS.parent.mkdir(exist_ok=True)
+    file = RUNS.open("a+", encoding="utf-8")
+    if (before := runs_before(file)) is not None:
+        clean(before, folders)
+        file.truncate(0)
+    fcntl.flock(file, fcntl.LOCK_SH)
+    known = {"host": platform.node(), "pid": os.getpid(), "temporary": str(temporary)}
+    print(json.dumps(known), file=file, flush=True)
+    return file
+
+
+def clean(before: Sequence[Mapping[str, Any]], folders: Sequence[Path]) -> None:
+    """Remove what killed runs on this machine left: their temporary folders, and half-written files in the folders."""
+    left = [Path(one["temporary"]) for one in before if one["host"] == platform.node()]
+    if killed := [folder for folder in left if folder.is_dir()]:
+        of_process = re.compile(r"\..+\.(\d+)(\.\w+)?")
+        hidden = (path for folder in folders for path in folder.rglob(".*") if path.is_file())
+        named = ((path, of_process.fullmatch(path.name)) for path in hidden)
+        killed += [path for path, name in named if name and not is_alive(int(name[1]))]
+    planned = Path(gettempdir()).glob(f"{PLANNED}*_*")
+    for path in (
+        *killed,
+        *(one for one in planned if not is_alive(int(one.name.removeprefix(PLANNED).partition("_")[0]))),
+    ):
+        shutil.rmtree(path, ignore_errors=True) if path.is_dir() else path.unlink(missing_ok=True)
+
+
+def is_alive(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:  # another user's
+        pass
+    return True
+
+
+def locked_by_killed_run() -> bool:
+    """Whether Snakemake's lock of this folder is that of killed runs on this machine; it is then removed."""
+    locks = [*Path(".snakemake/locks").glob("*.lock")]
+    if not locks or not RUNS.is_file():
+        return False
+    with RUNS.open("a+", encoding="utf-8") as file:
+        before = runs_before(file)
+        if not before or any(one["host"] != platform.node() for one in before):
+            return False
+        for lock in locks:
+            lock.unlink()
+    return True
+
+
+def planned_folder() -> Path:
+    """A temporary folder for the requests of jobs that are planned alone, until the end of this process."""
+    folder = Path(mkdtemp(prefix=f"{PLANNED}{os.getpid()}_"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return folder
+
+
+PLANNED = "osl_analysis_planned_"
+
+
 def at_end_of_run(workflow: Any, logs: Path, said: Callable[[Sequence[str]], str], accept: bool) -> None:
     """Let a run of Snakemake end with our report, and with exit code 1 if something that was asked for is refused,
     unless refusals are to `accept`. `said` writes the report, from the refusal records of the run; a dry run ends with
@@ -181,6 +293,7 @@ def at_end_of_run(workflow: Any, logs: Path, said: Callable[[Sequence[str]], str
             traceback.print_exc()
             failed = True
         if failed:
+            shutil.rmtree(workflow.snakemake_tmp_dir, ignore_errors=True)
             sys.stdout.flush()
             os._exit(1)  # at the exit of Python there is no other way
 

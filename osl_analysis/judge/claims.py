@@ -11,8 +11,8 @@ from typing import Annotated, Any
 
 import numpy as np
 import polars as pl
+import scipy
 from pydantic import Field
-from scipy.special import stdtrit
 
 from osl_analysis.model.compensator import CONTROLLERS, Weight, select_gains
 from osl_analysis.model.drivetrain import joint_admittance
@@ -67,7 +67,7 @@ def claim_of(
 def share_claim(name: str, claim: str, share: float, error: tuple[float, float], limit: float, above: bool) -> Claim:
     """A claim on a share, with its relative standard `error` and the degrees of freedom of this; 0: none."""
     relative, freedom = error
-    half = 100 * share * relative * float(stdtrit(freedom, 0.975)) if freedom > 0 else None
+    half = 100 * share * relative * float(scipy.special.stdtrit(freedom, 0.975)) if freedom > 0 else None
     low, high = (None, None) if half is None else (100 * share - half, 100 * share + half)
     judged = {"target": limit, "n": freedom + 1, "verdict": beyond(low, high, limit, above)}
     return claim_of(name, claim, 100 * share, (low, high), "%", None if half is None else MEAN, **judged)

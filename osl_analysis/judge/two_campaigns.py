@@ -1,29 +1,30 @@
 """Two campaigns, A and B, side by side: devices, controllers or days, quantity by quantity, with a verdict."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import polars as pl
 
-from osl_analysis.judge.doubts import DOUBTFUL, counted, doubtful_count
-from osl_analysis.stats.differences import Sample, difference, equivalence, of_intervals
+from osl_analysis.stats.differences import Difference, Sample, difference, equivalence, of_intervals
+from osl_analysis.stats.repeats import DOUBTFUL, counted, doubtful_count
 
-QUANTITIES = {
+Between = Callable[[Sample, Sample], Difference]
+COMPARED_QUANTITIES = {
     "impedance": ("K", "B", "I", "VAF", "torque_error"), "belt": ("K_s",), "transmission": ("B_j", "J_j"),
     "actuator": ("k_tau_n_m", "f_C", "f_G", "B_m", "J_m"), "walking_summary": ("K", "B", "I"),
 }  # fmt: skip
 """What is compared, by table."""
 WITHOUT_RATIO = ("I", "VAF")  # the rendered inertia may be zero or negative, and a VAF is a percentage
-MARGIN = {"K": 0.05}  # of a ratio, where none is asked for
+MARGINS = {"K": 0.05}  # of a ratio, where none is asked for
 ESTIMATOR = "ensemble"  # of the walking summary, that of the headline numbers
-PLACE = ("joint", "side", "group", "controller")
+SAME_PLACE = ("joint", "side", "group", "controller")
 DIFFERENCE = ("difference", "difference_low", "difference_high")  # B - A
 RATIO = ("relative_percent", "relative_percent_low", "relative_percent_high")  # B over A, less 1
-CONDITION = ("K_d", "B_d", "excitation", "amplitudes")  # of a rendered impedance
-COLUMNS = {
-    **dict.fromkeys(("experiment", "quantity", *PLACE), pl.String), **dict.fromkeys(("n_A", "n_B"), pl.Int64),
+SAME_CONDITION = ("K_d", "B_d", "excitation", "amplitudes")  # of a rendered impedance
+COMPARISON_COLUMNS = {
+    **dict.fromkeys(("experiment", "quantity", *SAME_PLACE), pl.String), **dict.fromkeys(("n_A", "n_B"), pl.Int64),
     **dict.fromkeys(("mean_A", "mean_B", *DIFFERENCE, *RATIO, "margin_percent"), pl.Float64),
     **dict.fromkeys(("verdict", "method"), pl.String),
     **dict.fromkeys(("n_doubtful_A", "n_doubtful_B", "n_left_out_A", "n_left_out_B"), pl.Int64), "remark": pl.String,
@@ -35,24 +36,25 @@ def compared(a: Mapping[str, pl.DataFrame], b: Mapping[str, pl.DataFrame], margi
 
     What is positive by nature is compared as a ratio, by differences of logarithms, because K goes from 100 to 400
     N*m/rad: a ratio gives every desired impedance the same weight and needs no K_d. I and VAF have no ratio. `margin`
-    is that of all ratios, as 0.05; None: `MARGIN`."""
+    is that of all ratios, as 0.05; None: `MARGINS`."""
     rows = []
-    for table, quantities in QUANTITIES.items():
+    for table, quantities in COMPARED_QUANTITIES.items():
         parts = [by_place(one[table], table) if table in one else {} for one in (a, b)]
         for key in dict.fromkeys(key for part in parts for key in part):
             for quantity in quantities:
                 named = {"experiment": table.removesuffix("_summary"), "quantity": quantity}
-                asked = MARGIN.get(quantity) if margin is None else margin
+                asked = MARGINS.get(quantity) if margin is None else margin
                 found = row_of([part.get(key) for part in parts], quantity, asked)
-                rows.append(named | dict(zip(PLACE, key, strict=True)) | found)
-    return pl.DataFrame(rows, schema=COLUMNS).filter(pl.max_horizontal("n_A", "n_B") > 0)
+                rows.append(named | dict(zip(SAME_PLACE, key, strict=True)) | found)
+    return pl.DataFrame(rows, schema=COMPARISON_COLUMNS).filter(pl.max_horizontal("n_A", "n_B") > 0)
 
 
 def by_place(table: pl.DataFrame, name: str) -> dict[tuple[Any, ...], pl.DataFrame]:
     """The fits to whole trials, or the ensembles of groups, of each joint, side, group and controller, with the columns
-    `CONDITION`. The amplitudes are of the condition of a rendered impedance, because friction makes it depend on them.
-    """
-    kinds = dict.fromkeys((*PLACE, *CONDITION), pl.String) | dict.fromkeys(("K_d", "B_d", "commanded_deg"), pl.Float64)
+    `SAME_CONDITION`: the amplitudes among them, because friction makes a rendered impedance depend on them."""
+    kinds = dict.fromkeys((*SAME_PLACE, *SAME_CONDITION), pl.String) | dict.fromkeys(
+        ("K_d", "B_d", "commanded_deg"), pl.Float64
+    )
     rows = table.with_columns(pl.lit(None, kind).alias(k) for k, kind in kinds.items() if k not in table.columns)
     if name == "walking_summary":
         rows = rows.filter(estimator=ESTIMATOR).with_columns(pl.col("doubt").cast(pl.String).alias(DOUBTFUL))
@@ -62,7 +64,7 @@ def by_place(table: pl.DataFrame, name: str) -> dict[tuple[Any, ...], pl.DataFra
         rows = rows.with_columns(each.over("trial").alias("amplitudes"))
     if "amplitude_deg" in rows.columns:
         rows = rows.filter(pl.col("amplitude_deg").is_null())
-    return rows.partition_by(PLACE, as_dict=True, maintain_order=True)
+    return rows.partition_by(SAME_PLACE, as_dict=True, maintain_order=True)
 
 
 def estimates(rows: pl.DataFrame | None, quantity: str) -> tuple[dict[str, Any], Sample]:
@@ -78,7 +80,7 @@ def estimates(rows: pl.DataFrame | None, quantity: str) -> tuple[dict[str, Any],
         return counts, ensemble
     used = rows if rows["amplitudes"].is_not_null().any() else counted(rows)
     finite, doubts = used.filter(pl.col(quantity).is_finite()), {"n_doubtful": doubtful_count(rows)[0]}
-    sample = {key: one[quantity].to_list() for key, one in finite.group_by(CONDITION, maintain_order=True)}
+    sample = {key: one[quantity].to_list() for key, one in finite.group_by(SAME_CONDITION, maintain_order=True)}
     return {"n": len(finite), **doubts, "n_left_out": len(rows) - len(used)}, sample
 
 
@@ -88,9 +90,8 @@ def row_of(parts: Sequence[pl.DataFrame | None], quantity: str, margin: float | 
     row: dict[str, Any] = {f"{name}_{one}": v for one, of in (("A", of_a), ("B", of_b)) for name, v in of.items()}
     of_ensembles = any(part is not None and "estimator" in part.columns for part in parts)
     shared = {*a} & {*b}
-    for name, one in (("A", a), ("B", b)):
-        own = [values[:1] if of_ensembles else values for key, values in one.items() if key in shared or not shared]
-        row[f"mean_{name}"] = float(np.mean(np.concatenate(own))) if own else None
+    for name, sample in (("A", a), ("B", b)):
+        row[f"mean_{name}"] = mean_of(sample, shared, of_ensembles)
     if not (a and b):
         return row | {"remark": f"only in {'A' if a else 'B'}"}
     between, remarks = of_intervals if of_ensembles else difference, list[str]()
@@ -100,15 +101,31 @@ def row_of(parts: Sequence[pl.DataFrame | None], quantity: str, margin: float | 
     if of_ensembles and None not in (commanded := (*a, *b)) and len(set(commanded)) > 1:
         remarks.append("commanded {:g} in A and {:g} in B".format(*commanded))
     if quantity not in WITHOUT_RATIO:
-        if min(value for one in (a, b) for values in one.values() for value in values) > 0:
-            ratio = between(*({name: [math.log(v) for v in values] for name, values in one.items()} for one in (a, b)))
-            ends = [None if end is None else 100 * math.expm1(end) for end in ratio[:3]]
-            percent = None if margin is None else 100 * margin
-            row |= dict(zip(RATIO, ends, strict=True)) | {"margin_percent": percent, "method": ratio.method}
-            row["verdict"] = equivalence(ends[1], ends[2], 0.0, percent)
+        if smallest_of(a, b) > 0:
+            row |= ratio_of(a, b, between, margin)
         else:
             remarks.append("no ratio: an estimate, or an end of its interval, is not above 0")
     return row | {"remark": "; ".join(remarks) or None}
+
+
+def mean_of(sample: Sample, shared: Collection[Any], of_ensembles: bool) -> float | None:
+    """Of the fits of the shared conditions, of all where none is shared. An ensemble has its estimate, which stands
+    before the ends of its interval."""
+    own = [values[:1] if of_ensembles else values for key, values in sample.items() if key in shared or not shared]
+    return float(np.mean(np.concatenate(own))) if own else None
+
+
+def smallest_of(*samples: Sample) -> float:
+    return min(value for sample in samples for values in sample.values() for value in values)
+
+
+def ratio_of(a: Sample, b: Sample, between: Between, margin: float | None) -> dict[str, Any]:
+    """B over A less 1 [percent] with its interval, by the differences of logarithms, and the verdict on it."""
+    ratio = between(*({name: [math.log(v) for v in values] for name, values in sample.items()} for sample in (a, b)))
+    ends = [None if end is None else 100 * math.expm1(end) for end in ratio[:3]]
+    percent = None if margin is None else 100 * margin
+    row = dict(zip(RATIO, ends, strict=True)) | {"margin_percent": percent, "method": ratio.method}
+    return row | {"verdict": equivalence(ends[1], ends[2], 0.0, percent)}
 
 
 def label_of(row: Mapping[str, Any]) -> str:

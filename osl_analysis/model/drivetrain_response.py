@@ -9,7 +9,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import expm
+import scipy
 
 from osl_analysis.compiled import compiled
 from osl_analysis.model.compensator import Gains
@@ -42,7 +42,7 @@ def belt_response(
     continuous[0, 1] = continuous[2, 3] = 1.0
     continuous[1] = (-(gains.K_1 + p.K_s / p.n_T**2), -(p.B_m + gains.B_1), p.K_s / p.n_T, 0.0, 1.0)
     continuous[1] /= p.J_m
-    exact = expm(continuous * step)[:2]
+    exact = scipy.linalg.expm(continuous * step)[:2]
     slope = exact[:, 3] / step
     transition = np.column_stack([exact[:, :2], exact[:, 2] - slope, slope])
     law = (

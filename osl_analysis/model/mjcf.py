@@ -8,7 +8,7 @@ import math
 import re
 
 import numpy as np
-from scipy.interpolate import CubicHermiteSpline
+import scipy
 
 from osl_analysis.errors import optional_module
 from osl_analysis.model.drivetrain_response import Controller
@@ -69,7 +69,7 @@ def mujoco_torque(
     model = mujoco.MjModel.from_xml_string(mjcf_text(p))
     model.opt.timestep = 1 / (rate_hz * every)
     data, torque, sample = mujoco.MjData(model), np.empty(len(theta)), np.arange(len(theta)) / rate_hz
-    turned = CubicHermiteSpline(sample, theta, omega)
+    turned = scipy.interpolate.CubicHermiteSpline(sample, theta, omega)
     grid = np.arange((len(theta) - 1) * every + 1) * model.opt.timestep
     angle, velocity, current, passive = data.qpos, data.qvel, data.ctrl, data.qfrc_passive  # views: slow to ask for
     friction = model.dof_frictionloss

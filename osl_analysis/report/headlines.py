@@ -15,11 +15,13 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.campaign.campaign import ABOUT_MACROS, ABOUT_MEANING, sentence
-from osl_analysis.config.experiments import EXPERIMENTS, judged_tables
+from osl_analysis.config.experiments import doubts_of, judged_tables
 from osl_analysis.errors import InputError
-from osl_analysis.judge.doubts import DOUBTFUL, causes_by_trial, counted, doubtful_count
-from osl_analysis.judge.findings import exclusion_said
+from osl_analysis.judge.campaign import Entry
+from osl_analysis.judge.finding import Grade
+from osl_analysis.judge.used import exclusion_said
 from osl_analysis.model.compensator import CONTROLLERS
+from osl_analysis.stats.repeats import DOUBTFUL, counted, doubtful_count
 from osl_analysis.trial import Array
 from osl_analysis.yaml_settings import read_mapping
 
@@ -103,12 +105,8 @@ def letters(text: str) -> str:
     return "".join(digits[int(word)] if word.isdigit() else word[0].upper() + word[1:] for word in words) or "Unnamed"
 
 
-DOUBTS_OF = {table.name: table.doubts_of for facts in EXPERIMENTS.values() for table in facts.tables if table.doubts_of}
-"""Per table, the table of the same trials whose doubts its rows share."""
-
-
 def doubtful_label(table: str) -> Headline:
-    of, counted_are = DOUBTS_OF.get(table), "groups" if table == "walking_groups" else "trials"
+    of, counted_are = doubts_of().get(table), "groups" if table == "walking_groups" else "trials"
     why = f"for another cause than in {of}.csv" if of else "whose column says why"
     meaning = f"doubtful {counted_are} in {table}.csv, {why}"
     return Headline(f"doubtful_{table}", counted_are, None, f"Doubtful{letters(table)}", meaning)
@@ -264,9 +262,13 @@ def numbers_of(name: str, table: pl.DataFrame, example: Example) -> Iterator[Hea
 
 
 def headline_numbers(
-    tables: Mapping[str, pl.DataFrame], example: Example | None = None, beside_draft: bool = True
+    tables: Mapping[str, pl.DataFrame],
+    findings: Sequence[Entry] = (),
+    example: Example | None = None,
+    beside_draft: bool = True,
 ) -> list[Headline]:
-    """Headline numbers of the experiments that the campaign has; `tables` by name, `example` of Fig. 4. The bench's are
+    """Headline numbers of the experiments that the campaign has; `tables` by name, with the
+    `findings` on them, `example` of Fig. 4. The bench's are
     of one joint and side each, told apart where there are several; the draft's are of an ankle, and None unless the
     campaign is held against it. No two have the same name or macro: the second `PD 1` and `PD-1` becomes `PDOneB`, as
     macros have letters alone. Raises InputError: a summary table has no finite mean for a quantity that it lists."""
@@ -286,10 +288,18 @@ def headline_numbers(
                 draft = number.draft if (joint or DRAFT_JOINT) == DRAFT_JOINT else None
                 numbers.append(replace(named, draft=draft))
     for name in (name for name in tables if name in judged_tables()):
+        if DOUBTFUL not in tables[name].columns:
+            continue
         # trials with a cause of their own, where the rows share the doubts of another table
-        causes = causes_by_trial(tables[name], tables.get(DOUBTS_OF.get(name, "")))
-        doubtful = sum(map(bool, causes.values()))
-        numbers.append(replace(doubtful_label(name), value=doubtful, interval=COUNT, n=len(causes)))
+        doubts = [one for one in findings if one["grade"] == Grade.DOUBTS and not one["inherited"]]
+        known = {(one["trial"], one["cause"]) for one in doubts if one["table"] == doubts_of().get(name)}
+        doubtful = {
+            one["trial"] for one in doubts if one["table"] == name and (one["trial"], one["cause"]) not in known
+        }
+        fits = tables[name].filter(pl.col(DOUBTFUL).is_not_null())
+        key = next((key for key in ("trial", "group") if key in fits.columns), None)
+        n = fits[key].n_unique() if key else len(fits)
+        numbers.append(replace(doubtful_label(name), value=len(doubtful), interval=COUNT, n=n))
     names, macros, found = set[str](), set[str](ABOUT_MACROS.values()), []
     for number in numbers:
         name = next(free for k in count(1) if (free := number.name + (f" ({k})" if k > 1 else "")) not in names)
@@ -481,13 +491,12 @@ def answer(numbers: Sequence[Mapping[str, Any]]) -> str:
 
 def said_number(number: Mapping[str, Any]) -> dict[str, str]:
     """`text` and `ends` of a number for a reader, and the trials `behind` it: a true minus, what is small with a power
-    of ten, no digits where the interval has 0 in it, of a doubt its cause alone."""
+    of ten, no digits where the interval has 0 in it."""
     value, ends, single = numbers_said(number)
     low, high, known = number["low"], number["high"], number["interval"] not in (None, RANGE, COUNT)
     value = "≈ 0" if known and low is not None and low <= 0 <= high else value
     kind = number["interval"] or "" if ends else "single amplitudes" * bool(single)
     behind = trials_text(number).replace("DOUBTFUL", "doubtful")
-    behind = ": ".join(behind.split(": ")[:2]) if number["doubt"] else behind
     unit = number["unit"].replace("*", "·").replace("^2", "²")
     return {"text": signed(value), "ends": signed(ends or single), "kind": kind, "unit": unit, "behind": behind}
 

@@ -23,8 +23,10 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 from markupsafe import Markup
 
 from osl_analysis.config.experiments import EXPERIMENTS
-from osl_analysis.judge.doubts import DOUBTFUL, not_checked_of, reasons_in, unchecked_kind
-from osl_analysis.judge.recording import CHECKS
+from osl_analysis.judge.campaign import QUALITY
+from osl_analysis.judge.checks import CHECKS
+from osl_analysis.judge.finding import Grade
+from osl_analysis.judge.words import WORDS, Words, beyond_said, check_words, sentence_of
 from osl_analysis.report import TEMPLATES
 from osl_analysis.report.headlines import answered, said_number
 from osl_analysis.report.trial_page import VERDICTS, ReportedTrial, cell_text, printed
@@ -88,24 +90,26 @@ def judged_cells(trial: ReportedTrial, groups: Sequence[Any] = ()) -> JudgedCell
             found[name] = (state, said)
 
     for row in trial.quality.to_dicts() if trial.quality is not None else ():
-        check, remark = CHECKS[row["check"]], row["remark"] or ""
+        cause, remark = CHECKS[row["check"]].cause, row["remark"] or ""
         if row["value"] is None:
-            add(check.cause.name, "does not apply", remark)
+            add(cause, "does not apply", remark)
             continue
         state = {"flag": "flagged", "exclude": "excluded"}.get(row["verdict"], "passed")
-        value, limit = (f"{cell_text(row[one])} {printed(check.unit)}".strip() for one in ("value", "threshold"))
-        what_to_do = f". {remark or check.cause.says}. {check.cause.remedy}" * (state != "passed")
-        add(check.cause.name, state, f"{value}, limit {limit}{what_to_do}")
-    for number, (name, table) in enumerate(trial.tables.items()):
-        for row in reversed(table.to_dicts() if DOUBTFUL in table.columns else []):  # that of all of it first
-            for one in reasons_in(row[DOUBTFUL]):
-                decided = ", ".join(f"{column} {value} is {limit}" for column, value, limit in one.beyond)
-                said = f"{name}.csv: " * bool(number) + one.text.removeprefix(f"{one.cause}: ")
-                if not (number and one.inherited):
-                    state = "doubtful" + " in part" * bool(number or row.get("amplitude_deg") is not None)
-                    add(one.cause, state, f"{said} [{decided}]" if decided else said)
-    for what, why in not_checked_of(trial.main).items():
-        add(what, unchecked_kind(what), why)
+        value, limit = (f"{cell_text(row[cell])} {printed(row['unit'])}".strip() for cell in ("value", "threshold"))
+        words = check_words(cause)
+        what_to_do = f". {remark or words.says}. {words.remedy}" * (state != "passed")
+        add(cause, state, f"{value}, limit {limit}{what_to_do}")
+    for entry in sorted(trial.findings, key=lambda entry: entry["in_part"]):  # that of all of it first
+        if entry["grade"] != Grade.DOUBTS or entry["inherited"] or entry["table"] == QUALITY:
+            continue
+        other = entry["table"] != trial.main_table
+        decided = ", ".join(map(beyond_said, entry["evidence"]))
+        words = Words(*(entry[name] or "" for name in Words._fields))
+        text = f"{entry['table']}.csv: " * other + sentence_of(words) + f" [{decided}]"
+        add(entry["cause"], "doubtful" + " in part" * bool(other or entry["in_part"]), text)
+    for entry in trial.unchecked:
+        state = "remark" if entry["grade"] == Grade.NOTES else "not checked"
+        add(entry["cause"], state, sentence_of(Words(entry["says"] or "", "", entry["remedy"] or "")))
     for one in groups if "group" in trial.main.columns else ():
         if trial.main["group"].first() in one["trials"]:
             add(f"mean response: {one['cause']}", one["verdict"], one["says"])
@@ -125,7 +129,7 @@ def heat_map(trials: Sequence[ReportedTrial], cells: Mapping[str, JudgedCells]) 
         heads = [[(values[-1], len([*same])) for values, same in level] for level in nested]
         for check in dict.fromkeys(check for trial in own for check in cells[trial.name]):
             # a fit without the cause of another passes; without a fit that is judged it does not apply
-            absent = [(good[DOUBTFUL not in trial.main.columns], "") for trial in own]
+            absent = [(good[not trial.is_judged], "") for trial in own]
             row = [(one.name, *cells[one.name].get(check, none)) for one, none in zip(own, absent, strict=True)]
             if any(state not in good for _, state, _ in row):
                 rows.append({"check": check, "cells": row})
@@ -138,10 +142,10 @@ def heat_map(trials: Sequence[ReportedTrial], cells: Mapping[str, JudgedCells]) 
     measured, passed = [one.quality for one in trials if one.quality is not None], []
     for key, judged in CHECKS.items():
         of_key = (row for table in measured for row in table.to_dicts() if row["check"] == key)
-        if (applies := [one for one in of_key if one["value"] is not None]) and judged.cause.name not in failed:
+        if (applies := [one for one in of_key if one["value"] is not None]) and judged.cause not in failed:
             nearest = (min if judged.fails == "below" else max)(applies, key=lambda one: float(one["value"]))["trial"]
-            facts = {"trial": nearest, "said": cells[nearest][judged.cause.name][1], "n": len(applies)}
-            passed.append({"check": judged.cause.name, "meaning": judged.meaning, **facts})
+            facts = {"trial": nearest, "said": cells[nearest][judged.cause][1], "n": len(applies)}
+            passed.append({"check": judged.cause, "meaning": WORDS["checks"][key], **facts})
     states = [state for state in ("clear", "passed", *reversed(STATES[:-2])) if state in seen]
     return {"groups": groups, "passed": passed, "states": states}
 
@@ -198,9 +202,9 @@ def state_of(trials: Sequence[ReportedTrial], cells: Mapping[str, JudgedCells], 
     said.append(f"{in_words(gone)}." if gone else "Nothing was refused or excluded.")
     said += [f"The walking K is doubtful: {one['line']}." for one in groups if one["verdict"] == "doubtful"]
     if unsure := [one for one in groups if one["verdict"] == "not checked"]:
-        worst = max(unsure, key=lambda one: " of K = " in one["says"])  # of a known size
+        worst = unsure[0]
         things = f"{len(unsure)} thing{'s' * (len(unsure) > 1)}, which its interval does not contain, could not"
-        said.append(f"Of the walking K, {things} be checked, as {worst['cause']}: {worst['says'].partition('. ')[0]}.")
+        said.append(f"Of the walking K, {things} be checked, as {worst['cause']}: {worst['says']}.")
     return printed(" ".join(said))
 
 
@@ -214,16 +218,15 @@ def overview(
     (`summary.json`) by question, its claims, and its findings with what decided on each trial."""
     groups = [one for one in summary.get("findings", ()) if one.get("of") == "walking groups"]
     cells = {trial.name: judged_cells(trial, groups) for trial in trials}
+    findings = sorted((one for trial in trials for one in trial.findings), key=lambda one: not one["in_part"])
     numbers = [*summary.get("numbers", {}).values()]
     desired = any(trial.row.get(name) is not None for trial in trials for name in ("controller", "K_d"))
     questions, known = answered(numbers, desired), []
     names = [figure["name"] for figure in figures]
     first = next((name for name in (*FIRST_FIGURES[not desired :], *names) if name in names), "")
     for one in summary.get("findings", ()):
-        remedy = one["remedy"] and f". {one['remedy'][0].upper()}{one['remedy'][1:]}"  # it stands above the trials
-        named = [(name, cells[name].get(one["cause"], ("", ""))[1]) for name in one["trials"] if name in cells]
-        short = [(name, said.replace(f"{one['says']}: ", "").replace(remedy, "")) for name, said in named]
-        known.append({**one, "named": short})
+        sizes = {entry["trial"]: entry["size"] or "" for entry in findings if entry["cause"] == one["cause"]}
+        known.append({**one, "named": [(name, sizes.get(name, "")) for name in one["trials"] if name in cells]})
     return {
         "joints": joints_of(trials),
         "done": what_was_done(trials, questions, about),

@@ -11,12 +11,14 @@ import polars as pl
 
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.dictionary import DescribedTable, apparent_inertia
-from osl_analysis.judge.doubts import not_checked_of, reasons_in
-from osl_analysis.judge.findings import exclusion_said
-from osl_analysis.judge.recording import CHECKS
-from osl_analysis.judge.table import TABLE
+from osl_analysis.judge.campaign import QUALITY, Entry
+from osl_analysis.judge.checks import CHECKS
+from osl_analysis.judge.finding import Beyond, Grade
+from osl_analysis.judge.used import exclusion_said
+from osl_analysis.judge.words import WORDS, Words, check_words, sentence_of
 from osl_analysis.report.headlines import decimals, fixed, told_apart
 from osl_analysis.report.panels import Pictures
+from osl_analysis.stats.repeats import DOUBTFUL
 
 NO_VALUE = "–"
 VERDICTS = ("clear", "doubtful in part", "flagged", "doubtful", "excluded", "refused")
@@ -48,6 +50,7 @@ class ReportedTrial:
     name: str
     row: Mapping[str, Any]  # of the sample sheet
     tables: Mapping[str, pl.DataFrame] = field(default_factory=dict)  # its rows of each, those of its fit first
+    findings: Sequence[Entry] = ()  # those on it, of `findings.csv`
     quality: pl.DataFrame | None = None  # the verdicts on it; None if it was never examined
     provenance: Mapping[str, Any] = field(default_factory=dict)
     left_out: Sequence[str] = ()  # why it has no result, or is excluded
@@ -65,19 +68,39 @@ class ReportedTrial:
         found = []
         for row in self.quality.filter(pl.col("verdict") == "flag").to_dicts() if self.quality is not None else ():
             check, value = CHECKS[row["check"]], cell_text(row["value"])
-            size = ", ".join(filter(None, [f"{value} {printed(check.unit)}".strip(), row["remark"]]))
-            told = {"cause": check.cause.name, "says": check.cause.says, "size": size, "remedy": check.cause.remedy}
-            numbers = [[check.name, value, f"{check.fails} {cell_text(row['threshold'])}", check.meaning]]
-            told |= {"text": "{cause}: {says}: {size}. {remedy}".format_map(told)}
-            found.append({"where": "its recording", "of": "all"} | told | {"numbers": numbers})
+            size = ", ".join(filter(None, [f"{value} {printed(row['unit'])}".strip(), row["remark"]]))
+            words = check_words(check.cause)._replace(size=size)
+            numbers = [[check.name, value, f"{check.fails} {cell_text(row['threshold'])}", WORDS["checks"][check.name]]]
+            told = {"where": "its recording", "of": "all", "cause": check.cause, "numbers": numbers}
+            found.append(told | words._asdict() | {"text": sentence_of(words, check.cause)})
         return found
+
+    @property
+    def is_judged(self) -> bool:
+        """Whether it has a fit that limits were held against."""
+        return DOUBTFUL in self.main.columns
+
+    @property
+    def main_table(self) -> str:
+        """The name of the table of its fit; empty if it has none."""
+        return next(iter(self.tables), "")
+
+    @property
+    def unchecked(self) -> list[Entry]:
+        """What could not be checked on the fit to all of it, and what is to be known."""
+        grades = (Grade.UNCHECKED, Grade.NOTES)
+        return [
+            one
+            for one in self.findings
+            if one["grade"] in grades and one["table"] == self.main_table and not one["in_part"]
+        ]
 
     @property
     def verdict(self) -> str:
         """One of `VERDICTS`."""
         if self.left_out:
             return "refused" if self.refused else "excluded"
-        found = {one["of"] for one in doubts_of(self.tables, {})}
+        found = {one["of"] for one in doubts_of(self.findings, self.main_table, {})}
         return "doubtful" if "all" in found else "flagged" if self.flagged else "doubtful in part" if found else "clear"
 
     def condition(self, columns: Collection[str] | None = None) -> str:
@@ -103,7 +126,7 @@ def trial_content(trial: ReportedTrial, described: Mapping[str, DescribedTable])
             f"{cell_text(row[key])} {'' if row[key] is None else printed(row['unit'] or '')}".strip()
             for key in ("value", "threshold")
         )
-        meaning = CHECKS[row["check"]].meaning
+        meaning = WORDS["checks"][row["check"]]
         quality.append([row["check"], meaning, value, threshold, row["verdict"], row["remark"] or ""])
     time_base: list[list[str]] = []  # what the time base did to each group of signals: column, its values, its meaning
     for column in trial.tables.get("timebase", pl.DataFrame()):
@@ -118,9 +141,12 @@ def trial_content(trial: ReportedTrial, described: Mapping[str, DescribedTable])
         "condition": trial.condition(),
         "verdict": trial.verdict,
         "left_out": [*map(printed, trial.left_out)],
-        "doubts": doubts_of(tables, described),
+        "doubts": doubts_of(trial.findings, trial.main_table, described),
         "flags": trial.flagged,
-        "not_checked": [printed(f"{what}: {why}") for what, why in not_checked_of(trial.main).items()],
+        "not_checked": [
+            printed(sentence_of(Words(one["says"] or "", "", one["remedy"] or ""), one["cause"]))
+            for one in trial.unchecked
+        ],
         "table": name,
         "estimates": estimate_rows(tables[name], described.get(name)) if tables else None,
         "columns": [
@@ -145,7 +171,7 @@ def cell_text(value: Any) -> str:
 
 def printed(text: str) -> str:
     """A text with its units, symbols, powers and minus signs as the page sets them; of the unit 1 nothing."""
-    for pattern, sign in TABLE["signs"].items():
+    for pattern, sign in WORDS["signs"].items():
         text = re.sub(pattern, sign, text)
     return "" if text == "1" else text
 
@@ -180,26 +206,33 @@ def estimate_rows(table: pl.DataFrame, described: DescribedTable | None) -> dict
     return {"columns": columns, "rows": rows}
 
 
-def doubts_of(tables: Mapping[str, pl.DataFrame], described: Mapping[str, DescribedTable]) -> list[dict[str, Any]]:
+def doubts_of(findings: Sequence[Entry], main: str, described: Mapping[str, DescribedTable]) -> list[dict[str, Any]]:
     """Each doubt about one trial: `where` in it, `of` all of its fit, a part, or an other table, `cause`, what that
-    `says`, its `size` and `remedy`, and the `numbers` behind it: column, value, limit, meaning. `tables` has its rows
-    of each table, that of its fit first. Doubts that other tables only repeat are left out."""
+    `says`, its `size` and `remedy`, and the `numbers` behind it: column, value, limit, meaning. `main` is the table of
+    its fit. Doubts that other tables only repeat are left out."""
     found = list[dict[str, Any]]()
-    rows = ((number, name, row) for number, (name, table) in enumerate(tables.items()) for row in table.to_dicts())
-    for number, name, row in rows:
+    for entry in findings:
+        if entry["grade"] != Grade.DOUBTS or entry["inherited"] or entry["table"] == QUALITY:
+            continue
+        other, table = entry["table"] != main, entry["table"]
         parts = {"amplitude_deg": "deg", "frequency_hz": "Hz"}
-        at = ", ".join(f"{row[column]:g} {unit}" for column, unit in parts.items() if row.get(column) is not None)
-        place = at or ("all amplitudes" if "amplitude_deg" in row else "whole trial")
-        of = "other" if number else "part" if row.get("amplitude_deg") is not None else "all"
-        for reason in reasons_in(row.get("doubtful")):
-            if not (number and reason.inherited):
-                said = dict(zip(("says", "size", "remedy"), map(printed, reason.parts), strict=True))
-                meanings = (unit_and_meaning(one, described.get(name))["meaning"] for one, *_ in reason.beyond)
-                numbers = [[*map(printed, one), meaning] for one, meaning in zip(reason.beyond, meanings, strict=True)]
-                where = f"{name.replace('_', ' ')}, {place}" if number else place
-                found.append({"where": where, "of": of, "cause": reason.cause, "text": printed(reason.text)} | said)
-                found[-1]["numbers"] = numbers
+        place = ", ".join(f"{entry[column]:g} {unit}" for column, unit in parts.items() if entry[column] is not None)
+        place = place or ("all amplitudes" if table == "impedance" else "whole trial")
+        words = Words(*(printed(entry[name] or "") for name in Words._fields))
+        numbers = [
+            [*map(printed, number_cells(one)), unit_and_meaning(one.column, described.get(table))["meaning"]]
+            for one in entry["evidence"]
+        ]
+        told = {"where": f"{table.replace('_', ' ')}, {place}" if other else place, "cause": entry["cause"]}
+        told |= {"of": "other" if other else "part" if entry["in_part"] else "all"}
+        found.append(told | words._asdict() | {"text": sentence_of(words, entry["cause"]), "numbers": numbers})
     return found
+
+
+def number_cells(one: Beyond) -> tuple[str, str, str]:
+    """A number beyond its limit as cells: column, value, limit with its side."""
+    limit = {"nan": "not a number", "near": "near a factor between units"}.get(one.side, f"{one.side} {one.limit:g}")
+    return one.column, f"{one.value:.3g}", limit
 
 
 def provenance_content(provenance: Mapping[str, Any]) -> dict[str, Any]:
@@ -297,7 +330,7 @@ def trial_row(trial: ReportedTrial, differing: Collection[str]) -> dict[str, Any
         text, interval = value_and_interval(estimates, column) if known else (NO_VALUE, "")
         numbers.append({"column": column, "sort": repr(value) if known else "", "text": text, "interval": interval})
     by_cause: dict[str, tuple[str, list[str]]] = {}  # the text of the last row, which is of all of the trial, and where
-    found = doubts_of(trial.tables, {})
+    found = doubts_of(trial.findings, trial.main_table, {})
     for one in [one for one in found if one["of"] != "other"] or trial.flagged or found:
         by_cause[one["cause"]] = one["text"], [*by_cause.get(one["cause"], ("", []))[1], one["where"]]
     doubts = [f"{', '.join(places)}: {text}" for text, places in by_cause.values()]

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+import scipy
 
 from osl_analysis.model.compensator import Gains, select_gains
 from osl_analysis.model.drivetrain import actuator_torque
@@ -127,7 +127,8 @@ def actuator_signals(
     assert settings.actuator is not None  # as SimulationSettings checked
     rate = settings.dynamometer.rate_hz
     current = joint_motion.actuator_command(settings.actuator, rate)[1]
-    exact = CubicSpline(np.arange(len(current)) / rate, np.column_stack([current, motion.omega, motion.alpha]))
+    even, columns = np.arange(len(current)) / rate, np.column_stack([current, motion.omega, motion.alpha])
+    exact = scipy.interpolate.CubicSpline(even, columns)
 
     def torque(instants: Array) -> Array:
         """True torque [N*m] at any instants [s]. Friction jumps where the velocity is zero. A curve through the samples

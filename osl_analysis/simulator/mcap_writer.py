@@ -92,10 +92,14 @@ def log_topic(
         end = offsets[-1] + kind.itemsize
     layout = np.dtype({"names": list(whole), "formats": kinds, "offsets": offsets, "itemsize": end})
     head = [("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4"), ("log", "<u8")]
-    records = np.zeros(stamps.size, np.dtype([*head, ("publish", "<u8"), ("data", layout)]))
-    records["opcode"], records["length"] = Opcode.MESSAGE, records.itemsize - 9  # without opcode and length
+    alike = np.zeros(1, np.dtype([*head, ("publish", "<u8"), ("data", layout)]))
+    alike["opcode"], alike["length"] = Opcode.MESSAGE, alike.itemsize - 9  # without opcode and length
+    columns = {member: value for member, (_, value) in whole.items() if np.ndim(value)}
+    for member in whole.keys() - columns.keys():
+        alike["data"][member] = whole[member][1]
+    records = np.repeat(alike.view(f"V{alike.itemsize}"), stamps.size).view(alike.dtype)
     records["sequence"], records["log"], records["publish"] = np.arange(stamps.size), stamps + LATENCY_NS, stamps
-    for member, (_, value) in whole.items():
+    for member, value in columns.items():
         records["data"][member] = value
     return LogTopic(name, schema_name, f"std_msgs/Header header\n{fields}{DEPENDENCIES}", records)
 
@@ -139,27 +143,25 @@ def write_topics(path: Path, topics: Sequence[LogTopic]) -> None:
     """Write the messages of all topics, in the order of their stamps, after a metadata record; last the summary, its
     offsets, and the footer with the CRC of both. The file appears whole or not at all."""
     names, schemas, channels = ", ".join(t.name for t in topics), list[McapRecord](), list[McapRecord]()
-    parts = list[bytes]()
     for number, topic in enumerate(topics, 1):
         schemas.append(mcap_records.Schema(number, topic.schema_text.encode(), "ros2msg", topic.schema_name))
         channels.append(mcap_records.Channel(number, topic.name, "cdr", {}, number))
         topic.records["channel"] = number
-        parts += topic.records.view(f"V{topic.records.itemsize}").tolist()
     heads = np.concatenate([topic.records[["channel", "log", "publish"]] for topic in topics])
     order = np.argsort(heads["publish"], kind="stable")
-    heads, messages = heads[order], [parts[row] for row in order]
+    lengths = np.concatenate([np.full(len(topic.records), topic.records.itemsize) for topic in topics])[order]
+    heads, ends, messages = heads[order], np.cumsum(lengths), messages_in_order(topics, order, lengths)
     content = encoded(one for pair in zip(schemas, channels, strict=True) for one in pair)  # begins the first chunk
-    lengths = np.array([len(message) for message in messages], dtype=np.int64)
-    ends = len(content) + np.cumsum(lengths)
+    ends += len(content)
     with atomic_path(path) as temporary, temporary.open("wb") as file:
         head = MCAP0_MAGIC + encoded([mcap_records.Header("ros2", "osl-analysis")])
         facts = {"origin": "simulated", "topic": names, "time": "header stamp"}
         described = encoded([mcap_records.Metadata("recording", facts)])
         file.write(head + described)
-        indexes, first, begin, chunk_size = list[mcap_records.ChunkIndex](), 0, 0, 1 << 20
-        while first < len(messages):  # a chunk ends with the message that takes it beyond the size [bytes]
+        indexes, first, begin, chunk_size, declared = list[mcap_records.ChunkIndex](), 0, 0, 1 << 20, len(content)
+        while first < len(heads):  # a chunk ends with the message that takes it beyond the size [bytes]
             last = int(np.searchsorted(ends[:-1], begin + chunk_size, side="right")) + 1
-            content += b"".join(messages[first:last])
+            content += messages[max(begin - declared, 0) : int(ends[last - 1]) - declared].tobytes()
             starts = ends[first:last] - lengths[first:last] - begin
             indexes.append(write_chunk(file, content, starts, heads[first:last]))
             first, begin, content = last, int(ends[last - 1]), b""
@@ -170,7 +172,7 @@ def write_topics(path: Path, topics: Sequence[LogTopic]) -> None:
             channel_count=len(topics),
             channel_message_counts={number: len(topics[number - 1].records) for number in used},
             chunk_count=len(indexes),
-            message_count=len(messages),
+            message_count=len(heads),
             message_end_time=max((index.message_end_time for index in indexes), default=0),
             message_start_time=min((index.message_start_time for index in indexes), default=0),
             metadata_count=1,
@@ -193,6 +195,21 @@ def write_topics(path: Path, topics: Sequence[LogTopic]) -> None:
         summary += encoded(offsets)
         crc = zlib.crc32(summary + struct.pack("<BQQQ", Opcode.FOOTER, 20, start, offsets_start))
         file.write(summary + encoded([mcap_records.Footer(start, offsets_start, crc)]) + MCAP0_MAGIC)
+
+
+def messages_in_order(
+    topics: Sequence[LogTopic], order: NDArray[np.intp], lengths: NDArray[np.int64]
+) -> NDArray[np.uint8]:
+    """The bytes of all messages in some order: those of each topic are rows of a table, put to their places at once."""
+    whole, begins = np.empty(int(lengths.sum()), np.uint8), np.empty(len(order), np.intp)
+    begins[order] = np.cumsum(lengths) - lengths
+    for topic in topics:
+        own, begins = begins[: len(topic.records)], begins[len(topic.records) :]
+        # a message is one value that may begin at any byte, so that values overlap
+        size = topic.records.itemsize
+        if len(own):
+            np.ndarray((len(whole) - size + 1,), f"V{size}", whole, 0, (1,))[own] = topic.records.view(f"V{size}")
+    return whole
 
 
 def write_chunk(

@@ -8,9 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import polars as pl
+import scipy
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
-from scipy.signal import butter, cont2discrete, lfilter, lfilter_zi
 
 from osl_analysis.files import atomic_path, write_text
 from osl_analysis.simulator.settings import NodeSettings, Scatter, SensorSettings, SimulationSettings, stream
@@ -128,11 +127,12 @@ class Bench:
         if sensor.low_pass.enabled:
             # causal and at rest at the first value, in eight steps per sample, its input being straight between them
             signal = true(np.arange(self.samples) / rate) if callable(true) else true
-            finer = CubicSpline(np.arange(len(signal)), signal)(np.arange((len(signal) - 1) * 8 + 1) / 8)
-            analogue = butter(sensor.low_pass.order, 2 * np.pi * sensor.low_pass.size, analog=True)
-            numerator, below, _ = cont2discrete(analogue, 1 / (8 * rate), method="foh")
+            fine = np.arange((len(signal) - 1) * 8 + 1) / 8
+            finer = scipy.interpolate.CubicSpline(np.arange(len(signal)), signal)(fine)
+            analogue = scipy.signal.butter(sensor.low_pass.order, 2 * np.pi * sensor.low_pass.size, analog=True)
+            numerator, below, _ = scipy.signal.cont2discrete(analogue, 1 / (8 * rate), method="foh")
             above = np.ravel(numerator)
-            slow, _ = lfilter(above, below, finer, zi=lfilter_zi(above, below) * finer[0])
+            slow, _ = scipy.signal.lfilter(above, below, finer, zi=scipy.signal.lfilter_zi(above, below) * finer[0])
             true = np.asarray(slow[::8])
         instants = np.maximum(sampled - sensor.delay.value, 0.0) if sensor.delay.value else sampled
         if callable(true):
@@ -140,7 +140,7 @@ class Bench:
         elif even and not sensor.delay.value:
             reading = true
         else:
-            reading = np.asarray(CubicSpline(np.arange(len(true)) / rate, true)(instants))
+            reading = np.asarray(scipy.interpolate.CubicSpline(np.arange(len(true)) / rate, true)(instants))
         if channel.endswith("torque"):
             reading = reading + self.torque_errors(sampled)
         if noise:

@@ -161,7 +161,7 @@ class SecondOrderJoint(Switches):
     coulomb: Effect = effect("N*m", off=0)  # Coulomb friction of the joint
     backlash: Effect = effect("rad", off=0)  # width of the gap, from end to end
 
-    _moves_freely = refused(lambda s: s.backlash.value and not s.I, "backlash needs an inertia I above 0")
+    _moves_freely = refused(lambda s: s.backlash.value and not s.I, "backlash needs an inertia I above 0", "backlash")
 
 
 CyclesOfSine = Annotated[int, Field(ge=1, le=10_000)]
@@ -226,7 +226,9 @@ class ActuatorBench(Settings):
     velocity: Annotated[tuple[Tone, ...], Field(min_length=1)]  # of the output [rad/s]
     current: Annotated[tuple[Tone, ...], Field(min_length=1)]  # q-axis [A]
 
-    _fits = refused(lambda s: s.duration_s < 4 * s.fade_s, "duration_s must be at least four times fade_s")
+    _fits = refused(
+        lambda s: s.duration_s < 4 * s.fade_s, "duration_s must be at least four times fade_s", "duration_s"
+    )
 
 
 class NodeSettings(Switches):
@@ -247,6 +249,7 @@ class NodeSettings(Switches):
     _is_never_early = refused(
         lambda s: s.latency.enabled and s.latency.distribution == "normal",
         "latency is never negative; choose distribution: half_normal or exponential",
+        "latency",
     )
 
 
@@ -263,6 +266,7 @@ class SensorSettings(Switches):
     _converter_has_a_range = refused(
         lambda s: s.adc.enabled and not s.clipping.enabled,
         "adc needs the range of the converter; enable clipping and give it",
+        "adc",
     )
 
 
@@ -389,7 +393,7 @@ class DrivetrainSettings(Settings):
     sign_width: Positive  # velocity [rad/s] of the actuator over which the controller smooths its sign
     hysteresis_width: Positive  # deflection [rad] over which the belt's hysteresis changes sign after a reversal
 
-    _even = refused(lambda s: s.substeps % s.control_updates, "control_updates must divide substeps")
+    _even = refused(lambda s: s.substeps % s.control_updates, "control_updates must divide substeps", "control_updates")
 
 
 class SimulationSettings(Settings):

@@ -145,10 +145,12 @@ class Rates(Settings):
     _c3d_can_hold_them = refused(
         lambda s: s.analogs_hz % s.points_hz,
         "analogs_hz must be a multiple of points_hz ({s.points_hz}), not {s.analogs_hz}: C3D needs that",
+        "analogs_hz",
     )
     _are_computable = refused(
         lambda s: s.motion_hz > 100_000,
         "controller_hz has with the others the least common multiple {s.motion_hz}; choose 100000 or less, as of 1000",
+        "controller_hz",
     )
 
     @property
@@ -185,7 +187,9 @@ class Perturbation(Settings):
     leg_length_m: Metres = 0.9  # ankle to hip, which converts a shift of the platform to an angle of the shank
     same_unloaded: bool = False  # else size and duration of the ramp in plate trials vary by 15 and 30 %
     driven: bool = False  # by a boot or the leg: the ankle turns and the platform rests; the log has torque and command
-    _in_order = refused(lambda s: s.stance_phase[0] > s.stance_phase[1], "stance_phase falls; write the lower first")
+    _in_order = refused(
+        lambda s: s.stance_phase[0] > s.stance_phase[1], "stance_phase falls; write the lower first", "stance_phase"
+    )
 
 
 class Body(Settings):
@@ -208,6 +212,7 @@ class MovingPlate(Body):
     _lie_on_it = refused(
         lambda s: any(2 * abs(x) > s.size_m[k % 2] for k, x in enumerate(s.nominal_ankle_m + s.sensor_offset_m)),
         "nominal_ankle_m or sensor_offset_m is beyond half of size_m = {s.size_m}; correct it, in m from the centre",
+        "nominal_ankle_m",
     )
 
 
@@ -228,4 +233,5 @@ class WalkingSettings(Settings):
     _ramps_end_in_stance = refused(
         lambda s: (one := s.perturbation).latency_s + one.rise_s > (1 - one.stance_phase[1]) * s.gait.stance_s,
         "perturbation.rise_s ends a ramp, after stance_phase and latency_s, behind toe-off; lower one of the three",
+        "perturbation.rise_s",
     )

@@ -11,8 +11,6 @@ import numpy as np
 import polars as pl
 import scipy
 from numpy.typing import NDArray
-from scipy.interpolate import make_interp_spline
-from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
 from osl_analysis.errors import InputError
 from osl_analysis.measured import check_measured, varies
@@ -47,7 +45,7 @@ def find_repetition(
     x = np.asarray(scipy.signal.detrend(theta[:rows].reshape(-1, step).mean(axis=1)))
     every = np.ones(rows, dtype=bool) if usable is None else usable[:rows]
     good = np.asarray(every.reshape(-1, step).all(axis=1))
-    spline = make_interp_spline(np.arange(len(x)), x, k=3)
+    spline = scipy.interpolate.make_interp_spline(np.arange(len(x)), x, k=3)
     tried = [one for lag in likely_lags(x) if (one := repetition(x, spline, good, lag, rate_hz / step)) is not None]
     if not tried:
         return None
@@ -87,7 +85,7 @@ def repetition(
     """The corrected lag [s], the mismatch, and where an angle x (n,) with a spline through it repeats itself after a
     lag [samples]; None if it does not in most of its time. The mismatch is the RMS of the difference, median over time,
     as a share of the angle's. Rows that are not `good` do not count."""
-    power = uniform_filter1d(x**2, max(round(lag), 1), mode="nearest")
+    power = scipy.ndimage.uniform_filter1d(x**2, max(round(lag), 1), mode="nearest")
     moving = np.asarray(power > 0.2**2 * np.max(power))  # elsewhere the joint rests
     scale = float(np.sqrt(np.mean(x[moving] ** 2))) if moving.any() else 0.0
 
@@ -102,7 +100,7 @@ def repetition(
         m = int(len(x) - np.ceil(lag))
         difference = np.asarray(spline(np.arange(m) + lag)) - x[:m]
         window = max(round(0.25 * rate_hz), 1)
-        local = np.sqrt(np.maximum(uniform_filter1d(difference**2, window, mode="nearest"), 0.0))
+        local = np.sqrt(np.maximum(scipy.ndimage.uniform_filter1d(difference**2, window, mode="nearest"), 0.0))
         found = alike_runs(local < 0.25 * scale)
         if not found:
             return None
@@ -207,7 +205,8 @@ def period_spectra(signal: Array, first: float, samples: float, periods: int, co
     The drift that the means of the periods show is taken off: a ramp in every period, it adds 1/k to line k."""
     places = int(np.ceil(samples))
     share = np.arange(places) / places
-    spline = make_interp_spline(np.arange(len(signal)), signal, k=5)  # errs by 3e-5 at a sixth of the rate
+    # errs by 3e-5 at a sixth of the rate
+    spline = scipy.interpolate.make_interp_spline(np.arange(len(signal)), signal, k=5)
     found = np.fft.rfft(spline(first + samples * (np.arange(periods)[:, None] + share)), axis=1)[:, :count]
     number = np.arange(periods) - (periods - 1) / 2
     slope = float(number @ found[:, 0].real / places) / float(number @ number)
@@ -301,7 +300,7 @@ def lines_of(realisations: Sequence[Realisation]) -> LineKinds:
     size = np.sqrt(np.mean([np.abs(r.mean_lines[0]) ** 2 for r in realisations], axis=0))
     error = np.sqrt(np.mean([scatter(r.spectra[0]) / r.periods for r in realisations], axis=0) / len(realisations))
     size[0] = 0.0
-    largest = maximum_filter1d(size, 2 * NEIGHBOURS + 1)
+    largest = scipy.ndimage.maximum_filter1d(size, 2 * NEIGHBOURS + 1)
     excited = (size > 0.05 * largest) & (size > 0.005 * size.max()) & (size > 5.0 * error)
     if not excited.any():
         raise InputError("no line of the motion stands out of the noise; move the joint further, or record for longer")

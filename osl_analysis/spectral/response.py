@@ -25,8 +25,8 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.special import fdtrc
 
 from osl_analysis.errors import InputError
 from osl_analysis.measured import check_measured
@@ -423,7 +423,7 @@ def fit_structure(
     unbiased = np.tile(1 - 2 / lines.noise_freedom, (1, 2)).ravel()
     freedom = by_noise.samples - len(by_noise.names)
     ratio = (2 * float(np.sum(unbiased * by_noise.residual**2)) / freedom - lines.shared) / (1 - lines.shared)
-    p = float(fdtrc(freedom * (1 - lines.shared), lines.pooled_freedom, max(ratio, 0.0)))
+    p = float(scipy.special.fdtrc(freedom * (1 - lines.shared), lines.pooled_freedom, max(ratio, 0.0)))
     facts |= {"misfit_ratio": ratio, "misfit_p": p}
     return (by_power, facts) if p < 0.05 else (by_noise, facts | {"weights": "noise"})
 

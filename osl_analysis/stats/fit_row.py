@@ -3,8 +3,8 @@
 from itertools import combinations
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.special import chdtrc
 
 from osl_analysis.measured import check_measured
 from osl_analysis.signals import LowPass
@@ -34,7 +34,7 @@ def whiteness_row(thinned: Array) -> Row:
     lag = np.arange(1, min(10, n // 5) + 1)
     r = np.array([float(thinned[k:] @ thinned[:-k]) for k in lag]) / power
     Q = n * (n + 2) * float(np.sum(r**2 / (n - lag)))
-    p = float(chdtrc(len(lag), Q))
+    p = float(scipy.special.chdtrc(len(lag), Q))
     return {"residual_autocorrelation": float(r[0]), "ljung_box_per_lag": Q / len(lag), "ljung_box_p": p}
 
 

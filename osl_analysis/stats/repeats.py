@@ -14,6 +14,9 @@ from osl_analysis.stats.covariance import welch_satterthwaite
 from osl_analysis.stats.regression import variance_accounted_for
 from osl_analysis.trial import Array
 
+DOUBTFUL = "doubtful"  # column with the causes of doubt: empty if the fit is not doubtful, null in a row without a fit
+IS_DOUBTFUL = pl.col(DOUBTFUL).fill_null("") != ""
+
 
 @dataclass(frozen=True)
 class Repeats:
@@ -66,6 +69,33 @@ def summary_row(table: pl.DataFrame, name: str) -> dict[str, float | str | None]
         return asdict(found) | {"interval_method": "Student + bench" if shared else "Student"}
     mean = float(numbers[0]) if len(numbers) else None
     return {"n": len(numbers), "mean": mean, **dict.fromkeys(("sd", "se", "low", "high", "interval_method"))}
+
+
+def doubtful_count(table: pl.DataFrame) -> tuple[int, int]:
+    """Numbers of doubtful fits and of all fits of a table with the column `DOUBTFUL`."""
+    return len(table.filter(IS_DOUBTFUL)), table[DOUBTFUL].count()
+
+
+def counted(table: pl.DataFrame) -> pl.DataFrame:
+    """The rows, one per trial, that count in a mean: the sound ones if they are half or more, else all, as the doubt is
+    then about the campaign."""
+    if DOUBTFUL not in table.columns:
+        return table
+    doubtful, n = doubtful_count(table)
+    return table.filter(~IS_DOUBTFUL) if doubtful and n - doubtful >= 0.5 * n else table
+
+
+def doubtful_row(table: pl.DataFrame) -> dict[str, int]:
+    """`n_doubtful` for a row that summarises a table; empty for a table without the column `DOUBTFUL`."""
+    return {"n_doubtful": doubtful_count(table)[0]} if DOUBTFUL in table.columns else {}
+
+
+def summary_of_trials(table: pl.DataFrame, quantities: Sequence[str]) -> pl.DataFrame:
+    """A row per quantity (a column of `table`): `summary_row` over the trials that count (`counted`), with `n_doubtful`
+    and `n_left_out`, how many fits are doubtful, and how many of these are not in the mean."""
+    used = counted(table)
+    numbers = {**doubtful_row(table), "n_left_out": len(table) - len(used)}
+    return pl.DataFrame([{"quantity": name, **summary_row(used, name), **numbers} for name in quantities])
 
 
 @dataclass(frozen=True)

@@ -2,10 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cache
+from math import lgamma
+from typing import Annotated
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
+from pydantic import PlainSerializer, PlainValidator
 
 from osl_analysis.errors import InputError
 from osl_analysis.signals import differentiate
@@ -13,6 +17,12 @@ from osl_analysis.trial import Array, Trial, marker_columns
 from osl_analysis.walking.settings import CalibrationSettings, MarkerSettings
 
 Mask = NDArray[np.bool_]
+Kept = Annotated[
+    Array,
+    PlainValidator(lambda values: np.array(values, dtype=float)),
+    PlainSerializer(lambda values: values.tolist(), when_used="json"),
+]
+"""An array in what a file keeps: a list in JSON, where NaN is null."""
 SEGMENTS = ("foot", "shank", "platform")
 FREE_FALL = np.array([0.0, 0.0, -9.80665])  # Acceleration of free fall [m/s^2] in laboratory axes, z up
 
@@ -26,9 +36,16 @@ class Poses:
     origin: Array  # centroid (3,) [m] in the reference pose. An error of R does not move it, but moves distant points.
     residual: Array  # RMS distance (n,) [m] between the markers and the rigid body
     bridged: Mask  # frames (n,) that were interpolated
+    filled: Mask | None = None  # frames (n,) of which some marker was filled before the export; None if none tells
 
     def __getitem__(self, rows: slice | Mask) -> "Poses":
-        return Poses(self.rotation[rows], self.position[rows], self.origin, self.residual[rows], self.bridged[rows])
+        filled, bridged = None if self.filled is None else self.filled[rows], self.bridged[rows]
+        return Poses(self.rotation[rows], self.position[rows], self.origin, self.residual[rows], bridged, filled)
+
+    def by_filling(self, rows: slice | NDArray[np.intp]) -> str:
+        """Words for a message, empty unless markers were filled in some of the rows."""
+        filled = self.filled is not None and bool(self.filled[rows].any())
+        return ", where they were filled before the export and so not measured" if filled else ""
 
     def points(self, reference: Array) -> Array:
         """Positions (n, m, 3) [m], in each frame, of reference points (m, 3) [m]."""
@@ -57,9 +74,9 @@ def marker_tracks(trial: Trial, names: Sequence[str]) -> tuple[Array, Array]:
 class StaticCalibration:
     """Result of the static trial, in laboratory axes. In the static pose every segment's axes are the laboratory's."""
 
-    markers: dict[str, Array]  # positions (3,) [m] of the clusters' markers by name
-    ankle_centre: Array  # point (3,) [m] that belongs to the foot and to the shank
-    ankle_axis: Array  # unit vector (3,) to the subject's left, the same for foot and shank
+    markers: dict[str, Kept]  # positions (3,) [m] of the clusters' markers by name
+    ankle_centre: Kept  # point (3,) [m] that belongs to the foot and to the shank
+    ankle_axis: Kept  # unit vector (3,) to the subject's left, the same for foot and shank
 
     def positions(self, names: Sequence[str], trial: str) -> Array:
         """Positions (m, 3) [m] of the named markers; `trial` is for messages."""
@@ -74,11 +91,56 @@ class StaticCalibration:
 def segment_poses(
     trial: Trial, names: Sequence[str], calibration: StaticCalibration, settings: MarkerSettings
 ) -> tuple[Array, Poses]:
-    """Time (n,) [s] and poses of one cluster, not filtered: short gaps are interpolated, long ones NaN."""
+    """Time (n,) [s] and poses of one cluster, not filtered: short gaps are interpolated, long ones NaN. What was filled
+    before the export was not measured, and is a gap."""
     time, observed = marker_tracks(trial, names)
+    filled = [filled_frames(track) for track in np.moveaxis(observed, 1, 0)]
+    observed = observed.copy()
+    for k, frames in enumerate(filled):
+        if frames is not None:
+            observed[frames, k] = np.nan
+    told = [frames for frames in filled if frames is not None]
     reference = calibration.positions(names, trial.name)
     poses = cluster_poses(reference, observed, settings.largest_residual_mm * 1e-3)
+    poses = replace(poses, filled=np.any(told, axis=0) if told else None)
     return time, bridge_gaps(time, poses, settings.longest_gap_s)
+
+
+CHANCE, MOST, LONGEST = 1e-8, 0.15, 12  # of a frame that noise looks filled; largest share; longest run that counts
+
+
+@cache
+def filled_share(length: int) -> float:
+    """The RMS of so many third differences in three coordinates, over that of white noise, which that noise falls below
+    with `CHANCE`: its density at 0 times the volume of a ball, at most `MOST`."""
+    apart = np.abs(np.subtract.outer(np.arange(length), np.arange(length)))
+    correlation = np.array([1.0, -0.75, 0.3, -0.05, 0.0])[np.minimum(apart, 4)]  # of third differences of white noise
+    n = 3 * length
+    volume = n / 2 * np.log(np.pi) - lgamma(n / 2 + 1) + n / 2 * np.log(n)
+    density = -1.5 * np.linalg.slogdet(correlation)[1] - n / 2 * np.log(2 * np.pi)
+    return float(min(np.exp((np.log(CHANCE) - density - volume) / n), MOST))
+
+
+def filled_frames(track: Array) -> Mask | None:
+    """Frames (n,) of a marker's track (n, 3) [m] that a spline, polynomial or line filled; None where that cannot be
+    told, as in a track that was smoothed. Each measured frame has noise, which third differences multiply by the root
+    of 20, while they lose the motion. Runs of them are filled whose RMS is below a share of that in the quiet fifth of
+    the track. What is copied from other markers carries their noise and is not seen."""
+    square = np.mean(np.diff(track, 3, axis=0) ** 2, axis=1)
+    known = square[np.isfinite(square)]
+    if len(known) < 40:
+        return None
+    noise = float(np.quantile(np.convolve(known, np.full(10, 0.1), "valid"), 0.2))
+    steps = np.abs(np.diff(track, axis=0))
+    rounding = float(np.min(steps[steps > 0], initial=np.inf)) / np.sqrt(12)
+    if np.sqrt(noise / 20) < max(5e-6, 3 * rounding):  # [m]
+        return None
+    filled, square = np.zeros(len(track), dtype=bool), np.where(np.isfinite(square), square, np.inf)
+    for length in range(2, LONGEST + 1):
+        mean = np.convolve(square, np.full(length, 1 / length), "valid")
+        for start in np.flatnonzero(mean < filled_share(length) ** 2 * noise):
+            filled[start : start + length + 3] = True
+    return filled
 
 
 def cluster_poses(reference: Array, observed: Array, largest_residual: float = np.inf) -> Poses:

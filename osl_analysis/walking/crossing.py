@@ -1,7 +1,7 @@
 """One crossing of the walkway: from markers and plate to ankle angle and torque, with events and quality; and what a
 laboratory's set-up must have right for it: axes and side, encoder, direction, shift of the platform, body mass."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -14,9 +14,9 @@ from osl_analysis.signals import LowPass, longest_run, runs, sampling_rate
 from osl_analysis.signals.grid import GapLimits, uniform_signals
 from osl_analysis.trial import AXES, Array, Trial, plate_columns
 from osl_analysis.walking import bodies, plate, platform
-from osl_analysis.walking.bodies import SEGMENTS, BodyMotion, Poses, StaticCalibration
+from osl_analysis.walking.bodies import SEGMENTS, BodyMotion, Kept, Mask, Poses, StaticCalibration
 from osl_analysis.walking.plate import PlateModel, Stance
-from osl_analysis.walking.platform import ALONE, PlatformModel, PlatformTemplate
+from osl_analysis.walking.platform import ALONE, PlatformModel, PlatformTemplate, PlatformTrack
 from osl_analysis.walking.settings import CrossingSettings
 
 UPWARD = np.array([0.0, 0.0, 1.0])
@@ -25,19 +25,27 @@ UP, DOWN = "up", "down"  # Names of the directions in sheet and tables: toes up 
 
 QUALITY = (
     "foot_forward_m", "foot_left_m", "foot_outside_m", "foot_residual_mm", "platform_residual_mm", "shank_residual_mm",
-    "plate_zero_N", "plate_height_m", "plate_ringing_hz", "pressure_ahead_m", "pressure_beside_m", "encoder_offset_deg",
-    "encoder_delay_ms", "encoder_rms_deg", "shoe_compliance",
+    "plate_zero_N", "plate_height_m", "plate_ringing_hz", "plate_unexplained", "pressure_ahead_m", "pressure_beside_m",
+    "pressure_outside_m", "filled_share", "filled_fitted", "encoder_offset_deg", "encoder_delay_ms", "encoder_rms_deg",
+    "shoe_compliance",
 )  # fmt: skip
 """Columns of `walking_crossings.csv` that show the quality of one crossing; the dictionary says what each is."""
-LABORATORY_ERRORS = (
-    ("corners of the plate, or ORIGIN, too high", 10.0, "mm"), ("corners too far forward", 10.0, "mm"),
-    ("moment channels too large", 1.0, "%"), ("force channels too large", 1.0, "%"),
-    ("cameras pitched, so that all markers turn toes down about the laboratory's origin", 1.0, "deg"),
-    ("plate later than it is corrected for", 1.0, "ms"),
-)  # fmt: skip
-LOG_ERRORS = (("torque later than the angle", 1.0, "ms"), ("torque too large", 1.0, "%"))
-"""What a laboratory, or a log of boot or leg, can have wrong without a sign of it: the size and unit of each row of
-`Crossing.lab_errors`."""
+LABORATORY_ERRORS = {
+    "corners_height": ("corners of the plate, or ORIGIN, too high", 10.0, "mm"),
+    "corners_forward": ("corners too far forward", 10.0, "mm"),
+    "moments": ("moment channels too large", 1.0, "%"),
+    "forces": ("force channels too large", 1.0, "%"),
+    "pitch": ("cameras pitched, so that all markers turn toes down about the laboratory's origin", 1.0, "deg"),
+    "plate_lag": ("plate later than it is corrected for", 1.0, "ms"),
+    "plate_inertia": ("the plate's own wrench removed too much", 1.0, "%"),
+}
+LOG_ERRORS = {"torque_lag": ("torque later than the angle", 1.0, "ms"), "torque": ("torque too large", 1.0, "%")}
+"""What a laboratory, or a log of boot or leg, can have wrong without a sign of it, by the name of its stated
+uncertainty: the size and unit of each row of `Crossing.lab_errors`."""
+
+
+def none() -> Array:
+    return np.zeros((0, 0))
 
 
 @dataclass(frozen=True)
@@ -45,24 +53,27 @@ class Crossing:
     """Ankle angle and torque of one crossing, n samples at the marker rate."""
 
     name: str
-    time: Array
-    theta: Array  # joint angle (n,) [rad]
-    torque: Array  # internal plantarflexion moment (n,) [N*m]
-    platform: Array | None  # rotation (n,) [rad] of the platform, not filtered; None without one
+    time: Kept
+    theta: Kept  # joint angle (n,) [rad]
+    torque: Kept  # internal plantarflexion moment (n,) [N*m]
+    platform: Kept | None  # rotation (n,) [rad] of the platform, not filtered; None without one
     stance: Stance
     onset: float | None  # of the perturbation [s]; None without one
     bridged: float  # fraction of the frames in stance in which a hidden cluster was interpolated
-    plate_errors: Array  # changes (m, n) [N*m] of the torque without the i-th of m plate trials; m = 0 with one
-    lab_errors: Array = field(default_factory=lambda: np.zeros((0, 0)))  # (6, n) [N*m] by each of `LABORATORY_ERRORS`
+    plate_errors: Kept = field(
+        default_factory=none
+    )  # changes (m, n) [N*m] of the torque without the i-th of m plate trials; m = 0 with one
+    lab_errors: Kept = field(default_factory=none)  # (e, n) [N*m] by each of `LABORATORY_ERRORS`, or of `LOG_ERRORS`
     quality: dict[str, float | None] = field(default_factory=dict)  # of `QUALITY`, those that are known
-    load: Array | None = None  # as of `load_on_foot` (3, n); None if it is not known
+    load: Kept | None = None  # as of `load_on_foot` (3, n); None if it is not known
     turn: float | None = None  # largest [rad] of the platform about the ankle in the window, toes up; None: unknown;
     # without a turning platform its sign, and the range of the ankle's angle
     body_mass: float | None = None  # [kg]; None if nobody states it
 
     def __post_init__(self) -> None:
-        if not self.lab_errors.size:
-            object.__setattr__(self, "lab_errors", np.zeros((0, len(self.time))))
+        for errors in ("plate_errors", "lab_errors"):
+            if not getattr(self, errors).size:
+                object.__setattr__(self, errors, np.zeros((0, len(self.time))))
         for signal in ("time", "theta", "torque", "plate_errors"):
             check_measured(f"trial {self.name}: {signal}", getattr(self, signal))
         if len(self.time) < 6 or not (np.diff(self.time) > 0).all():  # a spline of fifth degree needs as many
@@ -92,6 +103,270 @@ class RefusedCrossing:
     reason: str
 
 
+@dataclass(frozen=True)
+class Passage:
+    """What markers and plate recorded of a crossing: of all frames, and of the n of `rows`, stance and up to 0.1 s
+    before and after it, for the low-pass."""
+
+    frames: Array  # time (k,) [s] of all frames
+    recorded: dict[str, Poses]  # of foot, shank and platform in all frames, not filtered
+    read: Callable[[float], Array]  # wrench (k, 6) of the plate minus its zero, read a lag [s] later
+    zero: float | None  # vertical force [N] of the plate's zero
+    corners: Array  # of the plate (4, 3) [m] at rest
+    stance: Stance
+    onset: float | None  # of the perturbation [s]
+    rows: slice
+    poses: dict[str, Poses]  # in `rows`, low-passed
+
+    @property
+    def time(self) -> Array:
+        return self.frames[self.rows]
+
+    @property
+    def inside(self) -> Mask:
+        """Which of `rows` are in stance."""
+        return np.asarray((self.time >= self.stance.heel_strike) & (self.time <= self.stance.toe_off))
+
+    @property
+    def flat(self) -> Mask:
+        """Which of `rows` have the foot flat on the plate, before a perturbation."""
+        phase = self.stance.phase(self.time)
+        return np.asarray((phase >= 0.15) & (phase <= 0.35))
+
+
+def recorded_passage(
+    trial: Trial,
+    calibration: StaticCalibration,
+    lag: float,
+    perturbed: bool,
+    settings: CrossingSettings,
+    shared: PlatformModel,
+) -> Passage:
+    """Poses, stance and onset of a crossing, whose plate is late by a lag [s]."""
+    reference, recorded = {}, {}
+    for segment, labels in followed_segments(settings).items():
+        frames, recorded[segment] = bodies.segment_poses(trial, labels, calibration, settings)
+        reference[segment] = calibration.positions(labels, trial.name)
+    read, zero = plate.zeroed_wrench(trial, frames, settings)
+    force = read(lag)[:, :3]
+    check_vertical(force)
+    several = "check the plate's number, zero and load thresholds, cut the recording to one crossing"
+    stance = only_stance(frames, force[:, 2], settings, "on the plate", several)
+    plate.check_plate(trial, settings.plate, stance, force[:, 2])
+    corners = plate.recorded_corners(trial, settings.plate)
+    if "platform" not in recorded:  # the plate below a belt rests
+        resting = bodies.cluster_poses(corners, np.tile(corners, (len(frames), 1, 1)))
+        reference["platform"], recorded["platform"] = corners, resting
+    onset = onset_of(trial, frames, recorded, stance, perturbed, settings, shared)
+    inside = (frames >= stance.heel_strike) & (frames <= stance.toe_off)
+    for segment, pose in recorded.items():
+        apart = 1e3 * float(np.median(np.r_[0.0, pose.residual[inside & np.isfinite(pose.residual)]]))
+        if apart > settings.largest_residual_mm:
+            raise InputError(
+                f"the {segment} markers stand {apart:.0f} mm (RMS) otherwise than in the static trial throughout "
+                f"stance, expected {settings.largest_residual_mm:g} mm or less: they were put on again, or carry other "
+                "labels; record a static trial after the change and name it in the column static, correct the labels, "
+                "or exclude the trial"
+            )
+        if len(lost := np.flatnonzero(inside & ~pose.seen())):
+            raise InputError(
+                f"the {segment} markers cannot be followed at {frames[lost[0]]:.3f} s, in {len(lost)} frames of "
+                f"stance{pose.by_filling(lost)}; correct exchanged labels in Nexus, raise longest_gap_s, or exclude "
+                "the trial"
+            )
+    seen = np.all([pose.seen() for pose in recorded.values()], axis=0)
+    near = seen & (frames >= stance.heel_strike - 0.1) & (frames <= stance.toe_off + 0.1)
+    rows, rate = next(run for run in runs(near) if run.start <= np.argmax(inside) < run.stop), sampling_rate(frames)
+    poses = {
+        segment: bodies.cluster_poses(cluster, settings.low_pass(recorded[segment][rows].points(cluster), rate))
+        for segment, cluster in reference.items()
+    }
+    return Passage(frames, recorded, read, zero, corners, stance, onset, rows, poses)
+
+
+def followed_segments(settings: CrossingSettings) -> dict[str, tuple[str, ...]]:
+    """The segments that markers follow, with their names."""
+    return {segment: labels for segment in SEGMENTS if (labels := getattr(settings.markers, segment))}
+
+
+@dataclass(frozen=True)
+class Ankle:
+    """The ankle in n frames: angle [rad], centre [m] and axis to the left, the means of foot's and shank's."""
+
+    theta: Array  # (n,)
+    centre: Array  # (n, 3)
+    axis: Array  # (n, 3), unit vectors
+
+    @property
+    def forward(self) -> Array:
+        """Level directions (n, 3) in which the foot points."""
+        return np.cross(self.axis, UPWARD)
+
+
+def ankle_of(passage: Passage, calibration: StaticCalibration) -> Ankle:
+    """Angle, centre and axis of the ankle; refused if the axis points to the wrong side."""
+    foot, shank = passage.poses["foot"], passage.poses["shank"]
+    axis = (foot.rotation + shank.rotation) @ calibration.ankle_axis
+    axis = axis / np.linalg.norm(axis, axis=1, keepdims=True)
+    centre = (foot.point(calibration.ankle_centre) + shank.point(calibration.ankle_centre)) / 2
+    check_side(passage.stance.phase(passage.time), shank.position - centre, axis)
+    return Ankle(bodies.ankle_angle(foot, shank, calibration.ankle_axis), centre, axis)
+
+
+@dataclass(frozen=True)
+class PlateInCrossing:
+    """The moving plate under one crossing: what of its wrench is the foot's."""
+
+    passage: Passage
+    ankle: Ankle
+    track: PlatformTrack | None  # None if no marker follows the platform
+    shared: PlatformModel
+    name: str
+    low_pass: LowPass
+
+    @property
+    def middle(self) -> Array:
+        """The plate's centre (3,) [m] at rest."""
+        return np.asarray(self.passage.corners.mean(axis=0))
+
+    def motion(self, template: PlatformTemplate | None) -> BodyMotion:
+        """Motion of the plate's centre, by a shape that crossings share if this one follows it."""
+        time, follows = self.passage.time, self.shared.followed(self.name)
+        if self.track is None:
+            return bodies.body_motion(time, self.passage.poses["platform"], self.middle)
+        first = int(np.searchsorted(self.track.time, time[0] - 1e-9))
+        within = slice(first, first + len(time))
+        return platform.inertial_motion(self.track, self.middle, template, follows, within)
+
+    def reaction(self, model: PlateModel, moving: BodyMotion) -> Array:
+        """Ground reaction (n, 6) on the foot in laboratory axes, about the plate's centre, without the plate's own."""
+        rate = sampling_rate(self.passage.frames)
+        read = self.low_pass(self.passage.read(model.lag or 0.0), rate)[self.passage.rows]
+        parts = (read - plate.inertial_columns(moving) @ model.parameters).reshape(-1, 2, 3)
+        return np.asarray(np.einsum("nij,nkj->nki", self.passage.poses["platform"].rotation, parts).reshape(-1, 6))
+
+    def torque(self, model: PlateModel, moving: BodyMotion) -> Array:
+        """Torque (n,) [N*m] at the ankle."""
+        centre = self.passage.poses["platform"].point(self.middle)
+        return plate.ankle_torque(self.reaction(model, moving), centre, self.ankle.centre, self.ankle.axis)
+
+    def plate_errors(self, unloaded: PlateModel, torque: Array) -> Array:
+        """Changes (m, n) [N*m] of the torque without each plate trial, and without each group of crossings in the
+        shape, as rows of one jackknife."""
+        moving, follows = self.motion(self.shared.template), self.shared.followed(self.name)
+        without_trials = [self.torque(other, moving) - torque for other in unloaded.leave_one_out]
+        without_crossings = [  # the shape changes the motion of those alone that follow it
+            torque * 0 if follows is None else self.torque(unloaded, self.motion(other)) - torque
+            for other in self.shared.leave_out
+        ]
+        return np.reshape(platform.jackknife_rows(without_trials, without_crossings), (-1, len(torque)))
+
+    def lab_errors(self, unloaded: PlateModel, torque: Array) -> Array:
+        """Changes (7, n) [N*m] of the torque by each of `LABORATORY_ERRORS`."""
+        moving, ankle, plates = self.motion(self.shared.template), self.ankle, self.passage.poses["platform"]
+        on_foot, turned, centre = self.reaction(unloaded, moving), plates.rotation, plates.point(self.middle)
+        ahead = ankle.forward.mean(axis=0)
+        wrong = [
+            plate.ankle_torque(on_foot * np.repeat(gains, 3), centre + moved, ankle.centre, ankle.axis)
+            for gains, moved in (
+                ((1.0, 1.0), 0.01 * turned[:, :, 2]), ((1.0, 1.0), 0.01 * turned @ ahead),
+                ((1.0, 1.01), 0.0), ((1.01, 1.0), 0.0),
+            )
+        ]  # fmt: skip
+        pitch = scipy.spatial.transform.Rotation.from_rotvec(np.deg2rad(1.0) * ankle.axis.mean(axis=0)).as_matrix()
+        seen_force = np.einsum("ij,njk,lk,nml,nqm->nqi", pitch, turned, pitch, turned, on_foot.reshape(-1, 2, 3))
+        seen_centre = plates.point(pitch.T @ self.middle) @ pitch.T
+        pitched = seen_force.reshape(-1, 6), seen_centre, ankle.centre @ pitch.T, ankle.axis @ pitch.T
+        later = replace(unloaded, lags=((unloaded.lag or 0.0) + 1e-3,))
+        more = replace(unloaded, parameters=1.01 * unloaded.parameters)
+        errors = [*wrong, plate.ankle_torque(*pitched)]
+        return np.array(
+            [
+                *(each - torque for each in errors),
+                *(torque - self.torque(later, moving), self.torque(more, moving) - torque),
+            ]
+        )
+
+
+def turn_of(trial: Trial, passage: Passage, ankle: Ankle, settings: CrossingSettings) -> float | None:
+    """The turn [rad] as of `Crossing`; None without a perturbation."""
+    if passage.onset is None:
+        return None
+    window, plates = (passage.onset, passage.onset + settings.window_s), passage.poses["platform"]
+    if settings.perturbed_by != "belt":
+        return platform_turn(passage.time, plates, ankle.axis, window)
+    first, last = np.searchsorted(passage.time, window)  # a belt that goes backward turns the toes up
+    ahead = np.diff(plates.position[[first, last]], axis=0) @ ankle.forward[first]
+    sign = commanded_onset(trial, passage.stance)[1] if settings.by_command else -1 if ahead > 0 else 1
+    return sign * float(np.ptp(ankle.theta[first:last]))
+
+
+def quality_of(
+    passage: Passage,
+    ankle: Ankle,
+    load: Array,
+    unloaded: PlateModel,
+    calibration: StaticCalibration,
+    settings: CrossingSettings,
+) -> dict[str, float | None]:
+    """Columns of `QUALITY` but the encoder's, from the load (3, n) on the foot."""
+    flat, segments = passage.flat, followed_segments(settings)
+    foot = passage.poses["foot"][flat]
+    placed = foot.point(calibration.ankle_centre).mean(axis=0) - passage.corners.mean(axis=0)
+    to_pressure = load[2:].T * ankle.forward + load[1:2].T * ankle.axis  # (n, 3) from the ankle
+    pressed = to_pressure[flat].mean(axis=0)
+    markers = foot.points(calibration.positions(segments["foot"], "static"))
+    quality = {
+        "foot_forward_m": float(placed[0]),
+        "foot_left_m": float(placed[1]),
+        "foot_outside_m": furthest_outside(markers.reshape(-1, 3), passage.corners),
+        "plate_zero_N": passage.zero,
+        "plate_height_m": unloaded.height,
+        "plate_ringing_hz": unloaded.ringing_hz,
+        "plate_unexplained": unloaded.unexplained,
+        "pressure_ahead_m": float(pressed[0]),
+        "pressure_beside_m": float(pressed[1]),
+        "pressure_outside_m": beside_markers((ankle.centre + to_pressure)[flat], markers),
+    }
+    for segment, pose in ((segment, passage.recorded[segment][passage.rows]) for segment in segments):
+        left = pose.residual[passage.inside & np.isfinite(pose.residual)]
+        quality[f"{segment}_residual_mm"] = 1e3 * float(np.sqrt(np.mean(left**2))) if len(left) else float("nan")
+    return quality | filled_facts(passage, settings)
+
+
+def beside_markers(pressure: Array, markers: Array) -> float:
+    """Mean distance [m] of the centre of pressure (k, 3) [m] from the area between the foot's markers (k, m, 3) [m],
+    seen from above; 0 if it lies inside."""
+    corners = markers.mean(axis=0)[:, :2]
+    hull = scipy.spatial.ConvexHull(corners)
+    at = (pressure - markers.mean(axis=1) + markers.mean(axis=(0, 1)))[:, :2]
+    edges, away = (
+        np.roll(corners[hull.vertices], -1, axis=0) - corners[hull.vertices],
+        at[:, None] - corners[hull.vertices],
+    )
+    share = np.clip(np.sum(away * edges, axis=2) / np.sum(edges**2, axis=1), 0.0, 1.0)
+    nearest = np.linalg.norm(away - share[..., None] * edges, axis=2).min(axis=1)
+    outside = (at @ hull.equations[:, :2].T + hull.equations[:, 2] > 0).any(axis=1)
+    return float(np.mean(np.where(outside, nearest, 0.0)))
+
+
+def filled_facts(passage: Passage, settings: CrossingSettings) -> dict[str, float | None]:
+    """The share of frames in stance, and of those from baseline to the end of the window, in which a marker of some
+    cluster was filled before the export, and so is hidden; of the latter those alone whose pose rests on a bridge. None
+    where no cluster tells."""
+    facts = dict[str, float | None].fromkeys(("filled_share", "filled_fitted"))
+    poses = [pose[passage.rows] for pose in passage.recorded.values()]
+    filled = {k: pose.filled for k, pose in enumerate(poses) if pose.filled is not None}
+    if filled:
+        facts["filled_share"] = float(np.mean(np.any([*filled.values()], axis=0)[passage.inside]))
+    if filled and passage.onset is not None:
+        since = passage.time - passage.onset
+        fitted = (since >= -settings.guard_s - settings.baseline_s) & (since <= settings.window_s)
+        rests = np.any([frames & poses[k].bridged for k, frames in filled.items()], axis=0)
+        facts["filled_fitted"] = float(np.mean(rests[fitted]))
+    return facts
+
+
 def analyse_crossing(
     trial: Trial,
     calibration: StaticCalibration,
@@ -102,129 +377,39 @@ def analyse_crossing(
 ) -> Crossing:
     """Angle and torque of a crossing, through one low-pass at one rate. `perturbed` is the sheet's. `shared` is what
     the platform's motions share; without it a crossing has its own motion and onset."""
-    reference, recorded, low_pass = {}, {}, settings.low_pass
-    followed = {segment: labels for segment in SEGMENTS if (labels := getattr(settings.markers, segment))}
-    for segment, labels in followed.items():
-        frames, recorded[segment] = bodies.segment_poses(trial, labels, calibration, settings)
-        reference[segment] = calibration.positions(labels, trial.name)
-    (read, zero), rate = plate.zeroed_wrench(trial, frames, settings), sampling_rate(frames)
-    force = read(unloaded.lag or 0.0)[:, :3]
-    check_vertical(force)
-    several = "check the plate's number, zero and load thresholds, cut the recording to one crossing"
-    stance = only_stance(frames, force[:, 2], settings, "on the plate", several)
-    plate.check_plate(trial, settings.plate, stance, force[:, 2])
-    corners = plate.recorded_corners(trial, settings.plate)
-    if "platform" not in recorded:  # the plate below a belt rests
-        reference["platform"], recorded["platform"] = (
-            corners,
-            bodies.cluster_poses(corners, np.tile(corners, (len(frames), 1, 1))),
-        )
-    onset = onset_of(trial, frames, recorded, stance, perturbed, settings, shared)
-
-    inside = (frames >= stance.heel_strike) & (frames <= stance.toe_off)
-    for segment, pose in recorded.items():
-        if len(lost := np.flatnonzero(inside & ~pose.seen())):
-            raise InputError(
-                f"the {segment} markers cannot be followed at {frames[lost[0]]:.3f} s, in {len(lost)} frames of "
-                "stance; fill the gap or correct exchanged labels in Nexus, raise longest_gap_s, or exclude the trial"
-            )
-    # Every cluster is seen in stance and up to 0.1 s before and after it, for the low-pass
-    seen = np.all([pose.seen() for pose in recorded.values()], axis=0)
-    near = seen & (frames >= stance.heel_strike - 0.1) & (frames <= stance.toe_off + 0.1)
-    rows = next(run for run in runs(near) if run.start <= np.argmax(inside) < run.stop)
-    time, inside, follows = frames[rows], inside[rows], shared.followed(trial.name)
-    poses = {
-        s: bodies.cluster_poses(reference[s], low_pass(recorded[s][rows].points(reference[s]), rate)) for s in SEGMENTS
-    }
-    foot, shank = poses["foot"], poses["shank"]
-    theta = bodies.ankle_angle(foot, shank, calibration.ankle_axis)
-    ankle = (foot.point(calibration.ankle_centre) + shank.point(calibration.ankle_centre)) / 2
-    axis = (foot.rotation + shank.rotation) @ calibration.ankle_axis  # the mean of foot and shank, as the centre
-    axis = axis / np.linalg.norm(axis, axis=1, keepdims=True)
+    passage = recorded_passage(trial, calibration, unloaded.lag or 0.0, perturbed, settings, shared)
+    ankle, low_pass, recorded = ankle_of(passage, calibration), settings.low_pass, passage.recorded
+    time, rows, onset = passage.time, passage.rows, passage.onset
     track = None
-    if "platform" in followed:
-        track = platform.track_about(trial.name, frames, recorded["platform"], calibration, settings, float(time[0]))
-    centre, turned = poses["platform"].point(corners.mean(axis=0)), poses["platform"].rotation
-
-    def motion(template: PlatformTemplate | None) -> BodyMotion:
-        """Motion of the plate's centre, by a shape that crossings share if this one follows it."""
-        if track is None:
-            return bodies.body_motion(time, poses["platform"], corners.mean(axis=0))
-        first = int(np.searchsorted(track.time, time[0] - 1e-9))
-        within = slice(first, first + len(time))
-        return platform.inertial_motion(track, corners.mean(axis=0), template, follows, within)
-
-    def reaction(model: PlateModel, moving: BodyMotion) -> Array:
-        """Ground reaction (n, 6) on the foot in laboratory axes, about the plate's centre, without the plate's own."""
-        without = low_pass(read(model.lag or 0.0), rate)[rows] - plate.inertial_columns(moving) @ model.parameters
-        parts = without.reshape(-1, 2, 3)
-        return np.asarray(np.einsum("nij,nkj->nki", turned, parts).reshape(-1, 6))
-
-    def torque_by(model: PlateModel, moving: BodyMotion) -> Array:
-        return plate.ankle_torque(reaction(model, moving), centre, ankle, axis)
-
-    moving = motion(shared.template)
-    torque = torque_by(unloaded, moving)
-    without_plate = [torque_by(other, moving) - torque for other in unloaded.leave_one_out]
-    without_crossings = [  # the shape changes the motion of those alone that follow it
-        torque * 0 if follows is None else torque_by(unloaded, motion(other)) - torque for other in shared.leave_out
-    ]
-    errors = np.reshape(platform.jackknife_rows(without_plate, without_crossings), (-1, len(torque)))
+    if settings.markers.platform:
+        poses = recorded["platform"]
+        track = platform.track_about(trial.name, passage.frames, poses, calibration, settings, float(time[0]))
+    plates = PlateInCrossing(passage, ankle, track, shared, trial.name, low_pass)
+    moving = plates.motion(shared.template)
+    on_foot, of_plate = plates.reaction(unloaded, moving), plates.torque(unloaded, moving)
+    load = plate.load_on_foot(on_foot, passage.poses["platform"].point(plates.middle), ankle.centre, ankle.axis)
+    torque = of_plate
     if (own := settings.foot) is not None:
-        of_foot = bodies.body_motion(time, foot, calibration.ankle_centre + own.centre_of_mass_m)
-        torque = torque + bodies.moment_of_foot(of_foot, ankle, axis, own.mass_kg, own.inertia_kg_m2)
-    phase = stance.phase(time)
-    check_side(phase, shank.position - ankle, axis)
-    on_foot, forward = reaction(unloaded, moving), np.cross(axis, UPWARD)
-    load = plate.load_on_foot(on_foot, centre, ankle, axis)
-    shear = np.array([np.sum(on_foot[:, :3] * way, axis=1) for way in (axis, forward)])
-    check_roll(phase, load, shear, torque if onset is None else None)
-    pitch = scipy.spatial.transform.Rotation.from_rotvec(np.deg2rad(1.0) * axis.mean(axis=0)).as_matrix()
-    seen_force = np.einsum("ij,njk,lk,nml,nqm->nqi", pitch, turned, pitch, turned, on_foot.reshape(-1, 2, 3))
-    seen_centre = (poses["platform"].point(pitch.T @ corners.mean(axis=0))) @ pitch.T
-    late = replace(unloaded, lags=((unloaded.lag or 0.0) + 1e-3,))
-    right, *wrong = (
-        plate.ankle_torque(on_foot * np.repeat(gains, 3), centre + moved, ankle, axis)
-        for gains, moved in (
-            ((1.0, 1.0), 0.0), ((1.0, 1.0), 0.01 * turned[:, :, 2]), ((1.0, 1.0), 0.01 * turned @ forward.mean(axis=0)),
-            ((1.0, 1.01), 0.0), ((1.01, 1.0), 0.0),
-        )
-    )  # fmt: skip
-    wrong.append(plate.ankle_torque(seen_force.reshape(-1, 6), seen_centre, ankle @ pitch.T, axis @ pitch.T))
-    lab_errors = np.array([*(one - right for one in wrong), right - torque_by(late, moving)])
-    window = None if onset is None else (onset, onset + settings.window_s)
-    turn = None if window is None else platform_turn(time, poses["platform"], axis, window)
-    if window is not None and settings.perturbed_by == "belt":  # backward it turns the toes up
-        first, last = np.searchsorted(time, window)
-        ahead = np.diff(poses["platform"].position[[first, last]], axis=0) @ forward[first]
-        sign = commanded_onset(trial, stance)[1] if settings.by_command else -1 if ahead > 0 else 1
-        turn = sign * float(np.ptp(theta[first:last]))
-    flat = foot[(phase >= 0.15) & (phase <= 0.35)]  # before the perturbation
-    placed = flat.point(calibration.ankle_centre).mean(axis=0) - corners.mean(axis=0)
-    shown = ((phase >= 0.15) & (phase <= 0.35))[:, None]
-    pressed = np.mean(load[2:].T * forward + load[1:2].T * axis, axis=0, where=shown)  # from the ankle
-    outside = furthest_outside(flat.points(reference["foot"]).reshape(-1, 3), corners)
-    quality: dict[str, float | None] = {"foot_forward_m": float(placed[0]), "foot_left_m": float(placed[1])}
-    quality["foot_outside_m"] = outside
-    quality |= {"plate_height_m": unloaded.height, "plate_ringing_hz": unloaded.ringing_hz}
-    quality |= {"pressure_ahead_m": float(pressed[0]), "pressure_beside_m": float(pressed[1])}
-    for segment, pose in ((segment, recorded[segment]) for segment in followed):
-        left = pose.residual[rows][inside & np.isfinite(pose.residual[rows])]
-        quality[f"{segment}_residual_mm"] = 1e3 * float(np.sqrt(np.mean(left**2))) if len(left) else float("nan")
+        of_foot = bodies.body_motion(time, passage.poses["foot"], calibration.ankle_centre + own.centre_of_mass_m)
+        torque = torque + bodies.moment_of_foot(of_foot, ankle.centre, ankle.axis, own.mass_kg, own.inertia_kg_m2)
+    shear = np.array([np.sum(on_foot[:, :3] * way, axis=1) for way in (ankle.axis, ankle.forward)])
+    check_roll(passage.stance.phase(time), load, shear, torque if onset is None else None)
+    quality = quality_of(passage, ankle, load, unloaded, calibration, settings)
+    bridged = np.any([pose.bridged[rows] for pose in recorded.values()], axis=0)[passage.inside]
     return Crossing(
         name=trial.name,
         time=time,
-        theta=theta,
+        theta=ankle.theta,
         torque=torque,
         platform=platform.rotation_from_rest(recorded["platform"])[rows],
-        stance=stance,
+        stance=passage.stance,
         onset=onset,
-        bridged=float(np.mean(np.any([pose.bridged[rows] for pose in recorded.values()], axis=0)[inside])),
-        quality={**quality, "plate_zero_N": zero, **encoder_check(trial, time, theta, torque, low_pass)},
-        plate_errors=errors,
+        bridged=float(np.mean(bridged)),
+        quality=quality | encoder_check(trial, time, ankle.theta, torque, low_pass),
+        plate_errors=plates.plate_errors(unloaded, of_plate),
         load=load,
-        turn=turn,
-        lab_errors=lab_errors,
+        turn=turn_of(trial, passage, ankle, settings),
+        lab_errors=plates.lab_errors(unloaded, of_plate),
     )
 
 
@@ -268,9 +453,9 @@ def crossing_of_log(trial: Trial, perturbed: bool, settings: CrossingSettings) -
     both = np.column_stack([settings.low_pass(found[name], found.rate_hz) for name in ("theta", "torque")])
     theta, torque = scipy.interpolate.make_interp_spline(found.time, both, k=3)(time).T
     window = (time >= (onset or 0.0)) & (time <= (onset or 0.0) + settings.window_s)
-    turn, errors = None if onset is None else sign * float(np.ptp(theta[window])), np.zeros((0, len(time)))
+    turn = None if onset is None else sign * float(np.ptp(theta[window]))
     wrong = np.array([-1e-3 * np.gradient(torque, time), 0.01 * torque])  # by `LOG_ERRORS`
-    return Crossing(trial.name, time, theta, torque, None, stance, onset, 0.0, errors, wrong, turn=turn)
+    return Crossing(trial.name, time, theta, torque, None, stance, onset, 0.0, lab_errors=wrong, turn=turn)
 
 
 def commanded_onset(trial: Trial, stance: Stance) -> tuple[float | None, int]:
@@ -354,9 +539,9 @@ def onset_of(
         if bodies.gap_duration(time, gap) > longest:
             hidden = (gap.stop - gap.start) * (time[1] - time[0])
             raise InputError(
-                f"the {name} markers are hidden for {1e3 * hidden:.0f} ms from {time[gap.start]:.3f} s, while the "
-                f"perturbation is fitted, expected {1e3 * longest:g} ms or less; fill the gap in Nexus, raise "
-                "longest_fitted_gap_s, or exclude the trial"
+                f"the {name} markers are hidden for {1e3 * hidden:.0f} ms from {time[gap.start]:.3f} s"
+                f"{poses[name].by_filling(gap)}, while the perturbation is fitted, expected {1e3 * longest:g} ms or "
+                "less; raise longest_fitted_gap_s, or exclude the trial"
             )
     return onset
 

@@ -5,6 +5,7 @@ its left on the tibia's mediolateral axis (TIL) as markers. Without them the axi
 a level one through the lateral malleolus, across the foot from heel to toe or across its way. Which of its points is
 taken does not matter: the moment about a line is the same."""
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -87,15 +88,8 @@ def overground_rows(
     """Rows of `ankle_moment.csv`: every stance of a foot over a plate, in order of side and plate, and its `CURVES`;
     moments in N*m/kg, plantarflexion positive. `sheet_mass` is the body mass [kg] in the trial's row of the sheet."""
     numbers = [int(plate["plate"]) for plate in trial.provenance.get("plates", [])]
-    for number in numbers:  # An offset of the other sign looks like a standing person
-        reading = float(np.median(plates.recorded_wrench(trial, number)[1][:, 2]))
-        if reading < -settings.largest_zero_n:
-            raise InputError(
-                f"trial {trial.name}: force plate {number} reads {reading:.0f} N in most of the recording, expected "
-                f"more than {-settings.largest_zero_n:g} N, because a foot cannot pull: the plate was not zeroed, has "
-                "reached its limit, or has the other sign; record again, or remove the plate from `plates` in the "
-                "source file"
-            )
+    for number in numbers:
+        check_no_pull(trial, number, settings)
     mass, load = body_mass(trial, sheet_mass, settings.body_mass_kg), settings.load_on_n
     if mass is None:
         raise InputError(
@@ -108,33 +102,9 @@ def overground_rows(
         raise InputError(f"trial {trial.name}: no {absent if numbers else 'force plate; map it in the source file'}")
     rows, time = list[dict[str, Any]](), next(iter(feet.values())).time
     for number in numbers:
-        corners, of_foot = plates.recorded_corners(trial, number), plates.recorded_plate(trial, number).get("foot")
         wrench = plates.wrench_reader(*plates.recorded_wrench(trial, number), time)(0.0)
-        rests = {side: np.any(foot.standing() & over(foot.points, corners), axis=1) for side, foot in feet.items()}
         for stance in plates.find_stances(time, wrench[:, 2], load, load, 0.3):
-            inside = (time > stance.heel_strike) & (time < stance.toe_off)
-            share = {side: float(one[inside].mean()) for side, one in rests.items()}
-            on_plate = [side for side, foot in feet.items() if over(foot.ankle, corners)[inside].mean() > 0.5]
-            on_plate = on_plate or [side for side in feet if share[side] == max(0.1, *share.values())]
-            for side in on_plate if of_foot is None else [one for one in feet if one == of_foot]:
-                foot, other, excluded = feet[side], SIDES[side == "left"], None
-                whole = inside & np.isfinite(foot.points).all(axis=(1, 2))
-                own = float(np.mean(rests[side][whole])) if foot.whole and whole.any() else 1.0
-                if of_foot is None and share.get(other, 0.0) > 0.1:
-                    excluded = f"the {other} foot stands on the same plate in {100 * share[other]:.0f} % of the contact"
-                elif own < settings.fewest_standing:
-                    excluded = f"heel and toe rest on the plate in {100 * own:.0f} % of the contact: a second foot"
-                row = {"trial": trial.name, "body_mass_kg": mass, "side": side, "plate": number}
-                row |= {"heel_strike_s": stance.heel_strike, "toe_off_s": stance.toe_off, "axis_from": foot.axis_from}
-                moment = plates.ankle_torque(wrench, corners.mean(axis=0), foot.ankle, foot.axis) / mass
-                used, reference = inside & np.isfinite(moment) & (wrench[:, 2] > load), np.full_like(moment, np.nan)
-                if (column := f"reference_ankle_moment_{side}") in trial.columns:
-                    reference = trial.arrays(column)[1]
-                    used &= np.isfinite(reference) | (np.isfinite(reference[used]).sum() < 3)
-                if excluded is None and used.sum() < 3:
-                    excluded = f"the markers of the ankle's axis, {foot.axis_from}, are hidden or do not move on"
-                curves = (time, stance.phase(time), moment, reference)
-                rows.append(row | results([one[used] for one in curves], excluded))
+            rows += contact_rows(trial, number, feet, wrench, stance, mass, settings)
     if not rows:
         raise InputError(
             f"trial {trial.name}: no foot stands on a plate with its ankle over it; check the plates' corners and "
@@ -147,6 +117,61 @@ def overground_rows(
             said = f"a contact of {contact:.2f} s where others last {np.median(others):.2f} s: "
             rows[k] |= results([], f"{said}a second foot, or a plate off zero")
     return sorted(rows, key=lambda row: (row["side"], row["plate"]))
+
+
+def check_no_pull(trial: Trial, number: int, settings: OvergroundAnalysis) -> None:
+    """Refuse a plate that reads a pull in most of the recording. An offset of the other sign looks like a person who
+    stands."""
+    reading = float(np.median(plates.recorded_wrench(trial, number)[1][:, 2]))
+    if reading < -settings.largest_zero_n:
+        raise InputError(
+            f"trial {trial.name}: force plate {number} reads {reading:.0f} N in most of the recording, expected "
+            f"more than {-settings.largest_zero_n:g} N, because a foot cannot pull: the plate was not zeroed, has "
+            "reached its limit, or has the other sign; record again, or remove the plate from `plates` in the "
+            "source file"
+        )
+
+
+def contact_rows(
+    trial: Trial,
+    number: int,
+    feet: Mapping[str, Foot],
+    wrench: Array,
+    stance: plates.Stance,
+    mass: float,
+    settings: OvergroundAnalysis,
+) -> Iterator[dict[str, Any]]:
+    """Rows of one contact with a plate, of the wrench (n, 6) in the frames of the `feet`, one for each foot on it."""
+    time, corners = next(iter(feet.values())).time, plates.recorded_corners(trial, number)
+    of_foot = plates.recorded_plate(trial, number).get("foot")
+    inside = (time > stance.heel_strike) & (time < stance.toe_off)
+    share = {
+        side: float(np.any(foot.standing() & over(foot.points, corners), axis=1)[inside].mean())
+        for side, foot in feet.items()
+    }
+    on_plate = [side for side, foot in feet.items() if over(foot.ankle, corners)[inside].mean() > 0.5]
+    on_plate = on_plate or [side for side in feet if share[side] == max(0.1, *share.values())]
+    for side in on_plate if of_foot is None else [one for one in feet if one == of_foot]:
+        foot, other, excluded = feet[side], SIDES[side == "left"], None
+        rests = np.any(foot.standing() & over(foot.points, corners), axis=1)
+        whole = inside & np.isfinite(foot.points).all(axis=(1, 2))
+        own = float(np.mean(rests[whole])) if foot.whole and whole.any() else 1.0
+        if of_foot is None and share.get(other, 0.0) > 0.1:
+            excluded = f"the {other} foot stands on the same plate in {100 * share[other]:.0f} % of the contact"
+        elif own < settings.fewest_standing:
+            excluded = f"heel and toe rest on the plate in {100 * own:.0f} % of the contact: a second foot"
+        row = {"trial": trial.name, "body_mass_kg": mass, "side": side, "plate": number}
+        row |= {"heel_strike_s": stance.heel_strike, "toe_off_s": stance.toe_off, "axis_from": foot.axis_from}
+        moment = plates.ankle_torque(wrench, corners.mean(axis=0), foot.ankle, foot.axis) / mass
+        loaded, reference = wrench[:, 2] > settings.load_on_n, np.full_like(moment, np.nan)
+        used = inside & np.isfinite(moment) & loaded
+        if (column := f"reference_ankle_moment_{side}") in trial.columns:
+            reference = trial.arrays(column)[1]
+            used &= np.isfinite(reference) | (np.isfinite(reference[used]).sum() < 3)
+        if excluded is None and used.sum() < 3:
+            excluded = f"the markers of the ankle's axis, {foot.axis_from}, are hidden or do not move on"
+        curves = (time, stance.phase(time), moment, reference)
+        yield row | results([values[used] for values in curves], excluded)
 
 
 def results(curves: list[Array], excluded: str | None) -> dict[str, Any]:

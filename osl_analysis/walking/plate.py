@@ -14,7 +14,7 @@ not show it. The unloaded plate shows it: its inertial force and its acceleratio
 
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -24,10 +24,9 @@ import scipy
 from osl_analysis.errors import IdentifiabilityError, InputError, naming
 from osl_analysis.plate_surface import plate_axes
 from osl_analysis.signals import LowPass, longest_run, runs, sampling_rate
-from osl_analysis.stats.regression import linear_fit
 from osl_analysis.trial import AXES, Array, Trial, plate_columns
 from osl_analysis.walking import bodies, platform
-from osl_analysis.walking.bodies import BodyMotion, StaticCalibration, cross_matrix
+from osl_analysis.walking.bodies import BodyMotion, Kept, StaticCalibration, cross_matrix
 from osl_analysis.walking.settings import CrossingSettings, PlateModelSettings
 
 
@@ -223,10 +222,8 @@ def load_on_foot(reaction: Array, centre: Array, ankle: Array, axis: Array) -> A
 
 INERTIAL = ("m", "mc_x", "mc_y", "mc_z", "I_xx", "I_yy", "I_zz", "I_xy", "I_xz", "I_yz")
 COMPONENTS = ("F_x", "F_y", "F_z", "M_x", "M_y", "M_z")
-PLANAR = ("m", "mc_x", "mc_z", "I_yy")  # Identified if the platform only turns mediolaterally and shifts across it
 Smooth = Callable[[Array], Array]
-Names = tuple[str, ...]
-SHIFTED: Names = ("m", "mc_z")  # The same of a platform that only shifts horizontally; the others' forces are then none
+LIGHT = 0.1  # [N*m], weighted wrench of a plate that is too light to show its lag
 WEIGHT = np.array([0.1] * 3 + [1.0] * 3)  # Of forces [m] and moments: a force's lever about the ankle is about 0.1 m
 
 
@@ -234,10 +231,11 @@ WEIGHT = np.array([0.1] * 3 + [1.0] * 3)  # Of forces [m] and moments: a force's
 class PlateModel:
     """The plate's inertial parameters, and its lag behind the markers."""
 
-    parameters: Array  # (10,) in the order of `INERTIAL` [kg, kg*m, kg*m^2]; 0 where they were not excited
-    standard_errors: Array  # (10,); 0 where they were not excited
-    rms_before: Array  # RMS wrench (6,) [N, N*m] of the unloaded plate as read, minus its mean
-    rms_after: Array  # the same without the plate's own wrench
+    parameters: Kept  # (10,) in the order of `INERTIAL` [kg, kg*m, kg*m^2]; least ones where they are not told apart
+    directions: Kept  # (10, r) of the parameters that the motion shows
+    rms_before: Kept  # RMS wrench (6,) [N, N*m] of the unloaded plate as read, minus its mean
+    rms_after: Kept  # the same without the plate's own wrench
+    rms_at_rest: Kept = field(default_factory=lambda: np.zeros(6))  # of the wrench's noise, while the platform rests
     lags: tuple[float, ...] = ()  # [s] of the trials that show one
     lag_reason: str | None = None  # why no trial does
     leave_one_out: "tuple[PlateModel, ...]" = ()  # the model without each trial, for the jackknife; empty with one
@@ -256,13 +254,19 @@ class PlateModel:
         return float(np.std(self.lags, ddof=1) / np.sqrt(len(self.lags))) if len(self.lags) > 1 else None
 
     @property
-    def identified(self) -> tuple[str, ...]:
-        return tuple(name for name, se in zip(INERTIAL, self.standard_errors, strict=True) if se > 0)
+    def unexplained(self) -> float | None:
+        """What of the unloaded plate's wrench the model leaves beyond noise, as a share of its size; None of a plate
+        too light to show a lag."""
+        before, after, noise = (
+            float(np.linalg.norm(rms * WEIGHT)) for rms in (self.rms_before, self.rms_after, self.rms_at_rest)
+        )
+        return float(np.sqrt(max(after**2 - noise**2, 0.0))) / before if before > LIGHT else None
 
 
 NOT_REMOVED = "walking.plate_inertia is none"
 NO_CORRECTION = PlateModel(
-    *(np.zeros(10), np.zeros(10), np.full(6, np.nan), np.full(6, np.nan)), lag_reason=f"not estimated: {NOT_REMOVED}"
+    *(np.zeros(10), np.zeros((10, 0)), np.full(6, np.nan), np.full(6, np.nan)),
+    lag_reason=f"not estimated: {NOT_REMOVED}",
 )
 """The model of a plate that is light or compensates its own inertia: nothing is removed from its wrench."""
 
@@ -285,60 +289,66 @@ def inertial_columns(motion: BodyMotion) -> Array:
     return columns
 
 
+LEVER_M = (
+    0.3  # [m], half the size of a plate: a mass m has moments of up to m LEVER_M and inertias of up to m LEVER_M^2
+)
+TYPICAL = np.array([1.0] + [LEVER_M] * 3 + [LEVER_M**2] * 6)
+SEEN = (
+    0.01  # Share of the largest wrench that a typical plate makes along a direction of its parameters, to be identified
+)
+
+
+def excited_directions(squares: Array, noise: Array, within: Array) -> Array:
+    """Directions (10, r) of the parameters, in the span of those `within` (10, q), whose wrench the motion shows, from
+    the squares (10, 10) of the columns and of marker noise in them: eigenvectors of the Gram matrix of the columns of a
+    typical plate above `SEEN`, and of these the ones of which noise is at most half."""
+    basis = np.linalg.qr(within / TYPICAL[:, None])[0] * TYPICAL[:, None]  # orthonormal in units of a typical plate
+    power, vectors = np.linalg.eigh(basis.T @ squares @ basis)
+    basis = basis @ vectors[:, power > SEEN**2 * power[-1]]
+    share, vectors = scipy.linalg.eigh(basis.T @ noise @ basis, basis.T @ squares @ basis)
+    if share[0] > 0.5:
+        raise IdentifiabilityError(
+            f"marker noise is {share[0]:.0%} of what moves the unloaded plate in the direction that shows it best, "
+            "expected 50% or less; record larger or faster motions of the unloaded plate"
+        )
+    return np.asarray(basis @ vectors[:, share <= 0.5])
+
+
 def identify_plate_inertia(
     recordings: Sequence[tuple[BodyMotion, Array]],
-    smooth: Callable[[Array], Array] = np.asarray,
-    names: tuple[str, ...] | None = None,
+    smooth: Smooth = np.asarray,
+    within: Array | None = None,
     noise: Array | None = None,
     known: Array | None = None,
-    fewest: Names = PLANAR,
 ) -> PlateModel:
     """Parameters from unloaded recordings: motion of the plate's centre, and wrench (n, 6), each with its own zero.
 
     `smooth` is the low-pass that the wrench passed. It is applied to the columns, which are products of motions: with
-    filtered motions, 8 Hz would make the lag 0.05 ms too small. `names` may be identified, all if None or empty (as an
-    exact fit names); the others are as in `known` (10,), 0 if None. If the rest cannot be told apart, or is seen with
-    more noise than motion, only the `fewest` ones are identified. `noise` (10, 10) are the squares N of the columns by
-    marker noise alone: estimates are corrected by (G - N)^-1 G (Fuller, Measurement Error Models, 1987, 1.4)."""
+    filtered motions, 8 Hz would make the lag 0.05 ms too small. Only directions of the parameters that the motion shows
+    are identified (`excited_directions`), of those `within` (10, q), all if None; the rest is as in `known` (10,), 0 if
+    None. So a plate may turn about any axis: its wrench is known where it moves in the crossings as here, whether or
+    not single parameters are. `noise` (10, 10) are the squares N of the columns by marker noise alone: estimates are
+    corrected by (G - N)^-1 G (Fuller, Measurement Error Models, 1987, 1.4)."""
     columns = np.concatenate([without_mean(smooth(inertial_columns(motion))) for motion, _ in recordings])
     wrench = np.concatenate([without_mean(w) for _, w in recordings])
-    wanted = tuple(n for n in excited_parameters([motion for motion, _ in recordings]) if not names or n in names)
-    while True:
-        chosen = [INERTIAL.index(name) for name in wanted]
-        parameters, errors = (np.zeros(len(INERTIAL)) if known is None else known.copy(), np.zeros(len(INERTIAL)))
-        parameters[chosen] = 0.0
-        left, stacked = wrench - columns @ parameters, stacked_columns(columns, wanted)
-        squares, of_noise = stacked.T @ stacked, 0.0 if noise is None else noise[np.ix_(chosen, chosen)]
-        try:
-            fit = linear_fit((left * WEIGHT).T.ravel(), dict(zip(wanted, stacked.T, strict=True)))
-            if noise is not None and (share := np.linalg.eigvals(np.linalg.solve(squares, of_noise)).real.max()) > 0.5:
-                raise IdentifiabilityError(
-                    f"marker noise is {share:.0%} of what moves the unloaded plate in one of its directions, expected "
-                    "50% or less; record larger or faster motions of the unloaded plate"
-                )
-            break
-        except IdentifiabilityError:
-            if wanted == fewest:
-                raise
-            wanted = fewest
-    correction = np.eye(len(chosen)) if noise is None else np.linalg.solve(squares - of_noise, squares)
-    parameters[chosen] = correction @ fit.estimates
-    errors[chosen] = np.sqrt(np.diag(correction @ fit.covariance @ correction.T))
-    return PlateModel(parameters, errors, column_rms(wrench), column_rms(wrench - columns @ parameters))
+    stacked, held = stacked_columns(columns), np.zeros(10) if known is None else known
+    squares, of_noise = stacked.T @ stacked, np.zeros((10, 10)) if noise is None else noise
+    basis = excited_directions(squares, of_noise, np.eye(10) if within is None else within)
+    left = stacked.T @ ((wrench * WEIGHT).T.ravel() - stacked @ held) + of_noise @ held
+    parameters = held + basis @ np.linalg.solve(basis.T @ (squares - of_noise) @ basis, basis.T @ left)
+    at_rest = [np.zeros((1, 6))]
+    for motion, read in recordings:  # 30 frames from any motion, which the low-pass spreads
+        rows = scipy.ndimage.binary_erosion(np.linalg.norm(motion.alpha, axis=1) == 0, iterations=30)
+        at_rest += [without_mean(read[rows])] if rows.any() else []
+    left = wrench - columns @ parameters
+    return PlateModel(
+        parameters, basis, column_rms(wrench), column_rms(left), rms_at_rest=column_rms(np.concatenate(at_rest))
+    )
 
 
-def stacked_columns(columns: Array, names: Sequence[str]) -> Array:
-    """Weighted columns (6 n, p) of the named parameters out of (n, 6, 10), component by component."""
-    chosen = columns[:, :, [INERTIAL.index(name) for name in names]] * WEIGHT[:, None]
-    return np.asarray(chosen.transpose(1, 0, 2).reshape(-1, len(names)))
-
-
-def excited_parameters(motions: Sequence[BodyMotion]) -> tuple[str, ...]:
-    """Mass, its moments, and the inertias of axes whose RMS acceleration is 0.02 of the largest. Motion along its few
-    directions leaves less than 0.005 of it about an axis that does not turn."""
-    size = column_rms(np.concatenate([motion.alpha for motion in motions]))
-    excited = {axis for axis, one in zip("xyz", size, strict=True) if one > 0.02 * size.max()}
-    return tuple(name for name in INERTIAL if not name.startswith("I_") or excited & set(name[2:]))
+def stacked_columns(columns: Array) -> Array:
+    """Weighted columns (6 n, 10) out of (n, 6, 10), component by component."""
+    return np.asarray((columns * WEIGHT[:, None]).transpose(1, 0, 2).reshape(-1, columns.shape[2]))
 
 
 def without_mean(values: Array) -> Array:
@@ -349,20 +359,19 @@ def column_rms(values: Array) -> Array:
     return np.asarray(np.sqrt(np.mean(values**2, axis=0)))
 
 
-def plate_lag(motion: BodyMotion, wrench_at: Callable[[float], Array], smooth: Smooth, fewest: Names = PLANAR) -> float:
+def plate_lag(motion: BodyMotion, wrench_at: Callable[[float], Array], smooth: Smooth) -> float:
     """Lag [s] of the plate behind the markers in one unloaded recording with the least misfit; NaN if it is too light,
-    below 0.1 N*m. `wrench_at` returns the wrench a lag [s] later, filtered with `smooth`, the motion not."""
+    below `LIGHT`. `wrench_at` returns the wrench a lag [s] later, filtered with `smooth`, the motion not."""
     largest, step = 0.012, 0.002  # [s]; a parabola between the steps is exact to 1 % below 20 Hz
     lags = np.arange(-largest, largest + step / 2, step)
     readings = [wrench_at(float(lag)) for lag in lags]
-    names = identify_plate_inertia([(motion, readings[len(lags) // 2])], smooth, fewest=fewest).identified
-    names = names or excited_parameters([motion])  # an exact fit has standard errors of 0
-    basis = np.linalg.qr(stacked_columns(without_mean(smooth(inertial_columns(motion))), names))[0]
+    shown = identify_plate_inertia([(motion, readings[len(lags) // 2])], smooth).directions
+    basis = np.linalg.qr(stacked_columns(without_mean(smooth(inertial_columns(motion)))) @ shown)[0]
     stacked = [(without_mean(w) * WEIGHT).T.ravel() for w in readings]
     misfit = [float(6 * np.mean((w - basis @ (basis.T @ w)) ** 2)) for w in stacked]
     best = int(np.argmin(misfit))
     size = float(np.sum((column_rms(without_mean(readings[best])) * WEIGHT) ** 2))
-    if size < 0.1**2:
+    if size < LIGHT**2:
         return float("nan")
     if misfit[best] > 0.5 * size or best in (0, len(lags) - 1):
         raise InputError(
@@ -373,15 +382,30 @@ def plate_lag(motion: BodyMotion, wrench_at: Callable[[float], Array], smooth: S
     return float(lags[best] + 0.5 * step * (before - after) / (before - 2 * least + after))
 
 
-def moments_below(pairs: Sequence[tuple[Array, Array]], names: Sequence[str]) -> float:
+def moments_below(pairs: Sequence[tuple[Array, Array]], directions: Array) -> float:
     """Height [m] of the corners' centre above the point of the moments, from each recording's columns (n, 6, 10) and
-    wrench (n, 6). Forces show the centre of mass from the former, moments from the latter."""
+    wrench (n, 6), along the directions (10, r) of the parameters. Forces show the centre of mass from the former,
+    moments from the latter. NaN where only moments show it, as where the plate does not turn, or without a mass."""
     columns, wrench = (np.concatenate([without_mean(pair[k]) for pair in pairs]) for k in (0, 1))
-    apart = columns[:, :, [INERTIAL.index("mc_x"), INERTIAL.index("mc_z")]] * (np.arange(6) > 2)[:, None]
-    weighted = (apart * WEIGHT[:, None]).transpose(1, 0, 2).reshape(-1, 2)
-    stacked = np.column_stack([stacked_columns(columns, names), weighted])
-    found = np.linalg.lstsq(stacked, (wrench * WEIGHT).T.ravel(), rcond=None)[0]
-    return float(found[-1] / found[list(names).index("m")])
+    apart = stacked_columns(columns[:, :, 1:4] * (np.arange(6) > 2)[:, None])
+    stacked = np.column_stack([stacked_columns(columns) @ directions, apart])
+    size = np.maximum(np.linalg.norm(stacked, axis=0), 1e-12)
+    scaled = stacked / size
+    estimates = np.linalg.lstsq(scaled, (wrench * WEIGHT).T.ravel(), rcond=1e-4)[0] / size
+    others, below = scaled[:, :-1], scaled[:, -1]
+    alone = below - others @ np.linalg.lstsq(others, below, rcond=1e-4)[0]
+    mass = float(directions[0] @ estimates[: directions.shape[1]])
+    return float(estimates[-1] / mass) if mass > 0.1 and np.linalg.norm(alone) > 0.02 else float("nan")
+
+
+def with_height(model: PlateModel, parts: Sequence[tuple[Array, Array]]) -> PlateModel:
+    """The model with the height of `moments_below` where its standard error, by leaving out each recording, is less
+    than 5 mm."""
+    height, *fewer = (
+        moments_below([*parts[:i], *parts[i + 1 :]], model.directions) for i in (len(parts), *range(len(parts)))
+    )
+    se = float(np.sqrt((len(parts) - 1) * np.var(fewer)))
+    return replace(model, height=height if se < 0.005 else None, height_se=se if np.isfinite(se) else None)
 
 
 def ringing(time: Array, wrench: Array, track: platform.PlatformTrack) -> tuple[float, float]:
@@ -415,7 +439,6 @@ class UnloadedRecording:
     plate_low_pass: LowPass  # the further low-pass of the identification, after that of the crossings
     unusable: str  # why the trial shows nothing of the plate, for a message; empty if it does
     rings: tuple[float, float]  # as of `ringing`
-    fewest: Names = PLANAR  # parameters that its motion shows at least
 
     def smooth(self, values: Array) -> Array:
         """Values in the track's frames, shape (n, ...), through the low-pass of the identification."""
@@ -427,7 +450,7 @@ class UnloadedRecording:
         motion, weights = self.track.own_motion(axes, self.centre)
         resting = [run for run in runs(weights == 0) if run.stop - run.start >= platform.FEWEST_FRAMES]
         columns = inertial_columns(motion)
-        still = [stacked_columns(without_mean(columns[run]), INERTIAL) for run in resting]
+        still = [stacked_columns(without_mean(columns[run])) for run in resting]
         squares = sum((one.T @ one for one in still), np.zeros((10, 10)))
         count = sum(run.stop - run.start for run in resting)
         # The noise's sum of squares after weights and `smooth`, over its mean square before them: the sum over all lags
@@ -492,8 +515,8 @@ def unloaded_recording(trial: Trial, calibration: StaticCalibration, settings: P
         return settings.plate_low_pass(settings.low_pass(read(lag), sampling_rate(frames))[rows], track.rate)
 
     centre = recorded_corners(trial, settings.plate).mean(axis=0)
-    rings, fewest = ringing(frames, read(0.0), track), SHIFTED if shifts else PLANAR
-    return UnloadedRecording(track, centre, wrench_at, settings.plate_low_pass, unusable, rings, fewest)
+    rings = ringing(frames, read(0.0), track)
+    return UnloadedRecording(track, centre, wrench_at, settings.plate_low_pass, unusable, rings)
 
 
 def whole_motions(track: platform.PlatformTrack) -> slice:
@@ -527,7 +550,7 @@ def identify_plate_model(pairs: Sequence[tuple[Trial, StaticCalibration]], setti
     motions, lags = shared_motions(seen), [float("nan")] * len(seen)
     for i, r in enumerate(seen if settings.correct_plate_lag else ()):
         with naming(f"trial {r.track.name}"):
-            lags[i] = plate_lag(motions[i][0], r.wrench_at, r.smooth, r.fewest)
+            lags[i] = plate_lag(motions[i][0], r.wrench_at, r.smooth)
     reason = None if np.isfinite(lags).any() else "the unloaded plate is too light to show it"
     reason = reason if settings.correct_plate_lag else "not estimated: correct_plate_lag is false"
     hz, growth = np.median([r.rings for r in seen], axis=0).tolist()
@@ -535,17 +558,12 @@ def identify_plate_model(pairs: Sequence[tuple[Trial, StaticCalibration]], setti
     if len(seen) == 1:
         return model
     each = range(len(seen))
-    if {"m", "mc_x", "mc_z"} <= set(model.identified):
+    if model.parameters[0] > 0.1:  # [kg]
         columns = [r.smooth(inertial_columns(motion)) for r, (motion, _) in zip(seen, motions, strict=True)]
         parts = [(c, r.wrench_at(model.lag or 0.0)) for c, r in zip(columns, seen, strict=True)]
-        height, *fewer = (moments_below(parts[:i] + parts[i + 1 :], model.identified) for i in (len(seen), *each))
-        se = float(np.sqrt((len(seen) - 1) * np.var(fewer)))
-        model = replace(model, height=height if se < 0.005 else None, height_se=se)
+        model = with_height(model, parts)
     others = [plate_model(seen[:i] + seen[i + 1 :], lags[:i] + lags[i + 1 :], model) for i in each]
-    # The regression's errors are blind to what all samples of a trial share: directions of the motion, bridged gaps.
-    left = np.array([other.parameters for other in others])
-    jackknife = np.sqrt((len(left) - 1) / len(left) * np.sum((left - left.mean(axis=0)) ** 2, axis=0))
-    return replace(model, standard_errors=np.maximum(model.standard_errors, jackknife), leave_one_out=tuple(others))
+    return replace(model, leave_one_out=tuple(others))
 
 
 def shared_motions(recordings: Sequence[UnloadedRecording]) -> list[tuple[BodyMotion, Array]]:
@@ -558,14 +576,13 @@ def plate_model(
     recordings: Sequence[UnloadedRecording], lags: Sequence[float], whole: PlateModel | None = None
 ) -> PlateModel:
     """The recordings' lags [s], NaN where one shows none, and one inertia from all recordings at their mean. Only what
-    `whole`, from more recordings, identified is identified, and the rest stays as it is there."""
+    `whole`, from more recordings, shows is identified, and the rest stays as it is there."""
     known, motions = tuple(float(lag) for lag in lags if np.isfinite(lag)), shared_motions(recordings)
     lag = float(np.mean(known)) if known else 0.0
     pairs = [(motion, r.wrench_at(lag)) for r, (motion, _) in zip(recordings, motions, strict=True)]
     noise = np.sum([squares for _, squares in motions], axis=0)
-    names, held = (None, None) if whole is None else (whole.identified, whole.parameters)
-    of = recordings[0]
-    return replace(identify_plate_inertia(pairs, of.smooth, names, noise, held, of.fewest), lags=known)
+    within, held = (None, None) if whole is None else (whole.directions, whole.parameters)
+    return replace(identify_plate_inertia(pairs, recordings[0].smooth, within, noise, held), lags=known)
 
 
 def plate_table(model: PlateModel) -> pl.DataFrame:

@@ -8,7 +8,7 @@ A platform repeats its command. The markers' noise in one crossing shakes a heav
 mean over crossings has little of it, and shows when each started to a fraction of a millisecond."""
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -21,7 +21,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.signals import LowPass, runs, sampling_rate
 from osl_analysis.trial import Array, Trial
 from osl_analysis.walking import bodies
-from osl_analysis.walking.bodies import BodyMotion, Mask, Poses, StaticCalibration
+from osl_analysis.walking.bodies import BodyMotion, Kept, Mask, Poses, StaticCalibration
 from osl_analysis.walking.settings import PlatformMotionSettings, PlatformSettings
 
 FEWEST_FRAMES = 10  # Fewest frames from which a position at rest is read
@@ -262,7 +262,7 @@ class Alignment:
     name: str
     start: float  # when the motion starts [s]
     amplitude: float  # size of the motion, 1 on average, negative in the other direction
-    offset: Array  # coordinates (r,) [m] at rest
+    offset: Kept  # coordinates (r,) [m] at rest
     duration: float = 1.0  # time scale of the motion, 1 on average, and for all where it does not scatter
     start_se: float = 0.0  # by this crossing's marker noise [s]; what all share is in `PlatformTemplate`
     duration_se: float = 0.0
@@ -277,9 +277,9 @@ Pairs = Sequence[tuple[PlatformTrack, Alignment]]  # Motions with their alignmen
 class PlatformTemplate:
     """The shape that motions of the platform share."""
 
-    axes: Array  # directions (r, 6) of the motion, as in `PlatformTrack`
-    time: Array  # grid (g,) [s] from the start of the motion
-    shape: Array  # coordinates (g, r) [m] from rest, of a motion of amplitude 1
+    axes: Kept  # directions (r, 6) of the motion, as in `PlatformTrack`
+    time: Kept  # grid (g,) [s] from the start of the motion
+    shape: Kept  # coordinates (g, r) [m] from rest, of a motion of amplitude 1
     noise: float  # standard deviation [m] of the noise in one frame of a crossing
     crossings: int  # number of crossings whose mean the shape is
     scaled: bool  # whether the duration of the motion differs between crossings
@@ -509,37 +509,66 @@ class PlatformModel:
 ALONE = PlatformModel(None, "each crossing is analysed alone", {}, {}, None)  # No shared motion of the platform
 
 
-def identify_platform(
-    pairs: Sequence[tuple[Trial, StaticCalibration]], settings: PlatformMotionSettings
-) -> PlatformModel:
-    """The shape that the platform's motions share in perturbed crossings, each with its calibration. A crossing whose
-    platform is hidden, or does not turn by `perturbation_deg`, has no part; its analysis says so."""
-    tracks, labels, limit = [], settings.markers.platform, settings.largest_residual_mm
-    # The coordinates of a motion are those of its cluster: of the place of each platform marker among the others
-    if not labels:
-        return replace(ALONE, reason="the plate rests: markers.platform is empty")
-    clusters = [static.positions(labels, "static") for _, static in pairs]
+def moved_cluster(statics: Sequence[StaticCalibration], settings: PlatformMotionSettings) -> str | None:
+    """Why motions by these static trials are not compared: the coordinates of a motion are those of its cluster, of the
+    place of each platform marker among the others. None if all clusters are the same."""
+    labels, limit = settings.markers.platform, settings.largest_residual_mm
+    clusters = [static.positions(labels, "static") for static in statics]
     local = [cluster - cluster.mean(axis=0) for cluster in clusters]
-    apart = max((1e3 * float(np.sqrt(np.mean(np.sum((one - local[0]) ** 2, axis=1)))) for one in local), default=0.0)
-    if apart > limit:
-        moved = (
-            f"the platform markers {', '.join(labels)} stand {apart:.0f} mm (RMS) otherwise in one static trial than "
-            f"in another, expected {limit:g} mm or less; leave them in place between sessions, or analyse sessions "
-            "apart"
-        )
-        warnings.warn(f"each crossing keeps its own motion of the platform: {moved}", stacklevel=2)
-        return replace(ALONE, reason=moved)
+    apart = max((1e3 * float(np.sqrt(np.mean(np.sum((p - local[0]) ** 2, axis=1)))) for p in local), default=0.0)
+    if apart <= limit:
+        return None
+    return (
+        f"the platform markers {', '.join(labels)} stand {apart:.0f} mm (RMS) otherwise in one static trial than in "
+        f"another, expected {limit:g} mm or less; leave them in place between sessions, or analyse sessions apart"
+    )
+
+
+def trigger_latency(
+    alignments: Sequence[Alignment], edges: Mapping[str, tuple[float, float]]
+) -> dict[str, float] | None:
+    """The latency of `PlatformModel`, of crossings that follow the shape, behind the edges of their triggers [s], each
+    with the step [s] of its samples."""
+    both = [(a.start - edges[a.name][0], a.start_se) for a in alignments if a.name in edges]
+    if len(both) < 3:
+        return None
+    late, errors = np.array(both).T
+    resolution, of_shape = max(step for _, step in edges.values()) / np.sqrt(12), float(np.mean(errors**2))
+    scatter = np.sum((late - late.mean()) ** 2) / (of_shape + resolution**2)
+    constant, finer = scatter < scipy.special.chdtri(len(late) - 1, CHANCE), resolution < np.sqrt(of_shape)
+    latency = {"mean": float(late.mean()), "sd": float(late.std(ddof=1))}
+    return latency | {"used": float(constant), "finer": float(finer)}
+
+
+def turning_tracks(
+    pairs: Sequence[tuple[Trial, StaticCalibration]], settings: PlatformMotionSettings
+) -> Iterator[PlatformTrack]:
+    """The tracks of the crossings whose platform moves, with a warning for each of the others."""
     for trial, static in pairs:
         try:
-            time, poses = bodies.segment_poses(trial, labels, static, settings)
+            time, poses = bodies.segment_poses(trial, settings.markers.platform, static, settings)
             turned, threshold = moved_from_rest(poses, settings)
             turned, shifts = np.nan_to_num(turned), settings.perturbed_by == "belt"
             if not len(turned) or turned.max() < threshold:
                 least = f"shift by {1e3 * threshold:g} mm" if shifts else f"turn by {settings.perturbation_deg:g} deg"
                 raise InputError(f"the platform does not {least}")
-            tracks.append(track_about(trial.name, time, poses, static, settings, float(time[np.argmax(turned)])))
+            yield track_about(trial.name, time, poses, static, settings, float(time[np.argmax(turned)]))
         except InputError as error:
-            warnings.warn(f"trial {trial.name}: has no part in the platform's shared motion: {error}", stacklevel=2)
+            warnings.warn(f"trial {trial.name}: has no part in the platform's shared motion: {error}", stacklevel=3)
+
+
+def identify_platform(
+    pairs: Sequence[tuple[Trial, StaticCalibration]], settings: PlatformMotionSettings
+) -> PlatformModel:
+    """The shape that the platform's motions share in perturbed crossings, each with its calibration. A crossing whose
+    platform is hidden, or does not turn by `perturbation_deg`, has no part; its analysis says so."""
+    labels = settings.markers.platform
+    if not labels:
+        return replace(ALONE, reason="the plate rests: markers.platform is empty")
+    if moved := moved_cluster([static for _, static in pairs], settings):
+        warnings.warn(f"each crossing keeps its own motion of the platform: {moved}", stacklevel=2)
+        return replace(ALONE, reason=moved)
+    tracks = list(turning_tracks(pairs, settings))
     try:
         template, alignments = platform_template(tracks, settings.window_s)
     except InputError as error:
@@ -553,15 +582,7 @@ def identify_platform(
             )
     edges = {trial.name: edge for trial, _ in pairs if (edge := trigger_edge(trial)) is not None}
     known = [(track, a) for track, a in zip(tracks, alignments, strict=True) if a.follows]
-    both = [(a.start - edges[a.name][0], a.start_se) for _, a in known if a.name in edges]
-    latency = None
-    if len(both) >= 3:
-        late, errors = np.array(both).T
-        resolution, of_shape = max(step for _, step in edges.values()) / np.sqrt(12), float(np.mean(errors**2))
-        scatter = np.sum((late - late.mean()) ** 2) / (of_shape + resolution**2)
-        constant, finer = scatter < scipy.special.chdtri(len(late) - 1, CHANCE), resolution < np.sqrt(of_shape)
-        latency = {"mean": float(late.mean()), "sd": float(late.std(ddof=1))}
-        latency |= {"used": float(constant), "finer": float(finer)}
+    latency = trigger_latency([a for _, a in known], edges)
     groups, ends = min(len(known), 10), (float(template.time[0]), float(template.time[-1]))
     without = []
     for group in range(groups):

@@ -13,9 +13,8 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.interpolate import make_interp_spline
-from scipy.special import ndtr, stdtrit
 
 from osl_analysis.errors import IdentifiabilityError, InputError, OslAnalysisError
 from osl_analysis.measured import EXACT_FIT_SHARE
@@ -193,7 +192,7 @@ def response_lag(response: PerturbationResponse) -> tuple[float, float] | None:
     """Lag [s] at which the residual of Eq. 15 is smallest, positive if the torque is late, with its standard error;
     None from 10 ms on. A response that is not of second order shifts it too: do not correct the torque by it."""
     motion, stamps = response.fitted_motion, response.time[response.window]
-    later, step = make_interp_spline(response.time, response.torque, k=5), 0.001  # [s]
+    later, step = scipy.interpolate.make_interp_spline(response.time, response.torque, k=5), 0.001  # [s]
     lags = np.arange(-0.01, 0.01 + step / 2, step)  # within the margin of 8 frames
     try:
         fits = [fit_without_offset(motion, np.asarray(later(stamps + lag))) for lag in lags]
@@ -239,7 +238,7 @@ class Bootstrap:
 
     def interval(self, name: str) -> tuple[float, float]:
         """Bounds of the 95 % interval of a quantity: percentiles, widened as Student's quantiles (Hesterberg, 2015)."""
-        tail = float(ndtr(stdtrit(self.degrees_of_freedom, 0.025)))
+        tail = float(scipy.special.ndtr(scipy.special.stdtrit(self.degrees_of_freedom, 0.025)))
         low, high = np.quantile(self.draws[name], [tail, 1 - tail])
         return float(low), float(high)
 
@@ -278,7 +277,7 @@ def reflex_column(time: Array, window: slice, motion: Motion, delay_s: float) ->
     direction. The muscle feels that of gait too, so that what turns back is cut off beyond `RETURN` of the largest."""
     way = np.sign(motion.theta[window.stop - 1, 0])
     before = np.maximum(time - delay_s, time[0])
-    past = way * np.asarray(make_interp_spline(time, motion.omega, k=3)(before))
+    past = way * np.asarray(scipy.interpolate.make_interp_spline(time, motion.omega, k=3)(before))
     return np.asarray(way * np.maximum(past, -RETURN * past.max(axis=0)))
 
 
@@ -288,9 +287,9 @@ def reaction_columns(time: Array, window: slice, motion: Motion, delay_s: float)
     ramps are as smooth as a low-pass leaves them."""
     half = 0.5 * (window.stop - window.start) * float(time[1] - time[0])
     width, since, now = 0.2 * half, (time - half)[:, None], np.maximum(time, 0.0)[:, None]
-    step, density = ndtr(since / width), np.exp(-0.5 * (since / width) ** 2) / np.sqrt(2 * np.pi)
+    step, density = scipy.special.ndtr(since / width), np.exp(-0.5 * (since / width) ** 2) / np.sqrt(2 * np.pi)
     ramp = np.broadcast_to(since * step + width * density, motion.theta.shape)
-    stiffer = motion.theta * ndtr(since / width - 1.5)
+    stiffer = motion.theta * scipy.special.ndtr(since / width - 1.5)
     return [reflex_column(time, window, motion, delay_s), stiffer, ramp, motion.theta * now]
 
 
@@ -308,7 +307,7 @@ def reactions(time: Array, window: slice, theta: Array, torque: Array) -> dict[s
     motion, window_s = differentiate(time, theta), (window.stop - window.start) * float(time[1] - time[0])
     first = max(MARGIN, int(np.searchsorted(time, -0.6 * window_s - 1e-9)))
     sound = [motion.theta, motion.omega, motion.alpha]
-    jerk = np.asarray(make_interp_spline(time, theta, k=5).derivative(3)(time))
+    jerk = np.asarray(scipy.interpolate.make_interp_spline(time, theta, k=5).derivative(3)(time))
     plain = np.linalg.lstsq(np.stack(sound, -1)[window, 0], torque[window, 0])[0]
     noise = np.cov((torque - np.tensordot(plain, sound, 1))[:, 1:])
 

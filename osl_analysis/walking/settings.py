@@ -160,7 +160,9 @@ class SelectionSettings(TimingSettings):
     timing_scatter: Annotated[float, Field(gt=0, le=0.5)] = 0.05  # Largest SD of the onset, in shares of stance
 
     _split_or_pooled = refused(
-        lambda s: {*s.group_by} & {*s.pool}, "group_by and pool share a condition; remove it from one of them"
+        lambda s: {*s.group_by} & {*s.pool},
+        "group_by and pool share a condition; remove it from one of them",
+        "group_by",
     )
 
 
@@ -179,8 +181,26 @@ class ResponseSettings(WalkingFilter, TimingSettings):
     perturbation changes it; or the mean of the `unperturbed` ones, wrong if whole crossings are slower."""
 
 
+class Uncertainty(Settings):
+    """Standard uncertainties of what no crossing shows: they widen the intervals of K, B and I as
+    `walking_sensitivity.csv` says."""
+
+    corners_height: NotNegative = 0.0  # [mm] of the plate's corners, or ORIGIN
+    corners_forward: NotNegative = 0.0  # [mm] of the same along the foot
+    moments: NotNegative = 0.0  # [%] of the plate's moments
+    forces: NotNegative = 0.0  # [%] of its forces
+    pitch: NotNegative = 0.0  # [deg] of the cameras' vertical
+    plate_lag: NotNegative = 0.0  # [ms] of the plate behind the markers, beyond what is corrected
+    plate_inertia: NotNegative = 0.0  # [%] of the plate's own wrench
+    skin: NotNegative = 0.0  # [%] of the ankle's angle, by which the shank's markers slide
+    torque_lag: NotNegative = 0.0  # [ms] of a log's torque behind its angle
+    torque: NotNegative = 0.0  # [%] of a log's torque
+
+
 class EnsembleSettings(ResponseSettings):
     """How the ensemble of all responses is fitted."""
+
+    uncertainty: Uncertainty = Uncertainty()
 
     baseline: Literal["mean", "predicted"] = "mean"
     """What a perturbed crossing would have done, for the headline: the `mean` unperturbed gait, or what its own
@@ -197,6 +217,7 @@ class WalkingAnalysis(
         lambda s: not (s.markers.platform or s.by_log or (s.perturbed_by == "belt" and s.plate_inertia == "none")),
         "markers.platform is empty; name the markers of the platform, or state perturbed_by: belt and plate_inertia: "
         "none, of a belt over a plate that rests",
+        "markers.platform",
     )
 
 

@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 import polars as pl
-from scipy.special import stdtrit
+import scipy
 
-from osl_analysis.measured import rms, significant
+from osl_analysis.measured import rms
 from osl_analysis.signals import Motion
 from osl_analysis.stats import fit_row
 from osl_analysis.stats.regression import LinearFit
@@ -24,12 +24,13 @@ from osl_analysis.walking.crossing import DOWN, LABORATORY_ERRORS, LOG_ERRORS, C
 from osl_analysis.walking.gait import PHASES, UnperturbedGait
 from osl_analysis.walking.groups import ALL, SEPARATOR, STATED, Sheet, cells_said
 from osl_analysis.walking.response import Bootstrap, EnsembleResponse, GroupHeadline, PerturbationResponse
-from osl_analysis.walking.settings import ResponseSettings, TimingSettings
+from osl_analysis.walking.settings import ResponseSettings, TimingSettings, Uncertainty
 
 GROUP_QUANTITIES, ENSEMBLE = ("K", "B", "I", "VAF"), "ensemble"
 COMMANDED = "commanded"  # Series of the curve that the controller commands
 FACTS = ("group", "onset_phase", "fitted_phase", "end_phase")
 Facts = dict[str, float | None]
+NORMAL = 1.96  # half of a 95 % interval, in standard errors
 
 
 def group_rows(
@@ -50,32 +51,40 @@ def group_rows(
         cells = {key: values.pop() if len(values) == 1 else None for key, values in each.items()}
         differ = {key: {stated[trial].get(key) for trial in used["trial"]} - {None} for key in STATED}
         pooled = "; ".join(f"{key} {cells_said(some)}" for key, some in differ.items() if len(some) > 1)
-        phases, down = used["onset_phase"].cast(pl.Float64).to_numpy(), int((used["direction"] == DOWN).sum())
         of_gait = selection.filter(pl.col("gait").str.split(SEPARATOR).list.contains(gait))
-        stances = gaits[gait].stance if gait in gaits else np.zeros(0)
-        stance = float(np.mean(stances)) if len(stances) else None
-        onset = float(np.mean(phases)) if len(phases) and stance else None
         row = {
             "group": name,
             "gait": gait,
             **{("group_stated" if key == "group" else key): value for key, value in cells.items()},
             "pooled": pooled or None,
-            "n": len(phases),
-            "n_up": len(phases) - down,
-            "n_down": down,
-            "n_unperturbed": len(stances),
-            "stance_s": stance,
-            "unperturbed_stance_sd": float(np.std(stances, ddof=1) / np.mean(stances)) if len(stances) > 1 else None,
+            **timing_facts(used, gaits[gait].stance if gait in gaits else np.zeros(0), window),
             **moment_error(of_gait),
-            "onset_phase": onset,
-            "onset_phase_sd": float(np.std(phases, ddof=1)) if len(phases) > 1 else None,
-            "end_phase": onset + window / stance if onset is not None and stance else None,
             **left_out(of_gait, sheet),
         }
-        conditions = [(one is None, isinstance(one, str), "" if one is None else one) for one in cells.values()]
+        conditions = [(cell is None, isinstance(cell, str), "" if cell is None else cell) for cell in cells.values()]
         turned = str(used["direction"][0]) if "direction " in name else ""
-        found.append(((*conditions, turned, float(np.mean(phases)) if len(phases) else np.inf, name), row))
-    return [row for _, row in sorted(found, key=lambda one: one[0])]
+        phase = float(used["onset_phase"].cast(pl.Float64).mean()) if len(used) else np.inf  # type: ignore[arg-type]
+        found.append(((*conditions, turned, phase, name), row))
+    return [row for _, row in sorted(found, key=lambda pair: pair[0])]
+
+
+def timing_facts(used: pl.DataFrame, stances: Array, window: float) -> dict[str, object]:
+    """Columns of `walking_groups.csv`: numbers of crossings that are used, the unperturbed ones' durations of stance
+    [s], and the phases of onsets and of the end of the window [s]."""
+    phases, down = used["onset_phase"].cast(pl.Float64).to_numpy(), int((used["direction"] == DOWN).sum())
+    stance = float(np.mean(stances)) if len(stances) else None
+    onset = float(np.mean(phases)) if len(phases) and stance else None
+    return {
+        "n": len(phases),
+        "n_up": len(phases) - down,
+        "n_down": down,
+        "n_unperturbed": len(stances),
+        "stance_s": stance,
+        "unperturbed_stance_sd": float(np.std(stances, ddof=1) / np.mean(stances)) if len(stances) > 1 else None,
+        "onset_phase": onset,
+        "onset_phase_sd": float(np.std(phases, ddof=1)) if len(phases) > 1 else None,
+        "end_phase": onset + window / stance if onset is not None and stance else None,
+    }
 
 
 FEATURES = {
@@ -164,7 +173,7 @@ def perturbation_row(crossing: Crossing, gait: UnperturbedGait, settings: Respon
         **single_facts(response, fit),
         **fit_row.lag_damping_row(lag, lag_se, fit["K"]),
         "lag_out_of_reach": float(delay is None),
-        **{name: crossing.quality.get(name) for name in ("encoder_rms_deg", "plate_ringing_hz")},
+        **{name: crossing.quality.get(name) for name in ("encoder_rms_deg", "plate_ringing_hz", "filled_fitted")},
         **fit_row.diagnostics_row(fit, rate_hz, white),
     }
 
@@ -205,7 +214,10 @@ def group_facts(headline: GroupHeadline) -> dict[str, object]:
     if np.isfinite(se).all() and (variance > 0).all():  # a torque after any turn parts both directions
         mean = np.sum([np.average(K, weights=(signs == way) / variance) * (signs == way) for way in ways], axis=0)
         heterogeneity = float(np.sum((K - mean) ** 2 / variance) / (len(K) - len(ways)))
+    # Equal turns cancel by nothing but gait: what it scatters in small ones is no other direction or onset
     angles = np.array([r.sign * r.fitted_motion.theta for r in responses])
+    of_gait = float(np.mean([r.thetas[:, rows].var(axis=0, ddof=1) for r in responses]))
+    turned = max(rms(angles) ** 2 - of_gait, rms(angles.mean(axis=0)) ** 2)
     # How far the stance by which phase is computed differs from the one that was to be expected, if that is certain
     known = np.array([(r.stance_change, r.stance_error) for r in responses if np.isfinite(r.stance_change)])
     change, uncorrected = None, None
@@ -214,7 +226,7 @@ def group_facts(headline: GroupHeadline) -> dict[str, object]:
         certain = abs(error) > 3 * float(known[:, 1].std(ddof=1)) / np.sqrt(len(known))
         uncorrected = error if certain else None
     return {
-        "coherence": rms(angles.mean(axis=0)) / rms(angles),  # 1 for equal responses, 0 if they cancel
+        "coherence": rms(angles.mean(axis=0)) / float(np.sqrt(turned)),  # 1 for equal responses, 0 if they cancel
         "VAF": fit.vaf,
         "residual_over_gait": residual_over_gait(motion, torque, left),
         "offset_share": isolation.offset_comparison(motion, torque, fit["K"])["offset_share"],
@@ -243,7 +255,7 @@ def reaction_facts(headline: GroupHeadline) -> dict[str, object]:
     t = {name: size / max(se, 1e-9 * abs(size), np.finfo(float).tiny) for name, (size, se) in found.items()}
     strength = {name: t[name] for name in isolation.REACTIONS}
     strength[isolation.STIFFER] = min(t[isolation.STIFFER], t[f"{isolation.STIFFER} and jerk"])
-    limit, tried, half = (float(stdtrit(drawn.degrees_of_freedom, p)) for p in (0.995, 0.999, 0.975))
+    limit, tried, half = (float(scipy.special.stdtrit(drawn.degrees_of_freedom, p)) for p in (0.995, 0.999, 0.975))
     sure = (name for name in strength if strength[name] > (tried if name == isolation.REFLEX else limit))
     certain = sorted(sure, key=lambda name: -strength[name])
     likely, per_stance = certain[0] if certain else None, float(np.mean([r.stance for r in headline.responses]))
@@ -252,10 +264,6 @@ def reaction_facts(headline: GroupHeadline) -> dict[str, object]:
     (K, K_se), (B, B_se), (delay, _) = found["K early"], found["B early"], found["delay"]
     drawn_as = isolation.reaction_columns(first.time, rows, columns, 1e-3 * delay)
     shapes = dict(zip(isolation.REACTIONS, drawn_as, strict=True))
-    without = (
-        f"by the first {1e3 * isolation.EARLY * window_s:.0f} ms alone K would be {K:.3g} ± {half * K_se:.2g} and "
-        f"B {B:.2g} ± {half * B_se:.1g}"
-    )
     share, ramp = None, shapes[isolation.RAMP][rows, 0]
     if likely not in (None, isolation.SLOPE):
         share = rms(found[likely][0] * shapes[likely][rows]) / rms(torque[rows])
@@ -265,27 +273,20 @@ def reaction_facts(headline: GroupHeadline) -> dict[str, object]:
     B_with_slope = found["B with slope"][0]
     inverse = np.linalg.pinv(isolation.motion_columns(motion[rows]))
     per_slope = float(inverse[1] @ (motion.theta * first.time)[rows]) / per_stance
-    both, unchecked = headline.directions.get("up minus down"), list[str]()
-    of_reflex, with_reflex, unseen = reflex_facts(headline, isolation.REFLEX in certain)
-    if unseen:
-        unchecked.append(unseen)
-    if isolation.SLOPE not in certain:
-        unchecked.append(
-            "whether B holds a change of K with stance: unseen, K may change by "
-            f"{significant(low)} to {significant(high)} N*m/rad per stance, which would add "
-            f"{significant(low * per_slope)} to {significant(high * per_slope)} N*m*s/rad to B = {fit['B']:.3g}. "
-            "Perturb at several timings"
-        )
-    if both is None:
-        unchecked.append(
-            "whether a voluntary torque or a change of pace is in K: all perturbations go one way, so that each N*m "
-            f"which such a torque gains by the end of the window adds {significant(inverse[0] @ ramp / ramp[-1])} "
-            f"N*m/rad to K = {fit['K']:.3g}. Perturb in both directions, half the difference is free of it"
-        )
+    both = headline.directions.get("up minus down")
+    hidden = (None, None) if isolation.SLOPE in certain else (low, high)
     return {
-        "reaction": f"it is like {' or '.join(certain)}, and {with_reflex or without}" if certain else None,
+        "reaction": " or ".join(certain) or None,
         "reaction_share": share,
-        **of_reflex,
+        "early_ms": 1e3 * isolation.EARLY * window_s,
+        "K_early": K,
+        "K_early_half": half * K_se,
+        "B_early": B,
+        "B_early_half": half * B_se,
+        **reflex_facts(headline, isolation.REFLEX in certain),
+        "hidden_slope_low": hidden[0],
+        "hidden_slope_high": hidden[1],
+        "K_per_torque": float(inverse[0] @ ramp / ramp[-1]),
         "slope_share": 1 - B_with_slope / fit["B"] if likely == isolation.SLOPE and fit["B"] else None,
         "K_slope": slope,
         "K_slope_low": low,
@@ -293,48 +294,34 @@ def reaction_facts(headline: GroupHeadline) -> dict[str, object]:
         "B_with_slope": B_with_slope,
         "B_per_slope": per_slope,
         **{f"common_K{end}": value for end, value in zip(("", "_low", "_high"), common_stiffness(both), strict=True)},
-        "not_checked": "; ".join(unchecked) or None,
     }
 
 
-def reflex_facts(headline: GroupHeadline, certain: bool) -> tuple[Facts, str | None, str | None]:
-    """Columns of `walking_groups.csv` on a certain reflex, null of another one; what K is with it in the model, in
-    words; and what the window cannot tell: K with it, to three times the interval of K, or whether there is one that
-    would take more off K than half that interval."""
-    first, fit, drawn = headline.responses[0], headline.ensemble.fit, headline.resampled
+def reflex_facts(headline: GroupHeadline, certain: bool) -> Facts:
+    """Columns of `walking_groups.csv` on a certain reflex, with K with it in the model, null of another one; on the
+    strongest reflex that the window may hide, null beside a certain one; and how many intervals of K wide either is."""
+    first, drawn = headline.responses[0], headline.resampled
     rows, found, names = first.window, drawn.reactions, [f"K_with_reflex{end}" for end in ("", "_low", "_high")]
-    half, (low, high) = float(stdtrit(drawn.degrees_of_freedom, 0.975)), drawn.interval("K")
+    half, (low, high) = float(scipy.special.stdtrit(drawn.degrees_of_freedom, 0.975)), drawn.interval("K")
     motion = Motion(*(np.c_[x] for x in vars(headline.ensemble.motion).values()))
     past = {ms: isolation.reflex_column(first.time, rows, motion, 1e-3 * ms)[rows, 0] for ms in REFLEX_DELAYS_MS}
-    facts: Facts = dict.fromkeys(("reflex_delay_ms", "reflex_share", *names))
-    with_it, unseen = None, None
+    enough_s, width = 2e-3 * REFLEX_DELAYS_MS[-1], max(high - low, np.finfo(float).tiny)
+    facts: Facts = dict.fromkeys(("reflex_delay_ms", "reflex_gain", "reflex_share", *names, "reflex_K_widths"))
+    facts |= dict.fromkeys(("hidden_reflex", "hidden_reflex_ms", "hidden_reflex_K", "hidden_reflex_K_widths"))
+    facts["longer_window_s"] = enough_s if first.time[rows.stop] < enough_s - 1e-9 else None
     if certain:
         (gain, _), (delay, _) = (found[name] for name in (isolation.REFLEX, "delay"))
         K, each = found[f"K with {isolation.REFLEX} {delay:.0f}"][0], [v for k, v in found.items() if "K with" in k]
         ends = min(one - half * se for one, se in each), max(one + half * se for one, se in each)
         share = 100 * float(np.var(gain * past[round(delay)]) / np.var(headline.ensemble.torque[rows]))
-        facts |= {"reflex_delay_ms": delay, "reflex_share": share} | dict(zip(names, (K, *ends), strict=True))
-        with_it = (
-            f"with a reflex of {gain:.2g} N*m*s/rad, {delay:.0f} ms late, K would be {K:.3g} ({ends[0]:.3g} to "
-            f"{ends[1]:.3g}) N*m/rad"
-        )
-        if ends[1] - ends[0] > 3 * (high - low):
-            unseen = f"how much of K a reflex is: {with_it} in place of {fit['K']:.3g}"
-    else:
-        leak = np.linalg.pinv(isolation.motion_columns(headline.ensemble.motion[rows]))[0]  # of a torque into K
-        most = {ms: size + half * se for ms in past for size, se in [found[f"{isolation.REFLEX} {ms}"]]}
-        added, ms = max((most[ms] * float(leak @ past[ms]), ms) for ms in past)
-        if added > 0.5 * (high - low):
-            unseen = (
-                f"whether a reflex is in K: unseen, up to {significant(most[ms])} N*m*s/rad, {ms} ms late, may add "
-                f"{significant(added)} N*m/rad to K = {fit['K']:.3g}"
-            )
-    if unseen:
-        enough_s = 2e-3 * REFLEX_DELAYS_MS[-1]
-        short = first.time[rows.stop] < enough_s - 1e-9
-        remedy = f"Set walking.window_s to {enough_s:g} if stance allows" if short else "Record more crossings"
-        unseen += f". {remedy} (turns in both directions do not cancel a reflex)"
-    return facts, with_it, unseen
+        facts |= {"reflex_delay_ms": delay, "reflex_gain": gain, "reflex_share": share}
+        facts |= dict(zip(names, (K, *ends), strict=True)) | {"reflex_K_widths": (ends[1] - ends[0]) / width}
+        return facts
+    leak = np.linalg.pinv(isolation.motion_columns(headline.ensemble.motion[rows]))[0]  # of a torque into K
+    most = {ms: size + half * se for ms in past for size, se in [found[f"{isolation.REFLEX} {ms}"]]}
+    added, ms = max((most[ms] * float(leak @ past[ms]), ms) for ms in past)
+    hidden = {"hidden_reflex": most[ms], "hidden_reflex_ms": float(ms), "hidden_reflex_K": added}
+    return facts | hidden | {"hidden_reflex_K_widths": added / width}
 
 
 def series_of(group: str) -> str:
@@ -373,65 +360,71 @@ def common_stiffness(both: tuple[Mapping[str, float], Bootstrap, int] | None) ->
     return 0.5 * both[0]["K"], *(0.5 * end for end in both[1].interval("K"))
 
 
-SHOE = 60.0  # N*m/deg, a stiffness of the foot in its shoe, of which the table of sensitivity says what it does
+SHOE, SKIN = (
+    60.0,
+    0.05,
+)  # N*m/deg, a stiffness of the foot in its shoe; share of the angle that markers slide on the skin
 
 
-def sensitivity_table(group: str, headline: GroupHeadline, by_log: bool = False) -> pl.DataFrame:
-    """Rows of `walking_sensitivity.csv`: what each of `LABORATORY_ERRORS`, and a shoe in series, or of `LOG_ERRORS`
-    changes in the fit to the mean response, to first order: Eq. 15 fitted to the change of the torque."""
+def sensitivity_table(group: str, headline: GroupHeadline, stated: Uncertainty, by_log: bool = False) -> pl.DataFrame:
+    """Rows of `walking_sensitivity.csv`: what each of `LABORATORY_ERRORS`, a shank whose markers slide on the skin and
+    a shoe in series, or of `LOG_ERRORS`, changes in the fit to the mean response, to first order, and the uncertainty
+    of it that the settings state. Of what changes the torque: Eq. 15 fitted to the change."""
     responses, fit, window = headline.responses, headline.ensemble.fit, headline.responses[0].window
     weights = isolation.joining_weights(isolation.signs_of(responses))
     torques = np.tensordot(weights, [r.lab_errors[:, window] for r in responses], 1)
-    columns = isolation.motion_columns(headline.ensemble.motion[window])
-    changes = np.linalg.lstsq(columns, torques.T)[0].T
-    rows = [dict(zip("KBI", change, strict=True)) for change in changes]
-    errors = list(LOG_ERRORS if by_log else LABORATORY_ERRORS)[: len(rows)]
+    changes = np.linalg.lstsq(isolation.motion_columns(headline.ensemble.motion[window]), torques.T)[0].T
+    named = LOG_ERRORS if by_log else LABORATORY_ERRORS
+    rows = [
+        {"error": words, "size": size, "unit": unit, "stated": getattr(stated, name)}
+        | dict(zip("KBI", change, strict=True))
+        for (name, (words, size, unit)), change in zip(named.items(), changes, strict=False)
+    ]
     if not by_log:
         (K, B, I), k = (fit[name] for name in "KBI"), np.rad2deg(SHOE)
+        slides = {
+            "error": "shank markers that slide on the skin with the ankle's angle",
+            "size": 100 * SKIN,
+            "unit": "%",
+        }
+        rows.append(slides | {"stated": stated.skin, "K": SKIN * K, "B": SKIN * B, "I": SKIN * I})
         left = 1 - K / k  # of 1/(1/Z - 1/k) with the fit's Z = K + B s + I s^2, the joint's, to the second power of s
-        rows.append({"K": K - K / left, "B": B - B / left**2, "I": I - I / left**2 - B**2 / (k * left**3)})
-        errors.append(("foot that yields in the shoe", SHOE, "N*m/deg"))
-    of = [dict(zip(("error", "size", "unit"), error, strict=True)) for error in errors]
-    return pl.DataFrame([{"group": group} | error | row for error, row in zip(of, rows, strict=True)])
+        yields = {"error": "foot that yields in the shoe", "size": SHOE, "unit": "N*m/deg", "stated": 0.0}
+        rows.append(yields | {"K": K - K / left, "B": B - B / left**2, "I": I - I / left**2 - B**2 / (k * left**3)})
+    return pl.DataFrame([{"group": group} | row for row in rows])
+
+
+def stated_errors(sensitivity: pl.DataFrame) -> dict[str, float]:
+    """Standard errors of K, B and I by the uncertainties that the settings state."""
+    share = sensitivity["stated"] / sensitivity["size"]
+    return {name: float(np.linalg.norm((share * sensitivity[name]).to_numpy())) for name in "KBI"}
 
 
 def witness_facts(turned: Sequence[Crossing], facts: Mapping[str, Any], sensitivity: pl.DataFrame) -> dict[str, Any]:
     """Columns of `walking_groups.csv`: what the joint's encoder and the unloaded plate say of the stiffness of these
-    crossings, whose angle is that of the markers, and beside what its `facts` have, what no witness was there for."""
-    names = ("encoder_rms_deg", "encoder_delay_ms", "shoe_compliance", "plate_height_m", "plate_ringing_hz")
+    crossings, whose angle is that of the markers, and what errors that no witness excludes do to K and B."""
+    names = (
+        "encoder_rms_deg", "encoder_delay_ms", "shoe_compliance", "plate_height_m", "plate_ringing_hz",
+        "plate_unexplained", "pressure_outside_m", "filled_share", "filled_fitted",
+    )  # fmt: skip
     values = {name: [v for c in turned if (v := c.quality.get(name)) is not None] for name in names}
     known = {name: float(np.mean(some)) if some else None for name, some in values.items()}
-    compliance, height, unknown = known.pop("shoe_compliance"), known["plate_height_m"], list[str]()
-    K, per_m, by_log = facts["K"], 100 * float(sensitivity["K"][0]), turned[0].platform is None
-    share = None if compliance is None else K * compliance
-    if by_log:
-        (of_K, of_B), B = (float(sensitivity[name][0]) for name in "KB"), facts["B"]
-        unknown.append(
-            f"whether the torque is late: nothing in the log shows it, and each ms would add {significant(of_B)} "
-            f"N*m*s/rad to B = {B:.3g} and {significant(of_K)} N*m/rad to K = {K:.3g}. Measure it on a bench"
-        )
-    elif share is None:
-        unknown.append(
-            "whether K is that of the joint alone: no log has the joint's encoder, so that K is that of joint and shoe "
-            f"in series. A shoe of {SHOE:g} N*m/deg would take {significant(-sensitivity['K'][-1])} N*m/rad off "
-            f"K = {K:.3g}. Record the joint's encoder"
-        )
-    half, per_percent = facts.get("moment_error_half"), 0.0 if by_log or len(sensitivity) < 3 else sensitivity["K"][2]
-    if half is not None and abs(100 * half * per_percent) > 0.02 * abs(K):
-        unknown.append(
-            f"whether the plate's moments are right: the places of the foot show their gain to {100 * half:.2g} %, "
-            f"which is {significant(100 * half * per_percent)} N*m/rad of K = {K:.3g}. Load the plate at known places"
-        )
-    if height is None and not by_log and len(sensitivity) > 1:
-        unknown.append(
-            "the height of the plate's corners and ORIGIN: the unloaded plate is too light or moved too little to show "
-            f"it, and each 10 mm too high would change K by {significant(0.01 * per_m)} N*m/rad. Measure it"
-        )
+    compliance, height, K = known.pop("shoe_compliance"), known["plate_height_m"], facts["K"]
+    share, by_log = None if compliance is None else K * compliance, turned[0].platform is None
+    left, of_plate = known["plate_unexplained"], sensitivity.filter(error=LABORATORY_ERRORS["plate_inertia"][0])
+    moved = {name: None if left is None or of_plate.is_empty() else 100 * left * of_plate[name][0] for name in "KBI"}
+    of_K, of_B = ([float(x) for x in sensitivity[name]] for name in "KB")
+    per_m = None if by_log else 100 * of_K[0]
     return known | {
+        **{f"{name}_by_unexplained": change for name, change in moved.items()},
         "shoe_share": share,
         "K_by_encoder": None if share is None else K / (1 - share),
-        "height_share": None if height is None else per_m * height / K,
-        "not_checked": "; ".join(filter(None, [*unknown, facts["not_checked"]])) or None,
+        "height_share": None if height is None or per_m is None else per_m * height / K,
+        "late_K_per_ms": of_K[0] if by_log else None,
+        "late_B_per_ms": of_B[0] if by_log else None,
+        "plate_K_per_m": per_m,
+        "moment_K_per_percent": None if by_log or len(of_K) < 3 else of_K[2],
+        "stiff_shoe_K": None if by_log else of_K[-1],  # by `SHOE`
     }
 
 
@@ -442,9 +435,12 @@ def residual_over_gait(motion: Motion, torque: Array, left: Array) -> float | No
     return own / gait if own > 0.03 * rms(torque) and gait > 0 else None
 
 
-def headline_rows(headline: GroupHeadline, fits: pl.DataFrame, doubtful: Mapping[str, int]) -> list[dict[str, object]]:
-    """Rows of `walking_summary.csv` of one group, from its rows of `walking.csv`, `fits`, and their number of doubtful
-    ones: mean per perturbation (of both directions' means), with the errors that are common; ensembles; directions."""
+def headline_rows(
+    headline: GroupHeadline, fits: pl.DataFrame, doubtful: Mapping[str, int], stated: Mapping[str, float]
+) -> list[dict[str, object]]:
+    """Rows of `walking_summary.csv` of one group, from its rows of `walking.csv`, `fits`, their number of doubtful ones
+    and the standard errors `stated` of K, B, I: mean per perturbation (of both directions' means), with the errors that
+    are common; ensembles; directions."""
     common, signs = headline.common, isolation.signs_of(headline.responses)
     rows: list[dict[str, object]] = []
     for name in GROUP_QUANTITIES:
@@ -452,29 +448,36 @@ def headline_rows(headline: GroupHeadline, fits: pl.DataFrame, doubtful: Mapping
         mean = asdict(over_repeats(fits[name].to_numpy(), common.get(name, ()), signs))
         known = {"quantity": name, "estimator": "mean of perturbations", "interval_method": method}
         rows.append(known | mean | dict(doubtful))
-    rows += ensemble_rows(headline.ensemble, headline.resampled)
-    rows += ensemble_rows(*headline.other)
+    rows += ensemble_rows(headline.ensemble, headline.resampled, stated)
+    ensemble, resampled, estimator = headline.other
+    rows += ensemble_rows(ensemble, resampled, stated, estimator)
     for quantity in "KBI":
         for estimator, (values, drawn, n) in headline.directions.items():
             row = {"quantity": quantity, "estimator": estimator, "n": n, "mean": values[quantity]}
-            rows.append(row | drawn_row(drawn, quantity))
+            of_both = {} if "minus" in estimator else stated  # they cancel in the difference
+            rows.append(row | drawn_row(drawn, quantity, values[quantity], of_both))
     return rows
 
 
-def drawn_row(drawn: Bootstrap, quantity: str) -> dict[str, object]:
-    """Standard error and 95 % interval of a quantity from the bootstrap."""
-    low, high = drawn.interval(quantity)
-    return {"se": drawn.se(quantity), "low": low, "high": high, "interval_method": "bootstrap"}
+def drawn_row(drawn: Bootstrap, quantity: str, estimate: float, stated: Mapping[str, float]) -> dict[str, object]:
+    """Standard error and 95 % interval of a quantity from the bootstrap, wider by the `stated` standard errors."""
+    known = stated.get(quantity, 0.0)
+    low, high = (
+        estimate + float(np.sign(end - estimate) * np.hypot(end - estimate, NORMAL * known))
+        for end in drawn.interval(quantity)
+    )
+    method = "bootstrap + stated" if known else "bootstrap"
+    return {"se": float(np.hypot(drawn.se(quantity), known)), "low": low, "high": high, "interval_method": method}
 
 
 def ensemble_rows(
-    ensemble: EnsembleResponse, resampled: Bootstrap, estimator: str = ENSEMBLE
+    ensemble: EnsembleResponse, resampled: Bootstrap, stated: Mapping[str, float], estimator: str = ENSEMBLE
 ) -> list[dict[str, object]]:
     """Estimates from the mean response; `se`, 95 % interval and covariances with K, B, I from the bootstrap."""
     draws = resampled.draws
     return [
         {"quantity": quantity, "estimator": estimator, "n": ensemble.n, "mean": estimate, "sd": None}
-        | drawn_row(resampled, quantity)
+        | drawn_row(resampled, quantity, estimate, stated)
         | {f"cov_{other}": float(np.cov(draws[quantity], draws[other])[0, 1]) for other in "KBI"}
         for quantity, estimate in ensemble.estimates().items()
     ]
@@ -523,7 +526,8 @@ def walking_page_points(
     ):
         time, values = (1e3 * pl.col("time")).alias("x"), pl.col(column).alias("mean")
         frames.append(of.select("trial", *doubts, time, of_curve, values, pl.lit(panel).alias("panel")))
-    return pl.concat(frames, how="diagonal")
+    n_down = sum(c.sign < 0 for c in perturbed)
+    return pl.concat(frames, how="diagonal").with_columns(n_down=pl.lit(n_down, pl.Int64))
 
 
 def impedance_over_stance(summary: pl.DataFrame, groups: pl.DataFrame) -> pl.DataFrame:

@@ -1,19 +1,19 @@
 """What is measured on a recording: its sampling, its clocks, damage to its log, the motion that was commanded, sensors
-at the end of their range, that stand, wrap or do not read zero, force plates; and the verdicts by the configured rules.
+at the end of their range, that stand, wrap or do not read zero, force plates. Numbers without limits and verdicts.
 """
 
 import math
 from collections import defaultdict
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from osl_analysis.config.experiments import EXPERIMENTS
-from osl_analysis.errors import InputError, nearest
-from osl_analysis.judge.table import TABLE, Cause, CheckResult, Commanded, Examined, Judgement, QualityRules
+from osl_analysis.config.experiments import EXPERIMENTS, Experiment
+from osl_analysis.errors import InputError
 from osl_analysis.measured import factor_of, usual_size
 from osl_analysis.plate_surface import beside, plate_axes
 from osl_analysis.protocol.stepped_sine import Likeness, Run, SteppedSineProtocol
@@ -21,6 +21,42 @@ from osl_analysis.signals import longest_run, run_at_extreme, run_edges, runs
 from osl_analysis.signals.grid import GapLimits, devices_of, streams, uniform_signals
 from osl_analysis.signals.samples import take
 from osl_analysis.trial import Array, Trial, plate_columns, unit_of
+
+
+@dataclass(frozen=True)
+class Commanded:
+    """The stepped sine that the configuration commands: each amplitude at every frequency."""
+
+    amplitudes_deg: Sequence[float]
+    frequencies_hz: Sequence[float]
+    cycles: int | Sequence[int]  # one number for all frequencies, or one for each
+    seconds_per_frequency: float | None = None  # in place of `cycles`
+    excitation: str = "auto"
+    """What moves the joint in impedance trials: `stepped_sine`, `any` other motion, or `auto`, what they show."""
+
+    @property
+    def protocol(self) -> SteppedSineProtocol:
+        """The same with amplitudes in rad and cycles at each frequency."""
+        seconds = self.seconds_per_frequency
+        cycles = self.cycles if seconds is None else tuple(seconds * f for f in self.frequencies_hz)
+        return SteppedSineProtocol(tuple(np.deg2rad(self.amplitudes_deg)), self.frequencies_hz, cycles)
+
+
+@dataclass(frozen=True)
+class Examined:
+    """A trial under examination."""
+
+    trial: Trial
+    experiment: Experiment
+    commanded: Commanded
+
+
+@dataclass(frozen=True)
+class CheckResult:
+    """What a check measured on one trial."""
+
+    value: float | None  # in the check's unit; None where the check does not apply
+    remark: str = ""  # which channel it was, or why the check does not apply
 
 
 def not_applicable(reason: str) -> CheckResult:
@@ -55,7 +91,7 @@ def stretches(time: Array, values: Array, seconds: float) -> Array:
     return values[: values.size // length * length].reshape(-1, length)
 
 
-# Sampling, clocks and damage. What each check measures stands in table.yaml; a docstring has what a reader cannot see.
+# Sampling, clocks and damage. What each check measures is said by `judge/words.yaml`.
 
 
 def sampling_steps(trial: Trial) -> dict[str, Array]:
@@ -539,70 +575,28 @@ def check_recording(trial: Trial, limits: Any, torque: str = "torque", angle: st
         )
 
 
-CHECKS = {
-    name: Judgement(
-        name, Cause(row["cause"], row["says"], row["remedy"]), measure=measure, unit=row["unit"],
-        meaning=row["meaning"], fails=row.get("fails", "above"),
-    )
-    for name, measure in {
-        "rate": measure_rate, "jitter": measure_jitter, "gap": measure_gap, "saturation": measure_saturation,
-        "stuck": measure_stuck, "unzeroed_load_cell": measure_unzeroed_load_cell,
-        "unzeroed_plate": measure_unzeroed_plate, "encoder_wrap": measure_encoder_wrap,
-        "marker_gap": measure_marker_gap, "pressure_centre": measure_pressure_centre,
-        "pressure_travel": measure_pressure_travel, "clock_residual": measure_clock, "damage": measure_damage,
-        "truncated": measure_truncation, "protocol": measure_protocol,
-    }.items() for row in [TABLE["checks"][name]]
+MEASURES: dict[str, tuple[Callable[[Examined], CheckResult], str]] = {
+    "rate": (measure_rate, "Hz"), "jitter": (measure_jitter, "%"), "gap": (measure_gap, "s"),
+    "saturation": (measure_saturation, "samples"), "stuck": (measure_stuck, "s"),
+    "unzeroed_load_cell": (measure_unzeroed_load_cell, "N*m"), "unzeroed_plate": (measure_unzeroed_plate, "N"),
+    "encoder_wrap": (measure_encoder_wrap, "jumps"), "marker_gap": (measure_marker_gap, "s"),
+    "pressure_centre": (measure_pressure_centre, "m"), "pressure_travel": (measure_pressure_travel, "m"),
+    "clock_residual": (measure_clock, "s"), "damage": (measure_damage, "%"), "truncated": (measure_truncation, "logs"),
+    "protocol": (measure_protocol, "segments"),
 }  # fmt: skip
-"""Every check by name. A new one is its function, named here, its words in table.yaml, its rule under `quality` in
-config/config.yaml, and its test."""
-
-
-def unknown_check(name: str) -> str:
-    return f"'{name}' is no quality check; the checks are {', '.join(CHECKS)}{nearest(name, CHECKS)}"
-
-
-def validate_rules(rules: QualityRules) -> None:
-    """Raises InputError: a check has no rule, a rule no check, or a threshold is no size in the unit of its check."""
-    for name in (*rules.by_check, *CHECKS):
-        if name not in CHECKS:
-            raise InputError(f"configuration, quality: {unknown_check(name)}")
-        if name not in rules.by_check:
-            raise InputError(f"configuration, quality: no rule for the check '{name}'; add it as in config/config.yaml")
-        threshold, known = rules.by_check[name].threshold, CHECKS[name].unit
-        size, _, unit = threshold.partition(" ")
-        try:
-            fits = unit.strip() == known and 0 <= float(size) < math.inf
-        except ValueError:
-            fits = False
-        if not fits:
-            raise InputError(
-                f"configuration, quality.{name}: threshold '{threshold}' must be a number from 0 and its unit, "
-                f"as in '1 {known}'"
-            )
+"""Every check by name, with the unit of its value. A new one is its function, named here, its cause in
+`judge/causes.yaml`, its words, its rule under `quality` in config/config.yaml, and its test."""
+UNITS = {name: unit for name, (_, unit) in MEASURES.items()}
 
 
 def examine(trial: Trial, experiment: str, commanded: Commanded) -> dict[str, CheckResult]:
     """The result of every check on a trial, by name; `commanded` is the protocol of stepped-sine experiments."""
     examined = Examined(trial, EXPERIMENTS[experiment], commanded)
-    return {name: check.measure(examined) for name, check in CHECKS.items()}
+    return {name: measure(examined) for name, (measure, _) in MEASURES.items()}
 
 
 def measured_table(trial: str, results: Mapping[str, CheckResult]) -> pl.DataFrame:
     """What `examine` measured, a row per check: trial, check, value, unit, remark."""
-    rows = [(trial, name, result.value, CHECKS[name].unit, result.remark) for name, result in results.items()]
+    rows = [(trial, name, result.value, UNITS[name], result.remark) for name, result in results.items()]
     columns = dict.fromkeys(("trial", "check", "value", "unit", "remark"), pl.String) | {"value": pl.Float64}
     return pl.DataFrame(rows, columns, orient="row")
-
-
-def judged_table(measured: pl.DataFrame, rules: QualityRules, accept: Mapping[str, Collection[str]]) -> pl.DataFrame:
-    """`measured_table` of trials with thresholds and verdicts; `accept`: checks that the sheet accepts, by trial."""
-    judged = []
-    for trial, name, value, unit, remark in measured.iter_rows():
-        rule = rules.by_check[name]
-        failed, accepted = CHECKS[name].failed(value, rule.limit), name in accept.get(trial, ())
-        verdict = rule.on_failure if failed and not accepted else "pass"
-        said = "; ".join(filter(None, ["accepted in the sheet" if failed and accepted else "", remark]))
-        judged.append((trial, name, value, unit, rule.limit, verdict, said))
-    order = ("trial", "check", "value", "unit", "threshold", "verdict", "remark")
-    columns = dict.fromkeys(order, pl.String) | dict.fromkeys(("value", "threshold"), pl.Float64)
-    return pl.DataFrame(judged, columns, orient="row")

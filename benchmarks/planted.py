@@ -1,0 +1,478 @@
+"""Recordings of a joint whose K, B and I are known, with one cause of error planted: numpy and splines, nothing of the
+project, neither its simulator nor its fits.
+
+A motion is smooth samples at 1 kHz; the quintic spline through them is what moved the joint, so that velocity and
+acceleration are exact. A cause changes what the torque is, or what the recorder makes of angle, torque and stamps.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import make_interp_spline
+from scipy.linalg import expm
+from scipy.ndimage import gaussian_filter1d
+from scipy.signal import butter, lfilter, sosfiltfilt
+
+Array = NDArray[np.float64]
+RATE = 1000.0  # Hz
+DEG = np.pi / 180
+
+
+@dataclass(frozen=True)
+class Joint:
+    """Second-order joint: torque = K theta + B omega + I alpha."""
+
+    K: float = 300.0  # N*m/rad
+    B: float = 5.0  # N*m*s/rad
+    I: float = 0.02  # kg*m^2
+
+
+@dataclass(frozen=True)
+class Moved:
+    """A motion (n,): time [s], angle [rad], velocity and acceleration; what jumps is known at the samples alone."""
+
+    time: Array
+    theta: Array
+    omega: Array
+    alpha: Array
+    smooth: bool = True
+
+    def torque(self, joint: Joint) -> Array:
+        return joint.K * self.theta + joint.B * self.omega + joint.I * self.alpha
+
+
+def smooth(theta: Array) -> Moved:
+    """The motion of the quintic spline through samples."""
+    time = np.arange(len(theta)) / RATE
+    spline = make_interp_spline(time, theta, 5)
+    return Moved(time, theta, spline(time, 1), spline(time, 2))
+
+
+def stepped_sine(rng: np.random.Generator, hz: tuple[float, ...] = (1, 2, 3, 4, 5), cycles: int = 12) -> Moved:
+    """2, 4 and 6 deg at each frequency, with half a second of rest at both ends."""
+    parts = [np.zeros(500)]
+    for size in (2.0, 4.0, 6.0):
+        for f in hz:
+            n = round(cycles * RATE / f)
+            parts.append(size * DEG * np.sin(2 * np.pi * f * np.arange(n) / RATE))
+    return smooth(gaussian_filter1d(np.concatenate([*parts, np.zeros(500)]), 8.0, mode="nearest"))
+
+
+def slow_sine(rng: np.random.Generator) -> Moved:
+    """One amplitude from 0.1 to 0.5 Hz."""
+    parts = [np.sin(2 * np.pi * f * np.arange(round(3 * RATE / f)) / RATE) for f in (0.1, 0.2, 0.3, 0.4, 0.5)]
+    return smooth(gaussian_filter1d(10 * DEG * np.concatenate(parts), 8.0, mode="nearest"))
+
+
+def chirp(rng: np.random.Generator, seconds: float = 60.0) -> Moved:
+    """0.4 to 7 Hz, smaller as it becomes faster."""
+    t = np.arange(round(seconds * RATE)) / RATE
+    f = 0.4 + 6.6 * (t / seconds) ** 1.5
+    fade = np.minimum(1, np.minimum(t, seconds - t))
+    return smooth(5 * DEG * fade * np.sin(2 * np.pi * np.cumsum(f) / RATE) / np.sqrt(1 + (f / 2.5) ** 2))
+
+
+def noise(rng: np.random.Generator, seconds: float = 60.0, highest: float = 6.0) -> Moved:
+    """Noise of 0.3 to 6 Hz, 2.5 deg RMS."""
+    n = 2 * round(seconds * RATE)
+    f = np.fft.rfftfreq(n, 1 / RATE)
+    shape = 1 / (1 + (f / highest) ** 12) / (1 + (0.3 / np.maximum(f, 1e-9)) ** 8) / np.sqrt(1 + (f / 2) ** 2)
+    x = np.fft.irfft(np.fft.rfft(rng.normal(size=n)) * shape, n)[: n // 2]
+    return smooth(2.5 * DEG * x / x.std())
+
+
+def multisine(rng: np.random.Generator) -> Moved:
+    """Eight periods of 8 s, odd lines to 6 Hz with random phases, 2.5 deg RMS."""
+    t, lines = np.arange(round(64 * RATE)) / RATE, np.arange(3, 49, 2)
+    x = sum(np.sin(2 * np.pi * k / 8 * t + p) / k**0.4 for k, p in zip(lines, rng.uniform(0, 7, 99), strict=False))
+    return smooth(2.5 * DEG * x / np.std(x))
+
+
+def hand(rng: np.random.Generator, seconds: float = 60.0) -> Moved:
+    """Moves of least jerk between random angles, each in 0.15 to 0.6 s."""
+    parts, at = [np.zeros(1)], 0.0
+    while sum(map(len, parts)) < seconds * RATE:
+        to, n = rng.uniform(-6, 6) * DEG, round(rng.uniform(0.15, 0.6) * RATE)
+        u = np.arange(1, n + 1) / n
+        parts.append(at + (to - at) * u**3 * (10 - 15 * u + 6 * u**2))
+        at = to
+    return smooth(gaussian_filter1d(np.concatenate(parts), 15.0, mode="nearest"))
+
+
+def ramps(rng: np.random.Generator, seconds: float = 60.0) -> Moved:
+    """Ramps between random levels, with short holds."""
+    at, knots = 0.0, [(0.0, 0.0)]
+    while knots[-1][0] < seconds:
+        start, at = knots[-1][0], rng.uniform(-6, 6) * DEG
+        knots += [(start + rng.uniform(0.15, 0.5), at)]
+        knots += [(knots[-1][0] + rng.uniform(0.05, 0.3), at)]
+    t, x = np.array(knots).T
+    return smooth(gaussian_filter1d(np.interp(np.arange(round(seconds * RATE)) / RATE, t, x), 10.0, mode="nearest"))
+
+
+def binary(rng: np.random.Generator, order: int = 4, corner: float = 8.0, seconds: float = 60.0) -> Moved:
+    """Random steps between -2.5 and 2.5 deg through equal lags, exact at the samples. Behind two lags the acceleration
+    jumps; behind four it is smooth."""
+    n, w = round(seconds * RATE), 2 * np.pi * corner * (1.0 if order == 2 else 1.6)
+    holds = rng.integers(125, 500, n // 125)
+    u = np.repeat(2.5 * DEG * np.where(rng.random(len(holds)) < 0.5, -1.0, 1.0), holds)[:n]
+    A = w * (np.eye(order, k=-1) - np.eye(order))
+    step = expm(np.block([[A, w * np.eye(order)[:, :1]], [np.zeros((1, order + 1))]]) / RATE)
+    x = np.zeros((n, order))
+    for k in range(1, n):
+        x[k] = step[:order, :order] @ x[k - 1] + step[:order, order] * u[k - 1]
+    before = np.column_stack([u, x])
+    theta, omega = before[:, -1], w * (before[:, -2] - before[:, -1])
+    alpha = w**2 * (before[:, -3] - 2 * before[:, -2] + before[:, -1])
+    return Moved(np.arange(n) / RATE, theta, omega, alpha, smooth=order > 2)
+
+
+MOTIONS: Mapping[str, Callable[[np.random.Generator], Moved]] = {
+    "stepped sine": stepped_sine,
+    "chirp": chirp,
+    "noise": noise,
+    "multisine": multisine,
+    "hand": hand,
+    "binary steps": binary,
+}
+OTHER_MOTIONS: Mapping[str, Callable[[np.random.Generator], Moved]] = {
+    "slow sine": slow_sine,
+    "ramps": ramps,
+    "jumps": lambda rng: binary(rng, order=2),
+    "noise to 20 Hz": lambda rng: noise(rng, highest=20.0),
+}
+
+
+@cache
+def moved(motion: str, seed: int) -> Moved:
+    return {**MOTIONS, **OTHER_MOTIONS}[motion](np.random.default_rng([seed, 7]))
+
+
+@dataclass(frozen=True)
+class Taken:
+    """What the recorder is given, at the samples: true angle and torque, and what it makes of them."""
+
+    theta: Array
+    torque: Array
+    torque_time: Array | None = None  # stamps of the torque [s] where another device has it
+    clip: float = np.inf  # N*m, beyond which the load cell stands still, before its noise
+
+
+def late(m: Moved, torque: Array, by: Array | float) -> Array:
+    """A torque late by some time [s]."""
+    return np.asarray(make_interp_spline(m.time, torque, 5)(np.clip(m.time - by, 0, m.time[-1])))
+
+
+def slipping(x: Array, width: float) -> Array:
+    """Play with hysteresis: what follows x when it has taken up a gap of some width."""
+    y, at = np.empty_like(x), 0.0
+    for k, v in enumerate(x.tolist()):
+        at = min(max(at, v - width / 2), v + width / 2)
+        y[k] = at
+    return y
+
+
+def through(torque: Array, response: Callable[[NDArray[np.complex128]], NDArray[np.complex128]]) -> Array:
+    """Torque behind a filter of the path, of which the response at s [rad/s] is given; the ends are mirrored."""
+    around = np.pad(torque, 3000, mode="reflect")
+    s = 2j * np.pi * np.fft.rfftfreq(len(around), 1 / RATE)
+    return np.asarray(np.fft.irfft(np.fft.rfft(around) * response(s), len(around))[3000:-3000])
+
+
+def first_order(m: Moved, torque: Array, seconds: float) -> Array:
+    return through(torque, lambda s: 1 / (1 + seconds * s))
+
+
+def averaged(m: Moved, torque: Array, seconds: float) -> Array:
+    """The mean of the last seconds."""
+    return through(torque, lambda s: np.exp(-seconds * s / 2) * np.sinc(seconds * s.imag / (2 * np.pi)))
+
+
+def resonating(m: Moved, torque: Array, period: float, damping: float = 0.1) -> Array:
+    """A path that resonates with some period [s]."""
+    return through(torque, lambda s: 1 / (1 + damping / np.pi * period * s + (period * s / (2 * np.pi)) ** 2))
+
+
+def held(m: Moved, torque: Array, hz: float) -> Array:
+    rows = np.arange(len(torque))
+    return np.asarray(torque[np.floor(np.floor(rows * hz / RATE) * RATE / hz + 1e-6).astype(int)])
+
+
+Plant = Callable[[Moved, Joint, float], Taken]
+
+
+def on_torque(change: Callable[[Moved, Array, float], Array]) -> Plant:
+    return lambda m, joint, x: Taken(m.theta, change(m, m.torque(joint), x))
+
+
+def beside(part: Callable[[Moved, float], Array]) -> Plant:
+    return lambda m, joint, x: Taken(m.theta, m.torque(joint) + part(m, x))
+
+
+def in_series(m: Moved, joint: Joint, compliance: float) -> Taken:
+    """The bench's angle is the joint's and what the torque winds up in the spring."""
+    return Taken(m.theta + compliance * m.torque(joint), m.torque(joint))
+
+
+def with_stiffness(share: Callable[[Moved], Array]) -> Plant:
+    return beside(lambda m, x: 300.0 * x * share(m) * m.theta)
+
+
+def two_clocks(m: Moved, joint: Joint, ppm: float) -> Taken:
+    """The torque is sampled 0.31 ms after the angle, by a clock that gains."""
+    after_theta = np.minimum(m.time + 0.31e-3, m.time[-1])
+    torque = make_interp_spline(m.time, m.torque(joint), 5)(after_theta)
+    return Taken(m.theta, torque, (m.time + 0.31e-3) * (1 + 1e-6 * ppm))
+
+
+def reflex(m: Moved, gain: float) -> Array:
+    before = np.interp(m.time - 0.04, m.time, np.maximum(m.omega, 0.0))
+    return gain * np.asarray(lfilter(*butter(2, 6.0, fs=RATE), before))
+
+
+def after(m: Moved, share: float) -> Array:
+    """1 from a share of the recording on."""
+    return np.where(m.time > share * m.time[-1], 1.0, 0.0)
+
+
+def clipped(m: Moved, joint: Joint, share: float) -> Taken:
+    """The largest share of the torque's range is missing, on both sides."""
+    torque = m.torque(joint)
+    return Taken(m.theta, torque, clip=(1 - share) * float(np.abs(torque).max()))
+
+
+def growing(m: Moved) -> Array:
+    return np.asarray(m.time / m.time[-1])
+
+
+@dataclass(frozen=True)
+class Cause:
+    """A planted cause: what it does for a size, the size at which it was reported, and the names that are right."""
+
+    name: str
+    plant: Plant
+    reported: float
+    right: tuple[str, ...]
+    unit: str = ""
+    sized: bool = True
+    recorder: Mapping[str, float] = field(default_factory=dict)
+    motions: tuple[str, ...] = tuple(MOTIONS)
+    needs_gains: bool = False  # nothing in the recording can tell
+    joint: Joint = Joint()
+
+
+def stretched(m: Moved, torque: Array, share: float) -> Array:
+    return torque * (1 + share)
+
+
+LATE = ("late torque", "late torque or yielding bench", "late torque or drivetrain", "yielding bench")
+PATH = (*LATE, "torque path", "response of higher order")
+TIME = ("stiffness that changes", "clocks that drift apart", "change over time")
+SLOW = {"slow_noise": 0.03}
+FRICTION = ("friction",)
+CAUSES = [
+    Cause("late torque", on_torque(late), 2e-3, PATH, "s"),
+    Cause("late angle", on_torque(lambda m, y, x: late(m, y, -x)), 2e-3, PATH, "s"),
+    Cause("late torque, slow noise", on_torque(late), 5e-3, PATH, "s", recorder=SLOW),
+    Cause(
+        "low-pass, first order",
+        on_torque(first_order),
+        8e-3,
+        PATH,
+        "s",
+    ),
+    Cause(
+        "moving average",
+        on_torque(averaged),
+        20e-3,
+        PATH,
+        "s",
+    ),
+    Cause("frame in series", in_series, 1 / 3000, PATH, "rad/(N*m)"),
+    Cause("belt in series", in_series, 1 / 685, PATH, "rad/(N*m)", sized=False),
+    Cause("resonance of the path", on_torque(resonating), 1 / 15, PATH, "s"),
+    Cause("clocks apart, two streams", two_clocks, 50.0, (*TIME, "refused"), "ppm"),
+    Cause(
+        "clocks apart, one file",
+        on_torque(lambda m, y, x: late(m, y, 1e-6 * x * m.time)),
+        200.0,
+        TIME,
+        "ppm",
+    ),
+    Cause("K warms up", with_stiffness(lambda m: -growing(m)), 0.05, TIME, "of K"),
+    Cause("K steps", with_stiffness(lambda m: -after(m, 0.6)), 0.15, TIME, "of K"),
+    Cause("late from half on", on_torque(lambda m, y, x: late(m, y, x * after(m, 0.5))), 2e-3, (*TIME, *LATE), "s"),
+    Cause("Coulomb friction", beside(lambda m, x: x * np.tanh(m.omega / 2e-3)), 0.5, FRICTION, "N*m"),
+    Cause(
+        "play, no hysteresis",
+        lambda m, joint, x: Taken(
+            m.theta, m.torque(replace(joint, K=0.0)) + joint.K * (m.theta - np.clip(m.theta, -x / 2, x / 2))
+        ),
+        0.1 * DEG,
+        ("backlash", "spring that is not linear", *FRICTION),
+        "rad",
+    ),
+    Cause(
+        "play with hysteresis",
+        lambda m, joint, x: Taken(m.theta, m.torque(replace(joint, K=0.0)) + joint.K * slipping(m.theta, x)),
+        0.15 * DEG,
+        ("backlash", "play or speed", *FRICTION),
+        "rad",
+    ),
+    Cause(
+        "play with hysteresis, slow noise",
+        lambda m, joint, x: Taken(m.theta, m.torque(replace(joint, K=0.0)) + joint.K * slipping(m.theta, x)),
+        6e-3,
+        ("backlash", "play or speed", *FRICTION),
+        "rad",
+        sized=False,
+        recorder=SLOW,
+    ),
+    Cause("hardening spring", beside(lambda m, x: x * m.theta**3), 2200.0, ("spring that is not linear",), "N*m/rad^3"),
+    Cause(
+        "hardening spring, slow noise",
+        beside(lambda m, x: x * m.theta**3),
+        2200.0,
+        ("spring that is not linear",),
+        "N*m/rad^3",
+        recorder=SLOW,
+    ),
+    Cause("clipped torque", clipped, 0.3, ("clipped signal", "spring that is not linear"), "of the range"),
+    Cause(
+        "quadratic damping",
+        beside(lambda m, x: x * m.omega * np.abs(m.omega)),
+        1.5,
+        ("damping that depends on speed", "play or speed"),
+        "N*m*s^2/rad^2",
+    ),
+    Cause(
+        "K by direction",
+        beside(lambda m, x: 300.0 * x / 2 * np.abs(m.theta)),
+        0.3,
+        ("asymmetric torque", "spring that is not linear"),
+        "of K",
+    ),
+    Cause("B by direction", beside(lambda m, x: 5.0 * x / 2 * np.abs(m.omega)), 0.3, ("asymmetric torque",), "of B"),
+    Cause("torque held at 50 Hz", on_torque(held), 50.0, PATH, "Hz", sized=False),
+    Cause("torque held at 333 Hz", on_torque(held), 333.0, PATH, "Hz", sized=False),
+    Cause("torque × 1.1", on_torque(stretched), 0.1, ("unlikely size", "another unit"), "of 1", needs_gains=True),
+    Cause(
+        "torque × 1.3558",
+        on_torque(stretched),
+        0.3558,
+        ("unlikely size", "another unit"),
+        "of 1",
+        sized=False,
+        needs_gains=True,
+    ),
+    Cause("torque of the wrong sign", on_torque(lambda m, y, x: -y), 1.0, ("refused",), sized=False),
+    Cause("gravity of a fixture", beside(lambda m, x: x * np.sin(m.theta)), 1.0, ("weight on the joint",), "N*m"),
+    Cause("reflex", beside(reflex), 1.0, ("reflex", "reflex that changes with the angle"), "N*m*s/rad"),
+    Cause(
+        "acceleration that jumps",
+        on_torque(lambda m, y, x: y),
+        0.0,
+        ("acceleration that jumps",),
+        sized=False,
+        motions=("jumps",),
+    ),
+    Cause(
+        "friction, noise to 20 Hz",
+        beside(lambda m, x: x * np.tanh(m.omega / 2e-3)),
+        0.5,
+        FRICTION,
+        "N*m",
+        sized=False,
+        motions=("noise to 20 Hz",),
+    ),
+]
+NOTHING: Plant = on_torque(lambda m, y, x: y)
+SOUND = [
+    Cause("sound", NOTHING, 0.0, ()),
+    Cause("sound, 18 bits", NOTHING, 0.0, (), recorder={"bits": 18}),
+    Cause("sound, 50 µs of true jitter", NOTHING, 0.0, (), recorder={"jitter": 50e-6}),
+    Cause("sound, 300 µs of true jitter", NOTHING, 0.0, (), recorder={"jitter": 300e-6}),
+    Cause("sound, slow noise of the torque", NOTHING, 0.0, (), recorder=SLOW),
+    Cause("sound, load cell drifts by 3 N·m", beside(lambda m, x: 3 * np.exp(-m.time / 20)), 0.0, ()),
+    Cause(
+        "sound, a person leans on the bench",
+        beside(lambda m, x: 2.0 * gaussian_filter1d(np.sign(np.sin(2 * np.pi * m.time / 23)) * (m.time > 12), 600.0)),
+        0.0,
+        (),
+    ),
+    Cause("sound, Coulomb friction of 0.15 N·m", beside(lambda m, x: 0.15 * np.tanh(m.omega / 2e-3)), 0.0, ()),
+    Cause("sound, pure damper", NOTHING, 0.0, (), joint=Joint(0.0, 5.0, 0.02)),
+    Cause("sound, K = -50", NOTHING, 0.0, (), joint=Joint(-50.0, 5.0, 0.02)),
+    Cause("sound, K = 2000", NOTHING, 0.0, (), joint=Joint(2000.0, 10.0, 0.02)),
+    Cause("sound, K = 20", NOTHING, 0.0, (), joint=Joint(20.0, 0.5, 0.02)),
+    Cause("sound, slow sine and ramps", NOTHING, 0.0, (), motions=("slow sine", "ramps")),
+]
+
+
+def recording(cause: Cause, size: float, motion: str, seed: int) -> dict[str, Any]:
+    """Columns of a recording: `time` [s], `theta` [rad] and `torque` [N*m], each with a null where it has no sample."""
+    m, rng = moved(motion, seed), np.random.default_rng([seed, 11])
+    taken, of = cause.plant(m, cause.joint, size), {"bits": 14.0, "white": 0.05, "slow_noise": 0.0, "jitter": 0.0}
+    of |= cause.recorder
+    time, theta, torque = m.time, taken.theta, np.clip(taken.torque, -taken.clip, taken.clip)
+    if of["jitter"]:
+        time = np.sort(m.time + of["jitter"] * np.clip(rng.normal(size=len(m.time)), -3, 3))
+        theta, torque = (make_interp_spline(m.time, x, 5)(time) for x in (theta, torque))
+    torque = torque + 0.3 + of["white"] * rng.normal(size=len(time))
+    if of["slow_noise"]:
+        slow = lfilter([1.0], [1, -np.exp(-2 * np.pi * 2 / RATE)], rng.normal(size=len(time)))
+        torque = torque + of["slow_noise"] * slow / slow.std()
+    step = 2 * np.pi / 2 ** of["bits"]
+    zero = rng.uniform(0, step)
+    theta = np.round((theta + zero) / step) * step - zero
+    if taken.torque_time is None:
+        return {"time": time, "theta": theta, "torque": torque}
+    stamps = np.concatenate([time, taken.torque_time])
+    order, empty = np.argsort(stamps, kind="stable"), [None] * len(time)
+    columns = {"theta": [*theta.tolist(), *empty], "torque": [*empty, *torque.tolist()]}
+    return {"time": stamps[order], **{name: [values[k] for k in order] for name, values in columns.items()}}
+
+
+def plain_fit(theta: Array, torque: Array) -> Array:
+    """K, B and I of the textbook: one low-pass of 15 Hz on both, central differences, least squares."""
+    low_pass = butter(4, 15.0, fs=RATE, output="sos")
+    theta, torque = sosfiltfilt(low_pass, theta), sosfiltfilt(low_pass, torque)
+    omega = np.gradient(theta, 1 / RATE)
+    X = np.column_stack(
+        [theta, omega, np.gradient(omega, 1 / RATE), np.ones(len(theta)), np.linspace(-1, 1, len(theta))]
+    )
+    return np.asarray(np.linalg.lstsq(X[200:-200:4], torque[200:-200:4], rcond=None)[0][:3])
+
+
+def moves(cause: Cause, size: float, motion: str, half: Array) -> float:
+    """By how many half-widths (3,) a cause moves K, B or I, whichever it moves most."""
+    m = moved(motion, 0)
+    taken = cause.plant(m, cause.joint, size)
+    torque = np.clip(taken.torque, -taken.clip, taken.clip)
+    if taken.torque_time is not None:
+        torque = np.interp(m.time, taken.torque_time, torque)
+    return float(np.abs((plain_fit(taken.theta, torque) - clean_fit(motion, cause.joint)) / half).max())
+
+
+@cache
+def clean_fit(motion: str, joint: Joint) -> Array:
+    m = moved(motion, 0)
+    return plain_fit(m.theta, m.torque(joint))
+
+
+def size_that_moves(cause: Cause, motion: str, half: Array, times: float) -> float | None:
+    """The size of a cause that moves an estimate by some half-widths, to a fifth of that; None where none does."""
+    size, power = cause.reported, 1.0
+    at = moves(cause, size, motion, half)
+    for _ in range(10):
+        if at <= 0 or abs(np.log(at / times)) < 0.2:
+            break
+        before, size = (size, at), size * float(np.clip((times / at) ** (1 / power), 0.02, 20))
+        at = moves(cause, size, motion, half)
+        if at > 0 and at != before[1]:
+            power = float(np.clip(np.log(at / before[1]) / np.log(size / before[0]), 0.4, 4))
+    return size if at > 0 and abs(np.log(at / times)) < 0.3 else None

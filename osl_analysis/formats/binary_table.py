@@ -1,0 +1,193 @@
+"""Tables in formats of programs: sheets of Excel and OpenDocument by fastexcel, Parquet and Arrow by polars, arrays of
+numpy, and HDF5 by h5py. A sheet follows the rules of a table of text; others have names and types of their own."""
+
+import re
+import zipfile
+from collections import Counter
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from osl_analysis.errors import InputError, listing, optional_module
+from osl_analysis.formats.csv_table import (
+    COMMENTS,
+    MOST_COLUMNS,
+    CsvLayout,
+    CsvTable,
+    IsUnit,
+    TextLines,
+    name_and_unit,
+    table_of_rows,
+)
+from osl_analysis.formats.table import Ledger, check_memory, in_one_sentence
+
+OLE, ZIP, HDF = b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1", b"PK\x03\x04", b"\x89HDF\r\n\x1a\n"
+SHEET = re.compile(rb"xl/|\[Content_Types\]\.xml|mimetypeapplication/vnd\.oasis\.opendocument\.spreadsheet")
+
+
+def kind_of(begin: bytes) -> str:
+    """The kind of table that a file is by what it begins with; empty if it is none."""
+    if begin.startswith(OLE) or (begin.startswith(ZIP) and SHEET.search(begin)):
+        return "sheet"
+    if begin.startswith(ZIP) and b".npy" in begin[:400]:
+        return "npz"
+    if any(begin[place : place + len(HDF)] == HDF for place in (0, 512, 1024, 2048)) and begin[:6] != b"MATLAB":
+        return "hdf5"
+    starts = {b"PAR1": "parquet", b"ARROW1": "arrow", b"\x93NUMPY": "npy"}
+    return next((kind for start, kind in starts.items() if begin.startswith(start)), "")
+
+
+def is_table_file(begin: bytes) -> bool:
+    return bool(kind_of(begin))
+
+
+def read_binary_table(path: Path, layout: CsvLayout, is_unit: IsUnit, most_rows: int | None = None) -> CsvTable:
+    """The rows of a table in a program's own format, of a long one the first `most_rows`."""
+    with path.open("rb") as file:
+        kind = kind_of(file.read(1 << 16))
+    if not kind:
+        raise InputError("no sheet, Parquet, Arrow, numpy or HDF5 file; check the path and the source's format")
+    if kind in ("sheet", "npz") and zipfile.is_zipfile(path):
+        with in_one_sentence(), zipfile.ZipFile(path) as archive:
+            check_memory(sum(one.file_size for one in archive.infolist()), "what it unpacks to")
+    with in_one_sentence():
+        if kind == "sheet":
+            return read_sheet(path, layout, is_unit)
+        damage, units = Ledger(), dict[str, str]()
+        if kind in ("parquet", "arrow"):
+            frame = read_frame(path, kind)
+        else:
+            arrays = hdf5_arrays(path, units) if kind == "hdf5" else numpy_arrays(path, kind)
+            frame = frame_of(arrays, damage)
+    return table_of_frame(frame[:most_rows] if most_rows else frame, units, damage)
+
+
+def read_sheet(path: Path, layout: CsvLayout, is_unit: IsUnit) -> CsvTable:
+    """The largest sheet of a workbook, by the rules of a table of text."""
+    library = optional_module("fastexcel", "a workbook")
+    book = library.read_excel(path)
+    sheets = {name: book.load_sheet(name, header_row=None, dtypes="string") for name in book.sheet_names}
+    name = max(sheets, key=lambda one: sheets[one].height * sheets[one].width)
+    content: pl.DataFrame = sheets[name].to_polars()
+    cells = content.select(pl.all().cast(pl.String).fill_null("").str.strip_chars())
+    rows = [(number, list(row)) for number, row in enumerate(cells.iter_rows(), start=1) if any(row)]
+    signs = COMMENTS if layout.comment == "auto" else tuple(filter(None, [layout.comment]))
+    notes: TextLines = [(n, " ".join(filter(None, row))) for n, row in rows if row[0].startswith(signs)]
+    noted = {number for number, _ in notes}
+    table = table_of_rows([row for row in rows if row[0] not in noted], notes, layout, is_unit)
+    others = [one for one, sheet in sheets.items() if one != name and sheet.height]
+    table.damage.remarks.extend([f"sheet '{name}' is read, the largest; not read: {listing(others, 5)}"] * bool(others))
+    return CsvTable(
+        table.names, table.units, table.lines, table.body, table.comments, table.damage, "", table.decimal, "row"
+    )
+
+
+def read_frame(path: Path, kind: str) -> pl.DataFrame:
+    lazy = pl.scan_parquet(path) if kind == "parquet" else pl.scan_ipc(path)
+    names, rows = lazy.collect_schema().names(), lazy.select(pl.len()).collect().item()
+    check_memory(8 * rows * len(names))
+    return pl.read_parquet(path) if kind == "parquet" else pl.read_ipc(path)
+
+
+def numpy_arrays(path: Path, kind: str) -> dict[str, NDArray[Any]]:
+    """Arrays by name; that of a file with one has none."""
+    if kind == "npy":
+        values = np.load(path, mmap_mode="r", allow_pickle=False)
+        check_memory(values.nbytes)
+        return {"": np.asarray(values)}
+    with np.load(path, allow_pickle=False) as archive:
+        return {name: archive[name] for name in archive.files}
+
+
+def hdf5_arrays(path: Path, units: dict[str, str]) -> dict[str, NDArray[Any]]:
+    """Data sets of numbers by their path; `units` are those that their attributes state. Blocks that were never written
+    are no values."""
+    h5py = optional_module("h5py", "an HDF5 file")
+    arrays, sizes = dict[str, NDArray[Any]](), list[int]()
+
+    def visit(name: str, item: Any) -> None:
+        if not isinstance(item, h5py.Dataset) or item.ndim not in (1, 2) or item.dtype.kind not in "biufV":
+            return
+        sizes.append(item.size * max(8, item.dtype.itemsize))
+        check_memory(sum(sizes))
+        arrays[name] = item[()]
+        lacking = never_written(item)
+        if lacking is not None and item.dtype.kind != "V":
+            arrays[name] = np.where(lacking, np.nan, arrays[name].astype(np.float64))
+        for key in ("units", "unit", "Units", "Unit"):
+            if isinstance(text := item.attrs.get(key), str | bytes):
+                units[name] = text.decode("latin-1") if isinstance(text, bytes) else text
+
+    with h5py.File(path, "r") as file:
+        file.visititems(visit)
+    return arrays
+
+
+def never_written(item: Any) -> NDArray[np.bool_] | None:
+    """Which values of a data set of HDF5 were never written, as by a recorder that was killed: HDF5 gives its fill
+    value there. None if all were."""
+    if item.size and not item.is_virtual and not item.id.get_storage_size():
+        return np.ones(item.shape, bool)
+    size = item.chunks
+    if not size or item.id.get_num_chunks() >= np.prod([-(-n // m) for n, m in zip(item.shape, size, strict=True)]):
+        return None
+    lacking = np.ones(item.shape, bool)
+    for first in (item.id.get_chunk_info(number).chunk_offset for number in range(item.id.get_num_chunks())):
+        lacking[tuple(slice(n, n + m) for n, m in zip(first, size, strict=True))] = False
+    return lacking
+
+
+def frame_of(arrays: Mapping[str, NDArray[Any]], damage: Ledger) -> pl.DataFrame:
+    """The columns of arrays that have the length that most have: an array (n,), each column of one (n, m), each field
+    of records. Rows are what there is more of."""
+    columns = dict[str, NDArray[Any]]()
+    for name, array in arrays.items():
+        if array.dtype.names:
+            for own in array.dtype.names:
+                columns |= columns_in(f"{name}.{own}".strip("."), array[own])
+        else:
+            columns |= columns_in(name, array)
+    numbers = {name: values for name, values in columns.items() if values.dtype.kind in "biufmM"}
+    lengths = Counter(values.size for values in numbers.values() if values.size > 1)
+    if not lengths:
+        raise InputError("holds no column of numbers; name a recording")
+    length = max(lengths, key=lambda size: (lengths[size], size))
+    others = [name for name, values in numbers.items() if values.size != length]
+    if others:
+        damage.remarks.append(f"columns of {length} values are read; of another length are {listing(others, 8)}")
+    return pl.DataFrame({name: values for name, values in numbers.items() if values.size == length})
+
+
+def columns_in(name: str, array: NDArray[Any]) -> dict[str, NDArray[Any]]:
+    if array.ndim < 2 or 1 in array.shape:
+        return {name or "1": np.ravel(array)}
+    lines = array if array.shape[0] < array.shape[1] else array.T
+    if lines.ndim > 2 or len(lines) > MOST_COLUMNS:
+        return {}
+    return {f"{name} {place}".strip(): np.ascontiguousarray(line) for place, line in enumerate(lines, start=1)}
+
+
+def table_of_frame(frame: pl.DataFrame, units: Mapping[str, str], damage: Ledger) -> CsvTable:
+    """The columns of numbers, times and text of a frame."""
+    if frame.width > MOST_COLUMNS:
+        raise InputError(f"has {frame.width} columns, at most {MOST_COLUMNS} are read; write a row per sample")
+    texts = frame.select(pl.col(pl.Categorical, pl.Enum).cast(pl.String), pl.col(pl.Decimal).cast(pl.Float64))
+    frame = frame.with_columns(texts)
+    known = [
+        name
+        for name, kind in frame.schema.items()
+        if kind.is_numeric() or kind.is_temporal() or kind in (pl.String, pl.Boolean)
+    ]
+    if others := [name for name in frame.columns if name not in known]:
+        damage.remarks.append(f"columns that hold no numbers are not read: {listing(others, 8)}")
+    if not known or not frame.height:
+        raise InputError("holds no column of numbers; name a recording")
+    body = frame.select(known)
+    names = [name or str(place) for place, name in enumerate(known, start=1)]
+    stated = [units.get(name) or name_and_unit(name)[1] for name in names]
+    body.columns = [str(place) for place in range(body.width)]
+    return CsvTable(names, stated, np.arange(1, frame.height + 1), body, [], damage, noun="row")

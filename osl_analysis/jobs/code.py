@@ -1,0 +1,192 @@
+"""Fingerprints of the code of jobs: of the command that a step names, and of what that uses, name by name.
+
+A module is a list of statements, each with the names that it binds and the names that it uses, its own and imported
+ones. From the command on, what is used is reached, in all modules of the package. So a job runs again where a function
+changes that it may call, and neither for one beside it nor for a comment, a docstring or an empty line.
+"""
+
+import ast
+import hashlib
+import json
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import yaml
+
+from osl_analysis.files import PACKAGE, write_text
+
+TEXT = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
+DEFINING = (ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef, ast.Assign, ast.AnnAssign, ast.If, ast.Try)
+
+
+class Statement(NamedTuple):
+    """A statement of a module, without docstrings and comments."""
+
+    code: str  # first digits of its SHA-256
+    binds: Sequence[str]  # names; none of one that runs whoever uses the module
+    uses: Sequence[str]  # dotted names below `osl_analysis.`
+    data: Sequence[str]  # texts that may be names of files beside the module
+
+
+class Module(NamedTuple):
+    statements: Sequence[Statement]
+    imports: Mapping[str, str]  # dotted names below `osl_analysis.`, by the names that they have in the module
+
+
+class Sources:
+    """The modules of the package as they are now, by their dotted names. What is read from a module's text is kept in a
+    file: parsing all of them takes a second."""
+
+    def __init__(self, kept: Path | None = None) -> None:
+        self.kept, self.used = kept, set[str]()
+        try:
+            self.known = json.loads(kept.read_text(encoding="utf-8")) if kept else {}
+        except (OSError, ValueError):
+            self.known = {}
+        self.before = {*self.known}
+
+    def write(self) -> None:
+        """Keep what was parsed, of the texts that are there now."""
+        if self.kept is not None and self.used - self.before:
+            write_text(self.kept, json.dumps({key: self.known[key] for key in sorted(self.used)}))
+
+    def of_text(self, text: str, parse: Callable[[], Any]) -> Any:
+        """What was parsed from a text, now or before."""
+        self.used.add(key := fingerprint(text))
+        if key not in self.known:
+            self.known[key] = parse()
+        return self.known[key]
+
+    @cache  # noqa: B019 (there is one for each run)
+    def module(self, name: str) -> Module:
+        text = text_of(module_file(name))
+        statements, imports = self.of_text(name + text, lambda: parsed(text, name))
+        return Module([Statement(*one) for one in statements], imports)
+
+    @cache  # noqa: B019
+    def data(self, path: Path) -> str:
+        """Fingerprint of a file beside a module; of YAML without comments."""
+        text = text_of(path)
+        is_yaml = path.suffix == ".yaml"
+        return str(
+            self.of_text(text, lambda: fingerprint(repr(yaml.load(text, yaml.CSafeLoader)) if is_yaml else text))
+        )
+
+    def code(self, *roots: str) -> str:
+        """Fingerprint of commands or modules, named below `osl_analysis`, and of all of ours that they use."""
+        found, seen, new = set[str](), set[str](), [*roots]
+        while new:
+            if (dotted := new.pop()) in seen:
+                continue
+            seen.add(dotted)
+            module, name = place_of(dotted)
+            if not module:
+                continue
+            of = self.module(module)
+            if name in of.imports:
+                new.append(of.imports[name])
+            for one in of.statements:
+                if not name or not one.binds or name in one.binds:
+                    found.add(f"{module} {one.code}")
+                    found |= {self.data(path) for path in data_of(module, one)}
+                    new += one.uses
+        return fingerprint("".join(sorted(found)))
+
+
+def fingerprint(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def text_of(file: Path | None) -> str:
+    assert file is not None
+    return file.read_text(encoding="utf-8")
+
+
+def parsed(text: str, name: str) -> tuple[list[Statement], dict[str, str]]:
+    """The content of `Module` for the text of a module."""
+    tree = ast.parse(text)
+    for node in ast.walk(tree):
+        if isinstance(node, TEXT):
+            node.body = [one for one in node.body if not is_text(one)] or [ast.Pass()]
+    imports = dict(pair for node in tree.body for pair in imported(node))
+    binds = [sorted(names_bound(node)) for node in tree.body]
+    known = {bound: f"{name}.{bound}" for names in binds for bound in names} | imports
+    statements = []
+    for node, names in zip(tree.body, binds, strict=True):
+        if isinstance(node, ast.Import | ast.ImportFrom):
+            continue
+        here = known | dict(pair for inner in ast.walk(node) for pair in imported(inner))
+        used = (one.partition(".") for one in names_used(node))
+        uses = sorted({here[first] + dot + rest for first, dot, rest in used if first in here})
+        texts = {one.value for one in ast.walk(node) if isinstance(one, ast.Constant) and isinstance(one.value, str)}
+        data = sorted(text for text in texts if re.fullmatch(r"[\w./]*\.[a-z]+", text))
+        statements.append(Statement(fingerprint(ast.unparse(node)), names, uses, data))
+    return statements, imports
+
+
+def is_text(node: ast.stmt) -> bool:
+    """Whether a statement is a docstring, or a text behind the field that it describes."""
+    return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
+
+
+def imported(node: ast.AST) -> Iterator[tuple[str, str]]:
+    """What an import of ours binds, and its dotted name below `osl_analysis.`."""
+    if isinstance(node, ast.ImportFrom) and f"{node.module}.".startswith("osl_analysis."):
+        above = f"{node.module}.".removeprefix("osl_analysis.")
+        yield from ((one.asname or one.name, above + one.name) for one in node.names)
+    elif isinstance(node, ast.Import):
+        ours = (one for one in node.names if one.name.startswith("osl_analysis."))
+        yield from ((one.asname or one.name, one.name.removeprefix("osl_analysis.")) for one in ours)
+
+
+def names_bound(node: ast.stmt) -> Iterator[str]:
+    """The names by which the rest of a module knows a statement; none of one that acts, as a loop or a call."""
+    if isinstance(node, DEFINING):
+        if isinstance(node, ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+            yield node.name
+            return
+        for one in ast.walk(node):
+            if isinstance(one, ast.Name) and isinstance(one.ctx, ast.Store):
+                yield one.id
+
+
+def names_used(node: ast.AST) -> Iterator[str]:
+    """The names that a statement uses, with their attributes, as `components.belt_trial`."""
+    attributes, inner = "", node
+    while isinstance(inner, ast.Attribute):
+        attributes, inner = f".{inner.attr}{attributes}", inner.value
+    if isinstance(inner, ast.Name):
+        yield inner.id + attributes
+        return
+    for child in ast.iter_child_nodes(node):
+        yield from names_used(child)
+
+
+@cache
+def module_file(name: str) -> Path | None:
+    """File of a module, by its dotted name below `osl_analysis`; None if the name is not a module."""
+    path = PACKAGE.joinpath(*name.split("."))
+    return next((one for one in (path.with_suffix(".py"), path / "__init__.py") if one.is_file()), None)
+
+
+def place_of(dotted: str) -> tuple[str, str]:
+    """The module of a dotted name, and the name in it; empty where there is none."""
+    parts = dotted.split(".")
+    for number in range(len(parts), 0, -1):
+        if module_file(module := ".".join(parts[:number])):
+            return module, parts[number] if number < len(parts) else ""
+    return "", ""
+
+
+def data_of(module: str, statement: Statement) -> Iterator[Path]:
+    """The files beside a module that a statement names, as `table.yaml`, or as `.yaml` for one of the module's name."""
+    file = module_file(module)
+    assert file is not None
+    named = [
+        file.with_suffix(text) if re.fullmatch(r"\.\w+", text) else (file.parent / text).resolve()
+        for text in statement.data
+    ]
+    yield from (path for path in named if path.suffix != ".py" and path.is_file())

@@ -1,0 +1,262 @@
+"""The findings on all trials of a campaign as one table, `findings.csv`, and what a reader must know of them: causes
+with the trials that they concern, in the same words at the end of a run, by `results` and on the page."""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+from osl_analysis.config.experiments import EXPERIMENTS, doubts_of, judged_tables
+from osl_analysis.errors import listing
+from osl_analysis.judge.checks import CHECKS
+from osl_analysis.judge.finding import COLUMNS, ESTIMATES, Beyond, Finding, Grade, finding_rows, findings_frame
+from osl_analysis.judge.judging import judged_tables_of
+from osl_analysis.judge.limits import DoubtfulFits
+from osl_analysis.judge.unchecked import unchecked_in
+from osl_analysis.judge.used import HOW_TO_USE, exclusions
+from osl_analysis.judge.words import Words, capital, check_words, sentence_of, words_of
+from osl_analysis.measured import significant
+from osl_analysis.refusal import is_refused
+from osl_analysis.stats.repeats import DOUBTFUL
+from osl_analysis.table import read_table
+
+LARGEST_MISFIT = 1.0  # percent of the torque that a prediction may leave along angle, velocity and acceleration
+MOST_NAMED = 3  # trials that a line names
+QUALITY, PREDICTION = "quality", "prediction"
+JUDGED_FURTHER = (PREDICTION, "prediction_causes")
+"""Tables without limits of which there are findings."""
+
+
+def campaign_findings(tables: Mapping[str, pl.DataFrame], verdicts: pl.DataFrame, limits: DoubtfulFits) -> pl.DataFrame:
+    """`findings.csv` from the result tables by name and from `quality.csv`. What rows inherit from another table is
+    listed once for each trial and amplitude, without words: these stand with the finding that is inherited."""
+    found = list(failed_checks(verdicts))
+    fits, seen = {name: table for name, table in tables.items() if name in judged_tables()}, set[object]()
+    for table, findings in judged_tables_of(fits, limits, doubts_of()).values():
+        for row, of_row in zip(table.iter_rows(named=True), findings, strict=True):
+            found += [(finding, words_of(finding, row)) for finding in of_row if not finding.inherited]
+            for finding in (one for one in of_row if one.inherited):
+                key = finding.table, finding.subject, finding.amplitude_deg, finding.cause
+                if key not in seen:
+                    seen.add(key)
+                    found.append((finding, Words("", "", "")))
+    for row in tables.get(PREDICTION, pl.DataFrame()).iter_rows(named=True):
+        found += [(finding, words_of(finding, row)) for finding in unchecked_in(PREDICTION, row)]
+    found += causes_of_misfit(tables)
+    rows = (finding_rows(number, *one) for number, one in enumerate(found, start=1))
+    return findings_frame([row for of_finding in rows for row in of_finding])
+
+
+def failed_checks(verdicts: pl.DataFrame) -> Iterator[tuple[Finding, Words]]:
+    """The checks of recordings that trials do not pass, which excludes them or not."""
+    grades = {"flag": Grade.DOUBTS, "exclude": Grade.EXCLUDES}
+    for row in verdicts.filter(pl.col("verdict").is_in(list(grades))).to_dicts():
+        check = CHECKS[row["check"]]
+        evidence = Beyond(check.name, row["value"], row.get("threshold") or 0.0, check.fails)
+        size = f"{significant(row['value'], 3)} {row['unit']}" + (f" ({row['remark']})" if row["remark"] else "")
+        words = check_words(check.cause)
+        finding = Finding(QUALITY, row["trial"], check.cause, grades[row["verdict"]], (evidence,))
+        yield finding, words._replace(size=size, remedy=capital(words.remedy))
+
+
+def causes_of_misfit(tables: Mapping[str, pl.DataFrame]) -> Iterator[tuple[Finding, Words]]:
+    """The component, or the late controller, that `prediction_causes.csv` names; or that the components of a joint and
+    side do not predict the torque, and nothing alone explains it. One finding for each predicted trial."""
+    causes = tables.get("prediction_causes", pl.DataFrame(schema=["joint", "side"]))
+    for rows in causes.partition_by("joint", "side", maintain_order=True):
+        at = [pl.col(key).eq_missing(pl.lit(rows[key][0], pl.String)) for key in ("joint", "side")]
+        own = tables[PREDICTION].filter(*at, pl.col("VAF").is_not_null())
+        is_late, found = pl.col("component").str.ends_with("_delay"), list[tuple[str, tuple[Beyond, ...], Words]]()
+        late = rows.filter(is_late).to_dicts()
+        if parts := rows.filter("named", ~is_late).to_dicts():
+            evidence = tuple(Beyond(part["component"], part["change"], 0.0, "above") for part in parts)
+            as_if = " or ".join(f"{part['component']} were {off_said(part)}" for part in parts)
+            remedy = "Repeat the component trials, or look for what changed between them and the impedance trials"
+            says = f"the recorded torque is as if {as_if} than in the component trials"
+            found.append(
+                (f"component {' or '.join(part['component'] for part in parts)}", evidence, Words(says, "", remedy))
+            )
+        if any(row["named"] for row in late):
+            evidence = tuple(Beyond(row["component"], row["change"], 0.0, "above") for row in late)
+            angle, velocity = (f"{1e3 * row['change']:.2g} ms" for row in late)
+            says = (
+                f"the recorded torque is as if the controller used angles of {angle} and velocities of {velocity} ago"
+            )
+            remedy = "Measure the delay of the loop and of its velocity filter, or lower it"
+            found.append(("late controller", evidence, Words(says, "", remedy)))
+        left = max((row["left_without"] or 0.0 for row in late), default=0.0)
+        if not found and left > LARGEST_MISFIT:
+            K, B = (100 * float(np.median((own[f"{x}_measured"] / own[x]).to_numpy())) - 100 for x in "KB")
+            evidence = (Beyond("left_without", left, LARGEST_MISFIT, "above"),)
+            says = f"K is {K:+.2g} % and B {B:+.2g} % off what they predict (medians), and no single one, "
+            says += "no delay and no gain explains it"
+            remedy = (
+                "Check the calibration of both benches, and whether two parts changed between their trials and these"
+            )
+            found.append(("components that do not predict", evidence, Words(says, "", remedy)))
+        for cause, numbers, words in found:
+            for trial in own["trial"]:
+                yield Finding(PREDICTION, trial, cause, evidence=numbers), words
+
+
+def off_said(row: Mapping[str, Any]) -> str:
+    """How far a component is off, as `9.8 % (± 0.4 % by the scatter of trials) less`."""
+    off, half = (100 * one / abs(row["value"]) for one in (row["change"], 2 * row["change_se"]))
+    return f"{abs(off):.2g} % (± {half:.1g} % by the scatter of trials) {'more' if off > 0 else 'less'}"
+
+
+Entry = dict[str, Any]
+
+
+def entries(findings: pl.DataFrame) -> list[Entry]:
+    """The findings of `findings.csv`, each with its numbers under `evidence`: column, value, limit and side."""
+    found: dict[int, Entry] = {}
+    for row in findings.iter_rows(named=True):
+        entry = found.setdefault(row["finding"], row | {"evidence": [], "in_part": is_in_part(row)})
+        if row["evidence"] is not None:
+            entry["evidence"].append(Beyond(row["evidence"], row["value"], row["limit"], row["side"]))
+    return list(found.values())
+
+
+def is_in_part(row: Mapping[str, Any]) -> bool:
+    return row["amplitude_deg"] is not None or row["frequency_hz"] is not None
+
+
+def read_findings(path: Path) -> pl.DataFrame:
+    """`findings.csv`; an empty table where it was refused or is not there."""
+    if not path.is_file() or is_refused(path):
+        return findings_frame([])
+    return read_table(path, ["finding"]).select(pl.col(name).cast(dtype) for name, dtype in COLUMNS.items())
+
+
+def excess(entry: Entry) -> float:
+    """By which factor the farthest number of a finding is beyond its limit."""
+    return max((one.excess for one in entry["evidence"]), default=0.0)
+
+
+def known_of(
+    findings: pl.DataFrame, tables: Mapping[str, pl.DataFrame], verdicts: pl.DataFrame
+) -> list[dict[str, Any]]:
+    """What a reader must know, as `summary.json` has it: each cause by experiment with the trials that it concerns;
+    doubts, then checks that trials do not pass though they are used, then what could not be checked; of each what most
+    trials have first. `tables` tell of how many."""
+    every = [entry for entry in entries(findings) if not entry["inherited"]]
+    parts: list[list[dict[str, Any]]] = [[], [], []]
+    for experiment, facts in EXPERIMENTS.items():
+        fitted = {table.name: table.doubts_of for table in facts.tables if table.judged}
+        for table, of in (fitted | dict.fromkeys(facts.judged_further, "")).items():
+            if DOUBTFUL not in (rows := tables.get(table, pl.DataFrame())).columns:
+                continue
+            judged = subjects(rows.filter(pl.col(DOUBTFUL).is_not_null()))
+            known = {(one["trial"], one["cause"]) for one in every if one["table"] == of}
+            own = [one for one in every if one["table"] == table]
+            doubts = [one for one in own if one["grade"] == Grade.DOUBTS and (one["trial"], one["cause"]) not in known]
+            where = f"{experiment} trials" if table in fitted else table.replace("_", " ")
+            where += f", in {table.replace('_', ' ')} alone" if of else ""
+            whole = {(one["trial"], one["cause"]) for one in doubts if not one["in_part"]}
+            for in_part in (False, True):
+                some = [one for one in doubts if (bool(of) or (one["trial"], one["cause"]) not in whole) is in_part]
+                place = where + ", at single amplitudes alone" * (in_part and not of)
+                parts[0] += by_cause(some, "doubtful" + " in part" * in_part, place, judged)
+            others = [one for one in own if one["grade"] in (Grade.UNCHECKED, Grade.NOTES) and not one["in_part"]]
+            kind = "walking groups" if table in facts.judged_further else f"{table.replace('_', ' ')} trials"
+            parts[2] += unchecked_by_cause(others, kind, judged)
+    predicted = tables.get(PREDICTION, pl.DataFrame())
+    of_prediction = [one for one in every if one["table"] == PREDICTION]
+    doubts = [one for one in of_prediction if one["grade"] == Grade.DOUBTS]
+    parts[0] += by_cause(doubts, "doubtful", "predicted trials", list(dict.fromkeys(one["trial"] for one in doubts)))
+    others = [one for one in of_prediction if one["grade"] == Grade.UNCHECKED]
+    parts[2] += unchecked_by_cause(others, "prediction trials", subjects(predicted))
+    for check in CHECKS.values():
+        flagged = [one for one in every if one["table"] == QUALITY and one["grade"] == Grade.DOUBTS]
+        own = [one for one in flagged if [number.column for number in one["evidence"]] == [check.name]]
+        parts[1] += by_cause(own, "flagged", "trials", subjects(verdicts.filter(pl.col("check") == check.name)))
+    return [one for part in parts for one in sorted(part, key=lambda one: -len(one["trials"]))]
+
+
+def subjects(rows: pl.DataFrame) -> list[str]:
+    """The trials, or groups, of a table."""
+    key = next((name for name in ("trial", "group") if name in rows.columns), None)
+    return rows[key].unique(maintain_order=True).to_list() if key else []
+
+
+def by_cause(some: Sequence[Entry], verdict: str, of: str, judged: Sequence[str]) -> Iterator[dict[str, Any]]:
+    """What a reader must know of each cause, with its size in the worst trial; of a trial its last row counts, which is
+    that of all of it."""
+    causes: dict[str, dict[str, Entry]] = {}
+    for one in some:
+        causes.setdefault(one["cause"], {})[one["trial"]] = one
+    for cause, trials in causes.items():
+        name = max(trials, key=lambda trial: excess(trials[trial]))
+        worst = trials[name]
+        size = worst["size"] or ""
+        size += f", most in {name}" if size and len(trials) > 1 else ""
+        limits = {number.column: number for one in trials.values() for number in one["evidence"]}
+        told = known_line(verdict, of, cause, worst, [*trials], judged, size)
+        sides = ", ".join(f"{number.side} {number.limit:g}" for number in limits.values())
+        told |= {"measure": ", ".join(limits), "limit": sides, "worst": name}
+        told |= {
+            key: worst[key]
+            for symbol in ESTIMATES
+            for key in worst
+            if key.startswith(f"{symbol}_") and worst[key] is not None
+        }
+        yield told
+
+
+def unchecked_by_cause(some: Sequence[Entry], of: str, judged: Sequence[str]) -> Iterator[dict[str, Any]]:
+    """What could not be checked, or is to be known; things with one reason are one."""
+    things: dict[str, dict[str, Entry]] = {}
+    for one in some:
+        things.setdefault(one["cause"], {})[one["trial"]] = one
+    together: dict[tuple[str, ...], list[str]] = {}
+    for name, trials in things.items():
+        first = next(iter(trials.values()))
+        together.setdefault((first["grade"], first["says"], first["remedy"] or "", *trials), []).append(name)
+    for names in together.values():
+        trials = things[names[0]]
+        name, first = next(iter(trials.items()))
+        told = {one["says"] for one in trials.values()}
+        if len(told) > 1:
+            first = first | {"says": f"{first['says']} (in {name})"}
+        verdict = "remark" if first["grade"] == Grade.NOTES else "not checked"
+        yield known_line(verdict, of, ", ".join(names), first, [*trials], judged, "") | {"measure": "", "limit": ""}
+
+
+def known_line(
+    verdict: str, of: str, cause: str, entry: Entry, trials: Sequence[str], judged: Sequence[str], size: str
+) -> dict[str, Any]:
+    """One cause as `summary.json` has it: what was judged, as `impedance trials`, the trials that it concerns and the
+    number of all that were `judged`, its `size` in the worst of them, and a `line` that says it."""
+    others = [trial for trial in judged if trial not in trials]
+    few = len(others) <= MOST_NAMED < len(trials)
+    names = others if few else trials
+    more = ", ..." if len(names) > MOST_NAMED else ""
+    named = f" [{'all but ' if few else ''}{', '.join(names[:MOST_NAMED])}{more}]" if others else ""
+    words = Words(entry["says"] or "", size, entry["remedy"] or "")
+    line = f"{verdict}, {len(trials)} of {len(judged)} {of}: {sentence_of(words, cause)}{named}"
+    told = {"verdict": verdict, "of": of, "cause": cause, **words._asdict(), "n": len(judged)}
+    return told | {"trials": list(trials), "line": line}
+
+
+def findings_report(findings: Path, tables: Iterable[Path], verdicts: pl.DataFrame) -> str:
+    """The findings of a campaign for the end of a run, a line each; tables may be refusal records or not be there."""
+    written = {path.stem: read_table(path) for path in tables if path.is_file() and not is_refused(path)}
+    return "\n".join(one["line"] for one in known_of(read_findings(findings), written, verdicts))
+
+
+def exclusion_report(verdicts: pl.DataFrame, by_sheet: Mapping[str, str]) -> str:
+    """Excluded trials with reasons, for the end of a run; those that fail the same check are one line."""
+    failed = verdicts.filter(pl.col("verdict") == "exclude").unique("trial", keep="first", maintain_order=True)
+    reasons, lines = exclusions(verdicts), []
+    for (check,), rows in failed.group_by("check", maintain_order=True):
+        cause = CHECKS[str(check)].cause
+        words = check_words(cause)
+        named = listing([f"{trial} ({reasons[trial]})" for trial in rows["trial"]], MOST_NAMED)
+        lines.append(
+            f"excluded from tables and figures by quality control: {named}: {cause}, {words.says}; {words.remedy}"
+        )
+    stated = [f"excluded by the sample sheet: {trial} ({why})" for trial, why in by_sheet.items()]
+    return "\n".join([*stated, *lines, *([f"to change that: {HOW_TO_USE}"] if lines else [])])

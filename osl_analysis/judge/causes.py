@@ -1,0 +1,136 @@
+"""What a number beyond its limit is evidence of. Values decide here, no words: those stand in `words`."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from osl_analysis.dictionary import own_yaml
+from osl_analysis.judge.finding import AnyRow, Beyond, Limits, cell_number
+from osl_analysis.trial import known_factor
+
+TABLE: dict[str, dict[str, Any]] = own_yaml(Path(__file__).with_suffix(".yaml"))
+TURNS_FAR = 0.2
+"""Phase [rad] by which a lag turns the highest frequency, 6 ms at 5 Hz, beyond which a drivetrain may make it."""
+
+
+@dataclass(frozen=True)
+class Cause:
+    """Why numbers are beyond their limits."""
+
+    name: str  # by which it is known everywhere
+    explains: bool = False  # whether it makes a fit worse: the misfit of the same trial is then no cause of its own
+    of_recording: bool = False
+    """A fault of the recording does not come and go with the amplitude: the fit to all of a trial must show it, too."""
+    first: bool = False  # whether it makes others, as a wrong unit or sign does
+    without: Mapping[str, str] = field(default_factory=dict)
+    """Columns with the estimates of the same fit with this cause as a column of the regression, by K, B and I."""
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """A column of result tables."""
+
+    column: str
+    cause: str
+    misfit: bool = False  # whatever else explains the misfit of the trial is its cause
+    lag: bool = False  # whether it tells how late the torque is
+    size: str = ""  # the estimate (K, B, I) of which the number is a share
+    of: Sequence[str] = ("torque", "angle")  # signals whose units scale a ratio to what is known
+    witness: str = ""  # column of another ratio that tells a unit from another device; its own name: none is needed
+
+
+CAUSES = {name: Cause(name, **facts) for name, facts in TABLE["causes"].items()}
+EVIDENCE = {name: Evidence(name, **facts) for name, facts in TABLE["columns"].items()}
+"""The evidence by column. Any other column may have a limit: its name is then all that is known of it."""
+
+
+def beyond(row: AnyRow, limits: Limits) -> dict[str, Beyond]:
+    """What of a row is beyond its limit or NaN, by column; a null is not checked."""
+    found: dict[str, Beyond] = {}
+    for side, limits_of_side in (("above", limits.above), ("below", limits.below)):
+        for name, limit in limits_of_side.items():
+            value = cell_number(row, name)
+            if limit is None or value is None:
+                continue
+            if math.isnan(value):
+                found[name] = Beyond(name, value, limit, "nan")
+            elif side == "above" and value < -limit:
+                found[name] = Beyond(name, value, -limit, "below")
+            elif value > limit if side == "above" else value < limit:
+                found[name] = Beyond(name, value, limit, side)
+            elif name not in found and suspected_unit(name, value, row):
+                found[name] = Beyond(name, value, limit, "near")
+    return found
+
+
+def suspected_unit(name: str, ratio: float, row: AnyRow) -> str:
+    """The factor between units, as `known_factor`, that a ratio is near, although a device may differ as much: within
+    4 %, as components differ from their file by 2 % (SD), of a desired curve within 1.5 %. Its witness tells which: a
+    wrong torque scales both alike, a wrong current the ratio alone, to a tenth each."""
+    evidence, symbol = EVIDENCE.get(name), name.removesuffix("_ratio")
+    witness = cell_number(row, evidence.witness) if evidence and evidence.witness else None
+    value, high = cell_number(row, symbol), cell_number(row, f"{symbol}_high")
+    if evidence is None or not witness or (value and high and high > 1.05 * value):
+        return ""
+    of_current = [signal for signal in evidence.of if signal == "current" and abs(witness - 1) < 0.1]
+    others = [signal for signal in evidence.of if signal != "current" and abs(witness / ratio - 1) < 0.1]
+    return known_factor(ratio, of_current + others, 0.015 if symbol == "desired" else 0.04)[0]
+
+
+def turns_far(row: AnyRow) -> bool:
+    """Whether a lag turns the highest frequency by more than `TURNS_FAR`, and only Eq. 15 shows it."""
+    lag, highest = (cell_number(row, name) or 0.0 for name in ("lag_s", "band_high_hz"))
+    return 2 * math.pi * highest * abs(lag) > TURNS_FAR and row.get("lag_by") in (None, "Eq. 15")
+
+
+def cause_of(name: str, value: float, row: AnyRow) -> Cause:
+    """The cause of a number beyond its limit. A torque that comes late may be a delay or low-pass, or a spring in
+    series, which of stiffness k lowers K by K/k: K_ratio says which agrees with the gains; without it, or with
+    friction, neither is named alone. Where the lag is large it may be a drivetrain. Of an unknown column its name."""
+    if name not in EVIDENCE:
+        return Cause(name)
+    if suspected_unit(name, value, row):
+        return CAUSES["another unit"]
+    if name == "residual_over_gait" and cell_number(row, "plate_ringing_hz"):
+        return CAUSES["plate that rings"]
+    if name == "rate_change" and value < 0:
+        return CAUSES["loss that falls with speed"]
+    if name == "K_change" and (value > 0 or (cell_number(row, "stiffening") or 0.0) < 0):
+        return CAUSES["spring that is not linear"]
+    if not EVIDENCE[name].lag:
+        return CAUSES[EVIDENCE[name].cause]
+    k, K, ratio = (cell_number(row, name) for name in ("frame_stiffness", "K", "K_ratio"))
+    if turns_far(row):
+        return CAUSES["late torque or drivetrain"]
+    if k is None or K is None:
+        return CAUSES["late torque"]
+    of_lag, of_spring = (0.0, 0.0) if ratio is None else (abs(r - 1) for r in (ratio, ratio / (1 - K / k)))
+    same = 0.03  # largest relative distance of K from what the gains should give, without much friction
+    if min(of_lag, of_spring) > same or max(of_lag, of_spring) < same:
+        return CAUSES["late torque or yielding bench"]
+    return CAUSES["late torque" if of_lag < of_spring else "yielding bench"]
+
+
+def explaining(row: AnyRow, found: Mapping[str, Beyond]) -> Cause | None:
+    """The cause in a row that makes its fit worse, if there is one; harmonics alone are friction's."""
+    names = sorted((name for name in found if name in EVIDENCE), key=lambda name: EVIDENCE[name].misfit)
+    causes = (cause_of(name, found[name].value, row) for name in names)
+    return next((cause for cause in causes if cause.explains), None)
+
+
+def causes_in(row: AnyRow, found: Mapping[str, Beyond], misfit_by: Cause | None) -> list[tuple[Cause, list[Beyond]]]:
+    """What was `found` in a row by cause, those first that make others, last what has no known cause. `misfit_by` is
+    the cause of a misfit."""
+
+    def order(one: Beyond) -> int:
+        known = EVIDENCE.get(one.column)
+        return 2 if known is None else 0 if CAUSES[known.cause].first else 1
+
+    by_cause: dict[str, tuple[Cause, list[Beyond]]] = {}
+    for one in sorted(found.values(), key=order):
+        is_misfit = one.column in EVIDENCE and EVIDENCE[one.column].misfit
+        cause = misfit_by if misfit_by and is_misfit else cause_of(one.column, one.value, row)
+        by_cause.setdefault(cause.name, (cause, []))[1].append(one)
+    return list(by_cause.values())

@@ -1,0 +1,120 @@
+"""A judgement on a trial or a fit as a value. Tables, summary, page and tests are views of it."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Literal, Protocol
+
+import polars as pl
+
+AnyRow = Mapping[str, object]  # a row of a result table
+
+
+class Grade(StrEnum):
+    """What a finding does to the trial or fit that it is about."""
+
+    EXCLUDES = "excludes"  # it is in no other table and in no figure
+    DOUBTS = "doubts"
+    UNCHECKED = "not checked"
+    NOTES = "notes"  # it was checked, and is to be known
+
+
+class Remedy(StrEnum):
+    """Which remedy helps, by what else of the trial is sound."""
+
+    WHOLE = "remedy"
+    ALONE = "otherwise"  # there are no rows of single amplitudes
+    AMPLITUDE = "of_amplitude"  # the fit to all of the trial is sound, and that to one amplitude is not
+    FREQUENCY = "of_frequency"  # a row of one frequency
+
+
+class Limits(Protocol):
+    """Limits of a table by column."""
+
+    @property
+    def above(self) -> Mapping[str, float | None]: ...
+    @property
+    def below(self) -> Mapping[str, float | None]: ...
+
+
+@dataclass(frozen=True)
+class Beyond:
+    """A number beyond its limit: evidence."""
+
+    column: str
+    value: float
+    limit: float
+    side: Literal["above", "below", "near", "nan"] | str
+
+    @property
+    def excess(self) -> float:
+        """By which factor the number is beyond its limit."""
+        product = self.value * self.limit
+        return max(abs(self.value / self.limit), abs(self.limit / self.value)) if product else 0.0
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One cause, or one thing that could not be checked, of a row of a table."""
+
+    table: str
+    subject: str  # the trial or the group
+    cause: str
+    grade: Grade = Grade.DOUBTS
+    evidence: tuple[Beyond, ...] = ()  # none for what could not be checked
+    amplitude_deg: float | None = None
+    frequency_hz: float | None = None
+    remedy: Remedy = Remedy.WHOLE
+    inherited: str = ""  # the table of the same trial from which it is; empty: of the row itself
+    sizes: Mapping[str, float] = field(default_factory=dict)
+    """What it does to K [N*m/rad], B [N*m*s/rad] and I [kg*m^2], as far as the evidence tells."""
+    without: Mapping[str, float] = field(default_factory=dict)
+    """The estimates with this cause as a column of the regression: K, B, I, with `_low` and `_high`."""
+
+    @property
+    def in_part(self) -> bool:
+        """Whether it is about one amplitude, or one frequency."""
+        return self.amplitude_deg is not None or self.frequency_hz is not None
+
+
+ESTIMATES = ("K", "B", "I")
+NUMBERS = [f"{name}_{end}" for name in ESTIMATES for end in ("size", "without", "without_low", "without_high")]
+TEXTS = ("table", "trial", "grade", "cause", "inherited", "evidence", "side", "says", "size", "remedy")
+ORDER = (
+    "finding", "table", "trial", "amplitude_deg", "frequency_hz", "grade", "cause", "inherited", "evidence", "value",
+    "limit", "side", *NUMBERS, "says", "size", "remedy",
+)  # fmt: skip
+COLUMNS: dict[str, type[pl.DataType]] = {
+    name: pl.Int64 if name == "finding" else pl.String if name in TEXTS else pl.Float64 for name in ORDER
+}
+"""Of `findings.csv`: a row per number of evidence; rows with one number `finding` are one finding."""
+
+
+def finding_rows(number: int, finding: Finding, words: tuple[str, str, str]) -> list[dict[str, object]]:
+    """The rows of `findings.csv` of one finding; `words` are what is wrong, how large in words, and what to do."""
+    row: dict[str, object] = {"finding": number, "table": finding.table, "trial": finding.subject}
+    row |= {"amplitude_deg": finding.amplitude_deg, "frequency_hz": finding.frequency_hz, "grade": finding.grade.value}
+    row |= {"cause": finding.cause, "inherited": finding.inherited or None}
+    row |= {f"{name}_size": size for name, size in finding.sizes.items()}
+    for name in ESTIMATES:
+        ends = {f"{name}_without{end}": finding.without.get(f"{name}{end}") for end in ("", "_low", "_high")}
+        row |= ends
+    row |= dict(zip(("says", "size", "remedy"), (text or None for text in words), strict=True))
+    numbers = [
+        {"evidence": one.column, "value": one.value, "limit": one.limit, "side": one.side} for one in finding.evidence
+    ]
+    return [row | each for each in numbers or [{}]]
+
+
+def findings_frame(rows: Sequence[Mapping[str, object]]) -> pl.DataFrame:
+    return pl.DataFrame([{name: row.get(name) for name in COLUMNS} for row in rows], schema=COLUMNS)
+
+
+def cell_number(row: AnyRow, name: str) -> float | None:
+    value = row.get(name)
+    return float(value) if isinstance(value, int | float) else None
+
+
+def subject_of(row: AnyRow) -> str:
+    """The trial, or the group, that a row is about."""
+    return next((str(row[key]) for key in ("trial", "group") if row.get(key) is not None), "")

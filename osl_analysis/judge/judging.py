@@ -1,0 +1,143 @@
+"""Findings about the rows of result tables, from their columns and the configured limits, and the tables with them.
+
+What a known cause explains, as a low VAF under friction, is no finding of its own.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import polars as pl
+
+from osl_analysis.errors import InputError
+from osl_analysis.judge.causes import CAUSES, EVIDENCE, Cause, beyond, causes_in, explaining
+from osl_analysis.judge.finding import AnyRow, Beyond, Finding, Grade, Limits, Remedy, cell_number, subject_of
+from osl_analysis.judge.unchecked import HAVE_UNCHECKED, unchecked_in
+from osl_analysis.stats.repeats import DOUBTFUL
+
+EXCLUDED = "excluded"  # column of some tables with the reason why a row has no fit; null in rows with a fit
+BETWEEN = "; "  # names in a cell of the columns `DOUBTFUL` and `not_checked`
+RowFindings = list[list[Finding]]  # those of each row of a table
+
+
+def of_whole_trial(row: AnyRow) -> bool:
+    """Whether a row is of the fit to all of a trial, where others are of single amplitudes."""
+    return "amplitude_deg" in row and row["amplitude_deg"] is None
+
+
+def check_limits(table: pl.DataFrame, limits: Limits, name: str) -> None:
+    """Raises InputError: a limit is set on a column that the table does not have or that is not numeric."""
+    numeric = {column for column, dtype in table.schema.items() if dtype.is_numeric() or dtype == pl.Null}
+    for column, limit in (*limits.above.items(), *limits.below.items()):
+        if limit is not None and column not in numeric:
+            known = ", ".join(other for other in table.columns if table[other].dtype.is_numeric())
+            raise InputError(
+                f"configuration, doubtful.{name}: the table has no column '{column}' of numbers; put the limit on "
+                f"one of {known}, or write null for no limit"
+            )
+
+
+def judged(table: pl.DataFrame, limits: Limits, name: str) -> RowFindings:
+    """The findings about each row of the table `name`: doubts in the order of their limits, then what could not be
+    checked. Rows without a fit have none. Raises InputError: as `check_limits`."""
+    fitted = table[EXCLUDED].is_null().to_list() if EXCLUDED in table.columns else [True] * len(table)
+    if any(fitted):
+        check_limits(table, limits, name)
+    rows = [(row.get("trial"), row, beyond(row, limits)) for row in table.to_dicts()]
+    whole = {trial: found for trial, row, found in rows if of_whole_trial(row)}
+    single = {trial for trial, row, _ in rows if row.get("amplitude_deg") is not None}
+    of_trial: dict[object, Cause | None] = {}
+    for trial, row, found in sorted(rows, key=lambda each: not of_whole_trial(each[1])):
+        for column in [one for one in found if one in EVIDENCE and CAUSES[EVIDENCE[one].cause].of_recording]:
+            if column not in whole.get(trial, found):
+                del found[column]  # at one amplitude friction passes for it
+        of_trial[trial] = of_trial.get(trial) or explaining(row, found)
+    every: RowFindings = []
+    for (trial, row, found), is_fit in zip(rows, fitted, strict=True):
+        alone = row.get("amplitude_deg") is not None and not whole.get(trial, True)
+        remedy = Remedy.AMPLITUDE if alone else Remedy.WHOLE if trial in single else Remedy.ALONE
+        remedy = Remedy.FREQUENCY if row.get("frequency_hz") is not None else remedy
+        doubts = [
+            doubt(name, row, cause, numbers, remedy)
+            for cause, numbers in causes_in(row, found, explaining(row, found) or of_trial[trial])
+        ]
+        every.append([*doubts, *unchecked_in(name, row)] if is_fit else [])
+    return every
+
+
+def doubt(table: str, row: AnyRow, cause: Cause, evidence: Sequence[Beyond], remedy: Remedy) -> Finding:
+    """A cause of doubt about a row, with what it does to the estimates as far as the row has it."""
+    sizes: dict[str, float] = {}
+    for one in evidence:
+        symbol = EVIDENCE[one.column].size if one.column in EVIDENCE else ""
+        estimate = cell_number(row, symbol) if symbol else None
+        if estimate is not None:
+            sizes[symbol] = max(sizes.get(symbol, 0.0), abs(one.value * estimate))
+    without = {
+        f"{symbol}{end}": value
+        for symbol, column in cause.without.items()
+        for end in ("", "_low", "_high")
+        if (value := cell_number(row, f"{column}{end}")) is not None
+    }
+    amplitude, frequency = (cell_number(row, name) for name in ("amplitude_deg", "frequency_hz"))
+    return Finding(
+        table,
+        subject_of(row),
+        cause.name,
+        Grade.DOUBTS,
+        tuple(evidence),
+        amplitude,
+        frequency,
+        remedy,
+        "",
+        sizes,
+        without,
+    )
+
+
+def marked(table: pl.DataFrame, findings: RowFindings, name: str) -> pl.DataFrame:
+    """The table `name` with the column `DOUBTFUL`, which names the causes of doubt about each row (empty for none, null
+    in a row without a fit), and with `not_checked`, which names what could not be checked, of a table that says so."""
+    fitted = pl.col(EXCLUDED).is_null() if EXCLUDED in table.columns else pl.lit(True)
+    doubts, others = (
+        pl.Series(
+            [
+                BETWEEN.join(dict.fromkeys(one.cause for one in row if (one.grade is Grade.DOUBTS) is is_doubt))
+                for row in findings
+            ],
+            dtype=pl.String,
+        )
+        for is_doubt in (True, False)
+    )
+    table = table.with_columns(pl.when(fitted).then(doubts).alias(DOUBTFUL))
+    return table.with_columns(not_checked=others.replace("", None)) if name in HAVE_UNCHECKED else table
+
+
+def with_inherited(
+    name: str, table: pl.DataFrame, own: RowFindings, of: pl.DataFrame, findings: RowFindings
+) -> RowFindings:
+    """The findings about each row of the table `name` with the doubts of another table `of` on the same trial and
+    amplitude, or over all of them: a clipped or late torque concerns everything that comes from the same samples."""
+    keys, trials = (
+        frame.select("trial", amplitude="amplitude_deg" if "amplitude_deg" in frame.columns else pl.lit(None)).rows()
+        for frame in (of, table)
+    )
+    known = {key: [one for one in row if one.grade is Grade.DOUBTS] for key, row in zip(keys, findings, strict=True)}
+    return [
+        [*row, *(replace(one, table=name, inherited=one.table) for one in known.get(key, ()))]
+        for key, row in zip(trials, own, strict=True)
+    ]
+
+
+def judged_tables_of(
+    tables: Mapping[str, pl.DataFrame], limits: Any, doubts_of: Mapping[str, str]
+) -> dict[str, tuple[pl.DataFrame, RowFindings]]:
+    """The findings of several tables by name; `limits.of(name)` are those of one, `doubts_of` names the table whose
+    doubts another one shares."""
+    own = {name: judged(table, limits.of(name), name) for name, table in tables.items()}
+    found = {}
+    for name, table in tables.items():
+        of = doubts_of.get(name, "")
+        both = with_inherited(name, table, own[name], tables[of], own[of]) if of in tables else own[name]
+        found[name] = table, both
+    return found

@@ -1,0 +1,82 @@
+"""The limits of the configuration: thresholds of checks of recordings, and limits of columns of result tables.
+
+Measuring needs the samples and no limit, judging needs a few numbers and no samples: a changed limit judges again.
+"""
+
+from typing import Literal, Self
+
+import numpy as np
+from pydantic import ConfigDict, Field, model_validator
+
+from osl_analysis.config.experiments import judged_tables
+from osl_analysis.dictionary import described_tables
+from osl_analysis.errors import nearest
+from osl_analysis.relations import misplaced
+from osl_analysis.yaml_settings import NotNegative, Settings
+
+
+class Rule(Settings):
+    """The threshold of one check, and what happens to a trial beyond it."""
+
+    threshold: str  # Number and unit, as in `20 N`.
+    on_failure: Literal["flag", "exclude"]
+    """`flag` says so in the table of quality; `exclude` keeps the trial out of every other table and figure, too."""
+
+    @property
+    def limit(self) -> float:
+        """The threshold without its unit."""
+        return float(self.threshold.split(maxsplit=1)[0])
+
+
+class QualityRules(Settings):
+    """A rule per check, under the check's name; `checks.validate_rules` compares them with the checks."""
+
+    model_config = ConfigDict(extra="allow")
+    __pydantic_extra__: dict[str, Rule] = Field(init=False)
+
+    @property
+    def by_check(self) -> dict[str, Rule]:
+        return self.__pydantic_extra__
+
+
+BOUNDED = {"VAF": 100, "R2": 1, "correlation": 1, "coherence": 1}  # largest values, by a part of a column's name
+
+
+class Limits(Settings):
+    """Limits of one table, by column. Null: no limit."""
+
+    above: dict[str, NotNegative | None] = Field(default_factory=dict)
+    """Upper limits, by column. A fit is doubtful if the absolute value is above its limit."""
+    below: dict[str, float | None] = Field(default_factory=dict)
+    """Lower limits, by column. A fit is doubtful if the value is below its limit."""
+
+
+class DoubtfulFits(Settings):
+    """Limits by table. The tables of `judged_tables` can have limits on every numeric column."""
+
+    model_config = ConfigDict(extra="allow")
+    __pydantic_extra__: dict[str, Limits] = Field(init=False)
+
+    @model_validator(mode="after")
+    def _tables_are_judged(self) -> Self:
+        tables = {table.place.removeprefix("tables/"): table.columns for table in described_tables()}
+        for name, limits in self.__pydantic_extra__.items():
+            if name not in judged_tables():
+                known = f"limits may stand on {', '.join(judged_tables())}"
+                raise misplaced(f"unknown table; {known}{nearest(name, judged_tables())}", name)
+            numbers = [column.name for column in tables[name].values() if column.unit != "text"]
+            for end, column in [("above", one) for one in limits.above] + [("below", one) for one in limits.below]:
+                if column not in numbers:
+                    said = f"tables/{name}.csv has no number of this name; correct it{nearest(column, numbers)}"
+                    raise misplaced(said, name, end, column)
+                limit, most = getattr(limits, end)[column], next((n for one, n in BOUNDED.items() if one in column), 0)
+                if end == "below" and limit is not None and limit > (high := limits.above.get(column) or np.inf):
+                    said = f"{limit:g} is above the upper limit {high:g}, and every fit would be doubtful; correct one"
+                    raise misplaced(said, name, end, column)
+                if limit and most and (abs(limit) > most or (end == "below" and 0 < limit < most / 100)):
+                    of = f"a {'percentage' if most == 100 else 'share'}, which is at most {most}"
+                    raise misplaced(f"{limit:g} is no limit of {of}; write one as {0.9 * most:g}", name, end, column)
+        return self
+
+    def of(self, table: str) -> Limits:
+        return self.__pydantic_extra__.get(table, Limits())

@@ -1,0 +1,106 @@
+"""Which trials a job uses: not those that quality control excludes, nor those without a result (`refusal`)."""
+
+import json
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self
+
+import polars as pl
+
+from osl_analysis.errors import InputError, listing
+from osl_analysis.files import write_text
+from osl_analysis.judge.checks import judged_table
+from osl_analysis.judge.limits import QualityRules
+from osl_analysis.refusal import Refusal, distinct_causes, is_refused, read_refusals
+
+HOW_TO_USE = "record again, give a reason under `exclude` in the sample sheet, or name the check under `accept`"
+JUDGES = ("quality", "fitted")
+"""Inputs that only tell which trials are used: what was measured of them, and other results of the same trials."""
+
+
+def without_refused(
+    inputs: Mapping[str, Any], unnamed: Sequence[str] = ()
+) -> tuple[dict[str, Any], tuple[Refusal, ...], tuple[Refusal, ...]]:
+    """The named inputs of a job without refusal records, the causes of all that was removed, and those without which it
+    cannot run. A trial with a record in one list is removed from every list. The job cannot run if a record stands for
+    a single input or for one of the `unnamed` files, if the input `trial` is such a trial, or if nothing is left of a
+    list; beside an input `trial`, lists may become empty. Lists by name are handed over as they are."""
+    lists = {name: files for name, files in inputs.items() if isinstance(files, list)}
+    named = {name: files for name, files in inputs.items() if isinstance(files, Mapping)}
+    groups = {name: files for name, files in named.items() if not any(isinstance(f, list) for f in files.values())}
+    alone = [file for name, file in inputs.items() if name not in lists and name not in named]
+    gone = {Path(file).stem: read_refusals(file) for files in lists.values() for file in files if is_refused(file)}
+    kept: dict[str, Any] = {name: [f for f in files if Path(f).stem not in gone] for name, files in lists.items()}
+    kept |= {name: {key: f for key, f in files.items() if not is_refused(f)} for name, files in groups.items()}
+    missing = [cause for file in (*alone, *unnamed) for cause in read_refusals(file)]
+    if "trial" not in inputs:
+        emptied = [files for name, files in lists.items() if files and not kept[name] and name not in JUDGES]
+        missing += [cause for files in emptied for file in files for cause in gone[Path(file).stem]]
+    missing += gone.get(Path(str(inputs.get("trial"))).stem, ())
+    causes = [cause for found in gone.values() for cause in found]
+    causes += [cause for files in groups.values() for file in files.values() for cause in read_refusals(file)]
+    return {**inputs, **kept}, distinct_causes([*causes, *missing]), distinct_causes(missing)
+
+
+@dataclass(frozen=True)
+class Judge:
+    """What decides which trials are used: the configured rules, and what the sheet accepts by trial. Jobs that measure
+    know neither, and a job over several trials reads it from a file, whose change alone runs no job again."""
+
+    rules: QualityRules
+    accept: Mapping[str, Collection[str]]
+
+    def write(self, path: Path) -> None:
+        accept = {trial: list(names) for trial, names in self.accept.items() if names}
+        write_text(path, json.dumps({"rules": self.rules.model_dump(mode="json"), "accept": accept}))
+
+    @classmethod
+    def read(cls, path: Path) -> Self:
+        said = json.loads(path.read_text(encoding="utf-8"))
+        return cls(QualityRules.model_validate(said["rules"]), said["accept"])
+
+    def verdicts(self, measured: Iterable[Path]) -> pl.DataFrame:
+        """The rows of `quality.csv` for trials whose checks were measured; a missing file, or a record, has none."""
+        there = [path for path in measured if path.is_file() and not is_refused(path)]
+        kinds = dict.fromkeys(("trial", "check", "value", "unit", "remark"), pl.String) | {"value": pl.Float64}
+        read = (pl.read_csv(path, columns=list(kinds), schema_overrides=kinds) for path in there)
+        table = pl.concat([pl.DataFrame(schema=kinds), *read])
+        return judged_table(table.with_columns(pl.col("remark").fill_null("")), self.rules, self.accept)
+
+
+def exclusion_said(row: Mapping[str, Any]) -> str:
+    """Why a trial is not used, by a row of `quality.csv` or `excluded.csv`: check, value, threshold, what was seen."""
+    if row["value"] is None:
+        return f"{row['check']}: {row['remark']}"
+    said = f"{row['check']} {row['value']:.4g} {row['unit']}, threshold {row['threshold']}"
+    return said + (f": {row['remark'].replace('; ', ', ')}" if row["remark"] else "")
+
+
+def exclusions(verdicts: pl.DataFrame) -> dict[str, str]:
+    """The trials that quality control excludes, and why."""
+    reasons: dict[str, str] = {}
+    for row in verdicts.filter(pl.col("verdict") == "exclude").iter_rows(named=True):
+        reasons[row["trial"]] = "; ".join(filter(None, [reasons.get(row["trial"]), exclusion_said(row)]))
+    return reasons
+
+
+def without_excluded(inputs: Mapping[str, Any], reasons: Mapping[str, str]) -> dict[str, Any]:
+    """The named inputs of a job without the files of excluded trials (`exclusions`) among those in the input `quality`,
+    and without `JUDGES`. An excluded input `trial` is refused, and so are lists of excluded trials alone."""
+    judged = {Path(path).stem for path in inputs.get("quality", ())}
+    lists = {name: files for name, files in inputs.items() if isinstance(files, list) and name not in JUDGES}
+    needed = {Path(file).stem for files in lists.values() for file in files} & judged
+    single = {Path(str(inputs.get("trial"))).stem} & judged
+    if single & set(reasons) or (needed | single and needed | single <= set(reasons)):
+        why = "; ".join(f"{trial} ({reasons[trial]})" for trial in sorted(single or needed)[:3])
+        raise InputError(f"quality control excludes every trial that is needed here: {why}; {HOW_TO_USE}")
+    kept = {name: [file for file in files if Path(file).stem not in reasons] for name, files in lists.items()}
+    return {name: kept.get(name, value) for name, value in inputs.items() if name not in JUDGES}
+
+
+def left_behind_report(stored: Iterable[Path], trials: Collection[str]) -> str:
+    """A line on trials whose files are `stored` though the sheet has them not, as after a renaming; empty without."""
+    unknown = sorted({path.stem for path in stored} - set(trials))
+    said = f"not in the sample sheet, and in no table or figure: {listing(unknown, 12)}; files of theirs are left below"
+    return f"{said} the results; delete them, or enter the trials again" if unknown else ""

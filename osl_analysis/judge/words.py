@@ -1,0 +1,276 @@
+"""The words of findings: the only place where they become sentences. Nothing here decides, and nothing reads them back.
+
+A detail whose numbers a row does not have is left out.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from osl_analysis.dictionary import own_yaml
+from osl_analysis.errors import nearest
+from osl_analysis.judge.causes import EVIDENCE, cause_of, suspected_unit, turns_far
+from osl_analysis.judge.finding import AnyRow, Beyond, Finding, Grade, Remedy, cell_number
+from osl_analysis.measured import significant
+from osl_analysis.model.compensator import CONTROLLERS
+from osl_analysis.trial import UNIT_FACTORS, known_factor
+
+WORDS: dict[str, dict[str, Any]] = own_yaml(Path(__file__).with_suffix(".yaml"))
+
+
+class Words(NamedTuple):
+    """What a finding says to a reader."""
+
+    says: str  # what is wrong, and what it does to the results
+    size: str  # how large it is in this row; empty where it is not known
+    remedy: str  # what to do; empty for nothing
+
+
+def words_of(finding: Finding, row: AnyRow) -> Words:
+    """The words on a finding about a row of its table."""
+    if finding.grade in (Grade.UNCHECKED, Grade.NOTES):
+        entry = WORDS["unchecked"][finding.cause]
+        entry = entry.get(finding.table, entry)
+        facts = Facts(row)
+        return Words(filled(entry["says"], facts), "", capital(filled(entry.get("remedy", ""), facts)))
+    known = WORDS["causes"].get(finding.cause)
+    if known is None:  # a limit on a column of which nothing else is known
+        return Words(", ".join(map(beyond_said, finding.evidence)), "", "")
+    own = [one for one in finding.evidence if cause_of(one.column, one.value, row).name == finding.cause]
+    details = [friction_said(row)] * (finding.cause == "friction")
+    details += [filled(WORDS["columns"].get(one.column, ""), Facts(row, one)) for one in own]
+    if finding.cause in ("yielding bench", "late torque or yielding bench"):
+        details.append(filled("a spring of {frame_short} N*m/rad in series would explain it", Facts(row)))
+    details += [without_said(finding)] * (finding.cause != "friction")  # which says it in its own words
+    remedy = known.get(finding.remedy.value) or known[Remedy.WHOLE.value]
+    return Words(known["says"], ", ".join(dict.fromkeys(filter(None, details))), capital(remedy))
+
+
+def sentence_of(words: Words, cause: str = "") -> str:
+    """`cause: what is wrong: how large. What to do`."""
+    said = ": ".join(filter(None, [cause, words.says, words.size]))
+    return ". ".join(filter(None, [said, words.remedy]))
+
+
+def finding_said(finding: Finding, row: AnyRow) -> str:
+    """A finding about a row in one sentence or two, with the numbers that decided."""
+    if finding.cause not in WORDS["causes"] and finding.grade is Grade.DOUBTS:
+        return words_of(finding, row).says
+    decided = ", ".join(map(beyond_said, finding.evidence))
+    return sentence_of(words_of(finding, row), finding.cause) + (f" [{decided}]" if decided else "")
+
+
+def unchecked_said(findings: Sequence[Finding], row: AnyRow) -> list[str]:
+    """Findings about what could not be checked on a row; what has one reason is said together."""
+    by_reason: dict[Words, list[str]] = {}
+    for finding in findings:
+        by_reason.setdefault(words_of(finding, row), []).append(finding.cause)
+    return [sentence_of(words, ", ".join(causes)) for words, causes in by_reason.items()]
+
+
+def beyond_said(one: Beyond) -> str:
+    how = {"nan": "is not a number", "near": f"{one.value:.3g} is close to it"}
+    return f"{one.column} {how.get(one.side, f'{one.value:.3g} is {one.side} {one.limit:g}')}"
+
+
+def without_said(finding: Finding) -> str:
+    """The estimates of the same fit with this cause as a column of the regression."""
+    said = []
+    for symbol in ("K", "B", "I"):
+        value, high = (finding.without.get(f"{symbol}{end}") for end in ("", "_high"))
+        if value is not None and high is not None:
+            said.append(f"{symbol} {value:.4g} ± {significant(high - value)}")
+    return f"with it in the fit {', '.join(said)}" if said else ""
+
+
+def capital(text: str) -> str:
+    return text[:1].upper() + text[1:]
+
+
+def check_words(cause: str) -> Words:
+    """What is wrong with a recording that does not pass a check of this cause, and what to do."""
+    entry = WORDS["causes"][cause]
+    return Words(entry["says"], "", entry["remedy"])
+
+
+class Facts(dict[str, Any]):
+    """The numbers of a row that it has, and what is computed from them for a reader, by the names of `COMPUTED`."""
+
+    def __init__(self, row: AnyRow, evidence: Beyond | None = None) -> None:
+        super().__init__({name: cell for name, cell in row.items() if cell is not None})
+        self.row, self.evidence = row, evidence
+
+    def __missing__(self, name: str) -> str:
+        if name in OF_EVIDENCE and self.evidence is not None:
+            return OF_EVIDENCE[name](self.evidence, self.row)
+        return COMPUTED[name](self)  # raises KeyError, also where it needs a number that the row has not
+
+
+def filled(template: str, facts: Facts) -> str:
+    """A text with its numbers; empty where one is not known."""
+    try:
+        return template.format_map(facts)
+    except KeyError:
+        return ""
+
+
+def percent(value: float) -> str:
+    return f"{significant(100 * abs(value))} %"
+
+
+def factor_said(evidence: Beyond, row: AnyRow) -> str:
+    name = suspected_unit(evidence.column, evidence.value, row)
+    signals: Sequence[str] = EVIDENCE[evidence.column].of
+    size = next((UNIT_FACTORS[of][name] for of in UNIT_FACTORS if name in UNIT_FACTORS[of]), 1.0)
+    if not name:
+        name, size = known_factor(evidence.value, signals)
+    return f", {size:.3g} is the factor {name}" if name else ""
+
+
+def frame_said(evidence: Beyond, row: AnyRow) -> str:
+    """A frame that yields lowers K, and hardly to a half."""
+    state = " (state `bench_stiffness` in the configuration if the bench's frame yields)"
+    return state if 0.5 < evidence.value < 1 else ""
+
+
+OF_EVIDENCE: dict[str, Callable[[Beyond, AnyRow], str]] = {
+    "percent": lambda one, _: percent(one.value),
+    "value": lambda one, _: significant(one.value, 3),
+    "moves": lambda one, _: f"{'rises' if one.value > 0 else 'falls'} by {100 * abs(one.value):.0f} %",
+    "symbol": lambda one, _: one.column.removesuffix("_ratio").removesuffix("_high"),
+    "rubs": lambda one, row: friction_said(row) or f"it is {percent(one.value)} of the damping",
+    "factor": factor_said,
+    "frame": frame_said,
+}
+
+
+def friction_said(row: AnyRow) -> str:
+    """What friction makes of the damping, in units of the result; empty where that is not known."""
+    B, f_C = ("B_j", "T_C") if "B_j_viscous" in row else ("B", "f_C")
+    damping, viscous, friction, share = (cell_number(row, one) for one in (B, f"{B}_viscous", f_C, "coulomb_share"))
+    if damping is not None and viscous is not None and friction is not None:
+        without, all_of_it = significant(viscous, 3), significant(damping, 3)
+        return f"{B} is {without} N*m*s/rad without friction and {all_of_it} with it, friction is {friction:.2g} N*m"
+    if damping is not None and share:
+        return f"friction makes {significant(share * damping)} N*m*s/rad of {B} = {significant(damping, 3)}"
+    return ""
+
+
+def late_said(facts: Facts) -> str:
+    """How late a signal is, or would have to be, and what that makes of the estimates."""
+    row = facts.row
+    lag, of_damping, of_inertia = (cell_number(row, name) for name in ("lag_s", "lag_share", "lag_inertia_share"))
+    shares = [f"B by {percent(of_damping)}"] if of_damping is not None else []
+    shares += [f"{'J_j' if 'J_j' in row else 'I'} by {percent(of_inertia)}"] if of_inertia is not None else []
+    if lag is None or not shares:
+        return ""
+    signal, size = "the angle" if lag < 0 else "the torque", f"{significant(1e3 * abs(lag), 3)} ms"
+    if lag and abs(lag / 5e-3 - round(lag / 5e-3)) < 1e-6:  # the end of a range of delays that were tried
+        size += " or more"
+    if turns_far(row):
+        return f"a delay of {signal} by {size} would explain it, and move {' and '.join(shares)}"
+    return f"{signal} is late by {size}, which moves {' and '.join(shares)}"
+
+
+def loop_said(facts: Facts) -> str:
+    """How late a torque would make the energy lost depend on the speed."""
+    behind, lost = facts["late_s"], facts["energy_lost"]
+    taken = 1e3 * behind * facts["energy_per_ms"]  # off the energy lost [J]
+    if taken <= 0:
+        return ""
+    share = 100 * taken / abs(lost + taken)
+    return f"a torque late by {1e3 * behind:.2g} ms would make it so, and take {share:.0f} % off the energy lost"
+
+
+def calibration_said(facts: Facts) -> str:
+    """What a calibration tells to state."""
+    assert facts.evidence is not None
+    state = facts["to_state"]
+    if facts.evidence.column == "certain_lag_s":
+        lag, half = facts["lag_s"], facts["lag_s_high"] - facts["lag_s"]
+        what = f"write `delay: {1e3 * lag:.3g} ms` more for it and `{state}`"
+        if half > 0.2 * lag:  # or early, which no load cell is
+            what = "which a spring that loses energy shows too, so measure it with a known inertia"
+        return f"the torque is late by {1e3 * lag:.3g} ± {1e3 * half:.2g} ms, {what}"
+    gain, half = facts["gain"], facts["gain_high"] - facts["gain"]
+    off = f"torque over angle is {100 * (gain - 1):+.3g} ± {100 * half:.2g} % off"
+    return f"{off}, divide the torque's `scale` by {gain:.5g} and write `{state}`"
+
+
+def damping_gap_said(facts: Facts) -> str:
+    """How far B is from what the gains should give; a delay explains less, and never more."""
+    B, given, late = facts["B"], facts["B_predicted"], facts["B_gap_s"]
+    off = f"B is {significant(B, 3)} N*m*s/rad and not {significant(given, 3)}"
+    return f"{off}, which a delay of {significant(1e3 * late)} ms would explain" if 0 < late < 0.02 else off
+
+
+def reaction_said(facts: Facts) -> str:
+    """What sets in within the window of a perturbation, and what K would be without it."""
+    without = (
+        f"by the first {facts['early_ms']:.0f} ms alone K would be {facts['K_early']:.3g} ± "
+        f"{facts['K_early_half']:.2g} and B {facts['B_early']:.2g} ± {facts['B_early_half']:.1g}"
+    )
+    return f"it is like {facts['reaction']}, and {filled('{with_reflex}', facts) or without}"
+
+
+def unknown_gains(facts: Facts) -> str:
+    """Why the gains of a trial are not known."""
+    row = facts.row
+    if row.get("K_over_K_s") is None:
+        return "the configuration names no parameter file"
+    controller = row.get("controller")
+    if controller is None:
+        return "no controller is stated"
+    if controller not in CONTROLLERS:
+        return f"the gains of controller '{controller}' are not known{nearest(str(controller), CONTROLLERS)}"
+    absent = [name for name in ("K_d", "B_d") if row.get(name) is None]
+    return f"{' and '.join(absent)} {'is' if len(absent) == 1 else 'are'} not stated"
+
+
+def short(column: str, scale: float = 1.0, digits: int = 2) -> Callable[[Facts], str]:
+    """A number of the row with so many digits."""
+    return lambda facts: significant(scale * facts[column], digits)
+
+
+COMPUTED: Mapping[str, Callable[[Facts], str]] = {
+    "late": late_said,
+    "loop": loop_said,
+    "known": calibration_said,
+    "gap": damping_gap_said,
+    "like": reaction_said,
+    "unknown_gains": unknown_gains,
+    "K_per_ms": short("K", 1e-3),
+    "B_per_ms": short("B", 1e-3),
+    "B_short": short("B"),
+    "I_short": short("I"),
+    "B_j_per_ms": short("B_j", 1e-3),
+    "J_j_short": short("J_j"),
+    "energy_per_ms_short": short("energy_per_ms"),
+    "energy_lost_short": short("energy_lost", digits=3),
+    "late_B_short": short("late_B_per_ms"),
+    "late_K_short": short("late_K_per_ms"),
+    "late_or_early": lambda facts: "late" if facts["certain_theta_m_lag_s"] > 0 else "early",
+    "theta_m_ms": lambda facts: f"{1e3 * abs(facts['certain_theta_m_lag_s']):.2g}",
+    "frame_short": short("frame_stiffness", digits=3),
+    "zero_short": short("zero_unsure"),
+    "shoe_short": short("stiff_shoe_K", -1.0),
+    "moment_percent": lambda facts: f"{100 * facts['moment_error_half']:.2g}",
+    "moment_short": lambda facts: significant(100 * facts["moment_error_half"] * facts["moment_K_per_percent"]),
+    "height_short": short("plate_K_per_m", 0.01),
+    "with_reflex": lambda facts: (
+        f"with a reflex of {facts['reflex_gain']:.2g} N*m*s/rad, {facts['reflex_delay_ms']:.0f} ms late, K would be "
+        f"{facts['K_with_reflex']:.3g} ({facts['K_with_reflex_low']:.3g} to {facts['K_with_reflex_high']:.3g}) N*m/rad"
+    ),
+    "reflex_remedy": lambda facts: (
+        f"set walking.window_s to {facts['longer_window_s']:g} if stance allows"
+        if "longer_window_s" in facts
+        else "record more crossings"
+    ),
+    "hidden_reflex_short": short("hidden_reflex"),
+    "hidden_K_short": short("hidden_reflex_K"),
+    "slope_low": short("hidden_slope_low"),
+    "slope_high": short("hidden_slope_high"),
+    "slope_B_low": lambda facts: significant(facts["hidden_slope_low"] * facts["B_per_slope"]),
+    "slope_B_high": lambda facts: significant(facts["hidden_slope_high"] * facts["B_per_slope"]),
+    "per_torque": short("K_per_torque"),
+}

@@ -1,0 +1,236 @@
+"""Any table of a laboratory: one recording in many dialects is read by the draft that its own overview makes."""
+
+import datetime as dt
+import os
+import re
+import signal
+from functools import partial
+from pathlib import Path
+
+import h5py
+import numpy as np
+import polars as pl
+import pytest
+import scipy.io
+import xlsxwriter
+from c3d_builder import write_c3d
+from nptdms import ChannelObject, TdmsWriter
+
+from osl_analysis.commands.inspect import inspect_file
+from osl_analysis.errors import InputError
+from osl_analysis.formats.c3d import read_c3d
+from osl_analysis.formats.isolated import isolated
+from osl_analysis.formats.table import MOST_BYTES
+from osl_analysis.ingest.draft import draft_source
+from osl_analysis.ingest.raw_files import check_copies, trial_from_files
+
+TIME = np.arange(700) / 500  # as long as the rows that are split by polars
+ANGLE, TORQUE = 5 * np.sin(9 * TIME), 30 * np.sin(9 * TIME + 0.3)
+T, A, M = ([f"{x:.9f}" for x in column] for column in (TIME, ANGLE, TORQUE))
+HEAD = ["Time [s]", "Ankle angle [deg]", "Torque [Nm]"]
+START = dt.datetime(2024, 5, 1, 23, 59, 59, 500_000)  # midnight passes
+CLOCK = [START + dt.timedelta(microseconds=round(1e6 * x)) for x in TIME]
+
+
+def text(sign=",", head=HEAD, above="", below="", t=T, a=A, m=M, decimal="."):
+    rows = [sign.join(row).replace(".", decimal) for row in zip(t, a, m, strict=True)]
+    return above + "\n".join([*[sign.join(head)] * bool(head), *rows]) + "\n" + below
+
+
+def since(form, cut=0):
+    return [one.strftime(form)[: -cut or None] for one in CLOCK]
+
+
+PLAIN = ["time_s", "ankle_angle_deg", "torque_Nm"]
+FORTRAN = [[f"{x:.10E}".replace("E", "D") for x in column] for column in (TIME, ANGLE, TORQUE)]
+LVM = "LabVIEW Measurement\t\nX_Columns\tOne\n***End_of_Header***\t\nChannels\t2\t\t\nDelta_X\t0.002\t0.002\n"
+TEXTS = {
+    "semicolons and commas": text(";", decimal=","), "tabs": text("\t"), "blanks": text("   ", PLAIN),
+    "blanks and commas": text(" ", PLAIN, decimal=","), "names with blanks": text("    ", ["Time (s)", *HEAD[1:]]),
+    "for Excel": "sep=;\n" + text(";"), "of Matlab": text("\t", above="% rig B\n"),
+    "savetxt": text(" ", ["# time_s", *PLAIN[1:]]), "rostopic": text(",", ["%time [s]", *HEAD[1:]]),
+    "units below": text(",", ["Time", "Angle", "Torque"], t=["[s]", *T], a=["(deg)", *A], m=["N-m", *M]),
+    "DIN": text(";", ["Zeit / s", "Winkel / deg", "Moment / Nm"], decimal=","),
+    "groups above": text(above="Motion,,Load\n"),
+    "preamble": text(above="Subject,7\nRate [Hz],500\nAll good, really\n"),
+    "footer": text(below="\nMean,0.1,0.2\nEnd of file\n"), "Ctrl-Z": text() + "\x1a", "LabVIEW": text(
+        "\t", ["X_Value", *HEAD[1:], "Comment"], LVM + "***End_of_Header***\t\n"),
+    "Fortran": text("  ", PLAIN, t=FORTRAN[0], a=FORTRAN[1], m=FORTRAN[2]),
+    "Windows": text(";", ["Zeit [s]", "Winkel [°]", "Moment [N·m]"]).encode("cp1252"),
+    "UTF-16 without mark": text("\t").encode("utf-16-le"),
+    "ISO 8601": text(head=["stamp", *HEAD[1:]], t=since("%Y-%m-%dT%H:%M:%S.%fZ")),
+    "clock": text(";", ["Uhrzeit", *HEAD[1:]], t=since("%H:%M:%S.%f"), decimal=","),
+    "AM and PM": text(head=["Time", *HEAD[1:]], t=since("%m/%d/%Y %I:%M:%S.%f %p")),
+    "minutes": text(head=["Time", *HEAD[1:]], t=since("%M:%S.%f", 3)),
+    "timedelta without a name": text(head=["", *HEAD[1:]], t=[f"0 days 00:00:{x:09.6f}" for x in TIME]),
+    "Excel's days": text(head=["Time", *HEAD[1:]], t=[f"{45413.5 + x / 86400:.12f}" for x in TIME]),
+    "counter of 16 bits": text(head=["time_ms", *HEAD[1:]], t=[str(round(65000 + 1e3 * x) % 2**16) for x in TIME]),
+    "counter of 32 bits": text(head=["t_us", *HEAD[1:]], t=[str(round(2**32 - 9e5 + 1e6 * x) % 2**32) for x in TIME]),
+    "stated rate": text(",", head=[*HEAD[1:], ""], above="# Sampling frequency = 0.5 kHz\n", t=A, a=M, m=[""] * 700),
+    "feet and pounds": text(head=[*HEAD[:2], "Torque [ft-lb]"], m=[f"{x / 1.3558179483314:.9f}" for x in TORQUE]),
+}  # fmt: skip
+
+
+def made(path: Path, kind: str) -> Path:
+    """The recording as programs write it."""
+    frame = pl.DataFrame({"time_s": TIME, "ankle_angle_deg": ANGLE, "torque_Nm": TORQUE})
+    if kind in ("parquet", "feather"):
+        stamped = frame.with_columns(pl.Series("time_s", CLOCK)).rename({"time_s": "timestamp"})
+        (stamped.write_parquet if kind == "parquet" else stamped.write_ipc)(path)
+    elif kind == "npy":
+        np.save(path, frame.to_numpy(structured=True))
+    elif kind == "npz":
+        np.savez(path, **{name: frame[name].to_numpy() for name in frame.columns})
+    elif kind == "h5":
+        with h5py.File(path, "w") as file:
+            for name, values in (("run/time_s", TIME), ("run/angle", ANGLE), ("run/torque", TORQUE)):
+                file[name] = values
+            file["run/angle"].attrs["units"], file["run/torque"].attrs["units"] = "deg", "Nm"
+    elif kind == "xlsx":
+        with xlsxwriter.Workbook(path) as book:
+            sheet, style = book.add_worksheet(), book.add_format({"num_format": "hh:mm:ss.000"})
+            for place, row in enumerate([["Bench 3"], ["Time", "Angle", "Torque"], ["", "deg", "Nm"]]):
+                sheet.write_row(place, 0, row)
+            for place, row in enumerate(zip(CLOCK, ANGLE, TORQUE, strict=True), start=3):
+                sheet.write_datetime(place, 0, row[0], style)
+                sheet.write_row(place, 1, row[1:])
+    elif kind == "Simulink":
+        both = {"values": np.column_stack([ANGLE, TORQUE]), "dimensions": 2.0, "label": "angle_deg, torque_Nm"}
+        scipy.io.savemat(path, {"out": {"time": TIME[:, None], "signals": both}})
+    else:  # a struct per sample
+        log = np.zeros((1, TIME.size), [(name, "O") for name in ("t", "angle_deg", "torque_Nm")])
+        for place, row in enumerate(zip(TIME, ANGLE, TORQUE, strict=True)):
+            log[0, place] = row
+        scipy.io.savemat(path, {"log": log})
+    return path
+
+
+def read_by_draft(path: Path):
+    """The trial of a file, by the draft of its overview as it is."""
+    (path.parent / "draft.yaml").write_text(draft_source(inspect_file(path), path.name))
+    return trial_from_files({"trial": "a", "log": path.name, "log_source": "draft"}, path.parent, path.parent)
+
+
+def assert_recording(trial):
+    samples, coarse = trial.samples, 1.1e-3  # hh:mm:ss.mmm and ms are rounded
+    np.testing.assert_allclose(samples["time"], TIME, atol=coarse)
+    np.testing.assert_allclose(samples["theta"], np.radians(ANGLE), atol=1e-8)
+    np.testing.assert_allclose(samples["torque"], TORQUE, atol=1e-6)
+
+
+@pytest.mark.parametrize("dialect", TEXTS)
+def test_a_table_of_text_is_read_by_the_draft_of_its_own_overview(tmp_path, dialect):
+    content = TEXTS[dialect]
+    (tmp_path / "a.dat").write_bytes(content if isinstance(content, bytes) else content.encode())
+    assert_recording(read_by_draft(tmp_path / "a.dat"))
+
+
+@pytest.mark.parametrize("kind", ["parquet", "feather", "npy", "npz", "h5", "xlsx", "Simulink", "structs"])
+def test_a_table_of_a_program_is_read_by_the_draft_of_its_own_overview(tmp_path, kind):
+    assert_recording(read_by_draft(made(tmp_path / f"a.{kind if kind[0].islower() else 'mat'}", kind)))
+
+
+@pytest.mark.parametrize("head", ["Time", "Zeit / s"])
+def test_a_stated_rate_that_a_clock_of_the_file_contradicts_is_refused(tmp_path, head):
+    """Read at 1000 Hz, the rows of 500 Hz gave B = 2.5 for 5."""
+    t = since("%H:%M:%S.%f") if head == "Time" else T
+    (tmp_path / "a.csv").write_text(text(head=[head, *HEAD[1:]], t=t))
+    source = "format: csv\ntime: {rate: %d}\nchannels:\n  theta: {column: Ankle angle, unit: deg}\n"
+    row = {"trial": "a", "log": "a.csv", "log_source": "s"}
+    (tmp_path / "s.yaml").write_text(source % 500)
+    assert trial_from_files(row, tmp_path, tmp_path).samples["time"][-1] == pytest.approx(TIME[-1])
+    (tmp_path / "s.yaml").write_text(source % 1000)
+    with pytest.raises(InputError, match=r"`rate: 1000` of time, but column '.*' rises by 0.002 a row"):
+        trial_from_files(row, tmp_path, tmp_path)
+
+
+def test_a_column_beside_a_rate_counts_samples_so_that_lost_ones_are_a_gap(tmp_path):
+    kept = np.delete(np.arange(700), [100, 101])
+    count, angle, torque = ([column[k] for k in kept] for column in ([str(k) for k in range(700)], A, M))
+    (tmp_path / "a.csv").write_text(text(head=["n", *HEAD[1:]], t=count, a=angle, m=torque))
+    source = "format: csv\ntime: {column: n, rate: 500}\nchannels:\n  theta: {column: Ankle angle, unit: deg}\n"
+    (tmp_path / "s.yaml").write_text(source)
+    trial = trial_from_files({"trial": "a", "log": "a.csv", "log_source": "s"}, tmp_path, tmp_path)
+    np.testing.assert_allclose(trial.samples["time"], TIME[kept])
+
+
+def test_what_is_left_out_beside_a_table_is_said_and_kept(tmp_path):
+    (tmp_path / "a.dat").write_text(TEXTS["preamble"] + "Mean,0.1,0.2\n")
+    trial = read_by_draft(tmp_path / "a.dat")
+    assert {"Subject 7", "Rate [Hz] 500", "Mean 0.1 0.2"} <= {*trial.provenance["log"]["comments"]}
+    (said,) = trial.provenance["warnings"]
+    assert "1 lines below the table, from 705 on, are no rows: 'Mean 0.1 0.2'" in said
+
+
+def test_the_line_of_every_row_is_told_however_far_below(tmp_path):
+    """Lines between the first 300 and the last 60 are split as a whole."""
+    for place in (5, 299, 300, 500, 638, 639, 640):
+        (tmp_path / "a.csv").write_text(text(t=[*T[:place], "?", *T[place + 1 :]]))
+        source = "format: csv\ntime: {column: Time, unit: s}\nchannels:\n  theta: {column: Ankle angle, unit: deg}\n"
+        (tmp_path / "s.yaml").write_text(source)
+        with pytest.raises(InputError, match=rf"line {place + 2}, column 'Time \[s\]': '\?' is not a number"):
+            trial_from_files({"trial": "a", "log": "a.csv", "log_source": "s"}, tmp_path, tmp_path)
+
+
+@pytest.mark.parametrize("columns", [20_000, 200_000])
+def test_a_table_with_more_columns_than_a_recording_has_is_refused_at_once(tmp_path, columns):
+    (tmp_path / "a.csv").write_text("\n".join(",".join(["0.5"] * columns) for _ in range(3)))
+    with pytest.raises(InputError, match=f"has {columns} columns, at most 10000 are read"):
+        inspect_file(tmp_path / "a.csv")
+
+
+def fall():
+    os.kill(os.getpid(), signal.SIGSEGV)
+
+
+@pytest.mark.parametrize(("work", "told"), [
+    (fall, r"its decoder broke down \(SIGSEGV\): the file is damaged"),
+    (partial(bytearray, 2 * MOST_BYTES), "takes more than 4 GB"),
+    (partial(len, None), r"cannot be read \(its parts contradict each other\)"),
+])  # fmt: skip
+def test_a_decoder_that_crashes_or_asks_for_all_memory_is_a_refusal(work, told):
+    assert isolated(partial(sum, [1, 2])) == 3
+    with pytest.raises(InputError, match=told):
+        isolated(work)
+
+
+def test_a_zip_that_unpacks_to_more_than_a_recording_may_is_refused_by_the_stated_limit(tmp_path, monkeypatch):
+    np.savez_compressed(tmp_path / "a.npz", t=np.zeros(10**6))
+    monkeypatch.setattr("osl_analysis.formats.table.MOST_BYTES", 10**6)
+    with pytest.raises(InputError, match=re.escape("take 0.008 GB of memory, at most 0.001 GB are read")):
+        inspect_file(tmp_path / "a.npz")
+
+
+@pytest.mark.parametrize("change", ["lost", "lost and padded", "doubled", "doubled and padded"])
+def test_a_c3d_file_whose_frames_are_shifted_is_refused_or_its_loss_is_told(tmp_path, change):
+    points = np.random.default_rng(1).normal(0, 500, (50, 3, 4))
+    points[:, :, 3] = 0.0
+    whole = write_c3d(tmp_path / "a.c3d", points, np.random.default_rng(2).normal(0, 1, (100, 4))).read_bytes()
+    middle, by = len(whole) - 3000, 8
+    behind = whole[middle + by :] if change.startswith("lost") else whole[middle - by :]
+    content = whole[:middle] + behind
+    (tmp_path / "a.c3d").write_bytes(content + bytes(-len(content) % 512) * change.endswith("padded"))
+    if change == "doubled and padded":
+        assert read_c3d(tmp_path / "a.c3d").damage.uncounted
+        return
+    with pytest.raises(InputError, match="are shifted"):
+        read_c3d(tmp_path / "a.c3d")
+
+
+def test_tdms_channels_of_one_clock_and_unequal_counts_are_refused(tmp_path):
+    """A channel that had lost a segment of 50 slid against the torque, with a remark."""
+    timing = {"wf_increment": 0.002, "wf_start_offset": 0.0}
+    channels = {"Angle": (ANGLE[:650], "deg"), "Torque": (TORQUE, "Nm")}
+    with TdmsWriter(tmp_path / "a.tdms") as writer:
+        every = [ChannelObject("Run", name, one, {**timing, "unit_string": u}) for name, (one, u) in channels.items()]
+        writer.write_segment(every)
+    said = "channel 'Run/Torque' has 700 values and 'Run/Angle' has 650, which begin together at one rate"
+    with pytest.raises(InputError, match=said):
+        read_by_draft(tmp_path / "a.tdms")
+
+
+def test_a_part_of_a_recording_that_is_a_copy_of_another_is_refused():
+    parts = [{"path": f"bag_{k}.mcap", "sha256": sha} for k, sha in enumerate("aba")]
+    check_copies(Path("bag"), parts[:2])
+    with pytest.raises(InputError, match=r"its file bag_2.mcap is a copy of bag_0.mcap"):
+        check_copies(Path("bag"), parts)

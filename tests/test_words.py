@@ -1,0 +1,73 @@
+"""The words of findings: each cause has some, numbers of a row fill them, and they decide nothing."""
+
+import re
+from dataclasses import replace
+
+import pytest
+import yaml
+from conftest import findings_of
+
+from osl_analysis.dictionary import described_tables
+from osl_analysis.judge.causes import CAUSES, EVIDENCE
+from osl_analysis.judge.checks import CHECKS
+from osl_analysis.judge.finding import Finding, Grade
+from osl_analysis.judge.limits import Limits
+from osl_analysis.judge.words import COMPUTED, OF_EVIDENCE, WORDS, finding_said, words_of
+
+LATE = {"trial": "a", "lag_s": 2e-3, "lag_share": 0.1, "lag_inertia_share": 0.9, "band_high_hz": 5.0}
+RUBS = {"trial": "a", "coulomb_share": 0.6, "B": 2.264, "B_viscous": 1.0465, "f_C": 1.4}
+
+
+def said(row, above=None, below=None):
+    """The one finding about a row, in words."""
+    (finding,) = findings_of(row, Limits(above=above or {}, below=below or {}), "phasors")
+    return finding_said(finding, row)
+
+
+def test_every_cause_and_check_says_what_is_wrong_and_what_to_do_and_no_word_is_of_none():
+    causes = {*CAUSES, *(check.cause for check in CHECKS.values())}
+    assert causes == {*WORDS["causes"]}
+    assert {*WORDS["columns"]} <= {*EVIDENCE}
+    assert {*WORDS["checks"]} == {*CHECKS}
+    assert all(entry["says"] and entry["remedy"] for entry in WORDS["causes"].values())
+
+
+@pytest.mark.parametrize(("row", "limits", "parts"), [
+    (LATE, {"lag_share": 0.05}, ["late torque: ", "the torque is late by 2 ms, which moves B by 10 % and I by 90 %"]),
+    (LATE | {"lag_s": -2e-3}, {"lag_share": 0.05}, ["the angle is late by 2 ms"]),
+    (LATE | {"lag_s": -0.01}, {"lag_share": 0.05}, ["a delay of the angle by 10 ms or more would explain it"]),
+    (RUBS, {"coulomb_share": 0.5}, ["B is 1.05 N*m*s/rad without friction and 2.26 with it, friction is 1.4 N*m"]),
+    (RUBS | {"B_viscous": None}, {"coulomb_share": 0.5}, ["friction makes 1.4 N*m*s/rad of B = 2.26"]),
+    ({"coulomb_share": 0.6}, {"coulomb_share": 0.5}, ["it is 60 % of the damping", "[coulomb_share 0.6 is above 0.5]"]),
+    ({"K_s_ratio": 1.3558}, {"K_s_ratio": 1.5}, ["1.36 is the factor between lbf*ft and N*m", "is close to it]"]),
+    ({"x": 3.0}, {"x": 2.0}, ["x 3 is above 2"]),
+])  # fmt: skip
+def test_a_finding_is_said_with_the_numbers_of_its_row(row, limits, parts):
+    text = said(row | {"J_j_ratio": 1.0}, limits)
+    assert [part for part in parts if part not in text] == [], text
+
+
+def test_a_detail_whose_number_is_missing_is_left_out():
+    (finding,) = findings_of({"lag_share": 0.1}, Limits(above={"lag_share": 0.05}), "phasors")
+    assert words_of(finding, {"lag_share": 0.1}).size == ""
+    late = Finding("impedance", "a", "whether the torque is late", Grade.UNCHECKED)
+    full, empty = (words_of(late, row) for row in ({"K": 300.0, "B": 5.0, "I": 0.02}, {}))
+    assert "0.3 N*m*s/rad off B = 5 and 0.005 kg*m^2 off I = 0.02" in full.says
+    assert (empty.says, empty.remedy) == ("", full.remedy)
+
+
+def test_a_changed_word_changes_no_cause(monkeypatch):
+    before = findings_of(LATE, Limits(above={"lag_share": 0.05}), "phasors")
+    monkeypatch.setitem(WORDS["causes"], "late torque", {"says": "something else", "remedy": "nothing"})
+    after = findings_of(LATE, Limits(above={"lag_share": 0.05}), "phasors")
+    assert before == after
+    assert finding_said(after[0], LATE).startswith("late torque: something else: ")
+    assert finding_said(replace(after[0], cause="no such cause"), LATE) == "lag_share 0.1 is above 0.05"
+
+
+def test_each_number_that_a_text_names_is_a_column_or_is_computed():
+    """A misspelt name would leave its sentence out without a word."""
+    columns = {name for table in described_tables() for name in table.columns}
+    texts = yaml.safe_dump(WORDS, width=10_000)
+    named = set(re.findall(r"(?<!\w: )\{([A-Za-z_]+)[:.}]", texts))
+    assert named - columns - {*COMPUTED, *OF_EVIDENCE} <= {"cutoff"}  # which is typed into a source file

@@ -236,3 +236,8 @@ def selection(gait, perturbed):
 @pytest.mark.parametrize("fit", [single, headline, selection])
 def test_degenerate_crossings_are_fitted_or_refused_in_one_sentence(fit):
     defined_or_refused(fit, crossings())
+
+
+def test_an_interval_without_width_measures_a_change_by_a_finite_number():
+    changes = [tables.in_widths(change, width) for change, width in ((-360.0, 0.0), (0.0, 0.0), (3.0, 2.0))]
+    assert changes == pytest.approx([-1e9, 0.0, 1.5])

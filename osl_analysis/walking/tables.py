@@ -305,7 +305,7 @@ def reflex_facts(headline: GroupHeadline, certain: bool) -> Facts:
     half, (low, high) = float(scipy.special.stdtrit(drawn.degrees_of_freedom, 0.975)), drawn.interval("K")
     motion = Motion(*(np.c_[x] for x in vars(headline.ensemble.motion).values()))
     past = {ms: isolation.reflex_column(first.time, rows, motion, 1e-3 * ms)[rows, 0] for ms in REFLEX_DELAYS_MS}
-    enough_s, width = 2e-3 * REFLEX_DELAYS_MS[-1], max(high - low, np.finfo(float).tiny)
+    enough_s = 2e-3 * REFLEX_DELAYS_MS[-1]
     facts: Facts = dict.fromkeys(("reflex_delay_ms", "reflex_gain", "reflex_share", *names, "reflex_K_widths"))
     facts |= dict.fromkeys(("hidden_reflex", "hidden_reflex_ms", "hidden_reflex_K", "hidden_reflex_K_widths"))
     facts["longer_window_s"] = enough_s if first.time[rows.stop] < enough_s - 1e-9 else None
@@ -315,13 +315,18 @@ def reflex_facts(headline: GroupHeadline, certain: bool) -> Facts:
         ends = min(one - half * se for one, se in each), max(one + half * se for one, se in each)
         share = 100 * float(np.var(gain * past[round(delay)]) / np.var(headline.ensemble.torque[rows]))
         facts |= {"reflex_delay_ms": delay, "reflex_gain": gain, "reflex_share": share}
-        facts |= dict(zip(names, (K, *ends), strict=True)) | {"reflex_K_widths": (ends[1] - ends[0]) / width}
+        facts |= dict(zip(names, (K, *ends), strict=True)) | {"reflex_K_widths": in_widths(ends[1] - ends[0], high - low)}
         return facts
     leak = np.linalg.pinv(isolation.motion_columns(headline.ensemble.motion[rows]))[0]  # of a torque into K
     most = {ms: size + half * se for ms in past for size, se in [found[f"{isolation.REFLEX} {ms}"]]}
     added, ms = max((most[ms] * float(leak @ past[ms]), ms) for ms in past)
     hidden = {"hidden_reflex": most[ms], "hidden_reflex_ms": float(ms), "hidden_reflex_K": added}
-    return facts | hidden | {"hidden_reflex_K_widths": added / width}
+    return facts | hidden | {"hidden_reflex_K_widths": in_widths(added, high - low)}
+
+
+def in_widths(change: float, width: float) -> float:
+    """A change over the width of an interval, which crossings that are all equal leave without any: 1e9 at most."""
+    return change / max(width, 1e-9 * abs(change), np.finfo(float).tiny)
 
 
 def series_of(group: str) -> str:

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from functools import cached_property
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +39,7 @@ COLUMNS: dict[str, str] = {
 }
 
 AXES = ("x", "y", "z")
+Array = NDArray[np.float64]
 REFLEX_DELAYS_MS = (30, 35, 40, 45, 50, 55, 60)  # of a stretch reflex [ms], of which the one that fits best is taken
 
 # units of columns that exist once per marker, plate, side of the laboratory or further signal
@@ -73,7 +75,50 @@ def unit_of(column: str) -> str:
     return next(of_family, None) or COLUMNS[column]
 
 
-Array = NDArray[np.float64]
+# The surface of a force plate. Its corners (4, 3) [m] go round it; the first lies in the quadrant of +x and +y of its
+# own axes, as in C3D files.
+
+
+def own_axes(corners: Array) -> Array:
+    """Axes of a plate as columns (3, 3), from its corners (4, 3) [m]: x along corners 2 to 1, z normal to the surface;
+    not finite where the corners span no plane."""
+    x = corners[0] - corners[1]
+    z = np.cross(x, corners[0] - corners[3])
+    with np.errstate(invalid="ignore", divide="ignore"):
+        x, z = x / np.linalg.norm(x), z / np.linalg.norm(z)
+    return np.column_stack([x, np.cross(z, x), z])
+
+
+def plate_axes(corners: Array) -> Array:
+    """The same with a normal that points up; the signs along the edges do not matter."""
+    axes = own_axes(corners)
+    return axes if axes[2, 2] >= 0 else axes * [1.0, -1.0, -1.0]
+
+
+def beside(points: Array, corners: Array) -> Array:
+    """Distance (k,) [m] by which points (k, 2) [m], from the plate's centre along its axes, lie beside it; 0 on it."""
+    half = np.array([np.linalg.norm(corners[0] - corners[1]), np.linalg.norm(corners[0] - corners[3])]) / 2
+    return np.asarray(np.hypot(*np.maximum(np.abs(points) - half, 0.0).T))
+
+
+def furthest_outside(points: Array, corners: Array) -> float:
+    """Largest distance [m] by which points (m, 3) [m] lie outside the plate with these corners (4, 3) [m], along its
+    surface; 0 if all are inside."""
+    away = (points - corners.mean(axis=0)) @ plate_axes(corners)[:, :2]
+    return float(beside(away, corners).max(initial=0.0))
+
+
+def stretches(text: str) -> list[tuple[float, float]]:
+    """Stretches [s] of a recording, as `2-30 40-62`; InputError if they are not that, or not in the order of time."""
+    parts = [re.fullmatch(r"(\d+\.?\d*)-(\d+\.?\d*)", word) for word in text.split()]
+    found = [(float(part[1]), float(part[2])) for part in parts if part]
+    if not found or len(found) < len(parts) or any(start >= stop for start, stop in found):
+        raise InputError(f"windows '{text}' are not from-to in s; write them as 2-30 40-62")
+    if any(start < stop for (_, stop), (start, _) in pairwise(found)):
+        raise InputError(f"windows '{text}' overlap, or are not in the order of time; write them as 2-30 40-62")
+    return found
+
+
 NAME_KEY = "osl_analysis.trial"
 PROVENANCE_KEY = "osl_analysis.provenance"
 

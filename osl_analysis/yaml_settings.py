@@ -2,9 +2,11 @@
 
 import hashlib
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from datetime import date
 from functools import lru_cache
+from itertools import pairwise
+from operator import attrgetter
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, TypeVar
 
@@ -16,7 +18,7 @@ from ruamel.yaml.error import MarkedYAMLError, YAMLError
 from ruamel.yaml.nodes import MappingNode, Node, SequenceNode
 from ruamel.yaml.tokens import ScalarToken
 
-from osl_analysis.errors import InputError, nearest
+from osl_analysis.errors import InputError, listing, nearest
 from osl_analysis.files import digest, shipped
 
 Positive = Annotated[float, Field(gt=0)]  # A number above zero.
@@ -288,3 +290,57 @@ def plain_reason(problem: Mapping[str, Any]) -> str:
     if kind == "too_short":
         return "name at least one"
     return f"write {ADVICE[kind]}" if kind in ADVICE else text
+
+
+# Relations between settings. Each is a line of its model, a breach a wrong field.
+
+
+def misplaced(reason: str, *place: str) -> PydanticCustomError:
+    """An error of a check that sees several fields; `place` is the field below them that is wrong."""
+    return PydanticCustomError("misplaced", "{reason}", {"reason": reason, "place": place})
+
+
+def refused(wrong: Callable[[Any], Any], reason: str, field: str = "") -> Any:
+    """A check of settings, which are refused for a reason, whose `{s.field}` are theirs, where they are wrong. `field`
+    is the one to be corrected, if there is one, by its dotted name."""
+
+    def check(settings: Any) -> Any:
+        if wrong(settings):
+            raise misplaced(reason.format(s=settings), *filter(None, field.split(".")))
+        return settings
+
+    return model_validator(mode="after")(check)
+
+
+def below(low: str, high: str, why: str, or_equal: bool = False) -> Any:
+    """A check that a field, or a sum as `guard_s + window_s`, is below another, or equal; `why` says what else were."""
+
+    def check(settings: Any) -> Any:
+        least, most = (sum(attrgetter(one)(settings) for one in side.split(" + ")) for side in (low, high))
+        if least - most > (1e-9 if or_equal else -1e-9):
+            said = f"{low} = {least:g} is not below {high} = {most:g}, {why}; lower {low}, or raise {high}"
+            raise misplaced(said, *low.split(" + ")[0].split("."))
+        return settings
+
+    return model_validator(mode="after")(check)
+
+
+def rising(values: tuple[Any, ...]) -> tuple[Any, ...]:
+    """A check of a list, as of two bounds, each of which is below the next."""
+    if fallen := [(one, other) for one, other in pairwise(values) if one >= other]:
+        raise ValueError(f"{fallen[0][1]} stands behind {fallen[0][0]}; write each once, from low to high")
+    return values
+
+
+def distinct(values: tuple[Any, ...]) -> tuple[Any, ...]:
+    names = [getattr(one, "name", one) for one in values]
+    if twice := [one for one in names if names.count(one) > 1]:
+        raise ValueError(f"'{twice[0]}' stands twice; name each once")
+    return values
+
+
+def one_of(known: Collection[str], what: str, name: str) -> str:
+    """A check of a name, which is one of the known ones; `what` says of what."""
+    if name in known:
+        return name
+    raise InputError(f"'{name}' is no {what}; write one of {listing([*known], 14)}{nearest(name, known)}")

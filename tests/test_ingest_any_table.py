@@ -19,8 +19,7 @@ from nptdms import ChannelObject, TdmsWriter
 from osl_analysis.commands.inspect import inspect_file
 from osl_analysis.errors import InputError
 from osl_analysis.formats.c3d import read_c3d
-from osl_analysis.formats.isolated import isolated
-from osl_analysis.formats.table import MOST_BYTES
+from osl_analysis.formats.table import MOST_BYTES, isolated
 from osl_analysis.ingest.draft import draft_source
 from osl_analysis.ingest.raw_files import check_copies, trial_from_files
 

@@ -13,8 +13,7 @@ from scipy.spatial.transform import Rotation
 from walking_synthetic import PLATE_RATE, RATE, G, Ramp, Rig, bump, changed, hidden, settings, static_trial, walked_over
 
 from osl_analysis.errors import IdentifiabilityError, InputError
-from osl_analysis.plate_surface import furthest_outside, plate_axes
-from osl_analysis.trial import Array, Trial
+from osl_analysis.trial import Array, Trial, furthest_outside, plate_axes
 from osl_analysis.walking import plate
 from osl_analysis.walking.bodies import BodyMotion, static_calibration
 from osl_analysis.walking.crossing import check_roll, check_side, check_vertical

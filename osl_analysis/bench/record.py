@@ -25,13 +25,12 @@ from osl_analysis.bench.settings import (
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.protocol import stepped_sine
 from osl_analysis.protocol.stepped_sine import Likeness, whole_rows
-from osl_analysis.relations import stretches
 from osl_analysis.signals import LowPass, Motion, filtered_motion, runs
 from osl_analysis.signals.grid import GapLimits, UniformSignals, on_one_grid, origin, resampled, uniform_signals
 from osl_analysis.spectral.periods import PeriodicMotion, periodic_motion
 from osl_analysis.stats.covariance import FEWEST_CYCLES, products_between
 from osl_analysis.stats.rounding import noise_before_rounding, visible_step
-from osl_analysis.trial import Array, Trial
+from osl_analysis.trial import Array, Trial, stretches
 
 Label = float | str | None
 """What a fit of its own is made for: an amplitude [deg], a branch of a belt; None: all of a record."""

@@ -6,11 +6,20 @@ import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from osl_analysis.protocol.stepped_sine import SteppedSineProtocol
-from osl_analysis.relations import below, misplaced, refused, rising, stretches
 from osl_analysis.signals import LowPass
 from osl_analysis.signals.grid import GapLimits
-from osl_analysis.trial import REFLEX_DELAYS_MS, Array
-from osl_analysis.yaml_settings import Degrees, NotNegative, Positive, Seconds, Settings
+from osl_analysis.trial import REFLEX_DELAYS_MS, Array, stretches
+from osl_analysis.yaml_settings import (
+    Degrees,
+    NotNegative,
+    Positive,
+    Seconds,
+    Settings,
+    below,
+    misplaced,
+    refused,
+    rising,
+)
 
 Angle = Annotated[float, Field(ge=-180, le=180)]
 CycleCount = Annotated[int, Field(ge=1, le=10_000)]

@@ -23,8 +23,8 @@ from osl_analysis.ingest.examine import UNITS
 from osl_analysis.judge.checks import CHECKS, unknown_check, validate_rules
 from osl_analysis.model.compensator import CONTROLLERS
 from osl_analysis.model.parameters import joint_of, known_parameters
-from osl_analysis.relations import stretches
 from osl_analysis.table import MEASURED, SIMULATED
+from osl_analysis.trial import stretches
 from osl_analysis.walking.groups import IS_PERTURBED, STATED, side_of, split_keys, static_of
 from osl_analysis.yaml_settings import content_digest, read_mapping
 

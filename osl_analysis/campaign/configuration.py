@@ -14,9 +14,18 @@ from osl_analysis.files import default_config
 from osl_analysis.judge.claims import Claims
 from osl_analysis.judge.limits import DoubtfulFits, QualityRules
 from osl_analysis.model.compensator import Weight
-from osl_analysis.relations import refused, rising
 from osl_analysis.walking.settings import OvergroundAnalysis, WalkingAnalysis
-from osl_analysis.yaml_settings import AnySettings, Degrees, Settings, ShippedPath, Stiffness, read_mapping, validated
+from osl_analysis.yaml_settings import (
+    AnySettings,
+    Degrees,
+    Settings,
+    ShippedPath,
+    Stiffness,
+    read_mapping,
+    refused,
+    rising,
+    validated,
+)
 
 
 def dates(value: date | str) -> date | str:

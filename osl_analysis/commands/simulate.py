@@ -13,11 +13,10 @@ from osl_analysis.files import atomic_path, check_output
 from osl_analysis.model.compensator import check_request
 from osl_analysis.model.parameters import read_parameters
 from osl_analysis.refusal import is_refused
-from osl_analysis.relations import one_of
 from osl_analysis.simulator.plan import plan_trials
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.simulator.walking_settings import WalkingSettings
-from osl_analysis.yaml_settings import Place, dotted, located, read_yaml, validated
+from osl_analysis.yaml_settings import Place, dotted, located, one_of, read_yaml, validated
 
 TRUTH = "truth"
 NOTHING = SharedChoices()  # No configuration to follow: the settings alone decide.

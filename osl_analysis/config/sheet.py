@@ -14,7 +14,7 @@ from osl_analysis.formats.binary_table import is_table_file
 from osl_analysis.formats.other_formats import FIRST_BYTES, refuse_others
 from osl_analysis.model.compensator import CONTROLLERS
 from osl_analysis.refusal import check_not_refused
-from osl_analysis.relations import stretches
+from osl_analysis.trial import stretches
 
 JOINT = "ankle"  # The joint of a trial whose row names none. The walkway measures this one.
 CONDITIONS = ("group", "subject", "session", "speed", "side", "direction")

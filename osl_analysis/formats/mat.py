@@ -22,8 +22,7 @@ import numpy as np
 
 from osl_analysis.errors import EXTRAS, InputError, listing, nearest, optional_module
 from osl_analysis.formats.binary_table import never_written
-from osl_analysis.formats.isolated import isolated
-from osl_analysis.formats.table import Ledger, check_memory
+from osl_analysis.formats.table import Ledger, check_memory, isolated
 from osl_analysis.formats.table import in_one_sentence as library_errors
 from osl_analysis.trial import Array
 

@@ -1,10 +1,15 @@
 """One table for every format: columns as the file has them, before any conversion; and one ledger of its losses."""
 
+import os
+import pickle
+import signal
+import warnings
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Collection, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
-from typing import Any
+from pathlib import Path
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +19,7 @@ from osl_analysis.trial import Array
 
 MOST_BYTES = 4_000_000_000  # of memory that the values of a recording may take
 
+Result = TypeVar("Result")
 LIBRARY_REMEDY = "copy the file again, or export it anew"
 
 
@@ -33,6 +39,59 @@ def reason_of(error: BaseException) -> str:
     of_code = (TypeError, AttributeError, LookupError, AssertionError, NameError, RecursionError)
     said = "" if isinstance(error, of_code) else " ".join(str(error).split())[:160]
     return said or "its parts contradict each other"
+
+
+def isolated(work: Callable[[], Result]) -> Result:
+    """What `work` returns in a fork of this process, or its refusal; InputError if the fork dies or needs more memory
+    than a recording may. Where there are no forks it is done here."""
+    if not hasattr(os, "fork"):
+        return work()
+    reader, writer = os.pipe()
+    with warnings.catch_warnings(action="ignore"):  # of threads, which the fork does not use
+        child = os.fork()
+    if child == 0:
+        answer(work, writer)
+    os.close(writer)
+    with os.fdopen(reader, "rb") as pipe:
+        said = pipe.read()
+    _, status = os.waitpid(child, 0)
+    if os.WIFSIGNALED(status) or not said:
+        name = signal.Signals(os.WTERMSIG(status)).name if os.WIFSIGNALED(status) else "no answer"
+        raise InputError(f"its decoder broke down ({name}): the file is damaged; {LIBRARY_REMEDY}")
+    is_whole, result = pickle.loads(said)  # by our own fork
+    if is_whole is None:
+        raise MemoryError
+    if not is_whole:
+        raise InputError(result)
+    return result  # type: ignore[no-any-return]
+
+
+def answer(work: Callable[[], object], writer: int) -> None:
+    """In the fork: do the work within the limit of memory, write its result, and end as if nothing had been."""
+    is_lower = False  # whether this process may have less than a recording
+    try:
+        with suppress(OSError, ValueError, ImportError, AttributeError):
+            import resource
+
+            pages = int(Path("/proc/self/statm").read_text().split()[0])
+            limit = pages * resource.getpagesize() + MOST_BYTES
+            resource.setrlimit(resource.RLIMIT_AS, (limit, resource.getrlimit(resource.RLIMIT_AS)[1]))
+            is_lower = 0 <= resource.getrlimit(resource.RLIMIT_DATA)[0] < MOST_BYTES
+            resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+        try:
+            said = pickle.dumps((True, work()))
+        except MemoryError:
+            more = f"it takes more than {MOST_BYTES / 1e9:g} GB of memory: damaged, or no recording"
+            more += "; save the signals of one trial in a file of their own"
+            said = pickle.dumps((None if is_lower else False, more))
+        except InputError as error:
+            said = pickle.dumps((False, str(error)))
+        except Exception as error:
+            said = pickle.dumps((False, f"cannot be read ({reason_of(error)}); {LIBRARY_REMEDY}"))
+        with os.fdopen(writer, "wb") as pipe:
+            pipe.write(said)
+    finally:
+        os._exit(0)
 
 
 def check_memory(size: int, what: str = "its values") -> None:

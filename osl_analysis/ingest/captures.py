@@ -31,9 +31,8 @@ from osl_analysis.ingest.source import (
     check_values,
 )
 from osl_analysis.ingest.units import si_factor
-from osl_analysis.plate_surface import own_axes
 from osl_analysis.signals import run_at_extreme, runs
-from osl_analysis.trial import AXES, Array, marker_columns, plate_columns, unit_of
+from osl_analysis.trial import AXES, Array, marker_columns, own_axes, plate_columns, unit_of
 
 Origins = dict[str, dict[str, Any]]
 PlateRecord = tuple[dict[str, Array], Origins, dict[str, Any]]

@@ -15,12 +15,11 @@ from numpy.typing import NDArray
 from osl_analysis.config.experiments import EXPERIMENTS, Experiment
 from osl_analysis.errors import InputError
 from osl_analysis.measured import factor_of, usual_size
-from osl_analysis.plate_surface import beside, plate_axes
 from osl_analysis.protocol.stepped_sine import Likeness, Run, SteppedSineProtocol
 from osl_analysis.signals import longest_run, run_at_extreme, run_edges, runs
 from osl_analysis.signals.grid import GapLimits, devices_of, streams, uniform_signals
 from osl_analysis.signals.samples import take
-from osl_analysis.trial import Array, Trial, plate_columns, unit_of
+from osl_analysis.trial import Array, Trial, beside, plate_axes, plate_columns, unit_of
 
 
 @dataclass(frozen=True)
@@ -85,7 +84,7 @@ def median_step(time: Array) -> float:
     return float(np.median(np.diff(time))) if time.size > 1 else 0.0
 
 
-def stretches(time: Array, values: Array, seconds: float) -> Array:
+def consecutive(time: Array, values: Array, seconds: float) -> Array:
     """Consecutive stretches (k, m) of values (n,), of so many seconds each."""
     length = max(round(seconds / median_step(time)), 1) if time.size > 1 else 1
     return values[: values.size // length * length].reshape(-1, length)
@@ -366,7 +365,7 @@ def measure_stuck(examined: Examined) -> CheckResult:
     time, theta = recorded(trial, "theta")
     if time.size and reference[0].size:
         smoothed = 0.05  # s, over which a reference is averaged; a sine of 5 Hz keeps nine tenths of its amplitude
-        when, level = (stretches(reference[0], x, smoothed).mean(axis=1) for x in reference)
+        when, level = (consecutive(reference[0], x, smoothed).mean(axis=1) for x in reference)
         if when.size:  # while it changes by a fifth of its range, the joint should have moved
             apart = smoothed / 2 + median_step(time)  # at the start of a motion the torque jumps before the angle
             from_rest = np.minimum(abs(theta - theta[0]), abs(theta - np.median(theta)))
@@ -427,7 +426,7 @@ def measure_unzeroed_plate(examined: Examined) -> CheckResult:
     for column in examined.trial.samples.columns:
         if not (column.startswith("plate") and column.endswith("_force_z")):
             continue
-        plate, parts = column.removesuffix("_force_z"), stretches(*recorded(examined.trial, column), 0.2)
+        plate, parts = column.removesuffix("_force_z"), consecutive(*recorded(examined.trial, column), 0.2)
         quiet = parts[parts.std(axis=1) < at_rest].mean(axis=1)
         level = float(quiet[np.argmin(abs(quiet))]) if quiet.size else np.inf
         if not quiet.size or not (level < at_rest or examined.experiment.bare_plate):

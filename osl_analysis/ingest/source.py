@@ -25,9 +25,8 @@ from osl_analysis.errors import InputError, nearest
 from osl_analysis.formats.csv_table import MISSING
 from osl_analysis.formats.mat import checked_address
 from osl_analysis.ingest.units import ForceUnit, LengthUnit, MomentUnit, TimeUnit, Unit, quantity, si_factor
-from osl_analysis.relations import distinct, misplaced, one_of
 from osl_analysis.trial import AXES, COLUMNS, Array, unit_of
-from osl_analysis.yaml_settings import Settings, field_line
+from osl_analysis.yaml_settings import Settings, distinct, field_line, misplaced, one_of
 
 SampleShare = Annotated[float, Field(ge=0, le=1)]
 LONGEST_DELAY = 0.2  # [s] of a sensor, its amplifier and a bus; K, B and I of a joint would be those of another motion

@@ -11,8 +11,7 @@ from pydantic import ConfigDict, Field, model_validator
 from osl_analysis.config.experiments import judged_tables
 from osl_analysis.dictionary import described_tables
 from osl_analysis.errors import nearest
-from osl_analysis.relations import misplaced
-from osl_analysis.yaml_settings import NotNegative, Settings
+from osl_analysis.yaml_settings import NotNegative, Settings, misplaced
 
 
 class Rule(Settings):

@@ -9,8 +9,7 @@ from typing import Annotated
 from pydantic import BeforeValidator, Field, WithJsonSchema, field_validator
 
 from osl_analysis.errors import InputError, nearest
-from osl_analysis.relations import misplaced
-from osl_analysis.yaml_settings import Settings, located, read_yaml
+from osl_analysis.yaml_settings import Settings, located, misplaced, read_yaml
 
 PARAMETER_UNITS = {
     "k_tau": "N*m/A", "n_m": "1", "B_m": "N*m*s/rad", "J_m": "kg*m^2", "f_C": "N*m", "f_G": "N*m/A",

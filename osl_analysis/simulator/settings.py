@@ -13,8 +13,20 @@ from pydantic import AfterValidator, Field, ValidationInfo, field_validator, mod
 
 from osl_analysis.model.compensator import PAPER_WEIGHT, Weight
 from osl_analysis.model.multisine import odd_lines
-from osl_analysis.relations import below, distinct, misplaced, refused, rising
-from osl_analysis.yaml_settings import Degrees, JointDegrees, NotNegative, Positive, Settings, ShippedPath, Stiffness
+from osl_analysis.yaml_settings import (
+    Degrees,
+    JointDegrees,
+    NotNegative,
+    Positive,
+    Settings,
+    ShippedPath,
+    Stiffness,
+    below,
+    distinct,
+    misplaced,
+    refused,
+    rising,
+)
 
 
 class Effect(Settings):

@@ -8,9 +8,19 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, Field, ValidationInfo, field_validator
 
 from osl_analysis.model.compensator import PAPER_WEIGHT, Weight
-from osl_analysis.relations import below, distinct, one_of, refused
 from osl_analysis.simulator.settings import Count, Effect, Switches, effect
-from osl_analysis.yaml_settings import Metres, NotNegative, Positive, Seconds, Settings, ShippedPath
+from osl_analysis.yaml_settings import (
+    Metres,
+    NotNegative,
+    Positive,
+    Seconds,
+    Settings,
+    ShippedPath,
+    below,
+    distinct,
+    one_of,
+    refused,
+)
 
 # from the ankle's centre, in the axes of foot and shank when standing [m]; the right leg's outer side is -y
 FOOT = {

@@ -22,9 +22,8 @@ import polars as pl
 import scipy
 
 from osl_analysis.errors import IdentifiabilityError, InputError, naming
-from osl_analysis.plate_surface import plate_axes
 from osl_analysis.signals import LowPass, longest_run, runs, sampling_rate
-from osl_analysis.trial import AXES, Array, Trial, plate_columns
+from osl_analysis.trial import AXES, Array, Trial, plate_axes, plate_columns
 from osl_analysis.walking import bodies, platform
 from osl_analysis.walking.bodies import BodyMotion, Kept, StaticCalibration, cross_matrix
 from osl_analysis.walking.settings import CrossingSettings, PlateModelSettings

@@ -4,9 +4,19 @@ from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
-from osl_analysis.relations import below, distinct, refused, rising
 from osl_analysis.signals import LowPass
-from osl_analysis.yaml_settings import JointDegrees, Newtons, NotNegative, Positive, Seconds, Settings
+from osl_analysis.yaml_settings import (
+    JointDegrees,
+    Newtons,
+    NotNegative,
+    Positive,
+    Seconds,
+    Settings,
+    below,
+    distinct,
+    refused,
+    rising,
+)
 
 Marker = Annotated[str, Field(min_length=1)]
 Names = Annotated[tuple[Marker, ...], AfterValidator(distinct)]

@@ -315,7 +315,9 @@ def reflex_facts(headline: GroupHeadline, certain: bool) -> Facts:
         ends = min(one - half * se for one, se in each), max(one + half * se for one, se in each)
         share = 100 * float(np.var(gain * past[round(delay)]) / np.var(headline.ensemble.torque[rows]))
         facts |= {"reflex_delay_ms": delay, "reflex_gain": gain, "reflex_share": share}
-        facts |= dict(zip(names, (K, *ends), strict=True)) | {"reflex_K_widths": in_widths(ends[1] - ends[0], high - low)}
+        facts |= dict(zip(names, (K, *ends), strict=True)) | {
+            "reflex_K_widths": in_widths(ends[1] - ends[0], high - low)
+        }
         return facts
     leak = np.linalg.pinv(isolation.motion_columns(headline.ensemble.motion[rows]))[0]  # of a torque into K
     most = {ms: size + half * se for ms in past for size, se in [found[f"{isolation.REFLEX} {ms}"]]}

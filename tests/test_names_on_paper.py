@@ -21,7 +21,6 @@ from osl_analysis.config.sheet import CONDITIONS
 from osl_analysis.errors import InputError
 from osl_analysis.figures import drawing_of
 from osl_analysis.figures.names import looks_in
-from osl_analysis.figures.others import NO_GAINS
 from osl_analysis.model.compensator import PAPER_WEIGHT
 from osl_analysis.report.headlines import ENDINGS, Example, headline_numbers
 from osl_analysis.table import read_table, tables_of, with_places, write_table
@@ -217,6 +216,5 @@ def test_a_trajectory_says_of_itself_that_it_is_synthetic():
     at = found.at(found.phase, np.array([0.25, 1.5, -0.25])).tolist()
     assert (found.kind, at) == ("synthetic", [0.25, 0.5, 0.75])
     table = fig8.points(stored("gains").with_columns(pl.lit(None, pl.Float64).alias(f"{q}_1_joint") for q in "KB"))
-    drawn, said = texts(fig8.draw(table)), fig8.caption(table)
+    drawn = texts(fig8.draw(table))
     assert ("(a) Trajectory: synthetic" in drawn, "Gain" in drawn) == (True, False)
-    assert ("The trajectory is synthetic" in said, NO_GAINS in said) == (True, True)

@@ -19,7 +19,6 @@ from osl_analysis.bench.model_comparison import compensation_table
 from osl_analysis.bench.phasors import ComplexEstimate, damping_row
 from osl_analysis.bench.prediction import COMPONENTS, components_of, model_variance, prediction_table, prediction_terms
 from osl_analysis.errors import InputError
-from osl_analysis.figures.prediction import prediction_caption
 from osl_analysis.judge.campaign import campaign_findings
 from osl_analysis.judge.claims import Claims, beyond, claims_table
 from osl_analysis.judge.limits import DoubtfulFits
@@ -107,8 +106,6 @@ def test_the_components_of_a_leg_predict_its_torque_and_nothing_is_named():
         assert inside.sum() >= 7
     assert (table["K_high"] - table["K_low"]).max() < 0.02 * 400
     assert not causes["named"].any()
-    said = prediction_caption(table.with_columns(look=pl.lit(None)))
-    assert "8 trials, and is nearer to the recorded one than Eq. 15 fitted to it in 8" in said
 
 
 def doubts_about(table, causes):

@@ -17,7 +17,7 @@ from osl_analysis.bench.settings import ImpedanceAnalysis
 from osl_analysis.campaign.configuration import FrequencyResponseFigure
 from osl_analysis.commands.walking import commanded_over_stance, read_unperturbed_gaits, selected_crossings
 from osl_analysis.errors import InputError
-from osl_analysis.figures import drawing_of, names
+from osl_analysis.figures import FIGURES, drawing_of, names
 from osl_analysis.figures.frequency import DESIRED, FIG7, LINEAR_MODEL, response_curve
 from osl_analysis.figures.names import completed, look_numbers
 from osl_analysis.files import atomic_path, digest, write_text
@@ -116,7 +116,9 @@ def caption_of(name: str, table_csv: Path, missing: Sequence[str] = ()) -> str:
     if table.is_empty():
         return f"{UNDRAWN} {names.as_text(figure.nothing[:1].upper() + figure.nothing[1:])}."
     lacks = f" Without {names.count_of(len(missing), 'trial')} whose recordings or fits were refused: "
-    return f"{figure.caption(table)}{f'{lacks}{names.listed_text(missing)}.' if missing else ''}"
+    shows = FIGURES[name].caption if name in FIGURES else ""
+    said = " ".join(filter(None, [figure.about(table), shows, names.doubtful_said(table)]))
+    return f"{said}{f'{lacks}{names.listed_text(missing)}.' if missing else ''}"
 
 
 def fig3(curves: Sequence[Path], table: Path, summary: Path, output: Path) -> None:

@@ -48,13 +48,12 @@ def draw_comparison(table: pl.DataFrame) -> Figure:
     return figure
 
 
-def comparison_caption(table: pl.DataFrame) -> str:
-    without = table.drop_nulls("difference")["relative_percent"].null_count()
-    return (
-        "Ratios of the quantities of campaign B to those of campaign A, less 1, with 95 % intervals. Grey: the margin, "
-        "where one is stated. Equivalent: the whole interval lies within the margin. Different: it lies wholly beyond "
-        f"it on one side. Not drawn: {names.count_of(without, 'quantity', 'quantities')} without a ratio."
-    )
-
-
-COMPARISON = style.Drawing(("experiment", "quantity", *RATIO, "verdict"), draw_comparison, comparison_caption)
+COMPARISON = style.Drawing(
+    ("experiment", "quantity", *RATIO, "verdict"),
+    draw_comparison,
+    about=lambda _: (
+        "Ratios of the quantities of campaign B to those of campaign A, less 1, with 95 % intervals. Grey: the "
+        "margin, where one is stated. Equivalent: the whole interval lies within the margin. Different: it lies wholly "
+        "beyond it on one side. Quantities without a ratio are not drawn."
+    ),
+)

@@ -9,9 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
 
-from osl_analysis.dictionary import apparent_inertia
 from osl_analysis.errors import InputError
-from osl_analysis.figures import FIGURES, columns_of, names, style
+from osl_analysis.figures import columns_of, names, style
 from osl_analysis.trial import Array
 
 OLD_NAMES = {
@@ -50,35 +49,17 @@ def response_curve(
     return pl.DataFrame(numbers).select(*(pl.lit(v, pl.String).alias(name) for name, v in named.items()), *numbers)
 
 
-def fig7_caption(table: pl.DataFrame) -> str:
-    observed = table.filter(pl.col("curve") == OBSERVED)
-    desired = [(s, observed[f"{s}_d"][0]) for s in "KB"]
-    stated = ", ".join(f"${s}_d$ = {value:g} {names.UNIT_SIGN[s]}" for s, value in desired if value is not None)
-    chosen = observed["chosen"][0] if "chosen" in observed.columns else None
-    why = f" ({names.as_text(chosen)})" if chosen is not None else ""
-    said = [
-        f"Frequency response of the joint, angle over torque: {stated or 'no impedance is stated'}{why}. "
-        "Above its magnitude, below its phase. Markers are measured phasors, averaged over amplitudes."
+def shown_impedance(table: pl.DataFrame) -> str:
+    """The desired impedance of Fig. 7, and why this one."""
+    observed = names.completed(table.filter(pl.col("curve") == OBSERVED), ["chosen"])
+    K_d, B_d, chosen = observed.select("K_d", "B_d", "chosen").row(0)
+    stated = [
+        f"${name}$ = {value:g} {unit}"
+        for name, value, unit in (("K_d", K_d, "N·m/rad"), ("B_d", B_d, "N·m·s/rad"))
+        if value is not None
     ]
-    if observed["magnitude_amplitudes_low"].count():
-        said.append("Thin bars are the range over amplitudes.")
-    if observed["magnitude_low"].count():
-        relative = 100 * ((observed["magnitude_high"] - observed["magnitude_low"]) / 2 / observed["magnitude"])
-        of_phase = (observed["phase_high"] - observed["phase_low"]) / 2
-        widest = [float(half.drop_nulls().to_numpy().max()) for half in (relative, of_phase)]
-        said.append(f"Thick bars are 95 % intervals of noise, at most ± {widest[0]:.2g} % and ± {widest[1]:.2g} deg.")
-    if (table["curve"] == DESIRED).any():
-        said.append("Black: desired impedance (Eq. 11).")
-    if (table["curve"] == LINEAR_MODEL).any():
-        said.append("Broken lines: the drivetrain with the controller's gains, without friction (Eq. 9).")
-        said.append(f"To Eq. 15 it shows I, the {apparent_inertia()}.")
-    trials = observed.group_by("controller", maintain_order=True).agg(pl.col("trial").n_unique())
-    named = (
-        f"{names.as_text(name or names.NO_CONTROLLER.label)} {names.count_of(n, 'trial')}"
-        for name, n in trials.iter_rows()
-    )
-    said.append(f"Measured: {', '.join(named)}.")
-    return " ".join([*said, names.doubtful_said(observed, "drawn open", fit="phasor")])
+    why = f" ({names.as_text(chosen)})" if chosen is not None else ""
+    return f"Frequency response of the joint, angle over torque: {', '.join(stated) or 'no impedance is stated'}{why}."
 
 
 @style.paper_style()
@@ -139,24 +120,6 @@ def condition_points(single: pl.DataFrame, pooled: pl.DataFrame) -> pl.DataFrame
     in_pool = {name for pool in pooled["trials"].unique() for name in str(pool).split(", ")}
     alone = single.filter(~pl.col("trial").is_in(in_pool)).with_columns(trials=pl.col("trial"))
     return names.completed(pl.concat([pooled, alone], how="diagonal_relaxed"), columns_of("response"), True)
-
-
-def response_caption(table: pl.DataFrame) -> str:
-    conditions = table.partition_by("trials", maintain_order=True)
-    said = [
-        f"Impedance Z, torque over angle, over frequency, of {names.count_of(len(conditions), 'condition')}, $K_d$ in "
-        f"{names.UNIT_SIGN['K']} and $B_d$ in {names.UNIT_SIGN['B']}. {FIGURES['response'].caption}"
-    ]
-    if len(conditions) > MOST_CONDITIONS:
-        said.append(f"The first {MOST_CONDITIONS} conditions are shown; response.csv has all of them.")
-    for short, (_, _, _, name) in STRUCTURE_LOOKS.items():
-        shares = (100 * missed(rows, short) / rows["magnitude"].to_numpy() for rows in conditions)
-        medians = [float(np.median(known)) for share in shares if len(known := share[np.isfinite(share)])]
-        if medians:
-            to = f" to {max(medians):.2g}" if len(medians) > 1 else ""
-            said.append(f"Half of the frequencies are within {min(medians):.2g}{to} % of {name}.")
-    fits = table.unique("trials", maintain_order=True).rename({"trials": "trial"})
-    return " ".join([*said, names.doubtful_said(fits, "drawn with open markers", fit="condition")])
 
 
 def missed(rows: pl.DataFrame, short: str) -> Array:
@@ -254,10 +217,11 @@ def draw_condition(parts: Sequence[Axes], rows: pl.DataFrame) -> dict[str, Any]:
 
 
 FIG7 = style.Drawing(
-    FIG7_COLUMNS, draw_fig7, fig7_caption, fig7_points,
+    FIG7_COLUMNS, draw_fig7, fig7_points,
     needs=[OLD_NAMES.get(name, name) for name in FIG7_COLUMNS if name not in ("joint", "side", "curve", "look")],
+    about=shown_impedance,
 )  # fmt: skip
 RESPONSE = style.Drawing(
-    columns_of("response"), draw_response, response_caption, condition_points,
+    columns_of("response"), draw_response, condition_points,
     nothing="every impedance trial follows the stepped sine; its frequency response is in phasors.csv and Fig. 7",
 )  # fmt: skip

@@ -1,7 +1,6 @@
 """Figs. 4, 5 and 6: measured and modelled torque, estimated stiffness and damping, and the VAF, of impedance trials."""
 
 import textwrap
-from collections.abc import Iterator
 from itertools import cycle, pairwise
 from typing import Any
 
@@ -12,26 +11,15 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from osl_analysis.errors import InputError
-from osl_analysis.figures import FIGURES, columns_of, names, style
+from osl_analysis.figures import columns_of, names, style
 from osl_analysis.trial import Array
 
 
-def fig4_caption(table: pl.DataFrame) -> str:
+def shown_trial(table: pl.DataFrame) -> str:
+    """The trial of Fig. 4, and why this one."""
     joint, side, trial, chosen = table.select("joint", "side", "trial", "chosen").row(0)
-    fitted, why = table.drop_nulls("torque_model"), f" ({names.as_text(chosen)})" if chosen else ""
-    said = [
-        f"{names.as_text(names.place_name(joint, side))}, trial {names.as_text(trial)}{why}: the last "
-        f"{np.ptp(table['time'].to_numpy()):.3g} s of one amplitude, at most "
-        f"{np.max(np.abs(table['theta_deg'].to_numpy())):.2g} deg. (a) Measured angle. (b) Torque: grey as measured, "
-        f"dashed the best fit of a {names.as_text(table['model'][0])} (Eq. 15). (c) Measured minus modelled torque."
-    ]
-    if len(fitted) < len(table):
-        said.append("Grey ground: samples that the fit leaves out, such as the first cycles at a frequency.")
-    if len(fitted):
-        torque, model = fitted.select("torque", "torque_model").to_numpy().T
-        vaf, rms = 100 * (1 - np.var(torque - model) / np.var(torque)), np.sqrt(np.mean((torque - model) ** 2))
-        said.append(f"Of the fitted samples shown, the RMS residual is {rms:.2g} N·m and the VAF {vaf:.2f} %.")
-    return " ".join([*said, names.doubtful_said(table.select("trial", "doubtful").head(1), "said in the legend")])
+    why = f" ({names.as_text(chosen)})" if chosen else ""
+    return f"{names.as_text(names.place_name(joint, side))}, trial {names.as_text(trial)}{why}: one amplitude."
 
 
 @style.paper_style()
@@ -220,52 +208,6 @@ def letter_conditions(ax: Axes, rows: pl.DataFrame) -> None:
     ax.set_xlabel("Desired $B_d$ (N·m·s/rad) for each desired $K_d$ (N·m/rad)")
 
 
-def fig5_caption(table: pl.DataFrame) -> str:
-    marker = "Orange" if (table["controller"] == "compensated").any() else "A marker"  # the colour of `style.LOOKS`
-    said = [f"{marker} on the black line: rendered as asked.", FIGURES["fig5"].caption]
-    if not table["K_d"].count() + table["B_d"].count():
-        said = [r"Stiffness $\hat{K}$ and damping $\hat{B}$ of the joint, by a fit to all of the motion of each trial."]
-    if table["K_predicted"].count() or table["B_predicted"].count():
-        said.append("A short line in the colour of a marker is what linear theory predicts for its gains.")
-    if table["B_viscous"].count():
-        said.append("A cross is the damping without the Coulomb friction, where this is certain.")
-    if table["K_amplitudes_low"].count() or table["B_amplitudes_low"].count():
-        said.append("Thin bars are the range of the fits to single amplitudes.")
-    widths = {symbol: (table[f"{symbol}_high"] - table[f"{symbol}_low"]).drop_nulls() for symbol in "KB"}
-    if all(map(len, widths.values())):
-        ends = " and ".join(f"±{width.to_numpy().max() / 2:.2g} {names.UNIT_SIGN[s]}" for s, width in widths.items())
-        said.append(
-            "Thick bars, where they are longer than the markers, are 95 % intervals, for another motion of this kind, "
-            f"at most {ends}."
-        )
-    parts = names.placed_rows(table)
-    for _, part in parts:
-        place = part.select("joint", "side").row(0) if len(parts) > 1 else ()
-        for controller, look in names.looks_in(part).items():
-            fits = names.of_controller(part, controller)
-            name = names.capital_text(*place, controller or look.label.lower())
-            several = " (mean ± SD, range)" if len(fits) > 1 else ""
-            said.append(f"{name} ($n$ = {len(fits)}): {', '.join(fig5_errors(fits))}{several}.")
-    return " ".join([*said, names.doubtful_said(table, "drawn open")])
-
-
-def fig5_errors(fits: pl.DataFrame) -> Iterator[str]:
-    """Mean, SD and range of estimate minus desired value; where that is not stated, of the estimate."""
-    for symbol in "KB":
-        errors = (fits[symbol] - fits[f"{symbol}_d"]).drop_nulls().to_numpy()
-        name = rf"$\hat{{{symbol}}} - {symbol}_d$"
-        if not len(errors):
-            errors, name = fits[symbol].drop_nulls().to_numpy(), rf"$\hat{{{symbol}}}$"
-        if not len(errors):
-            continue
-        mean, sd = float(np.mean(errors)), float(np.std(errors, ddof=1)) if len(errors) > 1 else None
-        digits = names.decimals_of(sd or 0.0, mean)
-        least, most = (names.rounded_number(end, digits) for end in (errors.min(), errors.max()))
-        reach = "" if sd is None else f", {least} to {most}"
-        some = f" of {names.count_of(len(errors), 'fit')}" if len(errors) < len(fits) else ""
-        yield f"{name}{some} is {names.with_sd(mean, sd, names.UNIT_SIGN[symbol])}{reach}"
-
-
 LEFT, RIGHT, HEIGHT = 0.66, 0.06, 2.08
 """Margins and height [in] of the panel of Fig. 6: fixed, because the swarm's positions depend on its size."""
 MOST_BESIDE = 2  # swarms up to which the median stands beside each, in a single column; of more it stands below each
@@ -286,7 +228,8 @@ def vaf_limits(vaf: pl.Series) -> tuple[float, float]:
 
 def vaf_said(vaf: float) -> str:
     """A VAF [percent] with two or more digits behind the point, and two of the unexplained share."""
-    return f"{names.rounded_number(vaf, min(max(names.decimals_of(100 - vaf), 2), 6))} %"
+    digits = 1 - int(np.floor(np.log10(max(100 - vaf, 1e-5))))
+    return f"{vaf:.{min(max(digits, 2), 6)}f} %".replace("-", "−")
 
 
 def swarms_of(table: pl.DataFrame) -> tuple[list[pl.DataFrame], float]:
@@ -371,19 +314,6 @@ def fits_and_trials(rows: pl.DataFrame) -> str:
     return trials if len(rows) == rows["trial"].n_unique() else f"{names.count_of(len(rows), 'fit')} of {trials}"
 
 
-def fig6_caption(table: pl.DataFrame) -> str:
-    said = [FIGURES["fig6"].caption]
-    several = len(table.select(names.JOINT_SIDE).unique()) > 1
-    for rows in swarms_of(table)[0]:
-        place = rows.select(names.JOINT_SIDE).row(0) if several else ()
-        name = names.capital_text(*place, rows["controller"][0] or names.NO_CONTROLLER.label.lower())
-        low, median, high = (vaf_said(np.quantile(rows["VAF"], share)) for share in (0, 0.5, 1))
-        said.append(f"{name} ({fits_and_trials(rows)}): median {median}, {low} to {high}.")
-    if len(table.filter(pl.col("VAF") > LARGEST_VAF)):
-        said.append(f"Larger VAFs than {LARGEST_VAF} % are drawn there.")
-    return " ".join([*said, names.doubtful_said(table, "drawn open")])
-
-
 @style.paper_style()
 def draw_over(table: pl.DataFrame) -> Figure:
     """(a) Stiffness, (b) damping over the slow signal that they change with, each trial with its 95 % interval."""
@@ -408,26 +338,14 @@ def draw_over(table: pl.DataFrame) -> Figure:
     return figure
 
 
-def over_caption(table: pl.DataFrame) -> str:
-    said = [FIGURES["impedance_over"].caption]
-    for trial in table.partition_by("trial", maintain_order=True):
-        ends = (
-            names.with_interval(row["K"], row["K_low"], row["K_high"], "N·m/rad")
-            for row in (trial.row(k, named=True) for k in (0, -1))
-        )
-        said.append(f"{names.as_text(trial['trial'][0])}: $\\hat{{K}}$ goes from {' to '.join(ends)}.")
-    return " ".join([*said, names.doubtful_said(table.unique("trial", maintain_order=True), "drawn dotted")])
-
-
 OF_FITS = ("trial", "controller", "K_d", "B_d", "amplitude_deg")
-FIG4 = style.Drawing(columns_of("fig4"), draw_fig4, fig4_caption)
+FIG4 = style.Drawing(columns_of("fig4"), draw_fig4, about=shown_trial)
 FIG5 = style.Drawing(
-    columns_of("fig5"), draw_fig5, fig5_caption, fig5_points, (*OF_FITS, "K", "K_low", "K_high", "B", "B_low", "B_high")
+    columns_of("fig5"), draw_fig5, fig5_points, (*OF_FITS, "K", "K_low", "K_high", "B", "B_low", "B_high")
 )
 IMPEDANCE_OVER = style.Drawing(
     columns_of("impedance_over"),
     draw_over,
-    over_caption,
     lambda table: names.completed(table, columns_of("impedance_over"), True),
 )
-FIG6 = style.Drawing(columns_of("fig6"), draw_fig6, fig6_caption, fig6_points, (*OF_FITS, "VAF"))
+FIG6 = style.Drawing(columns_of("fig6"), draw_fig6, fig6_points, (*OF_FITS, "VAF"))

@@ -8,7 +8,7 @@ import polars as pl
 from matplotlib.figure import Figure
 
 from osl_analysis.errors import InputError
-from osl_analysis.figures import FIGURES, columns_of, names, style
+from osl_analysis.figures import columns_of, names, style
 from osl_analysis.trial import Array
 
 RIVALS = {
@@ -33,29 +33,11 @@ def scores_points(scores: pl.DataFrame) -> pl.DataFrame:
     return table
 
 
-def models_caption(table: pl.DataFrame) -> str:
-    said = [FIGURES["model_comparison"].caption]
-    for experiment, (title, models) in RIVALS.items():
-        where = "" if experiment in drawn_experiments(table) else " (no panel: two models alone)"
-        rows = table.filter(pl.col("experiment") == experiment)
-        for trials in rows.partition_by(CONDITION, maintain_order=True):
-            shares = zip(models.values(), shares_left(trials, models)[2], strict=True)
-            told = "; ".join(f"{name} {share:.2g} %" for name, share in shares if share > 0).replace("\n", " ")
-            named = names.capital_text(title, *trials.select(CONDITION).row(0))
-            said.append(f"{named}{where}, mean of {names.count_of(trials['trial'].n_unique(), 'trial')}: {told}.")
-    return " ".join(said)
-
-
-def drawn_experiments(table: pl.DataFrame) -> list[str]:
-    """Those with three models or more, or all if there is none: the caption says the numbers of two models."""
-    present = [experiment for experiment in RIVALS if experiment in table["experiment"]]
-    return [experiment for experiment in present if len(RIVALS[experiment][1]) > 2] or present
-
-
 @style.paper_style()
 def draw_models(table: pl.DataFrame) -> Figure:
-    """A panel per experiment with three models or more, the draft's model on the left."""
-    several, present = len(table.select(names.JOINT_SIDE).unique()) > 1, drawn_experiments(table)
+    """A panel per experiment, the draft's model on the left."""
+    several = len(table.select(names.JOINT_SIDE).unique()) > 1
+    present = [experiment for experiment in RIVALS if experiment in table["experiment"]]
     shares = [len(RIVALS[experiment][1]) for experiment in present]
     width = style.SINGLE_COLUMN if len(present) == 1 else style.DOUBLE_COLUMN
     figure, axes = style.panels(width, 2.8, columns=len(present), shares=shares)
@@ -102,6 +84,6 @@ def shares_left(rows: pl.DataFrame, models: dict[str, str]) -> tuple[list[str], 
 
 
 MODEL_COMPARISON = style.Drawing(
-    columns_of("model_comparison"), draw_models, models_caption, scores_points,
+    columns_of("model_comparison"), draw_models, scores_points,
     needs=("experiment", "controller", "trial", "model", "VAF_held_out"),
 )  # fmt: skip

@@ -1,6 +1,5 @@
 """Words on paper: names of a campaign as the fonts can draw them, captions, and the small line below every figure."""
 
-import math
 import re
 import textwrap
 import unicodedata
@@ -101,20 +100,11 @@ def of_controller(table: pl.DataFrame, controller: str | None) -> pl.DataFrame:
     return table.filter(pl.col("controller").eq_missing(pl.lit(controller)))
 
 
-UNIT_SIGN = {"K": "N·m/rad", "B": "N·m·s/rad", "I": "kg·m²"}  # as they are printed
-
-
 def as_text(name: str) -> str:
     """A name from a file, of which Markdown shows every sign. Some dialects join repeated hyphens and dots."""
     special = r"[\\`*_{}\[\]<>#|~$&!^@\"']|:(?=//)|(?<=-)-|(?<=\.)\.|(?<=www)\."
     plain = " ".join(re.sub(r"[\x00-\x1f\x7f\u2028\u2029]", " ", name).split())
     return re.sub(special, lambda sign: f"\\{sign[0]}", plain)
-
-
-def capital_text(*parts: str | None) -> str:
-    """Names from files as the beginning of a sentence, with commas between those that are known."""
-    said = ", ".join(filter(None, parts))
-    return as_text(said[:1].upper() + said[1:])
 
 
 def listed_text(names: Iterable[str], most: int = 6) -> str:
@@ -123,48 +113,22 @@ def listed_text(names: Iterable[str], most: int = 6) -> str:
     return ", ".join(found[:most]) + (f" and {len(found) - most} more" if len(found) > most else "")
 
 
-def decimals_of(spread: float, largest: float = 0.0) -> int:
-    """Digits behind the point at which a half width or standard deviation has two significant ones. A number of the
-    size `largest` has no more than five: rounding leaves a spread where there is none."""
-    sizes = ((spread, 2), (largest, 5))
-    digits = [most - 1 - math.floor(math.log10(abs(size))) for size, most in sizes if size and math.isfinite(size)]
-    return max(min(digits, default=0), 0)
-
-
-def rounded_number(value: float, decimals: int) -> str:
-    return f"{value:.{decimals}f}".replace("-", "−") if round(value, decimals) else f"{0:.{decimals}f}"
-
-
-def with_interval(value: float, low: float | None, high: float | None, unit: str) -> str:
-    """An estimate with its 95 % interval, as `299.1 N·m/rad (95 % interval 298.2 to 300.0)`; alone without one."""
-    if low is None or high is None:
-        return f"{value:.4g} {unit}".replace("-", "−")
-    digits = decimals_of((high - low) / 2, value)
-    ends = f"{rounded_number(low, digits)} to {rounded_number(high, digits)}"
-    return f"{rounded_number(value, digits)} {unit} (95 % interval {ends})"
-
-
-def with_sd(mean: float, sd: float | None, unit: str) -> str:
-    """A mean with its standard deviation, as `338 ± 20 N·m/rad`; alone without one."""
-    if sd is None:
-        return f"{mean:.3g} {unit}".replace("-", "−")
-    digits = decimals_of(sd, mean)
-    return f"{rounded_number(mean, digits)} ± {rounded_number(sd, digits)} {unit}"
-
-
 def count_of(n: int, one: str, several: str = "") -> str:
     return f"{n} {one if n == 1 else several or one + 's'}"
 
 
-def doubtful_said(table: pl.DataFrame, look: str, fit: str = "fit") -> str:
-    """Which of the drawn fits are doubtful, how they `look`, and why, as `Doubtful, drawn open: 2 of 32 fits (a, b),
-    for friction.`"""
-    found = table.filter(IS_DOUBTFUL)
+def doubtful_said(table: pl.DataFrame) -> str:
+    """Which of the drawn trials, or groups of crossings, are doubtful, and why; empty where nothing was judged."""
+    if "doubtful" not in table.columns:
+        return ""
+    of_group = [pl.format("mean response of {}", "group")] * ("group" in table.columns)
+    whose = [pl.col(name) for name in ("trial", "trials") if name in table.columns]
+    judged = table.drop_nulls("doubtful").with_columns(whose=pl.coalesce(*whose, *of_group))
+    found = judged.filter(IS_DOUBTFUL).unique("whose", maintain_order=True)
     if found.is_empty():
-        return f"No {fit} is doubtful."
-    causes = dict.fromkeys(found["doubtful"])
-    drawn = f"{len(found)} of {count_of(len(table), fit)} ({listed_text(found['trial'])})"
-    return f"Doubtful, {look}: {drawn}, for {as_text(', '.join(causes))}."
+        return "No fit is doubtful." if len(judged) else ""
+    of = f"{len(found)} of {judged['whose'].n_unique()} ({listed_text(found['whose'])})"
+    return f"Doubtful: {of}, for {as_text(', '.join(dict.fromkeys(found['doubtful'])))}."
 
 
 @paper_style()

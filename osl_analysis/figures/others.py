@@ -9,8 +9,6 @@ from matplotlib.ticker import MultipleLocator, PercentFormatter
 
 from osl_analysis.figures import columns_of, names, style
 
-NO_GAINS = "There are no gains, because the configuration names no parameter file."
-
 
 def fig8_points(gains: pl.DataFrame, stance_share: float = 0.62) -> pl.DataFrame:
     """Desired impedance, and gains times the square of the belt's ratio, over `phase` of the gait cycle in stance, its
@@ -40,29 +38,6 @@ def draw_fig8(table: pl.DataFrame) -> Figure:
     axes[1].xaxis.set_major_formatter(PercentFormatter(xmax=1, decimals=0, symbol=""))
     figure.align_ylabels()
     return figure
-
-
-def fig8_caption(table: pl.DataFrame) -> str:
-    kind, end = table["trajectory"][0], 100 * table["phase"].to_numpy().max()
-    whose = {
-        None: "The trajectory's file does not say of what kind it is.",
-        "synthetic": "The trajectory is synthetic: neither measured nor that of a published walking controller.",
-    }.get(kind, f"Kind of the trajectory: {names.as_text(kind or '')}.")
-    reach = {}
-    for name in ("K_d", "B_d", "K_1_joint", "B_1_joint"):
-        if len(values := table[name].drop_nulls().to_numpy()):
-            reach[name] = f"{values.min():.3g} to {values.max():.3g}".replace("-", "−")
-    said = (
-        f"Desired stiffness $K_d$ (a) and damping $B_d$ (b) of the joint over stance, the first {end:.0f} % of the "
-        f"gait cycle. {whose} Desired: {reach['K_d']} N·m/rad and {reach['B_d']} N·m·s/rad. An impedance is defined in "
-        "stance only."
-    )
-    if len(reach) == 2:
-        return f"{said} {NO_GAINS}"
-    return (
-        f"{said} Dashed: the gains at the actuator's output that render it, times $n_T^2$; $K_1 n_T^2$ is "
-        f"{reach['K_1_joint']} N·m/rad, $B_1 n_T^2$ is {reach['B_1_joint']} N·m·s/rad."
-    )
 
 
 @style.paper_style()
@@ -109,7 +84,7 @@ def draw_reasons(table: pl.DataFrame) -> Figure:
     return figure
 
 
-FIG8 = style.Drawing(columns_of("fig8"), draw_fig8, fig8_caption, fig8_points, columns_of("fig8"))
+FIG8 = style.Drawing(columns_of("fig8"), draw_fig8, fig8_points, columns_of("fig8"))
 TORQUE = style.Drawing(("time", "torque", "torque_model"), draw_torque)
 GAIN_GRID = style.Drawing(("K_d", "B_d", "B_1_joint"), draw_gain_grid)
 NOT_DRAWN = style.Drawing(("figure", "trial", "file", "reason"), draw_reasons)

@@ -1,10 +1,9 @@
 """What the components predict of the rendered impedance, against what was measured: nothing is fitted."""
 
-import numpy as np
 import polars as pl
 from matplotlib.figure import Figure
 
-from osl_analysis.figures import FIGURES, columns_of, names, style
+from osl_analysis.figures import columns_of, names, style
 
 PANELS = {"K": r"stiffness $\hat{K}$ (N·m/rad)", "B": r"damping $\hat{B}$ (N·m·s/rad)", "torque": "torque, SD (N·m)"}
 """The quantities with their words on the axes."""
@@ -13,18 +12,6 @@ PANELS = {"K": r"stiffness $\hat{K}$ (N·m/rad)", "B": r"damping $\hat{B}$ (N·m
 def prediction_points(prediction: pl.DataFrame) -> pl.DataFrame:
     table = names.completed(prediction, columns_of("prediction"), True).filter(pl.col("VAF").is_not_null())
     return table.with_columns(names.look_numbers(table["controller"]))
-
-
-def prediction_caption(table: pl.DataFrame) -> str:
-    vaf, better = table["VAF"].to_numpy(), (table["VAF"] > table["VAF_fitted"]).sum()
-    said = (
-        f"{FIGURES['prediction'].caption} The predicted torque has a median VAF of {np.median(vaf):.2f} % (lowest "
-        f"{vaf.min():.1f} %) in {names.count_of(len(vaf), 'trial')}, and is nearer to the recorded one than Eq. 15 "
-        f"fitted to it in {better}. "
-    )
-    above = [int((table[f"{symbol}_measured"] > table[symbol]).sum()) for symbol in "KB"]
-    said += f"Measured K is above its prediction in {above[0]} of them, B in {above[1]}. "
-    return said + names.doubtful_said(table, "drawn open")
 
 
 @style.paper_style()
@@ -61,6 +48,6 @@ def draw_prediction(table: pl.DataFrame) -> Figure:
 
 
 PREDICTION = style.Drawing(
-    columns_of("prediction"), draw_prediction, prediction_caption, prediction_points,
+    columns_of("prediction"), draw_prediction, prediction_points,
     needs=("trial", "controller", "VAF"), nothing="the components of no impedance trial were all measured",
 )  # fmt: skip

@@ -10,7 +10,7 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from scipy.stats import median_abs_deviation
 
-from osl_analysis.figures import FIGURES, columns_of, names, style
+from osl_analysis.figures import columns_of, names, style
 from osl_analysis.stats.repeats import IS_DOUBTFUL
 
 OUTLIER = style.ORANGE
@@ -20,24 +20,6 @@ BRANCHES: dict[str, style.Dash] = {"loading": "-", "unloading": (0, (6, 3))}  # 
 GREY_TRIAL: dict[str, Any] = {"color": "#B4B4B4", "linewidth": 0.9}
 DOUBTFUL_TRIAL: dict[str, Any] = {"color": style.BLACK, "linestyle": style.DOTTED, "linewidth": 0.9}
 MEAN_LINE: dict[str, Any] = {"color": style.MAGENTA, "linestyle": style.DASHED, "linewidth": 1.3}
-
-
-def fig3_caption(table: pl.DataFrame) -> str:
-    fits = table.filter(pl.col("trial") != MEAN_SLOPE).unique("trial", maintain_order=True)
-    said = [FIGURES["fig3"].caption]
-    parts = names.placed_rows(table)
-    named = names.listed_text(name for _, part in parts for name in outlying(far_ends(trials_of(part))))
-    rule = f"{OUTLYING:g} robust standard deviations from the median of the loops' ends"
-    said.append(f"Beyond {rule}, and named: {named}." if named else f"No loop ends more than {rule}.")
-    for name, part in parts:
-        for row in part.filter(pl.col("trial") == MEAN_SLOPE).head(1).iter_rows(named=True):
-            K_s, loop = (
-                names.with_interval(row[column], row[f"{column}_low"], row[f"{column}_high"], unit)
-                for column, unit in (("K_s", "N·m/rad"), ("hysteresis_area", "J"))
-            )
-            where = f"{names.as_text(name)} ({names.count_of(part['trial'].n_unique() - 1, 'trial')})"
-            said.append(f"{where}: the mean stiffness $K_s$ is {K_s}, and a loop loses {loop}.")
-    return " ".join([*said, names.doubtful_said(fits, "drawn dotted")])
 
 
 @style.paper_style()
@@ -131,25 +113,6 @@ def torque_angle_points(curves: pl.DataFrame, table: pl.DataFrame) -> pl.DataFra
     return joined.select(columns_of("torque_angle"))
 
 
-def torque_angle_caption(table: pl.DataFrame) -> str:
-    said = [
-        f"Torque against angle of {names.count_of(table['trial'].n_unique(), 'trial')}, moved slowly. (a) Torque, "
-        "thick while loading and thin while unloading. (b) Slope of torque over angle while loading; shaded: its 95 % "
-        "interval."
-    ]
-    if table["desired_torque"].count():
-        said.append("Dashed: the curves that the trials of this colour were designed for.")
-    for trial in table.partition_by("trial", maintain_order=True)[:MOST_CURVES]:
-        loading = trial.filter(pl.col("branch") == "loading")
-        torque = loading.drop_nulls("torque").sort("angle_deg")["torque"]
-        slopes = loading["stiffness"].drop_nulls().to_numpy()
-        steepest = f", steepest {np.max(slopes):.4g} {names.UNIT_SIGN['K']}" if len(slopes) else ""
-        reach = f"{torque[0]:.3g} to {torque[-1]:.3g} N·m{steepest}"
-        said.append(f"{names.as_text(trial['trial'][0])}: {reach}.".replace("-", "−"))
-    fits = table.unique("trial", maintain_order=True)
-    return " ".join([*said, names.doubtful_said(fits, "drawn dotted", fit="trial")])
-
-
 @style.paper_style()
 def draw_torque_angle(table: pl.DataFrame) -> Figure:
     """(a) Torque against angle, desired curves dashed; (b) stiffness while loading with its 95 % interval."""
@@ -206,7 +169,5 @@ def draw_curves(left: Axes, right: Axes, table: pl.DataFrame, colours: dict[str,
         ax.set_ylabel(label)
 
 
-FIG3 = style.Drawing(columns_of("fig3"), draw_fig3, fig3_caption)
-TORQUE_ANGLE = style.Drawing(
-    columns_of("torque_angle"), draw_torque_angle, torque_angle_caption, torque_angle_points, CURVE_COLUMNS
-)
+FIG3 = style.Drawing(columns_of("fig3"), draw_fig3)
+TORQUE_ANGLE = style.Drawing(columns_of("torque_angle"), draw_torque_angle, torque_angle_points, CURVE_COLUMNS)

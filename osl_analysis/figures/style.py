@@ -42,9 +42,9 @@ Dash = Literal["-", ""] | tuple[float, tuple[float, ...]]  # A line style as mat
 class Drawing:
     columns: Sequence[str]  # of the plotted numbers
     draw: Callable[[pl.DataFrame], Figure]
-    caption: Callable[[pl.DataFrame], str] = lambda _: ""  # a paragraph of Markdown
     points: Callable[..., pl.DataFrame] = lambda table: table  # result tables -> plotted numbers
     needs: Sequence[str] = ()  # columns of the result table from which `points` are
+    about: Callable[[pl.DataFrame], str] = lambda _: ""  # what of these numbers the caption says first, in Markdown
     nothing: str = "no trial of the campaign has the numbers that this figure shows"  # why, without any number
 
 

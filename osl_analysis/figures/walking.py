@@ -9,17 +9,15 @@ import polars as pl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from osl_analysis.dictionary import apparent_inertia
 from osl_analysis.errors import InputError
-from osl_analysis.figures import names, style
-from osl_analysis.figures.names import UNIT_SIGN, as_text, count_of, doubtful_said, drawn_name, rounded_number
-from osl_analysis.stats.repeats import IS_DOUBTFUL
+from osl_analysis.figures import style
+from osl_analysis.figures.names import drawn_name
 
 ESTIMATES = ("K", "B", "I")
 PER_PERTURBATION, BY_ENSEMBLE = "mean of perturbations", "ensemble"  # estimators of mean and scatter, of interval
 FIG9_COLUMNS = (
-    "group", "quantity", "trial", "estimate", "n", "n_down", "mean", "sd", "n_doubtful", "ensemble", "ensemble_low",
-    "ensemble_high", "commanded", "doubtful",
+    "group", "quantity", "trial", "estimate", "n", "mean", "sd", "ensemble", "ensemble_low", "ensemble_high",
+    "commanded", "doubtful",
 )  # fmt: skip
 AXIS_LABELS = {
     "K": r"Stiffness $\hat{K}$ (N·m/rad)",
@@ -46,19 +44,18 @@ def fig9_points(
         of_group = fits.filter(group=group)
         single = of_group.select("group", "trial", "doubtful", pl.col(quantity).alias("estimate"))
         row: dict[str, Any] = {"group": group, "quantity": quantity, "n": len(single)}
-        row["n_down"] = int((of_group["direction"] == "down").sum()) if "direction" in of_group.columns else 0
         stated = None
         if mean := rows.get((group, PER_PERTURBATION, quantity)):
             ensemble = rows[group, BY_ENSEMBLE, quantity]
-            row |= {name: mean[name] for name in ("n", "mean", "sd", "n_doubtful")} | {"ensemble": ensemble["mean"]}
+            row |= {name: mean[name] for name in ("n", "mean", "sd")} | {"ensemble": ensemble["mean"]}
             row |= {f"ensemble_{end}": ensemble[end] for end in ("low", "high")}
             stated, row["doubtful"] = ensemble["commanded"], ensemble.get("doubt")
         configured = commanded_K if quantity == "K" and len(groups) == 1 else None
         known = (stated, configured, trajectory.get((group, quantity)))
         found.append(row | {"commanded": next((value for value in known if value is not None), None)})
         found += [{"quantity": quantity, **one} for one in single.iter_rows(named=True)]
-    text, counts = ("group", "quantity", "trial", "doubtful"), ("n", "n_down", "n_doubtful")
-    types = dict.fromkeys(FIG9_COLUMNS, pl.Float64) | dict.fromkeys(text, pl.String) | dict.fromkeys(counts, pl.Int64)
+    text = dict.fromkeys(("group", "quantity", "trial", "doubtful"), pl.String)
+    types = dict.fromkeys(FIG9_COLUMNS, pl.Float64) | text | {"n": pl.Int64}
     return pl.DataFrame(found, schema=types)
 
 
@@ -114,47 +111,6 @@ def draw_fig9(table: pl.DataFrame) -> Figure:
     labels |= style.open_entry(table)
     figure.legend(list(labels.values()), list(labels), loc="outside upper center", ncols=2 if single else 5)
     return figure
-
-
-def fig9_caption(table: pl.DataFrame) -> str:
-    rows = table.filter(pl.col("trial").is_null())
-    groups = rows["group"].unique(maintain_order=True).to_list()
-    fits = table.filter(pl.col("quantity") == ESTIMATES[0]).drop_nulls("trial")
-    several = "" if len(groups) == 1 else f" in {len(groups)} groups, whose numbers stand in brackets"
-    said = [
-        r"Stiffness $\hat{K}$ (a), damping $\hat{B}$ (b) and $\hat{I}$ (c) of the ankle while walking, Eq. 15. "
-        rf"$\hat{{I}}$ is the {apparent_inertia()}; the actuator behind its gains adds to the joint's own inertia, or "
-        "takes off it, so that it is no mass. "
-        f"Points: {count_of(len(fits), 'perturbation')}{several}. Squares: their mean ± SD. Diamonds: the fit to the "
-        "mean response with its 95 % interval (bootstrap)."
-    ]
-    if table["commanded"].count():
-        said.append("Dashed: what the walking controller commanded.")
-    for group in groups:
-        told = []
-        for row in rows.filter(group=group).iter_rows(named=True):
-            name, unit = rf"$\hat{{{row['quantity']}}}$", UNIT_SIGN[row["quantity"]]
-            commanded = "" if row["commanded"] is None else f", commanded {row['commanded']:g}"
-            if row["mean"] is None:
-                told.append(f"{name} has no mean of several perturbations{commanded}")
-                continue
-            mean = names.with_sd(row["mean"], row["sd"], unit)
-            ensemble = names.with_interval(row["ensemble"], row["ensemble_low"], row["ensemble_high"], unit)
-            told.append(f"{name} is {mean}, of the mean response {ensemble}{commanded}")
-        said.append(("" if len(groups) == 1 else f"{as_text(group)}: ") + "; ".join(told) + ".")
-        n, n_down = rows.filter(group=group).select("n", "n_down").row(0)
-        joined = "the square is the mean of both directions' means, the diamond half the difference of their responses"
-        said += both_ways(n - (n_down or 0), n_down or 0, joined)
-    of_groups = rows.filter(IS_DOUBTFUL).unique("group", maintain_order=True)
-    for group, causes in of_groups.select("group", "doubtful").iter_rows():
-        whose = "" if len(groups) == 1 else f" of {as_text(group)}"
-        said.append(f"The fit to the mean response{whose} is doubtful, for {as_text(causes)}.")
-    return " ".join([*said, doubtful_said(fits, "drawn open", "fit" if of_groups.is_empty() else "single fit")])
-
-
-def both_ways(n_up: int, n_down: int, joined: str) -> list[str]:
-    """What a caption says where perturbations of both directions are `joined`."""
-    return [f"{n_up} turn the toes up and {n_down} down: {joined}."] if n_up and n_down else []
 
 
 GAIT = {"unperturbed": (style.PURPLE, "-", "Unperturbed"), "perturbed": (style.ORANGE, (0, (5, 1.5)), "Perturbed")}
@@ -224,70 +180,7 @@ def draw_isolated(ax: Axes, table: pl.DataFrame, panel: str) -> None:
     ax.set_xlabel("Time from the platform’s onset (ms)")
 
 
-def walking_page_caption(table: pl.DataFrame) -> str:
-    groups = table.partition_by("group", maintain_order=True)
-    said = [
-        "From crossings to the responses that Fig. 9 fits. (a) Ankle angle and (b) ankle torque over stance, mean ± SD "
-        "of unperturbed and perturbed crossings. (c) Isolated angle and (d) isolated torque: every perturbed crossing "
-        "minus the mean unperturbed gait at the same phase of stance, their mean, and the fit of Eq. 15 to it in the "
-        "shaded window."
-    ]
-    if len(ends := curve(groups[0], "response angle", "baseline")["x"]):
-        said.append(
-            f"Each response is zero on average over the hatched baseline, {rounded_number(ends[0], 0)} to "
-            f"{rounded_number(ends[1], 0)} ms from the onset, and not at the onset: in between, a crossing's own gait "
-            "departs from the mean one, and the zero-phase filter spreads the platform's motion to times before the "
-            "onset. The fit has no offset, so that both are in it."
-        )
-    for rows in groups:
-        name = f"{as_text(rows['group'][0])}: " if len(groups) > 1 else ""
-        usual, turned = (int(curve(rows, "angle", gait)["n"][0]) for gait in GAIT)
-        told = []
-        for panel, unit in RESPONSES.items():
-            ordered = rows.sort(pl.col("x").abs(), maintain_order=True)
-            nearest = ordered.unique(["panel", "curve", "trial"], keep="first")
-            mean, each = (curve(nearest, panel, name)["mean"] for name in ("mean", "each"))
-            sd = float(each.std()) if len(each) > 1 else 0.0  # type: ignore[arg-type]
-            digits = names.decimals_of(sd or 0.1 * float(mean[0]))
-            scatter = f" (SD {rounded_number(sd, digits)})" if sd else ""
-            told.append(f"{rounded_number(float(mean[0]), digits)} {unit}{scatter}")
-        said.append(
-            f"{name}{count_of(usual, 'unperturbed crossing')} and {turned} perturbed; at the onset the mean response "
-            f"is {' and '.join(told)}."
-        )
-        n_down = int(rows["n_down"].drop_nulls().max() or 0) if "n_down" in rows.columns else 0  # type: ignore[arg-type]
-        joined = "their mean over stance is of both, the mean response half the difference"
-        said += both_ways(turned - n_down, n_down, joined)
-    fits = table.filter(pl.col("curve") == "each").unique("trial", maintain_order=True)
-    return " ".join([*said, doubtful_said(fits, "dotted", "single fit")])
-
-
 COMMANDED_SERIES = "commanded"  # series of the curve that the controller commands; all other series are estimates
-
-
-def over_stance_caption(table: pl.DataFrame) -> str:
-    meant = {"K": "stiffness", "B": "damping", "I": apparent_inertia()}
-    drawn = [meant[quantity] for quantity in ESTIMATES if quantity in table["quantity"]]
-    panels = drawn if len(drawn) == 1 else [f"({letter}) {one}" for letter, one in zip("abc", drawn, strict=False)]
-    said = [
-        f"Impedance of the ankle over stance: {', '.join(panels)}. A marker is the fit to the mean response of a "
-        "group, at the phase that the fit reads. Upright bars are 95 % intervals, level ones the windows of the fits."
-    ]
-    if table["commanded"].count():
-        said.append("Dashed, and short black lines at the groups: what the controller commands.")
-    estimates = table.filter(pl.col("series") != COMMANDED_SERIES)
-    for rows in estimates.sort("phase").partition_by("series", "phase", maintain_order=True):
-        told = []
-        for row in rows.drop_nulls("estimate").iter_rows(named=True):
-            unit = UNIT_SIGN[row["quantity"]]
-            told.append(f"${row['quantity']}$ {names.with_interval(row['estimate'], row['low'], row['high'], unit)}")
-        counts = rows["n"].drop_nulls() if "n" in rows.columns else rows["phase"].clear()
-        of = f", {count_of(int(counts[0]), 'perturbation')}" if len(counts) else ""
-        if told:
-            name = "All perturbations" if rows["series"][0] == "all" else as_text(rows["series"][0])
-            at = f"{name}, at {100 * rows['phase'][0]:.0f} % of stance"
-            said.append(f"{at}{of}: {'; '.join(told)}.")
-    return " ".join(said)
 
 
 @style.paper_style()
@@ -341,13 +234,10 @@ def draw_half_widths(table: pl.DataFrame) -> Figure:
     return figure
 
 
-FIG9 = style.Drawing(FIG9_COLUMNS, draw_fig9, fig9_caption, fig9_points)
-WALKING_PAGE = style.Drawing(
-    ("group", "panel", "curve", "trial", "x", "mean", "sd", "doubtful"), draw_walking_page, walking_page_caption
-)
+FIG9 = style.Drawing(FIG9_COLUMNS, draw_fig9, fig9_points)
+WALKING_PAGE = style.Drawing(("group", "panel", "curve", "trial", "x", "mean", "sd", "doubtful"), draw_walking_page)
 IMPEDANCE_OVER_STANCE = style.Drawing(
     ("series", "quantity", "phase", "onset_phase", "end_phase", "estimate", "low", "high", "commanded"),
     draw_over_stance,
-    over_stance_caption,
     nothing="all perturbations are at one phase of stance, and no curve is commanded; Fig. 9 shows them",
 )

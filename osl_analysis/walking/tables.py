@@ -533,8 +533,7 @@ def walking_page_points(
     ):
         time, values = (1e3 * pl.col("time")).alias("x"), pl.col(column).alias("mean")
         frames.append(of.select("trial", *doubts, time, of_curve, values, pl.lit(panel).alias("panel")))
-    n_down = sum(c.sign < 0 for c in perturbed)
-    return pl.concat(frames, how="diagonal").with_columns(n_down=pl.lit(n_down, pl.Int64))
+    return pl.concat(frames, how="diagonal")
 
 
 def impedance_over_stance(summary: pl.DataFrame, groups: pl.DataFrame) -> pl.DataFrame:

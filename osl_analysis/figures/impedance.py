@@ -208,9 +208,6 @@ def letter_conditions(ax: Axes, rows: pl.DataFrame) -> None:
     ax.set_xlabel("Desired $B_d$ (N·m·s/rad) for each desired $K_d$ (N·m/rad)")
 
 
-LEFT, RIGHT, HEIGHT = 0.66, 0.06, 2.08
-"""Margins and height [in] of the panel of Fig. 6: fixed, because the swarm's positions depend on its size."""
-MOST_BESIDE = 2  # swarms up to which the median stands beside each, in a single column; of more it stands below each
 LARGEST_VAF = 99.9999  # larger ones [percent] are drawn here
 
 
@@ -232,65 +229,42 @@ def vaf_said(vaf: float) -> str:
     return f"{vaf:.{min(max(digits, 2), 6)}f} %".replace("-", "−")
 
 
-def swarms_of(table: pl.DataFrame) -> tuple[list[pl.DataFrame], float]:
-    """The rows of each controller of each joint and side, and the width [in] of the panel that shows them."""
-    parts = table.partition_by(names.JOINT_SIDE, maintain_order=True)
-    found = (names.of_controller(part, controller) for part in parts for controller in names.looks_in(part))
-    swarms = [rows for rows in found if len(rows)]
-    page = style.SINGLE_COLUMN if len(swarms) <= MOST_BESIDE else style.DOUBLE_COLUMN
-    return swarms, page - LEFT - RIGHT
-
-
 def fig6_points(impedance: pl.DataFrame) -> pl.DataFrame:
-    """One row per trial and amplitude, with its place `x` in the swarm of its controller, joint and side, 0 to 1 across
-    the panel. A trial that no stepped sine moved has one row, a fit without a VAF (a constant torque) none."""
+    """One row per trial and amplitude. A trial that no stepped sine moved has one row, a fit without a VAF (a constant
+    torque) none."""
     single = (pl.col("amplitude_deg").is_not_null() | (pl.len().over("trial") == 1)) & pl.col("VAF").is_finite()
     table = impedance.filter(single)
     if table.is_empty():
         raise InputError(
             "the impedance table has no VAF of a single amplitude, which Fig. 6 draws; fit the trials again"
         )
-    table = names.completed(table.with_columns(names.look_numbers(table["controller"])), columns_of("fig6"), True)
-    low, high = vaf_limits(table["VAF"])
-    groups, width = swarms_of(table)
-    pitch, swarms = 1 / len(groups), []
-    for place, rows in enumerate(groups):
-        drawn = rows["VAF"].clip(upper_bound=LARGEST_VAF).to_numpy()
-        heights = (vaf_scale(drawn) - low) / (high - low) * HEIGHT
-        offsets = style.swarm_offsets(heights, 4.9 / 72, width, 0.4 * pitch)  # the marker and a small gap
-        centre = pitch * (0.92 * place + 0.46 if len(groups) <= MOST_BESIDE else place + 0.5)
-        swarms.append(rows.with_columns(x=centre + offsets, x_centre=pl.lit(centre), median_VAF=pl.col("VAF").median()))
-    return pl.concat(swarms)
+    return names.completed(table.with_columns(names.look_numbers(table["controller"])), columns_of("fig6"), True)
 
 
 @style.paper_style()
 def draw_fig6(table: pl.DataFrame) -> Figure:
     """A swarm per controller of each joint and side, over an axis that is logarithmic in the unexplained variance."""
-    (swarms, panel), looks = swarms_of(table), names.looks_in(table)
-    several, beside = len(table.select(names.JOINT_SIDE).unique()) > 1, len(swarms) <= MOST_BESIDE
-    # what stands below a swarm, in lines of the width that each has
-    letters, written = max(int(17 * panel / len(swarms)), 6), []
-    for rows in swarms:
-        place = names.place_name(*rows.select(names.JOINT_SIDE).row(0)) if several or not beside else ""
-        median = "" if beside else f"median {vaf_said(rows['median_VAF'][0])}"
-        named = (looks[rows["controller"][0]].label.strip(), place, fits_and_trials(rows), median)
-        written.append("\n".join(part for line in named if line for part in textwrap.wrap(line, letters)))
-    below = 0.17 * max(lines.count("\n") for lines in written)
-    width, height = panel + LEFT + RIGHT, 2.4 + below
-    figure = Figure(figsize=(width, height))
-    ax = figure.add_axes((LEFT / width, (0.26 + below) / height, panel / width, HEIGHT / height))
+    looks, parts = names.looks_in(table), table.partition_by(names.JOINT_SIDE, maintain_order=True)
+    found = (names.of_controller(part, controller) for part in parts for controller in names.looks_in(part))
+    swarms = [rows for rows in found if len(rows)]
+    width = style.SINGLE_COLUMN if len(swarms) <= 2 else style.DOUBLE_COLUMN
+    figure, (ax,) = style.panels(width, 3.0)
     ax.set_yscale("function", functions=(vaf_scale, lambda y: 100 - 10.0 ** -np.asarray(y)))
-    for rows in swarms:
+    low, high = vaf_limits(table["VAF"])
+    across, height, written = (width - 0.75) / len(swarms), 1.8, []  # of a swarm [in]: the panel is no smaller
+    for place, rows in enumerate(swarms):
         look, drawn = looks[rows["controller"][0]], rows["VAF"].clip(upper_bound=LARGEST_VAF)
-        style.draw_fits(ax, rows, rows["x"], drawn, look, linewidths=0.8)
-        centre, median, half = rows["x_centre"][0], min(rows["median_VAF"][0], LARGEST_VAF), 0.3 / len(swarms)
-        ax.hlines(median, centre - half, centre + half, color=style.BLACK, linewidth=1.2, zorder=0.5)
-        if beside:
-            words = f"median\n{vaf_said(rows['median_VAF'][0])}"
-            ax.annotate(words, (centre + half + 0.02 / len(swarms), median), va="center")
+        heights = (vaf_scale(drawn.to_numpy()) - low) / (high - low) * height
+        x = place + style.swarm_offsets(heights, 4.9 / 72, across, 0.45)  # the marker and a small gap
+        style.draw_fits(ax, rows, x, drawn, look, linewidths=0.8)
+        median = float(np.median(rows["VAF"]))
+        ax.hlines(min(median, LARGEST_VAF), place - 0.3, place + 0.3, color=style.BLACK, linewidth=1.2, zorder=0.5)
+        where = names.place_name(*rows.select(names.JOINT_SIDE).row(0)) if len(parts) > 1 or len(swarms) > 2 else ""
+        told = (look.label.strip(), where, fits_and_trials(rows), f"median {vaf_said(median)}")
+        lines = (textwrap.wrap(line, max(int(17 * across), 6)) for line in told if line)
+        written.append("\n".join(part for line in lines for part in line))
     if entries := style.open_entry(table):
         ax.legend(handles=entries.values(), loc="lower left")
-    low, high = vaf_limits(table["VAF"])
     ax.set_ylim(100 - 10.0**-low, 100 - 10.0**-high)
     # round VAFs; of more than twelve, those at which the unexplained share is a power of ten
     every = (
@@ -302,8 +276,8 @@ def draw_fig6(table: pl.DataFrame) -> Figure:
         ticks = [tick for tick in ticks if abs(np.log10(100 - tick) % 1 - 0.5) > 0.499]
     ax.set_yticks(ticks, minor=False)
     ax.yaxis.set_major_formatter("{x:g}")
-    ax.set_xlim(0, 1)
-    ax.set_xticks([rows["x_centre"][0] for rows in swarms], written)
+    ax.set_xlim(-0.5, len(swarms) - 0.5)
+    ax.set_xticks(range(len(swarms)), written)
     ax.tick_params(axis="x", length=0)
     ax.set_ylabel("VAF (%), log scale of 100 − VAF")
     return figure

@@ -7,7 +7,7 @@ import re
 import unicodedata
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from itertools import count
+from itertools import chain, count
 from pathlib import Path
 from typing import Any
 
@@ -211,6 +211,25 @@ def impedance_headlines(impedance: pl.DataFrame, example: Example) -> Iterator[H
             yield replace(number, n_doubtful=doubtful_count(shown)[0], **ends)
 
 
+def claim_headlines(claims: pl.DataFrame) -> Iterator[Headline]:
+    for row in claims.drop_nulls("value").iter_rows(named=True):
+        label = Headline(row["name"], row["unit"], None, letters(row["name"].replace("_", " ")), row["claim"])
+        where = ", ".join(filter(None, [row["joint"], row["side"]]))
+        label = of_group(label, where) if len(claims.filter(name=row["name"])) > 1 else label
+        number = headline(label, row["value"], int(row["n"] or 0), row["low"], row["high"], row["interval"])
+        yield replace(number, verdict=row["verdict"], interval=row["interval"])
+
+
+def prediction_headlines(table: pl.DataFrame) -> Iterator[Headline]:
+    labels, made = LABELS["prediction"], table.filter(pl.col("VAF").is_not_null())
+    yield from over_fits(labels["VAF"], made["VAF"], np.median, made)
+    better = replace(labels["better"], value=float((made["VAF"] > made["VAF_fitted"]).sum()), interval=COUNT)
+    yield from [replace(better, n=len(made))] * bool(len(made))
+    off = {symbol: (made[symbol] - made[f"{symbol}_measured"]).abs() for symbol in "KB"}
+    yield from over_fits(labels["K"], 100 * off["K"] / made["K_measured"].abs(), np.median)
+    yield from over_fits(labels["B"], off["B"], np.median)
+
+
 HEADLINE_ESTIMATOR = "ensemble"  # its bias decreases with the number of crossings, that of the mean over them does not
 
 
@@ -237,21 +256,9 @@ def numbers_of(name: str, table: pl.DataFrame, example: Example) -> Iterator[Hea
                 for number in summary_means(rows.filter(pl.col("estimator") == estimator), its, BOOTSTRAP):
                     yield of_group(number, rows["group"][0])
     elif name == "claims":
-        whole = table.filter(pl.col("subject").is_null())
-        for row in whole.drop_nulls("value").iter_rows(named=True):
-            label = Headline(row["name"], row["unit"], None, letters(row["name"].replace("_", " ")), row["claim"])
-            where = ", ".join(filter(None, [row["joint"], row["side"]]))
-            label = of_group(label, where) if len(whole.filter(name=row["name"])) > 1 else label
-            number = headline(label, row["value"], int(row["n"] or 0), row["low"], row["high"], row["interval"])
-            yield replace(number, verdict=row["verdict"], interval=row["interval"])
+        yield from claim_headlines(table.filter(pl.col("subject").is_null()))
     elif name == "prediction":
-        made = table.filter(pl.col("VAF").is_not_null())
-        yield from over_fits(labels["VAF"], made["VAF"], np.median, made)
-        better = replace(labels["better"], value=float((made["VAF"] > made["VAF_fitted"]).sum()), interval=COUNT)
-        yield from [replace(better, n=len(made))] * bool(len(made))
-        off = {symbol: (made[symbol] - made[f"{symbol}_measured"]).abs() for symbol in "KB"}
-        yield from over_fits(labels["K"], 100 * off["K"] / made["K_measured"].abs(), np.median)
-        yield from over_fits(labels["B"], off["B"], np.median)
+        yield from prediction_headlines(table)
     elif name == "transmission":
         whole = table.filter(pl.col("amplitude_deg").is_null())
         yield from over_fits(labels["VAF"], whole["VAF"], np.mean, whole)
@@ -261,54 +268,56 @@ def numbers_of(name: str, table: pl.DataFrame, example: Example) -> Iterator[Hea
         yield from summary_means(table, labels)
 
 
+def placed_numbers(name: str, table: pl.DataFrame, example: Example) -> Iterator[Headline]:
+    """The numbers of one table. Those of the bench are of one joint and side each, told apart where there are several;
+    the draft's are of an ankle."""
+    places = ("joint", "side")
+    if name == "claims" or name.startswith("walking") or not set(places) <= set(table.columns):
+        yield from numbers_of(name, table, example)
+        return
+    parts = table.partition_by(places, maintain_order=True)
+    for part in parts:
+        joint, side = part.select(places).row(0)
+        where = ", ".join(filter(None, [joint or DRAFT_JOINT, side]))
+        for number in numbers_of(name, part, example):
+            alone = with_end(number, where) if where != DRAFT_JOINT else number
+            named = of_group(number, where) if len(parts) > 1 else alone
+            yield replace(named, draft=number.draft if (joint or DRAFT_JOINT) == DRAFT_JOINT else None)
+
+
 def headline_numbers(
     tables: Mapping[str, pl.DataFrame],
     findings: Sequence[Entry] = (),
     example: Example | None = None,
     beside_draft: bool = True,
 ) -> list[Headline]:
-    """Headline numbers of the experiments that the campaign has; `tables` by name, with the
-    `findings` on them, `example` of Fig. 4. The bench's are
-    of one joint and side each, told apart where there are several; the draft's are of an ankle, and None unless the
-    campaign is held against it. No two have the same name or macro: the second `PD 1` and `PD-1` becomes `PDOneB`, as
-    macros have letters alone. Raises InputError: a summary table has no finite mean for a quantity that it lists."""
-    numbers: list[Headline] = []
-    for name, table in ((name, tables[name]) for name in LABELS if name in tables):
-        places = ("joint", "side")
-        if name == "claims" or name.startswith("walking") or not set(places) <= set(table.columns):
-            numbers += numbers_of(name, table, example or Example())
-            continue
-        parts = table.partition_by(places, maintain_order=True)
-        for part in parts:
-            joint, side = part.select(places).row(0)
-            where = ", ".join(filter(None, [joint or DRAFT_JOINT, side]))
-            for number in numbers_of(name, part, example or Example()):
-                alone = with_end(number, where) if where != DRAFT_JOINT else number
-                named = of_group(number, where) if len(parts) > 1 else alone
-                draft = number.draft if (joint or DRAFT_JOINT) == DRAFT_JOINT else None
-                numbers.append(replace(named, draft=draft))
-    for name in (name for name in tables if name in judged_tables()):
-        if DOUBTFUL not in tables[name].columns:
-            continue
-        # trials with a cause of their own, where the rows share the doubts of another table
-        doubts = [one for one in findings if one["grade"] == Grade.DOUBTS and not one["inherited"]]
+    """Headline numbers of the experiments that the campaign has; `tables` by name, with the `findings` on them, and
+    the `example` of Fig. 4; those of the draft are None unless the campaign is held against it. No two have the same name or macro:
+    the second `PD 1` and `PD-1` becomes `PDOneB`, as macros have letters alone. Raises InputError: a summary table has
+    no finite mean for a quantity that it lists."""
+    own = (placed_numbers(name, tables[name], example or Example()) for name in LABELS if name in tables)
+    names, macros, found = set[str](), set[str](ABOUT_MACROS.values()), []
+    for number in chain(*own, doubt_counts(tables, findings)):
+        name = next(free for k in count(1) if (free := number.name + (f" ({k})" if k > 1 else "")) not in names)
+        tried = ([number.macro + "B" * k + ending for ending in ENDINGS] for k in count())
+        free_macros = next(free for free in tried if macros.isdisjoint(free))
+        names.add(name)
+        macros.update(free_macros)
+        found.append(replace(number, name=name, macro=free_macros[0], draft=number.draft if beside_draft else None))
+    return found
+
+
+def doubt_counts(tables: Mapping[str, pl.DataFrame], findings: Sequence[Entry]) -> Iterator[Headline]:
+    """By judged table the trials with a cause of their own, where the rows share the doubts of another table."""
+    doubts = [one for one in findings if one["grade"] == Grade.DOUBTS and not one["inherited"]]
+    for name in (name for name in tables if name in judged_tables() and DOUBTFUL in tables[name].columns):
         known = {(one["trial"], one["cause"]) for one in doubts if one["table"] == doubts_of().get(name)}
-        doubtful = {
-            one["trial"] for one in doubts if one["table"] == name and (one["trial"], one["cause"]) not in known
-        }
+        own = (one for one in doubts if one["table"] == name)
+        doubtful = {one["trial"] for one in own if (one["trial"], one["cause"]) not in known}
         fits = tables[name].filter(pl.col(DOUBTFUL).is_not_null())
         key = next((key for key in ("trial", "group") if key in fits.columns), None)
         n = fits[key].n_unique() if key else len(fits)
-        numbers.append(replace(doubtful_label(name), value=len(doubtful), interval=COUNT, n=n))
-    names, macros, found = set[str](), set[str](ABOUT_MACROS.values()), []
-    for number in numbers:
-        name = next(free for k in count(1) if (free := number.name + (f" ({k})" if k > 1 else "")) not in names)
-        tried = ([number.macro + "B" * k + ending for ending in ENDINGS] for k in count())
-        own = next(free for free in tried if macros.isdisjoint(free))
-        names.add(name)
-        macros.update(own)
-        found.append(replace(number, name=name, macro=own[0], draft=number.draft if beside_draft else None))
-    return found
+        yield replace(doubtful_label(name), value=len(doubtful), interval=COUNT, n=n)
 
 
 NOISE_ALONE = (

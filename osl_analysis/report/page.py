@@ -90,15 +90,7 @@ def judged_cells(trial: ReportedTrial, groups: Sequence[Any] = ()) -> JudgedCell
             found[name] = (state, said)
 
     for row in trial.quality.to_dicts() if trial.quality is not None else ():
-        cause, remark = CHECKS[row["check"]].cause, row["remark"] or ""
-        if row["value"] is None:
-            add(cause, "does not apply", remark)
-            continue
-        state = {"flag": "flagged", "exclude": "excluded"}.get(row["verdict"], "passed")
-        value, limit = (f"{cell_text(row[cell])} {printed(row['unit'])}".strip() for cell in ("value", "threshold"))
-        words = check_words(cause)
-        what_to_do = f". {remark or words.says}. {words.remedy}" * (state != "passed")
-        add(cause, state, f"{value}, limit {limit}{what_to_do}")
+        add(CHECKS[row["check"]].cause, *checked_cell(row))
     for entry in sorted(trial.findings, key=lambda entry: entry["in_part"]):  # that of all of it first
         if entry["grade"] != Grade.DOUBTS or entry["inherited"] or entry["table"] == QUALITY:
             continue
@@ -116,38 +108,60 @@ def judged_cells(trial: ReportedTrial, groups: Sequence[Any] = ()) -> JudgedCell
     return found
 
 
+def checked_cell(row: Mapping[str, Any]) -> tuple[str, str]:
+    """The state before a check, and the sentence on it, of a row of `quality.csv`."""
+    if row["value"] is None:
+        return "does not apply", row["remark"] or ""
+    value, limit = (f"{cell_text(row[cell])} {printed(row['unit'])}".strip() for cell in ("value", "threshold"))
+    state = {"flag": "flagged", "exclude": "excluded"}.get(row["verdict"], "passed")
+    words = check_words(CHECKS[row["check"]].cause)
+    what_to_do = f". {row['remark'] or words.says}. {words.remedy}" * (state != "passed")
+    return state, f"{value}, limit {limit}{what_to_do}"
+
+
 def heat_map(trials: Sequence[ReportedTrial], cells: Mapping[str, JudgedCells]) -> dict[str, Any]:
     """Trials and checks for the page: `groups` of one experiment each, with a cell per trial and a row for each check
     that one of them does not pass, the `states` that these have, and `passed`, the checks that no trial fails, with the
     trial that is nearest to the limit."""
-    good, groups, seen = STATES[STATES.index("passed") :], [], set[str]()
-    for experiment in dict.fromkeys(trial.row["experiment"] for trial in trials):
-        own, rows = [trial for trial in trials if trial.row["experiment"] == experiment], []
-        own.sort(key=lambda one: [(one.row.get(name) is not None, one.row.get(name) or 0) for name in MAP_ORDER])
-        asked = [[one.row.get(name) for name in MAP_ORDER] for one in own]
-        nested = [groupby([values[: n + 1] for values in asked]) for n in range(len(MAP_ORDER))]
-        heads = [[(values[-1], len([*same])) for values, same in level] for level in nested]
-        for check in dict.fromkeys(check for trial in own for check in cells[trial.name]):
-            # a fit without the cause of another passes; without a fit that is judged it does not apply
-            absent = [(good[not trial.is_judged], "") for trial in own]
-            row = [(one.name, *cells[one.name].get(check, none)) for one, none in zip(own, absent, strict=True)]
-            if any(state not in good for _, state, _ in row):
-                rows.append({"check": check, "cells": row})
-        whole = [(one.name, one.verdict, "; ".join([*one.left_out, *named_causes(cells[one.name])])) for one in own]
-        seen |= {state for row in [whole, *(row["cells"] for row in rows)] for _, state, _ in row}
-        groups.append({"experiment": experiment, "says": EXPERIMENTS[experiment].description})
-        differing = [(name, head) for name, head in zip(MAP_ORDER, heads, strict=True) if head[1:]]
-        groups[-1] |= {"trials": whole, "rows": rows, "heads": differing}
-    failed = {row["check"] for group in groups for row in group["rows"]}
-    measured, passed = [one.quality for one in trials if one.quality is not None], []
-    for key, judged in CHECKS.items():
-        of_key = (row for table in measured for row in table.to_dicts() if row["check"] == key)
-        if (applies := [one for one in of_key if one["value"] is not None]) and judged.cause not in failed:
-            nearest = (min if judged.fails == "below" else max)(applies, key=lambda one: float(one["value"]))["trial"]
-            facts = {"trial": nearest, "said": cells[nearest][judged.cause][1], "n": len(applies)}
-            passed.append({"check": judged.cause, "meaning": WORDS["checks"][key], **facts})
+    by_experiment: dict[str, list[ReportedTrial]] = {}
+    for trial in trials:
+        by_experiment.setdefault(trial.row["experiment"], []).append(trial)
+    groups = [{"experiment": name, **experiment_map(own, cells)} for name, own in by_experiment.items()]
+    rows = [row for group in groups for row in group["rows"]]
+    measured = pl.concat([one.quality for one in trials if one.quality is not None] or [pl.DataFrame()])
+    applies = measured.drop_nulls("value") if len(measured) else pl.DataFrame(schema=["check"])
+    passed, failed = [], {row["check"] for row in rows}
+    for of_check in applies.partition_by("check", maintain_order=True):
+        check = CHECKS[of_check["check"][0]]
+        if check.cause not in failed:
+            nearest = of_check.sort("value", descending=check.fails != "below", maintain_order=True)["trial"][0]
+            facts = {"trial": nearest, "said": cells[nearest][check.cause][1], "n": len(of_check)}
+            passed.append({"check": check.cause, "meaning": WORDS["checks"][check.name], **facts})
+    shown = [*(group["trials"] for group in groups), *(row["cells"] for row in rows)]
+    seen = {state for row in shown for _, state, _ in row}
     states = [state for state in ("clear", "passed", *reversed(STATES[:-2])) if state in seen]
     return {"groups": groups, "passed": passed, "states": states}
+
+
+def experiment_map(trials: Sequence[ReportedTrial], cells: Mapping[str, JudgedCells]) -> dict[str, Any]:
+    """The part of the map of one experiment: its `trials` and `rows`, and `heads` where they differ in `MAP_ORDER`."""
+    own = sorted(
+        trials, key=lambda one: [(one.row.get(name) is not None, one.row.get(name) or 0) for name in MAP_ORDER]
+    )
+    heads = dict[str, list[tuple[Any, int]]]()
+    for n, name in enumerate(MAP_ORDER, 1):
+        nested = groupby([one.row.get(outer) for outer in MAP_ORDER[:n]] for one in own)
+        head = [(values[-1], len([*same])) for values, same in nested]
+        heads |= {name: head} if head[1:] else {}
+    rows, good = [], STATES[STATES.index("passed") :]
+    for check in dict.fromkeys(check for trial in own for check in cells[trial.name]):
+        # a fit without the cause of another passes; without a fit that is judged it does not apply
+        row = [(one.name, *cells[one.name].get(check, (good[not one.is_judged], ""))) for one in own]
+        if any(state not in good for _, state, _ in row):
+            rows.append({"check": check, "cells": row})
+    whole = [(one.name, one.verdict, "; ".join([*one.left_out, *named_causes(cells[one.name])])) for one in own]
+    says = EXPERIMENTS[own[0].row["experiment"]].description
+    return {"says": says, "trials": whole, "rows": rows, "heads": [*heads.items()]}
 
 
 def named_causes(cells: JudgedCells) -> list[str]:
@@ -200,12 +214,16 @@ def state_of(trials: Sequence[ReportedTrial], cells: Mapping[str, JudgedCells], 
     gone = [f"{n} {'was' if n == 1 else 'were'} {verdict}" for verdict, n in lost.items()]
     said = said or ["No trial is doubtful."] * (len(trials) > sum(lost.values()))
     said.append(f"{in_words(gone)}." if gone else "Nothing was refused or excluded.")
-    said += [f"The walking K is doubtful: {one['line']}." for one in groups if one["verdict"] == "doubtful"]
+    return printed(" ".join([*said, *walking_state(groups)]))
+
+
+def walking_state(groups: Sequence[Any]) -> list[str]:
+    said = [f"The walking K is doubtful: {one['line']}." for one in groups if one["verdict"] == "doubtful"]
     if unsure := [one for one in groups if one["verdict"] == "not checked"]:
         worst = unsure[0]
         things = f"{len(unsure)} thing{'s' * (len(unsure) > 1)}, which its interval does not contain, could not"
         said.append(f"Of the walking K, {things} be checked, as {worst['cause']}: {worst['says']}.")
-    return printed(" ".join(said))
+    return said
 
 
 def overview(
@@ -221,19 +239,21 @@ def overview(
     findings = sorted((one for trial in trials for one in trial.findings), key=lambda one: not one["in_part"])
     numbers = [*summary.get("numbers", {}).values()]
     desired = any(trial.row.get(name) is not None for trial in trials for name in ("controller", "K_d"))
-    questions, known = answered(numbers, desired), []
+    questions = answered(numbers, desired)
     names = [figure["name"] for figure in figures]
     first = next((name for name in (*FIRST_FIGURES[not desired :], *names) if name in names), "")
-    for one in summary.get("findings", ()):
-        sizes = {entry["trial"]: entry["size"] or "" for entry in findings if entry["cause"] == one["cause"]}
-        known.append({**one, "named": [(name, sizes.get(name, "")) for name in one["trials"] if name in cells]})
+    sizes = {(entry["cause"], entry["trial"]): entry["size"] or "" for entry in findings}
+
+    def named(one: Mapping[str, Any]) -> list[tuple[str, str]]:
+        return [(name, sizes.get((one["cause"], name), "")) for name in one["trials"] if name in cells]
+
     return {
         "joints": joints_of(trials),
         "done": what_was_done(trials, questions, about),
         "state": state_of(trials, cells, groups),
         "questions": questions,
         "claims": [{**number, **said_number(number)} for number in numbers if number.get("verdict")],
-        "findings": known,
+        "findings": [{**one, "named": named(one)} for one in summary.get("findings", ())],
         "heat": heat_map(trials, cells),
         "first": [one for one in figures if one["name"] == first],
         "figures": [one for one in figures if one["name"] != first],

@@ -120,14 +120,6 @@ def trial_content(trial: ReportedTrial, described: Mapping[str, DescribedTable])
     name = next(iter(tables), "")
     last = tables[name].row(-1, named=True) if tables else {}  # the fit to all of it
     experiment = trial.row["experiment"]
-    quality: list[list[str]] = []
-    for row in trial.quality.iter_rows(named=True) if trial.quality is not None else ():
-        value, threshold = (
-            f"{cell_text(row[key])} {'' if row[key] is None else printed(row['unit'] or '')}".strip()
-            for key in ("value", "threshold")
-        )
-        meaning = WORDS["checks"][row["check"]]
-        quality.append([row["check"], meaning, value, threshold, row["verdict"], row["remark"] or ""])
     time_base: list[list[str]] = []  # what the time base did to each group of signals: column, its values, its meaning
     for column in trial.tables.get("timebase", pl.DataFrame()):
         if column.name == "signals" or (column.name not in ("trial", "joint", "side", "data") and column.count()):
@@ -154,12 +146,25 @@ def trial_content(trial: ReportedTrial, described: Mapping[str, DescribedTable])
             for column, value in last.items()
             if value not in (None, "")
         ],
-        "quality": quality,
+        "quality": quality_rows(trial.quality) if trial.quality is not None else [],
         "time_base": time_base,
         "provenance": provenance_content(trial.provenance),
         "panels": trial.pictures.panels,
         "remark": trial.pictures.remark,
     }
+
+
+def quality_rows(verdicts: pl.DataFrame) -> list[list[str]]:
+    """Check, its meaning, value, threshold, verdict and remark of each row of `quality.csv`."""
+    found = []
+    for row in verdicts.iter_rows(named=True):
+        value, threshold = (
+            f"{cell_text(row[key])} {'' if row[key] is None else printed(row['unit'] or '')}".strip()
+            for key in ("value", "threshold")
+        )
+        meaning = WORDS["checks"][row["check"]]
+        found.append([row["check"], meaning, value, threshold, row["verdict"], row["remark"] or ""])
+    return found
 
 
 def cell_text(value: Any) -> str:

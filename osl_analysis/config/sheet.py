@@ -1,10 +1,9 @@
 """The sample sheet `trials.csv` of a campaign: one row per trial, validated when it is read."""
 
 import csv
-import math
 import re
 import unicodedata
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -45,16 +44,7 @@ def read_sheet(path: Path) -> SheetRows:
     if not lines:
         raise InputError(f"{path}: not a CSV table, it is empty; write a header and a row per trial")
     first, columns = lines[0]
-    if twice := next((column for column in columns if columns.count(column) > 1), ""):
-        raise InputError(f"{path}: line {first}: column '{twice}' stands twice; remove one")
-    unknown, absent = sorted(set(columns) - set(SHEET_COLUMNS)), sorted({"trial", "experiment"} - set(columns))
-    if unknown or absent:
-        if len(columns) == 1 and (sign := next((sign for sign in ";\t|" if sign in columns[0]), "")):
-            said = f"its cells are separated by '{sign}'; save the sheet with commas, as 'CSV UTF-8'"
-            raise InputError(f"{path}: {said}")
-        what = f"unknown column '{unknown[0]}'" if unknown else f"no column '{absent[0]}'"
-        like = nearest(unknown[0], set(SHEET_COLUMNS) - set(columns)) if unknown else ""
-        raise InputError(f"{path}: {what}; the columns are {', '.join(SHEET_COLUMNS)}{like}")
+    check_header(path, first, columns)
     rows: SheetRows = {}
     seen: dict[tuple[str, str], Any] = {("joint", JOINT): JOINT, **{("controller", name): name for name in CONTROLLERS}}
     for number, cells in lines[1:]:
@@ -72,17 +62,8 @@ def read_sheet(path: Path) -> SheetRows:
             raise InputError(f"{where}: trial '{row['trial']}' {said}")
         for column, usual, alike in (("joint", (JOINT, "knee", "hip"), 0.8), ("controller", CONTROLLERS, 0.9)):
             name = row[column] or usual[0]
-            known = [one for one in usual if column == "controller" or len(one) >= len(name)]  # kneeL is a name
-            is_own = name.isalpha() and name.lower() not in usual
-            if like := nearest(name, known, alike) if is_own else "":
-                said = f"is not a usual one; give a {column} of your own a name that differs more"
-                raise InputError(f"{where}: {column} '{name}' {said}{like}")
             before = seen.setdefault((column, unicodedata.normalize("NFKC", name).casefold()), name)
-            if before != name:  # two equal names that capitals, or Unicode's ways to write a letter, tell apart
-                raise InputError(
-                    f"{where}: {column} '{name}' differs from '{before}' by capitals or accents alone, and would be "
-                    f"another one; write '{before}' in both"
-                )
+            check_name(where, column, name, before, usual, alike)
         numbers = {name: float(row[name]) for name in NUMBERS if row[name]}
         perturbed = row["perturbed"].lower() == "true" if row["perturbed"] else None
         told = {column: cell or None for column, cell in row.items()} | {"joint": row["joint"] or JOINT}
@@ -90,6 +71,34 @@ def read_sheet(path: Path) -> SheetRows:
     if not rows:
         raise InputError(f"{path}: no trials; add one row per trial")
     return rows
+
+
+def check_header(path: Path, first: int, columns: Sequence[str]) -> None:
+    """Refuse a header, in line `first`, with a column that is unknown, absent or stands twice."""
+    if twice := next((column for column in columns if columns.count(column) > 1), ""):
+        raise InputError(f"{path}: line {first}: column '{twice}' stands twice; remove one")
+    unknown, absent = sorted(set(columns) - set(SHEET_COLUMNS)), sorted({"trial", "experiment"} - set(columns))
+    if unknown or absent:
+        if len(columns) == 1 and (sign := next((sign for sign in ";\t|" if sign in columns[0]), "")):
+            said = f"its cells are separated by '{sign}'; save the sheet with commas, as 'CSV UTF-8'"
+            raise InputError(f"{path}: {said}")
+        what = f"unknown column '{unknown[0]}'" if unknown else f"no column '{absent[0]}'"
+        like = nearest(unknown[0], set(SHEET_COLUMNS) - set(columns)) if unknown else ""
+        raise InputError(f"{path}: {what}; the columns are {', '.join(SHEET_COLUMNS)}{like}")
+
+
+def check_name(where: str, column: str, name: str, before: str, usual: Sequence[str], alike: float) -> None:
+    """Refuse a name that is nearly a usual one, or that one `before`, which capitals or accents tell apart."""
+    known = [one for one in usual if column == "controller" or len(one) >= len(name)]  # kneeL is a name
+    is_own = name.isalpha() and name.lower() not in usual
+    if like := nearest(name, known, alike) if is_own else "":
+        said = f"is not a usual one; give a {column} of your own a name that differs more"
+        raise InputError(f"{where}: {column} '{name}' {said}{like}")
+    if before != name:  # two equal names that capitals, or Unicode's ways to write a letter, tell apart
+        raise InputError(
+            f"{where}: {column} '{name}' differs from '{before}' by capitals or accents alone, and would be "
+            f"another one; write '{before}' in both"
+        )
 
 
 def numbered_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
@@ -120,75 +129,109 @@ def numbered_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
         raise InputError(f"{path}: line {number}: not CSV ({error}); check the quotes") from error
 
 
+DECIMAL = r"([+-]?(\d{1,99}\.?\d*|\.\d+)([eE][+-]?\d{1,2})?)?"
+FORMS = {
+    "trial": (
+        r"[A-Za-z0-9][A-Za-z0-9_.-]{0,99}",
+        "must be up to 100 letters, digits, '_', '.' and '-': it becomes a file name",
+    ),
+    **dict.fromkeys(NUMBERS, (DECIMAL, "is not a number; give it in SI units, without the unit")),
+    "exclude": (
+        r"(?!(0|no|false|none)$)(.|\n)*",
+        "is no reason; clear the cell to analyse the trial, or say why not",
+    ),
+    "perturbed": ("(true|false)?", "must be true or false"),
+    "side": ("((?-i:left|right))?", "must be left or right"),
+    "direction": ("((?-i:up|down))?", "must be up or down"),
+    **dict.fromkeys(
+        ("group", "subject", "session", "speed"),
+        (r"[\w .%+/-]{0,40}", "must be up to 40 letters, digits, blanks and . % + / - _: it names a group"),
+    ),
+    **dict.fromkeys(
+        ("log_source", "mocap_source"), (r"(?!.*\.ya?ml$).*", "names a file; write its name without the ending")
+    ),
+}  # fmt: skip
+"""By column: the form of its cells, in any capitals, and what is wrong with one that has another."""
+
+
 def problems_in(row: Mapping[str, str]) -> Iterator[str]:
-    """What is wrong with one row of a sheet, with the remedy."""
+    """What is wrong with one row of a sheet, with the remedy; what follows a problem may be wrong because of it."""
+    yield from wrong_cells(row)
+    yield from wrong_numbers(row)
+    yield from unfit_for_the_experiment(row)
+    yield from wrong_files(row)
+
+
+def wrong_cells(row: Mapping[str, str]) -> Iterator[str]:
     for column, cell in row.items():
         if column != "exclude" and not cell.isprintable():  # two equal names would differ; `exclude` is a sentence
             sign = next(sign for sign in cell if not sign.isprintable())
             name = f"U+{ord(sign):04X} ({unicodedata.name(sign, 'a control character')})"
             yield f"column '{column}': {cell!r} contains {name}; type the cell again"
-    trial, experiment, walks = row["trial"], row["experiment"], row["perturbed"].lower()
-    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,99}", trial):
-        yield f"trial '{trial}' must be up to 100 letters, digits, '_', '.' and '-': it becomes a file name"
-    if experiment not in EXPERIMENTS:
+    for column, (form, said) in FORMS.items():
+        if not re.fullmatch(form, row[column], re.IGNORECASE):
+            yield f"{column} '{row[column]}' {said}"
+    if (experiment := row["experiment"]) not in EXPERIMENTS:
         yield f"experiment '{experiment}' is none of {', '.join(EXPERIMENTS)}{nearest(experiment, EXPERIMENTS)}"
-    for column in NUMBERS:
-        is_decimal = re.fullmatch(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", row[column])
-        if row[column] and not (is_decimal and math.isfinite(float(row[column]))):
-            yield f"{column} '{row[column]}' is not a number; give it in SI units, without the unit"
+
+
+def wrong_numbers(row: Mapping[str, str]) -> Iterator[str]:
     for column, most in {"body_mass_kg": 500, "known_K": 1e6, "known_I": 1e3, "known_percent": 50}.items():
         if row[column] and not 0 < float(row[column]) < most:
             yield f"{column} '{row[column]}' must be above 0 and below {most:g}, or empty"
-    if (stated := [column for column in FIXTURE if row[column]]) and EXPERIMENTS[experiment].motion != "theta":
-        yield f"{stated[0]} of experiment '{experiment}', which turns no joint under a load cell; leave the cell empty"
-    if least := [column for column in stated if column != "fixture_rest_deg" and float(row[column]) < 0]:
-        yield f"{least[0]} '{row[least[0]]}' is below 0; a centre above the axis has a fixture_rest_deg of 180"
+    for column in ("fixture_inertia", "fixture_weight"):
+        if float(row[column] or 0) < 0:
+            yield f"{column} '{row[column]}' is below 0; a centre above the axis has a fixture_rest_deg of 180"
     if row["fixture_rest_deg"] and not row["fixture_weight"]:
         yield "fixture_rest_deg without fixture_weight; give the weight's largest torque [N*m], or clear the cell"
     if not 0 < float(row["K_d"] or 1) <= 1e4 or not 0 <= float(row["B_d"] or 0) <= 1e3:
         said = ", ".join(f"{column} = {row[column]}" for column in ("K_d", "B_d") if row[column])
         yield f"{said} is not the impedance of a joint; give K_d > 0, up to 10000 N*m/rad, and B_d >= 0, up to 1000"
-    if row["exclude"].lower() in ("0", "no", "false", "none"):
-        yield f"exclude '{row['exclude']}' is no reason; clear the cell to analyse the trial, or say why not"
-    if walks not in ("", "true", "false"):
-        yield f"perturbed '{row['perturbed']}' must be true or false"
-    for column, allowed in (("side", ("left", "right")), ("direction", ("up", "down"))):
-        if row[column] and row[column] not in allowed:
-            yield f"{column} '{row[column]}' must be {' or '.join(allowed)}"
-    if EXPERIMENTS[experiment].place == "walkway" and row["joint"] not in ("", JOINT):
-        yield (
-            f"joint '{row['joint']}' of experiment '{experiment}': the walkway measures the {JOINT}; leave the "
-            "cell empty if it is that, or write experiment 'ingest_only' for a recording that is not analysed"
-        )
-    if row["direction"] and walks != "true":
-        yield f"direction '{row['direction']}' of a trial that is not perturbed; leave the cell empty"
-    for column in CONDITIONS:
-        if not re.fullmatch(r"[\w .%+/-]{0,40}", row[column]):
-            yield f"{column} '{row[column]}' must be up to 40 letters, digits, blanks and . % + / - _: it names a group"
-    for column in EXPERIMENTS[experiment].sheet:
-        if not row[column]:
-            yield f"{column} is empty; a trial of experiment '{experiment}' needs it"
-    if not row["log"] and not row["mocap"]:
-        yield f"trial '{trial}' names no file; fill in log or mocap"
-    for column in ("log", "mocap"):
-        source = row[f"{column}_source"]
-        if row[column] and not source:
-            yield f"{column}_source is empty; name the file in config/sources that describes {row[column]}"
-        if source.endswith((".yaml", ".yml")):
-            yield f"{column}_source '{source}' names a file; write its name without the ending"
-    users = {"windows": ("impedance", "human_joint", "walking"), "desired": ("torque_angle",)}
-    users["static"] = tuple(name for name, facts in EXPERIMENTS.items() if facts.place != "bench")
-    for column in (column for column in ("windows", "desired", "static", *KNOWN_COLUMNS) if row[column]):
-        if experiment not in (user := users.get(column, ("calibration",))):
-            said = " or ".join(f"'{one}'" for one in user)
-            yield f"{column} '{row[column]}' of experiment '{experiment}'; it is for {said} alone, clear the cell"
-    if experiment == "calibration" and not (row["known_percent"] and (row["known_K"] or row["known_I"])):
-        yield "a calibration needs known_K [N*m/rad] or known_I [kg*m^2], and known_percent, its standard uncertainty"
-    if row["windows"] and experiment == "walking" and len(row["windows"].split()) > 1:
-        yield f"windows '{row['windows']}' of a crossing; write one, and a row of the sheet for each crossing of a log"
     try:
         stretches(row["windows"] or "0-1")
     except InputError as error:
         yield str(error)
+
+
+OF_WALKWAY = tuple(name for name, facts in EXPERIMENTS.items() if facts.place != "bench")
+USERS = {
+    "windows": ("impedance", "human_joint", "walking"), "desired": ("torque_angle",), "static": OF_WALKWAY,
+    **dict.fromkeys(KNOWN_COLUMNS, ("calibration",)),
+    **dict.fromkeys(FIXTURE, tuple(name for name, facts in EXPERIMENTS.items() if facts.motion == "theta")),
+}  # fmt: skip
+"""By column: the experiments whose trials have it."""
+
+
+def unfit_for_the_experiment(row: Mapping[str, str]) -> Iterator[str]:
+    experiment, joint = row["experiment"], row["joint"]
+    for column, users in USERS.items():
+        if row[column] and experiment not in users:
+            if column in FIXTURE:
+                said = f"{column} of experiment '{experiment}', which turns no joint under a load cell"
+                yield f"{said}; leave the cell empty"
+            said = " or ".join(f"'{one}'" for one in users)
+            yield f"{column} '{row[column]}' of experiment '{experiment}'; it is for {said} alone, clear the cell"
+    if EXPERIMENTS[experiment].place == "walkway" and joint not in ("", JOINT):
+        yield (
+            f"joint '{joint}' of experiment '{experiment}': the walkway measures the {JOINT}; leave the "
+            "cell empty if it is that, or write experiment 'ingest_only' for a recording that is not analysed"
+        )
+    if row["direction"] and row["perturbed"].lower() != "true":
+        yield f"direction '{row['direction']}' of a trial that is not perturbed; leave the cell empty"
+    for column in EXPERIMENTS[experiment].sheet:
+        if not row[column]:
+            yield f"{column} is empty; a trial of experiment '{experiment}' needs it"
+    if experiment == "calibration" and not (row["known_percent"] and (row["known_K"] or row["known_I"])):
+        yield "a calibration needs known_K [N*m/rad] or known_I [kg*m^2], and known_percent, its standard uncertainty"
+    if experiment == "walking" and len(row["windows"].split()) > 1:
+        yield f"windows '{row['windows']}' of a crossing; write one, and a row of the sheet for each crossing of a log"
+
+
+def wrong_files(row: Mapping[str, str]) -> Iterator[str]:
+    if not row["log"] and not row["mocap"]:
+        yield f"trial '{row['trial']}' names no file; fill in log or mocap"
+    for column in ("log", "mocap"):
+        if row[column] and not row[f"{column}_source"]:
+            yield f"{column}_source is empty; name the file in config/sources that describes {row[column]}"
     if row["log_part"] and not row["log"]:
         yield f"log_part '{row['log_part']}' without a log; fill in log, or clear log_part"

@@ -7,7 +7,7 @@ it leave the same record. The run ends with a list of them.
 import csv
 import os
 import re
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import astuple, dataclass, fields
 from pathlib import Path
 
@@ -95,13 +95,24 @@ def refusal_report(records: Collection[Path | str], recordings: Mapping[str, Seq
     drawn = {f"figure {file.stem}" for file in others if file.parent.name == "figures"}  # in several formats
     trials = sorted({file.stem for file in files} & set(recordings) - missing)
     first = f"{len(missing)} of {len(recordings)} trials" if missing else "some results"
-    if trials:
-        first += f", and for want of them {len(trials)} " + ("more" if missing else f"of {len(recordings)} trials")
+    first += f", and for want of them {len(trials)} more" * bool(trials)
     others_left = 0 < len(missing) + len(trials) < len(recordings)
     lines = ["", f"NOT ANALYSED: {first}{'; results are of the others' * others_left}."]
+    lines += cause_lines(causes, recordings)
+    for what, lacking in (("without a result", trials), ("not made", sorted(named) + sorted(drawn))):
+        lines += [f"  therefore {what}: {listing(lacking, MOST_TOLD)}"] * bool(lacking)
+    if accept:
+        return "\n".join([*lines, "accepted: `failed_trials: accept` in the configuration"])
+    return "\n".join(lines) + (
+        "\nCorrect these and run again. To go on without a trial, give a reason under `exclude` in the sample sheet; "
+        "without all of these, write `failed_trials: accept` in the configuration."
+    )
+
+
+def cause_lines(causes: Iterable[Refusal], recordings: Mapping[str, Sequence[str]]) -> Iterator[str]:
+    """A line per cause, that of several trials once; what the user can correct is a trial's recording."""
     groups: dict[tuple[str, ...], list[tuple[str, str, str]]] = {}  # trial, file and what is said, by cause
     for cause in sorted(causes, key=lambda cause: (not cause.trial, cause.trial)):
-        # what the user can correct is the trial's recording, if there is one
         raw, reason = recordings.get(cause.trial, ()), cause.reason
         known = cause.file if cause.file in raw or not raw else raw[0]
         file = next((name for name in raw if name in reason), known)
@@ -113,12 +124,4 @@ def refusal_report(records: Collection[Path | str], recordings: Mapping[str, Seq
     for (trial, file, said), *same in groups.values():
         who = f"trial {trial}, file {file}" if trial else f"result {file}"
         also = f", and {len(same)} more trials with the same cause, {listing([one for one, *_ in same], MOST_TOLD)}"
-        lines.append(f"  {who}{also * bool(same)}: {said}")
-    lines += [f"  therefore without a result: {listing(trials, MOST_TOLD)}"] if trials else []
-    lines += [f"  therefore not made: {listing(sorted(named) + sorted(drawn), MOST_TOLD)}"] if named or drawn else []
-    if accept:
-        return "\n".join([*lines, "accepted: `failed_trials: accept` in the configuration"])
-    return "\n".join(lines) + (
-        "\nCorrect these and run again. To go on without a trial, give a reason under `exclude` in the sample sheet; "
-        "without all of these, write `failed_trials: accept` in the configuration."
-    )
+        yield f"  {who}{also * bool(same)}: {said}"

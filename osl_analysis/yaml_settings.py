@@ -104,17 +104,7 @@ def read_mapping(path: Path, by_snakemake: bool = False) -> dict[str, Any]:
         said = "its fields are nested too deeply, or its aliases (`*name`) stand for too many"
         raise InputError(f"{path}: {said}; write them out as in the shipped files") from error
     except (YAMLError, ValueError, AttributeError, KeyError, TypeError, OverflowError) as error:  # of a wrong tag
-        said = " ".join(str(error).split())
-        remedy = "compare with the shipped files, and put text with signs such as : # *"
-        if isinstance(error, MarkedYAMLError):
-            marks = ((error.context, error.context_mark), (error.problem, error.problem_mark))
-            at = [(what, f" in line {it.line + 1}, column {it.column + 1}" if it else "") for what, it in marks if what]
-            said = " ".join(what + place for what, place in at)
-        if "cannot start any token" in said or "tab character" in said:
-            remedy = "indent with blanks, not with tabs, and put text that begins with a sign such as % or @"
-        if re.search(r"(?m)^\s*//", text):
-            remedy = "begin comments with #, not with //, and put text with such signs"
-        raise InputError(f"{path}: not YAML: {said}; {remedy} in quotes") from error
+        raise InputError(f"{path}: not YAML: {yaml_problem(error, text)} in quotes") from error
     if not isinstance(content, dict):
         raise InputError(f"{path}: has no fields; write `name: value` lines as in the shipped files")
     for token in YAML(typ="safe", pure=True).scan(text) if by_snakemake else ():
@@ -123,6 +113,20 @@ def read_mapping(path: Path, by_snakemake: bool = False) -> dict[str, Any]:
             line = token.start_mark.line + 1
             raise InputError(f"{path}: line {line}: {said}; write a plain decimal number, or text in quotes")
     return content
+
+
+def yaml_problem(error: Exception, text: str) -> str:
+    """What is wrong with a text of YAML, and what to do."""
+    said = " ".join(str(error).split())
+    if isinstance(error, MarkedYAMLError):
+        marks = ((error.context, error.context_mark), (error.problem, error.problem_mark))
+        at = [(what, f" in line {it.line + 1}, column {it.column + 1}" if it else "") for what, it in marks if what]
+        said = " ".join(what + place for what, place in at)
+    if re.search(r"(?m)^\s*//", text):
+        return f"{said}; begin comments with #, not with //, and put text with such signs"
+    if "cannot start any token" in said or "tab character" in said:
+        return f"{said}; indent with blanks, not with tabs, and put text that begins with a sign such as % or @"
+    return f"{said}; compare with the shipped files, and put text with signs such as : # *"
 
 
 YAML_1_1 = re.compile(r"(?P<sixties>[-+]?[0-9][0-9_]*(:[0-5]?[0-9])+(\.[0-9_]*)?)|[-+]?0[0-7_]+")

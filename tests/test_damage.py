@@ -7,6 +7,7 @@ import random
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -23,6 +24,7 @@ from scipy.io import savemat
 from test_formats_rosbags import CHANNELS, write_bag1, write_bag2, write_split
 
 from osl_analysis.errors import InputError
+from osl_analysis.ingest.draft import draft_source
 from osl_analysis.ingest.raw_files import FORMATS, recognise
 from osl_analysis.ingest.source import Recording
 
@@ -241,6 +243,8 @@ def cases(count: int, seed: int, folder: Path) -> Iterator[tuple[str, str]]:
             part.write_bytes(bad)
             try:
                 became = judge(kind, reader, later if what == "appended" else truth, one, what)
+                with suppress(InputError):
+                    draft_source(known.inspect(one), one.name)
             except Exception as error:
                 became = f"WRONG: case {case} of seed {seed}, {len(bad)} of {len(content)} bytes: {error!r}"
             finally:

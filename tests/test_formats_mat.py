@@ -4,7 +4,6 @@ import struct
 import sys
 import zlib
 from collections.abc import Iterable
-from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -292,18 +291,3 @@ def test_a_cut_behind_the_wanted_variables_and_what_has_no_numbers_beside_them_a
     assert not open_mat(named).damage.remarks
     named.write_bytes(named.read_bytes() + bytes(100))
     assert "100 bytes stand behind its end" in open_mat(named).damage.remarks[0]
-
-
-def test_every_truncation_and_every_changed_byte_is_read_or_refused_in_one_line(tmp_path):
-    path, said = tmp_path / "b.mat", []
-    whole = written5(tmp_path / "a.mat").read_bytes()
-    for place in range(120, len(whole), 7):
-        for damaged in (whole[:place], whole[:place] + bytes([whole[place] ^ 0x55]) + whole[place + 1 :]):
-            path.write_bytes(damaged)
-            with suppress(InputError):
-                said.append(at(path, "runs(2).torque").size)
-    assert set(said) == {RISING.size}
-    whole = written73(tmp_path / "a.mat").read_bytes()
-    for length in (200, 600, len(whole) // 2):
-        path.write_bytes(whole[:length])
-        assert "cannot be read" in refusal(path, "row")

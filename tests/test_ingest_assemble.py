@@ -3,7 +3,6 @@
 import hashlib
 import json
 import os
-import random
 import sys
 from collections.abc import Callable
 from dataclasses import replace
@@ -14,9 +13,6 @@ import numpy as np
 import pandas as pd
 import polars as pl
 import pytest
-import test_ingest_c3d_capture as captures
-import test_ingest_mcap_log as mcap
-import test_ingest_opensim as opensim
 import yaml
 from c3d_builder import write_c3d
 from mcap_builder import HEADER, SAMPLE, SAMPLE_NAME, stamped, write_log, write_topics
@@ -24,24 +20,16 @@ from nptdms import ChannelObject, TdmsWriter
 from recognised_files import refusal_by
 from scipy.interpolate import make_interp_spline
 from test_formats_mat import write_mat, write_mat73
-from test_formats_rosbags import CHANNELS, write_bag1, write_bag2
-from test_report import Page, page_of
 
-from osl_analysis.campaign.configuration import campaign_config
 from osl_analysis.commands.inspect import inspect_file, overview_text
-from osl_analysis.commands.trials import ingest_and_check, ingest_trial
+from osl_analysis.commands.trials import ingest_trial
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import InputError
-from osl_analysis.files import default_config
 from osl_analysis.ingest.clock import ClockFit, aligned_clock
 from osl_analysis.ingest.draft import draft_source
-from osl_analysis.ingest.examine import Commanded
 from osl_analysis.ingest.raw_files import FORMATS, merged, read_source
 from osl_analysis.ingest.source import LARGEST_MEASURED, Recording, SharedAngle
-from osl_analysis.judge.used import Judge
-from osl_analysis.report.trial_page import ReportedTrial, trial_content
 from osl_analysis.trial import COLUMNS, FAMILIES, Trial, plate_columns, read_trial, unit_of, write_trial
-from osl_analysis.yaml_settings import read_mapping
 
 SOURCES = Path(__file__).parents[1] / "config" / "sources"
 THETA, SYNC = ({"topic": "/lab", "field": name, "unit": unit} for name, unit in (("angle", "deg"), ("sync", "V")))
@@ -497,51 +485,6 @@ def test_the_draft_of_several_trials_is_of_one_and_fits_the_other(write, tmp_pat
     np.testing.assert_allclose(read.samples["time"], TIME, atol=1e-12)
 
 
-BAG = {"time": {"source": "header"}, "channels": CHANNELS}
-OTHERS = {
-    "bag of ROS 1": (lambda path: write_bag1(path, range(60), "LZ4", 800), {"format": "rosbag1", **BAG}),
-    "bag of ROS 2": (lambda path: write_bag2(path, range(60)) / f"{path.name}.db3", {"format": "rosbag2", **BAG}),
-    "TRC": (lambda path: opensim.write_trc(path, opensim.walk()), {"format": "trc"}),
-    "C3D": (lambda path: write_c3d(path, np.ones((6, 3, 4)), np.ones((24, 2))), {"format": "c3d"}),
-    "Nexus": (lambda path: path.write_text(captures.DEVICES + captures.TRAJECTORIES + captures.MODEL) and path,
-              {"format": "nexus_csv"}),
-    "MCAP": (lambda path: write_log(path, mcap.samples(), chunk_size=800), mcap.source().model_dump(exclude_none=True)),
-}  # fmt: skip
-
-
-def mutilated(content: bytes, chance: random.Random) -> bytes:
-    """The content with one kind of damage: cut, shortened, repeated, with other bytes, or with an absurd length."""
-    place, other, kind = chance.randrange(len(content)), chance.randrange(len(content)), chance.randrange(5)
-    absurd, damaged = chance.choice([0, 2**31, 2**63, 2**64 - 1]).to_bytes(8, "little"), bytearray(content)
-    for _ in range(chance.choice([1, 2, 8])):
-        damaged[chance.randrange(len(content))] = chance.choice([0, 255, chance.randrange(256)])
-    return (
-        content[:place], content[:place] + content[place + chance.randrange(1, 40) :],
-        content[:place] + content[other : other + chance.randrange(60)] + content[place:], bytes(damaged),
-        content[:place] + absurd + content[place + 8 :],
-    )[kind]  # fmt: skip
-
-
-@pytest.mark.parametrize("what", [*OTHERS, "json_lines", "tdms", "opensim"])
-def test_a_mutilated_file_is_samples_or_a_sentence(tmp_path: Path, what: str) -> None:
-    if what in OTHERS:
-        write, content = OTHERS[what]
-        path, source = Path(write(tmp_path / "whole")), FORMATS[content["format"]].source.model_validate(content)
-    else:
-        path, source = WRITERS[what][2](tmp_path / "whole", LOG), described(what)
-    known, whole = FORMATS[source.format], path.read_bytes()
-    for seed in range(12):
-        path.write_bytes(mutilated(whole, random.Random(seed)))
-        for attempt in (lambda: known.read(path, source), lambda: draft_source(known.inspect(path), "a")):
-            try:
-                attempt()
-            except InputError as error:
-                message = str(error)
-                assert message.startswith(str(path))
-                assert len(message.splitlines()) == 1
-                assert len(message) < 1500
-
-
 ESCAPE, HARMLESS = "\x1b[31m\n\x07", r"\x1b[31m\n\x07"
 JOINTS = "std_msgs/Header header\nstring[] name\nfloat64[] position\n" + HEADER
 
@@ -549,7 +492,7 @@ JOINTS = "std_msgs/Header header\nstring[] name\nfloat64[] position\n" + HEADER
 def test_control_characters_in_the_names_of_topic_joint_channel_and_marker_are_harmless_wherever_they_are_told(
     laboratory,
 ):
-    """In refusals, in `quality.csv` and on the page; the files are read by the names that they have."""
+    """In refusals and in the provenance, of which table and page are made; the files are read by their names."""
     topic, joint, label = (f"{name}{ESCAPE}" for name in ("/lab", "ankle", "A1"))
     theta = {"topic": topic, "field": f"position[name={joint}]", "unit": "rad"}
     times, edges = range(0, 5_000_000_000, 2_000_000), level(np.arange(0, 5, 0.002)) > 0
@@ -576,15 +519,6 @@ def test_control_characters_in_the_names_of_topic_joint_channel_and_marker_are_h
         refusals.append(refused(laboratory))
         assert said in refusals[-1]
     described()
-    commanded, measured = Commanded((2.0,), (1.0,), 20), laboratory / "measured.csv"
-    ingest_and_check(row(experiment="ingest_only"), laboratory, laboratory, (), commanded, laboratory / OUT, measured)
-    rules = campaign_config(read_mapping(default_config()), [default_config()]).quality
-    verdicts, trial = Judge(rules, {}).verdicts([measured]), read_trial(laboratory / OUT)
-    remarks = dict(verdicts.select("check", "remark").iter_rows())
-    assert f"topic '/lab{HARMLESS}' say that 1 messages" in remarks["damage"]
-    assert f"marker_M1{HARMLESS}_x 300 Hz" in remarks["rate"]
-    shown = ReportedTrial("walk_1", row(experiment="impedance"), {}, (), verdicts, trial.provenance, refusals)
-    assert any(f"topic '/lab{HARMLESS}'" in value for _, value in trial_content(shown, {})["provenance"]["facts"])
-    texts = [*refusals, *verdicts["remark"], *trial.columns, *trial.provenance["warnings"]]
+    trial = ingested(laboratory)
+    texts = [*refusals, *trial.columns, *trial.provenance["warnings"], *trial.provenance["damage"]["log"]["remarks"]]
     assert [text for text in texts if not text.isprintable()] == []
-    assert not {"\x1b", "\x07"} & {*Page(page_of([shown])).text}

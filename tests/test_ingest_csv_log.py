@@ -1,7 +1,6 @@
 """CSV logs and units: what others' loggers write is read, repaired by a stated rule, or refused by its line."""
 
 import contextlib
-import json
 import math
 import re
 from pathlib import Path
@@ -13,7 +12,6 @@ import yaml
 from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from mcap_builder import HEADER, stamped, write_log
 from recognised_files import refusal_by
 
 from osl_analysis.cli import main
@@ -314,53 +312,6 @@ def test_a_mistake_in_a_source_file_is_answered_with_what_to_write(tmp_path, fie
 
 
 BENCH = "loop_time,ankle_deg,load_Nm,motor_mA,phase\n0,1,5,7,0\n10,2,6,7,0\n20,3,7,7,0\n"
-
-
-def test_a_draft_knows_clocks_and_units_by_their_names_and_says_that_it_guessed(tmp_path: Path) -> None:
-    (tmp_path / "a.csv").write_text(BENCH)
-    overview = inspect_file(tmp_path / "a.csv")
-    drafted = draft_source(overview, "a.csv")
-    source = yaml.safe_load(drafted)
-    assert source["time"] == {"column": "loop_time", "unit": "UNKNOWN"}
-    units = {channel["column"]: channel["unit"] for channel in source["channels"].values()}
-    assert units == {"ankle_deg": "deg", "load_Nm": "Nm", "motor_mA": "mA"}
-    assert drafted.count("the unit is guessed: check it") == 3
-    assert [*source["channels"]] == ["theta", "torque", "current"]
-    guessed = "units guessed from the names, to be checked: ankle_deg [deg], load_Nm [Nm], motor_mA [mA]"
-    assert overview.remarks == [guessed]
-    assert "\n  theta: " in draft_source(overview, "a.csv")
-    (tmp_path / "a.csv").write_text(BENCH.replace("load_Nm", "joint_deg"))  # two that may be the angle
-    assert "\n  theta: " not in draft_source(inspect_file(tmp_path / "a.csv"), "a.csv")
-    units = {"t_s": "s", "time_ms": "ms", "loop_time_us": "us", "pi_time": "UNKNOWN", "Time [s]": "s", "t_ns": "ns"}
-    for name, unit in units.items():
-        (tmp_path / "a.csv").write_text(BENCH.replace("loop_time", name))
-        clock = yaml.safe_load(draft_source(inspect_file(tmp_path / "a.csv"), "a.csv"))["time"]
-        assert clock == {"column": name.partition(" [")[0], "unit": unit}
-
-
-def test_a_draft_does_not_offer_a_torque_that_is_the_motors_current_times_a_constant(tmp_path: Path) -> None:
-    rows = np.random.default_rng(1).standard_normal((200, 3)).cumsum(axis=0).round(3)
-    for of_current, offered in ((1.0, False), (0.0, True)):  # one reading of the current failed
-        torque = 0.14 * (of_current * rows[:, 1] + (1 - of_current) * rows[:, 2])
-        lines = [f"{k / 1000},{a},{i},{t:.5f}" for k, (a, i, t) in enumerate(zip(*rows.T[:2], torque, strict=True))]
-        lines[9] = f"0.009,{rows[9, 0]},None,{torque[9]}"
-        (tmp_path / "a.csv").write_text("\n".join(["time_s,joint_angle_rad,motor_current_A,joint_torque_Nm", *lines]))
-        names = ("joint_angle", "motor_current", "joint_torque")
-        signals = [
-            dict(zip(names, (*row[:2], tau), strict=True)) for row, tau in zip(rows.tolist(), torque, strict=True)
-        ]
-        said = [
-            json.dumps({"t": k / 1000, **one} | ({"motor_current": None} if k == 9 else {}))
-            for k, one in enumerate(signals)
-        ]
-        (tmp_path / "a.jsonl").write_text("\n".join(said))
-        messages = [stamped(k * 1_000_000, **one) for k, one in enumerate(signals)]
-        schema = "std_msgs/Header header\n" + "".join(f"float64 {name}\n" for name in names) + HEADER
-        write_log(tmp_path / "a.mcap", messages, schema)
-        for ending, current in (("csv", "motor_current_A"), ("jsonl", "motor_current"), ("mcap", "motor_current")):
-            drafted = draft_source(inspect_file(tmp_path / f"a.{ending}"), "a")
-            assert (f'"{current}" times 0.14, to within rounding: computed from the current' in drafted) != offered
-            assert ("torque?" in drafted or "\n  torque: " in drafted, "current" in drafted) == (offered, True), drafted
 
 
 def test_a_draft_that_was_not_edited_is_refused_with_the_places_and_reads_the_log_once_they_are(tmp_path: Path) -> None:

@@ -14,7 +14,6 @@ from any_motion import TRUE, made_trial, noise
 from c3d_builder import REAL_DATA, write_c3d
 from click.testing import CliRunner
 from mcap_builder import HEADER, stamped, write_log, write_payloads
-from test_formats_mat import write_mat
 from test_ingest_assemble import WRITERS
 
 from osl_analysis.cli import main
@@ -88,62 +87,6 @@ def test_a_csv_file_lists_columns_units_gaps_words_and_odd_rows_and_its_draft_re
         (tmp_path / "a.yaml").write_text("\n".join(line for line in content.splitlines() if "NAME_2" not in line))
         samples = FORMATS["csv"].read(path, read_source(tmp_path / "a.yaml")).samples
         np.testing.assert_allclose(samples.to_numpy().T, [[0, 0.01, 0.02, 0.09], np.radians([1.5, 2.5, 3.5, 4.5])])
-
-
-MARKERS = ["Leg:FOOT1", "Foot2", "S01:HEEL", "SHANK1", "SHANK2", "TIB_M", "PLAT1", "PLAT2", "ANKLE_MED", "ANK_L", "C7"]
-
-
-def walking_draft(path: Path, labels: list[str]) -> str:
-    """The lines of the draft that are the section `walking`, without their comment signs."""
-    write_c3d(path, np.ones((4, len(labels), 4)), np.ones((8, 1)), POINT__LABELS=labels)
-    text = draft_source(module.inspect_file(path), path.name)
-    (path.parent / "source.yaml").write_text(text)
-    assert read_source(path.parent / "source.yaml").markers == "all"  # it is a draft, below a source file that is whole
-    _, title, lines = text.partition("# walking:")
-    return "\n".join(line.removeprefix("# ") for line in f"{title}{lines}".splitlines())
-
-
-def test_a_capture_of_walking_drafts_the_walking_section_and_asks_for_what_names_do_not_tell(tmp_path: Path) -> None:
-    draft = walking_draft(tmp_path / "a.c3d", MARKERS)
-    markers = {
-        "foot": ["Leg:FOOT1", "Foot2", "S01:HEEL"], "shank": ["SHANK1", "SHANK2", "TIB_M"],
-        "platform": ["PLAT1", "PLAT2", "UNKNOWN"], "ankle_medial": "ANKLE_MED", "ankle_lateral": "ANK_L",
-    }  # fmt: skip
-    assert yaml.safe_load(draft)["walking"] == {"side": "UNKNOWN", "plate": "UNKNOWN", "markers": markers}
-    assert 'platform: ["PLAT1", "PLAT2", UNKNOWN]  # named so; a cluster has 3 or more' in draft
-    assert draft.count("a cluster has") == 1
-    assert "named in the static trial?" in walking_draft(tmp_path / "b.c3d", MARKERS[:8])
-    for some, drafted in ((MARKERS[:6], True), (MARKERS[6:], False), (MARKERS[3:8], True)):  # a foot or shank
-        assert bool(walking_draft(tmp_path / "c.c3d", some)) == drafted
-
-
-@pytest.mark.parametrize(("forces", "line"), [
-    ([0, 50, 700], "3  # a guess, to be confirmed: of 3 force plates the one with the load"),
-    ([900, 600, 700], "2  # a guess, to be confirmed: of 3 force plates with load the one that is nearest to the"),
-    ([0, 0, 0], "UNKNOWN  # of 3 force plates in this file"),
-])  # fmt: skip
-def test_of_several_plates_the_draft_guesses_the_loaded_one_next_to_the_platform(tmp_path, forces, line):
-    """The platform's markers are at x = 1 m, the plates at x = 0, 1, 2 m with these forces [N]."""
-    points, analogs = np.ones((4, 6, 4)) * [1000, 10, 10, 0], np.zeros((8, 18))
-    points[0, 5, 3] = -1.0
-    analogs[:, 8], analogs[2:, 2::6] = 20, np.add(forces, [0, 20, 0])  # an offset is no load
-    surface = np.array([[300.0, -200, 0], [-300, -200, 0], [-300, 200, 0], [300, 200, 0]])
-    plates = {
-        "USED": np.array([3]), "TYPE": np.array([2, 2, 2]), "ORIGIN": np.zeros((3, 3)),
-        "CORNERS": np.stack([(surface + np.array([1e3 * n, 0, 0])).T for n in range(3)], axis=2),
-        "CHANNEL": np.arange(1, 19).reshape(6, 3, order="F"),
-    }  # fmt: skip
-    parameters: dict[str, Any] = {f"FORCE_PLATFORM__{name}": value for name, value in plates.items()}
-    parameters |= {"POINT__LABELS": ["PLAT1", "PLAT2", "PLAT3", "FOOT1", "FOOT2", "FOOT3"]}
-    parameters |= {"ANALOG__UNITS": ["N", "N", "N", "Nmm", "Nmm", "Nmm"] * 3}
-    overview = module.inspect_file(write_c3d(tmp_path / "a.c3d", points, analogs, **parameters))
-    assert [*overview.facts.values()] == ["4, from 1 on, at 100 Hz", "mm", "3", "not said", "not said"]
-    plates = [one for one in overview.channels if one.kind == "plate"]
-    assert [(one.load, *one.centre) for one in plates] == [(force, 1e3 * n, 0, 0) for n, force in enumerate(forces)]
-    (hidden,), (fz,) = ([one for one in overview.channels if name in one.address.values()] for name in ("FOOT3", "A9"))
-    assert (hidden.count, hidden.rate, hidden.note) == (3, 100, "missing in 25.0% of the frames")
-    assert (fz.unit, fz.count, fz.rate) == ("N", 8, 200)
-    assert f"\n#   plate: {line}" in draft_source(overview, "a.c3d")
 
 
 @pytest.mark.parametrize("kind", ["mcap", "c3d", "csv", "nexus"])
@@ -249,17 +192,6 @@ def test_names_tell_clocks_and_units_and_stamps_tell_rate_span_and_gaps():
         assert (about.gaps_text(np.array(time)), about.rate_of(np.array(time))) == (said, rate)
     back, often = np.r_[0:11.0, 9:20], np.r_[0:9.0, 7:9]
     assert [about.span_of(one) for one in (back, often, np.array([0, np.nan, 0, 3, 3]))] == [19, 0, 3]
-
-
-def test_only_a_file_with_several_trials_is_said_to_hold_them(tmp_path):
-    one = {"time": TIME, **SIGNALS}
-    write_mat(tmp_path / "single.mat", **one)
-    write_mat(tmp_path / "several.mat", run1=one, run2=one).rename(tmp_path / "several.MAT")
-    module.new_campaign(tmp_path / "mine", recordings=tmp_path)
-    lines = module.left_to_decide(tmp_path / "mine", module.draft_campaign(tmp_path))
-    (said,) = [line for line in lines if "log_part" in line]
-    assert said.startswith("2 parts hold the same variables: name one per trial in the column `log_part` of the sheet")
-    assert said.endswith(": run1, run2 (several.MAT)")
 
 
 def test_a_folder_of_recordings_is_a_table_that_no_text_of_theirs_can_break(tmp_path: Path) -> None:

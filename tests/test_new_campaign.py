@@ -6,18 +6,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from c3d_builder import REAL_DATA, write_c3d
+from c3d_builder import write_c3d
 from click.testing import CliRunner
 from conftest import ROOT
 from jsonschema import Draft202012Validator
 
 from osl_analysis.cli import main
-from osl_analysis.commands.inspect import draft_campaign, inspect_file, left_to_decide, new_campaign
+from osl_analysis.commands.inspect import draft_campaign, left_to_decide, new_campaign
 from osl_analysis.commands.reference import schemas
 from osl_analysis.commands.run import looked_at, snakemake_arguments
 from osl_analysis.errors import InputError
 from osl_analysis.files import shipped
-from osl_analysis.ingest.draft import draft_source, draft_trials, segment_of
+from osl_analysis.ingest.draft import draft_trials, segment_of
 from osl_analysis.ingest.raw_files import read_source
 from osl_analysis.ingest.source import open_places
 
@@ -264,18 +264,3 @@ def test_a_log_of_a_known_recorder_has_the_shipped_source_file_of_it(tmp_path):
     (tmp_path / "b.csv").write_text("\n".join([",".join(columns[:2]), *(f"{k / 100},{k}" for k in range(30))]))
     assert draft_campaign(tmp_path).sources["opensourceleg"] == source
     assert len(draft_campaign(tmp_path).sources) == 2  # not that of less than all of its channels
-
-
-@pytest.mark.skipif(not REAL_DATA.is_dir(), reason="needs the recordings of other laboratories")
-@pytest.mark.parametrize(("file", "foot", "shank", "medial", "lateral"), [
-    ("c3d/btk_PiG_Motion3_FF.c3d", "RHEE RTOE UNKNOWN", "RTIB UNKNOWN", "UNKNOWN", "RANK"),
-    ("c3d/qualisys_FP_Type3_fpcoppoly.c3d", "RFM RFL RH", "RS1 RS2 RS3 RS4", "RAM", "RAL"),
-    ("c3d/Eb015pr.c3d", "RFT1 RFT2 RFT3", "RSK1 RSK2 RSK3 RSK4", "UNKNOWN", "UNKNOWN"),
-    ("opensim/walk.trc", "R.Heel R.MT1 R.MT5 R.MT2", "R.HF R.TT UNKNOWN", "R.Ankle.Medial", "R.Ankle"),
-])  # fmt: skip
-def test_markers_of_other_laboratories_are_known_by_their_names(file, foot, shank, medial, lateral):
-    text = draft_source(inspect_file(REAL_DATA / file), "a")
-    lines = [line.removeprefix("# ") for line in text.partition("# walking:")[2].splitlines()[1:]]
-    markers = yaml.safe_load("\n".join(lines))["markers"]
-    found = {"foot": foot.split(), "shank": shank.split(), "ankle_medial": medial, "ankle_lateral": lateral}
-    assert markers == {**found, "platform": ["UNKNOWN"]}

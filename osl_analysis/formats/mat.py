@@ -280,9 +280,10 @@ def value5(raw: Any) -> Value:
         rows = array.ravel().tolist()
         width = max((len(row) for row in rows), default=0)
         return Value("char", (len(rows), width), text=rows[0] if len(rows) == 1 else "")
-    names = {"float64": "double", "float32": "single", "bool": "logical", "complex128": "double", "complex64": "single"}
-    kind, is_complex = names.get(array.dtype.name, array.dtype.name), array.dtype.kind == "c"
-    return Value(kind, array.shape, None if is_complex else np.asarray(array, dtype=np.float64), is_complex)
+    if array.dtype.kind == "c":
+        return Value({"complex64": "single"}.get(array.dtype.name, "double"), array.shape, is_complex=True)
+    kind = {"float64": "double", "float32": "single", "bool": "logical"}.get(array.dtype.name, array.dtype.name)
+    return Value(kind, array.shape, np.asarray(array, dtype=np.float64))
 
 
 def with_objects(own: Value, read: Value) -> Value:

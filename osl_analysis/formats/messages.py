@@ -169,6 +169,11 @@ class ChannelLog:
             )
         return found
 
+    def decoding(self, columns: Columns) -> dict[str, Any]:
+        """How its messages were decoded, for the provenance."""
+        found = {"channel": self.channel.id, "encoding": self.channel.message_encoding, "messages": self.log_time.size}
+        return found | {"one_by_one": len(self.reader.found) if self.reader else 0, "misfits": columns.misfits}
+
     def wrong_field(self, what: str) -> WrongFieldError:
         """The error for a field that is no number in any message; it names those that are."""
         return WrongFieldError(
@@ -254,15 +259,6 @@ def decode_topics(
                 )
         log_time = np.concatenate([one.log_time[columns.rows] for one, columns in used])
         channel = [np.full(columns.rows.size, one.channel.id, np.uint16) for one, columns in used]
-        how = [
-            {
-                "channel": one.channel.id,
-                "encoding": one.channel.message_encoding,
-                "messages": one.log_time.size,
-                "one_by_one": len(one.reader.found) if one.reader else 0,
-                "misfits": columns.misfits,
-            }
-            for one, columns in own
-        ]
+        how = [one.decoding(columns) for one, columns in own]
         found[topic] = Decoded(log_time, np.concatenate(channel), values, how)
     return found

@@ -154,11 +154,9 @@ def test_with_all_imperfections_the_rendered_stiffness_comes_out_to_five_percent
         assert real.estimate("B", estimator)["mean"] == pytest.approx(real.rendered("B"), rel=0.1)
         assert real.estimate("I", estimator)["mean"] == pytest.approx(real.rendered("I"), abs=0.01)
     assert real.estimate("VAF")["mean"] > 99
-    K, B = real.estimate("K", "ensemble"), real.estimate("B", "ensemble")
+    K = real.estimate("K", "ensemble")
     assert K["low"] < real.rendered("K") < K["high"]
     assert 1 < K["se"] < 10
-    assert (K["cov_K"], K["cov_B"]) == pytest.approx((K["se"] ** 2, B["cov_K"]))
-    assert abs(K["cov_B"]) < K["se"] * B["se"]
     assert np.max(np.abs([(c.onset or 0.0) - real.truth(c.name)["onset_s"] for c in real.read(*real.perturbed)])) < 5e-4
     table = read_table(real.file("selection.csv"))
     assert set(table["status"]) == {"used"}

@@ -98,7 +98,7 @@ def test_recovers_the_impedance_whatever_the_pace(stance: float, truth: tuple[fl
         assert tuple(fit.estimates) == pytest.approx(truth, rel=1e-3, abs=1e-3 if truth[2] == I else 2e-3)
     assert fits[0].vaf > 99.999
     free = fitting.offset_comparison(isolated[0].fitted_motion, isolated[0].fitted_torque + 3, 2 * truth[0])
-    assert free == pytest.approx({"offset": 3, "K_with_offset": truth[0], "offset_share": 0.5}, rel=2e-3)
+    assert free == pytest.approx((3, 0.5), rel=2e-3)
 
 
 def test_what_has_no_response_or_no_ensemble_is_refused_by_name() -> None:
@@ -173,18 +173,6 @@ def test_the_interval_of_a_single_perturbation_covers_what_gait_does_to_it() -> 
     assert (fit.interval_method, fit.degrees_of_freedom) == ("unperturbed crossings", pytest.approx(4))
     (of_mean, _), _ = fitting.common_errors([response])["K"]  # s^2/5; of a mean of five and another one s^2 (1 + 1/5)
     assert fit.se("K") ** 2 == pytest.approx(6 * of_mean)
-
-
-def test_the_lag_of_a_second_order_response_comes_out_within_its_standard_error() -> None:
-    response = response_of(crossing("p", 0.6, impedance=(340.0, 5.0, 0.2)), mean_gait())
-    for lag in (-0.003, 0.0, 0.004):
-        moved = np.interp(response.time - lag, response.time, response.torque)
-        delay = fitting.response_lag(replace(response, torques=moved[None]))
-        assert delay is not None
-        assert delay[0] == pytest.approx(lag, abs=5e-4)
-    noise = LowPass(20.0)(np.random.default_rng(1).normal(0, 1, (60, len(response.time))).T, RATE).T
-    drawn = np.array([fitting.response_lag(replace(response, torques=(response.torque + one)[None])) for one in noise])
-    assert np.std(drawn[:, 0]) == pytest.approx(1.5 * np.mean(drawn[:, 1]), rel=0.2)  # 30 samples of correlated noise
 
 
 def deviating(seed: int, perturbed: bool = False, lasting: bool = True, sign: int = 1) -> Crossing:

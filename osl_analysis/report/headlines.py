@@ -292,9 +292,9 @@ def headline_numbers(
     beside_draft: bool = True,
 ) -> list[Headline]:
     """Headline numbers of the experiments that the campaign has; `tables` by name, with the `findings` on them, and
-    the `example` of Fig. 4; those of the draft are None unless the campaign is held against it. No two have the same name or macro:
-    the second `PD 1` and `PD-1` becomes `PDOneB`, as macros have letters alone. Raises InputError: a summary table has
-    no finite mean for a quantity that it lists."""
+    the `example` of Fig. 4; those of the draft are None unless the campaign is held against it. No two have the same
+    name or macro: the second `PD 1` and `PD-1` becomes `PDOneB`, as macros have letters alone. Raises InputError: a
+    summary table has no finite mean for a quantity that it lists."""
     own = (placed_numbers(name, tables[name], example or Example()) for name in LABELS if name in tables)
     names, macros, found = set[str](), set[str](ABOUT_MACROS.values()), []
     for number in chain(*own, doubt_counts(tables, findings)):

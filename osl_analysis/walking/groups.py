@@ -179,16 +179,21 @@ def crossing_features(crossings: Sequence[Crossing], timing: SelectionSettings, 
         later.append(("pressure beside the ankle", "m", curves(pressures, middle), rule.pressure_m))
     alike = np.zeros(len(crossings), dtype=int)
     turned = np.array([0 if c.onset is None else c.sign for c in crossings])
-    features, sound = list[Feature](), np.ones(len(crossings), dtype=bool)
-    for kinds, measures in ((alike, early), (turned, later)):
-        while True:  # until no further one is beyond; at least half stay: fewer would be a selection
-            found = [compared(*measure, kinds, sound) for measure in measures]
-            within = sound & (np.max([feature.distance for feature in found], axis=0) <= rule.limit)
-            if within.sum() == sound.sum() or 2 * within.sum() < len(within):
-                break
-            sound = within
-        features, sound = features + found, within
-    return features
+    before_onset, within = among_sound(early, alike, np.ones(len(crossings), dtype=bool), rule.limit)
+    return before_onset + among_sound(later, turned, within, rule.limit)[0]
+
+
+def among_sound(
+    measures: Sequence[tuple[str, str, Array, float]], kinds: NDArray[np.int_], sound: Mask, limit: float
+) -> tuple[list[Feature], Mask]:
+    """Features of n crossings among those that are `sound` (n,), and which are within the `limit`: until no further one
+    is beyond; at least half stay: fewer would be a selection."""
+    while True:
+        found = [compared(*measure, kinds, sound) for measure in measures]
+        within = sound & (np.max([feature.distance for feature in found], axis=0) <= limit)
+        if within.sum() == sound.sum() or 2 * within.sum() < len(within):
+            return found, within
+        sound = within
 
 
 def places(crossings: Sequence[Crossing], sheet: Sheet, settings: SelectionSettings) -> dict[str, dict[str, object]]:
@@ -197,35 +202,40 @@ def places(crossings: Sequence[Crossing], sheet: Sheet, settings: SelectionSetti
     keys = split_keys(sheet, settings)
     every = [{key: cells[key] for key in keys} for cells in sheet.values() if cells[IS_PERTURBED]]
     gaits: dict[str, Cells] = {label(cells): cells for cells in every}
-    found, phases, parts = dict[str, dict[str, object]](), dict[str, Array](), dict[str, NDArray[np.intp]]()
-    served, walked = {}, {}
-    for name, cells in sheet.items():  # an empty cell of an unperturbed crossing matches every value
-        fits = [all(cells.get(key) in (None, wanted[key]) for key in keys) for wanted in gaits.values()]
-        served[name] = [gait for gait, own in zip(gaits, fits, strict=True) if own]
-        found[name] = {"gait": SEPARATOR.join(served[name]) or None}
-        found[name] |= dict.fromkeys(("group", "direction", "onset_phase"))
-    for gait in gaits:  # onsets as shares of the gait's mean stance, or without one of their own
-        own = [c for c in crossings if gait in served[c.name]]
-        flat = [c.stance.duration for c in own if c.onset is None]
-        walked[gait] = [(c, c.onset - c.stance.heel_strike) for c in own if c.onset is not None]
-        mean = float(np.mean(flat)) if flat else None
-        phases[gait] = np.array([since / (mean or c.stance.duration) for c, since in walked[gait]])
-        parts[gait] = timings(phases[gait], settings.timing_scatter)
+    served = {name: [g for g, wanted in gaits.items() if serves(cells, wanted)] for name, cells in sheet.items()}
+    nowhere = dict.fromkeys(("group", "direction", "onset_phase"))
+    found: dict[str, dict[str, object]] = {
+        name: {"gait": SEPARATOR.join(own) or None, **nowhere} for name, own in served.items()
+    }
+    phases = {gait: onset_phases([c for c in crossings if gait in served[c.name]]) for gait in gaits}
+    parts = {gait: timings(np.array([*own.values()]), settings.timing_scatter) for gait, own in phases.items()}
     several = any(part.max(initial=0) > 0 for part in parts.values())
     timed = "timing" in settings.group_by or ("timing" not in settings.pool and several)
+    ways = {c.name: c.direction for c in crossings}
     for gait, conditions in gaits.items():
-        for (crossing, _), phase, part in zip(walked[gait], phases[gait], parts[gait], strict=True):
+        known = np.array([*phases[gait].values()])
+        for (name, phase), part in zip(phases[gait].items(), parts[gait], strict=True):
             named = dict(conditions)
             if timed:
-                named["timing"] = f"{100 * np.median(phases[gait][parts[gait] == part]):.0f} %"
+                named["timing"] = f"{100 * np.median(known[parts[gait] == part]):.0f} %"
             if "direction" in settings.group_by:
-                named["direction"] = crossing.direction or "unknown"
-            found[crossing.name] |= {
-                "group": label(named),
-                "direction": crossing.direction,
-                "onset_phase": float(phase),
-            }
+                named["direction"] = ways[name] or "unknown"
+            found[name] |= {"group": label(named), "direction": ways[name], "onset_phase": phase}
     return found
+
+
+def serves(cells: Cells, wanted: Cells) -> bool:
+    """Whether a crossing is of a gait: an empty cell of an unperturbed one matches every value."""
+    return all(cells.get(key) in (None, value) for key, value in wanted.items())
+
+
+def onset_phases(crossings: Sequence[Crossing]) -> dict[str, float]:
+    """Onsets of the perturbed crossings of one gait, by name, as shares of the mean stance of the others, or without
+    any of their own."""
+    flat = [c.stance.duration for c in crossings if c.onset is None]
+    usual = float(np.mean(flat)) if flat else None
+    onsets = ((c, c.onset) for c in crossings if c.onset is not None)
+    return {c.name: float((onset - c.stance.heel_strike) / (usual or c.stance.duration)) for c, onset in onsets}
 
 
 def timings(phases: Array, scatter: float) -> NDArray[np.intp]:

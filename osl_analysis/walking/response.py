@@ -178,36 +178,14 @@ def jackknife_covariance(changes: Array) -> Array:
     return (m - 1) ** 2 / m * np.cov(changes, rowvar=False) if m > 1 else np.zeros((p, p))
 
 
-def offset_comparison(motion: Motion, torque: Array, K: float) -> dict[str, float | None]:
-    """A fit to a motion and torque (n,) with an offset [N*m], null if impossible: a large `offset_share`, the relative
-    decrease of K [N*m/rad] with it, shows that the response is not of second order."""
+def offset_comparison(motion: Motion, torque: Array, K: float) -> tuple[float, float]:
+    """Offset [N*m] of a fit to a motion and torque (n,) that has one, and the relative decrease of K [N*m/rad] with it,
+    which is large if the response is not of second order; NaN if impossible."""
     try:
         free = linear_fit(torque, impedance_columns(motion) | {"offset": np.ones_like(torque)})
     except IdentifiabilityError:
-        return dict.fromkeys(("offset", "K_with_offset", "offset_share"))
-    return {"offset": free["offset"], "K_with_offset": free["K"], "offset_share": 1 - free["K"] / K if K else None}
-
-
-def response_lag(response: PerturbationResponse) -> tuple[float, float] | None:
-    """Lag [s] at which the residual of Eq. 15 is smallest, positive if the torque is late, with its standard error;
-    None from 10 ms on. A response that is not of second order shifts it too: do not correct the torque by it."""
-    motion, stamps = response.fitted_motion, response.time[response.window]
-    later, step = scipy.interpolate.make_interp_spline(response.time, response.torque, k=5), 0.001  # [s]
-    lags = np.arange(-0.01, 0.01 + step / 2, step)  # within the margin of 8 frames
-    try:
-        fits = [fit_without_offset(motion, np.asarray(later(stamps + lag))) for lag in lags]
-    except OslAnalysisError:
-        return None
-    misfit = np.array([np.sum(fit.residual**2) for fit in fits])
-    best = int(np.argmin(misfit))
-    if best in (0, len(lags) - 1):
-        return None
-    before, least, after = misfit[best - 1 : best + 2]
-    curvature = (before - 2 * least + after) / step**2
-    lag = float(lags[best] + 0.5 * (before - after) / (step * curvature))
-    fit = fit_without_offset(motion, np.asarray(later(stamps + lag)))
-    freedom = max(fit.samples / fit.correlation_samples - 4, 1.0)
-    return lag, float(np.sqrt(2 * least / freedom / curvature))
+        return float("nan"), float("nan")
+    return free["offset"], 1 - free["K"] / K if K else float("nan")
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ from osl_analysis.trial import REFLEX_DELAYS_MS, Array
 from osl_analysis.walking import response as isolation
 from osl_analysis.walking.crossing import DOWN, LABORATORY_ERRORS, LOG_ERRORS, Crossing
 from osl_analysis.walking.gait import PHASES, UnperturbedGait
-from osl_analysis.walking.groups import ALL, SEPARATOR, STATED, Sheet, cells_said
+from osl_analysis.walking.groups import ALL, SEPARATOR, STATED, Cells, Sheet, cells_said
 from osl_analysis.walking.response import Bootstrap, EnsembleResponse, GroupHeadline, PerturbationResponse
 from osl_analysis.walking.settings import ResponseSettings, TimingSettings, Uncertainty
 
@@ -39,24 +39,18 @@ def group_rows(
     """Rows of `walking_groups.csv` before any fit, in the order of the conditions that a group shares, numbers as
     numbers, then of direction and phase. A gait none of whose perturbed crossings is used is a group without any."""
     perturbed, found = selection.filter(pl.col("perturbed")), list[tuple[tuple[object, ...], dict[str, Any]]]()
-    stated = {trial: sheet[trial] for trial in perturbed["trial"]}
-    grouped = perturbed.drop_nulls("group").partition_by("group", maintain_order=True)
-    parts = [(members["group"][0], members["gait"][0], members, members) for members in grouped]
-    for gait in perturbed["gait"].unique(maintain_order=True):
-        if gait not in [known for _, known, *_ in parts]:
-            members = perturbed.filter(pl.col("gait") == gait)
-            parts.append((gait or ALL, gait or ALL, members, members.clear()))
-    for name, gait, members, used in parts:
-        each = {key: {stated[trial].get(key) for trial in members["trial"]} for key in STATED}
-        cells = {key: values.pop() if len(values) == 1 else None for key, values in each.items()}
-        differ = {key: {stated[trial].get(key) for trial in used["trial"]} - {None} for key in STATED}
-        pooled = "; ".join(f"{key} {cells_said(some)}" for key, some in differ.items() if len(some) > 1)
+    parts = [(own["group"][0], own) for own in perturbed.drop_nulls("group").partition_by("group", maintain_order=True)]
+    known = {members["gait"][0] for _, members in parts}
+    others = perturbed.filter(~pl.col("gait").is_in(known)).partition_by("gait", maintain_order=True)
+    for name, members in [*parts, *((members["gait"][0], members) for members in others)]:
+        gait, used = members["gait"][0], members.drop_nulls("group")
         of_gait = selection.filter(pl.col("gait").str.split(SEPARATOR).list.contains(gait))
+        cells, pooled = shared_cells([sheet[trial] for trial in members["trial"]])
         row = {
             "group": name,
             "gait": gait,
             **{("group_stated" if key == "group" else key): value for key, value in cells.items()},
-            "pooled": pooled or None,
+            "pooled": pooled if len(used) else None,
             **timing_facts(used, gaits[gait].stance if gait in gaits else np.zeros(0), window),
             **moment_error(of_gait),
             **left_out(of_gait, sheet),
@@ -66,6 +60,14 @@ def group_rows(
         phase = float(used["onset_phase"].cast(pl.Float64).mean()) if len(used) else np.inf  # type: ignore[arg-type]
         found.append(((*conditions, turned, phase, name), row))
     return [row for _, row in sorted(found, key=lambda pair: pair[0])]
+
+
+def shared_cells(rows: Sequence[Cells]) -> tuple[dict[str, object], str | None]:
+    """The cells in which all rows of the sheet agree, else None, and in words those in which they state several."""
+    stated = {key: {row.get(key) for row in rows} for key in STATED}
+    several = (f"{key} {cells_said(values)}" for key, values in stated.items() if len(values - {None}) > 1)
+    cells = {key: next(iter(values)) if len(values) == 1 else None for key, values in stated.items()}
+    return cells, "; ".join(several) or None
 
 
 def timing_facts(used: pl.DataFrame, stances: Array, window: float) -> dict[str, object]:
@@ -154,11 +156,9 @@ def fitted_time(headline: GroupHeadline) -> float:
 
 
 def perturbation_row(crossing: Crossing, gait: UnperturbedGait, settings: ResponseSettings) -> dict[str, object]:
-    """One row of `walking.csv`: the fit of Eq. 15 to the isolated response of one crossing. `lag_out_of_reach` is 1 if
-    the best lag is at or beyond the limit of the search, for example if the torque is two frames late, else 0."""
+    """One row of `walking.csv`: the fit of Eq. 15 to the isolated response of one crossing."""
     response = isolation.isolate_response(crossing, gait, settings, settings.perturbed_stance)
-    fit, delay = isolation.fit_response(response), isolation.response_lag(response)
-    onset, (lag, lag_se) = crossing.onset or 0.0, delay or (None, None)
+    fit, onset = isolation.fit_response(response), crossing.onset or 0.0
     rate_hz = 1 / (response.time[1] - response.time[0])
     white = fit_row.whiteness_row(fit.residual[fit_row.thinned_rows(len(fit.residual), rate_hz, settings.low_pass)])
     return {
@@ -171,9 +171,7 @@ def perturbation_row(crossing: Crossing, gait: UnperturbedGait, settings: Respon
         **fit_row.estimates_row(fit, "K", "B", "I"),
         **fit_row.covariance_row(fit, "K", "B", "I"),
         **single_facts(response, fit),
-        **fit_row.lag_damping_row(lag, lag_se, fit["K"]),
-        "lag_out_of_reach": float(delay is None),
-        **{name: crossing.quality.get(name) for name in ("encoder_rms_deg", "plate_ringing_hz", "filled_fitted")},
+        **{name: crossing.quality.get(name) for name in ("encoder_rms_deg", "filled_fitted")},
         **fit_row.diagnostics_row(fit, rate_hz, white),
     }
 
@@ -183,13 +181,13 @@ def single_facts(response: PerturbationResponse, fit: LinearFit) -> Facts:
     Null where the residual is a small share of the torque, the offset hardly changes K, or no stance is expected."""
     motion, torque = response.fitted_motion, response.fitted_torque
     left = isolation.gait_torque(response, fit)[:, response.window]
-    free = isolation.offset_comparison(motion, torque, fit["K"])
+    offset, share = isolation.offset_comparison(motion, torque, fit["K"])
     columns = np.column_stack([isolation.motion_columns(motion), np.ones_like(motion.theta)])
     scatter = float(np.std(np.linalg.lstsq(columns, left.T, rcond=None)[0][-1], ddof=1))
-    counts = abs(free["offset_share"] or 0.0) > 0.15 and scatter > 0  # by less an offset hardly changes K
-    return free | {
+    counts = abs(share) > 0.15 and scatter > 0  # by less an offset hardly changes K
+    return {
         "residual_over_gait": residual_over_gait(motion, torque, left),
-        "offset_over_gait": abs(free["offset"] or 0.0) / scatter if counts else None,
+        "offset_over_gait": abs(offset) / scatter if counts else None,
         "stance_change": response.stance_change if np.isfinite(response.stance_change) else None,
     }
 
@@ -201,6 +199,7 @@ def group_facts(headline: GroupHeadline) -> dict[str, object]:
     motion, torque = ensemble.motion[rows], ensemble.torque[rows]
     left = np.mean([isolation.gait_torque(r, fit)[:, rows] for r in responses], axis=0)
     intervals = {name: headline.resampled.interval(name) for name in "KBI"}
+    _, share = isolation.offset_comparison(motion, torque, fit["K"])
     singles, signs = [isolation.fit_response(r) for r in responses], isolation.signs_of(responses)
     distances = [0.0]  # of ensemble and mean of perturbations, over the sum of the halves of both intervals
     for name, (low, high) in intervals.items():
@@ -229,7 +228,7 @@ def group_facts(headline: GroupHeadline) -> dict[str, object]:
         "coherence": rms(angles.mean(axis=0)) / float(np.sqrt(turned)),  # 1 for equal responses, 0 if they cancel
         "VAF": fit.vaf,
         "residual_over_gait": residual_over_gait(motion, torque, left),
-        "offset_share": isolation.offset_comparison(motion, torque, fit["K"])["offset_share"],
+        "offset_share": share if np.isfinite(share) else None,
         "outside_interval": float(sum(not low <= fit[name] <= high for name, (low, high) in intervals.items())),
         "estimator_difference": max(distances),
         "heterogeneity": heterogeneity,
@@ -293,7 +292,8 @@ def reaction_facts(headline: GroupHeadline) -> dict[str, object]:
         "K_slope_high": high,
         "B_with_slope": B_with_slope,
         "B_per_slope": per_slope,
-        **{f"common_K{end}": value for end, value in zip(("", "_low", "_high"), common_stiffness(both), strict=True)},
+        # what the same torque after either turn adds to K of turns up and takes off K of turns down
+        "common_K": None if both is None else 0.5 * both[0]["K"],
     }
 
 
@@ -359,18 +359,8 @@ def with_slopes(facts: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     return rows
 
 
-def common_stiffness(both: tuple[Mapping[str, float], Bootstrap, int] | None) -> tuple[float | None, ...]:
-    """What the same torque after either turn, half the sum of both directions, adds to K of the turns up and takes off
-    K of the turns down [N*m/rad], with its 95 % interval: half of `up minus down`; null with one direction."""
-    if both is None:
-        return None, None, None
-    return 0.5 * both[0]["K"], *(0.5 * end for end in both[1].interval("K"))
-
-
-SHOE, SKIN = (
-    60.0,
-    0.05,
-)  # N*m/deg, a stiffness of the foot in its shoe; share of the angle that markers slide on the skin
+SHOE = 60.0  # N*m/deg, a stiffness of the foot in its shoe
+SKIN = 0.05  # share of the angle that markers slide on the skin
 
 
 def sensitivity_table(group: str, headline: GroupHeadline, stated: Uncertainty, by_log: bool = False) -> pl.DataFrame:
@@ -414,24 +404,32 @@ def witness_facts(turned: Sequence[Crossing], facts: Mapping[str, Any], sensitiv
         "encoder_rms_deg", "encoder_delay_ms", "shoe_compliance", "plate_height_m", "plate_ringing_hz",
         "plate_unexplained", "pressure_outside_m", "filled_share", "filled_fitted",
     )  # fmt: skip
-    values = {name: [v for c in turned if (v := c.quality.get(name)) is not None] for name in names}
-    known = {name: float(np.mean(some)) if some else None for name, some in values.items()}
+    known: dict[str, Any] = {}
+    for name in names:
+        values = [value for c in turned if (value := c.quality.get(name)) is not None]
+        known[name] = float(np.mean(values)) if values else None
+    known |= dict.fromkeys(
+        (
+            *("K_by_unexplained", "B_by_unexplained", "I_by_unexplained", "shoe_share", "K_by_encoder", "height_share"),
+            *("late_K_per_ms", "late_B_per_ms", "plate_K_per_m", "moment_K_per_percent", "stiff_shoe_K"),
+        )
+    )
     compliance, height, K = known.pop("shoe_compliance"), known["plate_height_m"], facts["K"]
-    share, by_log = None if compliance is None else K * compliance, turned[0].platform is None
-    left, of_plate = known["plate_unexplained"], sensitivity.filter(error=LABORATORY_ERRORS["plate_inertia"][0])
-    moved = {name: None if left is None or of_plate.is_empty() else 100 * left * of_plate[name][0] for name in "KBI"}
-    of_K, of_B = ([float(x) for x in sensitivity[name]] for name in "KB")
-    per_m = None if by_log else 100 * of_K[0]
+    if compliance is not None:
+        known |= {"shoe_share": K * compliance, "K_by_encoder": K / (1 - K * compliance)}
+    changes = {row["error"]: row for row in sensitivity.rows(named=True)}
+    if late := changes.get(LOG_ERRORS["torque_lag"][0]):
+        return known | {"late_K_per_ms": late["K"], "late_B_per_ms": late["B"]}
+    high, moments, of_plate = (
+        changes.get(LABORATORY_ERRORS[name][0]) for name in ("corners_height", "moments", "plate_inertia")
+    )
+    known["plate_K_per_m"] = 100 * high["K"] if high else 0.0
+    known["height_share"] = None if height is None else known["plate_K_per_m"] * height / K
+    if of_plate and (left := known["plate_unexplained"]) is not None:
+        known |= {f"{name}_by_unexplained": 100 * left * of_plate[name] for name in "KBI"}
     return known | {
-        **{f"{name}_by_unexplained": change for name, change in moved.items()},
-        "shoe_share": share,
-        "K_by_encoder": None if share is None else K / (1 - share),
-        "height_share": None if height is None or per_m is None else per_m * height / K,
-        "late_K_per_ms": of_K[0] if by_log else None,
-        "late_B_per_ms": of_B[0] if by_log else None,
-        "plate_K_per_m": per_m,
-        "moment_K_per_percent": None if by_log or len(of_K) < 3 else of_K[2],
-        "stiff_shoe_K": None if by_log else of_K[-1],  # by `SHOE`
+        "moment_K_per_percent": moments["K"] if moments else None,
+        "stiff_shoe_K": changes["foot that yields in the shoe"]["K"],  # by `SHOE`
     }
 
 
@@ -480,12 +478,10 @@ def drawn_row(drawn: Bootstrap, quantity: str, estimate: float, stated: Mapping[
 def ensemble_rows(
     ensemble: EnsembleResponse, resampled: Bootstrap, stated: Mapping[str, float], estimator: str = ENSEMBLE
 ) -> list[dict[str, object]]:
-    """Estimates from the mean response; `se`, 95 % interval and covariances with K, B, I from the bootstrap."""
-    draws = resampled.draws
+    """Estimates from the mean response; `se` and 95 % interval from the bootstrap."""
     return [
         {"quantity": quantity, "estimator": estimator, "n": ensemble.n, "mean": estimate, "sd": None}
         | drawn_row(resampled, quantity, estimate, stated)
-        | {f"cov_{other}": float(np.cov(draws[quantity], draws[other])[0, 1]) for other in "KBI"}
         for quantity, estimate in ensemble.estimates().items()
     ]
 

@@ -101,10 +101,28 @@ for kind, section in (("belt", "Belt"), ("transmission", "SteppedSine")):
         return {"input": {"fitted": rows(kind, trials)}, "read": read, "files": files, "settings": settings}
 
 
-TERMS = [fit_file("impedance", "prediction_terms", trial) for trial in PREDICTED]
+DRIVETRAIN = {"weight": setting("gain_weight"), "sign_width": CONFIG.model_comparison.sign_width}
+DRIVETRAIN["settings"] = CONFIG.dynamometer.part("FilterSettings")
+
+
+@step(
+    "bench.compare_drivetrain_models",
+    "fits/model_comparison/{trial}.csv",
+    name="compare_drivetrain_models",
+    trial=CAMPAIGN.pattern("impedance"),
+)
+def compare_drivetrain_models(wildcards):
+    trial = wildcards.trial
+    settings = DRIVETRAIN | condition(trial, EXPERIMENTS["impedance"].fit.sheet)
+    inputs = {"input": {"record": fit_file("impedance", "record", trial)}}
+    return {**inputs, "files": {"parameters": CAMPAIGN.device(trial)}, "settings": settings}
+
+
+RECORDS = [fit_file("impedance", "record", trial) for trial in PREDICTED]
 MEASURED = {part: tabled(part) for part in PARTS} if PREDICTED else {}
-PREDICTIONS = {"input": {"table": tabled("impedance"), "terms": TERMS}, "read": {"components": MEASURED}}
-PREDICTIONS |= {"files": {"parameters": CONFIG.parameters or []}, "settings": {"unpredicted": UNPREDICTED}}
+PREDICTIONS = {"input": {"table": tabled("impedance"), "records": RECORDS}, "after": MEASURED.values()}
+PREDICTIONS |= {"read": {"components": MEASURED}, "files": {"parameters": CONFIG.parameters or []}}
+PREDICTIONS |= {"settings": DRIVETRAIN | {"unpredicted": UNPREDICTED}}
 GATHERED = {"output": tabled("prediction"), "causes": tabled("prediction_causes")}
 single("bench.gather_predictions", GATHERED, "tables/prediction", PREDICTIONS)
 

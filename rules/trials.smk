@@ -47,9 +47,10 @@ single("tables.judge", tabled("quality"), "tables/quality", VERDICTS)
 
 
 def fit_file(experiment: str, table: str, trial: str) -> Path:
-    """The file with a trial's rows of a table: of its own for the experiment's first table, one archive for the others."""
+    """The file with a trial's rows of a table: of its own for the experiment's first table and for the samples of its
+    record, one archive for the others."""
     first = EXPERIMENTS[experiment].tables[0].name
-    return RESULTS / f"fits/{first}/{trial}{'.csv' if table == first else '.zip'}"
+    return RESULTS / f"fits/{first}/{trial}{ {first: '.csv', 'record': '.parquet'}.get(table, '.zip')}"
 
 
 def condition(trial: str, columns) -> dict[str, object]:
@@ -70,14 +71,7 @@ for experiment, facts in EXPERIMENTS.items():
         settings |= condition(trial, fit.sheet) | ({"windows": CAMPAIGN.row(trial)["windows"]} if fit.windows else {})
         files = {"parameters": CAMPAIGN.device(trial) or []} if fit.parameters else {}
         tables = {name: file / f"{name}.csv" if file.suffix == ".zip" else file for name, file in places.items()}
-        inputs = {"input": {"trial": trial_file(trial)}, "files": files}
-        if trial in KNOWN_GAINS:  # rival models, and what the components that are measured alone predict
-            settings |= {"sign_width": CONFIG.model_comparison.sign_width}
-        if trial in PREDICTED:
-            parts = [tabled(part) for part in PARTS]
-            inputs |= {"after": parts, "read": {"components": by_stem(parts)}}
-            settings["place"] = [*PLACES[trial].values()]
-        return {**inputs, "settings": settings, "output": {"tables": tables}}
+        return {"input": {"trial": trial_file(trial)}, "files": files, "settings": settings, "output": {"tables": tables}}
 
 
 def fitted(*experiments: str) -> list[Path]:

@@ -25,7 +25,7 @@ from osl_analysis.bench.record import record_of_trial, stated_windows
 from osl_analysis.bench.response_tables import response_tables
 from osl_analysis.bench.settings import BenchStiffness, DynamometerAnalysis, HumanJoint, TimeBase
 from osl_analysis.campaign.configuration import read_section
-from osl_analysis.commands.bench import fit_impedance_trial
+from osl_analysis.commands.bench import compare_drivetrain_models, fit_impedance_trial
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.ingest.examine import (
@@ -43,6 +43,7 @@ from osl_analysis.model.compensator import PAPER_WEIGHT
 from osl_analysis.model.drivetrain import joint_admittance
 from osl_analysis.model.parameters import read_parameters
 from osl_analysis.spectral.periods import periodic_motion
+from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import Trial
 
 CONFIG = ROOT / "config/config.yaml"
@@ -123,7 +124,7 @@ def test_any_motion_gives_the_impedance_that_made_the_torque_wherever_the_zero_o
     assert 5 < row["band_high_hz"] < 6.6
 
 
-def test_windows_are_fitted_and_nothing_else():
+def test_windows_are_fitted_and_nothing_else(tmp_path):
     motion = noise(rng := np.random.default_rng(1), duration=40.0)
     disturbed = np.where((motion[0] > 15) & (motion[0] < 25), 30 * np.sin(9 * motion[0]), 0.0)
     trial = made_trial(rng, motion, more=disturbed)
@@ -136,10 +137,11 @@ def test_windows_are_fitted_and_nothing_else():
     seconds = [record_of_trial(trial, own, stated).seconds for stated in (None, "2-14.5")]
     assert seconds == pytest.approx([14.5 - 4 / 15, 12.5 - 4 / 15], abs=0.02)
     device, asked = ROOT / "config/parameters/default.yaml", DesiredImpedance("compensated", 300, 5)
-    windows, lacking = "2-14.5 25.5-40", {"components": {}, "place": ("ankle", None)}
-    fitted = fit_impedance_trial(trial, device, asked, PAPER_WEIGHT, SETTINGS, windows, 0.05, **lacking)
-    assert fitted["model_comparison"].filter(model="M1")["VAF"].item() > 99.9
-    assert "no actuator and no belt" in fitted["prediction_terms"]["not_made"].item()  # and the fit is there
+    fitted = fit_impedance_trial(trial, device, asked, PAPER_WEIGHT, SETTINGS, "2-14.5 25.5-40")
+    kept, compared = tmp_path / f"{trial.name}.parquet", tmp_path / "compared.csv"
+    write_table(fitted["record"], kept)
+    compare_drivetrain_models(kept, device, asked, PAPER_WEIGHT, 0.05, SETTINGS, compared)
+    assert read_table(compared).filter(model="M1")["VAF"].item() > 99.9
     assert fitted["impedance"]["fitted_s"].item() == pytest.approx(sum(seconds[1:]) + 14.5 - 4 / 15, abs=0.05)
     both, longest = (response_tables(moving_record(trial, x), None)["response"] for x in ("2-9 26-40", "26-40"))
     assert both["frequency_hz"].to_list() == longest["frequency_hz"].to_list() != []

@@ -39,6 +39,7 @@ from osl_analysis.campaign.configuration import read_section
 from osl_analysis.commands import figure as plotted_numbers
 from osl_analysis.commands.bench import (
     compare_belt_models,
+    compare_drivetrain_models,
     compare_transmission_models,
     estimates_text,
     fit_impedance_trial,
@@ -357,10 +358,10 @@ def rivals_of_eq_15(folder, *off):
     """The table of a trial at 2, 4 and 6 deg, without some effects of the simulator, by model."""
     path = written(folder, UNCOMPENSATED, settings(*off, amplitudes_deg=(2, 4, 6)), DEFAULT)
     trial, condition = read_trial(path), DesiredImpedance("uncompensated", 300.0, 5.0)
-    fitted = fit_impedance_trial(
-        trial, DEFAULT_FILE, condition, Weight(cutoff_hz=1, order=3), ANALYSIS, sign_width=0.05
-    )
-    table = fitted["model_comparison"]
+    weight, kept, compared = Weight(cutoff_hz=1, order=3), folder / f"{trial.name}.parquet", folder / "compared.csv"
+    write_table(fit_impedance_trial(trial, DEFAULT_FILE, condition, weight, ANALYSIS)["record"], kept)
+    compare_drivetrain_models(kept, DEFAULT_FILE, condition, weight, 0.05, ANALYSIS, compared)
+    table = read_table(compared)
     assert (table["experiment"].to_list(), table["model"].to_list()) == (["impedance"] * 4, ["M1", "M2", "M3", "M4"])
     return {row["model"]: row for row in table.to_dicts()}
 

@@ -9,6 +9,7 @@ import polars as pl
 import pytest
 from bench_synthetic import FIVE, RATE, component_tables, stepped_sine, table_of
 from conftest import ROOT
+from polars.testing import assert_frame_equal
 from scipy import stats
 from statsmodels.robust.norms import HuberT
 from statsmodels.robust.robust_linear_model import RLM
@@ -18,6 +19,9 @@ from osl_analysis.bench.impedance import DesiredImpedance, rendered_impedance, t
 from osl_analysis.bench.model_comparison import compensation_table
 from osl_analysis.bench.phasors import ComplexEstimate, damping_row
 from osl_analysis.bench.prediction import COMPONENTS, components_of, model_variance, prediction_table, prediction_terms
+from osl_analysis.bench.record import read_record, stored_record
+from osl_analysis.bench.settings import FilterSettings
+from osl_analysis.commands.bench import gather_predictions
 from osl_analysis.errors import InputError
 from osl_analysis.judge.campaign import campaign_findings
 from osl_analysis.judge.claims import Claims, beyond, claims_table
@@ -63,6 +67,21 @@ def predictions(tables, p=P, **delays):
         terms[name] = prediction_terms(replace(record, name=name), law_of(K_d, B_d, controller), components)
         fits.append(fitted(record, trial=name, **HERE, controller=controller, K_d=float(K_d), B_d=float(B_d)))
     return *prediction_table(terms, pl.DataFrame(fits, infer_schema_length=None), components), fits
+
+
+def test_a_record_that_was_kept_is_predicted_as_that_of_the_fit_and_without_components_it_is_said(tmp_path):
+    record, kept = replace(recording(300, 5, "compensated", P, 0), name="t_1"), tmp_path / "t_1.parquet"
+    write_table(stored_record(record, []), kept)
+    law, components = law_of(300, 5, "compensated"), components_of(component_tables(TRUE), ("ankle", None), P)
+    terms = (prediction_terms(one, law, components) for one in (record, read_record(kept, record.low_pass)[0]))
+    assert_frame_equal(*terms, rel_tol=1e-9)
+    row = fitted(record, trial="t_1", **HERE, controller="compensated", K_d=300.0, B_d=5.0)
+    write_table(pl.DataFrame([row]), table := tmp_path / "impedance.csv")
+    settings, (output, causes) = FilterSettings(cutoff_hz=15, order=4), (tmp_path / name for name in ("p.csv", "c.csv"))
+    device = ROOT / "config/parameters/default.yaml"
+    gather_predictions([kept], table, {}, {}, PAPER_WEIGHT, 0.05, settings, output, causes, device)
+    assert "no actuator and no belt" in read_table(output)["missing_components"].item()
+    assert read_table(causes).is_empty()
 
 
 def test_a_controller_that_acts_late_is_that_of_the_simulator_with_its_delay():

@@ -159,21 +159,25 @@ def prediction_terms(record: Record, law: Controller, components: Components) ->
     for name in DELAYS:
         late: Any = {name: DELAY_STEP}
         columns[name] = (predicted_torque(record, replace(law, **late), components.p) - predicted) / DELAY_STEP
-    rows, motion = record.rows(), record.motion
-    ramp = record.time - record.time[rows].mean()
-    X = np.array([np.ones_like(ramp), ramp, motion.theta, motion.omega, motion.alpha])[:, rows].T
-    Q, R = np.linalg.qr(X)
-    Y = np.array([predicted, *columns.values()])[:, rows].T
-    sizes = (Q.T @ Y)[2:]  # along angle, velocity and acceleration, each without what the ones before explain
-    K, B, I = np.linalg.solve(R, Q.T @ Y)[2:]
-    Y = Y - Y.mean(axis=0)
-    size = float(Y[:, 0].std())
-    torque = Y[:, 0] @ Y / (len(rows) * size)
-    torque[1] = record.filtered_torque[rows].std() - size
-    vaf, nothing = variance_accounted_for(record.filtered_torque[rows], Y[:, 1]), [None] * len(TERMS)
+    motion, recorded, n = record.motion, record.part(record.filtered_torque), record.samples
+    time = record.part(record.time)
+    X = np.array(
+        [np.ones(n), time - time.mean(), *(record.part(x) for x in (motion.theta, motion.omega, motion.alpha))]
+    )
+    scale = np.linalg.norm(X, axis=1)[:, None]
+    X /= scale
+    Y = np.array([record.part(x) for x in (predicted, *columns.values())])
+    lower = np.linalg.cholesky(X @ X.T)
+    along = np.linalg.solve(lower, X @ Y.T)  # each column of X without what the ones before explain
+    K, B, I = (np.linalg.solve(lower.T, along) / scale)[2:]
+    Y -= Y.mean(axis=1)[:, None]
+    size = float(Y[0].std())
+    torque = Y @ Y[0] / (n * size)
+    torque[1] = recorded.std() - size
+    vaf, nothing = variance_accounted_for(recorded, Y[1]), [None] * len(TERMS)
     found: dict[str, Any] = {"trial": record.name, "term": ["predicted", *TERMS], "VAF": [vaf, *nothing]}
-    found["rms"] = [float(Y[:, 1].std()), *nothing]
-    sizes = sizes / np.sqrt(len(rows)) / size
+    found["rms"] = [float(Y[1].std()), *nothing]
+    sizes = along[2:] / np.sqrt(n) / size
     return pl.DataFrame(found | dict(zip((*QUANTITIES, *ALONG), (K, B, I, torque, *sizes), strict=True)))
 
 

@@ -8,9 +8,11 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
+import polars as pl
 import scipy
 from numpy.typing import NDArray
 
@@ -25,6 +27,7 @@ from osl_analysis.bench.settings import (
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.protocol import stepped_sine
 from osl_analysis.protocol.stepped_sine import Likeness, whole_rows
+from osl_analysis.refusal import check_not_refused
 from osl_analysis.signals import LowPass, Motion, filtered_motion, runs
 from osl_analysis.signals.grid import GapLimits, UniformSignals, on_one_grid, origin, resampled, uniform_signals
 from osl_analysis.spectral.periods import PeriodicMotion, periodic_motion
@@ -258,6 +261,30 @@ class Record:
                 f"({', '.join(f'{size:g}' for size in of.values())} deg); choose one of these"
             )
         return near
+
+
+def stored_record(record: Record, parts: Sequence[NDArray[np.intp]]) -> pl.DataFrame:
+    """What a model of the drivetrain is compared with, a row per sample: the angle of the joint, the filtered torque,
+    whether the row is fitted, and of which of some `parts`, if of any, rival models see it."""
+    of_part = np.full(len(record.time), -1)
+    for number, rows in enumerate(parts):
+        of_part[rows] = number
+    fitted = np.zeros(len(record.time), dtype=np.bool_)
+    fitted[record.rows()] = True
+    signals = {"time": record.time, "theta": record.theta, "torque": record.filtered_torque}
+    return pl.DataFrame({**signals, "fitted": fitted, "part": of_part})
+
+
+def read_record(path: Path, low_pass: LowPass) -> tuple[Record, list[NDArray[np.intp]]]:
+    """The record that was stored, whose torque is the filtered one, and the rows of its parts."""
+    check_not_refused(path)
+    table = pl.read_parquet(path)
+    time, theta, torque, fitted, of_part = (table[name].to_numpy() for name in table.columns)
+    motion, _ = filtered_motion(time, theta, torque, low_pass)
+    first, stop = np.array([[rows.start, rows.stop] for rows in runs(fitted)]).T
+    groups = Groups("stretches", first, stop, np.zeros_like(first), (Stratum(slice(0, len(time))),))
+    record = Record(path.stem, time, theta, torque, motion, torque, low_pass, fitted, groups)
+    return record, [np.flatnonzero(of_part == number) for number in range(int(of_part.max()) + 1)]
 
 
 def joint_angle(theta: Array, torque: Array, compliance: float) -> Array:

@@ -8,7 +8,6 @@ from importlib import import_module
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any
-from warnings import warn
 
 import polars as pl
 
@@ -28,12 +27,13 @@ from osl_analysis.bench.impedance import (
 from osl_analysis.bench.phasors import frequency_response_table, phasor_table
 from osl_analysis.bench.plausible import plausible
 from osl_analysis.bench.prediction import NUMBERS, components_of, prediction_table, prediction_terms
-from osl_analysis.bench.record import record_of_trial, sine_record, with_actuator
+from osl_analysis.bench.record import read_record, record_of_trial, sine_record, stored_record, with_actuator
 from osl_analysis.bench.response_tables import response_tables
 from osl_analysis.bench.settings import (
     ActuatorAnalysis,
     BeltAnalysis,
     DynamometerAnalysis,
+    FilterSettings,
     HumanJointAnalysis,
     ImpedanceAnalysis,
     SteppedSineAnalysis,
@@ -41,7 +41,7 @@ from osl_analysis.bench.settings import (
 )
 from osl_analysis.campaign.configuration import Config, read_section
 from osl_analysis.config.experiments import EXPERIMENTS, FitJob
-from osl_analysis.errors import InputError, OslAnalysisError, nearest, printable_lines
+from osl_analysis.errors import IdentifiabilityError, InputError, nearest, printable_lines
 from osl_analysis.files import default_config, shipped
 from osl_analysis.ingest.examine import check_recording, saturated
 from osl_analysis.judge.finding import Finding, Grade
@@ -50,7 +50,7 @@ from osl_analysis.judge.limits import DoubtfulFits
 from osl_analysis.judge.words import finding_said, unchecked_said, words_of
 from osl_analysis.model.compensator import Weight
 from osl_analysis.model.drivetrain_response import Controller
-from osl_analysis.model.parameters import FileOrNone, known_parameters
+from osl_analysis.model.parameters import FileOrNone, known_parameters, read_parameters
 from osl_analysis.table import finite_or_null, read_table, write_table
 from osl_analysis.trial import Trial, read_trial
 from osl_analysis.yaml_settings import read_mapping
@@ -89,15 +89,11 @@ def fit_impedance_trial(
     weight: Weight,
     settings: ImpedanceAnalysis,
     windows: str | None = None,
-    sign_width: float | None = None,
-    components: Mapping[str, Path] | None = None,
-    place: Sequence[str | None] = (),
 ) -> Mapping[str, pl.DataFrame]:
     """The rows of Eq. 15, and what else one record of the trial tells. `condition` is what the leg was asked to render,
     as far as it is known, `weight` W of Eq. 14; `windows` [s] are those of the sheet, which are fitted where the motion
-    is no stepped sine. With a `sign_width` [rad/s], over which the drivetrain smooths the sign of the velocity, and
-    known gains, rival models are compared; with `components` (result tables by name) of its joint and side, `place`,
-    the torque is predicted."""
+    is no stepped sine. Where the gains are known, models of the drivetrain are compared with the `record` that is kept.
+    """
     p = known_parameters(parameters)
     check_recording(trial, settings)
     rails = saturated(trial, "torque", "theta")
@@ -109,29 +105,9 @@ def fit_impedance_trial(
         frames = {"phasors": phasor_table(trial.name, rendered.phasors), **response_tables(rendered.record, p)}
         columns = stated.columns() if condition else {}
         of_condition = {name: frame.with_columns(**columns) for name, frame in frames.items()}
-        return of_condition | {"timebase": rendered.analysis.time_base(QUANTITIES), **by_drivetrain()}
-
-    def by_drivetrain() -> dict[str, pl.DataFrame]:
-        """Rival models of the torque, and what the components predict; without rows where that is not asked for."""
-        gains = stated.gains(p, weight)
-        none = {name: pl.DataFrame(schema={"trial": pl.String}) for name in ("model_comparison", "prediction_terms")}
-        if p is None or gains is None or sign_width is None:
-            return none
-        found, law = dict[str, pl.DataFrame](), Controller(gains, p, sign_width)
-        try:
-            if len(settings.amplitudes_deg) > 1:
-                rows = model_comparison.thinned_amplitudes(record)
-                drivetrain = model_comparison.DrivetrainTrial(record, rows, gains, p, sign_width)
-                found["model_comparison"] = model_comparison.impedance_scores(drivetrain, stated.controller)
-        except OslAnalysisError as error:
-            warn(f"no comparison of models: {error}", stacklevel=2)
-        try:
-            if components is not None:
-                measured = components_of({part: read_table(path) for part, path in components.items()}, place, p)
-                found["prediction_terms"] = prediction_terms(record, law, measured)
-        except OslAnalysisError as error:
-            found["prediction_terms"] = pl.DataFrame({"trial": [trial.name], "not_made": [str(error)]})
-        return none | found
+        parts = model_comparison.thinned_amplitudes(record)
+        kept = stored_record(record, parts) if stated.gains(p, weight) else pl.DataFrame(schema={"time": pl.Float64})
+        return of_condition | {"timebase": rendered.analysis.time_base(QUANTITIES), "record": kept}
 
     return FitTables(rendered.analysis.series(), further, impedance=table)
 
@@ -215,37 +191,65 @@ def compare_controllers(table: Path, output: Path) -> None:
 
 
 def gather_predictions(
-    terms: Sequence[Path],
+    records: Sequence[Path],
     table: Path,
     components: Mapping[str, Path],
     unpredicted: Mapping[str, str],
+    weight: Weight,
+    sign_width: float,
+    settings: FilterSettings,
     output: Path,
     causes: Path,
     parameters: FileOrNone = None,
 ) -> None:
-    """The predictions of all trials with their intervals, and what would explain what they leave. `terms` are the files
-    of their fits, `table` is `impedance.csv`, `unpredicted` says why other trials with known gains have none."""
-    fits = read_table(table).filter(pl.col("amplitude_deg").is_null())
+    """The predictions of all trials with their intervals, and what would explain what they leave. `records` are those
+    of their fits, `table` is `impedance.csv`, `unpredicted` says why other trials with known gains have none. The
+    controller smooths the sign of the velocity over `sign_width` [rad/s], `weight` is W of Eq. 14."""
+    fits, without = read_table(table).filter(pl.col("amplitude_deg").is_null()), dict(unpredicted)
     p, measured = known_parameters(parameters), {part: read_table(path) for part, path in components.items()}
-    of_trial = {path.stem: read_table(path, of="prediction_terms") for path in terms}
-    not_made = {trial: own["not_made"][0] for trial, own in of_trial.items() if "not_made" in own.columns}
-    unpredicted = {
-        **unpredicted,
-        **{trial: f"components that predict a torque ({why})" for trial, why in not_made.items()},
-    }
-    predicted, found = fits.filter(pl.col("trial").is_in(of_trial.keys() - not_made.keys())), []
+    predicted, found = fits.filter(pl.col("trial").is_in([path.stem for path in records])), []
+    kept = {path.stem: path for path in records}
     for own in predicted.partition_by(PLACE, maintain_order=True):
-        each = {trial: of_trial[trial] for trial in own["trial"]}
-        assert p is not None  # without a parameter file no gains are known
-        found.append(prediction_table(each, own, components_of(measured, own.select(PLACE).row(0), p)))
-    without = fits.filter(pl.col("trial").is_in(list(unpredicted)))
-    said = pl.col("trial").replace_strict(dict(unpredicted), default=None, return_dtype=pl.String)
+        terms = dict[str, pl.DataFrame]()
+        for row in own.to_dicts():
+            try:
+                assert p is not None  # without a parameter file no gains are known
+                known = components_of(measured, own.select(PLACE).row(0), p)
+                gains = DesiredImpedance(row["controller"], row["K_d"], row["B_d"]).gains(p, weight)
+                assert gains is not None  # of other trials no record is read
+                record, _ = read_record(kept[row["trial"]], settings.low_pass)
+                terms[row["trial"]] = prediction_terms(record, Controller(gains, p, sign_width), known)
+            except (InputError, IdentifiabilityError) as error:
+                without[row["trial"]] = f"components that predict a torque ({error})"
+        if terms:
+            found.append(prediction_table(terms, own.filter(pl.col("trial").is_in(list(terms))), known))
+    said = pl.col("trial").replace_strict(without, default=None, return_dtype=pl.String)
     numbers = pl.DataFrame(schema=dict.fromkeys(NUMBERS, pl.Float64))
-    without = without.select("trial", *PLACE, "controller", "K_d", "B_d", missing_components=said)
-    without = pl.concat([without, numbers], how="diagonal_relaxed").with_columns(doubtful=pl.lit(None, pl.String))
-    write_table(pl.concat([without, *(rows for rows, _ in found)], how="diagonal_relaxed"), output)
+    others = fits.filter(pl.col("trial").is_in(list(without)))
+    others = others.select("trial", *PLACE, "controller", "K_d", "B_d", missing_components=said)
+    others = pl.concat([others, numbers], how="diagonal_relaxed").with_columns(doubtful=pl.lit(None, pl.String))
+    write_table(pl.concat([others, *(rows for rows, _ in found)], how="diagonal_relaxed"), output)
     none = pl.DataFrame(schema=[*PLACE, "component"])
     write_table(pl.concat([none, *(rows for _, rows in found)], how="diagonal_relaxed"), causes)
+
+
+def compare_drivetrain_models(
+    record: Path,
+    parameters: Path,
+    condition: DesiredImpedance,
+    weight: Weight,
+    sign_width: float,
+    settings: FilterSettings,
+    output: Path,
+) -> None:
+    """Eq. 15 and the drivetrain with the gains that the leg was given, on the record of one trial's fit. The drivetrain
+    smooths the sign of the velocity over `sign_width` [rad/s]."""
+    p = read_parameters(parameters)
+    gains = condition.gains(p, weight)
+    assert gains is not None  # of other trials no models are compared
+    kept, parts = read_record(record, settings.low_pass)
+    drivetrain = model_comparison.DrivetrainTrial(kept, parts, gains, p, sign_width)
+    write_table(model_comparison.impedance_scores(drivetrain, condition.controller), output)
 
 
 def compare_belt_models(trials: Sequence[Path], parameters: FileOrNone, settings: BeltAnalysis, output: Path) -> None:

@@ -1,6 +1,7 @@
 """One zero-phase filter for every signal of a trial, then derivatives: never filter angle and torque differently."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import scipy
@@ -48,12 +49,18 @@ class LowPass:
             raise InputError(
                 f"{len(signal)} samples cannot be filtered at {self.cutoff_hz:g} Hz; record over {edge / rate_hz:.3g} s"
             )
-        sections = scipy.signal.butter(self.order, self.cutoff_hz, fs=rate_hz, output="sos")
+        sections = sections_of(self, rate_hz)
         return np.asarray(scipy.signal.sosfiltfilt(sections, signal, axis=0, padlen=edge))
 
     def independent_samples(self, rate_hz: float) -> int:
         """Half a period of the cut-off, in samples. At this distance, filtered white noise is nearly white."""
         return max(round(rate_hz / (2 * self.cutoff_hz)), 1)
+
+
+@lru_cache(32)
+def sections_of(low_pass: LowPass, rate_hz: float) -> Array:
+    """The second-order sections of one run; designing them takes as long as filtering a trial."""
+    return np.asarray(scipy.signal.butter(low_pass.order, low_pass.cutoff_hz, fs=rate_hz, output="sos"))
 
 
 @dataclass(frozen=True)

@@ -120,7 +120,7 @@ def compare_drivetrain_models(wildcards):
 
 RECORDS = [fit_file("impedance", "record", trial) for trial in PREDICTED]
 MEASURED = {part: tabled(part) for part in PARTS} if PREDICTED else {}
-PREDICTIONS = {"input": {"table": tabled("impedance"), "records": RECORDS}, "after": MEASURED.values()}
+PREDICTIONS = {"input": {"table": tabled("impedance"), "records": RECORDS}, "after": [*MEASURED.values()]}
 PREDICTIONS |= {"read": {"components": MEASURED}, "files": {"parameters": CONFIG.parameters or []}}
 PREDICTIONS |= {"settings": DRIVETRAIN | {"unpredicted": UNPREDICTED}}
 GATHERED = {"output": tabled("prediction"), "causes": tabled("prediction_causes")}

@@ -380,7 +380,7 @@ def test_doubts_say_whether_they_are_about_the_whole_trial_and_with_which_number
     numbers = Beyond("odd_harmonics", 0.291, 0.25, "above"), Beyond("coulomb_share", 1.03, 0.5, "above")
     own, inherited = doubt("x", "x", 2, 1, "phasors", amplitude_deg=2.0, frequency_hz=3.0), replace(part, inherited="y")
     findings = stored_findings(part, replace(doubt(), evidence=numbers), own, inherited)
-    found = trial_page.doubts_of(findings, "impedance", {"impedance": IMPEDANCE})
+    found = trial_page.told_doubts(findings, "impedance", {"impedance": IMPEDANCE})
     assert [(one["where"], one["of"], one["cause"]) for one in found] == [
         ("4 deg", "part", "model that does not fit"), ("all amplitudes", "all", "friction"),
         ("phasors, 2 deg, 3 Hz", "other", "x"),

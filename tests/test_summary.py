@@ -24,7 +24,7 @@ from osl_analysis.judge.limits import DoubtfulFits, Limits
 from osl_analysis.judge.unchecked import unchecked_in
 from osl_analysis.refusal import Refusal
 from osl_analysis.report import headlines
-from osl_analysis.report.headlines import BOOTSTRAP, FIT, RANGE, STUDENT, headline_numbers, to_tex
+from osl_analysis.report.headlines import BOOTSTRAP, FOR_MOTION, RANGE, STUDENT, headline_numbers, to_tex
 from osl_analysis.stats.repeats import counted, doubtful_count, summary_of_trials
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import known_factor
@@ -289,7 +289,7 @@ HEADLINES = [
     ("VAF_mean_compensated", 287 / 3, 90.0, 99.0, 3, None, RANGE),
     ("K_error_compensated", 2.0, 1.0, 3.0, 2, None, RANGE),  # over trials, all amplitudes each
     ("K_error_uncompensated", 30.0, None, None, 1, None, None),
-    ("K_example_compensated", 303.0, 299.0, 307.5, 1, None, FIT),
+    ("K_example_compensated", 303.0, 299.0, 307.5, 1, None, FOR_MOTION),
 ]
 
 
@@ -308,7 +308,7 @@ def test_the_example_says_how_far_the_single_amplitudes_spread_and_is_rounded_to
     assert (K["amplitudes_low"], K["amplitudes_high"]) == pytest.approx((300.96, 304.06))
     for end, number in (("", "303.0"), ("AmplitudesLow", "301.0"), ("AmplitudesHigh", "304.1")):
         assert rf"\oslCompensatedExampleStiffness{end}}}{{{number}}}" in to_tex(MADE, numbers)
-    assert f"299.0 to 307.5, {FIT}; single amplitudes 301.0 to 304.1" in format_results_table(written(numbers))
+    assert f"299.0 to 307.5, {FOR_MOTION}; single amplitudes 301.0 to 304.1" in format_results_table(written(numbers))
     again = pl.concat([impedance(), impedance().filter(pl.col("K") == 303.0).with_columns(K=pl.lit(297.0))])
     repeated = by_name({"impedance": again})["K_example_compensated"]
     assert (repeated.value, repeated.low, repeated.high, repeated.n, repeated.interval) == (300, 297, 303, 2, RANGE)

@@ -306,7 +306,7 @@ def test_each_reaction_comes_out_with_its_size_and_the_joint_without_it(window_s
         for kind in ("",) if name == fitting.REFLEX else ("", " and jerk"):
             assert found[f"{name}{kind}"][0] == pytest.approx(size, rel=0.02)
         assert found[name][1] < 0.005 * size  # a drift before the onset tells the one after it
-        if name == fitting.SLOPE:
+        if name == fitting.SLOPING:
             assert found["B with slope"][0] == pytest.approx(B, rel=0.02)
         else:  # little has set in yet
             assert found["K early"][0] == pytest.approx(K, rel=0.2)

@@ -199,7 +199,7 @@ def write_summary(
         "trials": headlines.used_and_missing(trials or {}, read_table(excluded, of_excluded)) if excluded else {},
         "missing_results": {one.file: one.reason.removeprefix(f"{one.file}: ") for one in refused if not one.trial},
     }
-    intervals, lacks = headlines.calibration_said(tables), headlines.missing_lines(missing, reasons=False)
+    intervals, lacks = headlines.intervals_said(tables), headlines.missing_lines(missing, reasons=False)
     said = {"intervals": intervals, "findings": known_of(found, tables, judged)}
     with atomic_path(summary_json) as json_path, atomic_path(numbers_tex) as tex_path:
         json_path.write_text(headlines.to_json(about, numbers, missing | said), encoding="utf-8")

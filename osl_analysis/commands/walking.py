@@ -41,7 +41,7 @@ NO_GAIT = (
     "no mean unperturbed gait under the same conditions: fewer unperturbed crossings than fewest_unperturbed are used; "
     "record more, or leave the condition empty in the sheet where unperturbed crossings serve every value"
 )
-Model = TypeVar("Model")
+Kind = TypeVar("Kind")
 Paths = Sequence[Path]
 Statics = Mapping[str, str]  # The static trial of each trial, which names the file of its calibration
 SheetCells = Mapping[str, Mapping[str, Any]]  # Cells of the sheet of each crossing
@@ -52,7 +52,7 @@ def write_model(model: Any, path: Path) -> None:
     write_text(path, TypeAdapter(type(model)).dump_json(model, indent=1).decode() + "\n")
 
 
-def read_model(path: Path, kind: type[Model]) -> Model:
+def read_model(path: Path, kind: type[Kind]) -> Kind:
     """Read what `write_model` wrote."""
     check_not_refused(path)
     step = f"run the step '{WRITTEN_BY[kind]}'"
@@ -71,17 +71,17 @@ def write_crossing(crossing: Crossing, path: Path) -> None:
     arrays = {name: content.pop(name) for name, value in list(content.items()) if isinstance(value, np.ndarray)}
     columns = {"time": arrays.pop("time"), "phase": crossing.stance.phase(crossing.time)}
     for name, values in arrays.items():
-        columns |= {name: values} if values.ndim == 1 else columns_of(name, values)
+        columns |= {name: values} if values.ndim == 1 else laid_out(name, values)
     write_trial(Trial(crossing.name, pl.DataFrame(columns), content), path)
 
 
-def columns_of(name: str, arrays: Array) -> dict[str, Array]:
+def laid_out(name: str, arrays: Array) -> dict[str, Array]:
     """Columns `NAME_0`, ... of arrays (m, ...)."""
     return {f"{name}_{i}": array.ravel() for i, array in enumerate(arrays)}
 
 
 def arrays_in(frame: pl.DataFrame, name: str, *shape: int) -> Array:
-    """The arrays (m, *shape) that `columns_of` laid out."""
+    """The arrays (m, *shape) that `laid_out` laid out."""
     return np.asarray(frame.select(rf"^{name}_\d+$").to_numpy().T.reshape(-1, *shape))
 
 
@@ -321,7 +321,7 @@ def gait_table(name: str, gait: UnperturbedGait) -> pl.DataFrame:
     trials = np.repeat(gait.names, len(PHASES)).tolist()
     known = {"gait": [name] * len(trials), "trial": trials, "stance_s": np.repeat(gait.stance, len(PHASES))}
     curves = {"theta": gait.theta.ravel(), "torque": gait.torque.ravel()}
-    curves |= columns_of("plate_errors", gait.plate_errors) | columns_of("lab_errors", gait.lab_errors)
+    curves |= laid_out("plate_errors", gait.plate_errors) | laid_out("lab_errors", gait.lab_errors)
     return pl.DataFrame({**known, "phase": np.tile(PHASES, len(gait.names)), **curves})
 
 

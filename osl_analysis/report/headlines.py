@@ -68,13 +68,13 @@ class Example:
         return f"{words} (that of {self.chosen})" if self.chosen else words
 
 
-WORDS: dict[str, Any] = read_mapping(Path(__file__).with_suffix(".yaml"))
-QUESTIONS: dict[str, dict[str, Any]] = WORDS.pop("questions")
+ENTRIES: dict[str, Any] = read_mapping(Path(__file__).with_suffix(".yaml"))
+QUESTIONS: dict[str, dict[str, Any]] = ENTRIES.pop("questions")
 """The questions of a reader, the first ones first: the `tables` that answer each, and what they `identify`."""
 QUESTION_OF = {table: question for question, facts in QUESTIONS.items() for table in facts["tables"]}
 LABELS = {
     table: {quantity: Headline(**label, question=QUESTION_OF.get(table, "")) for quantity, label in labels.items()}
-    for table, labels in WORDS.items()
+    for table, labels in ENTRIES.items()
 }
 """The labels by table and quantity, in the order of the summary."""
 
@@ -123,7 +123,7 @@ def all_labels() -> list[Headline]:
 
 
 STUDENT = "95 % of the mean (Student)"
-FIT = "95 % for another motion of this kind"
+FOR_MOTION = "95 % for another motion of this kind"
 FEW = "95 % for a repetition of this motion"
 BOOTSTRAP = "95 % (bootstrap over crossings and trials of the unloaded plate)"
 OF_CYCLES = "95 % of the mean of cycles (Student)"
@@ -205,7 +205,7 @@ def impedance_headlines(impedance: pl.DataFrame, example: Example) -> Iterator[H
                 yield from over_fits(label, counted(shown)[symbol], np.mean, shown, counted(shown))
                 continue
             row = shown.row(0, named=True)
-            kind = FEW if row["interval_method"] == "repeats" else FIT
+            kind = FEW if row["interval_method"] == "repeats" else FOR_MOTION
             number = headline(label, row[symbol], 1, row[f"{symbol}_low"], row[f"{symbol}_high"], kind)
             ends = {f"amplitudes_{end}": row[f"{symbol}_amplitudes_{end}"] for end in ("low", "high")}
             yield replace(number, n_doubtful=doubtful_count(shown)[0], **ends)
@@ -326,7 +326,7 @@ NOISE_ALONE = (
 )
 
 
-def calibration_said(tables: Mapping[str, pl.DataFrame]) -> str:
+def intervals_said(tables: Mapping[str, pl.DataFrame]) -> str:
     """What the intervals of the result tables of a bench contain of its calibration; empty without a bench."""
     shared = [table[name].max() for table in tables.values() for name in table.columns if name.endswith("_se_bench")]
     if any(shared):
@@ -459,7 +459,7 @@ def numbers_said(number: Mapping[str, Any]) -> tuple[str, str, str]:
     return fixed(number["value"], digits), parts[0], parts[1]
 
 
-MOST_COLUMNS = 3  # controllers, groups or joints that stand side by side
+SIDE_BY_SIDE = 3  # controllers, groups or joints that stand side by side
 WITH = {"compensated": "with compensation", "uncompensated": "without it"}
 
 
@@ -471,7 +471,7 @@ def answered(numbers: Sequence[Mapping[str, Any]], desired: bool = True) -> list
     for asks, facts in QUESTIONS.items():
         own = [{**number, **said_number(number)} for number in numbers if number.get("question") == asks]
         columns = list(dict.fromkeys(number["of"] for number in own if number["of"]))
-        columns, rows = columns if len(columns) <= MOST_COLUMNS else [], dict[str, dict[str, Any]]()
+        columns, rows = columns if len(columns) <= SIDE_BY_SIDE else [], dict[str, dict[str, Any]]()
         for number in own:
             of = number["of"] if number["of"] in columns else ""
             meaning = number["meaning"].removesuffix(f", {of}").replace(" - ", " − ")
@@ -479,15 +479,17 @@ def answered(numbers: Sequence[Mapping[str, Any]], desired: bool = True) -> list
             row["cells"][of] = number
             row["draft"] = row["draft"] or ("" if number["draft"] is None else f"{number['draft']:g} {number['unit']}")
         said = {"asks": asks, "identified": facts["identified"]} | ({} if desired else facts.get("undesired", {}))
-        found += [{**said, "answer": answer(own), "columns": columns or [""], "rows": [*rows.values()]}] * bool(own)
+        found += [{**said, "answer": answer_said(own), "columns": columns or [""], "rows": [*rows.values()]}] * bool(
+            own
+        )
     return found
 
 
-def answer(numbers: Sequence[Mapping[str, Any]]) -> str:
+def answer_said(numbers: Sequence[Mapping[str, Any]]) -> str:
     """The sentence that answers a question by its first number that does, for each that it is of; of many the range."""
     begins = next((number["answers"] for number in numbers if number["answers"]), "")
     parts, own = [], [number for number in numbers if begins and number["answers"] == begins]
-    if len(own) > MOST_COLUMNS:
+    if len(own) > SIDE_BY_SIDE:
         least, most = (pick(own, key=lambda one: float(one["value"])) for pick in (min, max))
         return f"{begins} {' to '.join('{text} {unit} ({of})'.format(**one) for one in (least, most))}."
     for one in own:

@@ -64,7 +64,7 @@ class ReportedTrial:
 
     @property
     def flagged(self) -> list[dict[str, Any]]:
-        """The checks of its recording that it does not pass although it is used, as `doubts_of` has doubts."""
+        """The checks of its recording that it does not pass although it is used, as `told_doubts` has doubts."""
         found = []
         for row in self.quality.filter(pl.col("verdict") == "flag").to_dicts() if self.quality is not None else ():
             check, value = CHECKS[row["check"]], cell_text(row["value"])
@@ -100,7 +100,7 @@ class ReportedTrial:
         """One of `VERDICTS`."""
         if self.left_out:
             return "refused" if self.refused else "excluded"
-        found = {one["of"] for one in doubts_of(self.findings, self.main_table, {})}
+        found = {one["of"] for one in told_doubts(self.findings, self.main_table, {})}
         return "doubtful" if "all" in found else "flagged" if self.flagged else "doubtful in part" if found else "clear"
 
     def condition(self, columns: Collection[str] | None = None) -> str:
@@ -133,7 +133,7 @@ def trial_content(trial: ReportedTrial, described: Mapping[str, DescribedTable])
         "condition": trial.condition(),
         "verdict": trial.verdict,
         "left_out": [*map(printed, trial.left_out)],
-        "doubts": doubts_of(trial.findings, trial.main_table, described),
+        "doubts": told_doubts(trial.findings, trial.main_table, described),
         "flags": trial.flagged,
         "not_checked": [
             printed(sentence_of(Words(one["says"] or "", "", one["remedy"] or ""), one["cause"]))
@@ -211,7 +211,7 @@ def estimate_rows(table: pl.DataFrame, described: DescribedTable | None) -> dict
     return {"columns": columns, "rows": rows}
 
 
-def doubts_of(findings: Sequence[Entry], main: str, described: Mapping[str, DescribedTable]) -> list[dict[str, Any]]:
+def told_doubts(findings: Sequence[Entry], main: str, described: Mapping[str, DescribedTable]) -> list[dict[str, Any]]:
     """Each doubt about one trial: `where` in it, `of` all of its fit, a part, or an other table, `cause`, what that
     `says`, its `size` and `remedy`, and the `numbers` behind it: column, value, limit, meaning. `main` is the table of
     its fit. Doubts that other tables only repeat are left out."""
@@ -335,7 +335,7 @@ def trial_row(trial: ReportedTrial, differing: Collection[str]) -> dict[str, Any
         text, interval = value_and_interval(estimates, column) if known else (NO_VALUE, "")
         numbers.append({"column": column, "sort": repr(value) if known else "", "text": text, "interval": interval})
     by_cause: dict[str, tuple[str, list[str]]] = {}  # the text of the last row, which is of all of the trial, and where
-    found = doubts_of(trial.findings, trial.main_table, {})
+    found = told_doubts(trial.findings, trial.main_table, {})
     for one in [one for one in found if one["of"] != "other"] or trial.flagged or found:
         by_cause[one["cause"]] = one["text"], [*by_cause.get(one["cause"], ("", []))[1], one["where"]]
     doubts = [f"{', '.join(places)}: {text}" for text, places in by_cause.values()]

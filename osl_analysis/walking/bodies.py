@@ -106,19 +106,16 @@ def segment_poses(
     return time, bridge_gaps(time, poses, settings.longest_gap_s)
 
 
-CHANCE, MOST, LONGEST = 1e-8, 0.15, 12  # of a frame that noise looks filled; largest share; longest run that counts
-
-
 @cache
 def filled_share(length: int) -> float:
     """The RMS of so many third differences in three coordinates, over that of white noise, which that noise falls below
-    with `CHANCE`: its density at 0 times the volume of a ball, at most `MOST`."""
+    with a chance of 1e-8: its density at 0 times the volume of a ball, at most 0.15."""
     apart = np.abs(np.subtract.outer(np.arange(length), np.arange(length)))
     correlation = np.array([1.0, -0.75, 0.3, -0.05, 0.0])[np.minimum(apart, 4)]  # of third differences of white noise
     n = 3 * length
     volume = n / 2 * np.log(np.pi) - lgamma(n / 2 + 1) + n / 2 * np.log(n)
     density = -1.5 * np.linalg.slogdet(correlation)[1] - n / 2 * np.log(2 * np.pi)
-    return float(min(np.exp((np.log(CHANCE) - density - volume) / n), MOST))
+    return float(min(np.exp((np.log(1e-8) - density - volume) / n), 0.15))
 
 
 def filled_frames(track: Array) -> Mask | None:
@@ -136,7 +133,7 @@ def filled_frames(track: Array) -> Mask | None:
     if np.sqrt(noise / 20) < max(5e-6, 3 * rounding):  # [m]
         return None
     filled, square = np.zeros(len(track), dtype=bool), np.where(np.isfinite(square), square, np.inf)
-    for length in range(2, LONGEST + 1):
+    for length in range(2, 13):
         mean = np.convolve(square, np.full(length, 1 / length), "valid")
         for start in np.flatnonzero(mean < filled_share(length) ** 2 * noise):
             filled[start : start + length + 3] = True

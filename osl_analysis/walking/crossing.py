@@ -22,7 +22,7 @@ UPWARD = np.array([0.0, 0.0, 1.0])
 UP, DOWN = "up", "down"  # Names of the directions in sheet and tables: toes up (dorsiflexion), and toes down
 
 
-QUALITY = (
+QUALITY_COLUMNS = (
     "foot_forward_m", "foot_left_m", "foot_outside_m", "foot_residual_mm", "platform_residual_mm", "shank_residual_mm",
     "plate_zero_N", "plate_height_m", "plate_ringing_hz", "plate_unexplained", "pressure_ahead_m", "pressure_beside_m",
     "pressure_outside_m", "filled_share", "filled_fitted", "encoder_offset_deg", "encoder_delay_ms", "encoder_rms_deg",
@@ -63,7 +63,7 @@ class Crossing:
         default_factory=none
     )  # changes (m, n) [N*m] of the torque without the i-th of m plate trials; m = 0 with one
     lab_errors: Kept = field(default_factory=none)  # (e, n) [N*m] by each of `LABORATORY_ERRORS`, or of `LOG_ERRORS`
-    quality: dict[str, float | None] = field(default_factory=dict)  # of `QUALITY`, those that are known
+    quality: dict[str, float | None] = field(default_factory=dict)  # of `QUALITY_COLUMNS`, those that are known
     load: Kept | None = None  # as of `load_on_foot` (3, n); None if it is not known
     turn: float | None = None  # largest [rad] of the platform about the ankle in the window, toes up; None: unknown;
     # without a turning platform its sign, and the range of the ankle's angle
@@ -308,7 +308,7 @@ def quality_of(
     calibration: StaticCalibration,
     settings: CrossingSettings,
 ) -> dict[str, float | None]:
-    """Columns of `QUALITY` but the encoder's, from the load (3, n) on the foot."""
+    """Columns of `QUALITY_COLUMNS` but the encoder's, from the load (3, n) on the foot."""
     flat, segments = passage.flat, followed_segments(settings)
     foot = passage.poses["foot"][flat]
     placed = foot.point(calibration.ankle_centre).mean(axis=0) - passage.corners.mean(axis=0)

@@ -10,7 +10,7 @@ from osl_analysis.errors import InputError, listing
 from osl_analysis.measured import check_finite
 from osl_analysis.trial import Array
 from osl_analysis.walking.bodies import FREE_FALL, Mask
-from osl_analysis.walking.crossing import QUALITY, Crossing, RefusedCrossing
+from osl_analysis.walking.crossing import QUALITY_COLUMNS, Crossing, RefusedCrossing
 from osl_analysis.walking.gait import PHASES, signal_at, stance_times
 from osl_analysis.walking.plate import SINGLE_SUPPORT
 from osl_analysis.walking.settings import OutlierRule, SelectionSettings
@@ -128,7 +128,9 @@ class Feature:
         return np.asarray(np.abs(self.values - self.median) / self.scatter)
 
 
-def compared(name: str, unit: str, measured: Array, smallest: float, kinds: NDArray[np.int_], sound: Mask) -> Feature:
+def compared_feature(
+    name: str, unit: str, measured: Array, smallest: float, kinds: NDArray[np.int_], sound: Mask
+) -> Feature:
     """A feature of n crossings: the values `measured` (n,), or the RMS deviations of curves (n, k) from their medians.
     Each is compared with those of its kind (n,) that are `sound` (n,), or with all if none is."""
 
@@ -189,7 +191,7 @@ def among_sound(
     """Features of n crossings among those that are `sound` (n,), and which are within the `limit`: until no further one
     is beyond; at least half stay: fewer would be a selection."""
     while True:
-        found = [compared(*measure, kinds, sound) for measure in measures]
+        found = [compared_feature(*measure, kinds, sound) for measure in measures]
         within = sound & (np.max([feature.distance for feature in found], axis=0) <= limit)
         if within.sum() == sound.sum() or 2 * within.sum() < len(within):
             return found, within
@@ -297,7 +299,7 @@ def crossing_row(
     crossing: Crossing, index: int, features: Sequence[Feature], settings: SelectionSettings
 ) -> dict[str, object]:
     """One row of `walking_crossings.csv`. A crossing is excluded for its load or foot's place, or as an outlier."""
-    quality = {name: crossing.quality.get(name) for name in QUALITY}
+    quality = {name: crossing.quality.get(name) for name in QUALITY_COLUMNS}
     values = {f.name: float(f.values[index]) for f in features}
     share, reason, (low, high) = None, None, settings.load_of_weight
     if crossing.load is not None and crossing.body_mass is not None:

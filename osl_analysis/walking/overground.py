@@ -19,7 +19,7 @@ from osl_analysis.walking.crossing import body_mass
 from osl_analysis.walking.settings import OvergroundAnalysis
 
 SIDES = ("left", "right")
-PARTS = ("lateral_malleolus", "medial_malleolus", "heel", "toe")  # settings with the names of these markers
+MARKER_SETTINGS = ("lateral_malleolus", "medial_malleolus", "heel", "toe")  # settings with the names of these markers
 CURVES = ("time_s", "phase", "moment", "reference_moment")  # (n,) each, of a row of `overground_rows`
 RESULTS = ("frames", "peak_moment", "peak_phase", "correlation", "slope", "reference_peak", "moment_at_peak")
 
@@ -51,7 +51,7 @@ def foot_markers(trial: Trial, side: str, settings: OvergroundAnalysis) -> Foot 
         there = [name for name in spelled if marker_columns(name)[0] in trial.columns]
         return next((name for name in there if trial.samples[marker_columns(name)[0]].is_finite().any()), "")
 
-    found = [first(getattr(settings, part)) for part in PARTS]
+    found = [first(getattr(settings, part)) for part in MARKER_SETTINGS]
     lateral, _, heel, toe = found
     plug_in = [first(("?TIO",)), first(("?TIL",))]
     used = next((names for names in (plug_in, found[:2], [lateral, heel, toe], [lateral]) if all(names)), None)
@@ -115,7 +115,7 @@ def overground_rows(
         others = [one for other, one in contacts.items() if other != k] or [contact]
         if contact > settings.longest_contact * np.median(others):
             said = f"a contact of {contact:.2f} s where others last {np.median(others):.2f} s: "
-            rows[k] |= results([], f"{said}a second foot, or a plate off zero")
+            rows[k] |= stance_results([], f"{said}a second foot, or a plate off zero")
     return sorted(rows, key=lambda row: (row["side"], row["plate"]))
 
 
@@ -171,10 +171,10 @@ def contact_rows(
         if excluded is None and used.sum() < 3:
             excluded = f"the markers of the ankle's axis, {foot.axis_from}, are hidden or do not move on"
         curves = (time, stance.phase(time), moment, reference)
-        yield row | results([values[used] for values in curves], excluded)
+        yield row | stance_results([values[used] for values in curves], excluded)
 
 
-def results(curves: list[Array], excluded: str | None) -> dict[str, Any]:
+def stance_results(curves: list[Array], excluded: str | None) -> dict[str, Any]:
     """The columns of a stance from its `CURVES`, null where it is excluded, or what is compared without a reference."""
     known = dict[str, Any].fromkeys((*RESULTS, *CURVES)) | {"excluded": excluded}
     if excluded is None:

@@ -220,7 +220,7 @@ def load_on_foot(reaction: Array, centre: Array, ankle: Array, axis: Array) -> A
 
 
 INERTIAL = ("m", "mc_x", "mc_y", "mc_z", "I_xx", "I_yy", "I_zz", "I_xy", "I_xz", "I_yz")
-COMPONENTS = ("F_x", "F_y", "F_z", "M_x", "M_y", "M_z")
+WRENCH = ("F_x", "F_y", "F_z", "M_x", "M_y", "M_z")
 Smooth = Callable[[Array], Array]
 LIGHT = 0.1  # [N*m], weighted wrench of a plate that is too light to show its lag
 WEIGHT = np.array([0.1] * 3 + [1.0] * 3)  # Of forces [m] and moments: a force's lever about the ankle is about 0.1 m
@@ -292,7 +292,7 @@ LEVER_M = (
     0.3  # [m], half the size of a plate: a mass m has moments of up to m LEVER_M and inertias of up to m LEVER_M^2
 )
 TYPICAL = np.array([1.0] + [LEVER_M] * 3 + [LEVER_M**2] * 6)
-SEEN = (
+IDENTIFIED = (
     0.01  # Share of the largest wrench that a typical plate makes along a direction of its parameters, to be identified
 )
 
@@ -300,10 +300,10 @@ SEEN = (
 def excited_directions(squares: Array, noise: Array, within: Array) -> Array:
     """Directions (10, r) of the parameters, in the span of those `within` (10, q), whose wrench the motion shows, from
     the squares (10, 10) of the columns and of marker noise in them: eigenvectors of the Gram matrix of the columns of a
-    typical plate above `SEEN`, and of these the ones of which noise is at most half."""
+    typical plate above `IDENTIFIED`, and of these the ones of which noise is at most half."""
     basis = np.linalg.qr(within / TYPICAL[:, None])[0] * TYPICAL[:, None]  # orthonormal in units of a typical plate
     power, vectors = np.linalg.eigh(basis.T @ squares @ basis)
-    basis = basis @ vectors[:, power > SEEN**2 * power[-1]]
+    basis = basis @ vectors[:, power > IDENTIFIED**2 * power[-1]]
     share, vectors = scipy.linalg.eigh(basis.T @ noise @ basis, basis.T @ squares @ basis)
     if share[0] > 0.5:
         raise IdentifiabilityError(
@@ -588,7 +588,7 @@ def plate_table(model: PlateModel) -> pl.DataFrame:
     """`plate.csv`: RMS [N, N*m] of each component before and after the plate's own wrench is removed, and lag [s]."""
     before, after = model.rms_before, model.rms_after
     remaining = [100 * a / b if b > 0 else None for b, a in zip(before.tolist(), after.tolist(), strict=True)]
-    rows = {"component": COMPONENTS, "rms_before": before, "rms_after": after, "left_percent": remaining}
+    rows = {"component": WRENCH, "rms_before": before, "rms_after": after, "left_percent": remaining}
     lag = {"lag_s": model.lag, "lag_se_s": model.lag_se, "lag_unknown": model.lag_reason, "trials": len(model.lags)}
     lag |= {"height_m": model.height, "height_se_m": model.height_se, "ringing_hz": model.ringing_hz}
     return pl.DataFrame(rows).with_columns(**{name: pl.lit(value) for name, value in lag.items()})

@@ -241,9 +241,9 @@ def resampling_weights(random: np.random.Generator, samples: int, n: int) -> Arr
     return random.multinomial(n - 1, np.full(n, 1 / n), size=samples) / (n - 1)
 
 
-SLOPE, RAMP = "a stiffness that changes with stance", "a voluntary torque or another pace"
+SLOPING, RAMP = "a stiffness that changes with stance", "a voluntary torque or another pace"
 REFLEX, STIFFER = "a reflex", "co-contraction"
-REACTIONS = (REFLEX, STIFFER, RAMP, SLOPE)  # the first from its delay on, two from half the window on, one at once
+REACTIONS = (REFLEX, STIFFER, RAMP, SLOPING)  # the first from its delay on, two from half the window on, one at once
 EARLY = 0.6  # share of the window in which a reaction from its half on is hardly seen yet
 RETURN = 0.2  # of the largest velocity, which the gait's own has, and below which the low-pass swings back
 YIELDS = 16.0  # by how much, four standard deviations, the misfit of a reflex that yields must be below that of others
@@ -274,7 +274,7 @@ def reaction_columns(time: Array, window: slice, motion: Motion, delay_s: float)
 def reactions(time: Array, window: slice, theta: Array, torque: Array) -> dict[str, tuple[float, float]]:
     """What sets in beside Eq. 15, with standard errors, from a mean response, the first column of theta and torque (k,
     1 + samples), and its resamples: the size of each of `REACTIONS` as a column, `and jerk` with that column of a leg's
-    drivetrain, which is of third order; B with `SLOPE`; and K and B of the first part of the window, `EARLY`.
+    drivetrain, which is of third order; B with `SLOPING`; and K and B of the first part of the window, `EARLY`.
 
     A reflex stands beside the jerk: `REFLEX` by each of `REFLEX_DELAYS_MS`, and by the `delay` [ms] that fits best, of
     those with which it resists unless it certainly yields; K with it by each delay that fits nearly as well.
@@ -321,7 +321,7 @@ def reactions(time: Array, window: slice, theta: Array, torque: Array) -> dict[s
     for name, column in zip(REACTIONS[1:], columns[1:], strict=True):
         alone, beside = fitted([*sound, column])[0], fitted([*sound, jerk, column])[0]
         found |= {name: told(alone[:, -1]), f"{name} and jerk": told(beside[:, -1])}
-        if name == SLOPE:
+        if name == SLOPING:
             found["B with slope"] = told(alone[:, 1])
     early = fitted(sound, EARLY)[0]
     return found | {"K early": told(early[:, 0]), "B early": told(early[:, 1])}

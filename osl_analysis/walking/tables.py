@@ -29,7 +29,7 @@ from osl_analysis.walking.settings import ResponseSettings, TimingSettings, Unce
 GROUP_QUANTITIES, ENSEMBLE = ("K", "B", "I", "VAF"), "ensemble"
 COMMANDED = "commanded"  # Series of the curve that the controller commands
 FACTS = ("group", "onset_phase", "fitted_phase", "end_phase")
-Facts = dict[str, float | None]
+Numbers = dict[str, float | None]
 NORMAL = 1.96  # half of a 95 % interval, in standard errors
 
 
@@ -176,7 +176,7 @@ def perturbation_row(crossing: Crossing, gait: UnperturbedGait, settings: Respon
     }
 
 
-def single_facts(response: PerturbationResponse, fit: LinearFit) -> Facts:
+def single_facts(response: PerturbationResponse, fit: LinearFit) -> Numbers:
     """Columns of `walking.csv`: residual and offset of one fit, over those that ordinary gait causes, change of stance.
     Null where the residual is a small share of the torque, the offset hardly changes K, or no stance is expected."""
     motion, torque = response.fitted_motion, response.fitted_torque
@@ -264,16 +264,16 @@ def reaction_facts(headline: GroupHeadline) -> dict[str, object]:
     drawn_as = isolation.reaction_columns(first.time, rows, columns, 1e-3 * delay)
     shapes = dict(zip(isolation.REACTIONS, drawn_as, strict=True))
     share, ramp = None, shapes[isolation.RAMP][rows, 0]
-    if likely not in (None, isolation.SLOPE):
+    if likely not in (None, isolation.SLOPING):
         share = rms(found[likely][0] * shapes[likely][rows]) / rms(torque[rows])
-    either = np.array([found[isolation.SLOPE], found[f"{isolation.SLOPE} and jerk"]]) * per_stance
+    either = np.array([found[isolation.SLOPING], found[f"{isolation.SLOPING} and jerk"]]) * per_stance
     slope, (low, high) = float(either[0, 0]), (either @ [[1, 1], [-half, half]]).T
     low, high = float(low.min()), float(high.max())
     B_with_slope = found["B with slope"][0]
     inverse = np.linalg.pinv(isolation.motion_columns(motion[rows]))
     per_slope = float(inverse[1] @ (motion.theta * first.time)[rows]) / per_stance
     both = headline.directions.get("up minus down")
-    hidden = (None, None) if isolation.SLOPE in certain else (low, high)
+    hidden = (None, None) if isolation.SLOPING in certain else (low, high)
     return {
         "reaction": " or ".join(certain) or None,
         "reaction_share": share,
@@ -286,7 +286,7 @@ def reaction_facts(headline: GroupHeadline) -> dict[str, object]:
         "hidden_slope_low": hidden[0],
         "hidden_slope_high": hidden[1],
         "K_per_torque": float(inverse[0] @ ramp / ramp[-1]),
-        "slope_share": 1 - B_with_slope / fit["B"] if likely == isolation.SLOPE and fit["B"] else None,
+        "slope_share": 1 - B_with_slope / fit["B"] if likely == isolation.SLOPING and fit["B"] else None,
         "K_slope": slope,
         "K_slope_low": low,
         "K_slope_high": high,
@@ -297,7 +297,7 @@ def reaction_facts(headline: GroupHeadline) -> dict[str, object]:
     }
 
 
-def reflex_facts(headline: GroupHeadline, certain: bool) -> Facts:
+def reflex_facts(headline: GroupHeadline, certain: bool) -> Numbers:
     """Columns of `walking_groups.csv` on a certain reflex, with K with it in the model, null of another one; on the
     strongest reflex that the window may hide, null beside a certain one; and how many intervals of K wide either is."""
     first, drawn = headline.responses[0], headline.resampled
@@ -306,7 +306,7 @@ def reflex_facts(headline: GroupHeadline, certain: bool) -> Facts:
     motion = Motion(*(np.c_[x] for x in vars(headline.ensemble.motion).values()))
     past = {ms: isolation.reflex_column(first.time, rows, motion, 1e-3 * ms)[rows, 0] for ms in REFLEX_DELAYS_MS}
     enough_s = 2e-3 * REFLEX_DELAYS_MS[-1]
-    facts: Facts = dict.fromkeys(("reflex_delay_ms", "reflex_gain", "reflex_share", *names, "reflex_K_widths"))
+    facts: Numbers = dict.fromkeys(("reflex_delay_ms", "reflex_gain", "reflex_share", *names, "reflex_K_widths"))
     facts |= dict.fromkeys(("hidden_reflex", "hidden_reflex_ms", "hidden_reflex_K", "hidden_reflex_K_widths"))
     facts["longer_window_s"] = enough_s if first.time[rows.stop] < enough_s - 1e-9 else None
     if certain:

@@ -2,7 +2,6 @@
 
 import re
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -51,7 +50,6 @@ class ImpedanceTrajectory:
         return np.interp(np.mod(c, 1.0), self.phase, values)
 
 
-@lru_cache(maxsize=8)
 def read_impedance_trajectory(path: Path) -> ImpedanceTrajectory:
     """Read a CSV table with columns phase, K_d [N*m/rad], B_d [N*m*s/rad] and, optionally, theta_eq_rad [rad].
     Lines that begin with `#` are comments. One of them, `# kind: synthetic`, may say what the trajectory is."""

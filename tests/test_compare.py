@@ -12,7 +12,7 @@ from click.testing import CliRunner
 
 from osl_analysis.cli import main
 from osl_analysis.errors import InputError
-from osl_analysis.figures.comparison import draw_comparison
+from osl_analysis.figures.others import draw_comparison
 from osl_analysis.judge.two_campaigns import compared, label_of
 from osl_analysis.report.headlines import Headline, to_json
 from osl_analysis.stats import differences

@@ -119,7 +119,7 @@ def draw_fig5(table: pl.DataFrame) -> Figure:
             label_percent_axis(ax)
             ax.set_ylabel(rf"$\hat{{{symbol}}}/{symbol}_d - 1$ (%)")
             continue
-        ax.set_ylabel(QUANTITY_LABELS[symbol])
+        ax.set_ylabel(names.AXIS_LABELS[symbol])
         for wanted in rows.drop_nulls(f"{symbol}_d").partition_by("K_d", "B_d", maintain_order=True):
             ends = wanted["x"][0] - 0.6, wanted["x"][-1] + 0.6
             ax.hlines(wanted[f"{symbol}_d"][0], *ends, color=style.BLACK, linewidth=0.8)
@@ -127,9 +127,6 @@ def draw_fig5(table: pl.DataFrame) -> Figure:
     style.legend_above(figure, entries, 6, 0.9 * style.DOUBLE_COLUMN, columnspacing=1.4)
     figure.align_ylabels()
     return figure
-
-
-QUANTITY_LABELS = {"K": r"Stiffness $\hat{K}$ (N·m/rad)", "B": r"Damping $\hat{B}$ (N·m·s/rad)"}
 
 
 def errors_of(rows: pl.DataFrame, symbol: str) -> pl.DataFrame:

@@ -131,6 +131,13 @@ def doubtful_said(table: pl.DataFrame) -> str:
     return f"Doubtful: {of}, for {as_text(', '.join(dict.fromkeys(found['doubtful'])))}."
 
 
+AXIS_LABELS = {
+    "K": r"Stiffness $\hat{K}$ (N·m/rad)",
+    "B": r"Damping $\hat{B}$ (N·m·s/rad)",
+    "I": r"Apparent inertia $\hat{I}$ (kg·m$^2$)",
+}
+
+
 @paper_style()
 def write_footer(figure: Figure, text: str) -> Bbox:
     """A small line below a drawn figure, whose size and layout stay; the part of the plane [in] to be saved, which is

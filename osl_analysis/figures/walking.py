@@ -10,20 +10,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from osl_analysis.errors import InputError
-from osl_analysis.figures import style
-from osl_analysis.figures.names import drawn_name
+from osl_analysis.figures import columns_of, names, style
 
 KBI = ["K", "B", "I"]
-PER_PERTURBATION, BY_ENSEMBLE = "mean of perturbations", "ensemble"  # estimators of mean and scatter, of interval
-FIG9_COLUMNS = (
-    "group", "quantity", "trial", "estimate", "n", "mean", "sd", "ensemble", "ensemble_low", "ensemble_high",
-    "commanded", "doubtful",
-)  # fmt: skip
-AXIS_LABELS = {
-    "K": r"Stiffness $\hat{K}$ (N·m/rad)",
-    "B": r"Damping $\hat{B}$ (N·m·s/rad)",
-    "I": r"Apparent inertia $\hat{I}$ (kg·m$^2$)",
-}
 
 
 def fig9_points(
@@ -45,8 +34,8 @@ def fig9_points(
         single = of_group.select("group", "trial", "doubtful", pl.col(quantity).alias("estimate"))
         row: dict[str, Any] = {"group": group, "quantity": quantity, "n": len(single)}
         stated = None
-        if mean := rows.get((group, PER_PERTURBATION, quantity)):
-            ensemble = rows[group, BY_ENSEMBLE, quantity]
+        if mean := rows.get((group, "mean of perturbations", quantity)):
+            ensemble = rows[group, "ensemble", quantity]
             row |= {name: mean[name] for name in ("n", "mean", "sd")} | {"ensemble": ensemble["mean"]}
             row |= {f"ensemble_{end}": ensemble[end] for end in ("low", "high")}
             stated, row["doubtful"] = ensemble["commanded"], ensemble.get("doubt")
@@ -55,7 +44,7 @@ def fig9_points(
         found.append(row | {"commanded": next((value for value in known if value is not None), None)})
         found += [{"quantity": quantity, **one} for one in single.iter_rows(named=True)]
     text = dict.fromkeys(("group", "quantity", "trial", "doubtful"), pl.String)
-    types = dict.fromkeys(FIG9_COLUMNS, pl.Float64) | text | {"n": pl.Int64}
+    types = dict.fromkeys(columns_of("fig9"), pl.Float64) | text | {"n": pl.Int64}
     return pl.DataFrame(found, schema=types)
 
 
@@ -101,10 +90,10 @@ def draw_fig9(table: pl.DataFrame) -> Figure:
         ax.set_xticks([] if single else [n * apart + mean_at / 2 for n in range(len(groups))])
         if not single:
             letters = max(int(17 * width / len(groups)), 6)
-            told = [f"{drawn_name(group, 60)} ({n})" for group, n in of_groups.select("group", "n").iter_rows()]
+            told = [f"{names.drawn_name(group, 60)} ({n})" for group, n in of_groups.select("group", "n").iter_rows()]
             told = [name.replace("K_d", "$K_d$").replace("B_d", "$B_d$") for name in told]
             ax.set_xticklabels(["\n".join(textwrap.wrap(name, letters, break_long_words=False)) for name in told])
-        ax.set_ylabel(AXIS_LABELS[quantity])
+        ax.set_ylabel(names.AXIS_LABELS[quantity])
     found = style.legend_entries(axes[:1])
     order = ("One perturbation", "Mean ± SD", "Fit of mean response, 95 %", "Commanded")
     labels = {name: found[name] for name in order if name in found}
@@ -131,7 +120,7 @@ def draw_walking_page(table: pl.DataFrame) -> Figure:
     }
     for part, rows in zip(parts, groups, strict=True):
         if len(groups) > 1:
-            part.suptitle(drawn_name(rows["group"][0], 60), fontsize=8)
+            part.suptitle(names.drawn_name(rows["group"][0], 60), fontsize=8)
         axes = part.subplots(2, 2)
         for ax, letter, (panel, label) in zip(axes.ravel(), "abcd", panels.items(), strict=True):
             ax.set_title(f"({letter})", loc="left", y=1)
@@ -202,7 +191,7 @@ def draw_over_stance(table: pl.DataFrame) -> Figure:
             line.set_linestyle(style.DASHED)
         for number, name in enumerate(series):
             one, (colour, marker) = rows.filter(series=name).sort("phase"), looks[number % len(looks)]
-            label = "Fit of mean response" if len(series) == 1 else drawn_name(name)
+            label = "Fit of mean response" if len(series) == 1 else names.drawn_name(name)
             x, ends = 100 * one["phase"].to_numpy(), one.select("onset_phase", "end_phase").to_numpy().T
             ax.plot(x, one["commanded"].to_numpy(), "_", color=style.BLACK, markersize=9, mew=1.2, zorder=1.5)
             ax.vlines(x, one["low"], one["high"], color=colour, linewidth=interval)
@@ -212,7 +201,7 @@ def draw_over_stance(table: pl.DataFrame) -> Figure:
         ax.axhline(0, color=style.BLACK, linewidth=0.4, zorder=0)
         ax.set_xlim(0, 100)
         ax.set_xlabel("Stance (%)")
-        ax.set_ylabel(AXIS_LABELS[quantity])
+        ax.set_ylabel(names.AXIS_LABELS[quantity])
     named = style.legend_entries(axes)
     for marker, width, label in (("|", interval, "95 % interval"), ("_", window, "Fitted window")):
         named[label] = style.key(label, color=style.BLACK, marker=marker, markersize=8, mew=width)
@@ -226,15 +215,15 @@ def draw_half_widths(table: pl.DataFrame) -> Figure:
     figure, axes = style.panels(style.DOUBLE_COLUMN, 2.4, columns=3)
     for ax, quantity in zip(axes, KBI, strict=True):
         for gait, rows in table.group_by("gait", maintain_order=True):
-            ax.loglog(rows["n"], rows[quantity], "o-", markersize=3, label=drawn_name(str(gait[0])))
+            ax.loglog(rows["n"], rows[quantity], "o-", markersize=3, label=names.drawn_name(str(gait[0])))
         ax.set_xlabel("Perturbed crossings")
-        ax.set_ylabel(f"Half of the 95 % interval, {AXIS_LABELS[quantity]}")
+        ax.set_ylabel(f"Half of the 95 % interval, {names.AXIS_LABELS[quantity]}")
     if table["gait"].n_unique() > 1:
         style.legend_above(figure, style.legend_entries(axes), 4)
     return figure
 
 
-FIG9 = style.Drawing(FIG9_COLUMNS, draw_fig9, fig9_points)
+FIG9 = style.Drawing(columns_of("fig9"), draw_fig9, fig9_points)
 WALKING_PAGE = style.Drawing(("group", "panel", "curve", "trial", "x", "mean", "sd", "doubtful"), draw_walking_page)
 IMPEDANCE_OVER_STANCE = style.Drawing(
     ("series", "quantity", "phase", "onset_phase", "end_phase", "estimate", "low", "high", "commanded"),

@@ -201,6 +201,25 @@ def test_a_job_that_a_killed_server_had_not_begun_is_done_by_a_new_one_and_one_t
     job_server.cache_clear()
 
 
+def test_one_process_does_several_jobs_and_another_one_takes_its_place_when_it_is_killed(tmp_path, monkeypatch):
+    request, _ = written(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    job_server.cache_clear()
+    link, server = job_server()
+    first, second = (jobs_run.asked(link, str(request)).decode().split() for _ in range(2))
+    os.kill(int(first[0]), signal.SIGKILL)
+    while Path("/proc", first[0]).exists():
+        pass
+    third = jobs_run.asked(link, str(request)).decode().split()
+    assert first == second
+    assert third[1] == first[1] == "0"
+    assert third[0] != first[0]
+    server.kill()
+    server.wait()
+    link.close()
+    job_server.cache_clear()
+
+
 def test_a_job_that_crashes_on_its_recording_is_refused_with_the_file_and_one_that_is_killed_is_tried_again(tmp_path):
     of_raw = {"raw_folder": "raw", "row": {"trial": "b_7", "log": "b_7.mat"}}
     request, _ = written(tmp_path, settings=of_raw)

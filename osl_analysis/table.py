@@ -125,6 +125,20 @@ def read_table(path: Path | str, required: Sequence[str] = (), of: str = "") -> 
     return table
 
 
+OF_ROW = ("trial", "joint", "side", "amplitude_deg")  # columns that say what a row of a table and of its evidence is
+
+
+def with_evidence(path: Path, required: Sequence[str] = ()) -> pl.DataFrame:
+    """As `read_table`, with the columns of the table's evidence, `NAME_evidence.csv`, which is made with it."""
+    table, beside = read_table(path, required), path.with_stem(f"{path.stem}_evidence")
+    if not beside.is_file():
+        return table
+    keys = [name for name in OF_ROW if name in table.columns]
+    evidence = read_table(beside).drop("data", strict=False)
+    evidence = evidence.with_columns(pl.col(name).cast(table.schema[name]) for name in keys)
+    return table.join(evidence, on=keys, how="left", nulls_equal=True, maintain_order="left")
+
+
 def finite_or_null(row: Mapping[str, Any]) -> dict[str, Any]:
     """A row of a table, or what is nested in it, for JSON: infinity and NaN, which JSON does not have, become null."""
     finite = {

@@ -62,7 +62,7 @@ def result_tables() -> list[Path]:
     unpublished = {"quality", *(table.name for _, table in TABLES if not table.published)}
     tables = [table for table, trials in PER_TRIAL.items() if trials and table not in unpublished]
     tables += [table for table, (source, _) in DERIVED.items() if source in tables]
-    tables += CAMPAIGN.further_tables()
+    tables += CAMPAIGN.further_tables() + ["impedance_evidence"] * ("impedance" in tables)
     tables += ["gains"] * bool(CONFIG.impedance_trajectory)
     tables += ["prediction", "prediction_causes"] * bool(PREDICTED or UNPREDICTED)
     tables += ["claims"] * any(table in tables for table in CLAIMED)
@@ -136,15 +136,24 @@ def check_claims(_):
     return {**inputs, "settings": settings}
 
 
-@step("tables.gather", tabled("{table}"), table="|".join(PER_TRIAL.keys() - {"quality"}))
-def table(wildcards):
-    of = wildcards.table
+def gathered(of: str):
+    """The parts of the job that makes a table of those of single trials."""
     judged = next((one.doubts_of for name, one in TABLES if one.name == of and CAMPAIGN.trials(name)), "")
     trials = {trial for name in PER_TRIAL[of] for trial in REPEATS.get(name, [name])}
     settings = {"limits": limits_of(of), "limits_of_fits": limits_of(judged)}
     settings["places"] = {trial: place for trial, place in PLACES.items() if trial in trials}
     read = {"rows": rows(of), "quality": verdicts_on(of)} | ({"fits": rows(judged)} if judged else {})
     return {"after": behind(of), "read": read, "settings": settings}
+
+
+@step("tables.gather", tabled("{table}"), table="|".join(PER_TRIAL.keys() - {"quality", "impedance"}))
+def table(wildcards):
+    return gathered(wildcards.table)
+
+
+@step("tables.gather", {"output": tabled("impedance"), "evidence": tabled("impedance_evidence")}, "tables/impedance")
+def impedance_tables(_):
+    return gathered("impedance")
 
 
 step("", tabled("{derived}"), name="derived_table", derived="|".join(DERIVED))(

@@ -16,7 +16,7 @@ from osl_analysis.commands.walking import compare_ankle_moment
 from osl_analysis.dictionary import HERE, described_tables, own_yaml
 from osl_analysis.errors import InputError
 from osl_analysis.files import atomic_path, check_working_folder, digest, file_state
-from osl_analysis.table import TEXT_COLUMNS, finite_or_null, read_table, with_places, write_table
+from osl_analysis.table import OF_ROW, TEXT_COLUMNS, finite_or_null, read_table, with_places, write_table
 from osl_analysis.walking.settings import OvergroundAnalysis
 from osl_analysis.yaml_settings import read_mapping
 
@@ -43,10 +43,16 @@ def test_our_own_files_say_the_same_in_yaml_1_1_and_1_2_and_no_key_stands_twice(
 
 
 def test_endings_covariances_and_shared_columns_are_written_out():
-    columns = described("tables/impedance")
+    columns = described("tables/human_joint")
     assert (columns["K_se"].unit, columns["K_se"].meaning) == ("N*m/rad", "standard error of K")
     assert columns["cov_K_B"].unit == "(N*m/rad) * (N*m*s/rad)"
-    assert {"cov_K_I", "cov_B_I", "VAF", "controller", "trial", "I_amplitudes_high"} <= set(columns)
+    assert {"cov_K_I", "cov_B_I", "VAF", "R2", "samples", "trial"} <= set(columns)
+
+
+def test_a_table_and_its_evidence_share_what_a_row_is_alone():
+    both = (set(described(f"tables/impedance{end}")) for end in ("", "_evidence"))
+    assert set.intersection(*both) == {*OF_ROW, "data"}
+    assert len(described("tables/impedance")) <= 40
 
 
 def test_the_tables_of_the_study_and_of_overground_trials_are_described():

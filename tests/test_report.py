@@ -35,7 +35,7 @@ from osl_analysis.campaign.campaign import ABOUT_MEANING, sentence
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.cli import main
 from osl_analysis.commands import report
-from osl_analysis.dictionary import described_tables
+from osl_analysis.dictionary import described_tables_by_name
 from osl_analysis.judge.campaign import entries
 from osl_analysis.judge.finding import Beyond, Finding, Grade, finding_rows, findings_frame
 from osl_analysis.judge.words import WORDS, words_of
@@ -60,7 +60,7 @@ from osl_analysis.table import write_table
 
 DRAWN = ("torque", "torque_model", "residual_low", "residual_high", "theta_deg")
 HOSTILE = '<img src=x onerror="alert(1)"></script><b>&amp;'
-IMPEDANCE = next(table for table in described_tables() if table.place == "tables/impedance")
+IMPEDANCE = described_tables_by_name()["impedance"]
 
 
 def unpack(packed):

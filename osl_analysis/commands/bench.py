@@ -51,7 +51,7 @@ from osl_analysis.judge.words import finding_said, unchecked_said, words_of
 from osl_analysis.model.compensator import Weight
 from osl_analysis.model.drivetrain_response import Controller
 from osl_analysis.model.parameters import FileOrNone, known_parameters, read_parameters
-from osl_analysis.table import finite_or_null, read_table, write_table
+from osl_analysis.table import finite_or_null, read_table, with_evidence, write_table
 from osl_analysis.trial import Trial, read_trial
 from osl_analysis.yaml_settings import read_mapping
 
@@ -181,7 +181,7 @@ def summarise(table: Path, output: Path) -> None:
         "model_comparison": (model_comparison.SCORE_COLUMNS, model_comparison.comparison_summary),
     }
     needed, computed = derived.get(table.stem, ((), partial(components.part_summary, table.stem)))
-    write_table(computed(read_table(table, needed)), output)
+    write_table(computed(with_evidence(table, needed)), output)
 
 
 def compare_controllers(table: Path, output: Path) -> None:
@@ -205,7 +205,7 @@ def gather_predictions(
     """The predictions of all trials with their intervals, and what would explain what they leave. `records` are those
     of their fits, `table` is `impedance.csv`, `unpredicted` says why other trials with known gains have none. The
     controller smooths the sign of the velocity over `sign_width` [rad/s], `weight` is W of Eq. 14."""
-    fits, without = read_table(table).filter(pl.col("amplitude_deg").is_null()), dict(unpredicted)
+    fits, without = with_evidence(table).filter(pl.col("amplitude_deg").is_null()), dict(unpredicted)
     p, measured = known_parameters(parameters), {part: read_table(path) for part, path in components.items()}
     predicted, found = fits.filter(pl.col("trial").is_in([path.stem for path in records])), []
     kept = {path.stem: path for path in records}

@@ -12,7 +12,7 @@ from osl_analysis.campaign.campaign import sentence
 from osl_analysis.commands.figure import UNDRAWN, caption_of, draw_figure
 from osl_analysis.commands.tables import read_summary
 from osl_analysis.config.experiments import EXPERIMENTS
-from osl_analysis.dictionary import described_tables
+from osl_analysis.dictionary import described_tables, described_tables_by_name
 from osl_analysis.errors import InputError, listing
 from osl_analysis.figures.names import figure_title
 from osl_analysis.files import atomic_path, write_text
@@ -23,7 +23,7 @@ from osl_analysis.report import page, panels, trial_page
 from osl_analysis.report.headlines import aligned, decimals, fixed, missing_lines, told_apart, trials_text
 from osl_analysis.report.page import caption_html, captions_by_title, comparison_page, inline_svg, written_page
 from osl_analysis.report.trial_page import ReportedTrial, left_out_trials, trial_content
-from osl_analysis.table import read_table, tables_of, write_table
+from osl_analysis.table import read_table, tables_of, with_evidence, write_table
 from osl_analysis.trial import metadata_of, read_trial, unit_of
 
 
@@ -54,11 +54,11 @@ def write_report(
     `excluded` the trials that are not used, `findings` `findings.csv`,
     `summary` `summary.json`, `refused` the causes of all that is missing.
     """
-    written = {name: read_table(path) for name, path in tables.items()}
+    written = {name: with_evidence(path) for name, path in tables.items()}
     said_of = {one.trial: f"{one.reason}; {one.remedy}" for one in refused if one.trial}
     without = written.get("walking_excluded", pl.DataFrame(schema=["trial", "reason"]))
     left_out = left_out_trials(read_table(excluded), without, said_of)
-    described = {Path(table.place).name: table for table in described_tables() if table.place.startswith("tables/")}
+    described = described_tables_by_name()
     by_role = {"trial": trials, "series": series, "crossing": crossings}
     judged = read_table(verdicts).filter(pl.col("verdict") != "refused").partition_by("trial", as_dict=True)
     of_trial: dict[str, list[Entry]] = {}

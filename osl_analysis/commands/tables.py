@@ -13,6 +13,7 @@ from osl_analysis.bench.settings import BenchAnalysis
 from osl_analysis.bench.torque_angle import compared_with_repeats
 from osl_analysis.campaign.campaign import sentence
 from osl_analysis.config.experiments import judged_tables
+from osl_analysis.dictionary import described_tables_by_name
 from osl_analysis.errors import InputError
 from osl_analysis.files import atomic_path, write_text
 from osl_analysis.jobs.job_log import read_log
@@ -27,7 +28,7 @@ from osl_analysis.model.parameters import FileOrNone, joint_of, known_parameters
 from osl_analysis.refusal import Refusal, check_not_refused, refused_trials
 from osl_analysis.report import headlines
 from osl_analysis.spectral.periods import Realisation, pooled, realisations_from
-from osl_analysis.table import Places, read_table, with_places, write_table
+from osl_analysis.table import OF_ROW, Places, read_table, with_evidence, with_places, write_table
 
 
 def gather(
@@ -37,10 +38,12 @@ def gather(
     fits: Sequence[Path] = (),
     limits_of_fits: Limits | None = None,
     places: Places | None = None,
+    evidence: Path | None = None,
 ) -> None:
     """One table from the tables of single trials, in the order given; with `limits`, doubtful fits are marked. `rows`
     are their files, or the archives with a table of the same name as `output`, `fits` the trials' fits of the table
-    whose doubts the rows share, with the limits of that table. `places` has joint and side of each."""
+    whose doubts the rows share, with the limits of that table. `places` has joint and side of each. With `evidence`
+    that file has the columns of its section in the dictionary, and the table all others."""
     if not rows:
         raise InputError(f"{output}: no trials fill this table; add some to the sample sheet")
     table = pl.concat([read_table(path, of=output.stem) for path in rows], how="diagonal_relaxed")
@@ -52,7 +55,12 @@ def gather(
             of = pl.concat([read_table(path) for path in fits], how="diagonal_relaxed")
             findings = with_inherited(output.stem, table, findings, of, judged(of, limits_of_fits, fits[0].parent.name))
         table = marked(table, findings, output.stem)
-    write_table(with_places(table, places or {}), output)
+    table = with_places(table, places or {})
+    if evidence is not None:
+        beside = described_tables_by_name()[evidence.stem].columns
+        write_table(table.select(name for name in table.columns if name in beside), evidence)
+        table = table.select(name for name in table.columns if name in OF_ROW or name not in beside)
+    write_table(table, output)
 
 
 def list_fits(fits: Sequence[Path], output: Path, refused: Sequence[Refusal] = ()) -> None:
@@ -144,7 +152,7 @@ def write_findings(
 ) -> None:
     """Write the findings on all trials, from the result `tables` by name and the verdicts on recordings. `places` has
     joint and side of each trial."""
-    read = {name: read_table(path) for name, path in tables.items()}
+    read = {name: with_evidence(path) for name, path in tables.items()}
     write_table(with_places(campaign_findings(read, read_table(verdicts), limits), places or {}), output)
 
 
@@ -190,7 +198,7 @@ def write_summary(
     is the table of those that are not used, `verdicts` is `quality.csv`, `findings` is
     `findings.csv`, `refused` are the causes of missing tables."""
     read = {*headlines.LABELS, *judged_tables(), "prediction_causes"}
-    tables = {name: read_table(path) for name, path in table_paths.items() if name in read}
+    tables = {name: with_evidence(path) for name, path in table_paths.items() if name in read}
     found = read_findings(findings) if findings else findings_frame([])
     numbers = headlines.headline_numbers(tables, entries(found), example, beside_draft)
     of_excluded = ("trial", "check", "value", "unit", "threshold", "remark")

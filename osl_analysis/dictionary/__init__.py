@@ -10,7 +10,7 @@ column of every table is `data`. A new column is its line of code and its line h
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from itertools import combinations
 from pathlib import Path
@@ -53,6 +53,14 @@ def described_tables() -> tuple[DescribedTable, ...]:
     """All tables, in the order of the page."""
     files = [HERE / name for name in ("bench.yaml", "walking.yaml", "campaign.yaml", "../figures/figures.yaml")]
     return tuple(table for path in files for table in described_in(path))
+
+
+@cache
+def described_tables_by_name() -> dict[str, DescribedTable]:
+    """The result tables of campaigns by name, each with the columns of its evidence."""
+    found = {Path(one.place).name: one for one in described_tables() if one.place.startswith("tables/")}
+    beside = {name: found[f"{name}_evidence"].columns for name in found if f"{name}_evidence" in found}
+    return {name: replace(one, columns={**one.columns, **beside.get(name, {})}) for name, one in found.items()}
 
 
 @cache

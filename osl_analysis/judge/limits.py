@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import ConfigDict, Field, model_validator
 
 from osl_analysis.config.experiments import judged_tables
-from osl_analysis.dictionary import described_tables
+from osl_analysis.dictionary import described_tables_by_name
 from osl_analysis.errors import nearest
 from osl_analysis.yaml_settings import NotNegative, Settings, misplaced
 
@@ -58,12 +58,12 @@ class DoubtfulFits(Settings):
 
     @model_validator(mode="after")
     def _tables_are_judged(self) -> Self:
-        tables = {table.place.removeprefix("tables/"): table.columns for table in described_tables()}
+        tables = described_tables_by_name()
         for name, limits in self.__pydantic_extra__.items():
             if name not in judged_tables():
                 known = f"limits may stand on {', '.join(judged_tables())}"
                 raise misplaced(f"unknown table; {known}{nearest(name, judged_tables())}", name)
-            numbers = [column.name for column in tables[name].values() if column.unit != "text"]
+            numbers = [column.name for column in tables[name].columns.values() if column.unit != "text"]
             for end, column in [("above", one) for one in limits.above] + [("below", one) for one in limits.below]:
                 if column not in numbers:
                     said = f"tables/{name}.csv has no number of this name; correct it{nearest(column, numbers)}"

@@ -366,7 +366,8 @@ def test_a_plate_that_rings_after_its_turn_is_named_with_its_frequency(pauses: t
     track = SimpleNamespace(moving=moving, rate=RATE, time=time)
     hz, growth = plate.ringing(time, white + ring, track)
     assert (hz == pytest.approx(40, abs=1.5) and growth > 100) if noise else (hz, growth) == (0, 0)
-    assert plate.ringing(time, white, track)[1] < 20
+    hum = noise * 30 * np.sin(2 * np.pi * 50 * time)[:, None]  # which is there before the turn
+    assert max(plate.ringing(time, white + other, track)[1] for other in (0, hum)) < 20
 
 
 @pytest.mark.parametrize(("growths", "hz"), [((5.0, 600.0, 600.0), 41.0), ((5.0, 400.0, 600.0), None)])

@@ -503,18 +503,9 @@ def test_the_change_of_a_torque_by_each_error_of_the_laboratory_is_that_of_a_fau
     np.testing.assert_allclose(change, one.lab_errors[5][rows], atol=0.1 * np.ptp(change))
 
 
-def test_the_unloaded_plate_shows_the_height_of_its_corners_and_that_it_rings_but_not_a_hum() -> None:
-    """The height to 2 mm; a plate that was turned rings at 40 Hz, a hum of 50 Hz is there before."""
+def test_the_unloaded_plate_shows_the_height_of_its_corners_to_2_mm() -> None:
     trials = plate_trials(RIG, Ramp(), 3)
     model = plate()
     assert (model.height, model.ringing_hz) == (pytest.approx(0, abs=2e-3), None)
     high = identify_plate_model(calibrated([raised(trial, [0, 0, 0.02]) for trial in trials]), settings())
     assert (high.height, high.height_se) == (pytest.approx(0.02, abs=2e-3), pytest.approx(0, abs=2e-3))
-    since = pl.col("time") - 1.1
-    ring = (since > 0).cast(pl.Float64) * (-8 * since).exp() * (2 * np.pi * 40 * since).sin() * 3
-    hum = 3 * (2 * np.pi * 50 * since).sin()
-    for added, least, most in ((ring, 20, np.inf), (hum, 0, 5), (0 * hum, 0, 5)):
-        shaken = changed(trials[0], plate1_moment_y=pl.col("plate1_moment_y") + added)
-        hz, growth = plates.unloaded_recording(shaken, CALIBRATION, settings()).rings
-        assert least < growth < most, added
-        assert hz == pytest.approx(40, abs=3) or most == 5

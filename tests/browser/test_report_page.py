@@ -229,17 +229,6 @@ def test_the_numbers_and_signals_of_a_trial_are_those_of_the_results(page, resul
     assert (float(low), float(high)) == pytest.approx((series["torque"].min(), series["torque"].max()), rel=5e-3)
 
 
-def test_panels_over_time_zoom_together(page):
-    open_trial(page, "impedance_K300_B5.0_compensated")
-    ends = "return Object.values(Bokeh.documents.at(-1).roots()).filter((p) => p.x_range.constructor !== undefined)"
-    ends += ".slice(0, 3).map((p) => [p.x_range.start, p.x_range.end])"
-    before = page.execute_script(ends)
-    page.find_element(By.CSS_SELECTOR, 'button[aria-label="Zoom in"]').click()
-    after = page.execute_script(ends)
-    assert after[0] == after[1] == after[2]
-    assert after[0][1] - after[0][0] == pytest.approx((before[0][1] - before[0][0]) / 2)
-
-
 def test_a_deep_link_opens_its_trial_and_an_unknown_one_says_so(page, results):
     page.get("about:blank")
     page.get(f"{(results / 'report.html').as_uri()}#trial=walking_01")

@@ -199,7 +199,7 @@ def test_what_cannot_be_used_is_named_and_listed_and_the_rest_goes_on(real: Sess
     moved = replace(outlier, quality=outlier.quality | {"foot_forward_m": 0.2})
     jobs.write_crossing(moved, copied.crossings(elsewhere)[0])
     chosen = settings(foot=FOOT)
-    tables = copied.summarised(chosen, Limits(above={"offset_share": 0.06}))
+    tables = copied.summarised(chosen, Limits(above={"K": real.rendered("K")}))
     listed = dict(tables["excluded"].select("trial", "reason").iter_rows())
     reasons = {blind: "foot markers cannot be followed", still: "does not turn but the sheet says perturbed"}
     reasons |= {elsewhere: "foot forward 0.2 m lies", cut: "Fz stays at 600 N"}
@@ -214,7 +214,7 @@ def test_what_cannot_be_used_is_named_and_listed_and_the_rest_goes_on(real: Sess
     page = read_table(tmp_path / "page.csv")
     counts = page.filter(pl.col("panel") == "angle").group_by("curve").agg(pl.col("n").first())
     assert dict(counts.drop_nulls().iter_rows()) == {"perturbed": 9, "unperturbed": 11}
-    doubtful = set(fits.filter(pl.col("offset_share").abs() > 0.06)["trial"])
+    doubtful = set(fits.filter(pl.col("K") > real.rendered("K"))["trial"])
     assert 0 < len(doubtful) < 9
     assert set(page.filter(pl.col("curve") == "each", pl.col("doubtful") != "")["trial"]) == doubtful
     assert summary["n_doubtful"].drop_nulls().unique().to_list() == [len(doubtful)]

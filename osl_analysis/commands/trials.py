@@ -7,6 +7,7 @@ from typing import Any
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.ingest.examine import Commanded, check_ranges, examine, measured_table
 from osl_analysis.ingest.raw_files import check_columns, check_markers, trial_from_files
+from osl_analysis.signals.grid import with_evidence
 from osl_analysis.table import write_table
 from osl_analysis.trial import Trial, write_trial
 
@@ -15,7 +16,7 @@ def ingest_trial(
     row: Mapping[str, Any], raw_folder: Path, sources_folder: Path, output: Path, needed_columns: Sequence[str] = ()
 ) -> Trial:
     """The trial of one row of the sheet, written as Parquet to `output`; arguments and errors as in `checked_trial`."""
-    trial = checked_trial(row, raw_folder, sources_folder, needed_columns)
+    trial = with_evidence(checked_trial(row, raw_folder, sources_folder, needed_columns))
     write_trial(trial, output)
     return trial
 

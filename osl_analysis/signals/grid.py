@@ -3,7 +3,8 @@ and the report of what was done. Filter, differentiate and fit only what stands 
 longer ones marked so that fits leave their rows out, long ones refused."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,10 @@ BRIDGE_MORE = (  # what the user may do where gaps leave nothing to fit
     "record again with fewer lost samples, or lower time_base.highest_hz, which bridges gaps up to 0.1/highest_hz: "
     "50 ms bridged in every cycle change I by about 1 %"
 )
+
+
+MOVED = ("theta", "theta_m", "torque", "torque_m", "current")
+"""Columns whose stamps the fits of a joint or of an actuator ask for."""
 
 
 @dataclass(frozen=True)
@@ -243,9 +248,23 @@ def streams(trial: Trial, devices: Sequence[Sequence[str]], silent: frozenset[st
         delays = {name: facts.get("delay") or 0.0 for name, facts in of.items()}
         low_passes = {name: SensorLowPass(**low) for name, facts in of.items() if (low := facts.get("low_pass"))}
         signals = dict(zip(names, values, strict=True))
-        fixture = of.get("torque", {}).get("fixture")
-        found.append(Stream(", ".join(names), stamps, signals, choice, counter, silent, delays, low_passes, fixture))
+        fixture, known = of.get("torque", {}).get("fixture"), trial.provenance.get("stamps", {})
+        measured = {name: known[name] and tuple(map(np.array, known[name])) for name in names if name in known}
+        label = ", ".join(names)
+        found.append(Stream(label, stamps, signals, choice, counter, silent, delays, low_passes, measured, fixture))
     return found
+
+
+def with_evidence(trial: Trial) -> Trial:
+    """The trial with what its signals say about their stamps in its provenance, `stamps`, where every later step that
+    makes them uniform finds it: by column the response and the covariance of `StampEvidence`, or null."""
+    columns = [column for column in MOVED if column in trial.columns and trial.present(column).any()]
+    found: dict[str, Any] = {}
+    with suppress(InputError):  # whoever needs these signals will say so
+        for part in take(streams(trial, devices_of(trial, columns))):
+            told = {name: [one.response.tolist(), one.covariance.tolist()] for name, one in part.evidence.items()}
+            found |= {name: told.get(name) for name in part.signals}
+    return replace(trial, provenance={**trial.provenance, "stamps": found})
 
 
 def origin(trial: Trial, column: str) -> dict[str, Any]:

@@ -188,6 +188,13 @@ class StampEvidence:
         return np.asarray(np.einsum("hi,ij,hj->h", apart, self.weight, apart))
 
 
+def evidence_in(stream: Stream, name: str, clock: DeviceClock) -> StampEvidence | None:
+    """The response of a signal of a stream, unless it is known."""
+    if name not in stream.measured:
+        return evidence_of(stream.signals[name], clock)
+    return StampEvidence(*known) if (known := stream.measured[name]) else None
+
+
 def evidence_of(values: Array, clock: DeviceClock) -> StampEvidence | None:
     """The response of one signal (n,), by least squares in blocks of 9 to 24 consecutive samples of 80 ms, from which
     polynomials of degree 5 take the smooth motion. The slope x' is that of a polynomial over 40 ms. What rounding of
@@ -432,7 +439,7 @@ def decide(stream: Stream, clock: DeviceClock) -> list[Taken]:
     if rounded and clock.settles:
         return [Taken(stream, clock, names, True, True, True, "even: the stamps scatter by their rounding alone")]
     signals = {name: values for name, values in stream.signals.items() if name not in stream.silent}
-    evidence = {name: one for name, values in signals.items() if (one := evidence_of(values, clock)) is not None}
+    evidence = {name: one for name in signals if (one := evidence_in(stream, name, clock)) is not None}
     readings = dict.fromkeys(names, reading_of(clock, evidence))
     single = {name: reading_of(clock, {name: said}) for name, said in evidence.items()}
     own = {name: one for name, one in single.items() if one.firm}

@@ -52,6 +52,8 @@ class Stream:
     """By signal the time [s] by which its samples are older than their stamps; none for a signal that is not there."""
     low_passes: Mapping[str, SensorLowPass] = field(default_factory=dict)
     """By signal its sensor's own, where the source file states one."""
+    measured: Mapping[str, tuple[Array, Array] | None] = field(default_factory=dict)
+    """By signal the `StampEvidence` that was found before, response and covariance; None: it says nothing."""
     fixture: Mapping[str, float] | None = None  # whose torque the load cell measures too, as the sheet states it
 
     def __post_init__(self) -> None:

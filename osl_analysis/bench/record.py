@@ -29,7 +29,15 @@ from osl_analysis.protocol import stepped_sine
 from osl_analysis.protocol.stepped_sine import Likeness, whole_rows
 from osl_analysis.refusal import check_not_refused
 from osl_analysis.signals import LowPass, Motion, filtered_motion, runs
-from osl_analysis.signals.grid import GapLimits, UniformSignals, on_one_grid, origin, resampled, uniform_signals
+from osl_analysis.signals.grid import (
+    GapLimits,
+    UniformSignals,
+    devices_of,
+    on_one_grid,
+    origin,
+    resampled,
+    uniform_signals,
+)
 from osl_analysis.spectral.periods import PeriodicMotion, periodic_motion
 from osl_analysis.stats.covariance import FEWEST_CYCLES, products_between
 from osl_analysis.stats.rounding import noise_before_rounding, visible_step
@@ -438,9 +446,10 @@ def with_actuator(record: Record, trial: Trial) -> Record:
 
 def logged(record: Record, trial: Trial, name: str) -> Array:
     """A further column of a trial, behind the filter, at the times of its record. Raises InputError: it is not there,
-    or does not come to a time base together with angle and torque."""
+    or its device's stamps do not come to a time base."""
     assert record.settings is not None
-    found = uniform_signals(trial, ("theta", name, "torque"), record.settings.gap_limits)
+    device = next(one for one in devices_of(trial, ("theta", name, "torque")) if name in one)
+    found = uniform_signals(trial, device, record.settings.gap_limits)
     filtered = {name: record.low_pass(found[name], found.rate_hz)}
     return resampled(found.time, filtered, record.time, 1 / found.rate_hz)[name]
 

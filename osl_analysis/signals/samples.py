@@ -11,6 +11,7 @@ and its stamps are true."""
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import combinations_with_replacement
 from typing import NamedTuple
 
 import numpy as np
@@ -228,26 +229,26 @@ def evidence_of(values: Array, clock: DeviceClock) -> StampEvidence | None:
     seen, rows = seen[kept], rows[kept]
     slopes = slope[rows]
     push = np.stack([(slopes * fast[rows - lag]) @ rest for lag in LAGS], axis=2)
-    plain = np.einsum("bik,bil->kl", push, push)
+    columns = push.reshape(-1, len(LAGS))
+    plain = columns.T @ columns
     normal = plain.copy()
     if clock.decimal:
-        for i, j in np.ndindex(normal.shape):
-            apart = abs(LAGS[i] - LAGS[j])
+        for i, j in combinations_with_replacement(range(len(LAGS)), 2):
+            apart = j - i
             near = slice(0, size - apart), slice(apart, size)
             products = np.diagonal(rest, apart) * (slopes[:, near[0]] * slopes[:, near[1]]).sum(axis=0)
-            normal[i, j] -= clock.decimal**2 / 12 * products.sum()
+            normal[i, j] = normal[j, i] = plain[i, j] - clock.decimal**2 / 12 * products.sum()
     sizes, plain_sizes = np.linalg.eigvalsh(normal), np.linalg.eigvalsh(plain)
     if sizes[0] <= max(0.02 * plain_sizes[0] * (clock.decimal > 0), 1e-9 * plain_sizes[-1]):
         return None
     inverse = np.linalg.inv(normal)
-    response = inverse @ np.einsum("bik,bi->k", push, seen)
+    response = inverse @ (columns.T @ seen.ravel())
     left = seen - push @ response
     noise = np.mean(left**2) * size / (size - 6) * np.sum(scipy.signal.savgol_coeffs(window, degree, 1) ** 2) / step**2
     if not noise <= 0.2 * np.mean(slopes**2):
         return None
-    scores = np.array([
-        np.einsum("bik,bi->k", push[part], left[part]) for part in np.array_split(np.arange(len(rows)), 20)
-    ])  # fmt: skip
+    chunks = np.array_split((push * left[..., None]).sum(axis=1), 20)
+    scores = np.array([chunk.sum(axis=0) for chunk in chunks])
     return StampEvidence(response, inverse @ (scores.T @ scores) @ inverse * 20 / 19)
 
 

@@ -411,6 +411,9 @@ def test_a_late_torque_of_a_person_is_told_from_the_reflex_and_doubted_with_k_an
     assert row["doubtful"].split("; ")[0] == "late torque"
     assert row["K_without_lag"] == pytest.approx(90, rel=0.1)
     assert row["B"] - 0.03 > row["B_without_lag"] == pytest.approx(1.1, abs=0.05)
+    told = findings_of(row, LIMITS_OF_PERSON, "human_joint")[0].without
+    ends = [f"{name}{end}" for name in "KBI" for end in ("", "_low", "_high")]
+    assert told == {one: row[one.replace(one[0], f"{one[0]}_without_lag", 1)] for one in ends}
 
 
 @pytest.mark.parametrize(("band", "clip", "doubt"), [

@@ -10,7 +10,7 @@ from bench_synthetic import FIVE, record_of_sines, second_order, stepped_sine, t
 from conftest import ROOT, beyond_in, findings_of, marked
 from scipy.interpolate import CubicSpline
 
-from osl_analysis.bench.analysis import viscous_and_friction, with_friction
+from osl_analysis.bench.analysis import with_friction, without_friction
 from osl_analysis.bench.effects import IMPEDANCE, belt_of_leg, causes, is_alike, sums_of, with_effects, yielding_in
 from osl_analysis.bench.impedance import DesiredImpedance, judged_impedance
 from osl_analysis.bench.plausible import plausible_impedance
@@ -24,6 +24,7 @@ from osl_analysis.model.parameters import read_parameters
 from osl_analysis.protocol.stepped_sine import SteppedSineProtocol
 from osl_analysis.trial import Trial
 
+ENDS = ("", "_low", "_high")
 P = read_parameters(ROOT / "config/parameters/default.yaml")
 LIMITS = read_section(ROOT / "config/config.yaml", "doubtful", DoubtfulFits).of("impedance")
 UNKNOWN, SETTINGS = (
@@ -100,10 +101,15 @@ def test_coulomb_friction_is_named_and_has_its_size():
         assert (row["f_C"], row["B_viscous"]) == (row["coulomb_torque"], pytest.approx(4, abs=0.05))
     assert whole["B_viscous_low"] < 4 < whole["B_viscous_high"]
     assert whole["f_C_low"] < 0.8 < whole["f_C_high"]
+    assert whole["K_without_friction_low"] < 200 < whole["K_without_friction_high"]
+    assert whole["I_without_friction_low"] < 0.05 < whole["I_without_friction_high"]
+    (finding,) = findings_of(whole, Limits(above={"coulomb_share": 0.01}), "impedance")[:1]
+    assert (finding.cause, [*finding.without]) == ("friction", [f"{x}{end}" for x in "KBI" for end in ENDS])
+    assert finding.without["B_high"] == whole["B_viscous_high"]
     s = sums_of(stepped_sine(lambda m: second_order(m) + 0.8 * np.sign(m.omega), 0.03, FIVE), IMPEDANCE)
     smooth, sharp = (
-        viscous_and_friction(
-            *(with_effects(s, IMPEDANCE, x) for x in ((), (T,))), with_friction(s, IMPEDANCE, None, T), "B", T
+        without_friction(
+            *(with_effects(s, IMPEDANCE, x) for x in ((), (T,))), with_friction(s, IMPEDANCE, None, T), ["B"], T
         )
         for T in ("T_C", "T_C_sharp")
     )

@@ -281,11 +281,12 @@ def at_zero(fit: GroupFit, centre: float) -> GroupFit:
 
 def friction_rows(s: Sums, analysis: Analysis) -> dict[Label, Row]:
     """Of each label Coulomb friction [N*m], and the share of the damping that it makes, 0 where all of the trial has
-    none for certain; where the label has, viscous damping and friction with intervals."""
+    none for certain; where the label has, viscous damping, K and I without friction, and friction, with intervals."""
     model, fits = analysis.model, analysis.fits
     damping = next(name for name, column in model.items() if column == "omega")
-    own = (f"{damping}_viscous", "f_C" if damping == "B" else "T_C")
-    names = [f"{name}{end}" for name in own for end in ("", "_se", "_low", "_high")]
+    own = {damping: f"{damping}_viscous"} | {x: f"{x}_without_friction" for x in ("K", "I") if x in model}
+    own |= {"T_C": "f_C" if damping == "B" else "T_C"}
+    names = [f"{name}{end}" for name in own.values() for end in ("", "_se", "_low", "_high")]
     rows, whole_has = dict[Label, Row](), False
     own_columns = s.index([*model.values(), "T_C"])
     for label, fit in sorted(fits.items(), key=lambda item: item[0] is not None):  # first that of all of the trial
@@ -304,11 +305,11 @@ def friction_rows(s: Sums, analysis: Analysis) -> dict[Label, Row]:
             rows[label]["coulomb_share"] = max(min(made, fit[damping] - without), 0.0) / fit[damping]
         if not certain:
             continue
-        told = viscous_and_friction(fit, with_effects(s, model, ("T_C",), label), beside, damping, "T_C")
+        told = without_friction(fit, with_effects(s, model, ("T_C",), label), beside, [*own][:-1], "T_C")
         # No recording shows over which velocity friction turns its sign. What a tenth of that of T_C makes of both
         # numbers is the half-width of a rectangular distribution (JCGM 100:2008, 4.3.7).
         sharper = with_effects(s, model, ("T_C_sharp",), label), with_friction(s, model, label, "T_C_sharp")
-        sharp = viscous_and_friction(fit, *sharper, damping, "T_C_sharp")
+        sharp = without_friction(fit, *sharper, [*own][:-1], "T_C_sharp")
         told = analysis.calibrated(widened(told, (sharp.estimates - told.estimates) / np.sqrt(3)), label)
         values = [v for name in told.names for v in (told[name], told.se(name), *told.interval(name))]
         rows[label] |= dict(zip(names, values, strict=True))
@@ -324,21 +325,37 @@ def with_friction(s: Sums, model: Model, label: Label, friction: str = "T_C") ->
     return with_effects(s, model, (friction,), label)
 
 
-def viscous_and_friction(fit: LinearFit, alone: GroupFit, beside: GroupFit, damping: str, friction: str) -> GroupFit:
-    """Friction [N*m], and the damping of a fit for the torque less this friction: friction of the fit that has it
-    `beside` higher derivatives, what it makes of the damping by the one that has it `alone`."""
-    each = (fit[damping] - alone[damping]) / alone[friction]  # damping that 1 N*m of friction makes
-    shared, variance = alone.cov(damping, friction), beside.se(friction) ** 2
-    known = alone.se(damping) ** 2 - (shared / alone.se(friction)) ** 2  # variance of the damping for known friction
-    covariance = np.array([[known + each**2 * variance, -each * variance], [-each * variance, variance]])
+def without_friction(
+    fit: LinearFit, alone: GroupFit, beside: GroupFit, names: Sequence[str], friction: str
+) -> GroupFit:
+    """Some estimates of a fit for the torque less its friction, and this friction [N*m]: that of the fit that has it
+    `beside` higher derivatives, what it makes of the estimates by the one that has it `alone`."""
+    values = np.array([fit[name] for name in names])
+    each = (values - [alone[name] for name in names]) / alone[friction]  # of the estimates, by 1 N*m of friction
+    at, own = [alone.names.index(name) for name in names], alone.names.index(friction)
+    shared, variance = alone.covariance[at, own], beside.se(friction) ** 2
+    known = alone.covariance[np.ix_(at, at)] - np.outer(shared, shared) / alone.covariance[own, own]
+    turn = np.append(-each, 1.0)
+    covariance = variance * np.outer(turn, turn)
+    covariance[:-1, :-1] += known
     return replace(
         beside,
-        names=(damping, friction),
-        estimates=np.array([fit[damping] - each * beside[friction], beside[friction]]),
+        names=(*names, friction),
+        estimates=np.append(values - each * beside[friction], beside[friction]),
         covariance=covariance,
-        degrees_of_freedom=np.full(2, beside.freedom(friction)),
+        degrees_of_freedom=np.full(len(turn), beside.freedom(friction)),
         repeat=None,
     )
+
+
+def without_row(fit: LinearFit | None, end: str) -> Row:
+    """K, B and I of a fit that has a cause as a column, with their intervals, as `K_without_lag` for the `end`
+    `without_lag`: a finding gives them beside those without that column. Null without a fit."""
+    row: Row = {}
+    for name in ("K", "B", "I"):
+        values = (None, None, None) if fit is None else (fit[name], *fit.interval(name))
+        row |= dict(zip((f"{name}_{end}{bound}" for bound in ("", "_low", "_high")), values, strict=True))
+    return row
 
 
 def check_stiffer(trial: str, symbol: str, stiffness: float, bench: BenchStiffness | None) -> None:

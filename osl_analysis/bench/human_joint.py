@@ -7,7 +7,7 @@ import polars as pl
 import scipy
 
 from osl_analysis.bench import effects, gram
-from osl_analysis.bench.analysis import Analysis, fitted_motion, turn_deg
+from osl_analysis.bench.analysis import Analysis, fitted_motion, turn_deg, without_row
 from osl_analysis.bench.effects import columns_of
 from osl_analysis.bench.gram import held_out_vaf
 from osl_analysis.bench.impedance import (
@@ -100,7 +100,7 @@ def lag_of_person(person: Reflexive) -> effects.Fault | None:
 
 
 def lag_of_person_row(fit: PersonFit) -> Row:
-    """The lag of the torque, and K and B without it, or without 1 ms of lag where one might change K, B or I by more
+    """The lag of the torque, and K, B and I without it, or without 1 ms of lag where one might change K, B or I by more
     than a tenth."""
     person, whole, lag = fit.person, fit.analysis.whole, lag_of_person(fit.person)
     raw, taken = person.raw, lag.size if lag and lag.found else 1e-3
@@ -108,7 +108,7 @@ def lag_of_person_row(fit: PersonFit) -> Row:
     made = with_reflex(replace(raw, filtered_torque=earlier), person.human, person.slow)
     without = effects.with_effects(made.sums, made.model)
     moved = {name: abs(without[name] - whole[name]) for name in "KBI"}
-    without_lag: Row = {f"{name}_without_lag": without[name] for name in "KB"}
+    without_lag = without_row(without, "without_lag")
     row: Row = dict.fromkeys(("lag_s", "lag_se_s", "lag_by", "lag_shift"))
     share = max(by / abs(whole[name]) for name, by in moved.items())
     if lag is None or (not lag.found and lag.possible / taken * share > HIDDEN):
@@ -140,17 +140,17 @@ def reflex_row(fit: PersonFit) -> Row:
     moved = without_slow(raw, late * angle[:, None], human.slow_hz)
     gain = person.fit_with(moved @ [whole[f"reflex_{k}"] for k in range(len(moved.T))])
     chance = 2 * float(scipy.special.stdtr(gain.freedom("gain_0"), -abs(gain["gain_0"]) / gain.se("gain_0")))
-    K_with_gain = person.fit_with(*moved.T)["K"] if chance < 1e-2 else None
-    if K_with_gain is not None and low < K_with_gain < high:
-        chance, K_with_gain = 1.0, None
+    with_gain = person.fit_with(*moved.T) if chance < 1e-2 else None
+    if with_gain is not None and low < with_gain["K"] < high:
+        chance, with_gain = 1.0, None
     # the reflex that the model has ends with its memory
-    p, K_with_reflex = reflex_test(raw, human, USUAL_DELAY_S + human.memory_s, person), None
+    p, with_later = reflex_test(raw, human, USUAL_DELAY_S + human.memory_s, person), None
     if p is not None and p < 1e-2:
         longer = human.model_copy(update={"memory_s": 2 * human.memory_s})
-        K_with_reflex = with_reflex(raw, longer, person.slow).fit_with()["K"]
-        p, K_with_reflex = (1.0, None) if low < K_with_reflex < high else (p, K_with_reflex)
-    row |= {"reflex_gain_p": chance, "K_with_gain": K_with_gain, "reflex_p": p, "K_with_reflex": K_with_reflex}
-    return row
+        with_later = with_reflex(raw, longer, person.slow).fit_with()
+        p, with_later = (1.0, None) if low < with_later["K"] < high else (p, with_later)
+    row |= {"reflex_gain_p": chance, **without_row(with_gain, "with_gain")}
+    return row | {"reflex_p": p, **without_row(with_later, "with_reflex")}
 
 
 def human_joint_table(fit: PersonFit) -> pl.DataFrame:

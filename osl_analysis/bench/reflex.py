@@ -12,6 +12,7 @@ import numpy as np
 import scipy
 
 from osl_analysis.bench import gram
+from osl_analysis.bench.analysis import without_row
 from osl_analysis.bench.effects import IMPEDANCE, Model, columns_of
 from osl_analysis.bench.gram import GroupFit, Sums
 from osl_analysis.bench.record import Record, stretches_of
@@ -171,10 +172,10 @@ def reflex_columns(columns: Array) -> dict[str, Array]:
 
 
 def unstated_reflex_row(record: Record) -> Row:
-    """Whether the torque of a device has a reflex, and K with one in the model."""
+    """Whether the torque of a device has a reflex, and K, B and I with one in the model."""
     p = reflex_test(record, HumanJoint(), USUAL_DELAY_S)
-    K = with_reflex(record, HumanJoint()).fit_with()["K"] if p is not None and p < 1e-2 else None
-    return {"reflex_p": p, "K_with_reflex": K}
+    fit = with_reflex(record, HumanJoint()).fit_with() if p is not None and p < 1e-2 else None
+    return {"reflex_p": p, **without_row(fit, "with_reflex")}
 
 
 def reflex_test(raw: Record, human: HumanJoint, delay_s: float, person: Reflexive | None = None) -> float | None:

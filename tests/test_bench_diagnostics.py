@@ -10,8 +10,17 @@ from bench_synthetic import FIVE, record_of_sines, second_order, stepped_sine, t
 from conftest import ROOT, beyond_in, findings_of, marked
 from scipy.interpolate import CubicSpline
 
-from osl_analysis.bench.analysis import with_friction, without_friction
-from osl_analysis.bench.effects import IMPEDANCE, belt_of_leg, causes, is_alike, sums_of, with_effects, yielding_in
+from osl_analysis.bench.analysis import fitted_motion, with_friction, without_friction
+from osl_analysis.bench.effects import (
+    IMPEDANCE,
+    belt_of_leg,
+    causes,
+    is_alike,
+    plain_sums,
+    sums_of,
+    with_effects,
+    yielding_in,
+)
 from osl_analysis.bench.impedance import DesiredImpedance, judged_impedance
 from osl_analysis.bench.plausible import plausible_impedance
 from osl_analysis.bench.record import record_of_trial, with_actuator
@@ -231,6 +240,11 @@ def test_the_belt_shows_which_channel_of_a_leg_is_late(fault, lag, of_theta_m):
     trial = leg(**fault)
     record = with_actuator(record_of_trial(trial, SETTINGS), trial)
     row = judged_impedance(record, saturated(trial, "torque", "theta"), P, UNKNOWN)[1].row(0, named=True)
+    in_time = record_of_trial(leg(**fault | dict.fromkeys(("torque_late", "theta_late"), 0.0)), SETTINGS)
+    sound = fitted_motion(in_time, plain_sums(in_time, IMPEDANCE), IMPEDANCE).whole
+    for name in "KBI":
+        told = [row[f"{name}_without_lag{end}"] for end in ENDS]
+        assert (told == [None] * 3) if not lag else (told[1] < sound[name] < told[2]), name
     assert (row["lag_by"], row["lag_s"]) == ("theta_m", pytest.approx(lag, abs=1.5e-4))
     assert row["certain_theta_m_lag_s"] == pytest.approx(of_theta_m, abs=1.5e-4 if of_theta_m else 0)
     assert row["lag_share"] == pytest.approx(abs(row["K"] * row["lag_s"] / row["B"]) if lag else 0)

@@ -9,7 +9,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from osl_analysis.bench.effects import FALSE_ALARM, Model, noise_of_angle, plain_sums, with_effects
+from osl_analysis.bench.effects import FALSE_ALARM, Fault, Model, noise_of_angle, plain_sums, with_effects
 from osl_analysis.bench.gram import GroupFit, Sums, estimates_of, held_out_vaf, solved
 from osl_analysis.bench.plausible import check_told
 from osl_analysis.bench.record import SHORTEST_S, Label, Record
@@ -346,6 +346,19 @@ def without_friction(
         degrees_of_freedom=np.full(len(turn), beside.freedom(friction)),
         repeat=None,
     )
+
+
+def without_lag(analysis: Analysis, lag: Fault | None, label: Label) -> Row:
+    """K, B and I of a label for the torque earlier by a lag that was found, with the error of the lag in the intervals;
+    null without one."""
+    if lag is None or not lag.found:
+        return without_row(None, "without_lag")
+    record, fit = analysis.record, analysis.fits[label]
+    torques = [np.interp(record.time + lag.size, record.time, x) for x in (record.torque, record.filtered_torque)]
+    s = plain_sums(replace(record, torque=torques[0], filtered_torque=torques[1]), analysis.model)
+    made = at_zero(with_effects(s, analysis.model, (), label), s.centre)
+    per_s = (made.estimates - fit.estimates) / lag.size
+    return without_row(analysis.calibrated(widened(made, per_s * lag.se), label), "without_lag")
 
 
 def without_row(fit: LinearFit | None, end: str) -> Row:

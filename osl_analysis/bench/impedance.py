@@ -11,7 +11,15 @@ import scipy
 from numpy.typing import NDArray
 
 from osl_analysis.bench import effects
-from osl_analysis.bench.analysis import Analysis, fitted_motion, friction_rows, motion_in, turn_deg, widened
+from osl_analysis.bench.analysis import (
+    Analysis,
+    fitted_motion,
+    friction_rows,
+    motion_in,
+    turn_deg,
+    widened,
+    without_lag,
+)
 from osl_analysis.bench.effects import IMPEDANCE, Causes, Fault
 from osl_analysis.bench.gram import FEWEST_UNITS, GroupFit, Sums, combined, estimates_of, solved
 from osl_analysis.bench.phasors import SegmentPhasors, harmonic_shares, phasors_of_record
@@ -177,6 +185,7 @@ def impedance_table(rendered: Rendered, p: DrivetrainParameters | None = None) -
                 **clocks,
                 "theta_rms_deg": turn_deg(s, label),
                 "angle_noise_share": abs(angle_noise_bias(record, s, fit, label)) / share_of_inertia(fit),
+                **without_lag(analysis, lag, label),
                 **facts,
             }
         )

@@ -372,7 +372,7 @@ def test_axes_are_logarithmic_in_round_numbers_percent_or_from_zero_where_the_si
     polar = np.hypot(3.5e-3, 2e-3), np.rad2deg(np.arctan2(-2, 3.5))
     assert numbers.select("magnitude", "phase_deg").row(-1) == pytest.approx(polar)
     assert magnitude.get_yscale() == magnitude.get_xscale() == phase.get_xscale() == "log"
-    assert [tick.get_text() for tick in phase.get_xticklabels()] == ["1", "2", "3", "4", "5"]
+    assert [tick.get_text() for tick in phase.get_xticklabels()] == ["1", "2", "5"]
     assert [tick.get_text() for tick in magnitude.get_yticklabels()] == ["3.5", "4", "4.5", "5"], "in thousandths"
     np.testing.assert_allclose(magnitude.get_yticks(), [3.5e-3, 4e-3, 4.5e-3, 5e-3])
     assert [line.is_dashed() for line in magnitude.lines] == [True, True, False], "the desired one alone is whole"
@@ -571,7 +571,7 @@ def test_the_metadata_of_tables_lead_to_the_captions_where_there_are_figures(nam
 
 def test_ticks_are_round_a_single_frequency_is_in_the_middle_of_its_axis_and_0_on_one_of_phases():
     for low, high, most, expected in (
-        (1, 5, 6, [1, 2, 3, 4, 5]), (0.5, 6, 8, [0.5, 1, 2, 3, 5]), (0.01, 100, 5, [0.01, 0.1, 1, 10, 100]),
+        (1, 5, 6, [1, 2, 5]), (0.5, 6, 8, [0.5, 1, 2, 5]), (0.01, 100, 5, [0.01, 0.1, 1, 10, 100]),
         (0.1, 15, 8, [0.1, 0.2, 0.5, 1, 2, 5, 10]), (1e-4, 1e5, 5, [1e-4, 1e-2, 1, 1e2, 1e4]),
         (2.9, 3.11, 5, [2.9, 3.0, 3.1]),
     ):  # fmt: skip

@@ -141,22 +141,13 @@ def errors_of(rows: pl.DataFrame, symbol: str) -> pl.DataFrame:
 
 def label_percent_axis(ax: Axes) -> None:
     """Errors [percent] on an axis that is even up to 2 % and logarithmic beyond: 1 % is seen beside 50 %."""
-    even = 2.0  # [percent]
-    low, high = np.arcsinh(np.array(ax.dataLim.intervaly) / even)
-    room = 0.08 * (max(high, 0.5) - min(low, -0.5))
-    ends = min(low, -0.5) - room, max(high, 0.5) + room
-    ax.set_yscale("asinh", linear_width=even)
-    shown, apart = [0.0], float(np.ptp(ends)) / 11  # labels of eleven lines do not touch
-    for side in (1, -1):
-        last = 0.0
-        for size in (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000):
-            place = float(np.arcsinh(size / even))
-            if place - last > apart and ends[0] < side * place < ends[1]:
-                shown.append(side * size)
-                last = place
+    low, high = min(ax.dataLim.y0, -1.0), max(ax.dataLim.y1, 1.0)
+    ax.set_yscale("symlog", linthresh=2.0, linscale=0.5)
+    every = [sign * size for size in (2, 10, 30, 100, 300, 1000) for sign in (-1, 1)]
+    shown = sorted([0, *(tick for tick in every if 1.2 * low <= tick <= 1.2 * high)])
     ax.set_yticks(shown, [f"{tick:+g}".replace("-", "−") if tick else "0" for tick in shown])
     ax.set_yticks([], minor=True)
-    ax.set_ylim(*even * np.sinh(ends))
+    ax.set_ylim(1.5 * low, 1.5 * high)
     ax.grid(axis="y", color="#E4E4E4", linewidth=0.4)
     ax.axhline(0, color=style.BLACK, linewidth=0.8)
     ax.set_axisbelow(True)

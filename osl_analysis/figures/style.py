@@ -28,7 +28,7 @@ from osl_analysis.trial import Array
 SINGLE_COLUMN, DOUBLE_COLUMN = 3.5, 7.16  # widths [in] of one column and of the text block of an IEEE two-column page
 
 BLACK, WHITE, GREY, MAGENTA = "#000000", "#FFFFFF", "#6E6E6E", "#C2127F"
-ORANGE, PALE_ORANGE, PURPLE = "#E66100", "#F5C09A", "#5D3A9B"
+ORANGE, PURPLE = "#E66100", "#5D3A9B"
 """Orange and purple differ for every common kind of colour vision, and in greyscale by lightness (58 and 32 of 100)."""
 
 THIN, THICK = 0.7, 1.8  # widths [pt] of bars over amplitudes, and of intervals
@@ -178,21 +178,18 @@ def place_in_report(trial: str) -> str:
 
 
 def log_ticks(low: float, high: float, most: int) -> list[float]:
-    """Round values from `low` to `high` > 0 for a logarithmic axis, `most` or fewer: of the fewest steps in a decade
-    that give five, else of those that give most. In a span in which none give three, they are evenly spaced."""
-    within_decade = ((1,), (1, 2, 5), (1, 2, 3, 5), (1, 2, 3, 4, 5, 6, 8), (1, 1.5, 2, 2.5, 3, 4, 5, 6, 7, 8, 9))
-    decades = 10.0 ** np.arange(np.floor(np.log10(low)) - 1, np.ceil(np.log10(high)) + 1)
-
-    def inside(ticks: Iterable[float], slack: float = 0.0) -> list[float]:
-        return [float(tick) for tick in ticks if low * (1 - slack) <= tick <= high * (1 + slack)]
-
-    found = [inside(np.outer(decades, steps).ravel(), 1e-9) for steps in within_decade]
-    if fitting := [ticks for ticks in found if 3 <= len(ticks) <= most]:
-        return next((ticks for ticks in fitting if len(ticks) >= 5), max(fitting, key=len))
-    if len(wide := inside(decades)) > most:
-        return wide[:: -(-len(wide) // most)]
+    """Round values from `low` to `high` > 0 for a logarithmic axis, `most` or fewer: 1, 2 and 5 of each decade, else
+    decades; evenly spaced in a span that has fewer than three."""
+    decades, ticks = 10.0 ** np.arange(np.floor(np.log10(low)) - 1, np.ceil(np.log10(high)) + 1), list[float]()
+    for steps in ((1, 2, 5), (1,)):
+        found = np.outer(decades, steps).ravel()
+        ticks = [float(tick) for tick in found if low * (1 - 1e-9) <= tick <= high * (1 + 1e-9)]
+        if 3 <= len(ticks) <= most:
+            return ticks
+    if len(ticks) > most:
+        return ticks[:: -(-len(ticks) // most)]
     even = MaxNLocator(nbins=max(most - 1, 2), steps=[1, 2, 2.5, 5, 10]).tick_values(low, high)
-    return inside(even) or [low]
+    return [float(tick) for tick in even if low <= tick <= high] or [low]
 
 
 def label_log_axis(axis: Axis, limits: tuple[float, float], most: int, scale: float = 1.0) -> None:

@@ -116,7 +116,7 @@ def draw_walking_page(table: pl.DataFrame) -> Figure:
     panels |= {"response angle": "Isolated angle (deg)", "response torque": "Isolated torque (N·m)"}
     intervals: dict[str, dict[str, Any]] = {
         "baseline": {"facecolor": "none", "edgecolor": "#C4C4C4", "hatch": "////", "label": "Baseline"},
-        "window": {"color": style.PALE_ORANGE, "alpha": 0.5, "label": "Fitted window"},
+        "window": {"color": "#F5C09A", "alpha": 0.5, "label": "Fitted window"},
     }
     for part, rows in zip(parts, groups, strict=True):
         if len(groups) > 1:

@@ -18,7 +18,6 @@ from osl_analysis.walking.plate import PlateModel, Stance
 from osl_analysis.walking.platform import ALONE, PlatformModel, PlatformTemplate, PlatformTrack
 from osl_analysis.walking.settings import CrossingSettings
 
-UPWARD = np.array([0.0, 0.0, 1.0])
 UP, DOWN = "up", "down"  # Names of the directions in sheet and tables: toes up (dorsiflexion), and toes down
 
 
@@ -199,7 +198,7 @@ class Ankle:
     @property
     def forward(self) -> Array:
         """Level directions (n, 3) in which the foot points."""
-        return np.cross(self.axis, UPWARD)
+        return np.cross(self.axis, [0.0, 0.0, 1.0])
 
 
 def ankle_of(passage: Passage, calibration: StaticCalibration) -> Ankle:

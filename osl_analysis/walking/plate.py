@@ -219,7 +219,6 @@ def load_on_foot(reaction: Array, centre: Array, ankle: Array, axis: Array) -> A
     return np.array([vertical, *np.where(pressed, places, 0.0)])
 
 
-INERTIAL = ("m", "mc_x", "mc_y", "mc_z", "I_xx", "I_yy", "I_zz", "I_xy", "I_xz", "I_yz")
 WRENCH = ("F_x", "F_y", "F_z", "M_x", "M_y", "M_z")
 Smooth = Callable[[Array], Array]
 LIGHT = 0.1  # [N*m], weighted wrench of a plate that is too light to show its lag
@@ -230,7 +229,9 @@ WEIGHT = np.array([0.1] * 3 + [1.0] * 3)  # Of forces [m] and moments: a force's
 class PlateModel:
     """The plate's inertial parameters, and its lag behind the markers."""
 
-    parameters: Kept  # (10,) in the order of `INERTIAL` [kg, kg*m, kg*m^2]; least ones where they are not told apart
+    parameters: (
+        Kept  # (10,): m, mc (x, y, z), I (xx, yy, zz, xy, xz, yz) [kg, kg*m, kg*m^2]; least ones where not told apart
+    )
     directions: Kept  # (10, r) of the parameters that the motion shows
     rms_before: Kept  # RMS wrench (6,) [N, N*m] of the unloaded plate as read, minus its mean
     rms_after: Kept  # the same without the plate's own wrench
@@ -288,13 +289,8 @@ def inertial_columns(motion: BodyMotion) -> Array:
     return columns
 
 
-LEVER_M = (
-    0.3  # [m], half the size of a plate: a mass m has moments of up to m LEVER_M and inertias of up to m LEVER_M^2
-)
-TYPICAL = np.array([1.0] + [LEVER_M] * 3 + [LEVER_M**2] * 6)
-IDENTIFIED = (
-    0.01  # Share of the largest wrench that a typical plate makes along a direction of its parameters, to be identified
-)
+TYPICAL = np.array([1.0] + [0.3] * 3 + [0.3**2] * 6)  # of a plate of 1 kg whose half is 0.3 m long
+IDENTIFIED = 0.01  # share of the largest wrench of a typical plate, above which a direction of its parameters shows
 
 
 def excited_directions(squares: Array, noise: Array, within: Array) -> Array:

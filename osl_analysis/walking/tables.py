@@ -30,7 +30,6 @@ GROUP_QUANTITIES, ENSEMBLE = ("K", "B", "I", "VAF"), "ensemble"
 COMMANDED = "commanded"  # Series of the curve that the controller commands
 FACTS = ("group", "onset_phase", "fitted_phase", "end_phase")
 Numbers = dict[str, float | None]
-NORMAL = 1.96  # half of a 95 % interval, in standard errors
 
 
 def group_rows(
@@ -467,7 +466,7 @@ def drawn_row(drawn: Bootstrap, quantity: str, estimate: float, stated: Mapping[
     """Standard error and 95 % interval of a quantity from the bootstrap, wider by the `stated` standard errors."""
     known = stated.get(quantity, 0.0)
     low, high = (
-        estimate + float(np.sign(end - estimate) * np.hypot(end - estimate, NORMAL * known))
+        estimate + float(np.sign(end - estimate) * np.hypot(end - estimate, 1.96 * known))
         for end in drawn.interval(quantity)
     )
     method = "bootstrap + stated" if known else "bootstrap"

@@ -217,10 +217,10 @@ def crossings():
 
 
 def single(gait, perturbed):
-    """One perturbation's fit, lag and doubts."""
+    """One perturbation's fit and doubts."""
     isolated = response.isolate_response(perturbed[0], unperturbed_gait(gait, 2), CHOICES)
     fit = response.fit_response(isolated)
-    return fit, response.response_lag(isolated), tables.single_facts(isolated, fit)
+    return fit, tables.single_facts(isolated, fit)
 
 
 def headline(gait, perturbed):

@@ -201,10 +201,7 @@ def among_sound(
 def places(crossings: Sequence[Crossing], sheet: Sheet, settings: SelectionSettings) -> dict[str, dict[str, object]]:
     """Columns of `walking_crossings.csv` of every row of the sheet, by name: the mean gaits that it belongs to, and of
     the used and perturbed `crossings` the group, the direction of the turn, and the onset as a share of mean stance."""
-    keys = split_keys(sheet, settings)
-    every = [{key: cells[key] for key in keys} for cells in sheet.values() if cells[IS_PERTURBED]]
-    gaits: dict[str, Cells] = {label(cells): cells for cells in every}
-    served = {name: [g for g, wanted in gaits.items() if serves(cells, wanted)] for name, cells in sheet.items()}
+    gaits, served = gaits_of(sheet, settings)
     nowhere = dict.fromkeys(("group", "direction", "onset_phase"))
     found: dict[str, dict[str, object]] = {
         name: {"gait": SEPARATOR.join(own) or None, **nowhere} for name, own in served.items()
@@ -224,6 +221,14 @@ def places(crossings: Sequence[Crossing], sheet: Sheet, settings: SelectionSetti
                 named["direction"] = ways[name] or "unknown"
             found[name] |= {"group": label(named), "direction": ways[name], "onset_phase": phase}
     return found
+
+
+def gaits_of(sheet: Sheet, settings: SelectionSettings) -> tuple[dict[str, Cells], dict[str, list[str]]]:
+    """The conditions of each mean gait, by its name, and the gaits that each row of the sheet belongs to."""
+    keys = split_keys(sheet, settings)
+    every = [{key: cells[key] for key in keys} for cells in sheet.values() if cells[IS_PERTURBED]]
+    gaits: dict[str, Cells] = {label(cells): cells for cells in every}
+    return gaits, {name: [g for g, wanted in gaits.items() if serves(cells, wanted)] for name, cells in sheet.items()}
 
 
 def serves(cells: Cells, wanted: Cells) -> bool:

@@ -22,7 +22,7 @@ TEXT_COLUMNS = (
     "trial", "controller", "branch", "quantity", "estimator", "check", "unit", "verdict", "remark", "reason",
     "excluded", "panel", "curve", "interval_method", "doubtful", "experiment", "model", "terms", "by_VAF", "by_BIC",
     "motion", "group", "gait", "direction", "subject", "session", "side", "speed", "pooled", "series", "group_stated",
-    "not_checked", "excitation", "weighting", "desired", "loading", "method", "weights", "trials", "joint", "data",
+    "not_checked", "excitation", "desired", "loading", "method", "weights", "trials", "joint", "data",
     "chosen", "trajectory", "axis_from", "over", "missing_components", "table", "grade", "cause", "inherited",
     "evidence", "side", "says", "size", "remedy", "reaction", "explained_by",
 )  # fmt: skip

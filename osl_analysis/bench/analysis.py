@@ -10,7 +10,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from osl_analysis.bench.effects import FALSE_ALARM, Fault, Model, noise_of_angle, plain_sums, with_effects
-from osl_analysis.bench.gram import GroupFit, Sums, estimates_of, held_out_vaf, solved
+from osl_analysis.bench.gram import GroupFit, Sums, held_out_vaf, solved
 from osl_analysis.bench.plausible import check_told
 from osl_analysis.bench.record import SHORTEST_S, Label, Record
 from osl_analysis.bench.settings import NOT_STATED, BenchStiffness, Calibration
@@ -284,35 +284,33 @@ def friction_rows(s: Sums, analysis: Analysis) -> dict[Label, Row]:
     none for certain; where the label has, viscous damping, K and I without friction, and friction, with intervals."""
     model, fits = analysis.model, analysis.fits
     damping = next(name for name, column in model.items() if column == "omega")
-    own = {damping: f"{damping}_viscous"} | {x: f"{x}_without_friction" for x in ("K", "I") if x in model}
-    own |= {"T_C": "f_C" if damping == "B" else "T_C"}
-    names = [f"{name}{end}" for name in own.values() for end in ("", "_se", "_low", "_high")]
+    moved = [damping, *(name for name in ("K", "I") if name in model)]
+    own = [f"{damping}_viscous", *(f"{name}_without_friction" for name in moved[1:]), "f_C" if "K" in model else "T_C"]
+    names = [f"{name}{end}" for name in own for end in ("", "_se", "_low", "_high")]
     rows, whole_has = dict[Label, Row](), False
-    own_columns = s.index([*model.values(), "T_C"])
     for label, fit in sorted(fits.items(), key=lambda item: item[0] is not None):  # first that of all of the trial
         rows[label] = dict.fromkeys(("coulomb_torque", "coulomb_damping", "coulomb_share", *names))
         try:
-            beside, alone = with_friction(s, model, label), estimates_of(s.over(label), own_columns, s.torque)
+            beside, alone = with_friction(s, model, label), with_effects(s, model, ("T_C",), label)
         except IdentifiabilityError:
             continue
-        without, torque = float(alone[list(model).index(damping)]), beside["T_C"]
-        made = (fit[damping] - without) / float(alone[-1]) * torque  # of the damping, by this friction
+        torque = beside["T_C"]
+        made = (fit[damping] - alone[damping]) / alone["T_C"] * torque  # of the damping, by this friction
         rows[label] |= {"coulomb_torque": torque, "coulomb_damping": made, "coulomb_share": 0.0}
         certain = torque > 0 and beside.certain("T_C", FALSE_ALARM)
         whole_has = certain if label is None else whole_has
         if whole_has:
             # friction that a controller takes off is not Coulomb's: the smaller of two answers is held against a trial
-            rows[label]["coulomb_share"] = max(min(made, fit[damping] - without), 0.0) / fit[damping]
+            rows[label]["coulomb_share"] = max(min(made, fit[damping] - alone[damping]), 0.0) / fit[damping]
         if not certain:
             continue
-        told = without_friction(fit, with_effects(s, model, ("T_C",), label), beside, [*own][:-1], "T_C")
+        told = without_friction(fit, alone, beside, moved, "T_C")
         # No recording shows over which velocity friction turns its sign. What a tenth of that of T_C makes of both
         # numbers is the half-width of a rectangular distribution (JCGM 100:2008, 4.3.7).
         sharper = with_effects(s, model, ("T_C_sharp",), label), with_friction(s, model, label, "T_C_sharp")
-        sharp = without_friction(fit, *sharper, [*own][:-1], "T_C_sharp")
+        sharp = without_friction(fit, *sharper, moved, "T_C_sharp")
         told = analysis.calibrated(widened(told, (sharp.estimates - told.estimates) / np.sqrt(3)), label)
-        values = [v for name in told.names for v in (told[name], told.se(name), *told.interval(name))]
-        rows[label] |= dict(zip(names, values, strict=True))
+        rows[label] |= estimates_row(replace(told, names=tuple(own)), *own)
     return rows
 
 

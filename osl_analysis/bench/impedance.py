@@ -204,7 +204,6 @@ def motion_row(record: Record) -> Row:
         "excitation": kinds[record.groups.kind] if periodic is None else "periodic",
         "band_low_hz": low,
         "band_high_hz": high,
-        "weighting": "power of the filtered motion",  # as in every least-squares fit of filtered signals
         "fitted_s": record.seconds,
         **dict.fromkeys(("torque_at_peaks", "alias_share", "period_s", "periods", "realisations")),
     }

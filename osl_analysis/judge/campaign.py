@@ -12,7 +12,7 @@ from osl_analysis.config.experiments import EXPERIMENTS, doubts_of, judged_table
 from osl_analysis.errors import listing
 from osl_analysis.judge.checks import CHECKS
 from osl_analysis.judge.finding import COLUMNS, ESTIMATES, Beyond, Finding, Grade, finding_rows, findings_frame
-from osl_analysis.judge.judging import judged_tables_of
+from osl_analysis.judge.judging import judged, with_inherited
 from osl_analysis.judge.limits import DoubtfulFits
 from osl_analysis.judge.unchecked import unchecked_in
 from osl_analysis.judge.used import HOW_TO_USE, exclusions
@@ -34,7 +34,10 @@ def campaign_findings(tables: Mapping[str, pl.DataFrame], verdicts: pl.DataFrame
     listed once for each trial and amplitude, without words: these stand with the finding that is inherited."""
     found = list(failed_checks(verdicts))
     fits, seen = {name: table for name, table in tables.items() if name in judged_tables()}, set[object]()
-    for table, findings in judged_tables_of(fits, limits, doubts_of()).values():
+    own = {name: judged(table, limits.of(name), name) for name, table in fits.items()}
+    for name, table in fits.items():
+        of = doubts_of().get(name, "")
+        findings = with_inherited(name, table, own[name], fits[of], own[of]) if of in fits else own[name]
         for row, of_row in zip(table.iter_rows(named=True), findings, strict=True):
             found += [(finding, words_of(finding, row)) for finding in of_row if not finding.inherited]
             for finding in (one for one in of_row if one.inherited):

@@ -3,9 +3,8 @@
 What a known cause explains, as a low VAF under friction, is no finding of its own.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import polars as pl
 
@@ -127,17 +126,3 @@ def with_inherited(
         [*row, *(replace(one, table=name, inherited=one.table) for one in known.get(key, ()))]
         for key, row in zip(trials, own, strict=True)
     ]
-
-
-def judged_tables_of(
-    tables: Mapping[str, pl.DataFrame], limits: Any, doubts_of: Mapping[str, str]
-) -> dict[str, tuple[pl.DataFrame, RowFindings]]:
-    """The findings of several tables by name; `limits.of(name)` are those of one, `doubts_of` names the table whose
-    doubts another one shares."""
-    own = {name: judged(table, limits.of(name), name) for name, table in tables.items()}
-    found = {}
-    for name, table in tables.items():
-        of = doubts_of.get(name, "")
-        both = with_inherited(name, table, own[name], tables[of], own[of]) if of in tables else own[name]
-        found[name] = table, both
-    return found

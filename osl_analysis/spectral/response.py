@@ -29,7 +29,7 @@ import scipy
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
-from osl_analysis.measured import check_measured
+from osl_analysis.measured import check_measured, noise_before_rounding
 from osl_analysis.model.parameters import DrivetrainParameters
 from osl_analysis.signals import LowPass
 from osl_analysis.spectral.periods import (
@@ -44,7 +44,6 @@ from osl_analysis.spectral.periods import (
 )
 from osl_analysis.stats.covariance import Covariance
 from osl_analysis.stats.regression import LinearFit, linear_fit
-from osl_analysis.stats.rounding import noise_before_rounding
 from osl_analysis.trial import Array
 
 ResponseColumns = dict[str, Array]  # of `response.csv`, (m,) each; NaN where the motion does not show it

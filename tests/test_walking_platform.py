@@ -128,11 +128,10 @@ def test_torque_and_onset_are_free_of_each_crossings_own_noise(seed, count, chan
     assert torque_error(trials, turned, model, heave) < limit
     assert (len(model.template.axes), model.template.scaled) == (2 if heave else 1, "rise" in change)
     table = platform_table(model)
-    late = table["template_onset_s"].to_numpy() - [ramp.onset for ramp in turned]
+    late = table["onset_s"].to_numpy() - [ramp.onset for ramp in turned]
     assert table["follows"].to_list() == [1] * count
     if seed == 1:
-        assert (np.std(late) < 4e-4, abs(np.mean(late)) < 2.5 * model.template.start_se) == (True, True)
-        assert table["template_onset_se_s"].max() < 4e-4
+        assert (np.std(late) < 4e-4, abs(np.mean(late)) < 1e-3) == (True, True)
     if "rise" in change:
         assert table["duration"][1::2].mean() / table["duration"][::2].mean() == pytest.approx(1.2, abs=0.02)
         assert np.std(late) < 1e-3
@@ -229,10 +228,9 @@ def test_a_trigger_tells_the_onset_only_if_its_latency_is_constant(scatter: floa
     coarse = replace(model, latency=model.latency | {"used": 1.0, "finer": 0.0})  # only for what has no shape
     begun = coarse.onset("walk_00", 0.0), replace(coarse, alignments={}).onset("walk_00", 0.0) - model.latency["mean"]
     assert begun == pytest.approx((model.alignments["walk_00"].start, model.triggers["walk_00"]))
-    late, shape = [a.start - model.triggers[a.name] for a in model.alignments.values()], model.template
-    facts = {"latency_s": np.mean(late), "latency_sd_s": np.std(late, ddof=1), "trigger_used": int(scatter == 0.0)}
-    facts |= {"onset_s": model.onset("walk_00", 0.0), "template_onset_s": model.alignments["walk_00"].start}
-    facts |= {"shared_onset_se_s": shape.start_se, "onset_shape_s": shape.start_shape}
+    late = [a.start - model.triggers[a.name] for a in model.alignments.values()]
+    facts = {"latency_s": np.mean(late), "trigger_used": int(scatter == 0.0)}
+    facts |= {"onset_s": model.onset("walk_00", 0.0), "onset_shape_s": model.template.start_shape}
     assert platform_table(model).select(*facts).row(0) == pytest.approx(tuple(facts.values()))
     assert platform_table(model)["trigger_s"].null_count() == 0
     for weak_or_falling in (pl.col("trigger") * 0.8, (pl.col("time") < 1).cast(float)):
@@ -260,9 +258,8 @@ def tracks_of(count: int, seed: int, slower: float = 0.0) -> tuple[list[Platform
     return tracks, onsets
 
 
-def test_the_errors_of_the_starts_are_their_scatter_and_that_of_their_mean_is_a_plain_fits() -> None:
-    """55 free starts scatter by their errors to within 10 %, and where durations differ too. The shape's own error is
-    that of a step of free start, duration and level through the mean frames of 12 crossings."""
+def test_the_errors_of_the_starts_are_their_scatter() -> None:
+    """55 free starts scatter by their errors to within 10 %, and where durations differ too."""
     for slower in (0.0, 0.2):
         scores = []
         for seed in range(5):
@@ -271,16 +268,6 @@ def test_the_errors_of_the_starts_are_their_scatter_and_that_of_their_mean_is_a_
             error = np.array([a.start for a in begun]) - onsets
             scores.append((error - error.mean()) / [a.start_se for a in begun])
         assert (template.scaled, np.sqrt(np.sum(np.square(scores)) / 55)) == (slower > 0, pytest.approx(1, abs=0.2))
-        model = PlatformModel(template, None, {a.name: a for a in begun}, {}, None)
-        expected = [np.hypot(a.start_se, template.start_se) for a in begun]
-        assert platform_table(model)["template_onset_se_s"].to_list() == pytest.approx(expected)
-        if slower:
-            continue
-        time = np.arange(-0.15, 0.1, 1 / RATE)
-        moved, speed, _ = synthetic.step(time, 0.0, 0.1)
-        columns = np.array([0.04 * speed, 0.4 * time * speed, 1 + 0 * time])[:, moved < 0.7]  # start, duration, level
-        plain = np.sqrt(np.linalg.inv(columns @ columns.T)[0, 0]) * 1e-4 / np.sqrt(12)
-        assert template.start_se == pytest.approx(plain, rel=0.05)
 
 
 def rise(degree: int, start: float) -> np.ndarray:
@@ -291,22 +278,20 @@ def rise(degree: int, start: float) -> np.ndarray:
     return np.asarray(0.04 * steps[degree][:, None])
 
 
-def test_the_start_of_a_mean_rise_has_no_bias_for_any_smooth_step_and_the_error_of_its_noise() -> None:
+def test_the_start_of_a_mean_rise_has_no_bias_for_any_smooth_step() -> None:
     """0.05 % of noise, as in the mean of 20 crossings of 5 deg. Then two directions, 0.3 % of noise: a length in place
     of a displacement would start early. Then a step of seventh degree, 1 % of noise: minimum jerk starts 7 ms later."""
     for degree in (1, 3, 5, 7):
         noise = np.random.default_rng(degree).normal(0, 2e-5, (len(GRID), 1))
-        start, _, shape = start_of_rise(GRID, rise(degree, 0.0131) + noise, 2e-5)
+        start, shape = start_of_rise(GRID, rise(degree, 0.0131) + noise, 2e-5)
         assert (start, shape) == (pytest.approx(0.0131, abs=1e-3), 0.0)
     random, straight = np.random.default_rng(3), rise(5, 0.0) @ np.array([[0.6, 0.8]])
     found = [start_of_rise(GRID, straight + random.normal(0, 1.2e-4, (len(GRID), 2)), 1.2e-4) for _ in range(60)]
-    z = np.array([start / se for start, se, _ in found])
-    assert abs(z.mean()) < 0.4  # 3 / sqrt(60)
-    assert 0.75 < z.std() < 1.25  # 1 +- 2.7 / sqrt(120)
+    starts = np.array([start for start, _ in found])
+    assert abs(starts.mean()) < 0.4 * starts.std()  # 3 / sqrt(60)
     noise = np.random.default_rng(5).normal(0, 4e-4, (len(GRID), 1))
-    start, se, shape = start_of_rise(GRID, rise(7, 0.0) + noise, 4e-4)
-    assert round(1e3 * start) == 7
-    assert abs(start) < shape + 3 * se
+    start, shape = start_of_rise(GRID, rise(7, 0.0) + noise, 4e-4)
+    assert (round(1e3 * start), abs(start) < 1.3 * shape) == (7, True)
 
 
 def campaign(folder: Path, rows: str, **walking: Any) -> Campaign:

@@ -264,7 +264,7 @@ class Alignment:
     amplitude: float  # size of the motion, 1 on average, negative in the other direction
     offset: Kept  # coordinates (r,) [m] at rest
     duration: float = 1.0  # time scale of the motion, 1 on average, and for all where it does not scatter
-    start_se: float = 0.0  # by this crossing's marker noise [s]; what all share is in `PlatformTemplate`
+    start_se: float = 0.0  # by this crossing's marker noise [s]
     duration_se: float = 0.0
     misfit: float = 0.0  # mean square of the filtered difference between motion and shape, over that of noise
     follows: bool = True  # whether the misfit is noise's
@@ -283,7 +283,6 @@ class PlatformTemplate:
     noise: float  # standard deviation [m] of the noise in one frame of a crossing
     crossings: int  # number of crossings whose mean the shape is
     scaled: bool  # whether the duration of the motion differs between crossings
-    start_se: float = 0.0  # standard error [s] of the shape's start, which shifts that of every crossing alike
     start_shape: float = 0.0  # largest change [s] of the start by another step that fits as well
 
     @cached_property
@@ -361,10 +360,10 @@ def shape_fit(track: PlatformTrack, guess: Alignment, template: PlatformTemplate
     return replace(a, start_se=float(errors[1]), duration_se=duration_se, misfit=misfit, follows=follows)
 
 
-def start_of_rise(time: Array, coordinates: Array, noise: float) -> tuple[float, float, float]:
+def start_of_rise(time: Array, coordinates: Array, noise: float) -> tuple[float, float]:
     """The start [s] of a mean motion (n, r) [m] from rest, along its largest displacement: of the smooth step that fits
-    0.7 of the rise, as the end may overshoot. Then its standard error [s] from the `noise` [m] of each sample, and its
-    largest change [s] by another step that fits as well, else 0.
+    0.7 of the rise, as the end may overshoot. Then its largest change [s] by another step that fits as well, else 0.
+    `noise` [m] is that of each sample.
 
     Steps are I(x; p, p): a straight ramp for p = 1, a cubic for 2, minimum jerk for 3, of seventh degree for 4. It is
     minimum jerk, unless another lowers chi-square by more than 30: the starts of two steps that fit alike differ by 6
@@ -391,7 +390,7 @@ def start_of_rise(time: Array, coordinates: Array, noise: float) -> tuple[float,
     fit = found[best if 2 * (found[3].cost - found[best].cost) > 30 else 3]
     alike = [one.x[0] for one in found.values() if 2 * (one.cost - found[best].cost) < 9]  # of noise 1 in 400 is beyond
     shape = max((abs(float(start - fit.x[0])) for start in alike), default=0.0)
-    return float(fit.x[0]), float(np.sqrt(np.linalg.pinv(fit.jac.T @ fit.jac)[0, 0])), shape
+    return float(fit.x[0]), shape
 
 
 def platform_template(tracks: Sequence[PlatformTrack], window: float) -> tuple[PlatformTemplate, list[Alignment]]:
@@ -444,8 +443,8 @@ def platform_template(tracks: Sequence[PlatformTrack], window: float) -> tuple[P
         raise InputError("the platform moves in another way in each crossing, so that each keeps its own motion")
     # The noise in each sample, as if it were independent of the others
     of_shape = float(template.noise / np.sqrt(template.crossings * tracks[0].rate * GRID_S))
-    zero, start_se, start_shape = start_of_rise(template.time, template.shape, of_shape)
-    template = replace(template, time=template.time - zero, start_se=start_se, start_shape=start_shape)
+    zero, start_shape = start_of_rise(template.time, template.shape, of_shape)
+    template = replace(template, time=template.time - zero, start_shape=start_shape)
     # Fitted again: where durations are uncertain, a start that is another point of the shape has another error
     begun = [replace(a, start=a.start + zero * a.duration) for a in alignments]
     return template, aligned(begun, template, template.scaled)
@@ -488,7 +487,7 @@ class PlatformModel:
     alignments: dict[str, Alignment]  # how each perturbed crossing follows it, by trial
     triggers: dict[str, float]  # time [s] of the trigger's edge, by trial, where it is recorded
     latency: dict[str, float] | None
-    """Behind its trigger: `mean` and `sd` [s] over crossings; `used`, whether it scatters as errors and sampling do, so
+    """Behind its trigger: `mean` [s] over crossings; `used`, whether it scatters as errors and sampling do, so
     that the trigger tells the onset; `finer`, whether better than the shape. None with fewer than three, or no shape"""
     leave_out: tuple[PlatformTemplate, ...] = ()  # the shape without each of up to ten groups of crossings
 
@@ -536,8 +535,7 @@ def trigger_latency(
     resolution, of_shape = max(step for _, step in edges.values()) / np.sqrt(12), float(np.mean(errors**2))
     scatter = np.sum((late - late.mean()) ** 2) / (of_shape + resolution**2)
     constant, finer = scatter < scipy.special.chdtri(len(late) - 1, CHANCE), resolution < np.sqrt(of_shape)
-    latency = {"mean": float(late.mean()), "sd": float(late.std(ddof=1))}
-    return latency | {"used": float(constant), "finer": float(finer)}
+    return {"mean": float(late.mean()), "used": float(constant), "finer": float(finer)}
 
 
 def turning_tracks(
@@ -615,17 +613,13 @@ def inertial_motion(
 
 def platform_table(model: PlatformModel) -> pl.DataFrame:
     """`platform.csv`: one row per perturbed crossing whose platform was seen; none without a shape."""
-    numbers = (
-        "onset_s", "template_onset_s", "template_onset_se_s", "shared_onset_se_s", "onset_shape_s", "amplitude",
-        "duration", "misfit", "follows", "directions", "trigger_s", "latency_s", "latency_sd_s", "trigger_used",
-    )  # fmt: skip
     rows, late = [], model.latency
-    latency = (late["mean"], late["sd"], int(late["used"])) if late else (None, None, 0)
     for a, shape in ((a, model.template) for a in model.alignments.values() if model.template):
-        start = (model.onset(a.name, a.start), a.start)
-        errors = (float(np.hypot(a.start_se, shape.start_se)), shape.start_se, shape.start_shape)
-        follows = (a.amplitude, a.duration, a.misfit, int(a.follows), len(shape.axes))
-        rows.append((a.name, *start, *errors, *follows, model.triggers.get(a.name), *latency))
-    counts = dict.fromkeys(("follows", "directions", "trigger_used"), pl.Int64)
+        follows = (a.amplitude, a.duration, a.misfit, int(a.follows))
+        latency = (late["mean"], int(late["used"])) if late else (None, 0)
+        onset = (model.onset(a.name, a.start), shape.start_shape)
+        rows.append((a.name, *onset, *follows, model.triggers.get(a.name), *latency))
+    numbers = ("onset_s", "onset_shape_s", "amplitude", "duration", "misfit", "follows", "trigger_s", "latency_s")
+    counts = dict.fromkeys(("follows", "trigger_used"), pl.Int64)
     schema = {"trial": pl.String, **dict.fromkeys(numbers, pl.Float64), **counts}
     return pl.DataFrame(rows, schema=schema, orient="row")

@@ -12,7 +12,7 @@ import sys
 from operator import attrgetter
 from pathlib import Path
 
-from osl_analysis.jobs.run import at_end_of_run, job_server, run_job
+from osl_analysis.jobs.run import at_end_of_run, end_timers, job_server, run_job
 
 gc.set_threshold(50_000)  # what planning makes stays: looking through it at every 700th object took a sixth of it
 os.environ["TMPDIR"] = str(workflow.snakemake_tmp_dir)  # for jobs: what a killed one leaves goes with the run's own
@@ -149,3 +149,11 @@ OF_TRIALS = ("simulate_", "ingest", "fit_", "analyse_crossing", "study_batch")
 workflow.localrules(*(rule.name for rule in workflow.rules if not rule.name.startswith(OF_TRIALS)))
 ACCEPT = CONFIG.failed_trials == "accept"
 at_end_of_run(workflow, RESULTS / "logs", end_of_run, ACCEPT)
+
+
+onsuccess:
+    end_timers()
+
+
+onerror:
+    end_timers()

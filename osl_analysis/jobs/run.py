@@ -48,7 +48,7 @@ PRELOADED = (
 """Imported while Snakemake plans: the jobs share it."""
 
 
-MOST_JOBS = 30  # of one process: what its libraries keep of the memory ends with it
+MOST_JOBS = 20  # of one process: what its libraries keep of the memory ends with it
 MOST_SERVERS = 3  # that a job is sent to, before it counts as killed
 STARTING = threading.Lock()
 
@@ -190,6 +190,7 @@ def work(channel: socket.socket) -> NoReturn:
         with socket.socket(fileno=files[0]) as link, link.makefile("rb") as asked_for:
             folder, request = asked_for.read().decode().split("\0")
         code = do(folder, request)
+        gc.collect()
         if jobs_left:
             channel.sendall(bytes([code]))
     os._exit(code)
@@ -339,3 +340,11 @@ def at_end_of_run(workflow: Any, logs: Path, said: Callable[[Sequence[str]], str
     atexit.register(end)
     if signal.getsignal(signal.SIGHUP) == signal.SIG_DFL:  # a closed terminal leaves no lock, as after SIGTERM
         signal.signal(signal.SIGHUP, lambda *_: signal.raise_signal(signal.SIGTERM))
+
+
+def end_timers() -> None:
+    """End the timers by which Snakemake would look for further jobs (`max-jobs-per-timespan` of the profile): at the end
+    of a run none is left, and its process would wait for them."""
+    for thread in threading.enumerate():
+        if isinstance(thread, threading.Timer):
+            thread.cancel()

@@ -1,0 +1,157 @@
+"""This checkout against another revision, alternately: ratios of wall time, core-seconds and peak memory.
+
+`python benchmarks/against.py REV [--rounds N]` runs the default campaign of each in a copy of its own: from empty
+folders, with nothing left to do, and after one recording has changed. `--short` runs a campaign of seventeen trials, and
+`--most RATIO` ends with exit code 1 where this checkout takes more core-seconds from empty folders than that. A
+revision runs in this environment where that has what the revision's lock asks for, else in one that is made for it.
+Core-seconds are of all processes, peak memory is of the largest one. Nothing else may run meanwhile.
+"""
+
+import argparse
+import ctypes
+import json
+import os
+import platform
+import re
+import resource
+import shutil
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import yaml
+
+ROOT = Path(__file__).resolve().parents[1]
+ADOPT_ORPHANS = 36
+"""PR_SET_CHILD_SUBREAPER of Linux: jobs are forked from a process that ends after its parent."""
+WARM = "impedance_K300_B5.0_compensated"
+LOGS = Path("raw_data/default/dynamometer")
+SHORT = {"K_d": [300], "B_d": [5.0], "belt": 1, "transmission": 1, "actuator": 1, "plate": 3, "walking": 8}
+COMMANDS = ("from empty folders", "nothing to do", "one changed recording")
+NOT_COPIED = shutil.ignore_patterns(
+    ".git", ".venv*", ".snakemake", "results", "build", "__pycache__", "*.mcap", "*.c3d"
+)
+SAID = ((1, 1, 0), ("s", "core-s", "MB"))
+Spent = tuple[float, float, float]  # wall time [s], core-seconds, peak memory of one process [MB]
+
+
+def checked_out(revision: str, folder: Path) -> str:
+    """Copy a revision to a folder; its full name."""
+    name = subprocess.check_output(["git", "rev-parse", f"{revision}^{{commit}}"], cwd=ROOT, text=True).strip()
+    folder.mkdir()
+    archive = subprocess.run(["git", "archive", name], cwd=ROOT, stdout=subprocess.PIPE, check=True).stdout
+    subprocess.run(["tar", "-x", "-C", folder], input=archive, check=True)
+    return name
+
+
+def pinned(tree: Path) -> set[str]:
+    """What the lock of a tree asks for, as name==version."""
+    return set(re.findall(r"^([\w.-]+==[\w.]+)", (tree / "requirements.lock").read_text(), re.MULTILINE))
+
+
+def interpreter(tree: Path) -> str:
+    """The Python that runs a tree: this one where it has all that the tree's lock asks for."""
+    if pinned(tree) <= pinned(ROOT):
+        return sys.executable
+    subprocess.run(["make", "setup", f"PYTHON={sys.executable}"], cwd=tree, check=True, stdout=subprocess.DEVNULL)
+    return str(tree / ".venv/bin/python")
+
+
+def shorten(tree: Path) -> None:
+    """Let the default campaign of a tree have a few short trials."""
+    file = tree / "config/simulation/default.yaml"
+    settings = yaml.safe_load(file.read_text(encoding="utf-8"))
+    settings["experiments"] |= {key: SHORT[key] for key in SHORT.keys() & settings["experiments"].keys()}
+    file.write_text(yaml.safe_dump(settings), encoding="utf-8")
+
+
+def environment(tree: Path) -> dict[str, str]:
+    """Variables with which the package of a tree is imported, and what numba compiles of it kept."""
+    kept = {key: value for key, value in os.environ.items() if key != "PYTHONDONTWRITEBYTECODE"}
+    return kept | {"PYTHONPATH": str(tree), "NUMBA_CACHE_DIR": str(tree / ".numba")}
+
+
+def spent(python: str, tree: Path, *arguments: str) -> Spent:
+    """What Snakemake takes in a tree, in a process that adopts all that it starts and adds up what they took."""
+    command = [sys.executable, __file__, "--measure", python, *arguments]
+    measured = subprocess.run(command, cwd=tree, capture_output=True, text=True, check=False)
+    if measured.returncode:
+        raise SystemExit(f"{tree}: {measured.stdout[-3000:]}{measured.stderr[-3000:]}")
+    wall, cores, memory = json.loads(measured.stdout.splitlines()[-1])
+    return wall, cores, memory
+
+
+def measure(python: str, arguments: list[str]) -> None:
+    """Print what Snakemake takes in this folder."""
+    ctypes.CDLL(None).prctl(ADOPT_ORPHANS, 1, 0, 0, 0)
+    command, start = [python, "-m", "snakemake", *arguments], time.perf_counter()
+    subprocess.run(command, env=environment(Path.cwd()), check=True, stdout=sys.stderr)
+    wall = time.perf_counter() - start
+    while True:
+        try:
+            os.wait()
+        except ChildProcessError:
+            break
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    print(json.dumps([wall, used.ru_utime + used.ru_stime, used.ru_maxrss / 1024]))
+
+
+def measured(python: str, tree: Path) -> list[Spent]:
+    """What each of `COMMANDS` takes in a tree without recordings and results. A recording changes by another one of the
+    same protocol in its place; of it follow a trial, its fit and a table."""
+    for made in ("raw_data/default", "results", ".snakemake"):
+        shutil.rmtree(tree / made, ignore_errors=True)
+    found = [spent(python, tree, "reproduce-all"), spent(python, tree, "reproduce-all")]
+    logs = sorted((tree / LOGS).glob("impedance_*.mcap"))
+    (tree / "measured.yaml").write_text("simulation: null\n", encoding="utf-8")
+    table = ("results/tables/impedance.csv", "--configfile", "measured.yaml")
+    spent(python, tree, *table)
+    shutil.copyfile(logs[-1], logs[0])
+    return [*found, spent(python, tree, *table)]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description="This checkout against another revision.")
+    parser.add_argument("revision")
+    parser.add_argument("--rounds", type=int, default=2)
+    parser.add_argument("--short", action="store_true", help="a campaign of seventeen trials")
+    parser.add_argument("--most", type=float, default=float("inf"), help="largest ratio of core-seconds")
+    if sys.argv[1:2] == ["--measure"]:
+        measure(sys.argv[2], sys.argv[3:])
+        return
+    asked, taken = parser.parse_args(), dict[str, list[list[Spent]]]()
+    with tempfile.TemporaryDirectory() as name:
+        then, now = Path(name, "then"), Path(name, "now")
+        revision = checked_out(asked.revision, then)
+        shutil.copytree(ROOT, now, ignore=NOT_COPIED)
+        pythons = {then: interpreter(then), now: sys.executable}
+        for tree, python in pythons.items():
+            if asked.short:
+                shorten(tree)
+            subprocess.run([python, "-m", "compileall", "-q", "osl_analysis"], cwd=tree, check=True)
+            warm = [python, "-c", "from osl_analysis.cli import main; main()", "simulate", "--trial", WARM, ".warm"]
+            subprocess.run(warm, cwd=tree, env=environment(tree), check=True, stdout=subprocess.DEVNULL)
+        for _ in range(asked.rounds):
+            for tree, python in pythons.items():
+                taken.setdefault(tree.name, []).append(measured(python, tree))
+    print(
+        f"this checkout against {revision[:12]}, {asked.rounds} rounds; {os.cpu_count()} cores ({platform.machine()}),"
+    )
+    print(f"Python {platform.python_version()}; medians of wall time, core-seconds, memory of the largest process")
+    worst = 0.0
+    for k, what in enumerate(COMMANDS):
+        old, new = (
+            [statistics.median(column) for column in zip(*(r[k] for r in taken[t]), strict=True)] for t in taken
+        )
+        said = [f"{x:.{d}f} {unit} / {y:.{d}f} = {x / y:.2f}" for x, y, d, unit in zip(new, old, *SAID, strict=True)]
+        print(f"{what}: {'; '.join(said)}")
+        worst = worst or new[1] / old[1]
+    if worst > asked.most:
+        raise SystemExit(f"{worst:.2f} times the core-seconds of {asked.revision}; at most {asked.most:g} are allowed")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,7 +1,7 @@
 """This checkout against another revision, alternately: ratios of wall time, core-seconds and peak memory.
 
 `python benchmarks/against.py REV [--rounds N]` runs the default campaign of each in a copy of its own: from empty
-folders, with nothing left to do, and after one recording has changed. `--short` runs a campaign of seventeen trials, and
+folders, with nothing left to do, and after one recording has changed. `--short` runs a campaign of 17 trials, and
 `--most RATIO` ends with exit code 1 where this checkout takes more core-seconds from empty folders than that. A
 revision runs in this environment where that has what the revision's lock asks for, else in one that is made for it.
 Core-seconds are of all processes, peak memory is of the largest one. Nothing else may run meanwhile.

@@ -343,8 +343,8 @@ def at_end_of_run(workflow: Any, logs: Path, said: Callable[[Sequence[str]], str
 
 
 def end_timers() -> None:
-    """End the timers by which Snakemake would look for further jobs (`max-jobs-per-timespan` of the profile): at the end
-    of a run none is left, and its process would wait for them."""
+    """End the timers by which Snakemake would look for further jobs (`max-jobs-per-timespan` of the profile): a process
+    waits for them at its end."""
     for thread in threading.enumerate():
         if isinstance(thread, threading.Timer):
             thread.cancel()

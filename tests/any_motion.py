@@ -51,6 +51,14 @@ def chirp(rng, band=(0.5, 6.0), rms_deg=2.0, duration=30.0, rate=RATE):
     return time, faded(time, duration, tuple(np.deg2rad(rms_deg) * np.sqrt(2) * x for x in motion))
 
 
+MOTIONS_60 = {
+    "noise": lambda rng: noise(rng, duration=60.0, rms_deg=2.5, rate=500.0),
+    "multisine": lambda rng: multisine(rng, periods=10, rms_deg=2.5, rate=500.0),
+    "chirp": lambda rng: chirp(rng, duration=60.0, rms_deg=2.5, rate=500.0),
+}
+"""A minute of each."""
+
+
 def made_trial(rng, motion, torque_noise=0.05, angle_noise=0.0, bits=18, late=0.0, more=0.0, **impedance):
     """A trial of a `TRUE` or another joint, noisy and rounded; `late` [s] lags its torque, `more` [N*m] adds to it."""
     true = {**TRUE, **impedance}

@@ -1,7 +1,5 @@
 """Impedance from motions that are no stepped sine, against joints whose torque is a formula."""
 
-from itertools import product
-
 import numpy as np
 import polars as pl
 import pytest
@@ -11,7 +9,7 @@ from conftest import ROOT, beyond_in, findings_of, marked
 from scipy.signal import butter, cont2discrete, lfilter, lsim, sosfilt, sosfiltfilt
 
 from osl_analysis.bench.analysis import analysed, timebase_table
-from osl_analysis.bench.effects import IMPEDANCE, causes, lag_of, plain_sums, stiffness_change, sums_of, with_effects
+from osl_analysis.bench.effects import IMPEDANCE, plain_sums, with_effects
 from osl_analysis.bench.human_joint import fit_person, human_joint_table, over_table
 from osl_analysis.bench.impedance import (
     DesiredImpedance,
@@ -77,16 +75,9 @@ def fit_of(record):
     return with_effects(plain_sums(record, IMPEDANCE), IMPEDANCE)
 
 
-def faults_in(record, expected=None):
-    """Lag, and change of K, of a record."""
-    s = sums_of(record, IMPEDANCE, expected)
-    found = causes(record, s, IMPEDANCE)
-    return lag_of(record, s, IMPEDANCE, found), stiffness_change(s, IMPEDANCE, found)
-
-
 OF_AMPLITUDES = {f"{name}_amplitudes_{end}" for name in TRUE for end in ("low", "high")}
 OF_SINES = OF_AMPLITUDES | {"amplitude_deg", "commanded_deg", "K_change", "B_change"}
-OF_PERIODS = {"even_harmonics", "odd_harmonics", *(f"{name}_repeat_se" for name in TRUE)}  # and of sines
+OF_PERIODS = {"K_drift", *(f"{name}_repeat_se" for name in TRUE)}  # and of sines
 
 
 def test_every_motion_has_the_same_columns_and_leaves_none_empty_but_those_that_are_named_here():
@@ -97,7 +88,7 @@ def test_every_motion_has_the_same_columns_and_leaves_none_empty_but_those_that_
         table = impedance_table(rendered_impedance(moving_record(made_trial(rng, move(rng)))))
         assert table.schema == sines.schema
         own = {column for column in table.columns if table[column].is_null().all()}
-        assert own - empty == (OF_SINES if name == "multisine" else OF_SINES | OF_PERIODS)
+        assert own - empty - {"path_shift", "heard"} == (OF_SINES if name == "multisine" else OF_SINES | OF_PERIODS)
         of_motion = {"period_s", "periods", "realisations"} if name == "multisine" else {"reflex_p"}
         assert empty - own == {"torque_at_peaks", "alias_share"} | of_motion
 
@@ -117,7 +108,6 @@ def test_any_motion_gives_the_impedance_that_made_the_torque_wherever_the_zero_o
         assert row["periods"] >= 4
         assert row["period_s"] == pytest.approx(6.0, rel=1e-5)
         assert row["K_repeat_se"] < row["K_se"] * (1 + 1e-9)  # equal, but for rounding, where nothing is missed
-        assert row["odd_harmonics"] < 0.01
     assert row["load_cell_drift"] == pytest.approx(0.06, abs=0.02)  # N*m/min, as 1e-3 N*m/s
     assert row["VAF_held_out"] > 99.9
     assert row["band_low_hz"] < 1.2
@@ -166,20 +156,7 @@ def test_a_motion_of_too_narrow_a_band_or_size_is_refused_with_what_is_missing(m
     assert abs(row["K"]) < 3 * row["K_se"], "a joint without stiffness has none to tell"
 
 
-@pytest.mark.parametrize(("late", "highest_hz"), [(2e-4, 10.0), (-2e-4, 10.0), (5e-3, 6.0), (-5.5e-3, 6.0)])
-def test_a_lag_between_the_channels_is_found_with_its_shares_of_damping_and_inertia(late, highest_hz):
-    """Beyond a fifth of a radian it is told where it is certain."""
-    row = row_of(made_trial(rng := np.random.default_rng(6), noise(rng, (0.5, highest_hz), duration=40.0), late=late))
-    assert row["lag_s"] == pytest.approx(late, abs=5 * row["lag_se_s"])
-    if abs(late) > 1e-3:
-        assert row["lag_inertia_share"] > 0.1
-    else:
-        assert row["lag_se_s"] < 3e-5
-        assert row["lag_inertia_share"] == pytest.approx(2e-4 * 5 / 0.02, rel=0.35)
-        assert row["lag_share"] == pytest.approx(2e-4 * 300 / 5, rel=0.35)
-
-
-def test_the_lag_of_a_leg_is_found_beside_the_higher_dynamics_of_its_linear_model():
+def test_what_the_gains_should_give_is_what_the_torque_of_the_linear_model_gives():
     """Torque of the linear drivetrain by its admittance at each line, and K, B and I of the joint beside it."""
     rng, p = np.random.default_rng(5), read_parameters(ROOT / "config/parameters/default.yaml")
     gains = (asked := DesiredImpedance("uncompensated", 300.0, 5.0)).gains(p, PAPER_WEIGHT)
@@ -190,11 +167,6 @@ def test_the_lag_of_a_leg_is_found_beside_the_higher_dynamics_of_its_linear_mode
     s[0] = 1e-9j
     torque, late = (np.fft.irfft(spectrum / expected(s) * np.exp(-s * d), len(theta)) for d in (0.0, 3e-4))
     record = moving_record(trial := made_trial(rng, motion, K=0.0, B=0.0, I=0.0, more=late))
-    found, _ = faults_in(record, expected)
-    assert found.found
-    assert found.size == pytest.approx(3e-4, abs=4 * found.se + 2e-5)
-    assert found.se < 8e-5
-    assert not (alone := faults_in(record)[0]) or not alone.found
     table = judged_impedance(record, saturated(trial), p, asked, PAPER_WEIGHT)[1]
     on_time = row_of(made_trial(rng, motion, K=0.0, B=0.0, I=0.0, more=torque))
     assert table.select("K_predicted", "B_predicted").row(0) == pytest.approx((on_time["K"], on_time["B"]), rel=3e-3)
@@ -309,9 +281,8 @@ def test_a_multisine_that_stops_in_the_middle_of_a_period_tells_its_lag_by_whole
     motion = time[ends], tuple(one[ends] for one in (theta, omega, alpha))
     row = row_of(made_trial(rng, motion, bits=14, late=2e-3))
     assert (row["excitation"], row["periods"]) == ("periodic", 4)
-    assert row["lag_s"] == pytest.approx(2e-3, abs=4 * row["lag_se_s"])
-    assert row["lag_se_s"] < 2e-4
-    assert row["lag_inertia_share"] > 0.3
+    assert row["path_shift"] > 10
+    assert row["B_without_low"] < 5 < row["B_without_high"]
 
 
 def test_an_angle_of_constant_acceleration_without_noise_has_no_period_and_is_no_fault():
@@ -544,16 +515,14 @@ def test_clocks_that_drift_apart_are_seen_at_any_rate_in_periods_or_beside_frict
         row_of(two_devices(trial, ppm, every))
 
 
-def test_clocks_of_two_devices_do_not_drift_or_are_said_to_be_unchecked_where_the_joint_hides_it():
+def test_clocks_of_two_devices_do_not_drift_whatever_the_joint_is():
     motion = noise(np.random.default_rng(6), rate=500.0)
     torques = (odd * np.sin(80 * motion[1][0]) for odd in (0.0, 3.0))
     quiet, hidden = (two_devices(made_trial(np.random.default_rng(6), motion, more=x), 0.0, 2) for x in torques)
     row = row_of(quiet)
     assert row["certain_clock_drift_ppm"] == 0
-    assert abs(row["lag_s"] - 1e-3) < 4 * row["lag_se_s"]
-    table = judged_impedance(moving_record(hidden), saturated(hidden), None, None)[1]
-    assert table["clock_drift_ppm"][0] is None
-    assert "whether the clocks of angle and torque drift apart" in causes_not_checked(table)
+    assert "delay" in row["rivals"].split(", ")
+    assert row_of(hidden)["certain_clock_drift_ppm"] == 0
 
 
 def test_repeats_of_one_motion_are_averaged_and_other_motions_kept_apart():
@@ -681,57 +650,13 @@ def doubts_of(row):
 
 @pytest.mark.parametrize("name", MOTIONS)
 @pytest.mark.parametrize("share", [-0.04, 0.02])
-def test_a_change_of_the_stiffness_has_its_size_in_any_motion_and_is_doubtful(name, share):
-    """From the first to the last fitted row, of a multisine of whole periods; the bound of noise is 0.25 % of K."""
+def test_a_change_of_the_stiffness_is_told_in_any_motion_with_k_before_and_after_it(name, share):
     motion = MOTIONS[name](np.random.default_rng(3))
     trial = made_trial(np.random.default_rng(1), motion, torque_noise=0.02, more=changing(motion, share))
     row = row_of(trial, excitation="any")
-    assert row["K_drift"] == pytest.approx(share * row["fitted_s"] / 30.0 / (1 + share / 2), abs=0.004)
-    assert abs(row["K_drift"]) < abs(share)
-    assert "stiffness that changes" in doubts_of(row)
-
-
-def test_sound_joints_show_no_change_and_the_smaller_of_two_lags_that_explain_the_torque():
-    """The bound is passed by one in 500: 36 trials of three motions, late ones among them. B/K (1.5 -+ sqrt(2.25 - 6 K
-    I/B^2)) is 10 ms for this joint; noise hides which one leaves less."""
-    for made, short in ((multisine, {"periods": 2}), (noise, {"duration": 12.0}), (chirp, {"duration": 12.0})):
-        for seed, late in product(range(6), (0.0, 1e-3)):
-            motion = made(np.random.default_rng(seed), **short)
-            lag, drift = faults_in(moving_record(made_trial(np.random.default_rng(seed), motion, late=late)))
-            assert lag is None or abs(lag.size - late) < 1e-3
-            assert drift is None or not drift.found
-
-
-@pytest.mark.parametrize("made", [multisine, noise, chirp])
-def test_a_lag_beside_friction_has_its_size(made):
-    """The friction is late with the torque. Taken for prompt, it passed for a belt's hysteresis, and 2 ms for 2.6."""
-    motion = made(rng := np.random.default_rng(3), rate=500.0)
-    trial = made_trial(rng, motion, more=0.2 * np.tanh(motion[1][1] / 0.003), late=2e-3)
-    lag, _ = faults_in(moving_record(trial))
-    assert (lag.found, lag.size) == (True, pytest.approx(2e-3, abs=3e-4))
-
-
-def test_beside_friction_a_change_is_told_and_where_nothing_explains_the_rest_it_is_said_not_to_be_known():
-    for made, explained in ((chirp, True), (noise, True), (chirp, False)):
-        motion = made(rng := np.random.default_rng(3))
-        more = 0.5 * np.tanh(motion[1][1] / 0.02) if explained else np.sin(300 * motion[1][0])
-        trial = made_trial(rng, motion, more=more + changing(motion, -0.04))
-        table = judged_impedance(moving_record(trial), saturated(trial), None, None)[1]
-        row, causes = table.row(0, named=True), causes_not_checked(table)
-        assert ("whether K changes while it is recorded" in causes) == (not explained)
-        if explained:
-            assert row["K_drift"] == pytest.approx(-0.04, abs=0.015)
-        else:
-            assert row["K_drift"] is row["drift_inertia_share"] is None
-            assert "K against the belt's K_s" in causes
-
-
-def test_a_stiffness_that_grows_with_the_frequency_is_no_change_in_a_sweep():
-    """A spring behind a damper: beside it the sweep cannot tell, rather than see K rise."""
-    motion, slow = chirp(rng := np.random.default_rng(5)), np.exp(-2 * np.pi * 2.0 / RATE)
-    follows = motion[1][0] - lfilter([1 - slow], [1, -slow], motion[1][0])
-    _, drift = faults_in(moving_record(made_trial(rng, motion, more=60 * follows)))
-    assert drift is None or not drift.found
+    assert row["K_without_low"] < min(300, 300 * (1 + share)) * 1.002
+    assert row["K_without_high"] > max(300, 300 * (1 + share)) * 0.998
+    assert "change over time" in doubts_of(row)
 
 
 def test_a_motion_by_hand_and_a_sweep_beyond_the_filter_are_no_binary_sequence():

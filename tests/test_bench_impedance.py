@@ -10,19 +10,16 @@ from bench_synthetic import (
     FIVE,
     PROTOCOL,
     RATE,
-    impedance_torque,
-    record_of_sines,
     second_order,
     sine_settings,
     stepped_sine,
 )
 from conftest import ROOT, marked, multisine
 from scipy.ndimage import shift
-from scipy.signal import butter, sosfilt
 from scipy.stats import t as student
 
 from osl_analysis.bench.analysis import analysed
-from osl_analysis.bench.effects import IMPEDANCE, Fault, causes, lag_of, linear_torque, plain_sums, sums_of
+from osl_analysis.bench.effects import IMPEDANCE, Fault, plain_sums
 from osl_analysis.bench.impedance import DesiredImpedance, judged_impedance, lag_row
 from osl_analysis.bench.model_comparison import (
     BELT_MODELS,
@@ -51,7 +48,6 @@ from osl_analysis.figures.impedance import draw_fig4
 from osl_analysis.judge.limits import DoubtfulFits, Limits
 from osl_analysis.judge.unchecked import LATENESS, unchecked_in
 from osl_analysis.model.compensator import PAPER_WEIGHT, Weight, select_gains
-from osl_analysis.model.drivetrain import joint_admittance
 from osl_analysis.model.parameters import read_parameters
 from osl_analysis.protocol.stepped_sine import unit_sines
 from osl_analysis.signals import LowPass, filtered_motion
@@ -190,85 +186,28 @@ def late(torque, by):
 
 def test_a_torque_in_time_is_not_doubtful_and_its_lag_counts_as_checked():
     table = judged(second_order)
-    assert table["certain_lag_damping"].to_list() == table["lag_inertia_share"].to_list() == [0.0] * 3
+    assert table["path_shift"].to_list() == [0.0] * 3
     assert table["doubtful"].to_list() == [""] * 3
     assert "whether K is what the gains should give" in table["not_checked"][-1]
     assert LATENESS not in table["not_checked"][-1]
 
 
-@pytest.mark.parametrize(("lag", "friction"), [(2e-3, 0.0), (5e-4, 0.0), (-5e-4, 0.0), (5e-4, 0.3), (-5e-4, 0.3)])
-def test_a_lag_is_doubtful_with_its_sign_beside_friction_and_what_it_makes_of_b_and_i(lag, friction):
-    """Without a parameter file. Shares are of first order."""
-
-    def torque(m):
-        return late(second_order(m) + friction * np.tanh(m.omega / 0.01), lag)
-
-    *_, row = judged(torque).to_dicts()
-    assert row["lag_s"] == pytest.approx(lag, abs=4 * row["lag_se_s"] + 5e-5)
-    assert row["lag_inertia_share"] == pytest.approx(abs(4 * lag) / 0.05, rel=0.35)
-    assert friction or row["lag_share"] == pytest.approx(abs(4 - row["B"]) / row["B"], rel=0.25)
-    assert (row["frame_stiffness"] is None) == (lag < 0)
-    assert row["doubtful"].startswith("late torque")
-
-
-@pytest.mark.parametrize("noise", [1e-3, 0.05, 0.5])
-@pytest.mark.parametrize("known", [False, True])
-def test_what_a_drivetrain_leaves_is_taken_for_a_lag_only_if_noise_hides_the_rest_and_gains_are_unknown(noise, known):
-    """It would be one of 15 ms. With much noise nothing else is left of it: both are named then."""
-    joint = joint_admittance(GAINS.K_1, GAINS.B_1, P, P.J_j)
-    plain = stepped_sine(lambda m: 0 * m.theta, noise, FIVE)
-    record = record_of_sines(plain.time, plain.theta, linear_torque(plain, joint) + plain.torque, FIVE)
-    s = sums_of(record, IMPEDANCE, joint if known else None)
-    found = lag_of(record, s, IMPEDANCE, causes(record, s, IMPEDANCE))
-    assert (found is not None and found.found) == (noise > 0.01 and not known)
-
-
-@pytest.mark.parametrize(
-    ("lag", "seed"), [(-5e-3, 1), (4e-3, 1), (5e-3, 1), (10e-3, 1), (10e-3, 2), (10e-3, 9), (15e-3, 1)]
-)
-def test_a_lag_is_told_from_its_mirror_image_and_where_its_jerk_vanishes(lag, seed):
-    """Beyond a fifth of a radian it may be a drivetrain. At 10 ms Eq. 15 leaves nothing, but an I of -0.015: by chance
-    the image at 0 even leaves less, and the one of a possible joint counts."""
-    *_, row = judged(lambda m: late(impedance_torque(300, 5, 0.02, m), lag), FIVE, 0.05, seed).to_dicts()
-    assert row["lag_s"] == pytest.approx(lag, abs=4 * row["lag_se_s"])
-    assert row["lag_se_s"] < 1.5e-4
-    causes_of = {-5e-3: "late torque", 10e-3: "late torque or drivetrain", 15e-3: "late torque or drivetrain"}
-    assert row["doubtful"].split("; ")[0] == causes_of.get(lag, "late torque or yielding bench")
-    assert f"lag_s {row['lag_s']:.3g}" in row["explained_by"].split(", ")
-
-
-@pytest.mark.parametrize(("cutoff_hz", "before", "behind"), [(30, 0.05, 0.0), (20, 0.0, 0.005)])
-def test_a_load_cell_behind_a_low_pass_is_late_and_not_its_encoder(cutoff_hz, before, behind):
-    """The low-pass takes off noise by which noise is known. At 20 Hz a delay would have to be of the angle."""
-    low_pass = butter(1, cutoff_hz, fs=RATE, output="sos")
-    plain = stepped_sine(lambda m: impedance_torque(300, 5, 0.02, m), before, FIVE)
-    torque = sosfilt(low_pass, plain.torque) + behind * np.random.default_rng(1).standard_normal(len(plain.time))
-    record = record_of_sines(plain.time, plain.theta, torque, FIVE)
-    s = sums_of(record, IMPEDANCE)
-    found = lag_of(record, s, IMPEDANCE, causes(record, s, IMPEDANCE))
-    assert found.found
-    assert found.size > 1e-3
-
-
-def test_a_lag_that_is_not_certain_but_may_change_the_inertia_by_a_tenth_is_said_not_to_be_checked():
+def test_a_lag_by_the_belt_makes_shares_of_b_and_i_if_it_is_certain():
     fit = {"K": 300.0, "B": 5.0, "I": 0.02}
-    row = lag_row(Fault(3e-4, 2e-4, False, 7e-4), fit, None)
-    assert row["certain_lag_damping"] == 0
-    assert row["lag_share"] is row["lag_inertia_share"] is row["frame_stiffness"] is None
-    assert lag_row(Fault(3e-5, 2e-5, False, 7e-5), fit, None)["lag_inertia_share"] == 0
-    assert lag_row(Fault(1e-3, 1e-3, False, 2e-3), fit | {"B": -0.5}, None)["lag_inertia_share"] is None
-    found = lag_row(Fault(-2e-3, 1e-5, True, 2e-3), fit, 4e3)
-    shares = found["lag_share"], found["lag_inertia_share"], found["certain_lag_damping"], found["frame_stiffness"]
-    assert shares == pytest.approx((0.12, (5 - 0.6) * 2e-3 / np.hypot(0.02, 5e-3), 0.6, 4e3))
+    row = lag_row(Fault(3e-4, 2e-4, False, 7e-4), fit)
+    assert row["certain_lag_damping"] == row["lag_share"] == row["lag_inertia_share"] == 0
+    found = lag_row(Fault(-2e-3, 1e-5, True, 2e-3), fit)
+    shares = found["lag_share"], found["lag_inertia_share"], found["certain_lag_damping"]
+    assert shares == pytest.approx((0.12, (5 - 0.6) * 2e-3 / np.hypot(0.02, 5e-3), 0.6))
 
 
 def test_whether_the_torque_is_late_is_said_in_the_rows_that_cannot_tell_and_in_no_other():
-    told = {"lag_inertia_share": 0.13, "K_drift": 0.0, "clock_drift_ppm": None, "controller": "compensated"}
+    told = {"path_shift": 0.0, "lag_s": None, "K_drift": 0.0, "clock_drift_ppm": None, "controller": "compensated"}
     told |= {"K_over_K_s": 0.4, "K_predicted": 300.0}
     gains = ["whether K is what the gains should give", "whether the bench's frame yields"]
     for changes, expected in (
-        ({}, []), ({"lag_inertia_share": None}, [LATENESS]), ({"K_predicted": None}, gains),
-        ({"K_predicted": None, "lag_inertia_share": None}, [*gains, LATENESS]),
+        ({}, []), ({"path_shift": None}, [LATENESS]), ({"K_predicted": None}, gains),
+        ({"K_predicted": None, "path_shift": None}, [*gains, LATENESS]), ({"path_shift": None, "lag_s": 0.0}, []),
         ({"K_over_K_s": None}, ["K against the belt's K_s"]),
     ):  # fmt: skip
         assert [one.cause for one in unchecked_in("impedance", told | changes)] == expected

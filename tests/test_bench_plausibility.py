@@ -95,7 +95,7 @@ KNOWN = DesiredImpedance("compensated", 200, 4)
 ])  # fmt: skip
 def test_what_cannot_be_is_refused_with_its_cause(experiment, changes, words):
     with pytest.raises(InputError, match=words):
-        judged(experiment, changed(experiment, **changes))
+        judged(experiment, changed(experiment, **changes), asked=KNOWN if experiment == "impedance" else None)
 
 
 def test_the_weight_of_a_foot_is_a_column_of_the_transmission_and_a_doubt_about_its_inertia():
@@ -141,7 +141,7 @@ RUBBED = {"torque": lambda x: x + 0.3558 * 0.452 * np.gradient(driven(losses)["t
     *(("actuator", {"current": factor}, "another unit", "k_tau_n_m_ratio", side)
       for factor, side in ((1.5**0.5, "near"), (1.5**-0.5, "near"), (2**0.5, "below"), (3**-0.5, "above"))),
     ("actuator", {"torque_m": 1.3558}, "another unit", "k_tau_n_m_ratio", "above"),
-    ("impedance", {"torque": 0.01}, "unlikely size", "K_over_K_s", "below"),
+    ("impedance", {"torque": 0.01}, "unlikely size", "K_ratio", "below"),
     ("impedance", {"torque": clipped}, "clipped signal", "saturated_samples", "above"),
     ("actuator", {"torque_m": clipped}, "clipped signal", "saturated_samples", "above"),
     ("actuator", {"current": clipped}, "clipped signal", "saturated_samples", "above"),
@@ -151,7 +151,7 @@ RUBBED = {"torque": lambda x: x + 0.3558 * 0.452 * np.gradient(driven(losses)["t
 ])  # fmt: skip
 def test_what_is_not_likely_is_doubtful_with_its_cause(experiment, changes, cause, column, side, monkeypatch):
     monkeypatch.setattr("osl_analysis.bench.components.FEWEST_MOVING_S", 0.1)
-    row = judged(experiment, changed(experiment, **changes))
+    row = judged(experiment, changed(experiment, **changes), asked=KNOWN if experiment == "impedance" else None)
     (finding,) = (one for one in row["findings"] if column in beyond_in([one]))
     assert (finding.cause, row["beyond"][column]) == (cause, side)
 
@@ -231,7 +231,8 @@ def test_a_torque_beyond_the_load_cell_s_range_or_a_bench_that_is_softer_is_refu
             judged("impedance", changed("impedance", torque=torque), stated)
     with pytest.raises(InputError, match=r"theta turns by \+-2 rad"):
         check_recording(Trial("a", pl.DataFrame({"time": [0.0, 1.0, 2.0], "theta": [np.nan, -2.0, 2.0]})), BENCH)
-    rows = pl.DataFrame({"trial": "a", "amplitude_deg": [4.0, 2.0, None], "K": [200.0, 100.0, 150.0], "K_high": 1.0})
+    rows = pl.DataFrame({"trial": "a", "amplitude_deg": [4.0, 2.0, None], "K": [200.0, 100.0, 150.0]})
+    rows = rows.with_columns(K_high=1.0, B_low=1.0, I_high=1.0)
     assert set(plausible_impedance(rows, pl.lit(0), None, 400.0)["K_ratio"]) == {0.5}, "of the largest amplitude"
     assert abs(judged("impedance", driven(lambda m: second_order(m) - 200.002 * m.theta))["K"]) < 0.2
 

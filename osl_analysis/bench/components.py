@@ -15,10 +15,10 @@ from osl_analysis.bench import effects
 from osl_analysis.bench.analysis import Analysis, analysed, check_stiffer, friction_rows, torque_errors, widened
 from osl_analysis.bench.effects import TRANSMISSION, Model
 from osl_analysis.bench.gram import GroupFit, fit_groups, gram_sums
-from osl_analysis.bench.phasors import harmonic_shares, phasors_of_record
 from osl_analysis.bench.plausible import check_changes
 from osl_analysis.bench.record import Groups, Label, Record, Stratum, joint_angle, stretches_of
 from osl_analysis.bench.settings import ActuatorAnalysis, BeltAnalysis
+from osl_analysis.bench.witness import witness_row
 from osl_analysis.errors import InputError, naming
 from osl_analysis.model.drivetrain import belt_deflection
 from osl_analysis.model.parameters import DrivetrainParameters
@@ -258,18 +258,17 @@ def transmission_of(record: Record) -> Analysis:
 def transmission_table(analysis: Analysis) -> pl.DataFrame:
     """The trial's rows of `transmission.csv`: one per amplitude [deg], and one for all of them (amplitude null).
 
-    A late torque takes B_j times the lag off J_j, and leaves a third derivative of the angle, by which it is found.
+    A late torque takes B_j times the lag off J_j, and leaves a third derivative of the angle, by which it is heard.
     """
     record, s = analysis.record, effects.sums_of(analysis.record, TRANSMISSION)
-    phasors, found = phasors_of_record(record), effects.causes(record, s, TRANSMISSION)
-    clocks, rows = effects.clocks_row(record, s, TRANSMISSION, found), list[Row]()
-    lag = effects.lag_of(record, s, TRANSMISSION, found)
+    facts = {name: x for name, x in effects.repeats_row(record, s, TRANSMISSION).items() if name != "K_drift"}
+    facts |= witness_row(record, LOSSES)
+    rows = list[Row]()
     certain = friction_rows(s, analysis)  # its T_C counts how sharply friction turns its sign
     for label, fit in analysis.fits.items():
         friction = analysis.calibrated(effects.with_effects(s, TRANSMISSION, ("T_C",), label), label)
         weight = effects.with_effects(s, TRANSMISSION, ("weight",), label)
         taken = 1 - fit["J_j"] / weight["J_j"] if weight.certain("weight", effects.FALSE_ALARM) else 0.0
-        even, odd = harmonic_shares(phasors, label, (0.0, fit["B_j"], fit["J_j"]))
         rows.append(
             {
                 **analysis.row(label, *LOSSES),
@@ -280,27 +279,13 @@ def transmission_table(analysis: Analysis) -> pl.DataFrame:
                 "weight_share": taken,
                 "B_j_coulomb": friction["B_j"],
                 "VAF_coulomb": friction.vaf,
-                "even_harmonics": even,
-                "odd_harmonics": odd,
                 **analysis.shared(label, *LOSSES),
                 **{name: x for name, x in certain[label].items() if x is not None or not name.startswith("T_C")},
-                **clocks,
-                **lateness_of(lag, fit),
+                **facts,
             }
         )
-    table = pl.DataFrame(rows, infer_schema_length=None)
+    table = pl.DataFrame(rows, infer_schema_length=None, schema_overrides=dict.fromkeys(("heard", "rivals"), pl.String))
     return table.with_columns(pl.col(pl.Null).cast(pl.Float64))
-
-
-def lateness_of(lag: effects.Fault | None, fit: GroupFit) -> Row:
-    """Lag of the torque, and the share of J_j that it makes: 0 of one that was not found, null where a tenth may be."""
-    per_J_j, share = fit["B_j"] / abs(fit["J_j"]), None
-    if lag is not None and lag.found:
-        share = abs(lag.size) * per_J_j
-    elif lag is not None and lag.possible * per_J_j < 0.1:
-        share = 0.0
-    size, se = (lag.size, lag.se) if lag else (None, None)
-    return {"lag_s": size, "lag_se_s": se, "lag_inertia_share": share}
 
 
 ACTUATOR_ALONE: Model = {**{name: name for name in ACTUATOR_PARAMETERS}, "offset": "one", "drift": "drift"}

@@ -11,7 +11,7 @@ repeatability alone: the spread of groups that repeat one another.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -21,7 +21,6 @@ from numpy.typing import ArrayLike, NDArray
 from osl_analysis.bench.record import Groups, Label, Record
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.measured import check_measured, rounding_of
-from osl_analysis.signals import seven_point_motion
 from osl_analysis.stats import regression
 from osl_analysis.stats.covariance import between_cycles, products_between, welch_satterthwaite
 from osl_analysis.stats.regression import CONDITION_LIMIT, LinearFit
@@ -30,7 +29,6 @@ from osl_analysis.trial import Array
 FEWEST_UNITS = 4  # strata from which on these are the units that are left out; below, each group is one
 FEWEST_GROUPS = 8  # groups that do not repeat from whose scores an interval comes
 NEXT = {"theta": "omega", "omega": "alpha", "alpha": "jerk", "jerk": "snap"}  # derivatives; of others NAME_rate
-SPACING = 5e-3  # at most between delays that are tried [s]; Gauss and Newton's steps go as far to each side
 EFFECTS_LIMIT = 1e5  # largest scaled condition number of a fit with effects, whose columns are alike at times
 BY_UNITS, BY_REPEATS = "units", "repeats"
 """Source of an interval: units that were left out, with the noise; repeats, of too few units."""
@@ -50,8 +48,6 @@ class Sums:
     columns: Mapping[str, Array]  # the columns (n,) themselves
     torques: Array  # the filtered and the raw torque (2, n) [N*m]
     independent: float = 1.0  # rows after which noise behind the filter is independent
-    late: float = 0.0  # lag [s] that was taken off the torque
-    noise_gain: float = 1.0  # power of the torque's noise over that of the measured one, beyond 1 without a low-pass
     rounding: tuple[float, float] = (0.0, 0.0)  # variances of the rounding of angle and torque, `Record.rounding`
     no_estimates: frozenset[str] = frozenset()  # columns that are like one another, whose sizes nobody asks for
 
@@ -101,61 +97,6 @@ class Sums:
         found = np.zeros((q + 2, p + 2))
         found[:q, :p], found[q:, p:] = columns, np.eye(2)
         return found
-
-    @cached_property
-    def restored(self) -> "Restored":
-        """The torque before it came late, by each of the delays [s] and low-passes of first order (100 to 12 Hz) that
-        are tried: about these the series in the lag is short. A delay is a shift by whole rows, a low-pass is undone by
-        the derivative. The record is continued by its mirror image."""
-        n, q, spacing = self.torques.shape[1], self.torque, max(int(SPACING * self.rate_hz + 1e-6), 1)
-        shifts = np.arange(-int(16e-3 * self.rate_hz) // spacing, int(20e-3 * self.rate_hz) // spacing + 1) * spacing
-        own_raw = not np.array_equal(*self.torques)  # where rows are left out, the raw torque is the filtered one
-        Y = []
-        for torque in self.torques if own_raw else self.torques[:1]:
-            both_ways = np.pad(torque, abs(shifts).max(), mode="symmetric")
-            Y += [both_ways[abs(shifts).max() + shift :][:n] for shift in shifts.tolist()]
-            Y.append(seven_point_motion(np.arange(n) / self.rate_hz, torque, self.rate_hz).omega)
-        Z = np.array([*self.columns.values(), *Y]).T
-        gram = np.zeros((len(self.gram), q + len(Y), q + len(Y)))
-        gram[:, :q, :q] = self.gram[:, :q, :q]
-        gram[:, :, q:] = products_between(Z, Z[:, q:], self.groups.first, self.groups.stop)
-        gram[:, q:, :q] = np.swapaxes(gram[:, :q, q:], 1, 2)
-        band_hz, here = self.rate_hz / (2 * self.independent), int(np.flatnonzero(shifts == 0)[0])
-        weights = [(shift / self.rate_hz, 1.0, {k: 1.0}) for k, shift in enumerate(shifts.tolist())]
-        for d in (1.5e-3, 2.5e-3, 4e-3, 6e-3, 9e-3, 13e-3):
-            weights.append((d, 1 + (2 * np.pi * d * band_hz) ** 2 / 3, {here: 1.0, len(shifts): d}))
-        turns = np.zeros((len(weights), q + len(Y), q + 2))
-        turns[:, :q, :q] = np.eye(q)
-        for turn, (_, _, parts) in zip(turns, weights, strict=True):
-            for k, weight in parts.items():
-                turn[q + k, q] = turn[len(Y) - len(Y) // (1 + own_raw) + q + k, q + 1] = weight
-        late, noise_gain = np.array([way[:2] for way in weights]).T
-        return Restored(self, gram, turns, late, noise_gain)
-
-
-@dataclass(frozen=True)
-class Restored:
-    """The torque of some sums before it came late, each way (w) that is tried."""
-
-    sums: Sums
-    gram: Array  # products (m, c, c) of the columns and of the torques that ways are made of
-    turns: Array  # both torques of each way as combinations of these, (w, c, q + 2)
-    late: Array  # lag [s] that each way takes off, (w,)
-    noise_gain: Array  # (w,), as in `Sums`; 1 for a delay
-    made: dict[int, Sums] = field(default_factory=dict)
-
-    def totals(self, keep: "Label | NDArray[np.bool_]") -> Array:
-        """Products (w, q + 2, q + 2) of each way, over some groups."""
-        total = replace(self.sums, gram=self.gram).over(keep)
-        return np.asarray(np.swapaxes(self.turns, 1, 2) @ total @ self.turns)
-
-    def by(self, way: int) -> Sums:
-        """The sums of one way."""
-        if way not in self.made:
-            gram = self.turns[way].T @ self.gram @ self.turns[way]
-            late, noise_gain = float(self.late[way]), float(self.noise_gain[way])
-            self.made[way] = replace(self.sums, gram=gram, late=late, noise_gain=noise_gain)
-        return self.made[way]
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,6 @@ from osl_analysis.bench.analysis import Analysis, fitted_motion, turn_deg, witho
 from osl_analysis.bench.effects import columns_of
 from osl_analysis.bench.gram import held_out_vaf
 from osl_analysis.bench.impedance import (
-    HIDDEN,
     QUANTITIES,
     alias_share,
     angle_noise_bias,
@@ -33,6 +32,7 @@ from osl_analysis.bench.reflex import (
     without_will,
 )
 from osl_analysis.bench.settings import HumanJoint, HumanJointAnalysis
+from osl_analysis.bench.witness import HIDDEN
 from osl_analysis.errors import InputError
 from osl_analysis.protocol.stepped_sine import Likeness
 from osl_analysis.signals import LowPass, seven_point_motion
@@ -88,9 +88,7 @@ def lag_of_person(person: Reflexive) -> effects.Fault | None:
     try:
         for _ in range(5):  # from 2 ms on; the series in the lag is short about 0
             earlier = replace(quick, filtered_torque=np.interp(quick.time + lag, quick.time, quick.filtered_torque))
-            fit = effects.near_lag(
-                gram.gram_sums(earlier, columns, list(columns), centre, frozenset(beside)), model, 0.0
-            )
+            fit = effects.near_lag(gram.gram_sums(earlier, columns, list(columns), centre, frozenset(beside)), model)
             lag += fit["lag_s"]
     except effects.CANNOT_TELL:
         return None

@@ -2,7 +2,7 @@
 should give, and what judges the estimates.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,25 +20,24 @@ from osl_analysis.bench.analysis import (
     widened,
     without_lag,
 )
-from osl_analysis.bench.effects import IMPEDANCE, Causes, Fault
+from osl_analysis.bench.effects import IMPEDANCE, Fault
 from osl_analysis.bench.gram import FEWEST_UNITS, GroupFit, Sums, combined, estimates_of, solved
-from osl_analysis.bench.phasors import SegmentPhasors, harmonic_shares, phasors_of_record
+from osl_analysis.bench.phasors import SegmentPhasors, phasors_of_record
 from osl_analysis.bench.plausible import check_resists, plausible_impedance
 from osl_analysis.bench.record import Label, Record
 from osl_analysis.bench.reflex import unstated_reflex_row
+from osl_analysis.bench.witness import witness_row
 from osl_analysis.errors import InputError, nearest
 from osl_analysis.measured import usual_size
 from osl_analysis.model.compensator import CONTROLLERS, Gains, Weight, select_gains
 from osl_analysis.model.drivetrain import joint_admittance
 from osl_analysis.model.parameters import DrivetrainParameters
 from osl_analysis.spectral.periods import distinct
-from osl_analysis.spectral.response import periodic_response
 from osl_analysis.stats.fit_row import Row, estimates_row, lag_damping_row
 from osl_analysis.stats.repeats import counted, doubtful_row, summary_row
 from osl_analysis.trial import Array
 
 QUANTITIES = ("K", "B", "I")  # parameters of Eq. 15
-HIDDEN = 0.1  # share of I, or of B, by an effect that was not found, from which it is not known whether there is one
 LITTLE = {"K": 0.0, "B": 2.0, "I": 5e-3}
 """Sizes of K, B [N*m*s/rad] and I [kg*m^2] below which their shares say little; added in quadrature to what a share is
 taken of."""
@@ -84,7 +83,6 @@ class Rendered:
     analysis: Analysis
     phasors: Sequence[SegmentPhasors]  # none where no sines moved the joint
     sums: Sums  # with the columns of all effects
-    found: Causes
 
     @property
     def record(self) -> Record:
@@ -96,7 +94,7 @@ def rendered_impedance(record: Record, expected: effects.Admittance | None = Non
     `fitted_motion`."""
     analysis = fitted_motion(record, effects.plain_sums(record, IMPEDANCE), IMPEDANCE)
     s = effects.sums_of(record, IMPEDANCE, expected)
-    return Rendered(analysis, phasors_of_record(record), s, effects.causes(record, s, IMPEDANCE))
+    return Rendered(analysis, phasors_of_record(record), s)
 
 
 def alias_share(record: Record, fit: GroupFit) -> float:
@@ -158,15 +156,15 @@ def impedance_table(rendered: Rendered, p: DrivetrainParameters | None = None) -
     of a motion that is no stepped sine one row. What moved the joint is the same in every row: estimates of a device
     that is no second-order system depend on band and weights. With the parameters of the device and theta_m the belt
     shows a lag, which what Eq. 15 misses of a drivetrain would hide."""
-    analysis, record, s, found = rendered.analysis, rendered.record, rendered.sums, rendered.found
-    change, belt = effects.stiffness_change(s, IMPEDANCE, found), effects.belt_of_leg(record, p)
-    by_belt = belt.torque if belt else None
-    lag = by_belt or effects.lag_of(record, s, IMPEDANCE, found)
-    clocks = effects.clocks_row(record, s, IMPEDANCE, found)
-    frame = effects.frame_stiffness(s, IMPEDANCE, found) if lag and lag.found and not by_belt else None
+    analysis, record, s = rendered.analysis, rendered.record, rendered.sums
+    belt, repeats = effects.belt_of_leg(record, p), effects.repeats_row(record, s, IMPEDANCE)
+    lag = belt.torque if belt else None
     friction, rows = friction_rows(s, analysis), list[Row]()
-    facts = motion_row(record) | belt_row(belt, p) | explained_row(found, {"lag_s": lag, "K_change": change})
-    facts |= {"lag_by": "theta_m" if by_belt else "Eq. 15" if lag else None, **unstated_reflex_row(record)}
+    facts = motion_row(record) | belt_row(belt, p) | repeats | witness_row(record, is_leg=belt is not None)
+    facts |= {"lag_by": "theta_m" if lag else None, **unstated_reflex_row(record)}
+    if facts["reflex_p"] is not None and belt is None and facts["heard"] is None:
+        facts |= {name: None for name in facts if name.endswith("with_reflex") or "_with_reflex_" in name}
+        facts["reflex_p"] = 1.0  # a reflex is no part of a joint of second order
     if not record.is_stepped_sine:
         facts |= {
             "torque_at_peaks": torque_at_peaks(analysis, record),
@@ -176,13 +174,10 @@ def impedance_table(rendered: Rendered, p: DrivetrainParameters | None = None) -
         rows.append(
             {
                 **analysis.row(label, *QUANTITIES),
-                **lag_row(lag, fit, frame, np.inf if by_belt else HIDDEN),
-                **harmonic_row(rendered, label),
+                **lag_row(lag, fit),
                 **friction[label],
-                **spring_row(rendered, label),
                 **analysis.shared(label, *QUANTITIES),
-                **change_row(change, s, fit, label),
-                **clocks,
+                "I_bound": fit.interval("I")[1] if belt is None else None,
                 "theta_rms_deg": turn_deg(s, label),
                 "angle_noise_share": abs(angle_noise_bias(record, s, fit, label)) / share_of_inertia(fit),
                 **without_lag(analysis, lag, label),
@@ -191,7 +186,7 @@ def impedance_table(rendered: Rendered, p: DrivetrainParameters | None = None) -
         )
     over = over_amplitudes(analysis)
     rows = [{**row, **dict.fromkeys(over)} for row in rows[:-1]] + [{**rows[-1], **over}]
-    texts = dict.fromkeys(("explained_by", "lag_by"), pl.String)
+    texts = dict.fromkeys(("heard", "rivals", "lag_by"), pl.String)
     table = pl.DataFrame(rows, infer_schema_length=None, schema_overrides=texts)
     return table.with_columns(pl.col(pl.Null).cast(pl.Float64))
 
@@ -227,76 +222,22 @@ def belt_row(belt: effects.Belt | None, p: DrivetrainParameters | None) -> Row:
     return row
 
 
-def explained_row(found: Causes, faults: Mapping[str, Fault | None]) -> Row:
-    """What explains the misfit, the best explanation first, as far as it is no fault that was not found."""
-    sure = {e: found.fit[e] for e in found.chosen if e not in faults or ((fault := faults[e]) and fault.found)}
-    lag = faults["lag_s"]
-    sure |= {"lag_s": lag.size} if lag and lag.found else {}
-    return {"explained_by": ", ".join(f"{effect} {size:.3g}" for effect, size in sure.items()) or None}
-
-
 def share_of_inertia(fit: GroupFit) -> float:
     """I [kg*m^2] of which a share is taken."""
     return float(np.hypot(fit["I"], LITTLE["I"]))
 
 
-def lag_row(lag: Fault | None, fit: GroupFit, frame: float | None, hidden: float = HIDDEN) -> Row:
-    """Lag of the torque, the damping that it makes, and the shares of B and I of one that was found: exp(-s d) takes
-    K d off B, and d times the joint's own B off I. Both shares are null where one that was not found might yet change I
-    by more than the share that may be `hidden`."""
+def lag_row(lag: Fault | None, fit: GroupFit) -> Row:
+    """Lag of the torque behind the angle by the belt of a leg, the damping that it makes, and the shares of B and I of
+    one that was found: exp(-s d) takes K d off B, and d times the joint's own B off I."""
     if lag is None:
-        empty = dict.fromkeys(("lag_share", "lag_inertia_share", "frame_stiffness"))
-        return {**lag_damping_row(None, None, fit["K"]), **empty}
+        return {**lag_damping_row(None, None, fit["K"]), "lag_share": None, "lag_inertia_share": None}
     row: Row = {**lag_damping_row(lag.size, lag.se, fit["K"], 0.0 if lag.found else np.inf)}
-    K, B, inertia = fit["K"], fit["B"], share_of_inertia(fit)
-    if lag.found:
-        row |= {"lag_share": abs(K * lag.size / B), "lag_inertia_share": abs((B + K * lag.size) * lag.size) / inertia}
-        return row | {"frame_stiffness": frame}
-    most = (abs(B) + K * lag.possible) * lag.possible / inertia
-    share = None if most > hidden else 0.0  # of either sign: a large lag has falsified B
-    return row | {"lag_share": share, "lag_inertia_share": share, "frame_stiffness": None}
-
-
-def harmonic_row(rendered: Rendered, label: Label) -> Row:
-    """Even and odd harmonics of the torque, as shares of it: of sines, or of a periodic motion of odd lines."""
-    found, shares = rendered.record.periodic, list[float | None]([None, None])
-    if rendered.phasors:
-        fit = rendered.analysis.fits[label]
-        shares = list(harmonic_shares(rendered.phasors, label, (fit["K"], fit["B"], fit["I"])))
-    elif found is not None:
-        _, band = periodic_response(found.realisations)
-        shares = [float(band[x] / band["torque"]) if np.isfinite(band[x]) else None for x in ("even", "odd")]
-    return dict(zip(("even_harmonics", "odd_harmonics"), shares, strict=True))
-
-
-def spring_row(rendered: Rendered, label: Label) -> Row:
-    """What a spring that stiffens, and play, make of K, where the causes of the misfit contain them; else 0.
-
-    `stiffening` is the share of K by which a cubic spring stiffens up to the largest angle, `backlash_deg` the width of
-    a gap, and `backlash_share` the share of K that it takes off. They stand in the row over all amplitudes.
-    """
-    row: Row = dict.fromkeys(("stiffening", "backlash_deg", "backlash_share"), None if label is not None else 0.0)
-    s, found, K = rendered.sums, rendered.found, rendered.analysis.whole["K"]
-    if label is None and found.certain("cubic"):
-        theta = rendered.record.part(rendered.record.motion.theta) - s.centre
-        row["stiffening"] = found.fit["cubic"] * float(np.abs(theta).max()) ** 2 / K
-    if label is None and found.certain("gap") and found.fit["gap"] > 0:
-        taken = -effects.taken_by(s, IMPEDANCE, "gap")["K"] * found.fit["gap"]
-        row |= {"backlash_deg": float(np.rad2deg(2 * found.fit["gap"] / K)), "backlash_share": max(taken / K, 0.0)}
-    return row
-
-
-def change_row(change: Fault | None, s: Sums, fit: GroupFit, label: Label) -> Row:
-    """`K_drift`, the change of K over the recording beyond noise as a share of K, and `drift_inertia_share`, the share
-    of I that it makes. Null where noise, or what Eq. 15 misses, hides a change that would spoil I."""
-    if change is None:
-        return {"K_drift": None, "drift_inertia_share": None}
-    taken = abs(effects.taken_by(s, IMPEDANCE, "K_change", label)["I"]) / share_of_inertia(fit)
-    if change.found:
-        made = taken * (abs(change.size) + change.possible)
-        return {"K_drift": change.size / fit["K"], "drift_inertia_share": made}
-    hidden = None if taken * change.possible > HIDDEN else 0.0
-    return {"K_drift": hidden, "drift_inertia_share": hidden}
+    K, B, size = fit["K"], fit["B"], lag.size * lag.found
+    return row | {
+        "lag_share": abs(K * size / B),
+        "lag_inertia_share": abs((B + K * size) * size) / share_of_inertia(fit),
+    }
 
 
 def angle_noise_bias(record: Record, s: Sums, fit: GroupFit, label: Label = None) -> float:
@@ -403,7 +344,9 @@ def judged_impedance(
     rendered = rendered_impedance(record, expected)
     predicted = linear_estimates(rendered.sums).tolist() if expected else None
     K_given, K_d = predicted[0] if predicted else None, desired.K_d if desired else None
-    table = plausible_impedance(impedance_table(rendered, p), rails, p, K_given, K_d)
+    table = impedance_table(rendered, p)
+    stated = bool(desired and (desired.controller or desired.K_d)) or table["K_s_ratio"].drop_nulls().len() > 0
+    table = plausible_impedance(table, rails, p if stated else None, K_given, K_d)
     gap = pl.lit(None, pl.Float64)
     if predicted and gains and gains.cancels_friction:
         sizes = pl.Series([torque_per_angle(rendered.sums, label) for label in rendered.analysis.fits])

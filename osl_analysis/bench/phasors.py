@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from math import isclose
 from typing import Any
 
 import numpy as np
@@ -10,7 +9,7 @@ import polars as pl
 import scipy
 from numpy.typing import NDArray
 
-from osl_analysis.bench.record import Label, Record
+from osl_analysis.bench.record import Record
 from osl_analysis.errors import InputError
 from osl_analysis.measured import check_finite, check_measured
 from osl_analysis.protocol.stepped_sine import whole_rows
@@ -329,27 +328,3 @@ def damping_row(Y: ComplexEstimate, frequency_hz: float) -> Row:
     half = float(scipy.special.stdtrit(Y.degrees_of_freedom, 0.975) * np.sqrt(variance))
     value = Z.imag / w
     return {"damping": value, "damping_low": value - half, "damping_high": value + half}
-
-
-def harmonic_shares(
-    phasors: Sequence[SegmentPhasors], label: Label, linear: tuple[float, float, float]
-) -> tuple[float, float]:
-    """Even and odd harmonics of the torque beyond those of a linear joint (K, B, I), as shares of the fundamental, over
-    the segments of one amplitude [deg], or all (None).
-
-    The angle's own harmonics make some of the torque's: these are taken off first. Even harmonics, 2 and 4, count as
-    far as all segments have the same: asymmetry. A symmetric joint that chatters has some, at any phase. Odd ones, 3
-    and 5, are those of friction, play, or a spring that stiffens.
-    """
-    (K, B, I), own, size = linear, [], []
-    for one in phasors:
-        if isinstance(label, float) and not isclose(one.amplitude_deg, label, rel_tol=1e-5):
-            continue
-        k = np.arange(1, one.torque.harmonics.size + 1)
-        s = 2j * np.pi * one.frequency_hz * k
-        beyond = one.torque.harmonics - (K + B * s + I * s**2) * one.theta.harmonics
-        own.append(beyond * np.exp(-1j * k * one.theta.phase))
-        size.append(abs(one.torque.value))
-    left = np.array(own)
-    even = (left / np.array(size)[:, None])[:, [1, 3]].mean(axis=0)
-    return float(np.linalg.norm(even)), float(np.linalg.norm(left[:, [2, 4]]) / np.linalg.norm(size))

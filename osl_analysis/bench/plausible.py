@@ -59,7 +59,9 @@ def plausible_impedance(
     amplitude in every row, since friction changes K least there.
     Raises InputError: K is negative, its interval too, or larger than that of the belt through which the motor acts."""
     last = table.row(-1, named=True)
-    check_resists(last["trial"], "K", K := last["K"], last["K_high"])
+    K = last["K"]
+    if last["B_low"] < 0 or last["I_high"] < 0:  # of the right sign a joint may drive the motion by its K alone
+        check_resists(last["trial"], "K", K, last["K_high"])
     if p is not None and K > 1.1 * p.K_s:  # a motor in series with the belt; a tenth allows for the belt at hand
         ratio, reference = K / (predicted or p.K_s), "what the gains should give" if predicted else "K_s"
         name, size = known_factor(ratio)

@@ -11,8 +11,9 @@ from osl_analysis.judge.finding import AnyRow, Beyond, Limits, cell_number
 from osl_analysis.trial import known_factor
 
 TABLE: dict[str, dict[str, Any]] = own_yaml(Path(__file__).with_suffix(".yaml"))
-TURNS_FAR = 0.2
-"""Phase [rad] by which a lag turns the highest frequency, 6 ms at 5 Hz, beyond which a drivetrain may make it."""
+
+
+FAR_BEYOND = 1.15  # factor by which what makes other causes is beyond its limit, to be named before them
 
 
 @dataclass(frozen=True)
@@ -35,7 +36,6 @@ class Evidence:
     column: str
     cause: str
     misfit: bool = False  # whatever else explains the misfit of the trial is its cause
-    lag: bool = False  # whether it tells how late the torque is
     size: str = ""  # the estimate (K, B, I) of which the number is a share
     of: Sequence[str] = ("torque", "angle")  # signals whose units scale a ratio to what is known
     witness: str = ""  # column of another ratio that tells a unit from another device; its own name: none is needed
@@ -79,16 +79,8 @@ def suspected_unit(name: str, ratio: float, row: AnyRow) -> str:
     return known_factor(ratio, of_current + others, 0.015 if symbol == "desired" else 0.04)[0]
 
 
-def turns_far(row: AnyRow) -> bool:
-    """Whether a lag turns the highest frequency by more than `TURNS_FAR`, and only Eq. 15 shows it."""
-    lag, highest = (cell_number(row, name) or 0.0 for name in ("lag_s", "band_high_hz"))
-    return 2 * math.pi * highest * abs(lag) > TURNS_FAR and row.get("lag_by") in (None, "Eq. 15")
-
-
 def cause_of(name: str, value: float, row: AnyRow) -> Cause:
-    """The cause of a number beyond its limit. A torque that comes late may be a delay or low-pass, or a spring in
-    series, which of stiffness k lowers K by K/k: K_ratio says which agrees with the gains; without it, or with
-    friction, neither is named alone. Where the lag is large it may be a drivetrain. Of an unknown column its name."""
+    """The cause of a number beyond its limit; of an unknown column its name."""
     if name not in EVIDENCE:
         return Cause(name)
     if suspected_unit(name, value, row):
@@ -97,20 +89,9 @@ def cause_of(name: str, value: float, row: AnyRow) -> Cause:
         return CAUSES["plate that rings"]
     if name == "rate_change" and value < 0:
         return CAUSES["loss that falls with speed"]
-    if name == "K_change" and (value > 0 or (cell_number(row, "stiffening") or 0.0) < 0):
+    if name == "K_change" and (value > 0 or cell_number(row, "size_shift")):
         return CAUSES["spring that is not linear"]
-    if not EVIDENCE[name].lag:
-        return CAUSES[EVIDENCE[name].cause]
-    k, K, ratio = (cell_number(row, name) for name in ("frame_stiffness", "K", "K_ratio"))
-    if turns_far(row):
-        return CAUSES["late torque or drivetrain"]
-    if k is None or K is None:
-        return CAUSES["late torque"]
-    of_lag, of_spring = (0.0, 0.0) if ratio is None else (abs(r - 1) for r in (ratio, ratio / (1 - K / k)))
-    same = 0.03  # largest relative distance of K from what the gains should give, without much friction
-    if min(of_lag, of_spring) > same or max(of_lag, of_spring) < same:
-        return CAUSES["late torque or yielding bench"]
-    return CAUSES["late torque" if of_lag < of_spring else "yielding bench"]
+    return CAUSES[EVIDENCE[name].cause]
 
 
 def explaining(row: AnyRow, found: Mapping[str, Beyond]) -> Cause | None:
@@ -126,7 +107,7 @@ def causes_in(row: AnyRow, found: Mapping[str, Beyond], misfit_by: Cause | None)
 
     def order(one: Beyond) -> int:
         known = EVIDENCE.get(one.column)
-        return 2 if known is None else 0 if CAUSES[known.cause].first else 1
+        return 2 if known is None else 0 if CAUSES[known.cause].first and one.excess > FAR_BEYOND else 1
 
     by_cause: dict[str, tuple[Cause, list[Beyond]]] = {}
     for one in sorted(found.values(), key=order):

@@ -47,11 +47,11 @@ def of_impedance(row: AnyRow) -> Iterator[str]:
     if asked and lacks(row, "K_predicted"):
         yield "whether K is what the gains should give"
         yield "whether the bench's frame yields"
-    if asked and lacks(row, "lag_inertia_share"):
+    if asked and lacks(row, "path_shift") and lacks(row, "lag_s"):
         yield LATENESS
     if row.get("certain_theta_m_lag_s"):
         yield "whether theta_m or B_j is wrong"
-    if lacks(row, "K_drift"):
+    if lacks(row, "K_drift") and lacks(row, "time_shift"):
         yield "whether K changes while it is recorded"
     if (cell_number(row, "clocks") or 1) > 1 and lacks(row, "clock_drift_ppm"):
         yield "whether the clocks of angle and torque drift apart"
@@ -59,7 +59,7 @@ def of_impedance(row: AnyRow) -> Iterator[str]:
 
 def of_components(table: str, row: AnyRow) -> Iterator[str]:
     known = {"belt": "K_s_ratio", "transmission": "B_j_ratio", "actuator": "k_tau_n_m_ratio"}
-    if table == "transmission" and lacks(row, "lag_inertia_share"):
+    if table == "transmission" and lacks(row, "path_shift"):
         yield LATENESS
     if table == "actuator" and lacks(row, "B_m"):
         yield "f_C, f_G, B_m and J_m"

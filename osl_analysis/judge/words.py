@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 from osl_analysis.dictionary import own_yaml
 from osl_analysis.errors import nearest
-from osl_analysis.judge.causes import EVIDENCE, cause_of, suspected_unit, turns_far
+from osl_analysis.judge.causes import EVIDENCE, cause_of, suspected_unit
 from osl_analysis.judge.finding import AnyRow, Beyond, Finding, Grade, Remedy, cell_number
 from osl_analysis.measured import significant
 from osl_analysis.model.compensator import CONTROLLERS
@@ -39,8 +39,6 @@ def words_of(finding: Finding, row: AnyRow) -> Words:
     own = [one for one in finding.evidence if cause_of(one.column, one.value, row).name == finding.cause]
     details = [friction_said(row)] * (finding.cause == "friction")
     details += [filled(WORDS["columns"].get(one.column, ""), Facts(row, one)) for one in own]
-    if finding.cause in ("yielding bench", "late torque or yielding bench"):
-        details.append(filled("a spring of {frame_short} N*m/rad in series would explain it", Facts(row)))
     details += [without_said(finding)] * (finding.cause != "friction")  # which says it in its own words
     remedy = known.get(finding.remedy.value) or known[Remedy.WHOLE.value]
     return Words(known["says"], ", ".join(dict.fromkeys(filter(None, details))), capital(remedy))
@@ -77,9 +75,13 @@ def without_said(finding: Finding) -> str:
     """The estimates of the same fit with this cause as a column of the regression."""
     said = []
     for symbol in ("K", "B", "I"):
-        value, high = (finding.without.get(f"{symbol}{end}") for end in ("", "_high"))
-        if value is not None and high is not None:
+        value, low, high = (finding.without.get(f"{symbol}{end}") for end in ("", "_low", "_high"))
+        if value is None or low is None or high is None:
+            continue
+        if abs(high + low - 2 * value) <= 1e-3 * (high - low):
             said.append(f"{symbol} {value:.4g} ± {significant(high - value)}")
+        else:  # the range of several that cannot be told apart
+            said.append(f"{symbol} {' to '.join(dict.fromkeys(significant(end, 3) for end in (low, high)))}")
     return f"with it in the fit {', '.join(said)}" if said else ""
 
 
@@ -167,9 +169,12 @@ def late_said(facts: Facts) -> str:
     signal, size = "the angle" if lag < 0 else "the torque", f"{significant(1e3 * abs(lag), 3)} ms"
     if lag and abs(lag / 5e-3 - round(lag / 5e-3)) < 1e-6:  # the end of a range of delays that were tried
         size += " or more"
-    if turns_far(row):
-        return f"a delay of {signal} by {size} would explain it, and move {' and '.join(shares)}"
     return f"{signal} is late by {size}, which moves {' and '.join(shares)}"
+
+
+def rivals_said(facts: Facts) -> str:
+    """What would explain a misfit and cannot be told apart."""
+    return f"{' or '.join(facts['rivals'].split(', '))} would explain it"
 
 
 def loop_said(facts: Facts) -> str:
@@ -234,6 +239,7 @@ def short(column: str, scale: float = 1.0, digits: int = 2) -> Callable[[Facts],
 
 COMPUTED: Mapping[str, Callable[[Facts], str]] = {
     "late": late_said,
+    "rivals_said": rivals_said,
     "loop": loop_said,
     "known": calibration_said,
     "gap": damping_gap_said,
@@ -251,7 +257,6 @@ COMPUTED: Mapping[str, Callable[[Facts], str]] = {
     "late_K_short": short("late_K_per_ms"),
     "late_or_early": lambda facts: "late" if facts["certain_theta_m_lag_s"] > 0 else "early",
     "theta_m_ms": lambda facts: f"{1e3 * abs(facts['certain_theta_m_lag_s']):.2g}",
-    "frame_short": short("frame_stiffness", digits=3),
     "zero_short": short("zero_unsure"),
     "shoe_short": short("stiff_shoe_K", -1.0),
     "moment_percent": lambda facts: f"{100 * facts['moment_error_half']:.2g}",

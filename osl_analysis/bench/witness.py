@@ -1,0 +1,411 @@
+"""A general witness: estimates must not depend on which part of a recording one looks at.
+
+Columns that a model lacks are tested in families: of higher order (a path that delays or filters the torque, or
+yields), of time, of speed, of size and of direction. A family is heard where chance would make its columns as large
+once in three thousand, by the scatter of chunks of the recording: whatever colour the noise has is in that, and what is
+left over says nothing. Where one is heard, rivals compete to explain the misfit, each with its own K, B and I; of those
+that cannot be told apart all are given.
+
+Angle and torque are those of the motion's own band, so that drift and slow disturbances are no evidence.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from math import factorial
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from osl_analysis.bench.effects import clocks_row, spring_that_slips
+from osl_analysis.bench.gram import solved
+from osl_analysis.bench.record import Record
+from osl_analysis.stats.fit_row import Row
+from osl_analysis.trial import Array
+
+Spectrum = NDArray[np.complex128]
+CHUNKS = 24  # of a recording, whose scores scatter
+HIGHEST_HZ = 8.0  # of the witness's band: beyond it the angle's rounding accuses
+FAST_HZ = (2.0, 12.0)  # band in which a late torque shows more, of a motion by hand or of steps
+RATE_HZ = 50.0  # at which columns are multiplied
+HEARD = -3.5  # log10 of the chance of a family's columns below which it is heard
+FRICTION = -4.0  # the same of Coulomb friction, which then is part of the joint
+ALIKE = 3.0  # standard errors, paired by chunks, up to which rivals leave as much
+NEAR = 0.03  # share of what the best rival leaves, by which one that is as good may leave more
+CHANCE = 10.0  # parameters of noise by which a rival may be better by chance, where many are tried
+UNEXPLAINED = 0.7  # share of what the best rival explains, by which one that is as good may explain less
+MUSCLE_HZ = 6.0  # of a muscle's answer to a reflex
+SERIES = 5  # terms of the series of a torque that is late by a time that changes
+LONGEST_LAG = 0.02  # s
+HIDDEN = 0.1  # share of the inertia that a delay that is not heard may make
+LEAST_INERTIA = 1e-3  # kg*m^2, added in quadrature to what it is a share of
+HARM = {"K": (0.003, 2.0), "B": (0.01, 2.0), "I": (0.02, 5e-3)}
+"""Share of an estimate that is harm, and the size [SI] that is added in quadrature to what it is a share of."""
+FAMILIES = ("path", "time", "speed", "size", "direction")
+
+
+@dataclass(frozen=True)
+class Rival:
+    """What may have made a misfit."""
+
+    family: str
+    name: str
+    estimates: Array  # K, B, I beside it
+    left: Array  # sum of squares in each chunk
+    parameters: int
+
+    @property
+    def possible(self) -> bool:
+        """Whether neither damping nor inertia is negative: an image of a delay has such."""
+        return bool(np.all(self.estimates[-2:] >= 0))
+
+
+class View:
+    """Angle and torque of a record in the band of its motion, and columns of them, in chunks."""
+
+    def __init__(self, record: Record, first: int = 0, fast: bool = False) -> None:
+        """`first`: the lowest derivative of the angle in the model; `fast`: in the band `FAST_HZ`."""
+        few, self.first = record.coarse, first
+        self.n, rate = len(few.time), few.rate_hz
+        self.padded = int(scipy.fft.next_fast_len(self.n + int(2 * rate), real=True))
+        f = np.maximum(np.fft.rfftfreq(self.padded, 1 / rate), 1e-9)
+        self.f, self.s = f, np.asarray(2j * np.pi * f)
+        signals = (few.motion.theta, few.filtered_torque)
+        self.theta, self.torque = (self.spectrum(between_ends(x, rate)) for x in signals)
+        power = np.cumsum(np.abs(self.theta) ** 2 * (f > 0.02))
+        low, high = (float(f[np.searchsorted(power, share * power[-1])]) for share in (0.02, 0.999))
+        low, high = float(np.clip(0.5 * low, 0.03, 0.4)), min(2.5 * high, HIGHEST_HZ)
+        if fast:
+            low, high = FAST_HZ
+        self.band = 1 / (1 + (f / high) ** 12) / (1 + (low / f) ** 12)
+        self.bandwidth = high - low
+        smooth = 1 / (1 + (f / 30) ** 8)
+        self.orders = [self.s**k * self.theta for k in range(3 + SERIES)]
+        self.motion = [np.fft.irfft(x * smooth, self.padded)[: self.n] for x in self.orders]
+        self.time = (few.time - few.time.mean()) / float(np.ptp(few.time))
+        self.seconds = float(np.ptp(few.time))
+        fitted = np.zeros(self.n, dtype=np.bool_)
+        fitted[few.rows()] = True
+        self.few = int(self.padded * RATE_HZ / rate)
+        at = np.rint(np.arange(self.few) * self.padded / self.few).astype(np.intp)
+        self.rows = np.flatnonzero((at < self.n) & fitted[np.minimum(at, self.n - 1)])
+        self.chunks = [np.arange(len(self.rows)) * CHUNKS // len(self.rows)]
+        if record.periodic is not None:  # rounding that every period repeats is alike in all parts of the recording
+            passed = self.rows / RATE_HZ / record.periodic.period
+            self.chunks.append((CHUNKS * (passed % 1.0)).astype(np.intp))
+        self.y = self.in_band(self.torque)
+        self.base = [self.in_band(x) for x in self.orders[first:3]]
+        self.step = record.steps[0] or 0.0
+        omega = self.motion[1]
+        self.sign = np.asarray(np.tanh(omega / max(0.02 * float(omega.std()), 1e-9)))
+
+    def spectrum(self, x: Array) -> Spectrum:
+        return np.asarray(np.fft.rfft(x, self.padded))
+
+    def in_band(self, spectrum: Spectrum) -> Array:
+        """The fitted rows (m,) of a spectrum, in the band."""
+        kept = (spectrum * self.band)[: self.few // 2 + 1]
+        return np.asarray(np.fft.irfft(kept, self.few)[self.rows]) * (self.few / self.padded)
+
+    def column(self, x: Array) -> Array:
+        return self.in_band(self.spectrum(x))
+
+    def sums(self, columns: Sequence[Array], chunk: int = 0) -> Array:
+        """Products (CHUNKS, q + 1, q + 1) of columns (m,) and the torque, in the chunks of this number."""
+        order = np.argsort(self.chunks[chunk], kind="stable")
+        Z = np.array([*columns, self.y])[:, order]
+        edges = np.searchsorted(self.chunks[chunk][order], np.arange(CHUNKS + 1))
+        return np.array([Z[:, a:b] @ Z[:, a:b].T for a, b in pairwise(edges)])
+
+
+def between_ends(x: Array, rate_hz: float) -> Array:
+    """A signal without the straight line between its ends."""
+    edge = max(int(0.2 * rate_hz), 4)
+    return np.asarray(x - np.linspace(x[:edge].mean(), x[-edge:].mean(), len(x)))
+
+
+def scattered(sums: Array) -> tuple[Array, Array]:
+    """Estimates (q,) of sums (CHUNKS, q + 1, q + 1), and their covariance by the scatter of chunks."""
+    A, b = sums[:, :-1, :-1], sums[:, :-1, -1]
+    estimates, inverse = solved(A.sum(axis=0), b.sum(axis=0))
+    scores = (b - A @ estimates) @ inverse
+    return estimates, scores.T @ scores * CHUNKS / (CHUNKS - 1)
+
+
+def wald(sums: Array, base: Sequence[int], added: Sequence[int]) -> tuple[float, Array]:
+    """Chance (log10) of added columns beside those of the base, and their estimates."""
+    at, q = [*base, *added, -1], len(added)
+    estimates, covariance = scattered(sums[np.ix_(range(CHUNKS), at, at)])
+    z = estimates[-q:]
+    F = float(z @ np.linalg.pinv(covariance[-q:, -q:], rcond=1e-9, hermitian=True) @ z) / q
+    return float(scipy.stats.f.logsf(F * (CHUNKS - q) / (CHUNKS - 1), q, CHUNKS - q)) / np.log(10), z
+
+
+class Court:
+    """Which families are heard about a view, and their rivals. Friction that is certain is the joint's own."""
+
+    def __init__(self, view: View) -> None:
+        """A transmission may have a weight."""
+        self.view, self.rivals = view, list[Rival]()
+        self.beside = [view.in_band(view.orders[0])] * (view.first == 1)
+        theta, omega = view.motion[:2]
+        sign, elastic = view.column(view.sign), view.first == 0
+        lacking = {
+            "friction": [sign],
+            "path": [view.in_band(x) for x in view.orders[3:5]],
+            "time": [view.column(x * view.time) for x in view.motion[view.first : 3]],
+            "speed": [view.column(omega * np.abs(omega))],
+            "size": [view.column(theta**3)],
+            "direction": [view.column(np.abs(x)) for x in view.motion[view.first : 2]],
+        }
+        columns, places = [*view.base, *self.beside], dict[str, range]()
+        for name, added in lacking.items():
+            places[name] = range(len(columns), len(columns) + len(added))
+            columns += added
+        every = [view.sums(columns, k) for k in range(len(view.chunks))]
+        base = list(range(len(view.base) + len(self.beside)))
+        by_friction, (size,) = wald(every[0], base, places.pop("friction"))
+        if by_friction < FRICTION and size > 0:
+            base.append(len(base))
+            self.beside.append(sign)
+        self.chance = {
+            name: max(wald(sums, base, at)[0] for sums in every)
+            for name, at in places.items()
+            if elastic or name != "size"
+        }
+        if size < 0:  # friction that drives: play, or damping that falls with speed
+            self.chance["speed"] = min(self.chance["speed"], by_friction - FRICTION)
+
+    def fitted(self, columns: Sequence[Array]) -> tuple[Array, Array]:
+        """Estimates, and the sum of squares that is left in each chunk."""
+        sums = self.view.sums([*columns, *self.beside])
+        total = sums.sum(axis=0)
+        x = np.append(-solved(total[:-1, :-1], total[:-1, -1])[0], 1.0)
+        return -x[:-1], np.einsum("i,kij,j->k", x, sums, x)
+
+    def left(self, columns: Sequence[Array]) -> float:
+        return float(self.fitted(columns)[1].sum())
+
+    def add(self, family: str, name: str, columns: Sequence[Array], parameters: int = 0, gain: float = 1.0) -> None:
+        """A rival by its columns, those of the model first; `gain` is what it makes of the torque's noise."""
+        estimates, left = self.fitted(columns)
+        model = estimates[: len(self.view.base)]
+        self.rivals.append(Rival(family, name, model, left / gain, len(columns) + parameters))
+
+    def hear_path(self) -> None:
+        """A path that filters the torque filters the columns; a spring in series winds up by the torque."""
+        view, s, f = self.view, self.view.s, self.view.f
+        responses: dict[str, tuple[Array, Callable[[float], Spectrum]]] = {
+            "delay": (np.linspace(-0.02, 0.03, 26), lambda p: np.exp(-s * p)),
+            "low-pass": (np.geomspace(3e-4, 0.04, 10), lambda p: 1 / (1 + s * p)),
+            "low-pass of second order": (
+                np.geomspace(3e-4, 0.03, 10),
+                lambda p: 1 / (1 + 2**0.5 * s * p + (s * p) ** 2),
+            ),
+            "mean": (np.geomspace(1e-3, 0.06, 12), lambda p: np.exp(-s * p / 2) * np.sinc(f * p)),
+            "resonance": (np.geomspace(5e-3, 0.06, 10), lambda p: 1 / (1 + 0.2 * s * p + (s * p) ** 2)),
+        }
+        for name, (grid, response) in responses.items():
+
+            def filtered(p: float, response: Callable[[float], Spectrum] = response) -> list[Array]:
+                passed = response(p)
+                return [view.in_band(x * passed) for x in view.orders[view.first : 3]]
+
+            for p in minima(lambda p, made=filtered: self.left(made(p)), grid):  # type: ignore[misc]
+                self.add("path", name, filtered(p), 1)
+
+        def wound(c: float) -> list[Array]:
+            return [view.in_band(s**k * (view.theta - c * view.torque)) for k in range(3)]
+
+        def gain(c: float) -> float:
+            return float(1 + c * max(self.fitted(wound(c))[0][0], 0.0)) ** 2
+
+        if view.first == 0:
+            for c in minima(lambda c: self.left(wound(c)) / gain(c), np.geomspace(2e-5, 3e-3, 10)):
+                self.add("path", "spring in series", wound(c), 1, gain(c))
+
+    def late(self, *shapes: Array) -> tuple[list[Array], Array, Array]:
+        """Columns of a torque that is late by a sum of shapes (n,), whose sizes [s] Gauss and Newton's steps find, with
+        their standard errors."""
+        view, sizes, first = self.view, np.zeros(len(shapes)), self.view.first
+        for step in range(6):
+            lag = np.clip(sizes @ np.array(shapes), -LONGEST_LAG, LONGEST_LAG)
+            terms = [(-lag) ** k / factorial(k) for k in range(SERIES)]
+            motion = [np.sum([term * view.motion[c + k] for k, term in enumerate(terms)], axis=0) for c in range(4)]
+            columns = [view.column(x) for x in motion[first:3]]
+            if step == 5:
+                break
+            slope = -(self.fitted(columns)[0][: 3 - first] @ np.array(motion[first + 1 :]))
+            sums = view.sums([*(view.column(shape * slope) for shape in shapes), *columns, *self.beside])
+            more, covariance = scattered(sums)
+            sizes = sizes + more[: len(shapes)]
+        return columns, sizes, np.sqrt(np.diag(covariance))[: len(shapes)]
+
+    def hides_delay(self) -> bool:
+        """Whether the torque may be late by so much that the inertia changes by `HIDDEN` of it."""
+        _, (size,), (error,) = self.late(np.ones(self.view.n))
+        *stiffness, damping, inertia = np.abs(self.fitted(self.view.base)[0][: len(self.view.base)]).tolist()
+        most = abs(float(size)) + 2.0 * float(error)
+        return (damping + sum(stiffness) * most) * most > HIDDEN * float(np.hypot(inertia, LEAST_INERTIA))
+
+    def clock_drift(self) -> tuple[float, float]:
+        """Drift of the torque's clock against the angle's [ppm], with its standard error: it is later and later."""
+        _, sizes, errors = self.late(np.ones(self.view.n), self.view.time)
+        return float(1e6 * sizes[1] / self.view.seconds), float(1e6 * errors[1] / self.view.seconds)
+
+    def hear_time(self) -> None:
+        """Clocks that drift apart, K that changes, or the lag, in a straight line or at a moment."""
+        view, base = self.view, self.view.base
+        self.add("time", "clocks", self.late(np.ones(view.n), view.time)[0], 2)
+        self.add("time", "clocks", self.late(view.time - view.time[0])[0], 1)
+        moments = [np.where(view.time > share, 1.0, 0.0) for share in np.arange(6, 19) / 24 - 0.5]
+        slope = self.fitted(base)[0][: 3 - view.first] @ np.array(view.motion[view.first + 1 : 4])
+        lag = min(moments, key=lambda then: self.left([*base, view.column(then * slope)]))
+        self.add("time", "lag that changes at once", self.late(lag)[0], 2)
+        changing = view.motion[view.first]
+        change = min(moments, key=lambda then: self.left([*base, view.column(then * changing)]))
+        what = "K" if view.first == 0 else "B_j"
+        for shape, name in ((view.time, f"{what} that drifts"), (change, f"{what} that changes at once")):
+            for end in (shape.min(), shape.max()):  # the estimate before, and after it
+                self.add("time", name, [*base, view.column(changing * (shape - end))], 1)
+
+    def hear_play(self, family: str) -> None:
+        view = self.view
+
+        def followed(width: float) -> list[Array]:
+            theta = view.motion[0]
+            x = view.spectrum(theta - width / 2 * spring_that_slips(theta, width / 2))
+            return [view.in_band(x), view.in_band(view.s * x), view.base[2]]
+
+        widths = max(3 * view.step, np.deg2rad(0.03)) * np.geomspace(1, 20, 6)
+        for width in minima(lambda width: self.left(followed(width)), widths):
+            self.add(family, "play", followed(width), 1)
+
+    def hear_speed(self) -> None:
+        view, omega = self.view, self.view.motion[1]
+        self.add("speed", "damping that changes with the speed", [*view.base, view.column(omega * np.abs(omega))])
+        if view.first == 0:
+            self.hear_play("speed")
+
+    def hear_size(self) -> None:
+        view = self.view
+        self.add("size", "stiffness that changes with the angle", [*view.base, view.column(view.motion[0] ** 3)])
+        torque = self.fitted(view.base)[0][:3] @ np.array(view.motion[:3])
+        self.add("size", "gap", [*view.base, view.column(-np.tanh(torque / (0.02 * np.std(torque))))])
+        self.hear_play("size")
+
+    def hear_direction(self) -> None:
+        """K, or B, of either sign, or of both."""
+        view, names = self.view, ("stiffness", "damping")
+        for k in range(view.first, 2):
+            for side in (1.0, -1.0):
+                column = view.column(np.maximum(side * view.motion[k], 0.0))
+                self.add("direction", f"{names[k]} by direction", [*view.base, column])
+
+    def hear_reflex(self) -> None:
+        """Speed in either direction, some time ago, through a muscle: no family hears it, but it may be what makes
+        another speak."""
+        view, speed = self.view, self.view.spectrum(np.abs(self.view.motion[1]))
+        muscle = 1 / (1 + view.s / (2 * np.pi * MUSCLE_HZ)) ** 2
+        for delay in (0.02, 0.04, 0.06, 0.1):
+            answer = view.in_band(speed * muscle * np.exp(-view.s * delay))
+            self.add("reflex", "reflex", [*view.base, answer], 1)
+
+    @property
+    def heard(self) -> list[str]:
+        """The families that are heard."""
+        return [name for name, chance in self.chance.items() if chance < HEARD]
+
+    def verdict(self) -> tuple[Rival, list[Rival]]:
+        """The model alone, and the rivals that explain what is heard and cannot be told apart: those of the family that
+        chance explains least first, and of these the best one."""
+        self.add("", "none", self.view.base)
+        none = self.rivals.pop()
+        for name in self.heard:
+            getattr(self, f"hear_{name}")()
+        if not self.heard:
+            return none, []
+        if self.view.first == 0:
+            self.hear_reflex()
+        per_parameter = min(rival.left.sum() for rival in self.rivals) / (self.view.seconds * self.view.bandwidth)
+
+        def penalised(rival: Rival) -> Array:
+            return rival.left + per_parameter * rival.parameters / CHUNKS
+
+        best = min(self.rivals, key=lambda rival: float(penalised(rival).sum()))
+        if best.family == "reflex":
+            return none, []
+        most = UNEXPLAINED * float(none.left.sum() - best.left.sum())
+        alike = []
+        for rival in self.rivals:
+            apart = penalised(rival) - penalised(best)
+            error = ALIKE * float(apart.std(ddof=1)) * CHUNKS**0.5
+            near = max(error, NEAR * float(best.left.sum()))
+            if apart.sum() <= max(min(near, most), CHANCE * per_parameter) and rival.family != "reflex":
+                alike.append(rival)
+        alike = [rival for rival in alike if rival.possible] or alike
+        return none, sorted(alike, key=lambda rival: (self.chance[rival.family], float(penalised(rival).sum())))
+
+
+def minima(left: Callable[[float], float], grid: Array) -> list[float]:
+    """Where a function is least, and where it has other minima on a grid, refined: a delay has an image."""
+    over = np.array([left(x) for x in grid.tolist()])
+    found = []
+    for k in np.argsort(over).tolist():
+        low, high = max(k - 1, 0), min(k + 1, len(grid) - 1)
+        if over[k] <= min(over[low], over[high]):
+            ends = float(grid[low]), float(grid[high])
+            found.append(scipy.optimize.minimize_scalar(left, bounds=ends, method="bounded", options={"maxiter": 10}).x)
+    return found[:2]
+
+
+def no_witness(names: Sequence[str] = tuple(HARM)) -> Row:
+    """The row of a model of whose misfit nothing is known."""
+    shifts: Row = {f"{name}_shift": None for name in FAMILIES if name != "size" or len(names) == len(HARM)}
+    return shifts | {
+        "heard": None,
+        "rivals": None,
+        **{f"{name}_without{end}": None for name in names for end in ("", "_low", "_high")},
+    }
+
+
+def witness_row(record: Record, names: Sequence[str] = tuple(HARM), is_leg: bool = False) -> Row:
+    """What the witness says of a model: by family its harm, the multiple of `HARM` by which a rival moves an estimate
+    (0: not heard, or not the one that explains most); the rivals that cannot be told apart, and the estimates beside
+    them; the VAF [percent] in the band; of two clocks how they drift apart. A leg is no joint of second order and rubs
+    in its own way, so that of `is_leg` none of it is evidence, and null.
+
+    Raises InputError: they do by more than the settings allow; the message names the trial."""
+    view = View(record, 3 - len(names))
+    court = Court(view)
+    if is_leg:
+        court.chance.clear()
+    none, alike = court.verdict()
+    row = no_witness(names)
+    vaf = 100 * (1 - float(none.left.sum()) / max(float(view.y @ view.y), np.finfo(float).tiny))
+    if not (is_leg or court.heard) and record.band_hz[1] > 2 * FAST_HZ[0]:
+        fast = Court(View(record, view.first, fast=True))
+        fast.chance = {"path": fast.chance["path"]}
+        court = fast if fast.heard else court
+        none, alike = court.verdict()
+    if not is_leg:
+        row |= {name: 0.0 for name in row if name.endswith("_shift")}
+        row |= {"path_shift": None if court.hides_delay() else 0.0, "heard": ", ".join(court.heard) or None}
+    row |= {"VAF_in_band": vaf}
+    if record.two_clocks and not is_leg:
+        row |= clocks_row(record, *court.clock_drift(), CHUNKS - 5.0)
+    if not alike:
+        return row
+    every = np.array([rival.estimates for rival in alike])
+    shares, least = np.array(list(HARM.values())[view.first :]).T
+    least = least * (view.first == 0)  # of losses any share counts
+    harm = np.abs(every - none.estimates) / (shares * np.hypot(none.estimates, least))
+    row |= {
+        f"{alike[0].family}_shift": float(harm.max()),
+        "rivals": ", ".join(dict.fromkeys(one.name for one in alike)),
+    }
+    for k, name in enumerate(names):
+        row |= {f"{name}_without": float(every[0, k])}
+        row |= {f"{name}_without_low": float(every[:, k].min()), f"{name}_without_high": float(every[:, k].max())}
+    return row

@@ -1,0 +1,84 @@
+"""The general witness: what a model lacks is heard by its family, and the rivals leave the joint's own estimates."""
+
+import numpy as np
+import pytest
+from any_motion import MOTIONS_60, TRUE, made_trial
+from conftest import ROOT
+
+from osl_analysis.bench.record import record_of_trial
+from osl_analysis.bench.settings import DynamometerAnalysis
+from osl_analysis.bench.witness import FAMILIES, HARM, witness_row
+from osl_analysis.campaign.configuration import read_section
+
+SETTINGS = read_section(ROOT / "config/config.yaml", "dynamometer", DynamometerAnalysis)
+
+
+def told(made, **changes):
+    """The witness's row of an exact joint with something planted; `more` of the motion (angle, velocity, acceleration)
+    and of the time is added to its torque."""
+    rng = np.random.default_rng(3)
+    time, motion = MOTIONS_60[made](rng)
+    more = changes.pop("more", lambda *_: 0.0)(time, *motion)
+    trial = made_trial(rng, (time, motion), more=more, **({"bits": 14} | changes))
+    return witness_row(record_of_trial(trial, SETTINGS.model_copy(update={"excitation": "any"})))
+
+
+def drifting(time):
+    return 3 * np.exp(-time / 20)
+
+
+@pytest.mark.parametrize("made", MOTIONS_60)
+@pytest.mark.parametrize("changes", [
+    {}, {"K": 0.0}, {"K": -50.0}, {"K": 2000.0, "B": 10.0, "bits": 18}, {"K": 20.0, "B": 0.5},
+    {"more": lambda time, *_: drifting(time)}, {"more": lambda time, theta, omega, alpha: 0.3 * np.tanh(omega / 2e-3)},
+], ids=["exact", "damper", "negative K", "stiff", "soft", "drift", "friction"])  # fmt: skip
+def test_nothing_is_heard_of_a_sound_joint_whatever_its_size_beside_drift_and_friction(made, changes):
+    row = told(made, **changes)
+    assert (row["rivals"], [row[f"{family}_shift"] or 0.0 for family in FAMILIES]) == (None, [0.0] * len(FAMILIES))
+
+
+FAULTS = {
+    "delay": ("path", "delay", {"late": 2e-3}),
+    "step of K": ("time", "K that changes at once", {"more": lambda t, x, *_: -45 * (t > 0.6 * t[-1]) * x}),
+    "ramp of K": ("time", "K that drifts", {"more": lambda t, x, *_: -30 * (t / t[-1]) * x}),
+    "square of speed": ("speed", "damping that changes with the speed", {"more": lambda t, x, v, a: 1.5 * v * abs(v)}),
+    "hardening": ("size", "stiffness that changes with the angle", {"more": lambda t, x, *_: 4000 * x**3}),
+    "stiffer one way": ("direction", "stiffness by direction", {"more": lambda t, x, *_: 60 * np.maximum(x, 0)}),
+}
+
+
+@pytest.mark.parametrize("made", ["noise", "multisine"])
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_fault_is_heard_by_its_family_and_its_rival_leaves_the_joint_as_it_is(made, fault):
+    """Also in torque noise that is no white noise."""
+    family, rival, changes = FAULTS[fault]
+    row = told(made, **changes)
+    assert [one for one in FAMILIES if (row[f"{one}_shift"] or 0.0) > 1] == [family]
+    assert rival in row["rivals"].split(", ")
+    for name, (share, least) in HARM.items():
+        margin = 2 * share * np.hypot(TRUE[name], least)
+        assert row[f"{name}_without_low"] - margin < TRUE[name] < row[f"{name}_without_high"] + margin
+
+
+def test_a_delay_is_told_in_slow_noise_by_its_own_size_and_not_by_what_is_left():
+    rng = np.random.default_rng(1)
+
+    def slow(time, *_):
+        f = np.fft.rfftfreq(len(time), time[1])
+        x = np.fft.irfft(np.fft.rfft(rng.standard_normal(len(time))) / (1 + (f / 2) ** 2), len(time))
+        return 0.03 * x / x.std()
+
+    assert told("noise", more=slow)["rivals"] is None
+    row = told("noise", more=slow, late=5e-3)
+    assert row["path_shift"] > 10
+    assert row["B_without_low"] < 5.05
+    assert row["B_without_high"] > 4.95
+
+
+def test_a_leg_is_no_joint_of_second_order_and_nothing_of_it_is_evidence():
+    rng = np.random.default_rng(3)
+    trial = made_trial(rng, MOTIONS_60["noise"](rng), late=2e-3)
+    record = record_of_trial(trial, SETTINGS.model_copy(update={"excitation": "any"}))
+    row = witness_row(record, is_leg=True)
+    assert {row[f"{family}_shift"] for family in FAMILIES} == {None}
+    assert row["VAF_in_band"] > 99

@@ -212,7 +212,7 @@ def test_text_and_page_of_a_fit_say_interval_unit_and_doubts_and_run_no_script_o
     fit = osl.fit_transmission(replace(bench_trial("transmission"), name="<script>a\x1b[2J</script>"), short)
     page = fit._repr_html_()
     assert "oubtful" not in repr(fit) + page
-    assert f"<summary>Not checked: {len(fit.not_checked.splitlines())}</summary>" in page
+    assert (fit.not_checked, "Not checked" in page) == ("", False)
     assert ("<script" in page, "&lt;script&gt;" in page, "\x1b" in page + repr(fit)) == (False, True, False)
 
 

@@ -102,7 +102,7 @@ def fitted_rows():
     return pl.DataFrame({"trial": ["t", "t"], **rows, "VAF": [99.0, 98.0], "R2": [0.5, None], "doubtful": ["", ""]})
 
 
-def doubt(cause="friction", column="odd_harmonics", value=0.3, limit=0.25, table="impedance", **place):
+def doubt(cause="friction", column="coulomb_share", value=0.3, limit=0.25, table="impedance", **place):
     return Finding(table, "t", cause, Grade.DOUBTS, (Beyond(column, value, limit, "above"),), **place)
 
 
@@ -285,7 +285,7 @@ def test_the_map_has_a_row_for_what_one_trial_does_not_pass_and_names_the_neares
         "friction": ["doubtful", "doubtful in part", "does not apply"],
         "late torque": ["doubtful", "passed", "does not apply"],
     }
-    assert cells["a"]["friction"][1].endswith("[odd_harmonics 0.3 is above 0.25]")
+    assert cells["a"]["friction"][1].endswith("[coulomb_share 0.3 is above 0.25]")
     assert cells["a"]["gap in the recording"][1].startswith("0.2 s, limit 0.05 s. ")
     (passed,) = found["passed"]  # a rate that does not apply is not passed
     assert [passed[key] for key in ("check", "trial", "said", "n")] == ["frozen signal", "b", "0.04 s, limit 0.05 s", 2]
@@ -337,14 +337,12 @@ def test_the_page_begins_with_what_was_done_its_verdict_and_the_figure_that_matt
     alone = overview(walks[:1], {}, [], ABOUT)
     assert (alone["first"], alone["state"]) == ([], "No trial is doubtful. Nothing was refused or excluded.")
     assert alone["done"].startswith("Ingested and checked: 1 simulated walking trial of the knee (MCAP and C3D files")
-    assert found["findings"][0]["named"] == [
-        ("t", "odd harmonics, which damping does not make, are 30 % of the torque")
-    ]
+    assert found["findings"][0]["named"] == [("t", "it is 30 % of the damping")]
 
 
 def test_doubts_say_whether_they_are_about_the_whole_trial_and_with_which_numbers():
     part = doubt("model that does not fit", "R2", 0.1, 0.9, amplitude_deg=4.0)
-    numbers = Beyond("odd_harmonics", 0.291, 0.25, "above"), Beyond("coulomb_share", 1.03, 0.5, "above")
+    numbers = Beyond("B_change", 0.291, 0.25, "above"), Beyond("coulomb_share", 1.03, 0.5, "above")
     own, inherited = doubt("x", "x", 2, 1, "phasors", amplitude_deg=2.0, frequency_hz=3.0), replace(part, inherited="y")
     findings = stored_findings(part, replace(doubt(), evidence=numbers), own, inherited)
     found = trial_page.told_doubts(findings, "impedance", {"impedance": IMPEDANCE})
@@ -353,8 +351,8 @@ def test_doubts_say_whether_they_are_about_the_whole_trial_and_with_which_number
         ("phasors, 2 deg, 3 Hz", "other", "x"),
     ]  # fmt: skip
     assert found[1]["says"] == WORDS["causes"]["friction"]["says"]
-    meanings = [IMPEDANCE.columns[name].meaning for name in ("odd_harmonics", "coulomb_share")]
-    limits = ("odd_harmonics", "0.291", "above 0.25"), ("coulomb_share", "1.03", "above 0.5")
+    meanings = [IMPEDANCE.columns[name].meaning for name in ("B_change", "coulomb_share")]
+    limits = ("B_change", "0.291", "above 0.25"), ("coulomb_share", "1.03", "above 0.5")
     assert found[1]["numbers"] == [[*limit, meaning] for limit, meaning in zip(limits, meanings, strict=True)]
 
 

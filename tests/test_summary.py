@@ -64,9 +64,9 @@ def test_a_fit_is_doubtful_for_every_limit_that_it_passes():
 
 
 def test_a_misfit_that_a_cause_explains_is_no_doubt_of_its_own_and_where_the_remedy_is():
-    row = {"coulomb_share": 0.6, "VAF": 80.0, "odd_harmonics": 0.3, "B": 2.264, "B_viscous": 1.0465}
-    (friction,) = doubts(row, {"coulomb_share": 0.5, "odd_harmonics": 0.25}, {"VAF": 90})
-    assert (friction.cause, [*beyond_in([friction])]) == ("friction", ["coulomb_share", "odd_harmonics", "VAF"])
+    row = {"coulomb_share": 0.6, "VAF": 80.0, "torque_distortion": 0.3, "B": 2.264, "B_viscous": 1.0465}
+    (friction,) = doubts(row, {"coulomb_share": 0.5, "torque_distortion": 0.25}, {"VAF": 90})
+    assert (friction.cause, [*beyond_in([friction])]) == ("friction", ["coulomb_share", "torque_distortion", "VAF"])
     assert (friction.sizes, friction.without) == ({"B": pytest.approx(0.6 * 2.264)}, {"B": 1.0465})
     assert friction.remedy == Remedy.ALONE, "there are no rows of single amplitudes"
     assert [one.cause for one in doubts(row, {}, {"VAF": 90})] == ["model that does not fit"]
@@ -92,7 +92,7 @@ def test_a_fault_of_the_recording_that_one_amplitude_alone_shows_accuses_nobody(
 
 def test_a_certainly_negative_inertia_is_noted():
     for table, name in (("impedance", "I"), ("transmission", "J_j")):
-        row = {"K_over_K_s": 0.4, "B_j_ratio": 1.0, "lag_inertia_share": 0.0, "K_drift": 0.0}
+        row = {"K_over_K_s": 0.4, "B_j_ratio": 1.0, "path_shift": 0.0, "K_drift": 0.0}
         for high, noted in ((-0.01, True), (0.01, False)):
             notes = [(one.cause, one.grade) for one in unchecked_in(table, row | {f"{name}_high": high})]
             assert notes == [(f"{name} is certainly negative", Grade.NOTES)] * noted
@@ -145,15 +145,15 @@ def test_causes_and_trials_are_counted_and_not_the_rows_that_inherit_them():
         "amplitude_deg": [2.0, None, None, None],
         "coulomb_share": [0.7, 0.6, 0.7, 0.1],
     }
-    fit |= {"VAF": [80.0, 80.0, 80.0, 95.0], "lag_inertia_share": [0.0, 0.0, 0.1, 0.0]}
+    fit |= {"VAF": [80.0, 80.0, 80.0, 95.0], "path_shift": [0.0, 0.0, 0.1, 0.0]}
     tables = {"impedance": pl.DataFrame(fit).with_columns(K_over_K_s=0.5, K_drift=0.0)}
     shared = {"trial": ["a", "a", "c"], "amplitude_deg": [2.0, None, None], "theta_distortion": [0.0, 0.0, 0.1]}
     tables["phasors"] = pl.DataFrame(shared)
-    limits = {"impedance": {"above": {"coulomb_share": 0.5, "lag_inertia_share": 0.02}, "below": {"VAF": 90}}}
+    limits = {"impedance": {"above": {"coulomb_share": 0.5, "path_shift": 0.02}, "below": {"VAF": 90}}}
     found = known(tables, limits | {"phasors": {"above": {"theta_distortion": 0.02}}})
     counts = [(one["cause"], one["trials"], one["n"], one["of"]) for one in found]
     assert counts == [
-        ("friction", ["a", "b"], 3, "impedance trials"), ("late torque", ["b"], 3, "impedance trials"),
+        ("friction", ["a", "b"], 3, "impedance trials"), ("torque path", ["b"], 3, "impedance trials"),
         ("distorted motion", ["c"], 2, "impedance trials, in phasors alone"),
     ]  # fmt: skip
     assert (found[0]["worst"], found[0]["measure"], found[0]["limit"]) == (
@@ -219,7 +219,7 @@ def test_a_mean_over_trials_leaves_out_doubtful_ones_while_half_are_sound_and_sa
 
 def test_phasors_share_the_doubts_of_the_fit_of_their_trial_and_amplitude(tmp_path):
     fit = {"amplitude_deg": [2.0, 4.0, None], "vaf": [80.0, 95.0, 85.0]}
-    fit |= {"K_over_K_s": 0.5, "lag_inertia_share": 0.0, "K_drift": 0.0}
+    fit |= {"K_over_K_s": 0.5, "path_shift": 0.0, "K_drift": 0.0}
     phasors = {"amplitude_deg": [2.0, 2.0, 4.0], "distortion": [0.0, 9.0, 0.0]}
     for name, columns in (("impedance", fit), ("phasors", phasors)):
         write_table(pl.DataFrame({"trial": ["a"] * 3, **columns}), tmp_path / name / "a.csv")

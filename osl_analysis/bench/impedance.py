@@ -162,9 +162,9 @@ def impedance_table(rendered: Rendered, p: DrivetrainParameters | None = None) -
     friction, rows = friction_rows(s, analysis), list[Row]()
     facts = motion_row(record) | belt_row(belt, p) | repeats | witness_row(record, is_leg=belt is not None)
     facts |= {"lag_by": "theta_m" if lag else None, **unstated_reflex_row(record)}
-    if facts["reflex_p"] is not None and belt is None and facts["heard"] is None:
+    if facts["reflex_p"] is not None and belt is None and (facts["heard"] is None or facts["path_shift"]):
         facts |= {name: None for name in facts if name.endswith("with_reflex") or "_with_reflex_" in name}
-        facts["reflex_p"] = 1.0  # a reflex is no part of a joint of second order
+        facts["reflex_p"] = 1.0  # nothing is heard, or a path explains more
     if not record.is_stepped_sine:
         facts |= {
             "torque_at_peaks": torque_at_peaks(analysis, record),

@@ -13,6 +13,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from math import factorial
+from typing import Any
 
 import numpy as np
 import scipy
@@ -196,7 +197,7 @@ class Court:
     def hear_path(self) -> None:
         """A path that filters the torque filters the columns; a spring in series winds up by the torque."""
         view, s, f = self.view, self.view.s, self.view.f
-        responses: dict[str, tuple[Array, Callable[[float], Spectrum]]] = {
+        responses: dict[str, tuple[Array, Callable[[float], NDArray[Any]]]] = {
             "delay": (np.linspace(-0.02, 0.03, 26), lambda p: np.exp(-s * p)),
             "low-pass": (np.geomspace(3e-4, 0.04, 10), lambda p: 1 / (1 + s * p)),
             "low-pass of second order": (
@@ -208,7 +209,7 @@ class Court:
         }
         for name, (grid, response) in responses.items():
 
-            def filtered(p: float, response: Callable[[float], Spectrum] = response) -> list[Array]:
+            def filtered(p: float, response: Callable[[float], NDArray[Any]] = response) -> list[Array]:
                 passed = response(p)
                 return [view.in_band(x * passed) for x in view.orders[view.first : 3]]
 
@@ -247,7 +248,7 @@ class Court:
         _, (size,), (error,) = self.late(np.ones(self.view.n))
         *stiffness, damping, inertia = np.abs(self.fitted(self.view.base)[0][: len(self.view.base)]).tolist()
         most = abs(float(size)) + 2.0 * float(error)
-        return (damping + sum(stiffness) * most) * most > HIDDEN * float(np.hypot(inertia, LEAST_INERTIA))
+        return bool((damping + sum(stiffness) * most) * most > HIDDEN * float(np.hypot(inertia, LEAST_INERTIA)))
 
     def clock_drift(self) -> tuple[float, float]:
         """Drift of the torque's clock against the angle's [ppm], with its standard error: it is later and later."""
@@ -331,7 +332,7 @@ class Court:
         per_parameter = min(rival.left.sum() for rival in self.rivals) / (self.view.seconds * self.view.bandwidth)
 
         def penalised(rival: Rival) -> Array:
-            return rival.left + per_parameter * rival.parameters / CHUNKS
+            return np.asarray(rival.left + per_parameter * rival.parameters / CHUNKS)
 
         best = min(self.rivals, key=lambda rival: float(penalised(rival).sum()))
         if best.family == "reflex":
@@ -351,12 +352,13 @@ class Court:
 def minima(left: Callable[[float], float], grid: Array) -> list[float]:
     """Where a function is least, and where it has other minima on a grid, refined: a delay has an image."""
     over = np.array([left(x) for x in grid.tolist()])
-    found = []
+    found = list[float]()
     for k in np.argsort(over).tolist():
         low, high = max(k - 1, 0), min(k + 1, len(grid) - 1)
         if over[k] <= min(over[low], over[high]):
             ends = float(grid[low]), float(grid[high])
-            found.append(scipy.optimize.minimize_scalar(left, bounds=ends, method="bounded", options={"maxiter": 10}).x)
+            refined = scipy.optimize.minimize_scalar(left, bounds=ends, method="bounded", options={"maxiter": 10})
+            found.append(float(refined.x))
     return found[:2]
 
 

@@ -45,12 +45,11 @@ CANNOT_TELL = (IdentifiabilityError, InputError, np.linalg.LinAlgError)  # a mot
 
 @dataclass(frozen=True)
 class Moved:
-    """The motion of a joint (n,) and its Eq. 15, of which the columns of effects are made."""
+    """The motion of a joint (n,), of which the columns of effects are made."""
 
     theta: Array  # angle [rad] about its mean
     omega: Array
     size: float  # RMS [rad] of the fitted angle
-    torque: Array  # of Eq. 15 without its offset [N*m]
     passed: Array  # share of the record that has passed, about its middle
 
 
@@ -107,13 +106,11 @@ def sums_of(record: Record, model: Model, expected: Admittance | None = None) ->
     `expected` is the admittance of the linear model, where the gains are known."""
     few = record.coarse
     columns, centre = columns_of(few)
-    theta, omega, alpha, one, ramp = columns.values()
+    theta, omega, alpha, _, ramp = columns.values()
     higher = seven_point_motion(few.time, alpha, few.rate_hz)
     duration = np.concatenate([few.time[[p.start, p.stop - 1]] for p in few.pieces])
-    X = np.array([few.part(x) for x in (theta, omega, alpha, one)])
-    K, B, I, _ = np.linalg.lstsq(X @ X.T, X @ few.part(few.filtered_torque), rcond=1e-12)[0]
-    size, linear_part = float(few.part(few.motion.theta).std()), K * theta + B * omega + I * alpha
-    moved = Moved(theta, omega, size, linear_part, ramp / max(float(np.ptp(duration)), np.finfo(float).tiny))
+    size = float(few.part(few.motion.theta).std())
+    moved = Moved(theta, omega, size, ramp / max(float(np.ptp(duration)), np.finfo(float).tiny))
     columns |= {"jerk": higher.omega, "snap": higher.alpha}
     shaped = {effect: effect.made(moved) for effect in EFFECTS if effect.made}
     sharp = [effect for effect in shaped if effect.is_filtered]

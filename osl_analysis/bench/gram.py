@@ -46,7 +46,6 @@ class Sums:
     seconds: float  # time [s] from the first to the last row that is fitted
     centre: float  # angle [rad] about which the column `theta` is; verdicts do not depend on the encoder's zero
     columns: Mapping[str, Array]  # the columns (n,) themselves
-    torques: Array  # the filtered and the raw torque (2, n) [N*m]
     independent: float = 1.0  # rows after which noise behind the filter is independent
     rounding: tuple[float, float] = (0.0, 0.0)  # variances of the rounding of angle and torque, `Record.rounding`
     no_estimates: frozenset[str] = frozenset()  # columns that are like one another, whose sizes nobody asks for
@@ -150,7 +149,6 @@ def gram_sums(
         seconds,
         centre,
         columns,
-        np.array(Y),
         independent=max(record.rate_hz / (2 * record.low_pass.noise_bandwidth_hz), 1.0),
         rounding=record.rounding,
         no_estimates=no_estimates,

@@ -167,8 +167,6 @@ def late_said(facts: Facts) -> str:
     if lag is None or not shares:
         return ""
     signal, size = "the angle" if lag < 0 else "the torque", f"{significant(1e3 * abs(lag), 3)} ms"
-    if lag and abs(lag / 5e-3 - round(lag / 5e-3)) < 1e-6:  # the end of a range of delays that were tried
-        size += " or more"
     return f"{signal} is late by {size}, which moves {' and '.join(shares)}"
 
 

@@ -24,6 +24,7 @@ from osl_analysis.campaign.campaign import about, matching, open_campaign
 from osl_analysis.campaign.campaign import response_example, sentence, time_series_example
 from osl_analysis.campaign.configuration import campaign_config, overriding
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL, judged_tables
+from osl_analysis.dictionary import described_tables_by_name
 from osl_analysis.yaml_settings import read_mapping
 from osl_analysis.errors import OslAnalysisError
 from osl_analysis.figures import FIGURES

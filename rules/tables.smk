@@ -153,7 +153,8 @@ def table(wildcards):
 
 @step("tables.gather", {"output": tabled("impedance"), "evidence": tabled("impedance_evidence")}, "tables/impedance")
 def impedance_tables(_):
-    return gathered("impedance")
+    parts, columns = gathered("impedance"), described_tables_by_name()["impedance_evidence"].columns
+    return {**parts, "settings": parts["settings"] | {"evidence_columns": [*columns]}}
 
 
 step("", tabled("{derived}"), name="derived_table", derived="|".join(DERIVED))(

@@ -13,7 +13,6 @@ from osl_analysis.bench.settings import BenchAnalysis
 from osl_analysis.bench.torque_angle import compared_with_repeats
 from osl_analysis.campaign.campaign import sentence
 from osl_analysis.config.experiments import judged_tables
-from osl_analysis.dictionary import described_tables_by_name
 from osl_analysis.errors import InputError
 from osl_analysis.files import atomic_path, write_text
 from osl_analysis.jobs.job_log import read_log
@@ -39,11 +38,12 @@ def gather(
     limits_of_fits: Limits | None = None,
     places: Places | None = None,
     evidence: Path | None = None,
+    evidence_columns: Collection[str] = (),
 ) -> None:
     """One table from the tables of single trials, in the order given; with `limits`, doubtful fits are marked. `rows`
     are their files, or the archives with a table of the same name as `output`, `fits` the trials' fits of the table
     whose doubts the rows share, with the limits of that table. `places` has joint and side of each. With `evidence`
-    that file has the columns of its section in the dictionary, and the table all others."""
+    that file has the `evidence_columns`, and the table all others."""
     if not rows:
         raise InputError(f"{output}: no trials fill this table; add some to the sample sheet")
     table = pl.concat([read_table(path, of=output.stem) for path in rows], how="diagonal_relaxed")
@@ -57,9 +57,8 @@ def gather(
         table = marked(table, findings, output.stem)
     table = with_places(table, places or {})
     if evidence is not None:
-        beside = described_tables_by_name()[evidence.stem].columns
-        write_table(table.select(name for name in table.columns if name in beside), evidence)
-        table = table.select(name for name in table.columns if name in OF_ROW or name not in beside)
+        write_table(table.select(name for name in table.columns if name in evidence_columns), evidence)
+        table = table.select(name for name in table.columns if name in OF_ROW or name not in evidence_columns)
     write_table(table, output)
 
 

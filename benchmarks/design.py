@@ -16,14 +16,6 @@ import polars as pl
 
 from osl_analysis.campaign.configuration import Config, read_config
 from osl_analysis.commands.study import study_inputs
-from osl_analysis.design.precision import (
-    KBI,
-    Distortion,
-    PeriodicMultisine,
-    Sensors,
-    SteppedSine,
-    precision,
-)
 from osl_analysis.model.compensator import compensated_gains
 from osl_analysis.signals import LowPass
 from osl_analysis.simulator.bench import drivetrain_effects
@@ -33,6 +25,14 @@ from osl_analysis.spectral.periods import Realisation, period_spectra
 from osl_analysis.spectral.response import SecondOrder, fit_by_power, lines_of_periods, periodic_response
 from osl_analysis.study import bench as study_bench
 from osl_analysis.study.bench import StudyInputs
+from osl_analysis.study.precision import (
+    KBI,
+    Distortion,
+    PeriodicMultisine,
+    Sensors,
+    SteppedSine,
+    precision,
+)
 from osl_analysis.trial import Array
 
 STUDIED = ("second order", "second order, 250 Hz", "second order, 14 bits", "linear drivetrain", "drivetrain")

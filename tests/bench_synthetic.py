@@ -12,8 +12,8 @@ from osl_analysis.bench.impedance import impedance_table, rendered_impedance
 from osl_analysis.bench.prediction import COMPONENTS, PARTS
 from osl_analysis.bench.record import Record, cycles_of, record_of
 from osl_analysis.bench.settings import DynamometerAnalysis
-from osl_analysis.protocol.stepped_sine import Likeness, SteppedSineProtocol, find_segments, unit_sines
 from osl_analysis.signals import LowPass, Motion
+from osl_analysis.spectral.stepped_sine import Likeness, SteppedSineProtocol, find_segments, unit_sines
 
 RATE, LOW_PASS, PROTOCOL = 500.0, LowPass(15), SteppedSineProtocol((0.05, 0.1), (1.0, 3.0, 5.0), 9)
 FIVE = SteppedSineProtocol((0.05, 0.1), (1.0, 2.0, 3.0, 4.0, 5.0), 9)

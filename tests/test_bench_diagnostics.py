@@ -21,7 +21,7 @@ from osl_analysis.ingest.examine import saturated
 from osl_analysis.judge.limits import DoubtfulFits, Limits
 from osl_analysis.judge.unchecked import LATENESS
 from osl_analysis.model.parameters import read_parameters
-from osl_analysis.protocol.stepped_sine import SteppedSineProtocol
+from osl_analysis.spectral.stepped_sine import SteppedSineProtocol
 from osl_analysis.trial import Trial
 
 ENDS = ("", "_low", "_high")

@@ -49,10 +49,10 @@ from osl_analysis.judge.limits import DoubtfulFits, Limits
 from osl_analysis.judge.unchecked import LATENESS, unchecked_in
 from osl_analysis.model.compensator import PAPER_WEIGHT, Weight, select_gains
 from osl_analysis.model.parameters import read_parameters
-from osl_analysis.protocol.stepped_sine import unit_sines
 from osl_analysis.signals import LowPass, filtered_motion
 from osl_analysis.simulator.bench import simulate_bench_trial
 from osl_analysis.simulator.settings import SimulationSettings, SteppedSineSchedule
+from osl_analysis.spectral.stepped_sine import unit_sines
 from osl_analysis.stats.repeats import score_models
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import Trial, read_trial, write_trial

@@ -10,8 +10,8 @@ from bench_synthetic import sine_settings, table_of, unit_block
 from osl_analysis.bench.record import cycles_of, drift_rate, record_of_trial
 from osl_analysis.bench.settings import BenchStiffness
 from osl_analysis.errors import InputError
-from osl_analysis.protocol import stepped_sine
 from osl_analysis.signals import Motion
+from osl_analysis.spectral import stepped_sine
 from osl_analysis.trial import Trial
 
 PROTOCOL = stepped_sine.SteppedSineProtocol(amplitudes=(0.03, 0.06, 0.1), frequencies_hz=(2.0, 4.0), cycles=6)

@@ -13,7 +13,7 @@ from osl_analysis.bench.gram import combined, jackknife
 from osl_analysis.bench.record import record_of_trial, sine_record, stretches_of
 from osl_analysis.bench.settings import BenchStiffness
 from osl_analysis.measured import visible_step
-from osl_analysis.protocol.stepped_sine import SteppedSineProtocol
+from osl_analysis.spectral.stepped_sine import SteppedSineProtocol
 from osl_analysis.trial import Trial
 
 TRUTH = {"K": 300.0, "B": 5.0, "I": 0.02}

@@ -18,8 +18,8 @@ from osl_analysis.bench.phasors import fit_sinusoids
 from osl_analysis.commands.bench import fit_settings, fit_trial
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import OslAnalysisError
-from osl_analysis.protocol.stepped_sine import SteppedSineProtocol
 from osl_analysis.signals import LowPass, Motion, differentiate, filtered_motion, sampling_rate
+from osl_analysis.spectral.stepped_sine import SteppedSineProtocol
 from osl_analysis.stats import regression, repeats
 from osl_analysis.stats.fit_row import whiteness_row
 from osl_analysis.stats.regression import linear_fit

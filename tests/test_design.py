@@ -12,11 +12,11 @@ from scipy.stats import t as student
 
 from osl_analysis.bench.response_tables import RESPONSE_COLUMNS
 from osl_analysis.cli import main
-from osl_analysis.design import precision as planning
-from osl_analysis.design.precision import Continuous, Distortion, PeriodicMultisine, Sensors, SteppedSine, precision
 from osl_analysis.errors import InputError
 from osl_analysis.signals import LowPass
 from osl_analysis.spectral.periods import periodic_motion
+from osl_analysis.study import precision as planning
+from osl_analysis.study.precision import Continuous, Distortion, PeriodicMultisine, Sensors, SteppedSine, precision
 
 pytestmark = pytest.mark.usefixtures("in_root")
 OPEN = LowPass(1e4)  # a filter that weighs nothing

@@ -34,8 +34,8 @@ from osl_analysis.bench.reflex import (
 from osl_analysis.bench.settings import HumanJoint, HumanJointAnalysis
 from osl_analysis.bench.witness import HIDDEN
 from osl_analysis.errors import InputError
-from osl_analysis.protocol.stepped_sine import Likeness
 from osl_analysis.signals import LowPass, seven_point_motion
+from osl_analysis.spectral.stepped_sine import Likeness
 from osl_analysis.stats.fit_row import Row
 from osl_analysis.trial import Trial
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from osl_analysis.bench.record import Record
 from osl_analysis.errors import InputError
 from osl_analysis.measured import check_finite, check_measured
-from osl_analysis.protocol.stepped_sine import whole_rows
+from osl_analysis.spectral.stepped_sine import whole_rows
 from osl_analysis.stats.covariance import FEWEST_CYCLES, between_cycles, hac, products_between, welch_satterthwaite
 from osl_analysis.stats.fit_row import Row
 from osl_analysis.trial import Array

@@ -26,8 +26,6 @@ from osl_analysis.bench.settings import (
 )
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.measured import noise_before_rounding, visible_step
-from osl_analysis.protocol import stepped_sine
-from osl_analysis.protocol.stepped_sine import Likeness, whole_rows
 from osl_analysis.refusal import check_not_refused
 from osl_analysis.signals import LowPass, Motion, filtered_motion, runs
 from osl_analysis.signals.grid import (
@@ -39,7 +37,9 @@ from osl_analysis.signals.grid import (
     resampled,
     uniform_signals,
 )
+from osl_analysis.spectral import stepped_sine
 from osl_analysis.spectral.periods import PeriodicMotion, periodic_motion
+from osl_analysis.spectral.stepped_sine import Likeness, whole_rows
 from osl_analysis.stats.covariance import FEWEST_CYCLES, products_between
 from osl_analysis.trial import Array, Trial, stretches
 

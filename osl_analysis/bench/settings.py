@@ -5,9 +5,9 @@ from typing import Annotated, ClassVar, Literal, Self
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
-from osl_analysis.protocol.stepped_sine import SteppedSineProtocol
 from osl_analysis.signals import LowPass
 from osl_analysis.signals.grid import GapLimits
+from osl_analysis.spectral.stepped_sine import SteppedSineProtocol
 from osl_analysis.trial import REFLEX_DELAYS_MS, Array, stretches
 from osl_analysis.yaml_settings import (
     Degrees,

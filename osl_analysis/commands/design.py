@@ -14,11 +14,11 @@ from osl_analysis.bench.gram import BY_REPEATS, BY_UNITS
 from osl_analysis.bench.plausible import check_told
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.campaign.configuration import Config
-from osl_analysis.design import precision as planning
-from osl_analysis.design.precision import KBI, Continuous, Distortion, PeriodicMultisine, Plan, Precision, SteppedSine
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.signals import LowPass
 from osl_analysis.spectral.response import ENOUGH_REALISATIONS
+from osl_analysis.study import precision as planning
+from osl_analysis.study.precision import KBI, Continuous, Distortion, PeriodicMultisine, Plan, Precision, SteppedSine
 from osl_analysis.table import finite_or_null, read_table, write_table
 from osl_analysis.trial import Array
 

@@ -1,5 +1,6 @@
 """The Monte Carlo study: bias and efficiency of the estimators, and coverage of their intervals. Here stands which
-experiments it has, and how many trials each of its jobs takes. Rules read it: it imports nothing that simulates."""
+experiments it has, and how many trials each of its jobs takes. Rules read it: it imports nothing that simulates.
+`precision` says beforehand what intervals a protocol will give."""
 
 import math
 from collections.abc import Mapping

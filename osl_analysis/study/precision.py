@@ -68,7 +68,7 @@ class SteppedSine:
 
     @property
     def sines(self) -> PlannedSines:
-        """As many cycles are fitted as `protocol.stepped_sine.settled_cycles` leaves."""
+        """As many cycles are fitted as `spectral.stepped_sine.settled_cycles` leaves."""
         fitted = np.maximum(np.floor(self.cycles) - self.settle_cycles - LAST_CYCLES, 1)
         a, f = (x.ravel() for x in np.meshgrid(self.amplitudes, self.frequencies_hz, indexing="ij"))
         return PlannedSines(f, a, np.tile(fitted, len(self.amplitudes)) / f, 1 / f)

@@ -1,1 +1,0 @@
-"""Design of experiments: what intervals of K, B and I a protocol will give, and how long to record."""

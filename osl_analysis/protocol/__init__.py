@@ -1,1 +1,0 @@
-"""The stepped sine: what was commanded, and what the joint really did."""

@@ -24,7 +24,7 @@ from scipy.optimize import curve_fit
 from scipy.signal import butter, filtfilt
 
 from osl_analysis.bench.impedance import QUANTITIES, DesiredImpedance, judged_impedance
-from osl_analysis.bench.phasors import phasor_table
+from osl_analysis.bench.phasors import phasor_table, phasors_of_record
 from osl_analysis.bench.record import record_of_trial
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.campaign.configuration import read_section
@@ -105,9 +105,10 @@ def job(path: Path, s: DynamometerAnalysis, p: DrivetrainParameters) -> None:
     read = read_trial(path)
     check_recording(read, s)
     rails = saturated(read, "torque", "theta")
-    rendered, table = judged_impedance(record_of_trial(read, s), rails, p, CONDITION, PAPER_WEIGHT)
-    tables = [table, phasor_table(NAME, rendered.phasors), rendered.analysis.time_base(QUANTITIES)]
-    tables.append(rendered.analysis.series().table())
+    record = record_of_trial(read, s)
+    analysis, table = judged_impedance(record, rails, p, CONDITION, PAPER_WEIGHT)
+    tables = [table, phasor_table(NAME, phasors_of_record(record)), analysis.time_base(QUANTITIES)]
+    tables.append(analysis.series().table())
     for table in tables:
         write_table(table, path.with_suffix(".csv"))
 

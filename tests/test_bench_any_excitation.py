@@ -61,7 +61,7 @@ def moving_record(trial, windows=None, **settings):
 
 def row_of(trial, windows=None, **settings):
     record = moving_record(trial, windows, **{"excitation": "auto", **settings})
-    return impedance_table(rendered_impedance(record)).to_dicts()[0]
+    return impedance_table(*rendered_impedance(record)).to_dicts()[0]
 
 
 def person(trial, human=None, **settings):
@@ -85,7 +85,7 @@ def test_every_motion_has_the_same_columns_and_leaves_none_empty_but_those_that_
     rng, sines = np.random.default_rng(5), table_of(stepped_sine(second_order))
     empty = {column for column in sines.columns if sines[column].is_null().all()}
     for name, move in MOTIONS.items():
-        table = impedance_table(rendered_impedance(moving_record(made_trial(rng, move(rng)))))
+        table = impedance_table(*rendered_impedance(moving_record(made_trial(rng, move(rng)))))
         assert table.schema == sines.schema
         own = {column for column in table.columns if table[column].is_null().all()}
         assert own - empty - {"path_shift", "heard"} == (OF_SINES if name == "multisine" else OF_SINES | OF_PERIODS)
@@ -623,7 +623,7 @@ def test_a_motion_that_cannot_tell_is_refused_with_what_is_missing(angle, words)
     time = np.arange(0, 40, 1 / 250)
     trial = made_trial(np.random.default_rng(1), (time, (angle(time), 0 * time, 0 * time)), B=0.0, I=0.0)
     with pytest.raises((IdentifiabilityError, InputError), match=words):
-        impedance_table(rendered_impedance(record_of_trial(trial, SETTINGS)))
+        impedance_table(*rendered_impedance(record_of_trial(trial, SETTINGS)))
     still = Trial("made", trial.samples.with_columns(theta=pl.lit(0.0)))
     for windows in (None, "2-30"):
         with pytest.raises(InputError, match="made: the joint does not move; check the channel of theta"):

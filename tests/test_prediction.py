@@ -194,7 +194,7 @@ def test_what_the_equations_lack_has_the_variance_that_scatters_beyond_what_is_k
 
 def test_the_torque_error_is_what_an_offset_and_a_drift_leave_of_the_difference_to_what_was_asked():
     record = recording(300, 5, "compensated")
-    s, motion = rendered_impedance(record).analysis.sums, record.motion
+    s, motion = rendered_impedance(record)[0].sums, record.motion
     ends = zip(np.ceil(s.groups.first), np.floor(s.groups.stop), strict=True)
     rows = np.concatenate([np.arange(int(a), int(b)) for a, b in ends])
     left = (record.filtered_torque - 310 * motion.theta - 4 * motion.omega)[rows]

@@ -407,8 +407,8 @@ def test_the_model_of_a_series_is_that_of_the_fit_in_the_samples_that_the_fit_us
     )
     losses = transmission_of(stepped)
     for series, table in (
-        (sines.analysis.series(), impedance_table(sines)), (losses.series(), transmission_table(losses)),
-        (belt.series(), belt_table(belt)), (moving.analysis.series(), impedance_table(moving)),
+        (sines[0].series(), impedance_table(*sines)), (losses.series(), transmission_table(losses)),
+        (belt.series(), belt_table(belt)), (moving[0].series(), impedance_table(*moving)),
     ):  # fmt: skip
         rest, torque = (series.torque - series.torque_model)[series.fitted], series.torque[series.fitted]
         assert 100 * (1 - np.var(rest) / np.var(torque)) == pytest.approx(table["VAF"][-1], abs=1e-6)

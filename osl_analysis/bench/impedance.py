@@ -2,7 +2,6 @@
 should give, and what judges the estimates.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,7 +21,6 @@ from osl_analysis.bench.analysis import (
 )
 from osl_analysis.bench.effects import IMPEDANCE, Fault
 from osl_analysis.bench.gram import FEWEST_UNITS, GroupFit, Sums, combined, estimates_of, solved
-from osl_analysis.bench.phasors import SegmentPhasors, phasors_of_record
 from osl_analysis.bench.plausible import check_resists, plausible_impedance
 from osl_analysis.bench.record import Label, Record
 from osl_analysis.bench.reflex import unstated_reflex_row
@@ -76,25 +74,11 @@ class DesiredImpedance:
         return {"controller": pl.lit(self.controller, pl.String), **numbers}
 
 
-@dataclass(frozen=True)
-class Rendered:
-    """Eq. 15 of an impedance trial, with the phasors of its sines."""
-
-    analysis: Analysis
-    phasors: Sequence[SegmentPhasors]  # none where no sines moved the joint
-    sums: Sums  # with the columns of all effects
-
-    @property
-    def record(self) -> Record:
-        return self.analysis.record
-
-
-def rendered_impedance(record: Record, expected: effects.Admittance | None = None) -> Rendered:
-    """Eq. 15 of a record. `expected` is the admittance of the linear model, where the gains are known. Raises as
-    `fitted_motion`."""
+def rendered_impedance(record: Record, expected: effects.Admittance | None = None) -> tuple[Analysis, Sums]:
+    """Eq. 15 of a record, and the sums with the columns of all effects. `expected` is the admittance of the linear
+    model, where the gains are known. Raises as `fitted_motion`."""
     analysis = fitted_motion(record, effects.plain_sums(record, IMPEDANCE), IMPEDANCE)
-    s = effects.sums_of(record, IMPEDANCE, expected)
-    return Rendered(analysis, phasors_of_record(record), s)
+    return analysis, effects.sums_of(record, IMPEDANCE, expected)
 
 
 def alias_share(record: Record, fit: GroupFit) -> float:
@@ -151,12 +135,12 @@ def smoothed_jumps(record: Record, fit: GroupFit, rows: NDArray[np.intp], signs:
     return 1 + 2 * q / (1 - q) + 2 / float(np.log(q)) if 1e-9 < q < 1 - 1e-3 else 1.0 - q
 
 
-def impedance_table(rendered: Rendered, p: DrivetrainParameters | None = None) -> pl.DataFrame:
+def impedance_table(analysis: Analysis, s: Sums, p: DrivetrainParameters | None = None) -> pl.DataFrame:
     """The trial's rows of `impedance.csv`: Eq. 15 fitted to each amplitude [deg] and to all of them (amplitude null);
     of a motion that is no stepped sine one row. What moved the joint is the same in every row: estimates of a device
     that is no second-order system depend on band and weights. With the parameters of the device and theta_m the belt
     shows a lag, which what Eq. 15 misses of a drivetrain would hide."""
-    analysis, record, s = rendered.analysis, rendered.record, rendered.sums
+    record = analysis.record
     belt, repeats = effects.belt_of_leg(record, p), effects.repeats_row(record, s, IMPEDANCE)
     lag = belt.torque if belt else None
     friction, rows = friction_rows(s, analysis), list[Row]()
@@ -333,7 +317,7 @@ def judged_impedance(
     p: DrivetrainParameters | None,
     desired: DesiredImpedance | None,
     weight: Weight | None = None,
-) -> tuple[Rendered, pl.DataFrame]:
+) -> tuple[Analysis, pl.DataFrame]:
     """Eq. 15 of a record, and its rows with all that judges them. What the gains, selected with the `weight` W of
     Eq. 14, should give is known only with a parameter file (`p`), a controller of the draft, K_d and B_d.
 
@@ -341,15 +325,15 @@ def judged_impedance(
     """
     gains = None if desired is None or weight is None else desired.gains(p, weight)
     expected = joint_admittance(gains.K_1, gains.B_1, p, p.J_j) if p and gains else None
-    rendered = rendered_impedance(record, expected)
-    predicted = linear_estimates(rendered.sums).tolist() if expected else None
+    analysis, s = rendered_impedance(record, expected)
+    predicted = linear_estimates(s).tolist() if expected else None
     K_given, K_d = predicted[0] if predicted else None, desired.K_d if desired else None
-    table = impedance_table(rendered, p)
+    table = impedance_table(analysis, s, p)
     stated = bool(desired and (desired.controller or desired.K_d)) or table["K_s_ratio"].drop_nulls().len() > 0
     table = plausible_impedance(table, rails, p if stated else None, K_given, K_d)
     gap = pl.lit(None, pl.Float64)
     if predicted and gains and gains.cancels_friction:
-        sizes = pl.Series([torque_per_angle(rendered.sums, label) for label in rendered.analysis.fits])
+        sizes = pl.Series([torque_per_angle(s, label) for label in analysis.fits])
         half = (pl.col("B_high") - pl.col("B_low")) / 2
         apart = predicted[1] - pl.col("B")
         gap = apart.sign() * (apart.abs() - half).clip(0) / sizes
@@ -357,7 +341,7 @@ def judged_impedance(
     if desired is not None:
         values = zip(QUANTITIES, predicted or (None, None, None), strict=True)
         should_be = {f"{name}_predicted": pl.lit(value, pl.Float64) for name, value in values}
-        errors = [torque_error(rendered.analysis.sums, label, desired) for label in rendered.analysis.fits]
+        errors = [torque_error(analysis.sums, label, desired) for label in analysis.fits]
         rated = getattr(record.settings, "rated_torque", None)
         error = pl.Series(errors, dtype=pl.Float64)
         should_be |= {
@@ -365,7 +349,7 @@ def judged_impedance(
             "torque_error_share": pl.lit(error * (100 / rated if rated else None)),
         }
         table = table.with_columns(**desired.columns(), **should_be)
-    return rendered, table.with_columns(clocks=pl.lit(2 if record.two_clocks else 1))
+    return analysis, table.with_columns(clocks=pl.lit(2 if record.two_clocks else 1))
 
 
 def linear_estimates(s: Sums) -> Array:

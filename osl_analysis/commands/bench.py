@@ -24,7 +24,7 @@ from osl_analysis.bench.impedance import (
     judged_impedance,
     repeated_trials_table,
 )
-from osl_analysis.bench.phasors import frequency_response_table, phasor_table
+from osl_analysis.bench.phasors import frequency_response_table, phasor_table, phasors_of_record
 from osl_analysis.bench.plausible import plausible
 from osl_analysis.bench.prediction import NUMBERS, components_of, prediction_table, prediction_terms
 from osl_analysis.bench.record import read_record, record_of_trial, sine_record, stored_record, with_actuator
@@ -98,18 +98,18 @@ def fit_impedance_trial(
     check_recording(trial, settings)
     rails = saturated(trial, "torque", "theta")
     record = record_of_trial(trial, settings, windows)
-    rendered, table = judged_impedance(with_actuator(record, trial), rails, p, condition, weight)
+    analysis, table = judged_impedance(with_actuator(record, trial), rails, p, condition, weight)
     stated = condition or DesiredImpedance(None, None, None)
 
     def further() -> dict[str, pl.DataFrame]:
-        frames = {"phasors": phasor_table(trial.name, rendered.phasors), **response_tables(rendered.record, p)}
+        frames = {"phasors": phasor_table(trial.name, phasors_of_record(record)), **response_tables(record, p)}
         columns = stated.columns() if condition else {}
         of_condition = {name: frame.with_columns(**columns) for name, frame in frames.items()}
         parts = model_comparison.thinned_amplitudes(record)
         kept = stored_record(record, parts) if stated.gains(p, weight) else pl.DataFrame(schema={"time": pl.Float64})
-        return of_condition | {"timebase": rendered.analysis.time_base(QUANTITIES), "record": kept}
+        return of_condition | {"timebase": analysis.time_base(QUANTITIES), "record": kept}
 
-    return FitTables(rendered.analysis.series(), further, impedance=table)
+    return FitTables(analysis.series(), further, impedance=table)
 
 
 def fit_human_joint_trial(

@@ -187,9 +187,8 @@ STEP = (FRAMES > 90) & (FRAMES < 160)
 PULSES = ["Sync.1", "Voltage.Trigger"]
 
 
-def capture(path, of_leg, turn_deg=0.0, force=0.0, still=False, platform=("B1", "B2", "B3"), labels=PULSES):
-    """A capture whose leg walks past, or stands still, on or beside a plate that turns by an angle while it is loaded,
-    with markers of the platform whose names say nothing."""
+def capture(path, of_leg, turn_deg=0.0, force=0.0, still=False, platform=("PLAT1", "PLAT2", "PLAT3"), labels=PULSES):
+    """A capture whose leg walks past, or stands still, on or beside a plate that turns while it is loaded."""
     turn = np.radians(turn_deg) * np.clip((FRAMES - 100) / 10, 0, 1) * (FRAMES < 170)
     tracks = {name: np.add(place, WALK[120] if still else WALK) for name, place in of_leg.items()}
     tracks |= {name: np.add(place, 0 * WALK) for name, place in of_leg.items() if still}
@@ -230,7 +229,8 @@ def test_a_walking_laboratory_is_drafted_from_captures_whose_names_say_nothing(t
     )
     written = yaml.safe_load((tmp_path / "mine/config.yaml").read_text())["walking"]
     assert written.pop("markers") == {
-        "foot": ["R_FCC", "R_FM1", "R_FM5"], "shank": ["R_SK1", "R_SK2", "R_SK3"], "platform": ["B1", "B2", "B3"],
+        "foot": ["R_FCC", "R_FM1", "R_FM5"], "shank": ["R_SK1", "R_SK2", "R_SK3"],
+        "platform": ["PLAT1", "PLAT2", "PLAT3"],
         "ankle_medial": "R_TAM", "ankle_lateral": "R_FAL",
     }  # fmt: skip
     assert written == {"side": "right", "plate": 1}

@@ -247,8 +247,7 @@ def draft_campaign(folder: Path) -> Draft:
             text = known + "".join(line for line, column in named if f"\n  {column}: " not in known)
         draft.sources[name] = text
     joints = [name for name, text in draft.sources.items() if "\n  theta: {" in text and "\n  torque: {" in text]
-    platform, _ = drafts.platform_in([drafts.tracks_of(one) for one in captures.values()])
-    moved = {file: drafts.told_by_motion(one, platform) for file, one in captures.items()}
+    moved = {file: drafts.told_by_motion(one) for file, one in captures.items()}
     moved |= {file: {"experiment": "impedance"} for file, source, _ in recordings if source in joints}
     draft.trials = drafts.draft_trials(recordings, moved)
     if any(cells["experiment"] == "walking" for cells, _ in draft.trials):

@@ -122,25 +122,22 @@ def log_lines(overview: Overview) -> Iterator[str]:
     doubt. One that may be another quantity, as a command or another joint's angle, is left to the user; where angle and
     torque are known, as a comment."""
     time: Any = overview.settings.get("time", {})
-    clock = next((time[key] for key in ("column", "variable", "field", "channel") if key in time), "")
+    of_time = next((time[key] for key in ("column", "variable", "field", "channel") if key in time), "")
     listed = overview.channels if overview.drafted is None else overview.drafted
+    clock = next((c for c in listed if of_time and of_time in c.address.values()), None)
     yield from (f"# {text}" for text in overview.open)
-    if clock == NAME_OF_TIME:
+    if of_time == NAME_OF_TIME:
         yield "# time: name its column and unit, or state the rate of the rows instead, as {rate: HZ}"
-    if any(c.likely_unit and not c.unit for c in listed if clock in c.address.values()):
+    if clock and clock.likely_unit and not clock.unit:
         yield "# time: its unit is guessed from its name or from the rate of its readings: check it"
     todo = f"give each signal that you need its canonical name instead of NAME_n, state what is {UNKNOWN}"
     yield f"# {todo}, delete the rest"
     yield f"# canonical names: {', '.join(column for column in COLUMNS if column != 'time')}"
     yield "channels:"
-    channels = [c for c in listed if not clock or clock not in c.address.values()]
-    channels = [c for c in channels if "topic" not in c.address or ("field" in c.address and c.count)]
-    guesses = guessed_columns(channels, next((c for c in listed if clock and clock in c.address.values()), None))
-    comment_others = any(guess.column for guess in guesses)
-    complete = {"theta", "torque"} <= {guess.column for guess in guesses if guess.sure}
-    for number, (channel, guess) in enumerate(zip(channels, guesses, strict=True), start=1):
-        line, is_needed = channel_line(number, channel, guess), guess.sure or (guess.column and not complete)
-        yield f"# {line}" if guess.no_signal or (comment_others and not is_needed) else line
+    channels = [
+        c for c in listed if c is not clock and ("topic" not in c.address or ("field" in c.address and c.count))
+    ]
+    yield from entry_lines(channels, guessed_columns(channels, clock))
 
 
 @dataclass(frozen=True)
@@ -152,6 +149,16 @@ class Guess:
     said: str = ""  # the evidence, in words
     sign: int = 1  # by which it would be turned
     no_signal: bool = False  # whether it stands still, is noise, or is computed from another
+
+
+def entry_lines(channels: Sequence[RecordedChannel], guesses: Sequence[Guess]) -> Iterator[str]:
+    """The entries of channels; those that nobody needs are comments."""
+    complete = {"theta", "torque"} <= {guess.column for guess in guesses if guess.sure}
+    needed = [bool(guess.sure or (guess.column and not complete)) for guess in guesses]
+    comment_others = any(guess.column for guess in guesses)
+    for number, (channel, guess, is_needed) in enumerate(zip(channels, guesses, needed, strict=True), start=1):
+        line = channel_line(number, channel, guess)
+        yield f"# {line}" if guess.no_signal or (comment_others and not is_needed) else line
 
 
 FEWEST_READINGS, LARGEST_READING = 100, 1e30  # how many tell how a channel moves; beyond the other, none is one
@@ -386,35 +393,12 @@ def travel(track: Array) -> float:
     return float(np.ptp(ends, axis=0).max())
 
 
-def platform_in(captures: Sequence[dict[str, Array]]) -> tuple[list[str], str]:
-    """The platform's markers, and by what: their names; or else that people walk past them while they keep within
-    15 cm, less than 30 cm above the lowest marker, and that each moves by 3 mm or more in some capture."""
-    every = dict.fromkeys(label for tracks in captures for label in tracks)
-    if named := [label for label in every if segment_of(label)[1] == "platform"]:
-        return named, "named so"
-    crossings = [tracks for tracks in captures if any(1 < travel(track) < np.inf for track in tracks.values())]
-    resting = [label for label in every if not segment_of(label)[1] and any(label in one for one in crossings)]
-    for tracks in crossings:
-        lowest = min(float(np.nanquantile(track[:, 2], 0.02)) for track in tracks.values())
-        low = [x for x in resting if x in tracks and np.nanmedian(tracks[x][:, 2]) < lowest + 0.3]
-        resting = [x for x in resting if x not in tracks or (x in low and travel(tracks[x]) < 0.15)]
-    moved = [x for x in resting if any(travel(tracks[x]) > 0.003 for tracks in captures if x in tracks)]
-    return moved, "a guess to be confirmed: low, and at rest but for small motions" * bool(moved)
-
-
-def told_by_motion(overview: Overview, platform: Sequence[str]) -> dict[str, str]:
+def told_by_motion(overview: Overview) -> dict[str, str]:
     """The cells of the sheet that the motion in a capture tells; none where it tells no experiment."""
-    tracks, turn, steps = tracks_of(overview), 0.0, list[int]()
-    own = [tracks[label] for label in platform if label in tracks]
-    for first, second in combinations(own, 2):  # the turn [rad] of the line between two markers
-        if (way := travel(first - second)) < np.inf:
-            turn = max(turn, way / float(np.linalg.norm(np.nanmedian(first - second, axis=0))))
-    turns, legs = turn > np.radians(1), any(segment_of(label)[1] in ("foot", "shank") for label in tracks)
-    frames = max(map(len, tracks.values()), default=0)
-    rate = max((one.rate or 0.0 for one in overview.channels if one.kind == "marker"), default=0.0)
-    for force in (c.numbers for c in overview.channels if c.kind == "plate" and c.numbers is not None):
-        loaded = runs(force - np.quantile(force, 0.02) > 100)  # [N]
-        steps.append(sum((run.stop - run.start) * frames > 0.3 * rate * force.size for run in loaded))
+    tracks = tracks_of(overview)
+    own = [track for label, track in tracks.items() if segment_of(label)[1] == "platform"]
+    legs = any(segment_of(label)[1] in ("foot", "shank") for label in tracks)
+    turns, steps = turn_of(own) > np.radians(1), steps_on_plates(overview)
     if legs and not turns and all(travel(track) < 0.03 for track in tracks.values()):
         return {"experiment": "static"}
     if own and legs and 1 in steps:
@@ -424,50 +408,60 @@ def told_by_motion(overview: Overview, platform: Sequence[str]) -> dict[str, str
     return {"experiment": "overground"} if legs and any(steps) and not own else {}
 
 
+def turn_of(tracks: Sequence[Array]) -> float:
+    """The largest turn [rad] of a line between two markers."""
+    lines = [first - second for first, second in combinations(tracks, 2)]
+    lengths = [float(np.linalg.norm(np.nanmedian(line, axis=0))) for line in lines if travel(line) < np.inf]
+    ways = [travel(line) for line in lines if travel(line) < np.inf]
+    return max((way / length for way, length in zip(ways, lengths, strict=True)), default=0.0)
+
+
+def steps_on_plates(overview: Overview) -> list[int]:
+    """How often each plate was loaded for 0.3 s or more."""
+    steps, markers = list[int](), [one for one in overview.channels if one.kind == "marker"]
+    frames = max((len(one.numbers) for one in markers if one.numbers is not None), default=0)
+    rate = max((one.rate or 0.0 for one in markers), default=0.0)
+    for force in (c.numbers for c in overview.channels if c.kind == "plate" and c.numbers is not None):
+        loaded = runs(force - np.quantile(force, 0.02) > 100)  # [N]
+        steps.append(sum((run.stop - run.start) * frames > 0.3 * rate * force.size for run in loaded))
+    return steps
+
+
 def draft_walking(overviews: Sequence[Overview]) -> list[str]:
     """Lines of YAML: the section `walking` of a configuration by the captures of one laboratory. What neither names nor
     motion tell is UNKNOWN. None unless markers are named as a foot's or shank's."""
-    markers = [one for overview in overviews for one in overview.channels if one.kind == "marker"]
-    told = {label: segment_of(label) for label in dict.fromkeys(one.address["label"] for one in markers)}
-    platform, by = platform_in([tracks_of(overview) for overview in overviews])
+    labels = [one.address["label"] for overview in overviews for one in overview.channels if one.kind == "marker"]
+    told = {label: segment_of(label) for label in dict.fromkeys(labels)}
     side = max((side for side, segment in told.values() if segment in ("foot", "shank")), default="")  # R before L
-    leg = {"R": "right", "L": "left", "": UNKNOWN}[side]
     of_leg = [(label, own) for label, (of, own) in told.items() if not side or of in ("", side)]
     clusters = {segment: [label for label, own in of_leg if own == segment] for segment in SEGMENTS}
     if not (clusters["foot"] or clusters["shank"]):
         return []
-    clusters["platform"] = platform
-    # the plate on the platform: with load, on which somebody stepped; of several with load the nearest to the markers
-    every = [[channel for channel in one.channels if channel.kind == "plate"] for one in overviews]
-    plates = max(every, key=lambda plates: max((one.load or 0.0 for one in plates), default=-1.0))
-    loaded = [one for one in plates if (one.load or 0.0) > 100.0]
-    own = [c.centre for c in markers if c.centre and c.address["label"] in platform]
-    plate, why = ("1", "the only one") if len(plates) == 1 else (UNKNOWN, f"of {len(plates)} force plates in this file")
-    if len(plates) > 1 and loaded:
-        guess, why = max(loaded, key=lambda one: one.load or 0.0), "the one with the load"
-        if own and len(loaded) > 1:
-            guess = min(loaded, key=lambda one: float(np.linalg.norm(np.subtract(one.centre, np.mean(own, axis=0)))))
-            why = "with load the one that is nearest to the platform's markers"
-        plate, why = guess.address["plate"], f"a guess, to be confirmed: of {len(plates)} force plates {why}"
+    plates = max(sum(channel.kind == "plate" for channel in one.channels) for one in overviews)
+    plate = "1  # the only one" if plates == 1 else f"{UNKNOWN}  # of {plates} force plates in this file"
+    leg = {"R": "right", "L": "left", "": UNKNOWN}[side]
     lines = [
         "walking:  # a draft, from names and motion of markers: check every line",
         f"  side: {leg}  # the leg that steps on the platform" + ", a guess to be confirmed" * bool(side),
-        f"  plate: {plate}  # {why}",
+        f"  plate: {plate}",
         "  markers:",
+        *(f"    {segment}: {markers_of(segment, found)}" for segment, found in clusters.items()),
     ]
-    for key, found in clusters.items():
-        names, said = [json.dumps(name) for name in found], "named so" if found else "none is known"
-        if key.startswith("ankle"):
-            said = (
-                f"one of {', '.join(names)}" if len(names) > 1 else said + ": named in the static trial?" * (not names)
-            )
-            value = names[0] if len(names) == 1 else UNKNOWN
-        else:
-            value = f"[{', '.join(names + [UNKNOWN] * (len(names) < 3))}]"
-            said = (by if key == "platform" and by else said) + "; a cluster has 3 or more" * (len(names) < 3)
-        lines.append(f"    {key}: {value}  # {said}")
-    lines += ["# no platform: does a belt, a boot or the leg perturb (`walking.perturbed_by`)?"] * (not platform)
+    if not clusters["platform"]:
+        lines.append("# no platform: does a belt, a boot or the leg perturb (`walking.perturbed_by`)?")
     return lines
+
+
+def markers_of(segment: str, found: Sequence[str]) -> str:
+    """The markers of a segment in a draft, and what is to be decided."""
+    names, said = [json.dumps(name) for name in found], "named so" if found else "none is known"
+    if not segment.startswith("ankle"):
+        said += "; a cluster has 3 or more" * (len(names) < 3)
+        return f"[{', '.join(names + [UNKNOWN] * (len(names) < 3))}]  # {said}"
+    if len(names) == 1:
+        return f"{names[0]}  # {said}"
+    said = f"one of {', '.join(names)}" if names else "none is known: named in the static trial?"
+    return f"{UNKNOWN}  # {said}"
 
 
 WORDS_OF_EXPERIMENTS = {
@@ -490,6 +484,9 @@ def trial_name(path: Path) -> str:
     return re.sub(r"[^A-Za-z0-9_.-]+", "_", path.stem if path.suffix else path.name).lstrip("_.-")[:90] or "trial"
 
 
+Recordings = Mapping[str, tuple[Path, str]]  # file and name of the source file of a trial's log, and of its capture
+
+
 def draft_trials(
     recordings: Iterable[tuple[Path, str, bool]], moved: Mapping[Path, Mapping[str, str]] | None = None
 ) -> list[tuple[dict[str, str], list[str]]]:
@@ -506,55 +503,77 @@ def draft_trials(
             number += 1
             free = f"{name}_{number}"
         several.setdefault(free, {})[role] = path, source
-    trials = []
-    for name, files in several.items():
-        path = next(iter(files.values()))[0]
-        cells, said, still_open = {"trial": name}, path.stem if path.suffix else path.name, list[str]()
-        for role, (file, source) in files.items():
-            cells |= {role: file.as_posix(), f"{role}_source": source}
-        words, numbers, begin = words_of(said.replace("_", " ")), {}, "(?<![A-Za-z])"
-        for column, letter, smallest in (("K_d", "K", 10.0), ("B_d", "B", 0.0)):
-            behind = r"(?=$|[_\s-]|[.,](?!\d)|[BbKk]_?d?[_=-]?\d)"
-            found = set(re.findall(rf"{begin}{letter}_?d?[_=-]?(\d+(?:\.\d+)?){behind}", said, re.IGNORECASE))
-            if len(found) == 1 and float(*found) >= smallest:
-                (numbers[column],) = found
-        wrong = {"static", "plate"} if "mocap" not in files else set()  # a log alone is of a bench, a boot or a leg
-        wrong |= {*WORDS_OF_EXPERIMENTS} - {"static", "plate", "walking"} if "log" not in files else set()
-        told = [known for known, word in WORDS_OF_EXPERIMENTS.items() if known not in wrong and re.search(word, words)]
-        told += ["impedance"] * ("K_d" in numbers and not {"walking", "impedance"} & {*told, *wrong})
-        experiment = told[0] if len(told) == 1 else UNNAMED
-        calm = re.search(r"\b(unperturbed|unpert|baseline|normal|level|free|no ?pert)\b", words)
-        perturbed = "false" if calm else "true" * bool(re.search(r"\b(perturb|perturbed|perturbation|pert)\b", words))
-        role = "mocap" if "mocap" in files else "log"
-        motion = (moved or {}).get(files[role][0], {})
-        is_open = experiment == UNNAMED or (experiment == "walking" and not perturbed)
-        if motion and is_open and (role == "mocap" or not told):
-            experiment, guessed = motion["experiment"], " and ".join(map(" ".join, motion.items()))
-            if experiment == "overground" and "log" in files:
-                guessed += "; if a belt, a boot or the leg perturbs: walking, with `walking.perturbed_by`"
-            cells |= motion
-            by = "the motion of markers and plates" if role == "mocap" else "angle and torque"
-            still_open.append(f"to be confirmed, guessed from {by}: {guessed}")
-        elif experiment == UNNAMED:
-            what = f"the name may tell {' or '.join(told)}" if told else "the name tells none"
-            still_open.append(f"experiment: {what}; it stands as {UNNAMED}, which is not analysed")
-        elif experiment == "impedance":
-            for column in ("K_d", "B_d"):
-                if column not in numbers:
-                    still_open.append(f"{column}: the name does not tell; empty, nothing is compared with it")
-            cells |= numbers
-            controller = re.search(rf"{begin}(un|non[-_]?)?comp(?:ensated)?(?![A-Za-z])", said, re.IGNORECASE)
-            if controller:
-                cells["controller"] = "uncompensated" if controller[1] else "compensated"
-        elif experiment == "calibration":
-            experiment, remedy = UNNAMED, "write calibration, and its known_K or known_I"
-            still_open.append(
-                f"experiment: a calibration whose spring or inertia is not told stands as {UNNAMED}: {remedy}"
-            )
-        elif experiment == "walking" and perturbed:
-            cells["perturbed"] = perturbed
-        elif experiment == "walking":
-            experiment, remedy = UNNAMED, "write walking, and true or false"
-            still_open.append(f"perturbed: the name does not tell; it stands as {UNNAMED}: {remedy}")
-        trials.append((cells | {"experiment": experiment}, still_open))
-    return trials
+    return [draft_trial(name, files, moved or {}) for name, files in several.items()]
+
+
+def draft_trial(
+    name: str, files: Recordings, moved: Mapping[Path, Mapping[str, str]]
+) -> tuple[dict[str, str], list[str]]:
+    """The cells of one trial, and what the user has to decide."""
+    path, role = next(iter(files.values()))[0], "mocap" if "mocap" in files else "log"
+    said = path.stem if path.suffix else path.name
+    words, numbers = words_of(said.replace("_", " ")), stated_impedance(said)
+    cells = {"trial": name, "experiment": UNNAMED}
+    for column, (file, source) in files.items():
+        cells |= {column: file.as_posix(), f"{column}_source": source}
+    told = experiments_told(words, files, "K_d" in numbers)
+    experiment = told[0] if len(told) == 1 else UNNAMED
+    perturbed = perturbation_told(words)
+    motion = moved.get(files[role][0], {})
+    is_open = experiment == UNNAMED or (experiment == "walking" and not perturbed)
+    if motion and is_open and (role == "mocap" or not told):
+        by = "the motion of markers and plates" if role == "mocap" else "angle and torque"
+        guessed = " and ".join(map(" ".join, motion.items()))
+        if motion["experiment"] == "overground" and "log" in files:
+            guessed += "; if a belt, a boot or the leg perturbs: walking, with `walking.perturbed_by`"
+        return cells | motion, [f"to be confirmed, guessed from {by}: {guessed}"]
+    if experiment == UNNAMED:
+        what = f"the name may tell {' or '.join(told)}" if told else "the name tells none"
+        return cells, [f"experiment: {what}; it stands as {UNNAMED}, which is not analysed"]
+    if experiment == "calibration":
+        remedy = "write calibration, and its known_K or known_I"
+        said = f"experiment: a calibration whose spring or inertia is not told stands as {UNNAMED}: {remedy}"
+        return cells, [said]
+    if is_open:
+        remedy = "write walking, and true or false"
+        return cells, [f"perturbed: the name does not tell; it stands as {UNNAMED}: {remedy}"]
+    cells["experiment"] = experiment
+    if experiment == "impedance":
+        return of_impedance(cells | numbers, said)
+    return cells | ({"perturbed": perturbed} if experiment == "walking" else {}), []
+
+
+def of_impedance(cells: dict[str, str], said: str) -> tuple[dict[str, str], list[str]]:
+    """The cells of an impedance trial with the controller that its name tells, and what it does not tell."""
+    if controller := re.search(r"(?<![A-Za-z])(un|non[-_]?)?comp(?:ensated)?(?![A-Za-z])", said, re.IGNORECASE):
+        cells["controller"] = "uncompensated" if controller[1] else "compensated"
+    asked = "the name does not tell; empty, nothing is compared with it"
+    return cells, [f"{column}: {asked}" for column in ("K_d", "B_d") if column not in cells]
+
+
+def perturbation_told(words: str) -> str:
+    """Whether a name tells a perturbed crossing, `true` or `false`; empty if it does not say."""
+    if re.search(r"\b(unperturbed|unpert|baseline|normal|level|free|no ?pert)\b", words):
+        return "false"
+    return "true" * bool(re.search(r"\b(perturb|perturbed|perturbation|pert)\b", words))
+
+
+def stated_impedance(said: str) -> dict[str, str]:
+    """K_d and B_d as a name states them, once each: `K300_B2.5`."""
+    numbers = {}
+    for column, letter, smallest in (("K_d", "K", 10.0), ("B_d", "B", 0.0)):
+        behind = r"(?=$|[_\s-]|[.,](?!\d)|[BbKk]_?d?[_=-]?\d)"
+        number = rf"(?<![A-Za-z]){letter}_?d?[_=-]?(\d+(?:\.\d+)?){behind}"
+        found = set(re.findall(number, said, re.IGNORECASE))
+        if len(found) == 1 and float(*found) >= smallest:
+            (numbers[column],) = found
+    return numbers
+
+
+def experiments_told(words: str, files: Recordings, states_K: bool) -> list[str]:
+    """The experiments that a name tells by its words or a stiffness. A log alone is of a bench, a boot or a leg, a
+    capture alone of a walkway."""
+    wrong = {"static", "plate"} if "mocap" not in files else set()
+    wrong |= {*WORDS_OF_EXPERIMENTS} - {"static", "plate", "walking"} if "log" not in files else set()
+    told = [known for known, word in WORDS_OF_EXPERIMENTS.items() if known not in wrong and re.search(word, words)]
+    return told + ["impedance"] * (states_K and not {"walking", "impedance"} & {*told, *wrong})

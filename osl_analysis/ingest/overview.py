@@ -42,10 +42,8 @@ class RecordedChannel:
     note: str = ""  # remark for the user
     type: str = ""  # type of the numbers and the length of the array that they stand in, such as `float64[4]`
     likely_unit: str = ""  # unit that the channel's name ends with; a guess, for the user to check
-    load: float | None = None  # range of the force on a plate [N], where it can be computed
     numbers: Array | None = field(default=None, compare=False, repr=False)  # readings, positions, size of a force [N]
     times: Array | None = field(default=None, compare=False, repr=False)  # of its readings [s]; None: those of the rows
-    centre: tuple[float, ...] = ()  # mean position of a marker, or of a plate's corners, (3,); empty if unknown
 
 
 @dataclass(frozen=True)
@@ -584,13 +582,12 @@ def marker_channel(label: str, positions: Array, rate: float, kind: str, unit: s
     seen = ~np.isnan(positions).any(axis=1)
     missing = 1.0 - float(seen.mean())
     note = f"missing in {missing:.1%} of the frames" if missing else ""
-    centre = tuple(positions[seen].mean(axis=0).tolist()) if seen.any() else ()
-    return RecordedChannel(kind, {"label": label}, unit, int(seen.sum()), rate, note, numbers=positions, centre=centre)
+    return RecordedChannel(kind, {"label": label}, unit, int(seen.sum()), rate, note, numbers=positions)
 
 
 def plate_channel(recording: C3DRecording, number: int) -> RecordedChannel:
-    """A plate with its type and channels, the range of its force [N] and its middle, as far as they can be known."""
-    load, size, centre = None, None, tuple[float, ...]()
+    """A plate with its type, its channels, and its force [N], as far as they can be known."""
+    size = None
     try:
         kind = int(plate_parameter(recording, "TYPE", number))
         own = plate_parameter(recording, "CHANNEL", number, (0,)).astype(int).tolist()
@@ -598,13 +595,10 @@ def plate_channel(recording: C3DRecording, number: int) -> RecordedChannel:
     except InputError as error:
         note = str(error)
     with suppress(InputError):
-        corners = plate_parameter(recording, "CORNERS", number, (3, 4)).mean(axis=1)
-        source = C3dSource(format="c3d", plates=(number,))
-        ((columns, _, _),) = plate_loads(recording, source)
+        ((columns, _, _),) = plate_loads(recording, C3dSource(format="c3d", plates=(number,)))
         size = np.linalg.norm([columns[name] for name in plate_columns(number, "force")], axis=0)
-        load, centre = float(np.ptp(size)), tuple(corners.tolist())
-        note += f", force changes by {load:.0f} N"
-    return RecordedChannel("plate", {"plate": str(number)}, note=note, load=load, numbers=size, centre=centre)
+        note += f", force changes by {float(np.ptp(size)):.0f} N"
+    return RecordedChannel("plate", {"plate": str(number)}, note=note, numbers=size)
 
 
 def inspect_nexus(path: Path) -> Overview:

@@ -118,7 +118,7 @@ def read_sections(path: Path, delimiter: str = "auto", decimal: str = ".") -> di
     check_last_line(path, rows[starts[-1] + 5 :] or rows[-1:])
     for start, end in zip(starts, [*starts[1:], len(rows)], strict=True):
         (line, (title, *_)), (_, rates), (_, names), (_, components) = rows[start : start + 4]
-        samples, width = rows[start + 5 : end], max(i + 1 for i, cell in enumerate(components) if cell)
+        samples, width = rows[start + 5 : end], len(unpadded(components, 0))
         if not is_number_cell(rate := rates[0].replace(",", ".")):
             raise InputError(f"line {line + 1}: '{rate[:40]}' is not a rate; export the trial again")
         if not samples or not (hertz := float(rate)) > 0:

@@ -227,6 +227,14 @@ class Decoded(NamedTuple):
     how: list[dict[str, Any]]  # how the messages of each channel were decoded, for the provenance
 
 
+def unusable(topic: str, own: Sequence[tuple[ChannelLog, Columns]]) -> InputError:
+    """The error for a topic without a message that can be used."""
+    for one, columns in own:
+        if one.reader and columns.misfits == one.reader.no_numbers:
+            return one.wrong_field(columns.misfit)
+    return InputError(f"topic '{topic}': {own[0][1].misfit}; record the log again, or exclude the trial")
+
+
 def decode_topics(
     file: MessageFile, wanted: Mapping[str, Sequence[str]], optional: Collection[str] = ()
 ) -> dict[str, Decoded]:
@@ -245,10 +253,7 @@ def decode_topics(
             raise InputError(f"topic '{topic}' has no messages; check that its sensor was running")
         used = [(one, columns) for one, columns in own if columns.rows.size]
         if not used:
-            for one, columns in own:
-                if one.reader and columns.misfits == one.reader.no_numbers:
-                    raise one.wrong_field(columns.misfit)
-            raise InputError(f"topic '{topic}': {own[0][1].misfit}; record the log again, or exclude the trial")
+            raise unusable(topic, own)
         values = {}
         for path in paths:
             values[path] = joined_masked([columns.values[path] for _, columns in used])

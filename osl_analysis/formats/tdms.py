@@ -118,17 +118,7 @@ def read_tdms(path: Path) -> TdmsFile:
     if data[:4] != b"TDSm":
         raise InputError(f"no TDMS file (it begins with {data[:8]!r}); check the path and the source's format")
     with library() as (tdms, said), tdms.read_metadata(BytesIO(data)) as file:
-        channels = []
-        for one in (one for group in file.groups() for one in group.channels()):
-            about, step = one.properties, one.properties.get("wf_increment")
-            is_timed = isinstance(step, float | int) and np.isfinite(step) and step > 0
-            kind = np.dtype("V" if one.dtype is None else one.dtype)
-            unit = str(about.get("unit_string") or about.get("NI_UnitDescription") or "")
-            since = about.get("wf_start_time")
-            begin = int(since.astype("datetime64[ns]").astype(np.int64)) if isinstance(since, np.datetime64) else 0
-            begin += round(float(about.get("wf_start_offset", 0.0)) * 1e9)
-            timing = (float(step) if is_timed else None, begin)
-            channels.append(TdmsChannel(one.group_name, one.name, len(one), kind, unit, *timing))
+        channels = [channel_of(one) for group in file.groups() for one in group.channels()]
         status = file.file_status
         about = {str(key): str(value)[:200] for key, value in list(file.properties.items())[:20]}
     odd = [text for text in said if "not a multiple" in text]
@@ -136,7 +126,30 @@ def read_tdms(path: Path) -> TdmsFile:
         raise InputError(f"the length of a segment contradicts that of its channels ({odd[0][:80]}); {SAVE_AGAIN}")
     if not channels:
         raise InputError(f"the TDMS file holds no channels, or is cut off before them; {SAVE_AGAIN}")
-    damage, end, starts = Ledger(), 0, dict[str, set[str]]()
+    damage, end = Ledger(), end_of_segments(data)
+    lost = [one.expected_length - one.read_length for one in (status.channel_statuses or {}).values()]
+    count = f"at least {max(lost)} values of a channel" if any(lost) else "how much is not known"
+    if status.incomplete_final_segment or end != len(data):
+        what = "the last segment is not complete: the recorder did not finish, or the end is lost"
+        damage.miss_end(f"{what}; {count}")
+    return TdmsFile(data, channels, about, damage)
+
+
+def channel_of(one: Any) -> TdmsChannel:
+    """A channel as npTDMS gives it."""
+    about, step = one.properties, one.properties.get("wf_increment")
+    is_timed = isinstance(step, float | int) and np.isfinite(step) and step > 0
+    kind = np.dtype("V" if one.dtype is None else one.dtype)
+    unit = str(about.get("unit_string") or about.get("NI_UnitDescription") or "")
+    since = about.get("wf_start_time")
+    begin = int(since.astype("datetime64[ns]").astype(np.int64)) if isinstance(since, np.datetime64) else 0
+    begin += round(float(about.get("wf_start_offset", 0.0)) * 1e9)
+    return TdmsChannel(one.group_name, one.name, len(one), kind, unit, float(step) if is_timed else None, begin)
+
+
+def end_of_segments(data: bytes) -> int:
+    """Where the last segment should end [bytes]; InputError if a second recording begins in one."""
+    end, starts = 0, dict[str, set[str]]()
     while end + 28 <= len(data) and data[end : end + 4] == b"TDSm":  # npTDMS is silent about a cut lead-in
         begin, flags = end, int(data[end + 4])
         end += 28 + int(struct.unpack_from(">Q" if flags & (1 << 6) else "<Q", data, end + 12)[0])
@@ -149,9 +162,4 @@ def read_tdms(path: Path) -> TdmsFile:
                 if len(known) > 1:
                     what = f"channel '{one.name}' starts anew there: two recordings in one file"
                     raise InputError(f"byte {begin}: {what}; save each under a name of its own")
-    lost = [one.expected_length - one.read_length for one in (status.channel_statuses or {}).values()]
-    count = f"at least {max(lost)} values of a channel" if any(lost) else "how much is not known"
-    if status.incomplete_final_segment or end != len(data):
-        what = "the last segment is not complete: the recorder did not finish, or the end is lost"
-        damage.miss_end(f"{what}; {count}")
-    return TdmsFile(data, channels, about, damage)
+    return end

@@ -526,7 +526,7 @@ def draft_trial(
         guessed = " and ".join(map(" ".join, motion.items()))
         if motion["experiment"] == "overground" and "log" in files:
             guessed += "; if a belt, a boot or the leg perturbs: walking, with `walking.perturbed_by`"
-        return cells | motion, [f"to be confirmed, guessed from {by}: {guessed}"]
+        return {**cells, **motion}, [f"to be confirmed, guessed from {by}: {guessed}"]
     if experiment == UNNAMED:
         what = f"the name may tell {' or '.join(told)}" if told else "the name tells none"
         return cells, [f"experiment: {what}; it stands as {UNNAMED}, which is not analysed"]

@@ -334,7 +334,10 @@ class Court:
         def penalised(rival: Rival) -> Array:
             return np.asarray(rival.left + per_parameter * rival.parameters / CHUNKS)
 
-        best = min(self.rivals, key=lambda rival: float(penalised(rival).sum()))
+        def score(rival: Rival) -> float:
+            return float(penalised(rival).sum()) + CHANCE * per_parameter * (rival.family == "reflex")
+
+        best = min(self.rivals, key=score)
         if best.family == "reflex":
             return none, []
         most = UNEXPLAINED * float(none.left.sum() - best.left.sum())
@@ -346,7 +349,7 @@ class Court:
             if apart.sum() <= max(min(near, most), CHANCE * per_parameter) and rival.family != "reflex":
                 alike.append(rival)
         alike = [rival for rival in alike if rival.possible] or alike
-        return none, sorted(alike, key=lambda rival: (self.chance[rival.family], float(penalised(rival).sum())))
+        return none, sorted(alike, key=lambda rival: (self.chance[rival.family], score(rival)))
 
 
 def minima(left: Callable[[float], float], grid: Array) -> list[float]:

@@ -61,12 +61,8 @@ def plot_numbers(wildcards):
 @step("figure.draw_figure", [f"figures/{{figure}}.{suffix}" for suffix in SUFFIXES])
 def draw_figure(wildcards):
     name, settings = wildcards.figure, {"name": wildcards.figure, "footer": sentence(ABOUT, below_figure=True)}
-    modules, table_csv = (
-        "figures.names",
-        "figures.others",
-        f"figures.{FIGURES[name].module}",
-    ), RESULTS / f"figures/{name}.csv"
-    inputs = {"input": {"table_csv": table_csv}, "read": {"fitted": shown_rows(name)}}
+    modules = [f"figures.{module}" for module in ("names", "others", FIGURES[name].module)]
+    inputs = {"input": {"table_csv": RESULTS / f"figures/{name}.csv"}, "read": {"fitted": shown_rows(name)}}
     return {"modules": modules, **inputs, "settings": settings}
 
 

@@ -165,16 +165,7 @@ step("", tabled("{derived}"), name="derived_table", derived="|".join(DERIVED))(
 @step("tables.pool_responses", {n: tabled(n) for n in ("response_pooled", "response_models_pooled")})
 def pool_responses(_):
     table, settings = "response_lines", {"settings": CONFIG.dynamometer.part("BenchAnalysis")}
-    stated = (
-        "joint",
-        "side",
-        "subject",
-        "session",
-        "group",
-        "controller",
-        "K_d",
-        "B_d",
-    )  # in which pooled trials agree
+    stated = "joint side subject session group controller K_d B_d".split()  # in which pooled trials agree
     settings["conditions"] = {trial: {name: CAMPAIGN.row(trial)[name] for name in stated} for trial in PER_TRIAL[table]}
     inputs = {"files": {"parameters": CONFIG.parameters or []}, "after": behind(table)}
     return {**inputs, "read": {"lines": rows(table), "quality": verdicts_on(table)}, "settings": settings}

@@ -71,7 +71,8 @@ for experiment, facts in EXPERIMENTS.items():
         settings |= condition(trial, fit.sheet) | ({"windows": CAMPAIGN.row(trial)["windows"]} if fit.windows else {})
         files = {"parameters": CAMPAIGN.device(trial) or []} if fit.parameters else {}
         tables = {name: file / f"{name}.csv" if file.suffix == ".zip" else file for name, file in places.items()}
-        return {"input": {"trial": trial_file(trial)}, "files": files, "settings": settings, "output": {"tables": tables}}
+        parts = {"input": {"trial": trial_file(trial)}, "files": files, "settings": settings}
+        return parts | {"output": {"tables": tables}}
 
 
 def fitted(*experiments: str) -> list[Path]:

@@ -20,11 +20,8 @@ from osl_analysis.model.drivetrain_response import Controller, belt_response
 from osl_analysis.model.parameters import read_parameters
 from osl_analysis.simulator.drivetrain import IDEAL, belt_path, constants, simulate_drivetrain
 
-FREQUENCIES, RATE, WIDTH = (
-    np.array([0.0, 0.3, 1.0, 5.0, 40.0]),
-    1000.0,
-    0.05,
-)  # WIDTH: rad/s over which the sign is smoothed
+FREQUENCIES, RATE = np.array([0.0, 0.3, 1.0, 5.0, 40.0]), 1000.0
+WIDTH = 0.05  # velocity [rad/s] over which the sign is smoothed
 P = read_parameters(ROOT / "config/parameters/default.yaml")
 CONTINUOUS = IDEAL | {"substeps": 100, "control_updates": 100}
 

@@ -93,16 +93,19 @@ def plan_trials(settings: SimulationSettings) -> SheetRows:
         if experiment == "walking":
             more["perturbed"] = bool(stream(settings.seed, trial, "perturbed").random() < wanted.perturbed_share)
         row = {"trial": trial, "experiment": experiment, "joint": JOINT, **files, **sources, **more}
-        stated = dict[str, object]()  # of the condition, as far as `stated` of the conditions asks for it
-        if facts.place != "bench":
-            condition, lists = condition_of(row, settings), wanted.conditions
-            stated |= {"subject": condition.person, "session": str(condition.session), "side": lists.side}
-            stated["body_mass_kg"] = condition.subject.body_mass_kg if condition.subject else None
-            if experiment == "walking":
-                parts = [condition.direction] + [f"K{value:g}" for value in [condition.K_d] if value]
-                parts += [f"{phase:.0%}".removesuffix("%") for phase in [condition.stance_phase] if phase]
-                stated |= {"K_d": condition.K_d, "B_d": condition.B_d, "group": "_".join(parts)}
-                stated["direction"] = condition.direction if more["perturbed"] else None
-            stated = {name: stated[name] for name in lists.stated if name in stated}
+        stated = {} if facts.place == "bench" else stated_in_sheet(row, settings)
         found[trial] = dict.fromkeys(SHEET_COLUMNS) | row | stated
     return found
+
+
+def stated_in_sheet(row: Mapping[str, Any], settings: SimulationSettings) -> dict[str, object]:
+    """What the sheet says of the condition of a trial of the gait laboratory: what the settings ask for in `stated`."""
+    condition, lists = condition_of(row, settings), settings.experiments.conditions
+    found: dict[str, object] = {"subject": condition.person, "session": str(condition.session), "side": lists.side}
+    found["body_mass_kg"] = condition.subject.body_mass_kg if condition.subject else None
+    if row["experiment"] == "walking":
+        parts = [condition.direction] + [f"K{value:g}" for value in [condition.K_d] if value]
+        parts += [f"{phase:.0%}".removesuffix("%") for phase in [condition.stance_phase] if phase]
+        found |= {"K_d": condition.K_d, "B_d": condition.B_d, "group": "_".join(parts)}
+        found["direction"] = condition.direction if row["perturbed"] else None
+    return {name: found[name] for name in lists.stated if name in found}

@@ -5,7 +5,7 @@ READY := $(VENV)/ready
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 unexport PYTHONDONTWRITEBYTECODE # each process would compile anew what the tests have changed, which takes 10 s
 
-.PHONY: reproduce-all test test-kernels test-browser test-package test-slurm net setup check docs lock dist pictures release
+.PHONY: reproduce-all test test-kernels test-browser test-package test-slurm setup check docs lock dist pictures release
 
 reproduce-all: $(READY)
 	$(BIN)/snakemake reproduce-all
@@ -47,10 +47,6 @@ docs: $(READY)
 	rm -rf build/docs build/doctrees
 	$(BIN)/sphinx-build --quiet --fail-on-warning --keep-going --doctree-dir build/doctrees --conf-dir docs/site docs build/docs
 	$(BIN)/python docs/site/check.py build/docs
-
-# This checkout beside release 0.2.0: every table, number and word of four campaigns, and an independent laboratory.
-net: $(READY)
-	$(BIN)/python benchmarks/net.py
 
 # A campaign of 24 trials through a SLURM that exists for this test alone: Debian, as root.
 test-slurm: $(READY)

@@ -37,10 +37,6 @@ class Multisine:
         return np.asarray(np.sin(turned) @ (self.size * w**derivative))
 
     @property
-    def rms(self) -> float:
-        return float(np.sqrt(np.sum(self.size**2) / 2))
-
-    @property
     def peak(self) -> float:
         """Largest deflection [rad] to either side."""
         return float(np.max(np.abs(self.one_period(16 * int(self.lines[-1])))))

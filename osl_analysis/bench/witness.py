@@ -144,10 +144,9 @@ def wald(sums: Array, base: Sequence[int], added: Sequence[int]) -> tuple[float,
 
 
 class Court:
-    """Which families are heard about a view, and their rivals. Friction that is certain is the joint's own."""
+    """Which families are heard about a view, and their rivals. Certain friction, and weight, are the joint's."""
 
     def __init__(self, view: View) -> None:
-        """A transmission may have a weight."""
         self.view, self.rivals = view, list[Rival]()
         self.beside = [view.in_band(view.orders[0])] * (view.first == 1)
         theta, omega = view.motion[:2]

@@ -193,7 +193,7 @@ def test_a_job_that_a_killed_server_had_not_begun_is_done_by_a_new_one_and_one_t
     (cause,) = read_refusals(tmp_path / "fits/b_7.csv")
     assert cause.outcome == "failed", "a new server did it: there is no such trial"
     link.close()
-    monkeypatch.setattr(jobs_run, "asked", lambda *_: b"12345 ")  # it had begun
+    monkeypatch.setattr(jobs_run, "answer_to", lambda *_: b"12345 ")  # it had begun
     run_job(str(request))
     with job_server()[0], job_server()[1] as second:
         second.kill()
@@ -206,11 +206,11 @@ def test_one_process_does_several_jobs_and_another_one_takes_its_place_when_it_i
     monkeypatch.chdir(tmp_path)
     job_server.cache_clear()
     link, server = job_server()
-    first, second = (jobs_run.asked(link, str(request)).decode().split() for _ in range(2))
+    first, second = (jobs_run.answer_to(link, str(request)).decode().split() for _ in range(2))
     os.kill(int(first[0]), signal.SIGKILL)
     while Path("/proc", first[0]).exists():
         pass
-    third = jobs_run.asked(link, str(request)).decode().split()
+    third = jobs_run.answer_to(link, str(request)).decode().split()
     assert first == second
     assert third[1] == first[1] == "0"
     assert third[0] != first[0]

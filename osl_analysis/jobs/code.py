@@ -82,7 +82,7 @@ class Sources:
             if (dotted := new.pop()) in seen:
                 continue
             seen.add(dotted)
-            module, name = place_of(dotted)
+            module, name = module_and_name(dotted)
             if not module:
                 continue
             of = self.module(module)
@@ -110,7 +110,7 @@ def parsed(text: str, name: str) -> tuple[list[Statement], dict[str, str]]:
     tree = ast.parse(text)
     for node in ast.walk(tree):
         if isinstance(node, TEXT):
-            node.body = [one for one in node.body if not is_text(one)] or [ast.Pass()]
+            node.body = [one for one in node.body if not is_docstring(one)] or [ast.Pass()]
     imports = dict(pair for node in tree.body for pair in imported(node))
     binds = [sorted(names_bound(node)) for node in tree.body]
     known = {bound: f"{name}.{bound}" for names in binds for bound in names} | imports
@@ -127,7 +127,7 @@ def parsed(text: str, name: str) -> tuple[list[Statement], dict[str, str]]:
     return statements, imports
 
 
-def is_text(node: ast.stmt) -> bool:
+def is_docstring(node: ast.stmt) -> bool:
     """Whether a statement is a docstring, or a text behind the field that it describes."""
     return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
 
@@ -172,7 +172,7 @@ def module_file(name: str) -> Path | None:
     return next((one for one in (path.with_suffix(".py"), path / "__init__.py") if one.is_file()), None)
 
 
-def place_of(dotted: str) -> tuple[str, str]:
+def module_and_name(dotted: str) -> tuple[str, str]:
     """The module of a dotted name, and the name in it; empty where there is none."""
     parts = dotted.split(".")
     for number in range(len(parts), 0, -1):

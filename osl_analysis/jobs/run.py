@@ -77,7 +77,7 @@ def run_job(request: str) -> None:
     said = b""
     for _ in range(MOST_SERVERS):
         link, server = running_server()
-        if said := asked(link, request):
+        if said := answer_to(link, request):
             break
         with suppress(subprocess.TimeoutExpired):
             server.wait(10)
@@ -99,7 +99,7 @@ def running_server() -> tuple[socket.socket, subprocess.Popen[bytes]]:
         return job_server()
 
 
-def asked(server: socket.socket, request: str) -> bytes:
+def answer_to(server: socket.socket, request: str) -> bytes:
     """What the server says of a job: `pid exit_code`, only the first if it was killed meanwhile, or nothing."""
     ours, theirs = socket.socketpair()
     with ours, suppress(OSError):

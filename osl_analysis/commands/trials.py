@@ -16,7 +16,7 @@ def ingest_trial(
     row: Mapping[str, Any], raw_folder: Path, sources_folder: Path, output: Path, needed_columns: Sequence[str] = ()
 ) -> Trial:
     """The trial of one row of the sheet, written as Parquet to `output`; arguments and errors as in `checked_trial`."""
-    trial = with_evidence(checked_trial(row, raw_folder, sources_folder, needed_columns))
+    trial = checked_trial(row, raw_folder, sources_folder, needed_columns)
     write_trial(trial, output)
     return trial
 
@@ -31,7 +31,7 @@ def checked_trial(
     if facts is not None and facts.place == "walkway" and not needed_columns:  # those of the log tell all
         check_markers(trial, row["experiment"])
     check_ranges(trial)
-    return trial
+    return with_evidence(trial)
 
 
 def ingest_and_check(

@@ -335,7 +335,7 @@ def test_every_setting_and_argument_is_in_the_requests_of_jobs_with_the_verdicts
         shown |= {said["settings"]["name"]: {one[:-2] for one in of}} if name == "draw_figure" else {}
     optional = {job: {p.name for p in signature(job).parameters.values() if p.default is not p.empty} for job in given}
     lacking = {job.__name__: names - given[job] for job, names in optional.items() if names - given[job]}
-    assert lacking == {"fit_impedance_trial": {"components", "place"}}, "of trials whose components were all measured"
+    assert lacking == {}
     assert shown == OF_FIGURES
     (listing,) = (said for said in requests_in(tmp_path).values() if said["command"] == "tables.list_excluded")
     assert results - {*listing["input"]["fitted"]} == set()

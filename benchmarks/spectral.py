@@ -11,8 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from osl_analysis.model.compensator import PAPER_WEIGHT, select_gains
-from osl_analysis.model.drivetrain_response import Controller, belt_response
+from osl_analysis.model.compensator import PAPER_WEIGHT, Controller, belt_response, select_gains
 from osl_analysis.model.multisine import odd_multisine
 from osl_analysis.model.parameters import read_parameters
 from osl_analysis.signals import LowPass

@@ -590,7 +590,7 @@ def design_walking(config_path: Path, as_json: bool, **chosen: Any) -> None:
     from osl_analysis.commands.bench import rows_json
     from osl_analysis.commands.walking import planned_crossings
     from osl_analysis.figures.walking import draw_half_widths
-    from osl_analysis.walking.power import PlannedTurn
+    from osl_analysis.walking.response import PlannedTurn
 
     config, counts = read_config(config_path), [round(n) for n in chosen["crossings"] or (4, 6, 8, 12, 16, 20, 30, 40)]
     asked = (chosen["stiffness"] or config.study.K_d, chosen["damping"] or config.study.B_d)

@@ -34,10 +34,9 @@ from osl_analysis.figures import drawing_of
 from osl_analysis.files import config_here, shipped
 from osl_analysis.ingest.examine import UNITS, Commanded, examine, measured_table
 from osl_analysis.ingest.raw_files import FORMATS, read_source
-from osl_analysis.judge.checks import judged_table, validate_rules
 from osl_analysis.judge.finding import Grade
 from osl_analysis.judge.judging import judged, marked, with_inherited
-from osl_analysis.judge.limits import DoubtfulFits, QualityRules
+from osl_analysis.judge.limits import DoubtfulFits, QualityRules, judged_table, validate_rules
 from osl_analysis.judge.words import sentence_of, words_of
 from osl_analysis.model.compensator import Weight
 from osl_analysis.model.parameters import joint_of

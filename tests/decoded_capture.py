@@ -7,7 +7,7 @@ from typing import Any
 import ezc3d
 import numpy as np
 
-from osl_analysis.simulator.rigid_body import Pose
+from osl_analysis.simulator.step import Pose
 from osl_analysis.simulator.vicon import FOOT, PLATFORM, SHANK
 from osl_analysis.trial import Array
 

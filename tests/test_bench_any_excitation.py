@@ -34,8 +34,8 @@ from osl_analysis.ingest.examine import (
     samples_at_rail,
     saturated,
 )
+from osl_analysis.judge.judging import LATENESS, unchecked_in
 from osl_analysis.judge.limits import DoubtfulFits, Limits
-from osl_analysis.judge.unchecked import LATENESS, unchecked_in
 from osl_analysis.judge.words import finding_said
 from osl_analysis.model.compensator import PAPER_WEIGHT
 from osl_analysis.model.drivetrain import joint_admittance

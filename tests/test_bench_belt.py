@@ -18,7 +18,7 @@ from osl_analysis.bench.components import (
 )
 from osl_analysis.bench.settings import BeltAnalysis
 from osl_analysis.errors import InputError
-from osl_analysis.judge.unchecked import LATENESS, unchecked_in
+from osl_analysis.judge.judging import LATENESS, unchecked_in
 from osl_analysis.trial import Trial
 
 

@@ -45,8 +45,8 @@ from osl_analysis.commands.bench import (
 from osl_analysis.commands.simulate import row_of_trial
 from osl_analysis.errors import InputError
 from osl_analysis.figures.impedance import draw_fig4
+from osl_analysis.judge.judging import LATENESS, unchecked_in
 from osl_analysis.judge.limits import DoubtfulFits, Limits
-from osl_analysis.judge.unchecked import LATENESS, unchecked_in
 from osl_analysis.model.compensator import PAPER_WEIGHT, Weight, select_gains
 from osl_analysis.model.parameters import read_parameters
 from osl_analysis.signals import LowPass, filtered_motion

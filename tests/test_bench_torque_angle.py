@@ -26,7 +26,7 @@ from osl_analysis.dictionary import described_tables
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.examine import saturated
 from osl_analysis.ingest.raw_files import trial_from_files
-from osl_analysis.judge.unchecked import LATENESS
+from osl_analysis.judge.judging import LATENESS
 from osl_analysis.trial import Trial
 
 CONFIG, RATE, PERIOD, A = read_config(ROOT / "config/config.yaml"), 250.0, 8.0, np.deg2rad(10)

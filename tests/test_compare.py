@@ -15,8 +15,8 @@ from osl_analysis.errors import InputError
 from osl_analysis.figures.others import draw_comparison
 from osl_analysis.judge.two_campaigns import compared, label_of
 from osl_analysis.report.headlines import Headline, to_json
-from osl_analysis.stats import differences
-from osl_analysis.stats.differences import difference, equivalence, of_intervals
+from osl_analysis.stats import repeats
+from osl_analysis.stats.repeats import difference, equivalence, of_intervals
 from osl_analysis.table import read_table, write_table
 
 
@@ -54,7 +54,7 @@ def test_paired_mixed_and_welch_intervals_are_those_of_scipy_and_repeats_count_a
     monkeypatch.setitem(sys.modules, "statsmodels.regression.mixed_linear_model", None)
     with pytest.raises(InputError, match=r"needs statsmodels, .*; pip install 'osl-analysis\[compare\]'"):
         difference(*apart)
-    monkeypatch.setattr(differences, "mixed_effects", lambda *_: None)
+    monkeypatch.setattr(repeats, "mixed_effects", lambda *_: None)
     assert difference(*apart)[:3] == pytest.approx(part)
     assert "did not converge" in difference(*apart).method
     assert difference({0: [1.0]}, {1: [1.0]})[:3] == (None, None, None)

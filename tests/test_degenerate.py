@@ -21,8 +21,7 @@ from osl_analysis.errors import OslAnalysisError
 from osl_analysis.signals import LowPass, Motion, differentiate, filtered_motion, sampling_rate
 from osl_analysis.spectral.stepped_sine import SteppedSineProtocol
 from osl_analysis.stats import regression, repeats
-from osl_analysis.stats.fit_row import whiteness_row
-from osl_analysis.stats.regression import linear_fit
+from osl_analysis.stats.regression import linear_fit, whiteness_row
 from osl_analysis.trial import Trial
 from osl_analysis.walking import response, tables
 from osl_analysis.walking.gait import unperturbed_gait

@@ -14,9 +14,15 @@ from scipy.integrate import quad
 from osl_analysis.commands.gains import gain_table
 from osl_analysis.errors import InputError, UnreachableImpedanceError
 from osl_analysis.model import compensator, drivetrain
-from osl_analysis.model.compensator import PAPER_WEIGHT, Weight, compensated_gains, uncompensated_gains
+from osl_analysis.model.compensator import (
+    PAPER_WEIGHT,
+    Controller,
+    Weight,
+    belt_response,
+    compensated_gains,
+    uncompensated_gains,
+)
 from osl_analysis.model.drivetrain import joint_admittance
-from osl_analysis.model.drivetrain_response import Controller, belt_response
 from osl_analysis.model.parameters import read_parameters
 from osl_analysis.simulator.drivetrain import IDEAL, belt_path, constants, simulate_drivetrain
 

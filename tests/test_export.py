@@ -14,8 +14,7 @@ from scipy.stats import t
 
 from osl_analysis.bench.prediction import COMPONENTS
 from osl_analysis.cli import main
-from osl_analysis.model.compensator import select_gains
-from osl_analysis.model.drivetrain_response import Controller, belt_response
+from osl_analysis.model.compensator import Controller, belt_response, select_gains
 from osl_analysis.spectral.stepped_sine import SteppedSineProtocol
 from osl_analysis.table import write_table
 from osl_analysis.trial import Trial, write_trial

@@ -16,8 +16,7 @@ from osl_analysis.campaign.campaign import about, open_campaign, response_exampl
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.commands import figure as plotted_numbers
 from osl_analysis.commands import tables
-from osl_analysis.config.shared_choices import read_impedance_trajectory
-from osl_analysis.config.sheet import CONDITIONS
+from osl_analysis.config.sheet import CONDITIONS, read_impedance_trajectory
 from osl_analysis.errors import InputError
 from osl_analysis.figures import drawing_of
 from osl_analysis.figures.names import looks_in

@@ -26,8 +26,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.judge.campaign import campaign_findings
 from osl_analysis.judge.claims import Claims, beyond, claims_table
 from osl_analysis.judge.limits import DoubtfulFits
-from osl_analysis.model.compensator import PAPER_WEIGHT, select_gains
-from osl_analysis.model.drivetrain_response import Controller, belt_response
+from osl_analysis.model.compensator import PAPER_WEIGHT, Controller, belt_response, select_gains
 from osl_analysis.model.parameters import read_parameters
 from osl_analysis.report.headlines import headline_numbers, to_tex
 from osl_analysis.simulator.drivetrain import IDEAL, simulate_drivetrain

@@ -36,8 +36,7 @@ from osl_analysis.ingest.examine import (
 )
 from osl_analysis.ingest.raw_files import FORMATS
 from osl_analysis.ingest.source import Conversion
-from osl_analysis.judge.checks import CHECKS, judged_table, validate_rules
-from osl_analysis.judge.limits import QualityRules
+from osl_analysis.judge.limits import CHECKS, QualityRules, judged_table, validate_rules
 from osl_analysis.signals import longest_run, run_at_extreme
 from osl_analysis.trial import Array, Trial
 from osl_analysis.yaml_settings import validated

@@ -40,7 +40,7 @@ from osl_analysis.judge.campaign import entries
 from osl_analysis.judge.finding import Beyond, Finding, Grade, finding_rows, findings_frame
 from osl_analysis.judge.words import WORDS, words_of
 from osl_analysis.refusal import Refusal
-from osl_analysis.report import panels, trial_page
+from osl_analysis.report import trial_page
 from osl_analysis.report.headlines import COUNT
 from osl_analysis.report.page import (
     caption_html,
@@ -54,8 +54,15 @@ from osl_analysis.report.page import (
     template,
     written_page,
 )
-from osl_analysis.report.panels import crossing_pictures, isolated_pictures, phasor_pictures
-from osl_analysis.report.trial_page import ReportedTrial, methods_content, trial_content, trials_content
+from osl_analysis.report.trial_page import (
+    ReportedTrial,
+    crossing_pictures,
+    isolated_pictures,
+    methods_content,
+    phasor_pictures,
+    trial_content,
+    trials_content,
+)
 from osl_analysis.table import write_table
 
 DRAWN = ("torque", "torque_model", "residual_low", "residual_high", "theta_deg")
@@ -451,7 +458,10 @@ def test_a_report_says_of_each_trial_what_became_of_it_and_leaves_out_counts(tmp
     assert (len(own["quality"]), other["quality"], own["remark"][:24]) == (1, [], "5 samples a second are d")
     assert [one["title"] for one in own["panels"]][2:] == ["Belt deflection", "Torque against belt deflection"]
     assert [one["where"] for one in own["panels"][3]["drawn"]] == ["", ""], "the whole loop"
-    left, of_joint = own["panels"][1]["drawn"][0], panels.bench_pictures(pl.DataFrame({"time": [0.0]}), "Joint angle")
+    left, of_joint = (
+        own["panels"][1]["drawn"][0],
+        trial_page.bench_pictures(pl.DataFrame({"time": [0.0]}), "Joint angle"),
+    )
     assert (left["y"], left["high"], left["kind"]) == ("residual_low", "residual_high", "range")
     assert of_joint.panels[3]["drawn"][0]["where"] == "torque_model"
 
@@ -465,7 +475,7 @@ def test_crossings_are_drawn_in_degrees_the_residual_is_measured_minus_model_and
     row = isolated_pictures(response).tables["isolated"].drop("time").row(0, named=True)
     assert row == {"theta_deg": 1.0, "torque": 5.0, "torque_model": 3.0, "time_ms": 10.0, "residual": 2.0}
     samples = pl.DataFrame({"time": 5 + np.arange(6001.0)}).with_columns(pl.lit(1.0).alias(name) for name in "abcde")
-    raw = panels.recorded_pictures(samples, dict.fromkeys("abcde", "N")).tables["N"]
+    raw = trial_page.recorded_pictures(samples, dict.fromkeys("abcde", "N")).tables["N"]
     assert (raw.shape, raw["time"][0]) == ((2001, 5), 0), "3000 rows and four lines at most"
 
 
@@ -477,7 +487,7 @@ def test_the_fitted_line_of_phasors_is_the_admittance_of_a_second_order_system()
     found = [(one["log_y"], *(one["drawn"][0][end] for end in ("low", "high"))) for one in pictures.panels]
     ends = [[f"{name}_low{unit}", f"{name}_high{unit}"] for name, unit in (("Y_magnitude", ""), ("Y_phase", "_deg"))]
     assert found == [(True, *ends[0]), (False, *ends[1])]
-    drawn = [[one["y"] for one in each["drawn"]] for each in panels.response_pictures(phasors).panels]
+    drawn = [[one["y"] for one in each["drawn"]] for each in trial_page.response_pictures(phasors).panels]
     assert drawn == [[y, f"{y}_eq15"] for y in ("magnitude", "phase_deg")]
 
 

@@ -19,8 +19,7 @@ from osl_analysis.model.parameters import read_parameters
 from osl_analysis.simulator import joint_motion, settings
 from osl_analysis.simulator.bench import drivetrain_effects, simulate_bench_trial, true_signals, write_bench_log
 from osl_analysis.simulator.joint_motion import JointMotion
-from osl_analysis.simulator.mcap_writer import joint_states, wrenches, write_topics
-from osl_analysis.simulator.recorder import Bench
+from osl_analysis.simulator.recorder import Bench, joint_states, wrenches, write_topics
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.yaml_settings import read_yaml
 

@@ -14,16 +14,15 @@ from decoded_capture import decoded_crossing
 from scipy.signal import StateSpace, lsim
 from walking_setup import PERTURBED, STATIC, UNPERTURBED, Setup, leg_log, load_setup
 
-from osl_analysis.config.shared_choices import read_impedance_trajectory
+from osl_analysis.config.sheet import read_impedance_trajectory
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.raw_files import trial_from_files
 from osl_analysis.model.compensator import Weight, compensated_gains
 from osl_analysis.simulator import step as gait
 from osl_analysis.simulator.crossing import impedance_of_leg, move, react, walking_commands
 from osl_analysis.simulator.plan import Condition, condition_of, plan_trials
-from osl_analysis.simulator.rigid_body import Pose
 from osl_analysis.simulator.settings import Conditions, Subject
-from osl_analysis.simulator.step import GaitTrial, draw_step, drawn_change, unloaded_platform
+from osl_analysis.simulator.step import GaitTrial, Pose, draw_step, drawn_change, unloaded_platform
 from osl_analysis.simulator.vicon import leg_markers, seen_markers
 from osl_analysis.simulator.walking_settings import CaptureSettings, Rates, StepChange, WalkingSettings
 from osl_analysis.yaml_settings import read_yaml

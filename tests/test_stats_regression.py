@@ -22,8 +22,15 @@ from osl_analysis.measured import noise_before_rounding
 from osl_analysis.signals import LowPass
 from osl_analysis.stats import repeats
 from osl_analysis.stats.covariance import between_cycles, moving_sums, products_between, welch_satterthwaite
-from osl_analysis.stats.fit_row import diagnostics_row, lag_damping_row, thinned_rows, whiteness_row
-from osl_analysis.stats.regression import linear_fit, variance_accounted_for, with_shared_error
+from osl_analysis.stats.regression import (
+    diagnostics_row,
+    lag_damping_row,
+    linear_fit,
+    thinned_rows,
+    variance_accounted_for,
+    whiteness_row,
+    with_shared_error,
+)
 from osl_analysis.walking.response import impedance_columns
 
 T, NUMBERS = np.linspace(0, 10, 2000, endpoint=False), st.integers(-1000, 1000).map(lambda tenths: tenths / 10)

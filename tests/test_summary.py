@@ -19,9 +19,8 @@ from osl_analysis.errors import InputError
 from osl_analysis.jobs.job_log import write_log
 from osl_analysis.judge.campaign import campaign_findings, findings_report, known_of
 from osl_analysis.judge.finding import Beyond, Grade, Remedy
-from osl_analysis.judge.judging import judged
+from osl_analysis.judge.judging import judged, unchecked_in
 from osl_analysis.judge.limits import DoubtfulFits, Limits
-from osl_analysis.judge.unchecked import unchecked_in
 from osl_analysis.refusal import Refusal
 from osl_analysis.report import headlines
 from osl_analysis.report.headlines import BOOTSTRAP, FOR_MOTION, RANGE, STUDENT, headline_numbers, to_tex

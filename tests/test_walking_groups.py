@@ -33,8 +33,7 @@ from osl_analysis.walking.crossing import Crossing, platform_turn
 from osl_analysis.walking.gait import unperturbed_gait
 from osl_analysis.walking.groups import crossing_features, places, selection_rows, split_keys, timings
 from osl_analysis.walking.plate import Stance
-from osl_analysis.walking.power import PlannedTurn, half_widths, scatter_of_one
-from osl_analysis.walking.response import fit_response, group_headline
+from osl_analysis.walking.response import PlannedTurn, fit_response, group_headline, half_widths, scatter_of_one
 from osl_analysis.walking.tables import fitted_time, left_out, moment_error, with_slopes, with_trajectory
 
 RULE, MIDSTANCE = settings().outliers, Walk(0.4)

@@ -9,9 +9,8 @@ from conftest import findings_of
 
 from osl_analysis.dictionary import described_tables
 from osl_analysis.judge.causes import CAUSES, EVIDENCE
-from osl_analysis.judge.checks import CHECKS
 from osl_analysis.judge.finding import Finding, Grade
-from osl_analysis.judge.limits import Limits
+from osl_analysis.judge.limits import CHECKS, Limits
 from osl_analysis.judge.words import COMPUTED, OF_EVIDENCE, WORDS, finding_said, words_of
 
 LATE = {"trial": "a", "lag_s": 2e-3, "lag_share": 0.1, "lag_inertia_share": 0.9, "band_high_hz": 5.0}

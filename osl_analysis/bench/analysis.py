@@ -17,8 +17,16 @@ from osl_analysis.bench.settings import NOT_STATED, BenchStiffness, Calibration
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.signals.grid import UniformSignals
 from osl_analysis.spectral.stepped_sine import moving_bins
-from osl_analysis.stats.fit_row import Row, covariance_row, diagnostics_row, estimates_row, thinned_rows, whiteness_row
-from osl_analysis.stats.regression import LinearFit, with_shared_error
+from osl_analysis.stats.regression import (
+    LinearFit,
+    Row,
+    covariance_row,
+    diagnostics_row,
+    estimates_row,
+    thinned_rows,
+    whiteness_row,
+    with_shared_error,
+)
 from osl_analysis.trial import Array
 
 SumsOf = Callable[[Record, Model], Sums]

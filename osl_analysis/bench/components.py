@@ -24,7 +24,7 @@ from osl_analysis.model.drivetrain import belt_deflection
 from osl_analysis.model.parameters import DrivetrainParameters
 from osl_analysis.signals import Motion, differentiate, filtered_motion, runs
 from osl_analysis.signals.grid import BRIDGE_MORE, UniformSignals, uniform_signals
-from osl_analysis.stats.fit_row import Row, covariance_row, estimates_row
+from osl_analysis.stats.regression import Row, covariance_row, estimates_row
 from osl_analysis.stats.repeats import summary_of_trials
 from osl_analysis.trial import Array, Trial
 

@@ -24,8 +24,7 @@ from osl_analysis.model.parameters import DrivetrainParameters
 from osl_analysis.signals import seven_point_motion
 from osl_analysis.signals.samples import NO_DRIFT, drift_row
 from osl_analysis.stats.covariance import welch_satterthwaite
-from osl_analysis.stats.fit_row import Row
-from osl_analysis.stats.regression import CONDITION_LIMIT
+from osl_analysis.stats.regression import CONDITION_LIMIT, Row
 from osl_analysis.trial import Array
 
 Admittance = Callable[[NDArray[np.complex128]], NDArray[np.complex128]]

@@ -36,7 +36,7 @@ from osl_analysis.bench.witness import HIDDEN
 from osl_analysis.errors import InputError
 from osl_analysis.signals import LowPass, seven_point_motion
 from osl_analysis.spectral.stepped_sine import Likeness
-from osl_analysis.stats.fit_row import Row
+from osl_analysis.stats.regression import Row
 from osl_analysis.trial import Trial
 
 ABOVE_HZ = 10.0  # frequencies by which a late torque is told from a reflex, which is slow

@@ -31,7 +31,7 @@ from osl_analysis.model.compensator import CONTROLLERS, Gains, Weight, select_ga
 from osl_analysis.model.drivetrain import joint_admittance
 from osl_analysis.model.parameters import DrivetrainParameters
 from osl_analysis.spectral.periods import distinct
-from osl_analysis.stats.fit_row import Row, estimates_row, lag_damping_row
+from osl_analysis.stats.regression import Row, estimates_row, lag_damping_row
 from osl_analysis.stats.repeats import counted, doubtful_row, summary_row
 from osl_analysis.trial import Array
 

@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from osl_analysis.bench.components import PLACE, loaded_rows
 from osl_analysis.bench.prediction import predicted_torque
 from osl_analysis.bench.record import Record
-from osl_analysis.model.compensator import CONTROLLERS, Gains
-from osl_analysis.model.drivetrain_response import Controller
+from osl_analysis.model.compensator import CONTROLLERS, Controller, Gains
 from osl_analysis.model.parameters import DrivetrainParameters
 from osl_analysis.stats.regression import linear_fit
 from osl_analysis.stats.repeats import Candidate, loss_behind_best, mean_over_trials, rank_words, score_models

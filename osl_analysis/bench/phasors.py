@@ -14,7 +14,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.measured import check_finite, check_measured
 from osl_analysis.spectral.stepped_sine import whole_rows
 from osl_analysis.stats.covariance import FEWEST_CYCLES, between_cycles, hac, products_between, welch_satterthwaite
-from osl_analysis.stats.fit_row import Row
+from osl_analysis.stats.regression import Row
 from osl_analysis.trial import Array
 
 COMPLEX_PARTS = ("re", "im", "var_re", "cov", "var_im", "degrees_of_freedom")  # endings of the columns of an estimate

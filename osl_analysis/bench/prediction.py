@@ -19,7 +19,7 @@ from osl_analysis.bench.components import ACTUATOR_PARAMETERS, LOSSES, PLACE
 from osl_analysis.bench.record import Record
 from osl_analysis.errors import InputError
 from osl_analysis.measured import rms
-from osl_analysis.model.drivetrain_response import Controller, belt_response
+from osl_analysis.model.compensator import Controller, belt_response
 from osl_analysis.model.parameters import PARAMETER_UNITS, DrivetrainParameters
 from osl_analysis.stats.covariance import welch_satterthwaite
 from osl_analysis.stats.regression import variance_accounted_for

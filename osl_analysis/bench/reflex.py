@@ -19,7 +19,7 @@ from osl_analysis.bench.record import Record, stretches_of
 from osl_analysis.bench.settings import HumanJoint
 from osl_analysis.signals import LowPass, Motion
 from osl_analysis.stats.covariance import products_between
-from osl_analysis.stats.fit_row import Row
+from osl_analysis.stats.regression import Row
 from osl_analysis.trial import Array
 
 COSINES = 8  # in which an impulse response is described; each next one is broader

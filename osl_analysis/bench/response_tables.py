@@ -25,8 +25,7 @@ from osl_analysis.spectral.response import (
     periodic_response,
     record_spectrum,
 )
-from osl_analysis.stats.fit_row import Row, estimates_row
-from osl_analysis.stats.regression import with_shared_error
+from osl_analysis.stats.regression import Row, estimates_row, with_shared_error
 
 # columns of the two tables
 RESPONSE_COLUMNS: dict[str, type[pl.DataType]] = {

@@ -19,8 +19,7 @@ from osl_analysis.bench.record import joint_angle
 from osl_analysis.bench.settings import NOT_STATED, TorqueAngleAnalysis
 from osl_analysis.errors import InputError, naming
 from osl_analysis.signals.grid import UniformSignals, uniform_signals
-from osl_analysis.stats.fit_row import Row
-from osl_analysis.stats.regression import CONDITION_LIMIT, variance_accounted_for
+from osl_analysis.stats.regression import CONDITION_LIMIT, Row, variance_accounted_for
 from osl_analysis.stats.repeats import over_repeats
 from osl_analysis.table import Places
 from osl_analysis.trial import Array, Trial

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from osl_analysis.bench.effects import clocks_row, spring_that_slips
 from osl_analysis.bench.gram import solved
 from osl_analysis.bench.record import Record
-from osl_analysis.stats.fit_row import Row
+from osl_analysis.stats.regression import Row
 from osl_analysis.trial import Array
 
 Spectrum = NDArray[np.complex128]

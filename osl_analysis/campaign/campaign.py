@@ -14,13 +14,12 @@ from warnings import catch_warnings
 
 from osl_analysis.campaign.configuration import Config, FrequencyResponseFigure
 from osl_analysis.config.experiments import EXPERIMENTS, ResultTable
-from osl_analysis.config.shared_choices import read_impedance_trajectory
-from osl_analysis.config.sheet import FIXTURE, SheetRows, read_sheet
+from osl_analysis.config.sheet import FIXTURE, SheetRows, read_impedance_trajectory, read_sheet
 from osl_analysis.errors import InputError, listing, naming, nearest
 from osl_analysis.files import default_config, shipped
 from osl_analysis.formats.rosbag import recorded_files
 from osl_analysis.ingest.examine import UNITS
-from osl_analysis.judge.checks import CHECKS, unknown_check, validate_rules
+from osl_analysis.judge.limits import CHECKS, unknown_check, validate_rules
 from osl_analysis.model.compensator import CONTROLLERS
 from osl_analysis.model.parameters import joint_of, known_parameters
 from osl_analysis.table import MEASURED, SIMULATED

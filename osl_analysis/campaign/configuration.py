@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, Field
 
 from osl_analysis.bench.settings import ActuatorAnalysis, DynamometerAnalysis, ModelComparison, TorqueAngleAnalysis
-from osl_analysis.config.shared_choices import FOLLOWED, SharedChoices
+from osl_analysis.config.sheet import FOLLOWED, SharedChoices
 from osl_analysis.errors import InputError
 from osl_analysis.files import default_config
 from osl_analysis.judge.claims import Claims

@@ -48,8 +48,7 @@ from osl_analysis.judge.finding import Finding, Grade
 from osl_analysis.judge.judging import judged, marked
 from osl_analysis.judge.limits import DoubtfulFits
 from osl_analysis.judge.words import finding_said, unchecked_said, words_of
-from osl_analysis.model.compensator import Weight
-from osl_analysis.model.drivetrain_response import Controller
+from osl_analysis.model.compensator import Controller, Weight
 from osl_analysis.model.parameters import FileOrNone, known_parameters, read_parameters
 from osl_analysis.table import finite_or_null, read_table, with_evidence, write_table
 from osl_analysis.trial import Trial, read_trial

@@ -22,14 +22,13 @@ from osl_analysis.campaign.campaign import sentence
 from osl_analysis.campaign.configuration import Config
 from osl_analysis.commands.bench import rows_json
 from osl_analysis.commands.tables import read_summary
-from osl_analysis.config.shared_choices import read_impedance_trajectory
+from osl_analysis.config.sheet import read_impedance_trajectory
 from osl_analysis.errors import InputError, listing, naming, nearest, optional_module
 from osl_analysis.figures import drawing_of
 from osl_analysis.files import write_text
 from osl_analysis.model import compensator, mjcf
-from osl_analysis.model.compensator import Weight
+from osl_analysis.model.compensator import Controller, Weight
 from osl_analysis.model.drivetrain import desired_admittance, joint_admittance
-from osl_analysis.model.drivetrain_response import Controller
 from osl_analysis.model.parameters import DrivetrainParameters, FileOrNone, joint_of, known_parameters, read_parameters
 from osl_analysis.stats.regression import variance_accounted_for
 from osl_analysis.table import read_table, write_table

@@ -45,8 +45,8 @@ from osl_analysis.ingest.examine import Commanded, examine, measured_table
 from osl_analysis.ingest.overview import Overview
 from osl_analysis.ingest.raw_files import FORMATS, SUFFIXES, check_file, read_source, recognise
 from osl_analysis.ingest.source import UNKNOWN, open_places
-from osl_analysis.judge.checks import CHECKS, judged_table
 from osl_analysis.judge.finding import Grade
+from osl_analysis.judge.limits import CHECKS, judged_table
 from osl_analysis.judge.words import check_words
 from osl_analysis.model.parameters import joint_of
 from osl_analysis.trial import Trial

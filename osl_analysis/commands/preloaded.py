@@ -5,8 +5,7 @@ import numpy as np
 
 from osl_analysis.compiled import HAS_COMPILER
 from osl_analysis.ingest.units import is_unit
-from osl_analysis.model.compensator import Gains
-from osl_analysis.model.drivetrain_response import Controller, belt_response
+from osl_analysis.model.compensator import Controller, Gains, belt_response
 from osl_analysis.model.parameters import PARAMETER_UNITS, DrivetrainParameters
 from osl_analysis.simulator import bench, crossing
 from osl_analysis.simulator.drivetrain import IDEAL, belt_path, constants, simulate_drivetrain

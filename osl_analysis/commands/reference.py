@@ -19,7 +19,7 @@ from osl_analysis.dictionary import HERE, described_tables
 from osl_analysis.files import write_text
 from osl_analysis.ingest.examine import UNITS
 from osl_analysis.ingest.raw_files import FORMATS
-from osl_analysis.judge.checks import CHECKS
+from osl_analysis.judge.limits import CHECKS
 from osl_analysis.judge.words import WORDS
 from osl_analysis.model.parameters import ParameterFile
 from osl_analysis.report.headlines import all_labels

@@ -19,7 +19,7 @@ from osl_analysis.files import atomic_path, write_text
 from osl_analysis.judge.campaign import Entry, entries, read_findings
 from osl_analysis.judge.two_campaigns import COMPARED_QUANTITIES, compared, label_of, verdicts_said
 from osl_analysis.refusal import Refusal, is_refused
-from osl_analysis.report import page, panels, trial_page
+from osl_analysis.report import page, trial_page
 from osl_analysis.report.headlines import aligned, decimals, fixed, missing_lines, told_apart, trials_text
 from osl_analysis.report.page import caption_html, captions_by_title, comparison_page, inline_svg, written_page
 from osl_analysis.report.trial_page import ReportedTrial, left_out_trials, trial_content
@@ -126,26 +126,26 @@ def shown_figures(figures: Mapping[str, Path], said: Mapping[str, Any]) -> tuple
     return shown, absent
 
 
-def pictures(experiment: str, tables: Mapping[str, pl.DataFrame], files: Mapping[str, Path]) -> panels.Pictures:
+def pictures(experiment: str, tables: Mapping[str, pl.DataFrame], files: Mapping[str, Path]) -> trial_page.Pictures:
     """What is drawn of a trial: the fit, the crossing with its isolated response, or else the recording."""
     found = []
     if "series" in files:
         series = read_table(files["series"], of="series")
         motion = {"belt": "Belt deflection", "actuator": "Motor motion"}.get(experiment, "Joint angle")
-        found.append(panels.bench_pictures(series, motion, experiment == "belt"))
+        found.append(trial_page.bench_pictures(series, motion, experiment == "belt"))
     elif "crossing" in files and len(crossing := pl.read_parquet(files["crossing"])):
-        found.append(panels.crossing_pictures(crossing))
+        found.append(trial_page.crossing_pictures(crossing))
     elif "trial" in files:
         samples = read_trial(files["trial"]).samples
         units = {name: unit for name in samples.columns if name != "time" and (unit := unit_of(name))}
-        found.append(panels.recorded_pictures(samples, units))
+        found.append(trial_page.recorded_pictures(samples, units))
     if "walking_responses" in tables:
-        found.append(panels.isolated_pictures(tables["walking_responses"]))
+        found.append(trial_page.isolated_pictures(tables["walking_responses"]))
     if "phasors" in tables and "impedance" in tables:
-        found.append(panels.phasor_pictures(tables["phasors"], tables["impedance"].row(-1, named=True)))
+        found.append(trial_page.phasor_pictures(tables["phasors"], tables["impedance"].row(-1, named=True)))
     if "response" in tables:
-        found.append(panels.response_pictures(tables["response"]))
-    return panels.together(*found)
+        found.append(trial_page.response_pictures(tables["response"]))
+    return trial_page.together(*found)
 
 
 BRIEF = ("quantity", "A", "B", "unit", "B over A, less 1", "verdict", "remark")  # cells that are printed

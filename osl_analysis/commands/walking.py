@@ -11,8 +11,7 @@ import numpy as np
 import polars as pl
 from pydantic import TypeAdapter
 
-from osl_analysis.config.shared_choices import SYNTHETIC, read_impedance_trajectory
-from osl_analysis.config.sheet import JOINT
+from osl_analysis.config.sheet import JOINT, SYNTHETIC, read_impedance_trajectory
 from osl_analysis.errors import InputError, OslAnalysisError
 from osl_analysis.files import atomic_path, write_text
 from osl_analysis.ingest.examine import check_own_torque
@@ -31,8 +30,7 @@ from osl_analysis.walking.groups import ALL, SEPARATOR, cells_said, selection_ro
 from osl_analysis.walking.overground import CURVES, overground_rows
 from osl_analysis.walking.plate import NO_CORRECTION, NOT_REMOVED, PlateModel, identify_plate_model, plate_table
 from osl_analysis.walking.platform import ALONE, PlatformModel, identify_platform, platform_table
-from osl_analysis.walking.power import PlannedTurn, half_widths, scatter_of_one
-from osl_analysis.walking.response import group_headline
+from osl_analysis.walking.response import PlannedTurn, group_headline, half_widths, scatter_of_one
 
 # The step that writes each model
 WRITTEN_BY = {StaticCalibration: "calibrate", PlateModel: "identify-plate", PlatformModel: "measure-platform"}

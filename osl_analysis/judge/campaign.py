@@ -10,11 +10,9 @@ import polars as pl
 
 from osl_analysis.config.experiments import EXPERIMENTS, doubts_of, judged_tables
 from osl_analysis.errors import listing
-from osl_analysis.judge.checks import CHECKS
 from osl_analysis.judge.finding import COLUMNS, ESTIMATES, Beyond, Finding, Grade, finding_rows, findings_frame
-from osl_analysis.judge.judging import judged, with_inherited
-from osl_analysis.judge.limits import DoubtfulFits
-from osl_analysis.judge.unchecked import unchecked_in
+from osl_analysis.judge.judging import judged, unchecked_in, with_inherited
+from osl_analysis.judge.limits import CHECKS, DoubtfulFits
 from osl_analysis.judge.used import HOW_TO_USE, exclusions
 from osl_analysis.judge.words import Words, capital, check_words, sentence_of, words_of
 from osl_analysis.measured import significant

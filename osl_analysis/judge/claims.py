@@ -1,6 +1,6 @@
 """What the paper's text claims, held against numbers of the campaign: a row `claim, number, verdict` for each.
 
-`equivalent`, `different` and `undecided` are verdicts on a number and what it should be (`stats.differences`). That a
+`equivalent`, `different` and `undecided` are verdicts on a number and what it should be (`stats.repeats`). That a
 number is beyond a limit `holds` where the whole interval is, `fails` where none of it is, and is else `undecided`.
 Without an interval there is no verdict.
 """
@@ -17,7 +17,7 @@ from pydantic import Field
 from osl_analysis.model.compensator import CONTROLLERS, Weight, select_gains
 from osl_analysis.model.drivetrain import joint_admittance
 from osl_analysis.model.parameters import DrivetrainParameters
-from osl_analysis.stats.differences import equivalence
+from osl_analysis.stats.repeats import equivalence
 from osl_analysis.yaml_settings import Positive, Settings
 
 Claim = dict[str, Any]

@@ -7,8 +7,16 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from osl_analysis.stats.differences import Difference, Sample, difference, equivalence, of_intervals
-from osl_analysis.stats.repeats import DOUBTFUL, counted, doubtful_count
+from osl_analysis.stats.repeats import (
+    DOUBTFUL,
+    Difference,
+    Sample,
+    counted,
+    difference,
+    doubtful_count,
+    equivalence,
+    of_intervals,
+)
 
 Between = Callable[[Sample, Sample], Difference]
 COMPARED_QUANTITIES = {

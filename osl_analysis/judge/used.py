@@ -10,8 +10,7 @@ import polars as pl
 
 from osl_analysis.errors import InputError, listing
 from osl_analysis.files import write_text
-from osl_analysis.judge.checks import judged_table
-from osl_analysis.judge.limits import QualityRules
+from osl_analysis.judge.limits import QualityRules, judged_table
 from osl_analysis.refusal import Refusal, distinct_causes, is_refused, read_refusals
 
 HOW_TO_USE = "record again, give a reason under `exclude` in the sample sheet, or name the check under `accept`"

@@ -11,7 +11,7 @@ import numpy as np
 import scipy
 
 from osl_analysis.errors import optional_module
-from osl_analysis.model.drivetrain_response import Controller
+from osl_analysis.model.compensator import Controller
 from osl_analysis.model.parameters import DrivetrainParameters
 from osl_analysis.trial import Array
 

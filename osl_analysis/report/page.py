@@ -24,8 +24,8 @@ from markupsafe import Markup
 
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.judge.campaign import QUALITY
-from osl_analysis.judge.checks import CHECKS
 from osl_analysis.judge.finding import Grade
+from osl_analysis.judge.limits import CHECKS
 from osl_analysis.judge.words import WORDS, Words, beyond_said, check_words, sentence_of
 from osl_analysis.report import TEMPLATES
 from osl_analysis.report.headlines import answered, said_number

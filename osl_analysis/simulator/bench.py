@@ -13,8 +13,15 @@ from osl_analysis.model.drivetrain import actuator_torque
 from osl_analysis.model.parameters import DrivetrainParameters
 from osl_analysis.simulator import drivetrain, joint_motion
 from osl_analysis.simulator.joint_motion import JointMotion
-from osl_analysis.simulator.mcap_writer import SAMPLES, joint_states, sample_topic, wrenches, write_topics
-from osl_analysis.simulator.recorder import TrueSignal, recording_of
+from osl_analysis.simulator.recorder import (
+    SAMPLES,
+    TrueSignal,
+    joint_states,
+    recording_of,
+    sample_topic,
+    wrenches,
+    write_topics,
+)
 from osl_analysis.simulator.settings import SimulationSettings, stream
 from osl_analysis.trial import Array
 

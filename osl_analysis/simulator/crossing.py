@@ -15,16 +15,15 @@ import numpy as np
 
 from osl_analysis.model.compensator import Weight, check_request, optimal_damping, stiffness_gain
 from osl_analysis.model.parameters import DrivetrainParameters
-from osl_analysis.simulator import rigid_body, vicon
 from osl_analysis.simulator import step as gait
+from osl_analysis.simulator import vicon
 from osl_analysis.simulator.bench import drivetrain_effects
 from osl_analysis.simulator.drivetrain import simulate_drivetrain
 from osl_analysis.simulator.joint_motion import JointMotion
-from osl_analysis.simulator.mcap_writer import SAMPLES, sample_topic, write_topics
 from osl_analysis.simulator.plan import Condition, condition_of
-from osl_analysis.simulator.recorder import rounded_to, write_truth
-from osl_analysis.simulator.rigid_body import GRAVITY, Pose, TrueWrench, interpolated_at, rotation_about
+from osl_analysis.simulator.recorder import SAMPLES, rounded_to, sample_topic, write_topics, write_truth
 from osl_analysis.simulator.settings import SimulationSettings
+from osl_analysis.simulator.step import GRAVITY, Pose, TrueWrench, interpolated_at, rotation_about
 from osl_analysis.simulator.walking_settings import ANKLE_AXIS, WalkingSettings
 from osl_analysis.trial import Array
 
@@ -63,7 +62,7 @@ def walking_commands(step: gait.Step, compensates: bool, p: DrivetrainParameters
         theta_eq = desired.at(desired.theta_eq, c) - (moment - usual) / K_d
     else:
         angle = factor * gait.nominal_ankle_angle(c)
-        theta_eq = angle - (moment - B_d * rigid_body.time_derivative(angle, walking.rates.controller_hz)) / K_d
+        theta_eq = angle - (moment - B_d * gait.time_derivative(angle, walking.rates.controller_hz)) / K_d
     return np.array([K_1, B_1, theta_eq * p.n_T])
 
 
@@ -144,9 +143,9 @@ def move(step: gait.Step, perturbed: bool) -> tuple[JointMotion, Pose, Pose, gai
     yaw = rotation_about(2, np.full_like(time, trial.normal("foot_yaw", np.pi / 180)))
     path = gait.nominal_ankle(walking) + step.placement + path @ yaw[0].T
     foot = gait.displaced(carried, moved, walking).after(Pose(yaw @ rotation_about(1, -pitch), path))
-    omega = rigid_body.time_derivative(theta, rate)
+    omega = gait.time_derivative(theta, rate)
     shank = Pose(foot.rotation @ rotation_about(1, theta), foot.origin)
-    return JointMotion(theta, omega, rigid_body.time_derivative(omega, rate)), foot, shank, platform
+    return JointMotion(theta, omega, gait.time_derivative(omega, rate)), foot, shank, platform
 
 
 def react(step: gait.Step, foot: Pose, answer: Array) -> tuple[Array, TrueWrench]:
@@ -157,7 +156,7 @@ def react(step: gait.Step, foot: Pose, answer: Array) -> tuple[Array, TrueWrench
     forward, axis, upward = np.moveaxis(foot.rotation, 2, 0)
     mass, effects = trial.body_mass, walking.effects
     own = effects.foot_inertia.value, body.centre_of_mass_m, body.gyration_m
-    needed = rigid_body.support(foot, walking.rates.motion_hz, *own).moment_about(foot.origin)
+    needed = gait.support(foot, walking.rates.motion_hz, *own).moment_about(foot.origin)
     about_axis, phase = np.einsum("ni,ni->n", needed, axis), step.stance_phase(trial.time)
     contact = gait.stance_window(phase)
     given = contact * (about_axis - answer)

@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from osl_analysis.config.experiments import EXPERIMENTS
-from osl_analysis.config.shared_choices import ImpedanceTrajectory, read_impedance_trajectory
-from osl_analysis.config.sheet import JOINT, SHEET_COLUMNS, SheetRows
+from osl_analysis.config.sheet import JOINT, SHEET_COLUMNS, ImpedanceTrajectory, SheetRows, read_impedance_trajectory
 from osl_analysis.errors import InputError
 from osl_analysis.simulator.settings import SimulationSettings, Subject, stream
 

@@ -1,15 +1,27 @@
 """What recorders do to true signals: when each channel is sampled, what its sensor makes of it, what stamps it gets;
-with everything off the even instants of the simulation."""
+with everything off the even instants of the simulation.
+
+The file is MCAP like those of laboratories: ROS 2 messages in CDR, zstd chunks with CRCs. All messages are known
+beforehand, so that it is made chunk by chunk. It equals the one that `mcap.writer.Writer` writes.
+"""
 
 import json
-from collections.abc import Callable, Mapping
+import struct
+import zlib
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 import polars as pl
 import scipy
-from numpy.typing import NDArray
+import zstandard
+from mcap import records as mcap_records
+from mcap.data_stream import RecordBuilder
+from mcap.opcode import Opcode
+from mcap.writer import MCAP0_MAGIC
+from numpy.typing import ArrayLike, NDArray
 
 from osl_analysis.files import atomic_path, write_text
 from osl_analysis.simulator.settings import NodeSettings, Scatter, SensorSettings, SimulationSettings, stream
@@ -188,3 +200,229 @@ def write_truth(
         with atomic_path(folder / "truth" / f"{trial}.parquet") as path:
             pl.DataFrame(curves).write_parquet(path)
     write_text(folder / "truth" / f"{trial}.json", json.dumps(truth, indent=1) + "\n")
+
+
+McapRecord = mcap_records.McapRecord
+RULE = "=" * 80 + "\n"
+DEPENDENCIES = f"""\
+{RULE}MSG: std_msgs/Header
+builtin_interfaces/Time stamp
+string frame_id
+{RULE}MSG: builtin_interfaces/Time
+int32 sec
+uint32 nanosec
+"""
+SAMPLES = {
+    "/dynamometer": """\
+float32 joint_angle       # rad, joint encoder of the dynamometer
+float32 load_cell_torque  # N*m, exerted by the joint on the dynamometer
+float32 actuator_angle    # rad, at the actuator's output
+float32 motor_current     # A, q-axis
+float32 commanded_angle   # rad, in counts of the joint encoder
+""",
+    "/actuator": """\
+float32 actuator_angle  # rad, at the actuator's output
+float32 motor_current   # A, q-axis
+float32 output_torque   # N*m, exerted by the actuator's output on the bench
+""",
+    "/leg": """\
+float32 joint_angle     # rad
+float32 actuator_angle  # rad, at the actuator's output
+float32 motor_current   # A, q-axis
+float32 stiffness_gain  # N*m/rad, K_1 at the actuator's output
+float32 damping_gain    # N*m*s/rad, B_1 at the actuator's output
+bool sync               # level of the synchronisation line
+""",
+    "/perturbation": """\
+float32 joint_torque  # N*m, resisting
+float32 command       # 1 while the ankle is turned
+float32 load          # N, vertical force on the foot
+""",
+}
+"""Fields of the messages of each topic of our own types."""
+CDR_TYPES = {"bool": "u1", "uint8": "u1", "int32": "<i4", "uint32": "<u4", "float32": "<f4", "float64": "<f8"}
+LATENCY_NS = 150_000  # Time [ns] from a sample's stamp to its arrival at the recorder
+
+
+class LogTopic(NamedTuple):
+    """A topic of equally long messages: its name, their type with its definition, and the record of each, (n,)."""
+
+    name: str
+    schema_name: str
+    schema_text: str
+    records: NDArray[np.void]
+
+
+def log_topic(
+    name: str, schema_name: str, fields: str, frame_id: str, time: Array, members: Mapping[str, tuple[str, Any]]
+) -> LogTopic:
+    """A topic with messages at time stamps [s], (n,), whose definition has `fields` after a header. Members are in
+    order: numpy type, and a value for all messages or a column (n,). In CDR each is aligned to its own size, counted
+    from after the encapsulation; text is not aligned. Padding is zero."""
+    stamps, frame = np.rint(np.asarray(time) * 1e9).astype(np.int64), frame_id.encode() + b"\0"
+    seconds, nanoseconds = np.divmod(stamps, 10**9)
+    whole: dict[str, tuple[str, Any]] = {
+        "encapsulation": ("V4", b"\x00\x01\x00\x00"),  # little endian
+        "sec": ("<i4", seconds),
+        "nanosec": ("<u4", nanoseconds),
+        "frame_id_length": ("<u4", len(frame)),
+        "frame_id": (f"S{len(frame)}", frame),
+        **members,
+    }
+    kinds, offsets, end = [np.dtype(kind) for kind, _ in whole.values()], list[int](), 0
+    for kind in kinds:
+        alignment = 1 if kind.kind in "SV" else kind.itemsize
+        offsets.append(end if end == 0 else 4 + -(-(end - 4) // alignment) * alignment)
+        end = offsets[-1] + kind.itemsize
+    layout = np.dtype({"names": list(whole), "formats": kinds, "offsets": offsets, "itemsize": end})
+    head = [("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4"), ("log", "<u8")]
+    alike = np.zeros(1, np.dtype([*head, ("publish", "<u8"), ("data", layout)]))
+    alike["opcode"], alike["length"] = Opcode.MESSAGE, alike.itemsize - 9  # without opcode and length
+    columns = {member: value for member, (_, value) in whole.items() if np.ndim(value)}
+    for member in whole.keys() - columns.keys():
+        alike["data"][member] = whole[member][1]
+    records = np.repeat(alike.view(f"V{alike.itemsize}"), stamps.size).view(alike.dtype)
+    records["sequence"], records["log"], records["publish"] = np.arange(stamps.size), stamps + LATENCY_NS, stamps
+    for member, value in columns.items():
+        records["data"][member] = value
+    return LogTopic(name, schema_name, f"std_msgs/Header header\n{fields}{DEPENDENCIES}", records)
+
+
+def sample_topic(topic: str, frame_id: str, fields: str, time: Array, columns: Mapping[str, ArrayLike]) -> LogTopic:
+    """Messages of scalar fields, one for each time stamp [s], from 0 to 2^31 s in whole nanoseconds. `fields` declares
+    one in each line, to whose type its column (n,) is cast."""
+    types = {words[1]: CDR_TYPES[words[0]] for words in map(str.split, fields.splitlines())}
+    members = {f"field.{name}": (kind, np.asarray(columns[name])) for name, kind in types.items()}
+    return log_topic(topic, f"osl_interfaces/msg/{topic[1:].title()}Sample", fields, frame_id, time, members)
+
+
+def joint_states(
+    topic: str, frame_id: str, time: Array, position: Mapping[str, Array], effort: Mapping[str, Array]
+) -> LogTopic:
+    """JointState messages: positions [rad] by joint, (n,) each, and the effort of some joints; other efforts are 0."""
+    members: dict[str, tuple[str, Any]] = {"names": ("<u4", len(position))}
+    for joint in position:
+        name = joint.encode() + b"\0"
+        members |= {f"name_length.{joint}": ("<u4", len(name)), f"name.{joint}": (f"S{len(name)}", name)}
+    members |= {"positions": ("<u4", len(position))}
+    members |= {f"position.{joint}": ("<f8", values) for joint, values in position.items()}
+    members |= {"velocities": ("<u4", 0), "efforts": ("<u4", len(position))}
+    members |= {f"effort.{joint}": ("<f8", effort.get(joint, 0.0)) for joint in position}
+    fields = "string[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort\n"
+    return log_topic(topic, "sensor_msgs/msg/JointState", fields, frame_id, time, members)
+
+
+def wrenches(topic: str, frame_id: str, time: Array, torque: Array) -> LogTopic:
+    """WrenchStamped messages with a torque [N*m] about z, (n,). All other components are 0."""
+    zeros = {f"{vector}.{axis}": ("<f8", 0.0) for vector in ("force", "torque") for axis in "xyz"}
+    fields = (
+        f"geometry_msgs/Wrench wrench\n{RULE}MSG: geometry_msgs/Wrench\ngeometry_msgs/Vector3 force\n"
+        f"geometry_msgs/Vector3 torque\n{RULE}MSG: geometry_msgs/Vector3\nfloat64 x\nfloat64 y\nfloat64 z\n"
+    )
+    members = {**zeros, "torque.z": ("<f8", torque)}
+    return log_topic(topic, "geometry_msgs/msg/WrenchStamped", fields, frame_id, time, members)
+
+
+def write_topics(path: Path, topics: Sequence[LogTopic]) -> None:
+    """Write the messages of all topics, in the order of their stamps, after a metadata record; last the summary, its
+    offsets, and the footer with the CRC of both. The file appears whole or not at all."""
+    names, schemas, channels = ", ".join(t.name for t in topics), list[McapRecord](), list[McapRecord]()
+    for number, topic in enumerate(topics, 1):
+        schemas.append(mcap_records.Schema(number, topic.schema_text.encode(), "ros2msg", topic.schema_name))
+        channels.append(mcap_records.Channel(number, topic.name, "cdr", {}, number))
+        topic.records["channel"] = number
+    heads = np.concatenate([topic.records[["channel", "log", "publish"]] for topic in topics])
+    order = np.argsort(heads["publish"], kind="stable")
+    lengths = np.concatenate([np.full(len(topic.records), topic.records.itemsize) for topic in topics])[order]
+    heads, ends, messages = heads[order], np.cumsum(lengths), messages_in_order(topics, order, lengths)
+    content = encoded(one for pair in zip(schemas, channels, strict=True) for one in pair)  # begins the first chunk
+    ends += len(content)
+    with atomic_path(path) as temporary, temporary.open("wb") as file:
+        head = MCAP0_MAGIC + encoded([mcap_records.Header("ros2", "osl-analysis")])
+        facts = {"origin": "simulated", "topic": names, "time": "header stamp"}
+        described = encoded([mcap_records.Metadata("recording", facts)])
+        file.write(head + described)
+        indexes, first, begin, chunk_size, declared = list[mcap_records.ChunkIndex](), 0, 0, 1 << 20, len(content)
+        while first < len(heads):  # a chunk ends with the message that takes it beyond the size [bytes]
+            last = int(np.searchsorted(ends[:-1], begin + chunk_size, side="right")) + 1
+            content += messages[max(begin - declared, 0) : int(ends[last - 1]) - declared].tobytes()
+            starts = ends[first:last] - lengths[first:last] - begin
+            indexes.append(write_chunk(file, content, starts, heads[first:last]))
+            first, begin, content = last, int(ends[last - 1]), b""
+        file.write(encoded([mcap_records.DataEnd(0)]))
+        used = dict.fromkeys(number for index in indexes for number in index.message_index_offsets)
+        statistics = mcap_records.Statistics(
+            attachment_count=0,
+            channel_count=len(topics),
+            channel_message_counts={number: len(topics[number - 1].records) for number in used},
+            chunk_count=len(indexes),
+            message_count=len(heads),
+            message_end_time=max((index.message_end_time for index in indexes), default=0),
+            message_start_time=min((index.message_start_time for index in indexes), default=0),
+            metadata_count=1,
+            schema_count=len(topics),
+        )
+        groups: dict[Opcode, Sequence[McapRecord]] = {
+            Opcode.SCHEMA: schemas,
+            Opcode.CHANNEL: channels,
+            Opcode.STATISTICS: [statistics],
+            Opcode.CHUNK_INDEX: indexes,
+            Opcode.ATTACHMENT_INDEX: [],
+            Opcode.METADATA_INDEX: [mcap_records.MetadataIndex(len(head), len(described), "recording")],
+        }
+        start, summary, offsets = file.tell(), b"", list[McapRecord]()
+        for opcode, records in groups.items():
+            group = encoded(records)
+            offsets.append(mcap_records.SummaryOffset(opcode, start + len(summary), len(group)))
+            summary += group
+        offsets_start = start + len(summary)
+        summary += encoded(offsets)
+        crc = zlib.crc32(summary + struct.pack("<BQQQ", Opcode.FOOTER, 20, start, offsets_start))
+        file.write(summary + encoded([mcap_records.Footer(start, offsets_start, crc)]) + MCAP0_MAGIC)
+
+
+def messages_in_order(
+    topics: Sequence[LogTopic], order: NDArray[np.intp], lengths: NDArray[np.int64]
+) -> NDArray[np.uint8]:
+    """The bytes of all messages in some order: those of each topic are rows of a table, put to their places at once."""
+    whole, begins = np.empty(int(lengths.sum()), np.uint8), np.empty(len(order), np.intp)
+    begins[order] = np.cumsum(lengths) - lengths
+    for topic in topics:
+        own, begins = begins[: len(topic.records)], begins[len(topic.records) :]
+        # a message is one value that may begin at any byte, so that values overlap
+        size = topic.records.itemsize
+        if len(own):
+            np.ndarray((len(whole) - size + 1,), f"V{size}", whole, 0, (1,))[own] = topic.records.view(f"V{size}")
+    return whole
+
+
+def write_chunk(
+    file: BinaryIO, content: bytes, starts: NDArray[np.int64], heads: NDArray[np.void]
+) -> mcap_records.ChunkIndex:
+    """Write a chunk of messages that begin at `starts` [bytes], and the index of each channel, as each comes first."""
+    log, compressed, begin, offsets = heads["log"], zstandard.compress(content), file.tell(), dict[int, int]()
+    shared = {"message_start_time": int(log.min()), "message_end_time": int(log.max())}
+    shared["uncompressed_size"] = len(content)
+    crc = zlib.crc32(content)
+    file.write(encoded([mcap_records.Chunk(compression="zstd", data=compressed, uncompressed_crc=crc, **shared)]))
+    end = file.tell()
+    for number in dict.fromkeys(heads["channel"].tolist()):
+        offsets[number] = file.tell()
+        index = np.stack([log, starts.astype(np.uint64)], axis=1)[heads["channel"] == number]
+        file.write(struct.pack("<BQHI", Opcode.MESSAGE_INDEX, 6 + index.nbytes, number, index.nbytes) + index.tobytes())
+    return mcap_records.ChunkIndex(
+        chunk_start_offset=begin,
+        chunk_length=end - begin,
+        compression="zstd",
+        compressed_size=len(compressed),
+        message_index_offsets=offsets,
+        message_index_length=file.tell() - end,
+        **shared,
+    )
+
+
+def encoded(records: Iterable[McapRecord]) -> bytes:
+    builder = RecordBuilder()
+    for record in records:
+        record.write(builder)
+    return bytes(builder.end())  # type: ignore[no-untyped-call]

@@ -12,9 +12,17 @@ import numpy as np
 
 from osl_analysis.errors import optional_module
 from osl_analysis.files import atomic_path
-from osl_analysis.simulator.rigid_body import GRAVITY, Point, Pose, TrueWrench, interpolated_at, support
 from osl_analysis.simulator.settings import stream
-from osl_analysis.simulator.step import GaitTrial, PlatformMotion
+from osl_analysis.simulator.step import (
+    GRAVITY,
+    GaitTrial,
+    PlatformMotion,
+    Point,
+    Pose,
+    TrueWrench,
+    interpolated_at,
+    support,
+)
 from osl_analysis.simulator.walking_settings import FOOT, PLATE_CHANNELS, PLATFORM, SHANK, WalkingSettings
 from osl_analysis.trial import Array
 

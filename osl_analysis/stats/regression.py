@@ -1,14 +1,17 @@
-"""Linear regression on rows: rank check, covariance for correlated residuals, diagnostics. The bench fits groups
-of rows by the same rules (bench/gram.py)."""
+"""Linear regression on rows: rank check, covariance for correlated residuals, diagnostics; and a fit as a row of a
+result table. The bench fits groups of rows by the same rules (bench/gram.py)."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.measured import check_finite, check_measured, rounding_of
+from osl_analysis.signals import LowPass
 from osl_analysis.stats.covariance import Covariance, hac
 from osl_analysis.trial import Array
 
@@ -166,3 +169,69 @@ def variance_accounted_for(y: Array, residual: Array) -> float:
     if varied > rounding:
         return 100 * (1 - left / varied)
     return 100.0 if left <= rounding else 0.0
+
+
+Row = dict[str, float | str | None]  # one row of a result table, by column. None becomes an empty field.
+
+
+def thinned_rows(samples: int, rate_hz: float, low_pass: LowPass) -> NDArray[np.intp]:
+    """The rows of a residual at `rate_hz` that are kept for its whiteness: at twice the noise bandwidth of the filter
+    that its signals passed. White noise that passed the filter is white again at that rate; thinned to twice the
+    cut-off, it would still have an autocorrelation of 0.1, which the test detects in a thousand samples."""
+    step = max(rate_hz / (2 * low_pass.noise_bandwidth_hz), 1.0)
+    return np.asarray(np.rint(np.arange(0, samples - 0.5, step)), dtype=np.intp)
+
+
+def whiteness_row(thinned: Array) -> Row:
+    """How much a residual (n,), thinned by `thinned_rows`, is correlated with its own past: its autocorrelation after
+    one sample, and Ljung and Box's statistic per lag with its p (Biometrika 65, 1978): n (n + 2) sum_k r_k^2 / (n - k)
+    over 10 lags, or a fifth of the samples if that is fewer, is chi-squared. All null for a residual of zeros, and of
+    fewer than 20 samples, whose autocorrelations are uncertain by 0.2 and more."""
+    check_measured("the residual", thinned)
+    n, power = len(thinned), float(thinned @ thinned)
+    if n < 20 or power == 0:
+        return dict.fromkeys(("residual_autocorrelation", "ljung_box_per_lag", "ljung_box_p"))
+    lag = np.arange(1, min(10, n // 5) + 1)
+    r = np.array([float(thinned[k:] @ thinned[:-k]) for k in lag]) / power
+    Q = n * (n + 2) * float(np.sum(r**2 / (n - lag)))
+    p = float(scipy.special.chdtrc(len(lag), Q))
+    return {"residual_autocorrelation": float(r[0]), "ljung_box_per_lag": Q / len(lag), "ljung_box_p": p}
+
+
+def estimates_row(fit: LinearFit, *names: str) -> dict[str, float]:
+    """`name`, `name_se` and the bounds `name_low` and `name_high` of the 95 % interval for each name, in SI units."""
+    row: dict[str, float] = {}
+    for name in names:
+        low, high = fit.interval(name)
+        row |= {name: fit[name], f"{name}_se": fit.se(name), f"{name}_low": low, f"{name}_high": high}
+    return row
+
+
+def covariance_row(fit: LinearFit, *names: str) -> dict[str, float]:
+    """`cov_A_B` for each pair of names, in the product of their units."""
+    return {f"cov_{a}_{b}": fit.cov(a, b) for a, b in combinations(names, 2)}
+
+
+def diagnostics_row(fit: LinearFit, rate_hz: float, white: Row) -> Row:
+    """What all tables say of a fit and of its interval; the fitted rows have the rate `rate_hz`, and the whiteness
+    `white`. VAF in percent, R2 about zero, the correlation time in seconds."""
+    return {
+        "interval_method": fit.interval_method,
+        "VAF": fit.vaf,
+        "R2": fit.r_squared,
+        "condition_number": fit.condition_number,
+        "largest_correlation": fit.largest_correlation,
+        "samples": fit.samples,
+        "correlation_s": fit.correlation_samples / rate_hz,
+        **white,
+    }
+
+
+def lag_damping_row(lag: float | None, se: float | None, K: float, certain_from: float = 2.0) -> Row:
+    """Lag [s] of the torque behind the angle, its standard error, and what it adds to B: -K lag [N*m*s/rad];
+    `certain_lag_damping` is 0 for a lag of no more than `certain_from` standard errors. All null without a lag."""
+    damping = certain = None
+    if lag is not None and se is not None:
+        damping = -K * lag
+        certain = damping if abs(lag) > certain_from * se else 0.0
+    return {"lag_s": lag, "lag_se_s": se, "lag_damping": damping, "certain_lag_damping": certain}

@@ -15,8 +15,7 @@ import scipy
 
 from osl_analysis.measured import rms
 from osl_analysis.signals import Motion
-from osl_analysis.stats.fit_row import estimates_row
-from osl_analysis.stats.regression import LinearFit
+from osl_analysis.stats.regression import LinearFit, estimates_row
 from osl_analysis.stats.repeats import over_repeats
 from osl_analysis.trial import REFLEX_DELAYS_MS, Array
 from osl_analysis.walking import response as isolation

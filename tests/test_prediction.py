@@ -24,7 +24,7 @@ from osl_analysis.bench.settings import FilterSettings
 from osl_analysis.commands.bench import gather_predictions
 from osl_analysis.errors import InputError
 from osl_analysis.judge.campaign import campaign_findings
-from osl_analysis.judge.claims import Claims, beyond, claims_table
+from osl_analysis.judge.claims import Claims, claims_table, limit_verdict
 from osl_analysis.judge.limits import DoubtfulFits
 from osl_analysis.model.compensator import PAPER_WEIGHT, Controller, belt_response, select_gains
 from osl_analysis.model.parameters import read_parameters
@@ -270,7 +270,7 @@ def test_claims_on_components_hold_fail_or_are_undecided_by_their_interval():
     assert r"\newcommand{\oslInertiaAtHighestFrequencyVerdict}{fails}% verdict" in to_tex({}, numbers)
     scatterless = tables | {"transmission_summary": tables["transmission_summary"].with_columns(se=None)}
     assert claimed(scatterless)[1]["inertia_at_lowest_frequency", None]["verdict"] is None
-    verdicts = [beyond(*ends, 10, True) for ends in ((11, 12), (8, 9), (9, 11), (None, 1))]
+    verdicts = [limit_verdict(*ends, 10, True) for ends in ((11, 12), (8, 9), (9, 11), (None, 1))]
     assert verdicts == ["holds", "fails", "undecided", None]
 
 

@@ -7,7 +7,7 @@ from typing import Any
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.ingest.examine import Commanded, check_ranges, examine, measured_table
 from osl_analysis.ingest.raw_files import check_columns, check_markers, trial_from_files
-from osl_analysis.signals.grid import with_evidence
+from osl_analysis.signals.grid import with_stamp_evidence
 from osl_analysis.table import write_table
 from osl_analysis.trial import Trial, write_trial
 
@@ -31,7 +31,7 @@ def checked_trial(
     if facts is not None and facts.place == "walkway" and not needed_columns:  # those of the log tell all
         check_markers(trial, row["experiment"])
     check_ranges(trial)
-    return with_evidence(trial)
+    return with_stamp_evidence(trial)
 
 
 def ingest_and_check(

@@ -32,7 +32,7 @@ SHEET_COLUMNS = (
     "log_part", "desired", "windows", "exclude", "accept", "joint", *CONDITIONS, "body_mass_kg", "static",
     *FIXTURE, *KNOWN_COLUMNS,
 )  # fmt: skip
-NUMBERS = ("K_d", "B_d", "body_mass_kg", *FIXTURE, *KNOWN_COLUMNS)
+NUMBER_COLUMNS = ("K_d", "B_d", "body_mass_kg", *FIXTURE, *KNOWN_COLUMNS)
 SheetRows = dict[str, dict[str, Any]]  # The rows of a sheet by trial, with all columns; None where a cell is empty.
 OUTER_BLANKS = re.compile(r"^[\s\u200b-\u200f\u2060\ufeff]+|[\s\u200b-\u200f\u2060\ufeff]+$")  # some of them unseen
 
@@ -69,7 +69,7 @@ def read_sheet(path: Path) -> SheetRows:
             name = row[column] or usual[0]
             before = seen.setdefault((column, unicodedata.normalize("NFKC", name).casefold()), name)
             check_name(where, column, name, before, usual, alike)
-        numbers = {name: float(row[name]) for name in NUMBERS if row[name]}
+        numbers = {name: float(row[name]) for name in NUMBER_COLUMNS if row[name]}
         perturbed = row["perturbed"].lower() == "true" if row["perturbed"] else None
         told = {column: cell or None for column, cell in row.items()} | {"joint": row["joint"] or JOINT}
         rows[row["trial"]] = told | numbers | {"perturbed": perturbed}
@@ -140,7 +140,7 @@ FORMS = {
         r"[A-Za-z0-9][A-Za-z0-9_.-]{0,99}",
         "must be up to 100 letters, digits, '_', '.' and '-': it becomes a file name",
     ),
-    **dict.fromkeys(NUMBERS, (DECIMAL, "is not a number; give it in SI units, without the unit")),
+    **dict.fromkeys(NUMBER_COLUMNS, (DECIMAL, "is not a number; give it in SI units, without the unit")),
     "exclude": (
         r"(?!(0|no|false|none)$)(.|\n)*",
         "is no reason; clear the cell to analyse the trial, or say why not",

@@ -12,8 +12,6 @@ from matplotlib.figure import Figure
 from osl_analysis.errors import InputError
 from osl_analysis.figures import columns_of, names, style
 
-KBI = ["K", "B", "I"]
-
 
 def fig9_points(
     walking_summary: pl.DataFrame, walking: pl.DataFrame, over_stance: pl.DataFrame, commanded_K: float | None = None
@@ -23,13 +21,13 @@ def fig9_points(
     of one group, else from the trajectory (`over_stance`). Raises InputError: nothing has a result."""
     rows = {(r["group"], r["estimator"], r["quantity"]): r for r in walking_summary.iter_rows(named=True)}
     rows = {key: row for key, row in rows.items() if row["mean"] is not None}
-    fits = walking.drop_nulls("group").filter(pl.all_horizontal(pl.col(KBI).is_finite()))
+    fits = walking.drop_nulls("group").filter(pl.all_horizontal(pl.col("K", "B", "I").is_finite()))
     groups = list(dict.fromkeys([*(group for group, _, _ in rows), *fits["group"]]))
     if not groups:
         raise InputError("no perturbation has a fit, which Fig. 9 draws; see the reasons in walking_excluded.csv")
     trajectory = {(r["group"], r["quantity"]): r["commanded"] for r in over_stance.iter_rows(named=True)}
     found: list[dict[str, Any]] = []
-    for group, quantity in product(groups, KBI):
+    for group, quantity in product(groups, "KBI"):
         of_group = fits.filter(group=group)
         single = of_group.select("group", "trial", "doubtful", pl.col(quantity).alias("estimate"))
         row: dict[str, Any] = {"group": group, "quantity": quantity, "n": len(single)}
@@ -63,7 +61,7 @@ def draw_fig9(table: pl.DataFrame) -> Figure:
     black: dict[str, Any] = {"color": style.BLACK, "linewidth": 0.8}
     purple: dict[str, Any] = {"color": style.PURPLE, "linewidth": 1.2, "capsize": 2.5}
     point = style.Look(style.GREY, "o", 2.6, "One perturbation")
-    for ax, quantity in zip(axes, KBI, strict=True):
+    for ax, quantity in zip(axes, "KBI", strict=True):
         rows = table.filter(pl.col("quantity") == quantity)
         of_groups = rows.filter(pl.col("trial").is_null())
         for place, row in enumerate(of_groups.iter_rows(named=True)):
@@ -177,7 +175,7 @@ def draw_over_stance(table: pl.DataFrame) -> Figure:
     """K, B and I, those that the table has: the fit of each group at the phase that it reads, its fitted window as a
     horizontal bar, its 95 % interval as a vertical one. The commanded impedance is dashed, and a short line at each
     group."""
-    drawn = [quantity for quantity in KBI if quantity in table["quantity"]]
+    drawn = [quantity for quantity in "KBI" if quantity in table["quantity"]]
     width = style.SINGLE_COLUMN if len(drawn) == 1 else style.DOUBLE_COLUMN
     figure, axes = style.panels(width, 2.6, columns=len(drawn))
     series = [name for name in table["series"].unique(maintain_order=True) if name != COMMANDED_SERIES]
@@ -213,7 +211,7 @@ def draw_over_stance(table: pl.DataFrame) -> Figure:
 def draw_half_widths(table: pl.DataFrame) -> Figure:
     """Half of the 95 % interval of K, B and I that is expected, against the number of perturbed crossings, by gait."""
     figure, axes = style.panels(style.DOUBLE_COLUMN, 2.4, columns=3)
-    for ax, quantity in zip(axes, KBI, strict=True):
+    for ax, quantity in zip(axes, "KBI", strict=True):
         for gait, rows in table.group_by("gait", maintain_order=True):
             ax.loglog(rows["n"], rows[quantity], "o-", markersize=3, label=names.drawn_name(str(gait[0])))
         ax.set_xlabel("Perturbed crossings")

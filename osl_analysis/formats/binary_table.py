@@ -56,7 +56,7 @@ def read_binary_table(path: Path, layout: CsvLayout, is_unit: IsUnit, most_rows:
             check_memory(sum(one.file_size for one in archive.infolist()), "what it unpacks to")
     with in_one_sentence():
         if kind == "sheet":
-            return read_sheet(path, layout, is_unit)
+            return read_workbook(path, layout, is_unit)
         damage, units = Ledger(), dict[str, str]()
         if kind in ("parquet", "arrow"):
             frame = read_frame(path, kind)
@@ -66,7 +66,7 @@ def read_binary_table(path: Path, layout: CsvLayout, is_unit: IsUnit, most_rows:
     return table_of_frame(frame[:most_rows] if most_rows else frame, units, damage)
 
 
-def read_sheet(path: Path, layout: CsvLayout, is_unit: IsUnit) -> CsvTable:
+def read_workbook(path: Path, layout: CsvLayout, is_unit: IsUnit) -> CsvTable:
     """The largest sheet of a workbook, by the rules of a table of text."""
     library = optional_module("fastexcel", "a workbook")
     book = library.read_excel(path)

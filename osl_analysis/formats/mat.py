@@ -22,8 +22,7 @@ import numpy as np
 
 from osl_analysis.errors import EXTRAS, InputError, listing, nearest, optional_module
 from osl_analysis.formats.binary_table import never_written
-from osl_analysis.formats.table import Ledger, check_memory, isolated
-from osl_analysis.formats.table import in_one_sentence as library_errors
+from osl_analysis.formats.table import Ledger, check_memory, in_one_sentence, isolated
 from osl_analysis.trial import Array
 
 DAMAGED = "copy the file again, or save it again in MATLAB, with the numbers in it"
@@ -80,7 +79,7 @@ def is_mat(begin: bytes) -> bool:
     return begin.startswith((b"MATLAB 5.0 MAT", b"MATLAB 7.")) and b"\0" in begin[:128]
 
 
-in_one_sentence = partial(library_errors, remedy=DAMAGED)
+told_as_damage = partial(in_one_sentence, remedy=DAMAGED)
 
 
 @dataclass(frozen=True)
@@ -101,10 +100,10 @@ class MatFile:
         """The wanted variables that it has; InputError if one is damaged."""
         known, found = [name for name in self.names if name in wanted], dict[str, Value]()
         if self.version == "7.3":
-            with in_one_sentence(), opened73(self.path) as file:
+            with told_as_damage(), opened73(self.path) as file:
                 for name in known:
                     link = getattr(file.get(name, getlink=True), "path", "")
-                    with in_one_sentence(f"{name} {f'is a link to {link} and ' * bool(link)}"):
+                    with told_as_damage(f"{name} {f'is a link to {link} and ' * bool(link)}"):
                         found[name] = value73(file[name])
         else:
             found = isolated(partial(read5, self.path, known))
@@ -150,7 +149,7 @@ def open_mat(path: Path) -> MatFile:
     if not is_mat(begin):
         raise InputError(f"{path}: no MATLAB file of version 5 or 7.3; save it again in MATLAB with `-v7`")
     header, damage = begin[:116].split(b"\0")[0].decode("latin-1").strip(), Ledger()
-    with in_one_sentence():
+    with told_as_damage():
         if begin.startswith(b"MATLAB 7.") or 2 in begin[124:126]:
             with opened73(path) as file:  # some of its groups are no variables
                 (stated,) = struct.unpack_from("<Q", start, 40 if start[8] < 2 else 28)  # end of file in the superblock
@@ -183,7 +182,7 @@ def streams5(path: Path) -> dict[str, Any]:
 
 
 def names5(path: Path) -> list[str]:
-    with in_one_sentence():
+    with told_as_damage():
         return [*streams5(path)]
 
 
@@ -193,7 +192,7 @@ def read5(path: Path, names: Sequence[str]) -> dict[str, Value]:
 
     found, streams = dict[str, Value](), streams5(path)
     for name in names:
-        with in_one_sentence(f"{name} "):
+        with told_as_damage(f"{name} "):
             raw: Any = loadmat(streams[name], spmatrix=False)
             found[name] = value5(next(one for key, one in raw.items() if not key.startswith("__")))
     return found
@@ -201,7 +200,7 @@ def read5(path: Path, names: Sequence[str]) -> dict[str, Value]:
 
 def read_objects(path: Path, names: Sequence[str]) -> dict[str, Value]:
     """Some variables with the objects in them as mat-io reads them."""
-    with in_one_sentence(), warnings.catch_warnings(action="ignore"):
+    with told_as_damage(), warnings.catch_warnings(action="ignore"):
         from matio import load_from_mat
 
         raw = load_from_mat(path, variable_names=[*names], raw_data=True, spmatrix=False)

@@ -215,7 +215,7 @@ def masked_numbers(path: str, column: Sequence[float | bool | None]) -> NDArray[
 NOT_DEFINED = "not defined"  # key in a channel's metadata: why the channel has no schema, and what to do
 
 
-def kind_of(channel: Channel, schema: Schema | None) -> "MessageType | Callable[[bytes], Any]":
+def type_of(channel: Channel, schema: Schema | None) -> "MessageType | Callable[[bytes], Any]":
     """The type of a channel's messages of ROS, or what makes objects of others; InputError if they cannot be read."""
     encoding = (channel.message_encoding, schema.encoding if schema else "no schema")
     if NOT_DEFINED in channel.metadata:
@@ -239,7 +239,7 @@ def kind_of(channel: Channel, schema: Schema | None) -> "MessageType | Callable[
 
 def describe_message(channel: Channel, schema: Schema | None, payload: bytes | None) -> list[FieldDescription]:
     """The fields of a channel's message, or without one of its schema; ValueError if they cannot be told."""
-    kind = kind_of(channel, schema)
+    kind = type_of(channel, schema)
     if not isinstance(kind, MessageType):
         no_schema = payload is None and kind is json_object
         return [] if no_schema else list(fields_in(kind(payload or b""), 1, {}))

@@ -24,7 +24,7 @@ from osl_analysis.formats.message_fields import (
     Values,
     describe_message,
     joined_masked,
-    kind_of,
+    type_of,
 )
 from osl_analysis.formats.table import Ledger
 
@@ -202,7 +202,7 @@ def read_channels(file: MessageFile, wanted: Mapping[str, Sequence[str]] | None 
                 continue
             if number not in logs:
                 schema = file.schemas.get(channel.schema_id)
-                reader = Reader([*dict.fromkeys(wanted[channel.topic])], kind_of(channel, schema)) if wanted else None
+                reader = Reader([*dict.fromkeys(wanted[channel.topic])], type_of(channel, schema)) if wanted else None
                 logs[number] = ChannelLog(channel, schema, reader)
             one, mine = logs[number], block.only(block.channel == number)
             if one.first is None:

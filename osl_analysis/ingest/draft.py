@@ -21,7 +21,7 @@ from osl_analysis.measured import factor_of, rms, varies
 from osl_analysis.signals import LowPass, runs
 from osl_analysis.trial import COLUMNS, Array
 
-COMPUTED = "computed from the current, no measured torque"
+NO_MEASUREMENT = "computed from the current, no measured torque"
 MOTOR = r"\b(motor|actuator|act|output|gear|mot)\b"
 COMMAND = r"\b(command|commanded|cmd|desired|des|ref|reference|target|setpoint|goal)\b"
 ANGLE = r"(angle|position|pos|theta|encoder|winkel|hoek)"
@@ -57,7 +57,7 @@ PATTERNS = {
 def likely_column(channel: RecordedChannel) -> str:
     """The canonical column that a channel may be; empty where name and unit tell none. A stated or likely unit must be
     one of the column's; where the name tells nothing, what the unit measures is the guess."""
-    words, (_, measured) = words_of(name_of(channel)), measure_of(channel)
+    words, (_, measured) = parted_name(name_of(channel)), measure_of(channel)
     for column, (wanted, unwanted, _) in PATTERNS.items():
         fits = column in ("sync", "trigger") or not measured or measured == dimension(COLUMNS[column])
         if fits and re.search(wanted, words) and not (unwanted and re.search(unwanted, words)):
@@ -73,7 +73,7 @@ def measure_of(channel: RecordedChannel) -> tuple[float, str]:
     return base_units(normalised(channel.unit or channel.likely_unit)) or (1.0, "")
 
 
-def words_of(name: str) -> str:
+def parted_name(name: str) -> str:
     """The words of a name in small letters: `JointAngle_deg` is `joint angle deg`."""
     parted = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", " ", name)
     return " ".join(re.findall(r"[a-z]+|\d+", parted.casefold()))
@@ -250,7 +250,7 @@ def may_be(channel: RecordedChannel, column: str) -> bool:
     told = rf"{PATTERNS[column][1]}|\b({SPEED}|{other}|current|amps|imu|roll|pitch|yaw|battery|force)\b"
     is_like = measured == dimension(COLUMNS[column]) if measured else unit_by_size(channel, column) and not channel.unit
     is_read = readings(channel).size >= FEWEST_READINGS
-    return is_read and bool(is_like) and not re.search(told, words_of(name_of(channel)))
+    return is_read and bool(is_like) and not re.search(told, parted_name(name_of(channel)))
 
 
 def guessed_columns(channels: Sequence[RecordedChannel], clock: RecordedChannel | None) -> list[Guess]:
@@ -287,8 +287,8 @@ def guesses_by_name(channels: Sequence[RecordedChannel], named: Sequence[str]) -
         without.append(no_signal(channel) or (made_of(channel, currents) if is_torque else ""))
     known = Counter(column for column, why in zip(named, without, strict=True) if not why)
     for channel, column, why in zip(channels, named, without, strict=True):
-        unit = "" if channel.unit else words_of(channel.likely_unit)  # its words do not count
-        words = words_of(name_of(channel)).removesuffix(unit).split()
+        unit = "" if channel.unit else parted_name(channel.likely_unit)  # its words do not count
+        words = parted_name(name_of(channel)).removesuffix(unit).split()
         sure = bool(words) and column != "" and set(words) <= set(PATTERNS[column][2].split())
         by_name = Guess(column, sure and known[column] == 1, "guessed from its name" * sure)
         guesses.append(Guess(said=why, no_signal=True) if why else by_name)
@@ -332,7 +332,7 @@ def made_of(channel: RecordedChannel, currents: Sequence[RecordedChannel]) -> st
         y, x = (none if one.numbers is None else one.numbers for one in (channel, current))
         if (factor := factor_of(y, x)) is not None:
             name = json.dumps(list(current.address.values())[-1])
-            return f"{name} times {factor:.4g}, to within rounding: {COMPUTED}"
+            return f"{name} times {factor:.4g}, to within rounding: {NO_MEASUREMENT}"
     return ""
 
 
@@ -351,7 +351,7 @@ def channel_line(number: int, channel: RecordedChannel, guess: Guess) -> str:
     return f"  {guess.column if sure else f'NAME_{number}'}: {{{entry}}}{comment}"
 
 
-SEGMENTS = {
+SEGMENT_WORDS = {
     "platform": ("PLAT|HEXAPOD|STEWART", ""),
     "ankle_medial": (r"(?=.*((?<!SH)ANK|MAL)).*(MED|(^|_)M(_|MAL|$))", "MED|MMA|MMAL|TAM|AM|MM"),
     "ankle_lateral": ("(?<!SH)ANK|MAL", "LMA|LMAL|FAL|AL|LM"),
@@ -363,13 +363,13 @@ and Qualisys' (CAST). A marker called `ankle` and no more is the lateral one in 
 
 
 def segment_of(label: str) -> tuple[str, str]:
-    """Side, R or L, and segment of `SEGMENTS` that a marker's name tells; empty where it tells none. The name of the
-    subject before a colon does not count."""
+    """Side, R or L, and segment of `SEGMENT_WORDS` that a marker's name tells; empty where it tells none. The name of
+    the subject before a colon does not count."""
     name = re.sub(r"[^A-Z0-9]+", "_", label.rpartition(":")[2].upper()).strip("_")
     forms = re.findall(r"^(RIGHT|LEFT|R|L)_?(.+)$", name)
     forms += [(side, rest) for rest, side in re.findall(r"^(.+)_(RIGHT|LEFT|R|L)$", name)]
     for side, rest in [*forms, ("", name)]:
-        for segment, (words, codes) in SEGMENTS.items():
+        for segment, (words, codes) in SEGMENT_WORDS.items():
             if re.search(rf"(^|_)({words})" if side else words, rest) or (side and re.fullmatch(codes, rest)):
                 return side[:1], segment
     return "", ""
@@ -386,7 +386,7 @@ def tracks_of(overview: Overview) -> dict[str, Array]:
     return found
 
 
-def travel(track: Array) -> float:
+def longest_way(track: Array) -> float:
     """The longest way of a track (frames, n) along an axis but for its outer 2 %; infinite if it was hardly seen."""
     seen = track[np.isfinite(track).all(axis=1)]
     ends = np.quantile(seen, [0.02, 0.98], axis=0) if 2 * len(seen) > len(track) else [[0.0], [np.inf]]
@@ -398,8 +398,8 @@ def told_by_motion(overview: Overview) -> dict[str, str]:
     tracks = tracks_of(overview)
     own = [track for label, track in tracks.items() if segment_of(label)[1] == "platform"]
     legs = any(segment_of(label)[1] in ("foot", "shank") for label in tracks)
-    turns, steps = turn_of(own) > np.radians(1), steps_on_plates(overview)
-    if legs and not turns and all(travel(track) < 0.03 for track in tracks.values()):
+    turns, steps = largest_turn(own) > np.radians(1), steps_on_plates(overview)
+    if legs and not turns and all(longest_way(track) < 0.03 for track in tracks.values()):
         return {"experiment": "static"}
     if own and legs and 1 in steps:
         return {"experiment": "walking", "perturbed": str(turns).lower()}
@@ -408,11 +408,11 @@ def told_by_motion(overview: Overview) -> dict[str, str]:
     return {"experiment": "overground"} if legs and any(steps) and not own else {}
 
 
-def turn_of(tracks: Sequence[Array]) -> float:
+def largest_turn(tracks: Sequence[Array]) -> float:
     """The largest turn [rad] of a line between two markers."""
     lines = [first - second for first, second in combinations(tracks, 2)]
-    lengths = [float(np.linalg.norm(np.nanmedian(line, axis=0))) for line in lines if travel(line) < np.inf]
-    ways = [travel(line) for line in lines if travel(line) < np.inf]
+    lengths = [float(np.linalg.norm(np.nanmedian(line, axis=0))) for line in lines if longest_way(line) < np.inf]
+    ways = [longest_way(line) for line in lines if longest_way(line) < np.inf]
     return max((way / length for way, length in zip(ways, lengths, strict=True)), default=0.0)
 
 
@@ -434,7 +434,7 @@ def draft_walking(overviews: Sequence[Overview]) -> list[str]:
     told = {label: segment_of(label) for label in dict.fromkeys(labels)}
     side = max((side for side, segment in told.values() if segment in ("foot", "shank")), default="")  # R before L
     of_leg = [(label, own) for label, (of, own) in told.items() if not side or of in ("", side)]
-    clusters = {segment: [label for label, own in of_leg if own == segment] for segment in SEGMENTS}
+    clusters = {segment: [label for label, own in of_leg if own == segment] for segment in SEGMENT_WORDS}
     if not (clusters["foot"] or clusters["shank"]):
         return []
     plates = max(sum(channel.kind == "plate" for channel in one.channels) for one in overviews)
@@ -512,7 +512,7 @@ def draft_trial(
     """The cells of one trial, and what the user has to decide."""
     path, role = next(iter(files.values()))[0], "mocap" if "mocap" in files else "log"
     said = path.stem if path.suffix else path.name
-    words, numbers = words_of(said.replace("_", " ")), stated_impedance(said)
+    words, numbers = parted_name(said.replace("_", " ")), stated_impedance(said)
     cells = {"trial": name, "experiment": UNNAMED}
     for column, (file, source) in files.items():
         cells |= {column: file.as_posix(), f"{column}_source": source}
@@ -539,11 +539,11 @@ def draft_trial(
         return cells, [f"perturbed: the name does not tell; it stands as {UNNAMED}: {remedy}"]
     cells["experiment"] = experiment
     if experiment == "impedance":
-        return of_impedance(cells | numbers, said)
+        return impedance_cells(cells | numbers, said)
     return cells | ({"perturbed": perturbed} if experiment == "walking" else {}), []
 
 
-def of_impedance(cells: dict[str, str], said: str) -> tuple[dict[str, str], list[str]]:
+def impedance_cells(cells: dict[str, str], said: str) -> tuple[dict[str, str], list[str]]:
     """The cells of an impedance trial with the controller that its name tells, and what it does not tell."""
     if controller := re.search(r"(?<![A-Za-z])(un|non[-_]?)?comp(?:ensated)?(?![A-Za-z])", said, re.IGNORECASE):
         cells["controller"] = "uncompensated" if controller[1] else "compensated"

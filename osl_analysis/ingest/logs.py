@@ -584,7 +584,7 @@ def decode_wanted(
 def read_topic(
     channels: Mapping[str, MessageChannel], decoded: Decoded, source: MessageSource
 ) -> tuple[pl.DataFrame, dict[str, int], list[str]]:
-    """Stamps [ns] and columns of one topic in the order of the stamps, counts of the sorting (`in_order`), and a
+    """Stamps [ns] and columns of one topic in the order of the stamps, counts of the sorting (`sorted_by_stamp`), and a
     sentence for each field that messages lack."""
     logged, number, from_header = decoded.log_time, decoded.channel, source.time.source == "header"
     table = Table(logged.size, decoded.values, noun="message")
@@ -613,10 +613,10 @@ def read_topic(
     if from_header and logged_in_order:
         advice = "write source: log in the source file, or exclude the trial"
     samples = pl.DataFrame([pl.Series("stamp", stamp), *columns])
-    return *in_order(samples, number, source.largest_loss, advice), absent
+    return *sorted_by_stamp(samples, number, source.largest_loss, advice), absent
 
 
-def in_order(
+def sorted_by_stamp(
     table: pl.DataFrame, channel: NDArray[np.uint16], largest_loss: float, advice: str
 ) -> tuple[pl.DataFrame, dict[str, int]]:
     """The topic's rows, given channel by channel in the order of recording, sorted by increasing `stamp` [ns]; and how

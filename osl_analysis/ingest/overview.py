@@ -382,7 +382,7 @@ def inspect_mat(path: Path) -> Overview:
         parts = listing([printable(one) for one in alike], 40)
         what = f"{len(alike)} parts hold the same variables: name one per trial in the column `log_part` of the sheet"
         left_open = [f"{what}: {parts}"]
-    drafted = [one for name, value in next(iter(alike.values()), {}).items() for one in lines_of(name, value)]
+    drafted = [one for name, value in next(iter(alike.values()), {}).items() for one in columns_of_matrix(name, value)]
     columns = [variable_column(address, name, value) for _, name, address, value in variables[:most]]
     facts = {"version": file.version, "header": file.header, "variables": str(len(file.names))}
     settings = {"log_part": part} if part else {}
@@ -400,7 +400,7 @@ def seems_clock(name: str) -> bool:
     return csv_table.is_clock(name) or likely is not None
 
 
-def lines_of(name: str, value: Value) -> Iterator[Column]:
+def columns_of_matrix(name: str, value: Value) -> Iterator[Column]:
     """Each column of a matrix, or row if it has more columns."""
     rows, columns = value.shape
     upright = rows >= columns

@@ -10,7 +10,7 @@ import polars as pl
 
 from osl_analysis.config.experiments import EXPERIMENTS, doubts_of, judged_tables
 from osl_analysis.errors import listing
-from osl_analysis.judge.finding import COLUMNS, ESTIMATES, Beyond, Finding, Grade, finding_rows, findings_frame
+from osl_analysis.judge.finding import ESTIMATES, FINDING_COLUMNS, Beyond, Finding, Grade, finding_rows, findings_frame
 from osl_analysis.judge.judging import judged, unchecked_in, with_inherited
 from osl_analysis.judge.limits import CHECKS, DoubtfulFits
 from osl_analysis.judge.used import HOW_TO_USE, exclusions
@@ -22,8 +22,8 @@ from osl_analysis.table import read_table
 
 LARGEST_MISFIT = 1.0  # percent of the torque that a prediction may leave along angle, velocity and acceleration
 MOST_NAMED = 3  # trials that a line names
-QUALITY, PREDICTION = "quality", "prediction"
-JUDGED_FURTHER = (PREDICTION, "prediction_causes")
+QUALITY, PREDICTION_TABLE = "quality", "prediction"
+JUDGED_FURTHER = (PREDICTION_TABLE, "prediction_causes")
 """Tables without limits of which there are findings."""
 
 
@@ -43,8 +43,8 @@ def campaign_findings(tables: Mapping[str, pl.DataFrame], verdicts: pl.DataFrame
                 if key not in seen:
                     seen.add(key)
                     found.append((finding, Words("", "", "")))
-    for row in tables.get(PREDICTION, pl.DataFrame()).iter_rows(named=True):
-        found += [(finding, words_of(finding, row)) for finding in unchecked_in(PREDICTION, row)]
+    for row in tables.get(PREDICTION_TABLE, pl.DataFrame()).iter_rows(named=True):
+        found += [(finding, words_of(finding, row)) for finding in unchecked_in(PREDICTION_TABLE, row)]
     found += causes_of_misfit(tables)
     rows = (finding_rows(number, *one) for number, one in enumerate(found, start=1))
     return findings_frame([row for of_finding in rows for row in of_finding])
@@ -68,7 +68,7 @@ def causes_of_misfit(tables: Mapping[str, pl.DataFrame]) -> Iterator[tuple[Findi
     causes = tables.get("prediction_causes", pl.DataFrame(schema=["joint", "side"]))
     for rows in causes.partition_by("joint", "side", maintain_order=True):
         at = [pl.col(key).eq_missing(pl.lit(rows[key][0], pl.String)) for key in ("joint", "side")]
-        own = tables[PREDICTION].filter(*at, pl.col("VAF").is_not_null())
+        own = tables[PREDICTION_TABLE].filter(*at, pl.col("VAF").is_not_null())
         is_late, found = pl.col("component").str.ends_with("_delay"), list[tuple[str, tuple[Beyond, ...], Words]]()
         late = rows.filter(is_late).to_dicts()
         if parts := rows.filter("named", ~is_late).to_dicts():
@@ -99,7 +99,7 @@ def causes_of_misfit(tables: Mapping[str, pl.DataFrame]) -> Iterator[tuple[Findi
             found.append(("components that do not predict", evidence, Words(says, "", remedy)))
         for cause, numbers, words in found:
             for trial in own["trial"]:
-                yield Finding(PREDICTION, trial, cause, evidence=numbers), words
+                yield Finding(PREDICTION_TABLE, trial, cause, evidence=numbers), words
 
 
 def off_said(row: Mapping[str, Any]) -> str:
@@ -129,7 +129,7 @@ def read_findings(path: Path) -> pl.DataFrame:
     """`findings.csv`; an empty table where it was refused or is not there."""
     if not path.is_file() or is_refused(path):
         return findings_frame([])
-    return read_table(path, ["finding"]).select(pl.col(name).cast(dtype) for name, dtype in COLUMNS.items())
+    return read_table(path, ["finding"]).select(pl.col(name).cast(dtype) for name, dtype in FINDING_COLUMNS.items())
 
 
 def excess(entry: Entry) -> float:
@@ -164,8 +164,8 @@ def known_of(
             others = [one for one in own if one["grade"] in (Grade.UNCHECKED, Grade.NOTES) and not one["in_part"]]
             kind = "walking groups" if table in facts.judged_further else f"{table.replace('_', ' ')} trials"
             parts[2] += unchecked_by_cause(others, kind, judged)
-    predicted = tables.get(PREDICTION, pl.DataFrame())
-    of_prediction = [one for one in every if one["table"] == PREDICTION]
+    predicted = tables.get(PREDICTION_TABLE, pl.DataFrame())
+    of_prediction = [one for one in every if one["table"] == PREDICTION_TABLE]
     doubts = [one for one in of_prediction if one["grade"] == Grade.DOUBTS]
     parts[0] += by_cause(doubts, "doubtful", "predicted trials", list(dict.fromkeys(one["trial"] for one in doubts)))
     others = [one for one in of_prediction if one["grade"] == Grade.UNCHECKED]

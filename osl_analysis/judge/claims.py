@@ -21,7 +21,7 @@ from osl_analysis.stats.repeats import equivalence
 from osl_analysis.yaml_settings import Positive, Settings
 
 Claim = dict[str, Any]
-COLUMNS = {
+CLAIM_COLUMNS = {
     **dict.fromkeys(("joint", "side", "name", "subject", "claim"), pl.String),
     **dict.fromkeys(("value", "low", "high"), pl.Float64), "unit": pl.String, "interval": pl.String,
     **dict.fromkeys(("target", "margin", "n"), pl.Float64), "verdict": pl.String,
@@ -31,7 +31,7 @@ CLAIMED = (
     "response", "walking_summary",
 )  # fmt: skip
 """The result tables that claims are held against."""
-DAMPING = ("damping", "damping_low", "damping_high")  # the real part of Z with its interval
+REAL_PART = ("damping", "damping_low", "damping_high")  # the real part of Z with its interval
 FIT, MEAN = "95 % for another motion of this kind", "95 % of the mean (Student)"
 LESS = {"torque_error": "the torque is nearer to K_d theta + B_d omega", "K_error": "K is nearer to K_d"}
 LESS |= {"B_error": "B is nearer to B_d", "VAF": "Eq. 15 explains more of the torque"}
@@ -47,7 +47,7 @@ class Claims(Settings):
     """Share [%] below which a part of a whole is negligible."""
 
 
-def beyond(low: float | None, high: float | None, limit: float, above: bool) -> str | None:
+def limit_verdict(low: float | None, high: float | None, limit: float, above: bool) -> str | None:
     """Whether a number with this 95 % interval is above a limit, or below it: `holds`, `fails` or `undecided`."""
     if low is None or high is None:
         return None
@@ -69,7 +69,7 @@ def share_claim(name: str, claim: str, share: float, error: tuple[float, float],
     relative, freedom = error
     half = 100 * share * relative * float(scipy.special.stdtrit(freedom, 0.975)) if freedom > 0 else None
     low, high = (None, None) if half is None else (100 * share - half, 100 * share + half)
-    judged = {"target": limit, "n": freedom + 1, "verdict": beyond(low, high, limit, above)}
+    judged = {"target": limit, "n": freedom + 1, "verdict": limit_verdict(low, high, limit, above)}
     return claim_of(name, claim, 100 * share, (low, high), "%", None if half is None else MEAN, **judged)
 
 
@@ -117,7 +117,7 @@ def compensation_claims(compensation: pl.DataFrame) -> Iterator[Claim]:
         pairs = f"in {row['better']} of {row['pairs']} pairs of trials{said}"
         claim = f"with compensation {LESS[name]}, {pairs}, mean difference"
         ends = row["difference_low"], row["difference_high"]
-        judged = {"target": 0.0, "n": row["pairs"], "verdict": beyond(*ends, 0.0, name == "VAF")}
+        judged = {"target": 0.0, "n": row["pairs"], "verdict": limit_verdict(*ends, 0.0, name == "VAF")}
         yield claim_of(f"compensation_{name}", claim, row["difference"], ends, row["unit"], MEAN, **judged)
 
 
@@ -151,7 +151,7 @@ def passivity_claims(response: pl.DataFrame, p: DrivetrainParameters | None, wei
         rows = response.filter(pl.col("controller") == controller).drop_nulls("damping")
         if rows.is_empty():
             continue
-        trial, hz, least, *ends = rows.sort("damping").select("trial", "frequency_hz", *DAMPING).row(0)
+        trial, hz, least, *ends = rows.sort("damping").select("trial", "frequency_hz", *REAL_PART).row(0)
         active, unsure = (rows["damping_high"] < 0).any(), (rows["damping_low"] < 0).any()
         judged = {"n": len(rows), "verdict": "fails" if active else "undecided" if unsure else "holds"}
         where, said, name = f"{trial} at {hz:.3g} Hz", f"the {controller} joint is passive", f"passive_{controller}"
@@ -203,7 +203,7 @@ def claims_table(
     highest one of the stepped sine, `midstance` the stiffness [N*m/rad] that is commanded there, `devices` the
     parameters by joint."""
     bench = {name: own for name, own in tables.items() if not name.startswith("walking")}
-    kept = ("trial", "controller", "K_d", "B_d", "frequency_hz", *DAMPING)
+    kept = ("trial", "controller", "K_d", "B_d", "frequency_hz", *REAL_PART)
     nothing, rows = pl.DataFrame(schema=[*kept, "amplitude_deg"]), list[Claim]()
     for joint, side in dict.fromkeys(one for own in bench.values() for one in own.select("joint", "side").iter_rows()):
         place = {"joint": joint, "side": side}
@@ -221,4 +221,4 @@ def claims_table(
         rows += [place | claim for claim in found]
     if "walking_summary" in tables:
         rows += walking_claims(tables["walking_summary"], midstance, settings)
-    return pl.DataFrame(rows, schema=COLUMNS).sort(pl.col("subject").is_not_null(), maintain_order=True)
+    return pl.DataFrame(rows, schema=CLAIM_COLUMNS).sort(pl.col("subject").is_not_null(), maintain_order=True)

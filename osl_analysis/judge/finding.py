@@ -28,7 +28,7 @@ class Remedy(StrEnum):
     FREQUENCY = "of_frequency"  # a row of one frequency
 
 
-class Limits(Protocol):
+class TableLimits(Protocol):
     """Limits of a table by column."""
 
     @property
@@ -78,13 +78,13 @@ class Finding:
 
 
 ESTIMATES = ("K", "B", "I")
-NUMBERS = [f"{name}_{end}" for name in ESTIMATES for end in ("size", "without", "without_low", "without_high")]
+FINDING_NUMBERS = [f"{name}_{end}" for name in ESTIMATES for end in ("size", "without", "without_low", "without_high")]
 TEXTS = ("table", "trial", "grade", "cause", "inherited", "evidence", "side", "says", "size", "remedy")
 ORDER = (
     "finding", "table", "trial", "amplitude_deg", "frequency_hz", "grade", "cause", "inherited", "evidence", "value",
-    "limit", "side", *NUMBERS, "says", "size", "remedy",
+    "limit", "side", *FINDING_NUMBERS, "says", "size", "remedy",
 )  # fmt: skip
-COLUMNS: dict[str, type[pl.DataType]] = {
+FINDING_COLUMNS: dict[str, type[pl.DataType]] = {
     name: pl.Int64 if name == "finding" else pl.String if name in TEXTS else pl.Float64 for name in ORDER
 }
 """Of `findings.csv`: a row per number of evidence; rows with one number `finding` are one finding."""
@@ -107,7 +107,7 @@ def finding_rows(number: int, finding: Finding, words: tuple[str, str, str]) -> 
 
 
 def findings_frame(rows: Sequence[Mapping[str, object]]) -> pl.DataFrame:
-    return pl.DataFrame([{name: row.get(name) for name in COLUMNS} for row in rows], schema=COLUMNS)
+    return pl.DataFrame([{name: row.get(name) for name in FINDING_COLUMNS} for row in rows], schema=FINDING_COLUMNS)
 
 
 def cell_number(row: AnyRow, name: str) -> float | None:

@@ -255,7 +255,7 @@ def streams(trial: Trial, devices: Sequence[Sequence[str]], silent: frozenset[st
     return found
 
 
-def with_evidence(trial: Trial) -> Trial:
+def with_stamp_evidence(trial: Trial) -> Trial:
     """The trial with what its signals say about their stamps in its provenance, `stamps`, where every later step that
     makes them uniform finds it: by column the response and the covariance of `StampEvidence`, or null."""
     columns = [column for column in MOVED if column in trial.columns and trial.present(column).any()]

@@ -252,7 +252,7 @@ def find_onset(time: Array, rotation: Array, threshold: float, moves: str = "the
 LEAD_S = 0.15  # Time [s] before the middle of the rise at which the shape begins
 GRID_S = 0.002  # Step [s] of the shape as it is stored
 ROUNDS = 6  # Alternations of shape and alignment. A start that is 5 ms off is right to 1e-5 s after four.
-CHANCE = 1e-3  # A duration is free, and a latency not constant, if noise scatters it as much with less probability
+IMPROBABLE = 1e-3  # A duration is free, and a latency not constant, if noise scatters it as much with less probability
 
 
 @dataclass(frozen=True)
@@ -428,7 +428,7 @@ def platform_template(tracks: Sequence[PlatformTrack], window: float) -> tuple[P
     template, alignments = alternated(list(zip(tracks, guesses, strict=True)), False)
     free = aligned(alignments, template, True)
     scatter = np.array([(a.duration - 1) / a.duration_se for a in free])
-    if np.sum((scatter - scatter.mean()) ** 2) > scipy.special.chdtri(len(tracks) - 1, CHANCE):
+    if np.sum((scatter - scatter.mean()) ** 2) > scipy.special.chdtri(len(tracks) - 1, IMPROBABLE):
         template, alignments = alternated(list(zip(tracks, free, strict=True)), True)
     for _ in range(len(tracks)):
         following = [a.follows for a in alignments]
@@ -534,7 +534,7 @@ def trigger_latency(
     late, errors = np.array(both).T
     resolution, of_shape = max(step for _, step in edges.values()) / np.sqrt(12), float(np.mean(errors**2))
     scatter = np.sum((late - late.mean()) ** 2) / (of_shape + resolution**2)
-    constant, finer = scatter < scipy.special.chdtri(len(late) - 1, CHANCE), resolution < np.sqrt(of_shape)
+    constant, finer = scatter < scipy.special.chdtri(len(late) - 1, IMPROBABLE), resolution < np.sqrt(of_shape)
     return {"mean": float(late.mean()), "used": float(constant), "finer": float(finer)}
 
 

@@ -262,7 +262,7 @@ def compare_transmission_models(
     trials: Sequence[Path], settings: SteppedSineAnalysis, sign_width: float, output: Path
 ) -> None:
     """Rival models of the transmission on each trial, predicted by fits to all the others."""
-    records = [sine_record(read_trial(path), settings) for path in trials]
+    records = (sine_record(read_trial(path), settings) for path in trials)  # one in memory at a time
     write_table(model_comparison.transmission_scores(records, sign_width), output)
 
 

@@ -48,7 +48,7 @@ PRELOADED = (
 """Imported while Snakemake plans: the jobs share it."""
 
 
-MOST_JOBS = 20  # of one process: what its libraries keep of the memory ends with it
+MOST_JOBS = 12  # of one process: what its libraries keep of the memory ends with it
 MOST_SERVERS = 3  # that a job is sent to, before it counts as killed
 STARTING = threading.Lock()
 

@@ -12,13 +12,15 @@ from conftest import ROOT
 from scipy.signal import lfilter
 
 from osl_analysis.bench.components import ACTUATOR_PARAMETERS as NAMES
-from osl_analysis.bench.components import actuator_table, actuator_trial
+from osl_analysis.bench.components import actuator_table, actuator_trial, part_summary
+from osl_analysis.bench.prediction import component_rows
 from osl_analysis.bench.settings import ActuatorAnalysis
 from osl_analysis.cli import main
 from osl_analysis.commands.bench import fit_actuator_trial, fit_settings, fit_trial
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.judge.judging import unchecked_in
 from osl_analysis.model.parameters import read_parameters
+from osl_analysis.report.headlines import headline_numbers
 from osl_analysis.simulator.bench import simulate_bench_trial
 from osl_analysis.simulator.settings import RecorderSettings, SimulationSettings
 from osl_analysis.trial import Trial, read_trial
@@ -176,6 +178,43 @@ def test_current_in_steps_at_standstill_gives_the_torque_per_current_alone_and_c
         assert "f_C, f_G, B_m and J_m" in [one.cause for one in unchecked_in("actuator", row)]
     with pytest.raises(InputError, match=r"its current has 4 plateaus of 0\.3 s or more, 8 are needed"):
         actuator_trial(staircase(1, levels=(0, 5, 10, 0)), ANALYSIS)
+
+
+def test_a_shaft_that_twitches_between_the_steps_is_read_where_it_stands():
+    """Its twitches of 0.3 rad last 0.2 s: as a motion they would widen the interval five times."""
+    time = np.arange(250 * len(UP_AND_DOWN)) / 250
+    jumps = np.random.default_rng(3).choice([-0.15, 0.15], len(UP_AND_DOWN) - 1)
+    angle = sum(jump * np.tanh((time - k) / 0.1) for k, jump in enumerate(jumps, 1))
+    fits = [actuator_trial(one, ANALYSIS).whole for one in (staircase(1), staircase(1, theta_m=angle))]
+    assert "J_m" not in fits[1].names
+    assert fits[1].interval("k_tau_n_m") == pytest.approx(fits[0].interval("k_tau_n_m"), abs=2e-3)
+
+
+def test_a_campaign_of_clamped_actuators_has_the_headlines_of_what_its_trials_have():
+    rows = [fit_actuator_trial(staircase(seed), DEVICE, ANALYSIS)["actuator"] for seed in range(3)]
+    table = pl.concat(rows).with_columns(joint=pl.lit("ankle"), side=pl.lit(None, pl.String))
+    numbers = headline_numbers({"actuator_summary": part_summary("actuator", table)})
+    assert [(one.name, one.n) for one in numbers] == [("k_tau_n_m", 3)]
+    assert numbers[0].value == pytest.approx(0.648, abs=2e-3)
+    with pytest.raises(InputError, match="no actuator and no belt and no transmission trials"):
+        component_rows({"actuator": table}, ("ankle", None))
+
+
+def test_a_current_that_is_late_is_refused_for_it_and_not_for_its_sign():
+    t, theta, omega, alpha, current = schedule()
+    current = current + 6 * np.sin(2 * np.pi * 3.1 * t) + 6 * np.sin(2 * np.pi * 2.7 * t)
+    torque = by_hand(omega, alpha, current)
+    with pytest.raises(InputError, match=r"negative, .* 170 ms earlier; state `delay: 170 ms` of the current"):
+        fit_log(t, theta, np.roll(current, 170), torque)
+    assert fit_log(t, theta, -current, torque).interval("k_tau_n_m")[1] < 0  # which `plausible` refuses
+
+
+def test_an_inertia_that_is_negative_is_impossible():
+    t, theta, omega, alpha, current = schedule()
+    torque = by_hand(omega, alpha, current) + 2 * TRUE["J_m"] * alpha
+    samples = pl.DataFrame({"time": t, "theta_m": theta, "current": current, "torque_m": torque})
+    asked = fit_settings("actuator", ROOT / "config/config.yaml")
+    assert "impossible estimate" in fit_trial("actuator", Trial("a", samples), DEVICE, *asked).table["doubtful"][0]
 
 
 def held_by_friction(levels):

@@ -4,6 +4,7 @@ A part is the columns of its equation and the groups of rows in which it holds; 
 diagnostics are those of every record (gram.py, analysis.py).
 """
 
+from collections.abc import Mapping
 from dataclasses import replace
 from itertools import combinations
 
@@ -312,12 +313,16 @@ def actuator_of(signals: UniformSignals, settings: ActuatorAnalysis) -> Analysis
     left in the residual it would multiply the standard error of f_G by four."""
     check_changes("torque_m", signals["torque_m"])
     moved, usable, time = moved_by(signals), signals.usable, signals.time
+    low_pass, rate, current = settings.low_pass, signals.rate_hz, signals["current"]
     if moved is None or not np.ptp(signals[moved]):
-        return stalled_of(signals, settings)
-    low_pass, rate, raw = settings.low_pass, signals.rate_hz, signals[moved]
+        return stalled_of(signals, settings, levels_of(current, rate, usable))
+    raw = signals[moved]
     smooth = differentiate(time, low_pass(raw, rate))
     omega, alpha = (smooth.theta, smooth.omega) if moved == "omega_m" else (smooth.omega, smooth.alpha)
-    direction, current = np.tanh(omega / settings.sign_width), signals["current"]
+    direction, fast = np.tanh(omega / settings.sign_width), np.abs(omega) > settings.slowest
+    levels = levels_of(current, rate, usable & ~fast)
+    if len(levels) >= FEWEST_LEVELS and np.count_nonzero(fast) < sum(rows.stop - rows.start for rows in levels):
+        return stalled_of(signals, settings, levels)  # the shaft twitches between the steps
     columns = {
         "k_tau_n_m": low_pass(current, rate),
         "f_C": -low_pass(direction, rate),
@@ -329,11 +334,9 @@ def actuator_of(signals: UniformSignals, settings: ActuatorAnalysis) -> Analysis
     }
     # away from both ends, where the filter had to extrapolate, and faster than the settings' slowest velocity, because
     # friction may have any value up to its limit below
-    moving, edge = (np.abs(omega) > settings.slowest) & usable, int(np.ceil(3 * rate / settings.cutoff_hz))
+    moving, edge = fast & usable, int(np.ceil(3 * rate / settings.cutoff_hz))
     moving[:edge] = moving[-edge:] = False
     if np.count_nonzero(moving) < FEWEST_MOVING_S * rate:
-        if not moving.any() and len(levels_of(current, rate, usable)) >= FEWEST_LEVELS:
-            return stalled_of(signals, settings)
         raise InputError(
             f"the actuator is faster than {settings.slowest:g} rad/s in {np.count_nonzero(moving)} of {len(time)} "
             "samples; drive it faster or longer, or check the unit of theta_m or omega_m in the source file"
@@ -342,7 +345,27 @@ def actuator_of(signals: UniformSignals, settings: ActuatorAnalysis) -> Analysis
     filtered = Motion(smooth.theta, omega, alpha), low_pass(measured, rate)
     both = raw, measured, *filtered, low_pass, usable, groups
     record = Record(signals.trial, time, *both, uniform=signals, settings=settings)
-    return analysed(record, gram_sums(record, columns, list(columns)), ACTUATOR_ALONE)
+    found = analysed(record, gram_sums(record, columns, list(columns)), ACTUATOR_ALONE)
+    if found.whole["k_tau_n_m"] < 0:
+        check_prompt(columns, filtered[1], moving, rate)
+    return found
+
+
+def check_prompt(columns: Mapping[str, Array], torque: Array, moving: NDArray[np.bool_], rate_hz: float) -> None:
+    """Refuse a current that is late or early where this, and not its sign, makes the torque per current negative."""
+    others, left = [columns[name] for name in ("f_C", "B_m", "J_m", "one", "drift")], dict[float, float]()
+    for lag in np.arange(-60, 61) / 200:
+        shifted = np.roll(columns["k_tau_n_m"], -round(lag * rate_hz))
+        X = np.stack([shifted, *others], axis=1)[moving]
+        estimates = np.linalg.lstsq(X, torque[moving])[0]
+        if lag == 0 or estimates[0] > 0:
+            left[float(lag)] = float(np.mean((torque[moving] - X @ estimates) ** 2))
+    lag = min(left, key=left.__getitem__)
+    if left[lag] < 0.5 * left[0.0]:
+        raise InputError(
+            f"k_tau_n_m is negative, and the current fits far better {1e3 * abs(lag):.0f} ms "
+            f"{'earlier' if lag > 0 else 'later'}; state `delay: {1e3 * lag:.0f} ms` of the current in the source file"
+        )
 
 
 INTERVAL_ENDS = ("", "_se", "_low", "_high")  # of a column with an interval
@@ -361,13 +384,12 @@ def levels_of(current: Array, rate_hz: float, usable: NDArray[np.bool_]) -> list
     return [slice((run.start + 3) * each, (run.stop - 1) * each) for run in runs(steady) if run.stop - run.start >= 5]
 
 
-def stalled_of(signals: UniformSignals, settings: ActuatorAnalysis) -> Analysis:
+def stalled_of(signals: UniformSignals, settings: ActuatorAnalysis, levels: list[slice]) -> Analysis:
     """k_tau n_m of an actuator that stands, whose current goes in steps: k_tau n_m I_q - (T + T_G |I_q|) s + offset +
-    drift is its torque in the plateaus, each of which is a unit of the interval. T and T_G are the friction that lags
-    behind the steps up and down, s = 1 and -1, which k_tau n_m would else share; they are left out where all steps go
-    one way."""
+    drift is its torque in the plateaus (`levels_of`), each of which is a unit of the interval. T and T_G are the
+    friction that lags behind the steps up and down, s = 1 and -1, which k_tau n_m would else share; they are left out
+    where all steps go one way."""
     low_pass, rate, current = settings.low_pass, signals.rate_hz, signals["current"]
-    levels = levels_of(current, rate, signals.usable)
     if len(levels) < FEWEST_LEVELS:
         raise InputError(
             f"the actuator stands, and its current has {len(levels)} plateaus of 0.3 s or more, {FEWEST_LEVELS} are "

@@ -114,7 +114,8 @@ def component_rows(tables: Mapping[str, pl.DataFrame], place: Sequence[str | Non
     for part in PARTS:
         own = tables.get(part, pl.DataFrame())
         whole = [pl.col("amplitude_deg").is_null()] if "amplitude_deg" in own.columns else []  # the fit to all of each
-        rows[part] = counted(own.filter(*at, *whole)) if len(own) else own
+        names = [name for name, of in COMPONENTS.items() if of == part]  # which an actuator that stands has not all
+        rows[part] = counted(own.filter(*at, *whole).drop_nulls(names)) if len(own) else own
     if missing := [part for part, own in rows.items() if own.is_empty()]:
         raise InputError(f"the campaign has no {' and no '.join(missing)} trials of this joint and side; record them")
     return rows

@@ -161,14 +161,14 @@ def over_fits(
 
 
 def summary_means(table: pl.DataFrame, labels: Mapping[str, Headline], interval: str = STUDENT) -> list[Headline]:
-    """The labelled quantities that a summary table lists, with their intervals."""
-    rows = {row["quantity"]: row for row in table.iter_rows(named=True)}
+    """The labelled quantities of which a summary table has a mean, with their intervals."""
+    rows = {row["quantity"]: row for row in table.drop_nulls("mean").iter_rows(named=True)}
     numbers = []
     for quantity, label in labels.items():
         if (row := rows.get(quantity)) is None:
             continue
         n, mean, low, high = (row[column] for column in ("n", "mean", "low", "high"))
-        if mean is None or not math.isfinite(mean):
+        if not math.isfinite(mean):
             raise InputError(
                 f"summary table: the mean of '{quantity}' is {mean}; look for a fit without a result in its trials"
             )

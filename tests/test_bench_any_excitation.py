@@ -534,6 +534,10 @@ def test_repeats_of_one_motion_are_averaged_and_other_motions_kept_apart():
     asked = {"controller": pl.lit("x"), "K_d": pl.lit(300.0), "B_d": pl.lit(None, pl.Float64), "doubtful": doubtful}
     table = repeated_trials_table(pl.DataFrame(rows, infer_schema_length=None).with_columns(**asked))
     assert table.select("n", "n_doubtful", "n_left_out", "band_low_hz").rows() == [(2, 1, 1, 0.3)] * 3
+    rubbed = [row | {"B_viscous": 4.0, "f_C": 0.2 + 0.1 * k, "B_se_bench": 0.5} for k, row in enumerate(rows[:2])]
+    with_friction = repeated_trials_table(pl.DataFrame(rubbed).with_columns(**asked))
+    assert with_friction.select("quantity", "mean").rows()[3:] == [("B_viscous", 4.0), ("f_C", pytest.approx(0.25))]
+    assert with_friction["se"][3] == 0.5, "what all trials of the bench share"
     K = [row["K"] for row in rows[:2]]
     assert table["mean"][0] == pytest.approx(np.mean(K))
     assert table["high"][0] - table["mean"][0] == pytest.approx(12.7062047 * np.std(K, ddof=1) / np.sqrt(2), rel=1e-6)

@@ -252,6 +252,8 @@ def impedance():
     table = pl.DataFrame(rows, schema=columns, orient="row").with_columns(interval_method=pl.lit("units"))
     whole, steps = pl.col("amplitude_deg").is_null(), {"low": -2.04, "high": 1.06}
     ends = {f"{q}_amplitudes_{end}": pl.when(whole).then(pl.col(q) + step) for q in "KB" for end, step in steps.items()}
+    rubs = {"f_C": 0.3, "f_C_low": 0.2, "f_C_high": 0.4, "B_viscous": 5.2, "B_viscous_low": 5.1, "B_viscous_high": 5.3}
+    ends |= {name: pl.when(pl.col("K") == 303.0).then(pl.lit(value)) for name, value in rubs.items()}
     return table.with_columns(**ends, doubtful=pl.Series(["", "model that does not fit", "", "", "", "x"]))
 
 
@@ -289,6 +291,8 @@ HEADLINES = [
     ("K_error_compensated", 2.0, 1.0, 3.0, 2, None, RANGE),  # over trials, all amplitudes each
     ("K_error_uncompensated", 30.0, None, None, 1, None, None),
     ("K_example_compensated", 303.0, 299.0, 307.5, 1, None, FOR_MOTION),
+    ("B_viscous_example_compensated", 5.2, 5.1, 5.3, 1, None, FOR_MOTION),
+    ("f_C_example_compensated", 0.3, 0.2, 0.4, 1, None, FOR_MOTION),
 ]
 
 
@@ -298,7 +302,7 @@ def test_a_headline_has_value_interval_number_and_the_draft_s_value(name, value,
     row = written(found.values())["numbers"][name]
     assert [row[key] for key in ("value", "low", "high", "draft")] == pytest.approx([value, low, high, draft])
     assert (row["n"], row["interval"], row["unit"]) == (n, interval, found[name].unit)
-    assert "VAF_median_uncompensated" not in found
+    assert not {"VAF_median_uncompensated", "f_C_example_uncompensated"} & {*found}
 
 
 def test_the_example_says_how_far_the_single_amplitudes_spread_and_is_rounded_to_that():

@@ -180,8 +180,8 @@ def summary_means(table: pl.DataFrame, labels: Mapping[str, Headline], interval:
 
 
 def impedance_headlines(impedance: pl.DataFrame, example: Example) -> Iterator[Headline]:
-    """The numbers of the rendered impedance with each controller, those of the draft first; None: without one. K and B
-    of the trial that Fig. 4 shows are their means over its repeats, if there are several."""
+    """The numbers of the rendered impedance with each controller, those of the draft first; None: without one. Those of
+    the trial that Fig. 4 shows are their means over its repeats, if there are several."""
     found = set(impedance["controller"])
     others = sorted(name for name in found if name is not None and name not in CONTROLLERS)
     for controller in [*(name for name in CONTROLLERS if name in found), *others, *([None] if None in found else [])]:
@@ -199,15 +199,15 @@ def impedance_headlines(impedance: pl.DataFrame, example: Example) -> Iterator[H
             yield from over_fits(labels["torque_error"], trials["torque_error"], np.mean, trials)
         asked = {"K_d": example.K_d, "B_d": example.B_d}
         shown = trials.filter(pl.col(name).eq_missing(pl.lit(value, pl.Float64)) for name, value in asked.items())
-        for symbol in "KB":
+        for symbol in ("K", "B", "B_viscous", "f_C"):
             label = labels[f"{symbol}_example"]
-            if len(shown) != 1:
+            if len(shown) != 1 or shown[symbol][0] is None:
                 yield from over_fits(label, counted(shown)[symbol], np.mean, shown, counted(shown))
                 continue
             row = shown.row(0, named=True)
             kind = FEW if row["interval_method"] == "repeats" else FOR_MOTION
             number = headline(label, row[symbol], 1, row[f"{symbol}_low"], row[f"{symbol}_high"], kind)
-            ends = {f"amplitudes_{end}": row[f"{symbol}_amplitudes_{end}"] for end in ("low", "high")}
+            ends = {f"amplitudes_{end}": row.get(f"{symbol}_amplitudes_{end}") for end in ("low", "high")}
             yield replace(number, n_doubtful=doubtful_count(shown)[0], **ends)
 
 

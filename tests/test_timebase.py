@@ -12,7 +12,7 @@ from scipy.signal import butter, sosfiltfilt
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.clock import Edges, correlate_clocks, find_edges, fit_clock
 from osl_analysis.signals.grid import GapLimits, UniformSignals, on_one_grid
-from osl_analysis.signals.samples import drift_row, savitzky_golay, take
+from osl_analysis.signals.samples import DeviceClock, StampEvidence, drift_row, reading_of, savitzky_golay, take
 from osl_analysis.signals.stream import Stream, count_from_stamps, held_values, missing_by_rhythm
 from osl_analysis.trial import check_time
 
@@ -188,6 +188,37 @@ def test_stamps_that_fit_no_hypothesis_are_kept_and_not_firm():
     stamps = jittered(t, 1e-4, random)
     (part,) = take([log(stamps, (t + stamps) / 2, random)])
     assert (part.firm, part.even, part.why.startswith("undecided, true: neither")) == (False, False, True)
+
+
+def binary_steps(t, seed):
+    """Angle, velocity, acceleration of steps of minimum jerk between two angles, 30 ms long, 0.1 to 0.5 s apart."""
+    starts = np.cumsum(np.random.default_rng(seed).uniform(0.1, 0.5, int(t[-1] / 0.3) - 5))
+    last = np.maximum(np.searchsorted(starts, t) - 1, 0)
+    x, way = np.clip((t - starts[last]) / 0.03, 0, 1), np.where(last % 2, -SIZE, SIZE)
+    angle = 10 * x**3 - 15 * x**4 + 6 * x**5 - 0.5
+    return np.stack([
+        way * angle, way * 30 * (x * (1 - x)) ** 2 / 0.03, way * 60 * x * (1 - x) * (1 - 2 * x) / 0.03**2,
+    ])  # fmt: skip
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_an_encoder_that_stands_between_steps_is_no_evidence_of_an_even_device(seed):
+    random = np.random.default_rng(seed)
+    stamps = jittered(clock(1000.0), 5e-5, random)
+    motion = binary_steps(stamps, seed)
+    signals = {"theta": rounded_to_bits(motion[0], 18), "torque": noisy(JOINT @ motion, random)}
+    (part,) = take([Stream("log", stamps, signals)])
+    assert (part.even, part.age, part.firm) == (False, 0.0, True), part.why
+    assert part.evidence["theta"].g == pytest.approx(1.0, abs=0.25)  # steps of 30 ms are no polynomials
+
+
+@pytest.mark.parametrize(("response", "se"), [((0.3, 0.7, 0.0, 0.0), 0.01), ((0.05, 0.95, -0.3, -0.45), 0.14)])
+def test_no_value_is_younger_than_its_stamp_and_a_share_within_its_error_of_the_rival_s_is_not_firm(response, se):
+    """Rows of LAGS from -1 on: 0.3 loops after the stamp, and g = 0.25 +- 0.28, which is 0 of an even device, too."""
+    evidence = StampEvidence(np.array(response), se**2 * np.eye(4))
+    stamps = jittered(clock(1000.0), 5e-5, np.random.default_rng(1))
+    reading = reading_of(DeviceClock(stamps, np.arange(len(stamps))), {"torque": evidence})
+    assert (reading.even, reading.age, reading.firm) == (False, 0.0, False), reading.why
 
 
 @pytest.mark.parametrize("mean_wait", [2e-2, 5e-2])

@@ -207,7 +207,9 @@ def impedance_headlines(impedance: pl.DataFrame, example: Example) -> Iterator[H
             row = shown.row(0, named=True)
             kind = FEW if row["interval_method"] == "repeats" else FOR_MOTION
             number = headline(label, row[symbol], 1, row[f"{symbol}_low"], row[f"{symbol}_high"], kind)
-            ends = {f"amplitudes_{end}": row.get(f"{symbol}_amplitudes_{end}") for end in ("low", "high")}
+            ends: dict[str, Any] = {
+                f"amplitudes_{end}": row.get(f"{symbol}_amplitudes_{end}") for end in ("low", "high")
+            }
             yield replace(number, n_doubtful=doubtful_count(shown)[0], **ends)
 
 

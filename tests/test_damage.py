@@ -21,6 +21,7 @@ from mcap.writer import CompressionType
 from mcap_builder import stamped, write_log
 from nptdms import ChannelObject, TdmsWriter
 from scipy.io import savemat
+from test_formats_mat import write_mat73
 from test_formats_rosbags import CHANNELS, write_bag1, write_bag2, write_split
 
 from osl_analysis.errors import InputError
@@ -75,17 +76,6 @@ def write_tdms(path: Path, first: int, timed: bool = False) -> Path:
 
 def write_mat(path: Path, first: int, **options: Any) -> Path:
     savemat(path, {**signals(first), "other": np.arange(300.0)}, **options)
-    return path
-
-
-def write_mat73(path: Path, first: int) -> Path:
-    with h5py.File(path, "w", userblock_size=512) as file:
-        for name, values in signals(first).items():
-            file.create_dataset(name, data=values[None]).attrs["MATLAB_class"] = np.bytes_("double")
-    begin = (
-        b"MATLAB 7.3 MAT-file, Platform: GLNXA64, Created on: Sun Nov  1 2026 HDF5 schema 1.00 .".ljust(124) + b"\0\2IM"
-    )
-    path.write_bytes(begin + path.read_bytes()[128:])
     return path
 
 
@@ -152,7 +142,7 @@ KINDS = [
     Kind("b.tdms", lambda path, n: write_tdms(path, n, True), BY_PROPERTIES),
     Kind("a.mat", write_mat, columns_as("variable")),
     Kind("b.mat", lambda path, n: write_mat(path, n, do_compression=True), columns_as("variable"), True),
-    Kind("c.mat", write_mat73, columns_as("variable")),
+    Kind("c.mat", lambda path, n: write_mat73(path, **signals(n)), columns_as("variable")),
     Kind("a.c3d", write_markers, {"analogs": {"sync": {"channel": "A1", "unit": "V"}}}),
     Kind("a.trc", write_trc, TABLE, True),
     Kind("nexus.csv", write_nexus, {}, True),
@@ -262,7 +252,7 @@ def test_whatever_is_read_of_a_damaged_file_was_written_or_its_loss_is_told(tmp_
 def test_chunks_that_were_never_written_are_lost_and_not_zeros(tmp_path: Path) -> None:
     written, source = signals(0), {"format": "mat", **columns_as("variable")}
     for name, time, first in (("end.mat", {}, 0), ("middle.mat", {}, 30), ("rate.mat", {"time": {"rate": 100}}, 30)):
-        write_mat73(tmp_path / name, 0)
+        write_mat73(tmp_path / name, **signals(0))
         with h5py.File(tmp_path / name, "a") as file:
             del file["f"]
             kept = np.r_[:first, first + 20 : ROWS] if first else np.arange(100)

@@ -16,10 +16,10 @@ import pytest
 import yaml
 from c3d_builder import write_c3d
 from mcap_builder import HEADER, SAMPLE, SAMPLE_NAME, stamped, write_log, write_topics
-from nptdms import ChannelObject, TdmsWriter
 from recognised_files import refusal_by
 from scipy.interpolate import make_interp_spline
 from test_formats_mat import write_mat, write_mat73
+from test_ingest_json_log import write_tdms
 
 from osl_analysis.commands.inspect import inspect_file, overview_text
 from osl_analysis.commands.trials import ingest_trial
@@ -312,17 +312,12 @@ def write_json(path, columns):
     return path
 
 
-def write_tdms(path, columns):
-    with TdmsWriter(path) as writer:
-        writer.write_segment([ChannelObject("Bench", name, np.asarray(one)) for name, one in columns.items()])
-    return path
-
-
 WRITERS = {
     "csv": ("csv", "column", write_text), "json_lines": ("json_lines", "field", write_json),
     "mat": ("mat", "variable", lambda path, columns: write_mat(path, **columns)),
     "mat 7.3": ("mat", "variable", lambda path, columns: write_mat73(path, **columns)),
-    "tdms": ("tdms", "channel", write_tdms), "opensim": ("opensim", "column", write_table),
+    "tdms": ("tdms", "channel", lambda path, columns: write_tdms(path, [(*one, {}) for one in columns.items()])),
+    "opensim": ("opensim", "column", write_table),
 }  # fmt: skip
 NO_TIME = {"opensim": {"column": None, "unit": None}}  # where a source file has a time of its own
 EVERY = pytest.mark.parametrize("what", WRITERS)

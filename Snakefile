@@ -55,6 +55,7 @@ except OslAnalysisError as error:
 ABOUT = about(CAMPAIGN, SIMULATION_FILES)
 RESULTS, RAW, PLACES = CONFIG.results, CONFIG.raw_data, CAMPAIGN.places
 JUDGE = Judge(CONFIG.quality, {trial: CAMPAIGN.accepted(trial) for trial in CAMPAIGN.trials()})
+PARAMETERS = {"files": {"parameters": CONFIG.parameters or []}}
 REQUESTS = Requests(RESULTS, CAMPAIGN.data, JUDGE, workflow, [RAW] if CONFIG.simulation else [])
 
 

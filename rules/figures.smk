@@ -42,7 +42,7 @@ def plot_numbers(wildcards):
             settings = {"settings": CONFIG.dynamometer.part("ImpedanceAnalysis"), "choice": TIME_SERIES}
             settings |= {"limits": limits_of("impedance"), "windows": CAMPAIGN.row(trial)["windows"]}
         case "fig7":
-            parts["files"] = {"parameters": CONFIG.parameters or []}
+            parts = PARAMETERS
             settings = {"weight": setting("gain_weight"), "choice": RESPONSE and RESPONSE.model_dump(mode="json")}
         case "walking_page":
             own, parts["read"] = "figure.plot_walking_page", crossed(perturbed=True)
@@ -70,26 +70,22 @@ def draw_figure(wildcards):
 def captions(_):
     tables = {name: RESULTS / f"figures/{name}.csv" for name in drawn_names()}
     modules = ("figures.names", *sorted({f"figures.{FIGURES[name].module}" for name in tables}))
-    read, settings = {"shown": {name: shown_rows(name) for name in tables}}, {"footer": sentence(ABOUT)}
-    inputs = {"input": {"fitted": list(tables.values())}, "read": read}
-    return {"modules": modules, **inputs, "settings": {"tables": tables, **settings}}
+    settings = {"tables": tables, "footer": sentence(ABOUT)}
+    read = {"shown": {name: shown_rows(name) for name in tables}}
+    return {"input": {"fitted": list(tables.values())}, "read": read, "modules": modules, "settings": settings}
 
 
 @step("report.write_report", "report.html", name="report")
 def report_page(_):
     tables = [*result_tables(), *[tabled("walking_responses")] * bool(WALKED)]
     drawn = [RESULTS / f"figures/{name}.svg" for name in drawn_names()]
-    ends = {
-        "verdicts": tabled("quality"),
-        "excluded": tabled("excluded"),
-        "findings": tabled("findings"),
-        "summary": RESULTS / "summary.json",
-    }
+    ends = {"verdicts": tabled("quality"), **{name: tabled(name) for name in ("excluded", "findings")}}
+    ends |= {"summary": RESULTS / "summary.json"}
     ends |= {"captions": RESULTS / "figures/captions.md"} if drawn else {}
     shown = {"tables": tables, "figures": drawn, "series": rows("series"), "crossings": crossings(WALKED)}
     shown["trials"] = [trial_file(trial) for trial in CAMPAIGN.trials()]
     told = {name: setting(name) for name in ("dynamometer", "actuator", "torque_angle", "walking", "overground")}
     settings = {"about": ABOUT, "largest_mb": CONFIG.report.largest_mb, "settings": told}
+    settings["sheet"] = CAMPAIGN.rows | CAMPAIGN.unused
     inputs = {"input": {"tables": tables, "figures": drawn, **ends}, "made_of": sorted(TEMPLATES.iterdir())}
-    read = {name: by_stem(files) for name, files in shown.items()}
-    return {**inputs, "read": read, "settings": settings | {"sheet": CAMPAIGN.rows | CAMPAIGN.unused}}
+    return {**inputs, "read": {name: by_stem(files) for name, files in shown.items()}, "settings": settings}

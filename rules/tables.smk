@@ -83,14 +83,9 @@ def rows_behind(table: str) -> list[Path]:
 
 
 for kind, section in (("belt", "Belt"), ("transmission", "SteppedSine")):
-    of_kind = {"log": f"model_comparison/{{{kind}}}", kind: f"{kind}_trials(_[0-9]+)?"}
+    named = {"name": f"compare_{kind}_models", "log": f"model_comparison/{{{kind}}}"}
 
-    @step(
-        f"bench.compare_{kind}_models",
-        f"fits/model_comparison/{{{kind}}}.csv",
-        name=f"compare_{kind}_models",
-        **of_kind,
-    )
+    @step(f"bench.{named['name']}", f"fits/{named['log']}.csv", **named, **{kind: f"{kind}_trials(_[0-9]+)?"})
     def compare_models(wildcards, kind=kind, section=section):
         """Trials predict other trials."""
         trials = REPEATS[wildcards[0]]
@@ -105,23 +100,16 @@ DRIVETRAIN = {"weight": setting("gain_weight"), "sign_width": CONFIG.model_compa
 DRIVETRAIN["settings"] = CONFIG.dynamometer.part("FilterSettings")
 
 
-@step(
-    "bench.compare_drivetrain_models",
-    "fits/model_comparison/{trial}.csv",
-    name="compare_drivetrain_models",
-    trial=CAMPAIGN.pattern("impedance"),
-)
+@step("bench.compare_drivetrain_models", "fits/model_comparison/{trial}.csv", trial=CAMPAIGN.pattern("impedance"))
 def compare_drivetrain_models(wildcards):
     trial = wildcards.trial
-    settings = DRIVETRAIN | condition(trial, EXPERIMENTS["impedance"].fit.sheet)
-    inputs = {"input": {"record": fit_file("impedance", "record", trial)}}
-    return {**inputs, "files": {"parameters": CAMPAIGN.device(trial)}, "settings": settings}
+    files = {"input": {"record": row_file("record", trial)}, "files": {"parameters": CAMPAIGN.device(trial)}}
+    return {**files, "settings": DRIVETRAIN | condition(trial, EXPERIMENTS["impedance"].fit.sheet)}
 
 
-RECORDS = [fit_file("impedance", "record", trial) for trial in PREDICTED]
 MEASURED = {part: tabled(part) for part in PARTS} if PREDICTED else {}
-PREDICTIONS = {"input": {"table": tabled("impedance"), "records": RECORDS}, "after": [*MEASURED.values()]}
-PREDICTIONS |= {"read": {"components": MEASURED}, "files": {"parameters": CONFIG.parameters or []}}
+PREDICTIONS = {"input": {"table": tabled("impedance"), "records": rows("record", PREDICTED)}, **PARAMETERS}
+PREDICTIONS |= {"after": [*MEASURED.values()], "read": {"components": MEASURED}}
 PREDICTIONS |= {"settings": DRIVETRAIN | {"unpredicted": UNPREDICTED}}
 GATHERED = {"output": tabled("prediction"), "causes": tabled("prediction_causes")}
 single("bench.gather_predictions", GATHERED, "tables/prediction", PREDICTIONS)
@@ -132,8 +120,7 @@ def check_claims(_):
     tables = [path for path in result_tables() if path.stem in CLAIMED]
     settings = {"settings": setting("claims"), "frequencies_hz": CONFIG.dynamometer.frequencies_hz}
     settings |= {"midstance": CONFIG.figures.midstance_stiffness, "weight": setting("gain_weight")}
-    inputs = {"after": tables, "read": {"tables": by_stem(tables)}, "files": {"parameters": CONFIG.parameters or []}}
-    return {**inputs, "settings": settings}
+    return {"after": tables, "read": {"tables": by_stem(tables)}, "settings": settings, **PARAMETERS}
 
 
 def gathered(of: str):
@@ -167,8 +154,8 @@ def pool_responses(_):
     table, settings = "response_lines", {"settings": CONFIG.dynamometer.part("BenchAnalysis")}
     stated = "joint side subject session group controller K_d B_d".split()  # in which pooled trials agree
     settings["conditions"] = {trial: {name: CAMPAIGN.row(trial)[name] for name in stated} for trial in PER_TRIAL[table]}
-    inputs = {"files": {"parameters": CONFIG.parameters or []}, "after": behind(table)}
-    return {**inputs, "read": {"lines": rows(table), "quality": verdicts_on(table)}, "settings": settings}
+    read = {"lines": rows(table), "quality": verdicts_on(table)}
+    return {"after": behind(table), "read": read, "settings": settings, **PARAMETERS}
 
 
 OF_GAINS = {"files": {"trajectory": CONFIG.impedance_trajectory or [], "parameters": CONFIG.parameters or []}}
@@ -181,17 +168,17 @@ def excluded_trials(_):
     """It waits for the results of single trials of every kind, and names those that have none."""
     waits = [*fitted(*EXPERIMENTS), *[tabled("model_comparison")] * bool(PER_TRIAL["model_comparison"])]
     waits += [SELECTION] * bool(WALKED)
-    after = {"input": {"verdicts": tabled("quality")}, "after": waits}
     calibrations = map(calibration, CAMPAIGN.statics if WALKED else ())
     read = {"fitted": [*crossings(WALKED), *calibrations, *(path for table in PER_TRIAL for path in rows(table))]}
-    return {**after, "read": read, "settings": {"by_sheet": dict(CAMPAIGN.excluded), "places": PLACES}}
+    settings = {"by_sheet": dict(CAMPAIGN.excluded), "places": PLACES}
+    return {"input": {"verdicts": tabled("quality")}, "after": waits, "read": read, "settings": settings}
 
 
 @step("tables.write_findings", tabled("findings"))
 def findings(_):
     tables = [path for path in result_tables() if path.stem in (*judged_tables(), *JUDGED_FURTHER)]
     inputs = {"input": {"verdicts": tabled("quality")}, "after": tables, "read": {"tables": by_stem(tables)}}
-    return {**inputs, "settings": {"limits": CONFIG.doubtful.model_dump(mode="json"), "places": PLACES}}
+    return {**inputs, "settings": {"limits": setting("doubtful"), "places": PLACES}}
 
 
 @step("tables.write_summary", {"summary_json": "summary.json", "numbers_tex": "numbers.tex"})

@@ -75,14 +75,15 @@ for experiment, facts in EXPERIMENTS.items():
         return parts | {"output": {"tables": tables}}
 
 
+FITTED = [name for name, facts in EXPERIMENTS.items() if facts.tables]
+
+
 def fitted(*experiments: str) -> list[Path]:
     """The lists of the trials that were fitted, of these experiments."""
-    return [RESULTS / f"fits/{name}.json" for name in experiments if CAMPAIGN.trials(name) and EXPERIMENTS[name].tables]
+    return [RESULTS / f"fits/{name}.json" for name in experiments if name in FITTED and CAMPAIGN.trials(name)]
 
 
-@step(
-    "tables.list_fits", "fits/{experiment}.json", experiment="|".join(n for n in EXPERIMENTS if EXPERIMENTS[n].tables)
-)
+@step("tables.list_fits", "fits/{experiment}.json", experiment="|".join(FITTED))
 def list_fits(wildcards):
     table = EXPERIMENTS[wildcards.experiment].tables[0]
     return {"input": {"fits": rows(table.name, CAMPAIGN.rows_of(wildcards.experiment, table))}}

@@ -174,7 +174,7 @@ def test_current_in_steps_at_standstill_gives_the_torque_per_current_alone_and_c
     for trial in (staircase(1), staircase(1, theta_m=np.full(250 * len(UP_AND_DOWN), 0.3))):
         row = fit_actuator_trial(trial, DEVICE, ANALYSIS)["actuator"].to_dicts()[0]
         assert row["k_tau_n_m_low"] < 0.648 < row["k_tau_n_m_high"]
-        assert [row[name] for name in NAMES[1:]] == [None] * 4
+        assert [row[name] for name in ("motion", *NAMES[1:])] == [None] * 5
         assert "f_C, f_G, B_m and J_m" in [one.cause for one in unchecked_in("actuator", row)]
     with pytest.raises(InputError, match=r"its current has 4 plateaus of 0\.3 s or more, 8 are needed"):
         actuator_trial(staircase(1, levels=(0, 5, 10, 0)), ANALYSIS)

@@ -436,7 +436,7 @@ def actuator_table(actuator: Analysis) -> pl.DataFrame:
     told = [name for name in ACTUATOR_PARAMETERS if name in fit.names]
     row = {
         "trial": record.name,
-        "motion": moved_by(record.uniform),
+        "motion": moved_by(record.uniform) if "J_m" in told else None,
         **dict.fromkeys(f"{name}{end}" for name in (*ACTUATOR_PARAMETERS, "offset", "drift") for end in INTERVAL_ENDS),
         **{f"cov_{a}_{b}": None for a, b in combinations(ACTUATOR_PARAMETERS, 2)},
         **estimates_row(fit, *told, *(name for name in ("offset", "drift") if name in fit.names)),

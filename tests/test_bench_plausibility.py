@@ -21,6 +21,7 @@ from osl_analysis.model.parameters import read_parameters
 from osl_analysis.trial import Trial
 
 CONFIG, DEVICE = ROOT / "config/config.yaml", ROOT / "config/parameters/default.yaml"
+LEG = read_parameters(DEVICE)
 LIMITS = read_section(CONFIG, "doubtful", DoubtfulFits)
 SINES = {"amplitudes_deg": tuple(np.rad2deg(PROTOCOL.amplitudes)), "frequencies_hz": PROTOCOL.frequencies_hz}
 BENCH = read_section(CONFIG, "dynamometer", DynamometerAnalysis).model_copy(update=SINES | {"cycles": PROTOCOL.cycles})
@@ -233,8 +234,18 @@ def test_a_torque_beyond_the_load_cell_s_range_or_a_bench_that_is_softer_is_refu
         check_recording(Trial("a", pl.DataFrame({"time": [0.0, 1.0, 2.0], "theta": [np.nan, -2.0, 2.0]})), BENCH)
     rows = pl.DataFrame({"trial": "a", "amplitude_deg": [4.0, 2.0, None], "K": [200.0, 100.0, 150.0]})
     rows = rows.with_columns(K_high=1.0, B_low=1.0, I_high=1.0)
-    assert set(plausible_impedance(rows, pl.lit(0), None, 400.0)["K_ratio"]) == {0.5}, "of the largest amplitude"
+    assert set(plausible_impedance(rows, pl.lit(0), None, predicted=400.0)["K_ratio"]) == {0.5}, (
+        "of the largest amplitude"
+    )
     assert abs(judged("impedance", driven(lambda m: second_order(m) - 200.002 * m.theta))["K"]) < 0.2
+
+
+def test_a_joint_that_nothing_says_to_be_this_leg_is_held_against_its_belt_only_where_no_leg_could_be_as_stiff():
+    rows = pl.DataFrame({"trial": "a", "amplitude_deg": [2.0, None], "K": [20.0, 1.5 * LEG.K_s]})
+    rows = rows.with_columns(K_high=1.0, B_low=1.0, I_high=1.0)
+    assert plausible_impedance(rows, pl.lit(0), LEG, False)["K_over_K_s"].to_list() == [None, pytest.approx(1.5)]
+    with pytest.raises(InputError, match="larger than the belt's K_s"):
+        plausible_impedance(rows, pl.lit(0), LEG)
 
 
 @pytest.mark.parametrize(("steps", "refused"), [

@@ -330,7 +330,7 @@ def judged_impedance(
     K_given, K_d = predicted[0] if predicted else None, desired.K_d if desired else None
     table = impedance_table(analysis, s, p)
     stated = bool(desired and (desired.controller or desired.K_d)) or table["K_s_ratio"].drop_nulls().len() > 0
-    table = plausible_impedance(table, rails, p if stated else None, K_given, K_d)
+    table = plausible_impedance(table, rails, p, stated, K_given, K_d)
     gap = pl.lit(None, pl.Float64)
     if predicted and gains and gains.cancels_friction:
         sizes = pl.Series([torque_per_angle(s, label) for label in analysis.fits])

@@ -51,18 +51,21 @@ def plausible_impedance(
     table: pl.DataFrame,
     rails: pl.Expr,
     p: DrivetrainParameters | None,
+    is_this_leg: bool = True,
     predicted: float | None = None,
     K_d: float | None = None,
 ) -> pl.DataFrame:
     """The rows of Eq. 15 with `saturated_samples`, `K_over_K_s` and `K_ratio`: K over `predicted`, by linear theory
     [N*m/rad], if the gains are known, else `K_over_K_d`, over K_d [N*m/rad] if that is stated. Both are of the largest
-    amplitude in every row, since friction changes K least there.
-    Raises InputError: K is negative, its interval too, or larger than that of the belt through which the motor acts."""
+    amplitude in every row, since friction changes K least there. Where nothing but the parameter file says that the
+    joint `is_this_leg`, `K_over_K_s` is null up to 1: another device may be as soft as it likes.
+    Raises InputError: K is negative, its interval too, or that of a joint that is this leg is larger than that of the
+    belt through which the motor acts."""
     last = table.row(-1, named=True)
     K = last["K"]
     if last["B_low"] < 0 or last["I_high"] < 0:  # of the right sign a joint may drive the motion by its K alone
         check_resists(last["trial"], "K", K, last["K_high"])
-    if p is not None and K > 1.1 * p.K_s:  # a motor in series with the belt; a tenth allows for the belt at hand
+    if p is not None and is_this_leg and K > 1.1 * p.K_s:  # a motor in series with the belt; a tenth allows for the belt at hand
         ratio, reference = K / (predicted or p.K_s), "what the gains should give" if predicted else "K_s"
         name, size = known_factor(ratio)
         factor = name and f"{size:.3g} is the factor {name}"
@@ -76,8 +79,9 @@ def plausible_impedance(
     none = pl.lit(None, pl.Float64)
     of_gains = (largest / predicted if predicted else none).alias("K_ratio")
     of_sheet = (none if predicted or not K_d else largest / K_d).alias("K_over_K_d")
-    of_belt = (pl.col("K") / p.K_s if p and p.K_s else none).alias("K_over_K_s")
-    return table.with_columns(rails, of_belt, of_gains, of_sheet)
+    of_belt = pl.col("K") / p.K_s if p and p.K_s else none
+    of_belt = of_belt if is_this_leg else pl.when(of_belt > 1).then(of_belt)
+    return table.with_columns(rails, of_belt.alias("K_over_K_s"), of_gains, of_sheet)
 
 
 def check_told(

@@ -328,7 +328,8 @@ class Court:
             return none, []
         if self.view.first == 0:
             self.hear_reflex()
-        per_parameter = min(rival.left.sum() for rival in self.rivals) / (self.view.seconds * self.view.bandwidth)
+        least = min(float(rival.left.sum()) for rival in self.rivals)
+        per_parameter = least / (self.view.seconds * self.view.bandwidth)
 
         def penalised(rival: Rival) -> Array:
             return np.asarray(rival.left + per_parameter * rival.parameters / CHUNKS)

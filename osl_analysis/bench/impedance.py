@@ -455,7 +455,7 @@ def repeated_trials_table(impedance: pl.DataFrame) -> pl.DataFrame:
     same = ("joint", "side", "controller", "K_d", "B_d", "group", "excitation")
     keys, rows = [name for name in same if name in whole.columns], list[dict[str, object]]()
     sizes = [name for name in ("band_high_hz", "period_s", "theta_rms_deg") if name in whole.columns]
-    of_friction = [name for name in ("B_viscous", "f_C") if name in whole.columns]
+    told = whole.select("^(K|B|I|B_viscous|f_C)$").columns
     for key, condition in whole.group_by(keys, maintain_order=True):
         motions: list[tuple[Array, list[int]]] = []  # trials of motions that are alike in band, period and size
         for row, own in enumerate(condition.select(sizes).fill_null(0.0).to_numpy()):
@@ -466,13 +466,12 @@ def repeated_trials_table(impedance: pl.DataFrame) -> pl.DataFrame:
                 realisations.append(row)
         for trials in (condition[of] for _, of in motions if len(of) > 1):
             used = counted(trials.with_columns(pl.col("^B_se_bench$").alias("B_viscous_se_bench")))
-            told = [*QUANTITIES, *(name for name in of_friction if used[name].count())]
             band = {"band_low_hz": trials["band_low_hz"].min(), "band_high_hz": trials["band_high_hz"].max()}
             left_out = {**doubtful_row(trials), "n_left_out": len(trials) - len(used)}
             said = {**dict(zip(keys, key, strict=True)), **band}
             rows += [{**said, "quantity": name, **summary_row(used, name), **left_out} for name in told]
     if rows:
-        return pl.DataFrame(rows, infer_schema_length=None)
+        return pl.DataFrame(rows, infer_schema_length=None).filter(pl.col("n") > 0)
     numbers = ("band_low_hz", "band_high_hz", "n", "mean", "sd", "se", "low", "high", "n_doubtful", "n_left_out")
     texts = {name: pl.String() for name in (*keys, "quantity", "interval_method") if name not in ("K_d", "B_d")}
     return pl.DataFrame(schema={name: pl.Float64() for name in keys} | texts | dict.fromkeys(numbers, pl.Float64()))

@@ -126,7 +126,10 @@ def test_a_change_of_a_small_damping_is_a_share_of_two_newton_metres_per_rad_per
 def test_k_over_what_the_gains_should_give_is_that_of_the_largest_amplitude_in_every_row():
     amplitudes = pl.DataFrame({"amplitude_deg": [6.0, 2.0, 4.0, None], "K": [200.0, 240.0, 220.0, 210.0]})
     rows = amplitudes.with_columns(K_high=pl.col("K"), B_low=1.0, I_high=1.0, trial=pl.lit("made"))
-    assert plausible_impedance(rows, pl.lit(0).alias("saturated_samples"), P, 200.0)["K_ratio"].to_list() == [1.0] * 4
+    assert (
+        plausible_impedance(rows, pl.lit(0).alias("saturated_samples"), P, predicted=200.0)["K_ratio"].to_list()
+        == [1.0] * 4
+    )
 
 
 def leg(torque_late=0.0, theta_m_late=0.0, theta_late=0.0, B_j=P.B_j):

@@ -56,8 +56,9 @@ def test_a_fault_is_heard_by_its_family_and_its_rival_leaves_the_joint_as_it_is(
     assert [one for one in FAMILIES if (row[f"{one}_shift"] or 0.0) > 1] == [family]
     assert rival in row["rivals"].split(", ")
     for name, (share, least) in HARM.items():
-        margin = 2 * share * np.hypot(TRUE[name], least)
-        assert row[f"{name}_without_low"] - margin < TRUE[name] < row[f"{name}_without_high"] + margin
+        margin, low, high = share * np.hypot(TRUE[name], least), row[f"{name}_without_low"], row[f"{name}_without_high"]
+        assert low - margin < TRUE[name] < high + margin
+        assert low < row[f"{name}_without"] < high
 
 
 def test_a_delay_is_told_in_slow_noise_by_its_own_size_and_not_by_what_is_left():

@@ -53,6 +53,7 @@ class Rival:
     family: str
     name: str
     estimates: Array  # K, B, I beside it
+    half: Array  # half-widths of their 95 % intervals, by the scatter of chunks
     left: Array  # sum of squares in each chunk
     parameters: int
 
@@ -187,11 +188,31 @@ class Court:
     def left(self, columns: Sequence[Array]) -> float:
         return float(self.fitted(columns)[1].sum())
 
-    def add(self, family: str, name: str, columns: Sequence[Array], parameters: int = 0, gain: float = 1.0) -> None:
-        """A rival by its columns, those of the model first; `gain` is what it makes of the torque's noise."""
+    def add(
+        self,
+        family: str,
+        name: str,
+        columns: Sequence[Array],
+        slopes: Sequence[Array] = (),
+        parameters: int = 0,
+        gain: float = 1.0,
+    ) -> None:
+        """A rival by its columns, those of the model first; `slopes`, (m,) each: of the fit by what is its own;
+        `gain` is what it makes of the torque's noise."""
         estimates, left = self.fitted(columns)
-        model = estimates[: len(self.view.base)]
-        self.rivals.append(Rival(family, name, model, left / gain, len(columns) + parameters))
+        of_model = slice(len(self.view.base))
+        _, covariance = scattered(self.view.sums([*columns, *slopes, *self.beside]))
+        half = scipy.stats.t.ppf(0.975, CHUNKS - 1) * np.sqrt(np.diag(covariance)[of_model])
+        self.rivals.append(Rival(family, name, estimates[of_model], half, left / gain, len(columns) + parameters))
+
+    def add_by(
+        self, family: str, name: str, made: Callable[[float], list[Array]], size: float, gain: float = 1
+    ) -> None:
+        """A rival by its columns as a function of its size."""
+        columns, step = made(size), 1e-3 * size
+        further = [(beyond - at) / step for beyond, at in zip(made(size + step), columns, strict=True)]
+        slope = np.einsum("k,km->m", self.fitted(columns)[0][: len(columns)], further)
+        self.add(family, name, columns, [slope], 1, gain)
 
     def hear_path(self) -> None:
         """A path that filters the torque filters the columns; a spring in series winds up by the torque."""
@@ -213,7 +234,7 @@ class Court:
                 return [view.in_band(x * passed) for x in view.orders[view.first : 3]]
 
             for p in minima(lambda p, made=filtered: self.left(made(p)), grid):  # type: ignore[misc]
-                self.add("path", name, filtered(p), 1)
+                self.add_by("path", name, filtered, p)
 
         def wound(c: float) -> list[Array]:
             return [view.in_band(s**k * (view.theta - c * view.torque)) for k in range(3)]
@@ -223,11 +244,11 @@ class Court:
 
         if view.first == 0:
             for c in minima(lambda c: self.left(wound(c)) / gain(c), np.geomspace(2e-5, 3e-3, 10)):
-                self.add("path", "spring in series", wound(c), 1, gain(c))
+                self.add_by("path", "spring in series", wound, c, gain(c))
 
-    def late(self, *shapes: Array) -> tuple[list[Array], Array, Array]:
-        """Columns of a torque that is late by a sum of shapes (n,), whose sizes [s] Gauss and Newton's steps find, with
-        their standard errors."""
+    def late(self, *shapes: Array) -> tuple[list[Array], list[Array], Array, Array]:
+        """Columns of a torque that is late by a sum of shapes (n,), the slopes of the fit by their sizes [s], which
+        Gauss and Newton's steps find, these, and their standard errors."""
         view, sizes, first = self.view, np.zeros(len(shapes)), self.view.first
         for step in range(6):
             lag = np.clip(sizes @ np.array(shapes), -LONGEST_LAG, LONGEST_LAG)
@@ -237,38 +258,38 @@ class Court:
             if step == 5:
                 break
             slope = -(self.fitted(columns)[0][: 3 - first] @ np.array(motion[first + 1 :]))
-            sums = view.sums([*(view.column(shape * slope) for shape in shapes), *columns, *self.beside])
-            more, covariance = scattered(sums)
+            slopes = [view.column(shape * slope) for shape in shapes]
+            more, covariance = scattered(view.sums([*slopes, *columns, *self.beside]))
             sizes = sizes + more[: len(shapes)]
-        return columns, sizes, np.sqrt(np.diag(covariance))[: len(shapes)]
+        return columns, slopes, sizes, np.sqrt(np.diag(covariance))[: len(shapes)]
 
     def hides_delay(self) -> bool:
         """Whether the torque may be late by so much that the inertia changes by `HIDDEN` of it."""
-        _, (size,), (error,) = self.late(np.ones(self.view.n))
+        _, _, (size,), (error,) = self.late(np.ones(self.view.n))
         *stiffness, damping, inertia = np.abs(self.fitted(self.view.base)[0][: len(self.view.base)]).tolist()
         most = abs(float(size)) + 2.0 * float(error)
         return bool((damping + sum(stiffness) * most) * most > HIDDEN * float(np.hypot(inertia, LEAST_INERTIA)))
 
     def clock_drift(self) -> tuple[float, float]:
         """Drift of the torque's clock against the angle's [ppm], with its standard error: it is later and later."""
-        _, sizes, errors = self.late(np.ones(self.view.n), self.view.time)
+        _, _, sizes, errors = self.late(np.ones(self.view.n), self.view.time)
         return float(1e6 * sizes[1] / self.view.seconds), float(1e6 * errors[1] / self.view.seconds)
 
     def hear_time(self) -> None:
         """Clocks that drift apart, K that changes, or the lag, in a straight line or at a moment."""
         view, base = self.view, self.view.base
-        self.add("time", "clocks", self.late(np.ones(view.n), view.time)[0], 2)
-        self.add("time", "clocks", self.late(view.time - view.time[0])[0], 1)
+        self.add("time", "clocks", *self.late(np.ones(view.n), view.time)[:2], 2)
+        self.add("time", "clocks", *self.late(view.time - view.time[0])[:2], 1)
         moments = [np.where(view.time > share, 1.0, 0.0) for share in np.arange(6, 19) / 24 - 0.5]
         slope = self.fitted(base)[0][: 3 - view.first] @ np.array(view.motion[view.first + 1 : 4])
         lag = min(moments, key=lambda then: self.left([*base, view.column(then * slope)]))
-        self.add("time", "lag that changes at once", self.late(lag)[0], 2)
+        self.add("time", "lag that changes at once", *self.late(lag)[:2], 2)
         changing = view.motion[view.first]
         change = min(moments, key=lambda then: self.left([*base, view.column(then * changing)]))
         what = "K" if view.first == 0 else "B_j"
         for shape, name in ((view.time, f"{what} that drifts"), (change, f"{what} that changes at once")):
             for end in (shape.min(), shape.max()):  # the estimate before, and after it
-                self.add("time", name, [*base, view.column(changing * (shape - end))], 1)
+                self.add("time", name, [*base, view.column(changing * (shape - end))], parameters=1)
 
     def hear_play(self, family: str) -> None:
         view = self.view
@@ -280,7 +301,7 @@ class Court:
 
         widths = max(3 * view.step, np.deg2rad(0.03)) * np.geomspace(1, 20, 6)
         for width in minima(lambda width: self.left(followed(width)), widths):
-            self.add(family, "play", followed(width), 1)
+            self.add_by(family, "play", followed, width)
 
     def hear_speed(self) -> None:
         view, omega = self.view, self.view.motion[1]
@@ -310,7 +331,7 @@ class Court:
         muscle = 1 / (1 + view.s / (2 * np.pi * MUSCLE_HZ)) ** 2
         for delay in (0.02, 0.04, 0.06, 0.1):
             answer = view.in_band(speed * muscle * np.exp(-view.s * delay))
-            self.add("reflex", "reflex", [*view.base, answer], 1)
+            self.add("reflex", "reflex", [*view.base, answer], parameters=1)
 
     @property
     def heard(self) -> list[str]:
@@ -402,7 +423,8 @@ def witness_row(record: Record, names: Sequence[str] = tuple(HARM), is_leg: bool
         row |= clocks_row(record, *court.clock_drift(), CHUNKS - 5.0)
     if not alike:
         return row
-    every = np.array([rival.estimates for rival in alike])
+    every, half = (np.array([getattr(rival, name) for rival in alike]) for name in ("estimates", "half"))
+    low, high = (every - half).min(axis=0), (every + half).max(axis=0)
     shares, least = np.array(list(HARM.values())[view.first :]).T
     least = least * (view.first == 0)  # of losses any share counts
     harm = np.abs(every - none.estimates) / (shares * np.hypot(none.estimates, least))
@@ -412,5 +434,5 @@ def witness_row(record: Record, names: Sequence[str] = tuple(HARM), is_leg: bool
     }
     for k, name in enumerate(names):
         row |= {f"{name}_without": float(every[0, k])}
-        row |= {f"{name}_without_low": float(every[:, k].min()), f"{name}_without_high": float(every[:, k].max())}
+        row |= {f"{name}_without_low": float(low[k]), f"{name}_without_high": float(high[k])}
     return row

@@ -18,7 +18,7 @@ from click import argument, option
 from click.core import ParameterSource
 
 from osl_analysis.config.experiments import EXPERIMENTS
-from osl_analysis.errors import OslAnalysisError, printable, printable_lines
+from osl_analysis.errors import InputError, OslAnalysisError, printable, printable_lines
 from osl_analysis.files import check_output, config_here, shipped, write_text
 from osl_analysis.jobs.memory import limited_memory
 
@@ -76,6 +76,8 @@ def options_given() -> set[str]:
 
 def print_or_write(text: str, output: Path | None) -> None:
     if output is not None:
+        if not output.parent.is_dir():
+            raise InputError(f"{output.parent}: no such folder; make it, or name another")
         write_text(output, text)
     say(text if output is None else f"wrote {output}")
 

@@ -261,6 +261,10 @@ def problem_place(problem: Mapping[str, Any], content: Any) -> Place:
 UNITS = {"_deg": "deg", "_hz": "Hz", "_s": "s", "_m": "m", "_mm": "mm", "_kg": "kg", "_n": "N", "K_d": "N*m/rad",
          "largest_angle": "rad"}  # fmt: skip
 """Units of settings, by the ends of their names."""
+WITH_UNIT = {
+    "delay": "2 ms", "cutoff": "100 Hz", "resolution": "0.02 deg", "range": "60 N*m", "threshold": "0.05 s",
+}  # fmt: skip
+"""Settings that are a text, a number with its unit, each with an example."""
 ADVICE = {
     "string_type": "text, in quotes if it looks like a number, a list or nothing",
     "float_type": "a number, without a unit",
@@ -281,6 +285,8 @@ def plain_reason(problem: Mapping[str, Any]) -> str:
     kind, text = problem["type"], str(problem["msg"]).removeprefix("Value error, ").replace("Input should be", "write")
     if kind == "literal_error":
         return text + nearest(str(problem["input"]), re.findall(r"'([^']+)'", text))
+    if kind == "string_type" and (example := WITH_UNIT.get(str(problem["loc"][-1]))) and problem["input"] is not None:
+        return f"write a number with its unit, as `{example}`"
     if kind == "string_pattern_mismatch":
         return (
             "write letters, digits, _ and - alone"

@@ -183,7 +183,7 @@ def test_a_stiffness_far_from_what_the_gains_should_give_is_doubtful():
         row = judged("impedance", changed("impedance", torque=factor), asked=KNOWN)
         assert (row["beyond"]["K_ratio"], row["K_over_K_d"]) == (side, None), "K_ratio judges it"
     own = DesiredImpedance("own", 200, None)  # whose gains are not known
-    for factor, side in ((1e-3, "below"), (2.5, "above"), (0.7, None), (1.5, None)):
+    for factor, side in ((1e-3, "below"), (1.86, "above"), (0.7, None), (1.25, None)):
         row = judged("impedance", changed("impedance", torque=factor), asked=own)
         assert row["K_over_K_d"] == pytest.approx(factor, rel=0.02)
         assert row["beyond"].get("K_over_K_d") == side

@@ -162,6 +162,8 @@ MISTAKES = {
     r"no\.yaml: no such file": (*GAINS, "--parameters", "no.yaml"),
     "written as .csv or .json": (*GAINS, "--output", "x.txt"), "not a Parquet file": ("fit", "README.md"),
     "did you mean 'profiles/slurm'": ("run", "--workflow-profile", "profiles/slrm"),
+    "nowhere: no such folder": ("describe-tables", "--output", "nowhere/page.md"),
+    r"no\.csv: no such file; correct its name": ("inspect", "no.csv"),
     r"no\.mcap: no such file": ("ingest", "--log", "no.mcap", "--log-source", "leg", "--output", "no.parquet"),
     r"\\x1b\[31mred: no such trial": ("fit", "\x1b[31mred"),
     r"o\\udcff\.csv: its name is not UTF-8; choose another name": (*GAINS, "--output", os.fsdecode(b"o\xff.csv")),

@@ -299,6 +299,7 @@ def load(**stated: object) -> dict[str, object]:
     *((load(delay=text), "a delay is the age of a sample, from 0 to 0.2 s") for text in ("-2 ms", "1 s")),
     *((load(column=number), "columns are counted from 1") for number in (0, -1)),
     (load(delay="2"), "the unit is empty; write one of s, ms"),
+    (load(delay=2), "write a number with its unit, as `2 ms`"),
     *((load(delay=text), f"'{text}' is not a number with a unit; write it as in `2 s`") for text in ("soon", "inf s")),
     *((load(low_pass={"cutoff": f"{cutoff} Hz"}), "a cut-off below 0.5 Hz would") for cutoff in (0, -5, 0.4)),
     (load(resolution="0.1 deg"), "'0.1 deg' is not allowed: unit 'deg' measures [rad]"),

@@ -357,13 +357,14 @@ def test_a_value_at_its_threshold_passes_and_no_number_fails(name, value, fails)
        f"quality.unzeroed_plate: threshold '{wrong}' must be a number from 0 and its unit, as in '1 N'")
       for wrong in ("20", "20 kN", "much N", "-1 N", "nan N", "inf N")),
     ({"gap": None}, "quality: no rule for the check 'gap'"),
-    ({"gaps": {"threshold": "0 s", "on_failure": "flag"}}, "'gaps' is no quality check; the checks are rate,"),
+    ({"gaps": {"on_failure": "flag"}}, "'gaps' is no quality check; the checks are rate,"),
 ])  # fmt: skip
 def test_rules_and_checks_are_the_same_list_and_a_threshold_has_the_unit_of_its_check(changed, message):
     validate_rules(RULES, UNITS)
     content = yaml.safe_load(CONFIG.read_text())["quality"] | changed
+    there = {name: rule for name, rule in content.items() if rule}
     with pytest.raises(InputError, match=re.escape(message)):
-        validate_rules(QualityRules.model_validate({name: rule for name, rule in content.items() if rule}), UNITS)
+        validate_rules(validated(there, QualityRules, CONFIG, above=("quality",)), UNITS)
 
 
 def test_the_sheet_may_accept_only_checks_that_there_are(tmp_path):

@@ -166,6 +166,15 @@ def test_a_crossing_and_a_plate_trial_have_the_side_of_their_static_trial_and_wa
         ):
             check_campaign(open_campaign(config, bench | {"j": bench["j"] | {"windows": windows}}))
     check_campaign(open_campaign(config, bench | {"j": bench["j"] | {"windows": None, "log_part": "b"}}))
+    copied = config.model_copy(update={"simulation": None, "raw_data": tmp_path})
+    bench |= {"j": bench["j"] | {"log": "j.csv", "windows": bench["k"]["windows"]}}
+    for name, content in (("k", b"1 2 4"), ("j", b"1 2 3")):
+        (tmp_path / f"{name}.csv").write_bytes(content)
+    check_campaign(open_campaign(copied, bench))
+    (tmp_path / "k.csv").write_bytes(b"1 2 3")
+    with pytest.raises(InputError, match=r"trial 'j': .*j.csv is a copy of .*k.csv, the recording of trial 'k'"):
+        check_campaign(open_campaign(copied, bench))
+    check_campaign(open_campaign(copied, bench | {"j": bench["j"] | {"experiment": "belt"}}))
     for gone, said in (("[lr]", "static', walking needs 1"), ("p", "plate' .unloaded .*, walking needs 1")):
         bare = read_sheet(sheet(tmp_path, re.sub(f"^{gone},.*\n", "", enough, flags=re.MULTILINE)))
         with pytest.raises(InputError, match=f"0 trial of experiment '{said}"):

@@ -1,5 +1,6 @@
 """A campaign: its sample sheet, the trials that are analysed, and what its results are made of."""
 
+import filecmp
 import hashlib
 import json
 import re
@@ -201,8 +202,26 @@ def check_campaign(campaign: Campaign) -> None:
         if curve and curve not in curves:
             there = f"torque_angle.desired in the configuration has {listing([*curves])}{nearest(curve, curves)}"
             raise InputError(f"{campaign.config.sheet}: trial '{trial}', desired '{curve}' is no curve; {there}")
+    if campaign.config.simulation is None:
+        check_copies(campaign)
     if campaign.trials("walking"):
         check_walking(campaign)
+
+
+def check_copies(campaign: Campaign) -> None:
+    """Refuse a recording that another trial of the same experiment has under another name: it would count twice."""
+    alike: dict[tuple[object, ...], list[tuple[str, Path]]] = {}
+    for trial in campaign.rows:
+        row = campaign.row(trial)
+        for file in (one for one in campaign.logs(trial) if one.is_file() and (size := one.stat().st_size)):
+            with file.open("rb") as content:  # the middle tells most files of one size apart
+                content.seek(size // 2)
+                key = row["experiment"], row["log_part"], row["windows"], size, content.read(4096)
+            for other, known in alike.setdefault(key, []):
+                if known != file and filecmp.cmp(known, file, shallow=False):
+                    said = f"{file} is a copy of {known}, the recording of trial '{other}', and would count twice"
+                    raise InputError(f"{campaign.config.sheet}: trial '{trial}': {said}; exclude one, or name its own")
+            alike[key].append((trial, file))
 
 
 def check_files(config: Config) -> None:

@@ -89,7 +89,7 @@ def fit_of_row(trial: Trial, row: Mapping[str, Any], device: Path | None, config
 
 
 def inspect_file(path: Path) -> Overview:
-    check_file(path)
+    check_file(path, "its name")
     return FORMATS[recognise(path)].inspect(path)
 
 
@@ -320,7 +320,7 @@ class Arrivals:
 
     def complete(self, now: float) -> list[tuple[Path, State]]:
         """Recordings that are new, or other than when they were examined, and have rested for 4 s; for 20 s if they
-        grew after they had rested before. The caller enters them in `seen` once they are examined."""
+        are empty, or grew after they had rested before. The caller enters them in `seen` once they are examined."""
         found: list[tuple[Path, State]] = []
         for path in recordings_in(self.folder):
             name = path.relative_to(self.folder).as_posix()
@@ -329,12 +329,12 @@ class Arrivals:
             except OSError:  # it is gone
                 continue
             state = (sum(stat.st_size for stat in stats), max((stat.st_mtime_ns for stat in stats), default=0))
-            if not state[0] or self.seen.get(name, ())[:2] == state:
+            if self.seen.get(name, ())[:2] == state:
                 continue
             before, since = self.growing.get(name, (None, now))
             if before != state:
                 self.growing[name] = (state, now)
-            elif now - since >= (20.0 if name in self.seen else 4.0):
+            elif now - since >= (20.0 if name in self.seen or not state[0] else 4.0):
                 found.append((path, state))
         return found
 
@@ -408,7 +408,8 @@ def examined(path: Path, folder: Path, bench: WatchedBench) -> Iterator[str]:
         row, sources, said = row_of_recording(path, folder, bench, Path(place))
         trial = checked_trial(row, path.parent, sources)
     accepted = str(row.get("accept") or "").split()
-    said = [*said, quality_text(trial, str(row["experiment"]), bench.config, accepted)]
+    warned = [printable(text) for text in trial.provenance.get("warnings", [])]
+    said = [*said, *warned, quality_text(trial, str(row["experiment"]), bench.config, accepted)]
     if EXPERIMENTS[str(row["experiment"])].place != "bench":
         yield from said
         return

@@ -241,7 +241,7 @@ def check_markers(trial: Trial, experiment: str | None) -> None:
     )
 
 
-def check_file(path: Path) -> None:
+def check_file(path: Path, named_in: str = "the sample sheet") -> None:
     """Refuse a file that is missing or empty, and what is no recording: a device, a pipe, a folder without parts."""
     if path.is_dir():
         files_in(path)
@@ -249,7 +249,7 @@ def check_file(path: Path) -> None:
     if path.exists() and not path.is_file():
         raise InputError(f"{path}: a device or a pipe, not a recording; name a file, or copy its content into one")
     if not path.is_file():
-        raise InputError(f"{path}: no such file; correct the sample sheet, or copy the file there")
+        raise InputError(f"{path}: no such file; correct {named_in}, or copy the file there")
     check_not_refused(path)
     if path.stat().st_size == 0:
         raise InputError(f"{path}: the file is empty; copy or record it again, or exclude the trial in the sheet")

@@ -7,7 +7,7 @@ Measuring needs the samples and no limit, judging needs a few numbers and no sam
 import math
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
-from typing import Literal, Self
+from typing import Any, Literal, Self
 
 import numpy as np
 import polars as pl
@@ -38,6 +38,14 @@ class QualityRules(Settings):
 
     model_config = ConfigDict(extra="allow")
     __pydantic_extra__: dict[str, Rule] = Field(init=False)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _checks_are_known(cls, content: Any) -> Any:
+        for name in content if isinstance(content, Mapping) else ():
+            if name not in CHECKS:
+                raise misplaced(unknown_check(name), name)
+        return content
 
     @property
     def by_check(self) -> dict[str, Rule]:
@@ -111,11 +119,9 @@ def unknown_check(name: str) -> str:
 
 
 def validate_rules(rules: QualityRules, units: Mapping[str, str]) -> None:
-    """`units` are those of what the checks measure. Raises InputError: a check has no rule, a rule no check, or a
-    threshold is no size in the unit of its check."""
-    for name in (*rules.by_check, *CHECKS):
-        if name not in CHECKS:
-            raise InputError(f"configuration, quality: {unknown_check(name)}")
+    """`units` are those of what the checks measure. Raises InputError: a check has no rule, or a threshold is no
+    size in the unit of its check."""
+    for name in CHECKS:
         if name not in rules.by_check:
             raise InputError(f"configuration, quality: no rule for the check '{name}'; add it as in config/config.yaml")
         threshold, known = rules.by_check[name].threshold, units[name]

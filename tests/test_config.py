@@ -162,6 +162,7 @@ def test_a_configuration_that_cannot_be_run_is_one_line_before_any_job(in_root, 
     ("doubtful.belt.above", {"K_s_ratio": 0.5}, "below.K_s_ratio: 0.67 is above the upper limit 0.5, and every fit"),
     ("doubtful.belt.above", {"VAF": -1}, "above.VAF: -1 is not allowed"),
     *(("recorded", day, "write a date, 1990 to today, as") for day in (
+        2026,
         "2026-02-30", "2026-03-14 to 2026-03-01", "0026-03-14", "2999-01-01", "1989-12-31 to 2020-01-01")),
     ("figures.time_series.controller", "compensatd", "did you mean 'compensated'"),
     ("impedance_trajectory", "README.md", "no column 'phase'"), ("parameters", "config/config.yaml", "unknown field"),

@@ -266,6 +266,17 @@ def test_repeated_stamps_are_kept_with_a_warning_and_dropped_as_it_says(tmp_path
     assert said.endswith("1 of 5 rows repeat the stamp of the row before and were left out")
 
 
+def test_rows_that_stand_twice_are_read_once_as_the_refusal_says_and_rounded_stamps_are_no_such(tmp_path: Path) -> None:
+    rows = [f"{k / 500},{k % 7},{k % 5}\n" for k in range(100)]
+    twice = "t,angle,load\n" + "".join(2 * row for row in rows)
+    message = refused(tmp_path, twice)
+    assert message.startswith(f"{tmp_path / 'log.csv'}: 100 of 200 rows have time and values of the row before")
+    read = ingested(tmp_path, twice, time=SOURCE["time"] | advised(message))
+    np.testing.assert_allclose(read.samples["time"], np.arange(100) / 500)
+    rounded = "t,angle,load\n" + "".join(f"{k // 2 / 500},{k % 7},{k % 5}\n" for k in range(200))
+    assert len(ingested(tmp_path, rounded).samples) == 200
+
+
 def test_a_unit_that_is_wrong_is_named_with_file_line_key_and_value(tmp_path: Path) -> None:
     message = refused(tmp_path, TABLE, channels={"theta": {"column": "angle", "unit": "xyz"}})
     assert "source.yaml: line 8: channels.theta.unit: 'xyz' is not allowed: unit 'xyz'" in message

@@ -5,7 +5,7 @@ from datetime import date, timedelta
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, Field
+from pydantic import BeforeValidator, Field
 
 from osl_analysis.bench.settings import ActuatorAnalysis, DynamometerAnalysis, ModelComparison, TorqueAngleAnalysis
 from osl_analysis.config.sheet import FOLLOWED, SharedChoices
@@ -31,8 +31,9 @@ from osl_analysis.yaml_settings import (
 def dates(value: date | str) -> date | str:
     """One date, or the first and the last one, as `2026-03-14 to 2026-03-16`."""
     try:
-        rising((date(1989, 12, 31), *map(date.fromisoformat, str(value).split(" to ")), date.today() + timedelta(2)))
-    except ValueError as error:
+        said = value if isinstance(value, str) else value.isoformat()
+        rising((date(1989, 12, 31), *map(date.fromisoformat, said.split(" to ")), date.today() + timedelta(2)))
+    except (ValueError, AttributeError) as error:
         raise ValueError("write a date, 1990 to today, as 2026-03-14, or two, as 2026-03-14 to 2026-03-16") from error
     return value
 
@@ -117,7 +118,7 @@ class Config(Settings):
     simulation: ShippedPath | None  # Settings of the simulator that makes the recordings; null: they are real.
     data: Literal["simulated", "measured"] | None = None
     """What the recordings are, as figures, tables and summary say; null: simulated where the simulator made them."""
-    recorded: Annotated[date | str, AfterValidator(dates)] | None = None
+    recorded: Annotated[date | str, BeforeValidator(dates)] | None = None
     """Date of the recordings, as the figures say, such as 2026-03-14; null: the dates of the files."""
     parameters: ShippedPath | None
     """Parameter file of the device; null: none, it is analysed without predictions and without ratios to a file."""

@@ -104,7 +104,9 @@ def sampling_steps(trial: Trial) -> dict[str, Array]:
 
 
 def measure_rate(examined: Examined) -> CheckResult:
-    rates = {column: 1 / float(np.median(step)) for column, step in sampling_steps(examined.trial).items()}
+    rates = {
+        column: 1 / float(np.median(step) or step.mean()) for column, step in sampling_steps(examined.trial).items()
+    }
     said = ", ".join(f"{column} {rate:.6g} Hz" for column, rate in rates.items())
     return CheckResult(min(rates.values()), said) if rates else not_applicable("no channel has three samples")
 

@@ -42,7 +42,8 @@ class LowPass:
         check_finite("the signal", signal)
         if not 0 < self.cutoff_hz < rate_hz / 2:
             raise InputError(
-                f"filter cut-off {self.cutoff_hz:g} Hz must lie between 0 and half the sampling rate of {rate_hz:g} Hz"
+                f"filter cut-off {self.cutoff_hz:g} Hz must lie between 0 and half the sampling rate of {rate_hz:g} "
+                "Hz; lower it in the configuration (`cutoff_hz`)"
             )
         edge = int(np.ceil(3 * rate_hz / self.cutoff_hz))
         if len(signal) <= edge:

@@ -22,10 +22,9 @@ if not {"-n", "--dry-run", "--dryrun"} & {*sys.argv}:
 from osl_analysis.commands.run import check_start, with_shipped_profile
 from osl_analysis.campaign.campaign import about, matching, open_campaign
 from osl_analysis.campaign.campaign import response_example, sentence, time_series_example
-from osl_analysis.campaign.configuration import campaign_config, overriding
+from osl_analysis.campaign.configuration import campaign_config, over_default
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL, judged_tables
 from osl_analysis.dictionary import described_tables_by_name
-from osl_analysis.yaml_settings import read_mapping
 from osl_analysis.errors import OslAnalysisError
 from osl_analysis.figures import FIGURES
 from osl_analysis.files import check_working_folder, default_config
@@ -41,7 +40,7 @@ try:
     list(with_shipped_profile(sys.argv))  # a mistyped profile is refused
     DEFAULT = default_config()
     FILES = [DEFAULT, *(Path(os.path.relpath(file)) for file in reversed(workflow.configfiles))]
-    CONFIG = campaign_config(overriding(read_mapping(DEFAULT), config), FILES)
+    CONFIG = campaign_config(over_default(config), FILES)
     if CONFIG.simulation:
         from osl_analysis.commands.simulate import planned_sheet, settings_files  # it loads the simulator
     CAMPAIGN = open_campaign(CONFIG, planned_sheet(CONFIG.simulation, CONFIG.sheet) if CONFIG.simulation else None)

@@ -332,7 +332,7 @@ def compare(a: Path, b: Path, margin: float | None, output: Path) -> None:
 @option("--example", is_flag=True, help="A small simulated campaign, which runs in about a minute.")
 def init(folder: Path, recorders: tuple[str, ...], recordings: Path | None, example: bool) -> None:
     """Make the folder of a new campaign: configuration, sample sheet, source files and their JSON schemas."""
-    from osl_analysis.commands.inspect import drafted_text, left_to_decide, new_campaign
+    from osl_analysis.commands.inspect import drafted_text, left_to_decide, new_campaign, note_protocol
 
     if example and (recorders or recordings):
         raise click.UsageError("--example has recordings of its own; leave --recorder and --from")
@@ -343,6 +343,7 @@ def init(folder: Path, recorders: tuple[str, ...], recordings: Path | None, exam
         decisions = left_to_decide(folder, draft)
         say("\n".join(["left to decide:", *(f"  {line}" for line in decisions)]) if decisions else "")
         print_first_look(folder)
+        note_protocol(folder)
     elif not example:
         say("next: recordings into recordings/, a row for each into trials.csv, their channels into sources/")
         say("      `osl-analysis inspect FILE --draft sources/NAME.yaml` drafts a source file")

@@ -72,7 +72,7 @@ def as_trial(trial: Trial | File) -> Trial:
 def device_of(parameters: File | None, config: File | None) -> Path | None:
     if parameters == OF_CONFIG:
         return campaign_parameters(Path(config or config_here()))
-    return None if parameters is None else Path(parameters)
+    return None if parameters is None else shipped(parameters)
 
 
 def asked(

@@ -14,7 +14,7 @@ PREDICTED = [trial for trial, found in COMPONENTS.items() if len(found) == len(P
 MISSING = {trial: [part for part in PARTS if part not in found] for trial, found in COMPONENTS.items() if found}
 UNPREDICTED = {trial: " and ".join(parts) for trial, parts in MISSING.items() if parts}
 """Of other trials the components that were not measured; not said where none was."""
-AMPLITUDES = KNOWN_GAINS if len(CONFIG.dynamometer.amplitudes_deg) > 1 else []
+AMPLITUDES = KNOWN_GAINS if len(CONFIG.dynamometer.amplitudes_deg or ()) != 1 else []
 """Trials whose rendered impedance at an amplitude is predicted from the others."""
 TABLES = [(name, table) for name in EXPERIMENTS for table in EXPERIMENTS[name].tables]
 PER_TRIAL = {
@@ -118,7 +118,7 @@ single("bench.gather_predictions", GATHERED, "tables/prediction", PREDICTIONS)
 @step("tables.check_claims", tabled("claims"))
 def check_claims(_):
     tables = [path for path in result_tables() if path.stem in CLAIMED]
-    settings = {"settings": setting("claims"), "frequencies_hz": CONFIG.dynamometer.frequencies_hz}
+    settings = {"settings": setting("claims"), "frequencies_hz": CONFIG.dynamometer.frequencies_hz or ()}
     settings |= {"midstance": CONFIG.figures.midstance_stiffness, "weight": setting("gain_weight")}
     return {"after": tables, "read": {"tables": by_stem(tables)}, "settings": settings, **PARAMETERS}
 

@@ -225,6 +225,11 @@ class Belt:
     theta_m: Fault | None = None  # the same of theta_m
 
 
+def actuator_turns(record: Record) -> bool:
+    """Whether theta_m was recorded, and turns by a twentieth of the joint's angle or more."""
+    return record.theta_m is not None and bool(np.std(record.theta_m) > 0.05 * np.std(record.theta))
+
+
 def belt_of_leg(record: Record, p: DrivetrainParameters | None) -> Belt | None:
     """The belt of a leg; None without a parameter file or theta_m, or where it deflects, or theta_m turns, by less than
     a twentieth of the joint's angle: encoders may be wrong by as much, and a joint beside an idle motor is no leg.

@@ -139,14 +139,15 @@ def impedance_table(analysis: Analysis, s: Sums, p: DrivetrainParameters | None 
     """The trial's rows of `impedance.csv`: Eq. 15 fitted to each amplitude [deg] and to all of them (amplitude null);
     of a motion that is no stepped sine one row. What moved the joint is the same in every row: estimates of a device
     that is no second-order system depend on band and weights. With the parameters of the device and theta_m the belt
-    shows a lag, which what Eq. 15 misses of a drivetrain would hide."""
+    shows a lag, which what Eq. 15 misses of a drivetrain would hide. Where nobody states
+    them an actuator that turns tells a leg, whose drivetrain is no fault of the recording."""
     record = analysis.record
     belt, repeats = effects.belt_of_leg(record, p), effects.repeats_row(record, s, IMPEDANCE)
-    lag = belt.torque if belt else None
+    lag, is_leg = belt.torque if belt else None, belt is not None or (p is None and effects.actuator_turns(record))
     friction, rows = friction_rows(s, analysis), list[Row]()
-    facts = motion_row(record) | belt_row(belt, p) | repeats | witness_row(record, is_leg=belt is not None)
+    facts = motion_row(record) | belt_row(belt, p) | repeats | witness_row(record, is_leg=is_leg)
     facts |= {"lag_by": "theta_m" if lag else None, **unstated_reflex_row(record)}
-    if facts["reflex_p"] is not None and belt is None and (facts["heard"] is None or facts["path_shift"]):
+    if facts["reflex_p"] is not None and not is_leg and (facts["heard"] is None or facts["path_shift"]):
         facts |= {name: None for name in facts if name.endswith("with_reflex") or "_with_reflex_" in name}
         facts["reflex_p"] = 1.0  # nothing is heard, or a path explains more
     if not record.is_stepped_sine:
@@ -161,7 +162,7 @@ def impedance_table(analysis: Analysis, s: Sums, p: DrivetrainParameters | None 
                 **lag_row(lag, fit),
                 **friction[label],
                 **analysis.shared(label, *QUANTITIES),
-                "I_bound": fit.interval("I")[1] if belt is None else None,
+                "I_bound": fit.interval("I")[1] if not is_leg else None,
                 "theta_rms_deg": turn_deg(s, label),
                 "angle_noise_share": abs(angle_noise_bias(record, s, fit, label)) / share_of_inertia(fit),
                 **without_lag(analysis, lag, label),

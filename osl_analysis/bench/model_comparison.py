@@ -19,7 +19,14 @@ from osl_analysis.bench.record import Record
 from osl_analysis.model.compensator import CONTROLLERS, Controller, Gains
 from osl_analysis.model.parameters import DrivetrainParameters
 from osl_analysis.stats.regression import linear_fit
-from osl_analysis.stats.repeats import Candidate, loss_behind_best, mean_over_trials, rank_words, score_models
+from osl_analysis.stats.repeats import (
+    Candidate,
+    alike_sizes,
+    loss_behind_best,
+    mean_over_trials,
+    rank_words,
+    score_models,
+)
 from osl_analysis.trial import Array
 
 Terms = Mapping[str, tuple[str, ...]]  # names of the columns of each model, by the model's name
@@ -268,15 +275,18 @@ ASKED = (*PLACE, "K_d", "B_d")
 
 def compensation_table(impedance: pl.DataFrame) -> pl.DataFrame:
     """`compensation.csv` from the rows of `impedance.csv`. Repeats of a condition count as their mean. The interval of
-    a difference is Student's over pairs of trials: amplitudes of one trial are no independent pairs."""
-    known = impedance.drop_nulls(["K_d", "B_d"]).filter(pl.col("K_d") != 0)
+    a difference is Student's over pairs of trials: amplitudes of one trial are no independent pairs. Amplitudes are
+    those that were commanded; where none is stated, the measured ones, which are alike."""
+    size = "commanded_deg" if impedance["commanded_deg"].is_not_null().any() else "amplitude_deg"
+    known = impedance.with_columns(alike_sizes(impedance[size].cast(pl.Float64)))
+    known = known.drop_nulls(["K_d", "B_d"]).filter(pl.col("K_d") != 0)
     values = {name: value.mean() for name, (_, value) in COMPARED.items()}
-    means = known.group_by(*ASKED, "commanded_deg", "controller").agg(**values)
+    means = known.group_by(*ASKED, size, "controller").agg(**values)
     sides = [means.filter(pl.col("controller") == name).drop("controller") for name in CONTROLLERS]
-    both = sides[0].join(sides[1], on=[*ASKED, "commanded_deg"], nulls_equal=True).sort(*ASKED, "commanded_deg")
-    whole, single = (both.filter(pl.col("commanded_deg").is_null() == of_whole) for of_whole in (True, False))
+    both = sides[0].join(sides[1], on=[*ASKED, size], nulls_equal=True).sort(*ASKED, size)
+    whole, single = (both.filter(pl.col(size).is_null() == of_whole) for of_whole in (True, False))
     sets = [("trials", None, whole), ("amplitudes", None, single)]
-    for by, rows in (("K_d", whole), ("B_d", whole), ("commanded_deg", single)):
+    for by, rows in (("K_d", whole), ("B_d", whole), (size, single)):
         sets += [(by, at, rows.filter(pl.col(by) == at)) for at in rows[by].unique().sort()]
     found = []
     for by, at, rows in sets:

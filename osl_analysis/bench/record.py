@@ -301,12 +301,15 @@ def joint_angle(theta: Array, torque: Array, compliance: float) -> Array:
     return theta - compliance * torque if compliance else theta
 
 
-def cycles_of(segments: Sequence[stepped_sine.Segment], settle_cycles: int, usable: NDArray[np.bool_]) -> Groups:
-    """The settled, usable cycles of segments; a stratum is a segment. Raises InputError as `settled_cycles`."""
+def cycles_of(
+    segments: Sequence[stepped_sine.Segment], settle_cycles: int, usable: NDArray[np.bool_], stated: bool = True
+) -> Groups:
+    """The settled, usable cycles of segments; a stratum is a segment. Where no protocol is `stated` none was commanded.
+    Raises InputError as `settled_cycles`."""
     kept = [stepped_sine.settled_cycles(segment, settle_cycles, usable) for segment in segments]
     strata = []
     for whole, label in zip(segments, stepped_sine.labels_deg(segments), strict=True):
-        meant = None if whole.commanded is None else round(float(np.rad2deg(whole.commanded)), 9)
+        meant = None if whole.commanded is None or not stated else round(float(np.rad2deg(whole.commanded)), 9)
         strata.append(Stratum(whole.rows, label, whole.frequency_hz, meant))
     first, stop = np.concatenate(kept).T
     number = np.repeat(np.arange(len(kept)), [len(one) for one in kept])
@@ -388,7 +391,8 @@ def record_of_trial(
             assert isinstance(settings, ImpedanceAnalysis)
             return motion_parts(one, settings, windows or settings.windows)
         likeness = known if one is signals else Likeness(one.time, one["theta"], settings.protocol)
-        groups = cycles_of(stepped_sine.find_segments(likeness), settings.settle_cycles, one.usable)
+        segments = stepped_sine.find_segments(likeness)
+        groups = cycles_of(segments, settings.settle_cycles, one.usable, bool(settings.protocol.amplitudes))
         hz = [stratum.frequency_hz for stratum in groups.strata]
         return groups, (min(hz), max(hz)), None, one
 

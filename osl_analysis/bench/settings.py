@@ -7,7 +7,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from osl_analysis.signals import LowPass
 from osl_analysis.signals.grid import GapLimits
-from osl_analysis.spectral.stepped_sine import SteppedSineProtocol
+from osl_analysis.spectral.stepped_sine import SteppedSineProtocol, stated_protocol
 from osl_analysis.trial import REFLEX_DELAYS_MS, Array, stretches
 from osl_analysis.yaml_settings import (
     Degrees,
@@ -147,13 +147,13 @@ class BeltAnalysis(BenchAnalysis):
 class SteppedSineAnalysis(BenchAnalysis):
     """Choices for a stepped-sine trial, and its protocol."""
 
-    amplitudes_deg: Annotated[tuple[Degrees, ...], Field(min_length=1)]
-    """Commanded amplitudes [deg], one block each, in the order of the protocol."""
-    frequencies_hz: Annotated[tuple[Positive, ...], Field(min_length=1)]
-    """Frequencies [Hz] of a block, one segment each, in the order of the protocol."""
-    cycles: CycleCount | tuple[CycleCount, ...]
-    """Number of cycles at each frequency: one number for all, or one for each. It is an expectation: the fits use what
-    was recorded, and the quality check `protocol` says where the two differ."""
+    amplitudes_deg: Annotated[tuple[Degrees, ...], Field(min_length=1)] | None
+    """Commanded amplitudes [deg], one block each, in the order of the protocol; null: not stated."""
+    frequencies_hz: Annotated[tuple[Positive, ...], Field(min_length=1)] | None
+    """Frequencies [Hz] of a block, one segment each, in the order of the protocol; null: not stated."""
+    cycles: CycleCount | tuple[CycleCount, ...] | None
+    """Number of cycles at each frequency: one number for all, or one for each; null: not stated. It is an expectation:
+    the fits use what was recorded, and the quality check `protocol` says where the two differ."""
     seconds_per_frequency: Positive | None = None
     """Time [s] at each frequency in place of `cycles`, which does not count then; null: see `cycles`."""
     settle_cycles: Annotated[int, Field(ge=0, le=10_000)]
@@ -162,12 +162,13 @@ class SteppedSineAnalysis(BenchAnalysis):
 
     @model_validator(mode="after")
     def _some_cycles_are_settled(self) -> Self:
-        if isinstance(self.cycles, tuple) and len(self.cycles) != len(self.frequencies_hz):
+        frequencies = self.frequencies_hz or ()
+        if isinstance(self.cycles, tuple) and len(self.cycles) != len(frequencies):
             raise ValueError(
-                f"cycles has {len(self.cycles)} numbers for {len(self.frequencies_hz)} frequencies; give one number "
+                f"cycles has {len(self.cycles)} numbers for {len(frequencies)} frequencies; give one number "
                 "for all, or one for each"
             )
-        fewest = min(self.protocol.cycles_at)
+        fewest = min(self.protocol.cycles_at, default=np.inf)
         if self.settle_cycles + 1 >= max(fewest, 2):  # the last is fitted where it is the only one
             said = f"settle_cycles = {self.settle_cycles} and the last leave none of {fewest:g} cycles; lower it, at "
             said += f"most to {max(int(np.ceil(fewest)) - 2, 0)}, or raise cycles or seconds_per_frequency"
@@ -177,13 +178,7 @@ class SteppedSineAnalysis(BenchAnalysis):
     @property
     def protocol(self) -> SteppedSineProtocol:
         """The protocol, its amplitudes in rad."""
-        seconds = self.seconds_per_frequency
-        cycles = self.cycles if seconds is None else tuple(seconds * f for f in self.frequencies_hz)
-        return SteppedSineProtocol(self.amplitudes, self.frequencies_hz, cycles)
-
-    @property
-    def amplitudes(self) -> tuple[float, ...]:
-        return tuple(float(a) for a in np.deg2rad(self.amplitudes_deg))
+        return stated_protocol(self.amplitudes_deg, self.frequencies_hz, self.cycles, self.seconds_per_frequency)
 
 
 class HumanJoint(Settings):
@@ -228,12 +223,12 @@ class ImpedanceAnalysis(SteppedSineAnalysis):
     """Of the joint [N*m]: torque errors are given as shares of it; null: not stated."""
 
     _passes = refused(
-        lambda s: s.excitation != "any" and max(s.frequencies_hz) >= s.cutoff_hz,
+        lambda s: s.excitation != "any" and max(s.frequencies_hz or (0,)) >= s.cutoff_hz,
         "cutoff_hz = {s.cutoff_hz:g} takes out some of frequencies_hz; raise it, or correct frequencies_hz",
         "cutoff_hz",
     )
     _turns = refused(
-        lambda s: s.excitation != "any" and max(s.amplitudes) > s.largest_angle,
+        lambda s: s.excitation != "any" and max(s.protocol.amplitudes, default=0) > s.largest_angle,
         "amplitudes_deg goes beyond largest_angle = {s.largest_angle:g} rad, where a recording is refused; correct it",
         "amplitudes_deg",
     )

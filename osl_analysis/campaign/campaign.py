@@ -293,8 +293,8 @@ def time_series_example(campaign: Campaign) -> dict[str, Any] | None:
         asked = {"controller": stated.controller, "K_d": stated.K_d, "B_d": stated.B_d}
         if found := matching(campaign, asked, "time_series"):
             name, amplitude_deg, chosen = found[0], stated.amplitude_deg, ""
-            known, of = campaign.config.dynamometer.amplitudes_deg, "figures.time_series.amplitude_deg"
-            is_known = any(abs(one / (amplitude_deg or one) - 1) < 0.1 for one in known)
+            known, of = campaign.config.dynamometer.amplitudes_deg or (), "figures.time_series.amplitude_deg"
+            is_known = not known or any(abs(one / (amplitude_deg or one) - 1) < 0.1 for one in known)
             if not is_known and campaign.config.dynamometer.excitation != "any":
                 said = f"is none of dynamometer.amplitudes_deg ({', '.join(f'{one:g}' for one in known)})"
                 raise InputError(f"configuration: {of} = {amplitude_deg:g} {said}; choose one of them, or null")

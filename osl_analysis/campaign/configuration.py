@@ -1,6 +1,6 @@
 """The configuration of a campaign: choices with their units, validated when they are read."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from datetime import date, timedelta
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -160,15 +160,16 @@ class Config(Settings):
     def shared(self, experiment: str | None = None) -> SharedChoices:
         """What the simulator follows in the trials of one experiment, or in all (None)."""
         bench, seconds = self.dynamometer, self.dynamometer.seconds_per_frequency
+        sines = {
+            "amplitudes_deg": bench.amplitudes_deg,
+            "frequencies_hz": bench.frequencies_hz,
+            "cycles": bench.cycles if seconds is None else None,
+            "seconds": seconds,
+        }
         every = {
             "parameters": self.parameters,
             "gain_weight": self.gain_weight,
-            "protocol": {
-                "amplitudes_deg": bench.amplitudes_deg,
-                "frequencies_hz": bench.frequencies_hz,
-                "cycles": bench.cycles if seconds is None else None,
-                "seconds": seconds,
-            },
+            "protocol": sines if bench.amplitudes_deg and bench.frequencies_hz else None,
             "impedance_trajectory": self.impedance_trajectory,
         }
         used = every if experiment is None else FOLLOWED.get(experiment, ())
@@ -182,9 +183,35 @@ def overriding(base: Any, override: Any) -> Any:
     return base | {name: overriding(base.get(name), value) for name, value in override.items()}
 
 
+FACTS = (
+    "parameters", "impedance_trajectory", "dynamometer.amplitudes_deg", "dynamometer.frequencies_hz",
+    "dynamometer.cycles", "figures.time_series", "figures.frequency_response", "figures.midstance_stiffness",
+    "claims.K_percent",
+)  # fmt: skip
+"""What the default configuration states of its own bench, device and text: facts on nobody else's."""
+
+
+def over_default(own: Mapping[str, Any]) -> Any:
+    """The default configuration with the fields of another in place of its own. Real recordings are not of the bench
+    that the default campaign simulates: of its `FACTS` they have those alone that are stated, others are null."""
+    default = read_mapping(default_config())
+    if default["simulation"] is None or own.get("simulation", default["simulation"]) is not None:
+        return overriding(default, own)
+    for name in FACTS:
+        section, _, field = name.rpartition(".")
+        default = overriding(default, {section: {field: None}} if section else {field: None})
+    return overriding(default, own)
+
+
+def own_fields(path: Path) -> Mapping[str, Any]:
+    """What a configuration file states. The shipped default states nothing of recordings outside its own campaign."""
+    is_shipped = path == default_config() and not Path("config/config.yaml").is_file()
+    return {"simulation": None} if is_shipped else read_mapping(path, by_snakemake=True)
+
+
 def read_section(path: Path, section: str, model: type[AnySettings]) -> AnySettings:
     """One section of a campaign's configuration, whose file overrides fields of the default configuration."""
-    content = overriding(read_mapping(default_config()), read_mapping(path, by_snakemake=True))
+    content = over_default(own_fields(path))
     unknown = [name for name in content if name not in Config.model_fields]
     if unknown:
         raise InputError(f"{path}: unknown field '{unknown[0]}'; give a configuration, or fields that override it")
@@ -193,7 +220,7 @@ def read_section(path: Path, section: str, model: type[AnySettings]) -> AnySetti
 
 def read_config(path: Path) -> Config:
     """A whole configuration from a file that may override fields of the default only."""
-    return validated(overriding(read_mapping(default_config()), read_mapping(path, by_snakemake=True)), Config, path)
+    return validated(over_default(read_mapping(path, by_snakemake=True)), Config, path)
 
 
 def campaign_config(content: Any, files: Sequence[Path]) -> Config:

@@ -39,10 +39,10 @@ from osl_analysis.bench.settings import (
     SteppedSineAnalysis,
     TorqueAngleAnalysis,
 )
-from osl_analysis.campaign.configuration import Config, read_section
+from osl_analysis.campaign.configuration import Config, over_default, own_fields, read_section
 from osl_analysis.config.experiments import EXPERIMENTS, FitJob
 from osl_analysis.errors import IdentifiabilityError, InputError, nearest, printable_lines
-from osl_analysis.files import default_config, shipped
+from osl_analysis.files import shipped
 from osl_analysis.ingest.examine import check_recording, saturated
 from osl_analysis.judge.finding import Finding, Grade
 from osl_analysis.judge.judging import judged, marked
@@ -52,7 +52,6 @@ from osl_analysis.model.compensator import Controller, Weight
 from osl_analysis.model.parameters import FileOrNone, known_parameters, read_parameters
 from osl_analysis.table import finite_or_null, read_table, with_evidence, write_table
 from osl_analysis.trial import Trial, read_trial
-from osl_analysis.yaml_settings import read_mapping
 
 
 def fit_belt_trial(trial: Trial, parameters: FileOrNone, settings: BeltAnalysis) -> Mapping[str, pl.DataFrame]:
@@ -185,7 +184,7 @@ def summarise(table: Path, output: Path) -> None:
 
 def compare_controllers(table: Path, output: Path) -> None:
     """Compensated beside uncompensated trials of the same desired impedance."""
-    needed = ("commanded_deg", "controller", "K_d", "B_d", "K", "B", "VAF", "torque_error")
+    needed = ("commanded_deg", "amplitude_deg", "controller", "K_d", "B_d", "K", "B", "VAF", "torque_error")
     write_table(model_comparison.compensation_table(read_table(table, needed)), output)
 
 
@@ -350,7 +349,7 @@ def fit_settings(experiment: str, config: Path) -> tuple[dict[str, Any], Doubtfu
 
 def campaign_parameters(config: Path) -> Path | None:
     """The parameter file that a configuration names, which may override fields of the default only; None: null."""
-    named = (read_mapping(default_config()) | read_mapping(config))["parameters"]
+    named = over_default(own_fields(config))["parameters"]
     return None if named is None else shipped(str(named))
 
 

@@ -258,8 +258,13 @@ def plan_of(chosen: Mapping[str, Any], config: Config, longer: bool) -> Plan:
             return plan
         one, drawn = replace(plan, rms=1.0), max(plan.realisations, planning.MOST_DRAWN if longer else 1)
         return replace(plan, rms=peak / max(one.motion(r).peak for r in range(drawn)))  # none may go beyond the peak
-    frequencies = tuple(chosen["frequencies"] or bench.frequencies_hz)
-    amplitudes = tuple(chosen["amplitudes"] or bench.amplitudes_deg)
+    frequencies = tuple(chosen["frequencies"] or bench.frequencies_hz or ())
+    amplitudes = tuple(chosen["amplitudes"] or bench.amplitudes_deg or ())
+    if not (frequencies and amplitudes and (chosen["cycles"] or bench.protocol.cycles_at)):
+        raise InputError(
+            "the configuration states no whole protocol; give --frequencies, --amplitudes and --cycles, or state "
+            "amplitudes_deg, frequencies_hz and cycles under `dynamometer`"
+        )
     if not all(0 < x < np.inf for x in (*frequencies, *amplitudes)):
         raise InputError(
             "frequencies and amplitudes of a stepped sine are above 0; correct --frequencies, --amplitudes"

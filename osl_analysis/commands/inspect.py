@@ -21,7 +21,7 @@ import polars as pl
 import scipy
 
 from osl_analysis.bench.impedance import DesiredImpedance
-from osl_analysis.campaign.campaign import open_campaign
+from osl_analysis.campaign.campaign import Campaign, open_campaign
 from osl_analysis.campaign.configuration import Config, read_config
 from osl_analysis.commands.bench import (
     UNIT_OF,
@@ -49,6 +49,8 @@ from osl_analysis.judge.finding import Grade
 from osl_analysis.judge.limits import CHECKS, judged_table
 from osl_analysis.judge.words import check_words
 from osl_analysis.model.parameters import joint_of
+from osl_analysis.signals.grid import GapLimits, uniform_signals
+from osl_analysis.spectral.stepped_sine import Likeness, find_segments, stated_protocol
 from osl_analysis.trial import Trial
 from osl_analysis.yaml_settings import dotted, read_mapping
 
@@ -58,11 +60,7 @@ def first_look(folder: Path) -> Iterator[str]:
     with chdir(folder):
         config = read_config(CAMPAIGN)
         campaign = open_campaign(config, None)
-        first: dict[tuple[str, str], str] = {}
-        for trial in campaign.trials(*(name for name, facts in EXPERIMENTS.items() if facts.place == "bench")):
-            row = campaign.row(trial)
-            first.setdefault((row["experiment"], row["log_source"] or row["mocap_source"]), trial)
-        for (experiment, _), trial in first.items():
+        for trial, experiment in first_trials(campaign):
             row, is_sound = campaign.row(trial), False
             try:
                 recorded = checked_trial(campaign.recording(trial), config.raw_data, config.sources)
@@ -75,6 +73,48 @@ def first_look(folder: Path) -> Iterator[str]:
                 said = unexpected(fault)
             title = f"first trial of experiment {experiment}, {trial}: {'ok' if is_sound else 'LOOK AT IT'}"
             yield "\n  ".join([title, *said.splitlines()])
+
+
+def first_trials(campaign: Campaign) -> list[tuple[str, str]]:
+    """The first trial of each experiment on a bench and source file, with its experiment."""
+    first: dict[tuple[str, str], str] = {}
+    for trial in campaign.trials(*(name for name, facts in EXPERIMENTS.items() if facts.place == "bench")):
+        row = campaign.row(trial)
+        first.setdefault((row["experiment"], row["log_source"] or row["mocap_source"]), trial)
+    return [(trial, experiment) for (experiment, _), trial in first.items()]
+
+
+def note_protocol(folder: Path) -> None:
+    """Write the stepped sine that the first trial with one did into the configuration of a new campaign, as a comment:
+    who commanded it states it by removing the `#`."""
+    with chdir(folder):
+        config = read_config(CAMPAIGN)
+        campaign = open_campaign(config, None)
+        sines = [trial for trial, experiment in first_trials(campaign) if EXPERIMENTS[experiment].stepped_sine]
+        for name in sines:
+            with suppress(OslAnalysisError):  # the first look has said why
+                trial = checked_trial(campaign.recording(name), config.raw_data, config.sources)
+                if found := recorded_protocol(trial, config.dynamometer.gap_limits):
+                    text = CAMPAIGN.read_text(encoding="utf-8")
+                    for field_name, value in found.items():
+                        text = re.sub(rf"(?m)^#   {field_name}: .*$", f"#   {field_name}: {value}", text)
+                    write_text(
+                        CAMPAIGN, text.replace("# dynamometer:\n", f"# dynamometer:  # as {name} was recorded\n")
+                    )
+                    return
+
+
+def recorded_protocol(trial: Trial, limits: GapLimits) -> dict[str, str]:
+    """The stepped sine that a trial did, as fields of `dynamometer`; empty where it did none."""
+    angle = uniform_signals(trial, ["theta"], limits)
+    known = Likeness(angle.time, angle["theta"], stated_protocol(None, None, None, None))
+    if known.kind != "stepped sine":
+        return {}
+    found = sorted(find_segments(known), key=lambda one: one.frequency_hz)
+    sizes = sorted({round(np.rad2deg(one.commanded or 0.0), 1) for one in found})
+    cycles = {one.frequency_hz: one.cycles for one in found}
+    own = {"amplitudes_deg": sizes, "frequencies_hz": [*cycles], "cycles": [*cycles.values()]}
+    return {name: f"[{', '.join(f'{value:g}' for value in values)}]" for name, values in own.items()}
 
 
 def fit_of_row(trial: Trial, row: Mapping[str, Any], device: Path | None, config: Path) -> Fit:

@@ -128,7 +128,7 @@ def check_claims(
     that is commanded there, `weight` W of Eq. 14."""
     read = {name: read_table(path) for name, path in tables.items()}
     devices = {joint_of(parameters): read_parameters(parameters)} if parameters else {}
-    ends = min(frequencies_hz), max(frequencies_hz)
+    ends = [pick(frequencies_hz) for pick in (min, max) if frequencies_hz]
     write_table(claims_table(read, settings, ends, midstance, devices, weight), output)
 
 

@@ -13,12 +13,12 @@ import polars as pl
 from numpy.typing import NDArray
 
 from osl_analysis.config.experiments import EXPERIMENTS, Experiment
-from osl_analysis.errors import InputError
+from osl_analysis.errors import InputError, listing
 from osl_analysis.measured import factor_of, usual_size
 from osl_analysis.signals import longest_run, run_at_extreme, run_edges, runs
 from osl_analysis.signals.grid import GapLimits, devices_of, streams, uniform_signals
 from osl_analysis.signals.samples import take
-from osl_analysis.spectral.stepped_sine import Likeness, Run, SteppedSineProtocol
+from osl_analysis.spectral.stepped_sine import Likeness, Run, SteppedSineProtocol, stated_protocol
 from osl_analysis.trial import Array, Trial, beside, plate_axes, plate_columns, unit_of
 
 
@@ -26,9 +26,9 @@ from osl_analysis.trial import Array, Trial, beside, plate_axes, plate_columns, 
 class Commanded:
     """The stepped sine that the configuration commands: each amplitude at every frequency."""
 
-    amplitudes_deg: Sequence[float]
-    frequencies_hz: Sequence[float]
-    cycles: int | Sequence[int]  # one number for all frequencies, or one for each
+    amplitudes_deg: Sequence[float] | None  # None, also below: not stated
+    frequencies_hz: Sequence[float] | None
+    cycles: int | Sequence[int] | None  # one number for all frequencies, or one for each
     seconds_per_frequency: float | None = None  # in place of `cycles`
     excitation: str = "auto"
     """What moves the joint in impedance trials: `stepped_sine`, `any` other motion, or `auto`, what they show."""
@@ -36,9 +36,7 @@ class Commanded:
     @property
     def protocol(self) -> SteppedSineProtocol:
         """The same with amplitudes in rad and cycles at each frequency."""
-        seconds = self.seconds_per_frequency
-        cycles = self.cycles if seconds is None else tuple(seconds * f for f in self.frequencies_hz)
-        return SteppedSineProtocol(tuple(np.deg2rad(self.amplitudes_deg)), self.frequencies_hz, cycles)
+        return stated_protocol(self.amplitudes_deg, self.frequencies_hz, self.cycles, self.seconds_per_frequency)
 
 
 @dataclass(frozen=True)
@@ -185,9 +183,13 @@ def measure_protocol(examined: Examined) -> CheckResult:
     alike = Likeness(angle.time, angle["theta"], commanded)
     if excitation == "auto" and alike.kind == "other":
         return CheckResult(0.0, "no stepped sine but another motion, which is fitted as such")
+    if not (commanded.amplitudes and commanded.frequencies_hz):
+        recorded = listing([str(run) for run in alike.runs], 20)
+        return not_applicable(f"amplitudes_deg and frequencies_hz are not stated; recorded: {recorded}")
     cycles = defaultdict[tuple[float, float], float](float)
+    counts = commanded.cycles_at or (math.nan,) * len(commanded.frequencies_hz)
     for amplitude in commanded.amplitudes:
-        for frequency, count in zip(commanded.frequencies_hz, commanded.cycles_at, strict=True):
+        for frequency, count in zip(commanded.frequencies_hz, counts, strict=True):
             cycles[amplitude, frequency] += count
     followed = [(commanded.amplitude_near(r.amplitude), commanded.frequency_near(r.frequency_hz)) for r in alike.runs]
     remarks = other_sizes(alike.runs, commanded)

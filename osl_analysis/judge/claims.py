@@ -86,7 +86,7 @@ def component_claims(
         relative = float(np.linalg.norm([part["se"] / part["mean"] for part in parts]))
         return of * relative, min(part["n"] for part in parts) - 1.0
 
-    if {"J_j", "B_j"} <= means.keys():
+    if hz and {"J_j", "B_j"} <= means.keys():
         for end, f in zip(("lowest", "highest"), hz, strict=True):
             share = 2 * pi * f * means["J_j"]["mean"] / means["B_j"]["mean"]
             claim = f"the joint's inertia is negligible at {f:g} Hz, J_j omega/B_j"
@@ -194,14 +194,14 @@ def damping_of_lines(response: pl.DataFrame) -> pl.DataFrame:
 def claims_table(
     tables: Mapping[str, pl.DataFrame],
     settings: Claims,
-    frequencies_hz: tuple[float, float],
+    frequencies_hz: Sequence[float],
     midstance: float | None,
     devices: Mapping[str, DrivetrainParameters],
     weight: Weight,
 ) -> pl.DataFrame:
     """`claims.csv` from those result tables that the campaign has, by name. `frequencies_hz` are the lowest and the
-    highest one of the stepped sine, `midstance` the stiffness [N*m/rad] that is commanded there, `devices` the
-    parameters by joint."""
+    highest one of the stepped sine (empty: not stated), `midstance` the stiffness [N*m/rad] that is commanded there,
+    `devices` the parameters by joint."""
     bench = {name: own for name, own in tables.items() if not name.startswith("walking")}
     kept = ("trial", "controller", "K_d", "B_d", "frequency_hz", *REAL_PART)
     nothing, rows = pl.DataFrame(schema=[*kept, "amplitude_deg"]), list[Claim]()

@@ -11,6 +11,7 @@ from osl_analysis.stats.repeats import (
     DOUBTFUL,
     Difference,
     Sample,
+    alike_sizes,
     counted,
     difference,
     doubtful_count,
@@ -45,7 +46,7 @@ def compared(a: Mapping[str, pl.DataFrame], b: Mapping[str, pl.DataFrame], margi
     What is positive by nature is compared as a ratio, by differences of logarithms, because K goes from 100 to 400
     N*m/rad: a ratio gives every desired impedance the same weight and needs no K_d. I and VAF have no ratio. `margin`
     is that of all ratios, as 0.05; None: `MARGINS`."""
-    rows = []
+    rows, (a, b) = [], with_common_sizes(a, b)
     for table, quantities in COMPARED_QUANTITIES.items():
         parts = [by_place(one[table], table) if table in one else {} for one in (a, b)]
         for key in dict.fromkeys(key for part in parts for key in part):
@@ -57,19 +58,26 @@ def compared(a: Mapping[str, pl.DataFrame], b: Mapping[str, pl.DataFrame], margi
     return pl.DataFrame(rows, schema=COMPARISON_COLUMNS).filter(pl.max_horizontal("n_A", "n_B") > 0)
 
 
+def with_common_sizes(*campaigns: Mapping[str, pl.DataFrame]) -> list[Mapping[str, pl.DataFrame]]:
+    """The tables of campaigns, impedance trials with their measured `amplitudes`: commanded ones may not be stated."""
+    own = [one["impedance"].with_columns(campaign=pl.lit(k)) for k, one in enumerate(campaigns) if "impedance" in one]
+    if not own:
+        return [*campaigns]
+    pooled = pl.concat(own, how="diagonal_relaxed").with_columns(pl.col("amplitude_deg").cast(pl.Float64))
+    pooled = pooled.with_columns(size=alike_sizes(pooled["amplitude_deg"]))
+    each = pl.col("size").drop_nulls().unique().sort().cast(pl.String).str.join(" ")
+    pooled = pooled.with_columns(amplitudes=each.over("campaign", "trial"))
+    of = {k: {"impedance": pooled.filter(campaign=k)} for k, one in enumerate(campaigns) if "impedance" in one}
+    return [{**one, **of.get(k, {})} for k, one in enumerate(campaigns)]
+
+
 def by_place(table: pl.DataFrame, name: str) -> dict[tuple[Any, ...], pl.DataFrame]:
     """The fits to whole trials, or the ensembles of groups, of each joint, side, group and controller, with the columns
     `SAME_CONDITION`: the amplitudes among them, because friction makes a rendered impedance depend on them."""
-    kinds = dict.fromkeys((*SAME_PLACE, *SAME_CONDITION), pl.String) | dict.fromkeys(
-        ("K_d", "B_d", "commanded_deg"), pl.Float64
-    )
+    kinds = dict.fromkeys((*SAME_PLACE, *SAME_CONDITION), pl.String) | dict.fromkeys(("K_d", "B_d"), pl.Float64)
     rows = table.with_columns(pl.lit(None, kind).alias(k) for k, kind in kinds.items() if k not in table.columns)
     if name == "walking_summary":
         rows = rows.filter(estimator=ESTIMATOR).with_columns(pl.col("doubt").cast(pl.String).alias(DOUBTFUL))
-    if name == "impedance":
-        of_row = pl.coalesce("commanded_deg", pl.col("amplitude_deg").round(1))
-        each = of_row.drop_nulls().unique().sort().cast(pl.String).str.join(" ")
-        rows = rows.with_columns(each.over("trial").alias("amplitudes"))
     if "amplitude_deg" in rows.columns:
         rows = rows.filter(pl.col("amplitude_deg").is_null())
     return rows.partition_by(SAME_PLACE, as_dict=True, maintain_order=True)

@@ -29,7 +29,8 @@ ONE_HEIGHT = 0.06
 
 @dataclass(frozen=True)
 class SteppedSineProtocol:
-    """A stepped sine: each amplitude at every frequency, in any order and with or without rests."""
+    """A stepped sine: each amplitude at every frequency, in any order and with or without rests. What is empty was not
+    stated, and the recording's own counts."""
 
     amplitudes: Sequence[float]  # amplitudes [rad]
     frequencies_hz: Sequence[float]  # frequencies [Hz]
@@ -38,7 +39,8 @@ class SteppedSineProtocol:
     @property
     def cycles_at(self) -> tuple[float, ...]:
         """Number of cycles at each frequency; not whole where a time per frequency is commanded."""
-        return tuple(np.broadcast_to(np.asarray(self.cycles, dtype=float), len(self.frequencies_hz)).tolist())
+        cycles = np.asarray(self.cycles, dtype=float)
+        return tuple(np.broadcast_to(cycles, len(self.frequencies_hz) if cycles.size else 0).tolist())
 
     def amplitude_near(self, amplitude: float) -> float | None:
         """The commanded amplitude [rad] within a quarter of a recorded one, as a dynamometer loses some; else None."""
@@ -47,6 +49,18 @@ class SteppedSineProtocol:
     def frequency_near(self, frequency_hz: float) -> float | None:
         """The commanded frequency [Hz] that a recorded one follows within 5 %: a clock is off by less; else None."""
         return followed(frequency_hz, self.frequencies_hz, 0.05)
+
+
+def stated_protocol(
+    amplitudes_deg: Sequence[float] | None,
+    frequencies_hz: Sequence[float] | None,
+    cycles: float | Sequence[float] | None,
+    seconds: float | None,
+) -> SteppedSineProtocol:
+    """The protocol of what a configuration states, amplitudes [deg]; `seconds` at each frequency replace `cycles`."""
+    amplitudes, frequencies = tuple(np.deg2rad(amplitudes_deg or ()).tolist()), tuple(frequencies_hz or ())
+    at_each = cycles if seconds is None else tuple(seconds * f for f in frequencies)
+    return SteppedSineProtocol(amplitudes, frequencies, () if at_each is None else at_each)
 
 
 def followed(value: float, commanded: Sequence[float], tolerance: float) -> float | None:
@@ -318,15 +332,16 @@ def meant_runs(known: "Likeness") -> list[tuple[Run, float]]:
     another protocol may have been: a run of another amplitude then counts, too, with its own to a tenth of a degree.
     Refused is an angle without a sine, and an amplitude ten times as large or small as any that was commanded."""
     followed_by = [(run, known.protocol.amplitude_near(run.amplitude)) for run in known.runs]
-    commanded = ", ".join(f"{np.rad2deg(a):g}" for a in known.protocol.amplitudes)
+    amplitudes, own = known.protocol.amplitudes, list[float]()
+    commanded = ", ".join(f"{np.rad2deg(a):g}" for a in amplitudes)
     if not followed_by:
+        says = f", the protocol says sines of {commanded} deg" if amplitudes else ""
         raise InputError(
-            f"no sine was found: the joint angle moves by {np.rad2deg(np.ptp(known.theta)):.3g} deg in all, the "
-            f"protocol says sines of {commanded} deg; check the channel and the unit of theta in the source file, and "
-            "that the trial is a stepped sine"
+            f"no sine was found: the joint angle moves by {np.rad2deg(np.ptp(known.theta)):.3g} deg in all{says}; "
+            "check the channel and the unit of theta in the source file, and that the trial is a stepped sine"
         )
-    all_recorded = {*known.protocol.amplitudes} <= {amplitude for _, amplitude in followed_by}
-    low, high, own = min(known.protocol.amplitudes) / 10, max(known.protocol.amplitudes) * 10, list[float]()
+    all_recorded = bool(amplitudes) and {*amplitudes} <= {amplitude for _, amplitude in followed_by}
+    low, high = (min(amplitudes) / 10, max(amplitudes) * 10) if amplitudes else (0.0, np.inf)
     others = [] if all_recorded else [run for run, amplitude in followed_by if amplitude is None]
     if run := next((run for run in others if not low < run.amplitude < high), None):
         raise InputError(
@@ -341,15 +356,16 @@ def meant_runs(known: "Likeness") -> list[tuple[Run, float]]:
 
 
 def common_frequencies(found: Sequence[Run], protocol: SteppedSineProtocol) -> list[float]:
-    """The frequency [Hz] of each run, the same for all runs that are alike to 0.1 %: the commanded one where none of
-    them slips against it by 0.2 % of a cycle, else their mean, as where the clock of the bench is off."""
+    """The frequency [Hz] of each run, the same for all runs that are alike to 0.1 %: the commanded one, or a round one
+    of a protocol that was not stated, where none of them slips against it by 0.2 % of a cycle, else their mean, as
+    where the clock of the bench is off."""
     frequencies = []
     for run in found:
         alike = [other for other in found if abs(other.frequency_hz / run.frequency_hz - 1) < 1e-3]
         mean = float(np.average([r.frequency_hz for r in alike], weights=[r.cycles**2 for r in alike]))
-        commanded = protocol.frequency_near(mean)
-        slip = np.inf if commanded is None else abs(mean / commanded - 1) * max(r.cycles for r in alike)
-        frequencies.append(float(commanded) if commanded is not None and slip < 2e-3 else float(f"{mean:.6g}"))
+        commanded = protocol.frequency_near(mean) or float(f"{mean:.3g}")
+        slip = abs(mean / commanded - 1) * max(r.cycles for r in alike)
+        frequencies.append(float(commanded) if slip < 2e-3 else float(f"{mean:.6g}"))
     return frequencies
 
 
@@ -419,6 +435,8 @@ class Likeness:
         """Power at one commanded frequency at a time, as a share of that in their band: the mean over pieces of 4 s of
         the largest share. 0 if fewer than 0.6 of the commanded frequencies prevail in a piece, by a share of 0.6."""
         time, theta, commanded = self.time, self.theta, np.unique(self.protocol.frequencies_hz)
+        if not commanded.size:
+            return 0.0
         rate = (len(time) - 1) / float(time[-1])
         n = round(4.0 * rate)
         f = np.fft.rfftfreq(n, 1 / rate)

@@ -34,6 +34,15 @@ class Repeats:
     high: float  # upper bound of the 95 % interval of the mean (Student)
 
 
+def alike_sizes(sizes: pl.Series) -> pl.Series:
+    """By what measured amplitudes (n,) [deg] are paired: the median of those that follow one another by less than 15 %
+    in size, to three digits. Null stays null."""
+    order = sizes.unique().drop_nulls().sort()
+    number = (order > 1.15 * order.shift(1)).fill_null(False).cum_sum()
+    labels = pl.DataFrame({"size": order, "number": number}).select(pl.col("size").median().over("number"))["size"]
+    return sizes.replace_strict(order, labels.round_sig_figs(3), default=None, return_dtype=pl.Float64)
+
+
 CommonError = tuple[float, float]
 """An error that all trials share, so that their scatter does not show it: its variance, in the squared unit of the
 estimate, and the degrees of freedom of this variance."""

@@ -201,7 +201,8 @@ def studied(experiment: str, inputs: StudyInputs) -> StudyBench:
     kind, _, recording = experiment.partition(", ")
     study, p, analysis, simulation = inputs.study, inputs.p, inputs.analysis["dynamometer"], inputs.simulation
     amplitudes = study.amplitudes_deg[:1] if kind == "frequency response" else study.amplitudes_deg
-    short = {"cycles": study.cycles, "amplitudes_deg": amplitudes, "frequencies_hz": analysis.frequencies_hz}
+    hertz = analysis.frequencies_hz or simulation.protocol.frequencies_hz
+    short = {"cycles": study.cycles, "amplitudes_deg": amplitudes, "frequencies_hz": hertz}
     changes: dict[str, object] = {"protocol": simulation.protocol.model_copy(update=short)}
     if recording:
         nodes, rate_hz, bits = RECORDINGS[recording]
@@ -222,7 +223,7 @@ def studied(experiment: str, inputs: StudyInputs) -> StudyBench:
         return prepared(inputs, "impedance", exact)
     if kind in ("linear drivetrain", "drivetrain", "frequency response"):
         gains = compensated_gains(study.K_d, study.B_d, p)
-        predicted = predicted_impedance(gains, p, analysis.frequencies_hz)
+        predicted = predicted_impedance(gains, p, hertz)
         found = prepared(inputs, "impedance", dict(zip(STUDIED_QUANTITIES, predicted, strict=True)), gains)
         return replace(found, response=True) if kind == "frequency response" else found
     if kind == "actuator":

@@ -1,0 +1,70 @@
+"""What nobody stated neither labels nor judges a recording (campaign/configuration.py)."""
+
+from dataclasses import replace
+
+import numpy as np
+import polars as pl
+import pytest
+from bench_synthetic import sine_settings
+from test_compare import tables
+
+from osl_analysis.bench.record import record_of_trial
+from osl_analysis.campaign import configuration
+from osl_analysis.campaign.configuration import FACTS, overriding, read_config
+from osl_analysis.files import default_config
+from osl_analysis.ingest.examine import Commanded, examine
+from osl_analysis.judge.two_campaigns import compared
+from osl_analysis.trial import Trial
+from osl_analysis.yaml_settings import read_mapping
+
+OTHERS = {
+    "parameters": "config/parameters/osl-v2-published.yaml", "impedance_trajectory": "other.csv",
+    "dynamometer.amplitudes_deg": [20], "dynamometer.frequencies_hz": [7], "dynamometer.cycles": 9,
+    "figures.time_series": {"K_d": 1.0}, "figures.frequency_response": {"K_d": 1.0},
+    "figures.midstance_stiffness": 1.0, "claims.K_percent": 0.1,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", FACTS)
+def test_what_the_default_campaign_states_is_no_fact_on_recordings_of_others(name, tmp_path, monkeypatch):
+    (tmp_path / "own.yaml").write_text("{campaign: own, simulation: null}")
+    section, _, field = name.rpartition(".")
+    own = {section: {field: OTHERS[name]}} if section else {field: OTHERS[name]}
+    alike, stated = read_config(tmp_path / "own.yaml"), tmp_path / "stated.yaml"
+    stated.write_text(str({"simulation": None, **own}).replace("None", "null"))
+    assert read_config(stated) != alike
+    default = overriding(read_mapping(default_config()), own)
+    monkeypatch.setattr(configuration, "read_mapping", lambda path, **_: default if path == default_config() else
+                        read_mapping(path))  # fmt: skip
+    assert read_config(tmp_path / "own.yaml") == alike
+
+
+def sines(*amplitudes_deg, hz=(0.5, 1, 2, 4), cycles=8, rate=500.0):
+    rest = np.zeros(round(rate))
+    parts = [rest]
+    for size in np.deg2rad(amplitudes_deg):
+        parts += [*(size * np.sin(2 * np.pi * f * np.arange(round(cycles / f * rate)) / rate) for f in hz), rest]
+    theta = np.concatenate(parts)
+    torque = 300 * theta + 0.02 * np.random.default_rng(1).standard_normal(len(theta))
+    return Trial("t", pl.DataFrame({"time": np.arange(len(theta)) / rate, "theta": theta, "torque": torque}))
+
+
+def test_without_a_stated_protocol_the_recording_is_its_own_label_and_no_check_exists():
+    trial, none = sines(1.3, 4.97), {"amplitudes_deg": None, "frequencies_hz": None, "cycles": None}
+    strata = record_of_trial(trial, sine_settings(**none)).groups.strata
+    assert {(one.label, one.frequency_hz, one.commanded_deg) for one in strata} == {
+        (size, hz, None) for size in (1.3, 4.97) for hz in (0.5, 1, 2, 4)
+    }
+    asked = record_of_trial(trial, sine_settings((5,), (1, 2))).groups.strata
+    assert {one.commanded_deg for one in asked} == {5}
+    unstated, stated = Commanded(**none), Commanded((5,), (1, 2), None)
+    assert examine(trial, "impedance", unstated)["protocol"].value is None
+    assert examine(trial, "impedance", stated)["protocol"].value == 6  # what was not asked for; cycles are not stated
+    assert examine(trial, "impedance", replace(stated, cycles=9))["protocol"].value == 8
+
+
+def test_campaigns_are_paired_by_the_amplitudes_that_were_measured():
+    stated, other = tables(amplitude=5.0), tables(amplitude=4.9, seed=2)
+    other["impedance"] = other["impedance"].with_columns(commanded_deg=pl.lit(None, pl.Float64))
+    (K,) = compared(stated, other).filter(pl.col("experiment") == "impedance", pl.col("quantity") == "K").to_dicts()
+    assert (K["n_B"], K["method"], K["verdict"]) == (8, "paired, Student", "equivalent")

@@ -131,6 +131,11 @@ BARE, STOOD_ON = laboratory()["plate1_force_z"].to_numpy(), 800 + np.random.defa
     # a load cell at either rail, by its samples
     *(("saturation", bench(torque=s * np.minimum(TORQUE, 15.0)), "impedance", ABOVE, "torque") for s in (1, -1)),
     ("saturation", bench(torque=with_piece(TORQUE, 1000, 1009, 40.0)), "impedance", 9, "torque"),
+    ("dropout", bench(torque=with_piece(TORQUE, BEYOND.start, BEYOND.start + 20, 0.0)), "impedance", 20, "torque"),
+    ("dropout", bench(torque=with_piece(TORQUE, 1000, 1001, 1e-310)), "impedance", 1, "torque"),
+    ("dropout", bench(torque=with_piece(TORQUE, BEYOND.start, BEYOND.start + 20, 0.3)), "impedance", 0, ""),  # a level
+    ("dropout", bench(torque=with_piece(TORQUE, 0, 50, 0.0)), "impedance", 0, ""),  # before a recorder begins
+    ("dropout", actuator_bench(current=LEVELS), "actuator", 0, ""),  # a command has levels
     ("stuck", bench(torque=with_piece(TORQUE, 2000, 2800)), "impedance", 0.799, "torque"),
     ("stuck", bench(with_piece(ANGLE, 1000, 2000), theta_command=ANGLE), "impedance", 0.999, "theta"),
     ("stuck", actuator_bench(current=LEVELS), "actuator", 0.0, ""),  # a command has levels

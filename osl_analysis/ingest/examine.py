@@ -407,6 +407,24 @@ def held(
     return 0.0
 
 
+def measure_dropout(examined: Examined) -> CheckResult:
+    """Number of samples that no sensor gives: two raw zeros or more in a row into which a channel that seldom repeats a
+    value jumps, and out of them, as where bytes of a file are lost; and numbers too small for all their digits."""
+    counts = dict[str, float]()
+    for name in ("theta", "theta_m", "omega_m", "torque", "torque_m", "current"):
+        x = recorded(examined.trial, name)[1]
+        steps = np.abs(np.diff(x))
+        if np.count_nonzero(steps) <= 0.5 * steps.size:
+            continue
+        origin, usual = examined.trial.provenance.get("columns", {}).get(name, {}), 5 * float(np.median(steps))
+        zero = origin.get("sign", 1) * origin.get("scale", 1) * origin.get("factor", 1) * origin.get("offset", 0)
+        blocks = run_edges((x[:-1] == zero) & (x[1:] == zero)).tolist()
+        inner = [(a, b) for a, b in blocks if 0 < a and b < steps.size and min(steps[a - 1], steps[b]) > usual]
+        tiny = (x != 0) & (np.abs(x) < np.finfo(float).tiny)
+        counts[name] = float(sum(b - a + 1 for a, b in inner) + tiny.sum())
+    return worst(counts, "no channel of a bench that seldom repeats a value")
+
+
 # Zeros, turns, and markers.
 
 
@@ -581,6 +599,7 @@ def check_recording(trial: Trial, limits: Any, torque: str = "torque", angle: st
 MEASURES: dict[str, tuple[Callable[[Examined], CheckResult], str]] = {
     "rate": (measure_rate, "Hz"), "jitter": (measure_jitter, "%"), "gap": (measure_gap, "s"),
     "saturation": (measure_saturation, "samples"), "stuck": (measure_stuck, "s"),
+    "dropout": (measure_dropout, "samples"),
     "unzeroed_load_cell": (measure_unzeroed_load_cell, "N*m"), "unzeroed_plate": (measure_unzeroed_plate, "N"),
     "encoder_wrap": (measure_encoder_wrap, "jumps"), "marker_gap": (measure_marker_gap, "s"),
     "pressure_centre": (measure_pressure_centre, "m"), "pressure_travel": (measure_pressure_travel, "m"),

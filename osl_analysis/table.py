@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     import pandas
 
 SUFFIX = ".zip"  # Of an archive of several tables.
+FORMULA = r"^(['=+@\t\r]|-[A-Za-z(])"  # How a text begins that a spreadsheet runs; in a table it has a ' before it.
 TEXT_COLUMNS = (
     "trial", "controller", "branch", "quantity", "estimator", "check", "unit", "verdict", "remark", "reason",
     "excluded", "panel", "curve", "interval_method", "doubtful", "experiment", "model", "terms", "by_VAF", "by_BIC",
@@ -44,9 +45,10 @@ def tables_of(data: str) -> Iterator[None]:
 
 
 def marked_data(frame: pl.DataFrame) -> pl.DataFrame:
-    """A table with the column of `tables_of`."""
+    """A table with the column of `tables_of`, whose texts no spreadsheet takes for formulas."""
     data = OF_DATA.get()
-    return frame.select(pl.exclude("data"), pl.lit(data, pl.String).alias("data")) if data else frame
+    frame = frame.select(pl.exclude("data"), pl.lit(data, pl.String).alias("data")) if data else frame
+    return frame.with_columns(pl.col(pl.String).str.replace(FORMULA, "'$1"))
 
 
 def write_table(frame: pl.DataFrame, path: Path) -> None:
@@ -111,6 +113,7 @@ def read_table(path: Path | str, required: Sequence[str] = (), of: str = "") -> 
     except pl.exceptions.PolarsError as error:
         reason = str(error).strip().splitlines()[0]
         raise InputError(f"{path}: not a CSV table ({reason}); rewrite it with the step that makes it") from error
+    table = table.with_columns(pl.col(pl.String).str.strip_prefix("'"))
     empty = [c for c in table.columns if c not in TEXT_COLUMNS and table[c].null_count() == len(table)]
     table = table.with_columns(pl.col(empty).cast(pl.Float64))
     for column in required:

@@ -3,6 +3,7 @@
 import json
 import math
 import re
+import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -121,6 +122,7 @@ def stretches(text: str) -> list[tuple[float, float]]:
 
 NAME_KEY = "osl_analysis.trial"
 PROVENANCE_KEY = "osl_analysis.provenance"
+CHECKSUM_KEY = "osl_analysis.checksum"
 
 
 @dataclass(frozen=True)
@@ -211,10 +213,19 @@ def check_time(name: str, time: Array) -> None:
 
 
 def write_trial(trial: Trial, path: Path) -> None:
-    """Write the trial completely or not at all. Name and provenance (JSON) are in the file's metadata."""
+    """Write the trial completely or not at all. Name, provenance (JSON) and a checksum are in the file's metadata."""
     metadata = {NAME_KEY: trial.name, PROVENANCE_KEY: json.dumps(trial.provenance, sort_keys=True)}
+    metadata[CHECKSUM_KEY] = checksum_of(trial.samples, *metadata.values())
     with atomic_path(path) as temporary:
         trial.samples.write_parquet(temporary, compression="lz4", metadata=metadata)
+
+
+def checksum_of(samples: pl.DataFrame, *texts: str) -> str:
+    """CRC-32 of texts, and names and values of columns: Parquet does not tell that a value has changed."""
+    value = zlib.crc32("\n".join([*texts, *samples.columns]).encode())
+    for column in samples.iter_columns():
+        value = zlib.crc32(np.ascontiguousarray(column.to_numpy()).view(np.uint8).data, value)
+    return f"{value:08x}"
 
 
 def read_trial(path: Path | str) -> Trial:
@@ -226,7 +237,11 @@ def read_trial(path: Path | str) -> Trial:
     path = Path(path)
     name, provenance = metadata_of(path)
     with told_as_parquet(path):
-        return Trial(name, pl.read_parquet(path), provenance)
+        samples = pl.read_parquet(path)
+        checksum = checksum_of(samples, name, json.dumps(provenance, sort_keys=True))
+        if pl.read_parquet_metadata(path).get(CHECKSUM_KEY, checksum) != checksum:
+            raise ValueError("its content is not what was written")
+    return Trial(name, samples, provenance)
 
 
 def metadata_of(path: Path) -> tuple[str, dict[str, Any]]:
@@ -236,9 +251,10 @@ def metadata_of(path: Path) -> tuple[str, dict[str, Any]]:
         raise InputError(f"{path}: no such trial; ingest it first (osl-analysis ingest)")
     with told_as_parquet(path):
         metadata = pl.read_parquet_metadata(path)
-    if PROVENANCE_KEY not in metadata:
+        provenance = json.loads(metadata.get(PROVENANCE_KEY, "null"))
+    if provenance is None or NAME_KEY not in metadata:
         raise InputError(f"{path}: Parquet without provenance; only a file that ingest wrote is a trial")
-    return metadata[NAME_KEY], json.loads(metadata[PROVENANCE_KEY])
+    return metadata[NAME_KEY], provenance
 
 
 @contextmanager
@@ -246,7 +262,7 @@ def told_as_parquet(path: Path) -> Iterator[None]:
     """What Polars says of a file that is not Parquet, in one line."""
     try:
         yield
-    except (pl.exceptions.PolarsError, OSError) as error:
+    except (pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError, ValueError) as error:
         reason = str(error).splitlines()[0]
         raise InputError(f"{path}: not a Parquet file ({reason}); ingest the trial again") from error
 

@@ -1,5 +1,6 @@
 """Tables read back as they were written, and every column has a unit and a meaning in the data dictionary."""
 
+import csv
 from contextlib import nullcontext
 from pathlib import Path
 from types import SimpleNamespace
@@ -126,3 +127,12 @@ def test_a_bad_table_is_refused_by_file_and_column_in_one_line(tmp_path, content
     with pytest.raises(InputError, match=message) as caught:
         read_table(tmp_path / "t.csv", required=["K"])
     assert "\n" not in str(caught.value)
+
+
+def test_no_cell_of_a_table_is_a_formula_and_every_text_is_read_as_it_was_written(tmp_path):
+    texts = ["=1+1", "+cmd", "@SUM(A1)", "-x", "-(1)", "\tx", "-1.5 %", "a=b", "'it's", None]
+    write_table(pl.DataFrame({"remark": texts, "K": range(len(texts))}), path := tmp_path / "t.csv")
+    with path.open(encoding="utf-8", newline="") as file:
+        cells = [row["remark"] for row in csv.DictReader(file)]
+    assert [cell[:1] for cell in cells] == [*6 * "'", "-", "a", "'", ""]
+    assert read_table(path)["remark"].to_list() == texts

@@ -3,6 +3,7 @@
 import hashlib
 import json
 import os
+import struct
 import sys
 from collections.abc import Callable
 from dataclasses import replace
@@ -209,7 +210,11 @@ def test_a_trial_file_keeps_null_and_nan_apart_and_every_bit_and_what_is_none_is
     read = read_trial(path)
     assert read.samples["theta"].is_nan().to_list() == [None, True, False]
     assert (read.samples.equals(samples), read.name, read.provenance) == (True, trial.name, trial.provenance)
-    for content in (b"", b"time,theta\n", b"PAR1" + bytes(50) + b"PAR1"):
+    whole = path.read_bytes()
+    number = struct.pack("<d", 1 / 3)  # it stands also in the statistics, which nobody reads
+    at = whole.index(number, whole.index(number, whole.index(number) + 1) + 1)
+    changed = (whole[:at] + bytes([whole[at] ^ 1]) + whole[at + 1 :], whole.replace(b'{"plates', b'["plates'))
+    for content in (b"", b"time,theta\n", b"PAR1" + bytes(50) + b"PAR1", *changed):
         path.write_bytes(content)
         with pytest.raises(InputError, match=r"t.parquet: not a Parquet file .*; ingest the trial again"):
             read_trial(path)

@@ -19,7 +19,7 @@ os.environ["TMPDIR"] = str(workflow.snakemake_tmp_dir)  # for jobs: what a kille
 if not {"-n", "--dry-run", "--dryrun"} & {*sys.argv}:
     job_server()  # its imports take the other core while this one does those below
 
-from osl_analysis.commands.run import check_start, with_shipped_profile
+from osl_analysis.commands.run import check_start, unnamed_recordings, with_shipped_profile
 from osl_analysis.campaign.campaign import about, matching, open_campaign
 from osl_analysis.campaign.campaign import response_example, sentence, time_series_example
 from osl_analysis.campaign.configuration import campaign_config, over_default
@@ -52,6 +52,7 @@ except OslAnalysisError as error:
     sys.exit(f"error: {error}")  # an exception would be printed with the line of this file and a traceback
 
 ABOUT = about(CAMPAIGN, SIMULATION_FILES)
+UNNAMED = unnamed_recordings(CAMPAIGN)
 RESULTS, RAW, PLACES = CONFIG.results, CONFIG.raw_data, CAMPAIGN.places
 JUDGE = Judge(CONFIG.quality, {trial: CAMPAIGN.accepted(trial) for trial in CAMPAIGN.trials()})
 PARAMETERS = {"files": {"parameters": CONFIG.parameters or []}}
@@ -139,6 +140,7 @@ def end_of_run(records) -> str:
         f"open {page} in a browser: every number, figure and trial" if page.is_file() and not is_refused(page) else "",
         findings_report(tabled("findings"), result_tables(), verdicts),
         exclusion_report(verdicts, CAMPAIGN.excluded),
+        UNNAMED,
         left_behind_report((RESULTS / "trials").glob("*.parquet"), {*CAMPAIGN.trials(), *CAMPAIGN.excluded}),
         refusal_report(records, recordings, ACCEPT),
     ]

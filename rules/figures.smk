@@ -86,6 +86,6 @@ def report_page(_):
     shown["trials"] = [trial_file(trial) for trial in CAMPAIGN.trials()]
     told = {name: setting(name) for name in ("dynamometer", "actuator", "torque_angle", "walking", "overground")}
     settings = {"about": ABOUT, "largest_mb": CONFIG.report.largest_mb, "settings": told}
-    settings["sheet"] = CAMPAIGN.rows | CAMPAIGN.unused
+    settings |= {"sheet": CAMPAIGN.rows | CAMPAIGN.unused, "unnamed": UNNAMED}
     inputs = {"input": {"tables": tables, "figures": drawn, **ends}, "made_of": sorted(TEMPLATES.iterdir())}
     return {**inputs, "read": {name: by_stem(files) for name, files in shown.items()}, "settings": settings}

@@ -195,6 +195,19 @@ def test_a_device_that_starts_from_rest_within_its_loop_is_judged_from_the_secon
     assert (single["cycles"], single["settled_cycles"]) == (1, 0)
 
 
+def test_a_zero_that_nobody_stated_says_what_it_may_do_to_the_energies():
+    """A foot that rests under 5 N*m at its middle, which its end takes for the load cell's offset."""
+    theta = path(0, *(10, -10) * 3, 0)
+    torque = K * theta + 5.0
+    assumed, stated = row_of(theta, torque, zero=None), row_of(theta, torque, zero="none")
+    assert (assumed["not_checked"], assumed["zero_unsure"]) == (OFFSET, pytest.approx(5.0, rel=1e-3))
+    assert stated["zero_unsure"] is None
+    for name in ("energy_stored", "energy_returned"):  # trapezoids of K theta + 5 and K theta, from its zero
+        about = (assumed[f"{name}_per_zero"] + stated[f"{name}_per_zero"]) / 2
+        assert assumed[name] - stated[name] == pytest.approx(5.0 * about, rel=0.01)
+    assert row_of(theta, torque, zero="end")["zero_unsure"] is None
+
+
 def test_a_torque_that_hysteresis_leaves_at_rest_is_not_taken_for_an_offset_without_a_word():
     """A spring that slips keeps its limit at the end, half the width of the loop; before the motion it has none."""
     limit, theta = 4.0, path(0, *(10, -10) * 3, 0)

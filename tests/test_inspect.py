@@ -387,7 +387,8 @@ def test_a_failed_check_that_the_sheet_accepts_is_not_repeated(bench):
 
 def test_a_recording_is_held_against_its_siblings_of_which_a_wrong_gain_is_told(tmp_path):
     def said(name, K, kind=("impedance", "ankle", "", "pd")):
-        row, samples = {"K_d": 300.0, "B_d": 5.0}, pl.DataFrame({"time": [0.0, 1.0, 2.0], "theta": [0.0, 0.1, 0.2]})
+        row = {"experiment": "impedance", "K_d": 300.0, "B_d": 5.0} if kind[3] else {"experiment": "impedance"}
+        samples = pl.DataFrame({"time": [0.0, 1.0, 2.0], "theta": [0.0, 0.1, 0.2]})
         numbers = module.comparable(Trial(name, samples), row, {"K": K, "K_se": 1.0, "B": 5.0, "B_se": 0.1})
         return list(module.beside_siblings(name, kind, numbers, tmp_path / "measured.json"))
 
@@ -397,3 +398,7 @@ def test_a_recording_is_held_against_its_siblings_of_which_a_wrong_gain_is_told(
     assert differs.startswith("DIFFERS from its 4 siblings: K of K_d 300 is 340, theirs 300 ± 3: look")
     assert said("e", 301.0) == ["like its 4 siblings"], "a recording made again is no sibling of itself"
     assert said("f", 340.0, ("impedance", "knee", "", "pd")) == [], "another joint has siblings of its own"
+    unstated = [
+        said(name, K, ("impedance", "ankle", "", "")) for name, K in zip("ghij", (300, 301, 300, 200), strict=True)
+    ]
+    assert unstated[-1] == ["like its 3 siblings"], "nobody said that the same K was asked for"

@@ -6,11 +6,14 @@ import numpy as np
 import polars as pl
 import pytest
 from bench_synthetic import sine_settings
+from conftest import ROOT
 from test_compare import tables
 
 from osl_analysis.bench.record import record_of_trial
 from osl_analysis.campaign import configuration
+from osl_analysis.campaign.campaign import Campaign
 from osl_analysis.campaign.configuration import FACTS, overriding, read_config
+from osl_analysis.commands.run import unnamed_recordings
 from osl_analysis.files import default_config
 from osl_analysis.ingest.examine import Commanded, examine
 from osl_analysis.judge.two_campaigns import compared
@@ -22,6 +25,7 @@ OTHERS = {
     "dynamometer.amplitudes_deg": [20], "dynamometer.frequencies_hz": [7], "dynamometer.cycles": 9,
     "figures.time_series": {"K_d": 1.0}, "figures.frequency_response": {"K_d": 1.0},
     "figures.midstance_stiffness": 1.0, "claims.K_percent": 0.1,
+    "torque_angle.zero": "start",
 }  # fmt: skip
 
 
@@ -37,6 +41,18 @@ def test_what_the_default_campaign_states_is_no_fact_on_recordings_of_others(nam
     monkeypatch.setattr(configuration, "read_mapping", lambda path, **_: default if path == default_config() else
                         read_mapping(path))  # fmt: skip
     assert read_config(tmp_path / "own.yaml") == alike
+
+
+def test_a_recording_that_no_row_names_is_told_once(tmp_path):
+    config = read_config(ROOT / "config/config.yaml").model_copy(
+        update={"simulation": None, "raw_data": tmp_path, "sheet": tmp_path / "trials.csv", "results": tmp_path / "r"}
+    )
+    for name in ("a.csv", "b.csv", "trials.csv", "r/tables/belt.csv"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text("x")
+    row = {"log": "a.csv", "mocap": None}
+    assert f" 1 recording in {tmp_path}: b.csv; " in unnamed_recordings(Campaign(config, {"a": row}, {}))
+    assert unnamed_recordings(Campaign(config, {"a": row}, {"b": row | {"log": "b.csv"}})) == ""
 
 
 def sines(*amplitudes_deg, hz=(0.5, 1, 2, 4), cycles=8, rate=500.0):

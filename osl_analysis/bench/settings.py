@@ -293,9 +293,9 @@ class DesiredCurve(Settings):
 class TorqueAngleAnalysis(BenchAnalysis):
     """Choices for a trial of torque against angle."""
 
-    zero: Literal["end", "start", "none"]
+    zero: Literal["end", "start", "none"] | None
     """Where the torque's zero is: its mean over `rest_s` at the end or at the start of the recording, where the joint
-    rests; none: the torque is as recorded."""
+    rests; none: the torque is as recorded; null: not stated, that of the end is assumed."""
     rest_s: Positive  # duration [s] of this rest
     angle_step_deg: Annotated[float, Field(gt=0, le=10)]  # step [deg] of the angles at which the curves stand
     window_share: Annotated[float, Field(gt=0, le=0.25)]

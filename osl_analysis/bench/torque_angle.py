@@ -8,6 +8,7 @@ before the motion, or the loop around it, says that it may be there.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Final
 
 import numpy as np
 import polars as pl
@@ -166,17 +167,21 @@ def check_slow_and_followed(found: TorqueAngleTrial) -> None:
         )
 
 
+ASSUMED_ZERO: Final = "end"  # of the torque, where none is stated
+
+
 def torque_zero(theta: Array, torque: Array, rate_hz: float, settings: TorqueAngleAnalysis) -> float:
     """Torque [N*m] at rest, by the rule of the settings; 0 if there is none. Raises InputError: the joint moves."""
-    if settings.zero == "none":
+    zero = settings.zero or ASSUMED_ZERO
+    if zero == "none":
         return 0.0
     count = max(round(settings.rest_s * rate_hz), 1)
-    rows = slice(-count, None) if settings.zero == "end" else slice(count)
+    rows = slice(-count, None) if zero == "end" else slice(count)
     moved = float(np.ptp(theta[rows]))
     if count >= len(theta) or moved > RESTS * np.ptp(theta):
-        other = "start" if settings.zero == "end" else "end"
+        other = "start" if zero == "end" else "end"
         raise InputError(
-            f"the joint does not rest at the {settings.zero} of the recording: the angle moves by "
+            f"the joint does not rest at the {zero} of the recording: the angle moves by "
             f"{np.rad2deg(moved):.2g} deg in {settings.rest_s:g} s; write `zero: {other}` under torque_angle, or "
             "`zero: none` if the torque was zeroed before, or a shorter `rest_s`"
         )
@@ -376,7 +381,12 @@ def torque_angle_table(trial: TorqueAngleTrial, desired: str | None = None) -> p
     if bench is not None and bench.compliance_error:  # a bench that is softer by one standard error
         compliance = bench.compliance + bench.compliance_error
         others.append(cycle_table(torque_angle_of(trial.uniform, trial.settings, compliance)))
-    means: Row = {}
+    step = 0.01 * float(np.ptp(torque))
+    higher, lower = (cycle_table(replace(trial, torque=torque + by)) for by in (-step, step))  # by a step of zero
+    means: Row = {
+        f"{name}_per_zero": float((higher[name] - lower[name]).to_numpy().mean() / (2 * step))
+        for name in ("energy_stored", "energy_returned")
+    }
     for name in ("K", "K_secant", "K_unloading", "energy_stored", "energy_returned", "energy_lost"):
         means |= {name: float(of[name].mean()), **dict.fromkeys((f"{name}_se", f"{name}_low", f"{name}_high"))}
         mean = of[name].mean()
@@ -465,13 +475,15 @@ def compared_with_repeats(table: pl.DataFrame, places: Places) -> pl.DataFrame:
 def zero_row(trial: TorqueAngleTrial, widest: float) -> Row:
     """The torque taken for zero, and what speaks against it; the loop is `widest` [N*m] at its widest.
 
-    The torque at rest may be what hysteresis leaves: then it lies on a branch of the loop and not in its middle, where
-    friction lets go at rest. Where the joint rests at an end of the motion the loop does not tell; a zero that is small
-    against it is no matter there. `rest_change` is the torque at rest at the end minus that at the start, as a share of
-    its range; null where the zero is not that of the end, or the joint does not rest at both at one angle.
+    The torque at rest may be what hysteresis leaves, or, where no zero is stated, the load under which the joint rests.
+    What hysteresis leaves lies on a branch of the loop and not in its middle, where friction lets go at rest. Where the
+    joint rests at an end of the motion the loop does not tell; a zero that is small against it is no matter there.
+    `rest_change` is the torque at rest at the end minus that at the start, as a share of its range; null where the zero
+    is not that of the end, or the joint does not rest at both at one angle.
     """
     torque, settings, angle = trial.torque, trial.settings, trial.curves[0]["angle_deg"].to_numpy()
-    rest = float(np.rad2deg(trial.theta[0 if settings.zero == "start" else -1]))
+    zero = settings.zero or ASSUMED_ZERO
+    rest = float(np.rad2deg(trial.theta[0 if zero == "start" else -1]))
     torque_range, middle = float(np.ptp(torque)), None
     if angle[0] <= rest <= angle[-1]:
         one, other = (float(np.interp(rest, angle, curve["torque"].to_numpy())) for curve in trial.curves)
@@ -479,14 +491,17 @@ def zero_row(trial: TorqueAngleTrial, widest: float) -> Row:
         left = abs(middle) > max(0.25 * abs(one - other), 0.005 * torque_range)
     else:
         left = widest > 0.02 * torque_range and abs(trial.zero) > 0.1 * widest
+    left |= settings.zero is None and abs(trial.zero) > 0.005 * torque_range  # it may rest under load
     count = max(round(settings.rest_s * trial.uniform.rate_hz), 1)
     ends = np.concatenate([trial.bench_theta[:count], trial.bench_theta[-count:]])
-    rests = settings.zero == "end" and float(np.ptp(ends)) <= RESTS * float(np.ptp(trial.bench_theta))
+    rests = zero == "end" and float(np.ptp(ends)) <= RESTS * float(np.ptp(trial.bench_theta))
     return {
         "torque_zero": trial.zero,
-        "zero_off_middle": None if settings.zero == "none" or middle is None else -middle,
+        "zero_off_middle": None if zero == "none" or middle is None else -middle,
         "rest_change": float((torque[-count:].mean() - torque[:count].mean()) / torque_range) if rests else None,
-        "zero_unsure": abs(middle or trial.zero) if left and settings.zero != "none" else None,
+        "zero_unsure": abs(trial.zero if settings.zero is None else middle or trial.zero)
+        if left and zero != "none"
+        else None,
     }
 
 

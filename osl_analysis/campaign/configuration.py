@@ -186,7 +186,7 @@ def overriding(base: Any, override: Any) -> Any:
 FACTS = (
     "parameters", "impedance_trajectory", "dynamometer.amplitudes_deg", "dynamometer.frequencies_hz",
     "dynamometer.cycles", "figures.time_series", "figures.frequency_response", "figures.midstance_stiffness",
-    "claims.K_percent",
+    "claims.K_percent", "torque_angle.zero",
 )  # fmt: skip
 """What the default configuration states of its own bench, device and text: facts on nobody else's."""
 

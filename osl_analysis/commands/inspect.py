@@ -8,7 +8,7 @@ import re
 import shutil
 import time
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import chdir, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -38,12 +38,11 @@ from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
 from osl_analysis.config.sheet import JOINT
 from osl_analysis.errors import InputError, OslAnalysisError, listing, nearest, printable, unexpected
 from osl_analysis.files import CAMPAIGN, shipped, write_text
-from osl_analysis.formats.rosbag import DESCRIPTION as BAG_DESCRIPTION
 from osl_analysis.formats.rosbag import recorded_files
 from osl_analysis.ingest import draft as drafts
 from osl_analysis.ingest.examine import Commanded, examine, measured_table
 from osl_analysis.ingest.overview import Overview
-from osl_analysis.ingest.raw_files import FORMATS, SUFFIXES, check_file, read_source, recognise
+from osl_analysis.ingest.raw_files import FORMATS, SUFFIXES, check_file, read_source, recognise, recordings_in
 from osl_analysis.ingest.source import UNKNOWN, open_places
 from osl_analysis.judge.finding import Grade
 from osl_analysis.judge.limits import CHECKS, judged_table
@@ -306,13 +305,6 @@ def known_recorder(overview: Overview) -> str:
     return found[max(found)]
 
 
-def recordings_in(folder: Path) -> Iterable[Path]:
-    """Files and bag folders below a folder that may be recordings, by their endings."""
-    bags = {path.parent for path in folder.rglob(BAG_DESCRIPTION)}
-    files = (path for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES and path.is_file())
-    return sorted([*bags, *(path for path in files if not bags & {*path.parents})])
-
-
 def left_to_decide(folder: Path, draft: Draft) -> list[str]:
     """What a user has to decide before the campaign runs, a line each."""
     edits = {folder / CAMPAIGN: re.findall(rf"(\w+): [^#\n]*{UNKNOWN}", draft.walking)}
@@ -487,11 +479,12 @@ FEWEST_SIBLINGS, UNLIKE = 3, 4.0  # recordings, and standard deviations beyond w
 def comparable(trial: Trial, row: Mapping[str, Any], estimates: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
     """Numbers that are alike in recordings of one kind, each with the smallest standard deviation that it is granted:
     1 % of an estimate or its standard error, 5 % of duration, rate and range. An impedance that was asked for counts
-    beside the same one, and K/K_d, with 5 %, beside all."""
+    beside the same one, and K/K_d, with 5 %, beside all; one that nobody stated is not compared."""
     found = dict[str, tuple[float, float]]()
     K_d, B_d = (None if row.get(name) is None else float(row[name]) for name in ("K_d", "B_d"))
     condition = "" if K_d is None else f" of K_d {K_d:g}"
-    for name in (n for n in estimated(estimates) if n not in ("offset", "drift")):
+    commanded = row.get("experiment") != "impedance" or K_d is not None  # else each may have been asked for another K
+    for name in (n for n in estimated(estimates) if commanded and n not in ("offset", "drift")):
         value, se = float(estimates[name]), float(estimates.get(f"{name}_se") or 0.0)
         of = condition if name == "K" or not condition or B_d is None else f"{condition}, B_d {B_d:g}"
         found[name + of] = value, max(se, 0.01 * abs(value))

@@ -45,6 +45,7 @@ def write_report(
     output: Path,
     captions: Path | None = None,
     refused: Sequence[Refusal] = (),
+    unnamed: str = "",
 ) -> None:
     """Write the page `report.html`, of about `largest_mb` [MB] at most where thinning out its signals allows it.
 
@@ -52,7 +53,8 @@ def write_report(
     which the experiments are analysed; `trials`, `series` and `crossings` the files of
     each that has them, `tables` the result tables and `figures` the SVG files by name. `verdicts` is `quality.csv`,
     `excluded` the trials that are not used, `findings` `findings.csv`,
-    `summary` `summary.json`, `refused` the causes of all that is missing.
+    `summary` `summary.json`, `refused` the causes of all that is missing, `unnamed` says which recordings no row of the
+    sheet names.
     """
     written = {name: with_evidence(path) for name, path in tables.items()}
     said_of = {one.trial: f"{one.reason}; {one.remedy}" for one in refused if one.trial}
@@ -82,6 +84,7 @@ def write_report(
         "limits": {one["claim"]: one for one in written.get("claims", pl.DataFrame()).to_dicts()},
         "methods": trial_page.methods_content(settings, written, reported),
         "absent_figures": absent,
+        "unnamed": unnamed,
         "sensitivity": written.get("walking_sensitivity", pl.DataFrame()).to_dicts(),
         "not_made": [one for one in refused if not one.trial],
     }

@@ -12,9 +12,10 @@ from typing import Any
 
 from osl_analysis.campaign.campaign import Campaign, check_campaign, open_campaign
 from osl_analysis.campaign.configuration import read_config
-from osl_analysis.errors import EXTRAS, InputError, OslAnalysisError, naming, nearest, not_installed
+from osl_analysis.errors import EXTRAS, InputError, OslAnalysisError, listing, naming, nearest, not_installed
 from osl_analysis.files import CAMPAIGN, check_working_folder, root, shipped
-from osl_analysis.ingest.raw_files import check_clocks, check_plates, read_source
+from osl_analysis.formats.rosbag import recorded_files
+from osl_analysis.ingest.raw_files import check_clocks, check_plates, read_source, recordings_in
 from osl_analysis.yaml_settings import read_mapping
 
 CONFIGURED_BY = ("--configfile", "--configfiles")  # options of Snakemake that name a configuration
@@ -126,6 +127,20 @@ def captures(opened: Campaign, trials: Sequence[str]) -> list[Path]:
     return [opened.config.raw_data / name for name in named if name]
 
 
+def unnamed_recordings(opened: Campaign) -> str:
+    """The recordings in the campaign's folder that no row of the sheet names, and what to do; empty without one."""
+    config, rows = opened.config, [*opened.rows.values(), *opened.unused.values()]
+    if config.simulation is not None:
+        return ""
+    named = {config.raw_data / row[column] for row in rows for column in ("log", "mocap") if row[column]}
+    known = {file.resolve() for path in named for file in (path, *recorded_files(path))} | {config.sheet.resolve()}
+    found = [path for path in recordings_in(config.raw_data) if path.resolve() not in known]
+    results = config.results.resolve()
+    left = [str(one.relative_to(config.raw_data)) for one in found if not one.resolve().is_relative_to(results)]
+    what = f"{len(left)} recording{'s' * (len(left) > 1)} in {config.raw_data}: {listing(left, 5)}"
+    return f"named by no row of {config.sheet}, and left out: {what}; add a row for each" if left else ""
+
+
 def campaign(path: Path) -> tuple[str, str]:
     """What a campaign's configuration and sheet tell, and what to correct."""
     if not path.is_file():
@@ -142,4 +157,5 @@ def campaign(path: Path) -> tuple[str, str]:
         return str(error), "correct it"
     missing = [trial for trial in opened.trials() if not all(log.exists() for log in opened.logs(trial))]
     lack = f"files of {len(missing)} are missing, first of {missing[0]}: correct the sheet" if missing else ""
-    return f"{config.campaign}, {len(opened.trials())} trials", lack
+    left_out = unnamed_recordings(opened)
+    return f"{config.campaign}, {len(opened.trials())} trials" + f"; {left_out}" * bool(left_out), lack

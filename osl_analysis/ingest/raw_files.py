@@ -20,7 +20,7 @@ from osl_analysis.formats.json_lines import is_json_lines
 from osl_analysis.formats.mat import is_mat
 from osl_analysis.formats.mcap import MAGIC
 from osl_analysis.formats.other_formats import FIRST_BYTES, refuse_others
-from osl_analysis.formats.rosbag import ANY_BAG1, SQLITE, files_in
+from osl_analysis.formats.rosbag import ANY_BAG1, DESCRIPTION, SQLITE, files_in
 from osl_analysis.formats.tdms import is_tdms
 from osl_analysis.ingest import overview
 from osl_analysis.ingest.captures import plate_count, read_c3d_capture, read_nexus_capture, read_trc_capture
@@ -94,6 +94,13 @@ KNOWN: Mapping[str, tuple[Callable[[bytes], bool], tuple[str, ...], FileReader, 
 }
 FORMATS = {name: KnownFormat(SOURCES[name], *facts) for name, facts in KNOWN.items()}
 SUFFIXES = tuple(suffix for known in FORMATS.values() for suffix in known.suffixes)  # of recordings that are read
+
+
+def recordings_in(folder: Path) -> list[Path]:
+    """Files and bag folders below a folder that may be recordings, by their endings."""
+    bags = {path.parent for path in folder.rglob(DESCRIPTION)}
+    files = (path for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES and path.is_file())
+    return sorted([*bags, *(path for path in files if not bags & {*path.parents})])
 
 
 def read_source(path: Path) -> Source:

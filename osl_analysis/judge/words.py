@@ -256,6 +256,9 @@ COMPUTED: Mapping[str, Callable[[Facts], str]] = {
     "late_or_early": lambda facts: "late" if facts["certain_theta_m_lag_s"] > 0 else "early",
     "theta_m_ms": lambda facts: f"{1e3 * abs(facts['certain_theta_m_lag_s']):.2g}",
     "zero_short": short("zero_unsure"),
+    "zero_energy": lambda facts: (
+        f"{facts['energy_stored_per_zero']:+.2g} J stored and {facts['energy_returned_per_zero']:+.2g} J returned"
+    ),
     "shoe_short": short("stiff_shoe_K", -1.0),
     "moment_percent": lambda facts: f"{100 * facts['moment_error_half']:.2g}",
     "moment_short": lambda facts: significant(100 * facts["moment_error_half"] * facts["moment_K_per_percent"]),

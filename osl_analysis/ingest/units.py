@@ -39,6 +39,8 @@ def si_factor(unit: str, expected: str) -> float:
     """Factor from `unit` to the SI unit `expected`, a key of `EXAMPLES`. A middle dot, a full stop or a blank is read
     as the multiplication sign, both micro signs as `u`. An angle is a dimension: N*m/rad is not N*m."""
     advice, spelling = ", ".join(EXAMPLES[expected]), normalised(unit)
+    if spelling == expected:
+        return 1.0  # without pint
     quoted = f"unit '{unit[:40]}{'...' * (len(unit) > 40)}'"
     if not spelling:
         raise InputError(f"the unit is empty; write one of {advice}")

@@ -18,7 +18,7 @@ import yaml
 
 from osl_analysis.files import PACKAGE, write_text
 
-TEXT = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
+TEXT = (ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
 DEFINING = (ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef, ast.Assign, ast.AnnAssign, ast.If, ast.Try)
 
 
@@ -107,24 +107,43 @@ def text_of(file: Path | None) -> str:
 
 def parsed(text: str, name: str) -> tuple[list[Statement], dict[str, str]]:
     """The content of `Module` for the text of a module."""
-    tree = ast.parse(text)
-    for node in ast.walk(tree):
-        if isinstance(node, TEXT):
-            node.body = [one for one in node.body if not is_docstring(one)] or [ast.Pass()]
-    imports = dict(pair for node in tree.body for pair in imported(node))
-    binds = [sorted(names_bound(node)) for node in tree.body]
+    body = [node for node in ast.parse(text).body if not is_docstring(node)]
+    imports = dict(pair for node in body for pair in imported(node))
+    binds = [sorted(names_bound(node)) for node in body]
     known = {bound: f"{name}.{bound}" for names in binds for bound in names} | imports
     statements = []
-    for node, names in zip(tree.body, binds, strict=True):
+    for node, names in zip(body, binds, strict=True):
         if isinstance(node, ast.Import | ast.ImportFrom):
             continue
-        here = known | dict(pair for inner in ast.walk(node) for pair in imported(inner))
-        used = (one.partition(".") for one in names_used(node))
+        named, texts, inner_imports = content_of(node)
+        here, used = known | inner_imports, (one.partition(".") for one in named)
         uses = sorted({here[first] + dot + rest for first, dot, rest in used if first in here})
-        texts = {one.value for one in ast.walk(node) if isinstance(one, ast.Constant) and isinstance(one.value, str)}
         data = sorted(text for text in texts if re.fullmatch(r"[\w./]*\.[a-z]+", text))
         statements.append(Statement(fingerprint(ast.unparse(node)), names, uses, data))
     return statements, imports
+
+
+def content_of(statement: ast.stmt) -> tuple[set[str], set[str], dict[str, str]]:
+    """The names that a statement uses, with their attributes, as `components.belt_trial`; its texts; what it imports of
+    ours. Its docstrings are taken out."""
+    names, texts, imports, left = set[str](), set[str](), dict[str, str](), list[ast.AST]([statement])
+    while left:
+        node = left.pop()
+        attributes = ""
+        while isinstance(node, ast.Attribute):
+            attributes, node = f".{node.attr}{attributes}", node.value
+        if isinstance(node, ast.Name):
+            names.add(node.id + attributes)
+            continue
+        if isinstance(node, ast.Constant) and isinstance(node.value, str):
+            texts.add(node.value)
+        elif isinstance(node, ast.Import | ast.ImportFrom):
+            imports |= imported(node)
+        elif isinstance(node, TEXT):
+            node.body = [one for one in node.body if not is_docstring(one)] or [ast.Pass()]
+        for value in vars(node).values():
+            left += [one for one in (value if isinstance(value, list) else (value,)) if isinstance(one, ast.AST)]
+    return names, texts, imports
 
 
 def is_docstring(node: ast.stmt) -> bool:
@@ -151,18 +170,6 @@ def names_bound(node: ast.stmt) -> Iterator[str]:
         for one in ast.walk(node):
             if isinstance(one, ast.Name) and isinstance(one.ctx, ast.Store):
                 yield one.id
-
-
-def names_used(node: ast.AST) -> Iterator[str]:
-    """The names that a statement uses, with their attributes, as `components.belt_trial`."""
-    attributes, inner = "", node
-    while isinstance(inner, ast.Attribute):
-        attributes, inner = f".{inner.attr}{attributes}", inner.value
-    if isinstance(inner, ast.Name):
-        yield inner.id + attributes
-        return
-    for child in ast.iter_child_nodes(node):
-        yield from names_used(child)
 
 
 @cache

@@ -49,7 +49,8 @@ def run_report(folder: Path, since: float) -> str:
     """Each warning of the jobs whose logs below a folder were written after `since` [s, as `time.time`] once, with the
     number of jobs that gave it."""
     paths = [path for path in sorted(folder.rglob("*.log")) if path.stat().st_mtime >= since]
-    logs = [log for log in map(read_log, paths) if log is not None]
+    warned = (path for path in paths if b"\nwarnings:" in path.read_bytes())
+    logs = [log for log in map(read_log, warned) if log is not None]
     most = 10  # warnings
     counts = Counter(warning for log in logs for warning in log.get("warnings", ()))
     lines = [f"warning: {text}" + (f" ({count} jobs)" if count > 1 else "") for text, count in counts.items()]

@@ -37,6 +37,8 @@ from osl_analysis.files import PACKAGE
 STARTED = time.time()  # Start of this run [s]. Its report covers the logs that were written after this time.
 ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "POLARS_MAX_THREADS", "NUMBA_NUM_THREADS")
 """Snakemake counts one core per job."""
+KEPT_BY_PROCESS = {"MALLOC_MMAP_THRESHOLD_": "33554432", "MALLOC_TRIM_THRESHOLD_": "67108864"}  # bytes
+"""A process of glibc keeps as much memory for its next array: the system clears each page that it hands out anew."""
 PRELOADED = (
     "osl_analysis.jobs.job",
     *("scipy.signal", "scipy.interpolate", "scipy.optimize", "scipy.linalg", "scipy.fft"),  # named at their use
@@ -62,7 +64,7 @@ def job_server() -> tuple[socket.socket, subprocess.Popen[bytes]]:
     server = subprocess.Popen(
         [sys.executable, "-P", "-c", f"{code}; serve({theirs.fileno()})"],
         pass_fds=[theirs.fileno()],
-        env=os.environ | dict.fromkeys(ONE_THREAD, "1"),
+        env=os.environ | dict.fromkeys(ONE_THREAD, "1") | KEPT_BY_PROCESS,
         start_new_session=True,
         stdin=subprocess.DEVNULL,
     )
@@ -81,6 +83,7 @@ def run_job(request: str) -> None:
             break
         with suppress(subprocess.TimeoutExpired):
             server.wait(10)
+    end_timers()
     pid, _, ended = said.decode().partition(" ")
     code = int(ended or -signal.SIGKILL)  # a server that was killed says no end: its jobs die with it
     if code < 0:
@@ -343,8 +346,8 @@ def at_end_of_run(workflow: Any, logs: Path, said: Callable[[Sequence[str]], str
 
 
 def end_timers() -> None:
-    """End the timers by which Snakemake would look for further jobs (`max-jobs-per-timespan` of the profile): a process
-    waits for them at its end."""
+    """End the timers by which Snakemake would look for further jobs (`max-jobs-per-timespan` of the profile). It looks
+    at the end of every job anyway, each look would start a timer more, and a process waits for them at its end."""
     for thread in threading.enumerate():
         if isinstance(thread, threading.Timer):
             thread.cancel()

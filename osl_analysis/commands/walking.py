@@ -4,6 +4,7 @@ import json
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -45,9 +46,15 @@ Statics = Mapping[str, str]  # The static trial of each trial, which names the f
 SheetCells = Mapping[str, Mapping[str, Any]]  # Cells of the sheet of each crossing
 
 
+@cache
+def adapter(kind: type[Any]) -> TypeAdapter[Any]:
+    """What reads and writes a kind of result; to make it takes as long as to read hundred."""
+    return TypeAdapter(kind)
+
+
 def write_model(model: Any, path: Path) -> None:
     """Write a calibration, the plate's model or the platform's as JSON; arrays are lists, NaN is null."""
-    write_text(path, TypeAdapter(type(model)).dump_json(model, indent=1).decode() + "\n")
+    write_text(path, adapter(type(model)).dump_json(model, indent=1).decode() + "\n")
 
 
 def read_model(path: Path, kind: type[Kind]) -> Kind:
@@ -57,7 +64,8 @@ def read_model(path: Path, kind: type[Kind]) -> Kind:
     if not path.is_file():
         raise InputError(f"{path}: no such file; {step} first")
     try:
-        return TypeAdapter(kind).validate_json(path.read_bytes())
+        found: Kind = adapter(kind).validate_json(path.read_bytes())
+        return found
     except ValueError as error:
         why = " ".join(str(error).split())
         raise InputError(f"{path}: not what this step writes ({why}); delete it and {step}") from error
@@ -65,7 +73,7 @@ def read_model(path: Path, kind: type[Kind]) -> Kind:
 
 def write_crossing(crossing: Crossing, path: Path) -> None:
     """Write a crossing as a trial: its arrays as columns beside the phase of stance, the rest in the provenance."""
-    content = TypeAdapter(Crossing).dump_python(crossing)
+    content = adapter(Crossing).dump_python(crossing)
     arrays = {name: content.pop(name) for name, value in list(content.items()) if isinstance(value, np.ndarray)}
     columns = {"time": arrays.pop("time"), "phase": crossing.stance.phase(crossing.time)}
     for name, values in arrays.items():
@@ -112,7 +120,8 @@ def read_crossing_file(path: Path) -> Crossing | RefusedCrossing:
         name: arrays_in(trial.samples, name, len(trial.samples)) for name in ("plate_errors", "lab_errors", "load")
     }
     known = {name: values for name, values in errors.items() if values.size}
-    return TypeAdapter(Crossing).validate_python({**signals, **known, **trial.provenance})
+    crossing: Crossing = adapter(Crossing).validate_python({**signals, **known, **trial.provenance})
+    return crossing
 
 
 def on_the_walkway(table: pl.DataFrame, places: Places | None, by: str = "trial") -> pl.DataFrame:

@@ -6,6 +6,7 @@ import math
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -46,6 +47,10 @@ class Examined:
     trial: Trial
     experiment: Experiment
     commanded: Commanded
+
+    @cached_property
+    def steps(self) -> dict[str, Array]:
+        return sampling_steps(self.trial)
 
 
 @dataclass(frozen=True)
@@ -102,9 +107,7 @@ def sampling_steps(trial: Trial) -> dict[str, Array]:
 
 
 def measure_rate(examined: Examined) -> CheckResult:
-    rates = {
-        column: 1 / float(np.median(step) or step.mean()) for column, step in sampling_steps(examined.trial).items()
-    }
+    rates = {column: 1 / float(np.median(step) or step.mean()) for column, step in examined.steps.items()}
     said = ", ".join(f"{column} {rate:.6g} Hz" for column, rate in rates.items())
     return CheckResult(min(rates.values()), said) if rates else not_applicable("no channel has three samples")
 
@@ -129,7 +132,7 @@ def measure_jitter(examined: Examined) -> CheckResult:
 
 def measure_gap(examined: Examined) -> CheckResult:
     gaps = {}
-    for column, step in sampling_steps(examined.trial).items():
+    for column, step in examined.steps.items():
         usual = float(np.median(step))
         gaps[column] = float(step.max()) - usual if step.max() > 1.5 * usual else 0.0
     return worst(gaps, "no channel has three samples")
@@ -256,8 +259,9 @@ def samples_at_rail(trial: Trial, column: str, torque: str | None = None) -> int
     if column.startswith("theta"):
         seen = 0 if torque is None else longest_clipped_angle(time, values, recorded(trial, torque))
     else:
-        rail, changes = run_at_extreme(values), np.flatnonzero(np.diff(values, prepend=np.nan))
-        held_for = int(np.median(np.diff(changes))) if len(changes) > 1 else 1  # rows, of a source that is slower
+        rail, changes = run_at_extreme(values), np.flatnonzero(np.diff(values, prepend=np.nan)).astype(float)
+        # rows, of a source that is slower; the median of whole numbers that are equal takes ten times as long
+        held_for = int(np.median(np.diff(changes))) if len(changes) > 1 else 1
         seen = 0 if column == "current" and is_command(values) else (rail.stop - rail.start) // held_for
     if ends := stated_range(trial, column):
         near = 1e-3 * (ends[1] - ends[0])
@@ -393,11 +397,16 @@ def held(
     repetition: a motor behind a joint that rests after a sine creeps, or rings for a while. At both ends of the
     repetition `apart` [s] do not count."""
     edges = run_edges(np.diff(values) == 0)
-    for first, last in edges[np.argsort(edges[:, 0] - edges[:, 1], kind="stable")].tolist():
+    edges = edges[np.argsort(edges[:, 0] - edges[:, 1], kind="stable")]
+    when, what = reference or (time, values)
+    starts, stops = (
+        np.searchsorted(when, time[edges[:, 0]] + apart),
+        np.searchsorted(when, time[edges[:, 1]] - apart, "right"),
+    )
+    for (first, last), start, stop in zip(edges.tolist(), starts.tolist(), stops.tolist(), strict=True):
         if reference is not None:
-            start = np.searchsorted(reference[0], time[first] + apart)
-            within = reference[1][start : np.searchsorted(reference[0], time[last] - apart, "right")]
-            if not within.size or np.ptp(within) <= least:
+            within = what[start:stop]
+            if not within.size or within.max() - within.min() <= least:
                 continue
             later = within[within.size // 2 :]
             rise, fall = later - np.minimum.accumulate(later), np.maximum.accumulate(later) - later

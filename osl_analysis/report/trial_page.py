@@ -6,7 +6,7 @@ import re
 from collections import Counter, defaultdict
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cache, partial
 from itertools import cycle
 from typing import Any, NamedTuple
 
@@ -321,6 +321,7 @@ def cell_text(value: Any) -> str:
     return NO_VALUE if value is None else str(value)
 
 
+@cache
 def printed(text: str) -> str:
     """A text with its units, symbols, powers and minus signs as the page sets them; of the unit 1 nothing."""
     for pattern, sign in WORDS["signs"].items():

@@ -323,6 +323,9 @@ def wrenches(topic: str, frame_id: str, time: Array, torque: Array) -> LogTopic:
     return log_topic(topic, "geometry_msgs/msg/WrenchStamped", fields, frame_id, time, members)
 
 
+COMPRESSOR = zstandard.ZstdCompressor()  # one for all chunks: to make it clears a megabyte
+
+
 def write_topics(path: Path, topics: Sequence[LogTopic]) -> None:
     """Write the messages of all topics, in the order of their stamps, after a metadata record; last the summary, its
     offsets, and the footer with the CRC of both. The file appears whole or not at all."""
@@ -400,7 +403,7 @@ def write_chunk(
     file: BinaryIO, content: bytes, starts: NDArray[np.int64], heads: NDArray[np.void]
 ) -> mcap_records.ChunkIndex:
     """Write a chunk of messages that begin at `starts` [bytes], and the index of each channel, as each comes first."""
-    log, compressed, begin, offsets = heads["log"], zstandard.compress(content), file.tell(), dict[int, int]()
+    log, compressed, begin, offsets = heads["log"], COMPRESSOR.compress(content), file.tell(), dict[int, int]()
     shared = {"message_start_time": int(log.min()), "message_end_time": int(log.max())}
     shared["uncompressed_size"] = len(content)
     crc = zlib.crc32(content)

@@ -37,8 +37,8 @@ from osl_analysis.files import PACKAGE
 STARTED = time.time()  # Start of this run [s]. Its report covers the logs that were written after this time.
 ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "POLARS_MAX_THREADS", "NUMBA_NUM_THREADS")
 """Snakemake counts one core per job."""
-KEPT_BY_PROCESS = {"MALLOC_MMAP_THRESHOLD_": "33554432", "MALLOC_TRIM_THRESHOLD_": "67108864"}  # bytes
-"""A process of glibc keeps as much memory for its next array: the system clears each page that it hands out anew."""
+KEPT_BY_PROCESS = {"MALLOC_MMAP_THRESHOLD_": "33554432", "MALLOC_TRIM_THRESHOLD_": "33554432"}  # bytes
+"""A process of glibc keeps this much memory for its next array: the system clears each page that it hands out anew."""
 PRELOADED = (
     "osl_analysis.jobs.job",
     *("scipy.signal", "scipy.interpolate", "scipy.optimize", "scipy.linalg", "scipy.fft"),  # named at their use

@@ -337,18 +337,17 @@ def write_topics(path: Path, topics: Sequence[LogTopic]) -> None:
     heads = np.concatenate([topic.records[["channel", "log", "publish"]] for topic in topics])
     order = np.argsort(heads["publish"], kind="stable")
     lengths = np.concatenate([np.full(len(topic.records), topic.records.itemsize) for topic in topics])[order]
-    heads, ends, messages = heads[order], np.cumsum(lengths), messages_in_order(topics, order, lengths)
     content = encoded(one for pair in zip(schemas, channels, strict=True) for one in pair)  # begins the first chunk
-    ends += len(content)
+    heads, ends = heads[order], np.cumsum(lengths) + len(content)
     with atomic_path(path) as temporary, temporary.open("wb") as file:
         head = MCAP0_MAGIC + encoded([mcap_records.Header("ros2", "osl-analysis")])
         facts = {"origin": "simulated", "topic": names, "time": "header stamp"}
         described = encoded([mcap_records.Metadata("recording", facts)])
         file.write(head + described)
-        indexes, first, begin, chunk_size, declared = list[mcap_records.ChunkIndex](), 0, 0, 1 << 20, len(content)
+        indexes, first, begin, chunk_size = list[mcap_records.ChunkIndex](), 0, 0, 1 << 20
         while first < len(heads):  # a chunk ends with the message that takes it beyond the size [bytes]
             last = int(np.searchsorted(ends[:-1], begin + chunk_size, side="right")) + 1
-            content += messages[max(begin - declared, 0) : int(ends[last - 1]) - declared].tobytes()
+            content += messages_of(topics, order[first:last], lengths[first:last])
             starts = ends[first:last] - lengths[first:last] - begin
             indexes.append(write_chunk(file, content, starts, heads[first:last]))
             first, begin, content = last, int(ends[last - 1]), b""
@@ -384,19 +383,18 @@ def write_topics(path: Path, topics: Sequence[LogTopic]) -> None:
         file.write(summary + encoded([mcap_records.Footer(start, offsets_start, crc)]) + MCAP0_MAGIC)
 
 
-def messages_in_order(
-    topics: Sequence[LogTopic], order: NDArray[np.intp], lengths: NDArray[np.int64]
-) -> NDArray[np.uint8]:
-    """The bytes of all messages in some order: those of each topic are rows of a table, put to their places at once."""
-    whole, begins = np.empty(int(lengths.sum()), np.uint8), np.empty(len(order), np.intp)
-    begins[order] = np.cumsum(lengths) - lengths
+def messages_of(topics: Sequence[LogTopic], order: NDArray[np.intp], lengths: NDArray[np.int64]) -> bytes:
+    """The bytes of some messages in some order, which counts through the topics: those of each are rows of a table, put
+    to their places at once."""
+    whole, begins, first = np.empty(int(lengths.sum()), np.uint8), np.cumsum(lengths) - lengths, 0
     for topic in topics:
-        own, begins = begins[: len(topic.records)], begins[len(topic.records) :]
-        # a message is one value that may begin at any byte, so that values overlap
-        size = topic.records.itemsize
-        if len(own):
-            np.ndarray((len(whole) - size + 1,), f"V{size}", whole, 0, (1,))[own] = topic.records.view(f"V{size}")
-    return whole
+        size, rows = topic.records.itemsize, order - first
+        own = (rows >= 0) & (rows < len(topic.records))
+        if own.any():  # a message is one value that may begin at any byte, so that values overlap
+            places = np.ndarray((len(whole) - size + 1,), f"V{size}", whole, 0, (1,))
+            places[begins[own]] = topic.records.view(f"V{size}")[rows[own]]
+        first += len(topic.records)
+    return whole.tobytes()
 
 
 def write_chunk(

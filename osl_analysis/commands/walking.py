@@ -4,7 +4,6 @@ import json
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -35,6 +34,8 @@ from osl_analysis.walking.response import PlannedTurn, group_headline, half_widt
 
 # The step that writes each model
 WRITTEN_BY = {StaticCalibration: "calibrate", PlateModel: "identify-plate", PlatformModel: "measure-platform"}
+ADAPTERS: dict[Any, TypeAdapter[Any]] = {kind: TypeAdapter(kind) for kind in (*WRITTEN_BY, Crossing)}
+"""What reads and writes each kind of result: to make one takes as long as to use it."""
 TOO_FEW = "perturbations can be used, expected 2 or more for a scatter; see the reasons in"
 NO_GAIT = (
     "no mean unperturbed gait under the same conditions: fewer unperturbed crossings than fewest_unperturbed are used; "
@@ -46,15 +47,9 @@ Statics = Mapping[str, str]  # The static trial of each trial, which names the f
 SheetCells = Mapping[str, Mapping[str, Any]]  # Cells of the sheet of each crossing
 
 
-@cache
-def adapter(kind: type[Any]) -> TypeAdapter[Any]:
-    """What reads and writes a kind of result; to make it takes as long as to read hundred."""
-    return TypeAdapter(kind)
-
-
 def write_model(model: Any, path: Path) -> None:
     """Write a calibration, the plate's model or the platform's as JSON; arrays are lists, NaN is null."""
-    write_text(path, adapter(type(model)).dump_json(model, indent=1).decode() + "\n")
+    write_text(path, ADAPTERS[type(model)].dump_json(model, indent=1).decode() + "\n")
 
 
 def read_model(path: Path, kind: type[Kind]) -> Kind:
@@ -64,7 +59,7 @@ def read_model(path: Path, kind: type[Kind]) -> Kind:
     if not path.is_file():
         raise InputError(f"{path}: no such file; {step} first")
     try:
-        found: Kind = adapter(kind).validate_json(path.read_bytes())
+        found: Kind = ADAPTERS[kind].validate_json(path.read_bytes())
         return found
     except ValueError as error:
         why = " ".join(str(error).split())
@@ -73,7 +68,7 @@ def read_model(path: Path, kind: type[Kind]) -> Kind:
 
 def write_crossing(crossing: Crossing, path: Path) -> None:
     """Write a crossing as a trial: its arrays as columns beside the phase of stance, the rest in the provenance."""
-    content = adapter(Crossing).dump_python(crossing)
+    content = ADAPTERS[Crossing].dump_python(crossing)
     arrays = {name: content.pop(name) for name, value in list(content.items()) if isinstance(value, np.ndarray)}
     columns = {"time": arrays.pop("time"), "phase": crossing.stance.phase(crossing.time)}
     for name, values in arrays.items():
@@ -120,7 +115,7 @@ def read_crossing_file(path: Path) -> Crossing | RefusedCrossing:
         name: arrays_in(trial.samples, name, len(trial.samples)) for name in ("plate_errors", "lab_errors", "load")
     }
     known = {name: values for name, values in errors.items() if values.size}
-    crossing: Crossing = adapter(Crossing).validate_python({**signals, **known, **trial.provenance})
+    crossing: Crossing = ADAPTERS[Crossing].validate_python({**signals, **known, **trial.provenance})
     return crossing
 
 

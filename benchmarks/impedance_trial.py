@@ -25,7 +25,7 @@ from scipy.signal import butter, filtfilt
 
 from osl_analysis.bench.impedance import QUANTITIES, DesiredImpedance, judged_impedance
 from osl_analysis.bench.phasors import phasor_table, phasors_of_record
-from osl_analysis.bench.record import record_of_trial
+from osl_analysis.bench.record import record_of_trial, with_actuator
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.campaign.configuration import read_section
 from osl_analysis.commands.simulate import row_of_trial, simulate_trial
@@ -105,7 +105,7 @@ def job(path: Path, s: DynamometerAnalysis, p: DrivetrainParameters) -> None:
     read = read_trial(path)
     check_recording(read, s)
     rails = saturated(read, "torque", "theta")
-    record = record_of_trial(read, s)
+    record = with_actuator(record_of_trial(read, s), read)
     analysis, table = judged_impedance(record, rails, p, CONDITION, PAPER_WEIGHT)
     tables = [table, phasor_table(NAME, phasors_of_record(record)), analysis.time_base(QUANTITIES)]
     tables.append(analysis.series().table())

@@ -10,7 +10,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from osl_analysis.bench.effects import FALSE_ALARM, Fault, Model, noise_of_angle, plain_sums, with_effects
-from osl_analysis.bench.gram import GroupFit, Sums, held_out_vaf, solved
+from osl_analysis.bench.gram import GroupFit, Sums, held_out_vaf
 from osl_analysis.bench.plausible import check_told
 from osl_analysis.bench.record import SHORTEST_S, Label, Record
 from osl_analysis.bench.settings import NOT_STATED, BenchStiffness, Calibration
@@ -237,30 +237,11 @@ def analysed(record: Record, sums: Sums, model: Model, again: SumsOf = plain_sum
         return {label: at_zero(with_effects(own, model, (), label), own.centre) for label in labels}
 
     fits = fitted(sums)
-    for size, gain in rounded_gains(record).items():
-        for label in (size, None):
-            fits[label] = widened(fits[label], gain * scaled(sums, model, fits[label], size, label))
     if record.softer is not None:
         softer = fitted(again(record.softer, model))
         fits = {x: widened(fit, softer[x].estimates - fit.estimates, shared=True) for x, fit in fits.items()}
     others = {} if record.other is None else fitted(again(record.other, model))
     return Analysis(record, sums, model, fits, others)
-
-
-def rounded_gains(record: Record) -> dict[Label, float]:
-    """Standard uncertainty of the gain of rounded sines, by amplitude. It is alike at all of their frequencies, so that
-    no scatter of these shows it: the fundamental of a sine of A steps, with its zero anywhere, is off by A^(-3/2)/pi^2
-    (a sum of Bessel functions of 2 pi A; Widrow and Kollar, Quantization Noise, 2008, app. G)."""
-    step = record.steps[0] if record.is_stepped_sine else None
-    sizes = [label for label in record.groups.labels if isinstance(label, float)]
-    return {size: float((step / np.deg2rad(size)) ** 1.5 / np.pi**2) for size in sizes} if step else {}
-
-
-def scaled(s: Sums, model: Model, fit: GroupFit, part: Label, label: Label) -> Array:
-    """By how much the estimates (p,) of a label change per share by which the motion of a part of it is too large."""
-    at = s.index(list(model.values()))
-    moved = np.where(np.isin(list(model.values()), ("one", "ramp")), 0.0, fit.estimates)
-    return -solved(s.over(label)[np.ix_(at, at)], s.over(part)[np.ix_(at, at)] @ moved)[0]
 
 
 def widened(fit: GroupFit, change: Array, shared: bool = False) -> GroupFit:

@@ -89,7 +89,7 @@ COLUMN = {"weight": "theta"}  # of an estimate beside a model that is not named 
 def plain_sums(record: Record, model: Model) -> Sums:
     """The sums of a record without effects."""
     columns, centre = columns_of(record)
-    return gram.gram_sums(record, columns, list(model.values()), centre)
+    return gram.gram_sums(record, columns, list(model.values()), centre, rounded=record.rounded)
 
 
 def columns_of(record: Record) -> tuple[dict[str, Array], float]:
@@ -122,7 +122,7 @@ def sums_of(record: Record, model: Model, expected: Admittance | None = None) ->
         if effect.has_rate and effect.name in columns:
             columns[f"{effect.name}_rate"] = np.gradient(columns[effect.name], 1 / few.rate_hz)
     rich = [*model.values(), "jerk", "snap", *(effect.name for effect in EFFECTS if effect.is_rich)]
-    return gram.gram_sums(few, columns, rich, centre)
+    return gram.gram_sums(few, columns, rich, centre, rounded=record.rounded)
 
 
 def spring_that_slips(x: Array, width: float) -> Array:

@@ -22,7 +22,7 @@ from osl_analysis.bench.record import Groups, Label, Record
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.measured import check_measured, rounding_of
 from osl_analysis.stats import regression
-from osl_analysis.stats.covariance import between_cycles, products_between, welch_satterthwaite
+from osl_analysis.stats.covariance import between_cycles, less, products_between, welch_satterthwaite
 from osl_analysis.stats.regression import CONDITION_LIMIT, LinearFit
 from osl_analysis.trial import Array
 
@@ -47,7 +47,7 @@ class Sums:
     centre: float  # angle [rad] about which the column `theta` is; verdicts do not depend on the encoder's zero
     columns: Mapping[str, Array]  # the columns (n,) themselves
     independent: float = 1.0  # rows after which noise behind the filter is independent
-    rounding: tuple[float, float] = (0.0, 0.0)  # variances of the rounding of angle and torque, `Record.rounding`
+    rounded: Array | None = None  # products (m, q, k) of the columns with the torques of `Record.rounded`
     no_estimates: frozenset[str] = frozenset()  # columns that are like one another, whose sizes nobody asks for
 
     def index(self, names: Sequence[str]) -> list[int]:
@@ -130,9 +130,10 @@ def gram_sums(
     rich: Sequence[str],
     centre: float = 0.0,
     no_estimates: frozenset[str] = frozenset(),
+    rounded: Array | None = None,
 ) -> Sums:
-    """The sums of columns (n,) and of the record's torque; noise is that of the raw torque, before the filter.
-    Raises InputError: a column cannot be measured."""
+    """The sums of columns (n,) and of the record's torque; noise is that of the raw torque, before the filter. Those
+    `rounded` (k, n) may have fewer rows. Raises InputError: a column cannot be measured."""
     Y = [record.filtered_torque, record.torque]
     Z = np.array([*columns.values(), *Y])
     for name, row in zip([*(f"column '{name}'" for name in columns), "column 'y'", "the torque"], Z, strict=True):
@@ -140,6 +141,10 @@ def gram_sums(
     groups = record.groups
     gram = products_between(Z.T, Z.T, groups.first, groups.stop)
     seconds = float(groups.stop.max() - groups.first.min()) / record.rate_hz
+    if rounded is not None:
+        every = -(-len(record.time) // rounded.shape[1])
+        edges = groups.first / every, groups.stop / every
+        rounded = every * products_between(Z[: len(columns), ::every].T, rounded.T, *edges)
     return Sums(
         tuple(columns),
         gram,
@@ -150,7 +155,7 @@ def gram_sums(
         centre,
         columns,
         independent=max(record.rate_hz / (2 * record.low_pass.noise_bandwidth_hz), 1.0),
-        rounding=record.rounding,
+        rounded=rounded,
         no_estimates=no_estimates,
     )
 
@@ -230,11 +235,20 @@ def fit_groups(
     units = int(unit.max()) + 1
     told = repeats or unit is stratum or len(stratum) >= FEWEST_GROUPS
     misfit = jackknife(A_g, b_g, A, b, unit) if told else np.zeros_like(inverse)
-    # ten units show the rounding that cycles repeat; of fewer its known size counts, if it is larger
-    hides = s.groups.kind == "cycles" and (unit is not stratum or units < 10) and any(s.rounding)
-    stiffness = estimates[names.index("K")] if "K" in names else 0.0
-    known = rounding_variances(s, groups, A_g, inverse, stiffness) if hides else np.zeros(len(names))
-    covariance, freedom = combined(noise, freedom, misfit, units, known)
+    known, draws = np.zeros_like(inverse), 0
+    if s.rounded is not None:
+        of_columns = used < len(s.names)
+        made = turn[of_columns, :p].T @ s.rounded[np.ix_(groups, used[of_columns])]
+        draws, change, seen = made.shape[2], inverse @ made.sum(axis=0), np.zeros(p)
+        if repeats or len(stratum) >= FEWEST_GROUPS:
+            each = np.moveaxis(inverse @ made, 2, 0)
+            by_groups = [between_cycles(x, stratum) if repeats else noise_of_scores(x, columns_of_rich) for x in each]
+            seen = np.mean([np.diag(own) for own, _ in by_groups], axis=0)
+        known = less(change @ change.T / draws, seen)
+        if told:
+            shown = jackknife(A_g, made, A, made.sum(axis=0), unit).mean(axis=0)
+            misfit = less(misfit, np.diag(shown) - seen)
+    covariance, freedom = combined(noise, freedom, misfit, units, known, draws)
     return GroupFit(
         names,
         estimates,
@@ -277,15 +291,6 @@ def richest_products(
     return np.einsum("mrp,r->mp", across[:, :, :p], coefficients), len(rich)
 
 
-def rounding_variances(s: Sums, groups: NDArray[np.intp], A_g: Array, inverse: Array, stiffness: float) -> Array:
-    """Variances (p,) of the estimates by the rounding that cycles repeat. Where the joint turns round, many rows share
-    a step: the variance of what rounding does is 0.4 to 2.5 times that of errors that are independent from row to row,
-    by how an amplitude lies between steps (simulated)."""
-    of_theta, of_torque = s.rounding
-    repeated = np.tensordot(s.groups.alike[groups], A_g, axes=1) * (stiffness**2 * of_theta + of_torque)
-    return np.diag(inverse @ (2.0 * repeated) @ inverse)
-
-
 def identified(
     model: Mapping[str, str], A: Array, b: Array, limit: float, no_estimates: frozenset[str] = frozenset()
 ) -> tuple[Array, Array, Array, float]:
@@ -314,32 +319,35 @@ def accounted_for(left: float, varied: float, square: float) -> float:
 
 
 def jackknife(A_g: Array, b_g: Array, A: Array, b: Array, unit: NDArray[np.intp]) -> Array:
-    """Covariance (p, p) of the estimates by leaving out one unit at a time: noise and misfit, leverage included."""
+    """Covariance (p, p) of the estimates by leaving out one unit at a time: noise and misfit, leverage included. Of k
+    torques, b (p, k), they are (k, p, p)."""
     m, p = int(unit.max()) + 1, len(b)
     own = np.asarray(unit == np.arange(m)[:, None], dtype=np.float64)
-    A_u, b_u = A - (own @ A_g.reshape(len(unit), -1)).reshape(m, p, p), b - own @ b_g
+    A_u = A - (own @ A_g.reshape(len(unit), -1)).reshape(m, p, p)
+    b_u = (b - (own @ b_g.reshape(len(unit), -1)).reshape(m, *b.shape)).reshape(m, p, -1)
     scale = np.sqrt(np.diag(A))
     A_u = A_u / np.outer(scale, scale) + 1e-13 * np.eye(p)
-    found = np.linalg.solve(A_u, (b_u / scale)[..., None])[..., 0] / scale
-    apart = found - found.mean(axis=0)
-    return np.asarray(apart.T @ apart * (m - 1) / m)
+    found = np.linalg.solve(A_u, b_u / scale[:, None]) / scale[:, None]
+    apart = np.moveaxis(found - found.mean(axis=0), 2, 0)
+    covariance = np.swapaxes(apart, 1, 2) @ apart * (m - 1) / m
+    return np.asarray(covariance if b.ndim > 1 else covariance[0])
 
 
 def combined(
-    noise: Array, freedom: Array, misfit: Array, units: int, known: Array | float = 0.0
+    noise: Array, freedom: Array, misfit: Array, units: int, known: Array | float = 0.0, draws: int = 0
 ) -> tuple[Array, Array]:
     """Covariance (p, p) by noise and misfit together, and its degrees of freedom (p,): what units scatter beyond the
-    noise is misfit. Its correlations are those of the sum of both. Rounding that every cycle repeats is in the scatter
-    of many units; where few show less than its `known` variances (p,) (type B), these count."""
+    noise is misfit. Its correlations are those of the sum of both. What is `known` beside them (p, p) is
+    of type B, from some `draws`."""
     random = np.maximum(np.diag(noise), 0.0)
     excess = np.maximum(np.diag(misfit) - random, 0.0)
     both = noise + misfit
     size = np.sqrt(np.maximum(np.diag(both), np.finfo(float).tiny))
-    of_units = np.where(excess >= known, max(units - 1.0, 1.0), np.inf)
-    excess = np.maximum(excess, known)
     error = np.sqrt(random + excess)
-    covariance = both / np.outer(size, size) * np.outer(error, error)
-    degrees = welch_satterthwaite([random, excess], [freedom, of_units])
+    covariance = both / np.outer(size, size) * np.outer(error, error) + known
+    parts = [random, excess, np.diag(covariance) - random - excess]
+    of_each = [freedom, np.full_like(random, max(units - 1.0, 1.0)), np.full_like(random, max(draws - 1.0, 1.0))]
+    degrees = welch_satterthwaite(parts, of_each)
     return covariance, np.maximum(degrees, 1.0)
 
 

@@ -1,7 +1,7 @@
 """Phasors of angle and torque in each segment of a stepped sine (Fig. 7) with their covariance, and harmonics."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,14 @@ from osl_analysis.bench.record import Record
 from osl_analysis.errors import InputError
 from osl_analysis.measured import check_finite, check_measured
 from osl_analysis.spectral.stepped_sine import whole_rows
-from osl_analysis.stats.covariance import FEWEST_CYCLES, between_cycles, hac, products_between, welch_satterthwaite
+from osl_analysis.stats.covariance import (
+    FEWEST_CYCLES,
+    between_cycles,
+    hac,
+    less,
+    products_between,
+    welch_satterthwaite,
+)
 from osl_analysis.stats.regression import Row
 from osl_analysis.trial import Array
 
@@ -205,6 +212,26 @@ def fit_sinusoids(
         yield Phasor(complex(harmonics[0]), *own, harmonics, method)
 
 
+def with_rounding(
+    phasor: Phasor, record: Record, channel: int, frequency_hz: float, cycles: tuple[Array, Array]
+) -> Phasor:
+    """A phasor of angle (0) or torque (1) with what rounding makes of it that is alike in its cycles."""
+    first, stop = (edges[: FEWEST_CYCLES + 1] for edges in cycles)
+    rows = whole_rows(first.min(), stop.max())
+    if not (errors := list(record.roundings(channel, rows))):
+        return phasor
+    turn = np.exp(-2j * np.pi * frequency_hz * record.time[rows]) * 2 / float(np.sum(stop - first))
+    edges = first - rows.start, stop - rows.start
+    made = products_between(np.column_stack([turn.real, turn.imag]), np.array(errors).T, *edges)
+    change = made.sum(axis=0)
+    known = change @ change.T / len(errors)
+    if len(first) >= FEWEST_CYCLES:
+        spread, _ = between_cycles(made.reshape(len(made), -1), np.zeros(len(made), dtype=np.intp))
+        known = less(known, np.diag(spread).reshape(change.shape).mean(axis=1))
+    both = with_errors(phasor.value, [(phasor.covariance, phasor.degrees_of_freedom), (known, len(errors) - 1.0)])
+    return replace(phasor, covariance=both.covariance, degrees_of_freedom=both.degrees_of_freedom)
+
+
 @dataclass(frozen=True)
 class SegmentPhasors:
     """Phasors of raw angle and torque in one segment."""
@@ -239,7 +266,10 @@ def phasors_of_record(record: Record) -> list[SegmentPhasors]:
         first, stop = groups.first[groups.stratum == k], groups.stop[groups.stratum == k]
         rows = whole_rows(first.min(), stop.max())
         cycles, signals = (first - rows.start, stop - rows.start), (record.theta[rows], record.torque[rows])
-        theta, torque = fit_sinusoids(record.time[rows], one.frequency_hz, *signals, cycles=cycles)
+        sines = fit_sinusoids(record.time[rows], one.frequency_hz, *signals, cycles=cycles)
+        theta, torque = (
+            with_rounding(phasor, record, k, one.frequency_hz, (first, stop)) for k, phasor in enumerate(sines)
+        )
         compliance_error = record.bench.compliance_error if record.bench else 0.0
         bench_error = compliance_error, *record.calibration.polar(one.frequency_hz)
         found.append(SegmentPhasors(one.label, one.frequency_hz, theta, torque, bench_error, one.commanded_deg))

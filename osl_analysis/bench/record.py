@@ -4,10 +4,11 @@ What differs from one motion to another is here, in three makers of groups: the 
 periods of a motion that repeats itself, and stretches of any other one. What comes after knows groups only.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import product
 from pathlib import Path
 from typing import Literal
 
@@ -25,7 +26,7 @@ from osl_analysis.bench.settings import (
     SteppedSineAnalysis,
 )
 from osl_analysis.errors import IdentifiabilityError, InputError
-from osl_analysis.measured import noise_before_rounding, visible_step
+from osl_analysis.measured import visible_step
 from osl_analysis.refusal import check_not_refused
 from osl_analysis.signals import LowPass, Motion, filtered_motion, runs
 from osl_analysis.signals.grid import (
@@ -46,6 +47,8 @@ from osl_analysis.trial import Array, Trial, stretches
 Label = float | str | None
 """What a fit of its own is made for: an amplitude [deg], a branch of a belt; None: all of a record."""
 STRETCH_S = 1.0  # duration [s] of a stretch: 30 correlation times of a 15 Hz low-pass
+HIDES_STEPS = 0.1  # [steps^2], of noise before rounding: a fiftieth of the variance of what cycles repeat is left
+PLACES = np.arange(4) / 4 - 0.375  # within a step of an encoder, for which rounding is computed
 SHORTEST_S = 1.0  # shortest stretch [s] that is fitted
 NOT_MOVED = "the joint does not move; check the channel of theta in the source file"
 
@@ -74,17 +77,6 @@ class Groups:
     def repeat(self) -> bool:
         """Whether the groups of a stratum repeat one another."""
         return self.kind != "stretches"
-
-    @cached_property
-    def alike(self) -> Array:
-        """How many cycles of each stratum have their samples at the same phases, of a group (m,): rounding repeats. At
-        most four cycles lie between two such."""
-        members = np.bincount(self.stratum)
-        length = np.bincount(self.stratum, self.stop - self.first) / members
-        turns = length[:, None] * np.arange(1, 5)
-        whole = np.abs(turns - np.rint(turns)) < 0.02
-        apart = np.where(whole.any(axis=1), np.argmax(whole, axis=1) + 1, np.inf)
-        return np.asarray(np.maximum(members / apart, 1.0)[self.stratum])
 
     @cached_property
     def labels(self) -> tuple[Label, ...]:
@@ -184,24 +176,52 @@ class Record:
         highest_of_all = float(np.median(power[0, f > 0.35 * self.rate_hz]))
         return highest_of_all if highest_of_all < 0.3 * of_theta else float(of_theta), float(of_torque)
 
+    @property
+    def repeated_steps(self) -> list[tuple[float, float]]:
+        """Steps of angle [rad] and torque [N*m], and how much of what rounding makes alike in all cycles noise leaves:
+        noise of s steps before it exp(-(2 pi s)^2/2) (Widrow and Kollar, Quantization Noise, 2008, ch. 5)."""
+        found = list[tuple[float, float]]()
+        for step, density in zip(self.steps, self.noise, strict=True):
+            noise = max(density * self.rate_hz / 2 / step**2 - 1 / 12, 0.0) if step else np.inf  # [steps^2]
+            found.append((step or 0.0, float(np.exp(-2 * np.pi**2 * noise)) if noise < HIDES_STEPS else 0.0))
+        return found
+
+    def roundings(self, channel: int, rows: slice = slice(None)) -> Iterator[Array]:
+        """Errors (n,) of angle [rad] (0) or torque [N*m] (1) in some rows that rounding makes, each with another zero
+        of the sensor and a signal that is larger by a part of a step; none where noise hides it."""
+        (step, left), signal = self.repeated_steps[channel], (self.motion.theta, self.filtered_torque)[channel][rows]
+        if not left:
+            return
+        steps = (signal - signal.mean()) / step
+        largest = float(np.abs(steps).max())
+        for zero, larger in product(PLACES, PLACES):
+            read = steps * (1 + larger / largest) + zero
+            yield left * step * (read - np.rint(read))
+
     @cached_property
-    def rounding(self) -> tuple[float, float]:
-        """Variances of the rounding of angle [rad^2] and torque [N^2 m^2] that cycles repeat; 0 where no step is known.
-        Noise of s steps before it, which cycles with samples at the same phases show, leaves exp(-(2 pi s)^2) of it
-        (Widrow and Kollar, Quantization Noise, 2008, ch. 5)."""
-        found, groups = list[float](), self.groups
-        for step, signal in zip(self.steps, (self.bench_angle, self.torque), strict=True):
-            seen = list[float]()
-            for k in np.unique(groups.stratum[groups.alike > 1]) if step else ():
-                mine = groups.stratum == k
-                first = np.rint(groups.first[mine]).astype(np.intp)
-                length = float(np.mean(groups.stop[mine] - groups.first[mine]))
-                if abs(length - round(length)) < 1e-3 and first[-1] + length <= len(signal):
-                    each = signal[first[:, None] + np.arange(round(length))]
-                    seen.append(float(np.mean(each.var(axis=0, ddof=1))) / (step or 1.0) ** 2)
-            noise = noise_before_rounding(float(np.median(seen))) if seen else 0.0
-            found.append(float(np.exp(-((2 * np.pi * noise) ** 2)) * (step or 0.0) ** 2 / 12))
-        return found[0], found[1]
+    def rounded(self) -> Array | None:
+        """Torques (k, n) [N*m] that the `roundings` make for Eq. 15 in the rows of `coarse`; None where noise
+        hides the rounding, or it is less than half of what is left, were that noise and all roundings alike."""
+        few = self.coarse
+        motion = np.array([few.part(x) for x in (few.motion.theta, few.motion.omega, few.motion.alpha)])
+        motion -= motion.mean(axis=1, keepdims=True)
+        K, B, I = np.linalg.lstsq(motion @ motion.T, motion @ few.part(few.filtered_torque), rcond=1e-13)[0]
+        left = np.var(few.part(few.filtered_torque) - np.array([K, B, I]) @ motion)
+        samples = 2 * self.low_pass.noise_bandwidth_hz * self.seconds  # that are independent
+        of_theta, of_torque = (step * share for step, share in self.repeated_steps)
+        if left / samples >= 4 * ((K * of_theta) ** 2 + of_torque**2) / 12:
+            return None
+        every = round(self.rate_hz / few.rate_hz)
+        first = np.maximum(np.arange(len(few.time)) * every - every // 2, 0)
+        theta, torque = (
+            few.low_pass(np.array(errors).T, few.rate_hz).T if errors else None
+            for errors in ([np.add.reduceat(x, first) / every for x in self.roundings(k)] for k in (0, 1))
+        )
+        if theta is None:
+            return torque
+        omega = np.gradient(theta, 1 / few.rate_hz, axis=1)
+        made = K * theta + B * omega + I * np.gradient(omega, 1 / few.rate_hz, axis=1)
+        return np.asarray(made if torque is None else made - torque)
 
     @cached_property
     def pieces(self) -> tuple[slice, ...]:

@@ -17,6 +17,7 @@ from osl_analysis.stats.repeats import DOUBTFUL
 LATENESS = "whether the torque is late"
 HAVE_UNCHECKED = ("belt", "transmission", "actuator", "impedance", "human_joint", "torque_angle", "walking_groups")
 """Judged tables of which something may not be checked."""
+WEIGHT = 1.0  # N*m/rad of K, by a fixture whose weight makes 1 N*m with its arm level
 MUCH_OF_K = 0.02  # share of K that an unknown gain of the plate's moments may change
 WIDE, SEEN = 3.0, 0.5  # widths of the interval of K that a reflex leaves open, or may hide within it
 
@@ -65,6 +66,9 @@ def of_impedance(row: AnyRow) -> Iterator[str]:
         yield "whether K changes while it is recorded"
     if (cell_number(row, "clocks") or 1) > 1 and lacks(row, "clock_drift_ppm"):
         yield "whether the clocks of angle and torque drift apart"
+    low, high = (cell_number(row, f"K_{end}") for end in ("low", "high"))
+    if cell_number(row, "K_predicted") is None and low is not None and high is not None and high - low < 2 * WEIGHT:
+        yield "whether a fixture's weight is in K"
 
 
 def of_components(table: str, row: AnyRow) -> Iterator[str]:

@@ -76,6 +76,13 @@ def between_cycles(sums: Array, stratum: NDArray[np.intp]) -> tuple[Array, Array
     return spread.T @ spread, welch_satterthwaite(np.add.reduceat(spread**2, begins), members - 1)
 
 
+def less(covariance: Array, variances: Array) -> Array:
+    """A covariance (p, p) without some of its variances (p,), its correlations kept."""
+    share = np.maximum(variances, 0.0) / np.maximum(np.diag(covariance), np.finfo(float).tiny)
+    left = np.sqrt(np.maximum(1 - share, 0.0))
+    return np.asarray(covariance * np.outer(left, left))
+
+
 def welch_satterthwaite(variances: Sequence[ArrayLike] | Array, degrees_of_freedom: ArrayLike) -> Array:
     """Degrees of freedom of the sum of k independent variances (k, ...), each with its `degrees_of_freedom`, (k,) or
     as many as variances (Satterthwaite, Biometrics Bulletin 2, 1946; Welch, Biometrika 34, 1947). Infinite where all

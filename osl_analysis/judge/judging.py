@@ -4,6 +4,7 @@ What a known cause explains, as a low VAF under friction, is no finding of its o
 row, and what was checked and is to be known, is told by the row's columns.
 """
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
@@ -55,6 +56,8 @@ def of_impedance(row: AnyRow) -> Iterator[str]:
     asked = "controller" in row  # a fit that knows a command
     if lacks(row, "K_over_K_s"):
         yield "K against the belt's K_s"
+    if (cell_number(row, "band_high_hz") or 0.0) > (cell_number(row, "cutoff_hz") or math.inf):
+        yield "what moves faster than the cut-off"
     if asked and lacks(row, "K_predicted"):
         yield "whether K is what the gains should give"
         yield "whether the bench's frame yields"

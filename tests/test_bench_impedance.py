@@ -209,6 +209,8 @@ def test_whether_the_torque_is_late_is_said_in_the_rows_that_cannot_tell_and_in_
         ({}, []), ({"path_shift": None}, [LATENESS]), ({"K_predicted": None}, gains),
         ({"K_predicted": None, "path_shift": None}, [*gains, LATENESS]), ({"path_shift": None, "lag_s": 0.0}, []),
         ({"K_over_K_s": None}, ["K against the belt's K_s"]),
+        ({"band_high_hz": 16.0, "cutoff_hz": 15.0}, ["what moves faster than the cut-off"]),
+        ({"K_predicted": None, "K_low": 299.9, "K_high": 300.1}, [*gains, "whether a fixture's weight is in K"]),
     ):  # fmt: skip
         assert [one.cause for one in unchecked_in("impedance", told | changes)] == expected
 

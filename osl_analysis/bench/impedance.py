@@ -184,7 +184,7 @@ def motion_row(record: Record) -> Row:
         "excitation": kinds[record.groups.kind] if periodic is None else "periodic",
         "band_low_hz": low,
         "band_high_hz": high,
-        "cutoff_hz": record.low_pass.cutoff_hz,
+        "cutoff_hz": float(record.low_pass.cutoff_hz),
         "fitted_s": record.seconds,
         **dict.fromkeys(("torque_at_peaks", "alias_share", "period_s", "periods", "realisations")),
     }

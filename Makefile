@@ -5,7 +5,7 @@ READY := $(VENV)/ready
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 unexport PYTHONDONTWRITEBYTECODE # each process would compile anew what the tests have changed, which takes 10 s
 
-.PHONY: reproduce-all test test-kernels test-browser test-package test-slurm setup check docs lock dist pictures release
+.PHONY: reproduce-all test test-kernels test-browser test-package test-slurm test-speed setup check docs lock dist pictures release
 
 reproduce-all: $(READY)
 	$(BIN)/snakemake reproduce-all
@@ -51,6 +51,10 @@ docs: $(READY)
 # A campaign of 24 trials through a SLURM that exists for this test alone: Debian, as root.
 test-slurm: $(READY)
 	tests/slurm/one_node.sh $(BIN)/python -m pytest -m slurm -n0 -s tests/slurm
+
+# Core-seconds of a campaign of 17 trials, beside the last release (0.3.0). Nothing else may run meanwhile.
+test-speed: $(READY)
+	$(BIN)/python benchmarks/against.py ad572fd6 --short --rounds 1 --most 1.15
 
 setup: $(READY)
 

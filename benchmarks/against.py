@@ -1,9 +1,10 @@
 """This checkout against another revision, alternately: ratios of wall time, core-seconds and peak memory.
 
 `python benchmarks/against.py REV [--rounds N]` runs the default campaign of each in a copy of its own: from empty
-folders, with nothing left to do, and after one recording has changed. `--short` runs a campaign of 17 trials, and
-`--most RATIO` ends with exit code 1 where this checkout takes more core-seconds from empty folders than that. A
-revision runs in this environment where that has what the revision's lock asks for, else in one that is made for it.
+folders, with nothing left to do, and after one recording has changed. `--short` runs a campaign of 17 trials from empty
+folders alone, and `--most RATIO` ends with exit code 1 where this checkout takes more core-seconds there than that. A
+revision runs in this environment where that has what the revision's lock asks for, else in one that is made for it; of
+one that a shallow clone has not, it says so.
 Core-seconds are of all processes, peak memory is of the largest one. Nothing else may run meanwhile.
 """
 
@@ -28,7 +29,7 @@ ROOT = Path(__file__).resolve().parents[1]
 ADOPT_ORPHANS = 36
 """PR_SET_CHILD_SUBREAPER of Linux: jobs are forked from a process that ends after its parent."""
 WARM = "impedance_K300_B5.0_compensated"
-LOGS = Path("raw_data/default/dynamometer")
+LOG = Path(f"dynamometer/{WARM}.mcap")
 SHORT = {"K_d": [300], "B_d": [5.0], "belt": 1, "transmission": 1, "actuator": 1, "plate": 3, "walking": 8}
 COMMANDS = ("from empty folders", "nothing to do", "one changed recording")
 NOT_COPIED = shutil.ignore_patterns(
@@ -68,6 +69,16 @@ def shorten(tree: Path) -> None:
     file.write_text(yaml.safe_dump(settings), encoding="utf-8")
 
 
+def simulate_anew(python: str, tree: Path) -> None:
+    """Simulate one trial with another seed, which compiles the simulator."""
+    file = tree / "config/simulation/default.yaml"
+    settings = file.read_text(encoding="utf-8")
+    file.write_text(re.sub(r"(?m)^seed: ", "seed: 1", settings), encoding="utf-8")
+    simulate = [python, "-c", "from osl_analysis.cli import main; main()", "simulate", "--trial", WARM, ".again"]
+    subprocess.run(simulate, cwd=tree, env=environment(tree), check=True, stdout=subprocess.DEVNULL)
+    file.write_text(settings, encoding="utf-8")
+
+
 def environment(tree: Path) -> dict[str, str]:
     """Variables with which the package of a tree is imported, and what numba compiles of it kept."""
     kept = {key: value for key, value in os.environ.items() if key != "PYTHONDONTWRITEBYTECODE"}
@@ -99,17 +110,19 @@ def measure(python: str, arguments: list[str]) -> None:
     print(json.dumps([wall, used.ru_utime + used.ru_stime, used.ru_maxrss / 1024]))
 
 
-def measured(python: str, tree: Path) -> list[Spent]:
-    """What each of `COMMANDS` takes in a tree without recordings and results. A recording changes by another one of the
-    same protocol in its place; of it follow a trial, its fit and a table."""
+def measured(python: str, tree: Path, short: bool) -> list[Spent]:
+    """What each of `COMMANDS`, or the first one alone, takes in a tree without recordings and results. A recording
+    changes by another one of the same trial in its place; of it follow a trial, its fit and a table."""
     for made in ("raw_data/default", "results", ".snakemake"):
         shutil.rmtree(tree / made, ignore_errors=True)
-    found = [spent(python, tree, "reproduce-all"), spent(python, tree, "reproduce-all")]
-    logs = sorted((tree / LOGS).glob("impedance_*.mcap"))
+    found = [spent(python, tree, "reproduce-all")]
+    if short:
+        return found
+    found.append(spent(python, tree, "reproduce-all"))
     (tree / "measured.yaml").write_text("simulation: null\n", encoding="utf-8")
     table = ("results/tables/impedance.csv", "--configfile", "measured.yaml")
     spent(python, tree, *table)
-    shutil.copyfile(logs[-1], logs[0])
+    shutil.copyfile(next((tree / ".again").rglob(LOG.name)), tree / "raw_data/default" / LOG)
     return [*found, spent(python, tree, *table)]
 
 
@@ -123,6 +136,10 @@ def main() -> None:
         measure(sys.argv[2], sys.argv[3:])
         return
     asked, taken = parser.parse_args(), dict[str, list[list[Spent]]]()
+    known = ["git", "cat-file", "-e", f"{asked.revision}^{{commit}}"]
+    if subprocess.run(known, cwd=ROOT, stderr=subprocess.DEVNULL, check=False).returncode:
+        print(f"not measured: this clone has no revision {asked.revision}")
+        return
     with tempfile.TemporaryDirectory() as name:
         then, now = Path(name, "then"), Path(name, "now")
         revision = checked_out(asked.revision, then)
@@ -132,17 +149,16 @@ def main() -> None:
             if asked.short:
                 shorten(tree)
             subprocess.run([python, "-m", "compileall", "-q", "osl_analysis"], cwd=tree, check=True)
-            warm = [python, "-c", "from osl_analysis.cli import main; main()", "simulate", "--trial", WARM, ".warm"]
-            subprocess.run(warm, cwd=tree, env=environment(tree), check=True, stdout=subprocess.DEVNULL)
+            simulate_anew(python, tree)
         for _ in range(asked.rounds):
             for tree, python in pythons.items():
-                taken.setdefault(tree.name, []).append(measured(python, tree))
+                taken.setdefault(tree.name, []).append(measured(python, tree, asked.short))
     print(
         f"this checkout against {revision[:12]}, {asked.rounds} rounds; {os.cpu_count()} cores ({platform.machine()}),"
     )
     print(f"Python {platform.python_version()}; medians of wall time, core-seconds, memory of the largest process")
     worst = 0.0
-    for k, what in enumerate(COMMANDS):
+    for k, what in enumerate(COMMANDS[:1] if asked.short else COMMANDS):
         old, new = (
             [statistics.median(column) for column in zip(*(r[k] for r in taken[t]), strict=True)] for t in taken
         )

@@ -22,7 +22,7 @@ if not {"-n", "--dry-run", "--dryrun"} & {*sys.argv}:
 from osl_analysis.commands.run import check_start, unnamed_recordings, with_shipped_profile
 from osl_analysis.campaign.campaign import about, matching, open_campaign
 from osl_analysis.campaign.campaign import response_example, sentence, time_series_example
-from osl_analysis.campaign.configuration import campaign_config, over_default
+from osl_analysis.campaign.configuration import campaign_config, over_default, states_of
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL, judged_tables
 from osl_analysis.dictionary import described_tables_by_name
 from osl_analysis.errors import OslAnalysisError
@@ -128,7 +128,7 @@ rule:
         [CONFIG.sheet, *(log for trial in CAMPAIGN.trials() for log in CAMPAIGN.logs(trial))] * bool(CONFIG.simulation),
         result_tables(),
         drawn_files(),
-        [tabled("quality"), tabled("excluded"), tabled("findings")],
+        [tabled("quality"), tabled("excluded"), tabled("findings"), tabled("settings")],
         [RESULTS / name for name in ("summary.json", "numbers.tex", "csv-metadata.json", "report.html")],
 
 

@@ -80,6 +80,7 @@ def report_page(_):
     tables = [*result_tables(), *[tabled("walking_responses")] * bool(WALKED)]
     drawn = [RESULTS / f"figures/{name}.svg" for name in drawn_names()]
     ends = {"verdicts": tabled("quality"), **{name: tabled(name) for name in ("excluded", "findings")}}
+    ends |= {"states": tabled("settings")}
     ends |= {"summary": RESULTS / "summary.json"}
     ends |= {"captions": RESULTS / "figures/captions.md"} if drawn else {}
     shown = {"tables": tables, "figures": drawn, "series": rows("series"), "crossings": crossings(WALKED)}

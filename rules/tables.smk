@@ -163,6 +163,13 @@ OF_GAINS["settings"] = {"weight": setting("gain_weight")}
 single("gains.select_trajectory", tabled("gains"), "tables/gains", OF_GAINS, "gains_table")
 
 
+@step("tables.write_settings", tabled("settings"))
+def settings_table(_):
+    phasors = {"phasors": tabled("phasors")} if tabled("phasors") in result_tables() else {}
+    experiments = [name for name in EXPERIMENTS if CAMPAIGN.trials(name)]
+    return {"input": phasors, "settings": {"states": states_of(CONFIG, config, experiments)}}
+
+
 @step("tables.list_excluded", tabled("excluded"))
 def excluded_trials(_):
     """It waits for the results of single trials of every kind, and names those that have none."""
@@ -195,6 +202,6 @@ def headline_numbers(_):
 
 @step("tables.write_table_metadata", "csv-metadata.json", "csv_metadata")
 def describe_tables(_):
-    published = [*result_tables(), *map(tabled, ("quality", "excluded", "findings")), *drawn_files()]
+    published = [*result_tables(), *map(tabled, ("quality", "excluded", "findings", "settings")), *drawn_files()]
     tables = [str(path.relative_to(RESULTS)) for path in published if path.suffix == ".csv"]
     return {"settings": {"about": ABOUT, "tables": tables}}

@@ -12,11 +12,13 @@ from test_compare import tables
 from osl_analysis.bench.record import record_of_trial
 from osl_analysis.campaign import configuration
 from osl_analysis.campaign.campaign import Campaign
-from osl_analysis.campaign.configuration import FACTS, overriding, read_config
+from osl_analysis.campaign.configuration import FACTS, JUDGING, overriding, read_config, states_of
 from osl_analysis.commands.run import unnamed_recordings
+from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.files import default_config
 from osl_analysis.ingest.examine import Commanded, examine
 from osl_analysis.judge.two_campaigns import compared
+from osl_analysis.report.page import assumed_said
 from osl_analysis.trial import Trial
 from osl_analysis.yaml_settings import read_mapping
 
@@ -41,6 +43,47 @@ def test_what_the_default_campaign_states_is_no_fact_on_recordings_of_others(nam
     monkeypatch.setattr(configuration, "read_mapping", lambda path, **_: default if path == default_config() else
                         read_mapping(path))  # fmt: skip
     assert read_config(tmp_path / "own.yaml") == alike
+
+
+CHOICES = (
+    "campaign", "raw_data", "sheet", "results", "simulation", "data", "recorded", "sources",
+    "dynamometer.cutoff_hz", "dynamometer.order", "dynamometer.seconds_per_frequency", "dynamometer.excitation",
+    "dynamometer.rated_torque", "dynamometer.human", "dynamometer.largest_", "dynamometer.settle_cycles",
+    "dynamometer.load_cell_range", "dynamometer.time_base", "actuator.cutoff_hz", "actuator.order",
+    "actuator.sign_width", "actuator.slowest", "actuator.time_base", "torque_angle.cutoff_hz",
+    "torque_angle.order", "torque_angle.rest_s", "torque_angle.angle_step_deg", "torque_angle.window_share",
+    "torque_angle.smallest_motion_deg", "torque_angle.settle_cycles", "torque_angle.shortest_cycle_s",
+    "torque_angle.largest_angle", "torque_angle.load_cell_range", "torque_angle.time_base",
+    "torque_angle.desired", "doubtful", "claims.B", "claims.negligible_percent", "walking.cutoff_hz",
+    "walking.order", "walking.plate_", "walking.baseline", "walking.guard_s", "walking.load_",
+    "walking.unloaded_s", "walking.largest_", "walking.shortest_stance_s", "walking.perturbation_deg",
+    "walking.longest_", "walking.outliers", "walking.group_by", "walking.pool", "walking.timing_scatter",
+    "walking.fewest_unperturbed", "walking.perturbed_stance", "walking.correct_plate_lag",
+    "walking.bootstrap_samples", "overground", "failed_trials", "quality", "study", "report",
+    "figures.time_series", "figures.frequency_response",
+)  # fmt: skip
+
+
+def test_every_setting_is_a_choice_or_a_fact_whose_state_is_told(tmp_path):
+    """Who adds a setting decides which; facts that nobody stated are measured, none, or assumed, and said to be so."""
+    leaves = [
+        f"{name}.{field}" if isinstance(value, dict) else name
+        for name, value in read_mapping(default_config()).items()
+        for field in (value if isinstance(value, dict) and name != "gain_weight" else [""])
+    ]
+    facts = [one.removesuffix(".") for one in leaves if not one.startswith(CHOICES)]
+    assert {*facts} == {*JUDGING}
+    (tmp_path / "own.yaml").write_text("{campaign: own, simulation: null, dynamometer: {amplitudes_deg: [3]}}")
+    own, default = read_config(tmp_path / "own.yaml"), read_config(default_config())
+    assert {row["state"] for row in states_of(default, {}, EXPERIMENTS)} == {"stated"}
+    states = {one["setting"]: one for one in states_of(own, read_mapping(tmp_path / "own.yaml"), EXPERIMENTS)}
+    assert [name for name, one in states.items() if one["state"] == "stated"] == ["dynamometer.amplitudes_deg"]
+    assert {name for name, one in states.items() if one["state"] != "assumed"} >= {*FACTS} & {*JUDGING} - {
+        "torque_angle.zero"
+    }
+    assert states["torque_angle.zero"]["value"] == "end"
+    assert "torque_angle.zero end" in assumed_said(pl.DataFrame([*states.values()], infer_schema_length=None))
+    assert "walking.side" not in {one["setting"] for one in states_of(own, {}, ["belt"])}
 
 
 def test_a_recording_that_no_row_names_is_told_once(tmp_path):

@@ -1,7 +1,9 @@
 """The configuration of a campaign: choices with their units, validated when they are read."""
 
-from collections.abc import Mapping, Sequence
+import json
+from collections.abc import Collection, Mapping, Sequence
 from datetime import date, timedelta
+from functools import reduce
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -189,6 +191,50 @@ FACTS = (
     "claims.K_percent", "torque_angle.zero",
 )  # fmt: skip
 """What the default configuration states of its own bench, device and text: facts on nobody else's."""
+
+
+OF_BENCH = ("belt", "transmission", "impedance", "human_joint", "calibration")
+FOUND = {"dynamometer.amplitudes_deg": "amplitude_deg", "dynamometer.frequencies_hz": "frequency_hz"}
+"""Settings of a protocol that was not stated, and the columns of `phasors.csv` that have the recordings' own."""
+JUDGING = {
+    "parameters": ("belt", "transmission", "actuator", "impedance"), "gain_weight": ("impedance",),
+    "model_comparison.sign_width": ("impedance",), **dict.fromkeys(FOUND, ("transmission", "impedance")),
+    "dynamometer.cycles": ("transmission", "impedance"), "dynamometer.load_cell_drift": ("belt",),
+    "dynamometer.calibration": OF_BENCH, "dynamometer.bench_stiffness": OF_BENCH,
+    "dynamometer.windows": ("impedance", "human_joint"), "actuator.calibration": ("actuator",),
+    **dict.fromkeys([f"torque_angle.{one}" for one in ("zero", "calibration", "bench_stiffness")], ("torque_angle",)),
+    "claims.K_percent": ("impedance", "walking"), "impedance_trajectory": ("walking",),
+    "figures.midstance_stiffness": ("walking",), "figures.stance_share": ("walking",),
+    "walking.perturbed_by": ("walking",), "walking.side": ("walking",), "walking.plate": ("walking",),
+    "walking.markers": ("walking",), "walking.window_s": ("walking",),
+}  # fmt: skip
+"""Every setting that is a fact on a bench, a device, a laboratory or a text, and the experiments that it judges, labels
+or is computed with. All others are choices of the analysis."""
+RECORDED = (*FOUND, "dynamometer.cycles", "dynamometer.windows")
+ASSUMED = {"torque_angle.zero": "end"}  # what is computed with where null is no value
+WITH_DEVICE = ("gain_weight", "model_comparison.sign_width")  # nothing rests on them without a parameter file
+
+
+def named_in(settings: Any, name: str) -> Any:
+    """A setting of nested mappings by its dotted name; None where there is none."""
+    return reduce(lambda at, one: (at or {}).get(one), name.split("."), settings)
+
+
+def states_of(config: Config, own: Mapping[str, Any], experiments: Collection[str]) -> list[dict[str, Any]]:
+    """Of every setting that judges or labels these experiments its value and state: stated (by the configuration, or by
+    the simulation that follows it), measured (that of each recording counts), assumed (the default's, which accuses
+    nobody), or none (nothing is held against it)."""
+    rows, settings = list[dict[str, Any]](), config.model_dump(mode="json")
+    for name in (name for name, of in JUDGING.items() if {*of} & {*experiments}):
+        value, said = named_in(settings, name), named_in(own, name)
+        none = not any(value.values()) if isinstance(value, dict) else value is None
+        state = "stated" if config.simulation is not None or said is not None else "assumed"
+        if state == "assumed" and (none or (name in WITH_DEVICE and config.parameters is None)):
+            state = "measured" if name in RECORDED else "assumed" if name in ASSUMED else "none"
+        value = ASSUMED.get(name, value) if none else value
+        shown = None if value is None or state == "none" or (none and name not in ASSUMED) else json.dumps(value)
+        rows.append({"setting": name, "value": shown and shown.strip('"'), "state": state})
+    return rows
 
 
 def over_default(own: Mapping[str, Any]) -> Any:

@@ -41,6 +41,7 @@ def write_report(
     verdicts: Path,
     excluded: Path,
     findings: Path,
+    states: Path,
     summary: Path,
     output: Path,
     captions: Path | None = None,
@@ -53,8 +54,8 @@ def write_report(
     which the experiments are analysed; `trials`, `series` and `crossings` the files of
     each that has them, `tables` the result tables and `figures` the SVG files by name. `verdicts` is `quality.csv`,
     `excluded` the trials that are not used, `findings` `findings.csv`,
-    `summary` `summary.json`, `refused` the causes of all that is missing, `unnamed` says which recordings no row of the
-    sheet names.
+    `states` `settings.csv`, `summary` `summary.json`, `refused` the causes of all that is missing, `unnamed` says which
+    recordings no row of the sheet names.
     """
     written = {name: with_evidence(path) for name, path in tables.items()}
     said_of = {one.trial: f"{one.reason}; {one.remedy}" for one in refused if one.trial}
@@ -85,6 +86,7 @@ def write_report(
         "methods": trial_page.methods_content(settings, written, reported),
         "absent_figures": absent,
         "unnamed": unnamed,
+        "assumed": page.assumed_said(read_table(states)),
         "sensitivity": written.get("walking_sensitivity", pl.DataFrame()).to_dicts(),
         "not_made": [one for one in refused if not one.trial],
     }

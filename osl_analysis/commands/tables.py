@@ -12,6 +12,7 @@ from osl_analysis.bench.response_tables import MODELS, RESPONSE_COLUMNS, periodi
 from osl_analysis.bench.settings import BenchAnalysis
 from osl_analysis.bench.torque_angle import compared_with_repeats
 from osl_analysis.campaign.campaign import sentence
+from osl_analysis.campaign.configuration import FOUND
 from osl_analysis.config.experiments import judged_tables
 from osl_analysis.errors import InputError
 from osl_analysis.files import atomic_path, write_text
@@ -27,6 +28,7 @@ from osl_analysis.model.parameters import FileOrNone, joint_of, known_parameters
 from osl_analysis.refusal import Refusal, check_not_refused, refused_trials
 from osl_analysis.report import headlines
 from osl_analysis.spectral.periods import Realisation, pooled, realisations_from
+from osl_analysis.stats.repeats import alike_sizes
 from osl_analysis.table import OF_ROW, Places, read_table, with_evidence, with_places, write_table
 
 
@@ -60,6 +62,16 @@ def gather(
         write_table(table.select(name for name in table.columns if name in evidence_columns), evidence)
         table = table.select(name for name in table.columns if name in OF_ROW or name not in evidence_columns)
     write_table(table, output)
+
+
+def write_settings(states: Sequence[Mapping[str, Any]], output: Path, phasors: Path | None = None) -> None:
+    """Write the settings that judge or label with their states. What was measured is that of `phasors.csv`."""
+    table = pl.DataFrame(states, schema=dict.fromkeys(("setting", "value", "state"), pl.String))
+    found = read_table(phasors) if phasors else pl.DataFrame(schema=dict.fromkeys(FOUND.values(), pl.Float64))
+    own = {name: alike_sizes(found[column]).unique().drop_nulls().sort() for name, column in FOUND.items()}
+    said = {name: f"[{', '.join(f'{value:g}' for value in values)}]" for name, values in own.items() if len(values)}
+    measured = pl.col("setting").replace_strict(said, default=None, return_dtype=pl.String)
+    write_table(table.with_columns(pl.when(state="measured").then(measured).otherwise("value").alias("value")), output)
 
 
 def list_fits(fits: Sequence[Path], output: Path, refused: Sequence[Refusal] = ()) -> None:

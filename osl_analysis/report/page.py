@@ -217,6 +217,15 @@ def state_of(trials: Sequence[ReportedTrial], cells: Mapping[str, JudgedCells], 
     return printed(" ".join([*said, *walking_state(groups)]))
 
 
+def assumed_said(states: pl.DataFrame) -> str:
+    """What of `settings.csv` nobody stated and is computed with, in a sentence; empty if that is nothing."""
+    rows = states.filter(state="assumed")
+    said = [
+        name if value.startswith("{") else f"{name} {value}" for name, value in rows["setting", "value"].iter_rows()
+    ]
+    return f"Assumed, since nobody stated it: {in_words(said)}." if said else ""
+
+
 def walking_state(groups: Sequence[Any]) -> list[str]:
     said = [f"The walking K is doubtful: {one['line']}." for one in groups if one["verdict"] == "doubtful"]
     if unsure := [one for one in groups if one["verdict"] == "not checked"]:

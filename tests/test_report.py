@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 import pytest
+import scipy
 import yaml
 from any_motion import made_trial, noise
 from bench_synthetic import belt_record, second_order, stepped_sine
@@ -45,6 +46,7 @@ from osl_analysis.report.headlines import COUNT
 from osl_analysis.report.page import (
     caption_html,
     captions_by_title,
+    conditions,
     every_kth,
     heat_map,
     inline_svg,
@@ -99,6 +101,7 @@ def test_a_packed_signal_is_off_by_no_more_than_half_a_count_and_keeps_its_holes
 ABOUT = dict(zip(ABOUT_MEANING, (HOSTILE, "simulated", "1.2", "abc", "made with seed 1"), strict=True))
 
 
+STATED = {"unnamed": "", "assumed": "", "conditions": [], "method": ""}
 NUMBER = dict.fromkeys(("low", "high", "interval", "draft", "doubt")) | {"unit": "%"}
 FINDING = {"verdict": "doubtful", "trials": ["a"], "n": 2, "of": "impedance trials", "cause": HOSTILE}
 SETTINGS = read_config(ROOT / "config/config.yaml").model_dump(mode="json")
@@ -130,7 +133,7 @@ def page_of(trials, largest_mb=40.0, tables=None):
     content = {"about": ABOUT, "made_of": sentence(ABOUT), **trials_content(trials)}
     content |= {**overview(trials, summary, [], ABOUT), "intervals": "", "not_made": [], "sensitivity": []}
     content["methods"] = methods_content(SETTINGS, {}, trials)
-    content["absent_figures"] = {"Response": "No trial has one."}
+    content |= {"absent_figures": {"Response": "No trial has one."}, **STATED}
     packed = {one.name: (trial_content(one, {"impedance": IMPEDANCE}), tables or {}) for one in trials}
     return written_page(content, packed, largest_mb)
 
@@ -435,7 +438,8 @@ def test_a_report_says_of_each_trial_what_became_of_it_and_leaves_out_counts(tmp
     made = {"verdicts": [gap, refused], "excluded": [lost], "belt": [belt]}
     for name, rows in (made | {"series": [dict.fromkeys(DRAWN, 1.0) | {"time": k / 5} for k in range(11)]}).items():
         write_table(pl.DataFrame(rows), tmp_path / f"{name}.csv")
-    given = {name: tmp_path / f"{name}.csv" for name in (*made, "series", "summary", "output", "findings")}
+    given = {name: tmp_path / f"{name}.csv" for name in (*made, "series", "summary", "output", "findings", "states")}
+    write_table(pl.DataFrame({"setting": ["walking.side"], "value": ["right"], "state": ["assumed"]}), given["states"])
     given |= {"series": {"b_1": given["series"]}, "tables": {"belt": given.pop("belt")}}
     of_table, seen = Refusal("", "t.csv", "j", "refused", "why", "what"), []
     given |= {"trials": {}, "crossings": {}, "figures": {}, "about": ABOUT, "largest_mb": 4, "settings": SETTINGS}
@@ -454,6 +458,7 @@ def test_a_report_says_of_each_trial_what_became_of_it_and_leaves_out_counts(tmp
     said = ("K", "1.50", "N·m", "1.00 to 2.50", "range", "holds", "1, doubtful")
     assert ([tuple(row[key] for key in keys) for row in seen[0]["claims"]], seen[0]["questions"]) == ([said], [])
     assert seen[0]["not_made"] == [of_table]
+    assert seen[0]["assumed"] == "Assumed, since nobody stated it: walking.side right."
     own, other = (seen[1][name][0] for name in ("b_1", "b_2"))
     assert (len(own["quality"]), other["quality"], own["remark"][:24]) == (1, [], "5 samples a second are d")
     assert [one["title"] for one in own["panels"]][2:] == ["Belt deflection", "Torque against belt deflection"]
@@ -464,6 +469,33 @@ def test_a_report_says_of_each_trial_what_became_of_it_and_leaves_out_counts(tmp
     )
     assert (left["y"], left["high"], left["kind"]) == ("residual_low", "residual_high", "range")
     assert of_joint.panels[3]["drawn"][0]["where"] == "torque_model"
+
+
+def test_every_condition_has_K_B_and_I_with_intervals_and_what_is_doubted():
+    """Trials of one condition are one row with Student's interval; a group of walking is one of its own."""
+    ends = {"_low": -0.5, "_high": 0.5}
+    rows = [
+        {"trial": name, "amplitude_deg": size, "controller": "c", "K_d": K_d, "B_d": None}
+        | {
+            f"{x}{end}": x_is + by
+            for x, x_is in zip("KBI", (K, -5.0, 0.02), strict=True)
+            for end, by in ({"": 0} | ends).items()
+        }
+        for name, K_d, K in (("a", 100.0, 99.0), ("b", 100.0, 101.0), ("t", 300.0, 290.0))
+        for size in (4.0, None)
+    ]
+    walking = [
+        {"group": "all", "quantity": x, "estimator": "ensemble", "mean": 340.0, "low": 330.0, "high": 350.0}
+        for x in "KBI"
+    ]
+    tables = {"impedance": pl.DataFrame(rows, infer_schema_length=None), "walking_summary": pl.DataFrame(walking)}
+    late = replace(doubt(), without={"K": 290.0, "B": 4.5, "I": 0.02})
+    walk, several, alone = conditions(tables, {"t": stored_findings(late, doubt(amplitude_deg=4.0))})
+    half = scipy.stats.t.ppf(0.975, 1) * 2**0.5 / 2**0.5
+    assert (walk["of"], walk["K"]) == ("walking", ("340", "[330, 350]"))
+    assert (several["of"], several["trials"], several["doubt"]) == ("K_d 100", ["a", "b"], "")
+    assert several["K"] == ("100", f"[{100 - half:.0f}, {100 + half:.0f}]")
+    assert (alone["B"][0], alone["doubt"]) == ("−5.00", "friction (without it K 290, B 4.5 and I 0.02)")
 
 
 def test_crossings_are_drawn_in_degrees_the_residual_is_measured_minus_model_and_raw_signals_are_thinned_out():
@@ -501,7 +533,7 @@ def test_a_claim_stands_with_its_limit_and_a_long_caption_is_folded_behind_two_s
     targets = {"it is negligible, x/y": 10.0, "z matters, f, x": 9.0}
     limits = {claim: {"target": target, "margin": None} for claim, target in targets.items()}
     content = {"about": ABOUT, "made_of": "", **trials_content([trial()]), **found, "limits": limits, "intervals": ""}
-    content |= {"not_made": [], "sensitivity": [], "absent_figures": {}}
+    content |= {"not_made": [], "sensitivity": [], "absent_figures": {}, **STATED}
     content["methods"] = methods_content(SETTINGS, {}, [trial()])
     said = " ".join(Page(written_page(content, {}, 40.0)).text.split())
     assert re.search(

@@ -86,6 +86,8 @@ def write_report(
         "methods": trial_page.methods_content(settings, written, reported),
         "absent_figures": absent,
         "unnamed": unnamed,
+        "conditions": page.conditions(written, of_trial),
+        "method": page.method_said(settings, written),
         "assumed": page.assumed_said(read_table(states)),
         "sensitivity": written.get("walking_sensitivity", pl.DataFrame()).to_dicts(),
         "not_made": [one for one in refused if not one.trial],

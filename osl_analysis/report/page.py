@@ -23,13 +23,14 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 from markupsafe import Markup
 
 from osl_analysis.config.experiments import EXPERIMENTS
-from osl_analysis.judge.campaign import QUALITY
-from osl_analysis.judge.finding import Grade
+from osl_analysis.judge.campaign import QUALITY, Entry
+from osl_analysis.judge.finding import ESTIMATES, Grade
 from osl_analysis.judge.limits import CHECKS
 from osl_analysis.judge.words import WORDS, Words, beyond_said, check_words, sentence_of
 from osl_analysis.report import TEMPLATES
 from osl_analysis.report.headlines import answered, said_number
-from osl_analysis.report.trial_page import VERDICTS, ReportedTrial, cell_text, printed
+from osl_analysis.report.trial_page import VERDICTS, ReportedTrial, cell_text, printed, value_and_interval
+from osl_analysis.stats.repeats import over_repeats
 
 STATES = (*VERDICTS[:0:-1], "not checked", "remark", "passed", "does not apply")
 """Of a trial before a check, the worst one first; beside these a trial as a whole is `clear`."""
@@ -215,6 +216,70 @@ def state_of(trials: Sequence[ReportedTrial], cells: Mapping[str, JudgedCells], 
     said = said or ["No trial is doubtful."] * (len(trials) > sum(lost.values()))
     said.append(f"{in_words(gone)}." if gone else "Nothing was refused or excluded.")
     return printed(" ".join([*said, *walking_state(groups)]))
+
+
+def conditions(tables: Mapping[str, pl.DataFrame], findings: Mapping[str, Sequence[Entry]]) -> list[dict[str, Any]]:
+    """K, B and I of each condition, what was commanded of which joint, or walking group, with the trials that carry it
+    and what is doubted. Of several trials their mean, with Student's interval. `findings` are those on each trial."""
+    found = of_groups(tables, findings)
+    for name in ("impedance", "human_joint"):
+        table = tables.get(name, pl.DataFrame(schema=["amplitude_deg"]))
+        whole = table.filter(pl.col("amplitude_deg").is_null()) if "amplitude_deg" in table.columns else table
+        keys = [key for key in ("joint", "side", *MAP_ORDER) if key in whole.columns and whole[key].n_unique() > 1]
+        for own in whole.partition_by(keys, maintain_order=True) if keys else [whole] * (not whole.is_empty()):
+            row, trials = own.row(0, named=True), own["trial"].to_list()
+            if len(own) > 1:
+                for symbol in ESTIMATES:
+                    mean = over_repeats(own[symbol])
+                    row |= {symbol: mean.mean, f"{symbol}_low": mean.low, f"{symbol}_high": mean.high}
+            said = [
+                f"{key} {row[key]:g}" if key in ("K_d", "B_d") else row[key] for key in keys if row[key] is not None
+            ]
+            doubts = {doubted(one): None for trial in trials for one in findings.get(trial, ()) if is_doubt(one, name)}
+            found.append(
+                {"of": ", ".join(said) or "all", "trials": trials, "doubt": "; ".join(doubts), **cells_of(row)}
+            )
+    return found
+
+
+def of_groups(tables: Mapping[str, pl.DataFrame], findings: Mapping[str, Sequence[Entry]]) -> list[dict[str, Any]]:
+    found = []
+    groups = tables.get("walking_summary", pl.DataFrame(schema=["estimator", "group"])).filter(estimator="ensemble")
+    for (group,), own in groups.group_by("group", maintain_order=True):
+        row = {f"{one['quantity']}{end}": one[of] for one in own.to_dicts() for end, of in ENDS.items()}
+        doubts = {doubted(one): None for one in findings.get(str(group), ()) if is_doubt(one, "walking_groups")}
+        of = "walking" if group == "all" else f"walking, {group}"
+        found.append({"of": of, "trials": [], "doubt": "; ".join(doubts), **cells_of(row)})
+    return found
+
+
+ENDS = {"": "mean", "_low": "low", "_high": "high"}  # of a quantity in a summary
+
+
+def cells_of(row: Mapping[str, Any]) -> dict[str, tuple[str, str]]:
+    return {symbol: value_and_interval(row, symbol) for symbol in ESTIMATES}
+
+
+def is_doubt(entry: Entry, table: str) -> bool:
+    return entry["grade"] == Grade.DOUBTS and entry["table"] == table and not entry["in_part"]
+
+
+def doubted(entry: Entry) -> str:
+    """A cause of doubt, with the estimates that it leaves, in their units."""
+    left = [f"{name} {entry[f'{name}_without']:.3g}" for name in ESTIMATES if entry.get(f"{name}_without") is not None]
+    return printed(f"{entry['cause']}{f' (without it {in_words(left)})' if left else ''}")
+
+
+def method_said(settings: Mapping[str, Any], tables: Mapping[str, pl.DataFrame]) -> str:
+    """Two sentences and the equation, beside the first figure; empty where no impedance was estimated."""
+    said = []
+    if "impedance" in tables or "human_joint" in tables:
+        said.append(f"angle and torque behind a zero-phase low-pass of {settings['dynamometer']['cutoff_hz']:g} Hz")
+    if "walking_summary" in tables:
+        window = 1e3 * settings["walking"]["window_s"]
+        said.append(f"the mean response, perturbed less unperturbed, in the {window:g} ms after the onset")
+    begin = "τ = Kθ + Bθ̇ + Iθ̈ + τ₀ (Eq. 15), where τ resists the motion: K, B and I are fitted by least squares to"
+    return f"{begin} {in_words(said)}. Brackets are intervals of 95 %." if said else ""
 
 
 def assumed_said(states: pl.DataFrame) -> str:

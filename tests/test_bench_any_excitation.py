@@ -525,6 +525,15 @@ def test_clocks_of_two_devices_do_not_drift_whatever_the_joint_is():
     assert row_of(hidden)["certain_clock_drift_ppm"] == 0
 
 
+def test_what_else_changes_with_time_is_no_drift_of_clocks():
+    """A K that steps by 15 % in a recording of two devices whose clocks agree."""
+    time, (theta, *_) = motion = noise(np.random.default_rng(6), rate=500.0)
+    trial = made_trial(np.random.default_rng(6), motion, more=-45 * (time > 0.6 * time[-1]) * theta)
+    row = row_of(two_devices(trial, 0.0, 2))
+    assert row["time_shift"] > 1
+    assert row["certain_clock_drift_ppm"] is None
+
+
 def test_repeats_of_one_motion_are_averaged_and_other_motions_kept_apart():
     rows = [row_of(made_trial(rng, multisine(rng))) for rng in map(np.random.default_rng, range(2))]
     rows[1] |= {"band_low_hz": 0.3, "theta_rms_deg": 1.1 * rows[0]["theta_rms_deg"]}

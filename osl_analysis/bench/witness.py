@@ -399,8 +399,8 @@ def no_witness(names: Sequence[str] = tuple(HARM)) -> Row:
 def witness_row(record: Record, names: Sequence[str] = tuple(HARM), is_leg: bool = False) -> Row:
     """What the witness says of a model: by family its harm, the multiple of `HARM` by which a rival moves an estimate
     (0: not heard, or not the one that explains most); the rivals that cannot be told apart, and the estimates beside
-    them; the VAF [percent] in the band; of two clocks how they drift apart. A leg is no joint of second order and rubs
-    in its own way, so that of `is_leg` none of it is evidence, and null.
+    them; the VAF [percent] in the band; of two clocks how they drift apart, where no repeats tell. A leg is no joint of
+    second order and rubs in its own way, so that of `is_leg` none of it is evidence, and null.
 
     Raises InputError: they do by more than the settings allow; the message names the trial."""
     view = View(record, 3 - len(names))
@@ -419,7 +419,8 @@ def witness_row(record: Record, names: Sequence[str] = tuple(HARM), is_leg: bool
         row |= {name: 0.0 for name in row if name.endswith("_shift")}
         row |= {"path_shift": None if court.hides_delay() else 0.0, "heard": ", ".join(court.heard) or None}
     row |= {"VAF_in_band": vaf}
-    if record.two_clocks and not is_leg:
+    told = not court.heard or any(one.name in ("clocks", "delay") for one in alike)  # what else passes for a drift
+    if record.two_clocks and not is_leg and not record.groups.repeat and told:
         row |= clocks_row(record, *court.clock_drift(), CHUNKS - 5.0)
     if not alike:
         return row

@@ -106,7 +106,7 @@ def job(path: Path, s: DynamometerAnalysis, p: DrivetrainParameters) -> None:
     check_recording(read, s)
     rails = saturated(read, "torque", "theta")
     record = with_actuator(record_of_trial(read, s), read)
-    analysis, table = judged_impedance(record, rails, p, CONDITION, PAPER_WEIGHT)
+    analysis, table = judged_impedance(record, rails, p, CONDITION, CONDITION.gains(p, PAPER_WEIGHT))
     tables = [table, phasor_table(NAME, phasors_of_record(record)), analysis.time_base(QUANTITIES)]
     tables.append(analysis.series().table())
     for table in tables:

@@ -25,7 +25,7 @@ TEXT_COLUMNS = (
     "motion", "group", "gait", "direction", "subject", "session", "side", "speed", "pooled", "series", "group_stated",
     "not_checked", "excitation", "desired", "loading", "method", "weights", "trials", "joint", "data",
     "chosen", "trajectory", "axis_from", "over", "missing_components", "table", "grade", "cause", "inherited",
-    "evidence", "side", "says", "size", "remedy", "reaction", "rivals", "heard",
+    "evidence", "side", "says", "size", "remedy", "reaction", "rivals", "heard", "law",
 )  # fmt: skip
 """Columns that are text even where every entry looks like a number (a trial named `01`)."""
 

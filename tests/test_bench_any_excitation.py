@@ -21,7 +21,7 @@ from osl_analysis.bench.impedance import (
 )
 from osl_analysis.bench.record import record_of_trial, stated_windows
 from osl_analysis.bench.response_tables import response_tables
-from osl_analysis.bench.settings import BenchStiffness, DynamometerAnalysis, HumanJoint, TimeBase
+from osl_analysis.bench.settings import BenchStiffness, DynamometerAnalysis, HumanJoint, ModelComparison, TimeBase
 from osl_analysis.campaign.configuration import read_section
 from osl_analysis.commands.bench import compare_drivetrain_models, fit_impedance_trial
 from osl_analysis.config.experiments import EXPERIMENTS
@@ -127,7 +127,9 @@ def test_windows_are_fitted_and_nothing_else(tmp_path):
     seconds = [record_of_trial(trial, own, stated).seconds for stated in (None, "2-14.5")]
     assert seconds == pytest.approx([14.5 - 4 / 15, 12.5 - 4 / 15], abs=0.02)
     device, asked = ROOT / "config/parameters/default.yaml", DesiredImpedance("compensated", 300, 5)
-    fitted = fit_impedance_trial(trial, device, asked, PAPER_WEIGHT, SETTINGS, "2-14.5 25.5-40")
+    fitted = fit_impedance_trial(
+        trial, device, asked, PAPER_WEIGHT, ModelComparison(sign_width=0.05), SETTINGS, "2-14.5 25.5-40"
+    )
     kept, compared = tmp_path / f"{trial.name}.parquet", tmp_path / "compared.csv"
     write_table(fitted["record"], kept)
     compare_drivetrain_models(kept, device, asked, PAPER_WEIGHT, 0.05, SETTINGS, compared)
@@ -167,7 +169,7 @@ def test_what_the_gains_should_give_is_what_the_torque_of_the_linear_model_gives
     s[0] = 1e-9j
     torque, late = (np.fft.irfft(spectrum / expected(s) * np.exp(-s * d), len(theta)) for d in (0.0, 3e-4))
     record = moving_record(trial := made_trial(rng, motion, K=0.0, B=0.0, I=0.0, more=late))
-    table = judged_impedance(record, saturated(trial), p, asked, PAPER_WEIGHT)[1]
+    table = judged_impedance(record, saturated(trial), p, asked, asked.gains(p, PAPER_WEIGHT))[1]
     on_time = row_of(made_trial(rng, motion, K=0.0, B=0.0, I=0.0, more=torque))
     assert table.select("K_predicted", "B_predicted").row(0) == pytest.approx((on_time["K"], on_time["B"]), rel=3e-3)
     assert table["I_predicted"][0] == pytest.approx(on_time["I"], abs=2e-3)
@@ -184,7 +186,7 @@ def test_the_b_of_a_compensated_leg_is_held_against_that_of_its_gains(late):
     spectrum = np.fft.rfft(theta) / joint_admittance(gains.K_1, gains.B_1, p, p.J_j)(s) * np.exp(-s * late)
     torque = np.fft.irfft(spectrum * (np.abs(s) < 2 * np.pi * 45), len(theta))
     record = moving_record(trial := made_trial(np.random.default_rng(3), motion, K=0.0, B=0.0, I=0.0, more=torque))
-    table = judged_impedance(record, saturated(trial), p, asked, PAPER_WEIGHT)[1]
+    table = judged_impedance(record, saturated(trial), p, asked, asked.gains(p, PAPER_WEIGHT))[1]
     size = np.std(torque) / np.std(theta)
     assert table["B_gap_s"][0] == pytest.approx(late * table["K"][0] / size, rel=0.1, abs=2e-4)
     assert table["B_predicted"][0] == pytest.approx(5.46, rel=0.05)

@@ -31,7 +31,7 @@ from osl_analysis.bench.model_comparison import (
 )
 from osl_analysis.bench.phasors import frequency_response_table, phasor_table, phasors_of_record
 from osl_analysis.bench.record import record_of_trial, sine_record
-from osl_analysis.bench.settings import BenchStiffness
+from osl_analysis.bench.settings import BenchStiffness, ModelComparison
 from osl_analysis.campaign.configuration import read_section
 from osl_analysis.commands import figure as plotted_numbers
 from osl_analysis.commands.bench import (
@@ -300,7 +300,8 @@ def rivals_of_eq_15(folder, *off):
     path = written(folder, UNCOMPENSATED, settings(*off, amplitudes_deg=(2, 4, 6)), DEFAULT)
     trial, condition = read_trial(path), DesiredImpedance("uncompensated", 300.0, 5.0)
     weight, kept, compared = Weight(cutoff_hz=1, order=3), folder / f"{trial.name}.parquet", folder / "compared.csv"
-    write_table(fit_impedance_trial(trial, DEFAULT_FILE, condition, weight, ANALYSIS)["record"], kept)
+    models = ModelComparison(sign_width=0.05)
+    write_table(fit_impedance_trial(trial, DEFAULT_FILE, condition, weight, models, ANALYSIS)["record"], kept)
     compare_drivetrain_models(kept, DEFAULT_FILE, condition, weight, 0.05, ANALYSIS, compared)
     table = read_table(compared)
     assert (table["experiment"].to_list(), table["model"].to_list()) == (["impedance"] * 4, ["M1", "M2", "M3", "M4"])

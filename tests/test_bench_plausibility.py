@@ -10,7 +10,7 @@ from conftest import ROOT, beyond_in
 
 from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.bench.plausible import plausible_impedance
-from osl_analysis.bench.settings import ActuatorAnalysis, BenchStiffness, DynamometerAnalysis
+from osl_analysis.bench.settings import ActuatorAnalysis, BenchStiffness, DynamometerAnalysis, ModelComparison
 from osl_analysis.campaign.configuration import read_section
 from osl_analysis.commands.bench import fit_trial
 from osl_analysis.errors import InputError
@@ -75,7 +75,8 @@ def changed(experiment, **changes):
 def judged(experiment, recording, bench=BENCH, asked=None, fixture=None):
     """The last row of the table by the one door to a fit, which knows K_d if it is `asked`, and what is `beyond`."""
     chosen = {"settings": ACTUATOR if experiment == "actuator" else bench}
-    chosen |= {"weight": PAPER_WEIGHT} if experiment == "impedance" else {}
+    models = ModelComparison(sign_width=0.05)
+    chosen |= {"weight": PAPER_WEIGHT, "models": models} if experiment == "impedance" else {}
     trial = Trial("made", pl.DataFrame(recording), {"columns": {"torque": {"fixture": fixture}}})
     fit = fit_trial(experiment, trial, DEVICE, chosen, LIMITS, asked)
     return dict(fit.row) | {"beyond": beyond_in(fit.findings[-1]), "findings": fit.findings[-1]}

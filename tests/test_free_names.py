@@ -65,8 +65,8 @@ def results(tmp_path_factory):
 
 def test_belts_of_one_joint_are_never_predicted_from_those_of_another(tmp_path):
     trials = [f"{name},belt,{joint},{name}.csv,bench_csv" for joint in ("ankle", "knee") for name in (joint[0], joint)]
-    for line in trials:
-        recording(1.0, 0).write_csv(tmp_path / line.split(",")[3])
+    for seed, line in enumerate(trials):
+        recording(1.0, seed).write_csv(tmp_path / line.split(",")[3])
     planned = run_snakemake(["-n", *options_of(tmp_path, ["trial,experiment,joint,log,log_source", *trials])], tmp_path)
     assert re.search(r"^compare_belt_models +2$", planned.stdout, re.MULTILINE), planned.stdout
 

@@ -318,14 +318,10 @@ def judged_impedance(
     rails: pl.Expr,
     p: DrivetrainParameters | None,
     desired: DesiredImpedance | None,
-    weight: Weight | None = None,
+    gains: Gains | None = None,
 ) -> tuple[Analysis, pl.DataFrame]:
-    """Eq. 15 of a record, and its rows with all that judges them. What the gains, selected with the `weight` W of
-    Eq. 14, should give is known only with a parameter file (`p`), a controller of the draft, K_d and B_d.
-
-    Raises InputError, UnreachableImpedanceError: As `plausible_impedance`, and as `DesiredImpedance.gains`.
-    """
-    gains = None if desired is None or weight is None else desired.gains(p, weight)
+    """Eq. 15 of a record, and its rows with all that judges them. What should come of the `gains` is known only with a
+    parameter file (`p`). Raises as `plausible_impedance`."""
     expected = joint_admittance(gains.K_1, gains.B_1, p, p.J_j) if p and gains else None
     analysis, s = rendered_impedance(record, expected)
     predicted = linear_estimates(s).tolist() if expected else None

@@ -24,6 +24,7 @@ from osl_analysis.bench.impedance import (
     judged_impedance,
     repeated_trials_table,
 )
+from osl_analysis.bench.law import SCHEMA, law_table, law_that_ran
 from osl_analysis.bench.phasors import frequency_response_table, phasor_table, phasors_of_record
 from osl_analysis.bench.plausible import plausible
 from osl_analysis.bench.prediction import NUMBERS, components_of, prediction_table, prediction_terms
@@ -36,6 +37,7 @@ from osl_analysis.bench.settings import (
     FilterSettings,
     HumanJointAnalysis,
     ImpedanceAnalysis,
+    ModelComparison,
     SteppedSineAnalysis,
     TorqueAngleAnalysis,
 )
@@ -85,6 +87,7 @@ def fit_impedance_trial(
     parameters: FileOrNone,
     condition: DesiredImpedance | None,
     weight: Weight,
+    models: ModelComparison,
     settings: ImpedanceAnalysis,
     windows: str | None = None,
 ) -> Mapping[str, pl.DataFrame]:
@@ -96,15 +99,20 @@ def fit_impedance_trial(
     check_recording(trial, settings)
     rails = saturated(trial, "torque", "theta")
     record = record_of_trial(trial, settings, windows)
-    analysis, table = judged_impedance(with_actuator(record, trial), rails, p, condition, weight)
     stated = condition or DesiredImpedance(None, None, None)
+    of_leg, law, ran = with_actuator(record, trial), pl.DataFrame(schema=SCHEMA), stated.gains(p, weight)
+    if p is not None and ran is not None:
+        law = law_table(of_leg, trial, p, ran, models.sign_width)
+        ran = law_that_ran(law, ran)
+    analysis, table = judged_impedance(of_leg, rails, p, condition, ran)
 
     def further() -> dict[str, pl.DataFrame]:
         frames = {"phasors": phasor_table(trial.name, phasors_of_record(record)), **response_tables(record, p)}
         columns = stated.columns() if condition else {}
         of_condition = {name: frame.with_columns(**columns) for name, frame in frames.items()}
         parts = model_comparison.thinned_amplitudes(record)
-        kept = stored_record(record, parts) if stated.gains(p, weight) else pl.DataFrame(schema={"time": pl.Float64})
+        kept = stored_record(record, parts) if ran else pl.DataFrame(schema={"time": pl.Float64})
+        of_condition["law"] = law.with_columns(**columns)
         return of_condition | {"timebase": analysis.time_base(QUANTITIES), "record": kept}
 
     return FitTables(analysis.series(), further, impedance=table)
@@ -191,6 +199,7 @@ def compare_controllers(table: Path, output: Path) -> None:
 def gather_predictions(
     records: Sequence[Path],
     table: Path,
+    law: Path,
     components: Mapping[str, Path],
     unpredicted: Mapping[str, str],
     weight: Weight,
@@ -201,14 +210,15 @@ def gather_predictions(
     parameters: FileOrNone = None,
 ) -> None:
     """The predictions of all trials with their intervals, and what would explain what they leave. `records` are those
-    of their fits, `table` is `impedance.csv`, `unpredicted` says why other trials with known gains have none. The
-    controller smooths the sign of the velocity over `sign_width` [rad/s], `weight` is W of Eq. 14."""
+    of their fits, `table` is `impedance.csv`, `law` is `law.csv`: where other gains ran than were programmed, these
+    count. `unpredicted` says why other trials with known gains have none. The controller smooths the sign of the
+    velocity over `sign_width` [rad/s], `weight` is W of Eq. 14."""
     fits, without = with_evidence(table).filter(pl.col("amplitude_deg").is_null()), dict(unpredicted)
     p, measured = known_parameters(parameters), {part: read_table(path) for part, path in components.items()}
     predicted, found = fits.filter(pl.col("trial").is_in([path.stem for path in records])), []
-    kept = {path.stem: path for path in records}
+    kept, laws = {path.stem: path for path in records}, read_table(law)
     for own in predicted.partition_by(PLACE, maintain_order=True):
-        terms = dict[str, pl.DataFrame]()
+        terms, law_of = dict[str, pl.DataFrame](), dict[str, str]()
         for row in own.to_dicts():
             try:
                 assert p is not None  # without a parameter file no gains are known
@@ -216,11 +226,14 @@ def gather_predictions(
                 gains = DesiredImpedance(row["controller"], row["K_d"], row["B_d"]).gains(p, weight)
                 assert gains is not None  # of other trials no record is read
                 record, _ = read_record(kept[row["trial"]], settings.low_pass)
-                terms[row["trial"]] = prediction_terms(record, Controller(gains, p, sign_width), known)
+                ran = law_that_ran(laws.filter(trial=row["trial"]), gains)
+                terms[row["trial"]] = prediction_terms(record, Controller(ran, p, sign_width), known)
+                law_of[row["trial"]] = "programmed" if ran == gains else "measured"
             except (InputError, IdentifiabilityError) as error:
                 without[row["trial"]] = f"components that predict a torque ({error})"
         if terms:
-            found.append(prediction_table(terms, own.filter(pl.col("trial").is_in(list(terms))), known))
+            rows, of_components = prediction_table(terms, own.filter(pl.col("trial").is_in(list(terms))), known)
+            found.append((rows.with_columns(law=pl.col("trial").replace_strict(law_of)), of_components))
     said = pl.col("trial").replace_strict(without, default=None, return_dtype=pl.String)
     numbers = pl.DataFrame(schema=dict.fromkeys(NUMBERS, pl.Float64))
     others = fits.filter(pl.col("trial").is_in(list(without)))

@@ -12,7 +12,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from osl_analysis.bench.analysis import FitTables
-from osl_analysis.bench.settings import ActuatorAnalysis, DynamometerAnalysis
+from osl_analysis.bench.settings import ActuatorAnalysis, DynamometerAnalysis, ModelComparison
 from osl_analysis.campaign.configuration import StudyTrials
 from osl_analysis.commands.bench import fit_tables, job_of
 from osl_analysis.compiled import require_compiler
@@ -45,7 +45,8 @@ def study_inputs(
 
     def fit(experiment: str, trial: Trial, sections: Mapping[str, Any]) -> FitTables:
         """The door to every fit, without what the sheet may state of a trial, which changes no estimate."""
-        chosen = {**sections, "gain_weight": simulation.gain_weight}
+        friction = ModelComparison(sign_width=simulation.drivetrain.sign_width)
+        chosen = {**sections, "gain_weight": simulation.gain_weight, "model_comparison": friction}
         settings = {name: chosen[section] for name, (section, _) in job_of(experiment).settings.items()}
         found = fit_tables(experiment, trial, parameters, settings)
         assert isinstance(found, FitTables)

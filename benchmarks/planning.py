@@ -1,13 +1,14 @@
 """Time to plan large campaigns, beside a bare Snakefile of as many jobs, and the files that a trial leaves.
 
 Run from the repository: `python benchmarks/planning.py`, or with other numbers of trials, as `python
-benchmarks/planning.py 100 1000`. A campaign of N measured impedance trials, whose recordings are links to one simulated
-file, is planned by `snakemake --dry-run --quiet all reproduce-all` in a process of its own. The bare Snakefile has a
-chain of three jobs for each trial, as the campaign has (ingest, fit, comparison), and one target that needs the ends of
-all chains. CPU and wall time [s], their ratio, and the exponents p of the times, time ~ N^p, from one N to the next, of
-the campaign and of the bare Snakefile. Campaigns of N crossings have exponents too. Then two campaigns, and two bare
-Snakefiles, of 6 and 60 trials are run and planned again: with nothing to do, and after a change of one log. The
-difference of the numbers of their files below `results/` gives files per trial.
+benchmarks/planning.py 100 1000`. A campaign of N measured impedance trials, whose recordings are not looked into, is
+planned by `snakemake --dry-run --quiet all reproduce-all` in a process of its own. The bare Snakefile has a chain of
+three jobs for each trial, as the campaign has (ingest, fit, comparison), and one target that needs the ends of all
+chains. CPU and wall time [s], their ratio, and the exponents p of the times, time ~ N^p, from one N to the next, of the
+campaign and of the bare Snakefile. Campaigns of N crossings have exponents too. Then two campaigns, and two bare
+Snakefiles, of 6 and 60 trials, whose recordings are cut off at different ends, are run and planned again: with nothing
+to do, and after a change of one log. The difference of the numbers of their files below `results/` gives files per
+trial.
 """
 
 import math
@@ -25,14 +26,14 @@ import yaml
 from osl_analysis.commands.simulate import simulate_trial
 
 ROOT = Path(__file__).resolve().parents[1]
-NUMBERS = (30, 100, 300, 1000, 3000)
+NUMBERS = (30, 117, 1000, 4000)
 PER_SUBJECT = 20
 """Crossings of one subject, with one static trial."""
 RUN = (6, 60)
 """Numbers of trials of the campaigns that are run."""
 SETTINGS, TRIAL = ROOT / "tests/tiny_simulation.yaml", "impedance_K300_B5.0_compensated"
 RECORDED: dict[str, dict[str, Any]] = {
-    "dynamometer": {"amplitudes_deg": [2, 4], "frequencies_hz": [2, 5], "cycles": 3},
+    "dynamometer": {"amplitudes_deg": [2, 4], "frequencies_hz": [2, 5], "cycles": 3, "settle_cycles": 1},
     "figures": {"time_series": None, "frequency_response": None},
 }
 """What the configuration says of the recording."""
@@ -62,14 +63,15 @@ rule compare:
 """
 
 
-def write_campaign(folder: Path, number: int, recording: Path) -> list[str]:
-    """Write sheet, configuration and recordings of a campaign; the arguments of Snakemake for it."""
+def write_campaign(folder: Path, number: int, recording: bytes) -> list[str]:
+    """Write sheet, configuration and recordings of a campaign; the arguments of Snakemake for it. No recording is a
+    copy of another: each has a byte less."""
     raw = folder / "raw_data/dynamometer"
     raw.mkdir(parents=True)
     lines = ["trial,experiment,controller,K_d,B_d,log,log_source"]
     for trial in range(number):
         log = raw / f"impedance_{trial:05d}.mcap"
-        log.hardlink_to(recording)
+        log.write_bytes(recording[: len(recording) - trial])
         lines.append(f"{log.stem},impedance,compensated,300,5,dynamometer/{log.name},dynamometer")
     sheet, config = folder / "raw_data/trials.csv", folder / "own.yaml"
     sheet.write_text("\n".join(lines) + "\n", encoding="utf-8")
@@ -108,7 +110,7 @@ def snakemake(arguments: list[str], folder: Path, *options: str) -> tuple[float,
     """CPU and wall time [s] of a run of Snakemake, with its children."""
     before, begin = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    command = ["snakemake", "--quiet", "all", *options, *arguments]
+    command = [sys.executable, "-m", "snakemake", "--quiet", "all", *options, *arguments]
     ended = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True)
     wall, after = time.perf_counter() - begin, resource.getrusage(resource.RUSAGE_CHILDREN)
     if ended.returncode:
@@ -116,14 +118,15 @@ def snakemake(arguments: list[str], folder: Path, *options: str) -> tuple[float,
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime, wall
 
 
-def plan(numbers: list[int], folder: Path, recording: Path) -> None:
+def plan(numbers: list[int], folder: Path) -> None:
     """Plan campaigns and bare Snakefiles of these numbers of trials, and print their times."""
     print(f"{'':>6}{'campaign':>18}{'bare Snakefile':>18}{'ratio':>14}{'exponents':>16}")
     print(f"{'N':>6}" + f"{'CPU':>9}{'wall':>9}" * 2 + f"{'CPU':>7}{'wall':>7}{'campaign':>10}{'bare':>6}")
     before: tuple[int, float, float] | None = None
     for number in numbers:
         place = folder / str(number)
-        cpu, wall = snakemake(write_campaign(place / "campaign", number, recording), place / "campaign", "--dry-run")
+        campaign = write_campaign(place / "campaign", number, bytes(2 * number))
+        cpu, wall = snakemake(campaign, place / "campaign", "--dry-run")
         bare_cpu, bare_wall = snakemake(write_bare(place / "bare", number), place / "bare", "--dry-run")
         grown = [exponent(before[0], number, *of) for of in ((before[1], cpu), (before[2], bare_cpu))] if before else []
         print(
@@ -151,7 +154,7 @@ def exponent(few: int, many: int, time_of_few: float, time_of_many: float) -> fl
     return math.log(time_of_many / time_of_few) / math.log(many / few)
 
 
-def run_and_plan_again(number: int, folder: Path, recording: Path) -> int:
+def run_and_plan_again(number: int, folder: Path, recording: bytes) -> int:
     """Run a campaign and a bare Snakefile, plan them again, print the times; the number of files in `results`."""
     campaign, bare = write_campaign(folder / "campaign", number, recording), write_bare(folder / "bare", number)
     snakemake(campaign, folder / "campaign")
@@ -160,9 +163,7 @@ def run_and_plan_again(number: int, folder: Path, recording: Path) -> int:
     nothing_bare, _ = snakemake(bare, folder / "bare", "--dry-run")
     files = sum(path.is_file() for path in (folder / "campaign/results").rglob("*"))
     log = next((folder / "campaign/raw_data").rglob("*.mcap"))
-    content = log.read_bytes()
-    log.unlink()  # it is a link, as all others are
-    log.write_bytes(content[:-1])
+    log.write_bytes(log.read_bytes()[: -2 * number])
     changed, _ = snakemake(campaign, folder / "campaign", "--dry-run")
     print(f"{number:>6}{nothing:>12.2f}{nothing_bare:>18.2f}{nothing / nothing_bare:>9.2f}{changed:>18.2f}", flush=True)
     return files
@@ -178,8 +179,8 @@ def main() -> None:
         settings["protocol"]["amplitudes_deg"] = RECORDED["dynamometer"]["amplitudes_deg"]
         (folder / "simulation.yaml").write_text(yaml.safe_dump(settings), encoding="utf-8")
         simulate_trial(folder / "simulation.yaml", folder / "simulated", TRIAL)
-        recording = next((folder / "simulated").rglob(f"{TRIAL}.mcap"))
-        plan(numbers, folder, recording)
+        recording = next((folder / "simulated").rglob(f"{TRIAL}.mcap")).read_bytes()
+        plan(numbers, folder)
         plan_crossings(numbers, folder)
         print("planned again, CPU:")
         print(f"{'N':>6}{'nothing to do':>15}{'bare Snakefile':>15}{'ratio':>9}{'one log changed':>18}")

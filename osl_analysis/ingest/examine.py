@@ -50,7 +50,13 @@ class Examined:
 
     @cached_property
     def steps(self) -> dict[str, Array]:
-        return sampling_steps(self.trial)
+        """Sampling steps [s], (n - 1,) each. Channels that were sampled at the same times stand under the first."""
+        time, steps = self.trial.samples["time"].to_numpy(), dict[bytes, tuple[str, Array]]()
+        for column in self.trial.samples.columns:
+            present = self.trial.samples[column].is_not_null().to_numpy()
+            if column != "time" and present.sum() > 2:
+                steps.setdefault(present.tobytes(), (column, np.diff(time[present])))
+        return dict(steps.values())
 
 
 @dataclass(frozen=True)
@@ -94,16 +100,6 @@ def consecutive(time: Array, values: Array, seconds: float) -> Array:
 
 
 # Sampling, clocks and damage. What each check measures is said by `judge/words.yaml`.
-
-
-def sampling_steps(trial: Trial) -> dict[str, Array]:
-    """Sampling steps [s], (n - 1,) each. Channels that were sampled at the same times stand under the first."""
-    time, steps = trial.samples["time"].to_numpy(), dict[bytes, tuple[str, Array]]()
-    for column in trial.samples.columns:
-        present = trial.samples[column].is_not_null().to_numpy()
-        if column != "time" and present.sum() > 2:
-            steps.setdefault(present.tobytes(), (column, np.diff(time[present])))
-    return dict(steps.values())
 
 
 def measure_rate(examined: Examined) -> CheckResult:
@@ -399,10 +395,8 @@ def held(
     edges = run_edges(np.diff(values) == 0)
     edges = edges[np.argsort(edges[:, 0] - edges[:, 1], kind="stable")]
     when, what = reference or (time, values)
-    starts, stops = (
-        np.searchsorted(when, time[edges[:, 0]] + apart),
-        np.searchsorted(when, time[edges[:, 1]] - apart, "right"),
-    )
+    starts = np.searchsorted(when, time[edges[:, 0]] + apart)
+    stops = np.searchsorted(when, time[edges[:, 1]] - apart, "right")
     for (first, last), start, stop in zip(edges.tolist(), starts.tolist(), stops.tolist(), strict=True):
         if reference is not None:
             within = what[start:stop]

@@ -152,7 +152,11 @@ def prediction_terms(record: Record, law: Controller, components: Components) ->
     products with each of the terms, without offset and drift. Raises as `predicted_torque`."""
     predicted, file = predicted_torque(record, law, components.p), law.p
     columns = {"left": record.filtered_torque - predicted}
+    exact = {"B_j": record.motion.omega, "J_j": record.motion.alpha}  # the torque is linear in them
     for name, value in components.values.items():
+        if name in exact:
+            columns[name] = exact[name]
+            continue
         step = max(0.02 * abs(value), 0.5 * components.se(name))
         changed = drivetrain_of({**components.values, name: max(value, 0.0) + step}, file)
         columns[name] = (predicted_torque(record, law, changed) - predicted) / step

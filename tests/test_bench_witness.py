@@ -61,6 +61,13 @@ def test_a_fault_is_heard_by_its_family_and_its_rival_leaves_the_joint_as_it_is(
         assert low < row[f"{name}_without"] < high
 
 
+def test_a_K_that_changes_at_once_is_heard_also_where_the_motion_becomes_faster_with_time():
+    row = told("chirp", more=lambda t, x, *_: -6 * (t > 0.6 * t[-1]) * x)
+    assert row["time_shift"] > 1
+    assert row["rivals"] == "K that changes at once"
+    assert row["K_without_low"] < 294.6 < 299.4 < row["K_without_high"]
+
+
 def test_a_delay_is_told_in_slow_noise_by_its_own_size_and_not_by_what_is_left():
     rng = np.random.default_rng(1)
 

@@ -117,7 +117,9 @@ def component_rows(tables: Mapping[str, pl.DataFrame], place: Sequence[str | Non
         names = [name for name, of in COMPONENTS.items() if of == part]  # which an actuator that stands has not all
         rows[part] = counted(own.filter(*at, *whole).drop_nulls(names)) if len(own) else own
     if missing := [part for part, own in rows.items() if own.is_empty()]:
-        raise InputError(f"the campaign has no {' and no '.join(missing)} trials of this joint and side; record them")
+        stands = ", with a shaft that turns" if missing[0] == "actuator" and len(tables.get("actuator", ())) else ""
+        said = " and no ".join(missing)
+        raise InputError(f"the campaign has no {said} trials of this joint and side{stands}; record them")
     return rows
 
 

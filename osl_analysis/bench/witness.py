@@ -36,6 +36,7 @@ ALIKE = 3.0  # standard errors, paired by chunks, up to which rivals leave as mu
 NEAR = 0.03  # share of what the best rival leaves, by which one that is as good may leave more
 CHANCE = 10.0  # parameters of noise by which a rival may be better by chance, where many are tried
 UNEXPLAINED = 0.7  # share of what the best rival explains, by which one that is as good may explain less
+MOMENTS = np.arange(6, 19) / CHUNKS  # shares of what is fitted at whose ends K, or a lag, may change
 MUSCLE_HZ = 6.0  # of a muscle's answer to a reflex
 SERIES = 5  # terms of the series of a torque that is late by a time that changes
 LONGEST_LAG = 0.02  # s
@@ -92,6 +93,7 @@ class View:
         self.few = int(self.padded * RATE_HZ / rate)
         at = np.rint(np.arange(self.few) * self.padded / self.few).astype(np.intp)
         self.rows = np.flatnonzero((at < self.n) & fitted[np.minimum(at, self.n - 1)])
+        self.moments = np.quantile(self.time[at[self.rows]], MOMENTS)
         self.chunks = [np.arange(len(self.rows)) * CHUNKS // len(self.rows)]
         if record.periodic is not None:  # rounding that every period repeats is alike in all parts of the recording
             passed = self.rows / RATE_HZ / record.periodic.period
@@ -156,6 +158,7 @@ class Court:
             "friction": [sign],
             "path": [view.in_band(x) for x in view.orders[3:5]],
             "time": [view.column(x * view.time) for x in view.motion[view.first : 3]],
+            "moment": [view.column(view.motion[view.first] * (view.time > at)) for at in view.moments],
             "speed": [view.column(omega * np.abs(omega))],
             "size": [view.column(theta**3)],
             "direction": [view.column(np.abs(x)) for x in view.motion[view.first : 2]],
@@ -166,6 +169,7 @@ class Court:
             columns += added
         every = [view.sums(columns, k) for k in range(len(view.chunks))]
         base = list(range(len(view.base) + len(self.beside)))
+        moments = places.pop("moment")
         by_friction, (size,) = wald(every[0], base, places.pop("friction"))
         if by_friction < FRICTION and size > 0:
             base.append(len(base))
@@ -175,6 +179,8 @@ class Court:
             for name, at in places.items()
             if elastic or name != "size"
         }
+        at_once = [max(wald(sums, base, [at])[0] for sums in every) for at in moments]
+        self.chance["time"] = min(self.chance["time"], *(chance + np.log10(len(at_once)) for chance in at_once))
         if size < 0:  # friction that drives: play, or damping that falls with speed
             self.chance["speed"] = min(self.chance["speed"], by_friction - FRICTION)
 
@@ -280,7 +286,7 @@ class Court:
         view, base = self.view, self.view.base
         self.add("time", "clocks", *self.late(np.ones(view.n), view.time)[:2], 2)
         self.add("time", "clocks", *self.late(view.time - view.time[0])[:2], 1)
-        moments = [np.where(view.time > share, 1.0, 0.0) for share in np.arange(6, 19) / 24 - 0.5]
+        moments = [np.where(view.time > at, 1.0, 0.0) for at in view.moments]
         slope = self.fitted(base)[0][: 3 - view.first] @ np.array(view.motion[view.first + 1 : 4])
         lag = min(moments, key=lambda then: self.left([*base, view.column(then * slope)]))
         self.add("time", "lag that changes at once", *self.late(lag)[:2], 2)

@@ -8,7 +8,7 @@ import polars as pl
 import pytest
 from conftest import ROOT
 
-from osl_analysis.bench.law import ERRORS, law_table, law_that_ran
+from osl_analysis.bench.law import OTHER_LAW, law_table, law_that_ran
 from osl_analysis.bench.record import record_of_trial, with_actuator
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.campaign.configuration import read_section
@@ -65,7 +65,7 @@ def test_the_gains_that_ran_are_measured_and_are_others_where_other_ones_were_pr
     assert row["B_1"] == pytest.approx(ran.B_1 - 5e-4 * ran.K_1, abs=4e-3)  # a sample of the log is 0 or 1 ms late
     assert (row["f_C"], row["f_G"]) == pytest.approx((cancels * P.f_C, cancels * P.f_G), abs=0.02)
     another = (stiffer, damped) != (1.0, 1.0)
-    assert any(row[name] > most for name, most in ERRORS.items()) == another
+    assert any(row[name] > most for name, most in OTHER_LAW.items()) == another
     acts = law_that_ran(table, programmed)
     assert acts == (Gains(row["K_1"], row["B_1"], cancels) if another else programmed)
 
@@ -74,7 +74,7 @@ def test_a_feedforward_of_friction_that_did_not_run_is_told_and_the_rest_of_the_
     programmed = Gains(20.0, 0.3, True)
     table = told(replace(programmed, cancels_friction=False), programmed)
     assert table["feedforward_error"][0] == pytest.approx(1.0, abs=0.03)
-    assert table["K_1_error"][0] < ERRORS["K_1_error"]
+    assert table["K_1_error"][0] < OTHER_LAW["K_1_error"]
     assert not law_that_ran(table, programmed).cancels_friction
 
 

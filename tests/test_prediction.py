@@ -16,7 +16,7 @@ from statsmodels.robust.robust_linear_model import RLM
 
 from osl_analysis.bench import prediction
 from osl_analysis.bench.impedance import DesiredImpedance, rendered_impedance, torque_error
-from osl_analysis.bench.law import SCHEMA
+from osl_analysis.bench.law import LAW_COLUMNS
 from osl_analysis.bench.model_comparison import compensation_table
 from osl_analysis.bench.phasors import ComplexEstimate, damping_row
 from osl_analysis.bench.prediction import COMPONENTS, components_of, model_variance, prediction_table, prediction_terms
@@ -79,7 +79,7 @@ def test_a_record_that_was_kept_is_predicted_as_that_of_the_fit_and_without_comp
     write_table(pl.DataFrame([row]), table := tmp_path / "impedance.csv")
     settings, (output, causes) = FilterSettings(cutoff_hz=15, order=4), (tmp_path / name for name in ("p.csv", "c.csv"))
     device = ROOT / "config/parameters/default.yaml"
-    write_table(pl.DataFrame(schema=SCHEMA), law := tmp_path / "law.csv")
+    write_table(pl.DataFrame(schema=LAW_COLUMNS), law := tmp_path / "law.csv")
     gather_predictions([kept], table, law, {}, {}, PAPER_WEIGHT, 0.05, settings, output, causes, device)
     assert "no actuator and no belt" in read_table(output)["missing_components"].item()
     assert read_table(causes).is_empty()

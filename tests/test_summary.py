@@ -18,7 +18,7 @@ from osl_analysis.commands.tables import format_results_table, gather, read_summ
 from osl_analysis.errors import InputError
 from osl_analysis.jobs.job_log import write_log
 from osl_analysis.judge.campaign import campaign_findings, findings_report, known_of
-from osl_analysis.judge.finding import Beyond, Grade, Remedy
+from osl_analysis.judge.finding import Beyond, Finding, Grade, Remedy, finding_rows, findings_frame
 from osl_analysis.judge.judging import judged, unchecked_in
 from osl_analysis.judge.limits import DoubtfulFits, Limits
 from osl_analysis.refusal import Refusal
@@ -75,7 +75,7 @@ def test_a_misfit_that_a_cause_explains_is_no_doubt_of_its_own_and_where_the_rem
     assert [(one.cause, one.remedy) for one in both] == [("friction", Remedy.WHOLE)] * 2
     sound = rows.with_columns(coulomb_share=pl.Series([0.6, 0.1]))
     (alone,), none = judged(sound, limits, "phasors")
-    assert (alone.remedy, alone.in_part, none) == (Remedy.AMPLITUDE, True, [])
+    assert (alone.remedy, alone.amplitude_deg is not None, none) == (Remedy.AMPLITUDE, True, [])
     assert judged(sound.with_columns(frequency_hz=5.0), limits, "phasors")[0][0].remedy == Remedy.FREQUENCY
 
 
@@ -529,3 +529,19 @@ def test_numbers_that_a_failed_run_left_behind_are_said_to_be_old(tmp_path):
         os.utime(log, (summary.stat().st_mtime + later,) * 2)
         said = "1 jobs were refused or failed, first ingest.after: b_1.mcap: no such file"
         assert (said in tables.later_failures(summary)) == old
+
+
+def test_a_finding_in_the_table_is_the_finding_that_was_made():
+    evidence = (Beyond("lag_share", 0.1, 0.05, "above"), Beyond("VAF", 90.0, 98.0, "below"))
+    without = {
+        f"{name}{end}": k + 10.0 * way for k, name in enumerate("KBI") for way, end in enumerate(("", "_low", "_high"))
+    }
+    finding = Finding("impedance", "t", "late torque", Grade.DOUBTS, evidence, 4.0, sizes={"B": 0.5}, without=without)
+    table = findings_frame(finding_rows(3, finding, ("says", "size", "remedy")))
+    numbers = ("evidence", "value", "limit", "side")
+    assert table.select(numbers).rows() == [(one.column, one.value, one.limit, one.side) for one in evidence]
+    for row in table.drop(numbers).to_dicts():
+        found = {name.replace("_without", ""): value for name, value in row.items() if "_without" in name}
+        assert found == without
+        sizes = (row["K_size"], row["B_size"], row["I_size"])
+        assert (row["finding"], row["grade"], row["amplitude_deg"], sizes) == (3, "doubts", 4.0, (None, 0.5, None))

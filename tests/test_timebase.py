@@ -270,6 +270,18 @@ def test_a_held_value_that_was_taken_within_the_row_before_lies_where_its_doubt_
     assert_recovers_the_joint(grid.other())
 
 
+def test_a_held_value_of_an_uneven_source_is_half_a_row_older_than_the_first_row_that_has_it():
+    random, one = np.random.default_rng(2), held_log(97.0)
+    t, own = clock(RATE, SHORTER), clock(97.0, SHORTER + 0.1)
+    own += np.clip(np.cumsum(random.normal(0, 3e-4, own.size)), -4e-3, 4e-3)
+    newest = np.maximum(np.searchsorted(own, t, "right") - 1, 0)
+    one.signals["torque"][:] = noisy(JOINT @ np.stack(sines(own)), random)[newest]
+    grid = one_time_base([one])
+    (said,) = (stream for stream in grid.streams if stream["signals"] == "torque")
+    assert (said["firm"], said["delay_s"]) == (False, pytest.approx(5e-4, abs=2e-6))
+    assert_recovers_the_joint(grid)
+
+
 @pytest.mark.parametrize("bits", [10, 14])
 def test_a_coarse_slow_or_resting_signal_is_not_held(bits):
     t = clock(RATE, SHORTER)

@@ -69,6 +69,6 @@ def test_a_changed_word_changes_no_cause(monkeypatch):
 def test_each_number_that_a_text_names_is_a_column_or_is_computed():
     """A misspelt name would leave its sentence out without a word."""
     columns = {name for table in described_tables() for name in table.columns}
-    texts = yaml.safe_dump(WORDS, width=10_000)
+    texts = yaml.safe_dump({part: texts for part, texts in WORDS.items() if part != "misfits"}, width=10_000)
     named = set(re.findall(r"(?<!\w: )\{([A-Za-z_]+)[:.}]", texts))
     assert named - columns - {*COMPUTED, *OF_EVIDENCE} <= {"cutoff"}  # which is typed into a source file

@@ -16,12 +16,12 @@ from osl_analysis.model.parameters import DrivetrainParameters
 from osl_analysis.stats.regression import estimates_row, linear_fit, thinned_rows
 from osl_analysis.trial import Array, Trial
 
-GAINS = ("K_1", "B_1", "f_C", "f_G")
-MEASURED = tuple(f"{name}{end}" for name in GAINS for end in ("", "_se", "_low", "_high", "_programmed"))
-ERRORS = {"K_1_error": 0.02, "B_1_gap_s": 3e-3, "feedforward_error": 0.5}
+LAW_GAINS = ("K_1", "B_1", "f_C", "f_G")
+GAIN_COLUMNS = tuple(f"{name}{end}" for name in LAW_GAINS for end in ("", "_se", "_low", "_high", "_programmed"))
+OTHER_LAW = {"K_1_error": 0.02, "B_1_gap_s": 3e-3, "feedforward_error": 0.5}
 """How far each gain is off, and from which size on another law ran than was programmed: shares of K_1 and f_C, and the
 lateness [s] of the loop that explains B_1; a loop of 500 Hz with a filtered velocity acts as late."""
-SCHEMA = {"trial": pl.String} | dict.fromkeys((*MEASURED, "VAF", *ERRORS), pl.Float64)
+LAW_COLUMNS = {"trial": pl.String} | dict.fromkeys((*GAIN_COLUMNS, "VAF", *OTHER_LAW), pl.Float64)
 
 
 def law_table(
@@ -31,7 +31,7 @@ def law_table(
     by how much each is off for certain. `p` is what the controller was programmed with, `sign_width` [rad/s] that of
     the sign of its velocity. No row of a trial without a current or an angle of the motor that come to a time base with
     its torque, nor where the motion does not tell the gains apart."""
-    nothing = pl.DataFrame(schema=SCHEMA)
+    nothing = pl.DataFrame(schema=LAW_COLUMNS)
     if record.theta_m is None or "current" not in trial.columns:
         return nothing
     theta_m, rate, low_pass = record.theta_m, record.rate_hz, record.low_pass
@@ -50,18 +50,20 @@ def law_table(
     except (InputError, IdentifiabilityError):
         return nothing
     feedforward = float(programmed.cancels_friction)
-    asked = dict(zip(GAINS, (programmed.K_1, programmed.B_1, feedforward * p.f_C, feedforward * p.f_G), strict=True))
-    off = {name: max(abs(fit[name] - asked[name]) - 2 * fit.se(name), 0.0) for name in GAINS}
+    asked = dict(
+        zip(LAW_GAINS, (programmed.K_1, programmed.B_1, feedforward * p.f_C, feedforward * p.f_G), strict=True)
+    )
+    off = {name: max(abs(fit[name] - asked[name]) - 2 * fit.se(name), 0.0) for name in LAW_GAINS}
     scales = {"K_1": programmed.K_1, "B_1": programmed.K_1, "f_C": p.f_C}
     errors = [off[name] / scale if scale else None for name, scale in scales.items()]
-    row = {"trial": trial.name, **estimates_row(fit, *GAINS), "VAF": fit.vaf}
+    row = {"trial": trial.name, **estimates_row(fit, *LAW_GAINS), "VAF": fit.vaf}
     row |= {f"{name}_programmed": value for name, value in asked.items()}
-    return pl.DataFrame([row | dict(zip(ERRORS, errors, strict=True))], SCHEMA)
+    return pl.DataFrame([row | dict(zip(OTHER_LAW, errors, strict=True))], LAW_COLUMNS)
 
 
 def law_that_ran(table: pl.DataFrame, programmed: Gains) -> Gains:
     """The programmed gains, or those of `law_table` where other ones ran for certain."""
-    if table.is_empty() or all((table[name][0] or 0.0) <= most for name, most in ERRORS.items()):
+    if table.is_empty() or all((table[name][0] or 0.0) <= most for name, most in OTHER_LAW.items()):
         return programmed
     K_1, B_1, friction, stated = (table[name][0] for name in ("K_1", "B_1", "f_C", "f_C_programmed"))
     return Gains(K_1, B_1, friction > 0.5 * stated if stated else False)

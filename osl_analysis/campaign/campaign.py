@@ -203,12 +203,12 @@ def check_campaign(campaign: Campaign) -> None:
             there = f"torque_angle.desired in the configuration has {listing([*curves])}{nearest(curve, curves)}"
             raise InputError(f"{campaign.config.sheet}: trial '{trial}', desired '{curve}' is no curve; {there}")
     if campaign.config.simulation is None:
-        check_copies(campaign)
+        check_no_copies(campaign)
     if campaign.trials("walking"):
         check_walking(campaign)
 
 
-def check_copies(campaign: Campaign) -> None:
+def check_no_copies(campaign: Campaign) -> None:
     """Refuse a recording that another trial of the same experiment has under another name: it would count twice."""
     alike: dict[tuple[object, ...], list[tuple[str, Path]]] = {}
     for trial in campaign.rows:

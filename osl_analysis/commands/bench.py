@@ -24,7 +24,7 @@ from osl_analysis.bench.impedance import (
     judged_impedance,
     repeated_trials_table,
 )
-from osl_analysis.bench.law import SCHEMA, law_table, law_that_ran
+from osl_analysis.bench.law import LAW_COLUMNS, law_table, law_that_ran
 from osl_analysis.bench.phasors import frequency_response_table, phasor_table, phasors_of_record
 from osl_analysis.bench.plausible import plausible
 from osl_analysis.bench.prediction import NUMBERS, components_of, prediction_table, prediction_terms
@@ -100,7 +100,7 @@ def fit_impedance_trial(
     rails = saturated(trial, "torque", "theta")
     record = record_of_trial(trial, settings, windows)
     stated = condition or DesiredImpedance(None, None, None)
-    of_leg, law, ran = with_actuator(record, trial), pl.DataFrame(schema=SCHEMA), stated.gains(p, weight)
+    of_leg, law, ran = with_actuator(record, trial), pl.DataFrame(schema=LAW_COLUMNS), stated.gains(p, weight)
     if p is not None and ran is not None:
         law = law_table(of_leg, trial, p, ran, models.sign_width)
         ran = law_that_ran(law, ran)

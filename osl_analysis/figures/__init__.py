@@ -20,7 +20,6 @@ class CampaignFigure(NamedTuple):
     module: str
     option: str | None = None
     beside: Sequence[str] = ()
-    own_rule: bool = False
     caption: str = ""
 
 

@@ -76,13 +76,9 @@ def read_table_log(path: Path, source: TableSource) -> Recording:
             said.append(f"{column} is read in {channel.unit}; the file says {unit}")
     fresh = np.concatenate([[True], np.diff(time) != 0])  # rows whose stamp is not that of the row before
     kept = fresh if source.time.repeated == "drop" else np.ones_like(fresh)
-    if (repeated := int((~fresh).sum())) and source.time.repeated != "drop":
-        values = samples.drop("time")
-        same = (values[1:] == values[:-1]).select(pl.all_horizontal(pl.all().fill_null(True))).to_series()
-        copied = int((~fresh[1:] & same.to_numpy()).sum())
-        if copied > max(20, 0.1 * time.size):
-            what = f"{copied} of {time.size} {table.noun}s have time and values of the {table.noun} before"
-            raise InputError(f"{what}; write `repeated: drop` under {source.place('time')}, to read each once")
+    repeated = int((~fresh).sum())
+    if source.time.repeated != "drop":
+        check_no_row_twice(samples, fresh, table, source)
     if repeated:
         did = "are taken for samples whose stamps were rounded; if the device was read faster than it sampled, "
         did += f"write `repeated: drop` under {source.place('time')}"
@@ -101,6 +97,16 @@ def read_table_log(path: Path, source: TableSource) -> Recording:
     return (
         exported_plates(table, recording, source) if isinstance(source, OpenSimSource) and source.plates else recording
     )
+
+
+def check_no_row_twice(samples: pl.DataFrame, fresh: NDArray[np.bool_], table: Table, source: TableSource) -> None:
+    """Refuse a table of which many rows, that are not `fresh`, are the row before once more: stamp and values."""
+    values = samples.drop("time")
+    same = (values[1:] == values[:-1]).select(pl.all_horizontal(pl.all().fill_null(True))).to_series()
+    copied = int((~fresh[1:] & same.to_numpy()).sum())
+    if copied > max(20, 0.1 * fresh.size):
+        said = f"{copied} of {fresh.size} {table.noun}s have time and values of the {table.noun} before"
+        raise InputError(f"{said}; write `repeated: drop` under {source.place('time')}, to read each once")
 
 
 def wanted(source: TableSource) -> list[str]:

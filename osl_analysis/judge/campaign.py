@@ -14,7 +14,7 @@ from osl_analysis.judge.finding import ESTIMATES, FINDING_COLUMNS, Beyond, Findi
 from osl_analysis.judge.judging import judged, unchecked_in, with_inherited
 from osl_analysis.judge.limits import CHECKS, DoubtfulFits
 from osl_analysis.judge.used import HOW_TO_USE, exclusions
-from osl_analysis.judge.words import Words, capital, check_words, sentence_of, words_of
+from osl_analysis.judge.words import Words, as_if_said, capital, check_words, misfit_words, sentence_of, words_of
 from osl_analysis.measured import significant
 from osl_analysis.refusal import is_refused
 from osl_analysis.stats.repeats import DOUBTFUL
@@ -73,39 +73,21 @@ def causes_of_misfit(tables: Mapping[str, pl.DataFrame]) -> Iterator[tuple[Findi
         late = rows.filter(is_late).to_dicts()
         if parts := rows.filter("named", ~is_late).to_dicts():
             evidence = tuple(Beyond(part["component"], part["change"], 0.0, "above") for part in parts)
-            as_if = " or ".join(f"{part['component']} were {off_said(part)}" for part in parts)
-            remedy = "Repeat the component trials, or look for what changed between them and the impedance trials"
-            says = f"the recorded torque is as if {as_if} than in the component trials"
-            found.append(
-                (f"component {' or '.join(part['component'] for part in parts)}", evidence, Words(says, "", remedy))
-            )
+            cause = f"component {' or '.join(part['component'] for part in parts)}"
+            found.append((cause, evidence, misfit_words("component", as_if=as_if_said(parts))))
         if any(row["named"] for row in late):
             evidence = tuple(Beyond(row["component"], row["change"], 0.0, "above") for row in late)
-            angle, velocity = (f"{1e3 * row['change']:.2g} ms" for row in late)
-            says = (
-                f"the recorded torque is as if the controller used angles of {angle} and velocities of {velocity} ago"
-            )
-            remedy = "Measure the delay of the loop and of its velocity filter, or lower it"
-            found.append(("late controller", evidence, Words(says, "", remedy)))
+            angle, velocity = (1e3 * row["change"] for row in late)
+            found.append(("late controller", evidence, misfit_words("late controller", angle=angle, velocity=velocity)))
         left = max((row["left_without"] or 0.0 for row in late), default=0.0)
         if not found and left > LARGEST_MISFIT:
             K, B = (100 * float(np.median((own[f"{x}_measured"] / own[x]).to_numpy())) - 100 for x in "KB")
             evidence = (Beyond("left_without", left, LARGEST_MISFIT, "above"),)
-            says = f"K is {K:+.2g} % and B {B:+.2g} % off what they predict (medians), and no single one, "
-            says += "no delay and no gain explains it"
-            remedy = (
-                "Check the calibration of both benches, and whether two parts changed between their trials and these"
-            )
-            found.append(("components that do not predict", evidence, Words(says, "", remedy)))
+            cause = "components that do not predict"
+            found.append((cause, evidence, misfit_words(cause, K=K, B=B)))
         for cause, numbers, words in found:
             for trial in own["trial"]:
                 yield Finding(PREDICTION_TABLE, trial, cause, evidence=numbers), words
-
-
-def off_said(row: Mapping[str, Any]) -> str:
-    """How far a component is off, as `9.8 % (± 0.4 % by the scatter of trials) less`."""
-    off, half = (100 * one / abs(row["value"]) for one in (row["change"], 2 * row["change_se"]))
-    return f"{abs(off):.2g} % (± {half:.1g} % by the scatter of trials) {'more' if off > 0 else 'less'}"
 
 
 Entry = dict[str, Any]

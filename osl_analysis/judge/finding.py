@@ -71,11 +71,6 @@ class Finding:
     without: Mapping[str, float] = field(default_factory=dict)
     """The estimates with this cause as a column of the regression: K, B, I, with `_low` and `_high`."""
 
-    @property
-    def in_part(self) -> bool:
-        """Whether it is about one amplitude, or one frequency."""
-        return self.amplitude_deg is not None or self.frequency_hz is not None
-
 
 ESTIMATES = ("K", "B", "I")
 FINDING_NUMBERS = [f"{name}_{end}" for name in ESTIMATES for end in ("size", "without", "without_low", "without_high")]

@@ -198,9 +198,8 @@ def doubt(table: str, row: AnyRow, cause: Cause, evidence: Sequence[Beyond], rem
         amplitude,
         frequency,
         remedy,
-        "",
-        sizes,
-        without,
+        sizes=sizes,
+        without=without,
     )
 
 

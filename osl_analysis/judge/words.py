@@ -95,6 +95,22 @@ def check_words(cause: str) -> Words:
     return Words(entry["says"], "", entry["remedy"])
 
 
+def misfit_words(cause: str, **facts: Any) -> Words:
+    """What explains what the predictions of all trials leave."""
+    entry = WORDS["misfits"][cause]
+    return Words(entry["says"].format(**facts), "", entry["remedy"])
+
+
+def as_if_said(parts: Sequence[Mapping[str, Any]]) -> str:
+    """How far components are off, as `K_s were 9.8 % (± 0.4 % by the scatter of trials) less`, by their rows."""
+    said = []
+    for row in parts:
+        off, half = (100 * one / abs(row["value"]) for one in (row["change"], 2 * row["change_se"]))
+        way = "more" if off > 0 else "less"
+        said.append(f"{row['component']} were {abs(off):.2g} % (± {half:.1g} % by the scatter of trials) {way}")
+    return " or ".join(said)
+
+
 class Facts(dict[str, Any]):
     """The numbers of a row that it has, and what is computed from them for a reader, by the names of `COMPUTED`."""
 

@@ -379,14 +379,15 @@ def held_taken(stream: Stream, name: str, held: HeldValues, row_times: Array, st
     clock = DeviceClock(stamps, np.arange(len(stamps)))
     late = stamps - clock.times()
     low, high = (float(at) for at in np.quantile(late, (0.005, 0.995)))
-    even, unsure = high - low < 2 * step, max(step - (high - low), 0.0)
-    older = -low if even and unsure else step / 2 - even * float(np.mean(late))
-    unsure = unsure if even and unsure > 0.05 * step else 0.0
+    even, beat = high - low < 2 * step, step - (high - low)
+    unsure = beat if beat > 0.05 * step else 0.0
     why = f"held: each value stands for {held.period:.4g} rows, its time is "
     why += f"the first of them, or up to {unsure * 1e3:.3g} ms before" if unsure else "known by where it changes"
-    why = why if even else f"undecided, true: {why}, uneven"
-    delay = stream.delays.get(name, 0.0) + older
-    firm = even and not unsure
+    if not even:
+        older, why = step / 2, f"undecided, true: {why}, uneven"
+    else:
+        older = -low if beat > 0 else step / 2 - float(np.mean(late))
+    delay, firm = stream.delays.get(name, 0.0) + older, even and not unsure
     return Taken(own, clock, (name,), even, firm, True, why, delay=delay, held=held.period, unsure=unsure)
 
 

@@ -125,7 +125,8 @@ def known_of(
     """What a reader must know, as `summary.json` has it: each cause by experiment with the trials that it concerns;
     doubts, then checks that trials do not pass though they are used, then what could not be checked; of each what most
     trials have first. `tables` tell of how many."""
-    every = [entry for entry in entries(findings) if not entry["inherited"]]
+    there = {*subjects(verdicts), *(name for table in tables.values() for name in subjects(table))}
+    every = [entry for entry in entries(findings) if not entry["inherited"] and entry["trial"] in there]
     parts: list[list[dict[str, Any]]] = [[], [], []]
     for experiment, facts in EXPERIMENTS.items():
         fitted = {table.name: table.doubts_of for table in facts.tables if table.judged}

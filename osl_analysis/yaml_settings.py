@@ -152,14 +152,16 @@ def parsed_yaml(text: str) -> tuple[Node | None, Any]:
 
 
 def content_digest(path: Path) -> str | None:
-    """SHA-256 of what a file says: of YAML without comments, and in any order of its keys; of another file, or a YAML
-    file that cannot be read, of its bytes. None without the file."""
+    """SHA-256 of what a file says: of YAML without comments and its own `description`, from which nothing is computed,
+    and in any order of its keys; of another file, or a YAML file that cannot be read, of its bytes. None without it."""
     if path.suffix != ".yaml" or not path.is_file():
         return digest(path)
     try:
         content = parsed_yaml(path.read_text(encoding="utf-8-sig"))[1]
     except (OSError, ValueError, AttributeError, KeyError, TypeError, RecursionError, YAMLError):
         return digest(path)
+    if isinstance(content, dict):
+        content = {key: value for key, value in content.items() if key != "description"}
     return hashlib.sha256(repr(in_order(content)).encode()).hexdigest()
 
 

@@ -28,7 +28,7 @@ from osl_analysis.model.parameters import read_parameters
 from osl_analysis.simulator.plan import plan_trials
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.simulator.walking_settings import WalkingSettings
-from osl_analysis.yaml_settings import Settings, read_mapping, read_yaml, validated
+from osl_analysis.yaml_settings import Settings, content_digest, read_mapping, read_yaml, validated
 
 SHIPPED_FILE = ROOT / "config/config.yaml"
 SHIPPED = yaml.safe_load(SHIPPED_FILE.read_text())
@@ -440,3 +440,14 @@ def test_each_experiment_follows_what_it_uses_and_no_more(tmp_path, in_root):
     ):  # fmt: skip
         other = configured(tmp_path, **change)
         assert [name for name in EXPERIMENTS if own.shared(name) != other.shared(name)] == following.split()
+
+
+def test_what_a_file_says_is_not_its_comments_order_of_keys_or_description(tmp_path):
+    said = "format: csv\ndescription: the old bench\ntime: {column: t, unit: s}\n"
+    same = "# new\ntime: {unit: s, column: t}\ndescription: the new bench\nformat: csv\n"
+    digests = set()
+    for text in (said, same, said.replace("unit: s", "unit: ms")):
+        (tmp_path / "a.yaml").write_text(text)
+        digests.add(content_digest(tmp_path / "a.yaml"))
+    assert len(digests) == 2
+    assert read_mapping(tmp_path / "a.yaml")["description"] == "the old bench", "it is not lost to who reads it"

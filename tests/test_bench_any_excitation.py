@@ -536,6 +536,17 @@ def test_what_else_changes_with_time_is_no_drift_of_clocks():
     assert row["certain_clock_drift_ppm"] is None
 
 
+@pytest.mark.parametrize(("half_widths", "p"), [(0.9, 1.0), (1.1, 1e-9)])
+def test_a_reflex_that_leaves_the_estimates_within_their_intervals_is_none(monkeypatch, half_widths, p):
+    time, (theta, *_) = motion = noise(np.random.default_rng(6), rate=500.0)
+    trial = made_trial(np.random.default_rng(6), motion, more=-45 * (time > 0.6 * time[-1]) * theta)
+    found = row_of(trial)
+    beside = {f"{name}_with_reflex": found[name] for name in TRUE} | {"reflex_p": 1e-9}
+    beside["B_with_reflex"] += half_widths * (found["B_high"] - found["B"])
+    monkeypatch.setattr("osl_analysis.bench.impedance.unstated_reflex_row", lambda _: beside)
+    assert (row_of(trial)["reflex_p"], row_of(trial)["B_with_reflex"] is None) == (p, p == 1)
+
+
 def test_repeats_of_one_motion_are_averaged_and_other_motions_kept_apart():
     rows = [row_of(made_trial(rng, multisine(rng))) for rng in map(np.random.default_rng, range(2))]
     rows[1] |= {"band_low_hz": 0.3, "theta_rms_deg": 1.1 * rows[0]["theta_rms_deg"]}

@@ -147,9 +147,11 @@ def impedance_table(analysis: Analysis, s: Sums, p: DrivetrainParameters | None 
     friction, rows = friction_rows(s, analysis), list[Row]()
     facts = motion_row(record) | belt_row(belt, p) | repeats | witness_row(record, is_leg=is_leg)
     facts |= {"lag_by": "theta_m" if lag else None, **unstated_reflex_row(record)}
-    if facts["reflex_p"] is not None and not is_leg and (facts["heard"] is None or facts["path_shift"]):
+    beside = [(facts[f"{name}_with_reflex"], *analysis.whole.interval(name)) for name in QUANTITIES]
+    moved = any(value is not None and not low <= value <= high for value, low, high in beside)
+    if facts["reflex_p"] is not None and not is_leg and (facts["heard"] is None or facts["path_shift"] or not moved):
         facts |= {name: None for name in facts if name.endswith("with_reflex") or "_with_reflex_" in name}
-        facts["reflex_p"] = 1.0  # nothing is heard, or a path explains more
+        facts["reflex_p"] = 1.0  # nothing is heard, a path explains more, or no estimate leaves its interval
     if not record.is_stepped_sine:
         facts |= {
             "torque_at_peaks": torque_at_peaks(analysis, record),

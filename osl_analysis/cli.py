@@ -291,10 +291,16 @@ def describe_tables(output: Path | None) -> None:
 @main.command(epilog="Example: osl-analysis results results/mine --markdown")
 @argument("folder", type=FILE, default=Path("results"))
 @option("--markdown", is_flag=True, help="A Markdown table in place of aligned columns.")
-def results(folder: Path, markdown: bool) -> None:
+@option("--methods", is_flag=True, help="The text of a methods section in place of the numbers.")
+def results(folder: Path, markdown: bool, methods: bool) -> None:
     """Print the headline numbers of the results in FOLDER, with units, intervals and the draft's values."""
     from osl_analysis.commands.tables import format_results_table, later_failures, read_summary
 
+    if methods:
+        if not (path := folder / "methods.md").is_file():
+            raise InputError(f"{path}: no such file; run the campaign to its end")
+        say(path.read_text(encoding="utf-8"))
+        return
     say(format_results_table(read_summary(folder / "summary.json"), markdown))
     if failed := later_failures(folder / "summary.json"):
         say(failed, err=True)

@@ -75,7 +75,10 @@ def captions(_):
     return {"input": {"fitted": list(tables.values())}, "read": read, "modules": modules, "settings": settings}
 
 
-@step("report.write_report", "report.html", name="report")
+PAGE = {"output": "report.html", "methods_md": "methods.md", "methods_tex": "methods.tex"}
+
+
+@step("report.write_report", PAGE, name="report")
 def report_page(_):
     tables = [*result_tables(), *[tabled("walking_responses")] * bool(WALKED)]
     drawn = [RESULTS / f"figures/{name}.svg" for name in drawn_names()]

@@ -439,6 +439,7 @@ def test_a_report_says_of_each_trial_what_became_of_it_and_leaves_out_counts(tmp
     for name, rows in (made | {"series": [dict.fromkeys(DRAWN, 1.0) | {"time": k / 5} for k in range(11)]}).items():
         write_table(pl.DataFrame(rows), tmp_path / f"{name}.csv")
     given = {name: tmp_path / f"{name}.csv" for name in (*made, "series", "summary", "output", "findings", "states")}
+    given |= {f"methods_{form}": tmp_path / f"methods.{form}" for form in ("md", "tex")}
     write_table(pl.DataFrame({"setting": ["walking.side"], "value": ["right"], "state": ["assumed"]}), given["states"])
     given |= {"series": {"b_1": given["series"]}, "tables": {"belt": given.pop("belt")}}
     of_table, seen = Refusal("", "t.csv", "j", "refused", "why", "what"), []
@@ -458,6 +459,12 @@ def test_a_report_says_of_each_trial_what_became_of_it_and_leaves_out_counts(tmp
     said = ("K", "1.50", "N·m", "1.00 to 2.50", "range", "holds", "1, doubtful")
     assert ([tuple(row[key] for key in keys) for row in seen[0]["claims"]], seen[0]["questions"]) == ([said], [])
     assert seen[0]["not_made"] == [of_table]
+    in_md, in_tex = (given[f"methods_{form}"].read_text() for form in ("md", "tex"))
+    assert "3 trials of belt stiffness (input shaft locked)" in in_md
+    assert "3 trials of belt stiffness (input shaft locked)" in in_tex
+    assert "95 % " in in_md
+    assert re.findall(r"(?<!\\)[%&_#]|[θτ·²°−–]", in_tex) == []
+    assert "transmission" not in in_md + in_tex, "it was not measured"
     assert seen[0]["assumed"] == "Assumed, since nobody stated it: walking.side right."
     own, other = (seen[1][name][0] for name in ("b_1", "b_2"))
     assert (len(own["quality"]), other["quality"], own["remark"][:24]) == (1, [], "5 samples a second are d")

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
+from copy import deepcopy
 from os.path import realpath
 from pathlib import Path
 from typing import Any
@@ -44,11 +45,14 @@ def write_report(
     states: Path,
     summary: Path,
     output: Path,
+    methods_md: Path,
+    methods_tex: Path,
     captions: Path | None = None,
     refused: Sequence[Refusal] = (),
     unnamed: str = "",
 ) -> None:
-    """Write the page `report.html`, of about `largest_mb` [MB] at most where thinning out its signals allows it.
+    """Write the page `report.html`, of about `largest_mb` [MB] at most where thinning out its signals allows it, and
+    the text of its methods, `methods.md` and `methods.tex`.
 
     `sheet` has the row of every trial, also of those that it excludes, `settings` the sections of the configuration by
     which the experiments are analysed; `trials`, `series` and `crossings` the files of
@@ -92,6 +96,12 @@ def write_report(
         "sensitivity": written.get("walking_sensitivity", pl.DataFrame()).to_dicts(),
         "not_made": [one for one in refused if not one.trial],
     }
+    for path, form in ((methods_md, "md"), (methods_tex, "tex")):
+        told = content | {
+            "methods": deepcopy(content["methods"]),
+            "form": form,
+        }  # what a template asks for is there then
+        write_text(path, page.template("methods.txt.j2").render(told))
     write_text(output, written_page(content, pages, largest_mb))
 
 

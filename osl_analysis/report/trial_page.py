@@ -21,7 +21,7 @@ from osl_analysis.judge.limits import CHECKS
 from osl_analysis.judge.used import exclusion_said
 from osl_analysis.judge.words import WORDS, Words, check_words, sentence_of
 from osl_analysis.report.headlines import decimals, fixed, told_apart
-from osl_analysis.stats.repeats import DOUBTFUL
+from osl_analysis.stats.repeats import DOUBTFUL, alike_sizes
 
 Content = dict[str, Any]  # as `templates/report.js` reads it
 LINE_LOOKS = ("measured", "model", "second", "third")  # looks of several lines of one panel
@@ -461,6 +461,9 @@ def methods_content(
         for one in columns.split():
             if one in table.columns and len(table):
                 said[name][one] = table[one].drop_nulls().unique().sort().to_list()
+    if "impedance" in tables and not said["impedance"]["commanded_deg"]:  # nobody stated what was commanded
+        sizes = alike_sizes(tables["impedance"]["amplitude_deg"].cast(pl.Float64))
+        said["impedance"]["commanded_deg"] = sizes.drop_nulls().unique().sort().to_list()
     for trial in trials:
         own = recorded.setdefault(trial.row["experiment"], {"rates": [], "files": []})
         used, perturbed = not trial.left_out, bool(trial.row.get("perturbed"))

@@ -1,6 +1,7 @@
 """What nobody stated neither labels nor judges a recording (campaign/configuration.py)."""
 
 from dataclasses import replace
+from functools import reduce
 
 import numpy as np
 import polars as pl
@@ -25,7 +26,7 @@ from osl_analysis.yaml_settings import read_mapping
 OTHERS = {
     "parameters": "config/parameters/osl-v2-published.yaml", "impedance_trajectory": "other.csv",
     "dynamometer.amplitudes_deg": [20], "dynamometer.frequencies_hz": [7], "dynamometer.cycles": 9,
-    "figures.time_series": {"K_d": 1.0}, "figures.frequency_response": {"K_d": 1.0},
+    "figures.time_series.amplitude_deg": 3.0,
     "figures.midstance_stiffness": 1.0, "claims.K_percent": 0.1,
     "torque_angle.zero": "start",
 }  # fmt: skip
@@ -34,8 +35,7 @@ OTHERS = {
 @pytest.mark.parametrize("name", FACTS)
 def test_what_the_default_campaign_states_is_no_fact_on_recordings_of_others(name, tmp_path, monkeypatch):
     (tmp_path / "own.yaml").write_text("{campaign: own, simulation: null}")
-    section, _, field = name.rpartition(".")
-    own = {section: {field: OTHERS[name]}} if section else {field: OTHERS[name]}
+    own = reduce(lambda inner, key: {key: inner}, reversed(name.split(".")), OTHERS[name])
     alike, stated = read_config(tmp_path / "own.yaml"), tmp_path / "stated.yaml"
     stated.write_text(str({"simulation": None, **own}).replace("None", "null"))
     assert read_config(stated) != alike
@@ -43,6 +43,13 @@ def test_what_the_default_campaign_states_is_no_fact_on_recordings_of_others(nam
     monkeypatch.setattr(configuration, "read_mapping", lambda path, **_: default if path == default_config() else
                         read_mapping(path))  # fmt: skip
     assert read_config(tmp_path / "own.yaml") == alike
+
+
+@pytest.mark.parametrize(("weight", "judges"), [("", False), (", gain_weight: {cutoff_hz: 1, order: 3}", True)])
+def test_a_weight_that_is_assumed_does_not_judge_the_damping_of_the_gains(weight, judges, tmp_path):
+    (tmp_path / "own.yaml").write_text("{campaign: own, simulation: null" + weight + "}")
+    limit = read_config(tmp_path / "own.yaml").doubtful.of("impedance").above["B_gap_s"]
+    assert (limit is not None) == judges
 
 
 CHOICES = (

@@ -187,7 +187,7 @@ def overriding(base: Any, override: Any) -> Any:
 
 FACTS = (
     "parameters", "impedance_trajectory", "dynamometer.amplitudes_deg", "dynamometer.frequencies_hz",
-    "dynamometer.cycles", "figures.time_series", "figures.frequency_response", "figures.midstance_stiffness",
+    "dynamometer.cycles", "figures.time_series.amplitude_deg", "figures.midstance_stiffness",
     "claims.K_percent", "torque_angle.zero",
 )  # fmt: skip
 """What the default configuration states of its own bench, device and text: facts on nobody else's."""
@@ -244,8 +244,12 @@ def over_default(own: Mapping[str, Any]) -> Any:
     if default["simulation"] is None or own.get("simulation", default["simulation"]) is not None:
         return overriding(default, own)
     for name in FACTS:
-        section, _, field = name.rpartition(".")
-        default = overriding(default, {section: {field: None}} if section else {field: None})
+        fact: Any = None
+        for key in reversed(name.split(".")):
+            fact = {key: fact}
+        default = overriding(default, fact)
+    if own.get("gain_weight") is None:  # the damping that gains should give rests on it
+        default = overriding(default, {"doubtful": {"impedance": {"above": {"B_gap_s": None}}}})
     return overriding(default, own)
 
 

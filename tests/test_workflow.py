@@ -238,8 +238,8 @@ def test_changed_settings_and_thresholds_give_the_bytes_of_a_fresh_run_and_redo_
     assert (transmission["doubtful"] == "samples").all()
 
 
-WHOLE = {"summary", "csv_metadata", "report", "figures/captions"}
-"""The jobs whose results name the hash of the whole configuration."""
+WHOLE = {"summary", "csv_metadata", "report", "figures/captions", "tables/settings"}
+"""The jobs whose results name the hash of the whole configuration, or its settings as text."""
 NOT_CHANGED = {
     "simulation", "trials", "campaigns", "recorded", "crossings", "batch", "markers", "time_series",
     "frequency_response", "on_failure", "fewest_unperturbed", "plate_inertia",
@@ -289,7 +289,7 @@ def test_every_setting_and_argument_is_in_the_requests_of_jobs_with_the_verdicts
     assert len(places) > 150
     requests = []
     for further in ({}, changes):
-        (tmp_path / "config/small.yaml").write_text(yaml.safe_dump(overriding(MEASURED, further)))
+        (tmp_path / "config/small.yaml").write_text(yaml.safe_dump(overriding(overriding(default, MEASURED), further)))
         space.planned("reproduce-all", "study")
         requests.append({name: leaves(said) for name, said in requests_in(tmp_path).items()})
     found, other = set(), {}

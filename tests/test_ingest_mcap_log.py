@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 import pytest
+from mcap.writer import CompressionType
 from mcap_builder import SAMPLE, SAMPLE_NAME, stamped, write_log, write_topics
 from recognised_files import refusal_by
 
@@ -18,6 +19,7 @@ from osl_analysis.ingest.source import Recording, Source
 
 REAL_DATA, DEGREE, MILLISECOND = Path(__file__).parents[2] / "shared" / "real_data", math.pi / 180, 1_000_000
 START, RADIANS = 1_700_000_000 * 10**9, {"theta": {"field": "angle", "unit": "rad"}}
+CHUNK, STATISTICS = 0x06, 0x0B  # kinds of records
 OTHER, COUNT = {"field": "angle", "unit": "rad", "topic": "/other"}, 200
 
 
@@ -139,6 +141,31 @@ def test_a_message_that_comes_late_is_put_in_the_order_of_the_stamps(tmp_path: P
     assert found.warnings == ["log.mcap: topic '/lab': 2 messages came late and were put in the order of their stamps"]
     together = of_stamps(tmp_path, [*range(100), *range(150, COUNT), *range(100, 150)])  # they fill the gap they left
     assert (together.samples["time"].is_sorted(), together.facts["stamps"]["/lab"]["late"]) == (True, 50)
+
+
+@pytest.mark.parametrize("broken", ["copied", "cut", "cut, no statistics", "no end"])
+def test_what_sequence_numbers_skip_is_lost_where_a_part_is_a_copy_or_nothing_else_tells(tmp_path, broken):
+    """One chunk of many: it was read as `lost: 0`, but of a file that says how many messages it had."""
+    whole = write_log(tmp_path / "log.mcap", samples(60), chunk_size=400, compression=CompressionType.NONE).read_bytes()
+    records, at = list[tuple[int, int, int]](), 8
+    while at < len(whole) - 8:
+        end = at + 9 + int.from_bytes(whole[at + 1 : at + 9], "little")
+        records.append((whole[at], at, end))
+        at = end
+    places = [k for k, (kind, _, _) in enumerate(records) if kind == CHUNK]  # behind each its index, 16 bytes a message
+    chunks = [(records[k][1], records[k + 1][2]) for k in places]
+    gone = (records[places[2] + 1][2] - records[places[2] + 1][1] - 15) // 16
+    part = [whole[start:end] for start, end in chunks]
+    head, tail = whole[: chunks[0][0]], whole[chunks[-1][1] :]
+    if "statistics" in broken:
+        (start,) = (start - chunks[-1][1] for kind, start, _ in records if kind == STATISTICS)
+        tail = tail[:start] + bytes([0x7F]) + tail[start + 1 :]
+    part[2] = part[1] if broken == "copied" else b""
+    (tmp_path / "log.mcap").write_bytes(head + b"".join(part) + tail * (broken != "no end"))
+    message = refused(tmp_path / "log.mcap", source())
+    assert f"{100 * gone / 60:.3g} % of topic '/lab' is lost, at most 1 % may be" in message
+    found = read(tmp_path / "log.mcap", source(loss=0.5)).facts["damage"]
+    assert (found["lost"], found["read"]) == (None if broken == "no end" else gone, 60 - gone)
 
 
 def test_a_message_that_is_repeated_counts_once(tmp_path: Path) -> None:

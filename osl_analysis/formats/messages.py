@@ -161,12 +161,18 @@ class ChannelLog:
         if found.misfits:
             damage.misfits[self.channel.id] += found.misfits
             damage.remarks.append(f"{found.misfits} of {numbers.size} messages of {topic} are lost: {found.misfit}")
-        if (steps > 0).all() and (steps > 1).any() and np.median(steps) == 1:  # they count messages
-            missing = int((steps - 1).sum())  # the recorder dropped them, or a chunk was removed
-            damage.remarks.append(
-                f"the sequence numbers of {topic} say that {missing} messages beside its {numbers.size} are not in "
-                "the file"
-            )
+        again = (steps == 0) & (np.diff(self.log_time[by_number]) == 0)
+        onward = steps[~again]
+        if onward.size and (onward > 0).all() and np.median(onward) == 1:  # they count messages
+            if copies := int(again.sum()):
+                damage.read[self.channel.id] -= copies
+                damage.verified = max(damage.verified - copies, 0)
+                said = "stand twice in the file, as where a part of it is a copy of another"
+                damage.remarks.append(f"{copies} of {numbers.size} messages of {topic} {said}")
+            if missing := int((onward - 1).sum()):  # the recorder dropped them, or a chunk was removed
+                damage.skipped[self.channel.id] += missing
+                said = f"{missing} messages beside its {numbers.size - copies} are not in the file"
+                damage.remarks.append(f"the sequence numbers of {topic} say that {said}")
         return found
 
     def decoding(self, columns: Columns) -> dict[str, Any]:

@@ -119,6 +119,7 @@ class Ledger:
     chunks: int = 0
     chunks_lost: int = 0  # chunks that were found and could not be read
     indexed_lost: Counter[int] = field(default_factory=Counter)  # lost messages of each channel whose number is known
+    skipped: Counter[int] = field(default_factory=Counter)  # of each channel, by its sequence numbers
     uncounted: bool = False  # something is lost or may be, and nothing tells how many messages it held
     bytes: int = 0  # bytes of the file's data section
     bytes_lost: int = 0  # bytes of it that could not be read, without those at the end of a file that was cut off
@@ -151,14 +152,20 @@ class Ledger:
         if self.declared is not None and channels is not None:
             return sum(max(0, self.declared[one] - self.read[one]) + self.misfits[one] for one in channels)
         told = self.expected == self.messages or (self.expected is None and not self.uncounted)
-        return total_of(self.indexed_lost + self.misfits, channels) if told else None
+        return total_of(self.certain, channels) if told else None
+
+    @property
+    def certain(self) -> Counter[int]:
+        """Lost messages of each channel that are known, whatever else may be lost. What sequence numbers skip counts in
+        a file that does not say how many it has: else the recorder itself dropped them."""
+        return self.indexed_lost + self.misfits + (self.skipped if self.declared is None else Counter())
 
     def share_lost(self, channels: Collection[int] | None = None) -> float:
         """Lost share of the messages of some channels, of all if none are named. Where the file does not tell how many,
         that of all messages or of the bytes stands for it, if it is larger. What may be missing at the end of a file
         that was cut off counts for nothing: no byte of it is there."""
         lost = self.lost(channels)
-        certain = total_of(self.indexed_lost + self.misfits, channels) if lost is None else lost
+        certain = total_of(self.certain, channels) if lost is None else lost
         sound = self.read - self.misfits
         share = certain / max(1, total_of(sound, channels) + certain)
         if lost is not None or (self.end_missing and not self.uncounted):

@@ -149,7 +149,8 @@ def impedance_table(analysis: Analysis, s: Sums, p: DrivetrainParameters | None 
     facts |= {"lag_by": "theta_m" if lag else None, **unstated_reflex_row(record)}
     beside = [(facts[f"{name}_with_reflex"], *analysis.whole.interval(name)) for name in QUANTITIES]
     moved = any(value is not None and not low <= value <= high for value, low, high in beside)
-    if facts["reflex_p"] is not None and not is_leg and (facts["heard"] is None or facts["path_shift"] or not moved):
+    harmless = not moved and bool(facts["rivals"] or facts["path_shift"] == 0)  # and no delay may hide behind it
+    if facts["reflex_p"] is not None and not is_leg and (facts["heard"] is None or facts["path_shift"] or harmless):
         facts |= {name: None for name in facts if name.endswith("with_reflex") or "_with_reflex_" in name}
         facts["reflex_p"] = 1.0  # nothing is heard, a path explains more, or no estimate leaves its interval
     if not record.is_stepped_sine:

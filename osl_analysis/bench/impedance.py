@@ -148,7 +148,7 @@ def impedance_table(analysis: Analysis, s: Sums, p: DrivetrainParameters | None 
     facts = motion_row(record) | belt_row(belt, p) | repeats | witness_row(record, is_leg=is_leg)
     facts |= {"lag_by": "theta_m" if lag else None, **unstated_reflex_row(record)}
     beside = [(facts[f"{name}_with_reflex"], *analysis.whole.interval(name)) for name in QUANTITIES]
-    moved = any(value is not None and not low <= value <= high for value, low, high in beside)
+    moved = any(isinstance(value, float) and not low <= value <= high for value, low, high in beside)
     harmless = not moved and bool(facts["rivals"] or facts["path_shift"] == 0)  # and no delay may hide behind it
     if facts["reflex_p"] is not None and not is_leg and (facts["heard"] is None or facts["path_shift"] or harmless):
         facts |= {name: None for name in facts if name.endswith("with_reflex") or "_with_reflex_" in name}

@@ -91,6 +91,7 @@ def causes_of_misfit(tables: Mapping[str, pl.DataFrame]) -> Iterator[tuple[Findi
 
 
 Entry = dict[str, Any]
+Known = dict[str, Any]
 
 
 def entries(findings: pl.DataFrame) -> list[Entry]:
@@ -119,45 +120,54 @@ def excess(entry: Entry) -> float:
     return max((one.excess for one in entry["evidence"]), default=0.0)
 
 
-def known_of(
-    findings: pl.DataFrame, tables: Mapping[str, pl.DataFrame], verdicts: pl.DataFrame
-) -> list[dict[str, Any]]:
+def known_of(findings: pl.DataFrame, tables: Mapping[str, pl.DataFrame], verdicts: pl.DataFrame) -> list[Known]:
     """What a reader must know, as `summary.json` has it: each cause by experiment with the trials that it concerns;
     doubts, then checks that trials do not pass though they are used, then what could not be checked; of each what most
     trials have first. `tables` tell of how many."""
     there = {*subjects(verdicts), *(name for table in tables.values() for name in subjects(table))}
-    every = [entry for entry in entries(findings) if not entry["inherited"] and entry["trial"] in there]
-    parts: list[list[dict[str, Any]]] = [[], [], []]
+    every: dict[tuple[str, str], list[Entry]] = {}  # by table and grade
+    for entry in entries(findings):
+        if not entry["inherited"] and entry["trial"] in there:
+            every.setdefault((entry["table"], entry["grade"]), []).append(entry)
+
+    def of(table: str, *grades: Grade) -> list[Entry]:
+        return [entry for grade in grades for entry in every.get((table, grade), [])]
+
+    doubts, flags, unchecked = list[Known](), list[Known](), list[Known]()
     for experiment, facts in EXPERIMENTS.items():
         fitted = {table.name: table.doubts_of for table in facts.tables if table.judged}
-        for table, of in (fitted | dict.fromkeys(facts.judged_further, "")).items():
+        for table, other in (fitted | dict.fromkeys(facts.judged_further, "")).items():
             if DOUBTFUL not in (rows := tables.get(table, pl.DataFrame())).columns:
                 continue
-            judged = subjects(rows.filter(pl.col(DOUBTFUL).is_not_null()))
-            known = {(one["trial"], one["cause"]) for one in every if one["table"] == of}
-            own = [one for one in every if one["table"] == table]
-            doubts = [one for one in own if one["grade"] == Grade.DOUBTS and (one["trial"], one["cause"]) not in known]
-            where = f"{experiment} trials" if table in fitted else table.replace("_", " ")
-            where += f", in {table.replace('_', ' ')} alone" if of else ""
-            whole = {(one["trial"], one["cause"]) for one in doubts if not one["in_part"]}
-            for in_part in (False, True):
-                some = [one for one in doubts if (bool(of) or (one["trial"], one["cause"]) not in whole) is in_part]
-                place = where + ", at single amplitudes alone" * (in_part and not of)
-                parts[0] += by_cause(some, "doubtful" + " in part" * in_part, place, judged)
-            others = [one for one in own if one["grade"] in (Grade.UNCHECKED, Grade.NOTES) and not one["in_part"]]
-            kind = "walking groups" if table in facts.judged_further else f"{table.replace('_', ' ')} trials"
-            parts[2] += unchecked_by_cause(others, kind, judged)
-    predicted = tables.get(PREDICTION_TABLE, pl.DataFrame())
-    of_prediction = [one for one in every if one["table"] == PREDICTION_TABLE]
-    doubts = [one for one in of_prediction if one["grade"] == Grade.DOUBTS]
-    parts[0] += by_cause(doubts, "doubtful", "predicted trials", list(dict.fromkeys(one["trial"] for one in doubts)))
-    others = [one for one in of_prediction if one["grade"] == Grade.UNCHECKED]
-    parts[2] += unchecked_by_cause(others, "prediction trials", subjects(predicted))
+            judged, named = subjects(rows.filter(pl.col(DOUBTFUL).is_not_null())), table.replace("_", " ")
+            where = f"{experiment} trials" if table in fitted else named
+            doubts += doubts_by_cause(of(table, Grade.DOUBTS), of(other, Grade.DOUBTS), other, where, named, judged)
+            others = [one for one in of(table, Grade.UNCHECKED, Grade.NOTES) if not one["in_part"]]
+            unchecked += unchecked_by_cause(others, f"{named} trials" if table in fitted else "walking groups", judged)
+    predicted = of(PREDICTION_TABLE, Grade.DOUBTS)
+    trials = list(dict.fromkeys(one["trial"] for one in predicted))
+    doubts += by_cause(predicted, "doubtful", "predicted trials", trials)
+    trials = subjects(tables.get(PREDICTION_TABLE, pl.DataFrame()))
+    unchecked += unchecked_by_cause(of(PREDICTION_TABLE, Grade.UNCHECKED), "prediction trials", trials)
     for check in CHECKS.values():
-        flagged = [one for one in every if one["table"] == QUALITY and one["grade"] == Grade.DOUBTS]
-        own = [one for one in flagged if [number.column for number in one["evidence"]] == [check.name]]
-        parts[1] += by_cause(own, "flagged", "trials", subjects(verdicts.filter(pl.col("check") == check.name)))
-    return [one for part in parts for one in sorted(part, key=lambda one: -len(one["trials"]))]
+        own = [one for one in of(QUALITY, Grade.DOUBTS) if [x.column for x in one["evidence"]] == [check.name]]
+        flags += by_cause(own, "flagged", "trials", subjects(verdicts.filter(pl.col("check") == check.name)))
+    return [one for part in (doubts, flags, unchecked) for one in sorted(part, key=lambda one: -len(one["trials"]))]
+
+
+def doubts_by_cause(
+    own: Sequence[Entry], of_other: Sequence[Entry], other: str, where: str, table: str, judged: Sequence[str]
+) -> Iterator[Known]:
+    """Doubts about the rows of a table that shares those of an `other` one, or of none: what is doubtful there is left out;
+    then what is doubtful at single amplitudes alone."""
+    known = {(one["trial"], one["cause"]) for one in of_other} if other else set()
+    left = [one for one in own if (one["trial"], one["cause"]) not in known]
+    whole = {(one["trial"], one["cause"]) for one in left if not one["in_part"]}
+    where += f", in {table} alone" if other else ""
+    for in_part in (False, True):
+        some = [one for one in left if (bool(other) or (one["trial"], one["cause"]) not in whole) is in_part]
+        place = where + ", at single amplitudes alone" * (in_part and not other)
+        yield from by_cause(some, "doubtful" + " in part" * in_part, place, judged)
 
 
 def subjects(rows: pl.DataFrame) -> list[str]:

@@ -176,6 +176,7 @@ def transmission_scores(trials: Iterable[Record], sign_width: float) -> pl.DataF
         rows = np.concatenate(thinned_amplitudes(trial))
         columns = {"B_j": trial.motion.omega[rows], "J_j": trial.motion.alpha[rows], "T_C": direction[rows]}
         folds[trial.name] = fold_of(trial.filtered_torque[rows], columns)
+        del trial  # one in memory at a time
     return scores_by_trial("transmission", folds, TRANSMISSION_MODELS)
 
 

@@ -182,7 +182,7 @@ class Record:
         noise of s steps before it exp(-(2 pi s)^2/2) (Widrow and Kollar, Quantization Noise, 2008, ch. 5)."""
         found = list[tuple[float, float]]()
         for step, density in zip(self.steps, self.noise, strict=True):
-            noise = max(density * self.rate_hz / 2 / step**2 - 1 / 12, 0.0) if step else np.inf  # [steps^2]
+            noise = max(density * self.rate_hz / 2 / step**2 - 1 / 12, 0.0) if step and step**2 else np.inf  # [steps^2]
             found.append((step or 0.0, float(np.exp(-2 * np.pi**2 * noise)) if noise < HIDES_STEPS else 0.0))
         return found
 

@@ -158,8 +158,8 @@ def known_of(findings: pl.DataFrame, tables: Mapping[str, pl.DataFrame], verdict
 def doubts_by_cause(
     own: Sequence[Entry], of_other: Sequence[Entry], other: str, where: str, table: str, judged: Sequence[str]
 ) -> Iterator[Known]:
-    """Doubts about the rows of a table that shares those of an `other` one, or of none: what is doubtful there is left out;
-    then what is doubtful at single amplitudes alone."""
+    """Doubts about the rows of a table that shares those of an `other` one, or of none: what is doubtful there is left
+    out; then what is doubtful at single amplitudes alone."""
     known = {(one["trial"], one["cause"]) for one in of_other} if other else set()
     left = [one for one in own if (one["trial"], one["cause"]) not in known]
     whole = {(one["trial"], one["cause"]) for one in left if not one["in_part"]}

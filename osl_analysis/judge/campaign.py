@@ -91,7 +91,6 @@ def causes_of_misfit(tables: Mapping[str, pl.DataFrame]) -> Iterator[tuple[Findi
 
 
 Entry = dict[str, Any]
-Known = dict[str, Any]
 
 
 def entries(findings: pl.DataFrame) -> list[Entry]:
@@ -120,7 +119,7 @@ def excess(entry: Entry) -> float:
     return max((one.excess for one in entry["evidence"]), default=0.0)
 
 
-def known_of(findings: pl.DataFrame, tables: Mapping[str, pl.DataFrame], verdicts: pl.DataFrame) -> list[Known]:
+def known_of(findings: pl.DataFrame, tables: Mapping[str, pl.DataFrame], verdicts: pl.DataFrame) -> list[Entry]:
     """What a reader must know, as `summary.json` has it: each cause by experiment with the trials that it concerns;
     doubts, then checks that trials do not pass though they are used, then what could not be checked; of each what most
     trials have first. `tables` tell of how many."""
@@ -133,7 +132,7 @@ def known_of(findings: pl.DataFrame, tables: Mapping[str, pl.DataFrame], verdict
     def of(table: str, *grades: Grade) -> list[Entry]:
         return [entry for grade in grades for entry in every.get((table, grade), [])]
 
-    doubts, flags, unchecked = list[Known](), list[Known](), list[Known]()
+    doubts, flags, unchecked = list[Entry](), list[Entry](), list[Entry]()
     for experiment, facts in EXPERIMENTS.items():
         fitted = {table.name: table.doubts_of for table in facts.tables if table.judged}
         for table, other in (fitted | dict.fromkeys(facts.judged_further, "")).items():
@@ -157,7 +156,7 @@ def known_of(findings: pl.DataFrame, tables: Mapping[str, pl.DataFrame], verdict
 
 def doubts_by_cause(
     own: Sequence[Entry], of_other: Sequence[Entry], other: str, where: str, table: str, judged: Sequence[str]
-) -> Iterator[Known]:
+) -> Iterator[Entry]:
     """Doubts about the rows of a table that shares those of an `other` one, or of none: what is doubtful there is left
     out; then what is doubtful at single amplitudes alone."""
     known = {(one["trial"], one["cause"]) for one in of_other} if other else set()

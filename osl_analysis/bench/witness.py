@@ -180,7 +180,8 @@ class Court:
             if elastic or name != "size"
         }
         at_once = [max(wald(sums, base, [at])[0] for sums in every) for at in moments]
-        self.chance["time"] = min(self.chance["time"], *(chance + np.log10(len(at_once)) for chance in at_once))
+        if len(view.rows) > CHUNKS * RATE_HZ:  # of shorter chunks chance explains a moment
+            self.chance["time"] = min(self.chance["time"], *(chance + np.log10(len(at_once)) for chance in at_once))
         if size < 0:  # friction that drives: play, or damping that falls with speed
             self.chance["speed"] = min(self.chance["speed"], by_friction - FRICTION)
 

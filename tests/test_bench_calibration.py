@@ -243,7 +243,8 @@ def test_structures_fitted_to_a_response_have_it_too():
     trial, rows = spring(damping=3.0), []
     for stated in ({}, {"torque_gain": 0.01}, {"delay": 1e-3}):
         own = CONFIG.dynamometer.model_copy(update={"calibration": Calibration(**stated)})
-        found = fit_tables("impedance", trial, None, {"settings": own, "weight": CONFIG.gain_weight})
+        models = CONFIG.model_comparison
+        found = fit_tables("impedance", trial, None, {"settings": own, "weight": CONFIG.gain_weight, "models": models})
         rows.append(found["response_models"].row(0, named=True))
     plain, gain, delay = rows
     more = [np.sqrt(row[f"{x}_se"] ** 2 - plain[f"{x}_se"] ** 2) for row in (gain, delay) for x in ("K", "B")]

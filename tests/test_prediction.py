@@ -158,7 +158,7 @@ def test_the_robust_regression_is_that_of_statsmodels():
 def test_two_faults_at_once_are_said_and_none_of_them_is_named():
     table, causes, _ = predictions(component_tables(TRUE), replace(P, K_s=0.8 * P.K_s, f_C=1.6 * P.f_C))
     assert not causes["named"].any()
-    assert doubts_about(table, causes) == [("components that do not predict", "left_without")] * 8
+    assert doubts_about(table, causes) == [("components that do not predict", "left")] * 8
 
 
 def test_a_late_controller_is_named_with_its_delay_and_no_component_is():

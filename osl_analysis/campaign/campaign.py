@@ -5,6 +5,7 @@ import hashlib
 import json
 import re
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import cached_property
@@ -209,19 +210,21 @@ def check_campaign(campaign: Campaign) -> None:
 
 
 def check_no_copies(campaign: Campaign) -> None:
-    """Refuse a recording that another trial of the same experiment has under another name: it would count twice."""
+    """Refuse a recording of a bench that another trial of the same experiment has under another name: it would count
+    twice."""
     alike: dict[tuple[object, ...], list[tuple[str, Path]]] = {}
-    for trial in campaign.rows:
+    for trial in (one for one in campaign.rows if EXPERIMENTS[campaign.row(one)["experiment"]].place == "bench"):
         row = campaign.row(trial)
         for file in (one for one in campaign.logs(trial) if one.is_file() and (size := one.stat().st_size)):
-            with file.open("rb") as content:  # the middle tells most files of one size apart
+            with suppress(OSError), file.open("rb") as content:  # the middle tells most files of one size apart
                 content.seek(size // 2)
                 key = row["experiment"], row["log_part"], row["windows"], size, content.read(4096)
-            for other, known in alike.setdefault(key, []):
-                if known != file and filecmp.cmp(known, file, shallow=False):
-                    said = f"{file} is a copy of {known}, the recording of trial '{other}', and would count twice"
-                    raise InputError(f"{campaign.config.sheet}: trial '{trial}': {said}; exclude one, or name its own")
-            alike[key].append((trial, file))
+                for other, known in alike.setdefault(key, []):
+                    if known != file and filecmp.cmp(known, file, shallow=False):
+                        said = f"{file} is a copy of {known}, the recording of trial '{other}', and would count twice"
+                        said += "; exclude one, or name its own"
+                        raise InputError(f"{campaign.config.sheet}: trial '{trial}': {said}")
+                alike[key].append((trial, file))
 
 
 def check_files(config: Config) -> None:

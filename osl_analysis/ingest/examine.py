@@ -423,6 +423,7 @@ def measure_dropout(examined: Examined) -> CheckResult:
         zero = origin.get("sign", 1) * origin.get("scale", 1) * origin.get("factor", 1) * origin.get("offset", 0)
         blocks = run_edges((x[:-1] == zero) & (x[1:] == zero)).tolist()
         inner = [(a, b) for a, b in blocks if 0 < a and b < steps.size and min(steps[a - 1], steps[b]) > usual]
+        inner = [(a, b) for a, b in inner if b - a > 3 or x[a - 1] * x[b + 1] > 0]  # else it may stand while it turns
         tiny = (x != 0) & (np.abs(x) < np.finfo(float).tiny)
         counts[name] = float(sum(b - a + 1 for a, b in inner) + tiny.sum())
     return worst(counts, "no channel of a bench that seldom repeats a value")

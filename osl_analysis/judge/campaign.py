@@ -79,10 +79,10 @@ def causes_of_misfit(tables: Mapping[str, pl.DataFrame]) -> Iterator[tuple[Findi
             evidence = tuple(Beyond(row["component"], row["change"], 0.0, "above") for row in late)
             angle, velocity = (1e3 * row["change"] for row in late)
             found.append(("late controller", evidence, misfit_words("late controller", angle=angle, velocity=velocity)))
-        left = max((row["left_without"] or 0.0 for row in late), default=0.0)
+        left = max((row["left"] or 0.0 for row in late), default=0.0)  # beside the delays, named or not
         if not found and left > LARGEST_MISFIT:
             K, B = (100 * float(np.median((own[f"{x}_measured"] / own[x]).to_numpy())) - 100 for x in "KB")
-            evidence = (Beyond("left_without", left, LARGEST_MISFIT, "above"),)
+            evidence = (Beyond("left", left, LARGEST_MISFIT, "above"),)
             cause = "components that do not predict"
             found.append((cause, evidence, misfit_words(cause, K=K, B=B)))
         for cause, numbers, words in found:

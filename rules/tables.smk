@@ -108,7 +108,10 @@ def compare_drivetrain_models(wildcards):
 
 
 MEASURED = {part: tabled(part) for part in PARTS} if PREDICTED else {}
-PREDICTIONS = {"input": {"table": tabled("impedance"), "law": tabled("law"), "records": rows("record", PREDICTED)}, **PARAMETERS}
+PREDICTIONS = {
+    "input": {"table": tabled("impedance"), "law": tabled("law"), "records": rows("record", PREDICTED)},
+    **PARAMETERS,
+}
 PREDICTIONS |= {"after": [*MEASURED.values()], "read": {"components": MEASURED}}
 PREDICTIONS |= {"settings": DRIVETRAIN | {"unpredicted": UNPREDICTED}}
 GATHERED = {"output": tabled("prediction"), "causes": tabled("prediction_causes")}

@@ -66,6 +66,12 @@ TEXTS = {
     "counter of 16 bits": text(head=["time_ms", *HEAD[1:]], t=[str(round(65000 + 1e3 * x) % 2**16) for x in TIME]),
     "counter of 32 bits": text(head=["t_us", *HEAD[1:]], t=[str(round(2**32 - 9e5 + 1e6 * x) % 2**32) for x in TIME]),
     "stated rate": text(",", head=[*HEAD[1:], ""], above="# Sampling frequency = 0.5 kHz\n", t=A, a=M, m=[""] * 700),
+    "quoted, with decimal commas": text(",", ['"t [s]"', '"angle [deg]"', '"torque [Nm]"'], **{
+        name: [f'"{x}"'.replace(".", ",") for x in column] for name, column in zip("tam", (T, A, M), strict=True)}),
+    "minus signs of a text processor": text().replace("-", "\u2212"),
+    "micros of an Arduino": text(head=["micros", *HEAD[1:]], t=[f"{round(1e6 * x - 9e5) % 2**32}" for x in TIME]),
+    "Fs above samples": text(head=["Sample", *HEAD[1:]], above="Fs: 500 Hz\n", t=[str(k) for k in range(700)]),
+    "ounces and inches": text(head=[*HEAD[:2], "Torque [oz-in]"], m=[f"{x / 0.007061551814226:.9f}" for x in TORQUE]),
     "feet and pounds": text(head=[*HEAD[:2], "Torque [ft-lb]"], m=[f"{x / 1.3558179483314:.9f}" for x in TORQUE]),
 }  # fmt: skip
 
@@ -76,6 +82,8 @@ def made(path: Path, kind: str) -> Path:
     if kind in ("parquet", "feather"):
         stamped = frame.with_columns(pl.Series("time_s", CLOCK)).rename({"time_s": "timestamp"})
         (stamped.write_parquet if kind == "parquet" else stamped.write_ipc)(path)
+    elif kind == "arrows":
+        frame.write_ipc_stream(path)
     elif kind == "npy":
         np.save(path, frame.to_numpy(structured=True))
     elif kind == "npz":
@@ -124,9 +132,18 @@ def test_a_table_of_text_is_read_by_the_draft_of_its_own_overview(tmp_path, dial
     assert_recording(read_by_draft(tmp_path / "a.dat"))
 
 
-@pytest.mark.parametrize("kind", ["parquet", "feather", "npy", "npz", "h5", "xlsx", "Simulink", "structs"])
+@pytest.mark.parametrize("kind", ["parquet", "feather", "arrows", "npy", "npz", "h5", "xlsx", "Simulink", "structs"])
 def test_a_table_of_a_program_is_read_by_the_draft_of_its_own_overview(tmp_path, kind):
     assert_recording(read_by_draft(made(tmp_path / f"a.{kind if kind[0].islower() else 'mat'}", kind)))
+
+
+def test_numbers_in_another_writing_are_no_failed_readings(tmp_path):
+    """A draft listed each of them under `missing`: half of the torque would have been left out."""
+    (tmp_path / "a.csv").write_text(
+        text(t=[f"{1e3 * x:,.1f}".replace(",", "'") for x in TIME], head=["time_ms", *HEAD[1:]])
+    )
+    with pytest.raises(InputError, match=r"'1'000\.0' is not a number"):
+        read_by_draft(tmp_path / "a.csv")
 
 
 @pytest.mark.parametrize("head", ["Time", "Zeit / s"])
@@ -191,6 +208,17 @@ def test_a_decoder_that_crashes_or_asks_for_all_memory_is_a_refusal(work, told):
     assert isolated(partial(sum, [1, 2])) == 3
     with pytest.raises(InputError, match=told):
         isolated(work)
+
+
+@pytest.mark.parametrize("begin", [b"", b"MATLAB 7.3 MAT-file"])
+def test_hdf5_that_crashes_its_library_is_a_refusal(tmp_path, monkeypatch, begin):
+    with h5py.File(tmp_path / "a.h5", "w", userblock_size=512) as file:
+        file["x"] = TIME
+    with (tmp_path / "a.h5").open("r+b") as file:
+        file.write(begin)
+    monkeypatch.setattr(h5py.Dataset, "__getitem__", lambda *_: os.kill(os.getpid(), signal.SIGKILL))
+    with pytest.raises(InputError, match="its decoder broke down"):
+        inspect_file(tmp_path / "a.h5")
 
 
 def test_a_zip_that_unpacks_to_more_than_a_recording_may_is_refused_by_the_stated_limit(tmp_path, monkeypatch):

@@ -5,6 +5,7 @@ import re
 import zipfile
 from collections import Counter
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +24,7 @@ from osl_analysis.formats.csv_table import (
     name_and_unit,
     table_of_rows,
 )
-from osl_analysis.formats.table import Ledger, check_memory, in_one_sentence
+from osl_analysis.formats.table import Ledger, check_memory, in_one_sentence, isolated
 
 OLE, ZIP, HDF = b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1", b"PK\x03\x04", b"\x89HDF\r\n\x1a\n"
 SHEET = re.compile(rb"xl/|\[Content_Types\]\.xml|mimetypeapplication/vnd\.oasis\.opendocument\.spreadsheet")
@@ -37,7 +38,7 @@ def kind_of(begin: bytes) -> str:
         return "npz"
     if any(begin[place : place + len(HDF)] == HDF for place in (0, 512, 1024, 2048)) and begin[:6] != b"MATLAB":
         return "hdf5"
-    starts = {b"PAR1": "parquet", b"ARROW1": "arrow", b"\x93NUMPY": "npy"}
+    starts = {b"PAR1": "parquet", b"ARROW1": "arrow", b"\xff\xff\xff\xff": "stream", b"\x93NUMPY": "npy"}
     return next((kind for start, kind in starts.items() if begin.startswith(start)), "")
 
 
@@ -58,11 +59,14 @@ def read_binary_table(path: Path, layout: CsvLayout, is_unit: IsUnit, most_rows:
         if kind == "sheet":
             return read_workbook(path, layout, is_unit)
         damage, units = Ledger(), dict[str, str]()
-        if kind in ("parquet", "arrow"):
+        if kind in ("parquet", "arrow", "stream"):
             frame = read_frame(path, kind)
-        else:
-            arrays = hdf5_arrays(path, units) if kind == "hdf5" else numpy_arrays(path, kind)
+        elif kind == "hdf5":
+            optional_module("h5py", "an HDF5 file")  # before the fork: it takes a fifth of a second
+            arrays, units = isolated(partial(hdf5_arrays, path))
             frame = frame_of(arrays, damage)
+        else:
+            frame = frame_of(numpy_arrays(path, kind), damage)
     return table_of_frame(frame[:most_rows] if most_rows else frame, units, damage)
 
 
@@ -87,6 +91,9 @@ def read_workbook(path: Path, layout: CsvLayout, is_unit: IsUnit) -> CsvTable:
 
 
 def read_frame(path: Path, kind: str) -> pl.DataFrame:
+    if kind == "stream":
+        check_memory(path.stat().st_size)
+        return pl.read_ipc_stream(path)
     lazy = pl.scan_parquet(path) if kind == "parquet" else pl.scan_ipc(path)
     names, rows = lazy.collect_schema().names(), lazy.select(pl.len()).collect().item()
     check_memory(8 * rows * len(names))
@@ -103,11 +110,11 @@ def numpy_arrays(path: Path, kind: str) -> dict[str, NDArray[Any]]:
         return {name: archive[name] for name in archive.files}
 
 
-def hdf5_arrays(path: Path, units: dict[str, str]) -> dict[str, NDArray[Any]]:
-    """Data sets of numbers by their path; `units` are those that their attributes state. Blocks that were never written
-    are no values."""
+def hdf5_arrays(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, str]]:
+    """Data sets of numbers by their path, and the units that their attributes state. Blocks that were never written are
+    no values."""
     h5py = optional_module("h5py", "an HDF5 file")
-    arrays, sizes = dict[str, NDArray[Any]](), list[int]()
+    arrays, units, sizes = dict[str, NDArray[Any]](), dict[str, str](), list[int]()
 
     def visit(name: str, item: Any) -> None:
         if not isinstance(item, h5py.Dataset) or item.ndim not in (1, 2) or item.dtype.kind not in "biufV":
@@ -124,7 +131,7 @@ def hdf5_arrays(path: Path, units: dict[str, str]) -> dict[str, NDArray[Any]]:
 
     with h5py.File(path, "r") as file:
         file.visititems(visit)
-    return arrays
+    return arrays, units
 
 
 def never_written(item: Any) -> NDArray[np.bool_] | None:

@@ -48,7 +48,7 @@ def read_text(path: Path) -> tuple[bytes, bool]:
             data.decode()
         except UnicodeDecodeError:
             data = decoded_text(data).encode()
-    data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+    data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n").replace("\u2212".encode(), b"-")  # a minus sign
     data = data[: len(data.rstrip(b"\x1a"))]
     if (zero := data.find(b"\0")) >= 0:
         line = data.count(b"\n", 0, zero) + 1
@@ -265,7 +265,7 @@ def is_clock(title: str) -> bool:
     """Whether a column is called like a clock: `time`, `t_s`, `loop_time [ms]`."""
     name = re.sub(r"\s+", "_", name_and_unit(title)[0].strip())
     words = "time|t|timestamp|stamp|(state|loop|pi|sys|ros|elapsed)_time|elapsed|clock|seconds|time_since_start|x_value"
-    words += "|(date_?)?time|datetime|date_and_time|time_of_day|zeit|uhrzeit|tijd|temps|tiempo|tempo"
+    words += "|millis|micros|(date_?)?time|datetime|date_and_time|time_of_day|zeit|uhrzeit|tijd|temps|tiempo|tempo"
     return re.fullmatch(f"({words})(_(s|sec|ms|us|ns))?", name, re.IGNORECASE) is not None
 
 
@@ -387,7 +387,7 @@ def table_of_rows(
     body = [pl.Series(str(k), [row[k] for _, row in fitting], dtype=pl.String) for k in range(len(names))]
     lines = np.array([line for line, _ in fitting])
     notes = [*head.notes, *(text for _, text in comments), *(" ".join(cells) for _, cells in below)]
-    decimal = decimal_of(fitting, delimiter) if layout.decimal == "auto" else layout.decimal
+    decimal = decimal_of(fitting) if layout.decimal == "auto" else layout.decimal
     return CsvTable(names, head.units, lines, pl.DataFrame(body), notes, damage, delimiter, decimal)
 
 
@@ -538,14 +538,14 @@ def without_cut_row(rows: Rows, width: int, damage: Ledger, whole: bool) -> Rows
     return rows
 
 
-def decimal_of(rows: Sequence[tuple[int, Sequence[str | None]]], delimiter: str) -> str:
+def decimal_of(rows: Sequence[tuple[int, Sequence[str | None]]]) -> str:
     """The decimal sign of the cells: a comma where numbers have one and none has a full stop, unless each may be one
     between thousands."""
     cells = [cell for _, row in (*rows[:FIRST_LINES], *rows[-LAST_LINES:]) for cell in row if cell]
     commas = [cell for cell in cells if re.fullmatch(r"[+-]?\d*,\d+([eE][+-]?\d+)?", cell)]
     stops = any(re.fullmatch(r"[+-]?\d*\.\d+([eEdD][+-]?\d+)?", cell) for cell in cells)
     thousands = all(re.fullmatch(r"[+-]?[1-9]\d{0,2},\d{3}", cell) for cell in commas)
-    return "," if delimiter != "," and commas and not stops and not thousands else "."
+    return "," if commas and not stops and not thousands else "."
 
 
 def share_above(count: int, total: int) -> float:

@@ -98,15 +98,8 @@ class MatFile:
 
     def read(self, wanted: Collection[str]) -> Mapping[str, Value]:
         """The wanted variables that it has; InputError if one is damaged."""
-        known, found = [name for name in self.names if name in wanted], dict[str, Value]()
-        if self.version == "7.3":
-            with told_as_damage(), opened73(self.path) as file:
-                for name in known:
-                    link = getattr(file.get(name, getlink=True), "path", "")
-                    with told_as_damage(f"{name} {f'is a link to {link} and ' * bool(link)}"):
-                        found[name] = value73(file[name])
-        else:
-            found = isolated(partial(read5, self.path, known))
+        known = [name for name in self.names if name in wanted]
+        found = isolated(partial(read73 if self.version == "7.3" else read5, self.path, known))
         opaque = [name for name, value in found.items() if value.holds_opaque()]
         if opaque and find_spec("matio"):
             with suppress(InputError):
@@ -151,12 +144,12 @@ def open_mat(path: Path) -> MatFile:
     header, damage = begin[:116].split(b"\0")[0].decode("latin-1").strip(), Ledger()
     with told_as_damage():
         if begin.startswith(b"MATLAB 7.") or 2 in begin[124:126]:
-            with opened73(path) as file:  # some of its groups are no variables
-                (stated,) = struct.unpack_from("<Q", start, 40 if start[8] < 2 else 28)  # end of file in the superblock
-                if (behind := path.stat().st_size - stated) > 0:
-                    damage.lose(f"{behind} bytes stand behind its end, and are not read", 0, None, 0)
-                found = {name: None for name in file if name not in ("#refs#", "#subsystem#")}
-            return MatFile(path, "7.3", header, found, damage)
+            h5py()  # once for all forks
+            names = isolated(partial(names73, path))
+            (stated,) = struct.unpack_from("<Q", start, 40 if start[8] < 2 else 28)  # end of file in the superblock
+            if (behind := path.stat().st_size - stated) > 0:
+                damage.lose(f"{behind} bytes stand behind its end, and are not read", 0, None, 0)
+            return MatFile(path, "7.3", header, dict.fromkeys(names), damage)
         data, end = path.read_bytes(), 128
         while end + 8 <= len(data):  # each element tells its length; scipy is silent about what lies beyond the end
             end += 8 + struct.unpack_from("<I" if begin[126:128] == b"IM" else ">I", data, end + 4)[0]
@@ -323,9 +316,25 @@ def object_of(kind: str, properties: Mapping[str, Any]) -> Value:
     return Value(kind, elements=[columns])
 
 
-def opened73(path: Path) -> Any:
-    """A file of version 7.3, open; h5py is an optional extra and takes a fifth of a second to import."""
-    return optional_module("h5py", "a MATLAB file of version 7.3 (not one saved with `-v7`)").File(path, "r")
+def h5py() -> Any:
+    """The library, an optional extra that takes a fifth of a second to import."""
+    return optional_module("h5py", "a MATLAB file of version 7.3 (not one saved with `-v7`)")
+
+
+def names73(path: Path) -> list[str]:
+    with told_as_damage(), h5py().File(path, "r") as file:  # some of its groups are no variables
+        return [name for name in file if name not in ("#refs#", "#subsystem#")]
+
+
+def read73(path: Path, names: Sequence[str]) -> dict[str, Value]:
+    """Some variables of a file of version 7.3."""
+    found = dict[str, Value]()
+    with told_as_damage(), h5py().File(path, "r") as file:
+        for name in names:
+            link = getattr(file.get(name, getlink=True), "path", "")
+            with told_as_damage(f"{name} {f'is a link to {link} and ' * bool(link)}"):
+                found[name] = value73(file[name])
+    return found
 
 
 def value73(item: Any) -> Value:

@@ -65,7 +65,7 @@ def likely_unit(name: str) -> str:
     spelled = {"deg_s": "deg/s", "deg_per_s": "deg/s", "rad_s": "rad/s", "rad_per_s": "rad/s", "sec": "s"}
     endings = [end for end in (*plain, *spelled) if name.endswith(f"_{end}")]
     longest = max(endings, key=len, default="")
-    return spelled.get(longest, longest)
+    return spelled.get(longest, longest) or {"millis": "ms", "micros": "us"}.get(name, "")
 
 
 def guesses(units: Mapping[str, str]) -> list[str]:
@@ -245,6 +245,7 @@ def time_setting(key: str, clock: RecordedChannel | None) -> dict[str, str]:
     return {key: clock.address[key], "unit": clock.unit or clock.likely_unit or UNKNOWN}
 
 
+OTHER_NUMBER = re.compile(r"[+-]?\d[^#]*$")  # written as no table is read, unlike Windows' `1.#QNAN`
 MOST_ROWS = 200_000  # of a long table at which an overview looks
 
 
@@ -260,7 +261,8 @@ def inspect_table(name: str, path: Path) -> Overview:
         words = Counter[str]()
         if cells.dtype == pl.String and stamps is None:
             words = Counter(cells.filter(pl.Series(np.isnan(numbers))).drop_nulls().to_list())
-        failed |= {word: None for word, count in words.items() if count < len(cells) / 100}  # of readings that failed
+        few = (word for word, count in words.items() if count < len(cells) / 100)
+        failed |= dict.fromkeys(word for word in few if not OTHER_NUMBER.match(word))  # of readings that failed
         also = "".join(f", {count} x '{word}'" for word, count in words.most_common(5))
         address = lasting_address(title, place, table.names)
         times |= {address} if stamps is not None else set()
@@ -313,8 +315,8 @@ def stated_rate(comments: Sequence[str]) -> float | None:
     for text in comments:
         if found := re.search(r"(?i)\bdelta_x\b\D*?(\d[\d.]*(?:e[+-]?\d+)?)", text):
             return 1 / float(found[1]) if float(found[1]) > 0 else None
-        words = r"(?i)\b(?:sampl\w*|scan|acquisition|recording|data)[ _]*(?:rate|frequency|freq)\D*?(\d[\d.]*)\s*(k?)hz"
-        if found := re.search(words, text):
+        words = r"(?:sampl\w*|scan|acquisition|recording|data)[ _]*(?:rate|frequency|freq)|fs\b"
+        if found := re.search(rf"(?i)\b(?:{words})\D*?(\d[\d.]*)\s*(k?)hz", text):
             return float(found[1]) * (1000 if found[2] else 1)
     return None
 

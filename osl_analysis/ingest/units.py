@@ -26,7 +26,7 @@ ALIASES = {
     "Nm": "N*m", "Nmm": "N*mm", "Ncm": "N*cm", "mNm": "mN*m", "kNm": "kN*m", "Nms": "N*m*s", "Nmms": "N*mm*s",
     "nt": "N", "ntm": "N*m", "ntmm": "N*mm", "volts": "V", "amps": "A", "rads": "radian", "°": "deg",
     "dps": "deg/s", "ftlb": "lbf*ft", "inlb": "lbf*in", "lbft": "lbf*ft", "lbin": "lbf*in",
-    "rev": "revolution", "%": "percent", "1": "dimensionless",
+    "oz": "force_ounce", "ozf": "force_ounce", "rev": "revolution", "%": "percent", "1": "dimensionless",
 }  # fmt: skip
 # names whose case has no meaning, since they have no prefix that it could distinguish
 ANY_CASE = re.compile(

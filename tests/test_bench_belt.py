@@ -163,6 +163,8 @@ def test_a_late_torque_of_a_transmission_is_found_and_where_it_hides_it_is_not_c
         row = late_by(0.0, noise)
         assert row["path_shift"] == share
         assert [one.cause for one in unchecked_in("transmission", row | {"B_j_ratio": 1.0})] == causes
+        other = unchecked_in("transmission", row | {"B_j_ratio": 1.62})
+        assert "B_j is not that of the parameter file" in [one.cause for one in other]
 
 
 def test_transmission_tells_how_much_of_its_damping_is_coulomb_friction_and_predicts_the_amplitude_not_seen():

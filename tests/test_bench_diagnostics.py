@@ -12,7 +12,7 @@ from scipy.interpolate import CubicSpline
 
 from osl_analysis.bench.analysis import fitted_motion, with_friction, without_friction
 from osl_analysis.bench.effects import IMPEDANCE, belt_of_leg, plain_sums, sums_of, with_effects
-from osl_analysis.bench.impedance import DesiredImpedance, judged_impedance
+from osl_analysis.bench.impedance import DesiredImpedance, impedance_table, judged_impedance, rendered_impedance
 from osl_analysis.bench.plausible import plausible_impedance
 from osl_analysis.bench.record import record_of_trial, with_actuator
 from osl_analysis.bench.settings import DynamometerAnalysis
@@ -149,10 +149,17 @@ def leg(torque_late=0.0, theta_m_late=0.0, theta_late=0.0, B_j=P.B_j):
     return Trial("leg", pl.DataFrame({"time": time, **columns}))
 
 
+def test_another_b_j_than_that_of_the_file_makes_no_lag_certain():
+    """It looks like an angle that is late by the difference over K_s: 0.36 ms."""
+    trial = leg(B_j=1.6 * P.B_j)
+    row = impedance_table(*rendered_impedance(with_actuator(record_of_trial(trial, SETTINGS), trial)), P)
+    assert (row["certain_theta_m_lag_s"][0] < 0, row["lag_inertia_share"][0], row["lag_share"][0]) == (True, 0, 0)
+
+
 @pytest.mark.parametrize(
     ("fault", "lag", "of_theta_m"),
     [({}, 0, 0), ({"torque_late": 1e-3}, 1e-3, 0), ({"torque_late": -4e-3}, -4e-3, 0), ({"B_j": 1.1 * P.B_j}, 0, 0),
-     ({"theta_m_late": 1e-3}, 0, 1e-3), ({"theta_late": 1e-3}, -1e-3, -1e-3)],
+     ({"theta_m_late": 1e-3}, 0, 1e-3), ({"theta_late": 2e-3}, -2e-3, -2e-3)],
 )  # fmt: skip
 def test_the_belt_shows_which_channel_of_a_leg_is_late(fault, lag, of_theta_m):
     """Eq. 15 misses so much of a leg that it passes for a delay of 10 ms; a belt stays a spring."""

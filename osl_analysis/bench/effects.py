@@ -39,6 +39,7 @@ LONGEST_LAG = 0.02  # s up to which the series of a late torque is used
 POSSIBLE = 2.0  # standard errors by which an effect may be larger than it is found
 WOUND_UP = (0.5e-3, 1.5e-3, 4e-3)  # half-widths [rad] of springs that slip, of which a belt's hysteresis is made
 BELT_ERROR = 80e-6  # s by which hysteresis that is not made of these shifts a lag (SD); of simulated legs 10 to 150
+OTHER_B_J = 3.0  # factor by which losses differ from those of the parameter file, from joint to joint
 CANNOT_TELL = (IdentifiabilityError, InputError, np.linalg.LinAlgError)  # a motion does not tell effects apart
 
 
@@ -236,7 +237,8 @@ def belt_of_leg(record: Record, p: DrivetrainParameters | None) -> Belt | None:
 
     Whatever the controller and its friction do, torque - J_j alpha - B_j omega is the belt's torque (Eq. 4), a spring
     with springs that slip over theta - theta_m/n_T. A late theta_m looks like a smaller B_j. So B_j is free as long as
-    it agrees with the file's: a B_j that is wrong then makes no lag. Else theta_m is late, and B_j is that of the file.
+    it agrees with the file's: a B_j that is wrong then makes no lag. Else theta_m is late and B_j that of the file, or
+    B_j is another one and theta_m on time: where a joint may have it, a lag of the torque that hangs on it is not found.
     """
     if p is None or record.theta_m is None:
         return None
@@ -274,11 +276,16 @@ def belt_of_leg(record: Record, p: DrivetrainParameters | None) -> Belt | None:
         if not 0.7 < K_s / p.K_s < 1.4:
             return Belt(K_s)
         own = fault((p.B_j - fit["omega"]) / K_s, fit.se("omega") / K_s, fit.freedom("omega"))
+        torque_late = fault(lag, fit.se("late"), fit.freedom("late"))
+        is_possible = p.B_j / OTHER_B_J < fit["omega"] < p.B_j * OTHER_B_J
         if own.found:
             columns["omega"] = np.gradient(few.theta_m, 1 / few.rate_hz) / p.n_T
             lag, fit = fitted(p.B_j)
             own = fault(-fit["omega"] / fit["wound"], fit.se("omega") / K_s, fit.freedom("omega"))
-        return Belt(K_s, fault(lag, fit.se("late"), fit.freedom("late")), own)
+            otherwise, torque_late = torque_late, fault(lag, fit.se("late"), fit.freedom("late"))
+            agree = otherwise.found and otherwise.size * torque_late.size > 0
+            torque_late = replace(torque_late, found=torque_late.found and (agree or not is_possible))
+        return Belt(K_s, torque_late, own)
     except CANNOT_TELL:
         return None
 

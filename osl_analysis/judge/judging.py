@@ -11,13 +11,16 @@ from dataclasses import replace
 import polars as pl
 
 from osl_analysis.errors import InputError
-from osl_analysis.judge.causes import CAUSES, EVIDENCE, Cause, beyond, causes_in, explaining
+from osl_analysis.judge.causes import CAUSES, EVIDENCE, Cause, beyond, causes_in, explaining, suspected_unit
 from osl_analysis.judge.finding import AnyRow, Beyond, Finding, Grade, Remedy, TableLimits, cell_number, subject_of
 from osl_analysis.stats.repeats import DOUBTFUL
 
 LATENESS = "whether the torque is late"
 HAVE_UNCHECKED = ("belt", "transmission", "actuator", "impedance", "human_joint", "torque_angle", "walking_groups")
 """Judged tables of which something may not be checked."""
+MEASURED = {"belt": "K_s_ratio", "transmission": "B_j_ratio", "actuator": "k_tau_n_m_ratio"}
+"""Columns with what a component trial measures, over that of the parameter file."""
+LIKE_THE_FILE = 0.1  # share by which a component may differ from the parameter file without a remark
 WEIGHT = 1.0  # N*m/rad of K, by a fixture whose weight makes 1 N*m with its arm level
 MUCH_OF_K = 0.02  # share of K that an unknown gain of the plate's moments may change
 WIDE, SEEN = 3.0, 0.5  # widths of the interval of K that a reflex leaves open, or may hide within it
@@ -35,6 +38,11 @@ def unchecked_in(table: str, row: AnyRow) -> Iterator[Finding]:
     }.get(table)
     for what in [*(names(row) if names else ()), *of_components(table, row)]:
         yield Finding(table, subject, what, Grade.UNCHECKED, amplitude_deg=amplitude)
+    ratio = MEASURED.get(table, "")
+    times = cell_number(row, ratio) or 1.0
+    if abs(times - 1) > LIKE_THE_FILE and not suspected_unit(ratio, times, row):
+        what = f"{ratio.removesuffix('_ratio')} is not that of the parameter file"
+        yield Finding(table, subject, what, Grade.NOTES, amplitude_deg=amplitude)
     for name in ("I", "J_j") if table in ("impedance", "transmission", "walking_groups") else ():
         if (cell_number(row, f"{name}_high") or 0.0) < 0:
             yield Finding(table, subject, f"{name} is certainly negative", Grade.NOTES, amplitude_deg=amplitude)
@@ -75,12 +83,11 @@ def of_impedance(row: AnyRow) -> Iterator[str]:
 
 
 def of_components(table: str, row: AnyRow) -> Iterator[str]:
-    known = {"belt": "K_s_ratio", "transmission": "B_j_ratio", "actuator": "k_tau_n_m_ratio"}
     if table == "transmission" and lacks(row, "path_shift"):
         yield LATENESS
     if table == "actuator" and lacks(row, "B_m"):
         yield "f_C, f_G, B_m and J_m"
-    if table in known and lacks(row, known[table]):
+    if table in MEASURED and lacks(row, MEASURED[table]):
         yield "estimates against those of a parameter file"
     if table == "prediction":
         if row.get("missing_components") is not None:

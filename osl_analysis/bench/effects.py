@@ -238,7 +238,7 @@ def belt_of_leg(record: Record, p: DrivetrainParameters | None) -> Belt | None:
     Whatever the controller and its friction do, torque - J_j alpha - B_j omega is the belt's torque (Eq. 4), a spring
     with springs that slip over theta - theta_m/n_T. A late theta_m looks like a smaller B_j. So B_j is free as long as
     it agrees with the file's: a B_j that is wrong then makes no lag. Else theta_m is late and B_j that of the file, or
-    B_j is another one and theta_m on time: where a joint may have it, a lag of the torque that hangs on it is not found.
+    B_j is another one and theta_m on time: where a joint may have it, a lag that hangs on it is not found.
     """
     if p is None or record.theta_m is None:
         return None

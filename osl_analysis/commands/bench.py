@@ -103,7 +103,8 @@ def fit_impedance_trial(
     of_leg, law, ran = with_actuator(record, trial), pl.DataFrame(schema=LAW_COLUMNS), stated.gains(p, weight)
     if p is not None and ran is not None:
         law = law_table(of_leg, trial, p, ran, models.sign_width)
-        ran = law_that_ran(law, ran)
+        ran, programmed_as = law_that_ran(law, ran, p)
+        ran = replace(ran, cancels_friction=ran.cancels_friction and programmed_as == p)
     analysis, table = judged_impedance(of_leg, rails, p, condition, ran)
 
     def further() -> dict[str, pl.DataFrame]:
@@ -226,9 +227,9 @@ def gather_predictions(
                 gains = DesiredImpedance(row["controller"], row["K_d"], row["B_d"]).gains(p, weight)
                 assert gains is not None  # of other trials no record is read
                 record, _ = read_record(kept[row["trial"]], settings.low_pass)
-                ran = law_that_ran(laws.filter(trial=row["trial"]), gains)
-                terms[row["trial"]] = prediction_terms(record, Controller(ran, p, sign_width), known)
-                law_of[row["trial"]] = "programmed" if ran == gains else "measured"
+                ran = law_that_ran(laws.filter(trial=row["trial"]), gains, p)
+                terms[row["trial"]] = prediction_terms(record, Controller(*ran, sign_width), known)
+                law_of[row["trial"]] = "programmed" if ran == (gains, p) else "measured"
             except (InputError, IdentifiabilityError) as error:
                 without[row["trial"]] = f"components that predict a torque ({error})"
         if terms:

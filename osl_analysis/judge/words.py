@@ -274,6 +274,8 @@ COMPUTED: Mapping[str, Callable[[Facts], str]] = {
     "theta_m_ms": lambda facts: f"{1e3 * abs(facts['certain_theta_m_lag_s']):.2g}",
     "of_file": lambda facts: significant(next(facts[name] for name in MEASURED.values() if name in facts), 3),
     "lag_ms": short("lag_s", 1e3),
+    "loop_late_ms": short("loop_late_s", 1e3),
+    "current_percent": lambda facts: f"{100 * facts['current_error']:+.2g}",
     "zero_short": short("zero_unsure"),
     "zero_energy": lambda facts: (
         f"{facts['energy_stored_per_zero']:+.2g} J stored and {facts['energy_returned_per_zero']:+.2g} J returned"

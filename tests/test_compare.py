@@ -1,6 +1,7 @@
 """Two campaigns side by side: differences, their intervals, and the verdicts of equivalence."""
 
 import math
+import shutil
 import sys
 from pathlib import Path
 
@@ -105,6 +106,12 @@ def test_equal_campaigns_are_equivalent_a_planted_difference_is_seen_and_what_ca
     means = [scipy.stats.gmean(tables(seed=one)["impedance"].filter(whole)["K"]) for one in (1, 2)]
     assert K["relative_percent"] == pytest.approx(100 * (means[1] / means[0] - 1))
     walk = other["walking K"]
+    known = pl.col("K") * 0.02  # which no scatter shows: the difference is known to 5.5 %
+    a, b = ({"impedance": one["impedance"].with_columns(K_se_bench=known)} for one in (tables(), tables(1.08, seed=2)))
+    (by_bench,) = (row for row in compared(a, b).iter_rows(named=True) if row["quantity"] == "K")
+    ratio, low = (math.log1p(by_bench[name] / 100) for name in ("relative_percent", "relative_percent_low"))
+    assert ratio - low == pytest.approx(1.96 * math.hypot(0.02, 0.02), rel=0.02)
+    assert (by_bench["verdict"], by_bench["method"]) == ("undecided", "paired, Student + bench")
     assert (walk["mean_A"], walk["remark"]) == (300, "commanded 300 in A and 324 in B")
     log_low = math.log(1.08) - math.hypot(math.log(300 / 290), math.log(315 / 300))
     assert walk["relative_percent_low"] == pytest.approx(100 * math.expm1(log_low))
@@ -144,6 +151,12 @@ def test_the_command_writes_table_figure_and_page_with_every_verdict_or_one_line
     for said in ("doubtful in a: &lt;friction&gt;", "doubtful in b", "version: a in A, b in B"):
         assert said in page
     assert "different: impedance K, c (±4 %)" in done.output
+    copied = Path(shutil.copytree("a", "c"))
+    (copied / "summary.json").write_text((copied / "summary.json").read_text().replace('"a"', '"c"'))
+    assert [" is a copy of " in one.output for one in (done, call("a", "c"))] == [
+        False,
+        True,
+    ]  # by content, not by date
     Path("b/summary.json").write_text(Path("b/summary.json").read_text().replace("N*m/rad", "N*m/deg"))
     for b, said in (("a", "same folder"), ("none", "no such summary"), ("b", "'K_s' is in N*m/deg, but in N*m/rad")):
         assert said in call("a", b).stderr

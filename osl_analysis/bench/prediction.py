@@ -48,9 +48,9 @@ DELAY_STEP = 2.5e-4  # [s] by which the delays are changed
 LEAST_SHARE, CERTAIN = 0.5, 4.0  # share of the misfit that a named cause explains; standard errors of its change
 AS_GOOD = 1.5  # times what the best explanation leaves that another may leave to be named beside it
 LEAST_MISFIT = 5e-3  # of the torque, that the delays leave; sound legs leave up to 0.0035
-LEAST_CHANGE = dict.fromkeys(COMPONENTS, 0.05) | {"torque_gain": 0.02, "angle_delay": 1e-3, "velocity_delay": 4e-3}
+LEAST_CHANGE = dict.fromkeys(COMPONENTS, 0.05) | {"torque_gain": 0.02, "angle_delay": 1.5e-3, "velocity_delay": 5e-3}
 """Change, relative to a component, or of a delay [s], from which on it is named. A sampled loop acts half a sample late
-and later, a velocity that is a filtered difference is older still."""
+and later (1 ms at 500 Hz), a velocity that is a filtered difference is older still."""
 
 
 @dataclass(frozen=True)

@@ -197,12 +197,12 @@ def tables_to_compare(folder: Path) -> dict[str, pl.DataFrame]:
     return {name: read_table(path, needed[name]) for name, path in there.items()}
 
 
-def remarks_on(a: Mapping[str, Any], b: Mapping[str, Any]) -> list[str]:
-    """In what two summaries differ beside their numbers, or whether they may be of one campaign."""
+def remarks_on(a: Mapping[str, Any], b: Mapping[str, Any], tables: Sequence[Mapping[str, pl.DataFrame]]) -> list[str]:
+    """In what two summaries differ beside their numbers, or whether all numbers of their `tables` are the same."""
     apart = [name for name in ("data", "version") if a.get(name) != b.get(name)]
     remarks = [f"{name}: {a.get(name)} in A, {b.get(name)} in B" for name in apart]
-    if all(a.get(name) == b.get(name) for name in ("configuration", "recorded")):
-        remarks.append("A and B state the same configuration and recordings; one may be a copy of the other")
+    if tables[0].keys() == tables[1].keys() and all(own.equals(tables[1][name]) for name, own in tables[0].items()):
+        remarks.append("A and B have the same estimates in all trials; one is a copy of the other")
     return remarks
 
 
@@ -225,7 +225,7 @@ def compare_campaigns(folders: Sequence[Path], output: Path, margin: float | Non
     of_rows = [units[f"tables/{where}", what] for where, what in table.select("experiment", "quantity").iter_rows()]
     table.insert_column(2, pl.Series("unit", of_rows))
     remarks, verdicts, rows = (
-        remarks_on(a, b),
+        remarks_on(a, b, tables),
         verdicts_said(table),
         [compared_cells(row) for row in table.iter_rows(named=True)],
     )

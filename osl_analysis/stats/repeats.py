@@ -266,6 +266,17 @@ def mixed_effects(a: Sample, b: Sample, gaps: Array) -> Difference | None:
     return student(estimate, se, len(gaps) - 1, "mixed effects") if known_error else None
 
 
+def with_bench(found: Difference, se: float) -> Difference:
+    """A difference with an error of the benches' calibration beside it, of standard error `se`, which no scatter of
+    trials shows."""
+    estimate, low, high, method = found
+    if estimate is None or low is None or high is None or not se:
+        return found
+    half = float(scipy.special.ndtri(0.975)) * se
+    below, above = (math.hypot(end - estimate, half) for end in (low, high))
+    return Difference(estimate, estimate - below, estimate + above, f"{method} + bench")
+
+
 def of_intervals(a: Sample, b: Sample) -> Difference:
     """B - A of two independent numbers, each a sample of one condition with estimate, low and high of its own interval,
     which need not be symmetric: each end goes by the ends that it depends on (Zou and Donner, Stat. Med. 27, 2008)."""

@@ -203,6 +203,7 @@ def fall():
     (fall, r"its decoder broke down \(SIGSEGV\): the file is damaged"),
     (partial(bytearray, 2 * MOST_BYTES), "takes more than 4 GB"),
     (partial(len, None), r"cannot be read \(its parts contradict each other\)"),
+    (partial(os.lseek, os.open(__file__, os.O_RDONLY), -9, 0), r"cannot be read \(its parts contradict each other\)"),
 ])  # fmt: skip
 def test_a_decoder_that_crashes_or_asks_for_all_memory_is_a_refusal(work, told):
     assert isolated(partial(sum, [1, 2])) == 3

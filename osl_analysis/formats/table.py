@@ -1,5 +1,6 @@
 """One table for every format: columns as the file has them, before any conversion; and one ledger of its losses."""
 
+import errno
 import os
 import pickle
 import signal
@@ -37,7 +38,8 @@ def in_one_sentence(what: str = "", remedy: str = LIBRARY_REMEDY) -> Iterator[No
 def reason_of(error: BaseException) -> str:
     """What a library says of a damaged file; what Python says of the library's own code tells a user nothing."""
     of_code = (TypeError, AttributeError, LookupError, AssertionError, NameError, RecursionError)
-    said = "" if isinstance(error, of_code) else " ".join(str(error).split())[:160]
+    is_place = getattr(error, "errno", None) == errno.EINVAL  # of a wrong place in the file, in the system's words
+    said = "" if isinstance(error, of_code) or is_place else " ".join(str(error).split())[:160]
     return said or "its parts contradict each other"
 
 

@@ -3,6 +3,7 @@ at the end of their range, that stand, wrap or do not read zero, force plates. N
 """
 
 import math
+import re
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -410,9 +411,14 @@ def held(
     return 0.0
 
 
+NEXT_TO_ZERO = 1e-30  # of a signal in SI units, which no sensor resolves
+STEP_OF_LOAD_N = 250.0  # between two samples; a foot that leaves a plate takes 10 to 15 N in a millisecond
+
+
 def measure_dropout(examined: Examined) -> CheckResult:
     """Number of samples that no sensor gives: two raw zeros or more in a row into which a channel that seldom repeats a
-    value jumps, and out of them, as where bytes of a file are lost; and numbers too small for all their digits."""
+    value jumps, and out of them, as where bytes of a file are lost; and numbers next to zero. A plate jumps into a
+    level, and out of it, by more than a step of a person does between two samples."""
     counts = dict[str, float]()
     for name in ("theta", "theta_m", "omega_m", "torque", "torque_m", "current"):
         x = recorded(examined.trial, name)[1]
@@ -421,12 +427,23 @@ def measure_dropout(examined: Examined) -> CheckResult:
             continue
         origin, usual = examined.trial.provenance.get("columns", {}).get(name, {}), 5 * float(np.median(steps))
         zero = origin.get("sign", 1) * origin.get("scale", 1) * origin.get("factor", 1) * origin.get("offset", 0)
-        blocks = run_edges((x[:-1] == zero) & (x[1:] == zero)).tolist()
-        inner = [(a, b) for a, b in blocks if 0 < a and b < steps.size and min(steps[a - 1], steps[b]) > usual]
-        inner = [(a, b) for a, b in inner if b - a > 3 or x[a - 1] * x[b + 1] > 0]  # else it may stand while it turns
-        tiny = (x != 0) & (np.abs(x) < np.finfo(float).tiny)
-        counts[name] = float(sum(b - a + 1 for a, b in inner) + tiny.sum())
-    return worst(counts, "no channel of a bench that seldom repeats a value")
+        nought = np.abs(x - zero) < NEXT_TO_ZERO
+        blocks = run_edges(nought[:-1] & nought[1:]).tolist()
+        # one at the beginning is before a recorder begins; at the end an encoder rests, and a drive is off
+        last = steps.size - ("torque" not in name)
+        inner = [(a, b) for a, b in blocks if a and b <= last and min([steps[a - 1], *steps[b : b + 1]]) > usual]
+        # of a few zeros it may stand while it turns
+        inner = [(a, b) for a, b in inner if b - a > 3 or (b < steps.size and x[a - 1] * x[b + 1] > 0)]
+        lost = (x != 0) & (np.abs(x) < NEXT_TO_ZERO)
+        for a, b in inner:
+            lost[a : b + 1] = True
+        counts[name] = float(lost.sum())
+    for name in (one for one in examined.trial.columns if re.fullmatch(r"plate\d+_force_z", one)):
+        steps = np.abs(np.diff(recorded(examined.trial, name)[1]))
+        levels = run_edges(steps == 0).tolist()
+        inner = [(a, b) for a, b in levels if a and b < steps.size and min(steps[a - 1], steps[b]) > STEP_OF_LOAD_N]
+        counts[name] = float(sum(b - a + 1 for a, b in inner))
+    return worst(counts, "no plate, and no channel of a bench that seldom repeats a value")
 
 
 # Zeros, turns, and markers.

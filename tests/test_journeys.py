@@ -297,3 +297,19 @@ def test_what_is_equally_likely_is_asked(tmp_path):
         found = re.findall(r'\n  NAME_\d: {column: "(\w+)"', source)
         assert found == open_ones, source
         assert source.count("as likely is") == (len(open_ones) if number < 3 else 0)
+
+
+def test_a_joint_without_a_spring_keeps_its_sign_and_an_actuator_alone_has_its_own_torque(tmp_path):
+    time, theta, _, _ = sines([(1, 8), (3, 20)], 4)
+    omega, noise = np.gradient(theta, time), 1e-3 * NOISE[1, : time.size]
+    loss = 0.4 * omega + 6e-3 * np.gradient(omega, time) + noise
+    drafted = {}
+    for name, columns in (
+        ("transmission", {"theta [rad]": theta, "torque [Nm]": loss}),
+        ("turned", {"theta [rad]": theta, "torque [Nm]": -loss}),
+        ("actuator", {"theta_m [rad]": theta, "current [A]": np.cos(3 * time) + noise, "torque [Nm]": np.sin(time)}),
+    ):
+        write_csv(tmp_path / f"{name}.csv", {"time_s": time, **columns})
+        drafted[name] = draft_source(module.inspect_file(tmp_path / f"{name}.csv"), "")
+    assert [drafted[name].count("sign: -1") for name in drafted] == [0, 1, 0]
+    assert "\n  torque_m: {" in drafted["actuator"]

@@ -223,7 +223,8 @@ def on_a_grid(channels: Mapping[int, RecordedChannel], clock: RecordedChannel | 
 
 def following(x: Array, y: Array, rate: float) -> tuple[float, float, float]:
     """How y (n,) follows x (n,) and its derivatives, as a joint's torque follows its angle (Eq. 15): the multiple
-    correlation, the slope of x, and the largest correlation with one of the derivatives alone."""
+    correlation, the way in which it follows, by the slope of x or, of a joint that is no spring, of its velocity; and
+    the largest correlation with one of the derivatives alone."""
     velocity = np.gradient(x) * rate
     columns, about = np.stack([x, velocity, np.gradient(velocity) * rate], axis=1), y - y.mean()
     columns -= columns.mean(axis=0)
@@ -231,7 +232,8 @@ def following(x: Array, y: Array, rate: float) -> tuple[float, float, float]:
     slopes = np.linalg.lstsq(columns / size, about, rcond=None)[0]
     left = rms(about - columns / size @ slopes) / rms(about)
     alone = np.abs(about @ columns) / (len(y) * rms(about) * size)
-    return float(np.sqrt(max(1 - left**2, 0.0))), float(slopes[0] / size[0]), float(alone[1:].max())
+    way = slopes[0] if abs(slopes[0]) > 0.3 * abs(slopes[1]) else slopes[1]
+    return float(np.sqrt(max(1 - left**2, 0.0))), float(np.sign(way)), float(alone[1:].max())
 
 
 class Pair(NamedTuple):
@@ -239,7 +241,7 @@ class Pair(NamedTuple):
 
     told: int  # how much of it names and units tell
     r: float
-    slope: float
+    way: float  # 1, or -1 of a torque whose sign is turned
     theta: int
     torque: int
 
@@ -259,6 +261,9 @@ def guessed_columns(channels: Sequence[RecordedChannel], clock: RecordedChannel 
     little. What does not move, is noise, or a torque computed from a current is no signal. `clock` is that of rows."""
     named = [likely_column(one) for one in channels]
     guesses = guesses_by_name(channels, named)
+    columns = {guess.column for guess in guesses}
+    if "theta" not in columns and columns & {"theta_m", "omega_m"}:  # of the actuator alone
+        guesses = [replace(one, column="torque_m") if one.column == "torque" else one for one in guesses]
     pairs, signals = following_pairs(channels, named, guesses, clock)
     if not pairs:
         return guesses
@@ -270,7 +275,7 @@ def guessed_columns(channels: Sequence[RecordedChannel], clock: RecordedChannel 
             said = "guessed from its name" if guesses[place].sure else "a guess"
             said += f": {how.format(json.dumps(name_of(channels[getattr(one, other)])))} as a spring, r = {one.r:.3f}"
             said += f"; as likely is {rivals}" * bool(rivals)
-            guesses[place] = Guess(column, not rivals, said, -1 if column == "torque" and one.slope < 0 else 1)
+            guesses[place] = Guess(column, not rivals, said, -1 if column == "torque" and one.way < 0 else 1)
     for column in ("theta", "torque"):  # a name and a motion may tell different channels
         several = [n for n, guess in enumerate(guesses) if guess.sure and guess.column == column]
         for n in several:
@@ -306,11 +311,11 @@ def following_pairs(
     pairs = list[Pair]()
     for k, m in permutations(signals, 2):
         if may_be(channels[k], "theta") and may_be(channels[m], "torque"):
-            r, slope, alone = following(signals[k], signals[m], rate)
+            r, way, alone = following(signals[k], signals[m], rate)
             told = (named[k] == "theta") + (named[m] == "torque") + bool(guesses[k].said) + bool(guesses[m].said)
             is_derivative = alone > 0.99 and named[m] != "torque"
             if r > FOLLOWS and not is_derivative and factor_of(signals[m], signals[k]) is None:
-                pairs.append(Pair(told, r, slope, k, m))
+                pairs.append(Pair(told, r, way, k, m))
     return pairs, signals
 
 

@@ -19,6 +19,7 @@ import polars as pl
 import scipy
 
 from osl_analysis.bench.record import Record, logged
+from osl_analysis.bench.witness import CHUNKS
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.model.compensator import Gains
 from osl_analysis.model.parameters import DrivetrainParameters
@@ -27,8 +28,8 @@ from osl_analysis.stats.regression import LinearFit, estimates_row, linear_fit, 
 from osl_analysis.trial import Array, Trial
 
 LAW_GAINS = ("K_1", "B_1", "f_C", "f_G")
-MOTOR = "k_tau_n_m"
-GAIN_COLUMNS = tuple(f"{x}{end}" for x in (*LAW_GAINS, MOTOR) for end in ("", "_se", "_low", "_high", "_programmed"))
+CONSTANT = "k_tau_n_m"
+GAIN_COLUMNS = tuple(f"{x}{end}" for x in (*LAW_GAINS, CONSTANT) for end in ("", "_se", "_low", "_high", "_programmed"))
 OTHER_LAW = {"K_1_error": 0.02, "B_1_gap_s": 3e-3, "feedforward_error": 0.2}
 """How far gains are off, and from which size on another law ran than was programmed: a share of K_1, the lateness [s]
 that would explain B_1, a share of the friction that is cancelled."""
@@ -37,8 +38,7 @@ OTHER_LINK = ("loop_late_s", "current_error")
 LAW_COLUMNS = {"trial": pl.String} | dict.fromkeys((*GAIN_COLUMNS, "VAF", *OTHER_LAW, *OTHER_LINK), pl.Float64)
 SIGN_CUTOFF = 4.0  # cut-offs of the low-pass behind which the sign of the velocity is read
 OLDEST = 0.02  # s, the age of the sign
-CHUNKS = 24  # of a recording, whose scores scatter
-LEAST_SE = {"K_1": 1e-3, "B_1": 2e-3, "f_C": 5e-3, "f_G": 2e-2, MOTOR: 1e-2}
+LEAST_SE = {"K_1": 1e-3, "B_1": 2e-3, "f_C": 5e-3, "f_G": 2e-2, CONSTANT: 1e-2}
 """Standard error, as a share, of what sampling and hold of the loop, and a belt that slips, leave in every chunk."""
 LEFT_OF_AGE = 0.1  # share (SD) of what the age of the sign moves, by which it may be wrong
 
@@ -85,19 +85,19 @@ def law_table(
             fit = by_age(float(best.x))
         against = {f"motor's {name}": -column for name, column in friction(0.0).items()}
         losses = {"B_m": -motion[1], "J_m": -motion[2], "one": moved["one"]}
-        motor = fitted(-belt / p.n_T, {MOTOR: current} | against | losses)
+        motor = fitted(-belt / p.n_T, {CONSTANT: current} | against | losses)
     except (InputError, IdentifiabilityError):
         return nothing
-    known = {"K_1": programmed.K_1, "B_1": programmed.B_1, "f_C": p.f_C, "f_G": p.f_G, MOTOR: p.k_tau * p.n_m}
+    known = {"K_1": programmed.K_1, "B_1": programmed.B_1, "f_C": p.f_C, "f_G": p.f_G, CONSTANT: p.k_tau * p.n_m}
     least = np.array([LEAST_SE.get(name, 0.0) * known.get(name, 0.0) for name in fit.names])
     fit = with_shared_error(fit, LEFT_OF_AGE * (fit.estimates - at_once.estimates))
     fit = replace(fit, covariance=fit.covariance + np.diag(least**2))
-    motor = with_shared_error(motor, np.array([LEAST_SE[MOTOR] * known[MOTOR], *np.zeros(len(motor.names) - 1)]))
+    motor = with_shared_error(motor, np.array([LEAST_SE[CONSTANT] * known[CONSTANT], *np.zeros(len(motor.names) - 1)]))
     asked = known | {name: programmed.cancels_friction * known[name] for name in ("f_C", "f_G")}
-    row = {"trial": trial.name, **estimates_row(fit, *LAW_GAINS), **estimates_row(motor, MOTOR), "VAF": fit.vaf}
+    row = {"trial": trial.name, **estimates_row(fit, *LAW_GAINS), **estimates_row(motor, CONSTANT), "VAF": fit.vaf}
     row |= {f"{name}_programmed": value for name, value in asked.items()}
     typical = float(np.sqrt(np.mean(record.part(current) ** 2)))
-    return pl.DataFrame([row | errors_of(fit, known[MOTOR] / motor[MOTOR], asked, p, typical)], LAW_COLUMNS)
+    return pl.DataFrame([row | certain_errors(fit, known[CONSTANT] / motor[CONSTANT], asked, p, typical)], LAW_COLUMNS)
 
 
 def by_chunks(X: Array, inverse: Array, residual: Array) -> Covariance:
@@ -108,7 +108,7 @@ def by_chunks(X: Array, inverse: Array, residual: Array) -> Covariance:
     return scores.T @ scores * CHUNKS / (CHUNKS - 1), freedom, "chunks", len(residual) // CHUNKS
 
 
-def errors_of(
+def certain_errors(
     fit: LinearFit, reads: float, asked: Mapping[str, float], p: DrivetrainParameters, current: float
 ) -> dict[str, float | None]:
     """What is certainly off, by the names of `OTHER_LAW` and `OTHER_LINK`. `reads` is the factor between the current of
@@ -128,7 +128,7 @@ def errors_of(
     row: dict[str, float | None] = dict.fromkeys((*OTHER_LAW, *OTHER_LINK))
     row["current_error"] = by - 1
     if K_1:
-        apart = K_1 * LEAST_SE[MOTOR] * is_current
+        apart = K_1 * LEAST_SE[CONSTANT] * is_current
         share = off(fit["K_1"] / by, K_1, fit.se("K_1") + apart) / K_1
         late = off(fit["B_1"] / by, B_1, fit.se("B_1")) / K_1
         borne = (fit["lag"] + 2 * fit.se("lag")) / by + K_1 * late**2 / 2
@@ -151,7 +151,7 @@ def law_that_ran(table: pl.DataFrame, programmed: Gains, p: DrivetrainParameters
     reads = 1 + row["current_error"]
     other = [name for name, most in OTHER_LAW.items() if (row[name] or 0.0) > most]
     if "feedforward_error" in other:
-        f_C, f_G = float(max(row["f_C"], 0.0) / reads), float(np.clip(row["f_G"], 0.0, 0.5 * row[MOTOR]))
+        f_C, f_G = float(max(row["f_C"], 0.0) / reads), float(np.clip(row["f_G"], 0.0, 0.5 * row[CONSTANT]))
         p = replace(p, f_C=f_C, f_G=f_G)
         cancels = p.f_C + p.f_G > 0.1 * (row["f_C_programmed"] + row["f_G_programmed"])
         programmed = replace(programmed, cancels_friction=cancels)

@@ -261,9 +261,6 @@ def guessed_columns(channels: Sequence[RecordedChannel], clock: RecordedChannel 
     little. What does not move, is noise, or a torque computed from a current is no signal. `clock` is that of rows."""
     named = [likely_column(one) for one in channels]
     guesses = guesses_by_name(channels, named)
-    columns = {guess.column for guess in guesses}
-    if "theta" not in columns and columns & {"theta_m", "omega_m"}:  # of the actuator alone
-        guesses = [replace(one, column="torque_m") if one.column == "torque" else one for one in guesses]
     pairs, signals = following_pairs(channels, named, guesses, clock)
     if not pairs:
         return guesses
@@ -297,7 +294,10 @@ def guesses_by_name(channels: Sequence[RecordedChannel], named: Sequence[str]) -
         sure = bool(words) and column != "" and set(words) <= set(PATTERNS[column][2].split())
         by_name = Guess(column, sure and known[column] == 1, "guessed from its name" * sure)
         guesses.append(Guess(said=why, no_signal=True) if why else by_name)
-    return guesses
+    columns = {guess.column for guess in guesses}
+    if "theta" in columns or not columns & {"theta_m", "omega_m"}:
+        return guesses
+    return [replace(one, column="torque_m") if one.column == "torque" else one for one in guesses]  # an actuator alone
 
 
 def following_pairs(

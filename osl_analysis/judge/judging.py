@@ -18,7 +18,7 @@ from osl_analysis.stats.repeats import DOUBTFUL
 LATENESS = "whether the torque is late"
 HAVE_UNCHECKED = ("belt", "transmission", "actuator", "impedance", "human_joint", "torque_angle", "walking_groups")
 """Judged tables of which something may not be checked."""
-MEASURED = {"belt": "K_s_ratio", "transmission": "B_j_ratio", "actuator": "k_tau_n_m_ratio"}
+OVER_THE_FILE = {"belt": "K_s_ratio", "transmission": "B_j_ratio", "actuator": "k_tau_n_m_ratio"}
 """Columns with what a component trial measures, over that of the parameter file."""
 LIKE_THE_FILE = 0.1  # share by which a component may differ from the parameter file without a remark
 WEIGHT = 1.0  # N*m/rad of K, by a fixture whose weight makes 1 N*m with its arm level
@@ -38,7 +38,7 @@ def unchecked_in(table: str, row: AnyRow) -> Iterator[Finding]:
     }.get(table)
     for what in [*(names(row) if names else ()), *of_components(table, row)]:
         yield Finding(table, subject, what, Grade.UNCHECKED, amplitude_deg=amplitude)
-    ratio = MEASURED.get(table, "")
+    ratio = OVER_THE_FILE.get(table, "")
     times = cell_number(row, ratio) or 1.0
     if abs(times - 1) > LIKE_THE_FILE and not suspected_unit(ratio, times, row):
         what = f"{ratio.removesuffix('_ratio')} is not that of the parameter file"
@@ -87,7 +87,7 @@ def of_components(table: str, row: AnyRow) -> Iterator[str]:
         yield LATENESS
     if table == "actuator" and lacks(row, "B_m"):
         yield "f_C, f_G, B_m and J_m"
-    if table in MEASURED and lacks(row, MEASURED[table]):
+    if table in OVER_THE_FILE and lacks(row, OVER_THE_FILE[table]):
         yield "estimates against those of a parameter file"
     if table == "prediction":
         if row.get("missing_components") is not None:

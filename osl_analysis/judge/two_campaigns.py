@@ -113,29 +113,28 @@ def row_of(parts: Sequence[pl.DataFrame | None], quantity: str, margin: float | 
     if not (a and b):
         return row | {"remark": f"only in {'A' if a else 'B'}"}
     between, remarks = of_intervals if of_ensembles else difference, list[str]()
-    bench, of_ratio = (math.hypot(*(bench_error(part, quantity, share) for part in parts)) for share in (False, True))
     if shared and {*a} != {*b}:
         remarks.append(f"{len(shared)} of {len({*a, *b})} conditions are shared, the means are of these")
-    row |= dict(zip((*DIFFERENCE, "method"), with_bench(between(a, b), bench), strict=True))
+    row |= dict(zip((*DIFFERENCE, "method"), with_bench(between(a, b), bench_error(parts, quantity)), strict=True))
     if of_ensembles and None not in (commanded := (*a, *b)) and len(set(commanded)) > 1:
         remarks.append("commanded {:g} in A and {:g} in B".format(*commanded))
     if quantity not in WITHOUT_RATIO:
         if smallest_of(a, b) > 0:
-            row |= ratio_of(a, b, lambda *logarithms: with_bench(between(*logarithms), of_ratio), margin)
+            bench = bench_error(parts, quantity, as_share=True)
+            row |= ratio_of(a, b, lambda *logarithms: with_bench(between(*logarithms), bench), margin)
         else:
             remarks.append("no ratio: an estimate, or an end of its interval, is not above 0")
     return row | {"remark": "; ".join(remarks) or None}
 
 
-def bench_error(rows: pl.DataFrame | None, quantity: str, as_share: bool) -> float:
-    """Standard error of a campaign's estimates, or as a share of them, by what is stated of its bench: all of its
-    trials share it. 0 where nothing is."""
-    known = f"{quantity}_se_bench"
-    if rows is None or known not in rows.columns:
-        return 0.0
-    used = rows.drop_nulls([quantity, known])
-    of = used[quantity].to_numpy() if as_share else 1.0
-    return rms(used[known].to_numpy() / of) if len(used) else 0.0
+def bench_error(parts: Sequence[pl.DataFrame | None], quantity: str, as_share: bool = False) -> float:
+    """Standard error of the difference between two campaigns, or as a share of their estimates, by what is stated of
+    their benches: all trials of a campaign share it. 0 where nothing is."""
+    known, errors = f"{quantity}_se_bench", list[float]()
+    for part in parts:
+        if part is not None and known in part.columns and len(used := part.drop_nulls([quantity, known])):
+            errors.append(rms(used[known].to_numpy() / (used[quantity].to_numpy() if as_share else 1.0)))
+    return math.hypot(*errors)
 
 
 def mean_of(sample: Sample, shared: Collection[Any], of_ensembles: bool) -> float | None:

@@ -201,11 +201,24 @@ def test_a_zero_that_nobody_stated_says_what_it_may_do_to_the_energies():
     torque = K * theta + 5.0
     assumed, stated = row_of(theta, torque, zero=None), row_of(theta, torque, zero="none")
     assert (assumed["not_checked"], assumed["zero_unsure"]) == (OFFSET, pytest.approx(5.0, rel=1e-3))
-    assert stated["zero_unsure"] is None
+    assert (stated["zero_unsure"], stated["assumed_zero_share"]) == (None, None)
+    assert assumed["assumed_zero_share"] == pytest.approx((5 / (K * A)) ** 2, rel=0.03)  # of K (A^2 + (5/K)^2)
+    assert assumed["doubtful"] == "zero that nobody stated"
     for name in ("energy_stored", "energy_returned"):  # trapezoids of K theta + 5 and K theta, from its zero
         about = (assumed[f"{name}_per_zero"] + stated[f"{name}_per_zero"]) / 2
         assert assumed[name] - stated[name] == pytest.approx(5.0 * about, rel=0.01)
     assert row_of(theta, torque, zero="end")["zero_unsure"] is None
+
+
+def test_a_rest_under_load_that_nobody_stated_to_be_none_is_doubtful_and_the_area_of_the_loop_is_sound():
+    """Cycles of 0 to 10 deg and a rest at 6 deg, at once without load and under 0.6 K A."""
+    theta, names = path(0, 10, 0, 10, 0, 6), ("energy_stored", "energy_lost")
+    torque = K * theta + jenkins(theta, 400, 1, start=-1)
+    row, sound = row_of(theta, torque, zero=None), row_of(theta, torque, zero="none")
+    assert row["doubtful"] == "zero that nobody stated"
+    assert (1 + row["assumed_zero_share"]) * row["energy_stored"] == pytest.approx(sound["energy_stored"], rel=1e-6)
+    assert row["energy_stored"] < 0.75 * sound["energy_stored"]
+    assert row["energy_lost"] == pytest.approx(sound["energy_lost"], rel=1e-6)
 
 
 def test_a_torque_that_hysteresis_leaves_at_rest_is_not_taken_for_an_offset_without_a_word():

@@ -290,6 +290,21 @@ def test_what_repeats_have_in_common_widens_the_interval_of_their_mean():
     assert summary.high - summary.mean == pytest.approx(stdtrit(6, 0.975) * np.sqrt(2 * own))
 
 
+@pytest.mark.parametrize("between", [0.0, 3.0])
+def test_two_trials_that_agree_by_luck_have_an_interval_that_covers_as_often_as_others(between):
+    """Trials with own errors of 2 and scatter between them: mean and difference are independent, so that of those that
+    agree Student's interval alone covers next to none."""
+    draws = np.random.default_rng(5).standard_normal((4000, 2)) * np.hypot(2.0, between)
+    found = [repeats.over_repeats(pair, halves=[1.96 * 2.0] * 2) for pair in draws]
+    covers = np.array([one.low < 0 < one.high for one in found])
+    alike = np.abs(np.diff(draws))[:, 0] < 0.2
+    student_alone = [repeats.over_repeats(pair) for pair in draws[alike]]
+    assert covers.mean() > 0.94  # of 4000, with a standard error of 0.0035
+    assert np.mean([one.low < 0 < one.high for one in student_alone]) < 0.5
+    assert between or covers[alike].mean() > 0.9
+    assert min(one.se for one in found) == pytest.approx(2 / np.sqrt(2))
+
+
 def test_kinds_of_trials_count_as_one_mean_each_and_their_difference_is_no_scatter():
     """The mean of two means has the error sqrt(s1^2/n1 + s2^2/n2)/2; Welch's degrees of freedom, by SciPy's test."""
     first, second = [1.0, 2.0, 3.0, 6.0], [101.0, 103.0, 107.0]

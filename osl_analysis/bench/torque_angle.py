@@ -387,6 +387,9 @@ def torque_angle_table(trial: TorqueAngleTrial, desired: str | None = None) -> p
         f"{name}_per_zero": float((higher[name] - lower[name]).to_numpy().mean() / (2 * step))
         for name in ("energy_stored", "energy_returned")
     }
+    as_load = cycle_table(replace(trial, torque=torque + trial.zero))["energy_stored"].to_numpy().mean()
+    share = float(as_load / of["energy_stored"].mean() - 1)
+    means |= {"assumed_zero_share": share if trial.settings.zero is None else None}
     for name in ("K", "K_secant", "K_unloading", "energy_stored", "energy_returned", "energy_lost"):
         means |= {name: float(of[name].mean()), **dict.fromkeys((f"{name}_se", f"{name}_low", f"{name}_high"))}
         mean = of[name].mean()

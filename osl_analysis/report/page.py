@@ -30,7 +30,7 @@ from osl_analysis.judge.words import WORDS, Words, beyond_said, check_words, sen
 from osl_analysis.report import TEMPLATES
 from osl_analysis.report.headlines import answered, said_number
 from osl_analysis.report.trial_page import VERDICTS, ReportedTrial, cell_text, printed, value_and_interval
-from osl_analysis.stats.repeats import over_repeats
+from osl_analysis.stats.repeats import summary_row
 
 STATES = (*VERDICTS[:0:-1], "not checked", "remark", "passed", "does not apply")
 """Of a trial before a check, the worst one first; beside these a trial as a whole is `clear`."""
@@ -220,7 +220,7 @@ def state_of(trials: Sequence[ReportedTrial], cells: Mapping[str, JudgedCells], 
 
 def conditions(tables: Mapping[str, pl.DataFrame], findings: Mapping[str, Sequence[Entry]]) -> list[dict[str, Any]]:
     """K, B and I of each condition, what was commanded of which joint, or walking group, with the trials that carry it
-    and what is doubted. Of several trials their mean, with Student's interval. `findings` are those on each trial."""
+    and what is doubted. Of several trials their mean (`summary_row`). `findings` are those on each trial."""
     found = of_groups(tables, findings)
     for name in ("impedance", "human_joint"):
         table = tables.get(name, pl.DataFrame(schema=["amplitude_deg"]))
@@ -230,8 +230,8 @@ def conditions(tables: Mapping[str, pl.DataFrame], findings: Mapping[str, Sequen
             row, trials = own.row(0, named=True), own["trial"].to_list()
             if len(own) > 1:
                 for symbol in ESTIMATES:
-                    mean = over_repeats(own[symbol])
-                    row |= {symbol: mean.mean, f"{symbol}_low": mean.low, f"{symbol}_high": mean.high}
+                    mean = summary_row(own, symbol)
+                    row |= {f"{symbol}{end}": mean[of] for end, of in ENDS.items()}
             said = [
                 f"{key} {row[key]:g}" if key in ("K_d", "B_d") else row[key] for key in keys if row[key] is not None
             ]

@@ -30,8 +30,8 @@ class Repeats:
     mean: float
     sd: float  # standard deviation between trials
     se: float  # standard error of the mean
-    low: float  # lower bound of the 95 % interval of the mean (Student)
-    high: float  # upper bound of the 95 % interval of the mean (Student)
+    low: float  # lower bound of the 95 % interval of the mean (Student, or that of the trials' own errors)
+    high: float  # upper bound
 
 
 def alike_sizes(sizes: pl.Series) -> pl.Series:
@@ -48,10 +48,17 @@ CommonError = tuple[float, float]
 estimate, and the degrees of freedom of this variance."""
 
 
-def over_repeats(values: ArrayLike, common: Sequence[CommonError] = (), kinds: ArrayLike | None = None) -> Repeats:
+def over_repeats(
+    values: ArrayLike,
+    common: Sequence[CommonError] = (),
+    kinds: ArrayLike | None = None,
+    halves: ArrayLike = (),
+) -> Repeats:
     """Summary of one estimate per trial, shape (n,). Standard error and interval include the `common` errors. Trials of
     different `kinds` (n,) count as one mean per kind, so that what differs from kind to kind is no scatter; `sd` is the
-    scatter within kinds. Raises InputError: Fewer than two trials of a kind, or a value cannot be measured."""
+    scatter within kinds. Trials of one kind that agree by luck do not know their mean better than they know
+    themselves: `halves`, the half-widths (n,) of their own 95 % intervals. Raises InputError: Fewer than two trials of
+    a kind, or a value cannot be measured."""
     values = np.asarray(values, dtype=float)
     check_measured("the estimate of a trial", values)
     labels = np.zeros(len(values)) if kinds is None else np.asarray(kinds)
@@ -68,17 +75,23 @@ def over_repeats(values: ArrayLike, common: Sequence[CommonError] = (), kinds: A
     se = float(np.sqrt(sum(variances)))
     each = [*freedom, *(of_common for _, of_common in common)]
     half = float(scipy.special.stdtrit(welch_satterthwaite(variances, each), 0.975)) * se
+    own = float(np.hypot(np.linalg.norm(halves) / len(values), 1.96 * np.sqrt(sum(one for one, _ in common))))
+    half, se = max(half, own), max(se, own / 1.96)
     return Repeats(len(values), mean, sd, se, mean - half, mean + half)
 
 
 def summary_row(table: pl.DataFrame, name: str) -> dict[str, float | str | None]:
     """n, mean, sd, se, low, high of one column, with the error that all rows share (`NAME_se_bench`, where there is
-    one), and the source of the interval. One trial gives only n and mean."""
-    numbers = table[name].cast(pl.Float64).drop_nulls().drop_nans()
+    one), their own intervals (`NAME_low`, `NAME_high`), and the source of the interval. One trial gives only n and
+    mean."""
+    used = table.filter(pl.col(name).cast(pl.Float64).is_not_nan())
+    numbers = used[name].cast(pl.Float64)
     if len(numbers) >= 2:
-        known = table[f"{name}_se_bench"].fill_null(0.0).to_numpy() if f"{name}_se_bench" in table.columns else 0.0
+        known = used[f"{name}_se_bench"].fill_null(0.0).to_numpy() if f"{name}_se_bench" in table.columns else 0.0
         shared = float(np.mean(np.square(known)))
-        found = over_repeats(numbers.to_numpy(), [(shared, np.inf)] if shared else [])
+        bounds = [used[end].to_numpy() for end in (f"{name}_high", f"{name}_low") if end in table.columns]
+        halves = np.nan_to_num(np.subtract(*bounds) / 2) if len(bounds) == 2 else ()
+        found = over_repeats(numbers.to_numpy(), [(shared, np.inf)] if shared else [], halves=halves)
         return asdict(found) | {"interval_method": "Student + bench" if shared else "Student"}
     mean = float(numbers[0]) if len(numbers) else None
     return {"n": len(numbers), "mean": mean, **dict.fromkeys(("sd", "se", "low", "high", "interval_method"))}

@@ -528,6 +528,18 @@ def test_a_caption_names_the_doubtful_trials_and_groups_and_why(of, said):
     assert doubtful_said(pl.DataFrame(of, schema_overrides={"doubtful": pl.String})) == expected
 
 
+@pytest.mark.parametrize(("name", "column", "without", "word"), [
+    ("fig5", "K_d", None, "black line"),
+    ("fig5", "K_predicted", None, "linear theory"), ("fig6", "amplitude_deg", None, "and amplitude"),
+    ("fig7", "curve", "observed", "Eq. 11"), ("torque_angle", "desired", None, "Dashed"),
+])  # fmt: skip
+def test_a_caption_explains_only_what_is_drawn(name, column, without, word, tmp_path):
+    drawn = plotted(name)
+    for k, (table, there) in enumerate(((drawn, True), (drawn.with_columns(pl.lit(without).alias(column)), False))):
+        write_table(table, tmp_path / f"{k}.csv")
+        assert (word in caption_of(name, tmp_path / f"{k}.csv")) == there
+
+
 def test_each_figure_has_a_section_a_missing_one_its_reason_and_the_kind_of_data_stands_there_once(tmp_path):
     lost = Refusal("<b>i_1", "raw/i_1.mcap", "ingest", "refused", "raw/i_1.mcap: no such file", "copy it")
     tables = {name: tmp_path / f"{name}.csv" for name in ("fig4", "fig5", "fig7")}

@@ -42,7 +42,7 @@ def test_hostile_names_are_drawn_letter_by_letter_without_a_warning(module):
     figure = module.draw(module.points(table))
     figure.savefig(BytesIO(), format="png")
     written = texts(figure).replace("\\$", "$").replace("\n", " ")
-    for shown in ("$x_1$ 50 %", "_hidden", "\\alpha {", "Exo $K_d$ & more, left", "No controller"):
+    for shown in ("$x_1$ 50 %", "_hidden", "\\alpha {", "Exo $K_d$ & more, left", "Controller not stated"):
         assert shown in written, shown
     figure.draw_without_rendering()
     inked, (width, height) = figure.get_tightbbox(), figure.get_size_inches()

@@ -116,7 +116,7 @@ def caption_of(name: str, table_csv: Path, missing: Sequence[str] = ()) -> str:
     if table.is_empty():
         return f"{UNDRAWN} {names.as_text(figure.nothing[:1].upper() + figure.nothing[1:])}."
     lacks = f" Without {names.count_of(len(missing), 'trial')} whose recordings or fits were refused: "
-    shows = FIGURES[name].caption if name in FIGURES else ""
+    shows = names.shown_said(FIGURES[name].caption, table) if name in FIGURES else ""
     said = " ".join(filter(None, [figure.about(table), shows, names.doubtful_said(table)]))
     return f"{said}{f'{lacks}{names.listed_text(missing)}.' if missing else ''}"
 

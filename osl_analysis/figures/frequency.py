@@ -59,7 +59,8 @@ def shown_impedance(table: pl.DataFrame) -> str:
         if value is not None
     ]
     why = f" ({names.as_text(chosen)})" if chosen is not None else ""
-    return f"Frequency response of the joint, angle over torque: {', '.join(stated) or 'no impedance is stated'}{why}."
+    of = f": {', '.join(stated)}{why}" if stated else ""
+    return f"Frequency response of the joint, angle over torque{of}."
 
 
 @style.paper_style()

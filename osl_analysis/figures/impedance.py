@@ -19,14 +19,15 @@ def shown_trial(table: pl.DataFrame) -> str:
     """The trial of Fig. 4, and why this one."""
     joint, side, trial, chosen = table.select("joint", "side", "trial", "chosen").row(0)
     why = f" ({names.as_text(chosen)})" if chosen else ""
-    return f"{names.as_text(names.place_name(joint, side))}, trial {names.as_text(trial)}{why}: one amplitude."
+    place = names.as_text(names.place_name(joint, side))
+    return f"{f'{place}, trial' if place else 'Trial'} {names.as_text(trial)}{why}."
 
 
 @style.paper_style()
 def draw_fig4(table: pl.DataFrame) -> Figure:
     """(a) Angle; (b) torque, the fit dashed magenta, which the draft calls blue in its caption; (c) residual."""
     joint, side, trial = table.select("joint", "side", "trial").row(0)
-    place = f"{names.place_name(joint, side)}, trial {names.drawn_name(trial, 60)}"
+    place = ", ".join(filter(None, [names.place_name(joint, side), f"trial {names.drawn_name(trial, 60)}"]))
     figure, axes = style.panels(style.DOUBLE_COLUMN, 3.9, rows=3, names=[place, "", ""])
     angle, torque, residual = axes
     step, drawn = pl.col("time").diff(), ("theta_deg", "torque", "torque_model")

@@ -23,7 +23,7 @@ DASHES: tuple[Dash, ...] = (
 )  # fmt: skip
 """Of controllers other than those of the draft: with these two and black, colours are 20 or more apart (CIE 1976) for
 readers without long- or medium-wavelength cones."""
-NO_CONTROLLER = Look("#757575", ">", 3.6, "No controller", (0, (1, 0.8)))
+NO_CONTROLLER = Look("#757575", ">", 3.6, "Controller not stated", (0, (1, 0.8)))
 JOINT_SIDE = ("joint", "side")
 
 
@@ -115,6 +115,15 @@ def listed_text(names: Iterable[str], most: int = 6) -> str:
 
 def count_of(n: int, one: str, several: str = "") -> str:
     return f"{n} {one if n == 1 else several or one + 's'}"
+
+
+def shown_said(caption: str, table: pl.DataFrame) -> str:
+    """A caption, with `text` of each `[condition|text]` where a row of the table meets this condition, in SQL."""
+
+    def told(found: re.Match[str]) -> str:
+        return found[2] if table.select(pl.sql_expr(found[1]).any()).item() else ""
+
+    return " ".join(re.sub(r"\[([^|\]]+)\|([^\]]+)\]", told, caption).split())
 
 
 def doubtful_said(table: pl.DataFrame) -> str:

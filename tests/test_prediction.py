@@ -125,6 +125,10 @@ def test_the_components_of_a_leg_predict_its_torque_and_nothing_is_named():
         inside = table[f"{symbol}_measured"].is_between(table[f"{symbol}_low"], table[f"{symbol}_high"])
         assert inside.sum() >= 7
     assert (table["K_high"] - table["K_low"]).max() < 0.02 * 400
+    for K_d, B_d, outside in ((150, 0, "K_d"), (200, 9, "B_d"), (150, 9, "K_d and B_d"), (300, 5, None)):
+        trial = {"K_d": K_d, "B_d": B_d}
+        others = [{"K_d": 200, "B_d": 0}, {"K_d": 400, "B_d": 5}]
+        assert prediction.outside_of(trial, others) == outside
     assert not causes["named"].any()
 
 

@@ -207,6 +207,8 @@ def prediction_table(
     ]
     of_part = np.array([[of == part for of in COMPONENTS.values()] for part in PARTS])
     teachers = [teachers_of(k, trials) for k in range(len(trials))]
+    for row, others in zip(rows, teachers, strict=True):
+        row["outside"] = outside_of(row, [fit for fit, teaches in zip(trials, others, strict=True) if teaches])
     freedom = [min(components.freedom[n] for n, of in COMPONENTS.items() if of == part) for part in PARTS]
     for quantity in QUANTITIES:
         x = np.array([[of[term][quantity] for term in ("predicted", "left", *COMPONENTS)] for of in each])
@@ -236,6 +238,13 @@ def teachers_of(k: int, trials: Sequence[Mapping[str, Any]]) -> NDArray[np.bool_
     others = np.array([fit["VAF"] >= LOWEST_VAF for fit in trials]) & (np.arange(len(trials)) != k)
     like = others & [fit["controller"] == trials[k]["controller"] for fit in trials]
     return np.asarray(like if np.count_nonzero(like) >= FEWEST_OTHERS else others)
+
+
+def outside_of(trial: Mapping[str, Any], others: Sequence[Mapping[str, Any]]) -> str | None:
+    """Which of K_d and B_d of a trial is smaller, or larger, than in all others, from which its interval is learnt."""
+    asked = {name: [fit[name] for fit in others] for name in ("K_d", "B_d")}
+    beyond = [name for name, of in asked.items() if of and not min(of) <= trial[name] <= max(of)]
+    return " and ".join(beyond) or None
 
 
 def model_variance(off: Array, known: Array) -> float:

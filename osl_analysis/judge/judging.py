@@ -94,6 +94,8 @@ def of_components(table: str, row: AnyRow) -> Iterator[str]:
             yield "prediction by components"
         elif lacks(row, "K_low"):
             yield "the prediction's interval"
+        elif row.get("outside") is not None:
+            yield "the prediction outside what was measured"
 
 
 def of_torque_angle(row: AnyRow) -> Iterator[str]:

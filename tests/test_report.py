@@ -202,8 +202,9 @@ def test_the_methods_have_the_numbers_of_settings_sheet_and_tables_and_nothing_t
     walked["walking_groups"] = pl.DataFrame({"group": ["a", "b"]})
     for trials, made, chosen, shown, absent in (
         (bench, tables | {"belt": pl.DataFrame(schema=["group"])}, SETTINGS,
-         ("2 trials", "250 Hz", "MCAP", "my_bench", "2 and 7°", "1 and 4 Hz", "15 Hz", "gap 1 s, torque", HOSTILE),
-         "belt|transmission|actuator|walkway|platform|crossing|bootstrap|predicted|seven samples"),
+         ("2 trials", "250 Hz", "MCAP", "2 and 7°", "1 and 4 Hz", "15 Hz", "gap 1 s, torque", HOSTILE),
+         "belt|transmission|actuator|walkway|platform|crossing|bootstrap|predicted|seven samples|my_bench|rendered|"
+         "of this campaign|part of the period"),
         (bench, tables, other, ("12.5 Hz", "218 N·m"), "assumed to be rigid"),
         (crossings, walked, other, ("7 times", "3 times", "2 perturbed", "2 groups", "80 ms", "30 ms", "200 samples"),
          "bench|belt|load cell|plate trials|Student"),

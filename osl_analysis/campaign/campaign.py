@@ -173,6 +173,10 @@ class Campaign:
 def open_campaign(config: Config, planned: SheetRows | None) -> Campaign:
     """The campaign of a configuration; `planned` is the sheet of a simulation that has not been written yet."""
     sheet = read_sheet(config.sheet) if planned is None else planned
+    if config.parameters is not None and config.parameters.is_file():  # of what joint nobody named: that of the device
+        with naming("parameters"):
+            joint = joint_of(config.parameters)
+        sheet = {trial: row | {"joint": row["joint"] or joint} for trial, row in sheet.items()}
     if config.dynamometer.human is not None:
         of_person = {trial for trial, row in sheet.items() if row["experiment"] == "impedance"}
         sheet = {t: {**row, "experiment": "human_joint"} if t in of_person else row for t, row in sheet.items()}

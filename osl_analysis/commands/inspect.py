@@ -35,7 +35,6 @@ from osl_analysis.commands.bench import (
 )
 from osl_analysis.commands.trials import checked_trial
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
-from osl_analysis.config.sheet import JOINT
 from osl_analysis.errors import InputError, OslAnalysisError, listing, nearest, printable, unexpected
 from osl_analysis.files import CAMPAIGN, shipped, write_text
 from osl_analysis.formats.rosbag import recorded_files
@@ -529,7 +528,7 @@ def beside_siblings(
 def device_of_row(row: Mapping[str, Any], config: Config) -> Path | None:
     """The parameter file of the configuration where it is that of the row's joint, as for a campaign's trial."""
     device = config.parameters
-    return device if device is not None and joint_of(device) == (row.get("joint") or JOINT) else None
+    return device if device is not None and row.get("joint") in (None, joint_of(device)) else None
 
 
 def row_of_recording(

@@ -20,7 +20,7 @@ from osl_analysis.refusal import check_not_refused
 from osl_analysis.trial import Array, stretches
 from osl_analysis.yaml_settings import Settings
 
-JOINT = "ankle"  # The joint of a trial whose row names none. The walkway measures this one.
+JOINT = "ankle"  # The joint that the walkway measures, and of a row that names none beside rows that do.
 CONDITIONS = ("group", "subject", "session", "speed", "side", "direction")
 """Columns with the conditions of a walking trial. The results are split by them."""
 FIXTURE = ("fixture_inertia", "fixture_weight", "fixture_rest_deg")
@@ -40,8 +40,9 @@ OUTER_BLANKS = re.compile(r"^[\s\u200b-\u200f\u2060\ufeff]+|[\s\u200b-\u200f\u20
 def read_sheet(path: Path) -> SheetRows:
     """Read and validate a sample sheet, CSV in UTF-8; docs/own_data.md explains its columns. Empty lines and lines that
     begin with `#` are skipped; elsewhere `#` is text, and so is `NA`. An empty cell says nothing, nor do blanks around
-    one. K_d and B_d are in N*m/rad and N*m*s/rad; a joint that is not named is the ankle. Raises
-    InputError where the sheet is missing or empty, a column is unknown, or a value is not allowed."""
+    one. K_d and B_d are in N*m/rad and N*m*s/rad; a joint that is not named is the ankle where other rows name theirs
+    or are of the walkway, and else not known (None). Raises InputError where the sheet is missing or empty, a column is
+    unknown, or a value is not allowed."""
     if not path.is_file():
         raise InputError(f"{path}: no such sample sheet; write one (README, 'Your own data') or set `sheet`")
     check_not_refused(path)
@@ -71,10 +72,12 @@ def read_sheet(path: Path) -> SheetRows:
             check_name(where, column, name, before, usual, alike)
         numbers = {name: float(row[name]) for name in NUMBER_COLUMNS if row[name]}
         perturbed = row["perturbed"].lower() == "true" if row["perturbed"] else None
-        told = {column: cell or None for column, cell in row.items()} | {"joint": row["joint"] or JOINT}
+        told = {column: cell or None for column, cell in row.items()}
         rows[row["trial"]] = told | numbers | {"perturbed": perturbed}
     if not rows:
         raise InputError(f"{path}: no trials; add one row per trial")
+    if any(row["joint"] or EXPERIMENTS[row["experiment"]].place == "walkway" for row in rows.values()):
+        return {trial: row | {"joint": row["joint"] or JOINT} for trial, row in rows.items()}
     return rows
 
 

@@ -62,11 +62,9 @@ def of_human_joint(row: AnyRow) -> Iterator[str]:
 
 def of_impedance(row: AnyRow) -> Iterator[str]:
     asked = "controller" in row  # a fit that knows a command
-    if lacks(row, "K_over_K_s"):
-        yield "K against the belt's K_s"
     if (cell_number(row, "band_high_hz") or 0.0) > (cell_number(row, "cutoff_hz") or math.inf):
         yield "what moves faster than the cut-off"
-    if asked and lacks(row, "K_predicted"):
+    if asked and lacks(row, "K_predicted") and not lacks(row, "K_over_K_s"):  # of a device that is stated
         yield "whether K is what the gains should give"
         yield "whether the bench's frame yields"
     if asked and lacks(row, "path_shift") and lacks(row, "lag_s"):
@@ -87,8 +85,6 @@ def of_components(table: str, row: AnyRow) -> Iterator[str]:
         yield LATENESS
     if table == "actuator" and lacks(row, "B_m"):
         yield "f_C, f_G, B_m and J_m"
-    if table in OVER_THE_FILE and lacks(row, OVER_THE_FILE[table]):
-        yield "estimates against those of a parameter file"
     if table == "prediction":
         if row.get("missing_components") is not None:
             yield "prediction by components"

@@ -236,8 +236,6 @@ def reaction_said(facts: Facts) -> str:
 def unknown_gains(facts: Facts) -> str:
     """Why the gains of a trial are not known."""
     row = facts.row
-    if row.get("K_over_K_s") is None:
-        return "the configuration names no parameter file"
     controller = row.get("controller")
     if controller is None:
         return "no controller is stated"

@@ -64,7 +64,9 @@ class Example:
 
     def meaning(self) -> str:
         stated = [f"{name} = {value:g}" for name, value in (("K_d", self.K_d), ("B_d", self.B_d)) if value is not None]
-        words = f"for {', '.join(stated)}" if stated else "of trials without K_d and B_d"
+        if not stated:
+            return "of trials for which no K_d or B_d is stated"
+        words = f"for {', '.join(stated)}"
         return f"{words} (that of {self.chosen})" if self.chosen else words
 
 
@@ -79,10 +81,12 @@ LABELS = {
 """The labels by table and quantity, in the order of the summary."""
 
 
-def with_controller(label: Headline, controller: str | None, example: Example) -> Headline:
+def with_controller(label: Headline, controller: str | None, example: Example, alone: bool = False) -> Headline:
+    """The label of one controller; where no trial states one (`alone`) it is not named."""
     known, meaning = controller or "no controller", label.meaning.format(example=example.meaning())
     name, macro = f"{label.name}_{known.replace(' ', '_')}", letters(known)[:32] + label.macro
-    return replace(label, name=name, macro=macro, meaning=f"{meaning}, {known}", of=known)
+    of = controller or "controller not stated" * (not alone)
+    return replace(label, name=name, macro=macro, meaning=", ".join(filter(None, [meaning, of])), of=of)
 
 
 def of_group(number: Headline, group: str) -> Headline:
@@ -186,7 +190,8 @@ def impedance_headlines(impedance: pl.DataFrame, example: Example) -> Iterator[H
     others = sorted(name for name in found if name is not None and name not in CONTROLLERS)
     for controller in [*(name for name in CONTROLLERS if name in found), *others, *([None] if None in found else [])]:
         fits = impedance.filter(pl.col("controller").eq_missing(pl.lit(controller, pl.String)))
-        labels = {key: with_controller(label, controller, example) for key, label in LABELS["impedance"].items()}
+        alone = len(found) == 1
+        labels = {key: with_controller(one, controller, example, alone) for key, one in LABELS["impedance"].items()}
         trials = fits.filter(pl.col("amplitude_deg").is_null())
         alone = pl.len().over("trial") == 1 if "trial" in fits.columns else pl.lit(False)
         single = fits.filter(pl.col("amplitude_deg").is_not_null() | alone)
@@ -210,7 +215,8 @@ def impedance_headlines(impedance: pl.DataFrame, example: Example) -> Iterator[H
             ends: dict[str, Any] = {
                 f"amplitudes_{end}": row.get(f"{symbol}_amplitudes_{end}") for end in ("low", "high")
             }
-            yield replace(number, n_doubtful=doubtful_count(shown)[0], **ends)
+            one = {"answers": label.answers and "K is"}
+            yield replace(number, n_doubtful=doubtful_count(shown)[0], **ends, **one)
 
 
 def claim_headlines(claims: pl.DataFrame) -> Iterator[Headline]:

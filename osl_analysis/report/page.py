@@ -283,12 +283,15 @@ def method_said(settings: Mapping[str, Any], tables: Mapping[str, pl.DataFrame])
 
 
 def assumed_said(states: pl.DataFrame) -> str:
-    """What of `settings.csv` nobody stated and is computed with, in a sentence; empty if that is nothing."""
+    """What of `settings.csv` nobody stated and is computed with, and that no device is stated; empty if all is."""
     rows = states.filter(state="assumed")
+    without = "Without a parameter file nothing is held against a device's gains or belt." * any(
+        states["state"].eq("none") & states["setting"].eq("parameters")
+    )
     said = [
         name if value.startswith("{") else f"{name} {value}" for name, value in rows["setting", "value"].iter_rows()
     ]
-    return f"Assumed, since nobody stated it: {in_words(said)}." if said else ""
+    return " ".join(filter(None, [f"Assumed, since nobody stated it: {in_words(said)}." if said else "", without]))
 
 
 def walking_state(groups: Sequence[Any]) -> list[str]:

@@ -473,7 +473,7 @@ def methods_content(
             rates = trial.quality.filter(pl.col("check") == "rate")["value"].drop_nulls()
             own["rates"] += rates.round_sig_figs(3).to_list()
         for file in trial.provenance.get("files", {}).values():
-            own["files"].append((str(file["path"]).rpartition(".")[2].upper(), str(file.get("source"))))
+            own["files"].append(str(file["path"]).rpartition(".")[2].upper())
     return {"config": config, "tables": said, "recorded": recorded}
 
 

@@ -309,7 +309,7 @@ def results(folder: Path, markdown: bool, methods: bool) -> None:
 @main.command(cls=click.Command, epilog="Example: osl-analysis compare results/left results/right --margin 5%")
 @argument("a", type=FOLDER)
 @argument("b", type=FOLDER)
-@option("--margin", type=percent, help="Of every ratio [percent]; default: 5% of K, without one there is no verdict.")
+@option("--margin", type=percent, help="Of every ratio [percent]; without one nothing is equivalent.")
 @option("--output", type=FOLDER, default=Path("comparison"), help="Folder of the table, the figure and the page.")
 def compare(a: Path, b: Path, margin: float | None, output: Path) -> None:
     """Compare the results in folders A and B: two devices, controllers or days, with 95 % intervals and verdicts.

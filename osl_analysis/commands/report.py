@@ -165,11 +165,11 @@ def pictures(experiment: str, tables: Mapping[str, pl.DataFrame], files: Mapping
     return trial_page.together(*found)
 
 
-BRIEF = ("quantity", "A", "B", "unit", "B over A, less 1", "verdict", "remark")  # cells that are printed
+ON_THE_PAGE = ("n of A", "n of B", "margin", "method")  # cells that are not printed
 
 
-def compared_cells(row: Mapping[str, Any]) -> dict[str, str]:
-    """A row of `comparison.csv` in words, by the heads of the page's table."""
+def compared_cells(row: Mapping[str, Any], a: str, b: str) -> dict[str, str]:
+    """A row of `comparison.csv` in words, by the heads of the page's table; `a` and `b` are those of the campaigns."""
 
     def said(name: str, sign: str = "") -> str:
         value, low, high = (row.get(f"{name}{end}") for end in ("", "_low", "_high"))
@@ -181,7 +181,7 @@ def compared_cells(row: Mapping[str, Any]) -> dict[str, str]:
         return f"{fixed(value, digits)}{ends}{sign}"
 
     counts = ({kind: row[f"{kind}_{one}"] for kind in ("n", "n_doubtful", "n_left_out")} for one in "AB")
-    cells = {"quantity": label_of(row), "A": said("mean_A"), "B": said("mean_B"), "unit": row["unit"]}
+    cells = {"quantity": label_of(row), a: said("mean_A"), b: said("mean_B"), "unit": row["unit"]}
     cells |= dict(zip(("n of A", "n of B"), map(trials_text, counts), strict=True)) | {"B - A": said("difference")}
     cells |= {"B over A, less 1": said("relative_percent", " %"), "margin": said("margin_percent", " %")}
     return cells | {name: row[name] or "" for name in ("verdict", "method", "remark")}
@@ -224,10 +224,11 @@ def compare_campaigns(folders: Sequence[Path], output: Path, margin: float | Non
     units = {(one.place, name): column.unit for one in described_tables() for name, column in one.columns.items()}
     of_rows = [units[f"tables/{where}", what] for where, what in table.select("experiment", "quantity").iter_rows()]
     table.insert_column(2, pl.Series("unit", of_rows))
+    heads = [f"{name}: {of.get('campaign')}" for name, of in (("A", a), ("B", b))]
     remarks, verdicts, rows = (
         remarks_on(a, b, tables),
         verdicts_said(table),
-        [compared_cells(row) for row in table.iter_rows(named=True)],
+        [compared_cells(row, *heads) for row in table.iter_rows(named=True)],
     )
     content: dict[str, Any] = {"verdicts": verdicts, "remarks": remarks, "rows": rows}
     content["campaigns"] = {
@@ -243,5 +244,6 @@ def compare_campaigns(folders: Sequence[Path], output: Path, margin: float | Non
         content["drawing"] = inline_svg(new["svg"].read_text(encoding="utf-8"), "comparison", "Comparison")
         content["caption"] = caption_html(caption_of("comparison", new["csv"]))
         new["html"].write_text(comparison_page(content), encoding="utf-8")
-    brief = aligned([BRIEF, *([row[name] for name in BRIEF] for row in rows)])
+    heads = [name for name in rows[0] if name not in ON_THE_PAGE]
+    brief = aligned([heads, *([row[name] for name in heads] for row in rows)])
     return "\n".join([verdicts, *remarks, "", brief, *(f"wrote {path}" for path in paths.values())])

@@ -28,7 +28,6 @@ COMPARED_QUANTITIES = {
 }  # fmt: skip
 """What is compared, by table."""
 WITHOUT_RATIO = ("I", "VAF")  # the rendered inertia may be zero or negative, and a VAF is a percentage
-MARGINS = {"K": 0.05}  # of a ratio, where none is asked for
 ESTIMATOR = "ensemble"  # of the walking summary, that of the headline numbers
 SAME_PLACE = ("joint", "side", "group", "controller")
 DIFFERENCE = ("difference", "difference_low", "difference_high")  # B - A
@@ -47,15 +46,14 @@ def compared(a: Mapping[str, pl.DataFrame], b: Mapping[str, pl.DataFrame], margi
 
     What is positive by nature is compared as a ratio, by differences of logarithms, because K goes from 100 to 400
     N*m/rad: a ratio gives every desired impedance the same weight and needs no K_d. I and VAF have no ratio. `margin`
-    is that of all ratios, as 0.05; None: `MARGINS`."""
+    is that of all ratios, as 0.05; None: none is stated, and nothing is equivalent."""
     rows, (a, b) = [], with_common_sizes(a, b)
     for table, quantities in COMPARED_QUANTITIES.items():
         parts = [by_place(one[table], table) if table in one else {} for one in (a, b)]
         for key in dict.fromkeys(key for part in parts for key in part):
             for quantity in quantities:
                 named = {"experiment": table.removesuffix("_summary"), "quantity": quantity}
-                asked = MARGINS.get(quantity) if margin is None else margin
-                found = row_of([part.get(key) for part in parts], quantity, asked)
+                found = row_of([part.get(key) for part in parts], quantity, margin)
                 rows.append(named | dict(zip(SAME_PLACE, key, strict=True)) | found)
     return pl.DataFrame(rows, schema=COMPARISON_COLUMNS).filter(pl.max_horizontal("n_A", "n_B") > 0)
 
@@ -114,7 +112,7 @@ def row_of(parts: Sequence[pl.DataFrame | None], quantity: str, margin: float | 
         return row | {"remark": f"only in {'A' if a else 'B'}"}
     between, remarks = of_intervals if of_ensembles else difference, list[str]()
     if shared and {*a} != {*b}:
-        remarks.append(f"{len(shared)} of {len({*a, *b})} conditions are shared, the means are of these")
+        remarks.append(f"{len(shared)} of {len({*a, *b})} conditions are shared")
     row |= dict(zip((*DIFFERENCE, "method"), with_bench(between(a, b), bench_error(parts, quantity)), strict=True))
     if of_ensembles and None not in (commanded := (*a, *b)) and len(set(commanded)) > 1:
         remarks.append("commanded {:g} in A and {:g} in B".format(*commanded))
@@ -138,10 +136,10 @@ def bench_error(parts: Sequence[pl.DataFrame | None], quantity: str, as_share: b
 
 
 def mean_of(sample: Sample, shared: Collection[Any], of_ensembles: bool) -> float | None:
-    """Of the fits of the shared conditions, of all where none is shared. An ensemble has its estimate, which stands
-    before the ends of its interval."""
+    """Of the fits of the shared condition, of all where none is shared; None of several, a mean of which is that of no
+    trial. An ensemble has its estimate, which stands before the ends of its interval."""
     own = [values[:1] if of_ensembles else values for key, values in sample.items() if key in shared or not shared]
-    return float(np.mean(np.concatenate(own))) if own else None
+    return float(np.mean(own[0])) if len(own) == 1 else None
 
 
 def smallest_of(*samples: Sample) -> float:
@@ -154,7 +152,7 @@ def ratio_of(a: Sample, b: Sample, between: Between, margin: float | None) -> di
     ends = [None if end is None else 100 * math.expm1(end) for end in ratio[:3]]
     percent = None if margin is None else 100 * margin
     row = dict(zip(RATIO, ends, strict=True)) | {"margin_percent": percent, "method": ratio.method}
-    return row | {"verdict": equivalence(ends[1], ends[2], 0.0, percent)}
+    return row | {"verdict": equivalence(ends[1], ends[2], 0.0, percent or 0.0)}
 
 
 def label_of(row: Mapping[str, Any]) -> str:
@@ -167,7 +165,9 @@ def verdicts_said(table: pl.DataFrame) -> str:
     """The verdicts in a sentence, each with its quantities, and how many quantities have none."""
     rows, alone, said = table.to_dicts(), table["method"].null_count(), list[str]()
     for verdict in ("equivalent", "different", "undecided"):
-        named = [f"{label_of(row)} (±{row['margin_percent']:g} %)" for row in rows if row["verdict"] == verdict]
+        own = [row for row in rows if row["verdict"] == verdict]
+        of = {row["margin_percent"]: f" (±{row['margin_percent']:g} %)" for row in own if row["margin_percent"]}
+        named = [label_of(row) + of.get(row["margin_percent"], "") for row in own]
         said += [f"{verdict}: {', '.join(named)}"] if named else []
     none = f"without a verdict: {table['verdict'].null_count()} of {len(rows)} quantities"
     return f"{'; '.join([*said, none])}, {alone} of them in one campaign alone."

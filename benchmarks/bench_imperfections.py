@@ -384,7 +384,11 @@ def analysed(row: Mapping[str, Any], config: Config, sources: Path, folder: Path
     plain = {"needs": (), "data": "", "judge": ""}
     settings = recording | commanded
     call({"command": "trials.ingest_and_check", "input": {}, "output": outputs, "settings": settings, **plain})
-    verdicts = Judge(config.quality, {}).verdicts([folder / "quality.csv"]).filter(pl.col("verdict") != "pass")
+    verdicts = (
+        Judge(config.quality, {})
+        .verdicts([folder / "quality.csv"])
+        .filter(pl.col("verdict").is_in(["flag", "exclude"]))
+    )
     failed = [f"{check} ({verdict})" for check, verdict in verdicts.select("check", "verdict").rows()]
     assert facts.fit is not None
     parts = {name: getattr(config, section).part(model) for name, (section, model) in facts.fit.settings.items()}

@@ -102,7 +102,7 @@ def test_every_figure_table_and_headline_number_is_there_and_nothing_is_left_to_
     assert workspace.table("impedance").columns[:3] == ["trial", "joint", "side"]
     shown = pl.read_csv(results / "figures/fig4.csv").select("time", "theta_deg")
     assert np.ptp(shown.to_numpy(), axis=0) == pytest.approx((2, 8), abs=0.2)
-    assert workspace.table("quality")["verdict"].unique().to_list() == ["pass"]
+    assert {*workspace.table("quality")["verdict"]} == {"pass", "not applicable"}
     assert workspace.table("excluded").is_empty()
     assert workspace.planned("reproduce-all") == workspace.planned() == {}
 

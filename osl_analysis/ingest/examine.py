@@ -458,7 +458,8 @@ def measure_unzeroed_load_cell(examined: Examined) -> CheckResult:
     if rest.sum() < 2 or np.ptp(time[rest]) < 0.2:  # s, the shortest rest that tells
         return not_applicable("the recording begins while the joint moves")
     mean = float(torque[rest].mean())
-    return CheckResult(abs(mean), f"{mean:.3g} N*m over the first {np.ptp(time[rest]):.2f} s")
+    said = f"{mean:.3g} N*m until the angle leaves its start by {100 * AT_REST:g} % of its range"
+    return CheckResult(abs(mean), f"{said}, {np.ptp(time[rest]):.2f} s")
 
 
 def measure_unzeroed_plate(examined: Examined) -> CheckResult:

@@ -111,6 +111,7 @@ class Check:
         return not (value >= limit - slack if self.fails == "below" else value <= limit + slack)
 
 
+NOT_APPLICABLE = "not applicable"  # a verdict
 CHECKS = {name: Check(name, **facts) for name, facts in TABLE["checks"].items()}
 
 
@@ -143,7 +144,8 @@ def judged_table(measured: pl.DataFrame, rules: QualityRules, accept: Mapping[st
     for trial, name, value, unit, remark in measured.iter_rows():
         rule = rules.by_check[name]
         failed, accepted = CHECKS[name].failed(value, rule.limit), name in accept.get(trial, ())
-        verdict = rule.on_failure if failed and not accepted else "pass"
+        passed = NOT_APPLICABLE if value is None else "pass"
+        verdict = rule.on_failure if failed and not accepted else passed
         said = "; ".join(filter(None, ["accepted in the sheet" if failed and accepted else "", remark]))
         judged.append((trial, name, value, unit, rule.limit, verdict, said))
     order = ("trial", "check", "value", "unit", "threshold", "verdict", "remark")

@@ -17,7 +17,7 @@ from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.dictionary import DescribedTable, apparent_inertia
 from osl_analysis.judge.campaign import QUALITY, Entry
 from osl_analysis.judge.finding import Beyond, Grade
-from osl_analysis.judge.limits import CHECKS
+from osl_analysis.judge.limits import CHECKS, NOT_APPLICABLE
 from osl_analysis.judge.used import exclusion_said
 from osl_analysis.judge.words import WORDS, Words, check_words, sentence_of
 from osl_analysis.report.headlines import decimals, fixed, told_apart
@@ -302,9 +302,9 @@ def trial_content(trial: ReportedTrial, described: Mapping[str, DescribedTable])
 
 
 def quality_rows(verdicts: pl.DataFrame) -> list[list[str]]:
-    """Check, its meaning, value, threshold, verdict and remark of each row of `quality.csv`."""
+    """Check, its meaning, value, threshold, verdict and remark of each row of `quality.csv` that applies."""
     found = []
-    for row in verdicts.iter_rows(named=True):
+    for row in verdicts.filter(pl.col("verdict") != NOT_APPLICABLE).iter_rows(named=True):
         value, threshold = (
             f"{cell_text(row[key])} {'' if row[key] is None else printed(row['unit'] or '')}".strip()
             for key in ("value", "threshold")

@@ -212,7 +212,7 @@ def test_a_zero_that_nobody_stated_says_what_it_may_do_to_the_energies():
 
 def test_a_rest_under_load_that_nobody_stated_to_be_none_is_doubtful_and_the_area_of_the_loop_is_sound():
     """Cycles of 0 to 10 deg and a rest at 6 deg, at once without load and under 0.6 K A."""
-    theta, names = path(0, 10, 0, 10, 0, 6), ("energy_stored", "energy_lost")
+    theta = path(0, 10, 0, 10, 0, 6)
     torque = K * theta + jenkins(theta, 400, 1, start=-1)
     row, sound = row_of(theta, torque, zero=None), row_of(theta, torque, zero="none")
     assert row["doubtful"] == "zero that nobody stated"

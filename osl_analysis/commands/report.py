@@ -168,8 +168,9 @@ def pictures(experiment: str, tables: Mapping[str, pl.DataFrame], files: Mapping
 ON_THE_PAGE = ("n of A", "n of B", "margin", "method")  # cells that are not printed
 
 
-def compared_cells(row: Mapping[str, Any], a: str, b: str) -> dict[str, str]:
-    """A row of `comparison.csv` in words, by the heads of the page's table; `a` and `b` are those of the campaigns."""
+def compared_cells(row: Mapping[str, Any], of_a: Mapping[str, Any], of_b: Mapping[str, Any]) -> dict[str, str]:
+    """A row of `comparison.csv` in words, by the heads of the page's table, from the summaries of both campaigns."""
+    a, b = f"A: {of_a.get('campaign')}", f"B: {of_b.get('campaign')}"
 
     def said(name: str, sign: str = "") -> str:
         value, low, high = (row.get(f"{name}{end}") for end in ("", "_low", "_high"))
@@ -224,11 +225,10 @@ def compare_campaigns(folders: Sequence[Path], output: Path, margin: float | Non
     units = {(one.place, name): column.unit for one in described_tables() for name, column in one.columns.items()}
     of_rows = [units[f"tables/{where}", what] for where, what in table.select("experiment", "quantity").iter_rows()]
     table.insert_column(2, pl.Series("unit", of_rows))
-    heads = [f"{name}: {of.get('campaign')}" for name, of in (("A", a), ("B", b))]
     remarks, verdicts, rows = (
         remarks_on(a, b, tables),
         verdicts_said(table),
-        [compared_cells(row, *heads) for row in table.iter_rows(named=True)],
+        [compared_cells(row, a, b) for row in table.iter_rows(named=True)],
     )
     content: dict[str, Any] = {"verdicts": verdicts, "remarks": remarks, "rows": rows}
     content["campaigns"] = {
@@ -244,6 +244,10 @@ def compare_campaigns(folders: Sequence[Path], output: Path, margin: float | Non
         content["drawing"] = inline_svg(new["svg"].read_text(encoding="utf-8"), "comparison", "Comparison")
         content["caption"] = caption_html(caption_of("comparison", new["csv"]))
         new["html"].write_text(comparison_page(content), encoding="utf-8")
+    return "\n".join([verdicts, *remarks, "", brief(rows), *(f"wrote {path}" for path in paths.values())])
+
+
+def brief(rows: Sequence[Mapping[str, str]]) -> str:
+    """The cells that are printed, in aligned columns."""
     heads = [name for name in rows[0] if name not in ON_THE_PAGE]
-    brief = aligned([heads, *([row[name] for name in heads] for row in rows)])
-    return "\n".join([verdicts, *remarks, "", brief, *(f"wrote {path}" for path in paths.values())])
+    return aligned([heads, *([row[name] for name in heads] for row in rows)])

@@ -190,8 +190,8 @@ def impedance_headlines(impedance: pl.DataFrame, example: Example) -> Iterator[H
     others = sorted(name for name in found if name is not None and name not in CONTROLLERS)
     for controller in [*(name for name in CONTROLLERS if name in found), *others, *([None] if None in found else [])]:
         fits = impedance.filter(pl.col("controller").eq_missing(pl.lit(controller, pl.String)))
-        alone = len(found) == 1
-        labels = {key: with_controller(one, controller, example, alone) for key, one in LABELS["impedance"].items()}
+        of_all = len(found) == 1
+        labels = {key: with_controller(one, controller, example, of_all) for key, one in LABELS["impedance"].items()}
         trials = fits.filter(pl.col("amplitude_deg").is_null())
         alone = pl.len().over("trial") == 1 if "trial" in fits.columns else pl.lit(False)
         single = fits.filter(pl.col("amplitude_deg").is_not_null() | alone)
@@ -215,8 +215,8 @@ def impedance_headlines(impedance: pl.DataFrame, example: Example) -> Iterator[H
             ends: dict[str, Any] = {
                 f"amplitudes_{end}": row.get(f"{symbol}_amplitudes_{end}") for end in ("low", "high")
             }
-            one = {"answers": label.answers and "K is"}
-            yield replace(number, n_doubtful=doubtful_count(shown)[0], **ends, **one)
+            answers = "K is" if label.answers else ""
+            yield replace(number, n_doubtful=doubtful_count(shown)[0], answers=answers, **ends)
 
 
 def claim_headlines(claims: pl.DataFrame) -> Iterator[Headline]:

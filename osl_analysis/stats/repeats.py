@@ -91,8 +91,10 @@ def summary_row(table: pl.DataFrame, name: str) -> dict[str, float | str | None]
         shared = float(np.mean(np.square(known)))
         bounds = [used[end].to_numpy() for end in (f"{name}_high", f"{name}_low") if end in table.columns]
         halves = np.nan_to_num(np.subtract(*bounds) / 2) if len(bounds) == 2 else ()
-        found = over_repeats(numbers.to_numpy(), [(shared, np.inf)] if shared else [], halves=halves)
-        return asdict(found) | {"interval_method": "Student + bench" if shared else "Student"}
+        common = [(shared, np.inf)] if shared else []
+        found = over_repeats(numbers.to_numpy(), common, halves=halves)
+        method = "Student" if found == over_repeats(numbers.to_numpy(), common) else "errors of the trials"
+        return asdict(found) | {"interval_method": f"{method} + bench" if shared else method}
     mean = float(numbers[0]) if len(numbers) else None
     return {"n": len(numbers), "mean": mean, **dict.fromkeys(("sd", "se", "low", "high", "interval_method"))}
 

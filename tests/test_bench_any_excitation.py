@@ -66,7 +66,8 @@ def row_of(trial, windows=None, **settings):
 
 def person(trial, human=None, **settings):
     """The fit of a person's joint, and its judged row."""
-    fit = fit_person(trial, SETTINGS.model_copy(update={"human": human, **settings}))
+    unstated = {"human": human, "human_cutoff_hz": None}
+    fit = fit_person(trial, SETTINGS.model_copy(update=unstated | settings))
     table = human_joint_table(fit).with_columns(saturated(trial))
     return fit, marked(table, LIMITS_OF_PERSON, "human_joint").row(0, named=True)
 
@@ -336,6 +337,22 @@ def test_a_limit_on_a_reflex_that_sound_random_motion_passes_gives_a_finding_wit
     assert finding_said(finding, row)
 
 
+def test_a_person_s_cut_off_is_that_of_the_recording_unless_one_is_stated_and_a_sooner_reflex_is_told():
+    """White noise up to 30 Hz has 95 % of its speed's power below 29.5 Hz; below 8 Hz it needs no more than 15."""
+    fast = reflexive(np.random.default_rng(1), 6.0, band=(0.3, 30.0))
+    rows = [person(fast)[1], person(fast, human_cutoff_hz=20.0)[1], person(reflexive(np.random.default_rng(1), 6.0))[1]]
+    assert [row["cutoff_hz"] for row in rows] == [pytest.approx(29, abs=1.5), 20.0, 15.0]
+    trial, sooner = (
+        reflexive(np.random.default_rng(2), 9.0, delay=0.025),
+        "whether the reflex is sooner than the delays tried",
+    )
+    row, (_, by_30_ms) = person(trial, HumanJoint(delays_ms=(40, 50)))[1], person(trial, HumanJoint(delays_ms=(30,)))
+    assert row["K_sooner"] == pytest.approx(by_30_ms["K"], rel=5e-3)
+    for moved, is_told in ((row["K_sooner"], False), (row["K_high"] + 1, True)):
+        found = unchecked_in("human_joint", row | {"K_sooner": moved})
+        assert (sooner in [finding.cause for finding in found]) == is_told
+
+
 def test_a_reflex_is_a_doubt_of_a_device_and_columns_of_a_person():
     """Eq. 15 alone takes the reflex for stiffness; what it says of K with the reflex is what a person's fit finds."""
     z = []
@@ -345,6 +362,8 @@ def test_a_reflex_is_a_doubt_of_a_device_and_columns_of_a_person():
         alone = marked(table, LIMITS, "impedance").row(0, named=True)
         z += [(row[name] - value) / row[f"{name}_se"] for name, value in true.items()]
         assert row["K"] == pytest.approx(90, rel=0.06)
+        assert row["reflex_gain_up"] == pytest.approx(6, abs=3 * row["reflex_gain_up_se"])
+        assert abs(row["reflex_gain_down"]) < 3 * row["reflex_gain_down_se"] < 3
         assert abs(alone["K"] - 90) > 2 * abs(row["K"] - 90) + 3
         assert alone["K_with_reflex"] == pytest.approx(row["K"], rel=1e-9)
         assert row["reflex_p"] > 3e-4 > alone["reflex_p"]

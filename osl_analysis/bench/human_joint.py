@@ -1,5 +1,6 @@
 """A person's joint: Eq. 15 beside the columns of a reflex, its row of `human_joint.csv`, and K and B over a signal."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,6 +28,7 @@ from osl_analysis.bench.reflex import (
     late_by,
     over_basis,
     reflex_test,
+    static_gains,
     with_reflex,
     without_slow,
     without_will,
@@ -35,11 +37,13 @@ from osl_analysis.bench.settings import HumanJoint, HumanJointAnalysis
 from osl_analysis.bench.witness import HIDDEN
 from osl_analysis.errors import InputError
 from osl_analysis.signals import LowPass, seven_point_motion
+from osl_analysis.signals.grid import uniform_signals
 from osl_analysis.spectral.stepped_sine import Likeness
 from osl_analysis.stats.regression import Row
-from osl_analysis.trial import Trial
+from osl_analysis.trial import Array, Trial
 
 ABOVE_HZ = 10.0  # frequencies by which a late torque is told from a reflex, which is slow
+OWN_SHARE = 0.95  # of the power of the angle's speed, which lies below the cut-off where none is stated
 REFLEX_ERROR = 60e-6  # s by which a reflex that is not made of the columns shifts a lag (SD)
 
 
@@ -51,9 +55,23 @@ class PersonFit:
     analysis: Analysis
 
 
+def own_cutoff_hz(trial: Trial, settings: HumanJointAnalysis) -> float:
+    """The frequency [Hz] below which 95 % of the power of a trial's speed lies, before any filter and without the floor
+    of noise; up to an eighth of the sampling rate, and `cutoff_hz` at least. Raises as `uniform_signals`."""
+    signals = uniform_signals(trial, ("theta",), settings.gap_limits)
+    rate = 1 / float(np.median(np.diff(signals.time)))
+    f, power = scipy.signal.welch(signals["theta"], rate, nperseg=min(round(4 * rate), len(signals.time)))
+    floor = np.median(power[f > rate / 4])
+    speed = np.cumsum(np.where(power > 10 * floor, power - floor, 0.0) * f**2)
+    own = f[np.searchsorted(speed, OWN_SHARE * speed[-1])]
+    return max(settings.cutoff_hz, round(float(min(own, rate / 8)), 3))
+
+
 def fit_person(trial: Trial, settings: HumanJointAnalysis, windows: str | None = None) -> PersonFit:
     """The fit of a person's joint, moved at random. Raises as `record_of_trial` and `fitted_motion`; InputError: the
     motion is a stepped sine."""
+    cutoff = settings.human_cutoff_hz or own_cutoff_hz(trial, settings)
+    settings = settings.model_copy(update={"cutoff_hz": cutoff})
     raw, human = record_of_trial(trial, settings, windows, excitation="any"), settings.human or HumanJoint()
     assert raw.uniform is not None
     if Likeness(raw.time, raw.uniform["theta"], settings.protocol).kind == "stepped sine":
@@ -116,6 +134,27 @@ def lag_of_person_row(fit: PersonFit) -> Row:
     return row | (without_lag if lag.found else dict.fromkeys(without_lag))
 
 
+def reflex_gains(whole: gram.GroupFit, gains: Array) -> Row:
+    """Torque per speed [N*m*s/rad] that a lasting speed of either direction would end in by the reflex."""
+    row: Row = {}
+    for k, way in enumerate(("up", "down")):
+        weights = {f"reflex_{k * len(gains) + n}": gain for n, gain in enumerate(gains)}
+        row |= with_ends(f"reflex_gain_{way}", *combined(whole, weights))
+    return row
+
+
+def with_ends(name: str, best: float, se: float, half: float) -> Row:
+    """An estimate with its standard error and its interval, by column."""
+    return {name: best, f"{name}_se": se, f"{name}_low": best - half, f"{name}_high": best + half}
+
+
+def combined(whole: gram.GroupFit, weights: Mapping[str, float]) -> tuple[float, float, float]:
+    """A sum of estimates with weights by name: its value, standard error, and half of its interval of 95 %."""
+    turn = np.array([weights.get(name, 0.0) for name in whole.names])
+    se, free = float(np.sqrt(turn @ whole.covariance @ turn)), min(map(whole.freedom, weights))
+    return float(turn @ whole.estimates), se, float(scipy.special.stdtrit(free, 0.975)) * se
+
+
 def reflex_row(fit: PersonFit) -> Row:
     """What the torque has of the reflex in the model, and whether it has another one. `K_with_reflex` is K with a later
     one in the model, which must be beyond the interval of K, and so must K with a gain that changes with the angle, for
@@ -126,11 +165,13 @@ def reflex_row(fit: PersonFit) -> Row:
     reflex = sum(whole[name] * record.part(column) for name, column in columns.items())
     tried, (K, *others), (low, high) = list(person.delays), person.delays.values(), whole.interval("K")
     row: Row = {
+        **reflex_gains(whole, static_gains(raw, human.memory_s)),
         "reflex_share": 100 * float(np.var(reflex) / np.var(record.part(record.filtered_torque))),
         "reflex_delay_ms": 1e3 * tried[0],
         "reflex_delay_low_ms": 1e3 * min(tried),
         "reflex_delay_high_ms": 1e3 * max(tried),
         "K_over_delays": max((abs(other - K) for other in others), default=0.0),
+        "K_sooner": person.K_sooner,
         "untold_share": max((whole.interval(name)[1] - whole[name]) / abs(whole[name]) for name in "KBI"),
     }
     late = late_by(half_waves(raw, human.memory_s), raw.rate_hz, tried[0])
@@ -168,6 +209,7 @@ def human_joint_table(fit: PersonFit) -> pl.DataFrame:
             **analysis.time_base_row(None, QUANTITIES),
             "band_low_hz": person.raw.band_hz[0],
             "band_high_hz": person.raw.band_hz[1],
+            "cutoff_hz": float(person.raw.low_pass.cutoff_hz),
             "theta_rms_deg": turn_deg(analysis.sums),
             "fitted_s": person.raw.seconds,
             "angle_noise_share": abs(noise) / share_of_inertia(whole),
@@ -200,10 +242,7 @@ def over_table(fit: PersonFit) -> pl.DataFrame:
     for share, value, weight in zip(shares, shown, weights, strict=True):
         row: Row = {"trial": record.name, "over": over, "share": float(share), "at": float(value)}
         for name in "KB":
-            turn, own = np.zeros(len(whole.names)), [name, *(f"{name}_over_{k}" for k in range(1, len(weight)))]
-            turn[[whole.names.index(one) for one in own]] = [1.0, *weight[1:]]
-            se, free = float(np.sqrt(turn @ whole.covariance @ turn)), min(map(whole.freedom, own))
-            half, best = float(scipy.special.stdtrit(free, 0.975)) * se, float(turn @ whole.estimates)
-            row |= {name: best, f"{name}_se": se, f"{name}_low": best - half, f"{name}_high": best + half}
+            parts = {f"{name}_over_{k}": float(part) for k, part in enumerate(weight[1:], 1)}
+            row |= with_ends(name, *combined(whole, {name: 1.0, **parts}))
         rows.append(row)
     return pl.DataFrame(rows, schema=OVER)

@@ -26,6 +26,7 @@ COSINES = 8  # in which an impulse response is described; each next one is broad
 EARLY_S = 0.04  # lag [s] from which on there are equally many for each doubling of it
 BLOCKS, SHORTEST_BLOCK_S = 30, 2.0  # stretches whose scores make the intervals: number, and least duration [s]
 TESTED_BLOCKS, SHORTEST_TESTED_S, FEWEST_TESTED = 48, 1.0, 20  # the same of the test for a reflex
+SOONER_MS = 10.0  # by which a reflex sooner than all that are tried is asked for
 USUAL_DELAY_S = 0.04  # of a stretch reflex of the ankle [s]
 SIGN_WIDTHS = (0.005, 0.02, 0.1)  # speeds [rad/s] over which friction turns its sign
 BEFORE_OVER_AFTER = 1.7  # how much more past speed must explain than the speed to come; sound joints: 1.5
@@ -41,6 +42,8 @@ class Reflexive:
     beside: Mapping[str, Array]  # columns (n,), of the reflex and of what K and B change with
     delays: Mapping[float, float]
     """K [N*m/rad] by delay [s] of the reflex, the best one first, then those that predict as well within chance."""
+    K_sooner: float | None = None
+    """K [N*m/rad] by a delay that is 10 ms below the shortest one, where it predicts better than all; else None."""
     slow: Array | None = None  # signal (n,) that K and B change with; None: they do not
 
     @property
@@ -78,6 +81,12 @@ def through_memory(signals: Array, rate_hz: float, memory_s: float) -> Array:
     return np.concatenate(
         [scipy.signal.fftconvolve(one[:, None], responses, axes=0)[: len(one)] for one in signals.T], axis=1
     )
+
+
+def static_gains(record: Record, memory_s: float) -> Array:
+    """What each of the columns of one half-wave is in the end [s], (8,), if the half-wave stays 1."""
+    step = np.ones((round(memory_s * record.rate_hz) + 1, 1))
+    return np.asarray(through_memory(step, record.rate_hz, memory_s)[-1])
 
 
 def half_waves(record: Record, memory_s: float) -> Array:
@@ -121,19 +130,22 @@ def with_reflex(raw: Record, human: HumanJoint, slow: Array | None = None) -> Re
     thinned = {name: column[::step] for name, column in changing.items()}
     quick = without_slow(raw, columns, human.slow_hz)[::step]
     left, stiffness = list[Array](), list[float]()
-    for delay in human.delays_ms:
+    sooner = min(human.delays_ms) - SOONER_MS
+    for delay in (*human.delays_ms, max(sooner, 0.0)):
         s = sums_beside(few, thinned | reflex_columns(late_by(quick, few.rate_hz, 1e-3 * delay)))
         rest = s.total - s.gram
         estimates = gram.solved(rest[:, :-2, :-2], rest[:, :-2, s.torque])[0]
         error = np.column_stack([estimates, -np.ones(len(rest))])
         left.append(np.einsum("mp,mpq,mq->m", error, s.gram[:, :-1, :-1], error))
         stiffness.append(float(gram.solved(s.total[:-2, :-2], s.total[:-2, s.torque])[0][s.names.index("theta")]))
-    more = np.array(left) - min(left, key=np.sum)
+    best = min(left[:-1], key=np.sum)
+    K_sooner = stiffness[-1] if left[-1].sum() < best.sum() and sooner > 0 else None
+    more = np.array(left[:-1]) - best
     chance = scipy.special.stdtrit(len(rest) - 1, 0.975) * np.sqrt(len(rest)) * more.std(axis=1, ddof=1)
     order = [k for k in np.argsort(more.sum(axis=1)) if more[k].sum() <= chance[k]]
     delays = {1e-3 * human.delays_ms[k]: stiffness[k] for k in order}
     quick = without_slow(raw, late_by(columns, rate, next(iter(delays))), human.slow_hz)
-    return Reflexive(raw, human, record, changing | reflex_columns(quick), delays, slow)
+    return Reflexive(raw, human, record, changing | reflex_columns(quick), delays, K_sooner, slow)
 
 
 def changing_columns(raw: Record, human: HumanJoint, slow: Array, fitted: Array) -> dict[str, Array]:

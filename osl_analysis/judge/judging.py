@@ -56,6 +56,9 @@ def lacks(row: AnyRow, name: str) -> bool:
 def of_human_joint(row: AnyRow) -> Iterator[str]:
     if lacks(row, "lag_s"):
         yield LATENESS
+    low, sooner, high = (cell_number(row, name) for name in ("K_low", "K_sooner", "K_high"))
+    if low is not None and sooner is not None and high is not None and not low < sooner < high:
+        yield "whether the reflex is sooner than the delays tried"
     yield "whether the fixture rubs, or has play"
     yield "whether a linear response is one of K, B and I"
 

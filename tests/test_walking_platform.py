@@ -494,3 +494,4 @@ def test_the_unloaded_plate_shows_the_height_of_its_corners_to_2_mm() -> None:
     assert (model.height, model.ringing_hz) == (pytest.approx(0, abs=2e-3), None)
     high = identify_plate_model(calibrated([raised(trial, [0, 0, 0.02]) for trial in trials]), settings())
     assert (high.height, high.height_se) == (pytest.approx(0.02, abs=2e-3), pytest.approx(0, abs=2e-3))
+    assert (high.certain_height, replace(high, height_se=0.006).certain_height) == (high.height, 0)

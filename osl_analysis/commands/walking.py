@@ -374,7 +374,7 @@ def summarise_perturbations(
     write_table(on_the_walkway(left, places), excluded)
     fitted = fits.filter(pl.col(EXCLUDED).is_null())
     if len(fitted) < 2:
-        raise InputError(f"{table}: {len(fitted)} of {len(fits)} {TOO_FEW} {excluded.name}, or record more")
+        raise InputError(f"{table}: {len(fitted)} of {len(fits)} {TOO_FEW} its column {EXCLUDED}, or record more")
     gaits, files = read_unperturbed_gaits(unperturbed), {path.stem: path for path in crossings}
     sides, results = {}, []
     for fact in tables.group_rows(chosen, sheet, gaits, settings.window_s):

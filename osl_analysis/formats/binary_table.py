@@ -2,6 +2,7 @@
 numpy, and HDF5 by h5py. A sheet follows the rules of a table of text; others have names and types of their own."""
 
 import re
+import struct
 import zipfile
 from collections import Counter
 from collections.abc import Mapping
@@ -65,6 +66,8 @@ def read_binary_table(path: Path, layout: CsvLayout, is_unit: IsUnit, most_rows:
             optional_module("h5py", "an HDF5 file")  # before the fork: it takes a fifth of a second
             arrays, units = isolated(partial(hdf5_arrays, path))
             frame = frame_of(arrays, damage)
+            if (behind := bytes_behind(path, 0)) > 0:
+                damage.lose(f"{behind} bytes stand behind its end, and are not read", 0, None, 0)
         else:
             frame = frame_of(numpy_arrays(path, kind), damage)
     return table_of_frame(frame[:most_rows] if most_rows else frame, units, damage)
@@ -132,6 +135,15 @@ def hdf5_arrays(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, str]]:
     with h5py.File(path, "r") as file:
         file.visititems(visit)
     return arrays, units
+
+
+def bytes_behind(path: Path, begin: int) -> int:
+    """How many bytes stand behind the end of an HDF5 file that its superblock, at a byte, states: where some were
+    inserted, values behind them are shifted."""
+    with path.open("rb") as file:
+        start = file.read(begin + 128)[begin:].ljust(128, b"\0")
+    (stated,) = struct.unpack_from("<Q", start, 40 if start[8] < 2 else 28)
+    return path.stat().st_size - int(stated)
 
 
 def never_written(item: Any) -> NDArray[np.bool_] | None:

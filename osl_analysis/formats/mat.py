@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from osl_analysis.errors import EXTRAS, InputError, listing, nearest, optional_module
-from osl_analysis.formats.binary_table import never_written
+from osl_analysis.formats.binary_table import bytes_behind, never_written
 from osl_analysis.formats.table import Ledger, check_memory, in_one_sentence, isolated
 from osl_analysis.trial import Array
 
@@ -138,7 +138,7 @@ class MatFile:
 def open_mat(path: Path) -> MatFile:
     """The MATLAB file at a path; InputError if it is of another version, none, or damaged."""
     with path.open("rb") as file:
-        begin, start = file.read(128), file.read(512)[384:].ljust(128, b"\0")
+        begin = file.read(128)
     if not is_mat(begin):
         raise InputError(f"{path}: no MATLAB file of version 5 or 7.3; save it again in MATLAB with `-v7`")
     header, damage = begin[:116].split(b"\0")[0].decode("latin-1").strip(), Ledger()
@@ -146,8 +146,7 @@ def open_mat(path: Path) -> MatFile:
         if begin.startswith(b"MATLAB 7.") or 2 in begin[124:126]:
             h5py()  # once for all forks
             names = isolated(partial(names73, path))
-            (stated,) = struct.unpack_from("<Q", start, 40 if start[8] < 2 else 28)  # end of file in the superblock
-            if (behind := path.stat().st_size - stated) > 0:
+            if (behind := bytes_behind(path, 512)) > 0:
                 damage.lose(f"{behind} bytes stand behind its end, and are not read", 0, None, 0)
             return MatFile(path, "7.3", header, dict.fromkeys(names), damage)
         data, end = path.read_bytes(), 128

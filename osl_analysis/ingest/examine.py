@@ -429,20 +429,23 @@ def measure_dropout(examined: Examined) -> CheckResult:
         zero = origin.get("sign", 1) * origin.get("scale", 1) * origin.get("factor", 1) * origin.get("offset", 0)
         nought = np.abs(x - zero) < NEXT_TO_ZERO
         blocks = run_edges(nought[:-1] & nought[1:]).tolist()
-        # one at the beginning is before a recorder begins; at the end an encoder rests, and a drive is off
-        last = steps.size - ("torque" not in name)
-        inner = [(a, b) for a, b in blocks if a and b <= last and min([steps[a - 1], *steps[b : b + 1]]) > usual]
+        if "torque" not in name:  # at the ends an encoder rests, and a drive is off
+            blocks = [(a, b) for a, b in blocks if a and b < steps.size]
+        inner = [(a, b) for a, b in blocks if min([*steps[:a][-1:], *steps[b : b + 1]], default=0.0) > usual]
         # of a few zeros it may stand while it turns
-        inner = [(a, b) for a, b in inner if b - a > 3 or (b < steps.size and x[a - 1] * x[b + 1] > 0)]
+        inner = [(a, b) for a, b in inner if b - a > 3 or (a and b < steps.size and x[a - 1] * x[b + 1] > 0)]
         lost = (x != 0) & (np.abs(x) < NEXT_TO_ZERO)
         for a, b in inner:
             lost[a : b + 1] = True
         counts[name] = float(lost.sum())
     for name in (one for one in examined.trial.columns if re.fullmatch(r"plate\d+_force_z", one)):
-        steps = np.abs(np.diff(recorded(examined.trial, name)[1]))
-        levels = run_edges(steps == 0).tolist()
-        inner = [(a, b) for a, b in levels if a and b < steps.size and min(steps[a - 1], steps[b]) > STEP_OF_LOAD_N]
-        counts[name] = float(sum(b - a + 1 for a, b in inner))
+        x = recorded(examined.trial, name)[1]
+        steps, bare = np.abs(np.diff(x)), np.abs(x) < 20.0  # N
+        is_noisy = np.mean(x[bare] == 0) < 0.5 if bare.any() else False  # else 0 is written without load
+        levels = [(a, b, *steps[:a][-1:], *steps[b : b + 1]) for a, b in run_edges(steps == 0).tolist()]
+        inner = [b - a + 1 for a, b, *jumps in levels if len(jumps) == 2 and min(jumps) > STEP_OF_LOAD_N]
+        inner += [b - a + 1 for a, b, *_ in levels if is_noisy and x[a] == 0 and b - a > 7]
+        counts[name] = float(sum(inner))
     return worst(counts, "no plate, and no channel of a bench that seldom repeats a value")
 
 

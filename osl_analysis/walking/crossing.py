@@ -319,7 +319,7 @@ def quality_of(
         "foot_left_m": float(placed[1]),
         "foot_outside_m": furthest_outside(markers.reshape(-1, 3), passage.corners),
         "plate_zero_N": passage.zero,
-        "plate_height_m": unloaded.height,
+        "plate_height_m": unloaded.certain_height,
         "plate_ringing_hz": unloaded.ringing_hz,
         "plate_unexplained": unloaded.unexplained,
         "pressure_ahead_m": float(pressed[0]),

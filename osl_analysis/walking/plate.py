@@ -244,6 +244,11 @@ class PlateModel:
     ringing_hz: float | None = None  # at which the unloaded plate rings after it was turned; None if it does not
 
     @property
+    def certain_height(self) -> float | None:
+        """`height` as far as it is certain, beyond four standard errors; else 0. None where it is not known."""
+        return self.height and self.height * (abs(self.height) > 4 * (self.height_se or 0.0))
+
+    @property
     def lag(self) -> float | None:
         """The mean of the lags [s]; None where it is unknown, and then not corrected."""
         return float(np.mean(self.lags)) if self.lags else None

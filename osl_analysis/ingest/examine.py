@@ -443,9 +443,9 @@ def measure_dropout(examined: Examined) -> CheckResult:
         steps, bare = np.abs(np.diff(x)), np.abs(x) < 20.0  # N
         is_noisy = np.mean(x[bare] == 0) < 0.5 if bare.any() else False  # else 0 is written without load
         levels = [(a, b, *steps[:a][-1:], *steps[b : b + 1]) for a, b in run_edges(steps == 0).tolist()]
-        inner = [b - a + 1 for a, b, *jumps in levels if len(jumps) == 2 and min(jumps) > STEP_OF_LOAD_N]
-        inner += [b - a + 1 for a, b, *_ in levels if is_noisy and x[a] == 0 and b - a > 7]
-        counts[name] = float(sum(inner))
+        lengths = [b - a + 1 for a, b, *jumps in levels if len(jumps) == 2 and min(jumps) > STEP_OF_LOAD_N]
+        lengths += [b - a + 1 for a, b, *_ in levels if is_noisy and x[a] == 0 and b - a > 7]
+        counts[name] = float(sum(lengths))
     return worst(counts, "no plate, and no channel of a bench that seldom repeats a value")
 
 

@@ -59,31 +59,35 @@ def law_table(
         motion.append(np.gradient(motion[-1], 1 / rate))
     moved = {"K_1": -motion[0], "B_1": -motion[1], "lag": motion[2], "third": motion[3], "one": np.ones(len(motion[0]))}
     belt = record.filtered_torque - p.B_j * record.motion.omega - p.J_j * record.motion.alpha
+    times = record.part(record.time)
+    rows = thinned_rows(len(times), rate, low_pass)
 
     def fitted(y: Array, columns: Mapping[str, Array]) -> LinearFit:
-        parts = [record.part(x) for x in (y, *columns.values())]
-        rows = thinned_rows(len(parts[0]), rate, low_pass)
-        return linear_fit(parts[0][rows], dict(zip(columns, (x[rows] for x in parts[1:]), strict=True)), by_chunks)
+        return linear_fit(record.part(y)[rows], {name: record.part(x)[rows] for name, x in columns.items()}, by_chunks)
 
     try:
         current = logged(record, trial, "current")
         quick = replace(low_pass, cutoff_hz=min(SIGN_CUTOFF * low_pass.cutoff_hz, 0.2 * rate))
-        omega = np.gradient(logged(replace(record, low_pass=quick), trial, "theta_m"), 1 / rate)
+        omega = np.gradient(logged(record, trial, "theta_m", quick), 1 / rate)
 
         def friction(age: float) -> dict[str, Array]:
             sign = np.tanh(np.interp(record.time - age, record.time, omega) / sign_width)
             return {"f_C": low_pass(sign, rate), "f_G": low_pass(sign * np.abs(current), rate)}
 
-        def by_age(age: float) -> LinearFit:
-            return fitted(p.k_tau * p.n_m * current, moved | friction(age))
-
-        at_once = fit = by_age(0.0)
+        commanded, of_now = p.k_tau * p.n_m * current, friction(0.0)
+        at_once = fit = fitted(commanded, moved | of_now)
         if abs(at_once["f_C"]) > 4 * at_once.se("f_C"):
+            y, beside = record.part(commanded)[rows], {name: record.part(x)[rows] for name, x in moved.items()}
+
+            def missed(age: float) -> float:  # a filtered column is that of a later sign, later
+                late = {name: np.interp(times[rows] - age, record.time, x) for name, x in of_now.items()}
+                return -linear_fit(y, beside | late, by_chunks).vaf
+
             best = scipy.optimize.minimize_scalar(
-                lambda age: -by_age(age).vaf, bounds=(0.0, OLDEST), method="bounded", options={"xatol": 2e-4}
+                missed, bounds=(0.0, OLDEST), method="bounded", options={"xatol": 2e-4}
             )
-            fit = by_age(float(best.x))
-        against = {f"motor's {name}": -column for name, column in friction(0.0).items()}
+            fit = fitted(commanded, moved | friction(float(best.x)))
+        against = {f"motor's {name}": -column for name, column in of_now.items()}
         losses = {"B_m": -motion[1], "J_m": -motion[2], "one": moved["one"]}
         motor = fitted(-belt / p.n_T, {CONSTANT: current} | against | losses)
     except (InputError, IdentifiabilityError):

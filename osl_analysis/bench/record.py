@@ -468,13 +468,13 @@ def with_actuator(record: Record, trial: Trial) -> Record:
     return record
 
 
-def logged(record: Record, trial: Trial, name: str) -> Array:
-    """A further column of a trial, behind the filter, at the times of its record. Raises InputError: it is not there,
-    or its device's stamps do not come to a time base."""
+def logged(record: Record, trial: Trial, name: str, low_pass: LowPass | None = None) -> Array:
+    """A further column of a trial, behind a filter, or that of its record, at the times of the record. Raises
+    InputError: it is not there, or its device's stamps do not come to a time base."""
     assert record.settings is not None
     device = next(one for one in devices_of(trial, ("theta", name, "torque")) if name in one)
-    found = uniform_signals(trial, device, record.settings.gap_limits)
-    filtered = {name: record.low_pass(found[name], found.rate_hz)}
+    found = uniform_signals(trial, device, record.settings.gap_limits, wanted=(name,))
+    filtered = {name: (low_pass or record.low_pass)(found[name], found.rate_hz)}
     return resampled(found.time, filtered, record.time, 1 / found.rate_hz)[name]
 
 

@@ -2,7 +2,7 @@
 and the report of what was done. Filter, differentiate and fit only what stands on the grid. Short gaps are bridged,
 longer ones marked so that fits leave their rows out, long ones refused."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
@@ -214,14 +214,22 @@ def resampled(times: Array, values: Mapping[str, Array], grid: Array, step: floa
 
 
 def uniform_signals(
-    trial: Trial, columns: Sequence[str], limits: GapLimits, computed: Sequence[str] = ()
+    trial: Trial,
+    columns: Sequence[str],
+    limits: GapLimits,
+    computed: Sequence[str] = (),
+    wanted: Collection[str] | None = None,
 ) -> UniformSignals:
     """The columns of a trial on one uniform grid: stated delays taken out, sensors' low-pass filters made alike.
-    `computed` are columns without a sensor, such as a command, which say nothing about the stamps that they share.
+    `computed` are columns without a sensor, such as a command, which say nothing about the stamps that they share. Of
+    all that decide on the stamps those that are `wanted` are made uniform; None: all.
     Raises InputError: A column is missing, or its stamps cannot be brought on a grid; the message names the trial."""
     devices = devices_of(trial, columns, computed)
     with naming(f"trial {trial.name}"):
-        return on_one_grid(take(streams(trial, devices, frozenset(computed))), limits, trial.name)
+        taken = take(streams(trial, devices, frozenset(computed)))
+        kept = [tuple(name for name in part.signals if wanted is None or name in wanted) for part in taken]
+        taken = [replace(part, signals=names or part.signals) for part, names in zip(taken, kept, strict=True)]
+        return on_one_grid(taken, limits, trial.name)
 
 
 def devices_of(trial: Trial, columns: Sequence[str], computed: Sequence[str] = ()) -> list[list[str]]:

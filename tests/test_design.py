@@ -157,6 +157,23 @@ def test_each_error_of_a_sensor_counts_as_so_much_torque_noise(errors, torque_no
     np.testing.assert_allclose(se(Sensors(1000.0, **errors), joint), se(Sensors(1000.0, torque_noise), joint))
 
 
+def test_noise_of_the_torque_counts_in_its_own_band_alone():
+    """Noise of 0.5 N*m up to 2.5 Hz, drawn by its spectrum, in fits of a stepped sine of 1 to 5 Hz by numpy."""
+    rng, rate, seconds = np.random.default_rng(4), 100.0, 20.0
+    plan, noise = SteppedSine((0.1,), (1.0, 2.0, 3.0, 4.0, 5.0), (20.0, 40.0, 60.0, 80.0, 100.0), 0), []
+    time, f = np.arange(0, seconds, 1 / rate), np.fft.rfftfreq(int(rate * seconds), 1 / rate)
+    theta = np.array([0.1 * np.sin(2 * np.pi * one * time) for one in plan.frequencies_hz])
+    w = 2 * np.pi * np.array(plan.frequencies_hz)[:, None]
+    omega = 0.1 * w * np.cos(w * time)
+    for _ in range(300):
+        drawn = np.fft.rfft(rng.standard_normal((5, time.size)))
+        torque = np.fft.irfft(drawn * (f <= 2.5), time.size)
+        X = np.array([x.ravel() for x in (theta, omega, -(w**2) * theta)])
+        noise.append(np.linalg.lstsq(X.T, 0.5 / torque.std() * torque.ravel(), rcond=None)[0])
+    found = precision(plan, JOINT, Sensors(rate, 0.5, noise_band_hz=2.5), OPEN)
+    np.testing.assert_allclose(found.columns["se"], np.std(noise, axis=0), rtol=0.12)
+
+
 def test_drift_that_is_not_seen_changes_a_sine_by_two_slopes_over_its_frequency():
     """The integral of t sin wt over whole cycles; in a record the slope is known to 6 S/T^3."""
     sines, density = DRAFT.sines, 2 * 0.05**2 / 1000

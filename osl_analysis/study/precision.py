@@ -281,9 +281,11 @@ class Sensors:
             return np.asarray(Z.real**2 * angle + Z.imag**2 * angle[::-1])
 
         both, nyquist, drift = np.ones((2, 1)), self.rate_hz / 2, 0.0
-        density = self.torque_noise**2 / (self.noise_band_hz or nyquist) + self.torque_step**2 / 12 / nyquist
-        if self.drift and density:  # the analysis takes off the slope that it finds, with an error of 6 S/T^3
-            drift = 1 / (1 / self.drift**2 + record_s**3 / (6 * density))
+        band = self.noise_band_hz or nyquist
+        slow, rounded = self.torque_noise**2 / band, self.torque_step**2 / 12 / nyquist
+        if self.drift and slow + rounded:  # the analysis takes off the slope that it finds, with an error of 6 S/T^3
+            drift = 1 / (1 / self.drift**2 + record_s**3 / (6 * (slow + rounded)))
+        density = slow * (sines.frequency_hz <= band) + rounded
         return {
             "torque noise": both * density / sines.duration_s,
             "angle noise": through(both * self.angle_noise**2 / nyquist / sines.duration_s),

@@ -543,13 +543,15 @@ def export(folder: Path, kind: str, output: Path, trials: str, config_path: Path
 @option("--friction", type=NOT_NEGATIVE, help="Coulomb friction of the joint [N·m].")
 @option("--distortion", type=percent, help="Odd distortion at the excited lines, of the torque there [percent].")
 @file_option("--earlier", help="response.csv of an earlier trial: its distortion.")
-@option("--trial", help="The trial in that table.")
+@option("--trial", help="The trial in that table, or of the pilot.")
 @option("--lag", type=float, default=0.1, help="Lag of the torque whose effect is said [ms].")
 @option("--stiffness-within", type=percent, help="Half width of the interval that is asked for, of K [percent].")
 @option("--damping-within", type=percent, help="The same of B.")
 @option("--inertia-within", type=percent, help="The same of I.")
 @option("--walking", is_flag=True, help="Instead: how many crossings of the walkway, from a pilot's unperturbed ones.")
-@option("--from", "folder", type=FOLDER, default=Path("results"), help="Of --walking: the pilot's results.")
+@option(
+    "--from", "folder", type=FOLDER, default=Path("results"), help="A pilot's results: its friction, or its walking."
+)
 @option("--crossings", type=numbers, help="Of --walking: numbers of perturbed ones; default: 4 to 40.")
 @option("--turn", type=POSITIVE, default=5.0, help="Of --walking: size of the platform's turn [deg].")
 @option("--ramp", type=POSITIVE, default=80.0, help="Of --walking: its duration [ms].")
@@ -579,12 +581,17 @@ def design(config_path: Path, output: Path | None, as_json: bool, **chosen: Any)
     for one, other in (("rms", "peak"), ("encoder_bits", "encoder_step")):
         if {one, other} <= given:
             raise click.UsageError(f"give --{one.replace('_', '-')} or --{other.replace('_', '-')}, not both")
-    if "trial" in given and "earlier" not in given:
-        raise click.UsageError("--trial is that of an earlier table: give --earlier too")
+    if "trial" in given and not given & {"earlier", "folder"}:
+        raise click.UsageError(
+            "--trial is that of an earlier table: give --earlier too, or a pilot's results by --from"
+        )
     if chosen["band"] is not None and len(chosen["band"]) != 2:
         raise click.UsageError("--band has the lowest and the highest frequency, as 0.5,6")
-    if of_walking := sorted(given & {"folder", "crossings", "turn", "ramp", "phase", "both", "plot"}):
-        raise click.UsageError(f"--{of_walking[0].replace('folder', 'from')} is of --walking: give that too")
+    chosen["pilot"] = chosen["folder"] if "folder" in given else None
+    if "folder" in given and (stated := sorted(given & {"friction", "earlier"})):
+        raise click.UsageError(f"--from and --{stated[0]} state the same friction: give one of them")
+    if of_walking := sorted(given & {"crossings", "turn", "ramp", "phase", "both", "plot"}):
+        raise click.UsageError(f"--{of_walking[0]} is of --walking: give that too")
     made = designed(chosen, read_config(config_path))
     if output is not None:
         write_command(made.recommended[0] if made.recommended else made.plan, made.sensors.rate_hz, output)

@@ -328,6 +328,24 @@ def test_what_is_asked_for_is_reached_and_the_recommended_multisine_is_written(t
     assert best["record_s"] == 8 * sum(one.periods + 1 for one in found.realisations)
 
 
+def test_a_pilot_states_friction_and_what_no_longer_record_cures(tmp_path):
+    """0.8 N*m of a drivetrain's friction: ± 2.6 N*m/rad and ± 0.25 N*m*s/rad on a leg, not 0.011 and 0.0005."""
+    rows = {"trial": ["a", "a", "b"], "amplitude_deg": [2.0, None, None], "f_C": [0.1, 0.8, 0.2]}
+    rows |= {name: [300.0, 300.0, 300.0] for name in "KBI"}
+    rows |= {f"{name}_se": [9.0, se, 9.0] for name, se in zip("KBI", (1.2, 0.1, 2e-3), strict=True)}
+    (tmp_path / "tables").mkdir()
+    pl.DataFrame(rows).write_csv(tmp_path / "tables/impedance.csv")
+    pilot = ("--from", tmp_path, "--trial", "a", "--cycles", "200")
+    plans = as_json(*pilot), as_json("--friction", "0.8", "--cycles", "200")
+    found, friction = (plan["estimates"] for plan in plans)
+    assert found["K"]["se"] == pytest.approx(1.2, rel=1e-3)
+    assert found["I"]["se"] == pytest.approx(2e-3, rel=1e-3)
+    assert found["B"]["se"] == pytest.approx(max(friction["B"]["se"], 0.1), rel=1e-3)
+    assert plans[0]["friction_damping"] == plans[1]["friction_damping"]
+    assert "no friction of trial 'c'" in call("--from", tmp_path, "--trial", "c").stderr
+    assert "state the same friction" in call("--from", tmp_path, "--friction", "1").stderr
+
+
 def test_an_earlier_trial_states_the_distortion(tmp_path):
     f = np.arange(5, 48, 2) / 8
     levels = pl.DataFrame({"trial": "m", "frequency_hz": f, "angle_deg": np.rad2deg(0.01), "odd_level": 2.0})

@@ -19,7 +19,7 @@ from osl_analysis.signals import LowPass
 from osl_analysis.spectral.response import ENOUGH_REALISATIONS
 from osl_analysis.study import precision as planning
 from osl_analysis.study.precision import KBI, Continuous, Distortion, PeriodicMultisine, Plan, Precision, SteppedSine
-from osl_analysis.table import finite_or_null, read_table, write_table
+from osl_analysis.table import finite_or_null, read_table, with_evidence, write_table
 from osl_analysis.trial import Array
 
 TINY = float(np.finfo(float).tiny)
@@ -62,7 +62,10 @@ def designed(chosen: Mapping[str, Any], config: Config) -> Design:
     distortion = Distortion() if chosen["earlier"] is None else earlier_distortion(chosen["earlier"], chosen["trial"])
     if chosen["friction"] is not None and distortion != Distortion():  # it counts once
         raise InputError("--friction and --earlier state the same distortion twice; give one of them")
-    distortion = replace(distortion, coulomb=chosen["friction"] or 0.0, level=chosen["distortion"] or 0.0)
+    if chosen["pilot"] is not None:
+        distortion = pilot_distortion(chosen["pilot"], chosen["trial"])
+    coulomb = distortion.coulomb if chosen["friction"] is None else chosen["friction"]
+    distortion = replace(distortion, coulomb=coulomb, level=chosen["distortion"] or 0.0)
     plan = plan_of(chosen, config, bool(within))
     sensors = sensors_of(chosen, bench)
     low_pass, sines = bench.low_pass, plan.sines
@@ -219,7 +222,7 @@ def warnings(
         yield (
             "no distortion is stated: these are the intervals of a joint that is exactly Eq. 15; with friction the "
             "estimates of a multisine scatter up to 50 times as much, and those of a stepped sine are shifted; state "
-            "--friction, --distortion or --earlier"
+            "--friction, --distortion or --earlier, or a pilot by --from"
         )
     if isinstance(plan, PeriodicMultisine) and plan.realisations < ENOUGH_REALISATIONS:
         yield (
@@ -279,6 +282,20 @@ def plan_of(chosen: Mapping[str, Any], config: Config, longer: bool) -> Plan:
             f"settle_cycles = {bench.settle_cycles} leaves none of {min(cycles):g} cycles; give --cycles above it"
         )
     return SteppedSine(tuple(np.deg2rad(amplitudes).tolist()), frequencies, cycles, bench.settle_cycles)
+
+
+def pilot_distortion(results: Path, trial: str | None) -> Distortion:
+    """Coulomb friction of the joint in an impedance trial of a pilot, and the variances of its K, B and I; medians of
+    all trials where none is named. Raises InputError: the results have none."""
+    table = with_evidence(results / "tables/impedance.csv", ("trial", "amplitude_deg", *KBI))
+    rows = table.filter(pl.col("amplitude_deg").is_null(), pl.lit(trial is None) | (pl.col("trial") == trial))
+    names = ("f_C", *(f"{name}_se" for name in KBI))
+    known = [rows[name].drop_nulls().to_list() if name in rows.columns else [] for name in names]
+    if not all(known):
+        of = f"of trial '{trial}'" if trial else "of an impedance trial"
+        raise InputError(f"{results}: no friction {of}; run the pilot to its end, or state --friction")
+    friction, *errors = (float(np.median(values)) for values in known)
+    return Distortion(max(friction, 0.0), pilot=tuple(se**2 for se in errors))
 
 
 def earlier_distortion(path: Path, trial: str | None) -> Distortion:

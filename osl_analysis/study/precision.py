@@ -328,6 +328,10 @@ class Distortion:
     """Frequencies [Hz], rising, and the mean square per Hz [(N*m)^2/Hz] of the torque's distortion in an earlier trial.
     Beyond the ends it is that of the end. That of friction hardly depends on the size of the motion."""
 
+    pilot: tuple[float, ...] | None = None
+    """Variances of K, B and I in an earlier trial of this kind: what the joint itself adds to them, as a drivetrain
+    with friction behind a belt, does not fall with the length of a record."""
+
     def variances(self, plan: Plan, fit: PlannedFit, Z: Impedances) -> Array:
         """Variances (3,) of K, B and I by the distortion; `Z` (n,) is the impedance [N*m/rad] at the sines.
 
@@ -341,7 +345,8 @@ class Distortion:
             scatter = scatter_of_friction(*columns, sines.spacing_hz, periodic)
             found = self.coulomb**2 * scatter / sines.independent
             at_sines = replace(self, coulomb=0.0)
-        return np.asarray(found + fit.share(at_sines.at_sines(plan, fit, Z)).sum(axis=1))
+        found = found + fit.share(at_sines.at_sines(plan, fit, Z)).sum(axis=1)
+        return np.asarray(np.maximum(found, self.pilot or 0.0))
 
     def at_sines(self, plan: Plan, fit: PlannedFit, Z: Impedances) -> Array:
         """Variance (2, n) [(N*m)^2] of the amplitudes of the torque's sines by what the fit of Eq. 15 cannot follow.

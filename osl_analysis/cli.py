@@ -306,6 +306,21 @@ def results(folder: Path, markdown: bool, methods: bool) -> None:
         say(failed, err=True)
 
 
+@main.command(epilog="Example: osl-analysis bundle . campaign.zip --license https://spdx.org/licenses/CC-BY-4.0 --raw")
+@argument("folder", type=FOLDER)
+@argument("output", type=FILE)
+@option("--license", "licence", required=True, help="Address of the licence under which you deposit it.")
+@option("--raw", is_flag=True, help="With the recordings, in place of their hashes alone.")
+def bundle(folder: Path, output: Path, licence: str, raw: bool) -> None:
+    """Write the campaign in FOLDER with its results to the ZIP file OUTPUT, to be deposited, checked and run again.
+
+    It is a Workflow Run RO-Crate, and its tables are a Frictionless data package.
+    """
+    from osl_analysis.commands.bundle import write_bundle
+
+    say(f"wrote {output}, {write_bundle(folder, output, licence, raw)} files")
+
+
 @main.command(cls=click.Command, epilog="Example: osl-analysis compare results/left results/right --margin 5%")
 @argument("a", type=FOLDER)
 @argument("b", type=FOLDER)

@@ -30,7 +30,7 @@ PROFILES = {
 }
 DEPOSITED = ("tables", "figures", "report.html", "methods.md", "methods.tex", "summary.json", "numbers.tex")
 """Of the results what is published; fits, trials and notes of jobs are made again."""
-RAW, SOURCES, MAIN = "raw", "sources", "workflow/Snakefile"  # in the bundle
+RAW, MAIN = "raw", "workflow/Snakefile"  # in the bundle
 README = """# {title}
 
 {about}
@@ -92,7 +92,7 @@ def copy_inputs(campaign: Campaign, crate: Path, summary: Mapping[str, Any], raw
     configuration names them where they are in the bundle, and the date of the recordings, which copies lose."""
     config, yaml = campaign.config, YAML()
     content = yaml.load(CAMPAIGN.read_text(encoding="utf-8"))
-    content |= {"raw_data": RAW, "sheet": config.sheet.name, "sources": SOURCES, "results": "results"}
+    content |= {"raw_data": RAW, "sheet": config.sheet.name, "sources": "sources", "results": "results"}
     for name in ("parameters", "impedance_trajectory", "simulation"):
         own: Path | None = getattr(config, name)
         if own is not None and not own.resolve().is_relative_to(root().resolve()):  # a shipped one keeps its name
@@ -103,7 +103,7 @@ def copy_inputs(campaign: Campaign, crate: Path, summary: Mapping[str, Any], raw
         content["recorded"] = recorded
     copy(config.sheet, crate / config.sheet.name)
     for file in {file for trial in campaign.trials() for file in campaign.sources(trial)}:
-        copy(file, crate / SOURCES / file.name)
+        copy(file, crate / "sources" / file.name)
     recordings = sorted({file for trial in campaign.trials() for file in campaign.logs(trial)})
     hashes = {file.relative_to(config.raw_data).as_posix(): digest(file) for file in recordings}
     if missing := [name for name, found in hashes.items() if found is None]:

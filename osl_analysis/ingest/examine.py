@@ -417,8 +417,8 @@ STEP_OF_LOAD_N = 250.0  # between two samples; a foot that leaves a plate takes 
 
 def measure_dropout(examined: Examined) -> CheckResult:
     """Number of samples that no sensor gives: two raw zeros or more in a row into which a channel that seldom repeats a
-    value jumps, and out of them, as where bytes of a file are lost; and numbers next to zero. A plate jumps into a
-    level, and out of it, by more than a step of a person does between two samples."""
+    value jumps, and out of them, as where bytes of a file are lost; and numbers next to zero. Of a plate
+    `dropped_loads`."""
     counts = dict[str, float]()
     for name in ("theta", "theta_m", "omega_m", "torque", "torque_m", "current"):
         x = recorded(examined.trial, name)[1]
@@ -438,15 +438,20 @@ def measure_dropout(examined: Examined) -> CheckResult:
         for a, b in inner:
             lost[a : b + 1] = True
         counts[name] = float(lost.sum())
-    for name in (one for one in examined.trial.columns if re.fullmatch(r"plate\d+_force_z", one)):
-        x = recorded(examined.trial, name)[1]
-        steps, bare = np.abs(np.diff(x)), np.abs(x) < 20.0  # N
-        is_noisy = np.mean(x[bare] == 0) < 0.5 if bare.any() else False  # else 0 is written without load
-        levels = [(a, b, *steps[:a][-1:], *steps[b : b + 1]) for a, b in run_edges(steps == 0).tolist()]
-        lengths = [b - a + 1 for a, b, *jumps in levels if len(jumps) == 2 and min(jumps) > STEP_OF_LOAD_N]
-        lengths += [b - a + 1 for a, b, *_ in levels if is_noisy and x[a] == 0 and b - a > 7]
-        counts[name] = float(sum(lengths))
+    plates = (one for one in examined.trial.columns if re.fullmatch(r"plate\d+_force_z", one))
+    counts |= {name: dropped_loads(recorded(examined.trial, name)[1]) for name in plates}
     return worst(counts, "no plate, and no channel of a bench that seldom repeats a value")
+
+
+def dropped_loads(force: Array) -> float:
+    """Number of samples of a plate's force (n,) [N] in levels into which it jumps, and out of them, by more than a step
+    of a person does between two samples; or in zeros among the noise of the bare plate."""
+    steps, bare = np.abs(np.diff(force)), np.abs(force) < 20.0  # N
+    is_noisy = np.mean(force[bare] == 0) < 0.5 if bare.any() else False  # else 0 is written without load
+    levels = [(a, b, *steps[:a][-1:], *steps[b : b + 1]) for a, b in run_edges(steps == 0).tolist()]
+    lengths = [b - a + 1 for a, b, *jumps in levels if len(jumps) == 2 and min(jumps) > STEP_OF_LOAD_N]
+    lengths += [b - a + 1 for a, b, *_ in levels if is_noisy and force[a] == 0 and b - a > 7]
+    return float(sum(lengths))
 
 
 # Zeros, turns, and markers.

@@ -5,7 +5,7 @@ READY := $(VENV)/ready
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 unexport PYTHONDONTWRITEBYTECODE # each process would compile anew what the tests have changed, which takes 10 s
 
-.PHONY: reproduce-all test test-kernels test-browser test-package test-slurm test-speed evidence setup check docs lock dist pictures release
+.PHONY: reproduce-all test test-kernels test-browser test-package test-slurm test-speed evidence peers setup check docs lock dist pictures release
 
 reproduce-all: $(READY)
 	$(BIN)/snakemake reproduce-all
@@ -41,6 +41,13 @@ pictures: reproduce-all
 # nothing else may run.
 evidence: $(READY)
 	$(BIN)/python tools/evidence.py
+
+# Recordings with known truth, the answers of other packages, which have an environment of their own, and the tables and the
+# figure of docs/peers.md. Ten minutes of one core.
+peers: $(READY)
+	$(PYTHON) -m venv --clear build/peers_venv
+	$(BIN)/uv pip install --quiet --python build/peers_venv --group peers --editable '.[simulator]'
+	OPENBLAS_NUM_THREADS=1 build/peers_venv/bin/python benchmarks/peers/page.py
 
 # All that a release has, in dist/: wheel, sdist, the page of the default campaign, the documentation, checksums. It needs
 # no network, attaches nothing, and says what does.

@@ -321,6 +321,16 @@ def bundle(folder: Path, output: Path, licence: str, raw: bool) -> None:
     say(f"wrote {output}, {write_bundle(folder, output, licence, raw)} files")
 
 
+@main.command(epilog="Example: osl-analysis score build/peers/answers.csv")
+@argument("answers", type=FILE)
+@file_option("--truth", help="Table of the truth; default: truth.csv beside ANSWERS.")
+def score(answers: Path, truth: Path | None) -> None:
+    """Score the ANSWERS of any method (CSV) against the truth of the recordings that benchmarks/peers makes."""
+    from osl_analysis.commands.score import score_answers, score_text
+
+    say(score_text(score_answers(answers, truth or answers.with_name("truth.csv"))))
+
+
 @main.command(cls=click.Command, epilog="Example: osl-analysis compare results/left results/right --margin 5%")
 @argument("a", type=FOLDER)
 @argument("b", type=FOLDER)

@@ -121,10 +121,11 @@ def read_table(path: Path | str, required: Sequence[str] = (), of: str = "") -> 
             there = ", ".join(table.columns)
             raise InputError(f"{path}: no column '{column}'; it has {there}. Rewrite it with the step that makes it")
         if column not in TEXT_COLUMNS and not table[column].dtype.is_numeric():
-            words = table[column].cast(pl.String).drop_nulls()
-            wrong = words.filter(words.cast(pl.Float64, strict=False).is_null())
-            word = wrong[0] if len(wrong) else words[0]
-            raise InputError(f"{path}: column '{column}' holds '{word}', expected numbers; correct the entry")
+            words = table[column].cast(pl.String)
+            wrong = words.is_not_null() & words.cast(pl.Float64, strict=False).is_null()
+            row = (wrong if wrong.any() else words.is_not_null()).arg_max() or 0
+            said = f"column '{column}' holds '{words[row]}', expected numbers; correct the entry"
+            raise InputError(f"{path}: line {row + 2}: {said}")
     return table
 
 

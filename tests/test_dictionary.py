@@ -119,7 +119,7 @@ def test_a_failure_while_writing_leaves_the_old_file_and_nothing_else(tmp_path, 
 @pytest.mark.parametrize(("content", "message"), [
     (None, r"t\.csv: no such table"), ("", r"t\.csv: not a CSV table"),
     ("K,B\n1,2,3\n", r"t\.csv: not a CSV table"), ("B\n1\n", r"t\.csv: no column 'K'; it has B"),
-    ("K\n1\nERROR\n", r"t\.csv: column 'K' holds 'ERROR', expected numbers"),
+    ("K\n1\nERROR\n", r"t\.csv: line 3: column 'K' holds 'ERROR', expected numbers"),
 ])  # fmt: skip
 def test_a_bad_table_is_refused_by_file_and_column_in_one_line(tmp_path, content, message):
     if content is not None:

@@ -1,0 +1,106 @@
+"""The comparison with peers: a method of ten lines goes through the whole, and its answers are scored as they are."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import polars as pl
+import pytest
+
+from osl_analysis.commands.score import score_answers
+from osl_analysis.errors import InputError
+from osl_analysis.table import read_table
+
+PEERS = Path(__file__).parents[1] / "benchmarks/peers"
+TOY = """
+import numpy as np
+
+def estimate(t, theta, torque, rate_hz, bits, person=0, **known):
+    if person:
+        raise NotImplementedError("a person's joint")
+    smooth = lambda x: np.convolve(x, np.hanning(21) / np.hanning(21).sum(), "valid")
+    x, y, step = smooth(theta), smooth(torque), 1 / rate_hz
+    omega = np.gradient(x, step)
+    X = np.column_stack([x, omega, np.gradient(omega, step), np.ones_like(x)])
+    K, B, I, _ = np.linalg.lstsq(X, y, rcond=None)[0]
+    return K, B, I, {"K": (0.99 * K, 1.01 * K), "B": (0.99 * B, 1.01 * B)}, ["coarse"] if bits < 16 else []
+"""
+HEAD = "method,trial,K,K_low,K_high,B,B_low,B_high,I,I_low,I_high,doubtful,seconds,megabytes\n"
+TRUTH = "trial,group,K,B,I,cause\na,one,300,5,0.02,\nb,one,300,5,0.02,friction\n"
+RIGHT = "300,299,301,5,4.9,5.1,0.02,0.019,0.021"
+OFF = "300,299,301,6,5.9,6.1,0.02,0.019,0.021"
+
+
+@pytest.fixture
+def scored(tmp_path):
+    """The row over all cases of some lines of answers."""
+
+    def scores(*lines):
+        (tmp_path / "truth.csv").write_text(TRUTH)
+        (tmp_path / "answers.csv").write_text(HEAD + "".join(f"{one}\n" for one in lines))
+        return score_answers(tmp_path / "answers.csv", tmp_path / "truth.csv").row(0, named=True)
+
+    return scores
+
+
+def test_a_method_of_one_file_and_one_function_is_compared(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(PEERS)
+    import generator
+    import laboratory
+    import recordings
+
+    chosen = {"exact joint", "late torque", "14 bits", "human ankle"}
+    cases = [case for case in generator.CASES if case.case in chosen and case.motion == "multisine"]
+    sines = [case for case in laboratory.CASES if case.case == "exact joint" and case.motion == "stepped sine"]
+    recordings.write(tmp_path, [1], cases, sines, seconds=4.0)
+    toy = tmp_path / "toy.py"
+    toy.write_text(TOY)
+    subprocess.run([sys.executable, PEERS / "answers.py", tmp_path, toy], check=True, capture_output=True)
+    table = score_answers(tmp_path / "answers.csv", tmp_path / "truth.csv")
+    found = {row["group"]: row for row in table.iter_rows(named=True)}
+    counts = {
+        case: [row[n] for n in ("answered", "silent", "announced", "false_alarms")] for case, row in found.items()
+    }
+    assert counts == {
+        "all": [4, 1, 0, 1],
+        "14 bits": [1, 0, 0, 1],
+        "exact joint": [2, 0, 0, 0],
+        "human ankle": [0, 0, 0, 0],
+        "late torque": [1, 1, 0, 0],
+    }
+    exact = found["exact joint"]
+    assert (exact["bias_K"], exact["bias_B"], exact["coverage"]) == (
+        pytest.approx(0, abs=0.1),
+        pytest.approx(0, abs=0.5),
+        100,
+    )
+    assert found["late torque"]["bias_B"] == pytest.approx(-100 * 300 * 2e-3 / 5, rel=0.06)  # -K times the delay
+    answers = read_table(tmp_path / "answers.csv")
+    assert answers.filter(pl.col("K").is_null())["doubtful"].to_list() == ["not applicable: a person's joint"]
+    assert answers["megabytes"].min() > 10
+
+
+@pytest.mark.parametrize(("line", "expected"), [
+    (f"m,a,{RIGHT},,,", {"silent": 0, "announced": 0, "false_alarms": 0, "coverage": 100}),
+    (f"m,a,{OFF},,,", {"silent": 1, "announced": 0, "bias_B": pytest.approx(20), "coverage": pytest.approx(200 / 3)}),
+    (f"m,a,{OFF},late,,", {"silent": 0, "announced": 1, "false_alarms": 0}),
+    (f"m,a,{RIGHT},late,,", {"silent": 0, "announced": 0, "false_alarms": 1}),
+    (f"m,b,{RIGHT},friction,,", {"false_alarms": 0}),
+    ("m,a,,,,,,,,,,refused,,", {"answered": 0, "silent": 0, "false_alarms": 0, "coverage": None}),
+    (f"m,a,{RIGHT},,,\nm,b,330,,,5,,,0.02,,,,,", {"answered": 2, "silent": 1, "bias_K": pytest.approx(5)}),
+    ("m,a,300,,,5.05,,,0.02,,,,,", {"answered": 1, "silent": 0, "coverage": None}),  # 1 % of B is no miss
+    ("m,a,300,,,NaN,NaN,NaN,0.03,,,,,", {"answered": 1, "silent": 1, "bias_B": None}),  # as MATLAB writes no number
+    ("m,a,300,,,6,4,8,0.02,,,,,", {"silent": 0, "coverage": 100}),  # its interval says that B may be 5
+])  # fmt: skip
+def test_a_miss_is_off_beyond_the_interval_and_silent_without_a_doubt(scored, line, expected):
+    assert {name: scored(line)[name] for name in expected} == expected
+
+
+@pytest.mark.parametrize(("lines", "said"), [
+    ([f"m,a,{RIGHT},,,", f"m,c,{RIGHT},,,"], r"answers\.csv: line 3: column 'trial' holds 'c', which is not in "),
+    ([f"m,a,{RIGHT},,,"] * 2, "line 3: column 'trial' holds 'a', which m has answered before; delete a line"),
+    ([f"m,a,{RIGHT},,,", "m,b,fast,,,5,,,0.02,,,,,"], "line 3: column 'K' holds 'fast', expected numbers; correct"),
+])  # fmt: skip
+def test_an_answer_that_cannot_be_judged_is_refused_with_its_line(scored, lines, said):
+    with pytest.raises(InputError, match=said):
+        scored(*lines)

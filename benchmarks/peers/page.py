@@ -89,7 +89,7 @@ def better(scores, worst):
     joined = scores.filter(~col("method").str.starts_with("osl_") | (col("method") == OURS))
     joined = joined.join(nearest, on=["method", "group"], how="left")
     rows, said = {(row["group"], row["method"]): row for row in joined.iter_rows(named=True)}, {}
-    for (case, method), row in sorted(rows.items()):
+    for (case, method), row in sorted(rows.items(), key=lambda item: (item[0][0] == "all", item[0])):
         ours = rows[case, OURS]
         missed, of_us = row["silent"] + row["announced"], ours["silent"] + ours["announced"]
         if case == "all":
@@ -97,7 +97,9 @@ def better(scores, worst):
         elif row["silent"] < ours["silent"]:
             about = f"silently wrong on {row['silent']} of {row['trials']} recordings, we on {ours['silent']}"
         elif missed < of_us and row["answered"] >= ours["answered"]:
-            about = f"K, B or I off in {missed} of {row['trials']} recordings, ours in {of_us}, all of them doubted"
+            about = (
+                f"K, B or I off in {missed} of {row['trials']} recordings, ours in {of_us} ({ours['silent']} silent)"
+            )
         elif row["false_alarms"] < ours["false_alarms"]:
             about = f"{row['false_alarms']} false alarms, we {ours['false_alarms']}"
         elif row["worst"] is not None and row["worst"] < 0.5 * ours["worst"] and ours["worst"] > 0.5:
@@ -135,7 +137,7 @@ def figure(scores, worst):
     marks = {"no doubt": {"marker": "x", "color": "C3"}, "doubted": {"marker": "o", "mfc": "none", "color": "C0"}}
     shown = [Line2D([], [], linestyle="none", label=label, **style) for label, style in marks.items()]
     drawn.legend(handles=shown, loc="outside upper right", ncols=2, frameon=False)
-    drawn.supxlabel("worst error of K, B and I, as a multiple of 1, 2 and 10 %; a cross in grey is silently wrong")
+    drawn.supxlabel("worst error of K, B and I, as a multiple of 1, 2 and 10 %; grey: off")
     return drawn
 
 

@@ -434,6 +434,22 @@ def test_rival_models_have_the_geometric_mean_groups_a_page_each_and_trials_of_a
     assert response.points(single, pooled)["trials"].unique(maintain_order=True).to_list() == ["M1, M2", "C1"]
 
 
+def test_the_chain_shows_by_how_much_each_link_is_off_and_nothing_where_one_is_missing():
+    chain, gains = drawing_of("chain"), {"K_1": (9.2, 9.1, 9.3, 10.0), "k_tau_n_m": (1.1, 1.0, 1.2, 1.0)}
+    ends = ("", "_low", "_high", "_programmed")
+    law = {f"{name}{end}": [value] for name, values in gains.items() for end, value in zip(ends, values, strict=True)}
+    law |= {"trial": ["a"], "joint": ["ankle"], "controller": ["compensated"], "K_d": [300.0], "doubtful": [""]}
+    amplitude = pl.Series([2.0, None])
+    fits = pl.DataFrame({"trial": "a", "amplitude_deg": amplitude, "K": [1.0, 303.0], "K_predicted": 300.0})
+    belt = pl.DataFrame({"trial": ["a", "a"], "amplitude_deg": amplitude, "K_s_ratio": [None, 0.5]})
+    table = chain.points(pl.DataFrame(law), fits, belt)
+    row = table.row(0, named=True)
+    assert [row[link] for link in ("command", "motor", "belt", "rendered")] == pytest.approx([-8, 10, -50, 1])
+    assert (row["command_low"], row["motor_high"], len(table)) == (pytest.approx(-9), pytest.approx(20), 1)
+    assert chain.points(pl.DataFrame(law), fits, belt.clear())["belt"].to_list() == [None]
+    assert len(chain.draw(table).axes) == 4
+
+
 @pytest.mark.parametrize("name", FIGURES)
 def test_every_figure_fits_the_page_and_reads_at_8_points(name, tmp_path, monkeypatch):
     found, drawn = drawing_of(name), []

@@ -247,7 +247,7 @@ NOT_CHANGED = {
 """Such as change the jobs of the study, name markers, a trial, or what a test of its own changes."""
 UNJUDGED = {"draw_figure", "write_captions", "write_report", "list_fits", "list_excluded", "judge"}
 OF_FIGURES = {"fig3": {"belt"}, "fig4": set(), "fig8": set(), "torque_angle": {"torque_angle"}}
-OF_FIGURES |= {name: {"impedance"} for name in ("fig5", "fig6", "fig7", "response", "model_comparison")}
+OF_FIGURES |= {name: {"impedance"} for name in ("fig5", "fig6", "fig7", "response", "model_comparison", "chain")}
 OF_FIGURES |= {name: {"walking"} for name in ("fig9", "impedance_over_stance", "walking_page")}
 """Jobs that name what is left out, and the experiments of the trials that a figure may lack."""
 OTHER_WORD = {"auto": "any", "end": "start", "right": "left", "matched": "own", "mean": "predicted", "platform": "belt"}

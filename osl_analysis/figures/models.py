@@ -59,6 +59,58 @@ PREDICTION = style.Drawing(
 )  # fmt: skip
 
 
+LINKS = {
+    "command": "Command: $K_1$ by the current", "motor": r"Motor: $k_\tau n_m$", "belt": "Belt: $K_s$",
+    "rendered": r"Joint: $\hat{K}$",
+}  # fmt: skip
+
+
+def chain_points(law: pl.DataFrame, impedance: pl.DataFrame, evidence: pl.DataFrame) -> pl.DataFrame:
+    """By how much [percent] each link of a trial is off what is expected of it."""
+    table = names.completed(law, (*columns_of("chain"), "K_1", "k_tau_n_m"))
+    for link, symbol in (("command", "K_1"), ("motor", "k_tau_n_m")):
+        for end in ("", "_low", "_high"):
+            off = 100 * (pl.col(f"{symbol}{end}") / pl.col(f"{symbol}_programmed") - 1)
+            table = table.with_columns(off.alias(f"{link}{end}"))
+    whole = pl.col("amplitude_deg").is_null()
+    joint = names.completed(impedance.filter(whole), ("K", "K_predicted"))
+    joint = joint.select("trial", rendered=100 * (pl.col("K") / pl.col("K_predicted") - 1))
+    belt = names.completed(evidence.filter(whole), ("K_s_ratio",)).select("trial", belt=100 * (pl.col("K_s_ratio") - 1))
+    for of_link in (belt, joint):
+        table = table.drop(of_link.columns[1]).join(of_link, on="trial", how="left", maintain_order="left")
+    return table.with_columns(names.look_numbers(table["controller"])).select(columns_of("chain"))
+
+
+@style.paper_style()
+def draw_chain(table: pl.DataFrame) -> Figure:
+    """A panel per link, from the command to the joint's torque: percent off, over K_d, with intervals."""
+    parts, looks = names.placed_rows(table), names.looks_in(table)
+    titles = [name for name, _ in parts for _ in LINKS]
+    figure, axes = style.panels(
+        style.DOUBLE_COLUMN, 0.4 + 1.9 * len(parts), len(parts), len(LINKS), shares=[1] * len(LINKS), names=titles
+    )
+    for number, (_, part) in enumerate(parts):
+        for ax, (link, words) in zip(axes[len(LINKS) * number :], LINKS.items(), strict=False):
+            ax.axhline(0, color=style.BLACK, linewidth=0.6)
+            for controller, look in looks.items():
+                own = names.of_controller(part, controller)
+                if f"{link}_low" in own.columns:
+                    ends = own[f"{link}_low"], own[f"{link}_high"]
+                    ax.vlines(own["K_d"], *ends, color=look.colour, alpha=0.3, linewidth=style.THICK)
+                style.draw_fits(ax, own, own["K_d"], own[link], look, 0.8)
+            ax.set_xlabel(f"$K_d$ (N·m/rad)\n{words}")
+        axes[len(LINKS) * number].set_ylabel("Off what is expected (%)")
+    entries = {o.label: style.key(o.label, marker=o.marker, color=o.colour, markersize=o.size) for o in looks.values()}
+    style.legend_above(figure, entries | style.open_entry(table), 5)
+    return figure
+
+
+CHAIN = style.Drawing(
+    columns_of("chain"), draw_chain, chain_points,
+    needs=("trial", "controller", "K_1"), nothing="no impedance trial logs current and angle of the motor",
+)  # fmt: skip
+
+
 RIVALS = {
     "belt": ("Belt", {"M1": "linear", "M2": "quadratic", "M3": "linear,\nhysteresis", "M4": "quadratic,\nhysteresis"}),
     "transmission": ("Transmission", {"M1": "$B_j$, $J_j$", "M2": "$B_j$, $J_j$,\nCoulomb"}),

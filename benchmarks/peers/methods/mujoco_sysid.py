@@ -1,7 +1,6 @@
-"""`mujoco.sysid`: torque as control, angle as sensor with delay and bias as parameters; K, B, I of a hinge.
+"""`mujoco.sysid`: torque as control, angle as sensor with delay and bias, K, B and I of a hinge; a gain cannot be told.
 
-https://mujoco.readthedocs.io/en/latest/sysid.html ("Measurement parameters", `calculate_intervals`). A gain of the
-angle is left out: with K, B and I free it cannot be told ("Identifiability" there).
+https://mujoco.readthedocs.io/en/latest/sysid.html ("Measurement parameters", "Identifiability", `calculate_intervals`).
 """
 
 import mujoco
@@ -9,9 +8,8 @@ import numpy as np
 from mujoco import sysid
 
 HINGE = """<mujoco><option timestep="{step}" integrator="RK4"><flag gravity="disable" contact="disable"/></option>
-<worldbody><body><geom size="0.001" mass="1e-6"/><joint name="joint" axis="0 1 0"/></body></worldbody>
-<actuator><motor name="torque" joint="joint"/></actuator>
-<sensor><jointpos name="angle" joint="joint"/></sensor></mujoco>"""
+<worldbody><body><geom size="0.001" mass="1e-6"/><joint name="joint" axis="0 1 0"/></body></worldbody><sensor>
+<jointpos name="angle" joint="joint"/></sensor><actuator><motor name="torque" joint="joint"/></actuator></mujoco>"""
 OF_JOINT = {"stiffness": (100.0, 1.0, 2000.0), "damping": (2.0, 0.01, 12.0), "armature": (0.02, 5e-3, 0.2)}
 OF_SENSOR = {"delay": (0.0, -0.02, 0.02), "bias": (0.0, -0.1, 0.1)}  # s, rad
 

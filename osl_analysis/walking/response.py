@@ -531,12 +531,14 @@ def scatter_of_one(crossings: Sequence[Crossing], planned: PlannedTurn, settings
         raise InputError(
             f"{count} unperturbed crossings can be used, expected 4 or more to know how they scatter; record more"
         )
-    estimates = []
+    motions, left = list[Array](), list[Array]()
     for k, crossing in enumerate(crossings):
         others = unperturbed_gait([*crossings[:k], *crossings[k + 1 :]], 3)
         response = isolate_response(planned.added_to(crossing, settings), others, settings, settings.perturbed_stance)
-        fit = fit_without_offset(response.fitted_motion, response.fitted_torque)
-        estimates.append([fit[name] for name in "KBI"])
+        motions.append(motion_columns(response.fitted_motion))
+        left.append(response.fitted_torque - motions[-1] @ planned.joint)
+    # to first order, as errors of a mean: the fit to a single one also has the square of its gait's deviation
+    estimates = np.linalg.lstsq(np.mean(motions, axis=0), np.transpose(left))[0].T
     return np.asarray(np.std(estimates, axis=0, ddof=1) / np.sqrt(1 + 1 / (count - 1)))
 
 

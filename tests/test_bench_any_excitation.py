@@ -108,6 +108,8 @@ def test_any_motion_gives_the_impedance_that_made_the_torque_wherever_the_zero_o
         assert (row["realisations"], row["interval_method"]) == (1, "units")
         assert row["periods"] >= 4
         assert row["period_s"] == pytest.approx(6.0, rel=1e-5)
+        sixths = [6 * row[f"band_{end}_hz"] for end in ("low", "high")]
+        assert sixths == pytest.approx(np.round(sixths), abs=1e-4), "lines of the period"
         assert row["K_repeat_se"] < row["K_se"] * (1 + 1e-9)  # equal, but for rounding, where nothing is missed
     assert row["load_cell_drift"] == pytest.approx(0.06, abs=0.02)  # N*m/min, as 1e-3 N*m/s
     assert row["VAF_held_out"] > 99.9

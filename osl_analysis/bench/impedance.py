@@ -167,6 +167,7 @@ def impedance_table(analysis: Analysis, s: Sums, p: DrivetrainParameters | None 
                 **analysis.shared(label, *QUANTITIES),
                 "I_bound": fit.interval("I")[1] if not is_leg else None,
                 "theta_rms_deg": turn_deg(s, label),
+                "fitted_s": len(record.rows(label)) / record.rate_hz,
                 "angle_noise_share": abs(angle_noise_bias(record, s, fit, label)) / share_of_inertia(fit),
                 **without_lag(analysis, lag, label),
                 **facts,
@@ -188,7 +189,6 @@ def motion_row(record: Record) -> Row:
         "band_low_hz": low,
         "band_high_hz": high,
         "cutoff_hz": float(record.low_pass.cutoff_hz),
-        "fitted_s": record.seconds,
         **dict.fromkeys(("torque_at_peaks", "alias_share", "period_s", "periods", "realisations")),
     }
     if periodic is not None:

@@ -39,7 +39,7 @@ from osl_analysis.signals.grid import (
     uniform_signals,
 )
 from osl_analysis.spectral import stepped_sine
-from osl_analysis.spectral.periods import PeriodicMotion, periodic_motion
+from osl_analysis.spectral.periods import PeriodicMotion, lines_of, periodic_motion
 from osl_analysis.spectral.stepped_sine import Likeness, whole_rows
 from osl_analysis.stats.covariance import FEWEST_CYCLES, products_between
 from osl_analysis.trial import Array, Trial, stretches
@@ -508,6 +508,9 @@ def motion_parts(signals: UniformSignals, settings: ImpedanceAnalysis, windows: 
     highest_line = 1.5 * low_pass.cutoff_hz
     periodic = periodic_motion(theta, signals["torque"], rate, highest_line, signals.usable & inside)
     found = None if periodic is None else periods_of(periodic, rate, rows)
+    if periodic is not None:
+        lines = np.flatnonzero(lines_of(periodic.realisations).excited)
+        band = float(lines[0] / periodic.period), float(lines[-1] / periodic.period)
     return found or stretches_of(pieces, rate), band, periodic, signals
 
 

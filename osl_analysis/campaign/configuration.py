@@ -195,7 +195,7 @@ FACTS = (
 
 OF_BENCH = ("belt", "transmission", "impedance", "human_joint", "calibration")
 FOUND = {"dynamometer.amplitudes_deg": "amplitude_deg", "dynamometer.frequencies_hz": "frequency_hz"}
-"""Settings of a protocol that was not stated, and the columns of `phasors.csv` that have the recordings' own."""
+"""Settings of a stepped sine that was not stated, and the columns of `phasors.csv` that have the recordings' own."""
 JUDGING = {
     "parameters": ("belt", "transmission", "actuator", "impedance"), "gain_weight": ("impedance",),
     "model_comparison.sign_width": ("impedance",), **dict.fromkeys(FOUND, ("transmission", "impedance")),
@@ -210,7 +210,6 @@ JUDGING = {
 }  # fmt: skip
 """Every setting that is a fact on a bench, a device, a laboratory or a text, and the experiments that it judges, labels
 or is computed with. All others are choices of the analysis."""
-RECORDED = (*FOUND, "dynamometer.cycles", "dynamometer.windows")
 ASSUMED = {"torque_angle.zero": "end"}  # what is computed with where null is no value
 WITH_DEVICE = ("gain_weight", "model_comparison.sign_width")  # nothing rests on them without a parameter file
 
@@ -230,7 +229,7 @@ def states_of(config: Config, own: Mapping[str, Any], experiments: Collection[st
         none = not any(value.values()) if isinstance(value, dict) else value is None
         state = "stated" if config.simulation is not None or said is not None else "assumed"
         if state == "assumed" and (none or (name in WITH_DEVICE and config.parameters is None)):
-            state = "measured" if name in RECORDED else "assumed" if name in ASSUMED else "none"
+            state = "measured" if name in FOUND else "assumed" if name in ASSUMED else "none"
         value = ASSUMED.get(name, value) if none else value
         shown = None if value is None or state == "none" or (none and name not in ASSUMED) else json.dumps(value)
         rows.append({"setting": name, "value": shown and shown.strip('"'), "state": state})

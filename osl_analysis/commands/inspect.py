@@ -93,12 +93,10 @@ def note_protocol(folder: Path) -> None:
             with suppress(OslAnalysisError):  # the first look has said why
                 trial = checked_trial(campaign.recording(name), config.raw_data, config.sources)
                 if found := recorded_protocol(trial, config.dynamometer.gap_limits):
+                    lines = [f"# dynamometer:  # as {name} was recorded"]
+                    lines += [f"#   {field_name}: {value}" for field_name, value in found.items()]
                     text = CAMPAIGN.read_text(encoding="utf-8")
-                    for field_name, value in found.items():
-                        text = re.sub(rf"(?m)^#   {field_name}: .*$", f"#   {field_name}: {value}", text)
-                    write_text(
-                        CAMPAIGN, text.replace("# dynamometer:\n", f"# dynamometer:  # as {name} was recorded\n")
-                    )
+                    write_text(CAMPAIGN, text.replace("# dynamometer:\n", "\n".join([*lines, ""])))
                     return
 
 

@@ -65,13 +65,15 @@ def gather(
 
 
 def write_settings(states: Sequence[Mapping[str, Any]], output: Path, phasors: Path | None = None) -> None:
-    """Write the settings that judge or label with their states. What was measured is that of `phasors.csv`."""
+    """Write the settings that judge or label with their states. What was measured is that of `phasors.csv`, or none."""
     table = pl.DataFrame(states, schema=dict.fromkeys(("setting", "value", "state"), pl.String))
     found = read_table(phasors) if phasors else pl.DataFrame(schema=dict.fromkeys(FOUND.values(), pl.Float64))
     own = {name: alike_sizes(found[column]).unique().drop_nulls().sort() for name, column in FOUND.items()}
     said = {name: f"[{', '.join(f'{value:g}' for value in values)}]" for name, values in own.items() if len(values)}
     measured = pl.col("setting").replace_strict(said, default=None, return_dtype=pl.String)
-    write_table(table.with_columns(pl.when(state="measured").then(measured).otherwise("value").alias("value")), output)
+    table = table.with_columns(pl.when(state="measured").then(measured).otherwise("value").alias("value"))
+    none = pl.when(pl.col("value").is_null()).then(pl.lit("none")).otherwise("state")
+    write_table(table.with_columns(state=none), output)
 
 
 def list_fits(fits: Sequence[Path], output: Path, refused: Sequence[Refusal] = ()) -> None:

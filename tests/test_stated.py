@@ -129,6 +129,16 @@ def test_without_a_stated_protocol_the_recording_is_its_own_label_and_no_check_e
     assert examine(trial, "impedance", replace(stated, cycles=9))["protocol"].value == 8
 
 
+def test_cycles_of_a_soft_start_were_commanded_too():
+    """8 cycles between two of a rise and two of a fall."""
+    time, rest = np.arange(0, 12, 0.002), np.zeros(500)
+    envelope = np.interp(time, [0, 2, 10, 12], [0, 1, 1, 0])
+    theta = np.concatenate([rest, np.deg2rad(4) * envelope * np.sin(2 * np.pi * time), rest])
+    samples = {"time": np.arange(len(theta)) / 500, "theta": theta, "torque": 100 * theta}
+    found = [examine(Trial("t", pl.DataFrame(samples)), "impedance", Commanded((4,), (1,), n)) for n in (8, 12, 15, 5)]
+    assert [one["protocol"].value for one in found] == [0, 0, 1, 1]
+
+
 def test_campaigns_are_paired_by_the_amplitudes_that_were_measured():
     stated, other = tables(amplitude=5.0), tables(amplitude=4.9, seed=2)
     other["impedance"] = other["impedance"].with_columns(commanded_deg=pl.lit(None, pl.Float64))

@@ -121,10 +121,7 @@ def log_lines(overview: Overview) -> Iterator[str]:
     none. An entry has its column's name where only this channel is like it and its name, or how it moves, leaves no
     doubt. One that may be another quantity, as a command or another joint's angle, is left to the user; where angle and
     torque are known, as a comment."""
-    time: Any = overview.settings.get("time", {})
-    of_time = next((time[key] for key in ("column", "variable", "field", "channel") if key in time), "")
-    listed = overview.channels if overview.drafted is None else overview.drafted
-    clock = next((c for c in listed if of_time and of_time in c.address.values()), None)
+    channels, clock, of_time = channels_of_log(overview)
     yield from (f"# {text}" for text in overview.open)
     if of_time == NAME_OF_TIME:
         yield "# time: name its column and unit, or state the rate of the rows instead, as {rate: HZ}"
@@ -134,10 +131,26 @@ def log_lines(overview: Overview) -> Iterator[str]:
     yield f"# {todo}, delete the rest"
     yield f"# canonical names: {', '.join(column for column in COLUMNS if column != 'time')}"
     yield "channels:"
-    channels = [
-        c for c in listed if c is not clock and ("topic" not in c.address or ("field" in c.address and c.count))
-    ]
     yield from entry_lines(channels, guessed_columns(channels, clock))
+
+
+def channels_of_log(overview: Overview) -> tuple[list[RecordedChannel], RecordedChannel | None, str]:
+    """The channels of a log that may be signals, its clock, and the name by which the draft knows it."""
+    time: Any = overview.settings.get("time", {})
+    of_time = next((time[key] for key in ("column", "variable", "field", "channel") if key in time), "")
+    listed = overview.channels if overview.drafted is None else overview.drafted
+    clock = next((c for c in listed if of_time and of_time in c.address.values()), None)
+    signals = [c for c in listed if c is not clock and ("topic" not in c.address or ("field" in c.address and c.count))]
+    return signals, clock, of_time
+
+
+def drafted_angle(overview: Overview) -> tuple[Array, float]:
+    """The angle (n,) of a log's joint, as its draft takes it, and its rate [Hz]; empty where that is not known."""
+    channels, clock, _ = channels_of_log(overview)
+    angles = [k for k, one in enumerate(guessed_columns(channels, clock)) if one.sure and one.column == "theta"]
+    timed = [k for k in angles if clock is not None or channels[k].times is not None]
+    found, rate = on_a_grid({timed[0]: channels[timed[0]]}, clock) if timed else ({}, 0.0)
+    return next(iter(found.values()), np.empty(0)), rate
 
 
 @dataclass(frozen=True)

@@ -10,14 +10,18 @@ from bench_synthetic import sine_settings
 from conftest import ROOT
 from test_compare import tables
 
+from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.bench.record import record_of_trial
 from osl_analysis.campaign import configuration
 from osl_analysis.campaign.campaign import Campaign
 from osl_analysis.campaign.configuration import FACTS, JUDGING, overriding, read_config, states_of
+from osl_analysis.commands.bench import fit_settings, fit_trial
 from osl_analysis.commands.run import unnamed_recordings
-from osl_analysis.config.experiments import EXPERIMENTS
+from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
 from osl_analysis.files import default_config
-from osl_analysis.ingest.examine import Commanded, examine
+from osl_analysis.ingest.examine import Commanded, examine, measured_table
+from osl_analysis.judge.finding import Grade
+from osl_analysis.judge.limits import judged_table
 from osl_analysis.judge.two_campaigns import compared
 from osl_analysis.report.page import assumed_said
 from osl_analysis.trial import Trial
@@ -32,17 +36,58 @@ OTHERS = {
 }  # fmt: skip
 
 
+@pytest.fixture
+def with_default(tmp_path, monkeypatch):
+    """A campaign that states nothing, beside a default configuration with another value of one setting."""
+
+    def made(name, value):
+        (tmp_path / "own.yaml").write_text("{campaign: own, simulation: null}")
+        own = reduce(lambda inner, key: {key: inner}, reversed(name.split(".")), value)
+        default = overriding(read_mapping(default_config()), own)
+        monkeypatch.setattr(configuration, "read_mapping", lambda path, **_: default if path == default_config() else
+                            read_mapping(path))  # fmt: skip
+        return tmp_path / "own.yaml", own
+
+    return made
+
+
 @pytest.mark.parametrize("name", FACTS)
-def test_what_the_default_campaign_states_is_no_fact_on_recordings_of_others(name, tmp_path, monkeypatch):
-    (tmp_path / "own.yaml").write_text("{campaign: own, simulation: null}")
-    own = reduce(lambda inner, key: {key: inner}, reversed(name.split(".")), OTHERS[name])
-    alike, stated = read_config(tmp_path / "own.yaml"), tmp_path / "stated.yaml"
+def test_what_the_default_campaign_states_is_no_fact_on_recordings_of_others(name, tmp_path, with_default):
+    (tmp_path / "plain.yaml").write_text("{campaign: own, simulation: null}")
+    alike, stated = read_config(tmp_path / "plain.yaml"), tmp_path / "stated.yaml"
+    unstated, own = with_default(name, OTHERS[name])
     stated.write_text(str({"simulation": None, **own}).replace("None", "null"))
     assert read_config(stated) != alike
-    default = overriding(read_mapping(default_config()), own)
-    monkeypatch.setattr(configuration, "read_mapping", lambda path, **_: default if path == default_config() else
-                        read_mapping(path))  # fmt: skip
-    assert read_config(tmp_path / "own.yaml") == alike
+    assert read_config(unstated) == alike
+
+
+ASSUMED = {
+    "gain_weight": {"cutoff_hz": 30, "order": 1}, "model_comparison.sign_width": 0.5,
+    "dynamometer.load_cell_drift": 40, "figures.stance_share": 0.4,
+    "walking.perturbed_by": "boot", "walking.side": "left", "walking.plate": 2,
+    "walking.markers": {}, "walking.window_s": 0.05,
+}  # fmt: skip
+"""Other values of settings of the default, with which what nobody stated is computed."""
+
+
+@pytest.mark.parametrize("name", JUDGING)
+def test_a_setting_that_nobody_stated_makes_no_finding_on_a_sound_recording(name, with_default):
+    """Whatever the default says of it: of a slow spring and of sines of a joint with a command."""
+    there = reduce(lambda at, key: at[key], name.split("."), read_mapping(default_config()))
+    own, _ = with_default(name, (OTHERS | ASSUMED).get(name, there))
+    config, slow = read_config(own), np.deg2rad(5) * (1 - np.cos(np.pi * np.clip(np.arange(-300, 8300) / 1000, 0, 8)))
+    noise = 0.02 * np.random.default_rng(2).standard_normal(slow.size)
+    samples = {"time": np.arange(slow.size) / 250, "theta": slow, "torque": 300 * slow + noise}
+    recorded = {"impedance": sines(1.3, 4.97), "torque_angle": Trial("s", pl.DataFrame(samples))}
+    for experiment, trial in recorded.items():
+        condition = {"torque_angle": None, "impedance": DesiredImpedance("compensated", 300.0, 0.0)}[experiment]
+        fit = fit_trial(experiment, trial, config.parameters, *fit_settings(experiment, own), condition)
+        assert [one.cause for row in fit.findings for one in row if one.grade is Grade.DOUBTS] == []
+        commanded = Commanded(**{key: getattr(config.dynamometer, key) for key in PROTOCOL})
+        judged = judged_table(measured_table("t", examine(trial, experiment, commanded)), config.quality, {})
+        assert {*judged["verdict"]} == {"pass", "not applicable"}
+    states = {row["setting"]: row["state"] for row in states_of(config, {}, EXPERIMENTS)}
+    assert states[name] in ("assumed", "measured", "none")
 
 
 @pytest.mark.parametrize(("weight", "judges"), [("", False), (", gain_weight: {cutoff_hz: 1, order: 3}", True)])

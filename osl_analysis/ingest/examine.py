@@ -210,7 +210,7 @@ def measure_protocol(examined: Examined) -> CheckResult:
 
 def cycles_with_ramps(run: Run, alike: Likeness) -> float:
     """The cycles of a run with those of a soft start or end beside it, of its period and another amplitude, of which
-    the outermost are too small to be seen: two more where there are any."""
+    the outermost ones are too small to be seen: two more where there are any."""
     others = [one for one in alike.runs if one is not run]
     start = max((one.stop for one in others if one.stop <= run.start), default=-np.inf)
     stop = min((one.start for one in others if one.start >= run.stop), default=np.inf)
@@ -219,7 +219,7 @@ def cycles_with_ramps(run: Run, alike: Likeness) -> float:
     beside = apart & (
         (rises[:-1] < run.start - 0.35 / run.frequency_hz) | (rises[1:] > run.stop + 0.35 / run.frequency_hz)
     )
-    return run.cycles + np.count_nonzero(beside) + 2 * bool(beside.any())
+    return run.cycles + np.count_nonzero(beside) + 2 * int(beside.any())
 
 
 def other_sizes(found: Sequence[Run], commanded: SteppedSineProtocol) -> list[str]:

@@ -437,13 +437,13 @@ def measure_dropout(examined: Examined) -> CheckResult:
     counts = dict[str, float]()
     for name in ("theta", "theta_m", "omega_m", "torque", "torque_m", "current"):
         x = recorded(examined.trial, name)[1]
-        steps = np.abs(np.diff(x))
-        if np.count_nonzero(steps) <= 0.5 * steps.size:
-            continue
-        origin, usual = examined.trial.provenance.get("columns", {}).get(name, {}), 5 * float(np.median(steps))
+        steps, origin = np.abs(np.diff(x)), examined.trial.provenance.get("columns", {}).get(name, {})
         zero = origin.get("sign", 1) * origin.get("scale", 1) * origin.get("factor", 1) * origin.get("offset", 0)
         nought = np.abs(x - zero) < NEXT_TO_ZERO
-        blocks = run_edges(nought[:-1] & nought[1:]).tolist()
+        stands = nought[:-1] & nought[1:]
+        if np.count_nonzero(steps) <= 0.5 * np.sum(~stands):
+            continue
+        blocks, usual = run_edges(stands).tolist(), 5 * float(np.median(steps[~stands]))
         if "torque" not in name:  # at the ends an encoder rests, and a drive is off
             blocks = [(a, b) for a, b in blocks if a and b < steps.size]
         inner = [(a, b) for a, b in blocks if min([*steps[:a][-1:], *steps[b : b + 1]], default=0.0) > usual]

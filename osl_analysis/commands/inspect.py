@@ -239,7 +239,7 @@ def write_campaign(folder: Path, name: str, raw_data: Path, sources: Mapping[str
         shutil.copy(shipped("config/new_campaign/simulation.yaml"), folder / "simulation.yaml")
         return
     named = ("trial", "experiment", "controller", "K_d", "B_d", "perturbed")
-    columns = [*named, "log", "log_source", "mocap", "mocap_source", "exclude"]
+    columns = [*named, "log", "log_source", "mocap", "mocap_source", "exclude", "joint"]
     with (folder / "trials.csv").open("w", encoding="utf-8", newline="") as file:
         writer = csv.DictWriter(file, columns, restval="", lineterminator="\n")
         writer.writeheader()

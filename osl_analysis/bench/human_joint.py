@@ -139,7 +139,7 @@ def reflex_gains(whole: gram.GroupFit, gains: Array) -> Row:
     row: Row = {}
     for k, way in enumerate(("up", "down")):
         weights = {f"reflex_{k * len(gains) + n}": gain for n, gain in enumerate(gains)}
-        row |= with_ends(f"reflex_gain_{way}", *combined(whole, weights))
+        row |= with_ends(f"reflex_gain_{way}", *weighted_sum(whole, weights))
     return row
 
 
@@ -148,7 +148,7 @@ def with_ends(name: str, best: float, se: float, half: float) -> Row:
     return {name: best, f"{name}_se": se, f"{name}_low": best - half, f"{name}_high": best + half}
 
 
-def combined(whole: gram.GroupFit, weights: Mapping[str, float]) -> tuple[float, float, float]:
+def weighted_sum(whole: gram.GroupFit, weights: Mapping[str, float]) -> tuple[float, float, float]:
     """A sum of estimates with weights by name: its value, standard error, and half of its interval of 95 %."""
     turn = np.array([weights.get(name, 0.0) for name in whole.names])
     se, free = float(np.sqrt(turn @ whole.covariance @ turn)), min(map(whole.freedom, weights))
@@ -243,6 +243,6 @@ def over_table(fit: PersonFit) -> pl.DataFrame:
         row: Row = {"trial": record.name, "over": over, "share": float(share), "at": float(value)}
         for name in "KB":
             parts = {f"{name}_over_{k}": float(part) for k, part in enumerate(weight[1:], 1)}
-            row |= with_ends(name, *combined(whole, {name: 1.0, **parts}))
+            row |= with_ends(name, *weighted_sum(whole, {name: 1.0, **parts}))
         rows.append(row)
     return pl.DataFrame(rows, schema=OVER)

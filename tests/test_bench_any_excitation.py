@@ -66,8 +66,7 @@ def row_of(trial, windows=None, **settings):
 
 def person(trial, human=None, **settings):
     """The fit of a person's joint, and its judged row."""
-    unstated = {"human": human, "human_cutoff_hz": None}
-    fit = fit_person(trial, SETTINGS.model_copy(update=unstated | settings))
+    fit = fit_person(trial, SETTINGS.model_copy(update={"human": human, "own_cutoff": not settings, **settings}))
     table = human_joint_table(fit).with_columns(saturated(trial))
     return fit, marked(table, LIMITS_OF_PERSON, "human_joint").row(0, named=True)
 
@@ -342,7 +341,7 @@ def test_a_limit_on_a_reflex_that_sound_random_motion_passes_gives_a_finding_wit
 def test_a_person_s_cut_off_is_that_of_the_recording_unless_one_is_stated_and_a_sooner_reflex_is_told():
     """White noise up to 30 Hz has 95 % of its speed's power below 29.5 Hz; below 8 Hz it needs no more than 15."""
     fast = reflexive(np.random.default_rng(1), 6.0, band=(0.3, 30.0))
-    rows = [person(fast)[1], person(fast, human_cutoff_hz=20.0)[1], person(reflexive(np.random.default_rng(1), 6.0))[1]]
+    rows = [person(fast)[1], person(fast, cutoff_hz=20.0)[1], person(reflexive(np.random.default_rng(1), 6.0))[1]]
     assert [row["cutoff_hz"] for row in rows] == [pytest.approx(29, abs=1.5), 20.0, 15.0]
     trial, sooner = (
         reflexive(np.random.default_rng(2), 9.0, delay=0.025),

@@ -70,8 +70,8 @@ def own_cutoff_hz(trial: Trial, settings: HumanJointAnalysis) -> float:
 def fit_person(trial: Trial, settings: HumanJointAnalysis, windows: str | None = None) -> PersonFit:
     """The fit of a person's joint, moved at random. Raises as `record_of_trial` and `fitted_motion`; InputError: the
     motion is a stepped sine."""
-    cutoff = settings.human_cutoff_hz or own_cutoff_hz(trial, settings)
-    settings = settings.model_copy(update={"cutoff_hz": cutoff})
+    if settings.own_cutoff:
+        settings = settings.model_copy(update={"cutoff_hz": own_cutoff_hz(trial, settings)})
     raw, human = record_of_trial(trial, settings, windows, excitation="any"), settings.human or HumanJoint()
     assert raw.uniform is not None
     if Likeness(raw.time, raw.uniform["theta"], settings.protocol).kind == "stepped sine":

@@ -241,8 +241,8 @@ class HumanJointAnalysis(ImpedanceAnalysis):
         HumanJoint | None, BeforeValidator(human_or_none, json_schema_input_type=HumanJoint | bool | None)
     ] = None
     """How a person's joint is fitted; impedance trials are then those of a person. Null: of a device."""
-    human_cutoff_hz: Positive | None = None
-    """Cut-off [Hz] for a person's joint; null: `cutoff_hz` where a configuration states it, else each motion's own."""
+    own_cutoff: bool = False
+    """Whether the motion of a person's joint may raise `cutoff_hz`; so where a configuration states none."""
     _will_is_slow = refused(
         lambda s: s.human is not None and 4 * s.human.slow_hz > s.cutoff_hz,
         "human.slow_hz = {s.human.slow_hz:g} is above a quarter of cutoff_hz = {s.cutoff_hz:g}; lower it or raise that",

@@ -240,8 +240,8 @@ def over_default(own: Mapping[str, Any]) -> Any:
     """The default configuration with the fields of another in place of its own. Real recordings are not of the bench
     that the default campaign simulates: of its `FACTS` they have those alone that are stated, others are null."""
     default = read_mapping(default_config())
-    stated = {} if own == default else own  # the default states it of nobody's joint, however it is read
-    default = overriding(default, {"dynamometer": {"human_cutoff_hz": named_in(stated, "dynamometer.cutoff_hz")}})
+    is_unstated = own == default or named_in(own, "dynamometer.cutoff_hz") is None  # of nobody's joint by the default
+    default = overriding(default, {"dynamometer": {"own_cutoff": is_unstated}})
     if default["simulation"] is None or own.get("simulation", default["simulation"]) is not None:
         return overriding(default, own)
     for name in FACTS:

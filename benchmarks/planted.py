@@ -397,6 +397,7 @@ SOUND = [
     Cause("sound, 50 µs of true jitter", NOTHING, 0.0, (), recorder={"jitter": 50e-6}),
     Cause("sound, 300 µs of true jitter", NOTHING, 0.0, (), recorder={"jitter": 300e-6}),
     Cause("sound, slow noise of the torque", NOTHING, 0.0, (), recorder=SLOW),
+    Cause("sound, begins and ends in motion", NOTHING, 0.0, (), recorder={"bits": 18, "kept_s": 20.0}),
     Cause("sound, load cell drifts by 3 N·m", beside(lambda m, x: 3 * np.exp(-m.time / 20)), 0.0, ()),
     Cause(
         "sound, a person leans on the bench",
@@ -416,7 +417,10 @@ SOUND = [
 def recording(cause: Cause, size: float, motion: str, seed: int) -> dict[str, Any]:
     """Columns of a recording: `time` [s], `theta` [rad] and `torque` [N*m], each with a null where it has no sample."""
     m, rng = moved(motion, seed), np.random.default_rng([seed, 11])
-    taken, of = cause.plant(m, cause.joint, size), {"bits": 14.0, "white": 0.05, "slow_noise": 0.0, "jitter": 0.0}
+    taken, of = (
+        cause.plant(m, cause.joint, size),
+        {"bits": 14.0, "white": 0.05, "slow_noise": 0.0, "jitter": 0.0, "kept_s": 0.0},
+    )
     of |= cause.recorder
     time, theta, torque = m.time, taken.theta, np.clip(taken.torque, -taken.clip, taken.clip)
     if of["jitter"]:
@@ -429,6 +433,9 @@ def recording(cause: Cause, size: float, motion: str, seed: int) -> dict[str, An
     step = 2 * np.pi / 2 ** of["bits"]
     zero = rng.uniform(0, step)
     theta = np.round((theta + zero) / step) * step - zero
+    if of["kept_s"]:
+        kept = np.abs(time - time.mean()) < of["kept_s"] / 2
+        time, theta, torque = time[kept], theta[kept], torque[kept]
     if taken.torque_time is None:
         return {"time": time, "theta": theta, "torque": torque}
     stamps = np.concatenate([time, taken.torque_time])

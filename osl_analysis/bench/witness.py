@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from osl_analysis.bench.effects import clocks_row, spring_that_slips
 from osl_analysis.bench.gram import solved
 from osl_analysis.bench.record import Record
+from osl_analysis.signals import seven_point_motion
 from osl_analysis.stats.regression import Row
 from osl_analysis.trial import Array
 
@@ -74,8 +75,16 @@ class View:
         self.padded = int(scipy.fft.next_fast_len(self.n + int(2 * rate), real=True))
         f = np.maximum(np.fft.rfftfreq(self.padded, 1 / rate), 1e-9)
         self.f, self.s = f, np.asarray(2j * np.pi * f)
-        signals = (few.motion.theta, few.filtered_torque)
-        self.theta, self.torque = (self.spectrum(between_ends(x, rate)) for x in signals)
+        fitted = np.zeros(self.n, dtype=np.bool_)
+        fitted[few.rows()] = True
+        self.rate_hz, ends = rate, np.flatnonzero(fitted)[[0, -1]]
+        self.inside = slice(int(ends[0]), int(ends[1]) + 1)
+        self.motion = [few.motion.theta, few.motion.omega, few.motion.alpha]
+        while len(self.motion) < 3 + SERIES:
+            higher = seven_point_motion(few.time, self.motion[-1], rate)
+            self.motion += [higher.omega, higher.alpha]
+        self.orders = [self.spectrum(x) for x in self.motion]
+        self.theta, self.torque = self.orders[0], self.spectrum(few.filtered_torque)
         power = np.cumsum(np.abs(self.theta) ** 2 * (f > 0.02))
         low, high = (float(f[np.searchsorted(power, share * power[-1])]) for share in (0.02, 0.999))
         low, high = float(np.clip(0.5 * low, 0.03, 0.4)), min(2.5 * high, HIGHEST_HZ)
@@ -83,13 +92,8 @@ class View:
             low, high = FAST_HZ
         self.band = 1 / (1 + (f / high) ** 12) / (1 + (low / f) ** 12)
         self.bandwidth = high - low
-        smooth = 1 / (1 + (f / 30) ** 8)
-        self.orders = [self.s**k * self.theta for k in range(3 + SERIES)]
-        self.motion = [np.fft.irfft(x * smooth, self.padded)[: self.n] for x in self.orders]
         self.time = (few.time - few.time.mean()) / float(np.ptp(few.time))
         self.seconds = float(np.ptp(few.time))
-        fitted = np.zeros(self.n, dtype=np.bool_)
-        fitted[few.rows()] = True
         self.few = int(self.padded * RATE_HZ / rate)
         at = np.rint(np.arange(self.few) * self.padded / self.few).astype(np.intp)
         self.rows = np.flatnonzero((at < self.n) & fitted[np.minimum(at, self.n - 1)])
@@ -105,7 +109,11 @@ class View:
         self.sign = np.asarray(np.tanh(omega / max(0.02 * float(omega.std()), 1e-9)))
 
     def spectrum(self, x: Array) -> Spectrum:
-        return np.asarray(np.fft.rfft(x, self.padded))
+        """That of a signal (n,) in what is fitted, without the straight line between its ends there: what holds for
+        signals sample by sample so holds for their spectra, whether the joint rests at the ends or moves."""
+        windowed = np.zeros(self.n)
+        windowed[self.inside] = between_ends(x[self.inside], self.rate_hz)
+        return np.asarray(np.fft.rfft(windowed, self.padded))
 
     def in_band(self, spectrum: Spectrum) -> Array:
         """The fitted rows (m,) of a spectrum, in the band."""
@@ -114,6 +122,10 @@ class View:
 
     def column(self, x: Array) -> Array:
         return self.in_band(self.spectrum(x))
+
+    def passed(self, x: Array, response: NDArray[Any]) -> Array:
+        """The column of a signal (n,) behind a response, of which the signal before what is fitted is a part."""
+        return self.column(np.fft.irfft(np.fft.rfft(x, self.padded) * response, self.padded)[: self.n])
 
     def sums(self, columns: Sequence[Array], chunk: int = 0) -> Array:
         """Products (CHUNKS, q + 1, q + 1) of columns (m,) and the torque, in the chunks of this number."""
@@ -237,8 +249,7 @@ class Court:
         for name, (grid, response) in responses.items():
 
             def filtered(p: float, response: Callable[[float], NDArray[Any]] = response) -> list[Array]:
-                passed = response(p)
-                return [view.in_band(x * passed) for x in view.orders[view.first : 3]]
+                return [view.passed(x, response(p)) for x in view.motion[view.first : 3]]
 
             for p in minima(lambda p, made=filtered: self.left(made(p)), grid):  # type: ignore[misc]
                 self.add_by("path", name, filtered, p)
@@ -334,10 +345,10 @@ class Court:
     def hear_reflex(self) -> None:
         """Speed in either direction, some time ago, through a muscle: no family hears it, but it may be what makes
         another speak."""
-        view, speed = self.view, self.view.spectrum(np.abs(self.view.motion[1]))
+        view, speed = self.view, np.abs(self.view.motion[1])
         muscle = 1 / (1 + view.s / (2 * np.pi * MUSCLE_HZ)) ** 2
         for delay in (0.02, 0.04, 0.06, 0.1):
-            answer = view.in_band(speed * muscle * np.exp(-view.s * delay))
+            answer = view.passed(speed, muscle * np.exp(-view.s * delay))
             self.add("reflex", "reflex", [*view.base, answer], parameters=1)
 
     @property

@@ -79,7 +79,7 @@ class View:
         fitted[few.rows()] = True
         self.rate_hz, ends = rate, np.flatnonzero(fitted)[[0, -1]]
         self.inside = slice(int(ends[0]), int(ends[1]) + 1)
-        self.motion = [few.motion.theta, few.motion.omega, few.motion.alpha]
+        self.motion = [between_ends(few.motion.theta, rate), few.motion.omega, few.motion.alpha]
         while len(self.motion) < 3 + SERIES:
             higher = seven_point_motion(few.time, self.motion[-1], rate)
             self.motion += [higher.omega, higher.alpha]
@@ -136,9 +136,10 @@ class View:
 
 
 def between_ends(x: Array, rate_hz: float) -> Array:
-    """A signal without the straight line between its ends."""
+    """A signal without the straight line between its ends; of a straight line nothing is left."""
     edge = max(int(0.2 * rate_hz), 4)
-    return np.asarray(x - np.linspace(x[:edge].mean(), x[-edge:].mean(), len(x)))
+    first, last = float(x[:edge].mean()), float(x[-edge:].mean())
+    return np.asarray(x - first - (last - first) / (len(x) - edge) * (np.arange(len(x)) - (edge - 1) / 2))
 
 
 def scattered(sums: Array) -> tuple[Array, Array]:

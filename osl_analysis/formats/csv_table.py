@@ -31,6 +31,7 @@ CLOCK = r"(?:(\d+) days?,? )?\+?(\d{1,3}):(\d{2})(?::(\d{1,2}))?(?:[.,:](\d{1,9}
 TIME = rf"^(?:\d{{1,4}}[-/.]\d{{1,2}}[-/.]\d{{1,4}}[T ]\s*)?{CLOCK}\s*(?:Z|UTC|([+-]\d{{2}}):?(\d{{2}}))?$"
 MOST_COLUMNS = 10_000  # of a table; a file with more is transposed, or no recording
 FIRST_LINES, LAST_LINES = 300, 60  # of a long text, by which its dialect is found
+LONGEST_CELL = 131_072  # characters
 TextLines = list[tuple[int, str]]  # number in the file, counted from 1, and text
 Rows = list[tuple[int, list[str]]]
 IsUnit = Callable[[str], bool]
@@ -114,6 +115,7 @@ def split_rows(lines: TextLines, delimiter: str) -> Rows:
     """Cells of every line, stripped, without lines of empty cells; refused where a quote is not closed on its line."""
     if delimiter == " ":
         lines = [(number, re.sub(r"\s+", " ", text.strip())) for number, text in lines]
+    csv.field_size_limit(LONGEST_CELL)  # other packages change it
     reader = csv.reader((text for _, text in lines), delimiter=delimiter, skipinitialspace=True)
     rows: Rows = []
     try:
@@ -124,10 +126,8 @@ def split_rows(lines: TextLines, delimiter: str) -> Rows:
             if any(stripped):
                 rows.append((line, stripped))
     except csv.Error as error:
-        size = csv.field_size_limit()
-        raise InputError(
-            f"line {lines[reader.line_num - 1][0]} has a cell of more than {size} characters; repair it"
-        ) from error
+        line = lines[reader.line_num - 1][0]
+        raise InputError(f"line {line} has a cell of more than {LONGEST_CELL} characters; repair it") from error
     return rows
 
 

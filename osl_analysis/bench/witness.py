@@ -31,6 +31,8 @@ CHUNKS = 24  # of a recording, whose scores scatter
 HIGHEST_HZ = 8.0  # of the witness's band: beyond it the angle's rounding accuses
 FAST_HZ = (2.0, 12.0)  # band in which a late torque shows more, of a motion by hand or of steps
 RATE_HZ = 50.0  # at which columns are multiplied
+MOVES = 0.3  # speed in a fifth of a second at either end, over the usual one (SD): above, the joint moves there
+STANDS = 0.1  # median of the speed over the usual one: below, it mostly stands, and rounding of the angle is no noise
 HEARD = -3.5  # log10 of the chance of a family's columns below which it is heard
 FRICTION = -4.0  # the same of Coulomb friction, which then is part of the joint
 ALIKE = 3.0  # standard errors, paired by chunks, up to which rivals leave as much
@@ -78,13 +80,13 @@ class View:
         fitted = np.zeros(self.n, dtype=np.bool_)
         fitted[few.rows()] = True
         self.rate_hz, ends = rate, np.flatnonzero(fitted)[[0, -1]]
-        self.inside = slice(int(ends[0]), int(ends[1]) + 1)
-        self.motion = [between_ends(few.motion.theta, rate), few.motion.omega, few.motion.alpha]
-        while len(self.motion) < 3 + SERIES:
-            higher = seven_point_motion(few.time, self.motion[-1], rate)
-            self.motion += [higher.omega, higher.alpha]
-        self.orders = [self.spectrum(x) for x in self.motion]
-        self.theta, self.torque = self.orders[0], self.spectrum(few.filtered_torque)
+        edge, omega = max(int(0.2 * rate), 4), few.motion.omega[ends[0] : ends[1] + 1]
+        self.inside, usual = None, float(np.std(omega))
+        at_ends = max(np.std(omega[:edge]), np.std(omega[-edge:]))
+        if at_ends > MOVES * usual and np.median(np.abs(omega)) > STANDS * usual:
+            self.inside = slice(int(ends[0]), int(ends[1]) + 1)
+        theta, torque = (between_ends(x, rate) for x in (few.motion.theta, few.filtered_torque))
+        self.theta, self.torque = self.spectrum(theta), self.spectrum(torque)
         power = np.cumsum(np.abs(self.theta) ** 2 * (f > 0.02))
         low, high = (float(f[np.searchsorted(power, share * power[-1])]) for share in (0.02, 0.999))
         low, high = float(np.clip(0.5 * low, 0.03, 0.4)), min(2.5 * high, HIGHEST_HZ)
@@ -92,6 +94,15 @@ class View:
             low, high = FAST_HZ
         self.band = 1 / (1 + (f / high) ** 12) / (1 + (low / f) ** 12)
         self.bandwidth = high - low
+        smooth = 1 / (1 + (f / 30) ** 8)
+        self.orders = [self.s**k * self.theta for k in range(3 + SERIES)]
+        self.motion = [np.fft.irfft(x * smooth, self.padded)[: self.n] for x in self.orders]
+        if self.inside is not None:
+            self.motion = [theta, few.motion.omega, few.motion.alpha]
+            while len(self.motion) < len(self.orders):
+                higher = seven_point_motion(few.time, self.motion[-1], rate)
+                self.motion += [higher.omega, higher.alpha]
+            self.orders = [self.spectrum(x) for x in self.motion]
         self.time = (few.time - few.time.mean()) / float(np.ptp(few.time))
         self.seconds = float(np.ptp(few.time))
         self.few = int(self.padded * RATE_HZ / rate)
@@ -109,11 +120,18 @@ class View:
         self.sign = np.asarray(np.tanh(omega / max(0.02 * float(omega.std()), 1e-9)))
 
     def spectrum(self, x: Array) -> Spectrum:
-        """That of a signal (n,) in what is fitted, without the straight line between its ends there: what holds for
-        signals sample by sample so holds for their spectra, whether the joint rests at the ends or moves."""
-        windowed = np.zeros(self.n)
-        windowed[self.inside] = between_ends(x[self.inside], self.rate_hz)
-        return np.asarray(np.fft.rfft(windowed, self.padded))
+        """That of a signal (n,). Where the joint moves at the ends, derivatives of a spectrum ring there: it is then of
+        what is fitted, without the straight line between its ends, and derivatives are those in time. What holds for
+        such signals sample by sample holds for their spectra."""
+        if self.inside is not None:
+            x = np.pad(between_ends(x[self.inside], self.rate_hz), (self.inside.start, self.n - self.inside.stop))
+        return np.asarray(np.fft.rfft(x, self.padded))
+
+    def passed(self, x: Array, spectrum: Spectrum, response: NDArray[Any]) -> Array:
+        """The column of a signal (n,) behind a response; of what is fitted the signal before it is a part."""
+        if self.inside is None:
+            return self.in_band(spectrum * response)
+        return self.column(np.fft.irfft(np.fft.rfft(x, self.padded) * response, self.padded)[: self.n])
 
     def in_band(self, spectrum: Spectrum) -> Array:
         """The fitted rows (m,) of a spectrum, in the band."""
@@ -122,10 +140,6 @@ class View:
 
     def column(self, x: Array) -> Array:
         return self.in_band(self.spectrum(x))
-
-    def passed(self, x: Array, response: NDArray[Any]) -> Array:
-        """The column of a signal (n,) behind a response, of which the signal before what is fitted is a part."""
-        return self.column(np.fft.irfft(np.fft.rfft(x, self.padded) * response, self.padded)[: self.n])
 
     def sums(self, columns: Sequence[Array], chunk: int = 0) -> Array:
         """Products (CHUNKS, q + 1, q + 1) of columns (m,) and the torque, in the chunks of this number."""
@@ -250,7 +264,7 @@ class Court:
         for name, (grid, response) in responses.items():
 
             def filtered(p: float, response: Callable[[float], NDArray[Any]] = response) -> list[Array]:
-                return [view.passed(x, response(p)) for x in view.motion[view.first : 3]]
+                return [view.passed(view.motion[k], view.orders[k], response(p)) for k in range(view.first, 3)]
 
             for p in minima(lambda p, made=filtered: self.left(made(p)), grid):  # type: ignore[misc]
                 self.add_by("path", name, filtered, p)
@@ -346,10 +360,10 @@ class Court:
     def hear_reflex(self) -> None:
         """Speed in either direction, some time ago, through a muscle: no family hears it, but it may be what makes
         another speak."""
-        view, speed = self.view, np.abs(self.view.motion[1])
+        view, speed = self.view, self.view.spectrum(np.abs(self.view.motion[1]))
         muscle = 1 / (1 + view.s / (2 * np.pi * MUSCLE_HZ)) ** 2
         for delay in (0.02, 0.04, 0.06, 0.1):
-            answer = view.passed(speed, muscle * np.exp(-view.s * delay))
+            answer = view.passed(np.abs(view.motion[1]), speed, muscle * np.exp(-view.s * delay))
             self.add("reflex", "reflex", [*view.base, answer], parameters=1)
 
     @property

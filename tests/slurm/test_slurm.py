@@ -47,7 +47,8 @@ def test_several_submissions_give_the_same_bytes_and_a_cancelled_one_is_made_by_
     assert run(local).endswith("exit code 0")
     for part in ("config", "raw_data"):
         shutil.copytree(local / part, folder / part)
-    (folder / CONFIG).write_text(yaml.safe_dump(OVERRIDES | {"simulation": None, "data": "simulated"}))
+    recorded = {"simulation": None, "data": "simulated", "parameters": "config/parameters/default.yaml"}
+    (folder / CONFIG).write_text(yaml.safe_dump(OVERRIDES | recorded))
     (folder / LOG).write_bytes(b"no log")
     options = (TABLE, "--workflow-profile", str(ROOT / "profiles/slurm"), "--group-components", "trials=2")
     options += ("--default-resources", "mem_mb=500", "runtime=5")

@@ -393,7 +393,7 @@ def run_campaign(arguments: tuple[str, ...]) -> None:
 
     The same as `snakemake --snakefile ... --configfile config.yaml`. Write files before options.
     """
-    from snakemake import cli as snakemake
+    from snakemake.cli import main as snakemake
 
     from osl_analysis.commands.run import snakemake_arguments
     from osl_analysis.jobs.run import locked_by_killed_run
@@ -401,9 +401,7 @@ def run_campaign(arguments: tuple[str, ...]) -> None:
     given = snakemake_arguments(arguments)
     if locked_by_killed_run():
         say("the last run here was killed; its lock is taken over", err=True)
-    # before it has a logger it prints which profile it uses, which tells a user nothing
-    vars(snakemake)["print"] = lambda text, **where: text.startswith("Using ") or print(text, **where)
-    snakemake.main(given)
+    snakemake(given)
 
 
 @main.command(cls=click.Command, epilog="Example: osl-analysis doctor --look")

@@ -36,7 +36,7 @@ from osl_analysis.bench.reflex import (
 from osl_analysis.bench.settings import HumanJoint, HumanJointAnalysis
 from osl_analysis.bench.witness import HIDDEN
 from osl_analysis.errors import InputError
-from osl_analysis.signals import LowPass, seven_point_motion
+from osl_analysis.signals import LowPass, sampling_rate, seven_point_motion
 from osl_analysis.signals.grid import uniform_signals
 from osl_analysis.spectral.stepped_sine import Likeness
 from osl_analysis.stats.regression import Row
@@ -59,7 +59,7 @@ def own_cutoff_hz(trial: Trial, settings: HumanJointAnalysis) -> float:
     """The frequency [Hz] below which 95 % of the power of a trial's speed lies, before any filter and without the floor
     of noise; up to an eighth of the sampling rate, and `cutoff_hz` at least. Raises as `uniform_signals`."""
     signals = uniform_signals(trial, ("theta",), settings.gap_limits)
-    rate = 1 / float(np.median(np.diff(signals.time)))
+    rate = sampling_rate(signals.time)
     f, power = scipy.signal.welch(signals["theta"], rate, nperseg=min(round(4 * rate), len(signals.time)))
     floor = np.median(power[f > rate / 4])
     speed = np.cumsum(np.where(power > 10 * floor, power - floor, 0.0) * f**2)
@@ -139,20 +139,16 @@ def reflex_gains(whole: gram.GroupFit, gains: Array) -> Row:
     row: Row = {}
     for k, way in enumerate(("up", "down")):
         weights = {f"reflex_{k * len(gains) + n}": gain for n, gain in enumerate(gains)}
-        row |= with_ends(f"reflex_gain_{way}", *weighted_sum(whole, weights))
+        row |= weighted_sum(whole, f"reflex_gain_{way}", weights)
     return row
 
 
-def with_ends(name: str, best: float, se: float, half: float) -> Row:
-    """An estimate with its standard error and its interval, by column."""
+def weighted_sum(whole: gram.GroupFit, name: str, weights: Mapping[str, float]) -> Row:
+    """A sum of estimates with weights, by column: itself, its standard error, and the ends of its interval of 95 %."""
+    turn = np.array([weights.get(one, 0.0) for one in whole.names])
+    best, se = float(turn @ whole.estimates), float(np.sqrt(turn @ whole.covariance @ turn))
+    half = float(scipy.special.stdtrit(min(map(whole.freedom, weights)), 0.975)) * se
     return {name: best, f"{name}_se": se, f"{name}_low": best - half, f"{name}_high": best + half}
-
-
-def weighted_sum(whole: gram.GroupFit, weights: Mapping[str, float]) -> tuple[float, float, float]:
-    """A sum of estimates with weights by name: its value, standard error, and half of its interval of 95 %."""
-    turn = np.array([weights.get(name, 0.0) for name in whole.names])
-    se, free = float(np.sqrt(turn @ whole.covariance @ turn)), min(map(whole.freedom, weights))
-    return float(turn @ whole.estimates), se, float(scipy.special.stdtrit(free, 0.975)) * se
 
 
 def reflex_row(fit: PersonFit) -> Row:
@@ -243,6 +239,6 @@ def over_table(fit: PersonFit) -> pl.DataFrame:
         row: Row = {"trial": record.name, "over": over, "share": float(share), "at": float(value)}
         for name in "KB":
             parts = {f"{name}_over_{k}": float(part) for k, part in enumerate(weight[1:], 1)}
-            row |= with_ends(name, *weighted_sum(whole, {name: 1.0, **parts}))
+            row |= weighted_sum(whole, name, {name: 1.0, **parts})
         rows.append(row)
     return pl.DataFrame(rows, schema=OVER)

@@ -130,17 +130,18 @@ def with_reflex(raw: Record, human: HumanJoint, slow: Array | None = None) -> Re
     thinned = {name: column[::step] for name, column in changing.items()}
     quick = without_slow(raw, columns, human.slow_hz)[::step]
     left, stiffness = list[Array](), list[float]()
-    sooner = min(human.delays_ms) - SOONER_MS
-    for delay in (*human.delays_ms, max(sooner, 0.0)):
+    sooner = [min(human.delays_ms) - SOONER_MS] if min(human.delays_ms) > SOONER_MS else []
+    for delay in (*human.delays_ms, *sooner):
         s = sums_beside(few, thinned | reflex_columns(late_by(quick, few.rate_hz, 1e-3 * delay)))
         rest = s.total - s.gram
         estimates = gram.solved(rest[:, :-2, :-2], rest[:, :-2, s.torque])[0]
         error = np.column_stack([estimates, -np.ones(len(rest))])
         left.append(np.einsum("mp,mpq,mq->m", error, s.gram[:, :-1, :-1], error))
         stiffness.append(float(gram.solved(s.total[:-2, :-2], s.total[:-2, s.torque])[0][s.names.index("theta")]))
-    best = min(left[:-1], key=np.sum)
-    K_sooner = stiffness[-1] if left[-1].sum() < best.sum() and sooner > 0 else None
-    more = np.array(left[:-1]) - best
+    tried = left[: len(human.delays_ms)]
+    best = min(tried, key=np.sum)
+    K_sooner = stiffness[-1] if left[-1].sum() < best.sum() else None
+    more = np.array(tried) - best
     chance = scipy.special.stdtrit(len(rest) - 1, 0.975) * np.sqrt(len(rest)) * more.std(axis=1, ddof=1)
     order = [k for k in np.argsort(more.sum(axis=1)) if more[k].sum() <= chance[k]]
     delays = {1e-3 * human.delays_ms[k]: stiffness[k] for k in order}

@@ -94,12 +94,13 @@ class View:
             low, high = FAST_HZ
         self.band = 1 / (1 + (f / high) ** 12) / (1 + (low / f) ** 12)
         self.bandwidth = high - low
-        smooth = 1 / (1 + (f / 30) ** 8)
-        self.orders = [self.s**k * self.theta for k in range(3 + SERIES)]
-        self.motion = [np.fft.irfft(x * smooth, self.padded)[: self.n] for x in self.orders]
-        if self.inside is not None:
+        if self.inside is None:
+            smooth = 1 / (1 + (f / 30) ** 8)
+            self.orders = [self.s**k * self.theta for k in range(3 + SERIES)]
+            self.motion = [np.fft.irfft(x * smooth, self.padded)[: self.n] for x in self.orders]
+        else:
             self.motion = [theta, few.motion.omega, few.motion.alpha]
-            while len(self.motion) < len(self.orders):
+            while len(self.motion) < 3 + SERIES:
                 higher = seven_point_motion(few.time, self.motion[-1], rate)
                 self.motion += [higher.omega, higher.alpha]
             self.orders = [self.spectrum(x) for x in self.motion]
@@ -360,10 +361,10 @@ class Court:
     def hear_reflex(self) -> None:
         """Speed in either direction, some time ago, through a muscle: no family hears it, but it may be what makes
         another speak."""
-        view, speed = self.view, self.view.spectrum(np.abs(self.view.motion[1]))
-        muscle = 1 / (1 + view.s / (2 * np.pi * MUSCLE_HZ)) ** 2
+        view, speed = self.view, np.abs(self.view.motion[1])
+        spectrum, muscle = view.spectrum(speed), 1 / (1 + view.s / (2 * np.pi * MUSCLE_HZ)) ** 2
         for delay in (0.02, 0.04, 0.06, 0.1):
-            answer = view.passed(np.abs(view.motion[1]), speed, muscle * np.exp(-view.s * delay))
+            answer = view.passed(speed, spectrum, muscle * np.exp(-view.s * delay))
             self.add("reflex", "reflex", [*view.base, answer], parameters=1)
 
     @property

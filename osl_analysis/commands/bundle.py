@@ -4,7 +4,7 @@ RO-Crate (https://w3id.org/ro/wfrun/workflow/0.5), whose tables are a Frictionle
 import json
 import platform
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import chdir
 from datetime import UTC, datetime
 from importlib.metadata import distributions, version
@@ -14,7 +14,7 @@ from typing import Any
 
 from ruamel.yaml import YAML
 
-from osl_analysis.campaign.campaign import Campaign, open_campaign
+from osl_analysis.campaign.campaign import Campaign, days_of_recordings, open_campaign
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.commands.tables import read_summary
 from osl_analysis.dictionary import described_tables
@@ -56,7 +56,7 @@ def write_bundle(folder: Path, output: Path, licence: str, raw: bool) -> int:
     with chdir(folder), TemporaryDirectory() as scratch, atomic_path(output) as path:
         config, crate = read_config(CAMPAIGN), Path(scratch) / "crate"
         summary = read_summary(config.results / "summary.json")
-        copy_inputs(open_campaign(config, None), crate, summary, raw)
+        copy_inputs(open_campaign(config, None), crate, raw)
         given = [file for file in crate.rglob("*") if file.is_file()]
         for name in DEPOSITED:
             copy(config.results / name, crate / "results" / name)
@@ -75,7 +75,7 @@ def write_bundle(folder: Path, output: Path, licence: str, raw: bool) -> int:
         whole.name, whole.description, whole.license = title, about, {"@id": licence}
         describe(whole, crate, given, made)
         whole.write_zip(path)
-        return len([*crate.rglob("*.*")])
+        return sum(file.is_file() for file in crate.rglob("*"))
 
 
 def copy(file: Path, to: Path) -> None:
@@ -87,7 +87,7 @@ def copy(file: Path, to: Path) -> None:
         shutil.copy2(file, to)
 
 
-def copy_inputs(campaign: Campaign, crate: Path, summary: Mapping[str, Any], raw: bool) -> None:
+def copy_inputs(campaign: Campaign, crate: Path, raw: bool) -> None:
     """Configuration, sheet, source and parameter files, and the hashes of the recordings, or these themselves. The
     configuration names them where they are in the bundle, and the date of the recordings, which copies lose."""
     config, yaml = campaign.config, YAML()
@@ -98,9 +98,8 @@ def copy_inputs(campaign: Campaign, crate: Path, summary: Mapping[str, Any], raw
         if own is not None and not own.resolve().is_relative_to(root().resolve()):  # a shipped one keeps its name
             content[name] = f"{name}/{own.name}"
             copy(own, crate / content[name])
-    recorded = str(summary["recorded"]).removeprefix("files of ")
-    if config.recorded is None and campaign.data == MEASURED and recorded != summary["recorded"]:
-        content["recorded"] = recorded
+    if config.recorded is None and campaign.data == MEASURED and (days := days_of_recordings(campaign)):
+        content["recorded"] = days
     copy(config.sheet, crate / config.sheet.name)
     for file in {file for trial in campaign.trials() for file in campaign.sources(trial)}:
         copy(file, crate / "sources" / file.name)

@@ -18,8 +18,8 @@ from osl_analysis.stats.repeats import DOUBTFUL
 LATENESS = "whether the torque is late"
 HAVE_UNCHECKED = ("belt", "transmission", "actuator", "impedance", "human_joint", "torque_angle", "walking_groups")
 """Judged tables of which something may not be checked."""
-OVER_THE_FILE = {"belt": "K_s_ratio", "transmission": "B_j_ratio", "actuator": "k_tau_n_m_ratio"}
-"""Columns with what a component trial measures, over that of the parameter file."""
+MEASURED_BY = {"belt": "K_s", "transmission": "B_j", "actuator": "k_tau_n_m"}
+"""What a component trial measures. `NAME_ratio` is this over that of the parameter file."""
 LIKE_THE_FILE = 0.1  # share by which a component may differ from the parameter file without a remark
 WEIGHT = 1.0  # N*m/rad of K, by a fixture whose weight makes 1 N*m with its arm level
 MUCH_OF_K = 0.02  # share of K that an unknown gain of the plate's moments may change
@@ -38,10 +38,10 @@ def unchecked_in(table: str, row: AnyRow) -> Iterator[Finding]:
     }.get(table)
     for what in [*(names(row) if names else ()), *of_components(table, row)]:
         yield Finding(table, subject, what, Grade.UNCHECKED, amplitude_deg=amplitude)
-    ratio = OVER_THE_FILE.get(table, "")
-    times = cell_number(row, ratio) or 1.0
-    if abs(times - 1) > LIKE_THE_FILE and not suspected_unit(ratio, times, row):
-        what = f"{ratio.removesuffix('_ratio')} is not that of the parameter file"
+    quantity = MEASURED_BY.get(table, "")
+    times = cell_number(row, f"{quantity}_ratio") or 1.0
+    if abs(times - 1) > LIKE_THE_FILE and not suspected_unit(f"{quantity}_ratio", times, row):
+        what = f"{quantity} is not that of the parameter file"
         yield Finding(table, subject, what, Grade.NOTES, amplitude_deg=amplitude)
     for name in ("I", "J_j") if table in ("impedance", "transmission", "walking_groups") else ():
         if (cell_number(row, f"{name}_high") or 0.0) < 0:

@@ -11,7 +11,7 @@ from osl_analysis.dictionary import own_yaml
 from osl_analysis.errors import nearest
 from osl_analysis.judge.causes import EVIDENCE, cause_of, suspected_unit
 from osl_analysis.judge.finding import AnyRow, Beyond, Finding, Grade, Remedy, cell_number
-from osl_analysis.judge.judging import OVER_THE_FILE
+from osl_analysis.judge.judging import MEASURED_BY
 from osl_analysis.measured import significant
 from osl_analysis.model.compensator import CONTROLLERS
 from osl_analysis.trial import UNIT_FACTORS, known_factor
@@ -270,7 +270,9 @@ COMPUTED: Mapping[str, Callable[[Facts], str]] = {
     "late_K_short": short("late_K_per_ms"),
     "late_or_early": lambda facts: "late" if facts["certain_theta_m_lag_s"] > 0 else "early",
     "theta_m_ms": lambda facts: f"{1e3 * abs(facts['certain_theta_m_lag_s']):.2g}",
-    "of_file": lambda facts: significant(next(facts[name] for name in OVER_THE_FILE.values() if name in facts), 3),
+    "of_file": lambda facts: significant(
+        next(facts[f"{one}_ratio"] for one in MEASURED_BY.values() if f"{one}_ratio" in facts), 3
+    ),
     "lag_ms": short("lag_s", 1e3),
     "loop_late_ms": short("loop_late_s", 1e3),
     "current_percent": lambda facts: f"{100 * facts['current_error']:+.2g}",

@@ -32,6 +32,7 @@ class Repeats:
     se: float  # standard error of the mean
     low: float  # lower bound of the 95 % interval of the mean (Student, or that of the trials' own errors)
     high: float  # upper bound
+    interval_method: str | None = None  # which of both it is; None without an interval
 
 
 def alike_sizes(sizes: pl.Series) -> pl.Series:
@@ -76,8 +77,9 @@ def over_repeats(
     each = [*freedom, *(of_common for _, of_common in common)]
     half = float(scipy.special.stdtrit(welch_satterthwaite(variances, each), 0.975)) * se
     own = float(np.hypot(np.linalg.norm(halves) / len(values), 1.96 * np.sqrt(sum(one for one, _ in common))))
+    method = "errors of the trials" if own > half and np.any(halves) else "Student"
     half, se = max(half, own), max(se, own / 1.96)
-    return Repeats(len(values), mean, sd, se, mean - half, mean + half)
+    return Repeats(len(values), mean, sd, se, mean - half, mean + half, method)
 
 
 def summary_row(table: pl.DataFrame, name: str) -> dict[str, float | str | None]:
@@ -93,8 +95,7 @@ def summary_row(table: pl.DataFrame, name: str) -> dict[str, float | str | None]
         halves = np.nan_to_num(np.subtract(*bounds) / 2) if len(bounds) == 2 else ()
         common = [(shared, np.inf)] if shared else []
         found = over_repeats(numbers.to_numpy(), common, halves=halves)
-        method = "Student" if found == over_repeats(numbers.to_numpy(), common) else "errors of the trials"
-        return asdict(found) | {"interval_method": f"{method} + bench" if shared else method}
+        return asdict(found) | ({"interval_method": f"{found.interval_method} + bench"} if shared else {})
     mean = float(numbers[0]) if len(numbers) else None
     return {"n": len(numbers), "mean": mean, **dict.fromkeys(("sd", "se", "low", "high", "interval_method"))}
 

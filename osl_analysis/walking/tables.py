@@ -446,10 +446,10 @@ def headline_rows(
     common, signs = headline.common, isolation.signs_of(headline.responses)
     rows: list[dict[str, object]] = []
     for name in GROUP_QUANTITIES:
-        method = "Student + shared errors" if name in common else "Student"
-        mean = asdict(over_repeats(fits[name].to_numpy(), common.get(name, ()), signs))
-        known = {"quantity": name, "estimator": "mean of perturbations", "interval_method": method}
-        rows.append(known | mean | dict(doubtful))
+        mean = over_repeats(fits[name].to_numpy(), common.get(name, ()), signs)
+        method = f"{mean.interval_method}{' + shared errors' * (name in common)}"
+        known = {"quantity": name, "estimator": "mean of perturbations"}
+        rows.append(known | asdict(mean) | {"interval_method": method} | dict(doubtful))
     rows += ensemble_rows(headline.ensemble, headline.resampled, stated)
     ensemble, resampled, estimator = headline.other
     rows += ensemble_rows(ensemble, resampled, stated, estimator)

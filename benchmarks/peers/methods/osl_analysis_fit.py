@@ -9,16 +9,23 @@ import osl_analysis as osl
 from osl_analysis.judge.finding import Grade
 
 
-def estimate(t, theta, torque, person=0.0, **known):
+def fitted(t, theta, torque, person):
+    """K, B and I with their ends by column, and the findings that doubt them."""
     trial = osl.Trial("recording", pl.DataFrame({"time": t, "theta": theta, "torque": torque}))
     with tempfile.TemporaryDirectory() as folder:
         config = Path(folder, "config.yaml")
         config.write_text("parameters: null\ndynamometer: {" + ("cutoff_hz: 40, human: true" if person else "") + "}\n")
         fit = osl.fit_impedance(trial, config=config)
-    row = fit.row
-    own = {name: name for name in "KBI"}
-    if row.get("B_viscous") is not None:  # friction is certain
-        own["B"] = "B_viscous"
-    intervals = {name: (row[f"{column}_low"], row[f"{column}_high"]) for name, column in own.items()}
-    doubts = [finding.cause for finding in fit.findings[-1] if finding.grade is Grade.DOUBTS]
-    return *(row[column] for column in own.values()), intervals, doubts
+    found = dict(fit.row)
+    if found.get("B_viscous") is not None:  # friction is certain
+        found |= {f"B{end}": found[f"B_viscous{end}"] for end in ("", "_low", "_high")}
+    return found, [finding for finding in fit.findings[-1] if finding.grade is Grade.DOUBTS]
+
+
+def answer(found, doubts):
+    intervals = {name: (found[f"{name}_low"], found[f"{name}_high"]) for name in "KBI"}
+    return found["K"], found["B"], found["I"], intervals, [finding.cause for finding in doubts]
+
+
+def estimate(t, theta, torque, person=0.0, **known):
+    return answer(*fitted(t, theta, torque, person))

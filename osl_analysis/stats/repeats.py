@@ -188,7 +188,7 @@ def mean_over_trials(values: Array, shared: bool = False) -> Repeats:
     2003)."""
     n = len(values)
     if n < 2:
-        return Repeats(n, float(values[0]) if n else np.nan, *[np.nan] * 4)
+        return Repeats(n, float(values[0]) if n else np.nan, np.nan, np.nan, np.nan, np.nan)
     own = over_repeats(values)
     wider = float(np.sqrt(1 + n / (n - 1))) if shared else 1.0
     half = wider * (own.high - own.mean)

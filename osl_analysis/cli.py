@@ -74,6 +74,12 @@ def options_given() -> set[str]:
     return {name for name in context.params if context.get_parameter_source(name) is ParameterSource.COMMANDLINE}
 
 
+def check_there(path: Path, kind: str = "file") -> None:
+    """Refuse a file or folder that is missing, before what reads it is imported, which takes a second."""
+    if not path.exists():
+        raise InputError(f"{path}: no such {kind}; correct its name, or copy the {kind} there")
+
+
 def print_or_write(text: str, output: Path | None) -> None:
     if output is not None:
         if not output.parent.is_dir():
@@ -184,6 +190,8 @@ def ingest(sources: Path, output: Path, **given: Any) -> None:
             raise click.UsageError(f"--{role} and --{role}-source go together")
     if given["log"] is None and given["mocap"] is None:
         raise click.UsageError("give --log, --mocap or both")
+    for path in filter(None, (given["log"], given["mocap"])):
+        check_there(path)
     files = {name: value and str(value) for name, value in given.items()}
     row = {"trial": output.stem, "experiment": "ingest_only", **files}
     trial = ingest_trial(row=row, raw_folder=Path(), sources_folder=sources, output=output)
@@ -197,6 +205,7 @@ def ingest(sources: Path, output: Path, **given: Any) -> None:
 @file_option("--draft", "draft_path", help="Write the draft of a source file here instead of printing it.")
 def inspect(file: Path, draft_path: Path | None) -> None:
     """List what an MCAP, C3D, CSV or MATLAB file holds: rates [Hz], units, gaps, damage. Draft a source file for it."""
+    check_there(file)
     from osl_analysis.commands import inspect as command
     from osl_analysis.ingest.draft import draft_source
 
@@ -272,6 +281,7 @@ def fit(trial: Path, model: str, config_path: Path, as_json: bool, plot: Path | 
 @file_option("--output", help="Write a Markdown page to this file instead of printing the table.")
 def samples(folder: Path, output: Path | None) -> None:
     """List the content of every recording below FOLDER, without a source file; a refused one with the reason."""
+    check_there(folder, "folder")
     from osl_analysis.commands.inspect import samples_table
 
     table, command = samples_table(folder), f"osl-analysis samples {folder} --output {output}"

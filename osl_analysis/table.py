@@ -126,7 +126,7 @@ def read_table(path: Path | str, required: Sequence[str] = (), of: str = "") -> 
             row = (wrong if wrong.any() else words.is_not_null()).arg_max() or 0
             said = f"column '{column}' holds '{words[row]}', expected numbers; correct the entry"
             raise InputError(f"{path}: line {row + 2}: {said}")
-    return table
+    return table.filter(~pl.all_horizontal(pl.all().is_null()))  # without blank lines, as an editor leaves them
 
 
 OF_ROW = ("trial", "joint", "side", "amplitude_deg")  # columns that say what a row of a table and of its evidence is

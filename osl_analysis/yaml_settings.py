@@ -265,6 +265,7 @@ UNITS = {"_deg": "deg", "_hz": "Hz", "_s": "s", "_m": "m", "_mm": "mm", "_kg": "
 """Units of settings, by the ends of their names."""
 WITH_UNIT = {
     "delay": "2 ms", "cutoff": "100 Hz", "resolution": "0.02 deg", "range": "60 N*m", "threshold": "0.05 s",
+    "value": "12500 N*m/rad", "standard_error": "100 N*m/rad",
 }  # fmt: skip
 """Settings that are a text, a number with its unit, each with an example."""
 ADVICE = {

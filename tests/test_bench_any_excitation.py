@@ -676,6 +676,22 @@ def test_a_motion_that_cannot_tell_is_refused_with_what_is_missing(angle, words)
             moving_record(still, windows)
 
 
+@pytest.mark.parametrize("excitation", ["auto", "any"])
+def test_an_angle_of_noise_or_of_too_few_rows_is_no_slow_motion_and_recorded_faster_it_passes(excitation):
+    def recorded(rate, turn=None):
+        time, (theta, *others) = noise(rng := np.random.default_rng(4), rate=rate)
+        trial = made_trial(rng, (time, (theta if turn is None else turn * rng.standard_normal(time.size), *others)))
+        return row_of(trial, excitation=excitation)
+
+    with pytest.raises(
+        InputError, match=r"jumps from row to row by .* or 8 rows per second are too few .*; record 100"
+    ):
+        recorded(8.0)
+    with pytest.raises(InputError, match=r"jumps from row to row by 2\.9 deg of its 2\.8 deg RMS: it is noise, or"):
+        recorded(RATE, 0.05)
+    assert recorded(100.0)["K"] == pytest.approx(TRUE["K"], rel=0.01)
+
+
 def test_an_angle_beyond_a_joint_beside_a_torque_of_an_angle_s_size_is_said_to_be_swapped():
     trial = made_trial(rng := np.random.default_rng(3), noise(rng))
     swapped = Trial("made", trial.samples.rename({"theta": "torque", "torque": "theta"}))

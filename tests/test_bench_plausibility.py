@@ -100,6 +100,18 @@ def test_what_cannot_be_is_refused_with_its_cause(experiment, changes, words):
         judged(experiment, changed(experiment, **changes), asked=KNOWN if experiment == "impedance" else None)
 
 
+def test_degrees_declared_as_radians_are_asked_for_where_rad_is_declared_alone():
+    time, turned = np.arange(1000) / 100, np.deg2rad(400) * np.sin(np.arange(1000) / 10)
+    for factor, said in (
+        (1.0, "recorded in deg and declared as rad"),
+        (np.pi / 180, "no joint turns so far, is it ano"),
+    ):
+        told = {"columns": {"theta": {"unit": "of the file", "factor": factor}}}
+        trial = Trial("made", pl.DataFrame({"time": time, "theta": turned, "torque": 9 * turned}), told)
+        with pytest.raises(InputError, match=said):
+            check_recording(trial, BENCH)
+
+
 def test_the_weight_of_a_foot_is_a_column_of_the_transmission_and_a_doubt_about_its_inertia():
     recording, sound = dict(RECORDINGS["transmission"]), judged("transmission", RECORDINGS["transmission"])
     recording["torque"] = recording["torque"] + 0.5 * np.sin(recording["theta"])

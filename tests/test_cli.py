@@ -164,7 +164,8 @@ MISTAKES = {
     "did you mean 'profiles/slurm'": ("run", "--workflow-profile", "profiles/slrm"),
     "nowhere: no such folder": ("describe-tables", "--output", "nowhere/page.md"),
     r"no\.csv: no such file; correct its name": ("inspect", "no.csv"),
-    r"no\.mcap: no such file": ("ingest", "--log", "no.mcap", "--log-source", "leg", "--output", "no.parquet"),
+    r"no\.mcap: no such file; corr": ("ingest", "--log", "no.mcap", "--log-source", "leg", "--output", "no.parquet"),
+    "nowhere: no such folder; correct its name": ("samples", "nowhere"),
     r"\\x1b\[31mred: no such trial": ("fit", "\x1b[31mred"),
     r"o\\udcff\.csv: its name is not UTF-8; choose another name": (*GAINS, "--output", os.fsdecode(b"o\xff.csv")),
 }  # fmt: skip
@@ -194,6 +195,12 @@ UNFIT = {
 @pytest.mark.parametrize("message", MISTAKES)
 def test_a_mistake_is_one_line_with_exit_code_1(message):
     assert re.search(f"^error: .*{message}", one_line(call(*MISTAKES[message])))
+
+
+def test_a_missing_file_is_told_before_anything_is_imported_that_could_read_it():
+    code = "import sys, atexit, osl_analysis.cli as c; atexit.register(lambda: print('numpy' in sys.modules)); c.main()"
+    ran = subprocess.run([sys.executable, "-c", code, "inspect", "no.csv"], capture_output=True, text=True)
+    assert (ran.returncode, ran.stdout) == (1, "False\n")
 
 
 @pytest.mark.parametrize("message", UNFIT)

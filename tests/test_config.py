@@ -129,6 +129,7 @@ def test_truth_values_are_kept_where_they_are_allowed_and_keys_of_two_mappings_m
     ("dynamometer", BENCH | {"cycles": [10, 20, 30, 2, 20]}, "settle_cycles = 2 and the last leave none of 2 cyc"),
     ("dynamometer", BENCH | {"seconds_per_frequency": 1.5}, r"settle_cycles = 2 .* none of 1\.5 cycles"),
     ("dynamometer", BENCH | {"settle_cycles": 19}, "19 and the last leave none of 20 cycles; lower it, at most to 18"),
+    ("dynamometer", BENCH | {"bench_stiffness": {"value": 9}}, "value: 9 .* write a number with its unit, as `12500 N"),
     ("results", "README.md/below", "README.md: is a file; name a folder"), ("results", "", "results is empty"),
     ("impedance_trajectory", "no.csv", "no.csv: no such file; correct impedance_trajectory in .*, or write null"),
     ("campaign", "a b", r"campaign: 'a b' is not allowed: write letters, digits, _ and - alone"),
@@ -257,7 +258,7 @@ BY_ANGLE = {"shared": {"column": "torque", "markers": ["A", "B", "C"]}}
     ({"clock": "sync"}, {"analogs": {}}, 2, "line 8: 'sync' does not align"),
     ({"clock": "sync"}, BY_ANGLE | {"analogs": {}}, 2, "line 8: 'sync' does not align"),  # the log has no torque
     ({"clock": "sync"}, {}, 3, r"`walking\.plate` in the configuration: no force plate 3; .*/b\.c3d has 2, counted"),
-    ({"clock": "sync", "part": "b"}, {}, 2, r"csv: trial 'w0': log_part 'b' in the sheet: a log in csv holds one"),
+    ({"clock": "sync", "part": "b"}, {}, 2, r"csv: trial 'w0': log_part 'b': a log in csv holds one"),
     ({"clock": "sync"}, {"plates": [1, 99]}, 2, r"`plates` in .*mocap\.yaml, line 5: no force plate 99; .* has 2, co"),
     ({"clock": "sync"}, {}, 2, ""),
 ])  # fmt: skip

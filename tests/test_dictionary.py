@@ -93,6 +93,14 @@ def test_names_of_digits_are_text_decimals_may_come_late_and_an_empty_column_hol
     assert with_places(table.drop("trial"), {}).columns == ["amplitude_deg", "K"]
 
 
+def test_a_blank_line_in_a_table_is_no_row_and_an_entry_behind_it_stands_in_its_own_line(tmp_path):
+    (tmp_path / "t.csv").write_text("\ntrial,K\na,1\n\nb,2\n\n")
+    assert read_table(tmp_path / "t.csv", ["K"]).rows() == [("a", 1), ("b", 2)]
+    (tmp_path / "t.csv").write_text("trial,K\na,1\n\nb,ERROR\n")
+    with pytest.raises(InputError, match="line 4: column 'K' holds 'ERROR'"):
+        read_table(tmp_path / "t.csv", ["K"])
+
+
 def test_a_failure_while_writing_leaves_the_old_file_and_nothing_else(tmp_path, monkeypatch):
     (tmp_path / "t.csv").write_text("old")
     with pytest.raises(ZeroDivisionError), atomic_path(tmp_path / "t.csv") as temporary:

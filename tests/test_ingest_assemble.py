@@ -414,7 +414,7 @@ def test_a_wrong_field_of_a_source_file_of_matlab_is_refused():
     ):  # fmt: skip
         with pytest.raises(ValueError, match=message):
             described("mat", **fields)
-    with pytest.raises(InputError, match="log_part 'x' in the sheet: a log in csv holds one trial; clear the cell"):
+    with pytest.raises(InputError, match="log_part 'x': a log in csv holds one trial; leave log_part empty"):
         described("csv").of_part("x")
 
 

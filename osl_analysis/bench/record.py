@@ -424,6 +424,7 @@ def record_of_trial(
             made = replace(made, other=conditioned(again, settings, groups, band))
     except (InputError, IdentifiabilityError) as error:
         words = said_of_motion(str(error), known, signals["theta"]) if auto and not is_other else str(error)
+        words = said_of_noise(signals["theta"], signals.rate_hz) or words
         raise type(error)(f"trial {trial.name}: {words}") from error
     if auto and not is_other and known.moves and known.kind == "unclear" and known.sines < stepped_sine.HARDLY:
         raise InputError(
@@ -438,6 +439,18 @@ def another_motion(known: Likeness) -> str:
     return (
         f"{100 * known.sines:.0f} % of the moving time are sines of one frequency: if another motion was meant, "
         "state `excitation: any` under `dynamometer` in the configuration, or its windows in the sheet"
+    )
+
+
+def said_of_noise(theta: Array, rate_hz: float) -> str:
+    """What is said of an angle [rad] whose rows hardly hang together, which fits no motion; nothing of another one."""
+    noise, size = np.rad2deg(stepped_sine.noise_of(theta)), np.rad2deg(theta.std())
+    if size < 0.5 or noise < 0.3 * size:  # a joint that does not move, or one that moves by its rows
+        return ""
+    return (
+        f"theta jumps from row to row by {noise:.2g} deg of its {size:.2g} deg RMS: it is noise, or {rate_hz:.3g} rows "
+        "per second are too few for its motion; record 100 per second or more, or correct the channel of theta in the "
+        "source file"
     )
 
 

@@ -126,7 +126,7 @@ def fit_of_row(trial: Trial, row: Mapping[str, Any], device: Path | None, config
 
 
 def inspect_file(path: Path) -> Overview:
-    check_file(path, "its name")
+    check_file(path)
     return FORMATS[recognise(path)].inspect(path)
 
 

@@ -18,7 +18,7 @@ from osl_analysis.config.experiments import EXPERIMENTS, Experiment
 from osl_analysis.errors import InputError, listing
 from osl_analysis.measured import factor_of, usual_size
 from osl_analysis.signals import longest_run, run_at_extreme, run_edges, runs
-from osl_analysis.signals.grid import GapLimits, devices_of, streams, uniform_signals
+from osl_analysis.signals.grid import GapLimits, devices_of, origin, streams, uniform_signals
 from osl_analysis.signals.samples import take
 from osl_analysis.spectral.stepped_sine import Likeness, Run, SteppedSineProtocol, stated_protocol
 from osl_analysis.trial import Array, Trial, beside, plate_axes, plate_columns, unit_of
@@ -437,8 +437,8 @@ def measure_dropout(examined: Examined) -> CheckResult:
     counts = dict[str, float]()
     for name in ("theta", "theta_m", "omega_m", "torque", "torque_m", "current"):
         x = recorded(examined.trial, name)[1]
-        steps, origin = np.abs(np.diff(x)), examined.trial.provenance.get("columns", {}).get(name, {})
-        zero = origin.get("sign", 1) * origin.get("scale", 1) * origin.get("factor", 1) * origin.get("offset", 0)
+        steps, of = np.abs(np.diff(x)), origin(examined.trial, name)
+        zero = of.get("sign", 1) * of.get("scale", 1) * of.get("factor", 1) * of.get("offset", 0)
         nought = np.abs(x - zero) < NEXT_TO_ZERO
         stands = nought[:-1] & nought[1:]
         if np.count_nonzero(steps) <= 0.5 * np.sum(~stands):
@@ -627,6 +627,8 @@ def check_recording(trial: Trial, limits: Any, torque: str = "torque", angle: st
         )
     if turn / 2 > limits.largest_angle:
         cause = "is it recorded in deg and declared as rad? Correct its `unit`"
+        if origin(trial, angle or "").get("factor", 1) != 1:
+            cause = "no joint turns so far, is it another channel, or its scale another? Correct it"
         if measured.size and change / 2 < limits.largest_angle:
             cause = f"{torque} has +-{change / 2:.2g} N*m only, are the two swapped? Correct their names"
         raise InputError(

@@ -200,7 +200,7 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
         begin, found = formats_of(path, described.format)
         if (found and described.format not in found) or (described.format == "csv" and not is_text(begin)):
             what = f"is {found[0]}" if found else f"is no text (it begins with {begin[:8]!r})"
-            other = f"write `format: {found[0]}`, or correct {role}_source in the sheet" if found else ""
+            other = f"write `format: {found[0]}`, or correct {role}_source" if found else ""
             remedy = other or "name the recording itself"
             if path.is_dir():
                 what, remedy = f"a folder with a recording in {found[0]}", f"{remedy}, or name a file in it"
@@ -248,7 +248,7 @@ def check_markers(trial: Trial, experiment: str | None) -> None:
     )
 
 
-def check_file(path: Path, named_in: str = "the sample sheet") -> None:
+def check_file(path: Path) -> None:
     """Refuse a file that is missing or empty, and what is no recording: a device, a pipe, a folder without parts."""
     if path.is_dir():
         files_in(path)
@@ -256,7 +256,7 @@ def check_file(path: Path, named_in: str = "the sample sheet") -> None:
     if path.exists() and not path.is_file():
         raise InputError(f"{path}: a device or a pipe, not a recording; name a file, or copy its content into one")
     if not path.is_file():
-        raise InputError(f"{path}: no such file; correct {named_in}, or copy the file there")
+        raise InputError(f"{path}: no such file; correct the sample sheet, or copy the file there")
     check_not_refused(path)
     if path.stat().st_size == 0:
         raise InputError(f"{path}: the file is empty; copy or record it again, or exclude the trial in the sheet")

@@ -403,7 +403,7 @@ class Source(Settings):
     def of_part(self, part: str) -> Self:
         """The source file for one part of a log that holds several trials, as the sample sheet names it."""
         if part:
-            said = f"log_part '{part}' in the sheet: a log in {self.format} holds one trial; clear the cell"
+            said = f"log_part '{part}': a log in {self.format} holds one trial; leave log_part empty"
             raise InputError(said)
         return self
 

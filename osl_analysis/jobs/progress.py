@@ -7,7 +7,7 @@ import re
 import sys
 import time
 from collections import Counter
-from logging import INFO, WARNING, LogRecord
+from logging import ERROR, INFO, WARNING, LogRecord
 from pathlib import Path
 
 from snakemake_interface_logger_plugins.base import LogHandlerBase
@@ -46,8 +46,15 @@ def stage_of(rule: str) -> str:
     return next(name for name, begins in STAGES.items() if re.search(f"(^|_)({begins})", rule))
 
 
+def in_our_words(text: str) -> str:
+    for many, ours in CANNOT_GO_ON.items():
+        text = re.sub(rf"\A{many}\Z", f"error: {ours}", text, flags=re.DOTALL)
+    return text
+
+
 class LogHandler(LogHandlerBase):
-    """Snakemake's records as the lines of a run; with `--verbose`, or in a dry run, Snakemake writes its own."""
+    """Snakemake's records as the lines of a run. With `--verbose`, or in a dry run, Snakemake writes its own, and below
+    them stands why it cannot go on."""
 
     writes_to_file = False  # Snakemake's log file stays as it is
     has_filter = True  # it chooses by itself
@@ -70,9 +77,13 @@ class LogHandler(LogHandlerBase):
     def emit(self, record: LogRecord) -> None:
         """Take one record. A line that cannot be written must not end the thread that takes them."""
         event, known = getattr(record, "event", None), record.__dict__
-        if not self.is_quiet or (event == LogEvent.JOB_ERROR and not known["rule_msg"]):  # the job has told its error
+        if event == LogEvent.JOB_ERROR and not known["rule_msg"]:  # the job has told its error
             return
         try:
+            if not self.is_quiet:
+                if record.levelno >= ERROR and (said := in_our_words(text := self.format(record))) != text:
+                    self.line(said)
+                return
             if event == LogEvent.RUN_INFO:
                 for rule, count in known["stats"].items():  # the targets have no stage
                     if not re.fullmatch(r"total|(\w+_)?(reproduce-all|study|validate)", rule):
@@ -84,9 +95,7 @@ class LogHandler(LogHandlerBase):
             elif event == LogEvent.JOB_FINISHED:
                 self.finish(*self.jobs.pop(known["job_id"], ("", [])))
             elif record.levelno >= WARNING or (event is None and record.levelno >= INFO):
-                text = self.format(record)
-                for many, ours in CANNOT_GO_ON.items():
-                    text = re.sub(rf"\A{many}\Z", f"error: {ours}", text, flags=re.DOTALL)
+                text = in_our_words(self.format(record))
                 if not NOT_TOLD.match(text):
                     self.line(text)
         except Exception:

@@ -9,14 +9,18 @@ made again.
 import gc
 import os
 import sys
+from contextlib import suppress
 from operator import attrgetter
 from pathlib import Path
 
-from osl_analysis.jobs.run import at_end_of_run, end_timers, job_server, run_job
+from osl_analysis.jobs.run import at_end_of_run, begin, end_timers, job_server, run_job
 
 gc.set_threshold(50_000)  # what planning makes stays: looking through it at every 700th object took a sixth of it
 os.environ["TMPDIR"] = str(workflow.snakemake_tmp_dir)  # for jobs: what a killed one leaves goes with the run's own
 if not {"-n", "--dry-run", "--dryrun"} & {*sys.argv}:
+    if workflow.is_main_process:
+        with suppress(OSError):  # a folder that cannot be written to is refused below
+            begin(workflow.snakemake_tmp_dir)
     job_server()  # its imports take the other core while this one does those below
 
 from osl_analysis.commands.run import check_start, unnamed_recordings, with_shipped_profile

@@ -3,8 +3,10 @@
 import json
 import logging
 import os
+import platform
 import re
 import signal
+import subprocess
 import warnings
 import zipfile
 from contextlib import nullcontext
@@ -175,6 +177,36 @@ def test_a_killed_job_leaves_nothing_half(tmp_path):
     died(request, 12345, 9)
     assert not left.exists()
     assert [(cause.trial, cause.outcome) for cause in read_refusals(output)] == [("b_7", "died")]
+
+
+@pytest.mark.parametrize("host", [platform.node(), "another"])
+def test_the_next_start_cleans_what_a_killed_run_on_this_machine_left_and_takes_its_lock(tmp_path, monkeypatch, host):
+    monkeypatch.chdir(tmp_path)
+    ended = subprocess.Popen(["true"])
+    ended.wait()
+    kept = [Path(f"results/.a.{os.getpid()}.csv"), Path("results/.hidden"), Path("results/a.csv")]
+    left = [Path(f"results/.a.{ended.pid}.csv"), Path(".snakemake/locks/0.output.lock"), Path("snakemakeab/source")]
+    for file in (*kept, *left):
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.touch()
+    jobs_run.RUNS.write_text(json.dumps({"host": host, "pid": ended.pid, "temporary": "snakemakeab"}) + "\n")
+    is_here = host == platform.node()
+    with jobs_run.RUNS.open() as at_work:
+        jobs_run.fcntl.flock(at_work, jobs_run.fcntl.LOCK_SH)
+        assert not jobs_run.locked_by_killed_run(), "another run holds it"
+    assert jobs_run.locked_by_killed_run() == is_here
+    file, are_ended_here = jobs_run.begin(tmp_path / "own")
+    assert are_ended_here == is_here
+    if are_ended_here:
+        jobs_run.remove_half_written([Path("results")])
+    jobs_run.begin.cache_clear()
+    assert [one.exists() for one in (*kept, *left)] == [True] * 3 + [not is_here] * 3
+    (mine,) = (json.loads(line) for line in jobs_run.RUNS.read_text().splitlines())
+    assert (mine["pid"], mine["temporary"]) == (os.getpid(), f"{tmp_path}/own")
+    beside, are_ended_here = jobs_run.begin(tmp_path / "other")
+    jobs_run.begin.cache_clear()
+    with file, beside:
+        assert not are_ended_here, "this run is at work"
 
 
 def test_a_job_that_a_killed_server_had_not_begun_is_done_by_a_new_one_and_one_that_ran_is_named(tmp_path, monkeypatch):
@@ -468,7 +500,9 @@ def test_a_run_has_a_line_now_and_then_one_per_stage_and_what_is_refused_at_once
         tell(lines, LogEvent.ERROR, text, logging.ERROR)
     tell(lines, LogEvent.JOB_ERROR, "Error in rule a", logging.ERROR, rule_msg=None)
     for settings in ((True, False), (False, True)):  # verbose and dry runs have the lines of Snakemake
-        tell(LogHandler(SimpleNamespace(verbose=settings[0], dryrun=settings[1]), None), text="Unlocked.")
+        beside = LogHandler(SimpleNamespace(verbose=settings[0], dryrun=settings[1]), None)
+        tell(beside, text="Unlocked.")
+        tell(beside, LogEvent.ERROR, "MissingRuleException:\nNo rule to produce y.csv (if you use).", logging.ERROR)
     assert lines.total.total() == 40
     assert capsys.readouterr().err.splitlines() == [
         "Unlocked.", "read and check recordings 21/40, 2/s, 10 s left",
@@ -477,8 +511,8 @@ def test_a_run_has_a_line_now_and_then_one_per_stage_and_what_is_refused_at_once
         f"error: {Path.cwd()}: another run is at work here: wait for it; or one that was killed left its lock: "
         "`osl-analysis run` takes it over on the same machine, else `--unlock` removes it",
         f"error: {disk}; make room, or make it writable, and run again", f"error: {full}",
-        "error: x/no.csv: no result of this campaign has this name; compare it with the files below its results, "
-        "or leave it out to make all of them",
+        *(f"error: {name}: no result of this campaign has this name; compare it with the files below its results, "
+          "or leave it out to make all of them" for name in ("x/no.csv", "y.csv", "y.csv")),
     ]  # fmt: skip
 
 

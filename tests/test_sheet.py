@@ -2,6 +2,7 @@
 
 import itertools
 import re
+import shutil
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -175,6 +176,11 @@ def test_a_crossing_and_a_plate_trial_have_the_side_of_their_static_trial_and_wa
     with pytest.raises(InputError, match=r"trial 'j': .*j.csv is a copy of .*k.csv, the recording of trial 'k'"):
         check_campaign(open_campaign(copied, bench))
     check_campaign(open_campaign(copied, bench | {"j": bench["j"] | {"experiment": "belt"}}))
+    (tmp_path / "u0.c3d").write_bytes(b"1 2 3")
+    check_campaign(open_campaign(copied, whole))
+    shutil.copy(tmp_path / "u0.c3d", tmp_path / "u1.c3d")
+    with pytest.raises(InputError, match=r"trial 'u1': .*u1.c3d is a copy of .*u0.c3d, the recording of trial 'u0'"):
+        check_campaign(open_campaign(copied, whole))
     for gone, said in (("[lr]", "static', walking needs 1"), ("p", "plate' .unloaded .*, walking needs 1")):
         bare = read_sheet(sheet(tmp_path, re.sub(f"^{gone},.*\n", "", enough, flags=re.MULTILINE)))
         with pytest.raises(InputError, match=f"0 trial of experiment '{said}"):

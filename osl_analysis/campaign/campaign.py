@@ -214,10 +214,9 @@ def check_campaign(campaign: Campaign) -> None:
 
 
 def check_no_copies(campaign: Campaign) -> None:
-    """Refuse a recording of a bench that another trial of the same experiment has under another name: it would count
-    twice."""
+    """Refuse a recording that another trial of the same experiment has under another name: it would count twice."""
     alike: dict[tuple[object, ...], list[tuple[str, Path]]] = {}
-    for trial in (one for one in campaign.rows if EXPERIMENTS[campaign.row(one)["experiment"]].place == "bench"):
+    for trial in campaign.rows:
         row = campaign.row(trial)
         for file in (one for one in campaign.logs(trial) if one.is_file() and (size := one.stat().st_size)):
             with suppress(OSError), file.open("rb") as content:  # the middle tells most files of one size apart

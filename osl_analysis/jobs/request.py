@@ -14,7 +14,7 @@ from typing import Any
 from osl_analysis.files import PACKAGE, digest, file_state, root, write_text
 from osl_analysis.jobs.code import Sources
 from osl_analysis.jobs.job_log import plain
-from osl_analysis.jobs.run import begin, planned_folder
+from osl_analysis.jobs.run import begin, planned_folder, remove_half_written
 from osl_analysis.judge.used import Judge, exclusions
 from osl_analysis.refusal import TRIED_AGAIN, is_refused, read_refusals
 from osl_analysis.yaml_settings import content_digest
@@ -90,7 +90,8 @@ class Requests:
         if self.workflow.executor_plugin is None or self.workflow.dryrun:
             return planned_folder()
         if self.workflow.is_main_process:
-            begin(self.workflow.snakemake_tmp_dir, *self.written)
+            if begin(self.workflow.snakemake_tmp_dir)[1]:
+                remove_half_written(self.written)
             self.judge.write(self.folder / "judge.json")
         return None
 

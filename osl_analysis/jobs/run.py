@@ -23,7 +23,7 @@ import sys
 import threading
 import time
 import traceback
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
@@ -248,34 +248,29 @@ def runs_before(file: IO[str]) -> list[dict[str, Any]] | None:
 
 
 @cache
-def begin(temporary: Path, *folders: Path) -> IO[str]:
-    """Begin a run with this temporary folder, and say that it is at work: clean what a killed one on this machine left,
-    also in the `folders`."""
+def begin(temporary: Path) -> tuple[IO[str], bool]:
+    """Begin a run with this temporary folder, and say that it is at work, as long as the file is open. Remove the
+    temporary folders of killed ones. The second is whether all runs before were on this machine, and have ended."""
     RUNS.parent.mkdir(exist_ok=True)
     file = RUNS.open("a+", encoding="utf-8")
     if (before := runs_before(file)) is not None:
-        clean(before, folders)
+        planned = Path(gettempdir()).glob(f"{PLANNED}*_*")
+        left = [one for one in planned if not is_alive(int(one.name.removeprefix(PLANNED).partition("_")[0]))]
+        for folder in (*left, *(Path(one["temporary"]) for one in before if one["host"] == platform.node())):
+            shutil.rmtree(folder, ignore_errors=True)
         file.truncate(0)
     fcntl.flock(file, fcntl.LOCK_SH)
     known = {"host": platform.node(), "pid": os.getpid(), "temporary": str(temporary)}
     print(json.dumps(known), file=file, flush=True)
-    return file
+    return file, bool(before) and all(one["host"] == platform.node() for one in before)
 
 
-def clean(before: Sequence[Mapping[str, Any]], folders: Sequence[Path]) -> None:
-    """Remove what killed runs on this machine left: their temporary folders, and half-written files in the folders."""
-    left = [Path(one["temporary"]) for one in before if one["host"] == platform.node()]
-    if killed := [folder for folder in left if folder.is_dir()]:
-        of_process = re.compile(r"\..+\.(\d+)(\.\w+)?")
-        hidden = (path for folder in folders for path in folder.rglob(".*") if path.is_file())
-        named = ((path, of_process.fullmatch(path.name)) for path in hidden)
-        killed += [path for path, name in named if name and not is_alive(int(name[1]))]
-    planned = Path(gettempdir()).glob(f"{PLANNED}*_*")
-    for path in (
-        *killed,
-        *(one for one in planned if not is_alive(int(one.name.removeprefix(PLANNED).partition("_")[0]))),
-    ):
-        shutil.rmtree(path, ignore_errors=True) if path.is_dir() else path.unlink(missing_ok=True)
+def remove_half_written(folders: Sequence[Path]) -> None:
+    """Remove the files that processes which were killed on this machine wrote in some folders."""
+    for path in (one for folder in folders for one in folder.rglob(".*")):
+        name = re.fullmatch(r"\..+\.(\d+)(\.\w+)?", path.name)
+        if name and not is_alive(int(name[1])) and path.is_file():
+            path.unlink(missing_ok=True)
 
 
 def is_alive(pid: int) -> bool:

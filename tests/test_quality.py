@@ -372,6 +372,7 @@ def test_a_value_at_its_threshold_passes_and_no_number_fails(name, value, fails)
       for wrong in ("20", "20 kN", "much N", "-1 N", "nan N", "inf N")),
     ({"gap": None}, "quality: no rule for the check 'gap'"),
     ({"gaps": {"on_failure": "flag"}}, "'gaps' is no quality check; the checks are rate,"),
+    ({1: {"on_failure": "flag"}}, "quality.1: '1' is no quality check; the checks are rate,"),
 ])  # fmt: skip
 def test_rules_and_checks_are_the_same_list_and_a_threshold_has_the_unit_of_its_check(changed, message):
     validate_rules(RULES, UNITS)

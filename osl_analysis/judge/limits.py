@@ -44,7 +44,7 @@ class QualityRules(Settings):
     def _checks_are_known(cls, content: Any) -> Any:
         for name in content if isinstance(content, Mapping) else ():
             if name not in CHECKS:
-                raise misplaced(unknown_check(name), name)
+                raise misplaced(unknown_check(str(name)), name)
         return content
 
     @property

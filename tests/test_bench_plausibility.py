@@ -100,11 +100,12 @@ def test_what_cannot_be_is_refused_with_its_cause(experiment, changes, words):
         judged(experiment, changed(experiment, **changes), asked=KNOWN if experiment == "impedance" else None)
 
 
-def test_degrees_declared_as_radians_are_asked_for_where_rad_is_declared_alone():
-    time, turned = np.arange(1000) / 100, np.deg2rad(400) * np.sin(np.arange(1000) / 10)
-    for factor, said in (
-        (1.0, "recorded in deg and declared as rad"),
-        (np.pi / 180, "no joint turns so far, is it ano"),
+def test_degrees_declared_as_radians_are_asked_for_where_rad_is_declared_alone_and_nothing_jumps():
+    time, turning = np.arange(1000) / 100, np.sin(np.arange(1000) / 10)
+    for turned, factor, said in (
+        (7 * turning, 1.0, "recorded in deg and declared as rad"),
+        (7 * turning, np.pi / 180, "no joint turns so far, is it another channel"),
+        (turning % (2 * np.pi), 1.0, "it jumps so far from a row to the next, as where an encoder begins anew"),
     ):
         told = {"columns": {"theta": {"unit": "of the file", "factor": factor}}}
         trial = Trial("made", pl.DataFrame({"time": time, "theta": turned, "torque": 9 * turned}), told)

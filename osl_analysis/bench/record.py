@@ -423,7 +423,7 @@ def record_of_trial(
             groups, band, _, again = parts_of(again)
             made = replace(made, other=conditioned(again, settings, groups, band))
     except (InputError, IdentifiabilityError) as error:
-        words = said_of_motion(str(error), known, signals["theta"]) if auto and not is_other else str(error)
+        words = said_of_motion(str(error), known, signals) if auto and not is_other else str(error)
         words = said_of_noise(signals["theta"], signals.rate_hz) or words
         raise type(error)(f"trial {trial.name}: {words}") from error
     if auto and not is_other and known.moves and known.kind == "unclear" and known.sines < stepped_sine.HARDLY:
@@ -454,16 +454,17 @@ def said_of_noise(theta: Array, rate_hz: float) -> str:
     )
 
 
-def said_of_motion(words: str, known: Likeness, theta: Array) -> str:
+def said_of_motion(words: str, known: Likeness, signals: UniformSignals) -> str:
     """The words of an error in a motion that the recording itself was to tell, with its cause where it is known."""
-    degrees = np.rad2deg(np.ptp(theta))
+    degrees = np.rad2deg(np.ptp(signals["theta"]))
     if known.moves:
         return f"{words}; {another_motion(known)}" if known.kind == "unclear" else words
     if degrees > 1.0:  # beyond the noise of any encoder
         return (
             f"the joint moves too slowly: theta changes by {degrees:.3g} deg in all, but by no more than "
             f"{100 * stepped_sine.MOVING_SHARE:g} % of it, or its noise, within {stepped_sine.BIN_S:g} s; move it "
-            "by 0.5 to 6 Hz, or take the stiffness alone by experiment 'torque_angle'"
+            "by 0.5 to 6 Hz, or take the stiffness alone by experiment 'torque_angle', or correct the unit of `time`: "
+            f"it gives {signals.rate_hz:.3g} rows per second"
         )
     return (
         f"the joint does not move: theta turns by {degrees:.3g} deg in all; check the channel and the unit of "

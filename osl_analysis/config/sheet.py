@@ -244,7 +244,7 @@ def wrong_files(row: Mapping[str, str]) -> Iterator[str]:
         yield f"trial '{row['trial']}' names no file; fill in log or mocap"
     for column in ("log", "mocap"):
         if row[column] and not row[f"{column}_source"]:
-            yield f"{column}_source is empty; name the file in config/sources that describes {row[column]}"
+            yield f"{column}_source is empty; name the source file that describes {row[column]}"
     if row["log_part"] and not row["log"]:
         yield f"log_part '{row['log_part']}' without a log; fill in log, or clear log_part"
 

@@ -626,14 +626,20 @@ def check_recording(trial: Trial, limits: Any, torque: str = "torque", angle: st
             "the channel of the load cell? Correct it in the source file"
         )
     if turn / 2 > limits.largest_angle:
-        cause = "is it recorded in deg and declared as rad? Correct its `unit`"
+        cause = "is it recorded in deg and declared as rad? Correct its `unit` in the source file"
         if origin(trial, angle or "").get("factor", 1) != 1:
-            cause = "no joint turns so far, is it another channel, or its scale another? Correct it"
+            cause = "no joint turns so far, is it another channel, or its scale another? Correct it in the source file"
         if measured.size and change / 2 < limits.largest_angle:
-            cause = f"{torque} has +-{change / 2:.2g} N*m only, are the two swapped? Correct their names"
+            cause = (
+                f"{torque} has +-{change / 2:.2g} N*m only, are the two swapped? Correct their names in the source file"
+            )
+        if np.abs(np.diff(turned)).max() > 0.9 * turn:
+            cause = (
+                "it jumps so far from a row to the next, as where an encoder begins anew; unwrap it, or record it again"
+            )
         raise InputError(
             f"{who} {angle} turns by +-{turn / 2:.3g} rad ({math.degrees(turn / 2):.0f} deg), more than the "
-            f"{limits.largest_angle:g} rad of `largest_angle` in the configuration: {cause} in the source file"
+            f"{limits.largest_angle:g} rad of `largest_angle` in the configuration: {cause}"
         )
     largest = float(np.abs(measured).max(initial=0.0))
     if limits.load_cell_range is not None and largest > limits.load_cell_range:

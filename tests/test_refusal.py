@@ -6,7 +6,9 @@ import os
 import platform
 import re
 import signal
+import socket
 import subprocess
+import sys
 import warnings
 import zipfile
 from contextlib import nullcontext
@@ -250,6 +252,23 @@ def test_one_process_does_several_jobs_and_another_one_takes_its_place_when_it_i
     server.wait()
     link.close()
     job_server.cache_clear()
+
+
+def test_a_worker_ends_its_job_without_a_word_where_the_server_is_killed_meanwhile(tmp_path):
+    request, _ = written(tmp_path)
+    ours, theirs = socket.socketpair()
+    asked, job = socket.socketpair()
+    code = f"import socket; from osl_analysis.jobs.run import work; work(socket.socket(fileno={theirs.fileno()}))"
+    with (tmp_path / "said").open("w+") as said, ours, theirs, asked, job:
+        worker = subprocess.Popen([sys.executable, "-c", code], pass_fds=[theirs.fileno()])
+        socket.send_fds(ours, [b"+"], [job.fileno(), said.fileno(), said.fileno()])
+        ours.close()
+        asked.sendall(f"{tmp_path}\0{request}".encode())
+        asked.shutdown(socket.SHUT_WR)
+        theirs.close()
+        assert worker.wait() == 0
+        assert (tmp_path / "said").read_text() == ""
+    assert is_refused(tmp_path / "fits/b_7.csv")
 
 
 def test_a_job_that_crashes_on_its_recording_is_refused_with_the_file_and_one_that_is_killed_is_tried_again(tmp_path):

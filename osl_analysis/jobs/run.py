@@ -183,19 +183,21 @@ def job_ended(workers: dict[socket.socket, Worker], channel: socket.socket) -> N
 def work(channel: socket.socket) -> NoReturn:
     """Do the jobs that arrive at a socket in this process, and say there how each ended; the last one ends it, too."""
     gc.enable()
-    for jobs_left in reversed(range(MOST_JOBS)):
-        head, files, _, _ = socket.recv_fds(channel, 1, 3)
-        if not head:
-            os._exit(0)
-        for wanted, file in enumerate(files[1:], start=1):
-            os.dup2(file, wanted)
-            os.close(file)
-        with socket.socket(fileno=files[0]) as link, link.makefile("rb") as asked_for:
-            folder, request = asked_for.read().decode().split("\0")
-        code = do(folder, request)
-        gc.collect()
-        if jobs_left:
-            channel.sendall(bytes([code]))
+    code = 0
+    with suppress(OSError):  # of a server that was killed
+        for jobs_left in reversed(range(MOST_JOBS)):
+            head, files, _, _ = socket.recv_fds(channel, 1, 3)
+            if not head:
+                break
+            for wanted, file in enumerate(files[1:], start=1):
+                os.dup2(file, wanted)
+                os.close(file)
+            with socket.socket(fileno=files[0]) as link, link.makefile("rb") as asked_for:
+                folder, request = asked_for.read().decode().split("\0")
+            code = do(folder, request)
+            gc.collect()
+            if jobs_left:
+                channel.sendall(bytes([code]))
     os._exit(code)
 
 

@@ -277,7 +277,12 @@ def test_what_contradicts_sheet_markers_or_calibration_is_refused_by_name(ideal:
     for name, claimed, lost, reason in (
         (ideal.perturbed[0], False, "", "the platform .* sheet says perturbed = false"),
         (ideal.unperturbed[0], True, "", "the platform .* sheet says perturbed = true"),
-        (ideal.unperturbed[0], False, "marker_FOOT3_x", "no column 'marker_FOOT3_x'"),
+        (
+            ideal.unperturbed[0],
+            False,
+            "marker_FOOT3_x",
+            "no marker 'FOOT3'; correct `walking.markers` .*; did you mean 'FOOT[124]'",
+        ),
         (ideal.unperturbed[0], False, "FOOT2", "marker FOOT2 is not in the static calibration"),
     ):
         source, content = read_trial(ideal.trial(name)), json.loads(ideal.file("calibration.json").read_text())

@@ -11,7 +11,7 @@ import scipy
 from numpy.typing import NDArray
 from pydantic import PlainSerializer, PlainValidator
 
-from osl_analysis.errors import InputError
+from osl_analysis.errors import InputError, nearest
 from osl_analysis.signals import differentiate
 from osl_analysis.trial import Array, Trial, marker_columns
 from osl_analysis.walking.settings import CalibrationSettings, MarkerSettings
@@ -64,6 +64,10 @@ class Poses:
 def marker_tracks(trial: Trial, names: Sequence[str]) -> tuple[Array, Array]:
     """Time (n,) [s] of the marker frames and positions (n, m, 3) [m], NaN where a marker was hidden."""
     columns = [column for name in names for column in marker_columns(name)]
+    for name in (one for one in names if marker_columns(one)[0] not in trial.columns):
+        said = f"trial {trial.name}: no marker '{name}'; correct `walking.markers` in the configuration, or its label"
+        labels = [one.removeprefix("marker_").removesuffix("_x") for one in trial.columns if one.endswith("_x")]
+        raise InputError(said + nearest(name, labels))
     rows = trial.sampled(*columns)
     if rows.is_empty():
         raise InputError(f"trial {trial.name}: markers {', '.join(names)} have no frames; record the trial again")

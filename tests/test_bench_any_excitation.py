@@ -683,12 +683,17 @@ def test_an_angle_of_noise_or_of_too_few_rows_is_no_slow_motion_and_recorded_fas
         trial = made_trial(rng, (time, (theta if turn is None else turn * rng.standard_normal(time.size), *others)))
         return row_of(trial, excitation=excitation)
 
-    with pytest.raises(
-        InputError, match=r"jumps from row to row by .* or 8 rows per second are too few .*; record 100"
-    ):
-        recorded(8.0)
+    for rate in (8, 25):
+        with pytest.raises(
+            InputError, match=rf"jumps from row to row .* or {rate} rows per second are too few .* 100 pe"
+        ):
+            recorded(rate)
     with pytest.raises(InputError, match=r"jumps from row to row by 2\.9 deg of its 2\.8 deg RMS: it is noise, or"):
         recorded(RATE, 0.05)
+    time, motion = noise(rng := np.random.default_rng(4), rate=45.0)
+    short = made_trial(rng, (time[200:240], tuple(x[200:240] for x in motion)))
+    with pytest.raises(InputError, match=r"nothing is left to fit: .*; record for longer"):
+        row_of(short, excitation="any")
     assert recorded(100.0)["K"] == pytest.approx(TRUE["K"], rel=0.01)
 
 

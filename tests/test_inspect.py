@@ -377,11 +377,13 @@ def test_the_parameters_of_an_ankle_judge_no_knee(bench):
     assert [*found, module.device_of_row({}, without)] == [None, device, device, None]
 
 
-def test_a_failed_check_that_the_sheet_accepts_is_not_repeated(bench):
+def test_a_failed_check_is_told_with_its_whole_remedy_and_one_that_the_sheet_accepts_is_not_repeated(bench):
     rng = np.random.default_rng(1)
     trial = made_trial(rng, noise(rng, duration=20.0))
     spoilt = replace(trial, samples=trial.samples.with_columns(torque=pl.col("torque").clip(-4, 4)))
-    assert "saturation" in module.quality_text(spoilt, "impedance", bench.config, ())
+    said, cause = module.quality_text(spoilt, "impedance", bench.config, ()), module.CHECKS["saturation"].cause
+    assert said.startswith("QUALITY flag saturation: ")
+    assert said.endswith(module.check_words(cause).remedy)
     assert "saturation" not in module.quality_text(spoilt, "impedance", bench.config, ("saturation",))
 
 

@@ -424,7 +424,7 @@ def record_of_trial(
             made = replace(made, other=conditioned(again, settings, groups, band))
     except (InputError, IdentifiabilityError) as error:
         words = said_of_motion(str(error), known, signals) if auto and not is_other else str(error)
-        words = said_of_noise(signals["theta"], signals.rate_hz) or words
+        words = said_of_noise(known, signals.rate_hz) or words
         raise type(error)(f"trial {trial.name}: {words}") from error
     if auto and not is_other and known.moves and known.kind == "unclear" and known.sines < stepped_sine.HARDLY:
         raise InputError(
@@ -442,10 +442,11 @@ def another_motion(known: Likeness) -> str:
     )
 
 
-def said_of_noise(theta: Array, rate_hz: float) -> str:
-    """What is said of an angle [rad] whose rows hardly hang together, which fits no motion; nothing of another one."""
-    noise, size = np.rad2deg(stepped_sine.noise_of(theta)), np.rad2deg(theta.std())
-    if size < 0.5 or noise < 0.3 * size:  # a joint that does not move, or one that moves by its rows
+def said_of_noise(known: Likeness, rate_hz: float) -> str:
+    """What is said of an angle whose rows hardly hang together, so that its motion does not count as such; nothing of
+    another one. Motion up to 6 Hz jumps by a tenth, and counts for half of the time, at 50 rows per second."""
+    noise, size = np.rad2deg(stepped_sine.noise_of(known.theta)), np.rad2deg(known.theta.std())
+    if size < 0.5 or noise < 0.1 * size or known.moving.mean() > 0.5:
         return ""
     return (
         f"theta jumps from row to row by {noise:.2g} deg of its {size:.2g} deg RMS: it is noise, or {rate_hz:.3g} rows "

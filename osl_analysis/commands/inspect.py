@@ -589,4 +589,4 @@ def quality_text(trial: Trial, experiment: str, config: Config, accepted: Collec
         cause = CHECKS[row["check"]].cause
         what_to_do = ", ".join(filter(None, [row["remark"], check_words(cause).remedy]))
         named.append(f"{row['verdict']} {row['check']}: {cause}, {what_to_do}")
-    return f"QUALITY {listing(named, 4)}"
+    return f"QUALITY {', '.join(named)}"

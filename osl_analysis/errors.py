@@ -24,6 +24,11 @@ def listing(names: Sequence[str], most: int = 40) -> str:
     return (", ".join(one if len(one) <= 80 else f"{one[:80]}..." for one in names[:most]) or "none") + more
 
 
+def quoted(data: bytes) -> str:
+    """Bytes for a message, as the text that they may be."""
+    return repr(data.decode("latin-1"))
+
+
 def nearest(name: str, known: Iterable[str], cutoff: float = 0.6) -> str:
     """The end of a message about an unknown name: a question with the most similar known name; empty without one."""
     folded = {one[:80].casefold(): one for one in known}

@@ -394,8 +394,8 @@ def test_a_library_that_is_not_installed_is_named_with_its_extra(tmp_path, monke
     ("json_lines", b'{"t": 1', "holds no whole line"), ("json_lines", b'{"t": 1\n' * 2, "a message of 7 bytes is not"),
     ("json_lines", b'{"t": 1}\n{"t": 2}\n{"t": \n', "no line that can be used has a field 'angle': a message of 6"),
     ("mat", b"t\n1\n", "no MATLAB file of version 5 or 7.3; save it"), ("opensim", b"t\n1\n", "no line `endheader`"),
-    ("tdms", b"t\n1\n", "no TDMS file (it begins with b't\\n1\\n'); check the path and the source's format"),
-    (None, b"\1\0\2", "neither MCAP, C3D nor text (it begins with b'\\x01\\x00\\x02'); export it as one of these"),
+    ("tdms", b"t\n1\n", "no TDMS file (it begins with 't\\n1\\n'); check the path and the source's format"),
+    (None, b"\1\0\2", "neither MCAP, C3D nor text (it begins with '\\x01\\x00\\x02'); export it as one of these"),
     (None, b"# a\n", "holds no rows; record it again"), (None, b'{"a": "b"}\n' * 2, "no line holds a number; name a"),
 ])  # fmt: skip
 def test_a_file_that_is_no_log_of_the_stated_format_or_of_any_is_refused(tmp_path, what, content, told):
@@ -430,7 +430,7 @@ def test_a_part_of_a_matlab_file_is_a_trial_of_its_own(write, tmp_path):
     shared = described("mat", time={"variable": "/clock", "unit": "ms"}).of_part("Fast")
     assert FORMATS["mat"].read(path, shared).columns["torque"]["variable"] == "Fast.torque"
     assert "no variable 't'; it has" in (said := refused_mat(path))
-    assert "if one of these holds it, name this one as `log_part`" in said
+    assert "state the rate if it is that of time, as `time: {rate: HZ}`, or if one of these holds it, name this" in said
 
 
 def test_a_matrix_is_a_part_whose_columns_are_signals(tmp_path):

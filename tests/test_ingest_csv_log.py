@@ -91,6 +91,7 @@ def test_one_log_in_any_dress_is_one_log(tmp_path: Path, text: str | bytes, fiel
     (LOG, {"time": {"rate": 4.0}}, "`rate: 4` of time, but column 't' rises by 0.5 a row; write"),
     (LOG.partition("\n")[2], {}, "column 't' is missing; the file has 1, 2, 3"),
     (LOG.partition("\n")[2], {"header": "row"}, "line 1 holds numbers, not the columns' names; write `header: none`"),
+    (LOG.replace("t,angle", "a,angle"), {}, "; correct the name in the source file, or state `time: {rate: HZ}` if it"),
     (LOG.replace("angle", "winkel"), {}, "column 'angle' is missing; the file has t, winkel, load"),
     (LOG.replace("load", "angle"), {}, "column 'angle' occurs 2 times"),
     (LOG, {"channels": {"theta": {"column": 4, "unit": "rad"}}}, "column '4' is missing; the file has t, angle"),

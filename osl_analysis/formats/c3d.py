@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from osl_analysis.errors import InputError
+from osl_analysis.errors import InputError, quoted
 from osl_analysis.formats.table import Ledger
 from osl_analysis.trial import Array
 
@@ -120,7 +120,7 @@ def is_c3d(begin: bytes) -> bool:
 def parse_header(data: bytes) -> C3DHeader:
     """Header block and parameter section; rate and long frame counts are taken from parameters where they exist."""
     if len(data) < 2 * BLOCK or data[1:2] != b"P":
-        raise InputError(f"not a C3D file (it begins with {data[:4]!r}); check the path and the source's format")
+        raise InputError(f"not a C3D file (it begins with {quoted(data[:4])}); check the path and the source's format")
     start = (data[0] - 1) * BLOCK
     processor = {84: "Intel", 85: "DEC", 86: "MIPS"}.get(data[start + 3]) if 0 < start < len(data) - 3 else None
     if processor is None:

@@ -242,7 +242,9 @@ def place_of(name: str, names: Sequence[str]) -> int:
         advice = "write a pattern or a name that only one has, or its number"
         raise InputError(f"{where} occurs {len(places)} times, as columns {which}; {advice}")
     if not places:
-        advice = nearest(name, names) or "; correct the name in the source file"
+        advice = (
+            nearest(name, names) or "; correct the name in the source file, or state `time: {rate: HZ}` if it is time"
+        )
         advice = advice if len(names) > 1 else "; state `delimiter` if these are several columns"
         raise InputError(f"{where} is missing; the file has {listing(names)}{advice}")
     return places[0]

@@ -117,9 +117,9 @@ class MatFile:
         for text, way in ways.items():
             if way[0] not in self.names and not part:
                 raise InputError(
-                    f"no variable '{way[0]}'; it has {listing(self.names, 12)}{nearest(way[0], self.names)}; if one of "
-                    "these holds it, name this one as `log_part`, in the sample sheet where it differs from trial to "
-                    "trial"
+                    f"no variable '{way[0]}'; it has {listing(self.names, 12)}{nearest(way[0], self.names)}; correct "
+                    "it, state the rate if it is that of time, as `time: {rate: HZ}`, or if one of these holds it, "
+                    "name this one as `log_part`, in the sample sheet where it differs from trial to trial"
                 )
             address = address_with(part.strip(), text.strip()) if within[text] else text.strip()
             value, place = Value("struct", elements=[variables]), ""

@@ -23,7 +23,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Schema
 from numpy.typing import NDArray
 
-from osl_analysis.errors import InputError, naming
+from osl_analysis.errors import InputError, naming, quoted
 from osl_analysis.formats.message_fields import Indices, numbers_at
 from osl_analysis.formats.messages import MessageBlock, MessageFile, RefusedFileError
 
@@ -313,7 +313,7 @@ def read_mcap(path: Path) -> McapFile:
     data = path.read_bytes()
     if data[:8] != MAGIC and (len(data) < 64 or data[-8:] != MAGIC):
         raise InputError(
-            f"{path}: not an MCAP file (it begins with {data[:8]!r}); check the path and the source's format"
+            f"{path}: not an MCAP file (it begins with {quoted(data[:8])}); check the path and the source's format"
         )
     opened = McapFile(path, len(data), "MCAP", data=data)
     opened.blocks = opened.intact_blocks()

@@ -16,7 +16,7 @@ import yaml
 import zstandard
 from mcap.records import Channel, Schema
 
-from osl_analysis.errors import InputError, listing, naming, optional_module
+from osl_analysis.errors import InputError, listing, naming, optional_module, quoted
 from osl_analysis.formats.mcap import MAGIC as MCAP
 from osl_analysis.formats.mcap import read_mcap
 from osl_analysis.formats.message_fields import NOT_DEFINED, message_type, numbers_at, short_name
@@ -33,7 +33,7 @@ def read_rosbag1(path: Path) -> MessageFile:
     data = path.read_bytes()
     if not data.startswith(BAG1):
         advice = "convert an older one with `rosbag fix`, or check the source's format"
-        raise InputError(f"{path}: not a ROS 1 bag of version 2.0 (it begins with {data[:12]!r}); {advice}")
+        raise InputError(f"{path}: not a ROS 1 bag of version 2.0 (it begins with {quoted(data[:12])}); {advice}")
     if (second := data.find(BAG1, 1)) > 0:
         raise InputError(f"{path}: two bags were joined: a second one begins at byte {second}; give each a file")
     library = optional_module("rosbags.rosbag1", "a bag of ROS 1")
@@ -156,8 +156,8 @@ def read_rosbag2(path: Path) -> MessageFile:
             parts.append(read_database(file))
         else:
             raise InputError(
-                f"{file}: neither a database of sqlite3 nor MCAP (it begins with {begin[:8]!r}); if it is packed as a "
-                "whole, unpack it with `zstd -d`, then run `ros2 bag reindex`; else copy it again"
+                f"{file}: neither a database of sqlite3 nor MCAP (it begins with {quoted(begin[:8])}); if it is packed "
+                "as a whole, unpack it with `zstd -d`, then run `ros2 bag reindex`; else copy it again"
             )
     return joined_parts(path, parts, counts)
 
@@ -189,7 +189,9 @@ def opened(path: Path) -> Iterator[sqlite3.Connection]:
 def read_database(path: Path) -> MessageFile:
     """Open a bag in a database of sqlite3 (.db3)."""
     if (begin := beginning(path)) != SQLITE:
-        raise InputError(f"{path}: not a bag in sqlite3 (it begins with {begin[:8]!r}); check the source's format")
+        raise InputError(
+            f"{path}: not a bag in sqlite3 (it begins with {quoted(begin[:8])}); check the source's format"
+        )
     for ending, what in (("-wal", "a write-ahead log"), ("-journal", "a journal")):
         beside = path.with_name(path.name + ending)
         if beside.is_file() and beside.stat().st_size:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from osl_analysis.errors import InputError, listing, nearest, optional_module
+from osl_analysis.errors import InputError, listing, nearest, optional_module, quoted
 from osl_analysis.formats.csv_table import CONTROL
 from osl_analysis.formats.table import Ledger
 
@@ -116,7 +116,7 @@ def read_tdms(path: Path) -> TdmsFile:
     if data[:4] == b"TDSh":
         raise InputError("the index of a TDMS file; name the .tdms file beside it")
     if data[:4] != b"TDSm":
-        raise InputError(f"no TDMS file (it begins with {data[:8]!r}); check the path and the source's format")
+        raise InputError(f"no TDMS file (it begins with {quoted(data[:8])}); check the path and the source's format")
     with library() as (tdms, said), tdms.read_metadata(BytesIO(data)) as file:
         channels = [channel_of(one) for group in file.groups() for one in group.channels()]
         status = file.file_status

@@ -11,7 +11,7 @@ from typing import Any
 
 import polars as pl
 
-from osl_analysis.errors import InputError, listing, naming, nearest, printable
+from osl_analysis.errors import InputError, listing, naming, nearest, printable, quoted
 from osl_analysis.formats.binary_table import is_table_file
 from osl_analysis.formats.c3d import BLOCK, is_c3d, parse_header
 from osl_analysis.formats.csv_table import is_text
@@ -157,7 +157,7 @@ def recognise(path: Path) -> str:
     found += ["csv"] * is_text(begin)
     if not found:
         raise InputError(
-            f"{path}: neither MCAP, C3D nor text (it begins with {begin[:8]!r}); export it as one of these"
+            f"{path}: neither MCAP, C3D nor text (it begins with {quoted(begin[:8])}); export it as one of these"
         )
     return found[0]
 
@@ -199,7 +199,7 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
             described = described.of_part(said.get("log_part", ""))
         begin, found = formats_of(path, described.format)
         if (found and described.format not in found) or (described.format == "csv" and not is_text(begin)):
-            what = f"is {found[0]}" if found else f"is no text (it begins with {begin[:8]!r})"
+            what = f"is {found[0]}" if found else f"is no text (it begins with {quoted(begin[:8])})"
             other = f"write `format: {found[0]}`, or correct {role}_source" if found else ""
             remedy = other or "name the recording itself"
             if path.is_dir():

@@ -264,7 +264,7 @@ def begin(temporary: Path) -> tuple[IO[str], bool]:
     fcntl.flock(file, fcntl.LOCK_SH)
     known = {"host": platform.node(), "pid": os.getpid(), "temporary": str(temporary)}
     print(json.dumps(known), file=file, flush=True)
-    return file, bool(before) and all(one["host"] == platform.node() for one in before)
+    return file, {one["host"] for one in before or ()} == {platform.node()}
 
 
 def remove_half_written(folders: Sequence[Path]) -> None:

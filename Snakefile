@@ -17,7 +17,7 @@ from osl_analysis.jobs.run import at_end_of_run, begin, end_timers, job_server, 
 
 gc.set_threshold(50_000)  # what planning makes stays: looking through it at every 700th object took a sixth of it
 os.environ["TMPDIR"] = str(workflow.snakemake_tmp_dir)  # for jobs: what a killed one leaves goes with the run's own
-if not {"-n", "--dry-run", "--dryrun"} & {*sys.argv}:
+if not any(one.startswith(("-n", "--dry")) for one in sys.argv):
     if workflow.is_main_process:
         with suppress(OSError):  # a folder that cannot be written to is refused below
             begin(workflow.snakemake_tmp_dir)

@@ -363,7 +363,7 @@ def test_a_run_is_noted_before_anything_of_it_is_read_and_a_dry_run_is_not(tmp_p
     """So that the next start knows what a killed one left."""
     space = Workspace(tmp_path)
     space.configure({"campaign": "not / a name"})
-    for arguments, is_noted in ((["-n"], False), ([], True)):
+    for arguments, is_noted in ((["-n"], False), (["-np"], False), (["--dry-run"], False), ([], True)):
         assert "is not allowed" in space.run(*arguments).stdout
         assert (tmp_path / RUNS).is_file() == is_noted
 

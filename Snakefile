@@ -38,7 +38,6 @@ from osl_analysis.judge.claims import CLAIMED
 from osl_analysis.judge.campaign import JUDGED_FURTHER, exclusion_report, findings_report
 from osl_analysis.judge.used import Judge, left_behind_report
 from osl_analysis.report import TEMPLATES
-from osl_analysis.study import BENCH_EXPERIMENTS, REPEATED as STUDY_OF_REPEATS, WALKING_EXPERIMENTS, study_batches
 
 try:
     list(with_shipped_profile(sys.argv))  # a mistyped profile is refused
@@ -121,7 +120,6 @@ include: "rules/trials.smk"
 include: "rules/walking.smk"
 include: "rules/tables.smk"
 include: "rules/figures.smk"
-include: "rules/study.smk"
 
 
 rule:
@@ -152,7 +150,7 @@ def end_of_run(records) -> str:
 
 
 # Where a cluster runs the jobs of single trials, the others, which take a moment, run here.
-OF_TRIALS = ("simulate_", "ingest", "fit_", "analyse_crossing", "study_batch")
+OF_TRIALS = ("simulate_", "ingest", "fit_", "analyse_crossing")
 workflow.localrules(*(rule.name for rule in workflow.rules if not rule.name.startswith(OF_TRIALS)))
 ACCEPT = CONFIG.failed_trials == "accept"
 at_end_of_run(workflow, RESULTS / "logs", end_of_run, ACCEPT)

@@ -13,8 +13,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 from impedance_over_stance import laboratory
-
-from osl_analysis.study.walking import StudyLaboratory, campaign_rows, recording
+from study import StudyLaboratory, campaign_rows, recording
 
 CROSSINGS = 10
 CASES = (
@@ -47,8 +46,8 @@ def main(campaigns: int) -> None:
             with TemporaryDirectory() as folder, warnings.catch_warnings():
                 warnings.simplefilter("ignore")
                 one = StudyLaboratory(own, base.gait, base.p, base.analysis)
-                session = recording(one, Path(folder), Path("config/sources"), names[1::2])
-                for row in campaign_rows(number, names, session):
+                session = recording(one, Path(folder), names[1::2])
+                for row in campaign_rows(names, session):
                     if row["estimator"] == "ensemble":
                         rendered = row["truth"] - row["model_error"]
                         numbers = (row["value"], rendered, row["truth"], row["low"], row["high"])

@@ -11,8 +11,8 @@ from collections.abc import Callable
 import numpy as np
 from gait_of_phase import TRUTH, crossing
 from impedance_over_stance import at_timing, laboratory
+from study import StudyLaboratory
 
-from osl_analysis.study.walking import StudyLaboratory
 from osl_analysis.walking.crossing import Crossing
 from osl_analysis.walking.gait import unperturbed_gait
 from osl_analysis.walking.response import group_headline

@@ -12,21 +12,15 @@ from pathlib import Path
 
 import numpy as np
 import polars as pl
+from study import StudyLaboratory, gait_laboratory
 
-from osl_analysis.campaign.configuration import read_section
 from osl_analysis.commands.figure import draw_table
 from osl_analysis.commands.walking import commanded_over_stance
-from osl_analysis.model.parameters import read_parameters
-from osl_analysis.simulator.settings import SimulationSettings
-from osl_analysis.simulator.walking_settings import WalkingSettings
-from osl_analysis.study.walking import StudyLaboratory
 from osl_analysis.walking.gait import unperturbed_gait
 from osl_analysis.walking.response import group_headline
-from osl_analysis.walking.settings import WalkingAnalysis
 from osl_analysis.walking.tables import fitted_time, trajectory_points, with_trajectory
-from osl_analysis.yaml_settings import read_yaml
 
-SETTINGS, CONFIG, FIGURE = Path("config/simulation"), Path("config/config.yaml"), Path("docs/impedance_over_stance.png")
+FIGURE = Path("docs/impedance_over_stance.png")
 TRAJECTORY, STANCE_SHARE = Path("config/impedance/synthetic_walking.csv"), 0.62
 TIMINGS = (0.18, 0.33, 0.51, 0.69)
 """Phases of stance at which the ramp is commanded."""
@@ -38,10 +32,8 @@ QUANTITIES = ("K", "B", "I")
 
 def laboratory() -> StudyLaboratory:
     """The shipped gait laboratory."""
-    settings = read_yaml(SETTINGS / "default.yaml", SimulationSettings)
-    analysis = read_section(CONFIG, "walking", WalkingAnalysis).model_copy(update={"bootstrap_samples": RESAMPLES})
-    gait = read_yaml(SETTINGS / "walking.yaml", WalkingSettings)
-    return StudyLaboratory(settings, gait, read_parameters(Path("config/parameters/default.yaml")), analysis)
+    shipped = gait_laboratory()
+    return replace(shipped, analysis=shipped.analysis.model_copy(update={"bootstrap_samples": RESAMPLES}))
 
 
 def at_timing(shipped: StudyLaboratory, phase: float) -> StudyLaboratory:

@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from gait_of_phase import TRUTH, Change, crossing
 from impedance_over_stance import laboratory
+from study import StudyLaboratory
 
 from osl_analysis.simulator.walking_settings import StepChange
-from osl_analysis.study.walking import StudyLaboratory
 from osl_analysis.trial import Array
 from osl_analysis.walking.crossing import Crossing
 from osl_analysis.walking.gait import (

@@ -564,9 +564,9 @@ def export(folder: Path, kind: str, output: Path, trials: str, config_path: Path
 @option("--realisations", type=click.IntRange(1, 200), default=4, help="Of a multisine.")
 @option("--seed", type=click.IntRange(0), default=1, help="Of the multisine's phases.")
 @option("--duration", type=click.FloatRange(1, 100_000), default=60.0, help="Of a chirp or noise [s].")
-@option("--stiffness", type=POSITIVE, help="Expected K [N·m/rad]; default: study.K_d of the configuration.")
-@option("--damping", type=NOT_NEGATIVE, help="Expected B [N·m·s/rad]; default: study.B_d.")
-@option("--inertia", type=NOT_NEGATIVE, help="Expected I [kg·m²]; default: study.I.")
+@option("--stiffness", type=POSITIVE, default=300.0, help="Expected K [N·m/rad].")
+@option("--damping", type=NOT_NEGATIVE, default=5.0, help="Expected B [N·m·s/rad].")
+@option("--inertia", type=NOT_NEGATIVE, default=0.02, help="Expected I [kg·m²].")
 @option("--rate", type=POSITIVE, default=1000.0, help="Sampling rate [Hz].")
 @option("--torque-noise", type=NOT_NEGATIVE, default=0.05, help="SD [N·m].")
 @option("--noise-band", type=POSITIVE, help="Bandwidth of this noise [Hz]; default: half the rate.")
@@ -576,9 +576,7 @@ def export(folder: Path, kind: str, output: Path, trials: str, config_path: Path
 @option("--angle-noise", type=NOT_NEGATIVE, default=0.0, help="SD before rounding [deg].")
 @option("--drift", type=NOT_NEGATIVE, help="Of the load cell [N·m/min]; default: dynamometer.load_cell_drift.")
 @option("--friction", type=NOT_NEGATIVE, help="Coulomb friction of the joint [N·m].")
-@option("--distortion", type=percent, help="Odd distortion at the excited lines, of the torque there [percent].")
-@file_option("--earlier", help="response.csv of an earlier trial: its distortion.")
-@option("--trial", help="The trial in that table, or of the pilot.")
+@option("--trial", help="The trial of the pilot.")
 @option("--lag", type=float, default=0.1, help="Lag of the torque whose effect is said [ms].")
 @option("--stiffness-within", type=percent, help="Half width of the interval that is asked for, of K [percent].")
 @option("--damping-within", type=percent, help="The same of B.")
@@ -616,15 +614,13 @@ def design(config_path: Path, output: Path | None, as_json: bool, **chosen: Any)
     for one, other in (("rms", "peak"), ("encoder_bits", "encoder_step")):
         if {one, other} <= given:
             raise click.UsageError(f"give --{one.replace('_', '-')} or --{other.replace('_', '-')}, not both")
-    if "trial" in given and not given & {"earlier", "folder"}:
-        raise click.UsageError(
-            "--trial is that of an earlier table: give --earlier too, or a pilot's results by --from"
-        )
+    if "trial" in given and "folder" not in given:
+        raise click.UsageError("--trial is that of a pilot: give its results by --from too")
     if chosen["band"] is not None and len(chosen["band"]) != 2:
         raise click.UsageError("--band has the lowest and the highest frequency, as 0.5,6")
     chosen["pilot"] = chosen["folder"] if "folder" in given else None
-    if "folder" in given and (stated := sorted(given & {"friction", "earlier"})):
-        raise click.UsageError(f"--from and --{stated[0]} state the same friction: give one of them")
+    if {"folder", "friction"} <= given:
+        raise click.UsageError("--from and --friction state the same friction: give one of them")
     if of_walking := sorted(given & {"crossings", "turn", "ramp", "phase", "both", "plot"}):
         raise click.UsageError(f"--{of_walking[0]} is of --walking: give that too")
     made = designed(chosen, read_config(config_path))
@@ -644,8 +640,7 @@ def design_walking(config_path: Path, as_json: bool, **chosen: Any) -> None:
     from osl_analysis.walking.response import PlannedTurn
 
     config, counts = read_config(config_path), [round(n) for n in chosen["crossings"] or (4, 6, 8, 12, 16, 20, 30, 40)]
-    asked = (chosen["stiffness"] or config.study.K_d, chosen["damping"] or config.study.B_d)
-    joint = (*asked, chosen["inertia"] or config.study.I)
+    joint = (chosen["stiffness"], chosen["damping"], chosen["inertia"])
     turn = PlannedTurn(float(np.deg2rad(chosen["turn"])), 1e-3 * chosen["ramp"], chosen["phase"], joint)
     table = planned_crossings(chosen["folder"], counts, turn, chosen["both"], config.walking)
     if chosen["plot"] is not None:

@@ -101,7 +101,7 @@ def requests_of(space, campaign: str) -> set[tuple[str, ...]]:
     (space.folder / "raw").mkdir(exist_ok=True)
     space.configure(changes)
     jobs: dict[str, list[tuple[str, ...]]] = {}
-    planned = space.run("-n", *["reproduce-all", "study"][: 1 + ("study" in changes)], "--quiet", "host").stdout
+    planned = space.run("-n", "reproduce-all", "--quiet", "host").stdout
     for rule, waits in re.findall(r"^rule (\S+):\n    input: (.*)$", planned, re.MULTILINE):
         request = next((Path(file) for file in waits.split(", ") if file.endswith("job.json")), None)
         waits = waits.replace(f"{space.folder}/planned/", "results/requests/")

@@ -31,7 +31,7 @@ from osl_analysis.jobs import code, request, run
 
 run.job_server()
 import osl_analysis.judge.campaign, osl_analysis.refusal, osl_analysis.commands.run
-import osl_analysis.commands.simulate, osl_analysis.campaign.campaign, osl_analysis.figures, osl_analysis.study
+import osl_analysis.commands.simulate, osl_analysis.campaign.campaign, osl_analysis.figures
 from osl_analysis.files import default_config
 from osl_analysis.yaml_settings import read_mapping
 

@@ -134,7 +134,7 @@ def test_truth_values_are_kept_where_they_are_allowed_and_keys_of_two_mappings_m
     ("impedance_trajectory", "no.csv", "no.csv: no such file; correct impedance_trajectory in .*, or write null"),
     ("campaign", "a b", r"campaign: 'a b' is not allowed: write letters, digits, _ and - alone"),
     ("figures", {}, "field 'figures.midstance_stiffness' is missing; add it"),
-    ("study", SHIPPED["study"] | {"simulation": "no.yaml"}, "no.yaml: .*; correct study.simulation in [^,]*$"),
+    ("study", {"trials": 5}, "field 'study' is gone: .* a script, benchmarks/study.py; remove the section"),
 ])  # fmt: skip
 def test_a_configuration_that_cannot_be_run_is_one_line_before_any_job(in_root, section, change, message):
     with pytest.raises(InputError, match=message):
@@ -157,7 +157,6 @@ def test_a_configuration_that_cannot_be_run_is_one_line_before_any_job(in_root, 
     ("dynamometer.amplitudes_deg", [70], "amplitudes_deg goes beyond largest_angle = 1.2 rad"),
     ("dynamometer.windows", "2-30 20-40", "windows: .* overlap, or are not in the order of time"),
     ("dynamometer.windows", "30-2", "windows: .* are not from-to in s"),
-    ("study.cycles", 3, "cycles = 3 are .*settle_cycles and the last, which"),
     ("doubtful.belt.above", {"condition_nunber": 1}, "no number of this name; .*mean 'condition_number'"),
     ("doubtful.belt.above", {"trial": 1}, "no number of this name"), ("doubtful.belts", {}, "did you mean 'belt'"),
     ("doubtful.belt.above", {"K_s_ratio": 0.5}, "below.K_s_ratio: 0.67 is above the upper limit 0.5, and every fit"),
@@ -170,12 +169,12 @@ def test_a_configuration_that_cannot_be_run_is_one_line_before_any_job(in_root, 
     ("quality.jiter", {"threshold": "1 s", "on_failure": "flag"}, "did you mean 'jitter'"),
     # in ms, mm, deg, percent, N*mm
     ("dynamometer.cutoff_hz", 15000, "cutoff_hz: 15000 is not allowed: .* 1000 Hz$"),
-    ("dynamometer.largest_angle", 69, "equal to 3.2 rad$"), ("study.K_d", 300000, "equal to 10000 N\\*m/rad$"),
+    ("dynamometer.largest_angle", 69, "equal to 3.2 rad$"),
     ("dynamometer.time_base.longest_gap_s", 500, "equal to 10 s$"), ("walking.largest_outside_m", 20, "to 1 m$"),
     ("walking.foot", {"mass_kg": 1, "centre_of_mass_m": [0, -45, 0], "inertia_kg_m2": 0.01}, "to -1 m$"),
     ("walking.foot", {"mass_kg": 1000, "centre_of_mass_m": [0, 0, 0], "inertia_kg_m2": 0.01}, "to 20 kg$"),
     ("overground.body_mass_kg", 80000, "than 500 kg$"), ("overground.load_on_n", 2e5, "equal to 1000 N$"),
-    ("study.amplitudes_deg", [90], "to 60 deg$"), ("torque_angle.angle_step_deg", 90, "equal to 10 deg$"),
+    ("torque_angle.angle_step_deg", 90, "equal to 10 deg$"),
     ("torque_angle.desired", {"a": {"angle_deg": [0, 1e4], "torque": [0, 1]}}, "angle_deg.1: .* to 180 deg$"),
     ("walking.perturbation_deg", 100, "to 60 deg$"), ("walking.cutoff_hz", 500, "to 200 Hz$"),
     ("walking.timing_scatter", 5, "timing_scatter: 5 is not allowed"),
@@ -195,7 +194,6 @@ def test_a_configuration_that_cannot_be_run_is_one_line_before_any_job(in_root, 
     ("walking.fewest_unperturbed", 900, "crossings, walking needs 900 or more; .*or lower walking.fewest_unperturbed"),
     ("figures.time_series.amplitude_deg", 5, "amplitude_deg = 5 is none of dynamometer.amplitudes_deg \\(2, 4, 6"),
     # of files and folders
-    ("study.simulation", "config/config.yaml", "is no simulation; correct study.simulation"),
     ("results", "raw_data", "results = raw_data is or holds raw_data = raw_data/default; name another"),
     ("results", "config/sources", "is or holds sources"), ("sheet", "results/trials.csv", "is or holds sheet"),
     ("sources", "config/config.yaml", "config.yaml: is a file; name a folder under `sources`"),
@@ -300,7 +298,7 @@ def test_what_is_wrong_with_source_files_concerns_their_trials_and_a_plate_that_
 
 def test_settings_at_their_bounds_and_two_dates_are_allowed(in_root):
     own = {"walking": {"window_s": 0.2}, "recorded": "2026-03-14 to 2026-03-16"}
-    own |= {"study": {"cycles": 4}, "actuator": {"slowest": 0}}  # which fits all samples
+    own |= {"actuator": {"slowest": 0}}  # which fits all samples
     own |= {"dynamometer": {"frequencies_hz": [1, 3, 5, 3, 1], "time_base": {"longest_gap_s": 0.02}}}  # up and down
     own |= {"figures": {"time_series": {"amplitude_deg": None}}, "raw_data": "results_of_others"}
     started(overriding(SHIPPED, own | {"doubtful": {"belt": {"above": {"VAF": None}}}}))

@@ -10,13 +10,12 @@ import pytest
 from click.testing import CliRunner
 from scipy.stats import t as student
 
-from osl_analysis.bench.response_tables import RESPONSE_COLUMNS
+from osl_analysis.bench import precision as planning
+from osl_analysis.bench.precision import Continuous, Distortion, PeriodicMultisine, Sensors, SteppedSine, precision
 from osl_analysis.cli import main
 from osl_analysis.errors import InputError
 from osl_analysis.signals import LowPass
 from osl_analysis.spectral.periods import periodic_motion
-from osl_analysis.study import precision as planning
-from osl_analysis.study.precision import Continuous, Distortion, PeriodicMultisine, Sensors, SteppedSine, precision
 
 pytestmark = pytest.mark.usefixtures("in_root")
 OPEN = LowPass(1e4)  # a filter that weighs nothing
@@ -89,12 +88,8 @@ def test_longer_records_do_not_average_friction_out_but_realisations_do():
 
 
 def test_one_realisation_has_the_interval_of_its_detection_lines():
-    """Errors of variance D at every line in phase and in quadrature: as of white noise of this size in this time."""
-    plan, stated = replace(MULTISINE, realisations=1), Distortion(earlier=(np.array([1.0, 5.0]), np.full(2, 0.08)))
+    plan, stated = replace(MULTISINE, realisations=1), Distortion(coulomb=0.5)
     by_level = precision(plan, JOINT, Sensors(1000.0, 0.0), OPEN, stated)
-    variance = 0.08 * 2 / 8  # of a band as wide as two odd lines are apart
-    white = Sensors(1000.0, np.sqrt(variance * 32 * 500))  # S/T, T = 32 s, S over half the rate
-    np.testing.assert_allclose(by_level.columns["se"], precision(plan, JOINT, white, OPEN).columns["se"], rtol=1e-9)
     assert by_level.method == "detection lines"
     lines, freedom = len(plan.motion(0).detection), by_level.columns["degrees_of_freedom"]
     assert lines < freedom[0] <= 2 * lines  # of the two at each line; the stiffness is told by most of them
@@ -196,8 +191,6 @@ def test_friction_shifts_the_damping_of_a_stepped_sine_and_leaves_a_misfit_that_
         assert np.sqrt(found.variance["distortion"][1]) == pytest.approx(by_hand, rel=1e-9)
         np.testing.assert_allclose(found.variance["distortion"][[0, 2]], 0, atol=1e-15)
         assert found.columns["degrees_of_freedom"][1] == pytest.approx(14, rel=0.01)  # of 15 units, whose scatter it is
-    levels = (precision(DRAFT, JOINT, Sensors(1e3, 0.05), OPEN, Distortion(level=share)) for share in (0.02, 0.01))
-    np.testing.assert_allclose(np.divide(*(one.variance["distortion"] for one in levels)), 4)
     added = friction.added_damping(DRAFT)
     assert list(added) == ["2 deg", "4 deg", "6 deg"]
     w, a = 2 * np.pi * np.array(DRAFT.frequencies_hz), DRAFT.amplitudes[1]
@@ -231,17 +224,13 @@ def test_a_chirp_and_noise_carry_what_their_bands_carry():
         assert found.method == "units"
         freedom = found.columns["degrees_of_freedom"]
         np.testing.assert_allclose(freedom, 60 / 1.5 - 2.5)  # stretches of a second, five columns
-    plans, stated = (replace(plan, record_s=T) for T in (60.0, 120.0)), Distortion(coulomb=1.0, level=0.05)
+    plans, stated = (replace(plan, record_s=T) for T in (60.0, 120.0)), Distortion(coulomb=1.0)
     once, twice = (precision(plan, JOINT, Sensors(1000.0, 0.05), OPEN, stated).variance["distortion"] for plan in plans)
     np.testing.assert_allclose(once / twice, 2, rtol=0.01)
     assert DRAFT.peak == pytest.approx(np.deg2rad(6) * (10 * np.pi) ** np.arange(3))
     for band, rms, seconds in (((0, 2), 1, 1), ((2, 2), 1, 1), ((1, np.inf), 1, 1), ((1, 2), 0, 1), ((1, 2), 1, 0)):
         with pytest.raises(InputError, match="no motion has a band"):
             Continuous(band, rms, seconds, True)
-    stated = Distortion(earlier=(np.array([1.0, 5.0]), np.full(2, 0.08)))  # of noise: as white noise of this density
-    of = (Sensors(1000.0, 0.0), OPEN, stated), (Sensors(1000.0, np.sqrt(0.08 * 500)), OPEN)
-    by_level, white = (precision(plan, JOINT, *given) for given in of)
-    np.testing.assert_allclose(by_level.columns["se"], white.columns["se"])
 
 
 def call(*arguments):
@@ -277,11 +266,11 @@ def test_every_error_that_is_stated_is_handed_on_in_si_units(monkeypatch):
     seen, of = [], planning.precision
     monkeypatch.setattr(planning, "precision", lambda *given: seen.append(given) or of(*given))
     options = {"torque-noise": 0.2, "noise-band": 50, "torque-step": 0.1, "encoder-step": 0.01, "angle-noise": 0.02}
-    options |= {"rate": 500, "drift": 30, "distortion": 2, "friction": 0.3, "stiffness": 200, "lag": 2}
+    options |= {"rate": 500, "drift": 30, "friction": 0.3, "stiffness": 200, "lag": 2}
     said = as_json(*(word for name, value in options.items() for word in (f"--{name}", value)))
     _, joint, sensors, _, stated = seen[0]
     assert sensors == Sensors(500, 0.2, 50, 0.1, *np.deg2rad([0.01, 0.02]).tolist(), 0.5)
-    assert (joint[0], stated, said["lag_s"]) == (200, Distortion(0.3, 0.02), 2e-3)
+    assert (joint[0], stated, said["lag_s"]) == (200, Distortion(0.3), 2e-3)
 
 
 def test_text_and_json_say_the_same_intervals():
@@ -346,36 +335,13 @@ def test_a_pilot_states_friction_and_what_no_longer_record_cures(tmp_path):
     assert "state the same friction" in call("--from", tmp_path, "--friction", "1").stderr
 
 
-def test_an_earlier_trial_states_the_distortion(tmp_path):
-    f = np.arange(5, 48, 2) / 8
-    levels = pl.DataFrame({"trial": "m", "frequency_hz": f, "angle_deg": np.rad2deg(0.01), "odd_level": 2.0})
-    pl.concat([levels, levels.with_columns(trial=pl.lit("n"))]).write_csv(tmp_path / "response.csv")
-    assert set(levels.columns) < set(RESPONSE_COLUMNS)
-    earlier = ("--earlier", tmp_path / "response.csv")
-    assert "2 trials; choose one with --trial, such as m" in call(*earlier).stderr
-    assert "no trial 'k'; choose one with --trial, such as m" in call(*earlier, "--trial", "k").stderr
-    levels.with_columns(odd_level=float("nan")).write_csv(tmp_path / "none.csv")
-    assert "no odd_level of trial m; it needs" in call("--earlier", tmp_path / "none.csv").stderr
-    assert "state the same distortion twice" in call(*earlier, "--trial", "m", "--friction", "1").stderr
-    assert "says nothing on single sines" in call(*earlier, "--trial", "m").stderr
-    assert "says nothing on a chirp" in call("--excitation", "chirp", *earlier, "--trial", "m").stderr
-    said = as_json("--excitation", "multisine", *earlier, "--trial", "m", "--realisations", "1")
-    # 0.02 N*m at each line, half of its square in each quadrature, which is 0.01 of Z = |torque|/0.0119 rad
-    share = as_json("--excitation", "multisine", "--realisations", "1", "--distortion", "1%")
-    ratio = said["estimates"]["B"]["variance"]["distortion"] / share["estimates"]["B"]["variance"]["distortion"]
-    size, w = np.deg2rad(2) * np.sqrt(2 / 17), 2 * np.pi * f
-    torque = np.mean((np.abs(300 - 0.02 * w**2 + 5j * w) * size * 0.01) ** 2 * w**2) / np.mean(w**2)
-    assert ratio == pytest.approx(0.02**2 / torque, rel=0.1)
-
-
 @pytest.mark.parametrize(("arguments", "message"), [
     (("--rms", "3"), "a stepped-sine has no --rms"), (("--rate", "25"), "twice the cut-off"),
-    (("--trial", "a"), "give --earlier too"), (("--stiffness-within", "0"), "no percentage"),
+    (("--trial", "a"), "give its results by --from too"), (("--stiffness-within", "0"), "no percentage"),
     (("--damping-within", "100%"), "no percentage"), (("--frequencies", "1,nan"), "give a finite number"),
     (("--inertia", "0", "--inertia-within", "5%"), "--inertia-within is a share of an expected I of 0; give --inertia"),
     (("--amplitudes", "2,0"), "frequencies and amplitudes of a stepped sine are above 0"),
     (("--excitation", "chirp", "--band", "1"), "--band has the lowest and the highest frequency"),
-    (("--earlier", "tests/planned_trials.csv"), "no columns of response.csv"),
     (("--excitation", "noise", "--rms", "3", "--peak", "4"), "give --rms or --peak, not both"),
     (("--encoder-bits", "12", "--encoder-step", "0.01"), "give --encoder-bits or --encoder-step, not both"),
     (("--excitation", "chirp", "--band", "3,2"), "lower frequency first"),
@@ -383,7 +349,6 @@ def test_an_earlier_trial_states_the_distortion(tmp_path):
     (("--excitation", "multisine", "--band", "0.5,1.5"), "the analysis would refuse this protocol"),
     (("--excitation", "chirp", "--band", "0.2,1"), "the band from 1 to about 2.3 Hz is missing"),
     (("--write", "/tmp/x.csv"), "only a multisine is written"), (("--cycles", "2"), "leaves none of 2 cycles"),
-    (("--excitation", "chirp", "--distortion", "2"), "says nothing on a chirp"),
     (("--stiffness", "nan"), "--stiffness is nan; give a finite number"),
     (("--stiffness", "0"), "'--stiffness': 0.0 is not in the range x>0"),
     (("--frequencies", "2"), "told apart by 2 Hz alone, where K - I w^2 is one number; excite down to 1 Hz"),

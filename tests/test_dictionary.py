@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from polars.testing import assert_frame_equal
 from test_walking_commands import gait_trial
 
-from osl_analysis.commands.study import performance_table
 from osl_analysis.commands.walking import compare_ankle_moment
 from osl_analysis.dictionary import HERE, described_tables, own_yaml
 from osl_analysis.errors import InputError
@@ -56,14 +55,7 @@ def test_a_table_and_its_evidence_share_what_a_row_is_alone():
     assert len(described("tables/impedance")) <= 40
 
 
-def test_the_tables_of_the_study_and_of_overground_trials_are_described():
-    batches = described("study/batches/*")
-    assert {"value", "se", "low", "high"} < set(batches)
-    numbers = {name: [1.0, 2.0, 4.0] for name in batches} | {"truth": [1.0, 1.0, 1.0], "model_truth": [1.0, 3.0, 3.0]}
-    estimates = pl.DataFrame(numbers | {name: ["x"] * 3 for name, column in batches.items() if column.unit == "text"})
-    made = performance_table(estimates)
-    assert set(described("study/study")) - {"data"} == set(made.columns)
-    assert made.select("coverage", "model_coverage", "model_error").row(0) == pytest.approx((1 / 3, 1 / 3, 7 / 3))
+def test_the_tables_of_overground_trials_are_described():
     found = compare_ankle_moment(gait_trial(), OvergroundAnalysis(load_on_n=50, body_mass_kg=70))
     for name, table in found.items():
         assert set(described(f"tables/{name}")) - {"joint", "data", "doubtful"} == set(table.columns)

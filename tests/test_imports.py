@@ -25,7 +25,6 @@ HOUSE = {
     "judge": {"config", "dictionary", "model", "stats"}, "figures": {"dictionary", "judge", "stats"},
     "jobs": {"judge"}, "campaign": {"bench", "config", "formats", "ingest", "judge", "model", "walking"},
     "report": {"campaign", "config", "dictionary", "judge", "model", "stats"},
-    "study": {"bench", "campaign", "ingest", "model", "signals", "simulator", "spectral", "stats", "walking"},
 }  # fmt: skip
 """What a package imports beside itself and the ground, from the lowest floor up."""
 
@@ -59,12 +58,12 @@ def test_the_house_has_nine_floors_and_no_stair_back():
 
 
 @pytest.mark.parametrize(("name", "known_to"), [
-    ("simulator", {f"commands/{name}.py" for name in ("simulate", "study", "reference", "preloaded")}),
-    ("study", {"commands/design.py", "commands/study.py"}), ("commands", {"cli.py", "notebook.py", "__init__.py"}),
+    ("simulator", {f"commands/{name}.py" for name in ("simulate", "reference", "preloaded")}),
+    ("commands", {"cli.py", "notebook.py", "__init__.py"}),
     ("notebook", {"__init__.py"}),
 ])  # fmt: skip
-def test_simulator_study_commands_and_notebook_are_known_to_few(name, known_to):
-    users = {m for m, s in imports(".") if s == name and not m.startswith((f"{name}/", f"{name}.", "study/"))}
+def test_simulator_commands_and_notebook_are_known_to_few(name, known_to):
+    users = {m for m, s in imports(".") if s == name and not m.startswith((f"{name}/", f"{name}."))}
     assert users == known_to
 
 

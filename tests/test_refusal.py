@@ -24,7 +24,7 @@ from snakemake.exceptions import LockException, format_exception_to_string
 from snakemake_interface_logger_plugins.common import LogEvent
 
 from osl_analysis.campaign.configuration import read_section
-from osl_analysis.commands import study, trials
+from osl_analysis.commands import trials
 from osl_analysis.commands.tables import gather, judge, list_excluded, read_summary
 from osl_analysis.commands.walking import read_crossing_file, read_model, read_unperturbed_gaits
 from osl_analysis.errors import InputError, WriteError
@@ -414,11 +414,9 @@ def test_an_archive_of_tables_holds_what_was_written_completely_or_not_at_all(tm
         read_table(path, of="response")
 
 
-def test_a_table_is_not_made_of_nothing_nor_a_study_of_the_batches_that_succeeded(tmp_path):
+def test_a_table_is_not_made_of_nothing(tmp_path):
     with pytest.raises(InputError, match=r"belt\.csv: no trials fill this table"):
         gather([], tmp_path / "belt.csv")
-    with pytest.raises(InputError, match="1 batches failed; there is no study without them"):
-        study.summarise_study([Path(result(tmp_path / "1.csv"))], tmp_path / "study.csv", [KILLED])
 
 
 def test_a_full_disk_is_no_fault_of_the_input_and_is_tried_again_with_the_advice_to_make_room(tmp_path, monkeypatch):
@@ -498,7 +496,7 @@ def test_a_run_has_a_line_now_and_then_one_per_stage_and_what_is_refused_at_once
     for outcome in (outcomes := ("refused", "failed", "died", "skipped")):
         write_log(tmp_path / f"{outcome}.log", ended | {"outcome": outcome}, {})
     lines = LogHandler(SimpleNamespace(verbose=False, dryrun=False), None)
-    tell(lines, LogEvent.RUN_INFO, stats={"ingest": 40, "reproduce-all": 1, "osl_validate": 1, "total": 42})
+    tell(lines, LogEvent.RUN_INFO, stats={"ingest": 40, "reproduce-all": 1, "osl_reproduce-all": 1, "total": 42})
     for text in ("Building DAG of jobs...", "Unlocked."):
         tell(lines, text=text)
     tell(lines, text="of a developer", level=logging.DEBUG)
@@ -537,7 +535,7 @@ def test_a_run_has_a_line_now_and_then_one_per_stage_and_what_is_refused_at_once
 
 def test_a_rule_has_its_stage_in_a_module_too():
     stages = {"simulate_belt": "simulate", "trial_sheet": "simulate", "ingest": "read and check recordings"}
-    stages |= dict.fromkeys(("plot_numbers_fig4", "draw_figure", "captions"), "figures") | {"study_batch": "study"}
+    stages |= dict.fromkeys(("plot_numbers_fig4", "draw_figure", "captions"), "figures")
     fits = "fit_belt_trial compare_belt_models pool_responses calibrate_markers identify_plate measure_platform "
     fits += "analyse_crossing select_crossings average_unperturbed summarise_walking impedance_over_stance"
     stages |= dict.fromkeys(fits.split(), "fit")

@@ -111,7 +111,7 @@ CHOICES = (
     "walking.unloaded_s", "walking.largest_", "walking.shortest_stance_s", "walking.perturbation_deg",
     "walking.longest_", "walking.outliers", "walking.group_by", "walking.pool", "walking.timing_scatter",
     "walking.fewest_unperturbed", "walking.perturbed_stance", "walking.correct_plate_lag",
-    "walking.bootstrap_samples", "overground", "failed_trials", "quality", "study", "report",
+    "walking.bootstrap_samples", "overground", "failed_trials", "quality", "report",
     "figures.time_series", "figures.frequency_response",
 )  # fmt: skip
 

@@ -116,7 +116,7 @@ def test_no_number_of_a_campaign_changes_unnoticed(workspace, tmp_path):
 
 
 def test_every_column_and_number_is_in_the_data_dictionary_and_the_dictionary_has_no_other_column(workspace):
-    """Without torque against angle, and what test_dictionary.py holds: overground trials, calibrations, the study."""
+    """Without torque against angle, and what test_dictionary.py holds: overground trials and calibrations."""
     results, written = workspace.folder / "results", {}
     archives = [zipfile.Path(path) for path in results.rglob("*.zip")]
     for path in (*results.rglob("*.csv"), *(part for archive in archives for part in archive.iterdir())):
@@ -131,7 +131,7 @@ def test_every_column_and_number_is_in_the_data_dictionary_and_the_dictionary_ha
     not_made = {p for p in described if p.startswith("comparison") or any(part in p for part in absent)}
     not_made -= {"figures/impedance_over_stance", "tables/impedance_over_stance"}
     not_made.add("tables/calibration")
-    assert described.keys() - written.keys() == {"study/study", "study/batches/*"} | not_made
+    assert described.keys() - written.keys() == not_made
     left = {place: described[place] - columns for place, columns in written.items() if described[place] - columns}
     assert left == {"fits/*/*.zip/series": {"omega"}}
     numbers = json.loads((results / "summary.json").read_text())["numbers"]
@@ -242,10 +242,10 @@ def test_changed_settings_and_thresholds_give_the_bytes_of_a_fresh_run_and_redo_
 WHOLE = {"summary", "csv_metadata", "report", "figures/captions", "tables/settings"}
 """The jobs whose results name the hash of the whole configuration, or its settings as text."""
 NOT_CHANGED = {
-    "simulation", "trials", "campaigns", "recorded", "crossings", "batch", "markers", "time_series",
+    "simulation", "recorded", "markers", "time_series",
     "frequency_response", "on_failure", "fewest_unperturbed", "plate_inertia",
 }  # fmt: skip
-"""Such as change the jobs of the study, name markers, a trial, or what a test of its own changes."""
+"""Such as name markers, a trial, or what a test of its own changes."""
 UNJUDGED = {"draw_figure", "write_captions", "write_report", "list_fits", "list_excluded", "judge"}
 OF_FIGURES = {"fig3": {"belt"}, "fig4": set(), "fig8": set(), "torque_angle": {"torque_angle"}}
 OF_FIGURES |= {name: {"impedance"} for name in ("fig5", "fig6", "fig7", "response", "model_comparison", "chain")}
@@ -291,7 +291,7 @@ def test_every_setting_and_argument_is_in_the_requests_of_jobs_with_the_verdicts
     requests = []
     for further in ({}, changes):
         (tmp_path / "config/small.yaml").write_text(yaml.safe_dump(overriding(overriding(default, MEASURED), further)))
-        space.planned("reproduce-all", "study")
+        space.planned("reproduce-all")
         requests.append({name: leaves(said) for name, said in requests_in(tmp_path).items()})
     found, other = set(), {}
     for request, now in requests[1].items():
@@ -548,17 +548,6 @@ def test_a_folder_that_cannot_be_written_to_is_refused_by_snakemake_in_one_line(
     ran = run_snakemake(["--snakefile", str(ROOT / "Snakefile"), "--directory", "/proc/sys", "-n"], tmp_path)
     assert ran.returncode == 1
     assert ran.stdout.endswith("error: /proc/sys: cannot be written to; make it writable, or copy the campaign\n")
-
-
-def test_a_study_runs_through_its_jobs_and_more_trials_leave_those_that_are_done(tmp_path):
-    space, first = Workspace(tmp_path), "results/study/batches/belt_0_2.csv"
-    study = {"trials": 2, "campaigns": 1, "recorded": 1, "batch": 2}
-    space.configure({"study": study})
-    files = (first, "results/study/batches/second_order_0_2.csv", "results/study/batches/walking_0_1.csv")
-    assert space.run(*files).returncode == 0
-    assert not any(is_refused(space.folder / file) for file in files)
-    space.configure({"study": study | {"trials": 4}})
-    assert space.planned(first) == {}
 
 
 def test_a_persons_stiffness_over_a_recorded_angle_is_a_table_and_a_figure(tmp_path):

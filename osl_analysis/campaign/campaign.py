@@ -242,17 +242,14 @@ def check_files(config: Config) -> None:
         if field != "results" and path.resolve().is_relative_to(config.results.resolve()):
             raise InputError(f"configuration: results = {config.results} is or holds {field} = {path}; name another")
     named = {"parameters": config.parameters, "impedance_trajectory": config.impedance_trajectory}
-    for field, path in (named | {"study.simulation": config.study.simulation}).items():
+    for field, path in named.items():
         if path is not None and not path.is_file():
-            none = ", or write null for none" if field in named else ""
-            raise InputError(f"{path}: no such file; correct {field} in the configuration{none}")
+            raise InputError(f"{path}: no such file; correct {field} in the configuration, or write null for none")
     with naming("parameters"), catch_warnings(action="ignore"):  # the jobs that use the parameters give them
         known_parameters(config.parameters)
     if config.impedance_trajectory is not None:
         with naming("impedance_trajectory"):
             read_impedance_trajectory(config.impedance_trajectory)
-    if "experiments" not in read_mapping(config.study.simulation):
-        raise InputError(f"{config.study.simulation}: is no simulation; correct study.simulation in the configuration")
 
 
 def check_walking(campaign: Campaign) -> None:

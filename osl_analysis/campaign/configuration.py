@@ -5,7 +5,7 @@ from collections.abc import Collection, Mapping, Sequence
 from datetime import date, timedelta
 from functools import reduce
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import BeforeValidator, Field
 
@@ -38,9 +38,6 @@ def dates(value: date | str) -> date | str:
     except (ValueError, AttributeError) as error:
         raise ValueError("write a date, 1990 to today, as 2026-03-14, or two, as 2026-03-14 to 2026-03-16") from error
     return value
-
-
-Some = Annotated[int, Field(ge=0, le=1_000_000)]  # trials, campaigns or crossings; more is a slip of the keyboard
 
 
 class FrequencyResponseFigure(Settings):
@@ -84,31 +81,6 @@ class ReportChoices(Settings):
     draft's device."""
 
 
-class StudyTrials(Settings):
-    """The simulated trials of the Monte Carlo study. Those on a bench have a short protocol at the frequencies of
-    `dynamometer`."""
-
-    simulation: ShippedPath  # Settings of the simulated campaign.
-    seed: Annotated[int, Field(ge=0)]  # Seed of every random number.
-    crossings: Annotated[Some, Field(ge=3)]
-    """Number of perturbed crossings in a campaign, which has the same number of unperturbed crossings."""
-    amplitudes_deg: Annotated[tuple[Annotated[Degrees, Field(le=60)], ...], Field(min_length=1)]  # of the protocol
-    cycles: Annotated[int, Field(ge=1, le=10_000)]  # Cycles at each frequency of the short protocol.
-    K_d: Stiffness  # Desired stiffness [N*m/rad].
-    B_d: Annotated[float, Field(ge=0)]  # Desired damping [N*m*s/rad].
-    I: Annotated[float, Field(ge=0)]  # Inertia [kg*m^2] of the second-order joint.
-
-
-class StudySettings(StudyTrials):
-    """The study: its trials, their number, and their division into jobs."""
-
-    trials: Annotated[Some, Field(ge=2)]  # Number of trials of each bench experiment.
-    campaigns: Some  # Number of campaigns of walking, and of repeated belt and transmission trials.
-    recorded: Some  # Number of further walking campaigns that are written to files and ingested.
-    batch: Annotated[int, Field(ge=1)]
-    """Smallest number of bench trials in a job. A large study takes more, so that it has fewer than a hundred jobs."""
-
-
 class Config(Settings):
     """One campaign, as in `config/config.yaml`. Paths are relative to the folder in which the pipeline runs. A file
     that is not there may be a shipped one, such as `config/parameters/default.yaml`."""
@@ -141,13 +113,8 @@ class Config(Settings):
     quality: QualityRules  # Thresholds of quality control.
     figures: FigureChoices  # What the figures show.
     report: ReportChoices = ReportChoices()  # The page `report.html`.
-    study: StudySettings  # The Monte Carlo study.
+    REMOVED: ClassVar = {"study": "the Monte Carlo study is a script, benchmarks/study.py; remove the section"}
 
-    _study_is_fitted = refused(
-        lambda s: s.study.cycles < s.dynamometer.settle_cycles + 2,
-        "study.cycles = {s.study.cycles} are dynamometer.settle_cycles and the last, which are not fitted; raise it",
-        "study.cycles",
-    )
     _is_simulated = refused(
         lambda s: s.simulation and s.data == "measured",
         "data = measured, but the recordings are those of `simulation`; write data: null, or simulation: null",

@@ -10,16 +10,16 @@ from typing import Any
 import numpy as np
 import polars as pl
 
+from osl_analysis.bench import precision as planning
 from osl_analysis.bench.gram import BY_REPEATS, BY_UNITS
 from osl_analysis.bench.plausible import check_told
+from osl_analysis.bench.precision import KBI, Continuous, Distortion, PeriodicMultisine, Plan, Precision, SteppedSine
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.campaign.configuration import Config
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.signals import LowPass
 from osl_analysis.spectral.response import ENOUGH_REALISATIONS
-from osl_analysis.study import precision as planning
-from osl_analysis.study.precision import KBI, Continuous, Distortion, PeriodicMultisine, Plan, Precision, SteppedSine
-from osl_analysis.table import finite_or_null, read_table, with_evidence, write_table
+from osl_analysis.table import finite_or_null, with_evidence, write_table
 from osl_analysis.trial import Array
 
 TINY = float(np.finfo(float).tiny)
@@ -50,22 +50,16 @@ def designed(chosen: Mapping[str, Any], config: Config) -> Design:
     too low for the filter, frequencies that the filter takes out, and a band that the analysis will refuse are
     refused."""
     check_finite_options(chosen)
-    bench, study = config.dynamometer, config.study
-    expected = {"stiffness": study.K_d, "damping": study.B_d, "inertia": study.I}
-    expected |= {name: chosen[name] for name in expected if chosen[name] is not None}
+    bench, expected = config.dynamometer, {name: chosen[name] for name in ("stiffness", "damping", "inertia")}
     joint = np.array(list(expected.values()), dtype=float)
     within = {name: chosen[f"{option}_within"] for name, option in zip(KBI, expected, strict=True)}
     within = {name: share for name, share in within.items() if share is not None}
     for name, option in zip(KBI, expected, strict=True):
         if name in within and not expected[option]:
             raise InputError(f"--{option}-within is a share of an expected {name} of 0; give --{option} above 0")
-    distortion = Distortion() if chosen["earlier"] is None else earlier_distortion(chosen["earlier"], chosen["trial"])
-    if chosen["friction"] is not None and distortion != Distortion():  # it counts once
-        raise InputError("--friction and --earlier state the same distortion twice; give one of them")
+    distortion = Distortion(chosen["friction"] or 0.0)
     if chosen["pilot"] is not None:
         distortion = pilot_distortion(chosen["pilot"], chosen["trial"])
-    coulomb = distortion.coulomb if chosen["friction"] is None else chosen["friction"]
-    distortion = replace(distortion, coulomb=coulomb, level=chosen["distortion"] or 0.0)
     plan = plan_of(chosen, config, bool(within))
     sensors = sensors_of(chosen, bench)
     low_pass, sines = bench.low_pass, plan.sines
@@ -222,7 +216,7 @@ def warnings(
         yield (
             "no distortion is stated: these are the intervals of a joint that is exactly Eq. 15; with friction the "
             "estimates of a multisine scatter up to 50 times as much, and those of a stepped sine are shifted; state "
-            "--friction, --distortion or --earlier, or a pilot by --from"
+            "--friction, or a pilot by --from"
         )
     if isinstance(plan, PeriodicMultisine) and plan.realisations < ENOUGH_REALISATIONS:
         yield (
@@ -296,25 +290,6 @@ def pilot_distortion(results: Path, trial: str | None) -> Distortion:
         raise InputError(f"{results}: no friction {of}; run the pilot to its end, or state --friction")
     friction, *errors = (float(np.median(values)) for values in known)
     return Distortion(max(friction, 0.0), pilot=tuple(se**2 for se in errors))
-
-
-def earlier_distortion(path: Path, trial: str | None) -> Distortion:
-    """The levels of distortion in `response.csv` of an earlier trial. A level is E|d|^2 of Z, times |theta|^2 twice the
-    mean square of the torque that a line has; odd lines are as far apart as the closest two."""
-    table, of_levels = read_table(path), ("frequency_hz", "angle_deg", "odd_level")
-    if not {"trial", *of_levels} <= set(table.columns):
-        raise InputError(f"{path}: no columns of response.csv; give this table, or state --friction or --distortion")
-    rows = table if trial is None else table.filter(pl.col("trial") == trial)
-    names = rows["trial"].unique().to_list()
-    if len(names) != 1:
-        what = f"no trial '{trial}'" if trial else f"{len(names)} trials"
-        such = f", such as {table['trial'][0]}" if len(table) else ""
-        raise InputError(f"{path}: {what}; choose one with --trial{such}")
-    known = rows.select(pl.col(of_levels).cast(pl.Float64)).drop_nulls().sort("frequency_hz")
-    f, angle_deg, level = (known[name].to_numpy() for name in of_levels)
-    if len(f) < 2 or not np.isfinite(level).all():
-        raise InputError(f"{path}: no odd_level of trial {names[0]}; it needs a periodic motion with odd lines")
-    return Distortion(earlier=(f, 0.5 * (level * np.deg2rad(angle_deg)) ** 2 / float(np.min(np.diff(f)))))
 
 
 def design_text(made: Design) -> str:

@@ -22,7 +22,6 @@ STAGES = {
     "read and check recordings": r"ingest",
     "fit": r"fit_|compare_|pool_|calibrate_|identify_|measure_|analyse_|select_|average_|summarise_|impedance_over",
     "figures": r"plot_numbers|draw_figure|captions",
-    "study": r"study",
     "tables and page": r"",
 }
 """By stage: what the names of its rules begin with, behind the prefix of a module. The first that fits counts."""
@@ -86,7 +85,7 @@ class LogHandler(LogHandlerBase):
                 return
             if event == LogEvent.RUN_INFO:
                 for rule, count in known["stats"].items():  # the targets have no stage
-                    if not re.fullmatch(r"total|(\w+_)?(reproduce-all|study|validate)", rule):
+                    if not re.fullmatch(r"total|(\w+_)?reproduce-all", rule):
                         self.total[stage_of(rule)] += count
             elif event == LogEvent.JOB_INFO:
                 name = stage_of(known["rule_name"])

@@ -43,7 +43,7 @@ PRELOADED = (
     "osl_analysis.jobs.job",
     *("scipy.signal", "scipy.interpolate", "scipy.optimize", "scipy.linalg", "scipy.fft"),  # named at their use
     *(f"osl_analysis.commands.{name}" for name in ("trials", "bench", "tables", "walking", "gains")),
-    *(f"osl_analysis.commands.{name}" for name in ("figure", "report", "simulate", "study", "preloaded")),
+    *(f"osl_analysis.commands.{name}" for name in ("figure", "report", "simulate", "preloaded")),
     *("osl_analysis.figures.names", "fontTools.subset"),
     *(f"matplotlib.backends.backend_{name}" for name in ("pdf", "svg", "agg")),
 )

@@ -320,23 +320,16 @@ class Sensors:
 
 @dataclass(frozen=True)
 class Distortion:
-    """How far the joint is from linear, as far as it is stated. What is stated twice counts twice."""
+    """How far the joint is from linear, as far as it is stated."""
 
     coulomb: float = 0.0  # Coulomb friction [N*m]
-    level: float = 0.0  # odd distortion at the excited lines as a share of the torque there
-    earlier: tuple[Array, Array] | None = None
-    """Frequencies [Hz], rising, and the mean square per Hz [(N*m)^2/Hz] of the torque's distortion in an earlier trial.
-    Beyond the ends it is that of the end. That of friction hardly depends on the size of the motion."""
-
     pilot: tuple[float, ...] | None = None
     """Variances of K, B and I in an earlier trial of this kind: what the joint itself adds to them, as a drivetrain
     with friction behind a belt, does not fall with the length of a record."""
 
-    def variances(self, plan: Plan, fit: PlannedFit, Z: Impedances) -> Array:
-        """Variances (3,) of K, B and I by the distortion; `Z` (n,) is the impedance [N*m/rad] at the sines.
-
-        A level counts as independent from line to line, as in the analysis of detection lines. By friction estimates
-        scatter less (0.65 of it for K, 0.4 for B and I), because at given amplitudes the velocity has a given RMS: from
+    def variances(self, plan: Plan, fit: PlannedFit) -> Array:
+        """Variances (3,) of K, B and I by the distortion. On a random motion friction scatters the estimates less than
+        the lines (0.65 of it for K, 0.4 for B and I), because at given amplitudes the velocity has a given RMS: from
         four realisations on the analysis sees this scatter, which is drawn."""
         found, sines, periodic = np.zeros(3), fit.sines, isinstance(plan, PeriodicMultisine)
         at_sines, few = self, periodic and sines.independent < ENOUGH_REALISATIONS
@@ -345,30 +338,20 @@ class Distortion:
             scatter = scatter_of_friction(*columns, sines.spacing_hz, periodic)
             found = self.coulomb**2 * scatter / sines.independent
             at_sines = replace(self, coulomb=0.0)
-        found = found + fit.share(at_sines.at_sines(plan, fit, Z)).sum(axis=1)
+        found = found + fit.share(at_sines.at_sines(fit)).sum(axis=1)
         return np.asarray(np.maximum(found, self.pilot or 0.0))
 
-    def at_sines(self, plan: Plan, fit: PlannedFit, Z: Impedances) -> Array:
+    def at_sines(self, fit: PlannedFit) -> Array:
         """Variance (2, n) [(N*m)^2] of the amplitudes of the torque's sines by what the fit of Eq. 15 cannot follow.
         Friction T sign(w) answers a sine of amplitude a by 4 T/pi in phase with the velocity: no scatter, it differs
         from frequency to frequency, and every repetition has it. In a random motion what its damping (`added_damping`)
         leaves has the autocorrelation T^2 (2/pi) (arcsin r - r), r being that of the velocity (Van Vleck and Middleton,
         1966)."""
         sines = fit.sines
-        if isinstance(plan, Continuous) and plan.chirp and (self.level or self.earlier):
-            raise InputError(
-                "a level of distortion says nothing on a chirp, whose distortion is no scatter; state --friction"
-            )
-        if isinstance(plan, SteppedSine) and self.earlier:
-            raise InputError(
-                "the distortion level of an earlier multisine says nothing on single sines; state --friction or "
-                "--distortion"
-            )
-        power = 0.5 * (self.level * np.abs(Z) * sines.size) ** 2
         if sines.spacing_hz is None:
             left = 4 / np.pi * self.coulomb * np.ones(len(sines.w))
             left -= fit.fitted(np.asarray(1j * left / sines.size, dtype=np.complex128))[1] * sines.size * sines.w
-            return np.array([power, power + left**2])
+            return np.array([np.zeros_like(left), left**2])
         # the mean square of what sign(w) leaves beside its equivalent damping, with 64 or more samples in a period of
         # the highest line: arcsin r has cusps
         line = np.rint(sines.frequency_hz / sines.spacing_hz).astype(np.intp)
@@ -376,10 +359,7 @@ class Distortion:
         lines = np.zeros(n // 2 + 1)
         lines[line] = (sines.size * sines.w) ** 2
         r = np.clip(np.fft.irfft(lines / lines.sum() * n / 2, n), -1, 1)
-        power += self.coulomb**2 * 2 / n * np.fft.rfft(2 / np.pi * (np.arcsin(r) - r)).real[line]
-        if self.earlier:  # of an odd multisine a sine has the distortion of two lines
-            width = (2 if isinstance(plan, PeriodicMultisine) else 1) * sines.spacing_hz
-            power += np.interp(sines.frequency_hz, *self.earlier) * width
+        power = self.coulomb**2 * 2 / n * np.fft.rfft(2 / np.pi * (np.arcsin(r) - r)).real[line]
         return np.array([power, power]) / sines.independent
 
     def added_damping(self, plan: Plan) -> dict[str, float]:
@@ -463,13 +443,13 @@ def precision(
         here = np.isclose(sines.size, a)
         causes["encoder rounding"] += alike[here].mean() * fit.fitted(np.where(here, Z, 0)) ** 2
     known = causes["encoder rounding"] + causes["load cell drift"]
-    seen, scatter = causes["torque noise"] + causes["angle noise"], stated.variances(plan, fit, Z)
+    seen, scatter = causes["torque noise"] + causes["angle noise"], stated.variances(plan, fit)
     noise, total = seen + known, seen + known + scatter
     if isinstance(plan, PeriodicMultisine):
         if plan.realisations >= ENOUGH_REALISATIONS:
             method, freedom = REALISATIONS, np.full(3, plan.realisations - 1.0)
         else:
-            share = fit.share(np.sum([*errors.values(), stated.at_sines(plan, fit, Z)], axis=0))
+            share = fit.share(np.sum([*errors.values(), stated.at_sines(fit)], axis=0))
             motion = plan.motion(0)
             near = np.argmin(np.abs(motion.lines[:, None] - motion.detection[None, :]), axis=1)
             together = [np.bincount(near, own) for own in share]

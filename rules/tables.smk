@@ -122,8 +122,8 @@ single("bench.gather_predictions", GATHERED, "tables/prediction", PREDICTIONS)
 def check_claims(_):
     tables = [path for path in result_tables() if path.stem in CLAIMED]
     settings = {"settings": setting("claims"), "frequencies_hz": CONFIG.dynamometer.frequencies_hz or ()}
-    settings |= {"midstance": CONFIG.figures.midstance_stiffness, "weight": setting("gain_weight")}
-    return {"after": tables, "read": {"tables": by_stem(tables)}, "settings": settings, **PARAMETERS}
+    settings |= {"midstance": CONFIG.figures.midstance_stiffness}
+    return {"after": tables, "read": {"tables": by_stem(tables)}, "settings": settings}
 
 
 def gathered(of: str):

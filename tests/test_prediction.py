@@ -244,7 +244,7 @@ def test_the_damping_of_a_response_is_the_real_part_of_the_impedance_with_its_sc
 
 
 def claimed(tables, **settings):
-    found = claims_table(tables, Claims(**settings), (1.0, 5.0), 340.0, {"ankle": P}, PAPER_WEIGHT)
+    found = claims_table(tables, Claims(**settings), (1.0, 2.0, 5.0), 340.0)
     return found, {(row["name"], row["subject"]): row for row in found.to_dicts()}
 
 
@@ -253,11 +253,10 @@ def summary(se=0.01, **means):
     return pl.DataFrame(rows, schema_overrides={"side": pl.String})
 
 
-def test_claims_on_components_hold_fail_or_are_undecided_by_their_interval():
-    tables = {"transmission_summary": summary(B_j=0.452, J_j=0.005), "belt_summary": summary(K_s=685.6)}
-    tables |= {"actuator_summary": summary(k_tau_n_m=1.02, f_C=0.377, f_G=0.0896)}
+def test_claims_hold_fail_or_are_undecided_by_their_interval():
+    tables = {"transmission_summary": summary(B_j=0.452, J_j=0.005)}
     row = {**HERE, "trial": "k", "controller": "compensated", "amplitude_deg": None, "K_d": 300.0, "B_d": 5.0}
-    row |= {"K": 300.0, "K_low": 291.0, "K_high": 309.0, "B": 5.0, "B_low": -4.0, "B_high": 14.0, "theta_rms_deg": 3.0}
+    row |= {"K": 300.0, "K_low": 291.0, "K_high": 309.0, "B": 5.0, "B_low": -4.0, "B_high": 14.0}
     tables["impedance"] = pl.DataFrame([row], schema_overrides=TYPES)
     table, by = claimed(tables, B=1.0)
     slow, fast = by["inertia_at_lowest_frequency", None], by["inertia_at_highest_frequency", None]
@@ -266,9 +265,6 @@ def test_claims_on_components_hold_fail_or_are_undecided_by_their_interval():
     assert (slow["verdict"], fast["verdict"]) == ("holds", "fails")
     half = slow["value"] * 0.01 * 2**0.5 * stats.t.ppf(0.975, 4)
     assert slow["high"] - slow["value"] == pytest.approx(half)
-    load = 0.0896 * 300 * np.deg2rad(3) / (P.n_T * 1.02)
-    assert by["load_friction_at_highest_K_d", None]["value"] == pytest.approx(100 * load / (0.377 + load))
-    assert by["belt_at_highest_K_d", None]["value"] == pytest.approx(100 * 300 / 685.6)
     assert (by["K", "k"]["verdict"], by["B", "k"]["verdict"]) == ("equivalent", "undecided")
     assert [by[f"{x}_equivalent", None][k] for x in "KB" for k in ("value", "verdict")] == [1, "holds", 0, "undecided"]
     numbers = headline_numbers({"claims": table})
@@ -276,24 +272,8 @@ def test_claims_on_components_hold_fail_or_are_undecided_by_their_interval():
     assert r"\newcommand{\oslInertiaAtHighestFrequencyVerdict}{fails}% verdict" in to_tex({}, numbers)
     scatterless = tables | {"transmission_summary": tables["transmission_summary"].with_columns(se=None)}
     assert claimed(scatterless)[1]["inertia_at_lowest_frequency", None]["verdict"] is None
-    verdicts = [limit_verdict(*ends, 10, True) for ends in ((11, 12), (8, 9), (9, 11), (None, 1))]
+    verdicts = [limit_verdict(*ends, 10, "above") for ends in ((11, 12), (8, 9), (9, 11), (None, 1))]
     assert verdicts == ["holds", "fails", "undecided", None]
-
-
-def test_passivity_is_judged_by_what_was_measured_and_by_the_gains():
-    """Im Z/w = B_j + c x/|N|^2 with the letters of `drivetrain.joint_admittance`."""
-    row = {**HERE, "trial": "k", "controller": "compensated", "K_d": 300.0, "B_d": 0.0, "frequency_hz": [1.0, 5.0]}
-    row |= {"damping": [0.5, 0.2], "damping_low": [0.4, -0.1], "damping_high": [0.6, 0.5]}
-    response = pl.DataFrame(row, schema_overrides={"side": pl.String})
-    _, by = claimed({"frequency_response": response})
-    least, gains = by["passive_compensated", None], select_gains("compensated", 300, 0, P)
-    assert (least["value"], least["verdict"], least["n"]) == (0.2, "undecided", 2)
-    s, x = 2j * np.pi * np.array([1.0, 5.0]), P.B_m + gains.B_1
-    N = P.J_m * s**2 + x * s + gains.K_1 + P.K_s / P.n_T**2
-    least_by_hand = np.min(P.B_j + (P.K_s / P.n_T) ** 2 * x / abs(N) ** 2)
-    assert by["passive_compensated_by_gains", None]["value"] == pytest.approx(least_by_hand)
-    _, by = claimed({"frequency_response": response.with_columns(damping_high=pl.Series([0.6, -0.01]))})
-    assert by["passive_compensated", None]["verdict"] == "fails"
 
 
 @pytest.mark.parametrize(("commanded", "verdict"), [(None, "equivalent"), (300.0, "different"), (320.0, "undecided")])

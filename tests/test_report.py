@@ -37,20 +37,19 @@ from osl_analysis.campaign.configuration import read_config
 from osl_analysis.cli import main
 from osl_analysis.commands import report
 from osl_analysis.dictionary import described_tables_by_name
-from osl_analysis.judge.campaign import entries
+from osl_analysis.judge.campaign import QUALITY, campaign_findings, entries
 from osl_analysis.judge.finding import Beyond, Finding, Grade, finding_rows, findings_frame
+from osl_analysis.judge.limits import DoubtfulFits
 from osl_analysis.judge.words import WORDS, words_of
 from osl_analysis.refusal import Refusal
 from osl_analysis.report import trial_page
-from osl_analysis.report.headlines import COUNT
 from osl_analysis.report.page import (
     caption_html,
     captions_by_title,
+    claims_said,
     conditions,
     every_kth,
-    heat_map,
     inline_svg,
-    judged_cells,
     overview,
     packed_table,
     template,
@@ -101,7 +100,7 @@ def test_a_packed_signal_is_off_by_no_more_than_half_a_count_and_keeps_its_holes
 ABOUT = dict(zip(ABOUT_MEANING, (HOSTILE, "simulated", "1.2", "abc", "made with seed 1"), strict=True))
 
 
-STATED = {"unnamed": "", "assumed": "", "conditions": [], "method": ""}
+STATED = {"unnamed": "", "assumed": "", "conditions": [], "method": "", "claims": []}
 NUMBER = dict.fromkeys(("low", "high", "interval", "draft", "doubt")) | {"unit": "%"}
 FINDING = {"verdict": "doubtful", "trials": ["a"], "n": 2, "of": "impedance trials", "cause": HOSTILE}
 SETTINGS = read_config(ROOT / "config/config.yaml").model_dump(mode="json")
@@ -134,7 +133,7 @@ def page_of(trials, largest_mb=40.0, tables=None):
     content |= {**overview(trials, summary, [], ABOUT), "intervals": "", "not_made": [], "sensitivity": []}
     content["methods"] = methods_content(SETTINGS, {}, trials)
     content |= {"absent_figures": {"Response": "No trial has one."}, **STATED}
-    packed = {one.name: (trial_content(one, {"impedance": IMPEDANCE}), tables or {}) for one in trials}
+    packed = {one.name: (trial_content(one), tables or {}) for one in trials}
     return written_page(content, packed, largest_mb)
 
 
@@ -240,10 +239,9 @@ def test_units_symbols_powers_and_minus_signs_are_set_in_one_way_and_names_are_l
 
 
 def test_verdicts_and_counts_sorting_by_the_unrounded_value_and_conditions_that_differ():
-    checks = pl.DataFrame({"trial": ["e"], "check": ["gap"], "verdict": ["flag"], "remark": ["torque"]})
-    checks = checks.with_columns(value=0.095, threshold=pl.lit("0.05 s"), unit=pl.lit("s"))
+    gap = doubt("gap in the recording", "gap", 0.095, 0.05, QUALITY)
     trials = [
-        trial("a"), trial("e", quality=checks), trial("b", doubt(), quality=checks),
+        trial("a"), trial("e", gap), trial("b", doubt(), gap),
         trial("c", left_out=["gap 1 s"]), trial("d", left_out=["x"], refused=True),
     ]  # fmt: skip
     content = trials_content(trials)
@@ -252,63 +250,13 @@ def test_verdicts_and_counts_sorting_by_the_unrounded_value_and_conditions_that_
     assert [row["verdict"] for row in content["trials"]] == kinds[::-1], "the worst first"
     *_, doubtful, flagged, _ = content["trials"]
     assert (flagged["causes"], doubtful["causes"]) == (["gap in the recording"], ["friction"])
-    assert "0.095 s, torque" in flagged["doubt"]
+    assert trials[1].doubts[0]["numbers"] == [["gap", "0.095", "above 0.05", WORDS["checks"]["gap"]]]
     number = {"sort": "299.5123", "text": "299.5", "interval": "[299.2, 299.8]", "column": "K"}
     assert (doubtful["numbers"][1], [one["name"] for one in content["left_out"]]) == (number, ["c", "d"])
     assert (trials[2].condition(), doubtful["condition"]) == (f"controller {HOSTILE}, K_d 300", "")
     assert replace(trials[0], row={"perturbed": False, "part": 2}).condition() == "unperturbed, part 2"
     two = [replace(trials[0], row=trials[0].row | {"K_d": K_d}) for K_d in (1.0, 2.0)]
     assert [row["condition"] for row in trials_content(two)["trials"]] == ["K_d 1", "K_d 2"]
-
-
-def checked(trial, **verdicts):
-    """Rows of `quality.csv`: of each check the verdict, beyond or within its limit of 0.05."""
-    values = {"pass": 0.01, "flag": 0.2, "exclude": 0.3, "none": None}
-    rows = [(trial, check, values[verdict], "s", 0.05, verdict, "") for check, verdict in verdicts.items()]
-    return pl.DataFrame(rows, ["trial", "check", "value", "unit", "threshold", "verdict", "remark"], orient="row")
-
-
-def test_the_map_has_a_row_for_what_one_trial_does_not_pass_and_names_the_nearest_to_each_other_limit():
-    clipped, late = doubt("clipped signal", "saturated_samples"), doubt("late torque", "lag_share")
-    of_phasors = doubt(table="phasors", frequency_hz=3.0), replace(late, table="phasors", inherited="impedance")
-    trials = [
-        trial(
-            "a", doubt(), late, clipped, quality=checked("a", gap="flag", saturation="flag", stuck="pass", rate="none")
-        ),
-        trial("b", *of_phasors, quality=checked("b", gap="pass", stuck="pass", rate="none")),
-        trial("c", left_out=["no footer"], refused=True, quality=None),
-    ]
-    trials[2] = replace(trials[2], tables={})
-    nearest = trials[1].quality.with_columns(value=pl.when(pl.col("check") == "stuck").then(0.04).otherwise("value"))
-    trials[1] = replace(trials[1], quality=nearest)
-    cells = {one.name: judged_cells(one) for one in trials}
-    found = heat_map(trials, cells)
-    (group,) = found["groups"]
-    whole = [
-        ("a", "doubtful", "clipped signal; friction; late torque; gap in the recording"),
-        ("b", "doubtful in part", "friction in a part of it"),
-    ]
-    assert group["trials"] == [*whole, ("c", "refused", "no footer")]
-    states = {row["check"]: [state for _, state, _ in row["cells"]] for row in group["rows"]}
-    assert states == {
-        "gap in the recording": ["flagged", "passed", "does not apply"],
-        "clipped signal": ["doubtful", "passed", "does not apply"],  # of its flag and its doubt the worse
-        "friction": ["doubtful", "doubtful in part", "does not apply"],
-        "late torque": ["doubtful", "passed", "does not apply"],
-    }
-    assert cells["a"]["friction"][1].endswith("[coulomb_share 0.3 is above 0.25]")
-    assert cells["a"]["gap in the recording"][1].startswith("0.2 s, limit 0.05 s. ")
-    (passed,) = found["passed"]  # a rate that does not apply is not passed
-    assert [passed[key] for key in ("check", "trial", "said", "n")] == ["frozen signal", "b", "0.04 s, limit 0.05 s", 2]
-    assert found["states"] == ["passed", "doubtful in part", "flagged", "doubtful", "refused"]
-    counts = trials_content(trials)["counts"]
-    assert sum(counts.values()) == 3, "each trial is counted once, for the worst that is known of it"
-    asked = [{"controller": name, "K_d": K_d, "B_d": 0.0} for K_d in (200.0, 100.0) for name in ("on", None, "on")]
-    mixed = [replace(trials[1], name=f"t{k}", row=trials[1].row | one, quality=None) for k, one in enumerate(asked)]
-    (group,) = heat_map(mixed, {one.name: {} for one in mixed})["groups"]
-    assert [name for name, *_ in group["trials"]] == ["t4", "t1", "t3", "t5", "t0", "t2"]
-    heads = [("controller", [(None, 2), ("on", 4)]), ("K_d", [(100.0, 1), (200.0, 1), (100.0, 2), (200.0, 2)])]
-    assert group["heads"][:2] == heads
 
 
 def test_the_page_begins_with_what_was_done_its_verdict_and_the_figure_that_matters():
@@ -343,8 +291,6 @@ def test_the_page_begins_with_what_was_done_its_verdict_and_the_figure_that_matt
         "Of the walking K, 2 things, which its interval does not contain, could not be checked, as "
         f"{moments}: they show it to 3 %, which is 11 N·m/rad of K = 337."
     )
-    rows = {row["check"]: [cell[1] for cell in row["cells"]] for row in mean["heat"]["groups"][0]["rows"]}
-    assert rows[f"mean response: {moments}"] == ["not checked", "does not apply"]
     alone = overview(walks[:1], {}, [], ABOUT)
     assert (alone["first"], alone["state"]) == ([], "No trial is doubtful. Nothing was refused or excluded.")
     assert alone["done"].startswith("Ingested and checked: 1 simulated walking trial of the knee (MCAP and C3D files")
@@ -356,7 +302,7 @@ def test_doubts_say_whether_they_are_about_the_whole_trial_and_with_which_number
     numbers = Beyond("B_change", 0.291, 0.25, "above"), Beyond("coulomb_share", 1.03, 0.5, "above")
     own, inherited = doubt("x", "x", 2, 1, "phasors", amplitude_deg=2.0, frequency_hz=3.0), replace(part, inherited="y")
     findings = stored_findings(part, replace(doubt(), evidence=numbers), own, inherited)
-    found = trial_page.told_doubts(findings, "impedance", {"impedance": IMPEDANCE})
+    found = replace(trial(), findings=findings).doubts
     assert [(one["where"], one["of"], one["cause"]) for one in found] == [
         ("4 deg", "part", "model that does not fit"), ("all amplitudes", "all", "friction"),
         ("phasors, 2 deg, 3 Hz", "other", "x"),
@@ -426,13 +372,9 @@ def test_the_model_of_a_series_is_that_of_the_fit_in_the_samples_that_the_fit_us
         assert 0.1 < series.fitted.mean() < 0.95
 
 
-def test_a_report_says_of_each_trial_what_became_of_it_and_leaves_out_counts(tmp_path, monkeypatch):
+def test_a_report_says_of_each_trial_what_became_of_it(tmp_path, monkeypatch):
     """One is flagged, one refused, one has no result though a fit belongs to it, as one has no crossing; one stood."""
-    number = dict.fromkeys(("n", "low", "n_doubtful"), 1) | {"value": 1.5, "unit": "N*m", "high": 2.5, "draft": 1.25}
-    number |= {"n_left_out": 0, "doubt": None}
-    kinds = {"K": ("range", "holds"), "doubtful_n": (COUNT, None)}
-    numbers = {one: number | {"meaning": one, "interval": kind, "verdict": said} for one, (kind, said) in kinds.items()}
-    (tmp_path / "summary.csv").write_text(json.dumps({"numbers": numbers}))
+    (tmp_path / "summary.csv").write_text(json.dumps({"numbers": {}}))
     lost = dict.fromkeys(("value", "unit", "threshold")) | {"trial": "b_2", "check": "refused", "remark": "no footer"}
     gap = {"trial": "b_1", "check": "gap", "value": 1.0, "unit": "s", "threshold": 0.5, "remark": "", "verdict": "flag"}
     belt, refused = {"trial": "b_1", "K_s": 9.0}, lost | {"verdict": "refused"}
@@ -443,6 +385,8 @@ def test_a_report_says_of_each_trial_what_became_of_it_and_leaves_out_counts(tmp
     given |= {f"methods_{form}": tmp_path / f"methods.{form}" for form in ("md", "tex")}
     write_table(pl.DataFrame({"setting": ["walking.side"], "value": ["right"], "state": ["assumed"]}), given["states"])
     given |= {"series": {"b_1": given["series"]}, "tables": {"belt": given.pop("belt")}}
+    found = campaign_findings({}, pl.DataFrame([gap]), DoubtfulFits())
+    write_table(found, given["findings"])
     of_table, seen = Refusal("", "t.csv", "j", "refused", "why", "what"), []
     given |= {"trials": {}, "crossings": {}, "figures": {}, "about": ABOUT, "largest_mb": 4, "settings": SETTINGS}
     given["refused"] = [of_table, replace(of_table, trial="b_2")]
@@ -456,10 +400,7 @@ def test_a_report_says_of_each_trial_what_became_of_it_and_leaves_out_counts(tmp
         "n": 3, "used": 1, "perturbed": 0, "perturbed_used": 0, "rates": 0, "files": 0,
     }  # fmt: skip
     assert said == {"b_2": ("refused", "no footer"), "b_3": none, "w": none, "s": ("clear", "")}
-    keys = ("meaning", "text", "unit", "ends", "kind", "verdict", "behind")
-    said = ("K", "1.50", "N·m", "1.00 to 2.50", "range", "holds", "1, doubtful")
-    assert ([tuple(row[key] for key in keys) for row in seen[0]["claims"]], seen[0]["questions"]) == ([said], [])
-    assert seen[0]["not_made"] == [of_table]
+    assert (seen[0]["claims"], seen[0]["not_made"]) == ([], [of_table])
     in_md, in_tex = (given[f"methods_{form}"].read_text() for form in ("md", "tex"))
     assert "3 trials of belt stiffness (input shaft locked)" in in_md
     assert "3 trials of belt stiffness (input shaft locked)" in in_tex
@@ -533,20 +474,22 @@ def test_the_fitted_line_of_phasors_is_the_admittance_of_a_second_order_system()
 
 def test_a_claim_stands_with_its_limit_and_a_long_caption_is_folded_behind_two_sentences():
     number = NUMBER | {"n": 5, "low": 6.0, "high": 7.0, "interval": "95 %", "value": 6.5}
-    number |= {"question": "", "of": "", "meaning": "it is negligible, x/y", "answers": "", "verdict": "holds"}
-    fails = {**number, "meaning": "z matters, f, x", "verdict": "fails"}
+    number |= {"claim": "it is negligible", "quantity": "x/y", "wanted": "below", "target": 10.0, "margin": None}
+    number |= {"verdict": "holds", "subject": None, "joint": "knee", "side": None, "unit": "%"}
+    near = {**number, "claim": "z is 9", "quantity": "z", "wanted": None, "target": 9.0, "margin": 2.0}
+    own = {**number, "claim": "of a trial", "subject": "t"}
     figure = {"name": "fig5", "title": "Fig. 5", "drawing": ""}
     figure |= {"caption": Markup("By Eq. 15 this. That. " + 99 * "Long. ")}
-    found = overview([trial()], {"numbers": {"a": number, "b": fails}}, [figure], ABOUT)
-    targets = {"it is negligible, x/y": 10.0, "z matters, f, x": 9.0}
-    limits = {claim: {"target": target, "margin": None} for claim, target in targets.items()}
-    content = {"about": ABOUT, "made_of": "", **trials_content([trial()]), **found, "limits": limits, "intervals": ""}
+    found = overview([trial()], {}, [figure], ABOUT)
+    content = {"about": ABOUT, "made_of": "", **trials_content([trial()]), **found, "intervals": ""}
     content |= {"not_made": [], "sensitivity": [], "absent_figures": {}, **STATED}
+    content["claims"] = claims_said(pl.DataFrame([number, near, own]))
     content["methods"] = methods_content(SETTINGS, {}, [trial()])
     said = " ".join(Page(written_page(content, {}, 40.0)).text.split())
-    assert re.search(
-        r"It is negligible ?x/y 6.50 %.{,40} below 10 % holds Z matters, f ?x 6.50 %.{,40} above 9 % fails", said
-    )
+    assert [(one["claim"], one["where"], one["limit"]) for one in content["claims"]] == [
+        ("it is negligible", "knee", "below 10 %"), ("z is 9", "knee", "9 ± 2 %"),
+    ]  # fmt: skip
+    assert re.search(r"It is negligible \(knee\) ?x/y 6.50 %.{,40} ?below 10 % ?holds ?Z is 9", said)
     assert "By Eq. 15 this. That. How to read it, and its numbersLong. Long." in said.replace("\xa0", " ")
 
 

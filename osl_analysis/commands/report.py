@@ -13,7 +13,7 @@ from osl_analysis.campaign.campaign import sentence
 from osl_analysis.commands.figure import UNDRAWN, caption_of, draw_figure
 from osl_analysis.commands.tables import read_summary
 from osl_analysis.config.experiments import EXPERIMENTS
-from osl_analysis.dictionary import described_tables, described_tables_by_name
+from osl_analysis.dictionary import described_tables
 from osl_analysis.errors import InputError, listing
 from osl_analysis.figures.names import figure_title
 from osl_analysis.files import atomic_path, write_text
@@ -65,7 +65,6 @@ def write_report(
     said_of = {one.trial: f"{one.reason}; {one.remedy}" for one in refused if one.trial}
     without = written.get("walking_excluded", pl.DataFrame(schema=["trial", "reason"]))
     left_out = left_out_trials(read_table(excluded), without, said_of)
-    described = described_tables_by_name()
     by_role = {"trial": trials, "series": series, "crossing": crossings}
     judged = read_table(verdicts).filter(pl.col("verdict") != "refused").partition_by("trial", as_dict=True)
     of_trial: dict[str, list[Entry]] = {}
@@ -76,7 +75,7 @@ def write_report(
         files = {role: paths[name] for role, paths in by_role.items() if name in paths}
         findings_on, judged_checks = of_trial.get(name, []), judged.get((name,))
         reported.append(reported_trial(row, files, left_out, written, findings_on, judged_checks))
-    pages = {one.name: (trial_content(one, described), one.pictures.tables) for one in reported}
+    pages = {one.name: (trial_content(one), one.pictures.tables) for one in reported}
     found = {} if is_refused(summary) else read_summary(summary)
     said = captions_by_title(captions.read_text(encoding="utf-8")) if captions and not is_refused(captions) else {}
     shown, absent = shown_figures(figures, said)
@@ -86,7 +85,7 @@ def write_report(
         **trial_page.trials_content(reported),
         **page.overview(reported, found, shown, about),
         "intervals": found.get("intervals", ""),
-        "limits": {one["claim"]: one for one in written.get("claims", pl.DataFrame()).to_dicts()},
+        "claims": page.claims_said(written["claims"]) if "claims" in written else [],
         "methods": trial_page.methods_content(settings, written, reported),
         "absent_figures": absent,
         "unnamed": unnamed,

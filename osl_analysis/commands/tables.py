@@ -23,8 +23,7 @@ from osl_analysis.judge.finding import findings_frame
 from osl_analysis.judge.judging import judged, marked, with_inherited
 from osl_analysis.judge.limits import DoubtfulFits, Limits, QualityRules
 from osl_analysis.judge.used import Judge
-from osl_analysis.model.compensator import Weight
-from osl_analysis.model.parameters import FileOrNone, joint_of, known_parameters, read_parameters
+from osl_analysis.model.parameters import FileOrNone, joint_of, known_parameters
 from osl_analysis.refusal import Refusal, check_not_refused, refused_trials
 from osl_analysis.report import headlines
 from osl_analysis.spectral.periods import Realisation, pooled, realisations_from
@@ -134,16 +133,12 @@ def check_claims(
     settings: Claims,
     frequencies_hz: Sequence[float],
     midstance: float | None,
-    weight: Weight,
     output: Path,
-    parameters: FileOrNone = None,
 ) -> None:
     """Hold what the paper's text claims against the result `tables`, by name. `midstance` is the stiffness [N*m/rad]
-    that is commanded there, `weight` W of Eq. 14."""
+    that is commanded there."""
     read = {name: read_table(path) for name, path in tables.items()}
-    devices = {joint_of(parameters): read_parameters(parameters)} if parameters else {}
-    ends = [pick(frequencies_hz) for pick in (min, max) if frequencies_hz]
-    write_table(claims_table(read, settings, ends, midstance, devices, weight), output)
+    write_table(claims_table(read, settings, frequencies_hz, midstance), output)
 
 
 def judge(

@@ -221,7 +221,8 @@ def impedance_headlines(impedance: pl.DataFrame, example: Example) -> Iterator[H
 
 def claim_headlines(claims: pl.DataFrame) -> Iterator[Headline]:
     for row in claims.drop_nulls("value").iter_rows(named=True):
-        label = Headline(row["name"], row["unit"], None, letters(row["name"].replace("_", " ")), row["claim"])
+        meaning = f"{row['claim']}, {row['quantity']}"
+        label = Headline(row["name"], row["unit"], None, letters(row["name"].replace("_", " ")), meaning)
         where = ", ".join(filter(None, [row["joint"], row["side"]]))
         label = of_group(label, where) if len(claims.filter(name=row["name"])) > 1 else label
         number = headline(label, row["value"], int(row["n"] or 0), row["low"], row["high"], row["interval"])

@@ -9,7 +9,6 @@ from base64 import b64encode
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from html import escape
-from itertools import groupby
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
@@ -22,19 +21,13 @@ from bokeh.resources import Resources
 from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 from markupsafe import Markup
 
-from osl_analysis.config.experiments import EXPERIMENTS
-from osl_analysis.judge.campaign import QUALITY, Entry
+from osl_analysis.judge.campaign import Entry
 from osl_analysis.judge.finding import ESTIMATES, Grade
-from osl_analysis.judge.limits import CHECKS
-from osl_analysis.judge.words import WORDS, Words, beyond_said, check_words, sentence_of
 from osl_analysis.report import TEMPLATES
 from osl_analysis.report.headlines import answered, said_number
-from osl_analysis.report.trial_page import VERDICTS, ReportedTrial, cell_text, printed, value_and_interval
+from osl_analysis.report.trial_page import ReportedTrial, printed, value_and_interval
 from osl_analysis.stats.repeats import summary_row
 
-STATES = (*VERDICTS[:0:-1], "not checked", "remark", "passed", "does not apply")
-"""Of a trial before a check, the worst one first; beside these a trial as a whole is `clear`."""
-MAP_ORDER = ("controller", "K_d", "B_d")  # by these the trials of an experiment stand beside one another
 FIRST_FIGURES = ("fig5", "walking_page", "torque_angle", "response", "fig3")
 """Of these the first one that the campaign has stands on the first screen; Fig. 5 where something was desired."""
 
@@ -79,98 +72,6 @@ def written_page(
     )
 
 
-JudgedCells = Mapping[str, tuple[str, str]]  # of a trial, by check or cause of doubt: its state, and the sentence on it
-
-
-def judged_cells(trial: ReportedTrial, groups: Sequence[Any] = ()) -> JudgedCells:
-    """What was judged of a trial and, by findings on `groups`, of its mean response. A cause is named once."""
-    found: dict[str, tuple[str, str]] = {}
-
-    def add(name: str, state: str, said: str) -> None:
-        if name not in found or STATES.index(state) < STATES.index(found[name][0]):
-            found[name] = (state, said)
-
-    for row in trial.quality.to_dicts() if trial.quality is not None else ():
-        add(CHECKS[row["check"]].cause, *checked_cell(row))
-    for entry in sorted(trial.findings, key=lambda entry: entry["in_part"]):  # that of all of it first
-        if entry["grade"] != Grade.DOUBTS or entry["inherited"] or entry["table"] == QUALITY:
-            continue
-        other = entry["table"] != trial.main_table
-        decided = ", ".join(map(beyond_said, entry["evidence"]))
-        words = Words(*(entry[name] or "" for name in Words._fields))
-        text = f"{entry['table']}.csv: " * other + sentence_of(words) + f" [{decided}]"
-        add(entry["cause"], "doubtful" + " in part" * bool(other or entry["in_part"]), text)
-    for entry in trial.unchecked:
-        state = "remark" if entry["grade"] == Grade.NOTES else "not checked"
-        add(entry["cause"], state, sentence_of(Words(entry["says"] or "", "", entry["remedy"] or "")))
-    for one in groups if "group" in trial.main.columns else ():
-        if trial.main["group"].first() in one["trials"]:
-            add(f"mean response: {one['cause']}", one["verdict"], one["says"])
-    return found
-
-
-def checked_cell(row: Mapping[str, Any]) -> tuple[str, str]:
-    """The state before a check, and the sentence on it, of a row of `quality.csv`."""
-    if row["value"] is None:
-        return "does not apply", row["remark"] or ""
-    value, limit = (f"{cell_text(row[cell])} {printed(row['unit'])}".strip() for cell in ("value", "threshold"))
-    state = {"flag": "flagged", "exclude": "excluded"}.get(row["verdict"], "passed")
-    words = check_words(CHECKS[row["check"]].cause)
-    what_to_do = f". {row['remark'] or words.says}. {words.remedy}" * (state != "passed")
-    return state, f"{value}, limit {limit}{what_to_do}"
-
-
-def heat_map(trials: Sequence[ReportedTrial], cells: Mapping[str, JudgedCells]) -> dict[str, Any]:
-    """Trials and checks for the page: `groups` of one experiment each, with a cell per trial and a row for each check
-    that one of them does not pass, the `states` that these have, and `passed`, the checks that no trial fails, with the
-    trial that is nearest to the limit."""
-    by_experiment: dict[str, list[ReportedTrial]] = {}
-    for trial in trials:
-        by_experiment.setdefault(trial.row["experiment"], []).append(trial)
-    groups = [{"experiment": name, **experiment_map(own, cells)} for name, own in by_experiment.items()]
-    rows = [row for group in groups for row in group["rows"]]
-    measured = pl.concat([one.quality for one in trials if one.quality is not None] or [pl.DataFrame()])
-    applies = measured.drop_nulls("value") if len(measured) else pl.DataFrame(schema=["check"])
-    passed, failed = [], {row["check"] for row in rows}
-    for of_check in applies.partition_by("check", maintain_order=True):
-        check = CHECKS[of_check["check"][0]]
-        if check.cause not in failed:
-            nearest = of_check.sort("value", descending=check.fails != "below", maintain_order=True)["trial"][0]
-            facts = {"trial": nearest, "said": cells[nearest][check.cause][1], "n": len(of_check)}
-            passed.append({"check": check.cause, "meaning": WORDS["checks"][check.name], **facts})
-    shown = [*(group["trials"] for group in groups), *(row["cells"] for row in rows)]
-    seen = {state for row in shown for _, state, _ in row}
-    states = [state for state in ("clear", "passed", *reversed(STATES[:-2])) if state in seen]
-    return {"groups": groups, "passed": passed, "states": states}
-
-
-def experiment_map(trials: Sequence[ReportedTrial], cells: Mapping[str, JudgedCells]) -> dict[str, Any]:
-    """The part of the map of one experiment: its `trials` and `rows`, and `heads` where they differ in `MAP_ORDER`."""
-    own = sorted(
-        trials, key=lambda one: [(one.row.get(name) is not None, one.row.get(name) or 0) for name in MAP_ORDER]
-    )
-    heads = dict[str, list[tuple[Any, int]]]()
-    for n, name in enumerate(MAP_ORDER, 1):
-        nested = groupby([one.row.get(outer) for outer in MAP_ORDER[:n]] for one in own)
-        head = [(values[-1], len([*same])) for values, same in nested]
-        heads |= {name: head} if head[1:] else {}
-    rows, good = [], STATES[STATES.index("passed") :]
-    for check in dict.fromkeys(check for trial in own for check in cells[trial.name]):
-        # a fit without the cause of another passes; without a fit that is judged it does not apply
-        row = [(one.name, *cells[one.name].get(check, (good[not one.is_judged], ""))) for one in own]
-        if any(state not in good for _, state, _ in row):
-            rows.append({"check": check, "cells": row})
-    whole = [(one.name, one.verdict, "; ".join([*one.left_out, *named_causes(cells[one.name])])) for one in own]
-    says = EXPERIMENTS[own[0].row["experiment"]].description
-    return {"says": says, "trials": whole, "rows": rows, "heads": [*heads.items()]}
-
-
-def named_causes(cells: JudgedCells) -> list[str]:
-    """What a trial does not pass, in words, the worst first."""
-    of_state = ((state, check) for state in STATES[:5] for check, (its, _) in cells.items() if its == state)
-    return [check if state in STATES[:4] else f"{check} in a part of it" for state, check in of_state]
-
-
 def what_was_done(
     trials: Sequence[ReportedTrial], questions: Sequence[Mapping[str, Any]], about: Mapping[str, str]
 ) -> str:
@@ -202,12 +103,12 @@ def in_words(parts: Sequence[str]) -> str:
     return " and ".join(filter(None, [", ".join(parts[:-1]), *parts[-1:]]))
 
 
-def state_of(trials: Sequence[ReportedTrial], cells: Mapping[str, JudgedCells], groups: Sequence[Any]) -> str:
+def state_of(trials: Sequence[ReportedTrial], groups: Sequence[Any]) -> str:
     """How many trials are doubtful or not used, and why, in a sentence or two; and the findings on walking `groups`."""
     said = []
     for verdict in ("doubtful", "doubtful in part", "flagged"):
-        own = [trial.name for trial in trials if trial.verdict == verdict]
-        why = Counter(check for name in own for check, (state, _) in cells[name].items() if state == verdict)
+        own = [trial for trial in trials if trial.verdict == verdict]
+        why = Counter(cause for trial in own for cause in {one["cause"] for one in trial.deciding})
         causes = [cause if n == len(own) else f"{cause} ({n})" for cause, n in why.most_common(3)]
         are = "is" if len(own) == 1 else "are"
         said += [f"{len(own)} of {len(trials)} trials {are} {verdict}: {', '.join(causes)}."] * bool(own)
@@ -225,7 +126,11 @@ def conditions(tables: Mapping[str, pl.DataFrame], findings: Mapping[str, Sequen
     for name in ("impedance", "human_joint"):
         table = tables.get(name, pl.DataFrame(schema=["amplitude_deg"]))
         whole = table.filter(pl.col("amplitude_deg").is_null()) if "amplitude_deg" in table.columns else table
-        keys = [key for key in ("joint", "side", *MAP_ORDER) if key in whole.columns and whole[key].n_unique() > 1]
+        keys = [
+            key
+            for key in ("joint", "side", "controller", "K_d", "B_d")
+            if key in whole.columns and whole[key].n_unique() > 1
+        ]
         for own in whole.partition_by(keys, maintain_order=True) if keys else [whole] * (not whole.is_empty()):
             row, trials = own.row(0, named=True), own["trial"].to_list()
             if len(own) > 1:
@@ -303,17 +208,28 @@ def walking_state(groups: Sequence[Any]) -> list[str]:
     return said
 
 
+def claims_said(claims: pl.DataFrame) -> list[dict[str, Any]]:
+    """The claims on the campaign, of the rows of `claims.csv`, each with its number and its limit for a reader."""
+    found = []
+    for row in claims.filter(pl.col("subject").is_null()).drop_nulls("verdict").to_dicts():
+        margin = "" if row["margin"] is None else f" ± {row['margin']:g}"
+        limit = " ".join(filter(None, [row["wanted"], f"{row['target']:g}{margin}", row["unit"]]))
+        where = ", ".join(filter(None, [row["joint"], row["side"]]))
+        found.append({**row, **said_number(row), "where": where, "limit": limit})
+    return found
+
+
 def overview(
     trials: Sequence[ReportedTrial],
     summary: Mapping[str, Any],
     figures: Sequence[Mapping[str, Any]],
     about: Mapping[str, str],
 ) -> dict[str, Any]:
-    """What the first screen says, with the figure that matters most, the heat map, the numbers of a `summary`
-    (`summary.json`) by question, its claims, and its findings with what decided on each trial."""
+    """What the first screen says, with the figure that matters most, the numbers of a `summary` (`summary.json`) by
+    question, and its findings with what decided on each trial."""
     groups = [one for one in summary.get("findings", ()) if one.get("of") == "walking groups"]
-    cells = {trial.name: judged_cells(trial, groups) for trial in trials}
     findings = sorted((one for trial in trials for one in trial.findings), key=lambda one: not one["in_part"])
+    known = {trial.name for trial in trials}
     numbers = [*summary.get("numbers", {}).values()]
     desired = any(trial.row.get(name) is not None for trial in trials for name in ("controller", "K_d"))
     questions = answered(numbers, desired)
@@ -322,16 +238,14 @@ def overview(
     sizes = {(entry["cause"], entry["trial"]): entry["size"] or "" for entry in findings}
 
     def named(one: Mapping[str, Any]) -> list[tuple[str, str]]:
-        return [(name, sizes.get((one["cause"], name), "")) for name in one["trials"] if name in cells]
+        return [(name, sizes.get((one["cause"], name), "")) for name in one["trials"] if name in known]
 
     return {
         "joints": joints_of(trials),
         "done": what_was_done(trials, questions, about),
-        "state": state_of(trials, cells, groups),
+        "state": state_of(trials, groups),
         "questions": questions,
-        "claims": [{**number, **said_number(number)} for number in numbers if number.get("verdict")],
         "findings": [{**one, "named": named(one)} for one in summary.get("findings", ())],
-        "heat": heat_map(trials, cells),
         "first": [one for one in figures if one["name"] == first],
         "figures": [one for one in figures if one["name"] != first],
     }

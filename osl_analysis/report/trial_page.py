@@ -6,7 +6,7 @@ import re
 from collections import Counter, defaultdict
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cache, partial
+from functools import cache, cached_property, partial
 from itertools import cycle
 from typing import Any, NamedTuple
 
@@ -14,14 +14,14 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.config.experiments import EXPERIMENTS
-from osl_analysis.dictionary import DescribedTable, apparent_inertia
+from osl_analysis.dictionary import apparent_inertia, described_tables_by_name
 from osl_analysis.judge.campaign import QUALITY, Entry
 from osl_analysis.judge.finding import Beyond, Grade
-from osl_analysis.judge.limits import CHECKS, NOT_APPLICABLE
+from osl_analysis.judge.limits import NOT_APPLICABLE
 from osl_analysis.judge.used import exclusion_said
-from osl_analysis.judge.words import WORDS, Words, check_words, sentence_of
+from osl_analysis.judge.words import WORDS, Words, sentence_of
 from osl_analysis.report.headlines import decimals, fixed, told_apart
-from osl_analysis.stats.repeats import DOUBTFUL, alike_sizes
+from osl_analysis.stats.repeats import alike_sizes
 
 Content = dict[str, Any]  # as `templates/report.js` reads it
 LINE_LOOKS = ("measured", "model", "second", "third")  # looks of several lines of one panel
@@ -170,6 +170,8 @@ def together(*pictures: Pictures) -> Pictures:
 NO_VALUE = "–"
 VERDICTS = ("clear", "doubtful in part", "flagged", "doubtful", "excluded", "refused")
 """Of a trial: `doubtful` by its fit to all of it, `doubtful in part` by other rows. All but the last two are used."""
+DECIDES = {"doubtful": {"all"}, "flagged": {"recording"}, "doubtful in part": {"part", "other"}}
+"""By what a doubt has to be of for a verdict, the worst one first."""
 
 
 def left_out_trials(
@@ -210,24 +212,6 @@ class ReportedTrial:
         return next(iter(self.tables.values()), pl.DataFrame())
 
     @property
-    def flagged(self) -> list[dict[str, Any]]:
-        """The checks of its recording that it does not pass although it is used, as `told_doubts` has doubts."""
-        found = []
-        for row in self.quality.filter(pl.col("verdict") == "flag").to_dicts() if self.quality is not None else ():
-            check, value = CHECKS[row["check"]], cell_text(row["value"])
-            size = ", ".join(filter(None, [f"{value} {printed(row['unit'])}".strip(), row["remark"]]))
-            words = check_words(check.cause)._replace(size=size)
-            numbers = [[check.name, value, f"{check.fails} {cell_text(row['threshold'])}", WORDS["checks"][check.name]]]
-            told = {"where": "its recording", "of": "all", "cause": check.cause, "numbers": numbers}
-            found.append(told | words._asdict() | {"text": sentence_of(words, check.cause)})
-        return found
-
-    @property
-    def is_judged(self) -> bool:
-        """Whether it has a fit that limits were held against."""
-        return DOUBTFUL in self.main.columns
-
-    @property
     def main_table(self) -> str:
         """The name of the table of its fit; empty if it has none."""
         return next(iter(self.tables), "")
@@ -242,13 +226,45 @@ class ReportedTrial:
             if one["grade"] in grades and one["table"] == self.main_table and not one["in_part"]
         ]
 
+    @cached_property
+    def doubts(self) -> list[dict[str, Any]]:
+        """Each doubt about it: `where` in it, `of` all of its fit, a part, its recording, or an other table, `cause`,
+        what that `says`, its `size` and `remedy`, and the `numbers` behind it: column, value, limit, meaning. What
+        other tables only repeat is left out."""
+        found = list[dict[str, Any]]()
+        for entry in self.findings:
+            if entry["grade"] != Grade.DOUBTS or entry["inherited"]:
+                continue
+            table, recording = entry["table"], entry["table"] == QUALITY
+            other = table != self.main_table and not recording
+            parts = {"amplitude_deg": "deg", "frequency_hz": "Hz"}
+            place = ", ".join(
+                f"{entry[column]:g} {unit}" for column, unit in parts.items() if entry[column] is not None
+            )
+            place = place or ("all amplitudes" if table == "impedance" else "whole trial")
+            where = "its recording" if recording else f"{table.replace('_', ' ')}, {place}" if other else place
+            words = Words(*(printed(entry[name] or "") for name in Words._fields))
+            numbers = []
+            for one in entry["evidence"]:
+                said = WORDS["checks"][one.column] if recording else unit_and_meaning(one.column, table)["meaning"]
+                numbers.append([*map(printed, number_cells(one)), said])
+            of = "recording" if recording else "other" if other else "part" if entry["in_part"] else "all"
+            told = {"where": where, "of": of, "cause": entry["cause"], "numbers": numbers}
+            found.append(told | words._asdict() | {"text": sentence_of(words, entry["cause"])})
+        return found
+
     @property
     def verdict(self) -> str:
         """One of `VERDICTS`."""
         if self.left_out:
             return "refused" if self.refused else "excluded"
-        found = {one["of"] for one in told_doubts(self.findings, self.main_table, {})}
-        return "doubtful" if "all" in found else "flagged" if self.flagged else "doubtful in part" if found else "clear"
+        kinds = {one["of"] for one in self.doubts}
+        return next((verdict for verdict, of in DECIDES.items() if kinds & of), "clear")
+
+    @property
+    def deciding(self) -> list[dict[str, Any]]:
+        """The doubts by which it has its verdict."""
+        return [one for one in self.doubts if one["of"] in DECIDES.get(self.verdict, ())]
 
     def condition(self, columns: Collection[str] | None = None) -> str:
         """Its conditions in one line, or those of them in these columns of the sheet."""
@@ -261,7 +277,7 @@ class ReportedTrial:
         )
 
 
-def trial_content(trial: ReportedTrial, described: Mapping[str, DescribedTable]) -> dict[str, Any]:
+def trial_content(trial: ReportedTrial) -> dict[str, Any]:
     """All text of a trial for the page."""
     tables = {name: table for name, table in trial.tables.items() if len(table)}
     name = next(iter(tables), "")
@@ -270,7 +286,7 @@ def trial_content(trial: ReportedTrial, described: Mapping[str, DescribedTable])
     time_base: list[list[str]] = []  # what the time base did to each group of signals: column, its values, its meaning
     for column in trial.tables.get("timebase", pl.DataFrame()):
         if column.name == "signals" or (column.name not in ("trial", "joint", "side", "data") and column.count()):
-            said = unit_and_meaning(column.name, described.get("timebase"))["meaning"]
+            said = unit_and_meaning(column.name, "timebase")["meaning"]
             time_base.append([column.name, *map(cell_text, column), "" if column.name == "signals" else said])
     time_base.sort(key=lambda cells: cells[0] != "signals")
     return {
@@ -280,16 +296,15 @@ def trial_content(trial: ReportedTrial, described: Mapping[str, DescribedTable])
         "condition": trial.condition(),
         "verdict": trial.verdict,
         "left_out": [*map(printed, trial.left_out)],
-        "doubts": told_doubts(trial.findings, trial.main_table, described),
-        "flags": trial.flagged,
+        "doubts": trial.doubts,
         "not_checked": [
             printed(sentence_of(Words(one["says"] or "", "", one["remedy"] or ""), one["cause"]))
             for one in trial.unchecked
         ],
         "table": name,
-        "estimates": estimate_rows(tables[name], described.get(name)) if tables else None,
+        "estimates": estimate_rows(tables[name], name) if tables else None,
         "columns": [
-            [column, cell_text(value), *unit_and_meaning(column, described.get(name)).values()]
+            [column, cell_text(value), *unit_and_meaning(column, name).values()]
             for column, value in last.items()
             if value not in (None, "")
         ],
@@ -329,7 +344,8 @@ def printed(text: str) -> str:
     return "" if text == "1" else text
 
 
-def unit_and_meaning(column: str, described: DescribedTable | None) -> dict[str, str]:
+def unit_and_meaning(column: str, table: str) -> dict[str, str]:
+    described = described_tables_by_name().get(table)
     known = described.columns.get(column) if described else None
     return {"unit": printed(known.unit) if known else "", "meaning": known.meaning if known else ""}
 
@@ -346,8 +362,9 @@ def value_and_interval(row: Mapping[str, Any], column: str) -> tuple[str, str]:
     return printed(fixed(value, digits)), printed(f"[{fixed(low, finer)}, {fixed(high, finer)}]")
 
 
-def estimate_rows(table: pl.DataFrame, described: DescribedTable | None) -> dict[str, Any]:
-    """The estimates of one trial: `columns` with name, unit and meaning, and a row of texts per fit."""
+def estimate_rows(table: pl.DataFrame, of: str) -> dict[str, Any]:
+    """The estimates of one trial in its table `of` this name: `columns` with name, unit and meaning, and a row of texts
+    per fit."""
     there = set(table.columns)
     names = [name for name in table.columns if {f"{name}_low", f"{name}_high"} <= there]
     names += [name for name in ("VAF", "R2") if name in there]  # numbers of a fit without an interval
@@ -355,31 +372,8 @@ def estimate_rows(table: pl.DataFrame, described: DescribedTable | None) -> dict
     for row in table.iter_rows(named=True):
         head = ["all" if row[name] is None else f"{row[name]:g}" for name in first]
         rows.append([*head, *(" ".join(value_and_interval(row, name)).strip() for name in names)])
-    columns = [{"name": name, **unit_and_meaning(name, described)} for name in (*first, *names)]
+    columns = [{"name": name, **unit_and_meaning(name, of)} for name in (*first, *names)]
     return {"columns": columns, "rows": rows}
-
-
-def told_doubts(findings: Sequence[Entry], main: str, described: Mapping[str, DescribedTable]) -> list[dict[str, Any]]:
-    """Each doubt about one trial: `where` in it, `of` all of its fit, a part, or an other table, `cause`, what that
-    `says`, its `size` and `remedy`, and the `numbers` behind it: column, value, limit, meaning. `main` is the table of
-    its fit. Doubts that other tables only repeat are left out."""
-    found = list[dict[str, Any]]()
-    for entry in findings:
-        if entry["grade"] != Grade.DOUBTS or entry["inherited"] or entry["table"] == QUALITY:
-            continue
-        other, table = entry["table"] != main, entry["table"]
-        parts = {"amplitude_deg": "deg", "frequency_hz": "Hz"}
-        place = ", ".join(f"{entry[column]:g} {unit}" for column, unit in parts.items() if entry[column] is not None)
-        place = place or ("all amplitudes" if table == "impedance" else "whole trial")
-        words = Words(*(printed(entry[name] or "") for name in Words._fields))
-        numbers = [
-            [*map(printed, number_cells(one)), unit_and_meaning(one.column, described.get(table))["meaning"]]
-            for one in entry["evidence"]
-        ]
-        told = {"where": f"{table.replace('_', ' ')}, {place}" if other else place, "cause": entry["cause"]}
-        told |= {"of": "other" if other else "part" if entry["in_part"] else "all"}
-        found.append(told | words._asdict() | {"text": sentence_of(words, entry["cause"]), "numbers": numbers})
-    return found
 
 
 def number_cells(one: Beyond) -> tuple[str, str, str]:
@@ -486,8 +480,7 @@ def trial_row(trial: ReportedTrial, differing: Collection[str]) -> dict[str, Any
         text, interval = value_and_interval(estimates, column) if known else (NO_VALUE, "")
         numbers.append({"column": column, "sort": repr(value) if known else "", "text": text, "interval": interval})
     by_cause: dict[str, tuple[str, list[str]]] = {}  # the text of the last row, which is of all of the trial, and where
-    found = told_doubts(trial.findings, trial.main_table, {})
-    for one in [one for one in found if one["of"] != "other"] or trial.flagged or found:
+    for one in trial.deciding:
         by_cause[one["cause"]] = one["text"], [*by_cause.get(one["cause"], ("", []))[1], one["where"]]
     doubts = [f"{', '.join(places)}: {text}" for text, places in by_cause.values()]
     return {

@@ -153,22 +153,6 @@ def test_the_first_screen_says_what_was_done_and_found_beside_a_figure_and_nothi
     assert contrast >= 4.5, where
 
 
-def test_a_cell_of_the_map_says_what_it_stands_for_and_leads_to_its_trial(page):
-    cell = page.find_element(By.CSS_SELECTOR, ".map tr:not(.whole) .doubtful")
-    name = cell.get_attribute("aria-label").split(", ")[0]
-    assert cell.text == "?", "not by its colour alone"
-    cell.send_keys("")  # as with the Tab key
-    shown = page.execute_script("return getComputedStyle(document.activeElement, '::after').content")
-    assert all(words in shown for words in (name, "doubtful", " is "))
-    cells = {
-        one.get_attribute("aria-label").split(",")[0].split(":")[0]
-        for one in page.find_elements(By.CSS_SELECTOR, ".whole a")
-    }
-    assert cells == set(visible(page)), "every trial has one"
-    cell.click()
-    wait(page, lambda: page.find_element(By.ID, "trial").get_attribute("data-drawn") == name)
-
-
 def test_it_sorts_by_numbers_both_ways_with_missing_ones_last(page):
     def column():
         cells = page.find_elements(By.CSS_SELECTOR, "#table tbody td:nth-child(7)")

@@ -260,17 +260,14 @@
   };
 
   function verdict(content) {
-    const { doubts, flags } = content;
-    const [whole, single, other] = ["all", "part", "other"].map((of) => doubts.filter((doubt) => doubt.of === of));
+    const { doubts } = content;
+    const [whole, flags, single, other] = ["all", "recording", "part", "other"].map((of) => doubts.filter((doubt) => doubt.of === of));
     const partly = content.verdict === "doubtful in part";
     const parts = [single.length ? "fits to single amplitudes" : null, other.length ? "other tables of it" : null].filter((part) => part);
     return element(
       "section", { class: `judged ${content.verdict.replaceAll(" ", "-")}` },
       element("p", { class: "outcome" }, OUTCOMES[content.verdict] + (partly ? ` ${parts.join(" and ")}. Causes first:` : "")),
-      ...content.left_out.flatMap((reason) => {
-        const [why, remedy] = reason.split(/; (?!.*; )/);
-        return [element("p", {}, sentence(why)), remedy ? element("p", {}, element("b", {}, "What to do: "), sentence(remedy)) : null];
-      }),
+      ...content.left_out.map((reason) => element("p", {}, sentence(reason))),
       whole.length || flags.length ? doubtList([...whole, ...flags]) : null,
       partly ? doubtList(single.length ? single : other) : null,
       single.length && !partly ? folded(`Doubts about single amplitudes (${single.length})`, doubtList(single)) : null,

@@ -131,7 +131,7 @@ rule:
         result_tables(),
         drawn_files(),
         [tabled("quality"), tabled("excluded"), tabled("findings"), tabled("settings")],
-        [RESULTS / name for name in ("summary.json", "numbers.tex", "csv-metadata.json", "report.html")],
+        [RESULTS / name for name in ("summary.json", "numbers.tex", "report.html")],
 
 
 def end_of_run(records) -> str:

@@ -345,7 +345,7 @@ def score(answers: Path, truth: Path | None) -> None:
 @argument("a", type=FOLDER)
 @argument("b", type=FOLDER)
 @option("--margin", type=percent, help="Of every ratio [percent]; without one nothing is equivalent.")
-@option("--output", type=FOLDER, default=Path("comparison"), help="Folder of the table, the figure and the page.")
+@option("--output", type=FOLDER, default=Path("comparison"), help="Folder of the table and the figure.")
 def compare(a: Path, b: Path, margin: float | None, output: Path) -> None:
     """Compare the results in folders A and B: two devices, controllers or days, with 95 % intervals and verdicts.
 

@@ -201,10 +201,3 @@ def headline_numbers(_):
     inputs = {"input": {name: tabled(name) for name in ("excluded", "findings")} | {"verdicts": tabled("quality")}}
     tables = {"after": result_tables(), "read": {"table_paths": by_stem(result_tables())}}
     return {**inputs, **tables, "settings": settings}
-
-
-@step("tables.write_table_metadata", "csv-metadata.json", "csv_metadata")
-def describe_tables(_):
-    published = [*result_tables(), *map(tabled, ("quality", "excluded", "findings", "settings")), *drawn_files()]
-    tables = [str(path.relative_to(RESULTS)) for path in published if path.suffix == ".csv"]
-    return {"settings": {"about": ABOUT, "tables": tables}}

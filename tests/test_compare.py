@@ -124,7 +124,7 @@ def test_equal_campaigns_are_equivalent_a_planted_difference_is_seen_and_what_ca
     assert "not above 0" in rows({"belt": tables()["belt"].with_columns(-pl.col("K_s"))})["belt K_s"]["remark"]
 
 
-def test_the_command_writes_table_figure_and_page_with_every_verdict_or_one_line_and_nothing(tmp_path, monkeypatch):
+def test_the_command_writes_table_and_figure_and_prints_every_verdict_or_one_line_and_nothing(tmp_path, monkeypatch):
     about = {"campaign": "a", "data": "simulated", "configuration": "c", "recorded": "r"}
     for name, made in (("a", tables()), ("b", tables(K=1.08, seed=2))):
         number, line = Headline("K_s", "N*m/rad", None, "K", "belt", 685.0), {"line": f"doubtful in {name}: <friction>"}
@@ -139,16 +139,17 @@ def test_the_command_writes_table_figure_and_page_with_every_verdict_or_one_line
         return CliRunner().invoke(main, ["compare", *arguments, "--output", "out"])
 
     with monkeypatch.context() as broken:
-        broken.setattr("osl_analysis.commands.report.comparison_page", lambda content: 1 / 0)
+        broken.setattr("osl_analysis.commands.report.draw_figure", lambda *of, footer: 1 / 0)
         assert (call("a", "b").exit_code, list(out.iterdir())) == (1, [])
     done = call("a", "b", "--margin", "4%")
-    assert {path.suffix for path in out.iterdir()} == {".csv", ".pdf", ".svg", ".png", ".html"}
-    page, table = (out / "comparison.html").read_text(), read_table(out / "comparison.csv")
+    assert {path.suffix for path in out.iterdir()} == {".csv", ".pdf", ".svg", ".png"}
+    table = read_table(out / "comparison.csv")
     assert set(table["verdict"]) == {"different", "equivalent", "undecided", None}
     for row in table.drop_nulls("verdict").iter_rows(named=True):
-        assert f"<td>{row['verdict']}</td>" in page.partition(f"<td>{label_of(row)}</td>")[2].partition("</tr>")[0]
-    for said in ("doubtful in a: &lt;friction&gt;", "doubtful in b", "version: a in A, b in B"):
-        assert said in page
+        (line,) = [line for line in done.output.splitlines() if line.startswith(f"{label_of(row)} ")]
+        assert row["verdict"] in line
+    for said in ("A: doubtful in a: <friction>", "B: doubtful in b", "version: a in A, b in B"):
+        assert said in done.output
     assert "different: impedance K, c (±4 %)" in done.output
     copied = Path(shutil.copytree("a", "c"))
     (copied / "summary.json").write_text((copied / "summary.json").read_text().replace('"a"', '"c"'))

@@ -104,10 +104,7 @@ def test_headline_numbers_and_their_macros_are_told_apart(results):
 
 
 def test_every_table_is_plain_csv_that_says_what_its_data_are(results):
-    listed = {one["url"] for one in json.loads((results / "csv-metadata.json").read_text(encoding="utf-8"))["tables"]}
-    written = (*(results / "tables").glob("*.csv"), *(results / "figures").glob("*.csv"))
-    assert listed == {str(path.relative_to(results)) for path in written}
-    for name in listed:
-        table = pl.read_csv(results / name, infer_schema_length=None)
-        assert table.columns[-1] == "data", name
+    for path in (*(results / "tables").glob("*.csv"), *(results / "figures").glob("*.csv")):
+        table = pl.read_csv(path, infer_schema_length=None)
+        assert table.columns[-1] == "data", path
         assert set(table["data"]) <= {"simulated"}

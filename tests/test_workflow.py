@@ -239,7 +239,7 @@ def test_changed_settings_and_thresholds_give_the_bytes_of_a_fresh_run_and_redo_
     assert (transmission["doubtful"] == "samples").all()
 
 
-WHOLE = {"summary", "csv_metadata", "report", "figures/captions", "tables/settings"}
+WHOLE = {"summary", "report", "figures/captions", "tables/settings"}
 """The jobs whose results name the hash of the whole configuration, or its settings as text."""
 NOT_CHANGED = {
     "simulation", "recorded", "markers", "time_series",

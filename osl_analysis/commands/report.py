@@ -10,7 +10,7 @@ from typing import Any
 import polars as pl
 
 from osl_analysis.campaign.campaign import sentence
-from osl_analysis.commands.figure import UNDRAWN, caption_of, draw_figure
+from osl_analysis.commands.figure import UNDRAWN, draw_figure
 from osl_analysis.commands.tables import read_summary
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.dictionary import described_tables
@@ -21,8 +21,8 @@ from osl_analysis.judge.campaign import Entry, entries, read_findings
 from osl_analysis.judge.two_campaigns import COMPARED_QUANTITIES, compared, label_of, verdicts_said
 from osl_analysis.refusal import Refusal, is_refused
 from osl_analysis.report import page, trial_page
-from osl_analysis.report.headlines import aligned, decimals, fixed, missing_lines, told_apart, trials_text
-from osl_analysis.report.page import caption_html, captions_by_title, comparison_page, inline_svg, written_page
+from osl_analysis.report.headlines import aligned, decimals, fixed, missing_lines, told_apart
+from osl_analysis.report.page import captions_by_title, inline_svg, written_page
 from osl_analysis.report.trial_page import ReportedTrial, left_out_trials, trial_content
 from osl_analysis.table import read_table, tables_of, with_evidence, write_table
 from osl_analysis.trial import metadata_of, read_trial, unit_of
@@ -164,11 +164,8 @@ def pictures(experiment: str, tables: Mapping[str, pl.DataFrame], files: Mapping
     return trial_page.together(*found)
 
 
-ON_THE_PAGE = ("n of A", "n of B", "margin", "method")  # cells that are not printed
-
-
 def compared_cells(row: Mapping[str, Any], of_a: Mapping[str, Any], of_b: Mapping[str, Any]) -> dict[str, str]:
-    """A row of `comparison.csv` in words, by the heads of the page's table, from the summaries of both campaigns."""
+    """A row of `comparison.csv` in words, by the heads of what is printed, from the summaries of both campaigns."""
     a, b = f"A: {of_a.get('campaign')}", f"B: {of_b.get('campaign')}"
 
     def said(name: str, sign: str = "") -> str:
@@ -180,11 +177,9 @@ def compared_cells(row: Mapping[str, Any], of_a: Mapping[str, Any], of_b: Mappin
         ends = "" if low is None or high is None else f" [{fixed(low, finer)}, {fixed(high, finer)}]"
         return f"{fixed(value, digits)}{ends}{sign}"
 
-    counts = ({kind: row[f"{kind}_{one}"] for kind in ("n", "n_doubtful", "n_left_out")} for one in "AB")
     cells = {"quantity": label_of(row), a: said("mean_A"), b: said("mean_B"), "unit": row["unit"]}
-    cells |= dict(zip(("n of A", "n of B"), map(trials_text, counts), strict=True)) | {"B - A": said("difference")}
-    cells |= {"B over A, less 1": said("relative_percent", " %"), "margin": said("margin_percent", " %")}
-    return cells | {name: row[name] or "" for name in ("verdict", "method", "remark")}
+    cells |= {"B - A": said("difference"), "B over A, less 1": said("relative_percent", " %")}
+    return cells | {name: row[name] or "" for name in ("verdict", "remark")}
 
 
 def tables_to_compare(folder: Path) -> dict[str, pl.DataFrame]:
@@ -207,8 +202,8 @@ def remarks_on(a: Mapping[str, Any], b: Mapping[str, Any], tables: Sequence[Mapp
 
 
 def compare_campaigns(folders: Sequence[Path], output: Path, margin: float | None = None) -> str:
-    """Compare the results in two folders, A and B, by `two_campaigns.compared`: `comparison` as .csv, .pdf, .svg, .png
-    and .html in `output`, all or none. Returns what to print. Raises InputError: both are one folder, one has no
+    """Compare the results in two folders, A and B, by `two_campaigns.compared`: `comparison` as .csv, .pdf, .svg and
+    .png in `output`, all or none. Returns what to print. Raises InputError: both are one folder, one has no
     summary or an older table, there is nothing to compare, or a number has two units."""
     if realpath(folders[0]) == realpath(folders[1]):
         raise InputError(f"{folders[1]}: A and B are the same folder; name the results of another campaign")
@@ -224,29 +219,15 @@ def compare_campaigns(folders: Sequence[Path], output: Path, margin: float | Non
     units = {(one.place, name): column.unit for one in described_tables() for name, column in one.columns.items()}
     of_rows = [units[f"tables/{where}", what] for where, what in table.select("experiment", "quantity").iter_rows()]
     table.insert_column(2, pl.Series("unit", of_rows))
-    remarks, verdicts, rows = (
-        remarks_on(a, b, tables),
-        verdicts_said(table),
-        [compared_cells(row, a, b) for row in table.iter_rows(named=True)],
-    )
-    content: dict[str, Any] = {"verdicts": verdicts, "remarks": remarks, "rows": rows}
-    content["campaigns"] = {
-        name: (sentence(one), [*(found["line"] for found in one.get("findings", ())), *missing_lines(one, True)])
-        for name, one in (("A", a), ("B", b))
-    }
-    paths = {kind: output / f"comparison.{kind}" for kind in ("csv", "pdf", "svg", "png", "html")}
+    paths = {kind: output / f"comparison.{kind}" for kind in ("csv", "pdf", "svg", "png")}
     with ExitStack() as stack, tables_of(" and ".join(dict.fromkeys(one.get("data", "") for one in (a, b)))):
         new = {kind: stack.enter_context(atomic_path(path)) for kind, path in paths.items()}
         write_table(table, new["csv"])
         footer = f"A: {sentence(a)}; B: {sentence(b)}"
         draw_figure("comparison", new["csv"], [new[kind] for kind in ("pdf", "svg", "png")], footer=footer)
-        content["drawing"] = inline_svg(new["svg"].read_text(encoding="utf-8"), "comparison", "Comparison")
-        content["caption"] = caption_html(caption_of("comparison", new["csv"]))
-        new["html"].write_text(comparison_page(content), encoding="utf-8")
-    return "\n".join([verdicts, *remarks, "", brief(rows), *(f"wrote {path}" for path in paths.values())])
-
-
-def brief(rows: Sequence[Mapping[str, str]]) -> str:
-    """The cells that are printed, in aligned columns."""
-    heads = [name for name in rows[0] if name not in ON_THE_PAGE]
-    return aligned([heads, *([row[name] for name in heads] for row in rows)])
+    cells = [compared_cells(row, a, b) for row in table.iter_rows(named=True)]
+    known = [f"{name}: {one['line']}" for name, of in (("A", a), ("B", b)) for one in of.get("findings", ())]
+    lacks = [f"{name}: {line}" for name, of in (("A", a), ("B", b)) for line in missing_lines(of, True)]
+    rows = aligned([[*cells[0]], *([*row.values()] for row in cells)])
+    said = [verdicts_said(table), *remarks_on(a, b, tables), "", rows, *known, *lacks]
+    return "\n".join([*said, *(f"wrote {path}" for path in paths.values())])

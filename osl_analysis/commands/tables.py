@@ -223,21 +223,6 @@ def write_summary(
         tex_path.write_text(headlines.to_tex(about, numbers, remarks), encoding="utf-8")
 
 
-def write_table_metadata(about: Mapping[str, str], tables: Sequence[str], output: Path) -> None:
-    """Say in one file what all tables are made of, as CSV on the Web (W3C, 2015) does: a table itself has only its
-    column `data`, because a comment above the header stops other readers."""
-    content: dict[str, Any] = {
-        "@context": ["http://www.w3.org/ns/csvw", {"@language": "en"}],
-        "dc:title": f"Tables of campaign {about['campaign']}",
-        "dc:description": sentence(about),
-        **{f"osl:{name}": value for name, value in about.items()},
-    }
-    if any(table.startswith("figures/") for table in tables):
-        content["rdfs:seeAlso"] = {"@id": "figures/captions.md"}
-    content["tables"] = [{"url": table} for table in tables]
-    write_text(output, json.dumps(content, indent=2, ensure_ascii=False) + "\n")
-
-
 def read_summary(summary_json: Path) -> dict[str, Any]:
     """The summary that `write_summary` wrote. Raises InputError where it is missing or is none."""
     check_not_refused(summary_json)

@@ -131,12 +131,4 @@ FIG8 = style.Drawing(columns_of("fig8"), draw_fig8, fig8_points, columns_of("fig
 TORQUE = style.Drawing(("time", "torque", "torque_model"), draw_torque)
 GAIN_GRID = style.Drawing(("K_d", "B_d", "B_1_joint"), draw_gain_grid)
 NOT_DRAWN = style.Drawing(("figure", "trial", "file", "reason"), draw_reasons)
-COMPARISON = style.Drawing(
-    ("experiment", "quantity", *RATIO, "verdict"),
-    draw_comparison,
-    about=lambda _: (
-        "Ratios of the quantities of campaign B to those of campaign A, less 1, with 95 % intervals. Grey: the "
-        "margin, where one is stated. Equivalent: the whole interval lies within the margin. Different: it lies wholly "
-        "beyond it on one side. Quantities without a ratio are not drawn."
-    ),
-)
+COMPARISON = style.Drawing(("experiment", "quantity", *RATIO, "verdict"), draw_comparison)

@@ -30,11 +30,10 @@ def draw_fig3(table: pl.DataFrame) -> Figure:
     rows = 2 * -(-len(parts) // across)
     width = style.SINGLE_COLUMN if across == 1 else style.DOUBLE_COLUMN
     figure, axes = style.panels(width, 0.4 + 1.8 * rows, rows=rows, columns=across, names=[""] * (rows * across))
-    named = []
     for number, (name, part) in enumerate(parts):
         above = 2 * across * (number // across) + number % across
         belts, loops = axes[above], axes[above + across]
-        trials = trials_of(part)
+        trials = part.filter(pl.col("trial") != MEAN_SLOPE).partition_by("trial", maintain_order=True)
         mean, dotted = part.filter(pl.col("trial") == MEAN_SLOPE), list(filter(style.has_doubtful, trials))
         for drawn, look in ((trials, GREY_TRIAL), (dotted, DOUBTFUL_TRIAL), ([mean], MEAN_LINE)):
             for one in drawn:
@@ -46,8 +45,6 @@ def draw_fig3(table: pl.DataFrame) -> Figure:
             text += "" if low is None or high is None else f"\n95 % interval {low:.1f} to {high:.1f} N·m/rad"
             belts.text(0.99, 0.04, text, transform=belts.transAxes, ha="right", va="bottom", linespacing=1.4)
         draw_loops(loops, trials, part["hysteresis_area"].drop_nulls())
-        far = far_ends(trials)
-        named.append((loops, [(name, names.drawn_name(name, 12), OUTLIER, far[name]) for name in outlying(far)]))
         belts.set_title(f"{belts.get_title(loc='left')} {name}", loc="left", y=1)
         loops.sharex(belts)
     for ax in axes:
@@ -62,35 +59,21 @@ def draw_fig3(table: pl.DataFrame) -> Figure:
     for branch, dash in BRANCHES.items():
         entries.append(style.key(branch.capitalize(), color=style.BLACK, linestyle=dash, linewidth=0.5))
     figure.legend(handles=entries, loc="outside upper center", ncols=2 if len(figure.axes) == 2 else len(entries))
-    for loops, ends in named:
-        if ends:
-            style.name_ends(loops, ends)
     return figure
 
 
-def trials_of(part: pl.DataFrame) -> list[pl.DataFrame]:
-    return part.filter(pl.col("trial") != MEAN_SLOPE).partition_by("trial", maintain_order=True)
-
-
-def far_ends(trials: list[pl.DataFrame]) -> dict[str, tuple[float, float]]:
-    """Deflection [deg] at the far end of each trial's loop, and its torque [N*m] less that of the mean slope."""
-    far = [trial.row(int(trial["theta_s_deg"].abs().arg_max() or 0), named=True) for trial in trials]
-    return {row["trial"]: (row["theta_s_deg"], row["deviation"]) for row in far}
-
-
-def outlying(ends: dict[str, tuple[float, float]]) -> list[str]:
-    """The trials whose loops end more than `OUTLYING` standard deviations from the median."""
-    far = np.array([deviation for _, deviation in ends.values()])
-    away, spread = np.abs(far - np.median(far)), median_abs_deviation(far, scale="normal")
-    return [name for name, size in zip(ends, away, strict=True) if size > OUTLYING * spread > 0]
-
-
 def draw_loops(ax: Axes, trials: list[pl.DataFrame], areas: pl.Series) -> None:
-    """Every loop in grey, doubtful ones dotted, outliers in a colour; each leads to its trial."""
+    """Every loop in grey, doubtful ones dotted; those in a colour, with their names, that end more than `OUTLYING`
+    standard deviations from the median. Each leads to its trial."""
     ax.axhline(0, **MEAN_LINE)
-    outliers = outlying(far_ends(trials))
-    for trial in sorted(trials, key=lambda one: one["trial"][0] in outliers):
-        doubtful, colour = style.has_doubtful(trial), OUTLIER if trial["trial"][0] in outliers else style.GREY
+    ends = [one.row(int(one["theta_s_deg"].abs().arg_max() or 0), named=True) for one in trials]
+    far = np.array([end["deviation"] for end in ends])
+    limit = OUTLYING * median_abs_deviation(far, scale="normal")
+    for trial, end, away in zip(trials, ends, np.abs(far - np.median(far)), strict=True):
+        doubtful, colour = style.has_doubtful(trial), OUTLIER if away > limit > 0 else style.GREY
+        if colour == OUTLIER:
+            place, name = (end["theta_s_deg"], end["deviation"]), names.drawn_name(end["trial"], 12)
+            ax.annotate(name, place, (3, 0), textcoords="offset points", color=colour, va="center")
         for branch, dash in BRANCHES.items():
             rows = trial.filter(pl.col("branch") == branch)
             line = style.DOTTED if doubtful else dash
@@ -104,7 +87,7 @@ def draw_loops(ax: Axes, trials: list[pl.DataFrame], areas: pl.Series) -> None:
 
 CURVE_COLUMNS = [name for name in columns_of("torque_angle") if name not in (*names.JOINT_SIDE, "doubtful")]
 WIDTHS = {"loading": 1.1, "unloading": 0.6}  # of curves [pt]
-MOST_CURVES = 16  # largest number of trials of a panel that are named
+MOST_CURVES = 16  # largest number of trials that are named
 
 
 def torque_angle_points(curves: pl.DataFrame, table: pl.DataFrame) -> pl.DataFrame:
@@ -134,14 +117,10 @@ def draw_torque_angle(table: pl.DataFrame) -> Figure:
     entries += [("Desired", WIDTHS["loading"], style.DASHED)] * (table["desired_torque"].count() > 0)
     entries += [("Doubtful trial", WIDTHS["loading"], style.DOTTED)] * style.has_doubtful(table)
     handles = [style.key(label, color=style.BLACK, linewidth=w, linestyle=dash) for label, w, dash in entries]
+    if len(colours) <= MOST_CURVES:
+        named = {name: names.drawn_name(name.replace("_", " "), 18) for name in desired_of}
+        handles += [style.key(label, color=colours[name], linewidth=1.1) for name, label in named.items()]
     figure.legend(handles=handles, loc="outside upper center", ncols=4)
-    for number, ax in enumerate(axes):
-        column = ("torque", "stiffness")[number % 2]
-        loading = parts[number // 2][1].filter(pl.col("branch") == "loading").drop_nulls(column).sort("angle_deg")
-        last = loading.unique("trial", keep="last", maintain_order=True).select("trial", "angle_deg", column)
-        drawn = {name: names.drawn_name(name.replace("_", " "), 18) for name in last["trial"]}
-        if len(last) <= MOST_CURVES:
-            style.name_ends(ax, [(name, drawn[name], colours[name], (x, y)) for name, x, y in last.iter_rows()])
     return figure
 
 
@@ -152,7 +131,8 @@ def draw_curves(left: Axes, right: Axes, table: pl.DataFrame, colours: dict[str,
         look["color"] = colours[trial["trial"][0]]
         for branch, width in WIDTHS.items():
             rows = trial.filter(pl.col("branch") == branch)
-            left.plot(rows["angle_deg"], rows["torque"], linewidth=width, **look)
+            (drawn,) = left.plot(rows["angle_deg"], rows["torque"], linewidth=width, **look)
+            drawn.set_url(style.place_in_report(trial["trial"][0]))
         rows = trial.filter(pl.col("branch") == "loading").drop_nulls("stiffness")
         right.plot(rows["angle_deg"], rows["stiffness"], linewidth=WIDTHS["loading"], **look)
         band = rows.drop_nulls(["stiffness_low", "stiffness_high"])

@@ -19,8 +19,7 @@ from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
 from matplotlib.lines import Line2D
 from matplotlib.textpath import TextPath
-from matplotlib.ticker import MaxNLocator, MultipleLocator
-from scipy.optimize import isotonic_regression
+from matplotlib.ticker import LogLocator, MaxNLocator, MultipleLocator
 
 from osl_analysis.stats.repeats import IS_DOUBTFUL
 from osl_analysis.trial import Array
@@ -177,25 +176,16 @@ def place_in_report(trial: str) -> str:
     return f"../report.html#trial={quote(trial, safe='')}"
 
 
-def log_ticks(low: float, high: float, most: int) -> list[float]:
-    """Round values from `low` to `high` > 0 for a logarithmic axis, `most` or fewer: 1, 2 and 5 of each decade, else
-    decades; evenly spaced in a span that has fewer than three."""
-    decades, ticks = 10.0 ** np.arange(np.floor(np.log10(low)) - 1, np.ceil(np.log10(high)) + 1), list[float]()
-    for steps in ((1, 2, 5), (1,)):
-        found = np.outer(decades, steps).ravel()
-        ticks = [float(tick) for tick in found if low * (1 - 1e-9) <= tick <= high * (1 + 1e-9)]
-        if 3 <= len(ticks) <= most:
-            return ticks
-    if len(ticks) > most:
-        return ticks[:: -(-len(ticks) // most)]
-    even = MaxNLocator(nbins=max(most - 1, 2), steps=[1, 2, 2.5, 5, 10]).tick_values(low, high)
-    return [float(tick) for tick in even if low <= tick <= high] or [low]
-
-
 def label_log_axis(axis: Axis, limits: tuple[float, float], most: int, scale: float = 1.0) -> None:
-    """A logarithmic axis between `limits` with `log_ticks`, written as numbers times `scale`."""
-    ticks = log_ticks(*limits, most)
-    axis.set_ticks(ticks, [f"{tick * scale:.4g}" for tick in ticks])
+    """A logarithmic axis between `limits` with three to `most` ticks, written as numbers times `scale`: 1, 2 and 5 of
+    each decade, else decades, else even ones."""
+    low, high = limits
+    even = MaxNLocator(nbins=most - 1, steps=[1, 2, 2.5, 5, 10])
+    for locator in (LogLocator(subs=(1, 2, 5), numticks=99), LogLocator(numticks=most), even):
+        ticks = [tick for tick in locator.tick_values(low, high) if low * (1 - 1e-9) <= tick <= high * (1 + 1e-9)]
+        if 3 <= len(ticks) <= most:
+            break
+    axis.set_ticks(ticks or [low], [f"{tick * scale:.4g}" for tick in ticks or [low]])
     axis.set_ticks([], minor=True)
     axis.set_view_interval(*limits, ignore=True)
 
@@ -217,28 +207,6 @@ def label_phase_axis(ax: Axes) -> None:
     span = float(np.ptp(ax.get_ylim()))
     steps = (0.1, 0.2, 0.5, 1, 2, 5, 10, 15, 30, 45, 90)
     ax.yaxis.set_major_locator(MultipleLocator(next((step for step in steps if step >= span / 5), 180)))
-
-
-def name_ends(ax: Axes, ends: Sequence[tuple[str, str, str, tuple[float, float]]]) -> None:
-    """Names of trials, which lead to these, beside the right edge of a panel, each with a hair line to the end of its
-    curve. `ends` are trial, its name as it is drawn, colour, and place (x, y)."""
-    figure = ax.figure.figure
-    if engine := figure.get_layout_engine():
-        engine.execute(figure)
-    (left, right), (low, high) = ax.get_xlim(), ax.get_ylim()
-    height = 1.1 * 8 / 72 * figure.dpi / ax.get_window_extent().height * (high - low)
-    # moved as little as possible so that none overlaps another, and within the panel if there is room: in their order,
-    # by monotone regression of `place - rank * height`
-    ends = sorted(ends, key=lambda one: one[3][1])
-    steps = height * np.arange(len(ends))
-    places = isotonic_regression([y for *_, (_, y) in ends] - steps).x + steps
-    places = np.maximum(np.minimum(places, high - steps[::-1]), low + steps)
-    for (trial, name, colour, end), place in zip(ends, places, strict=True):
-        hair = {"arrowstyle": "-", "color": colour, "linewidth": 0.4, "shrinkA": 0, "shrinkB": 0, "relpos": (0, 0.5)}
-        beside = (right + 0.03 * (right - left), float(place))
-        text = ax.annotate(name, end, beside, color=colour, va="center", arrowprops=hair, annotation_clip=False)
-        text.set_url(place_in_report(trial))
-    ax.set(xlim=(left, right), ylim=(low, high))
 
 
 def swarm_offsets(heights: Array, width: float, inches: float, reach: float) -> Array:

@@ -258,12 +258,6 @@ def template(name: str) -> Template:
     return found.get_template(name)
 
 
-def comparison_page(content: Mapping[str, Any]) -> str:
-    """The HTML of a comparison, of the names that its template uses: the style of the report, without its scripts."""
-    style = (TEMPLATES / "report.css").read_text(encoding="utf-8")
-    return template("comparison.html.j2").render(**content, style=Markup(style))
-
-
 def every_kth(table: pl.DataFrame, k: int) -> pl.DataFrame:
     """Every k-th row of a table, 200 or more; of the ends of a range, `_low` and `_high`, the outermost."""
     if (k := min(k, len(table) // 200)) <= 1:

@@ -112,11 +112,25 @@ def as_if_said(parts: Sequence[Mapping[str, Any]]) -> str:
     return " or ".join(said)
 
 
+class Number(float):
+    """A number that a text shows with so many significant digits, times a factor: `~2*1e3`, `~+2` with its sign."""
+
+    def __format__(self, spec: str) -> str:
+        if not spec.startswith("~"):
+            return super().__format__(spec)
+        digits, _, factor = spec.removeprefix("~").partition("*")
+        text = significant(self * float(factor or 1), abs(int(digits)))
+        return f"+{text}" if digits.startswith("+") and self * float(factor or 1) > 0 else text
+
+
 class Facts(dict[str, Any]):
     """The numbers of a row that it has, and what is computed from them for a reader, by the names of `COMPUTED`."""
 
     def __init__(self, row: AnyRow, evidence: Beyond | None = None) -> None:
-        super().__init__({name: cell for name, cell in row.items() if cell is not None})
+        known = {name: cell for name, cell in row.items() if cell is not None}
+        super().__init__(
+            {name: Number(cell) if isinstance(cell, int | float) else cell for name, cell in known.items()}
+        )
         self.row, self.evidence = row, evidence
 
     def __missing__(self, name: str) -> str:
@@ -245,11 +259,6 @@ def unknown_gains(facts: Facts) -> str:
     return f"{' and '.join(absent)} {'is' if len(absent) == 1 else 'are'} not stated"
 
 
-def short(column: str, scale: float = 1.0, digits: int = 2) -> Callable[[Facts], str]:
-    """A number of the row with so many digits."""
-    return lambda facts: significant(scale * facts[column], digits)
-
-
 COMPUTED: Mapping[str, Callable[[Facts], str]] = {
     "late": late_said,
     "rivals_said": rivals_said,
@@ -258,32 +267,12 @@ COMPUTED: Mapping[str, Callable[[Facts], str]] = {
     "gap": damping_gap_said,
     "like": reaction_said,
     "unknown_gains": unknown_gains,
-    "K_per_ms": short("K", 1e-3),
-    "B_per_ms": short("B", 1e-3),
-    "B_short": short("B"),
-    "I_short": short("I"),
-    "B_j_per_ms": short("B_j", 1e-3),
-    "J_j_short": short("J_j"),
-    "energy_per_ms_short": short("energy_per_ms"),
-    "energy_lost_short": short("energy_lost", digits=3),
-    "late_B_short": short("late_B_per_ms"),
-    "late_K_short": short("late_K_per_ms"),
     "late_or_early": lambda facts: "late" if facts["certain_theta_m_lag_s"] > 0 else "early",
     "theta_m_ms": lambda facts: f"{1e3 * abs(facts['certain_theta_m_lag_s']):.2g}",
     "of_file": lambda facts: significant(
         next(facts[f"{one}_ratio"] for one in MEASURED_BY.values() if f"{one}_ratio" in facts), 3
     ),
-    "lag_ms": short("lag_s", 1e3),
-    "loop_late_ms": short("loop_late_s", 1e3),
-    "current_percent": lambda facts: f"{100 * facts['current_error']:+.2g}",
-    "zero_short": short("zero_unsure"),
-    "zero_energy": lambda facts: (
-        f"{facts['energy_stored_per_zero']:+.2g} J stored and {facts['energy_returned_per_zero']:+.2g} J returned"
-    ),
-    "shoe_short": short("stiff_shoe_K", -1.0),
-    "moment_percent": lambda facts: f"{100 * facts['moment_error_half']:.2g}",
     "moment_short": lambda facts: significant(100 * facts["moment_error_half"] * facts["moment_K_per_percent"]),
-    "height_short": short("plate_K_per_m", 0.01),
     "with_reflex": lambda facts: (
         f"with a reflex of {facts['reflex_gain']:.2g} N*m*s/rad, {facts['reflex_delay_ms']:.0f} ms late, K would be "
         f"{facts['K_with_reflex']:.3g} ({facts['K_with_reflex_low']:.3g} to {facts['K_with_reflex_high']:.3g}) N*m/rad"
@@ -293,11 +282,6 @@ COMPUTED: Mapping[str, Callable[[Facts], str]] = {
         if "longer_window_s" in facts
         else "record more crossings"
     ),
-    "hidden_reflex_short": short("hidden_reflex"),
-    "hidden_K_short": short("hidden_reflex_K"),
-    "slope_low": short("hidden_slope_low"),
-    "slope_high": short("hidden_slope_high"),
     "slope_B_low": lambda facts: significant(facts["hidden_slope_low"] * facts["B_per_slope"]),
     "slope_B_high": lambda facts: significant(facts["hidden_slope_high"] * facts["B_per_slope"]),
-    "per_torque": short("K_per_torque"),
 }

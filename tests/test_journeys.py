@@ -111,21 +111,21 @@ def test_a_bench_log_with_names_of_another_language(tmp_path, monkeypatch):
         angle, load, speed = (
             np.where(moves, x, 0.01 * n) for x, n in zip((theta, -torque, omega), noise, strict=False)
         )
-        columns = {"Tijd [ms]": 1e3 * time, "Stand arm [°]": np.degrees(angle), "Koppel [Nm]": load}
+        columns = {"Tijd [ms]": 1e3 * time, "Hoek [°]": np.degrees(angle), "Koppel [Nm]": load}
         columns |= {"Kanaal 5": 0 * time + 3.1, "Kanaal 6": noise[4], "Snelheid": np.degrees(speed)}
         write_csv(journey.recordings / f"{name}.csv", columns, ";", ",")
     said, source = journey.drafted()
     for line in (
         '# .*"Kanaal 5".*left out: it does not move',
-        '# .*"Kanaal 6".*left out: it is noise', 'theta: {column: "Stand arm".*# a guess: "Koppel" follows it',
-        'torque: {column: "Koppel", .*sign: -1}  # a guess: it follows "Stand arm" as a spring, r = 1.000',
+        '# .*"Kanaal 6".*left out: it is noise', 'theta: {column: "Hoek", .*  # guessed from its name',
+        'torque: {column: "Koppel", .*sign: -1}  # guessed from its name: it falls as the angle rises',
     ):  # fmt: skip
         assert re.search(line, source)
         assert re.search(line, said)
-    assert "to be confirmed, guessed from angle and torque: experiment impedance (meting_1, meting_2, meting_3)" in said
     (journey.made / "trials.csv").write_text(
         (journey.made / "trials.csv").read_text().replace("meting_1,", "# meting_1,")
     )
+    assert "to be confirmed, guessed from angle and torque: experiment impedance (meting_1, meting_2, meting_3)" in said
     assert [is_right(fit) for _, fit, _ in journey.fits(monkeypatch)] == [True, True]
     assert journey.edited() == 1
 
@@ -157,12 +157,16 @@ def test_a_bench_that_logs_joint_states_and_a_wrench(tmp_path, monkeypatch):
         journey.recordings / "run_0.mcap", topics | {"/cell": ("geometry_msgs/msg/WrenchStamped", WRENCH, wrench)}
     )
     _, source = journey.drafted()
-    assert [line.split(":")[0] for line in source.splitlines() if line.startswith("  ")] == ["  theta", "  torque"]
-    assert re.search(
-        '# .*"effort.name=motor.".*\n(.*\n)*  torque: {.*"wrench.torque.z".*follows "position.name=ankle."', source
-    )
+    assert '\n  theta: {topic: "/joint_states", field: "position[name=ankle]"' in source
+    asked = re.findall('NAME_[^\n]*field: "(.*?)".*# torque\\?', source)
+    assert asked == ["wrench.torque.x", "wrench.torque.z"]
+    path = journey.made / "sources/mcap.yaml"
+    lines = [re.sub(r"NAME_\d+(?=.*torque.z)", "torque", line) for line in source.splitlines()]
+    path.write_text("\n".join(line for line in lines if not re.match("  NAME", line)))
+    sheet = journey.made / "trials.csv"
+    sheet.write_text(sheet.read_text().replace("ingest_only", "impedance"))
     ((_, fit, _),) = journey.fits(monkeypatch)
-    assert (is_right(fit), journey.edited()) == (True, 0)
+    assert (is_right(fit), journey.edited()) == (True, 2)
 
 
 def leg_columns(amps, theta, torque, time):
@@ -191,7 +195,7 @@ def test_a_log_of_the_leg_with_a_load_cell(tmp_path, monkeypatch):
         r'  theta_m: {column: "\*.output_position", unit: "rad"}  # guessed from its name; the unit is guessed from',
         '  theta: {column: "joint_position", unit: "rad"}', '  current: {column: "motor_current", unit: "mA"}',
         '#   .*"joint_torque".* # left out: "motor_current" times 0.00011, .*no measured torque',
-        '  torque: {column: "loadcell_mz", unit: "N\\*m"}  # .* it follows "joint_position" as a spring',
+        '  torque: {column: "loadcell_mz", unit: "N\\*m"}  # guessed from its name',
     ):  # fmt: skip
         assert re.search(f"\n{line}", source), line
     (_, fit, _), _ = journey.fits(monkeypatch)
@@ -269,47 +273,31 @@ def test_a_dynamometer_with_a_protocol_of_its_own(tmp_path, monkeypatch, kind):
     journey = Journey(tmp_path)
     time, theta, _, torque = sines([(0.5, 6), (1.5, 12), (3.5, 12)], 3)
     if kind == "mat":
-        write_mat(journey.recordings / "proef3.mat", x=time, q=theta, m=1e3 * torque, aux=np.zeros_like(time))
+        write_mat(journey.recordings / "proef3.mat", x=time, theta=theta, tau=1e3 * torque, aux=np.zeros_like(time))
     else:
         with TdmsWriter(journey.recordings / "proef3.tdms") as writer:
-            named = {"Hoek": np.degrees(theta), "Last": 1e3 * torque, "Aux": np.zeros_like(time)}
+            named = {"Hoek": np.degrees(theta), "Koppel": 1e3 * torque, "Aux": np.zeros_like(time)}
             timing = {"wf_increment": 1 / 250, "wf_start_offset": 0.0}
             writer.write_segment([ChannelObject("Meting", name, one, timing) for name, one in named.items()])
     _, source = journey.drafted()
-    assert re.search('  torque: {[^}]*, unit: "N\\*mm"}  # a guess: .*the unit is guessed from its size', source)
+    assert re.search(
+        '  torque: {[^}]*, unit: "N\\*mm"}  # guessed from its name; the unit is guessed from its size', source
+    )
     ((_, fit, quality),) = journey.fits(monkeypatch)
     assert (is_right(fit), fit["excitation"], journey.edited()) == (True, "stepped sine", 0)
     assert quality == "quality ok", "no protocol is stated"
 
 
-def test_what_is_equally_likely_is_asked(tmp_path):
-    """A command and the angle that follows it; a joint and its motor; an angle whose torque might be one, too."""
-    time, theta, _, torque = sines([(1, 8), (2, 10), (4, 16)], 4)
-    command, motor, noise = np.interp(time + 0.01, time, theta), theta + torque / 2000, 1e-5 * NOISE[1, : time.size]
-    for number, (columns, open_ones) in enumerate((
-        ({"a [rad]": theta + noise, "b [rad]": command, "c [Nm]": torque}, ["a", "b"]),
-        ({"a": theta + noise, "b": motor, "c": torque}, ["a", "b", "c"]),
-        ({"a": np.degrees(theta) + noise, "b": torque, "c": 0 * time}, ["a", "b"]),
-        ({"ankle_angle_deg": np.degrees(theta), "b": 1.1 * torque, "torque_Nm": np.cumsum(noise)}, ["b", "torque_Nm"]),
-    )):  # fmt: skip
-        write_csv(tmp_path / f"{number}.csv", {"time_s": time, **columns})
-        source = draft_source(module.inspect_file(tmp_path / f"{number}.csv"), "")
-        found = re.findall(r'\n  NAME_\d: {column: "(\w+)"', source)
-        assert found == open_ones, source
-        assert source.count("as likely is") == (len(open_ones) if number < 3 else 0)
-
-
-def test_a_joint_without_a_spring_keeps_its_sign_and_an_actuator_alone_has_its_own_torque(tmp_path):
-    time, theta, _, _ = sines([(1, 8), (3, 20)], 4)
-    omega, noise = np.gradient(theta, time), 1e-3 * NOISE[1, : time.size]
-    loss = 0.4 * omega + 6e-3 * np.gradient(omega, time) + noise
-    drafted = {}
+def test_a_torque_has_the_sign_by_which_a_joint_resists_and_an_actuator_alone_has_its_own_torque(tmp_path):
+    time, theta, _, torque = sines([(1, 8), (3, 20)], 4)
+    noise, drafted = 1e-3 * NOISE[1, : time.size], {}
     for name, columns in (
-        ("transmission", {"theta [rad]": theta, "torque [Nm]": loss}),
-        ("turned", {"theta [rad]": theta, "torque [Nm]": -loss}),
+        ("spring", {"theta [rad]": theta, "torque [Nm]": torque}),
+        ("turned", {"theta [rad]": theta, "torque [Nm]": -torque}),
+        ("damper", {"theta [rad]": theta, "torque [Nm]": -np.gradient(theta, time)}),
         ("actuator", {"theta_m [rad]": theta, "current [A]": np.cos(3 * time) + noise, "torque [Nm]": np.sin(time)}),
     ):
         write_csv(tmp_path / f"{name}.csv", {"time_s": time, **columns})
         drafted[name] = draft_source(module.inspect_file(tmp_path / f"{name}.csv"), "")
-    assert [drafted[name].count("sign: -1") for name in drafted] == [0, 1, 0]
+    assert [drafted[name].count("sign: -1") for name in drafted] == [0, 1, 0, 0]
     assert "\n  torque_m: {" in drafted["actuator"]

@@ -34,21 +34,6 @@ def call(*arguments):
     return CliRunner().invoke(main, [str(a) for a in arguments])
 
 
-@pytest.mark.parametrize(("period_s", "experiment"), [(20.0, "torque_angle"), (1.0, "impedance")])
-def test_slow_cycles_are_torque_against_angle_and_a_draft_has_no_protocol_that_nobody_commanded(
-    tmp_path, period_s, experiment
-):
-    time = np.arange(6000) / 100
-    angle = 4 - 4 * np.cos(2 * np.pi * time / period_s) * (1 + 0.001 * np.sin(40 * time))
-    columns = np.column_stack([time, angle, 5 * angle])
-    head = "time [s],angle [deg],torque [Nm]"
-    (tmp_path / "logs").mkdir()
-    np.savetxt(tmp_path / "logs/day_1.csv", columns, "%.5f", ",", header=head, comments="")
-    draft = new_campaign(tmp_path / "made", recordings=tmp_path / "logs")
-    assert [cells["experiment"] for cells, _ in draft.trials] == [experiment]
-    assert "amplitudes_deg:" not in (tmp_path / "made/config.yaml").read_text()
-
-
 @pytest.mark.parametrize(
     ("column", "name"), [("theta", "AnkleAngleSoll_deg"), ("torque", "tau_ff_Nm"), ("torque", "u_Nm")]
 )

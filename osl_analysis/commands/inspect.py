@@ -21,7 +21,6 @@ import polars as pl
 import scipy
 
 from osl_analysis.bench.impedance import DesiredImpedance
-from osl_analysis.bench.torque_angle import turning_points
 from osl_analysis.campaign.campaign import Campaign, open_campaign
 from osl_analysis.campaign.configuration import Config, read_config
 from osl_analysis.commands.bench import (
@@ -50,7 +49,7 @@ from osl_analysis.judge.words import check_words
 from osl_analysis.model.parameters import joint_of
 from osl_analysis.signals.grid import GapLimits, uniform_signals
 from osl_analysis.spectral.stepped_sine import Likeness, find_segments, stated_protocol
-from osl_analysis.trial import Array, Trial
+from osl_analysis.trial import Trial
 from osl_analysis.yaml_settings import dotted, read_mapping
 
 
@@ -252,7 +251,7 @@ def draft_campaign(folder: Path) -> Draft:
         raise InputError(f"{folder}: no such folder of recordings; check the path")
     draft, layouts = Draft(), dict[tuple[object, ...], str]()
     overviews: dict[str, tuple[tuple[int, int], Overview, str]] = {}
-    recordings, captures, slow = [], dict[Path, Overview](), set[Path]()
+    recordings, captures = [], dict[Path, Overview]()
     for path in recordings_in(folder):
         try:
             overview = inspect_file(path)
@@ -274,7 +273,6 @@ def draft_campaign(folder: Path) -> Draft:
         draft.open += [(file, text) for text in overview.open]
         recordings.append((file, source, is_capture))
         captures |= {file: overview} if is_capture else {}
-        slow |= {file} if not is_capture and turns_slowly(*drafts.drafted_angle(overview)) else set()
     if not recordings:
         why = f", as {draft.refused[0]}" if draft.refused else f" ({', '.join(sorted(SUFFIXES))})"
         raise InputError(f"{folder}: no recording in it that can be read{why}; name the folder of the recordings")
@@ -286,18 +284,11 @@ def draft_campaign(folder: Path) -> Draft:
         draft.sources[name] = text
     joints = [name for name, text in draft.sources.items() if "\n  theta: {" in text and "\n  torque: {" in text]
     moved = {file: drafts.told_by_motion(one) for file, one in captures.items()}
-    of_joint = {file for file, source, _ in recordings if source in joints}
-    moved |= {file: {"experiment": "torque_angle" if file in slow else "impedance"} for file in of_joint}
+    moved |= {file: {"experiment": "impedance"} for file, source, _ in recordings if source in joints}
     draft.trials = drafts.draft_trials(recordings, moved)
     if any(cells["experiment"] == "walking" for cells, _ in draft.trials):
         draft.walking = "\n".join([*drafts.draft_walking([*captures.values()]), ""])
     return draft
-
-
-def turns_slowly(theta: Array, rate_hz: float) -> bool:
-    """Whether an angle (n,) turns to and fro, and never within 2 s: torque against angle is then quasi-static."""
-    turns = turning_points(theta, 0.1 * float(np.ptp(theta))) if theta.size else []
-    return len(turns) > 1 and float(np.diff(turns).min()) > 2.0 * rate_hz
 
 
 def known_recorder(overview: Overview) -> str:

@@ -6,9 +6,9 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations, permutations
+from itertools import combinations
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -17,8 +17,8 @@ from osl_analysis.ingest.overview import Overview, RecordedChannel
 from osl_analysis.ingest.raw_files import FORMATS
 from osl_analysis.ingest.source import NAME_OF_TIME, UNKNOWN
 from osl_analysis.ingest.units import base_units, dimension, is_unit, normalised
-from osl_analysis.measured import factor_of, rms, varies
-from osl_analysis.signals import LowPass, runs
+from osl_analysis.measured import factor_of, varies
+from osl_analysis.signals import runs
 from osl_analysis.trial import COLUMNS, Array
 
 NO_MEASUREMENT = "computed from the current, no measured torque"
@@ -42,12 +42,12 @@ PATTERNS = {
     "torque": (
         rf"\b({EFFORT}|load ?cell)\b",
         rf"{COMMAND}|{MOTOR}|ground",
-        "ankle foot joint torque moment tau load cell loadcell measured meas sensor",
+        "ankle foot joint torque moment tau load cell loadcell mz drehmoment koppel measured meas sensor",
     ),
     "theta": (
         rf"\b({ANGLE}|ankle|knee|hip|joint)\b",
         rf"{COMMAND}|{MOTOR}|\b{SPEED}\b",
-        "ankle foot joint angle position pos theta encoder measured meas name",
+        "ankle foot joint angle position pos theta encoder winkel hoek measured meas name",
     ),
 }
 """By column: what the words of a name contain, and what they do not; and the words of a name that leave no doubt:
@@ -112,15 +112,15 @@ def pulse_channels(overview: Overview) -> dict[str, RecordedChannel]:
 
 def guessed_lines(draft: str) -> list[str]:
     """The lines of a drafted source file that give a channel the name of a column by a guess."""
-    return [line.strip() for line in draft.splitlines() if re.search("# (a )?guess", line) and not line.startswith("#")]
+    return [line.strip() for line in draft.splitlines() if "# guess" in line and not line.startswith("#")]
 
 
 def log_lines(overview: Overview) -> Iterator[str]:
     """An entry for every channel but the clock, for the user to name; topics without messages and empty arrays are left
     out, and what is no signal is a comment. Where a channel is like a canonical column, so are those that are like
-    none. An entry has its column's name where only this channel is like it and its name, or how it moves, leaves no
-    doubt. One that may be another quantity, as a command or another joint's angle, is left to the user; where angle and
-    torque are known, as a comment."""
+    none. An entry has its column's name where only this channel is like it and its name leaves no doubt. One that may
+    be another quantity, as a command or another joint's angle, is left to the user; where angle and torque are known,
+    as a comment."""
     channels, clock, of_time = channels_of_log(overview)
     yield from (f"# {text}" for text in overview.open)
     if of_time == NAME_OF_TIME:
@@ -131,7 +131,7 @@ def log_lines(overview: Overview) -> Iterator[str]:
     yield f"# {todo}, delete the rest"
     yield f"# canonical names: {', '.join(column for column in COLUMNS if column != 'time')}"
     yield "channels:"
-    yield from entry_lines(channels, guessed_columns(channels, clock))
+    yield from entry_lines(channels, guessed_columns(channels))
 
 
 def channels_of_log(overview: Overview) -> tuple[list[RecordedChannel], RecordedChannel | None, str]:
@@ -144,21 +144,12 @@ def channels_of_log(overview: Overview) -> tuple[list[RecordedChannel], Recorded
     return signals, clock, of_time
 
 
-def drafted_angle(overview: Overview) -> tuple[Array, float]:
-    """The angle (n,) of a log's joint, as its draft takes it, and its rate [Hz]; empty where that is not known."""
-    channels, clock, _ = channels_of_log(overview)
-    angles = [k for k, one in enumerate(guessed_columns(channels, clock)) if one.sure and one.column == "theta"]
-    timed = [k for k in angles if clock is not None or channels[k].times is not None]
-    found, rate = on_a_grid({timed[0]: channels[timed[0]]}, clock) if timed else ({}, 0.0)
-    return next(iter(found.values()), np.empty(0)), rate
-
-
 @dataclass(frozen=True)
 class Guess:
     """What a channel may be, and why."""
 
     column: str = ""  # canonical column; empty where nothing tells one
-    sure: bool = False  # whether no other channel is as likely, and its name or how it moves leaves no doubt
+    sure: bool = False  # whether no other channel is like it, and its name leaves no doubt
     said: str = ""  # the evidence, in words
     sign: int = 1  # by which it would be turned
     no_signal: bool = False  # whether it stands still, is noise, or is computed from another
@@ -175,8 +166,6 @@ def entry_lines(channels: Sequence[RecordedChannel], guesses: Sequence[Guess]) -
 
 
 FEWEST_READINGS, LARGEST_READING = 100, 1e30  # how many tell how a channel moves; beyond the other, none is one
-FOLLOWS = 0.9  # correlation from which one signal follows another: a fifth of its power may be noise or friction
-AS_LIKELY = 4.0  # factor between what a pair and its reverse leave unexplained up to which both may be
 UNITS_BY_SIZE = {
     "rad": (("rad", 0.0, 0.9), ("deg", 2.5, 200.0)), "N*m": (("N*m", 0.0, 300.0), ("N*mm", 1500.0, np.inf)),
     "A": (("A", 0.0, 60.0), ("mA", 300.0, np.inf)),
@@ -186,7 +175,8 @@ joint turns by 2.5 degrees to 0.9 rad, and its torque changes by 1.5 to 300 N*m.
 
 
 def name_of(channel: RecordedChannel) -> str:
-    return " ".join(value for key, value in channel.address.items() if key != "topic")
+    """What a channel is called, without its topic or, in TDMS, its group."""
+    return " ".join(value for key, value in channel.address.items() if key != "topic").rpartition("/")[2]
 
 
 def readings(channel: RecordedChannel) -> Array:
@@ -214,91 +204,14 @@ def no_signal(channel: RecordedChannel) -> str:
     return "" if tells_next or np.unique(known).size == 2 else "it is noise"  # the other is a level
 
 
-def on_a_grid(channels: Mapping[int, RecordedChannel], clock: RecordedChannel | None) -> tuple[dict[int, Array], float]:
-    """Readings of channels at common times, without what is faster than 15 Hz, by number, and their rate [Hz]; of long
-    recordings the middle. `clock` is that of rows; for those without times any rate is as good."""
-    factor, measured = measure_of(clock) if clock else (1.0, "")
-    rows = factor * np.asarray(clock.numbers) if clock and measured == dimension("s") else None
-    stamped = dict[int, tuple[Array, Array]]()
-    for number, one in channels.items():
-        own, numbers = rows if one.times is None else one.times, np.asarray(one.numbers)
-        times = np.arange(numbers.size) / 250 if own is None or own.size != numbers.size else own
-        known = (np.abs(numbers) < LARGEST_READING) & np.isfinite(times)
-        stamped[number] = times[known], numbers[known]
-    first, last = max(t[0] for t, _ in stamped.values()), min(t[-1] for t, _ in stamped.values())
-    step = float(np.median([np.median(np.diff(t)) for t, _ in stamped.values()]))
-    count = min(int((last - first) / step), 30_000) if step > 0 else 0
-    if count * step < 1.0 or 1 / step < 40:  # [s, Hz]
-        return {}, 0.0
-    grid = (first + last) / 2 + step * (np.arange(count) - count / 2)
-    return {k: LowPass(15)(np.interp(grid, *pair), 1 / step) for k, pair in stamped.items()}, 1 / step
-
-
-def following(x: Array, y: Array, rate: float) -> tuple[float, float, float]:
-    """How y (n,) follows x (n,) and its derivatives, as a joint's torque follows its angle (Eq. 15): the multiple
-    correlation, the way in which it follows, by the slope of x or, of a joint that is no spring, of its velocity; and
-    the largest correlation with one of the derivatives alone."""
-    velocity = np.gradient(x) * rate
-    columns, about = np.stack([x, velocity, np.gradient(velocity) * rate], axis=1), y - y.mean()
-    columns -= columns.mean(axis=0)
-    size = np.sqrt(np.mean(columns**2, axis=0))
-    slopes = np.linalg.lstsq(columns / size, about, rcond=None)[0]
-    left = rms(about - columns / size @ slopes) / rms(about)
-    alone = np.abs(about @ columns) / (len(y) * rms(about) * size)
-    way = slopes[0] if abs(slopes[0]) > 0.3 * abs(slopes[1]) else slopes[1]
-    return float(np.sqrt(max(1 - left**2, 0.0))), float(np.sign(way)), float(alone[1:].max())
-
-
-class Pair(NamedTuple):
-    """Two channels, by number, of which one follows the other as a joint's torque follows its angle (`following`)."""
-
-    told: int  # how much of it names and units tell
-    r: float
-    way: float  # 1, or -1 of a torque whose sign is turned
-    theta: int
-    torque: int
-
-
-def may_be(channel: RecordedChannel, column: str) -> bool:
-    """Whether neither unit nor name of a channel say that it is another quantity than a column, theta or torque."""
-    (_, measured), other = measure_of(channel), EFFORT if column == "theta" else ANGLE
-    told = rf"{PATTERNS[column][1]}|\b({SPEED}|{other}|current|amps|imu|roll|pitch|yaw|battery|force)\b"
-    is_like = measured == dimension(COLUMNS[column]) if measured else unit_by_size(channel, column) and not channel.unit
-    is_read = readings(channel).size >= FEWEST_READINGS
-    return is_read and bool(is_like) and not re.search(told, parted_name(name_of(channel)))
-
-
-def guessed_columns(channels: Sequence[RecordedChannel], clock: RecordedChannel | None) -> list[Guess]:
-    """What each channel of a log may be, the same for every recorder: by its name and unit (`likely_column`), and where
-    one channel follows another as a joint's torque follows its angle, and no other pair that names and units tell as
-    little. What does not move, is noise, or a torque computed from a current is no signal. `clock` is that of rows."""
+def guessed_columns(channels: Sequence[RecordedChannel]) -> list[Guess]:
+    """What each channel of a log may be, the same for every recorder, by its name and unit (`likely_column`). What does
+    not move, is noise, or a torque computed from a current is no signal."""
     named = [likely_column(one) for one in channels]
-    guesses = guesses_by_name(channels, named)
-    pairs, signals = following_pairs(channels, named, guesses, clock)
-    if not pairs:
-        return guesses
-    alike = likeliest(pairs, channels, signals)
-    for column, other, how in (("theta", "torque", "{} follows it"), ("torque", "theta", "it follows {}")):
-        best = {getattr(one, column): one for one in alike}
-        for place, one in best.items():
-            rivals = ", ".join(json.dumps(name_of(channels[n])) for n in best if n != place)
-            said = "guessed from its name" if guesses[place].sure else "a guess"
-            said += f": {how.format(json.dumps(name_of(channels[getattr(one, other)])))} as a spring, r = {one.r:.3f}"
-            said += f"; as likely is {rivals}" * bool(rivals)
-            guesses[place] = Guess(column, not rivals, said, -1 if column == "torque" and one.way < 0 else 1)
-    for column in ("theta", "torque"):  # a name and a motion may tell different channels
-        several = [n for n, guess in enumerate(guesses) if guess.sure and guess.column == column]
-        for n in several:
-            guesses[n] = replace(guesses[n], sure=len(several) == 1)
-    return guesses
-
-
-def guesses_by_name(channels: Sequence[RecordedChannel], named: Sequence[str]) -> list[Guess]:
-    """What names and units tell of channels, of which some are no signals."""
     currents = [one for one, column in zip(channels, named, strict=True) if column == "current"]
     without, guesses = list[str](), list[Guess]()
     for channel, column in zip(channels, named, strict=True):
-        is_torque = column in ("torque", "torque_m") or may_be(channel, "torque")
+        is_torque = column in ("torque", "torque_m")
         without.append(no_signal(channel) or (made_of(channel, currents) if is_torque else ""))
     known = Counter(column for column, why in zip(named, without, strict=True) if not why)
     for channel, column, why in zip(channels, named, without, strict=True):
@@ -308,39 +221,23 @@ def guesses_by_name(channels: Sequence[RecordedChannel], named: Sequence[str]) -
         by_name = Guess(column, sure and known[column] == 1, "guessed from its name" * sure)
         guesses.append(Guess(said=why, no_signal=True) if why else by_name)
     columns = {guess.column for guess in guesses}
-    if "theta" in columns or not columns & {"theta_m", "omega_m"}:
-        return guesses
-    return [replace(one, column="torque_m") if one.column == "torque" else one for one in guesses]  # an actuator alone
+    if "theta" not in columns and columns & {"theta_m", "omega_m"}:  # an actuator alone
+        return [replace(one, column="torque_m") if one.column == "torque" else one for one in guesses]
+    place = {guess.column: number for number, guess in enumerate(guesses) if guess.sure}
+    if {"theta", "torque"} <= place.keys() and falls(channels[place["torque"]], channels[place["theta"]]):
+        said = f"{guesses[place['torque']].said}: it falls as the angle rises"
+        guesses[place["torque"]] = replace(guesses[place["torque"]], sign=-1, said=said)
+    return guesses
 
 
-def following_pairs(
-    channels: Sequence[RecordedChannel], named: Sequence[str], guesses: Sequence[Guess], clock: RecordedChannel | None
-) -> tuple[list[Pair], dict[int, Array]]:
-    """The pairs of channels of which one may be an angle and the other its torque; and the signals of all."""
-    moving = {
-        k: c for k, c in enumerate(channels) if not guesses[k].no_signal and (may_be(c, "theta") or may_be(c, "torque"))
-    }
-    signals, rate = on_a_grid(moving, clock) if len(moving) > 1 else ({}, 0.0)
-    pairs = list[Pair]()
-    for k, m in permutations(signals, 2):
-        if may_be(channels[k], "theta") and may_be(channels[m], "torque"):
-            r, way, alone = following(signals[k], signals[m], rate)
-            told = (named[k] == "theta") + (named[m] == "torque") + bool(guesses[k].said) + bool(guesses[m].said)
-            is_derivative = alone > 0.99 and named[m] != "torque"
-            if r > FOLLOWS and not is_derivative and factor_of(signals[m], signals[k]) is None:
-                pairs.append(Pair(told, r, way, k, m))
-    return pairs, signals
-
-
-def likeliest(pairs: Sequence[Pair], channels: Sequence[RecordedChannel], signals: Mapping[int, Array]) -> list[Pair]:
-    """The pairs that are as likely as the one of which names and units tell most."""
-    most, units = max(pairs), {channels[one.torque].unit or channels[one.torque].likely_unit for one in pairs}
-    alike = sorted(one for one in pairs if one.told == most.told)
-    alike = [one for one in alike if one[:2:-1] != most[3:] or 1 - one.r**2 <= AS_LIKELY * (1 - most.r**2)]
-    if "" not in units:  # what leaks into other directions of a load cell is smaller
-        largest = max(np.std(signals[one.torque]) for one in alike)
-        alike = [one for one in alike if np.std(signals[one.torque]) > largest / 3]
-    return alike
+def falls(torque: RecordedChannel, theta: RecordedChannel) -> bool:
+    """Whether a torque falls as an angle rises, which resists where it has the other sign."""
+    if torque.numbers is None or theta.numbers is None:
+        return False
+    x, y = (np.nan_to_num(one.numbers, posinf=0.0, neginf=0.0) for one in (theta, torque))
+    if theta.times is not None and torque.times is not None:
+        x = np.interp(torque.times, theta.times, x)
+    return len(x) == len(y) and varies(x) and varies(y) and float(np.corrcoef(x, y)[0, 1]) < -0.5
 
 
 def made_of(channel: RecordedChannel, currents: Sequence[RecordedChannel]) -> str:

@@ -327,7 +327,7 @@ def test_the_draft_has_units_and_no_clock_where_channels_have_timing(tmp_path: P
     assert "Bench/Angle [Degrees]  100 samples at 1000 Hz; from -10 to 10; float64" in overview_text(overview)
     draft = yaml.safe_load(draft_source(overview, "a.tdms"))
     assert "time" not in draft
-    assert draft["channels"]["NAME_1"] == {"channel": "Bench/Angle", "unit": "Degrees"}
+    assert draft["channels"]["theta"] == {"channel": "Bench/Angle", "unit": "Degrees"}
 
 
 @pytest.mark.skipif(not REAL_DATA.is_dir(), reason="no recordings made by others here")

@@ -498,7 +498,7 @@ def named_by(heads: Rows, above: Rows, comments: TextLines, width: int, delimite
         return names
     texts = [delimiter.join(cells) for _, cells in above[-1:]] + [text for _, text in comments[::-1]]
     for text in texts:
-        for pattern in (re.escape(delimiter or ","), r"\t", ";", ",", r"\|", r"\s{2,}", r"\s+"):
+        for pattern in (re.escape(delimiter or ","), r"\t", ";", ",", r"\|", r"\s{2,}", r"(?<=[\])}])\s+", r"\s+"):
             cells = [cell.strip(' "') for cell in re.split(pattern, text.strip())]
             if len(cells) == width and not any(map(is_value, cells)):
                 return cells

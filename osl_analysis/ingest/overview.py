@@ -1,6 +1,5 @@
 """What a file holds: channels with ranges, rates and gaps, what is odd, and what names tell of clocks and units."""
 
-import json
 import math
 import re
 from collections import Counter
@@ -41,9 +40,15 @@ class RecordedChannel:
     rate: float | None = None  # median rate [Hz]; None where nothing tells it
     note: str = ""  # remark for the user
     type: str = ""  # type of the numbers and the length of the array that they stand in, such as `float64[4]`
-    likely_unit: str = ""  # unit that the channel's name ends with; a guess, for the user to check
+    likely_unit: str = ""  # what its name or its readings tell of its unit; a guess, for the user to check
     numbers: Array | None = field(default=None, compare=False, repr=False)  # readings, positions, size of a force [N]
     times: Array | None = field(default=None, compare=False, repr=False)  # of its readings [s]; None: those of the rows
+    name: str = ""  # without its place, as a table's column may tell a clock or a unit by it
+
+    @property
+    def key(self) -> str:
+        """What a source file calls it."""
+        return next(iter(self.address.values()))
 
 
 @dataclass(frozen=True)
@@ -120,7 +125,7 @@ def clock_of(
 def ticks(values: NDArray[Any], unit: str) -> bool:
     """Whether readings (n,) rise as those of a clock do: never back, by steps of which four in five are within a fifth
     of their median, in a unit of time, or in none and as fast as a recorder of joints in one unit only."""
-    steps = np.diff(np.nan_to_num(values.astype(np.float64), posinf=0.0, neginf=0.0))
+    steps = np.diff(values[np.isfinite(values)])
     usual = float(np.median(steps)) if steps.size >= 20 and (steps >= 0).all() else 0.0
     even = usual > 0 and float(np.mean(np.abs(steps / usual - 1) < 0.2)) > 0.8
     return even and bool(normalised(unit) in ("s", "ms", "us", "ns") if unit else time_unit(values))
@@ -161,81 +166,70 @@ def time_unit(clock: Array) -> str:
     return next((unit for unit, in_s in units.items() if 50.0 <= rate * in_s <= 5000.0), "")
 
 
-@dataclass(frozen=True)
-class Column:
-    """One column of a table, as its format gives it to an overview."""
+def column(
+    address: Mapping[str, str],
+    name: str,
+    values: NDArray[Any],
+    unit: str = "",
+    kind: str = "",
+    also: str = "",
+    likely: str = "",
+    count: int | None = None,
+) -> RecordedChannel:
+    """A column of a table by its readings (rows,), NaN or masked where there is none. Its name, without its place, may
+    tell its unit, else `likely` does; `also`: a remark; `count`: of what it holds, where that is not its numbers."""
+    numbers = np.ma.compressed(values).astype(np.float64)
+    known = numbers[np.isfinite(numbers)]
+    lost = f", {numbers.size - known.size} x NaN or infinity" * (known.size < numbers.size)
+    note = f"from {known.min():.6g} to {known.max():.6g}" if known.size else "no numbers"
+    note, guess = f"{note}{lost}{also}" * bool(values.size), "" if unit else likely_unit(name) or likely
+    filled = np.ma.filled(np.ma.asarray(values).astype(np.float64), np.nan)
+    count = int(known.size) if count is None else count
+    return RecordedChannel(next(iter(address)), address, unit, count, None, note, kind, guess, filled, name=name)
 
-    address: Mapping[str, str]  # how a source file names it
-    name: str  # its name without its place, which may tell a clock or a unit
-    values: NDArray[Any]  # its readings (rows,), NaN or masked where there is none
-    unit: str = ""  # as the file states it
-    kind: str = ""  # type of its numbers
-    also: str = ""  # a remark for the user
-    likely_unit: str = ""  # where the name tells none
-    is_time: bool | None = None  # None: by its name, or how it rises
-    count: int | None = None  # of what it holds, where that is not its numbers
-    text: str = ""  # what it holds instead of numbers
 
-    @property
-    def key(self) -> str:
-        return next(iter(self.address.values()))
-
-    @property
-    def numbers(self) -> NDArray[Any]:
-        return np.ma.compressed(self.values)
-
-    def listed(self, is_time: bool) -> RecordedChannel:
-        """A channel by those of its readings that are numbers: its range, or as a clock its rate and gaps."""
-        numbers = self.numbers.astype(np.float64)
-        known = numbers[np.isfinite(numbers)]
-        note = f"from {known.min():.6g} to {known.max():.6g}" if known.size else "no numbers"
-        rate, guess = rate_of(known) if is_time else None, "" if self.unit else likely_unit(self.name)
-        if is_time:
-            note, gaps = f"a clock, {rate:g} per unit" if rate else "a clock that stands still", gaps_text(known)
-            note += f", {gaps}" * bool(gaps)
-        guess = guess or (time_unit(known) if is_time and not self.unit else "" if is_time else self.likely_unit)
-        lost = f", {numbers.size - known.size} x NaN or infinity" * (known.size < numbers.size)
-        note = f"'{self.text}'" if self.text else f"{note}{lost}{self.also}" if self.values.size else ""
-        filled = np.ma.filled(np.ma.asarray(self.values).astype(np.float64), np.nan)
-        count = int(known.size) if self.count is None else self.count
-        kind = next(iter(self.address))
-        return RecordedChannel(kind, self.address, self.unit, count, None, note, self.kind, guess, numbers=filled)
+def as_clock(channel: RecordedChannel) -> RecordedChannel:
+    """A column as the clock of its table: its rate and gaps."""
+    assert channel.numbers is not None
+    known = channel.numbers[np.isfinite(channel.numbers)]
+    rate, gaps = rate_of(known), gaps_text(known)
+    note = (f"a clock, {rate:g} per unit" if rate else "a clock that stands still") + f", {gaps}" * bool(gaps)
+    return replace(
+        channel, note=note, likely_unit="" if channel.unit else likely_unit(channel.name) or time_unit(known)
+    )
 
 
 def overview_of(
     name: str,
-    columns: Sequence[Column],
+    columns: Sequence[RecordedChannel],
     what: str,
     called: Callable[[str], bool] = csv_table.is_clock,
-    drafted: Sequence[Column] | None = None,
+    drafted: Sequence[RecordedChannel] | None = None,
     timing: Mapping[str, object] | None = None,
     left_open: Sequence[str] = (),
     facts: Mapping[str, str] | None = None,
     remarks: Sequence[str] = (),
     settings: Mapping[str, object] | None = None,
+    clock: str | None = None,
 ) -> Overview:
     """What a table holds, the same for every format: its channels, the likely clock among those that a draft has, what
-    is guessed. `called`: whether a name is that of a clock; timing: the field `time` where the file tells it."""
-    offered = columns if drafted is None else drafted
-    own = {one.key: one for one in offered if one.values.ndim == 1 and one.values.size}
-    clock = next((one.key for one in offered if one.is_time), None)
-    questions = list(left_open)
+    is guessed. `called`: whether a column is called like a clock; `timing`: the field `time` where the file tells it;
+    `clock`: the column of time where it does."""
+    offered, questions = columns if drafted is None else drafted, list(left_open)
     if timing is None and clock is None:
-        names = {key: one.name for key, one in own.items()}
+        own = {one.key: one for one in offered if one.numbers is not None and one.numbers.size}
+        readings = {key: np.asarray(one.numbers) for key, one in own.items()}
         units = {key: one.unit for key, one in own.items()}
-        numbers = {key: one.numbers for key, one in own.items()}
-        clock, asked = clock_of(what, numbers, lambda key: called(names[key]), units)
+        clock, asked = clock_of(what, readings, lambda key: called(own[key].name), units)
         questions += asked
-    channels = {one.key: one.listed(one.key == clock) for one in (*offered, *columns)}
+    shown = [as_clock(one) if one.key == clock else one for one in columns]
+    signals = None if drafted is None else [as_clock(one) if one.key == clock else one for one in drafted]
     if timing is None:
-        key = next(iter(columns[0].address)) if columns else "column"
-        timing = {"time": time_setting(key, channels[clock] if clock is not None else None)}
-    found = [channels[one.key] for one in columns]
-    told = {one.key: channels[one.key].likely_unit for one in columns if likely_unit(one.name) or one.likely_unit}
-    remarks = [*remarks, *guesses({key: unit for key, unit in told.items() if key != clock or likely_unit(key)})]
-    signals = None if drafted is None else [channels[one.key] for one in drafted]
+        time = next((one for one in signals or shown if one.key == clock), None)
+        timing = {"time": time_setting(next(iter(columns[0].address)) if columns else "column", time)}
+    told = {one.key: one.likely_unit for one in shown if one.key != clock or likely_unit(one.name)}
     stated = {"clock": "master", **(settings or {}), **timing}
-    return Overview(name, facts or {}, found, remarks, stated, signals, questions)
+    return Overview(name, facts or {}, shown, [*remarks, *guesses(told)], stated, signals, questions)
 
 
 def time_setting(key: str, clock: RecordedChannel | None) -> dict[str, str]:
@@ -253,7 +247,7 @@ def inspect_table(name: str, path: Path) -> Overview:
     """Columns with unit, range and words. Of a long table the first rows and the last ones are looked at."""
     layout = csv_table.CsvLayout(ragged="skip", most_missing=1.0)
     table = logs.read_any_table(name, path, layout, MOST_ROWS)
-    columns, failed, times = [], dict.fromkeys(layout.missing), set[str]()
+    columns, failed, times = [], dict.fromkeys(layout.missing), list[RecordedChannel]()
     for place, (title, unit) in enumerate(zip(table.names, table.units, strict=True)):
         cells = table.body.to_series(place)
         stamps = csv_table.cell_stamps(cells)
@@ -264,30 +258,29 @@ def inspect_table(name: str, path: Path) -> Overview:
         few = (word for word, count in words.items() if count < len(cells) / 100)
         failed |= dict.fromkeys(word for word in few if not OTHER_NUMBER.match(word))  # of readings that failed
         also = "".join(f", {count} x '{word}'" for word, count in words.most_common(5))
-        address = lasting_address(title, place, table.names)
-        times |= {address} if stamps is not None else set()
-        masked = np.ma.masked_invalid(numbers)
-        columns.append(Column({"column": address}, title, masked, "ns" if stamps is not None else unit, also=also))
-    clock = next((one.key for one in columns if one.key in times and csv_table.is_clock(one.name)), None)
-    clock = clock or (next(iter(times)) if len(times) == 1 else None)
-    rate = stated_rate(table.comments)
+        address = {"column": lasting_address(title, place, table.names)}
+        own = column(address, title, np.ma.masked_invalid(numbers), unit if stamps is None else "ns", also=also)
+        columns.append(own)
+        times += [own] * (stamps is not None)
+    named = [one.key for one in times if csv_table.is_clock(one.name)]
+    clock = named[0] if named else times[0].key if len(times) == 1 else None
     timing: dict[str, object] | None = {"time": {"column": clock}} if clock else None
-    has_clock = any(csv_table.is_clock(one.name) or ticks(one.numbers, one.unit) for one in columns)
-    if timing is None and rate and not has_clock:
-        timing = {"time": {"rate": rate}}
-    columns = [replace(one, is_time=one.key == clock) if clock else one for one in columns]
+    rate, left_open = stated_rate(table.comments), list[str]()
+    has_clock = clock or any(csv_table.is_clock(c.name) or ticks(np.asarray(c.numbers), c.unit) for c in columns)
+    if rate and not has_clock:
+        timing, left_open = {"time": {"rate": rate}}, [f"time by the file's own words: {rate} rows a second"]
     settings: dict[str, object] = {"missing": [*failed]} if len(failed) > len(layout.missing) else {}
     if skipped := table.damage.indexed_lost.total():
         settings |= {"ragged": "skip", "most_missing": csv_table.share_above(skipped, skipped + len(table.lines))}
-    if len(table.lines) >= MOST_ROWS:
+    is_long = len(table.lines) >= MOST_ROWS
+    if is_long:
         settings.pop("missing", None)
-    facts = {"rows": f"{len(table.lines)}{', of more' * (len(table.lines) >= MOST_ROWS)}"}
+    facts = {"rows": f"{len(table.lines)}{', of more' * is_long}"}
     facts |= {"delimiter": repr(table.delimiter)} if table.delimiter else {}
     facts |= {f"comment {i + 1}": text for i, text in enumerate(table.comments[:20])}
-    remarks = table.damage.remarks
     return overview_of(
-        name, columns, "columns", timing=timing, facts=facts, remarks=remarks, settings=settings,
-        left_open=[f"time by the file's own words: {rate} rows a second"] * bool(timing and rate and not clock),
+        name, columns, "columns", timing=timing, left_open=left_open, facts=facts, remarks=table.damage.remarks,
+        settings=settings, clock=clock,
     )  # fmt: skip
 
 
@@ -335,7 +328,7 @@ def inspect_json(path: Path) -> Overview:
     for name, values in decoded.values.items():
         count = np.ma.count(values)
         also = f", in {count} of {decoded.rows.size} lines" * bool(count < decoded.rows.size)
-        columns.append(Column({"field": name}, last_name(name), values, kind=values.dtype.name, also=also))
+        columns.append(column({"field": name}, last_name(name), values, kind=values.dtype.name, also=also))
     drafted = [one for one in columns if one.key not in stamps.get(stamp, ())]
     by_stamp = bool(stamp) and not any(csv_table.is_clock(one.name) for one in drafted)
     remarks = lines.damage.remarks
@@ -402,7 +395,7 @@ def seems_clock(name: str) -> bool:
     return csv_table.is_clock(name) or likely is not None
 
 
-def columns_of_matrix(name: str, value: Value) -> Iterator[Column]:
+def columns_of_matrix(name: str, value: Value) -> Iterator[RecordedChannel]:
     """Each column of a matrix, or row if it has more columns."""
     rows, columns = value.shape
     upright = rows >= columns
@@ -410,21 +403,21 @@ def columns_of_matrix(name: str, value: Value) -> Iterator[Column]:
         line = f"(:,{place + 1})" if upright else f"({place + 1},:)"
         values = np.asarray(value.numbers)[:, place] if upright else np.asarray(value.numbers)[place]
         address, own = (name, name) if 1 in value.shape else (f"{name}{line}", line)
-        yield Column({"variable": address}, own, values.astype(np.float64), value.unit, value.described())
+        yield column({"variable": address}, own, values.astype(np.float64), value.unit, value.described())
 
 
-def variable_column(address: str, name: str, value: Value) -> Column:
+def variable_column(address: str, name: str, value: Value) -> RecordedChannel:
     readings = np.empty(0) if value.numbers is None else value.numbers.ravel()
-    text = value.text if value.numbers is None else ""
     is_vector = value.numbers is not None and 1 in value.shape
-    at, kind = {"variable": address}, value.described()
-    return Column(at, name if is_vector else "", readings, value.unit, kind, count=value.size, text=text)
+    at = {"variable": address}
+    found = column(at, name if is_vector else "", readings, value.unit, value.described(), count=value.size)
+    return replace(found, note=f"'{value.text}'") if value.text and value.numbers is None else found
 
 
 def inspect_tdms(path: Path) -> Overview:
     """Channels with unit, range and rate by their own timing."""
     file = read_tdms(path)
-    remarks, columns = list(file.damage.remarks), list[Column]()
+    remarks, columns, offered = list(file.damage.remarks), list[RecordedChannel](), list[RecordedChannel]()
     for one in file.channels:
         values = np.empty(0)
         try:
@@ -433,66 +426,39 @@ def inspect_tdms(path: Path) -> Overview:
         except InputError as error:
             remarks.append(str(error))
         unit = "s" if one.holds_times and one.count else one.unit
-        kind, at = np.dtype(one.kind).name, {"channel": one.address}
-        columns.append(Column(at, one.name, values, unit, kind, count=one.count))
-    timed, by_address = any(one.step is not None for one in file.channels), {one.address: one for one in file.channels}
-    named = any(csv_table.is_clock(one.name) and one.values.size for one in columns)
-    stamps = [one.address for one in file.channels if one.holds_times and one.count]
-    if stamps and not timed and not named:
-        columns = [replace(one, is_time=one.key == stamps[0]) for one in columns]
-    offered = [
-        one for one in columns if one.is_time or (by_address[one.key].count and by_address[one.key].holds_numbers)
-    ]
+        found = column({"channel": one.address}, one.name, values, unit, one.kind.name, count=one.count)
+        if one.step:
+            found = replace(found, rate=1 / one.step, times=one.step * np.arange(values.size, dtype=np.float64))
+        columns.append(found)
+        offered += [found] * bool(one.count and one.holds_numbers)
+    timed = any(one.step is not None for one in file.channels)
+    named = any(csv_table.is_clock(one.name) and np.asarray(one.numbers).size for one in columns)
+    stamps = [one for one, channel in zip(columns, file.channels, strict=True) if channel.holds_times and channel.count]
+    clock = stamps[0].key if stamps and not timed and not named else None
     facts = {"channels": str(len(file.channels)), "own timing": "yes" if timed else "no", **file.properties}
-    found = overview_of(
-        "tdms", columns, "channels", drafted=offered, timing={} if timed else None, facts=facts, remarks=remarks
+    drafted, timing = [*offered, *stamps[:1] * bool(clock)], {} if timed else None
+    return overview_of(
+        "tdms", columns, "channels", drafted=drafted, timing=timing, facts=facts, remarks=remarks, clock=clock
     )
-    rated = []
-    for channel in (*found.channels, *(found.drafted or ())):
-        step, count = (
-            by_address[channel.address["channel"]].step,
-            0 if channel.numbers is None else channel.numbers.size,
-        )
-        times = step * np.arange(count, dtype=np.float64) if step else None
-        rated.append(replace(channel, rate=1 / step if step else None, times=times))
-    return replace(found, channels=rated[: len(columns)], drafted=rated[len(columns) :])
 
 
 def inspect_opensim(path: Path) -> Overview:
     """Columns with range and likely unit: by its name, by what OpenSim calls forces, or of an angle by `inDegrees`."""
     table = read_opensim(path)
     endings = {"force.*_v[xyz]": "N", "force.*_p[xyz]": "m", "(torque|moment).*_[xyz]|_moment": "N*m", "_t[xyz]": "m"}
-    columns, remarks = list[Column](), list[str]()
+    columns, remarks = list[RecordedChannel](), list[str]()
     for name in dict.fromkeys(table.names):
         known = [unit for ending, unit in endings.items() if re.search(f"({ending})$", name, re.IGNORECASE)]
         try:
-            at, last = {"column": name}, name.rpartition(".")[2]
-            columns.append(Column(at, last, table.column(name), likely_unit=known[0] if known else table.angles))
+            likely = known[0] if known else table.angles
+            columns.append(column({"column": name}, name.rpartition(".")[2], table.column(name), likely=likely))
         except InputError as error:
             remarks.append(str(error))
-    plates = plates_in(table.names)
-    note = f"these columns are force plates, if you state their corners: plates: {{{', '.join(plates)}}}"
     facts = {"rows": str(len(table.rows))} | {key: value for key, value in table.header.items() if value}
     found = overview_of("opensim", columns, "columns", facts=facts, remarks=remarks)
     time: Any = found.settings["time"]
     time = {"column": time["column"], "unit": UNKNOWN if time["column"] == NAME_OF_TIME else "s"}
-    questions = [*found.open, *[printable(note)] * bool(plates)]
-    return replace(found, settings={**found.settings, "time": time}, open=questions)
-
-
-def plates_in(names: Sequence[str]) -> list[str]:
-    """The plates that the names of columns tell, as a source file has them but for their corners."""
-    triples = {name[:-1] for name in names if {f"{name[:-1]}{axis}" for axis in "xyz"} <= {*names}}
-    plates: list[str] = []
-    for name in names:
-        force, stem = name[:-1], name[:-2]  # `R_ground_force_v`; of `R_ground_force_` is the moment `R_ground_torque_`
-        moments = {re.sub("force", word, stem): None for word in ("torque", "moment")} if name.endswith("vx") else {}
-        moment = next((one for one in moments if one != stem and one in triples), None)
-        if moment is not None and {force, f"{stem}p"} <= triples:
-            keys = {"force": force, "point": f"{stem}p", "moment": moment}
-            text = ", ".join(f"{key}: {json.dumps(begin)}" for key, begin in keys.items())
-            plates.append(f"{len(plates) + 1}: {{{text}, corners: {UNKNOWN}}}")
-    return plates
+    return replace(found, settings={**found.settings, "time": time})
 
 
 ROS_UNITS = {

@@ -373,7 +373,7 @@ def compare(a: Path, b: Path, margin: float | None, output: Path) -> None:
 @option("--example", is_flag=True, help="A small simulated campaign, which runs in about a minute.")
 def init(folder: Path, recorders: tuple[str, ...], recordings: Path | None, example: bool) -> None:
     """Make the folder of a new campaign: configuration, sample sheet, source files and their JSON schemas."""
-    from osl_analysis.commands.inspect import drafted_text, left_to_decide, new_campaign, note_protocol
+    from osl_analysis.commands.inspect import drafted_text, left_to_decide, new_campaign
 
     if example and (recorders or recordings):
         raise click.UsageError("--example has recordings of its own; leave --recorder and --from")
@@ -384,6 +384,8 @@ def init(folder: Path, recorders: tuple[str, ...], recordings: Path | None, exam
         decisions = left_to_decide(folder, draft)
         say("\n".join(["left to decide:", *(f"  {line}" for line in decisions)]) if decisions else "")
         print_first_look(folder)
+        from osl_analysis.commands.watch import note_protocol
+
         note_protocol(folder)
     elif not example:
         say("next: recordings into recordings/, a row for each into trials.csv, their channels into sources/")
@@ -448,9 +450,10 @@ def watch(folder: Path, source: Path | None, output: Path, config_path: Path) ->
     whether it is like those before it: by their median, within four standard deviations (from the median absolute
     deviation, at least 1 % of an estimate and 5 % of duration, rate and range of the angle).
 
-    Ctrl-C ends it. A recording that was examined is not examined again until it changes.
+    Ctrl-C ends it. A recording that was examined is not examined again until it changes; one that was refused, when
+    watch is started again.
     """
-    from osl_analysis.commands.inspect import WatchedBench, watched_lines
+    from osl_analysis.commands.watch import WatchedBench, watched_lines
 
     bench = WatchedBench(config_path, source, output)
     say(f"watching {folder}; Ctrl-C ends")
@@ -469,7 +472,7 @@ def completion(shell: str) -> None:
 
 
 def print_first_look(folder: Path) -> None:
-    from osl_analysis.commands.inspect import first_look
+    from osl_analysis.commands.watch import first_look
 
     try:
         for said in first_look(folder):

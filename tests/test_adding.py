@@ -105,7 +105,7 @@ import json
 from pathlib import Path
 from click.testing import CliRunner
 from osl_analysis.cli import main
-from osl_analysis.commands.inspect import WatchedBench, first_look, recording_line
+from osl_analysis.commands.watch import WatchedBench, first_look, recording_line
 from osl_analysis.notebook import asked, fit_trial
 
 trial, ours = "results/trials/holding_2.parquet", Path("config.yaml")

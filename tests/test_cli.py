@@ -23,9 +23,9 @@ from conftest import ROOT
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.cli import main
 from osl_analysis.commands import gains as gains_command
-from osl_analysis.commands import inspect as inspect_command
 from osl_analysis.commands import simulate as simulate_command
 from osl_analysis.commands import tables as tables_command
+from osl_analysis.commands import watch as watch_command
 from osl_analysis.commands.figure import draw_table
 from osl_analysis.errors import InputError, MemoryLimitError
 from osl_analysis.files import atomic_path
@@ -240,7 +240,7 @@ def test_a_command_prints_or_writes_what_it_is_asked_for_with_what_its_options_s
         yield f"{of.name} {bench.config_path.name} {bench.source} {bench.output.name}"
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(inspect_command, "watched_lines", watched)
+    monkeypatch.setattr(watch_command, "watched_lines", watched)
     options = ("--source", "config/sources/leg.yaml", "--output", tmp_path / "pictures", "--config", config)
     result = call("watch", tmp_path, *options)
     assert (result.exit_code, result.stdout.splitlines()[1:]) == (0, [f"{tmp_path.name} config.yaml leg pictures"])

@@ -18,6 +18,7 @@ from test_ingest_assemble import WRITERS
 
 from osl_analysis.cli import main
 from osl_analysis.commands import inspect as module
+from osl_analysis.commands import watch as watching
 from osl_analysis.errors import InputError
 from osl_analysis.files import default_config
 from osl_analysis.formats.csv_table import is_clock
@@ -218,7 +219,7 @@ STIFFNESS, DAMPING, INERTIA = 120.0, 2.0, 0.02
 
 @pytest.fixture
 def bench(tmp_path):
-    return module.WatchedBench(default_config(), None, tmp_path / "pictures")
+    return watching.WatchedBench(default_config(), None, tmp_path / "pictures")
 
 
 def write_joint(path, sign=1.0):
@@ -253,12 +254,12 @@ def looks(arrivals, *seconds):
 
 def test_a_file_that_grows_with_pauses_is_taken_for_complete_once_at_most(tmp_path):
     """A recorder that writes every 6 s gave a refusal for each part."""
-    arrivals, log, found = module.Arrivals(tmp_path), tmp_path / "a.csv", []
+    arrivals, log, found = watching.Arrivals(tmp_path), tmp_path / "a.csv", []
     touch(log, "x", 0)
     assert looks(arrivals, 0, 3, 4) == [[], [], ["a.csv"]]
     touch(log, "xx", 10)
     assert looks(arrivals, 10, 14, 29, 30) == [[], [], [], ["a.csv"]]
-    arrivals = module.Arrivals(tmp_path)
+    arrivals = watching.Arrivals(tmp_path)
     for second in range(60):
         if second % 6 == 0:
             touch(log, "x" * (second + 1), second)
@@ -271,59 +272,43 @@ def test_a_file_that_grows_with_pauses_is_taken_for_complete_once_at_most(tmp_pa
     assert looks(arrivals, 200, 204, 219, 220, 260) == [[], [], [], ["a.csv"], []], "it stays empty: a word, once"
 
 
-def test_what_was_not_examined_before_a_restart_is_examined_then_and_no_more(tmp_path, bench, monkeypatch):
+def test_what_was_refused_or_not_examined_before_a_restart_is_examined_then_and_no_more(tmp_path, bench, monkeypatch):
     """All that lay there was noted before the first was examined: after Ctrl-C the rest was lost."""
     (tmp_path / "in").mkdir()
     for name in ("a.csv", "b.csv", "c.csv"):
         touch(tmp_path / f"in/{name}", "text", 1)
     clock = iter(range(0, 1000, 5))
-    monkeypatch.setattr(module.time, "monotonic", lambda: float(next(clock)))
-    monkeypatch.setattr(module.time, "sleep", lambda _: None)
-    first = module.watched_lines(tmp_path / "in", bench)
-    assert " a.csv: " in next(first)
+    monkeypatch.setattr(watching.time, "monotonic", lambda: float(next(clock)))
+    monkeypatch.setattr(watching.time, "sleep", lambda _: None)
+    said = iter(["a: K", "b: REFUSED: x", "b: K", "c: K"])
+    monkeypatch.setattr(watching, "recording_line", lambda *_: next(said))
+    first = watching.watched_lines(tmp_path / "in", bench)
+    assert [next(first), next(first)] == ["a: K", "b: REFUSED: x"]
     first.close()
-    again = module.watched_lines(tmp_path / "in", bench)
-    assert [" b.csv: " in next(again), " c.csv: " in next(again)] == [True, True]
+    again = watching.watched_lines(tmp_path / "in", bench)
+    assert [next(again), next(again)] == ["b: K", "c: K"]
     again.close()
-    assert sorted(module.read_notes(bench.output / "examined.json")) == ["a.csv", "b.csv", "c.csv"]
+    assert sorted(watching.read_notes(bench.output / "examined.json")) == ["a.csv", "b.csv", "c.csv"]
     (bench.output / "examined.json").write_text("{cut")
-    assert module.read_notes(bench.output / "examined.json") == {}
-
-
-def test_a_refused_recording_is_tried_again_when_what_it_is_read_by_changes(tmp_path, bench, monkeypatch):
-    (tmp_path / "in").mkdir()
-    for name in ("a.csv", "b.csv"):
-        touch(tmp_path / f"in/{name}", "text", 1)
-    clock = iter(range(0, 1000, 5))
-    monkeypatch.setattr(module.time, "monotonic", lambda: float(next(clock)))
-    monkeypatch.setattr(module.time, "sleep", lambda _: None)
-    monkeypatch.setattr(
-        module, "recording_line", lambda path, *_: f"{path.name}: {'REFUSED' if path.stem == 'a' else 'K'}: x"
-    )
-    state = iter([1, 1, 1, 1, 2, 2, 2, 2, 2, 2])
-    monkeypatch.setattr(module.WatchedBench, "files_state", lambda _: next(state))
-    bench.read = 1
-    lines = module.watched_lines(tmp_path / "in", bench)
-    assert [next(lines)[:5] for _ in range(3)] == ["a.csv", "b.csv", "a.csv"]
-    lines.close()
+    assert watching.read_notes(bench.output / "examined.json") == {}
 
 
 def test_a_fault_in_one_recording_does_not_end_the_watch(tmp_path, bench, monkeypatch):
     write_joint(path := tmp_path / "in/k120_b2.csv")
     bench.output.write_text("a file in place of the folder")  # and no picture takes the numbers away
     path.write_text(path.read_text() + "34.000")  # of which the reader warns
-    said = module.recording_line(path, tmp_path / "in", bench)
+    said = watching.recording_line(path, tmp_path / "in", bench)
     assert re.search(r"\bK 1[12]\d.*k120_b2.csv: the last line, 8502, is cut off .*no picture: ", said)
-    monkeypatch.setattr(module, "fit_of_row", lambda *_: 1 / 0)
-    assert "FAILED: unexpected ZeroDivisionError" in module.recording_line(path, tmp_path / "in", bench)
+    monkeypatch.setattr(watching, "fit_of_row", lambda *_: 1 / 0)
+    assert "FAILED: unexpected ZeroDivisionError" in watching.recording_line(path, tmp_path / "in", bench)
 
 
 def test_a_stiffness_far_from_the_desired_one_is_pointed_at(tmp_path, bench):
     write_joint(path := tmp_path / "in/impedance_k300_b2.csv")
     doubt = "K is far from the K_d .*: K is 0.4 times K_d. Check the units"
-    assert re.search(f"DOUBTFUL: stiffness unlike K_d: {doubt}", module.recording_line(path, tmp_path / "in", bench))
+    assert re.search(f"DOUBTFUL: stiffness unlike K_d: {doubt}", watching.recording_line(path, tmp_path / "in", bench))
     module.new_campaign(tmp_path / "c", recordings=tmp_path / "in")
-    (look,) = module.first_look(tmp_path / "c")
+    (look,) = watching.first_look(tmp_path / "c")
     assert re.search(f"(?s)first trial of experiment impedance, [^\n]*: LOOK AT IT\n.*{doubt}", look)
 
 
@@ -332,7 +317,7 @@ def test_a_recording_of_an_unknown_recorder_gives_its_joint_and_what_was_guessed
     write_joint(tmp_path / "in/rec7.csv", sign=-1.0)
     (tmp_path / "in/x.csv").write_text("junk\n")
     paths = sorted((tmp_path / "in").iterdir())
-    sound, turned, junk = (module.recording_line(path, tmp_path / "in", bench) for path in paths)
+    sound, turned, junk = (watching.recording_line(path, tmp_path / "in", bench) for path in paths)
     found = {name: float(value) for name, value in re.findall(r"\b([KBI]) (\S+) ±", sound)}
     assert found == pytest.approx({"K": STIFFNESS, "B": DAMPING, "I": INERTIA}, rel=0.02)
     assert 'channels are guessed: theta: {column: "ankle_angle_deg"' in sound
@@ -350,8 +335,8 @@ def test_the_stated_source_file_decides(tmp_path):
         "format: csv\ntime: {column: time_s, unit: s}\nchannels:\n  theta: {column: ankle_angle_deg, unit: deg}\n"
         "  torque: {column: loadcell_torque_Nm, unit: N*m, sign: -1}\n"
     )
-    bench = module.WatchedBench(Path("config/config.yaml"), tmp_path / "mine.yaml", tmp_path / "pictures")
-    said = module.recording_line(tmp_path / "in/k120_b2.csv", tmp_path / "in", bench)
+    bench = watching.WatchedBench(Path("config/config.yaml"), tmp_path / "mine.yaml", tmp_path / "pictures")
+    said = watching.recording_line(tmp_path / "in/k120_b2.csv", tmp_path / "in", bench)
     assert "guessed" not in said
     assert "NOT CHECKED: " in said
     assert float(re.search(r"\bK (\S+) ±", said)[1]) == pytest.approx(STIFFNESS, rel=0.01)
@@ -363,36 +348,38 @@ def test_a_trial_of_the_sheet_is_fitted_in_its_windows_and_against_its_curve(mon
     disturbed = np.where((motion[0] > 15) & (motion[0] < 25), 30 * np.sin(9 * motion[0]), 0.0)
     trial = made_trial(rng, motion, more=disturbed)
     row = {"experiment": "impedance", "controller": "mine", "K_d": 250.0, "B_d": None, "windows": "2-14.5 25.5-40"}
-    (found,) = module.fit_of_row(trial, row, None, default_config()).table.to_dicts()
+    (found,) = watching.fit_of_row(trial, row, None, default_config()).table.to_dicts()
     assert [found[name] for name in TRUE] == pytest.approx(list(TRUE.values()), rel=0.01)
     assert (found["controller"], found["K_d"]) == ("mine", 250.0)
     assert "gains" not in found["not_checked"]  # of a device that nobody stated
-    monkeypatch.setattr(module, "fit_trial", lambda *given: given[-2]["desired"])
-    assert module.fit_of_row(trial, {"experiment": "torque_angle", "desired": "foot"}, None, default_config()) == "foot"
+    monkeypatch.setattr(watching, "fit_trial", lambda *given: given[-2]["desired"])
+    assert (
+        watching.fit_of_row(trial, {"experiment": "torque_angle", "desired": "foot"}, None, default_config()) == "foot"
+    )
 
 
 def test_the_parameters_of_an_ankle_judge_no_knee(bench):
     device, without = bench.config.parameters, bench.config.model_copy(update={"parameters": None})
-    found = [module.device_of_row({"joint": joint}, bench.config) for joint in ("knee", "ankle", None)]
-    assert [*found, module.device_of_row({}, without)] == [None, device, device, None]
+    found = [watching.device_of_row({"joint": joint}, bench.config) for joint in ("knee", "ankle", None)]
+    assert [*found, watching.device_of_row({}, without)] == [None, device, device, None]
 
 
 def test_a_failed_check_is_told_with_its_whole_remedy_and_one_that_the_sheet_accepts_is_not_repeated(bench):
     rng = np.random.default_rng(1)
     trial = made_trial(rng, noise(rng, duration=20.0))
     spoilt = replace(trial, samples=trial.samples.with_columns(torque=pl.col("torque").clip(-4, 4)))
-    said, cause = module.quality_text(spoilt, "impedance", bench.config, ()), module.CHECKS["saturation"].cause
+    said, cause = watching.quality_text(spoilt, "impedance", bench.config, ()), watching.CHECKS["saturation"].cause
     assert said.startswith("QUALITY flag saturation: ")
-    assert said.endswith(module.check_words(cause).remedy)
-    assert "saturation" not in module.quality_text(spoilt, "impedance", bench.config, ("saturation",))
+    assert said.endswith(watching.check_words(cause).remedy)
+    assert "saturation" not in watching.quality_text(spoilt, "impedance", bench.config, ("saturation",))
 
 
 def test_a_recording_is_held_against_its_siblings_of_which_a_wrong_gain_is_told(tmp_path):
     def said(name, K, kind=("impedance", "ankle", "", "pd")):
         row = {"experiment": "impedance", "K_d": 300.0, "B_d": 5.0} if kind[3] else {"experiment": "impedance"}
         samples = pl.DataFrame({"time": [0.0, 1.0, 2.0], "theta": [0.0, 0.1, 0.2]})
-        numbers = module.comparable(Trial(name, samples), row, {"K": K, "K_se": 1.0, "B": 5.0, "B_se": 0.1})
-        return list(module.beside_siblings(name, kind, numbers, tmp_path / "measured.json"))
+        numbers = watching.comparable(Trial(name, samples), row, {"K": K, "K_se": 1.0, "B": 5.0, "B_se": 0.1})
+        return list(watching.beside_siblings(name, kind, numbers, tmp_path / "measured.json"))
 
     assert [said(name, K) for name, K in zip("abc", (299.0, 301.0, 303.0), strict=True)] == [[], [], []]
     assert said("d", 300.0) == ["like its 3 siblings"]

@@ -19,6 +19,7 @@ from osl_analysis.campaign.campaign import open_campaign
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.commands import inspect as module
 from osl_analysis.commands.trials import checked_trial
+from osl_analysis.commands.watch import fit_of_row, quality_text
 from osl_analysis.ingest.draft import draft_source
 from osl_analysis.walking.bodies import static_calibration
 from osl_analysis.walking.crossing import analyse_crossing
@@ -93,8 +94,8 @@ class Journey:
     def fits(self, monkeypatch):
         """The fit to all amplitudes of each trial, and what the checks say of it."""
         for name, row, trial, config in self.opened(monkeypatch):
-            fitted = module.fit_of_row(trial, row, None, Path("config.yaml"))
-            yield name, fitted.table.row(-1, named=True), module.quality_text(trial, row["experiment"], config, ())
+            fitted = fit_of_row(trial, row, None, Path("config.yaml"))
+            yield name, fitted.table.row(-1, named=True), quality_text(trial, row["experiment"], config, ())
 
 
 def is_right(fit):

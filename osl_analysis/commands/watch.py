@@ -1,0 +1,357 @@
+"""A look at recordings: at the first ones of a new campaign, and at each as it comes.
+
+Texts from files are untrusted: they are escaped when they are printed."""
+
+import json
+import re
+import time
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import chdir, suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+import polars as pl
+import scipy
+
+from osl_analysis.bench.impedance import DesiredImpedance
+from osl_analysis.campaign.campaign import Campaign, open_campaign
+from osl_analysis.campaign.configuration import Config, read_config
+from osl_analysis.commands.bench import (
+    UNIT_OF,
+    Fit,
+    estimated,
+    estimates_text,
+    experiment_of,
+    fit_settings,
+    fit_trial,
+    job_of,
+)
+from osl_analysis.commands.inspect import inspect_file
+from osl_analysis.commands.trials import checked_trial
+from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
+from osl_analysis.errors import InputError, OslAnalysisError, listing, printable, unexpected
+from osl_analysis.files import CAMPAIGN, write_text
+from osl_analysis.formats.rosbag import recorded_files
+from osl_analysis.ingest import draft as drafts
+from osl_analysis.ingest.examine import Commanded, examine, measured_table
+from osl_analysis.ingest.raw_files import read_source, recognise, recordings_in
+from osl_analysis.ingest.source import open_places
+from osl_analysis.judge.finding import Grade
+from osl_analysis.judge.limits import CHECKS, judged_table
+from osl_analysis.judge.words import check_words
+from osl_analysis.model.parameters import joint_of
+from osl_analysis.signals.grid import GapLimits, uniform_signals
+from osl_analysis.spectral.stepped_sine import Likeness, find_segments, stated_protocol
+from osl_analysis.trial import Trial
+from osl_analysis.yaml_settings import dotted, read_mapping
+
+
+def first_look(folder: Path) -> Iterator[str]:
+    """What the first trial of each experiment and source file of a folder's campaign gives. Nothing is left behind."""
+    with chdir(folder):
+        config = read_config(CAMPAIGN)
+        campaign = open_campaign(config, None)
+        for trial, experiment in first_trials(campaign):
+            row, is_sound = campaign.row(trial), False
+            try:
+                recorded = checked_trial(campaign.recording(trial), config.raw_data, config.sources)
+                fitted = fit_of_row(recorded, row, campaign.device(trial), CAMPAIGN)
+                is_sound = not any(one.grade is Grade.DOUBTS for of_row in fitted.findings for one in of_row)
+                said = estimates_text(fitted.table, fitted.findings)
+            except OslAnalysisError as error:
+                said = str(error)
+            except Exception as fault:  # a fault of the program in one recording must not hide the others
+                said = unexpected(fault)
+            title = f"first trial of experiment {experiment}, {trial}: {'ok' if is_sound else 'LOOK AT IT'}"
+            yield "\n  ".join([title, *said.splitlines()])
+
+
+def first_trials(campaign: Campaign) -> list[tuple[str, str]]:
+    """The first trial of each experiment on a bench and source file, with its experiment."""
+    first: dict[tuple[str, str], str] = {}
+    for trial in campaign.trials(*(name for name, facts in EXPERIMENTS.items() if facts.place == "bench")):
+        row = campaign.row(trial)
+        first.setdefault((row["experiment"], row["log_source"] or row["mocap_source"]), trial)
+    return [(trial, experiment) for (experiment, _), trial in first.items()]
+
+
+def note_protocol(folder: Path) -> None:
+    """Write the stepped sine that the first trial with one did into the configuration of a new campaign, as a comment:
+    who commanded it states it by removing the `#`."""
+    with chdir(folder):
+        config = read_config(CAMPAIGN)
+        campaign = open_campaign(config, None)
+        sines = [trial for trial, experiment in first_trials(campaign) if EXPERIMENTS[experiment].stepped_sine]
+        for name in sines:
+            with suppress(OslAnalysisError):  # the first look has said why
+                trial = checked_trial(campaign.recording(name), config.raw_data, config.sources)
+                if found := recorded_protocol(trial, config.dynamometer.gap_limits):
+                    lines = [f"# dynamometer:  # as {name} was recorded"]
+                    lines += [f"#   {field_name}: {value}" for field_name, value in found.items()]
+                    text = CAMPAIGN.read_text(encoding="utf-8")
+                    write_text(CAMPAIGN, text.replace("# dynamometer:\n", "\n".join([*lines, ""])))
+                    return
+
+
+def recorded_protocol(trial: Trial, limits: GapLimits) -> dict[str, str]:
+    """The stepped sine that a trial did, as fields of `dynamometer`; empty where it did none."""
+    angle = uniform_signals(trial, ["theta"], limits)
+    known = Likeness(angle.time, angle["theta"], stated_protocol(None, None, None, None))
+    if known.kind != "stepped sine":
+        return {}
+    found = sorted(find_segments(known), key=lambda one: one.frequency_hz)
+    sizes = sorted({round(np.rad2deg(one.commanded or 0.0), 1) for one in found})
+    cycles = {one.frequency_hz: one.cycles for one in found}
+    own = {"amplitudes_deg": sizes, "frequencies_hz": [*cycles], "cycles": [*cycles.values()]}
+    return {name: f"[{', '.join(f'{value:g}' for value in values)}]" for name, values in own.items()}
+
+
+def fit_of_row(trial: Trial, row: Mapping[str, Any], device: Path | None, config: Path) -> Fit:
+    """The fit of a trial in memory, by what its row of a sheet says, drafted or not, as in the workflow. `device` is
+    its parameter file. Raises as `fit_trial`."""
+    experiment = experiment_of(str(row["experiment"]), config)
+    condition: Any = {column: row.get(column) for column in job_of(experiment).sheet}
+    if experiment == "impedance":
+        K_d, B_d = (None if row[name] is None else float(row[name]) for name in ("K_d", "B_d"))
+        condition = DesiredImpedance(row["controller"], K_d, B_d)
+    return fit_trial(experiment, trial, device, *fit_settings(experiment, config), condition, row.get("windows"))
+
+
+State = tuple[int, int]  # size [bytes] and date [ns] of a recording's files
+
+
+@dataclass
+class Arrivals:
+    """Which recordings in a folder are complete and new."""
+
+    folder: Path
+    seen: dict[str, State] = field(default_factory=dict)  # that were examined, by their path in the folder
+    growing: dict[str, tuple[State, float]] = field(default_factory=dict)  # others, and since when they rest [s]
+
+    def complete(self, now: float) -> list[tuple[Path, State]]:
+        """Recordings that are new, or other than when they were examined, and have rested for 4 s; for 20 s if they
+        are empty, or grew after they had rested before. The caller enters them in `seen` once they are examined."""
+        found: list[tuple[Path, State]] = []
+        for path in recordings_in(self.folder):
+            name = path.relative_to(self.folder).as_posix()
+            try:
+                stats = [file.stat() for file in recorded_files(path)]
+            except OSError:  # it is gone
+                continue
+            state = (sum(stat.st_size for stat in stats), max((stat.st_mtime_ns for stat in stats), default=0))
+            if self.seen.get(name) == state:
+                continue
+            before, since = self.growing.get(name, (None, now))
+            if before != state:
+                self.growing[name] = (state, now)
+            elif now - since >= (20.0 if name in self.seen or not state[0] else 4.0):
+                found.append((path, state))
+        return found
+
+
+def read_notes(path: Path) -> dict[str, State]:
+    """The recordings that were examined before; none without notes, or with damaged ones."""
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        return {str(name): (int(size), int(date)) for name, (size, date) in content.items()}
+    except (OSError, ValueError, AttributeError, TypeError):
+        return {}
+
+
+class WatchedBench:
+    """What recordings are examined with, from a configuration and, if it has one, its sample sheet, which may name a
+    recording. `source` is a stated source file; without one: the sheet's, else one of the folder that fits, else a
+    guess. `output` is the folder of pictures and of the notes on what was examined."""
+
+    def __init__(self, config_path: Path, source: Path | None, output: Path) -> None:
+        self.config_path, self.config, self.output = config_path, read_config(config_path), output
+        self.source = None if source is None else source.stem
+        if source is not None:
+            read_source(source)
+            self.config = self.config.model_copy(update={"sources": source.parent})
+        has_sheet = self.config.simulation is None and self.config.sheet.is_file()
+        self.campaign = open_campaign(self.config, None) if has_sheet else None
+
+
+def watched_lines(folder: Path, bench: WatchedBench) -> Iterator[str]:
+    """A line for each recording in a folder, and for each that comes, as soon as it is complete. It never ends."""
+    if not folder.is_dir():
+        raise InputError(f"{folder}: no such folder; name the one that the recorder writes to")
+    notes = bench.output / "examined.json"
+    arrivals, noted = Arrivals(folder, read_notes(notes)), read_notes(notes)
+    while True:
+        for path, state in arrivals.complete(time.monotonic()):
+            said, name = recording_line(path, folder, bench), path.relative_to(folder).as_posix()
+            arrivals.seen[name] = state
+            if not re.search(": (REFUSED|FAILED): ", said):  # a restart tries these again, and repeats no others
+                noted[name] = state
+                write_text(notes, json.dumps(noted, indent=1) + "\n")
+            yield said
+        time.sleep(0.5)
+
+
+def recording_line(path: Path, folder: Path, bench: WatchedBench) -> str:
+    """What is said of one recording: estimates with intervals, quality, doubts, and where its picture is, of measured
+    and modelled torque."""
+    stamp, name = time.strftime("%H:%M:%S"), path.relative_to(folder).as_posix()
+    try:
+        said = "; ".join(examined(path, folder, bench))
+    except OslAnalysisError as error:
+        said = f"REFUSED: {str(error).replace(f'{path}: ', '')}"
+    except Exception as fault:  # a fault of the program in one recording must not end the watch over the others
+        said = f"FAILED: {unexpected(fault)}"
+    return f"{stamp} {name}: {said}"
+
+
+def examined(path: Path, folder: Path, bench: WatchedBench) -> Iterator[str]:
+    with TemporaryDirectory() as place:
+        row, sources, said = row_of_recording(path, folder, bench, Path(place))
+        trial = checked_trial(row, path.parent, sources)
+    accepted = str(row.get("accept") or "").split()
+    warned = [printable(text) for text in trial.provenance.get("warnings", [])]
+    said = [*said, *warned, quality_text(trial, str(row["experiment"]), bench.config, accepted)]
+    if EXPERIMENTS[str(row["experiment"])].place != "bench":
+        yield from said
+        return
+    fitted = fit_of_row(trial, row, device_of_row(row, bench.config), bench.config_path)
+    estimates = fitted.table.to_dicts()[-1]  # those of the fit to all data
+    values = []
+    for name in (n for n in estimated(estimates) if n not in ("offset", "drift")):
+        high = estimates.get(f"{name}_high")
+        half = "" if high is None else f" ± {high - estimates[name]:.2g}"
+        values.append(f"{name} {estimates[name]:.4g}{half} {UNIT_OF.get(name, '')}".rstrip())
+    yield ", ".join(values)
+    if "VAF" in estimates:
+        yield f"VAF {estimates['VAF']:.2f} %"
+    yield from (f"DOUBTFUL: {text}" for text in fitted.said(Grade.DOUBTS))
+    kind = [str(row[name]) if row.get(name) else "" for name in ("experiment", "joint", "side", "controller")]
+    name = path.relative_to(folder).as_posix()
+    yield from beside_siblings(name, kind, comparable(trial, row, estimates), bench.output / "measured.json")
+    yield from said
+    yield from (f"NOT CHECKED: {text}" for text in fitted.said(Grade.UNCHECKED))
+    yield from (f"REMARK: {text}" for text in fitted.said(Grade.NOTES))
+    if not fitted.series.is_empty():
+        picture = bench.output / f"{row['trial']}.png"
+        try:
+            from osl_analysis.commands.figure import draw_table  # matplotlib takes half a second
+
+            draw_table("torque", fitted.series, [picture])
+            yield str(picture)
+        except OslAnalysisError as error:
+            yield f"no picture: {error}"
+
+
+FEWEST_SIBLINGS, UNLIKE = 3, 4.0  # recordings, and standard deviations beyond which one differs from these
+
+
+def comparable(trial: Trial, row: Mapping[str, Any], estimates: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
+    """Numbers that are alike in recordings of one kind, each with the smallest standard deviation that it is granted:
+    1 % of an estimate or its standard error, 5 % of duration, rate and range. An impedance that was asked for counts
+    beside the same one, and K/K_d, with 5 %, beside all; one that nobody stated is not compared."""
+    found = dict[str, tuple[float, float]]()
+    K_d, B_d = (None if row.get(name) is None else float(row[name]) for name in ("K_d", "B_d"))
+    condition = "" if K_d is None else f" of K_d {K_d:g}"
+    commanded = row.get("experiment") != "impedance" or K_d is not None  # else each may have been asked for another K
+    for name in (n for n in estimated(estimates) if commanded and n not in ("offset", "drift")):
+        value, se = float(estimates[name]), float(estimates.get(f"{name}_se") or 0.0)
+        of = condition if name == "K" or not condition or B_d is None else f"{condition}, B_d {B_d:g}"
+        found[name + of] = value, max(se, 0.01 * abs(value))
+    if K_d:
+        found["K/K_d"] = estimates["K"] / K_d, 0.05 * estimates["K"] / K_d
+    time_s = trial.samples["time"].to_numpy()
+    extents = {"duration in s": time_s[-1] - time_s[0], "rate in Hz": (len(time_s) - 1) / (time_s[-1] - time_s[0])}
+    if "theta" in trial.samples.columns:
+        low, high = np.nanquantile(trial.samples["theta"].to_numpy(), (0.01, 0.99))
+        extents["range of the angle in deg"] = np.rad2deg(high - low)
+    return found | {name: (float(value), 0.05 * float(value)) for name, value in extents.items()}
+
+
+def beside_siblings(
+    name: str, kind: Sequence[str], numbers: Mapping[str, tuple[float, float]], notes: Path
+) -> Iterator[str]:
+    """Whether a recording is like those of its kind before it, by median and median absolute deviation of each number.
+    What it has is added to the notes."""
+    try:
+        known: dict[str, Any] = json.loads(notes.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        known = {}
+    siblings = [one["numbers"] for other, one in known.items() if other != name and one["kind"] == list(kind)]
+    known[name] = {"kind": list(kind), "numbers": {key: value for key, (value, _) in numbers.items()}}
+    with suppress(OslAnalysisError):  # the picture says why nothing is written there
+        write_text(notes, json.dumps(known, indent=1) + "\n")
+    far, most = list[str](), 0
+    for key, (value, least) in numbers.items():
+        others = [one[key] for one in siblings if key in one]
+        if len(others) >= FEWEST_SIBLINGS:
+            most = max(most, len(others))
+            middle = float(np.median(others))
+            spread = max(scipy.stats.median_abs_deviation(others, scale="normal"), least)
+            if abs(value - middle) > UNLIKE * spread:
+                far.append(f"{key} is {value:.3g}, theirs {middle:.3g} ± {spread:.1g}")
+    if far:
+        yield f"DIFFERS from its {most} siblings: {listing(far, 4)}: look for what changed on the bench"
+    elif most:
+        yield f"like its {most} siblings"
+
+
+def device_of_row(row: Mapping[str, Any], config: Config) -> Path | None:
+    """The parameter file of the configuration where it is that of the row's joint, as for a campaign's trial."""
+    device = config.parameters
+    return device if device is not None and row.get("joint") in (None, joint_of(device)) else None
+
+
+def row_of_recording(
+    path: Path, folder: Path, bench: WatchedBench, place: Path
+) -> tuple[Mapping[str, Any], Path, list[str]]:
+    """A row for a recording, the folder of its source file, and what of it is a guess. The sheet decides; else the
+    stated source file; else one of the campaign's that fits; else a draft in `place`."""
+    for named in bench.campaign.rows.values() if bench.campaign else ():
+        if named["log"] and (bench.config.raw_data / named["log"]).resolve() == path.resolve():
+            return {**named, "log": path.name}, bench.config.sources, []
+    sources, source, said = bench.config.sources, bench.source, list[str]()
+    for file in sorted(sources.glob("*.yaml")) if bench.campaign and source is None else ():
+        with suppress(OslAnalysisError):
+            if read_source(file).format == recognise(path):
+                checked_trial({"trial": path.stem, "log": path.name, "log_source": file.stem}, path.parent, sources)
+                source = file.stem
+                break
+    if source is None:
+        overview = inspect_file(path)
+        text, sources, source = drafts.draft_source(overview, path.name), place, "draft"
+        (place / "draft.yaml").write_text(text, encoding="utf-8")
+        still_open = [f"`{dotted(one)}`" for one in open_places(read_mapping(place / "draft.yaml"))]
+        if still_open:
+            cut = [one for one in overview.remarks if re.search("not complete|truncated|cut off|missing|damaged", one)]
+            questions = "; ".join(map(printable, [*cut, *overview.open])) or f"open are {listing(still_open, 4)}"
+            raise InputError(
+                f"{path}: its channels cannot be guessed: {questions}; edit the draft of `osl-analysis inspect`, and "
+                "name it by --source"
+            )
+        guesses = [line.split("#")[0].strip() for line in drafts.guessed_lines(text)]
+        said = [f"channels are guessed: {listing(guesses, 4)}"] * bool(guesses)
+        said += [printable(one) for one in overview.open]
+    ((cells, _),) = drafts.draft_trials([(Path(path.name), source, False)])
+    row = dict.fromkeys(("log_part", "mocap", "mocap_source", "K_d", "B_d", "controller")) | cells
+    row["trial"] = drafts.trial_name(Path(path.relative_to(folder).as_posix().replace("/", "_")))
+    if row["experiment"] == drafts.UNNAMED:  # a recording with angle and torque whose name and sheet tell none
+        row["experiment"], said = "impedance", [*said, "taken for an impedance trial"]
+    return row, sources, said
+
+
+def quality_text(trial: Trial, experiment: str, config: Config, accepted: Collection[str]) -> str:
+    """The checks that a trial does not pass, and that are not accepted; `quality ok` if there are none."""
+    commanded = Commanded(**{name: getattr(config.dynamometer, name) for name in PROTOCOL})
+    measured = measured_table(trial.name, examine(trial, experiment, commanded))
+    table = judged_table(measured, config.quality, {trial.name: accepted})
+    failed = table.filter(pl.col("verdict").is_in(["flag", "exclude"]))
+    if failed.is_empty():
+        return "quality ok"
+    named = []
+    for row in failed.to_dicts():  # key, cause, what was found, and what to do
+        cause = CHECKS[row["check"]].cause
+        what_to_do = ", ".join(filter(None, [row["remark"], check_words(cause).remedy]))
+        named.append(f"{row['verdict']} {row['check']}: {cause}, {what_to_do}")
+    return f"QUALITY {', '.join(named)}"

@@ -13,15 +13,13 @@ from contextlib import suppress
 from operator import attrgetter
 from pathlib import Path
 
-from osl_analysis.jobs.run import at_end_of_run, begin, end_timers, job_server, run_job
+from osl_analysis.jobs.run import at_end_of_run, begin, end_timers, run_job
 
 gc.set_threshold(50_000)  # what planning makes stays: looking through it at every 700th object took a sixth of it
 os.environ["TMPDIR"] = str(workflow.snakemake_tmp_dir)  # for jobs: what a killed one leaves goes with the run's own
-if not any(one.startswith(("-n", "--dry")) for one in sys.argv):
-    if workflow.is_main_process:
-        with suppress(OSError):  # a folder that cannot be written to is refused below
-            begin(workflow.snakemake_tmp_dir)
-    job_server()  # its imports take the other core while this one does those below
+if workflow.is_main_process and not any(one.startswith(("-n", "--dry")) for one in sys.argv):
+    with suppress(OSError):  # a folder that cannot be written to is refused below
+        begin(workflow.snakemake_tmp_dir)
 
 from osl_analysis.commands.run import check_start, unnamed_recordings, with_shipped_profile
 from osl_analysis.campaign.campaign import about, matching, open_campaign

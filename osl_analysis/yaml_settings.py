@@ -12,11 +12,18 @@ from typing import Annotated, Any, ClassVar, TypeVar
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 from pydantic_core import PydanticCustomError
-from ruamel.yaml import YAML
-from ruamel.yaml.constructor import DuplicateKeyError
-from ruamel.yaml.error import MarkedYAMLError, YAMLError
-from ruamel.yaml.nodes import MappingNode, Node, SequenceNode
-from ruamel.yaml.tokens import ScalarToken
+from yaml import (
+    CollectionEndEvent,
+    CollectionStartEvent,
+    CSafeLoader,
+    MappingNode,
+    MarkedYAMLError,
+    Node,
+    ScalarNode,
+    SequenceNode,
+    YAMLError,
+    parse,
+)
 
 from osl_analysis.errors import InputError, listing, nearest
 from osl_analysis.files import digest, shipped
@@ -91,15 +98,12 @@ def read_mapping(path: Path, by_snakemake: bool = False) -> dict[str, Any]:
         raise InputError(f"{path}: {said}{like}")
     try:
         text = path.read_text(encoding="utf-8-sig")
-        content = parsed_yaml(text)[1]
+        node, content = parsed_yaml(text)
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}); check its permissions") from error
     except UnicodeDecodeError as error:
         line = error.object[: error.start].count(b"\n") + 1
         raise InputError(f"{path}: line {line} is not UTF-8; save the file as UTF-8") from error
-    except DuplicateKeyError as error:
-        line, key = error.problem_mark.line + 1, str(error.problem).split('"')[1]
-        raise InputError(f"{path}: line {line}: key '{key}' stands twice; remove one") from error
     except RecursionError as error:
         said = "its fields are nested too deeply, or its aliases (`*name`) stand for too many"
         raise InputError(f"{path}: {said}; write them out as in the shipped files") from error
@@ -107,10 +111,16 @@ def read_mapping(path: Path, by_snakemake: bool = False) -> dict[str, Any]:
         raise InputError(f"{path}: not YAML: {yaml_problem(error, text)} in quotes") from error
     if not isinstance(content, dict):
         raise InputError(f"{path}: has no fields; write `name: value` lines as in the shipped files")
-    for token in YAML(typ="safe", pure=True).scan(text) if by_snakemake else ():
-        if isinstance(token, ScalarToken) and token.plain and (counted := YAML_1_1.fullmatch(token.value)):
-            said = f"YAML counts {token.value} in {'sixties' if counted['sixties'] else 'eights'}"
-            line = token.start_mark.line + 1
+    for one in nodes_of(node):
+        line, keys = one.start_mark.line + 1, set[str]()
+        for key in (pair[0] for pair in one.value) if isinstance(one, MappingNode) else ():
+            if key.value in keys:
+                line = key.start_mark.line + 1
+                raise InputError(f"{path}: line {line}: key '{key.value}' stands twice; remove one")
+            keys.add(str(key.value))
+        plain = by_snakemake and isinstance(one, ScalarNode) and not one.style
+        if plain and (counted := YAML_1_1.fullmatch(one.value)):
+            said = f"YAML counts {one.value} in {'sixties' if counted['sixties'] else 'eights'}"
             raise InputError(f"{path}: line {line}: {said}; write a plain decimal number, or text in quotes")
     return content
 
@@ -133,22 +143,59 @@ YAML_1_1 = re.compile(r"(?P<sixties>[-+]?[0-9][0-9_]*(:[0-5]?[0-9])+(\.[0-9_]*)?
 """Numbers that YAML 1.1 counts in sixties (1:30 is 90) or eights (010 is 8)."""
 
 
-MOST_NODES = 200_000  # of a file with its aliases written out
+MOST_NODES, MOST_NESTED = 200_000, 100  # of a file with its aliases written out
+
+
+class Loader(CSafeLoader):
+    """YAML 1.2, read by the library in C: `off` is text, and so is 1:30; 010 is ten."""
+
+    yaml_implicit_resolvers: dict[str, Any] = {}  # noqa: RUF012 (the constants below)
+
+    def whole_number(self, node: ScalarNode) -> int:
+        return int(node.value.replace("_", ""), 0 if re.match("[-+]?0[ox]", node.value) else 10)
+
+
+for kind, first, form in (
+    ("bool", "tTfF", "true|True|TRUE|false|False|FALSE"),
+    ("int", "-+0123456789", r"[-+]?[0-9][0-9_]*|[-+]?0o[0-7_]+|[-+]?0x[0-9a-fA-F_]+"),
+    ("float", "-+.0123456789", r"[-+]?(\.[0-9]+|[0-9][0-9_]*(\.[0-9_]*)?)([eE][-+]?[0-9]+)?|[-+]?\.(inf|Inf|INF)"
+     r"|\.(nan|NaN|NAN)"),
+    ("null", ["~", "n", "N", ""], "~|null|Null|NULL|"),
+    ("timestamp", "0123456789", r"[0-9]{4}-[0-9]{2}-[0-9]{2}|[0-9]{4}-[0-9]{1,2}-[0-9]{1,2}([Tt]|[ \t]+)[0-9]{1,2}"
+     r":[0-9]{2}:[0-9]{2}(\.[0-9]*)?([ \t]*(Z|[-+][0-9]{1,2}(:[0-9]{2})?))?"),
+    ("merge", "<", "<<"),
+):  # fmt: skip
+    Loader.add_implicit_resolver(f"tag:yaml.org,2002:{kind}", re.compile(f"^(?:{form})$"), first)
+Loader.add_constructor("tag:yaml.org,2002:int", Loader.whole_number)
 
 
 @lru_cache(maxsize=64)
 def parsed_yaml(text: str) -> tuple[Node | None, Any]:
     """The nodes of a YAML text, with their lines, and its content."""
-    yaml = YAML(typ="safe", pure=True, plug_ins=[])
-    node = yaml.compose(text)
-    left, count = [node], 0
-    while left:  # a few aliases of aliases stand for millions of fields, and one of itself for fields without end
-        one, count = left.pop(), count + 1
-        left += [each for pair in one.value for each in pair] if isinstance(one, MappingNode) else []
-        left += one.value if isinstance(one, SequenceNode) else []
-        if count > MOST_NODES:
+    depth = 0
+    for event in parse(text, CSafeLoader):  # the parser of nodes ends the process where they are nested deeply
+        depth += isinstance(event, CollectionStartEvent) - isinstance(event, CollectionEndEvent)
+        if depth > MOST_NESTED:
             raise RecursionError
-    return node, yaml.constructor.construct_document(node) if node is not None else None
+    loader = Loader(text)
+    try:
+        node = loader.get_single_node()
+        nodes_of(node)
+        return node, loader.construct_document(node) if node is not None else None
+    finally:
+        loader.dispose()
+
+
+def nodes_of(node: Node | None) -> list[Node]:
+    """A node and all below it. A few aliases of aliases stand for millions of them, and one of itself has no end: then
+    it raises RecursionError."""
+    found = [] if node is None else [node]
+    for one in found:
+        found += [each for pair in one.value for each in pair] if isinstance(one, MappingNode) else []
+        found += one.value if isinstance(one, SequenceNode) else []
+        if len(found) > MOST_NODES:
+            raise RecursionError
+    return found
 
 
 def content_digest(path: Path) -> str | None:

@@ -90,8 +90,8 @@ NUMBER = "write a number, without a unit, with a full stop as decimal sign"
     ("a: !!python/object:os.system x", "not YAML: "), ("a: !!timestamp x", "not YAML: "),
     ("// own\ninner: 1", "not YAML: while scanning a simple key in line 2, column 1 could not find expected ':' in "
      "line 3, column 1; begin comments with #, not with //"),
-    ("\tinner: 1", "not YAML: while scanning for the next token found character '\\t' that cannot start any token in "
-     "line 2, column 1; indent with blanks, not with tabs, and put text that begins with a sign such as % or @ in"),
+    ("\tinner: 1", "not YAML: while scanning a plain scalar in line 1, column 8 found a tab character that violates "
+     "indentation in line 2, column 1; indent with blanks, not with tabs, and put text that begins with"),
     ("inner: {name: 1}", "line 2: inner.name: 1 is not allowed: write text, in quotes if it looks like a number, a"),
     ("a: 2026-13-45", "not YAML: "), ('"\\e31mkey": 3', "line 2: unknown field '\\x1b31mkey'"),
 ])  # fmt: skip

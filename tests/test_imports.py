@@ -58,7 +58,7 @@ def test_the_house_has_nine_floors_and_no_stair_back():
 
 
 @pytest.mark.parametrize(("name", "known_to"), [
-    ("simulator", {f"commands/{name}.py" for name in ("simulate", "reference", "preloaded")}),
+    ("simulator", {f"commands/{name}.py" for name in ("simulate", "reference")}),
     ("commands", {"cli.py", "notebook.py", "__init__.py"}),
     ("notebook", {"__init__.py"}),
 ])  # fmt: skip
@@ -95,7 +95,7 @@ SLOW = ("scipy.special", "scipy.signal", "scipy.stats", "matplotlib", "numba", "
 
 
 @pytest.mark.parametrize(("modules", "more"), [
-    ("cli", ["numpy", "polars", "pydantic", "ruamel"]), ("trial table", ["pydantic", "scipy"]),
+    ("cli", ["numpy", "polars", "pydantic", "yaml"]), ("trial table", ["pydantic", "scipy"]),
     ("notebook commands.watch commands.run commands.simulate commands.tables commands.bench commands.walking", []),
 ])  # fmt: skip
 def test_a_door_opens_without_what_only_some_of_its_rooms_need(modules, more):

@@ -1,6 +1,7 @@
 """Figures: the numbers to be plotted from result tables, the drawn page from those numbers, and the captions."""
 
 from collections.abc import Mapping, Sequence
+from importlib import import_module
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -38,6 +39,12 @@ from osl_analysis.walking.tables import trajectory_points, walking_page_points
 METADATA = {".pdf": ("Subject", "CreationDate"), ".svg": ("Description", "Date"), ".png": ("Description", "Date")}
 
 UNDRAWN = "This figure is not drawn."  # how the caption of one begins that has nothing to show
+
+
+def preload() -> None:
+    """For the process from which jobs are forked: what the first drawing of each format imports."""
+    for name in ("fontTools.subset", *(f"matplotlib.backends.backend_{one}" for one in ("pdf", "svg", "agg"))):
+        import_module(name)
 
 
 def plot_numbers(

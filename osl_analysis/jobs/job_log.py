@@ -15,7 +15,7 @@ REQUEST = ("input", "output", "settings")  # The last entries of a log: the requ
 
 
 def write_log(path: Path, ended: Mapping[str, Any], request: Mapping[str, Any]) -> None:
-    """Write how a job ended, and its request, as YAML, 15 times as fast as with ruamel.yaml, without empty entries.
+    """Write how a job ended, and its request, as YAML, without empty entries.
 
     `ended` has the command `job`, its `outcome`, wall time `seconds`, what was wrong in the line `error`, the `remedy`,
     `warnings`, and the `traceback` of an error of the program. Outcomes: done; refused, for an input that the user can

@@ -1,8 +1,9 @@
 """A run of the workflow: the warm server of its jobs, each job, and what is said at the end.
 
-The server imports once and forks processes that do the jobs, which so begin 0.8 s earlier than in a Python of their
-own. A thread of Snakemake hands it a request and waits for the end of the job. The server ends with Snakemake, however
-that ends, and on Linux its jobs end with it; elsewhere they come to their end.
+The server starts where it is known that a job will run. It imports once and forks processes that do the jobs, which so
+begin 0.8 s earlier than in a Python of their own. A thread of Snakemake hands it a request and waits for the end of the
+job. The server ends with Snakemake, however that ends, and on Linux its jobs end with it; elsewhere they come to their
+end.
 """
 
 import atexit
@@ -39,18 +40,11 @@ ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "POL
 """Snakemake counts one core per job."""
 KEPT_BY_PROCESS = {"MALLOC_MMAP_THRESHOLD_": "33554432", "MALLOC_TRIM_THRESHOLD_": "33554432"}  # bytes
 """A process of glibc keeps this much memory for its next array: the system clears each page that it hands out anew."""
-PRELOADED = (
-    "osl_analysis.jobs.job",
-    *("scipy.signal", "scipy.interpolate", "scipy.optimize", "scipy.linalg", "scipy.fft"),  # named at their use
-    *(f"osl_analysis.commands.{name}" for name in ("trials", "bench", "tables", "walking", "gains")),
-    *(f"osl_analysis.commands.{name}" for name in ("figure", "report", "simulate", "preloaded")),
-    *("osl_analysis.figures.names", "fontTools.subset"),
-    *(f"matplotlib.backends.backend_{name}" for name in ("pdf", "svg", "agg")),
-)
-"""Imported while Snakemake plans: the jobs share it."""
-
-
-MOST_JOBS = 12  # of one process: what its libraries keep of the memory ends with it
+PRELOADED = ("osl_analysis.jobs.job", "scipy.signal")
+"""Imported while Snakemake plans: the jobs share it, and what the module of their command imports or preloads."""
+COMPILING = ("simulate",)
+"""Modules of commands whose jobs take numba, of 100 MB, which other jobs do without."""
+MOST_JOBS = 12  # of one process without numba: what its libraries keep of the memory ends with it
 MOST_SERVERS = 3  # that a job is sent to, before it counts as killed
 STARTING = threading.Lock()
 
@@ -120,19 +114,18 @@ class Worker:
     """A process that does one job after another."""
 
     pid: int
+    compiles: bool  # its jobs, and no others, are of `COMPILING`
+    known: frozenset[str]  # modules of commands that it shares; none of one that is to end
     link: socket.socket | None = None  # of who waits for the end of the job that it does
 
 
 def serve(number: int) -> NoReturn:
     """Take jobs at the socket with this number until its other end is closed. Each is done by a process forked from
     this one, which has done others before; at the job's own socket it is said which it is, and how the job ended."""
-    control, workers = socket.socket(fileno=number), dict[socket.socket, Worker]()
+    control, workers, known = socket.socket(fileno=number), dict[socket.socket, Worker](), frozenset[str]()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     gc.disable()
-    for module in PRELOADED:
-        with suppress(ImportError):  # a job that needs it will say so
-            importlib.import_module(module)
-    gc.freeze()  # jobs share this process's memory: no garbage collection of theirs looks (and writes) there
+    preload(*PRELOADED)
     while True:
         ready, _, _ = select.select([control, *workers], [], [])
         for channel in ready:
@@ -143,26 +136,53 @@ def serve(number: int) -> NoReturn:
         head, files, _, _ = socket.recv_fds(control, 1, 3)
         if not head:
             os._exit(0)
-        idle = [one for one, worker in workers.items() if not worker.link]
-        if idle:
-            channel = idle[0]
+        link = socket.socket(fileno=files.pop(0))
+        with link.makefile("rb") as asked_for:
+            job = asked_for.read()
+        if (module := module_of(job)) not in known:
+            preload(f"osl_analysis.commands.{module}")
+            known |= {module}
+        compiles = module in COMPILING
+        idle = [one for one, worker in workers.items() if not worker.link and worker.compiles == compiles]
+        able = [one for one in idle if module in workers[one].known]
+        if able:
+            channel = able[0]
         else:
+            for one in idle:  # another one takes its place
+                one.shutdown(socket.SHUT_WR)
+                workers[one].known = frozenset()
             channel, theirs = socket.socketpair()
             if not (pid := fork()):
-                for other in (control, channel, *workers, *(one.link for one in workers.values() if one.link)):
+                for other in (control, channel, link, *workers, *(one.link for one in workers.values() if one.link)):
                     other.close()  # who listens there waits until nobody holds it
                 for file in files:
                     os.close(file)
-                work(theirs)
+                work(theirs, sys.maxsize if compiles else MOST_JOBS)
             theirs.close()
-            workers[channel] = Worker(pid)
+            workers[channel] = Worker(pid, compiles, known)
         worker = workers[channel]
-        worker.link = socket.socket(fileno=files[0])
+        worker.link = link
         with suppress(OSError):  # the end of a worker that was killed is seen below
-            worker.link.sendall(f"{worker.pid} ".encode())
-            socket.send_fds(channel, [b"+"], files)
-        for file in files[1:]:
+            link.sendall(f"{worker.pid} ".encode())
+            socket.send_fds(channel, [job], files)
+        for file in files:
             os.close(file)
+
+
+def preload(*modules: str) -> None:
+    """Import modules, and call their `preload`. No garbage collection of a job looks (and writes) there."""
+    for name in modules:
+        with suppress(ImportError):  # a job that needs it will say so
+            getattr(importlib.import_module(name), "preload", int)()
+    gc.freeze()
+
+
+def module_of(job: bytes) -> str:
+    """The module of the command of a job, of which folder and request are told; empty if that cannot be read."""
+    with suppress(OSError):
+        said = re.search(r'"command": "(\w+)', Path(*job.decode().split("\0")).read_text(encoding="utf-8"))
+        return said[1] if said else ""
+    return ""
 
 
 def job_ended(workers: dict[socket.socket, Worker], channel: socket.socket) -> None:
@@ -180,23 +200,23 @@ def job_ended(workers: dict[socket.socket, Worker], channel: socket.socket) -> N
         worker.link = None
 
 
-def work(channel: socket.socket) -> NoReturn:
-    """Do the jobs that arrive at a socket in this process, and say there how each ended; the last one ends it, too."""
+def work(channel: socket.socket, jobs: int) -> NoReturn:
+    """Do so many jobs, as they arrive at a socket, in this process, and say there how each ended; the last one ends it,
+    too."""
     gc.enable()
     code = 0
     with suppress(OSError):  # of a server that was killed
-        for jobs_left in reversed(range(MOST_JOBS)):
-            head, files, _, _ = socket.recv_fds(channel, 1, 3)
-            if not head:
+        while jobs:
+            job, files, _, _ = socket.recv_fds(channel, 1 << 16, 2)
+            if not job:
                 break
-            for wanted, file in enumerate(files[1:], start=1):
+            for wanted, file in enumerate(files, start=1):
                 os.dup2(file, wanted)
                 os.close(file)
-            with socket.socket(fileno=files[0]) as link, link.makefile("rb") as asked_for:
-                folder, request = asked_for.read().decode().split("\0")
-            code = do(folder, request)
+            code = do(*job.decode().split("\0"))
             gc.collect()
-            if jobs_left:
+            jobs -= 1
+            if jobs:
                 channel.sendall(bytes([code]))
     os._exit(code)
 

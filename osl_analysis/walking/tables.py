@@ -236,7 +236,6 @@ def group_facts(headline: GroupHeadline) -> dict[str, object]:
         "I_high": intervals["I"][1],
         "stance_change": change,
         "uncorrected_stance_change": uncorrected,
-        "predicted_share": headline.share,
     } | reaction_facts(headline)
 
 
@@ -451,8 +450,6 @@ def headline_rows(
         known = {"quantity": name, "estimator": "mean of perturbations"}
         rows.append(known | asdict(mean) | {"interval_method": method} | dict(doubtful))
     rows += ensemble_rows(headline.ensemble, headline.resampled, stated)
-    ensemble, resampled, estimator = headline.other
-    rows += ensemble_rows(ensemble, resampled, stated, estimator)
     for quantity in "KBI":
         for estimator, (values, drawn, n) in headline.directions.items():
             row = {"quantity": quantity, "estimator": estimator, "n": n, "mean": values[quantity]}
@@ -473,11 +470,11 @@ def drawn_row(drawn: Bootstrap, quantity: str, estimate: float, stated: Mapping[
 
 
 def ensemble_rows(
-    ensemble: EnsembleResponse, resampled: Bootstrap, stated: Mapping[str, float], estimator: str = ENSEMBLE
+    ensemble: EnsembleResponse, resampled: Bootstrap, stated: Mapping[str, float]
 ) -> list[dict[str, object]]:
     """Estimates from the mean response; `se` and 95 % interval from the bootstrap."""
     return [
-        {"quantity": quantity, "estimator": estimator, "n": ensemble.n, "mean": estimate, "sd": None}
+        {"quantity": quantity, "estimator": ENSEMBLE, "n": ensemble.n, "mean": estimate, "sd": None}
         | drawn_row(resampled, quantity, estimate, stated)
         for quantity, estimate in ensemble.estimates().items()
     ]

@@ -67,23 +67,12 @@ def read_model(path: Path, kind: type[Kind]) -> Kind:
 
 
 def write_crossing(crossing: Crossing, path: Path) -> None:
-    """Write a crossing as a trial: its arrays as columns beside the phase of stance, the rest in the provenance."""
+    """Write a crossing as a trial: its arrays (..., n) as columns beside the phase of stance, the rest in the
+    provenance."""
     content = ADAPTERS[Crossing].dump_python(crossing)
-    arrays = {name: content.pop(name) for name, value in list(content.items()) if isinstance(value, np.ndarray)}
-    columns = {"time": arrays.pop("time"), "phase": crossing.stance.phase(crossing.time)}
-    for name, values in arrays.items():
-        columns |= {name: values} if values.ndim == 1 else laid_out(name, values)
+    columns = {name: content.pop(name).T for name, value in list(content.items()) if isinstance(value, np.ndarray)}
+    columns = {"time": columns.pop("time"), "phase": crossing.stance.phase(crossing.time), **columns}
     write_trial(Trial(crossing.name, pl.DataFrame(columns), content), path)
-
-
-def laid_out(name: str, arrays: Array) -> dict[str, Array]:
-    """Columns `NAME_0`, ... of arrays (m, ...)."""
-    return {f"{name}_{i}": array.ravel() for i, array in enumerate(arrays)}
-
-
-def arrays_in(frame: pl.DataFrame, name: str, *shape: int) -> Array:
-    """The arrays (m, *shape) that `laid_out` laid out."""
-    return np.asarray(frame.select(rf"^{name}_\d+$").to_numpy().T.reshape(-1, *shape))
 
 
 def write_refusal(refused: RefusedCrossing, path: Path) -> None:
@@ -110,12 +99,8 @@ def read_crossing_file(path: Path) -> Crossing | RefusedCrossing:
     trial = read_trial(path)
     if "stance" not in trial.provenance:
         raise InputError(f"{path}: a trial without events; run the step 'analyse' and use its crossing")
-    signals = {name: trial.samples[name].to_numpy() for name in trial.samples.columns if name != "phase"}
-    errors = {
-        name: arrays_in(trial.samples, name, len(trial.samples)) for name in ("plate_errors", "lab_errors", "load")
-    }
-    known = {name: values for name, values in errors.items() if values.size}
-    crossing: Crossing = ADAPTERS[Crossing].validate_python({**signals, **known, **trial.provenance})
+    signals = {name: trial.samples[name].to_numpy().T for name in trial.samples.columns if name != "phase"}
+    crossing: Crossing = ADAPTERS[Crossing].validate_python(signals | dict(trial.provenance))
     return crossing
 
 
@@ -134,7 +119,7 @@ def read_unperturbed_gaits(path: Path) -> dict[str, UnperturbedGait]:
     for frame in pl.read_parquet(path).partition_by("gait", maintain_order=True):
         names = frame["trial"].unique(maintain_order=True).to_list()
         theta, torque, stance = (frame[c].to_numpy().reshape(len(names), -1) for c in ("theta", "torque", "stance_s"))
-        errors = (arrays_in(frame, name, *theta.shape) for name in ("plate_errors", "lab_errors"))
+        errors = (frame[name].to_numpy().T.reshape(-1, *theta.shape) for name in ("plate_errors", "lab_errors"))
         gaits[str(frame["gait"][0])] = UnperturbedGait(tuple(names), theta, torque, stance[:, 0], *errors)
     return gaits
 
@@ -323,7 +308,8 @@ def gait_table(name: str, gait: UnperturbedGait) -> pl.DataFrame:
     trials = np.repeat(gait.names, len(PHASES)).tolist()
     known = {"gait": [name] * len(trials), "trial": trials, "stance_s": np.repeat(gait.stance, len(PHASES))}
     curves = {"theta": gait.theta.ravel(), "torque": gait.torque.ravel()}
-    curves |= laid_out("plate_errors", gait.plate_errors) | laid_out("lab_errors", gait.lab_errors)
+    errors = {"plate_errors": gait.plate_errors, "lab_errors": gait.lab_errors}
+    curves |= {name: changes.reshape(-1, len(trials)).T for name, changes in errors.items()}
     return pl.DataFrame({**known, "phase": np.tile(PHASES, len(gait.names)), **curves})
 
 

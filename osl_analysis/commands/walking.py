@@ -307,9 +307,8 @@ def gait_table(name: str, gait: UnperturbedGait) -> pl.DataFrame:
     """A row per crossing and phase of stance."""
     trials = np.repeat(gait.names, len(PHASES)).tolist()
     known = {"gait": [name] * len(trials), "trial": trials, "stance_s": np.repeat(gait.stance, len(PHASES))}
-    curves = {"theta": gait.theta.ravel(), "torque": gait.torque.ravel()}
-    errors = {"plate_errors": gait.plate_errors, "lab_errors": gait.lab_errors}
-    curves |= {name: changes.reshape(-1, len(trials)).T for name, changes in errors.items()}
+    curves: dict[str, Array] = {"theta": gait.theta.ravel(), "torque": gait.torque.ravel()}
+    curves |= {name: getattr(gait, name).reshape(-1, len(trials)).T for name in ("plate_errors", "lab_errors")}
     return pl.DataFrame({**known, "phase": np.tile(PHASES, len(gait.names)), **curves})
 
 

@@ -15,7 +15,7 @@ from osl_analysis.trial import AXES, Array, Trial, furthest_outside, plate_colum
 from osl_analysis.walking import bodies, plate, platform
 from osl_analysis.walking.bodies import SEGMENTS, BodyMotion, Kept, Mask, Poses, StaticCalibration
 from osl_analysis.walking.plate import PlateModel, Stance
-from osl_analysis.walking.platform import ALONE, PlatformModel, PlatformTemplate, PlatformTrack
+from osl_analysis.walking.platform import ALONE, PlatformModel, PlatformTemplate
 from osl_analysis.walking.settings import CrossingSettings
 
 UP, DOWN = "up", "down"  # Names of the directions in sheet and tables: toes up (dorsiflexion), and toes down
@@ -36,10 +36,13 @@ LABORATORY_ERRORS = {
     "pitch": ("cameras pitched, so that all markers turn toes down about the laboratory's origin", 1.0, "deg"),
     "plate_lag": ("plate later than it is corrected for", 1.0, "ms"),
     "plate_inertia": ("the plate's own wrench removed too much", 1.0, "%"),
+    "skin": ("shank markers that slide on the skin with the ankle's angle", 5.0, "%"),
+    "shoe": ("foot that yields in the shoe", 60.0, "N*m/deg"),
 }
 LOG_ERRORS = {"torque_lag": ("torque later than the angle", 1.0, "ms"), "torque": ("torque too large", 1.0, "%")}
 """What a laboratory, or a log of boot or leg, can have wrong without a sign of it, by the name of its stated
-uncertainty: the size and unit of each row of `Crossing.lab_errors`."""
+uncertainty, with size and unit: each row of `Crossing.lab_errors` in their order. The last two of the laboratory change
+no torque: they follow from the fit."""
 
 
 def none() -> Array:
@@ -211,79 +214,64 @@ def ankle_of(passage: Passage, calibration: StaticCalibration) -> Ankle:
     return Ankle(bodies.ankle_angle(foot, shank, calibration.ankle_axis), centre, axis)
 
 
-@dataclass(frozen=True)
-class PlateInCrossing:
-    """The moving plate under one crossing: what of its wrench is the foot's."""
+def ankle_torques(
+    name: str,
+    passage: Passage,
+    ankle: Ankle,
+    unloaded: PlateModel,
+    shared: PlatformModel,
+    calibration: StaticCalibration,
+    settings: CrossingSettings,
+) -> tuple[Array, Array, Array, Array, Array]:
+    """Ground reaction (n, 6) on the foot in laboratory axes, without the plate's own, about the plate's centre (n, 3);
+    the torque (n,) [N*m] of the ankle; its changes (m, n) without each plate trial, and without each group of crossings
+    in the shape that crossings share, as rows of one jackknife; and (7, n) by the first of `LABORATORY_ERRORS`."""
+    time, plates, follows = passage.time, passage.poses["platform"], shared.followed(name)
+    middle, track = passage.corners.mean(axis=0), None
+    if settings.markers.platform:
+        poses = passage.recorded["platform"]
+        track = platform.track_about(name, passage.frames, poses, calibration, settings, float(time[0]))
+    turned, centre = plates.rotation, plates.point(middle)
 
-    passage: Passage
-    ankle: Ankle
-    track: PlatformTrack | None  # None if no marker follows the platform
-    shared: PlatformModel
-    name: str
-    low_pass: LowPass
-
-    @property
-    def middle(self) -> Array:
-        """The plate's centre (3,) [m] at rest."""
-        return np.asarray(self.passage.corners.mean(axis=0))
-
-    def motion(self, template: PlatformTemplate | None) -> BodyMotion:
+    def motion(template: PlatformTemplate | None) -> BodyMotion:
         """Motion of the plate's centre, by a shape that crossings share if this one follows it."""
-        time, follows = self.passage.time, self.shared.followed(self.name)
-        if self.track is None:
-            return bodies.body_motion(time, self.passage.poses["platform"], self.middle)
-        first = int(np.searchsorted(self.track.time, time[0] - 1e-9))
-        within = slice(first, first + len(time))
-        return platform.inertial_motion(self.track, self.middle, template, follows, within)
+        if track is None:
+            return bodies.body_motion(time, plates, middle)
+        first = int(np.searchsorted(track.time, time[0] - 1e-9))
+        return platform.inertial_motion(track, middle, template, follows, slice(first, first + len(time)))
 
-    def reaction(self, model: PlateModel, moving: BodyMotion) -> Array:
-        """Ground reaction (n, 6) on the foot in laboratory axes, about the plate's centre, without the plate's own."""
-        rate = sampling_rate(self.passage.frames)
-        read = self.low_pass(self.passage.read(model.lag or 0.0), rate)[self.passage.rows]
+    def reaction(model: PlateModel, moving: BodyMotion) -> Array:
+        read = settings.low_pass(passage.read(model.lag or 0.0), sampling_rate(passage.frames))[passage.rows]
         parts = (read - plate.inertial_columns(moving) @ model.parameters).reshape(-1, 2, 3)
-        return np.asarray(np.einsum("nij,nkj->nki", self.passage.poses["platform"].rotation, parts).reshape(-1, 6))
+        return np.asarray(np.einsum("nij,nkj->nki", turned, parts).reshape(-1, 6))
 
-    def torque(self, model: PlateModel, moving: BodyMotion) -> Array:
-        """Torque (n,) [N*m] at the ankle."""
-        centre = self.passage.poses["platform"].point(self.middle)
-        return plate.ankle_torque(self.reaction(model, moving), centre, self.ankle.centre, self.ankle.axis)
+    def of_plate(model: PlateModel, moving: BodyMotion) -> Array:
+        return plate.ankle_torque(reaction(model, moving), centre, ankle.centre, ankle.axis)
 
-    def plate_errors(self, unloaded: PlateModel, torque: Array) -> Array:
-        """Changes (m, n) [N*m] of the torque without each plate trial, and without each group of crossings in the
-        shape, as rows of one jackknife."""
-        moving, follows = self.motion(self.shared.template), self.shared.followed(self.name)
-        without_trials = [self.torque(other, moving) - torque for other in unloaded.leave_one_out]
-        without_crossings = [  # the shape changes the motion of those alone that follow it
-            torque * 0 if follows is None else self.torque(unloaded, self.motion(other)) - torque
-            for other in self.shared.leave_out
-        ]
-        return np.reshape(platform.jackknife_rows(without_trials, without_crossings), (-1, len(torque)))
-
-    def lab_errors(self, unloaded: PlateModel, torque: Array) -> Array:
-        """Changes (7, n) [N*m] of the torque by each of `LABORATORY_ERRORS`."""
-        moving, ankle, plates = self.motion(self.shared.template), self.ankle, self.passage.poses["platform"]
-        on_foot, turned, centre = self.reaction(unloaded, moving), plates.rotation, plates.point(self.middle)
-        ahead = ankle.forward.mean(axis=0)
-        wrong = [
-            plate.ankle_torque(on_foot * np.repeat(gains, 3), centre + moved, ankle.centre, ankle.axis)
-            for gains, moved in (
-                ((1.0, 1.0), 0.01 * turned[:, :, 2]), ((1.0, 1.0), 0.01 * turned @ ahead),
-                ((1.0, 1.01), 0.0), ((1.01, 1.0), 0.0),
-            )
-        ]  # fmt: skip
-        pitch = scipy.spatial.transform.Rotation.from_rotvec(np.deg2rad(1.0) * ankle.axis.mean(axis=0)).as_matrix()
-        seen_force = np.einsum("ij,njk,lk,nml,nqm->nqi", pitch, turned, pitch, turned, on_foot.reshape(-1, 2, 3))
-        seen_centre = plates.point(pitch.T @ self.middle) @ pitch.T
-        pitched = seen_force.reshape(-1, 6), seen_centre, ankle.centre @ pitch.T, ankle.axis @ pitch.T
-        later = replace(unloaded, lags=((unloaded.lag or 0.0) + 1e-3,))
-        more = replace(unloaded, parameters=1.01 * unloaded.parameters)
-        errors = [*wrong, plate.ankle_torque(*pitched)]
-        return np.array(
-            [
-                *(each - torque for each in errors),
-                *(torque - self.torque(later, moving), self.torque(more, moving) - torque),
-            ]
+    moving = motion(shared.template)
+    on_foot = reaction(unloaded, moving)
+    torque = plate.ankle_torque(on_foot, centre, ankle.centre, ankle.axis)
+    without_trials = [of_plate(other, moving) - torque for other in unloaded.leave_one_out]
+    without_crossings = [  # the shape changes the motion of those alone that follow it
+        torque * 0 if follows is None else of_plate(unloaded, motion(other)) - torque for other in shared.leave_out
+    ]
+    jackknife = np.reshape(platform.jackknife_rows(without_trials, without_crossings), (-1, len(torque)))
+    ahead = ankle.forward.mean(axis=0)
+    wrong = [
+        plate.ankle_torque(on_foot * np.repeat(gains, 3), centre + moved, ankle.centre, ankle.axis)
+        for gains, moved in (
+            ((1.0, 1.0), 0.01 * turned[:, :, 2]), ((1.0, 1.0), 0.01 * turned @ ahead),
+            ((1.0, 1.01), 0.0), ((1.01, 1.0), 0.0),
         )
+    ]  # fmt: skip
+    pitch = scipy.spatial.transform.Rotation.from_rotvec(np.deg2rad(1.0) * ankle.axis.mean(axis=0)).as_matrix()
+    seen_force = np.einsum("ij,njk,lk,nml,nqm->nqi", pitch, turned, pitch, turned, on_foot.reshape(-1, 2, 3))
+    seen_centre = plates.point(pitch.T @ middle) @ pitch.T
+    pitched = seen_force.reshape(-1, 6), seen_centre, ankle.centre @ pitch.T, ankle.axis @ pitch.T
+    later = of_plate(replace(unloaded, lags=((unloaded.lag or 0.0) + 1e-3,)), moving)
+    more = of_plate(replace(unloaded, parameters=1.01 * unloaded.parameters), moving)
+    of_lab = [*(each - torque for each in (*wrong, plate.ankle_torque(*pitched))), torque - later, more - torque]
+    return on_foot, centre, torque, jackknife, np.array(of_lab)
 
 
 def turn_of(trial: Trial, passage: Passage, ankle: Ankle, settings: CrossingSettings) -> float | None:
@@ -376,16 +364,11 @@ def analyse_crossing(
     """Angle and torque of a crossing, through one low-pass at one rate. `perturbed` is the sheet's. `shared` is what
     the platform's motions share; without it a crossing has its own motion and onset."""
     passage = recorded_passage(trial, calibration, unloaded.lag or 0.0, perturbed, settings, shared)
-    ankle, low_pass, recorded = ankle_of(passage, calibration), settings.low_pass, passage.recorded
-    time, rows, onset = passage.time, passage.rows, passage.onset
-    track = None
-    if settings.markers.platform:
-        poses = recorded["platform"]
-        track = platform.track_about(trial.name, passage.frames, poses, calibration, settings, float(time[0]))
-    plates = PlateInCrossing(passage, ankle, track, shared, trial.name, low_pass)
-    moving = plates.motion(shared.template)
-    on_foot, of_plate = plates.reaction(unloaded, moving), plates.torque(unloaded, moving)
-    load = plate.load_on_foot(on_foot, passage.poses["platform"].point(plates.middle), ankle.centre, ankle.axis)
+    ankle, time, rows, onset = ankle_of(passage, calibration), passage.time, passage.rows, passage.onset
+    on_foot, centre, of_plate, plate_errors, lab_errors = ankle_torques(
+        trial.name, passage, ankle, unloaded, shared, calibration, settings
+    )
+    load = plate.load_on_foot(on_foot, centre, ankle.centre, ankle.axis)
     torque = of_plate
     if (own := settings.foot) is not None:
         of_foot = bodies.body_motion(time, passage.poses["foot"], calibration.ankle_centre + own.centre_of_mass_m)
@@ -393,21 +376,21 @@ def analyse_crossing(
     shear = np.array([np.sum(on_foot[:, :3] * way, axis=1) for way in (ankle.axis, ankle.forward)])
     check_roll(passage.stance.phase(time), load, shear, torque if onset is None else None)
     quality = quality_of(passage, ankle, load, unloaded, calibration, settings)
-    bridged = np.any([pose.bridged[rows] for pose in recorded.values()], axis=0)[passage.inside]
+    bridged = np.any([pose.bridged[rows] for pose in passage.recorded.values()], axis=0)[passage.inside]
     return Crossing(
         name=trial.name,
         time=time,
         theta=ankle.theta,
         torque=torque,
-        platform=platform.rotation_from_rest(recorded["platform"])[rows],
+        platform=platform.rotation_from_rest(passage.recorded["platform"])[rows],
         stance=passage.stance,
         onset=onset,
         bridged=float(np.mean(bridged)),
-        quality=quality | encoder_check(trial, time, ankle.theta, torque, low_pass),
-        plate_errors=plates.plate_errors(unloaded, of_plate),
+        quality=quality | encoder_check(trial, time, ankle.theta, torque, settings.low_pass),
+        plate_errors=plate_errors,
         load=load,
         turn=turn_of(trial, passage, ankle, settings),
-        lab_errors=plates.lab_errors(unloaded, of_plate),
+        lab_errors=lab_errors,
     )
 
 

@@ -446,8 +446,9 @@ def group_headline(perturbed: Sequence[Crossing], gait: UnperturbedGait, setting
         draws = {name: ups.draws[name] - downs.draws[name] for name in up}
         difference = Bootstrap(draws, min(ups.degrees_of_freedom, downs.degrees_of_freedom))
         directions["up minus down"] = {name: up[name] - down[name] for name in up}, difference, n_up + n_down
-    mean = ensemble.fitted(), ensemble.resampled(samples)
-    return GroupHeadline(responses, common_errors(responses), directions, *mean)
+    return GroupHeadline(
+        responses, common_errors(responses), directions, ensemble.fitted(), ensemble.resampled(samples)
+    )
 
 
 @dataclass(frozen=True)

@@ -30,6 +30,11 @@ Load = Annotated[float, Field(gt=0, le=10)]  # a share of the weight; what is la
 LoadRange = Annotated[tuple[Load, Load], AfterValidator(rising)]
 PoolKey = Literal["group", "subject", "session", "side", "speed", "K_d", "B_d", "timing"]
 GroupKey = PoolKey | Literal["direction"]
+UnseenError = Literal[
+    "corners_height", "corners_forward", "moments", "forces", "pitch", "plate_lag", "plate_inertia", "skin",
+    "torque_lag", "torque",
+]  # fmt: skip
+"""Of `LABORATORY_ERRORS` and `LOG_ERRORS` in `crossing.py`."""
 
 
 class Markers(Settings):
@@ -191,26 +196,12 @@ class ResponseSettings(WalkingFilter, TimingSettings):
     perturbation changes it; or the mean of the `unperturbed` ones, wrong if whole crossings are slower."""
 
 
-class Uncertainty(Settings):
-    """Standard uncertainties of what no crossing shows: they widen the intervals of K, B and I as
-    `walking_sensitivity.csv` says."""
-
-    corners_height: NotNegative = 0.0  # [mm] of the plate's corners, or ORIGIN
-    corners_forward: NotNegative = 0.0  # [mm] of the same along the foot
-    moments: NotNegative = 0.0  # [%] of the plate's moments
-    forces: NotNegative = 0.0  # [%] of its forces
-    pitch: NotNegative = 0.0  # [deg] of the cameras' vertical
-    plate_lag: NotNegative = 0.0  # [ms] of the plate behind the markers, beyond what is corrected
-    plate_inertia: NotNegative = 0.0  # [%] of the plate's own wrench
-    skin: NotNegative = 0.0  # [%] of the ankle's angle, by which the shank's markers slide
-    torque_lag: NotNegative = 0.0  # [ms] of a log's torque behind its angle
-    torque: NotNegative = 0.0  # [%] of a log's torque
-
-
 class EnsembleSettings(ResponseSettings):
     """How the ensemble of all responses is fitted."""
 
-    uncertainty: Uncertainty = Uncertainty()
+    uncertainty: dict[UnseenError, NotNegative] = Field(default_factory=dict)
+    """Standard uncertainties of what no crossing shows, in the units of `walking_sensitivity.csv`: they widen the
+    intervals of K, B and I as it says."""
     bootstrap_samples: Annotated[int, Field(ge=100, le=100_000)]  # Number of bootstrap samples of the ensemble
 
 

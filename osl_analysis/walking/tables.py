@@ -23,7 +23,7 @@ from osl_analysis.walking.crossing import DOWN, LABORATORY_ERRORS, LOG_ERRORS, C
 from osl_analysis.walking.gait import PHASES, UnperturbedGait
 from osl_analysis.walking.groups import ALL, SEPARATOR, STATED, Cells, Sheet, cells_said
 from osl_analysis.walking.response import Bootstrap, EnsembleResponse, GroupHeadline, PerturbationResponse
-from osl_analysis.walking.settings import ResponseSettings, TimingSettings, Uncertainty
+from osl_analysis.walking.settings import ResponseSettings, TimingSettings, UnseenError
 
 GROUP_QUANTITIES, ENSEMBLE = ("K", "B", "I", "VAF"), "ensemble"
 COMMANDED = "commanded"  # Series of the curve that the controller commands
@@ -355,36 +355,32 @@ def with_slopes(facts: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     return rows
 
 
-SHOE = 60.0  # N*m/deg, a stiffness of the foot in its shoe
-SKIN = 0.05  # share of the angle that markers slide on the skin
-
-
-def sensitivity_table(group: str, headline: GroupHeadline, stated: Uncertainty, by_log: bool = False) -> pl.DataFrame:
-    """Rows of `walking_sensitivity.csv`: what each of `LABORATORY_ERRORS`, a shank whose markers slide on the skin and
-    a shoe in series, or of `LOG_ERRORS`, changes in the fit to the mean response, to first order, and the uncertainty
-    of it that the settings state. Of what changes the torque: Eq. 15 fitted to the change."""
+def sensitivity_table(
+    group: str, headline: GroupHeadline, stated: Mapping[UnseenError, float], by_log: bool = False
+) -> pl.DataFrame:
+    """Rows of `walking_sensitivity.csv`: what each of `LABORATORY_ERRORS`, or of `LOG_ERRORS`, changes in the fit to
+    the mean response, to first order, and the uncertainty of it that the settings state. Of what changes the torque:
+    Eq. 15 fitted to the change."""
     responses, fit, window = headline.responses, headline.ensemble.fit, headline.responses[0].window
     weights = isolation.joining_weights(isolation.signs_of(responses))
+    named, known = LOG_ERRORS if by_log else LABORATORY_ERRORS, {str(name): size for name, size in stated.items()}
     torques = np.tensordot(weights, [r.lab_errors[:, window] for r in responses], 1)
-    changes = np.linalg.lstsq(isolation.motion_columns(headline.ensemble.motion[window]), torques.T)[0].T
-    named = LOG_ERRORS if by_log else LABORATORY_ERRORS
-    rows = [
-        {"error": words, "size": size, "unit": unit, "stated": getattr(stated, name)}
-        | dict(zip("KBI", change, strict=True))
-        for (name, (words, size, unit)), change in zip(named.items(), changes, strict=False)
-    ]
+    found = np.linalg.lstsq(isolation.motion_columns(headline.ensemble.motion[window]), torques.T)[0].T
+    changes = dict(zip(named, found, strict=False))
     if not by_log:
-        (K, B, I), k = (fit[name] for name in "KBI"), np.rad2deg(SHOE)
-        slides = {
-            "error": "shank markers that slide on the skin with the ankle's angle",
-            "size": 100 * SKIN,
-            "unit": "%",
-        }
-        rows.append(slides | {"stated": stated.skin, "K": SKIN * K, "B": SKIN * B, "I": SKIN * I})
+        K, B, I = (fit[name] for name in "KBI")
+        changes["skin"] = named["skin"][1] / 100 * np.array([K, B, I])
+        k = np.rad2deg(named["shoe"][1])
         left = 1 - K / k  # of 1/(1/Z - 1/k) with the fit's Z = K + B s + I s^2, the joint's, to the second power of s
-        yields = {"error": "foot that yields in the shoe", "size": SHOE, "unit": "N*m/deg", "stated": 0.0}
-        rows.append(yields | {"K": K - K / left, "B": B - B / left**2, "I": I - I / left**2 - B**2 / (k * left**3)})
-    return pl.DataFrame([{"group": group} | row for row in rows])
+        changes["shoe"] = np.array([K - K / left, B - B / left**2, I - I / left**2 - B**2 / (k * left**3)])
+    return pl.DataFrame(
+        [
+            {"group": group, "error": words, "size": size, "unit": unit, "stated": known.get(name, 0.0)}
+            | dict(zip("KBI", change, strict=True))
+            for name, change in changes.items()
+            for words, size, unit in [named[name]]
+        ]
+    )
 
 
 def stated_errors(sensitivity: pl.DataFrame) -> dict[str, float]:
@@ -425,7 +421,7 @@ def witness_facts(turned: Sequence[Crossing], facts: Mapping[str, Any], sensitiv
         known |= {f"{name}_by_unexplained": 100 * left * of_plate[name] for name in "KBI"}
     return known | {
         "moment_K_per_percent": moments["K"] if moments else None,
-        "stiff_shoe_K": changes["foot that yields in the shoe"]["K"],  # by `SHOE`
+        "stiff_shoe_K": changes[LABORATORY_ERRORS["shoe"][0]]["K"],
     }
 
 

@@ -34,7 +34,7 @@ from osl_analysis.walking.gait import unperturbed_gait
 from osl_analysis.walking.groups import crossing_features, places, selection_rows, split_keys, timings
 from osl_analysis.walking.plate import Stance
 from osl_analysis.walking.response import PlannedTurn, fit_response, group_headline, half_widths, scatter_of_one
-from osl_analysis.walking.tables import fitted_time, left_out, moment_error, with_slopes, with_trajectory
+from osl_analysis.walking.tables import fitted_time, moment_error, with_slopes, with_trajectory
 
 RULE, MIDSTANCE = settings().outliers, Walk(0.4)
 BOTH = several("up", 6, MIDSTANCE, common=12.0) | several("down", 4, MIDSTANCE, common=12.0, sign=-1)
@@ -150,26 +150,6 @@ def test_a_person_who_walks_slower_than_the_others_is_no_outlier_among_them():
     assert {row["gait"] for name, row in apart.items() if name[0] == "b"} == {"subject b"}
     own, *usual = crossings({"b0": slow["b0"]} | several("bu", 3, Walk(stance=0.9)))  # a share of their mean stance
     assert apart["b0"]["onset_phase"] == pytest.approx((own.onset - 0.3) / np.mean([c.stance.duration for c in usual]))
-
-
-@pytest.mark.parametrize(
-    ("lost", "said"),
-    [
-        ({"stance_s": [0.71, 0.72, 0.715]}, "two paces, a stance of 0.62 s and 0.715 s"),
-        ({"stance_s": [0.62, 0.71, 0.61]}, "no column parts them from the used, their reasons do"),
-        ({"foot_left_m": [0.05, 0.06, 0.05]}, "two places of the foot, 0 m and 0.05 m to the left"),
-        ({"subject": "B"}, "the used have subject A, the others B"),
-    ],
-)
-def test_what_parts_the_crossings_that_are_left_out_is_named(lost, said):
-    used = {"stance_s": [0.62, 0.61, 0.63, 0.62, 0.625], "foot_left_m": [0.0] * 5}
-    rows = {name: [*values, *lost.get(name, values[:3])] for name, values in used.items()}
-    rows |= {"trial": [f"c{k}" for k in range(8)], "reason": [None] * 5 + ["outlier"] * 3}
-    sheet = {f"c{k}": {"subject": lost.get("subject", "A") if k > 4 else "A"} for k in range(8)}
-    found = left_out(pl.DataFrame(rows), sheet)
-    assert found["left_out_share"] == 3 / 8
-    assert found["left_out_by"].endswith(said)
-    assert left_out(pl.DataFrame(rows)[:5], sheet) == {"left_out_share": 0.0, "left_out_by": None}
 
 
 def test_conditions_serve_every_value_where_unstated_and_are_refused_where_they_tell_nothing_apart():

@@ -249,7 +249,7 @@ def test_a_reaction_within_the_window_is_certain_and_named_and_a_sound_campaign_
     sound = facts(perturbed())
     none = ("reaction", "reaction_share", "slope_share", "K_with_reflex", "reflex_delay_ms", "reflex_share")
     assert [sound[name] for name in none] == [None] * 6
-    assert sound["K_slope_low"] < 0 < sound["K_slope_high"]
+    assert sound["hidden_slope_low"] < 0 < sound["hidden_slope_high"]
     assert sound["common_K"] is None, "all perturbations go one way"
     still = walked("g").theta, walked("g").torque
     turn = walked("g", 1.0, 0.0, ONSET, (1.0, 0.0, 0.0)).torque - walked("g", 1.0, 0.0, ONSET, (0.0, 0.0, 0.0)).torque

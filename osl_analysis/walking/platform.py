@@ -58,18 +58,6 @@ def screw_scale(reference: Array) -> Array:
     return scipy.linalg.block_diag((axes * np.sqrt(size)) @ axes.T, np.sqrt(len(reference)) * np.eye(3))
 
 
-def left_jacobian(turn: Array) -> Array:
-    """Matrices (n, 3, 3) that map the translation of a screw to the shift of the origin, for rotation vectors (n, 3): I
-    + (1 - cos a)/a^2 W + (a - sin a)/a^3 W^2 with angle a and cross-product matrix W (Sola et al., 2018, Eq. 145)."""
-    angle = np.linalg.norm(turn, axis=1)
-    near = angle < 1e-4
-    a = np.where(near, 1.0, angle)
-    first = np.where(near, 0.5 - angle**2 / 24, (1 - np.cos(a)) / a**2)
-    second = np.where(near, 1 / 6 - angle**2 / 120, (a - np.sin(a)) / a**3)
-    W = bodies.cross_matrix(turn)
-    return np.asarray(np.eye(3) + first[:, None, None] * W + second[:, None, None] * (W @ W))
-
-
 def noise_gain(low_pass: LowPass, rate: float, derivative: int = 0) -> float:
     """Variance of a derivative [1/s^derivative, squared] of white unit noise through a low-pass, both runs."""
     f = np.linspace(0.0, rate / 2, 2001)
@@ -154,11 +142,9 @@ class PlatformTrack:
         first, last, _ = rows.indices(len(self.time))
         start, stop = max(first - 60, 0), min(last + 60, len(self.time))
         screw: Array = np.linalg.solve(screw_scale(self.reference), coordinates.T).T.astype(float)
-        turn, origin = screw[:, :3], self.reference.mean(axis=0)
-        shift = np.einsum("nij,nj->ni", left_jacobian(turn), screw[:, 3:]) + origin
-        rotation = scipy.spatial.transform.Rotation.from_rotvec(turn).as_matrix()
-        points = np.einsum("nij,mj->nmi", rotation, self.reference - origin) + shift[:, None]
-        markers = self.low_pass(points, self.rate)
+        pose, origin = scipy.spatial.transform.RigidTransform.from_exp_coords(screw), self.reference.mean(axis=0)
+        turned = np.einsum("nij,mj->nmi", pose.rotation.as_matrix(), self.reference - origin)
+        markers = self.low_pass(turned + (pose.translation + origin)[:, None], self.rate)
         poses = bodies.cluster_poses(self.reference, markers[start:stop])
         return bodies.body_motion(self.time[start:stop], poses, centre)[first - start : last - start]
 
@@ -170,10 +156,9 @@ def platform_track(
     is a straight line: a cubic carries the noise beside them to several times its size, a motion that never was. The
     noise is the median of second differences."""
     reference, rate = calibration.positions(settings.markers.platform, trial), sampling_rate(time)
-    turn = scipy.spatial.transform.Rotation.from_matrix(poses.rotation).as_rotvec()
-    away = (poses.position - reference.mean(axis=0))[:, :, None]
-    shift = np.linalg.solve(left_jacobian(turn), away)[:, :, 0]
-    measured = np.hstack([turn, shift]) @ screw_scale(reference).T
+    turned = scipy.spatial.transform.Rotation.from_matrix(poses.rotation)
+    pose = scipy.spatial.transform.RigidTransform.from_components(poses.position - reference.mean(axis=0), turned)
+    measured = pose.as_exp_coords() @ screw_scale(reference).T
     found = measured.copy()
     for gap in runs(poses.bridged):
         if (gap.stop - gap.start) / rate < 0.015:

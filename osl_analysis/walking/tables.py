@@ -7,6 +7,7 @@ fitted with the same columns. One that is a small share of the torque does not c
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -22,7 +23,7 @@ from osl_analysis.walking import response as isolation
 from osl_analysis.walking.crossing import DOWN, LABORATORY_ERRORS, LOG_ERRORS, Crossing
 from osl_analysis.walking.gait import PHASES, UnperturbedGait
 from osl_analysis.walking.groups import ALL, SEPARATOR, STATED, Cells, Sheet, cells_said
-from osl_analysis.walking.response import Bootstrap, EnsembleResponse, GroupHeadline, PerturbationResponse
+from osl_analysis.walking.response import GroupHeadline, PerturbationResponse
 from osl_analysis.walking.settings import ResponseSettings, TimingSettings, UnseenError
 
 GROUP_QUANTITIES, ENSEMBLE = ("K", "B", "I", "VAF"), "ensemble"
@@ -51,7 +52,7 @@ def group_rows(
             "pooled": pooled if len(used) else None,
             **timing_facts(used, gaits[gait].stance if gait in gaits else np.zeros(0), window),
             **moment_error(of_gait),
-            **left_out(of_gait, sheet),
+            "left_out_share": float(np.mean(of_gait["reason"].is_not_null().to_numpy())),
         }
         conditions = [(cell is None, isinstance(cell, str), "" if cell is None else cell) for cell in cells.values()]
         turned = str(used["direction"][0]) if "direction " in name else ""
@@ -85,45 +86,6 @@ def timing_facts(used: pl.DataFrame, stances: Array, window: float) -> dict[str,
         "onset_phase_sd": float(np.std(phases, ddof=1)) if len(phases) > 1 else None,
         "end_phase": onset + window / stance if onset is not None and stance else None,
     }
-
-
-FEATURES = {
-    "stance_s": ("two paces, a stance of {} s and {} s", 0.01),
-    "load_of_weight": ("two people or loads, {} and {} of the stated weight", 0.03),
-    "foot_forward_m": ("two places of the foot, {} m and {} m forward", 0.01),
-    "foot_left_m": ("two places of the foot, {} m and {} m to the left", 0.01),
-    "gait_deviation_deg": ("two gaits, whose angle before the onset is {} deg and {} deg off the usual one", 0.5),
-    "torque_deviation": (
-        "two people or loads, whose torque before the onset is {} N*m and {} N*m off the usual one",
-        2,
-    ),
-}
-"""Columns of `walking_crossings.csv` that may part used crossings from those left out: words, smallest distance."""
-
-
-def left_out(rows: pl.DataFrame, sheet: Sheet) -> dict[str, object]:
-    """Share of the crossings of one gait that is not used, and what parts them from the used ones: a column of the
-    sheet, or the first of `FEATURES` in which nine tenths of each lie on their side of the middle."""
-    if rows.is_empty() or "reason" not in rows.columns:
-        return {"left_out_share": None, "left_out_by": None}
-    used, lost = rows.filter(pl.col("reason").is_null()), rows.filter(pl.col("reason").is_not_null())
-    share, by = len(lost) / len(rows), None
-    for name, (words, least) in reversed(FEATURES.items()):
-        here, there = (
-            some[name].drop_nulls().to_numpy() if name in some.columns else np.zeros(0) for some in (used, lost)
-        )
-        if min(len(here), len(there)) < 3:
-            continue
-        low, high = np.median(here), np.median(there)
-        sides = np.sign(high - low) * np.r_[here - (low + high) / 2, (low + high) / 2 - there]
-        if abs(high - low) > least and np.mean(sides[: len(here)] < 0) >= 0.9 <= np.mean(sides[len(here) :] < 0):
-            by = "the used and the others are " + words.format(f"{low:.3g}", f"{high:.3g}")
-    for key in STATED:
-        of_used, of_lost = ({sheet[trial].get(key) for trial in some["trial"]} for some in (used, lost))
-        if of_used and of_lost and not of_used & of_lost:
-            by = f"the used have {key} {cells_said(of_used)}, the others {cells_said(of_lost)}"
-    otherwise = "no column parts them from the used, their reasons do" if len(lost) else None
-    return {"left_out_share": share, "left_out_by": by or otherwise}
 
 
 def moment_error(crossings: pl.DataFrame) -> dict[str, float | None]:
@@ -263,13 +225,12 @@ def reaction_facts(headline: GroupHeadline) -> dict[str, object]:
     if likely not in (None, isolation.SLOPING):
         share = rms(found[likely][0] * shapes[likely][rows]) / rms(torque[rows])
     either = np.array([found[isolation.SLOPING], found[f"{isolation.SLOPING} and jerk"]]) * per_stance
-    slope, (low, high) = float(either[0, 0]), (either @ [[1, 1], [-half, half]]).T
-    low, high = float(low.min()), float(high.max())
+    low, high = (either @ [[1, 1], [-half, half]]).T
     B_with_slope = found["B with slope"][0]
     inverse = np.linalg.pinv(isolation.motion_columns(motion[rows]))
     per_slope = float(inverse[1] @ (motion.theta * first.time)[rows]) / per_stance
     both = headline.directions.get("up minus down")
-    hidden = (None, None) if isolation.SLOPING in certain else (low, high)
+    hidden = (None, None) if isolation.SLOPING in certain else (float(low.min()), float(high.max()))
     return {
         "reaction": " or ".join(certain) or None,
         "reaction_share": share,
@@ -283,10 +244,6 @@ def reaction_facts(headline: GroupHeadline) -> dict[str, object]:
         "hidden_slope_high": hidden[1],
         "K_per_torque": float(inverse[0] @ ramp / ramp[-1]),
         "slope_share": 1 - B_with_slope / fit["B"] if likely == isolation.SLOPING and fit["B"] else None,
-        "K_slope": slope,
-        "K_slope_low": low,
-        "K_slope_high": high,
-        "B_with_slope": B_with_slope,
         "B_per_slope": per_slope,
         # what the same torque after either turn adds to K of turns up and takes off K of turns down
         "common_K": None if both is None else 0.5 * both[0]["K"],
@@ -437,7 +394,7 @@ def headline_rows(
 ) -> list[dict[str, object]]:
     """Rows of `walking_summary.csv` of one group, from its rows of `walking.csv`, `fits`, their number of doubtful ones
     and the standard errors `stated` of K, B, I: mean per perturbation (of both directions' means), with the errors that
-    are common; ensembles; directions."""
+    are common; ensemble; directions. The intervals of the latter two are the bootstrap's, wider by what is stated."""
     common, signs = headline.common, isolation.signs_of(headline.responses)
     rows: list[dict[str, object]] = []
     for name in GROUP_QUANTITIES:
@@ -445,35 +402,20 @@ def headline_rows(
         method = f"{mean.interval_method}{' + shared errors' * (name in common)}"
         known = {"quantity": name, "estimator": "mean of perturbations"}
         rows.append(known | asdict(mean) | {"interval_method": method} | dict(doubtful))
-    rows += ensemble_rows(headline.ensemble, headline.resampled, stated)
-    for quantity in "KBI":
-        for estimator, (values, drawn, n) in headline.directions.items():
-            row = {"quantity": quantity, "estimator": estimator, "n": n, "mean": values[quantity]}
-            of_both = {} if "minus" in estimator else stated  # they cancel in the difference
-            rows.append(row | drawn_row(drawn, quantity, values[quantity], of_both))
+    ensemble = headline.ensemble
+    drawn = {ENSEMBLE: (ensemble.estimates(), headline.resampled, ensemble.n), **headline.directions}
+    for quantity, (estimator, (values, resampled, n)) in product(GROUP_QUANTITIES, drawn.items()):
+        if quantity == "VAF" and estimator != ENSEMBLE:
+            continue
+        error = 0.0 if "minus" in estimator else stated.get(quantity, 0.0)  # it cancels in the difference
+        low, high = (
+            values[quantity] + float(np.sign(end - values[quantity]) * np.hypot(end - values[quantity], 1.96 * error))
+            for end in resampled.interval(quantity)
+        )
+        row = {"quantity": quantity, "estimator": estimator, "n": n, "mean": values[quantity], "sd": None}
+        row |= {"se": float(np.hypot(resampled.se(quantity), error)), "low": low, "high": high}
+        rows.append(row | {"interval_method": "bootstrap + stated" if error else "bootstrap"})
     return rows
-
-
-def drawn_row(drawn: Bootstrap, quantity: str, estimate: float, stated: Mapping[str, float]) -> dict[str, object]:
-    """Standard error and 95 % interval of a quantity from the bootstrap, wider by the `stated` standard errors."""
-    known = stated.get(quantity, 0.0)
-    low, high = (
-        estimate + float(np.sign(end - estimate) * np.hypot(end - estimate, 1.96 * known))
-        for end in drawn.interval(quantity)
-    )
-    method = "bootstrap + stated" if known else "bootstrap"
-    return {"se": float(np.hypot(drawn.se(quantity), known)), "low": low, "high": high, "interval_method": method}
-
-
-def ensemble_rows(
-    ensemble: EnsembleResponse, resampled: Bootstrap, stated: Mapping[str, float]
-) -> list[dict[str, object]]:
-    """Estimates from the mean response; `se` and 95 % interval from the bootstrap."""
-    return [
-        {"quantity": quantity, "estimator": ENSEMBLE, "n": ensemble.n, "mean": estimate, "sd": None}
-        | drawn_row(resampled, quantity, estimate, stated)
-        for quantity, estimate in ensemble.estimates().items()
-    ]
 
 
 def response_table(group: str, headline: GroupHeadline) -> pl.DataFrame:

@@ -63,7 +63,7 @@ def numbers_of(results: Path) -> dict[str, dict[str, float]]:
         table = pl.read_csv(path, infer_schema_length=None) if is_table else pl.read_parquet(path)
         place = f"{path.parent.name}/{path.name if is_table else re.match('[a-z]+', path.name)[0]}"
         for column in (column.drop_nulls() for column in table if not UNDETERMINED.search(column.name)):
-            columns.setdefault(place, {}).setdefault(column.name, []).extend(column)
+            columns.setdefault(place, {}).setdefault(column.name, []).extend(column.to_numpy().ravel())
     for path in sorted(path for pattern in TEXTS for path in results.glob(pattern)):
         text = NOT_COMPARED.sub("", path.read_text(encoding="utf-8"))
         columns[str(path.relative_to(results))] = {"numbers": [*map(float, NUMBER.findall(text))]}

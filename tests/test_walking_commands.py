@@ -23,7 +23,7 @@ from osl_analysis.commands import walking as jobs
 from osl_analysis.commands.figure import plot_walking_page
 from osl_analysis.commands.trials import ingest_trial
 from osl_analysis.commands.walking import compare_ankle_moment
-from osl_analysis.errors import InputError, WriteError
+from osl_analysis.errors import InputError
 from osl_analysis.judge.limits import Limits
 from osl_analysis.table import read_table
 from osl_analysis.trial import Trial, plate_columns, read_trial, write_trial
@@ -319,19 +319,6 @@ def test_missing_and_damaged_files_between_the_steps_name_the_step(ideal: Sessio
     assert (row["K"], "samples cannot determine 3 parameters" in row["excluded"]) == (None, True)
     with pytest.raises(InputError, match=r"n\.parquet: no such file; run the step 'average-unperturbed'"):
         jobs.fit_perturbation(perturbed, selection, tmp_path / "n.parquet", settings(), tmp_path / "f.csv")
-
-
-def test_a_full_disk_leaves_the_older_unperturbed_gait_and_nothing_half(ideal, tmp_path, monkeypatch) -> None:
-    def full(_: pl.DataFrame, path: Path) -> None:
-        Path(path).write_bytes(b"half")
-        raise OSError(28, "No space left on device")
-
-    gait = tmp_path / "gait.parquet"
-    gait.write_bytes(b"older")
-    monkeypatch.setattr(pl.DataFrame, "write_parquet", full)
-    with pytest.raises(WriteError, match="No space left"):
-        jobs.average_unperturbed(ideal.crossings(*ideal.unperturbed), ideal.file("selection.csv"), settings(), gait)
-    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == {"gait.parquet": b"older"}
 
 
 REAL, MASS = Path(__file__).parents[2] / "shared" / "real_data", 70.0

@@ -25,7 +25,7 @@ from walking_crossings import (
 from walking_synthetic import bump, pose, settings
 
 from osl_analysis.commands.figure import plot_over_stance
-from osl_analysis.commands.walking import commanded_over_stance, tabulate_over_stance, write_crossing
+from osl_analysis.commands.walking import tabulate_over_stance, write_crossing
 from osl_analysis.errors import InputError
 from osl_analysis.judge.limits import Limits
 from osl_analysis.table import read_table
@@ -242,14 +242,6 @@ def test_each_timing_has_its_own_result_over_stance_beside_the_commanded_impedan
     assert read_table(table)["commanded"].is_null().all()
 
 
-def test_a_measured_leg_was_not_commanded_a_synthetic_trajectory(tmp_path):
-    made, recorded = Path("config/impedance/synthetic_walking.csv"), tmp_path / "recorded.csv"
-    recorded.write_text("phase,K_d,B_d\n0,1,1\n1,2,1\n")
-    assert len(list(commanded_over_stance([made, recorded], "simulated", 0.6))) == 2
-    ((_, K_d, _),) = commanded_over_stance([made, recorded], "measured", 0.6)
-    assert (K_d[0], K_d[-1]) == pytest.approx((1, 1.6))
-
-
 def test_the_phase_that_a_fit_reads_is_where_a_stiffness_that_changes_linearly_has_its_value():
     result = headline(several("p", 4, MIDSTANCE, noise=0.0))
     ensemble, before = result.ensemble, result.ensemble.fit["K"]
@@ -397,14 +389,6 @@ def test_errors_of_the_laboratory_change_the_fit_as_the_table_says_and_witnesses
     assert (group["encoder_rms_deg"], group["plate_height_m"]) == pytest.approx((0.7, 0.02))
     unseen = ("whether K is that of the joint alone", "the height of the plate's corners and ORIGIN")
     assert not {*unseen} & {*group["not_checked"].split("; ")}
-
-
-def test_without_a_log_or_a_heavy_plate_it_is_said_what_k_holds(tmp_path: Path) -> None:
-    tables = campaign(tmp_path, several("p", 3, Walk(0.4)) | several("u", 3, Walk()))
-    (group,) = tables["groups"].rows(named=True)
-    assert (group["K_by_encoder"], group["certain_moment_error"]) == (None, None)
-    assert "whether K is that of the joint alone" in group["not_checked"].split("; ")
-    assert group["stiff_shoe_K"] < 0
 
 
 def test_moments_too_large_show_in_the_pressure_of_a_foot_that_stands_elsewhere() -> None:

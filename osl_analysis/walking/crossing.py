@@ -340,17 +340,17 @@ def filled_facts(passage: Passage, settings: CrossingSettings) -> dict[str, floa
     """The share of frames in stance, and of those from baseline to the end of the window, in which a marker of some
     cluster was filled before the export, and so is hidden; of the latter those alone whose pose rests on a bridge. None
     where no cluster tells."""
-    facts = dict[str, float | None].fromkeys(("filled_share", "filled_fitted"))
     poses = [pose[passage.rows] for pose in passage.recorded.values()]
-    filled = {k: pose.filled for k, pose in enumerate(poses) if pose.filled is not None}
-    if filled:
-        facts["filled_share"] = float(np.mean(np.any([*filled.values()], axis=0)[passage.inside]))
-    if filled and passage.onset is not None:
-        since = passage.time - passage.onset
-        fitted = (since >= -settings.guard_s - settings.baseline_s) & (since <= settings.window_s)
-        rests = np.any([frames & poses[k].bridged for k, frames in filled.items()], axis=0)
-        facts["filled_fitted"] = float(np.mean(rests[fitted]))
-    return facts
+    told = [(pose.filled, pose.filled & pose.bridged) for pose in poses if pose.filled is not None]
+    if not told:
+        return {"filled_share": None, "filled_fitted": None}
+    filled, rests = np.any(told, axis=0)
+    since = passage.time - (np.nan if passage.onset is None else passage.onset)
+    fitted = (since >= -settings.guard_s - settings.baseline_s) & (since <= settings.window_s)
+    return {
+        "filled_share": float(np.mean(filled[passage.inside])),
+        "filled_fitted": float(np.mean(rests[fitted])) if fitted.any() else None,
+    }
 
 
 def analyse_crossing(

@@ -8,7 +8,7 @@ A platform repeats its command. The markers' noise in one crossing shakes a heav
 mean over crossings has little of it, and shows when each started to a fraction of a millisecond."""
 
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -523,23 +523,6 @@ def trigger_latency(
     return {"mean": float(late.mean()), "used": float(constant), "finer": float(finer)}
 
 
-def turning_tracks(
-    pairs: Sequence[tuple[Trial, StaticCalibration]], settings: PlatformMotionSettings
-) -> Iterator[PlatformTrack]:
-    """The tracks of the crossings whose platform moves, with a warning for each of the others."""
-    for trial, static in pairs:
-        try:
-            time, poses = bodies.segment_poses(trial, settings.markers.platform, static, settings)
-            turned, threshold = moved_from_rest(poses, settings)
-            turned, shifts = np.nan_to_num(turned), settings.perturbed_by == "belt"
-            if not len(turned) or turned.max() < threshold:
-                least = f"shift by {1e3 * threshold:g} mm" if shifts else f"turn by {settings.perturbation_deg:g} deg"
-                raise InputError(f"the platform does not {least}")
-            yield track_about(trial.name, time, poses, static, settings, float(time[np.argmax(turned)]))
-        except InputError as error:
-            warnings.warn(f"trial {trial.name}: has no part in the platform's shared motion: {error}", stacklevel=3)
-
-
 def identify_platform(
     pairs: Sequence[tuple[Trial, StaticCalibration]], settings: PlatformMotionSettings
 ) -> PlatformModel:
@@ -551,7 +534,18 @@ def identify_platform(
     if moved := moved_cluster([static for _, static in pairs], settings):
         warnings.warn(f"each crossing keeps its own motion of the platform: {moved}", stacklevel=2)
         return replace(ALONE, reason=moved)
-    tracks = list(turning_tracks(pairs, settings))
+    tracks = []
+    for trial, static in pairs:
+        try:
+            time, poses = bodies.segment_poses(trial, labels, static, settings)
+            turned, threshold = moved_from_rest(poses, settings)
+            turned, shifts = np.nan_to_num(turned), settings.perturbed_by == "belt"
+            if not len(turned) or turned.max() < threshold:
+                least = f"shift by {1e3 * threshold:g} mm" if shifts else f"turn by {settings.perturbation_deg:g} deg"
+                raise InputError(f"the platform does not {least}")
+            tracks.append(track_about(trial.name, time, poses, static, settings, float(time[np.argmax(turned)])))
+        except InputError as error:
+            warnings.warn(f"trial {trial.name}: has no part in the platform's shared motion: {error}", stacklevel=2)
     try:
         template, alignments = platform_template(tracks, settings.window_s)
     except InputError as error:

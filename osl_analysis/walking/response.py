@@ -18,7 +18,7 @@ import polars as pl
 import scipy
 from numpy.typing import NDArray
 
-from osl_analysis.errors import IdentifiabilityError, InputError, OslAnalysisError
+from osl_analysis.errors import IdentifiabilityError, InputError, naming
 from osl_analysis.measured import EXACT_FIT_SHARE
 from osl_analysis.signals import Motion, differentiate, sampling_rate
 from osl_analysis.stats.covariance import welch_satterthwaite
@@ -125,10 +125,8 @@ def fit_response(response: PerturbationResponse) -> LinearFit:
     response of the simulated drivetrain, K = 321 N*m/rad instead of 334). The covariance comes from gait (the perturbed
     crossing deviates as each unperturbed one does, the mean of n with 1/n of their variance) and from the plate trials,
     if there are several; the residual, a few correlated samples, shows neither."""
-    try:
+    with naming(f"trial {response.name}"):
         fit = fit_without_offset(response.fitted_motion, response.fitted_torque)
-    except OslAnalysisError as error:
-        raise type(error)(f"trial {response.name}: {error}") from error
     gait, plate = estimate_changes(response, fit)
     n, m = len(gait), len(plate)
     of_gait, of_plate = (1 + 1 / n) * np.cov(gait, rowvar=False), jackknife_covariance(plate)
@@ -358,17 +356,13 @@ class Ensemble:
         trials = plate.shape[1]
         self.influence = -(trials - 1) * (plate - plate.mean(axis=1, keepdims=True)) if trials > 1 else plate
 
-    def joined(self, weights: Array, unperturbed: Array) -> tuple[Array, Array]:
-        """Angle and torque (k,) each, of the responses joined with `weights` (n,), whose baseline is the mean of the
-        unperturbed crossings with weights (c,)."""
-        theta, torque = (np.tensordot(weights, curves, 1) for curves in (self.theta, self.torque))
-        return unperturbed @ theta, unperturbed @ torque
-
     def fitted(self, sign: int = 0) -> EnsembleResponse:
         """Mean response, or half the difference of two directions, or that of one `sign`, and its fit in the window."""
         crossings, own = self.theta.shape[1], self.signs == sign
         weights = own / own.sum() if sign else joining_weights(self.signs)
-        theta, torque = self.joined(weights, np.full(crossings, 1 / crossings))
+        theta, torque = (
+            np.full(crossings, 1 / crossings) @ np.tensordot(weights, curves, 1) for curves in (self.theta, self.torque)
+        )
         motion = differentiate(self.time, theta)
         fit = fit_without_offset(motion[self.window], torque[self.window])
         return EnsembleResponse(int(own.sum()) if sign else len(own), motion, torque, fit)
@@ -387,8 +381,10 @@ class Ensemble:
         weights = perturbed * (signs == sign) if sign else perturbed * signs / len(np.unique(signs))
         angles, torques = np.empty((2, len(self.time), samples))
         for i, (w, unperturbed, unloaded) in enumerate(zip(weights, of_gait, of_plate, strict=True)):
-            angles[:, i], torques[:, i] = self.joined(w, unperturbed)
-            torques[:, i] += unloaded @ np.tensordot(w, self.influence, 1)
+            angles[:, i] = unperturbed @ np.tensordot(w, self.theta, 1)
+            torques[:, i] = unperturbed @ np.tensordot(w, self.torque, 1) + unloaded @ np.tensordot(
+                w, self.influence, 1
+            )
         # of a mean, or of a difference of two means (Welch, equal variances)
         counts = np.unique(signs[signs == sign] if sign else signs, return_counts=True)[1].tolist()
         own = float(welch_satterthwaite([1 / n for n in counts], [n - 1 for n in counts]))

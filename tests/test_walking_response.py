@@ -224,8 +224,6 @@ def test_each_reaction_comes_out_with_its_size_and_the_joint_without_it(window_s
         assert found[name][1] < 0.005 * size  # a drift before the onset tells the one after it
         if name == fitting.SLOPING:
             assert found["B with slope"][0] == pytest.approx(B, rel=0.02)
-        else:  # little has set in yet
-            assert found["K early"][0] == pytest.approx(K, rel=0.2)
         if name == fitting.REFLEX:
             assert found["delay"] == (pytest.approx(1e3 * delay), 0)
             assert found[f"K with {name} {1e3 * delay:.0f}"][0] == pytest.approx(K, rel=0.01)

@@ -240,11 +240,8 @@ def damping_gap_said(facts: Facts) -> str:
 
 def reaction_said(facts: Facts) -> str:
     """What sets in within the window of a perturbation, and what K would be without it."""
-    without = (
-        f"by the first {facts['early_ms']:.0f} ms alone K would be {facts['K_early']:.3g} ± "
-        f"{facts['K_early_half']:.2g} and B {facts['B_early']:.2g} ± {facts['B_early_half']:.1g}"
-    )
-    return f"it is like {facts['reaction']}, and {filled('{with_reflex}', facts) or without}"
+    said, with_reflex = f"it is like {facts['reaction']}", filled("{with_reflex}", facts)
+    return f"{said}, and {with_reflex}" if with_reflex else said
 
 
 def unknown_gains(facts: Facts) -> str:

@@ -243,7 +243,6 @@ def resampling_weights(random: np.random.Generator, samples: int, n: int) -> Arr
 SLOPING, RAMP = "a stiffness that changes with stance", "a voluntary torque or another pace"
 REFLEX, STIFFER = "a reflex", "co-contraction"
 REACTIONS = (REFLEX, STIFFER, RAMP, SLOPING)  # the first from its delay on, two from half the window on, one at once
-EARLY = 0.6  # share of the window in which a reaction from its half on is hardly seen yet
 RETURN = 0.2  # of the largest velocity, which the gait's own has, and below which the low-pass swings back
 YIELDS = 16.0  # by how much, four standard deviations, the misfit of a reflex that yields must be below that of others
 NEARLY = 4.0  # by how much, two standard deviations, that of a delay that the interval of K includes may be above
@@ -273,7 +272,7 @@ def reaction_columns(time: Array, window: slice, motion: Motion, delay_s: float)
 def reactions(time: Array, window: slice, theta: Array, torque: Array) -> dict[str, tuple[float, float]]:
     """What sets in beside Eq. 15, with standard errors, from a mean response, the first column of theta and torque (k,
     1 + samples), and its resamples: the size of each of `REACTIONS` as a column, `and jerk` with that column of a leg's
-    drivetrain, which is of third order; B with `SLOPING`; and K and B of the first part of the window, `EARLY`.
+    drivetrain, which is of third order; and B with `SLOPING`.
 
     A reflex stands beside the jerk: `REFLEX` by each of `REFLEX_DELAYS_MS`, and by the `delay` [ms] that fits best, of
     those with which it resists unless it certainly yields; K with it by each delay that fits nearly as well.
@@ -282,16 +281,15 @@ def reactions(time: Array, window: slice, theta: Array, torque: Array) -> dict[s
     the resamples, so that what gait did before the onset tells what it does after it (Aitken). The covariance of few
     crossings is singular: 3 % of its mean variance is added."""
     motion, window_s = differentiate(time, theta), (window.stop - window.start) * float(time[1] - time[0])
-    first = max(MARGIN, int(np.searchsorted(time, -0.6 * window_s - 1e-9)))
+    rows = slice(max(MARGIN, int(np.searchsorted(time, -0.6 * window_s - 1e-9))), window.stop)
     sound = [motion.theta, motion.omega, motion.alpha]
     jerk = np.asarray(scipy.interpolate.make_interp_spline(time, theta, k=5).derivative(3)(time))
     plain = np.linalg.lstsq(np.stack(sound, -1)[window, 0], torque[window, 0])[0]
     noise = np.cov((torque - np.tensordot(plain, sound, 1))[:, 1:])
 
-    def fitted(columns: Sequence[Array], share: float = 1.0) -> tuple[Array, float]:
-        """Estimates (1 + samples, columns) of the fit to the first share of the window, and the mean's misfit, a sum of
-        squares that the covariance weighs."""
-        rows = slice(first, window.start + round(share * (window.stop - window.start)))
+    def fitted(columns: Sequence[Array]) -> tuple[Array, float]:
+        """Estimates (1 + samples, columns) of the fit, and the mean's misfit, a sum of squares that the covariance
+        weighs."""
         own, least = noise[rows, rows], 1e-12 * float(np.mean(torque[rows, 0] ** 2)) + 1e-24  # [(N*m)^2]
         root = np.linalg.cholesky(own + (0.03 * np.trace(own) / len(own) + least) * np.eye(len(own)))
         X = np.linalg.solve(root, np.stack(columns)[:, rows]).transpose(2, 1, 0)
@@ -322,8 +320,7 @@ def reactions(time: Array, window: slice, theta: Array, torque: Array) -> dict[s
         found |= {name: told(alone[:, -1]), f"{name} and jerk": told(beside[:, -1])}
         if name == SLOPING:
             found["B with slope"] = told(alone[:, 1])
-    early = fitted(sound, EARLY)[0]
-    return found | {"K early": told(early[:, 0]), "B early": told(early[:, 1])}
+    return found
 
 
 class Ensemble:

@@ -216,10 +216,8 @@ def reaction_facts(headline: GroupHeadline) -> dict[str, object]:
     sure = (name for name in strength if strength[name] > (tried if name == isolation.REFLEX else limit))
     certain = sorted(sure, key=lambda name: -strength[name])
     likely, per_stance = certain[0] if certain else None, float(np.mean([r.stance for r in headline.responses]))
-    window_s = (rows.stop - rows.start) * float(first.time[1] - first.time[0])
     columns = Motion(*(np.c_[x] for x in (motion.theta, motion.omega, motion.alpha)))
-    (K, K_se), (B, B_se), (delay, _) = found["K early"], found["B early"], found["delay"]
-    drawn_as = isolation.reaction_columns(first.time, rows, columns, 1e-3 * delay)
+    drawn_as = isolation.reaction_columns(first.time, rows, columns, 1e-3 * found["delay"][0])
     shapes = dict(zip(isolation.REACTIONS, drawn_as, strict=True))
     share, ramp = None, shapes[isolation.RAMP][rows, 0]
     if likely not in (None, isolation.SLOPING):
@@ -234,11 +232,6 @@ def reaction_facts(headline: GroupHeadline) -> dict[str, object]:
     return {
         "reaction": " or ".join(certain) or None,
         "reaction_share": share,
-        "early_ms": 1e3 * isolation.EARLY * window_s,
-        "K_early": K,
-        "K_early_half": half * K_se,
-        "B_early": B,
-        "B_early_half": half * B_se,
         **reflex_facts(headline, isolation.REFLEX in certain),
         "hidden_slope_low": hidden[0],
         "hidden_slope_high": hidden[1],

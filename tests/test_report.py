@@ -40,7 +40,7 @@ from osl_analysis.dictionary import described_tables_by_name
 from osl_analysis.judge.campaign import QUALITY, campaign_findings, entries
 from osl_analysis.judge.finding import Beyond, Finding, Grade, finding_rows, findings_frame
 from osl_analysis.judge.limits import DoubtfulFits
-from osl_analysis.judge.words import WORDS, words_of
+from osl_analysis.judge.words import WORDS, printed, words_of
 from osl_analysis.refusal import Refusal
 from osl_analysis.report import trial_page
 from osl_analysis.report.page import (
@@ -233,9 +233,9 @@ def test_signals_are_thinned_out_for_a_small_page_which_says_so_and_keeps_the_en
 
 
 def test_units_symbols_powers_and_minus_signs_are_set_in_one_way_and_names_are_left():
-    said = trial_page.printed("-0.2 N*m*s/rad, [-720, +1e-07] kg*m^2, `delay`, K_d theta + B_d omega, a-1, theta_m")
+    said = printed("-0.2 N*m*s/rad, [-720, +1e-07] kg*m^2, `delay`, K_d theta + B_d omega, a-1, theta_m")
     assert said == "−0.2 N·m·s/rad, [−720, +1·10⁻⁷] kg·m², “delay”, K_d θ + B_d ω, a-1, theta_m"
-    assert [trial_page.printed(one) for one in ("1", "N*m/deg", "torque - model")] == ["", "N·m/deg", "torque − model"]
+    assert [printed(one) for one in ("1", "N*m/deg", "torque - model")] == ["", "N·m/deg", "torque − model"]
 
 
 def test_verdicts_and_counts_sorting_by_the_unrounded_value_and_conditions_that_differ():
@@ -633,12 +633,12 @@ def test_the_commands_of_the_tutorial_print_what_it_shows_and_end_with_its_figur
     folder.mkdir()
     said = list(said_by_page(folder))
     assert [command.split()[1] for command, _, _ in said] == ["record.py", "init", "ingest", "fit", "run", "results"]
-    for command, shown, printed in said:
-        shown, printed = lines_of(shown), lines_of(printed)
+    for command, shown, seen in said:
+        shown, seen = lines_of(shown), lines_of(seen)
         if LEFT_OUT in shown:
-            assert [line for line in shown if line not in (*printed, LEFT_OUT)] == [], command
+            assert [line for line in shown if line not in (*seen, LEFT_OUT)] == [], command
         else:
-            assert shown == printed, command
+            assert shown == seen, command
     assert (folder / FIGURE).stat().st_size > 10_000
     assert (DOCS / "tutorial.png").exists()
     assert "flag" not in (folder / "my_campaign/results/tables/quality.csv").read_text()

@@ -340,7 +340,6 @@ def test_numbers_answer_questions_side_by_side_with_a_true_minus_and_none_that_i
     assert list(headlines.said_number(nothing).values()) == [
         "≈ 0", "−1·10⁻⁵ to 2.0·10⁻⁴", STUDENT, "", "3, doubtful: late",
     ]  # fmt: skip
-    assert headlines.signed("-0.00500 to 0.012") == "−0.00500 to 0.012"
     assert headlines.said_number(nothing | {"interval": RANGE})["text"] == "1.00·10⁻⁴", "a range has it by chance"
     foot = headlines.LABELS["torque_angle"]["K"]
     stiffness = {"a": 5.0, "b": 4.0, "c": 9.0, "d": 6.0}
@@ -361,28 +360,13 @@ def test_only_a_campaign_that_simulates_the_draft_s_device_or_asks_for_it_is_hel
             assert Campaign(campaign.config.model_copy(update={"report": report}), {}, {}).beside_draft is asked
 
 
-def test_doubtful_fits_are_counted_by_table_and_rows_without_a_fit_are_none():
-    doubt = {"table": "impedance", "cause": "friction", "grade": "doubts", "inherited": None}
-    doubts = [doubt | {"trial": trial} for trial in "ab"]
-    tables = all_tables() | {"impedance": impedance().with_columns(trial=pl.Series(list("aaabcd")))}
-    found = {h.name: h for h in headline_numbers(tables, doubts)}
-    counted = [found[f"doubtful_{name}"] for name in ("impedance", "walking")]
-    assert [(one.value, one.n) for one in counted] == [(2, 4), (0, 2)]
-    lines = format_results_table(written(found.values())).splitlines()
-    assert "| doubtful trials in impedance.csv, whose column says why | 2 trials |  | 4 |  |" in lines
-    assert not [line for line in lines if "in walking.csv" in line], "a count of none is left out"
+def test_a_table_of_numbers_says_value_interval_trials_and_the_draft_s_value():
+    lines = format_results_table(written(headline_numbers(all_tables()))).splitlines()
     one = {"x": NOTHING | {"value": 1.5, "meaning": "a|b"}}
     assert headlines.to_table(one, markdown=False).splitlines()[1] == "a|b       1.50             3"
     assert headlines.to_table(one, markdown=True).splitlines()[-1] == "| a\\|b | 1.50  |  | 3 |  |"
     interval = "679.3 to 693.1, 95 % of the mean (Student)"
     assert f"| belt stiffness while loading, mean of trials | 686.2 N*m/rad | {interval} | 10 | 685.6 |" in lines
-    # a table that shares the doubts of another counts trials with a cause of their own
-    phasors = pl.DataFrame({"trial": ["a", "a", "b"], "doubtful": ["friction"] * 2 + ["distorted motion; friction"]})
-    shared = {"table": "phasors", "cause": "friction", "grade": "doubts", "inherited": "impedance"}
-    own = {"table": "phasors", "cause": "distorted motion", "grade": "doubts", "inherited": None, "trial": "b"}
-    findings = [*(shared | {"trial": trial} for trial in "ab"), own]
-    numbers = headline_numbers({"impedance": impedance(), "phasors": phasors}, findings)
-    assert {h.name: h.value for h in numbers}["doubtful_phasors"] == 1
 
 
 def test_torque_against_angle_has_numbers_of_every_trial_with_an_interval_over_cycles_where_there_is_one():
@@ -514,7 +498,6 @@ def test_headline_means_say_how_many_doubtful_trials_they_leave_out_or_contain()
     assert (one.n_left_out, one.doubt) == (2, "late")
     slow = by_name({"walking_summary": walked(K=3.0).with_columns(group=pl.lit("K_d 2"))})["walking_K (K_d 2)"]
     assert (slow.draft, slow.macro[-5:], slow.meaning[-7:]) == (None, "KdTwo", ", K_d 2")
-    assert headlines.doubtful_label("walking_groups").unit == "groups"
 
 
 def test_numbers_that_a_failed_run_left_behind_are_said_to_be_old(tmp_path):

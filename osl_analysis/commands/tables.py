@@ -17,7 +17,7 @@ from osl_analysis.config.experiments import judged_tables
 from osl_analysis.errors import InputError
 from osl_analysis.files import atomic_path, write_text
 from osl_analysis.jobs.job_log import read_log
-from osl_analysis.judge.campaign import campaign_findings, entries, known_of, read_findings
+from osl_analysis.judge.campaign import campaign_findings, known_of, read_findings
 from osl_analysis.judge.claims import Claims, claims_table
 from osl_analysis.judge.finding import findings_frame
 from osl_analysis.judge.judging import judged, marked, with_inherited
@@ -208,7 +208,7 @@ def write_summary(
     read = {*headlines.LABELS, *judged_tables(), "prediction_causes"}
     tables = {name: with_evidence(path) for name, path in table_paths.items() if name in read}
     found = read_findings(findings) if findings else findings_frame([])
-    numbers = headlines.headline_numbers(tables, entries(found), example, beside_draft)
+    numbers = headlines.headline_numbers(tables, example, beside_draft)
     of_excluded = ("trial", "check", "value", "unit", "threshold", "remark")
     judged = read_table(verdicts) if verdicts else pl.DataFrame(schema=["check", "verdict"])
     missing = {

@@ -3,7 +3,9 @@
 A detail whose numbers a row does not have is left out.
 """
 
+import re
 from collections.abc import Callable, Mapping, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -88,6 +90,14 @@ def without_said(finding: Finding) -> str:
 
 def capital(text: str) -> str:
     return text[:1].upper() + text[1:]
+
+
+@cache
+def printed(text: str) -> str:
+    """A text with its units, symbols, powers and minus signs as the page sets them; of the unit 1 nothing."""
+    for pattern, sign in WORDS["signs"].items():
+        text = re.sub(pattern, sign, text)
+    return "" if text == "1" else text
 
 
 def check_words(cause: str) -> Words:

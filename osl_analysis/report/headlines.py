@@ -15,11 +15,9 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.campaign.campaign import ABOUT_MACROS, ABOUT_MEANING, sentence
-from osl_analysis.config.experiments import doubts_of, judged_tables
 from osl_analysis.errors import InputError
-from osl_analysis.judge.campaign import Entry
-from osl_analysis.judge.finding import Grade
 from osl_analysis.judge.used import exclusion_said
+from osl_analysis.judge.words import printed
 from osl_analysis.model.compensator import CONTROLLERS
 from osl_analysis.stats.repeats import DOUBTFUL, counted, doubtful_count
 from osl_analysis.trial import Array
@@ -109,13 +107,6 @@ def letters(text: str) -> str:
     return "".join(digits[int(word)] if word.isdigit() else word[0].upper() + word[1:] for word in words) or "Unnamed"
 
 
-def doubtful_label(table: str) -> Headline:
-    of, counted_are = doubts_of().get(table), "groups" if table == "walking_groups" else "trials"
-    why = f"for another cause than in {of}.csv" if of else "whose column says why"
-    meaning = f"doubtful {counted_are} in {table}.csv, {why}"
-    return Headline(f"doubtful_{table}", counted_are, None, f"Doubtful{letters(table)}", meaning)
-
-
 def all_labels() -> list[Headline]:
     """Every number that the summary of the draft's campaign can have, and those of a trial of torque against angle."""
     found = []
@@ -123,7 +114,7 @@ def all_labels() -> list[Headline]:
         for quantity, label in labels.items():
             each = table == "impedance" or quantity.startswith("impedance")
             found += [with_controller(label, name, Example()) for name in CONTROLLERS] if each else [label]
-    return [*found, *map(doubtful_label, judged_tables())]
+    return found
 
 
 STUDENT = "95 % of the mean (Student)"
@@ -295,18 +286,15 @@ def placed_numbers(name: str, table: pl.DataFrame, example: Example) -> Iterator
 
 
 def headline_numbers(
-    tables: Mapping[str, pl.DataFrame],
-    findings: Sequence[Entry] = (),
-    example: Example | None = None,
-    beside_draft: bool = True,
+    tables: Mapping[str, pl.DataFrame], example: Example | None = None, beside_draft: bool = True
 ) -> list[Headline]:
-    """Headline numbers of the experiments that the campaign has; `tables` by name, with the `findings` on them, and
-    the `example` of Fig. 4; those of the draft are None unless the campaign is held against it. No two have the same
-    name or macro: the second `PD 1` and `PD-1` becomes `PDOneB`, as macros have letters alone. Raises InputError: a
-    summary table has no finite mean for a quantity that it lists."""
+    """Headline numbers of the experiments that the campaign has; `tables` by name, and the `example` of Fig. 4; those
+    of the draft are None unless the campaign is held against it. No two have the same name or macro: the second `PD 1`
+    and `PD-1` becomes `PDOneB`, as macros have letters alone. Raises InputError: a summary table has no finite mean for
+    a quantity that it lists."""
     own = (placed_numbers(name, tables[name], example or Example()) for name in LABELS if name in tables)
     names, macros, found = set[str](), set[str](ABOUT_MACROS.values()), []
-    for number in chain(*own, doubt_counts(tables, findings)):
+    for number in chain.from_iterable(own):
         name = next(free for k in count(1) if (free := number.name + (f" ({k})" if k > 1 else "")) not in names)
         tried = ([number.macro + "B" * k + ending for ending in ENDINGS] for k in count())
         free_macros = next(free for free in tried if macros.isdisjoint(free))
@@ -314,19 +302,6 @@ def headline_numbers(
         macros.update(free_macros)
         found.append(replace(number, name=name, macro=free_macros[0], draft=number.draft if beside_draft else None))
     return found
-
-
-def doubt_counts(tables: Mapping[str, pl.DataFrame], findings: Sequence[Entry]) -> Iterator[Headline]:
-    """By judged table the trials with a cause of their own, where the rows share the doubts of another table."""
-    doubts = [one for one in findings if one["grade"] == Grade.DOUBTS and not one["inherited"]]
-    for name in (name for name in tables if name in judged_tables() and DOUBTFUL in tables[name].columns):
-        known = {(one["trial"], one["cause"]) for one in doubts if one["table"] == doubts_of().get(name)}
-        own = (one for one in doubts if one["table"] == name)
-        doubtful = {one["trial"] for one in own if (one["trial"], one["cause"]) not in known}
-        fits = tables[name].filter(pl.col(DOUBTFUL).is_not_null())
-        key = next((key for key in ("trial", "group") if key in fits.columns), None)
-        n = fits[key].n_unique() if key else len(fits)
-        yield replace(doubtful_label(name), value=len(doubtful), interval=COUNT, n=n)
 
 
 NOISE_ALONE = (
@@ -382,14 +357,10 @@ SPECIAL = {sign: f"\\{sign}" for sign in "#$%&_{}"} | {
 
 def to_json(about: Mapping[str, str], headlines: Sequence[Headline], missing: Mapping[str, Any] | None = None) -> str:
     """What the numbers are made of, which trials and results are `missing`, and an object per number in full precision.
-    Null where there is no interval or the draft has no value; only numbers with a range over single amplitudes have
-    it."""
-    kept = ["value", "unit", "low", "high", "interval", "n", "sd", "n_doubtful", "n_left_out", "doubt", "draft"]
-    kept += ["verdict", "meaning", "of", "question", "answers"]
-    numbers = {
-        h.name: {key: getattr(h, key) for key in (*kept, *(AMPLITUDES if h.amplitudes_low is not None else ()))}
-        for h in headlines
-    }
+    Null where there is no interval, or the draft has no value."""
+    numbers = {h.name: asdict(h) for h in headlines}
+    for number in numbers.values():
+        del number["name"], number["macro"]
     content = {**about, **(missing or {}), "numbers": numbers}
     return json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
@@ -418,12 +389,9 @@ def to_tex(about: Mapping[str, str], headlines: Sequence[Headline], remarks: Seq
             if number is None:
                 continue
             # read the same in text and in mathematics: with a true minus, small ones with a power of ten
-            text = fixed(number, places)
-            if 0 < abs(float(text)) < 1e-4:
-                exponent = exponent_of(float(text))
-                mantissa = fixed(number / 10.0**exponent, max(places + exponent, 0))
-                text = rf"\ensuremath{{{mantissa}\times 10^{{{exponent}}}}}"
-            elif text.startswith("-"):
+            text, _, power = fixed(number, places).partition("e")
+            text += rf"\times 10^{{{int(power)}}}" if power else ""
+            if power or text.startswith("-"):
                 text = rf"\ensuremath{{{text}}}"
             lines.append(f"\\newcommand{{\\osl{h.macro}{suffix}}}{{{text}}}% {comment}")
         if h.verdict:
@@ -433,11 +401,9 @@ def to_tex(about: Mapping[str, str], headlines: Sequence[Headline], remarks: Seq
 
 def to_table(numbers: Mapping[str, Mapping[str, Any]], markdown: bool) -> str:
     """The numbers of a summary, in the form that `to_json` writes, as Markdown or in aligned columns: what each is,
-    value, interval, trials, the draft's value. Counts of 0 are left out."""
+    value, interval, trials, the draft's value."""
     rows = [("quantity", "value", "interval", "n", "draft")]
     for number in numbers.values():
-        if number["interval"] == COUNT and not number["value"]:
-            continue
         value, interval, single = numbers_said(number)
         interval += f", {number['interval']}" * bool(interval) + f"; single amplitudes {single}" * bool(single)
         interval += f"{'; ' if interval else ''}{number['verdict']}" if number.get("verdict") else ""
@@ -510,28 +476,15 @@ def answer_said(numbers: Sequence[Mapping[str, Any]]) -> str:
 
 
 def said_number(number: Mapping[str, Any]) -> dict[str, str]:
-    """`text` and `ends` of a number for a reader, and the trials `behind` it: a true minus, what is small with a power
-    of ten, no digits where the interval has 0 in it."""
+    """`text` and `ends` of a number for a reader, and the trials `behind` it; no digits where the interval has 0 in
+    it."""
     value, ends, single = numbers_said(number)
     low, high, known = number["low"], number["high"], number["interval"] not in (None, RANGE, COUNT)
     value = "≈ 0" if known and low is not None and low <= 0 <= high else value
     kind = number["interval"] or "" if ends else "single amplitudes" * bool(single)
     behind = trials_text(number).replace("DOUBTFUL", "doubtful")
-    unit = number["unit"].replace("*", "·").replace("^2", "²")
-    return {"text": signed(value), "ends": signed(ends or single), "kind": kind, "unit": unit, "behind": behind}
-
-
-def signed(text: str) -> str:
-    """Decimal numbers in a text with a true minus, those below a thousandth with a power of ten."""
-
-    def one(found: re.Match[str]) -> str:
-        digits = found[2].replace(".", "").lstrip("0")
-        power = len(digits) - 1 - len(found[2].partition(".")[2])
-        short = f"{digits[0]}.{digits[1:]}".rstrip(".") if digits else ""
-        tens = f"{short}·10⁻{str(-power).translate(str.maketrans('0123456789', '⁰¹²³⁴⁵⁶⁷⁸⁹'))}"
-        return "−" * bool(found[1]) + (tens if digits and power < -3 else found[2])
-
-    return re.sub(r"(-?)(\d+(?:\.\d+)?)", one, text)
+    text, its_ends, unit = map(printed, (value, ends or single, number["unit"]))
+    return {"text": text, "ends": its_ends, "kind": kind, "unit": unit, "behind": behind}
 
 
 def trials_text(number: Mapping[str, Any]) -> str:
@@ -589,6 +542,8 @@ def exponent_of(number: float) -> int:
 
 
 def fixed(number: float, digits: int) -> str:
-    """The number with that many decimal places; never a minus before zero."""
+    """The number with that many decimal places, below a thousandth with a power of ten; never a minus before zero."""
     text = f"{number:.{digits}f}"
-    return text.removeprefix("-") if float(text) == 0 else text
+    if float(text) == 0:
+        return text.removeprefix("-")
+    return f"{number:.{max(digits + exponent_of(float(text)), 0)}e}" if abs(float(text)) < 1e-3 else text

@@ -23,9 +23,10 @@ from markupsafe import Markup
 
 from osl_analysis.judge.campaign import Entry
 from osl_analysis.judge.finding import ESTIMATES, Grade
+from osl_analysis.judge.words import printed
 from osl_analysis.report import TEMPLATES
 from osl_analysis.report.headlines import answered, said_number
-from osl_analysis.report.trial_page import ReportedTrial, printed, value_and_interval
+from osl_analysis.report.trial_page import ReportedTrial, value_and_interval
 from osl_analysis.stats.repeats import summary_row
 
 FIRST_FIGURES = ("fig5", "walking_page", "torque_angle", "response", "fig3")

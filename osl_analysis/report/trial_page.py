@@ -2,11 +2,10 @@
 whole campaign."""
 
 import math
-import re
 from collections import Counter, defaultdict
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cache, cached_property, partial
+from functools import cached_property, partial
 from itertools import cycle
 from typing import Any, NamedTuple
 
@@ -19,7 +18,7 @@ from osl_analysis.judge.campaign import QUALITY, Entry
 from osl_analysis.judge.finding import Beyond, Grade
 from osl_analysis.judge.limits import NOT_APPLICABLE
 from osl_analysis.judge.used import exclusion_said
-from osl_analysis.judge.words import WORDS, Words, sentence_of
+from osl_analysis.judge.words import WORDS, Words, printed, sentence_of
 from osl_analysis.report.headlines import decimals, fixed, told_apart
 from osl_analysis.stats.repeats import alike_sizes
 
@@ -334,14 +333,6 @@ def cell_text(value: Any) -> str:
     if isinstance(value, float):
         return printed(f"{value:.6g} ").rstrip() if math.isfinite(value) else NO_VALUE
     return NO_VALUE if value is None else str(value)
-
-
-@cache
-def printed(text: str) -> str:
-    """A text with its units, symbols, powers and minus signs as the page sets them; of the unit 1 nothing."""
-    for pattern, sign in WORDS["signs"].items():
-        text = re.sub(pattern, sign, text)
-    return "" if text == "1" else text
 
 
 def unit_and_meaning(column: str, table: str) -> dict[str, str]:

@@ -48,8 +48,7 @@ class Headline:
     amplitudes_low: float | None = None  # lowest result of the fits to single amplitudes; None if there are none
     amplitudes_high: float | None = None  # highest result of the fits to single amplitudes; None if there are none
     of: str = ""  # the controller, group or joint that it is of, with which `meaning` ends; empty: of all
-    question: str = ""  # one of `QUESTIONS`; empty for a claim or a count of doubts
-    answers: str = ""  # how the sentence begins that answers the question by this number; empty: others answer it
+    begins: str = ""  # how the sentence begins that says this number first on the page; empty: none does
 
 
 @dataclass(frozen=True)
@@ -69,12 +68,8 @@ class Example:
 
 
 ENTRIES: dict[str, Any] = read_mapping(Path(__file__).with_suffix(".yaml"))
-QUESTIONS: dict[str, dict[str, Any]] = ENTRIES.pop("questions")
-"""The questions of a reader, the first ones first: the `tables` that answer each, and what they `identify`."""
-QUESTION_OF = {table: question for question, facts in QUESTIONS.items() for table in facts["tables"]}
 LABELS = {
-    table: {quantity: Headline(**label, question=QUESTION_OF.get(table, "")) for quantity, label in labels.items()}
-    for table, labels in ENTRIES.items()
+    table: {quantity: Headline(**label) for quantity, label in labels.items()} for table, labels in ENTRIES.items()
 }
 """The labels by table and quantity, in the order of the summary."""
 
@@ -206,8 +201,7 @@ def impedance_headlines(impedance: pl.DataFrame, example: Example) -> Iterator[H
             ends: dict[str, Any] = {
                 f"amplitudes_{end}": row.get(f"{symbol}_amplitudes_{end}") for end in ("low", "high")
             }
-            answers = "K is" if label.answers else ""
-            yield replace(number, n_doubtful=doubtful_count(shown)[0], answers=answers, **ends)
+            yield replace(number, n_doubtful=doubtful_count(shown)[0], **ends)
 
 
 def claim_headlines(claims: pl.DataFrame) -> Iterator[Headline]:
@@ -434,45 +428,24 @@ def numbers_said(number: Mapping[str, Any]) -> tuple[str, str, str]:
     return fixed(number["value"], digits), parts[0], parts[1]
 
 
-SIDE_BY_SIDE = 3  # controllers, groups or joints that stand side by side
-WITH = {"compensated": "with compensation", "uncompensated": "without it"}
-
-
-def answered(numbers: Sequence[Mapping[str, Any]], desired: bool = True) -> list[dict[str, Any]]:
-    """The numbers of a summary for the page, by question: the `answer` in a sentence, the `columns`, which are what
-    numbers are of where that is few, and `rows` with their meaning, a cell for each column, one for all of them under
-    the empty name, and what the draft has."""
-    found = []
-    for asks, facts in QUESTIONS.items():
-        own = [{**number, **said_number(number)} for number in numbers if number.get("question") == asks]
-        columns = list(dict.fromkeys(number["of"] for number in own if number["of"]))
-        columns, rows = columns if len(columns) <= SIDE_BY_SIDE else [], dict[str, dict[str, Any]]()
-        for number in own:
-            of = number["of"] if number["of"] in columns else ""
-            meaning = number["meaning"].removesuffix(f", {of}").replace(" - ", " − ")
-            row = rows.setdefault(meaning, {"meaning": meaning, "cells": {}, "draft": ""})
-            row["cells"][of] = number
-            row["draft"] = row["draft"] or ("" if number["draft"] is None else f"{number['draft']:g} {number['unit']}")
-        said = {"asks": asks, "identified": facts["identified"]} | ({} if desired else facts.get("undesired", {}))
-        found += [{**said, "answer": answer_said(own), "columns": columns or [""], "rows": [*rows.values()]}] * bool(
-            own
-        )
-    return found
-
-
-def answer_said(numbers: Sequence[Mapping[str, Any]]) -> str:
-    """The sentence that answers a question by its first number that does, for each that it is of; of many the range."""
-    begins = next((number["answers"] for number in numbers if number["answers"]), "")
-    parts, own = [], [number for number in numbers if begins and number["answers"] == begins]
-    if len(own) > SIDE_BY_SIDE:
-        least, most = (pick(own, key=lambda one: float(one["value"])) for pick in (min, max))
-        return f"{begins} {' to '.join('{text} {unit} ({of})'.format(**one) for one in (least, most))}."
-    for one in own:
-        # a range shows no precision, and the table has it
-        ends = one["ends"] if one["interval"] not in (RANGE, COUNT) else ""
-        more = "; ".join(filter(None, [one["of"] * (one["of"] not in WITH), ends, f"n = {one['behind']}"]))
-        parts.append(" ".join(filter(None, [one["text"], one["unit"], WITH.get(one["of"]), f"({more})"])))
-    return f"{begins} {', '.join(parts)}." if parts else ""
+def first_said(numbers: Sequence[Mapping[str, Any]], most: int = 3) -> list[str]:
+    """A sentence for each beginning that numbers of a summary have, with what each is of; of more than `most` the
+    lowest and the highest one."""
+    found = dict[str, list[dict[str, Any]]]()
+    for number in numbers:
+        if number["begins"]:
+            found.setdefault(number["begins"], []).append({**number, **said_number(number)})
+    said = []
+    for begins, every in found.items():
+        few = len(every) <= most
+        own = every if few else [pick(every, key=lambda one: float(one["value"])) for pick in (min, max)]
+        parts = []
+        for one in own:  # a range shows no precision, and the table has it
+            ends = one["ends"] if one["interval"] not in (RANGE, COUNT) else ""
+            more = "; ".join(filter(None, [one["of"], ends, f"n = {one['behind']}"]))
+            parts.append(f"{one['text']} {one['unit']} ({more})")
+        said.append(f"{begins} {(', ' if few else ' to ').join(parts)}.")
+    return said
 
 
 def said_number(number: Mapping[str, Any]) -> dict[str, str]:

@@ -25,7 +25,7 @@ from osl_analysis.judge.campaign import Entry
 from osl_analysis.judge.finding import ESTIMATES, Grade
 from osl_analysis.judge.words import printed
 from osl_analysis.report import TEMPLATES
-from osl_analysis.report.headlines import answered, said_number
+from osl_analysis.report.headlines import first_said, said_number
 from osl_analysis.report.trial_page import ReportedTrial, value_and_interval
 from osl_analysis.stats.repeats import summary_row
 
@@ -73,10 +73,8 @@ def written_page(
     )
 
 
-def what_was_done(
-    trials: Sequence[ReportedTrial], questions: Sequence[Mapping[str, Any]], about: Mapping[str, str]
-) -> str:
-    """The campaign in a sentence: how many trials of which joints and experiments, and what they identify."""
+def what_was_done(trials: Sequence[ReportedTrial], about: Mapping[str, str]) -> str:
+    """The campaign in a sentence: how many trials of which joints and experiments."""
     rows = [trial.row for trial in trials]
     numbers = Counter(row["experiment"] for row in rows)
     perturbed = sum(row["experiment"] == "walking" and bool(row.get("perturbed")) for row in rows)
@@ -87,10 +85,8 @@ def what_was_done(
     of = f" of the {joints}" if (joints := joints_of(trials)) else ""
     suffixes = dict.fromkeys(Path(row.get(role) or "").suffix for row in rows for role in ("log", "mocap"))
     files = in_words([suffix[1:].upper() for suffix in suffixes if suffix])
-    done = in_words([one["identified"] for one in questions if one["identified"]])
-    done = f"{done[0].upper()}{done[1:]}, identified from" if done else "Ingested and checked:"
     only = f"{counts[0].partition(' ')[2]} " * (len(counts) == 1)
-    said = f"{done} {len(trials)} {about['data']} {only}{'trial' if len(trials) == 1 else 'trials'}{of}"
+    said = f"{len(trials)} {about['data']} {only}{'trial' if len(trials) == 1 else 'trials'}{of}"
     made_of = f"{files} files, " * bool(files) + about["recorded"]
     return f"{said}{f': {in_words(counts)}' * (not only)} ({made_of})."
 
@@ -226,14 +222,13 @@ def overview(
     figures: Sequence[Mapping[str, Any]],
     about: Mapping[str, str],
 ) -> dict[str, Any]:
-    """What the first screen says, with the figure that matters most, the numbers of a `summary` (`summary.json`) by
-    question, and its findings with what decided on each trial."""
+    """What the first screen says, with the figure that matters most, the numbers of a `summary` (`summary.json`), and
+    its findings with what decided on each trial."""
     groups = [one for one in summary.get("findings", ()) if one.get("of") == "walking groups"]
     findings = sorted((one for trial in trials for one in trial.findings), key=lambda one: not one["in_part"])
     known = {trial.name for trial in trials}
     numbers = [*summary.get("numbers", {}).values()]
     desired = any(trial.row.get(name) is not None for trial in trials for name in ("controller", "K_d"))
-    questions = answered(numbers, desired)
     names = [figure["name"] for figure in figures]
     first = next((name for name in (*FIRST_FIGURES[not desired :], *names) if name in names), "")
     sizes = {(entry["cause"], entry["trial"]): entry["size"] or "" for entry in findings}
@@ -243,9 +238,10 @@ def overview(
 
     return {
         "joints": joints_of(trials),
-        "done": what_was_done(trials, questions, about),
+        "done": what_was_done(trials, about),
         "state": state_of(trials, groups),
-        "questions": questions,
+        "answers": first_said(numbers),
+        "numbers": [{**one, **said_number(one)} for one in numbers],
         "findings": [{**one, "named": named(one)} for one in summary.get("findings", ())],
         "first": [one for one in figures if one["name"] == first],
         "figures": [one for one in figures if one["name"] != first],

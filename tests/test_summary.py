@@ -328,8 +328,8 @@ def test_the_first_numbers_are_said_with_a_true_minus_and_none_that_its_interval
     numbers = written(headline_numbers(tables))["numbers"]
     said = headlines.first_said([*numbers.values()])
     both = "2.00 % (compensated; n = 2), 30.0 % (uncompensated; n = 1, doubtful)"
-    assert said[-2] == f"On average, K is off what was asked for by {both}."
-    assert said[-1] == "While walking the ankle's stiffness is 338.0 N·m/rad (334.6 to 341.4; n = 10)."
+    assert said[0] == f"On average, K is off what was asked for by {both}."
+    assert said[1] == "While walking the ankle's stiffness is 338.0 N·m/rad (334.6 to 341.4; n = 10)."
     assert headlines.said_number(numbers["walking_I"])["text"] == "−2.000·10⁻⁶"
     nothing = NOTHING | {"value": 1e-4, "low": -1e-5, "high": 2e-4, "interval": STUDENT, "doubt": "late"}
     assert list(headlines.said_number(nothing).values()) == [

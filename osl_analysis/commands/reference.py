@@ -1,30 +1,12 @@
-"""What a user looks up: the meaning of every column of every result table, and the JSON schemas of the YAML files."""
+"""The page of tables: the meaning of every column of every result table, of every check and headline number."""
 
-import ast
-import inspect
-import json
-import sys
-from collections.abc import Iterable, Mapping
-from functools import cache
-from itertools import pairwise
-from pathlib import Path
-from typing import Any
+from collections.abc import Iterable
 
-from pydantic import BaseModel
-from pydantic.json_schema import GenerateJsonSchema, models_json_schema
-from pydantic_core.core_schema import ModelSchema
-
-from osl_analysis.campaign.configuration import Config
 from osl_analysis.dictionary import HERE, described_tables
-from osl_analysis.files import write_text
 from osl_analysis.ingest.examine import UNITS
-from osl_analysis.ingest.raw_files import FORMATS
 from osl_analysis.judge.limits import CHECKS
 from osl_analysis.judge.words import WORDS
-from osl_analysis.model.parameters import ParameterFile
 from osl_analysis.report.headlines import all_labels
-from osl_analysis.simulator.settings import SimulationSettings
-from osl_analysis.simulator.walking_settings import WalkingSettings
 
 
 def tables_page(command: str) -> str:
@@ -54,76 +36,3 @@ def tables_page(command: str) -> str:
 def markdown(*head: str, rows: Iterable[Iterable[str]]) -> str:
     lines = [head, ["---"] * len(head), *rows]
     return "".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |\n" for line in lines)
-
-
-class Explained(GenerateJsonSchema):
-    """The schema of a model, whose fields are explained as in the code."""
-
-    def model_schema(self, schema: ModelSchema) -> dict[str, Any]:
-        made = super().model_schema(schema)
-        for name, text in explanations(schema["cls"]).items():
-            if name in made.get("properties", {}):
-                made["properties"][name]["description"] = text
-        return made
-
-
-def schemas() -> dict[str, dict[str, Any]]:
-    """The schema of each kind of file, by the name of its file without `.schema.json`."""
-    draft = "https://json-schema.org/draft/2020-12/schema"
-    models: dict[str, type[BaseModel]] = {"config": Config, "parameters": ParameterFile}
-    models |= {"simulation": SimulationSettings, "gait_laboratory": WalkingSettings}
-    found: dict[str, dict[str, Any]] = {}
-    for name, model in models.items():
-        top, definitions = definitions_of({name: model})
-        if model is Config:  # a campaign's overrides fields of the default, and needs none
-            for one in definitions.values():
-                one.pop("required", None)
-        found[name] = {"$schema": draft, "$ref": top[name], "$defs": definitions}
-    top, definitions = definitions_of({name: known.source for name, known in FORMATS.items()})
-    found["source"] = {
-        "$schema": draft,
-        "type": "object",
-        "required": ["format"],
-        "properties": {"format": {"enum": list(FORMATS)}},
-        "allOf": [{"if": {"properties": {"format": {"const": n}}}, "then": {"$ref": at}} for n, at in top.items()],
-        "$defs": definitions,
-    }
-    return found
-
-
-def definitions_of(models: Mapping[str, type[BaseModel]]) -> tuple[dict[str, str], dict[str, Any]]:
-    """Where the definition of each model stands, and all definitions."""
-    places, content = models_json_schema(
-        [(model, "validation") for model in dict.fromkeys(models.values())],
-        ref_template="#/$defs/{model}",
-        schema_generator=Explained,
-    )
-    return {name: places[model, "validation"]["$ref"] for name, model in models.items()}, content["$defs"]
-
-
-@cache
-def source_of(module: str) -> tuple[dict[str, ast.ClassDef], list[str]]:
-    """The classes of a module by name, and its lines."""
-    text = inspect.getsource(sys.modules[module])
-    return {node.name: node for node in ast.parse(text).body if isinstance(node, ast.ClassDef)}, text.splitlines()
-
-
-def explanations(model: type[BaseModel]) -> dict[str, str]:
-    """What stands below or behind the fields of a model and of its bases, by field."""
-    texts: dict[str, str] = {}
-    for one in reversed(model.__mro__):
-        if not issubclass(one, BaseModel) or one is BaseModel:
-            continue
-        classes, lines = source_of(one.__module__)
-        for field, below in pairwise([*classes[one.__name__].body, None]):
-            if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name):
-                _, _, said = lines[(field.end_lineno or 1) - 1].partition("  # ")
-                if isinstance(below, ast.Expr):
-                    said = " ".join(str(ast.literal_eval(below.value)).split())
-                texts |= {field.target.id: said} if said else {}
-    return texts
-
-
-def write_schemas(folder: Path) -> None:
-    for name, schema in schemas().items():
-        write_text(folder / f"{name}.schema.json", json.dumps(schema, indent=1, ensure_ascii=False) + "\n")

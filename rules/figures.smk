@@ -89,7 +89,7 @@ def report_page(_):
     shown = {"tables": tables, "figures": drawn, "series": rows("series"), "crossings": crossings(WALKED)}
     shown["trials"] = [trial_file(trial) for trial in CAMPAIGN.trials()]
     told = {name: setting(name) for name in ("dynamometer", "actuator", "torque_angle", "walking", "overground")}
-    settings = {"about": ABOUT, "largest_mb": CONFIG.report.largest_mb, "settings": told}
+    settings = {"about": ABOUT, "settings": told}
     settings |= {"sheet": CAMPAIGN.rows | CAMPAIGN.unused, "unnamed": UNNAMED}
     inputs = {"input": {"tables": tables, "figures": drawn, **ends}, "made_of": sorted(TEMPLATES.iterdir())}
     return {**inputs, "read": {name: by_stem(files) for name, files in shown.items()}, "settings": settings}

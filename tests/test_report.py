@@ -48,7 +48,6 @@ from osl_analysis.report.page import (
     captions_by_title,
     claims_said,
     conditions,
-    every_kth,
     inline_svg,
     overview,
     packed_table,
@@ -73,28 +72,24 @@ IMPEDANCE = described_tables_by_name()["impedance"]
 
 def unpack(packed):
     """The columns of a packed table, read by the description of the format alone."""
-    n = packed["rows"]
-    columns = {name: start + step * np.arange(n) for name, (start, step) in packed["even"].items()}
-    planes = np.frombuffer(zlib.decompress(base64.b64decode(packed["data"])), np.uint8).reshape(-1, 2, n)
-    for (name, (centre, unit)), (low, high) in zip(packed["counts"].items(), planes, strict=True):
-        counts = np.cumsum(low + 256 * high.astype(np.int64)).astype(np.int16)
-        columns[name] = np.where(counts == -32768, np.nan, centre + unit * counts)
-    return columns
+    planes = np.frombuffer(zlib.decompress(base64.b64decode(packed["data"])), np.uint8)
+    counts = np.cumsum(2 ** (8 * np.arange(4)) @ planes.reshape(-1, 4, packed["rows"]), axis=1).astype(np.int32)
+    units = np.array([*packed["units"].values()])[:, None]
+    return dict(zip(packed["units"], np.where(counts == -(2**31), np.nan, counts * units), strict=True))
 
 
 def test_a_packed_signal_is_off_by_no_more_than_half_a_count_and_keeps_its_holes():
     noisy = np.random.default_rng(1).normal(size=5000).cumsum()
     noisy[100:200] = np.nan
     table = pl.DataFrame({"time": 3 + np.arange(5000) / 66, "noisy": noisy, "flat": np.full(5000, 4.2)}).fill_nan(None)
-    packed = packed_table(table)
-    found = unpack(json.loads(json.dumps(packed)))
-    assert set(packed["even"]) == {"time"}
-    assert_allclose(found["time"], table["time"], rtol=0, atol=1e-9)
-    assert_allclose(found["noisy"], noisy, rtol=0, atol=(np.nanmax(noisy) - np.nanmin(noisy)) / 32_000)
-    assert_allclose(found["flat"], 4.2, rtol=1e-12)
-    assert every_kth(table.head(399), 10).height == 399, "200 rows are left"
-    short = pl.DataFrame({"a": [np.inf, -np.inf, np.nan, 1.23456789], "n": [1, 2, 3, 4]})
-    assert packed_table(short)["plain"] == {"a": [None, None, None, 1.234568], "n": [1, 2, 3, 4]}
+    found = unpack(json.loads(json.dumps(packed_table(table))))
+    for name, values in {"time": table["time"].to_numpy(), "noisy": noisy}.items():
+        assert_allclose(found[name], values, rtol=0, atol=2**-15 * (np.nanmax(values) - np.nanmin(values)))
+    assert_allclose(found["flat"], 4.2, rtol=1e-8)
+    short = pl.DataFrame({"a": [np.inf, -np.inf, np.nan, 1.25], "n": [1, 2, 3, 4], "none": [None] * 4})
+    read = unpack(packed_table(short))
+    assert_allclose(read["a"], [np.nan, np.nan, np.nan, 1.25], rtol=1e-8)
+    assert (read["n"].tolist(), np.isnan(read["none"]).all()) == ([1, 2, 3, 4], True)
 
 
 ABOUT = dict(zip(ABOUT_MEANING, (HOSTILE, "simulated", "1.2", "abc", "made with seed 1"), strict=True))
@@ -126,15 +121,15 @@ def trial(name="t", *findings, **facts):
     return ReportedTrial(name, row, {"impedance": fitted_rows()}, stored_findings(*findings), **facts)
 
 
-def page_of(trials, largest_mb=40.0, tables=None):
+def page_of(trials):
     facts = {"verdict": "doubtful", "cause": HOSTILE, "says": "x", "size": "y", "remedy": "", "of": "trials", "n": 2}
     summary = {"findings": [{**facts, "trials": [one.name for one in trials]}]}
     content = {"about": ABOUT, "made_of": sentence(ABOUT), **trials_content(trials)}
     content |= {**overview(trials, summary, [], ABOUT), "intervals": "", "not_made": [], "sensitivity": []}
     content["methods"] = methods_content(SETTINGS, {}, trials)
     content |= {"absent_figures": {"Response": "No trial has one."}, **STATED}
-    packed = {one.name: (trial_content(one), tables or {}) for one in trials}
-    return written_page(content, packed, largest_mb)
+    packed = {one.name: (trial_content(one), {}) for one in trials}
+    return written_page(content, packed)
 
 
 class Page(HTMLParser):
@@ -215,21 +210,6 @@ def test_the_methods_have_the_numbers_of_settings_sheet_and_tables_and_nothing_t
     cff = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
     own = ("author", f"{{{cff['authors'][0]['name']}}}"), ("title", cff["title"]), ("year", cff["date-released"].year)
     assert ", ".join(f"{field} = {{{value}}}" for field, value in own) in sources
-
-
-def test_signals_are_thinned_out_for_a_small_page_which_says_so_and_keeps_the_ends_of_ranges():
-    table = pl.DataFrame({"time": np.arange(4000.0), "residual_low": 0.0, "residual_high": 0.0})
-    table[1237, "residual_high"] = 5.0
-    table[2001, "residual_low"] = -5.0
-    thinned = every_kth(table, 10)
-    assert thinned["time"].to_list() == list(range(0, 4000, 10))
-    assert (thinned["residual_low"].min(), thinned["residual_high"].max()) == (-5.0, 5.0)
-    noise = np.random.default_rng(2).normal(size=60_000)
-    tables = {"series": pl.DataFrame({"time": np.arange(60_000.0), "torque": noise})}
-    bare, whole = (len(page_of([trial()], tables=one)) for one in (None, tables))  # most of it is Bokeh
-    small = page_of([trial()], (bare + 50_000) / 1e6, tables)
-    assert bare + 10_000 < len(small) < bare + 50_000 < whole
-    assert re.search(r"every \d+th sample", Page(small).text)
 
 
 def test_units_symbols_powers_and_minus_signs_are_set_in_one_way_and_names_are_left():
@@ -383,7 +363,7 @@ def test_a_report_says_of_each_trial_what_became_of_it(tmp_path, monkeypatch):
     found = campaign_findings({}, pl.DataFrame([gap]), DoubtfulFits())
     write_table(found, given["findings"])
     of_table, seen = Refusal("", "t.csv", "j", "refused", "why", "what"), []
-    given |= {"trials": {}, "crossings": {}, "figures": {}, "about": ABOUT, "largest_mb": 4, "settings": SETTINGS}
+    given |= {"trials": {}, "crossings": {}, "figures": {}, "about": ABOUT, "settings": SETTINGS}
     given["refused"] = [of_table, replace(of_table, trial="b_2")]
     monkeypatch.setattr(report, "written_page", lambda *content: seen.extend(content) or "")
     kinds = {"b_1": "belt", "b_2": "belt", "b_3": "belt", "w": "walking", "s": "static"}
@@ -480,7 +460,7 @@ def test_a_claim_stands_with_its_limit_and_a_long_caption_is_folded_behind_two_s
     content |= {"not_made": [], "sensitivity": [], "absent_figures": {}, **STATED}
     content["claims"] = claims_said(pl.DataFrame([number, near, own]))
     content["methods"] = methods_content(SETTINGS, {}, [trial()])
-    said = " ".join(Page(written_page(content, {}, 40.0)).text.split())
+    said = " ".join(Page(written_page(content, {})).text.split())
     assert [(one["claim"], one["where"], one["limit"]) for one in content["claims"]] == [
         ("it is negligible", "knee", "below 10 %"), ("z is 9", "knee", "9 ± 2 %"),
     ]  # fmt: skip

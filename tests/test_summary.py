@@ -333,7 +333,7 @@ def test_the_first_numbers_are_said_with_a_true_minus_and_none_that_its_interval
     assert headlines.said_number(numbers["walking_I"])["text"] == "−2.000·10⁻⁶"
     nothing = NOTHING | {"value": 1e-4, "low": -1e-5, "high": 2e-4, "interval": STUDENT, "doubt": "late"}
     assert list(headlines.said_number(nothing).values()) == [
-        "≈ 0", "−1·10⁻⁵ to 2.0·10⁻⁴", STUDENT, "", "3, doubtful: late",
+        "≈ 0", "−1·10⁻⁵ to 0.00020", STUDENT, "", "3, doubtful: late",
     ]  # fmt: skip
     assert headlines.said_number(nothing | {"interval": RANGE})["text"] == "1.00·10⁻⁴", "a range has it by chance"
     foot = headlines.LABELS["torque_angle"]["K"]

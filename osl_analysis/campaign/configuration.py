@@ -74,8 +74,8 @@ class FigureChoices(Settings):
 class ReportChoices(Settings):
     """The page `report.html` of a run."""
 
-    largest_mb: Annotated[float, Field(gt=0)] = 40.0
-    """Largest size of the page [MB]; signals are thinned out to keep it, and the page says so."""
+    REMOVED: ClassVar = {"largest_mb": "the page is never thinned out; remove the line"}
+
     beside_draft: bool | None = None
     """Whether page and summary have the numbers of the paper's draft beside the campaign's; null: if it simulates the
     draft's device."""

@@ -33,7 +33,6 @@ def write_report(
     about: Mapping[str, str],
     sheet: Mapping[str, Mapping[str, Any]],
     settings: Mapping[str, Any],
-    largest_mb: float,
     trials: Mapping[str, Path],
     series: Mapping[str, Path],
     crossings: Mapping[str, Path],
@@ -51,8 +50,7 @@ def write_report(
     refused: Sequence[Refusal] = (),
     unnamed: str = "",
 ) -> None:
-    """Write the page `report.html`, of about `largest_mb` [MB] at most where thinning out its signals allows it, and
-    the text of its methods, `methods.md` and `methods.tex`.
+    """Write the page `report.html`, and the text of its methods, `methods.md` and `methods.tex`.
 
     `sheet` has the row of every trial, also of those that it excludes, `settings` the sections of the configuration by
     which the experiments are analysed; `trials`, `series` and `crossings` the files of
@@ -101,7 +99,7 @@ def write_report(
             "form": form,
         }  # what a template asks for is there then
         write_text(path, page.template("methods.txt.j2").render(told))
-    write_text(output, written_page(content, pages, largest_mb))
+    write_text(output, written_page(content, pages))
 
 
 def reported_trial(

@@ -515,8 +515,8 @@ def exponent_of(number: float) -> int:
 
 
 def fixed(number: float, digits: int) -> str:
-    """The number with that many decimal places, below a thousandth with a power of ten; never a minus before zero."""
+    """The number with that many decimal places, up to 0.0001 with a power of ten; never a minus before zero."""
     text = f"{number:.{digits}f}"
     if float(text) == 0:
         return text.removeprefix("-")
-    return f"{number:.{max(digits + exponent_of(float(text)), 0)}e}" if abs(float(text)) < 1e-3 else text
+    return f"{number:.{max(digits + exponent_of(float(text)), 0)}e}" if abs(float(text)) <= 1e-4 else text

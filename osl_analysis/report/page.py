@@ -34,34 +34,24 @@ FIRST_FIGURES = ("fig5", "walking_page", "torque_angle", "response", "fig3")
 
 
 def written_page(
-    content: Mapping[str, Any],
-    trials: Mapping[str, tuple[Mapping[str, Any], Mapping[str, pl.DataFrame]]],
-    largest_mb: float,
+    content: Mapping[str, Any], trials: Mapping[str, tuple[Mapping[str, Any], Mapping[str, pl.DataFrame]]]
 ) -> str:
     """The HTML of the report, of the names that the template `report.html.j2` uses, and of what it says of each trial
-    with the tables that it draws, thinned out where the page would be larger than `largest_mb` [MB]."""
+    with the tables that it draws."""
     around = template("report.html.j2")
     bokeh_js = "\n".join(Resources(mode="inline", log_level="warn", components=["bokeh", "bokeh-api"]).js_raw)
     report_js, style = ((TEMPLATES / f"report.{kind}").read_text(encoding="utf-8") for kind in ("js", "css"))
     hashes = (hashlib.sha256(script.encode()).digest() for script in (bokeh_js, report_js))
     scripts = " ".join(f"'sha256-{b64encode(digest).decode()}'" for digest in hashes)
 
-    def packed(every: int) -> dict[str, Markup]:
-        found = {}
-        for name, (told, tables) in trials.items():
-            text = json.dumps(told, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
-            drawn = {table: packed_table(every_kth(rows, every)) for table, rows in tables.items()}
-            both = json.dumps({"content": deflated(text.encode()), "tables": drawn}, allow_nan=False)
-            found[name] = Markup(both.replace("<", "\\u003c"))  # it cannot end the script element that holds it
-        return found
-
-    whole = packed(1)
-    around_them = sum(map(len, (bokeh_js, report_js, style, str(content))))
-    size, room = sum(map(len, whole.values())), max(1e6 * largest_mb - around_them, 1.0)
-    every = math.ceil(1.3 * size / room) if size > room else 1  # noise deflates worse once it is thinned
+    packed = {}
+    for name, (told, tables) in trials.items():
+        text = json.dumps(told, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+        drawn = {table: packed_table(rows) for table, rows in tables.items()}
+        both = json.dumps({"content": deflated(text.encode()), "tables": drawn}, allow_nan=False)
+        packed[name] = Markup(both.replace("<", "\\u003c"))  # it cannot end the script element that holds it
     return around.render(
         **content,
-        every=every,
         bokeh_version=bokeh.__version__,
         # content security policy: nothing is loaded, and no script runs but these two, by their hashes
         policy=f"default-src 'none'; script-src {scripts}; style-src 'unsafe-inline'; img-src data: blob:; "
@@ -69,7 +59,7 @@ def written_page(
         bokeh_js=Markup(bokeh_js),
         report_js=Markup(report_js),
         style=Markup(style),
-        packed=whole if every == 1 else packed(every),
+        packed=packed,
     )
 
 
@@ -255,44 +245,19 @@ def template(name: str) -> Template:
     return found.get_template(name)
 
 
-def every_kth(table: pl.DataFrame, k: int) -> pl.DataFrame:
-    """Every k-th row of a table, 200 or more; of the ends of a range, `_low` and `_high`, the outermost."""
-    if (k := min(k, len(table) // 200)) <= 1:
-        return table
-    low, high = (pl.col(f"^.*{end}$") for end in ("_low", "_high"))
-    groups = (pl.int_range(pl.len()) // k).alias("k_th")
-    others = pl.exclude("^.*_low$", "^.*_high$").first()
-    return table.group_by(groups, maintain_order=True).agg(others, low.min(), high.max()).select(table.columns)
-
-
 def packed_table(table: pl.DataFrame) -> dict[str, Any]:
-    """A table of numbers for the page: `rows`, `plain` columns as lists, `even` ones as start and step, and `counts`
-    with the value of count 0 and that of one count, per column. `data` holds, one column after the other, the
-    differences of its counts modulo 2^16: all low bytes, then all high bytes, which deflates better than pairs.
-    The largest count is 8191: more bits show nothing. What is not finite has the count -32768, in a list null."""
-    if len(table) < 200:  # a short one is written as numbers
-        numbers = table.with_columns(pl.selectors.numeric().cast(pl.Float64).replace([np.inf, -np.inf, np.nan], None))
-        plain = numbers.with_columns(pl.selectors.float().round_sig_figs(7))
-        return {"rows": len(table), "plain": plain.to_dict(as_series=False)}
-    even: dict[str, list[float]] = {}
-    counts: dict[str, list[float]] = {}
-    data = []
+    """A table of numbers for the page: `rows`, the `units` of its columns, a power of two below 2^-14 of their range,
+    and as `data`, one column after the other, the differences of the counts of these modulo 2^32, byte by byte: those
+    of smooth signals deflate well. What is not finite has the count -2^31."""
+    units, data = dict[str, float](), list[bytes]()
     for name in table.columns:
         values = table[name].cast(pl.Float64).fill_null(np.nan).to_numpy()
-        steps = np.diff(values)
-        step = float((values[-1] - values[0]) / len(steps))
-        if step > 0 and np.abs(steps - step).max() <= 1e-6 * len(steps) * step:
-            even[name] = [float(values[0]), step]
-            continue
-        known, most = np.isfinite(values), 8191
-        low, high = (float(values[known].min()), float(values[known].max())) if known.any() else (0.0, 0.0)
-        centre, unit = (low + high) / 2, (high - low) / (2 * most) or 1.0
-        numbered = np.full(len(values), -32768, dtype=np.int16)
-        numbered[known] = np.round((values[known] - centre) / unit).clip(-most, most).astype(np.int16)
-        differences = np.diff(numbered, prepend=np.int16(0)).astype("<i2").tobytes()
-        data += [differences[0::2], differences[1::2]]
-        counts[name] = [centre, unit]
-    return {"rows": len(table), "even": even, "counts": counts, "data": deflated(b"".join(data))}
+        known = values[np.isfinite(values)]
+        reach = max(np.ptp(known), 1e-4 * np.abs(known).max()) if len(known) else 0.0
+        units[name] = 2.0 ** (math.ceil(math.log2(reach)) - 15) if reach else 1.0
+        counts = np.where(np.isfinite(values), np.round(values / units[name]), -(2.0**31)).astype(np.int64)
+        data.append(np.diff(counts, prepend=0).astype("<i4").view(np.uint8).reshape(-1, 4).T.tobytes())
+    return {"rows": len(table), "units": units, "data": deflated(b"".join(data))}
 
 
 def deflated(content: bytes) -> str:

@@ -357,7 +357,7 @@ def estimate_rows(table: pl.DataFrame, of: str) -> dict[str, Any]:
     """The estimates of one trial in its table `of` this name: `columns` with name, unit and meaning, and a row of texts
     per fit."""
     there = set(table.columns)
-    names = [name for name in table.columns if {f"{name}_low", f"{name}_high"} <= there]
+    names = [name for name in table.columns if {f"{name}_low", f"{name}_high"} <= there and table[name].count()]
     names += [name for name in ("VAF", "R2") if name in there]  # numbers of a fit without an interval
     first, rows = ["amplitude_deg"] * ("amplitude_deg" in there), []
     for row in table.iter_rows(named=True):

@@ -39,7 +39,7 @@
     return element("div", { class: "scroll" }, made);
   }
 
-  // --- the packed trials: the format is described in pack.py
+  // --- the packed trials: the format is described in page.py (packed_table)
 
   async function inflated(text) {
     const bytes = Uint8Array.from(atob(text), (sign) => sign.charCodeAt(0));
@@ -47,24 +47,18 @@
     return new Uint8Array(await new Response(stream).arrayBuffer());
   }
 
-  const NO_VALUE = -32768;
+  const NO_VALUE = -(2 ** 31);
 
   async function unpacked(packed) {
     const columns = {};
-    if (packed.plain) {
-      for (const [name, values] of Object.entries(packed.plain)) columns[name] = values.map((x) => (x === null ? NaN : x));
-      return columns;
-    }
-    for (const [name, [start, step]] of Object.entries(packed.even)) {
-      columns[name] = Float64Array.from({ length: packed.rows }, (_, k) => start + k * step);
-    }
     const bytes = await inflated(packed.data);
-    Object.entries(packed.counts).forEach(([name, [centre, unit]], column) => {
-      const count = new Int16Array(1);
-      columns[name] = Float64Array.from({ length: packed.rows }, (_, k) => {
-        const at = 2 * column * packed.rows + k;
-        count[0] += bytes[at] + 256 * bytes[at + packed.rows];
-        return count[0] === NO_VALUE ? NaN : centre + count[0] * unit;
+    const n = packed.rows;
+    Object.entries(packed.units).forEach(([name, unit], column) => {
+      let count = 0;
+      columns[name] = Float64Array.from({ length: n }, (_, k) => {
+        const at = 4 * column * n + k;
+        count = (count + (bytes[at] | (bytes[at + n] << 8) | (bytes[at + 2 * n] << 16) | (bytes[at + 3 * n] << 24))) | 0;
+        return count === NO_VALUE ? NaN : count * unit;
       });
     });
     return columns;

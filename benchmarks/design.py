@@ -4,11 +4,11 @@
     python benchmarks/design.py multisine [trials]      odd multisine: exact joint, Coulomb friction
 
 The study simulates its trials, brings them on a time base, finds their protocol, filters and fits them; it knows
-nothing of the prediction. Trials of a multisine are simulated in memory and fitted by `spectral.response`.
+nothing of the prediction. Trials of a multisine are simulated in memory and fitted to the lines of their periods.
 """
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 import polars as pl
@@ -17,8 +17,7 @@ import study
 from osl_analysis.bench.precision import KBI, Distortion, PeriodicMultisine, Sensors, SteppedSine, precision
 from osl_analysis.signals import LowPass
 from osl_analysis.simulator.joint_motion import JointMotion
-from osl_analysis.spectral.periods import Realisation, period_spectra
-from osl_analysis.spectral.response import SecondOrder, fit_by_power, lines_of_periods
+from osl_analysis.spectral.periods import Realisation, lines_of, period_spectra
 from osl_analysis.trial import Array
 
 STUDIED = ("second order", "second order, 250 Hz", "second order, 14 bits", "drivetrain")
@@ -59,10 +58,19 @@ def multisine_trials(torque_of: Torque, trials: int, first: int) -> Array:
     rng, low_pass, found = np.random.default_rng(first), LowPass(15.0, 4), []
     for trial in range(trials):
         numbers = range(first + trial * PLAN.realisations, first + (trial + 1) * PLAN.realisations)
-        lines = lines_of_periods([realisation(number, torque_of, rng) for number in numbers], low_pass)
-        fit = fit_by_power(SecondOrder(), lines, (300.0, 5.0))
-        found.append([fit[name] for name in KBI])
+        made = [realisation(number, torque_of, rng) for number in numbers]
+        found.append(fitted_lines(made, low_pass))
     return np.array(found)
+
+
+def fitted_lines(made: Sequence[Realisation], low_pass: LowPass) -> Array:
+    """K, B and I (3,) by least squares on the excited lines, which weigh by their power behind the filter."""
+    frequency, excited = made[0].frequency_hz, lines_of(made).excited
+    s, weight = 2j * np.pi * frequency[excited], low_pass.gain(frequency[excited])
+    theta, torque = (weight * np.array([one.mean_lines[k][excited] for one in made]) for k in (0, 1))
+    X = np.array([(theta * s**power).ravel() for power in range(3)]).T
+    rows, y = np.vstack([X.real, X.imag]), np.concatenate([torque.ravel().real, torque.ravel().imag])
+    return np.asarray(np.linalg.lstsq(rows, y, rcond=None)[0])
 
 
 def realisation(number: int, torque_of: Torque, rng: np.random.Generator) -> Realisation:
@@ -74,7 +82,7 @@ def realisation(number: int, torque_of: Torque, rng: np.random.Generator) -> Rea
     torque = torque_of(moved) + SENSORS.torque_noise * rng.standard_normal(n)
     lines = int(3 * PLAN.period_s * PLAN.band_hz[1])
     theta, tau = (period_spectra(y, float(samples), float(samples), PLAN.periods, lines) for y in (moved.theta, torque))
-    return Realisation(PLAN.period_s, RATE_HZ, np.array([theta, tau]), 0.0)
+    return Realisation(PLAN.period_s, np.array([theta, tau]), 0.0)
 
 
 def exact(m: JointMotion) -> Array:

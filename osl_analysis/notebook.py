@@ -191,14 +191,12 @@ class Response:
     * `table`: a row per frequency. Of a stepped sine those of `frequency_response.csv`, the admittance Y, angle over
       torque [rad/(N*m)], averaged over amplitudes. Of any other motion those of `response.csv`, the impedance Z, torque
       over angle [N*m/rad], with noise and distortion.
-    * `models`: Eqs. 15 and 9 fitted to the response, the rows of `response_models.csv`; none of a stepped sine
     * `plotted`: the numbers that `plot_frequency_response` draws
     """
 
     trial: str
     figure: str  # fig7, or response of any other motion than a stepped sine
     table: pl.DataFrame
-    models: pl.DataFrame
     plotted: pl.DataFrame
 
     def to_pandas(self) -> "pandas.DataFrame":
@@ -217,23 +215,22 @@ def frequency_response(
     `fit_impedance`. With `desired` the desired response (Eq. 11), and with the gains of a controller of the draft that
     of the drivetrain without friction (Eq. 9), are plotted too."""
     from osl_analysis.commands.figure import beside_theory
-    from osl_analysis.commands.tables import pooled_schema
     from osl_analysis.figures.names import JOINT_SIDE, completed
 
     experiment, read, device, settings, limits = asked("impedance", trial, config, parameters)
     tables, found = fit_tables(experiment, read, device, settings, known(desired), windows), {}
     fits = tables[experiment]
     of_fits = judged(fits, limits.of(experiment), experiment)
-    for name in {table.name for table in EXPERIMENTS[experiment].tables} & {"phasors", "response", "response_models"}:
+    for name in {table.name for table in EXPERIMENTS[experiment].tables} & {"phasors", "response"}:
         own = judged(tables[name], limits.of(name), name)
         found[name] = marked(tables[name], with_inherited(name, tables[name], own, fits, of_fits), name)
     if "phasors" not in found or found["phasors"].is_empty():  # the motion is no stepped sine
-        plotted = drawing_of("response").points(found["response"], pl.DataFrame(schema=pooled_schema()))
-        return Response(read.name, "response", found["response"], found["response_models"], plotted)
+        plotted = drawing_of("response").points(found["response"])
+        return Response(read.name, "response", found["response"], plotted)
     table = frequency_response_table(found["phasors"])
     joint = pl.lit(joint_of(device) if device else None, pl.String)
     plotted = beside_theory(completed(table.with_columns(joint=joint), JOINT_SIDE), device, settings["weight"])
-    return Response(read.name, "fig7", table, found["response_models"], plotted)
+    return Response(read.name, "fig7", table, plotted)
 
 
 def read_recording(path: File, source: File, part: str | None = None, name: str | None = None) -> Trial:
@@ -347,8 +344,9 @@ def plot_frequency_response(response: Response) -> "NotebookFigure":
     """Magnitude and phase over frequency [Hz] with 95 % intervals: Fig. 7, or the figure `response`, with noise and
     distortion, of any other motion than a stepped sine."""
     if response.plotted.is_empty():
-        why = response.models["excluded"].drop_nulls().to_list() if "excluded" in response.models.columns else []
-        raise InputError(f"trial {response.trial}: no frequency response to draw{': ' if why else ''}{'; '.join(why)}")
+        raise InputError(
+            f"trial {response.trial}: no frequency response to draw; move the joint further, or for longer"
+        )
     return drawn(response.figure, response.plotted)
 
 

@@ -21,9 +21,9 @@ SUFFIX = ".zip"  # Of an archive of several tables.
 FORMULA = r"^(['=+@\t\r]|-[A-Za-z(])"  # How a text begins that a spreadsheet runs; in a table it has a ' before it.
 TEXT_COLUMNS = (
     "trial", "controller", "branch", "quantity", "estimator", "check", "unit", "verdict", "remark", "reason",
-    "excluded", "panel", "curve", "interval_method", "doubtful", "experiment", "model", "terms", "by_VAF", "by_BIC",
+    "excluded", "panel", "curve", "interval_method", "doubtful", "experiment", "model", 
     "motion", "group", "gait", "direction", "subject", "session", "side", "speed", "pooled", "series", "group_stated",
-    "not_checked", "excitation", "desired", "loading", "method", "weights", "trials", "joint", "data",
+    "not_checked", "excitation", "desired", "loading", "method", "joint", "data",
     "chosen", "trajectory", "axis_from", "over", "missing_components", "table", "grade", "cause", "inherited",
     "evidence", "side", "says", "size", "remedy", "reaction", "rivals", "heard", "law",
 )  # fmt: skip

@@ -4,10 +4,8 @@ SUFFIXES = ("pdf", "svg", "png")
 
 
 def drawn_names() -> list[str]:
-    """The names of the figures that the campaign's tables give; rival models are drawn where one predicts other data."""
+    """The names of the figures that the campaign's tables give."""
     tables = {path.stem for path in result_tables()}
-    if not AMPLITUDES and all(len(trials) == 1 for trials in REPEATS.values()):
-        tables -= {"model_comparison"}
     return [name for name, figure in FIGURES.items() if figure.table in tables]
 
 

@@ -1,11 +1,5 @@
-"""Fits of single trials, and rival models side by side -> tidy tables over trials -> the headline numbers."""
+"""Fits of single trials -> tidy tables over trials -> the headline numbers."""
 
-REPEATS = {
-    f"{experiment}_trials" + f"_{number}" * (number > 1): trials
-    for experiment in ("belt", "transmission")
-    for number, trials in enumerate(CAMPAIGN.by_place(experiment), start=1)
-}
-"""Comparisons of models over trials: the trials of each joint and side, which predict each other."""
 KNOWN_GAINS, PARTS = CAMPAIGN.predicted(), ("actuator", "belt", "transmission")
 MEASURED_AT = {part: [PLACES[trial] for trial in CAMPAIGN.trials(part)] for part in PARTS}
 COMPONENTS = {trial: [part for part in PARTS if PLACES[trial] in MEASURED_AT[part]] for trial in KNOWN_GAINS}
@@ -14,22 +8,19 @@ PREDICTED = [trial for trial, found in COMPONENTS.items() if len(found) == len(P
 MISSING = {trial: [part for part in PARTS if part not in found] for trial, found in COMPONENTS.items() if found}
 UNPREDICTED = {trial: " and ".join(parts) for trial, parts in MISSING.items() if parts}
 """Of other trials the components that were not measured; not said where none was."""
-AMPLITUDES = KNOWN_GAINS if len(CONFIG.dynamometer.amplitudes_deg or ()) != 1 else []
-"""Trials whose rendered impedance at an amplitude is predicted from the others."""
 TABLES = [(name, table) for name in EXPERIMENTS for table in EXPERIMENTS[name].tables]
 PER_TRIAL = {
     table.name: [trial for name, one in TABLES if one.name == table.name for trial in CAMPAIGN.rows_of(name, one)]
     for _, table in TABLES
 }
-PER_TRIAL |= {"model_comparison": [*REPEATS, *AMPLITUDES], "quality": CAMPAIGN.trials()}
-"""Per table, the trials (or comparisons) that have rows in it."""
+PER_TRIAL["quality"] = CAMPAIGN.trials()
+"""Per table, the trials that have rows in it."""
 DERIVED = {new: (table.name, job) for name, table in TABLES for new, job in table.derived.items()}
-DERIVED["model_comparison_summary"] = ("model_comparison", "bench.summarise")
 """Per table that is computed from one other table: that table, and the job."""
 
 
 def row_file(table: str, trial: str) -> Path:
-    """The file with the rows of a trial, or of a comparison, behind a table."""
+    """The file with the rows of a trial behind a table."""
     experiment = CAMPAIGN.rows.get(trial, {}).get("experiment")
     if (experiment, table) in [(name, one.name) for name, one in TABLES]:
         return fit_file(experiment, table, trial)
@@ -44,7 +35,7 @@ def rows(table: str, trials=None) -> list[Path]:
 def behind(table: str) -> list[Path]:
     """What was made when all results behind a table were: the lists of its experiments, or the results themselves."""
     lists = fitted(*(name for name, one in TABLES if one.name == table))
-    return [*lists, *(row for row in rows(table) if not lists or row.stem in REPEATS)]
+    return lists or rows(table)
 
 
 def verdicts_on(table: str) -> list[Path]:
@@ -82,29 +73,8 @@ def rows_behind(table: str) -> list[Path]:
     return rows(source) if source in PER_TRIAL else []
 
 
-for kind, section in (("belt", "Belt"), ("transmission", "SteppedSine")):
-    named = {"name": f"compare_{kind}_models", "log": f"model_comparison/{{{kind}}}"}
-
-    @step(f"bench.{named['name']}", f"fits/{named['log']}.csv", **named, **{kind: f"{kind}_trials(_[0-9]+)?"})
-    def compare_models(wildcards, kind=kind, section=section):
-        """Trials predict other trials."""
-        trials = REPEATS[wildcards[0]]
-        settings = {"settings": CONFIG.dynamometer.part(f"{section}Analysis")}
-        settings |= {} if kind == "belt" else {"sign_width": CONFIG.model_comparison.sign_width}
-        read = {"trials": [trial_file(trial) for trial in trials], "quality": checked(trials)}
-        files = {} if kind == "transmission" else {"parameters": CAMPAIGN.device(trials[0]) or []}
-        return {"input": {"fitted": rows(kind, trials)}, "read": read, "files": files, "settings": settings}
-
-
 DRIVETRAIN = {"weight": setting("gain_weight"), "sign_width": CONFIG.model_comparison.sign_width}
 DRIVETRAIN["settings"] = CONFIG.dynamometer.part("FilterSettings")
-
-
-@step("bench.compare_drivetrain_models", "fits/model_comparison/{trial}.csv", trial=CAMPAIGN.pattern("impedance"))
-def compare_drivetrain_models(wildcards):
-    trial = wildcards.trial
-    files = {"input": {"record": row_file("record", trial)}, "files": {"parameters": CAMPAIGN.device(trial)}}
-    return {**files, "settings": DRIVETRAIN | condition(trial, EXPERIMENTS["impedance"].fit.sheet)}
 
 
 MEASURED = {part: tabled(part) for part in PARTS} if PREDICTED else {}
@@ -129,9 +99,8 @@ def check_claims(_):
 def gathered(of: str):
     """The parts of the job that makes a table of those of single trials."""
     judged = next((one.doubts_of for name, one in TABLES if one.name == of and CAMPAIGN.trials(name)), "")
-    trials = {trial for name in PER_TRIAL[of] for trial in REPEATS.get(name, [name])}
     settings = {"limits": limits_of(of), "limits_of_fits": limits_of(judged)}
-    settings["places"] = {trial: place for trial, place in PLACES.items() if trial in trials}
+    settings["places"] = {trial: place for trial, place in PLACES.items() if trial in PER_TRIAL[of]}
     read = {"rows": rows(of), "quality": verdicts_on(of)} | ({"fits": rows(judged)} if judged else {})
     return {"after": behind(of), "read": read, "settings": settings}
 
@@ -152,15 +121,6 @@ step("", tabled("{derived}"), name="derived_table", derived="|".join(DERIVED))(
 )
 
 
-@step("tables.pool_responses", {n: tabled(n) for n in ("response_pooled", "response_models_pooled")})
-def pool_responses(_):
-    table, settings = "response_lines", {"settings": CONFIG.dynamometer.part("BenchAnalysis")}
-    stated = "joint side subject session group controller K_d B_d".split()  # in which pooled trials agree
-    settings["conditions"] = {trial: {name: CAMPAIGN.row(trial)[name] for name in stated} for trial in PER_TRIAL[table]}
-    read = {"lines": rows(table), "quality": verdicts_on(table)}
-    return {"after": behind(table), "read": read, "settings": settings, **PARAMETERS}
-
-
 OF_GAINS = {"files": {"trajectory": CONFIG.impedance_trajectory or [], "parameters": CONFIG.parameters or []}}
 OF_GAINS["settings"] = {"weight": setting("gain_weight")}
 single("gains.select_trajectory", tabled("gains"), "tables/gains", OF_GAINS, "gains_table")
@@ -176,8 +136,7 @@ def settings_table(_):
 @step("tables.list_excluded", tabled("excluded"))
 def excluded_trials(_):
     """It waits for the results of single trials of every kind, and names those that have none."""
-    waits = [*fitted(*EXPERIMENTS), *[tabled("model_comparison")] * bool(PER_TRIAL["model_comparison"])]
-    waits += [SELECTION] * bool(WALKED)
+    waits = [*fitted(*EXPERIMENTS), *[SELECTION] * bool(WALKED)]
     calibrations = map(calibration, CAMPAIGN.statics if WALKED else ())
     read = {"fitted": [*crossings(WALKED), *calibrations, *(path for table in PER_TRIAL for path in rows(table))]}
     settings = {"by_sheet": dict(CAMPAIGN.excluded), "places": PLACES}

@@ -19,11 +19,11 @@ from osl_analysis.bench.impedance import (
     rendered_impedance,
     repeated_trials_table,
 )
+from osl_analysis.bench.phasors import response_table
 from osl_analysis.bench.record import record_of_trial, stated_windows
-from osl_analysis.bench.response_tables import response_tables
 from osl_analysis.bench.settings import BenchStiffness, DynamometerAnalysis, HumanJoint, ModelComparison, TimeBase
 from osl_analysis.campaign.configuration import read_section
-from osl_analysis.commands.bench import compare_drivetrain_models, fit_impedance_trial
+from osl_analysis.commands.bench import fit_impedance_trial
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.ingest.examine import (
@@ -41,7 +41,6 @@ from osl_analysis.model.compensator import PAPER_WEIGHT
 from osl_analysis.model.drivetrain import joint_admittance
 from osl_analysis.model.parameters import read_parameters
 from osl_analysis.spectral.periods import periodic_motion
-from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import Trial
 
 CONFIG = ROOT / "config/config.yaml"
@@ -132,12 +131,8 @@ def test_windows_are_fitted_and_nothing_else(tmp_path):
     fitted = fit_impedance_trial(
         trial, device, asked, PAPER_WEIGHT, ModelComparison(sign_width=0.05), SETTINGS, "2-14.5 25.5-40"
     )
-    kept, compared = tmp_path / f"{trial.name}.parquet", tmp_path / "compared.csv"
-    write_table(fitted["record"], kept)
-    compare_drivetrain_models(kept, device, asked, PAPER_WEIGHT, 0.05, SETTINGS, compared)
-    assert read_table(compared).filter(model="M1")["VAF"].item() > 99.9
     assert fitted["impedance"]["fitted_s"].item() == pytest.approx(sum(seconds[1:]) + 14.5 - 4 / 15, abs=0.05)
-    both, longest = (response_tables(moving_record(trial, x), None)["response"] for x in ("2-9 26-40", "26-40"))
+    both, longest = (response_table(moving_record(trial, x)) for x in ("2-9 26-40", "26-40"))
     assert both["frequency_hz"].to_list() == longest["frequency_hz"].to_list() != []
 
 
@@ -380,10 +375,9 @@ def test_a_reflex_is_a_doubt_of_a_device_and_columns_of_a_person():
     assert LATENESS in row["not_checked"].split("; ")
     assert row["K"] - row["K_without_lag"] == pytest.approx(late["K"] - row["K"], abs=0.3)
     assert row["B"] - row["B_without_lag"] == pytest.approx(late["B"] - row["B"], abs=0.04)
-    tables = response_tables(fit.person.raw, None, reflexive=True)
-    assert tables["response"]["magnitude_eq15"].is_null().all()
-    assert tables["response"]["magnitude"].is_between(20, 400).all()
-    assert "reflex" in tables["response_models"]["excluded"][0]
+    response = response_table(fit.person.raw)
+    assert response["magnitude_eq15"].is_null().all()
+    assert response["magnitude"].is_between(20, 400).all()
     assert 0.5 < np.sqrt(np.mean(np.square(z))) < 1.6
 
 

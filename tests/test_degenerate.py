@@ -104,10 +104,6 @@ FITS_OF_SIGNALS = {
     "linear_fit": lambda t, x, y: asked(y, x), "fit_sinusoid": lambda t, x, y: next(fit_sinusoids(t, 2.0, y)),
     "fit_sinusoid of one cycle": lambda t, x, y: next(fit_sinusoids(t[:50], 2.0, y[:50])),
     "fit_impedance": lambda t, x, y: response.fit_without_offset(Motion(x, np.roll(x, 3), np.roll(x, 11)), y),
-    "score_models": lambda t, x, y: repeats.score_models(
-        y, [repeats.Candidate("M1", "a", 1, x, x), repeats.Candidate("M2", "b", 2, y, y)]
-    ),
-    "mean_over_trials": lambda t, x, y: repeats.mean_over_trials(y, shared=True),
     "over_repeats": lambda t, x, y: repeats.over_repeats(y, [(0.0, np.inf)]),
     "summary_row": lambda t, x, y: repeats.summary_row(pl.DataFrame({"y": y}), "y"),
     "whiteness_row": lambda t, x, y: whiteness_row(y),

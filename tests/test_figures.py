@@ -28,8 +28,8 @@ from osl_analysis.refusal import Refusal, write_refusals
 from osl_analysis.table import read_table, write_table
 
 fig3, fig4, fig5, fig6, fig7, fig8, fig9 = (drawing_of(f"fig{number}") for number in range(3, 10))
-impedance_over_stance, model_comparison, response, torque_angle, walking_page = map(
-    drawing_of, ("impedance_over_stance", "model_comparison", "response", "torque_angle", "walking_page")
+impedance_over_stance, response, torque_angle, walking_page = map(
+    drawing_of, ("impedance_over_stance", "response", "torque_angle", "walking_page")
 )
 BELTS = [f"belt_{number:02d}" for number in range(1, 11)]
 
@@ -58,12 +58,6 @@ def torque_angle_table():
     return torque_angle.points(table.drop("joint", "side", "doubtful"), table.unique("trial", maintain_order=True))
 
 
-def response_tables():
-    """Two trials: lines of a drivetrain with distortion, and one without levels that misses Eq. 9; no pools."""
-    single = stored("response")
-    return single, single.clear().rename({"trial": "trials"})
-
-
 def over_angle():
     """Two ankles whose stiffness rises with the angle, the second is doubtful."""
     at = np.linspace(-15, 10, 19)
@@ -80,8 +74,7 @@ PLOTTED = {
     "fig5": lambda: fig5.points(stored("impedance")), "fig6": lambda: fig6.points(stored("impedance")),
     "fig8": lambda: fig8.points(stored("gains")), "fig9": lambda: fig9_points(340.0, commanded_B=4.5),
     "gain_grid": lambda: stored("impedance").select("K_d", "B_d", B_1_joint=pl.col("K") / 9),
-    "impedance_over": over_angle, "response": lambda: response.points(*response_tables()),
-    "model_comparison": lambda: model_comparison.points(stored("model_comparison")),
+    "impedance_over": over_angle, "response": lambda: response.points(stored("response")),
 }  # fmt: skip
 
 
@@ -109,11 +102,10 @@ def links_to(trials):
 
 
 def conditions_of(number):
-    """The numbers of the figure `response` of that many trials of which none is pooled."""
-    single, pooled = response_tables()
-    chirp, periodic = (single.filter(trial=name).head(4) for name in ("C1", "M1"))
+    """The numbers of the figure `response` of that many trials."""
+    chirp, periodic = (stored("response").filter(trial=name).head(4) for name in ("C1", "M1"))
     rows = [(chirp if k % 2 else periodic).with_columns(trial=pl.lit(f"t{k}")) for k in range(number)]
-    return response.points(pl.concat(rows, how="diagonal_relaxed"), pooled)
+    return response.points(pl.concat(rows, how="diagonal_relaxed"))
 
 
 def walking_fits(n=31, group="all"):
@@ -205,9 +197,7 @@ SHOWN = [
       for k, panel in enumerate(("angle", "torque", "response angle", "response torque"))),
     *(("walking_page", None, k, pl.col("panel") == panel, "x",
        (pl.col("mean") - pl.col("sd"), pl.col("mean") + pl.col("sd"))) for k, panel in enumerate(("angle", "torque"))),
-    *(("model_comparison", None, k, pl.col("experiment") == one, None,
-       (100 - pl.col("VAF_held_out"),)) for k, one in enumerate(("belt", "transmission", "impedance"))),
-    *(("response", None, 2 * row + k, pl.col("trials") == ("M1", "C1")[k], "frequency_hz", columns)
+    *(("response", None, 2 * row + k, pl.col("trial") == ("M1", "C1")[k], "frequency_hz", columns)
       for k in range(2) for row, columns in enumerate((
           ("magnitude", "magnitude_eq15", "magnitude_eq9", *ENDS["magnitude"]),
           ("phase_deg", "phase_deg_eq15", "phase_deg_eq9", *ENDS["phase_deg"]),
@@ -241,12 +231,11 @@ def test_every_number_of_a_figure_stands_in_its_panel_at_its_place(name, table, 
 NONE, NOTE = pl.lit(None, pl.Float64), pl.lit("x")
 DOUBT = pl.when(pl.col("trial").is_in(["belt_02", "belt_07", "w2"])).then(pl.lit("VAF 80 is below 90"))
 SLOPE = pl.when(pl.col("branch") == "loading").then(57 + pl.col("angle_deg"))
-FAST = {"odd_level": pl.col("noise_level") / 2, "method": pl.lit("fast"), "trials": pl.lit("t0, t7, t9")}
+FAST = {"odd_level": pl.col("noise_level") / 2, "method": pl.lit("fast")}
 SAID = [
     # figure, table, what changes, and what stands in the figure, and what does not
     ("fig3", strays, {}, ["belt_05"], ["belt_07"]),
     ("gain_grid", None, {}, ["2.5", "7.5"], ["100.0"]),
-    ("model_comparison", None, {"joint": pl.coalesce("controller", pl.lit("hip"))}, ["Compensated, Compensated"], []),
     ("impedance_over_stance", None, {"series": "a" + pl.col("phase").cast(pl.String)}, [], ["Fit of"]),
     ("fig3", both_branches, {}, ["95 % interval 682.9 to 688.3 N·m/rad", "loop area 0.0451 J"],
      ["Doubtful", "belt_07"]),
@@ -268,10 +257,9 @@ SAID = [
     ("impedance_over", None, {"over": pl.lit("theta_slow")}, ["Slow angle (deg)"], ["Slow part"]),
     ("torque_angle", torque_angle_table, {"stiffness": SLOPE}, ["Doubtful trial", "Desired", "both cams 15mm"], []),
     ("torque_angle", lambda: twice(torque_angle_table()), {}, [], ["both cams 15mm"]),
-    ("model_comparison", None, {}, ["(a) Belt", "(b) Transmission", "(c) Rendered impedance"], []),
     ("response", lambda: conditions_of(2), {}, ["Distortion is in the noise", "(a) Knee, left", "Open: doubtful",
      "t0, 4 realisations"], ["Distortion below", "No line"]),
-    ("response", lambda: conditions_of(1), FAST, ["t0 and 2 more", "Distortion below"], ["Open"]),
+    ("response", lambda: conditions_of(1), FAST, ["t0", "Distortion below"], ["Open"]),
     ("response", lambda: conditions_of(13), {}, ["(l) "], ["(m) "]),
 ]  # fmt: skip
 
@@ -356,7 +344,6 @@ def test_fig6_has_points_that_touch_no_other_and_a_perfect_fit_at_the_end_of_its
 @pytest.mark.parametrize(("name", "table", "message"), [
     ("fig5", stored("impedance").drop_nulls("amplitude_deg"), "no fit over all amplitudes"),
     ("fig6", stored("impedance").with_columns(VAF=float("nan")), "no VAF of a single amplitude"),
-    ("model_comparison", stored("model_comparison").with_columns(VAF_held_out=float("nan")), "no model was held"),
     ("fig7", pl.DataFrame({"K_d": [100.0, 200.0], "B_d": 0.0}), "2 desired impedances"),
     ("fig9", stored("walking_summary").with_columns(mean=pl.lit(None, pl.Float64)), "no perturbation has a fit"),
 ])  # fmt: skip
@@ -379,8 +366,6 @@ def test_axes_are_logarithmic_in_round_numbers_percent_or_from_zero_where_the_si
     assert (damping.xaxis.get_major_formatter()(0.4), stiffness.get_ylim()[0] <= 0) == ("40", True)
     lowest = [ax.get_ylim()[0] for ax in fig9.draw(fig9_points(340.0)).axes]
     assert (lowest[0] > 250, lowest[1] > 2, lowest[2] <= 0) == (True, True, True), "inertia alone is drawn from zero"
-    rivals = model_comparison.draw(plotted("model_comparison")).axes
-    assert ({a.get_yscale() for a in rivals}, len({a.get_ylim() for a in rivals})) == ({"log"}, 1), "comparable panels"
     joints = pl.concat([both_branches().with_columns(joint=pl.lit(joint)) for joint in "abcde"])
     assert len(fig3.draw(joints).axes) == 10, "no empty panel is left beside the last ones"
     assert len(response.draw(conditions_of(5)).axes) == 15
@@ -417,10 +402,7 @@ def test_fig9_shows_every_group_with_a_result_and_its_command_and_fig8_stance_al
     assert len(fig8.points(swing.with_columns(phase=0.62))) == 1
 
 
-def test_rival_models_have_the_geometric_mean_groups_a_page_each_and_trials_of_a_pool_are_drawn_once():
-    belt, *_ = model_comparison.draw(plotted("model_comparison")).axes
-    (means,) = [c.get_segments() for c in belt.collections if c.get_label() == "Geometric mean"]
-    np.testing.assert_allclose([m[0][1] for m in means], np.sqrt(10) * np.array([1, 1, 0.01, 0.01]))
+def test_groups_have_a_page_each():
     page = stored("walking_page")
     axes = walking_page.draw(pl.concat([page, page.with_columns(group=pl.lit("slow"), mean=2 * pl.col("mean"))])).axes
     (one,), (two,) = ([a.get_ydata() for a in ax.lines if a.get_label() == "Mean"] for ax in (axes[2], axes[6]))
@@ -428,9 +410,6 @@ def test_rival_models_have_the_geometric_mean_groups_a_page_each_and_trials_of_a
     windows = [[(p.get_x(), p.get_x() + p.get_width()) for p in ax.patches] for ax in axes[:4:2]]
     assert windows == [[(26, 34), (40, 54)], [(-100, -40), (0, 100)]]
     assert response.draw(conditions_of(12)).get_figheight() < 9.5, "the text block of an IEEE page is 9.6 in high"
-    single, _ = response_tables()
-    pooled = single.filter(trial="M1").rename({"trial": "trials"}).with_columns(trials=pl.lit("M1, M2"))
-    assert response.points(single, pooled)["trials"].unique(maintain_order=True).to_list() == ["M1, M2", "C1"]
 
 
 def test_the_chain_shows_by_how_much_each_link_is_off_and_nothing_where_one_is_missing():
@@ -510,7 +489,7 @@ def test_unknown_figures_and_formats_and_tables_without_a_column_that_a_figure_n
         draw_figure("fig2", tmp_path / "t.csv", [])
     with pytest.raises(InputError, match=r"f\.jpg: figures are written as \.pdf, \.svg, \.png"):
         draw_table("fig8", plotted("fig8"), [tmp_path / "f.jpg"])
-    of = {"fig5": 11, "fig6": 6, "fig7": 16, "fig8": 6, "torque_angle": 9, "model_comparison": 5}
+    of = {"fig5": 11, "fig6": 6, "fig7": 16, "fig8": 6, "torque_angle": 9}
     assert {name: len(drawing_of(name).needs) for name in of} == of
     for name in of:
         write_table(pl.DataFrame(dict.fromkeys(drawing_of(name).needs[:-1], 1.0)), tmp_path / "t.csv")

@@ -63,14 +63,6 @@ def results(tmp_path_factory):
     return folder / "out"
 
 
-def test_belts_of_one_joint_are_never_predicted_from_those_of_another(tmp_path):
-    trials = [f"{name},belt,{joint},{name}.csv,bench_csv" for joint in ("ankle", "knee") for name in (joint[0], joint)]
-    for seed, line in enumerate(trials):
-        recording(1.0, seed).write_csv(tmp_path / line.split(",")[3])
-    planned = run_snakemake(["-n", *options_of(tmp_path, ["trial,experiment,joint,log,log_source", *trials])], tmp_path)
-    assert re.search(r"^compare_belt_models +2$", planned.stdout, re.MULTILINE), planned.stdout
-
-
 def test_every_trial_is_analysed_nothing_is_predicted_and_figures_say_what_is_simulated(results):
     """K and B are those of the exact joint, times the share of each."""
     table = pl.read_csv(results / "tables/impedance.csv").filter(pl.col("amplitude_deg").is_null())

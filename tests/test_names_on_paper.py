@@ -3,7 +3,6 @@
 import os
 from io import BytesIO
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import polars as pl
@@ -11,11 +10,9 @@ import pytest
 from test_figures import stored, texts
 
 from osl_analysis.bench.components import belt_figure_points, check_locked, part_summary
-from osl_analysis.bench.settings import NOT_STATED
 from osl_analysis.campaign.campaign import about, open_campaign, response_example, sentence, time_series_example
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.commands import figure as plotted_numbers
-from osl_analysis.commands import tables
 from osl_analysis.config.sheet import CONDITIONS, read_impedance_trajectory
 from osl_analysis.errors import InputError
 from osl_analysis.figures import drawing_of
@@ -171,21 +168,13 @@ def test_the_hash_is_of_the_settings_and_the_files_that_they_name_and_not_of_whe
 
 
 @pytest.mark.parametrize(("joint", "predicted"), [("ankle", True), ("knee", False)])
-def test_responses_are_predicted_by_a_parameter_file_of_their_joint_alone(tmp_path, monkeypatch, joint, predicted):
-    """Fig. 7 and the pooled responses: Eq. 9 with the belt and motor of another joint would be wrong without a word."""
+def test_responses_are_predicted_by_a_parameter_file_of_their_joint_alone(tmp_path, joint, predicted):
+    """Fig. 7: Eq. 9 with the belt and motor of another joint would be wrong without a word."""
     device = Path("config/parameters/default.yaml")
     write_table(stored("frequency_response").with_columns(joint=pl.lit(joint)), tmp_path / "t.csv")
     plotted_numbers.fig7(tmp_path / "t.csv", device, None, PAPER_WEIGHT, tmp_path / "fig7.csv")
     drawn = read_table(tmp_path / "fig7.csv")
     assert set(drawn["curve"]) == {"observed", "desired"} | ({"linear model"} if predicted else set())
-    asked, settings = [], SimpleNamespace(low_pass=None, calibration=NOT_STATED)
-    monkeypatch.setattr(tables, "read_table", lambda *_, of: pl.DataFrame({"trial": ["a"]}))
-    monkeypatch.setattr(tables, "realisations_from", lambda _: [])
-    monkeypatch.setattr(tables, "pooled", lambda trials: [trials])
-    monkeypatch.setattr(tables, "periodic_tables", lambda *given: asked.append(given[-2]) or 1 / 0)
-    with pytest.raises(ZeroDivisionError):
-        tables.pool_responses([tmp_path], {"a": {"joint": joint}}, settings, tmp_path, tmp_path, device)
-    assert [p is not None for p in asked] == [predicted]
 
 
 def test_fig_7_shows_the_desired_impedance_with_the_most_trials_where_none_is_chosen(tmp_path):

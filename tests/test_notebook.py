@@ -128,7 +128,6 @@ def test_the_frequency_response_of_a_stepped_sine_is_that_of_the_campaign_and_of
             figure.fig7(response, DEVICE, choice, config.gain_weight, tmp_path / "fig7.csv")
     assert_same(found.table, response, tmp_path)
     assert_same(found.plotted.with_columns(chosen=pl.lit(None, pl.String)), tmp_path / "fig7.csv", tmp_path)
-    assert found.models.is_empty()
     assert set(found.plotted["curve"]) == {"observed", "desired", "linear model"}
     assert isinstance(osl.plot_frequency_response(found), Figure)
 
@@ -138,10 +137,9 @@ def test_the_frequency_response_of_any_motion_is_that_of_the_campaign(experiment
     files, limits = of_campaign(experiment, tmp_path, short), read_config(short).doubtful
     found = osl.frequency_response(bench_trial(experiment), DESIRED, config=short)
     assert ("friction" in found.table["doubtful"][0]) == (experiment == "friction")
-    for name, table in (("response", found.table), ("response_models", found.models)):
-        path = tmp_path / f"tables/{name}.csv"
-        tables.gather([files[name]], path, limits.of(name), [files["impedance"]], limits.of("impedance"))
-        assert_same(table, path, tmp_path)
+    path = tmp_path / "tables/response.csv"
+    tables.gather([files["response"]], path, limits.of("response"), [files["impedance"]], limits.of("impedance"))
+    assert_same(found.table, path, tmp_path)
     assert not osl.frequency_response(bench_trial(experiment), DESIRED, "10-25", short).table.equals(found.table)
     assert osl.fit_impedance(bench_trial(experiment), DESIRED, "10-25", short).fitted_s == pytest.approx(15, abs=0.8)
     lines = osl.plot_frequency_response(found).axes[0].lines

@@ -15,9 +15,8 @@ from statsmodels.robust.norms import HuberT
 from statsmodels.robust.robust_linear_model import RLM
 
 from osl_analysis.bench import prediction
-from osl_analysis.bench.impedance import DesiredImpedance, rendered_impedance, torque_error
+from osl_analysis.bench.impedance import DesiredImpedance, compensation_table, rendered_impedance, torque_error
 from osl_analysis.bench.law import LAW_COLUMNS
-from osl_analysis.bench.model_comparison import compensation_table
 from osl_analysis.bench.phasors import ComplexEstimate, damping_row
 from osl_analysis.bench.prediction import COMPONENTS, components_of, model_variance, prediction_table, prediction_terms
 from osl_analysis.bench.record import read_record, stored_record
@@ -71,9 +70,9 @@ def predictions(tables, p=P, **delays):
 
 def test_a_record_that_was_kept_is_predicted_as_that_of_the_fit_and_without_components_it_is_said(tmp_path):
     record, kept = replace(recording(300, 5, "compensated", P, 0), name="t_1"), tmp_path / "t_1.parquet"
-    write_table(stored_record(record, []), kept)
+    write_table(stored_record(record), kept)
     law, components = law_of(300, 5, "compensated"), components_of(component_tables(TRUE), ("ankle", None), P)
-    terms = (prediction_terms(one, law, components) for one in (record, read_record(kept, record.low_pass)[0]))
+    terms = (prediction_terms(one, law, components) for one in (record, read_record(kept, record.low_pass)))
     assert_frame_equal(*terms, rel_tol=1e-9)
     row = fitted(record, trial="t_1", **HERE, controller="compensated", K_d=300.0, B_d=5.0)
     write_table(pl.DataFrame([row]), table := tmp_path / "impedance.csv")

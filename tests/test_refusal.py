@@ -533,7 +533,7 @@ def test_a_run_has_a_line_now_and_then_one_per_stage_and_what_is_refused_at_once
 def test_a_rule_has_its_stage_in_a_module_too():
     stages = {"simulate_belt": "simulate", "trial_sheet": "simulate", "ingest": "read and check recordings"}
     stages |= dict.fromkeys(("plot_numbers_fig4", "draw_figure", "captions"), "figures")
-    fits = "fit_belt_trial compare_belt_models pool_responses calibrate_markers identify_plate measure_platform "
+    fits = "fit_belt_trial compare_controllers calibrate_markers identify_plate measure_platform "
     fits += "analyse_crossing select_crossings average_unperturbed summarise_walking impedance_over_stance"
     stages |= dict.fromkeys(fits.split(), "fit")
     stages |= dict.fromkeys(("table", "headline_numbers", "report", "judge", "excluded_trials"), "tables and page")

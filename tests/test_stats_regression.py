@@ -1,4 +1,4 @@
-"""The regression under every fit, covariance of correlated residuals, means over trials, and rival models."""
+"""The regression under every fit, covariance of correlated residuals, and means over trials."""
 
 from dataclasses import replace
 
@@ -18,7 +18,6 @@ from statsmodels.stats.diagnostic import acorr_ljungbox
 from osl_analysis.bench.gram import combined, jackknife, noise_of_scores
 from osl_analysis.bench.phasors import complex_mean, complex_quotient, fit_sinusoids, polar_row
 from osl_analysis.errors import IdentifiabilityError, InputError
-from osl_analysis.measured import noise_before_rounding
 from osl_analysis.signals import LowPass
 from osl_analysis.stats import repeats
 from osl_analysis.stats.covariance import between_cycles, moving_sums, products_between, welch_satterthwaite
@@ -261,13 +260,6 @@ def test_what_units_scatter_is_the_error_of_their_mean_and_worth_one_unit_less()
         assert (covariance[0, 0], degrees[0]) == pytest.approx((found[0, 0], freedom))
 
 
-@pytest.mark.parametrize("noise", [0.1, 0.3, 0.6])
-def test_the_noise_before_a_rounding_is_known_from_the_scatter_that_it_leaves(noise):
-    rng = np.random.default_rng(3)
-    read = np.round(rng.uniform(size=20_000) + noise * rng.standard_normal((4, 20_000)))
-    assert noise_before_rounding(np.mean(np.var(read, axis=0, ddof=1))) == pytest.approx(noise, rel=0.03)
-
-
 def test_degrees_of_freedom_of_a_sum_are_those_of_welch_and_satterthwaite():
     assert welch_satterthwaite([1.0, 1.0], [5, 5]) == pytest.approx(10)
     assert welch_satterthwaite([1.0, 2.0], [5, 10]) == pytest.approx(9 / (1 / 5 + 4 / 10))
@@ -316,60 +308,13 @@ def test_kinds_of_trials_count_as_one_mean_each_and_their_difference_is_no_scatt
     assert summary.sd == pytest.approx(np.sqrt((3 * np.var(first, ddof=1) + 2 * np.var(second, ddof=1)) / 5))
 
 
-def test_effective_samples_are_those_of_theory():
-    """White noise has n; AR(1) has n (1 - r^2)/(1 + r^2) (Bayley and Hammersley): within 10 % for 20 000 samples."""
-    rng = np.random.default_rng(4)
-    white, r = rng.standard_normal(20_000), 0.9
-    assert repeats.effective_samples(white) == pytest.approx(20_000, rel=0.1)
-    found = repeats.effective_samples(correlated_noise(rng, 20_000, r))
-    assert found == pytest.approx(20_000 * (1 - r**2) / (1 + r**2), rel=0.1)
-    assert repeats.effective_samples(LOW_PASS(white, 1000.0)) == pytest.approx(20_000 * 2 * 15 / 1000, rel=0.15)
-    assert repeats.effective_samples(np.zeros(50)) == repeats.effective_samples(np.full(50, 0.3)) == 50, "an exact fit"
-
-
-def test_bic_charges_a_parameter_the_logarithm_of_the_effective_samples():
-    """Of exact fits the one with fewest parameters ranks first, whether rounding leaves zeros or 1e-15 N*m."""
-    torque, left = np.random.default_rng(5).standard_normal((2, 500))
-    for size in (0.1, 1e-15, 0.0):
-        scores = repeats.score_models(torque, [repeats.Candidate("", "", p, size * left, size * left) for p in (5, 2)])
-        m, (bic_of_many, bic_of_few) = scores["effective_samples"][0], scores["BIC"]
-        assert (bic_of_many - bic_of_few, scores["rank"].to_list()) == (pytest.approx(3 * np.log(m)), [2, 1])
-        if size == 0.1:
-            assert bic_of_few == pytest.approx(m * np.log(np.mean((size * left) ** 2)) + 2 * np.log(m))
-    pairs = ((left.cumsum(), torque / 2), (0.1 * left, np.nan * torque), (0.1 * left, -torque))
-    scores = repeats.score_models(torque, [repeats.Candidate("", "", 2, *pair) for pair in pairs])
-    assert scores["rank"].to_list() == [3, 1, 1]
-    assert scores["effective_samples"].to_list() == pytest.approx(3 * [repeats.effective_samples(left)])
-    assert scores["VAF_held_out"].to_list() == pytest.approx([75, np.nan, 0], nan_ok=True)
-
-
-def test_paired_differences_tell_models_apart_and_of_models_that_tie_the_first_is_preferred():
-    """Trials differ by 100, the models by 1 +- 0.1 in every trial. One trial tells nothing apart."""
-    rng = np.random.default_rng(1)
-    trial = rng.normal(0, 100, 10)
-    loss = np.column_stack([trial, trial - 1 + rng.normal(0, 0.1, 10), trial + 3])
-    assert repeats.rank_words(loss) == ["worse", "preferred", "worse"]
-    tied = np.array([[1.0, 0.9, 5.0], [1.0, 1.2, 5.0], [1.0, 0.8, 5.0]])
-    assert repeats.rank_words(tied) == ["preferred", "tied", "worse"]
-    assert repeats.rank_words(np.array([[1.0, 0.0]])) == ["preferred", "tied"]
-    assert repeats.rank_words(np.zeros((0, 2))) == [None, None]
-    scattered = np.column_stack([np.zeros(10), 1 + np.tile([1.05, -1.05], 5)])  # 1 +- 0.79, of shared fits 1.15
-    assert [repeats.rank_words(scattered, shared)[1] for shared in (False, True)] == ["worse", "tied"]
-
-
-def test_intervals_are_students_and_wider_where_trials_share_their_fits():
-    """Own trials: s / sqrt(n), n - 1 degrees of freedom. Shared: s^2 (1/n + 1/(n - 1)) after Nadeau and Bengio. Both
-    terms are of one scatter, which is worth n - 1 degrees of freedom and not the sum of two independent ones."""
+def test_intervals_over_trials_are_students():
     values = np.array([1.0, 2.0, 4.0, 7.0])
-    own, shared = repeats.mean_over_trials(values), repeats.mean_over_trials(values, shared=True)
+    own = repeats.over_repeats(values)
     assert own.high - own.mean == pytest.approx(student.ppf(0.975, 3) * np.std(values, ddof=1) / 2)
-    assert shared.se**2 == pytest.approx(np.var(values, ddof=1) * (1 / 4 + 1 / 3))
-    assert (shared.high - shared.mean) / shared.se == pytest.approx(student.ppf(0.975, 3))
-    assert shared.mean == own.mean == 3.5
+    assert own.mean == 3.5
     rows = [repeats.summary_row(pl.DataFrame({"x": one}), "x") for one in ([1.0, None, 3.0, np.nan], [4.0], [])]
     found = [(row["n"], row["mean"], row["sd"], row["interval_method"]) for row in rows]
     assert found == [(2, 2.0, pytest.approx(np.sqrt(2)), "Student"), (1, 4.0, None, None), (0, None, None, None)]
-    alone = repeats.mean_over_trials(np.array([4.0]))
-    assert (alone.n, alone.mean, np.isnan(alone.high)) == (1, 4.0, True)
     with pytest.raises(InputError, match="repeat the experiment"):
         repeats.over_repeats([1.0])

@@ -375,19 +375,6 @@ def test_torque_against_angle_has_numbers_of_every_trial_with_an_interval_over_c
     assert ", n = 4, DOUBTFUL: loop that does not close\n" in to_tex(MADE, [fast])
 
 
-def test_gains_of_rival_models_have_the_interval_of_their_paired_difference_and_a_mean_that_is_nan_is_refused():
-    columns = ("experiment", "controller", "model", "trials", "VAF_gain", "VAF_gain_low", "VAF_gain_high")
-    rows = [("belt", None, "M3", 10, 0.02, 0.01, 0.03), ("belt", None, "M4", 10, 0.03, 0.02, 0.04)]
-    rows += [("transmission", None, "M2", 1, None, None, None), ("impedance", "uncompensated", "M3", 16, 3.7, 1.5, 5.9)]
-    found = by_name({"model_comparison_summary": pl.DataFrame(rows, columns, orient="row")})
-    assert [(name, h.value, h.low, h.high, h.n, h.interval) for name, h in found.items()] == [
-        ("belt_VAF_gain", 0.03, 0.02, 0.04, 10, headlines.PAIRED),
-        ("drivetrain_VAF_gain_uncompensated", 3.7, 1.5, 5.9, 16, headlines.PAIRED),
-    ]
-    with pytest.raises(InputError, match="the mean of 'B_j' is nan"):
-        headline_numbers({"transmission_summary": summary_rows(B_j=float("nan"))})
-
-
 def test_every_line_of_the_macros_is_a_comment_or_one_definition_that_latex_accepts():
     number = r"-?\d+(\.\d+)?(\\times 10\^\{-\d+\})?"
     definition = rf"\\newcommand\{{\\[A-Za-z]+\}}\{{({number}|\\ensuremath\{{{number}\}})\}}% [ -~]*"

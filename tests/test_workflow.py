@@ -96,9 +96,6 @@ def test_every_figure_table_and_headline_number_is_there_and_nothing_is_left_to_
     assert "open results/report.html in a browser: every number" in workspace.said
     assert all(one["line"] in workspace.said for one in summary["findings"])
     assert set(workspace.table("impedance_over_stance")["data"]) == {"simulated"}
-    for name, each in (("model_comparison", 2), ("model_comparison_summary", 1)):
-        compared = dict(workspace.table(name).group_by("experiment").len().iter_rows())
-        assert compared == {"belt": 4 * each, "transmission": 2 * each, "impedance": 8 * each}
     assert (len(workspace.table("walking_crossings")), len(workspace.table("impedance"))) == (8, 4 * 3)
     assert workspace.table("impedance").columns[:3] == ["trial", "joint", "side"]
     shown = pl.read_csv(results / "figures/fig4.csv").select("time", "theta_deg")
@@ -218,11 +215,11 @@ def test_changed_settings_and_thresholds_give_the_bytes_of_a_fresh_run_and_redo_
     fresh = Workspace(tmp_path / "fresh", workspace, ("results", ".snakemake"))
     again.configure(changes)
     planned = again.planned()
-    assert {"judge", "table", "compare_transmission_models"} <= set(planned)
-    fits = BENCH | CROSSINGS | {"fit_actuator_trial", "compare_belt_models", "summarise_walking"}
+    assert {"judge", "table"} <= set(planned)
+    fits = BENCH | CROSSINGS | {"fit_actuator_trial", "summarise_walking"}
     fits -= {"fit_impedance_trial"}  # it predicts by the components, of which a trial is excluded
     assert not (fits | {"ingest"}) & set(planned)
-    names = ("belt_summary", "impedance", "transmission", "transmission_summary", "model_comparison_summary")
+    names = ("belt_summary", "impedance", "transmission", "transmission_summary")
     targets = [f"results/tables/{name}.csv" for name in (*names, "quality")]
     for space in (again, fresh):
         space.configure(changes | {"dynamometer": DYNAMOMETER | {"cutoff_hz": 18}})
@@ -248,7 +245,7 @@ NOT_CHANGED = {
 """Such as name markers, a trial, or what a test of its own changes."""
 UNJUDGED = {"draw_figure", "write_captions", "write_report", "list_fits", "list_excluded", "judge"}
 OF_FIGURES = {"fig3": {"belt"}, "fig4": set(), "fig8": set(), "torque_angle": {"torque_angle"}}
-OF_FIGURES |= {name: {"impedance"} for name in ("fig5", "fig6", "fig7", "response", "model_comparison", "chain")}
+OF_FIGURES |= {name: {"impedance"} for name in ("fig5", "fig6", "fig7", "response", "chain")}
 OF_FIGURES |= {name: {"walking"} for name in ("fig9", "impedance_over_stance", "walking_page")}
 """Jobs that name what is left out, and the experiments of the trials that a figure may lack."""
 OTHER_WORD = {"auto": "any", "end": "start", "right": "left", "matched": "own", "mean": "predicted", "platform": "belt"}
@@ -313,7 +310,7 @@ def test_every_setting_and_argument_is_in_the_requests_of_jobs_with_the_verdicts
         read = {at: Path(str(file)).stem for at, file in leaves(said["input"]).items()}
         judged, of = ({read[at] for at in read if (at[0] == "quality") is one} & trials for one in (True, False))
         assert judged <= of <= judged | STATIC or not judged, name
-        alone = len(of - STATIC) < 2 and name not in ("calibrate", "pool_responses")
+        alone = len(of - STATIC) < 2 and name != "calibrate"
         assert judged or alone or name in UNJUDGED, name
         results |= {file for file in said["files"] if Path(file).stem in trials and "/trials/" not in file}
         assert name != "gather" or ("fits" in said["input"]) == (said["settings"]["limits_of_fits"] is not None)
@@ -323,7 +320,6 @@ def test_every_setting_and_argument_is_in_the_requests_of_jobs_with_the_verdicts
         if name == "write_report":
             assert "walking_responses" in said["input"]["tables"]
             assert (len(said["input"]["crossings"]), {*said["settings"]["sheet"]}) == (5, trials)
-        assert name != "pool_responses" or said["settings"]["conditions"]["impedance_2"]["K_d"] == 300
         listed = {Path(table).stem for table in said["settings"].get("tables", ())}
         assert {"quality", "excluded", "fig5"} <= listed or name != "write_table_metadata"
         if name == "ingest_and_check":

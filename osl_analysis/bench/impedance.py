@@ -2,7 +2,9 @@
 should give, and what judges the estimates.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -32,7 +34,7 @@ from osl_analysis.model.drivetrain import joint_admittance
 from osl_analysis.model.parameters import DrivetrainParameters
 from osl_analysis.spectral.periods import distinct
 from osl_analysis.stats.regression import Row, estimates_row, lag_damping_row
-from osl_analysis.stats.repeats import counted, doubtful_row, summary_row
+from osl_analysis.stats.repeats import alike_sizes, counted, doubtful_row, over_repeats, summary_row
 from osl_analysis.trial import Array
 
 QUANTITIES = ("K", "B", "I")  # parameters of Eq. 15
@@ -476,3 +478,53 @@ def repeated_trials_table(impedance: pl.DataFrame) -> pl.DataFrame:
     numbers = ("band_low_hz", "band_high_hz", "n", "mean", "sd", "se", "low", "high", "n_doubtful", "n_left_out")
     texts = {name: pl.String() for name in (*keys, "quantity", "interval_method") if name not in ("K_d", "B_d")}
     return pl.DataFrame(schema={name: pl.Float64() for name in keys} | texts | dict.fromkeys(numbers, pl.Float64()))
+
+
+COMPARED: Mapping[str, tuple[str, pl.Expr]] = {
+    "torque_error": ("N*m", pl.col("torque_error")),
+    "K_error": ("%", 100 * (pl.col("K") / pl.col("K_d") - 1).abs()),
+    "B_error": ("N*m*s/rad", (pl.col("B") - pl.col("B_d")).abs()),
+    "VAF": ("%", pl.col("VAF")),
+}
+"""Unit and value of what is compared; of all but the VAF less is better."""
+PLACE = ("joint", "side")
+ASKED = (*PLACE, "K_d", "B_d")
+
+
+def compensation_table(impedance: pl.DataFrame) -> pl.DataFrame:
+    """`compensation.csv` from the rows of `impedance.csv`. Repeats of a condition count as their mean. The interval of
+    a difference is Student's over pairs of trials: amplitudes of one trial are no independent pairs. Amplitudes are
+    those that were commanded; where none is stated, the measured ones, which are alike."""
+    size = "commanded_deg" if impedance["commanded_deg"].is_not_null().any() else "amplitude_deg"
+    known = impedance.with_columns(alike_sizes(impedance[size].cast(pl.Float64)))
+    known = known.drop_nulls(["K_d", "B_d"]).filter(pl.col("K_d") != 0)
+    values = {name: value.mean() for name, (_, value) in COMPARED.items()}
+    means = known.group_by(*ASKED, size, "controller").agg(**values)
+    sides = [means.filter(pl.col("controller") == name).drop("controller") for name in CONTROLLERS]
+    both = sides[0].join(sides[1], on=[*ASKED, size], nulls_equal=True).sort(*ASKED, size)
+    whole, single = (both.filter(pl.col(size).is_null() == of_whole) for of_whole in (True, False))
+    sets = [("trials", None, whole), ("amplitudes", None, single)]
+    for by, rows in (("K_d", whole), ("B_d", whole), (size, single)):
+        sets += [(by, at, rows.filter(pl.col(by) == at)) for at in rows[by].unique().sort()]
+    found = []
+    for by, at, rows in sets:
+        for of_place in rows.partition_by(PLACE, maintain_order=True):
+            place = of_place.select(PLACE).row(0, named=True)
+            found += [{**place, **paired(of_place, name), "by": by, "at": at} for name in COMPARED]
+    types: dict[str, Any] = dict.fromkeys((*PLACE, "quantity", "unit", "by"), pl.String) | {"at": pl.Float64}
+    types |= {"pairs": pl.Int64, "better": pl.Int64} | dict.fromkeys(("compensated", "uncompensated"), pl.Float64)
+    types |= dict.fromkeys(("difference", "difference_low", "difference_high"), pl.Float64)
+    return pl.DataFrame(found, schema=types)
+
+
+def paired(pairs: pl.DataFrame, name: str) -> dict[str, Any]:
+    """One quantity in some pairs."""
+    difference = pairs[name] - pairs[f"{name}_right"]
+    by_trial = pairs.select("K_d", "B_d", difference=difference).group_by("K_d", "B_d").agg(pl.col("difference").mean())
+    better = int((difference > 0 if name == "VAF" else difference < 0).sum())
+    row = {"quantity": name, "unit": COMPARED[name][0], "pairs": len(pairs), "better": better}
+    row |= {"compensated": pairs[name].mean(), "uncompensated": pairs[f"{name}_right"].mean()}
+    values = np.sort(by_trial["difference"].to_numpy())
+    found = over_repeats(values) if len(values) > 1 else None
+    row |= {"difference": values.mean() if len(values) else None}
+    return row | {f"difference_{end}": found and getattr(found, end) for end in ("low", "high")}

@@ -1,4 +1,5 @@
-"""Phasors of angle and torque in each segment of a stepped sine (Fig. 7) with their covariance, and harmonics."""
+"""Frequency response of a trial: phasors of angle and torque in each segment of a stepped sine (Fig. 7) with their
+covariance, and harmonics; the impedance over frequency of any other motion."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -9,9 +10,13 @@ import polars as pl
 import scipy
 from numpy.typing import NDArray
 
+from osl_analysis.bench.effects import Admittance
+from osl_analysis.bench.gram import GroupFit
 from osl_analysis.bench.record import Record
-from osl_analysis.errors import InputError
+from osl_analysis.errors import InputError, OslAnalysisError
 from osl_analysis.measured import check_finite, check_measured
+from osl_analysis.spectral.periods import distinct
+from osl_analysis.spectral.response import local_response, periodic_response, record_spectrum
 from osl_analysis.spectral.stepped_sine import whole_rows
 from osl_analysis.stats.covariance import (
     FEWEST_CYCLES,
@@ -44,6 +49,13 @@ PHASORS: dict[str, type[pl.DataType]] = {
 }
 """Columns of `phasors.csv`: phasors of angle [rad] and torque [N*m] and Y [rad/(N*m)] with covariances and degrees of
 freedom, distortions, magnitude and phase of Y."""
+RESPONSE: dict[str, type[pl.DataType]] = {
+    "trial": pl.String, "method": pl.String, "realisations": pl.Int64,
+    **dict.fromkeys(("frequency_hz", "angle_deg", "Z_re", "Z_im", "magnitude", "phase_deg"), pl.Float64),
+    **dict.fromkeys(("noise_sd", "total_sd", "noise_level", "odd_level", "even_level", "total_level"), pl.Float64),
+    **dict.fromkeys(("magnitude_eq15", "phase_deg_eq15", "magnitude_eq9", "phase_deg_eq9"), pl.Float64),
+}  # fmt: skip
+"""Columns of `response.csv`."""
 
 
 @dataclass(frozen=True)
@@ -358,3 +370,34 @@ def damping_row(Y: ComplexEstimate, frequency_hz: float) -> Row:
     half = float(scipy.special.stdtrit(Y.degrees_of_freedom, 0.975) * np.sqrt(variance))
     value = Z.imag / w
     return {"damping": value, "damping_low": value - half, "damping_high": value + half}
+
+
+def response_table(record: Record, fit: GroupFit | None = None, expected: Admittance | None = None) -> pl.DataFrame:
+    """The trial's rows of `response.csv`; none of a stepped sine, whose response is in `phasors.csv`, and of a motion
+    that shows none. Lines are of unfiltered signals: of the periods up to the filter's cut-off, else of the longest
+    stretch. Beside them stands Eq. 15 with K, B and I of a `fit`, and what is `expected` of the gains (Eq. 9)."""
+    nothing = pl.DataFrame(schema=RESPONSE)
+    if record.is_stepped_sine:
+        return nothing
+    try:
+        if (found := record.periodic) is not None:
+            band = slice(int(np.floor(record.low_pass.cutoff_hz * found.period + 1e-9)) + 1)
+            made = [replace(one, spectra=one.spectra[..., band]) for one in found.realisations]
+            count, columns = len(distinct(made)), periodic_response(made)
+            method = "robust" if count > 1 else "fast"
+        else:
+            longest = max(record.pieces, key=lambda piece: piece.stop - piece.start)
+            signals = record.theta[longest], record.torque[longest]
+            count, method = 1, "local polynomial"
+            columns = local_response(record_spectrum(*signals, record.rate_hz, record.low_pass.cutoff_hz))
+    except OslAnalysisError:
+        return nothing
+    s = np.asarray(2j * np.pi * columns["frequency_hz"], dtype=np.complex128)
+    curves = {"eq15": None if fit is None else fit["K"] + fit["B"] * s + fit["I"] * s**2}
+    curves["eq9"] = None if expected is None else 1 / expected(s)
+    frame: dict[str, object] = {**dict.fromkeys(RESPONSE), "trial": record.name, "method": method}
+    frame |= {"realisations": count, **columns}
+    for short, Z in curves.items():
+        if Z is not None:
+            frame |= {f"magnitude_{short}": np.abs(Z), f"phase_deg_{short}": np.rad2deg(np.angle(Z))}
+    return pl.DataFrame(frame, schema=RESPONSE).fill_nan(None)

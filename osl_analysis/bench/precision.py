@@ -23,7 +23,6 @@ from osl_analysis.bench.record import STRETCH_S
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.model.multisine import Multisine, odd_multisine
 from osl_analysis.signals import LowPass
-from osl_analysis.spectral.response import DETECTION, ENOUGH_REALISATIONS, REALISATIONS
 from osl_analysis.stats.covariance import FEWEST_CYCLES, welch_satterthwaite
 from osl_analysis.stats.regression import CONDITION_LIMIT
 from osl_analysis.trial import Array
@@ -32,6 +31,7 @@ KBI = ("K", "B", "I")
 Impedances = NDArray[np.complex128]
 LAST_CYCLES = 1  # cycles at the end of a segment that are not fitted: the filter smears the next frequency into them
 TRANSIENTS = 1  # periods before those of a realisation, in which the joint settles
+ENOUGH_REALISATIONS = 4  # number of realisations from which on an interval comes from their spread
 MOST_DRAWN = 20  # number of realisations whose largest angle is looked for
 
 
@@ -432,8 +432,8 @@ def precision(
 
     Units are those of `bench.gram`, a frequency at an amplitude or a stretch. The noise has the freedom of cycles, or
     of the stretches; the distortion, which is in the units' scatter, that of one less than there are; rounding and
-    drift count as known. Of a multisine the interval is that of `response_models.csv`: by the spread of realisations,
-    or by the level at detection lines, each of which serves the excited lines around it."""
+    drift count as known. Of a multisine the interval is by the spread of realisations, or of fewer than four by the
+    level at detection lines, each of which serves the excited lines around it."""
     fit, stated = planned_fit(plan, low_pass), distortion or Distortion()
     sines, Z = fit.sines, joint @ eq15(fit.sines.w)
     errors = sensors.variances(sines, Z, plan.record_s)
@@ -447,13 +447,13 @@ def precision(
     noise, total = seen + known, seen + known + scatter
     if isinstance(plan, PeriodicMultisine):
         if plan.realisations >= ENOUGH_REALISATIONS:
-            method, freedom = REALISATIONS, np.full(3, plan.realisations - 1.0)
+            method, freedom = "realisations", np.full(3, plan.realisations - 1.0)
         else:
             share = fit.share(np.sum([*errors.values(), stated.at_sines(fit)], axis=0))
             motion = plan.motion(0)
             near = np.argmin(np.abs(motion.lines[:, None] - motion.detection[None, :]), axis=1)
             together = [np.bincount(near, own) for own in share]
-            method = DETECTION
+            method = "detection lines"
             freedom = np.array([2 * plan.realisations * u.sum() ** 2 / np.sum(u**2) for u in together])
         of_noise = freedom
     else:

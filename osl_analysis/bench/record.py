@@ -291,28 +291,24 @@ class Record:
         return near
 
 
-def stored_record(record: Record, parts: Sequence[NDArray[np.intp]]) -> pl.DataFrame:
+def stored_record(record: Record) -> pl.DataFrame:
     """What a model of the drivetrain is compared with, a row per sample: the angle of the joint, the filtered torque,
-    whether the row is fitted, and of which of some `parts`, if of any, rival models see it."""
-    of_part = np.full(len(record.time), -1)
-    for number, rows in enumerate(parts):
-        of_part[rows] = number
+    and whether the row is fitted."""
     fitted = np.zeros(len(record.time), dtype=np.bool_)
     fitted[record.rows()] = True
     signals = {"time": record.time, "theta": record.theta, "torque": record.filtered_torque}
-    return pl.DataFrame({**signals, "fitted": fitted, "part": of_part})
+    return pl.DataFrame({**signals, "fitted": fitted})
 
 
-def read_record(path: Path, low_pass: LowPass) -> tuple[Record, list[NDArray[np.intp]]]:
-    """The record that was stored, whose torque is the filtered one, and the rows of its parts."""
+def read_record(path: Path, low_pass: LowPass) -> Record:
+    """The record that was stored, whose torque is the filtered one."""
     check_not_refused(path)
     table = pl.read_parquet(path)
-    time, theta, torque, fitted, of_part = (table[name].to_numpy() for name in table.columns)
+    time, theta, torque, fitted = (table[name].to_numpy() for name in table.columns)
     motion, _ = filtered_motion(time, theta, torque, low_pass)
     first, stop = np.array([[rows.start, rows.stop] for rows in runs(fitted)]).T
     groups = Groups("stretches", first, stop, np.zeros_like(first), (Stratum(slice(0, len(time))),))
-    record = Record(path.stem, time, theta, torque, motion, torque, low_pass, fitted, groups)
-    return record, [np.flatnonzero(of_part == number) for number in range(int(of_part.max()) + 1)]
+    return Record(path.stem, time, theta, torque, motion, torque, low_pass, fitted, groups)
 
 
 def joint_angle(theta: Array, torque: Array, compliance: float) -> Array:

@@ -269,10 +269,10 @@ class ActuatorAnalysis(BenchAnalysis):
 
 
 class ModelComparison(Settings):
-    """How rival models describe friction."""
+    """How models of the drivetrain describe friction."""
 
     sign_width: Positive
-    """Velocity [rad/s] over which they smooth the sign of a velocity; the leg's controller has a width of its own."""
+    """Velocity [rad/s] over which the leg's controller smooths the sign of the velocity."""
 
 
 class DesiredCurve(Settings):

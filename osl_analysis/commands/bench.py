@@ -11,7 +11,7 @@ from typing import Any
 
 import polars as pl
 
-from osl_analysis.bench import components, model_comparison, torque_angle
+from osl_analysis.bench import components, torque_angle
 from osl_analysis.bench.analysis import FitTables, analysed
 from osl_analysis.bench.components import PLACE
 from osl_analysis.bench.effects import IMPEDANCE, plain_sums
@@ -21,15 +21,15 @@ from osl_analysis.bench.impedance import (
     DesiredImpedance,
     Known,
     calibration_table,
+    compensation_table,
     judged_impedance,
     repeated_trials_table,
 )
 from osl_analysis.bench.law import LAW_COLUMNS, law_table, law_that_ran
-from osl_analysis.bench.phasors import frequency_response_table, phasor_table, phasors_of_record
+from osl_analysis.bench.phasors import frequency_response_table, phasor_table, phasors_of_record, response_table
 from osl_analysis.bench.plausible import plausible
 from osl_analysis.bench.prediction import NUMBERS, components_of, prediction_table, prediction_terms
 from osl_analysis.bench.record import read_record, record_of_trial, sine_record, stored_record, with_actuator
-from osl_analysis.bench.response_tables import response_tables
 from osl_analysis.bench.settings import (
     ActuatorAnalysis,
     BeltAnalysis,
@@ -51,9 +51,10 @@ from osl_analysis.judge.judging import judged, marked
 from osl_analysis.judge.limits import DoubtfulFits
 from osl_analysis.judge.words import finding_said, unchecked_said, words_of
 from osl_analysis.model.compensator import Controller, Weight
-from osl_analysis.model.parameters import FileOrNone, known_parameters, read_parameters
+from osl_analysis.model.drivetrain import joint_admittance
+from osl_analysis.model.parameters import FileOrNone, known_parameters
 from osl_analysis.table import finite_or_null, read_table, with_evidence, write_table
-from osl_analysis.trial import Trial, read_trial
+from osl_analysis.trial import Trial
 
 
 def fit_belt_trial(trial: Trial, parameters: FileOrNone, settings: BeltAnalysis) -> Mapping[str, pl.DataFrame]:
@@ -93,7 +94,7 @@ def fit_impedance_trial(
 ) -> Mapping[str, pl.DataFrame]:
     """The rows of Eq. 15, and what else one record of the trial tells. `condition` is what the leg was asked to render,
     as far as it is known, `weight` W of Eq. 14; `windows` [s] are those of the sheet, which are fitted where the motion
-    is no stepped sine. Where the gains are known, models of the drivetrain are compared with the `record` that is kept.
+    is no stepped sine. Where the gains are known, the drivetrain is compared with the `record` that is kept.
     """
     p = known_parameters(parameters)
     check_recording(trial, settings)
@@ -108,11 +109,12 @@ def fit_impedance_trial(
     analysis, table = judged_impedance(of_leg, rails, p, condition, ran)
 
     def further() -> dict[str, pl.DataFrame]:
-        frames = {"phasors": phasor_table(trial.name, phasors_of_record(record)), **response_tables(record, p)}
+        frames = {"phasors": phasor_table(trial.name, phasors_of_record(record))}
+        expected = joint_admittance(ran.K_1, ran.B_1, p, p.J_j) if p and ran else None
+        frames["response"] = response_table(record, analysis.whole, expected)
         columns = stated.columns() if condition else {}
         of_condition = {name: frame.with_columns(**columns) for name, frame in frames.items()}
-        parts = model_comparison.thinned_amplitudes(record)
-        kept = stored_record(record, parts) if ran else pl.DataFrame(schema={"time": pl.Float64})
+        kept = stored_record(record) if ran else pl.DataFrame(schema={"time": pl.Float64})
         of_condition["law"] = law.with_columns(**columns)
         return of_condition | {"timebase": analysis.time_base(QUANTITIES), "record": kept}
 
@@ -128,7 +130,7 @@ def fit_human_joint_trial(
     fit = fit_person(trial, settings, windows)
 
     def further() -> dict[str, pl.DataFrame]:
-        frames = {**response_tables(fit.person.raw, None, reflexive=True), "impedance_over": over_table(fit)}
+        frames = {"response": response_table(fit.person.raw), "impedance_over": over_table(fit)}
         return frames | {"timebase": fit.analysis.time_base(QUANTITIES)}
 
     return FitTables(fit.analysis.series(), further, human_joint=human_joint_table(fit).with_columns(rails))
@@ -179,13 +181,12 @@ def fit_calibration_trial(
 
 def summarise(table: Path, output: Path) -> None:
     """What a table of the campaign tells of its trials together: K, B and I of conditions with several trials, the
-    frequency response averaged over the amplitudes, the standing of the rival models, the summary of a part."""
+    frequency response averaged over the amplitudes, the summary of a part."""
     by_amplitude = ("amplitude_deg", "doubtful")
     derived: Mapping[str, tuple[Sequence[str], Callable[[pl.DataFrame], pl.DataFrame]]] = {
         "impedance": (by_amplitude, repeated_trials_table),
         "human_joint": (("doubtful",), repeated_trials_table),
         "phasors": (by_amplitude, frequency_response_table),
-        "model_comparison": (model_comparison.SCORE_COLUMNS, model_comparison.comparison_summary),
     }
     needed, computed = derived.get(table.stem, ((), partial(components.part_summary, table.stem)))
     write_table(computed(with_evidence(table, needed)), output)
@@ -194,7 +195,7 @@ def summarise(table: Path, output: Path) -> None:
 def compare_controllers(table: Path, output: Path) -> None:
     """Compensated beside uncompensated trials of the same desired impedance."""
     needed = ("commanded_deg", "amplitude_deg", "controller", "K_d", "B_d", "K", "B", "VAF", "torque_error")
-    write_table(model_comparison.compensation_table(read_table(table, needed)), output)
+    write_table(compensation_table(read_table(table, needed)), output)
 
 
 def gather_predictions(
@@ -226,7 +227,7 @@ def gather_predictions(
                 known = components_of(measured, own.select(PLACE).row(0), p)
                 gains = DesiredImpedance(row["controller"], row["K_d"], row["B_d"]).gains(p, weight)
                 assert gains is not None  # of other trials no record is read
-                record, _ = read_record(kept[row["trial"]], settings.low_pass)
+                record = read_record(kept[row["trial"]], settings.low_pass)
                 ran = law_that_ran(laws.filter(trial=row["trial"]), gains, p)
                 terms[row["trial"]] = prediction_terms(record, Controller(*ran, sign_width), known)
                 law_of[row["trial"]] = "programmed" if ran == (gains, p) else "measured"
@@ -243,40 +244,6 @@ def gather_predictions(
     write_table(pl.concat([others, *(rows for rows, _ in found)], how="diagonal_relaxed"), output)
     none = pl.DataFrame(schema=[*PLACE, "component"])
     write_table(pl.concat([none, *(rows for _, rows in found)], how="diagonal_relaxed"), causes)
-
-
-def compare_drivetrain_models(
-    record: Path,
-    parameters: Path,
-    condition: DesiredImpedance,
-    weight: Weight,
-    sign_width: float,
-    settings: FilterSettings,
-    output: Path,
-) -> None:
-    """Eq. 15 and the drivetrain with the gains that the leg was given, on the record of one trial's fit. The drivetrain
-    smooths the sign of the velocity over `sign_width` [rad/s]."""
-    p = read_parameters(parameters)
-    gains = condition.gains(p, weight)
-    assert gains is not None  # of other trials no models are compared
-    kept, parts = read_record(record, settings.low_pass)
-    drivetrain = model_comparison.DrivetrainTrial(kept, parts, gains, p, sign_width)
-    write_table(model_comparison.impedance_scores(drivetrain, condition.controller), output)
-
-
-def compare_belt_models(trials: Sequence[Path], parameters: FileOrNone, settings: BeltAnalysis, output: Path) -> None:
-    """Rival models of the belt on each trial, predicted by fits to all the others."""
-    p = known_parameters(parameters)
-    belts = [components.belt_trial(read_trial(path), p, settings).record for path in trials]
-    write_table(model_comparison.belt_scores(belts), output)
-
-
-def compare_transmission_models(
-    trials: Sequence[Path], settings: SteppedSineAnalysis, sign_width: float, output: Path
-) -> None:
-    """Rival models of the transmission on each trial, predicted by fits to all the others."""
-    records = (sine_record(read_trial(path), settings) for path in trials)  # one in memory at a time
-    write_table(model_comparison.transmission_scores(records, sign_width), output)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -18,7 +18,6 @@ from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.campaign.configuration import Config
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.signals import LowPass
-from osl_analysis.spectral.response import ENOUGH_REALISATIONS
 from osl_analysis.table import finite_or_null, with_evidence, write_table
 from osl_analysis.trial import Array
 
@@ -218,11 +217,11 @@ def warnings(
             "estimates of a multisine scatter up to 50 times as much, and those of a stepped sine are shifted; state "
             "--friction, or a pilot by --from"
         )
-    if isinstance(plan, PeriodicMultisine) and plan.realisations < ENOUGH_REALISATIONS:
+    if isinstance(plan, PeriodicMultisine) and plan.realisations < planning.ENOUGH_REALISATIONS:
         yield (
             f"{plan.realisations} realisation{'s' if plan.realisations > 1 else ''} of a distortion whose level at "
-            f"detection lines is all that is known of it: take {ENOUGH_REALISATIONS} or more, and 8 to know the level "
-            "within 0.5 dB"
+            f"detection lines is all that is known of it: take {planning.ENOUGH_REALISATIONS} or more, and 8 to know "
+            "the level within 0.5 dB"
         )
 
 
@@ -344,9 +343,9 @@ def interval_lines(found: Precision) -> Iterator[str]:
         made_of = ", ".join(f"{cause} {share:.0f} %" for cause, share in shares.items() if share >= 0.5)
         yield f"{name:4}{value:>10.4g}{half_width:>18.3g}{percent:>10}{of_noise:>18.3g}   {made_of} [{unit}]"
     freedom = ", ".join("∞" if np.isinf(d) else f"{d:.0f}" for d in found.columns["degrees_of_freedom"])
-    table = "impedance.csv" if found.method in (BY_UNITS, BY_REPEATS) else "response_models.csv"
+    named = ", as impedance.csv will name it" * (found.method in (BY_UNITS, BY_REPEATS))
     yield (
-        f"interval from {found.method}, as {table} will name it, {freedom} degrees of freedom; correlation of K and I "
+        f"interval from {found.method}{named}, {freedom} degrees of freedom; correlation of K and I "
         f"{found.fit.correlation:.2f}, condition number {found.fit.condition_number:.3g}"
     )
 

@@ -1,4 +1,4 @@
-"""Result tables from the tables of single trials, pooled responses, and the summary with the headline numbers."""
+"""Result tables from the tables of single trials, and the summary with the headline numbers."""
 
 import json
 from collections.abc import Collection, Mapping, Sequence
@@ -8,8 +8,6 @@ from typing import Any
 
 import polars as pl
 
-from osl_analysis.bench.response_tables import MODELS, RESPONSE_COLUMNS, periodic_tables
-from osl_analysis.bench.settings import BenchAnalysis
 from osl_analysis.bench.torque_angle import compared_with_repeats
 from osl_analysis.campaign.campaign import sentence
 from osl_analysis.campaign.configuration import FOUND
@@ -23,10 +21,8 @@ from osl_analysis.judge.finding import findings_frame
 from osl_analysis.judge.judging import judged, marked, with_inherited
 from osl_analysis.judge.limits import DoubtfulFits, Limits, QualityRules
 from osl_analysis.judge.used import Judge
-from osl_analysis.model.parameters import FileOrNone, joint_of, known_parameters
 from osl_analysis.refusal import Refusal, check_not_refused, refused_trials
 from osl_analysis.report import headlines
-from osl_analysis.spectral.periods import Realisation, pooled, realisations_from
 from osl_analysis.stats.repeats import alike_sizes
 from osl_analysis.table import OF_ROW, Places, read_table, with_evidence, with_places, write_table
 
@@ -81,51 +77,6 @@ def list_fits(fits: Sequence[Path], output: Path, refused: Sequence[Refusal] = (
     reasons = {trial: cause.reason for trial, cause in refused_trials(refused).items()}
     said = {"fitted": [path.stem for path in fits], "refused": reasons}
     write_text(output, json.dumps(said, indent=1) + "\n")
-
-
-CONDITION_TYPES: dict[str, type[pl.DataType]] = {
-    **dict.fromkeys(("joint", "side", "subject", "session", "group", "controller"), pl.String),
-    **dict.fromkeys(("K_d", "B_d"), pl.Float64),
-}
-"""Columns of the sample sheet in which trials that are pooled agree."""
-
-
-def pool_responses(
-    lines: Sequence[Path],
-    conditions: Mapping[str, Mapping[str, Any]],
-    settings: BenchAnalysis,
-    response_pooled: Path,
-    response_models_pooled: Path,
-    parameters: FileOrNone = None,
-) -> None:
-    """Write the response of all realisations of each condition, and the structures fitted to it. `lines` are the files
-    of the periods' lines of single trials; `conditions` are the rows of the sheet by trial. Conditions with a single
-    trial have no rows, nor have trials whose motions differ in more than phases."""
-    p, of_joint = known_parameters(parameters), joint_of(parameters) if parameters else None
-    by_condition: dict[tuple[Any, ...], dict[str, list[Realisation]]] = {}
-    for table in (read_table(path, of="response_lines") for path in lines):
-        if not table.is_empty():
-            trial = str(table["trial"][0])
-            key = tuple((column, conditions[trial].get(column)) for column in CONDITION_TYPES)
-            by_condition.setdefault(key, {})[trial] = realisations_from(table)
-    made = {"response": [pl.DataFrame(schema=pooled_schema(RESPONSE_COLUMNS))]}
-    made["response_models"] = [pl.DataFrame(schema=pooled_schema(MODELS))]
-    for key, trials in by_condition.items():
-        stated = [pl.lit(cell, CONDITION_TYPES[name]).alias(name) for name, cell in key]
-        for group in pooled(trials):
-            every = [one for realisations in group.values() for one in realisations]
-            device = p if dict(key)["joint"] == of_joint else None
-            of = settings.low_pass, device, settings.calibration
-            frames = periodic_tables(", ".join(group), every, *of)
-            for name, pools in made.items():
-                pools.append(frames[name].rename({"trial": "trials"}).select(*stated, pl.all()))
-    write_table(pl.concat(made["response"]), response_pooled)
-    write_table(pl.concat(made["response_models"]), response_models_pooled)
-
-
-def pooled_schema(schema: Mapping[str, type[pl.DataType]] = RESPONSE_COLUMNS) -> dict[str, type[pl.DataType]]:
-    """The columns of a pooled table: the condition, and `trials` in place of `trial`."""
-    return {**CONDITION_TYPES, **{"trials" if name == "trial" else name: dtype for name, dtype in schema.items()}}
 
 
 def check_claims(

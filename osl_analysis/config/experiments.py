@@ -114,10 +114,8 @@ EXPERIMENTS: dict[str, Experiment] = {
         tables=(ResultTable("impedance",
                 derived={"impedance_repeats": "bench.summarise", "compensation": "bench.compare_controllers"}),
             ResultTable("phasors", doubts_of="impedance", derived={"frequency_response": "bench.summarise"}),
-            ResultTable("response", doubts_of="impedance"), ResultTable("response_models", doubts_of="impedance"),
-            ResultTable("response_lines", judged=False, published=False), ResultTable("law"),
+            ResultTable("response", doubts_of="impedance"), ResultTable("law"),
             ResultTable("record", judged=False, published=False), *OF_ALL),
-        further_tables=("response_pooled", "response_models_pooled"),
         fit=FitJob("bench.fit_impedance_trial",
             {"settings": ("dynamometer", "ImpedanceAnalysis"), "weight": ("gain_weight", "Weight"),
                 "models": ("model_comparison", "ModelComparison")},
@@ -126,10 +124,8 @@ EXPERIMENTS: dict[str, Experiment] = {
     "human_joint": on_dynamometer(
         "a person's joint moved at random: K, B, I and the stretch reflex", any_motion=True,
         tables=(ResultTable("human_joint", derived={"human_joint_repeats": "bench.summarise"}),
-            ResultTable("response", doubts_of="human_joint"), ResultTable("response_models", doubts_of="human_joint"),
-            ResultTable("response_lines", judged=False, published=False),
+            ResultTable("response", doubts_of="human_joint"),
             ResultTable("impedance_over", doubts_of="human_joint", scheduled_only=True), *OF_ALL),
-        further_tables=("response_pooled", "response_models_pooled"),
         fit=FitJob("bench.fit_human_joint_trial", {"settings": ("dynamometer", "HumanJointAnalysis")}, windows=True),
     ),
     "torque_angle": on_dynamometer(

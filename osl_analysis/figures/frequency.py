@@ -103,7 +103,7 @@ def draw_fig7(table: pl.DataFrame) -> Figure:
 
 
 MOST_CONDITIONS, MOST_ACROSS = 12, 3
-"""Conditions that one page shows at most (the table has all), and those side by side; one more if they are so many."""
+"""Trials that one page shows at most (the table has all), and those side by side; one more if they are so many."""
 SIZE = 2.2  # size [pt] of the markers
 LEVEL_LOOKS = {
     "odd_level": (style.ORANGE, "^", "Odd distortion"),
@@ -116,11 +116,8 @@ STRUCTURE_LOOKS = {
 }  # colour, line style, and names in the legend and in the caption
 
 
-def condition_points(single: pl.DataFrame, pooled: pl.DataFrame) -> pl.DataFrame:
-    """The rows of every condition: those of `response_pooled.csv`, then of each trial that is in none of them."""
-    in_pool = {name for pool in pooled["trials"].unique() for name in str(pool).split(", ")}
-    alone = single.filter(~pl.col("trial").is_in(in_pool)).with_columns(trials=pl.col("trial"))
-    return names.completed(pl.concat([pooled, alone], how="diagonal_relaxed"), columns_of("response"), True)
+def response_points(responses: pl.DataFrame) -> pl.DataFrame:
+    return names.completed(responses, columns_of("response"), True)
 
 
 def missed(rows: pl.DataFrame, short: str) -> Array:
@@ -132,8 +129,8 @@ def missed(rows: pl.DataFrame, short: str) -> Array:
 
 @style.paper_style()
 def draw_response(table: pl.DataFrame) -> Figure:
-    """Per condition magnitude, phase, and the structures' deviation beside distortion above the noise, and noise."""
-    conditions = table.partition_by("trials", maintain_order=True)
+    """Per trial magnitude, phase, and the structures' deviation beside distortion above the noise, and noise."""
+    conditions = table.partition_by("trial", maintain_order=True)
     shown = conditions[:MOST_CONDITIONS]
     across = min(len(shown), MOST_ACROSS + (len(shown) > MOST_ACROSS**2))
     down = -(-len(shown) // across)
@@ -164,18 +161,17 @@ def draw_response(table: pl.DataFrame) -> Figure:
 
 
 def condition_words(row: Mapping[str, Any], longest: int) -> list[str]:
-    """Joint, controller, desired impedance, trials by the first one's name, and realisations of a condition."""
+    """Joint, controller, desired impedance, name and realisations of a trial."""
     words = [names.place_name(row["joint"], row["side"]), names.drawn_name(row["controller"] or "")]
     words.append(", ".join(f"${name}$ = {row[name]:g}" for name in ("K_d", "B_d") if row[name] is not None))
-    trials = str(row["trials"]).split(", ")
-    words.append(names.drawn_name(trials[0], longest) + (f" and {len(trials) - 1} more" if len(trials) > 1 else ""))
+    words.append(names.drawn_name(str(row["trial"]), longest))
     if row["method"] != "local polynomial":
         words.append(names.count_of(int(row["realisations"]), "realisation"))
     return [*filter(None, words)]
 
 
 def draw_condition(parts: Sequence[Axes], rows: pl.DataFrame) -> dict[str, Any]:
-    """Three panels of one condition; the entries of the legend."""
+    """Three panels of one trial; the entries of the legend."""
     rows = rows.with_columns(pl.col(*LEVEL_LOOKS, "total_sd", "noise_sd").cast(pl.Float64))
     f, beside = rows["frequency_hz"].to_numpy(), parts[2]
     # 95 % intervals of one direction in the complex plane, of noise and distortion, or of noise where it is not known
@@ -223,6 +219,6 @@ FIG7 = style.Drawing(
     about=shown_impedance,
 )  # fmt: skip
 RESPONSE = style.Drawing(
-    columns_of("response"), draw_response, condition_points,
+    columns_of("response"), draw_response, response_points,
     nothing="every impedance trial follows the stepped sine; its frequency response is in phasors.csv and Fig. 7",
 )  # fmt: skip

@@ -1,15 +1,10 @@
-"""What models say beside what was measured: the prediction of the components, to which nothing is fitted, and the
-variance of held-out torque that rival models of belt, transmission and rendered impedance do not explain."""
+"""What models say beside what was measured: the prediction of the components, to which nothing is fitted, and each
+link from the command to the torque."""
 
-from dataclasses import replace
-
-import numpy as np
 import polars as pl
 from matplotlib.figure import Figure
 
-from osl_analysis.errors import InputError
 from osl_analysis.figures import columns_of, names, style
-from osl_analysis.trial import Array
 
 PANELS = {"K": r"stiffness $\hat{K}$ (N·m/rad)", "B": r"damping $\hat{B}$ (N·m·s/rad)", "torque": "torque, SD (N·m)"}
 """The quantities with their words on the axes."""
@@ -108,82 +103,4 @@ def draw_chain(table: pl.DataFrame) -> Figure:
 CHAIN = style.Drawing(
     columns_of("chain"), draw_chain, chain_points,
     needs=("trial", "controller", "K_1"), nothing="no impedance trial logs current and angle of the motor",
-)  # fmt: skip
-
-
-RIVALS = {
-    "belt": ("Belt", {"M1": "linear", "M2": "quadratic", "M3": "linear,\nhysteresis", "M4": "quadratic,\nhysteresis"}),
-    "transmission": ("Transmission", {"M1": "$B_j$, $J_j$", "M2": "$B_j$, $J_j$,\nCoulomb"}),
-    "impedance": (
-        "Rendered impedance",
-        {"M1": "Eq. 15", "M2": "Eq. 9", "M3": "Eq. 9,\nfriction", "M4": "Eq. 9,\nfriction,\n3 fitted"},
-    ),
-}
-"""Names of each experiment and of its models, the draft's model first."""
-CONDITION = (*names.JOINT_SIDE, "controller")
-
-
-def scores_points(scores: pl.DataFrame) -> pl.DataFrame:
-    table = names.completed(scores, columns_of("model_comparison"), True).filter(pl.col("VAF_held_out").is_finite())
-    if table.is_empty():
-        raise InputError(
-            "no model was held against data that it was not fitted to; add a second belt or transmission trial, or a "
-            "second amplitude"
-        )
-    return table
-
-
-@style.paper_style()
-def draw_models(table: pl.DataFrame) -> Figure:
-    """A panel per experiment, the draft's model on the left."""
-    several = len(table.select(names.JOINT_SIDE).unique()) > 1
-    present = [experiment for experiment in RIVALS if experiment in table["experiment"]]
-    shares = [len(RIVALS[experiment][1]) for experiment in present]
-    width = style.SINGLE_COLUMN if len(present) == 1 else style.DOUBLE_COLUMN
-    figure, axes = style.panels(width, 2.8, columns=len(present), shares=shares)
-    for ax, experiment in zip(axes, present, strict=True):
-        name, models = RIVALS[experiment]
-        rows = table.filter(pl.col("experiment") == experiment)
-        conditions = rows.partition_by(CONDITION, maintain_order=True)
-        places = rows.select(names.JOINT_SIDE).unique(maintain_order=True).rows()
-        for k, trials in enumerate(conditions):
-            shift = min(0.36, 0.72 / len(conditions)) * (k - (len(conditions) - 1) / 2)
-            *place, controller = trials.select(CONDITION).row(0)
-            look = style.LOOKS.get(controller, style.Look(style.GREY, "o", 2.6, "Repeat"))
-            if several:
-                marker = names.MARKERS[places.index(tuple(place)) % len(names.MARKERS)]
-                look = replace(look, label=f"{look.label}, {names.place_name(*place)}", marker=marker)
-            x = np.arange(len(models)) + shift
-            tested, left, mean = shares_left(trials, models)
-            ax.plot(x, left.T, "-", color=look.colour, alpha=0.35, linewidth=0.5)
-            drawn = ax.scatter(
-                np.tile(x, len(tested)), left.ravel(), look.size**2, marker=look.marker, facecolors="none",
-                edgecolors=look.colour, linewidths=0.6, label=look.label,
-            )  # fmt: skip
-            drawn.set_urls([style.place_in_report(trial) for trial in tested for _ in models])
-            ax.hlines(mean, x - 0.11, x + 0.11, color=style.BLACK, linewidth=1.4, zorder=3, label="Geometric mean")
-        ax.set_title(f"{ax.get_title(loc='left')} {name}".strip(), loc="left", y=1)
-        ax.set_yscale("log")
-        ax.set_xticks(range(len(models)), list(models.values()))
-        ax.tick_params(axis="x", length=0)
-        ax.set_xlim(-0.5, len(models) - 0.5)
-    style.label_log_axis(axes[0].yaxis, axes[0].get_ylim(), most=8)
-    axes[0].set_ylabel("Held-out variance\nnot accounted for (%)")
-    style.legend_above(figure, style.legend_entries(axes), 4)
-    return figure
-
-
-def shares_left(rows: pl.DataFrame, models: dict[str, str]) -> tuple[list[str], Array, Array]:
-    """The trials (n,), the share [percent] of held-out variance that each model (m,) leaves of them, (n, m), and its
-    geometric mean over trials (m,), NaN for a model that no trial has. The smallest share on the axis is 1e-6."""
-    wide = names.completed(rows.pivot("model", index="trial", values="VAF_held_out"), models)
-    left = np.maximum(100 - wide.select(models.keys()).to_numpy(), 1e-6)
-    seen, means = np.isfinite(left).any(axis=0), np.full(len(models), np.nan)
-    means[seen] = np.exp(np.nanmean(np.log(left[:, seen]), axis=0))
-    return wide["trial"].to_list(), left, means
-
-
-MODEL_COMPARISON = style.Drawing(
-    columns_of("model_comparison"), draw_models, scores_points,
-    needs=("experiment", "controller", "trial", "model", "VAF_held_out"),
 )  # fmt: skip

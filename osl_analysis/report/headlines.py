@@ -238,12 +238,6 @@ def numbers_of(name: str, table: pl.DataFrame, example: Example) -> Iterator[Hea
                 ends = row[f"{quantity}_low"], row[f"{quantity}_high"]
                 number = headline(label, row[quantity], int(row["cycles"]), *ends, OF_CYCLES)
                 yield replace(of_group(number, row["trial"]), doubt=row[DOUBTFUL] or None)
-    elif name == "model_comparison_summary":
-        for row in table.drop_nulls("VAF_gain").iter_rows(named=True):
-            if gain := labels.get(f"{row['experiment']} {row['model']}"):
-                named = with_controller(gain, row["controller"], example) if row["experiment"] == "impedance" else gain
-                ends = row["VAF_gain_low"], row["VAF_gain_high"]
-                yield headline(named, row["VAF_gain"], int(row["trials"]), *ends, PAIRED)
     elif name == "walking_summary":
         for rows in table.filter(pl.col("mean").is_not_null()).partition_by("group", maintain_order=True):
             for estimator, its in ((HEADLINE_ESTIMATOR, labels), ("up minus down", LABELS["walking_symmetry"])):

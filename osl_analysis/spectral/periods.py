@@ -1,14 +1,13 @@
-"""Motions that repeat themselves: the period, the spectra of every whole period, and their lines as a table.
+"""Motions that repeat themselves: the period, and the spectra of every whole period.
 
 The period need not be a whole number of samples: the clocks of generator and recorder differ by up to 1e-4.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import polars as pl
 import scipy
 from numpy.typing import NDArray
 
@@ -123,11 +122,8 @@ class Realisation:
     Re(X_k exp(2j pi k t/period)) of a signal, t from the first sample of each period; line 0 is its mean."""
 
     period: float  # period [s]
-    rate_hz: float  # sampling rate [Hz]
     spectra: Spectrum  # lines of the angle [rad] and of the resisting torque [N*m], shape (2, periods, lines)
     start: float  # when the first period begins [s], from the first sample of the record
-    steps: tuple[float | None, float | None] = (None, None)
-    """Steps to which angle [rad] and torque [N*m] were rounded; None where they are not known."""
 
     @property
     def periods(self) -> int:
@@ -196,7 +192,7 @@ def realisations_of(
             periods -= 1
         if periods >= 2:  # one has no scatter
             spectra = np.array([period_spectra(signal, first, samples, periods, count) for signal in signals])
-            made.append(Realisation(period, rate_hz, spectra, first / rate_hz))
+            made.append(Realisation(period, spectra, first / rate_hz))
     return made
 
 
@@ -320,57 +316,3 @@ def smoothed_lines(values: Array, weights: Array) -> Array:
     window = np.ones(2 * NEIGHBOURS + 1)
     total = np.convolve(weights, window, "same")
     return np.asarray(np.convolve(values * weights, window, "same") / np.maximum(total, np.finfo(float).tiny))
-
-
-LINES: dict[str, type[pl.DataType]] = {
-    "trial": pl.String,
-    **dict.fromkeys(("realisation", "period", "line"), pl.Int64),
-    **dict.fromkeys(("period_s", "rate_hz", "start_s", "theta_step", "torque_step"), pl.Float64),
-    **dict.fromkeys(("theta_re", "theta_im", "torque_re", "torque_im"), pl.Float64),
-}
-"""Columns of the lines of the periods of a trial."""
-
-
-def lines_frame(trial: str, realisations: Sequence[Realisation]) -> pl.DataFrame:
-    """A row per realisation, period and line."""
-    frames = []
-    for number, one in enumerate(realisations):
-        period, line = (index.ravel() for index in np.indices(one.spectra.shape[1:]))
-        of_motion = (one.period, one.rate_hz, one.start, *one.steps)
-        spectra = (part.ravel() for lines in one.spectra for part in (lines.real, lines.imag))
-        columns: dict[str, object] = dict(zip(LINES, (trial, number, period, line, *of_motion, *spectra), strict=True))
-        frames.append(pl.DataFrame(columns, schema=LINES))
-    return pl.concat(frames)
-
-
-def realisations_from(lines: pl.DataFrame) -> list[Realisation]:
-    """The realisations of one trial that `lines_frame` wrote."""
-    made = []
-    for rows in lines.partition_by("realisation", maintain_order=True):
-        parts = rows.select("theta_re", "theta_im", "torque_re", "torque_im").to_numpy().T
-        spectra = (parts[::2] + 1j * parts[1::2]).reshape(2, rows["period"].n_unique(), -1)
-        facts = rows.row(0, named=True)
-        steps = facts["theta_step"], facts["torque_step"]
-        made.append(Realisation(facts["period_s"], facts["rate_hz"], spectra, facts["start_s"], steps))
-    return made
-
-
-def pooled(trials: Mapping[str, Sequence[Realisation]]) -> list[dict[str, list[Realisation]]]:
-    """Trials of one condition, each by name with its realisations, sorted by motions that differ in their phases only;
-    two or more each. A trial whose own realisations differ is with those that are like its first one."""
-
-    def alike(first: Realisation, second: Realisation) -> bool:
-        one, two = (np.abs(r.mean_lines[0, 1:]) for r in with_common_lines([first, second]))
-        same_period = abs(first.period - second.period) <= PERIODS_AGREE * first.period
-        # friction weighs more in a smaller motion
-        return same_period and bool(np.linalg.norm(one - two) <= 0.1 * np.linalg.norm(one))
-
-    groups: list[dict[str, list[Realisation]]] = []
-    for name, made in trials.items():
-        same = (group for group in groups if alike(next(iter(group.values()))[0], made[0]))
-        group = next(same, None)
-        if group is None:
-            groups.append({name: list(made)})
-        else:
-            group[name] = list(made)
-    return [group for group in groups if len(group) > 1]

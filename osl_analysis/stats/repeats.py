@@ -1,10 +1,10 @@
-"""Mean, scatter and interval over repeated trials, the comparison of rival models over trials, and the difference
-between two campaigns with a verdict by its interval."""
+"""Mean, scatter and interval over repeated trials, and the difference between two campaigns with a verdict by its
+interval."""
 
 import math
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,9 +13,8 @@ import scipy
 from numpy.typing import ArrayLike
 
 from osl_analysis.errors import InputError, optional_module
-from osl_analysis.measured import check_finite, check_measured, rounding_of, varies
+from osl_analysis.measured import check_measured, varies
 from osl_analysis.stats.covariance import welch_satterthwaite
-from osl_analysis.stats.regression import variance_accounted_for
 from osl_analysis.trial import Array
 
 DOUBTFUL = "doubtful"  # column with the causes of doubt: empty if the fit is not doubtful, null in a row without a fit
@@ -125,93 +124,6 @@ def summary_of_trials(table: pl.DataFrame, quantities: Sequence[str]) -> pl.Data
     used = counted(table)
     numbers = {**doubtful_row(table), "n_left_out": len(table) - len(used)}
     return pl.DataFrame([{"quantity": name, **summary_row(used, name), **numbers} for name in quantities])
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """One model and its residuals (n,) [unit of y]."""
-
-    model: str  # M1, M2 ..
-    terms: str
-    parameters: int  # that were fitted, without offset and drift, which every model of y has
-    residual: Array  # of the fit to all data
-    held_out_residual: Array  # on data that the fit did not use; NaN where there are no other data
-
-
-def score_models(y: Array, candidates: Sequence[Candidate]) -> pl.DataFrame:
-    """A row per rival model of the same y (n,), in the order given, as in `model_comparison.csv`: VAF and VAF_held_out
-    [percent], BIC (lower is better), number of effective samples, and rank by BIC, from 1 on.
-
-    BIC = m ln(mean squared residual) + p ln m (Schwarz, Ann. Stat. 6, 1978) with the number m of effective samples in
-    place of n, with which BIC would accept any term that is not exactly 0. All models share the m of the smallest
-    residual, which contains the least model error. A residual below the rounding error counts as rounding error, and
-    all samples of an exact fit as independent, since what rounding leaves depends on the processor: among exact models
-    the one with the fewest parameters ranks first. Raises InputError: y or a residual has no samples, or a value that
-    cannot be measured."""
-    for name, values in (("y", y), *((f"the residual of {c.model}", c.residual) for c in candidates)):
-        check_measured(name, values)
-    if not len(y):
-        raise InputError("no samples to compare models by; take a longer recording")
-    rounding = max(rounding_of(y), np.finfo(float).tiny)
-    power = [max(float(np.mean(c.residual**2)), rounding) for c in candidates]
-    best = candidates[int(np.argmin(power))].residual
-    m = effective_samples(best) if min(power) > rounding else float(len(y))
-    rows = []
-    for c, s in zip(candidates, power, strict=True):
-        vaf, left = variance_accounted_for(y, c.residual), c.held_out_residual
-        held_out = float("nan") if np.isnan(left).all() else variance_accounted_for(y, left)
-        bic = float(m * np.log(s) + c.parameters * np.log(m))
-        rows.append((c.model, c.terms, c.parameters, vaf, held_out, bic, m))
-    names = ("model", "terms", "parameters", "VAF", "VAF_held_out", "BIC", "effective_samples")
-    return pl.DataFrame(rows, names, orient="row").with_columns(rank=pl.col("BIC").rank("min").cast(pl.Int64))
-
-
-def effective_samples(residual: Array) -> float:
-    """Number of independent samples whose mean square has the same variance as that of this correlated residual (n,): n
-    / sum of rho_k^2 over all lags k (Bayley and Hammersley, J. R. Stat. Soc. Suppl. 8, 1946). Lags go up to a tenth of
-    the samples; the numerator is corrected for squares of 1/n by chance, so that white noise gives n. A residual that
-    does not vary (an exact fit) counts as n independent samples."""
-    check_measured("the residual", residual)
-    if not varies(residual):
-        return float(len(residual))
-    n, share = len(residual), 0.1
-    spectrum = np.abs(np.fft.rfft(residual - np.mean(residual), 2 * n)) ** 2
-    covariance = np.fft.irfft(spectrum)[: int(share * n) + 1]
-    rho = covariance / covariance[0]
-    return float(np.clip(n * (1 + 2 * share) / (1 + 2 * np.sum(rho[1:] ** 2)), min(2.0, n), n))
-
-
-def mean_over_trials(values: Array, shared: bool = False) -> Repeats:
-    """Mean of one value per trial (n,) with Student's interval. One trial has no interval; without trials all is NaN.
-    `shared`: each value was computed with a fit to all the other trials. Such values are correlated by 1/n: the
-    variance of their mean is s^2 (1/n + 1/(n - 1)), with n - 1 degrees of freedom (Nadeau and Bengio, Mach. Learn. 52,
-    2003)."""
-    n = len(values)
-    if n < 2:
-        return Repeats(n, float(values[0]) if n else np.nan, np.nan, np.nan, np.nan, np.nan)
-    own = over_repeats(values)
-    wider = float(np.sqrt(1 + n / (n - 1))) if shared else 1.0
-    half = wider * (own.high - own.mean)
-    return replace(own, se=wider * own.se, low=own.mean - half, high=own.mean + half)
-
-
-def loss_behind_best(loss: Array) -> Array:
-    """Each loss (trials, models) minus the loss in the same trial of the model with the smallest mean loss."""
-    return loss - loss[:, [int(np.argmin(loss.mean(axis=0)))]] if len(loss) else loss
-
-
-def rank_words(loss: Array, shared: bool = False) -> list[str | None]:
-    """`preferred`, `tied` or `worse` for each model, from losses (trials, models), of which smaller ones are better;
-    the simplest model comes first. A model is tied with the best one if the interval of their paired difference
-    contains zero. The first of the tied models is preferred: a more complicated one must show that it is better.
-    Without trials every word is None."""
-    check_finite("the loss", loss)
-    if not len(loss):
-        return [None] * loss.shape[1]
-    tied = [not mean_over_trials(behind, shared).low > 0 for behind in loss_behind_best(loss).T]
-    words: list[str | None] = ["tied" if as_good else "worse" for as_good in tied]
-    words[tied.index(True)] = "preferred"
-    return words
 
 
 Sample = Mapping[Any, Sequence[float]]

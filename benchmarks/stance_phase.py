@@ -14,7 +14,9 @@ from gait_of_phase import TRUTH, Change, crossing
 from impedance_over_stance import laboratory
 from study import StudyLaboratory
 
-from osl_analysis.simulator.walking_settings import StepChange
+from osl_analysis.simulator.bench import drivetrain_effects
+from osl_analysis.simulator.crossing import SimulatedCrossing, simulate_crossing
+from osl_analysis.simulator.step import RENDERED_S, GaitTrial, Step, draw_step, smooth_step
 from osl_analysis.trial import Array
 from osl_analysis.walking.crossing import Crossing
 from osl_analysis.walking.gait import (
@@ -64,14 +66,45 @@ class Campaign:
     perturbed: Mapping[str, Perturbed]
 
 
+@dataclass(frozen=True)
+class HurriedStep(Step):
+    """A step whose stance is longer by what follows the window [s]."""
+
+    hurry: float = 0.0
+
+    @property
+    def toe_off(self) -> float:
+        return super().toe_off + self.hurry
+
+    def stance_phase(self, time: Array) -> Array:
+        elapsed, begins = time - self.heel_strike, self.onset + RENDERED_S - self.heel_strike
+        later = smooth_step((elapsed - begins) / (self.stance + self.hurry - begins))
+        return (elapsed - self.hurry * later) / self.stance
+
+
+@dataclass(frozen=True)
+class Hurrying(StudyLaboratory):
+    """A laboratory whose perturbed crossings are longer by a share of the stance after the window."""
+
+    hurry: float = 0.0
+
+    def walk(self, name: str, perturbed: bool) -> SimulatedCrossing:
+        step = draw_step(GaitTrial(name, self.settings.seed, self.gait))
+        hurried = HurriedStep(**vars(step), hurry=self.hurry * step.stance if perturbed else 0.0)
+        effects = drivetrain_effects(self.settings) | {"cancels_friction": True}
+        return simulate_crossing(hurried, perturbed, effects, self.p)
+
+
 def simulated(number: int, shipped: StudyLaboratory) -> Campaign:
     """A campaign of the simulator's gait. What is random is the same whatever the perturbed crossings do."""
     names = [f"phase_{number:04d}_{k}" for k in range(CROSSINGS)]
     perturbed, truths = {}, {}
     for label, change in CHANGES.items():
-        fields = {"slower_percent": 100 * (change.slower - 1), "after_window_percent": 100 * (change.after_window - 1)}
-        gait = shipped.gait.model_copy(update={"changes": (StepChange(**fields),)})
-        walked = [replace(shipped, gait=gait).perturbed(f"{name}_p") for name in names]
+        usual = shipped.gait.gait
+        slower = usual.model_copy(update={"stance_s": usual.stance_s * change.slower})
+        gait = shipped.gait.model_copy(update={"gait": slower})
+        own = Hurrying(shipped.settings, gait, shipped.p, shipped.analysis, hurry=change.after_window - 1)
+        walked = [own.perturbed(f"{name}_p") for name in names]
         truths[label] = np.array([[exact[q] for q in QUANTITIES] for _, exact, _ in walked])
         perturbed[label] = [seen for seen, _, _ in walked]
     return with_half(unperturbed_gait([shipped.unperturbed(f"{name}_u") for name in names], 3), perturbed, truths)

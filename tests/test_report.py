@@ -3,16 +3,13 @@
 import base64
 import hashlib
 import html
-import importlib.util
 import json
 import re
-import sys
 import zlib
 from dataclasses import replace
 from html.parser import HTMLParser
 from importlib import import_module
 from importlib.metadata import version
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -561,41 +558,6 @@ def test_a_release_has_the_demo_report_and_checksums_of_all_and_says_what_attach
     said = capsys.readouterr().out
     assert ("there is no tag; git tag --annotate v9.8.7" in said, "gh release create v9.8.7 " in said) == (True, True)
     assert "has no [project.urls]" in said
-
-
-IMPERFECTIONS = (ROOT / "docs/bench_validation.md").read_text(encoding="utf-8")
-
-
-@pytest.fixture(scope="module")
-def benchmark():
-    sys.path.insert(0, str(ROOT / "benchmarks"))  # as for a script there
-    spec = importlib.util.spec_from_file_location("bench_imperfections", ROOT / "benchmarks/bench_imperfections.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    sys.path.pop(0)
-    return module
-
-
-def test_the_page_of_imperfections_has_a_row_for_each_none_silently_wrong_and_what_is_stated_right(benchmark):
-    for name, (_, cases) in benchmark.TABLES.items():
-        rows = IMPERFECTIONS.partition(f"<!-- {name} -->\n")[2].partition("<!-- end -->")[0].splitlines()[2:]
-        pairs = ((case.label, case.remedy and f"… {case.remedy.label}") for case in cases)
-        expected = [label for pair in pairs for label in pair if label]
-        labels = [line.split(" | ")[0].removeprefix("| ") for line in rows]
-        assert labels == expected, f"run benchmarks/bench_imperfections.py: {name} is not its table"
-        assert [line for line in rows if benchmark.SILENT in line or "| CRASH |" in line] == []
-        assert all("| right |" in after for before, after in pairwise(rows) if "must be stated" in before)
-
-
-def test_a_row_is_judged_by_what_a_reader_accepts_and_by_its_interval(benchmark):
-    fit = {"K": 301.0, "K_se": 0.1, "K_low": 300.8, "K_high": 301.2, "doubtful": None}
-
-    def judged(flags=(), **more):
-        return benchmark.verdict(benchmark.result_of(fit | more, {"K": 300.0}, list(flags)), None)
-
-    assert benchmark.result_of(fit, {"K": 300.0}, []).errors["K"] == pytest.approx((1 / 3, 10))
-    assert (judged(), judged(doubtful="VAF 80 is below 95")) == (benchmark.SILENT, "doubtful")
-    assert (judged(["saturation (flag)"]), judged(K_low=299.9)) == ("flagged", "right")
 
 
 def lines_of(text):

@@ -37,10 +37,6 @@ def node(**changes):
     return {"recorder": {"node": changes}}
 
 
-def torque_sensor(**changes):
-    return {"recorder": {"sensors": {TORQUE: changes}}}
-
-
 def only(changes, file=TINY):
     """Settings of a campaign with an exact joint and no imperfection but some."""
     content = yaml.safe_load(file.read_text())
@@ -100,7 +96,7 @@ PLAIN = {"frequencies_hz": (1,), "rest_s": 0, "lead_s": 0}
 
 
 @pytest.mark.parametrize(("motion", "largest"), [
-    (stepped(**PLAIN, decay=on(0.3, "1/s")), 1e-12), (stepped(**PLAIN, third_harmonic=on(0.05, "1"), ramp_s=0.4), 2e-4),
+    (stepped(**PLAIN, ramp_s=0.4), 2e-4),
     (JointMotion(*(one[501:4499] for one in vars(joint_motion.there_and_back(BELT, RATE)).values())), 1e-12),
     (joint_motion.actuator_command(read_yaml(DEFAULT, SimulationSettings).actuator, RATE)[0], 1e-5),
     *((excited(kind), 1e-5) for kind in SMOOTH),
@@ -113,24 +109,11 @@ def test_every_motion_comes_with_its_true_derivatives(motion, largest):
 
 
 @pytest.mark.parametrize(("changes", "duration"), [
-    ({"rest_between_s": 1.0}, 1 + 4 + 4 / 3 + 2 + 0.5), ({"ramp_s": 0.5}, 1 + 4 + 4 / 3 + 2 + 0.5),
-    ({"cycles": None, "seconds": 2.0}, 1 + 4 + 0.5), ({"cycles": (2, 6)}, 1 + 2 + 2 + 0.5),
-    ({"clock_error": on(5000, "ppm")}, (1 + 4 + 4 / 3 + 0.5) / 1.005),
+    ({"ramp_s": 0.5}, 1 + 4 + 4 / 3 + 2 + 0.5), ({"cycles": None, "seconds": 2.0}, 1 + 4 + 0.5),
+    ({"cycles": (2, 6)}, 1 + 2 + 2 + 0.5),
 ])  # fmt: skip
 def test_a_schedule_lasts_as_long_as_it_says(changes, duration):
     assert len(stepped(**changes).theta) == pytest.approx(RATE * duration, abs=1)
-
-
-def test_frequencies_run_in_order_on_the_benchs_clock_with_harmonics_and_decay_of_the_stated_size():
-    motion = stepped(frequencies_hz=(3, 1), clock_error=on(-5000, "ppm"), start="cosine")
-    t = np.arange(1010, 2300) / RATE - 1 / 0.995
-    assert motion.theta[1010:2300] == pytest.approx(np.deg2rad(2) * np.cos(2 * np.pi * 3 * 0.995 * t), abs=1e-9)
-    sine, t = {"frequencies_hz": (2,), "cycles": 10, "amplitudes_deg": (4,), "lead_s": 0, "rest_s": 0}, np.arange(5000)
-    made = stepped(**sine, second_harmonic=on(0.02, "1"), third_harmonic=on(0.05, "1")).theta
-    sizes = [2 * np.abs(made @ np.exp(-4j * np.pi * k * t / RATE)) / 5000 for k in (1, 2, 3)]
-    assert np.array(sizes) == pytest.approx(np.deg2rad(4) * np.array([1, 0.02, 0.05]), abs=1e-9)
-    expected = np.deg2rad(4) * np.exp(-0.1 * t / RATE) * np.sin(4 * np.pi * t / RATE)
-    assert stepped(**sine, decay=on(0.1, "1/s")).theta == pytest.approx(expected, abs=1e-9)
 
 
 def test_belt_and_slow_motions_go_to_both_ends_and_come_back_to_rest():
@@ -274,13 +257,12 @@ def test_an_exact_joint_answers_by_eq_15_and_true_jitter_within_the_motion_leave
         assert ratio == pytest.approx(300 - 0.02 * w**2 + 5j * w, rel=1e-4)  # the servo's transient is left
 
 
-@pytest.mark.parametrize(("distribution", "mean"), [("exponential", 2e-4), ("half_normal", 2e-4 * np.sqrt(2 / np.pi))])
-def test_host_latency_scatters_the_stamps_and_leaves_the_device_even(clean, distribution, mean):
-    log = log_of(node(latency=on(2e-4, "s", distribution=distribution)))
+def test_host_latency_scatters_the_stamps_and_leaves_the_device_even(clean):
+    log = log_of(node(latency=on(2e-4, "s", distribution="exponential")))
     np.testing.assert_array_equal(log[ANGLE], clean[ANGLE])
     late = log["time"] - clean["time"]
     assert late.min() >= -1e-9
-    assert late.mean() == pytest.approx(mean, rel=0.1)  # of 150 exponential latencies one waits for that before it
+    assert late.mean() == pytest.approx(2e-4, rel=0.1)  # of 150 exponential latencies one waits for that before it
     assert np.all(np.diff(log["time"]) > 0)
 
 
@@ -304,29 +286,20 @@ def test_two_nodes_have_stamps_rates_and_clocks_of_their_own(clean):
     assert own == pytest.approx(0.2 + (1 - 50e-6) * elapsed, abs=2e-9)
 
 
-def test_samples_are_dropped_singly_or_in_bursts_or_at_regular_intervals_and_written_twice(clean):
+def test_samples_are_dropped_singly(clean):
     def missing(**changes):
         return np.rint(np.diff(log_of(node(**changes))["time"]) * 1000).astype(int) - 1
 
     n = len(clean["time"])
     assert [missing(dropped=on(share, "1")).sum() for share in (1e-3, 1e-6)] == [round(1e-3 * n), 1]
-    gaps = missing(dropped=on(0.02, "1"), burst=on(20, "sample"))
-    assert (set(gaps), gaps.sum()) == ({0, 20}, 20 * round(0.02 * n / 20))
-    gaps = missing(lost_every=on(100, "sample", scatter=3), burst=on(5, "sample"))
-    between = np.diff(np.flatnonzero(gaps)) + 5
-    assert (set(gaps), between.min(), between.max()) == ({0, 5}, 97, 103)
-    twice = log_of(node(duplicated=on(0.01, "1")))
-    again = np.diff(twice["time"]) == 0
-    assert again.sum() == len(twice["time"]) - n == pytest.approx(0.01 * n, abs=4 * np.sqrt(0.01 * n))
-    assert np.all(np.diff(twice[ANGLE])[again] == 0)
+    assert set(missing(dropped=on(0.2, "1"))) == {0, 1}
 
 
-def test_encoders_and_converters_have_bits_and_an_encoders_zero_stands_between_its_steps(clean):
-    adc, encoder = torque_sensor(clipping=on(50, "N*m"), adc=on(10, "bit")), {"joint_encoder": on(14, "bit")}
-    log, count = log_of({"effects": encoder} | adc), 2 * np.pi / 2**14
-    for values, step in ((log[ANGLE], count), (log[TORQUE], 100 / 2**10)):
-        assert values / step == pytest.approx(np.rint(values / step), abs=1e-9)
-        assert np.diff(np.unique(np.rint(values / step))).min() == 1
+def test_encoders_have_bits_and_an_encoders_zero_stands_between_its_steps(clean):
+    encoder, count = {"joint_encoder": on(14, "bit")}, 2 * np.pi / 2**14
+    steps = log_of({"effects": encoder})[ANGLE] / count
+    assert steps == pytest.approx(np.rint(steps), abs=1e-9)
+    assert np.diff(np.unique(np.rint(steps))).min() == 1
     steps = {"actuator_encoder": on(2e-3, "rad"), "current_quantisation": on(0.05, "A")}
     log = log_of({"joint": None, "effects": steps | {"load_cell_quantisation": on(0.33, "N*m")}})
     for values, step in ((log["actuator_angle"], 2e-3), (log["motor_current"], 0.05), (log[TORQUE], 0.33)):
@@ -338,60 +311,20 @@ def test_encoders_and_converters_have_bits_and_an_encoders_zero_stands_between_i
     np.testing.assert_allclose(moved[ANGLE], np.rint((clean[ANGLE] + zero) / count) * count, atol=1e-12)
 
 
-@pytest.mark.parametrize("order", [1, 2])
-def test_a_sensors_low_pass_weakens_and_delays_a_sine_as_butterworths_does(order):
-    protocol = {"protocol": {"frequencies_hz": [5], "cycles": 10}}
-    clean, log = log_of(protocol), log_of(protocol | torque_sensor(low_pass=on(30, "Hz", order=order)))
-    kernel, rows = np.exp(-2j * np.pi * 5 * np.arange(800) / 1000), slice(1500, 2300)  # four cycles
-    s = 5j / 30
-    expected = 1 / (1 + s) if order == 1 else 1 / (1 + np.sqrt(2) * s + s**2)
-    assert (log[TORQUE][rows] @ kernel) / (clean[TORQUE][rows] @ kernel) == pytest.approx(expected, abs=1e-5)
-
-
 @pytest.mark.parametrize(("changes", "channel", "expected", "within"), [
-    (torque_sensor(delay=on(2e-3, "s")), TORQUE, lambda log: np.roll(log[TORQUE], 2), 1e-5),  # at rest at both ends
-    (torque_sensor(clipping=on(15, "N*m")), TORQUE, lambda log: np.clip(log[TORQUE], -15, 15), 1e-9),
-    (torque_sensor(gain=on(-4.45, "1")), TORQUE, lambda log: -4.45 * log[TORQUE], 1e-9),
+    ({"effects": {"load_cell_delay": on(2e-3, "s")}}, TORQUE, lambda log: np.roll(log[TORQUE], 2), 1e-5),  # rests
     ({"effects": {"mount_stiffness": on(3e3, "N*m/rad")}}, ANGLE, lambda log: log[ANGLE] - log[TORQUE] / 3e3, 1e-9),
-    ({"joint": JOINT | {"stiffening": on(18.2, "1/rad^2")}}, TORQUE,
-     lambda log: log[TORQUE] - 300 * 18.2 * log[ANGLE] ** 3, 1e-9),
 ])  # fmt: skip
-def test_a_sensor_a_frame_and_a_joint_change_one_channel_as_they_say(clean, changes, channel, expected, within):
+def test_a_late_load_cell_and_a_yielding_frame_change_one_channel(clean, changes, channel, expected, within):
     log, other = log_of(changes), ({TORQUE, ANGLE} - {channel}).pop()
     assert log[channel] == pytest.approx(expected(clean), abs=within)
     np.testing.assert_array_equal(log[other], clean[other])
 
 
-def test_coulomb_friction_turns_with_the_velocity_backlash_takes_its_gap_and_failed_readings_are_nan(clean):
+def test_coulomb_friction_turns_with_the_velocity(clean):
     log, omega = log_of({"joint": JOINT | {"coulomb": on(3, "N*m")}}), np.gradient(clean[ANGLE], 1e-3)
     moving = settled(clean["time"]) & (np.abs(omega) > 0.02)
     assert (clean[TORQUE] - log[TORQUE])[moving] == pytest.approx(3 * np.sign(omega[moving]), abs=1e-4)
-    log = log_of(torque_sensor(failed=on(0.01, "1")))
-    assert np.isnan(log[TORQUE]).mean() == pytest.approx(0.01, rel=0.5)
-    assert not np.isnan(log[ANGLE]).any()
-    # In slow motion the joint has followed: the torque is that of the angle less half the gap, or nothing.
-    gap = float(np.deg2rad(1.0))
-    log = log_of({"protocol": {"frequencies_hz": [0.5], "cycles": 2}, "joint": JOINT | {"backlash": on(gap, "rad")}})
-    theta, torque, inside = log[ANGLE], -log[TORQUE], settled(log["time"])
-    pushing, away = torque != 0, (np.abs(theta) > 1.5 * gap) & inside
-    assert np.all(pushing[away])
-    expected = 300 * (theta - np.sign(theta) * gap / 2) + 5 * np.gradient(theta, 1e-3)
-    assert torque[away] == pytest.approx(expected[away], abs=0.02 * (2 * np.pi * 0.5) ** 2 * 0.08)
-    free = inside & ~pushing
-    assert np.abs(theta[free]).max() < 0.75 * gap
-    assert free.sum() > 100, "it passes the gap freely"
-
-
-def test_hum_and_1_over_f_noise_have_their_spectra(clean):
-    extra = log_of({"effects": {"load_cell_hum": on(0.3, "N*m", frequency_hz=50)}})[TORQUE] - clean[TORQUE]
-    whole = extra[: len(extra) // 20 * 20]
-    line = 2 * np.abs(whole @ np.exp(-2j * np.pi * 50 * np.arange(len(whole)) / 1000)) / len(whole)
-    assert (line, np.std(whole)) == (pytest.approx(0.3, rel=1e-4), pytest.approx(0.3 / np.sqrt(2), rel=1e-3))
-    extra = log_of({"effects": {"load_cell_flicker": on(0.1, "N*m")}})[TORQUE] - clean[TORQUE]
-    power, f = 2 * np.abs(np.fft.rfft(extra)) ** 2 / len(extra) ** 2, np.fft.rfftfreq(len(extra), 1e-3)
-    for low in (5.0, 40.0):
-        decade = power[(f >= low) & (f < 10 * low)]
-        assert np.sqrt(decade.sum()) == pytest.approx(0.1, rel=0.25)  # fewer than 50 lines carry half of it
 
 
 CYCLES = {"lowest_deg": -10, "highest_deg": 10, "speed_deg_s": [4], "turn_s": 0.2, "rest_s": 1}
@@ -404,9 +337,7 @@ SLIPS = {"K": 100, "slipping": [{"stiffness": 500, "limit": 90}], "cycles": CYCL
     ("recorder", {"node": {"latency": on(1e-4, "s", distribution="normal")}}, "latency is never negative"),
     ("recorder", {"node": {"dropped": on(1.5, "1")}}, "less than 1"),
     ("recorder", {"node": {"rate": on(0, "Hz")}}, "must be positive; set enabled: false"),
-    ("recorder", {"sensors": {TORQUE: {"adc": on(12, "bit")}}}, "enable clipping"),
-    ("joint", JOINT | {"I": 0, "backlash": on(1e-3, "rad")}, "inertia"),
-    ("protocol", {"seconds": 2.0}, "cycles or seconds"), ("recorder", {"sensors": {"torque": {}}}, "joint_angle"),
+    ("protocol", {"seconds": 2.0}, "cycles or seconds"),
     ("protocol", {"cycles": [1, 2, 3]}, "3 numbers of cycles for 2 frequencies"),
     ("excitations", [{"name": "x", "kind": "noise", "rms_deg": 1, "band_hz": [6, 2]}], "2.0 stands behind 6.0; write"),
     ("excitations", 2 * [{"name": "x", "kind": "noise", "rms_deg": 1}], "excitations: 'x' stands twice"),

@@ -22,12 +22,12 @@ from osl_analysis.simulator import step as gait
 from osl_analysis.simulator.crossing import impedance_of_leg, move, react, walking_commands
 from osl_analysis.simulator.plan import Condition, condition_of, plan_trials
 from osl_analysis.simulator.settings import Conditions, Subject
-from osl_analysis.simulator.step import GaitTrial, Pose, draw_step, drawn_change, unloaded_platform
-from osl_analysis.simulator.vicon import leg_markers, seen_markers
-from osl_analysis.simulator.walking_settings import CaptureSettings, Rates, StepChange, WalkingSettings
+from osl_analysis.simulator.step import GaitTrial, draw_step, unloaded_platform
+from osl_analysis.simulator.vicon import seen_markers
+from osl_analysis.simulator.walking_settings import Rates, WalkingSettings
 from osl_analysis.yaml_settings import read_yaml
 
-REAL, G, QUARTERS = ROOT.parent / "shared/real_data/c3d/btk_PiG_Motion3_FF.c3d", 9.81, np.linspace(0, 1, 5)
+REAL, G = ROOT.parent / "shared/real_data/c3d/btk_PiG_Motion3_FF.c3d", 9.81
 SENSORS = ("marker_noise", "marker_gaps", "force_noise", "moment_noise", "force_offset", "moment_offset")
 
 
@@ -67,16 +67,6 @@ def altered(setup, **fields):
     return Setup(setup.settings, setup.walking.model_copy(update=fields), setup.p)
 
 
-def imperfect(setup, **sizes):
-    known = setup.walking.effects
-    effects = {n: getattr(known, n).model_copy(update={"enabled": True, "size": s}) for n, s in sizes.items()}
-    return altered(setup, effects=known.model_copy(update=effects))
-
-
-def stepping(setup, **change):
-    return altered(setup, changes=(StepChange(**change),))
-
-
 def ramped(setup, **ramp):
     return altered(setup, perturbation=setup.walking.perturbation.model_copy(update=ramp))
 
@@ -86,98 +76,16 @@ def decoded(setup, folder, perturbed=False, trial="walking_01"):
     return decoded_crossing(folder / f"vicon/{trial}.c3d")
 
 
-def captured(setup, folder, row=UNPERTURBED, **capture):
-    """Parameters, analogs and points of a recording whose file is as `capture` says."""
-    altered(setup, capture=CaptureSettings.model_validate(capture)).record(folder, row)
-    file = ezc3d.c3d(str(folder / f"vicon/{row['trial']}.c3d"))
-    return file["parameters"], file["data"]["analogs"][0], file["data"]["points"][:3]
+def parameters_of(setup, folder, row):
+    """Parameters of the file of a recording."""
+    setup.record(folder, row)
+    return ezc3d.c3d(str(folder / f"vicon/{row['trial']}.c3d"))["parameters"]
 
 
 def plate_of(folder, trial):
     """Force [N] and moment [N*m] of the plate, (n, 6), as ingest reads them, whose formulas have tests of their own."""
     row = {"trial": trial, "mocap": f"vicon/{trial}.c3d", "mocap_source": "vicon"}
     return trial_from_files(row, folder, ROOT / "config/sources").samples.select("^plate1_.*$").to_numpy()
-
-
-@pytest.mark.parametrize("kind", [1, 3, 4])
-def test_every_type_of_plate_carries_the_wrench_of_type_2(setup, tmp_path, kind):
-    captured(setup, tmp_path, PERTURBED)
-    expected = plate_of(tmp_path, "walking_01")
-    parameters, _, _ = captured(setup, tmp_path, PERTURBED, plate_type=kind)
-    loaded, labels = expected[:, 2] > 50, parameters["ANALOG"]["LABELS"]["value"]
-    np.testing.assert_allclose(plate_of(tmp_path, "walking_01")[loaded], expected[loaded], atol=2e-3)
-    assert (len(labels), labels[-2:]) == (10 if kind == 3 else 8, ["Sync", "Trigger"])
-
-
-@pytest.mark.parametrize(("effect", "size", "kind", "rows"), [
-    ("moment_clip", 50, 2, slice(3, 6)), ("force_clip", 500, 2, slice(0, 3)), ("sensor_clip", 150, 3, slice(0, 8)),
-])  # fmt: skip
-def test_raw_channels_stop_at_their_rails(setup, tmp_path, effect, size, kind, rows):
-    """Exactly the samples beyond the rails change, and no other channel does."""
-    free = captured(setup, tmp_path, plate_type=kind)[1]
-    seen = captured(imperfect(setup, **{effect: size}), tmp_path, plate_type=kind)[1]
-    rail = size * (1e3 if effect == "moment_clip" else 1)
-    assert (np.abs(free[rows]) > 1.2 * rail).any()
-    free[rows] = np.clip(free[rows], -rail, rail)
-    np.testing.assert_allclose(seen, free, rtol=1e-6)
-
-
-SWAPPED, TURN = {"swapped_labels": [("FOOT1", "FOOT2")]}, np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]])
-
-
-@pytest.mark.parametrize(("capture", "changed"), [
-    ({"moment_label": "Nm"}, {"units": lambda units: [*units[:3], "Nm", "Nm", "Nm", *units[6:]]}),
-    ({"dead_channels": {"Mx1": -12.0}}, {"analogs": lambda a: np.vstack([a[:3], 0 * a[:1] - 12, a[4:]])}),
-    (SWAPPED | {"swapped_in": ["walking_02"]}, {}),
-    (SWAPPED | {"swapped_in": ["walking_01"]}, {"labels": lambda labels: [labels[1], labels[0], *labels[2:]]}),
-    ({"states_axes": False}, {"screen": lambda _: None}),
-    # x stays forward, y is up, z is to the right: (x, y, z) -> (x, z, -y)
-    ({"up_axis": "y"}, {"screen": lambda _: ["+Y"], **dict.fromkeys(("points", "corners"), TURN.dot)}),
-])  # fmt: skip
-def test_a_capture_differs_as_its_switch_says_and_in_nothing_else(setup, tmp_path, capture, changed):
-    plain, seen = ({}, {})
-    for facts, own in ((plain, {}), (seen, capture)):
-        groups, facts["analogs"], points = captured(setup, tmp_path, **own)
-        facts["labels"], facts["units"] = groups["POINT"]["LABELS"]["value"], groups["ANALOG"]["UNITS"]["value"]
-        facts["screen"] = groups["POINT"].get("Y_SCREEN", {"value": None})["value"]
-        facts["corners"], facts["points"] = groups["FORCE_PLATFORM"]["CORNERS"]["value"][:, :, 0], points[:, 0]
-    for name, value in plain.items():
-        expected = changed[name](value) if name in changed else value
-        if isinstance(value, np.ndarray):
-            np.testing.assert_allclose(seen[name], expected, atol=1e-3)
-        else:
-            assert seen[name] == expected
-
-
-def test_the_second_session_has_other_marker_places_in_its_static_trial_and_crossings(setup):
-    """Distances between markers of a foot: equal within a session, and some mm apart between two of them."""
-    again = imperfect(with_conditions(setup, {"static": 2, "walking": 2}, sessions=2), marker_placement=5)
-    flat, spans = Pose(np.eye(3)[None], np.zeros((1, 3))), []
-    for trial, experiment in (("static_1", "static"), ("walking_01", "walking"), ("walking_02", "walking")):
-        condition = condition_of({"trial": trial, "experiment": experiment}, again.settings)
-        feet = np.array(list(leg_markers(flat, flat, GaitTrial(trial, 1, again.walking, condition)).values()))[:4, 0]
-        spans.append(1e3 * np.linalg.norm(feet[:, None] - feet, axis=2)[np.triu_indices(4, 1)])
-    np.testing.assert_allclose(spans[0], spans[1], atol=1e-3)
-    assert 2 < np.sqrt(np.mean((spans[2] - spans[0]) ** 2)) < 15
-
-
-def test_a_second_foot_adds_its_force_and_one_partly_beside_the_plate_leaves_some_to_the_floor(setup, usual, tmp_path):
-    """20 % of 80 kg at mid-stance, 0.15 m behind and 0.18 m to the left of the nominal ankle (0.24, 0.25)."""
-    seen, middle = decoded(stepping(setup, second_foot_percent=20), tmp_path), np.abs(usual.time - 1.26).argmin()
-    added = seen.force - usual.force
-    assert added[middle, 2] == pytest.approx(0.2 * 80 * G, rel=1e-3)
-    assert added[:, 2].argmax() == pytest.approx(middle, abs=1)
-    moved = seen.pressure[middle] * seen.force[middle, 2] - usual.pressure[middle] * usual.force[middle, 2]
-    np.testing.assert_allclose((moved / added[middle, 2])[:2], [0.09, 0.43], atol=1e-3)
-    assert seen.torque[middle] - usual.torque[middle] == pytest.approx(-0.15 * 0.2 * 80 * G, rel=0.02)
-    # 30 of 90 mm: two thirds of force and torque; their middle is 30 mm from the edge of the plate, y = 0.
-    seen, middle = decoded(stepping(setup, overhang_mm=30), tmp_path), np.abs(usual.time - 1.26).argmin()
-    loaded = usual.force[:, 2] > 200
-    np.testing.assert_allclose(seen.force[loaded], usual.force[loaded] * 2 / 3, rtol=1e-5)
-    np.testing.assert_allclose(seen.torque[loaded], usual.torque[loaded] * 2 / 3, atol=1e-2)
-    np.testing.assert_allclose(seen.theta, usual.theta, atol=1e-6)
-    assert seen.foot.origin[middle, 1] == pytest.approx(0.015, abs=1e-5)
-    assert seen.pressure[middle, 1] == pytest.approx(0.030, abs=5e-3)
 
 
 @pytest.mark.parametrize(("K_d", "phase"), [(200, 0.2), (480, 0.6)])
@@ -221,79 +129,31 @@ def test_every_combination_is_planned_equally_often_and_what_the_sheet_states_is
         plan_trials(with_conditions(setup, {"K_d": (300.0, 300.0001)}).settings)
 
 
-def test_persons_and_sessions_follow_each_other_in_equal_blocks(setup, tmp_path):
+def test_persons_follow_each_other_in_equal_blocks(setup, tmp_path):
     people = [Subject(name="A", body_mass_kg=60, stance_s=0.6), Subject(name="B", body_mass_kg=90, stance_s=0.8)]
-    columns = ("subject", "session", "body_mass_kg", "side")
-    mixed = with_conditions(setup, subjects=people, sessions=2, stated=columns)
+    columns = ("subject", "body_mass_kg", "side")
+    mixed = with_conditions(setup, subjects=people, stated=columns)
     rows, found = crossings_of(mixed.settings)
     assert [c.subject.name for c in found] == 12 * ["A"] + 12 * ["B"]
-    assert [c.session for c in found] == 2 * (6 * [1] + 6 * [2])
-    assert [[rows[k][name] for name in columns] for k in (0, -1)] == [["A", "1", 60, "right"], ["B", "2", 90, "right"]]
+    assert [[rows[k][name] for name in columns] for k in (0, -1)] == [["A", 60, "right"], ["B", 90, "right"]]
     light, heavy = (decoded(mixed, tmp_path, False, trial) for trial in ("walking_01", "walking_24"))
-    stated, plain = (captured(mixed, tmp_path, STATIC, states_body_mass=True)[0], captured(setup, tmp_path, STATIC)[0])
-    assert (stated["SUBJECTS"]["NAMES"]["value"], stated["PROCESSING"]["BODYMASS"]["value"][0]) == (["A"], 60)
-    alone = captured(mixed, tmp_path, {"trial": "plate_01", "experiment": "plate"}, states_body_mass=True)[0]
-    assert not {"PROCESSING", "SUBJECTS"} & {*plain, *alone}, "nobody stands on the plate"
+    stated, plain = (parameters_of(lab, tmp_path, STATIC) for lab in (mixed, setup))
+    assert stated["SUBJECTS"]["NAMES"]["value"] == ["A"]
+    alone = parameters_of(mixed, tmp_path, {"trial": "plate_01", "experiment": "plate"})
+    assert "SUBJECTS" not in {*plain, *alone}, "nobody stands on the plate"
     stood = plate_of(tmp_path, "static_1")  # half of 80 kg above the ankle, 60 mm behind the middle of the plate
     np.testing.assert_allclose(stood, np.outer(np.ones(4500), 40 * G * np.array([0, 0, 1, 0, 0.06, 0])), atol=1e-3)
     assert light.force[:, 2].max() / heavy.force[:, 2].max() == pytest.approx(60 / 90, rel=1e-3)
     assert np.ptp(light.stance) / np.ptp(heavy.stance) == pytest.approx(0.6 / 0.8, abs=0.01)  # one frame of 0.6 s
 
 
-def test_load_amplitude_and_slowness_are_factors_of_torque_angle_and_time(setup, usual, tmp_path):
-    changes = ({"load": 0.7}, {"amplitude": 0.8}, {"slower_percent": 10})
-    light, small, slow = (decoded(stepping(setup, **change), tmp_path) for change in changes)
-    middle, level = usual.force[:, 2] > 400, np.abs(usual.time - 0.9 - 0.46 * 0.72) < 0.1 * 0.72
-    np.testing.assert_allclose(light.force[middle] / usual.force[middle], 0.7, rtol=1e-4)
-    np.testing.assert_allclose(light.theta, usual.theta, atol=1e-6)
-    # damping and the actuator's inertia follow the angle, which is the same: 2 N*m where the impedance is constant
-    np.testing.assert_allclose(light.torque[level], 0.7 * usual.torque[level], atol=2)
-    np.testing.assert_allclose(small.theta, 0.8 * usual.theta, atol=1e-6)
-    np.testing.assert_allclose(small.torque[middle], 0.8 * usual.torque[middle], atol=1e-2)
-    later, inside = 0.9 + (usual.time - 0.9) * 1.1, (usual.time > 0.95) & (usual.time < 1.55)
-    np.testing.assert_allclose(np.interp(later, slow.time, slow.theta)[inside], usual.theta[inside], atol=1e-3)
-
-
-@pytest.mark.parametrize("percent", [-8.0, 8.0])
-def test_stance_changes_only_after_the_window(setup, tmp_path, percent):
-    changes = ({"after_window_percent": p, "of": "perturbed"} for p in (percent, 0.0))
-    moved, same = (decoded(stepping(setup, **change), tmp_path, True) for change in changes)
-    onset = same.time[np.abs(same.platform_angle) > 1e-4][0]
-    before = same.time < onset + 0.095  # a curve with three derivatives starts at 100 ms
-    np.testing.assert_allclose(moved.torque[before], same.torque[before], atol=1e-3)
-    np.testing.assert_allclose(moved.force[before], same.force[before], atol=1e-3)
-    assert moved.stance[1] - same.stance[1] == pytest.approx(0.01 * percent * 0.72, abs=0.007)
-    assert moved.stance[0] == same.stance[0]
-    with pytest.raises(InputError, match="trial walking_01: after_window_percent 90 leaves"):
-        decoded(stepping(setup, after_window_percent=90), tmp_path, True)
-
-
-def test_the_torque_wanders_by_the_size_and_the_angle_stays(setup, usual, tmp_path):
-    """Slow waves: the leg follows its equilibrium. RMS over 8 crossings, with 30 % for the few waves in one stance."""
-    seen = [decoded(imperfect(setup, torque_wander=4), tmp_path, trial=f"walking_{k:02d}") for k in range(1, 9)]
-    np.testing.assert_allclose([one.theta for one in seen], 8 * [usual.theta], atol=1e-6)
-    errors = np.array([one.torque - usual.torque for one in seen])[:, usual.force[:, 2] > 400]
-    assert np.sqrt(np.mean(np.square(errors))) == pytest.approx(4, rel=0.3)
-
-
-def test_a_change_concerns_the_named_crossings_or_a_share_of_a_kind(setup):
-    some = StepChange(of="unperturbed", share=0.3, load=0.7, slower_percent=5)
-    lab = altered(setup, changes=(some, StepChange(of=("walking_03",), load=0.5, slower_percent=5))).walking
-    trials = [f"walking_{i:02d}" for i in range(400)]
-    drawn = [drawn_change(GaitTrial(trial, 1, lab, Condition(perturbed=False))) for trial in trials]
-    assert np.mean([one.load in (0.7, 0.35) for one in drawn]) == pytest.approx(0.3, abs=0.09)
-    perturbed = [drawn_change(GaitTrial(trial, 1, lab, Condition(perturbed=True))).load for trial in trials[:50]]
-    assert [k for k, load in enumerate(perturbed) if load != 1] == [3]
-    assert (drawn[3].load, drawn[3].slower_percent) in ((0.5, 5), (0.35, 10))
-
-
-def test_a_platform_turns_about_the_axis_in_its_depth_and_a_shift_turns_the_leg_over_it(setup, tmp_path):
-    """The point 0.12 m below the surface and below the nominal ankle (x = 0.24 m) stays; one at the ankle does not."""
-    platform = decoded(ramped(setup, axis_depth_m=0.12), tmp_path, True).platform
-    axis, ankle = (platform.point(np.array([0.24, 0.25, z])) for z in (-0.12, 0.08))
-    np.testing.assert_allclose(axis, np.tile(axis[0], (len(axis), 1)), atol=1e-5)
-    assert np.ptp(ankle[:, 0]) == pytest.approx(0.20 * np.sin(np.radians(5)), rel=1e-3)
-    shifted = ramped(setup, shift_mm=50.0, leg_length_m=0.9)
+def test_a_platform_turns_about_the_ankle_and_a_shift_turns_the_leg_over_it(setup, tmp_path):
+    """The point 0.08 m above the surface, x = 0.24 m, stays; one 0.2 m below it does not."""
+    platform = decoded(setup, tmp_path, True).platform
+    ankle, below = (platform.point(np.array([0.24, 0.25, z])) for z in (0.08, -0.12))
+    np.testing.assert_allclose(ankle, np.tile(ankle[0], (len(ankle), 1)), atol=1e-5)
+    assert np.ptp(below[:, 0]) == pytest.approx(0.20 * np.sin(np.radians(5)), rel=1e-3)
+    shifted = ramped(setup, shift_mm=50.0)
     moved, still = decoded(shifted, tmp_path, True), decoded(shifted, tmp_path)
     travel, turned = moved.platform.point(np.array([0.3, 0.25, 0.0]))[:, 0], moved.theta - still.theta
     np.testing.assert_allclose(moved.platform_angle, 0, atol=1e-6)
@@ -304,36 +164,8 @@ def test_a_platform_turns_about_the_axis_in_its_depth_and_a_shift_turns_the_leg_
     assert (down.shift[:, 0].min(), down.shift[:, 0].max() > 0.04) == (0, True), "forward"
 
 
-def test_a_heaving_platform_rises_in_the_middle_of_its_way_and_a_slipping_foot_slides_back(setup, tmp_path):
-    seen, still = (decoded(lab, tmp_path, True) for lab in (imperfect(setup, platform_heave=3, foot_slip=4), setup))
-    ankle, angle = np.array([0.24, 0.25, 0.08]), np.degrees(seen.platform_angle)
-    raised = 1e3 * (seen.platform.point(ankle) - still.platform.point(ankle))[:, 2]
-    moved = 1e3 * (seen.foot.origin - still.foot.origin)
-    assert (raised.max(), angle[raised.argmax()]) == (pytest.approx(3, abs=0.05), pytest.approx(2.5, abs=0.5))
-    np.testing.assert_allclose(raised[angle > 4.999], 0, atol=0.01)
-    assert moved[:, 2].max() == pytest.approx(3, abs=0.1), "the foot is carried"
-    assert moved[:, 0].min() == pytest.approx(-4 * np.cos(np.radians(5)), abs=0.01)
-
-
-def unloaded_ramps(setup, trials):
-    """Times [s], and the motions of unloaded platforms."""
-    found = [GaitTrial(f"plate_{k + 1:02d}", 1, setup.walking) for k in range(trials)]
-    return found[0].time, [unloaded_platform(trial) for trial in found]
-
-
-def test_ramps_differ_by_their_scatter_and_unloaded_trials_move_the_plate_about_every_axis_now_and_then(setup, shipped):
-    """Time from 10 to 90 % of 60 ramps, and from trigger to onset: within 30 % (3 sigma)."""
-    plain = ramped(setup, same_unloaded=True)
-    time, ramps = unloaded_ramps(imperfect(plain, rise_scatter=8, trigger_scatter=2), 60)
-    rises = [np.ptp(time[(a > 0.5) & (a < 4.5) & (time < 0.8)]) for a in (np.degrees(ramp.angle) for ramp in ramps)]
-    starts = [time[np.abs(r.angle) > 1e-9][0] - r.command for r in ramps]
-    assert np.std(rises) / np.mean(rises) == pytest.approx(0.08, rel=0.3)
-    assert (1e3 * np.std(starts), np.mean(starts)) == (pytest.approx(2, rel=0.3), pytest.approx(0.004, abs=0.0015))
-    smooth, shivering = (unloaded_ramps(lab, 40)[1] for lab in (plain, imperfect(plain, servo_shiver=0.1)))
-    rest = np.degrees([ramp.angle - smooth[0].angle for ramp in shivering])
-    assert np.sqrt(np.mean(rest[:, (time > 0.56) & (time < 0.64)] ** 2)) == pytest.approx(0.1, rel=0.25)
-    assert not rest[:, (time < 0.5) | (time > 0.9)].any()
-    ramps = unloaded_ramps(shipped, 6)[1]
+def test_unloaded_ramps_differ_and_move_the_plate_about_every_axis_now_and_then(shipped):
+    ramps = [unloaded_platform(GaitTrial(f"plate_{k + 1:02d}", 1, shipped.walking)) for k in range(6)]
     spans = np.array([np.ptp(r.pose.point(shipped.walking.plate.centre_m), axis=0) for r in ramps])
     rolls = np.array([np.ptp(r.pose.rotation[:, 2, 1]) for r in ramps])
     assert rolls == pytest.approx(np.sin(np.radians([0, 0, 2, 0, 0, 2])), abs=1e-6)
@@ -442,11 +274,9 @@ def test_a_given_equilibrium_and_a_weight_of_the_gains_are_used(shipped, tmp_pat
     path.write_text("phase,K_d,B_d,theta_eq_rad\n0,300,5,0.05\n1,300,5,0.05\n")
     own = altered(shipped, impedance=path, gain_weight=(weight := Weight(cutoff_hz=1, order=1)))
     gains = compensated_gains(300, 5, shipped.p, weight)
-    trials = (GaitTrial("walking_01", 1, lab.walking) for lab in (own, stepping(own, load=0.5)))
-    usual, light = (walking_commands(draw_step(trial), True, shipped.p) for trial in trials)
+    usual = walking_commands(draw_step(GaitTrial("walking_01", 1, own.walking)), True, shipped.p)
     expected = np.array([[gains.K_1], [gains.B_1], [0.05 * shipped.p.n_T]])
     np.testing.assert_allclose(usual, np.broadcast_to(expected, usual.shape))
-    assert (light - usual)[2].max() == pytest.approx(0.5 * 1.4 * 80 / 300 * shipped.p.n_T, rel=0.1)
 
 
 def test_the_torque_peaks_as_in_level_walking_and_the_foot_stays_above_the_floor(calm, shipped):
@@ -462,17 +292,15 @@ def test_the_torque_peaks_as_in_level_walking_and_the_foot_stays_above_the_floor
 def test_step_to_step_variability_has_the_sizes_that_are_set(shipped):
     """Standard deviations over 400 steps are within 15 % (4 sigma) of the sizes."""
     coarse = Rates(points_hz=50, analogs_hz=50, leg_hz=50, controller_hz=50)
-    shipped = altered(imperfect(shipped, load_scatter=3, amplitude_scatter=5, timing_wander=1), rates=coarse)
+    shipped = altered(shipped, rates=coarse)
     found = defaultdict(list)
     for i in range(400):
         step = draw_step(GaitTrial(f"walking_{i}", 1, shipped.lacking("angle_wander").walking))
         motion, foot, *_ = move(step, False)
-        time, load, amplitude = step.trial.time, step.change.load, step.change.amplitude
+        time = step.trial.time
         middle, straight = np.searchsorted(time, step.heel_strike + step.stance / 2), foot.rotation[0]
-        phase = step.stance_phase(step.heel_strike + QUARTERS * step.stance) - QUARTERS
-        assert phase[[0, -1]] == pytest.approx(0, abs=1e-12), "heel strike and toe-off stay"
-        force = react(step, foot, 0 * time)[1].force[middle] / (load * amplitude * 80 * G)
-        usual = amplitude * gait.nominal_ankle_angle(step.cycle_phase(time))[middle]
+        force = react(step, foot, 0 * time)[1].force[middle] / (80 * G)
+        usual = gait.nominal_ankle_angle(step.cycle_phase(time))[middle]
         wandering = replace(step, trial=replace(step.trial, walking=shipped.walking))
         found["stance_scatter"].append(100 * step.stance / 0.72)
         found["heel_strike_scatter"].append(step.heel_strike)
@@ -482,9 +310,6 @@ def test_step_to_step_variability_has_the_sizes_that_are_set(shipped):
         found["placement_forward"].append(1e3 * step.placement[0])
         found["placement_sideways"].append(1e3 * step.placement[1])
         found["foot_yaw"].append(np.degrees(np.arctan2(straight[1, 0], straight[0, 0])))
-        found["load_scatter"].append(100 * load)
-        found["amplitude_scatter"].append(100 * amplitude)
-        found["timing_wander"].append([100 * phase[2], 50 * (phase[3] - phase[1]) / (256 * 0.1875**4)])
     for name, values in found.items():
         assert np.std(values) == pytest.approx(getattr(shipped.walking.effects, name).size, rel=0.15), name
 
@@ -523,37 +348,8 @@ def test_the_leg_renders_what_linear_theory_says_and_340_within_a_few_percent_wi
 
 @pytest.mark.skipif(not REAL.exists(), reason="public sample recordings are not on this machine")
 def test_every_force_plate_parameter_of_a_nexus_file_is_there_with_its_type_and_sign(setup, tmp_path):
-    ours = captured(setup, tmp_path, STATIC)[0]["FORCE_PLATFORM"]
+    ours = parameters_of(setup, tmp_path, STATIC)["FORCE_PLATFORM"]
     nexus = ezc3d.c3d(str(REAL))["parameters"]["FORCE_PLATFORM"]
     for name in set(nexus) - {"__METADATA__"}:
         assert ours[name]["type"] == nexus[name]["type"], name
     assert np.sign(ours["ORIGIN"]["value"][2, 0]) == np.sign(nexus["ORIGIN"]["value"][2, 0])
-
-
-def test_a_person_who_reacts_adds_the_stated_torque_from_the_delay_on_and_else_nothing(shipped, calm, walked):
-    """Where the angle is that of the leg alone, the torque is the leg's and the reaction's."""
-    onset, time, spent = walked.step.onset, walked.time, walked.step.stance_phase(walked.time)
-    turned, speed = (getattr(walked.motion, n) - getattr(calm.motion, n) for n in ("theta", "omega"))
-    middle = (spent > 0.1) & (spent < 0.9)
-    late = np.interp(time - 0.05, time, speed)
-    for change, added in (
-        ({"reflex": 4.0}, 4.0 * late),
-        (
-            {"co_contraction": 1.4, "co_contracted": 300.0},
-            120.0 * gait.smooth_step((time - onset - 0.05) / 0.03) * turned,
-        ),
-        ({"voluntary_nm": 6.0, "reaction_delay_s": 0.08}, 6.0 * gait.smooth_step((time - onset - 0.08) / 0.1)),
-    ):
-        reacts = stepping(shipped, **change).crossing(perturbed=True)
-        np.testing.assert_array_equal(reacts.motion.theta, walked.motion.theta)
-        np.testing.assert_allclose((reacts.torque - walked.torque)[middle], added[middle], atol=1e-5)
-        np.testing.assert_array_equal(reacts.drivetrain_torque, walked.drivetrain_torque)
-        still = stepping(shipped, **change).crossing(perturbed=False)
-        np.testing.assert_array_equal(still.torque, calm.torque)
-    for percent in (25.0, -20.0):
-        step = stepping(shipped, pace_percent=percent).crossing(perturbed=True).step
-        phase, before = step.stance_phase(time), time < onset + 0.05
-        assert step.stance_phase(np.array([step.toe_off])) == pytest.approx(1)
-        np.testing.assert_array_equal(phase[before], spent[before])
-        rate = np.gradient(phase, time) / np.gradient(spent, time)
-        assert rate[(time > onset + 0.11) & (time < onset + 0.15)] == pytest.approx(1 + percent / 100, rel=0.02)

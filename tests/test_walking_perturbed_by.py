@@ -12,7 +12,6 @@ import walking_synthetic as synthetic
 import yaml
 from conftest import ROOT
 from snakemake_runs import run_snakemake
-from walking_setup import load_setup
 from walking_synthetic import changed, settings, static_trial
 
 from osl_analysis.campaign.campaign import check_campaign, open_campaign
@@ -20,7 +19,7 @@ from osl_analysis.campaign.configuration import read_config
 from osl_analysis.commands import walking as jobs
 from osl_analysis.config.sheet import read_sheet
 from osl_analysis.errors import InputError
-from osl_analysis.ingest.raw_files import read_source, trial_from_files
+from osl_analysis.ingest.raw_files import read_source
 from osl_analysis.table import read_table
 from osl_analysis.trial import Trial, write_trial
 from osl_analysis.walking.bodies import static_calibration
@@ -266,32 +265,6 @@ def test_a_belt_without_markers_over_a_plate_that_rests_has_its_onset_from_the_t
     for named in ({}, {"perturbed_by": "belt"}, {"plate_inertia": "none"}):
         with pytest.raises(ValueError, match=r"markers\.platform is empty"):
             settings(markers=chosen.markers.model_dump(), **named)
-
-
-def test_the_simulated_boot_s_log_has_the_torque_and_the_onset_of_its_truth(tmp_path: Path) -> None:
-    setup = load_setup().ideal()
-    ramp = setup.walking.perturbation.model_copy(update={"driven": True})
-    setup = replace(setup, walking=setup.walking.model_copy(update={"perturbation": ramp}))
-    (tmp_path / "boot.yaml").write_text(
-        "format: mcap\nclock: master\ntime: {source: header}\nchannels:\n"
-        "  theta: {topic: /leg, field: joint_angle, unit: rad}\n"
-        "  torque: {topic: /perturbation, field: joint_torque, unit: N*m}\n"
-        "  trigger: {topic: /perturbation, field: command, unit: V}\n"
-        "  load: {topic: /perturbation, field: load, unit: N}\n"
-    )
-    found = {}
-    for name, perturbed in (("walking_01", True), ("walking_02", False)):
-        row = {"trial": name, "experiment": "walking", "perturbed": perturbed}
-        setup.record(tmp_path, row)
-        trial = trial_from_files({**row, "log": f"leg/{name}.mcap", "log_source": "boot"}, tmp_path, tmp_path)
-        found[name] = crossing_of_log(trial, perturbed, settings(perturbed_by="leg"))
-    truth = yaml.safe_load((tmp_path / "truth/walking_01.json").read_text())
-    clock = truth["leg_clock"]["offset_s"]
-    assert found["walking_01"].onset - clock == pytest.approx(truth["onset_s"], abs=3e-3)
-    assert found["walking_02"].onset is None
-    steady = found["walking_01"]
-    assert steady.stance.heel_strike - clock == pytest.approx(truth["heel_strike_s"], abs=0.02)
-    assert truth["K_rendered"] == pytest.approx(334, rel=0.02)  # the ankle turns as on the platform
 
 
 DEFAULT = read_config(ROOT / "config/config.yaml")

@@ -29,7 +29,6 @@ class Case:
     joint: dict | None = field(default_factory=lambda: JOINT)
     controller: str = "compensated"
     effects: dict = field(default_factory=dict)
-    sensors: dict = field(default_factory=dict)
     announce: str = ""
     bits: int = 18
     known: dict[str, float] = field(default_factory=dict)
@@ -39,12 +38,7 @@ CASES = [
     *(Case("exact joint", motion) for motion in ("noise", "hand", "stepped sine")),
     Case("friction", "stepped sine", JOINT | {"coulomb": on(0.3, "N*m")}, announce="friction"),
     *(Case("drivetrain", motion, None, "uncompensated", announce="higher order") for motion in ("multisine", "noise")),
-    Case(
-        "late torque",
-        "stepped sine",
-        sensors={"load_cell_torque": {"delay": on(2e-3, "s")}},
-        announce="late torque",
-    ),
+    Case("late torque", "stepped sine", effects={"load_cell_delay": on(2e-3, "s")}, announce="late torque"),
     Case("14 bits", "stepped sine", bits=14),
 ]
 
@@ -54,7 +48,7 @@ def settings_of(case, seed):
     content = read_mapping(shipped("config/simulation/excitations.yaml"))
     motion = {"name": "x", "kind": case.motion, "rms_deg": 2.5, "fade_s": 0.5, "rest_s": 0.5}
     motion |= {"period_s": 5.5, "periods": 4} if case.motion == "multisine" else {"duration_s": 22.0}
-    content |= {"seed": seed, "joint": case.joint, "protocol": SINE, "recorder": {"sensors": case.sensors}}
+    content |= {"seed": seed, "joint": case.joint, "protocol": SINE, "recorder": {}}
     content["excitations"] = [] if case.motion == "stepped sine" else [motion]
     content["dynamometer"]["rate_hz"] = 500
     content["effects"] |= {"joint_encoder": on(case.bits, "bit"), **case.effects}

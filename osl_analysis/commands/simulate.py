@@ -1,6 +1,6 @@
 """Simulate a campaign, or one trial of it, into a raw-data folder."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 from warnings import catch_warnings
@@ -15,7 +15,7 @@ from osl_analysis.refusal import is_refused
 from osl_analysis.simulator.plan import plan_trials
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.simulator.walking_settings import WalkingSettings
-from osl_analysis.yaml_settings import Place, dotted, located, one_of, read_yaml, validated
+from osl_analysis.yaml_settings import located, read_yaml, validated
 
 TRUTH = "truth"
 NOTHING = SharedChoices()  # No configuration to follow: the settings alone decide.
@@ -68,17 +68,11 @@ def settings_files(settings_path: Path, followed: SharedChoices = NOTHING) -> li
         check_request([*rendered, *wanted.conditions.K_d], [*wanted.B_d, *wanted.conditions.B_d], p)
     if laboratory is None or settings.walking is None:
         return [settings_path, settings.parameters]
-    named: dict[Place, Sequence[str]] = {("capture", "swapped_in"): laboratory.capture.swapped_in or ()}
-    named |= {("changes", i, "of"): one.of for i, one in enumerate(laboratory.changes) if isinstance(one.of, tuple)}
-    planned, place = plan_trials(settings) if any(named.values()) else {}, Place()
     try:
-        for place in named:
-            for name in named[place]:
-                one_of([one for one, row in planned.items() if row["mocap"]], "trial of the gait laboratory", name)
-        place = ("impedance",)
         read_impedance_trajectory(laboratory.impedance)
     except InputError as error:
-        raise InputError(f"{settings.walking}: {located([settings.walking], place)}{dotted(place)}: {error}") from error
+        place = located([settings.walking], ("impedance",))
+        raise InputError(f"{settings.walking}: {place}impedance: {error}") from error
     return [settings_path, settings.parameters, settings.walking, laboratory.impedance]
 
 

@@ -77,7 +77,7 @@ def true_signals(
         torque = drivetrain.passive_torque(settings.foot, motion)
     elif gains is None:
         assert settings.joint is not None  # else there are gains
-        torque = drivetrain.second_order_torque(settings.joint, motion, rate)
+        torque = drivetrain.second_order_torque(settings.joint, motion)
     else:  # the controller renders its impedance about theta_eq = 0, from rest at theta_m = 0
         commands, effects = np.array([[gains.K_1], [gains.B_1], [0.0]]), drivetrain_effects(settings, gains)
         leg = drivetrain.simulate_drivetrain(rate, motion.theta, motion.omega, commands, effects, p)

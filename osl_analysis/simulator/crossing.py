@@ -6,7 +6,7 @@ and Euler for the foot. Axes: x forward, y left, z up, in metres.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -27,6 +27,8 @@ from osl_analysis.simulator.step import GRAVITY, Pose, TrueWrench, interpolated_
 from osl_analysis.simulator.walking_settings import ANKLE_AXIS, WalkingSettings
 from osl_analysis.trial import Array
 
+LEG_LENGTH = 0.9  # ankle to hip [m], which converts a shift of the platform to an angle of the shank
+
 
 @lru_cache(maxsize=32)
 def compensated_damping(
@@ -43,7 +45,7 @@ def compensated_damping(
 def walking_commands(step: gait.Step, compensates: bool, p: DrivetrainParameters) -> Array:
     """Commands in a step, as `simulate_drivetrain` takes them, at the rate of the controller. Where the file of the
     desired impedance has no equilibrium angle, K_d and B_d give the nominal ankle moment at the nominal angle."""
-    trial, walking, asked, factor = step.trial, step.trial.walking, step.trial.condition, step.change.amplitude
+    trial, walking, asked = step.trial, step.trial.walking, step.trial.condition
     stride = walking.rates.motion_hz // walking.rates.controller_hz
     c, desired = step.cycle_phase(trial.time[::stride]), asked.desired(walking.impedance)
     K_d, B_d = desired.at(desired.K_d, c), desired.at(desired.B_d, c)
@@ -55,13 +57,11 @@ def walking_commands(step: gait.Step, compensates: bool, p: DrivetrainParameters
     # internal plantarflexion moment [N*m/kg]: 0.5 at midstance, 1.4 at push-off, 0 in swing
     sizes = ((0.45, 0.28, 6.0), (0.35, 0.37, 14.0), (1.35, 0.475, 11.0), (-0.15, 0.05, 30.0))
     bumps = gait.periodic_bumps(c, sizes)
-    usual = trial.body_mass * (bumps * gait.stance_window(np.mod(c, 1.0) / gait.STANCE_FRACTION))
-    wander = walking.effects.torque_wander.value * trial.wandering("torque_wander")
-    moment = step.change.load * factor * usual + wander[::stride]
+    moment = trial.body_mass * (bumps * gait.stance_window(np.mod(c, 1.0) / gait.STANCE_FRACTION))
     if desired.theta_eq is not None:
-        theta_eq = desired.at(desired.theta_eq, c) - (moment - usual) / K_d
+        theta_eq = desired.at(desired.theta_eq, c)
     else:
-        angle = factor * gait.nominal_ankle_angle(c)
+        angle = gait.nominal_ankle_angle(c)
         theta_eq = angle - (moment - B_d * gait.time_derivative(angle, walking.rates.controller_hz)) / K_d
     return np.array([K_1, B_1, theta_eq * p.n_T])
 
@@ -90,7 +90,6 @@ def simulate_crossing(
     step: gait.Step, perturbed: bool, effects: Mapping[str, float], p: DrivetrainParameters
 ) -> SimulatedCrossing:
     """The crossing of one step, with or without the perturbation. A controller that cancels friction compensates."""
-    step = step if perturbed else replace(step, hurry=0.0, faster=0.0)  # which the perturbation alone brings
     rates, time = step.trial.walking.rates, step.trial.time
     motion, foot, shank, platform = move(step, perturbed)
     commands = walking_commands(step, bool(effects["cancels_friction"]), p)
@@ -100,21 +99,8 @@ def simulate_crossing(
     drivetrain = simulate_drivetrain(rates.controller_hz, theta, omega, commands, effects, p, rest)
     belt = interpolated_at(drivetrain["belt_torque"], rates.controller_hz, time)
     answer = belt + p.B_j * motion.omega + p.J_j * motion.alpha
-    torque, reaction = react(step, foot, answer + (reacting(step, motion) if perturbed else 0.0))
+    torque, reaction = react(step, foot, answer)
     return SimulatedCrossing(time, step, motion, foot, shank, platform, commands, drivetrain, answer, torque, reaction)
-
-
-def reacting(step: gait.Step, motion: JointMotion) -> Array | float:
-    """Resisting torque [N*m], (n,), that the person adds after the onset: a reflex, co-contraction, a voluntary one."""
-    change, time = step.change, step.trial.time
-    if not (change.reflex or change.voluntary_nm or change.co_contraction != 1):
-        return 0.0
-    since = time - step.onset - change.reaction_delay_s
-    still = move(replace(step, hurry=0.0, faster=0.0), False)[0]
-    turned, speed = motion.theta - still.theta, motion.omega - still.omega
-    reflex = change.reflex * np.interp(time - change.reaction_delay_s, time, speed) * (since > 0)
-    stiffer = (change.co_contraction - 1) * change.co_contracted * gait.smooth_step(since / 0.03) * turned
-    return np.asarray(reflex + stiffer + change.voluntary_nm * gait.smooth_step(since / 0.1))
 
 
 def move(step: gait.Step, perturbed: bool) -> tuple[JointMotion, Pose, Pose, gait.PlatformMotion]:
@@ -129,17 +115,12 @@ def move(step: gait.Step, perturbed: bool) -> tuple[JointMotion, Pose, Pose, gai
     on_platform = 1.0 - gait.smooth_step((time - step.toe_off) / release_s)
     carried, moved = platform.angle * on_platform, platform.shift * on_platform[:, None]
     wander = np.radians(effects.angle_wander.value) * trial.wandering("angle_wander")
-    factor = step.change.amplitude * (1 + trial.normal("angle_scale", 0.01))
-    theta = factor * gait.nominal_ankle_angle(c) + wander + carried - moved[:, 0] / ramp.leg_length_m
+    factor = 1 + trial.normal("angle_scale", 0.01)
+    theta = factor * gait.nominal_ankle_angle(c) + wander + carried - moved[:, 0] / LEG_LENGTH
     path, pitch = gait.foot_path(c, walking.gait.stride_m)
-    if ramp.driven:
-        platform = replace(gait.resting_platform(trial), command=platform.command, onset=platform.onset)
-        carried = np.zeros_like(carried)
     if platform.onset is not None:
         given = 0.01 * effects.shank_yield.value * trial.condition.sign * np.radians(ramp.angle_deg)
         theta = theta - given * gait.pulse(time, platform.onset, 0.2, step.toe_off, release_s)
-        slip = 1e-3 * effects.foot_slip.value
-        path[:, 0] -= slip * gait.pulse(time, platform.onset, 0.1, step.toe_off, release_s)
     yaw = rotation_about(2, np.full_like(time, trial.normal("foot_yaw", np.pi / 180)))
     path = gait.nominal_ankle(walking) + step.placement + path @ yaw[0].T
     foot = gait.displaced(carried, moved, walking).after(Pose(yaw @ rotation_about(1, -pitch), path))
@@ -161,7 +142,7 @@ def react(step: gait.Step, foot: Pose, answer: Array) -> tuple[Array, TrueWrench
     contact = gait.stance_window(phase)
     given = contact * (about_axis - answer)
     factor = 1 + 0.01 * effects.force_scale.value * trial.random("force_scale").standard_normal(3)
-    force = step.change.load * step.change.amplitude * factor * gait.ground_reaction(phase) * mass * -GRAVITY[2]
+    force = factor * gait.ground_reaction(phase) * mass * -GRAVITY[2]
     roll = 0.004 * force[:, 2]  # lever [m]
     spin = 0.03 * mass * contact * np.sin(2 * np.pi * phase)  # up to 0.03 N*m/kg
     moment = given[:, None] * axis + roll[:, None] * forward + spin[:, None] * upward
@@ -189,7 +170,7 @@ def crossing_truth(crossing: SimulatedCrossing) -> tuple[dict[str, object], dict
     desired = condition.desired(trial.walking.impedance)
     curves = {"time": crossing.time, "phase": phase, **vars(crossing.motion), "torque": crossing.torque}
     curves |= {"K_d": desired.at(desired.K_d, phase), "B_d": desired.at(desired.B_d, phase)}
-    planned = {name: getattr(condition, name) for name in ("direction", "K_d", "B_d", "stance_phase", "session")}
+    planned = {name: getattr(condition, name) for name in ("direction", "K_d", "B_d", "stance_phase")}
     facts: dict[str, object] = {
         "perturbed": platform.onset is not None,
         "command_s": platform.command,
@@ -199,7 +180,6 @@ def crossing_truth(crossing: SimulatedCrossing) -> tuple[dict[str, object], dict
         "foot_yaw_rad": trial.normal("foot_yaw", np.pi / 180),
         "placement_m": step.placement.tolist(),
         "condition": planned | {"subject": condition.person},
-        "change": step.change.model_dump(mode="json", exclude={"of", "share"}),
     }
     return facts, curves | {"platform_angle": platform.angle}
 
@@ -227,17 +207,8 @@ def write_leg_log(
         "damping_gain": crossing.commands[1, held],
         "sync": vicon.sync_level(trial, time),
     }
-    topics = [sample_topic("/leg", "leg", SAMPLES["/leg"], leg_time, columns)]
-    if trial.walking.perturbation.driven:
-        start, noise = crossing.platform.onset, trial.walking.effects.moment_noise.value
-        torque = interpolated_at(crossing.drivetrain_torque, rates.motion_hz, time)
-        driven = {
-            "joint_torque": torque + noise * trial.random("joint_torque").standard_normal(len(time)),
-            "command": np.zeros(len(time)) if start is None else (time >= start) * trial.condition.sign,
-            "load": interpolated_at(crossing.reaction.force[:, 2], rates.motion_hz, time),
-        }
-        topics.append(sample_topic("/perturbation", "perturbation", SAMPLES["/perturbation"], leg_time, driven))
-    write_topics(folder / "leg" / f"{trial.name}.mcap", topics)
+    topic = sample_topic("/leg", "leg", SAMPLES["/leg"], leg_time, columns)
+    write_topics(folder / "leg" / f"{trial.name}.mcap", [topic])
 
 
 def simulate_walking_trial(
@@ -276,20 +247,11 @@ def simulate_walking_trial(
     # quiet standing: foot flat, shank upright, half the body weight vertically above the ankle
     leg = Pose(platform.pose.rotation, np.tile(gait.nominal_ankle(walking), (len(trial.time), 1)))
     weight = TrueWrench(np.tile(-0.5 * trial.body_mass * GRAVITY, (len(trial.time), 1)), nothing, leg.origin)
-    markers = vicon.leg_markers(leg, leg, trial) | vicon.on_body(leg, ANKLE_AXIS)
+    markers = vicon.leg_markers(leg, leg) | vicon.on_body(leg, ANKLE_AXIS)
     vicon.write_capture(raw, trial, markers, platform, weight)
 
 
 def write_crossing_capture(folder: Path, walked: SimulatedCrossing) -> None:
-    """Write the capture of a crossing. The foot's pressure is even over its width, and the floor carries what is beside
-    the plate. The other foot's load is a Gaussian curve about mid-stance."""
-    step, trial, plate, reaction = walked.step, walked.step.trial, walked.step.trial.walking.plate, walked.reaction
-    phase, beside = step.stance_phase(walked.time), 1e-3 * step.change.overhang_mm
-    on_plate, ankle = 1.0 - beside / gait.FOOT_WIDTH, reaction.point + np.array([0.0, 0.5 * beside, 0.0])
-    curve = np.exp(-(((phase - 0.5) / 0.12) ** 2)) * ((phase > 0) & (phase < 1))
-    other = curve[:, None] * (-0.01 * step.change.second_foot_percent * trial.body_mass * GRAVITY)
-    place = np.add(plate.centre_m, [*plate.nominal_ankle_m, 0.0]) + np.array([-0.15, 0.18, 0.0])  # [m]
-    lever = walked.platform.pose.point(place) - ankle
-    load = TrueWrench(on_plate * reaction.force + other, on_plate * reaction.moment + np.cross(lever, other), ankle)
-    markers = vicon.leg_markers(walked.foot, walked.shank, trial)
-    vicon.write_capture(folder, trial, markers, walked.platform, load)
+    """Write the capture of a crossing."""
+    markers = vicon.leg_markers(walked.foot, walked.shank)
+    vicon.write_capture(folder, walked.step.trial, markers, walked.platform, walked.reaction)

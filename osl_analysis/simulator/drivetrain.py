@@ -160,55 +160,11 @@ def belt_path(theta_s: Array, c: Any) -> Array:
     return torque
 
 
-def second_order_torque(joint: SecondOrderJoint, motion: JointMotion, rate_hz: float) -> Array:
+def second_order_torque(joint: SecondOrderJoint, motion: JointMotion) -> Array:
     """Resisting torque [N*m] of the joint, shape (n,), where the bench makes `motion`."""
-    theta, omega, alpha = motion.theta, motion.omega, motion.alpha
-    linear: Array = joint.K * theta + joint.B * omega + joint.I * alpha
-    if joint.backlash.value:
-        made, gap = np.ascontiguousarray([theta, omega, alpha], dtype=float), joint.backlash.value
-        linear = torque_through_gap(made, (joint.K, joint.B, joint.I), gap, 1 / rate_hz, 20)
-    friction = joint.coulomb.value * np.tanh(omega / 1e-3)  # changes its sign within a hundredth of a slow sine's speed
-    return linear + joint.K * joint.stiffening.value * theta**3 + friction
-
-
-@fused
-def torque_through_gap(
-    motion: Array, joint: tuple[float, float, float], gap: float, sample: float, substeps: int
-) -> Array:
-    """Torque [N*m] at the samples, (n,), of a bench that turns a joint (K, B, I) through a gap [rad]; `motion` (3, n).
-    At an end of the gap the bench pushes but cannot pull. The impulse of the contact is spread over one sample."""
-    theta, omega, alpha = motion
-    K, B, I = joint
-    step, half = sample / substeps, 0.5 * gap
-    torque: Array = np.zeros_like(theta)
-    side, angle, velocity, blow, blows = 0, theta[0], 0.0, 0.0, 0
-    for i in range(len(theta)):
-        for k in range(substeps if i + 1 < len(theta) else 1):
-            part = k / substeps
-            bench = between(part, i, theta, omega, sample) if k else theta[i]
-            later = i + 1 if k else i
-            speed = omega[i] + part * (omega[later] - omega[i])
-            turning = alpha[i] + part * (alpha[later] - alpha[i])
-            push = 0.0
-            if side != 0:
-                angle, velocity = bench - side * half, speed
-                push = K * angle + B * velocity + I * turning
-                if push * side < 0.0:
-                    side, push = 0, 0.0
-            elif angle <= bench - half or angle >= bench + half:
-                side = 1 if angle <= bench - half else -1
-                blow, blows = I * (speed - velocity) / sample, substeps
-                angle, velocity = bench - side * half, speed
-                push = K * angle + B * velocity + I * turning
-            if blows > 0:
-                push += blow
-                blows -= 1
-            if k == 0:
-                torque[i] = push
-            if side == 0:
-                velocity += -step * (K * angle + B * velocity) / I
-                angle += step * velocity
-    return torque
+    friction = joint.coulomb.value * np.tanh(motion.omega / 1e-3)  # turns within a hundredth of a slow sine's speed
+    linear: Array = joint.K * motion.theta + joint.B * motion.omega + joint.I * motion.alpha
+    return linear + friction
 
 
 def passive_torque(foot: PassiveFoot, motion: JointMotion) -> Array:

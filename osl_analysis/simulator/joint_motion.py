@@ -21,9 +21,6 @@ class JointMotion:
     omega: Array
     alpha: Array
 
-    def __add__(self, other: "JointMotion") -> "JointMotion":
-        return JointMotion(self.theta + other.theta, self.omega + other.omega, self.alpha + other.alpha)
-
     def __mul__(self, other: "JointMotion") -> "JointMotion":
         """The product, as of a sine and its envelope, with its derivatives."""
         return JointMotion(
@@ -39,35 +36,21 @@ def sine(w: Array | float, phase: Array, size: float = 1.0) -> JointMotion:
 
 
 def sine_command(protocol: SteppedSineSchedule, rate_hz: float) -> JointMotion:
-    """The commanded stepped sine from rest, sampled at `rate_hz` [Hz], each frequency with its ramps and harmonics. The
-    velocity jumps where the frequency changes, and so does the angle where a frequency starts as a cosine or does not
-    end with a whole cycle; the acceleration does not include these jumps."""
-    faster = 1 + 1e-6 * protocol.clock_error.value
-    between = [(protocol.rest_between_s, 0.0)] if protocol.rest_between_s else []
+    """The commanded stepped sine from rest, sampled at `rate_hz` [Hz], each frequency with its ramps. The velocity
+    jumps where the frequency changes, and the acceleration does not include these jumps."""
     sines = zip(protocol.durations, protocol.frequencies_hz, strict=True)
-    block = [piece for lasts, f in sines for piece in ((lasts + 2 * protocol.ramp_s, f), *between)]
-    # start [s], duration [s], angular frequency [rad/s] and amplitude [rad], on the clock of the log; rests have w = 0
-    pieces, end = [(0.0, protocol.lead_s / faster, 0.0, 0.0)], protocol.lead_s / faster
+    block = [(lasts + 2 * protocol.ramp_s, f) for lasts, f in sines]
+    # start [s], duration [s], angular frequency [rad/s] and amplitude [rad]; rests have w = 0
+    pieces, end = [(0.0, protocol.lead_s, 0.0, 0.0)], protocol.lead_s
     for degrees in protocol.amplitudes_deg:
         for duration, f in (*block, (protocol.rest_s, 0.0)):
-            pieces.append((end, duration / faster, 2 * math.pi * f * faster, math.radians(degrees)))
-            end += duration / faster
+            pieces.append((end, duration, 2 * math.pi * f, math.radians(degrees)))
+            end += duration
     time = np.arange(round(end * rate_hz)) / rate_hz
-    first = [*np.searchsorted(time, [start for start, *_ in pieces]), len(time)]
-    motion, harmonics = np.zeros((3, len(time))), ((2, protocol.second_harmonic), (3, protocol.third_harmonic))
+    first, motion = [*np.searchsorted(time, [start for start, *_ in pieces]), len(time)], np.zeros((3, len(time)))
     for (start, duration, w, amplitude), *ends in zip(pieces, first[:-1], first[1:], strict=True):
-        if w == 0:
-            continue
         elapsed = time[slice(*ends)] - start
-        envelope = ramped(elapsed, duration, protocol.ramp_s, amplitude)
-        if rate := protocol.decay.value:
-            left = np.exp(-rate * elapsed)
-            envelope = envelope * JointMotion(left, -rate * left, rate**2 * left)
-        made = sine(w, w * elapsed + (np.pi / 2 if protocol.start == "cosine" else 0.0))
-        for order, harmonic in harmonics:
-            if harmonic.enabled:
-                made = made + sine(order * w, order * w * elapsed, harmonic.value)
-        made = envelope * made
+        made = ramped(elapsed, duration, protocol.ramp_s, amplitude) * sine(w, w * elapsed)
         motion[:, slice(*ends)] = made.theta, made.omega, made.alpha
     return JointMotion(*motion)
 

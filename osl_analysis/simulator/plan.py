@@ -23,8 +23,6 @@ class Condition:
     B_d: float | None = None  # Largest desired damping [N*m*s/rad]
     stance_phase: float | None = None  # Mean phase of stance at which the ramp is commanded
     subject: Subject | None = None
-    session: int = 1
-    attached_anew: bool = False  # Whether the leg's markers are not those of the campaign's first session
 
     @property
     def person(self) -> str | None:
@@ -45,7 +43,7 @@ class Condition:
 
 def condition_of(row: Mapping[str, Any], settings: SimulationSettings) -> Condition:
     """The condition of a row of the sample sheet: what it states of direction, K_d and B_d, else by its name, which has
-    a place in a random order of all combinations. Subjects and sessions share the trials of an experiment."""
+    a place in a random order of all combinations. Subjects share the trials of an experiment."""
     trial, lists = str(row["trial"]), settings.experiments.conditions
     choices = (lists.directions, *(values or (None,) for values in (lists.K_d, lists.B_d, lists.stance_phases)))
     combinations = list(itertools.product(*choices))
@@ -56,14 +54,8 @@ def condition_of(row: Mapping[str, Any], settings: SimulationSettings) -> Condit
     drawn = dict(zip(("direction", "K_d", "B_d", "stance_phase"), combinations[order[place]], strict=True))
     stated = {name: row[name] for name in ("direction", "K_d", "B_d") if row.get(name) is not None}
     trials, people = max(getattr(settings.experiments, row["experiment"]), 1), lists.subjects or (None,)
-    part = number % trials * len(people) * lists.sessions // trials
-    return Condition(
-        **drawn | stated,
-        perturbed=bool(row.get("perturbed")),
-        subject=people[part // lists.sessions],
-        session=part % lists.sessions + 1,
-        attached_anew=part > 0,
-    )
+    subject = people[number % trials * len(people) // trials]
+    return Condition(**drawn | stated, perturbed=bool(row.get("perturbed")), subject=subject)
 
 
 def plan_trials(settings: SimulationSettings) -> SheetRows:
@@ -100,7 +92,7 @@ def plan_trials(settings: SimulationSettings) -> SheetRows:
 def stated_in_sheet(row: Mapping[str, Any], settings: SimulationSettings) -> dict[str, object]:
     """What the sheet says of the condition of a trial of the gait laboratory: what the settings ask for in `stated`."""
     condition, lists = condition_of(row, settings), settings.experiments.conditions
-    found: dict[str, object] = {"subject": condition.person, "session": str(condition.session), "side": lists.side}
+    found: dict[str, object] = {"subject": condition.person, "side": lists.side}
     found["body_mass_kg"] = condition.subject.body_mass_kg if condition.subject else None
     if row["experiment"] == "walking":
         parts = [condition.direction] + [f"K{value:g}" for value in [condition.K_d] if value]

@@ -24,7 +24,7 @@ from mcap.writer import MCAP0_MAGIC
 from numpy.typing import ArrayLike, NDArray
 
 from osl_analysis.files import atomic_path, write_text
-from osl_analysis.simulator.settings import NodeSettings, Scatter, SensorSettings, SimulationSettings, stream
+from osl_analysis.simulator.settings import NodeSettings, Scatter, SimulationSettings, stream
 from osl_analysis.trial import Array
 
 SENSORS = {
@@ -107,84 +107,37 @@ class Bench:
         """A number per sample, (n,) [s], as the effect is distributed; 0 where it is off."""
         if effect.distribution == "exponential":
             return effect.value * self.random(name).standard_exponential(n)
-        normal = effect.value * self.random(name).standard_normal(n)
-        return np.abs(normal) if effect.distribution == "half_normal" else normal
+        return effect.value * self.random(name).standard_normal(n)
 
-    def written(self, name: str, node: NodeSettings, n: int) -> NDArray[np.intp] | slice:
-        """The samples of n that a node writes: without the dropped ones, the duplicated ones twice."""
-        if not (node.duplicated.enabled or node.dropped.enabled or node.lost_every.enabled):
+    def written(self, name: str, node: NodeSettings, n: int) -> NDArray[np.bool_] | slice:
+        """The samples of n that a node writes, all or without the dropped ones. The first and the last one stay."""
+        if not node.dropped.enabled:
             return slice(None)
-        copies, burst = np.ones(n, dtype=np.intp), int(node.burst.value) or 1
-        if node.duplicated.enabled:
-            copies += self.random(f"{name}.duplicated").random(n) < node.duplicated.size
-        if node.dropped.enabled:
-            gaps = max(round(node.dropped.size * n / burst), 1)
-            # in slots that leave a sample between two gaps; the first and the last sample stay
-            slots = self.random(f"{name}.dropped").permutation((n - 2) // (burst + 1))[:gaps]
-            for first in 1 + slots * (burst + 1):
-                copies[first : first + burst] = 0
-        if node.lost_every.enabled:
-            every, scatter = int(node.lost_every.size), node.lost_every.scatter
-            number = n // max(every - scatter, 1) + 1
-            intervals = self.random(f"{name}.lost_every").integers(every - scatter, every + scatter + 1, number)
-            for first in np.cumsum(intervals):
-                copies[first : min(first + burst, n - 1)] = 0
-        return np.repeat(np.arange(n), copies)
+        kept = np.ones(n, dtype=np.bool_)
+        # in slots that leave a sample between two gaps
+        slots = self.random(f"{name}.dropped").permutation((n - 2) // 2)[: max(round(node.dropped.size * n), 1)]
+        kept[1 + 2 * slots] = False
+        return kept
 
     def reading(self, channel: str, true: TrueSignal, sampled: Array, even: bool) -> Array:
-        """What the sensor of a channel reads at the sampled instants: dynamics, errors, noise, range and steps."""
-        effects, sensors, n = self.settings.effects, self.settings.recorder.sensors, len(sampled)
-        sensor = next((one for name, one in sensors.items() if name == channel), SensorSettings())
-        rate, (noise, resolution) = self.settings.dynamometer.rate_hz, SENSORS[channel]
-        if sensor.low_pass.enabled:
-            # causal and at rest at the first value, in eight steps per sample, its input being straight between them
-            signal = true(np.arange(self.samples) / rate) if callable(true) else true
-            fine = np.arange((len(signal) - 1) * 8 + 1) / 8
-            finer = scipy.interpolate.CubicSpline(np.arange(len(signal)), signal)(fine)
-            analogue = scipy.signal.butter(sensor.low_pass.order, 2 * np.pi * sensor.low_pass.size, analog=True)
-            numerator, below, _ = scipy.signal.cont2discrete(analogue, 1 / (8 * rate), method="foh")
-            above = np.ravel(numerator)
-            slow, _ = scipy.signal.lfilter(above, below, finer, zi=scipy.signal.lfilter_zi(above, below) * finer[0])
-            true = np.asarray(slow[::8])
-        instants = np.maximum(sampled - sensor.delay.value, 0.0) if sensor.delay.value else sampled
+        """What the sensor of a channel reads at the sampled instants: errors, noise and steps."""
+        effects, (noise, resolution) = self.settings.effects, SENSORS[channel]
+        delay = effects.load_cell_delay.value if channel.endswith("torque") else 0.0
+        instants = np.maximum(sampled - delay, 0.0) if delay else sampled
         if callable(true):
             reading = true(instants)
-        elif even and not sensor.delay.value:
+        elif even and not delay:
             reading = true
         else:
-            reading = np.asarray(scipy.interpolate.CubicSpline(np.arange(len(true)) / rate, true)(instants))
+            simulated = np.arange(len(true)) / self.settings.dynamometer.rate_hz
+            reading = np.asarray(scipy.interpolate.CubicSpline(simulated, true)(instants))
         if channel.endswith("torque"):
-            reading = reading + self.torque_errors(sampled)
+            reading = reading + (self.drawn["load_cell_offset"] + self.drawn["load_cell_drift"] * sampled / 60)
         if noise:
-            reading = reading + getattr(effects, noise).value * self.random(noise).standard_normal(n)
+            reading = reading + getattr(effects, noise).value * self.random(noise).standard_normal(len(sampled))
         if channel == "joint_angle" and effects.encoder_zero.enabled:
             reading = reading + self.drawn["encoder_zero"]
-        if sensor.clipping.enabled:
-            reading = np.clip(reading, -sensor.clipping.size, sensor.clipping.size)
-        if sensor.adc.enabled:
-            reading = rounded_to(reading, 2 * sensor.clipping.size / 2**sensor.adc.size)
-        reading = rounded_to(reading, getattr(effects, resolution).value)
-        reading = reading * sensor.gain.size if sensor.gain.enabled else reading
-        if sensor.failed.enabled:
-            reading = np.where(self.random(f"{channel}.failed").random(n) < sensor.failed.size, np.nan, reading)
-        return reading
-
-    def torque_errors(self, instants: Array) -> Array:
-        """Offset, drift, hum and 1/f noise [N*m] of a torque sensor at the sampled instants [s]. A power density of
-        size^2/(ln 10 f) has the variance size^2 in each decade, for any sampling rate."""
-        effects, n = self.settings.effects, len(instants)
-        errors = self.drawn["load_cell_offset"] + self.drawn["load_cell_drift"] * instants / 60
-        hum, size = effects.load_cell_hum, effects.load_cell_flicker.value
-        if hum.enabled:
-            phase = self.random("load_cell_hum").uniform(0, 2 * np.pi)
-            errors = errors + hum.size * np.sin(2 * np.pi * hum.frequency_hz * instants + phase)
-        if size:
-            line = np.arange(n // 2 + 1)
-            white = self.random("load_cell_flicker").standard_normal((2, len(line)))
-            spectrum = size * n / 2 * (white[0] + 1j * white[1]) / np.sqrt(np.log(10) * np.maximum(line, 1))
-            spectrum[0] = 0
-            errors = errors + np.fft.irfft(spectrum, n)
-        return errors
+        return rounded_to(reading, getattr(effects, resolution).value)
 
 
 def rounded_to(signal: Array, step: float) -> Array:
@@ -232,11 +185,6 @@ float32 motor_current   # A, q-axis
 float32 stiffness_gain  # N*m/rad, K_1 at the actuator's output
 float32 damping_gain    # N*m*s/rad, B_1 at the actuator's output
 bool sync               # level of the synchronisation line
-""",
-    "/perturbation": """\
-float32 joint_torque  # N*m, resisting
-float32 command       # 1 while the ankle is turned
-float32 load          # N, vertical force on the foot
 """,
 }
 """Fields of the messages of each topic of our own types."""

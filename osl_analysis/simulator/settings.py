@@ -51,28 +51,10 @@ class SignedEffect(Effect):
 
 
 class Scatter(Effect):
-    """A random imperfection, drawn for each sample. The size is the standard deviation of a `normal` distribution, that
-    of the normal one whose absolute value is taken (`half_normal`), or the mean (`exponential`)."""
+    """A random imperfection, drawn for each sample. The size is the standard deviation of a `normal` distribution, or
+    the mean of an `exponential` one."""
 
-    distribution: Literal["normal", "half_normal", "exponential"] = "normal"
-
-
-class RegularGaps(Effect):
-    """Gaps at nearly regular intervals, whose mean is the size."""
-
-    scatter: Annotated[int, Field(ge=0)] = 0  # largest deviation of an interval from the mean [samples]
-
-
-class Hum(Effect):
-    """A sine whose amplitude is the size."""
-
-    frequency_hz: Positive = 50.0
-
-
-class LowPassEffect(Effect):
-    """A causal Butterworth low-pass, whose cut-off is the size."""
-
-    order: Annotated[int, Field(ge=1, le=4)] = 1
+    distribution: Literal["normal", "exponential"] = "normal"
 
 
 def effect(*units: str, off: float | None = None, **rules: bool) -> Any:
@@ -125,17 +107,16 @@ class Subject(Settings):
 class Conditions(Settings):
     """Lists of which each crossing gets one entry. An empty list leaves the settings of the gait laboratory. In n
     successive crossings, n being the number of combinations, each combination of direction, K_d, B_d and stance_phase
-    occurs once, in a random order. Subjects and sessions follow each other in equal blocks."""
+    occurs once, in a random order. Subjects follow each other in equal blocks."""
 
     directions: Annotated[tuple[Literal["up", "down"], ...], Field(min_length=1)] = ("up",)  # up: toes up, dorsiflexion
     K_d: Stiffnesses = ()  # largest desired stiffness [N*m/rad]; the whole trajectory is scaled
     B_d: Dampings = ()  # largest desired damping [N*m*s/rad]; the whole trajectory is scaled
     stance_phases: Phases = ()  # mean phase at which the ramp is commanded; the response is within the stance
     subjects: Annotated[tuple[Subject, ...], AfterValidator(distinct)] = ()
-    sessions: Annotated[int, Field(ge=1)] = 1  # of each person, with markers attached anew (`marker_placement`)
     side: Literal["left", "right"] = "right"  # that the sheet states; the simulated leg is the right one
     stated: tuple[
-        Literal["K_d", "B_d", "direction", "subject", "session", "side", "group", "body_mass_kg"], ...
+        Literal["K_d", "B_d", "direction", "subject", "side", "group", "body_mass_kg"], ...
     ] = ()  # columns of the sheet that state the condition of a crossing
 
 
@@ -157,31 +138,24 @@ class Effects(Switches):
     belt_scatter: Effect = effect("1")  # of K_s from trial to trial in the belt experiment
     dynamometer_bandwidth: Effect = effect("Hz", above_0=True)  # of the position loop; off: it follows exactly
     mount_stiffness: Effect = effect("N*m/rad", off=1, above_0=True)  # of the bench's frame
-    load_cell_hum: Hum = effect("N*m", off=0)  # of the mains
-    load_cell_flicker: Effect = effect("N*m", off=0)  # 1/f noise within each decade of frequency
+    load_cell_delay: Effect = effect("s", off=0)  # how old its value is at the instant at which it is sampled
     encoder_zero: Effect = effect("step", off=0)  # largest distance of the joint's, drawn per trial
 
 
 class SecondOrderJoint(Switches):
-    """A joint with the torque of Eq. 15, in place of the drivetrain, and deviations from Eq. 15. Backlash is between
-    bench and joint. Inside the gap the joint moves freely. The contact at an end is plastic."""
+    """A joint with the torque of Eq. 15, in place of the drivetrain."""
 
     K: Positive
     B: NotNegative
     I: NotNegative
-    stiffening: Effect = effect("1/rad^2", off=0)  # the spring has K theta (1 + size theta^2)
     coulomb: Effect = effect("N*m", off=0)  # Coulomb friction of the joint
-    backlash: Effect = effect("rad", off=0)  # width of the gap, from end to end
-
-    _moves_freely = refused(lambda s: s.backlash.value and not s.I, "backlash needs an inertia I above 0", "backlash")
 
 
 CyclesOfSine = Annotated[int, Field(ge=1, le=10_000)]
 
 
-class SteppedSineSchedule(Switches):
-    """`lead_s` of rest, then a block per amplitude: each frequency in the given order, then `rest_s` of rest. The
-    fields from `rest_between_s` on describe other protocols and imperfections of the motion."""
+class SteppedSineSchedule(Settings):
+    """`lead_s` of rest, then a block per amplitude: each frequency in the given order, then `rest_s` of rest."""
 
     frequencies_hz: Annotated[tuple[Positive, ...], Field(min_length=1)]
     cycles: CyclesOfSine | tuple[CyclesOfSine, ...] | None = None  # at each frequency: one number, or one for each
@@ -189,13 +163,7 @@ class SteppedSineSchedule(Switches):
     amplitudes_deg: Annotated[tuple[Degrees, ...], Field(min_length=1)]
     rest_s: NotNegative  # after each amplitude
     lead_s: NotNegative  # rest before the first amplitude
-    rest_between_s: NotNegative = 0.0  # after each frequency
     ramp_s: NotNegative = 0.0  # in which each frequency grows from 0, and falls to 0, in addition to its cycles
-    start: Literal["sine", "cosine"] = "sine"  # at the angle 0, or with a jump of the command to the amplitude
-    second_harmonic: Effect = effect("1", off=0, below_1=True)  # of the motion, as a share of the first
-    third_harmonic: Effect = effect("1", off=0, below_1=True)
-    decay: Effect = effect("1/s", off=0)  # of the amplitude from the start of each frequency
-    clock_error: SignedEffect = effect("ppm", off=0)  # a positive one raises frequencies
 
     @model_validator(mode="after")
     def _duration_is_stated_once(self) -> Self:
@@ -207,7 +175,7 @@ class SteppedSineSchedule(Switches):
 
     @property
     def durations(self) -> list[float]:
-        """Time [s] at full amplitude of each frequency, by the clock that generates the motion."""
+        """Time [s] at full amplitude of each frequency."""
         if self.seconds is not None:
             return [self.seconds] * len(self.frequencies_hz)
         cycles = self.cycles if isinstance(self.cycles, tuple) else [self.cycles or 0] * len(self.frequencies_hz)
@@ -254,38 +222,15 @@ class NodeSettings(Switches):
     clock_drift: SignedEffect = effect("ppm", off=0)  # how much faster than the bench's it runs
     decimals: Effect = effect("decimal", off=0, whole=True)  # of stamps in s
     dropped: Effect = effect("1", off=0, below_1=True)  # share of samples that are missing, at drawn places
-    burst: Effect = effect("sample", off=1, whole=True, above_0=True)  # in a row; off: one
-    lost_every: RegularGaps = effect("sample", off=100, whole=True, above_0=True)  # of `burst` each
-    duplicated: Effect = effect("1", off=0, below_1=True)  # share that is written twice
 
     _is_never_early = refused(
         lambda s: s.latency.enabled and s.latency.distribution == "normal",
-        "latency is never negative; choose distribution: half_normal or exponential",
+        "latency is never negative; choose distribution: exponential",
         "latency",
     )
 
 
-class SensorSettings(Switches):
-    """What one sensor makes of its true signal, in the order in which it happens."""
-
-    low_pass: LowPassEffect = effect("Hz", off=1, above_0=True)
-    delay: Effect = effect("s", off=0)  # how old a value is at the instant at which it is sampled
-    clipping: Effect = effect("N*m", "rad", "A", off=1, above_0=True)  # largest value in size
-    adc: Effect = effect("bit", off=0, whole=True)  # from minus to plus `clipping`
-    failed: Effect = effect("1", off=0, below_1=True)  # share of readings that are NaN
-    gain: SignedEffect = effect("1", off=1)  # of the recorder by mistake: a wrong unit or sign
-
-    _converter_has_a_range = refused(
-        lambda s: s.adc.enabled and not s.clipping.enabled,
-        "adc needs the range of the converter; enable clipping and give it",
-        "adc",
-    )
-
-
 Band = Annotated[tuple[Positive, Positive], AfterValidator(rising)]
-BenchChannel = Literal[
-    "joint_angle", "actuator_angle", "commanded_angle", "motor_current", "load_cell_torque", "output_torque"
-]
 
 
 class RecorderSettings(Settings):
@@ -293,7 +238,6 @@ class RecorderSettings(Settings):
 
     node: NodeSettings = NodeSettings()
     torque_node: NodeSettings | None = None
-    sensors: dict[BenchChannel, SensorSettings] = Field(default_factory=dict)
 
 
 class Excitation(Settings):

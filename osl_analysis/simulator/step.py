@@ -5,17 +5,15 @@ The nominal curves resemble published ones of level walking with a prosthetic an
 derivatives. Cycle phase c: 0 at heel strike, 1 at the next one; stance phase p: 0 at heel strike, 1 at toe-off.
 """
 
-import math
 import re
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
-from osl_analysis.errors import InputError
 from osl_analysis.simulator.plan import Condition
 from osl_analysis.simulator.settings import stream
-from osl_analysis.simulator.walking_settings import StepChange, WalkingSettings
+from osl_analysis.simulator.walking_settings import WalkingSettings
 from osl_analysis.trial import Array
 
 Point = Array | tuple[float, float, float]  # [m]
@@ -104,7 +102,6 @@ STANCE_FRACTION = 0.62
 ANKLE_HEIGHT = 0.08
 HEEL = np.array([-0.06, 0.0, -ANKLE_HEIGHT])
 BALL = np.array([0.13, 0.0, -ANKLE_HEIGHT])
-FOOT_WIDTH = 0.09  # Width [m] of the foot, whose middle is below the ankle
 
 
 def smooth_step(x: Array) -> Array:
@@ -192,30 +189,14 @@ class GaitTrial:
         """A normal deviate with an effect's standard deviation, in SI units."""
         return unit * float(getattr(self.walking.effects, effect).value * self.random(effect).standard_normal())
 
-    def wandering(self, effect: str, band: tuple[float, float] = (0.3, 4.0)) -> Array:
+    def wandering(self, effect: str) -> Array:
         """A smooth deviation of unit standard deviation, (n,): six waves of random size, frequency [Hz] and phase."""
         random = self.random(effect)
         sizes = random.standard_normal(6) * np.sqrt(2 / 6)
-        pitches, phases = random.uniform(*band, 6), random.uniform(0, 2 * np.pi, 6)
+        pitches, phases = random.uniform(0.3, 4.0, 6), random.uniform(0, 2 * np.pi, 6)
         return np.asarray(np.cos(2 * np.pi * np.outer(self.time, pitches) + phases) @ sizes)
 
 
-def drawn_change(trial: GaitTrial) -> StepChange:
-    """All changes of one crossing in one: factors multiply, the rest adds up."""
-    found, kinds = [], ("all", "perturbed" if trial.condition.perturbed else "unperturbed")
-    for i, one in enumerate(trial.walking.changes):
-        concerned = trial.name in one.of if isinstance(one.of, tuple) else one.of in kinds
-        if concerned and trial.random(f"change{i}").random() < one.share:
-            found.append(one)
-    fields = {name: math.prod(getattr(c, name) for c in found) for name in ("load", "amplitude", "co_contraction")}
-    sums = ("slower_percent", "after_window_percent", "second_foot_percent", "overhang_mm")
-    for name in (*sums, "reflex", "voluntary_nm", "pace_percent"):
-        fields[name] = sum(getattr(c, name) for c in found)
-    fields |= {name: getattr(found[-1], name) for name in ("reaction_delay_s", "co_contracted") if found}
-    return StepChange(of=(trial.name,), **fields)
-
-
-PACE_S = 0.05  # time [s] within which a reaction changes the pace
 RENDERED_S = 0.1  # time [s] after the onset in which the rendered impedance is fitted
 
 
@@ -224,38 +205,20 @@ class Step:
     """One crossing's step on the platform, the same with and without the perturbation."""
 
     trial: GaitTrial
-    change: StepChange  # What makes this crossing differ from others, with the scatter of load and amplitude
     heel_strike: float  # Time [s] of heel strike
-    stance: float  # Duration [s] of stance, without the change after the window
+    stance: float  # Duration [s] of stance
     onset: float  # Time [s] at which the platform starts to move
     command: float  # Time [s] at which the perturbation is commanded
     placement: Array  # Deviation [m] of the foot's place forward, to the left and up, shape (3,)
-    hurry: float  # Time [s] by which stance is longer after the window
-    faster: float = 0.0  # Share by which gait is faster from the person's reaction on
 
     @property
     def toe_off(self) -> float:
         """Time [s] at which the foot leaves the platform."""
-        left = self.stance - (self.onset + self.change.reaction_delay_s - self.heel_strike + 0.5 * PACE_S)
-        return self.heel_strike + self.stance + self.hurry - self.faster / (1 + self.faster) * left
+        return self.heel_strike + self.stance
 
     def stance_phase(self, time: Array) -> Array:
-        """Phase of stance at times [s]: 0 at heel strike, 1 at toe-off. `timing_wander` moves the middle of stance, and
-        one half of it against the other."""
-        elapsed, trial = time - self.heel_strike, self.trial
-        if self.hurry:
-            begins = self.onset + RENDERED_S - self.heel_strike
-            left = self.stance + self.hurry - begins
-            elapsed = elapsed - self.hurry * smooth_step((elapsed - begins) / left)
-        if self.faster:  # the integral of `smooth_step`
-            since = (time - self.onset - self.change.reaction_delay_s) / PACE_S
-            x = np.clip(since, 0.0, 1.0)
-            ramp = x**5 * (7.0 + x * (-14.0 + x * (10.0 - 2.5 * x))) + np.maximum(since - 1.0, 0.0)
-            elapsed = elapsed + self.faster * PACE_S * ramp
-        phase = elapsed / self.stance
-        inside, middle = np.clip(phase, 0.0, 1.0), trial.normal("timing_wander", 0.01)
-        halves = 0.01 * trial.walking.effects.timing_wander.value * trial.random("timing_halves").standard_normal()
-        return np.asarray(phase + 256.0 * (inside * (1 - inside)) ** 4 * (middle + halves * 2 * (2 * inside - 1)))
+        """Phase of stance at times [s]: 0 at heel strike, 1 at toe-off."""
+        return np.asarray((time - self.heel_strike) / self.stance)
 
     def cycle_phase(self, time: Array) -> Array:
         """Phase of the gait cycle at times [s]: 0 at the heel strike on the platform, 1 at the next."""
@@ -264,31 +227,16 @@ class Step:
 
 def draw_step(trial: GaitTrial) -> Step:
     """Draw a crossing. Each effect has its own random stream."""
-    walking, condition, normal, change = trial.walking, trial.condition, trial.normal, drawn_change(trial)
+    walking, condition, normal = trial.walking, trial.condition, trial.normal
     usual = (condition.subject and condition.subject.stance_s) or walking.gait.stance_s
-    stance = usual * (1 + normal("stance_scatter", 0.01)) * (1 + 0.01 * change.slower_percent)
-    hurry = 0.01 * change.after_window_percent * stance
+    stance = usual * (1 + normal("stance_scatter", 0.01))
     heel_strike = walking.gait.heel_strike_s + normal("heel_strike_scatter")
     first, last = walking.perturbation.stance_phase  # the phase scatters about the condition's as about the usual one
     moved = 0.0 if condition.stance_phase is None else condition.stance_phase - 0.5 * (first + last)
     phase = float(moved + trial.random("perturbation_phase").uniform(first, last))
     command = heel_strike + phase * stance
-    onset = command + walking.perturbation.latency_s + normal("trigger_scatter", 1e-3)
-    left = heel_strike + stance + hurry - onset - RENDERED_S
-    if hurry and not left > 35 / 16 * max(hurry, 0.0):  # the largest slope of `smooth_step`
-        raise InputError(
-            f"trial {trial.name}: after_window_percent {change.after_window_percent:g} leaves {left:.3f} s of stance "
-            "after the window; choose a smaller change, or an earlier perturbation"
-        )
-    scattered = {n: getattr(change, n) * (1 + normal(f"{n}_scatter", 0.01)) for n in ("load", "amplitude")}
-    sideways = normal("placement_sideways", 1e-3)
-    if change.overhang_mm:  # the outer side is so far beyond the plate's right edge
-        outer = -0.5 * walking.plate.size_m[1] - 1e-3 * change.overhang_mm
-        sideways = outer + 0.5 * FOOT_WIDTH - walking.plate.nominal_ankle_m[1]
-    placement = np.array([normal("placement_forward", 1e-3), sideways, 0.0])
-    change = change.model_copy(update=scattered)
-    faster = 0.01 * change.pace_percent
-    return Step(trial, change, heel_strike, stance, onset, command, placement, hurry, faster)
+    placement = np.array([normal("placement_forward", 1e-3), normal("placement_sideways", 1e-3), 0.0])
+    return Step(trial, heel_strike, stance, command + walking.perturbation.latency_s, command, placement)
 
 
 @dataclass(frozen=True)
@@ -303,11 +251,9 @@ class PlatformMotion:
 
 
 def displaced(angle: Array, shift: Array, walking: WalkingSettings) -> Pose:
-    """The platform turned by an angle [rad, toes up] about its mediolateral axis, which is shifted [m]. The axis goes
-    through the nominal ankle, or below it in the depth that the settings give."""
-    rotation, pivot, depth = rotation_about(1, -angle), nominal_ankle(walking), walking.perturbation.axis_depth_m
-    if depth is not None:
-        pivot[2] = walking.plate.centre_m[2] - depth
+    """The platform turned by an angle [rad, toes up] about its mediolateral axis through the nominal ankle, which is
+    shifted [m]."""
+    rotation, pivot = rotation_about(1, -angle), nominal_ankle(walking)
     return Pose(rotation, pivot - rotation @ pivot + shift)
 
 
@@ -325,28 +271,22 @@ def ramped_platform(
     trial: GaitTrial, command: float, onset: float, back: float, size: float = 1.0, slowness: float = 1.0
 ) -> PlatformMotion:
     """The commanded ramp, `size` times as far and `slowness` times as long, held until the platform returns at `back`
-    [s]. One that shifts the ankle backward dorsiflexes it. The servo shivers until 0.1 s after the ramp."""
-    time, effects, ramp, sign = trial.time, trial.walking.effects, trial.walking.perturbation, trial.condition.sign
-    rise = slowness * (1 + trial.normal("rise_scatter", 0.01)) * ramp.rise_s
-    held, angle = pulse(time, onset, rise, back, ramp.return_s), np.zeros_like(time)
-    shift = np.zeros((len(time), 3))
-    shift[:, 2] = 1e-3 * effects.platform_heave.value * 4 * held * (1 - held)
+    [s]. One that shifts the ankle backward dorsiflexes it."""
+    ramp, angle, shift = trial.walking.perturbation, np.zeros_like(trial.time), np.zeros((len(trial.time), 3))
+    held = pulse(trial.time, onset, slowness * ramp.rise_s, back, ramp.return_s)
     if ramp.shift_mm is not None:
-        shift[:, 0] = -sign * 1e-3 * ramp.shift_mm * held
+        shift[:, 0] = size * (-trial.condition.sign * 1e-3 * ramp.shift_mm * held)
     else:
-        angle = sign * np.radians(ramp.angle_deg) * held
-    shiver = np.radians(effects.servo_shiver.value) * trial.wandering("servo_shiver", (8.0, 20.0))
-    angle, shift = size * angle + shiver * pulse(time, onset, 0.05, onset + rise + 0.1, 0.05), size * shift
+        angle = size * (trial.condition.sign * np.radians(ramp.angle_deg) * held)
     return PlatformMotion(angle, shift, displaced(angle, shift, trial.walking), command, onset)
 
 
 def unloaded_platform(trial: GaitTrial) -> PlatformMotion:
     """The perturbation of an unloaded platform, with small random variations. Every `full_motion_every`-th trial, by
     its number, then also shifts along all axes and tilts, so that all inertial parameters can be estimated."""
-    ramp, time, command, size, slowness = trial.walking.perturbation, trial.time, 0.5, 1.0, 1.0
-    onset = command + ramp.latency_s + trial.normal("trigger_scatter", 1e-3)
-    if not ramp.same_unloaded:
-        size, slowness = trial.random("unloaded_ramp").uniform([0.85, 0.9], [1.15, 1.3])
+    ramp, time, command = trial.walking.perturbation, trial.time, 0.5
+    onset = command + ramp.latency_s
+    size, slowness = trial.random("unloaded_ramp").uniform([0.85, 0.9], [1.15, 1.3])
     back = onset + 0.5
     motion = ramped_platform(trial, command, onset, back, size, slowness)
     number, every = re.search(r"\d+$", trial.name), trial.walking.plate.full_motion_every

@@ -2,10 +2,9 @@
 The imperfections of the leg's controller are in the campaign's simulation settings."""
 
 import math
-from functools import partial
-from typing import Annotated, Literal
+from typing import Annotated
 
-from pydantic import AfterValidator, Field, ValidationInfo, field_validator
+from pydantic import Field
 
 from osl_analysis.model.compensator import PAPER_WEIGHT, Weight
 from osl_analysis.simulator.settings import Count, Effect, Switches, effect
@@ -17,8 +16,6 @@ from osl_analysis.yaml_settings import (
     Settings,
     ShippedPath,
     below,
-    distinct,
-    one_of,
     refused,
 )
 
@@ -43,65 +40,14 @@ PLATFORM = {
     "PLAT4": (0.285, -0.230, 0.004),
 }
 ANKLE_AXIS = {"ANKLE_MED": (0.0, 0.042, 0.0), "ANKLE_LAT": (0.0, -0.042, 0.0)}
-PLATE_CHANNELS = {
-    1: {"Fx1": "N", "Fy1": "N", "Fz1": "N", "Px1": "mm", "Py1": "mm", "Tz1": "Nmm"},
-    2: {"Fx1": "N", "Fy1": "N", "Fz1": "N", "Mx1": "Nmm", "My1": "Nmm", "Mz1": "Nmm"},
-    3: dict.fromkeys(("fx12", "fx34", "fy14", "fy23", "fz1", "fz2", "fz3", "fz4"), "N"),
-    4: dict.fromkeys(("C1", "C2", "C3", "C4", "C5", "C6"), "V"),
-}
-"""Labels and units of the channels of each type of plate."""
-MarkerName = Annotated[str, AfterValidator(partial(one_of, [*FOOT, *SHANK, *PLATFORM, *ANKLE_AXIS], "marker of it"))]
-
-
-class CaptureSettings(Settings):
-    """The C3D file. The defaults are what Vicon Nexus writes."""
-
-    plate_type: Literal[1, 2, 3, 4] = 2  # with a centre of pressure; force and moment; eight of Kistler; six voltages
-    sensor_span_m: tuple[Metres, Metres] = (0.21, 0.26)  # of type 3 from the centre, along the plate's x and y
-    dead_channels: dict[str, float] = Field(default_factory=dict)  # what they show, by label, such as `Mx1`
-    moment_label: Literal["N*m", "Nm", "N*cm", "N*mm", "Nmm"] | None = None  # that the file states; null: the true Nmm
-    swapped_labels: tuple[Annotated[tuple[MarkerName, MarkerName], AfterValidator(distinct)], ...] = ()  # pairs
-    swapped_in: tuple[str, ...] | None = None  # trials whose labels are exchanged; null: all
-    up_axis: Literal["z", "y"] = "z"  # with `y`, z points to the right
-    states_axes: bool = True  # POINT:X_SCREEN and Y_SCREEN
-    states_body_mass: bool = False  # PROCESSING:BODYMASS
-
-    @field_validator("dead_channels")
-    @classmethod
-    def _are_of_the_plate(cls, value: dict[str, float], info: ValidationInfo) -> dict[str, float]:
-        known = PLATE_CHANNELS[info.data.get("plate_type", 2)]
-        return {one_of(known, "channel of this type of plate", name): shown for name, shown in value.items()}
-
-
-Percent = Annotated[float, Field(gt=-50, lt=100)]
+PLATE_CHANNELS = {"Fx1": "N", "Fy1": "N", "Fz1": "N", "Mx1": "Nmm", "My1": "Nmm", "Mz1": "Nmm"}
+"""Labels and units of the plate's channels, force and moment: type 2 of the C3D manual."""
 Share = Annotated[float, Field(ge=0, le=1)]
-
-
-class StepChange(Settings):
-    """A change of some crossings, by name or by chance. What is left out stays as it is."""
-
-    of: Literal["all", "perturbed", "unperturbed"] | tuple[str, ...] = "all"  # a kind, or a list of names
-    share: Share = 1.0  # of these, drawn for each crossing
-    load: Positive = 1.0
-    """Factor of the ground reaction and of the ankle's torque, at the same angle: the leg's equilibrium follows."""
-    amplitude: Positive = 1.0  # factor of the ankle's angle, its torque and the ground reaction
-    slower_percent: Percent = 0.0  # extension of the whole gait cycle
-    after_window_percent: Percent = 0.0  # extension of stance 100 ms after the onset, if perturbed
-    second_foot_percent: NotNegative = 0.0  # largest load [% of body weight] of the other foot, at mid-stance
-    overhang_mm: Annotated[float, Field(ge=0, lt=90)] = 0.0  # of the foot's 90 mm, carried by the floor beside
-    # What the person does after a perturbation, from a delay on, beside what the leg renders; off by default
-    reaction_delay_s: Seconds = 0.05  # from the onset; of several changes the last one's
-    reflex: float = 0.0  # torque [N*m*s/rad] per velocity that the perturbation had so long ago
-    co_contraction: Positive = 1.0  # factor of the stiffness `co_contracted`, reached 30 ms later
-    co_contracted: NotNegative = 340.0  # stiffness [N*m/rad] that it multiplies
-    voluntary_nm: float = 0.0  # torque reached 0.1 s later, resisting toes up, after turns of either direction
-    pace_percent: Percent = 0.0  # by which gait is faster from then on, reached within 50 ms
 
 
 class WalkingEffects(Switches):
     """Every imperfection of gait and gait laboratory. The size of a scatter, an offset or a noise is its standard
-    deviation. The actuator's encoder and current have the imperfections of the campaign. Rails of channels that are off
-    are none."""
+    deviation. The actuator's encoder and current have the imperfections of the campaign."""
 
     heel_strike_scatter: Effect = effect("s")  # of the time of heel strike on the platform
     stance_scatter: Effect = effect("%")  # of the duration of stance on the platform
@@ -112,16 +58,6 @@ class WalkingEffects(Switches):
     placement_sideways: Effect = effect("mm")
     foot_yaw: Effect = effect("deg")  # of the foot's direction on the platform; the ankle's axis turns with it
     shank_yield: Effect = effect("%")  # share of the platform's rotation by which the shank rotates within 0.2 s
-    foot_slip: Effect = effect("mm")  # by which the foot slides back during the perturbation
-    amplitude_scatter: Effect = effect("%", off=0)  # of the factor `amplitude` of a change
-    load_scatter: Effect = effect("%", off=0)  # of a factor of ground reaction and ankle's torque, at the same angle
-    timing_wander: Effect = effect("%", off=0)  # of the phase in the middle of stance; heel strike and toe-off stay
-    torque_wander: Effect = effect("N*m", off=0)  # of the ankle, below 4 Hz; the leg's equilibrium follows it
-    trigger_scatter: Effect = effect("ms", off=0)  # of the time from the command, which the trigger shows, to the ramp
-    rise_scatter: Effect = effect("%", off=0)  # of the duration of the platform's ramp, over crossings and plate trials
-    servo_shiver: Effect = effect("deg", off=0)
-    """Vibration of the platform's angle at 8 to 20 Hz, while it moves and 0.1 s longer, another one in each trial."""
-    platform_heave: Effect = effect("mm", off=0)  # height in the middle of the ramp, as of a hexapod
     foot_inertia: Effect = effect("kg")  # of foot and shoe below the ankle
     plate_inertia: Effect = effect("kg")  # of the plate above its sensors; off: the reading is the ground reaction
     marker_noise: Effect = effect("mm")  # white, each axis
@@ -131,10 +67,6 @@ class WalkingEffects(Switches):
     force_offset: Effect = effect("N")  # constant over a trial
     moment_offset: Effect = effect("N*m")
     plate_lag: Effect = effect("ms")  # of the plate's channels behind markers, trigger and sync
-    moment_clip: Effect = effect("N*m", off=60.0, above_0=True)  # rails of a plate of type 1 or 2
-    force_clip: Effect = effect("N", off=500.0, above_0=True)
-    sensor_clip: Effect = effect("N", off=250.0, above_0=True)  # rails of type 3
-    marker_placement: Effect = effect("mm", off=0)  # of each marker on foot and shank from session to session
     leg_clock_offset: Effect = effect("s")  # mean offset of the leg's clock from that of the recording
     leg_clock_drift: Effect = effect("ppm")  # scatter of the rate of the leg's clock
     leg_joint_encoder: Effect = effect("bit")
@@ -190,13 +122,9 @@ class Perturbation(Settings):
     stance_phase: tuple[Share, Share]  # first and last at which the ramp is commanded, drawn evenly
     hold_s: Annotated[float, Field(ge=0, le=10)]  # after toe-off, when the platform starts to return
     return_s: Seconds
-    axis_depth_m: float | None = None  # below the plate's surface; null: the axis passes through the nominal ankle
     shift_mm: Positive | None = None
     """Distance by which the platform shifts in place of a turn: backward for `up`, which dorsiflexes the ankle, as the
     hip stays where it is. Null: it turns."""
-    leg_length_m: Metres = 0.9  # ankle to hip, which converts a shift of the platform to an angle of the shank
-    same_unloaded: bool = False  # else size and duration of the ramp in plate trials vary by 15 and 30 %
-    driven: bool = False  # by a boot or the leg: the ankle turns and the platform rests; the log has torque and command
     _in_order = refused(
         lambda s: s.stance_phase[0] > s.stance_phase[1], "stance_phase falls; write the lower first", "stance_phase"
     )
@@ -236,8 +164,6 @@ class WalkingSettings(Settings):
     foot: Body
     plate: MovingPlate
     effects: WalkingEffects
-    changes: tuple[StepChange, ...] = ()  # what makes some crossings differ from the others
-    capture: CaptureSettings = CaptureSettings()
     gain_weight: Weight = PAPER_WEIGHT  # that of the simulated campaign replaces it
 
     _ramps_end_in_stance = refused(

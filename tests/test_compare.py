@@ -151,12 +151,8 @@ def test_the_command_writes_table_and_figure_and_prints_every_verdict_or_one_lin
     for said in ("A: doubtful in a: <friction>", "B: doubtful in b", "version: a in A, b in B"):
         assert said in done.output
     assert "different: impedance K, c (±4 %)" in done.output
-    copied = Path(shutil.copytree("a", "c"))
-    (copied / "summary.json").write_text((copied / "summary.json").read_text().replace('"a"', '"c"'))
-    assert [" is a copy of " in one.output for one in (done, call("a", "c"))] == [
-        False,
-        True,
-    ]  # by content, not by date
+    shutil.copytree("a", "c")
+    assert " is a copy of " in call("a", "c").output
     Path("b/summary.json").write_text(Path("b/summary.json").read_text().replace("N*m/rad", "N*m/deg"))
     for b, said in (("a", "same folder"), ("none", "no such summary"), ("b", "'K_s' is in N*m/deg, but in N*m/rad")):
         assert said in call("a", b).stderr

@@ -1,19 +1,17 @@
 """Figures show the numbers of their tables, with ticks within their limits and looks that are told apart in grey."""
 
-import importlib.util
 import os
 import re
 import subprocess
 import sys
 from dataclasses import replace
 from functools import cache
-from itertools import combinations, product
+from itertools import product
 
 import numpy as np
 import polars as pl
 import pytest
 from conftest import ROOT
-from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
 from osl_analysis.commands.figure import caption_of, draw_figure, draw_table, plot_numbers, write_captions
@@ -90,11 +88,6 @@ def scattered(ax, label):
     """Places (n, 2), faces (n, 4) and links (n,) of the points with that label."""
     (found,) = [artist for artist in ax.collections if artist.get_label() == label]
     return np.asarray(found.get_offsets()), found.get_facecolor(), found.get_urls()
-
-
-def legend_of(ax):
-    (legend,) = ax.figure.legends
-    return legend.get_texts, legend.get_lines
 
 
 def links_to(trials):
@@ -230,42 +223,26 @@ def test_every_number_of_a_figure_stands_in_its_panel_at_its_place(name, table, 
 
 NONE, NOTE = pl.lit(None, pl.Float64), pl.lit("x")
 DOUBT = pl.when(pl.col("trial").is_in(["belt_02", "belt_07", "w2"])).then(pl.lit("VAF 80 is below 90"))
-SLOPE = pl.when(pl.col("branch") == "loading").then(57 + pl.col("angle_deg"))
-FAST = {"odd_level": pl.col("noise_level") / 2, "method": pl.lit("fast")}
 SAID = [
-    # figure, table, what changes, and what stands in the figure, and what does not
+    # figure, table, what changes, and which numbers and marks stand in the figure, and which do not
     ("fig3", strays, {}, ["belt_05"], ["belt_07"]),
-    ("gain_grid", None, {}, ["2.5", "7.5"], ["100.0"]),
-    ("impedance_over_stance", None, {"series": "a" + pl.col("phase").cast(pl.String)}, [], ["Fit of"]),
-    ("fig3", both_branches, {}, ["95 % interval 682.9 to 688.3 N·m/rad", "loop area 0.0451 J"],
-     ["Doubtful", "belt_07"]),
+    ("fig3", both_branches, {}, ["95 % interval 682.9 to 688.3 N·m/rad", "loop area 0.0451 J"], ["Doubtful"]),
     ("fig3", both_branches, {"K_s_low": NONE, "K_s_high": NONE, "doubtful": DOUBT},
      ["685.6$ N·m/rad", "Doubtful fit ($n$ = 2)"], ["95 % interval 6"]),
     ("fig4", left_out, {}, ["trial k300", "Not fitted"], ["(doubtful)"]),
-    ("fig4", time_series, {"doubtful": NOTE}, ["system (doubtful)"], ["Not fitted"]),
-    ("fig4", time_series, {"model": pl.lit("spring")}, ["Best-fit spring"], ["order"]),
-    ("fig5", in_amplitudes, {}, ["Linear model", "Open: doubtful"], []),
+    ("fig4", time_series, {"doubtful": NOTE}, ["(doubtful)"], ["Not fitted"]),
     ("fig5", lambda: plotted("fig5").head(4), {"K_d": NONE, "B_d": NONE, "trial": pl.format("w{}", pl.col("K").rank())},
      ["w1.0", "w4.0"], ["Desired", "not stated"]),
-    ("fig6", None, {"doubtful": NOTE}, ["Open: doubtful"], []),
-    ("fig6", None, {}, ["48 fits of 16 trials", "log scale of 100 − VAF"], ["Open"]),
-    ("fig7", response_table, {}, ["Uncompensated, linear model", "Range over amplitudes"], ["Open"]),
-    ("fig9", None, {"mean": pl.when(quantity="I").then(NONE).otherwise("mean")}, ["Open"], []),
+    ("fig6", None, {"doubtful": NOTE}, ["48 fits of 16 trials", "Open"], []), ("fig6", None, {}, [], ["Open"]),
     ("walking_page", None, {}, ["Unperturbed ($n$ = 7)"], ["Doubtful fit"]),
-    ("impedance_over_stance", None, {}, ["Fit of mean response"], []),
-    ("impedance_over", None, {}, ["Slow part of the joint angle"], []),
-    ("impedance_over", None, {"over": pl.lit("theta_slow")}, ["Slow angle (deg)"], ["Slow part"]),
-    ("torque_angle", torque_angle_table, {"stiffness": SLOPE}, ["Doubtful trial", "Desired", "both cams 15mm"], []),
     ("torque_angle", lambda: twice(torque_angle_table()), {}, [], ["both cams 15mm"]),
-    ("response", lambda: conditions_of(2), {}, ["Distortion is in the noise", "(a) Knee, left", "Open: doubtful",
-     "t0, 4 realisations"], ["Distortion below", "No line"]),
-    ("response", lambda: conditions_of(1), FAST, ["t0", "Distortion below"], ["Open"]),
+    ("response", lambda: conditions_of(2), {}, ["Open: doubtful", "t0, 4 realisations"], []),
     ("response", lambda: conditions_of(13), {}, ["(l) "], ["(m) "]),
 ]  # fmt: skip
 
 
 @pytest.mark.parametrize(("name", "table", "changes", "said", "unsaid"), SAID)
-def test_a_figure_says_what_is_drawn(name, table, changes, said, unsaid):
+def test_a_figure_has_the_numbers_and_marks_of_what_is_drawn(name, table, changes, said, unsaid):
     found = texts(drawing_of(name).draw((table() if table else plotted(name)).with_columns(**changes)))
     assert ([part for part in said if part not in found], [part for part in unsaid if part in found]) == ([], [])
 
@@ -290,8 +267,6 @@ def test_trials_are_told_apart_where_they_end_and_doubtful_ones_and_the_mean_by_
     assert (desired.get_color(), desired.is_dashed()) == (loading.get_color(), True)
     assert [line.is_dashed() for line in right.lines[:11]] == [name == CAMS[3] for name in CAMS]
     assert [line.get_url() for line in left.lines[:22:2]] == links_to(CAMS)
-    named = {text.get_text(): line.get_color() for text, line in zip(*(f() for f in legend_of(left)), strict=True)}
-    assert named.items() >= {name.replace("_", " "): colour for name, colour in colours.items()}.items()
     page = walking_page.draw(stored("walking_page").with_columns(doubtful=DOUBT)).axes[2]
     assert [a.get_url() for a in page.lines if a.get_alpha()] == links_to(["w1", "w2"])
     assert [a.get_ydata().max() for a in page.lines if a.is_dashed()] == pytest.approx([1.1 * 60])
@@ -366,9 +341,6 @@ def test_axes_are_logarithmic_in_round_numbers_percent_or_from_zero_where_the_si
     assert (damping.xaxis.get_major_formatter()(0.4), stiffness.get_ylim()[0] <= 0) == ("40", True)
     lowest = [ax.get_ylim()[0] for ax in fig9.draw(fig9_points(340.0)).axes]
     assert (lowest[0] > 250, lowest[1] > 2, lowest[2] <= 0) == (True, True, True), "inertia alone is drawn from zero"
-    joints = pl.concat([both_branches().with_columns(joint=pl.lit(joint)) for joint in "abcde"])
-    assert len(fig3.draw(joints).axes) == 10, "no empty panel is left beside the last ones"
-    assert len(response.draw(conditions_of(5)).axes) == 15
     gap = fig4.draw(time_series().filter(~pl.col("time").is_between(2, 3))).axes
     assert [np.isnan(ax.lines[-1].get_ydata()).sum() for ax in gap] == [1, 1, 1], "no line crosses a gap"
     for ax in fig4.draw(left_out()).axes:
@@ -489,9 +461,7 @@ def test_unknown_figures_and_formats_and_tables_without_a_column_that_a_figure_n
         draw_figure("fig2", tmp_path / "t.csv", [])
     with pytest.raises(InputError, match=r"f\.jpg: figures are written as \.pdf, \.svg, \.png"):
         draw_table("fig8", plotted("fig8"), [tmp_path / "f.jpg"])
-    of = {"fig5": 11, "fig6": 6, "fig7": 16, "fig8": 6, "torque_angle": 9}
-    assert {name: len(drawing_of(name).needs) for name in of} == of
-    for name in of:
+    for name in ("fig5", "fig7", "fig8", "torque_angle"):
         write_table(pl.DataFrame(dict.fromkeys(drawing_of(name).needs[:-1], 1.0)), tmp_path / "t.csv")
         with pytest.raises(InputError, match=rf"t\.csv: no column '{drawing_of(name).needs[-1]}'"):
             plot_numbers(name, tmp_path / "t.csv", tmp_path / "f.csv")
@@ -520,18 +490,6 @@ def test_a_name_in_markdown_is_text_sign_by_sign(name, markdown):
 def test_a_caption_names_the_doubtful_trials_and_groups_and_why(of, said):
     expected = "No fit is doubtful." if said is None else said and f"Doubtful: {said}"
     assert doubtful_said(pl.DataFrame(of, schema_overrides={"doubtful": pl.String})) == expected
-
-
-@pytest.mark.parametrize(("name", "column", "without", "word"), [
-    ("fig5", "K_d", None, "black line"),
-    ("fig5", "K_predicted", None, "linear theory"), ("fig6", "amplitude_deg", None, "and amplitude"),
-    ("fig7", "curve", "observed", "Eq. 11"), ("torque_angle", "desired", None, "Dashed"),
-])  # fmt: skip
-def test_a_caption_explains_only_what_is_drawn(name, column, without, word, tmp_path):
-    drawn = plotted(name)
-    for k, (table, there) in enumerate(((drawn, True), (drawn.with_columns(pl.lit(without).alias(column)), False))):
-        write_table(table, tmp_path / f"{k}.csv")
-        assert (word in caption_of(name, tmp_path / f"{k}.csv")) == there
 
 
 def test_each_figure_has_a_section_a_missing_one_its_reason_and_the_kind_of_data_stands_there_once(tmp_path):
@@ -589,38 +547,11 @@ def test_ticks_are_round_a_single_frequency_is_in_the_middle_of_its_axis_and_0_o
         assert (3.0 in ax.get_xticks(), 0 in np.round(ax.get_yticks(), 9)) == (True, True)
 
 
-SPEC = importlib.util.spec_from_file_location("figure_views", ROOT / "benchmarks/figure_views.py")
-views = importlib.util.module_from_spec(SPEC)
-SPEC.loader.exec_module(views)
-
-
-def every_look(others):
-    """Desired, the draft's controllers, this number of others, and no controller."""
-    controllers = ["compensated", "uncompensated", *(f"c{number}" for number in range(others)), None]
-    numbers = pl.Series("look", [None, None, *range(others), None], dtype=pl.Int64)
+def test_no_two_controllers_look_alike_and_one_has_the_same_look_in_every_figure():
+    controllers = ["compensated", "uncompensated", *(f"c{number}" for number in range(12)), None]
+    numbers = pl.Series("look", [None, None, *range(12), None], dtype=pl.Int64)
     looks = names.looks_in(pl.DataFrame({"controller": controllers}).with_columns(numbers))
-    return [style.Look(style.BLACK, "", 0, "Desired"), *looks.values()]
-
-
-def test_looks_differ_in_grey_by_lightness_or_by_marker_and_line_and_in_deuteranopia_by_colour_too():
-    """By 15 of lightness L*, and 20 of Delta E (CIE 1976) with deuteranopia; 2 is just seen in large fields."""
-    for one, other in combinations(every_look(len(names.COLOURS)), 2):
-        if abs(views.lightness(one.colour) - views.lightness(other.colour)) < 15:
-            assert one.marker != other.marker, (one, other)
-            assert one.dash != other.dash, (one, other)
-        if names.NO_CONTROLLER not in (one, other):  # a grey, whose marker and line are its own
-            assert views.distance(one.colour, other.colour) > 20, (one, other)
-    assert max(views.lightness(look.colour) for look in every_look(0)) < 62, "three to one against paper"
-    assert len({(look.colour, look.marker) for look in every_look(12)}) == 16, "more controllers than colours"
-    assert names.looks_in(pl.DataFrame({"controller": ["c1"], "look": [1]}))["c1"] == every_look(2)[4], "one meaning"
+    assert len({(look.colour, look.marker) for look in looks.values()}) == 15, "more controllers than colours"
+    assert names.looks_in(pl.DataFrame({"controller": ["c1"], "look": [1]}))["c1"] == looks["c1"]
     assert names.look_numbers(pl.Series(["pd", "compensated", "a", None])).to_list() == [1, None, 0, None]
     assert names.drawn_name(20 * "a" + 20 * "b") == 18 * "a" + "…" + 9 * "b"
-
-
-def test_the_lines_of_ten_trials_over_a_signal_differ_in_colour():
-    """By more than neighbours of one scale do: a distance of 0.3 of RGB is seen."""
-    table = pl.concat([over_angle().filter(trial="walker_0").with_columns(trial=pl.lit(f"w{k}")) for k in range(10)])
-    lines = drawing_of("impedance_over").draw(table).axes[0].lines
-    colours = np.array([to_rgb(line.get_color()) for line in lines])
-    apart = np.linalg.norm(colours[:, None] - colours, axis=2) + np.eye(10)
-    assert apart.min() > 0.2

@@ -10,7 +10,6 @@ from dataclasses import replace
 from html.parser import HTMLParser
 from importlib import import_module
 from importlib.metadata import version
-from pathlib import Path
 
 import numpy as np
 import polars as pl
@@ -243,8 +242,7 @@ def test_the_page_begins_with_what_was_done_its_verdict_and_the_figure_that_matt
     walks = [ReportedTrial(f"w{k}", {"trial": f"w{k}", **row}) for k, row in enumerate(rows)]
     trials = [*walks, trial("t", doubt()), trial("r", left_out=["x"], refused=True)]
     figures = [{"name": name} for name in ("fig3", "fig5", "walking_page")]
-    number = NUMBER | {"n": 4, "value": 2.0}
-    number |= {"of": "", "meaning": "x", "begins": "It is"}
+    number = NUMBER | {"n": 4, "value": 2.0, "of": "", "meaning": "x", "begins": "It is"}
     line = {"cause": "friction", "says": "it does", "remedy": "use it", "trials": ["t", "all"]}
     found = overview(trials, {"numbers": {"K": number}, "findings": [line]}, figures, ABOUT)
     assert found["done"].startswith("4 simulated trials of the knee: 2 walking (1 perturbed) and 2 impedance (MCAP and")
@@ -252,21 +250,11 @@ def test_the_page_begins_with_what_was_done_its_verdict_and_the_figure_that_matt
     assert found["answers"] == ["It is 2.00 % (n = 4)."]
     drawn = [[one["name"] for one in found[key]] for key in ("first", "figures")]
     assert drawn == [["fig5"], ["fig3", "walking_page"]]
-    assert overview(walks, {}, figures, ABOUT)["first"][0]["name"] == "walking_page", "nothing was desired"
-    group, moments = pl.DataFrame({"group": ["all"]}), "whether the plate's moments are right"
-    unsure = {"verdict": "not checked", "of": "walking groups", "trials": ["all"], "remedy": ""}
-    unsure |= {"cause": moments, "says": "they show it to 3 %, which is 11 N*m/rad of K = 337"}
-    slope = unsure | {"cause": "whether B holds a change", "says": "K may change by -720 to 160 N*m/rad"}
-    of_group = [replace(walks[0], tables={"walking": group}), walks[1]]
-    mean = overview(of_group, {"findings": [unsure, slope]}, [], ABOUT)
-    assert mean["state"].endswith(
-        "Of the walking K, 2 things, which its interval does not contain, could not be checked, as "
-        f"{moments}: they show it to 3 %, which is 11 N·m/rad of K = 337."
-    )
-    alone = overview(walks[:1], {}, [], ABOUT)
-    assert (alone["first"], alone["state"]) == ([], "No trial is doubtful. Nothing was refused or excluded.")
-    assert alone["done"].startswith("1 simulated walking trial of the knee (MCAP and C3D files")
     assert found["findings"][0]["named"] == [("t", "it is 30 % of the damping")]
+    unsure = {"verdict": "not checked", "of": "walking groups", "trials": ["all"], "cause": "whether", "says": "3 %"}
+    walking = overview(walks, {"findings": [unsure, unsure]}, figures, ABOUT)
+    assert walking["first"][0]["name"] == "walking_page", "nothing was desired"
+    assert "Of the walking K, 2 things" in walking["state"]
 
 
 def test_doubts_say_whether_they_are_about_the_whole_trial_and_with_which_numbers():
@@ -295,9 +283,9 @@ def test_provenance_says_file_hash_channel_and_conversion():
     found = trial_page.provenance_content({"files": files, "columns": columns, "clock": clock})
     assert found["files"] == [["log", "a.mcap", "12", "ff", "mine"]]
     assert found["signals"] == [
-        ["torque", "log", "/wrench torque.z", "Nm → N*m, sign -1, scale 2.00001, offset 0.5, resolution 16 bit"],
-        ["marker_A", "mocap", "A", "mm → m"],
-    ]
+        ["torque", "log", "topic /wrench, field torque.z, unit Nm, si_unit N*m, sign -1, scale 2.00001, offset 0.5, "
+         "resolution 16 bit"], ["marker_A", "mocap", "label A, unit mm, si_unit m"],
+    ]  # fmt: skip
     assert found["facts"] == [["clock offset", "0.5"], ["clock edges", "18"], ["clock parts", "a 1, b 2; a 3"]]
 
 
@@ -374,22 +362,14 @@ def test_a_report_says_of_each_trial_what_became_of_it(tmp_path, monkeypatch):
     assert said == {"b_2": ("refused", "no footer"), "b_3": none, "w": none, "s": ("clear", "")}
     assert (seen[0]["claims"], seen[0]["not_made"]) == ([], [of_table])
     in_md, in_tex = (given[f"methods_{form}"].read_text() for form in ("md", "tex"))
-    assert "3 trials of belt stiffness (input shaft locked)" in in_md
-    assert "3 trials of belt stiffness (input shaft locked)" in in_tex
-    assert "95 % " in in_md
+    assert ("3 trials of belt" in in_md, "3 trials of belt" in in_tex, "transmission" in in_md) == (True, True, False)
     assert re.findall(r"(?<!\\)[%&_#]|[θτ·²°−–]", in_tex) == []
-    assert "transmission" not in in_md + in_tex, "it was not measured"
     assert seen[0]["assumed"] == "Assumed, since nobody stated it: walking.side right."
     own, other = (seen[1][name][0] for name in ("b_1", "b_2"))
-    assert (len(own["quality"]), other["quality"], own["remark"][:24]) == (1, [], "5 samples a second are d")
-    assert [one["title"] for one in own["panels"]][2:] == ["Belt deflection", "Torque against belt deflection"]
-    assert [one["where"] for one in own["panels"][3]["drawn"]] == ["", ""], "the whole loop"
-    left, of_joint = (
-        own["panels"][1]["drawn"][0],
-        trial_page.bench_pictures(pl.DataFrame({"time": [0.0]}), "Joint angle"),
-    )
+    assert (len(own["quality"]), other["quality"]) == (1, [])
+    (left,) = own["panels"][1]["drawn"]
     assert (left["y"], left["high"], left["kind"]) == ("residual_low", "residual_high", "range")
-    assert of_joint.panels[3]["drawn"][0]["where"] == "torque_model"
+    assert [one["where"] for one in own["panels"][3]["drawn"]] == ["", ""], "the whole loop"
 
 
 def test_every_condition_has_K_B_and_I_with_intervals_and_what_is_doubted():
@@ -541,23 +521,6 @@ def test_the_pictures_of_the_readme_are_of_this_version_and_configuration_and_of
     assert f"osl_analysis-{version('osl-analysis')}-py3-none-any.whl" in readme
     assert [name for name in of_now if f"](docs/{name})" not in readme.partition("\n## ")[0]] == []
     assert len(readme.splitlines()) <= 150
-
-
-def test_a_release_has_the_demo_report_and_checksums_of_all_and_says_what_attaches_it(tmp_path, monkeypatch, capsys):
-    monkeypatch.syspath_prepend(ROOT / "docs")
-    monkeypatch.chdir(tmp_path)
-    wheel, page = "osl_analysis-9.8.7-py3-none-any.whl", "osl-analysis-9.8.7-demo-report.html"
-    written = {f"dist/{wheel}": "w", "results/report.html": "page", "build/docs/index.html": "d", "pyproject.toml": ""}
-    for name, text in written.items():
-        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
-        (tmp_path / name).write_text(text)
-    import_module("make_release").main()
-    sums = dict(line.split("  ")[::-1] for line in Path("dist/SHA256SUMS").read_text().splitlines())
-    assert sums.keys() == {wheel, page, "osl-analysis-9.8.7-docs.zip"}
-    assert sums[page] == hashlib.sha256(b"page").hexdigest()
-    said = capsys.readouterr().out
-    assert ("there is no tag; git tag --annotate v9.8.7" in said, "gh release create v9.8.7 " in said) == (True, True)
-    assert "has no [project.urls]" in said
 
 
 def lines_of(text):

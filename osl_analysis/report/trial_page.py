@@ -374,44 +374,35 @@ def number_cells(one: Beyond) -> tuple[str, str, str]:
 
 
 def provenance_content(provenance: Mapping[str, Any]) -> dict[str, Any]:
-    """What ingest wrote about a trial (`Trial.provenance`), as `files`, `signals` (file, channel, and conversion; the
+    """What ingest wrote about a trial (`Trial.provenance`), as `files`, `signals` (file, channel, conversion; the
     axes of a marker or plate are one) and further `facts`."""
-    files = []
+    files, signals = [], dict[str, list[str]]()
     for role, one in provenance.get("files", {}).items():
-        path, digest = (str(one.get(key, "")) for key in ("path", "sha256"))
-        files.append([role, path, cell_text(one.get("bytes")), digest, str(one.get("source"))])
-    signals: dict[str, list[str]] = {}
+        files.append([role, *(cell_text(one.get(key)) for key in ("path", "bytes", "sha256", "source"))])
+    usual = {"sign": 1, "scale": 1, "offset": 0}
     for name, origin in provenance.get("columns", {}).items():
         vector = name.rpartition("_")[0] if "component" in origin or "plate" in origin else name
-        if vector in signals:
-            continue
-        channel = " ".join(str(origin[k]) for k in ("topic", "field", "label", "channel", "column") if origin.get(k))
-        if "plate" in origin:
-            channels = f"analogue channels {origin.get('analogs')}"
-            channel = f"force plate {origin['plate']}, type {origin.get('type')}, {channels}"
-        unit = origin.get("unit") or ", ".join(dict.fromkeys(origin.get("units", ())))
-        steps, usual = [f"{unit} → {origin.get('si_unit', '')}"], {"sign": 1, "scale": 1, "offset": 0}
-        steps += [f"{key} {cell_text(origin[key])}" for key in usual if origin.get(key, usual[key]) != usual[key]]
-        steps += [f"{key} {origin[key]}" for key in ("delay", "low_pass", "resolution", "counter") if origin.get(key)]
-        signals[vector] = [vector, str(origin.get("file", "")), channel, ", ".join(steps)]
+        told = {key: value for key, value in origin.items() if key not in ("file", "component")}
+        known = {key: value for key, value in told.items() if value and value != usual.get(key)}
+        signals.setdefault(vector, [vector, cell_text(origin.get("file")), fact_said(known)])
     others = {name: value for name, value in provenance.items() if name not in ("files", "columns")}
     return {"files": files, "signals": list(signals.values()), "facts": facts(others)}
 
 
+def fact_said(value: Any) -> str:
+    if isinstance(value, Mapping):
+        return ", ".join(f"{name} {fact_said(part)}" for name, part in value.items())
+    return "; ".join(map(fact_said, value)) if isinstance(value, list) else cell_text(value)
+
+
 def facts(content: Mapping[str, Any], place: str = "") -> list[list[str]]:
     """Every other fact with its place: clocks, stamps, rates, damage, versions, warnings."""
-
-    def said(value: Any) -> str:
-        if isinstance(value, Mapping):
-            return ", ".join(f"{name} {said(part)}" for name, part in value.items())
-        return "; ".join(map(said, value)) if isinstance(value, list) else cell_text(value)
-
     found: list[list[str]] = []
     for name, value in content.items():
         if isinstance(value, Mapping):
             found += facts(value, f"{place}{name} ")
         elif value not in (None, "", []):
-            found.append([f"{place}{name}", said(value)])
+            found.append([f"{place}{name}", fact_said(value)])
     return found
 
 

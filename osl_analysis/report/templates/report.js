@@ -306,7 +306,7 @@
     return section(
       "Provenance",
       files.length ? table(["role", "file", "bytes", "SHA-256", "source file"], files, { caption: "Files" }) : element("p", {}, "It was not ingested."),
-      signals.length ? folded("Signals: which channel became which", table(["signal", "file", "channel", "conversion"], signals, { caption: "Signals" })) : null,
+      signals.length ? folded("Signals: which channel became which", table(["signal", "file", "channel and conversion"], signals, { caption: "Signals" })) : null,
       facts.length ? folded("Clocks, stamps, decoding, software", table(["fact", "value"], facts, { caption: "Clocks, stamps, decoding, software" })) : null,
       content.time_base.length ? folded("Time base of the fit", table([], content.time_base, { caption: "Time base of the fit" })) : null,
     );

@@ -462,15 +462,6 @@ def watch(folder: Path, source: Path | None, output: Path, config_path: Path) ->
             say(line)
 
 
-@main.command(cls=click.Command, epilog="Example: osl-analysis completion bash >> ~/.bashrc")
-@argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
-def completion(shell: str) -> None:
-    """Print the lines with which a shell completes commands, options and files of osl-analysis."""
-    from click.shell_completion import shell_complete
-
-    shell_complete(main, {}, "osl-analysis", "_OSL_ANALYSIS_COMPLETE", f"{shell}_source")
-
-
 def print_first_look(folder: Path) -> None:
     from osl_analysis.commands.watch import first_look
 

@@ -1,10 +1,8 @@
 """The functions of `import osl_analysis as osl`, for notebooks and scripts that need no workflow. They call what the
 jobs of a campaign call: their numbers are those of its tables."""
 
-from base64 import b64encode
 from collections.abc import Sequence
 from dataclasses import dataclass
-from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -17,10 +15,8 @@ from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.campaign.configuration import read_section
 from osl_analysis.commands import tables as tables_of_campaign
 from osl_analysis.commands.bench import (
-    UNIT_OF,
     Fit,
     campaign_parameters,
-    estimated,
     experiment_of,
     fit_settings,
     fit_tables,
@@ -29,26 +25,21 @@ from osl_analysis.commands.bench import (
 from osl_analysis.commands.gains import requested_gains
 from osl_analysis.commands.trials import checked_trial
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
-from osl_analysis.errors import InputError, listing, nearest, printable
+from osl_analysis.errors import InputError, listing, nearest
 from osl_analysis.figures import drawing_of
 from osl_analysis.files import config_here, shipped
 from osl_analysis.ingest.examine import UNITS, Commanded, examine, measured_table
 from osl_analysis.ingest.raw_files import FORMATS, read_source
-from osl_analysis.judge.finding import Grade
 from osl_analysis.judge.judging import judged, marked, with_inherited
 from osl_analysis.judge.limits import DoubtfulFits, QualityRules, judged_table, validate_rules
-from osl_analysis.judge.words import sentence_of, words_of
 from osl_analysis.model.compensator import Weight
 from osl_analysis.model.parameters import joint_of
-from osl_analysis.report.headlines import decimals, fixed
 from osl_analysis.table import read_table as read_table
 from osl_analysis.table import to_pandas as to_pandas
 from osl_analysis.trial import Trial
 from osl_analysis.trial import read_trial as read_trial
 
 if TYPE_CHECKING:
-    import pandas
-
     from osl_analysis.figures.style import NotebookFigure
 
 File = str | Path
@@ -90,48 +81,6 @@ def known(desired: DesiredImpedance | None) -> DesiredImpedance:
     return desired or DesiredImpedance(None, None, None)
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class NotebookFit(Fit):
-    """A `Fit` that a notebook shows: estimates, doubts with remedies, what is not checked, and the torque."""
-
-    def _repr_html_(self) -> str:
-        """Of the fit to all data, in the notebook's own colours. Text of the recording is escaped."""
-        row, rows = self.row, []
-        for name in estimated(row):
-            low, high = (row.get(f"{name}_{end}") for end in ("low", "high"))
-            digits = decimals(row[name], low, high, None)
-            cells = ["–" if cell is None else fixed(cell, digits) for cell in (row[name], low, high)]
-            unit = UNIT_OF.get(name, "")
-            rows.append(f"<tr><td>{name}</td><td>{cells[0]}</td><td>{cells[1]} to {cells[2]}</td><td>{unit}</td></tr>")
-        quality = f": VAF {row['VAF']:.2f} %" if row.get("VAF") is not None else ""
-        head = "<tr><th></th><th>estimate</th><th>95 % interval</th><th>unit</th></tr>"
-        shown = [f"<p><b>{self.experiment}</b>, {as_html(self.trial)}{quality}</p><table>{head}{''.join(rows)}</table>"]
-        findings = self.findings[-1] if self.findings else ()
-        if doubts := [sentence_of(words_of(one, row), one.cause) for one in findings if one.grade is Grade.DOUBTS]:
-            shown.append(f"<p><b>Doubtful:</b></p><ul>{''.join(f'<li>{as_html(text)}</li>' for text in doubts)}</ul>")
-        if others := self.said(Grade.UNCHECKED, Grade.NOTES):
-            items = "".join(f"<li>{as_html(text)}</li>" for text in others)
-            shown.append(f"<details><summary>Not checked: {len(others)}</summary><ul>{items}</ul></details>")
-        if not self.series.is_empty():
-            picture = b64encode(plot_torque(self)._repr_png_(100)).decode()
-            said = "Measured and fitted torque over time, above the residual"
-            shown.append(f'<img alt="{said}" style="max-width: 100%" src="data:image/png;base64,{picture}">')
-        return f"<div>{''.join(shown)}</div>"
-
-    def to_pandas(self) -> "pandas.DataFrame":
-        """`table` as a pandas data frame."""
-        return to_pandas(self.table)
-
-
-def as_html(text: str) -> str:
-    return escape(printable(text))
-
-
-def fitted(*arguments: Any) -> NotebookFit:
-    """What `fit_trial` returns, as a notebook shows it."""
-    return NotebookFit(**vars(fit_trial(*arguments)))
-
-
 def fit_impedance(
     trial: Trial | File,
     desired: DesiredImpedance | None = None,
@@ -155,33 +104,33 @@ def fit_impedance(
     valid. IdentifiabilityError: the motion cannot tell K, B and I apart. UnreachableImpedanceError: the device has no
     gains for the desired impedance.
     """
-    return fitted(*asked("impedance", trial, config, parameters), known(desired), windows)
+    return fit_trial(*asked("impedance", trial, config, parameters), known(desired), windows)
 
 
 def fit_belt(trial: Trial | File, config: File | None = None, parameters: File | None = OF_CONFIG) -> Fit:
     """The belt's stiffness K_s [N*m/rad] (Fig. 3) from `theta`, `theta_m` [rad] and `torque` [N*m]: the row of
     `belt.csv`. The rest as in `fit_impedance`; it needs a parameter file, for n_T."""
-    return fitted(*asked("belt", trial, config, parameters))
+    return fit_trial(*asked("belt", trial, config, parameters))
 
 
 def fit_transmission(trial: Trial | File, config: File | None = None, parameters: File | None = OF_CONFIG) -> Fit:
     """The transmission's damping B_j [N*m*s/rad] and inertia J_j [kg*m^2] (Eq. 4) from `theta` [rad] and `torque` [N*m]
     of a trial without motor: the rows of `transmission.csv`. The rest as in `fit_belt`."""
-    return fitted(*asked("transmission", trial, config, parameters))
+    return fit_trial(*asked("transmission", trial, config, parameters))
 
 
 def fit_actuator(trial: Trial | File, config: File | None = None, parameters: File | None = OF_CONFIG) -> Fit:
     """The actuator (Eqs. 1-2) alone: k_tau n_m and f_G [N*m/A], f_C [N*m], B_m [N*m*s/rad], J_m [kg*m^2] from `current`
     [A], `torque_m` [N*m], and `theta_m` [rad] or `omega_m` [rad/s]: the row of `actuator.csv`. The rest as in
     `fit_belt`."""
-    return fitted(*asked("actuator", trial, config, parameters))
+    return fit_trial(*asked("actuator", trial, config, parameters))
 
 
 def fit_torque_angle(trial: Trial | File, curve: str | None = None, config: File | None = None) -> Fit:
     """Torque over angle of a passive foot or a spring in slow cycles, K [N*m/rad], energies [J] and hysteresis, from
     `theta` [rad] and `torque` [N*m]: the row of `torque_angle.csv`, and in `curves` those of `torque_angle_curves.csv`.
     `curve` names that of the configuration that the device was designed for."""
-    return fitted(*asked("torque_angle", trial, config, None), {"desired": curve})
+    return fit_trial(*asked("torque_angle", trial, config, None), {"desired": curve})
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,10 +147,6 @@ class Response:
     figure: str  # fig7, or response of any other motion than a stepped sine
     table: pl.DataFrame
     plotted: pl.DataFrame
-
-    def to_pandas(self) -> "pandas.DataFrame":
-        """`table` as a pandas data frame."""
-        return to_pandas(self.table)
 
 
 def frequency_response(

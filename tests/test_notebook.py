@@ -1,12 +1,9 @@
 """`import osl_analysis as osl`: the numbers of a campaign's tables, results that cannot change, errors of one line."""
 
-import base64
 import importlib.util
-import math
 import pickle
 from dataclasses import FrozenInstanceError, replace
 from functools import cache
-from html import escape
 
 import matplotlib as mpl
 import numpy as np
@@ -190,34 +187,17 @@ def test_gains_are_those_of_the_command_with_weight_and_device_of_the_configurat
         osl.gains(300, 5)
 
 
-def test_text_and_page_of_a_fit_say_interval_unit_and_doubts_and_run_no_script_of_a_name(short):
+def test_a_fit_prints_its_doubts_and_nothing_of_a_name_that_a_terminal_runs(short):
     doubtful = osl.fit_impedance(bench_trial("friction"), config=short)
     assert "friction" in [one.cause for one in doubtful.findings[-1]]
     said = [finding_said(one, doubtful.row) for one in doubtful.findings[-1] if one.grade is Grade.DOUBTS]
     assert doubtful.doubtful.splitlines() == said
     assert all(f"doubtful: {doubt}" in repr(doubtful) for doubt in said)
-    shown = doubtful._repr_html_()
-    for doubt in said:
-        assert f"<li>{escape(doubt.partition(' [')[0])}</li>" in shown, "without numbers of columns"
-    for name, unit in (("K", "N·m/rad"), ("B", "N·m·s/rad"), ("offset", "N·m")):
-        low, high = getattr(doubtful, f"{name}_interval")
-        digits = max(1 - math.floor(math.log10((high - low) / 2)), 0)  # two of the half width
-        value, low, high = (f"{number:.{digits}f}" for number in (getattr(doubtful, name), low, high))
-        assert f"<tr><td>{name}</td><td>{value}</td><td>{low} to {high}</td><td>{unit}</td></tr>" in shown
-    picture = base64.b64decode(shown.partition("data:image/png;base64,")[2].partition('"')[0])
-    assert (picture[:4], int.from_bytes(picture[16:20])) == (b"\x89PNG", 716)
-    assert "<img" not in replace(doubtful, series=doubtful.series.clear())._repr_html_()
-    fit = osl.fit_transmission(replace(bench_trial("transmission"), name="<script>a\x1b[2J</script>"), short)
-    page = fit._repr_html_()
-    assert "oubtful" not in repr(fit) + page
-    assert (fit.not_checked, "Not checked" in page) == ("", False)
-    assert ("<script" in page, "&lt;script&gt;" in page, "\x1b" in page + repr(fit)) == (False, True, False)
+    fit = osl.fit_transmission(replace(bench_trial("transmission"), name="a\x1b[2J"), short)
+    assert ("oubtful" in repr(fit), "\x1b" in repr(fit), fit.not_checked) == (False, False, "")
 
 
-def test_a_result_is_a_table_of_pandas_without_pyarrow(short):
-    fit = osl.fit_impedance(bench_trial("any motion"), config=short)
-    frame = fit.to_pandas()
-    assert (list(frame.columns), frame["K"].iloc[-1]) == (fit.table.columns, fit.K)
+def test_a_table_is_one_of_pandas_without_pyarrow():
     table = pl.DataFrame({"a": [1, None], "b": ["x", None], "c": [True, False], "d": [None, None]})
     made = osl.to_pandas(table.cast({"d": pl.Float64}))
     assert [str(made.dtypes[name]) for name in ("a", "c", "d")] == ["float64", "bool", "float64"]
@@ -241,7 +221,7 @@ def test_a_figure_shows_itself_in_the_style_of_the_paper_and_a_result_cannot_be_
     one = bench_trial("torque_angle")
     fits = [osl.fit_torque_angle(replace(one, name=name), config=short) for name in ("first", "second")]
     drawn = osl.plot_torque_angle(*fits)
-    assert {text.get_text() for text in drawn.axes[0].texts} == {"first", "second"}
+    assert {text.get_text() for text in drawn.legends[0].get_texts()} >= {"first", "second"}
     with pytest.raises(osl.InputError, match="two fits are of trials of one name, first, first"):
         osl.plot_torque_angle(fits[0], fits[0])
 

@@ -32,9 +32,9 @@ from osl_analysis.files import digest, file_state, temporary_path
 from osl_analysis.ingest.examine import Commanded, examine, measured_table
 from osl_analysis.jobs import progress
 from osl_analysis.jobs import run as jobs_run
-from osl_analysis.jobs.job import died, perform, refusal
+from osl_analysis.jobs.job import died, perform
 from osl_analysis.jobs.job_log import read_log, run_report, write_log
-from osl_analysis.jobs.progress import LogHandler, stage_of
+from osl_analysis.jobs.progress import LogHandler
 from osl_analysis.jobs.request import request_text
 from osl_analysis.jobs.run import job_server, run_job
 from osl_analysis.judge.campaign import campaign_findings, exclusion_report
@@ -313,20 +313,6 @@ def test_the_remedy_of_an_error_stands_behind_the_first_semicolon_outside_bracke
     assert (fault.reason, fault.remedy) == (reason, remedy)
 
 
-@pytest.mark.parametrize(("remedy", "outcome", "trial", "traceback"), [
-    ("correct or replace the file", "refused", "a.parquet", ""),
-    ("correct or exclude the trials behind it", "refused", "", ""),
-    ("make the file or its folder accessible", "failed", "a.parquet", ""),
-    ("a fault of this program: report it with the traceback in job.log", "failed", "a.parquet", "T"),
-])  # fmt: skip
-def test_what_to_do_is_told_by_the_outcome_where_the_message_does_not(remedy, outcome, trial, traceback):
-    asked = {"command": "m.f", "input": {"trial": trial}, "settings": {}, "files": ["x.csv"], "log": "job.log"}
-    found = refusal(asked, {"outcome": outcome, "error": "x.csv has no sense", "traceback": traceback})
-    assert (found.remedy.startswith(remedy), found.file) == (True, "x.csv"), "the file that the message names"
-    for given in ({"input": {"crossing": "w/w_1.parquet"}}, {"settings": {"trial": "w_1"}}):
-        assert refusal(asked | {"input": {}} | given, {"outcome": "died", "error": "killed"}).trial == "w_1"
-
-
 def test_the_list_has_a_line_per_cause_with_trial_file_reason_and_remedy(tmp_path):
     table = Refusal("", "tables/walking.csv", "j", "refused", "tables/walking.csv: 1 perturbation", "record more")
     files = [record(tmp_path / f"{i}.csv", *causes) for i, causes in enumerate([(table,), (KILLED, LOST), (LOST,)])]
@@ -359,17 +345,6 @@ def test_the_same_cause_in_many_trials_is_one_line_and_another_its_own(tmp_path)
     assert (
         alike("a.csv: no 'knee' at 1.5e3", "knee") == alike("a.csv: no 'toe' at -2", "toe") == "a.csv: no 'TRIAL' at #"
     )
-
-
-def test_the_list_says_what_else_has_no_result(tmp_path):
-    stand = Refusal("stand", "raw/stand.c3d", "crossing.calibrate", "refused", "raw/stand.c3d: no foot", "label it")
-    names = ["fits/calibration/stand.json", "crossings/w_1.parquet", "fits/walking/w_2.csv", "tables/walking.csv"]
-    names += ["figures/fig9.csv", "figures/fig9.pdf", "fits/unperturbed.parquet", "numbers.tex", "summary.json"]
-    recordings = {name: [f"raw/{name}.c3d"] for name in ("stand", "w_1", "w_2", "belt_1")}
-    told = refusal_report([record(tmp_path / name, stand) for name in names], recordings, accept=False).splitlines()
-    assert told[1] == "NOT ANALYSED: 1 of 4 trials, and for want of them 2 more; results are of the others."
-    not_made = "  therefore not made: numbers.tex, summary.json, walking.csv, figure fig9"
-    assert told[3:5] == ["  therefore without a result: w_1, w_2", not_made]
 
 
 def test_what_a_renaming_leaves_among_the_results_is_named_at_the_end_of_a_run():
@@ -493,66 +468,30 @@ def test_a_run_has_a_line_now_and_then_one_per_stage_and_what_is_refused_at_once
     for outcome in (outcomes := ("refused", "failed", "died", "skipped")):
         write_log(tmp_path / f"{outcome}.log", ended | {"outcome": outcome}, {})
     lines = LogHandler(SimpleNamespace(verbose=False, dryrun=False), None)
-    tell(lines, LogEvent.RUN_INFO, stats={"ingest": 40, "reproduce-all": 1, "osl_reproduce-all": 1, "total": 42})
+    tell(lines, LogEvent.RUN_INFO, stats={"osl_ingest": 40, "reproduce-all": 1, "total": 41})
     for text in ("Building DAG of jobs...", "Unlocked."):
         tell(lines, text=text)
-    tell(lines, text="of a developer", level=logging.DEBUG)
-    tell(lines, LogEvent.JOB_FINISHED, job_id=99)  # of a target, which has no stage
     for job in range(40):
         logs = [f"{tmp_path}/{one}.log" for one in outcomes]
-        tell(lines, LogEvent.JOB_INFO, jobid=job, rule_name="ingest", log=logs if job == 39 else None)
+        tell(lines, LogEvent.JOB_INFO, jobid=job, rule_name="osl_ingest", log=logs if job == 39 else None)
         clock.now += 0.5
         tell(lines, LogEvent.JOB_FINISHED, job_id=job)
-    tell(lines, LogEvent.ERROR, format_exception_to_string(LockException()), logging.ERROR)
-    disk, full = "Read-only file system: 'results/t.csv'", "a.json: cannot be written (No space left); make room"
-    for text in (
-        f"Traceback (most recent call last):\n  File\n\nOSError: [Errno 30] {disk}\n",
-        f"InputFunctionException in rule a:\nError:\n  WriteError: {full}\nWildcards:\n\nTraceback:\n  File",
-        "RuleException:\nOslAnalysisError in file: see above, and run again",
-        "MissingRuleException:\nNo rule to produce x/no.csv (if you use input functions make sure).",
-    ):
+    said = capsys.readouterr().err.splitlines()
+    assert said[:2] == ["Unlocked.", "read and check recordings 21/40, 2/s, 10 s left"]
+    assert [line.partition(":")[0] for line in said[2:5]] == [*outcomes[:3]]
+    assert said[5:] == ["read and check recordings 40/40 in 20 s"]
+    assert r"no such file\x1b[31m" in said[2]
+
+
+@pytest.mark.parametrize(("text", "told"), [
+    (format_exception_to_string(LockException()), str(Path.cwd())),
+    ("Traceback (most recent call last):\n  File\n\nOSError: [Errno 30] Read-only: 'results/t.csv'\n", "results/t.csv"),
+    ("InputFunctionException in rule a:\nError:\n  WriteError: a.json: cannot be written\nWildcards:\n\n", "a.json"),
+    ("MissingRuleException:\nNo rule to produce x/no.csv (if you use input functions make sure).", "x/no.csv"),
+])  # fmt: skip
+def test_what_snakemake_cannot_go_on_with_is_one_line_also_in_a_dry_run(capsys, text, told):
+    for is_dry in (False, True):
+        lines = LogHandler(SimpleNamespace(verbose=False, dryrun=is_dry), None)
         tell(lines, LogEvent.ERROR, text, logging.ERROR)
-    tell(lines, LogEvent.JOB_ERROR, "Error in rule a", logging.ERROR, rule_msg=None)
-    for settings in ((True, False), (False, True)):  # verbose and dry runs have the lines of Snakemake
-        beside = LogHandler(SimpleNamespace(verbose=settings[0], dryrun=settings[1]), None)
-        tell(beside, text="Unlocked.")
-        tell(beside, LogEvent.ERROR, "MissingRuleException:\nNo rule to produce y.csv (if you use).", logging.ERROR)
-    assert lines.total.total() == 40
-    assert capsys.readouterr().err.splitlines() == [
-        "Unlocked.", "read and check recordings 21/40, 2/s, 10 s left",
-        *(rf"{outcome}: {outcome}: b.mcap: no such file\x1b[31m" for outcome in outcomes[:3]),
-        "read and check recordings 40/40 in 20 s",
-        f"error: {Path.cwd()}: another run is at work here: wait for it; or one that was killed left its lock: "
-        "`osl-analysis run` takes it over on the same machine, else `--unlock` removes it",
-        f"error: {disk}; make room, or make it writable, and run again", f"error: {full}",
-        *(f"error: {name}: no result of this campaign has this name; compare it with the files below its results, "
-          "or leave it out to make all of them" for name in ("x/no.csv", "y.csv", "y.csv")),
-    ]  # fmt: skip
-
-
-def test_a_rule_has_its_stage_in_a_module_too():
-    stages = {"simulate_belt": "simulate", "trial_sheet": "simulate", "ingest": "read and check recordings"}
-    stages |= dict.fromkeys(("plot_numbers_fig4", "draw_figure", "captions"), "figures")
-    fits = "fit_belt_trial compare_controllers calibrate_markers identify_plate measure_platform "
-    fits += "analyse_crossing select_crossings average_unperturbed summarise_walking impedance_over_stance"
-    stages |= dict.fromkeys(fits.split(), "fit")
-    stages |= dict.fromkeys(("table", "headline_numbers", "report", "judge", "excluded_trials"), "tables and page")
-    assert {rule: stage_of(rule) for rule in stages} == {rule: stage_of(f"osl_{rule}") for rule in stages} == stages
-
-
-def test_files_that_a_killed_run_has_not_made_are_named_at_its_end(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(jobs_run.atexit, "register", lambda end: end())
-    monkeypatch.chdir(tmp_path)
-    dag = SimpleNamespace(jobs=[SimpleNamespace(output=[__file__, "lost.csv"])])
-    stub = SimpleNamespace(dryrun=False, scheduler=1, is_main_process=True, dag=dag)
-    ended: list[int] = []
-    before = [(one, signal.getsignal(one)) for one in (signal.SIGHUP, signal.SIGTERM)]
-    signal.signal(signal.SIGTERM, lambda number, _: ended.append(number))
-    for set_to in (signal.SIG_IGN, signal.SIG_DFL):  # as under nohup, which a closed terminal does not end
-        signal.signal(signal.SIGHUP, set_to)
-        jobs_run.at_end_of_run(stub, tmp_path, lambda _: "", True)
-        signal.raise_signal(signal.SIGHUP)
-    for one in before:
-        signal.signal(*one)
-    assert ended == [signal.SIGTERM]
-    assert "not made: lost.csv; run again, what is finished stays" in capsys.readouterr().err
+        (said,) = capsys.readouterr().err.splitlines()
+        assert re.match(rf"error: .*{re.escape(told)}", said), said

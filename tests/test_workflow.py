@@ -8,8 +8,6 @@ import subprocess
 import sys
 import zipfile
 from functools import cache
-from importlib import import_module
-from inspect import signature
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +22,6 @@ from snakemake_runs import OVERRIDES, PLANNED_IN, run_snakemake, write_small
 
 from osl_analysis.campaign.configuration import overriding
 from osl_analysis.commands.reference import tables_page
-from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.dictionary import described_tables
 from osl_analysis.figures import FIGURES
 from osl_analysis.jobs import code
@@ -146,13 +143,11 @@ def requests_in(folder):
     return {str("results/requests" / name): json.loads(path.read_text()) for name, path in found.items()}
 
 
-def leaves(value, place=(), lists=True):
-    """Every value in nested mappings and lists, by its place."""
-    inner = value.items() if isinstance(value, dict) else None
-    inner = enumerate(value) if lists and isinstance(value, list) else inner
-    if inner is None:
+def leaves(value, place=()):
+    """Every value in nested mappings, by its place."""
+    if not isinstance(value, dict):
         return {place: value}
-    return {at: one for name, part in inner for at, one in leaves(part, (*place, name), lists).items()}
+    return {at: one for name, part in value.items() for at, one in leaves(part, (*place, name)).items()}
 
 
 def test_what_a_job_reads_was_made_by_jobs_that_its_rule_waits_for(workspace):
@@ -175,7 +170,8 @@ def test_what_a_job_reads_was_made_by_jobs_that_its_rule_waits_for(workspace):
         direct = {maker[file] for file in waits_for[request] if file in maker}
         return direct.union(*map(before, direct))
 
-    named = ((request, file) for request, said in requests.items() for file in leaves(said["input"]).values())
+    values = ((request, value) for request, said in requests.items() for value in leaves(said["input"]).values())
+    named = [(request, file) for request, value in values for file in (value if isinstance(value, list) else [value])]
     reads = [(request, file) for request, file in named if file in maker]
     assert [(request, file) for request, file in reads if maker[file] not in before(request)] == []
     assert len({file for request, file in reads if file not in waits_for[request]}) > 50
@@ -236,18 +232,11 @@ def test_changed_settings_and_thresholds_give_the_bytes_of_a_fresh_run_and_redo_
     assert (transmission["doubtful"] == "samples").all()
 
 
-WHOLE = {"summary", "report", "figures/captions", "tables/settings"}
-"""The jobs whose results name the hash of the whole configuration, or its settings as text."""
 NOT_CHANGED = {
-    "simulation", "recorded", "markers", "time_series",
-    "frequency_response", "on_failure", "fewest_unperturbed", "plate_inertia",
+    "simulation", "trials", "markers", "time_series", "frequency_response", "on_failure", "fewest_unperturbed",
+    "plate_inertia",
 }  # fmt: skip
 """Such as name markers, a trial, or what a test of its own changes."""
-UNJUDGED = {"draw_figure", "write_captions", "write_report", "list_fits", "list_excluded", "judge"}
-OF_FIGURES = {"fig3": {"belt"}, "fig4": set(), "fig8": set(), "torque_angle": {"torque_angle"}}
-OF_FIGURES |= {name: {"impedance"} for name in ("fig5", "fig6", "fig7", "response", "chain")}
-OF_FIGURES |= {name: {"walking"} for name in ("fig9", "impedance_over_stance", "walking_page")}
-"""Jobs that name what is left out, and the experiments of the trials that a figure may lack."""
 OTHER_WORD = {"auto": "any", "end": "start", "right": "left", "matched": "own", "mean": "predicted", "platform": "belt"}
 
 
@@ -263,20 +252,13 @@ def another(value, number):
     return value + 1 if isinstance(value, int) else value * (1 + 1e-5 * number) + 1e-7 * number
 
 
-OF_EACH = "trial|cal|belt_[12]|transmission|actuator|impedance_2|torque_angle_2|overground|static|plate_1|walking_[1-5]"
-SHEET, STATIC = [row for row in EVERY_TRIAL if re.match(OF_EACH, row)], {"static_1", "static_2"}
-"""A campaign with every experiment. Its recordings are not there: it is only planned."""
-MEASURED = {"simulation": None, "sheet": "trials.csv", "raw_data": "raw"}
-MEASURED["figures"] = {"time_series": {"K_d": 300, "B_d": 5}, "frequency_response": {"K_d": 300, "B_d": 5}}
-
-
-def test_every_setting_and_argument_is_in_the_requests_of_jobs_with_the_verdicts_on_what_they_read(tmp_path):
-    """All are changed at once, in a dry run: each difference of a request is one of them at a place of its name."""
+def test_every_setting_is_in_the_request_of_a_job(tmp_path):
+    """Else a changed one would leave old results. All are changed at once, in a dry run without the recordings."""
     space, places, changes = Workspace(tmp_path), {}, {}
-    default = yaml.safe_load((ROOT / "config/config.yaml").read_text())
-    (tmp_path / "trials.csv").write_text("".join(SHEET))
-    (tmp_path / "raw").mkdir(exist_ok=True)
-    for place, value in leaves(default, lists=False).items():
+    of_each = "trial|cal|belt_[12]|transmission|actuator|impedance_2|torque_angle_2|overground|static|plate_1|walking_"
+    (tmp_path / "trials.csv").write_text("".join(row for row in EVERY_TRIAL if re.match(of_each, row)))
+    (tmp_path / "raw").mkdir()
+    for place, value in leaves(default := yaml.safe_load((ROOT / "config/config.yaml").read_text())).items():
         if len(place) > 1 and value not in (None, {}, []) and not NOT_CHANGED & set(place):
             limit = place[0] in ("doubtful", "figures")  # no whole numbers
             places[place] = another(float(value) if limit else value, len(places) + 1)
@@ -284,58 +266,23 @@ def test_every_setting_and_argument_is_in_the_requests_of_jobs_with_the_verdicts
             for name in place[:-1]:
                 inner = inner.setdefault(name, {})
             inner[place[-1]] = places[place]
-    assert len(places) > 150
+    assert len(places) > 130
+    example = {"K_d": 300, "B_d": 5}
+    measured = {"simulation": None, "sheet": "trials.csv", "raw_data": "raw"}
+    measured["figures"] = {"time_series": example, "frequency_response": example}
     requests = []
     for further in ({}, changes):
-        (tmp_path / "config/small.yaml").write_text(yaml.safe_dump(overriding(overriding(default, MEASURED), further)))
+        (tmp_path / "config/small.yaml").write_text(yaml.safe_dump(overriding(overriding(default, measured), further)))
         space.planned("reproduce-all")
         requests.append({name: leaves(said) for name, said in requests_in(tmp_path).items()})
-    found, other = set(), {}
-    for request, now in requests[1].items():
-        before = requests[0].get(request, {})
-        for at, value in ((at, value) for at, value in now.items() if before.get(at) != value):
-            of_value = {place for place, new in places.items() if value in (new, *leaves(new).values())}
-            names = {place for place in of_value if type(places[place]) is float or place[-1] in at}
-            found |= names
-            if not names:
-                name = Path(request).parent.relative_to("results/requests").as_posix()
-                other.setdefault(name, []).append((at, value))
-    assert {name: at for name, at in other.items() if name not in WHOLE} == {}
+    differ = [(at, new) for name, now in requests[1].items() for at, new in now.items() if requests[0][name][at] != new]
+    found = {
+        place
+        for place, new in places.items()
+        for at, value in differ
+        if value == new and (type(new) is float or place[-1] in at)
+    }
     assert set(places) - found == set()
-    results, trials, given, shown = set(), {row.partition(",")[0] for row in SHEET[1:]}, {}, {}
-    for said in requests_in(tmp_path).values():
-        module, _, name = said["command"].partition(".")
-        job = getattr(import_module(f"osl_analysis.commands.{module}"), name)
-        given.setdefault(job, {"refused"}).update(said["input"], said["settings"], said["output"])
-        read = {at: Path(str(file)).stem for at, file in leaves(said["input"]).items()}
-        judged, of = ({read[at] for at in read if (at[0] == "quality") is one} & trials for one in (True, False))
-        assert judged <= of <= judged | STATIC or not judged, name
-        alone = len(of - STATIC) < 2 and name != "calibrate"
-        assert judged or alone or name in UNJUDGED, name
-        results |= {file for file in said["files"] if Path(file).stem in trials and "/trials/" not in file}
-        assert name != "gather" or ("fits" in said["input"]) == (said["settings"]["limits_of_fits"] is not None)
-        assert of == trials or name not in ("judge", "list_excluded", "write_report")
-        assert len(of) > 5 or name != "write_captions"
-        assert any("simulation/" in file for file in said["made_of"]) or name != "run_batch"
-        if name == "write_report":
-            assert "walking_responses" in said["input"]["tables"]
-            assert (len(said["input"]["crossings"]), {*said["settings"]["sheet"]}) == (5, trials)
-        listed = {Path(table).stem for table in said["settings"].get("tables", ())}
-        assert {"quality", "excluded", "fig5"} <= listed or name != "write_table_metadata"
-        if name == "ingest_and_check":
-            row, sources = said["settings"]["row"], {Path(file).stem: sha for file, sha in said["made_of"].items()}
-            assert said["settings"]["needed_columns"] == [*EXPERIMENTS[row["experiment"]].needed_columns]
-            assert {*map(os.path.basename, said["recorded"])} == {row["log"], row["mocap"]} - {None}
-            wanted = {row["log_source"], row["mocap_source"]} - {None}
-            assert (sources.keys(), None in sources.values()) == (wanted, False)
-        assert said["settings"].get("windows") in (None, "2-30"), name
-        shown |= {said["settings"]["name"]: {one[:-2] for one in of}} if name == "draw_figure" else {}
-    optional = {job: {p.name for p in signature(job).parameters.values() if p.default is not p.empty} for job in given}
-    lacking = {job.__name__: names - given[job] for job, names in optional.items() if names - given[job]}
-    assert lacking == {}
-    assert shown == OF_FIGURES
-    (listing,) = (said for said in requests_in(tmp_path).values() if said["command"] == "tables.list_excluded")
-    assert results - {*listing["input"]["fitted"]} == set()
 
 
 @pytest.mark.parametrize("campaign", PLANNED)
@@ -537,13 +484,6 @@ def test_every_function_of_ours_that_a_job_calls_is_in_its_fingerprint(workspace
     called = {(module, name) for module, name in called if not module.startswith(machinery) and "<" not in name}
     assert len(called) > 10
     assert called - reached == {("table", "tables_of")}
-
-
-@pytest.mark.skipif(os.access("/proc/sys", os.W_OK), reason="no folder here that nobody can write to")
-def test_a_folder_that_cannot_be_written_to_is_refused_by_snakemake_in_one_line(tmp_path):
-    ran = run_snakemake(["--snakefile", str(ROOT / "Snakefile"), "--directory", "/proc/sys", "-n"], tmp_path)
-    assert ran.returncode == 1
-    assert ran.stdout.endswith("error: /proc/sys: cannot be written to; make it writable, or copy the campaign\n")
 
 
 def test_a_persons_stiffness_over_a_recorded_angle_is_a_table_and_a_figure(tmp_path):

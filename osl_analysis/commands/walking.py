@@ -243,9 +243,11 @@ def group_result(
     fact["fitted_phase"] = float(fact["onset_phase"] + tables.fitted_time(headline) / fact["stance_s"])
     by_log = turned[0].platform is None
     sensitivity = tables.sensitivity_table(fact["group"], headline, settings.uncertainty, by_log)
+    share = sensitivity["stated"] / sensitivity["size"]
+    stated = {name: float(np.linalg.norm((share * sensitivity[name]).to_numpy())) for name in "KBI"}
     rows = [
         known | row | {"commanded": fact.get(f"{row['quantity']}_d"), "reason": None}
-        for row in tables.headline_rows(headline, own, doubtful_row(own), tables.stated_errors(sensitivity))
+        for row in tables.headline_rows(headline, own, doubtful_row(own), stated)
     ]
     facts = fact | tables.group_facts(headline)
     facts |= tables.witness_facts(turned, facts, sensitivity)
@@ -299,17 +301,15 @@ def average_unperturbed(crossings: Paths, selection: Path, settings: choices.Unp
         raise InputError("; ".join(problems))
     for problem in problems:
         warnings.warn(problem, stacklevel=2)
+    frames = []
+    for name, gait in gaits.items():  # a row per crossing and phase of stance
+        trials = np.repeat(gait.names, len(PHASES)).tolist()
+        curves: dict[str, Array] = {"theta": gait.theta.ravel(), "torque": gait.torque.ravel()}
+        curves |= {each: getattr(gait, each).reshape(-1, len(trials)).T for each in ("plate_errors", "lab_errors")}
+        curves |= {"stance_s": np.repeat(gait.stance, len(PHASES)), "phase": np.tile(PHASES, len(gait.names))}
+        frames.append(pl.DataFrame({"gait": [name] * len(trials), "trial": trials, **curves}))
     with atomic_path(output) as temporary:
-        pl.concat([gait_table(name, gait) for name, gait in gaits.items()]).write_parquet(temporary)
-
-
-def gait_table(name: str, gait: UnperturbedGait) -> pl.DataFrame:
-    """A row per crossing and phase of stance."""
-    trials = np.repeat(gait.names, len(PHASES)).tolist()
-    known = {"gait": [name] * len(trials), "trial": trials, "stance_s": np.repeat(gait.stance, len(PHASES))}
-    curves: dict[str, Array] = {"theta": gait.theta.ravel(), "torque": gait.torque.ravel()}
-    curves |= {name: getattr(gait, name).reshape(-1, len(trials)).T for name in ("plate_errors", "lab_errors")}
-    return pl.DataFrame({**known, "phase": np.tile(PHASES, len(gait.names)), **curves})
+        pl.concat(frames).write_parquet(temporary)
 
 
 def fit_perturbation(

@@ -45,10 +45,6 @@ uncertainty, with size and unit: each row of `Crossing.lab_errors` in their orde
 no torque: they follow from the fit."""
 
 
-def none() -> Array:
-    return np.zeros((0, 0))
-
-
 @dataclass(frozen=True)
 class Crossing:
     """Ankle angle and torque of one crossing, n samples at the marker rate."""
@@ -61,10 +57,10 @@ class Crossing:
     stance: Stance
     onset: float | None  # of the perturbation [s]; None without one
     bridged: float  # fraction of the frames in stance in which a hidden cluster was interpolated
-    plate_errors: Kept = field(
-        default_factory=none
-    )  # changes (m, n) [N*m] of the torque without the i-th of m plate trials; m = 0 with one
-    lab_errors: Kept = field(default_factory=none)  # (e, n) [N*m] by each of `LABORATORY_ERRORS`, or of `LOG_ERRORS`
+    plate_errors: Kept = field(default_factory=lambda: np.zeros((0, 0)))
+    """Changes (m, n) [N*m] of the torque without the i-th of m plate trials; m = 0 with one."""
+    lab_errors: Kept = field(default_factory=lambda: np.zeros((0, 0)))
+    """The same (e, n) [N*m] by each of `LABORATORY_ERRORS`, or of `LOG_ERRORS`."""
     quality: dict[str, float | None] = field(default_factory=dict)  # of `QUALITY_COLUMNS`, those that are known
     load: Kept | None = None  # as of `load_on_foot` (3, n); None if it is not known
     turn: float | None = None  # largest [rad] of the platform about the ankle in the window, toes up; None: unknown;

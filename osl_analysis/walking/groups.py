@@ -224,16 +224,15 @@ def places(crossings: Sequence[Crossing], sheet: Sheet, settings: SelectionSetti
 
 
 def gaits_of(sheet: Sheet, settings: SelectionSettings) -> tuple[dict[str, Cells], dict[str, list[str]]]:
-    """The conditions of each mean gait, by its name, and the gaits that each row of the sheet belongs to."""
+    """The conditions of each mean gait, by its name, and the gaits that each row of the sheet belongs to: an empty cell
+    of an unperturbed one matches every value."""
     keys = split_keys(sheet, settings)
     every = [{key: cells[key] for key in keys} for cells in sheet.values() if cells[IS_PERTURBED]]
     gaits: dict[str, Cells] = {label(cells): cells for cells in every}
-    return gaits, {name: [g for g, wanted in gaits.items() if serves(cells, wanted)] for name, cells in sheet.items()}
-
-
-def serves(cells: Cells, wanted: Cells) -> bool:
-    """Whether a crossing is of a gait: an empty cell of an unperturbed one matches every value."""
-    return all(cells.get(key) in (None, value) for key, value in wanted.items())
+    return gaits, {
+        name: [gait for gait, wanted in gaits.items() if all(cells.get(k) in (None, v) for k, v in wanted.items())]
+        for name, cells in sheet.items()
+    }
 
 
 def onset_phases(crossings: Sequence[Crossing]) -> dict[str, float]:

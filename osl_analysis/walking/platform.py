@@ -523,6 +523,17 @@ def trigger_latency(
     return {"mean": float(late.mean()), "used": float(constant), "finer": float(finer)}
 
 
+def turning_track(trial: Trial, static: StaticCalibration, settings: PlatformMotionSettings) -> PlatformTrack:
+    """The track of a crossing about its largest motion; refused if the platform does not move."""
+    time, poses = bodies.segment_poses(trial, settings.markers.platform, static, settings)
+    turned, threshold = moved_from_rest(poses, settings)
+    turned, shifts = np.nan_to_num(turned), settings.perturbed_by == "belt"
+    if not len(turned) or turned.max() < threshold:
+        least = f"shift by {1e3 * threshold:g} mm" if shifts else f"turn by {settings.perturbation_deg:g} deg"
+        raise InputError(f"the platform does not {least}")
+    return track_about(trial.name, time, poses, static, settings, float(time[np.argmax(turned)]))
+
+
 def identify_platform(
     pairs: Sequence[tuple[Trial, StaticCalibration]], settings: PlatformMotionSettings
 ) -> PlatformModel:
@@ -537,13 +548,7 @@ def identify_platform(
     tracks = []
     for trial, static in pairs:
         try:
-            time, poses = bodies.segment_poses(trial, labels, static, settings)
-            turned, threshold = moved_from_rest(poses, settings)
-            turned, shifts = np.nan_to_num(turned), settings.perturbed_by == "belt"
-            if not len(turned) or turned.max() < threshold:
-                least = f"shift by {1e3 * threshold:g} mm" if shifts else f"turn by {settings.perturbation_deg:g} deg"
-                raise InputError(f"the platform does not {least}")
-            tracks.append(track_about(trial.name, time, poses, static, settings, float(time[np.argmax(turned)])))
+            tracks.append(turning_track(trial, static, settings))
         except InputError as error:
             warnings.warn(f"trial {trial.name}: has no part in the platform's shared motion: {error}", stacklevel=2)
     try:

@@ -333,12 +333,6 @@ def sensitivity_table(
     )
 
 
-def stated_errors(sensitivity: pl.DataFrame) -> dict[str, float]:
-    """Standard errors of K, B and I by the uncertainties that the settings state."""
-    share = sensitivity["stated"] / sensitivity["size"]
-    return {name: float(np.linalg.norm((share * sensitivity[name]).to_numpy())) for name in "KBI"}
-
-
 def witness_facts(turned: Sequence[Crossing], facts: Mapping[str, Any], sensitivity: pl.DataFrame) -> dict[str, Any]:
     """Columns of `walking_groups.csv`: what the joint's encoder and the unloaded plate say of the stiffness of these
     crossings, whose angle is that of the markers, and what errors that no witness excludes do to K and B."""

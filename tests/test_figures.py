@@ -169,8 +169,10 @@ SHOWN = [
     ("fig4", left_out, 0, True, "time", ("theta_deg",)),
     ("fig4", left_out, 1, True, "time", ("torque", "torque_model")),
     ("fig4", left_out, 2, True, "time", (pl.col("torque") - pl.col("torque_model"),)),
-    *(("fig5", in_amplitudes, k, True, None, [one.format(q) for one in ESTIMATES]) for k, q in enumerate("KB")),
-    ("fig5", in_amplitudes, 1, True, None, ("B_viscous",)),
+    *(("fig5", in_amplitudes, 2 * k, True, None, [one.format(q) for one in ESTIMATES]) for k, q in enumerate("KB")),
+    *(("fig5", in_amplitudes, 2 * k + 1, pl.col(f"{q}_d") > 0, None,
+       [100 * (pl.col(one.format(q)) / pl.col(f"{q}_d") - 1) for one in ESTIMATES]) for k, q in enumerate("KB")),
+    ("fig5", in_amplitudes, 2, True, None, ("B_viscous",)),
     ("fig6", None, 0, True, None, ("VAF", pl.col("VAF").median().over("controller"))),
     ("fig7", response_table, 0, True, "frequency_hz", INTERVALS),
     ("fig7", response_table, 1, True, "frequency_hz", PHASES),
@@ -285,7 +287,7 @@ def test_a_marker_leads_to_its_trial_and_is_open_where_its_fit_is_doubtful(name)
 
 def test_fig5_gives_each_desired_impedance_a_place_beside_its_desired_value():
     table = in_amplitudes()
-    for ax, symbol in zip(fig5.draw(table).axes, "KB", strict=True):
+    for ax, symbol in zip(fig5.draw(table).axes[::2], "KB", strict=True):
         lines = [s for c in ax.collections if hasattr(c, "get_segments") for s in c.get_segments()]
         lines, places = [s for s in lines if s[0][1] == s[1][1]], []
         for controller, look in LOOKS.items():

@@ -68,9 +68,10 @@ def draw_fig7(table: pl.DataFrame) -> Figure:
     """(a) magnitude, (b) phase over the logarithm of frequency; several joints or sides stand side by side. A marker is
     open where the phasor of one amplitude at least is doubtful."""
     parts, looks = names.placed_rows(table), names.looks_in(table.filter(pl.col("curve") != DESIRED))
-    titles, across = [name for name, _ in parts], len(parts)
+    across = len(parts)
+    titles = [f"{name}: {word}" if across > 1 else word for word in ("Magnitude", "Phase") for name, _ in parts]
     width = style.SINGLE_COLUMN if across == 1 else style.DOUBLE_COLUMN
-    figure, axes = style.panels(width, 3.7, rows=2, columns=across, names=titles + [""] * across)
+    figure, axes = style.panels(width, 3.7, rows=2, columns=across, names=titles)
     for magnitude, phase, (_, part) in zip(axes[:across], axes[across:], parts, strict=True):
         kinds = {kind: part.filter(pl.col("curve") == kind) for kind in (OBSERVED, DESIRED, LINEAR_MODEL)}
         for ax, column, bounds in ((magnitude, "magnitude", "magnitude"), (phase, "phase_deg", "phase")):

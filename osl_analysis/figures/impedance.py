@@ -69,9 +69,12 @@ def fig5_points(impedance: pl.DataFrame) -> pl.DataFrame:
     return names.completed(table.with_columns(names.look_numbers(table["controller"])), columns_of("fig5"), True)
 
 
-def fig5_panels(table: pl.DataFrame) -> list[tuple[str, pl.DataFrame, str]]:
-    """Panel by panel the name of the joint, its trials with their place `x` on the axis, and the quantity. Trials of
-    one condition are 1 apart, those of another B_d 0.7 more, and of another K_d 1.6 more."""
+QUANTITIES = {"K": "Stiffness", "B": "Damping"}
+
+
+def fig5_panels(table: pl.DataFrame) -> list[tuple[str, pl.DataFrame, str, bool]]:
+    """Panel by panel the name of the joint, its trials with their place `x` on the axis, the quantity, and whether its
+    error is drawn. Trials of one condition are 1 apart, those of another B_d 0.7 more, and of another K_d 1.6 more."""
     order, panels = {controller: number for number, controller in enumerate(names.looks_in(table))}, []
     for name, part in names.placed_rows(table):
         ranks = pl.Series("rank", [order[controller] for controller in part["controller"]])
@@ -80,7 +83,10 @@ def fig5_panels(table: pl.DataFrame) -> list[tuple[str, pl.DataFrame, str]]:
         for before, after in pairwise(rows.select("K_d", "B_d").rows()):
             steps.append(1 + (1.6 if before[0] != after[0] else 0.7 if before[1] != after[1] else 0.0))
         rows = rows.with_columns(x=pl.Series(np.cumsum(steps)))
-        panels += [(name, rows, symbol) for symbol in "KB"]
+        for symbol in "KB":
+            panels.append((name, rows, symbol, False))
+            if errors_of(rows, symbol)[symbol].count():
+                panels.append((name, rows, symbol, True))
     return panels
 
 
@@ -101,17 +107,25 @@ def fig5_entries(table: pl.DataFrame, looks: dict[str | None, style.Look]) -> di
 
 @style.paper_style()
 def draw_fig5(table: pl.DataFrame) -> Figure:
-    """Stiffness and damping. Each desired impedance has a place of its own on the axis, which is no scale; its trials
-    stand side by side there."""
+    """Stiffness and damping, and below each its error in percent where a value was asked for. Each desired impedance
+    has a place of its own on the axis, which is no scale; its trials stand side by side there."""
     looks, drawn = names.looks_in(table), fig5_panels(table)
-    titles, height = [name for name, *_ in drawn], 0.5 + 1.9 * len(drawn)
-    figure, axes = style.panels(style.DOUBLE_COLUMN, height, rows=len(drawn), names=titles)
-    for k, (ax, (_, rows, symbol)) in enumerate(zip(axes, drawn, strict=True)):
-        draw_quantity(ax, rows, symbol, looks)
+    several = len({name for name, *_ in drawn}) > 1
+    words = [f"{QUANTITIES[symbol]}{', error' * error}" for *_, symbol, error in drawn]
+    titles = [f"{name}: {word}" if several else word for (name, *_), word in zip(drawn, words, strict=True)]
+    heights = [0.9 if error else 1.0 for *_, error in drawn]
+    height = 0.5 + 1.5 * sum(heights)
+    figure, axes = style.panels(style.DOUBLE_COLUMN, height, rows=len(drawn), names=titles, heights=heights)
+    for k, (ax, (_, rows, symbol, error)) in enumerate(zip(axes, drawn, strict=True)):
+        draw_quantity(ax, errors_of(rows, symbol) if error else rows, symbol, looks)
         if k + 1 < len(drawn) and drawn[k + 1][1] is rows:
             ax.set_xticks([])
         else:
             letter_conditions(ax, rows)
+        if error:
+            label_percent_axis(ax)
+            ax.set_ylabel(rf"$\hat{{{symbol}}}/{symbol}_d - 1$ (%)")
+            continue
         ax.set_ylabel(names.AXIS_LABELS[symbol])
         for wanted in rows.drop_nulls(f"{symbol}_d").partition_by("K_d", "B_d", maintain_order=True):
             ends = wanted["x"][0] - 0.6, wanted["x"][-1] + 0.6
@@ -120,6 +134,30 @@ def draw_fig5(table: pl.DataFrame) -> Figure:
     style.legend_above(figure, entries, 6, 0.9 * style.DOUBLE_COLUMN, columnspacing=1.4)
     figure.align_ylabels()
     return figure
+
+
+def errors_of(rows: pl.DataFrame, symbol: str) -> pl.DataFrame:
+    """The same rows with all that is drawn of one quantity in percent of its desired value, less 100; null where none
+    is above zero."""
+    desired, kinds = pl.col(f"{symbol}_d"), ("", "_low", "_high", "_amplitudes_low", "_amplitudes_high", "_predicted")
+    drawn = [f"{symbol}{kind}" for kind in (*kinds, "_viscous") if f"{symbol}{kind}" in rows.columns]
+    return rows.with_columns(
+        pl.when(desired > 0).then(100 * (pl.col(name) / desired - 1)).alias(name) for name in drawn
+    )
+
+
+def label_percent_axis(ax: Axes) -> None:
+    """Errors [percent] on an axis that is even up to 2 % and logarithmic beyond: 1 % is seen beside 50 %."""
+    low, high = min(ax.dataLim.y0, -1.0), max(ax.dataLim.y1, 1.0)
+    ax.set_yscale("symlog", linthresh=2.0, linscale=0.5)
+    every = [sign * size for size in (2, 10, 30, 100, 300, 1000) for sign in (-1, 1)]
+    shown = sorted([0, *(tick for tick in every if 1.2 * low <= tick <= 1.2 * high)])
+    ax.set_yticks(shown, [f"{tick:+g}".replace("-", "−") if tick else "0" for tick in shown])
+    ax.set_yticks([], minor=True)
+    ax.set_ylim(1.5 * low, 1.5 * high)
+    ax.grid(axis="y", color="#E4E4E4", linewidth=0.4)
+    ax.axhline(0, color=style.BLACK, linewidth=0.8)
+    ax.set_axisbelow(True)
 
 
 def draw_quantity(ax: Axes, rows: pl.DataFrame, symbol: str, looks: dict[str | None, style.Look]) -> None:
@@ -249,7 +287,7 @@ def fits_and_trials(rows: pl.DataFrame) -> str:
 def draw_over(table: pl.DataFrame) -> Figure:
     """(a) Stiffness, (b) damping over the slow signal that they change with, each trial with its 95 % interval."""
     parts, signal = names.placed_rows(table), table["over"][0]
-    titles = [name for name, _ in parts for _ in range(2)]
+    titles = names.panel_titles(parts, ("Stiffness", "Damping"))
     figure, axes = style.panels(style.DOUBLE_COLUMN, 2.5 * len(parts) + 0.3, rows=len(parts), columns=2, names=titles)
     over = {"angle": "Slow part of the joint angle (deg)", "theta_slow": "Slow angle (deg)", "time": "Time (s)"}
     ten = cycle(mpl.color_sequences["petroff10"])

@@ -19,7 +19,8 @@ def prediction_points(prediction: pl.DataFrame) -> pl.DataFrame:
 def draw_prediction(table: pl.DataFrame) -> Figure:
     """Above, measured over predicted, with the identity; below, their difference with the prediction's interval."""
     parts, looks = names.placed_rows(table), names.looks_in(table)
-    titles, rows = [name for name, _ in parts for _ in range(6)], 2 * len(parts)
+    rows, words = 2 * len(parts), ("Stiffness", "Damping", "Torque")
+    titles = names.panel_titles(parts, (*words, *(f"{word}, difference" for word in words)))
     figure, axes = style.panels(style.DOUBLE_COLUMN, 0.4 + 1.9 * rows, rows=rows, columns=3, names=titles)
     for number, (_, part) in enumerate(parts):
         for k, (symbol, words) in enumerate(PANELS.items()):
@@ -55,7 +56,7 @@ PREDICTION = style.Drawing(
 
 
 LINKS = {
-    "command": "Command: $K_1$ by the current", "motor": r"Motor: $k_\tau n_m$", "belt": "Belt: $K_s$",
+    "command": "Command: $K_1$", "motor": r"Motor: $k_\tau n_m$", "belt": "Belt: $K_s$",
     "rendered": r"Joint: $\hat{K}$",
 }  # fmt: skip
 
@@ -68,11 +69,12 @@ def chain_points(law: pl.DataFrame, impedance: pl.DataFrame, evidence: pl.DataFr
             off = 100 * (pl.col(f"{symbol}{end}") / pl.col(f"{symbol}_programmed") - 1)
             table = table.with_columns(off.alias(f"{link}{end}"))
     whole = pl.col("amplitude_deg").is_null()
-    joint = names.completed(impedance.filter(whole), ("K", "K_predicted"))
-    joint = joint.select("trial", rendered=100 * (pl.col("K") / pl.col("K_predicted") - 1))
+    joint = names.completed(impedance.filter(whole), ("K", "K_low", "K_high", "K_predicted"))
+    off = {f"rendered{end}": 100 * (pl.col(f"K{end}") / pl.col("K_predicted") - 1) for end in ("", "_low", "_high")}
+    joint = joint.select("trial", **off)
     belt = names.completed(evidence.filter(whole), ("K_s_ratio",)).select("trial", belt=100 * (pl.col("K_s_ratio") - 1))
     for of_link in (belt, joint):
-        table = table.drop(of_link.columns[1]).join(of_link, on="trial", how="left", maintain_order="left")
+        table = table.drop(of_link.columns[1:]).join(of_link, on="trial", how="left", maintain_order="left")
     return table.with_columns(names.look_numbers(table["controller"])).select(columns_of("chain"))
 
 
@@ -80,20 +82,20 @@ def chain_points(law: pl.DataFrame, impedance: pl.DataFrame, evidence: pl.DataFr
 def draw_chain(table: pl.DataFrame) -> Figure:
     """A panel per link, from the command to the joint's torque: percent off, over K_d, with intervals."""
     parts, looks = names.placed_rows(table), names.looks_in(table)
-    titles = [name for name, _ in parts for _ in LINKS]
+    titles = names.panel_titles(parts, [*LINKS.values()])
     figure, axes = style.panels(
         style.DOUBLE_COLUMN, 0.4 + 1.9 * len(parts), len(parts), len(LINKS), shares=[1] * len(LINKS), names=titles
     )
     for number, (_, part) in enumerate(parts):
-        for ax, (link, words) in zip(axes[len(LINKS) * number :], LINKS.items(), strict=False):
+        for ax, link in zip(axes[len(LINKS) * number :], LINKS, strict=False):
             ax.axhline(0, color=style.BLACK, linewidth=0.6)
             for controller, look in looks.items():
                 own = names.of_controller(part, controller)
                 if f"{link}_low" in own.columns:
                     ends = own[f"{link}_low"], own[f"{link}_high"]
-                    ax.vlines(own["K_d"], *ends, color=look.colour, alpha=0.3, linewidth=style.THICK)
-                style.draw_fits(ax, own, own["K_d"], own[link], look, 0.8)
-            ax.set_xlabel(f"$K_d$ (N·m/rad)\n{words}")
+                    ax.vlines(own["K_d"], *ends, color=look.colour, linewidth=style.THIN)
+                style.draw_fits(ax, own, own["K_d"], own[link], look, 0.6)
+            ax.set_xlabel("$K_d$ (N·m/rad)")
         axes[len(LINKS) * number].set_ylabel("Off what is expected (%)")
     entries = {o.label: style.key(o.label, marker=o.marker, color=o.colour, markersize=o.size) for o in looks.values()}
     style.legend_above(figure, entries | style.open_entry(table), 5)

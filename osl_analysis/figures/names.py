@@ -3,7 +3,7 @@
 import re
 import textwrap
 import unicodedata
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import cache
 from typing import Any
@@ -63,6 +63,12 @@ def placed_rows(table: pl.DataFrame) -> list[tuple[str, pl.DataFrame]]:
     """The rows of each joint and side, with its name; results of different ones never share a panel."""
     parts = table.partition_by(JOINT_SIDE, maintain_order=True)
     return [(place_name(*part.select(JOINT_SIDE).row(0)), part) for part in parts]
+
+
+def panel_titles(parts: Sequence[tuple[str, pl.DataFrame]], words: Sequence[str]) -> list[str]:
+    """What stands over the panels of each of `placed_rows`: a word for each panel, behind joint and side where there
+    are several of these."""
+    return [": ".join(filter(None, [name * (len(parts) > 1), word])) for name, _ in parts for word in words]
 
 
 def completed(table: pl.DataFrame, columns: Iterable[str], only: bool = False) -> pl.DataFrame:

@@ -45,7 +45,9 @@ def draw_fig3(table: pl.DataFrame) -> Figure:
             text += "" if low is None or high is None else f"\n95 % interval {low:.1f} to {high:.1f} N·m/rad"
             belts.text(0.99, 0.04, text, transform=belts.transAxes, ha="right", va="bottom", linespacing=1.4)
         draw_loops(loops, trials, part["hysteresis_area"].drop_nulls())
-        belts.set_title(f"{belts.get_title(loc='left')} {name}", loc="left", y=1)
+        place = f"{name}: " * (len(parts) > 1)
+        for ax, word in ((belts, "Torque"), (loops, "Hysteresis")):
+            ax.set_title(f"{ax.get_title(loc='left')} {place}{word}", loc="left", y=1)
         loops.sharex(belts)
     for ax in axes:
         if not ax.has_data():
@@ -109,7 +111,7 @@ def draw_torque_angle(table: pl.DataFrame) -> Figure:
     of_desired = (style.MAGENTA, style.ORANGE, style.PURPLE, "#6B3A0A")
     colours = {name: of_desired[wanted.index(desired) % 4] for name, desired in desired_of.items() if desired}
     colours |= {name: to_hex(shade) for name, shade in zip(others, shades, strict=False)}
-    titles = [name for name, _ in parts for _ in range(2)]
+    titles = names.panel_titles(parts, ("Torque", "Stiffness"))
     figure, axes = style.panels(style.DOUBLE_COLUMN, 3.0 * len(parts) + 0.3, rows=len(parts), columns=2, names=titles)
     for number, (_, part) in enumerate(parts):
         draw_curves(axes[2 * number], axes[2 * number + 1], part, colours)

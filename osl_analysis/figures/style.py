@@ -80,13 +80,16 @@ def panels(
     columns: int = 1,
     shares: Any = None,
     names: Sequence[str] = (),
+    heights: Sequence[float] | None = None,
 ) -> tuple[Figure, list[Axes]]:
     """A figure of the given size [in] and its panels, row by row, lettered (a), (b) ... if there are several. `shares`
-    are the relative widths of the columns; the panels of a row then share their vertical axis. `names` stand behind the
-    letters; panels with names of their own share no axis."""
+    are the relative widths of the columns; the panels of a row then share their vertical axis. `heights` are those of
+    the rows. `names` stand behind the letters; panels with names of their own share no axis."""
     figure = Figure(figsize=(width, height), layout="constrained")
     share = rows > 1 and not names
-    grid = figure.subplots(rows, columns, squeeze=False, sharex=share, sharey=bool(shares), width_ratios=shares)
+    grid = figure.subplots(
+        rows, columns, squeeze=False, sharex=share, sharey=bool(shares), width_ratios=shares, height_ratios=heights
+    )
     letters = [f"({letter})" for letter in ascii_lowercase[: grid.size]] * (grid.size > 1)
     titles = [f"{letter} {name}" for letter, name in zip_longest(letters, names, fillvalue="")]
     for ax, title in zip(grid.flat, titles, strict=False):

@@ -93,7 +93,7 @@ def check_claims(_):
     tables = [path for path in result_tables() if path.stem in CLAIMED]
     settings = {"settings": setting("claims"), "frequencies_hz": CONFIG.dynamometer.frequencies_hz or ()}
     settings |= {"midstance": CONFIG.figures.midstance_stiffness}
-    return {"after": tables, "read": {"tables": by_stem(tables)}, "settings": settings}
+    return {"after": tables, "read": {"tables": by_stem(tables)}, "settings": settings, **PARAMETERS}
 
 
 def gathered(of: str):

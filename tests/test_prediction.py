@@ -243,7 +243,7 @@ def test_the_damping_of_a_response_is_the_real_part_of_the_impedance_with_its_sc
 
 
 def claimed(tables, **settings):
-    found = claims_table(tables, Claims(**settings), (1.0, 2.0, 5.0), 340.0)
+    found = claims_table(tables, Claims(**settings), (1.0, 2.0, 5.0), 340.0, {"ankle": P.n_T})
     return found, {(row["name"], row["subject"]): row for row in found.to_dicts()}
 
 
@@ -253,9 +253,10 @@ def summary(se=0.01, **means):
 
 
 def test_claims_hold_fail_or_are_undecided_by_their_interval():
-    tables = {"transmission_summary": summary(B_j=0.452, J_j=0.005)}
+    tables = {"transmission_summary": summary(B_j=0.452, J_j=0.005), "belt_summary": summary(K_s=685.6)}
+    tables |= {"actuator_summary": summary(k_tau_n_m=1.02, f_C=0.377, f_G=0.0896)}
     row = {**HERE, "trial": "k", "controller": "compensated", "amplitude_deg": None, "K_d": 300.0, "B_d": 5.0}
-    row |= {"K": 300.0, "K_low": 291.0, "K_high": 309.0, "B": 5.0, "B_low": -4.0, "B_high": 14.0}
+    row |= {"K": 300.0, "K_low": 291.0, "K_high": 309.0, "B": 5.0, "B_low": -4.0, "B_high": 14.0, "theta_rms_deg": 3.0}
     tables["impedance"] = pl.DataFrame([row], schema_overrides=TYPES)
     table, by = claimed(tables, B=1.0)
     slow, fast = by["inertia_at_lowest_frequency", None], by["inertia_at_highest_frequency", None]
@@ -264,6 +265,9 @@ def test_claims_hold_fail_or_are_undecided_by_their_interval():
     assert (slow["verdict"], fast["verdict"]) == ("holds", "fails")
     half = slow["value"] * 0.01 * 2**0.5 * stats.t.ppf(0.975, 4)
     assert slow["high"] - slow["value"] == pytest.approx(half)
+    load = 0.0896 * 300 * np.deg2rad(3) / (P.n_T * 1.02)
+    assert by["load_friction_at_highest_K_d", None]["value"] == pytest.approx(100 * load / (0.377 + load))
+    assert by["belt_at_highest_K_d", None]["value"] == pytest.approx(100 * 300 / 685.6)
     assert (by["K", "k"]["verdict"], by["B", "k"]["verdict"]) == ("equivalent", "undecided")
     assert [by[f"{x}_equivalent", None][k] for x in "KB" for k in ("value", "verdict")] == [1, "holds", 0, "undecided"]
     numbers = headline_numbers({"claims": table})
@@ -273,6 +277,15 @@ def test_claims_hold_fail_or_are_undecided_by_their_interval():
     assert claimed(scatterless)[1]["inertia_at_lowest_frequency", None]["verdict"] is None
     verdicts = [limit_verdict(*ends, 10, "above") for ends in ((11, 12), (8, 9), (9, 11), (None, 1))]
     assert verdicts == ["holds", "fails", "undecided", None]
+
+
+@pytest.mark.parametrize(("high", "verdict"), [(0.5, "undecided"), (-0.01, "fails")])
+def test_a_joint_is_passive_where_the_real_part_of_its_impedance_is_for_certain_not_negative(high, verdict):
+    row = {**HERE, "trial": "k", "controller": "compensated", "frequency_hz": [1.0, 5.0], "damping": [0.5, -0.05]}
+    row |= {"damping_low": [0.4, -0.1], "damping_high": [0.6, high]}
+    _, by = claimed({"frequency_response": pl.DataFrame(row, schema_overrides={"side": pl.String})})
+    least = by["passive_compensated", None]
+    assert (least["value"], least["verdict"], least["n"]) == (-0.05, verdict, 2)
 
 
 @pytest.mark.parametrize(("commanded", "verdict"), [(None, "equivalent"), (300.0, "different"), (320.0, "undecided")])

@@ -21,6 +21,7 @@ from osl_analysis.judge.finding import findings_frame
 from osl_analysis.judge.judging import judged, marked, with_inherited
 from osl_analysis.judge.limits import DoubtfulFits, Limits, QualityRules
 from osl_analysis.judge.used import Judge
+from osl_analysis.model.parameters import FileOrNone, joint_of, read_parameters
 from osl_analysis.refusal import Refusal, check_not_refused, refused_trials
 from osl_analysis.report import headlines
 from osl_analysis.stats.repeats import alike_sizes
@@ -85,11 +86,13 @@ def check_claims(
     frequencies_hz: Sequence[float],
     midstance: float | None,
     output: Path,
+    parameters: FileOrNone = None,
 ) -> None:
     """Hold what the paper's text claims against the result `tables`, by name. `midstance` is the stiffness [N*m/rad]
     that is commanded there."""
     read = {name: read_table(path) for name, path in tables.items()}
-    write_table(claims_table(read, settings, frequencies_hz, midstance), output)
+    ratios = {joint_of(parameters): read_parameters(parameters).n_T} if parameters else {}
+    write_table(claims_table(read, settings, frequencies_hz, midstance, ratios), output)
 
 
 def judge(

@@ -6,9 +6,10 @@ Without an interval there is no verdict.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from math import hypot, pi
+from math import pi
 from typing import Annotated, Any
 
+import numpy as np
 import polars as pl
 import scipy
 from pydantic import Field
@@ -23,7 +24,10 @@ CLAIM_COLUMNS = {
     **dict.fromkeys(("value", "low", "high"), pl.Float64), **dict.fromkeys(("unit", "interval", "wanted"), pl.String),
     **dict.fromkeys(("target", "margin", "n"), pl.Float64), "verdict": pl.String,
 }  # fmt: skip
-CLAIMED = ("transmission_summary", "impedance", "compensation", "walking_summary")
+CLAIMED = (
+    "belt_summary", "transmission_summary", "actuator_summary", "impedance", "compensation", "frequency_response",
+    "walking_summary",
+)  # fmt: skip
 """The result tables that claims are held against."""
 FIT, MEAN = "95 % for another motion of this kind", "95 % of the mean (Student)"
 LESS = {"torque_error": "the torque is nearer to K_d theta + B_d omega", "K_error": "K is nearer to K_d"}
@@ -56,22 +60,44 @@ def claim_of(name: str, claim: str, quantity: str, number: float, ends: Sequence
     return row if "verdict" in row else row | {"verdict": limit_verdict(*ends, row["target"], row["wanted"])}
 
 
-def inertia_claims(means: Mapping[str, Claim], hz: Sequence[float], limit: float) -> Iterator[Claim]:
-    """Whether the joint's inertia is negligible beside its damping at the lowest and the highest frequency [Hz], from
-    their means over the trials by quantity (rows of a summary)."""
-    if not hz or not {"J_j", "B_j"} <= means.keys():
-        return
-    J_j, B_j = means["J_j"], means["B_j"]
-    for end, f in (("lowest", min(hz)), ("highest", max(hz))):
-        share, ends = 100 * 2 * pi * f * J_j["mean"] / B_j["mean"], (None, None)
-        freedom = min(J_j["n"], B_j["n"]) - 1
-        if J_j["se"] is not None and B_j["se"] is not None and freedom > 0:
-            relative = hypot(J_j["se"] / J_j["mean"], B_j["se"] / B_j["mean"])
-            half = share * relative * float(scipy.special.stdtrit(freedom, 0.975))
-            ends = share - half, share + half
-        claim, facts = f"the joint's inertia is negligible at {f:g} Hz", {"unit": "%", "n": freedom + 1}
-        facts |= {"interval": None if ends[0] is None else MEAN, "wanted": "below", "target": limit}
-        yield claim_of(f"inertia_at_{end}_frequency", claim, "J_j omega/B_j", share, ends, **facts)
+def share_claim(name: str, what: str, quantity: str, share: float, parts: Sequence[Claim], **judged: Any) -> Claim:
+    """A claim on a share of a whole [1], with the interval that the means of its `parts` leave it (rows of a
+    summary)."""
+    share, ends, freedom = 100 * share, (None, None), min(part["n"] for part in parts) - 1
+    if freedom > 0 and all(part["se"] is not None for part in parts):
+        error = np.linalg.norm([part["se"] / part["mean"] for part in parts])
+        half = share * judged.pop("of", 1.0) * float(error * scipy.special.stdtrit(freedom, 0.975))
+        ends = share - half, share + half
+    facts = {"unit": "%", "interval": None if ends[0] is None else MEAN, "n": freedom + 1}
+    return claim_of(name, what, quantity, share, ends, **facts, **judged)
+
+
+def component_claims(
+    means: Mapping[str, Claim], asked: pl.DataFrame, hz: Sequence[float], n_T: float | None, limit: float
+) -> Iterator[Claim]:
+    """Whether the joint's inertia is negligible beside its damping, at the lowest and the highest frequency [Hz], and
+    whether belt and load friction matter, at the lowest and the highest K_d; from the means of the components over
+    trials by quantity. `asked` are the rows of `impedance.csv` over all amplitudes."""
+    if hz and {"J_j", "B_j"} <= means.keys():
+        J_j, B_j = means["J_j"], means["B_j"]
+        for end, f in (("lowest", min(hz)), ("highest", max(hz))):
+            share, what = 2 * pi * f * J_j["mean"] / B_j["mean"], f"the joint's inertia is negligible at {f:g} Hz"
+            judged = {"wanted": "below", "target": limit}
+            yield share_claim(f"inertia_at_{end}_frequency", what, "J_j omega/B_j", share, (J_j, B_j), **judged)
+    known, judged = asked.filter(pl.col("K_d") > 0).sort("K_d").to_dicts(), {"wanted": "above", "target": limit}
+    for end, row in (("lowest", known[0]), ("highest", known[-1])) if known and n_T else ():
+        at = f"at K_d = {row['K_d']:g}"
+        if "K_s" in means:
+            share, quantity = row["K_d"] / means["K_s"]["mean"], "K_d/K_s, its share of the gain K_1 n_T^2"
+            yield share_claim(f"belt_at_{end}_K_d", f"the belt matters {at}", quantity, share, (means["K_s"],), **judged)
+        if {"f_C", "f_G", "k_tau_n_m"} <= means.keys():
+            parts = [means[name] for name in ("f_C", "f_G", "k_tau_n_m")]
+            f_C, f_G, k_tau = (part["mean"] for part in parts)
+            load = f_G * row["K_d"] * np.deg2rad(row["theta_rms_deg"]) / (n_T * k_tau)
+            share, quantity = load / (f_C + load), "its share of the friction at K_d times the RMS angle"
+            what = f"friction that grows with the load, f_G |I|, matters {at}"
+            name, of = f"load_friction_at_{end}_K_d", f_C / (f_C + load)
+            yield share_claim(name, what, quantity, share, parts, **judged, of=of)
 
 
 def compensation_claims(compensation: pl.DataFrame) -> Iterator[Claim]:
@@ -114,6 +140,23 @@ def rendered_claims(asked: pl.DataFrame, settings: Claims) -> Iterator[Claim]:
             yield from rows
 
 
+def passivity_claims(response: pl.DataFrame) -> Iterator[Claim]:
+    """Whether the joint takes in energy at every measured frequency: the real part of torque over velocity, `damping`
+    with its interval."""
+    for controller in CONTROLLERS:
+        rows = response.filter(pl.col("controller") == controller).drop_nulls("damping")
+        if rows.is_empty():
+            continue
+        row = rows.sort("damping").row(0, named=True)
+        verdict = "undecided" if (rows["damping_low"] < 0).any() else "holds"
+        facts = {"verdict": "fails" if (rows["damping_high"] < 0).any() else verdict, "target": 0.0, "n": len(rows)}
+        facts |= {"unit": "N*m*s/rad", "interval": "95 % of measurement noise", "wanted": "above"}
+        what = f"the {controller} joint is passive at all measured frequencies"
+        quantity = f"least real part of Z ({row['trial']} at {row['frequency_hz']:.3g} Hz)"
+        ends = row["damping_low"], row["damping_high"]
+        yield claim_of(f"passive_{controller}", what, quantity, row["damping"], ends, **facts)
+
+
 def walking_claims(summary: pl.DataFrame, midstance: float | None, settings: Claims) -> Iterator[Claim]:
     """Whether the stiffness while walking is the commanded one, by group."""
     rows = summary.filter(pl.col("quantity") == "K", pl.col("estimator") == "ensemble", pl.col("mean").is_not_null())
@@ -130,24 +173,30 @@ def walking_claims(summary: pl.DataFrame, midstance: float | None, settings: Cla
 
 
 def claims_table(
-    tables: Mapping[str, pl.DataFrame], settings: Claims, frequencies_hz: Sequence[float], midstance: float | None
+    tables: Mapping[str, pl.DataFrame],
+    settings: Claims,
+    frequencies_hz: Sequence[float],
+    midstance: float | None,
+    ratios: Mapping[str, float],
 ) -> pl.DataFrame:
     """`claims.csv` from those result tables that the campaign has, by name. `frequencies_hz` are those of the stepped
-    sine (empty: not stated), `midstance` the stiffness [N*m/rad] that is commanded there."""
+    sine (empty: not stated), `midstance` the stiffness [N*m/rad] that is commanded there, `ratios` n_T by joint."""
     bench = {name: own for name, own in tables.items() if not name.startswith("walking")}
     rows = list[Claim]()
     for joint, side in dict.fromkeys(one for own in bench.values() for one in own.select("joint", "side").iter_rows()):
         place = {"joint": joint, "side": side}
         at = [pl.col(name).eq_missing(pl.lit(value, pl.String)) for name, value in place.items()]
         here = {name: own.filter(at) for name, own in bench.items()}
-        found = list[Claim]()
-        if "transmission_summary" in here:
-            means = {row["quantity"]: row for row in here["transmission_summary"].drop_nulls("mean").to_dicts()}
-            found += inertia_claims(means, frequencies_hz, settings.negligible_percent)
+        summaries = [own for name, own in here.items() if name.endswith("_summary")]
+        means = {row["quantity"]: row for own in summaries for row in own.drop_nulls("mean").to_dicts()}
+        asked = here.get("impedance", pl.DataFrame(schema=["K_d", "controller", "amplitude_deg", "B_d"]))
+        asked = asked.filter(pl.col("amplitude_deg").is_null())
+        limit, n_T = settings.negligible_percent, ratios.get(joint)
+        found = [*component_claims(means, asked, frequencies_hz, n_T, limit), *rendered_claims(asked, settings)]
         if "compensation" in here:
             found += compensation_claims(here["compensation"])
-        if "impedance" in here:
-            found += rendered_claims(here["impedance"].filter(pl.col("amplitude_deg").is_null()), settings)
+        if "frequency_response" in here:
+            found += passivity_claims(here["frequency_response"])
         rows += [place | claim for claim in found]
     if "walking_summary" in tables:
         rows += walking_claims(tables["walking_summary"], midstance, settings)

@@ -42,6 +42,7 @@ from osl_analysis.report import trial_page
 from osl_analysis.report.page import (
     caption_html,
     captions_by_title,
+    check_map,
     claims_said,
     conditions,
     inline_svg,
@@ -255,6 +256,21 @@ def test_the_page_begins_with_what_was_done_its_verdict_and_the_figure_that_matt
     walking = overview(walks, {"findings": [unsure, unsure]}, figures, ABOUT)
     assert walking["first"][0]["name"] == "walking_page", "nothing was desired"
     assert "Of the walking K, 2 things" in walking["state"]
+
+
+def test_the_map_has_a_row_for_each_cause_that_a_trial_does_not_pass():
+    gap = doubt("gap in the recording", "gap", 0.2, 0.05, QUALITY)
+    note = Finding("impedance", "t", "I is certainly negative", Grade.NOTES)
+    of_phasors = doubt(table="phasors", frequency_hz=3.0)
+    trials = [trial("b", of_phasors, gap), trial("a", doubt(), doubt(amplitude_deg=4.0), note)]
+    trials[0] = replace(trials[0], row=trials[0].row | {"K_d": 400.0})
+    (group,) = check_map([*trials, trial("c", left_out=["x"])])
+    assert group["trials"] == [("a", "doubtful"), ("c", "excluded"), ("b", "flagged")]
+    assert {cause: [state for _, state in row] for cause, row in group["rows"]} == {
+        "friction": ["doubtful", "passed", "doubtful in part"],
+        "gap in the recording": ["passed", "passed", "flagged"],
+        "I is certainly negative": ["remark", "passed", "passed"],
+    }
 
 
 def test_doubts_say_whether_they_are_about_the_whole_trial_and_with_which_numbers():

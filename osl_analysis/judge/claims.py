@@ -89,7 +89,9 @@ def component_claims(
         at = f"at K_d = {row['K_d']:g}"
         if "K_s" in means:
             share, quantity = row["K_d"] / means["K_s"]["mean"], "K_d/K_s, its share of the gain K_1 n_T^2"
-            yield share_claim(f"belt_at_{end}_K_d", f"the belt matters {at}", quantity, share, (means["K_s"],), **judged)
+            yield share_claim(
+                f"belt_at_{end}_K_d", f"the belt matters {at}", quantity, share, (means["K_s"],), **judged
+            )
         if {"f_C", "f_G", "k_tau_n_m"} <= means.keys():
             parts = [means[name] for name in ("f_C", "f_G", "k_tau_n_m")]
             f_C, f_G, k_tau = (part["mean"] for part in parts)

@@ -195,6 +195,32 @@ def walking_state(groups: Sequence[Any]) -> list[str]:
     return said
 
 
+STATES = {"all": "doubtful", "recording": "flagged", "part": "doubtful in part", "other": "doubtful in part"}
+"""Of a trial before a cause, by what a doubt is of, the worst one first."""
+
+
+def check_map(trials: Sequence[ReportedTrial]) -> list[dict[str, Any]]:
+    """By experiment its `trials` with their verdicts, those of one condition beside one another, and `rows`: each cause
+    that one of them does not pass, or that could not be checked on it, with the state of every trial."""
+    groups: dict[str, list[ReportedTrial]] = {}
+    for trial in trials:
+        groups.setdefault(trial.row["experiment"], []).append(trial)
+    found = []
+    for experiment, own in groups.items():
+        own.sort(key=lambda one: [str(one.row.get("controller")), *(one.row.get(key) or 0.0 for key in ("K_d", "B_d"))])
+        rows: dict[str, dict[str, str]] = {}
+        for trial in own:
+            for one in sorted(trial.doubts, key=lambda one: [*STATES].index(one["of"])):
+                rows.setdefault(one["cause"], {}).setdefault(trial.name, STATES[one["of"]])
+            for one in trial.unchecked:
+                state = "remark" if one["grade"] == Grade.NOTES else "not checked"
+                rows.setdefault(one["cause"], {}).setdefault(trial.name, state)
+        named = [(trial.name, trial.verdict) for trial in own]
+        states = [(cause, [(name, its.get(name, "passed")) for name, _ in named]) for cause, its in rows.items()]
+        found.append({"experiment": experiment, "trials": named, "rows": states})
+    return found
+
+
 def claims_said(claims: pl.DataFrame) -> list[dict[str, Any]]:
     """The claims on the campaign, of the rows of `claims.csv`, each with its number and its limit for a reader."""
     found = []
@@ -230,6 +256,7 @@ def overview(
         "joints": joints_of(trials),
         "done": what_was_done(trials, about),
         "state": state_of(trials, groups),
+        "map": check_map(trials),
         "answers": first_said(numbers),
         "numbers": [{**one, **said_number(one)} for one in numbers],
         "findings": [{**one, "named": named(one)} for one in summary.get("findings", ())],

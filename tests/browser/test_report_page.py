@@ -134,6 +134,14 @@ def test_the_first_screen_says_what_was_done_and_found_beside_a_figure_and_nothi
     assert "Draft of the paper" not in {one.text for one in page.find_elements(By.CSS_SELECTOR, "#numbers th")}
 
 
+def test_a_cell_of_the_map_leads_to_its_trial_and_is_told_by_more_than_its_colour(page):
+    cell = page.find_element(By.CSS_SELECTOR, ".map tr:not(.whole) .doubtful")
+    assert cell.text == "?"
+    cell.click()
+    name = cell.get_attribute("title").split(",")[0]
+    wait(page, lambda: page.find_element(By.ID, "trial").get_attribute("data-drawn") == name)
+
+
 def test_it_sorts_by_numbers_both_ways_with_missing_ones_last(page):
     def column():
         cells = page.find_elements(By.CSS_SELECTOR, "#table tbody td:nth-child(7)")

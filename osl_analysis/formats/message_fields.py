@@ -12,10 +12,11 @@ import json
 import re
 import struct
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cache
+from operator import attrgetter, itemgetter, methodcaller
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -117,6 +118,7 @@ def fields_in(
             yield from fields_in(one, most, cut, own, beside)
 
 
+AT_ONCE = 1000  # messages that become objects at a time
 joined_masked: Any = np.ma.concatenate  # numpy before 2.5 gives it no types
 
 
@@ -140,7 +142,8 @@ class Reader:
     count: int = 0  # messages so far
     misfit: str = ""  # what is wrong with the first message that is not what its type says
     no_numbers: int = 0  # messages that are lost since they have something else than a number
-    found: list[tuple[int, list[Any]]] = field(default_factory=list)  # place and numbers of those read one by one
+    found: list[int] = field(default_factory=list)  # places of those that became objects
+    numbers: list[list[Any]] = field(default_factory=list)  # of each path what these have there
     parts: list[tuple[Indices, Values]] = field(default_factory=list)  # the same of messages of one shape
     shapes: dict[int, list["Shape"]] = field(default_factory=lambda: defaultdict(list))  # of ROS, by length
 
@@ -152,7 +155,7 @@ class Reader:
         """Take in messages that begin at `starts` [bytes]; NoNumberError if a wanted field of ROS is no number."""
         if not isinstance(self.kind, MessageType):
             ends = (starts + lengths).tolist()
-            return self.take(buffer[start:end] for start, end in zip(starts.tolist(), ends, strict=True))
+            return self.take([buffer[start:end] for start, end in zip(starts.tolist(), ends, strict=True)])
         for length in np.unique(lengths).tolist():
             mine, known, tried = np.flatnonzero(lengths == length), self.shapes[length], 0
             while mine.size:
@@ -171,26 +174,38 @@ class Reader:
         self.count += starts.size
         return None
 
-    def take(self, payloads: Iterable[bytes]) -> None:
-        """Take in messages that become objects."""
-        for payload in payloads:
-            self.count += 1
-            try:
-                message = self.kind(payload)
-                self.found.append((self.count - 1, [number_at(message, path) for path in self.paths]))
-            except NoNumberError as error:
-                self.no_numbers += 1
-                self.misfit = self.misfit or f"{error}, in {self.place(self.count - 1)}"
-            except (ValueError, RecursionError) as error:
-                self.misfit = self.misfit or str(error)
+    def take(self, payloads: Sequence[bytes]) -> None:
+        """Take in messages that become objects, many at once where all have a number at every path."""
+        self.numbers = self.numbers or [[] for _ in self.paths]
+        for some in (payloads[begin : begin + AT_ONCE] for begin in range(0, len(payloads), AT_ONCE)):
+            alike = numbers_of_all(self.kind, some, self.paths)
+            if alike:
+                self.found += range(self.count, self.count + len(some))
+                for column, more in zip(self.numbers, alike, strict=True):
+                    column += more
+                self.count += len(some)
+                continue
+            for payload in some:
+                self.count += 1
+                try:
+                    message = self.kind(payload)
+                    own = [number_at(message, path) for path in self.paths]
+                except NoNumberError as error:
+                    self.no_numbers += 1
+                    self.misfit = self.misfit or f"{error}, in {self.place(self.count - 1)}"
+                except (ValueError, RecursionError) as error:
+                    self.misfit = self.misfit or str(error)
+                else:
+                    self.found.append(self.count - 1)
+                    for column, number in zip(self.numbers, own, strict=True):
+                        column.append(number)
 
     def columns(self, rank: Indices | None = None) -> Columns:
         """What was read, in the order of `rank`, which all messages have, (count,); without it as it was read."""
         parts = self.parts
         if self.found:
-            found, numbers = zip(*self.found, strict=True)
-            columns = map(masked_numbers, self.paths, zip(*numbers, strict=True))
-            parts = [(np.array(found), dict(zip(self.paths, columns, strict=True)))]
+            columns = map(masked_numbers, self.paths, self.numbers)
+            parts = [(np.array(self.found), dict(zip(self.paths, columns, strict=True)))]
         rows = np.concatenate([np.empty(0, np.int64), *(rows for rows, _ in parts)])
         order = np.argsort(rows if rank is None else rank[rows], kind="stable")
         values, none = {}, np.empty(0, bool)
@@ -198,6 +213,46 @@ class Reader:
             pieces = [one.get(path, np.ma.array(np.zeros(rows.size, bool), mask=True)) for rows, one in parts]
             values[path] = joined_masked([none, *pieces])[order]
         return Columns(rows[order], values, self.count - rows.size, self.misfit)
+
+
+def numbers_of_all(kind: Any, payloads: Sequence[bytes], paths: Sequence[str]) -> list[list[Any]]:
+    """The numbers at each path in all of some messages that become objects, None where none has the field; nothing
+    where messages are unlike, or one is none: they are then read one by one."""
+    with suppress(ValueError, RecursionError, LookupError, TypeError, AttributeError):
+        whole = json.loads(b"[%b]" % b",".join(payloads)) if kind is json_object else [*map(kind, payloads)]
+        known = {(): whole}
+        if len(whole) == len(payloads):
+            return [numbers_of_alike(known, tuple(key for key, _ in steps_of(path))) for path in paths]
+    return []
+
+
+def numbers_of_alike(known: dict[tuple[PathKey, ...], list[Any]], way: tuple[PathKey, ...]) -> list[Any]:
+    """The numbers at the end of a way into objects; raises what Python does where they are unlike. `known` takes what
+    stands on the way, since several fields share it."""
+    none = [None] * len(known[()])
+    for length, key in enumerate(way, start=1):
+        objects, here = known[way[: length - 1]], way[:length]
+        first = objects[0]
+        if here in known:
+            continue
+        if isinstance(key, str) and first.__class__ is dict:
+            if key not in first and not any(key in one for one in objects):
+                return none
+            known[here] = [*map(itemgetter(key), objects)]
+        elif isinstance(key, str):
+            item = first.DESCRIPTOR.fields_by_name.get(key)
+            if item is None:
+                return none
+            if item.has_presence and not all(map(methodcaller("HasField", key), objects)):
+                raise KeyError(key)
+            known[here] = [*map(attrgetter(key), objects)]
+        elif isinstance(key, int) and is_array(first):
+            known[here] = [*map(itemgetter(key), objects)]
+        else:
+            raise TypeError(key)
+    if not {*map(type, known[way])} <= {int, float, bool}:
+        raise TypeError(way)
+    return known[way]
 
 
 def masked_numbers(path: str, column: Sequence[float | bool | None]) -> NDArray[Any]:

@@ -158,6 +158,7 @@ class ChannelLog:
             if backwards > 10 or explained:
                 rank[by_number] = np.arange(numbers.size)
         found, topic = self.reader.columns(rank), f"topic '{self.channel.topic}'"
+        self.reader.parts.clear()  # an hour of messages need not be held twice
         if found.misfits:
             damage.misfits[self.channel.id] += found.misfits
             damage.remarks.append(f"{found.misfits} of {numbers.size} messages of {topic} are lost: {found.misfit}")

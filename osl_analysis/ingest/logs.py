@@ -523,18 +523,20 @@ def read_message_log(path: Path, source: MessageSource) -> Recording:
         by_topic[channel.topic][column] = channel
     decoded = decode_wanted(file, by_topic, source)
     tables, orders, absent = dict[str, pl.DataFrame](), dict[str, dict[str, int]](), list[str]()
-    for topic, one in decoded.items():
+    how = {topic: one.how for topic, one in decoded.items()}
+    for topic in [*decoded]:
         with naming(f"topic '{topic}'"):
-            tables[topic], orders[topic], lacking = read_topic(by_topic[topic], one, source)
+            tables[topic], orders[topic], lacking = read_topic(by_topic[topic], decoded.pop(topic), source)
         absent += [f"topic '{topic}': {text}" for text in lacking]
-    joined = joined_on_stamp([*tables.values()])
+    rates = {topic: median_rate(table["stamp"].to_numpy(), SECOND) for topic, table in tables.items()}
+    joined = joined_on_stamp([tables.pop(topic) for topic in [*tables]])
     missing = {column: int(joined[column].is_nan().sum()) for column in source.channels}
     start, stamp = int(joined["stamp"][0]), str(source.time.field if source.time.source == "header" else "log")
     time = ((joined.drop_in_place("stamp") - start) / SECOND).alias("time")
     facts = {
         "time": {"source": stamp, "stamps": source.time.stamps, "start_ns": start},
-        "rates_hz": {topic: median_rate(table["stamp"].to_numpy(), SECOND) for topic, table in tables.items()},
-        "decoding": {topic: one.how for topic, one in decoded.items()},
+        "rates_hz": rates,
+        "decoding": how,
         "stamps": orders,
         "missing": missing,
         "damage": file.damage.report({topic: file.channels_of(topic) for topic in by_topic}),

@@ -259,18 +259,6 @@ def test_what_is_no_real_number_is_refused_with_the_command_that_saves_it(write,
     assert "empty is empty (0x3 double)" in refusal(path, "empty")
 
 
-def test_what_the_file_does_not_hold_is_refused_in_one_line(tmp_path):
-    for content, message in (
-        (matrix("x", 6, 1 << 30, 1, part(9, bytes(8))), "x cannot be read"),
-        (matrix("x", 99, 1, 1, b""), "x cannot be read"),
-        (struct.pack("<II", 14, 1 << 30), "cannot be read (could not read bytes); copy the file again"),
-        (b"not a variable at all....", "cannot be read"),
-        (struct.pack("<II", 15, 16) + b"0123456789abcdef", "cannot be read (Error -3 while decompressing"),
-        (matrix("x", 6, 0, 0, part(9, b"")) * 2, "variable 'x' stands twice"),
-    ):
-        assert message in refusal(write_parts(tmp_path / "a.mat", content), "x")
-
-
 def test_a_cut_behind_the_wanted_variables_and_what_has_no_numbers_beside_them_are_told(tmp_path):
     path = write_mat(tmp_path / "a.mat", x=RISING, y=RISING)
     path.write_bytes(path.read_bytes()[:-9])

@@ -4,7 +4,6 @@ import hashlib
 import json
 import os
 import struct
-import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -16,7 +15,7 @@ import polars as pl
 import pytest
 import yaml
 from c3d_builder import write_c3d
-from mcap_builder import HEADER, SAMPLE, SAMPLE_NAME, stamped, write_log, write_topics
+from mcap_builder import HEADER, SAMPLE, stamped, write_log
 from recognised_files import refusal_by
 from scipy.interpolate import make_interp_spline
 from test_formats_mat import write_mat, write_mat73
@@ -275,14 +274,6 @@ def test_values_that_nothing_can_reach_are_refused_by_file_column_value_and_reme
     assert not (tmp_path / "a.parquet").exists()
 
 
-def test_points_without_names_or_labels_are_refused_where_all_are_to_be_read(tmp_path: Path) -> None:
-    for labels, told in ((["", ""], "POINT:LABELS is empty: none of its 2 points has a name; label them"),
-                         (["*1", "*2"], "the source file names nothing that the file has: .*; name")):  # fmt: skip
-        with pytest.raises(InputError, match=rf"a\.c3d: {told}"):
-            capture_of(tmp_path, seen(), POINT__LABELS=labels)
-    assert "marker_A_x" in capture_of(tmp_path, seen(), POINT__LABELS=["A", ""]).samples.columns
-
-
 def test_markers_that_were_never_seen_are_refused_where_they_are_needed_and_told_elsewhere(tmp_path: Path) -> None:
     hidden = seen()
     hidden[:, :, 3] = -1.0
@@ -380,42 +371,8 @@ def test_a_draft_becomes_a_source_file_by_naming_two_signals_and_a_unit(tmp_path
         np.testing.assert_allclose(samples[column], expected, atol=1e-12)
 
 
-@pytest.mark.parametrize(("what", "library", "extra"), [("tdms", "nptdms", "tdms"), ("mat 7.3", "h5py", "mat73")])
-def test_a_library_that_is_not_installed_is_named_with_its_extra(tmp_path, monkeypatch, what, library, extra):
-    path = WRITERS[what][2](tmp_path / "log", LOG)
-    monkeypatch.setitem(sys.modules, library, None)
-    said = refusal_by(FORMATS[WRITERS[what][0]].read, path, described(what))
-    assert f"needs {library}, which is not installed; pip install 'osl-analysis[{extra}]'" in said
-
-
-@pytest.mark.parametrize(("what", "content", "told"), [
-    ("csv", b"t,angle,torque\n1,True,2\n", "'True' is not a number; name a column of numbers; a truth value can on"),
-    ("csv", b"t,angle,torque\nx,1,2\n2,3,4\n", "line 2, column 't': 'x' is not a number; correct the cell, or delete"),
-    ("json_lines", b'{"t": 1', "holds no whole line"), ("json_lines", b'{"t": 1\n' * 2, "a message of 7 bytes is not"),
-    ("json_lines", b'{"t": 1}\n{"t": 2}\n{"t": \n', "no line that can be used has a field 'angle': a message of 6"),
-    ("mat", b"t\n1\n", "no MATLAB file of version 5 or 7.3; save it"), ("opensim", b"t\n1\n", "no line `endheader`"),
-    ("tdms", b"t\n1\n", "no TDMS file (it begins with 't\\n1\\n'); check the path and the source's format"),
-    (None, b"\1\0\2", "neither MCAP, C3D nor text (it begins with '\\x01\\x00\\x02'); export it as one of these"),
-    (None, b"# a\n", "holds no rows; record it again"), (None, b'{"a": "b"}\n' * 2, "no line holds a number; name a"),
-])  # fmt: skip
-def test_a_file_that_is_no_log_of_the_stated_format_or_of_any_is_refused(tmp_path, what, content, told):
-    (path := tmp_path / "log").write_bytes(content)
-    assert told in (refusal_by(FORMATS[what].read, path, described(what)) if what else refusal_by(inspect_file, path))
-
-
 def refused_mat(path, **fields):
     return refusal_by(FORMATS["mat"].read, path, described("mat", **fields))
-
-
-def test_a_wrong_field_of_a_source_file_of_matlab_is_refused():
-    for fields, message in (
-        ({"channels": {"theta": {"variable": "a"}}}, "unit"),
-        ({"time": {"rate": 100, "unit": "s"}}, "is that of the variable of time"), ({"log_part": "(2)"}, "no address"),
-    ):  # fmt: skip
-        with pytest.raises(ValueError, match=message):
-            described("mat", **fields)
-    with pytest.raises(InputError, match="log_part 'x': a log in csv holds one trial; leave log_part empty"):
-        described("csv").of_part("x")
 
 
 MATLAB = pytest.mark.parametrize("write", [write_mat, write_mat73])
@@ -487,38 +444,3 @@ def test_the_draft_of_several_trials_is_of_one_and_fits_the_other(write, tmp_pat
 
 ESCAPE, HARMLESS = "\x1b[31m\n\x07", r"\x1b[31m\n\x07"
 JOINTS = "std_msgs/Header header\nstring[] name\nfloat64[] position\n" + HEADER
-
-
-def test_control_characters_in_the_names_of_topic_joint_channel_and_marker_are_harmless_wherever_they_are_told(
-    laboratory,
-):
-    """In refusals and in the provenance, of which table and page are made; the files are read by their names."""
-    topic, joint, label = (f"{name}{ESCAPE}" for name in ("/lab", "ankle", "A1"))
-    theta = {"topic": topic, "field": f"position[name={joint}]", "unit": "rad"}
-    times, edges = range(0, 5_000_000_000, 2_000_000), level(np.arange(0, 5, 0.002)) > 0
-    joints = [stamped(t, name=[joint], position=[0.1 * np.sin(k / 50)]) for k, t in enumerate(times)]
-    pulses = [stamped(t, angle=0.0, torque=0.0, sync=s) for t, s in zip(times, edges.tolist(), strict=True)]
-    kinds = {topic: ("sensor_msgs/msg/JointState", JOINTS, joints), "/sync": (SAMPLE_NAME, SAMPLE, pulses)}
-    numbers = [n + (n > 99) for n in range(len(times))]  # the recorder dropped one message
-    write_topics(laboratory / "leg.mcap", kinds, numbers)
-    points, analogs = np.ones((1500, 1, 4)), 5.0 * level(np.arange(7500) / 1500)[:, None]
-    names: dict[str, Any] = {"ANALOG__LABELS": [label], "POINT__LABELS": [f"M1{ESCAPE}"]}
-    write_c3d(laboratory / "vicon.c3d", points, analogs, rate=300.0, **names)
-
-    def described(channel: str = label, **fields: str) -> None:
-        sync = {"topic": "/sync", "field": "sync", "unit": "V"}
-        stating("leg.yaml", LEG | {"channels": {"theta": theta | fields, "sync": sync}})(laboratory)
-        stating("vicon.yaml", {"format": "c3d", "analogs": {"sync": {"channel": channel}}})(laboratory)
-
-    refusals = []
-    for wrong, said in (
-        ({"topic": "/none"}, f"the file has /lab{HARMLESS}, /sync"), ({"channel": "A2"}, f"the file has A1{HARMLESS};"),
-        ({"field": "x"}, f"position[name=ankle{HARMLESS}]"), ({"field": "position"}, f"topic '/lab{HARMLESS}': field"),
-    ):  # fmt: skip
-        described(**wrong)
-        refusals.append(refused(laboratory))
-        assert said in refusals[-1]
-    described()
-    trial = ingested(laboratory)
-    texts = [*refusals, *trial.columns, *trial.provenance["warnings"], *trial.provenance["damage"]["log"]["remarks"]]
-    assert [text for text in texts if not text.isprintable()] == []

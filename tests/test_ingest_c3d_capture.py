@@ -2,11 +2,9 @@
 
 import re
 import struct
-import warnings
 from pathlib import Path
 from typing import Any
 
-import c3d
 import ezc3d
 import numpy as np
 import polars as pl
@@ -524,20 +522,6 @@ def test_points_analogs_and_parameters_of_real_files_equal_ezc3ds(path: Path) ->
                 np.testing.assert_array_equal(value.ravel(order="F"), np.ravel(other, order="F"))
             compared += value is not None
     assert compared >= 10
-
-
-@needs_real_data
-@pytest.mark.parametrize(
-    "name", ["Eb015si.c3d", "bts_561xxa01_anonym.C3D", "c3dorg_s10_TYPE-3.c3d", "opensim_jogging_300_1500.c3d"]
-)
-def test_points_of_real_files_equal_those_of_the_c3d_package(name: str) -> None:
-    found = read_c3d(C3D / name).points
-    with (C3D / name).open("rb") as file, warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # it comments on every oddity of a file
-        theirs = np.array([points[:, :4] for _, points, _ in c3d.Reader(file).read_frames()])
-    seen = ~np.isnan(found).any(axis=2)
-    assert seen.mean() > 0.5
-    np.testing.assert_allclose(found[seen], theirs[:, :, :3][seen], rtol=1e-6, atol=1e-4)
 
 
 @needs_real_data

@@ -223,6 +223,19 @@ def test_markers_and_ground_reactions_of_one_export_share_their_times(tmp_path: 
     assert (trial.provenance["plates"][0]["plate"], len(trial.samples.drop_nulls("marker_TOE_x"))) == (1, FRAMES)
 
 
+@pytest.mark.parametrize(
+    ("stem", "moment"), [("R_ground_force_", "R_ground_torque_"), ("ground_force_1_", "ground_moment_1_")]
+)
+def test_the_draft_of_ground_reactions_proposes_their_plates(tmp_path: Path, stem: str, moment: str) -> None:
+    names = ["time", *(f"{begin}{axis}" for begin in (f"{stem}v", f"{stem}p", moment) for axis in "xyz")]
+    rows, path = ["\t".join(["0.01", *["1"] * 9]), "\t".join(["0.02", *["1"] * 9])], tmp_path / "grf.mot"
+    path.write_text("\n".join(["grf", "endheader", "\t".join(names), *rows, ""]))
+    (note,) = [line for line in draft_source(inspect_file(path), "grf.mot").splitlines() if "force plates" in line]
+    drafted = yaml.safe_load(note.partition("corners: ")[2])["plates"][1]
+    assert drafted == {"force": f"{stem}v", "point": f"{stem}p", "moment": moment, "corners": "UNKNOWN"}
+    assert len(read(path, plates={1: {**drafted, "corners": CORNERS}}).samples) == 2
+
+
 def test_plates_that_cannot_be_read_are_refused(tmp_path: Path) -> None:
     path, _ = write_forces(tmp_path / "grf.mot")
     assert "column 'L_vx' is missing" in refused(path, plates={1: {**PLATE, "force": "L_v"}})

@@ -112,13 +112,14 @@ def test_a_bench_log_with_names_of_another_language(tmp_path, monkeypatch):
         angle, load, speed = (
             np.where(moves, x, 0.01 * n) for x, n in zip((theta, -torque, omega), noise, strict=False)
         )
-        columns = {"Tijd [ms]": 1e3 * time, "Hoek [°]": np.degrees(angle), "Koppel [Nm]": load}
+        columns = {"Tijd [ms]": 1e3 * time, "Stand arm [°]": np.degrees(angle), "Koppel [Nm]": load}
         columns |= {"Kanaal 5": 0 * time + 3.1, "Kanaal 6": noise[4], "Snelheid": np.degrees(speed)}
         write_csv(journey.recordings / f"{name}.csv", columns, ";", ",")
     said, source = journey.drafted()
     for line in (
         '# .*"Kanaal 5".*left out: it does not move',
-        '# .*"Kanaal 6".*left out: it is noise', 'theta: {column: "Hoek", .*  # guessed from its name',
+        '# .*"Kanaal 6".*left out: it is noise',
+        'theta: {column: "Stand arm", .*  # a guess: as a spring with "Koppel", r = [01]',
         'torque: {column: "Koppel", .*sign: -1}  # guessed from its name: it falls as the angle rises',
     ):  # fmt: skip
         assert re.search(line, source)

@@ -112,7 +112,7 @@ def pulse_channels(overview: Overview) -> dict[str, RecordedChannel]:
 
 def guessed_lines(draft: str) -> list[str]:
     """The lines of a drafted source file that give a channel the name of a column by a guess."""
-    return [line.strip() for line in draft.splitlines() if "# guess" in line and not line.startswith("#")]
+    return [line.strip() for line in draft.splitlines() if re.search("# (a )?guess", line) and not line.startswith("#")]
 
 
 def log_lines(overview: Overview) -> Iterator[str]:
@@ -166,6 +166,7 @@ def entry_lines(channels: Sequence[RecordedChannel], guesses: Sequence[Guess]) -
 
 
 FEWEST_READINGS, LARGEST_READING = 100, 1e30  # how many tell how a channel moves; beyond the other, none is one
+FOLLOWS = 0.9  # correlation from which a torque follows an angle: a fifth of its power may be damping or friction
 UNITS_BY_SIZE = {
     "rad": (("rad", 0.0, 0.9), ("deg", 2.5, 200.0)), "N*m": (("N*m", 0.0, 300.0), ("N*mm", 1500.0, np.inf)),
     "A": (("A", 0.0, 60.0), ("mA", 300.0, np.inf)),
@@ -223,21 +224,38 @@ def guessed_columns(channels: Sequence[RecordedChannel]) -> list[Guess]:
     columns = {guess.column for guess in guesses}
     if "theta" not in columns and columns & {"theta_m", "omega_m"}:  # an actuator alone
         return [replace(one, column="torque_m") if one.column == "torque" else one for one in guesses]
-    place = {guess.column: number for number, guess in enumerate(guesses) if guess.sure}
-    if {"theta", "torque"} <= place.keys() and falls(channels[place["torque"]], channels[place["theta"]]):
-        said = f"{guesses[place['torque']].said}: it falls as the angle rises"
-        guesses[place["torque"]] = replace(guesses[place["torque"]], sign=-1, said=said)
+    return with_spring(channels, guesses)
+
+
+def with_spring(channels: Sequence[RecordedChannel], guesses: list[Guess]) -> list[Guess]:
+    """The same where one torque alone follows one angle as a spring's does: these are what they are like, and a torque
+    that falls as the angle rises has the other sign, by which a joint resists."""
+    likely = {
+        column: [n for n, one in enumerate(guesses) if one.column == column and (one.sure or not sure)]
+        for column, sure in ((name, any(g.sure and g.column == name for g in guesses)) for name in ("theta", "torque"))
+    }
+    pairs = [(n, m, correlation(channels[n], channels[m])) for n in likely["theta"] for m in likely["torque"]]
+    springs = [(n, m, r) for n, m, r in pairs if abs(r) > FOLLOWS or (guesses[n].sure and guesses[m].sure)]
+    if len(springs) != 1:
+        return guesses
+    n, m, r = springs[0]
+    for place, other in ((n, m), (m, n)):
+        if not guesses[place].sure:
+            said = f"a guess: as a spring with {json.dumps(name_of(channels[other]))}, r = {abs(r):.3f}"
+            guesses[place] = replace(guesses[place], sure=True, said=said)
+    if r < -0.5:
+        guesses[m] = replace(guesses[m], sign=-1, said=f"{guesses[m].said}: it falls as the angle rises")
     return guesses
 
 
-def falls(torque: RecordedChannel, theta: RecordedChannel) -> bool:
-    """Whether a torque falls as an angle rises, which resists where it has the other sign."""
+def correlation(theta: RecordedChannel, torque: RecordedChannel) -> float:
+    """Of the readings of two channels, by their times where they have such; 0 where they cannot be compared."""
     if torque.numbers is None or theta.numbers is None:
-        return False
+        return 0.0
     x, y = (np.nan_to_num(one.numbers, posinf=0.0, neginf=0.0) for one in (theta, torque))
     if theta.times is not None and torque.times is not None:
         x = np.interp(torque.times, theta.times, x)
-    return len(x) == len(y) and varies(x) and varies(y) and float(np.corrcoef(x, y)[0, 1]) < -0.5
+    return float(np.corrcoef(x, y)[0, 1]) if len(x) == len(y) > FEWEST_READINGS and varies(x) and varies(y) else 0.0
 
 
 def made_of(channel: RecordedChannel, currents: Sequence[RecordedChannel]) -> str:

@@ -1,5 +1,6 @@
 """What a file holds: channels with ranges, rates and gaps, what is odd, and what names tell of clocks and units."""
 
+import json
 import math
 import re
 from collections import Counter
@@ -458,7 +459,25 @@ def inspect_opensim(path: Path) -> Overview:
     found = overview_of("opensim", columns, "columns", facts=facts, remarks=remarks)
     time: Any = found.settings["time"]
     time = {"column": time["column"], "unit": UNKNOWN if time["column"] == NAME_OF_TIME else "s"}
-    return replace(found, settings={**found.settings, "time": time})
+    plates = plates_in(table.names)
+    note = f"these columns are force plates, if you state their corners: plates: {{{', '.join(plates)}}}"
+    questions = [*found.open, *[printable(note)] * bool(plates)]
+    return replace(found, settings={**found.settings, "time": time}, open=questions)
+
+
+def plates_in(names: Sequence[str]) -> list[str]:
+    """The plates that the names of columns tell, as a source file has them but for their corners."""
+    triples = {name[:-1] for name in names if {f"{name[:-1]}{axis}" for axis in "xyz"} <= {*names}}
+    plates: list[str] = []
+    for name in names:
+        force, stem = name[:-1], name[:-2]  # `R_ground_force_v`; of `R_ground_force_` is the moment `R_ground_torque_`
+        moments = {re.sub("force", word, stem): None for word in ("torque", "moment")} if name.endswith("vx") else {}
+        moment = next((one for one in moments if one != stem and one in triples), None)
+        if moment is not None and {force, f"{stem}p"} <= triples:
+            keys = {"force": force, "point": f"{stem}p", "moment": moment}
+            text = ", ".join(f"{key}: {json.dumps(begin)}" for key, begin in keys.items())
+            plates.append(f"{len(plates) + 1}: {{{text}, corners: {UNKNOWN}}}")
+    return plates
 
 
 ROS_UNITS = {

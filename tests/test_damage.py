@@ -249,6 +249,20 @@ def test_whatever_is_read_of_a_damaged_file_was_written_or_its_loss_is_told(tmp_
     assert min(became.count(result) for result in ("refused", "told", "whole")) > 20
 
 
+def test_two_parts_of_an_array_at_one_place_are_refused(tmp_path: Path) -> None:
+    """A flipped bit in the index gave a part twice and another not at all."""
+    write_mat73(path := tmp_path / "a.mat", **signals(0))
+    with h5py.File(path, "a") as file:
+        del file["f"]
+        torque = file.create_dataset("f", (1, ROWS), "f8", chunks=(1, 40))
+        torque[0] = signals(0)["f"]
+        first, second = (torque.id.get_chunk_info(number).byte_offset - 512 for number in (0, 1))  # in the file's own
+    path.write_bytes(path.read_bytes().replace(second.to_bytes(8, "little"), first.to_bytes(8, "little")))
+    source = FORMATS["mat"].source.model_validate({"format": "mat", **columns_as("variable")})
+    with pytest.raises(InputError, match="stand at one place: the index is damaged"):
+        FORMATS["mat"].read(path, source)
+
+
 def test_chunks_that_were_never_written_are_lost_and_not_zeros(tmp_path: Path) -> None:
     written, source = signals(0), {"format": "mat", **columns_as("variable")}
     for name, time, first in (("end.mat", {}, 0), ("middle.mat", {}, 30), ("rate.mat", {"time": {"rate": 100}}, 30)):

@@ -194,6 +194,17 @@ def test_messages_that_the_description_has_and_the_bag_lacks_are_lost(tmp_path: 
     assert "% of topic '/lab' is lost" in refused(bag)
 
 
+def test_messages_that_stand_twice_over_others_are_lost(tmp_path: Path) -> None:
+    bag = write_bag2(tmp_path / "bag")
+    with closing(sqlite3.connect(bag / "bag.db3")) as connection:
+        copied = "UPDATE messages SET (timestamp, data) = (SELECT timestamp, data FROM messages AS other"
+        connection.execute(f"{copied} WHERE other.id = messages.id - 10) WHERE id BETWEEN 21 AND 24")
+        connection.commit()
+    damage = read(bag, largest_loss=0.5).facts["damage"]
+    assert (damage["lost"], damage["complete"]) == (4, False)
+    assert any("4 of " in text and "stand twice" in text for text in damage["remarks"])
+
+
 def test_without_its_description_a_database_is_read_and_the_losses_are_unknown(tmp_path: Path) -> None:
     bag = write_bag2(tmp_path / "bag")
     (bag / DESCRIBED).unlink()

@@ -146,6 +146,15 @@ def test_numbers_in_another_writing_are_no_failed_readings(tmp_path):
         read_by_draft(tmp_path / "a.csv")
 
 
+def test_thousands_are_read_where_both_signs_tell_which_is_which(tmp_path):
+    for sign, thousands in ((";", "{:,.3f}"), (";", "{:,.3f}".replace(",", "_"))):
+        torque = [thousands.format(1e3 * x) for x in TORQUE]
+        whole = text(sign, ["Time [s]", "Ankle angle [deg]", "Torque [Nmm]"], m=torque)
+        swapped = whole.translate(str.maketrans("._", ",.")) if "_" in thousands else whole
+        (tmp_path / "a.csv").write_text(swapped)
+        np.testing.assert_allclose(read_by_draft(tmp_path / "a.csv").samples["torque"], TORQUE, atol=2e-6)
+
+
 @pytest.mark.parametrize("head", ["Time", "Zeit / s"])
 def test_a_stated_rate_that_a_clock_of_the_file_contradicts_is_refused(tmp_path, head):
     """Read at 1000 Hz, the rows of 500 Hz gave B = 2.5 for 5."""
@@ -243,6 +252,27 @@ def test_a_c3d_file_whose_frames_are_shifted_is_refused_or_its_loss_is_told(tmp_
         return
     with pytest.raises(InputError, match="are shifted"):
         read_c3d(tmp_path / "a.c3d")
+
+
+def test_a_c3d_file_that_lost_a_block_ends_in_frames_of_padding_and_is_refused(tmp_path):
+    points = np.random.default_rng(1).normal(0, 500, (50, 3, 4))
+    points[:, :, 3] = 0.0
+    whole = write_c3d(tmp_path / "a.c3d", points).read_bytes()
+    points[-7:] = 0.0
+    write_c3d(tmp_path / "unseen.c3d", points)
+    assert read_c3d(tmp_path / "unseen.c3d").damage.report()["complete"], "nothing was seen in the last frames"
+    (tmp_path / "a.c3d").write_bytes(whole[:1536] + whole[2048:] + bytes(512))
+    with pytest.raises(InputError, match="are shifted"):
+        read_c3d(tmp_path / "a.c3d")
+
+
+def test_an_arrow_file_in_which_bytes_were_inserted_is_refused(tmp_path):
+    """A whole column was one row late."""
+    whole = made(path := tmp_path / "a.feather", "feather").read_bytes()
+    for at in range(1000, len(whole) - 1000, 2000):
+        path.write_bytes(whole[: at // 8 * 8] + bytes(8) + whole[at // 8 * 8 :])
+        with pytest.raises(InputError, match="bytes were lost or inserted"):
+            read_by_draft(path)
 
 
 def test_tdms_channels_of_one_clock_and_unequal_counts_are_refused(tmp_path):

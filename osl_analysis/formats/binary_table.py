@@ -1,11 +1,13 @@
 """Tables in formats of programs: sheets of Excel and OpenDocument by fastexcel, Parquet and Arrow by polars, arrays of
 numpy, and HDF5 by h5py. A sheet follows the rules of a table of text; others have names and types of their own."""
 
+import mmap
 import re
 import struct
 import zipfile
 from collections import Counter
 from collections.abc import Mapping
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -75,32 +77,57 @@ def read_binary_table(path: Path, layout: CsvLayout, is_unit: IsUnit, most_rows:
 
 def read_workbook(path: Path, layout: CsvLayout, is_unit: IsUnit) -> CsvTable:
     """The largest sheet of a workbook, by the rules of a table of text."""
-    library = optional_module("fastexcel", "a workbook")
-    book = library.read_excel(path)
-    sheets = {name: book.load_sheet(name, header_row=None, dtypes="string") for name in book.sheet_names}
-    name = max(sheets, key=lambda one: sheets[one].height * sheets[one].width)
-    content: pl.DataFrame = sheets[name].to_polars()
+    optional_module("fastexcel", "a workbook")
+    name, others, content = isolated(partial(largest_sheet, path))  # a damaged one may ask for all memory
     cells = content.select(pl.all().cast(pl.String).fill_null("").str.strip_chars())
     rows = [(number, list(row)) for number, row in enumerate(cells.iter_rows(), start=1) if any(row)]
     signs = COMMENTS if layout.comment == "auto" else tuple(filter(None, [layout.comment]))
     notes: TextLines = [(n, " ".join(filter(None, row))) for n, row in rows if row[0].startswith(signs)]
     noted = {number for number, _ in notes}
     table = table_of_rows([row for row in rows if row[0] not in noted], notes, layout, is_unit)
-    others = [one for one, sheet in sheets.items() if one != name and sheet.height]
     table.damage.remarks.extend([f"sheet '{name}' is read, the largest; not read: {listing(others, 5)}"] * bool(others))
     return CsvTable(
         table.names, table.units, table.lines, table.body, table.comments, table.damage, "", table.decimal, "row"
     )
 
 
+def largest_sheet(path: Path) -> tuple[str, list[str], pl.DataFrame]:
+    """Name and cells of the largest sheet, and the names of the others that hold something."""
+    book = optional_module("fastexcel", "a workbook").read_excel(path)
+    sheets = {name: book.load_sheet(name, header_row=None, dtypes="string") for name in book.sheet_names}
+    name = max(sheets, key=lambda one: sheets[one].height * sheets[one].width)
+    return name, [one for one, sheet in sheets.items() if one != name and sheet.height], sheets[name].to_polars()
+
+
 def read_frame(path: Path, kind: str) -> pl.DataFrame:
     if kind == "stream":
         check_memory(path.stat().st_size)
         return pl.read_ipc_stream(path)
+    if kind == "arrow":
+        check_arrow(path)
     lazy = pl.scan_parquet(path) if kind == "parquet" else pl.scan_ipc(path)
     names, rows = lazy.collect_schema().names(), lazy.select(pl.len()).collect().item()
     check_memory(8 * rows * len(names))
     return pl.read_parquet(path) if kind == "parquet" else pl.read_ipc(path)
+
+
+def check_arrow(path: Path) -> None:
+    """Refuse an Arrow file whose parts do not follow one another up to its footer: where bytes were inserted or lost,
+    values behind them are those of other rows. The footer, a flatbuffer, lists in its third and fourth field where
+    parts begin, and how long their head and body are."""
+    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data, suppress(struct.error):
+        begin = len(data) - 10 - struct.unpack_from("<i", data, len(data) - 10)[0]
+        root = begin + struct.unpack_from("<I", data, begin)[0]
+        fields, parts = root - struct.unpack_from("<i", data, root)[0], list[tuple[int, int, int]]()
+        for slot in range(8, min(12, struct.unpack_from("<H", data, fields)[0]), 2):
+            (place,) = struct.unpack_from("<H", data, fields + slot)
+            at = root + place + struct.unpack_from("<I", data, root + place)[0]
+            count = struct.unpack_from("<I", data, at)[0] if place else 0
+            parts += struct.iter_unpack("<qi4xq", data[at + 4 : at + 4 + 24 * count])
+        ends = [sum(one) for one in sorted(parts)]
+        is_whole = ends[:-1] == [one[0] for one in sorted(parts)[1:]]
+        if ends and not (is_whole and ends[-1] in (begin - 8, begin - 4)):  # a mark of the end, shorter in old files
+            raise InputError("its parts do not follow one another: bytes were lost or inserted; copy it again")
 
 
 def numpy_arrays(path: Path, kind: str) -> dict[str, NDArray[Any]]:
@@ -148,15 +175,20 @@ def bytes_behind(path: Path, begin: int) -> int:
 
 def never_written(item: Any) -> NDArray[np.bool_] | None:
     """Which values of a data set of HDF5 were never written, as by a recorder that was killed: HDF5 gives its fill
-    value there. None if all were."""
+    value there. None if all were. InputError if two parts of it stand at one place."""
     if item.size and not item.is_virtual and not item.id.get_storage_size():
         return np.ones(item.shape, bool)
     size = item.chunks
-    if not size or item.id.get_num_chunks() >= np.prod([-(-n // m) for n, m in zip(item.shape, size, strict=True)]):
+    if not size:
+        return None
+    chunks = [item.id.get_chunk_info(number) for number in range(item.id.get_num_chunks())]
+    if len({one.byte_offset for one in chunks}) < len(chunks):
+        raise InputError(f"two parts of {item.name} stand at one place: the index is damaged; copy the file again")
+    if len(chunks) >= np.prod([-(-n // m) for n, m in zip(item.shape, size, strict=True)]):
         return None
     lacking = np.ones(item.shape, bool)
-    for first in (item.id.get_chunk_info(number).chunk_offset for number in range(item.id.get_num_chunks())):
-        lacking[tuple(slice(n, n + m) for n, m in zip(first, size, strict=True))] = False
+    for one in chunks:
+        lacking[tuple(slice(n, n + m) for n, m in zip(one.chunk_offset, size, strict=True))] = False
     return lacking
 
 

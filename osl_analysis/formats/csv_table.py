@@ -27,6 +27,11 @@ COMMENTS = ("#", "%", "//")
 MISSING = ("", "nan", "NaN", "NAN", "NA", "N/A", "#N/A", "null", "NULL", "None", "<NA>", "NaT", "-nan", "-nan(ind)")
 """Cells of readings that failed, as programs write them."""
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d{1,3})?", re.ASCII)
+THOUSANDS = {
+    ".": re.compile(r"([+-]?\d{1,3}(?:,\d{3})+)\.(\d+)"),
+    ",": re.compile(r"([+-]?\d{1,3}(?:\.\d{3})+),(\d+)"),
+}
+"""By the decimal sign: numbers whose thousands have the other one."""
 CLOCK = r"(?:(\d+) days?,? )?\+?(\d{1,3}):(\d{2})(?::(\d{1,2}))?(?:[.,:](\d{1,9}))?\d*(?: ?([AaPp])\.?[Mm]\.?)?"
 TIME = rf"^(?:\d{{1,4}}[-/.]\d{{1,2}}[-/.]\d{{1,4}}[T ]\s*)?{CLOCK}\s*(?:Z|UTC|([+-]\d{{2}}):?(\d{{2}}))?$"
 MOST_COLUMNS = 10_000  # of a table; a file with more is transposed, or no recording
@@ -162,9 +167,12 @@ def cell_numbers(cells: Sequence[str | None] | pl.Series, missing: Collection[st
     values = plain.cast(pl.Float64, strict=False).to_numpy().copy()
     values[absent] = np.nan
     for place in np.flatnonzero(~np.isfinite(values) & ~absent).tolist():  # `+1.5`, `1.0D-3`: polars does not read them
-        if not is_number_cell(str(plain[place])):
+        cell, thousands = str(plain[place]), THOUSANDS[decimal].fullmatch(str(text[place]))
+        if thousands:  # `12.681,27`: both signs tell which is which
+            cell = re.sub("[.,]", "", thousands[1]) + "." + thousands[2]
+        if not is_number_cell(cell):
             raise UnreadableCellError(place)
-        values[place] = float(re.sub("[dD]", "e", str(plain[place])))
+        values[place] = float(re.sub("[dD]", "e", cell))
     return values
 
 
@@ -175,7 +183,8 @@ def is_number_cell(cell: str) -> bool:
 def is_value(cell: str) -> bool:
     """Whether a cell may stand in a column of numbers or times."""
     is_word = cell in MISSING or cell.casefold() in ("true", "false")
-    return is_word or is_number_cell(cell.replace(",", ".", 1)) or re.match(TIME, cell) is not None
+    is_number = is_number_cell(cell.replace(",", ".", 1)) or any(one.fullmatch(cell) for one in THOUSANDS.values())
+    return is_word or is_number or re.match(TIME, cell) is not None
 
 
 def cell_stamps(cells: pl.Series) -> NDArray[np.int64] | None:
@@ -545,6 +554,8 @@ def decimal_of(rows: Sequence[tuple[int, Sequence[str | None]]]) -> str:
     between thousands."""
     cells = [cell for _, row in (*rows[:FIRST_LINES], *rows[-LAST_LINES:]) for cell in row if cell]
     commas = [cell for cell in cells if re.fullmatch(r"[+-]?\d*,\d+([eE][+-]?\d+)?", cell)]
+    if any(THOUSANDS[","].fullmatch(cell) for cell in cells):
+        return ","
     stops = any(re.fullmatch(r"[+-]?\d*\.\d+([eEdD][+-]?\d+)?", cell) for cell in cells)
     thousands = all(re.fullmatch(r"[+-]?[1-9]\d{0,2},\d{3}", cell) for cell in commas)
     return "," if commas and not stops and not thousands else "."

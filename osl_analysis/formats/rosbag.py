@@ -177,8 +177,8 @@ def opened(path: Path) -> Iterator[sqlite3.Connection]:
     try:
         with closing(sqlite3.connect(address, uri=True)) as connection:
             yield connection
-    except (sqlite3.Error, OverflowError, UnicodeDecodeError) as error:
-        said = " ".join(str(error).split())[:120]
+    except (sqlite3.Error, OverflowError, TypeError, UnicodeDecodeError) as error:
+        said = "a number is missing" if isinstance(error, TypeError) else " ".join(str(error).split())[:120]
         if "no such" in said:
             raise InputError(
                 f"{path}: a database of something else ({said}): no bag of ROS 2; name the bag itself"

@@ -19,6 +19,7 @@ from osl_analysis.errors import InputError, printable
 from osl_analysis.trial import Array
 
 MOST_BYTES = 4_000_000_000  # of memory that the values of a recording may take
+MOST_SECONDS = 600  # of processor time that a decoder may take
 
 Result = TypeVar("Result")
 LIBRARY_REMEDY = "copy the file again, or export it anew"
@@ -80,6 +81,8 @@ def answer(work: Callable[[], object], writer: int) -> None:
             resource.setrlimit(resource.RLIMIT_AS, (limit, resource.getrlimit(resource.RLIMIT_AS)[1]))
             is_lower = 0 <= resource.getrlimit(resource.RLIMIT_DATA)[0] < MOST_BYTES
             resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+            resource.setrlimit(resource.RLIMIT_CPU, (MOST_SECONDS, MOST_SECONDS))
+            os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # a decoder that breaks down need not say so at length
         try:
             said = pickle.dumps((True, work()))
         except MemoryError:

@@ -378,6 +378,9 @@ def inspect_mat(path: Path) -> Overview:
         parts = listing([printable(one) for one in alike], 40)
         what = f"{len(alike)} parts hold the same variables: name one per trial in the column `log_part` of the sheet"
         left_open = [f"{what}: {parts}"]
+    if others := [one for one in by_part if one not in alike]:
+        what = "a draft is of one part; to read a variable of another, write its address with `/`, as"
+        left_open.append(f"{what} `/{printable(others[0])}.{printable(next(iter(by_part[others[0]])))}`")
     drafted = [one for name, value in next(iter(alike.values()), {}).items() for one in columns_of_matrix(name, value)]
     columns = [variable_column(address, name, value) for _, name, address, value in variables[:most]]
     facts = {"version": file.version, "header": file.header, "variables": str(len(file.names))}

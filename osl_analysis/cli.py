@@ -372,13 +372,13 @@ def compare(a: Path, b: Path, margin: float | None, output: Path) -> None:
 )
 @option("--example", is_flag=True, help="A small simulated campaign, which runs in about a minute.")
 def init(folder: Path, recorders: tuple[str, ...], recordings: Path | None, example: bool) -> None:
-    """Make the folder of a new campaign: configuration, sample sheet and source files."""
+    """Make the folder of a new campaign: configuration, sample sheet, source files and their JSON schemas."""
     from osl_analysis.commands.inspect import drafted_text, left_to_decide, new_campaign
 
     if example and (recorders or recordings):
         raise click.UsageError("--example has recordings of its own; leave --recorder and --from")
     draft = new_campaign(folder, recorders, recordings, example)
-    say(f"made {folder} with config.yaml, {'simulation.yaml' if example else 'trials.csv'} and sources/")
+    say(f"made {folder} with config.yaml, {'simulation.yaml' if example else 'trials.csv'}, sources/ and schemas/")
     if recordings is not None:
         say(drafted_text(draft))
         decisions = left_to_decide(folder, draft)

@@ -58,7 +58,7 @@ def test_the_house_has_nine_floors_and_no_stair_back():
 
 
 @pytest.mark.parametrize(("name", "known_to"), [
-    ("simulator", {"commands/simulate.py"}),
+    ("simulator", {f"commands/{name}.py" for name in ("simulate", "reference")}),
     ("commands", {"cli.py", "notebook.py", "__init__.py"}),
     ("notebook", {"__init__.py"}),
 ])  # fmt: skip

@@ -1,5 +1,6 @@
 """A new campaign: what is drafted from recordings, what is not overwritten, and how editors check its files."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -8,15 +9,25 @@ import yaml
 from c3d_builder import write_c3d
 from click.testing import CliRunner
 from conftest import ROOT
+from jsonschema import Draft202012Validator
 
 from osl_analysis.cli import main
 from osl_analysis.commands.inspect import draft_campaign, left_to_decide, new_campaign
+from osl_analysis.commands.reference import schemas
 from osl_analysis.commands.run import looked_at, snakemake_arguments
 from osl_analysis.errors import InputError
 from osl_analysis.files import shipped
 from osl_analysis.ingest.draft import draft_trials, segment_of
 from osl_analysis.ingest.raw_files import read_source
 from osl_analysis.ingest.source import open_places
+
+KINDS = {
+    "config": "config/config.yaml config/campaigns/*/config.yaml config/new_campaign/[ce]*.yaml",
+    "simulation": "config/simulation/[!w]*.yaml config/new_campaign/simulation.yaml",
+    "gait_laboratory": "config/simulation/walking.yaml", "parameters": "config/parameters/*.yaml",
+    "source": "config/sources/*.yaml",
+}  # fmt: skip
+"""The shipped files of each schema."""
 
 
 def call(*arguments):
@@ -133,6 +144,22 @@ def test_a_file_of_the_campaign_goes_before_the_shipped_one(tmp_path, monkeypatc
     assert shipped("Snakefile") == ROOT / "Snakefile"
     (tmp_path / "Snakefile").write_text("mine")
     assert [shipped(one) for one in ("Snakefile", "none.yaml")] == [Path("Snakefile"), Path("none.yaml")]
+
+
+def test_every_shipped_file_is_valid_by_its_schema_which_refuses_an_unknown_field():
+    made = schemas()
+    validators = {name: Draft202012Validator(schema) for name, schema in made.items()}
+    for pattern, kind in ((pattern, kind) for kind, patterns in KINDS.items() for pattern in patterns.split()):
+        files = sorted(ROOT.glob(pattern))
+        assert files, pattern
+        for file in files:
+            text = file.read_text()
+            if file.parent.name == "new_campaign" and kind == "config":
+                text = text.format(name="mine", raw_data="rec")
+            content = json.loads(json.dumps(yaml.safe_load(text), default=str))
+            assert [error.message for error in validators[kind].iter_errors(content)] == [], file
+    assert not validators["config"].is_valid({"dynamometer": {"cutof_hz": 15}})
+    assert not validators["source"].is_valid({"format": "csv", "clock": "master", "chanels": {}})
 
 
 @pytest.mark.parametrize(("names", "segment"), [

@@ -558,5 +558,6 @@ def test_the_commands_of_the_tutorial_print_what_it_shows_and_end_with_its_figur
     assert (folder / FIGURE).stat().st_size > 10_000
     assert (DOCS / "tutorial.png").exists()
     assert "flag" not in (folder / "my_campaign/results/tables/quality.csv").read_text()
-    source = yaml.safe_load((folder / "my_campaign/sources/csv.yaml").read_text())
-    assert source["channels"]["torque"]["sign"] == -1
+    source = folder / "my_campaign/sources/csv.yaml"
+    assert yaml.safe_load(source.read_text())["channels"]["torque"]["sign"] == -1
+    assert (source.parent / source.read_text().splitlines()[0].split("=")[1]).exists()

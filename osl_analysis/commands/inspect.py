@@ -122,10 +122,14 @@ def write_campaign(folder: Path, name: str, raw_data: Path, sources: Mapping[str
         path = "'" + path.replace("'", "''") + "'"
     config = template.format(name=allowed, raw_data=path) + (draft.walking if draft else "")
     (folder / "config.yaml").write_text(config, encoding="utf-8")
+    from osl_analysis.commands.reference import write_schemas  # it knows the settings of all commands
+
+    write_schemas(folder / "schemas")
     if not raw_data.is_absolute() and ".." not in raw_data.parts:
         (folder / raw_data).mkdir(parents=True)
     for source, content in sources.items():
-        (folder / f"sources/{source}.yaml").write_text(content, encoding="utf-8")
+        text = f"# yaml-language-server: $schema=../schemas/source.schema.json\n{content}"
+        (folder / f"sources/{source}.yaml").write_text(text, encoding="utf-8")
     if draft is None:
         shutil.copy(shipped("config/new_campaign/simulation.yaml"), folder / "simulation.yaml")
         return

@@ -1,12 +1,24 @@
-"""The page of tables: the meaning of every column of every result table, of every check and headline number."""
+"""What a user looks up: the meaning of every column of every result table, and the JSON schemas of the YAML files."""
 
-from collections.abc import Iterable
+import json
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
 
+from pydantic import BaseModel
+from pydantic.json_schema import models_json_schema
+
+from osl_analysis.campaign.configuration import Config
 from osl_analysis.dictionary import HERE, described_tables
+from osl_analysis.files import write_text
 from osl_analysis.ingest.examine import UNITS
+from osl_analysis.ingest.raw_files import FORMATS
 from osl_analysis.judge.limits import CHECKS
 from osl_analysis.judge.words import WORDS
+from osl_analysis.model.parameters import ParameterFile
 from osl_analysis.report.headlines import all_labels
+from osl_analysis.simulator.settings import SimulationSettings
+from osl_analysis.simulator.walking_settings import WalkingSettings
 
 
 def tables_page(command: str) -> str:
@@ -36,3 +48,38 @@ def tables_page(command: str) -> str:
 def markdown(*head: str, rows: Iterable[Iterable[str]]) -> str:
     lines = [head, ["---"] * len(head), *rows]
     return "".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |\n" for line in lines)
+
+
+def schemas() -> dict[str, dict[str, Any]]:
+    """The schema of each kind of file, by the name of its file without `.schema.json`."""
+    draft, found = "https://json-schema.org/draft/2020-12/schema", dict[str, dict[str, Any]]()
+    models: dict[str, type[BaseModel]] = {"config": Config, "parameters": ParameterFile}
+    models |= {"simulation": SimulationSettings, "gait_laboratory": WalkingSettings}
+    for name, model in models.items():
+        top, definitions = definitions_of({name: model})
+        if model is Config:  # a campaign's overrides fields of the default, and needs none
+            for one in definitions.values():
+                one.pop("required", None)
+        found[name] = {"$schema": draft, "$ref": top[name], "$defs": definitions}
+    top, definitions = definitions_of({name: known.source for name, known in FORMATS.items()})
+    found["source"] = {
+        "$schema": draft,
+        "type": "object",
+        "required": ["format"],
+        "properties": {"format": {"enum": list(FORMATS)}},
+        "allOf": [{"if": {"properties": {"format": {"const": n}}}, "then": {"$ref": at}} for n, at in top.items()],
+        "$defs": definitions,
+    }
+    return found
+
+
+def definitions_of(models: Mapping[str, type[BaseModel]]) -> tuple[dict[str, str], dict[str, Any]]:
+    """Where the definition of each model stands, and all definitions."""
+    each = [(model, "validation") for model in dict.fromkeys(models.values())]
+    places, content = models_json_schema(each, ref_template="#/$defs/{model}")
+    return {name: places[model, "validation"]["$ref"] for name, model in models.items()}, content["$defs"]
+
+
+def write_schemas(folder: Path) -> None:
+    for name, schema in schemas().items():
+        write_text(folder / f"{name}.schema.json", json.dumps(schema, indent=1, ensure_ascii=False) + "\n")

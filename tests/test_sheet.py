@@ -258,8 +258,6 @@ PRBS = {"name": "a", "kind": "prbs", "rms_deg": 2}
     ("excitations", [PRBS, PRBS], "excitations: 'a' stands twice"),
     ("excitations", [PRBS | {"kind": "multisine", "band_hz": [0.1, 0.5]}], "0: 2 odd lines of a period of 8 s lie"),
     ("experiments.conditions.subjects", [{"name": "A"}, {"name": "A"}], "subjects: 'A' stands twice"),
-    ("experiments.conditions.K_d", [300, 300], "K_d: '300.0' stands twice"),
-    ("experiments.conditions.stance_phases", [0.95], "stance_phases.0: 0.95 is not allowed"),
     ("belt.amplitude_deg", 120, "belt.amplitude_deg: 120 is not allowed: .* 60 deg"),
     ("effects.actuator_encoder", {"enabled": True, "size": 200, "unit": "bit"}, "its size is 200 bit; give at most 32"),
     *(("effects.dynamometer_bandwidth.size", hz, f"size: {hz} Hz do not .* choose 5 to 500 Hz") for hz in (1, 600)),

@@ -3,7 +3,6 @@
 import json
 from collections import defaultdict
 from dataclasses import replace
-from itertools import product
 
 import ezc3d
 import numpy as np
@@ -88,19 +87,22 @@ def plate_of(folder, trial):
     return trial_from_files(row, folder, ROOT / "config/sources").samples.select("^plate1_.*$").to_numpy()
 
 
-@pytest.mark.parametrize(("K_d", "phase"), [(200, 0.2), (480, 0.6)])
-def test_a_crossing_has_the_commanded_stiffness_and_is_perturbed_at_the_planned_phase(setup, tmp_path, K_d, phase):
+@pytest.mark.parametrize("compensated", [True, False])
+def test_a_crossing_has_the_commanded_stiffness_and_is_perturbed_at_the_planned_phase(setup, tmp_path, compensated):
     """K_1 = K_d K_s / (K_s - K_d) / n_T^2: actuator and belt in series. The phase scatters by 0.01; stance: 0.72 s."""
-    seen = decoded(with_conditions(setup, K_d=[K_d], B_d=[5], stance_phases=[phase]), tmp_path, True)
+    path = tmp_path / "impedance.csv"
+    path.write_text("phase,K_d,B_d\n0,200,4\n1,200,4\n")
+    own = altered(ramped(setup, stance_phase=(0.19, 0.21)), impedance=path)
+    controller = "compensated" if compensated else "uncompensated"
+    own.record(tmp_path, PERTURBED | {"controller": controller})
+    seen, log = decoded_crossing(tmp_path / "vicon/walking_01.c3d"), leg_log(tmp_path)
     high = np.flatnonzero(seen.analogs[7] > 2.5) / 1500
     assert np.ptp(high) == pytest.approx(0.02, abs=1.1 / 1500)
-    fired, gain = high[0], K_d * 685.6 / (685.6 - K_d) / (83 / 18) ** 2
-    assert leg_log(tmp_path)["stiffness_gain"].max() == pytest.approx(gain, rel=1e-6)
-    with_conditions(setup, K_d=[K_d], B_d=[4]).record(tmp_path, PERTURBED | {"controller": "uncompensated"})
-    assert leg_log(tmp_path)["damping_gain"].max() == pytest.approx(4 / (83 / 18) ** 2, rel=1e-6)
-    assert leg_log(tmp_path)["stiffness_gain"].max() == pytest.approx(K_d / (83 / 18) ** 2, rel=1e-6)
-    assert (fired - 0.9) / 0.72 == pytest.approx(phase, abs=0.011)
-    assert seen.time[np.abs(seen.platform_angle) > 1e-4][0] > fired + 0.004
+    in_series = 685.6 / (685.6 - 200) if compensated else 1
+    assert log["stiffness_gain"].max() == pytest.approx(200 * in_series / (83 / 18) ** 2, rel=1e-6)
+    assert compensated or log["damping_gain"].max() == pytest.approx(4 / (83 / 18) ** 2, rel=1e-6)
+    assert (high[0] - 0.9) / 0.72 == pytest.approx(0.2, abs=0.011)
+    assert seen.time[np.abs(seen.platform_angle) > 1e-4][0] > high[0] + 0.004
 
 
 def crossings_of(settings):
@@ -109,33 +111,28 @@ def crossings_of(settings):
     return rows, [condition_of(row, settings) for row in rows]
 
 
-def test_every_combination_is_planned_equally_often_and_what_the_sheet_states_is_simulated(setup):
-    lists = {"directions": ("up", "down"), "K_d": (200.0, 480.0), "stance_phases": (0.2, 0.4, 0.6)}
+def test_every_direction_is_planned_equally_often_and_what_the_sheet_states_is_simulated(setup):
     rows, _ = crossings_of(with_conditions(setup, {"walking": 100, "perturbed_share": 0.1}).settings)
     assert 1 < sum(row["perturbed"] for row in rows) < 25
-    rows, found = crossings_of(with_conditions(setup, **lists).settings)
-    drawn = [(c.direction, c.K_d, c.stance_phase) for c in found]
-    assert sorted(drawn) == sorted(2 * list(product(*lists.values())))
-    assert drawn[:12] != drawn[12:], "in no simple order"
-    assert {row["K_d"] for row in rows} == {None}, "left unsaid"
-    stated, found = crossings_of(with_conditions(setup, **lists, stated=("K_d", "group", "direction")).settings)
-    for row, condition in zip(stated, found, strict=True):
-        group = f"{condition.direction}_K{condition.K_d:g}_{100 * condition.stance_phase:.0f}"
-        assert (row["K_d"], row["group"]) == (condition.K_d, group)
+    assert {row["direction"] for row in rows} == {None}, "there is one"
+    rows, found = crossings_of(with_conditions(setup, directions=("up", "down")).settings)
+    drawn = [one.direction for one in found]
+    assert [sorted(pair) for pair in zip(drawn[::2], drawn[1::2], strict=True)] == 12 * [["down", "up"]]
+    assert 0 < drawn[::2].count("up") < 12, "in no simple order"
+    for row, condition in zip(rows, found, strict=True):
         assert row["direction"] == (condition.direction if row["perturbed"] else None)
-    own = condition_of(stated[0] | {"perturbed": True, "K_d": 123.0, "B_d": 4.5, "direction": "down"}, setup.settings)
-    assert (own.K_d, own.B_d, own.direction, own.perturbed) == (123.0, 4.5, "down", True)
+    own = condition_of(rows[0] | {"perturbed": True, "direction": "down"}, setup.settings)
+    assert (own.direction, own.perturbed) == ("down", True)
     with pytest.raises(InputError, match="the plan has two trials 'impedance_K300_B"):
         plan_trials(with_conditions(setup, {"K_d": (300.0, 300.0001)}).settings)
 
 
 def test_persons_follow_each_other_in_equal_blocks(setup, tmp_path):
     people = [Subject(name="A", body_mass_kg=60, stance_s=0.6), Subject(name="B", body_mass_kg=90, stance_s=0.8)]
-    columns = ("subject", "body_mass_kg", "side")
-    mixed = with_conditions(setup, subjects=people, stated=columns)
+    mixed = with_conditions(setup, subjects=people)
     rows, found = crossings_of(mixed.settings)
     assert [c.subject.name for c in found] == 12 * ["A"] + 12 * ["B"]
-    assert [[rows[k][name] for name in columns] for k in (0, -1)] == [["A", 60, "right"], ["B", 90, "right"]]
+    assert [rows[k]["subject"] for k in (0, -1)] == ["A", "B"]
     light, heavy = (decoded(mixed, tmp_path, False, trial) for trial in ("walking_01", "walking_24"))
     stated, plain = (parameters_of(lab, tmp_path, STATIC) for lab in (mixed, setup))
     assert stated["SUBJECTS"]["NAMES"]["value"] == ["A"]

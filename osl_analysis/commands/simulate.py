@@ -65,7 +65,7 @@ def settings_files(settings_path: Path, followed: SharedChoices = NOTHING) -> li
     with catch_warnings(action="ignore"), naming(f"{settings_path}: experiments"):  # the jobs give the warnings
         wanted, p = settings.experiments, read_parameters(settings.parameters)
         rendered = wanted.K_d if "compensated" in wanted.controllers and settings.joint is None else ()
-        check_request([*rendered, *wanted.conditions.K_d], [*wanted.B_d, *wanted.conditions.B_d], p)
+        check_request(rendered, wanted.B_d, p)
     if laboratory is None or settings.walking is None:
         return [settings_path, settings.parameters]
     try:

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from osl_analysis.config.sheet import read_impedance_trajectory
 from osl_analysis.model.compensator import Weight, check_request, optimal_damping, stiffness_gain
 from osl_analysis.model.parameters import DrivetrainParameters
 from osl_analysis.simulator import step as gait
@@ -20,7 +21,7 @@ from osl_analysis.simulator import vicon
 from osl_analysis.simulator.bench import drivetrain_effects
 from osl_analysis.simulator.drivetrain import simulate_drivetrain
 from osl_analysis.simulator.joint_motion import JointMotion
-from osl_analysis.simulator.plan import Condition, condition_of
+from osl_analysis.simulator.plan import condition_of
 from osl_analysis.simulator.recorder import SAMPLES, rounded_to, sample_topic, write_topics, write_truth
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.simulator.step import GRAVITY, Pose, TrueWrench, interpolated_at, rotation_about
@@ -31,11 +32,9 @@ LEG_LENGTH = 0.9  # ankle to hip [m], which converts a shift of the platform to 
 
 
 @lru_cache(maxsize=32)
-def compensated_damping(
-    path: Path, p: DrivetrainParameters, weight: Weight, K_d: float | None = None, B_d: float | None = None
-) -> tuple[Array, Array]:
+def compensated_damping(path: Path, p: DrivetrainParameters, weight: Weight) -> tuple[Array, Array]:
     """A grid of phases, and B_1 [N*m*s/rad] (Eq. 14) at these. A grid is enough because B_1 is a smooth curve."""
-    desired, grid = Condition(K_d=K_d, B_d=B_d).desired(path), np.linspace(0.0, 1.0, 51)
+    desired, grid = read_impedance_trajectory(path), np.linspace(0.0, 1.0, 51)
     stiffness, damping = desired.at(desired.K_d, grid[:-1]), desired.at(desired.B_d, grid[:-1])
     check_request(stiffness, damping, p)
     B_1 = optimal_damping(stiffness, damping, p, weight)["B_1"]
@@ -45,12 +44,12 @@ def compensated_damping(
 def walking_commands(step: gait.Step, compensates: bool, p: DrivetrainParameters) -> Array:
     """Commands in a step, as `simulate_drivetrain` takes them, at the rate of the controller. Where the file of the
     desired impedance has no equilibrium angle, K_d and B_d give the nominal ankle moment at the nominal angle."""
-    trial, walking, asked = step.trial, step.trial.walking, step.trial.condition
+    trial, walking = step.trial, step.trial.walking
     stride = walking.rates.motion_hz // walking.rates.controller_hz
-    c, desired = step.cycle_phase(trial.time[::stride]), asked.desired(walking.impedance)
+    c, desired = step.cycle_phase(trial.time[::stride]), read_impedance_trajectory(walking.impedance)
     K_d, B_d = desired.at(desired.K_d, c), desired.at(desired.B_d, c)
     if compensates:
-        damping = compensated_damping(walking.impedance, p, walking.gain_weight, asked.K_d, asked.B_d)
+        damping = compensated_damping(walking.impedance, p, walking.gain_weight)
         K_1, B_1 = stiffness_gain(K_d, p), np.interp(np.mod(c, 1.0), *damping)
     else:
         K_1, B_1 = K_d / p.n_T**2, B_d / p.n_T**2
@@ -167,10 +166,9 @@ def crossing_truth(crossing: SimulatedCrossing) -> tuple[dict[str, object], dict
     """The random quantities of a crossing, and its exact curves in SI units, (n,) each."""
     step, platform, trial = crossing.step, crossing.platform, crossing.step.trial
     condition, phase = trial.condition, step.cycle_phase(crossing.time)
-    desired = condition.desired(trial.walking.impedance)
+    desired = read_impedance_trajectory(trial.walking.impedance)
     curves = {"time": crossing.time, "phase": phase, **vars(crossing.motion), "torque": crossing.torque}
     curves |= {"K_d": desired.at(desired.K_d, phase), "B_d": desired.at(desired.B_d, phase)}
-    planned = {name: getattr(condition, name) for name in ("direction", "K_d", "B_d", "stance_phase")}
     facts: dict[str, object] = {
         "perturbed": platform.onset is not None,
         "command_s": platform.command,
@@ -179,7 +177,7 @@ def crossing_truth(crossing: SimulatedCrossing) -> tuple[dict[str, object], dict
         "toe_off_s": step.toe_off,
         "foot_yaw_rad": trial.normal("foot_yaw", np.pi / 180),
         "placement_m": step.placement.tolist(),
-        "condition": planned | {"subject": condition.person},
+        "condition": {"direction": condition.direction, "subject": condition.person},
     }
     return facts, curves | {"platform_angle": platform.angle}
 

@@ -91,7 +91,6 @@ class Switches(Settings):
         return self.model_copy(update={n: getattr(self, n).model_copy(update={"enabled": False}) for n in names})
 
 
-Phases = Annotated[tuple[Annotated[float, Field(ge=0, le=0.9)], ...], AfterValidator(distinct)]  # of stance
 Stiffnesses = Annotated[tuple[Stiffness, ...], AfterValidator(distinct)]  # [N*m/rad]
 Dampings = Annotated[tuple[NotNegative, ...], AfterValidator(distinct)]  # [N*m*s/rad]
 
@@ -105,19 +104,12 @@ class Subject(Settings):
 
 
 class Conditions(Settings):
-    """Lists of which each crossing gets one entry. An empty list leaves the settings of the gait laboratory. In n
-    successive crossings, n being the number of combinations, each combination of direction, K_d, B_d and stance_phase
-    occurs once, in a random order. Subjects follow each other in equal blocks."""
+    """Lists of which each crossing gets one entry. In n successive crossings each of n directions occurs once, in a
+    random order; subjects follow each other in equal blocks. The sheet says which, where there are several directions,
+    or subjects."""
 
     directions: Annotated[tuple[Literal["up", "down"], ...], Field(min_length=1)] = ("up",)  # up: toes up, dorsiflexion
-    K_d: Stiffnesses = ()  # largest desired stiffness [N*m/rad]; the whole trajectory is scaled
-    B_d: Dampings = ()  # largest desired damping [N*m*s/rad]; the whole trajectory is scaled
-    stance_phases: Phases = ()  # mean phase at which the ramp is commanded; the response is within the stance
     subjects: Annotated[tuple[Subject, ...], AfterValidator(distinct)] = ()
-    side: Literal["left", "right"] = "right"  # that the sheet states; the simulated leg is the right one
-    stated: tuple[
-        Literal["K_d", "B_d", "direction", "subject", "side", "group", "body_mass_kg"], ...
-    ] = ()  # columns of the sheet that state the condition of a crossing
 
 
 class Effects(Switches):

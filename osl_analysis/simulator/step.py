@@ -231,9 +231,7 @@ def draw_step(trial: GaitTrial) -> Step:
     usual = (condition.subject and condition.subject.stance_s) or walking.gait.stance_s
     stance = usual * (1 + normal("stance_scatter", 0.01))
     heel_strike = walking.gait.heel_strike_s + normal("heel_strike_scatter")
-    first, last = walking.perturbation.stance_phase  # the phase scatters about the condition's as about the usual one
-    moved = 0.0 if condition.stance_phase is None else condition.stance_phase - 0.5 * (first + last)
-    phase = float(moved + trial.random("perturbation_phase").uniform(first, last))
+    phase = float(trial.random("perturbation_phase").uniform(*walking.perturbation.stance_phase))
     command = heel_strike + phase * stance
     placement = np.array([normal("placement_forward", 1e-3), normal("placement_sideways", 1e-3), 0.0])
     return Step(trial, heel_strike, stance, command + walking.perturbation.latency_s, command, placement)

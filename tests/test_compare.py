@@ -18,7 +18,7 @@ from osl_analysis.judge.two_campaigns import compared, label_of
 from osl_analysis.report.headlines import Headline, to_json
 from osl_analysis.stats import repeats
 from osl_analysis.stats.repeats import difference, equivalence, of_intervals
-from osl_analysis.table import read_table, write_table
+from osl_analysis.table import OF_ROW, read_table, write_table
 
 
 @pytest.mark.parametrize(("low", "high", "verdict"), [
@@ -148,6 +148,13 @@ def test_the_command_writes_table_and_figure_and_prints_every_verdict_or_one_lin
     for row in table.drop_nulls("verdict").iter_rows(named=True):
         (line,) = [line for line in done.output.splitlines() if line.startswith(f"{label_of(row)} ")]
         assert row["verdict"] in line
+    for name in "ab":  # what the bench's calibration adds is known beside the table
+        known = read_table(tmp_path / f"{name}/tables/impedance.csv").with_columns(K_se_bench=0.02 * pl.col("K"))
+        keys = [one for one in OF_ROW if one in known.columns]
+        write_table(known.select(*keys, "K_se_bench"), tmp_path / f"{name}/tables/impedance_evidence.csv")
+    assert call("a", "b").exit_code == 0
+    (K,) = read_table(out / "comparison.csv").filter(experiment="impedance", quantity="K").iter_rows(named=True)
+    assert K["method"] == "paired, Student + bench"
     for said in ("A: doubtful in a: <friction>", "B: doubtful in b", "version: a in A, b in B"):
         assert said in done.output
     assert "different: impedance K, c (±4 %)" in done.output

@@ -181,13 +181,13 @@ def compared_cells(row: Mapping[str, Any], of_a: Mapping[str, Any], of_b: Mappin
 
 
 def tables_to_compare(folder: Path) -> dict[str, pl.DataFrame]:
-    """The tables of a campaign that are compared, by name, of those that it has."""
+    """The tables of a campaign that are compared, by name, of those that it has, with the errors of its bench."""
     paths = {name: folder / f"tables/{name}.csv" for name in COMPARED_QUANTITIES}
     there = {name: path for name, path in paths.items() if path.is_file() and not is_refused(path)}
     needed = COMPARED_QUANTITIES | {
         "walking_summary": ("quantity", "estimator", "n", "mean", "low", "high", "commanded")
     }
-    return {name: read_table(path, needed[name]) for name, path in there.items()}
+    return {name: with_evidence(path, needed[name]) for name, path in there.items()}
 
 
 def remarks_on(a: Mapping[str, Any], b: Mapping[str, Any], tables: Sequence[Mapping[str, pl.DataFrame]]) -> list[str]:

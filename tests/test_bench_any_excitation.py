@@ -19,7 +19,7 @@ from osl_analysis.bench.impedance import (
     rendered_impedance,
     repeated_trials_table,
 )
-from osl_analysis.bench.phasors import response_table
+from osl_analysis.bench.phasors import impedance_over_frequency
 from osl_analysis.bench.record import record_of_trial, stated_windows
 from osl_analysis.bench.settings import BenchStiffness, DynamometerAnalysis, HumanJoint, ModelComparison, TimeBase
 from osl_analysis.campaign.configuration import read_section
@@ -132,7 +132,7 @@ def test_windows_are_fitted_and_nothing_else(tmp_path):
         trial, device, asked, PAPER_WEIGHT, ModelComparison(sign_width=0.05), SETTINGS, "2-14.5 25.5-40"
     )
     assert fitted["impedance"]["fitted_s"].item() == pytest.approx(sum(seconds[1:]) + 14.5 - 4 / 15, abs=0.05)
-    both, longest = (response_table(moving_record(trial, x)) for x in ("2-9 26-40", "26-40"))
+    both, longest = (impedance_over_frequency(moving_record(trial, x)) for x in ("2-9 26-40", "26-40"))
     assert both["frequency_hz"].to_list() == longest["frequency_hz"].to_list() != []
 
 
@@ -375,7 +375,7 @@ def test_a_reflex_is_a_doubt_of_a_device_and_columns_of_a_person():
     assert LATENESS in row["not_checked"].split("; ")
     assert row["K"] - row["K_without_lag"] == pytest.approx(late["K"] - row["K"], abs=0.3)
     assert row["B"] - row["B_without_lag"] == pytest.approx(late["B"] - row["B"], abs=0.04)
-    response = response_table(fit.person.raw)
+    response = impedance_over_frequency(fit.person.raw)
     assert response["magnitude_eq15"].is_null().all()
     assert response["magnitude"].is_between(20, 400).all()
     assert 0.5 < np.sqrt(np.mean(np.square(z))) < 1.6

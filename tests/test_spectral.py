@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import lsim, lti
 
-from osl_analysis.bench.phasors import RESPONSE, response_table
+from osl_analysis.bench.phasors import RESPONSE_COLUMNS, impedance_over_frequency
 from osl_analysis.bench.record import record_of, stretches_of
 from osl_analysis.model.drivetrain import joint_admittance
 from osl_analysis.signals import LowPass
@@ -112,8 +112,8 @@ def eq15(frequency_hz):
 
 def test_the_response_of_a_periodic_trial_has_a_row_per_line_beside_the_models_of_it(parameters):
     fit = {"K": K, "B": B, "I": I}
-    table = response_table(periodic("M", 1, 2), fit, joint_admittance(20.0, 0.5, parameters, parameters.J_j))
-    assert dict(table.schema) == RESPONSE
+    table = impedance_over_frequency(periodic("M", 1, 2), fit, joint_admittance(20.0, 0.5, parameters, parameters.J_j))
+    assert dict(table.schema) == RESPONSE_COLUMNS
     Z = eq15(table["frequency_hz"])
     for end, at_most in (("", 2.0), ("_eq15", 1e-6)):
         magnitude, phase = (table[f"{name}{end}"].to_numpy() for name in ("magnitude", "phase_deg"))
@@ -123,7 +123,7 @@ def test_the_response_of_a_periodic_trial_has_a_row_per_line_beside_the_models_o
     K_s, n_T = parameters.K_s, parameters.n_T
     softest = 20.0 * n_T**2 * K_s / (20.0 * n_T**2 + K_s)  # both springs in series, at rest
     assert table["magnitude_eq9"][0] == pytest.approx(softest, rel=0.1)
-    assert response_table(periodic("M", 1, 2))["magnitude_eq15"].is_null().all()
+    assert impedance_over_frequency(periodic("M", 1, 2))["magnitude_eq15"].is_null().all()
 
 
 def test_a_motion_that_does_not_repeat_itself_has_the_local_polynomial_method():
@@ -132,12 +132,12 @@ def test_a_motion_that_does_not_repeat_itself_has_the_local_polynomial_method():
     theta, omega = 0.05 * np.sin(turn), 0.05 * rate * np.cos(turn)
     alpha = -(rate**2) * theta + 0.4 * np.pi * omega / rate
     noise = 0.02 * np.random.default_rng(1).standard_normal(len(t))
-    response = response_table(recorded("C", theta, K * theta + B * omega + I * alpha + noise))
+    response = impedance_over_frequency(recorded("C", theta, K * theta + B * omega + I * alpha + noise))
     assert response.select("method", "odd_level").unique().rows() == [("local polynomial", None)]
     assert len(response) > 5
     assert response["magnitude"].to_numpy() == pytest.approx(np.abs(eq15(response["frequency_hz"])), rel=0.05)
-    assert response_table(recorded("S", *(x[:250] for x in (theta, omega)))).is_empty(), "too short"
-    assert response_table(recorded("N", theta, 50 * noise)).is_empty(), "a torque that is noise alone"
+    assert impedance_over_frequency(recorded("S", *(x[:250] for x in (theta, omega)))).is_empty(), "too short"
+    assert impedance_over_frequency(recorded("N", theta, 50 * noise)).is_empty(), "a torque that is noise alone"
 
 
 COUNT, SAMPLES, SIZE = 60, 1024, 0.01

@@ -123,7 +123,8 @@ def sums_of(record: Record, model: Model, expected: Admittance | None = None) ->
         if effect.has_rate and effect.name in columns:
             columns[f"{effect.name}_rate"] = np.gradient(columns[effect.name], 1 / few.rate_hz)
     rich = [*model.values(), "jerk", "snap", *(effect.name for effect in EFFECTS if effect.is_rich)]
-    return gram.gram_sums(few, columns, rich, centre, rounded=record.rounded)
+    sums = gram.gram_sums(few, columns, rich, centre, rounded=record.rounded)
+    return replace(sums, columns={})  # which fill memory, and nobody asks for
 
 
 def spring_that_slips(x: Array, width: float) -> Array:

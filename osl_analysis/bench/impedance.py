@@ -21,6 +21,7 @@ from osl_analysis.bench.analysis import (
     widened,
     without_lag,
 )
+from osl_analysis.bench.components import PLACE
 from osl_analysis.bench.effects import IMPEDANCE, Fault
 from osl_analysis.bench.gram import FEWEST_UNITS, GroupFit, Sums, combined, estimates_of, solved
 from osl_analysis.bench.plausible import check_resists, plausible_impedance
@@ -487,7 +488,6 @@ COMPARED: Mapping[str, tuple[str, pl.Expr]] = {
     "VAF": ("%", pl.col("VAF")),
 }
 """Unit and value of what is compared; of all but the VAF less is better."""
-PLACE = ("joint", "side")
 ASKED = (*PLACE, "K_d", "B_d")
 
 

@@ -49,7 +49,7 @@ PHASORS: dict[str, type[pl.DataType]] = {
 }
 """Columns of `phasors.csv`: phasors of angle [rad] and torque [N*m] and Y [rad/(N*m)] with covariances and degrees of
 freedom, distortions, magnitude and phase of Y."""
-RESPONSE: dict[str, type[pl.DataType]] = {
+RESPONSE_COLUMNS: dict[str, type[pl.DataType]] = {
     "trial": pl.String, "method": pl.String, "realisations": pl.Int64,
     **dict.fromkeys(("frequency_hz", "angle_deg", "Z_re", "Z_im", "magnitude", "phase_deg"), pl.Float64),
     **dict.fromkeys(("noise_sd", "total_sd", "noise_level", "odd_level", "even_level", "total_level"), pl.Float64),
@@ -372,11 +372,13 @@ def damping_row(Y: ComplexEstimate, frequency_hz: float) -> Row:
     return {"damping": value, "damping_low": value - half, "damping_high": value + half}
 
 
-def response_table(record: Record, fit: GroupFit | None = None, expected: Admittance | None = None) -> pl.DataFrame:
+def impedance_over_frequency(
+    record: Record, fit: GroupFit | None = None, expected: Admittance | None = None
+) -> pl.DataFrame:
     """The trial's rows of `response.csv`; none of a stepped sine, whose response is in `phasors.csv`, and of a motion
     that shows none. Lines are of unfiltered signals: of the periods up to the filter's cut-off, else of the longest
     stretch. Beside them stands Eq. 15 with K, B and I of a `fit`, and what is `expected` of the gains (Eq. 9)."""
-    nothing = pl.DataFrame(schema=RESPONSE)
+    nothing = pl.DataFrame(schema=RESPONSE_COLUMNS)
     if record.is_stepped_sine:
         return nothing
     try:
@@ -395,9 +397,9 @@ def response_table(record: Record, fit: GroupFit | None = None, expected: Admitt
     s = np.asarray(2j * np.pi * columns["frequency_hz"], dtype=np.complex128)
     curves = {"eq15": None if fit is None else fit["K"] + fit["B"] * s + fit["I"] * s**2}
     curves["eq9"] = None if expected is None else 1 / expected(s)
-    frame: dict[str, object] = {**dict.fromkeys(RESPONSE), "trial": record.name, "method": method}
+    frame: dict[str, object] = {**dict.fromkeys(RESPONSE_COLUMNS), "trial": record.name, "method": method}
     frame |= {"realisations": count, **columns}
     for short, Z in curves.items():
         if Z is not None:
             frame |= {f"magnitude_{short}": np.abs(Z), f"phase_deg_{short}": np.rad2deg(np.angle(Z))}
-    return pl.DataFrame(frame, schema=RESPONSE).fill_nan(None)
+    return pl.DataFrame(frame, schema=RESPONSE_COLUMNS).fill_nan(None)

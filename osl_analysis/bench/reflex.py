@@ -107,8 +107,8 @@ def without_slow(record: Record, signals: Array, slow_hz: float) -> Array:
 
 def without_will(record: Record, slow_hz: float) -> Record:
     """The record without the slow part of angle and torque, about their means, in stretches of a thirtieth."""
-    signals = [record.motion.theta, record.motion.omega, record.motion.alpha, record.filtered_torque]
-    theta, omega, alpha, torque = without_slow(record, np.array(signals).T, slow_hz).T
+    signals = record.motion.theta, record.motion.omega, record.motion.alpha, record.filtered_torque
+    theta, omega, alpha, torque = (without_slow(record, one, slow_hz) for one in signals)
     angle, level = (float(record.part(signals[k]).mean()) for k in (0, 3))
     groups = stretches_of(record.pieces, record.rate_hz, max(record.seconds / BLOCKS, SHORTEST_BLOCK_S))
     motion = Motion(theta + angle, omega, alpha)
@@ -175,8 +175,8 @@ def friction_columns(record: Record, *cutoffs_hz: float) -> Array:
     below each of k cut-offs, before the record's filter: of a creeping joint both differ, of a coarse encoder too."""
     rate, theta = record.rate_hz, record.theta
     speeds = [np.gradient(LowPass(min(hz, 0.45 * rate), 2)(theta, rate), 1 / rate) for hz in cutoffs_hz]
-    signs = np.tanh(np.array([speed / width for speed in speeds for width in SIGN_WIDTHS]).T)
-    return record.low_pass(signs, rate)[:: round(rate / record.coarse.rate_hz)]
+    step, widths = round(rate / record.coarse.rate_hz), SIGN_WIDTHS
+    return np.array([record.low_pass(np.tanh(v / width), rate)[::step] for v in speeds for width in widths]).T
 
 
 def reflex_columns(columns: Array) -> dict[str, Array]:
@@ -213,13 +213,16 @@ def reflex_test(raw: Record, human: HumanJoint, delay_s: float, person: Reflexiv
     even = np.array([theta**2, np.abs(theta), theta**4, omega**2, np.abs(omega)]).T
     at_once = np.column_stack([even, friction_columns(raw, 80.0, 25.0)])
     base = [*columns_of(quick)[0].values(), *beside, *without_slow(few, at_once, human.slow_hz).T]
-    speed = np.abs(omega)[:, None]
+    own = slice(len(base), len(base) + COSINES)
+    Z = np.column_stack([*base, np.empty((len(theta), COSINES)), quick.filtered_torque])
+    speed, less = np.abs(omega)[:, None], np.r_[: own.start, -1]
+    del even, at_once, base
     explained, scores, found = list[float](), np.empty(0), np.empty(0)
     for way in (-1, 1):  # the speed to come, then the past one
         late = late_by(through_memory(speed[::way], few.rate_hz, human.memory_s), few.rate_hz, delay_s)[::way]
-        Z = np.column_stack([*base, without_slow(few, late, human.slow_hz), quick.filtered_torque])
+        Z[:, own] = without_slow(few, late, human.slow_hz)
         each = products_between(Z, Z, groups.first, groups.stop)
-        total, less = each.sum(axis=0), np.r_[: len(base), -1]
+        total = each.sum(axis=0)
         explained.append(float(gram.least_left(total[np.ix_(less, less)]) - gram.least_left(total)))
         estimates, inverse = gram.solved(total[:-1, :-1], total[:-1, -1])
         scores, found = (

@@ -26,7 +26,12 @@ from osl_analysis.bench.impedance import (
     repeated_trials_table,
 )
 from osl_analysis.bench.law import LAW_COLUMNS, law_table, law_that_ran
-from osl_analysis.bench.phasors import frequency_response_table, phasor_table, phasors_of_record, response_table
+from osl_analysis.bench.phasors import (
+    frequency_response_table,
+    impedance_over_frequency,
+    phasor_table,
+    phasors_of_record,
+)
 from osl_analysis.bench.plausible import plausible
 from osl_analysis.bench.prediction import NUMBERS, components_of, prediction_table, prediction_terms
 from osl_analysis.bench.record import read_record, record_of_trial, sine_record, stored_record, with_actuator
@@ -111,7 +116,7 @@ def fit_impedance_trial(
     def further() -> dict[str, pl.DataFrame]:
         frames = {"phasors": phasor_table(trial.name, phasors_of_record(record))}
         expected = joint_admittance(ran.K_1, ran.B_1, p, p.J_j) if p and ran else None
-        frames["response"] = response_table(record, analysis.whole, expected)
+        frames["response"] = impedance_over_frequency(record, analysis.whole, expected)
         columns = stated.columns() if condition else {}
         of_condition = {name: frame.with_columns(**columns) for name, frame in frames.items()}
         kept = stored_record(record) if ran else pl.DataFrame(schema={"time": pl.Float64})
@@ -130,7 +135,7 @@ def fit_human_joint_trial(
     fit = fit_person(trial, settings, windows)
 
     def further() -> dict[str, pl.DataFrame]:
-        frames = {"response": response_table(fit.person.raw), "impedance_over": over_table(fit)}
+        frames = {"response": impedance_over_frequency(fit.person.raw), "impedance_over": over_table(fit)}
         return frames | {"timebase": fit.analysis.time_base(QUANTITIES)}
 
     return FitTables(fit.analysis.series(), further, human_joint=human_joint_table(fit).with_columns(rails))

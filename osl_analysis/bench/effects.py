@@ -61,7 +61,6 @@ class Effect:
     name: str
     made: Callable[[Moved], Array] | None = None  # its column (n,); None: it is one of the model's, or of `sums_of`
     is_filtered: bool = True  # whether the column passes the filter of the torque
-    has_rate: bool = False  # whether NAME_rate, its derivative, is a column: a late torque has it
     is_rich: bool = True  # whether the richest model has it, which leaves noise
 
 
@@ -74,7 +73,7 @@ def slipping(name: str, share: float) -> Effect:
 EFFECTS = (
     Effect("K_change", lambda moved: moved.passed * moved.theta, is_filtered=False),
     # Coulomb friction; 0.01 rad/s are ten times the velocity noise of 14 bits
-    Effect("T_C", lambda moved: np.tanh(moved.omega / 0.01), has_rate=True),
+    Effect("T_C", lambda moved: np.tanh(moved.omega / 0.01)),
     Effect("T_C_sharp", lambda moved: np.tanh(moved.omega / 0.001), is_rich=False),
     # friction that grows with the angle
     Effect("T_G", lambda moved: np.abs(moved.theta) * np.tanh(moved.omega / 0.01)),
@@ -102,9 +101,17 @@ def columns_of(record: Record) -> tuple[dict[str, Array], float]:
 
 
 def sums_of(record: Record, model: Model, expected: Admittance | None = None) -> Sums:
-    """The sums of a coarse record with all effects.
-    `expected` is the admittance of the linear model, where the gains are known."""
+    """The sums of a coarse record with all effects; the arguments are those of `effect_columns`."""
     few = record.coarse
+    columns, centre = effect_columns(few, expected)
+    rich = [*model.values(), "jerk", "snap", *(effect.name for effect in EFFECTS if effect.is_rich)]
+    sums = gram.gram_sums(few, columns, rich, centre, rounded=record.rounded)
+    return replace(sums, columns={})  # which fill memory, and nobody asks for
+
+
+def effect_columns(few: Record, expected: Admittance | None = None) -> tuple[dict[str, Array], float]:
+    """The columns (n,) of models and effects of a coarse record, and the angle [rad] that `theta` is about.
+    `expected` is the admittance of the linear model, where the gains are known."""
     columns, centre = columns_of(few)
     theta, omega, alpha, _, ramp = columns.values()
     higher = seven_point_motion(few.time, alpha, few.rate_hz)
@@ -119,12 +126,7 @@ def sums_of(record: Record, model: Model, expected: Admittance | None = None) ->
     columns |= {effect.name: column for effect, column in shaped.items()}
     if expected is not None:
         columns["linear"] = linear_torque(few, expected)
-    for effect in EFFECTS:
-        if effect.has_rate and effect.name in columns:
-            columns[f"{effect.name}_rate"] = np.gradient(columns[effect.name], 1 / few.rate_hz)
-    rich = [*model.values(), "jerk", "snap", *(effect.name for effect in EFFECTS if effect.is_rich)]
-    sums = gram.gram_sums(few, columns, rich, centre, rounded=record.rounded)
-    return replace(sums, columns={})  # which fill memory, and nobody asks for
+    return columns, centre
 
 
 def spring_that_slips(x: Array, width: float) -> Array:
@@ -163,38 +165,41 @@ def noise_of_angle(record: Record) -> tuple[float, float, float]:
 
 def with_effects(s: Sums, model: Model, effects: Sequence[str] = (), keep: Keep = None) -> GroupFit:
     """Fit of a model with effects beside it, over some groups. Raises as `fit_groups`."""
-    if "lag_s" in effects:
-        return near_lag(s, with_columns(model, effects), keep)
-    limit = gram.EFFECTS_LIMIT if effects else CONDITION_LIMIT
-    return gram.fit_groups(s, with_columns(model, effects), keep, limit=limit)
+    both = {**model, **{effect: COLUMN.get(effect, effect) for effect in effects}}
+    return gram.fit_groups(s, both, keep, limit=gram.EFFECTS_LIMIT if effects else CONDITION_LIMIT)
 
 
-def with_columns(model: Model, effects: Sequence[str]) -> Model:
-    """The columns of a model with effects, but for a lag's."""
-    return dict(model) | {effect: COLUMN.get(effect, effect) for effect in effects if effect != "lag_s"}
-
-
-def near_lag(s: Sums, base: Model, keep: Keep = None) -> GroupFit:
-    """A late torque is m - d m' + d^2/2 m'': its columns hang on the estimates and on d, which is found by Gauss and
-    Newton's steps from 0; the last one is a fit."""
-    lag, total = 0.0, s.over(keep)
-    columns = s.combinations([{column: 1.0} for column in base.values()])
-
-    def solved_at(*slope: Array) -> tuple[Array, Array]:
-        late = s.late_by(lag)
-        turn = s.turned(late @ np.column_stack([columns, *slope]))
-        own = turn.T @ total @ turn
-        return gram.solved(own[:-2, :-2], own[:-2, -2])[0], turn
-
-    estimates = solved_at()[0]
-    for _ in range(8):
-        slope = s.late_series[1] @ columns @ estimates[: len(base)]
-        estimates, turn = solved_at(slope)
-        before, lag = lag, float(np.clip(lag + estimates[-1], -LONGEST_LAG, LONGEST_LAG))
-        if abs(lag - before) < 1e-8:  # s
-            break
-    fit = gram.fit_groups(s, {**base, "lag_s": "jerk"}, keep, turn, gram.EFFECTS_LIMIT)
-    return replace(fit, estimates=np.append(fit.estimates[:-1], lag))
+def late_fit(
+    few: Record,
+    columns: Mapping[str, Array],
+    model: Model,
+    centre: float = 0.0,
+    rest: Array | float = 0.0,
+    no_estimates: frozenset[str] = frozenset(),
+    rounded: Array | None = None,
+) -> tuple[GroupFit, float]:
+    """Fit of a torque, less a `rest` that is not late, with its lag `lag_s` beside a model, and what the last step
+    changed of it. The torque is taken earlier, and its slope is a column, which tells how much is left (Gauss and
+    Newton's steps). The slope is that of the model, as far as derivatives are columns; that of a torque which is mostly
+    noise would pull the lag to 0. Of a model without any it is the torque's own. Raises as `fit_groups`."""
+    torque, first, last = scipy.interpolate.make_interp_spline(few.time, few.filtered_torque, 5), *few.time[[0, -1]]
+    slopes = {name: columns[gram.NEXT[c]] for name, c in model.items() if gram.NEXT.get(c) in columns}
+    lag, fit, slope = 0.0, None, np.zeros_like(few.time)
+    for _ in range(6):
+        then = np.clip(few.time + lag, first, last)
+        earlier = torque(then) - rest
+        made = replace(few, filtered_torque=earlier, torque=earlier)
+        if not slopes:
+            slope = torque(then, 1)
+        elif fit is not None:
+            slope = np.sum([fit[name] * column for name, column in slopes.items()], axis=0)
+        both, with_lag = {**columns, "late": -slope}, {**model, "lag_s": "late"} if slope.any() else model
+        sums = gram.gram_sums(made, both, list(columns), centre, no_estimates, rounded)
+        fit = gram.fit_groups(sums, with_lag, limit=gram.EFFECTS_LIMIT)
+        more = fit["lag_s"] if slope.any() else 0.0
+        lag = float(np.clip(lag + more, -LONGEST_LAG, LONGEST_LAG))
+    assert fit is not None
+    return replace(fit, estimates=np.append(fit.estimates[:-1], lag)), more
 
 
 def taken_by(s: Sums, model: Model, column: str, label: Label = None) -> dict[str, float]:
@@ -252,38 +257,30 @@ def belt_of_leg(record: Record, p: DrivetrainParameters | None) -> Belt | None:
         return None
     slips = few.low_pass(np.array([spring_that_slips(wound, width) for width in WOUND_UP]).T, few.rate_hz).T
     columns |= {"wound": wound - wound.mean(), **{f"slips_{k}": column for k, column in enumerate(slips)}}
-    torque, first, last = scipy.interpolate.make_interp_spline(few.time, few.filtered_torque, 5), *few.time[[0, -1]]
 
-    def fitted(known: float) -> tuple[float, GroupFit]:
-        """The torque's lag, and the last step of the iteration; `omega` is the torque per velocity beside a known B_j,
-        or per velocity of theta_m."""
-        lag, rest = 0.0, p.J_j * few.motion.alpha + known * few.motion.omega
-        for _ in range(3):
-            then = np.clip(few.time + lag, first, last)
-            torque_then = torque(then) - rest
-            made = replace(few, filtered_torque=torque_then, torque=torque_then)
-            sums = gram.gram_sums(made, columns | {"late": -torque(then, 1)}, list(columns))
-            fit = gram.fit_groups(sums, {name: name for name in sums.names}, limit=gram.EFFECTS_LIMIT)
-            lag += fit["late"]
-        return lag, fit
+    def fitted(known: float) -> GroupFit:
+        """`omega` is the torque per velocity beside a known B_j, or per velocity of theta_m."""
+        rest = p.J_j * few.motion.alpha + known * few.motion.omega
+        return late_fit(few, columns, {name: name for name in columns}, rest=rest)[0]
 
     def fault(size: float, se: float, freedom: float) -> Fault:
         se = float(np.hypot(se, BELT_ERROR))
         return Fault(size, se, is_certain(size, se, freedom), abs(size) + POSSIBLE * se)
 
     try:
-        lag, fit = fitted(0.0)
+        fit = fitted(0.0)
         K_s = fit["wound"]
         if not 0.7 < K_s / p.K_s < 1.4:
             return Belt(K_s)
         own = fault((p.B_j - fit["omega"]) / K_s, fit.se("omega") / K_s, fit.freedom("omega"))
-        torque_late = fault(lag, fit.se("late"), fit.freedom("late"))
+        torque_late = fault(fit["lag_s"], fit.se("lag_s"), fit.freedom("lag_s"))
         is_possible = p.B_j / OTHER_B_J < fit["omega"] < p.B_j * OTHER_B_J
         if own.found:
             columns["omega"] = np.gradient(few.theta_m, 1 / few.rate_hz) / p.n_T
-            lag, fit = fitted(p.B_j)
+            fit = fitted(p.B_j)
             own = fault(-fit["omega"] / fit["wound"], fit.se("omega") / K_s, fit.freedom("omega"))
-            otherwise, torque_late = torque_late, fault(lag, fit.se("late"), fit.freedom("late"))
+            otherwise = torque_late
+            torque_late = fault(fit["lag_s"], fit.se("lag_s"), fit.freedom("lag_s"))
             agree = otherwise.found and otherwise.size * torque_late.size > 0
             torque_late = replace(torque_late, found=torque_late.found and (agree or not is_possible))
         return Belt(K_s, torque_late, own)
@@ -303,7 +300,8 @@ def changes_of_repeats(s: Sums, model: Model, effects: Mapping[str, Mapping[str,
     if members.max() < 3:
         return None
     base, q, one = with_effects(s, model), s.torque, s.names.index("one")
-    at, C = s.index(list(model.values())), s.combinations(list(effects.values()))
+    at = s.index(list(model.values()))
+    C = np.array([[part.get(name, 0.0) for part in effects.values()] for name in s.names])
     mean = s.gram[:, one] / s.gram[:, one, one][:, None]
     about_mean = s.gram - mean[:, :, None] * s.gram[:, one][:, None]  # a slow disturbance is an offset of a group
     products = C.T @ about_mean[:, :q, :q] @ C

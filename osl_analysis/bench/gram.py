@@ -16,7 +16,7 @@ from functools import cached_property
 
 import numpy as np
 import scipy
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from osl_analysis.bench.record import Groups, Label, Record
 from osl_analysis.errors import IdentifiabilityError, InputError
@@ -28,7 +28,7 @@ from osl_analysis.trial import Array
 
 FEWEST_UNITS = 4  # strata from which on these are the units that are left out; below, each group is one
 FEWEST_GROUPS = 8  # groups that do not repeat from whose scores an interval comes
-NEXT = {"theta": "omega", "omega": "alpha", "alpha": "jerk", "jerk": "snap"}  # derivatives; of others NAME_rate
+NEXT = {"theta": "omega", "omega": "alpha", "alpha": "jerk"}  # derivatives
 EFFECTS_LIMIT = 1e5  # largest scaled condition number of a fit with effects, whose columns are alike at times
 BY_UNITS, BY_REPEATS = "units", "repeats"
 """Source of an interval: units that were left out, with the noise; repeats, of too few units."""
@@ -68,34 +68,6 @@ class Sums:
             return self.total
         chosen = keep if isinstance(keep, np.ndarray) else self.groups.of(keep)
         return np.asarray(self.gram[chosen].sum(axis=0))
-
-    @cached_property
-    def late_series(self) -> Array:
-        """Matrices (5, q, q) of the series of a late column, c - d c' + d^2/2 c'' ..., as far as the derivatives go, by
-        the power of the lag d [s]."""
-        slower = np.zeros((len(self.names), len(self.names)))
-        for k, name in enumerate(self.names):
-            if (rate := NEXT.get(name, f"{name}_rate")) in self.names:
-                slower[self.names.index(rate), k] = -1.0
-        found = [np.eye(len(self.names))]
-        for order in range(1, 5):
-            found.append(slower @ found[-1] / order)
-        return np.array(found)
-
-    def late_by(self, lag: ArrayLike) -> Array:
-        """The columns late by lags (...) [s], as combinations of all (..., q, q)."""
-        return np.asarray(np.tensordot(np.asarray(lag)[..., None] ** np.arange(5.0), self.late_series, 1))
-
-    def combinations(self, parts: Sequence[Mapping[str, float]]) -> Array:
-        """Combinations of the columns (q, k), each by the weights of its columns."""
-        return np.array([[part.get(name, 0.0) for part in parts] for name in self.names])
-
-    def turned(self, columns: Array) -> Array:
-        """The combinations (q + 2, p + 2) that columns (q, p) are, and both torques as they are."""
-        q, p = columns.shape
-        found = np.zeros((q + 2, p + 2))
-        found[:q, :p], found[q:, p:] = columns, np.eye(2)
-        return found
 
 
 @dataclass(frozen=True)
@@ -186,28 +158,21 @@ def fit_groups(
     s: Sums,
     model: Mapping[str, str],
     keep: "NDArray[np.bool_] | Label" = None,
-    turn: Array | None = None,
     limit: float = CONDITION_LIMIT,
 ) -> GroupFit:
     """Least squares of the torque on a model (Eq. 15), estimate -> column, over the groups of a label or those to keep
     (m,).
 
-    With `turn` (`Sums.turned`) the columns of the estimates, and the torque, are combinations of the columns.
-
     Raises IdentifiabilityError: a column is 0 throughout, or the scaled condition number is above the `limit`.
     """
     names, p, columns = tuple(model), len(model), list(model.values())
     groups = np.flatnonzero(keep if isinstance(keep, np.ndarray) else s.groups.of(keep))
-    if turn is None:
-        used, turn = np.array([*s.index(columns), s.torque, s.torque + 1]), np.eye(p + 2)
-        own = s.gram[:, used[:, None], used][groups]
-    else:
-        used = np.flatnonzero(turn.any(axis=1))
-        turn = turn[used]
-        own = turn.T @ (s.gram[:, used[:, None], used][groups] @ turn)
-    one = columns.index("one")
-    if "ramp" in columns:
-        centre_ramp(own, turn, columns.index("ramp"), one)
+    used, turn, one = np.array([*s.index(columns), s.torque, s.torque + 1]), np.eye(p + 2), columns.index("one")
+    own = s.gram[:, used[:, None], used][groups]
+    if "ramp" in columns:  # about the middle of what is fitted, so that a drift and an offset are told apart
+        along, ramp = own[:, one].sum(axis=0), columns.index("ramp")
+        turn[one, ramp] = -along[ramp] / along[one]
+        own = turn.T @ own @ turn
     total = own.sum(axis=0)
     n = float(total[one, one])
     # noise is independent from row to row before the filter; but where nothing repeats, what the filter takes off the
@@ -229,7 +194,11 @@ def fit_groups(
         left_free = max(n / s.independent - len(names), 1.0)
         noise, freedom = inverse * left / left_free, np.full(len(names), left_free)
     else:
-        modelled, columns_of_rich = richest_products(s, keep, groups, used, turn)
+        # what the richest model explains of the products: what it leaves is the noise
+        rich = np.array(s.index(list(dict.fromkeys([*s.rich, *columns]))))
+        across, columns_of_rich = s.gram[np.ix_(groups, rich, used)] @ turn, len(rich)
+        coefficients = solved(s.over(keep)[np.ix_(rich, rich)], across[:, :, p].sum(axis=0))[0]
+        modelled = np.einsum("mrp,r->mp", across[:, :, :p], coefficients)
         noise, freedom = noise_of_scores(np.asarray((raw_g - modelled) @ inverse), columns_of_rich)
     unit = stratum if stratum.max() + 1 >= FEWEST_UNITS else np.arange(len(stratum))
     units = int(unit.max()) + 1
@@ -237,8 +206,7 @@ def fit_groups(
     misfit = jackknife(A_g, b_g, A, b, unit) if told else np.zeros_like(inverse)
     known, draws = np.zeros_like(inverse), 0
     if s.rounded is not None:
-        of_columns = used < len(s.names)
-        made = turn[of_columns, :p].T @ s.rounded[np.ix_(groups, used[of_columns])]
+        made = turn[:p, :p].T @ s.rounded[np.ix_(groups, used[:p])]
         draws, change, seen = made.shape[2], inverse @ made.sum(axis=0), np.zeros(p)
         if repeats or len(stratum) >= FEWEST_GROUPS:
             each = np.moveaxis(inverse @ made, 2, 0)
@@ -266,29 +234,6 @@ def fit_groups(
         left,
         units,
     )
-
-
-def centre_ramp(own: Array, turn: Array, ramp: int, one: int) -> None:
-    """Take time in sums (m, c, c), and in the combinations that these are of, about the middle of what is fitted: a
-    drift and an offset are then told apart."""
-    total = own[:, one].sum(axis=0)
-    middle = total[ramp] / total[one]
-    own[:, ramp] -= middle * own[:, one]
-    own[:, :, ramp] -= middle * own[:, :, one]
-    turn[:, ramp] -= middle * turn[:, one]
-
-
-def richest_products(
-    s: Sums, keep: "NDArray[np.bool_] | Label", groups: NDArray[np.intp], used: NDArray[np.intp], turn: Array
-) -> tuple[Array, int]:
-    """Products (m, p) of the columns of some groups with what the richest model explains, and its number of columns:
-    what it leaves is the noise."""
-    p = turn.shape[1] - 2
-    mine = [s.names[k] for k, row in zip(used, turn, strict=True) if row[:p].any()]
-    rich = np.array(s.index(list(dict.fromkeys([*s.rich, *mine]))))
-    across = s.gram[np.ix_(groups, rich, used)] @ turn
-    coefficients = solved(s.over(keep)[np.ix_(rich, rich)], across[:, :, p].sum(axis=0))[0]
-    return np.einsum("mrp,r->mp", across[:, :, :p], coefficients), len(rich)
 
 
 def identified(

@@ -92,7 +92,7 @@ def fit_person(trial: Trial, settings: HumanJointAnalysis, windows: str | None =
 def lag_of_person(person: Reflexive) -> effects.Fault | None:
     """By how much the torque of a person's joint lags the angle [s], by what is quick, beside reflex and friction; None
     where the motion does not tell. `record` has the columns of the reflex."""
-    record, lag = person.record, 2e-3
+    record = person.record
     quick = without_will(record, ABOVE_HZ).coarse
     step = round(record.rate_hz / quick.rate_hz)
     beside = {name: column[::step] for name, column in person.beside.items()}
@@ -101,17 +101,14 @@ def lag_of_person(person: Reflexive) -> effects.Fault | None:
     columns, centre = columns_of(quick)
     columns |= beside
     model = {**effects.IMPEDANCE, **{name: name for name in beside}}
-    higher = seven_point_motion(quick.time, quick.motion.alpha, quick.rate_hz)
-    columns |= {"jerk": higher.omega, "snap": higher.alpha}
+    columns["jerk"] = seven_point_motion(quick.time, quick.motion.alpha, quick.rate_hz).omega
     try:
-        for _ in range(5):  # from 2 ms on; the series in the lag is short about 0
-            earlier = replace(quick, filtered_torque=np.interp(quick.time + lag, quick.time, quick.filtered_torque))
-            fit = effects.near_lag(gram.gram_sums(earlier, columns, list(columns), centre, frozenset(beside)), model)
-            lag += fit["lag_s"]
+        fit, more = effects.late_fit(quick, columns, model, centre, no_estimates=frozenset(beside))
     except effects.CANNOT_TELL:
         return None
+    lag = fit["lag_s"]
     se = float(np.hypot(fit.se("lag_s"), REFLEX_ERROR))
-    sure = abs(fit["lag_s"]) < se and effects.is_certain(lag, se, fit.freedom("lag_s"))
+    sure = abs(more) < se and effects.is_certain(lag, se, fit.freedom("lag_s"))
     return effects.Fault(lag, se, sure, abs(lag) + effects.POSSIBLE * se)
 
 

@@ -413,11 +413,12 @@ def calibration_table(analysis: Analysis, known: Known) -> pl.DataFrame:
             "known_I [kg*m^2] of its inertia, in the sample sheet"
         )
     main, beside = ("K", "I") if known.stiffness else ("I", "K")
-    s = effects.sums_of(record, IMPEDANCE)
-    both = effects.with_effects(s, IMPEDANCE, ("T_C", "lag_s"))
-    undamped = {name: column for name, column in IMPEDANCE.items() if name != "B"}
+    few, with_friction = record.coarse, {**IMPEDANCE, "T_C": "T_C"}
+    columns, centre = effects.effect_columns(few)
+    both, _ = effects.late_fit(few, columns, with_friction, centre, rounded=record.rounded)
+    undamped = {name: column for name, column in with_friction.items() if name != "B"}
     free = known.stiffness is None or both.certain("B", effects.FALSE_ALARM)
-    fit = both if free else effects.with_effects(s, undamped, ("T_C", "lag_s"))
+    fit = both if free else effects.late_fit(few, columns, undamped, centre, rounded=record.rounded)[0]
     gain = fit[main] / of
     check_resists(record.name, main, gain)
     other = fit[beside] / gain

@@ -31,7 +31,7 @@ def test_every_cause_and_check_says_what_is_wrong_and_what_to_do_and_no_word_is_
     assert {*WORDS["columns"]} <= {*EVIDENCE}
     assert {*WORDS["checks"]} == {*CHECKS}
     assert all(entry["says"] and entry["remedy"] for entry in WORDS["causes"].values())
-    assert all(entry["says"] for entry in WORDS["unchecked"].values())  # of any table, also of one that has no own words
+    assert all(entry["says"] for entry in WORDS["unchecked"].values())  # in any table
 
 
 @pytest.mark.parametrize(("row", "limits", "parts"), [

@@ -12,7 +12,7 @@ from pydantic import BeforeValidator, Field
 from osl_analysis.bench.settings import ActuatorAnalysis, DynamometerAnalysis, ModelComparison, TorqueAngleAnalysis
 from osl_analysis.config.sheet import FOLLOWED, SharedChoices
 from osl_analysis.errors import InputError
-from osl_analysis.files import default_config
+from osl_analysis.files import default_config, root
 from osl_analysis.judge.claims import Claims
 from osl_analysis.judge.limits import DoubtfulFits, QualityRules
 from osl_analysis.model.compensator import Weight
@@ -199,7 +199,8 @@ def states_of(config: Config, own: Mapping[str, Any], experiments: Collection[st
             state = "measured" if name in FOUND else "assumed" if name in ASSUMED else "none"
         value = ASSUMED.get(name, value) if none else value
         shown = None if value is None or state == "none" or (none and name not in ASSUMED) else json.dumps(value)
-        rows.append({"setting": name, "value": shown and shown.strip('"'), "state": state})
+        shown = shown and shown.strip('"').removeprefix(f"{root()}/")  # a shipped file, wherever it is installed
+        rows.append({"setting": name, "value": shown, "state": state})
     return rows
 
 

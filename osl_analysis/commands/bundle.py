@@ -16,6 +16,7 @@ from ruamel.yaml import YAML
 
 from osl_analysis.campaign.campaign import Campaign, days_of_recordings, open_campaign
 from osl_analysis.campaign.configuration import read_config
+from osl_analysis.commands.simulate import TRUTH
 from osl_analysis.commands.tables import read_summary
 from osl_analysis.dictionary import described_tables
 from osl_analysis.errors import InputError, optional_module
@@ -92,7 +93,9 @@ def copy_inputs(campaign: Campaign, crate: Path, raw: bool) -> None:
     configuration names them where they are in the bundle, and the date of the recordings, which copies lose."""
     config, yaml = campaign.config, YAML()
     content = yaml.load(CAMPAIGN.read_text(encoding="utf-8"))
-    content |= {"raw_data": RAW, "sheet": config.sheet.name, "sources": "sources", "results": "results"}
+    is_simulated = config.simulation is not None  # the simulator writes the sheet beside its logs, and `truth`
+    sheet = f"{RAW}/{config.sheet.name}" if is_simulated else config.sheet.name
+    content |= {"raw_data": RAW, "sheet": sheet, "sources": "sources", "results": "results"}
     for name in ("parameters", "impedance_trajectory", "simulation"):
         own: Path | None = getattr(config, name)
         if own is not None and not own.resolve().is_relative_to(root().resolve()):  # a shipped one keeps its name
@@ -100,7 +103,8 @@ def copy_inputs(campaign: Campaign, crate: Path, raw: bool) -> None:
             copy(own, crate / content[name])
     if config.recorded is None and campaign.data == MEASURED and (days := days_of_recordings(campaign)):
         content["recorded"] = days
-    copy(config.sheet, crate / config.sheet.name)
+    if not is_simulated or raw:
+        copy(config.sheet, crate / sheet)
     for file in {file for trial in campaign.trials() for file in campaign.sources(trial)}:
         copy(file, crate / "sources" / file.name)
     recordings = sorted({file for trial in campaign.trials() for file in campaign.logs(trial)})
@@ -112,6 +116,8 @@ def copy_inputs(campaign: Campaign, crate: Path, raw: bool) -> None:
     write_text(crate / "recordings.sha256", "".join(f"{found}  {RAW}/{name}\n" for name, found in hashes.items()))
     for file in recordings if raw else ():
         copy(file, crate / RAW / file.relative_to(config.raw_data))
+    if is_simulated and raw:
+        copy(config.sheet.parent / TRUTH, crate / RAW / TRUTH)
     yaml.dump(content, crate / CAMPAIGN)
 
 

@@ -221,7 +221,7 @@ def numbers_of_all(kind: Any, payloads: Sequence[bytes], paths: Sequence[str]) -
     where messages are unlike, or one is none: they are then read one by one."""
     with suppress(ValueError, RecursionError, LookupError, TypeError, AttributeError):
         whole = json.loads(b"[%b]" % b",".join(payloads)) if kind is json_object else [*map(kind, payloads)]
-        known = {(): whole}
+        known: dict[tuple[PathKey, ...], list[Any]] = {(): whole}
         if len(whole) == len(payloads):
             return [numbers_of_alike(known, tuple(key for key, _ in steps_of(path))) for path in paths]
     return []

@@ -252,7 +252,7 @@ def correlation(theta: RecordedChannel, torque: RecordedChannel) -> float:
     """Of the readings of two channels, by their times where they have such; 0 where they cannot be compared."""
     if torque.numbers is None or theta.numbers is None:
         return 0.0
-    x, y = (np.nan_to_num(one.numbers, posinf=0.0, neginf=0.0) for one in (theta, torque))
+    x, y = (np.nan_to_num(one, posinf=0.0, neginf=0.0) for one in (theta.numbers, torque.numbers))
     if theta.times is not None and torque.times is not None:
         x = np.interp(torque.times, theta.times, x)
     return float(np.corrcoef(x, y)[0, 1]) if len(x) == len(y) > FEWEST_READINGS and varies(x) and varies(y) else 0.0

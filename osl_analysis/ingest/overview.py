@@ -440,7 +440,7 @@ def inspect_tdms(path: Path) -> Overview:
     stamps = [one for one, channel in zip(columns, file.channels, strict=True) if channel.holds_times and channel.count]
     clock = stamps[0].key if stamps and not timed and not named else None
     facts = {"channels": str(len(file.channels)), "own timing": "yes" if timed else "no", **file.properties}
-    drafted, timing = [*offered, *stamps[:1] * bool(clock)], {} if timed else None
+    drafted, timing = [*offered, *stamps[:1] * bool(clock)], dict[str, object]() if timed else None
     return overview_of(
         "tdms", columns, "channels", drafted=drafted, timing=timing, facts=facts, remarks=remarks, clock=clock
     )

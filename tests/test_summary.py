@@ -494,3 +494,11 @@ def test_a_finding_in_the_table_is_the_finding_that_was_made():
         assert found == without
         sizes = (row["K_size"], row["B_size"], row["I_size"])
         assert (row["finding"], row["grade"], row["amplitude_deg"], sizes) == (3, "doubts", 4.0, (None, 0.5, None))
+
+
+def test_what_a_doubt_condemns_is_not_recommended_by_a_note_on_the_same_row():
+    row = pl.DataFrame({"trial": ["a"], "I_high": [-0.01], "path_shift": [20.0], "K_over_K_s": 0.4, "K_drift": 0.0})
+    for limit, remedy in ((1.0, Remedy.DOUBTED), (30.0, Remedy.WHOLE)):
+        (found,) = judged(row, Limits(above={"path_shift": limit}), "impedance")
+        notes = [one.remedy for one in found if one.cause == "I is certainly negative"]
+        assert notes == [remedy]

@@ -26,6 +26,7 @@ class Remedy(StrEnum):
     ALONE = "otherwise"  # there are no rows of single amplitudes
     AMPLITUDE = "of_amplitude"  # the fit to all of the trial is sound, and that to one amplitude is not
     FREQUENCY = "of_frequency"  # a row of one frequency
+    DOUBTED = "doubted"  # of what was not checked, or is to be known, on a row that is doubtful
 
 
 class TableLimits(Protocol):

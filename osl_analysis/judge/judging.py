@@ -178,7 +178,8 @@ def judged(table: pl.DataFrame, limits: TableLimits, name: str) -> RowFindings:
             doubt(name, row, cause, numbers, remedy)
             for cause, numbers in causes_in(row, found, explaining(row, found) or of_trial[trial])
         ]
-        every.append([*doubts, *unchecked_in(name, row)] if is_fit else [])
+        others = [replace(one, remedy=Remedy.DOUBTED if doubts else one.remedy) for one in unchecked_in(name, row)]
+        every.append([*doubts, *others] if is_fit else [])
     return every
 
 

@@ -35,7 +35,8 @@ def words_of(finding: Finding, row: AnyRow) -> Words:
         entry = WORDS["unchecked"][finding.cause]
         entry = entry.get(finding.table, entry)
         facts = Facts(row)
-        return Words(filled(entry["says"], facts), "", capital(filled(entry.get("remedy", ""), facts)))
+        remedy = entry.get(finding.remedy.value, entry.get("remedy", ""))
+        return Words(filled(entry["says"], facts), "", capital(filled(remedy, facts)))
     known = WORDS["causes"].get(finding.cause)
     if known is None:  # a limit on a column of which nothing else is known
         return Words(", ".join(map(beyond_said, finding.evidence)), "", "")

@@ -1,8 +1,10 @@
 """The functions of `import osl_analysis as osl`, for notebooks and scripts that need no workflow. They call what the
 jobs of a campaign call: their numbers are those of its tables."""
 
+from base64 import b64encode
 from collections.abc import Sequence
 from dataclasses import dataclass
+from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -81,6 +83,23 @@ def known(desired: DesiredImpedance | None) -> DesiredImpedance:
     return desired or DesiredImpedance(None, None, None)
 
 
+@dataclass(frozen=True, eq=False, repr=False)
+class ShownFit(Fit):
+    """A `Fit` that a notebook shows: its text, which is escaped, and the picture of measured and modelled torque."""
+
+    def _repr_html_(self) -> str:
+        shown = f"<pre>{escape(repr(self))}</pre>"
+        if not self.series.is_empty():
+            picture = b64encode(plot_torque(self)._repr_png_(100)).decode()
+            shown += f'<img alt="Torque over time" style="max-width: 100%" src="data:image/png;base64,{picture}">'
+        return shown
+
+
+def fitted(*arguments: Any) -> ShownFit:
+    """What `fit_trial` returns, as a notebook shows it."""
+    return ShownFit(**vars(fit_trial(*arguments)))
+
+
 def fit_impedance(
     trial: Trial | File,
     desired: DesiredImpedance | None = None,
@@ -104,33 +123,33 @@ def fit_impedance(
     valid. IdentifiabilityError: the motion cannot tell K, B and I apart. UnreachableImpedanceError: the device has no
     gains for the desired impedance.
     """
-    return fit_trial(*asked("impedance", trial, config, parameters), known(desired), windows)
+    return fitted(*asked("impedance", trial, config, parameters), known(desired), windows)
 
 
 def fit_belt(trial: Trial | File, config: File | None = None, parameters: File | None = OF_CONFIG) -> Fit:
     """The belt's stiffness K_s [N*m/rad] (Fig. 3) from `theta`, `theta_m` [rad] and `torque` [N*m]: the row of
     `belt.csv`. The rest as in `fit_impedance`; it needs a parameter file, for n_T."""
-    return fit_trial(*asked("belt", trial, config, parameters))
+    return fitted(*asked("belt", trial, config, parameters))
 
 
 def fit_transmission(trial: Trial | File, config: File | None = None, parameters: File | None = OF_CONFIG) -> Fit:
     """The transmission's damping B_j [N*m*s/rad] and inertia J_j [kg*m^2] (Eq. 4) from `theta` [rad] and `torque` [N*m]
     of a trial without motor: the rows of `transmission.csv`. The rest as in `fit_belt`."""
-    return fit_trial(*asked("transmission", trial, config, parameters))
+    return fitted(*asked("transmission", trial, config, parameters))
 
 
 def fit_actuator(trial: Trial | File, config: File | None = None, parameters: File | None = OF_CONFIG) -> Fit:
     """The actuator (Eqs. 1-2) alone: k_tau n_m and f_G [N*m/A], f_C [N*m], B_m [N*m*s/rad], J_m [kg*m^2] from `current`
     [A], `torque_m` [N*m], and `theta_m` [rad] or `omega_m` [rad/s]: the row of `actuator.csv`. The rest as in
     `fit_belt`."""
-    return fit_trial(*asked("actuator", trial, config, parameters))
+    return fitted(*asked("actuator", trial, config, parameters))
 
 
 def fit_torque_angle(trial: Trial | File, curve: str | None = None, config: File | None = None) -> Fit:
     """Torque over angle of a passive foot or a spring in slow cycles, K [N*m/rad], energies [J] and hysteresis, from
     `theta` [rad] and `torque` [N*m]: the row of `torque_angle.csv`, and in `curves` those of `torque_angle_curves.csv`.
     `curve` names that of the configuration that the device was designed for."""
-    return fit_trial(*asked("torque_angle", trial, config, None), {"desired": curve})
+    return fitted(*asked("torque_angle", trial, config, None), {"desired": curve})
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,9 +1,11 @@
 """`import osl_analysis as osl`: the numbers of a campaign's tables, results that cannot change, errors of one line."""
 
+import base64
 import importlib.util
 import pickle
 from dataclasses import FrozenInstanceError, replace
 from functools import cache
+from html import escape
 
 import matplotlib as mpl
 import numpy as np
@@ -187,14 +189,19 @@ def test_gains_are_those_of_the_command_with_weight_and_device_of_the_configurat
         osl.gains(300, 5)
 
 
-def test_a_fit_prints_its_doubts_and_nothing_of_a_name_that_a_terminal_runs(short):
+def test_a_fit_prints_and_shows_its_doubts_and_nothing_of_a_name_that_a_terminal_or_a_page_runs(short):
     doubtful = osl.fit_impedance(bench_trial("friction"), config=short)
     assert "friction" in [one.cause for one in doubtful.findings[-1]]
     said = [finding_said(one, doubtful.row) for one in doubtful.findings[-1] if one.grade is Grade.DOUBTS]
     assert doubtful.doubtful.splitlines() == said
     assert all(f"doubtful: {doubt}" in repr(doubtful) for doubt in said)
-    fit = osl.fit_transmission(replace(bench_trial("transmission"), name="a\x1b[2J"), short)
-    assert ("oubtful" in repr(fit), "\x1b" in repr(fit), fit.not_checked) == (False, False, "")
+    shown = doubtful._repr_html_()
+    assert all(escape(f"doubtful: {doubt}") in shown for doubt in said)
+    assert base64.b64decode(shown.partition("base64,")[2].partition('"')[0])[:4] == b"\x89PNG"
+    fit = osl.fit_transmission(replace(bench_trial("transmission"), name="<script>a\x1b[2J"), short)
+    page = fit._repr_html_()
+    assert ("oubtful" in page, "\x1b" in page, "<script" in page, fit.not_checked) == (False, False, False, "")
+    assert "<img" not in replace(fit, series=fit.series.clear())._repr_html_()
 
 
 def test_a_table_is_one_of_pandas_without_pyarrow():

@@ -33,7 +33,7 @@ from osl_analysis.ingest.examine import Commanded, examine, measured_table
 from osl_analysis.jobs import progress
 from osl_analysis.jobs import run as jobs_run
 from osl_analysis.jobs.job import died, perform
-from osl_analysis.jobs.job_log import read_log, run_report, write_log
+from osl_analysis.jobs.job_log import read_log, write_log
 from osl_analysis.jobs.progress import LogHandler
 from osl_analysis.jobs.request import request_text
 from osl_analysis.jobs.run import job_server, run_job
@@ -146,18 +146,6 @@ def test_ingest_and_quality_control_are_one_job_of_which_both_results_stand_or_n
     assert [outcome, is_refused(trial), is_refused(quality)] == ["refused", True, True]
     assert (cause.trial, cause.file, cause.remedy) == ("b_1", "raw/b_1.mcap", "record it again")
     assert limited == [["raw/b_1.mcap"]], "where memory is short, the recording is named"
-
-
-def test_the_report_at_the_end_of_a_run_has_warnings_and_passes_over_what_is_no_log(tmp_path):
-    ended = {"job": "bench.fit", "outcome": "done", "seconds": 1.5, "warnings": ["Größe 5 %"]}
-    for name, date in (("x", 5), ("y", 5), ("of_before", 4)):
-        write_log(tmp_path / f"{name}.log", ended, {"input": {"trial": "b"}})
-        os.utime(tmp_path / f"{name}.log", (date, date))
-    for name, text in {"own": "no: log", "cut": "job: bench.f", "list": "[1", "no text": "\udcff"}.items():
-        (tmp_path / f"{name}.log").write_text(text, errors="surrogateescape")
-    assert run_report(tmp_path, 5.0) == "warning: Größe 5 % (2 jobs)"
-    write_log(tmp_path / "z.log", ended | {"warnings": [f"{n}" for n in range(11)]}, {})
-    assert run_report(tmp_path, 5.0).splitlines()[9:] == ["warning: 8", "2 more warnings stand in the logs"]
 
 
 def written(tmp_path, **more):
@@ -311,24 +299,6 @@ def test_a_recording_of_another_date_with_the_same_bytes_is_the_same_and_other_b
 def test_the_remedy_of_an_error_stands_behind_the_first_semicolon_outside_brackets(reason, remedy):
     fault = InputError("; ".join(filter(None, [reason, remedy])))
     assert (fault.reason, fault.remedy) == (reason, remedy)
-
-
-def test_the_list_has_a_line_per_cause_with_trial_file_reason_and_remedy(tmp_path):
-    table = Refusal("", "tables/walking.csv", "j", "refused", "tables/walking.csv: 1 perturbation", "record more")
-    files = [record(tmp_path / f"{i}.csv", *causes) for i, causes in enumerate([(table,), (KILLED, LOST), (LOST,)])]
-    recordings = {name: [f"raw/{name}.c3d", f"raw/{name}.mcap"] for name in ("b_1", "b_2", "b_3")}
-    told = refusal_report([*files, tmp_path], recordings, accept=False).splitlines()
-    assert told[1:5] == [
-        "NOT ANALYSED: 2 of 3 trials; results are of the others.",
-        "  trial b_1, file raw/b_1.mcap: no such file; remedy: copy it there",
-        "  trial b_2, file raw/b_2.mcap: the process of this job was killed; remedy: run again",
-        "  result tables/walking.csv: 1 perturbation; remedy: record more",
-    ]
-    assert re.search("`exclude` in the sample sheet.*`failed_trials: accept`", told[5])
-    assert "\nNOT ANALYSED: some results.\n" in refusal_report(files[:1], recordings, accept=True)
-    del recordings["b_3"]
-    assert "\nNOT ANALYSED: 2 of 2 trials.\n" in refusal_report(files, recordings, accept=True)
-    assert refusal_report([tmp_path], recordings, accept=False) == ""
 
 
 def test_the_same_cause_in_many_trials_is_one_line_and_another_its_own(tmp_path):

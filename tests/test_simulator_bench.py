@@ -361,7 +361,7 @@ def test_a_wrong_imperfection_or_motion_is_refused(tmp_path, section, value, mat
 
 
 def test_without_a_compiler_nothing_is_simulated_and_one_line_says_what_to_install(monkeypatch, tmp_path, in_root):
-    monkeypatch.setattr("osl_analysis.compiled.HAS_COMPILER", False)
+    monkeypatch.setattr("osl_analysis.model.compiled.HAS_COMPILER", False)
     said = r"needs numba, which is not installed; pip install 'osl-analysis\[simulator\]'"
     with pytest.raises(InputError, match=said):
         simulate_trial(TINY, tmp_path, "belt_01")

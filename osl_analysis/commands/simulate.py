@@ -131,7 +131,7 @@ def record_trial(
     row: Mapping[str, Any], settings: SimulationSettings, followed: SharedChoices, campaign_folder: Path
 ) -> None:
     """Simulate the trial of one row and let its recorders write, the truth first, so that every log has a truth."""
-    from osl_analysis.compiled import require_compiler  # planning, which imports this module, needs no numba
+    from osl_analysis.model.compiled import require_compiler  # planning, which imports this module, needs no numba
 
     require_compiler()
     p = read_parameters(settings.parameters)

@@ -142,24 +142,16 @@ def serve(number: int) -> NoReturn:
         if (module := module_of(job)) not in known:
             preload(f"osl_analysis.commands.{module}")
             known |= {module}
-        compiles = module in COMPILING
-        idle = [one for one, worker in workers.items() if not worker.link and worker.compiles == compiles]
-        able = [one for one in idle if module in workers[one].known]
-        if able:
-            channel = able[0]
-        else:
-            for one in idle:  # another one takes its place
-                one.shutdown(socket.SHUT_WR)
-                workers[one].known = frozenset()
+        if (channel := idle_worker(workers, module)) is None:
             channel, theirs = socket.socketpair()
             if not (pid := fork()):
                 for other in (control, channel, link, *workers, *(one.link for one in workers.values() if one.link)):
                     other.close()  # who listens there waits until nobody holds it
                 for file in files:
                     os.close(file)
-                work(theirs, sys.maxsize if compiles else MOST_JOBS)
+                work(theirs, sys.maxsize if module in COMPILING else MOST_JOBS)
             theirs.close()
-            workers[channel] = Worker(pid, compiles, known)
+            workers[channel] = Worker(pid, module in COMPILING, known)
         worker = workers[channel]
         worker.link = link
         with suppress(OSError):  # the end of a worker that was killed is seen below
@@ -167,6 +159,21 @@ def serve(number: int) -> NoReturn:
             socket.send_fds(channel, [job], files)
         for file in files:
             os.close(file)
+
+
+def idle_worker(workers: dict[socket.socket, Worker], module: str) -> socket.socket | None:
+    """The channel of a worker that waits and can do a job of a module. Where there is none, those that wait are to end:
+    a new one takes their place."""
+    compiles = module in COMPILING
+    idle = [one for one, worker in workers.items() if not worker.link and worker.compiles == compiles]
+    for one in idle:
+        if compiles or module in workers[one].known:
+            return one
+    for one in idle:
+        workers[one].known = frozenset()
+        with suppress(OSError):  # it has ended
+            one.shutdown(socket.SHUT_WR)
+    return None
 
 
 def preload(*modules: str) -> None:

@@ -27,8 +27,8 @@ import scipy
 from numpy.typing import ArrayLike
 from pydantic import Field
 
-from osl_analysis.compiled import compiled
 from osl_analysis.errors import InputError, UnreachableImpedanceError, nearest
+from osl_analysis.model.compiled import compiled
 from osl_analysis.model.drivetrain import belt_deflection, belt_torque, joint_admittance
 from osl_analysis.model.parameters import DrivetrainParameters
 from osl_analysis.trial import Array

@@ -17,8 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from osl_analysis.compiled import fused
 from osl_analysis.errors import InputError
+from osl_analysis.model.compiled import fused
 from osl_analysis.model.parameters import PARAMETER_UNITS, DrivetrainParameters
 from osl_analysis.simulator.joint_motion import JointMotion
 from osl_analysis.simulator.settings import PassiveFoot, SecondOrderJoint

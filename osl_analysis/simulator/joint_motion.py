@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
-from osl_analysis.compiled import compiled
+from osl_analysis.model.compiled import compiled
 from osl_analysis.model.multisine import odd_multisine
 from osl_analysis.simulator.settings import ActuatorBench, BeltMotion, Excitation, SlowCycles, SteppedSineSchedule
 from osl_analysis.trial import Array

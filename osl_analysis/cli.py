@@ -493,11 +493,14 @@ OPTIONS = {
 @file_option("--parameters", default=shipped("config/parameters/default.yaml"), help="Parameter file of the device.")
 @AS_JSON
 @file_option("--output", help="Write the table to this file (.csv or .json).")
-def select_gains(trajectory: Path | None, parameters: Path, as_json: bool, output: Path | None, **asked: Any) -> None:
+@file_option("--plot", help="Draw response, gains or trajectory to this file (.pdf, .svg or .png).")
+def select_gains(
+    trajectory: Path | None, parameters: Path, as_json: bool, output: Path | None, plot: Path | None, **asked: Any
+) -> None:
     """Select the control gains K_1 and B_1 that render a desired impedance best (Eqs. 13 and 14).
 
     For one pair, a grid or a trajectory. The table also has the impedance that a fit will estimate, stability,
-    and the frequency up to which the desired impedance is rendered.
+    passivity and the frequency up to which the desired impedance is rendered.
     """
     from osl_analysis.commands import gains as command
     from osl_analysis.commands.bench import rows_json
@@ -515,6 +518,8 @@ def select_gains(trajectory: Path | None, parameters: Path, as_json: bool, outpu
     table = command.requested_gains(*pairs, trajectory, weight, parameters)
     if output is not None:
         command.write_gains(table, output)
+    if plot is not None:
+        command.plot_gains(table, parameters, plot)
     say(rows_json(table) if as_json else command.gains_text(table))
 
 

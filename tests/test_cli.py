@@ -130,10 +130,11 @@ def test_ingest_says_that_a_log_has_lost_its_end_and_the_simulator_never_writes_
     assert log.read_bytes() == b"a laboratory's own"
 
 
-def test_gains_of_a_pair_a_grid_and_a_trajectory_are_those_of_the_paper(tmp_path):
-    table, said = tmp_path / "gains.csv", call(*GAINS).stdout
+def test_gains_of_a_pair_a_grid_and_a_trajectory_are_those_of_the_paper_and_are_drawn(tmp_path):
+    drawn, table = tmp_path / "gains.svg", tmp_path / "gains.csv"
+    said = call(*GAINS, "--plot", drawn).stdout
     assert all(gain in said for gain in ("K_1 = 25.0867 N·m/rad (533.4", "B_1 = 0.664687 N·m·s/rad (14.13"))
-    rows = json.loads(call(*of_gains("100:400:100", "0:0.3:0.1", "--output", table, "--json")).stdout)
+    rows = json.loads(call(*of_gains("100:400:100", "0:0.3:0.1", "--output", table, "--plot", drawn, "--json")).stdout)
     pairs = [(r["K_d"], round(r["B_d"], 9)) for r in rows]
     assert pairs == [(k, b) for k in (100, 200, 300, 400) for b in (0, 0.1, 0.2, 0.3)]
     assert pl.read_csv(table)["B_1"].to_list() == pytest.approx([r["B_1"] for r in rows], rel=1e-12)
@@ -179,6 +180,7 @@ UNFIT = {
     "--mocap and --mocap-source go": ("ingest", "--mocap-source", "vicon", "--output", "x.parquet"),
     "give --log, --mocap or both": ("ingest", "--output", "x.parquet"),
     "Missing option '--output'": ("ingest", "--log", "x.csv"),
+    "both.csv would be overwritten": (*GAINS, "--output", "both.csv", "--plot", "both.csv"),
     "a.csv would be overwritten": (*GAINS, "--output", "a.csv", "--parameters", "a.csv"),
     "`ingest` writes .parquet files": ("ingest", "--log", "a.csv", "--log-source", "s", "--output", "s.yaml"),
     "`samples` writes .md files": ("samples", ".", "--output", "s.csv"),
@@ -256,11 +258,11 @@ def full_disk(room=1000):
 
 
 PAIRS = {"K_d": [float(k // 30) for k in range(900)], "B_d": [k % 30 / 2 for k in range(900)]}
-TABLE = pl.DataFrame(PAIRS).with_columns(torque=pl.col("K_d") * 1.1 + pl.col("B_d"), torque_model=pl.col("B_d"))
+TABLE = pl.DataFrame(PAIRS).with_columns(B_1_joint=pl.col("K_d") * 1.1 + pl.col("B_d"))
 WRITERS = {
     "csv": write_table,
     "parquet": lambda table, path: write_trial(Trial("made", pl.DataFrame({"time": range(9000)}).cast(float)), path),
-    "pdf": lambda table, path: draw_table("torque", table.rename({"K_d": "time"}), [path]),
+    "pdf": lambda table, path: draw_table("gain_grid", table, [path]),
 }
 
 

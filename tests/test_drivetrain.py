@@ -256,6 +256,15 @@ def test_fidelity_ends_where_the_stiffness_is_ten_percent_off(parameters, K_d, B
     assert off[1][0] == pytest.approx(0.1, rel=1e-6)
 
 
+def test_positive_real_is_decided_as_a_dense_grid_does(parameters):
+    f = np.geomspace(1e-3, 1e3, 4000)
+    K_d, B_d = (v.ravel() for v in np.meshgrid([50.0, 200.0, 400.0, 600.0], [0.0, 2.5, 7.5], indexing="ij"))
+    for k, b in zip(K_d, B_d, strict=True):
+        gains = compensated_gains(k, b, parameters)
+        decided = compensator.rendering(gains.K_1, gains.B_1, [k], [b], parameters)["positive_real"][0]
+        assert decided == (stiffness_at(f, gains, parameters).real >= 0).all()
+
+
 def test_delay_margin_is_where_a_pole_reaches_the_axis(parameters):
     """At the margin 1 + L(jw) exp(-jw delay) = 0 for some w, and for no w at a shorter delay."""
     p, gains = parameters, compensated_gains(300, 5, parameters)

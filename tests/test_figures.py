@@ -71,6 +71,7 @@ PLOTTED = {
     "fig4": time_series, "torque": time_series, "fig7": response_table, "torque_angle": torque_angle_table,
     "fig5": lambda: fig5.points(stored("impedance")), "fig6": lambda: fig6.points(stored("impedance")),
     "fig8": lambda: fig8.points(stored("gains")), "fig9": lambda: fig9_points(340.0, commanded_B=4.5),
+    "gain_grid": lambda: stored("impedance").select("K_d", "B_d", B_1_joint=pl.col("K") / 9),
     "impedance_over": over_angle, "response": lambda: response.points(stored("response")),
 }  # fmt: skip
 
@@ -161,7 +162,7 @@ ESTIMATES = ("{}", "{}_low", "{}_high", "{}_amplitudes_low", "{}_amplitudes_high
 OF_GROUP = ("estimate", "ensemble", "ensemble_low", "ensemble_high", "mean", "commanded")
 SHOWN = [
     # figure, table (None: as stored), panel, its rows, horizontal axis (None: no numbers of the table), vertical axis
-    ("torque", None, 0, True, "time", ("torque", "torque_model")),
+    ("gain_grid", None, 0, True, "K_d", ("B_1_joint",)), ("torque", None, 0, True, "time", ("torque", "torque_model")),
     ("torque", None, 1, True, "time", (pl.col("torque") - pl.col("torque_model"),)),
     ("fig3", both_branches, 0, True, "theta_s_deg", ("torque",)),
     ("fig3", both_branches, 1, pl.col("trial") != MEAN_SLOPE, "theta_s_deg", ("deviation",)),

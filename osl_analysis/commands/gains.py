@@ -24,9 +24,11 @@ from osl_analysis.commands.bench import rows_json
 from osl_analysis.commands.tables import read_summary
 from osl_analysis.config.sheet import read_impedance_trajectory
 from osl_analysis.errors import InputError, listing, naming, nearest, optional_module
+from osl_analysis.figures import drawing_of
 from osl_analysis.files import write_text
 from osl_analysis.model import compensator, mjcf
 from osl_analysis.model.compensator import Controller, Weight
+from osl_analysis.model.drivetrain import desired_admittance, joint_admittance
 from osl_analysis.model.parameters import DrivetrainParameters, FileOrNone, joint_of, known_parameters, read_parameters
 from osl_analysis.stats.regression import variance_accounted_for
 from osl_analysis.table import read_table, write_table
@@ -42,8 +44,8 @@ def gain_table(
     """A row per pair K_d [N*m/rad], B_d [N*m*s/rad], arrays of shape (pairs,); `describe-tables` has the columns.
 
     They are the gains at the actuator's output and at the joint (times n_T^2), the norm of Eq. 14, the flags of
-    `optimal_damping`, the fit of Eq. 15 that linear theory predicts at `frequencies_hz`, and the stability and fidelity
-    of the impedance (`rendering`); these are null where no finite B_1 is best.
+    `optimal_damping`, the fit of Eq. 15 that linear theory predicts at `frequencies_hz`, and the stability, passivity
+    and fidelity of the impedance (`rendering`); these are null where no finite B_1 is best.
     """
     compensator.check_request(K_d, B_d, p)
     K_d, B_d = (np.asarray(v, dtype=float) for v in (K_d, B_d))
@@ -54,9 +56,7 @@ def gain_table(
     gains = [compensator.Gains(k, b, True) for k, b in zip(K_1[finite], B_1[finite], strict=True)]
     fits = [compensator.predicted_impedance(one, p, frequencies_hz) for one in gains]
     columns: dict[str, Any] = {f"{name}_predicted": [fit[k] for fit in fits] for k, name in enumerate("KBI")}
-    rendered = compensator.rendering(K_1[finite], B_1[finite], K_d[finite], B_d[finite], p)
-    columns |= {"decay_rate": rendered["decay_rate"], "delay_margin": rendered["delay_margin"]}
-    columns["faithful_to_hz"] = rendered["faithful_to_hz"]
+    columns |= compensator.rendering(K_1[finite], B_1[finite], K_d[finite], B_d[finite], p)
     behaviour = pl.DataFrame(columns).with_columns(row=pl.Series(np.flatnonzero(finite), dtype=pl.UInt32))
     return table.with_row_index("row").join(behaviour, on="row", how="left", maintain_order="left").drop("row")
 
@@ -128,6 +128,28 @@ def gains_text(table: pl.DataFrame) -> str:
             f"{1e3 * row['delay_margin']:.3g} ms of delay in the loop make it unstable",
         ]
     return "\n".join(lines)
+
+
+def plot_gains(table: pl.DataFrame, parameters: Path, output: Path) -> None:
+    """Draw the response of one pair over 0.1 to 10 Hz (as Fig. 7), the gains of a grid, or those of a trajectory (as
+    Fig. 8)."""
+    from osl_analysis.commands.figure import draw_table  # matplotlib takes half a second
+
+    if len(table) == 1:
+        from osl_analysis.figures.frequency import DESIRED, FIG7, LINEAR_MODEL, response_curve
+        from osl_analysis.figures.names import completed
+
+        p, row, f = read_parameters(parameters), table.row(0, named=True), np.geomspace(0.1, 10, 201)
+        curves = (
+            (DESIRED, None, desired_admittance(row["K_d"], row["B_d"])),
+            (LINEAR_MODEL, "compensated", joint_admittance(row["K_1"], row["B_1"], p, p.J_j)),
+        )
+        frames = [response_curve(curve, name, f, Y(2j * np.pi * f), (None, None)) for curve, name, Y in curves]
+        draw_table("fig7", completed(pl.concat(frames), FIG7.columns), [output])
+    elif "phase" in table.columns:
+        draw_table("fig8", drawing_of("fig8").points(table), [output])
+    else:
+        draw_table("gain_grid", table, [output])
 
 
 EXPORTED = {"mjcf": ".xml", "json": ".json"}

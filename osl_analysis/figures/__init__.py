@@ -39,7 +39,7 @@ def columns_of(figure: str) -> list[str]:
 def drawing_of(name: str) -> Any:
     """The `style.Drawing` of a figure, imported only when it is needed: importing matplotlib takes half a second."""
     known = {figure: one.module for figure, one in FIGURES.items()}
-    known |= dict.fromkeys(("comparison", "torque", "not_drawn"), "others")
+    known |= dict.fromkeys(("comparison", "torque", "gain_grid", "not_drawn"), "others")
     if name not in known:
         raise InputError(f"no figure '{name}'; there are {', '.join(known)}")
     return getattr(import_module(f"osl_analysis.figures.{known[name]}"), name.upper())

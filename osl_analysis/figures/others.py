@@ -1,6 +1,7 @@
 """Drawings of no trials: a single fit, requested gains, Fig. 8, two campaigns, and why a figure is missing."""
 
 import textwrap
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -52,6 +53,21 @@ def draw_torque(table: pl.DataFrame) -> Figure:
     torque.legend(loc="upper left", ncols=2)
     residual.set_ylabel("Residual (N·m)")
     residual.set_xlabel("Time (s)")
+    return figure
+
+
+@style.paper_style()
+def draw_gain_grid(table: pl.DataFrame) -> Figure:
+    """B_1 n_T^2 over K_d, a line per B_d: `K_d`, `B_d`, `B_1_joint`."""
+    # a line style, a marker and a shade each: 60 lines differ in one of them
+    dashes, markers, shades = ("-", "--", ":", "-."), ("o", "s", "^", "D", "v"), (style.BLACK, style.GREY, "#A8A8A8")
+    figure, (ax,) = style.panels(style.SINGLE_COLUMN, 2.7)
+    for i, (B_d, rows) in enumerate(table.group_by("B_d", maintain_order=True)):
+        look: dict[str, Any] = {"marker": markers[i % 5], "color": shades[i // 4 % 3], "label": f"{B_d[0]:g}"}
+        ax.plot(rows["K_d"], rows["B_1_joint"], dashes[i % 4], markersize=2.8, linewidth=0.8, **look)
+    ax.set_xlabel("Desired stiffness $K_d$ (N·m/rad)")
+    ax.set_ylabel("Gain $B_1 n_T^2$ (N·m·s/rad)")
+    figure.legend(title="Desired damping $B_d$ (N·m·s/rad)", loc="outside upper center", ncols=5, columnspacing=1.2)
     return figure
 
 
@@ -113,5 +129,6 @@ def draw_comparison(table: pl.DataFrame) -> Figure:
 
 FIG8 = style.Drawing(columns_of("fig8"), draw_fig8, fig8_points, columns_of("fig8"))
 TORQUE = style.Drawing(("time", "torque", "torque_model"), draw_torque)
+GAIN_GRID = style.Drawing(("K_d", "B_d", "B_1_joint"), draw_gain_grid)
 NOT_DRAWN = style.Drawing(("figure", "trial", "file", "reason"), draw_reasons)
 COMPARISON = style.Drawing(("experiment", "quantity", *RATIO, "verdict"), draw_comparison)

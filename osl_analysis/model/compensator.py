@@ -245,6 +245,8 @@ def rendering(
     delay_margin: smallest delay [s] in the control loop that makes the held actuator, J_m s^2 + B_m s + K_s/n_T^2 under
         K_1 + B_1 s, unstable; infinite if it is stable with any delay. The loop gain is 1 where v = w^2 solves
         J_m^2 v^2 + (B_m^2 - B_1^2 - 2 J_m k) v + k^2 - K_1^2 = 0, k = K_s/n_T^2.
+    positive_real: whether Re Y >= 0 at every frequency, a quadratic in w^2, so that Y itself, and not only s Y, is
+        positive real. This can only hold where J_j is neglected.
     faithful_to_hz: frequency [Hz] up to which |Z - Z_d| <= 0.1 |Z_d|; infinite where Z never leaves this range.
     """
     K_1, B_1, K_d, B_d = np.broadcast_arrays(*(np.asarray(v, dtype=float) for v in (K_1, B_1, K_d, B_d)))
@@ -259,6 +261,8 @@ def rendering(
         loop = (K_1 + 1j * w * B_1) / (k - p.J_m * w**2 + 1j * w * p.B_m)
         lead = np.mod(np.pi + np.angle(loop), 2 * np.pi)
         margin = np.where(crosses, np.minimum(margin, lead / w), margin)
+    kappa, x, square = K_1 + k, p.B_m + B_1, p.K_s * p.J_m**2
+    linear = p.K_s * (x**2 - 2 * kappa * p.J_m) + p.J_m * (p.K_s / p.n_T) ** 2
     decay, frequency = np.empty(K_1.shape), np.full(K_1.shape, np.inf)
     for i, (stiffness, damping) in enumerate(zip(K_d, B_d, strict=True)):
         Y = joint_admittance(K_1[i], B_1[i], p)
@@ -270,7 +274,12 @@ def rendering(
         crossings = [v.real for v in np.roots(excess) if v.real > 0 and abs(v.imag) < 1e-9 * abs(v)]
         if crossings:
             frequency[i] = np.sqrt(min(crossings)) / (2 * np.pi)
-    return {"decay_rate": decay, "delay_margin": margin, "faithful_to_hz": frequency}
+    return {
+        "decay_rate": decay,
+        "delay_margin": margin,
+        "positive_real": linear >= -2 * np.sqrt(square * kappa * p.K_s * K_1),
+        "faithful_to_hz": frequency,
+    }
 
 
 def magnitude_squared(polynomial: Array) -> Array:

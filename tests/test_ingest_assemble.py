@@ -340,6 +340,22 @@ def test_a_log_gives_the_same_columns_in_every_format(tmp_path, what):
     assert recording.facts["rates_hz"]["log"] == pytest.approx(500)
 
 
+@EVERY
+@pytest.mark.parametrize(("name", "clock"), [
+    ("t", TIME), ("Date", 45_000 + TIME / 86_400), ("LabVIEW time", 3.8e9 + TIME),
+    ("count_time", (1e3 * TIME + 65_500) % 2**16),
+])  # fmt: skip
+def test_a_rate_that_a_clock_of_the_file_contradicts_is_refused_in_every_format(tmp_path, what, name, clock):
+    """A rate of 1000 for a file of 500 Hz halves B, and no check objects."""
+    if what.startswith("mat") and " " in name:
+        name = name.replace(" ", "_")
+    path = WRITERS[what][2](tmp_path / "log", {"angle": LOG["angle"], "torque": LOG["torque"], name: clock})
+    read, other = FORMATS[WRITERS[what][0]].read, NO_TIME.get(what, {})
+    assert "but " in (said := refusal_by(read, path, described(what, time={**other, "rate": 1000})))
+    assert f"{name}' rises by" in said
+    assert len(read(path, described(what, time={**other, "rate": 500})).samples) == len(TIME)
+
+
 LATE = TIME > 0.039
 
 

@@ -266,8 +266,10 @@ def test_without_timing_the_file_is_refused_until_the_source_file_tells_it(tmp_p
     path = write_tdms(tmp_path / "a.tdms", [*signals, ("t", k * 5.0, {}), ("Stamp", stamped, {})])
     told = "channel 'Bench/Angle' has no timing (`wf_increment` among its properties); name the channel of time"
     assert told in refused_tdms(path)
-    for time, step in (({"rate": 400}, 2.5e-3), ({"channel": "t", "unit": "ms"}, 5e-3), ({"channel": "Stamp"}, 2e-3)):
+    for time, step in (({"channel": "t", "unit": "ms"}, 5e-3), ({"channel": "Stamp"}, 2e-3)):
         np.testing.assert_allclose(read_tdms(path, time=time).samples["time"], k * step, atol=1e-9)
+    alone = write_tdms(tmp_path / "b.tdms", signals)
+    np.testing.assert_allclose(read_tdms(alone, time={"rate": 400}).samples["time"], k * 2.5e-3, atol=1e-9)
     assert "the unit is empty" in refused_tdms(path, time={"channel": "t"})
     assert "has no timing" in refused_tdms(write_tdms(path, [("Angle", ANGLE, timing(0.0)), signals[1]]))
     about = struct.pack(">2I16s3IQI", 1, 16, b"/'Bench'/'Angle'", 20, 10, 1, SAMPLES, 0)  # big-endian; 10: a double

@@ -58,6 +58,8 @@ def read_binary_table(path: Path, layout: CsvLayout, is_unit: IsUnit, most_rows:
     if kind in ("sheet", "npz") and zipfile.is_zipfile(path):
         with in_one_sentence(), zipfile.ZipFile(path) as archive:
             check_memory(sum(one.file_size for one in archive.infolist()), "what it unpacks to")
+            if damaged := archive.testzip():
+                raise InputError(f"its part {damaged} does not match its checksum; copy it again, or export it anew")
     with in_one_sentence():
         if kind == "sheet":
             return read_workbook(path, layout, is_unit)

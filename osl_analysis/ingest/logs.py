@@ -4,7 +4,7 @@ topic, in MCAP or a bag of ROS, in the order of their stamps. Nothing is interpo
 import json
 import re
 from collections import Counter, defaultdict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import fields, replace
 from functools import reduce
@@ -20,12 +20,12 @@ from osl_analysis.formats import csv_table
 from osl_analysis.formats.binary_table import read_binary_table
 from osl_analysis.formats.gait_text import read_opensim
 from osl_analysis.formats.json_lines import addresses_of, decode_lines, read_json_lines
-from osl_analysis.formats.mat import open_mat
+from osl_analysis.formats.mat import Value, open_mat
 from osl_analysis.formats.mcap import read_mcap
 from osl_analysis.formats.message_fields import Indices
 from osl_analysis.formats.messages import Decoded, MessageFile, RefusedFileError, WrongFieldError, decode_topics
 from osl_analysis.formats.rosbag import read_rosbag1, read_rosbag2, siblings
-from osl_analysis.formats.table import Table
+from osl_analysis.formats.table import Ledger, Table
 from osl_analysis.formats.tdms import TdmsChannel, read_tdms
 from osl_analysis.ingest.captures import exported_columns, exported_plates
 from osl_analysis.ingest.source import (
@@ -58,6 +58,7 @@ def read_table_log(path: Path, source: TableSource) -> Recording:
     table.damage.read[0] = table.rows
     if table.rows < 2:
         raise InputError(f"holds one {table.noun} of data: nothing to analyse; record the trial again, or exclude it")
+    check_rate(table, source)
     time, start = time_of(table, source)
     first_by: dict[int, str] = {}
     for column, channel in source.channels.items():  # one column under two names, as its own and by its number
@@ -252,8 +253,12 @@ def csv_log(path: Path, source: SheetSource) -> Table:
     values = {place: cells_of(text, place, source, place in levels) for place in {*places.values()} - {clock}}
     if clock is not None:
         values[clock] = clock_cells(text, clock, source) if stamps is None else stamps
+    clocks, rates = list[tuple[str, NDArray[Any]]](), list[tuple[str, float]]()
     if source.time.rate is not None:
-        check_rate(text, source, source.time.rate)
+        from osl_analysis.ingest.overview import stated_rate  # which reads logs, too
+
+        clocks = list(clock_columns(text, source))
+        rates = [("in words", one)] if (one := stated_rate(text.comments)) else []
     found = {}
     for name, place in places.items():
         if csv_table.name_and_unit(text.names[place])[0] != csv_table.name_and_unit(name)[0]:
@@ -268,32 +273,51 @@ def csv_log(path: Path, source: SheetSource) -> Table:
         lines=text.lines if text.noun == "line" else None,
         failed="missing",
         has_stamps=stamps is not None,
+        clocks=clocks,
+        rates=rates,
     )
 
 
-def check_rate(text: csv_table.CsvTable, source: SheetSource, rate: float) -> None:
-    """Refuse a stated rate [Hz] beside a column of times of day, or one that is called like a clock, that goes on at
-    another, in s, ms, us or ns: the rate is meant for logs without a clock, or with one that is broken."""
+def clock_columns(text: csv_table.CsvTable, source: SheetSource) -> Iterator[tuple[str, NDArray[Any]]]:
+    """The columns of a table that may tell its time: times of day [s], and numbers that are called like a clock."""
     for place, name in enumerate(text.names):
         cells = text.body.to_series(place)
-        stamps: NDArray[Any] | None = csv_table.cell_stamps(cells)
-        units = [0, -3, -6, -9] if stamps is None else [-9]
-        if (
-            stamps is None
-            and csv_table.is_clock(name)
-            and source.time.name not in (name, csv_table.name_and_unit(name)[0])
-        ):
+        stamps = csv_table.cell_stamps(cells)
+        if stamps is not None:
+            yield name, stamps / SECOND
+        elif is_like_clock(name):
             with suppress(csv_table.UnreadableCellError):
-                stamps = csv_table.cell_numbers(cells, source.missing, text.decimal)
-        steps = np.diff(stamps) if stamps is not None else np.zeros(1)
-        step = float(steps.mean()) if len(steps) else 0.0
-        runs_on = (steps >= 0).all() and float(np.max(steps, initial=0.0)) <= max(3 * step, 0.02 * steps.sum())
-        rows_per_step = step * rate * 10.0 ** np.array(units)
+                yield name, csv_table.cell_numbers(cells, source.missing, text.decimal)
+
+
+def is_like_clock(name: str) -> bool:
+    """Whether a name may be that of a clock, as `LabVIEW time`, `Date` and `sec` may: readings tell the rest."""
+    last = re.split(r"[./]", csv_table.name_and_unit(name)[0])[-1]
+    return csv_table.is_clock(last) or re.search(r"(?i)time|date|clock|stamp|zeit|^secs?$", last) is not None
+
+
+def check_rate(table: Table, source: TableSource) -> None:
+    """Refuse a stated rate [Hz] beside a clock, in whatever unit of time, that goes on at another, or beside another
+    rate that the file states: the rate is meant for logs without a clock, or with one that is broken."""
+    rate = source.time.rate
+    if rate is None:
+        return
+    of_time = csv_table.name_and_unit(source.time.name)[0]
+    for name, values in table.clocks:
+        if name == source.time.name or csv_table.name_and_unit(name)[0] == of_time or values.size < 3:
+            continue
+        steps = np.diff(unwrapped(np.asarray(values), name)[0].astype(np.float64))
+        step = float(steps.mean())
+        runs_on = (steps >= 0).all() and float(steps.max()) <= max(3 * step, 0.02 * steps.sum())
+        rows_per_step = step * rate * np.array([1.0, 1e-3, 1e-6, 1e-9, 60.0, 86_400.0])
         if step > 0 and runs_on and (np.abs(rows_per_step - 1) > 0.05).all():
             raise InputError(
-                f"`rate: {rate:g}` of time, but column '{name}' rises by {step * 10.0 ** units[0]:.4g} a row; "
+                f"`rate: {rate:g}` of time, but {source.time.ADDRESS} '{name}' rises by {step:.4g} a row; "
                 f"write `time: {{{source.time.ADDRESS}: {name}}}` with its unit, or correct the rate"
             )
+    for name, stated in table.rates:
+        if abs(rate / stated - 1) > 0.01:
+            raise InputError(f"`rate: {rate:g}` of time, but the file says {stated:.6g} Hz ({name}); correct the rate")
 
 
 def clock_cells(text: csv_table.CsvTable, place: int, source: SheetSource) -> NDArray[Any]:
@@ -368,7 +392,11 @@ def json_log(path: Path, source: JsonSource) -> Table:
         )
     rows = np.flatnonzero(kept) if field else np.arange(kept.size)
     columns = {name: values[rows] for name, values in decoded.values.items()}  # masked where a line lacks the field
-    table = Table(rows.size, columns, damage=lines.damage, lines=lines.numbers[decoded.rows[rows]])
+    clocks = list[tuple[str, NDArray[Any]]]()
+    if by_rate and (named := [name for name in found if is_like_clock(name)]):
+        others = decode_lines(replace(lines, damage=Ledger()), named).values
+        clocks = [(name, np.ma.compressed(values)) for name, values in others.items()]
+    table = Table(rows.size, columns, damage=lines.damage, lines=lines.numbers[decoded.rows[rows]], clocks=clocks)
     if not parts:
         return table
     stamps = whole_stamps(table, parts, f"name another time, or {RATE}")
@@ -420,7 +448,25 @@ def mat_log(path: Path, source: MatSource) -> Table:
     facts = {"version": file.version, "header": file.header, "log_part": source.log_part}
     found = {text: {"variable": address} for text, (address, _, _) in signals.items()}
     units = {text: unit for text, (_, _, unit) in signals.items()}
-    return Table(vectors[reference].size, vectors, units, damage=file.damage, facts=facts, found=found, noun="sample")
+    every = list(vectors_in(file.read(file.names))) if source.time.rate is not None else []
+    beside = {address.rpartition(".")[0] for address, _, _ in signals.values()}  # not those of other recordings
+    every = [(name, values) for name, values in every if name.rpartition(".")[0] in beside]
+    clocks = [(name, values) for name, values in every if values.size > 2 and is_like_clock(name)]
+    rates = [(name, float(values[0])) for name, values in every if values.size == 1 and re.search(r"(?i)\bfs$", name)]
+    return Table(
+        vectors[reference].size, vectors, units, damage=file.damage, facts=facts, found=found, noun="sample",
+        clocks=clocks, rates=[(name, rate) for name, rate in rates if rate > 0],
+    )  # fmt: skip
+
+
+def vectors_in(values: Mapping[str, Value], place: str = "") -> Iterator[tuple[str, Array]]:
+    """The numbers in the variables of a MATLAB file, with their addresses."""
+    for name, value in values.items():
+        address = f"{place}.{name}".removeprefix(".")
+        if value.numbers is not None:
+            yield address, np.ma.filled(value.numbers, np.nan).ravel()
+        for element in value.elements:
+            yield from vectors_in(element, address)
 
 
 def tdms_log(path: Path, source: TdmsSource) -> Table:
@@ -467,7 +513,12 @@ def tdms_log(path: Path, source: TdmsSource) -> Table:
         placed[address][rows[address]] = each
     columns = {name: placed[channel.address] for name, channel in channels.items()}
     units = {name: "s" if channel.holds_times else channel.unit for name, channel in channels.items()}
-    return Table(placed[one.address].size, columns, units, own, file.damage, facts)
+    clocks, rates = list[tuple[str, NDArray[Any]]](), list[tuple[str, float]]()
+    if source.time.rate is not None:
+        named = [each for each in file.channels if each.count and (each.holds_times or is_like_clock(each.name))]
+        clocks = [*file.values([each for each in named if each.holds_times or each.holds_numbers]).items()]
+        rates = [(f"wf_increment of '{each.address}'", 1 / each.step) for each in by_address.values() if each.step]
+    return Table(placed[one.address].size, columns, units, own, file.damage, facts, clocks=clocks, rates=rates)
 
 
 def check_alike(channels: Mapping[str, TdmsChannel], values: Mapping[str, NDArray[Any]]) -> None:
@@ -497,7 +548,9 @@ def opensim_log(path: Path, source: OpenSimSource) -> Table:
             )
     plates = [name for plate in source.plates.values() for name in exported_columns(plate)]
     columns = {name: table.column(name) for name in dict.fromkeys([*wanted(source), *plates])}
-    return Table(len(table.rows), columns, facts={"header": table.header, "clock": source.clock})
+    clocks = [(name, table.column(name)) for name in dict.fromkeys(table.names) if is_like_clock(name)]
+    facts = {"header": table.header, "clock": source.clock}
+    return Table(len(table.rows), columns, facts=facts, clocks=clocks if source.time.rate is not None else [])
 
 
 TABLES: Mapping[str, Callable[[Path, Any], Table]] = {

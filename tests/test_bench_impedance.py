@@ -168,6 +168,26 @@ def test_a_torque_in_time_is_not_doubtful_and_its_lag_counts_as_checked():
     assert LATENESS not in table["not_checked"][-1]
 
 
+def test_a_lag_that_begins_half_way_is_heard_in_sines_whose_misfit_scatters_as_much_as_it_is():
+    def from_half_on(motion):
+        torque = second_order(motion)
+        return np.where(np.arange(len(torque)) > len(torque) / 2, late(torque, 4e-3), torque)
+
+    row = judged(from_half_on).row(-1, named=True)
+    assert row["time_shift"] > 1
+    assert "lag that changes at once" in row["rivals"]
+    assert row["B_without_low"] < 4.0 < row["B_without_high"]
+
+
+@pytest.mark.parametrize(("share", "clipped"), [(1.0, False), (0.7, True)])
+def test_sines_whose_torque_is_clipped_before_the_noise_are_doubted_for_it(share, clipped):
+    def cut(motion):
+        torque = second_order(motion)
+        return np.clip(torque, *(share * end for end in (torque.min(), torque.max())))
+
+    assert ("clipped signal" in judged(cut, noise=0.05)["doubtful"][-1]) == clipped
+
+
 def test_a_lag_by_the_belt_makes_shares_of_b_and_i_if_it_is_certain():
     fit = {"K": 300.0, "B": 5.0, "I": 0.02}
     row = lag_row(Fault(3e-4, 2e-4, False, 7e-4), fit)

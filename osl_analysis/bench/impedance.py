@@ -27,7 +27,7 @@ from osl_analysis.bench.gram import FEWEST_UNITS, GroupFit, Sums, combined, esti
 from osl_analysis.bench.plausible import check_resists, plausible_impedance
 from osl_analysis.bench.record import Label, Record
 from osl_analysis.bench.reflex import unstated_reflex_row
-from osl_analysis.bench.witness import witness_row
+from osl_analysis.bench.witness import HARM, witness_row
 from osl_analysis.errors import InputError, nearest
 from osl_analysis.measured import usual_size
 from osl_analysis.model.compensator import CONTROLLERS, Gains, Weight, select_gains
@@ -150,17 +150,19 @@ def impedance_table(analysis: Analysis, s: Sums, p: DrivetrainParameters | None 
     friction, rows = friction_rows(s, analysis), list[Row]()
     facts = motion_row(record) | belt_row(belt, p) | repeats | witness_row(record, is_leg=is_leg)
     facts |= {"lag_by": "theta_m" if lag else None, **unstated_reflex_row(record)}
-    beside = [(facts[f"{name}_with_reflex"], *analysis.whole.interval(name)) for name in QUANTITIES]
-    moved = any(isinstance(value, float) and not low <= value <= high for value, low, high in beside)
+    moved = False  # by more than its interval, and by more than harms
+    for name, (share, size) in HARM.items():
+        value, whole = facts[f"{name}_with_reflex"], analysis.whole
+        least = max(whole.interval(name)[1] - whole[name], share * float(np.hypot(whole[name], size)))
+        moved |= isinstance(value, float) and abs(value - whole[name]) > least
     harmless = not moved and bool(facts["rivals"] or facts["path_shift"] == 0)  # and no delay may hide behind it
     if facts["reflex_p"] is not None and not is_leg and (facts["heard"] is None or facts["path_shift"] or harmless):
         facts |= {name: None for name in facts if name.endswith("with_reflex") or "_with_reflex_" in name}
         facts["reflex_p"] = 1.0  # nothing is heard, a path explains more, or no estimate leaves its interval
     if not record.is_stepped_sine:
-        facts |= {
-            "torque_at_peaks": torque_at_peaks(analysis, record),
-            "alias_share": alias_share(record, analysis.whole),
-        }
+        facts["alias_share"] = alias_share(record, analysis.whole)
+    if not (record.is_stepped_sine and is_leg):  # a leg that sticks stands still at the peaks of a slow sine
+        facts["torque_at_peaks"] = torque_at_peaks(analysis, record)
     for label, fit in analysis.fits.items():
         rows.append(
             {

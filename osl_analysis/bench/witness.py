@@ -38,6 +38,7 @@ FRICTION = -4.0  # the same of Coulomb friction, which then is part of the joint
 ALIKE = 3.0  # standard errors, paired by chunks, up to which rivals leave as much
 NEAR = 0.03  # share of what the best rival leaves, by which one that is as good may leave more
 CHANCE = 10.0  # parameters of noise by which a rival may be better by chance, where many are tried
+JUMPS = 0.4  # share of the misfit that is left, below which a lag that changes at once is heard whatever scatters
 UNEXPLAINED = 0.7  # share of what the best rival explains, by which one that is as good may explain less
 MOMENTS = np.arange(6, 19) / CHUNKS  # shares of what is fitted at whose ends K, or a lag, may change
 MUSCLE_HZ = 6.0  # of a muscle's answer to a reflex
@@ -210,6 +211,8 @@ class Court:
         at_once = [max(wald(sums, base, [at])[0] for sums in every) for at in moments]
         if len(view.rows) > CHUNKS * RATE_HZ:  # of shorter chunks chance explains a moment
             self.chance["time"] = min(self.chance["time"], *(chance + np.log10(len(at_once)) for chance in at_once))
+        if self.later()[1] < JUMPS * self.left(view.base):  # such a misfit scatters as its own size does
+            self.chance["time"] = min(self.chance["time"], 2 * HEARD)
         if size < 0:  # friction that drives: play, or damping that falls with speed
             self.chance["speed"] = min(self.chance["speed"], by_friction - FRICTION)
 
@@ -297,6 +300,14 @@ class Court:
             sizes = sizes + more[: len(shapes)]
         return columns, slopes, sizes, np.sqrt(np.diag(covariance))[: len(shapes)]
 
+    def later(self) -> tuple[Array, float]:
+        """The shape (n,) of a lag that changes at once, where it explains most beside a lag, and what it leaves."""
+        view, base = self.view, self.view.base
+        slope = self.fitted(base)[0][: 3 - view.first] @ np.array(view.motion[view.first + 1 : 4])
+        late, moments = view.column(slope), [np.where(view.time > at, 1.0, 0.0) for at in view.moments]
+        left = [self.left([*base, late, view.column(then * slope)]) for then in moments]
+        return moments[int(np.argmin(left))], min(left)
+
     def hides_delay(self) -> bool:
         """Whether the torque may be late by so much that the inertia changes by `HIDDEN` of it."""
         _, _, (size,), (error,) = self.late(np.ones(self.view.n))
@@ -315,9 +326,9 @@ class Court:
         self.add("time", "clocks", *self.late(np.ones(view.n), view.time)[:2], 2)
         self.add("time", "clocks", *self.late(view.time - view.time[0])[:2], 1)
         moments = [np.where(view.time > at, 1.0, 0.0) for at in view.moments]
-        slope = self.fitted(base)[0][: 3 - view.first] @ np.array(view.motion[view.first + 1 : 4])
-        lag = min(moments, key=lambda then: self.left([*base, view.column(then * slope)]))
+        lag = self.later()[0]
         self.add("time", "lag that changes at once", *self.late(lag)[:2], 2)
+        self.add("time", "lag that changes at once", *self.late(np.ones(view.n), lag)[:2], 3)
         changing = view.motion[view.first]
         change = min(moments, key=lambda then: self.left([*base, view.column(then * changing)]))
         what = "K" if view.first == 0 else "B_j"

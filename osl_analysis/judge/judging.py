@@ -44,7 +44,8 @@ def unchecked_in(table: str, row: AnyRow) -> Iterator[Finding]:
         what = f"{quantity} is not that of the parameter file"
         yield Finding(table, subject, what, Grade.NOTES, amplitude_deg=amplitude)
     for name in ("I", "J_j") if table in ("impedance", "transmission", "walking_groups") else ():
-        if (cell_number(row, f"{name}_high") or 0.0) < 0:
+        doubted = cell_number(row, "I_bound") is not None or bool(row.get("heard"))  # as is all of such a fit
+        if (cell_number(row, f"{name}_high") or 0.0) < 0 and not doubted:
             yield Finding(table, subject, f"{name} is certainly negative", Grade.NOTES, amplitude_deg=amplitude)
 
 

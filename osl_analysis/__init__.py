@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 __all__ = [
     "DesiredImpedance", "Fit", "IdentifiabilityError", "InputError", "OslAnalysisError", "Response", "Trial",
     "UnreachableImpedanceError", "check", "fit_actuator", "fit_belt", "fit_impedance", "fit_torque_angle",
-    "fit_transmission", "frequency_response", "gains", "plot_frequency_response", "plot_torque", "plot_torque_angle",
+    "fit_transmission", "frequency_response", "plot_frequency_response", "plot_torque", "plot_torque_angle",
     "read_recording", "read_summary", "read_table", "read_trial", "simulate_trial", "to_pandas",
 ]  # fmt: skip
 

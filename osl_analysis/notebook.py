@@ -2,13 +2,11 @@
 jobs of a campaign call: their numbers are those of its tables."""
 
 from base64 import b64encode
-from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
-import numpy as np
 import polars as pl
 
 from osl_analysis.bench.impedance import DesiredImpedance
@@ -24,7 +22,6 @@ from osl_analysis.commands.bench import (
     fit_tables,
     fit_trial,
 )
-from osl_analysis.commands.gains import requested_gains
 from osl_analysis.commands.trials import checked_trial
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
 from osl_analysis.errors import InputError, listing, nearest
@@ -34,7 +31,6 @@ from osl_analysis.ingest.examine import UNITS, Commanded, examine, measured_tabl
 from osl_analysis.ingest.raw_files import FORMATS, read_source
 from osl_analysis.judge.judging import judged, marked, with_inherited
 from osl_analysis.judge.limits import DoubtfulFits, QualityRules, judged_table, validate_rules
-from osl_analysis.model.compensator import Weight
 from osl_analysis.model.parameters import joint_of
 from osl_analysis.table import read_table as read_table
 from osl_analysis.table import to_pandas as to_pandas
@@ -257,30 +253,6 @@ def simulate_trial(folder: File, trial: str, settings: File = "config/simulation
         raise InputError(f"trial {trial}: is of the walkway; simulate a campaign (`osl-analysis simulate`) and run it")
     simulate.simulate_trial(path, place, trial)
     return place / str(row["log"]), str(row["log_source"])
-
-
-def gains(
-    K_d: float | Sequence[float],
-    B_d: float | Sequence[float],
-    parameters: File | None = OF_CONFIG,
-    config: File | None = None,
-) -> pl.DataFrame:
-    """Control gains for desired stiffnesses K_d [N*m/rad] and dampings B_d [N*m*s/rad], a row per combination.
-
-    As `osl-analysis gains`: `K_1` and `B_1` at the actuator's output (Eqs. 13 and 14), and what theory predicts for
-    them. `parameters` and `config` as in `fit_impedance`; the configuration has W of Eq. 14. Raises InputError: no
-    parameter file, or a file is not valid. UnreachableImpedanceError: no gains render one of the pairs.
-    """
-    device = device_of(parameters, config)
-    if device is None:
-        raise InputError("gains need a parameter file; name the one of your device as `parameters`")
-    pairs = [np.ravel(K_d), np.ravel(B_d)]
-    for name, values in zip(("K_d", "B_d"), pairs, strict=True):
-        if values.dtype.kind not in "iuf" or not values.size or not np.isfinite(values).all():
-            raise InputError(f"{name}: {values.tolist()} is not a finite number, or several of them; correct it")
-    weight = read_section(Path(config or config_here()), "gain_weight", Weight)
-    stiffness, damping = (values.astype(float).tolist() for values in pairs)
-    return requested_gains(stiffness, damping, None, weight, device)
 
 
 def read_summary(folder: File = "results") -> pl.DataFrame:

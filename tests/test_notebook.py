@@ -21,13 +21,11 @@ from test_bench_plausibility import RATE, RECORDINGS
 import osl_analysis as osl
 from osl_analysis.campaign.configuration import FrequencyResponseFigure, read_config
 from osl_analysis.commands import bench, figure, tables
-from osl_analysis.commands.gains import requested_gains
 from osl_analysis.commands.trials import ingest_trial
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
 from osl_analysis.ingest.examine import Commanded, examine, measured_table
 from osl_analysis.judge.finding import Grade
 from osl_analysis.judge.words import finding_said
-from osl_analysis.model.compensator import Weight
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import write_trial
 
@@ -177,18 +175,6 @@ def test_a_recording_is_read_as_ingest_reads_it(tmp_path):
         osl.read_recording(tmp_path / "a.csv", tmp_path / "mine.yaml", part="2")
 
 
-def test_gains_are_those_of_the_command_with_weight_and_device_of_the_configuration(tmp_path, monkeypatch):
-    expected = requested_gains([200.0, 300.0], [2.5, 5.0], None, Weight(cutoff_hz=1.0, order=3), DEVICE)
-    assert_frame_equal(osl.gains([200, 300], (2.5, 5)), expected, check_exact=True)
-    assert_frame_equal(osl.gains(300, 5.0), osl.gains([200, 300], [5]).tail(1), check_exact=True)
-    (tmp_path / "config.yaml").write_text("gain_weight: {cutoff_hz: 5}\nparameters: null\n")
-    expected = requested_gains([300.0], [5.0], None, Weight(cutoff_hz=5.0, order=3), DEVICE)
-    assert_frame_equal(osl.gains(300, 5, DEVICE, tmp_path / "config.yaml"), expected, check_exact=True)
-    monkeypatch.chdir(tmp_path)  # whose configuration counts
-    with pytest.raises(osl.InputError, match="gains need a parameter file"):
-        osl.gains(300, 5)
-
-
 def test_a_fit_prints_and_shows_its_doubts_and_nothing_of_a_name_that_a_terminal_or_a_page_runs(short):
     doubtful = osl.fit_impedance(bench_trial("friction"), config=short)
     assert "friction" in [one.cause for one in doubtful.findings[-1]]
@@ -242,8 +228,6 @@ REFUSED = {
     "write DesiredImpedance": lambda t: osl.fit_impedance(t, "compensated"),
     "did you mean 'opensourceleg'": lambda t: osl.read_recording("README.md", "opensourcelegs"),
     "has no part '2'": lambda t: osl.read_recording("README.md", "vicon", part="2"),
-    r"K_d: \['a'\] is not a finite number": lambda t: osl.gains("a", 5),
-    r"K_d: \[\] is not": lambda t: osl.gains([], 5), r"B_d: \[5.0, inf\] is not": lambda t: osl.gains(300, [5, np.inf]),
     r"no\.csv: no such file; name the recording": lambda t: osl.read_recording("no.csv", "opensourceleg"),
     "place/summary.json: no such summary": lambda t: osl.read_summary("place"),
     "not belt": lambda t: osl.plot_torque_angle(osl.fit_belt(bench_trial("belt"))),

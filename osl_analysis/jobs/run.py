@@ -142,21 +142,21 @@ def serve(number: int) -> NoReturn:
         if (module := module_of(job)) not in known:
             preload(f"osl_analysis.commands.{module}")
             known |= {module}
-        if (channel := idle_worker(workers, module)) is None:
-            channel, theirs = socket.socketpair()
+        if (able := idle_worker(workers, module)) is None:
+            able, theirs = socket.socketpair()
             if not (pid := fork()):
-                for other in (control, channel, link, *workers, *(one.link for one in workers.values() if one.link)):
+                for other in (control, able, link, *workers, *(one.link for one in workers.values() if one.link)):
                     other.close()  # who listens there waits until nobody holds it
                 for file in files:
                     os.close(file)
                 work(theirs, sys.maxsize if module in COMPILING else MOST_JOBS)
             theirs.close()
-            workers[channel] = Worker(pid, module in COMPILING, known)
-        worker = workers[channel]
+            workers[able] = Worker(pid, module in COMPILING, known)
+        worker = workers[able]
         worker.link = link
         with suppress(OSError):  # the end of a worker that was killed is seen below
             link.sendall(f"{worker.pid} ".encode())
-            socket.send_fds(channel, [job], files)
+            socket.send_fds(able, [job], files)
         for file in files:
             os.close(file)
 

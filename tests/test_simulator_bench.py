@@ -293,6 +293,7 @@ def test_samples_are_dropped_singly(clean):
     n = len(clean["time"])
     assert [missing(dropped=on(share, "1")).sum() for share in (1e-3, 1e-6)] == [round(1e-3 * n), 1]
     assert set(missing(dropped=on(0.2, "1"))) == {0, 1}
+    assert log_of(node(dropped=on(0.4, "1")))["time"][[0, -1]].tolist() == clean["time"][[0, -1]].tolist()
 
 
 def test_encoders_have_bits_and_an_encoders_zero_stands_between_its_steps(clean):

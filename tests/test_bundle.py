@@ -10,10 +10,14 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from osl_analysis.campaign.campaign import open_campaign
+from osl_analysis.campaign.configuration import read_config
 from osl_analysis.cli import main
-from osl_analysis.commands.bundle import write_bundle
+from osl_analysis.commands.bundle import copy_inputs, write_bundle
 from osl_analysis.commands.inspect import new_campaign
+from osl_analysis.commands.simulate import check_folder
 from osl_analysis.errors import InputError
+from osl_analysis.files import CAMPAIGN
 
 rocrate = pytest.importorskip("rocrate")
 LICENCE, PROFILE = "https://spdx.org/licenses/CC-BY-4.0", "workflow-run-crate-0.5"
@@ -117,3 +121,20 @@ def test_without_the_recordings_it_has_their_hashes(campaign: Path, tmp_path: Pa
             ["sha256sum", "-c", "recordings.sha256"], cwd=tmp_path, check=True, capture_output=True, text=True
         ).stdout
     )
+
+
+@pytest.mark.parametrize("raw", [True, False])
+def test_a_simulated_campaign_stays_one_that_the_simulator_made(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, raw: bool
+) -> None:
+    new_campaign(tmp_path / "demo", (), None, example=True)
+    monkeypatch.chdir(tmp_path / "demo")
+    Path("recordings/truth").mkdir()
+    for name in ("truth/b.json", "b.mcap"):
+        Path("recordings", name).write_text("x")
+    Path("recordings/trials.csv").write_text("trial,experiment,log,log_source\nb,belt,b.mcap,dynamometer_bench\n")
+    copy_inputs(open_campaign(read_config(CAMPAIGN), None), tmp_path / "crate", raw=raw)
+    monkeypatch.chdir(tmp_path / "crate")
+    config = read_config(CAMPAIGN)
+    check_folder(config.sheet.parent)
+    assert (config.simulation.is_file(), config.sheet.parent, config.sheet.is_file()) == (True, config.raw_data, raw)

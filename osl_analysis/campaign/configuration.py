@@ -198,8 +198,6 @@ def states_of(config: Config, own: Mapping[str, Any], experiments: Collection[st
         if state == "assumed" and (none or (name in WITH_DEVICE and config.parameters is None)):
             state = "measured" if name in FOUND else "assumed" if name in ASSUMED else "none"
         value = ASSUMED.get(name, value) if none else value
-        if isinstance(value, str) and Path(value).is_relative_to(root()):  # the same wherever it is installed
-            value = Path(value).relative_to(root()).as_posix()
         shown = None if value is None or state == "none" or (none and name not in ASSUMED) else json.dumps(value)
         shown = shown and shown.strip('"').removeprefix(f"{root()}/")  # a shipped file, wherever it is installed
         rows.append({"setting": name, "value": shown, "state": state})

@@ -69,9 +69,6 @@ def fig5_points(impedance: pl.DataFrame) -> pl.DataFrame:
     return names.completed(table.with_columns(names.look_numbers(table["controller"])), columns_of("fig5"), True)
 
 
-QUANTITIES = {"K": "Stiffness", "B": "Damping"}
-
-
 def fig5_panels(table: pl.DataFrame) -> list[tuple[str, pl.DataFrame, str, bool]]:
     """Panel by panel the name of the joint, its trials with their place `x` on the axis, the quantity, and whether its
     error is drawn. Trials of one condition are 1 apart, those of another B_d 0.7 more, and of another K_d 1.6 more."""
@@ -111,7 +108,7 @@ def draw_fig5(table: pl.DataFrame) -> Figure:
     has a place of its own on the axis, which is no scale; its trials stand side by side there."""
     looks, drawn = names.looks_in(table), fig5_panels(table)
     several = len({name for name, *_ in drawn}) > 1
-    words = [f"{QUANTITIES[symbol]}{', error' * error}" for *_, symbol, error in drawn]
+    words = [f"{'Stiffness' if symbol == 'K' else 'Damping'}{', error' * error}" for *_, symbol, error in drawn]
     titles = [f"{name}: {word}" if several else word for (name, *_), word in zip(drawn, words, strict=True)]
     heights = [0.9 if error else 1.0 for *_, error in drawn]
     height = 0.5 + 1.5 * sum(heights)

@@ -238,7 +238,7 @@ SAID = [
     ("fig6", None, {"doubtful": NOTE}, ["48 fits of 16 trials", "Open"], []), ("fig6", None, {}, [], ["Open"]),
     ("walking_page", None, {}, ["Unperturbed ($n$ = 7)"], ["Doubtful fit"]),
     ("torque_angle", lambda: twice(torque_angle_table()), {}, [], ["both cams 15mm"]),
-    ("response", lambda: conditions_of(2), {}, ["Open: doubtful", "t0, 4 realisations"], []),
+    ("response", lambda: conditions_of(2), {}, ["Open: doubtful", "(b) t1"], []),
     ("response", lambda: conditions_of(13), {}, ["(l) "], ["(m) "]),
 ]  # fmt: skip
 

@@ -1,6 +1,7 @@
 """Fig. 7 and `response`: admittance and impedance of the joint over frequency."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from string import ascii_lowercase
 from typing import Any
 
 import numpy as np
@@ -144,12 +145,8 @@ def draw_response(table: pl.DataFrame) -> Figure:
         row, column = divmod(number, across)
         parts = list(axes[3 * row : 3 * row + 3, column])
         entries |= draw_condition(parts, rows)
-        words = condition_words(rows.row(0, named=True), 28 if across <= MOST_ACROSS else 18)
-        lines = [f"({chr(ord('a') + number)}) " * (len(shown) > 1) + words[0]]
-        for word in words[1:]:  # in lines that are no wider than the panel without its axis
-            longer = f"{lines[-1]}, {word}"
-            lines[-1:] = [longer] if style.width_of(longer) <= width / across - 0.42 else [lines[-1], word]
-        parts[0].set_title("\n".join(lines), loc="left")
+        name = names.drawn_name(rows["trial"][0], 28 if across <= MOST_ACROSS else 18)
+        parts[0].set_title(f"({ascii_lowercase[number]}) " * (len(shown) > 1) + name, loc="left")
     for ax, label in zip(
         axes[:, 0], ("Magnitude\n(N·m/rad)", "Phase (deg)", "Deviation,\nlevel (N·m/rad)") * down, strict=True
     ):
@@ -159,16 +156,6 @@ def draw_response(table: pl.DataFrame) -> Figure:
     style.legend_above(figure, entries, 6, columnspacing=1.2)
     figure.align_ylabels(axes[:, 0])
     return figure
-
-
-def condition_words(row: Mapping[str, Any], longest: int) -> list[str]:
-    """Joint, controller, desired impedance, name and realisations of a trial."""
-    words = [names.place_name(row["joint"], row["side"]), names.drawn_name(row["controller"] or "")]
-    words.append(", ".join(f"${name}$ = {row[name]:g}" for name in ("K_d", "B_d") if row[name] is not None))
-    words.append(names.drawn_name(str(row["trial"]), longest))
-    if row["method"] != "local polynomial":
-        words.append(names.count_of(int(row["realisations"]), "realisation"))
-    return [*filter(None, words)]
 
 
 def draw_condition(parts: Sequence[Axes], rows: pl.DataFrame) -> dict[str, Any]:
@@ -202,11 +189,6 @@ def draw_condition(parts: Sequence[Axes], rows: pl.DataFrame) -> dict[str, Any]:
     beside.set_yscale("log")
     beside.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     beside.yaxis.set_minor_formatter(NullFormatter())
-    if not seen["odd_level"].any() and not seen["even_level"].any():
-        alone = rows["method"][0] == "local polynomial"
-        why = "Distortion is in the noise" if alone else "No line shows distortion"
-        known = rows["odd_level"].count() or rows["even_level"].count()
-        beside.set_title("Distortion below noise" if known else why, loc="left", y=1)
     beside.set_xlabel("Frequency (Hz)")
     for ax in parts:
         ax.set_xlim(0, 1.04 * float(np.max(f)))

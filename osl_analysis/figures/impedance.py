@@ -12,7 +12,6 @@ from matplotlib.figure import Figure
 
 from osl_analysis.errors import InputError
 from osl_analysis.figures import columns_of, names, style
-from osl_analysis.trial import Array
 
 
 def shown_trial(table: pl.DataFrame) -> str:
@@ -200,19 +199,7 @@ def letter_conditions(ax: Axes, rows: pl.DataFrame) -> None:
     ax.set_xlabel("Desired $B_d$ (N·m·s/rad) for each desired $K_d$ (N·m/rad)")
 
 
-LARGEST_VAF = 99.9999  # larger ones [percent] are drawn here
-
-
-def vaf_scale(vaf: Array) -> Array:
-    """Height of a VAF [percent] on the axis: minus the logarithm of the variance that the fit does not explain."""
-    return np.asarray(-np.log10(np.maximum(100 - np.asarray(vaf), 1e-9)))
-
-
-def vaf_limits(vaf: pl.Series) -> tuple[float, float]:
-    """Ends of the axis, in heights of `vaf_scale`, with room of 5 % at both sides, and for two ticks."""
-    heights = vaf_scale(vaf.clip(upper_bound=LARGEST_VAF).to_numpy())
-    room = max(0.05 * float(np.ptp(heights)), 0.4 - float(np.ptp(heights)) / 2)
-    return float(np.min(heights)) - room, float(np.max(heights)) + room
+LEAST_LEFT = 1e-4  # smaller unexplained shares [percent] are drawn here
 
 
 def vaf_said(vaf: float) -> str:
@@ -238,36 +225,30 @@ def draw_fig6(table: pl.DataFrame) -> Figure:
     """A swarm per controller of each joint and side, over an axis that is logarithmic in the unexplained variance."""
     looks, parts = names.looks_in(table), table.partition_by(names.JOINT_SIDE, maintain_order=True)
     found = (names.of_controller(part, controller) for part in parts for controller in names.looks_in(part))
-    swarms = [rows for rows in found if len(rows)]
+    swarms = [rows.with_columns(left=(100 - pl.col("VAF")).clip(LEAST_LEFT)) for rows in found if len(rows)]
     width = style.SINGLE_COLUMN if len(swarms) <= 2 else style.DOUBLE_COLUMN
     figure, (ax,) = style.panels(width, 3.0)
-    ax.set_yscale("function", functions=(vaf_scale, lambda y: 100 - 10.0 ** -np.asarray(y)))
-    low, high = vaf_limits(table["VAF"])
+    ax.set_yscale("log")
+    every = np.log10(np.concatenate([rows["left"].to_numpy() for rows in swarms]))
+    room = max(0.05 * float(np.ptp(every)), 0.4 - float(np.ptp(every)) / 2)  # at both ends, and for two ticks
+    low, high = float(every.min()) - room, float(every.max()) + room
     across, height, written = (width - 0.75) / len(swarms), 1.8, []  # of a swarm [in]: the panel is no smaller
     for place, rows in enumerate(swarms):
-        look, drawn = looks[rows["controller"][0]], rows["VAF"].clip(upper_bound=LARGEST_VAF)
-        heights = (vaf_scale(drawn.to_numpy()) - low) / (high - low) * height
+        look, heights = looks[rows["controller"][0]], (high - np.log10(rows["left"].to_numpy())) / (high - low) * height
         x = place + style.swarm_offsets(heights, 4.9 / 72, across, 0.45)  # the marker and a small gap
-        style.draw_fits(ax, rows, x, drawn, look, linewidths=0.8)
+        style.draw_fits(ax, rows, x, rows["left"], look, linewidths=0.8)
         median = float(np.median(rows["VAF"]))
-        ax.hlines(min(median, LARGEST_VAF), place - 0.3, place + 0.3, color=style.BLACK, linewidth=1.2, zorder=0.5)
+        ends = place - 0.3, place + 0.3
+        ax.hlines(max(100 - median, LEAST_LEFT), *ends, color=style.BLACK, linewidth=1.2, zorder=0.5)
         where = names.place_name(*rows.select(names.JOINT_SIDE).row(0)) if len(parts) > 1 or len(swarms) > 2 else ""
         told = (look.label.strip(), where, fits_and_trials(rows), f"median {vaf_said(median)}")
         lines = (textwrap.wrap(line, max(int(17 * across), 6)) for line in told if line)
         written.append("\n".join(part for line in lines for part in line))
     if entries := style.open_entry(table):
         ax.legend(handles=entries.values(), loc="lower left")
-    ax.set_ylim(100 - 10.0**-low, 100 - 10.0**-high)
-    # round VAFs; of more than twelve, those at which the unexplained share is a power of ten
-    every = (
-        -900, -400, -100, 0, 50, 80, 90, 95, 98, 99, 99.5, 99.8, 99.9, 99.95, 99.98, 99.99, 99.995, 99.998, 99.999,
-        99.9995, 99.9998, 99.9999,
-    )  # fmt: skip
-    ticks = [tick for tick in every if low <= vaf_scale(np.array(tick)) <= high]
-    if len(ticks) > 12:
-        ticks = [tick for tick in ticks if abs(np.log10(100 - tick) % 1 - 0.5) > 0.499]
-    ax.set_yticks(ticks, minor=False)
-    ax.yaxis.set_major_formatter("{x:g}")
+    style.label_log_axis(ax.yaxis, (10.0**low, 10.0**high), 12)
+    ax.set_yticks(ax.get_yticks(), [f"{100 - tick:.7g}".replace("-", "−") for tick in ax.get_yticks()])
+    ax.invert_yaxis()
     ax.set_xlim(-0.5, len(swarms) - 0.5)
     ax.set_xticks(range(len(swarms)), written)
     ax.tick_params(axis="x", length=0)

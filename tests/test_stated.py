@@ -107,7 +107,7 @@ CHOICES = (
     "torque_angle.smallest_motion_deg", "torque_angle.settle_cycles", "torque_angle.shortest_cycle_s",
     "torque_angle.largest_angle", "torque_angle.load_cell_range", "torque_angle.time_base",
     "torque_angle.desired", "doubtful", "claims.B", "claims.negligible_percent", "walking.cutoff_hz",
-    "walking.order", "walking.plate_", "walking.baseline_s", "walking.guard_s", "walking.load_",
+    "walking.order", "walking.plate_", "walking.baseline", "walking.guard_s", "walking.load_",
     "walking.unloaded_s", "walking.largest_", "walking.shortest_stance_s", "walking.perturbation_deg",
     "walking.longest_", "walking.outliers", "walking.group_by", "walking.pool", "walking.timing_scatter",
     "walking.fewest_unperturbed", "walking.perturbed_stance", "walking.correct_plate_lag",

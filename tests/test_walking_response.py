@@ -23,7 +23,7 @@ from osl_analysis.walking.crossing import Crossing
 from osl_analysis.walking.gait import PHASES, UnperturbedGait, matched_scales, unperturbed_gait
 from osl_analysis.walking.plate import Stance, find_stances
 from osl_analysis.walking.platform import find_onset
-from osl_analysis.walking.response import Ensemble, fit_response, group_headline, isolate_response
+from osl_analysis.walking.response import Ensemble, PerturbationResponse, fit_response, group_headline, isolate_response
 from osl_analysis.walking.settings import TimingSettings
 from osl_analysis.walking.tables import (
     group_facts,
@@ -128,7 +128,7 @@ def test_the_common_variance_is_what_drawing_the_unperturbed_crossings_anew_give
     drawn = Ensemble(isolated).resampled(2000)
     assert (variance, freedom, plate) == (pytest.approx(np.var(drawn.draws["K"]), rel=0.15), 5, 0)
     assert fit_response(isolated[0]).se("K") ** 2 == pytest.approx(7 * variance), "s^2 (1 + 1/6) of a single one"
-    up, down = isolated[0], replace(response_of(walked("q", onset=ONSET), usual(2e-3, 6)), sign=-1)  # both count alike
+    up, down = isolated_all((1, -1))[:2]  # both directions count alike
     assert fitting.common_errors([up, up, down])["K"][0] == pytest.approx(fitting.common_errors([up, down])["K"][0])
     np.testing.assert_array_equal(drawn.draws["B"], Ensemble(isolated).resampled(2000).draws["B"])  # it repeats itself
 
@@ -157,6 +157,74 @@ def test_resampled_means_spread_as_means_do_and_their_interval_is_student_s_wher
     draws = norm.ppf((np.arange(20_000) + 0.5) / 20_000, loc=300, scale=2)
     low, high = fitting.Bootstrap({"K": draws}, degrees_of_freedom=9).interval("K")
     assert (low, high) == pytest.approx(tuple(300 + 2 * t.ppf([0.025, 0.975], 9)), abs=0.01)
+
+
+def deviating(seed: int, perturbed: bool = False, lasting: bool = True, sign: int = 1) -> Crossing:
+    """Deviations of angle, torque grow from heel strike; if not lasting, others come in the baseline's last 10 ms."""
+    random, plain = np.random.default_rng(seed), crossing(f"c{seed}", ONSET if perturbed else None, turn=sign * TURN)
+    before, after = random.standard_normal((2, 2))
+    changed = 0.0 if lasting else 0.5 * (1 + np.tanh((plain.time - ONSET + 0.02) / 0.01))
+    angle, torque = ((1 - changed) * before[:, None] + changed * after[:, None]) * (1 + 4 * (plain.time - 0.3))
+    noise = 0.05 * random.standard_normal(len(plain.time))
+    return replace(plain, theta=plain.theta + 0.004 * angle, torque=plain.torque + 2.0 * torque + noise)
+
+
+def isolated_all(signs: tuple[int, ...] = (1,), lasting: bool = True, usual: int = 10) -> list[PerturbationResponse]:
+    gait = unperturbed_gait([deviating(seed, lasting=lasting) for seed in range(usual)], 3)
+    walked = [deviating(100 + k, True, lasting, signs[k % len(signs)]) for k in range(6)]
+    return [isolate_response(c, gait, TIMING) for c in walked]
+
+
+def left_out(isolated: list[PerturbationResponse], predictors: tuple[str, ...]) -> float:
+    """Mean square of what each unperturbed crossing adds to the residual less what the others tell of it."""
+    fit = Ensemble(isolated).fitted().fit
+    curves = np.mean([fitting.gait_torque(r, fit)[:, r.window] for r in isolated], axis=0)
+    known = np.mean([r.behaviour for r in isolated], axis=0)[[fitting.BEHAVIOUR.index(name) for name in predictors]]
+    columns, missed = np.column_stack([np.ones(len(curves)), known.T]), []
+    for one in range(len(curves)):
+        others = np.arange(len(curves)) != one
+        missed.append(curves[one] - columns[one] @ np.linalg.lstsq(columns[others], curves[others])[0])
+    return float(np.mean(np.square(missed)))
+
+
+@pytest.mark.parametrize("signs", [(1,), (1, 1, -1)])
+def test_lasting_deviations_are_predicted_for_one_direction_and_for_both(signs: tuple[int, ...]) -> None:
+    """They cost the mean baseline 2 % of K or more, noise is left. The interval is narrower and holds the truth."""
+    isolated = isolated_all(signs)
+    names, share = fitting.cross_validated(isolated, Ensemble(isolated).fitted().fit)
+    assert share > 0.9
+    assert share == pytest.approx(1 - left_out(isolated, names) / left_out(isolated, ()), rel=1e-9)
+    few, weights = np.eye(10)[0] / 2 + np.eye(10)[1] / 2, np.full(6, 1 / 6)  # two crossings predict nothing
+    joined = [Ensemble(isolated).joined(weights, few, chosen)[1] for chosen in ((), fitting.BEHAVIOUR)]
+    np.testing.assert_allclose(*joined, atol=1e-12)
+    nine = [replace(r, thetas=r.thetas[:9], torques=r.torques[:9], behaviour=r.behaviour[:, :9]) for r in isolated]
+    drawn = (nine, np.full(9, 1 / 9)), (isolated, np.r_[np.full(9, 1 / 9), 0])  # one that is not drawn predicts nothing
+    np.testing.assert_allclose(*(Ensemble(some).joined(weights, each, names)[1] for some, each in drawn), atol=1e-9)
+    mean, predicted = (Ensemble(isolated).fitted(chosen).fit["K"] for chosen in ((), names))
+    assert predicted == pytest.approx(K, rel=0.01)
+    assert abs(mean / K - 1) > 2 * abs(predicted / K - 1)
+    of_mean, of_predicted = (Ensemble(isolated).resampled(300, chosen) for chosen in ((), names))
+    assert of_predicted.interval("K")[0] < K < of_predicted.interval("K")[1]
+    assert of_predicted.se("K") < 0.5 * of_mean.se("K")
+    if len(signs) == 1:
+        assert Ensemble(2 * isolated).resampled(100, names).degrees_of_freedom == 9 - len(names)
+
+
+def test_deviations_that_begin_anew_and_too_few_unperturbed_crossings_predict_nothing() -> None:
+    isolated = isolated_all(lasting=False)
+    assert fitting.cross_validated(isolated, Ensemble(isolated).fitted().fit)[1] < 0.35
+    few = isolated_all(usual=6)
+    assert fitting.cross_validated(few, Ensemble(few).fitted().fit) == ((), 0.0)
+
+
+def test_the_settings_choose_the_headline_and_the_table_has_both() -> None:
+    walked = [deviating(100 + k, True) for k in range(6)]
+    usual = unperturbed_gait([deviating(seed) for seed in range(10)], 3)
+    mean, told = (group_headline(walked, usual, settings(baseline=b, window_s=0.1)) for b in ("mean", "predicted"))
+    assert mean.ensemble.fit["K"] == told.other[1].fit["K"] != told.ensemble.fit["K"] == mean.other[1].fit["K"]
+    fits = pl.DataFrame({name: 6 * [1.0] for name in ("K", "B", "I", "VAF")})
+    for result, other in ((mean, "ensemble, predicted gait"), (told, "ensemble, mean gait")):
+        assert other in [row["estimator"] for row in headline_rows(result, fits, {}, {})]
 
 
 SETTINGS, USUAL = settings(bootstrap_samples=200, window_s=0.1), usual(2e-3, 8)
@@ -395,6 +463,7 @@ def test_the_matched_stance_is_right_for_any_pace_and_any_end_of_stance(slower: 
         other = replace(late, theta=late.theta + 0.02 * bump(late.time, late.onset + instant, 0.003)[0])
         other = isolate_response(other, usual(), TIMING, "matched")
         assert (abs(other.stance / response.stance - 1) > 1e-4) == told
+        assert (np.abs(other.behaviour - response.behaviour)[0].max() > 1e-5) == told
     assert tuple(fit_response(response).estimates[:2]) == pytest.approx((K, B), rel=2e-3)
 
 

@@ -5,6 +5,10 @@ and the intervals that n crossings will have, from the unperturbed crossings of 
 Responses to turns in both directions are joined by half their difference, mean up minus mean down over 2. What a person
 does after either turn, whichever its direction, and the error of the mean unperturbed gait cancel in it.
 
+The draft subtracts the mean unperturbed gait. A crossing that is unlike the mean before the onset stays so for a while.
+The unperturbed crossings tell how: their deviations in the window are regressed on their level and slope of angle and
+torque before the onset. Which of these count, or none, is decided by cross-validation over unperturbed crossings.
+
 For a plan each unperturbed crossing is taken for a perturbed one: the answer of the expected joint to the planned turn
 is added to it, and it is analysed against the others. The scatter of K, B and I is what gait does to one of them. The
 mean of n has 1/n of its variance, and that of m unperturbed crossings adds 1/m, which cancels between directions."""
@@ -27,6 +31,7 @@ from osl_analysis.stats.repeats import CommonError
 from osl_analysis.trial import REFLEX_DELAYS_MS, Array
 from osl_analysis.walking.crossing import DOWN, UP, Crossing
 from osl_analysis.walking.gait import (
+    BEFORE_ONSET_S,
     UnperturbedGait,
     aligned_gait,
     at_phases,
@@ -36,6 +41,8 @@ from osl_analysis.walking.gait import (
 from osl_analysis.walking.settings import EnsembleSettings, ResponseSettings, StanceSource, TimingSettings
 
 MARGIN = 8  # Additional samples at both ends of a response. A spline's derivatives are less accurate at its ends.
+BEHAVIOUR = ("angle", "torque", "angle_slope", "torque_slope")  # mean and slope of curves until the response begins
+Predictors = tuple[str, ...]  # Of `BEHAVIOUR`; with none the prediction is the mean unperturbed gait
 
 
 @dataclass(frozen=True)
@@ -49,6 +56,7 @@ class PerturbationResponse:
     torques: Array  # (crossings, k) [N*m]
     plate_errors: Array  # changes (m, k) [N*m] of the torque without each of m plate trials in the plate's model
     lab_errors: Array  # changes (6, k) [N*m] of the torque by each of `crossing.LABORATORY_ERRORS`
+    behaviour: Array  # (4, crossings), `BEHAVIOUR` before the onset, minus that of the i-th unperturbed crossing
     window: slice  # samples from the onset to the end of the fitted window, without that end: 30 for 0.1 s at 300 Hz
     sign: int = 1  # -1 if the platform turned the toes down, else 1
     stance: float = float("nan")  # duration of stance [s] that converts time to phase
@@ -101,6 +109,9 @@ def isolate_response(
         signal_at(crossing, own, own_time) - at_phases(usual.mean(axis=1), phase)
         for own, usual in ((crossing.plate_errors, gait.plate_errors), (crossing.lab_errors, gait.lab_errors))
     )
+    before = time <= -BEFORE_ONSET_S
+    x, curves = time[before] - time[before].mean(), np.array([thetas, torques])[..., before]
+    behaviour = np.concatenate([curves.mean(axis=-1), curves @ x / max(float(x @ x), np.finfo(float).tiny)])
     baseline = slice(MARGIN, MARGIN + round(timing.baseline_s * sampling_rate(time)))
     thetas, torques, errors, of_lab = (
         c - c[..., baseline].mean(axis=-1, keepdims=True) for c in (thetas, torques, errors, of_lab)
@@ -112,6 +123,7 @@ def isolate_response(
         torques=torques,
         plate_errors=errors,
         lab_errors=of_lab,
+        behaviour=behaviour,
         window=slice(first, first + round(timing.window_s / (time[1] - time[0]))),
         sign=crossing.sign,
         stance=aligned.stance,
@@ -324,8 +336,8 @@ def reactions(time: Array, window: slice, theta: Array, torque: Array) -> dict[s
 
 
 class Ensemble:
-    """The n responses of a group to c unperturbed crossings, k samples, stacked: theta and torque (n, c, k),
-    directions (n,), and the influence (n, m, k) of each of m plate trials on the torque."""
+    """The n responses of a group to c unperturbed crossings, k samples, stacked: theta and torque (n, c, k), behaviour
+    (n, 4, c), directions (n,), and the influence (n, m, k) of each of m plate trials on the torque."""
 
     def __init__(self, responses: Sequence[PerturbationResponse]) -> None:
         if len(responses) < 2:
@@ -347,24 +359,44 @@ class Ensemble:
                     f"{len(first.thetas)} and {len(first.plate_errors)}, or other sampling times; record all crossings "
                     "at one marker rate and run the analysis again"
                 )
-        self.theta, self.torque, plate = (
-            np.array([getattr(r, name) for r in responses]) for name in ("thetas", "torques", "plate_errors")
+        self.theta, self.torque, self.behaviour, plate = (
+            np.array([getattr(r, name) for r in responses])
+            for name in ("thetas", "torques", "behaviour", "plate_errors")
         )
         trials = plate.shape[1]
         self.influence = -(trials - 1) * (plate - plate.mean(axis=1, keepdims=True)) if trials > 1 else plate
 
-    def fitted(self, sign: int = 0) -> EnsembleResponse:
+    def joined(self, weights: Array, unperturbed: Array, predictors: Predictors = ()) -> tuple[Array, Array]:
+        """Angle and torque (k,) each, of the responses joined with `weights` (n,), whose baseline is the mean of the
+        unperturbed crossings with weights (c,), or what the predictors tell for each direction."""
+        if not predictors:
+            theta, torque = (np.tensordot(weights, curves, 1) for curves in (self.theta, self.torque))
+            return unperturbed @ theta, unperturbed @ torque
+        chosen, used, parts = [BEHAVIOUR.index(name) for name in predictors], unperturbed > 0, []
+        for sign in np.unique(self.signs[weights != 0]):
+            own, baseline = np.where(self.signs == sign, weights, 0.0), unperturbed
+            if used.sum() >= len(chosen) + 2:
+                # What the perturbed one would have done: at 0 of the weighted regression of the unperturbed curves on
+                # their behaviour, which is the perturbed one's minus theirs
+                behaviour = np.tensordot(own, self.behaviour, 1)[chosen]
+                sizes = np.sqrt(np.mean(behaviour**2, axis=1, keepdims=True))
+                columns = np.column_stack([np.ones_like(unperturbed), (behaviour / np.where(sizes > 0, sizes, 1.0)).T])
+                root = np.sqrt(unperturbed)
+                baseline = root * np.linalg.pinv(root[:, None] * columns)[0]
+            parts.append((baseline @ np.tensordot(own, self.theta, 1), baseline @ np.tensordot(own, self.torque, 1)))
+        theta, torque = np.sum(parts, axis=0)
+        return theta, torque
+
+    def fitted(self, predictors: Predictors = (), sign: int = 0) -> EnsembleResponse:
         """Mean response, or half the difference of two directions, or that of one `sign`, and its fit in the window."""
         crossings, own = self.theta.shape[1], self.signs == sign
         weights = own / own.sum() if sign else joining_weights(self.signs)
-        theta, torque = (
-            np.full(crossings, 1 / crossings) @ np.tensordot(weights, curves, 1) for curves in (self.theta, self.torque)
-        )
+        theta, torque = self.joined(weights, np.full(crossings, 1 / crossings), predictors)
         motion = differentiate(self.time, theta)
         fit = fit_without_offset(motion[self.window], torque[self.window])
         return EnsembleResponse(int(own.sum()) if sign else len(own), motion, torque, fit)
 
-    def resampled(self, samples: int, sign: int = 0) -> Bootstrap:
+    def resampled(self, samples: int, predictors: Predictors = (), sign: int = 0) -> Bootstrap:
         """The ensemble refitted with perturbations, within their direction, unperturbed crossings and plate trials (to
         first order) resampled: errors of mean gait and plate are common to all responses and do not show in their
         scatter. With a `sign` the mean of that direction alone, from the same draws."""
@@ -378,14 +410,12 @@ class Ensemble:
         weights = perturbed * (signs == sign) if sign else perturbed * signs / len(np.unique(signs))
         angles, torques = np.empty((2, len(self.time), samples))
         for i, (w, unperturbed, unloaded) in enumerate(zip(weights, of_gait, of_plate, strict=True)):
-            angles[:, i] = unperturbed @ np.tensordot(w, self.theta, 1)
-            torques[:, i] = unperturbed @ np.tensordot(w, self.torque, 1) + unloaded @ np.tensordot(
-                w, self.influence, 1
-            )
+            angles[:, i], torques[:, i] = self.joined(w, unperturbed, predictors)
+            torques[:, i] += unloaded @ np.tensordot(w, self.influence, 1)
         # of a mean, or of a difference of two means (Welch, equal variances)
         counts = np.unique(signs[signs == sign] if sign else signs, return_counts=True)[1].tolist()
         own = float(welch_satterthwaite([1 / n for n in counts], [n - 1 for n in counts]))
-        freedom = min(own, self.theta.shape[1] - 1)
+        freedom = min(own, self.theta.shape[1] - 1 - len(predictors))
         # `fit_without_offset` of all samples at once, and their VAF as `variance_accounted_for`
         motion, y = differentiate(self.time, angles)[self.window], torques[self.window].T
         columns = np.stack([motion.theta.T, motion.omega.T, motion.alpha.T], axis=-1)
@@ -397,9 +427,28 @@ class Ensemble:
         draws = dict(zip("KBI", estimates[:, :, 0].T, strict=True)) | {"VAF": 100 * (1 - share)}
         if sign:
             return Bootstrap(draws, freedom)
-        mean = self.fitted()
+        mean = self.fitted(predictors)
         both = np.column_stack([mean.motion.theta, angles]), np.column_stack([mean.torque, torques])
         return Bootstrap(draws, freedom, reactions(self.time, self.window, *both))
+
+
+def cross_validated(responses: Sequence[PerturbationResponse], fit: LinearFit) -> tuple[Predictors, float]:
+    """The predictors that predict best what each unperturbed crossing adds to the residual, from the others; none: the
+    mean is at least as good. And the share of that torque's mean square that they predict, with the mean's fit."""
+    curves = np.mean([gait_torque(r, fit)[:, responses[0].window] for r in responses], axis=0)
+    behaviour, missed = np.mean([r.behaviour for r in responses], axis=0), dict[Predictors, float]()
+    for predictors in ((), ("angle_slope",), ("angle", "torque"), BEHAVIOUR):
+        if predictors and len(curves) < 3 * len(predictors) + 4:  # the bootstrap's regressions were undetermined
+            continue
+        some = behaviour[[BEHAVIOUR.index(name) for name in predictors]]
+        columns = np.column_stack([np.ones(len(curves)), (some - some.mean(axis=1, keepdims=True)).T])
+        sizes = np.sqrt(np.mean(columns**2, axis=0))
+        columns = columns / np.where(sizes > 0, sizes, 1.0)
+        hat = columns @ np.linalg.pinv(columns)
+        alone = np.maximum(1 - np.diag(hat), 1e-9)  # a curve that alone determines a coefficient cannot be predicted
+        missed[predictors] = float(np.mean(((curves - hat @ curves) / alone[:, None]) ** 2))
+    best = min(missed, key=lambda predictors: missed[predictors])
+    return best, 1 - missed[best] / missed[()] if best else 0.0
 
 
 def common_errors(responses: Sequence[PerturbationResponse]) -> dict[str, list[CommonError]]:
@@ -422,14 +471,23 @@ class GroupHeadline:
     common: Mapping[str, Sequence[CommonError]]  # errors that all single fits share, by quantity
     directions: Mapping[str, tuple[Mapping[str, float], Bootstrap, int]]
     """Of `up`, `down` and `up minus down` the estimates, resampled ones, perturbations; empty if there is one only."""
-    ensemble: EnsembleResponse
+    share: float  # of the unperturbed crossings' deviations that their behaviour before the onset predicts
+    ensemble: EnsembleResponse  # with the baseline that the settings name
     resampled: Bootstrap
+    other: tuple[str, EnsembleResponse, Bootstrap]  # the name of its estimator, and with the other baseline
 
 
 def group_headline(perturbed: Sequence[Crossing], gait: UnperturbedGait, settings: EnsembleSettings) -> GroupHeadline:
     """The result of the perturbed crossings of one group, whose mean unperturbed gait is `gait`."""
     responses = [isolate_response(c, gait, settings, settings.perturbed_stance) for c in perturbed]
     ensemble, samples = Ensemble(responses), settings.bootstrap_samples
+    of_mean = ensemble.fitted(), ensemble.resampled(samples)
+    names, share = cross_validated(responses, of_mean[0].fit)
+    predicted = (ensemble.fitted(names), ensemble.resampled(samples, names)) if names else of_mean
+    if settings.baseline == "predicted":
+        own, other = predicted, ("ensemble, mean gait", *of_mean)
+    else:
+        own, other = of_mean, ("ensemble, predicted gait", *predicted)
     directions = dict[str, tuple[Mapping[str, float], Bootstrap, int]]()
     for name, sign in ((UP, 1), (DOWN, -1)) if len(np.unique(ensemble.signs)) > 1 else ():
         mean = ensemble.fitted(sign=sign)
@@ -439,9 +497,7 @@ def group_headline(perturbed: Sequence[Crossing], gait: UnperturbedGait, setting
         draws = {name: ups.draws[name] - downs.draws[name] for name in up}
         difference = Bootstrap(draws, min(ups.degrees_of_freedom, downs.degrees_of_freedom))
         directions["up minus down"] = {name: up[name] - down[name] for name in up}, difference, n_up + n_down
-    return GroupHeadline(
-        responses, common_errors(responses), directions, ensemble.fitted(), ensemble.resampled(samples)
-    )
+    return GroupHeadline(responses, common_errors(responses), directions, share, *own, other)
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,6 @@
 """Choices of the walking analysis in `config.yaml`, each with its unit."""
 
-from typing import Annotated, ClassVar, Literal, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
@@ -202,6 +202,9 @@ class EnsembleSettings(ResponseSettings):
     uncertainty: dict[UnseenError, NotNegative] = Field(default_factory=dict)
     """Standard uncertainties of what no crossing shows, in the units of `walking_sensitivity.csv`: they widen the
     intervals of K, B and I as it says."""
+    baseline: Literal["mean", "predicted"] = "mean"
+    """What a perturbed crossing would have done, for the headline: the `mean` unperturbed gait, or what its own
+    behaviour before the onset tells (docs/walking.md). The other one stands beside it in the table."""
     bootstrap_samples: Annotated[int, Field(ge=100, le=100_000)]  # Number of bootstrap samples of the ensemble
 
 
@@ -210,7 +213,6 @@ class WalkingAnalysis(
 ):
     """All choices of the walking analysis. Each job uses one of the groups above."""
 
-    REMOVED: ClassVar = {"baseline": "the mean unperturbed gait is subtracted, as by `mean`; remove the line"}
     _moving_plates_have_markers = refused(
         lambda s: not (s.markers.platform or s.by_log or (s.perturbed_by == "belt" and s.plate_inertia == "none")),
         "markers.platform is empty; name the markers of the platform, or state perturbed_by: belt and plate_inertia: "

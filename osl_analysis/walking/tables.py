@@ -7,7 +7,6 @@ fitted with the same columns. One that is a small share of the torque does not c
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -23,7 +22,7 @@ from osl_analysis.walking import response as isolation
 from osl_analysis.walking.crossing import DOWN, LABORATORY_ERRORS, LOG_ERRORS, Crossing
 from osl_analysis.walking.gait import PHASES, UnperturbedGait
 from osl_analysis.walking.groups import ALL, SEPARATOR, STATED, Cells, Sheet, cells_said
-from osl_analysis.walking.response import GroupHeadline, PerturbationResponse
+from osl_analysis.walking.response import Bootstrap, GroupHeadline, PerturbationResponse
 from osl_analysis.walking.settings import ResponseSettings, TimingSettings, UnseenError
 
 GROUP_QUANTITIES, ENSEMBLE = ("K", "B", "I", "VAF"), "ensemble"
@@ -198,6 +197,7 @@ def group_facts(headline: GroupHeadline) -> dict[str, object]:
         "I_high": intervals["I"][1],
         "stance_change": change,
         "uncorrected_stance_change": uncorrected,
+        "predicted_share": headline.share,
     } | reaction_facts(headline)
 
 
@@ -389,11 +389,10 @@ def headline_rows(
         method = f"{mean.interval_method}{' + shared errors' * (name in common)}"
         known = {"quantity": name, "estimator": "mean of perturbations"}
         rows.append(known | asdict(mean) | {"interval_method": method} | dict(doubtful))
-    ensemble = headline.ensemble
-    drawn = {ENSEMBLE: (ensemble.estimates(), headline.resampled, ensemble.n), **headline.directions}
-    for quantity, (estimator, (values, resampled, n)) in product(GROUP_QUANTITIES, drawn.items()):
-        if quantity == "VAF" and estimator != ENSEMBLE:
-            continue
+
+    def drawn(
+        estimator: str, values: Mapping[str, float], resampled: Bootstrap, n: int, quantity: str
+    ) -> dict[str, object]:
         error = 0.0 if "minus" in estimator else stated.get(quantity, 0.0)  # it cancels in the difference
         low, high = (
             values[quantity] + float(np.sign(end - values[quantity]) * np.hypot(end - values[quantity], 1.96 * error))
@@ -401,7 +400,13 @@ def headline_rows(
         )
         row = {"quantity": quantity, "estimator": estimator, "n": n, "mean": values[quantity], "sd": None}
         row |= {"se": float(np.hypot(resampled.se(quantity), error)), "low": low, "high": high}
-        rows.append(row | {"interval_method": "bootstrap + stated" if error else "bootstrap"})
+        return row | {"interval_method": "bootstrap + stated" if error else "bootstrap"}
+
+    for estimator, ensemble, resampled in ((ENSEMBLE, headline.ensemble, headline.resampled), headline.other):
+        estimates = ensemble.estimates()
+        rows += [drawn(estimator, estimates, resampled, ensemble.n, quantity) for quantity in GROUP_QUANTITIES]
+    for quantity in "KBI":
+        rows += [drawn(estimator, *found, quantity) for estimator, found in headline.directions.items()]
     return rows
 
 

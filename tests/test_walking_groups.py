@@ -34,7 +34,7 @@ from osl_analysis.walking.gait import unperturbed_gait
 from osl_analysis.walking.groups import crossing_features, places, selection_rows, split_keys, timings
 from osl_analysis.walking.plate import Stance
 from osl_analysis.walking.response import PlannedTurn, fit_response, group_headline, half_widths, scatter_of_one
-from osl_analysis.walking.tables import fitted_time, moment_error, with_slopes, with_trajectory
+from osl_analysis.walking.tables import PARTING, fitted_time, moment_error, parted_by, with_slopes, with_trajectory
 
 RULE, MIDSTANCE = settings().outliers, Walk(0.4)
 BOTH = several("up", 6, MIDSTANCE, common=12.0) | several("down", 4, MIDSTANCE, common=12.0, sign=-1)
@@ -150,6 +150,20 @@ def test_a_person_who_walks_slower_than_the_others_is_no_outlier_among_them():
     assert {row["gait"] for name, row in apart.items() if name[0] == "b"} == {"subject b"}
     own, *usual = crossings({"b0": slow["b0"]} | several("bu", 3, Walk(stance=0.9)))  # a share of their mean stance
     assert apart["b0"]["onset_phase"] == pytest.approx((own.onset - 0.3) / np.mean([c.stance.duration for c in usual]))
+
+
+@pytest.mark.parametrize(("lost", "said"), [
+    ({"stance_s": [0.71, 0.72, 0.715]}, "stance_s, 0.62 and 0.715"),
+    ({"stance_s": [0.62, 0.71, 0.61]}, "no column"),
+    ({"foot_left_m": [0.05, 0.06, 0.05]}, "foot_left_m, 0 and 0.05"),
+    ({"subject": "B"}, "subject, A and B"),
+])  # fmt: skip
+def test_what_parts_the_crossings_that_are_left_out_is_named(lost, said):
+    used = dict.fromkeys(PARTING, [0.0] * 5) | {"stance_s": [0.62, 0.61, 0.63, 0.62, 0.625]}
+    rows = {name: [*values, *lost.get(name, values[:3])] for name, values in used.items()}
+    table = pl.DataFrame(rows | {"trial": [f"c{k}" for k in range(8)]})
+    sheet = {f"c{k}": {"subject": lost.get("subject", "A") if k > 4 else "A"} for k in range(8)}
+    assert parted_by(table[:5], table[5:], sheet) == said
 
 
 def test_conditions_serve_every_value_where_unstated_and_are_refused_where_they_tell_nothing_apart():

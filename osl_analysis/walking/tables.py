@@ -43,6 +43,7 @@ def group_rows(
     for name, members in [*parts, *((members["gait"][0], members) for members in others)]:
         gait, used = members["gait"][0], members.drop_nulls("group")
         of_gait = selection.filter(pl.col("gait").str.split(SEPARATOR).list.contains(gait))
+        kept, lost = (of_gait.filter(pl.col("reason").is_null() == is_used) for is_used in (True, False))
         cells, pooled = shared_cells([sheet[trial] for trial in members["trial"]])
         row = {
             "group": name,
@@ -51,7 +52,8 @@ def group_rows(
             "pooled": pooled if len(used) else None,
             **timing_facts(used, gaits[gait].stance if gait in gaits else np.zeros(0), window),
             **moment_error(of_gait),
-            "left_out_share": float(np.mean(of_gait["reason"].is_not_null().to_numpy())),
+            "left_out_share": len(lost) / len(of_gait),
+            "left_out_by": parted_by(kept, lost, sheet) if len(lost) else None,
         }
         conditions = [(cell is None, isinstance(cell, str), "" if cell is None else cell) for cell in cells.values()]
         turned = str(used["direction"][0]) if "direction " in name else ""
@@ -85,6 +87,33 @@ def timing_facts(used: pl.DataFrame, stances: Array, window: float) -> dict[str,
         "onset_phase_sd": float(np.std(phases, ddof=1)) if len(phases) > 1 else None,
         "end_phase": onset + window / stance if onset is not None and stance else None,
     }
+
+
+PARTING = {
+    "stance_s": 0.01, "load_of_weight": 0.03, "foot_forward_m": 0.01, "foot_left_m": 0.01, "gait_deviation_deg": 0.5,
+    "torque_deviation": 2.0,
+}  # fmt: skip
+"""Columns of `walking_crossings.csv` that may part used crossings from those left out, and the least between them."""
+
+
+def parted_by(used: pl.DataFrame, lost: pl.DataFrame, sheet: Sheet) -> str:
+    """What parts the crossings that are left out from the used ones: a column of the sheet, or the first of `PARTING`
+    in which nine tenths of each lie on their side of the middle of both medians; and what the used and the others
+    have."""
+    for key in STATED:
+        of_used, of_lost = ({sheet[trial].get(key) for trial in some["trial"]} for some in (used, lost))
+        if of_used and of_lost and not of_used & of_lost:
+            return f"{key}, {cells_said(of_used)} and {cells_said(of_lost)}"
+    for name, least in PARTING.items():
+        here, there = (some[name].drop_nulls().cast(pl.Float64).to_numpy() for some in (used, lost))
+        if min(len(here), len(there)) < 3:
+            continue
+        usual, other = float(np.median(here)), float(np.median(there))
+        way, middle = np.sign(other - usual), (usual + other) / 2
+        beside = np.mean(way * (middle - here) > 0), np.mean(way * (there - middle) > 0)
+        if abs(other - usual) > least and min(beside) >= 0.9:
+            return f"{name}, {usual:.3g} and {other:.3g}"
+    return "no column"
 
 
 def moment_error(crossings: pl.DataFrame) -> dict[str, float | None]:

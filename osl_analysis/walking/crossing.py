@@ -3,6 +3,7 @@ laboratory's set-up must have right for it: axes and side, encoder, direction, s
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cache
 
 import numpy as np
 import scipy
@@ -236,9 +237,12 @@ def ankle_torques(
         first = int(np.searchsorted(track.time, time[0] - 1e-9))
         return platform.inertial_motion(track, middle, template, follows, slice(first, first + len(time)))
 
+    @cache
+    def read(lag: float) -> Array:
+        return settings.low_pass(passage.read(lag), sampling_rate(passage.frames))[passage.rows]
+
     def reaction(model: PlateModel, moving: BodyMotion) -> Array:
-        read = settings.low_pass(passage.read(model.lag or 0.0), sampling_rate(passage.frames))[passage.rows]
-        parts = (read - plate.inertial_columns(moving) @ model.parameters).reshape(-1, 2, 3)
+        parts = (read(model.lag or 0.0) - plate.inertial_columns(moving) @ model.parameters).reshape(-1, 2, 3)
         return np.asarray(np.einsum("nij,nkj->nki", turned, parts).reshape(-1, 6))
 
     def of_plate(model: PlateModel, moving: BodyMotion) -> Array:

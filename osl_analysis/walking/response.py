@@ -284,7 +284,7 @@ def reaction_columns(time: Array, window: slice, motion: Motion, delay_s: float)
 def reactions(time: Array, window: slice, theta: Array, torque: Array) -> dict[str, tuple[float, float]]:
     """What sets in beside Eq. 15, with standard errors, from a mean response, the first column of theta and torque (k,
     1 + samples), and its resamples: the size of each of `REACTIONS` as a column, `and jerk` with that column of a leg's
-    drivetrain, which is of third order; and B with `SLOPING`.
+    drivetrain, which is of third order.
 
     A reflex stands beside the jerk: `REFLEX` by each of `REFLEX_DELAYS_MS`, and by the `delay` [ms] that fits best, of
     those with which it resists unless it certainly yields; K with it by each delay that fits nearly as well.
@@ -328,10 +328,8 @@ def reactions(time: Array, window: slice, theta: Array, torque: Array) -> dict[s
             del found[f"K with {REFLEX} {delay}"]
     columns = reaction_columns(time, window, motion, 1e-3 * best)
     for name, column in zip(REACTIONS[1:], columns[1:], strict=True):
-        alone, beside = fitted([*sound, column])[0], fitted([*sound, jerk, column])[0]
-        found |= {name: told(alone[:, -1]), f"{name} and jerk": told(beside[:, -1])}
-        if name == SLOPING:
-            found["B with slope"] = told(alone[:, 1])
+        for beside, others in ((name, sound), (f"{name} and jerk", [*sound, jerk])):
+            found[beside] = told(fitted([*others, column])[0][:, -1])
     return found
 
 

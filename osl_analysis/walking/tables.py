@@ -235,7 +235,7 @@ def reaction_facts(headline: GroupHeadline) -> dict[str, object]:
     with stance. Certain is what is beyond Student's t at 0.5 %, a reflex, of which several delays are tried, at 0.1 %,
     likeliest first. What yields does not count, as a leg's drivetrain reads as that, nor does co-contraction that its
     jerk explains."""
-    first, fit, drawn = headline.responses[0], headline.ensemble.fit, headline.resampled
+    first, drawn = headline.responses[0], headline.resampled
     rows, found = first.window, drawn.reactions
     motion, torque = headline.ensemble.motion, headline.ensemble.torque
     t = {name: size / max(se, 1e-9 * abs(size), np.finfo(float).tiny) for name, (size, se) in found.items()}
@@ -249,11 +249,10 @@ def reaction_facts(headline: GroupHeadline) -> dict[str, object]:
     drawn_as = isolation.reaction_columns(first.time, rows, columns, 1e-3 * found["delay"][0])
     shapes = dict(zip(isolation.REACTIONS, drawn_as, strict=True))
     share, ramp = None, shapes[isolation.RAMP][rows, 0]
-    if likely not in (None, isolation.SLOPING):
+    if likely is not None:
         share = rms(found[likely][0] * shapes[likely][rows]) / rms(torque[rows])
     either = np.array([found[isolation.SLOPING], found[f"{isolation.SLOPING} and jerk"]]) * per_stance
     low, high = (either @ [[1, 1], [-half, half]]).T
-    B_with_slope = found["B with slope"][0]
     inverse = np.linalg.pinv(isolation.motion_columns(motion[rows]))
     per_slope = float(inverse[1] @ (motion.theta * first.time)[rows]) / per_stance
     both = headline.directions.get("up minus down")
@@ -265,7 +264,6 @@ def reaction_facts(headline: GroupHeadline) -> dict[str, object]:
         "hidden_slope_low": hidden[0],
         "hidden_slope_high": hidden[1],
         "K_per_torque": float(inverse[0] @ ramp / ramp[-1]),
-        "slope_share": 1 - B_with_slope / fit["B"] if likely == isolation.SLOPING and fit["B"] else None,
         "B_per_slope": per_slope,
         # what the same torque after either turn adds to K of turns up and takes off K of turns down
         "common_K": None if both is None else 0.5 * both[0]["K"],

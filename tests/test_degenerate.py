@@ -221,7 +221,11 @@ def single(gait, perturbed):
 def headline(gait, perturbed):
     """A group's rows and doubts."""
     found = response.group_headline(perturbed, unperturbed_gait(gait, 2), CHOICES)
-    return tables.ensemble_rows(found.ensemble, found.resampled, dict.fromkeys("KBI", 0.0)), tables.group_facts(found)
+    singles = [response.fit_response(one) for one in found.responses]
+    fits = pl.DataFrame(
+        {"VAF": [one.vaf for one in singles]} | {name: [one[name] for one in singles] for name in "KBI"}
+    )
+    return tables.headline_rows(found, fits, {}, {}), tables.group_facts(found)
 
 
 def selection(gait, perturbed):

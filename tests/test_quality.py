@@ -33,6 +33,7 @@ from osl_analysis.ingest.examine import (
     measured_table,
     samples_at_rail,
     travel,
+    without_rests,
 )
 from osl_analysis.ingest.raw_files import FORMATS
 from osl_analysis.ingest.source import Conversion
@@ -401,6 +402,19 @@ def test_a_rounded_sine_is_not_clipped_and_one_that_sticks_at_an_end_is(bits):
         clipped = longest_clipped_angle(record.time, theta, (record.time, record.torque))
         flat = 0 if end > 1 else 2 * np.arccos(end / 0.1) / (2 * np.pi) * 500  # of the slowest sine, 1 Hz
         assert clipped == pytest.approx(flat, rel=0.02, abs=2 if flat else 0)
+
+
+def test_a_joint_that_goes_from_level_to_level_is_neither_clipped_nor_frozen_but_one_that_stops_at_speed_is():
+    time, step = np.arange(6000) / 1000, 2.4e-5
+    moved = np.convolve(np.tile(np.repeat([1.0, 0.0], 500), 6), np.hanning(80) / np.hanning(80).sum(), "same")
+    theta, torque = np.rint(0.0175 * moved / step) * step, (time, 3 * np.sin(2 * time))
+    assert longest_clipped_angle(time, theta, torque) == 0
+    assert longest_clipped_angle(time, np.minimum(theta, 0.012), torque) > 400
+    frozen = theta.copy()
+    frozen[2000:2700] = theta[2000]  # in the midst of a step
+    rested = np.isnan(without_rests(time, frozen))
+    assert (rested.mean() > 0.5, rested[2000:2700].any()) == (True, False)
+    assert not np.isnan(without_rests(time, np.r_[theta[:2400], np.full(3600, theta[2400])]))[2400:].any(), "to the end"
 
 
 def test_a_channel_is_held_while_its_reference_changes_but_for_the_ends_of_the_repetition():

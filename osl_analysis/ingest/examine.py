@@ -310,15 +310,33 @@ def longest_clipped_angle(time: Array, theta: Array, torque: tuple[Array, Array]
                 if np.isnan(step):
                     noise = usual_size(np.diff(values, 3)) / 3.016 if values.size > 3 else np.inf  # of white noise
                     changes = max(changes, 10 * noise)
-                    apart = np.diff(pl.Series(theta).unique().sort().to_numpy())
-                    step = np.min(apart[apart > 1e-9 * np.ptp(theta)], initial=np.ptp(theta))  # but for rounding
+                    step = smallest_step(theta)
                 # within half of its standing time a sine that is rounded to steps moves by four of them at most
                 corner = moved and min(moved) > 8 * step
                 turns_on = np.ptp(within[within.size // 4 : -(within.size // 4) or None]) > max(changes / 4, 10 * noise)
                 beside = theta[np.abs(theta - end) > 0.5 * step]
                 often = np.sum(theta == end) > np.sum(np.abs(beside - end) < 1.5 * step)
-                longest = count if corner and often and np.ptp(within) > changes and turns_on else longest
+                is_clipped = corner and often and np.ptp(within) > changes and turns_on
+                longest = count if is_clipped and not comes_to_rest(theta, run, step) else longest
     return longest
+
+
+def smallest_step(values: Array) -> float:
+    """Between two values of a signal (n,), but for rounding."""
+    apart = np.diff(pl.Series(values).unique().sort().to_numpy())
+    return float(np.min(apart[apart > 1e-9 * np.ptp(values)], initial=np.ptp(values)))
+
+
+def comes_to_rest(theta: Array, run: slice, step: float) -> bool:
+    """Whether an angle (n,), in steps, slows down before it stands in a run of samples, and starts slowly after it, as
+    a joint that is moved from level to level does; one that is clipped runs into the end of its range at speed."""
+    count = run.stop - run.start
+    sides = theta[max(run.start - count, 0) : run.start + 1], theta[run.stop - 1 : run.stop + count][::-1]
+    for side in sides:
+        apart = next((k for k in range(4, len(side)) if np.abs(side[k:] - side[:-k]).max() > 16 * step), None)
+        if apart is not None and abs(side[-1] - side[-1 - apart]) > 0.25 * np.abs(side[apart:] - side[:-apart]).max():
+            return False
+    return True
 
 
 def raw_channels(trial: Trial) -> dict[str, Mapping[str, Any]]:
@@ -390,10 +408,26 @@ def measure_stuck(examined: Examined) -> CheckResult:
             apart = smoothed / 2 + median_step(time)  # at the start of a motion the torque jumps before the angle
             from_rest = np.minimum(abs(theta - theta[0]), abs(theta - np.median(theta)))
             rests = (from_rest <= AT_REST * np.ptp(theta)) & examined.experiment.stepped_sine & (by == "torque")
-            times["theta"] = held(time, theta, (when, level), 0.2 * float(np.ptp(level)), apart, rests)
+            times["theta"] = held(
+                time, without_rests(time, theta), (when, level), 0.2 * float(np.ptp(level)), apart, rests
+            )
     if moving in columns and angle[1].size and not np.ptp(angle[1]):
         times[moving] = float(np.ptp(angle[0]))
     return worst(times, "no torque, current or plate")
+
+
+def without_rests(time: Array, theta: Array) -> Array:
+    """An angle (n,), NaN where it stands for a while after it came to rest, and before it starts anew: a joint that is
+    held there, whatever its torque does, is no frozen channel. At the end of a recording it may be one, unless it rests
+    for less than three times as long as elsewhere."""
+    kept, least, longest = theta.copy(), 0.2 / max(median_step(time), 1e-9), 0.0  # samples
+    step = smallest_step(theta) if theta.size else 0.0
+    for run in runs(np.diff(theta) == 0):
+        count, whole = run.stop - run.start, slice(run.start, run.stop + 1)
+        is_last = whole.stop == theta.size
+        if count > least and not (is_last and count > 3 * longest) and comes_to_rest(theta, whole, step):
+            kept[whole], longest = np.nan, max(longest, count)
+    return kept
 
 
 def held(

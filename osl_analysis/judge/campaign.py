@@ -114,11 +114,6 @@ def read_findings(path: Path) -> pl.DataFrame:
     return read_table(path, ["finding"]).select(pl.col(name).cast(dtype) for name, dtype in FINDING_COLUMNS.items())
 
 
-def excess(entry: Entry) -> float:
-    """By which factor the farthest number of a finding is beyond its limit."""
-    return max((one.excess for one in entry["evidence"]), default=0.0)
-
-
 def known_of(findings: pl.DataFrame, tables: Mapping[str, pl.DataFrame], verdicts: pl.DataFrame) -> list[Entry]:
     """What a reader must know, as `summary.json` has it: each cause by experiment with the trials that it concerns;
     doubts, then checks that trials do not pass though they are used, then what could not be checked; of each what most
@@ -129,8 +124,8 @@ def known_of(findings: pl.DataFrame, tables: Mapping[str, pl.DataFrame], verdict
         if not entry["inherited"] and entry["trial"] in there:
             every.setdefault((entry["table"], entry["grade"]), []).append(entry)
 
-    def of(table: str, *grades: Grade) -> list[Entry]:
-        return [entry for grade in grades for entry in every.get((table, grade), [])]
+    def of(table: str, grade: Grade) -> list[Entry]:
+        return every.get((table, grade), [])
 
     doubts, flags, unchecked = list[Entry](), list[Entry](), list[Entry]()
     for experiment, facts in EXPERIMENTS.items():
@@ -141,13 +136,14 @@ def known_of(findings: pl.DataFrame, tables: Mapping[str, pl.DataFrame], verdict
             judged, named = subjects(rows.filter(pl.col(DOUBTFUL).is_not_null())), table.replace("_", " ")
             where = f"{experiment} trials" if table in fitted else named
             doubts += doubts_by_cause(of(table, Grade.DOUBTS), of(other, Grade.DOUBTS), other, where, named, judged)
-            others = [one for one in of(table, Grade.UNCHECKED, Grade.NOTES) if not one["in_part"]]
-            unchecked += unchecked_by_cause(others, f"{named} trials" if table in fitted else "walking groups", judged)
+            what = f"{named} trials" if table in fitted else "walking groups"
+            for grade, verdict in ((Grade.UNCHECKED, "not checked"), (Grade.NOTES, "remark")):
+                unchecked += by_cause([one for one in of(table, grade) if not one["in_part"]], verdict, what, judged)
     predicted = of(PREDICTION_TABLE, Grade.DOUBTS)
     trials = list(dict.fromkeys(one["trial"] for one in predicted))
     doubts += by_cause(predicted, "doubtful", "predicted trials", trials)
     trials = subjects(tables.get(PREDICTION_TABLE, pl.DataFrame()))
-    unchecked += unchecked_by_cause(of(PREDICTION_TABLE, Grade.UNCHECKED), "prediction trials", trials)
+    unchecked += by_cause(of(PREDICTION_TABLE, Grade.UNCHECKED), "not checked", "prediction trials", trials)
     for check in CHECKS.values():
         own = [one for one in of(QUALITY, Grade.DOUBTS) if [x.column for x in one["evidence"]] == [check.name]]
         flags += by_cause(own, "flagged", "trials", subjects(verdicts.filter(pl.col("check") == check.name)))
@@ -176,16 +172,18 @@ def subjects(rows: pl.DataFrame) -> list[str]:
 
 
 def by_cause(some: Sequence[Entry], verdict: str, of: str, judged: Sequence[str]) -> Iterator[dict[str, Any]]:
-    """What a reader must know of each cause, with its size in the worst trial; of a trial its last row counts, which is
-    that of all of it."""
+    """What a reader must know of each cause, or of what could not be checked, with its size in the worst trial; of a
+    trial its last row counts, which is that of all of it."""
     causes: dict[str, dict[str, Entry]] = {}
     for one in some:
         causes.setdefault(one["cause"], {})[one["trial"]] = one
     for cause, trials in causes.items():
-        name = max(trials, key=lambda trial: excess(trials[trial]))
+        name = max(trials, key=lambda trial: max((one.excess for one in trials[trial]["evidence"]), default=0.0))
         worst = trials[name]
         size = worst["size"] or ""
         size += f", most in {name}" if size and len(trials) > 1 else ""
+        if len({one["says"] for one in trials.values()}) > 1:
+            worst = worst | {"says": f"{worst['says']} (in {name})"}
         limits = {number.column: number for one in trials.values() for number in one["evidence"]}
         told = known_line(verdict, of, cause, worst, [*trials], judged, size)
         sides = ", ".join(f"{number.side} {number.limit:g}" for number in limits.values())
@@ -197,25 +195,6 @@ def by_cause(some: Sequence[Entry], verdict: str, of: str, judged: Sequence[str]
             if key.startswith(f"{symbol}_") and worst[key] is not None
         }
         yield told
-
-
-def unchecked_by_cause(some: Sequence[Entry], of: str, judged: Sequence[str]) -> Iterator[dict[str, Any]]:
-    """What could not be checked, or is to be known; things with one reason are one."""
-    things: dict[str, dict[str, Entry]] = {}
-    for one in some:
-        things.setdefault(one["cause"], {})[one["trial"]] = one
-    together: dict[tuple[str, ...], list[str]] = {}
-    for name, trials in things.items():
-        first = next(iter(trials.values()))
-        together.setdefault((first["grade"], first["says"], first["remedy"] or "", *trials), []).append(name)
-    for names in together.values():
-        trials = things[names[0]]
-        name, first = next(iter(trials.items()))
-        told = {one["says"] for one in trials.values()}
-        if len(told) > 1:
-            first = first | {"says": f"{first['says']} (in {name})"}
-        verdict = "remark" if first["grade"] == Grade.NOTES else "not checked"
-        yield known_line(verdict, of, ", ".join(names), first, [*trials], judged, "") | {"measure": "", "limit": ""}
 
 
 def known_line(

@@ -81,7 +81,7 @@ class MemoryLimitError(WriteError):
 
 EXTRAS = {
     "ezc3d": "simulator", "fastexcel": "excel", "h5py": "mat73", "mat-io": "matlab", "mujoco": "mujoco",
-    "nptdms": "tdms", "numba": "simulator", "rocrate": "bundle", "rosbags": "ros", "statsmodels": "compare",
+    "nptdms": "tdms", "numba": "simulator", "rocrate": "bundle", "rosbags": "ros",
 }  # fmt: skip
 """The extra of the package that installs a library which most campaigns do not need."""
 

@@ -2,7 +2,6 @@
 interval."""
 
 import math
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, NamedTuple
@@ -12,8 +11,8 @@ import polars as pl
 import scipy
 from numpy.typing import ArrayLike
 
-from osl_analysis.errors import InputError, optional_module
-from osl_analysis.measured import check_measured, varies
+from osl_analysis.errors import InputError
+from osl_analysis.measured import check_measured
 from osl_analysis.stats.covariance import welch_satterthwaite
 from osl_analysis.trial import Array
 
@@ -140,10 +139,8 @@ class Difference(NamedTuple):
 
 
 def difference(a: Sample, b: Sample) -> Difference:
-    """B - A by condition: paired where both have the same conditions with as many trials each, mixed effects where
-    conditions overlap only in part or have unequal repeats (where these do not converge, paired over the shared ones),
-    Welch's t over trials where one condition is shared. The trials of a condition count as their mean, so that what
-    differs from condition to condition is scatter."""
+    """B - A by condition: paired over the conditions that both have, Welch's t over trials where one is shared. The
+    trials of a condition count as their mean, so that what differs from condition to condition is scatter."""
     shared = [condition for condition in a if condition in b]
     x, y = (np.array([np.mean(one[condition]) for condition in shared]) for one in (a, b))
     if not shared:
@@ -151,10 +148,7 @@ def difference(a: Sample, b: Sample) -> Difference:
     if len(shared) == 1:
         return welch(a[shared[0]], b[shared[0]], "Welch's t, trials")
     paired = over_repeats(y - x)
-    found = Difference(paired.mean, paired.low, paired.high, "paired, Student")
-    if {one: len(trials) for one, trials in a.items()} == {one: len(trials) for one, trials in b.items()}:
-        return found
-    return mixed_effects(a, b, y - x) or found._replace(method="paired, Student: the mixed model did not converge")
+    return Difference(paired.mean, paired.low, paired.high, "paired, Student")
 
 
 def student(estimate: float, se: float, freedom: float, method: str) -> Difference:
@@ -170,28 +164,6 @@ def welch(a: Sequence[float] | Array, b: Sequence[float] | Array, method: str) -
     variances = [float(np.var(one, ddof=1)) / len(one) for one in (a, b)]
     freedom = float(welch_satterthwaite(variances, [len(a) - 1, len(b) - 1]))
     return student(estimate, float(np.sqrt(sum(variances))), freedom, method)
-
-
-def mixed_effects(a: Sample, b: Sample, gaps: Array) -> Difference | None:
-    """B - A of the means of conditions: campaign as fixed effect, condition as random effect (REML). `gaps` (n,) is B -
-    A of the shared conditions, two or more. With n - 1 degrees of freedom it is the paired interval where no condition
-    is missing. None where the model does not converge."""
-    if not varies(gaps):  # the likelihood has no largest value
-        return student(float(np.mean(gaps)), 0.0, len(gaps) - 1, "mixed effects")
-    library = optional_module("statsmodels.regression.mixed_linear_model", "a comparison of unequal campaigns")
-    cells = [(one, k, np.mean(trials)) for k, sample in enumerate((a, b)) for one, trials in sample.items()]
-    names, campaign, y = zip(*cells, strict=True)
-    known, unit = list(dict.fromkeys(names)), float(np.std(gaps))  # the optimiser needs numbers near 1
-    X, groups = np.column_stack([np.ones(len(y)), campaign]), np.array([known.index(one) for one in names])
-    with warnings.catch_warnings(), np.errstate(all="ignore"):
-        warnings.simplefilter("ignore")  # `converged` says it too; a variance of zero between conditions is no failure
-        try:
-            fit = library.MixedLM((np.array(y) - np.mean(y)) / unit, X, groups).fit(reml=True)
-            estimate, se = unit * float(fit.fe_params[1]), unit * float(fit.bse_fe[1])
-        except (np.linalg.LinAlgError, ValueError):
-            return None
-    known_error = fit.converged and np.isfinite(se) and se > 0
-    return student(estimate, se, len(gaps) - 1, "mixed effects") if known_error else None
 
 
 def with_bench(found: Difference, se: float) -> Difference:

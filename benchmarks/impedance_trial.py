@@ -23,7 +23,8 @@ import pandas as pd
 from scipy.optimize import curve_fit
 from scipy.signal import butter, filtfilt
 
-from osl_analysis.bench.impedance import QUANTITIES, DesiredImpedance, judged_impedance
+from osl_analysis.bench.analysis import QUANTITIES
+from osl_analysis.bench.impedance import DesiredImpedance, judged_impedance
 from osl_analysis.bench.phasors import phasor_table, phasors_of_record
 from osl_analysis.bench.record import record_of_trial, with_actuator
 from osl_analysis.bench.settings import DynamometerAnalysis

@@ -8,12 +8,11 @@ from bench_synthetic import second_order, stepped_sine, table_of
 from conftest import ROOT, beyond_in, findings_of, marked
 from scipy.signal import butter, cont2discrete, lfilter, lsim, sosfilt, sosfiltfilt
 
-from osl_analysis.bench.analysis import analysed, timebase_table
+from osl_analysis.bench.analysis import analysed, angle_noise_bias, timebase_table
 from osl_analysis.bench.effects import IMPEDANCE, plain_sums, with_effects
 from osl_analysis.bench.human_joint import fit_person, human_joint_table, over_table
 from osl_analysis.bench.impedance import (
     DesiredImpedance,
-    angle_noise_bias,
     impedance_table,
     judged_impedance,
     rendered_impedance,

@@ -10,10 +10,9 @@ from bench_synthetic import FIVE, second_order, stepped_sine, table_of
 from conftest import ROOT, findings_of, marked
 from scipy.interpolate import CubicSpline
 
-from osl_analysis.bench.analysis import fitted_motion, with_friction, without_friction
+from osl_analysis.bench.analysis import fitted_motion, plausible_impedance, with_friction, without_friction
 from osl_analysis.bench.effects import IMPEDANCE, belt_of_leg, plain_sums, sums_of, with_effects
 from osl_analysis.bench.impedance import DesiredImpedance, impedance_table, judged_impedance, rendered_impedance
-from osl_analysis.bench.plausible import plausible_impedance
 from osl_analysis.bench.record import record_of_trial, with_actuator
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.campaign.configuration import read_section

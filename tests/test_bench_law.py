@@ -8,7 +8,7 @@ import polars as pl
 import pytest
 from conftest import ROOT
 
-from osl_analysis.bench.law import OTHER_LAW, law_table, law_that_ran
+from osl_analysis.bench.prediction import OTHER_LAW, law_table, law_that_ran
 from osl_analysis.bench.record import record_of_trial, with_actuator
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.campaign.configuration import read_section

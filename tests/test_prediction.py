@@ -16,9 +16,15 @@ from statsmodels.robust.robust_linear_model import RLM
 
 from osl_analysis.bench import prediction
 from osl_analysis.bench.impedance import DesiredImpedance, compensation_table, rendered_impedance, torque_error
-from osl_analysis.bench.law import LAW_COLUMNS
 from osl_analysis.bench.phasors import ComplexEstimate, damping_row
-from osl_analysis.bench.prediction import COMPONENTS, components_of, model_variance, prediction_table, prediction_terms
+from osl_analysis.bench.prediction import (
+    COMPONENTS,
+    LAW_COLUMNS,
+    components_of,
+    model_variance,
+    prediction_table,
+    prediction_terms,
+)
 from osl_analysis.bench.record import read_record, stored_record
 from osl_analysis.bench.settings import FilterSettings
 from osl_analysis.commands.bench import gather_predictions

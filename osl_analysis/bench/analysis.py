@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 
 from osl_analysis.bench.effects import FALSE_ALARM, Fault, Model, noise_of_angle, plain_sums, with_effects
 from osl_analysis.bench.gram import GroupFit, Sums, held_out_vaf
-from osl_analysis.bench.plausible import check_told
 from osl_analysis.bench.record import SHORTEST_S, Label, Record
 from osl_analysis.bench.settings import NOT_STATED, BenchStiffness, Calibration
 from osl_analysis.errors import IdentifiabilityError, InputError
+from osl_analysis.measured import check_measured, rms, usual_size
+from osl_analysis.model.parameters import DrivetrainParameters
 from osl_analysis.signals.grid import UniformSignals
 from osl_analysis.spectral.stepped_sine import moving_bins
 from osl_analysis.stats.regression import (
@@ -27,8 +28,129 @@ from osl_analysis.stats.regression import (
     whiteness_row,
     with_shared_error,
 )
-from osl_analysis.trial import Array
+from osl_analysis.trial import Array, known_factor
 
+
+def check_changes(column: str, values: Array) -> None:
+    """Refuse a signal (n,) that never changes, as that of a dead sensor."""
+    check_measured(column, values)
+    if not np.ptp(values):
+        raise InputError(
+            f"{column} stays at {values[0]:g} throughout; check its sensor and its channel in the source file, or "
+            "exclude the trial"
+        )
+
+
+def check_resists(trial: str, symbol: str, value: float, high: float | None = None) -> None:
+    """Refuse a negative estimate of what can only resist motion. A torque of the wrong sign changes the sign of every
+    estimate, and the fit is as good as before. Where `high`, the upper end of the interval, is positive, it may be the
+    estimate of a joint without stiffness."""
+    if value < 0 and (high is None or high < 0):
+        raise InputError(
+            f"trial {trial}: {symbol} = {value:.4g} is negative, so the torque drives the motion instead of resisting "
+            "it; turn the `sign` of the torque, or of the angle, in the source file"
+        )
+
+
+def plausible(table: pl.DataFrame, rails: pl.Expr, p: DrivetrainParameters | None, *names: str) -> pl.DataFrame:
+    """Rows of belt, transmission or actuator with `saturated_samples`, each named estimate's ratio to the parameter
+    file's, null without one or where that is 0. Raises InputError: the first estimate is negative:
+    torque, angle or current has the wrong sign."""
+    last = table.row(-1, named=True)
+    if names[0] != "k_tau_n_m":
+        check_resists(last["trial"], names[0], last[names[0]])
+    elif last["k_tau_n_m_high"] < 0:
+        raise InputError(
+            f"trial {last['trial']}: k_tau_n_m = {last['k_tau_n_m']:.4g} N*m/A is negative, a positive current gives a "
+            "negative torque; turn the `sign` of the current, or of torque_m and theta_m, in the source file"
+        )
+    known = {name: p.k_tau * p.n_m if name == "k_tau_n_m" else getattr(p, name) for name in names} if p else {}
+    ratios = [(pl.col(name) / pl.lit(known.get(name) or None, pl.Float64)).alias(f"{name}_ratio") for name in names]
+    return table.with_columns(rails, *ratios)
+
+
+def plausible_impedance(
+    table: pl.DataFrame,
+    rails: pl.Expr,
+    p: DrivetrainParameters | None,
+    is_this_leg: bool = True,
+    predicted: float | None = None,
+    K_d: float | None = None,
+) -> pl.DataFrame:
+    """The rows of Eq. 15 with `saturated_samples`, `K_over_K_s` and `K_ratio`: K over `predicted`, by linear theory
+    [N*m/rad], if the gains are known, else `K_over_K_d`, over K_d [N*m/rad] if that is stated. Both are of the largest
+    amplitude in every row, since friction changes K least there. Where nothing but the parameter file says that the
+    joint `is_this_leg`, `K_over_K_s` is null up to 10: another device may be as soft or stiff as it likes, beyond
+    that a unit is wrong.
+    Raises InputError: K is negative, its interval too, or that of a joint that is this leg is larger than that of the
+    belt through which the motor acts."""
+    last = table.row(-1, named=True)
+    K = last["K"]
+    if last["B_low"] < 0 or last["I_high"] < 0:  # of the right sign a joint may drive the motion by its K alone
+        check_resists(last["trial"], "K", K, last["K_high"])
+    if (
+        p is not None and is_this_leg and K > 1.1 * p.K_s
+    ):  # a motor in series with it; a tenth allows for the belt at hand
+        ratio, reference = K / (predicted or p.K_s), "what the gains should give" if predicted else "K_s"
+        name, size = known_factor(ratio)
+        factor = name and f"{size:.3g} is the factor {name}"
+        what = "correct the `unit` or the `scale`" if factor else "check unit and scale of the channels"
+        raise InputError(
+            f"trial {last['trial']}: K = {K:.4g} N*m/rad is larger than the belt's K_s = {p.K_s:g} of the parameter "
+            f"file, which no motor behind the belt can render; it is {ratio:.3g} times {reference}: "
+            f"{factor and f'{factor}: '}{what} in the source file"
+        )
+    largest = pl.lit(table.sort("amplitude_deg", nulls_last=False)["K"][-1])
+    none = pl.lit(None, pl.Float64)
+    of_gains = (largest / predicted if predicted else none).alias("K_ratio")
+    of_sheet = (none if predicted or not K_d else largest / K_d).alias("K_over_K_d")
+    of_belt = pl.col("K") / p.K_s if p and p.K_s else none
+    of_belt = of_belt if is_this_leg else pl.when(of_belt > 10).then(of_belt)
+    return table.with_columns(rails, of_belt.alias("K_over_K_s"), of_gains, of_sheet)
+
+
+def check_told(
+    what: str,
+    band_hz: tuple[float, float],
+    motion: Array,
+    torque_rms: float,
+    stiffness: tuple[float, float],
+    largest_inertia_error: float | None,
+) -> None:
+    """Refuse a motion whose band [Hz] cannot tell K from I; the message begins with `what` and names the band that is
+    missing (IdentifiabilityError). It is judged by what an error of 0.1 % of the torque's RMS does, which calibrations
+    and models leave, in the shape of the part of a column that the others do not explain: a slow motion has little of
+    it. `motion`: angle [rad], velocity and acceleration, filtered, without means, (3, n), `torque_rms` [N*m] filtered,
+    `stiffness` K with its standard error."""
+    theta, omega, alpha = motion
+
+    def own_part(column: Array, *others: Array) -> float:
+        X = np.column_stack(others)
+        return max(rms(column - X @ np.linalg.lstsq(X, column, rcond=None)[0]), float(np.finfo(float).tiny))
+
+    of_K, of_I = (1e-3 * torque_rms / own_part(*x) for x in ((theta, omega, alpha), (alpha, omega, theta)))
+    (low, high), (K, K_se) = band_hz, stiffness
+    cannot = f"{what}: a motion of {low:.2g} to {high:.2g} Hz cannot tell K from I: an error of 0.1 % of the torque"
+    if largest_inertia_error is not None and of_I > largest_inertia_error:
+        needed = max(high * np.sqrt(of_I / (0.5 * largest_inertia_error)), 1.5 * high)
+        raise IdentifiabilityError(
+            f"{cannot} changes I by {of_I:.2g} kg*m^2, more than the {largest_inertia_error:g} of "
+            f"`largest_inertia_error` in the configuration; the band from {high:.2g} to about {needed:.2g} Hz is "
+            "missing, excite it as well, or take the stiffness alone by experiment 'torque_angle', or check the units "
+            f"of theta and torque, by which K would be {K:.3g} N*m/rad"
+        )
+    # K by a tenth, and three times what the error is of torque over angle: without stiffness there is no share of K. It
+    # is 1.6 from 0.5 to 6 Hz.
+    if of_K > max(0.1 * abs(K), K_se) and rms(theta) > 3 * own_part(theta, omega, alpha):
+        raise IdentifiabilityError(
+            f"{cannot} changes K by {of_K:.2g} N*m/rad; the band below {low:.2g} Hz is missing, excite it as well"
+        )
+
+
+QUANTITIES = ("K", "B", "I")  # parameters of Eq. 15
+LITTLE = {"K": 0.0, "B": 2.0, "I": 5e-3}
+"""Sizes of K, B [N*m*s/rad] and I [kg*m^2] below which their shares say little; added in quadrature to what a share is
+taken of."""
 SumsOf = Callable[[Record, Model], Sums]
 PER_ANGLE = dict.fromkeys(("K", "B", "I", "K_s", "B_j", "J_j", "B_m", "J_m", "weight"), 1) | {"K_s2": 2}
 """Powers of the angle by which estimates are torques."""
@@ -435,3 +557,99 @@ class FitTables(dict[str, pl.DataFrame]):
         found = {"series": self.measured.table()} | self.further()
         self.update(found)
         return found[name]
+
+
+def alias_share(record: Record, fit: GroupFit) -> float:
+    """The share of B or I, whichever is larger, that jumps of the acceleration between two samples may make; 0 where it
+    is less than a standard error.
+
+    The torque jumps with the acceleration. Without an anti-aliasing filter its area is known to half a sample: a binary
+    sequence that is clocked with the sampling is read late by half a sample in all of its jumps. A jump is a third
+    difference of eight robust standard deviations, which neither noise reaches nor the rounding of an encoder (four
+    steps at most), and as far above those of 15 samples to each side, where a hand, or a sweep, is as fast.
+    """
+    theta, torque, beside = record.theta, record.torque, 3  # samples on each side from which the size of a jump is read
+    third = np.abs(np.diff(theta, 3))
+    noise = 1.4826 * usual_size(np.concatenate([third[piece] for piece in record.pieces]))
+    high = np.flatnonzero(third > max(8.0 * noise, 4.5 * (record.steps[0] or 0.0), np.finfo(float).tiny))
+    near = np.clip(high[:, None] + np.arange(-15, 16), 0, len(third) - 1)
+    high = high[third[high] > 8.0 * 1.4826 * np.median(third[near], axis=1)] if high.size else high
+    rows = high[np.diff(high, prepend=-10) > beside] + 1  # the middle of the four samples of the difference
+    rows = rows[(rows > beside + 1) & (rows < len(theta) - beside - 3)]
+    if not rows.size:
+        return 0.0
+
+    def alpha(start: int) -> float:  # its mean over some rows, of which the first one belongs to row start + 1
+        return float(np.diff(theta[start : start + beside + 2], 2).mean()) * record.rate_hz**2
+
+    sizes = np.array([alpha(i + 1) - alpha(i - 1 - beside) for i in rows])
+    steps = np.array([torque[i + 1 : i + 3].mean() - torque[i - 2 : i].mean() for i in rows])
+    inertia = abs(float(steps @ sizes) / float(sizes @ sizes)) if sizes.any() else 0.0
+    error = np.zeros(len(torque))
+    np.add.at(error, rows, 0.5 * inertia * sizes * smoothed_jumps(record, fit, rows, np.sign(sizes)))
+    late = record.part(record.low_pass(error, record.rate_hz))
+    _, *change = np.abs(np.linalg.lstsq(motion_in(record), late, rcond=None)[0])
+    return max(abs(by / fit[x]) if by > fit.se(x) else 0.0 for x, by in zip("BI", change, strict=True))
+
+
+def smoothed_jumps(record: Record, fit: GroupFit, rows: NDArray[np.intp], signs: Array) -> float:
+    """What a low-pass of the torque leaves of the half sample by which jumps (k,), up or down by their `signs`, are
+    misread; 1 without one.
+
+    A stated one leaves what it passes at the sampling rate. Else the torque of the inertia shows it: without one all of
+    a jump lies between two samples, behind one of first order the next samples rise by a share q each of the last. Its
+    own delay, which the angle shares or a lag tells, does not count.
+    """
+    if record.uniform is not None and (
+        stated := (taken := record.uniform.of("torque")).stream.low_passes.get("torque")
+    ):
+        return float((1 + (1 / (taken.step * stated.cutoff_hz)) ** (2 * stated.order)) ** -0.5)
+    at = np.clip(rows[:, None] + np.arange(-4, 5), 1, len(record.theta) - 2)
+    omega = (record.theta[at + 1] - record.theta[at - 1]) * record.rate_hz / 2
+    rises = np.diff(record.torque[at] - fit["K"] * record.theta[at] - fit["B"] * omega) * signs[:, None]
+    top, each = np.argmax(rises[:, 1:-1], axis=1) + 1, np.arange(len(rows))
+    before, most, after = (float(rises[each, top + k].sum()) for k in (-1, 0, 1))
+    q = float(np.clip(max(before, after) / max(most, np.finfo(float).tiny), 0.0, 1.0))
+    return 1 + 2 * q / (1 - q) + 2 / float(np.log(q)) if 1e-9 < q < 1 - 1e-3 else 1.0 - q
+
+
+def share_of_inertia(fit: GroupFit) -> float:
+    """I [kg*m^2] of which a share is taken."""
+    return float(np.hypot(fit["I"], LITTLE["I"]))
+
+
+def angle_noise_bias(record: Record, s: Sums, fit: GroupFit, label: Label = None) -> float:
+    """By how much noise of the angle changes I [kg*m^2], to first order in its variance.
+
+    Least squares take the columns for exact. With the covariance S of their noise the estimates are off by
+    -(X'X/n)^-1 S times the estimates (Fuller, Measurement Error Models, 1987, ch. 2). The noise of angle and
+    acceleration is correlated, so that a stiff joint has too large an I, and a light one too small.
+    """
+    still, moving, turning = noise_of_angle(record)
+    S = np.array([[still, 0, -moving], [0, moving, 0], [-moving, 0, turning]])
+    A = s.over(label)
+    at, one = s.index(["theta", "omega", "alpha"]), s.names.index("one")
+    X = A[np.ix_(at, at)] / A[one, one] - np.outer(A[at, one], A[at, one]) / A[one, one] ** 2
+    return float(-np.linalg.solve(X, S @ [fit["K"], fit["B"], fit["I"]])[2])
+
+
+def torque_at_peaks(analysis: Analysis, raw: Record) -> float | None:
+    """Smallest SD of the measured torque over that of the modelled one, where the latter is at its peaks.
+
+    Both are filtered alike. The peaks are the highest and the lowest rows of the modelled torque, by shares from sharp
+    peaks of noise to sines. The ratio is 1 for a joint of Eq. 15; noise and distortion raise it, friction lowers it to
+    0.7. It is near 0 where the torque is clipped, however noisy the plateau is. None where no peak has the range for a
+    comparison: the top of a sine is flat and noisy. Of a person's joint the `raw` record has the slow part.
+    """
+    record = analysis.record
+    rows = record.rows()[:: max(int(record.rate_hz / (8.0 * record.low_pass.cutoff_hz)), 1)]  # nothing is faster
+    measured = raw.filtered_torque[rows]
+    modelled = analysis.modelled(None, rows) + measured - record.filtered_torque[rows]
+    middle, found = float(np.median(modelled)), list[float]()
+    for top, highest in ((float(modelled.max()), True), (float(modelled.min()), False)):
+        for share in (0.005, 0.01, 0.02, 0.05, 0.1, 0.2):
+            level = float(np.quantile(modelled, 1 - share if highest else share))
+            if abs(top - level) > 0.03 * abs(top - middle):
+                peak = modelled >= level if highest else modelled <= level
+                found.append(float(np.std(measured[peak]) / np.std(modelled[peak])))
+    return min(found, default=None)

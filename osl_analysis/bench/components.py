@@ -13,10 +13,17 @@ import polars as pl
 from numpy.typing import NDArray
 
 from osl_analysis.bench import effects
-from osl_analysis.bench.analysis import Analysis, analysed, check_stiffer, friction_rows, torque_errors, widened
+from osl_analysis.bench.analysis import (
+    Analysis,
+    analysed,
+    check_changes,
+    check_stiffer,
+    friction_rows,
+    torque_errors,
+    widened,
+)
 from osl_analysis.bench.effects import TRANSMISSION, Model
 from osl_analysis.bench.gram import GroupFit, fit_groups, gram_sums
-from osl_analysis.bench.plausible import check_changes
 from osl_analysis.bench.record import Groups, Label, Record, Stratum, joint_angle, stretches_of
 from osl_analysis.bench.settings import ActuatorAnalysis, BeltAnalysis
 from osl_analysis.bench.witness import witness_row

@@ -194,11 +194,8 @@ def fit_groups(
         left_free = max(n / s.independent - len(names), 1.0)
         noise, freedom = inverse * left / left_free, np.full(len(names), left_free)
     else:
-        # what the richest model explains of the products: what it leaves is the noise
         rich = np.array(s.index(list(dict.fromkeys([*s.rich, *columns]))))
-        across, columns_of_rich = s.gram[np.ix_(groups, rich, used)] @ turn, len(rich)
-        coefficients = solved(s.over(keep)[np.ix_(rich, rich)], across[:, :, p].sum(axis=0))[0]
-        modelled = np.einsum("mrp,r->mp", across[:, :, :p], coefficients)
+        modelled, columns_of_rich = richest_products(s.over(keep), rich, s.gram[np.ix_(groups, rich, used)] @ turn)
         noise, freedom = noise_of_scores(np.asarray((raw_g - modelled) @ inverse), columns_of_rich)
     unit = stratum if stratum.max() + 1 >= FEWEST_UNITS else np.arange(len(stratum))
     units = int(unit.max()) + 1
@@ -234,6 +231,13 @@ def fit_groups(
         left,
         units,
     )
+
+
+def richest_products(total: Array, rich: NDArray[np.intp], across: Array) -> tuple[Array, int]:
+    """Products (m, p) of the columns of some groups with what the richest model explains, and its number of columns:
+    what it leaves is the noise. `across` are those of its columns with theirs and both torques, (m, r, p + 2)."""
+    coefficients = solved(total[np.ix_(rich, rich)], across[:, :, -2].sum(axis=0))[0]
+    return np.einsum("mrp,r->mp", across[:, :, :-2], coefficients), len(rich)
 
 
 def identified(

@@ -9,27 +9,32 @@ from typing import Any
 import numpy as np
 import polars as pl
 import scipy
-from numpy.typing import NDArray
 
 from osl_analysis.bench import effects
 from osl_analysis.bench.analysis import (
+    LITTLE,
+    QUANTITIES,
     Analysis,
+    alias_share,
+    angle_noise_bias,
+    check_resists,
     fitted_motion,
     friction_rows,
-    motion_in,
+    plausible_impedance,
+    share_of_inertia,
+    torque_at_peaks,
     turn_deg,
     widened,
     without_lag,
+    without_row,
 )
 from osl_analysis.bench.components import PLACE
 from osl_analysis.bench.effects import IMPEDANCE, Fault
 from osl_analysis.bench.gram import FEWEST_UNITS, GroupFit, Sums, combined, estimates_of, solved
-from osl_analysis.bench.plausible import check_resists, plausible_impedance
+from osl_analysis.bench.human_joint import unstated_reflex_row
 from osl_analysis.bench.record import Label, Record
-from osl_analysis.bench.reflex import unstated_reflex_row
-from osl_analysis.bench.witness import HARM, witness_row
+from osl_analysis.bench.witness import FAMILIES, HARM, witness_row
 from osl_analysis.errors import InputError, nearest
-from osl_analysis.measured import usual_size
 from osl_analysis.model.compensator import CONTROLLERS, Gains, Weight, select_gains
 from osl_analysis.model.drivetrain import joint_admittance
 from osl_analysis.model.parameters import DrivetrainParameters
@@ -37,11 +42,6 @@ from osl_analysis.spectral.periods import distinct
 from osl_analysis.stats.regression import Row, estimates_row, lag_damping_row
 from osl_analysis.stats.repeats import alike_sizes, counted, doubtful_row, over_repeats, summary_row
 from osl_analysis.trial import Array
-
-QUANTITIES = ("K", "B", "I")  # parameters of Eq. 15
-LITTLE = {"K": 0.0, "B": 2.0, "I": 5e-3}
-"""Sizes of K, B [N*m*s/rad] and I [kg*m^2] below which their shares say little; added in quadrature to what a share is
-taken of."""
 
 
 @dataclass(frozen=True)
@@ -84,60 +84,6 @@ def rendered_impedance(record: Record, expected: effects.Admittance | None = Non
     return analysis, effects.sums_of(record, IMPEDANCE, expected)
 
 
-def alias_share(record: Record, fit: GroupFit) -> float:
-    """The share of B or I, whichever is larger, that jumps of the acceleration between two samples may make; 0 where it
-    is less than a standard error.
-
-    The torque jumps with the acceleration. Without an anti-aliasing filter its area is known to half a sample: a binary
-    sequence that is clocked with the sampling is read late by half a sample in all of its jumps. A jump is a third
-    difference of eight robust standard deviations, which neither noise reaches nor the rounding of an encoder (four
-    steps at most), and as far above those of 15 samples to each side, where a hand, or a sweep, is as fast.
-    """
-    theta, torque, beside = record.theta, record.torque, 3  # samples on each side from which the size of a jump is read
-    third = np.abs(np.diff(theta, 3))
-    noise = 1.4826 * usual_size(np.concatenate([third[piece] for piece in record.pieces]))
-    high = np.flatnonzero(third > max(8.0 * noise, 4.5 * (record.steps[0] or 0.0), np.finfo(float).tiny))
-    near = np.clip(high[:, None] + np.arange(-15, 16), 0, len(third) - 1)
-    high = high[third[high] > 8.0 * 1.4826 * np.median(third[near], axis=1)] if high.size else high
-    rows = high[np.diff(high, prepend=-10) > beside] + 1  # the middle of the four samples of the difference
-    rows = rows[(rows > beside + 1) & (rows < len(theta) - beside - 3)]
-    if not rows.size:
-        return 0.0
-
-    def alpha(start: int) -> float:  # its mean over some rows, of which the first one belongs to row start + 1
-        return float(np.diff(theta[start : start + beside + 2], 2).mean()) * record.rate_hz**2
-
-    sizes = np.array([alpha(i + 1) - alpha(i - 1 - beside) for i in rows])
-    steps = np.array([torque[i + 1 : i + 3].mean() - torque[i - 2 : i].mean() for i in rows])
-    inertia = abs(float(steps @ sizes) / float(sizes @ sizes)) if sizes.any() else 0.0
-    error = np.zeros(len(torque))
-    np.add.at(error, rows, 0.5 * inertia * sizes * smoothed_jumps(record, fit, rows, np.sign(sizes)))
-    late = record.part(record.low_pass(error, record.rate_hz))
-    _, *change = np.abs(np.linalg.lstsq(motion_in(record), late, rcond=None)[0])
-    return max(abs(by / fit[x]) if by > fit.se(x) else 0.0 for x, by in zip("BI", change, strict=True))
-
-
-def smoothed_jumps(record: Record, fit: GroupFit, rows: NDArray[np.intp], signs: Array) -> float:
-    """What a low-pass of the torque leaves of the half sample by which jumps (k,), up or down by their `signs`, are
-    misread; 1 without one.
-
-    A stated one leaves what it passes at the sampling rate. Else the torque of the inertia shows it: without one all of
-    a jump lies between two samples, behind one of first order the next samples rise by a share q each of the last. Its
-    own delay, which the angle shares or a lag tells, does not count.
-    """
-    if record.uniform is not None and (
-        stated := (taken := record.uniform.of("torque")).stream.low_passes.get("torque")
-    ):
-        return float((1 + (1 / (taken.step * stated.cutoff_hz)) ** (2 * stated.order)) ** -0.5)
-    at = np.clip(rows[:, None] + np.arange(-4, 5), 1, len(record.theta) - 2)
-    omega = (record.theta[at + 1] - record.theta[at - 1]) * record.rate_hz / 2
-    rises = np.diff(record.torque[at] - fit["K"] * record.theta[at] - fit["B"] * omega) * signs[:, None]
-    top, each = np.argmax(rises[:, 1:-1], axis=1) + 1, np.arange(len(rows))
-    before, most, after = (float(rises[each, top + k].sum()) for k in (-1, 0, 1))
-    q = float(np.clip(max(before, after) / max(most, np.finfo(float).tiny), 0.0, 1.0))
-    return 1 + 2 * q / (1 - q) + 2 / float(np.log(q)) if 1e-9 < q < 1 - 1e-3 else 1.0 - q
-
-
 def impedance_table(analysis: Analysis, s: Sums, p: DrivetrainParameters | None = None) -> pl.DataFrame:
     """The trial's rows of `impedance.csv`: Eq. 15 fitted to each amplitude [deg] and to all of them (amplitude null);
     of a motion that is no stepped sine one row. What moved the joint is the same in every row: estimates of a device
@@ -150,15 +96,7 @@ def impedance_table(analysis: Analysis, s: Sums, p: DrivetrainParameters | None 
     friction, rows = friction_rows(s, analysis), list[Row]()
     facts = motion_row(record) | belt_row(belt, p) | repeats | witness_row(record, is_leg=is_leg)
     facts |= {"lag_by": "theta_m" if lag else None, **unstated_reflex_row(record)}
-    moved = False  # by more than its interval, and by more than harms
-    for name, (share, size) in HARM.items():
-        value, whole = facts[f"{name}_with_reflex"], analysis.whole
-        least = max(whole.interval(name)[1] - whole[name], share * float(np.hypot(whole[name], size)))
-        moved |= isinstance(value, float) and abs(value - whole[name]) > least
-    harmless = not moved and bool(facts["rivals"] or facts["path_shift"] == 0)  # and no delay may hide behind it
-    if facts["reflex_p"] is not None and not is_leg and (facts["heard"] is None or facts["path_shift"] or harmless):
-        facts |= {name: None for name in facts if name.endswith("with_reflex") or "_with_reflex_" in name}
-        facts["reflex_p"] = 1.0  # nothing is heard, a path explains more, or no estimate leaves its interval
+    facts |= believed_reflex(analysis.whole, facts, is_leg)
     if not record.is_stepped_sine:
         facts["alias_share"] = alias_share(record, analysis.whole)
     if not (record.is_stepped_sine and is_leg):  # a leg that sticks stands still at the peaks of a slow sine
@@ -183,6 +121,21 @@ def impedance_table(analysis: Analysis, s: Sums, p: DrivetrainParameters | None 
     texts = dict.fromkeys(("heard", "rivals", "lag_by"), pl.String)
     table = pl.DataFrame(rows, infer_schema_length=None, schema_overrides=texts)
     return table.with_columns(pl.col(pl.Null).cast(pl.Float64))
+
+
+def believed_reflex(whole: GroupFit, facts: Row, is_leg: bool) -> Row:
+    """What the `facts` of a recording have of a reflex, as far as the witness leaves it: none where it hears nothing,
+    where a path explains more, or where no estimate moves by more than its interval and, if nothing else harms, by more
+    than harms."""
+    moved, alone = False, not any((facts[f"{family}_shift"] or 0.0) > 1 for family in FAMILIES)
+    for name, (share, size) in HARM.items():
+        value, low_high = facts[f"{name}_with_reflex"], whole.interval(name)
+        least = max(low_high[1] - whole[name], alone * share * float(np.hypot(whole[name], size)))
+        moved |= isinstance(value, float) and abs(value - whole[name]) > least
+    harmless = not moved and bool(facts["rivals"] or facts["path_shift"] == 0)  # and no delay may hide behind it
+    if facts["reflex_p"] is None or is_leg or not (facts["heard"] is None or facts["path_shift"] or harmless):
+        return {}
+    return {**without_row(None, "with_reflex"), "reflex_p": 1.0}
 
 
 def motion_row(record: Record) -> Row:
@@ -216,11 +169,6 @@ def belt_row(belt: effects.Belt | None, p: DrivetrainParameters | None) -> Row:
     return row
 
 
-def share_of_inertia(fit: GroupFit) -> float:
-    """I [kg*m^2] of which a share is taken."""
-    return float(np.hypot(fit["I"], LITTLE["I"]))
-
-
 def lag_row(lag: Fault | None, fit: GroupFit) -> Row:
     """Lag of the torque behind the angle by the belt of a leg, the damping that it makes, and the shares of B and I of
     one that was found: exp(-s d) takes K d off B, and d times the joint's own B off I."""
@@ -232,43 +180,6 @@ def lag_row(lag: Fault | None, fit: GroupFit) -> Row:
         "lag_share": abs(K * size / B),
         "lag_inertia_share": abs((B + K * size) * size) / share_of_inertia(fit),
     }
-
-
-def angle_noise_bias(record: Record, s: Sums, fit: GroupFit, label: Label = None) -> float:
-    """By how much noise of the angle changes I [kg*m^2], to first order in its variance.
-
-    Least squares take the columns for exact. With the covariance S of their noise the estimates are off by
-    -(X'X/n)^-1 S times the estimates (Fuller, Measurement Error Models, 1987, ch. 2). The noise of angle and
-    acceleration is correlated, so that a stiff joint has too large an I, and a light one too small.
-    """
-    still, moving, turning = effects.noise_of_angle(record)
-    S = np.array([[still, 0, -moving], [0, moving, 0], [-moving, 0, turning]])
-    A = s.over(label)
-    at, one = s.index(["theta", "omega", "alpha"]), s.names.index("one")
-    X = A[np.ix_(at, at)] / A[one, one] - np.outer(A[at, one], A[at, one]) / A[one, one] ** 2
-    return float(-np.linalg.solve(X, S @ [fit["K"], fit["B"], fit["I"]])[2])
-
-
-def torque_at_peaks(analysis: Analysis, raw: Record) -> float | None:
-    """Smallest SD of the measured torque over that of the modelled one, where the latter is at its peaks.
-
-    Both are filtered alike. The peaks are the highest and the lowest rows of the modelled torque, by shares from sharp
-    peaks of noise to sines. The ratio is 1 for a joint of Eq. 15; noise and distortion raise it, friction lowers it to
-    0.7. It is near 0 where the torque is clipped, however noisy the plateau is. None where no peak has the range for a
-    comparison: the top of a sine is flat and noisy. Of a person's joint the `raw` record has the slow part.
-    """
-    record = analysis.record
-    rows = record.rows()[:: max(int(record.rate_hz / (8.0 * record.low_pass.cutoff_hz)), 1)]  # nothing is faster
-    measured = raw.filtered_torque[rows]
-    modelled = analysis.modelled(None, rows) + measured - record.filtered_torque[rows]
-    middle, found = float(np.median(modelled)), list[float]()
-    for top, highest in ((float(modelled.max()), True), (float(modelled.min()), False)):
-        for share in (0.005, 0.01, 0.02, 0.05, 0.1, 0.2):
-            level = float(np.quantile(modelled, 1 - share if highest else share))
-            if abs(top - level) > 0.03 * abs(top - middle):
-                peak = modelled >= level if highest else modelled <= level
-                found.append(float(np.std(measured[peak]) / np.std(modelled[peak])))
-    return min(found, default=None)
 
 
 def over_amplitudes(analysis: Analysis) -> Row:

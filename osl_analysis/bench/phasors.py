@@ -132,7 +132,7 @@ def shared_covariance(value: complex, error: SharedError) -> Array:
     return np.asarray(np.diag([compliance**2, 0.0]) + of_calibration)
 
 
-def with_shared_error(number: ComplexEstimate, error: SharedError) -> ComplexEstimate:
+def with_bench_error(number: ComplexEstimate, error: SharedError) -> ComplexEstimate:
     """The number with these errors, of type B."""
     known = shared_covariance(number.value, error)
     return with_errors(number.value, [(number.covariance, number.degrees_of_freedom), (known, np.inf)])
@@ -259,7 +259,7 @@ class SegmentPhasors:
     def admittance(self) -> ComplexEstimate:
         """Integral admittance Y = theta/torque [rad/(N*m)]. An error of the bench's compliance c changes the angle by
         -c torque, and Y by -c."""
-        return with_shared_error(complex_quotient(self.theta, self.torque), self.bench_error)
+        return with_bench_error(complex_quotient(self.theta, self.torque), self.bench_error)
 
 
 def phasors_of_record(record: Record) -> list[SegmentPhasors]:
@@ -333,7 +333,7 @@ def frequency_response_table(phasors: pl.DataFrame) -> pl.DataFrame:
             re, im, var_re, cov, var_im, freedom = (row[f"Y_{part}"] for part in COMPLEX_PARTS)
             own = np.array([[var_re, cov], [cov, var_im]]) - shared_covariance(complex(re, im), shared)
             responses.append(ComplexEstimate(complex(re, im), own, freedom))
-        mean = with_shared_error(complex_mean(responses), shared)
+        mean = with_bench_error(complex_mean(responses), shared)
         phases = [np.rad2deg(mean.phase + np.angle(r.value / mean.value)) for r in responses]
         reasons = amplitudes["doubtful"].drop_nulls().unique(maintain_order=True).replace("", None).drop_nulls()
         rows.append(

@@ -14,8 +14,7 @@ import numpy as np
 import polars as pl
 import scipy
 
-from osl_analysis.bench.analysis import Series, check_stiffer, timebase_table, torque_errors
-from osl_analysis.bench.plausible import check_changes
+from osl_analysis.bench.analysis import Series, check_changes, check_stiffer, timebase_table, torque_errors
 from osl_analysis.bench.record import joint_angle
 from osl_analysis.bench.settings import NOT_STATED, TorqueAngleAnalysis
 from osl_analysis.errors import InputError, naming

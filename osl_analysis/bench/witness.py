@@ -19,14 +19,14 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from osl_analysis.bench.effects import clocks_row, spring_that_slips
+from osl_analysis.bench.effects import LONGEST_LAG, clocks_row, spring_that_slips
 from osl_analysis.bench.gram import solved
 from osl_analysis.bench.record import Record
 from osl_analysis.signals import seven_point_motion
+from osl_analysis.spectral.periods import Spectrum
 from osl_analysis.stats.regression import Row
 from osl_analysis.trial import Array
 
-Spectrum = NDArray[np.complex128]
 CHUNKS = 24  # of a recording, whose scores scatter
 HIGHEST_HZ = 8.0  # of the witness's band: beyond it the angle's rounding accuses
 FAST_HZ = (2.0, 12.0)  # band in which a late torque shows more, of a motion by hand or of steps
@@ -43,7 +43,6 @@ UNEXPLAINED = 0.7  # share of what the best rival explains, by which one that is
 MOMENTS = np.arange(6, 19) / CHUNKS  # shares of what is fitted at whose ends K, or a lag, may change
 MUSCLE_HZ = 6.0  # of a muscle's answer to a reflex
 SERIES = 5  # terms of the series of a torque that is late by a time that changes
-LONGEST_LAG = 0.02  # s
 HIDDEN = 0.1  # share of the inertia that a delay that is not heard may make
 LEAST_INERTIA = 1e-3  # kg*m^2, added in quadrature to what it is a share of
 HARM = {"K": (0.003, 2.0), "B": (0.01, 2.0), "I": (0.02, 5e-3)}

@@ -12,12 +12,11 @@ from typing import Any
 import polars as pl
 
 from osl_analysis.bench import components, torque_angle
-from osl_analysis.bench.analysis import FitTables, analysed
+from osl_analysis.bench.analysis import QUANTITIES, FitTables, analysed, plausible
 from osl_analysis.bench.components import PLACE
 from osl_analysis.bench.effects import IMPEDANCE, plain_sums
 from osl_analysis.bench.human_joint import fit_person, human_joint_table, over_table
 from osl_analysis.bench.impedance import (
-    QUANTITIES,
     DesiredImpedance,
     Known,
     calibration_table,
@@ -25,15 +24,21 @@ from osl_analysis.bench.impedance import (
     judged_impedance,
     repeated_trials_table,
 )
-from osl_analysis.bench.law import LAW_COLUMNS, law_table, law_that_ran
 from osl_analysis.bench.phasors import (
     frequency_response_table,
     impedance_over_frequency,
     phasor_table,
     phasors_of_record,
 )
-from osl_analysis.bench.plausible import plausible
-from osl_analysis.bench.prediction import NUMBERS, components_of, prediction_table, prediction_terms
+from osl_analysis.bench.prediction import (
+    LAW_COLUMNS,
+    NUMBERS,
+    components_of,
+    law_table,
+    law_that_ran,
+    prediction_table,
+    prediction_terms,
+)
 from osl_analysis.bench.record import read_record, record_of_trial, sine_record, stored_record, with_actuator
 from osl_analysis.bench.settings import (
     ActuatorAnalysis,

@@ -11,8 +11,8 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.bench import precision as planning
+from osl_analysis.bench.analysis import check_told
 from osl_analysis.bench.gram import BY_REPEATS, BY_UNITS
-from osl_analysis.bench.plausible import check_told
 from osl_analysis.bench.precision import KBI, Continuous, Distortion, PeriodicMultisine, Plan, Precision, SteppedSine
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.campaign.configuration import Config

@@ -45,6 +45,7 @@ from osl_analysis.report.page import (
     check_map,
     claims_said,
     conditions,
+    every_kth,
     inline_svg,
     overview,
     packed_table,
@@ -207,6 +208,16 @@ def test_the_methods_have_the_numbers_of_settings_sheet_and_tables_and_nothing_t
     cff = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
     own = ("author", f"{{{cff['authors'][0]['name']}}}"), ("title", cff["title"]), ("year", cff["date-released"].year)
     assert ", ".join(f"{field} = {{{value}}}" for field, value in own) in sources
+
+
+def test_a_thinned_signal_keeps_the_ends_of_ranges():
+    table = pl.DataFrame({"time": np.arange(4000.0), "residual_low": 0.0, "residual_high": 0.0})
+    table[1237, "residual_high"] = 5.0
+    table[2001, "residual_low"] = -5.0
+    thinned = every_kth(table, 10)
+    assert thinned["time"].to_list() == list(range(0, 4000, 10))
+    assert (thinned["residual_low"].min(), thinned["residual_high"].max()) == (-5.0, 5.0)
+    assert every_kth(table.head(399), 10).height == 399, "200 rows are left"
 
 
 def test_units_symbols_powers_and_minus_signs_are_set_in_one_way_and_names_are_left():
@@ -506,6 +517,15 @@ def test_the_page_of_the_command_line_has_every_command_and_option(site):
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]
 LINK = re.compile(r"\]\((?!https?:|#)([^)#]+)(?:#[^)]*)?\)")
 EQUATION = re.compile(r"^\| [0-9–]+ \|.*\| `([\w.]+)` \|$", re.MULTILINE)
+
+
+def test_codemeta_says_what_the_citation_says():
+    cff = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    meta = json.loads((ROOT / "codemeta.json").read_text(encoding="utf-8"))
+    same = {"name": "title", "version": "version", "datePublished": "date-released"}
+    assert {key: meta[key] for key in same} == {key: str(cff[of]) for key, of in same.items()}
+    assert meta["license"] == f"https://spdx.org/licenses/{cff['license']}"
+    assert [one["name"] for one in meta["author"]] == [one["name"] for one in cff["authors"]]
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)

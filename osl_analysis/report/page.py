@@ -29,6 +29,7 @@ from osl_analysis.report.headlines import first_said, said_number
 from osl_analysis.report.trial_page import ReportedTrial, value_and_interval
 from osl_analysis.stats.repeats import summary_row
 
+ALL_SAMPLES = 500  # trials of which a page draws all samples that a series has: some 30 MB
 FIRST_FIGURES = ("fig5", "walking_page", "torque_angle", "response", "fig3")
 """Of these the first one that the campaign has stands on the first screen; Fig. 5 where something was desired."""
 
@@ -44,10 +45,10 @@ def written_page(
     hashes = (hashlib.sha256(script.encode()).digest() for script in (bokeh_js, report_js))
     scripts = " ".join(f"'sha256-{b64encode(digest).decode()}'" for digest in hashes)
 
-    packed = {}
+    packed, every = {}, -(-len(trials) // ALL_SAMPLES) or 1
     for name, (told, tables) in trials.items():
         text = json.dumps(told, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
-        drawn = {table: packed_table(rows) for table, rows in tables.items()}
+        drawn = {table: packed_table(every_kth(rows, every)) for table, rows in tables.items()}
         both = json.dumps({"content": deflated(text.encode()), "tables": drawn}, allow_nan=False)
         packed[name] = Markup(both.replace("<", "\\u003c"))  # it cannot end the script element that holds it
     return around.render(
@@ -60,6 +61,7 @@ def written_page(
         report_js=Markup(report_js),
         style=Markup(style),
         packed=packed,
+        every=every,
     )
 
 
@@ -270,6 +272,16 @@ def template(name: str) -> Template:
     found = Environment(loader=known, autoescape=True, undefined=StrictUndefined, trim_blocks=True)
     found.filters["printed"] = printed
     return found.get_template(name)
+
+
+def every_kth(table: pl.DataFrame, k: int) -> pl.DataFrame:
+    """Every k-th row of a table, 200 or more; of the ends of a range, `_low` and `_high`, the outermost."""
+    if (k := min(k, len(table) // 200)) <= 1:
+        return table
+    low, high = (pl.col(f"^.*{end}$") for end in ("_low", "_high"))
+    groups = (pl.int_range(pl.len()) // k).alias("k_th")
+    others = pl.exclude("^.*_low$", "^.*_high$").first()
+    return table.group_by(groups, maintain_order=True).agg(others, low.min(), high.max()).select(table.columns)
 
 
 def packed_table(table: pl.DataFrame) -> dict[str, Any]:

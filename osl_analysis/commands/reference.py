@@ -3,7 +3,7 @@
 import json
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from pydantic import BaseModel
 from pydantic.json_schema import models_json_schema
@@ -75,7 +75,8 @@ def schemas() -> dict[str, dict[str, Any]]:
 
 def definitions_of(models: Mapping[str, type[BaseModel]]) -> tuple[dict[str, str], dict[str, Any]]:
     """Where the definition of each model stands, and all definitions."""
-    each = [(model, "validation") for model in dict.fromkeys(models.values())]
+    each: list[tuple[type[BaseModel], Literal["validation"]]] = []
+    each += [(model, "validation") for model in dict.fromkeys(models.values())]
     places, content = models_json_schema(each, ref_template="#/$defs/{model}")
     return {name: places[model, "validation"]["$ref"] for name, model in models.items()}, content["$defs"]
 

@@ -19,8 +19,8 @@ def prediction_points(prediction: pl.DataFrame) -> pl.DataFrame:
 def draw_prediction(table: pl.DataFrame) -> Figure:
     """Above, measured over predicted, with the identity; below, their difference with the prediction's interval."""
     parts, looks = names.placed_rows(table), names.looks_in(table)
-    rows, words = 2 * len(parts), ("Stiffness", "Damping", "Torque")
-    titles = names.panel_titles(parts, (*words, *(f"{word}, difference" for word in words)))
+    rows, kinds = 2 * len(parts), ("Stiffness", "Damping", "Torque")
+    titles = names.panel_titles(parts, (*kinds, *(f"{kind}, difference" for kind in kinds)))
     figure, axes = style.panels(style.DOUBLE_COLUMN, 0.4 + 1.9 * rows, rows=rows, columns=3, names=titles)
     for number, (_, part) in enumerate(parts):
         for k, (symbol, words) in enumerate(PANELS.items()):
@@ -70,8 +70,8 @@ def chain_points(law: pl.DataFrame, impedance: pl.DataFrame, evidence: pl.DataFr
             table = table.with_columns(off.alias(f"{link}{end}"))
     whole = pl.col("amplitude_deg").is_null()
     joint = names.completed(impedance.filter(whole), ("K", "K_low", "K_high", "K_predicted"))
-    off = {f"rendered{end}": 100 * (pl.col(f"K{end}") / pl.col("K_predicted") - 1) for end in ("", "_low", "_high")}
-    joint = joint.select("trial", **off)
+    miss = {f"rendered{end}": 100 * (pl.col(f"K{end}") / pl.col("K_predicted") - 1) for end in ("", "_low", "_high")}
+    joint = joint.select("trial", **miss)
     belt = names.completed(evidence.filter(whole), ("K_s_ratio",)).select("trial", belt=100 * (pl.col("K_s_ratio") - 1))
     for of_link in (belt, joint):
         table = table.drop(of_link.columns[1:]).join(of_link, on="trial", how="left", maintain_order="left")

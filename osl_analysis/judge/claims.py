@@ -53,7 +53,10 @@ def limit_verdict(low: float | None, high: float | None, limit: float, wanted: s
     return "undecided"
 
 
-def claim_of(name: str, claim: str, quantity: str, number: float, ends: Sequence[float | None], **more: Any) -> Claim:
+Ends = tuple[float | None, float | None]
+
+
+def claim_of(name: str, claim: str, quantity: str, number: float, ends: Ends, **more: Any) -> Claim:
     """A row: what is claimed, of which quantity, a number with the ends of its interval, and `more` columns. A number
     that is `wanted` on one side of its `target` has its verdict by this."""
     row = {"name": name, "claim": claim, "quantity": quantity, "value": number, "low": ends[0], "high": ends[1], **more}
@@ -63,7 +66,8 @@ def claim_of(name: str, claim: str, quantity: str, number: float, ends: Sequence
 def share_claim(name: str, what: str, quantity: str, share: float, parts: Sequence[Claim], **judged: Any) -> Claim:
     """A claim on a share of a whole [1], with the interval that the means of its `parts` leave it (rows of a
     summary)."""
-    share, ends, freedom = 100 * share, (None, None), min(part["n"] for part in parts) - 1
+    ends: Ends = None, None
+    share, freedom = 100 * share, min(part["n"] for part in parts) - 1
     if freedom > 0 and all(part["se"] is not None for part in parts):
         error = np.linalg.norm([part["se"] / part["mean"] for part in parts])
         half = share * judged.pop("of", 1.0) * float(error * scipy.special.stdtrit(freedom, 0.975))

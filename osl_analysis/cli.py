@@ -581,7 +581,7 @@ def export(folder: Path, kind: str, output: Path, trials: str, config_path: Path
 )
 @option("--crossings", type=numbers, help="Of --walking: numbers of perturbed ones; default: 4 to 40.")
 @option("--turn", type=POSITIVE, default=5.0, help="Of --walking: size of the platform's turn [deg].")
-@option("--ramp", type=POSITIVE, default=80.0, help="Of --walking: its duration [ms].")
+@option("--ramp", type=click.FloatRange(10, 1000), default=80.0, help="Of --walking: its duration [ms].")
 @option("--phase", type=percent, default="40", help="Of --walking: its onset [percent of stance].")
 @option("--both", is_flag=True, help="Of --walking: turns in both directions, of half their difference.")
 @file_option("--plot", help="Of --walking: draw the half-widths to this file (.pdf, .svg or .png).")

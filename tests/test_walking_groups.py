@@ -469,6 +469,8 @@ def test_unperturbed_crossings_tell_the_intervals_that_perturbed_ones_will_have(
     assert both == pytest.approx([stdtrit(2, 0.975) / 2, stdtrit(14, 0.975) / 4])
     with pytest.raises(InputError, match="3 unperturbed crossings can be used, expected 4 or more"):
         scatter_of_one(flat[:3], planned, chosen)
+    with pytest.raises(InputError, match=r"an onset at 0\.4 % of stance leaves no room .* expected 1[45] % or more"):
+        scatter_of_one(flat, replace(planned, phase=0.004), chosen)
 
 
 def test_a_pilot_who_moves_against_the_turn_once_does_not_widen_the_plan() -> None:

@@ -524,6 +524,12 @@ def scatter_of_one(crossings: Sequence[Crossing], planned: PlannedTurn, settings
         raise InputError(
             f"{count} unperturbed crossings can be used, expected 4 or more to know how they scatter; record more"
         )
+    earliest = (settings.guard_s + settings.baseline_s) / min(c.stance.duration for c in crossings)
+    if planned.phase < earliest:
+        raise InputError(
+            f"an onset at {100 * planned.phase:g} % of stance leaves no room for guard and baseline before it, "
+            f"expected {100 * earliest:.0f} % or more; state a later phase, in percent"
+        )
     motions, left = list[Array](), list[Array]()
     for k, crossing in enumerate(crossings):
         others = unperturbed_gait([*crossings[:k], *crossings[k + 1 :]], 3)

@@ -19,7 +19,6 @@ from osl_analysis.trial import Array
 Spectrum = NDArray[np.complex128]
 COARSE_HZ = 100.0  # rate [Hz] at which periods are looked for; neighbouring samples are averaged down to it
 FLOOR = 3e-4  # share of the motion's RMS below which a mismatch is none
-PERIODS_AGREE = 1e-3  # largest difference between the periods of realisations that are analysed together, as a share
 NEIGHBOURS = 8  # lines to each side of a line that count as its neighbourhood
 
 Stretches = list[tuple[float, float]]
@@ -143,7 +142,6 @@ class Realisation:
 @dataclass(frozen=True)
 class PeriodicMotion:
     period: float  # [s]
-    period_error_ppm: float  # standard error of the period, from the scatter of the lines' phases [1e-6 of the period]
     realisations: tuple[Realisation, ...]
 
 
@@ -157,13 +155,12 @@ def periodic_motion(
     found = find_repetition(theta, rate_hz, usable)
     if found is None:
         return None
-    (period, stretches), error = found, np.inf
+    period, stretches = found
     for _ in range(3):
         made = realisations_of(stretches, period, (theta,), rate_hz, highest_hz)
         if not made:
             return None
-        change, error = phase_drift(made)
-        period *= 1 + change
+        period *= 1 + phase_drift(made)
     made = realisations_of(stretches, period, (theta, torque), rate_hz, highest_hz)
     for one in made:
         mean = one.mean_lines[0]
@@ -171,7 +168,7 @@ def periodic_motion(
         # a bench repeats the lines of a motion within 1 % of their size, a hand that tries to within 5 to 10
         if apart > 0.02**2 * np.sum(np.abs(mean[1:]) ** 2):
             return None
-    return PeriodicMotion(period, 1e6 * error, tuple(made)) if made else None
+    return PeriodicMotion(period, tuple(made)) if made else None
 
 
 def realisations_of(
@@ -213,9 +210,9 @@ def period_spectra(signal: Array, first: float, samples: float, periods: int, co
     return found
 
 
-def phase_drift(made: Sequence[Realisation]) -> tuple[float, float]:
-    """By which share the period is too short, from the phases of strong lines over the periods, with standard error. If
-    the true period is longer by a share d, line k of period p is late by 2 pi k p d."""
+def phase_drift(made: Sequence[Realisation]) -> float:
+    """By which share the period is too short, from the phases of strong lines over the periods. If the true period is
+    longer by a share d, line k of period p is late by 2 pi k p d."""
     found = []
     for one in made:
         mean = one.mean_lines[0]
@@ -224,16 +221,14 @@ def phase_drift(made: Sequence[Realisation]) -> tuple[float, float]:
         late = -np.angle(one.spectra[0][:, k] / mean[k])
         found.append([2 * np.pi * number[:, None] * k, late, np.broadcast_to(np.abs(mean[k]) ** 2, late.shape)])
     x, y, w = np.concatenate([np.reshape(one, (3, -1)) for one in found], axis=1)
-    size = float(np.sum(w * x**2))
-    share = float(np.sum(w * x * y)) / size
-    return share, float(np.sqrt(np.sum((w * x * (y - share * x)) ** 2))) / size
+    return float(np.sum(w * x * y)) / float(np.sum(w * x**2))
 
 
 def distinct(made: Sequence[Realisation]) -> list[Realisation]:
     """The realisations of one period, with a motion that was recorded twice joined to one: it has the same distortion
     again."""
     merged: list[Realisation] = []
-    for one in with_common_lines(made):
+    for one in made:
         for place, other in enumerate(merged):
             shift = shift_between(other, one)
             if shift is not None:
@@ -245,18 +240,10 @@ def distinct(made: Sequence[Realisation]) -> list[Realisation]:
     return merged
 
 
-def with_common_lines(made: Sequence[Realisation]) -> list[Realisation]:
-    """The realisations with the lines that all have: the period decides whether the last one is below the cut-off."""
-    lines = min((one.spectra.shape[2] for one in made), default=0)
-    return [replace(one, spectra=one.spectra[..., :lines]) for one in made]
-
-
 def shift_between(first: Realisation, second: Realisation) -> float | None:
     """Share of a period by which the second must be turned on to be the first; None if it is another motion: at the
     best shift the correlation of the mean periods is below 0.99."""
     one, two = (r.mean_lines[0, 1:] for r in (first, second))
-    if abs(first.period - second.period) > PERIODS_AGREE * first.period:
-        return None
     cross = one * two.conj()
     count = 16 * (len(cross) + 1)
     along = np.fft.ifft(np.concatenate([[0.0], cross]), count).real * count

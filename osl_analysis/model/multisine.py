@@ -39,11 +39,8 @@ class Multisine:
     @property
     def peak(self) -> float:
         """Largest deflection [rad] to either side."""
-        return float(np.max(np.abs(self.one_period(16 * int(self.lines[-1])))))
-
-    def one_period(self, samples: int) -> Array:
-        """Angle [rad] at `samples` even instants of one period, shape (samples,)."""
-        return self.angle(self.period_s * np.arange(samples) / samples)
+        samples = 16 * int(self.lines[-1])
+        return float(np.max(np.abs(self.angle(self.period_s * np.arange(samples) / samples))))
 
 
 def odd_multisine(

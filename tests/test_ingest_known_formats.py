@@ -103,13 +103,19 @@ def test_an_entry_in_the_table_makes_a_format_known_everywhere(tmp_path: Path, m
 
 
 def test_a_file_is_recognised_by_its_content_and_where_that_says_nothing_by_its_name(tmp_path: Path) -> None:
-    named = {"a.C3D": b"no C3D file", "a.mcap": b"text", "a.csv": b"a,b\n1,2\n", "a.log": b"a,b\n1,2\n"}
+    named = {
+        "a.C3D": b"no C3D file",
+        "a.mcap": b"text",
+        "a.csv": b"a,b\n1,2\n",
+        "a.log": b"a,b\n1,2\n",
+        "a.xls": b"a\tb\n1\t2\n",
+    }
     for name, content in named.items():
         (tmp_path / name).write_bytes(content)
     (tmp_path / "b.csv").write_bytes(b"\x89MCAP0\r\n" + bytes(100))
     (tmp_path / "c.csv").write_text('Trajectories\n100\n,,A,,\n"Frame","Sub Frame",X,Y,Z\n,,mm,mm,mm\n1,0,1,2,3\n')
     recognised = {path.name: recognise(path) for path in tmp_path.iterdir()}
-    by_name = {"a.C3D": "c3d", "a.mcap": "mcap", "a.csv": "csv", "a.log": "csv"}
+    by_name = {"a.C3D": "c3d", "a.mcap": "mcap", "a.csv": "csv", "a.log": "csv", "a.xls": "csv"}
     assert recognised == {**by_name, "b.csv": "mcap", "c.csv": "nexus_csv"}
 
 

@@ -19,7 +19,7 @@ from osl_analysis.config.experiments import EXPERIMENTS, ResultTable
 from osl_analysis.config.sheet import FIXTURE, SheetRows, read_impedance_trajectory, read_sheet
 from osl_analysis.errors import InputError, listing, naming, nearest
 from osl_analysis.files import default_config, shipped
-from osl_analysis.formats.rosbag import recorded_files
+from osl_analysis.formats.rosbag import DESCRIPTION, recorded_files
 from osl_analysis.ingest.examine import UNITS
 from osl_analysis.judge.limits import CHECKS, unknown_check, validate_rules
 from osl_analysis.model.compensator import CONTROLLERS
@@ -218,7 +218,8 @@ def check_no_copies(campaign: Campaign) -> None:
     alike: dict[tuple[object, ...], list[tuple[str, Path]]] = {}
     for trial in campaign.rows:
         row = campaign.row(trial)
-        for file in (one for one in campaign.logs(trial) if one.is_file() and (size := one.stat().st_size)):
+        files = (one for one in campaign.logs(trial) if one.is_file() and one.name != DESCRIPTION)
+        for file in (one for one in files if (size := one.stat().st_size)):
             with suppress(OSError), file.open("rb") as content:  # the middle tells most files of one size apart
                 content.seek(size // 2)
                 key = row["experiment"], row["log_part"], row["windows"], size, content.read(4096)

@@ -153,7 +153,8 @@ def check_plates(source: Source, captures: Sequence[Path], of_walking: int) -> N
 def recognise(path: Path) -> str:
     """Name of a file's format, by what it begins with, or else by its ending; other text is CSV."""
     begin, found = formats_of(path)
-    found += [name for name, known in FORMATS.items() if path.suffix.lower() in known.suffixes]
+    known = [name for name, one in FORMATS.items() if path.suffix.lower() in one.suffixes]
+    found += [name for name in known if name != "table" or not is_text(begin)]  # text is often called `.xls`
     found += ["csv"] * is_text(begin)
     if not found:
         raise InputError(

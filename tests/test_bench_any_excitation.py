@@ -88,7 +88,7 @@ def test_every_motion_has_the_same_columns_and_leaves_none_empty_but_those_that_
         own = {column for column in table.columns if table[column].is_null().all()}
         assert own - empty - {"path_shift", "heard"} == (OF_SINES if name == "multisine" else OF_SINES | OF_PERIODS)
         of_motion = {"period_s", "periods", "realisations"} if name == "multisine" else {"reflex_p"}
-        assert empty - own == {"torque_at_peaks", "alias_share"} | of_motion
+        assert empty - own == {"alias_share"} | of_motion
 
 
 @pytest.mark.parametrize("name", MOTIONS)

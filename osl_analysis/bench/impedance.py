@@ -99,7 +99,8 @@ def impedance_table(analysis: Analysis, s: Sums, p: DrivetrainParameters | None 
     facts |= believed_reflex(analysis.whole, facts, is_leg)
     if not record.is_stepped_sine:
         facts["alias_share"] = alias_share(record, analysis.whole)
-    if not (record.is_stepped_sine and is_leg):  # a leg that sticks stands still at the peaks of a slow sine
+    rubs = is_leg or friction[None]["f_C"] is not None  # what sticks stands still at the peaks of a slow sine
+    if not (record.is_stepped_sine and rubs):
         facts["torque_at_peaks"] = torque_at_peaks(analysis, record)
     for label, fit in analysis.fits.items():
         rows.append(
@@ -127,7 +128,8 @@ def believed_reflex(whole: GroupFit, facts: Row, is_leg: bool) -> Row:
     """What the `facts` of a recording have of a reflex, as far as the witness leaves it: none where it hears nothing,
     where a path explains more, or where no estimate moves by more than its interval and, if nothing else harms, by more
     than harms."""
-    moved, alone = False, not any((facts[f"{family}_shift"] or 0.0) > 1 for family in FAMILIES)
+    shifts, moved = [facts[f"{family}_shift"] for family in FAMILIES], False
+    alone = not any(isinstance(shift, float) and shift > 1 for shift in shifts)
     for name, (share, size) in HARM.items():
         value, low_high = facts[f"{name}_with_reflex"], whole.interval(name)
         least = max(low_high[1] - whole[name], alone * share * float(np.hypot(whole[name], size)))

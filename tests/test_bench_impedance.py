@@ -168,12 +168,12 @@ def test_a_torque_in_time_is_not_doubtful_and_its_lag_counts_as_checked():
     assert LATENESS not in table["not_checked"][-1]
 
 
-def test_a_lag_that_begins_half_way_is_heard_in_sines_whose_misfit_scatters_as_much_as_it_is():
-    def from_half_on(motion):
+def test_a_lag_that_begins_after_a_third_is_heard_in_sines_whose_misfit_scatters_as_much_as_it_is():
+    def later(motion):
         torque = second_order(motion)
-        return np.where(np.arange(len(torque)) > len(torque) / 2, late(torque, 4e-3), torque)
+        return np.where(np.arange(len(torque)) > 0.35 * len(torque), late(torque, 2e-3), torque)
 
-    row = judged(from_half_on).row(-1, named=True)
+    row = judged(later).row(-1, named=True)
     assert row["time_shift"] > 1
     assert "lag that changes at once" in row["rivals"]
     assert row["B_without_low"] < 4.0 < row["B_without_high"]

@@ -24,8 +24,6 @@ from osl_analysis.campaign.configuration import read_config
 from osl_analysis.cli import main
 from osl_analysis.commands import gains as gains_command
 from osl_analysis.commands import simulate as simulate_command
-from osl_analysis.commands import tables as tables_command
-from osl_analysis.commands import watch as watch_command
 from osl_analysis.commands.figure import draw_table
 from osl_analysis.errors import InputError, MemoryLimitError
 from osl_analysis.files import atomic_path
@@ -229,21 +227,6 @@ def test_a_command_prints_or_writes_what_it_is_asked_for_with_what_its_options_s
     monkeypatch.setattr(simulate_command, "simulate_campaign", lambda *given: seen.append(given))
     assert call("simulate", "--settings", "s.yaml", "--config", config, tmp_path).exit_code == 0
     assert seen == [(Path("s.yaml"), tmp_path, read_config(config).shared())]
-
-    said = {"read_summary": str, "format_results_table": "{0} {1}".format, "later_failures": "OLDER {}".format}
-    for name, made in said.items():
-        monkeypatch.setattr(tables_command, name, made)
-    result = call("results", "r", "--markdown")
-    assert (result.stdout, result.stderr) == ("r/summary.json True\n", "OLDER r/summary.json\n")
-
-    def watched(of, bench):
-        yield f"{of.name} {bench.config_path.name} {bench.source} {bench.output.name}"
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(watch_command, "watched_lines", watched)
-    options = ("--source", "config/sources/leg.yaml", "--output", tmp_path / "pictures", "--config", config)
-    result = call("watch", tmp_path, *options)
-    assert (result.exit_code, result.stdout.splitlines()[1:]) == (0, [f"{tmp_path.name} config.yaml leg pictures"])
 
 
 @contextmanager

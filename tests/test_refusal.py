@@ -229,6 +229,7 @@ def test_one_process_does_several_jobs_and_another_one_takes_its_place_when_it_i
     job_server.cache_clear()
     link, server = job_server()
     first, second = (jobs_run.answer_to(link, str(request)).decode().split() for _ in range(2))
+    assert b"llvmlite" not in Path("/proc", first[0], "maps").read_bytes(), "100 MB that a fit does without"
     os.kill(int(first[0]), signal.SIGKILL)
     while Path("/proc", first[0]).exists():
         pass

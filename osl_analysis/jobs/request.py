@@ -21,6 +21,7 @@ from osl_analysis.yaml_settings import content_digest
 
 PLACES = {"<package>": str(PACKAGE), "<shipped>": str(root())}
 """What stands in requests for folders of the program, so that results hold in another environment with the same."""
+NOTHING: Mapping[str, Any] = {}
 FITS = ("table.write_tables", "trial.read_trial")  # what a fit uses that takes a trial and gives tables (`jobs.job`)
 
 
@@ -72,6 +73,13 @@ def same_recordings(recorded: Iterable[str], trial: Path) -> bool:
 digest_of = cache(content_digest)  # many jobs use the same file
 
 
+def filled(rule: Any, wildcards: Mapping[str, str]) -> tuple[list[str], dict[str, str], str]:
+    """The outputs of a rule's job, those that have a name by it, and its log."""
+    made = [str(pattern).format(**wildcards) for pattern in rule.output]
+    named = {name: str(pattern).format(**wildcards) for name, pattern in rule.output.items()}
+    return made, named, str(rule.log[0]).format(**wildcards)
+
+
 class Requests:
     """The requests of a workflow, among its results; `judge` decides which trials are used. In the process of a single
     job, as on a cluster, they stay as they are. Where jobs are planned and none is run, as by `-n`, those that differ
@@ -109,13 +117,13 @@ class Requests:
         command: str,
         modules: Sequence[str] = (),
         *,
-        input: Mapping[str, Any] | None = None,
+        input: Mapping[str, Any] = NOTHING,
         after: Sequence[Path] = (),
         needs: Sequence[Path] = (),
-        read: Mapping[str, Any] | None = None,
-        settings: Mapping[str, Any] | None = None,
+        read: Mapping[str, Any] = NOTHING,
+        settings: Mapping[str, Any] = NOTHING,
         output: Mapping[str, Any] | None = None,
-        files: Mapping[str, Any] | None = None,
+        files: Mapping[str, Any] = NOTHING,
         made_of: Iterable[Path] = (),
         recordings: Iterable[Path] = (),
     ) -> dict[str, Any]:
@@ -132,17 +140,14 @@ class Requests:
         those in `after` are not looked at. Of `files` and `made_of` the content counts, of `recordings` state and
         content.
         """
-        known = dict(wildcards.items())
-        made = [str(pattern).format(**known) for pattern in rule.output]
-        named = {name: str(pattern).format(**known) for name, pattern in rule.output.items()}
+        made, named, log = filled(rule, dict(wildcards.items()))
         if output is None:
             only: dict[str, Any] = {"output": made[0]} if len(made) == 1 else {"outputs": made}
             output = named or only
-        given = {name: plain(file) for name, file in (files or {}).items()}
+        given = {name: plain(file) for name, file in files.items()}
         small = [*made_of, *(one for file in given.values() for one in ([file] if isinstance(file, str) else file))]
-        inputs = {**(input or {}), **(read or {}), **given}
+        inputs = {**input, **read, **given}
         measured = [str(file) for file in inputs.get("quality", ())]
-        log = str(rule.log[0]).format(**known)
         # Each in a folder of its own: what is written beside a file that it has looked for, Snakemake does not see.
         path = self.folder / Path(log).relative_to(self.logs).with_suffix("") / "job.json"
         if self.workflow.is_main_process or not path.is_file():
@@ -157,13 +162,13 @@ class Requests:
                 "excluded": [Path(file).stem for file in measured if self.is_excluded(file)],
                 "needs": needs,
                 "output": output,
-                "settings": settings or {},
+                "settings": settings,
                 "made_of": {str(file): digest_of(Path(file)) for file in small},
                 # as inputs, Snakemake would ignore an older date of a recording, and stop where it cannot read one
                 "recorded": {str(file): file_state(file) for file in recordings},
             }
             path = self.placed(path, request_text(path, content))
-        return {"request": str(path), **plain({**(input or {}), "after": after, "needs": needs})}
+        return {"request": str(path), **plain({**input, "after": after, "needs": needs})}
 
     def placed(self, path: Path, text: str) -> Path:
         """The file of a request: its own, which is written if it differs, or, where no job is run, one elsewhere."""

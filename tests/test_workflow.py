@@ -8,6 +8,7 @@ import subprocess
 import sys
 import zipfile
 from functools import cache
+from inspect import CO_OPTIMIZED
 from pathlib import Path
 
 import numpy as np
@@ -420,15 +421,15 @@ def test_another_recording_is_seen_where_snakemake_has_no_notes_even_with_an_old
 
 FIGURE = "figure.plot_numbers figures.walking"
 JOBS = {"trials.ingest_and_check", "simulate.simulate_trial", "bench.fit_impedance_trial", "bench.fit_belt_trial",
-        "walking.fit_perturbation", "tables.write_summary", "tables.write_table_metadata", FIGURE}  # fmt: skip
+        "walking.fit_perturbation", "tables.write_summary", FIGURE}  # fmt: skip
 FITTED = "bench.fit_impedance_trial"
 RERUN = {
     "bench/impedance.py": ("\nimport ", "\n# a comment\nimport ", set()),
     "trial.py": ('"""', '"""A docstring. ', set()),
     "ingest/source.py": ("\n\n\n", "\n\n\n\n", set()),
-    "dictionary/bench.yaml": (" | ", " | a word of ", {"tables.write_summary", "tables.write_table_metadata"}),
-    "report/headlines.yaml": ("identified: the", "identified: a word of the", {"tables.write_summary"}),
-    "figures/figures.yaml": (" | ", " | a word of ", {FIGURE, "tables.write_summary", "tables.write_table_metadata"}),
+    "dictionary/bench.yaml": (" | ", " | a word of ", {"tables.write_summary"}),
+    "report/headlines.yaml": ("median of trials", "a word of median of trials", {"tables.write_summary"}),
+    "figures/figures.yaml": (" | ", " | a word of ", {FIGURE, "tables.write_summary"}),
     "bench/components.py": ("\ndef belt_table(", "\ndef belt_table(*_, ", {"bench.fit_belt_trial"}),
     "bench/phasors.py": ("\ndef phasor_table(", "\ndef phasor_table(*_, ", {FITTED}),
     "walking/response.py": ("    return ", "    return 0 + ", {"walking.fit_perturbation"}),
@@ -469,7 +470,8 @@ def test_every_function_of_ours_that_a_job_calls_is_in_its_fingerprint(workspace
 
     def note(frame, event, _):
         file = Path(frame.f_code.co_filename)
-        if event == "call" and file.is_relative_to(ROOT / "osl_analysis"):
+        is_function = frame.f_code.co_flags & CO_OPTIMIZED  # no body of a class, which an import runs
+        if event == "call" and is_function and file.is_relative_to(ROOT / "osl_analysis"):
             name = ".".join(file.relative_to(ROOT / "osl_analysis").with_suffix("").parts).removesuffix(".__init__")
             called.add((name, frame.f_code.co_qualname.split(".")[0]))
 

@@ -248,9 +248,9 @@ def read_c3d(path: Path) -> C3DRecording:
     # a row per frame: x, y, z, residual per point, then analog samples
     points, samples = np.split(raw.reshape(frames, -1), [4 * header.points], axis=1)
     points = points.reshape(frames, header.points, 4)
-    analogs = samples.reshape(frames * header.samples_per_frame, header.channels).astype(np.float64)
     offset, scale, general = (header.numbers(f"ANALOG:{name}") for name in ("OFFSET", "SCALE", "GEN_SCALE"))
     with np.errstate(invalid="ignore", over="ignore"):  # a sample that is not finite is refused where it is used
+        analogs = samples.reshape(frames * header.samples_per_frame, header.channels).astype(np.float64)
         values = points[:, :, :3].astype(np.float64) * (header.scale if integers else 1.0)
         # not seen: a negative residual, exactly the origin, or a value that is not finite
         unseen = (points[:, :, 3] < 0) | (values == 0).all(axis=2) | ~np.isfinite(values).all(axis=2)

@@ -3,6 +3,7 @@
 import errno
 import io
 import math
+import os
 import shlex
 import signal
 import sys
@@ -20,7 +21,7 @@ from click.core import ParameterSource
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import InputError, OslAnalysisError, printable, printable_lines
 from osl_analysis.files import check_output, config_here, shipped, write_text
-from osl_analysis.jobs.memory import limited_memory
+from osl_analysis.jobs.memory import ONE_THREAD, limited_memory
 
 
 def numbers(value: str) -> list[float]:
@@ -113,6 +114,7 @@ class OneLineErrors(click.Group):
 
     def invoke(self, ctx: click.Context) -> Any:
         warnings.showwarning = lambda message, *_, **__: click.echo(f"warning: {printable(str(message))}", err=True)
+        os.environ.update({name: os.environ.get(name, "1") for name in ONE_THREAD})  # before numpy is imported
         before = signal.signal(signal.SIGTERM, signal.default_int_handler)
         try:
             return super().invoke(ctx)

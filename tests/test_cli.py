@@ -201,6 +201,15 @@ def test_a_missing_file_is_told_before_anything_is_imported_that_could_read_it()
     assert (ran.returncode, ran.stdout) == (1, "False\n")
 
 
+@pytest.mark.parametrize(("stated", "threads"), [(None, "1"), ("3", "3")])
+def test_the_matrix_library_has_one_thread_unless_the_user_states_more(monkeypatch, stated, threads):
+    monkeypatch.setenv("OPENBLAS_NUM_THREADS", stated or "")
+    if stated is None:
+        monkeypatch.delenv("OPENBLAS_NUM_THREADS")
+    one_line(call("inspect", "no.csv"))
+    assert os.environ["OPENBLAS_NUM_THREADS"] == threads
+
+
 @pytest.mark.parametrize("message", UNFIT)
 def test_a_call_that_does_not_fit_or_would_write_over_what_it_reads_is_refused_with_2(message, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

@@ -1,4 +1,5 @@
-"""The memory that one job may have: a file that needs more ends in one line, in place of the system's OOM killer."""
+"""The memory and the cores that one job may have: a file that needs more memory ends in one line, in place of the
+system's OOM killer."""
 
 import os
 import sys
@@ -9,6 +10,9 @@ from pathlib import Path
 from osl_analysis.errors import InputError, MemoryLimitError
 
 VARIABLE = "OSL_MEMORY_MB"  # memory that one job, or one call of the command line, may have [MB]
+ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+"""Of the matrix libraries, whose products are small here: on a busy machine, two threads that wait for each other take
+three times as long. Snakemake counts one core per job."""
 
 
 @contextmanager

@@ -34,10 +34,9 @@ from typing import IO, Any, NoReturn
 
 from osl_analysis.errors import OslAnalysisError, listing
 from osl_analysis.files import PACKAGE
+from osl_analysis.jobs.memory import ONE_THREAD
 
 STARTED = time.time()  # Start of this run [s]. Its report covers the logs that were written after this time.
-ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "POLARS_MAX_THREADS", "NUMBA_NUM_THREADS")
-"""Snakemake counts one core per job."""
 KEPT_BY_PROCESS = {"MALLOC_MMAP_THRESHOLD_": "33554432", "MALLOC_TRIM_THRESHOLD_": "33554432"}  # bytes
 """A process of glibc keeps this much memory for its next array: the system clears each page that it hands out anew."""
 PRELOADED = ("osl_analysis.jobs.job", "scipy.signal")
@@ -58,7 +57,7 @@ def job_server() -> tuple[socket.socket, subprocess.Popen[bytes]]:
     server = subprocess.Popen(
         [sys.executable, "-P", "-c", f"{code}; serve({theirs.fileno()})"],
         pass_fds=[theirs.fileno()],
-        env=os.environ | dict.fromkeys(ONE_THREAD, "1") | KEPT_BY_PROCESS,
+        env=os.environ | dict.fromkeys((*ONE_THREAD, "POLARS_MAX_THREADS", "NUMBA_NUM_THREADS"), "1") | KEPT_BY_PROCESS,
         start_new_session=True,
         stdin=subprocess.DEVNULL,
     )

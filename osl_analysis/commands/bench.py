@@ -59,7 +59,7 @@ from osl_analysis.ingest.examine import check_recording, saturated
 from osl_analysis.judge.finding import Finding, Grade
 from osl_analysis.judge.judging import judged, marked
 from osl_analysis.judge.limits import DoubtfulFits
-from osl_analysis.judge.words import finding_said, unchecked_said, words_of
+from osl_analysis.judge.words import finding_said, words_of
 from osl_analysis.model.compensator import Controller, Weight
 from osl_analysis.model.drivetrain import joint_admittance
 from osl_analysis.model.parameters import FileOrNone, known_parameters
@@ -292,10 +292,8 @@ class Fit:
 
     def said(self, *grades: Grade) -> list[str]:
         """The findings of some grades about the fit to all data, in words."""
-        last = [finding for finding in (self.findings[-1] if self.findings else ()) if finding.grade in grades]
-        doubts = [finding for finding in last if finding.grade is Grade.DOUBTS]
-        others = [finding for finding in last if finding.grade is not Grade.DOUBTS]
-        return [*(finding_said(one, self.row) for one in doubts), *unchecked_said(others, self.row)]
+        last = self.findings[-1] if self.findings else ()
+        return [finding_said(finding, self.row) for finding in last if finding.grade in grades]
 
     def __getattr__(self, name: str) -> Any:
         """A column of the table by name, of the fit to all data, or `NAME_interval`."""

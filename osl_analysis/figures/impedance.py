@@ -188,7 +188,7 @@ def letter_conditions(ax: Axes, rows: pl.DataFrame) -> None:
         shown, end = {}, -np.inf
         for place, value in places.select("x", keys[-1]).iter_rows():
             word = name + ("not stated" if value is None else f"{equals}{value:g}")
-            half = style.width_of(word) / inches / 2
+            half = 0.03 * len(word) / inches  # letters of 8 points
             if place - half > end:
                 shown[place] = word
                 end = place + half + 0.06 / inches

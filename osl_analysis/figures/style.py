@@ -16,9 +16,7 @@ import polars as pl
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
-from matplotlib.font_manager import FontProperties
 from matplotlib.lines import Line2D
-from matplotlib.textpath import TextPath
 from matplotlib.ticker import LogLocator, MaxNLocator, MultipleLocator
 
 from osl_analysis.stats.repeats import IS_DOUBTFUL
@@ -106,17 +104,6 @@ def lay_out(figure: Figure) -> None:
     figure.set_layout_engine(None)  # with any engine, `savefig` draws once more in vain
 
 
-def width_of(label: str) -> float:
-    """Width [in] of a label at 8 points; a letter beyond ASCII counts as a wide one."""
-    plain = "".join(sign if sign.isascii() else "M" for sign in label.replace("\\$", "S").replace("$", ""))
-    font = FontProperties(family=PAPER["font.family"][:1])
-    if not plain.strip():
-        return 0.0
-    drawn = TextPath((0, 0), plain, size=8, prop=font)
-    ink = drawn.vertices[drawn.codes != TextPath.CLOSEPOLY, 0]  # letters have points at their ends: no curve is solved
-    return float(np.ptp(ink)) / 72
-
-
 def key(label: str, **look: Any) -> Line2D:
     """An entry of a legend that is drawn nowhere else; a `marker` stands there without a line."""
     return Line2D([], [], label=label, **({"linestyle": ""} if "marker" in look else {}) | look)
@@ -129,13 +116,12 @@ def legend_entries(axes: Iterable[Axes]) -> dict[str, Any]:
 
 def legend_above(figure: Figure, entries: Mapping[str, Any], most: int, width: float = np.inf, **looks: Any) -> None:
     """The legend above all panels, in `most` columns or fewer, no wider than the page or `width` [in]."""
-    widths = np.array([width_of(label) + 0.45 for label in entries])  # 0.45 in: the handle with its spaces
     for columns in range(min(most, len(entries)), 0, -1):
-        rows, longer = divmod(len(entries), columns)
-        ends = np.cumsum([rows + (k < longer) for k in range(columns)])
-        if sum(max(part) for part in np.split(widths, ends[:-1])) < min(width, figure.get_figwidth()):
-            break
-    figure.legend(entries.values(), entries.keys(), loc="outside upper center", ncols=columns, **looks)
+        legend = figure.legend(entries.values(), entries.keys(), loc="outside upper center", ncols=columns, **looks)
+        if legend.get_window_extent().width / figure.dpi < min(width, figure.get_figwidth()):
+            return
+        if columns > 1:
+            legend.remove()
 
 
 def has_doubtful(table: pl.DataFrame) -> bool:

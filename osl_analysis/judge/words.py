@@ -62,14 +62,6 @@ def finding_said(finding: Finding, row: AnyRow) -> str:
     return sentence_of(words_of(finding, row), finding.cause) + (f" [{decided}]" if decided else "")
 
 
-def unchecked_said(findings: Sequence[Finding], row: AnyRow) -> list[str]:
-    """Findings about what could not be checked on a row; what has one reason is said together."""
-    by_reason: dict[Words, list[str]] = {}
-    for finding in findings:
-        by_reason.setdefault(words_of(finding, row), []).append(finding.cause)
-    return [sentence_of(words, ", ".join(causes)) for words, causes in by_reason.items()]
-
-
 def beyond_said(one: Beyond) -> str:
     how = {"nan": "is not a number", "near": f"{one.value:.3g} is close to it"}
     return f"{one.column} {how.get(one.side, f'{one.value:.3g} is {one.side} {one.limit:g}')}"

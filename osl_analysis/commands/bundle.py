@@ -89,8 +89,8 @@ def copy(file: Path, to: Path) -> None:
 
 
 def copy_inputs(campaign: Campaign, crate: Path, raw: bool) -> None:
-    """Configuration, sheet, source and parameter files, and the hashes of the recordings, or these themselves. The
-    configuration names them where they are in the bundle, and the date of the recordings, which copies lose."""
+    """Configuration, sheet, source and parameter files, and the recordings or their hashes. The configuration names
+    them where they are in the bundle, and the date of the recordings, which copies lose."""
     config, yaml = campaign.config, YAML()
     content = yaml.load(CAMPAIGN.read_text(encoding="utf-8"))
     is_simulated = config.simulation is not None  # the simulator writes the sheet beside its logs, and `truth`
@@ -107,6 +107,14 @@ def copy_inputs(campaign: Campaign, crate: Path, raw: bool) -> None:
         copy(config.sheet, crate / sheet)
     for file in {file for trial in campaign.trials() for file in campaign.sources(trial)}:
         copy(file, crate / "sources" / file.name)
+    copy_recordings(campaign, crate, raw)
+    yaml.dump(content, crate / CAMPAIGN)
+
+
+def copy_recordings(campaign: Campaign, crate: Path, raw: bool) -> None:
+    """The hashes of the recordings, and these themselves if `raw`, with the truth that the simulator keeps beside its
+    own. InputError: one cannot be read."""
+    config = campaign.config
     recordings = sorted({file for trial in campaign.trials() for file in campaign.logs(trial)})
     hashes = {file.relative_to(config.raw_data).as_posix(): digest(file) for file in recordings}
     if missing := [name for name, found in hashes.items() if found is None]:
@@ -116,9 +124,8 @@ def copy_inputs(campaign: Campaign, crate: Path, raw: bool) -> None:
     write_text(crate / "recordings.sha256", "".join(f"{found}  {RAW}/{name}\n" for name, found in hashes.items()))
     for file in recordings if raw else ():
         copy(file, crate / RAW / file.relative_to(config.raw_data))
-    if is_simulated and raw:
+    if config.simulation is not None and raw:
         copy(config.sheet.parent / TRUTH, crate / RAW / TRUTH)
-    yaml.dump(content, crate / CAMPAIGN)
 
 
 def resources(crate: Path) -> Iterator[dict[str, Any]]:

@@ -200,7 +200,7 @@ def remarks_on(a: Mapping[str, Any], b: Mapping[str, Any], tables: Sequence[Mapp
     return remarks
 
 
-def comparable(folders: Sequence[Path]) -> list[dict[str, Any]]:
+def both_summaries(folders: Sequence[Path]) -> list[dict[str, Any]]:
     """The summaries in two folders of results. Raises InputError: as `compare_campaigns`."""
     if realpath(folders[0]) == realpath(folders[1]):
         raise InputError(f"{folders[1]}: A and B are the same folder; name the results of another campaign")
@@ -216,7 +216,7 @@ def compare_campaigns(folders: Sequence[Path], output: Path, margin: float | Non
     """Compare the results in two folders, A and B, by `two_campaigns.compared`: `comparison` as .csv, .pdf, .svg and
     .png in `output`, all or none. Returns what to print. Raises InputError: both are one folder, one has no
     summary or an older table, there is nothing to compare, or a number has two units."""
-    a, b = comparable(folders)
+    a, b = both_summaries(folders)
     tables = [tables_to_compare(folder) for folder in folders]
     table = compared(tables[0], tables[1], margin)
     if table.is_empty():

@@ -12,7 +12,6 @@ import walking_synthetic as synthetic
 import yaml
 from conftest import ROOT
 from walking_synthetic import (
-    RATE,
     Ramp,
     Rig,
     changed,
@@ -27,18 +26,18 @@ from walking_synthetic import (
 
 from osl_analysis.campaign.campaign import Campaign, check_walking, open_campaign
 from osl_analysis.campaign.configuration import campaign_config
-from osl_analysis.commands.walking import average_unperturbed, identify_plate, read_model, write_model, write_refusal
+from osl_analysis.commands.walking import identify_plate, read_model, write_model
 from osl_analysis.errors import InputError
 from osl_analysis.signals import LowPass
-from osl_analysis.table import read_table, write_table
-from osl_analysis.trial import Array, Trial
+from osl_analysis.table import read_table
+from osl_analysis.trial import Trial
 from osl_analysis.walking import plate as plates
 from osl_analysis.walking import platform
 from osl_analysis.walking.bodies import StaticCalibration, static_calibration
-from osl_analysis.walking.crossing import Crossing, RefusedCrossing, analyse_crossing
+from osl_analysis.walking.crossing import Crossing, analyse_crossing
 from osl_analysis.walking.groups import static_of
 from osl_analysis.walking.plate import NO_CORRECTION, PlateModel, identify_plate_model
-from osl_analysis.walking.platform import PlatformModel, PlatformTrack, identify_platform, platform_table, start_of_rise
+from osl_analysis.walking.platform import PlatformModel, identify_platform, platform_table, start_of_rise
 
 CALIBRATION = static_calibration(static_trial(), settings())
 RIG, QUIET, HEAVE, GRID = Rig(), Rig(marker=1e-5), 0.003, np.arange(-0.06, 0.2, 0.002)
@@ -247,29 +246,6 @@ def test_the_jackknife_of_both_sources_is_the_sum_of_their_variances() -> None:
     np.testing.assert_array_equal(platform.jackknife_rows(list(of_plate), []), of_plate)
 
 
-def tracks_of(count: int, seed: int, slower: float = 0.0) -> tuple[list[PlatformTrack], Array]:
-    """Motions of 4 cm in 0.1 s, each second one slower by a share, with noise of 0.1 mm in each frame; and onsets."""
-    random, time, tracks = np.random.default_rng(seed), np.arange(600) / RATE, []
-    onsets = random.uniform(0.98, 1.0, count)
-    for k, onset in enumerate(onsets):
-        moved = 0.04 * np.outer(synthetic.step(time, onset, 0.1 * (1 + slower * (k % 2)))[0], [0.6, 0, 0.8, 0, 0, 0])
-        seen = moved + random.normal(0, 1e-4, moved.shape)
-        tracks.append(PlatformTrack(f"w{k}", time, synthetic.PLATFORM, seen, LowPass(20.0), 1e-4))
-    return tracks, onsets
-
-
-def test_the_errors_of_the_starts_are_their_scatter() -> None:
-    """55 free starts scatter by their errors to within 10 %, and where durations differ too."""
-    for slower in (0.0, 0.2):
-        scores = []
-        for seed in range(5):
-            tracks, onsets = tracks_of(12, seed, slower)
-            template, begun = platform.platform_template(tracks, 0.1)
-            error = np.array([a.start for a in begun]) - onsets
-            scores.append((error - error.mean()) / [a.start_se for a in begun])
-        assert (template.scaled, np.sqrt(np.sum(np.square(scores)) / 55)) == (slower > 0, pytest.approx(1, abs=0.2))
-
-
 def rise(degree: int, start: float) -> np.ndarray:
     """A rise (n, 1) of 0.04 m in 0.1 s on the grid, of the degree of its polynomial."""
     x = np.clip((GRID - start) / 0.1, 0, 1)
@@ -301,14 +277,6 @@ def campaign(folder: Path, rows: str, **walking: Any) -> Campaign:
     content = yaml.safe_load((ROOT / "config/config.yaml").read_text())
     content |= {"sheet": folder / "trials.csv", "simulation": None, "walking": content["walking"] | walking}
     return open_campaign(campaign_config(content, [ROOT / "config/config.yaml"]), None)
-
-
-def test_each_crossing_has_the_static_trial_of_its_subject_and_session(tmp_path: Path) -> None:
-    rows = "sA,static,,A,1,, sB,static,,B,1,, sA2,static,,A,2,, wA,walking,false,A,1,, wB,walking,false,B,1,,"
-    rows += " sC,static,,C,1,right, sD,static,,D,1,, p,plate,,,,,sC"  # sC is that of a plate alone, sD of nothing
-    sheet = campaign(tmp_path, rows + " wA2,walking,true,A,2,, m,plate,,,,,sB")
-    assert [sheet.static(trial) for trial in ("wA", "wB", "wA2", "m")] == ["sA", "sB", "sA2", "sB"]
-    assert sheet.statics == {"sA": ["wA"], "sB": ["wB"], "sA2": ["wA2"], "sC": []}
 
 
 @pytest.mark.parametrize(("cells", "statics", "found"), [
@@ -428,24 +396,6 @@ def test_an_onset_outside_stance_or_a_baseline_before_it_and_a_plate_without_mom
     facts = plain.provenance["plates"][0] | {"type": 1 if "1" in said else 2}
     with pytest.raises(InputError, match=rf"{said} (stance 0\.930-1\.59\d s|.centre of pressure)"):
         analyse_crossing(replace(plain, provenance={"plates": [facts]}), CALIBRATION, NO_CORRECTION, True, settings())
-
-
-def test_too_few_unperturbed_crossings_say_how_many_and_why(tmp_path: Path) -> None:
-    why = "the shank moves {} cm backwards over the foot in stance: correct `side`"
-    reasons = {f"u{k}": f"trial u{k}: {why.format(20 + k)}" for k in range(5)} | {"u5": "trial u5: hidden"}
-    for name, reason in reasons.items():
-        write_refusal(RefusedCrossing(name, False, reason), tmp_path / f"{name}.parquet")
-    rows = [{"trial": n, "perturbed": False, "reason": r, "gait": "all", "group": None} for n, r in reasons.items()]
-    rows.append({"trial": "p1", "perturbed": True, "reason": "another", "gait": "all", "group": None})
-    write_table(pl.DataFrame(rows).with_columns(direction=None), tmp_path / "selection.csv")
-    files = [tmp_path / f"{name}.parquet" for name in reasons]
-    jobs_files, chosen = (tmp_path / "selection.csv", tmp_path / "gait.parquet"), settings(fewest_unperturbed=4)
-    with pytest.raises(InputError) as caught:
-        average_unperturbed(files, jobs_files[0], chosen, jobs_files[1])
-    assert str(caught.value) == (
-        "0 of 6 unperturbed crossings can be used, expected 4 or more; 5 times (u0, u1, u2, u3, u4) "
-        "beside 1 for other reasons, which walking_crossings.csv lists, as in u0: " + why.format(20)
-    )
 
 
 def raised(trial: Trial, by: list[float]) -> Trial:

@@ -236,7 +236,6 @@ def test_the_written_sheet_is_the_plan_and_a_crossing_s_perturbation_does_not_de
     assert few == many[:9]
 
 
-TONE = {"frequency_hz": 200, "size": 1}
 PRBS = {"name": "a", "kind": "prbs", "rms_deg": 2}
 
 

@@ -119,7 +119,7 @@ def compared(theta: Array, stamps: Array, encoder: Array, torque: float = 0.0) -
 
 
 @pytest.mark.parametrize(
-    ("delay", "first", "last"), [(-0.0042, 0, 2), (0.0, 0, 2), (0.0137, 0, 2), (-0.045, 0.7, 1.2), (0.045, 0.7, 1.2)]
+    ("delay", "first", "last"), [(-0.0042, 0, 2), (0.0137, 0, 2), (-0.045, 0.7, 1.2), (0.045, 0.7, 1.2)]
 )
 def test_offset_and_delay_of_the_encoder_come_out_whatever_its_rate(delay: float, first: float, last: float) -> None:
     """Also of one that was switched on and off in stance, where a spline beyond its ends is anywhere."""

@@ -360,11 +360,6 @@ def test_crossings_whose_foot_stands_elsewhere_do_not_tell_how_long_a_stance_is_
         some = [replace(c, quality=places_of.get(c.name, c.quality)) for c in session()]
         some = [replace(c, stance=Stance(0.3, 1.2)) if c.name in longer else c for c in some]
         assert set(reasons(some)) == set(places_of)
-    # six of eleven are outside: the five that are left do not make an outlier of the one that stands 5 cm ahead
-    forward = [0.0, 0.004, -0.004, 0.002, 0.05, 0.02, -0.02, 0.025, 0.3, 0.3, 0.3]
-    stands = [standing_at(x, 0.3 if 5 <= k < 8 else 0.0) for k, x in enumerate(forward)]
-    apart = [replace(c, quality=there) for c, there in zip(session(), stands, strict=True)]
-    assert set(reasons(apart)) == {f"w{k}" for k in range(5, 11)}
     # crossings that are found bad do not widen the scatter, so that one nearer to the others stands out
     forward = [-0.05, -0.03, -0.01, 0.01, 0.03, 0.05, 0.38, 1, 1, 1, 1]
     apart = [replace(c, quality=standing_at(x, 0.0)) for c, x in zip(session(), forward, strict=True)]

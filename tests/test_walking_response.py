@@ -89,7 +89,7 @@ def test_a_response_is_zero_on_average_over_the_baseline_that_the_walking_page_s
         np.testing.assert_allclose(response.fitted_motion.theta, TURN * bump(window, LEAD, RISE)[0], atol=1e-5)
 
 
-@pytest.mark.parametrize("stance", [0.66, 0.72, 0.8])
+@pytest.mark.parametrize("stance", [0.66, 0.8])
 @pytest.mark.parametrize("truth", [(K, B, I), (100.0, 0.5, 0.0), (340.0, 5.0, -0.03), (600.0, 12.0, 0.2)])
 def test_recovers_the_impedance_whatever_the_pace(stance: float, truth: tuple[float, float, float]) -> None:
     walked = [crossing(f"p{k}", 0.3 + 0.4 * (stance + k / 100), stance + k / 100, impedance=truth) for k in range(3)]
@@ -452,7 +452,7 @@ def test_a_platform_that_hardly_turns_has_no_onset_and_one_that_turns_at_once_is
         find_onset(TIME[TIME > 1.18], np.deg2rad(5 * STEEP)[TIME > 1.18], np.deg2rad(1))
 
 
-@pytest.mark.parametrize("slower", [0.85, 0.92, 1.0, 1.08, 1.15])
+@pytest.mark.parametrize("slower", [0.85, 1.0, 1.15])
 @pytest.mark.parametrize("lingers", [0.92, 1.0, 1.08])
 def test_the_matched_stance_is_right_for_any_pace_and_any_end_of_stance(slower: float, lingers: float) -> None:
     """The crossing is slower throughout, its toe-off comes late, or both."""

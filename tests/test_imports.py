@@ -67,17 +67,13 @@ def test_simulator_commands_and_notebook_are_known_to_few(name, known_to):
     assert users == known_to
 
 
-def test_snakemake_is_imported_by_its_logger_and_the_command_that_runs_it_alone():
-    """Nothing of it is replaced at run time."""
-    imported = re.compile(r"^\s*(?:import|from) snakemake(?!_logger_plugin_osl)", re.MULTILINE)
-    found = {str(path.relative_to(PACKAGE)) for path in PACKAGE.rglob("*.py") if imported.search(path.read_text())}
-    assert found == {"cli.py", "jobs/progress.py"}
-
-
-def test_matplotlib_stays_in_the_figures():
-    drawing = re.compile(r"^\s*(import|from) matplotlib", re.MULTILINE)
-    found = {path.relative_to(PACKAGE).parts[0] for path in PACKAGE.rglob("*.py") if drawing.search(path.read_text())}
-    assert found == {"figures"}
+@pytest.mark.parametrize(("library", "users"), [
+    ("matplotlib", {"figures"}), ("snakemake(?!_logger_plugin_osl)", {"cli.py", "jobs"}),
+])  # fmt: skip
+def test_matplotlib_stays_in_the_figures_and_snakemake_where_it_is_run(library, users):
+    named = re.compile(rf"^\s*(?:import|from) {library}", re.MULTILINE)
+    found = {path.relative_to(PACKAGE).parts[0] for path in PACKAGE.rglob("*.py") if named.search(path.read_text())}
+    assert found == users
 
 
 def test_a_library_of_an_extra_is_imported_where_one_line_says_what_to_install():

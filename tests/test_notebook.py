@@ -7,7 +7,6 @@ from dataclasses import FrozenInstanceError, replace
 from functools import cache
 from html import escape
 
-import matplotlib as mpl
 import numpy as np
 import polars as pl
 import pytest
@@ -197,16 +196,12 @@ def test_a_table_is_one_of_pandas_without_pyarrow():
     assert (made["a"].isna().to_list(), made["b"].isna().to_list()) == ([False, True], [False, True])
 
 
-def test_a_figure_shows_itself_in_the_style_of_the_paper_and_a_result_cannot_be_changed(tmp_path, short):
+def test_a_figure_shows_itself_in_the_style_of_the_paper_and_a_result_cannot_be_changed(short):
     fit = osl.fit_belt(bench_trial("belt"), short)
     drawn = osl.plot_torque(fit)
     assert (drawn._repr_png_()[:4], int.from_bytes(drawn._repr_png_()[16:20])) == (b"\x89PNG", 1074), "150 per inch"
     for line, name in zip(drawn.axes[0].lines, ("torque", "torque_model"), strict=True):
         assert list(line.get_ydata()) == fit.series[name].to_list()
-    with mpl.rc_context({"pdf.fonttype": 3, "savefig.bbox": "tight"}):
-        drawn.savefig(tmp_path / "a.pdf", metadata={"CreationDate": None})
-    drawn.savefig(tmp_path / "b.pdf", metadata={"CreationDate": None})
-    assert (tmp_path / "a.pdf").read_bytes() == (tmp_path / "b.pdf").read_bytes()
     with pytest.raises(FrozenInstanceError):
         fit.K_s = 1.0
     with pytest.raises(AttributeError, match="did you mean 'K_s'"):

@@ -152,6 +152,11 @@ BARE, STOOD_ON = laboratory()["plate1_force_z"].to_numpy(), 800 + np.random.defa
     ("stuck", actuator_bench(current=with_piece(LEVELS + TORQUE[:2000], 500, 1500)), "actuator", 0.999, "current"),
     *(("stuck", bench(**{c: np.full(ANGLE.size, x)}), "impedance", (ANGLE.size - 1) / RATE, c)
       for c in ("torque", "current") for x in (0.0, 3.0)),
+    *(("stuck", bench(current=np.zeros(ANGLE.size), theta_m=np.zeros(ANGLE.size)), experiment, 0.0, "")
+      for experiment in ("belt", "transmission")),  # the motor is locked, or detached
+    ("stuck", bench(current=np.zeros(ANGLE.size)), "ingest_only", (ANGLE.size - 1) / RATE, "current"),
+    ("stuck", bench(with_piece(ANGLE, 0, 1000, 0.0), current=with_piece(TORQUE, 0, 1000, 0.0)), "impedance", 0.0, ""),
+    ("stuck", bench(current=with_piece(TORQUE, 0, 1000, 0.0)), "impedance", 0.999, "current"),  # it moves from 0.5 s on
     *(("stuck", STILL, experiment, 1.999, "theta") for experiment in ("belt", "impedance", "walking")),
     ("stuck", STILL, "static", None, None),
     ("stuck", bench().with_columns(theta_m=pl.lit(0.2)), "belt", 0.0, ""),  # the input shaft is locked

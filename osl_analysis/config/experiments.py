@@ -57,6 +57,7 @@ class Experiment:
     may_stand: bool = False  # the column of the motion may be missing, where nothing moves
     torque: str | None = None  # the column with the measured torque; None if not every trial has one
     signals: tuple[str, ...] = ()  # other columns that every trial has, but markers and plates: a laboratory names them
+    beside: tuple[str, ...] = ()  # columns that its analysis uses where a trial has them
     sheet: tuple[str, ...] = ()  # columns of the sample sheet that its trials must fill, besides the files
     stepped_sine: bool = False  # the motion follows the stepped-sine protocol of `dynamometer`
     any_motion: bool = False  # another motion than the stepped sine may move the joint
@@ -76,6 +77,10 @@ class Experiment:
         return tuple(
             column for column in (None if self.may_stand else self.motion, self.torque, *self.signals) if column
         )
+
+    def uses(self, column: str) -> bool:
+        """Whether the analysis uses a column; all, of what is ingested only and of a walkway."""
+        return self.place != "bench" or column in {self.motion, self.torque, *self.signals, *self.beside}
 
     def simulated_files(self, trial: str) -> dict[str, str]:
         """Files that the simulator records for a trial, by column of the sheet (`log`, `mocap`)."""
@@ -110,7 +115,7 @@ EXPERIMENTS: dict[str, Experiment] = {
     ),
     "impedance": on_dynamometer(
         "stepped sine or any other motion against the controller: K, B, I and the frequency response",
-        stepped_sine=True, any_motion=True,
+        beside=("theta_m", "current"), stepped_sine=True, any_motion=True,
         tables=(ResultTable("impedance",
                 derived={"impedance_repeats": "bench.summarise", "compensation": "bench.compare_controllers"}),
             ResultTable("phasors", doubts_of="impedance", derived={"frequency_response": "bench.summarise"}),

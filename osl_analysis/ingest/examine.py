@@ -380,7 +380,8 @@ AT_REST = 0.02  # share of the angle's range by which a joint at rest may creep
 def measure_stuck(examined: Examined) -> CheckResult:
     """Longest time [s] that a noisy channel repeats one value, or that an angle stands while its command, or else the
     averaged torque, changes. A load cell whose steps are larger than its noise repeats a value while the joint rests,
-    and Nexus writes 0 without load. In static and plate trials the joint may rest."""
+    and Nexus writes 0 without load. In static and plate trials the joint may rest. A channel that the experiment does
+    not use, as of a motor that is locked or detached, and a current before the motion starts may stand."""
     trial, columns = examined.trial, examined.trial.samples.columns
     moving = examined.experiment.motion or ("theta" if examined.experiment.tables else "")
     angle = recorded(trial, moving if moving in columns else "theta")
@@ -390,8 +391,10 @@ def measure_stuck(examined: Examined) -> CheckResult:
         if name.startswith("plate"):  # one that is 0 throughout is dead if another of its plate is not
             dead = not x.any() and name.partition("_")[0] in used
             times[name] = float(np.ptp(time)) if dead else held(time, np.where(x == 0, np.nan, x))
+        elif not examined.experiment.uses(name):
+            times[name] = 0.0
         elif name == "current":
-            times[name] = 0.0 if is_command(x) else held(time, x)
+            times[name] = 0.0 if is_command(x) else held(time, without_start(time, x, angle))
         elif angle[0].size < 2 or not np.ptp(x):
             times[name] = held(time, x)
         else:
@@ -414,6 +417,17 @@ def measure_stuck(examined: Examined) -> CheckResult:
     if moving in columns and angle[1].size and not np.ptp(angle[1]):
         times[moving] = float(np.ptp(angle[0]))
     return worst(times, "no torque, current or plate")
+
+
+def without_start(time: Array, values: Array, angle: tuple[Array, Array]) -> Array:
+    """A channel (n,), NaN where it stands from the beginning on and changes before the `angle`, times and values, has
+    moved: a motor that is not driven yet."""
+    changed = np.flatnonzero(values != values[0])
+    if not changed.size or angle[0].size < 2:
+        return values
+    moved = np.abs(angle[1] - angle[1][0]) > AT_REST * np.ptp(angle[1])
+    is_rest = moved.any() and time[changed[0]] <= angle[0][np.argmax(moved)]
+    return np.where((np.arange(len(values)) < changed[0]) & is_rest, np.nan, values)
 
 
 def without_rests(time: Array, theta: Array) -> Array:

@@ -12,6 +12,7 @@ import walking_synthetic as synthetic
 import yaml
 from conftest import ROOT
 from walking_synthetic import (
+    RATE,
     Ramp,
     Rig,
     changed,
@@ -30,14 +31,14 @@ from osl_analysis.commands.walking import identify_plate, read_model, write_mode
 from osl_analysis.errors import InputError
 from osl_analysis.signals import LowPass
 from osl_analysis.table import read_table
-from osl_analysis.trial import Trial
+from osl_analysis.trial import Array, Trial
 from osl_analysis.walking import plate as plates
 from osl_analysis.walking import platform
 from osl_analysis.walking.bodies import StaticCalibration, static_calibration
 from osl_analysis.walking.crossing import Crossing, analyse_crossing
 from osl_analysis.walking.groups import static_of
 from osl_analysis.walking.plate import NO_CORRECTION, PlateModel, identify_plate_model
-from osl_analysis.walking.platform import PlatformModel, identify_platform, platform_table, start_of_rise
+from osl_analysis.walking.platform import PlatformModel, PlatformTrack, identify_platform, platform_table, start_of_rise
 
 CALIBRATION = static_calibration(static_trial(), settings())
 RIG, QUIET, HEAVE, GRID = Rig(), Rig(marker=1e-5), 0.003, np.arange(-0.06, 0.2, 0.002)
@@ -244,6 +245,29 @@ def test_the_jackknife_of_both_sources_is_the_sum_of_their_variances() -> None:
     of_joined, *parts = ((len(rows) - 1) * np.var(rows, axis=0) for rows in (joined, of_plate, groups))
     np.testing.assert_allclose(of_joined, np.sum(parts, axis=0))
     np.testing.assert_array_equal(platform.jackknife_rows(list(of_plate), []), of_plate)
+
+
+def tracks_of(count: int, seed: int, slower: float = 0.0) -> tuple[list[PlatformTrack], Array]:
+    """Motions of 4 cm in 0.1 s, each second one slower by a share, with noise of 0.1 mm in each frame; and onsets."""
+    random, time, tracks = np.random.default_rng(seed), np.arange(600) / RATE, []
+    onsets = random.uniform(0.98, 1.0, count)
+    for k, onset in enumerate(onsets):
+        moved = 0.04 * np.outer(synthetic.step(time, onset, 0.1 * (1 + slower * (k % 2)))[0], [0.6, 0, 0.8, 0, 0, 0])
+        seen = moved + random.normal(0, 1e-4, moved.shape)
+        tracks.append(PlatformTrack(f"w{k}", time, synthetic.PLATFORM, seen, LowPass(20.0), 1e-4))
+    return tracks, onsets
+
+
+def test_the_errors_of_the_starts_are_their_scatter() -> None:
+    """55 free starts scatter by their errors to within 10 %, and where durations differ too."""
+    for slower in (0.0, 0.2):
+        scores = []
+        for seed in range(5):
+            tracks, onsets = tracks_of(12, seed, slower)
+            template, begun = platform.platform_template(tracks, 0.1)
+            error = np.array([a.start for a in begun]) - onsets
+            scores.append((error - error.mean()) / [a.start_se for a in begun])
+        assert (template.scaled, np.sqrt(np.sum(np.square(scores)) / 55)) == (slower > 0, pytest.approx(1, abs=0.2))
 
 
 def rise(degree: int, start: float) -> np.ndarray:

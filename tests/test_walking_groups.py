@@ -309,7 +309,7 @@ ASIDE, LAST = standing_at(0.0, 0.3), session()[-1]
 
 @pytest.mark.parametrize(("changes", "said"), [
     ({"quality": ASIDE}, "foot to the left 0.3 m lies"),
-    ({"quality": ASIDE, "bridged": 0.16}, "markers were hidden for 16% of it: fill the gaps in Nexus"),
+    ({"quality": ASIDE, "bridged": 0.16}, "markers were hidden for 16% of it: see that three markers"),
     ({"stance": replace(LAST.stance, toe_off=1.3)}, "stance 1 s lies"),
     ({"theta": LAST.theta + 0.3 * np.sin(9 * LAST.time)}, "angle before the onset"),
 ])  # fmt: skip

@@ -331,7 +331,7 @@ def crossing_row(
             f"the median {median:.3g} {unit}, more than {settings.outliers.limit:g}"
         )
         if crossing.bridged >= 0.05:
-            remedy = "fill the gaps in Nexus, or lower longest_gap_s"
+            remedy = "see that three markers of each cluster stay in sight, or lower longest_gap_s"
             reason += f" (markers were hidden for {crossing.bridged:.0%} of it: {remedy})"
     return {
         "trial": crossing.name,

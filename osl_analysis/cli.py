@@ -582,9 +582,9 @@ def export(folder: Path, kind: str, output: Path, trials: str, config_path: Path
     "--from", "folder", type=FOLDER, default=Path("results"), help="A pilot's results: its friction, or its walking."
 )
 @option("--crossings", type=numbers, help="Of --walking: numbers of perturbed ones; default: 4 to 40.")
-@option("--turn", type=POSITIVE, default=5.0, help="Of --walking: size of the platform's turn [deg].")
-@option("--ramp", type=click.FloatRange(10, 1000), default=80.0, help="Of --walking: its duration [ms].")
-@option("--phase", type=percent, default="40", help="Of --walking: its onset [percent of stance].")
+@option("--turn", type=POSITIVE, help="Of --walking: size of the turn [deg]; default: the pilot's, or 5.")
+@option("--ramp", type=click.FloatRange(10, 1000), help="Of --walking: its duration [ms]; default: the pilot's, or 80.")
+@option("--phase", type=percent, help="Of --walking: its onset [percent of stance]; default: the pilot's, or 40.")
 @option("--both", is_flag=True, help="Of --walking: turns in both directions, of half their difference.")
 @file_option("--plot", help="Of --walking: draw the half-widths to this file (.pdf, .svg or .png).")
 @file_option("--write", "output", help="Write the multisine (the recommended one) to this CSV file.")
@@ -631,13 +631,23 @@ def design_walking(config_path: Path, as_json: bool, **chosen: Any) -> None:
 
     from osl_analysis.campaign.configuration import read_config
     from osl_analysis.commands.bench import rows_json
-    from osl_analysis.commands.walking import planned_crossings
+    from osl_analysis.commands.walking import pilot_turn, planned_crossings
     from osl_analysis.figures.walking import draw_half_widths
     from osl_analysis.walking.response import PlannedTurn
 
     config, counts = read_config(config_path), [round(n) for n in chosen["crossings"] or (4, 6, 8, 12, 16, 20, 30, 40)]
     joint = (chosen["stiffness"], chosen["damping"], chosen["inertia"])
-    turn = PlannedTurn(float(np.deg2rad(chosen["turn"])), 1e-3 * chosen["ramp"], chosen["phase"], joint)
+    stated = (chosen["turn"] and float(np.deg2rad(chosen["turn"])), chosen["ramp"] and 1e-3 * chosen["ramp"])
+    usual = pilot_turn(chosen["folder"]) if None in (*stated, chosen["phase"]) else (None,) * 3
+    pairs = zip((*stated, chosen["phase"]), usual, (float(np.deg2rad(5.0)), 0.08, 0.4), strict=True)
+    size, ramp_s, phase = (next(one for one in each if one is not None) for each in pairs)
+    turn = PlannedTurn(size, ramp_s, phase, joint)
+    K, B, I = joint
+    say(
+        f"assumed: a turn of {np.rad2deg(size):.3g} deg in {1e3 * ramp_s:.3g} ms at {100 * phase:.3g} % of stance, a "
+        f"joint of K {K:g} N·m/rad, B {B:g} N·m·s/rad, I {I:g} kg·m²",
+        err=as_json,
+    )
     table = planned_crossings(chosen["folder"], counts, turn, chosen["both"], config.walking)
     if chosen["plot"] is not None:
         draw_half_widths(table).savefig(chosen["plot"])

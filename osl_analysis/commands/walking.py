@@ -392,6 +392,27 @@ def selected_crossings(crossings: Paths, selection: Path) -> list[Crossing]:
     return [read_crossing(path) for path in crossings if path.stem not in excluded]
 
 
+def pilot_turn(folder: Path) -> tuple[float | None, float | None, float | None]:
+    """Medians of the turns of the platform [rad], of their durations [s], by a minimum-jerk ramp from 10 to 90 % of the
+    turn, and of their onsets as shares of stance, in the perturbed crossings that a campaign uses; None without any."""
+    table = read_table(folder / "tables/walking_crossings.csv", ["trial", "reason"])
+    found = []
+    for name in table.filter(pl.col("perturbed"), pl.col("reason").is_null())["trial"]:
+        crossing = read_crossing(folder / f"crossings/{name}.parquet")
+        if crossing.onset is None or crossing.platform is None or crossing.turn is None:
+            continue
+        after = (crossing.time >= crossing.onset - 0.02) & (crossing.time <= crossing.onset + 1.0)
+        time, angle = crossing.time[after], np.abs(crossing.platform[after] - crossing.platform[after][0])
+        reached = [float(time[np.argmax(angle >= share * angle.max())]) for share in (0.1, 0.9)]
+        ramp_s = (reached[1] - reached[0]) / 0.506
+        if ramp_s > 0:
+            found.append((abs(crossing.turn), ramp_s, float(crossing.stance.phase(np.array(crossing.onset)))))
+    if not found:
+        return None, None, None
+    turn, ramp_s, phase = np.median(found, axis=0).tolist()
+    return turn, ramp_s, phase
+
+
 def planned_crossings(
     folder: Path, counts: Sequence[int], planned: PlannedTurn, both: bool, settings: choices.WalkingAnalysis
 ) -> pl.DataFrame:

@@ -5,7 +5,7 @@ import polars as pl
 import pytest
 from any_motion import LEAD, RATE, TRUE, chirp, made_trial, multisine, noise
 from bench_synthetic import second_order, stepped_sine, table_of
-from conftest import ROOT, beyond_in, findings_of, marked
+from conftest import ROOT, findings_of, marked
 from scipy.signal import butter, cont2discrete, lfilter, lsim, sosfilt, sosfiltfilt
 
 from osl_analysis.bench.analysis import analysed, angle_noise_bias, timebase_table
@@ -35,7 +35,6 @@ from osl_analysis.ingest.examine import (
 )
 from osl_analysis.judge.judging import LATENESS, unchecked_in
 from osl_analysis.judge.limits import DoubtfulFits, Limits
-from osl_analysis.judge.words import finding_said
 from osl_analysis.model.compensator import PAPER_WEIGHT
 from osl_analysis.model.drivetrain import joint_admittance
 from osl_analysis.model.parameters import read_parameters
@@ -324,15 +323,6 @@ def reflexive(rng, gain, noise_nm=0.15, rate=500.0, delay=0.045, band=(0.3, 8.0)
     will = lfilter(*butter(1, 2 / (rate / 2)), rng.standard_normal(len(time)))
     more = gain * lfilter(top[0], bottom, late) + noise_nm * will / will.std()
     return made_trial(rng, (time, motion), more=more, **{"K": 90.0, "B": 1.0, "I": 0.016} | impedance)
-
-
-def test_a_limit_on_a_reflex_that_sound_random_motion_passes_gives_a_finding_with_words():
-    """There is no K with a reflex to be said."""
-    row = row_of(made_trial(rng := np.random.default_rng(0), noise(rng)))
-    assert (row["reflex_p"], row["K_with_reflex"]) == (1.0, None)
-    (finding,) = findings_of(row, Limits(above={"reflex_p": 0.7}), "phasors")
-    assert (finding.cause, beyond_in([finding]), finding.evidence[0].limit) == ("reflex", {"reflex_p": "above"}, 0.7)
-    assert finding_said(finding, row)
 
 
 def test_a_person_s_cut_off_is_that_of_the_recording_unless_one_is_stated_and_a_sooner_reflex_is_told():
@@ -635,11 +625,6 @@ def test_quality_control_says_that_another_motion_is_not_compared_with_the_proto
     said = measure_protocol(other)
     assert (said.value, said.remark) == (0, "no stepped sine but another motion, which is fitted as such")
     assert measure_protocol(sines).value == 15
-
-
-def test_a_part_of_the_record_with_another_joint_lowers_the_held_out_vaf():
-    motion = noise(rng := np.random.default_rng(7))
-    assert row_of(made_trial(rng, motion, more=np.where(motion[0] > 20, 60 * motion[1][0], 0.0)))["VAF_held_out"] < 98.5
 
 
 def up_and_down(time, within_s):

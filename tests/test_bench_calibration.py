@@ -30,7 +30,7 @@ from osl_analysis.campaign.configuration import read_config
 from osl_analysis.commands.bench import fit_tables
 from osl_analysis.errors import InputError
 from osl_analysis.model.parameters import read_parameters
-from osl_analysis.report.headlines import NOISE_ALONE, decimals, intervals_said
+from osl_analysis.report.headlines import decimals
 from osl_analysis.signals import differentiate
 from osl_analysis.stats.repeats import over_repeats, summary_row
 from osl_analysis.trial import Trial
@@ -123,13 +123,6 @@ def test_a_number_has_no_more_digits_than_its_trials_or_any_calibration_of_a_tor
     assert decimals(397.9905, 397.9841, 397.9970, None, 20.0) == 0
     assert decimals(5.0123, 4.8, 5.2, None) == 2
     assert decimals(0.0, -1e-3, 1e-3, None) == 4
-
-
-def test_the_summary_says_what_intervals_contain():
-    table = pl.DataFrame({"K": [1.0], "K_se_bench": [0.0]})
-    assert intervals_said({"impedance": table}) == NOISE_ALONE
-    assert "contain" in intervals_said({"impedance": table.with_columns(K_se_bench=pl.lit(0.1))})
-    assert intervals_said({"walking": pl.DataFrame({"K": [1.0]})}) == ""
 
 
 def of_belt(theta_s, torque, **stated):

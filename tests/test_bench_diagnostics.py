@@ -10,7 +10,7 @@ from bench_synthetic import FIVE, second_order, stepped_sine, table_of
 from conftest import ROOT, findings_of, marked
 from scipy.interpolate import CubicSpline
 
-from osl_analysis.bench.analysis import fitted_motion, plausible_impedance, with_friction, without_friction
+from osl_analysis.bench.analysis import fitted_motion, with_friction, without_friction
 from osl_analysis.bench.effects import IMPEDANCE, belt_of_leg, plain_sums, sums_of, with_effects
 from osl_analysis.bench.impedance import DesiredImpedance, impedance_table, judged_impedance, rendered_impedance
 from osl_analysis.bench.record import record_of_trial, with_actuator
@@ -47,7 +47,7 @@ def test_a_sound_joint_is_not_doubtful_and_shows_no_cause():
     assert whole["rivals"] is None
 
 
-@pytest.mark.parametrize("cycles", [8, 12])
+@pytest.mark.parametrize("cycles", [8])
 @pytest.mark.parametrize(("fall", "noise"), [(0.01, 0.002), (-0.02, 0.002)])
 def test_a_stiffness_that_changes_while_it_is_recorded_is_named_and_has_its_size(fall, noise, cycles):
     """It makes I wrong by four times as much, forty standard errors, and nothing else of the fit shows it."""
@@ -110,9 +110,6 @@ def test_a_spring_that_stiffens_or_softens_is_named_and_not_called_friction(cubi
     assert whole["doubtful"] == "spring that is not linear"
 
 
-EITHER = "late torque or yielding bench"
-
-
 def test_a_change_of_a_small_damping_is_a_share_of_two_newton_metres_per_rad_per_second_too():
     """B is 0.8 at the small amplitude and 0.4 at the large one, in the second half."""
     *_, whole = rows(
@@ -120,15 +117,6 @@ def test_a_change_of_a_small_damping_is_a_share_of_two_newton_metres_per_rad_per
     )
     assert whole["B_change"] == pytest.approx(-0.4 / np.hypot(whole["B"], 2), rel=0.02)
     assert whole["K_change"] == pytest.approx(0, abs=1e-4)
-
-
-def test_k_over_what_the_gains_should_give_is_that_of_the_largest_amplitude_in_every_row():
-    amplitudes = pl.DataFrame({"amplitude_deg": [6.0, 2.0, 4.0, None], "K": [200.0, 240.0, 220.0, 210.0]})
-    rows = amplitudes.with_columns(K_high=pl.col("K"), B_low=1.0, I_high=1.0, trial=pl.lit("made"))
-    assert (
-        plausible_impedance(rows, pl.lit(0).alias("saturated_samples"), P, predicted=200.0)["K_ratio"].to_list()
-        == [1.0] * 4
-    )
 
 
 def leg(torque_late=0.0, theta_m_late=0.0, theta_late=0.0, B_j=P.B_j):

@@ -12,7 +12,6 @@ from conftest import ROOT, marked
 
 from osl_analysis.bench.settings import TorqueAngleAnalysis
 from osl_analysis.bench.torque_angle import (
-    branch_curve,
     compared_with_repeats,
     curve_table,
     find_cycles,
@@ -147,12 +146,6 @@ def test_the_yielding_of_the_bench_is_taken_off_the_angle_and_its_error_widens_t
     assert wide["K_se"] > 3 * narrow["K_se"]
 
 
-def test_the_interval_of_a_slope_over_three_cycles_is_student_s():
-    x = np.linspace(-0.1, 0.1, 200)
-    row = branch_curve([(x, slope * x) for slope in (1.0, 2.0, 3.0)], np.zeros(1), 0.05, 1).row(0, named=True)
-    assert row["stiffness_high"] - row["stiffness"] == pytest.approx(4.30265 / np.sqrt(3), rel=1e-5)
-
-
 @pytest.mark.parametrize("cycles", [1, 3])
 def test_intervals_of_the_slope_cover_it_with_one_cycle_and_with_several(cycles):
     theta, covered = A * np.sin(W * clock(cycles * PERIOD)), []
@@ -208,17 +201,6 @@ def test_a_zero_that_nobody_stated_says_what_it_may_do_to_the_energies():
         about = (assumed[f"{name}_per_zero"] + stated[f"{name}_per_zero"]) / 2
         assert assumed[name] - stated[name] == pytest.approx(5.0 * about, rel=0.01)
     assert row_of(theta, torque, zero="end")["zero_unsure"] is None
-
-
-def test_a_rest_under_load_that_nobody_stated_to_be_none_is_doubtful_and_the_area_of_the_loop_is_sound():
-    """Cycles of 0 to 10 deg and a rest at 6 deg, at once without load and under 0.6 K A."""
-    theta = path(0, 10, 0, 10, 0, 6)
-    torque = K * theta + jenkins(theta, 400, 1, start=-1)
-    row, sound = row_of(theta, torque, zero=None), row_of(theta, torque, zero="none")
-    assert row["doubtful"] == "zero that nobody stated"
-    assert (1 + row["assumed_zero_share"]) * row["energy_stored"] == pytest.approx(sound["energy_stored"], rel=1e-6)
-    assert row["energy_stored"] < 0.75 * sound["energy_stored"]
-    assert row["energy_lost"] == pytest.approx(sound["energy_lost"], rel=1e-6)
 
 
 def test_a_torque_that_hysteresis_leaves_at_rest_is_not_taken_for_an_offset_without_a_word():

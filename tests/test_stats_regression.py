@@ -15,7 +15,7 @@ from scipy.stats import t as student
 from scipy.stats import ttest_ind
 from statsmodels.stats.diagnostic import acorr_ljungbox
 
-from osl_analysis.bench.gram import combined, jackknife, noise_of_scores
+from osl_analysis.bench.gram import noise_of_scores
 from osl_analysis.bench.phasors import complex_mean, complex_quotient, fit_sinusoids, polar_row
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.signals import LowPass
@@ -248,16 +248,6 @@ def test_a_variance_of_white_scores_is_right_and_worth_as_many_degrees_of_freedo
     variances, freedom = np.array([variance[0, 0] for variance, _ in found]), found[0][1][0]
     assert np.mean(variances) == pytest.approx(n, rel=0.03)
     assert 2 * np.mean(variances) ** 2 / np.var(variances) == pytest.approx(freedom + 1, rel=0.12)
-
-
-def test_what_units_scatter_is_the_error_of_their_mean_and_worth_one_unit_less():
-    """Leaving out one at a time; noise of a fifth of it, known by 10 degrees of freedom, is no misfit."""
-    y, one = np.array([1.0, 2.0, 4.0, 3.0, 7.0]), np.ones((5, 1, 1))
-    found = jackknife(one, y[:, None], 5 * one[0], np.array([y.sum()]), np.arange(5))
-    assert found[0, 0] == pytest.approx(np.var(y, ddof=1) / 5)
-    for noise, freedom in ((0.0, 4), (0.2, 1 / (0.2**2 / 10 + 0.8**2 / 4))):
-        covariance, degrees = combined(noise * found, np.array([10.0]), found, 5)
-        assert (covariance[0, 0], degrees[0]) == pytest.approx((found[0, 0], freedom))
 
 
 def test_degrees_of_freedom_of_a_sum_are_those_of_welch_and_satterthwaite():

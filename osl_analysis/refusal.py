@@ -103,6 +103,8 @@ def refusal_report(records: Collection[Path | str], recordings: Mapping[str, Seq
         lines += [f"  therefore {what}: {listing(lacking, MOST_TOLD)}"] * bool(lacking)
     if accept:
         return "\n".join([*lines, "accepted: `failed_trials: accept` in the configuration"])
+    if all(cause.outcome == "died" for cause in causes):
+        return "\n".join([*lines, "Nothing is to be corrected: run again."])
     return "\n".join(lines) + (
         "\nCorrect these and run again. To go on without a trial, give a reason under `exclude` in the sample sheet; "
         "without all of these, write `failed_trials: accept` in the configuration."

@@ -29,7 +29,7 @@ from osl_analysis.errors import InputError, WriteError
 from osl_analysis.files import digest, file_state, temporary_path
 from osl_analysis.ingest.examine import Commanded, examine, measured_table
 from osl_analysis.jobs import run as jobs_run
-from osl_analysis.jobs.job import died, perform
+from osl_analysis.jobs.job import died, perform, refusal
 from osl_analysis.jobs.job_log import read_log
 from osl_analysis.jobs.progress import LogHandler
 from osl_analysis.jobs.request import request_text
@@ -299,6 +299,20 @@ def test_the_same_cause_in_many_trials_is_one_line_and_another_its_own(tmp_path)
     assert (
         alike("a.csv: no 'knee' at 1.5e3", "knee") == alike("a.csv: no 'toe' at -2", "toe") == "a.csv: no 'TRIAL' at #"
     )
+
+
+def test_a_figure_whose_process_was_killed_leaves_its_trial_analysed_and_nothing_to_correct(tmp_path):
+    files = {"figures": tmp_path / "figures/fig4.csv", "fits": tmp_path / "fits/b_7.zip"}
+    ended = {"outcome": "died", "error": "the process of this job was killed (signal 9, SIGKILL)"}
+    job = {"command": "j", "input": {"trial": "trials/b_7.parquet"}, "settings": {}, "log": "log"}
+    said = {}
+    for kind, file in files.items():
+        record(file, refusal(job | {"files": [str(file)]}, ended))
+        said[kind] = refusal_report([file], {"b_7": ["raw/b_7.mcap"], "b_8": ["raw/b_8.mcap"]}, accept=False)
+    assert "NOT ANALYSED: some results" in said["figures"]
+    assert "b_7" in said["fits"].splitlines()[2]
+    assert "NOT ANALYSED: 1 of 2 trials" in said["fits"]
+    assert not any("Correct" in text or "exclude" in text for text in said.values())
 
 
 def test_what_a_renaming_leaves_among_the_results_is_named_at_the_end_of_a_run():

@@ -27,7 +27,7 @@ from tutorial_page import DOCS, FIGURE, LEFT_OUT, said_by_page
 
 from osl_analysis.bench.analysis import Series
 from osl_analysis.bench.components import belt_table, fit_branches, transmission_of, transmission_table
-from osl_analysis.bench.impedance import impedance_table, rendered_impedance
+from osl_analysis.bench.impedance import impedance_table, rendered_impedance, repeated_trials_table
 from osl_analysis.campaign.campaign import ABOUT_MEANING, sentence
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.cli import main
@@ -39,6 +39,7 @@ from osl_analysis.judge.limits import DoubtfulFits
 from osl_analysis.judge.words import WORDS, printed, words_of
 from osl_analysis.refusal import Refusal
 from osl_analysis.report import trial_page
+from osl_analysis.report.headlines import Example, headline_numbers
 from osl_analysis.report.page import (
     caption_html,
     captions_by_title,
@@ -424,6 +425,29 @@ def test_every_condition_has_K_B_and_I_with_intervals_and_what_is_doubted():
     assert (several["of"], several["trials"], several["doubt"]) == ("K_d 100", ["a", "b"], "")
     assert several["K"] == ("100", f"[{100 - half:.0f}, {100 + half:.0f}]")
     assert (alone["B"][0], alone["doubt"]) == ("−5.00", "friction (without it K 290, B 4.5 and I 0.02)")
+
+
+@pytest.mark.parametrize("n", [4, 20])
+def test_trials_of_no_stated_condition_are_never_one_condition(n):
+    """Neither a row of the first screen, a repeat nor a headline number may be their mean, which no joint has."""
+    common = {"amplitude_deg": None, "controller": None, "K_d": None, "B_d": None, "excitation": "multisine"}
+    common |= {"band_low_hz": 0.1, "band_high_hz": 5.0, "VAF": 99.0, "interval_method": "units", "doubtful": ""}
+    rows = [
+        {"trial": f"t{k}"} | {f"{x}{end}": K + by for x in "KBI" for end, by in (("", 0), ("_low", -1), ("_high", 1))}
+        for k, K in enumerate(np.resize([62.0, 148.0], n))
+    ]
+    schema = {"amplitude_deg": pl.Float64, "controller": pl.String, "K_d": pl.Float64, "B_d": pl.Float64}
+    table = pl.DataFrame([row | common for row in rows], schema_overrides=schema)
+    found = conditions({"impedance": table}, {})
+    if n > 8:
+        assert [(one["of"], one["K"]) for one in found] == [("no stated condition", ("62 to 148", "lowest to highest"))]
+    else:
+        assert [one["trials"] for one in found] == [["t0"], ["t1"], ["t2"], ["t3"]]
+        assert [one["K"] for one in found[:2]] == [("62.0", "[61.0, 63.0]"), ("148.0", "[147.0, 149.0]")]
+    assert repeated_trials_table(table).is_empty()
+    assert len(repeated_trials_table(table.with_columns(K_d=pl.lit(100.0)))) == 3
+    numbers = headline_numbers({"impedance": table}, Example(K_d=None, B_d=None))
+    assert [one.name for one in numbers if "example" in one.name] == []
 
 
 def test_crossings_are_drawn_in_degrees_the_residual_is_measured_minus_model_and_raw_signals_are_thinned_out():

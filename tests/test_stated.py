@@ -184,6 +184,21 @@ def test_cycles_of_a_soft_start_were_commanded_too():
     assert [one["protocol"].value for one in found] == [0, 0, 1, 1]
 
 
+def test_campaigns_without_a_stated_condition_are_paired_by_the_names_of_trials():
+    """A day that is 3 % stiffer is told though its joints are not alike; with names of its own it is not paired."""
+    none = [pl.lit(None, pl.Float64).alias(name) for name in ("K_d", "B_d")]
+    a, b = ({"impedance": tables(K=K, seed=seed)["impedance"].with_columns(none)} for K, seed in ((1, 1), (1.03, 2)))
+    named = pl.concat_str(pl.lit("tue"), pl.col("trial"))
+    renamed = {"impedance": b["impedance"].with_columns(trial=named)}
+    one_less = {"impedance": b["impedance"].filter(pl.col("trial") != "7")}
+    paired, fewer, other = (compared(a, one, 0.02).filter(quantity="K").to_dicts()[0] for one in (b, one_less, renamed))
+    for row in (paired, fewer):
+        assert row["method"] == "paired, Student"
+        assert 2 < row["relative_percent_low"] < 3 < row["relative_percent_high"] < 4
+        assert row["mean_A"] is None
+    assert other["method"] == "Welch's t, trials"
+
+
 def test_campaigns_are_paired_by_the_amplitudes_that_were_measured():
     stated, other = tables(amplitude=5.0), tables(amplitude=4.9, seed=2)
     other["impedance"] = other["impedance"].with_columns(commanded_deg=pl.lit(None, pl.Float64))

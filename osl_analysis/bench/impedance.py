@@ -369,14 +369,16 @@ def repeated_trials_table(impedance: pl.DataFrame) -> pl.DataFrame:
 
     Each trial counts with its fit to all of its motion. The interval contains everything that differs from trial to
     trial, as the distortion that friction makes of another realisation of a random motion; the intervals of the single
-    trials may not. Doubtful fits are left out where half of the trials or more are sound.
+    trials may not. Doubtful fits are left out where half of the trials or more are sound. Trials without a stated K_d
+    are no repeats: each may have been asked for another.
     """
     whole = impedance.filter(pl.col("amplitude_deg").is_null()) if "amplitude_deg" in impedance.columns else impedance
     same = ("joint", "side", "controller", "K_d", "B_d", "group", "excitation")
     keys, rows = [name for name in same if name in whole.columns], list[dict[str, object]]()
     sizes = [name for name in ("band_high_hz", "period_s", "theta_rms_deg") if name in whole.columns]
     told = whole.select("^(K|B|I|B_viscous|f_C)$").columns
-    for key, condition in whole.group_by(keys, maintain_order=True):
+    stated = whole.drop_nulls("K_d") if "K_d" in whole.columns else whole
+    for key, condition in stated.group_by(keys, maintain_order=True):
         motions: list[tuple[Array, list[int]]] = []  # trials of motions that are alike in band, period and size
         for row, own in enumerate(condition.select(sizes).fill_null(0.0).to_numpy()):
             realisations = next((of for first, of in motions if np.allclose(first, own, rtol=0.15)), None)

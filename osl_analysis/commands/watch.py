@@ -250,12 +250,14 @@ FEWEST_SIBLINGS, UNLIKE = 3, 4.0  # recordings, and standard deviations beyond w
 def comparable(trial: Trial, row: Mapping[str, Any], estimates: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
     """Numbers that are alike in recordings of one kind, each with the smallest standard deviation that it is granted:
     1 % of an estimate or its standard error, 5 % of duration, rate and range. An impedance that was asked for counts
-    beside the same one, and K/K_d, with 5 %, beside all; one that nobody stated is not compared."""
+    beside the same one, and K/K_d, with 5 %, beside all. Of a trial for which nobody stated one nothing is compared:
+    any two of these may have been asked for another."""
     found = dict[str, tuple[float, float]]()
     K_d, B_d = (None if row.get(name) is None else float(row[name]) for name in ("K_d", "B_d"))
+    if row.get("experiment") == "impedance" and K_d is None:
+        return found
     condition = "" if K_d is None else f" of K_d {K_d:g}"
-    commanded = row.get("experiment") != "impedance" or K_d is not None  # else each may have been asked for another K
-    for name in (n for n in estimated(estimates) if commanded and n not in ("offset", "drift")):
+    for name in (n for n in estimated(estimates) if n not in ("offset", "drift")):
         value, se = float(estimates[name]), float(estimates.get(f"{name}_se") or 0.0)
         of = condition if name == "K" or not condition or B_d is None else f"{condition}, B_d {B_d:g}"
         found[name + of] = value, max(se, 0.01 * abs(value))

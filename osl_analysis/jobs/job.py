@@ -107,6 +107,8 @@ def refusal(job: Job, ended: Mapping[str, Any]) -> Refusal:
     inputs, settings = job["input"], job["settings"]
     trial = settings.get("trial") or (settings.get("row") or {}).get("trial")
     trial = str(trial or Path(str(inputs.get("trial") or inputs.get("crossing") or "")).stem)
+    if any(Path(file).parent.name == "figures" for file in job["files"]):
+        trial = ""  # a trial that could not be drawn is analysed all the same
     outcome, reason, is_fault = ended["outcome"], ended["error"], bool(ended.get("traceback"))
     kind = {"refused": "" if trial else ", of several", "failed": "" if is_fault else ", of the system"}
     remedy = ended.get("remedy") or WHAT_TO_DO[outcome + kind.get(outcome, "")].format(log=job["log"])

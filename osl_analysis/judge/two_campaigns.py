@@ -32,7 +32,7 @@ ESTIMATOR = "ensemble"  # of the walking summary, that of the headline numbers
 SAME_PLACE = ("joint", "side", "group", "controller")
 DIFFERENCE = ("difference", "difference_low", "difference_high")  # B - A
 RATIO = ("relative_percent", "relative_percent_low", "relative_percent_high")  # B over A, less 1
-SAME_CONDITION = ("K_d", "B_d", "excitation", "amplitudes")  # of a rendered impedance
+SAME_CONDITION = ("K_d", "B_d", "excitation", "amplitudes", "named")  # of a rendered impedance
 COMPARISON_COLUMNS = {
     **dict.fromkeys(("experiment", "quantity", *SAME_PLACE), pl.String), **dict.fromkeys(("n_A", "n_B"), pl.Int64),
     **dict.fromkeys(("mean_A", "mean_B", *DIFFERENCE, *RATIO, "margin_percent"), pl.Float64),
@@ -47,7 +47,7 @@ def compared(a: Mapping[str, pl.DataFrame], b: Mapping[str, pl.DataFrame], margi
     What is positive by nature is compared as a ratio, by differences of logarithms, because K goes from 100 to 400
     N*m/rad: a ratio gives every desired impedance the same weight and needs no K_d. I and VAF have no ratio. `margin`
     is that of all ratios, as 0.05; None: none is stated, and nothing is equivalent."""
-    rows, (a, b) = [], with_common_sizes(a, b)
+    rows, (a, b) = [], with_names_shared(*with_common_sizes(a, b))
     for table, quantities in COMPARED_QUANTITIES.items():
         parts = [by_place(one[table], table) if table in one else {} for one in (a, b)]
         for key in dict.fromkeys(key for part in parts for key in part):
@@ -69,6 +69,18 @@ def with_common_sizes(*campaigns: Mapping[str, pl.DataFrame]) -> list[Mapping[st
     pooled = pooled.with_columns(amplitudes=each.over("campaign", "trial"))
     of = {k: {"impedance": pooled.filter(campaign=k)} for k, one in enumerate(campaigns) if "impedance" in one}
     return [{**one, **of.get(k, {})} for k, one in enumerate(campaigns)]
+
+
+def with_names_shared(*campaigns: Mapping[str, pl.DataFrame]) -> list[Mapping[str, pl.DataFrame]]:
+    """The tables of campaigns, impedance trials without a stated K_d with the name by which they are paired, `named`,
+    where half of the names or more are in each campaign; else null, and they are paired by what was measured."""
+    tables = [one.get("impedance", pl.DataFrame()) for one in campaigns]
+    if not all({"trial", "K_d"} <= {*table.columns} for table in tables):
+        return [*campaigns]
+    names = [{*table.filter(pl.col("K_d").is_null())["trial"]} for table in tables]
+    known = pl.col("K_d").is_null() & (2 * len(set.intersection(*names)) >= len(set.union(*names)))
+    name = pl.when(known).then(pl.col("trial").cast(pl.String)).alias("named")
+    return [{**one, "impedance": table.with_columns(name)} for one, table in zip(campaigns, tables, strict=True)]
 
 
 def by_place(table: pl.DataFrame, name: str) -> dict[tuple[Any, ...], pl.DataFrame]:

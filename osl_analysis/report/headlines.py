@@ -192,6 +192,8 @@ def impedance_headlines(impedance: pl.DataFrame, example: Example) -> Iterator[H
         shown = trials.filter(pl.col(name).eq_missing(pl.lit(value, pl.Float64)) for name, value in asked.items())
         for symbol in ("K", "B", "B_viscous", "f_C"):
             label = labels[f"{symbol}_example"]
+            if example.K_d is None and len(shown) > 1:
+                continue  # a mean of trials that nobody stated to be alike is that of no joint
             if len(shown) != 1 or shown[symbol][0] is None:
                 yield from over_fits(label, counted(shown)[symbol], np.mean, shown, counted(shown))
                 continue

@@ -108,9 +108,13 @@ def state_of(trials: Sequence[ReportedTrial], groups: Sequence[Any]) -> str:
     return printed(" ".join([*said, *walking_state(groups)]))
 
 
+MOST_UNSTATED = 8  # trials of no stated condition that have a row each on the first screen
+
+
 def conditions(tables: Mapping[str, pl.DataFrame], findings: Mapping[str, Sequence[Entry]]) -> list[dict[str, Any]]:
     """K, B and I of each condition, what was commanded of which joint, or walking group, with the trials that carry it
-    and what is doubted. Of several trials their mean (`summary_row`). `findings` are those on each trial."""
+    and what is doubted. Of several trials their mean (`summary_row`); of those without a stated K_d each has a row,
+    and many of them one with their lowest and highest. `findings` are those on each trial."""
     found = of_groups(tables, findings)
     for name in ("impedance", "human_joint"):
         table = tables.get(name, pl.DataFrame(schema=["amplitude_deg"]))
@@ -120,9 +124,17 @@ def conditions(tables: Mapping[str, pl.DataFrame], findings: Mapping[str, Sequen
             for key in ("joint", "side", "controller", "K_d", "B_d")
             if key in whole.columns and whole[key].n_unique() > 1
         ]
-        for own in whole.partition_by(keys, maintain_order=True) if keys else [whole] * (not whole.is_empty()):
+        parts = whole.partition_by(keys, maintain_order=True) if keys else [whole] * (not whole.is_empty())
+        unstated = [part.row(0, named=True).get("K_d") is None and len(part) > 1 for part in parts]
+        each = sum(len(part) for part, one in zip(parts, unstated, strict=True) if one) <= MOST_UNSTATED
+        rows = [
+            (own, one and not each, [f"trial {own['trial'][0]}"] * (one and each))
+            for part, one in zip(parts, unstated, strict=True)
+            for own in (part.partition_by("trial", maintain_order=True) if one and each else [part])
+        ]
+        for own, is_range, named in rows:
             row, trials = own.row(0, named=True), own["trial"].to_list()
-            if len(own) > 1:
+            if len(own) > 1 and not is_range:
                 for symbol in ESTIMATES:
                     mean = summary_row(own, symbol)
                     row |= {f"{symbol}{end}": mean[of] for end, of in ENDS.items()}
@@ -131,7 +143,12 @@ def conditions(tables: Mapping[str, pl.DataFrame], findings: Mapping[str, Sequen
             ]
             doubts = {doubted(one): None for trial in trials for one in findings.get(trial, ()) if is_doubt(one, name)}
             found.append(
-                {"of": ", ".join(said) or "all", "trials": trials, "doubt": "; ".join(doubts), **cells_of(row)}
+                {
+                    "of": ", ".join([*said, *named, *["no stated condition"] * is_range]) or "all",
+                    "trials": trials,
+                    "doubt": "; ".join(doubts),
+                    **(ranges_of(own) if is_range else cells_of(row)),
+                }
             )
     return found
 
@@ -152,6 +169,15 @@ ENDS = {"": "mean", "_low": "low", "_high": "high"}  # of a quantity in a summar
 
 def cells_of(row: Mapping[str, Any]) -> dict[str, tuple[str, str]]:
     return {symbol: value_and_interval(row, symbol) for symbol in ESTIMATES}
+
+
+def ranges_of(trials: pl.DataFrame) -> dict[str, tuple[str, str]]:
+    """Lowest and highest of each estimate, which are no interval."""
+    ends = {symbol: [trials[symbol].min(), trials[symbol].max()] for symbol in ESTIMATES}
+    return {
+        symbol: (" to ".join(value_and_interval({symbol: end}, symbol)[0] for end in both), "lowest to highest")
+        for symbol, both in ends.items()
+    }
 
 
 def is_doubt(entry: Entry, table: str) -> bool:

@@ -40,6 +40,7 @@ NEAR = 0.03  # share of what the best rival leaves, by which one that is as good
 CHANCE = 10.0  # parameters of noise by which a rival may be better by chance, where many are tried
 JUMPS = 0.4  # share of the misfit that is left, below which a lag that changes at once is heard whatever scatters
 UNEXPLAINED = 0.7  # share of what the best rival explains, by which one that is as good may explain less
+NEAR_PATH = 0.15  # the same of paths, whose error is that of their models: a low-pass and a mean are hard to tell apart
 MOMENTS = np.arange(6, 19) / CHUNKS  # shares of what is fitted at whose ends K, or a lag, may change
 MUSCLE_HZ = 6.0  # of a muscle's answer to a reflex
 SERIES = 5  # terms of the series of a torque that is late by a time that changes
@@ -179,6 +180,7 @@ class Court:
 
     def __init__(self, view: View) -> None:
         self.view, self.rivals = view, list[Rival]()
+        self.paths = list[Rival]()  # that may be meant where a path is the best rival, and give the range
         self.beside = [view.in_band(view.orders[0])] * (view.first == 1)
         theta, omega = view.motion[:2]
         sign, elastic = view.column(view.sign), view.first == 0
@@ -262,6 +264,7 @@ class Court:
                 lambda p: 1 / (1 + 2**0.5 * s * p + (s * p) ** 2),
             ),
             "mean": (np.geomspace(1e-3, 0.06, 12), lambda p: np.exp(-s * p / 2) * np.sinc(f * p)),
+            "resonance that rings": (np.geomspace(5e-3, 0.06, 10), lambda p: 1 / (1 + 0.02 * s * p + (s * p) ** 2)),
             "resonance": (np.geomspace(5e-3, 0.06, 10), lambda p: 1 / (1 + 0.2 * s * p + (s * p) ** 2)),
         }
         for name, (grid, response) in responses.items():
@@ -413,6 +416,9 @@ class Court:
             near = max(error, NEAR * float(best.left.sum()))
             if apart.sum() <= max(min(near, most), CHANCE * per_parameter) and rival.family != "reflex":
                 alike.append(rival)
+            by_model = max(error, most, NEAR_PATH * float(best.left.sum()))
+            if rival.family == best.family == "path" and rival.possible and apart.sum() <= by_model:
+                self.paths.append(rival)
         alike = [rival for rival in alike if rival.possible] or alike
         return none, sorted(alike, key=lambda rival: (self.chance[rival.family], score(rival)))
 
@@ -469,7 +475,9 @@ def witness_row(record: Record, names: Sequence[str] = tuple(HARM), is_leg: bool
     if not alike:
         return row
     every, half = (np.array([getattr(rival, name) for rival in alike]) for name in ("estimates", "half"))
-    low, high = (every - half).min(axis=0), (every + half).max(axis=0)
+    values, wide = np.concatenate([every, *(one.estimates[None] for one in court.paths)]), [half]
+    wide += [np.minimum(one.half, np.abs(one.estimates))[None] for one in court.paths]  # a path of no effect has any
+    low, high = (values - np.concatenate(wide)).min(axis=0), (values + np.concatenate(wide)).max(axis=0)
     shares, least = np.array(list(HARM.values())[view.first :]).T
     least = least * (view.first == 0)  # of losses any share counts
     harm = np.abs(every - none.estimates) / (shares * np.hypot(none.estimates, least))

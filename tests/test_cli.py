@@ -156,11 +156,14 @@ MISTAKES = {
     "K_d = 0 .* ask for more than 0": of_gains(0, 5), r"B_d = 1e\+300 .* ask for 1e-09 to 1e\+06": of_gains(300, 1e300),
     r"K_d = 700 .* ask for less than 685\.6 \(99 % of it: 678\.7\)": of_gains(700, 5),
     r"cutoff_hz: 1e\+300 is not allowed: write a number less than or equal to 10000": (*GAINS, "--weight-hz", 1e300),
+    "order: 0 is not allowed: write a number greater than or equal to 1": (*GAINS, "--weight-order", 0),
     r"no\.yaml: no such file": (*GAINS, "--parameters", "no.yaml"),
     "written as .csv or .json": (*GAINS, "--output", "x.txt"), "not a Parquet file": ("fit", "README.md"),
     "did you mean 'profiles/slurm'": ("run", "--workflow-profile", "profiles/slrm"),
+    "nowhere: no such folder": ("describe-tables", "--output", "nowhere/page.md"),
     r"no\.csv: no such file; correct its name": ("inspect", "no.csv"),
     r"no\.mcap: no such file; corr": ("ingest", "--log", "no.mcap", "--log-source", "leg", "--output", "no.parquet"),
+    "nowhere: no such folder; correct its name": ("samples", "nowhere"),
     r"\\x1b\[31mred: no such trial": ("fit", "\x1b[31mred"),
     r"o\\udcff\.csv: its name is not UTF-8; choose another name": (*GAINS, "--output", os.fsdecode(b"o\xff.csv")),
 }  # fmt: skip
@@ -170,12 +173,19 @@ UNFIT = {
     "leave out --stiffness": ("gains", "--damping", "5", "--trajectory", SYNTHETIC),
     "give --model impedance": ("fit", "x.parquet", "--controller", "uncompensated", "--model", "belt"),
     "neither a number": of_gains("stiff", 5), "write first:last:step, upwards": of_gains("400:100:50", 5),
+    "more than 300 numbers": of_gains("1:600:0.0001", 5),
     "--log and --log-source go": ("ingest", "--log", "x.mcap", "--output", "x.parquet"),
+    "--mocap and --mocap-source go": ("ingest", "--mocap-source", "vicon", "--output", "x.parquet"),
     "give --log, --mocap or both": ("ingest", "--output", "x.parquet"),
+    "Missing option '--output'": ("ingest", "--log", "x.csv"),
     "both.csv would be overwritten": (*GAINS, "--output", "both.csv", "--plot", "both.csv"),
     "a.csv would be overwritten": (*GAINS, "--output", "a.csv", "--parameters", "a.csv"),
     "`ingest` writes .parquet files": ("ingest", "--log", "a.csv", "--log-source", "s", "--output", "s.yaml"),
+    "`samples` writes .md files": ("samples", ".", "--output", "s.csv"),
+    "`describe-tables` writes .md files": ("describe-tables", "--output", "t.txt"),
+    "`design` writes .csv files": ("design", "--write", "m.txt"),
     "a.csv would be overwritten while": ("fit", "a.csv", "--plot", "../{}/a.csv"),
+    "--example has recordings of its own": ("init", "new", "--example", "--from", "."),
     "'5:1:0' is not a range": of_gains("5:1:0", 5), "'1:2' is not a range": of_gains("1:2", 5),
 }  # fmt: skip
 
@@ -183,6 +193,12 @@ UNFIT = {
 @pytest.mark.parametrize("message", MISTAKES)
 def test_a_mistake_is_one_line_with_exit_code_1(message):
     assert re.search(f"^error: .*{message}", one_line(call(*MISTAKES[message])))
+
+
+def test_a_missing_file_is_told_before_anything_is_imported_that_could_read_it():
+    code = "import sys, atexit, osl_analysis.cli as c; atexit.register(lambda: print('numpy' in sys.modules)); c.main()"
+    ran = subprocess.run([sys.executable, "-c", code, "inspect", "no.csv"], capture_output=True, text=True)
+    assert (ran.returncode, ran.stdout) == (1, "False\n")
 
 
 @pytest.mark.parametrize(("stated", "threads"), [(None, "1"), ("3", "3")])

@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 
 from osl_analysis.commands.figure import caption_of, draw_figure, draw_table, plot_numbers, write_captions
 from osl_analysis.errors import InputError
-from osl_analysis.figures import FIGURES, drawing_of, names, others
+from osl_analysis.figures import FIGURES, drawing_of, names, others, style
 from osl_analysis.figures.frequency import DESIRED, LINEAR_MODEL, response_curve
 from osl_analysis.figures.names import as_text, doubtful_said, write_footer
 from osl_analysis.figures.quasi_static import MEAN_SLOPE
@@ -525,6 +525,27 @@ def test_a_caption_is_one_paragraph_in_which_no_name_of_a_file_is_markup(name, t
     write_table(table.drop(last := drawing_of(name).columns[-1]), tmp_path / "t.csv")
     with pytest.raises(InputError, match=rf"t\.csv: no column '{last}'"):
         draw_figure(name, tmp_path / "t.csv", [tmp_path / "f.pdf"])
+
+
+def test_ticks_are_round_a_single_frequency_is_in_the_middle_of_its_axis_and_0_on_one_of_phases():
+    for low, high, most, expected in (
+        (1, 5, 6, [1, 2, 5]), (0.5, 6, 8, [0.5, 1, 2, 5]), (0.01, 100, 5, [0.01, 0.1, 1, 10, 100]),
+        (0.1, 15, 8, [0.1, 0.2, 0.5, 1, 2, 5, 10]), (1e-4, 1e5, 5, [1e-4, 1e-2, 1, 1e2, 1e4]),
+        (2.9, 3.11, 5, [2.9, 3.0, 3.1]),
+    ):  # fmt: skip
+        axis = Figure().subplots().xaxis
+        style.label_log_axis(axis, (low, high), most)
+        assert axis.get_ticklocs() == pytest.approx(expected)
+    for phases in ([-10, -70], [12, 80], [0, 0]):
+        ax = Figure().subplots()
+        ax.plot(phases)
+        style.label_frequency_axis(ax, pl.Series([3.0]), 6)
+        style.label_phase_axis(ax)
+        (low, high), (lowest, highest) = ax.get_xlim(), ax.get_ylim()
+        assert 1 < 3 / low == pytest.approx(high / 3)
+        assert lowest < 0 < highest
+        assert lowest <= min(phases) <= max(phases) <= highest
+        assert (3.0 in ax.get_xticks(), 0 in np.round(ax.get_yticks(), 9)) == (True, True)
 
 
 def test_no_two_controllers_look_alike_and_one_has_the_same_look_in_every_figure():

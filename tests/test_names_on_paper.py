@@ -178,6 +178,15 @@ def test_responses_are_predicted_by_a_parameter_file_of_their_joint_alone(tmp_pa
     assert set(drawn["curve"]) == {"observed", "desired"} | ({"linear model"} if predicted else set())
 
 
+def test_fig_7_shows_the_desired_impedance_with_the_most_trials_where_none_is_chosen(tmp_path):
+    table = stored("frequency_response")
+    lone = table.filter(trial=table["trial"][0]).with_columns(trial=pl.lit("lone"), K_d=pl.lit(77.0))
+    more = (lone.with_columns(pl.col("frequency_hz") + k / 100) for k in range(4))  # rows than all others together
+    write_table(pl.concat([*more, table]), tmp_path / "t.csv")
+    plotted_numbers.fig7(tmp_path / "t.csv", None, None, PAPER_WEIGHT, tmp_path / "fig7.csv")
+    assert set(read_table(tmp_path / "fig7.csv").filter(curve="observed")["K_d"]) == set(table["K_d"])
+
+
 def test_a_belt_without_parameters_needs_a_shaft_that_rests_and_a_table_says_last_what_its_data_are(tmp_path):
     theta = np.linspace(0, 0.1, 50)
     check_locked(theta, 0.0009 * np.sin(np.arange(50)) / 2)

@@ -6,7 +6,9 @@ import os
 import platform
 import re
 import signal
+import socket
 import subprocess
+import sys
 import warnings
 import zipfile
 from contextlib import nullcontext
@@ -28,9 +30,15 @@ from osl_analysis.commands.walking import read_crossing_file, read_model, read_u
 from osl_analysis.errors import InputError, WriteError
 from osl_analysis.files import digest, file_state, temporary_path
 from osl_analysis.ingest.examine import Commanded, examine, measured_table
+from osl_analysis.jobs import progress
 from osl_analysis.jobs import run as jobs_run
+<<<<<<< HEAD
 from osl_analysis.jobs.job import died, perform, refusal
 from osl_analysis.jobs.job_log import read_log
+=======
+from osl_analysis.jobs.job import died, perform
+from osl_analysis.jobs.job_log import read_log, write_log
+>>>>>>> 7ca55da9 (Tests that hold a survivor, a page's examples or a rule are back: clipping outside of the stance, plates of which most ring, equations of the method, worked examples)
 from osl_analysis.jobs.progress import LogHandler
 from osl_analysis.jobs.request import request_text
 from osl_analysis.jobs.run import job_server, run_job
@@ -240,6 +248,20 @@ def test_one_process_does_several_jobs_and_another_one_takes_its_place_when_it_i
     job_server.cache_clear()
 
 
+def test_a_worker_ends_its_job_without_a_word_where_the_server_is_killed_meanwhile(tmp_path):
+    request, _ = written(tmp_path)
+    ours, theirs = socket.socketpair()
+    code = f"import socket; from osl_analysis.jobs.run import work; work(socket.socket(fileno={theirs.fileno()}), 2)"
+    with (tmp_path / "said").open("w+") as said, ours, theirs:
+        worker = subprocess.Popen([sys.executable, "-c", code], pass_fds=[theirs.fileno()])
+        socket.send_fds(ours, [f"{tmp_path}\0{request}".encode()], [said.fileno(), said.fileno()])
+        ours.close()
+        theirs.close()
+        assert worker.wait() == 0
+        assert (tmp_path / "said").read_text() == ""
+    assert is_refused(tmp_path / "fits/b_7.csv")
+
+
 def test_a_job_that_crashes_on_its_recording_is_refused_with_the_file_and_one_that_is_killed_is_tried_again(tmp_path):
     of_raw = {"raw_folder": "raw", "row": {"trial": "b_7", "log": "b_7.mat"}}
     request, _ = written(tmp_path, settings=of_raw)
@@ -428,6 +450,27 @@ def tell(handler, event=None, text="", level=logging.INFO, **more):
     record = logging.LogRecord("snakemake", level, "", 0, text, (), None)
     record.__dict__ |= {"event": event, **more}
     handler.emit(record)
+
+
+def test_a_run_has_a_line_now_and_then_one_per_stage_and_what_is_refused_at_once(monkeypatch, tmp_path, capsys):
+    clock, ended = SimpleNamespace(now=100.0), {"job": "ingest.ingest_trial", "error": "b.mcap: no such file\x1b[31m"}
+    monkeypatch.setattr(progress.time, "monotonic", lambda: clock.now)
+    for outcome in (outcomes := ("refused", "failed", "died", "skipped")):
+        write_log(tmp_path / f"{outcome}.log", ended | {"outcome": outcome}, {})
+    lines = LogHandler(SimpleNamespace(verbose=False, dryrun=False), None)
+    tell(lines, LogEvent.RUN_INFO, stats={"osl_ingest": 40, "reproduce-all": 1, "total": 41})
+    for text in ("Building DAG of jobs...", "Unlocked."):
+        tell(lines, text=text)
+    for job in range(40):
+        logs = [f"{tmp_path}/{one}.log" for one in outcomes]
+        tell(lines, LogEvent.JOB_INFO, jobid=job, rule_name="osl_ingest", log=logs if job == 39 else None)
+        clock.now += 0.5
+        tell(lines, LogEvent.JOB_FINISHED, job_id=job)
+    said = capsys.readouterr().err.splitlines()
+    assert said[:2] == ["Unlocked.", "read and check recordings 21/40, 2/s, 10 s left"]
+    assert [line.partition(":")[0] for line in said[2:5]] == [*outcomes[:3]]
+    assert said[5:] == ["read and check recordings 40/40 in 20 s"]
+    assert r"no such file\x1b[31m" in said[2]
 
 
 @pytest.mark.parametrize(("text", "told"), [

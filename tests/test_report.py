@@ -556,6 +556,17 @@ def test_every_link_leads_to_a_file(page):
     assert [link for link in LINK.findall(page.read_text()) if not (page.parent / link).exists()] == []
 
 
+EQUATION = re.compile(r"^\| [0-9–]+ \|.*\| `([\w.]+)` \|$", re.MULTILINE)
+
+
+def test_every_equation_of_the_method_leads_to_its_function():
+    functions = EQUATION.findall((ROOT / "docs/method.md").read_text())
+    assert len(functions) >= 10
+    for name in functions:
+        module, _, function = name.rpartition(".")
+        assert callable(getattr(import_module(f"osl_analysis.{module}"), function)), name
+
+
 def test_the_page_of_functions_finds_every_function_that_it_names(site):
     names = re.findall(r":: ([\w.]+)", site["pages"].functions_page())
     assert {f"osl_analysis.{name}" for part in site["pages"].FUNCTIONS.values() for name in part} <= set(names)

@@ -51,9 +51,12 @@ def test_a_valid_sheet_has_numbers_truth_values_and_gaps_and_blanks_and_comments
     ("b1,blet,,,,,b.mcap,dynamometer,,,", "experiment 'blet' is none of .*; did you mean 'belt'"),
     ("../b1,belt,,,,,b.mcap,dynamometer,,,", r"line 2: trial '\.\./b1' must be up to 100 letters"),
     ("k,impedance,compensated,0,5,,k.mcap,dynamometer,,,", "K_d = 0, B_d = 5 is not the impedance of a joint"),
+    ("k,impedance,compensated,3,-5,,k.mcap,dynamometer,,,", "K_d = 3, B_d = -5 is not the impedance of a joint"),
     (f"{'b' * 101},belt,,,,,b.mcap,leg,,,", "b' must be up to 100 letters"),
     ("s,static,,,,,,,s.c3d,s.yml,", "mocap_source 's.yml' names a file"),
     ("b,belt,,,,,,,,,", "names no file; fill in"), ("b,belt,,,,yes,b.mcap,leg,,,", "'yes' must be true or false"),
+    ("b1,belt,,,,,b.mcap,s.yaml,,,", "log_source 's.yaml' names a file; write its name without the ending"),
+    ("k,impedance,compensated,1_0,5,,k.mcap,dynamometer,,,", "K_d '1_0' is not a number"),
     ("k,impedance,compensated,1e999,5,,k.mcap,dynamometer,,,", "K_d '1e999' is not a number"),
     ("w,walking,,,,,,,w.c3d,vicon,", "perturbed is empty"), ("w,static,,,,,,,w.c3d,,", "mocap_source is empty"),
     ("k,impedance,Compensated,300,5,,k.mcap,dynamometer,,,", "'Compensated' differs from 'compensated' by"),
@@ -73,6 +76,7 @@ def test_a_wrong_cell_is_named_with_line_and_remedy(tmp_path, line, message):
 
 @pytest.mark.parametrize(("text", "message"), [
     (f"{PLACED}a,belt,h\u00fcfte,,a,s\nb,belt,Hu\u0308fte,,b,s\n", "line 3: joint 'Hu.fte' differs from 'h.fte' by ca"),
+    (f"{PLACED}a,belt,knee,,a,s\nb,belt,Knee,,b,s\n", "line 3: joint 'Knee' differs from 'knee' by capitals or ac"),
     (f"{PLACED}a,belt,Ankle,,a,s\n", "line 2: joint 'Ankle' differs from 'ankle' by capitals or accents alone"),
     (f"{PLACED}a,static,knee,,a,s\n", "joint 'knee' of experiment 'static': the walkway measures the ankle; leave"),
     *((f"{PLACED}a,belt,knee,{side},a,s\n", f"side '{side}' must be left or right") for side in ("both", "Left")),
@@ -88,6 +92,8 @@ def test_a_wrong_cell_is_named_with_line_and_remedy(tmp_path, line, message):
     ("trial,experiment,log_part,mocap,mocap_source\nb,static,x,a,s\n", "log_part 'x' without a log"),
     ("trial,experiment,log,direction\nb,belt,b.mcap,up\n", "direction 'up' of a trial that is not perturbed"),
     ("", "not a CSV table"), (HEADER, "no trials"), ("trial,log\nb,b.mcap\n", "no column 'experiment'"),
+    ("trial,experiment,log,log\nb,belt,a,b\n", "line 1: column 'log' stands twice"),
+    ("trial,experiment,log,log_source,joint\na,belt,a.csv,b,ankel\n", "joint 'ankel' is no.* did you mean 'ankle'"),
     ("trial,experiment,log,log_source,static\na,belt,a.csv,b,x\n", "static 'x' of experiment 'belt'; it is for 'sta"),
     ("trial,experimnt,log\n", "unknown column 'experimnt'; .*; did you mean 'experiment'"),
     *((f"trial{sign}experiment\na{sign}belt\n", f"its cells are separated by '{said}'; save the sheet with commas")
@@ -236,6 +242,7 @@ def test_the_written_sheet_is_the_plan_and_a_crossing_s_perturbation_does_not_de
     assert few == many[:9]
 
 
+TONE = {"frequency_hz": 200, "size": 1}
 PRBS = {"name": "a", "kind": "prbs", "rms_deg": 2}
 
 
@@ -245,9 +252,13 @@ PRBS = {"name": "a", "kind": "prbs", "rms_deg": 2}
     ("drivetrain.control_updates", 3, "drivetrain.*control_updates must divide substeps"),
     ("experiments.walking", 3, "'walking' names no settings file"),
     ("dynamometer.rate_hz", 1, r"dynamometer\.rate_hz = 1 Hz takes 0\.2 samples of a cycle at 5 Hz; take 50 Hz"),
+    ("actuator", {"duration_s": 9, "fade_s": 1, "velocity": [TONE], "current": [TONE]}, "2000 Hz or .* actuator.veloc"),
     ("excitations", [PRBS | {"clock_s": 1e-5}], "at 50000 Hz; .*or correct excitations"),
     ("excitations", [PRBS | {"rms_deg": 120}], "excitations.0.rms_deg: 120 is not allowed: .* 60 deg"),
+    ("excitations", [PRBS, PRBS], "excitations: 'a' stands twice"),
     ("excitations", [PRBS | {"kind": "multisine", "band_hz": [0.1, 0.5]}], "0: 2 odd lines of a period of 8 s lie"),
+    ("experiments.conditions.subjects", [{"name": "A"}, {"name": "A"}], "subjects: 'A' stands twice"),
+    ("belt.amplitude_deg", 120, "belt.amplitude_deg: 120 is not allowed: .* 60 deg"),
     ("effects.actuator_encoder", {"enabled": True, "size": 200, "unit": "bit"}, "its size is 200 bit; give at most 32"),
     *(("effects.dynamometer_bandwidth.size", hz, f"size: {hz} Hz do not .* choose 5 to 500 Hz") for hz in (1, 600)),
     ("recorder.torque_node.rate", {"enabled": True, "size": 10, "unit": "Hz"}, "torque_node.rate.size: 10 Hz do not"),

@@ -175,6 +175,14 @@ def test_a_check_that_flags_trials_has_its_cause_and_its_value():
     ]
 
 
+def test_a_finding_names_three_trials_or_those_that_it_spares():
+    for n, of, said in ((4, 7, " [all but t4, t5, t6]"), (4, 8, " [t0, t1, t2, ...]"), (1, 4, " [t0]"), (2, 2, "")):
+        table = pl.DataFrame({"trial": [f"t{k}" for k in range(of)], "path_shift": [None] * n + [0.0] * (of - n)})
+        (found,) = known({"transmission": table.cast({"path_shift": pl.Float64})}, {})
+        assert found["line"].endswith(f"of this bench{said}")
+        assert (found["trials"], found["n"], found["verdict"]) == ([f"t{k}" for k in range(n)], of, "not checked")
+
+
 def test_the_limit_of_every_finding_reaches_table_and_summary_also_of_what_is_only_close_to_a_unit(tmp_path):
     belt = fits(K_s_ratio=[1.3558, 1.0], VAF=[99.0, 80.0], offset=[1.0, 9.0])
     limits = DoubtfulFits.model_validate({

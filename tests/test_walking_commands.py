@@ -298,6 +298,29 @@ def test_what_contradicts_sheet_markers_or_calibration_is_refused_by_name(ideal:
     assert [(trial.name, "FOOT2" in static.markers) for trial, static in pairs] == [(a, True), (b, False)]
 
 
+def test_missing_and_damaged_files_between_the_steps_name_the_step(ideal: Session, tmp_path: Path) -> None:
+    (perturbed,) = ideal.crossings(ideal.perturbed[0])
+    (tmp_path / "crossings").symlink_to(ideal.file("crossings"))
+    with pytest.raises(InputError, match="1 of 1 perturbations can be used, expected 2 or more"):
+        Session(tmp_path, ideal.perturbed[:1], ideal.unperturbed).summarised(settings())
+    broken = tmp_path / "plate.json"
+    with pytest.raises(InputError, match=r"plate\.json: no such file; run the step 'identify-plate'"):
+        jobs.read_model(broken, PlateModel)
+    for content in ("{", "{}", "[]", '{"a": 1}'):
+        broken.write_text(content)
+        with pytest.raises(InputError, match=r"plate\.json: not what .* delete it and run the step 'identify-plate'"):
+            jobs.read_model(broken, PlateModel)
+    with pytest.raises(InputError, match="a trial without events"):
+        jobs.read_crossing(ideal.trial(ideal.unperturbed[0]))
+    # a window so short that it has fewer samples than parameters: listed, and other results go on
+    selection, gait = ideal.file("selection.csv"), ideal.file("gait.parquet")
+    jobs.fit_perturbation(perturbed, selection, gait, settings(window_s=0.009), tmp_path / "fit.csv")
+    (row,) = read_table(tmp_path / "fit.csv").to_dicts()
+    assert (row["K"], "samples cannot determine 3 parameters" in row["excluded"]) == (None, True)
+    with pytest.raises(InputError, match=r"n\.parquet: no such file; run the step 'average-unperturbed'"):
+        jobs.fit_perturbation(perturbed, selection, tmp_path / "n.parquet", settings(), tmp_path / "f.csv")
+
+
 REAL, MASS = Path(__file__).parents[2] / "shared" / "real_data", 70.0
 KNOWN, LOADED = OvergroundAnalysis(load_on_n=50, body_mass_kg=MASS), {"load_on_n": 200.0}
 

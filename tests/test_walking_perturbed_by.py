@@ -1,5 +1,6 @@
 """Perturbations by a boot, by the leg itself, and by a belt: logs and captures by formula, with known K, B and I."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,9 @@ from walking_synthetic import changed, settings, static_trial
 from osl_analysis.campaign.campaign import check_campaign, open_campaign
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.commands import walking as jobs
+from osl_analysis.config.sheet import read_sheet
 from osl_analysis.errors import InputError
+from osl_analysis.ingest.raw_files import read_source
 from osl_analysis.table import read_table
 from osl_analysis.trial import Trial, write_trial
 from osl_analysis.walking.bodies import static_calibration
@@ -296,3 +299,25 @@ def test_a_campaign_asks_for_what_its_perturbation_needs_and_for_nothing_else(tm
             checked(tmp_path, head + static + captures.replace("a,b,", "a,b,1-2"), perturbed_by=kind)
     with pytest.raises(InputError, match="windows '1-2 3-4' of a crossing; write one"):
         checked(tmp_path, head + logs.replace(",1-2\n", ",1-2 3-4\n"), perturbed_by="boot")
+
+
+def test_every_worked_example_of_the_page_is_read_by_the_models_of_sheet_source_and_settings(tmp_path: Path) -> None:
+    """`(kind, text)` of the blocks of "Who perturbs", and of the sheet of "Setting up"."""
+    page = (ROOT / "docs/walking.md").read_text()
+    chapter = page[page.index("## Who perturbs") : page.index("## Stance and phase")]
+    blocks = re.findall(r"```(text|yaml)\n(.*?)```", chapter, re.DOTALL)
+    seen = []
+    for kind, text in blocks:
+        (tmp_path / "block").write_text(text)
+        if kind == "text":
+            rows = read_sheet(tmp_path / "block")
+            assert {bool(row["perturbed"]) for row in rows.values() if row["experiment"] == "walking"} == {True, False}
+        elif text.startswith("# config.yaml"):
+            seen.append(settings(**yaml.safe_load(text)["walking"]).perturbed_by)
+        else:
+            read_source(tmp_path / "block")
+    assert seen == ["belt", "boot", "leg"]
+    assert len(blocks) == 9
+    sheet = re.search(r"### The sheet\n\n```\n(.*?)```", page, re.DOTALL)
+    (tmp_path / "block").write_text(sheet[1])
+    assert len(read_sheet(tmp_path / "block")) == 4

@@ -273,6 +273,14 @@ def test_a_plate_that_fails_in_a_stance_is_refused_and_elsewhere_does_not_matter
     plate.check_type_on_platform(low, 1)
 
 
+@pytest.mark.parametrize("runs", [(0.0, 0.19), (0.81, 1.5)], ids=["before heel strike", "after toe-off"])
+def test_a_channel_that_clips_or_stands_outside_of_the_stance_refuses_no_crossing(runs: tuple[float, float]) -> None:
+    """As when somebody steps on the plate before or after the person."""
+    for run in ("clipped", "stands"):
+        facts = {f"{run}_samples": 500, f"{run}_from_s": runs[0], f"{run}_to_s": runs[1], "clipped_at": -200.0}
+        check_plate(examined(**facts), 1, Stance(0.2, 0.8), np.array([0.0, 700.0]))
+
+
 def test_the_pressure_beside_the_ankle_is_where_the_force_acts_and_a_marker_may_lie_outside_the_plate() -> None:
     """A force through a known point of the surface, the ankle 0.1 m above it; the axis points along -x, heading +y."""
     centre, ankle = np.array([[1.0, 2.0, 0.1]]), np.array([[1.05, 1.9, 0.2]])
@@ -360,3 +368,12 @@ def test_a_plate_that_rings_after_its_turn_is_named_with_its_frequency(pauses: t
     assert (hz == pytest.approx(40, abs=1.5) and growth > 100) if noise else (hz, growth) == (0, 0)
     hum = noise * 30 * np.sin(2 * np.pi * 50 * time)[:, None]  # which is there before the turn
     assert max(plate.ringing(time, white + other, track)[1] for other in (0, hum)) < 20
+
+
+@pytest.mark.parametrize(("growths", "hz"), [((5.0, 600.0, 600.0), 41.0), ((5.0, 400.0, 600.0), None)])
+def test_a_plate_rings_if_most_of_its_trials_do(
+    monkeypatch: pytest.MonkeyPatch, growths: Any, hz: float | None
+) -> None:
+    seen = iter(zip((40.0, 41.0, 42.0), growths, strict=True))
+    monkeypatch.setattr(plate, "ringing", lambda *_: next(seen))
+    assert model_of(*(unloaded(f"plate_{k}") for k in range(3))).ringing_hz == hz

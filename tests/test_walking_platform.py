@@ -27,15 +27,15 @@ from walking_synthetic import (
 
 from osl_analysis.campaign.campaign import Campaign, check_walking, open_campaign
 from osl_analysis.campaign.configuration import campaign_config
-from osl_analysis.commands.walking import identify_plate, read_model, write_model
+from osl_analysis.commands.walking import average_unperturbed, identify_plate, read_model, write_model, write_refusal
 from osl_analysis.errors import InputError
 from osl_analysis.signals import LowPass
-from osl_analysis.table import read_table
+from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import Array, Trial
 from osl_analysis.walking import plate as plates
 from osl_analysis.walking import platform
 from osl_analysis.walking.bodies import StaticCalibration, static_calibration
-from osl_analysis.walking.crossing import Crossing, analyse_crossing
+from osl_analysis.walking.crossing import Crossing, RefusedCrossing, analyse_crossing
 from osl_analysis.walking.groups import static_of
 from osl_analysis.walking.plate import NO_CORRECTION, PlateModel, identify_plate_model
 from osl_analysis.walking.platform import PlatformModel, PlatformTrack, identify_platform, platform_table, start_of_rise
@@ -303,6 +303,14 @@ def campaign(folder: Path, rows: str, **walking: Any) -> Campaign:
     return open_campaign(campaign_config(content, [ROOT / "config/config.yaml"]), None)
 
 
+def test_each_crossing_has_the_static_trial_of_its_subject_and_session(tmp_path: Path) -> None:
+    rows = "sA,static,,A,1,, sB,static,,B,1,, sA2,static,,A,2,, wA,walking,false,A,1,, wB,walking,false,B,1,,"
+    rows += " sC,static,,C,1,right, sD,static,,D,1,, p,plate,,,,,sC"  # sC is that of a plate alone, sD of nothing
+    sheet = campaign(tmp_path, rows + " wA2,walking,true,A,2,, m,plate,,,,,sB")
+    assert [sheet.static(trial) for trial in ("wA", "wB", "wA2", "m")] == ["sA", "sB", "sA2", "sB"]
+    assert sheet.statics == {"sA": ["wA"], "sB": ["wB"], "sA2": ["wA2"], "sC": []}
+
+
 @pytest.mark.parametrize(("cells", "statics", "found"), [
     ({"subject": "A", "session": "2", "static": "s1"}, {"s1": {"subject": "A"}, "s2": {"session": "2"}}, "s1"),
     ({"subject": "A", "session": "2"}, {"s1": {"subject": "A"}, "s2": {"subject": "A", "session": "2"}}, "s2"),
@@ -420,6 +428,24 @@ def test_an_onset_outside_stance_or_a_baseline_before_it_and_a_plate_without_mom
     facts = plain.provenance["plates"][0] | {"type": 1 if "1" in said else 2}
     with pytest.raises(InputError, match=rf"{said} (stance 0\.930-1\.59\d s|.centre of pressure)"):
         analyse_crossing(replace(plain, provenance={"plates": [facts]}), CALIBRATION, NO_CORRECTION, True, settings())
+
+
+def test_too_few_unperturbed_crossings_say_how_many_and_why(tmp_path: Path) -> None:
+    why = "the shank moves {} cm backwards over the foot in stance: correct `side`"
+    reasons = {f"u{k}": f"trial u{k}: {why.format(20 + k)}" for k in range(5)} | {"u5": "trial u5: hidden"}
+    for name, reason in reasons.items():
+        write_refusal(RefusedCrossing(name, False, reason), tmp_path / f"{name}.parquet")
+    rows = [{"trial": n, "perturbed": False, "reason": r, "gait": "all", "group": None} for n, r in reasons.items()]
+    rows.append({"trial": "p1", "perturbed": True, "reason": "another", "gait": "all", "group": None})
+    write_table(pl.DataFrame(rows).with_columns(direction=None), tmp_path / "selection.csv")
+    files = [tmp_path / f"{name}.parquet" for name in reasons]
+    jobs_files, chosen = (tmp_path / "selection.csv", tmp_path / "gait.parquet"), settings(fewest_unperturbed=4)
+    with pytest.raises(InputError) as caught:
+        average_unperturbed(files, jobs_files[0], chosen, jobs_files[1])
+    assert str(caught.value) == (
+        "0 of 6 unperturbed crossings can be used, expected 4 or more; 5 times (u0, u1, u2, u3, u4) "
+        "beside 1 for other reasons, which walking_crossings.csv lists, as in u0: " + why.format(20)
+    )
 
 
 def raised(trial: Trial, by: list[float]) -> Trial:

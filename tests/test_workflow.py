@@ -28,6 +28,7 @@ from osl_analysis.figures import FIGURES
 from osl_analysis.jobs import code
 from osl_analysis.jobs.job import call
 from osl_analysis.jobs.request import FITS, read_request
+from osl_analysis.jobs.run import RUNS
 from osl_analysis.refusal import is_refused
 from osl_analysis.report.headlines import all_labels
 
@@ -300,6 +301,15 @@ def test_a_campaign_that_cannot_be_run_is_one_line_before_any_job(workspace):
     said = r"error: .*/small\.yaml: line \d+ of small\.yaml: unknown field 'dynamometer\.cut_off'; the known .*\n\Z"
     assert re.search(said, result.stdout), result.stdout
     assert "did you mean 'profiles/slurm'" in workspace.run("-n", "--workflow-profile", "profiles/slrm").stdout
+
+
+def test_a_run_is_noted_before_anything_of_it_is_read_and_a_dry_run_is_not(tmp_path):
+    """So that the next start knows what a killed one left."""
+    space = Workspace(tmp_path)
+    space.configure({"campaign": "not / a name"})
+    for arguments, is_noted in ((["-n"], False), (["-np"], False), (["--dry-run"], False), ([], True)):
+        assert "is not allowed" in space.run(*arguments).stdout
+        assert (tmp_path / RUNS).is_file() == is_noted
 
 
 UNLUCKY = """

@@ -32,13 +32,8 @@ from osl_analysis.files import digest, file_state, temporary_path
 from osl_analysis.ingest.examine import Commanded, examine, measured_table
 from osl_analysis.jobs import progress
 from osl_analysis.jobs import run as jobs_run
-<<<<<<< HEAD
 from osl_analysis.jobs.job import died, perform, refusal
-from osl_analysis.jobs.job_log import read_log
-=======
-from osl_analysis.jobs.job import died, perform
 from osl_analysis.jobs.job_log import read_log, write_log
->>>>>>> 7ca55da9 (Tests that hold a survivor, a page's examples or a rule are back: clipping outside of the stance, plates of which most ring, equations of the method, worked examples)
 from osl_analysis.jobs.progress import LogHandler
 from osl_analysis.jobs.request import request_text
 from osl_analysis.jobs.run import job_server, run_job

@@ -186,7 +186,11 @@ def is_doubt(entry: Entry, table: str) -> bool:
 
 def doubted(entry: Entry) -> str:
     """A cause of doubt, with the estimates that it leaves, in their units."""
-    left = [f"{name} {entry[f'{name}_without']:.3g}" for name in ESTIMATES if entry.get(f"{name}_without") is not None]
+    left = []
+    for name in ESTIMATES:
+        value, *ends = (entry.get(f"{name}_without{end}") for end in ("", "_low", "_high"))
+        said = dict.fromkeys(f"{end:.3g}" for end in (ends if None not in ends else [value]) if end is not None)
+        left += [f"{name} {' to '.join(said)}"] * bool(said)
     return printed(f"{entry['cause']}{f' (without it {in_words(left)})' if left else ''}")
 
 

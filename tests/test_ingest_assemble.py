@@ -458,5 +458,23 @@ def test_the_draft_of_several_trials_is_of_one_and_fits_the_other(write, tmp_pat
     np.testing.assert_allclose(read.samples["time"], TIME, atol=1e-12)
 
 
+@MATLAB
+@pytest.mark.parametrize("timed", [True, False])
+def test_signals_that_simulink_logged_one_by_one_are_one_recording_in_the_draft(write, timed, tmp_path):
+    def logged(values, time):
+        own = {"values": values.reshape(-1, 1), "label": ""}
+        return {"time": time.reshape(-1, 1) if timed else np.zeros((0, 0)), "signals": own}
+
+    time = {} if timed else {"tout": TIME.reshape(-1, 1)}
+    variables = {"angle": logged(ANGLE, TIME), "torque": logged(TORQUE, TIME)}
+    text = draft_source(inspect_file(write(path := tmp_path / "a.mat", **time, **variables)), path.name)
+    assert all(f'"{name}.signal_1_1"' in text for name in variables)
+    assert 'time: {"variable": "' + ("angle.time" if timed else "tout") in text
+    assert "log_part" not in text
+    if timed:  # two recordings are no one
+        apart = {**variables, "torque": logged(TORQUE, TIME + 0.5)}
+        assert "log_part" in draft_source(inspect_file(write(path, **apart)), path.name)
+
+
 ESCAPE, HARMLESS = "\x1b[31m\n\x07", r"\x1b[31m\n\x07"
 JOINTS = "std_msgs/Header header\nstring[] name\nfloat64[] position\n" + HEADER

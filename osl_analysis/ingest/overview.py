@@ -358,7 +358,8 @@ def variables_in(part: str, name: str, value: Value) -> Iterator[tuple[str, str,
 def inspect_mat(path: Path) -> Overview:
     """Variables, fields and cells with size, range and likely unit; what cannot be read; parts that are alike."""
     file, most = open_mat(path), 500
-    variables = [one for name, value in file.read(file.names).items() for one in variables_in("", name, value)]
+    content = file.read(file.names)
+    variables = [one for name, value in content.items() for one in variables_in("", name, value)]
     remarks = [
         f"{address} is a {value.described()}, which is not read; {value.remedy()}"
         for _, _, address, value in variables
@@ -369,6 +370,7 @@ def inspect_mat(path: Path) -> Overview:
     for part, name, _, value in variables:
         if is_signal(value):
             by_part.setdefault(part, {})[name] = value
+    by_part = with_logged_joined(content, by_part)
     groups: dict[tuple[str, ...], dict[str, dict[str, Value]]] = {}  # the parts that hold the same signals
     for part, own in by_part.items():
         groups.setdefault(tuple(own), {})[part] = own
@@ -380,12 +382,35 @@ def inspect_mat(path: Path) -> Overview:
         left_open = [f"{what}: {parts}"]
     if others := [one for one in by_part if one not in alike]:
         what = "a draft is of one part; to read a variable of another, write its address with `/`, as"
-        left_open.append(f"{what} `/{printable(others[0])}.{printable(next(iter(by_part[others[0]])))}`")
+        left_open.append(f"{what} `/{printable(others[0])}.{printable(list(by_part[others[0]])[-1])}`")
     drafted = [one for name, value in next(iter(alike.values()), {}).items() for one in columns_of_matrix(name, value)]
     columns = [variable_column(address, name, value) for _, name, address, value in variables[:most]]
     facts = {"version": file.version, "header": file.header, "variables": str(len(file.names))}
     settings = {"log_part": part} if part else {}
     return overview_of("mat", columns, "variables", seems_clock, drafted, None, left_open, facts, remarks, settings)
+
+
+def with_logged_joined(
+    content: Mapping[str, Value], by_part: dict[str, dict[str, Value]]
+) -> dict[str, dict[str, Value]]:
+    """The signals by part, those of one recording that Simulink logged each in a structure of its own as one: with its
+    time, the same in all, or beside the one variable `tout`."""
+    structures = [
+        name
+        for name, value in content.items()
+        if len(value.elements) == 1 and {"time", "signals"} <= value.elements[0].keys()
+    ]
+    every = {(name, key): one for name in structures for key, one in by_part.get(name, {}).items()}
+    joined = {f"{name}.{key}": one for (name, key), one in every.items() if key != "time"}
+    clocks = {f"{name}.{key}": one for (name, key), one in every.items() if key == "time"}
+    if not clocks and "tout" in by_part.get("", {}):
+        clocks = {"tout": by_part[""]["tout"]}
+    shapes = {one.shape for one in (*clocks.values(), *joined.values())}
+    times = {np.asarray(one.numbers).tobytes() for one in clocks.values()}
+    if not len(joined) == len(structures) > len(shapes) == len(times) == 1:
+        return by_part
+    others = {part: own for part, own in by_part.items() if part not in ("", *structures)}
+    return {"": dict([next(iter(clocks.items())), *joined.items()]), **others}
 
 
 def is_signal(value: Value) -> bool:
@@ -395,7 +420,7 @@ def is_signal(value: Value) -> bool:
 
 def seems_clock(name: str) -> bool:
     """Whether the name of a signal is or begins as that of a clock: `t`, `time_ms`, `timeJIM`."""
-    likely = re.match(r"(time|t|stamp|clock)(?![a-z])|time", name, re.IGNORECASE)
+    likely = re.match(r"(time|t|tout|stamp|clock)(?![a-z])|time", name, re.IGNORECASE)
     return csv_table.is_clock(name) or likely is not None
 
 
@@ -406,7 +431,7 @@ def columns_of_matrix(name: str, value: Value) -> Iterator[RecordedChannel]:
     for place in range(min(rows, columns) if value.numbers is not None else 0):
         line = f"(:,{place + 1})" if upright else f"({place + 1},:)"
         values = np.asarray(value.numbers)[:, place] if upright else np.asarray(value.numbers)[place]
-        address, own = (name, name) if 1 in value.shape else (f"{name}{line}", line)
+        address, own = (name, name.rpartition(".")[2]) if 1 in value.shape else (f"{name}{line}", line)
         yield column({"variable": address}, own, values.astype(np.float64), value.unit, value.described())
 
 

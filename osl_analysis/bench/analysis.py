@@ -80,8 +80,8 @@ def plausible_impedance(
     """The rows of Eq. 15 with `saturated_samples`, `K_over_K_s` and `K_ratio`: K over `predicted`, by linear theory
     [N*m/rad], if the gains are known, else `K_over_K_d`, over K_d [N*m/rad] if that is stated. Both are of the largest
     amplitude in every row, since friction changes K least there. Where nothing but the parameter file says that the
-    joint `is_this_leg`, `K_over_K_s` is null up to 10: another device may be as soft or stiff as it likes, beyond
-    that a unit is wrong.
+    joint `is_this_leg`, `K_over_K_s` is null up to 1: another device may be as soft as it likes; beyond that a unit
+    may be wrong, or the parameter file is of another device.
     Raises InputError: K is negative, its interval too, or that of a joint that is this leg is larger than that of the
     belt through which the motor acts."""
     last = table.row(-1, named=True)
@@ -105,7 +105,7 @@ def plausible_impedance(
     of_gains = (largest / predicted if predicted else none).alias("K_ratio")
     of_sheet = (none if predicted or not K_d else largest / K_d).alias("K_over_K_d")
     of_belt = pl.col("K") / p.K_s if p and p.K_s else none
-    of_belt = of_belt if is_this_leg else pl.when(of_belt > 10).then(of_belt)
+    of_belt = of_belt if is_this_leg else pl.when(of_belt > 1).then(of_belt)
     return table.with_columns(rails, of_belt.alias("K_over_K_s"), of_gains, of_sheet)
 
 

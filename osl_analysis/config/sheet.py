@@ -34,7 +34,6 @@ SHEET_COLUMNS = (
 )  # fmt: skip
 NUMBER_COLUMNS = ("K_d", "B_d", "body_mass_kg", *FIXTURE, *KNOWN_COLUMNS)
 SheetRows = dict[str, dict[str, Any]]  # The rows of a sheet by trial, with all columns; None where a cell is empty.
-OUTER_BLANKS = re.compile(r"^[\s\u200b-\u200f\u2060\ufeff]+|[\s\u200b-\u200f\u2060\ufeff]+$")  # some of them unseen
 
 
 def read_sheet(path: Path) -> SheetRows:
@@ -46,7 +45,8 @@ def read_sheet(path: Path) -> SheetRows:
     if not path.is_file():
         raise InputError(f"{path}: no such sample sheet; write one (README, 'Your own data') or set `sheet`")
     check_not_refused(path)
-    lines = [(number, [OUTER_BLANKS.sub("", cell) for cell in row]) for number, row in numbered_rows(path)]
+    blanks = re.compile(r"^[\s\u200b-\u200f\u2060\ufeff]+|[\s\u200b-\u200f\u2060\ufeff]+$")  # some of them unseen
+    lines = [(number, [blanks.sub("", cell) for cell in row]) for number, row in numbered_rows(path)]
     if not lines:
         raise InputError(f"{path}: not a CSV table, it is empty; write a header and a row per trial")
     first, columns = lines[0]
@@ -141,13 +141,18 @@ def numbered_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
         raise InputError(f"{path}: line {number}: not CSV ({error}); check the quotes") from error
 
 
-DECIMAL = r"([+-]?(\d{1,99}\.?\d*|\.\d+)([eE][+-]?\d{1,2})?)?"
 FORMS = {
     "trial": (
         r"[A-Za-z0-9][A-Za-z0-9_.-]{0,99}",
         "must be up to 100 letters, digits, '_', '.' and '-': it becomes a file name",
     ),
-    **dict.fromkeys(NUMBER_COLUMNS, (DECIMAL, "is not a number; give it in SI units, without the unit")),
+    **dict.fromkeys(
+        NUMBER_COLUMNS,
+        (
+            r"([+-]?(\d{1,99}\.?\d*|\.\d+)([eE][+-]?\d{1,2})?)?",
+            "is not a number; give it in SI units, without the unit",
+        ),
+    ),
     "exclude": (
         r"(?!(0|no|false|none)$)(.|\n)*",
         "is no reason; clear the cell to analyse the trial, or say why not",
@@ -205,9 +210,9 @@ def wrong_numbers(row: Mapping[str, str]) -> Iterator[str]:
         yield str(error)
 
 
-OF_WALKWAY = tuple(name for name, facts in EXPERIMENTS.items() if facts.place != "bench")
 USERS = {
-    "windows": ("impedance", "human_joint", "walking"), "desired": ("torque_angle",), "static": OF_WALKWAY,
+    "windows": ("impedance", "human_joint", "walking"), "desired": ("torque_angle",), 
+    "static": tuple(name for name, facts in EXPERIMENTS.items() if facts.place != "bench"),
     **dict.fromkeys(KNOWN_COLUMNS, ("calibration",)),
     **dict.fromkeys(FIXTURE, tuple(name for name, facts in EXPERIMENTS.items() if facts.motion == "theta")),
 }  # fmt: skip

@@ -19,7 +19,6 @@ import yaml
 from osl_analysis.files import PACKAGE, write_text
 
 TEXT = (ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
-DEFINING = (ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef, ast.Assign, ast.AnnAssign, ast.If, ast.Try)
 
 
 class Statement(NamedTuple):
@@ -82,9 +81,11 @@ class Sources:
             if (dotted := new.pop()) in seen:
                 continue
             seen.add(dotted)
-            module, name = module_and_name(dotted)
-            if not module:
+            parts = dotted.split(".")
+            ends = (end for end in range(len(parts), 0, -1) if module_file(".".join(parts[:end])))
+            if not (end := next(ends, 0)):
                 continue
+            module, name = ".".join(parts[:end]), "".join(parts[end : end + 1])  # no name: the whole module is used
             of = self.module(module)
             if name in of.imports:
                 new.append(of.imports[name])
@@ -163,13 +164,10 @@ def imported(node: ast.AST) -> Iterator[tuple[str, str]]:
 
 def names_bound(node: ast.stmt) -> Iterator[str]:
     """The names by which the rest of a module knows a statement; none of one that acts, as a loop or a call."""
-    if isinstance(node, DEFINING):
-        if isinstance(node, ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
-            yield node.name
-            return
-        for one in ast.walk(node):
-            if isinstance(one, ast.Name) and isinstance(one.ctx, ast.Store):
-                yield one.id
+    if isinstance(node, TEXT):
+        yield node.name
+    elif isinstance(node, ast.Assign | ast.AnnAssign | ast.If | ast.Try):
+        yield from (one.id for one in ast.walk(node) if isinstance(one, ast.Name) and isinstance(one.ctx, ast.Store))
 
 
 @cache
@@ -177,15 +175,6 @@ def module_file(name: str) -> Path | None:
     """File of a module, by its dotted name below `osl_analysis`; None if the name is not a module."""
     path = PACKAGE.joinpath(*name.split("."))
     return next((one for one in (path.with_suffix(".py"), path / "__init__.py") if one.is_file()), None)
-
-
-def module_and_name(dotted: str) -> tuple[str, str]:
-    """The module of a dotted name, and the name in it; empty where there is none."""
-    parts = dotted.split(".")
-    for number in range(len(parts), 0, -1):
-        if module_file(module := ".".join(parts[:number])):
-            return module, parts[number] if number < len(parts) else ""
-    return "", ""
 
 
 def data_of(module: str, statement: Statement) -> Iterator[Path]:

@@ -55,7 +55,7 @@ def result_tables() -> list[Path]:
     tables += [table for table, (source, _) in DERIVED.items() if source in tables]
     tables += CAMPAIGN.further_tables() + ["impedance_evidence"] * ("impedance" in tables)
     tables += ["gains"] * bool(CONFIG.impedance_trajectory)
-    tables += ["prediction", "prediction_causes"] * bool(PREDICTED or UNPREDICTED)
+    tables += ["prediction", "prediction_causes", "prediction_frequencies"] * bool(PREDICTED or UNPREDICTED)
     tables += ["claims"] * any(table in tables for table in CLAIMED)
     return [tabled(table) for table in tables]
 
@@ -85,6 +85,7 @@ PREDICTIONS = {
 PREDICTIONS |= {"after": [*MEASURED.values()], "read": {"components": MEASURED}}
 PREDICTIONS |= {"settings": DRIVETRAIN | {"unpredicted": UNPREDICTED}}
 GATHERED = {"output": tabled("prediction"), "causes": tabled("prediction_causes")}
+GATHERED |= {"frequencies": tabled("prediction_frequencies")}
 single("bench.gather_predictions", GATHERED, "tables/prediction", PREDICTIONS)
 
 

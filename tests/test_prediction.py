@@ -7,10 +7,11 @@ from itertools import product
 import numpy as np
 import polars as pl
 import pytest
-from bench_synthetic import FIVE, RATE, component_tables, stepped_sine, table_of
+from bench_synthetic import FIVE, LOW_PASS, RATE, component_tables, stepped_sine, table_of, true_motion
 from conftest import ROOT
 from polars.testing import assert_frame_equal
 from scipy import stats
+from scipy.signal import butter, sosfiltfilt
 from statsmodels.robust.norms import HuberT
 from statsmodels.robust.robust_linear_model import RLM
 
@@ -20,12 +21,13 @@ from osl_analysis.bench.phasors import ComplexEstimate, damping_row
 from osl_analysis.bench.prediction import (
     COMPONENTS,
     LAW_COLUMNS,
+    MISSES,
     components_of,
     model_variance,
     prediction_table,
     prediction_terms,
 )
-from osl_analysis.bench.record import read_record, stored_record
+from osl_analysis.bench.record import read_record, record_of, stored_record, stretches_of
 from osl_analysis.bench.settings import FilterSettings
 from osl_analysis.commands.bench import gather_predictions
 from osl_analysis.errors import InputError
@@ -69,7 +71,7 @@ def predictions(tables, p=P, **delays):
     components, terms, fits = components_of(tables, ("ankle", None), P), {}, []
     for seed, (K_d, B_d, controller) in enumerate(ASKED):
         name, record = f"K{K_d}_{controller}", recording(K_d, B_d, controller, p, seed, **delays)
-        terms[name] = prediction_terms(replace(record, name=name), law_of(K_d, B_d, controller), components)
+        terms[name], _ = prediction_terms(replace(record, name=name), law_of(K_d, B_d, controller), components)
         fits.append(fitted(record, trial=name, **HERE, controller=controller, K_d=float(K_d), B_d=float(B_d)))
     return *prediction_table(terms, pl.DataFrame(fits, infer_schema_length=None), components), fits
 
@@ -78,16 +80,39 @@ def test_a_record_that_was_kept_is_predicted_as_that_of_the_fit_and_without_comp
     record, kept = replace(recording(300, 5, "compensated", P, 0), name="t_1"), tmp_path / "t_1.parquet"
     write_table(stored_record(record), kept)
     law, components = law_of(300, 5, "compensated"), components_of(component_tables(TRUE), ("ankle", None), P)
-    terms = (prediction_terms(one, law, components) for one in (record, read_record(kept, record.low_pass)))
-    assert_frame_equal(*terms, rel_tol=1e-9)
+    made = (prediction_terms(one, law, components) for one in (record, read_record(kept, record.low_pass)))
+    for of_record, of_kept in zip(*made, strict=True):
+        assert_frame_equal(of_record, of_kept, rel_tol=1e-9)
     row = fitted(record, trial="t_1", **HERE, controller="compensated", K_d=300.0, B_d=5.0)
     write_table(pl.DataFrame([row]), table := tmp_path / "impedance.csv")
-    settings, (output, causes) = FilterSettings(cutoff_hz=15, order=4), (tmp_path / name for name in ("p.csv", "c.csv"))
+    settings, output = FilterSettings(cutoff_hz=15, order=4), tmp_path / "p.csv"
+    causes, frequencies = tmp_path / "c.csv", tmp_path / "f.csv"
     device = ROOT / "config/parameters/default.yaml"
     write_table(pl.DataFrame(schema=LAW_COLUMNS), law := tmp_path / "law.csv")
-    gather_predictions([kept], table, law, {}, {}, PAPER_WEIGHT, 0.05, settings, output, causes, device)
+    gather_predictions([kept], table, law, {}, {}, PAPER_WEIGHT, 0.05, settings, output, causes, frequencies, device)
     assert "no actuator and no belt" in read_table(output)["missing_components"].item()
     assert read_table(causes).is_empty()
+    assert {*MISSES} < {*read_table(frequencies).columns}
+
+
+def test_what_a_prediction_misses_stands_at_the_frequency_at_which_it_misses_it():
+    """Of an inertia more than predicted, I w^2 times the RMS of a sine; of a gain, an equal share at each frequency."""
+    law, more = law_of(300, 5, "compensated"), 0.05
+    components = components_of(component_tables(TRUE, 1e-6), ("ankle", None), P)
+    _, found = prediction_terms(recording(300, 5, "compensated", replace(P, J_j=P.J_j + more)), law, components)
+    assert found["frequency_hz"].to_list() == [1, 2, 3, 4, 5]
+    size, w = np.sqrt(np.mean(np.square(FIVE.amplitudes)) / 2), 2 * np.pi * found["frequency_hz"]
+    np.testing.assert_allclose(found["miss"], more * w**2 * size, rtol=0.01, atol=0.02)
+    np.testing.assert_allclose(found["share"], 100 * found["miss"] / found["torque"])
+    rng = np.random.default_rng(3)
+    theta = sosfiltfilt(butter(4, (0.5, 6), "band", fs=RATE, output="sos"), rng.standard_normal(round(60 * RATE)))
+    motion = true_motion(time := np.arange(len(theta)) / RATE, 0.05 * theta / theta.std())
+    torque = 1.25 * (belt_response(motion.theta, RATE, law, P) + P.B_j * motion.omega + P.J_j * motion.alpha)
+    rows = stretches_of([slice(500, len(time) - 500)], RATE)
+    _, found = prediction_terms(record_of("noise", time, motion.theta, torque, LOW_PASS, rows), law, components)
+    assert found["frequency_hz"].is_between(0.4, 8.5).all()
+    assert len(found) > 10
+    np.testing.assert_allclose(found["share"], 20, atol=0.3)
 
 
 def test_a_controller_that_acts_late_is_that_of_the_simulator_with_its_delay():
@@ -182,7 +207,7 @@ def test_an_interval_is_learnt_from_the_other_trials():
     """What a trial itself measured does not change its own interval, and changes that of the others."""
     tables = component_tables(TRUE)
     components, record = components_of(tables, ("ankle", None), P), recording(300, 5, "compensated")
-    terms = {f"t{k}": prediction_terms(record, law_of(300, 5, "compensated"), components) for k in range(6)}
+    terms = {f"t{k}": prediction_terms(record, law_of(300, 5, "compensated"), components)[0] for k in range(6)}
     fit = fitted(record, **HERE, controller="c", K_d=1.0, B_d=1.0)
     fits = pl.DataFrame([fit | {"trial": trial} for trial in terms])
     wide = {**terms, "t0": terms["t0"].with_columns(K=pl.when(pl.col("term") == "left").then(30.0).otherwise("K"))}

@@ -199,6 +199,7 @@ NUMBERS = ("K_d", "B_d", "VAF", "rms", "VAF_fitted", *(f"{x}{end}" for x in QUAN
 """Columns of `prediction.csv` that it has without any prediction too."""
 ENDS = {"low": -1.0, "high": 1.0}
 LOWEST_VAF = 80.0  # [percent] of Eq. 15; below it K, B and I hardly describe a trial: it teaches nothing
+MISSES = {"trial": pl.String} | dict.fromkeys(("frequency_hz", "torque", "miss", "share"), pl.Float64)
 LITTLE = {"K": 0.0, "B": 2.0}  # sizes [N*m/rad, N*m*s/rad] below which what the equations lack is no share of K or B
 FEWEST_OTHERS = 4  # trials with the same controller from which on they alone teach what the equations lack
 DELAY_STEP = 2.5e-4  # [s] by which the delays are changed
@@ -305,10 +306,33 @@ def predicted_torque(record: Record, law: Controller, p: DrivetrainParameters, f
     return record.low_pass(belt, record.rate_hz) + p.B_j * record.motion.omega + p.J_j * record.motion.alpha
 
 
-def prediction_terms(record: Record, law: Controller, components: Components) -> pl.DataFrame:
+def miss_over_frequency(record: Record, predicted: Array) -> pl.DataFrame:
+    """RMS [N*m] of the recorded `torque` and of its `miss`, recorded less `predicted` (n,), and the `share` [percent]
+    of the one in the other: at each frequency of a stepped sine, with its harmonics, of another motion in the third
+    octaves that have a thousandth of the torque's power. What a stretch of rows has as its mean is no miss."""
+    signals, rows = np.array([record.filtered_torque, record.filtered_torque - predicted]), []
+    of_sines = any(np.isfinite(one.frequency_hz) for one in record.groups.strata)
+    for part in record.pieces:
+        if of_sines:
+            hz = next(one.frequency_hz for one in record.groups.strata if one.rows.start <= part.start < one.rows.stop)
+            rows.append((hz, part.stop - part.start, *signals[:, part].var(axis=1)))
+            continue
+        f, density = scipy.signal.periodogram(signals[:, part], record.rate_hz, "hann", detrend="linear")
+        thirds = np.exp2(np.rint(3 * np.log2(f[1:])) / 3)
+        for hz in np.unique(thirds):
+            rows.append((hz, part.stop - part.start, *(density[:, 1:] @ (thirds == hz) * f[1])))
+    table = pl.DataFrame(rows, schema=("frequency_hz", "n", "torque", "miss"), orient="row").group_by("frequency_hz")
+    weighted = ((pl.col(name) * pl.col("n")).sum() / pl.col("n").sum() for name in ("torque", "miss"))
+    power = table.agg(*weighted).sort("frequency_hz").filter(pl.col("torque") >= 1e-3 * pl.col("torque").sum())
+    found = power.with_columns(pl.col("torque", "miss").sqrt(), trial=pl.lit(record.name))
+    return found.with_columns(share=100 * pl.col("miss") / pl.col("torque")).select(*MISSES)
+
+
+def prediction_terms(record: Record, law: Controller, components: Components) -> tuple[pl.DataFrame, pl.DataFrame]:
     """A row `predicted`, and one for each of `TERMS`. They have the K, B and I of the torque, and its part of the RMS
     `torque`, to first order; the prediction its `VAF` [percent] and the `rms` [N*m] of what it leaves; the terms their
-    products with each of the terms, without offset and drift. Raises as `predicted_torque`."""
+    products with each of the terms, without offset and drift. Beside them stands `miss_over_frequency`. Raises as
+    `predicted_torque`."""
     predicted, file = predicted_torque(record, law, components.p), law.p
     columns = {"left": record.filtered_torque - predicted}
     exact = {"B_j": record.motion.omega, "J_j": record.motion.alpha}  # the torque is linear in them
@@ -342,7 +366,8 @@ def prediction_terms(record: Record, law: Controller, components: Components) ->
     found: dict[str, Any] = {"trial": record.name, "term": ["predicted", *TERMS], "VAF": [vaf, *nothing]}
     found["rms"] = [float(Y[1].std()), *nothing]
     sizes = along[2:] / np.sqrt(n) / size
-    return pl.DataFrame(found | dict(zip((*QUANTITIES, *ALONG), (K, B, I, torque, *sizes), strict=True)))
+    terms = pl.DataFrame(found | dict(zip((*QUANTITIES, *ALONG), (K, B, I, torque, *sizes), strict=True)))
+    return terms, miss_over_frequency(record, predicted)
 
 
 def prediction_table(

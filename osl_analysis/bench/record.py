@@ -293,21 +293,25 @@ class Record:
 
 def stored_record(record: Record) -> pl.DataFrame:
     """What a model of the drivetrain is compared with, a row per sample: the angle of the joint, the filtered torque,
-    and whether the row is fitted."""
-    fitted = np.zeros(len(record.time), dtype=np.bool_)
+    whether the row is fitted, and the frequency [Hz] of the sine that it then is of, else NaN."""
+    fitted, hz = np.zeros(len(record.time), dtype=np.bool_), np.full(len(record.time), np.nan)
     fitted[record.rows()] = True
+    for one in record.groups.strata:
+        hz[one.rows] = np.where(fitted[one.rows], one.frequency_hz, np.nan)
     signals = {"time": record.time, "theta": record.theta, "torque": record.filtered_torque}
-    return pl.DataFrame({**signals, "fitted": fitted})
+    return pl.DataFrame({**signals, "fitted": fitted, "frequency_hz": hz})
 
 
 def read_record(path: Path, low_pass: LowPass) -> Record:
-    """The record that was stored, whose torque is the filtered one."""
+    """The record that was stored, whose torque is the filtered one; a stratum is a stretch of rows."""
     check_not_refused(path)
     table = pl.read_parquet(path)
-    time, theta, torque, fitted = (table[name].to_numpy() for name in table.columns)
+    time, theta, torque, fitted, hz = (table[name].to_numpy() for name in table.columns)
     motion, _ = filtered_motion(time, theta, torque, low_pass)
-    first, stop = np.array([[rows.start, rows.stop] for rows in runs(fitted)]).T
-    groups = Groups("stretches", first, stop, np.zeros_like(first), (Stratum(slice(0, len(time))),))
+    parts = runs(fitted)
+    first, stop = np.array([[rows.start, rows.stop] for rows in parts]).T
+    strata = tuple(Stratum(rows, frequency_hz=float(hz[rows.start])) for rows in parts)
+    groups = Groups("stretches", first, stop, np.arange(len(parts)), strata)
     return Record(path.stem, time, theta, torque, motion, torque, low_pass, fitted, groups)
 
 

@@ -32,6 +32,7 @@ from osl_analysis.bench.phasors import (
 )
 from osl_analysis.bench.prediction import (
     LAW_COLUMNS,
+    MISSES,
     NUMBERS,
     components_of,
     law_table,
@@ -219,15 +220,18 @@ def gather_predictions(
     settings: FilterSettings,
     output: Path,
     causes: Path,
+    frequencies: Path,
     parameters: FileOrNone = None,
 ) -> None:
-    """The predictions of all trials with their intervals, and what would explain what they leave. `records` are those
+    """The predictions of all trials with their intervals, what would explain what they leave, and how much that is at
+    each frequency. `records` are those
     of their fits, `table` is `impedance.csv`, `law` is `law.csv`: where other gains ran than were programmed, these
     count. `unpredicted` says why other trials with known gains have none. The controller smooths the sign of the
     velocity over `sign_width` [rad/s], `weight` is W of Eq. 14."""
     fits, without = with_evidence(table).filter(pl.col("amplitude_deg").is_null()), dict(unpredicted)
     p, measured = known_parameters(parameters), {part: read_table(path) for part, path in components.items()}
     predicted, found = fits.filter(pl.col("trial").is_in([path.stem for path in records])), []
+    missed = [pl.DataFrame(schema=MISSES)]
     kept, laws = {path.stem: path for path in records}, read_table(law)
     for own in predicted.partition_by(PLACE, maintain_order=True):
         terms, law_of = dict[str, pl.DataFrame](), dict[str, str]()
@@ -239,7 +243,8 @@ def gather_predictions(
                 assert gains is not None  # of other trials no record is read
                 record = read_record(kept[row["trial"]], settings.low_pass)
                 ran = law_that_ran(laws.filter(trial=row["trial"]), gains, p)
-                terms[row["trial"]] = prediction_terms(record, Controller(*ran, sign_width), known)
+                terms[row["trial"]], miss = prediction_terms(record, Controller(*ran, sign_width), known)
+                missed.append(miss)
                 law_of[row["trial"]] = "programmed" if ran == (gains, p) else "measured"
             except (InputError, IdentifiabilityError) as error:
                 without[row["trial"]] = f"components that predict a torque ({error})"
@@ -254,6 +259,8 @@ def gather_predictions(
     write_table(pl.concat([others, *(rows for rows, _ in found)], how="diagonal_relaxed"), output)
     none = pl.DataFrame(schema=[*PLACE, "component"])
     write_table(pl.concat([none, *(rows for _, rows in found)], how="diagonal_relaxed"), causes)
+    condition = fits.select("trial", *PLACE, "controller", "K_d", "B_d", "doubtful")
+    write_table(condition.join(pl.concat(missed), on="trial", maintain_order="left"), frequencies)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -10,21 +10,26 @@ PANELS = {"K": r"stiffness $\hat{K}$ (N·m/rad)", "B": r"damping $\hat{B}$ (N·m
 """The quantities with their words on the axes."""
 
 
-def prediction_points(prediction: pl.DataFrame) -> pl.DataFrame:
-    table = names.completed(prediction, columns_of("prediction"), True).filter(pl.col("VAF").is_not_null())
+def prediction_points(prediction: pl.DataFrame, frequencies: pl.DataFrame) -> pl.DataFrame:
+    columns = columns_of("prediction")
+    trials = names.completed(prediction, columns, True).filter(pl.col("VAF").is_not_null())
+    rows = [trials, names.completed(frequencies, columns, True)]
+    table = pl.concat([one for one in rows if len(one)] or rows, how="vertical_relaxed")
     return table.with_columns(names.look_numbers(table["controller"]))
 
 
 @style.paper_style()
 def draw_prediction(table: pl.DataFrame) -> Figure:
-    """Above, measured over predicted, with the identity; below, their difference with the prediction's interval."""
+    """Above, measured over predicted, with the identity; below, their difference with the prediction's interval; at the
+    bottom, what is missed over frequency."""
     parts, looks = names.placed_rows(table), names.looks_in(table)
-    rows, kinds = 2 * len(parts), ("Stiffness", "Damping", "Torque")
-    titles = names.panel_titles(parts, (*kinds, *(f"{kind}, difference" for kind in kinds)))
+    rows, kinds = 3 * len(parts), ("Stiffness", "Damping", "Torque")
+    titles = names.panel_titles(parts, (*kinds, *(f"{kind}, difference" for kind in kinds), "Torque missed", "", ""))
     figure, axes = style.panels(style.DOUBLE_COLUMN, 0.4 + 1.9 * rows, rows=rows, columns=3, names=titles)
-    for number, (_, part) in enumerate(parts):
+    for number, (_, of_place) in enumerate(parts):
+        part, missed = (of_place.filter(pl.col("share").is_null() == trials) for trials in (True, False))
         for k, (symbol, words) in enumerate(PANELS.items()):
-            above, below = axes[6 * number + k], axes[6 * number + 3 + k]
+            above, below = axes[9 * number + k], axes[9 * number + 3 + k]
             ends = part.select(symbol, f"{symbol}_measured").to_numpy()
             above.plot([ends.min(), ends.max()], [ends.min(), ends.max()], color=style.BLACK, linewidth=0.6)
             below.axhline(0, color=style.BLACK, linewidth=0.6)
@@ -39,7 +44,24 @@ def draw_prediction(table: pl.DataFrame) -> Figure:
             below.set_xlabel(f"Predicted {words}")
             above.sharex(below)
             above.tick_params(labelbottom=False)
-        axes[6 * number + 3].set_ylabel("Measured − predicted")
+        axes[9 * number + 3].set_ylabel("Measured − predicted")
+        trend, *spare = axes[9 * number + 6 : 9 * number + 9]
+        trend.set_subplotspec(trend.get_gridspec()[3 * number + 2, :])
+        for ax in spare:
+            ax.remove()
+        for controller, look in looks.items():
+            own = names.of_controller(missed, controller)
+            for one in own.partition_by("trial"):
+                line = style.DOTTED if style.has_doubtful(one) else "-"
+                trend.plot(one["frequency_hz"], one["share"], color=look.colour, linestyle=line, linewidth=0.4)
+            middle = own.group_by("frequency_hz").agg(pl.col("share").median()).sort("frequency_hz")
+            trend.plot(*middle, color=look.colour, marker=look.marker, markersize=look.size, linewidth=style.THICK)
+        trend.set_yscale("log")
+        if len(missed):
+            style.label_frequency_axis(trend, missed["frequency_hz"], most=12)
+            style.label_log_axis(trend.yaxis, trend.get_ylim(), most=6)
+        trend.set_xlabel("Frequency (Hz)")
+        trend.set_ylabel("Share of the torque (%)")
     entries = {o.label: style.key(o.label, marker=o.marker, color=o.colour, markersize=o.size) for o in looks.values()}
     lines = {"Identity": (style.BLACK, 1.0, 0.6), "95 % interval of the prediction": (style.GREY, 0.5, style.THICK)}
     for label, (colour, alpha, width) in lines.items():

@@ -401,6 +401,17 @@ def test_the_chain_shows_by_how_much_each_link_is_off_and_nothing_where_one_is_m
     assert len(chain.draw(table).axes) == 4
 
 
+def test_a_prediction_shows_each_trial_and_the_median_over_frequency_of_what_is_missed():
+    prediction, table = drawing_of("prediction"), stored("prediction").filter(pl.col("share").is_not_null())
+    trend = prediction.draw(stored("prediction")).axes[-1]
+    assert len(trend.lines) == table["trial"].n_unique() + table["controller"].n_unique()
+    medians = table.filter(controller="compensated").group_by("frequency_hz").agg(pl.col("share").median())
+    (drawn,) = [line for line in trend.lines if line.get_linewidth() == style.THICK and line.get_color() == ORANGE]
+    np.testing.assert_allclose(drawn.get_xydata(), medians.sort("frequency_hz").to_numpy())
+    both = pl.concat([stored("prediction").with_columns(side=pl.lit(side)) for side in ("left", "right")])
+    assert prediction.draw(both).get_figheight() < 9.6, "the text block of an IEEE page"
+
+
 @pytest.mark.parametrize("name", FIGURES)
 def test_every_figure_fits_the_page_and_reads_at_8_points(name, tmp_path, monkeypatch):
     found, drawn = drawing_of(name), []

@@ -317,7 +317,7 @@ def miss_over_frequency(record: Record, predicted: Array) -> pl.DataFrame:
             hz = next(one.frequency_hz for one in record.groups.strata if one.rows.start <= part.start < one.rows.stop)
             rows.append((hz, part.stop - part.start, *signals[:, part].var(axis=1)))
             continue
-        f, density = scipy.signal.periodogram(signals[:, part], record.rate_hz, "hann", detrend="linear")
+        f, density = scipy.signal.periodogram(signals[:, part], record.rate_hz, "hann")
         thirds = np.exp2(np.rint(3 * np.log2(f[1:])) / 3)
         for hz in np.unique(thirds):
             rows.append((hz, part.stop - part.start, *(density[:, 1:] @ (thirds == hz) * f[1])))

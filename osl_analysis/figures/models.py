@@ -25,7 +25,7 @@ def draw_prediction(table: pl.DataFrame) -> Figure:
     parts, looks = names.placed_rows(table), names.looks_in(table)
     rows, kinds = 3 * len(parts), ("Stiffness", "Damping", "Torque")
     titles = names.panel_titles(parts, (*kinds, *(f"{kind}, difference" for kind in kinds), "Torque missed", "", ""))
-    figure, axes = style.panels(style.DOUBLE_COLUMN, 0.4 + 1.9 * rows, rows=rows, columns=3, names=titles)
+    figure, axes = style.panels(style.DOUBLE_COLUMN, min(0.4 + 1.9 * rows, 9.5), rows=rows, columns=3, names=titles)
     for number, (_, of_place) in enumerate(parts):
         part, missed = (of_place.filter(pl.col("share").is_null() == trials) for trials in (True, False))
         for k, (symbol, words) in enumerate(PANELS.items()):
@@ -46,7 +46,9 @@ def draw_prediction(table: pl.DataFrame) -> Figure:
             above.tick_params(labelbottom=False)
         axes[9 * number + 3].set_ylabel("Measured − predicted")
         trend, *spare = axes[9 * number + 6 : 9 * number + 9]
-        trend.set_subplotspec(trend.get_gridspec()[3 * number + 2, :])
+        grid = trend.get_gridspec()
+        assert grid is not None  # of panels
+        trend.set_subplotspec(grid[3 * number + 2, :])
         for ax in spare:
             ax.remove()
         for controller, look in looks.items():

@@ -134,6 +134,8 @@ class Trial:
     name: str
     samples: pl.DataFrame
     provenance: Mapping[str, Any] = field(default_factory=dict)
+    clocks: dict[bytes, Any] = field(default_factory=dict, repr=False, compare=False)
+    """The clocks of its devices by their stamps, as `signals.samples.take` finds them, once."""
 
     def __post_init__(self) -> None:
         if "time" not in self.samples.columns:

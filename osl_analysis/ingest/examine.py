@@ -50,14 +50,15 @@ class Examined:
     commanded: Commanded
 
     @cached_property
-    def steps(self) -> dict[str, Array]:
-        """Sampling steps [s], (n - 1,) each. Channels that were sampled at the same times stand under the first."""
-        time, steps = self.trial.samples["time"].to_numpy(), dict[bytes, tuple[str, Array]]()
+    def steps(self) -> dict[str, tuple[float, float, float]]:
+        """Median, mean and largest sampling step [s]. Channels of the same times stand under the first."""
+        time, found = self.trial.samples["time"].to_numpy(), dict[bytes, tuple[str, tuple[float, float, float]]]()
         for column in self.trial.samples.columns:
             present = self.trial.samples[column].is_not_null().to_numpy()
-            if column != "time" and present.sum() > 2:
-                steps.setdefault(present.tobytes(), (column, np.diff(time[present])))
-        return dict(steps.values())
+            if column != "time" and (rows := present.tobytes()) not in found and present.sum() > 2:
+                steps = np.diff(time[present])
+                found[rows] = column, (float(np.median(steps)), float(steps.mean()), float(steps.max()))
+        return dict(found.values())
 
 
 @dataclass(frozen=True)
@@ -104,7 +105,7 @@ def consecutive(time: Array, values: Array, seconds: float) -> Array:
 
 
 def measure_rate(examined: Examined) -> CheckResult:
-    rates = {column: 1 / float(np.median(step) or step.mean()) for column, step in examined.steps.items()}
+    rates = {column: 1 / (median or mean) for column, (median, mean, _) in examined.steps.items()}
     said = ", ".join(f"{column} {rate:.6g} Hz" for column, rate in rates.items())
     return CheckResult(min(rates.values()), said) if rates else not_applicable("no channel has three samples")
 
@@ -128,10 +129,8 @@ def measure_jitter(examined: Examined) -> CheckResult:
 
 
 def measure_gap(examined: Examined) -> CheckResult:
-    gaps = {}
-    for column, step in examined.steps.items():
-        usual = float(np.median(step))
-        gaps[column] = float(step.max()) - usual if step.max() > 1.5 * usual else 0.0
+    steps = examined.steps.items()
+    gaps = {column: most - usual if most > 1.5 * usual else 0.0 for column, (usual, _, most) in steps}
     return worst(gaps, "no channel has three samples")
 
 
@@ -491,7 +490,8 @@ def measure_dropout(examined: Examined) -> CheckResult:
         stands = nought[:-1] & nought[1:]
         if np.count_nonzero(steps) <= 0.5 * np.sum(~stands):
             continue
-        blocks, usual = run_edges(stands).tolist(), 5 * float(np.median(steps[~stands]))
+        blocks = run_edges(stands).tolist()
+        usual = 5 * float(np.median(steps[~stands])) if blocks else 0.0
         if "torque" not in name:  # at the ends an encoder rests, and a drive is off
             blocks = [(a, b) for a, b in blocks if a and b < steps.size]
         inner = [(a, b) for a, b in blocks if min([*steps[:a][-1:], *steps[b : b + 1]], default=0.0) > usual]

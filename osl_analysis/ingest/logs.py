@@ -582,7 +582,13 @@ def read_message_log(path: Path, source: MessageSource) -> Recording:
             tables[topic], orders[topic], lacking = read_topic(by_topic[topic], decoded.pop(topic), source)
         absent += [f"topic '{topic}': {text}" for text in lacking]
     rates = {topic: median_rate(table["stamp"].to_numpy(), SECOND) for topic, table in tables.items()}
-    joined = joined_on_stamp([tables.pop(topic) for topic in [*tables]])
+    each = [table["stamp"].to_numpy() for table in tables.values()]
+    *own, together = ((np.diff(np.sort(one, kind="stable")) == 0).any() for one in (*each, np.concatenate(each)))
+    if together and not any(own):  # topics share stamps, and are joined on them
+        joined = reduce(lambda a, b: a.join(b, on="stamp", how="full", coalesce=True), tables.values()).sort("stamp")
+    else:  # where equal stamps of a topic are rounded ones, all rows
+        joined = pl.concat(tables.values(), how="diagonal").sort("stamp", maintain_order=True)
+    del each, tables
     missing = {column: int(joined[column].is_nan().sum()) for column in source.channels}
     start, stamp = int(joined["stamp"][0]), str(source.time.field if source.time.source == "header" else "log")
     time = ((joined.drop_in_place("stamp") - start) / SECOND).alias("time")
@@ -746,10 +752,3 @@ def check_not_set(table: pl.DataFrame, advice: str) -> int:
                 f"clock was set while recording: {advice}"
             )
     return int(late.sum())
-
-
-def joined_on_stamp(tables: Sequence[pl.DataFrame]) -> pl.DataFrame:
-    """One table with a row per stamp of any, in their order; where equal stamps are rounded ones, all rows."""
-    if any((np.diff(table["stamp"].to_numpy()) == 0).any() for table in tables):
-        return pl.concat(tables, how="diagonal").sort("stamp", maintain_order=True)
-    return reduce(lambda one, other: one.join(other, on="stamp", how="full", coalesce=True), tables).sort("stamp")

@@ -259,7 +259,8 @@ def streams(trial: Trial, devices: Sequence[Sequence[str]], silent: frozenset[st
         fixture, known = of.get("torque", {}).get("fixture"), trial.provenance.get("stamps", {})
         measured = {name: known[name] and tuple(map(np.array, known[name])) for name in names if name in known}
         label = ", ".join(names)
-        found.append(Stream(label, stamps, signals, choice, counter, silent, delays, low_passes, measured, fixture))
+        facts = (choice, counter, silent, delays, low_passes, measured, fixture, trial.clocks)
+        found.append(Stream(label, stamps, signals, *facts))
     return found
 
 

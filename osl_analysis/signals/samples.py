@@ -103,6 +103,16 @@ class DeviceClock:
         return bool(creep <= max(self.step, 2 * self.scatter))
 
     @property
+    def block(self) -> int:
+        """Samples of 80 ms, 9 to 24, in which a signal tells whether it follows the fast part of the stamps."""
+        return int(np.clip(round(0.08 / self.step), 9, 24))
+
+    @cached_property
+    def fast(self) -> Array:
+        """The fast part (n,) [s] of the stamps."""
+        return without_smooth(self.stamps - self.slow[0], self.count, self.block)
+
+    @property
     def missing(self) -> int:
         """Samples that the count leaves free."""
         return int(self.count[-1] - self.count[0] + 1 - len(self.count))
@@ -204,11 +214,11 @@ def evidence_of(values: Array, clock: DeviceClock) -> StampEvidence | None:
     the mean square of x' is noise, which would pull the response towards 0."""
     there, step = ~np.isnan(values), clock.step
     x, stamps, count, slow = values[there], clock.stamps[there], clock.count[there], clock.slow[0][there]
-    size, window = int(np.clip(round(0.08 / step), 9, 24)), max(2 * round(0.02 / step) + 1, 7)
+    size, window = clock.block, max(2 * round(0.02 / step) + 1, 7)
     if len(x) < 60 * size:
         return None
-    late, degree = stamps - slow, 3 if window > 11 else 5
-    fast = late - savitzky_golay(late, count, 4 * size + 1, 0)
+    degree = 3 if window > 11 else 5
+    fast = clock.fast if there.all() else without_smooth(stamps - slow, count, size)
     rate = np.gradient(stamps - fast, count) / step
     slope = savitzky_golay(x, count, window, 1, degree) / np.maximum(rate, 0.2) / step
     back, ahead = LAGS[-1], -LAGS[0]
@@ -252,6 +262,11 @@ def evidence_of(values: Array, clock: DeviceClock) -> StampEvidence | None:
     chunks = np.array_split((push * left[..., None]).sum(axis=1), 20)
     scores = np.array([chunk.sum(axis=0) for chunk in chunks])
     return StampEvidence(response, inverse @ (scores.T @ scores) @ inverse * 20 / 19)
+
+
+def without_smooth(late: Array, count: SampleCount, size: int) -> Array:
+    """What stamps (n,) [s] are late by without what is smooth over four blocks of `size` samples."""
+    return late - savitzky_golay(late, count, 4 * size + 1, 0)
 
 
 def savitzky_golay(values: Array, count: SampleCount, window: int, order: int, degree: int = 3) -> Array:
@@ -335,7 +350,10 @@ def take(streams: Sequence[Stream]) -> list[Taken]:
     taken: list[Taken] = []
     for stream in streams:
         fresh = stream.without_repeats()
-        clock = DeviceClock(fresh.stamps, places_of_samples(fresh), fresh.counter is not None)
+        known = fresh.stamps.tobytes() + (b"" if fresh.counter is None else fresh.counter.tobytes())
+        if (clock := fresh.clocks.get(known)) is None:
+            clock = DeviceClock(fresh.stamps, places_of_samples(fresh), fresh.counter is not None)
+            fresh.clocks[known] = clock
         held, groups = held_signals(fresh, clock.step), []
         own_rows = {name: values for name, values in fresh.signals.items() if name not in held}
         decided = decide(replace(fresh, signals=own_rows) if held else fresh, clock) if own_rows else []

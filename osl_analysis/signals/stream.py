@@ -7,7 +7,7 @@ stamps, |mean exp(2 pi i f t)|, has a line at the device's own rate, and none at
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import scipy
@@ -55,6 +55,7 @@ class Stream:
     measured: Mapping[str, tuple[Array, Array] | None] = field(default_factory=dict)
     """By signal the `StampEvidence` that was found before, response and covariance; None: it says nothing."""
     fixture: Mapping[str, float] | None = None  # whose torque the load cell measures too, as the sheet states it
+    clocks: dict[bytes, Any] = field(default_factory=dict, repr=False, compare=False)  # `Trial.clocks`
 
     def __post_init__(self) -> None:
         stamps = self.stamps

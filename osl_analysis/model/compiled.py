@@ -27,21 +27,17 @@ def compiled(function: Callable[P, R], **options: Any) -> Callable[P, R]:
 
     @wraps(function)
     def fast(*arguments: P.args, **named: P.kwargs) -> R:
-        for other, its in WAITING.pop(module, {}).items():
-            function.__globals__[other] = with_numba(*its)
+        for other, (python, its) in WAITING.pop(module, {}).items():
+            numba = import_module("numba")
+            try:
+                made = numba.njit(python, cache=True, error_model="numpy", **its)
+            except (RuntimeError, OSError):  # no folder can be written: each process compiles anew
+                made = numba.njit(python, error_model="numpy", **its)
+            function.__globals__[other] = made
         result: R = function.__globals__[name](*arguments, **named)
         return result
 
     return fast
-
-
-def with_numba(function: Callable[..., Any], options: dict[str, Any]) -> Any:
-    """The function as numba compiles it."""
-    numba = import_module("numba")
-    try:
-        return numba.njit(function, cache=True, error_model="numpy", **options)
-    except (RuntimeError, OSError):  # no folder can be written: each process compiles anew
-        return numba.njit(function, error_model="numpy", **options)
 
 
 def fused(function: Callable[P, R]) -> Callable[P, R]:

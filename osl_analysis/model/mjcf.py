@@ -17,7 +17,6 @@ from osl_analysis.trial import Array
 
 STEP_S = 2.5e-4
 """Largest time step [s] of the round trip."""
-LARGEST_ANGLE = 100.0  # of the actuator's output, 16 turns [rad]: beyond it the control loop is unstable
 EQUATIONS = {
     "actuator (Eqs. 1-2)": "tau_m = k_tau n_m I_q - sign(omega_m) (f_C + f_G |I_q|) - B_m omega_m - J_m alpha_m",
     "belt (Eqs. 3 and 8)": "theta_s = theta_j - theta_m/n_T; tau_s = K_s theta_s",
@@ -78,7 +77,7 @@ def mujoco_torque(
     for k, (theta_j, omega_j) in enumerate(zip(turned(grid).tolist(), turned(grid, 1).tolist(), strict=True)):
         angle[1], velocity[1] = theta_j, omega_j
         theta_m, omega_m = float(angle[0]), float(velocity[0])
-        if not abs(theta_m) < LARGEST_ANGLE:
+        if not abs(theta_m) < 100.0:  # of the output, 16 turns [rad]: beyond it the control loop is unstable
             return np.full(len(theta), np.nan)
         s = math.tanh(omega_m / law.sign_width) if gains.cancels_friction else 0.0
         r = -gains.K_1 * theta_m - gains.B_1 * omega_m + s * f_C

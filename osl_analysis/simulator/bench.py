@@ -77,7 +77,11 @@ def true_signals(
         torque = drivetrain.passive_torque(settings.foot, motion)
     elif gains is None:
         assert settings.joint is not None  # else there are gains
-        torque = drivetrain.second_order_torque(settings.joint, motion)
+        K, B, I = settings.joint.K, settings.joint.B, settings.joint.I
+        friction = settings.joint.coulomb.value * np.tanh(
+            motion.omega / 1e-3
+        )  # turns within 0.01 of a slow sine's speed
+        torque = K * motion.theta + B * motion.omega + I * motion.alpha + friction
     else:  # the controller renders its impedance about theta_eq = 0, from rest at theta_m = 0
         commands, effects = np.array([[gains.K_1], [gains.B_1], [0.0]]), drivetrain_effects(settings, gains)
         leg = drivetrain.simulate_drivetrain(rate, motion.theta, motion.omega, commands, effects, p)

@@ -28,8 +28,6 @@ from osl_analysis.simulator.step import GRAVITY, Pose, TrueWrench, interpolated_
 from osl_analysis.simulator.walking_settings import ANKLE_AXIS, WalkingSettings
 from osl_analysis.trial import Array
 
-LEG_LENGTH = 0.9  # ankle to hip [m], which converts a shift of the platform to an angle of the shank
-
 
 @lru_cache(maxsize=32)
 def compensated_damping(path: Path, p: DrivetrainParameters, weight: Weight) -> tuple[Array, Array]:
@@ -115,7 +113,8 @@ def move(step: gait.Step, perturbed: bool) -> tuple[JointMotion, Pose, Pose, gai
     carried, moved = platform.angle * on_platform, platform.shift * on_platform[:, None]
     wander = np.radians(effects.angle_wander.value) * trial.wandering("angle_wander")
     factor = 1 + trial.normal("angle_scale", 0.01)
-    theta = factor * gait.nominal_ankle_angle(c) + wander + carried - moved[:, 0] / LEG_LENGTH
+    leg_length = 0.9  # ankle to hip [m], which converts a shift of the platform to an angle of the shank
+    theta = factor * gait.nominal_ankle_angle(c) + wander + carried - moved[:, 0] / leg_length
     path, pitch = gait.foot_path(c, walking.gait.stride_m)
     if platform.onset is not None:
         given = 0.01 * effects.shank_yield.value * trial.condition.sign * np.radians(ramp.angle_deg)

@@ -21,7 +21,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.model.compiled import fused
 from osl_analysis.model.parameters import PARAMETER_UNITS, DrivetrainParameters
 from osl_analysis.simulator.joint_motion import JointMotion
-from osl_analysis.simulator.settings import PassiveFoot, SecondOrderJoint
+from osl_analysis.simulator.settings import PassiveFoot
 from osl_analysis.trial import Array
 
 IDEAL: dict[str, float] = {
@@ -158,13 +158,6 @@ def belt_path(theta_s: Array, c: Any) -> Array:
         z = turned_belt(theta_s[max(i - 1, 0)], z, theta_s[i], 1.0 / c.hysteresis_width)
         torque[i] = belt_tension(theta_s[i], z, c)
     return torque
-
-
-def second_order_torque(joint: SecondOrderJoint, motion: JointMotion) -> Array:
-    """Resisting torque [N*m] of the joint, shape (n,), where the bench makes `motion`."""
-    friction = joint.coulomb.value * np.tanh(motion.omega / 1e-3)  # turns within a hundredth of a slow sine's speed
-    linear: Array = joint.K * motion.theta + joint.B * motion.omega + joint.I * motion.alpha
-    return linear + friction
 
 
 def passive_torque(foot: PassiveFoot, motion: JointMotion) -> Array:

@@ -157,14 +157,6 @@ def write_truth(
 
 McapRecord = mcap_records.McapRecord
 RULE = "=" * 80 + "\n"
-DEPENDENCIES = f"""\
-{RULE}MSG: std_msgs/Header
-builtin_interfaces/Time stamp
-string frame_id
-{RULE}MSG: builtin_interfaces/Time
-int32 sec
-uint32 nanosec
-"""
 SAMPLES = {
     "/dynamometer": """\
 float32 joint_angle       # rad, joint encoder of the dynamometer
@@ -188,8 +180,6 @@ bool sync               # level of the synchronisation line
 """,
 }
 """Fields of the messages of each topic of our own types."""
-CDR_TYPES = {"bool": "u1", "uint8": "u1", "int32": "<i4", "uint32": "<u4", "float32": "<f4", "float64": "<f8"}
-LATENCY_NS = 150_000  # Time [ns] from a sample's stamp to its arrival at the recorder
 
 
 class LogTopic(NamedTuple):
@@ -230,16 +220,22 @@ def log_topic(
     for member in whole.keys() - columns.keys():
         alike["data"][member] = whole[member][1]
     records = np.repeat(alike.view(f"V{alike.itemsize}"), stamps.size).view(alike.dtype)
-    records["sequence"], records["log"], records["publish"] = np.arange(stamps.size), stamps + LATENCY_NS, stamps
+    records["sequence"], records["publish"] = np.arange(stamps.size), stamps
+    records["log"] = stamps + 150_000  # [ns] in which a sample arrives at the recorder
     for member, value in columns.items():
         records["data"][member] = value
-    return LogTopic(name, schema_name, f"std_msgs/Header header\n{fields}{DEPENDENCIES}", records)
+    schema = (
+        f"std_msgs/Header header\n{fields}{RULE}MSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n"
+        f"{RULE}MSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n"
+    )
+    return LogTopic(name, schema_name, schema, records)
 
 
 def sample_topic(topic: str, frame_id: str, fields: str, time: Array, columns: Mapping[str, ArrayLike]) -> LogTopic:
     """Messages of scalar fields, one for each time stamp [s], from 0 to 2^31 s in whole nanoseconds. `fields` declares
     one in each line, to whose type its column (n,) is cast."""
-    types = {words[1]: CDR_TYPES[words[0]] for words in map(str.split, fields.splitlines())}
+    cdr = {"bool": "u1", "float32": "<f4"}
+    types = {words[1]: cdr[words[0]] for words in map(str.split, fields.splitlines())}
     members = {f"field.{name}": (kind, np.asarray(columns[name])) for name, kind in types.items()}
     return log_topic(topic, f"osl_interfaces/msg/{topic[1:].title()}Sample", fields, frame_id, time, members)
 
@@ -295,9 +291,16 @@ def write_topics(path: Path, topics: Sequence[LogTopic]) -> None:
         indexes, first, begin, chunk_size = list[mcap_records.ChunkIndex](), 0, 0, 1 << 20
         while first < len(heads):  # a chunk ends with the message that takes it beyond the size [bytes]
             last = int(np.searchsorted(ends[:-1], begin + chunk_size, side="right")) + 1
-            content += messages_of(topics, order[first:last], lengths[first:last])
             starts = ends[first:last] - lengths[first:last] - begin
-            indexes.append(write_chunk(file, content, starts, heads[first:last]))
+            whole, base = np.empty(int(ends[last - 1]) - begin - len(content), np.uint8), 0
+            for topic in topics:  # the messages of each are rows of a table, put to their places at once
+                size, rows = topic.records.itemsize, order[first:last] - base
+                own = (rows >= 0) & (rows < len(topic.records))
+                if own.any():  # a message is one value that may begin at any byte, so that values overlap
+                    places = np.ndarray((len(whole) - size + 1,), f"V{size}", whole, 0, (1,))
+                    places[starts[own] - len(content)] = topic.records.view(f"V{size}")[rows[own]]
+                base += len(topic.records)
+            indexes.append(write_chunk(file, content + whole.tobytes(), starts, heads[first:last]))
             first, begin, content = last, int(ends[last - 1]), b""
         file.write(encoded([mcap_records.DataEnd(0)]))
         used = dict.fromkeys(number for index in indexes for number in index.message_index_offsets)
@@ -329,20 +332,6 @@ def write_topics(path: Path, topics: Sequence[LogTopic]) -> None:
         summary += encoded(offsets)
         crc = zlib.crc32(summary + struct.pack("<BQQQ", Opcode.FOOTER, 20, start, offsets_start))
         file.write(summary + encoded([mcap_records.Footer(start, offsets_start, crc)]) + MCAP0_MAGIC)
-
-
-def messages_of(topics: Sequence[LogTopic], order: NDArray[np.intp], lengths: NDArray[np.int64]) -> bytes:
-    """The bytes of some messages in some order, which counts through the topics: those of each are rows of a table, put
-    to their places at once."""
-    whole, begins, first = np.empty(int(lengths.sum()), np.uint8), np.cumsum(lengths) - lengths, 0
-    for topic in topics:
-        size, rows = topic.records.itemsize, order - first
-        own = (rows >= 0) & (rows < len(topic.records))
-        if own.any():  # a message is one value that may begin at any byte, so that values overlap
-            places = np.ndarray((len(whole) - size + 1,), f"V{size}", whole, 0, (1,))
-            places[begins[own]] = topic.records.view(f"V{size}")[rows[own]]
-        first += len(topic.records)
-    return whole.tobytes()
 
 
 def write_chunk(

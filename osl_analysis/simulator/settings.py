@@ -91,10 +91,6 @@ class Switches(Settings):
         return self.model_copy(update={n: getattr(self, n).model_copy(update={"enabled": False}) for n in names})
 
 
-Stiffnesses = Annotated[tuple[Stiffness, ...], AfterValidator(distinct)]  # [N*m/rad]
-Dampings = Annotated[tuple[NotNegative, ...], AfterValidator(distinct)]  # [N*m*s/rad]
-
-
 class Subject(Settings):
     """A person, by the name in sample sheet and capture. What is left out is that of the gait laboratory's settings."""
 
@@ -222,9 +218,6 @@ class NodeSettings(Switches):
     )
 
 
-Band = Annotated[tuple[Positive, Positive], AfterValidator(rising)]
-
-
 class RecorderSettings(Settings):
     """Who writes the log of a bench: one node, or two, of which the second has the torque alone."""
 
@@ -240,7 +233,10 @@ class Excitation(Settings):
     name: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9]{0,30}$")]  # a part of the names of its trials
     kind: Literal["multisine", "chirp", "noise", "prbs", "ramps", "hand"]
     rms_deg: JointDegrees  # of a binary sequence half its step, of ramps a third of their range
-    band_hz: Band = (0.5, 6.0)  # a binary sequence and ramps have none
+    band_hz: Annotated[tuple[Positive, Positive], AfterValidator(rising)] = (
+        0.5,
+        6.0,
+    )  # a binary sequence and ramps have none
     duration_s: Positive = 60.0  # at full size; of a multisine see `periods`
     period_s: Positive = 8.0  # of a multisine
     periods: Annotated[int, Field(ge=1, le=1000)] = 5  # of each realisation of a multisine
@@ -308,8 +304,8 @@ class Experiments(Settings):
     transmission: Count
     actuator: Count = 0
     torque_angle: Count = 0  # of a passive foot
-    K_d: Stiffnesses
-    B_d: Dampings
+    K_d: Annotated[tuple[Stiffness, ...], AfterValidator(distinct)]  # [N*m/rad]
+    B_d: Annotated[tuple[NotNegative, ...], AfterValidator(distinct)]  # [N*m*s/rad]
     controllers: tuple[Literal["compensated", "uncompensated"], ...]
     static: Count = 0
     plate: Count = 0  # a perturbation of the unloaded platform

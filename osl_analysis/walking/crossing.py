@@ -201,16 +201,6 @@ class Ankle:
         return np.cross(self.axis, [0.0, 0.0, 1.0])
 
 
-def ankle_of(passage: Passage, calibration: StaticCalibration) -> Ankle:
-    """Angle, centre and axis of the ankle; refused if the axis points to the wrong side."""
-    foot, shank = passage.poses["foot"], passage.poses["shank"]
-    axis = (foot.rotation + shank.rotation) @ calibration.ankle_axis
-    axis = axis / np.linalg.norm(axis, axis=1, keepdims=True)
-    centre = (foot.point(calibration.ankle_centre) + shank.point(calibration.ankle_centre)) / 2
-    check_side(passage.stance.phase(passage.time), shank.position - centre, axis)
-    return Ankle(bodies.ankle_angle(foot, shank, calibration.ankle_axis), centre, axis)
-
-
 def ankle_torques(
     name: str,
     passage: Passage,
@@ -274,19 +264,6 @@ def ankle_torques(
     return on_foot, centre, torque, jackknife, np.array(of_lab)
 
 
-def turn_of(trial: Trial, passage: Passage, ankle: Ankle, settings: CrossingSettings) -> float | None:
-    """The turn [rad] as of `Crossing`; None without a perturbation."""
-    if passage.onset is None:
-        return None
-    window, plates = (passage.onset, passage.onset + settings.window_s), passage.poses["platform"]
-    if settings.perturbed_by != "belt":
-        return platform_turn(passage.time, plates, ankle.axis, window)
-    first, last = np.searchsorted(passage.time, window)  # a belt that goes backward turns the toes up
-    ahead = np.diff(plates.position[[first, last]], axis=0) @ ankle.forward[first]
-    sign = commanded_onset(trial, passage.stance)[1] if settings.by_command else -1 if ahead > 0 else 1
-    return sign * float(np.ptp(ankle.theta[first:last]))
-
-
 def quality_of(
     passage: Passage,
     ankle: Ankle,
@@ -295,14 +272,26 @@ def quality_of(
     calibration: StaticCalibration,
     settings: CrossingSettings,
 ) -> dict[str, float | None]:
-    """Columns of `QUALITY_COLUMNS` but the encoder's, from the load (3, n) on the foot."""
+    """Columns of `QUALITY_COLUMNS` but the encoder's, from the load (3, n) on the foot. Of filled markers the share of
+    frames in stance, and of those from baseline to the end of the window, in which a marker of some cluster was filled
+    before the export, and so is hidden; of the latter those alone whose pose rests on a bridge; None where no cluster
+    tells."""
     flat, segments = passage.flat, followed_segments(settings)
     foot = passage.poses["foot"][flat]
     placed = foot.point(calibration.ankle_centre).mean(axis=0) - passage.corners.mean(axis=0)
     to_pressure = load[2:].T * ankle.forward + load[1:2].T * ankle.axis  # (n, 3) from the ankle
     pressed = to_pressure[flat].mean(axis=0)
     markers = foot.points(calibration.positions(segments["foot"], "static"))
-    quality = {
+    # how far the centre of pressure lies outside the area between the foot's markers, seen from above
+    corners = markers.mean(axis=0)[:, :2]
+    hull = scipy.spatial.ConvexHull(corners)
+    at = ((ankle.centre + to_pressure)[flat] - markers.mean(axis=1) + markers.mean(axis=(0, 1)))[:, :2]
+    start = corners[hull.vertices]
+    edges, away = np.roll(start, -1, axis=0) - start, at[:, None] - start
+    share = np.clip(np.sum(away * edges, axis=2) / np.sum(edges**2, axis=1), 0.0, 1.0)
+    nearest = np.linalg.norm(away - share[..., None] * edges, axis=2).min(axis=1)
+    outside = (at @ hull.equations[:, :2].T + hull.equations[:, 2] > 0).any(axis=1)
+    quality: dict[str, float | None] = {
         "foot_forward_m": float(placed[0]),
         "foot_left_m": float(placed[1]),
         "foot_outside_m": furthest_outside(markers.reshape(-1, 3), passage.corners),
@@ -312,45 +301,22 @@ def quality_of(
         "plate_unexplained": unloaded.unexplained,
         "pressure_ahead_m": float(pressed[0]),
         "pressure_beside_m": float(pressed[1]),
-        "pressure_outside_m": beside_markers((ankle.centre + to_pressure)[flat], markers),
+        "pressure_outside_m": float(np.mean(np.where(outside, nearest, 0.0))),
+        "filled_share": None,
+        "filled_fitted": None,
     }
     for segment, pose in ((segment, passage.recorded[segment][passage.rows]) for segment in segments):
         left = pose.residual[passage.inside & np.isfinite(pose.residual)]
         quality[f"{segment}_residual_mm"] = 1e3 * float(np.sqrt(np.mean(left**2))) if len(left) else float("nan")
-    return quality | filled_facts(passage, settings)
-
-
-def beside_markers(pressure: Array, markers: Array) -> float:
-    """Mean distance [m] of the centre of pressure (k, 3) [m] from the area between the foot's markers (k, m, 3) [m],
-    seen from above; 0 if it lies inside."""
-    corners = markers.mean(axis=0)[:, :2]
-    hull = scipy.spatial.ConvexHull(corners)
-    at = (pressure - markers.mean(axis=1) + markers.mean(axis=(0, 1)))[:, :2]
-    edges, away = (
-        np.roll(corners[hull.vertices], -1, axis=0) - corners[hull.vertices],
-        at[:, None] - corners[hull.vertices],
-    )
-    share = np.clip(np.sum(away * edges, axis=2) / np.sum(edges**2, axis=1), 0.0, 1.0)
-    nearest = np.linalg.norm(away - share[..., None] * edges, axis=2).min(axis=1)
-    outside = (at @ hull.equations[:, :2].T + hull.equations[:, 2] > 0).any(axis=1)
-    return float(np.mean(np.where(outside, nearest, 0.0)))
-
-
-def filled_facts(passage: Passage, settings: CrossingSettings) -> dict[str, float | None]:
-    """The share of frames in stance, and of those from baseline to the end of the window, in which a marker of some
-    cluster was filled before the export, and so is hidden; of the latter those alone whose pose rests on a bridge. None
-    where no cluster tells."""
     poses = [pose[passage.rows] for pose in passage.recorded.values()]
     told = [(pose.filled, pose.filled & pose.bridged) for pose in poses if pose.filled is not None]
-    if not told:
-        return {"filled_share": None, "filled_fitted": None}
-    filled, rests = np.any(told, axis=0)
-    since = passage.time - (np.nan if passage.onset is None else passage.onset)
-    fitted = (since >= -settings.guard_s - settings.baseline_s) & (since <= settings.window_s)
-    return {
-        "filled_share": float(np.mean(filled[passage.inside])),
-        "filled_fitted": float(np.mean(rests[fitted])) if fitted.any() else None,
-    }
+    if told:
+        filled, rests = np.any(told, axis=0)
+        since = passage.time - (np.nan if passage.onset is None else passage.onset)
+        fitted = (since >= -settings.guard_s - settings.baseline_s) & (since <= settings.window_s)
+        quality["filled_share"] = float(np.mean(filled[passage.inside]))
+        quality["filled_fitted"] = float(np.mean(rests[fitted])) if fitted.any() else None
+    return quality
 
 
 def analyse_crossing(
@@ -364,32 +330,45 @@ def analyse_crossing(
     """Angle and torque of a crossing, through one low-pass at one rate. `perturbed` is the sheet's. `shared` is what
     the platform's motions share; without it a crossing has its own motion and onset."""
     passage = recorded_passage(trial, calibration, unloaded.lag or 0.0, perturbed, settings, shared)
-    ankle, time, rows, onset = ankle_of(passage, calibration), passage.time, passage.rows, passage.onset
-    on_foot, centre, of_plate, plate_errors, lab_errors = ankle_torques(
+    time, rows, onset, stance = passage.time, passage.rows, passage.onset, passage.stance
+    foot, shank, plates = (passage.poses[segment] for segment in SEGMENTS)
+    axis = (foot.rotation + shank.rotation) @ calibration.ankle_axis
+    axis = axis / np.linalg.norm(axis, axis=1, keepdims=True)
+    between = (foot.point(calibration.ankle_centre) + shank.point(calibration.ankle_centre)) / 2
+    check_side(stance.phase(time), shank.position - between, axis)
+    ankle = Ankle(bodies.ankle_angle(foot, shank, calibration.ankle_axis), between, axis)
+    on_foot, centre, torque, plate_errors, lab_errors = ankle_torques(
         trial.name, passage, ankle, unloaded, shared, calibration, settings
     )
     load = plate.load_on_foot(on_foot, centre, ankle.centre, ankle.axis)
-    torque = of_plate
     if (own := settings.foot) is not None:
-        of_foot = bodies.body_motion(time, passage.poses["foot"], calibration.ankle_centre + own.centre_of_mass_m)
+        of_foot = bodies.body_motion(time, foot, calibration.ankle_centre + own.centre_of_mass_m)
         torque = torque + bodies.moment_of_foot(of_foot, ankle.centre, ankle.axis, own.mass_kg, own.inertia_kg_m2)
     shear = np.array([np.sum(on_foot[:, :3] * way, axis=1) for way in (ankle.axis, ankle.forward)])
-    check_roll(passage.stance.phase(time), load, shear, torque if onset is None else None)
+    check_roll(stance.phase(time), load, shear, torque if onset is None else None)
     quality = quality_of(passage, ankle, load, unloaded, calibration, settings)
     bridged = np.any([pose.bridged[rows] for pose in passage.recorded.values()], axis=0)[passage.inside]
+    turn, window = None, () if onset is None else (onset, onset + settings.window_s)
+    if window and settings.perturbed_by != "belt":
+        turn = platform_turn(time, plates, axis, window)
+    elif window:
+        first, last = np.searchsorted(time, window)  # a belt that goes backward turns the toes up
+        ahead = np.diff(plates.position[[first, last]], axis=0) @ ankle.forward[first]
+        sign = commanded_onset(trial, stance)[1] if settings.by_command else -1 if ahead > 0 else 1
+        turn = sign * float(np.ptp(ankle.theta[first:last]))
     return Crossing(
         name=trial.name,
         time=time,
         theta=ankle.theta,
         torque=torque,
         platform=platform.rotation_from_rest(passage.recorded["platform"])[rows],
-        stance=passage.stance,
+        stance=stance,
         onset=onset,
         bridged=float(np.mean(bridged)),
         quality=quality | encoder_check(trial, time, ankle.theta, torque, settings.low_pass),
         plate_errors=plate_errors,
         load=load,
-        turn=turn_of(trial, passage, ankle, settings),
+        turn=turn,
         lab_errors=lab_errors,
     )
 
@@ -402,9 +381,6 @@ def only_stance(time: Array, force: Array, settings: CrossingSettings, where: st
         times = ", ".join(f"{s.heel_strike:.3f}-{s.toe_off:.3f} s" for s in stances) or "none"
         raise InputError(f"one stance {where} is expected, found {times}; {remedy}, or exclude it in the sheet")
     return stances[0]
-
-
-LOG_RATE_HZ = 300.0  # of crossings from logs, whose own rates differ a little; a low-pass of 20 Hz leaves no more
 
 
 def crossing_of_log(trial: Trial, perturbed: bool, settings: CrossingSettings) -> Crossing:
@@ -430,7 +406,8 @@ def crossing_of_log(trial: Trial, perturbed: bool, settings: CrossingSettings) -
     onset, sign = commanded_onset(trial, stance)
     check_onset(onset, perturbed, stance, settings)
     first, last = max(stance.heel_strike - 0.1, found.time[0]), min(stance.toe_off + 0.1, found.time[-1])
-    time = first + np.arange(int((last - first) * LOG_RATE_HZ) + 1) / LOG_RATE_HZ
+    rate_hz = 300.0  # for all logs, whose own rates differ a little; a low-pass of 20 Hz leaves no more
+    time = first + np.arange(int((last - first) * rate_hz) + 1) / rate_hz
     both = np.column_stack([settings.low_pass(found[name], found.rate_hz) for name in ("theta", "torque")])
     theta, torque = scipy.interpolate.make_interp_spline(found.time, both, k=3)(time).T
     window = (time >= (onset or 0.0)) & (time <= (onset or 0.0) + settings.window_s)

@@ -128,27 +128,6 @@ class Feature:
         return np.asarray(np.abs(self.values - self.median) / self.scatter)
 
 
-def compared_feature(
-    name: str, unit: str, measured: Array, smallest: float, kinds: NDArray[np.int_], sound: Mask
-) -> Feature:
-    """A feature of n crossings: the values `measured` (n,), or the RMS deviations of curves (n, k) from their medians.
-    Each is compared with those of its kind (n,) that are `sound` (n,), or with all if none is."""
-
-    def medians(values: Array) -> Array:
-        found = np.empty_like(values)
-        for kind in np.unique(kinds):
-            own = kinds == kind
-            found[own] = np.median(values[own & sound if (own & sound).any() else own], axis=0)
-        return found
-
-    values = measured
-    if measured.ndim == 2:
-        values = np.sqrt(np.mean((measured - medians(measured)) ** 2, axis=1))
-    median = medians(values)
-    scatter = 1.4826 * float(np.median(np.abs(values - median)[sound]))
-    return Feature(name, unit, values, median, max(scatter, smallest))
-
-
 def crossing_features(crossings: Sequence[Crossing], timing: SelectionSettings, rule: OutlierRule) -> list[Feature]:
     """Features by which crossings are compared; what differs before the onset, or is beyond the limit, does not count
     later: four bad ones of twelve widen the scatter so that none stands out. Loads are shares of the median one."""
@@ -188,10 +167,26 @@ def crossing_features(crossings: Sequence[Crossing], timing: SelectionSettings, 
 def among_sound(
     measures: Sequence[tuple[str, str, Array, float]], kinds: NDArray[np.int_], sound: Mask, limit: float
 ) -> tuple[list[Feature], Mask]:
-    """Features of n crossings among those that are `sound` (n,), and which are within the `limit`: until no further one
-    is beyond; at least half stay: fewer would be a selection."""
+    """Features of n crossings, and which are within the `limit`: until no further one is beyond; at least half stay:
+    fewer would be a selection. A measure has name, unit, the values (n,), or curves (n, k) whose RMS deviations from
+    their medians are the values, and the smallest scatter. Each crossing is compared with those of its kind (n,) that
+    are `sound` (n,), or with all if none is."""
+
+    def medians(values: Array) -> Array:
+        found = np.empty_like(values)
+        for kind in np.unique(kinds):
+            own = kinds == kind
+            found[own] = np.median(values[own & sound if (own & sound).any() else own], axis=0)
+        return found
+
     while True:
-        found = [compared_feature(*measure, kinds, sound) for measure in measures]
+        found = list[Feature]()
+        for name, unit, values, smallest in measures:
+            if values.ndim == 2:
+                values = np.sqrt(np.mean((values - medians(values)) ** 2, axis=1))
+            median = medians(values)
+            scatter = 1.4826 * float(np.median(np.abs(values - median)[sound]))
+            found.append(Feature(name, unit, values, median, max(scatter, smallest)))
         within = sound & (np.max([feature.distance for feature in found], axis=0) <= limit)
         if within.sum() == sound.sum() or 2 * within.sum() < len(within):
             return found, within

@@ -19,9 +19,7 @@ from osl_analysis.walking.crossing import body_mass
 from osl_analysis.walking.settings import OvergroundAnalysis
 
 SIDES = ("left", "right")
-MARKER_SETTINGS = ("lateral_malleolus", "medial_malleolus", "heel", "toe")  # settings with the names of these markers
 CURVES = ("time_s", "phase", "moment", "reference_moment")  # (n,) each, of a row of `overground_rows`
-RESULTS = ("frames", "peak_moment", "peak_phase", "correlation", "slope", "reference_peak", "moment_at_peak")
 
 
 @dataclass(frozen=True)
@@ -51,8 +49,8 @@ def foot_markers(trial: Trial, side: str, settings: OvergroundAnalysis) -> Foot 
         there = [name for name in spelled if marker_columns(name)[0] in trial.columns]
         return next((name for name in there if trial.samples[marker_columns(name)[0]].is_finite().any()), "")
 
-    found = [first(getattr(settings, part)) for part in MARKER_SETTINGS]
-    lateral, _, heel, toe = found
+    named = settings.lateral_malleolus, settings.medial_malleolus, settings.heel, settings.toe
+    found = lateral, _, heel, toe = [first(names) for names in named]
     plug_in = [first(("?TIO",)), first(("?TIL",))]
     used = next((names for names in (plug_in, found[:2], [lateral, heel, toe], [lateral]) if all(names)), None)
     if used is None:
@@ -176,7 +174,9 @@ def contact_rows(
 
 def stance_results(curves: list[Array], excluded: str | None) -> dict[str, Any]:
     """The columns of a stance from its `CURVES`, null where it is excluded, or what is compared without a reference."""
-    known = dict[str, Any].fromkeys((*RESULTS, *CURVES)) | {"excluded": excluded}
+    compared = ("correlation", "slope", "reference_peak", "moment_at_peak")
+    known = dict[str, Any].fromkeys(("frames", "peak_moment", "peak_phase", *compared, *CURVES))
+    known["excluded"] = excluded
     if excluded is None:
         _, phase, moment, reference = curves
         peak, last = int(np.argmax(reference)), int(np.argmax(moment))

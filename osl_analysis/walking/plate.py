@@ -219,8 +219,6 @@ def load_on_foot(reaction: Array, centre: Array, ankle: Array, axis: Array) -> A
     return np.array([vertical, *np.where(pressed, places, 0.0)])
 
 
-WRENCH = ("F_x", "F_y", "F_z", "M_x", "M_y", "M_z")
-Smooth = Callable[[Array], Array]
 LIGHT = 0.1  # [N*m], weighted wrench of a plate that is too light to show its lag
 WEIGHT = np.array([0.1] * 3 + [1.0] * 3)  # Of forces [m] and moments: a force's lever about the ankle is about 0.1 m
 
@@ -294,17 +292,14 @@ def inertial_columns(motion: BodyMotion) -> Array:
     return columns
 
 
-TYPICAL = np.array([1.0] + [0.3] * 3 + [0.3**2] * 6)  # of a plate of 1 kg whose half is 0.3 m long
-IDENTIFIED = 0.01  # share of the largest wrench of a typical plate, above which a direction of its parameters shows
-
-
 def excited_directions(squares: Array, noise: Array, within: Array) -> Array:
     """Directions (10, r) of the parameters, in the span of those `within` (10, q), whose wrench the motion shows, from
     the squares (10, 10) of the columns and of marker noise in them: eigenvectors of the Gram matrix of the columns of a
-    typical plate above `IDENTIFIED`, and of these the ones of which noise is at most half."""
-    basis = np.linalg.qr(within / TYPICAL[:, None])[0] * TYPICAL[:, None]  # orthonormal in units of a typical plate
+    typical plate above a share of the largest, and of these the ones of which noise is at most half."""
+    typical = np.array([[1.0]] + [[0.3]] * 3 + [[0.3**2]] * 6)  # of a plate of 1 kg whose half is 0.3 m long
+    basis = np.linalg.qr(within / typical)[0] * typical  # orthonormal in units of a typical plate
     power, vectors = np.linalg.eigh(basis.T @ squares @ basis)
-    basis = basis @ vectors[:, power > IDENTIFIED**2 * power[-1]]
+    basis = basis @ vectors[:, power > 0.01**2 * power[-1]]  # its wrench is more than 0.01 of the largest
     share, vectors = scipy.linalg.eigh(basis.T @ noise @ basis, basis.T @ squares @ basis)
     if share[0] > 0.5:
         raise IdentifiabilityError(
@@ -316,7 +311,7 @@ def excited_directions(squares: Array, noise: Array, within: Array) -> Array:
 
 def identify_plate_inertia(
     recordings: Sequence[tuple[BodyMotion, Array]],
-    smooth: Smooth = np.asarray,
+    smooth: Callable[[Array], Array] = np.asarray,
     within: Array | None = None,
     noise: Array | None = None,
     known: Array | None = None,
@@ -359,7 +354,7 @@ def column_rms(values: Array) -> Array:
     return np.asarray(np.sqrt(np.mean(values**2, axis=0)))
 
 
-def plate_lag(motion: BodyMotion, wrench_at: Callable[[float], Array], smooth: Smooth) -> float:
+def plate_lag(motion: BodyMotion, wrench_at: Callable[[float], Array], smooth: Callable[[Array], Array]) -> float:
     """Lag [s] of the plate behind the markers in one unloaded recording with the least misfit; NaN if it is too light,
     below `LIGHT`. `wrench_at` returns the wrench a lag [s] later, filtered with `smooth`, the motion not."""
     largest, step = 0.012, 0.002  # [s]; a parabola between the steps is exact to 1 % below 20 Hz
@@ -589,7 +584,8 @@ def plate_table(model: PlateModel) -> pl.DataFrame:
     """`plate.csv`: RMS [N, N*m] of each component before and after the plate's own wrench is removed, and lag [s]."""
     before, after = model.rms_before, model.rms_after
     remaining = [100 * a / b if b > 0 else None for b, a in zip(before.tolist(), after.tolist(), strict=True)]
-    rows = {"component": WRENCH, "rms_before": before, "rms_after": after, "left_percent": remaining}
+    components = ("F_x", "F_y", "F_z", "M_x", "M_y", "M_z")
+    rows = {"component": components, "rms_before": before, "rms_after": after, "left_percent": remaining}
     lag = {"lag_s": model.lag, "lag_se_s": model.lag_se, "lag_unknown": model.lag_reason, "trials": len(model.lags)}
     lag |= {"height_m": model.height, "height_se_m": model.height_se, "ringing_hz": model.ringing_hz}
     return pl.DataFrame(rows).with_columns(**{name: pl.lit(value) for name, value in lag.items()})

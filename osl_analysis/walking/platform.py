@@ -255,9 +255,6 @@ class Alignment:
     follows: bool = True  # whether the misfit is noise's
 
 
-Pairs = Sequence[tuple[PlatformTrack, Alignment]]  # Motions with their alignments
-
-
 @dataclass(frozen=True)
 class PlatformTemplate:
     """The shape that motions of the platform share."""
@@ -285,7 +282,12 @@ class PlatformTemplate:
 
 
 def mean_shape(
-    pairs: Pairs, axes: Array, ends: tuple[float, float], noise: float, scaled: bool, unit: bool = True
+    pairs: Sequence[tuple[PlatformTrack, Alignment]],
+    axes: Array,
+    ends: tuple[float, float],
+    noise: float,
+    scaled: bool,
+    unit: bool = True,
 ) -> PlatformTemplate:
     """The least-squares spline through all aligned motions, between two `ends` [s] from their start. The mean size and
     duration of its crossings are 1, or, if not `unit`, those of the alignments."""
@@ -395,7 +397,9 @@ def platform_template(tracks: Sequence[PlatformTrack], window: float) -> tuple[P
     noise = float(np.sqrt(np.mean([track.noise**2 for track in tracks])))
     axes = directions(moved, noise, tracks[0].low_pass, tracks[0].rate)
 
-    def alternated(pairs: Pairs, scaled: bool) -> tuple[PlatformTemplate, list[Alignment]]:
+    def alternated(
+        pairs: Sequence[tuple[PlatformTrack, Alignment]], scaled: bool
+    ) -> tuple[PlatformTemplate, list[Alignment]]:
         """Shape and alignments in turn, until both stand."""
         for _ in range(ROUNDS):
             template = mean_shape(pairs, axes, ends, noise, scaled)

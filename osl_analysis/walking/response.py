@@ -255,18 +255,16 @@ def resampling_weights(random: np.random.Generator, samples: int, n: int) -> Arr
 SLOPING, RAMP = "a stiffness that changes with stance", "a voluntary torque or another pace"
 REFLEX, STIFFER = "a reflex", "co-contraction"
 REACTIONS = (REFLEX, STIFFER, RAMP, SLOPING)  # the first from its delay on, two from half the window on, one at once
-RETURN = 0.2  # of the largest velocity, which the gait's own has, and below which the low-pass swings back
-YIELDS = 16.0  # by how much, four standard deviations, the misfit of a reflex that yields must be below that of others
-NEARLY = 4.0  # by how much, two standard deviations, that of a delay that the interval of K includes may be above
 
 
 def reflex_column(time: Array, window: slice, motion: Motion, delay_s: float) -> Array:
     """Velocity (k, samples) [rad/s] a delay [s] ago with which the turn stretches a muscle: the half-wave of its
-    direction. The muscle feels that of gait too, so that what turns back is cut off beyond `RETURN` of the largest."""
+    direction. The muscle feels that of gait too, so that what turns back is cut off beyond a share of the largest."""
     way = np.sign(motion.theta[window.stop - 1, 0])
     before = np.maximum(time - delay_s, time[0])
     past = way * np.asarray(scipy.interpolate.make_interp_spline(time, motion.omega, k=3)(before))
-    return np.asarray(way * np.maximum(past, -RETURN * past.max(axis=0)))
+    returns = 0.2  # of the largest velocity, which the gait's own has, and below which the low-pass swings back
+    return np.asarray(way * np.maximum(past, -returns * past.max(axis=0)))
 
 
 def reaction_columns(time: Array, window: slice, motion: Motion, delay_s: float) -> list[Array]:
@@ -320,11 +318,12 @@ def reactions(time: Array, window: slice, theta: Array, torque: Array) -> dict[s
     for delay in REFLEX_DELAYS_MS:
         late, left = fitted([*sound, jerk, reflex_column(time, window, motion, 1e-3 * delay)])
         found |= {f"{REFLEX} {delay}": told(late[:, -1]), f"K with {REFLEX} {delay}": told(late[:, 0])}
-        misfits[delay] = left if late[0, -1] > 0 else left + YIELDS
+        # what yields must fit better by four standard deviations
+        misfits[delay] = left if late[0, -1] > 0 else left + 16.0
     best = min(misfits, key=lambda delay: misfits[delay])
     found |= {REFLEX: found[f"{REFLEX} {best}"], "delay": (float(best), 0.0)}
-    for delay in misfits:
-        if misfits[delay] > misfits[best] + NEARLY:
+    for delay in misfits:  # the interval of K includes those that fit nearly as well, by two standard deviations
+        if misfits[delay] > misfits[best] + 4.0:
             del found[f"K with {REFLEX} {delay}"]
     columns = reaction_columns(time, window, motion, 1e-3 * best)
     for name, column in zip(REACTIONS[1:], columns[1:], strict=True):

@@ -27,9 +27,7 @@ StanceSource = Literal["own", "unperturbed", "matched"]
 Coordinate = Annotated[float, Field(ge=-1, le=1)]  # [m] of a point of the foot
 Cutoff = Annotated[float, Field(gt=0, le=200)]  # [Hz], half the rate of fast cameras
 Load = Annotated[float, Field(gt=0, le=10)]  # a share of the weight; what is larger is in percent
-LoadRange = Annotated[tuple[Load, Load], AfterValidator(rising)]
 PoolKey = Literal["group", "subject", "session", "side", "speed", "K_d", "B_d", "timing"]
-GroupKey = PoolKey | Literal["direction"]
 UnseenError = Literal[
     "corners_height", "corners_forward", "moments", "forces", "pitch", "plate_lag", "plate_inertia", "skin",
     "torque_lag", "torque",
@@ -166,9 +164,11 @@ class SelectionSettings(TimingSettings):
     """Which crossings are excluded, and to which group, with a result of its own, each belongs."""
 
     outliers: OutlierRule | None  # Rule by which crossings are compared and excluded; null: they are not compared
-    load_of_weight: LoadRange  # Bounds of the mean load in single support, as a share of the weight
+    load_of_weight: Annotated[
+        tuple[Load, Load], AfterValidator(rising)
+    ]  # Bounds of the mean load in single support, as a share of the weight
     largest_outside_m: Annotated[float, Field(ge=0, le=1)]  # of a foot marker [m] from the plate while the foot is flat
-    group_by: tuple[GroupKey, ...] = ()
+    group_by: tuple[PoolKey | Literal["direction"], ...] = ()
     """Conditions by which results are always split, as by any other in which crossings differ and that `pool` does not
     name. Opposite directions are joined by half their difference, unless they are named here."""
     pool: tuple[PoolKey, ...] = ()  # Conditions in which crossings of one result may differ

@@ -14,17 +14,20 @@ import numpy as np
 import polars as pl
 import pytest
 import yaml
+from click.testing import CliRunner
 from conftest import ROOT, beyond_in, findings_of
 from walking_crossings import Tables, run_jobs
 from walking_setup import Setup, load_setup
 from walking_synthetic import CORNERS, PLATE_RATE, RATE, changed, hidden, recording, settings
 
+from osl_analysis.cli import main
 from osl_analysis.commands import walking as jobs
 from osl_analysis.commands.figure import plot_walking_page
 from osl_analysis.commands.trials import ingest_trial
 from osl_analysis.commands.walking import compare_ankle_moment
 from osl_analysis.errors import InputError
 from osl_analysis.judge.limits import Limits
+from osl_analysis.simulator.step import smooth_step
 from osl_analysis.table import read_table
 from osl_analysis.trial import Trial, plate_columns, read_trial, write_trial
 from osl_analysis.walking.crossing import Crossing, RefusedCrossing, body_mass
@@ -159,6 +162,43 @@ def test_with_all_imperfections_the_rendered_stiffness_comes_out_to_five_percent
         assert plate[column].cast(pl.Float64).to_list() == pytest.approx(list(values))
     assert plate["left_percent"].to_list() == pytest.approx(list(100 * model.rms_after / model.rms_before))
     assert (plate.filter(pl.col("component").is_in(["F_x", "F_z", "M_y"]))["left_percent"] < 10).all()
+
+
+def test_a_plan_assumes_the_turn_that_the_pilot_made_or_what_is_stated(real: Session, tmp_path: Path) -> None:
+    """It promised the interval of 5 deg in 80 ms to a pilot of small turns; the line on top says what it assumes."""
+    names, setup = [f"walking_9{k}" for k in range(3)], load_setup()
+    ramp = setup.walking.perturbation.model_copy(update={"angle_deg": 3.0, "rise_s": 0.12})
+    setup = replace(setup, walking=setup.walking.model_copy(update={"perturbation": ramp}))
+    shutil.copytree(real.file("crossings"), tmp_path / "crossings")
+    for name in names:
+        recorded(setup, tmp_path, trial=name, experiment="walking", perturbed=True)
+        real.analyse(tmp_path / f"trials/{name}.parquet", True, tmp_path / f"crossings/{name}.parquet")
+
+    def assumed(perturbed: list[str], *options: str) -> tuple[list[float], float]:
+        """Turn [deg], duration [ms] and onset [%], and the half-width of K of eight crossings."""
+        trials = {"trial": [*perturbed, *real.unperturbed]}
+        flags = [name in perturbed for name in trials["trial"]]
+        (tmp_path / "tables").mkdir(exist_ok=True)
+        rows = pl.DataFrame(trials).with_columns(perturbed=pl.Series(flags), reason=pl.lit(None), gait=pl.lit(None))
+        rows.write_csv(tmp_path / "tables/walking_crossings.csv")
+        asked = ["--walking", "--from", str(tmp_path), "--config", str(ROOT / "config/config.yaml"), "--crossings", "8"]
+        made = CliRunner().invoke(main, ["design", *asked, *options], catch_exceptions=False)
+        assert made.exit_code == 0, made.output
+        turn = re.search(r"a turn of (\S+) deg in (\S+) ms at (\S+) % of stance", made.stdout)
+        assert turn is not None
+        return [float(found) for found in turn.groups()], float(made.stdout.splitlines()[-1].split()[2])
+
+    x = np.linspace(0, 1, 1001)
+    low, high = np.interp([0.1, 0.9], smooth_step(x), x)
+    own, half = assumed(names)
+    read = [jobs.read_crossing(tmp_path / f"crossings/{name}.parquet") for name in names]
+    phase = np.median([(c.onset - c.stance.heel_strike) / c.stance.duration for c in read])
+    assert own == pytest.approx([3.0, 120 * (high - low) / 0.506, 100 * phase], rel=0.06)
+    assert assumed([])[0] == [5, 80, 40]  # unperturbed crossings alone
+    assert assumed(names, "--turn", "6", "--ramp", "50", "--phase", "45")[0] == [6, 50, 45]
+    larger = assumed(names, "--turn", "6")
+    assert larger[0][1:] == own[1:]  # what is not stated stays the pilot's
+    assert larger[1] == pytest.approx(half / 2, rel=0.15)
 
 
 def test_without_imperfections_angle_and_torque_are_the_true_ones_through_one_filter(ideal: Session) -> None:

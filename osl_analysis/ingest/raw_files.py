@@ -244,7 +244,7 @@ def check_markers(trial: Trial, experiment: str | None) -> None:
         return
     seen = f"none of its {len(markers) // 3} markers was ever seen" if markers else "no markers"
     raise InputError(
-        f"trial {trial.name}: {seen}, and a trial of experiment '{experiment}' needs them; label and fill them in the "
+        f"trial {trial.name}: {seen}, and a trial of experiment '{experiment}' needs them; label them in the "
         "capture and export it again, or exclude the trial in the sheet"
     )
 

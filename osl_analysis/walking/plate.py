@@ -476,7 +476,7 @@ def unloaded_recording(trial: Trial, calibration: StaticCalibration, settings: P
     if rows.stop - rows.start < few:
         raise InputError(
             f"trial {trial.name}: markers {', '.join(names)} are seen together in {rows.stop - rows.start} frames in a "
-            f"row, expected {few} or more; fill the gaps or correct exchanged labels in Nexus, or record again"
+            f"row, expected {few} or more; correct exchanged labels in Nexus, or record again with all of them in sight"
         )
     moved, threshold = platform.moved_from_rest(poses, settings)
     largest, shifts = float(np.max(moved[rows])), settings.perturbed_by == "belt"
@@ -503,7 +503,7 @@ def unloaded_recording(trial: Trial, calibration: StaticCalibration, settings: P
         abs(float(moved[gap.stop] - moved[gap.start - 1])) > (threshold / 5 if shifts else np.deg2rad(0.2))
         for gap in gaps
     ):
-        unusable = "the platform turned while its markers were hidden; fill the gap in Nexus, or record it again"
+        unusable = "the platform turned while its markers were hidden; record it again with all of them in sight"
     read = wrench_reader(time, wrench, frames)
 
     def wrench_at(lag: float) -> Array:

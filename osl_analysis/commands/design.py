@@ -62,7 +62,17 @@ def designed(chosen: Mapping[str, Any], config: Config) -> Design:
     plan = plan_of(chosen, config, bool(within))
     sensors = sensors_of(chosen, bench)
     low_pass, sines = bench.low_pass, plan.sines
-    check_band(sines, sensors.rate_hz, low_pass)
+    cutoff, high = low_pass.cutoff_hz, float(sines.frequency_hz.max())
+    if not cutoff < sensors.rate_hz / 2:
+        raise InputError(
+            f"--rate {sensors.rate_hz:g} Hz is too low for the filter's cut-off of {cutoff:g} Hz; sample faster than "
+            "twice the cut-off"
+        )
+    if high > cutoff:
+        raise InputError(
+            f"{high:.4g} Hz is above the filter's cut-off of {cutoff:g} Hz; raise dynamometer.cutoff_hz or excite "
+            "lower frequencies"
+        )
 
     def judged(plan: Plan) -> Precision:
         return planning.precision(plan, joint, sensors, low_pass, distortion)
@@ -70,14 +80,35 @@ def designed(chosen: Mapping[str, Any], config: Config) -> Design:
     found, Z, alone = judged(plan), joint @ planning.eq15(sines.w), sines.spacing_hz is None
     torque = np.abs(Z) * sines.size
     if not isinstance(plan, SteppedSine):  # which the analysis does not judge so
-        check_as_the_analysis(found, torque, joint[0], bench)
+        # by samples of the filtered motion, where the two rows of each sine have the same products
+        n = len(sines.w)
+        fitted_s = float(np.sum(sines.duration_s) if alone else np.max(sines.duration_s))
+        share = np.sqrt(n * found.fit.weight * sines.duration_s / fitted_s)
+        columns = found.fit.columns
+        check_told(
+            "the analysis would refuse this protocol",
+            (float(sines.frequency_hz.min()), high),
+            np.concatenate([columns.real, columns.imag], axis=1) * np.tile(share, 2),
+            float(np.sqrt(np.sum((torque * share) ** 2) / (2 * n))),
+            (float(joint[0]), float(found.columns["se"][0])),
+            bench.largest_inertia_error,
+        )
     # of one sine at a time the largest; of many the same multiple of the RMS as the angle
     crest = plan.peak[0] / float(np.sqrt(np.sum(sines.size**2) / 2))
     peak_torque = float(torque.max() if alone else crest * np.sqrt(np.sum(torque**2) / 2)) + distortion.coulomb
     lag_s, recommended = 1e-3 * chosen["lag"], None
     lag = found.fit.fitted(Z * np.exp(-1j * sines.w * lag_s)) - found.fit.fitted(Z)
     said = list(warnings(plan, found, sensors, low_pass, distortion))
-    said += refused_sizes(plan.peak[0], peak_torque, bench)
+    if plan.peak[0] > bench.largest_angle:
+        said.append(
+            f"the largest angle of {plan.peak[0]:.3g} rad is above dynamometer.largest_angle = "
+            f"{bench.largest_angle:g} rad: the recording would be refused"
+        )
+    if bench.load_cell_range is not None and peak_torque > bench.load_cell_range:
+        said.append(
+            f"the torque of about {peak_torque:.3g} N·m is above dynamometer.load_cell_range = "
+            f"{bench.load_cell_range:g} N·m: the recording would be refused"
+        )
     if within:
         best, longest = planning.long_enough(plan, lambda plan: judged(plan).reaches(within))
         if best is not None:
@@ -109,53 +140,6 @@ def sensors_of(chosen: Mapping[str, Any], bench: DynamometerAnalysis) -> plannin
         angle_noise=float(np.deg2rad(chosen["angle_noise"])),
         drift=(bench.load_cell_drift if drift is None else drift) / 60,
     )
-
-
-def check_band(sines: planning.PlannedSines, rate_hz: float, low_pass: LowPass) -> None:
-    """Refuse a rate [Hz] that is too low for the filter, and frequencies that the filter takes out."""
-    cutoff, high = low_pass.cutoff_hz, float(sines.frequency_hz.max())
-    if not cutoff < rate_hz / 2:
-        raise InputError(
-            f"--rate {rate_hz:g} Hz is too low for the filter's cut-off of {cutoff:g} Hz; sample faster than "
-            "twice the cut-off"
-        )
-    if high > cutoff:
-        raise InputError(
-            f"{high:.4g} Hz is above the filter's cut-off of {cutoff:g} Hz; raise dynamometer.cutoff_hz or excite "
-            "lower frequencies"
-        )
-
-
-def check_as_the_analysis(found: Precision, torque: Array, K: float, bench: DynamometerAnalysis) -> None:
-    """Refuse a band that the analysis would refuse: it judges samples of the filtered motion, where the two rows of
-    each sine have the same products. `torque` is the amplitude (n,) [N*m] at each, K [N*m/rad] what is expected."""
-    sines = found.fit.sines
-    n = len(sines.w)
-    fitted_s = float(np.sum(sines.duration_s) if sines.spacing_hz is None else np.max(sines.duration_s))
-    share = np.sqrt(n * found.fit.weight * sines.duration_s / fitted_s)
-    columns = found.fit.columns
-    check_told(
-        "the analysis would refuse this protocol",
-        (float(sines.frequency_hz.min()), float(sines.frequency_hz.max())),
-        np.concatenate([columns.real, columns.imag], axis=1) * np.tile(share, 2),
-        float(np.sqrt(np.sum((torque * share) ** 2) / (2 * n))),
-        (float(K), float(found.columns["se"][0])),
-        bench.largest_inertia_error,
-    )
-
-
-def refused_sizes(largest_angle: float, peak_torque: float, bench: DynamometerAnalysis) -> Iterator[str]:
-    """The limits of an angle [rad] and a torque [N*m] beyond which the analysis refuses a recording."""
-    if largest_angle > bench.largest_angle:
-        yield (
-            f"the largest angle of {largest_angle:.3g} rad is above dynamometer.largest_angle = "
-            f"{bench.largest_angle:g} rad: the recording would be refused"
-        )
-    if bench.load_cell_range is not None and peak_torque > bench.load_cell_range:
-        yield (
-            f"the torque of about {peak_torque:.3g} N·m is above dynamometer.load_cell_range = "
-            f"{bench.load_cell_range:g} N·m: the recording would be refused"
-        )
 
 
 def beyond_reach(longest: Plan, most: Precision, joint: Array, within: Mapping[str, float]) -> str:

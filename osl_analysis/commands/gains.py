@@ -17,7 +17,7 @@ from osl_analysis.bench.analysis import motion_in
 from osl_analysis.bench.components import PLACE
 from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.bench.prediction import COMPONENTS, PARTS, components_of
-from osl_analysis.bench.record import Record, record_of_trial
+from osl_analysis.bench.record import record_of_trial
 from osl_analysis.campaign.campaign import sentence
 from osl_analysis.campaign.configuration import Config
 from osl_analysis.commands.bench import rows_json
@@ -34,7 +34,6 @@ from osl_analysis.stats.regression import variance_accounted_for
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import read_trial
 
-FAR = "warning: this K is far from {:g}: the leg renders K_d at rest alone; ask for more damping, or lower --weight-hz"
 TESTED_HZ = (1.0, 2.0, 3.0, 4.0, 5.0)  # frequencies of Section III-B, at which the fit of Eq. 15 is predicted
 
 
@@ -119,10 +118,14 @@ def gains_text(table: pl.DataFrame) -> str:
     if row["unbounded"]:
         lines.append("warning: no finite B_1 minimises Eq. 14, a locked motor would be best; lower --weight-hz")
     else:
+        far = (
+            f"warning: this K is far from {row['K_d']:g}: the leg renders K_d at rest alone; ask for more damping, or "
+        )
+        far += "lower --weight-hz"
         lines += [
             f"predicted fit over 1 to 5 Hz: K {row['K_predicted']:.4g} N·m/rad, B {row['B_predicted']:.4g} N·m·s/rad, "
             f"I {row['I_predicted']:.3g} kg·m² (friction cancelled)",
-            *[FAR.format(row["K_d"])] * bool(abs(row["K_predicted"] / row["K_d"] - 1) > 0.25),
+            *[far] * bool(abs(row["K_predicted"] / row["K_d"] - 1) > 0.25),
             f"within 10 % of the desired impedance up to {row['faithful_to_hz']:.3g} Hz; passive",
             f"the slowest mode decays with {row['decay_rate']:.3g} 1/s; with the joint held, "
             f"{1e3 * row['delay_margin']:.3g} ms of delay in the loop make it unstable",
@@ -154,9 +157,6 @@ def plot_gains(table: pl.DataFrame, parameters: Path, output: Path) -> None:
 
 EXPORTED = {"mjcf": ".xml", "json": ".json"}
 """Suffix of the file of each kind of export."""
-PROVEN = """Nothing was fitted to these trials, and no number above is from them. The joint was turned as recorded,
-under the paper's controller with the numbers of the parameter file; dof_frictionloss was set as above.
-RMS [N*m] is that of the difference without its mean; K, B, I are of Eq. 15, recorded and MuJoCo's."""
 
 
 def export_leg(folder: Path, kind: str, names: Sequence[str], config: Config, output: Path) -> str:
@@ -214,39 +214,36 @@ def exported_trials(folder: Path, names: Sequence[str], joint: str) -> pl.DataFr
 
 
 def proof_of(folder: Path, laws: Mapping[str, Controller], config: Config, p: DrivetrainParameters) -> dict[str, Any]:
-    """The round trip of the leg `p` over the trials by name; `says` is the result in words, or why there is none."""
+    """The round trip of the leg `p` over the trials by name; `says` is the result in words, or why there is none. The
+    torque of the leg in MuJoCo, whose joint is turned as recorded, stands beside the recorded one, both through the
+    same filter, in the fitted rows: VAF [percent], RMS of the difference without its mean [N*m], and K, B and I of Eq.
+    15 of both. Raises InputError: the actuator runs away."""
     try:
         engine = f"MuJoCo {optional_module('mujoco', 'the round trip').__version__}"
     except (InputError, ImportError) as error:  # also where only a part of it is installed
         return {"says": f"not proven: {' '.join(str(error).split())}"}
     if not laws:
         return {"says": "not proven: the results have no impedance trial whose gains are known"}
-    rows = []
+    rows = list[dict[str, Any]]()
     for name, law in laws.items():
         record = record_of_trial(read_trial(folder / f"trials/{name}.parquet"), config.dynamometer)
-        rows.append(round_trip(record, law, p))
+        motion = record.motion
+        torque = mjcf.mujoco_torque(record.rate_hz, motion.theta, motion.omega, motion.alpha, law, p)
+        if not np.isfinite(torque).all():
+            said = f"the actuator runs away in MuJoCo with K_1 = {law.gains.K_1:g}, B_1 = {law.gains.B_1:g}"
+            raise InputError(f"trial {record.name}: {said}; check the component trials and the parameter file")
+        simulated = record.low_pass(torque, record.rate_hz)
+        both = np.column_stack([record.part(record.filtered_torque), record.part(simulated)])
+        left = both[:, 0] - both[:, 1]
+        X = np.column_stack([motion_in(record), np.ones(record.samples)])
+        row = {"trial": record.name, "VAF": variance_accounted_for(both[:, 0], left), "RMS": float(left.std())}
+        for quantity, found in zip("KBI", np.linalg.lstsq(X, both, rcond=None)[0].tolist(), strict=False):
+            row |= {f"{quantity}_recorded": found[0], f"{quantity}_mujoco": found[1]}
+        rows.append(row)
     worst, median = min(rows, key=lambda row: row["VAF"]), float(np.median([row["VAF"] for row in rows]))
     vaf = f"median VAF {median:.3f} %, lowest {worst['VAF']:.3f} % ({worst['trial']})"
     says = f"{engine} predicts the torque of {len(rows)} impedance trials: {vaf}"
     return {"says": says, "engine": engine, "VAF_median": median, "VAF_lowest": worst["VAF"], "trials": rows}
-
-
-def round_trip(record: Record, law: Controller, p: DrivetrainParameters) -> dict[str, Any]:
-    """The torque of the leg `p` in MuJoCo, whose joint is turned as recorded, beside the recorded torque, both through
-    the same filter, in the fitted rows: VAF [percent], RMS of the difference without its mean [N*m], and K, B and I of
-    Eq. 15 of both. Raises InputError: the actuator runs away."""
-    motion = record.motion
-    torque = mjcf.mujoco_torque(record.rate_hz, motion.theta, motion.omega, motion.alpha, law, p)
-    if not np.isfinite(torque).all():
-        said = f"the actuator runs away in MuJoCo with K_1 = {law.gains.K_1:g}, B_1 = {law.gains.B_1:g}"
-        raise InputError(f"trial {record.name}: {said}; check the component trials and the parameter file")
-    both = np.column_stack([record.part(record.filtered_torque), record.part(record.low_pass(torque, record.rate_hz))])
-    left = both[:, 0] - both[:, 1]
-    X = np.column_stack([motion_in(record), np.ones(record.samples)])
-    row = {"trial": record.name, "VAF": variance_accounted_for(both[:, 0], left), "RMS": float(left.std())}
-    for name, (recorded, simulated) in zip("KBI", np.linalg.lstsq(X, both, rcond=None)[0].tolist(), strict=False):
-        row |= {f"{name}_recorded": recorded, f"{name}_mujoco": simulated}
-    return row
 
 
 def leg_lines(leg: Mapping[str, Any]) -> list[str]:
@@ -265,7 +262,12 @@ def leg_lines(leg: Mapping[str, Any]) -> list[str]:
     if rows := proof.get("trials"):
         wide = max(len(row["trial"]) for row in rows) + 2
         head = f"  {'trial':<{wide}}{'VAF [%]':>8}{'RMS':>8}{'K':>9}{'':>9}{'B':>8}{'':>8}{'I':>10}{'':>10}"
-        lines += [*PROVEN.splitlines(), head]
+        lines += [
+            "Nothing was fitted to these trials, and no number above is from them. The joint was turned as recorded,",
+            "under the paper's controller with the numbers of the parameter file; dof_frictionloss was set as above.",
+            "RMS [N*m] is that of the difference without its mean; K, B, I are of Eq. 15, recorded and MuJoCo's.",
+            head,
+        ]
         for row in rows:
             K, B, I = ([row[f"{name}_{of}"] for of in ("recorded", "mujoco")] for name in "KBI")
             numbers = f"{K[0]:9.2f}{K[1]:9.2f}{B[0]:8.3f}{B[1]:8.3f}{I[0]:10.5f}{I[1]:10.5f}"

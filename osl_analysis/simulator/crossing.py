@@ -161,26 +161,6 @@ def impedance_of_leg(perturbed: SimulatedCrossing, unperturbed: SimulatedCrossin
     return {"K_rendered": float(K), "B_rendered": float(B), "I_rendered": float(inertia)}
 
 
-def crossing_truth(crossing: SimulatedCrossing) -> tuple[dict[str, object], dict[str, Array]]:
-    """The random quantities of a crossing, and its exact curves in SI units, (n,) each."""
-    step, platform, trial = crossing.step, crossing.platform, crossing.step.trial
-    condition, phase = trial.condition, step.cycle_phase(crossing.time)
-    desired = read_impedance_trajectory(trial.walking.impedance)
-    curves = {"time": crossing.time, "phase": phase, **vars(crossing.motion), "torque": crossing.torque}
-    curves |= {"K_d": desired.at(desired.K_d, phase), "B_d": desired.at(desired.B_d, phase)}
-    facts: dict[str, object] = {
-        "perturbed": platform.onset is not None,
-        "command_s": platform.command,
-        "onset_s": platform.onset,
-        "heel_strike_s": step.heel_strike,
-        "toe_off_s": step.toe_off,
-        "foot_yaw_rad": trial.normal("foot_yaw", np.pi / 180),
-        "placement_m": step.placement.tolist(),
-        "condition": {"direction": condition.direction, "subject": condition.person},
-    }
-    return facts, curves | {"platform_angle": platform.angle}
-
-
 def write_leg_log(
     folder: Path, crossing: SimulatedCrossing, clock: tuple[float, float], settings: SimulationSettings
 ) -> None:
@@ -223,8 +203,22 @@ def simulate_walking_trial(
             walked = simulate_crossing(step, True, effects, p)
         offset = float(walking.effects.leg_clock_offset.value * trial.random("leg_clock_offset").uniform(0.5, 1.5))
         drift = float(1e-6 * walking.effects.leg_clock_drift.value * trial.random("leg_clock_drift").standard_normal())
-        found, curves = crossing_truth(walked)
-        facts |= found | {"leg_clock": {"offset_s": offset, "drift": drift}}
+        platform, phase = walked.platform, step.cycle_phase(walked.time)
+        desired = read_impedance_trajectory(walking.impedance)
+        curves = {"time": walked.time, "phase": phase, **vars(walked.motion), "torque": walked.torque}
+        curves |= {"K_d": desired.at(desired.K_d, phase), "B_d": desired.at(desired.B_d, phase)}
+        curves |= {"platform_angle": platform.angle}
+        facts |= {
+            "perturbed": platform.onset is not None,
+            "command_s": platform.command,
+            "onset_s": platform.onset,
+            "heel_strike_s": step.heel_strike,
+            "toe_off_s": step.toe_off,
+            "foot_yaw_rad": trial.normal("foot_yaw", np.pi / 180),
+            "placement_m": step.placement.tolist(),
+            "condition": {"direction": trial.condition.direction, "subject": trial.condition.person},
+            "leg_clock": {"offset_s": offset, "drift": drift},
+        }
         facts |= impedance_of_leg(walked, unperturbed)
     else:
         platform = gait.unloaded_platform(trial) if row["experiment"] == "plate" else gait.resting_platform(trial)

@@ -26,7 +26,7 @@ from osl_analysis.model.compensator import CONTROLLERS
 from osl_analysis.model.parameters import joint_of, known_parameters
 from osl_analysis.table import MEASURED, SIMULATED
 from osl_analysis.trial import stretches
-from osl_analysis.walking.groups import IS_PERTURBED, STATED, side_of, split_keys, static_of
+from osl_analysis.walking.groups import STATED, side_of, split_keys, static_of
 from osl_analysis.yaml_settings import content_digest, read_mapping
 
 
@@ -53,7 +53,7 @@ class Campaign:
 
     def conditions(self) -> dict[str, dict[str, Any]]:
         """Conditions of every walking trial in the sheet, by trial and column; None where empty."""
-        return {one: {name: self.row(one)[name] for name in (*STATED, IS_PERTURBED)} for one in self.trials("walking")}
+        return {one: {name: self.row(one)[name] for name in (*STATED, "perturbed")} for one in self.trials("walking")}
 
     def static(self, trial: str) -> str:
         """The static trial that calibrates a crossing or plate trial."""

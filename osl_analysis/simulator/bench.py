@@ -59,13 +59,26 @@ def true_signals(
     row: Mapping[str, Any], settings: SimulationSettings, p: DrivetrainParameters, gains: Gains | None = None
 ) -> tuple[JointMotion, dict[str, TrueSignal]]:
     """The true motion of a trial, and its true signals by channel. The load cell has the torque of the joint on the
-    bench, the paper's tau_j: *minus* the canonical torque."""
+    bench, the paper's tau_j: *minus* the canonical torque. So has the actuator's own transducer its imperfections."""
     experiment, bench, bandwidth = row["experiment"], settings.dynamometer, settings.effects.dynamometer_bandwidth
     rate, command = bench.rate_hz, commanded_motion(row, settings)
     follows = bandwidth.enabled  # either bench
     motion = joint_motion.position_loop(command, rate, bandwidth.size, bench.damping_ratio) if follows else command
     if experiment == "actuator":
-        return motion, actuator_signals(motion, settings, p)
+        assert settings.actuator is not None  # as SimulationSettings checked
+        own = joint_motion.actuator_command(settings.actuator, rate)[1]
+        exact = scipy.interpolate.CubicSpline(
+            np.arange(len(own)) / rate, np.column_stack([own, motion.omega, motion.alpha])
+        )
+
+        def torque_at(instants: Array) -> Array:
+            """True torque [N*m] of the actuator on the bench, the paper's tau_m, at any instants [s]. Friction jumps
+            where the velocity is zero. A curve through the samples has each jump half a step after a sample, which
+            looks like inertia to a transducer that samples later."""
+            amperes, omega, alpha = exact(instants).T
+            return actuator_torque(amperes, omega, alpha, p)
+
+        return motion, {"actuator_angle": motion.theta, "motor_current": own, "output_torque": torque_at}
     losses, still = p.B_j * motion.omega + p.J_j * motion.alpha, np.zeros_like(motion.theta)
     theta_m, current = still, still
     if experiment == "belt":  # the actuator is locked at theta_m = 0: all of the joint's angle deflects the belt
@@ -128,26 +141,6 @@ def drivetrain_effects(settings: SimulationSettings, gains: Gains | None = None)
         "substeps": integrated.substeps,
         "control_updates": integrated.control_updates if effects.control_delay.enabled else integrated.substeps,
     }
-
-
-def actuator_signals(
-    motion: JointMotion, settings: SimulationSettings, p: DrivetrainParameters
-) -> dict[str, TrueSignal]:
-    """The true signals by channel of an actuator on its own bench, which moves it. The torque is that of the actuator
-    on the bench, the paper's tau_m; its transducer has the imperfections of the load cell."""
-    assert settings.actuator is not None  # as SimulationSettings checked
-    rate = settings.dynamometer.rate_hz
-    current = joint_motion.actuator_command(settings.actuator, rate)[1]
-    even, columns = np.arange(len(current)) / rate, np.column_stack([current, motion.omega, motion.alpha])
-    exact = scipy.interpolate.CubicSpline(even, columns)
-
-    def torque(instants: Array) -> Array:
-        """True torque [N*m] at any instants [s]. Friction jumps where the velocity is zero. A curve through the samples
-        has each jump half a step after a sample, which looks like inertia to a transducer that samples later."""
-        amperes, omega, alpha = exact(instants).T
-        return actuator_torque(amperes, omega, alpha, p)
-
-    return {"actuator_angle": motion.theta, "motor_current": current, "output_torque": torque}
 
 
 def write_bench_log(path: Path, log: Mapping[str, Array], two_nodes: bool) -> None:

@@ -78,7 +78,12 @@ class Bench:
     def recording(self, name: str, node: NodeSettings, signals: Mapping[str, TrueSignal]) -> dict[str, Array]:
         """The stamps [s], as `time`, and the channels, (n,) each, that one node writes."""
         instants, even, stamps = self.sampling(name, node)
-        rows, time = self.written(name, node, len(instants)), self.drawn["clock_start_s"] + stamps
+        rows: NDArray[np.bool_] | slice = slice(None)
+        n, time = len(instants), self.drawn["clock_start_s"] + stamps
+        if node.dropped.enabled:  # in slots that leave a sample between two gaps; the first and the last one stay
+            rows = np.ones(n, dtype=np.bool_)
+            slots = self.random(f"{name}.dropped").permutation((n - 2) // 2)[: max(round(node.dropped.size * n), 1)]
+            rows[1 + 2 * slots] = False
         if node.decimals.enabled:
             time = np.round(time, int(node.decimals.size))
         read = {channel: self.reading(channel, true, instants, even)[rows] for channel, true in signals.items()}
@@ -108,16 +113,6 @@ class Bench:
         if effect.distribution == "exponential":
             return effect.value * self.random(name).standard_exponential(n)
         return effect.value * self.random(name).standard_normal(n)
-
-    def written(self, name: str, node: NodeSettings, n: int) -> NDArray[np.bool_] | slice:
-        """The samples of n that a node writes, all or without the dropped ones. The first and the last one stay."""
-        if not node.dropped.enabled:
-            return slice(None)
-        kept = np.ones(n, dtype=np.bool_)
-        # in slots that leave a sample between two gaps
-        slots = self.random(f"{name}.dropped").permutation((n - 2) // 2)[: max(round(node.dropped.size * n), 1)]
-        kept[1 + 2 * slots] = False
-        return kept
 
     def reading(self, channel: str, true: TrueSignal, sampled: Array, even: bool) -> Array:
         """What the sensor of a channel reads at the sampled instants: errors, noise and steps."""

@@ -72,46 +72,38 @@ def on_body(body: Pose, places: Mapping[str, Point]) -> dict[str, Array]:
     return {label: body.point(place) for label, place in places.items()}
 
 
-def plate_analogs(trial: GaitTrial, time: Array, platform: Pose, load: TrueWrench) -> Array:
-    """The plate's channels at times [s], (n, 6), with lag, offset and noise: force [N], and moment [N*mm] about the
-    sensor origin.
-
-    Signs are as Vicon Nexus stores them: a standing person reads Fz < 0 along z down. The sensors carry the foot and
-    the plate's own mass above them: force F + m (a - g), moment M + dH/dt + r x m (a - g). The zero was set at rest.
-    """
-    walking, plate = trial.walking, trial.walking.plate
-    effects, rate, turned = walking.effects, walking.rates.motion_hz, platform.rotation @ PLATE_AXES
-    sensor = np.array(plate.centre_m) + np.array([*plate.sensor_offset_m, -plate.sensor_depth_m])
-    mass, centre = effects.plate_inertia.value, np.add(plate.centre_m, plate.centre_of_mass_m)
-    own, origin = support(platform, rate, mass, centre, plate.gyration_m), platform.point(sensor)
-    force, resting = np.einsum("nji,nj->ni", turned, load.force + own.force), -mass * GRAVITY
-    moment = np.einsum("nji,nj->ni", turned, load.moment_about(origin) + own.moment_about(origin))
-    zeroed = force - resting @ PLATE_AXES, moment - np.cross(centre - sensor, resting) @ PLATE_AXES
-    disturbed = []
-    for quantity, values in zip(("force", "moment"), zeroed, strict=True):
-        noise = trial.random(f"{quantity}_noise").standard_normal((len(time), 3))
-        offset = trial.random(f"{quantity}_offset").standard_normal(3)
-        late = interpolated_at(values, rate, time - 1e-3 * effects.plate_lag.value)
-        late = late + getattr(effects, f"{quantity}_noise").value * noise
-        disturbed.append(late + getattr(effects, f"{quantity}_offset").value * offset)
-    return np.hstack([disturbed[0], MM * disturbed[1]])
-
-
 def write_capture(
     folder: Path, trial: GaitTrial, leg: Mapping[str, Array], platform: PlatformMotion, load: TrueWrench
 ) -> None:
     """Write the capture `vicon/<trial>.c3d`: the exact paths of the leg's markers [m] and those of the platform, with
     noise and gaps; the plate under its load, synchronisation, and the trigger, high for 20 ms. Without markers on
-    a leg there is no person."""
-    plate, rates = trial.walking.plate, trial.walking.rates
+    a leg there is no person.
+
+    The plate's signs are as Vicon Nexus stores them: a standing person reads Fz < 0 along z down. Its sensors carry the
+    foot and the plate's own mass above them: force F + m (a - g), moment M + dH/dt + r x m (a - g). The zero was set at
+    rest."""
+    plate, rates, effects = trial.walking.plate, trial.walking.rates, trial.walking.effects
     on_platform = {label: np.add(plate.centre_m, place) for label, place in PLATFORM.items()}
     markers = {**leg, **on_body(platform.pose, on_platform)}
     exact = np.stack(list(markers.values()), axis=1)[:: rates.motion_hz // rates.points_hz]
     time = np.arange(len(exact) * (rates.analogs_hz // rates.points_hz)) / rates.analogs_hz
-    channels = plate_analogs(trial, time, platform.pose, load)
+    turned, rate = platform.pose.rotation @ PLATE_AXES, rates.motion_hz
+    sensor = np.array(plate.centre_m) + np.array([*plate.sensor_offset_m, -plate.sensor_depth_m])
+    mass, centre = effects.plate_inertia.value, np.add(plate.centre_m, plate.centre_of_mass_m)
+    own, about = support(platform.pose, rate, mass, centre, plate.gyration_m), platform.pose.point(sensor)
+    force, resting = np.einsum("nji,nj->ni", turned, load.force + own.force), -mass * GRAVITY
+    moment = np.einsum("nji,nj->ni", turned, load.moment_about(about) + own.moment_about(about))
+    zeroed = force - resting @ PLATE_AXES, moment - np.cross(centre - sensor, resting) @ PLATE_AXES
+    channels = []  # force [N], and moment [N*mm] about the sensor's origin, with lag, offset and noise
+    for quantity, unit, values in zip(("force", "moment"), (1.0, MM), zeroed, strict=True):
+        noise = trial.random(f"{quantity}_noise").standard_normal((len(time), 3))
+        offset = trial.random(f"{quantity}_offset").standard_normal(3)
+        late = interpolated_at(values, rate, time - 1e-3 * effects.plate_lag.value)
+        late = late + getattr(effects, f"{quantity}_noise").value * noise
+        channels.append(unit * (late + getattr(effects, f"{quantity}_offset").value * offset))
     command = np.inf if platform.command is None else platform.command
     trigger = np.asarray((time >= command) & (time < command + 0.02), dtype=float)
-    analogs = np.column_stack([channels, 5.0 * sync_level(trial, time), 5.0 * trigger])
+    analogs = np.column_stack([*channels, 5.0 * sync_level(trial, time), 5.0 * trigger])
     labels, names = list(markers), [*PLATE_CHANNELS, "Sync", "Trigger"]
     quadrants = np.array([[1, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0]], dtype=float) @ PLATE_AXES.T
     corners = np.array(plate.centre_m) + quadrants * (0.5 * np.array([*plate.size_m, 0.0]))  # in C3D's order
@@ -142,7 +134,7 @@ def write_capture(
             "ZERO": np.array([1, 0]),
             "CORNERS": corners.T[:, :, None] * MM,
             "ORIGIN": origin[:, None] * MM,
-            "CHANNEL": np.arange(1, channels.shape[1] + 1)[:, None],
+            "CHANNEL": np.arange(1, len(PLATE_CHANNELS) + 1)[:, None],
             "CAL_MATRIX": np.zeros(0),
         },
         "TRIAL": {"CAMERA_RATE": np.array([float(rates.points_hz)])},

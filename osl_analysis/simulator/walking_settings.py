@@ -42,7 +42,6 @@ PLATFORM = {
 ANKLE_AXIS = {"ANKLE_MED": (0.0, 0.042, 0.0), "ANKLE_LAT": (0.0, -0.042, 0.0)}
 PLATE_CHANNELS = {"Fx1": "N", "Fy1": "N", "Fz1": "N", "Mx1": "Nmm", "My1": "Nmm", "Mz1": "Nmm"}
 """Labels and units of the plate's channels, force and moment: type 2 of the C3D manual."""
-Share = Annotated[float, Field(ge=0, le=1)]
 
 
 class WalkingEffects(Switches):
@@ -119,7 +118,8 @@ class Perturbation(Settings):
     angle_deg: Annotated[float, Field(gt=0, le=60)]
     rise_s: Seconds
     latency_s: NotNegative  # from the command to the start of the ramp
-    stance_phase: tuple[Share, Share]  # first and last at which the ramp is commanded, drawn evenly
+    stance_phase: tuple[Annotated[float, Field(ge=0, le=1)], Annotated[float, Field(ge=0, le=1)]]
+    """First and last share of stance at which the ramp is commanded, drawn evenly."""
     hold_s: Annotated[float, Field(ge=0, le=10)]  # after toe-off, when the platform starts to return
     return_s: Seconds
     shift_mm: Positive | None = None

@@ -125,12 +125,6 @@ class Passage:
         """Which of `rows` are in stance."""
         return np.asarray((self.time >= self.stance.heel_strike) & (self.time <= self.stance.toe_off))
 
-    @property
-    def flat(self) -> Mask:
-        """Which of `rows` have the foot flat on the plate, before a perturbation."""
-        phase = self.stance.phase(self.time)
-        return np.asarray((phase >= 0.15) & (phase <= 0.35))
-
 
 def recorded_passage(
     trial: Trial,
@@ -276,7 +270,8 @@ def quality_of(
     frames in stance, and of those from baseline to the end of the window, in which a marker of some cluster was filled
     before the export, and so is hidden; of the latter those alone whose pose rests on a bridge; None where no cluster
     tells."""
-    flat, segments = passage.flat, followed_segments(settings)
+    phase, segments = passage.stance.phase(passage.time), followed_segments(settings)
+    flat = (phase >= 0.15) & (phase <= 0.35)  # before a perturbation
     foot = passage.poses["foot"][flat]
     placed = foot.point(calibration.ankle_centre).mean(axis=0) - passage.corners.mean(axis=0)
     to_pressure = load[2:].T * ankle.forward + load[1:2].T * ankle.axis  # (n, 3) from the ankle

@@ -17,10 +17,9 @@ from osl_analysis.walking.settings import OutlierRule, SelectionSettings
 
 # Columns of the sheet that can split results. Each value has a mean unperturbed gait of its own.
 STATED = ("group", "subject", "session", "side", "speed", "K_d", "B_d")
-IS_PERTURBED = "perturbed"
 ALL = "all"  # Name of the group and of the gait of a campaign that is not split
 
-Cells = Mapping[str, object]  # Cells of one row of the sheet, by column: `STATED` and `IS_PERTURBED`; None where empty
+Cells = Mapping[str, object]  # Cells of one row of the sheet, by column: `STATED` and `perturbed`; None where empty
 Sheet = Mapping[str, Cells]  # Cells of crossings, by trial
 
 
@@ -31,7 +30,7 @@ def split_keys(sheet: Sheet, settings: SelectionSettings) -> list[str]:
     for key in STATED:
         # An unperturbed crossing has a person and a pace too. In the others, its empty cell serves every value
         every = key in ("subject", "session", "side", "speed")
-        concerned = [name for name, cells in sheet.items() if every or cells[IS_PERTURBED]]
+        concerned = [name for name, cells in sheet.items() if every or cells["perturbed"]]
         values = {sheet[name].get(key) for name in concerned}
         stated = values - {None}
         if key in settings.pool or (len(values) < 2 and key not in settings.group_by):
@@ -222,7 +221,7 @@ def gaits_of(sheet: Sheet, settings: SelectionSettings) -> tuple[dict[str, Cells
     """The conditions of each mean gait, by its name, and the gaits that each row of the sheet belongs to: an empty cell
     of an unperturbed one matches every value."""
     keys = split_keys(sheet, settings)
-    every = [{key: cells[key] for key in keys} for cells in sheet.values() if cells[IS_PERTURBED]]
+    every = [{key: cells[key] for key in keys} for cells in sheet.values() if cells["perturbed"]]
     gaits: dict[str, Cells] = {label(cells): cells for cells in every}
     return gaits, {
         name: [gait for gait, wanted in gaits.items() if all(cells.get(k) in (None, v) for k, v in wanted.items())]

@@ -377,28 +377,25 @@ def plate_lag(motion: BodyMotion, wrench_at: Callable[[float], Array], smooth: C
     return float(lags[best] + 0.5 * step * (before - after) / (before - 2 * least + after))
 
 
-def moments_below(pairs: Sequence[tuple[Array, Array]], directions: Array) -> float:
-    """Height [m] of the corners' centre above the point of the moments, from each recording's columns (n, 6, 10) and
-    wrench (n, 6), along the directions (10, r) of the parameters. Forces show the centre of mass from the former,
-    moments from the latter. NaN where only moments show it, as where the plate does not turn, or without a mass."""
-    columns, wrench = (np.concatenate([without_mean(pair[k]) for pair in pairs]) for k in (0, 1))
-    apart = stacked_columns(columns[:, :, 1:4] * (np.arange(6) > 2)[:, None])
-    stacked = np.column_stack([stacked_columns(columns) @ directions, apart])
-    size = np.maximum(np.linalg.norm(stacked, axis=0), 1e-12)
-    scaled = stacked / size
-    estimates = np.linalg.lstsq(scaled, (wrench * WEIGHT).T.ravel(), rcond=1e-4)[0] / size
-    others, below = scaled[:, :-1], scaled[:, -1]
-    alone = below - others @ np.linalg.lstsq(others, below, rcond=1e-4)[0]
-    mass = float(directions[0] @ estimates[: directions.shape[1]])
-    return float(estimates[-1] / mass) if mass > 0.1 and np.linalg.norm(alone) > 0.02 else float("nan")
-
-
 def with_height(model: PlateModel, parts: Sequence[tuple[Array, Array]]) -> PlateModel:
-    """The model with the height of `moments_below` where its standard error, by leaving out each recording, is less
-    than 5 mm."""
-    height, *fewer = (
-        moments_below([*parts[:i], *parts[i + 1 :]], model.directions) for i in (len(parts), *range(len(parts)))
-    )
+    """The model with the height of the corners' centre above the point of the moments, from each recording's columns
+    (n, 6, 10) and wrench (n, 6), where its standard error, by leaving out each, is less than 5 mm."""
+
+    def moments_below(pairs: Sequence[tuple[Array, Array]]) -> float:
+        """Along the directions of the parameters forces show the centre of mass from the corners' centre, moments from
+        their own point. NaN where only moments show it, as where the plate does not turn, or without a mass."""
+        columns, wrench = (np.concatenate([without_mean(pair[k]) for pair in pairs]) for k in (0, 1))
+        apart = stacked_columns(columns[:, :, 1:4] * (np.arange(6) > 2)[:, None])
+        stacked = np.column_stack([stacked_columns(columns) @ model.directions, apart])
+        size = np.maximum(np.linalg.norm(stacked, axis=0), 1e-12)
+        scaled = stacked / size
+        estimates = np.linalg.lstsq(scaled, (wrench * WEIGHT).T.ravel(), rcond=1e-4)[0] / size
+        others, below = scaled[:, :-1], scaled[:, -1]
+        alone = below - others @ np.linalg.lstsq(others, below, rcond=1e-4)[0]
+        mass = float(model.directions[0] @ estimates[: model.directions.shape[1]])
+        return float(estimates[-1] / mass) if mass > 0.1 and np.linalg.norm(alone) > 0.02 else float("nan")
+
+    height, *fewer = (moments_below([*parts[:i], *parts[i + 1 :]]) for i in (len(parts), *range(len(parts))))
     se = float(np.sqrt((len(parts) - 1) * np.var(fewer)))
     return replace(model, height=height if se < 0.005 else None, height_se=se if np.isfinite(se) else None)
 

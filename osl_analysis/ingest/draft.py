@@ -57,7 +57,8 @@ PATTERNS = {
 def likely_column(channel: RecordedChannel) -> str:
     """The canonical column that a channel may be; empty where name and unit tell none. A stated or likely unit must be
     one of the column's; where the name tells nothing, what the unit measures is the guess."""
-    words, (_, measured) = parted_name(name_of(channel)), measure_of(channel)
+    words, stated = parted_name(name_of(channel)), normalised(channel.unit or channel.likely_unit)
+    _, measured = base_units(stated) or (1.0, "")
     for column, (wanted, unwanted, _) in PATTERNS.items():
         fits = column in ("sync", "trigger") or not measured or measured == dimension(COLUMNS[column])
         if fits and re.search(wanted, words) and not (unwanted and re.search(unwanted, words)):
@@ -66,11 +67,6 @@ def likely_column(channel: RecordedChannel) -> str:
     tell_too_little = rf"\b(ground|battery|supply|imu|roll|pitch|yaw|phase|current|{ANGLE}|{SPEED}|{EFFORT})\b"
     unwanted = f"{COMMAND}|{tell_too_little}" + f"|{MOTOR}" * (known != "current")
     return "" if re.search(unwanted, words) else known
-
-
-def measure_of(channel: RecordedChannel) -> tuple[float, str]:
-    """Factor of a channel's stated or likely unit to base units, and their product; empty where it has none."""
-    return base_units(normalised(channel.unit or channel.likely_unit)) or (1.0, "")
 
 
 def parted_name(name: str) -> str:
@@ -121,7 +117,11 @@ def log_lines(overview: Overview) -> Iterator[str]:
     none. An entry has its column's name where only this channel is like it and its name leaves no doubt. One that may
     be another quantity, as a command or another joint's angle, is left to the user; where angle and torque are known,
     as a comment."""
-    channels, clock, of_time = channels_of_log(overview)
+    time: Any = overview.settings.get("time", {})
+    of_time = next((time[key] for key in ("column", "variable", "field", "channel") if key in time), "")
+    listed = overview.channels if overview.drafted is None else overview.drafted
+    clock = next((c for c in listed if of_time and of_time in c.address.values()), None)
+    signals = [c for c in listed if c is not clock and ("topic" not in c.address or ("field" in c.address and c.count))]
     yield from (f"# {text}" for text in overview.open)
     if of_time == NAME_OF_TIME:
         yield "# time: name its column and unit, or state the rate of the rows instead, as {rate: HZ}"
@@ -131,17 +131,12 @@ def log_lines(overview: Overview) -> Iterator[str]:
     yield f"# {todo}, delete the rest"
     yield f"# canonical names: {', '.join(column for column in COLUMNS if column != 'time')}"
     yield "channels:"
-    yield from entry_lines(channels, guessed_columns(channels))
-
-
-def channels_of_log(overview: Overview) -> tuple[list[RecordedChannel], RecordedChannel | None, str]:
-    """The channels of a log that may be signals, its clock, and the name by which the draft knows it."""
-    time: Any = overview.settings.get("time", {})
-    of_time = next((time[key] for key in ("column", "variable", "field", "channel") if key in time), "")
-    listed = overview.channels if overview.drafted is None else overview.drafted
-    clock = next((c for c in listed if of_time and of_time in c.address.values()), None)
-    signals = [c for c in listed if c is not clock and ("topic" not in c.address or ("field" in c.address and c.count))]
-    return signals, clock, of_time
+    guesses = guessed_columns(signals)
+    complete = {"theta", "torque"} <= {guess.column for guess in guesses if guess.sure}
+    comment_others = any(guess.column for guess in guesses)
+    for number, (channel, guess) in enumerate(zip(signals, guesses, strict=True), start=1):
+        line, is_needed = channel_line(number, channel, guess), guess.sure or (guess.column and not complete)
+        yield f"# {line}" if guess.no_signal or (comment_others and not is_needed) else line
 
 
 @dataclass(frozen=True)
@@ -155,18 +150,7 @@ class Guess:
     no_signal: bool = False  # whether it stands still, is noise, or is computed from another
 
 
-def entry_lines(channels: Sequence[RecordedChannel], guesses: Sequence[Guess]) -> Iterator[str]:
-    """The entries of channels; those that nobody needs are comments."""
-    complete = {"theta", "torque"} <= {guess.column for guess in guesses if guess.sure}
-    needed = [bool(guess.sure or (guess.column and not complete)) for guess in guesses]
-    comment_others = any(guess.column for guess in guesses)
-    for number, (channel, guess, is_needed) in enumerate(zip(channels, guesses, needed, strict=True), start=1):
-        line = channel_line(number, channel, guess)
-        yield f"# {line}" if guess.no_signal or (comment_others and not is_needed) else line
-
-
 FEWEST_READINGS, LARGEST_READING = 100, 1e30  # how many tell how a channel moves; beyond the other, none is one
-FOLLOWS = 0.9  # correlation from which a torque follows an angle: a fifth of its power may be damping or friction
 UNITS_BY_SIZE = {
     "rad": (("rad", 0.0, 0.9), ("deg", 2.5, 200.0)), "N*m": (("N*m", 0.0, 300.0), ("N*mm", 1500.0, np.inf)),
     "A": (("A", 0.0, 60.0), ("mA", 300.0, np.inf)),
@@ -235,7 +219,8 @@ def with_spring(channels: Sequence[RecordedChannel], guesses: list[Guess]) -> li
         for column, sure in ((name, any(g.sure and g.column == name for g in guesses)) for name in ("theta", "torque"))
     }
     pairs = [(n, m, correlation(channels[n], channels[m])) for n in likely["theta"] for m in likely["torque"]]
-    springs = [(n, m, r) for n, m, r in pairs if abs(r) > FOLLOWS or (guesses[n].sure and guesses[m].sure)]
+    # it follows from 0.9 on: a fifth of its power may be damping or friction
+    springs = [(n, m, r) for n, m, r in pairs if abs(r) > 0.9 or (guesses[n].sure and guesses[m].sure)]
     if len(springs) != 1:
         return guesses
     n, m, r = springs[0]
@@ -331,7 +316,16 @@ def told_by_motion(overview: Overview) -> dict[str, str]:
     tracks = tracks_of(overview)
     own = [track for label, track in tracks.items() if segment_of(label)[1] == "platform"]
     legs = any(segment_of(label)[1] in ("foot", "shank") for label in tracks)
-    turns, steps = largest_turn(own) > np.radians(1), steps_on_plates(overview)
+    turns = False  # a line between two markers
+    for line in (first - second for first, second in combinations(own, 2)):
+        if (way := longest_way(line)) < np.inf:
+            turns |= way > np.radians(1) * float(np.linalg.norm(np.nanmedian(line, axis=0)))
+    steps, markers = list[int](), [one for one in overview.channels if one.kind == "marker"]
+    frames = max((len(one.numbers) for one in markers if one.numbers is not None), default=0)
+    rate = max((one.rate or 0.0 for one in markers), default=0.0)
+    for force in (c.numbers for c in overview.channels if c.kind == "plate" and c.numbers is not None):
+        loaded = runs(force - np.quantile(force, 0.02) > 100)  # [N]; how often for 0.3 s or more
+        steps.append(sum((run.stop - run.start) * frames > 0.3 * rate * force.size for run in loaded))
     if legs and not turns and all(longest_way(track) < 0.03 for track in tracks.values()):
         return {"experiment": "static"}
     if own and legs and 1 in steps:
@@ -339,25 +333,6 @@ def told_by_motion(overview: Overview) -> dict[str, str]:
     if own and turns and not legs and not any(steps):
         return {"experiment": "plate"}
     return {"experiment": "overground"} if legs and any(steps) and not own else {}
-
-
-def largest_turn(tracks: Sequence[Array]) -> float:
-    """The largest turn [rad] of a line between two markers."""
-    lines = [first - second for first, second in combinations(tracks, 2)]
-    lengths = [float(np.linalg.norm(np.nanmedian(line, axis=0))) for line in lines if longest_way(line) < np.inf]
-    ways = [longest_way(line) for line in lines if longest_way(line) < np.inf]
-    return max((way / length for way, length in zip(ways, lengths, strict=True)), default=0.0)
-
-
-def steps_on_plates(overview: Overview) -> list[int]:
-    """How often each plate was loaded for 0.3 s or more."""
-    steps, markers = list[int](), [one for one in overview.channels if one.kind == "marker"]
-    frames = max((len(one.numbers) for one in markers if one.numbers is not None), default=0)
-    rate = max((one.rate or 0.0 for one in markers), default=0.0)
-    for force in (c.numbers for c in overview.channels if c.kind == "plate" and c.numbers is not None):
-        loaded = runs(force - np.quantile(force, 0.02) > 100)  # [N]
-        steps.append(sum((run.stop - run.start) * frames > 0.3 * rate * force.size for run in loaded))
-    return steps
 
 
 def draft_walking(overviews: Sequence[Overview]) -> list[str]:

@@ -79,7 +79,12 @@ def read_table_log(path: Path, source: TableSource) -> Recording:
     kept = fresh if source.time.repeated == "drop" else np.ones_like(fresh)
     repeated = int((~fresh).sum())
     if source.time.repeated != "drop":
-        check_no_row_twice(samples, fresh, table, source)
+        values = samples.drop("time")  # many rows, of one stamp, that are the row before once more
+        same = (values[1:] == values[:-1]).select(pl.all_horizontal(pl.all().fill_null(True))).to_series()
+        copied = int((~fresh[1:] & same.to_numpy()).sum())
+        if copied > max(20, 0.1 * fresh.size):
+            twice = f"{copied} of {fresh.size} {table.noun}s have time and values of the {table.noun} before"
+            raise InputError(f"{twice}; write `repeated: drop` under {source.place('time')}, to read each once")
     if repeated:
         did = "are taken for samples whose stamps were rounded; if the device was read faster than it sampled, "
         did += f"write `repeated: drop` under {source.place('time')}"
@@ -98,16 +103,6 @@ def read_table_log(path: Path, source: TableSource) -> Recording:
     return (
         exported_plates(table, recording, source) if isinstance(source, OpenSimSource) and source.plates else recording
     )
-
-
-def check_no_row_twice(samples: pl.DataFrame, fresh: NDArray[np.bool_], table: Table, source: TableSource) -> None:
-    """Refuse a table of which many rows, that are not `fresh`, are the row before once more: stamp and values."""
-    values = samples.drop("time")
-    same = (values[1:] == values[:-1]).select(pl.all_horizontal(pl.all().fill_null(True))).to_series()
-    copied = int((~fresh[1:] & same.to_numpy()).sum())
-    if copied > max(20, 0.1 * fresh.size):
-        said = f"{copied} of {fresh.size} {table.noun}s have time and values of the {table.noun} before"
-        raise InputError(f"{said}; write `repeated: drop` under {source.place('time')}, to read each once")
 
 
 def wanted(source: TableSource) -> list[str]:
@@ -252,7 +247,12 @@ def csv_log(path: Path, source: SheetSource) -> Table:
     stamps = None if clock is None else csv_table.cell_stamps(text.body.to_series(clock))
     values = {place: cells_of(text, place, source, place in levels) for place in {*places.values()} - {clock}}
     if clock is not None:
-        values[clock] = clock_cells(text, clock, source) if stamps is None else stamps
+        cells = text.body.to_series(clock)  # whole ones are nanoseconds since 1970, which floats would round
+        whole = cells.cast(pl.Int64, strict=False) if cells.dtype == pl.String or cells.dtype.is_integer() else None
+        if stamps is None and whole is not None and not whole.null_count():
+            values[clock] = whole.to_numpy()
+        else:
+            values[clock] = cells_of(text, clock, source, level=False, is_time=True) if stamps is None else stamps
     clocks, rates = list[tuple[str, NDArray[Any]]](), list[tuple[str, float]]()
     if source.time.rate is not None:
         from osl_analysis.ingest.overview import stated_rate  # which reads logs, too
@@ -318,15 +318,6 @@ def check_rate(table: Table, source: TableSource) -> None:
     for name, stated in table.rates:
         if abs(rate / stated - 1) > 0.01:
             raise InputError(f"`rate: {rate:g}` of time, but the file says {stated:.6g} Hz ({name}); correct the rate")
-
-
-def clock_cells(text: csv_table.CsvTable, place: int, source: SheetSource) -> NDArray[Any]:
-    """Numbers of the column of time, (rows,): whole ones are nanoseconds since 1970, which floats would round."""
-    cells = text.body.to_series(place)
-    whole = cells.cast(pl.Int64, strict=False) if cells.dtype == pl.String or cells.dtype.is_integer() else None
-    if whole is not None and not whole.null_count():
-        return np.asarray(whole.to_numpy())
-    return cells_of(text, place, source, level=False, is_time=True)
 
 
 def cells_of(

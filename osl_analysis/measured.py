@@ -9,7 +9,6 @@ from numpy.typing import ArrayLike
 from osl_analysis.errors import InputError
 from osl_analysis.trial import Array
 
-SMALLEST_SIGNAL = 1e-30  # of the largest value of a signal that is not 0 throughout, in SI units
 LARGEST_VARIANCE = 1e150  # its square is finite
 EXACT_FIT_SHARE = 1e-24
 """Mean square of the rounding error of an exact fit, as a share of that of y. Whether an exact fit leaves 0 or 1e-16
@@ -40,7 +39,7 @@ def check_measured(name: str, values: ArrayLike) -> None:
     """Refuse a signal, of any shape, that no sensor can have given. In SI units no signal of a laboratory comes near
     1e30 or 1e-30, and within them a squared variance of a quotient of two signals, the largest power that any estimate
     needs, neither overflows nor vanishes."""
-    check_finite(name, values, least=SMALLEST_SIGNAL)
+    check_finite(name, values, least=1e-30)
 
 
 def rounding_of(y: Array) -> float:

@@ -21,7 +21,6 @@ from osl_analysis.measured import factor_of, varies
 from osl_analysis.signals import runs
 from osl_analysis.trial import COLUMNS, Array
 
-NO_MEASUREMENT = "computed from the current, no measured torque"
 MOTOR = r"\b(motor|actuator|act|output|gear|mot)\b"
 COMMAND = r"\b(command|commanded|cmd|desired|des|ref|reference|target|setpoint|goal)\b"
 ANGLE = r"(angle|position|pos|theta|encoder|winkel|hoek)"
@@ -117,11 +116,7 @@ def log_lines(overview: Overview) -> Iterator[str]:
     none. An entry has its column's name where only this channel is like it and its name leaves no doubt. One that may
     be another quantity, as a command or another joint's angle, is left to the user; where angle and torque are known,
     as a comment."""
-    time: Any = overview.settings.get("time", {})
-    of_time = next((time[key] for key in ("column", "variable", "field", "channel") if key in time), "")
-    listed = overview.channels if overview.drafted is None else overview.drafted
-    clock = next((c for c in listed if of_time and of_time in c.address.values()), None)
-    signals = [c for c in listed if c is not clock and ("topic" not in c.address or ("field" in c.address and c.count))]
+    signals, clock, of_time = channels_of_log(overview)
     yield from (f"# {text}" for text in overview.open)
     if of_time == NAME_OF_TIME:
         yield "# time: name its column and unit, or state the rate of the rows instead, as {rate: HZ}"
@@ -137,6 +132,16 @@ def log_lines(overview: Overview) -> Iterator[str]:
     for number, (channel, guess) in enumerate(zip(signals, guesses, strict=True), start=1):
         line, is_needed = channel_line(number, channel, guess), guess.sure or (guess.column and not complete)
         yield f"# {line}" if guess.no_signal or (comment_others and not is_needed) else line
+
+
+def channels_of_log(overview: Overview) -> tuple[list[RecordedChannel], RecordedChannel | None, str]:
+    """The channels of a log that may be signals, its clock, and the name by which the draft knows it."""
+    time: Any = overview.settings.get("time", {})
+    of_time = next((time[key] for key in ("column", "variable", "field", "channel") if key in time), "")
+    listed = overview.channels if overview.drafted is None else overview.drafted
+    clock = next((c for c in listed if of_time and of_time in c.address.values()), None)
+    signals = [c for c in listed if c is not clock and ("topic" not in c.address or ("field" in c.address and c.count))]
+    return signals, clock, of_time
 
 
 @dataclass(frozen=True)
@@ -250,7 +255,7 @@ def made_of(channel: RecordedChannel, currents: Sequence[RecordedChannel]) -> st
         y, x = (none if one.numbers is None else one.numbers for one in (channel, current))
         if (factor := factor_of(y, x)) is not None:
             name = json.dumps(list(current.address.values())[-1])
-            return f"{name} times {factor:.4g}, to within rounding: {NO_MEASUREMENT}"
+            return f"{name} times {factor:.4g}, to within rounding: computed from the current, no measured torque"
     return ""
 
 
@@ -320,12 +325,7 @@ def told_by_motion(overview: Overview) -> dict[str, str]:
     for line in (first - second for first, second in combinations(own, 2)):
         if (way := longest_way(line)) < np.inf:
             turns |= way > np.radians(1) * float(np.linalg.norm(np.nanmedian(line, axis=0)))
-    steps, markers = list[int](), [one for one in overview.channels if one.kind == "marker"]
-    frames = max((len(one.numbers) for one in markers if one.numbers is not None), default=0)
-    rate = max((one.rate or 0.0 for one in markers), default=0.0)
-    for force in (c.numbers for c in overview.channels if c.kind == "plate" and c.numbers is not None):
-        loaded = runs(force - np.quantile(force, 0.02) > 100)  # [N]; how often for 0.3 s or more
-        steps.append(sum((run.stop - run.start) * frames > 0.3 * rate * force.size for run in loaded))
+    steps = steps_on_plates(overview)
     if legs and not turns and all(longest_way(track) < 0.03 for track in tracks.values()):
         return {"experiment": "static"}
     if own and legs and 1 in steps:
@@ -333,6 +333,17 @@ def told_by_motion(overview: Overview) -> dict[str, str]:
     if own and turns and not legs and not any(steps):
         return {"experiment": "plate"}
     return {"experiment": "overground"} if legs and any(steps) and not own else {}
+
+
+def steps_on_plates(overview: Overview) -> list[int]:
+    """How often each plate was loaded for 0.3 s or more."""
+    steps, markers = list[int](), [one for one in overview.channels if one.kind == "marker"]
+    frames = max((len(one.numbers) for one in markers if one.numbers is not None), default=0)
+    rate = max((one.rate or 0.0 for one in markers), default=0.0)
+    for force in (c.numbers for c in overview.channels if c.kind == "plate" and c.numbers is not None):
+        loaded = runs(force - np.quantile(force, 0.02) > 100)  # [N]
+        steps.append(sum((run.stop - run.start) * frames > 0.3 * rate * force.size for run in loaded))
+    return steps
 
 
 def draft_walking(overviews: Sequence[Overview]) -> list[str]:

@@ -96,9 +96,9 @@ def median_step(time: Array) -> float:
 
 
 def consecutive(time: Array, values: Array, seconds: float) -> Array:
-    """Consecutive stretches (k, m) of values (n,), of so many seconds each."""
+    """Consecutive stretches (..., k, m) of values (..., n), of so many seconds each."""
     length = max(round(seconds / median_step(time)), 1) if time.size > 1 else 1
-    return values[: values.size // length * length].reshape(-1, length)
+    return values[..., : time.size // length * length].reshape(*values.shape[:-1], -1, length)
 
 
 # Sampling, clocks and damage. What each check measures is said by `judge/words.yaml`.
@@ -405,7 +405,7 @@ def measure_stuck(examined: Examined) -> CheckResult:
     time, theta = recorded(trial, "theta")
     if time.size and reference[0].size:
         smoothed = 0.05  # s, over which a reference is averaged; a sine of 5 Hz keeps nine tenths of its amplitude
-        when, level = (consecutive(reference[0], x, smoothed).mean(axis=1) for x in reference)
+        when, level = consecutive(reference[0], np.stack(reference), smoothed).mean(axis=-1)
         if when.size:  # while it changes by a fifth of its range, the joint should have moved
             apart = smoothed / 2 + median_step(time)  # at the start of a motion the torque jumps before the angle
             from_rest = np.minimum(abs(theta - theta[0]), abs(theta - np.median(theta)))
@@ -474,7 +474,6 @@ def held(
 
 
 NEXT_TO_ZERO = 1e-30  # of a signal in SI units, which no sensor resolves
-STEP_OF_LOAD_N = 250.0  # between two samples; a foot that leaves a plate takes 10 to 15 N in a millisecond
 
 
 def measure_dropout(examined: Examined) -> CheckResult:
@@ -512,7 +511,8 @@ def dropped_loads(force: Array) -> float:
     steps, bare = np.abs(np.diff(force)), np.abs(force) < 20.0  # N
     is_noisy = np.mean(force[bare] == 0) < 0.5 if bare.any() else False  # else 0 is written without load
     levels = [(a, b, *steps[:a][-1:], *steps[b : b + 1]) for a, b in run_edges(steps == 0).tolist()]
-    lengths = [b - a + 1 for a, b, *jumps in levels if len(jumps) == 2 and min(jumps) > STEP_OF_LOAD_N]
+    # a foot that leaves a plate takes 10 to 15 N in a millisecond
+    lengths = [b - a + 1 for a, b, *jumps in levels if len(jumps) == 2 and min(jumps) > 250.0]
     lengths += [b - a + 1 for a, b, *_ in levels if is_noisy and force[a] == 0 and b - a > 7]
     return float(sum(lengths))
 

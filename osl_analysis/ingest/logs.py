@@ -76,9 +76,10 @@ def read_table_log(path: Path, source: TableSource) -> Recording:
         if channel.unit and unit and channel.unit != unit:
             said.append(f"{column} is read in {channel.unit}; the file says {unit}")
     fresh = np.concatenate([[True], np.diff(time) != 0])  # rows whose stamp is not that of the row before
-    kept = fresh if source.time.repeated == "drop" else np.ones_like(fresh)
-    repeated = int((~fresh).sum())
+    kept, did, repeated = fresh, "were left out", int((~fresh).sum())
     if source.time.repeated != "drop":
+        kept, did = np.ones_like(fresh), "are taken for samples whose stamps were rounded; if the device was read "
+        did += f"faster than it sampled, write `repeated: drop` under {source.place('time')}"
         values = samples.drop("time")  # many rows, of one stamp, that are the row before once more
         same = (values[1:] == values[:-1]).select(pl.all_horizontal(pl.all().fill_null(True))).to_series()
         copied = int((~fresh[1:] & same.to_numpy()).sum())
@@ -86,9 +87,6 @@ def read_table_log(path: Path, source: TableSource) -> Recording:
             twice = f"{copied} of {fresh.size} {table.noun}s have time and values of the {table.noun} before"
             raise InputError(f"{twice}; write `repeated: drop` under {source.place('time')}, to read each once")
     if repeated:
-        did = "are taken for samples whose stamps were rounded; if the device was read faster than it sampled, "
-        did += f"write `repeated: drop` under {source.place('time')}"
-        did = "were left out" if source.time.repeated == "drop" else did
         said.append(f"{repeated} of {fresh.size} {table.noun}s repeat the stamp of the {table.noun} before and {did}")
     facts = {
         "time": {**source.time.model_dump(exclude_none=True), "start": start},
@@ -247,12 +245,7 @@ def csv_log(path: Path, source: SheetSource) -> Table:
     stamps = None if clock is None else csv_table.cell_stamps(text.body.to_series(clock))
     values = {place: cells_of(text, place, source, place in levels) for place in {*places.values()} - {clock}}
     if clock is not None:
-        cells = text.body.to_series(clock)  # whole ones are nanoseconds since 1970, which floats would round
-        whole = cells.cast(pl.Int64, strict=False) if cells.dtype == pl.String or cells.dtype.is_integer() else None
-        if stamps is None and whole is not None and not whole.null_count():
-            values[clock] = whole.to_numpy()
-        else:
-            values[clock] = cells_of(text, clock, source, level=False, is_time=True) if stamps is None else stamps
+        values[clock] = cells_of(text, clock, source, level=False, is_time=True) if stamps is None else stamps
     clocks, rates = list[tuple[str, NDArray[Any]]](), list[tuple[str, float]]()
     if source.time.rate is not None:
         from osl_analysis.ingest.overview import stated_rate  # which reads logs, too
@@ -328,6 +321,10 @@ def cells_of(
     cells: Any = text.body.to_series(place)
     if cells.dtype == pl.Boolean:
         return np.asarray(cells.to_numpy())
+    if is_time and (cells.dtype == pl.String or cells.dtype.is_integer()):
+        whole = cells.cast(pl.Int64, strict=False)  # as nanoseconds since 1970, which floats would round
+        if not whole.null_count():
+            return np.asarray(whole.to_numpy())
     if level and cells.dtype == pl.String:
         cells = [TRUTHS.get(cell.casefold(), cell) if cell is not None else None for cell in cells]
     try:
@@ -573,13 +570,7 @@ def read_message_log(path: Path, source: MessageSource) -> Recording:
             tables[topic], orders[topic], lacking = read_topic(by_topic[topic], decoded.pop(topic), source)
         absent += [f"topic '{topic}': {text}" for text in lacking]
     rates = {topic: median_rate(table["stamp"].to_numpy(), SECOND) for topic, table in tables.items()}
-    each = [table["stamp"].to_numpy() for table in tables.values()]
-    *own, together = ((np.diff(np.sort(one, kind="stable")) == 0).any() for one in (*each, np.concatenate(each)))
-    if together and not any(own):  # topics share stamps, and are joined on them
-        joined = reduce(lambda a, b: a.join(b, on="stamp", how="full", coalesce=True), tables.values()).sort("stamp")
-    else:  # where equal stamps of a topic are rounded ones, all rows
-        joined = pl.concat(tables.values(), how="diagonal").sort("stamp", maintain_order=True)
-    del each, tables
+    joined = joined_on_stamp([tables.pop(topic) for topic in [*tables]])
     missing = {column: int(joined[column].is_nan().sum()) for column in source.channels}
     start, stamp = int(joined["stamp"][0]), str(source.time.field if source.time.source == "header" else "log")
     time = ((joined.drop_in_place("stamp") - start) / SECOND).alias("time")
@@ -743,3 +734,12 @@ def check_not_set(table: pl.DataFrame, advice: str) -> int:
                 f"clock was set while recording: {advice}"
             )
     return int(late.sum())
+
+
+def joined_on_stamp(tables: Sequence[pl.DataFrame]) -> pl.DataFrame:
+    """One table with a row per stamp of any, in their order; where equal stamps are rounded ones, all rows."""
+    each = [table["stamp"].to_numpy() for table in tables]
+    *own, together = ((np.diff(np.sort(one, kind="stable")) == 0).any() for one in (*each, np.concatenate(each)))
+    if any(own) or not together:
+        return pl.concat(tables, how="diagonal").sort("stamp", maintain_order=True)
+    return reduce(lambda one, other: one.join(other, on="stamp", how="full", coalesce=True), tables).sort("stamp")

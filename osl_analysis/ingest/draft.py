@@ -321,10 +321,10 @@ def told_by_motion(overview: Overview) -> dict[str, str]:
     tracks = tracks_of(overview)
     own = [track for label, track in tracks.items() if segment_of(label)[1] == "platform"]
     legs = any(segment_of(label)[1] in ("foot", "shank") for label in tracks)
-    turns = False  # a line between two markers
-    for line in (first - second for first, second in combinations(own, 2)):
-        if (way := longest_way(line)) < np.inf:
-            turns |= way > np.radians(1) * float(np.linalg.norm(np.nanmedian(line, axis=0)))
+    turns = any(  # a line between two markers
+        np.inf > longest_way(line) > np.radians(1) * float(np.linalg.norm(np.nanmedian(line, axis=0)))
+        for line in (first - second for first, second in combinations(own, 2))
+    )
     steps = steps_on_plates(overview)
     if legs and not turns and all(longest_way(track) < 0.03 for track in tracks.values()):
         return {"experiment": "static"}

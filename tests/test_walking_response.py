@@ -346,6 +346,19 @@ def test_a_reaction_within_the_window_is_certain_and_named_and_a_sound_campaign_
                 assert [one.cause for one in findings_of(of_person | value, limits, "walking")] == [cause]
 
 
+@pytest.mark.parametrize("name", fitting.REACTIONS)
+def test_a_reaction_is_certain_beyond_one_in_a_thousand_as_four_are_tried(name: str) -> None:
+    """At 1 in 200, of co-contraction, ramp and slope, 3 of 47 sound campaigns of another generator were accused."""
+    headline = group_headline(perturbed(), USUAL, SETTINGS)
+    freedom = headline.resampled.degrees_of_freedom
+    for chance, said in ((0.003, None), (0.0009, name)):
+        size = (t.ppf(1 - chance, freedom), 1.0)
+        known = dict.fromkeys(headline.resampled.reactions, (0.0, 1.0)) | {name: size, f"{name} and jerk": size}
+        known |= {"delay": (45.0, 0.0), "K with a reflex 45": (340.0, 1.0)}
+        told = group_facts(replace(headline, resampled=replace(headline.resampled, reactions=known)))
+        assert told["reaction"] == said
+
+
 def test_what_the_window_cannot_tell_of_a_reflex_has_its_size() -> None:
     headline = group_headline(perturbed(), USUAL, SETTINGS)
 

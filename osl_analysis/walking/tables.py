@@ -232,18 +232,16 @@ def group_facts(headline: GroupHeadline) -> dict[str, object]:
 
 def reaction_facts(headline: GroupHeadline) -> dict[str, object]:
     """Columns of `walking_groups.csv` on what Eq. 15 does not know: the person reacts within the window, or K changes
-    with stance. Certain is what is beyond Student's t at 0.5 %, a reflex, of which several delays are tried, at 0.1 %,
-    likeliest first. What yields does not count, as a leg's drivetrain reads as that, nor does co-contraction that its
-    jerk explains."""
+    with stance. Certain is what is beyond Student's t at 0.1 %, as several are tried, likeliest first. What yields does
+    not count, as a leg's drivetrain reads as that, nor does co-contraction that its jerk explains."""
     first, drawn = headline.responses[0], headline.resampled
     rows, found = first.window, drawn.reactions
     motion, torque = headline.ensemble.motion, headline.ensemble.torque
     t = {name: size / max(se, 1e-9 * abs(size), np.finfo(float).tiny) for name, (size, se) in found.items()}
     strength = {name: t[name] for name in isolation.REACTIONS}
     strength[isolation.STIFFER] = min(t[isolation.STIFFER], t[f"{isolation.STIFFER} and jerk"])
-    limit, tried, half = (float(scipy.special.stdtrit(drawn.degrees_of_freedom, p)) for p in (0.995, 0.999, 0.975))
-    sure = (name for name in strength if strength[name] > (tried if name == isolation.REFLEX else limit))
-    certain = sorted(sure, key=lambda name: -strength[name])
+    limit, half = (float(scipy.special.stdtrit(drawn.degrees_of_freedom, p)) for p in (0.999, 0.975))
+    certain = sorted((name for name in strength if strength[name] > limit), key=lambda name: -strength[name])
     likely, per_stance = certain[0] if certain else None, float(np.mean([r.stance for r in headline.responses]))
     columns = Motion(*(np.c_[x] for x in (motion.theta, motion.omega, motion.alpha)))
     drawn_as = isolation.reaction_columns(first.time, rows, columns, 1e-3 * found["delay"][0])

@@ -364,6 +364,13 @@ def test_the_parameters_of_an_ankle_judge_no_knee(bench):
     assert [*found, watching.device_of_row({}, without)] == [None, device, device, None]
 
 
+def test_what_no_recording_of_a_kind_has_is_said_once(tmp_path, bench):
+    write_joint(tmp_path / "in/a.csv")
+    write_joint(tmp_path / "in/b.csv")
+    lines = [watching.recording_line(tmp_path / f"in/{name}.csv", tmp_path / "in", bench) for name in "ab"]
+    assert ["fixture's weight" in line for line in lines] == [True, False]
+
+
 def test_a_failed_check_is_told_with_its_whole_remedy_and_one_that_the_sheet_accepts_is_not_repeated(bench):
     rng = np.random.default_rng(1)
     trial = made_trial(rng, noise(rng, duration=20.0))

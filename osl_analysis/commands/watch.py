@@ -41,7 +41,7 @@ from osl_analysis.ingest.raw_files import read_source, recognise, recordings_in
 from osl_analysis.ingest.source import open_places
 from osl_analysis.judge.finding import Grade
 from osl_analysis.judge.limits import CHECKS, judged_table
-from osl_analysis.judge.words import check_words
+from osl_analysis.judge.words import check_words, finding_said
 from osl_analysis.model.parameters import joint_of
 from osl_analysis.signals.grid import GapLimits, uniform_signals
 from osl_analysis.spectral.stepped_sine import Likeness, find_segments, stated_protocol
@@ -172,6 +172,7 @@ class WatchedBench:
         if source is not None:
             read_source(source)
             self.config = self.config.model_copy(update={"sources": source.parent})
+        self.told: set[str] = set()  # what is not checked on any recording of this kind, which the first one says
         has_sheet = self.config.simulation is None and self.config.sheet.is_file()
         self.campaign = open_campaign(self.config, None) if has_sheet else None
 
@@ -231,7 +232,10 @@ def examined(path: Path, folder: Path, bench: WatchedBench) -> Iterator[str]:
     name = path.relative_to(folder).as_posix()
     yield from beside_siblings(name, kind, comparable(trial, row, estimates), bench.output / "measured.json")
     yield from said
-    yield from (f"NOT CHECKED: {text}" for text in fitted.said(Grade.UNCHECKED))
+    for one in fitted.findings[-1] if fitted.findings else ():
+        if one.grade is Grade.UNCHECKED and one.cause not in bench.told:
+            bench.told.add(one.cause)
+            yield f"NOT CHECKED: {finding_said(one, fitted.row)}"
     yield from (f"REMARK: {text}" for text in fitted.said(Grade.NOTES))
     if not fitted.series.is_empty():
         picture = bench.output / f"{row['trial']}.png"

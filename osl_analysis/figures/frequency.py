@@ -96,7 +96,8 @@ def draw_fig7(table: pl.DataFrame) -> Figure:
     axes[0].set_ylabel("Magnitude\n" r"(10$^{-3}$ rad/(N·m))")
     axes[across].set_ylabel("Phase (deg)")
     entries = style.legend_entries(axes)
-    if table["magnitude_amplitudes_low"].count() or table["phase_amplitudes_low"].count():
+    ranges = (pl.col(f"{name}_amplitudes_high") > pl.col(f"{name}_amplitudes_low") for name in ("magnitude", "phase"))
+    if table.select(pl.any_horizontal(*ranges).any()).item():
         bar = {"marker": "|", "color": style.BLACK, "markersize": 8, "mew": style.THIN}
         entries["Range over amplitudes"] = style.key("", **bar)
     style.legend_above(figure, entries | style.open_entry(table), 2 if across == 1 else 4, columnspacing=1.5)

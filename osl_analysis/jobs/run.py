@@ -185,9 +185,9 @@ def preload(*modules: str) -> None:
 
 def module_of(job: bytes) -> str:
     """The module of the command of a job, of which folder and request are told; empty if that cannot be read."""
-    with suppress(OSError):
-        said = re.search(r'"command": "(\w+)', Path(*job.decode().split("\0")).read_text(encoding="utf-8"))
-        return said[1] if said else ""
+    with suppress(OSError, ValueError, KeyError):
+        request = json.loads(Path(*job.decode().split("\0")).read_text(encoding="utf-8"))
+        return str(request["command"]).partition(".")[0]
     return ""
 
 

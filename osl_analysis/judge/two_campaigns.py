@@ -123,6 +123,9 @@ def row_of(parts: Sequence[pl.DataFrame | None], quantity: str, margin: float | 
     if not (a and b):
         return row | {"remark": f"only in {'A' if a else 'B'}"}
     between, remarks = of_intervals if of_ensembles else difference, list[str]()
+    keys = [key for sample in (a, b) for key, of in sample.items() if not of_ensembles and len(of) > 1]
+    if any(K_d is named is None and amplitudes is not None for K_d, *_, amplitudes, named in keys):
+        remarks.append("trials without K_d count as repeats of one condition; state K_d, or name like trials alike")
     if shared and {*a} != {*b}:
         remarks.append(f"{len(shared)} of {len({*a, *b})} conditions are shared")
     row |= dict(zip((*DIFFERENCE, "method"), with_bench(between(a, b), bench_error(parts, quantity)), strict=True))

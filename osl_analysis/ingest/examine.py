@@ -53,11 +53,11 @@ class Examined:
     def steps(self) -> dict[str, tuple[float, float, float]]:
         """Median, mean and largest sampling step [s]. Channels of the same times stand under the first."""
         time, found = self.trial.samples["time"].to_numpy(), dict[bytes, tuple[str, tuple[float, float, float]]]()
-        for column in self.trial.samples.columns:
-            present = self.trial.samples[column].is_not_null().to_numpy()
-            if column != "time" and (rows := present.tobytes()) not in found and present.sum() > 2:
+        for column in self.trial.samples.select(pl.exclude("time").is_not_null()):
+            present = column.to_numpy()
+            if (rows := present.tobytes()) not in found and present.sum() > 2:
                 steps = np.diff(time[present])
-                found[rows] = column, (float(np.median(steps)), float(steps.mean()), float(steps.max()))
+                found[rows] = column.name, (float(np.median(steps)), float(steps.mean()), float(steps.max()))
         return dict(found.values())
 
 

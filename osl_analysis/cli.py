@@ -208,7 +208,7 @@ def ingest(sources: Path, output: Path, **given: Any) -> None:
 def inspect(file: Path, draft_path: Path | None) -> None:
     """List what an MCAP, C3D, CSV or MATLAB file holds: rates [Hz], units, gaps, damage. Draft a source file for it."""
     check_there(file)
-    from osl_analysis.commands import inspect as command
+    from osl_analysis.commands import trials as command
     from osl_analysis.ingest.draft import draft_source
 
     overview = command.inspect_file(file)
@@ -284,7 +284,7 @@ def fit(trial: Path, model: str, config_path: Path, as_json: bool, plot: Path | 
 def samples(folder: Path, output: Path | None) -> None:
     """List the content of every recording below FOLDER, without a source file; a refused one with the reason."""
     check_there(folder, "folder")
-    from osl_analysis.commands.inspect import samples_table
+    from osl_analysis.commands.trials import samples_table
 
     table, command = samples_table(folder), f"osl-analysis samples {folder} --output {output}"
     page = f"# What recordings made by others hold\n\nMade by `{command}`.\n\n{table}\n"
@@ -375,7 +375,7 @@ def compare(a: Path, b: Path, margin: float | None, output: Path) -> None:
 @option("--example", is_flag=True, help="A small simulated campaign, which runs in about a minute.")
 def init(folder: Path, recorders: tuple[str, ...], recordings: Path | None, example: bool) -> None:
     """Make the folder of a new campaign: configuration, sample sheet, source files and their JSON schemas."""
-    from osl_analysis.commands.inspect import drafted_text, left_to_decide, new_campaign
+    from osl_analysis.commands.trials import drafted_text, left_to_decide, new_campaign
 
     if example and (recorders or recordings):
         raise click.UsageError("--example has recordings of its own; leave --recorder and --from")

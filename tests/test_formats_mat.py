@@ -13,7 +13,7 @@ import pandas as pd
 import pytest
 import scipy.io
 
-from osl_analysis.commands.inspect import inspect_file
+from osl_analysis.commands.trials import inspect_file
 from osl_analysis.errors import InputError
 from osl_analysis.formats.mat import checked_address, open_mat
 

@@ -27,7 +27,7 @@ from mcap_builder import HEADER, stamped, write_log, write_payloads
 from mcap_ros2.decoder import DecoderFactory
 from recognised_files import refusal_by
 
-from osl_analysis.commands.inspect import inspect_file
+from osl_analysis.commands.trials import inspect_file
 from osl_analysis.errors import InputError
 from osl_analysis.formats.mcap import MAGIC, read_mcap
 from osl_analysis.formats.message_fields import Columns, MessageType, Reader, message_type, shape_of

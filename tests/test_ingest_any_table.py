@@ -16,7 +16,7 @@ import xlsxwriter
 from c3d_builder import write_c3d
 from nptdms import ChannelObject, TdmsWriter
 
-from osl_analysis.commands.inspect import inspect_file
+from osl_analysis.commands.trials import inspect_file
 from osl_analysis.errors import InputError
 from osl_analysis.formats.c3d import read_c3d
 from osl_analysis.formats.table import MOST_BYTES, isolated

@@ -21,8 +21,7 @@ from scipy.interpolate import make_interp_spline
 from test_formats_mat import write_mat, write_mat73
 from test_ingest_json_log import write_tdms
 
-from osl_analysis.commands.inspect import inspect_file, overview_text
-from osl_analysis.commands.trials import ingest_trial
+from osl_analysis.commands.trials import ingest_trial, inspect_file, overview_text
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.clock import ClockFit, aligned_clock

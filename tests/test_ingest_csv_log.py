@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from recognised_files import refusal_by
 
 from osl_analysis.cli import main
-from osl_analysis.commands.inspect import inspect_file
+from osl_analysis.commands.trials import inspect_file
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.draft import draft_source
 from osl_analysis.ingest.raw_files import FORMATS, read_source, recognise, trial_from_files

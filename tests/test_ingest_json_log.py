@@ -14,7 +14,7 @@ from c3d_builder import REAL_DATA
 from nptdms import ChannelObject, RootObject, TdmsWriter
 from recognised_files import read_recognised, refusal_of
 
-from osl_analysis.commands.inspect import inspect_file, overview_text
+from osl_analysis.commands.trials import inspect_file, overview_text
 from osl_analysis.ingest.draft import draft_source
 from osl_analysis.ingest.raw_files import FORMATS, read_source
 

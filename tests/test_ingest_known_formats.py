@@ -15,8 +15,7 @@ import yaml
 from c3d_builder import write_c3d
 from recognised_files import refusal_by
 
-from osl_analysis.commands.inspect import inspect_file
-from osl_analysis.commands.trials import ingest_trial
+from osl_analysis.commands.trials import ingest_trial, inspect_file
 from osl_analysis.errors import InputError
 from osl_analysis.formats.mcap import MAGIC
 from osl_analysis.ingest import logs

@@ -12,7 +12,7 @@ from c3d_builder import REAL_DATA
 from recognised_files import read_recognised as read
 from recognised_files import refusal_of as refused
 
-from osl_analysis.commands.inspect import inspect_file
+from osl_analysis.commands.trials import inspect_file
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.captures import vertical_axis
 from osl_analysis.ingest.draft import draft_source

@@ -17,7 +17,7 @@ from mcap_builder import HEADER, stamped, write_log, write_payloads
 from test_ingest_assemble import WRITERS
 
 from osl_analysis.cli import main
-from osl_analysis.commands import inspect as module
+from osl_analysis.commands import trials as module
 from osl_analysis.commands import watch as watching
 from osl_analysis.errors import InputError
 from osl_analysis.files import default_config

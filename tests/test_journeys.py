@@ -17,7 +17,7 @@ from test_formats_mat import write_mat
 
 from osl_analysis.campaign.campaign import open_campaign
 from osl_analysis.campaign.configuration import read_config
-from osl_analysis.commands import inspect as module
+from osl_analysis.commands import trials as module
 from osl_analysis.commands.trials import checked_trial
 from osl_analysis.commands.watch import fit_of_row, quality_text
 from osl_analysis.ingest.draft import draft_source

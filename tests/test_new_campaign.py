@@ -12,9 +12,9 @@ from conftest import ROOT
 from jsonschema import Draft202012Validator
 
 from osl_analysis.cli import main
-from osl_analysis.commands.inspect import draft_campaign, left_to_decide, new_campaign
 from osl_analysis.commands.reference import schemas
 from osl_analysis.commands.run import looked_at, snakemake_arguments
+from osl_analysis.commands.trials import draft_campaign, left_to_decide, new_campaign
 from osl_analysis.errors import InputError
 from osl_analysis.files import shipped
 from osl_analysis.ingest.draft import draft_trials, segment_of

@@ -29,8 +29,7 @@ from osl_analysis.commands.bench import (
     fit_trial,
     job_of,
 )
-from osl_analysis.commands.inspect import inspect_file
-from osl_analysis.commands.trials import checked_trial
+from osl_analysis.commands.trials import checked_trial, inspect_file
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
 from osl_analysis.errors import InputError, OslAnalysisError, listing, printable, unexpected
 from osl_analysis.files import CAMPAIGN, write_text

@@ -135,8 +135,9 @@ def unnamed_recordings(opened: Campaign) -> str:
     named = {config.raw_data / row[column] for row in rows for column in ("log", "mocap") if row[column]}
     known = {file.resolve() for path in named for file in (path, *recorded_files(path))} | {config.sheet.resolve()}
     found = [path for path in recordings_in(config.raw_data) if path.resolve() not in known]
-    results = config.results.resolve()
-    left = [str(one.relative_to(config.raw_data)) for one in found if not one.resolve().is_relative_to(results)]
+    others = config.results.resolve(), (config.raw_data / "truth").resolve()  # the latter is the simulator's own
+    ours = (one for one in found if not any(one.resolve().is_relative_to(other) for other in others))
+    left = [str(one.relative_to(config.raw_data)) for one in ours]
     what = f"{len(left)} recording{'s' * (len(left) > 1)} in {config.raw_data}: {listing(left, 5)}"
     return f"named by no row of {config.sheet}, and left out: {what}; add a row for each" if left else ""
 

@@ -97,11 +97,14 @@ def law_table(
         commanded, of_now = p.k_tau * p.n_m * current, friction(0.0)
         at_once = fit = fitted(commanded, moved | of_now)
         if abs(at_once["f_C"]) > 4 * at_once.se("f_C"):
-            y, beside = record.part(commanded)[rows], {name: record.part(x)[rows] for name, x in moved.items()}
+            Q = np.linalg.qr(np.column_stack([record.part(x)[rows] for x in moved.values()]))[0]
+            y = record.part(commanded)[rows]
+            y -= Q @ (Q.T @ y)
 
             def missed(age: float) -> float:  # a filtered column is that of a later sign, later
-                late = {name: np.interp(times[rows] - age, record.time, x) for name, x in of_now.items()}
-                return -linear_fit(y, beside | late, by_chunks).vaf
+                late = np.column_stack([np.interp(times[rows] - age, record.time, x) for x in of_now.values()])
+                late -= Q @ (Q.T @ late)
+                return float(np.sum((y - late @ np.linalg.lstsq(late, y)[0]) ** 2))
 
             best = scipy.optimize.minimize_scalar(
                 missed, bounds=(0.0, OLDEST), method="bounded", options={"xatol": 2e-4}

@@ -209,8 +209,8 @@ def resampled(times: Array, values: Mapping[str, Array], grid: Array, step: floa
     # from 1e6 rows on the rounding of a step, which is known to 1e-13 of itself, adds up
     if len(there) == len(grid) and np.max(np.abs(there - grid)) < ON_GRID * step * max(len(grid) / 1e6, 1.0):
         return {name: one[row : row + len(grid)] for name, one in values.items()}
-    inside = np.clip(grid, times[0], times[-1])
-    return {name: scipy.interpolate.CubicSpline(times, one)(inside) for name, one in values.items()}
+    curves = scipy.interpolate.CubicSpline(times, np.column_stack([*values.values()]))
+    return dict(zip(values, curves(np.clip(grid, times[0], times[-1])).T.copy(), strict=True))
 
 
 def uniform_signals(

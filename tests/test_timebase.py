@@ -5,16 +5,17 @@ from contextlib import nullcontext
 from itertools import product
 
 import numpy as np
+import polars as pl
 import pytest
 from scipy.interpolate import make_interp_spline
 from scipy.signal import butter, sosfiltfilt
 
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.clock import Edges, correlate_clocks, find_edges, fit_clock
-from osl_analysis.signals.grid import GapLimits, UniformSignals, on_one_grid
+from osl_analysis.signals.grid import GapLimits, UniformSignals, on_one_grid, streams
 from osl_analysis.signals.samples import DeviceClock, StampEvidence, drift_row, reading_of, savitzky_golay, take
 from osl_analysis.signals.stream import Stream, count_from_stamps, held_values, missing_by_rhythm
-from osl_analysis.trial import check_time
+from osl_analysis.trial import Trial, check_time, counter_column
 
 
 def one_time_base(streams: list[Stream]) -> UniformSignals:
@@ -604,3 +605,14 @@ ONCE = np.exp(-(((WITHIN - 10) / 1) ** 2)) * MOVEMENT(WITHIN)
 def test_signals_that_do_not_show_the_same_movement_throughout_are_refused(strange, seen, message):
     with pytest.raises(InputError, match=message):
         correlate_clocks((np.arange(strange.size) / CAMERA_RATE, strange), (WITHIN, seen))
+
+
+def test_each_device_of_a_trial_keeps_its_own_clock_and_one_with_a_counter_that_of_the_counter():
+    t, later = clock(100, 10), clock(70, 10, first=0.0031)
+    counted = pl.DataFrame({"time": t, "theta": np.sin(t), counter_column("theta"): 2 * np.arange(t.size), "torque": t})
+    both = pl.concat([counted, pl.DataFrame({"time": later, "current": later})], how="diagonal").sort("time")
+    trial = Trial("two devices", both)
+    for _ in range(2):  # as found, and as kept
+        found = {name: take(streams(trial, [[name]]))[0].clock.step for name in ("theta", "torque", "current")}
+        assert found == pytest.approx({"theta": 0.005, "torque": 0.01, "current": 1 / 70})
+    assert len(trial.clocks) == 3

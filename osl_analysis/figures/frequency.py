@@ -119,10 +119,6 @@ STRUCTURE_LOOKS = {
 }  # colour, line style, and names in the legend and in the caption
 
 
-def response_points(responses: pl.DataFrame) -> pl.DataFrame:
-    return names.completed(responses, columns_of("response"), True)
-
-
 def missed(rows: pl.DataFrame, short: str) -> Array:
     """Distance [N*m/rad] (n,) of a structure from the measured impedance, NaN where it is not known."""
     columns = (f"{part}{ending}" for ending in ("", f"_{short}") for part in ("magnitude", "phase_deg"))
@@ -203,6 +199,6 @@ FIG7 = style.Drawing(
     about=shown_impedance,
 )  # fmt: skip
 RESPONSE = style.Drawing(
-    columns_of("response"), draw_response, response_points,
+    columns_of("response"), draw_response, lambda table: names.completed(table, columns_of("response"), True),
     nothing="every impedance trial follows the stepped sine; its frequency response is in phasors.csv and Fig. 7",
 )  # fmt: skip

@@ -27,8 +27,6 @@ COMPARED_QUANTITIES = {
     "actuator": ("k_tau_n_m", "f_C", "f_G", "B_m", "J_m"), "walking_summary": ("K", "B", "I"),
 }  # fmt: skip
 """What is compared, by table."""
-WITHOUT_RATIO = ("I", "VAF")  # the rendered inertia may be zero or negative, and a VAF is a percentage
-ESTIMATOR = "ensemble"  # of the walking summary, that of the headline numbers
 SAME_PLACE = ("joint", "side", "group", "controller")
 DIFFERENCE = ("difference", "difference_low", "difference_high")  # B - A
 RATIO = ("relative_percent", "relative_percent_low", "relative_percent_high")  # B over A, less 1
@@ -89,7 +87,8 @@ def by_place(table: pl.DataFrame, name: str) -> dict[tuple[Any, ...], pl.DataFra
     kinds = dict.fromkeys((*SAME_PLACE, *SAME_CONDITION), pl.String) | dict.fromkeys(("K_d", "B_d"), pl.Float64)
     rows = table.with_columns(pl.lit(None, kind).alias(k) for k, kind in kinds.items() if k not in table.columns)
     if name == "walking_summary":
-        rows = rows.filter(estimator=ESTIMATOR).with_columns(pl.col("doubt").cast(pl.String).alias(DOUBTFUL))
+        rows = rows.filter(estimator="ensemble")  # that of the headline numbers
+        rows = rows.with_columns(pl.col("doubt").cast(pl.String).alias(DOUBTFUL))
     if "amplitude_deg" in rows.columns:
         rows = rows.filter(pl.col("amplitude_deg").is_null())
     return rows.partition_by(SAME_PLACE, as_dict=True, maintain_order=True)
@@ -131,8 +130,8 @@ def row_of(parts: Sequence[pl.DataFrame | None], quantity: str, margin: float | 
     row |= dict(zip((*DIFFERENCE, "method"), with_bench(between(a, b), bench_error(parts, quantity)), strict=True))
     if of_ensembles and None not in (commanded := (*a, *b)) and len(set(commanded)) > 1:
         remarks.append("commanded {:g} in A and {:g} in B".format(*commanded))
-    if quantity not in WITHOUT_RATIO:
-        if smallest_of(a, b) > 0:
+    if quantity not in ("I", "VAF"):  # the rendered inertia may be zero or negative, and a VAF is a percentage
+        if min(value for sample in (a, b) for values in sample.values() for value in values) > 0:
             bench = bench_error(parts, quantity, as_share=True)
             row |= ratio_of(a, b, lambda *logarithms: with_bench(between(*logarithms), bench), margin)
         else:
@@ -155,10 +154,6 @@ def mean_of(sample: Sample, shared: Collection[Any], of_ensembles: bool) -> floa
     trial. An ensemble has its estimate, which stands before the ends of its interval."""
     own = [values[:1] if of_ensembles else values for key, values in sample.items() if key in shared or not shared]
     return float(np.mean(own[0])) if len(own) == 1 else None
-
-
-def smallest_of(*samples: Sample) -> float:
-    return min(value for sample in samples for values in sample.values() for value in values)
 
 
 def ratio_of(a: Sample, b: Sample, between: Between, margin: float | None) -> dict[str, Any]:

@@ -4,6 +4,7 @@ import datetime as dt
 import os
 import re
 import signal
+import struct
 from functools import partial
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from nptdms import ChannelObject, TdmsWriter
 
 from osl_analysis.commands.trials import inspect_file
 from osl_analysis.errors import InputError
+from osl_analysis.formats.binary_table import check_xls, hdf5_arrays
 from osl_analysis.formats.c3d import read_c3d
 from osl_analysis.formats.table import MOST_BYTES, isolated
 from osl_analysis.ingest.draft import draft_source
@@ -229,6 +231,43 @@ def test_hdf5_that_crashes_its_library_is_a_refusal(tmp_path, monkeypatch, begin
     monkeypatch.setattr(h5py.Dataset, "__getitem__", lambda *_: os.kill(os.getpid(), signal.SIGKILL))
     with pytest.raises(InputError, match="its decoder broke down"):
         inspect_file(tmp_path / "a.h5")
+
+
+def test_a_block_of_hdf5_whose_address_is_lost_is_no_values(tmp_path):
+    """HDF5 reads its fill value there: 100 of 700 torques were 0."""
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        for name, values in (("time_s", TIME), ("ankle_angle_deg", ANGLE), ("torque_Nm", TORQUE)):
+            file.create_dataset(name, data=values, chunks=(100,), compression="gzip")
+        lost = file["torque_Nm"].id.get_chunk_info(3).byte_offset.to_bytes(8, "little")
+    content = (tmp_path / "a.h5").read_bytes()
+    assert content.count(lost) == 1
+    (tmp_path / "a.h5").write_bytes(content.replace(lost, b"\xff" * 8))
+    arrays, _ = hdf5_arrays(tmp_path / "a.h5")
+    np.testing.assert_array_equal(np.flatnonzero(np.isnan(arrays["torque_Nm"])), np.arange(300, 400))
+
+
+def old_workbook(*records: tuple[int, int]) -> bytes:
+    """A workbook of Excel 97: its stream of records (type, length) of zeros in sectors of a compound file."""
+    stream = b"".join(struct.pack("<HH", *one) + bytes(one[1]) for one in records)
+    sectors = -(-len(stream) // 512)
+    table = [0xFFFFFFFD, 0xFFFFFFFE, *range(3, 2 + sectors), 0xFFFFFFFE]
+    head = b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1".ljust(30, b"\0") + struct.pack("<H16xI16xII", 9, 1, 0xFFFFFFFE, 0)
+    entry = "Workbook".encode("utf-16-le").ljust(116, b"\0") + struct.pack("<II4x", 2, len(stream))
+    free = struct.pack("<128I", *table, *[0xFFFFFFFF] * (128 - len(table)))
+    listed = struct.pack("<109I", 0, *[0xFFFFFFFF] * 108)
+    return head.ljust(76, b"\0") + listed + free + entry.ljust(512, b"\0") + stream.ljust(512 * sectors, b"\0")
+
+
+def test_an_old_workbook_of_which_a_sheet_breaks_off_is_refused(tmp_path):
+    """586 of 1000 rows were lost behind 8 bytes of zeros."""
+    book, sheet = [(0x809, 16), (0x85, 20), (0xA, 0)], [(0x809, 16), *[(0x203, 14)] * 200, (0xA, 0)]
+    path = tmp_path / "a.xls"
+    path.write_bytes(old_workbook(*book, *sheet))
+    check_xls(path)
+    for broken in ([*sheet[:90], (0, 0), *sheet[90:]], sheet[:-1], [*sheet[:90], (0x5A3F, 14), *sheet[90:]]):
+        path.write_bytes(old_workbook(*book, *broken))
+        with pytest.raises(InputError, match="rows behind are lost"):
+            check_xls(path)
 
 
 def test_a_zip_that_unpacks_to_more_than_a_recording_may_is_refused_by_the_stated_limit(tmp_path, monkeypatch):

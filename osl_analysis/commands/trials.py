@@ -92,7 +92,8 @@ def overview_text(overview: Overview) -> str:
         rate = f" at {channel.rate:.6g} Hz" if channel.rate else ""
         unit = f" [{shortened(channel.unit)}]" if channel.unit else ""
         notes = "".join(f"; {printable(note)}" for note in (channel.note, channel.type) if note)
-        lines.append(f"{shortened(channel.kind):<14} {name}{unit}  {channel.count} samples{rate}{notes}")
+        count = f"  {channel.count} samples" * (channel.kind != "plate")
+        lines.append(f"{shortened(channel.kind):<14} {name}{unit}{count}{rate}{notes}")
     lines += ["", *(f"! {printable(remark)}" for remark in (*overview.remarks, *overview.open))]
     return "\n".join(lines).rstrip()
 

@@ -80,6 +80,9 @@ def read_binary_table(path: Path, layout: CsvLayout, is_unit: IsUnit, most_rows:
 def read_workbook(path: Path, layout: CsvLayout, is_unit: IsUnit) -> CsvTable:
     """The largest sheet of a workbook, by the rules of a table of text."""
     optional_module("fastexcel", "a workbook")
+    with path.open("rb") as file:
+        if file.read(len(OLE)) == OLE:
+            check_xls(path)
     name, others, content = isolated(partial(largest_sheet, path))  # a damaged one may ask for all memory
     cells = content.select(pl.all().cast(pl.String).fill_null("").str.strip_chars())
     rows = [(number, list(row)) for number, row in enumerate(cells.iter_rows(), start=1) if any(row)]
@@ -91,6 +94,43 @@ def read_workbook(path: Path, layout: CsvLayout, is_unit: IsUnit) -> CsvTable:
     return CsvTable(
         table.names, table.units, table.lines, table.body, table.comments, table.damage, "", table.decimal, "row"
     )
+
+
+def check_xls(path: Path) -> None:
+    """Refuse an old workbook of which a sheet does not go on to its end, record by record (type, length, content): its
+    decoder takes the rows up to there for all of them ([MS-XLS] 2.1.4; the stream's sectors: [MS-CFB] 2)."""
+    data = path.read_bytes()
+    size = 1 << min(16, struct.unpack_from("<H", data, 30)[0])
+
+    def sector(number: int) -> bytes:
+        return data[(number + 1) * size : (number + 2) * size].ljust(size, b"\0")
+
+    listed, more = list(struct.unpack_from("<109I", data, 76)), struct.unpack_from("<I", data, 68)[0]
+    while more < len(data) // size > len(listed):
+        *own, more = struct.unpack(f"<{size // 4}I", sector(more))
+        listed += own
+    following = [n for one in listed if one < len(data) // size for n in struct.unpack(f"<{size // 4}I", sector(one))]
+
+    def stream(number: int) -> bytes:
+        numbers = list[int]()
+        while number < len(following) >= len(numbers):
+            numbers.append(number)
+            number = following[number]
+        return b"".join(map(sector, numbers))
+
+    folder = stream(struct.unpack_from("<I", data, 48)[0])
+    entries = [folder[at : at + 128] for at in range(0, len(folder) - 127, 128)]
+    for entry in (one for one in entries if one[:64].decode("utf-16-le", "replace").split("\0")[0] == "Workbook"):
+        begin, length = struct.unpack_from("<II", entry, 116)
+        content, at, depth = stream(begin)[:length], 0, 0
+        while at + 4 <= len(content):
+            kind, held = struct.unpack_from("<HH", content, at)
+            depth += (kind == 0x0809) - (kind == 0x000A)  # begin and end of a sheet, or of a chart in one
+            if depth and not 0 < kind < 0x1100:
+                break
+            at += 4 + held
+        if depth:
+            raise InputError("a sheet breaks off, and rows behind are lost; copy the file again, or export it anew")
 
 
 def largest_sheet(path: Path) -> tuple[str, list[str], pl.DataFrame]:
@@ -183,7 +223,8 @@ def never_written(item: Any) -> NDArray[np.bool_] | None:
     size = item.chunks
     if not size:
         return None
-    chunks = [item.id.get_chunk_info(number) for number in range(item.id.get_num_chunks())]
+    every = (item.id.get_chunk_info(number) for number in range(item.id.get_num_chunks()))
+    chunks = [one for one in every if one.byte_offset is not None]
     if len({one.byte_offset for one in chunks}) < len(chunks):
         raise InputError(f"two parts of {item.name} stand at one place: the index is damaged; copy the file again")
     if len(chunks) >= np.prod([-(-n // m) for n, m in zip(item.shape, size, strict=True)]):

@@ -4,6 +4,7 @@ import errno
 import os
 import pickle
 import signal
+import struct
 import warnings
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
@@ -38,9 +39,9 @@ def in_one_sentence(what: str = "", remedy: str = LIBRARY_REMEDY) -> Iterator[No
 
 def reason_of(error: BaseException) -> str:
     """What a library says of a damaged file; what Python says of the library's own code tells a user nothing."""
-    of_code = (TypeError, AttributeError, LookupError, AssertionError, NameError, RecursionError)
+    of_code = (TypeError, ValueError, AttributeError, LookupError, AssertionError, NameError, RecursionError, EOFError)
     is_place = getattr(error, "errno", None) == errno.EINVAL  # of a wrong place in the file, in the system's words
-    said = "" if isinstance(error, of_code) or is_place else " ".join(str(error).split())[:160]
+    said = "" if isinstance(error, (*of_code, struct.error)) or is_place else " ".join(str(error).split())[:160]
     return said or "its parts contradict each other"
 
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError, listing, nearest, optional_module, quoted
 from osl_analysis.formats.csv_table import CONTROL
-from osl_analysis.formats.table import Ledger
+from osl_analysis.formats.table import Ledger, reason_of
 
 SAVE_AGAIN = "copy it again, or open it in LabVIEW or DIAdem and save it under a new name"
 
@@ -104,8 +104,8 @@ def library() -> Iterator[tuple[Any, list[str]]]:
     except InputError:
         raise
     except Exception as error:
-        reason = " ".join(f"{type(error).__name__} {error}".split())[:160]
-        raise InputError(f"the TDMS file is damaged or of a kind that is not read ({reason}); {SAVE_AGAIN}") from error
+        what = f"the TDMS file is damaged or of a kind that is not read ({reason_of(error)})"
+        raise InputError(f"{what}; {SAVE_AGAIN}") from error
     finally:
         handler.removeFilter(keep)
 

@@ -94,7 +94,14 @@ def impedance_table(analysis: Analysis, s: Sums, p: DrivetrainParameters | None 
     belt, repeats = effects.belt_of_leg(record, p), effects.repeats_row(record, s, IMPEDANCE)
     lag, is_leg = belt.torque if belt else None, belt is not None or (p is None and effects.actuator_turns(record))
     friction, rows = friction_rows(s, analysis), list[Row]()
-    facts = motion_row(record) | belt_row(belt, p) | repeats | witness_row(record, is_leg=is_leg)
+    late = belt.theta_m if belt else None
+    facts = motion_row(record) | {
+        "K_s_ratio": belt.K_s / p.K_s if belt and p else None,
+        "theta_m_lag_s": late.size if late else None,
+        "theta_m_lag_se_s": late.se if late else None,
+        "certain_theta_m_lag_s": late.size * late.found if late else None,
+    }
+    facts |= repeats | witness_row(record, is_leg=is_leg)
     facts |= {"lag_by": "theta_m" if lag else None, **unstated_reflex_row(record)}
     facts |= believed_reflex(analysis.whole, facts, is_leg)
     if not record.is_stepped_sine:
@@ -154,20 +161,6 @@ def motion_row(record: Record) -> Row:
     if periodic is not None:
         row |= {"period_s": periodic.period, "realisations": float(len(distinct(periodic.realisations)))}
         row["periods"] = float(sum(one.periods for one in periodic.realisations))
-    return row
-
-
-def belt_row(belt: effects.Belt | None, p: DrivetrainParameters | None) -> Row:
-    """What the belt of a leg shows; null without one."""
-    row: Row = dict.fromkeys(("K_s_ratio", "theta_m_lag_s", "theta_m_lag_se_s", "certain_theta_m_lag_s"))
-    if belt and p:
-        row["K_s_ratio"] = belt.K_s / p.K_s
-    if belt and (late := belt.theta_m):
-        row |= {
-            "theta_m_lag_s": late.size,
-            "theta_m_lag_se_s": late.se,
-            "certain_theta_m_lag_s": late.size * late.found,
-        }
     return row
 
 
@@ -245,17 +238,24 @@ def judged_impedance(
     parameter file (`p`). Raises as `plausible_impedance`."""
     expected = joint_admittance(gains.K_1, gains.B_1, p, p.J_j) if p and gains else None
     analysis, s = rendered_impedance(record, expected)
-    predicted = linear_estimates(s).tolist() if expected else None
+    predicted = None
+    if expected:  # by Eq. 15 of the torque of the linear model, moved as recorded: a drivetrain is of higher order
+        at = s.index(list(IMPEDANCE.values()))
+        predicted = estimates_of(s.total, at, s.names.index("linear"))[:3].tolist()
     K_given, K_d = predicted[0] if predicted else None, desired.K_d if desired else None
     table = impedance_table(analysis, s, p)
     stated = bool(desired and (desired.controller or desired.K_d)) or table["K_s_ratio"].drop_nulls().len() > 0
     table = plausible_impedance(table, rails, p, stated, K_given, K_d)
     gap = pl.lit(None, pl.Float64)
     if predicted and gains and gains.cancels_friction:
-        sizes = pl.Series([torque_per_angle(s, label) for label in analysis.fits])
+        sizes = list[float]()  # SD of torque over angle [N*m/rad] in each row
+        for total in map(s.over, analysis.fits):
+            at, one = [s.torque, s.names.index("theta")], s.names.index("one")
+            torque, theta = (total[k, k] / total[one, one] - (total[k, one] / total[one, one]) ** 2 for k in at)
+            sizes.append(float(np.sqrt(torque / theta)))
         half = (pl.col("B_high") - pl.col("B_low")) / 2
         apart = predicted[1] - pl.col("B")
-        gap = apart.sign() * (apart.abs() - half).clip(0) / sizes
+        gap = apart.sign() * (apart.abs() - half).clip(0) / pl.Series(sizes)
     table = table.with_columns(B_gap_s=gap)
     if desired is not None:
         values = zip(QUANTITIES, predicted or (None, None, None), strict=True)
@@ -269,19 +269,6 @@ def judged_impedance(
         }
         table = table.with_columns(**desired.columns(), **should_be)
     return analysis, table.with_columns(clocks=pl.lit(2 if record.two_clocks else 1))
-
-
-def linear_estimates(s: Sums) -> Array:
-    """K, B and I (3,) that Eq. 15 estimates of the torque of the linear model, moved as recorded: what the gains should
-    give with this motion. They depend on it, because a drivetrain is of higher order."""
-    return estimates_of(s.total, s.index(list(IMPEDANCE.values())), s.names.index("linear"))[:3]
-
-
-def torque_per_angle(s: Sums, label: Label) -> float:
-    """SD of the torque over that of the angle [N*m/rad] in the rows of a label."""
-    total, at, one = s.over(label), [s.torque, s.names.index("theta")], s.names.index("one")
-    torque, theta = (total[k, k] / total[one, one] - (total[k, one] / total[one, one]) ** 2 for k in at)
-    return float(np.sqrt(torque / theta))
 
 
 def torque_error(s: Sums, label: Label, desired: DesiredImpedance) -> float | None:

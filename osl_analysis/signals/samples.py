@@ -199,13 +199,6 @@ class StampEvidence:
         return np.asarray(np.einsum("hi,ij,hj->h", apart, self.weight, apart))
 
 
-def evidence_in(stream: Stream, name: str, clock: DeviceClock) -> StampEvidence | None:
-    """The response of a signal of a stream, unless it is known."""
-    if name not in stream.measured:
-        return evidence_of(stream.signals[name], clock)
-    return StampEvidence(*known) if (known := stream.measured[name]) else None
-
-
 def evidence_of(values: Array, clock: DeviceClock) -> StampEvidence | None:
     """The response of one signal (n,), by least squares in blocks of 9 to 24 consecutive samples of 80 ms, from which
     polynomials of degree 5 take the smooth motion. The slope x' is that of a polynomial over 40 ms. What rounding of
@@ -354,38 +347,31 @@ def take(streams: Sequence[Stream]) -> list[Taken]:
         if (clock := fresh.clocks.get(known)) is None:
             clock = DeviceClock(fresh.stamps, places_of_samples(fresh), fresh.counter is not None)
             fresh.clocks[known] = clock
-        held, groups = held_signals(fresh, clock.step), []
+        held, groups = dict[str, HeldValues](), []  # of sources that are slower than the rows
+        for name, values in fresh.signals.items():
+            if name not in fresh.silent and not np.isnan(values).any() and (one := held_values(values, clock.step)):
+                held[name] = one
         own_rows = {name: values for name, values in fresh.signals.items() if name not in held}
         decided = decide(replace(fresh, signals=own_rows) if held else fresh, clock) if own_rows else []
-        for one in decided:
-            kinds = {n: (fresh.delays.get(n, 0.0), np.isnan(fresh.signals[n]).tobytes()) for n in one.signals}
+        for part in decided:
+            kinds = {n: (fresh.delays.get(n, 0.0), np.isnan(fresh.signals[n]).tobytes()) for n in part.signals}
             for kind in dict.fromkeys(kinds.values()):
-                alike = tuple(name for name in one.signals if kinds[name] == kind)
+                alike = tuple(name for name in part.signals if kinds[name] == kind)
                 repeated = len(stream.stamps) - len(fresh.stamps)
-                groups.append(replace(one, signals=alike, repeated=repeated, delay=kind[0]))
+                groups.append(replace(part, signals=alike, repeated=repeated, delay=kind[0]))
         if held:
             row_times = decided[0].times if decided else fresh.stamps
-            taken += [held_taken(fresh, name, one, row_times, clock.step) for name, one in held.items()]
-        for one in groups:
+            taken += [held_taken(fresh, name, of, row_times, clock.step) for name, of in held.items()]
+        for part in groups:
             if len(groups) + len(held) > 1:  # a stream whose name says which signals it has
-                own = {name: fresh.signals[name] for name in one.signals}
-                one = replace(one, stream=replace(fresh, name=f"{fresh.name} [{', '.join(own)}]", signals=own))
-            taken.append(one)
+                own = {name: fresh.signals[name] for name in part.signals}
+                part = replace(part, stream=replace(fresh, name=f"{fresh.name} [{', '.join(own)}]", signals=own))
+            taken.append(part)
     if len(streams) > 1 or len({part.even for part in taken}) > 1:
         fastest = max(1 / part.clock.step for part in taken)
-        for one in taken:
-            check_countable(one, fastest)
+        for part in taken:
+            check_countable(part, fastest)
     return taken
-
-
-def held_signals(stream: Stream, step: float) -> dict[str, HeldValues]:
-    """The signals of a stream whose source is slower than its rows."""
-    found = {
-        name: held_values(values, step)
-        for name, values in stream.signals.items()
-        if name not in stream.silent and not np.isnan(values).any()
-    }
-    return {name: held for name, held in found.items() if held is not None}
 
 
 def held_taken(stream: Stream, name: str, held: HeldValues, row_times: Array, step: float) -> Taken:
@@ -462,8 +448,13 @@ def decide(stream: Stream, clock: DeviceClock) -> list[Taken]:
         return [Taken(stream, clock, names, False, True, True, "true: only the rate of the stamps changes")]
     if rounded and clock.settles:
         return [Taken(stream, clock, names, True, True, True, "even: the stamps scatter by their rounding alone")]
-    signals = {name: values for name, values in stream.signals.items() if name not in stream.silent}
-    evidence = {name: one for name in signals if (one := evidence_in(stream, name, clock)) is not None}
+    evidence = dict[str, StampEvidence]()
+    for name in (name for name in names if name not in stream.silent):
+        if name not in stream.measured:
+            one = evidence_of(stream.signals[name], clock)
+        else:
+            one = StampEvidence(*known) if (known := stream.measured[name]) else None
+        evidence |= {} if one is None else {name: one}
     readings = dict.fromkeys(names, reading_of(clock, evidence))
     single = {name: reading_of(clock, {name: said}) for name, said in evidence.items()}
     own = {name: one for name, one in single.items() if one.firm}

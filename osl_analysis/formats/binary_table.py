@@ -64,16 +64,29 @@ def read_binary_table(path: Path, layout: CsvLayout, is_unit: IsUnit, most_rows:
         if kind == "sheet":
             return read_workbook(path, layout, is_unit)
         damage, units = Ledger(), dict[str, str]()
-        if kind in ("parquet", "arrow", "stream"):
-            frame = read_frame(path, kind)
+        if kind == "stream":
+            check_memory(path.stat().st_size)
+            frame = pl.read_ipc_stream(path)
+        elif kind in ("parquet", "arrow"):
+            if kind == "arrow":
+                check_arrow(path)
+            lazy = pl.scan_parquet(path) if kind == "parquet" else pl.scan_ipc(path)
+            names, rows = lazy.collect_schema().names(), lazy.select(pl.len()).collect().item()
+            check_memory(8 * rows * len(names))
+            frame = pl.read_parquet(path) if kind == "parquet" else pl.read_ipc(path)
         elif kind == "hdf5":
             optional_module("h5py", "an HDF5 file")  # before the fork: it takes a fifth of a second
             arrays, units = isolated(partial(hdf5_arrays, path))
             frame = frame_of(arrays, damage)
             if (behind := bytes_behind(path, 0)) > 0:
                 damage.lose(f"{behind} bytes stand behind its end, and are not read", 0, None, 0)
+        elif kind == "npy":
+            values = np.load(path, mmap_mode="r", allow_pickle=False)
+            check_memory(values.nbytes)
+            frame = frame_of({"": np.asarray(values)}, damage)
         else:
-            frame = frame_of(numpy_arrays(path, kind), damage)
+            with np.load(path, allow_pickle=False) as archive:
+                frame = frame_of({name: archive[name] for name in archive.files}, damage)
     return table_of_frame(frame[:most_rows] if most_rows else frame, units, damage)
 
 
@@ -141,18 +154,6 @@ def largest_sheet(path: Path) -> tuple[str, list[str], pl.DataFrame]:
     return name, [one for one, sheet in sheets.items() if one != name and sheet.height], sheets[name].to_polars()
 
 
-def read_frame(path: Path, kind: str) -> pl.DataFrame:
-    if kind == "stream":
-        check_memory(path.stat().st_size)
-        return pl.read_ipc_stream(path)
-    if kind == "arrow":
-        check_arrow(path)
-    lazy = pl.scan_parquet(path) if kind == "parquet" else pl.scan_ipc(path)
-    names, rows = lazy.collect_schema().names(), lazy.select(pl.len()).collect().item()
-    check_memory(8 * rows * len(names))
-    return pl.read_parquet(path) if kind == "parquet" else pl.read_ipc(path)
-
-
 def check_arrow(path: Path) -> None:
     """Refuse an Arrow file whose parts do not follow one another up to its footer: where bytes were inserted or lost,
     values behind them are those of other rows. The footer, a flatbuffer, lists in its third and fourth field where
@@ -170,16 +171,6 @@ def check_arrow(path: Path) -> None:
         is_whole = ends[:-1] == [one[0] for one in sorted(parts)[1:]]
         if ends and not (is_whole and ends[-1] in (begin - 8, begin - 4)):  # a mark of the end, shorter in old files
             raise InputError("its parts do not follow one another: bytes were lost or inserted; copy it again")
-
-
-def numpy_arrays(path: Path, kind: str) -> dict[str, NDArray[Any]]:
-    """Arrays by name; that of a file with one has none."""
-    if kind == "npy":
-        values = np.load(path, mmap_mode="r", allow_pickle=False)
-        check_memory(values.nbytes)
-        return {"": np.asarray(values)}
-    with np.load(path, allow_pickle=False) as archive:
-        return {name: archive[name] for name in archive.files}
 
 
 def hdf5_arrays(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, str]]:

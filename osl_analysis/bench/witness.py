@@ -180,7 +180,6 @@ class Court:
 
     def __init__(self, view: View) -> None:
         self.view, self.rivals = view, list[Rival]()
-        self.paths = list[Rival]()  # that may be meant where a path is the best rival, and give the range
         self.beside = [view.in_band(view.orders[0])] * (view.first == 1)
         theta, omega = view.motion[:2]
         sign, elastic = view.column(view.sign), view.first == 0
@@ -191,7 +190,8 @@ class Court:
             "moment": [view.column(view.motion[view.first] * (view.time > at)) for at in view.moments],
             "speed": [view.column(omega * np.abs(omega))],
             "size": [view.column(theta**3)],
-            "direction": [view.column(np.abs(x)) for x in view.motion[view.first : 2]],
+            "direction": [view.column(np.abs(x)) for x in view.motion[view.first : 2]]
+            + [view.column(theta * view.sign)] * elastic,
         }
         columns, places = [*view.base, *self.beside], dict[str, range]()
         for name, added in lacking.items():
@@ -370,6 +370,10 @@ class Court:
             for side in (1.0, -1.0):
                 column = view.column(np.maximum(side * view.motion[k], 0.0))
                 self.add("direction", f"{names[k]} by direction", [*view.base, column])
+        if view.first == 0:
+            for side in (1.0, -1.0):
+                column = view.column(view.motion[0] * (side * view.sign + 1) / 2)
+                self.add("direction", "stiffness by direction of motion", [*view.base, column])
 
     def hear_reflex(self) -> None:
         """Speed in either direction, some time ago, through a muscle: no family hears it, but it may be what makes
@@ -408,17 +412,15 @@ class Court:
         best = min(self.rivals, key=score)
         if best.family == "reflex":
             return none, []
-        most = UNEXPLAINED * float(none.left.sum() - best.left.sum())
+        explained, left = float(none.left.sum() - best.left.sum()), float(best.left.sum())
         alike = []
         for rival in self.rivals:
             apart = penalised(rival) - penalised(best)
-            error = ALIKE * float(apart.std(ddof=1)) * CHUNKS**0.5
-            near = max(error, NEAR * float(best.left.sum()))
-            if apart.sum() <= max(min(near, most), CHANCE * per_parameter) and rival.family != "reflex":
+            margin = min(max(ALIKE * float(apart.std(ddof=1)) * CHUNKS**0.5, NEAR * left), UNEXPLAINED * explained)
+            if rival.family == best.family == "path" and rival.possible:
+                margin = max(margin, UNEXPLAINED * explained, NEAR_PATH * left)
+            if apart.sum() <= max(margin, CHANCE * per_parameter) and rival.family != "reflex":
                 alike.append(rival)
-            by_model = max(error, most, NEAR_PATH * float(best.left.sum()))
-            if rival.family == best.family == "path" and rival.possible and apart.sum() <= by_model:
-                self.paths.append(rival)
         alike = [rival for rival in alike if rival.possible] or alike
         return none, sorted(alike, key=lambda rival: (self.chance[rival.family], score(rival)))
 
@@ -475,9 +477,8 @@ def witness_row(record: Record, names: Sequence[str] = tuple(HARM), is_leg: bool
     if not alike:
         return row
     every, half = (np.array([getattr(rival, name) for rival in alike]) for name in ("estimates", "half"))
-    values, wide = np.concatenate([every, *(one.estimates[None] for one in court.paths)]), [half]
-    wide += [np.minimum(one.half, np.abs(one.estimates))[None] for one in court.paths]  # a path of no effect has any
-    low, high = (values - np.concatenate(wide)).min(axis=0), (values + np.concatenate(wide)).max(axis=0)
+    half = np.minimum(half, np.maximum(np.abs(every), half[0]))  # a path of no effect has any
+    low, high = (every - half).min(axis=0), (every + half).max(axis=0)
     shares, least = np.array(list(HARM.values())[view.first :]).T
     least = least * (view.first == 0)  # of losses any share counts
     harm = np.abs(every - none.estimates) / (shares * np.hypot(none.estimates, least))
@@ -485,7 +486,8 @@ def witness_row(record: Record, names: Sequence[str] = tuple(HARM), is_leg: bool
         f"{alike[0].family}_shift": float(harm.max()),
         "rivals": ", ".join(dict.fromkeys(one.name for one in alike)),
     }
+    apart = np.ptp(every, axis=0) / (shares * np.hypot(every[0], least))
     for k, name in enumerate(names):
-        row |= {f"{name}_without": float(every[0, k])}
+        row |= {f"{name}_without": float(every[0, k]) if apart[k] <= 1 else None}
         row |= {f"{name}_without_low": float(low[k]), f"{name}_without_high": float(high[k])}
     return row

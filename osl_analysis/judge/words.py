@@ -72,9 +72,9 @@ def without_said(finding: Finding) -> str:
     said = []
     for symbol in ("K", "B", "I"):
         value, low, high = (finding.without.get(f"{symbol}{end}") for end in ("", "_low", "_high"))
-        if value is None or low is None or high is None:
+        if low is None or high is None:
             continue
-        if abs(high + low - 2 * value) <= 1e-3 * (high - low):
+        if value is not None and abs(high + low - 2 * value) <= 1e-3 * (high - low):
             said.append(f"{symbol} {value:.4g} ± {significant(high - value)}")
         else:  # the range of several that cannot be told apart
             said.append(f"{symbol} {' to '.join(dict.fromkeys(significant(end, 3) for end in (low, high)))}")

@@ -24,6 +24,7 @@ from osl_analysis.bench.gram import solved
 from osl_analysis.bench.record import Record
 from osl_analysis.signals import seven_point_motion
 from osl_analysis.spectral.periods import Spectrum
+from osl_analysis.stats.covariance import less
 from osl_analysis.stats.regression import Row
 from osl_analysis.trial import Array
 
@@ -117,7 +118,8 @@ class View:
             self.chunks.append((CHUNKS * (passed % 1.0)).astype(np.intp))
         self.y = self.in_band(self.torque)
         self.base = [self.in_band(x) for x in self.orders[first:3]]
-        self.step = record.steps[0] or 0.0
+        self.step, rounded = record.steps[0] or 0.0, record.rounded
+        self.rounded = [self.column(x - x.mean()) for x in ([] if rounded is None else rounded)]
         omega = self.motion[1]
         self.sign = np.asarray(np.tanh(omega / max(0.02 * float(omega.std()), 1e-9)))
 
@@ -166,10 +168,15 @@ def scattered(sums: Array) -> tuple[Array, Array]:
     return estimates, scores.T @ scores * CHUNKS / (CHUNKS - 1)
 
 
-def wald(sums: Array, base: Sequence[int], added: Sequence[int]) -> tuple[float, Array]:
-    """Chance (log10) of added columns beside those of the base, and their estimates."""
-    at, q = [*base, *added, -1], len(added)
-    estimates, covariance = scattered(sums[np.ix_(range(CHUNKS), at, at)])
+def wald(sums: Array, base: Sequence[int], added: Sequence[int], draws: int) -> tuple[float, Array]:
+    """Chance (log10) of added columns beside those of the base, and their estimates. Before the torque the sums have
+    `draws` torques that rounding may make: what it does alike in all chunks is no part of their scatter."""
+    at, q = [*base, *added], len(added)
+    estimates, covariance = scattered(sums[np.ix_(range(CHUNKS), [*at, -1], [*at, -1])])
+    if draws:
+        each = [scattered(sums[np.ix_(range(CHUNKS), [*at, k], [*at, k])]) for k in range(-1 - draws, -1)]
+        made, seen = (np.array(values) for values in zip(*each, strict=True))
+        covariance = covariance + less(made.T @ made / draws, np.diag(seen.mean(axis=0)))
     z = estimates[-q:]
     F = float(z @ np.linalg.pinv(covariance[-q:, -q:], rcond=1e-9, hermitian=True) @ z) / q
     return float(scipy.stats.f.logsf(F * (CHUNKS - q) / (CHUNKS - 1), q, CHUNKS - q)) / np.log(10), z
@@ -197,19 +204,19 @@ class Court:
         for name, added in lacking.items():
             places[name] = range(len(columns), len(columns) + len(added))
             columns += added
-        every = [view.sums(columns, k) for k in range(len(view.chunks))]
+        every, draws = [view.sums([*columns, *view.rounded], k) for k in range(len(view.chunks))], len(view.rounded)
         base = list(range(len(view.base) + len(self.beside)))
         moments = places.pop("moment")
-        by_friction, (size,) = wald(every[0], base, places.pop("friction"))
+        by_friction, (size,) = wald(every[0], base, places.pop("friction"), draws)
         if by_friction < FRICTION and size > 0:
             base.append(len(base))
             self.beside.append(sign)
         self.chance = {
-            name: max(wald(sums, base, at)[0] for sums in every)
+            name: max(wald(sums, base, at, draws)[0] for sums in every)
             for name, at in places.items()
             if elastic or name != "size"
         }
-        at_once = [max(wald(sums, base, [at])[0] for sums in every) for at in moments]
+        at_once = [max(wald(sums, base, [at], draws)[0] for sums in every) for at in moments]
         if len(view.rows) > CHUNKS * RATE_HZ:  # of shorter chunks chance explains a moment
             self.chance["time"] = min(self.chance["time"], *(chance + np.log10(len(at_once)) for chance in at_once))
         if self.later()[1] < JUMPS * self.left(view.base):  # such a misfit scatters as its own size does

@@ -353,14 +353,16 @@ def actuator_of(signals: UniformSignals, settings: ActuatorAnalysis) -> Analysis
     both = raw, measured, *filtered, low_pass, usable, groups
     record = Record(signals.trial, time, *both, uniform=signals, settings=settings)
     found = analysed(record, gram_sums(record, columns, list(columns)), ACTUATOR_ALONE)
-    if found.whole["k_tau_n_m"] < 0:
-        check_prompt(columns, filtered[1], moving, rate)
+    check_prompt(columns, filtered[1], np.flatnonzero(moving), rate, found.whole["k_tau_n_m"])
     return found
 
 
-def check_prompt(columns: Mapping[str, Array], torque: Array, moving: NDArray[np.bool_], rate_hz: float) -> None:
-    """Refuse a current that is late or early where this, and not its sign, makes the torque per current negative."""
+def check_prompt(
+    columns: Mapping[str, Array], torque: Array, moving: NDArray[np.intp], rate_hz: float, k_tau_n_m: float
+) -> None:
+    """Refuse a current that is late or early, which makes the torque per current small, or negative as a wrong sign."""
     others, left = [columns[name] for name in ("f_C", "B_m", "J_m", "one", "drift")], dict[float, float]()
+    moving = moving[:: max(len(moving) // 10_000, 1)]
     for lag in np.arange(-60, 61) / 200:
         shifted = np.roll(columns["k_tau_n_m"], -round(lag * rate_hz))
         X = np.stack([shifted, *others], axis=1)[moving]
@@ -369,8 +371,9 @@ def check_prompt(columns: Mapping[str, Array], torque: Array, moving: NDArray[np
             left[float(lag)] = float(np.mean((torque[moving] - X @ estimates) ** 2))
     lag = min(left, key=left.__getitem__)
     if left[lag] < 0.5 * left[0.0]:
+        found = "negative" if k_tau_n_m < 0 else f"{k_tau_n_m:.3g} N*m/A"
         raise InputError(
-            f"k_tau_n_m is negative, and the current fits far better {1e3 * abs(lag):.0f} ms "
+            f"k_tau_n_m is {found}, and the current fits far better {1e3 * abs(lag):.0f} ms "
             f"{'earlier' if lag > 0 else 'later'}; state `delay: {1e3 * lag:.0f} ms` of the current in the source file"
         )
 

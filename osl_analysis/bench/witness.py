@@ -100,12 +100,15 @@ class View:
             smooth = 1 / (1 + (f / 30) ** 8)
             self.orders = [self.s**k * self.theta for k in range(3 + SERIES)]
             self.motion = [np.fft.irfft(x * smooth, self.padded)[: self.n] for x in self.orders]
+            self.torques = [self.s**k * self.torque for k in range(3)]
         else:
             self.motion = [theta, few.motion.omega, few.motion.alpha]
             while len(self.motion) < 3 + SERIES:
                 higher = seven_point_motion(few.time, self.motion[-1], rate)
                 self.motion += [higher.omega, higher.alpha]
             self.orders = [self.spectrum(x) for x in self.motion]
+            higher = seven_point_motion(few.time, torque, rate)
+            self.torques = [self.spectrum(x) for x in (torque, higher.omega, higher.alpha)]
         self.time = (few.time - few.time.mean()) / float(np.ptp(few.time))
         self.seconds = float(np.ptp(few.time))
         self.few = int(self.padded * RATE_HZ / rate)
@@ -283,7 +286,7 @@ class Court:
                 self.add_by("path", name, filtered, p)
 
         def wound(c: float) -> list[Array]:
-            return [view.in_band(s**k * (view.theta - c * view.torque)) for k in range(3)]
+            return [view.in_band(view.orders[k] - c * view.torques[k]) for k in range(3)]
 
         def gain(c: float) -> float:
             return float(1 + c * max(self.fitted(wound(c))[0][0], 0.0)) ** 2

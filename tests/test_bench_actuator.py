@@ -196,7 +196,7 @@ def test_a_current_that_is_late_is_refused_for_it_and_not_for_its_sign():
     torque = by_hand(omega, alpha, current)
     with pytest.raises(InputError, match=r"negative, .* 170 ms earlier; state `delay: 170 ms` of the current"):
         fit_log(t, theta, np.roll(current, 170), torque)
-    with pytest.raises(InputError, match=r"k_tau_n_m is 0\.\d+ N\*m/A, .* 10 ms earlier"):
+    with pytest.raises(InputError, match=r"k_tau_n_m is 1\.\d+ N\*m/A, .* 10 ms earlier"):
         fit_log(t, theta, np.roll(current, 10), torque)
     assert fit_log(t, theta, -current, torque).interval("k_tau_n_m")[1] < 0  # which `plausible` refuses
 

@@ -112,6 +112,37 @@ def test_a_leg_is_no_joint_of_second_order_and_nothing_of_it_is_evidence():
     assert row["VAF_in_band"] > 99
 
 
+def test_rounding_that_every_step_between_two_levels_repeats_is_no_evidence():
+    """A reflex was told of an encoder of 14 bits."""
+    rng, time = np.random.default_rng(2), np.arange(30_000) / 500
+    motion, w, side = np.array([np.full_like(time, -0.035), 0 * time, 0 * time]), 2 * np.pi * 8, 1.0
+    for start in np.cumsum(rng.choice([0.1, 0.2, 0.3, 0.4, 0.6], 180)) + 1:
+        x = w * np.maximum(time - start, 0)
+        left = np.exp(-x) * (time < 58)
+        step = 1 - np.exp(-x) * (1 + x + x**2 / 2 + x**3 / 6), left * x**3 / 6 * w, left * (x**2 / 2 - x**3 / 6) * w**2
+        motion += 0.07 * side * np.array(step) * (start < 58)
+        side = -side
+    trial = made_trial(rng, (time, motion), bits=14)
+    record = record_of_trial(trial, SETTINGS.model_copy(update={"excitation": "any"}))
+    assert witness_row(record)["heard"] is None
+
+
+def test_a_spring_in_series_is_among_the_rivals_of_a_motion_that_repeats_from_end_to_end():
+    """Derivatives of the torque rang at the ends, and K and B of the joint lay outside of the range."""
+
+    def wound(time, theta, omega, alpha):
+        s = 2j * np.pi * np.fft.rfftfreq(len(time), time[1] - time[0])
+        Z = TRUE["K"] + TRUE["B"] * s + TRUE["I"] * s**2
+        felt = np.fft.irfft(Z / (1 + Z / 685) * np.fft.rfft(theta), len(time))
+        return felt - (TRUE["K"] * theta + TRUE["B"] * omega + TRUE["I"] * alpha)
+
+    row = told("multisine", more=wound)
+    assert "spring in series" in row["rivals"]
+    for name in ("K", "B"):
+        assert row[f"{name}_without"] is None  # the rivals disagree, and no number is better than another
+        assert row[f"{name}_without_low"] < TRUE[name] < row[f"{name}_without_high"]
+
+
 @pytest.mark.parametrize("made", ["noise", "multisine"])
 def test_the_range_beside_a_ringing_path_holds_the_joint_that_one_rival_alone_would_miss(made):
     """A load cell whose mount rings at 15 Hz with 5 % of damping: the best rival was B = 5.33 +- 0.001 for 5."""

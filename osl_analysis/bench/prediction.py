@@ -57,10 +57,8 @@ OTHER_LINK = ("loop_late_s", "current_error")
 """What passes for another law: a loop that is late [s], and a current that reads too much, as a share."""
 LAW_COLUMNS = {"trial": pl.String} | dict.fromkeys((*GAIN_COLUMNS, "VAF", *OTHER_LAW, *OTHER_LINK), pl.Float64)
 SIGN_CUTOFF = 4.0  # cut-offs of the low-pass behind which the sign of the velocity is read
-OLDEST = 0.02  # s, the age of the sign
 LEAST_SE = {"K_1": 1e-3, "B_1": 2e-3, "f_C": 5e-3, "f_G": 2e-2, CONSTANT: 1e-2}
 """Standard error, as a share, of what sampling and hold of the loop, and a belt that slips, leave in every chunk."""
-LEFT_OF_AGE = 0.1  # share (SD) of what the age of the sign moves, by which it may be wrong
 
 
 def law_table(
@@ -106,8 +104,9 @@ def law_table(
                 late -= Q @ (Q.T @ late)
                 return float(np.sum((y - late @ np.linalg.lstsq(late, y)[0]) ** 2))
 
+            up_to = 0.02  # s, the age of the sign
             best = scipy.optimize.minimize_scalar(
-                missed, bounds=(0.0, OLDEST), method="bounded", options={"xatol": 2e-4}
+                missed, bounds=(0.0, up_to), method="bounded", options={"xatol": 2e-4}
             )
             fit = fitted(commanded, moved | friction(float(best.x)))
         against = {f"motor's {name}": -column for name, column in of_now.items()}
@@ -117,7 +116,8 @@ def law_table(
         return nothing
     known = {"K_1": programmed.K_1, "B_1": programmed.B_1, "f_C": p.f_C, "f_G": p.f_G, CONSTANT: p.k_tau * p.n_m}
     least = np.array([LEAST_SE.get(name, 0.0) * known.get(name, 0.0) for name in fit.names])
-    fit = with_shared_error(fit, LEFT_OF_AGE * (fit.estimates - at_once.estimates))
+    # the age may be wrong by a tenth (SD) of what it moves
+    fit = with_shared_error(fit, 0.1 * (fit.estimates - at_once.estimates))
     fit = replace(fit, covariance=fit.covariance + np.diag(least**2))
     motor = with_shared_error(motor, np.array([LEAST_SE[CONSTANT] * known[CONSTANT], *np.zeros(len(motor.names) - 1)]))
     asked = known | {name: programmed.cancels_friction * known[name] for name in ("f_C", "f_G")}
@@ -391,7 +391,11 @@ def prediction_table(
         for fit, of in zip(trials, each, strict=True)
     ]
     of_part = np.array([[of == part for of in COMPONENTS.values()] for part in PARTS])
-    teachers = [teachers_of(k, trials) for k in range(len(trials))]
+    teachers = list[NDArray[np.bool_]]()  # of each trial those that a fit explains, with its controller if enough have
+    for k, fit in enumerate(trials):
+        others = np.array([one["VAF"] >= LOWEST_VAF for one in trials]) & (np.arange(len(trials)) != k)
+        like = others & [one["controller"] == fit["controller"] for one in trials]
+        teachers.append(like if np.count_nonzero(like) >= FEWEST_OTHERS else others)
     for row, others in zip(rows, teachers, strict=True):
         row["outside"] = outside_of(row, [fit for fit, teaches in zip(trials, others, strict=True) if teaches])
     freedom = [min(components.freedom[n] for n, of in COMPONENTS.items() if of == part) for part in PARTS]
@@ -415,14 +419,6 @@ def prediction_table(
             row |= {f"{quantity}_{end}": value + way * half for end, way in ENDS.items()}
     causes = causes_table(each, components, {name: rows[0][name] for name in PLACE})
     return pl.DataFrame(rows, infer_schema_length=None), causes
-
-
-def teachers_of(k: int, trials: Sequence[Mapping[str, Any]]) -> NDArray[np.bool_]:
-    """From which trials what the equations lack in trial k is learnt: others that a fit explains, those with the same
-    controller if there are enough."""
-    others = np.array([fit["VAF"] >= LOWEST_VAF for fit in trials]) & (np.arange(len(trials)) != k)
-    like = others & [fit["controller"] == trials[k]["controller"] for fit in trials]
-    return np.asarray(like if np.count_nonzero(like) >= FEWEST_OTHERS else others)
 
 
 def outside_of(trial: Mapping[str, Any], others: Sequence[Mapping[str, Any]]) -> str | None:

@@ -47,7 +47,6 @@ from osl_analysis.trial import Array, Trial, stretches
 Label = float | str | None
 """What a fit of its own is made for: an amplitude [deg], a branch of a belt; None: all of a record."""
 STRETCH_S = 1.0  # duration [s] of a stretch: 30 correlation times of a 15 Hz low-pass
-HIDES_STEPS = 0.1  # [steps^2], of noise before rounding: a fiftieth of the variance of what cycles repeat is left
 PLACES = np.arange(4) / 4 - 0.375  # within a step of an encoder, for which rounding is computed
 SHORTEST_S = 1.0  # shortest stretch [s] that is fitted
 NOT_MOVED = "the joint does not move; check the channel of theta in the source file"
@@ -183,7 +182,8 @@ class Record:
         found = list[tuple[float, float]]()
         for step, density in zip(self.steps, self.noise, strict=True):
             noise = max(density * self.rate_hz / 2 / step**2 - 1 / 12, 0.0) if step and step**2 else np.inf  # [steps^2]
-            found.append((step or 0.0, float(np.exp(-2 * np.pi**2 * noise)) if noise < HIDES_STEPS else 0.0))
+            # beyond 0.1 steps^2 a fiftieth of the variance of what cycles repeat is left
+            found.append((step or 0.0, float(np.exp(-2 * np.pi**2 * noise)) if noise < 0.1 else 0.0))
         return found
 
     def roundings(self, channel: int, rows: slice = slice(None)) -> Iterator[Array]:

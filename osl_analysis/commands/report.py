@@ -191,6 +191,15 @@ def tables_to_compare(folder: Path) -> dict[str, pl.DataFrame]:
     return {name: with_evidence(path, needed[name]) for name, path in there.items()}
 
 
+def remarks_on(a: Mapping[str, Any], b: Mapping[str, Any], tables: Sequence[Mapping[str, pl.DataFrame]]) -> list[str]:
+    """In what two summaries differ beside their numbers, or whether all numbers of their `tables` are the same."""
+    apart = [name for name in ("data", "version") if a.get(name) != b.get(name)]
+    remarks = [f"{name}: {a.get(name)} in A, {b.get(name)} in B" for name in apart]
+    if tables[0].keys() == tables[1].keys() and all(own.equals(tables[1][name]) for name, own in tables[0].items()):
+        remarks.append("A and B have the same estimates in all trials; one is a copy of the other")
+    return remarks
+
+
 def both_summaries(folders: Sequence[Path]) -> list[dict[str, Any]]:
     """The summaries in two folders of results. Raises InputError: as `compare_campaigns`."""
     if realpath(folders[0]) == realpath(folders[1]):
@@ -221,13 +230,9 @@ def compare_campaigns(folders: Sequence[Path], output: Path, margin: float | Non
         write_table(table, new["csv"])
         footer = f"A: {sentence(a)}; B: {sentence(b)}"
         draw_figure("comparison", new["csv"], [new[kind] for kind in ("pdf", "svg", "png")], footer=footer)
-    apart = [name for name in ("data", "version") if a.get(name) != b.get(name)]
-    remarks = [f"{name}: {a.get(name)} in A, {b.get(name)} in B" for name in apart]
-    if tables[0].keys() == tables[1].keys() and all(own.equals(tables[1][name]) for name, own in tables[0].items()):
-        remarks.append("A and B have the same estimates in all trials; one is a copy of the other")
     cells = [compared_cells(row, a, b) for row in table.iter_rows(named=True)]
     known = [f"{name}: {one['line']}" for name, of in (("A", a), ("B", b)) for one in of.get("findings", ())]
     lacks = [f"{name}: {line}" for name, of in (("A", a), ("B", b)) for line in missing_lines(of, True)]
     rows = aligned([[*cells[0]], *([*row.values()] for row in cells)])
-    said = [verdicts_said(table), *remarks, "", rows, *known, *lacks]
+    said = [verdicts_said(table), *remarks_on(a, b, tables), "", rows, *known, *lacks]
     return "\n".join([*said, *(f"wrote {path}" for path in paths.values())])

@@ -122,8 +122,7 @@ def row_of(parts: Sequence[pl.DataFrame | None], quantity: str, margin: float | 
     if not (a and b):
         return row | {"remark": f"only in {'A' if a else 'B'}"}
     between, remarks = of_intervals if of_ensembles else difference, list[str]()
-    keys = [key for sample in (a, b) for key, of in sample.items() if not of_ensembles and len(of) > 1]
-    if any(K_d is named is None and amplitudes is not None for K_d, *_, amplitudes, named in keys):
+    if not of_ensembles and (is_pooled(a) or is_pooled(b)):
         remarks.append("trials without K_d count as repeats of one condition; state K_d, or name like trials alike")
     if shared and {*a} != {*b}:
         remarks.append(f"{len(shared)} of {len({*a, *b})} conditions are shared")
@@ -131,7 +130,7 @@ def row_of(parts: Sequence[pl.DataFrame | None], quantity: str, margin: float | 
     if of_ensembles and None not in (commanded := (*a, *b)) and len(set(commanded)) > 1:
         remarks.append("commanded {:g} in A and {:g} in B".format(*commanded))
     if quantity not in ("I", "VAF"):  # the rendered inertia may be zero or negative, and a VAF is a percentage
-        if min(value for sample in (a, b) for values in sample.values() for value in values) > 0:
+        if smallest_of(a, b) > 0:
             bench = bench_error(parts, quantity, as_share=True)
             row |= ratio_of(a, b, lambda *logarithms: with_bench(between(*logarithms), bench), margin)
         else:
@@ -154,6 +153,16 @@ def mean_of(sample: Sample, shared: Collection[Any], of_ensembles: bool) -> floa
     trial. An ensemble has its estimate, which stands before the ends of its interval."""
     own = [values[:1] if of_ensembles else values for key, values in sample.items() if key in shared or not shared]
     return float(np.mean(own[0])) if len(own) == 1 else None
+
+
+def is_pooled(sample: Sample) -> bool:
+    """Whether impedance trials count as repeats that neither a stated K_d nor their names tell apart."""
+    keys = [key for key, of in sample.items() if len(of) > 1]
+    return any(K_d is named is None and amplitudes is not None for K_d, *_, amplitudes, named in keys)
+
+
+def smallest_of(*samples: Sample) -> float:
+    return min(value for sample in samples for values in sample.values() for value in values)
 
 
 def ratio_of(a: Sample, b: Sample, between: Between, margin: float | None) -> dict[str, Any]:

@@ -122,7 +122,7 @@ def row_of(parts: Sequence[pl.DataFrame | None], quantity: str, margin: float | 
     if not (a and b):
         return row | {"remark": f"only in {'A' if a else 'B'}"}
     between, remarks = of_intervals if of_ensembles else difference, list[str]()
-    if not of_ensembles and (is_pooled(a) or is_pooled(b)):
+    if is_pooled(a, b):
         remarks.append("trials without K_d count as repeats of one condition; state K_d, or name like trials alike")
     if shared and {*a} != {*b}:
         remarks.append(f"{len(shared)} of {len({*a, *b})} conditions are shared")
@@ -155,9 +155,9 @@ def mean_of(sample: Sample, shared: Collection[Any], of_ensembles: bool) -> floa
     return float(np.mean(own[0])) if len(own) == 1 else None
 
 
-def is_pooled(sample: Sample) -> bool:
+def is_pooled(*samples: Sample) -> bool:
     """Whether impedance trials count as repeats that neither a stated K_d nor their names tell apart."""
-    keys = [key for key, of in sample.items() if len(of) > 1]
+    keys = [key for sample in samples for key, of in sample.items() if isinstance(key, tuple) and len(of) > 1]
     return any(K_d is named is None and amplitudes is not None for K_d, *_, amplitudes, named in keys)
 
 

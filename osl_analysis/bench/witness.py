@@ -176,13 +176,19 @@ def wald(sums: Array, base: Sequence[int], added: Sequence[int], draws: int) -> 
     `draws` torques that rounding may make: what it does alike in all chunks is no part of their scatter."""
     at, q = [*base, *added], len(added)
     estimates, covariance = scattered(sums[np.ix_(range(CHUNKS), [*at, -1], [*at, -1])])
-    if draws:
-        each = [scattered(sums[np.ix_(range(CHUNKS), [*at, k], [*at, k])]) for k in range(-1 - draws, -1)]
-        made, seen = (np.array(values) for values in zip(*each, strict=True))
-        covariance = covariance + less(made.T @ made / draws, np.diag(seen.mean(axis=0)))
     z = estimates[-q:]
-    F = float(z @ np.linalg.pinv(covariance[-q:, -q:], rcond=1e-9, hermitian=True) @ z) / q
-    return float(scipy.stats.f.logsf(F * (CHUNKS - q) / (CHUNKS - 1), q, CHUNKS - q)) / np.log(10), z
+
+    def chance(covariance: Array) -> float:
+        F = float(z @ np.linalg.pinv(covariance[-q:, -q:], rcond=1e-9, hermitian=True) @ z) / q
+        return float(scipy.stats.f.logsf(F * (CHUNKS - q) / (CHUNKS - 1), q, CHUNKS - q)) / np.log(10)
+
+    by_scatter = chance(covariance)
+    if not draws or by_scatter >= HEARD:
+        return by_scatter, z
+    each = [scattered(sums[np.ix_(range(CHUNKS), [*at, k], [*at, k])]) for k in range(-1 - draws, -1)]
+    made, seen = (np.array(values) for values in zip(*each, strict=True))
+    by_both = chance(covariance + less(made.T @ made / draws, np.diag(seen.mean(axis=0))))
+    return by_scatter if by_both < HEARD else by_both, z
 
 
 class Court:

@@ -20,7 +20,7 @@ import scipy
 from numpy.typing import NDArray
 
 from osl_analysis.bench.effects import LONGEST_LAG, clocks_row, spring_that_slips
-from osl_analysis.bench.gram import solved
+from osl_analysis.bench.gram import least_left, solved
 from osl_analysis.bench.record import Record
 from osl_analysis.signals import seven_point_motion
 from osl_analysis.spectral.periods import Spectrum
@@ -39,6 +39,7 @@ FRICTION = -4.0  # the same of Coulomb friction, which then is part of the joint
 ALIKE = 3.0  # standard errors, paired by chunks, up to which rivals leave as much
 NEAR = 0.03  # share of what the best rival leaves, by which one that is as good may leave more
 CHANCE = 10.0  # parameters of noise by which a rival may be better by chance, where many are tried
+BEYOND_ROUNDING = 8.0  # times what rounding leaves, above which a misfit has another cause
 JUMPS = 0.4  # share of the misfit that is left, below which a lag that changes at once is heard whatever scatters
 UNEXPLAINED = 0.7  # share of what the best rival explains, by which one that is as good may explain less
 NEAR_PATH = 0.15  # the same of paths, whose error is that of their models: a low-pass and a mean are hard to tell apart
@@ -214,7 +215,10 @@ class Court:
             places[name] = range(len(columns), len(columns) + len(added))
             columns += added
         every, draws = [view.sums([*columns, *view.rounded], k) for k in range(len(view.chunks))], len(view.rounded)
-        base = list(range(len(view.base) + len(self.beside)))
+        base, total = list(range(len(view.base) + len(self.beside))), every[0].sum(axis=0)
+        left = [float(least_left(total[np.ix_([*base, k], [*base, k])])) for k in range(-1 - draws, 0)]
+        if draws and left[-1] > BEYOND_ROUNDING * float(np.mean(left[:-1])):
+            draws = 0
         moments = places.pop("moment")
         by_friction, (size,) = wald(every[0], base, places.pop("friction"), draws)
         if by_friction < FRICTION and size > 0:

@@ -198,6 +198,9 @@ def stream_row(part: Taken, bridged: Array, marked: Array, time: Array, limits: 
     }
 
 
+BLOCK, REACH = 1 << 18, 64
+"""Samples that one spline gives, and those beyond its ends that it passes: what it is there has a part of 0.27^64 in it.
+The coefficients of a whole hour would take 0.7 GB."""
 ON_GRID = 1e-6  # distance, in steps, at which a sample counts as lying on the grid
 
 
@@ -209,8 +212,15 @@ def resampled(times: Array, values: Mapping[str, Array], grid: Array, step: floa
     # from 1e6 rows on the rounding of a step, which is known to 1e-13 of itself, adds up
     if len(there) == len(grid) and np.max(np.abs(there - grid)) < ON_GRID * step * max(len(grid) / 1e6, 1.0):
         return {name: one[row : row + len(grid)] for name, one in values.items()}
-    curves = scipy.interpolate.CubicSpline(times, np.column_stack([*values.values()]))
-    return dict(zip(values, curves(np.clip(grid, times[0], times[-1])).T.copy(), strict=True))
+    found = {name: np.empty(len(grid)) for name in values}
+    for begin in range(0, len(grid), BLOCK):
+        inside = np.clip(grid[begin : begin + BLOCK], times[0], times[-1])
+        first, last = np.searchsorted(times, (inside[0], inside[-1]))
+        rows = slice(max(first - REACH, 0), last + REACH)
+        curves = scipy.interpolate.CubicSpline(times[rows], np.column_stack([one[rows] for one in values.values()]))
+        for own, column in zip(found.values(), curves(inside).T, strict=True):
+            own[begin : begin + BLOCK] = column
+    return found
 
 
 def uniform_signals(

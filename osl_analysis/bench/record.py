@@ -214,14 +214,14 @@ class Record:
         every = round(self.rate_hz / few.rate_hz)
         first = np.maximum(np.arange(len(few.time)) * every - every // 2, 0)
         theta, torque = (
-            few.low_pass(np.array(errors).T, few.rate_hz).T if errors else None
-            for errors in ([np.add.reduceat(x, first) / every for x in self.roundings(k)] for k in (0, 1))
+            np.array([few.low_pass(np.add.reduceat(x, first) / every, few.rate_hz) for x in self.roundings(k)])
+            for k in (0, 1)
         )
-        if theta is None:
-            return torque
+        if not len(theta):
+            return torque if len(torque) else None
         omega = np.gradient(theta, 1 / few.rate_hz, axis=1)
         made = K * theta + B * omega + I * np.gradient(omega, 1 / few.rate_hz, axis=1)
-        return np.asarray(made if torque is None else made - torque)
+        return np.asarray(made - torque if len(torque) else made)
 
     @cached_property
     def pieces(self) -> tuple[slice, ...]:

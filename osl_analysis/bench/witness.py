@@ -181,7 +181,7 @@ def wald(sums: Array, base: Sequence[int], added: Sequence[int], draws: int) -> 
 
     def chance(covariance: Array) -> float:
         F = float(z @ np.linalg.pinv(covariance[-q:, -q:], rcond=1e-9, hermitian=True) @ z) / q
-        return float(scipy.stats.f.logsf(F * (CHUNKS - q) / (CHUNKS - 1), q, CHUNKS - q)) / np.log(10)
+        return float(scipy.stats.f.logsf(F * (CHUNKS - q) / (CHUNKS - 1), q, CHUNKS - q) / np.log(10))
 
     by_scatter = chance(covariance)
     if not draws or by_scatter >= HEARD:

@@ -192,6 +192,13 @@ def wald(sums: Array, base: Sequence[int], added: Sequence[int], draws: int) -> 
     return by_scatter if by_both < HEARD else by_both, z
 
 
+def audible_draws(total: Array, base: Sequence[int], draws: int) -> int:
+    """The number of draws of rounding that a test takes into account: none where the model leaves far more than they
+    do. `total` (p, p) has products of the columns, at the end those of the draws and of the torque."""
+    left = [float(least_left(total[np.ix_([*base, k], [*base, k])])) for k in range(-1 - draws, 0)]
+    return 0 if draws and left[-1] > BEYOND_ROUNDING * float(np.mean(left[:-1])) else draws
+
+
 class Court:
     """Which families are heard about a view, and their rivals. Certain friction, and weight, are the joint's."""
 
@@ -216,9 +223,7 @@ class Court:
             columns += added
         every, draws = [view.sums([*columns, *view.rounded], k) for k in range(len(view.chunks))], len(view.rounded)
         base, total = list(range(len(view.base) + len(self.beside))), every[0].sum(axis=0)
-        left = [float(least_left(total[np.ix_([*base, k], [*base, k])])) for k in range(-1 - draws, 0)]
-        if draws and left[-1] > BEYOND_ROUNDING * float(np.mean(left[:-1])):
-            draws = 0
+        draws = audible_draws(total, base, draws)
         moments = places.pop("moment")
         by_friction, (size,) = wald(every[0], base, places.pop("friction"), draws)
         if by_friction < FRICTION and size > 0:

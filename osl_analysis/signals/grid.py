@@ -198,7 +198,7 @@ def stream_row(part: Taken, bridged: Array, marked: Array, time: Array, limits: 
     }
 
 
-BLOCK, REACH = 1 << 18, 64
+SPLINED, REACH = 1 << 18, 64
 """Samples that one spline gives, and those beyond its ends that it passes: of what it is there, 0.27^64 is left inside.
 The coefficients of a whole hour would take 0.7 GB."""
 ON_GRID = 1e-6  # distance, in steps, at which a sample counts as lying on the grid
@@ -213,13 +213,13 @@ def resampled(times: Array, values: Mapping[str, Array], grid: Array, step: floa
     if len(there) == len(grid) and np.max(np.abs(there - grid)) < ON_GRID * step * max(len(grid) / 1e6, 1.0):
         return {name: one[row : row + len(grid)] for name, one in values.items()}
     found = {name: np.empty(len(grid)) for name in values}
-    for begin in range(0, len(grid), BLOCK):
-        inside = np.clip(grid[begin : begin + BLOCK], times[0], times[-1])
+    for begin in range(0, len(grid), SPLINED):
+        inside = np.clip(grid[begin : begin + SPLINED], times[0], times[-1])
         first, last = np.searchsorted(times, (inside[0], inside[-1]))
         rows = slice(max(first - REACH, 0), last + REACH)
         curves = scipy.interpolate.CubicSpline(times[rows], np.column_stack([one[rows] for one in values.values()]))
         for own, column in zip(found.values(), curves(inside).T, strict=True):
-            own[begin : begin + BLOCK] = column
+            own[begin : begin + SPLINED] = column
     return found
 
 

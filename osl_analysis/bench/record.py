@@ -213,15 +213,18 @@ class Record:
             return None
         every = round(self.rate_hz / few.rate_hz)
         first = np.maximum(np.arange(len(few.time)) * every - every // 2, 0)
-        theta, torque = (
-            np.array([few.low_pass(np.add.reduceat(x, first) / every, few.rate_hz) for x in self.roundings(k)])
-            for k in (0, 1)
+        thetas, torques = (
+            [few.low_pass(np.add.reduceat(x, first) / every, few.rate_hz) for x in self.roundings(k)] for k in (0, 1)
         )
-        if not len(theta):
-            return torque if len(torque) else None
-        omega = np.gradient(theta, 1 / few.rate_hz, axis=1)
-        made = K * theta + B * omega + I * np.gradient(omega, 1 / few.rate_hz, axis=1)
-        return np.asarray(made - torque if len(torque) else made)
+        if not thetas:
+            return np.array(torques) if torques else None
+        made = np.empty((len(thetas), len(few.time)))
+        for row, theta in zip(made, thetas, strict=True):  # one at a time: all at once take 0.4 GB of an hour
+            omega = np.gradient(theta, 1 / few.rate_hz)
+            row[:] = K * theta + B * omega + I * np.gradient(omega, 1 / few.rate_hz)
+        for row, torque in zip(made, torques, strict=False):
+            row -= torque
+        return made
 
     @cached_property
     def pieces(self) -> tuple[slice, ...]:

@@ -96,7 +96,7 @@ def columns_of(record: Record) -> tuple[dict[str, Array], float]:
     """The columns (n,) of the models by name, and the angle [rad] that `theta` is about."""
     motion, centre = record.motion, float(record.part(record.motion.theta).mean())
     columns = {"theta": motion.theta - centre, "omega": motion.omega, "alpha": motion.alpha}
-    columns |= {"one": np.ones_like(motion.theta), "ramp": record.time - record.time.mean()}
+    columns |= {"one": np.broadcast_to(1.0, motion.theta.shape), "ramp": record.time - record.time.mean()}
     return columns, centre
 
 

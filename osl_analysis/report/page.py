@@ -201,7 +201,9 @@ def method_said(settings: Mapping[str, Any], tables: Mapping[str, pl.DataFrame])
         said.append(f"angle and torque behind a zero-phase low-pass of {settings['dynamometer']['cutoff_hz']:g} Hz")
     if "walking_summary" in tables:
         window = 1e3 * settings["walking"]["window_s"]
-        said.append(f"the mean response, perturbed less unperturbed, in the {window:g} ms after the onset")
+        both = tables["walking_groups"].select((pl.col("n_up") > 0) & (pl.col("n_down") > 0)).to_series()
+        ways = ["the mean response"] * (not both.all()) + ["half the difference of both directions"] * bool(both.any())
+        said.append(f"{' or '.join(ways)}, perturbed less unperturbed, in the {window:g} ms after the onset")
     begin = "τ = Kθ + Bθ̇ + Iθ̈ + τ₀ (Eq. 15), where τ resists the motion: K, B and I are fitted by least squares to"
     return f"{begin} {in_words(said)}. Brackets are intervals of 95 %." if said else ""
 

@@ -4,6 +4,7 @@ import numpy as np
 import polars as pl
 import pytest
 from bench_synthetic import table_of
+from scipy.interpolate import CubicSpline
 from scipy.signal import lsim, lti
 
 from osl_analysis.bench.analysis import analysed
@@ -11,6 +12,7 @@ from osl_analysis.bench.effects import IMPEDANCE, plain_sums
 from osl_analysis.bench.record import sine_record
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.errors import InputError
+from osl_analysis.signals import grid
 from osl_analysis.signals.grid import GapLimits, uniform_signals
 from osl_analysis.signals.stream import SensorLowPass
 from osl_analysis.trial import Trial
@@ -132,3 +134,14 @@ def test_a_counter_in_the_log_tells_which_samples_a_late_host_lost(counted):
         return
     count = pl.DataFrame({"time": stamps[kept], "torque_counter": kept + 1000})
     assert_right(fitted(Trial("made", two.samples.join(count, on="time", how="left"), two.provenance)))
+
+
+def test_a_long_recording_is_brought_to_the_grid_in_parts_as_by_one_spline(monkeypatch):
+    rng = np.random.default_rng(1)
+    stamps = np.arange(5000) / 1000 + rng.uniform(-3e-4, 3e-4, 5000)
+    signals = {name: rng.standard_normal(5000) for name in ("theta", "torque")}
+    times = np.linspace(stamps[0], stamps[-1], 4900)
+    monkeypatch.setattr(grid, "SPLINED", 700)
+    found = grid.resampled(stamps, signals, times, 1e-3)
+    for name, values in signals.items():
+        np.testing.assert_allclose(found[name], CubicSpline(stamps, values)(times), rtol=0, atol=1e-11)

@@ -12,7 +12,7 @@ from scipy.ndimage import gaussian_filter1d
 from osl_analysis.bench.analysis import analysed
 from osl_analysis.bench.effects import IMPEDANCE, plain_sums, sums_of, with_effects
 from osl_analysis.bench.gram import combined, jackknife
-from osl_analysis.bench.record import record_of_trial, sine_record, stretches_of
+from osl_analysis.bench.record import Record, record_of_trial, sine_record, stretches_of
 from osl_analysis.bench.settings import BenchStiffness
 from osl_analysis.measured import visible_step
 from osl_analysis.spectral.stepped_sine import SteppedSineProtocol
@@ -182,3 +182,13 @@ def test_steps_between_two_levels_are_read_as_well_as_their_levels(bits):
         fit = analysed(record, plain_sums(record, IMPEDANCE), IMPEDANCE).whole
         misses.append((fit["K"] - 300) / fit.se("K"))
     assert np.sqrt(np.mean(np.square(misses))) == pytest.approx(1, abs=0.4)
+
+
+def test_what_rounding_makes_of_both_signals_is_that_of_the_angle_less_that_of_the_torque(monkeypatch):
+    record, angle, torque, none = sine_record(trial(1, 500.0), SETTINGS), (0.01, 1.0), (5.0, 1.0), (0.0, 0.0)
+
+    def made(*steps):
+        monkeypatch.setattr(Record, "repeated_steps", steps)
+        return replace(record).rounded
+
+    np.testing.assert_allclose(made(angle, torque), made(angle, none) - made(none, torque), atol=1e-9)

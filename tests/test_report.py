@@ -391,6 +391,7 @@ def test_a_report_says_of_each_trial_what_became_of_it(tmp_path, monkeypatch):
     assert (seen[0]["claims"], seen[0]["not_made"]) == ([], [of_table])
     in_md, in_tex = (given[f"methods_{form}"].read_text() for form in ("md", "tex"))
     assert ("3 trials of belt" in in_md, "3 trials of belt" in in_tex, "transmission" in in_md) == (True, True, False)
+    assert "tables/impedance.csv" not in in_md, "a table that is not there"
     assert re.findall(r"(?<!\\)[%&_#]|[θτ·²°−–]", in_tex) == []
     assert seen[0]["assumed"] == "Assumed, since nobody stated it: walking.side right."
     own, other = (seen[1][name][0] for name in ("b_1", "b_2"))

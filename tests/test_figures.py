@@ -518,7 +518,7 @@ def test_each_figure_has_a_section_a_missing_one_its_reason_and_the_kind_of_data
     sections = {part.split("\n")[0]: part for part in page.split("\n## ")[1:]}
     assert list(sections) == ["Fig. 4", "Fig. 5", "Fig. 7"]
     assert r"not drawn. \<b\>i\_1: raw/i\_1.mcap: no such file." in sections["Fig. 4"]
-    assert "not drawn. No trial of the campaign has the numbers" in sections["Fig. 7"]
+    assert "not drawn. No trial follows a stepped sine" in sections["Fig. 7"]
     assert sections["Fig. 5"].endswith("Without 1 trial whose recordings or fits were refused: \\<b\\>i\\_1.\n")
 
 

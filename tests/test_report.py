@@ -54,6 +54,7 @@ from osl_analysis.report.page import (
     written_page,
 )
 from osl_analysis.report.trial_page import (
+    Pictures,
     ReportedTrial,
     crossing_pictures,
     isolated_pictures,
@@ -192,15 +193,31 @@ def test_the_methods_have_the_numbers_of_settings_sheet_and_tables_and_nothing_t
     rows = [{"experiment": "walking", "perturbed": k < 3} for k in range(7)]
     crossings = [ReportedTrial(f"w{k}", row, left_out=["far"] * (k == 0)) for k, row in enumerate(rows)]
     walked = {"walking": pl.DataFrame({"interval_method": ["unperturbed crossings"]})}
-    walked["walking_groups"] = pl.DataFrame({"group": ["a", "b"]})
+    walked["walking_groups"] = pl.DataFrame({"group": ["a", "b"], "n_up": [1, 1], "n_down": [1, 1]})
+    time = np.arange(300) / 300  # a turn of 80 ms, whose middle eight tenths take 64 ms, beside noise of markers
+    turned = 2.5 * np.clip((time - 0.5) / 0.08, 0, 1) + 0.05 * np.random.default_rng(1).standard_normal(300)
+    crossings = [
+        replace(one, pictures=Pictures([], {"crossing": pl.DataFrame({"time": time, "platform_deg": -turned})}),
+                provenance={"plates": [{}], "mocap": {"frame_rate_hz": 300.0, "samples_per_frame": 4}},
+                quality=checks.with_columns(value=300.0))
+        for one in crossings
+    ]  # fmt: skip
+    sines = pl.DataFrame({"excitation": ["periodic", "other", "other"], "theta_rms_deg": [2.0, 2.1, 2.4],
+                          "band_low_hz": [0.5, 0.9, 0.9], "band_high_hz": [8.0, 7.2, 7.2], "fitted_s": [60.0] * 3,
+                          "interval_method": ["units"] * 3, "amplitude_deg": [None] * 3})  # fmt: skip
     for trials, made, chosen, shown, absent in (
         (bench, tables | {"belt": pl.DataFrame(schema=["group"])}, SETTINGS,
          ("2 trials", "250 Hz", "MCAP", "2 and 7°", "1 and 4 Hz", "15 Hz", "gap 1 s, torque", HOSTILE),
          "belt|transmission|actuator|walkway|platform|crossing|bootstrap|predicted|seven samples|my_bench|rendered|"
          "of this campaign|part of the period"),
         (bench, tables, other, ("12.5 Hz", "218 N·m"), "assumed to be rigid"),
-        (crossings, walked, other, ("7 times", "3 times", "2 perturbed", "2 groups", "80 ms", "30 ms", "200 samples"),
-         "bench|belt|load cell|plate trials|Student"),
+        (bench, {"impedance": sines}, SETTINGS,
+         ("(1 trial, 0.5 to 8 Hz, 2° RMS, 60 s fitted)", "(2 trials, 0.9 to 7.2 Hz, 2.1 to 2.4° RMS, 60 s fitted)"),
+         "stepped"),
+        (crossings, walked, other, ("7 times", "3 times", "2 perturbed", "2 groups", "80 ms", "30 ms", "200 samples",
+         "by 2.5°, from a tenth to nine tenths of it in 67 ms (2 with toes up, 2 down)", "markers at 300 Hz and",
+         "plates at 1200 Hz", "half the difference of both directions"),
+         "bench|belt|load cell|plate trials|Student|mean response"),
     ):  # fmt: skip
         said, sources = methods_of(trials, made, chosen)
         assert [words for words in shown if words not in said] == []
@@ -257,6 +274,7 @@ def test_the_page_begins_with_what_was_done_its_verdict_and_the_figure_that_matt
     figures = [{"name": name} for name in ("fig3", "fig5", "walking_page")]
     number = NUMBER | {"n": 4, "value": 2.0, "of": "", "meaning": "x", "begins": "It is"}
     line = {"cause": "friction", "says": "it does", "remedy": "use it", "trials": ["t", "all"]}
+    line |= {"verdict": "doubtful", "of": "impedance trials"}
     found = overview(trials, {"numbers": {"K": number}, "findings": [line]}, figures, ABOUT)
     assert found["done"].startswith("4 simulated trials of the knee: 2 walking (1 perturbed) and 2 impedance (MCAP and")
     assert found["state"] == "1 of 4 trials is doubtful: friction. 1 was refused."
@@ -264,10 +282,14 @@ def test_the_page_begins_with_what_was_done_its_verdict_and_the_figure_that_matt
     drawn = [[one["name"] for one in found[key]] for key in ("first", "figures")]
     assert drawn == [["fig5"], ["fig3", "walking_page"]]
     assert found["findings"][0]["named"] == [("t", "it is 30 % of the damping")]
-    unsure = {"verdict": "not checked", "of": "walking groups", "trials": ["all"], "cause": "whether", "says": "3 %"}
-    walking = overview(walks, {"findings": [unsure, unsure]}, figures, ABOUT)
+    unsure = [{"verdict": "not checked", "of": "trials", "trials": ["t"], "cause": cause} for cause in "abcdd"]
+    of_group = {"verdict": "doubtful", "of": "walking groups", "trials": ["all"], "cause": "person reacts"}
+    walking = overview(walks, {"findings": [of_group, *unsure]}, figures, ABOUT)
     assert walking["first"][0]["name"] == "walking_page", "nothing was desired"
-    assert "Of the walking K, 2 things" in walking["state"]
+    assert (
+        "The walking K is doubtful: person reacts. Not checked, and in no interval: a, b, c and 1 more."
+        in walking["state"]
+    )
 
 
 def test_the_map_has_a_row_for_each_cause_that_a_trial_does_not_pass():
@@ -283,6 +305,13 @@ def test_the_map_has_a_row_for_each_cause_that_a_trial_does_not_pass():
         "gap in the recording": ["passed", "passed", "flagged"],
         "I is certainly negative": ["remark", "passed", "passed"],
     }
+    walks = [trial(name) for name in "uv"]
+    walks = [
+        replace(one, tables={"walking": pl.DataFrame({"group": [of]})}) for one, of in zip(walks, "AB", strict=True)
+    ]
+    known = [{"of": "walking groups", "verdict": "not checked", "cause": "x", "trials": ["B", "C"]}]
+    (group,) = check_map(walks, known)
+    assert group["rows"] == [("x", [("u", "passed"), ("v", "not checked")])]
 
 
 def test_doubts_say_whether_they_are_about_the_whole_trial_and_with_which_numbers():
@@ -385,7 +414,7 @@ def test_a_report_says_of_each_trial_what_became_of_it(tmp_path, monkeypatch):
     none = ("refused", "it has no result, because b_2 was refuse")
     assert said.pop("b_1") == ("flagged", "its recording: gap in the recording: samples are missing"[:40])
     assert seen[0]["methods"]["recorded"]["belt"] | {"rates": 0, "files": 0} == {
-        "n": 3, "used": 1, "perturbed": 0, "perturbed_used": 0, "rates": 0, "files": 0,
+        "n": 3, "used": 1, "perturbed": 0, "perturbed_used": 0, "rates": 0, "files": 0, "plates": [], "turns": [],
     }  # fmt: skip
     assert said == {"b_2": ("refused", "no footer"), "b_3": none, "w": none, "s": ("clear", "")}
     assert (seen[0]["claims"], seen[0]["not_made"]) == ([], [of_table])
@@ -393,7 +422,7 @@ def test_a_report_says_of_each_trial_what_became_of_it(tmp_path, monkeypatch):
     assert ("3 trials of belt" in in_md, "3 trials of belt" in in_tex, "transmission" in in_md) == (True, True, False)
     assert "tables/impedance.csv" not in in_md, "a table that is not there"
     assert re.findall(r"(?<!\\)[%&_#]|[θτ·²°−–]", in_tex) == []
-    assert seen[0]["assumed"] == "Assumed, since nobody stated it: walking.side right."
+    assert seen[0]["assumed"] == "Assumed, since nobody stated it: the right leg."
     own, other = (seen[1][name][0] for name in ("b_1", "b_2"))
     assert (len(own["quality"]), other["quality"]) == (1, [])
     (left,) = own["panels"][1]["drawn"]
@@ -433,6 +462,7 @@ def test_trials_of_no_stated_condition_are_never_one_condition(n):
     """Neither a row of the first screen, a repeat nor a headline number may be their mean, which no joint has."""
     common = {"amplitude_deg": None, "controller": None, "K_d": None, "B_d": None, "excitation": "multisine"}
     common |= {"band_low_hz": 0.1, "band_high_hz": 5.0, "VAF": 99.0, "interval_method": "units", "doubtful": ""}
+    common |= {"B_viscous": None, "f_C": None}
     rows = [
         {"trial": f"t{k}"} | {f"{x}{end}": K + by for x in "KBI" for end, by in (("", 0), ("_low", -1), ("_high", 1))}
         for k, K in enumerate(np.resize([62.0, 148.0], n))
@@ -448,7 +478,8 @@ def test_trials_of_no_stated_condition_are_never_one_condition(n):
     assert repeated_trials_table(table).is_empty()
     assert len(repeated_trials_table(table.with_columns(K_d=pl.lit(100.0)))) == 3
     numbers = headline_numbers({"impedance": table}, Example(K_d=None, B_d=None))
-    assert [one.name for one in numbers if "example" in one.name] == []
+    own = [(one.value, one.of) for one in numbers if one.name.startswith("K_example")]
+    assert own == [(K, f"t{k}") for k, K in enumerate([62.0, 148.0, 62.0, 148.0])] * (n <= 8)
 
 
 def test_crossings_are_drawn_in_degrees_the_residual_is_measured_minus_model_and_raw_signals_are_thinned_out():
@@ -468,7 +499,7 @@ def test_the_fitted_line_of_phasors_is_the_admittance_of_a_second_order_system()
     w = np.sqrt(200 / 0.05)  # the natural frequency, where the admittance is 1/(B w), 90 degrees late
     phasors = pl.DataFrame({"amplitude_deg": [2.0, 2.0], "frequency_hz": [w / 2 / np.pi, 100.0]})
     pictures = phasor_pictures(phasors, {"K": 200.0, "B": 4.0, "I": 0.05})
-    assert pictures.tables["Eq. 15"].row(0) == pytest.approx((w / 2 / np.pi, 1 / (4 * w), -90))
+    assert pictures.tables["model"].row(0) == pytest.approx((w / 2 / np.pi, 1 / (4 * w), -90))
     found = [(one["log_y"], *(one["drawn"][0][end] for end in ("low", "high"))) for one in pictures.panels]
     ends = [[f"{name}_low{unit}", f"{name}_high{unit}"] for name, unit in (("Y_magnitude", ""), ("Y_phase", "_deg"))]
     assert found == [(True, *ends[0]), (False, *ends[1])]

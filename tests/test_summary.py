@@ -252,6 +252,9 @@ def impedance():
     table = pl.DataFrame(rows, schema=columns, orient="row").with_columns(interval_method=pl.lit("units"))
     whole, steps = pl.col("amplitude_deg").is_null(), {"low": -2.04, "high": 1.06}
     ends = {f"{q}_amplitudes_{end}": pl.when(whole).then(pl.col(q) + step) for q in "KB" for end, step in steps.items()}
+    ends |= {
+        f"I{end}": pl.when(whole).then(pl.lit(size)) for end, size in (("", 0.02), ("_low", 0.01), ("_high", 0.03))
+    }
     rubs = {"f_C": 0.3, "f_C_low": 0.2, "f_C_high": 0.4, "B_viscous": 5.2, "B_viscous_low": 5.1, "B_viscous_high": 5.3}
     ends |= {name: pl.when(pl.col("K") == 303.0).then(pl.lit(value)) for name, value in rubs.items()}
     return table.with_columns(**ends, doubtful=pl.Series(["", "model that does not fit", "", "", "", "x"]))
@@ -269,8 +272,8 @@ def all_tables():
     }
 
 
-def by_name(tables):
-    return {h.name: h for h in headline_numbers(tables)}
+def by_name(tables, example=None):
+    return {h.name: h for h in headline_numbers(tables, example)}
 
 
 def written(numbers):
@@ -291,6 +294,7 @@ HEADLINES = [
     ("K_error_compensated", 2.0, 1.0, 3.0, 2, None, RANGE),  # over trials, all amplitudes each
     ("K_error_uncompensated", 30.0, None, None, 1, None, None),
     ("K_example_compensated", 303.0, 299.0, 307.5, 1, None, FOR_MOTION),
+    ("I_example_compensated", 0.02, 0.01, 0.03, 1, None, FOR_MOTION),
     ("B_viscous_example_compensated", 5.2, 5.1, 5.3, 1, None, FOR_MOTION),
     ("f_C_example_compensated", 0.3, 0.2, 0.4, 1, None, FOR_MOTION),
 ]
@@ -321,6 +325,36 @@ def test_the_example_says_how_far_the_single_amplitudes_spread_and_is_rounded_to
     few = impedance().with_columns(interval_method=pl.lit("repeats"), K_amplitudes_high=pl.lit(301.1))
     K = written(headline_numbers({"impedance": few}))["numbers"]["K_example_compensated"]
     assert (K["interval"], headlines.numbers_said(K)[0]) == (headlines.FEW, "303.0")  # not 303.00, as by the range
+
+
+def test_trials_of_no_stated_condition_have_their_own_numbers():
+    """Where none has amplitudes, no label names them."""
+    whole = impedance().filter(pl.col("amplitude_deg").is_null())
+    none = {name: pl.lit(None, pl.Float64) for name in ("K_d", "B_d")} | {"controller": pl.lit(None, pl.String)}
+    unstated = whole.with_columns(**none, trial=pl.Series(["a", "b", "c"]))
+    found = by_name({"impedance": unstated}, headlines.Example(None, None))
+    K = {name: (one.value, one.low) for name, one in found.items() if name.startswith("K_example")}
+    assert K == {
+        f"K_example_no_controller ({name})": ends
+        for name, ends in zip("abc", [(303, 299), (97, 95), (210, 208)], strict=True)
+    }
+    assert {f"{name}_example_no_controller (a)" for name in ("B", "I", "f_C")} <= {*found}
+    assert found["VAF_mean_no_controller"].meaning == "mean VAF of trials"
+
+
+@pytest.mark.parametrize(
+    ("value", "low", "high", "said"),
+    [
+        (2.0, 1.9991, 2.0003, ("2.000", "1.9991 to 2.0003")),
+        (120.04, 120.01, 120.07, ("120.04", "120.01 to 120.07")),
+        (119.99, 119.97, 120.02, ("120.0", "119.97 to 120.02")),
+        (5.0123, 4.8, 5.2, ("5.01", "4.80 to 5.20")),
+        (3.0, 3.0, 3.4, ("3.00", "3.00 to 3.40")),
+    ],
+)
+def test_no_number_reads_as_an_end_of_its_interval_or_as_beyond_it(value, low, high, said):
+    number = NOTHING | {"value": value, "low": low, "high": high, "interval": STUDENT}
+    assert headlines.numbers_said(number)[:2] == said
 
 
 def test_the_first_numbers_are_said_with_a_true_minus_and_none_that_its_interval_has_0_in():

@@ -164,6 +164,7 @@ OF_BENCH = ("belt", "transmission", "impedance", "human_joint", "calibration")
 FOUND = {"dynamometer.amplitudes_deg": "amplitude_deg", "dynamometer.frequencies_hz": "frequency_hz"}
 """Settings of a stepped sine that was not stated, and the columns of `phasors.csv` that have the recordings' own."""
 JUDGING = {
+    "dynamometer.cutoff_hz": OF_BENCH, "actuator.cutoff_hz": ("actuator",), "torque_angle.cutoff_hz": ("torque_angle",),
     "parameters": ("belt", "transmission", "actuator", "impedance"), "gain_weight": ("impedance",),
     "model_comparison.sign_width": ("impedance",), **dict.fromkeys(FOUND, ("transmission", "impedance")),
     "dynamometer.cycles": ("transmission", "impedance"), "dynamometer.load_cell_drift": ("belt",),
@@ -173,12 +174,14 @@ JUDGING = {
     "claims.K_percent": ("impedance", "walking"), "impedance_trajectory": ("walking",),
     "figures.midstance_stiffness": ("walking",), "figures.stance_share": ("walking",),
     "walking.perturbed_by": ("walking",), "walking.side": ("walking",), "walking.plate": ("walking",),
-    "walking.markers": ("walking",), "walking.window_s": ("walking",),
+    "walking.markers": ("walking",), "walking.cutoff_hz": ("walking",), "walking.window_s": ("walking",),
+    "walking.baseline_s": ("walking",), "walking.guard_s": ("walking",),
 }  # fmt: skip
 """Every setting that is a fact on a bench, a device, a laboratory or a text, and the experiments that it judges, labels
-or is computed with. All others are choices of the analysis."""
+or is computed with, and its filters and windows. All others are choices of the analysis."""
 ASSUMED = {"torque_angle.zero": "end"}  # what is computed with where null is no value
-WITH_DEVICE = ("gain_weight", "model_comparison.sign_width")  # nothing rests on them without a parameter file
+RESTS_ON = dict.fromkeys(("gain_weight", "model_comparison.sign_width"), "parameters")
+RESTS_ON |= {"figures.stance_share": "impedance_trajectory"}  # without these files nothing is computed with them
 
 
 def named_in(settings: Any, name: str) -> Any:
@@ -195,7 +198,7 @@ def states_of(config: Config, own: Mapping[str, Any], experiments: Collection[st
         value, said = named_in(settings, name), named_in(own, name)
         none = not any(value.values()) if isinstance(value, dict) else value is None
         state = "stated" if config.simulation is not None or said is not None else "assumed"
-        if state == "assumed" and (none or (name in WITH_DEVICE and config.parameters is None)):
+        if state == "assumed" and (none or (name in RESTS_ON and getattr(config, RESTS_ON[name]) is None)):
             state = "measured" if name in FOUND else "assumed" if name in ASSUMED else "none"
         value = ASSUMED.get(name, value) if none else value
         shown = None if value is None or state == "none" or (none and name not in ASSUMED) else json.dumps(value)

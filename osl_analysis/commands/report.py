@@ -21,7 +21,7 @@ from osl_analysis.judge.campaign import Entry, entries, read_findings
 from osl_analysis.judge.two_campaigns import COMPARED_QUANTITIES, compared, label_of, verdicts_said
 from osl_analysis.refusal import Refusal, is_refused
 from osl_analysis.report import page, trial_page
-from osl_analysis.report.headlines import aligned, decimals, fixed, missing_lines, told_apart
+from osl_analysis.report.headlines import aligned, fixed, missing_lines, places
 from osl_analysis.report.page import captions_by_title, inline_svg, written_page
 from osl_analysis.report.trial_page import ReportedTrial, left_out_trials, trial_content
 from osl_analysis.table import read_table, tables_of, with_evidence, write_table
@@ -171,8 +171,7 @@ def compared_cells(row: Mapping[str, Any], of_a: Mapping[str, Any], of_b: Mappin
         value, low, high = (row.get(f"{name}{end}") for end in ("", "_low", "_high"))
         if value is None:
             return ""
-        digits = decimals(value, low, high, None)
-        finer = told_apart(low, high, digits)
+        digits, finer = places(value, low, high)
         ends = "" if low is None or high is None else f" [{fixed(low, finer)}, {fixed(high, finer)}]"
         return f"{fixed(value, digits)}{ends}{sign}"
 

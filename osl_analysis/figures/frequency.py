@@ -114,9 +114,9 @@ LEVEL_LOOKS = {
     "noise_level": (style.GREY, "x", "Noise"),
 }  # colour, marker and name of each level
 STRUCTURE_LOOKS = {
-    "eq15": (style.MAGENTA, "-", r"Eq. 15: $K + sB + s^2I$", "the second-order system of Eq. 15"),
-    "eq9": (style.BLACK, (0, (4, 1.5)), "Eq. 9: drivetrain", "the drivetrain of Eq. 9"),
-}  # colour, line style, and names in the legend and in the caption
+    "eq15": (style.MAGENTA, "-", r"$K + sB + s^2I$"),
+    "eq9": (style.BLACK, (0, (4, 1.5)), "Drivetrain"),
+}  # colour, line style, and name in the legend
 
 
 def missed(rows: pl.DataFrame, short: str) -> Array:
@@ -171,7 +171,7 @@ def draw_condition(parts: Sequence[Axes], rows: pl.DataFrame) -> dict[str, Any]:
         ax.plot(f, rows[name], "o", color=style.BLACK, markersize=SIZE, mew=0.5, mfc=fill)
         ax.tick_params(labelbottom=False)
         ax.yaxis.set_major_locator(MaxNLocator(nbins=4))
-    for short, (colour, dash, label, _) in STRUCTURE_LOOKS.items():
+    for short, (colour, dash, label) in STRUCTURE_LOOKS.items():
         curves: tuple[Any, ...] = (rows[f"magnitude_{short}"], rows[f"phase_deg_{short}"], missed(rows, short))
         for ax, curve in zip(parts, curves, strict=True):
             if rows[f"magnitude_{short}"].count():
@@ -196,7 +196,7 @@ def draw_condition(parts: Sequence[Axes], rows: pl.DataFrame) -> dict[str, Any]:
 FIG7 = style.Drawing(
     FIG7_COLUMNS, draw_fig7, fig7_points,
     needs=[OLD_NAMES.get(name, name) for name in FIG7_COLUMNS if name not in ("joint", "side", "curve", "look")],
-    about=shown_impedance,
+    about=shown_impedance, nothing="no trial follows a stepped sine, whose phasors it shows",
 )  # fmt: skip
 RESPONSE = style.Drawing(
     columns_of("response"), draw_response, lambda table: names.completed(table, columns_of("response"), True),

@@ -31,7 +31,7 @@ CLAIMED = (
 """The result tables that claims are held against."""
 FIT, MEAN = "95 % for another motion of this kind", "95 % of the mean (Student)"
 LESS = {"torque_error": "the torque is nearer to K_d theta + B_d omega", "K_error": "K is nearer to K_d"}
-LESS |= {"B_error": "B is nearer to B_d", "VAF": "Eq. 15 explains more of the torque"}
+LESS |= {"B_error": "B is nearer to B_d", "VAF": "K, B and I explain more of the torque"}
 
 
 class Claims(Settings):

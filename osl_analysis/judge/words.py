@@ -282,6 +282,7 @@ COMPUTED: Mapping[str, Callable[[Facts], str]] = {
         if "longer_window_s" in facts
         else "record more crossings"
     ),
-    "slope_B_low": lambda facts: significant(facts["hidden_slope_low"] * facts["B_per_slope"]),
-    "slope_B_high": lambda facts: significant(facts["hidden_slope_high"] * facts["B_per_slope"]),
+    "slope_B": lambda facts: " to ".join(
+        map(significant, sorted(facts[f"hidden_slope_{end}"] * facts["B_per_slope"] for end in ("low", "high")))
+    ),
 }

@@ -7,7 +7,7 @@ import re
 import unicodedata
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from itertools import chain, count
+from itertools import chain, count, product
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +24,7 @@ from osl_analysis.trial import Array
 from osl_analysis.yaml_settings import read_mapping
 
 DRAFT_JOINT = "ankle"  # the joint whose numbers the draft prints
+MOST_UNSTATED = 8  # trials of no stated condition that are told one by one
 
 
 @dataclass(frozen=True)
@@ -62,7 +63,7 @@ class Example:
     def meaning(self) -> str:
         stated = [f"{name} = {value:g}" for name, value in (("K_d", self.K_d), ("B_d", self.B_d)) if value is not None]
         if not stated:
-            return "of trials for which no K_d or B_d is stated"
+            return "where no K_d or B_d is stated"
         words = f"for {', '.join(stated)}"
         return f"{words} (that of {self.chosen})" if self.chosen else words
 
@@ -178,6 +179,11 @@ def impedance_headlines(impedance: pl.DataFrame, example: Example) -> Iterator[H
         fits = impedance.filter(pl.col("controller").eq_missing(pl.lit(controller, pl.String)))
         of_all = len(found) == 1
         labels = {key: with_controller(one, controller, example, of_all) for key, one in LABELS["impedance"].items()}
+        if fits["amplitude_deg"].is_null().all():
+            labels |= {
+                key: replace(labels[key], meaning=labels[key].meaning.replace("trials and amplitudes", "trials"))
+                for key in ("VAF_median", "VAF_mean")
+            }
         trials = fits.filter(pl.col("amplitude_deg").is_null())
         alone = pl.len().over("trial") == 1 if "trial" in fits.columns else pl.lit(False)
         single = fits.filter(pl.col("amplitude_deg").is_not_null() | alone)
@@ -190,20 +196,21 @@ def impedance_headlines(impedance: pl.DataFrame, example: Example) -> Iterator[H
             yield from over_fits(labels["torque_error"], trials["torque_error"], np.mean, trials)
         asked = {"K_d": example.K_d, "B_d": example.B_d}
         shown = trials.filter(pl.col(name).eq_missing(pl.lit(value, pl.Float64)) for name, value in asked.items())
-        for symbol in ("K", "B", "B_viscous", "f_C"):
-            label = labels[f"{symbol}_example"]
-            if example.K_d is None and len(shown) > 1:
-                continue  # a mean of trials that nobody stated to be alike is that of no joint
-            if len(shown) != 1 or shown[symbol][0] is None:
-                yield from over_fits(label, counted(shown)[symbol], np.mean, shown, counted(shown))
+        # a mean of trials that nobody stated to be alike is that of no joint: each has its own, of few
+        unstated = example.K_d is None and len(shown) > 1
+        parts = shown.partition_by("trial", maintain_order=True) if unstated else [shown]
+        for part, symbol in product(parts if len(parts) <= MOST_UNSTATED else (), ("K", "B", "I", "B_viscous", "f_C")):
+            label = of_group(labels[f"{symbol}_example"], part["trial"][0] if unstated else "all")
+            if len(part) != 1 or part[symbol][0] is None:
+                yield from over_fits(label, counted(part)[symbol], np.mean, part, counted(part))
                 continue
-            row = shown.row(0, named=True)
+            row = part.row(0, named=True)
             kind = FEW if row["interval_method"] == "repeats" else FOR_MOTION
             number = headline(label, row[symbol], 1, row[f"{symbol}_low"], row[f"{symbol}_high"], kind)
             ends: dict[str, Any] = {
                 f"amplitudes_{end}": row.get(f"{symbol}_amplitudes_{end}") for end in ("low", "high")
             }
-            yield replace(number, n_doubtful=doubtful_count(shown)[0], **ends)
+            yield replace(number, n_doubtful=doubtful_count(part)[0], **ends)
 
 
 def claim_headlines(claims: pl.DataFrame) -> Iterator[Headline]:
@@ -365,8 +372,7 @@ def to_tex(about: Mapping[str, str], headlines: Sequence[Headline], remarks: Seq
         text = "".join(SPECIAL.get(sign, sign) for sign in value)
         lines.append(f"\\newcommand{{\\osl{ABOUT_MACROS[name]}}}{{{text}}}% {ABOUT_MEANING[name]}")
     for h in headlines:
-        digits = decimals(h.value, *rounded_by(asdict(h)))
-        finer = told_apart(h.low, h.high, digits)
+        digits, finer = places(h.value, h.low, h.high, *rounded_by(asdict(h)))
         remark = f", n = {trials_text(asdict(h))}" if h.n_doubtful or h.doubt else ""
         ends = (
             (h.value, digits, f"{h.unit}, {h.meaning}{remark}"),
@@ -375,11 +381,11 @@ def to_tex(about: Mapping[str, str], headlines: Sequence[Headline], remarks: Seq
             (h.amplitudes_low, digits, "lowest of the fits to single amplitudes"),
             (h.amplitudes_high, digits, "highest of the fits to single amplitudes"),
         )
-        for suffix, (number, places, comment) in zip(ENDINGS[:-1], ends, strict=True):
+        for suffix, (number, its, comment) in zip(ENDINGS[:-1], ends, strict=True):
             if number is None:
                 continue
             # read the same in text and in mathematics: with a true minus, small ones with a power of ten
-            text, _, power = fixed(number, places).partition("e")
+            text, _, power = fixed(number, its).partition("e")
             text += rf"\times 10^{{{int(power)}}}" if power else ""
             if power or text.startswith("-"):
                 text = rf"\ensuremath{{{text}}}"
@@ -414,13 +420,13 @@ def aligned(rows: Sequence[Sequence[str]]) -> str:
 
 def numbers_said(number: Mapping[str, Any]) -> tuple[str, str, str]:
     """A number, its interval and the range over single amplitudes; these are empty where there is none."""
-    digits = decimals(number["value"], *rounded_by(number))
+    digits, finer = places(number["value"], number["low"], number["high"], *rounded_by(number))
     parts = []
-    for low, high, places in (
-        (number["low"], number["high"], told_apart(number["low"], number["high"], digits)),
+    for low, high, its in (
+        (number["low"], number["high"], finer),
         (number.get("amplitudes_low"), number.get("amplitudes_high"), digits),
     ):
-        parts.append("" if low is None or high is None else f"{fixed(low, places)} to {fixed(high, places)}")
+        parts.append("" if low is None or high is None else f"{fixed(low, its)} to {fixed(high, its)}")
     return fixed(number["value"], digits), parts[0], parts[1]
 
 
@@ -494,6 +500,22 @@ def decimals(
         return max(min(1 - exponent_of(half), -exponent_of(coarsest)), 0)
     digits = max(2 - exponent_of(value), 0) if value else 0
     return told_apart(low, high, digits) if interval == RANGE else digits
+
+
+def places(value: float, low: float | None, high: float | None, *by: Any) -> tuple[int, int]:
+    """Decimal places of a number and of its ends, with which it reads as what lies between two different ends: by
+    `decimals`, and up to two more where rounding would put it on or beyond an end. `by` as for `decimals`; of nothing,
+    the ends are those of its interval."""
+    digits = decimals(value, *(by or (low, high, None)))
+    finer = told_apart(low, high, digits)
+    if low is None or high is None or not low < value < high or high - low <= NO_WIDTH * abs(value):
+        return digits, finer
+    for _ in range(2):
+        if float(fixed(low, finer)) < float(fixed(value, digits)) < float(fixed(high, finer)):
+            break
+        finer += 1
+        digits = digits if low < float(fixed(value, digits)) < high else finer
+    return digits, finer
 
 
 def told_apart(low: float | None, high: float | None, digits: int) -> int:

@@ -23,10 +23,10 @@ from markupsafe import Markup
 
 from osl_analysis.judge.campaign import Entry
 from osl_analysis.judge.finding import ESTIMATES, Grade
-from osl_analysis.judge.words import printed
+from osl_analysis.judge.words import WORDS, printed
 from osl_analysis.report import TEMPLATES
-from osl_analysis.report.headlines import first_said, said_number
-from osl_analysis.report.trial_page import ReportedTrial, value_and_interval
+from osl_analysis.report.headlines import MOST_UNSTATED, NOISE_ALONE, first_said, intervals_said, said_number
+from osl_analysis.report.trial_page import ReportedTrial, response_said, value_and_interval
 from osl_analysis.stats.repeats import summary_row
 
 ALL_SAMPLES = 500  # trials of which a page draws all samples that a series has: some 30 MB
@@ -92,8 +92,9 @@ def in_words(parts: Sequence[str]) -> str:
     return " and ".join(filter(None, [", ".join(parts[:-1]), *parts[-1:]]))
 
 
-def state_of(trials: Sequence[ReportedTrial], groups: Sequence[Any]) -> str:
-    """How many trials are doubtful or not used, and why, in a sentence or two; and the findings on walking `groups`."""
+def state_of(trials: Sequence[ReportedTrial], known: Sequence[Mapping[str, Any]]) -> str:
+    """How many trials are doubtful or not used, and why, and what could not be checked, in few sentences. `known` are
+    the findings of a summary, of trials and of walking groups."""
     said = []
     for verdict in ("doubtful", "doubtful in part", "flagged"):
         own = [trial for trial in trials if trial.verdict == verdict]
@@ -105,10 +106,12 @@ def state_of(trials: Sequence[ReportedTrial], groups: Sequence[Any]) -> str:
     gone = [f"{n} {'was' if n == 1 else 'were'} {verdict}" for verdict, n in lost.items()]
     said = said or ["No trial is doubtful."] * (len(trials) > sum(lost.values()))
     said.append(f"{in_words(gone)}." if gone else "Nothing was refused or excluded.")
-    return printed(" ".join([*said, *walking_state(groups)]))
-
-
-MOST_UNSTATED = 8  # trials of no stated condition that have a row each on the first screen
+    of_groups = [one["cause"] for one in known if (one["of"], one["verdict"]) == (WALKING_GROUPS, "doubtful")]
+    said += [f"The walking K is doubtful: {', '.join(of_groups)}."] * bool(of_groups)
+    unsure = list(dict.fromkeys(one["cause"] for one in known if one["verdict"] == "not checked"))
+    more = [f"{len(unsure) - 3} more"] * (len(unsure) > 3)
+    said += [f"Not checked, and in no interval: {in_words([*unsure[:3], *more])}."] * bool(unsure)
+    return printed(" ".join(said))
 
 
 def conditions(tables: Mapping[str, pl.DataFrame], findings: Mapping[str, Sequence[Entry]]) -> list[dict[str, Any]]:
@@ -141,12 +144,12 @@ def conditions(tables: Mapping[str, pl.DataFrame], findings: Mapping[str, Sequen
             said = [
                 f"{key} {row[key]:g}" if key in ("K_d", "B_d") else row[key] for key in keys if row[key] is not None
             ]
-            doubts = {doubted(one): None for trial in trials for one in findings.get(trial, ()) if is_doubt(one, name)}
+            about = [one for trial in trials for one in findings.get(trial, ())]
             found.append(
                 {
                     "of": ", ".join([*said, *named, *["no stated condition"] * is_range]) or "all",
                     "trials": trials,
-                    "doubt": "; ".join(doubts),
+                    **doubts_said(about, name),
                     **(ranges_of(own) if is_range else cells_of(row)),
                 }
             )
@@ -158,9 +161,9 @@ def of_groups(tables: Mapping[str, pl.DataFrame], findings: Mapping[str, Sequenc
     groups = tables.get("walking_summary", pl.DataFrame(schema=["estimator", "group"])).filter(estimator="ensemble")
     for (group,), own in groups.group_by("group", maintain_order=True):
         row = {f"{one['quantity']}{end}": one[of] for one in own.to_dicts() for end, of in ENDS.items()}
-        doubts = {doubted(one): None for one in findings.get(str(group), ()) if is_doubt(one, "walking_groups")}
         of = "walking" if group == "all" else f"walking, {group}"
-        found.append({"of": of, "trials": [], "doubt": "; ".join(doubts), **cells_of(row)})
+        about = doubts_said(findings.get(str(group), ()), "walking_groups")
+        found.append({"of": of, "trials": [], **about, **cells_of(row)})
     return found
 
 
@@ -180,8 +183,12 @@ def ranges_of(trials: pl.DataFrame) -> dict[str, tuple[str, str]]:
     }
 
 
-def is_doubt(entry: Entry, table: str) -> bool:
-    return entry["grade"] == Grade.DOUBTS and entry["table"] == table and not entry["in_part"]
+def doubts_said(entries: Sequence[Entry], table: str) -> dict[str, Any]:
+    """The `doubt` about fits to all of a trial in this table, and how many things are `unchecked`."""
+    own = [one for one in entries if one["table"] == table and not one["in_part"]]
+    doubts = dict.fromkeys(doubted(one) for one in own if one["grade"] == Grade.DOUBTS)
+    unchecked = {one["cause"] for one in own if one["grade"] == Grade.UNCHECKED}
+    return {"doubt": "; ".join(doubts), "unchecked": len(unchecked)}
 
 
 def doubted(entry: Entry) -> str:
@@ -201,41 +208,38 @@ def method_said(settings: Mapping[str, Any], tables: Mapping[str, pl.DataFrame])
         said.append(f"angle and torque behind a zero-phase low-pass of {settings['dynamometer']['cutoff_hz']:g} Hz")
     if "walking_summary" in tables:
         window = 1e3 * settings["walking"]["window_s"]
-        both = tables["walking_groups"].select((pl.col("n_up") > 0) & (pl.col("n_down") > 0)).to_series()
-        ways = ["the mean response"] * (not both.all()) + ["half the difference of both directions"] * bool(both.any())
-        said.append(f"{' or '.join(ways)}, perturbed less unperturbed, in the {window:g} ms after the onset")
-    begin = "τ = Kθ + Bθ̇ + Iθ̈ + τ₀ (Eq. 15), where τ resists the motion: K, B and I are fitted by least squares to"
-    return f"{begin} {in_words(said)}. Brackets are intervals of 95 %." if said else ""
+        fitted = response_said(tables["walking_groups"])
+        said.append(f"{fitted}, perturbed less unperturbed, in the {window:g} ms after the onset")
+    begin = "τ = Kθ + Bθ̇ + Iθ̈ + τ₀, where τ resists the motion: K, B and I are fitted by least squares to"
+    shared = " Errors that all trials of the bench share are not in them." * (intervals_said(tables) == NOISE_ALONE)
+    return f"{begin} {in_words(said)}. Brackets are intervals of 95 %.{shared}" if said else ""
 
 
 def assumed_said(states: pl.DataFrame) -> str:
     """What of `settings.csv` nobody stated and is computed with, and that no device is stated; empty if all is."""
-    rows = states.filter(state="assumed")
+    rows = states.filter(state="assumed").cast({"value": pl.String})  # of numbers alone they are read as numbers
     without = "Without a parameter file nothing is held against a device's gains or belt." * any(
         states["state"].eq("none") & states["setting"].eq("parameters")
     )
     said = [
-        name if value.startswith("{") else f"{name} {value}" for name, value in rows["setting", "value"].iter_rows()
+        WORDS["settings"]
+        .get(name, name if value.startswith("{") else f"{name} {value}")
+        .format(value=value.removesuffix(".0"))
+        for name, value in rows["setting", "value"].iter_rows()
     ]
     return " ".join(filter(None, [f"Assumed, since nobody stated it: {in_words(said)}." if said else "", without]))
 
 
-def walking_state(groups: Sequence[Any]) -> list[str]:
-    said = [f"The walking K is doubtful: {one['line']}." for one in groups if one["verdict"] == "doubtful"]
-    if unsure := [one for one in groups if one["verdict"] == "not checked"]:
-        worst = unsure[0]
-        things = f"{len(unsure)} thing{'s' * (len(unsure) > 1)}, which its interval does not contain, could not"
-        said.append(f"Of the walking K, {things} be checked, as {worst['cause']}: {worst['says']}.")
-    return said
-
-
+WALKING_GROUPS = "walking groups"  # what a finding of a summary is of, where it is of no trial
 STATES = {"all": "doubtful", "recording": "flagged", "part": "doubtful in part", "other": "doubtful in part"}
 """Of a trial before a cause, by what a doubt is of, the worst one first."""
 
 
-def check_map(trials: Sequence[ReportedTrial]) -> list[dict[str, Any]]:
+def check_map(trials: Sequence[ReportedTrial], known: Sequence[Mapping[str, Any]] = ()) -> list[dict[str, Any]]:
     """By experiment its `trials` with their verdicts, those of one condition beside one another, and `rows`: each cause
-    that one of them does not pass, or that could not be checked on it, with the state of every trial."""
+    that one of them does not pass, or that could not be checked on it, with the state of every trial. Of the findings
+    `known` from a summary those on a walking group are of each of its trials."""
+    of_groups = [one for one in known if one["of"] == WALKING_GROUPS]
     groups: dict[str, list[ReportedTrial]] = {}
     for trial in trials:
         groups.setdefault(trial.row["experiment"], []).append(trial)
@@ -249,6 +253,10 @@ def check_map(trials: Sequence[ReportedTrial]) -> list[dict[str, Any]]:
             for one in trial.unchecked:
                 state = "remark" if one["grade"] == Grade.NOTES else "not checked"
                 rows.setdefault(one["cause"], {}).setdefault(trial.name, state)
+            its = {*trial.main["group"]} if "group" in trial.main.columns else set()
+            for known_one in of_groups:
+                if its & {*known_one["trials"]}:
+                    rows.setdefault(known_one["cause"], {}).setdefault(trial.name, known_one["verdict"])
         named = [(trial.name, trial.verdict) for trial in own]
         states = [(cause, [(name, its.get(name, "passed")) for name, _ in named]) for cause, its in rows.items()]
         found.append({"experiment": experiment, "trials": named, "rows": states})
@@ -274,7 +282,7 @@ def overview(
 ) -> dict[str, Any]:
     """What the first screen says, with the figure that matters most, the numbers of a `summary` (`summary.json`), and
     its findings with what decided on each trial."""
-    groups = [one for one in summary.get("findings", ()) if one.get("of") == "walking groups"]
+    told = summary.get("findings", ())
     findings = sorted((one for trial in trials for one in trial.findings), key=lambda one: not one["in_part"])
     known = {trial.name for trial in trials}
     numbers = [*summary.get("numbers", {}).values()]
@@ -289,11 +297,11 @@ def overview(
     return {
         "joints": joints_of(trials),
         "done": what_was_done(trials, about),
-        "state": state_of(trials, groups),
-        "map": check_map(trials),
+        "state": state_of(trials, told),
+        "map": check_map(trials, told),
         "answers": first_said(numbers),
         "numbers": [{**one, **said_number(one)} for one in numbers],
-        "findings": [{**one, "named": named(one)} for one in summary.get("findings", ())],
+        "findings": [{**one, "named": named(one)} for one in told],
         "first": [one for one in figures if one["name"] == first],
         "figures": [one for one in figures if one["name"] != first],
     }

@@ -19,7 +19,7 @@ from osl_analysis.judge.finding import Beyond, Grade
 from osl_analysis.judge.limits import NOT_APPLICABLE
 from osl_analysis.judge.used import exclusion_said
 from osl_analysis.judge.words import WORDS, Words, printed, sentence_of
-from osl_analysis.report.headlines import decimals, fixed, told_apart
+from osl_analysis.report.headlines import fixed, places
 from osl_analysis.stats.repeats import alike_sizes
 
 Content = dict[str, Any]  # as `templates/report.js` reads it
@@ -93,20 +93,20 @@ def phasor_pictures(phasors: pl.DataFrame, fit: Mapping[str, Any]) -> Pictures:
         shape = {"kind": "points", "low": ends.format("low"), "high": ends.format("high")}
         looks = zip(tables, cycle(LINE_LOOKS), strict=False)
         points = [line(name, "frequency_hz", y, name, look, **shape) for name, look in looks]
-        drawn.append([*points, line("Eq. 15", "frequency_hz", y, "Eq. 15, fit to all", "residual")])
+        drawn.append([*points, line("model", "frequency_hz", y, "K, B and I, fit to all", "residual")])
     measured = phasors["frequency_hz"].to_numpy()
     f = np.geomspace(float(measured.min()), float(measured.max()), 60)
     s = 2j * np.pi * f
     Y = 1 / (fit["K"] + fit["B"] * s + fit["I"] * s**2)
     curve = {"frequency_hz": f, "Y_magnitude": np.abs(Y), "Y_phase_deg": np.rad2deg(np.angle(Y))}
-    tables["Eq. 15"] = pl.DataFrame(curve)
+    tables["model"] = pl.DataFrame(curve)
     return Pictures(over_frequency("Admittance", "|Y| (rad/(N·m))", drawn), tables)
 
 
 def response_pictures(response: pl.DataFrame) -> Pictures:
     """Magnitude and phase of the impedance over frequency, without a model, and the fit of Eq. 15."""
     of = partial(line, "response", "frequency_hz")
-    measured, model = partial(of, name="without a model", kind="points"), partial(of, name="Eq. 15", look="model")
+    measured, model = partial(of, name="without a model", kind="points"), partial(of, name="K, B and I", look="model")
     drawn = [(measured(y), model(f"{y}_eq15")) for y in ("magnitude", "phase_deg")]
     return Pictures(over_frequency("Impedance", "|Z| (N·m/rad)", drawn), {"response": response.sort("frequency_hz")})
 
@@ -348,8 +348,7 @@ def value_and_interval(row: Mapping[str, Any], column: str) -> tuple[str, str]:
         return NO_VALUE, ""
     if low is None or high is None:
         return f"{value:.4g}", ""
-    digits = decimals(value, low, high, None)
-    finer = told_apart(low, high, digits)
+    digits, finer = places(value, low, high)
     return printed(fixed(value, digits)), printed(f"[{fixed(low, finer)}, {fixed(high, finer)}]")
 
 
@@ -430,18 +429,24 @@ def methods_content(
     """What `methods.html.j2` says of how results were made: settings, the values of some columns of the result tables,
     and by experiment how many trials were recorded and used, their lowest rates [Hz] and what they were read from."""
     columns = """excitation commanded_deg frequency_hz band_low_hz band_high_hz controller group plate_inertia K_d B_d
-        B_viscous direction onset_phase interval_method"""
+        B_viscous direction onset_phase interval_method theta_rms_deg fitted_s"""
     said: defaultdict[str, defaultdict[str, list[Any]]] = defaultdict(lambda: defaultdict(list))
     recorded = dict[str, dict[str, Any]]()
     for name, table in tables.items():
         for one in columns.split():
             if one in table.columns and len(table):
                 said[name][one] = table[one].drop_nulls().unique().sort().to_list()
-    if "impedance" in tables and not said["impedance"]["commanded_deg"]:  # nobody stated what was commanded
-        sizes = alike_sizes(tables["impedance"]["amplitude_deg"].cast(pl.Float64))
-        said["impedance"]["commanded_deg"] = sizes.drop_nulls().unique().sort().to_list()
+    motions = list[dict[str, Any]]()
+    if "excitation" in (table := tables.get("impedance", pl.DataFrame())).columns:
+        if not said["impedance"]["commanded_deg"]:  # nobody stated what was commanded
+            sizes = alike_sizes(table["amplitude_deg"].cast(pl.Float64))
+            said["impedance"]["commanded_deg"] = sizes.drop_nulls().unique().sort().to_list()
+        whole = table.filter(pl.col("amplitude_deg").is_null()) if "amplitude_deg" in table.columns else table
+        for (kind,), rows in whole.group_by("excitation", maintain_order=True):
+            known = {one: rows[one].drop_nulls().to_list() for one in columns.split() if one in rows.columns}
+            motions.append(defaultdict(list, known, kind=kind, n=len(rows)))
     for trial in trials:
-        own = recorded.setdefault(trial.row["experiment"], {"rates": [], "files": []})
+        own = recorded.setdefault(trial.row["experiment"], {"rates": [], "files": [], "plates": [], "turns": []})
         used, perturbed = not trial.left_out, bool(trial.row.get("perturbed"))
         counts = {"n": 1, "used": used, "perturbed": perturbed, "perturbed_used": perturbed and used}
         own |= {count: own.get(count, 0) + more for count, more in counts.items()}
@@ -450,7 +455,32 @@ def methods_content(
             own["rates"] += rates.round_sig_figs(3).to_list()
         for file in trial.provenance.get("files", {}).values():
             own["files"].append(str(file["path"]).rpartition(".")[2].upper())
-    return {"config": config, "tables": said, "recorded": recorded}
+        frames = trial.provenance.get("mocap") or {}
+        if trial.provenance.get("plates") and frames.get("samples_per_frame"):
+            own["plates"].append(frames["frame_rate_hz"] * frames["samples_per_frame"])
+        if perturbed and used and "platform_deg" in trial.pictures.tables.get("crossing", pl.DataFrame()).columns:
+            own["turns"].append(turn_of(trial.pictures.tables["crossing"]))
+    groups = tables.get("walking_groups", pl.DataFrame())
+    ways = {way: groups.get_column(f"n_{way}", default=pl.Series([0])).sum() for way in ("up", "down")}
+    facts = {"config": config, "tables": said, "recorded": recorded}
+    return facts | {"motions": motions, "ways": ways, "response": response_said(groups)}
+
+
+def response_said(groups: pl.DataFrame) -> str:
+    """What is fitted of the perturbations of each of `walking_groups`."""
+    columns = {"n_up", "n_down"} <= {*groups.columns}
+    both = groups.select((pl.col("n_up") > 0) & (pl.col("n_down") > 0)).to_series() if columns else pl.Series([False])
+    ways = ["the mean response"] * (not both.all()) + ["half the difference of both directions"] * bool(both.any())
+    return " or ".join(ways)
+
+
+def turn_of(crossing: pl.DataFrame) -> tuple[float, float]:
+    """Size [deg] of the platform's turn in a perturbed crossing, and the time [ms] from a tenth of it to nine."""
+    time, turned = crossing["time"].to_numpy(), crossing["platform_deg"].fill_null(0.0).abs().to_numpy()
+    size = float(np.median(turned[turned > 0.9 * turned.max()]))  # beside the noise of markers
+    end = int(np.argmax(turned > 0.9 * size))
+    start = int(np.flatnonzero(turned[: end + 1] < 0.1 * size)[-1:].sum())
+    return size, 1e3 * float(time[end] - time[start])
 
 
 def trial_row(trial: ReportedTrial, differing: Collection[str]) -> dict[str, Any]:

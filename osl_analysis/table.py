@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     import pandas
 
 SUFFIX = ".zip"  # Of an archive of several tables.
-FORMULA = r"^(['=+@\t\r]|-[A-Za-z(])"  # How a text begins that a spreadsheet runs; in a table it has a ' before it.
 TEXT_COLUMNS = (
     "trial", "controller", "branch", "quantity", "estimator", "check", "unit", "verdict", "remark", "reason",
     "excluded", "panel", "curve", "interval_method", "doubtful", "experiment", "model", 
@@ -48,7 +47,8 @@ def marked_data(frame: pl.DataFrame) -> pl.DataFrame:
     """A table with the column of `tables_of`, whose texts no spreadsheet takes for formulas."""
     data = OF_DATA.get()
     frame = frame.select(pl.exclude("data"), pl.lit(data, pl.String).alias("data")) if data else frame
-    return frame.with_columns(pl.col(pl.String).str.replace(FORMULA, "'$1"))
+    # how a text begins that a spreadsheet runs; in a table it has a ' before it
+    return frame.with_columns(pl.col(pl.String).str.replace(r"^(['=+@\t\r]|-[A-Za-z(])", "'$1"))
 
 
 def write_table(frame: pl.DataFrame, path: Path) -> None:

@@ -119,7 +119,8 @@ def read_mapping(path: Path, by_snakemake: bool = False) -> dict[str, Any]:
                 raise InputError(f"{path}: line {line}: key '{key.value}' stands twice; remove one")
             keys.add(str(key.value))
         plain = by_snakemake and isinstance(one, ScalarNode) and not one.style
-        if plain and (counted := YAML_1_1.fullmatch(one.value)):
+        in_sixties_or_eights = r"(?P<sixties>[-+]?[0-9][0-9_]*(:[0-5]?[0-9])+(\.[0-9_]*)?)|[-+]?0[0-7_]+"
+        if plain and (counted := re.fullmatch(in_sixties_or_eights, one.value)):  # 1:30 is 90, 010 is 8
             said = f"YAML counts {one.value} in {'sixties' if counted['sixties'] else 'eights'}"
             raise InputError(f"{path}: line {line}: {said}; write a plain decimal number, or text in quotes")
     return content
@@ -137,13 +138,6 @@ def yaml_problem(error: Exception, text: str) -> str:
     if "cannot start any token" in said or "tab character" in said:
         return f"{said}; indent with blanks, not with tabs, and put text that begins with a sign such as % or @"
     return f"{said}; compare with the shipped files, and put text with signs such as : # *"
-
-
-YAML_1_1 = re.compile(r"(?P<sixties>[-+]?[0-9][0-9_]*(:[0-5]?[0-9])+(\.[0-9_]*)?)|[-+]?0[0-7_]+")
-"""Numbers that YAML 1.1 counts in sixties (1:30 is 90) or eights (010 is 8)."""
-
-
-MOST_NODES, MOST_NESTED = 200_000, 100  # of a file with its aliases written out
 
 
 class Loader(CSafeLoader):
@@ -175,7 +169,7 @@ def parsed_yaml(text: str) -> tuple[Node | None, Any]:
     depth = 0
     for event in parse(text, CSafeLoader):  # the parser of nodes ends the process where they are nested deeply
         depth += isinstance(event, CollectionStartEvent) - isinstance(event, CollectionEndEvent)
-        if depth > MOST_NESTED:
+        if depth > 100:
             raise RecursionError
     loader = Loader(text)
     try:
@@ -193,7 +187,7 @@ def nodes_of(node: Node | None) -> list[Node]:
     for one in found:
         found += [each for pair in one.value for each in pair] if isinstance(one, MappingNode) else []
         found += one.value if isinstance(one, SequenceNode) else []
-        if len(found) > MOST_NODES:
+        if len(found) > 200_000:  # of a file with its aliases written out
             raise RecursionError
     return found
 

@@ -29,8 +29,6 @@ PROFILES = {
     "https://w3id.org/ro/wfrun/workflow/0.5": "Workflow Run Crate",
     "https://w3id.org/workflowhub/workflow-ro-crate/1.0": "Workflow RO-Crate",
 }
-DEPOSITED = ("tables", "figures", "report.html", "methods.md", "methods.tex", "summary.json", "numbers.tex")
-"""Of the results what is published; fits, trials and notes of jobs are made again."""
 RAW, MAIN = "raw", "workflow/Snakefile"  # in the bundle
 README = """# {title}
 
@@ -59,7 +57,8 @@ def write_bundle(folder: Path, output: Path, licence: str, raw: bool) -> int:
         summary = read_summary(config.results / "summary.json")
         copy_inputs(open_campaign(config, None), crate, raw)
         given = [file for file in crate.rglob("*") if file.is_file()]
-        for name in DEPOSITED:
+        # what is published; fits, trials and notes of jobs are made again
+        for name in ("tables", "figures", "report.html", "methods.md", "methods.tex", "summary.json", "numbers.tex"):
             copy(config.results / name, crate / "results" / name)
         made = [file for file in (crate / "results").rglob("*") if file.is_file()]
         title = f"Campaign {config.campaign}, analysed with osl-analysis {summary['version']}"

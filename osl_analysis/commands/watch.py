@@ -42,7 +42,7 @@ from osl_analysis.judge.finding import Grade
 from osl_analysis.judge.limits import CHECKS, judged_table
 from osl_analysis.judge.words import check_words, finding_said
 from osl_analysis.model.parameters import joint_of
-from osl_analysis.signals.grid import GapLimits, uniform_signals
+from osl_analysis.signals.grid import uniform_signals
 from osl_analysis.spectral.stepped_sine import Likeness, find_segments, stated_protocol
 from osl_analysis.trial import Trial
 from osl_analysis.yaml_settings import dotted, read_mapping
@@ -87,25 +87,20 @@ def note_protocol(folder: Path) -> None:
         for name in sines:
             with suppress(OslAnalysisError):  # the first look has said why
                 trial = checked_trial(campaign.recording(name), config.raw_data, config.sources)
-                if found := recorded_protocol(trial, config.dynamometer.gap_limits):
-                    lines = [f"# dynamometer:  # as {name} was recorded"]
-                    lines += [f"#   {field_name}: {value}" for field_name, value in found.items()]
-                    text = CAMPAIGN.read_text(encoding="utf-8")
-                    write_text(CAMPAIGN, text.replace("# dynamometer:\n", "\n".join([*lines, ""])))
-                    return
-
-
-def recorded_protocol(trial: Trial, limits: GapLimits) -> dict[str, str]:
-    """The stepped sine that a trial did, as fields of `dynamometer`; empty where it did none."""
-    angle = uniform_signals(trial, ["theta"], limits)
-    known = Likeness(angle.time, angle["theta"], stated_protocol(None, None, None, None))
-    if known.kind != "stepped sine":
-        return {}
-    found = sorted(find_segments(known), key=lambda one: one.frequency_hz)
-    sizes = sorted({round(np.rad2deg(one.commanded or 0.0), 1) for one in found})
-    cycles = {one.frequency_hz: one.cycles for one in found}
-    own = {"amplitudes_deg": sizes, "frequencies_hz": [*cycles], "cycles": [*cycles.values()]}
-    return {name: f"[{', '.join(f'{value:g}' for value in values)}]" for name, values in own.items()}
+                angle = uniform_signals(trial, ["theta"], config.dynamometer.gap_limits)
+                known = Likeness(angle.time, angle["theta"], stated_protocol(None, None, None, None))
+                if known.kind != "stepped sine":
+                    continue
+                found = sorted(find_segments(known), key=lambda one: one.frequency_hz)
+                sizes = sorted({round(np.rad2deg(one.commanded or 0.0), 1) for one in found})
+                cycles = {one.frequency_hz: one.cycles for one in found}
+                own = {"amplitudes_deg": sizes, "frequencies_hz": [*cycles], "cycles": [*cycles.values()]}
+                fields = {field: f"[{', '.join(f'{value:g}' for value in values)}]" for field, values in own.items()}
+                lines = [f"# dynamometer:  # as {name} was recorded"]
+                lines += [f"#   {field}: {values}" for field, values in fields.items()]
+                text = CAMPAIGN.read_text(encoding="utf-8")
+                write_text(CAMPAIGN, text.replace("# dynamometer:\n", "\n".join([*lines, ""])))
+                return
 
 
 def fit_of_row(trial: Trial, row: Mapping[str, Any], device: Path | None, config: Path) -> Fit:
@@ -247,9 +242,6 @@ def examined(path: Path, folder: Path, bench: WatchedBench) -> Iterator[str]:
             yield f"no picture: {error}"
 
 
-FEWEST_SIBLINGS, UNLIKE = 3, 4.0  # recordings, and standard deviations beyond which one differs from these
-
-
 def comparable(trial: Trial, row: Mapping[str, Any], estimates: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
     """Numbers that are alike in recordings of one kind, each with the smallest standard deviation that it is granted:
     1 % of an estimate or its standard error, 5 % of duration, rate and range. An impedance that was asked for counts
@@ -290,11 +282,11 @@ def beside_siblings(
     far, most = list[str](), 0
     for key, (value, least) in numbers.items():
         others = [one[key] for one in siblings if key in one]
-        if len(others) >= FEWEST_SIBLINGS:
+        if len(others) >= 3:
             most = max(most, len(others))
             middle = float(np.median(others))
             spread = max(scipy.stats.median_abs_deviation(others, scale="normal"), least)
-            if abs(value - middle) > UNLIKE * spread:
+            if abs(value - middle) > 4 * spread:
                 far.append(f"{key} is {value:.3g}, theirs {middle:.3g} ± {spread:.1g}")
     if far:
         yield f"DIFFERS from its {most} siblings: {listing(far, 4)}: look for what changed on the bench"

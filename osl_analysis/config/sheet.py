@@ -173,13 +173,6 @@ FORMS = {
 
 def problems_in(row: Mapping[str, str]) -> Iterator[str]:
     """What is wrong with one row of a sheet, with the remedy; what follows a problem may be wrong because of it."""
-    yield from wrong_cells(row)
-    yield from wrong_numbers(row)
-    yield from unfit_for_the_experiment(row)
-    yield from wrong_files(row)
-
-
-def wrong_cells(row: Mapping[str, str]) -> Iterator[str]:
     for column, cell in row.items():
         if column != "exclude" and not cell.isprintable():  # two equal names would differ; `exclude` is a sentence
             sign = next(sign for sign in cell if not sign.isprintable())
@@ -190,6 +183,15 @@ def wrong_cells(row: Mapping[str, str]) -> Iterator[str]:
             yield f"{column} '{row[column]}' {said}"
     if (experiment := row["experiment"]) not in EXPERIMENTS:
         yield f"experiment '{experiment}' is none of {', '.join(EXPERIMENTS)}{nearest(experiment, EXPERIMENTS)}"
+    yield from wrong_numbers(row)
+    yield from unfit_for_the_experiment(row)
+    if not row["log"] and not row["mocap"]:
+        yield f"trial '{row['trial']}' names no file; fill in log or mocap"
+    for column in ("log", "mocap"):
+        if row[column] and not row[f"{column}_source"]:
+            yield f"{column}_source is empty; name the source file that describes {row[column]}"
+    if row["log_part"] and not row["log"]:
+        yield f"log_part '{row['log_part']}' without a log; fill in log, or clear log_part"
 
 
 def wrong_numbers(row: Mapping[str, str]) -> Iterator[str]:
@@ -242,16 +244,6 @@ def unfit_for_the_experiment(row: Mapping[str, str]) -> Iterator[str]:
         yield "a calibration needs known_K [N*m/rad] or known_I [kg*m^2], and known_percent, its standard uncertainty"
     if experiment == "walking" and len(row["windows"].split()) > 1:
         yield f"windows '{row['windows']}' of a crossing; write one, and a row of the sheet for each crossing of a log"
-
-
-def wrong_files(row: Mapping[str, str]) -> Iterator[str]:
-    if not row["log"] and not row["mocap"]:
-        yield f"trial '{row['trial']}' names no file; fill in log or mocap"
-    for column in ("log", "mocap"):
-        if row[column] and not row[f"{column}_source"]:
-            yield f"{column}_source is empty; name the source file that describes {row[column]}"
-    if row["log_part"] and not row["log"]:
-        yield f"log_part '{row['log_part']}' without a log; fill in log, or clear log_part"
 
 
 FOLLOWED = {

@@ -61,12 +61,24 @@ def true_signals(
     """The true motion of a trial, and its true signals by channel. The load cell has the torque of the joint on the
     bench, the paper's tau_j: *minus* the canonical torque. So has the actuator's own transducer its imperfections."""
     experiment, bench, bandwidth = row["experiment"], settings.dynamometer, settings.effects.dynamometer_bandwidth
-    rate, command = bench.rate_hz, commanded_motion(row, settings)
+    rate, own = bench.rate_hz, np.zeros(0)
+    if experiment == "actuator" and settings.actuator is not None:
+        command, own = joint_motion.actuator_command(settings.actuator, rate)
+    elif experiment == "belt":
+        command = joint_motion.there_and_back(settings.belt, rate)
+    elif experiment == "torque_angle" and settings.foot is not None:
+        command = joint_motion.slow_cycles(settings.foot.cycles, rate)
+    else:
+        trial, others = str(row["trial"]), settings.excitations if experiment == "impedance" else ()
+        own_motion = [one for one in others if trial.rpartition("_")[0].endswith(f"_{one.name}")]
+        command = (
+            joint_motion.excitation_motion(own_motion[0], trial, settings.seed, rate)
+            if own_motion
+            else joint_motion.sine_command(settings.protocol, rate)
+        )
     follows = bandwidth.enabled  # either bench
     motion = joint_motion.position_loop(command, rate, bandwidth.size, bench.damping_ratio) if follows else command
     if experiment == "actuator":
-        assert settings.actuator is not None  # as SimulationSettings checked
-        own = joint_motion.actuator_command(settings.actuator, rate)[1]
         exact = scipy.interpolate.CubicSpline(
             np.arange(len(own)) / rate, np.column_stack([own, motion.omega, motion.alpha])
         )
@@ -107,22 +119,6 @@ def true_signals(
         "commanded_angle": command.theta,
         "load_cell_torque": -torque,
     }
-
-
-def commanded_motion(row: Mapping[str, Any], settings: SimulationSettings) -> JointMotion:
-    """The motion that the bench is told to make in a trial."""
-    trial, rate = str(row["trial"]), settings.dynamometer.rate_hz
-    if row["experiment"] == "actuator":
-        assert settings.actuator is not None  # as SimulationSettings checked
-        return joint_motion.actuator_command(settings.actuator, rate)[0]
-    if row["experiment"] == "belt":
-        return joint_motion.there_and_back(settings.belt, rate)
-    if row["experiment"] == "torque_angle" and settings.foot is not None:
-        return joint_motion.slow_cycles(settings.foot.cycles, rate)
-    for excitation in settings.excitations if row["experiment"] == "impedance" else ():
-        if any(trial.endswith(f"_{excitation.name}_{k + 1}") for k in range(excitation.trials)):
-            return joint_motion.excitation_motion(excitation, trial, settings.seed, rate)
-    return joint_motion.sine_command(settings.protocol, rate)
 
 
 def drivetrain_effects(settings: SimulationSettings, gains: Gains | None = None) -> dict[str, float]:

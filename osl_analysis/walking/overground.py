@@ -87,7 +87,15 @@ def overground_rows(
     moments in N*m/kg, plantarflexion positive. `sheet_mass` is the body mass [kg] in the trial's row of the sheet."""
     numbers = [int(plate["plate"]) for plate in trial.provenance.get("plates", [])]
     for number in numbers:
-        check_no_pull(trial, number, settings)
+        # a foot cannot pull; an offset of the other sign looks like a person who stands
+        reading = float(np.median(plates.recorded_wrench(trial, number)[1][:, 2]))
+        if reading < -settings.largest_zero_n:
+            raise InputError(
+                f"trial {trial.name}: force plate {number} reads {reading:.0f} N in most of the recording, expected "
+                f"more than {-settings.largest_zero_n:g} N, because a foot cannot pull: the plate was not zeroed, has "
+                "reached its limit, or has the other sign; record again, or remove the plate from `plates` in the "
+                "source file"
+            )
     mass, load = body_mass(trial, sheet_mass, settings.body_mass_kg), settings.load_on_n
     if mass is None:
         raise InputError(
@@ -115,19 +123,6 @@ def overground_rows(
             said = f"a contact of {contact:.2f} s where others last {np.median(others):.2f} s: "
             rows[k] |= stance_results([], f"{said}a second foot, or a plate off zero")
     return sorted(rows, key=lambda row: (row["side"], row["plate"]))
-
-
-def check_no_pull(trial: Trial, number: int, settings: OvergroundAnalysis) -> None:
-    """Refuse a plate that reads a pull in most of the recording. An offset of the other sign looks like a person who
-    stands."""
-    reading = float(np.median(plates.recorded_wrench(trial, number)[1][:, 2]))
-    if reading < -settings.largest_zero_n:
-        raise InputError(
-            f"trial {trial.name}: force plate {number} reads {reading:.0f} N in most of the recording, expected "
-            f"more than {-settings.largest_zero_n:g} N, because a foot cannot pull: the plate was not zeroed, has "
-            "reached its limit, or has the other sign; record again, or remove the plate from `plates` in the "
-            "source file"
-        )
 
 
 def contact_rows(

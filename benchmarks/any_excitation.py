@@ -19,7 +19,7 @@ from osl_analysis.bench.record import record_of_trial
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.campaign.configuration import read_section
 from osl_analysis.files import default_config
-from osl_analysis.model.parameters import read_parameters
+from osl_analysis.model.drivetrain import read_parameters
 from osl_analysis.simulator.bench import simulate_bench_trial, true_signals
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.stats.repeats import over_repeats

@@ -16,8 +16,7 @@ from scipy.optimize import minimize_scalar
 from scipy.signal import butter, tf2ss
 
 from osl_analysis.model.compensator import PAPER_WEIGHT, optimal_damping, stiffness_gain
-from osl_analysis.model.drivetrain import joint_admittance
-from osl_analysis.model.parameters import DrivetrainParameters, read_parameters
+from osl_analysis.model.drivetrain import DrivetrainParameters, joint_admittance, read_parameters
 from osl_analysis.trial import Array
 
 MANY, FEW = 10_000, 20

@@ -34,7 +34,7 @@ from osl_analysis.commands.trials import ingest_trial
 from osl_analysis.files import default_config
 from osl_analysis.ingest.examine import check_recording, saturated
 from osl_analysis.model.compensator import PAPER_WEIGHT
-from osl_analysis.model.parameters import DrivetrainParameters, read_parameters
+from osl_analysis.model.drivetrain import DrivetrainParameters, read_parameters
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.spectral.stepped_sine import Likeness, find_segments
 from osl_analysis.table import write_table

@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from osl_analysis.model.compensator import PAPER_WEIGHT, Controller, belt_response, select_gains
+from osl_analysis.model.drivetrain import read_parameters
 from osl_analysis.model.multisine import odd_multisine
-from osl_analysis.model.parameters import read_parameters
 from osl_analysis.signals import LowPass
 from osl_analysis.spectral.periods import PeriodicMotion, Realisation, periodic_motion
 from osl_analysis.spectral.response import periodic_response

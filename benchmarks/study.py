@@ -27,7 +27,7 @@ from osl_analysis.commands.bench import fit_tables, job_of
 from osl_analysis.errors import OslAnalysisError
 from osl_analysis.ingest.raw_files import trial_from_files
 from osl_analysis.model.compensator import compensated_gains
-from osl_analysis.model.parameters import DrivetrainParameters, read_parameters
+from osl_analysis.model.drivetrain import DrivetrainParameters, read_parameters
 from osl_analysis.signals import runs
 from osl_analysis.simulator import crossing as simulated
 from osl_analysis.simulator.bench import drivetrain_effects, true_signals

@@ -31,7 +31,7 @@ from osl_analysis.ingest.examine import UNITS, Commanded, examine, measured_tabl
 from osl_analysis.ingest.raw_files import FORMATS, read_source
 from osl_analysis.judge.judging import judged, marked, with_inherited
 from osl_analysis.judge.limits import DoubtfulFits, QualityRules, judged_table, validate_rules
-from osl_analysis.model.parameters import joint_of
+from osl_analysis.model.drivetrain import joint_of
 from osl_analysis.table import read_table as read_table
 from osl_analysis.table import to_pandas as to_pandas
 from osl_analysis.trial import Trial

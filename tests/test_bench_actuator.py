@@ -19,7 +19,7 @@ from osl_analysis.cli import main
 from osl_analysis.commands.bench import fit_actuator_trial, fit_settings, fit_trial
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.judge.judging import unchecked_in
-from osl_analysis.model.parameters import read_parameters
+from osl_analysis.model.drivetrain import read_parameters
 from osl_analysis.report.headlines import headline_numbers
 from osl_analysis.simulator.bench import simulate_bench_trial
 from osl_analysis.simulator.settings import RecorderSettings, SimulationSettings

@@ -36,8 +36,7 @@ from osl_analysis.ingest.examine import (
 from osl_analysis.judge.judging import LATENESS, unchecked_in
 from osl_analysis.judge.limits import DoubtfulFits, Limits
 from osl_analysis.model.compensator import PAPER_WEIGHT
-from osl_analysis.model.drivetrain import joint_admittance
-from osl_analysis.model.parameters import read_parameters
+from osl_analysis.model.drivetrain import joint_admittance, read_parameters
 from osl_analysis.spectral.periods import periodic_motion
 from osl_analysis.trial import Trial
 

@@ -29,7 +29,7 @@ from osl_analysis.bench.torque_angle import curve_table, torque_angle_table
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.commands.bench import fit_tables
 from osl_analysis.errors import InputError
-from osl_analysis.model.parameters import read_parameters
+from osl_analysis.model.drivetrain import read_parameters
 from osl_analysis.report.headlines import decimals
 from osl_analysis.signals import differentiate
 from osl_analysis.stats.repeats import over_repeats, summary_row

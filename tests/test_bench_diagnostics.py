@@ -19,7 +19,7 @@ from osl_analysis.campaign.configuration import read_section
 from osl_analysis.ingest.examine import saturated
 from osl_analysis.judge.judging import LATENESS
 from osl_analysis.judge.limits import DoubtfulFits, Limits
-from osl_analysis.model.parameters import read_parameters
+from osl_analysis.model.drivetrain import read_parameters
 from osl_analysis.spectral.stepped_sine import SteppedSineProtocol
 from osl_analysis.trial import Trial
 

@@ -34,7 +34,7 @@ from osl_analysis.figures.impedance import draw_fig4
 from osl_analysis.judge.judging import LATENESS, unchecked_in
 from osl_analysis.judge.limits import DoubtfulFits, Limits
 from osl_analysis.model.compensator import PAPER_WEIGHT, select_gains
-from osl_analysis.model.parameters import read_parameters
+from osl_analysis.model.drivetrain import read_parameters
 from osl_analysis.spectral.stepped_sine import unit_sines
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import Trial, write_trial

@@ -13,7 +13,7 @@ from osl_analysis.bench.record import record_of_trial, with_actuator
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.campaign.configuration import read_section
 from osl_analysis.model.compensator import Gains, motor_current
-from osl_analysis.model.parameters import read_parameters
+from osl_analysis.model.drivetrain import read_parameters
 from osl_analysis.trial import Trial
 
 SETTINGS = read_section(ROOT / "config/config.yaml", "dynamometer", DynamometerAnalysis)

@@ -17,7 +17,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.ingest.examine import check_recording
 from osl_analysis.judge.limits import DoubtfulFits
 from osl_analysis.model.compensator import PAPER_WEIGHT
-from osl_analysis.model.parameters import read_parameters
+from osl_analysis.model.drivetrain import read_parameters
 from osl_analysis.trial import Trial
 
 CONFIG, DEVICE = ROOT / "config/config.yaml", ROOT / "config/parameters/default.yaml"

@@ -14,9 +14,8 @@ from osl_analysis.bench.effects import IMPEDANCE, plain_sums, sums_of, with_effe
 from osl_analysis.bench.gram import combined, jackknife
 from osl_analysis.bench.record import Record, record_of_trial, sine_record, stretches_of
 from osl_analysis.bench.settings import BenchStiffness
-from osl_analysis.measured import visible_step
 from osl_analysis.spectral.stepped_sine import SteppedSineProtocol
-from osl_analysis.trial import Trial
+from osl_analysis.trial import Trial, visible_step
 
 TRUTH = {"K": 300.0, "B": 5.0, "I": 0.02}
 FIVE, FOURTEEN_BITS, SETTINGS = (1.0, 2.0, 3.0, 4.0, 5.0), 2 * np.pi / 2**14, sine_settings([4], [2, 3, 5])

@@ -22,8 +22,7 @@ from osl_analysis.model.compensator import (
     compensated_gains,
     uncompensated_gains,
 )
-from osl_analysis.model.drivetrain import joint_admittance
-from osl_analysis.model.parameters import read_parameters
+from osl_analysis.model.drivetrain import joint_admittance, read_parameters
 from osl_analysis.simulator.drivetrain import IDEAL, belt_path, constants, simulate_drivetrain
 
 FREQUENCIES, RATE = np.array([0.0, 0.3, 1.0, 5.0, 40.0]), 1000.0

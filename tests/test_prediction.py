@@ -35,7 +35,7 @@ from osl_analysis.judge.campaign import campaign_findings
 from osl_analysis.judge.claims import Claims, claims_table, limit_verdict
 from osl_analysis.judge.limits import DoubtfulFits
 from osl_analysis.model.compensator import PAPER_WEIGHT, Controller, belt_response, select_gains
-from osl_analysis.model.parameters import read_parameters
+from osl_analysis.model.drivetrain import read_parameters
 from osl_analysis.report.headlines import headline_numbers, to_tex
 from osl_analysis.simulator.drivetrain import IDEAL, simulate_drivetrain
 from osl_analysis.table import read_table, write_table

@@ -15,7 +15,7 @@ from scipy.interpolate import CubicSpline
 from osl_analysis.commands.simulate import row_of_trial, simulate_campaign, simulate_trial
 from osl_analysis.errors import InputError
 from osl_analysis.model.compensator import Weight, compensated_gains, predicted_impedance, uncompensated_gains
-from osl_analysis.model.parameters import read_parameters
+from osl_analysis.model.drivetrain import read_parameters
 from osl_analysis.simulator import joint_motion, settings
 from osl_analysis.simulator.bench import drivetrain_effects, simulate_bench_trial, true_signals, write_bench_log
 from osl_analysis.simulator.joint_motion import JointMotion

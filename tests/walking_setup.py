@@ -10,7 +10,7 @@ from conftest import ROOT
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
-from osl_analysis.model.parameters import DrivetrainParameters, read_parameters
+from osl_analysis.model.drivetrain import DrivetrainParameters, read_parameters
 from osl_analysis.simulator.bench import drivetrain_effects
 from osl_analysis.simulator.crossing import SimulatedCrossing, simulate_crossing, simulate_walking_trial
 from osl_analysis.simulator.settings import SimulationSettings

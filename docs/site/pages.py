@@ -36,7 +36,7 @@ FUNCTIONS = {
         "spectral.response.periodic_response",
     ),
     "The drivetrain": (
-        "model.parameters.DrivetrainParameters", "model.drivetrain.motor_friction", "model.drivetrain.actuator_torque",
+        "model.drivetrain.DrivetrainParameters", "model.drivetrain.motor_friction", "model.drivetrain.actuator_torque",
         "model.drivetrain.belt_deflection", "model.drivetrain.belt_torque",
         "model.drivetrain.joint_admittance", "model.drivetrain.desired_admittance",
         "model.drivetrain.RationalFunction",

@@ -14,8 +14,7 @@ from osl_analysis.bench.gram import GroupFit, Sums, held_out_vaf
 from osl_analysis.bench.record import SHORTEST_S, Label, Record
 from osl_analysis.bench.settings import NOT_STATED, BenchStiffness, Calibration
 from osl_analysis.errors import IdentifiabilityError, InputError
-from osl_analysis.measured import check_measured, rms, usual_size
-from osl_analysis.model.parameters import DrivetrainParameters
+from osl_analysis.model.drivetrain import DrivetrainParameters
 from osl_analysis.signals.grid import UniformSignals
 from osl_analysis.spectral.stepped_sine import moving_bins
 from osl_analysis.stats.regression import (
@@ -28,7 +27,7 @@ from osl_analysis.stats.regression import (
     whiteness_row,
     with_shared_error,
 )
-from osl_analysis.trial import Array, known_factor
+from osl_analysis.trial import Array, check_measured, known_factor, rms, usual_size
 
 
 def check_changes(column: str, values: Array) -> None:

@@ -28,8 +28,7 @@ from osl_analysis.bench.record import Groups, Label, Record, Stratum, joint_angl
 from osl_analysis.bench.settings import ActuatorAnalysis, BeltAnalysis
 from osl_analysis.bench.witness import witness_row
 from osl_analysis.errors import InputError, naming
-from osl_analysis.model.drivetrain import belt_deflection
-from osl_analysis.model.parameters import DrivetrainParameters
+from osl_analysis.model.drivetrain import DrivetrainParameters, belt_deflection
 from osl_analysis.signals import Motion, differentiate, filtered_motion, runs
 from osl_analysis.signals.grid import BRIDGE_MORE, UniformSignals, uniform_signals
 from osl_analysis.stats.regression import Row, covariance_row, estimates_row

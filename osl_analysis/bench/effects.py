@@ -19,8 +19,7 @@ from osl_analysis.bench import gram
 from osl_analysis.bench.gram import GroupFit, Sums
 from osl_analysis.bench.record import Label, Record
 from osl_analysis.errors import IdentifiabilityError, InputError
-from osl_analysis.model.drivetrain import belt_deflection
-from osl_analysis.model.parameters import DrivetrainParameters
+from osl_analysis.model.drivetrain import DrivetrainParameters, belt_deflection
 from osl_analysis.signals import seven_point_motion
 from osl_analysis.signals.samples import NO_DRIFT, drift_row
 from osl_analysis.stats.covariance import welch_satterthwaite

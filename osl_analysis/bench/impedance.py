@@ -36,8 +36,7 @@ from osl_analysis.bench.record import Label, Record
 from osl_analysis.bench.witness import FAMILIES, HARM, witness_row
 from osl_analysis.errors import InputError, nearest
 from osl_analysis.model.compensator import CONTROLLERS, Gains, Weight, select_gains
-from osl_analysis.model.drivetrain import joint_admittance
-from osl_analysis.model.parameters import DrivetrainParameters
+from osl_analysis.model.drivetrain import DrivetrainParameters, joint_admittance
 from osl_analysis.spectral.periods import distinct
 from osl_analysis.stats.regression import Row, estimates_row, lag_damping_row
 from osl_analysis.stats.repeats import alike_sizes, counted, doubtful_row, over_repeats, summary_row

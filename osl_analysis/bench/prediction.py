@@ -31,9 +31,8 @@ from osl_analysis.bench.components import ACTUATOR_PARAMETERS, LOSSES, PLACE
 from osl_analysis.bench.record import Record, logged
 from osl_analysis.bench.witness import CHUNKS
 from osl_analysis.errors import IdentifiabilityError, InputError
-from osl_analysis.measured import rms
 from osl_analysis.model.compensator import Controller, Gains, belt_response
-from osl_analysis.model.parameters import PARAMETER_UNITS, DrivetrainParameters
+from osl_analysis.model.drivetrain import PARAMETER_UNITS, DrivetrainParameters
 from osl_analysis.stats.covariance import Covariance, welch_satterthwaite
 from osl_analysis.stats.regression import (
     LinearFit,
@@ -45,7 +44,7 @@ from osl_analysis.stats.regression import (
 )
 from osl_analysis.stats.repeats import counted
 from osl_analysis.table import finite_or_null
-from osl_analysis.trial import Array, Trial
+from osl_analysis.trial import Array, Trial, rms
 
 LAW_GAINS = ("K_1", "B_1", "f_C", "f_G")
 CONSTANT = "k_tau_n_m"

@@ -25,8 +25,7 @@ from osl_analysis.files import atomic_path, digest, write_text
 from osl_analysis.judge.judging import judged, marked
 from osl_analysis.judge.limits import Limits
 from osl_analysis.model.compensator import Weight
-from osl_analysis.model.drivetrain import desired_admittance, joint_admittance
-from osl_analysis.model.parameters import FileOrNone, joint_of, read_parameters
+from osl_analysis.model.drivetrain import FileOrNone, desired_admittance, joint_admittance, joint_of, read_parameters
 from osl_analysis.refusal import Refusal, read_refusals
 from osl_analysis.stats.repeats import DOUBTFUL
 from osl_analysis.table import read_table, write_table

@@ -28,8 +28,15 @@ from osl_analysis.figures import drawing_of
 from osl_analysis.files import write_text
 from osl_analysis.model import compensator, mjcf
 from osl_analysis.model.compensator import Controller, Weight
-from osl_analysis.model.drivetrain import desired_admittance, joint_admittance
-from osl_analysis.model.parameters import DrivetrainParameters, FileOrNone, joint_of, known_parameters, read_parameters
+from osl_analysis.model.drivetrain import (
+    DrivetrainParameters,
+    FileOrNone,
+    desired_admittance,
+    joint_admittance,
+    joint_of,
+    known_parameters,
+    read_parameters,
+)
 from osl_analysis.stats.regression import variance_accounted_for
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import read_trial

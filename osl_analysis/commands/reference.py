@@ -15,7 +15,7 @@ from osl_analysis.ingest.examine import UNITS
 from osl_analysis.ingest.raw_files import FORMATS
 from osl_analysis.judge.limits import CHECKS
 from osl_analysis.judge.words import WORDS
-from osl_analysis.model.parameters import ParameterFile
+from osl_analysis.model.drivetrain import ParameterFile
 from osl_analysis.report.headlines import all_labels
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.simulator.walking_settings import WalkingSettings

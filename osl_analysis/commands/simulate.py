@@ -10,7 +10,7 @@ from osl_analysis.config.sheet import SHEET_COLUMNS, SharedChoices, SheetRows, r
 from osl_analysis.errors import InputError, naming
 from osl_analysis.files import atomic_path, check_output
 from osl_analysis.model.compensator import check_request
-from osl_analysis.model.parameters import read_parameters
+from osl_analysis.model.drivetrain import read_parameters
 from osl_analysis.refusal import is_refused
 from osl_analysis.simulator.plan import plan_trials
 from osl_analysis.simulator.settings import SimulationSettings

@@ -21,7 +21,7 @@ from osl_analysis.judge.finding import findings_frame
 from osl_analysis.judge.judging import judged, marked, with_inherited
 from osl_analysis.judge.limits import DoubtfulFits, Limits, QualityRules
 from osl_analysis.judge.used import Judge
-from osl_analysis.model.parameters import FileOrNone, joint_of, read_parameters
+from osl_analysis.model.drivetrain import FileOrNone, joint_of, read_parameters
 from osl_analysis.refusal import Refusal, check_not_refused, refused_trials
 from osl_analysis.report import headlines
 from osl_analysis.stats.repeats import alike_sizes

@@ -41,7 +41,7 @@ from osl_analysis.ingest.source import open_places
 from osl_analysis.judge.finding import Grade
 from osl_analysis.judge.limits import CHECKS, judged_table
 from osl_analysis.judge.words import check_words, finding_said
-from osl_analysis.model.parameters import joint_of
+from osl_analysis.model.drivetrain import joint_of
 from osl_analysis.signals.grid import uniform_signals
 from osl_analysis.spectral.stepped_sine import Likeness, find_segments, stated_protocol
 from osl_analysis.trial import Trial

@@ -17,9 +17,8 @@ from osl_analysis.ingest.overview import Overview, RecordedChannel
 from osl_analysis.ingest.raw_files import FORMATS
 from osl_analysis.ingest.source import NAME_OF_TIME, UNKNOWN
 from osl_analysis.ingest.units import base_units, dimension, is_unit, normalised
-from osl_analysis.measured import factor_of, varies
 from osl_analysis.signals import runs
-from osl_analysis.trial import COLUMNS, Array
+from osl_analysis.trial import COLUMNS, Array, factor_of, varies
 
 MOTOR = r"\b(motor|actuator|act|output|gear|mot)\b"
 COMMAND = r"\b(command|commanded|cmd|desired|des|ref|reference|target|setpoint|goal)\b"

@@ -15,10 +15,10 @@ from osl_analysis.judge.judging import judged, unchecked_in, with_inherited
 from osl_analysis.judge.limits import CHECKS, DoubtfulFits
 from osl_analysis.judge.used import HOW_TO_USE, exclusions
 from osl_analysis.judge.words import Words, as_if_said, capital, check_words, misfit_words, sentence_of, words_of
-from osl_analysis.measured import significant
 from osl_analysis.refusal import is_refused
 from osl_analysis.stats.repeats import DOUBTFUL
 from osl_analysis.table import read_table
+from osl_analysis.trial import significant
 
 LARGEST_MISFIT = 1.0  # percent of the torque that a prediction may leave along angle, velocity and acceleration
 MOST_NAMED = 3  # trials that a line names

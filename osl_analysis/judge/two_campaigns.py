@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from osl_analysis.measured import rms
 from osl_analysis.stats.repeats import (
     DOUBTFUL,
     Difference,
@@ -20,6 +19,7 @@ from osl_analysis.stats.repeats import (
     of_intervals,
     with_bench,
 )
+from osl_analysis.trial import rms
 
 Between = Callable[[Sample, Sample], Difference]
 COMPARED_QUANTITIES = {

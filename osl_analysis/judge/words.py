@@ -14,9 +14,8 @@ from osl_analysis.errors import nearest
 from osl_analysis.judge.causes import EVIDENCE, cause_of, suspected_unit
 from osl_analysis.judge.finding import AnyRow, Beyond, Finding, Grade, Remedy, cell_number
 from osl_analysis.judge.judging import MEASURED_BY
-from osl_analysis.measured import significant
 from osl_analysis.model.compensator import CONTROLLERS
-from osl_analysis.trial import UNIT_FACTORS, known_factor
+from osl_analysis.trial import UNIT_FACTORS, known_factor, significant
 
 WORDS: dict[str, dict[str, Any]] = own_yaml(Path(__file__).with_suffix(".yaml"))
 

@@ -29,8 +29,7 @@ from pydantic import Field
 
 from osl_analysis.errors import InputError, UnreachableImpedanceError, nearest
 from osl_analysis.model.compiled import compiled
-from osl_analysis.model.drivetrain import belt_deflection, belt_torque, joint_admittance
-from osl_analysis.model.parameters import DrivetrainParameters
+from osl_analysis.model.drivetrain import DrivetrainParameters, belt_deflection, belt_torque, joint_admittance
 from osl_analysis.trial import Array
 from osl_analysis.yaml_settings import Settings
 

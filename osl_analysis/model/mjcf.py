@@ -12,7 +12,7 @@ import scipy
 
 from osl_analysis.errors import optional_module
 from osl_analysis.model.compensator import Controller
-from osl_analysis.model.parameters import DrivetrainParameters
+from osl_analysis.model.drivetrain import DrivetrainParameters
 from osl_analysis.trial import Array
 
 STEP_S = 2.5e-4

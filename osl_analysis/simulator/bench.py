@@ -9,8 +9,7 @@ import numpy as np
 import scipy
 
 from osl_analysis.model.compensator import Gains, select_gains
-from osl_analysis.model.drivetrain import actuator_torque
-from osl_analysis.model.parameters import DrivetrainParameters
+from osl_analysis.model.drivetrain import DrivetrainParameters, actuator_torque
 from osl_analysis.simulator import drivetrain, joint_motion
 from osl_analysis.simulator.joint_motion import JointMotion
 from osl_analysis.simulator.recorder import (

@@ -15,7 +15,7 @@ import numpy as np
 
 from osl_analysis.config.sheet import read_impedance_trajectory
 from osl_analysis.model.compensator import Weight, check_request, optimal_damping, stiffness_gain
-from osl_analysis.model.parameters import DrivetrainParameters
+from osl_analysis.model.drivetrain import DrivetrainParameters
 from osl_analysis.simulator import step as gait
 from osl_analysis.simulator import vicon
 from osl_analysis.simulator.bench import drivetrain_effects

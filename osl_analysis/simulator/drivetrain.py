@@ -19,7 +19,7 @@ import numpy as np
 
 from osl_analysis.errors import InputError
 from osl_analysis.model.compiled import fused
-from osl_analysis.model.parameters import PARAMETER_UNITS, DrivetrainParameters
+from osl_analysis.model.drivetrain import PARAMETER_UNITS, DrivetrainParameters
 from osl_analysis.simulator.joint_motion import JointMotion
 from osl_analysis.simulator.settings import PassiveFoot
 from osl_analysis.trial import Array

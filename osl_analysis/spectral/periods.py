@@ -12,9 +12,8 @@ import scipy
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
-from osl_analysis.measured import check_measured, varies
 from osl_analysis.signals import runs
-from osl_analysis.trial import Array
+from osl_analysis.trial import Array, check_measured, varies
 
 Spectrum = NDArray[np.complex128]
 COARSE_HZ = 100.0  # rate [Hz] at which periods are looked for; neighbouring samples are averaged down to it

@@ -19,7 +19,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
-from osl_analysis.measured import check_measured
 from osl_analysis.spectral.periods import (
     Realisation,
     Spectrum,
@@ -28,7 +27,7 @@ from osl_analysis.spectral.periods import (
     scatter,
     smoothed_lines,
 )
-from osl_analysis.trial import Array
+from osl_analysis.trial import Array, check_measured
 
 ResponseColumns = dict[str, Array]  # of `response.csv`, (m,) each; NaN where the motion does not show it
 

@@ -9,8 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from osl_analysis.measured import LARGEST_VARIANCE, check_finite, check_measured
-from osl_analysis.trial import Array
+from osl_analysis.trial import LARGEST_VARIANCE, Array, check_finite, check_measured
 
 
 def products_between(X: Array, Y: Array, first: Array, stop: Array) -> Array:

@@ -10,10 +10,9 @@ import scipy
 from numpy.typing import NDArray
 
 from osl_analysis.errors import IdentifiabilityError, InputError
-from osl_analysis.measured import check_finite, check_measured, rounding_of
 from osl_analysis.signals import LowPass
 from osl_analysis.stats.covariance import Covariance, hac
-from osl_analysis.trial import Array
+from osl_analysis.trial import Array, check_finite, check_measured, rounding_of
 
 CONDITION_LIMIT = 1e3
 """Largest scaled condition number that is accepted. At this limit an error of 0.1 % in a column can cause an error of

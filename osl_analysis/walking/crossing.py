@@ -9,10 +9,9 @@ import numpy as np
 import scipy
 
 from osl_analysis.errors import InputError
-from osl_analysis.measured import check_measured
 from osl_analysis.signals import LowPass, longest_run, runs, sampling_rate
 from osl_analysis.signals.grid import GapLimits, uniform_signals
-from osl_analysis.trial import AXES, Array, Trial, furthest_outside, plate_columns
+from osl_analysis.trial import AXES, Array, Trial, check_measured, furthest_outside, plate_columns
 from osl_analysis.walking import bodies, plate, platform
 from osl_analysis.walking.bodies import SEGMENTS, BodyMotion, Kept, Mask, Poses, StaticCalibration
 from osl_analysis.walking.plate import PlateModel, Stance

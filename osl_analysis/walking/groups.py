@@ -7,8 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError, listing
-from osl_analysis.measured import check_finite
-from osl_analysis.trial import Array
+from osl_analysis.trial import Array, check_finite
 from osl_analysis.walking.bodies import FREE_FALL, Mask
 from osl_analysis.walking.crossing import QUALITY_COLUMNS, Crossing, RefusedCrossing
 from osl_analysis.walking.gait import PHASES, signal_at, stance_times

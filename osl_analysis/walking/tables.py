@@ -13,11 +13,10 @@ import numpy as np
 import polars as pl
 import scipy
 
-from osl_analysis.measured import rms
 from osl_analysis.signals import Motion
 from osl_analysis.stats.regression import LinearFit, estimates_row
 from osl_analysis.stats.repeats import over_repeats
-from osl_analysis.trial import REFLEX_DELAYS_MS, Array
+from osl_analysis.trial import REFLEX_DELAYS_MS, Array, rms
 from osl_analysis.walking import response as isolation
 from osl_analysis.walking.crossing import DOWN, LABORATORY_ERRORS, LOG_ERRORS, Crossing
 from osl_analysis.walking.gait import PHASES, UnperturbedGait

@@ -92,6 +92,7 @@ def test_every_motion_has_the_same_columns_and_leaves_none_empty_but_those_that_
         assert empty - own - OF_WITNESS == {"alias_share"} | of_motion
 
 
+@pytest.mark.usefixtures("without_witness")
 @pytest.mark.parametrize("name", MOTIONS)
 def test_any_motion_gives_the_impedance_that_made_the_torque_wherever_the_zero_of_the_angle_is(name):
     """Bias and spread of 0.03, 0.05 and 0.3 % are claimed for 60 s at 1 kHz; here a quarter of the samples."""
@@ -115,6 +116,7 @@ def test_any_motion_gives_the_impedance_that_made_the_torque_wherever_the_zero_o
     assert 5 < row["band_high_hz"] < 6.6
 
 
+@pytest.mark.usefixtures("without_witness")
 def test_windows_are_fitted_and_nothing_else(tmp_path):
     motion = noise(rng := np.random.default_rng(1), duration=40.0)
     disturbed = np.where((motion[0] > 15) & (motion[0] < 25), 30 * np.sin(9 * motion[0]), 0.0)
@@ -189,6 +191,7 @@ def test_the_b_of_a_compensated_leg_is_held_against_that_of_its_gains(late):
     assert table["B_predicted"][0] == pytest.approx(5.46, rel=0.05)
 
 
+@pytest.mark.usefixtures("without_witness")
 @pytest.mark.parametrize("width", [0.001, 0.003, 0.01])
 def test_friction_is_told_from_damping_whatever_the_velocity_over_which_it_turns_its_sign(width):
     motion = noise(rng := np.random.default_rng(8), band=(0.3, 4), rms_deg=1.5)
@@ -199,6 +202,7 @@ def test_friction_is_told_from_damping_whatever_the_velocity_over_which_it_turns
     assert row["f_C_high"] - row["f_C_low"] < 0.05
 
 
+@pytest.mark.usefixtures("without_witness")
 @pytest.mark.parametrize("move", [multisine, noise, chirp])
 def test_a_spring_behind_a_damper_is_not_taken_for_friction_and_friction_beside_it_has_its_size(move):
     """A Maxwell element of 300 N*m/rad and 3 N*m*s/rad makes the joint one of third order."""
@@ -242,6 +246,7 @@ def binary_steps(cutoff_hz=None, order=2, every=20, rate=1000.0):
     return pl.DataFrame({"time": time, "theta": theta, "torque": torque + 0.05 * rng.standard_normal(len(time))})
 
 
+@pytest.mark.usefixtures("without_witness")
 @pytest.mark.parametrize(("rate", "band"), [(100.0, (0.5, 6.0)), (125.0, (0.5, 6.0)), (150.0, (0.3, 8.0))])
 def test_a_sweep_that_is_recorded_at_a_low_rate_is_fitted_and_no_jump(rate, band):
     row = row_of(made_trial(rng := np.random.default_rng(3), chirp(rng, band, duration=60.0, rate=rate), bits=14))
@@ -250,6 +255,7 @@ def test_a_sweep_that_is_recorded_at_a_low_rate_is_fitted_and_no_jump(rate, band
     assert row["alias_share"] == 0
 
 
+@pytest.mark.usefixtures("without_witness")
 def test_binary_steps_give_k_and_a_doubt_about_b_and_i_unless_a_low_pass_comes_before_the_sampling():
     jumps, behind = binary_steps(every=1), binary_steps(200.0)
 
@@ -720,6 +726,7 @@ def test_a_motion_by_hand_and_a_sweep_beyond_the_filter_are_no_binary_sequence()
         assert row["angle_noise_share"] < 0.01
 
 
+@pytest.mark.usefixtures("without_witness")
 @pytest.mark.parametrize(("name", "clip", "sides"), [
     ("multisine", 20.0, "both"), ("noise", 20.0, "both"), ("noise", 20.0, "lower"), ("chirp", 11.0, "both"),
 ])  # fmt: skip

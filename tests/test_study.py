@@ -51,6 +51,7 @@ def test_estimates_are_as_precise_as_they_say_and_as_the_noise_allows(
     assert (covered(table), len(table["value"].unique())) == (pytest.approx(0.95, abs=coverage), len(table))
 
 
+@pytest.mark.usefixtures("without_witness")
 @pytest.mark.parametrize("recorder", ["jitter of 50 us", "four decimals at 300 Hz", "333 Hz and 1 kHz", "14 bits"])
 def test_intervals_hold_the_truth_of_an_exact_joint_as_recorders_write_it(study, recorder):
     """60 seeded estimates: three Monte Carlo errors of a coverage are 8.4 %."""

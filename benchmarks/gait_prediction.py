@@ -14,8 +14,7 @@ from impedance_over_stance import at_timing, laboratory
 from study import StudyLaboratory
 
 from osl_analysis.walking.crossing import Crossing
-from osl_analysis.walking.gait import unperturbed_gait
-from osl_analysis.walking.response import group_headline
+from osl_analysis.walking.response import group_headline, unperturbed_gait
 
 CROSSINGS, RESAMPLES = 10, 300
 Walked = tuple[list[Crossing], list[Crossing], float]

@@ -16,8 +16,7 @@ from study import StudyLaboratory, gait_laboratory
 
 from osl_analysis.commands.figure import draw_table
 from osl_analysis.commands.walking import commanded_over_stance
-from osl_analysis.walking.gait import unperturbed_gait
-from osl_analysis.walking.response import group_headline
+from osl_analysis.walking.response import group_headline, unperturbed_gait
 from osl_analysis.walking.tables import fitted_time, trajectory_points, with_trajectory
 
 FIGURE = Path("docs/impedance_over_stance.png")

@@ -19,17 +19,19 @@ from osl_analysis.simulator.crossing import SimulatedCrossing, simulate_crossing
 from osl_analysis.simulator.step import RENDERED_S, GaitTrial, Step, draw_step, smooth_step
 from osl_analysis.trial import Array
 from osl_analysis.walking.crossing import Crossing
-from osl_analysis.walking.gait import (
+from osl_analysis.walking.plate import Stance
+from osl_analysis.walking.response import (
     BEFORE_ONSET_S,
     PHASES,
+    Ensemble,
+    PerturbationResponse,
     UnperturbedGait,
+    isolate_response,
     matched_scales,
     signal_at,
     stance_times,
     unperturbed_gait,
 )
-from osl_analysis.walking.plate import Stance
-from osl_analysis.walking.response import Ensemble, PerturbationResponse, isolate_response
 from osl_analysis.walking.settings import TimingSettings
 
 CROSSINGS, RESAMPLES = 10, 300

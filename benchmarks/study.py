@@ -32,18 +32,30 @@ from osl_analysis.signals import runs
 from osl_analysis.simulator import crossing as simulated
 from osl_analysis.simulator.bench import drivetrain_effects, true_signals
 from osl_analysis.simulator.recorder import TrueSignal, recording_of
-from osl_analysis.simulator.settings import Effect, RecorderSettings, SecondOrderJoint, SimulationSettings, stream
+from osl_analysis.simulator.settings import (
+    Effect,
+    RecorderSettings,
+    SecondOrderJoint,
+    SimulationSettings,
+    WalkingSettings,
+    stream,
+)
 from osl_analysis.simulator.step import GaitTrial, draw_step
-from osl_analysis.simulator.walking_settings import WalkingSettings
 from osl_analysis.stats.regression import LinearFit
 from osl_analysis.stats.repeats import over_repeats
 from osl_analysis.trial import Array, Trial
 from osl_analysis.walking.bodies import static_calibration
 from osl_analysis.walking.crossing import Crossing, analyse_crossing
-from osl_analysis.walking.gait import unperturbed_gait
 from osl_analysis.walking.plate import Stance, identify_plate_model
 from osl_analysis.walking.platform import identify_platform
-from osl_analysis.walking.response import Ensemble, common_errors, fit_response, fit_without_offset, isolate_response
+from osl_analysis.walking.response import (
+    Ensemble,
+    common_errors,
+    fit_response,
+    fit_without_offset,
+    isolate_response,
+    unperturbed_gait,
+)
 from osl_analysis.walking.settings import FootSettings, WalkingAnalysis
 from osl_analysis.yaml_settings import read_yaml
 

@@ -17,8 +17,7 @@ from osl_analysis.judge.finding import Grade
 from osl_analysis.judge.judging import judged
 from osl_analysis.judge.limits import Limits
 from osl_analysis.walking.crossing import Crossing
-from osl_analysis.walking.gait import unperturbed_gait
-from osl_analysis.walking.response import group_headline
+from osl_analysis.walking.response import group_headline, unperturbed_gait
 from osl_analysis.walking.tables import group_facts
 
 CONFIG = read_config(Path(__file__).parents[1] / "config/config.yaml")

@@ -24,9 +24,9 @@ from osl_analysis.stats import regression, repeats
 from osl_analysis.stats.regression import linear_fit, whiteness_row
 from osl_analysis.trial import Trial
 from osl_analysis.walking import response, tables
-from osl_analysis.walking.gait import unperturbed_gait
 from osl_analysis.walking.plate import Stance, find_stances
 from osl_analysis.walking.platform import find_onset
+from osl_analysis.walking.response import unperturbed_gait
 
 STATED = {
     "degrees_of_freedom": math.isinf,  # where a variance is 0

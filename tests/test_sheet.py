@@ -16,8 +16,7 @@ from osl_analysis.commands.simulate import planned_sheet, settings_files, simula
 from osl_analysis.config.sheet import read_sheet
 from osl_analysis.errors import InputError, UnreachableImpedanceError
 from osl_analysis.model.compensator import CONTROLLERS
-from osl_analysis.simulator.plan import plan_trials
-from osl_analysis.simulator.settings import SimulationSettings
+from osl_analysis.simulator.settings import SimulationSettings, plan_trials
 from osl_analysis.yaml_settings import read_yaml
 
 HEADER = "trial,experiment,controller,K_d,B_d,perturbed,log,log_source,mocap,mocap_source,exclude\n"

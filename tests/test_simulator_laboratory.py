@@ -19,11 +19,17 @@ from osl_analysis.ingest.raw_files import trial_from_files
 from osl_analysis.model.compensator import Weight, compensated_gains
 from osl_analysis.simulator import step as gait
 from osl_analysis.simulator.crossing import impedance_of_leg, move, react, walking_commands
-from osl_analysis.simulator.plan import Condition, condition_of, plan_trials
-from osl_analysis.simulator.settings import Conditions, Subject
+from osl_analysis.simulator.settings import (
+    Condition,
+    Conditions,
+    Rates,
+    Subject,
+    WalkingSettings,
+    condition_of,
+    plan_trials,
+)
 from osl_analysis.simulator.step import GaitTrial, draw_step, unloaded_platform
 from osl_analysis.simulator.vicon import seen_markers
-from osl_analysis.simulator.walking_settings import Rates, WalkingSettings
 from osl_analysis.yaml_settings import read_yaml
 
 REAL, G = ROOT.parent / "shared/real_data/c3d/btk_PiG_Motion3_FF.c3d", 9.81

@@ -31,10 +31,9 @@ from osl_analysis.simulator.step import smooth_step
 from osl_analysis.table import read_table
 from osl_analysis.trial import Trial, plate_columns, read_trial, write_trial
 from osl_analysis.walking.crossing import Crossing, RefusedCrossing, body_mass
-from osl_analysis.walking.gait import unperturbed_gait
 from osl_analysis.walking.overground import CURVES, overground_rows
 from osl_analysis.walking.plate import PlateModel
-from osl_analysis.walking.response import fit_response, isolate_response
+from osl_analysis.walking.response import fit_response, isolate_response, unperturbed_gait
 from osl_analysis.walking.settings import OvergroundAnalysis, WalkingAnalysis
 
 FOOT = {"mass_kg": 1.0, "centre_of_mass_m": [0.045, 0.0, -0.045], "inertia_kg_m2": 0.085**2}

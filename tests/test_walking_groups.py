@@ -30,10 +30,16 @@ from osl_analysis.errors import InputError
 from osl_analysis.judge.limits import Limits
 from osl_analysis.table import read_table
 from osl_analysis.walking.crossing import Crossing, platform_turn
-from osl_analysis.walking.gait import unperturbed_gait
 from osl_analysis.walking.groups import crossing_features, places, selection_rows, split_keys, timings
 from osl_analysis.walking.plate import Stance
-from osl_analysis.walking.response import PlannedTurn, fit_response, group_headline, half_widths, scatter_of_one
+from osl_analysis.walking.response import (
+    PlannedTurn,
+    fit_response,
+    group_headline,
+    half_widths,
+    scatter_of_one,
+    unperturbed_gait,
+)
 from osl_analysis.walking.tables import (
     PARTING,
     fitted_time,

@@ -21,10 +21,19 @@ from osl_analysis.signals import Motion
 from osl_analysis.trial import Array
 from osl_analysis.walking import response as fitting
 from osl_analysis.walking.crossing import Crossing
-from osl_analysis.walking.gait import PHASES, UnperturbedGait, matched_scales, unperturbed_gait
 from osl_analysis.walking.plate import Stance, find_stances
 from osl_analysis.walking.platform import find_onset
-from osl_analysis.walking.response import Ensemble, PerturbationResponse, fit_response, group_headline, isolate_response
+from osl_analysis.walking.response import (
+    PHASES,
+    Ensemble,
+    PerturbationResponse,
+    UnperturbedGait,
+    fit_response,
+    group_headline,
+    isolate_response,
+    matched_scales,
+    unperturbed_gait,
+)
 from osl_analysis.walking.settings import TimingSettings
 from osl_analysis.walking.tables import (
     group_facts,

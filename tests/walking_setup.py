@@ -13,9 +13,8 @@ from mcap_ros2.decoder import DecoderFactory
 from osl_analysis.model.drivetrain import DrivetrainParameters, read_parameters
 from osl_analysis.simulator.bench import drivetrain_effects
 from osl_analysis.simulator.crossing import SimulatedCrossing, simulate_crossing, simulate_walking_trial
-from osl_analysis.simulator.settings import SimulationSettings
+from osl_analysis.simulator.settings import SimulationSettings, WalkingSettings
 from osl_analysis.simulator.step import GaitTrial, draw_step
-from osl_analysis.simulator.walking_settings import WalkingSettings
 from osl_analysis.trial import Array
 from osl_analysis.yaml_settings import read_yaml
 

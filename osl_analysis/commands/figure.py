@@ -30,7 +30,7 @@ from osl_analysis.refusal import Refusal, read_refusals
 from osl_analysis.stats.repeats import DOUBTFUL
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import read_trial
-from osl_analysis.walking.gait import unperturbed_gait
+from osl_analysis.walking.response import unperturbed_gait
 from osl_analysis.walking.settings import TimingSettings
 from osl_analysis.walking.tables import trajectory_points, walking_page_points
 

@@ -17,8 +17,7 @@ from osl_analysis.judge.limits import CHECKS
 from osl_analysis.judge.words import WORDS
 from osl_analysis.model.drivetrain import ParameterFile
 from osl_analysis.report.headlines import all_labels
-from osl_analysis.simulator.settings import SimulationSettings
-from osl_analysis.simulator.walking_settings import WalkingSettings
+from osl_analysis.simulator.settings import SimulationSettings, WalkingSettings
 
 
 def tables_page(command: str) -> str:

@@ -12,9 +12,7 @@ from osl_analysis.files import atomic_path, check_output
 from osl_analysis.model.compensator import check_request
 from osl_analysis.model.drivetrain import read_parameters
 from osl_analysis.refusal import is_refused
-from osl_analysis.simulator.plan import plan_trials
-from osl_analysis.simulator.settings import SimulationSettings
-from osl_analysis.simulator.walking_settings import WalkingSettings
+from osl_analysis.simulator.settings import SimulationSettings, WalkingSettings, plan_trials
 from osl_analysis.yaml_settings import located, read_yaml, validated
 
 TRUTH = "truth"

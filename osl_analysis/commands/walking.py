@@ -25,12 +25,19 @@ from osl_analysis.walking import bodies, tables
 from osl_analysis.walking import settings as choices
 from osl_analysis.walking.bodies import StaticCalibration
 from osl_analysis.walking.crossing import UP, Crossing, RefusedCrossing, analyse_crossing, body_mass, crossing_of_log
-from osl_analysis.walking.gait import PHASES, UnperturbedGait, unperturbed_gait
 from osl_analysis.walking.groups import ALL, SEPARATOR, cells_said, selection_rows, split_keys
 from osl_analysis.walking.overground import CURVES, overground_rows
 from osl_analysis.walking.plate import NO_CORRECTION, NOT_REMOVED, PlateModel, identify_plate_model, plate_table
 from osl_analysis.walking.platform import ALONE, PlatformModel, identify_platform, platform_table
-from osl_analysis.walking.response import PlannedTurn, group_headline, half_widths, scatter_of_one
+from osl_analysis.walking.response import (
+    PHASES,
+    PlannedTurn,
+    UnperturbedGait,
+    group_headline,
+    half_widths,
+    scatter_of_one,
+    unperturbed_gait,
+)
 
 # The step that writes each model
 WRITTEN_BY = {StaticCalibration: "calibrate", PlateModel: "identify-plate", PlatformModel: "measure-platform"}

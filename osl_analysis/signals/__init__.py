@@ -71,6 +71,11 @@ class Motion:
     omega: Array
     alpha: Array
 
+    @property
+    def columns(self) -> Array:
+        """Columns (n, 3) of Eq. 15."""
+        return np.column_stack([self.theta, self.omega, self.alpha])
+
     def __getitem__(self, rows: slice | NDArray[np.intp]) -> "Motion":
         return Motion(self.theta[rows], self.omega[rows], self.alpha[rows])
 

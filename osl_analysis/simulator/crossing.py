@@ -21,11 +21,9 @@ from osl_analysis.simulator import vicon
 from osl_analysis.simulator.bench import drivetrain_effects
 from osl_analysis.simulator.drivetrain import simulate_drivetrain
 from osl_analysis.simulator.joint_motion import JointMotion
-from osl_analysis.simulator.plan import condition_of
 from osl_analysis.simulator.recorder import SAMPLES, rounded_to, sample_topic, write_topics, write_truth
-from osl_analysis.simulator.settings import SimulationSettings
+from osl_analysis.simulator.settings import ANKLE_AXIS, SimulationSettings, WalkingSettings, condition_of
 from osl_analysis.simulator.step import GRAVITY, Pose, TrueWrench, interpolated_at, rotation_about
-from osl_analysis.simulator.walking_settings import ANKLE_AXIS, WalkingSettings
 from osl_analysis.trial import Array
 
 

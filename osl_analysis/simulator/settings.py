@@ -1,23 +1,34 @@
-"""The simulated campaign as a validated file, such as `config/simulation/default.yaml`: choices only.
+"""The simulated campaign as a validated file, such as `config/simulation/default.yaml`, and its gait laboratory, such
+as `config/simulation/walking.yaml`: choices only; and its plan: the sample sheet, and the condition of each trial.
 
 The device's physical parameters are in the file that `parameters` names. An imperfection is an `Effect`: a switch, a
-size and the unit of the size. All effects of recorders and sensors are off unless they are switched on.
+size and the unit of the size. All effects of recorders and sensors are off unless they are switched on. Those of the
+leg's controller are the campaign's in the gait laboratory too.
 """
 
+import itertools
 import math
+import re
 import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import AfterValidator, Field, ValidationInfo, field_validator, model_validator
 
+from osl_analysis.config.experiments import EXPERIMENTS
+from osl_analysis.config.sheet import JOINT, SHEET_COLUMNS, SheetRows
+from osl_analysis.errors import InputError
 from osl_analysis.model.compensator import PAPER_WEIGHT, Weight
 from osl_analysis.model.multisine import odd_lines
 from osl_analysis.yaml_settings import (
     Degrees,
     JointDegrees,
+    Metres,
     NotNegative,
     Positive,
+    Seconds,
     Settings,
     ShippedPath,
     Stiffness,
@@ -403,3 +414,223 @@ def stream(seed: int, trial: str, effect: str) -> np.random.Generator:
     """Random generator of one effect in one trial, which depends on nothing else: a trial that is simulated alone
     equals the campaign's, and switching one effect off leaves the random numbers of the others."""
     return np.random.default_rng([seed, zlib.crc32(trial.encode()), zlib.crc32(effect.encode())])
+
+
+# from the ankle's centre, in the axes of foot and shank when standing [m]; the right leg's outer side is -y
+FOOT = {
+    "FOOT1": (-0.075, 0.012, -0.030),
+    "FOOT2": (0.160, 0.020, -0.050),
+    "FOOT3": (0.105, -0.050, -0.045),
+    "FOOT4": (0.060, 0.008, 0.035),
+}
+SHANK = {
+    "SHANK1": (0.055, -0.020, 0.100),
+    "SHANK2": (0.010, -0.065, 0.190),
+    "SHANK3": (-0.035, 0.050, 0.255),
+    "SHANK4": (0.060, 0.025, 0.330),
+}
+# from the centre of the plate's surface [m]; one is on a post, so that the four do not lie in a plane
+PLATFORM = {
+    "PLAT1": (0.285, 0.235, 0.004),
+    "PLAT2": (-0.285, 0.230, 0.004),
+    "PLAT3": (-0.280, -0.235, 0.060),
+    "PLAT4": (0.285, -0.230, 0.004),
+}
+ANKLE_AXIS = {"ANKLE_MED": (0.0, 0.042, 0.0), "ANKLE_LAT": (0.0, -0.042, 0.0)}
+PLATE_CHANNELS = {"Fx1": "N", "Fy1": "N", "Fz1": "N", "Mx1": "Nmm", "My1": "Nmm", "Mz1": "Nmm"}
+"""Labels and units of the plate's channels, force and moment: type 2 of the C3D manual."""
+
+
+class WalkingEffects(Switches):
+    """Every imperfection of gait and gait laboratory. The size of a scatter, an offset or a noise is its standard
+    deviation. The actuator's encoder and current have the imperfections of the campaign."""
+
+    heel_strike_scatter: Effect = effect("s")  # of the time of heel strike on the platform
+    stance_scatter: Effect = effect("%")  # of the duration of stance on the platform
+    angle_scale: Effect = effect("%")  # of a factor of the ankle's angle
+    angle_wander: Effect = effect("deg")  # smooth deviation of the ankle's angle, below 4 Hz
+    force_scale: Effect = effect("%")  # of a factor of each component of the ground reaction
+    placement_forward: Effect = effect("mm")  # of the foot's place on the platform
+    placement_sideways: Effect = effect("mm")
+    foot_yaw: Effect = effect("deg")  # of the foot's direction on the platform; the ankle's axis turns with it
+    shank_yield: Effect = effect("%")  # share of the platform's rotation by which the shank rotates within 0.2 s
+    foot_inertia: Effect = effect("kg")  # of foot and shoe below the ankle
+    plate_inertia: Effect = effect("kg")  # of the plate above its sensors; off: the reading is the ground reaction
+    marker_noise: Effect = effect("mm")  # white, each axis
+    marker_gaps: Effect = effect("1/trial")  # mean number of gaps in which a marker is hidden
+    force_noise: Effect = effect("N")  # white, each axis
+    moment_noise: Effect = effect("N*m")
+    force_offset: Effect = effect("N")  # constant over a trial
+    moment_offset: Effect = effect("N*m")
+    plate_lag: Effect = effect("ms")  # of the plate's channels behind markers, trigger and sync
+    leg_clock_offset: Effect = effect("s")  # mean offset of the leg's clock from that of the recording
+    leg_clock_drift: Effect = effect("ppm")  # scatter of the rate of the leg's clock
+    leg_joint_encoder: Effect = effect("bit")
+
+
+Rate = Annotated[int, Field(ge=1, le=1_000_000)]
+
+
+class Rates(Settings):
+    """Motion is computed at the least common multiple of three rates, so that markers, analogs and controller sample it
+    exactly. The leg's log runs on its own clock and is interpolated."""
+
+    points_hz: Rate  # of the markers
+    analogs_hz: Rate
+    leg_hz: Rate  # of the leg's log
+    controller_hz: Rate  # of the leg's controller
+
+    _c3d_can_hold_them = refused(
+        lambda s: s.analogs_hz % s.points_hz,
+        "analogs_hz must be a multiple of points_hz ({s.points_hz}), not {s.analogs_hz}: C3D needs that",
+        "analogs_hz",
+    )
+    _are_computable = refused(
+        lambda s: s.motion_hz > 100_000,
+        "controller_hz has with the others the least common multiple {s.motion_hz}; choose 100000 or less, as of 1000",
+        "controller_hz",
+    )
+
+    @property
+    def motion_hz(self) -> int:
+        """Rate [Hz] at which the motion is computed."""
+        return math.lcm(self.points_hz, self.analogs_hz, self.controller_hz)
+
+
+class Gait(Settings):
+    """The nominal crossing."""
+
+    body_mass_kg: Positive
+    recording_s: Positive  # duration
+    heel_strike_s: Annotated[float, Field(ge=0.1)]  # time of the heel strike on the platform
+    stance_s: Seconds  # duration of stance on the platform
+    stride_m: Metres
+
+    _step_is_recorded = below("heel_strike_s + stance_s", "recording_s", "and the step would not be recorded")
+
+
+class Perturbation(Settings):
+    """Ramp of the platform about a mediolateral axis; toes up, if the conditions of the campaign do not say more."""
+
+    angle_deg: Annotated[float, Field(gt=0, le=60)]
+    rise_s: Seconds
+    latency_s: NotNegative  # from the command to the start of the ramp
+    stance_phase: tuple[Annotated[float, Field(ge=0, le=1)], Annotated[float, Field(ge=0, le=1)]]
+    """First and last share of stance at which the ramp is commanded, drawn evenly."""
+    hold_s: Annotated[float, Field(ge=0, le=10)]  # after toe-off, when the platform starts to return
+    return_s: Seconds
+    shift_mm: Positive | None = None
+    """Distance by which the platform shifts in place of a turn: backward for `up`, which dorsiflexes the ankle, as the
+    hip stays where it is. Null: it turns."""
+    _in_order = refused(
+        lambda s: s.stance_phase[0] > s.stance_phase[1], "stance_phase falls; write the lower first", "stance_phase"
+    )
+
+
+class Body(Settings):
+    """The inertia of a body. Its mass is the size of an effect (`foot_inertia` or `plate_inertia`)."""
+
+    centre_of_mass_m: tuple[float, float, float]  # in the body's axes
+    gyration_m: tuple[Metres, Metres, Metres]  # principal radii about the centre of mass
+
+
+class MovingPlate(Body):
+    """The force plate. Its centre of mass is given from the centre of its surface."""
+
+    centre_m: tuple[float, float, float]  # of the surface at rest, in laboratory axes
+    size_m: tuple[Metres, Metres]  # of the surface along the plate's x and y
+    sensor_depth_m: Metres  # of the sensor origin below the surface
+    sensor_offset_m: tuple[float, float]  # sensor origin from the surface's centre, along laboratory x and y
+    nominal_ankle_m: tuple[float, float]  # point of the surface above which participants put the ankle
+    full_motion_every: Count  # plate trial also shifts and tilts, to identify all inertial parameters; 0: none
+
+    _lie_on_it = refused(
+        lambda s: any(2 * abs(x) > s.size_m[k % 2] for k, x in enumerate(s.nominal_ankle_m + s.sensor_offset_m)),
+        "nominal_ankle_m or sensor_offset_m is beyond half of size_m = {s.size_m}; correct it, in m from the centre",
+        "nominal_ankle_m",
+    )
+
+
+class WalkingSettings(Settings):
+    """A simulated gait laboratory."""
+
+    impedance: ShippedPath  # file of the desired impedance over the gait cycle
+    rates: Rates
+    gait: Gait
+    perturbation: Perturbation
+    foot: Body
+    plate: MovingPlate
+    effects: WalkingEffects
+    gain_weight: Weight = PAPER_WEIGHT  # that of the simulated campaign replaces it
+
+    _ramps_end_in_stance = refused(
+        lambda s: (one := s.perturbation).latency_s + one.rise_s > (1 - one.stance_phase[1]) * s.gait.stance_s,
+        "perturbation.rise_s ends a ramp, after stance_phase and latency_s, behind toe-off; lower one of the three",
+        "perturbation.rise_s",
+    )
+
+
+@dataclass(frozen=True)
+class Condition:
+    """What a trial of the gait laboratory is by plan. None: as the settings of the gait laboratory have it."""
+
+    perturbed: bool = False
+    direction: str = "up"
+    subject: Subject | None = None
+
+    @property
+    def person(self) -> str | None:
+        """Name of the person, if the campaign names persons."""
+        return self.subject.name if self.subject else None
+
+    @property
+    def sign(self) -> float:
+        return 1.0 if self.direction == "up" else -1.0
+
+
+def condition_of(row: Mapping[str, Any], settings: SimulationSettings) -> Condition:
+    """The condition of a row of the sample sheet: the direction that it states, else by its name, which has a place in
+    a random order of all directions. Subjects share the trials of an experiment."""
+    trial, lists = str(row["trial"]), settings.experiments.conditions
+    found = re.search(r"\d+$", trial)
+    number = int(found.group()) - 1 if found else 0
+    block, place = divmod(number, len(lists.directions))
+    name = f"{trial.rstrip('0123456789')}{block}"
+    order = stream(settings.seed, name, "condition").permutation(len(lists.directions))
+    trials, people = max(getattr(settings.experiments, row["experiment"]), 1), lists.subjects or (None,)
+    subject = people[number % trials * len(people) // trials]
+    return Condition(bool(row.get("perturbed")), row.get("direction") or lists.directions[order[place]], subject)
+
+
+def plan_trials(settings: SimulationSettings) -> SheetRows:
+    """One row per trial, in the columns of `sheet.py`. The same settings give the same plan. Whether a crossing is
+    perturbed depends on the seed and its name, not on the number of crossings."""
+    wanted, found, planned = settings.experiments, dict[str, dict[str, Any]](), list[tuple[str, str, dict[str, Any]]]()
+    for experiment, digits in (("belt", 2), ("transmission", 1), ("actuator", 1), ("torque_angle", 1)):
+        planned += [(experiment, f"{experiment}_{i + 1:0{digits}d}", {}) for i in range(getattr(wanted, experiment))]
+    for controller, K_d, B_d in itertools.product(wanted.controllers, wanted.K_d, wanted.B_d):
+        name = f"impedance_K{K_d:g}_B{B_d:.1f}_{controller}"
+        moved = [f"{name}_{one.name}_{k + 1}" for one in settings.excitations for k in range(one.trials)] or [name]
+        planned += [("impedance", t, {"controller": controller, "K_d": K_d, "B_d": B_d}) for t in moved]
+    for experiment, digits in (("static", 1), ("plate", 2), ("walking", 2)):
+        planned += [(experiment, f"{experiment}_{i + 1:0{digits}d}", {}) for i in range(getattr(wanted, experiment))]
+    for experiment, trial, more in planned:
+        facts = EXPERIMENTS[experiment]
+        files = facts.simulated_files(trial)  # crossings also have the leg's log
+        sources = {f"{role}_source": getattr(facts, role) for role in files}
+        if settings.recorder.torque_node is not None and facts.place == "bench":
+            sources["log_source"] = f"{facts.log}_nodes"
+        if trial in found:
+            raise InputError(
+                f"the plan has two trials '{trial}': K_d and B_d of experiments are too close for names of their own; "
+                "remove one of them"
+            )
+        if experiment == "walking":
+            more["perturbed"] = bool(stream(settings.seed, trial, "perturbed").random() < wanted.perturbed_share)
+        row = {"trial": trial, "experiment": experiment, "joint": JOINT, **files, **sources, **more}
+        if facts.place != "bench":
+            condition, lists = condition_of(row, settings), wanted.conditions
+            row["subject"] = condition.person
+            row["direction"] = condition.direction if len(lists.directions) > 1 and condition.perturbed else None
+        found[trial] = dict.fromkeys(SHEET_COLUMNS) | row
+    return found

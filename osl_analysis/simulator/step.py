@@ -11,9 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
-from osl_analysis.simulator.plan import Condition
-from osl_analysis.simulator.settings import stream
-from osl_analysis.simulator.walking_settings import WalkingSettings
+from osl_analysis.simulator.settings import Condition, WalkingSettings, stream
 from osl_analysis.trial import Array
 
 Point = Array | tuple[float, float, float]  # [m]

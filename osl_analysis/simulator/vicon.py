@@ -12,6 +12,7 @@ import numpy as np
 
 from osl_analysis.errors import optional_module
 from osl_analysis.files import atomic_path
+from osl_analysis.simulator.settings import FOOT, PLATE_CHANNELS, PLATFORM, SHANK
 from osl_analysis.simulator.step import (
     GRAVITY,
     GaitTrial,
@@ -22,7 +23,6 @@ from osl_analysis.simulator.step import (
     interpolated_at,
     support,
 )
-from osl_analysis.simulator.walking_settings import FOOT, PLATE_CHANNELS, PLATFORM, SHANK
 from osl_analysis.trial import Array
 
 MM = 1e3

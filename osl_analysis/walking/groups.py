@@ -10,8 +10,8 @@ from osl_analysis.errors import InputError, listing
 from osl_analysis.trial import Array, check_finite
 from osl_analysis.walking.bodies import FREE_FALL, Mask
 from osl_analysis.walking.crossing import QUALITY_COLUMNS, Crossing, RefusedCrossing
-from osl_analysis.walking.gait import PHASES, signal_at, stance_times
 from osl_analysis.walking.plate import SINGLE_SUPPORT
+from osl_analysis.walking.response import PHASES, signal_at, stance_times
 from osl_analysis.walking.settings import OutlierRule, SelectionSettings
 
 # Columns of the sheet that can split results. Each value has a mean unperturbed gait of its own.

@@ -19,9 +19,8 @@ from osl_analysis.stats.repeats import over_repeats
 from osl_analysis.trial import REFLEX_DELAYS_MS, Array, rms
 from osl_analysis.walking import response as isolation
 from osl_analysis.walking.crossing import DOWN, LABORATORY_ERRORS, LOG_ERRORS, Crossing
-from osl_analysis.walking.gait import PHASES, UnperturbedGait
 from osl_analysis.walking.groups import ALL, SEPARATOR, STATED, Cells, Sheet, cells_said
-from osl_analysis.walking.response import Bootstrap, GroupHeadline, PerturbationResponse
+from osl_analysis.walking.response import PHASES, Bootstrap, GroupHeadline, PerturbationResponse, UnperturbedGait
 from osl_analysis.walking.settings import ResponseSettings, TimingSettings, UnseenError
 
 GROUP_QUANTITIES, ENSEMBLE = ("K", "B", "I", "VAF"), "ensemble"
@@ -139,7 +138,7 @@ def fitted_time(headline: GroupHeadline) -> float:
     """Time [s] after the onset at which the fit reads a stiffness that changes linearly within the window: K is a sum
     of torques with weights w, w . theta = 1, so that it is K(t) at t = sum of w theta t, later than the middle."""
     response, motion = headline.responses[0], headline.ensemble.motion[headline.responses[0].window]
-    return float(np.linalg.pinv(isolation.motion_columns(motion))[0] @ (motion.theta * response.time[response.window]))
+    return float(np.linalg.pinv(motion.columns)[0] @ (motion.theta * response.time[response.window]))
 
 
 def perturbation_row(crossing: Crossing, gait: UnperturbedGait, settings: ResponseSettings) -> dict[str, object]:
@@ -168,7 +167,7 @@ def single_facts(response: PerturbationResponse, fit: LinearFit) -> Numbers:
     motion, torque = response.fitted_motion, response.fitted_torque
     left = isolation.gait_torque(response, fit)[:, response.window]
     offset, share = isolation.offset_comparison(motion, torque, fit["K"])
-    columns = np.column_stack([isolation.motion_columns(motion), np.ones_like(motion.theta)])
+    columns = np.column_stack([motion.columns, np.ones_like(motion.theta)])
     scatter = float(np.std(np.linalg.lstsq(columns, left.T, rcond=None)[0][-1], ddof=1))
     counts = abs(share) > 0.15 and scatter > 0  # by less an offset hardly changes K
     return {
@@ -250,7 +249,7 @@ def reaction_facts(headline: GroupHeadline) -> dict[str, object]:
         share = rms(found[likely][0] * shapes[likely][rows]) / rms(torque[rows])
     either = np.array([found[isolation.SLOPING], found[f"{isolation.SLOPING} and jerk"]]) * per_stance
     low, high = (either @ [[1, 1], [-half, half]]).T
-    inverse = np.linalg.pinv(isolation.motion_columns(motion[rows]))
+    inverse = np.linalg.pinv(motion[rows].columns)
     per_slope = float(inverse[1] @ (motion.theta * first.time)[rows]) / per_stance
     both = headline.directions.get("up minus down")
     hidden = (None, None) if isolation.SLOPING in certain else (float(low.min()), float(high.max()))
@@ -289,7 +288,7 @@ def reflex_facts(headline: GroupHeadline, certain: bool) -> Numbers:
             "reflex_K_widths": in_widths(ends[1] - ends[0], high - low)
         }
         return facts
-    leak = np.linalg.pinv(isolation.motion_columns(headline.ensemble.motion[rows]))[0]  # of a torque into K
+    leak = np.linalg.pinv(headline.ensemble.motion[rows].columns)[0]  # of a torque into K
     most = {ms: size + half * se for ms in past for size, se in [found[f"{isolation.REFLEX} {ms}"]]}
     added, ms = max((most[ms] * float(leak @ past[ms]), ms) for ms in past)
     hidden = {"hidden_reflex": most[ms], "hidden_reflex_ms": float(ms), "hidden_reflex_K": added}
@@ -339,7 +338,7 @@ def sensitivity_table(
     weights = isolation.joining_weights(isolation.signs_of(responses))
     named, known = LOG_ERRORS if by_log else LABORATORY_ERRORS, {str(name): size for name, size in stated.items()}
     torques = np.tensordot(weights, [r.lab_errors[:, window] for r in responses], 1)
-    found = np.linalg.lstsq(isolation.motion_columns(headline.ensemble.motion[window]), torques.T)[0].T
+    found = np.linalg.lstsq(headline.ensemble.motion[window].columns, torques.T)[0].T
     changes = dict(zip(named, found, strict=False))
     if not by_log:
         K, B, I = (fit[name] for name in "KBI")
@@ -395,7 +394,7 @@ def witness_facts(turned: Sequence[Crossing], facts: Mapping[str, Any], sensitiv
 
 def residual_over_gait(motion: Motion, torque: Array, left: Array) -> float | None:
     """RMS residual of Eq. 15 over that of ordinary gait (crossings, k). Null below 3 % of the torque, or over 0."""
-    columns = isolation.motion_columns(motion)
+    columns = motion.columns
     own, gait = (rms(y - (columns @ np.linalg.lstsq(columns, y.T, rcond=None)[0]).T) for y in (torque[None], left))
     return own / gait if own > 0.03 * rms(torque) and gait > 0 else None
 
@@ -441,7 +440,7 @@ def response_table(group: str, headline: GroupHeadline) -> pl.DataFrame:
     mean = headline.ensemble
     for name, motion, torque, fit in [*fitted, (ENSEMBLE, mean.motion, mean.torque, mean.fit)]:
         model = np.full(len(time), np.nan)
-        model[window] = isolation.motion_columns(motion)[window] @ fit.estimates
+        model[window] = motion.columns[window] @ fit.estimates
         columns = {"trial": pl.Series([name] * len(time)), "time": time}
         columns |= {"theta_deg": np.rad2deg(motion.theta), "torque": torque, "torque_model": model}
         frames.append(pl.DataFrame(columns)[: window.stop])

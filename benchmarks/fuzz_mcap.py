@@ -126,7 +126,7 @@ def check(path: Path, covered: bool) -> str:
     finally:
         if time.perf_counter() - start > LONGEST:
             raise TimeoutError(f"{time.perf_counter() - start:.1f} s")
-    damage = recording.facts["damage"]
+    damage = recording.losses
     stamps = recording.samples["time"].to_numpy() + recording.facts["time"]["start_ns"] / 1e9
     right = np.array_equal(recording.samples["theta"], 1 + np.rint(stamps * 1000))
     if covered and damage["crc"] == "checked" and not right:

@@ -25,6 +25,7 @@ from test_formats_mat import write_mat73
 from test_formats_rosbags import CHANNELS, write_bag1, write_bag2, write_split
 
 from osl_analysis.errors import InputError
+from osl_analysis.formats.c3d import BLOCK
 from osl_analysis.ingest.draft import draft_source
 from osl_analysis.ingest.raw_files import FORMATS, recognise
 from osl_analysis.ingest.source import Recording
@@ -190,7 +191,7 @@ def judge(kind: Kind, reader: Reader, truth: Samples, path: Path, what: str) -> 
     except InputError as error:
         return "refused" if str(error).isprintable() else "WRONG: no line"
     time, values = samples_of(recording)
-    damage = recording.facts.get("damage", {})
+    damage = recording.losses
     place = np.minimum(np.searchsorted(truth[0], time), truth[0].size - 1)
     right = truth[0][place] == time
     for name in set(values.columns) & set(truth[1].columns):
@@ -263,6 +264,43 @@ def test_two_parts_of_an_array_at_one_place_are_refused(tmp_path: Path) -> None:
         FORMATS["mat"].read(path, source)
 
 
+def test_a_part_that_is_that_of_another_place_is_lost_and_motion_without_noise_is_not(tmp_path: Path) -> None:
+    """Of a C3D file a block of 512 bytes, of a table 40 rows or those of one channel, between a sensor's noise. Sound
+    are periods of a motion without noise, slow turns, and what a coarse encoder has often, also beside noise."""
+    every, clock = np.random.default_rng(3).normal(size=(6000, 5)), np.arange(6000) / 100
+    noise = every[:600]
+    write_c3d(path := tmp_path / "a.c3d", noise[:, None, :4], noise[:, 4:])
+    content = path.read_bytes()
+    source = FORMATS["c3d"].source.model_validate({"format": "c3d"})
+    assert not FORMATS["c3d"].read(path, source).losses
+    start = len(content) // BLOCK * BLOCK - 9 * BLOCK
+    path.write_bytes(content[:start] + content[start - 10 * BLOCK :][:BLOCK] + content[start + BLOCK :])
+    told = FORMATS["c3d"].read(path, source)
+    assert "written over another" in told.warnings[0]
+    assert BLOCK / 20 <= told.losses["lost"] <= BLOCK / 20 + 2
+    source = FORMATS["csv"].source.model_validate({"format": "csv", **columns_as("column")})
+    angle, torque = noise[:, 0], np.round(noise[:, 1], 1)
+    copied = [np.r_[one[:300], one[100:140], one[340:]] for one in (angle, torque)]
+    period, ramp = np.tile(noise[:300, 2], 2), np.r_[angle[:60], np.linspace(0, 1, 60).round(3), angle[120:]]
+    ramp[300:360] = ramp[60:120]
+    turns = np.multiply.outer(clock, 2 * np.pi * np.array([0.5, 1.5, 2.5, 3.5, 5.5]))
+    coarse = np.round((np.sin(turns + np.arange(5) ** 2).sum(axis=1) + every[:, 2] / 2000) * 200) / 200
+    sine = np.round(np.sin(clock[:600] * 2 * np.pi), 6)
+    for a, f, lost in (
+        (angle, torque, 0),
+        (copied[0], torque, 40),
+        (copied[0], copied[1], 40),
+        (np.round(copied[0], 1), copied[1], 40),  # in both channels values repeat, in pairs seldom
+        (sine, sine, 0),
+        (period, period, 0),
+        (ramp, torque, 0),
+        (coarse, every[:, 1], 0),
+        (np.r_[every[:3100, 3], coarse[3100:]], every[:, 1], 0),
+    ):
+        pl.DataFrame({"t": clock[: a.size], "a": a, "f": f}).write_csv(tmp_path / "a.csv")
+        assert FORMATS["csv"].read(tmp_path / "a.csv", source).losses.get("lost", 0) == lost
+
+
 def test_chunks_that_were_never_written_are_lost_and_not_zeros(tmp_path: Path) -> None:
     written, source = signals(0), {"format": "mat", **columns_as("variable")}
     for name, time, first in (("end.mat", {}, 0), ("middle.mat", {}, 30), ("rate.mat", {"time": {"rate": 100}}, 30)):
@@ -279,7 +317,7 @@ def test_chunks_that_were_never_written_are_lost_and_not_zeros(tmp_path: Path) -
             continue
         recording = FORMATS["mat"].read(tmp_path / name, source=described)
         np.testing.assert_array_equal(recording.samples["torque"], written["f"][kept])
-        assert [recording.facts["damage"][key] for key in ("expected", "read", "lost")] == [120, 100, 20]
+        assert [recording.losses[key] for key in ("expected", "read", "lost")] == [120, 100, 20]
         assert any("20 of 120 samples of f were never written" in text for text in recording.warnings)
 
 

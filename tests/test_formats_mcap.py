@@ -134,7 +134,7 @@ def read(folder: Path, content: bytes, loss: float = 1.0) -> tuple[int, dict[str
     recording = ingested(folder, content, loss=loss)
     milliseconds = np.rint(recording.samples["time"].to_numpy() * 1000) + recording.facts["time"]["start_ns"] / 1e6
     np.testing.assert_array_equal(recording.samples["theta"], milliseconds)
-    return len(recording.samples), recording.facts["damage"]
+    return len(recording.samples), recording.losses
 
 
 @ANY_PACKING
@@ -245,7 +245,7 @@ def test_a_legal_file_is_read_as_by_the_official_reader(tmp_path: Path, content:
 @pytest.mark.parametrize("what", LOSSES)
 def test_losses_are_counted_as_far_as_the_file_tells_them_and_inspect_says_the_same(tmp_path: Path, what: str) -> None:
     content, expected = LOSSES[what]
-    damage = ingested(tmp_path, content, loss=1.0).facts["damage"]
+    damage = ingested(tmp_path, content, loss=1.0).losses
     lost, of_topic = damage["lost"], damage["topics"]["/lab"].values()
     assert (damage["complete"], damage["chunks_lost"], lost, *of_topic) == expected
     told = FORMATS["mcap"].inspect(tmp_path / "log.mcap").facts["messages lost"]
@@ -264,7 +264,7 @@ def test_the_loss_is_that_of_the_topic_and_not_of_the_file(tmp_path: Path) -> No
     assert len(ingested(tmp_path, content).samples) == 10_000
     with pytest.raises(InputError, match="20 % of topic '/rare' is lost, at most 1 % may be"):
         ingested(tmp_path, content, "/rare")
-    damage = ingested(tmp_path, content, "/rare", 0.2).facts["damage"]
+    damage = ingested(tmp_path, content, "/rare", 0.2).losses
     of_topics = {"/rare": {"messages": 100, "lost": 20}}
     assert (damage["topics"], damage["share_lost"]) == (of_topics, pytest.approx(0.2))
     assert len(ingested(tmp_path, LOSSES["cut out"][0], "/rare").samples) == 2
@@ -465,8 +465,8 @@ def test_a_message_without_a_number_in_a_field_is_lost_and_said(
     texts = [right, wrong, *[right] * 9, "{", '{"x": {"y": [1, 2]}, "v": 5}']  # what is said of the first
     recording = recorded(write_json(tmp_path, texts, chunk_size=100), "log", 0.3, theta=field)
     assert recording.samples["theta"].to_list() == [1.5] * 10
-    assert recording.facts["damage"]["topics"]["/lab"] == {"messages": 13, "lost": 3}
-    assert recording.facts["damage"]["remarks"][0].startswith(f"3 of 13 messages of topic '/lab' are lost: {said}")
+    assert recording.losses["topics"]["/lab"] == {"messages": 13, "lost": 3}
+    assert recording.losses["remarks"][0].startswith(f"3 of 13 messages of topic '/lab' are lost: {said}")
     with pytest.raises(InputError, match="messages that cannot be used: 90 % of topic '/lab' is lost, at most 30 %"):
         recorded(write_json(tmp_path, [right, *[wrong] * 9]), "log", 0.3, theta=field)
 
@@ -521,8 +521,8 @@ def test_what_google_wrote_is_read_and_what_is_absent_is_null_if_it_is_optional_
 def test_a_message_that_google_refuses_is_left_out_and_reported(tmp_path: Path) -> None:
     path = write_protobuf(tmp_path, [Timestamp(seconds=5, nanos=2**30)] * 3, cut=2)
     recording = recorded(path, "log", 0.5, theta="seconds")
-    assert (len(recording.samples), recording.facts["damage"]["lost"]) == (2, 1)
-    assert "1 of 3 messages of topic '/lab' are lost: a message of" in recording.facts["damage"]["remarks"][0]
+    assert (len(recording.samples), recording.losses["lost"]) == (2, 1)
+    assert "1 of 3 messages of topic '/lab' are lost: a message of" in recording.losses["remarks"][0]
 
 
 def test_fields_are_listed_with_their_types_lengths_and_names_and_read_by_these(tmp_path: Path) -> None:

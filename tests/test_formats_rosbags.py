@@ -116,7 +116,7 @@ def check_rows(recording: Recording, rows: range = range(50)) -> None:
 
 def counts(recording: Recording, topic: str = "/lab") -> tuple[int, int | None]:
     """How many messages of a topic there are, and were lost."""
-    return tuple(recording.facts["damage"]["topics"][topic].values())
+    return tuple(recording.losses["topics"][topic].values())
 
 
 @pytest.mark.parametrize(("write", "options"), [
@@ -128,7 +128,7 @@ def test_a_bag_gives_the_columns_that_were_written(tmp_path: Path, write: Any, o
     path = write(tmp_path / "a.bag", **options)
     kept, recording = sorted(tmp_path.rglob("*")), read(path)
     check_rows(recording)
-    assert recording.facts["damage"]["complete"]
+    assert recording.losses["complete"]
     assert not any("hold no bytes" in text for text in recording.warnings)
     assert (counts(recording), sorted(tmp_path.rglob("*"))) == ((50, 0), kept)  # reading a bag must not write beside it
 
@@ -144,19 +144,19 @@ def test_parts_of_a_split_bag_are_one_log_and_one_alone_is_read_with_a_warning(t
     part = read(next(folder.glob("bag_1.*")))
     check_rows(part, range(30, 50))
     assert any("one of the 2 files of a recording; name the folder" in text for text in part.warnings)
-    assert part.facts["damage"]["lost"] == (0 if storage == "MCAP" else None)
+    assert part.losses["lost"] == (0 if storage == "MCAP" else None)
     if storage == "MCAP":
         content = (folder / "bag_0.mcap").read_bytes()
         content = content[:-9] + bytes([content[-9] ^ 1]) + content[-8:]  # the checksum of its summary
-        damage = read(rewritten(folder / "bag_0.mcap", content).parent).facts["damage"]
+        damage = read(rewritten(folder / "bag_0.mcap", content).parent).losses
         assert (damage["complete"], damage["lost"]) == (False, 0)  # as the whole
         assert "bag_0.mcap: the summary is damaged" in damage["remarks"]
         cut = rewritten(folder / "bag_1.mcap", (folder / "bag_1.mcap").read_bytes()[:-900]).parent
-        damage = read(cut).facts["damage"]  # behind the messages
+        damage = read(cut).losses  # behind the messages
         assert (damage["complete"], damage["end_missing"], damage["lost"]) == (False, False, 0)
         half = rewritten(folder / "bag_1.mcap", content[: len(content) // 2]).parent
         assert "40 % of topic '/lab' is lost" in refused(half)
-        damage = read(half, largest_loss=0.5).facts["damage"]  # its description knows what it held
+        damage = read(half, largest_loss=0.5).losses  # its description knows what it held
         assert (damage["end_missing"], *counts(read(half, largest_loss=0.5))) == (True, 30, 20)
         assert (damage["expected"], damage["read"], damage["lost"]) == (50, 30, 20)
 
@@ -200,9 +200,17 @@ def test_messages_that_stand_twice_over_others_are_lost(tmp_path: Path) -> None:
         copied = "UPDATE messages SET (timestamp, data) = (SELECT timestamp, data FROM messages AS other"
         connection.execute(f"{copied} WHERE other.id = messages.id - 10) WHERE id BETWEEN 21 AND 24")
         connection.commit()
-    damage = read(bag, largest_loss=0.5).facts["damage"]
+    damage = read(bag, largest_loss=0.5).losses
     assert (damage["lost"], damage["complete"]) == (4, False)
     assert any("4 of " in text and "stand twice" in text for text in damage["remarks"])
+    for back, last, lost in ((4, 24, 4), (1, 21, 0)):  # of the payload alone; the one before may be sent once more
+        bag = write_bag2(tmp_path / f"bag {back}")
+        with closing(sqlite3.connect(next(bag.glob("*.db3")))) as connection:
+            copied = f"SELECT data FROM messages AS other WHERE other.id = messages.id - {back}"
+            connection.execute(f"UPDATE messages SET data = ({copied}) WHERE id BETWEEN 21 AND {last}")
+            connection.commit()
+        damage = read(bag, largest_loss=0.5).losses
+        assert (damage["lost"], damage["complete"]) == (lost, not lost)
 
 
 def test_without_its_description_a_database_is_read_and_the_losses_are_unknown(tmp_path: Path) -> None:
@@ -210,7 +218,7 @@ def test_without_its_description_a_database_is_read_and_the_losses_are_unknown(t
     (bag / DESCRIBED).unlink()
     recording = read(bag / "bag.db3")
     check_rows(recording)
-    assert recording.facts["damage"]["lost"] is None
+    assert recording.losses["lost"] is None
     assert any("no metadata.yaml beside it" in text for text in recording.warnings)
     assert re.search("a folder without metadata.yaml.*ros2 bag reindex", refused(bag))
     assert (recorded_files(bag), recorded_files(bag / "bag.db3")) == ([bag], [bag / "bag.db3"])
@@ -319,7 +327,7 @@ def test_a_damaged_chunk_of_a_ros_1_bag_is_lost_as_a_whole_and_counted(tmp_path:
         recording = read(rewritten(path, content))
         lost = 2000 - len(recording.samples)
         assert 0 < lost <= 10
-        assert (counts(recording)[1], recording.facts["damage"]["chunks_lost"]) == (lost, 1)
+        assert (counts(recording)[1], recording.losses["chunks_lost"]) == (lost, 1)
 
 
 @pytest.mark.parametrize("write", [write_bag1, write_bag2])

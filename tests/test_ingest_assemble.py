@@ -280,7 +280,7 @@ def test_markers_that_were_never_seen_are_refused_where_they_are_needed_and_told
         with pytest.raises(InputError, match=rf"none of its 2 markers .* experiment '{experiment}' needs them; "):
             capture_of(tmp_path, hidden, experiment)
     assert capture_of(tmp_path, hidden).provenance["warnings"] == [
-        "none of the 2 markers was seen in any of the 6 frames"
+        "a.c3d: none of the 2 markers was seen in any of the 6 frames"
     ]
     hidden[4, 0, 3] = 0.0
     assert capture_of(tmp_path, hidden, "walking").provenance["warnings"] == []

@@ -235,7 +235,7 @@ def test_frames_at_the_end_in_which_a_plate_has_no_numbers_are_left_out_and_coun
     cut = read(path, plates="all")
     assert cut.samples.equals(whole.samples[: len(cut.samples)])
     assert len(cut.samples) == len(whole.samples) - 2 * ratio
-    assert [cut.facts["damage"][key] for key in ("end_missing", "lost")] == [False, 2]
+    assert [cut.losses[key] for key in ("end_missing", "lost")] == [False, 2]
 
 
 def test_a_truncated_file_is_refused_with_both_counts(tmp_path: Path) -> None:

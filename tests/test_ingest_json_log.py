@@ -149,7 +149,7 @@ def test_a_line_that_cannot_be_used_is_skipped_within_a_share_and_else_refused(t
     recording = read(path)
     assert len(recording.samples) == ROWS - 1
     assert any(f"1 of {ROWS} lines cannot be used and were skipped" in t and reason in t for t in recording.warnings)
-    told = {name: recording.facts["damage"][name] for name in ("end_missing", "expected", "read", "lost", "share_lost")}
+    told = {name: recording.losses[name] for name in ("end_missing", "expected", "read", "lost", "share_lost")}
     number = (
         {"expected": None, "lost": None} if "JSON" in reason else {"expected": ROWS, "lost": 1}
     )  # the rest of several?
@@ -301,7 +301,7 @@ def test_a_file_that_is_cut_off_is_read_up_to_there_with_a_warning_or_refused(tm
     recording = read_tdms(path)
     assert recording.samples.null_count().row(0, named=True) == {"time": 0, "theta": 0, "torque": 25}
     assert any("the last segment is not complete" in text for text in recording.warnings)
-    damage = recording.facts["damage"]
+    damage = recording.losses
     assert (damage["complete"], damage["lost"]) == (False, None)
     time, angle = ("Time", np.float32(1e6 + np.arange(SAMPLES)), {}), ("Angle", ANGLE, {})
     stated = {"time": {"channel": "Time", "unit": "ms"}, "channels": {"theta": {"channel": "Angle", "unit": "deg"}}}
@@ -309,7 +309,7 @@ def test_a_file_that_is_cut_off_is_read_up_to_there_with_a_warning_or_refused(tm
     np.testing.assert_allclose(read_tdms(path, **stated).samples["time"], np.arange(SAMPLES) * 1e-3, atol=1e-12)
     path.write_bytes(path.read_bytes()[:-80])  # the last ten angles
     cut = read_tdms(path, **stated)
-    assert (len(cut.samples), cut.facts["damage"]["end_missing"]) == (SAMPLES - 10, True)
+    assert (len(cut.samples), cut.losses["end_missing"]) == (SAMPLES - 10, True)
     path.write_bytes(whole + bench(tmp_path / "b.tdms", 4, wf_start_time=START + np.timedelta64(60, "s")).read_bytes())
     assert f"byte {len(whole)}: channel 'Angle' starts anew there: two recordings" in refused_tdms(path)
     path.write_bytes(whole[: whole.rindex(b"TDSm") + 20])  # within the head of a segment

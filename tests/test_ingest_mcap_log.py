@@ -109,7 +109,7 @@ def test_missing_sequence_numbers_and_messages_that_no_checksum_covers_are_remar
     ):
         recording = read(write_log(path, messages, **options), source())
         assert recording.warnings == [f"log.mcap: {remark}" for remark in remarks]
-        assert recording.facts["damage"]["crc"] == ("absent" if remarks == [unseen] else "checked")
+        assert recording.losses["crc"] == ("absent" if remarks == [unseen] else "checked")
     path.write_bytes(path.read_bytes().replace(np.float32(13).tobytes(), np.float32(14).tobytes()))
     assert "the checksum of the data section does not match" in refused(path, source())
 
@@ -164,7 +164,7 @@ def test_what_sequence_numbers_skip_is_lost_where_a_part_is_a_copy_or_nothing_el
     (tmp_path / "log.mcap").write_bytes(head + b"".join(part) + tail * (broken != "no end"))
     message = refused(tmp_path / "log.mcap", source())
     assert f"{100 * gone / 60:.3g} % of topic '/lab' is lost, at most 1 % may be" in message
-    found = read(tmp_path / "log.mcap", source(loss=0.5)).facts["damage"]
+    found = read(tmp_path / "log.mcap", source(loss=0.5)).losses
     assert (found["lost"], found["read"]) == (None if broken == "no end" else gone, 60 - gone)
 
 

@@ -9,12 +9,13 @@ import struct
 from collections import Counter
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError, quoted
-from osl_analysis.formats.table import Ledger
+from osl_analysis.formats.table import Ledger, copied_runs
 from osl_analysis.trial import Array
 
 ENDIAN = {"Intel": "<", "DEC": "<", "MIPS": ">"}
@@ -213,6 +214,18 @@ def check_end(data: bytes, start: int, frames: int, frame: int, damage: Ledger) 
         damage.lose("bytes that are not zero stand behind the last frame: frames may be shifted", 0, None, 0)
 
 
+def check_copies(raw: NDArray[Any], size: int, damage: Ledger) -> None:
+    """Count frames of `size` numbers as lost in which some of the raw ones (n,) are those of another place, as where a
+    block was written over another. A frame that repeats the one before was held."""
+    words = np.lib.stride_tricks.sliding_window_view(raw, 8 // raw.itemsize).copy().view(np.uint64)[:, 0]
+    for start, stop, other in copied_runs(words, 64):
+        if (frames := (stop - 1) // size - start // size + 1) and start - other != size:
+            said = f"frame {start // size + 1} holds the numbers of frame {other // size + 1}"
+            said += f", and so on in {frames} frames: a part of the file was written over another, or twice"
+            damage.lose(said, 0, Counter(), 0)
+            damage.misfits[0] += frames
+
+
 def read_c3d(path: Path) -> C3DRecording:
     """Decode a C3D file; InputError if it is no C3D, damaged or truncated, or contradicts itself. Analog values are
     (raw - OFFSET) * SCALE * GEN_SCALE, raw without these parameters; NaN where SCALE holds values for some channels
@@ -245,6 +258,7 @@ def read_c3d(path: Path) -> C3DRecording:
     check_end(data, header.data_start, frames, frame, damage)
     content = data[header.data_start : end]
     raw = np.frombuffer(content, f"{ENDIAN[header.processor]}i2") if integers else reals(content, header.processor)
+    check_copies(raw, raw.size // frames, damage)
     # a row per frame: x, y, z, residual per point, then analog samples
     points, samples = np.split(raw.reshape(frames, -1), [4 * header.points], axis=1)
     points = points.reshape(frames, header.points, 4)

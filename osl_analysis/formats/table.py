@@ -217,6 +217,41 @@ class Ledger:
         return remarks
 
 
+def copied_runs(words: NDArray[Any], least: int) -> list[tuple[int, int, int]]:
+    """Runs of `least` words (n,) or more that are those of another place, one by one, as where a block of a file was
+    written over another or twice: first word, word after the last one, and first word there. Words that occur more than
+    three times prove nothing, nor do copies of most others: that is a motion without noise, which repeats itself. Every
+    fourth word, chosen by its content, is looked for."""
+    bits = words.view(f"u{words.dtype.itemsize}") if words.dtype.kind == "f" else words.astype(np.uint64)
+    places = np.flatnonzero((bits.astype(np.uint64, copy=False) * np.uint64(0x9E3779B97F4A7C15)) >> np.uint64(62) == 0)
+    if not places.size:
+        return []
+    places = places[np.argsort(bits[places], kind="stable")]
+    begins = np.flatnonzero(np.concatenate([[True], np.diff(bits[places]) != 0, [True]]))
+    counts = np.repeat(np.diff(begins), np.diff(begins))
+    rare, anchors = places[counts <= 3], np.zeros(bits.size, bool)
+    if rare.size < 0.5 * places.size:
+        return []
+    again = np.flatnonzero(bits[rare[1:]] == bits[rare[:-1]])
+    lags, votes = np.unique(rare[again + 1] - rare[again], return_counts=True)
+    found, seldom = list[tuple[int, int, int]](), np.zeros(bits.size, bool)
+    seldom[rare], anchors[places] = True, True
+    for lag in lags[votes >= 2][np.argsort(-votes[votes >= 2], kind="stable")][:20].tolist():
+        ends = np.zeros(bits.size - lag + 2, bool)
+        ends[1:-1] = bits[lag:] == bits[:-lag]
+        for start, stop in np.flatnonzero(ends[1:] != ends[:-1]).reshape(-1, 2).tolist():
+            if stop - start < least:
+                continue
+            steps = np.diff(words[start:stop].astype(np.float64))  # of a few sizes in smooth motion, which may repeat
+            various = np.unique(np.round(1e6 * steps / (np.abs(steps).max() or 1.0))).size >= steps.size // 2
+            if various and seldom[start:stop].sum() >= max(2, 0.75 * anchors[start:stop].sum()):
+                found.append((start + lag, stop + lag, start))
+    copies = np.zeros(bits.size, bool)
+    for start, stop, other in found:
+        copies[start:stop] = copies[other : other + stop - start] = True
+    return found if np.count_nonzero(copies & seldom) <= 0.5 * rare.size else []
+
+
 def total_of(counts: Counter[int], channels: Collection[int] | None) -> int:
     """The sum of the counts of some channels, else of all."""
     return counts.total() if channels is None else sum(counts[one] for one in channels)

@@ -18,7 +18,7 @@ import polars as pl
 from osl_analysis.errors import InputError, listing, naming, nearest, printable
 from osl_analysis.formats.c3d import C3DHeader, C3DRecording, read_c3d
 from osl_analysis.formats.gait_text import NexusSection, read_sections, read_trc, without_subject
-from osl_analysis.formats.table import Table
+from osl_analysis.formats.table import Ledger, Table
 from osl_analysis.ingest.source import (
     C3dSource,
     LaboratorySource,
@@ -84,6 +84,7 @@ def captured(
     plates: Sequence[PlateRecord] = (),
     facts: Mapping[str, Any] | None = None,
     warnings: Sequence[str] = (),
+    damage: Ledger | None = None,
 ) -> Recording:
     """The columns that the source file asks for, in SI units and our axes: a row per analog sample, null where a frame
     has none; a marker that was not seen is NaN. timing: number of frames (frame 0 and analog sample 0 are at 0 s),
@@ -128,7 +129,7 @@ def captured(
     rows, index = pl.DataFrame({"time": time, **fast}), pl.Series("index", np.arange(time.size))
     of_frames = pl.DataFrame([index.gather_every(ratio), *(pl.Series(name, values) for name, values in slow.items())])
     samples = rows.with_columns(index).join(of_frames, on="index", how="left", maintain_order="left").drop("index")
-    return Recording(samples, origins, said, [*warnings, *[hidden] * (not seen)])
+    return Recording(samples, origins, said, [*warnings, *[hidden] * (not seen)], damage or Ledger())
 
 
 def is_labelled(name: str) -> bool:
@@ -195,11 +196,8 @@ def read_c3d_capture(path: Path, source: C3dSource) -> Recording:
     upward = "".join(header.texts("POINT:Y_SCREEN")[:1]).upper()
     if source.axes == ("x", "y", "z") and upward not in ("", "+Z", "-Z", "Z"):
         said.append(f"its vertical axis seems to be {printable(upward)}; state `axes` in the source file")
-    if not (damage := recording.damage.report())["complete"]:
-        facts["damage"] = damage
-    warnings = [f"{printable(path.name)}: {text}" for text in (*recording.damage.remarks, *said)]
     timing = (header.frames, header.rate, header.samples_per_frame, header.first_frame)
-    return captured(source, timing, markers, outputs, analogs, plates, facts, warnings)
+    return captured(source, timing, markers, outputs, analogs, plates, facts, said, recording.damage)
 
 
 MEASURED_BY_TYPE = {1: ("N",) * 3 + ("m",) * 2 + ("N*m",), 2: ("N",) * 3 + ("N*m",) * 3, 3: ("N",) * 8, 4: ("",) * 6}
@@ -432,10 +430,9 @@ def read_trc_capture(path: Path, source: TrcSource) -> Recording:
     labels = [one for one in file.labels if is_labelled(one)] if source.markers == "all" else source.markers
     upward = "its vertical axis seems to be y; state `axes: [x, -z, y]` in the source file"
     warnings = [upward] * (source.axes == ("x", "y", "z") and vertical_axis(file.positions) == "y")
-    warnings = [f"{path.name}: {text}" for text in [*warnings, *file.damage.remarks]]
     markers = [(one, one, file.positions[:, place_of_label(one, file.labels, "marker")], unit) for one in labels]
     timing, facts = (file.positions.shape[0], file.rate, 1, file.first_frame), {"time": {"start": file.start}}
-    return captured(source, timing, markers, facts=facts, warnings=warnings)
+    return captured(source, timing, markers, facts=facts, warnings=warnings, damage=file.damage)
 
 
 def vertical_axis(positions: Array) -> str:

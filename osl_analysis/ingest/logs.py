@@ -94,10 +94,8 @@ def read_table_log(path: Path, source: TableSource) -> Recording:
         "repeated_stamps": repeated,
         "missing": missing,
         **table.facts,
-        **({} if (damage := table.damage.report())["complete"] else {"damage": damage}),
     }
-    warnings = [f"{path.name}: {text}" for text in (*table.damage.remarks, *said)]
-    recording = Recording(samples.filter(pl.Series(kept)), origins, facts, warnings)
+    recording = Recording(samples.filter(pl.Series(kept)), origins, facts, said, table.damage)
     return (
         exported_plates(table, recording, source) if isinstance(source, OpenSimSource) and source.plates else recording
     )
@@ -567,7 +565,7 @@ def read_message_log(path: Path, source: MessageSource) -> Recording:
     how = {topic: one.how for topic, one in decoded.items()}
     for topic in [*decoded]:
         with naming(f"topic '{topic}'"):
-            tables[topic], orders[topic], lacking = read_topic(by_topic[topic], decoded.pop(topic), source)
+            tables[topic], orders[topic], lacking = read_topic(by_topic[topic], decoded.pop(topic), source, file.damage)
         absent += [f"topic '{topic}': {text}" for text in lacking]
     rates = {topic: median_rate(table["stamp"].to_numpy(), SECOND) for topic, table in tables.items()}
     joined = joined_on_stamp([tables.pop(topic) for topic in [*tables]])
@@ -580,10 +578,9 @@ def read_message_log(path: Path, source: MessageSource) -> Recording:
         "decoding": how,
         "stamps": orders,
         "missing": missing,
-        "damage": file.damage.report({topic: file.channels_of(topic) for topic in by_topic}),
     }
     columns = {column: channel.origin(column) for column, channel in source.channels.items()}
-    remarks = file.damage.all_remarks()
+    remarks, topics = list[str](), {topic: file.channels_of(topic) for topic in by_topic}
     for topic, order in orders.items():
         counts = {
             "came late and were put in the order of their stamps": order["late"],
@@ -592,7 +589,7 @@ def read_message_log(path: Path, source: MessageSource) -> Recording:
         }
         remarks += [f"topic '{topic}': {count} messages {what}" for what, count in counts.items() if count]
     remarks += [*absent, *(f"{column} is NaN in {n} of {len(joined)} rows" for column, n in missing.items() if n)]
-    return Recording(pl.DataFrame([time, *joined]), columns, facts, [f"{path.name}: {remark}" for remark in remarks])
+    return Recording(pl.DataFrame([time, *joined]), columns, facts, remarks, file.damage, topics)
 
 
 def median_rate(stamps: Array | Indices, second: float = 1.0) -> float | None:
@@ -638,7 +635,7 @@ def decode_wanted(
 
 
 def read_topic(
-    channels: Mapping[str, MessageChannel], decoded: Decoded, source: MessageSource
+    channels: Mapping[str, MessageChannel], decoded: Decoded, source: MessageSource, damage: Ledger
 ) -> tuple[pl.DataFrame, dict[str, int], list[str]]:
     """Stamps [ns] and columns of one topic in the order of the stamps, counts of the sorting (`sorted_by_stamp`), and a
     sentence for each field that messages lack."""
@@ -669,7 +666,17 @@ def read_topic(
     if from_header and logged_in_order:
         advice = "write source: log in the source file, or exclude the trial"
     samples = pl.DataFrame([pl.Series("stamp", stamp), *columns])
-    return *sorted_by_stamp(samples, number, source.largest_loss, advice), absent
+    in_order, ordering = sorted_by_stamp(samples, number, source.largest_loss, advice)
+    damage.misfits[number[0]] += ordering["contradicted"]
+    if from_header and ordering["repeated"]:  # not those logged at one time, which are told when they are decoded
+        at, logs = [*samples.columns, "channel"], [*samples.columns, "channel", "logged"]
+        whole = samples.with_columns(channel=number, logged=logged)
+        first, own = (pl.struct(names).is_first_distinct() for names in (at, logs))
+        anew = pl.any_horizontal(pl.col(at).ne_missing(pl.col(at).shift()))
+        if copied := whole.select((anew & own & ~first).sum()).item():
+            damage.lose(f"{copied} messages of a topic hold the payload of another one, and are lost", 0, Counter(), 0)
+            damage.misfits[number[0]] += copied
+    return in_order, ordering, absent
 
 
 def sorted_by_stamp(

@@ -1,14 +1,16 @@
 """The raw files of one trial: recognised, read by their source files, and put together to canonical samples."""
 
 import hashlib
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import polars as pl
 
 from osl_analysis.errors import InputError, listing, naming, nearest, printable, quoted
@@ -21,6 +23,7 @@ from osl_analysis.formats.mat import is_mat
 from osl_analysis.formats.mcap import MAGIC
 from osl_analysis.formats.other_formats import FIRST_BYTES, refuse_others
 from osl_analysis.formats.rosbag import ANY_BAG1, DESCRIPTION, SQLITE, files_in
+from osl_analysis.formats.table import copied_runs
 from osl_analysis.formats.tdms import is_tdms
 from osl_analysis.ingest import overview
 from osl_analysis.ingest.captures import plate_count, read_c3d_capture, read_nexus_capture, read_trc_capture
@@ -30,6 +33,7 @@ from osl_analysis.ingest.overview import Overview, inspect_messages
 from osl_analysis.ingest.source import (
     SOURCES,
     UNKNOWN,
+    C3dSource,
     LogSource,
     Recording,
     SharedAngle,
@@ -38,7 +42,7 @@ from osl_analysis.ingest.source import (
     open_places,
 )
 from osl_analysis.refusal import check_not_refused
-from osl_analysis.trial import COLUMNS, Trial
+from osl_analysis.trial import COLUMNS, Trial, unit_of
 from osl_analysis.yaml_settings import dotted, field_line, read_mapping, read_yaml
 
 FileReader = Callable[[Path, Any], Recording]  # reads a file by its source file, of the format's class
@@ -64,7 +68,11 @@ class KnownFormat:
     def read(self, path: Path, source: Source) -> Recording:
         """A file as canonical columns in SI units, by its source file. Raises InputError, which names the file."""
         with naming(path):
-            return self.reader(path, source)
+            recording = self.reader(path, source)
+            if not isinstance(source, C3dSource):  # whose blocks are told by the numbers of all channels
+                tell_copies(recording)
+        said = (*recording.damage.all_remarks(recording.topics is not None), *recording.warnings)
+        return replace(recording, warnings=[f"{printable(path.name)}: {text}" for text in said])
 
     def inspect(self, path: Path) -> Overview:
         """What a file holds. Raises InputError, which names the file."""
@@ -227,6 +235,41 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
     return trial
 
 
+LEAST_COPIED = 16  # samples in a row that are those of another place
+NO_SENSOR = ("V", "N*m/rad", "N*m*s/rad")  # units of pulses and of gains, which repeat themselves
+
+
+def tell_copies(recording: Recording) -> None:
+    """Count as lost what the samples of a place are those of another, of each channel and of channels with common rows:
+    a sensor's noise does not repeat. Commands do, and pulses."""
+    measured = [one for one in recording.columns if not one.endswith("_command") and unit_of(one) not in NO_SENSOR]
+    alike: dict[int, list[str]] = {}
+    for column in measured:
+        alike.setdefault(recording.samples[column].null_count(), []).append(column)
+    lost, said = np.zeros(recording.samples.height, bool), list[str]()
+    for names in [*([one] for one in measured), *(own for own in alike.values() if len(own) > 1)]:
+        own = recording.samples.select("time", *names)
+        rows = np.flatnonzero(own.select(pl.all_horizontal(pl.col(names).is_not_null())).to_series().to_numpy())
+        own = own[rows] if rows.size < own.height else own
+        if own.height < 2 * LEAST_COPIED:
+            continue
+        words = (own[names[0]] if len(names) == 1 else own.select(names).hash_rows()).to_numpy()
+        for start, stop, other in copied_runs(words, LEAST_COPIED):
+            if not lost[rows[start:stop]].all():
+                lost[rows[start:stop]] = True
+                at, there = own["time"][start], own["time"][other]
+                copied = (
+                    f"{stop - start} samples of {listing(names, 4)} from {at:.3f} s on are those from {there:.3f} s"
+                )
+                said.append(f"{copied} on: a part of the file was written over another, or twice")
+    if said:
+        damage, (number, *_) = recording.damage, next(iter((recording.topics or {"": [0]}).values()))
+        damage.read = damage.read or Counter({0: lost.size})
+        damage.misfits[number] += int(lost.sum())
+        for remark in said:
+            damage.lose(remark, 0, Counter(), 0)
+
+
 def check_columns(trial: Trial, experiment: str | None, needed: Sequence[str]) -> None:
     """Refuse a trial without a column that every trial of its experiment needs."""
     missing = [column for column in needed if column not in trial.samples.columns]
@@ -294,7 +337,7 @@ def assemble(
     columns = {
         column: {"file": role, **origin} for role in facts for column, origin in recordings[role].columns.items()
     }
-    damage = {role: one.pop("damage") for role, one in facts.items() if "damage" in one}
+    damage = {role: losses for role in facts if (losses := recordings[role].losses)}
     provenance: dict[str, Any] = {
         "software": {"name": "osl-analysis", "version": version("osl-analysis")},
         "files": dict(files),

@@ -2,7 +2,7 @@
 of this format have, so that another's key is refused by name. A file as read by it is a `Recording`."""
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -24,6 +24,7 @@ from pydantic import (
 from osl_analysis.errors import InputError, nearest
 from osl_analysis.formats.csv_table import MISSING
 from osl_analysis.formats.mat import checked_address
+from osl_analysis.formats.table import Ledger
 from osl_analysis.ingest.units import ForceUnit, LengthUnit, MomentUnit, TimeUnit, Unit, quantity, si_factor
 from osl_analysis.trial import AXES, COLUMNS, Array, unit_of
 from osl_analysis.yaml_settings import Settings, distinct, field_line, misplaced, one_of
@@ -633,8 +634,16 @@ class Recording:
     samples: pl.DataFrame
     """`time` [s] on the recorder's own clock, and canonical columns in SI units; null where a column has no sample."""
     columns: Mapping[str, Mapping[str, Any]]  # source channel and conversion of each column
-    facts: Mapping[str, Any] = field(default_factory=dict)  # Further facts: rates, source of time, plates, damage.
+    facts: Mapping[str, Any] = field(default_factory=dict)  # Further facts: rates, source of time, plates.
     warnings: Sequence[str] = ()  # warnings, a sentence each
+    damage: Ledger = field(default_factory=Ledger)  # of messages, or of rows
+    topics: Mapping[str, Collection[int]] | None = None  # of messages, the channels of each topic
+
+    @property
+    def losses(self) -> dict[str, Any]:
+        """What the provenance says of them; empty of a table that is complete."""
+        report = self.damage.report(self.topics)
+        return report if self.topics is not None or not report["complete"] else {}
 
 
 def check_values(what: str, values: Array, time: Array) -> None:

@@ -338,7 +338,7 @@ def bundle(folder: Path, output: Path, licence: str, raw: bool) -> None:
 @file_option("--truth", help="Table of the truth; default: truth.csv beside ANSWERS.")
 def score(answers: Path, truth: Path | None) -> None:
     """Score the ANSWERS of any method (CSV) against the truth of the recordings that benchmarks/peers makes."""
-    from osl_analysis.commands.score import score_answers, score_text
+    from osl_analysis.commands.report import score_answers, score_text
 
     say(score_text(score_answers(answers, truth or answers.with_name("truth.csv"))))
 

@@ -39,7 +39,7 @@ def calibrate_markers(wildcards):
 
 UNLOADED = of_crossings(CAMPAIGN.plate_trials(), settings=CONFIG.walking.part("PlateModelSettings"))
 single("walking.identify_plate", {"output": PLATE, "comparison": tabled("plate")}, "walking/plate", UNLOADED)
-TURNING = {"settings": CONFIG.walking.part("PlatformMotionSettings"), "places": WALKED}
+TURNING = {"settings": CONFIG.walking.part("CrossingSettings"), "places": WALKED}
 TURNING = of_crossings(CAMPAIGN.crossings(perturbed=True), **TURNING)
 single("walking.measure_platform", {"output": PLATFORM, "comparison": tabled("platform")}, "walking/platform", TURNING)
 
@@ -59,7 +59,7 @@ ANALYSED = {"input": {"crossings": crossings(WALKED)}, "read": {"quality": check
 ANALYSED["settings"] = {**IN_SHEET, "settings": CONFIG.walking.part("SelectionSettings")}
 single("walking.select_crossings", SELECTION, "walking/selection", ANALYSED)
 STEADY = {"input": {"selection": SELECTION}, "read": crossed(perturbed=False)}
-STEADY["settings"] = {"settings": CONFIG.walking.part("UnperturbedSettings")}
+STEADY["settings"] = {"fewest": CONFIG.walking.fewest_unperturbed}
 single("walking.average_unperturbed", UNPERTURBED, "walking/unperturbed", STEADY)
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import polars as pl
 import pytest
 
-from osl_analysis.commands.score import score_answers
+from osl_analysis.commands.report import score_answers
 from osl_analysis.errors import InputError
 from osl_analysis.table import read_table
 

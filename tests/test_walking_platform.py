@@ -439,9 +439,8 @@ def test_too_few_unperturbed_crossings_say_how_many_and_why(tmp_path: Path) -> N
     rows.append({"trial": "p1", "perturbed": True, "reason": "another", "gait": "all", "group": None})
     write_table(pl.DataFrame(rows).with_columns(direction=None), tmp_path / "selection.csv")
     files = [tmp_path / f"{name}.parquet" for name in reasons]
-    jobs_files, chosen = (tmp_path / "selection.csv", tmp_path / "gait.parquet"), settings(fewest_unperturbed=4)
     with pytest.raises(InputError) as caught:
-        average_unperturbed(files, jobs_files[0], chosen, jobs_files[1])
+        average_unperturbed(files, tmp_path / "selection.csv", 4, tmp_path / "gait.parquet")
     assert str(caught.value) == (
         "0 of 6 unperturbed crossings can be used, expected 4 or more; 5 times (u0, u1, u2, u3, u4) "
         "beside 1 for other reasons, which walking_crossings.csv lists, as in u0: " + why.format(20)

@@ -101,7 +101,7 @@ def run_jobs(
     sheet = sheet or {name: {"perturbed": name in perturbed} for name in files}
     selection, gait, table = (folder / name for name in ("selection.csv", "gait.parquet", "walking.csv"))
     jobs.select_crossings([files[name] for name in sheet], chosen, selection, sheet)
-    jobs.average_unperturbed([files[name] for name in unperturbed], selection, chosen, gait)
+    jobs.average_unperturbed([files[name] for name in unperturbed], selection, chosen.fewest_unperturbed, gait)
     rows, turned = [folder / f"fits/{name}.csv" for name in perturbed], [files[name] for name in perturbed]
     for file, row in zip(turned, rows, strict=True):
         jobs.fit_perturbation(file, selection, gait, chosen, row)

@@ -13,7 +13,7 @@ import recordings
 from matplotlib.lines import Line2D
 from polars import col
 
-from osl_analysis.commands.score import OFF, score_answers
+from osl_analysis.commands.report import OFF, score_answers
 from osl_analysis.table import read_table
 
 ROOT = Path(__file__).resolve().parents[2]

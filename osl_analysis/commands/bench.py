@@ -11,47 +11,13 @@ from typing import Any
 
 import polars as pl
 
-from osl_analysis.bench import components, torque_angle
+from osl_analysis.bench import components, impedance, phasors, prediction, torque_angle
+from osl_analysis.bench import settings as choices
 from osl_analysis.bench.analysis import QUANTITIES, FitTables, analysed, plausible
 from osl_analysis.bench.components import PLACE
 from osl_analysis.bench.effects import IMPEDANCE, plain_sums
 from osl_analysis.bench.human_joint import fit_person, human_joint_table, over_table
-from osl_analysis.bench.impedance import (
-    DesiredImpedance,
-    Known,
-    calibration_table,
-    compensation_table,
-    judged_impedance,
-    repeated_trials_table,
-)
-from osl_analysis.bench.phasors import (
-    frequency_response_table,
-    impedance_over_frequency,
-    phasor_table,
-    phasors_of_record,
-)
-from osl_analysis.bench.prediction import (
-    LAW_COLUMNS,
-    MISSES,
-    NUMBERS,
-    components_of,
-    law_table,
-    law_that_ran,
-    prediction_table,
-    prediction_terms,
-)
 from osl_analysis.bench.record import read_record, record_of_trial, sine_record, stored_record, with_actuator
-from osl_analysis.bench.settings import (
-    ActuatorAnalysis,
-    BeltAnalysis,
-    DynamometerAnalysis,
-    FilterSettings,
-    HumanJointAnalysis,
-    ImpedanceAnalysis,
-    ModelComparison,
-    SteppedSineAnalysis,
-    TorqueAngleAnalysis,
-)
 from osl_analysis.campaign.configuration import Config, over_default, own_fields, read_section
 from osl_analysis.config.experiments import EXPERIMENTS, FitJob
 from osl_analysis.errors import IdentifiabilityError, InputError, nearest, printable_lines
@@ -67,7 +33,7 @@ from osl_analysis.table import finite_or_null, read_table, with_evidence, write_
 from osl_analysis.trial import Trial
 
 
-def fit_belt_trial(trial: Trial, parameters: FileOrNone, settings: BeltAnalysis) -> Mapping[str, pl.DataFrame]:
+def fit_belt_trial(trial: Trial, parameters: FileOrNone, settings: choices.BeltAnalysis) -> Mapping[str, pl.DataFrame]:
     """The belt's row, and torque against deflection. `parameters` is the device's file, None for one without."""
     p = known_parameters(parameters)
     check_recording(trial, settings)
@@ -82,7 +48,7 @@ def fit_belt_trial(trial: Trial, parameters: FileOrNone, settings: BeltAnalysis)
 
 
 def fit_transmission_trial(
-    trial: Trial, parameters: FileOrNone, settings: SteppedSineAnalysis
+    trial: Trial, parameters: FileOrNone, settings: choices.SteppedSineAnalysis
 ) -> Mapping[str, pl.DataFrame]:
     """The transmission's rows, and the series of the fit to all amplitudes."""
     p = known_parameters(parameters)
@@ -96,10 +62,10 @@ def fit_transmission_trial(
 def fit_impedance_trial(
     trial: Trial,
     parameters: FileOrNone,
-    condition: DesiredImpedance | None,
+    condition: impedance.DesiredImpedance | None,
     weight: Weight,
-    models: ModelComparison,
-    settings: ImpedanceAnalysis,
+    models: choices.ModelComparison,
+    settings: choices.ImpedanceAnalysis,
     windows: str | None = None,
 ) -> Mapping[str, pl.DataFrame]:
     """The rows of Eq. 15, and what else one record of the trial tells. `condition` is what the leg was asked to render,
@@ -110,18 +76,19 @@ def fit_impedance_trial(
     check_recording(trial, settings)
     rails = saturated(trial, "torque", "theta")
     record = record_of_trial(trial, settings, windows)
-    stated = condition or DesiredImpedance(None, None, None)
-    of_leg, law, ran = with_actuator(record, trial), pl.DataFrame(schema=LAW_COLUMNS), stated.gains(p, weight)
+    stated = condition or impedance.DesiredImpedance(None, None, None)
+    of_leg, ran = with_actuator(record, trial), stated.gains(p, weight)
+    law = pl.DataFrame(schema=prediction.LAW_COLUMNS)
     if p is not None and ran is not None:
-        law = law_table(of_leg, trial, p, ran, models.sign_width)
-        ran, programmed_as = law_that_ran(law, ran, p)
+        law = prediction.law_table(of_leg, trial, p, ran, models.sign_width)
+        ran, programmed_as = prediction.law_that_ran(law, ran, p)
         ran = replace(ran, cancels_friction=ran.cancels_friction and programmed_as == p)
-    analysis, table = judged_impedance(of_leg, rails, p, condition, ran)
+    analysis, table = impedance.judged_impedance(of_leg, rails, p, condition, ran)
 
     def further() -> dict[str, pl.DataFrame]:
-        frames = {"phasors": phasor_table(trial.name, phasors_of_record(record))}
+        frames = {"phasors": phasors.phasor_table(trial.name, phasors.phasors_of_record(record))}
         expected = joint_admittance(ran.K_1, ran.B_1, p, p.J_j) if p and ran else None
-        frames["response"] = impedance_over_frequency(record, analysis.whole, expected)
+        frames["response"] = phasors.impedance_over_frequency(record, analysis.whole, expected)
         columns = stated.columns() if condition else {}
         of_condition = {name: frame.with_columns(**columns) for name, frame in frames.items()}
         kept = stored_record(record) if ran else pl.DataFrame(schema={"time": pl.Float64})
@@ -132,7 +99,7 @@ def fit_impedance_trial(
 
 
 def fit_human_joint_trial(
-    trial: Trial, settings: HumanJointAnalysis, windows: str | None = None
+    trial: Trial, settings: choices.HumanJointAnalysis, windows: str | None = None
 ) -> Mapping[str, pl.DataFrame]:
     """The row of a person's joint, Eq. 15 beside a reflex; `windows` as in `fit_impedance_trial`."""
     check_recording(trial, settings)
@@ -140,13 +107,15 @@ def fit_human_joint_trial(
     fit = fit_person(trial, settings, windows)
 
     def further() -> dict[str, pl.DataFrame]:
-        frames = {"response": impedance_over_frequency(fit.person.raw), "impedance_over": over_table(fit)}
+        frames = {"response": phasors.impedance_over_frequency(fit.person.raw), "impedance_over": over_table(fit)}
         return frames | {"timebase": fit.analysis.time_base(QUANTITIES)}
 
     return FitTables(fit.analysis.series(), further, human_joint=human_joint_table(fit).with_columns(rails))
 
 
-def fit_actuator_trial(trial: Trial, parameters: FileOrNone, settings: ActuatorAnalysis) -> Mapping[str, pl.DataFrame]:
+def fit_actuator_trial(
+    trial: Trial, parameters: FileOrNone, settings: choices.ActuatorAnalysis
+) -> Mapping[str, pl.DataFrame]:
     """The actuator's row."""
     p = known_parameters(parameters)
     check_recording(trial, settings, "torque_m", angle=None)
@@ -160,7 +129,7 @@ def fit_actuator_trial(trial: Trial, parameters: FileOrNone, settings: ActuatorA
 
 
 def fit_torque_angle_trial(
-    trial: Trial, settings: TorqueAngleAnalysis, condition: Mapping[str, Any] | None = None
+    trial: Trial, settings: choices.TorqueAngleAnalysis, condition: Mapping[str, Any] | None = None
 ) -> Mapping[str, pl.DataFrame]:
     """The row of torque against angle, and its curves; `condition` may name the curve that it should follow."""
     desired = (condition or {}).get("desired")
@@ -176,16 +145,16 @@ def fit_torque_angle_trial(
 
 
 def fit_calibration_trial(
-    trial: Trial, settings: ImpedanceAnalysis, condition: Mapping[str, Any] | None = None
+    trial: Trial, settings: choices.ImpedanceAnalysis, condition: Mapping[str, Any] | None = None
 ) -> Mapping[str, pl.DataFrame]:
     """What a bench reads of a spring or an inertia that is known; `condition` has the columns `known_...`."""
     stated = condition or {}
-    known = Known(stated.get("known_K"), stated.get("known_I"), (stated.get("known_percent") or 0.0) / 100)
+    known = impedance.Known(stated.get("known_K"), stated.get("known_I"), (stated.get("known_percent") or 0.0) / 100)
     check_recording(trial, settings)
     rails = saturated(trial, "torque", "theta")
     record = record_of_trial(trial, settings)
     analysis = analysed(record, plain_sums(record, IMPEDANCE), IMPEDANCE)
-    table = calibration_table(analysis, known).with_columns(rails)
+    table = impedance.calibration_table(analysis, known).with_columns(rails)
     return FitTables(analysis.series(), lambda: {"timebase": analysis.time_base(QUANTITIES)}, calibration=table)
 
 
@@ -194,9 +163,9 @@ def summarise(table: Path, output: Path) -> None:
     frequency response averaged over the amplitudes, the summary of a part."""
     by_amplitude = ("amplitude_deg", "doubtful")
     derived: Mapping[str, tuple[Sequence[str], Callable[[pl.DataFrame], pl.DataFrame]]] = {
-        "impedance": (by_amplitude, repeated_trials_table),
-        "human_joint": (("doubtful",), repeated_trials_table),
-        "phasors": (by_amplitude, frequency_response_table),
+        "impedance": (by_amplitude, impedance.repeated_trials_table),
+        "human_joint": (("doubtful",), impedance.repeated_trials_table),
+        "phasors": (by_amplitude, phasors.frequency_response_table),
     }
     needed, computed = derived.get(table.stem, ((), partial(components.part_summary, table.stem)))
     write_table(computed(with_evidence(table, needed)), output)
@@ -205,7 +174,7 @@ def summarise(table: Path, output: Path) -> None:
 def compare_controllers(table: Path, output: Path) -> None:
     """Compensated beside uncompensated trials of the same desired impedance."""
     needed = ("commanded_deg", "amplitude_deg", "controller", "K_d", "B_d", "K", "B", "VAF", "torque_error")
-    write_table(compensation_table(read_table(table, needed)), output)
+    write_table(impedance.compensation_table(read_table(table, needed)), output)
 
 
 def gather_predictions(
@@ -216,7 +185,7 @@ def gather_predictions(
     unpredicted: Mapping[str, str],
     weight: Weight,
     sign_width: float,
-    settings: FilterSettings,
+    settings: choices.FilterSettings,
     output: Path,
     causes: Path,
     frequencies: Path,
@@ -230,28 +199,29 @@ def gather_predictions(
     fits, without = with_evidence(table).filter(pl.col("amplitude_deg").is_null()), dict(unpredicted)
     p, measured = known_parameters(parameters), {part: read_table(path) for part, path in components.items()}
     predicted, found = fits.filter(pl.col("trial").is_in([path.stem for path in records])), []
-    missed = [pl.DataFrame(schema=MISSES)]
+    missed = [pl.DataFrame(schema=prediction.MISSES)]
     kept, laws = {path.stem: path for path in records}, read_table(law)
     for own in predicted.partition_by(PLACE, maintain_order=True):
         terms, law_of = dict[str, pl.DataFrame](), dict[str, str]()
         for row in own.to_dicts():
             try:
                 assert p is not None  # without a parameter file no gains are known
-                known = components_of(measured, own.select(PLACE).row(0), p)
-                gains = DesiredImpedance(row["controller"], row["K_d"], row["B_d"]).gains(p, weight)
+                known = prediction.components_of(measured, own.select(PLACE).row(0), p)
+                gains = impedance.DesiredImpedance(row["controller"], row["K_d"], row["B_d"]).gains(p, weight)
                 assert gains is not None  # of other trials no record is read
                 record = read_record(kept[row["trial"]], settings.low_pass)
-                ran = law_that_ran(laws.filter(trial=row["trial"]), gains, p)
-                terms[row["trial"]], miss = prediction_terms(record, Controller(*ran, sign_width), known)
+                ran = prediction.law_that_ran(laws.filter(trial=row["trial"]), gains, p)
+                terms[row["trial"]], miss = prediction.prediction_terms(record, Controller(*ran, sign_width), known)
                 missed.append(miss)
                 law_of[row["trial"]] = "programmed" if ran == (gains, p) else "measured"
             except (InputError, IdentifiabilityError) as error:
                 without[row["trial"]] = f"components that predict a torque ({error})"
         if terms:
-            rows, of_components = prediction_table(terms, own.filter(pl.col("trial").is_in(list(terms))), known)
+            of_terms = own.filter(pl.col("trial").is_in(list(terms)))
+            rows, of_components = prediction.prediction_table(terms, of_terms, known)
             found.append((rows.with_columns(law=pl.col("trial").replace_strict(law_of)), of_components))
     said = pl.col("trial").replace_strict(without, default=None, return_dtype=pl.String)
-    numbers = pl.DataFrame(schema=dict.fromkeys(NUMBERS, pl.Float64))
+    numbers = pl.DataFrame(schema=dict.fromkeys(prediction.NUMBERS, pl.Float64))
     others = fits.filter(pl.col("trial").is_in(list(without)))
     others = others.select("trial", *PLACE, "controller", "K_d", "B_d", missing_components=said)
     others = pl.concat([others, numbers], how="diagonal_relaxed").with_columns(doubtful=pl.lit(None, pl.String))
@@ -330,8 +300,9 @@ def job_of(experiment: str) -> FitJob:
 
 def experiment_of(experiment: str, config: Path) -> str:
     """The experiment that a trial is fitted by: in a configuration of persons an impedance trial is of a person."""
-    person = experiment == "impedance" and read_section(config, "dynamometer", DynamometerAnalysis).human is not None
-    return "human_joint" if person else experiment
+    if experiment == "impedance" and read_section(config, "dynamometer", choices.DynamometerAnalysis).human is not None:
+        return "human_joint"
+    return experiment
 
 
 def fit_settings(experiment: str, config: Path) -> tuple[dict[str, Any], DoubtfulFits]:

@@ -167,7 +167,7 @@ def measure_platform(
     trials: Paths,
     calibrations: Paths,
     statics: Statics,
-    settings: choices.PlatformMotionSettings,
+    settings: choices.CrossingSettings,
     output: Path,
     comparison: Path,
     places: Places | None = None,
@@ -287,9 +287,9 @@ def select_crossings(
     write_table(on_the_walkway(table, places), output)
 
 
-def average_unperturbed(crossings: Paths, selection: Path, settings: choices.UnperturbedSettings, output: Path) -> None:
+def average_unperturbed(crossings: Paths, selection: Path, fewest: int, output: Path) -> None:
     """The unperturbed crossings that the table `selection` does not exclude, on a common grid of stance phase, by gait,
-    to a Parquet file. A gait with too few of them is left out with a warning."""
+    to a Parquet file. A gait with fewer than the `fewest` is left out with a warning."""
     unperturbed = [crossing for crossing in selected_crossings(crossings, selection) if crossing.onset is None]
     rows = read_table(selection, ["trial", "gait", "reason"])
     rows = rows.filter(pl.col("trial").is_in([path.stem for path in crossings]))
@@ -301,7 +301,7 @@ def average_unperturbed(crossings: Paths, selection: Path, settings: choices.Unp
         of_gait = [crossing for crossing in unperturbed if name in served[crossing.name]]
         lost = {trial: why for trial, why in reasons.items() if name in (*served[trial], ALL)}
         try:
-            gaits[name] = unperturbed_gait(of_gait, settings.fewest_unperturbed, lost)
+            gaits[name] = unperturbed_gait(of_gait, fewest, lost)
         except InputError as error:
             problems.append(f"{error}" if name == ALL else f"{name}: {error}")
     if not gaits:

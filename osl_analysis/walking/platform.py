@@ -22,7 +22,7 @@ from osl_analysis.signals import LowPass, runs, sampling_rate
 from osl_analysis.trial import Array, Trial
 from osl_analysis.walking import bodies
 from osl_analysis.walking.bodies import BodyMotion, Kept, Mask, Poses, StaticCalibration
-from osl_analysis.walking.settings import PlatformMotionSettings, PlatformSettings
+from osl_analysis.walking.settings import CrossingSettings, PlatformSettings
 
 FEWEST_FRAMES = 10  # Fewest frames from which a position at rest is read
 STILL = 7.0  # A platform moves where its speed is above this multiple of its noise: 1 in 10^7 frames of a resting one
@@ -497,7 +497,7 @@ class PlatformModel:
 ALONE = PlatformModel(None, "each crossing is analysed alone", {}, {}, None)  # No shared motion of the platform
 
 
-def moved_cluster(statics: Sequence[StaticCalibration], settings: PlatformMotionSettings) -> str | None:
+def moved_cluster(statics: Sequence[StaticCalibration], settings: CrossingSettings) -> str | None:
     """Why motions by these static trials are not compared: the coordinates of a motion are those of its cluster, of the
     place of each platform marker among the others. None if all clusters are the same."""
     labels, limit = settings.markers.platform, settings.largest_residual_mm
@@ -527,7 +527,7 @@ def trigger_latency(
     return {"mean": float(late.mean()), "used": float(constant), "finer": float(finer)}
 
 
-def turning_track(trial: Trial, static: StaticCalibration, settings: PlatformMotionSettings) -> PlatformTrack:
+def turning_track(trial: Trial, static: StaticCalibration, settings: CrossingSettings) -> PlatformTrack:
     """The track of a crossing about its largest motion; refused if the platform does not move."""
     time, poses = bodies.segment_poses(trial, settings.markers.platform, static, settings)
     turned, threshold = moved_from_rest(poses, settings)
@@ -538,9 +538,7 @@ def turning_track(trial: Trial, static: StaticCalibration, settings: PlatformMot
     return track_about(trial.name, time, poses, static, settings, float(time[np.argmax(turned)]))
 
 
-def identify_platform(
-    pairs: Sequence[tuple[Trial, StaticCalibration]], settings: PlatformMotionSettings
-) -> PlatformModel:
+def identify_platform(pairs: Sequence[tuple[Trial, StaticCalibration]], settings: CrossingSettings) -> PlatformModel:
     """The shape that the platform's motions share in perturbed crossings, each with its calibration. A crossing whose
     platform is hidden, or does not turn by `perturbation_deg`, has no part; its analysis says so."""
     labels = settings.markers.platform

@@ -143,12 +143,8 @@ class PlateModelSettings(PlatformSettings):
         return LowPass(self.plate_cutoff_hz, self.order)
 
 
-class PlatformMotionSettings(PlatformSettings, TimingSettings):
-    """How the motion that perturbations share is found."""
-
-
-class CrossingSettings(PlatformMotionSettings):
-    """How angle and torque of a crossing are computed."""
+class CrossingSettings(PlatformSettings, TimingSettings):
+    """How angle and torque of a crossing are computed, and the motion that perturbations share."""
 
     load_on_n: Newtons  # Vertical force [N] above which a stance begins
     load_off_n: Positive  # Vertical force [N] below which a stance ends
@@ -181,12 +177,6 @@ class SelectionSettings(TimingSettings):
     )
 
 
-class UnperturbedSettings(Settings):
-    """How the mean unperturbed gait is computed."""
-
-    fewest_unperturbed: Annotated[int, Field(ge=3)]  # Fewest unperturbed crossings from which a mean gait is computed
-
-
 class ResponseSettings(WalkingFilter, TimingSettings):
     """How a response is isolated and fitted."""
 
@@ -208,10 +198,10 @@ class EnsembleSettings(ResponseSettings):
     bootstrap_samples: Annotated[int, Field(ge=100, le=100_000)]  # Number of bootstrap samples of the ensemble
 
 
-class WalkingAnalysis(
-    CalibrationSettings, PlateModelSettings, CrossingSettings, SelectionSettings, UnperturbedSettings, EnsembleSettings
-):
-    """All choices of the walking analysis. Each job uses one of the groups above."""
+class WalkingAnalysis(CalibrationSettings, PlateModelSettings, CrossingSettings, SelectionSettings, EnsembleSettings):
+    """All choices of the walking analysis. Each job uses one of the groups above, or the one below."""
+
+    fewest_unperturbed: Annotated[int, Field(ge=3)]  # Fewest unperturbed crossings from which a mean gait is computed
 
     _moving_plates_have_markers = refused(
         lambda s: not (s.markers.platform or s.by_log or (s.perturbed_by == "belt" and s.plate_inertia == "none")),

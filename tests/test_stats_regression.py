@@ -20,13 +20,16 @@ from osl_analysis.bench.phasors import complex_mean, complex_quotient, fit_sinus
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.signals import LowPass
 from osl_analysis.stats import repeats
-from osl_analysis.stats.covariance import between_cycles, moving_sums, products_between, welch_satterthwaite
 from osl_analysis.stats.regression import (
+    between_cycles,
     diagnostics_row,
     lag_damping_row,
     linear_fit,
+    moving_sums,
+    products_between,
     thinned_rows,
     variance_accounted_for,
+    welch_satterthwaite,
     whiteness_row,
     with_shared_error,
 )

@@ -21,8 +21,14 @@ from numpy.typing import NDArray
 from osl_analysis.bench.record import Groups, Label, Record
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.stats import regression
-from osl_analysis.stats.covariance import between_cycles, less, products_between, welch_satterthwaite
-from osl_analysis.stats.regression import CONDITION_LIMIT, LinearFit
+from osl_analysis.stats.regression import (
+    CONDITION_LIMIT,
+    LinearFit,
+    between_cycles,
+    less,
+    products_between,
+    welch_satterthwaite,
+)
 from osl_analysis.trial import Array, check_measured, rounding_of
 
 FEWEST_UNITS = 4  # strata from which on these are the units that are left out; below, each group is one

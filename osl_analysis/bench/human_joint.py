@@ -35,8 +35,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.signals import LowPass, Motion, sampling_rate, seven_point_motion
 from osl_analysis.signals.grid import uniform_signals
 from osl_analysis.spectral.stepped_sine import Likeness
-from osl_analysis.stats.covariance import products_between
-from osl_analysis.stats.regression import Row
+from osl_analysis.stats.regression import Row, products_between
 from osl_analysis.trial import Array, Trial
 
 COSINES = 8  # in which an impulse response is described; each next one is broader

@@ -17,15 +17,15 @@ from osl_analysis.errors import InputError, OslAnalysisError
 from osl_analysis.spectral.periods import distinct
 from osl_analysis.spectral.response import local_response, periodic_response, record_spectrum
 from osl_analysis.spectral.stepped_sine import whole_rows
-from osl_analysis.stats.covariance import (
+from osl_analysis.stats.regression import (
     FEWEST_CYCLES,
+    Row,
     between_cycles,
     hac,
     less,
     products_between,
     welch_satterthwaite,
 )
-from osl_analysis.stats.regression import Row
 from osl_analysis.trial import Array, check_finite, check_measured
 
 COMPLEX_PARTS = ("re", "im", "var_re", "cov", "var_im", "degrees_of_freedom")  # endings of the columns of an estimate

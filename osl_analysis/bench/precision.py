@@ -23,8 +23,7 @@ from osl_analysis.bench.record import STRETCH_S
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.model.multisine import Multisine, odd_multisine
 from osl_analysis.signals import LowPass
-from osl_analysis.stats.covariance import FEWEST_CYCLES, welch_satterthwaite
-from osl_analysis.stats.regression import CONDITION_LIMIT
+from osl_analysis.stats.regression import CONDITION_LIMIT, FEWEST_CYCLES, welch_satterthwaite
 from osl_analysis.trial import Array
 
 KBI = ("K", "B", "I")

@@ -33,13 +33,14 @@ from osl_analysis.bench.witness import CHUNKS
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.model.compensator import Controller, Gains, belt_response
 from osl_analysis.model.drivetrain import PARAMETER_UNITS, DrivetrainParameters
-from osl_analysis.stats.covariance import Covariance, welch_satterthwaite
 from osl_analysis.stats.regression import (
+    Covariance,
     LinearFit,
     estimates_row,
     linear_fit,
     thinned_rows,
     variance_accounted_for,
+    welch_satterthwaite,
     with_shared_error,
 )
 from osl_analysis.stats.repeats import counted

@@ -40,7 +40,7 @@ from osl_analysis.signals.grid import (
 from osl_analysis.spectral import stepped_sine
 from osl_analysis.spectral.periods import PeriodicMotion, lines_of, periodic_motion
 from osl_analysis.spectral.stepped_sine import Likeness, whole_rows
-from osl_analysis.stats.covariance import FEWEST_CYCLES, products_between
+from osl_analysis.stats.regression import FEWEST_CYCLES, products_between
 from osl_analysis.trial import Array, Trial, stretches, visible_step
 
 Label = float | str | None

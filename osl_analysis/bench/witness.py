@@ -24,8 +24,7 @@ from osl_analysis.bench.gram import least_left, solved
 from osl_analysis.bench.record import Record
 from osl_analysis.signals import seven_point_motion
 from osl_analysis.spectral.periods import Spectrum
-from osl_analysis.stats.covariance import less
-from osl_analysis.stats.regression import Row
+from osl_analysis.stats.regression import Row, less
 from osl_analysis.trial import Array
 
 CHUNKS = 24  # of a recording, whose scores scatter

@@ -14,14 +14,13 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.errors import InputError, listing, naming, nearest, printable, quoted
-from osl_analysis.formats.binary_table import is_table_file
+from osl_analysis.formats.binary_table import FIRST_BYTES, is_table_file, refuse_others
 from osl_analysis.formats.c3d import BLOCK, is_c3d, parse_header
 from osl_analysis.formats.csv_table import is_text
 from osl_analysis.formats.gait_text import is_nexus, is_opensim, is_trc
 from osl_analysis.formats.json_lines import is_json_lines
 from osl_analysis.formats.mat import is_mat
 from osl_analysis.formats.mcap import MAGIC
-from osl_analysis.formats.other_formats import FIRST_BYTES, refuse_others
 from osl_analysis.formats.rosbag import ANY_BAG1, DESCRIPTION, SQLITE, files_in
 from osl_analysis.formats.table import copied_runs
 from osl_analysis.formats.tdms import is_tdms

@@ -12,7 +12,7 @@ import scipy
 from numpy.typing import ArrayLike
 
 from osl_analysis.errors import InputError
-from osl_analysis.stats.covariance import welch_satterthwaite
+from osl_analysis.stats.regression import welch_satterthwaite
 from osl_analysis.trial import Array, check_measured
 
 DOUBTFUL = "doubtful"  # column with the causes of doubt: empty if the fit is not doubtful, null in a row without a fit

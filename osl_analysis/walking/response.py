@@ -32,8 +32,7 @@ from numpy.typing import NDArray
 
 from osl_analysis.errors import IdentifiabilityError, InputError, naming
 from osl_analysis.signals import Motion, differentiate, sampling_rate
-from osl_analysis.stats.covariance import welch_satterthwaite
-from osl_analysis.stats.regression import LinearFit, linear_fit
+from osl_analysis.stats.regression import LinearFit, linear_fit, welch_satterthwaite
 from osl_analysis.stats.repeats import CommonError
 from osl_analysis.trial import EXACT_FIT_SHARE, REFLEX_DELAYS_MS, Array, rounding_of
 from osl_analysis.walking.crossing import DOWN, UP, Crossing

@@ -49,7 +49,7 @@ def told(ran, programmed, keep=("theta", "theta_m", "current", "torque"), **plan
     trial = logged(ran, **planted)
     trial = Trial("t", trial.samples.select("time", *keep), {})
     record = with_actuator(record_of_trial(trial, SETTINGS), trial)
-    return law_table(record, trial, P, programmed, WIDTH)
+    return law_table(record, P, programmed, WIDTH)
 
 
 def beyond(row):

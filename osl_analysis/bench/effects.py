@@ -232,7 +232,7 @@ class Belt:
 
 def actuator_turns(record: Record) -> bool:
     """Whether theta_m was recorded, and turns by a twentieth of the joint's angle or more."""
-    return record.theta_m is not None and bool(np.std(record.theta_m) > 0.05 * np.std(record.theta))
+    return "theta_m" in record.actuator and bool(np.std(record.actuator["theta_m"]) > 0.05 * np.std(record.theta))
 
 
 def belt_of_leg(record: Record, p: DrivetrainParameters | None) -> Belt | None:
@@ -244,13 +244,13 @@ def belt_of_leg(record: Record, p: DrivetrainParameters | None) -> Belt | None:
     it agrees with the file's: a B_j that is wrong then makes no lag. Else theta_m is late and B_j that of the file, or
     B_j is another one and theta_m on time: where a joint may have it, a lag that hangs on it is not found.
     """
-    if p is None or record.theta_m is None:
+    if p is None or "theta_m" not in record.actuator:
         return None
     few = record.coarse
-    assert few.theta_m is not None
+    theta_m = few.actuator["theta_m"]
     columns = {name: column for name, column in columns_of(few)[0].items() if name not in ("theta", "alpha")}
-    wound = belt_deflection(few.motion.theta, few.theta_m, p)
-    turned, *both = (float(np.std(few.part(angle))) for angle in (few.motion.theta, few.theta_m / p.n_T, wound))
+    wound = belt_deflection(few.motion.theta, theta_m, p)
+    turned, *both = (float(np.std(few.part(angle))) for angle in (few.motion.theta, theta_m / p.n_T, wound))
     if min(both) < 0.05 * turned:
         return None
     slips = few.low_pass(np.array([spring_that_slips(wound, width) for width in WOUND_UP]).T, few.rate_hz).T
@@ -274,7 +274,7 @@ def belt_of_leg(record: Record, p: DrivetrainParameters | None) -> Belt | None:
         torque_late = fault(fit["lag_s"], fit.se("lag_s"), fit.freedom("lag_s"))
         is_possible = p.B_j / OTHER_B_J < fit["omega"] < p.B_j * OTHER_B_J
         if own.found:
-            columns["omega"] = np.gradient(few.theta_m, 1 / few.rate_hz) / p.n_T
+            columns["omega"] = np.gradient(theta_m, 1 / few.rate_hz) / p.n_T
             fit = fitted(p.B_j)
             own = fault(-fit["omega"] / fit["wound"], fit.se("omega") / K_s, fit.freedom("omega"))
             otherwise = torque_late

@@ -290,7 +290,9 @@ def fit_person(trial: Trial, settings: HumanJointAnalysis, windows: str | None =
             "person's joint at random, as in binary steps, or leave out `human` under `dynamometer`"
         )
     slow = {"angle": LowPass(human.slow_hz, 2)(raw.motion.theta, raw.rate_hz), "time": raw.time, None: None}
-    signal = slow[human.over] if human.over in slow else logged(raw, trial, str(human.over))
+    signal = slow.get(human.over)
+    if human.over not in slow:
+        signal = logged(raw, trial, {"over": (str(human.over), raw.low_pass)})["over"]
     person = with_reflex(raw, human, signal)
     again = lambda one, model: with_reflex(one, human, signal).sums  # noqa: E731 - its model is the same
     return PersonFit(

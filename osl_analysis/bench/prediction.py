@@ -28,7 +28,7 @@ import scipy
 from numpy.typing import NDArray
 
 from osl_analysis.bench.components import ACTUATOR_PARAMETERS, LOSSES, PLACE
-from osl_analysis.bench.record import Record, logged
+from osl_analysis.bench.record import Record
 from osl_analysis.bench.witness import CHUNKS
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.model.compensator import Controller, Gains, belt_response
@@ -45,7 +45,7 @@ from osl_analysis.stats.regression import (
 )
 from osl_analysis.stats.repeats import counted
 from osl_analysis.table import finite_or_null
-from osl_analysis.trial import Array, Trial, rms
+from osl_analysis.trial import Array, rms
 
 LAW_GAINS = ("K_1", "B_1", "f_C", "f_G")
 CONSTANT = "k_tau_n_m"
@@ -56,23 +56,20 @@ that would explain B_1, a share of the friction that is cancelled."""
 OTHER_LINK = ("loop_late_s", "current_error")
 """What passes for another law: a loop that is late [s], and a current that reads too much, as a share."""
 LAW_COLUMNS = {"trial": pl.String} | dict.fromkeys((*GAIN_COLUMNS, "VAF", *OTHER_LAW, *OTHER_LINK), pl.Float64)
-SIGN_CUTOFF = 4.0  # cut-offs of the low-pass behind which the sign of the velocity is read
 LEAST_SE = {"K_1": 1e-3, "B_1": 2e-3, "f_C": 5e-3, "f_G": 2e-2, CONSTANT: 1e-2}
 """Standard error, as a share, of what sampling and hold of the loop, and a belt that slips, leave in every chunk."""
 
 
-def law_table(
-    record: Record, trial: Trial, p: DrivetrainParameters, programmed: Gains, sign_width: float
-) -> pl.DataFrame:
+def law_table(record: Record, p: DrivetrainParameters, programmed: Gains, sign_width: float) -> pl.DataFrame:
     """The row of a trial: its gains [N*m/rad, N*m*s/rad, N*m, 1] with 95 % intervals beside the `programmed` ones, the
     motor's torque for a current [N*m/A], and by how much each is off for certain. `p` is what the controller was
     programmed with, `sign_width` [rad/s] that of the sign of its velocity. No row of a trial without a current or an
     angle of the motor that come to a time base with its torque, nor where the motion does not tell the gains apart."""
     nothing = pl.DataFrame(schema=LAW_COLUMNS)
-    if record.theta_m is None or "current" not in trial.columns:
+    if "current" not in record.actuator:
         return nothing
     rate, low_pass = record.rate_hz, record.low_pass
-    motion = [record.theta_m]
+    current, motion = record.actuator["current"], [record.actuator["theta_m"]]
     for _ in range(3):
         motion.append(np.gradient(motion[-1], 1 / rate))
     moved = {"K_1": -motion[0], "B_1": -motion[1], "lag": motion[2], "third": motion[3], "one": np.ones(len(motion[0]))}
@@ -84,9 +81,7 @@ def law_table(
         return linear_fit(record.part(y)[rows], {name: record.part(x)[rows] for name, x in columns.items()}, by_chunks)
 
     try:
-        current = logged(record, trial, "current")
-        quick = replace(low_pass, cutoff_hz=min(SIGN_CUTOFF * low_pass.cutoff_hz, 0.2 * rate))
-        omega = np.gradient(logged(record, trial, "theta_m", quick), 1 / rate)
+        omega = np.gradient(record.actuator["quick"], 1 / rate)
 
         def friction(age: float) -> dict[str, Array]:
             sign = np.tanh(np.interp(record.time - age, record.time, omega) / sign_width)
@@ -121,7 +116,7 @@ def law_table(
     fit = replace(fit, covariance=fit.covariance + np.diag(least**2))
     motor = with_shared_error(motor, np.array([LEAST_SE[CONSTANT] * known[CONSTANT], *np.zeros(len(motor.names) - 1)]))
     asked = known | {name: programmed.cancels_friction * known[name] for name in ("f_C", "f_G")}
-    row = {"trial": trial.name, **estimates_row(fit, *LAW_GAINS), **estimates_row(motor, CONSTANT), "VAF": fit.vaf}
+    row = {"trial": record.name, **estimates_row(fit, *LAW_GAINS), **estimates_row(motor, CONSTANT), "VAF": fit.vaf}
     row |= {f"{name}_programmed": value for name, value in asked.items()}
     typical = float(np.sqrt(np.mean(record.part(current) ** 2)))
     return pl.DataFrame([row | certain_errors(fit, known[CONSTANT] / motor[CONSTANT], asked, p, typical)], LAW_COLUMNS)

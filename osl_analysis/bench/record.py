@@ -4,9 +4,9 @@ What differs from one motion to another is here, in three makers of groups: the 
 periods of a motion that repeats itself, and stretches of any other one. What comes after knows groups only.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import product
 from pathlib import Path
@@ -47,6 +47,7 @@ Label = float | str | None
 """What a fit of its own is made for: an amplitude [deg], a branch of a belt; None: all of a record."""
 STRETCH_S = 1.0  # duration [s] of a stretch: 30 correlation times of a 15 Hz low-pass
 PLACES = np.arange(4) / 4 - 0.375  # within a step of an encoder, for which rounding is computed
+SIGN_CUTOFF = 4.0  # cut-offs of the low-pass behind which the sign of the velocity is read
 SHORTEST_S = 1.0  # shortest stretch [s] that is fitted
 NOT_MOVED = "the joint does not move; check the channel of theta in the source file"
 
@@ -127,7 +128,9 @@ class Record:
     other: "Record | None" = None  # the same if undecided stamps were taken the other way; None: all are decided
     softer: "Record | None" = None  # the same with a bench that is softer by one standard error; None: it is exact
     settings: BenchAnalysis | None = None  # the bench, and limits of what a motion must tell
-    theta_m: Array | None = None  # the actuator's angle [rad] behind the filter, where it was asked for
+    actuator: Mapping[str, Array] = field(default_factory=dict)
+    """Where they were asked for, angle `theta_m` [rad] and `current` [A] of the actuator behind the filter; `quick` is
+    the angle of which the sign of the velocity is read."""
 
     @property
     def bench(self) -> BenchStiffness | None:
@@ -253,7 +256,7 @@ class Record:
             motion=self.motion[rows],
             filtered_torque=self.filtered_torque[rows],
             usable=self.usable[rows],
-            theta_m=None if self.theta_m is None else self.theta_m[rows],
+            actuator={name: signal[rows] for name, signal in self.actuator.items()},
             groups=replace(groups, first=first, stop=stop),
         )
 
@@ -476,23 +479,28 @@ def said_of_motion(words: str, known: Likeness, signals: UniformSignals) -> str:
 
 
 def with_actuator(record: Record, trial: Trial) -> Record:
-    """The record with the actuator's angle behind the filter, if the trial has one that comes to a time base together
-    with angle and torque."""
-    if "theta_m" not in trial.columns or record.settings is None:
-        return record
-    with suppress(InputError):
-        return replace(record, theta_m=logged(record, trial, "theta_m"))
+    """The record with what the trial has of the actuator, if that comes to a time base with angle and torque."""
+    same, rate = record.low_pass, record.rate_hz
+    quick = replace(same, cutoff_hz=min(SIGN_CUTOFF * same.cutoff_hz, 0.2 * rate))
+    wanted = {"theta_m": ("theta_m", same), "quick": ("theta_m", quick), "current": ("current", same)}
+    for names in (("theta_m", "quick", "current"), ("theta_m",)):
+        if "theta_m" in trial.columns and all(wanted[name][0] in trial.columns for name in names):
+            with suppress(InputError):
+                return replace(record, actuator=logged(record, trial, {name: wanted[name] for name in names}))
     return record
 
 
-def logged(record: Record, trial: Trial, name: str, low_pass: LowPass | None = None) -> Array:
-    """A further column of a trial, behind a filter, or that of its record, at the times of the record. Raises
-    InputError: it is not there, or its device's stamps do not come to a time base."""
+def logged(record: Record, trial: Trial, wanted: Mapping[str, tuple[str, LowPass]]) -> dict[str, Array]:
+    """Further columns of a trial at the times of the record: by the name that each is to have, column and filter.
+    Raises InputError: one is not there, or its device's stamps do not come to a time base."""
     assert record.settings is not None
-    device = next(one for one in devices_of(trial, ("theta", name, "torque")) if name in one)
-    found = uniform_signals(trial, device, record.settings.gap_limits, wanted=(name,))
-    filtered = {name: (low_pass or record.low_pass)(found[name], found.rate_hz)}
-    return resampled(found.time, filtered, record.time, 1 / found.rate_hz)[name]
+    columns, found = [column for column, _ in wanted.values()], dict[str, Array]()
+    for device in devices_of(trial, list(dict.fromkeys(("theta", *columns, "torque")))):
+        if own := {name: one for name, one in wanted.items() if one[0] in device}:
+            made = uniform_signals(trial, device, record.settings.gap_limits, wanted=columns)
+            filtered = {name: low_pass(made[column], made.rate_hz) for name, (column, low_pass) in own.items()}
+            found |= resampled(made.time, filtered, record.time, 1 / made.rate_hz)
+    return found
 
 
 def motion_parts(signals: UniformSignals, settings: ImpedanceAnalysis, windows: str | None) -> Parts:

@@ -80,7 +80,7 @@ def fit_impedance_trial(
     of_leg, ran = with_actuator(record, trial), stated.gains(p, weight)
     law = pl.DataFrame(schema=prediction.LAW_COLUMNS)
     if p is not None and ran is not None:
-        law = prediction.law_table(of_leg, trial, p, ran, models.sign_width)
+        law = prediction.law_table(of_leg, p, ran, models.sign_width)
         ran, programmed_as = prediction.law_that_ran(law, ran, p)
         ran = replace(ran, cancels_friction=ran.cancels_friction and programmed_as == p)
     analysis, table = impedance.judged_impedance(of_leg, rails, p, condition, ran)

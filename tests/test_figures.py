@@ -378,7 +378,7 @@ def test_fig9_shows_every_group_with_a_result_and_its_command_and_fig8_stance_al
 def test_groups_have_a_page_each():
     page = stored("walking_page")
     axes = walking_page.draw(pl.concat([page, page.with_columns(group=pl.lit("slow"), mean=2 * pl.col("mean"))])).axes
-    (one,), (two,) = ([a.get_ydata() for a in ax.lines if a.get_label() == "Mean"] for ax in (axes[2], axes[6]))
+    (one,), (two,) = ([a.get_ydata() for a in ax.lines if a.get_label() == "Averaged"] for ax in (axes[2], axes[6]))
     np.testing.assert_allclose(two, 2 * one)
     windows = [[(p.get_x(), p.get_x() + p.get_width()) for p in ax.patches] for ax in axes[:4:2]]
     assert windows == [[(26, 34), (40, 54)], [(-100, -40), (0, 100)]]

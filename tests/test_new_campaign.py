@@ -46,6 +46,18 @@ def test_a_channel_that_may_be_another_quantity_is_left_to_the_user(tmp_path, co
     assert content["channels"][open_place[-1]]["column"] == name
 
 
+@pytest.mark.parametrize(("names", "sure"), [
+    ("HipAngle (deg),HipTorque (Nm)", True), ("knee angle (deg),torque (N·m)", True),
+    ("knee angle (deg),hip torque (Nm)", False),
+])  # fmt: skip
+def test_the_one_joint_that_a_recording_names_is_its_joint_and_units_are_told_as_written(tmp_path, names, sure):
+    (tmp_path / "a.csv").write_text(
+        "\n".join([f"time (s),{names}", *(f"{k / 100},{k % 7},{k % 5}" for k in range(30))])
+    )
+    draft = draft_campaign(tmp_path).sources["csv"]
+    assert ({"theta", "torque"} <= {*yaml.safe_load(draft)["channels"]}, "\\u00b7" in draft) == (sure, False)
+
+
 @pytest.mark.parametrize(("name", "experiment", "told"), [
     ("belt 01", "belt", {}),
     ("impedance_K300_B5.0_uncompensated", "impedance", {"K_d": "300", "B_d": "5.0", "controller": "uncompensated"}),
@@ -67,6 +79,7 @@ def test_the_name_of_a_file_tells_its_trial_and_nothing_more(name, experiment, t
     assert (cells["experiment"], cells["trial"][0] in "_-.") == (experiment, False)
     assert {k: v for k, v in cells.items() if k in ("K_d", "B_d", "controller", "perturbed")} == told
     assert ("write calibration" in "".join(still_open)) == (name == "calibration")
+    assert ("write actuator or belt" in "".join(still_open)) == (name == "belt_motor")
     assert bool(still_open) != (experiment not in ("ingest_only", "impedance") or {"K_d", "B_d"} <= told.keys())
 
 

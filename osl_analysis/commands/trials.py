@@ -263,7 +263,11 @@ def left_to_decide(folder: Path, draft: Draft) -> list[str]:
     edits = {folder / CAMPAIGN: re.findall(rf"(\w+): [^#\n]*{UNKNOWN}", draft.walking)}
     for path in (folder / f"sources/{name}.yaml" for name in draft.sources):
         edits[path] = [place[-1] for place in open_places(read_mapping(path))]
-    told = [f"{path}: {len(k)} places are to be edited: {', '.join(k[:6])}" for path, k in edits.items() if k]
+    told = [
+        f"{path}: {len(k)} place{' is' if len(k) == 1 else 's are'} to be edited: {', '.join(k[:6])}"
+        for path, k in edits.items()
+        if k
+    ]
     alike: dict[str, list[str]] = {}
     for cells, questions in draft.trials:
         for text in questions:

@@ -80,7 +80,7 @@ def draw_fig9(table: pl.DataFrame) -> Figure:
             ax.errorbar([at + mean_at], [row["mean"]], yerr=sd, **black, **marked)
             low, high = row["ensemble_low"], row["ensemble_high"]  # percentiles, not about the estimate
             ax.errorbar([at + ensemble_at], [(low + high) / 2], yerr=[(high - low) / 2], fmt="none", **purple)
-            look: dict[str, Any] = {"markersize": 3.2, "label": "Fit of mean response, 95 %"}
+            look: dict[str, Any] = {"markersize": 3.2, "label": "Fit of averaged response, 95 %"}
             ax.plot([at + ensemble_at], [row["ensemble"]], "D", color=style.PURPLE, **look)
         if quantity == "I" or ax.dataLim.y0 < 0:
             ax.axhline(0, color=style.BLACK, linewidth=0.5, zorder=0)
@@ -93,7 +93,7 @@ def draw_fig9(table: pl.DataFrame) -> Figure:
             ax.set_xticklabels(["\n".join(textwrap.wrap(name, letters, break_long_words=False)) for name in told])
         ax.set_ylabel(names.AXIS_LABELS[quantity])
     found = style.legend_entries(axes[:1])
-    order = ("One perturbation", "Mean ± SD", "Fit of mean response, 95 %", "Commanded")
+    order = ("One perturbation", "Mean ± SD", "Fit of averaged response, 95 %", "Commanded")
     labels = {name: found[name] for name in order if name in found}
     labels |= style.open_entry(table)
     figure.legend(list(labels.values()), list(labels), loc="outside upper center", ncols=2 if single else 5)
@@ -157,7 +157,7 @@ def draw_isolated(ax: Axes, table: pl.DataFrame, panel: str) -> None:
         for place, one in enumerate(drawn):
             (line,) = ax.plot(one["x"], one["mean"], **look | ({"label": None} if place else {}))
             line.set_url(style.place_in_report(one["trial"][0]))
-    ax.plot(mean["x"], mean["mean"], color=style.BLACK, linewidth=1.4, label="Mean")
+    ax.plot(mean["x"], mean["mean"], color=style.BLACK, linewidth=1.4, label="Averaged")
     if not fit.is_empty():
         label = r"Fit of $K\theta + B\dot\theta + I\ddot\theta$"
         ax.plot(fit["x"], fit["mean"], color=style.ORANGE, linewidth=1.4, linestyle=style.DASHED, label=label)

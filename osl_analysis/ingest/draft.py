@@ -49,7 +49,9 @@ PATTERNS = {
     ),
 }
 """By column: what the words of a name contain, and what they do not; and the words of a name that leave no doubt:
-`theta_d` may be a command, `knee_angle` is another joint's. The first that fits is the guess."""
+`theta_d` may be a command, `knee_angle` another joint's if the recording names several `JOINTS`. The first that fits is
+the guess."""
+JOINTS = ("ankle", "knee", "hip")
 
 
 def likely_column(channel: RecordedChannel) -> str:
@@ -203,10 +205,12 @@ def guessed_columns(channels: Sequence[RecordedChannel]) -> list[Guess]:
         is_torque = column in ("torque", "torque_m")
         without.append(no_signal(channel) or (made_of(channel, currents) if is_torque else ""))
     known = Counter(column for column, why in zip(named, without, strict=True) if not why)
+    joints = {*JOINTS} & {word for one in channels for word in parted_name(name_of(one)).split()}
     for channel, column, why in zip(channels, named, without, strict=True):
         unit = "" if channel.unit else parted_name(channel.likely_unit)  # its words do not count
         words = parted_name(name_of(channel)).removesuffix(unit).split()
-        sure = bool(words) and column != "" and set(words) <= set(PATTERNS[column][2].split())
+        own = {*PATTERNS[column][2].split()} if column else set()
+        sure = bool(words) and {*words} <= (own | joints if own and len(joints) == 1 else own)
         by_name = Guess(column, sure and known[column] == 1, "guessed from its name" * sure)
         guesses.append(Guess(said=why, no_signal=True) if why else by_name)
     columns = {guess.column for guess in guesses}
@@ -268,7 +272,7 @@ def channel_line(number: int, channel: RecordedChannel, guess: Guess) -> str:
     said += [f"no known unit: {json.dumps(channel.unit)}"] * (bool(channel.unit) and unit == UNKNOWN)
     said += [f"the unit is guessed{' from its size' * bool(by_size)}: check it"] * (is_guessed or bool(by_size))
     fields = {**channel.address, "unit": unit} | ({"sign": guess.sign} if guess.sign < 0 else {})
-    entry = ", ".join(f"{key}: {json.dumps(value)}" for key, value in fields.items())
+    entry = ", ".join(f"{key}: {json.dumps(value, ensure_ascii=False)}" for key, value in fields.items())
     comment = f"  # {'; '.join(filter(None, said))}" if any(said) else ""
     return f"  {guess.column if sure else f'NAME_{number}'}: {{{entry}}}{comment}"
 
@@ -394,6 +398,7 @@ WORDS_OF_EXPERIMENTS = {
     "impedance": r"\b(impedance|imp|stiffness|multisine|chirp|sines?)\b",
 }
 """By experiment: what the words of a file's name contain. A name that tells several tells none."""
+ON_WALKWAY = ("walking", "plate", "static")  # what a capture alone can be of
 UNNAMED = "ingest_only"  # the experiment of a trial whose name tells none
 
 
@@ -447,7 +452,9 @@ def draft_trial(
         return {**cells, **motion}, [f"to be confirmed, guessed from {by}: {guessed}"]
     if experiment == UNNAMED:
         what = f"the name may tell {' or '.join(told)}" if told else "the name tells none"
-        return cells, [f"experiment: {what}; it stands as {UNNAMED}, which is not analysed"]
+        write = told or ([*ON_WALKWAY] if "log" not in files else [*WORDS_OF_EXPERIMENTS][::-1])
+        remedy = f"write {', '.join(write[:-1])} or {write[-1]} in its place"
+        return cells, [f"experiment: {what}; it stands as {UNNAMED}, which is not analysed: {remedy}"]
     if experiment == "calibration":
         remedy = "write calibration, and its known_K or known_I"
         said = f"experiment: a calibration whose spring or inertia is not told stands as {UNNAMED}: {remedy}"
@@ -492,6 +499,6 @@ def experiments_told(words: str, files: Recordings, states_K: bool) -> list[str]
     """The experiments that a name tells by its words or a stiffness. A log alone is of a bench, a boot or a leg, a
     capture alone of a walkway."""
     wrong = {"static", "plate"} if "mocap" not in files else set()
-    wrong |= {*WORDS_OF_EXPERIMENTS} - {"static", "plate", "walking"} if "log" not in files else set()
+    wrong |= {*WORDS_OF_EXPERIMENTS} - {*ON_WALKWAY} if "log" not in files else set()
     told = [known for known, word in WORDS_OF_EXPERIMENTS.items() if known not in wrong and re.search(word, words)]
     return told + ["impedance"] * (states_K and not {"walking", "impedance"} & {*told, *wrong})

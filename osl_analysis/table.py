@@ -44,8 +44,11 @@ def tables_of(data: str) -> Iterator[None]:
 
 
 def marked_data(frame: pl.DataFrame) -> pl.DataFrame:
-    """A table with the column of `tables_of`, whose texts no spreadsheet takes for formulas."""
+    """A table with the column of `tables_of`, whose texts no spreadsheet takes for formulas. Beside `joint` it has a
+    `side` only where one is known."""
     data = OF_DATA.get()
+    if {"joint", "side"} <= {*frame.columns} and frame["side"].null_count() == len(frame):
+        frame = frame.drop("side")
     frame = frame.select(pl.exclude("data"), pl.lit(data, pl.String).alias("data")) if data else frame
     # how a text begins that a spreadsheet runs; in a table it has a ' before it
     return frame.with_columns(pl.col(pl.String).str.replace(r"^(['=+@\t\r]|-[A-Za-z(])", "'$1"))
@@ -91,7 +94,8 @@ def with_places(table: pl.DataFrame, places: Places, by: str = "trial") -> pl.Da
 def read_table(path: Path | str, required: Sequence[str] = (), of: str = "") -> pl.DataFrame:
     """A result table of a campaign, such as `results/tables/impedance.csv`; `osl-analysis describe-tables` explains it.
 
-    A column without any entry is read as Float64 null, `TEXT_COLUMNS` as text. Columns that are `required` must be
+    A column without any entry is read as Float64 null, `TEXT_COLUMNS` as text, a `side` that is not
+    written as null. Columns that are `required` must be
     there and, but for `TEXT_COLUMNS`, hold numbers. `of` is the table's name where `path` is an archive of several.
     Raises InputError where it is missing, is no CSV, or was refused.
     """
@@ -116,6 +120,8 @@ def read_table(path: Path | str, required: Sequence[str] = (), of: str = "") -> 
     table = table.with_columns(pl.col(pl.String).str.strip_prefix("'"))
     empty = [c for c in table.columns if c not in TEXT_COLUMNS and table[c].null_count() == len(table)]
     table = table.with_columns(pl.col(empty).cast(pl.Float64))
+    if "joint" in table.columns and "side" not in table.columns:
+        table.insert_column(table.columns.index("joint") + 1, pl.lit(None, pl.String).alias("side"))
     for column in required:
         if column not in table.columns:
             there = ", ".join(table.columns)

@@ -129,6 +129,16 @@ def test_a_bad_table_is_refused_by_file_and_column_in_one_line(tmp_path, content
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize("known", [None, "left"])
+def test_a_side_is_written_where_one_is_known_and_read_in_any_case(tmp_path, known):
+    places = pl.DataFrame(
+        {"trial": ["a", "b"], "joint": None, "side": [known, None]}, schema_overrides={"side": pl.String}
+    )
+    write_table(places, path := tmp_path / "t.csv")
+    assert ("side" in path.read_text().splitlines()[0]) == (known is not None)
+    assert (read_table(path).columns, read_table(path)["side"].to_list()) == (places.columns, [known, None])
+
+
 def test_no_cell_of_a_table_is_a_formula_and_every_text_is_read_as_it_was_written(tmp_path):
     texts = ["=1+1", "+cmd", "@SUM(A1)", "-x", "-(1)", "\tx", "-1.5 %", "a=b", "'it's", None]
     write_table(pl.DataFrame({"remark": texts, "K": range(len(texts))}), path := tmp_path / "t.csv")

@@ -89,7 +89,7 @@ def test_names_and_macros_of_any_controllers_are_letters_and_no_two_are_alike():
     names = ("PD 1", "PD-1", "α", "a_", "A", "脚", "no controller", None)
     rows = of_controllers(*names, joint="knee", side=None).with_columns(doubtful=pl.lit(""))
     ends = {f"{q}_amplitudes_{e}": pl.col(q) for q in "KB" for e in ("low", "high")}
-    ends |= dict.fromkeys(("B_viscous", "f_C"), pl.lit(None, pl.Float64))
+    ends |= dict.fromkeys(("I", "B_viscous", "f_C"), pl.lit(None, pl.Float64))
     rows = rows.with_columns(**ends, interval_method=pl.lit("units"))
     found = headline_numbers({"impedance": rows}, example=Example(100.0, 0.0))
     macros = [h.macro + ending for h in found for ending in ENDINGS]

@@ -12,6 +12,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+import polars as pl
 from ruamel.yaml import YAML
 
 from osl_analysis.campaign.campaign import Campaign, days_of_recordings, open_campaign
@@ -136,7 +137,9 @@ def resources(crate: Path) -> Iterator[dict[str, Any]]:
             continue
         table, described = read_table(path), known.get(f"tables/{path.stem}")
         fields = []
-        for name, kind in table.schema.items():
+        for name, kind in table.select(
+            pl.read_csv(path, n_rows=0).columns
+        ).schema.items():  # not one that is not written
             field = {"name": name, "type": kinds.get(str(kind)[:3], "string")}
             column = described.columns.get(name) if described else None
             fields.append(field | ({"unit": column.unit, "description": column.meaning} if column else {}))

@@ -119,8 +119,9 @@ def read_source(path: Path) -> Source:
         raise InputError(f"{path}: {said}: write one of {', '.join(FORMATS)}{nearest(name, FORMATS)}")
     if places:
         where = listing([f"`{dotted(place)}` in line {field_line(path, place)}" for place in places], 6)
+        are = "place is" if len(places) == 1 else "places are"
         raise InputError(
-            f"{path}: a draft of `osl-analysis inspect` in which {len(places)} place{' is' if len(places) == 1 else 's are'} to be edited: {where}; give "
+            f"{path}: a draft of `osl-analysis inspect` in which {len(places)} {are} to be edited: {where}; give "
             f"each signal that you need its canonical name ({', '.join(c for c in COLUMNS if c != 'time')}), state "
             f"each {UNKNOWN}, and delete the other lines of `channels`"
         )

@@ -29,7 +29,7 @@ from osl_analysis.report.headlines import MOST_UNSTATED, NOISE_ALONE, first_said
 from osl_analysis.report.trial_page import ReportedTrial, response_said, value_and_interval
 from osl_analysis.stats.repeats import summary_row
 
-ALL_SAMPLES = 500  # trials of which a page draws all samples that a series has: some 30 MB
+ALL_SAMPLES = 250  # trials of which a page draws all samples that a series has: some 15 MB
 FIRST_FIGURES = ("fig5", "walking_page", "torque_angle", "response", "fig3")
 """Of these the first one that the campaign has stands on the first screen; Fig. 5 where something was desired."""
 

@@ -383,6 +383,20 @@
     return showTrial(name);
   }
 
+  // --- the map: its cells have no links and no titles of their own, since a large campaign has ten thousand
+
+  const map = document.querySelector("table.map");
+  const trialOf = (cell) => JSON.parse(cell.closest("tbody").dataset.trials)[cell.cellIndex - 1];
+  map.addEventListener("click", ({ target }) => {
+    if (target.tagName === "TD") location.hash = `#trial=${encodeURIComponent(trialOf(target))}`;
+  });
+  map.addEventListener("mouseover", ({ target }) => {
+    if (target.tagName !== "TD" || target.title) return;
+    const row = target.parentElement;
+    const cause = row.className === "whole" ? "" : `, ${row.cells[0].textContent}`;
+    target.title = `${trialOf(target)}${cause}: ${target.className.replaceAll("-", " ")}`;
+  });
+
   // --- the table of trials
 
   const search = document.getElementById("search");

@@ -292,10 +292,10 @@ def drivetrain_of(values: Mapping[str, float], file: DrivetrainParameters) -> Dr
     return replace(file, k_tau=values["k_tau_n_m"] / file.n_m, K_s2=0.0, **named)
 
 
-def predicted_torque(record: Record, law: Controller, p: DrivetrainParameters, friction: float = 1.0) -> Array:
-    """Filtered resisting torque (n,) [N*m] of a drivetrain under a controller, for the recorded angle, with `friction`
-    times that of the parameters. Raises InputError: it grows without bounds."""
-    belt = belt_response(record.theta, record.rate_hz, law, p, friction)
+def predicted_torque(record: Record, law: Controller, p: DrivetrainParameters) -> Array:
+    """Filtered resisting torque (n,) [N*m] of a drivetrain under a controller, for the recorded angle. Raises
+    InputError: it grows without bounds."""
+    belt = belt_response(record.theta, record.rate_hz, law, p)
     if not np.isfinite(belt).all():
         raise InputError(
             f"trial {record.name}: the drivetrain model grows without bounds for K_1 = {law.gains.K_1:g}, B_1 = "

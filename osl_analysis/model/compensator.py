@@ -313,13 +313,10 @@ class Controller:
     velocity_delay: float = 0.0  # age [s] of omega_m where it is used
 
 
-def belt_response(
-    theta: Array, rate_hz: float, controller: Controller, p: DrivetrainParameters, friction: float = 1.0
-) -> Array:
+def belt_response(theta: Array, rate_hz: float, controller: Controller, p: DrivetrainParameters) -> Array:
     """Torque [N*m] in the belt, shape (n,), for a joint angle theta [rad] at uniform samples. The actuator starts at
-    rest, in equilibrium with the first angle. Its friction, `friction` times that of the parameters p, has the true
-    sign of the velocity and can hold it at rest. If the gains cancel friction, the current includes the feedforward of
-    Eq. 5."""
+    rest, in equilibrium with the first angle. Its friction has the true sign of the velocity and can hold it at rest.
+    If the gains cancel friction, the current includes the feedforward of Eq. 5."""
     # N(s) theta_m = K_s/n_T theta + e over one sample, e a torque [N*m] constant in between: the next state (theta_m,
     # omega_m) is transition (2, 4) @ (theta_m, omega_m, theta, next theta) + push (2,) e
     step, continuous, gains = 1 / rate_hz, np.zeros((5, 5)), controller.gains
@@ -333,7 +330,7 @@ def belt_response(
         gains.K_1, gains.B_1, gains.cancels_friction, controller.sign_width, controller.p.k_tau * controller.p.n_m,
         controller.p.f_C, controller.p.f_G, controller.angle_delay * rate_hz, controller.velocity_delay * rate_hz,
     )  # fmt: skip
-    plant = (p.k_tau * p.n_m, friction * p.f_C, friction * p.f_G, p.n_T, p.K_s2)
+    plant = (p.k_tau * p.n_m, p.f_C, p.f_G, p.n_T, p.K_s2)
     start = p.K_s / p.n_T * theta[0] / (gains.K_1 + p.K_s / p.n_T**2)
     theta = np.ascontiguousarray(theta, dtype=float)
     path = np.zeros((2, len(theta)))

@@ -10,17 +10,8 @@ import scipy
 
 from osl_analysis.model.compensator import Gains, select_gains
 from osl_analysis.model.drivetrain import DrivetrainParameters, actuator_torque
-from osl_analysis.simulator import drivetrain, joint_motion
+from osl_analysis.simulator import drivetrain, joint_motion, recorder
 from osl_analysis.simulator.joint_motion import JointMotion
-from osl_analysis.simulator.recorder import (
-    SAMPLES,
-    TrueSignal,
-    joint_states,
-    recording_of,
-    sample_topic,
-    wrenches,
-    write_topics,
-)
 from osl_analysis.simulator.settings import SimulationSettings, stream
 from osl_analysis.trial import Array
 
@@ -39,7 +30,7 @@ def simulate_bench_trial(
     elif row["experiment"] == "impedance" and settings.joint is None:
         weight = settings.gain_weight
         gains = select_gains(str(row["controller"]), float(row["K_d"]), float(row["B_d"]), p, weight)
-    log, drawn = recording_of(trial, true_signals(row, settings, p, gains)[1], settings)
+    log, drawn = recorder.recording_of(trial, true_signals(row, settings, p, gains)[1], settings)
     truth: dict[str, object] = {
         "trial": trial,
         "seed": settings.seed,
@@ -56,7 +47,7 @@ def simulate_bench_trial(
 
 def true_signals(
     row: Mapping[str, Any], settings: SimulationSettings, p: DrivetrainParameters, gains: Gains | None = None
-) -> tuple[JointMotion, dict[str, TrueSignal]]:
+) -> tuple[JointMotion, dict[str, recorder.TrueSignal]]:
     """The true motion of a trial, and its true signals by channel. The load cell has the torque of the joint on the
     bench, the paper's tau_j: *minus* the canonical torque. So has the actuator's own transducer its imperfections."""
     experiment, bench, bandwidth = row["experiment"], settings.dynamometer, settings.effects.dynamometer_bandwidth
@@ -144,9 +135,10 @@ def write_bench_log(path: Path, log: Mapping[str, Array], two_nodes: bool) -> No
     if torque not in log:
         topic, frame, torque, cell = "/actuator", "actuator_bench", "output_torque", "transducer"
     if not two_nodes:
-        write_topics(path, [sample_topic(topic, frame, SAMPLES[topic], log["time"], log)])
+        recorder.write_topics(path, [recorder.sample_topic(topic, frame, recorder.SAMPLES[topic], log["time"], log)])
         return
     joints = {"joint": "joint_angle", "actuator": "actuator_angle", "command": "commanded_angle"}
     position = {joint: log[angle] for joint, angle in joints.items() if angle in log}
-    states = joint_states("/joint_states", "bench", log["time"], position, {"actuator": log["motor_current"]})
-    write_topics(path, [states, wrenches("/wrench", cell, log["torque_time"], log[torque])])
+    effort = {"actuator": log["motor_current"]}
+    states = recorder.joint_states("/joint_states", "bench", log["time"], position, effort)
+    recorder.write_topics(path, [states, recorder.wrenches("/wrench", cell, log["torque_time"], log[torque])])

@@ -12,17 +12,8 @@ import numpy as np
 
 from osl_analysis.errors import optional_module
 from osl_analysis.files import atomic_path
+from osl_analysis.simulator import step as gait
 from osl_analysis.simulator.settings import FOOT, PLATE_CHANNELS, PLATFORM, SHANK
-from osl_analysis.simulator.step import (
-    GRAVITY,
-    GaitTrial,
-    PlatformMotion,
-    Point,
-    Pose,
-    TrueWrench,
-    interpolated_at,
-    support,
-)
 from osl_analysis.trial import Array
 
 MM = 1e3
@@ -54,7 +45,7 @@ def write_c3d(path: Path, points: Array, analogs: Array, groups: Mapping[str, Ma
         file.write(str(temporary))
 
 
-def sync_level(trial: GaitTrial, time: Array) -> Array:
+def sync_level(trial: gait.GaitTrial, time: Array) -> Array:
     """Level, 0 or 1, of the synchronisation line at times [s]: an irregular pulse train over the duration of a
     recording, whose pattern does not repeat. It is low before the first pulse."""
     shortest, longest, duration = 0.06, 0.25, trial.walking.gait.recording_s  # intervals [s] between two changes
@@ -62,18 +53,18 @@ def sync_level(trial: GaitTrial, time: Array) -> Array:
     return np.asarray(np.searchsorted(edges[edges < duration], time, side="right") % 2, dtype=float)
 
 
-def leg_markers(foot: Pose, shank: Pose) -> dict[str, Array]:
+def leg_markers(foot: gait.Pose, shank: gait.Pose) -> dict[str, Array]:
     """Exact paths [m], shape (n, 3) each, of the markers that foot and shank always carry."""
     return on_body(foot, FOOT) | on_body(shank, SHANK)
 
 
-def on_body(body: Pose, places: Mapping[str, Point]) -> dict[str, Array]:
+def on_body(body: gait.Pose, places: Mapping[str, gait.Point]) -> dict[str, Array]:
     """Exact paths [m], shape (n, 3) each, of points given by their places [m] on a body."""
     return {label: body.point(place) for label, place in places.items()}
 
 
 def write_capture(
-    folder: Path, trial: GaitTrial, leg: Mapping[str, Array], platform: PlatformMotion, load: TrueWrench
+    folder: Path, trial: gait.GaitTrial, leg: Mapping[str, Array], platform: gait.PlatformMotion, load: gait.TrueWrench
 ) -> None:
     """Write the capture `vicon/<trial>.c3d`: the exact paths of the leg's markers [m] and those of the platform, with
     noise and gaps; the plate under its load, synchronisation, and the trigger, high for 20 ms. Without markers on
@@ -90,15 +81,15 @@ def write_capture(
     turned, rate = platform.pose.rotation @ PLATE_AXES, rates.motion_hz
     sensor = np.array(plate.centre_m) + np.array([*plate.sensor_offset_m, -plate.sensor_depth_m])
     mass, centre = effects.plate_inertia.value, np.add(plate.centre_m, plate.centre_of_mass_m)
-    own, about = support(platform.pose, rate, mass, centre, plate.gyration_m), platform.pose.point(sensor)
-    force, resting = np.einsum("nji,nj->ni", turned, load.force + own.force), -mass * GRAVITY
+    own, about = gait.support(platform.pose, rate, mass, centre, plate.gyration_m), platform.pose.point(sensor)
+    force, resting = np.einsum("nji,nj->ni", turned, load.force + own.force), -mass * gait.GRAVITY
     moment = np.einsum("nji,nj->ni", turned, load.moment_about(about) + own.moment_about(about))
     zeroed = force - resting @ PLATE_AXES, moment - np.cross(centre - sensor, resting) @ PLATE_AXES
     channels = []  # force [N], and moment [N*mm] about the sensor's origin, with lag, offset and noise
     for quantity, unit, values in zip(("force", "moment"), (1.0, MM), zeroed, strict=True):
         noise = trial.random(f"{quantity}_noise").standard_normal((len(time), 3))
         offset = trial.random(f"{quantity}_offset").standard_normal(3)
-        late = interpolated_at(values, rate, time - 1e-3 * effects.plate_lag.value)
+        late = gait.interpolated_at(values, rate, time - 1e-3 * effects.plate_lag.value)
         late = late + getattr(effects, f"{quantity}_noise").value * noise
         channels.append(unit * (late + getattr(effects, f"{quantity}_offset").value * offset))
     command = np.inf if platform.command is None else platform.command
@@ -144,7 +135,7 @@ def write_capture(
     write_c3d(folder / "vicon" / f"{trial.name}.c3d", seen_markers(trial, exact), analogs, groups)
 
 
-def seen_markers(trial: GaitTrial, exact: Array) -> Array:
+def seen_markers(trial: gait.GaitTrial, exact: Array) -> Array:
     """Marker positions [m] with noise, shape (frames, labels, 3), NaN where hidden."""
     effects = trial.walking.effects
     noise = trial.random("marker_noise").standard_normal(exact.shape)

@@ -26,17 +26,8 @@ from osl_analysis.config.sheet import read_impedance_trajectory
 from osl_analysis.errors import InputError, listing, naming, nearest, optional_module
 from osl_analysis.figures import drawing_of
 from osl_analysis.files import write_text
-from osl_analysis.model import compensator, mjcf
+from osl_analysis.model import compensator, drivetrain, mjcf
 from osl_analysis.model.compensator import Controller, Weight
-from osl_analysis.model.drivetrain import (
-    DrivetrainParameters,
-    FileOrNone,
-    desired_admittance,
-    joint_admittance,
-    joint_of,
-    known_parameters,
-    read_parameters,
-)
 from osl_analysis.stats.regression import variance_accounted_for
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import read_trial
@@ -45,7 +36,7 @@ TESTED_HZ = (1.0, 2.0, 3.0, 4.0, 5.0)  # frequencies of Section III-B, at which 
 
 
 def gain_table(
-    K_d: ArrayLike, B_d: ArrayLike, p: DrivetrainParameters, weight: Weight, frequencies_hz: Sequence[float]
+    K_d: ArrayLike, B_d: ArrayLike, p: drivetrain.DrivetrainParameters, weight: Weight, frequencies_hz: Sequence[float]
 ) -> pl.DataFrame:
     """A row per pair K_d [N*m/rad], B_d [N*m*s/rad], arrays of shape (pairs,); `describe-tables` has the columns.
 
@@ -71,14 +62,14 @@ def requested_gains(
     stiffness: Sequence[float], damping: Sequence[float], trajectory: Path | None, weight: Weight, parameters: Path
 ) -> pl.DataFrame:
     """The gains for every row of a trajectory file, or for every combination of K_d [N*m/rad] and B_d [N*m*s/rad]."""
-    p = read_parameters(parameters)
+    p = drivetrain.read_parameters(parameters)
     if trajectory is not None:
         return trajectory_table(trajectory, p, weight)
     K_d, B_d = (v.ravel() for v in np.meshgrid(stiffness, damping, indexing="ij"))
     return gain_table(K_d, B_d, p, weight, TESTED_HZ)
 
 
-def trajectory_table(trajectory: Path, p: DrivetrainParameters | None, weight: Weight) -> pl.DataFrame:
+def trajectory_table(trajectory: Path, p: drivetrain.DrivetrainParameters | None, weight: Weight) -> pl.DataFrame:
     """The table of gains for every row of a trajectory file, `phase` first; a refusal names the file. `trajectory` is
     what the file says of itself, as synthetic. Without parameters there are no gains."""
     desired = read_impedance_trajectory(trajectory)
@@ -92,9 +83,9 @@ def trajectory_table(trajectory: Path, p: DrivetrainParameters | None, weight: W
     return table.select(pl.Series("phase", desired.phase), kind, pl.all())
 
 
-def select_trajectory(trajectory: Path, weight: Weight, output: Path, parameters: FileOrNone = None) -> None:
+def select_trajectory(trajectory: Path, weight: Weight, output: Path, parameters: drivetrain.FileOrNone = None) -> None:
     """Write the gains for every row of a trajectory (Fig. 8)."""
-    write_table(trajectory_table(trajectory, known_parameters(parameters), weight), output)
+    write_table(trajectory_table(trajectory, drivetrain.known_parameters(parameters), weight), output)
 
 
 def write_gains(table: pl.DataFrame, output: Path) -> None:
@@ -149,10 +140,10 @@ def plot_gains(table: pl.DataFrame, parameters: Path, output: Path) -> None:
         from osl_analysis.figures.frequency import DESIRED, FIG7, LINEAR_MODEL, response_curve
         from osl_analysis.figures.names import completed
 
-        p, row, f = read_parameters(parameters), table.row(0, named=True), np.geomspace(0.1, 10, 201)
+        p, row, f = drivetrain.read_parameters(parameters), table.row(0, named=True), np.geomspace(0.1, 10, 201)
         curves = (
-            (DESIRED, None, desired_admittance(row["K_d"], row["B_d"])),
-            (LINEAR_MODEL, "compensated", joint_admittance(row["K_1"], row["B_1"], p, p.J_j)),
+            (DESIRED, None, drivetrain.desired_admittance(row["K_d"], row["B_d"])),
+            (LINEAR_MODEL, "compensated", drivetrain.joint_admittance(row["K_1"], row["B_1"], p, p.J_j)),
         )
         frames = [response_curve(curve, name, f, Y(2j * np.pi * f), (None, None)) for curve, name, Y in curves]
         draw_table("fig7", completed(pl.concat(frames), FIG7.columns), [output])
@@ -179,9 +170,10 @@ def export_leg(folder: Path, kind: str, names: Sequence[str], config: Config, ou
     if config.parameters is None:
         lacking = "its configuration names no parameter file, which has n_T, n_m and the controller's numbers"
         raise InputError(f"{folder}: {lacking}; name one under `parameters`")
-    file, source, width = read_parameters(config.parameters), config.parameters.name, config.model_comparison.sign_width
+    file, source = drivetrain.read_parameters(config.parameters), config.parameters.name
+    width = config.model_comparison.sign_width
     tables = {part: read_table(path) for part in PARTS if (path := folder / f"tables/{part}.csv").exists()}
-    joint = joint_of(config.parameters)
+    joint = drivetrain.joint_of(config.parameters)
     trials = exported_trials(folder, names, joint)
     known = trials if len(trials) else tables.get("belt", trials).filter(joint=joint)
     places = known.select(PLACE).unique(maintain_order=True).rows()
@@ -220,7 +212,9 @@ def exported_trials(folder: Path, names: Sequence[str], joint: str) -> pl.DataFr
     return table.filter([any(found) for found in zip(*chosen.values(), strict=True)]).select(columns)
 
 
-def proof_of(folder: Path, laws: Mapping[str, Controller], config: Config, p: DrivetrainParameters) -> dict[str, Any]:
+def proof_of(
+    folder: Path, laws: Mapping[str, Controller], config: Config, p: drivetrain.DrivetrainParameters
+) -> dict[str, Any]:
     """The round trip of the leg `p` over the trials by name; `says` is the result in words, or why there is none. The
     torque of the leg in MuJoCo, whose joint is turned as recorded, stands beside the recorded one, both through the
     same filter, in the fitted rows: VAF [percent], RMS of the difference without its mean [N*m], and K, B and I of Eq.

@@ -21,7 +21,7 @@ from osl_analysis.refusal import check_not_refused
 from osl_analysis.stats.repeats import DOUBTFUL, doubtful_row
 from osl_analysis.table import MEASURED, Places, read_table, with_places, write_table
 from osl_analysis.trial import NAME_KEY, PROVENANCE_KEY, Array, Trial, metadata_of, read_trial, write_trial
-from osl_analysis.walking import bodies, tables
+from osl_analysis.walking import bodies, response, tables
 from osl_analysis.walking import settings as choices
 from osl_analysis.walking.bodies import StaticCalibration
 from osl_analysis.walking.crossing import UP, Crossing, RefusedCrossing, analyse_crossing, body_mass, crossing_of_log
@@ -29,15 +29,6 @@ from osl_analysis.walking.groups import ALL, SEPARATOR, cells_said, selection_ro
 from osl_analysis.walking.overground import CURVES, overground_rows
 from osl_analysis.walking.plate import NO_CORRECTION, NOT_REMOVED, PlateModel, identify_plate_model, plate_table
 from osl_analysis.walking.platform import ALONE, PlatformModel, identify_platform, platform_table
-from osl_analysis.walking.response import (
-    PHASES,
-    PlannedTurn,
-    UnperturbedGait,
-    group_headline,
-    half_widths,
-    scatter_of_one,
-    unperturbed_gait,
-)
 
 # The step that writes each model
 WRITTEN_BY = {StaticCalibration: "calibrate", PlateModel: "identify-plate", PlatformModel: "measure-platform"}
@@ -117,7 +108,7 @@ def on_the_walkway(table: pl.DataFrame, places: Places | None, by: str = "trial"
     return with_places(table, known, by)
 
 
-def read_unperturbed_gaits(path: Path) -> dict[str, UnperturbedGait]:
+def read_unperturbed_gaits(path: Path) -> dict[str, response.UnperturbedGait]:
     """Read what `average_unperturbed` wrote: gaits with fewer crossings than the least are not among them."""
     check_not_refused(path)
     if not path.is_file():
@@ -127,7 +118,7 @@ def read_unperturbed_gaits(path: Path) -> dict[str, UnperturbedGait]:
         names = frame["trial"].unique(maintain_order=True).to_list()
         theta, torque, stance = (frame[c].to_numpy().reshape(len(names), -1) for c in ("theta", "torque", "stance_s"))
         errors = (frame[name].to_numpy().T.reshape(-1, *theta.shape) for name in ("plate_errors", "lab_errors"))
-        gaits[str(frame["gait"][0])] = UnperturbedGait(tuple(names), theta, torque, stance[:, 0], *errors)
+        gaits[str(frame["gait"][0])] = response.UnperturbedGait(tuple(names), theta, torque, stance[:, 0], *errors)
     return gaits
 
 
@@ -228,7 +219,7 @@ def group_result(
     fact: dict[str, Any],
     own: pl.DataFrame,
     files: Mapping[str, Path],
-    gait: UnperturbedGait | None,
+    gait: response.UnperturbedGait | None,
     settings: choices.EnsembleSettings,
 ) -> tuple[list[dict[str, Any]], dict[str, Any], tuple[pl.DataFrame, pl.DataFrame] | None]:
     """Rows of `walking_summary.csv` of a group, its row of `walking_groups.csv`, which begins as `fact`, its responses
@@ -241,7 +232,7 @@ def group_result(
         if len(own) < 2:
             raise InputError(f"{len(own)} {TOO_FEW} walking_excluded.csv, or record more")
         turned = [read_crossing(files[trial]) for trial in own["trial"]]
-        headline = group_headline(turned, gait, settings)
+        headline = response.group_headline(turned, gait, settings)
     except OslAnalysisError as error:
         warnings.warn(f"no result of {fact['group']}: {error}", stacklevel=2)
         none = {"estimator": tables.ENSEMBLE, "n": len(own), "mean": None, "reason": str(error)}
@@ -301,7 +292,7 @@ def average_unperturbed(crossings: Paths, selection: Path, fewest: int, output: 
         of_gait = [crossing for crossing in unperturbed if name in served[crossing.name]]
         lost = {trial: why for trial, why in reasons.items() if name in (*served[trial], ALL)}
         try:
-            gaits[name] = unperturbed_gait(of_gait, fewest, lost)
+            gaits[name] = response.unperturbed_gait(of_gait, fewest, lost)
         except InputError as error:
             problems.append(f"{error}" if name == ALL else f"{name}: {error}")
     if not gaits:
@@ -310,10 +301,11 @@ def average_unperturbed(crossings: Paths, selection: Path, fewest: int, output: 
         warnings.warn(problem, stacklevel=2)
     frames = []
     for name, gait in gaits.items():  # a row per crossing and phase of stance
-        trials = np.repeat(gait.names, len(PHASES)).tolist()
+        trials = np.repeat(gait.names, len(response.PHASES)).tolist()
         curves: dict[str, Array] = {"theta": gait.theta.ravel(), "torque": gait.torque.ravel()}
         curves |= {each: getattr(gait, each).reshape(-1, len(trials)).T for each in ("plate_errors", "lab_errors")}
-        curves |= {"stance_s": np.repeat(gait.stance, len(PHASES)), "phase": np.tile(PHASES, len(gait.names))}
+        curves |= {"stance_s": np.repeat(gait.stance, len(trials) // len(gait.names))}
+        curves |= {"phase": np.tile(response.PHASES, len(gait.names))}
         frames.append(pl.DataFrame({"gait": [name] * len(trials), "trial": trials, **curves}))
     with atomic_path(output) as temporary:
         pl.concat(frames).write_parquet(temporary)
@@ -421,7 +413,7 @@ def pilot_turn(folder: Path) -> tuple[float | None, float | None, float | None]:
 
 
 def planned_crossings(
-    folder: Path, counts: Sequence[int], planned: PlannedTurn, both: bool, settings: choices.WalkingAnalysis
+    folder: Path, counts: Sequence[int], planned: response.PlannedTurn, both: bool, settings: choices.WalkingAnalysis
 ) -> pl.DataFrame:
     """Expected halves of the 95 % intervals of K, B and I for these numbers of perturbed crossings, from those
     unperturbed ones that the campaign in `folder` uses, by gait: as many unperturbed ones as it has."""
@@ -432,7 +424,7 @@ def planned_crossings(
     for gait in dict.fromkeys(name for gaits in used["gait"] for name in (gaits or ALL).split(SEPARATOR)):
         names = [row["trial"] for row in used.iter_rows(named=True) if gait in (row["gait"] or ALL).split(SEPARATOR)]
         walked = [read_crossing(folder / f"crossings/{name}.parquet") for name in names]
-        table = half_widths(scatter_of_one(walked, planned, settings), counts, len(walked), both)
+        table = response.half_widths(response.scatter_of_one(walked, planned, settings), counts, len(walked), both)
         frames.append(table.select(pl.lit(gait).alias("gait"), pl.all()))
     if not frames:
         raise InputError(f"{selection}: no unperturbed crossing is used; record some, or see its column reason")

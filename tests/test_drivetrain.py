@@ -28,7 +28,6 @@ from osl_analysis.simulator.drivetrain import IDEAL, belt_path, constants, simul
 FREQUENCIES, RATE = np.array([0.0, 0.3, 1.0, 5.0, 40.0]), 1000.0
 WIDTH = 0.05  # velocity [rad/s] over which the sign is smoothed
 P = read_parameters(ROOT / "config/parameters/default.yaml")
-CONTINUOUS = IDEAL | {"substeps": 100, "control_updates": 100}
 
 
 def test_actuator_torque_is_the_sum_of_equation_1_and_friction_opposes_motion(parameters):
@@ -86,13 +85,6 @@ def joint_stiffness_at(frequency_hz, gains, effects):
     motion, settled = simulate_drivetrain(RATE, theta, omega, commands, effects, P), slice(int(4 * RATE), None)
     turn = np.exp(-1j * w * t[settled])
     return ((motion["belt_torque"] + P.B_j * omega)[settled] @ turn) / (theta[settled] @ turn)
-
-
-@pytest.mark.parametrize("frequency_hz", [1, 5])
-@pytest.mark.parametrize("gains", [compensated_gains(300, 5, P), uncompensated_gains(300, 5, P)])
-def test_without_imperfections_the_joint_is_the_admittance_of_eq_9(frequency_hz, gains):
-    Y = joint_admittance(gains.K_1, gains.B_1, P)(2j * np.pi * frequency_hz)
-    assert abs(joint_stiffness_at(frequency_hz, gains, CONTINUOUS) * Y - 1) < 3e-4
 
 
 def sampled_data_stiffness(frequency_hz, gains, delay, cutoff_hz, updates):

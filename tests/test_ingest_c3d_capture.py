@@ -488,20 +488,10 @@ def test_real_exports_are_read_as_they_are_written(path: Path) -> None:
 
 C3D = REAL_DATA / "c3d"
 needs_real_data = pytest.mark.skipif(not C3D.is_dir(), reason="real data are not here")
-UNREADABLE = {
-    "Optotrak_truncated_29_of_1149.c3d": "truncated: it declares 1149 frames and holds 29",
-    "s18_bad_parameter_section.c3d": "the parameter section is damaged after 'LABELS'",
-}
+UNREADABLE = ["Optotrak_truncated_29_of_1149.c3d", "s18_bad_parameter_section.c3d"]
 MISREAD_BY_EZC3D = ["Eb015si.c3d", "mac_s11_evart_types3344.c3d", "bts_561xxa01_anonym.C3D"]
 REAL_FILES = sorted(p for p in C3D.glob("*") if p.stat().st_size > 1024) if C3D.is_dir() else []
 READ_BY_EZC3D = [path for path in REAL_FILES if path.name not in (*UNREADABLE, *MISREAD_BY_EZC3D)]
-
-
-@needs_real_data
-def test_a_real_file_that_cannot_be_trusted_is_refused_with_the_reason() -> None:
-    for name, problem in UNREADABLE.items():
-        with pytest.raises(InputError, match=problem):
-            read_c3d(C3D / name)
 
 
 @pytest.mark.parametrize("path", READ_BY_EZC3D, ids=lambda path: path.stem)

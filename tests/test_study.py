@@ -7,8 +7,6 @@ import polars as pl
 import pytest
 from conftest import ROOT
 
-from osl_analysis.errors import InputError
-
 
 @pytest.fixture(scope="module")
 def study():
@@ -68,15 +66,6 @@ def test_walking_is_measured_against_the_perturbation_alone(study, recorded):
     assert K["truth"].to_list() == pytest.approx([334, 334, 334], abs=1.5)
     assert K["model_error"].is_between(0.3, 1).all()  # the truth less what the leg renders
     assert ((K["value"] - K["truth"]).abs() < 5 * K["se"]).all()
-
-
-def test_crossings_that_are_refused_are_excluded(study):
-    def odd(name):
-        if int(name) % 2:
-            return name
-        raise InputError(f"crossing {name} is refused")
-
-    assert study.usable(odd, "123") == ["1", "3"]
 
 
 def test_bound_of_a_sinusoid_is_the_published_one(study):

@@ -102,12 +102,6 @@ def read_crossing_file(path: Path) -> Crossing | RefusedCrossing:
     return crossing
 
 
-def on_the_walkway(table: pl.DataFrame, places: Places | None, by: str = "trial") -> pl.DataFrame:
-    """A table of crossings or groups with the columns `joint`, which the walkway decides, and `side`."""
-    known = {name: {"joint": JOINT, "side": (places or {}).get(name, {}).get("side")} for name in table[by].unique()}
-    return with_places(table, known, by)
-
-
 def read_unperturbed_gaits(path: Path) -> dict[str, response.UnperturbedGait]:
     """Read what `average_unperturbed` wrote: gaits with fewer crossings than the least are not among them."""
     check_not_refused(path)
@@ -167,7 +161,7 @@ def measure_platform(
     crossing's perturbation starts, and whether it follows the shared motion; `places` has joint and side of each."""
     model = identify_platform(calibrated_trials(trials, calibrations, statics), settings)
     write_model(model, output)
-    write_table(on_the_walkway(platform_table(model), places), comparison)
+    write_table(with_places(platform_table(model), places or {}), comparison)
 
 
 def analyse(
@@ -275,7 +269,7 @@ def select_crossings(
         )
     for sentence in said:
         warnings.warn(sentence, stacklevel=2)
-    write_table(on_the_walkway(table, places), output)
+    write_table(with_places(table, places or {}), output)
 
 
 def average_unperturbed(crossings: Paths, selection: Path, fewest: int, output: Path) -> None:
@@ -355,7 +349,7 @@ def summarise_perturbations(
     # the crossings without a fit, in the order of the selection, with the reason
     left = chosen.join(fits.select("trial", EXCLUDED), on="trial", how="left", maintain_order="left")
     left = left.select("trial", "perturbed", pl.coalesce("reason", EXCLUDED).alias("reason")).drop_nulls("reason")
-    write_table(on_the_walkway(left, places), excluded)
+    write_table(with_places(left, places or {}), excluded)
     fitted = fits.filter(pl.col(EXCLUDED).is_null())
     if len(fitted) < 2:
         raise InputError(f"{table}: {len(fitted)} of {len(fits)} {TOO_FEW} its column {EXCLUDED}, or record more")
@@ -364,7 +358,7 @@ def summarise_perturbations(
     for fact in tables.group_rows(chosen, sheet, gaits, settings.window_s):
         trials = chosen.filter(pl.col("perturbed"), pl.col("group") == fact["group"])["trial"].to_list()
         of = {(places or {}).get(trial, {}).get("side") for trial in trials}
-        sides[fact["group"]] = {"side": of.pop() if len(of) == 1 else None}
+        sides[fact["group"]] = {"joint": JOINT, "side": of.pop() if len(of) == 1 else None}
         own = fitted.filter(pl.col("trial").is_in(trials))
         results.append(group_result(fact, own, files, gaits.get(fact["gait"]), settings))
     facts = tables.with_slopes([fact for _, fact, _ in results])
@@ -379,10 +373,10 @@ def summarise_perturbations(
     rows = [row for of_group, _, _ in results for row in of_group]
     for row in rows:
         row["doubt"] = doubts[str(row["group"])] if row["estimator"] == tables.ENSEMBLE else None
-    write_table(on_the_walkway(pl.DataFrame(rows, infer_schema_length=None), sides, "group"), output)
-    write_table(on_the_walkway(of_groups.drop("side"), sides, "group"), groups)
+    write_table(with_places(pl.DataFrame(rows, infer_schema_length=None), sides, "group"), output)
+    write_table(with_places(of_groups.drop("side"), sides, "group"), groups)
     for each, path in zip(zip(*curves, strict=True), (responses, sensitivity), strict=True):
-        write_table(on_the_walkway(pl.concat(each), sides, "group"), path)
+        write_table(with_places(pl.concat(each), sides, "group"), path)
 
 
 def selected_crossings(crossings: Paths, selection: Path) -> list[Crossing]:

@@ -303,6 +303,7 @@ def test_a_fault_in_one_recording_does_not_end_the_watch(tmp_path, bench, monkey
     assert "FAILED: unexpected ZeroDivisionError" in watching.recording_line(path, tmp_path / "in", bench)
 
 
+@pytest.mark.usefixtures("without_witness")
 def test_a_stiffness_far_from_the_desired_one_is_pointed_at(tmp_path, bench):
     write_joint(path := tmp_path / "in/impedance_k300_b2.csv")
     doubt = "K is far from the K_d .*: K is 0.4 times K_d. Check the units"
@@ -312,6 +313,7 @@ def test_a_stiffness_far_from_the_desired_one_is_pointed_at(tmp_path, bench):
     assert re.search(f"(?s)first trial of experiment impedance, [^\n]*: LOOK AT IT\n.*{doubt}", look)
 
 
+@pytest.mark.usefixtures("without_witness")
 def test_a_recording_of_an_unknown_recorder_gives_its_joint_and_what_was_guessed_or_why_not_in_a_line(tmp_path, bench):
     write_joint(tmp_path / "in/k120_b2.csv")
     write_joint(tmp_path / "in/rec7.csv", sign=-1.0)

@@ -27,6 +27,7 @@ from osl_analysis.walking.plate import identify_plate_model
 from osl_analysis.walking.platform import identify_platform
 from osl_analysis.walking.response import group_headline, unperturbed_gait
 
+pytestmark = pytest.mark.usefixtures("without_witness")
 TRUE = {"K": 80.0, "B": 1.5, "I": 0.03}  # N*m/rad, N*m*s/rad, kg*m^2
 NOISE = np.random.default_rng(5).standard_normal((6, 20_000))
 

@@ -79,7 +79,7 @@ def test_the_name_of_a_file_tells_its_trial_and_nothing_more(name, experiment, t
     assert (cells["experiment"], cells["trial"][0] in "_-.") == (experiment, False)
     assert {k: v for k, v in cells.items() if k in ("K_d", "B_d", "controller", "perturbed")} == told
     assert ("write calibration" in "".join(still_open)) == (name == "calibration")
-    assert ("write belt or actuator in its place" in "".join(still_open)) == (name == "belt_motor")
+    assert ("belt or actuator, write which" in "".join(still_open)) == (name == "belt_motor")
     assert bool(still_open) != (experiment not in ("ingest_only", "impedance") or {"K_d", "B_d"} <= told.keys())
 
 

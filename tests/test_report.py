@@ -186,6 +186,7 @@ def test_the_methods_have_the_numbers_of_settings_sheet_and_tables_and_nothing_t
     origin = {"files": {"log": {"path": "a/b.mcap", "source": "my_bench"}}}
     bench = [trial("a", quality=checks, provenance=origin), trial("b", left_out=["gap 1 s; torque"])]
     table = {"excitation": ["stepped sine"] * 2, "commanded_deg": [2.0, 7.0], "interval_method": ["units"] * 2}
+    table["amplitude_deg"] = [None] * 2
     tables = {"impedance": pl.DataFrame(table), "phasors": pl.DataFrame({"frequency_hz": [1.0, 4.0]})}
     other = json.loads(json.dumps(SETTINGS))
     other["dynamometer"] |= {"cutoff_hz": 12.5, "bench_stiffness": {"value": "218 N*m/deg"}}

@@ -23,7 +23,7 @@ from osl_analysis.judge.campaign import Entry, entries, read_findings
 from osl_analysis.judge.two_campaigns import COMPARED_QUANTITIES, compared, label_of, verdicts_said
 from osl_analysis.refusal import Refusal, is_refused
 from osl_analysis.report import page, trial_page
-from osl_analysis.report.headlines import aligned, fixed, missing_lines, places
+from osl_analysis.report.headlines import aligned, digits_of, fixed, missing_lines
 from osl_analysis.report.page import captions_by_title, inline_svg, written_page
 from osl_analysis.report.trial_page import ReportedTrial, left_out_trials, trial_content
 from osl_analysis.table import read_table, tables_of, with_evidence, write_table
@@ -173,7 +173,7 @@ def compared_cells(row: Mapping[str, Any], of_a: Mapping[str, Any], of_b: Mappin
         value, low, high = (row.get(f"{name}{end}") for end in ("", "_low", "_high"))
         if value is None:
             return ""
-        digits, finer = places(value, low, high)
+        digits, finer = digits_of(value, low, high)
         ends = "" if low is None or high is None else f" [{fixed(low, finer)}, {fixed(high, finer)}]"
         return f"{fixed(value, digits)}{ends}{sign}"
 

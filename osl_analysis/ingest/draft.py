@@ -49,9 +49,7 @@ PATTERNS = {
     ),
 }
 """By column: what the words of a name contain, and what they do not; and the words of a name that leave no doubt:
-`theta_d` may be a command, `knee_angle` another joint's if the recording names several `JOINTS`. The first that fits is
-the guess."""
-JOINTS = ("ankle", "knee", "hip")
+`theta_d` may be a command, `knee_angle` another joint's (`named_joint`). The first that fits is the guess."""
 
 
 def likely_column(channel: RecordedChannel) -> str:
@@ -195,6 +193,12 @@ def no_signal(channel: RecordedChannel) -> str:
     return "" if tells_next or np.unique(known).size == 2 else "it is noise"  # the other is a level
 
 
+def named_joint(channels: Sequence[RecordedChannel]) -> set[str]:
+    """The joint that the names of channels tell, where they tell one alone."""
+    words = {word for one in channels for word in parted_name(name_of(one)).split()} & {"ankle", "knee", "hip"}
+    return words if len(words) == 1 else set()
+
+
 def guessed_columns(channels: Sequence[RecordedChannel]) -> list[Guess]:
     """What each channel of a log may be, the same for every recorder, by its name and unit (`likely_column`). What does
     not move, is noise, or a torque computed from a current is no signal."""
@@ -205,12 +209,11 @@ def guessed_columns(channels: Sequence[RecordedChannel]) -> list[Guess]:
         is_torque = column in ("torque", "torque_m")
         without.append(no_signal(channel) or (made_of(channel, currents) if is_torque else ""))
     known = Counter(column for column, why in zip(named, without, strict=True) if not why)
-    joints = {*JOINTS} & {word for one in channels for word in parted_name(name_of(one)).split()}
+    own = named_joint(channels)
     for channel, column, why in zip(channels, named, without, strict=True):
         unit = "" if channel.unit else parted_name(channel.likely_unit)  # its words do not count
         words = parted_name(name_of(channel)).removesuffix(unit).split()
-        own = {*PATTERNS[column][2].split()} if column else set()
-        sure = bool(words) and {*words} <= (own | joints if own and len(joints) == 1 else own)
+        sure = bool(words and column) and {*words} <= {*PATTERNS[column][2].split(), *own}
         by_name = Guess(column, sure and known[column] == 1, "guessed from its name" * sure)
         guesses.append(Guess(said=why, no_signal=True) if why else by_name)
     columns = {guess.column for guess in guesses}
@@ -398,7 +401,6 @@ WORDS_OF_EXPERIMENTS = {
     "impedance": r"\b(impedance|imp|stiffness|multisine|chirp|sines?)\b",
 }
 """By experiment: what the words of a file's name contain. A name that tells several tells none."""
-ON_WALKWAY = ("walking", "plate", "static")  # what a capture alone can be of
 UNNAMED = "ingest_only"  # the experiment of a trial whose name tells none
 
 
@@ -451,10 +453,9 @@ def draft_trial(
             guessed += "; if a belt, a boot or the leg perturbs: walking, with `walking.perturbed_by`"
         return {**cells, **motion}, [f"to be confirmed, guessed from {by}: {guessed}"]
     if experiment == UNNAMED:
-        what = f"the name may tell {' or '.join(told)}" if told else "the name tells none"
-        write = told or ([*ON_WALKWAY] if "log" not in files else [*WORDS_OF_EXPERIMENTS][::-1])
-        remedy = f"write {', '.join(write[:-1])} or {write[-1]} in its place"
-        return cells, [f"experiment: {what}; it stands as {UNNAMED}, which is not analysed: {remedy}"]
+        one_of = ", ".join(possible_experiments(files)[::-1])
+        asked = f"may tell {' or '.join(told)}, write which" if told else f"tells none, write one of {one_of}"
+        return cells, [f"experiment: the name {asked}; it stands as {UNNAMED}, which is not analysed"]
     if experiment == "calibration":
         remedy = "write calibration, and its known_K or known_I"
         said = f"experiment: a calibration whose spring or inertia is not told stands as {UNNAMED}: {remedy}"
@@ -495,10 +496,15 @@ def stated_impedance(said: str) -> dict[str, str]:
     return numbers
 
 
-def experiments_told(words: str, files: Recordings, states_K: bool) -> list[str]:
-    """The experiments that a name tells by its words or a stiffness. A log alone is of a bench, a boot or a leg, a
-    capture alone of a walkway."""
+def possible_experiments(files: Recordings) -> list[str]:
+    """What a trial of these files can be: a log alone is of a bench, a boot or a leg, a capture alone of a walkway."""
     wrong = {"static", "plate"} if "mocap" not in files else set()
-    wrong |= {*WORDS_OF_EXPERIMENTS} - {*ON_WALKWAY} if "log" not in files else set()
-    told = [known for known, word in WORDS_OF_EXPERIMENTS.items() if known not in wrong and re.search(word, words)]
-    return told + ["impedance"] * (states_K and not {"walking", "impedance"} & {*told, *wrong})
+    wrong |= {*WORDS_OF_EXPERIMENTS} - {"static", "plate", "walking"} if "log" not in files else set()
+    return [name for name in WORDS_OF_EXPERIMENTS if name not in wrong]
+
+
+def experiments_told(words: str, files: Recordings, states_K: bool) -> list[str]:
+    """The experiments that a name tells by its words or a stiffness."""
+    possible = possible_experiments(files)
+    told = [known for known in possible if re.search(WORDS_OF_EXPERIMENTS[known], words)]
+    return told + ["impedance"] * (states_K and "impedance" in possible and not {"walking", "impedance"} & {*told})

@@ -174,16 +174,11 @@ def impedance_headlines(impedance: pl.DataFrame, example: Example) -> Iterator[H
     """The numbers of the rendered impedance with each controller, those of the draft first; None: without one. Those of
     the trial that Fig. 4 shows are their means over its repeats, if there are several."""
     found = set(impedance["controller"])
-    others = sorted(name for name in found if name is not None and name not in CONTROLLERS)
-    for controller in [*(name for name in CONTROLLERS if name in found), *others, *([None] if None in found else [])]:
+    others = sorted(found - {*CONTROLLERS, None})
+    for controller in (one for one in (*CONTROLLERS, *others, None) if one in found):
         fits = impedance.filter(pl.col("controller").eq_missing(pl.lit(controller, pl.String)))
         of_all = len(found) == 1
         labels = {key: with_controller(one, controller, example, of_all) for key, one in LABELS["impedance"].items()}
-        if fits["amplitude_deg"].is_null().all():
-            labels |= {
-                key: replace(labels[key], meaning=labels[key].meaning.replace("trials and amplitudes", "trials"))
-                for key in ("VAF_median", "VAF_mean")
-            }
         trials = fits.filter(pl.col("amplitude_deg").is_null())
         alone = pl.len().over("trial") == 1 if "trial" in fits.columns else pl.lit(False)
         single = fits.filter(pl.col("amplitude_deg").is_not_null() | alone)
@@ -207,10 +202,8 @@ def impedance_headlines(impedance: pl.DataFrame, example: Example) -> Iterator[H
             row = part.row(0, named=True)
             kind = FEW if row["interval_method"] == "repeats" else FOR_MOTION
             number = headline(label, row[symbol], 1, row[f"{symbol}_low"], row[f"{symbol}_high"], kind)
-            ends: dict[str, Any] = {
-                f"amplitudes_{end}": row.get(f"{symbol}_amplitudes_{end}") for end in ("low", "high")
-            }
-            yield replace(number, n_doubtful=doubtful_count(part)[0], **ends)
+            low, high = (row.get(f"{symbol}_amplitudes_{end}") for end in ("low", "high"))
+            yield replace(number, n_doubtful=doubtful_count(part)[0], amplitudes_low=low, amplitudes_high=high)
 
 
 def claim_headlines(claims: pl.DataFrame) -> Iterator[Headline]:
@@ -372,7 +365,7 @@ def to_tex(about: Mapping[str, str], headlines: Sequence[Headline], remarks: Seq
         text = "".join(SPECIAL.get(sign, sign) for sign in value)
         lines.append(f"\\newcommand{{\\osl{ABOUT_MACROS[name]}}}{{{text}}}% {ABOUT_MEANING[name]}")
     for h in headlines:
-        digits, finer = places(h.value, h.low, h.high, *rounded_by(asdict(h)))
+        digits, finer = digits_of(h.value, h.low, h.high, *rounded_by(asdict(h)))
         remark = f", n = {trials_text(asdict(h))}" if h.n_doubtful or h.doubt else ""
         ends = (
             (h.value, digits, f"{h.unit}, {h.meaning}{remark}"),
@@ -420,7 +413,7 @@ def aligned(rows: Sequence[Sequence[str]]) -> str:
 
 def numbers_said(number: Mapping[str, Any]) -> tuple[str, str, str]:
     """A number, its interval and the range over single amplitudes; these are empty where there is none."""
-    digits, finer = places(number["value"], number["low"], number["high"], *rounded_by(number))
+    digits, finer = digits_of(number["value"], number["low"], number["high"], *rounded_by(number))
     parts = []
     for low, high, its in (
         (number["low"], number["high"], finer),
@@ -502,7 +495,7 @@ def decimals(
     return told_apart(low, high, digits) if interval == RANGE else digits
 
 
-def places(value: float, low: float | None, high: float | None, *by: Any) -> tuple[int, int]:
+def digits_of(value: float, low: float | None, high: float | None, *by: Any) -> tuple[int, int]:
     """Decimal places of a number and of its ends, with which it reads as what lies between two different ends: by
     `decimals`, and up to two more where rounding would put it on or beyond an end. `by` as for `decimals`; of nothing,
     the ends are those of its interval."""

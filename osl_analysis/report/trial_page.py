@@ -19,7 +19,7 @@ from osl_analysis.judge.finding import Beyond, Grade
 from osl_analysis.judge.limits import NOT_APPLICABLE
 from osl_analysis.judge.used import exclusion_said
 from osl_analysis.judge.words import WORDS, Words, printed, sentence_of
-from osl_analysis.report.headlines import fixed, places
+from osl_analysis.report.headlines import digits_of, fixed
 from osl_analysis.stats.repeats import alike_sizes
 
 Content = dict[str, Any]  # as `templates/report.js` reads it
@@ -348,7 +348,7 @@ def value_and_interval(row: Mapping[str, Any], column: str) -> tuple[str, str]:
         return NO_VALUE, ""
     if low is None or high is None:
         return f"{value:.4g}", ""
-    digits, finer = places(value, low, high)
+    digits, finer = digits_of(value, low, high)
     return printed(fixed(value, digits)), printed(f"[{fixed(low, finer)}, {fixed(high, finer)}]")
 
 
@@ -429,22 +429,16 @@ def methods_content(
     """What `methods.html.j2` says of how results were made: settings, the values of some columns of the result tables,
     and by experiment how many trials were recorded and used, their lowest rates [Hz] and what they were read from."""
     columns = """excitation commanded_deg frequency_hz band_low_hz band_high_hz controller group plate_inertia K_d B_d
-        B_viscous direction onset_phase interval_method theta_rms_deg fitted_s"""
+        B_viscous direction onset_phase interval_method"""
     said: defaultdict[str, defaultdict[str, list[Any]]] = defaultdict(lambda: defaultdict(list))
     recorded = dict[str, dict[str, Any]]()
     for name, table in tables.items():
         for one in columns.split():
             if one in table.columns and len(table):
                 said[name][one] = table[one].drop_nulls().unique().sort().to_list()
-    motions = list[dict[str, Any]]()
-    if "excitation" in (table := tables.get("impedance", pl.DataFrame())).columns:
-        if not said["impedance"]["commanded_deg"]:  # nobody stated what was commanded
-            sizes = alike_sizes(table["amplitude_deg"].cast(pl.Float64))
-            said["impedance"]["commanded_deg"] = sizes.drop_nulls().unique().sort().to_list()
-        whole = table.filter(pl.col("amplitude_deg").is_null()) if "amplitude_deg" in table.columns else table
-        for (kind,), rows in whole.group_by("excitation", maintain_order=True):
-            known = {one: rows[one].drop_nulls().to_list() for one in columns.split() if one in rows.columns}
-            motions.append(defaultdict(list, known, kind=kind, n=len(rows)))
+    if "impedance" in tables and not said["impedance"]["commanded_deg"]:  # nobody stated what was commanded
+        sizes = alike_sizes(tables["impedance"]["amplitude_deg"].cast(pl.Float64))
+        said["impedance"]["commanded_deg"] = sizes.drop_nulls().unique().sort().to_list()
     for trial in trials:
         own = recorded.setdefault(trial.row["experiment"], {"rates": [], "files": [], "plates": [], "turns": []})
         used, perturbed = not trial.left_out, bool(trial.row.get("perturbed"))
@@ -463,7 +457,17 @@ def methods_content(
     groups = tables.get("walking_groups", pl.DataFrame())
     ways = {way: groups.get_column(f"n_{way}", default=pl.Series([0])).sum() for way in ("up", "down")}
     facts = {"config": config, "tables": said, "recorded": recorded}
-    return facts | {"motions": motions, "ways": ways, "response": response_said(groups)}
+    return facts | {"motions": motions_of(tables), "ways": ways, "response": response_said(groups)}
+
+
+def motions_of(tables: Mapping[str, pl.DataFrame]) -> list[Mapping[str, Any]]:
+    """By kind of motion the number of impedance trials, and the values of columns of their fits to all amplitudes."""
+    table = tables.get("impedance", pl.DataFrame(schema=["amplitude_deg", "excitation"]))
+    shown, found = ("band_low_hz", "band_high_hz", "theta_rms_deg", "fitted_s"), list[Mapping[str, Any]]()
+    for (kind,), rows in table.filter(pl.col("amplitude_deg").is_null()).group_by("excitation", maintain_order=True):
+        values = {one: rows[one].drop_nulls().to_list() if one in rows.columns else [] for one in shown}
+        found.append({"kind": kind, "n": len(rows), **values})
+    return found
 
 
 def response_said(groups: pl.DataFrame) -> str:

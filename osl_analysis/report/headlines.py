@@ -118,7 +118,6 @@ FOR_MOTION = "95 % for another motion of this kind"
 FEW = "95 % for a repetition of this motion"
 BOOTSTRAP = "95 % (bootstrap over crossings and trials of the unloaded plate)"
 OF_CYCLES = "95 % of the mean of cycles (Student)"
-PAIRED = "95 % of the mean difference of the same trials (Student)"
 RANGE = "lowest to highest"
 COUNT = "count"
 

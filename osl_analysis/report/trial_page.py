@@ -429,7 +429,7 @@ def methods_content(
     """What `methods.html.j2` says of how results were made: settings, the values of some columns of the result tables,
     and by experiment how many trials were recorded and used, their lowest rates [Hz] and what they were read from."""
     columns = """excitation commanded_deg frequency_hz band_low_hz band_high_hz controller group plate_inertia K_d B_d
-        B_viscous direction onset_phase interval_method"""
+        B_viscous direction onset_phase interval_method theta_rms_deg fitted_s n_up n_down"""
     said: defaultdict[str, defaultdict[str, list[Any]]] = defaultdict(lambda: defaultdict(list))
     recorded = dict[str, dict[str, Any]]()
     for name, table in tables.items():

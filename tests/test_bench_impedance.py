@@ -106,7 +106,9 @@ def test_where_amplitudes_nest_inside_frequencies_fig4_uses_one_amplitude_only(t
         assert set(shown["doubtful"].fill_null("")) == {cause}
         assert amplitude == pytest.approx(shown["theta_deg"].abs().max(), rel=0.02)
         assert 1 - (shown["torque"] - shown["torque_model"]).var() / shown["torque"].var() > 0.9995
-        assert draw_fig4(shown).axes[1].lines[0].get_ydata().shape[0] > len(shown)  # broken between the frequencies
+        assert draw_fig4.draw(shown).axes[1].lines[0].get_ydata().shape[0] > len(
+            shown
+        )  # broken between the frequencies
 
 
 def test_phasors_keep_their_covariance_and_the_response_over_amplitudes_its_interval_and_its_doubts(tmp_path):

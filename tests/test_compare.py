@@ -101,7 +101,7 @@ def test_equal_campaigns_are_equivalent_a_planted_difference_is_seen_and_what_ca
     assert rows(tables(amplitude=6.0))["impedance K, c"]["method"] == "none: no condition in common"
     assert rows({"belt": tables()["belt"]})["impedance K, c"]["remark"] == "only in A"
     alone = compared({"impedance": tables()["impedance"]}, {"impedance": tables(amplitude=6.0)["impedance"]})
-    assert "no ratio" in [text.get_text() for text in draw_comparison(alone).axes[0].texts]
+    assert "no ratio" in [text.get_text() for text in draw_comparison.draw(alone).axes[0].texts]
     unnamed = {"K_d": pl.lit(None, pl.Float64), "trial": "b" + pl.col("trial")}
     a, b = ({"impedance": tables(seed=one)["impedance"].with_columns(**unnamed)} for one in (1, 2))
     b["impedance"] = b["impedance"].with_columns(trial="other " + pl.col("trial"))

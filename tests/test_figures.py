@@ -451,7 +451,7 @@ def test_a_figure_without_numbers_says_so_with_trial_and_reason_and_equal_files_
         found.append([path.read_bytes() for path in outputs])
     assert found[0] == found[1]
     rows = [("fig4", "i_1", "x", lost.reason), ("fig4", "", "t.csv", "empty")]
-    said = others.draw_reasons(pl.DataFrame(rows, ["figure", "trial", "file", "reason"], orient="row"))
+    said = others.draw_not_drawn.draw(pl.DataFrame(rows, ["figure", "trial", "file", "reason"], orient="row"))
     title, reason = (text.get_text() for text in said.texts)
     assert (title, reason) == ("Fig. 4 is not drawn", "trial i_1: raw/i_1.mcap: $no$ such_file^\nt.csv: empty")
 

@@ -19,7 +19,7 @@ from osl_analysis.campaign.configuration import FrequencyResponseFigure
 from osl_analysis.commands.walking import commanded_over_stance, read_unperturbed_gaits, selected_crossings
 from osl_analysis.errors import InputError
 from osl_analysis.figures import FIGURES, drawing_of, names
-from osl_analysis.figures.frequency import DESIRED, FIG7, LINEAR_MODEL, response_curve
+from osl_analysis.figures.frequency import DESIRED, LINEAR_MODEL, draw_fig7, response_curve
 from osl_analysis.figures.names import completed, look_numbers
 from osl_analysis.files import atomic_path, digest, write_text
 from osl_analysis.judge.judging import judged, marked
@@ -166,7 +166,7 @@ def fig7(
     """The numbers of Fig. 7: measured responses of one K_d, B_d, without a `choice` of those that most trials have; the
     desired one (Eq. 11), if both are known; and the linear model (Eq. 9), if the gains are known and the parameter file
     is of this joint. Trials that no stepped sine moved have no responses."""
-    responses = completed(read_table(table, required=FIG7.needs), PLACE)
+    responses = completed(read_table(table, required=draw_fig7.needs), PLACE)
     responses = responses.with_columns(look_numbers(responses["controller"]))
     pairs = responses.group_by("K_d", "B_d", maintain_order=True).agg(pl.col("trial").n_unique())
     most = pairs.sort("trial", descending=True, maintain_order=True).select("K_d", "B_d").rows()
@@ -191,7 +191,7 @@ def beside_theory(responses: pl.DataFrame, parameters: Path | None, weight: Weig
             if p and gains:
                 Y = joint_admittance(gains.K_1, gains.B_1, p, p.J_j)
                 curves.append(response_curve(LINEAR_MODEL, name, f, Y(s), (joint, side)))
-    return FIG7.points(shown, curves)
+    return draw_fig7.points(shown, curves)
 
 
 def plot_walking_page(

@@ -137,7 +137,7 @@ def plot_gains(table: pl.DataFrame, parameters: Path, output: Path) -> None:
     from osl_analysis.commands.figure import draw_table  # matplotlib takes half a second
 
     if len(table) == 1:
-        from osl_analysis.figures.frequency import DESIRED, FIG7, LINEAR_MODEL, response_curve
+        from osl_analysis.figures.frequency import DESIRED, LINEAR_MODEL, draw_fig7, response_curve
         from osl_analysis.figures.names import completed
 
         p, row, f = drivetrain.read_parameters(parameters), table.row(0, named=True), np.geomspace(0.1, 10, 201)
@@ -146,7 +146,7 @@ def plot_gains(table: pl.DataFrame, parameters: Path, output: Path) -> None:
             (LINEAR_MODEL, "compensated", drivetrain.joint_admittance(row["K_1"], row["B_1"], p, p.J_j)),
         )
         frames = [response_curve(curve, name, f, Y(2j * np.pi * f), (None, None)) for curve, name, Y in curves]
-        draw_table("fig7", completed(pl.concat(frames), FIG7.columns), [output])
+        draw_table("fig7", completed(pl.concat(frames), draw_fig7.columns), [output])
     elif "phase" in table.columns:
         draw_table("fig8", drawing_of("fig8").points(table), [output])
     else:

@@ -1,7 +1,7 @@
 """The list of figures, which the workflow, the command line and the tests read.
 
-A new figure is a `style.Drawing` in a module here, an object of its name in capitals; an entry in `figures.yaml`; and
-its test. Captions are said by the words of `names.py`.
+A new figure is a function `draw_NAME` in a module here, which `style.drawing` decorates; an entry in `figures.yaml`;
+and its test. Captions are said by the words of `names.py`.
 """
 
 from collections.abc import Sequence
@@ -42,4 +42,4 @@ def drawing_of(name: str) -> Any:
     known |= dict.fromkeys(("comparison", "torque", "gain_grid", "not_drawn"), "others")
     if name not in known:
         raise InputError(f"no figure '{name}'; there are {', '.join(known)}")
-    return getattr(import_module(f"osl_analysis.figures.{known[name]}"), name.upper())
+    return getattr(import_module(f"osl_analysis.figures.{known[name]}"), f"draw_{name}")

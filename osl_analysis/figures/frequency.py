@@ -64,7 +64,13 @@ def shown_impedance(table: pl.DataFrame) -> str:
     return f"Frequency response of the joint, angle over torque{of}."
 
 
-@style.paper_style()
+@style.drawing(
+    FIG7_COLUMNS,
+    fig7_points,
+    needs=[OLD_NAMES.get(name, name) for name in FIG7_COLUMNS if name not in ("joint", "side", "curve", "look")],
+    about=shown_impedance,
+    nothing="no trial follows a stepped sine, whose phasors it shows",
+)
 def draw_fig7(table: pl.DataFrame) -> Figure:
     """(a) magnitude, (b) phase over the logarithm of frequency; several joints or sides stand side by side. A marker is
     open where the phasor of one amplitude at least is doubtful."""
@@ -126,7 +132,11 @@ def missed(rows: pl.DataFrame, short: str) -> Array:
     return np.asarray(abs(size * np.exp(1j * np.deg2rad(phase)) - of_structure * np.exp(1j * np.deg2rad(its_phase))))
 
 
-@style.paper_style()
+@style.drawing(
+    columns_of("response"),
+    lambda table: names.completed(table, columns_of("response"), True),
+    nothing="every impedance trial follows the stepped sine; its frequency response is in phasors.csv and Fig. 7",
+)
 def draw_response(table: pl.DataFrame) -> Figure:
     """Per trial magnitude, phase, and the structures' deviation beside distortion above the noise, and noise."""
     conditions = table.partition_by("trial", maintain_order=True)
@@ -191,14 +201,3 @@ def draw_condition(parts: Sequence[Axes], rows: pl.DataFrame) -> dict[str, Any]:
         ax.set_xlim(0, 1.04 * float(np.max(f)))
         ax.xaxis.set_major_locator(MaxNLocator(nbins=6, integer=True))
     return entries
-
-
-FIG7 = style.Drawing(
-    FIG7_COLUMNS, draw_fig7, fig7_points,
-    needs=[OLD_NAMES.get(name, name) for name in FIG7_COLUMNS if name not in ("joint", "side", "curve", "look")],
-    about=shown_impedance, nothing="no trial follows a stepped sine, whose phasors it shows",
-)  # fmt: skip
-RESPONSE = style.Drawing(
-    columns_of("response"), draw_response, lambda table: names.completed(table, columns_of("response"), True),
-    nothing="every impedance trial follows the stepped sine; its frequency response is in phasors.csv and Fig. 7",
-)  # fmt: skip

@@ -13,6 +13,8 @@ from matplotlib.figure import Figure
 from osl_analysis.errors import InputError
 from osl_analysis.figures import columns_of, names, style
 
+OF_FITS = ("trial", "controller", "K_d", "B_d", "amplitude_deg")
+
 
 def shown_trial(table: pl.DataFrame) -> str:
     """The trial of Fig. 4, and why this one."""
@@ -22,7 +24,7 @@ def shown_trial(table: pl.DataFrame) -> str:
     return f"{f'{place}, trial' if place else 'Trial'} {names.as_text(trial)}{why}."
 
 
-@style.paper_style()
+@style.drawing(columns_of("fig4"), about=shown_trial)
 def draw_fig4(table: pl.DataFrame) -> Figure:
     """(a) Angle; (b) torque, the fit dashed magenta, which the draft calls blue in its caption; (c) residual."""
     joint, side, trial = table.select("joint", "side", "trial").row(0)
@@ -101,7 +103,7 @@ def fig5_entries(table: pl.DataFrame, looks: dict[str | None, style.Look]) -> di
     return entries
 
 
-@style.paper_style()
+@style.drawing(columns_of("fig5"), fig5_points, (*OF_FITS, "K", "K_low", "K_high", "B", "B_low", "B_high"))
 def draw_fig5(table: pl.DataFrame) -> Figure:
     """Stiffness and damping, and below each its error in percent where a value was asked for. Each desired impedance
     has a place of its own on the axis, which is no scale; its trials stand side by side there."""
@@ -220,7 +222,7 @@ def fig6_points(impedance: pl.DataFrame) -> pl.DataFrame:
     return names.completed(table.with_columns(names.look_numbers(table["controller"])), columns_of("fig6"), True)
 
 
-@style.paper_style()
+@style.drawing(columns_of("fig6"), fig6_points, (*OF_FITS, "VAF"))
 def draw_fig6(table: pl.DataFrame) -> Figure:
     """A swarm per controller of each joint and side, over an axis that is logarithmic in the unexplained variance."""
     looks, parts = names.looks_in(table), table.partition_by(names.JOINT_SIDE, maintain_order=True)
@@ -261,8 +263,8 @@ def fits_and_trials(rows: pl.DataFrame) -> str:
     return trials if len(rows) == rows["trial"].n_unique() else f"{names.count_of(len(rows), 'fit')} of {trials}"
 
 
-@style.paper_style()
-def draw_over(table: pl.DataFrame) -> Figure:
+@style.drawing(columns_of("impedance_over"), lambda table: names.completed(table, columns_of("impedance_over"), True))
+def draw_impedance_over(table: pl.DataFrame) -> Figure:
     """(a) Stiffness, (b) damping over the slow signal that they change with, each trial with its 95 % interval."""
     parts, signal = names.placed_rows(table), table["over"][0]
     titles = names.panel_titles(parts, ("Stiffness", "Damping"))
@@ -283,16 +285,3 @@ def draw_over(table: pl.DataFrame) -> Figure:
         ax.set_ylabel(label)
     style.legend_above(figure, style.legend_entries(axes[::2]), 4)
     return figure
-
-
-OF_FITS = ("trial", "controller", "K_d", "B_d", "amplitude_deg")
-FIG4 = style.Drawing(columns_of("fig4"), draw_fig4, about=shown_trial)
-FIG5 = style.Drawing(
-    columns_of("fig5"), draw_fig5, fig5_points, (*OF_FITS, "K", "K_low", "K_high", "B", "B_low", "B_high")
-)
-IMPEDANCE_OVER = style.Drawing(
-    columns_of("impedance_over"),
-    draw_over,
-    lambda table: names.completed(table, columns_of("impedance_over"), True),
-)
-FIG6 = style.Drawing(columns_of("fig6"), draw_fig6, fig6_points, (*OF_FITS, "VAF"))

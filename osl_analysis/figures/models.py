@@ -18,7 +18,12 @@ def prediction_points(prediction: pl.DataFrame, frequencies: pl.DataFrame) -> pl
     return table.with_columns(names.look_numbers(table["controller"]))
 
 
-@style.paper_style()
+@style.drawing(
+    columns_of("prediction"),
+    prediction_points,
+    needs=("trial", "controller", "VAF"),
+    nothing="the components of no impedance trial were all measured",
+)
 def draw_prediction(table: pl.DataFrame) -> Figure:
     """Above, measured over predicted, with the identity; below, their difference with the prediction's interval; at the
     bottom, what is missed over frequency."""
@@ -73,12 +78,6 @@ def draw_prediction(table: pl.DataFrame) -> Figure:
     return figure
 
 
-PREDICTION = style.Drawing(
-    columns_of("prediction"), draw_prediction, prediction_points,
-    needs=("trial", "controller", "VAF"), nothing="the components of no impedance trial were all measured",
-)  # fmt: skip
-
-
 LINKS = {
     "command": "Command: $K_1$", "motor": r"Motor: $k_\tau n_m$", "belt": "Belt: $K_s$",
     "rendered": r"Joint: $\hat{K}$",
@@ -102,7 +101,12 @@ def chain_points(law: pl.DataFrame, impedance: pl.DataFrame, evidence: pl.DataFr
     return table.with_columns(names.look_numbers(table["controller"])).select(columns_of("chain"))
 
 
-@style.paper_style()
+@style.drawing(
+    columns_of("chain"),
+    chain_points,
+    needs=("trial", "controller", "K_1"),
+    nothing="no impedance trial logs current and angle of the motor",
+)
 def draw_chain(table: pl.DataFrame) -> Figure:
     """A panel per link, from the command to the joint's torque: percent off, over K_d, with intervals."""
     parts, looks = names.placed_rows(table), names.looks_in(table)
@@ -124,9 +128,3 @@ def draw_chain(table: pl.DataFrame) -> Figure:
     entries = {o.label: style.key(o.label, marker=o.marker, color=o.colour, markersize=o.size) for o in looks.values()}
     style.legend_above(figure, entries | style.open_entry(table), 5)
     return figure
-
-
-CHAIN = style.Drawing(
-    columns_of("chain"), draw_chain, chain_points,
-    needs=("trial", "controller", "K_1"), nothing="no impedance trial logs current and angle of the motor",
-)  # fmt: skip

@@ -18,7 +18,7 @@ def fig8_points(gains: pl.DataFrame, stance_share: float = 0.62) -> pl.DataFrame
     return gains.select(columns_of("fig8")).filter(pl.col("phase") <= stance_share + 1e-9)
 
 
-@style.paper_style()
+@style.drawing(columns_of("fig8"), fig8_points, columns_of("fig8"))
 def draw_fig8(table: pl.DataFrame) -> Figure:
     """(a) stiffness, (b) damping: desired black, gain dashed; above, what the trajectory says of itself."""
     figure, axes = style.panels(style.SINGLE_COLUMN, 3.0, rows=2)
@@ -42,7 +42,7 @@ def draw_fig8(table: pl.DataFrame) -> Figure:
     return figure
 
 
-@style.paper_style()
+@style.drawing(("time", "torque", "torque_model"))
 def draw_torque(table: pl.DataFrame) -> Figure:
     """Torque [N*m] over time [s], measured and modelled, above the residual: `time`, `torque`, `torque_model`."""
     figure, (torque, residual) = style.panels(style.DOUBLE_COLUMN, 3.4, rows=2)
@@ -56,7 +56,7 @@ def draw_torque(table: pl.DataFrame) -> Figure:
     return figure
 
 
-@style.paper_style()
+@style.drawing(("K_d", "B_d", "B_1_joint"))
 def draw_gain_grid(table: pl.DataFrame) -> Figure:
     """B_1 n_T^2 over K_d, a line per B_d: `K_d`, `B_d`, `B_1_joint`."""
     # a line style, a marker and a shade each: 60 lines differ in one of them
@@ -71,8 +71,8 @@ def draw_gain_grid(table: pl.DataFrame) -> Figure:
     return figure
 
 
-@style.paper_style()
-def draw_reasons(table: pl.DataFrame) -> Figure:
+@style.drawing(("figure", "trial", "file", "reason"))
+def draw_not_drawn(table: pl.DataFrame) -> Figure:
     """Which figure is missing, and because of which trials and files: `figure`, `trial`, `file`, `reason` per cause."""
     lines: list[str] = []
     for trial, file, reason in table.select("trial", "file", "reason").iter_rows():
@@ -94,7 +94,7 @@ VERDICT_LOOKS = {
 }
 
 
-@style.paper_style()
+@style.drawing(("experiment", "quantity", *RATIO, "verdict"))
 def draw_comparison(table: pl.DataFrame) -> Figure:
     """A line per ratio, B over A less 1, with its interval, the margin as a band, the verdict beside it. The axis is
     logarithmic beyond twice the largest margin: 40 % of a friction may stand beside 0.1 % of a belt."""
@@ -125,10 +125,3 @@ def draw_comparison(table: pl.DataFrame) -> Figure:
     ax.set_xlabel(f"B over A, less 1 (%), logarithmic beyond ±{linear:g} %")
     style.legend_above(figure, style.legend_entries([ax]), 4)
     return figure
-
-
-FIG8 = style.Drawing(columns_of("fig8"), draw_fig8, fig8_points, columns_of("fig8"))
-TORQUE = style.Drawing(("time", "torque", "torque_model"), draw_torque)
-GAIN_GRID = style.Drawing(("K_d", "B_d", "B_1_joint"), draw_gain_grid)
-NOT_DRAWN = style.Drawing(("figure", "trial", "file", "reason"), draw_reasons)
-COMPARISON = style.Drawing(("experiment", "quantity", *RATIO, "verdict"), draw_comparison)

@@ -22,7 +22,7 @@ DOUBTFUL_TRIAL: dict[str, Any] = {"color": style.BLACK, "linestyle": style.DOTTE
 MEAN_LINE: dict[str, Any] = {"color": style.MAGENTA, "linestyle": style.DASHED, "linewidth": 1.3}
 
 
-@style.paper_style()
+@style.drawing(columns_of("fig3"))
 def draw_fig3(table: pl.DataFrame) -> Figure:
     """Above, torque over deflection, the mean slope dashed; below, torque minus that of the mean slope."""
     parts = names.placed_rows(table)
@@ -98,7 +98,7 @@ def torque_angle_points(curves: pl.DataFrame, table: pl.DataFrame) -> pl.DataFra
     return joined.select(columns_of("torque_angle"))
 
 
-@style.paper_style()
+@style.drawing(columns_of("torque_angle"), torque_angle_points, CURVE_COLUMNS)
 def draw_torque_angle(table: pl.DataFrame) -> Figure:
     """(a) Torque against angle, desired curves dashed; (b) stiffness while loading with its 95 % interval."""
     parts = names.placed_rows(table)
@@ -149,7 +149,3 @@ def draw_curves(left: Axes, right: Axes, table: pl.DataFrame, colours: dict[str,
         ax.axvline(0, color=style.BLACK, linewidth=0.4)
         ax.set_xlabel("Joint angle (deg)")
         ax.set_ylabel(label)
-
-
-FIG3 = style.Drawing(columns_of("fig3"), draw_fig3)
-TORQUE_ANGLE = style.Drawing(columns_of("torque_angle"), draw_torque_angle, torque_angle_points, CURVE_COLUMNS)

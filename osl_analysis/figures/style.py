@@ -45,6 +45,11 @@ class Drawing:
     nothing: str = "no trial of the campaign has the numbers that this figure shows"  # why, without any number
 
 
+def drawing(columns: Sequence[str], *points: Callable[..., pl.DataFrame], **more: Any) -> Callable[..., Drawing]:
+    """Makes a function that draws plotted numbers of these `columns`, in the style of the paper, a `Drawing`."""
+    return lambda draw: Drawing(columns, paper_style()(draw), *points, **more)
+
+
 @dataclass(frozen=True)
 class Look:
     """Colour, marker, size of the marker [pt], name and line style of one condition, the same in every figure."""

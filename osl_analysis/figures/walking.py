@@ -46,7 +46,7 @@ def fig9_points(
     return pl.DataFrame(found, schema=types)
 
 
-@style.paper_style()
+@style.drawing(columns_of("fig9"), fig9_points)
 def draw_fig9(table: pl.DataFrame) -> Figure:
     """(a) K, (b) B, (c) I: a point per perturbation, open where doubtful, beside them their mean with one SD on either
     side and the fit to the mean response with its interval. Several groups stand in panels one above the other."""
@@ -104,7 +104,7 @@ GAIT = {"unperturbed": (style.PURPLE, "-", "Unperturbed"), "perturbed": (style.O
 RESPONSES = {"response angle": "deg", "response torque": "N·m"}
 
 
-@style.paper_style()
+@style.drawing(("group", "panel", "curve", "trial", "x", "mean", "sd", "doubtful"))
 def draw_walking_page(table: pl.DataFrame) -> Figure:
     """Over stance (a) angle and (b) torque, over time (c) isolated angle and (d) isolated torque, for each group."""
     groups = table.partition_by("group", maintain_order=True)
@@ -170,8 +170,11 @@ def draw_isolated(ax: Axes, table: pl.DataFrame, panel: str) -> None:
 COMMANDED_SERIES = "commanded"  # series of the curve that the controller commands; all other series are estimates
 
 
-@style.paper_style()
-def draw_over_stance(table: pl.DataFrame) -> Figure:
+@style.drawing(
+    ("series", "quantity", "phase", "onset_phase", "end_phase", "estimate", "low", "high", "commanded"),
+    nothing="all perturbations are at one phase of stance, and no curve is commanded; Fig. 9 shows them",
+)
+def draw_impedance_over_stance(table: pl.DataFrame) -> Figure:
     """K, B and I, those that the table has: the fit of each group at the phase that it reads, its fitted window as a
     horizontal bar, its 95 % interval as a vertical one. The commanded impedance is dashed, and a short line at each
     group."""
@@ -219,12 +222,3 @@ def draw_half_widths(table: pl.DataFrame) -> Figure:
     if table["gait"].n_unique() > 1:
         style.legend_above(figure, style.legend_entries(axes), 4)
     return figure
-
-
-FIG9 = style.Drawing(columns_of("fig9"), draw_fig9, fig9_points)
-WALKING_PAGE = style.Drawing(("group", "panel", "curve", "trial", "x", "mean", "sd", "doubtful"), draw_walking_page)
-IMPEDANCE_OVER_STANCE = style.Drawing(
-    ("series", "quantity", "phase", "onset_phase", "end_phase", "estimate", "low", "high", "commanded"),
-    draw_over_stance,
-    nothing="all perturbations are at one phase of stance, and no curve is commanded; Fig. 9 shows them",
-)

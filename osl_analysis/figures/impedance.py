@@ -204,12 +204,6 @@ def letter_conditions(ax: Axes, rows: pl.DataFrame) -> None:
 LEAST_LEFT = 1e-4  # smaller unexplained shares [percent] are drawn here
 
 
-def vaf_said(vaf: float) -> str:
-    """A VAF [percent] with two or more digits behind the point, and two of the unexplained share."""
-    digits = 1 - int(np.floor(np.log10(max(100 - vaf, 1e-5))))
-    return f"{vaf:.{min(max(digits, 2), 6)}f} %".replace("-", "−")
-
-
 def fig6_points(impedance: pl.DataFrame) -> pl.DataFrame:
     """One row per trial and amplitude. A trial that no stepped sine moved has one row, a fit without a VAF (a constant
     torque) none."""
@@ -243,7 +237,10 @@ def draw_fig6(table: pl.DataFrame) -> Figure:
         ends = place - 0.3, place + 0.3
         ax.hlines(max(100 - median, LEAST_LEFT), *ends, color=style.BLACK, linewidth=1.2, zorder=0.5)
         where = names.place_name(*rows.select(names.JOINT_SIDE).row(0)) if len(parts) > 1 or len(swarms) > 2 else ""
-        told = (look.label.strip(), where, fits_and_trials(rows), f"median {vaf_said(median)}")
+        n, trials = rows["trial"].n_unique(), names.count_of(rows["trial"].n_unique(), "trial")
+        fits = trials if len(rows) == n else f"{names.count_of(len(rows), 'fit')} of {trials}"
+        digits = min(max(1 - int(np.floor(np.log10(max(100 - median, 1e-5)))), 2), 6)  # two of the unexplained share
+        told = (look.label.strip(), where, fits, f"median {median:.{digits}f} %".replace("-", "−"))
         lines = (textwrap.wrap(line, max(int(17 * across), 6)) for line in told if line)
         written.append("\n".join(part for line in lines for part in line))
     if entries := style.open_entry(table):
@@ -256,11 +253,6 @@ def draw_fig6(table: pl.DataFrame) -> Figure:
     ax.tick_params(axis="x", length=0)
     ax.set_ylabel("VAF (%), log scale of 100 − VAF")
     return figure
-
-
-def fits_and_trials(rows: pl.DataFrame) -> str:
-    trials = names.count_of(rows["trial"].n_unique(), "trial")
-    return trials if len(rows) == rows["trial"].n_unique() else f"{names.count_of(len(rows), 'fit')} of {trials}"
 
 
 @style.drawing(columns_of("impedance_over"), lambda table: names.completed(table, columns_of("impedance_over"), True))

@@ -45,9 +45,9 @@ class Drawing:
     nothing: str = "no trial of the campaign has the numbers that this figure shows"  # why, without any number
 
 
-def drawing(columns: Sequence[str], *points: Callable[..., pl.DataFrame], **more: Any) -> Callable[..., Drawing]:
+def drawing(columns: Sequence[str], *more: Any, **others: Any) -> Callable[..., Drawing]:
     """Makes a function that draws plotted numbers of these `columns`, in the style of the paper, a `Drawing`."""
-    return lambda draw: Drawing(columns, paper_style()(draw), *points, **more)
+    return lambda draw: Drawing(columns, paper_style()(draw), *more, **others)
 
 
 @dataclass(frozen=True)

@@ -97,14 +97,11 @@ def entries(findings: pl.DataFrame) -> list[Entry]:
     """The findings of `findings.csv`, each with its numbers under `evidence`: column, value, limit and side."""
     found: dict[int, Entry] = {}
     for row in findings.iter_rows(named=True):
-        entry = found.setdefault(row["finding"], row | {"evidence": [], "in_part": is_in_part(row)})
+        in_part = row["amplitude_deg"] is not None or row["frequency_hz"] is not None
+        entry = found.setdefault(row["finding"], row | {"evidence": [], "in_part": in_part})
         if row["evidence"] is not None:
             entry["evidence"].append(Beyond(row["evidence"], row["value"], row["limit"], row["side"]))
     return list(found.values())
-
-
-def is_in_part(row: Mapping[str, Any]) -> bool:
-    return row["amplitude_deg"] is not None or row["frequency_hz"] is not None
 
 
 def read_findings(path: Path) -> pl.DataFrame:

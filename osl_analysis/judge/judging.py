@@ -30,13 +30,8 @@ def unchecked_in(table: str, row: AnyRow) -> Iterator[Finding]:
     """The findings `not checked` and `notes` about a row of the table of this name."""
     subject = subject_of(row)
     amplitude = cell_number(row, "amplitude_deg")
-    names = {
-        "impedance": of_impedance,
-        "human_joint": of_human_joint,
-        "torque_angle": of_torque_angle,
-        "walking_groups": of_walking,
-    }.get(table)
-    for what in [*(names(row) if names else ()), *of_components(table, row)]:
+    names = {"impedance": of_impedance, "walking_groups": of_walking}.get(table)
+    for what in [*(names(row) if names else ()), *of_others(table, row)]:
         yield Finding(table, subject, what, Grade.UNCHECKED, amplitude_deg=amplitude)
     quantity = MEASURED_BY.get(table, "")
     times = cell_number(row, f"{quantity}_ratio") or 1.0
@@ -52,16 +47,6 @@ def unchecked_in(table: str, row: AnyRow) -> Iterator[Finding]:
 def lacks(row: AnyRow, name: str) -> bool:
     """Whether a row has no value in a column of its table."""
     return name in row and row[name] is None
-
-
-def of_human_joint(row: AnyRow) -> Iterator[str]:
-    if lacks(row, "lag_s"):
-        yield LATENESS
-    low, sooner, high = (cell_number(row, name) for name in ("K_low", "K_sooner", "K_high"))
-    if low is not None and sooner is not None and high is not None and not low < sooner < high:
-        yield "whether the reflex is sooner than the delays tried"
-    yield "whether the fixture rubs, or has play"
-    yield "whether a linear response is one of K, B and I"
 
 
 def of_impedance(row: AnyRow) -> Iterator[str]:
@@ -84,9 +69,24 @@ def of_impedance(row: AnyRow) -> Iterator[str]:
         yield "whether a fixture's weight is in K"
 
 
-def of_components(table: str, row: AnyRow) -> Iterator[str]:
+def of_others(table: str, row: AnyRow) -> Iterator[str]:
     if table == "transmission" and lacks(row, "path_shift"):
         yield LATENESS
+    if table == "human_joint":
+        if lacks(row, "lag_s"):
+            yield LATENESS
+        low, sooner, high = (cell_number(row, name) for name in ("K_low", "K_sooner", "K_high"))
+        if low is not None and sooner is not None and high is not None and not low < sooner < high:
+            yield "whether the reflex is sooner than the delays tried"
+        yield "whether the fixture rubs, or has play"
+        yield "whether a linear response is one of K, B and I"
+    if table == "torque_angle":
+        if row.get("smaller_cycles"):
+            yield "cycles that are smaller than the largest"
+        if row.get("zero_unsure") is not None:
+            yield "whether the torque at rest is the load cell's offset or what hysteresis leaves in the device"
+        if lacks(row, "rate_change"):
+            yield LATENESS
     if table == "actuator" and lacks(row, "B_m"):
         yield "f_C, f_G, B_m and J_m"
     if table == "prediction":
@@ -96,15 +96,6 @@ def of_components(table: str, row: AnyRow) -> Iterator[str]:
             yield "the prediction's interval"
         elif row.get("outside") is not None:
             yield "the prediction outside what was measured"
-
-
-def of_torque_angle(row: AnyRow) -> Iterator[str]:
-    if row.get("smaller_cycles"):
-        yield "cycles that are smaller than the largest"
-    if row.get("zero_unsure") is not None:
-        yield "whether the torque at rest is the load cell's offset or what hysteresis leaves in the device"
-    if lacks(row, "rate_change"):
-        yield LATENESS
 
 
 def of_walking(row: AnyRow) -> Iterator[str]:

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -130,7 +131,7 @@ def row_of(parts: Sequence[pl.DataFrame | None], quantity: str, margin: float | 
     if of_ensembles and None not in (commanded := (*a, *b)) and len(set(commanded)) > 1:
         remarks.append("commanded {:g} in A and {:g} in B".format(*commanded))
     if quantity not in ("I", "VAF"):  # the rendered inertia may be zero or negative, and a VAF is a percentage
-        if smallest_of(a, b) > 0:
+        if min(chain.from_iterable((*a.values(), *b.values()))) > 0:
             bench = bench_error(parts, quantity, as_share=True)
             row |= ratio_of(a, b, lambda *logarithms: with_bench(between(*logarithms), bench), margin)
         else:
@@ -159,10 +160,6 @@ def is_pooled(*samples: Sample) -> bool:
     """Whether impedance trials count as repeats that neither a stated K_d nor their names tell apart."""
     keys = [key for sample in samples for key, of in sample.items() if isinstance(key, tuple) and len(of) > 1]
     return any(K_d is named is None and amplitudes is not None for K_d, *_, amplitudes, named in keys)
-
-
-def smallest_of(*samples: Sample) -> float:
-    return min(value for sample in samples for values in sample.values() for value in values)
 
 
 def ratio_of(a: Sample, b: Sample, between: Between, margin: float | None) -> dict[str, Any]:

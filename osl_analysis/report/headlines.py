@@ -205,26 +205,6 @@ def impedance_headlines(impedance: pl.DataFrame, example: Example) -> Iterator[H
             yield replace(number, n_doubtful=doubtful_count(part)[0], amplitudes_low=low, amplitudes_high=high)
 
 
-def claim_headlines(claims: pl.DataFrame) -> Iterator[Headline]:
-    for row in claims.drop_nulls("value").iter_rows(named=True):
-        meaning = f"{row['claim']}, {row['quantity']}"
-        label = Headline(row["name"], row["unit"], None, letters(row["name"].replace("_", " ")), meaning)
-        where = ", ".join(filter(None, [row["joint"], row["side"]]))
-        label = of_group(label, where) if len(claims.filter(name=row["name"])) > 1 else label
-        number = headline(label, row["value"], int(row["n"] or 0), row["low"], row["high"], row["interval"])
-        yield replace(number, verdict=row["verdict"], interval=row["interval"])
-
-
-def prediction_headlines(table: pl.DataFrame) -> Iterator[Headline]:
-    labels, made = LABELS["prediction"], table.filter(pl.col("VAF").is_not_null())
-    yield from over_fits(labels["VAF"], made["VAF"], np.median, made)
-    better = replace(labels["better"], value=float((made["VAF"] > made["VAF_fitted"]).sum()), interval=COUNT)
-    yield from [replace(better, n=len(made))] * bool(len(made))
-    off = {symbol: (made[symbol] - made[f"{symbol}_measured"]).abs() for symbol in "KB"}
-    yield from over_fits(labels["K"], 100 * off["K"] / made["K_measured"].abs(), np.median)
-    yield from over_fits(labels["B"], off["B"], np.median)
-
-
 HEADLINE_ESTIMATOR = "ensemble"  # its bias decreases with the number of crossings, that of the mean over them does not
 
 
@@ -245,9 +225,21 @@ def numbers_of(name: str, table: pl.DataFrame, example: Example) -> Iterator[Hea
                 for number in summary_means(rows.filter(pl.col("estimator") == estimator), its, BOOTSTRAP):
                     yield of_group(number, rows["group"][0])
     elif name == "claims":
-        yield from claim_headlines(table.filter(pl.col("subject").is_null()))
+        for row in (known := table.filter(pl.col("subject").is_null())).drop_nulls("value").iter_rows(named=True):
+            meaning = f"{row['claim']}, {row['quantity']}"
+            label = Headline(row["name"], row["unit"], None, letters(row["name"].replace("_", " ")), meaning)
+            where = ", ".join(filter(None, [row["joint"], row["side"]]))
+            label = of_group(label, where) if len(known.filter(name=row["name"])) > 1 else label
+            number = headline(label, row["value"], int(row["n"] or 0), row["low"], row["high"], row["interval"])
+            yield replace(number, verdict=row["verdict"], interval=row["interval"])
     elif name == "prediction":
-        yield from prediction_headlines(table)
+        made = table.filter(pl.col("VAF").is_not_null())
+        yield from over_fits(labels["VAF"], made["VAF"], np.median, made)
+        better = replace(labels["better"], value=float((made["VAF"] > made["VAF_fitted"]).sum()), interval=COUNT)
+        yield from [replace(better, n=len(made))] * bool(len(made))
+        off = {symbol: (made[symbol] - made[f"{symbol}_measured"]).abs() for symbol in "KB"}
+        yield from over_fits(labels["K"], 100 * off["K"] / made["K_measured"].abs(), np.median)
+        yield from over_fits(labels["B"], off["B"], np.median)
     elif name == "transmission":
         whole = table.filter(pl.col("amplitude_deg").is_null())
         yield from over_fits(labels["VAF"], whole["VAF"], np.mean, whole)

@@ -145,12 +145,13 @@ def conditions(tables: Mapping[str, pl.DataFrame], findings: Mapping[str, Sequen
                 f"{key} {row[key]:g}" if key in ("K_d", "B_d") else row[key] for key in keys if row[key] is not None
             ]
             about = [one for trial in trials for one in findings.get(trial, ())]
+            cells = {symbol: value_and_interval(row, symbol) for symbol in ESTIMATES}
             found.append(
                 {
                     "of": ", ".join([*said, *named, *["no stated condition"] * is_range]) or "all",
                     "trials": trials,
                     **doubts_said(about, name),
-                    **(ranges_of(own) if is_range else cells_of(row)),
+                    **(ranges_of(own) if is_range else cells),
                 }
             )
     return found
@@ -163,15 +164,12 @@ def of_groups(tables: Mapping[str, pl.DataFrame], findings: Mapping[str, Sequenc
         row = {f"{one['quantity']}{end}": one[of] for one in own.to_dicts() for end, of in ENDS.items()}
         of = "walking" if group == "all" else f"walking, {group}"
         about = doubts_said(findings.get(str(group), ()), "walking_groups")
-        found.append({"of": of, "trials": [], **about, **cells_of(row)})
+        cells = {symbol: value_and_interval(row, symbol) for symbol in ESTIMATES}
+        found.append({"of": of, "trials": [], **about, **cells})
     return found
 
 
 ENDS = {"": "mean", "_low": "low", "_high": "high"}  # of a quantity in a summary
-
-
-def cells_of(row: Mapping[str, Any]) -> dict[str, tuple[str, str]]:
-    return {symbol: value_and_interval(row, symbol) for symbol in ESTIMATES}
 
 
 def ranges_of(trials: pl.DataFrame) -> dict[str, tuple[str, str]]:

@@ -15,7 +15,7 @@ import polars as pl
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.dictionary import apparent_inertia, described_tables_by_name
 from osl_analysis.judge.campaign import QUALITY, Entry
-from osl_analysis.judge.finding import Beyond, Grade
+from osl_analysis.judge.finding import Grade
 from osl_analysis.judge.limits import NOT_APPLICABLE
 from osl_analysis.judge.used import exclusion_said
 from osl_analysis.judge.words import WORDS, Words, printed, sentence_of
@@ -246,7 +246,9 @@ class ReportedTrial:
             numbers = []
             for one in entry["evidence"]:
                 said = WORDS["checks"][one.column] if recording else unit_and_meaning(one.column, table)["meaning"]
-                numbers.append([*map(printed, number_cells(one)), said])
+                sides = {"nan": "not a number", "near": "near a factor between units"}
+                limit = sides.get(one.side, f"{one.side} {one.limit:g}")
+                numbers.append([*map(printed, (one.column, f"{one.value:.3g}", limit)), said])
             of = "recording" if recording else "other" if other else "part" if entry["in_part"] else "all"
             told = {"where": where, "of": of, "cause": entry["cause"], "numbers": numbers}
             found.append(told | words._asdict() | {"text": sentence_of(words, entry["cause"])})
@@ -364,12 +366,6 @@ def estimate_rows(table: pl.DataFrame, of: str) -> dict[str, Any]:
         rows.append([*head, *(" ".join(value_and_interval(row, name)).strip() for name in names)])
     columns = [{"name": name, **unit_and_meaning(name, of)} for name in (*first, *names)]
     return {"columns": columns, "rows": rows}
-
-
-def number_cells(one: Beyond) -> tuple[str, str, str]:
-    """A number beyond its limit as cells: column, value, limit with its side."""
-    limit = {"nan": "not a number", "near": "near a factor between units"}.get(one.side, f"{one.side} {one.limit:g}")
-    return one.column, f"{one.value:.3g}", limit
 
 
 def provenance_content(provenance: Mapping[str, Any]) -> dict[str, Any]:

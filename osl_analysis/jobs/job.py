@@ -8,6 +8,7 @@ import time
 import traceback
 import warnings
 from collections.abc import Mapping, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,7 @@ from osl_analysis.table import tables_of, write_tables
 from osl_analysis.trial import read_trial
 
 Job = Mapping[str, Any]  # what a request says, and its own `path`
+CONVERTING: Any = cache(validate_call(config=ConfigDict(arbitrary_types_allowed=True)))
 
 WHAT_TO_DO = {
     "refused": "correct or replace the file, or its source file, or give a reason under `exclude` in the sample sheet",
@@ -82,7 +84,7 @@ def call(job: Job) -> Sequence[Refusal]:
         told = {"refused": refused}
     elif missing:
         return missing
-    converting = validate_call(config=ConfigDict(arbitrary_types_allowed=True))(function)
+    converting = CONVERTING(function)
     with tables_of(job["data"]), limited_memory(files_read(job)):
         inputs = without_excluded(usable, reasons)
         if (tables := job["output"].get("tables")) is None:
